@@ -15,7 +15,8 @@ TEST(Anderson, EnergyBelowZeroIsNoMerit)
     EXPECT_EQ(pliant_anderson_merit(-1e-12 * 100, 10), 0) << "rounding";
     EXPECT_EQ(pliant_anderson_merit(-1e-6, 10), INFINITY);
     EXPECT_EQ(pliant_anderson_merit(-4, 10), INFINITY);
-    for (double bad : {std::numeric_limits<double>::infinity(), -std::numeric_limits<double>::infinity(), std::numeric_limits<double>::quiet_NaN()}) {
+    for (double bad : {std::numeric_limits<double>::infinity(), -std::numeric_limits<double>::infinity(),
+                       std::numeric_limits<double>::quiet_NaN()}) {
         EXPECT_EQ(pliant_anderson_merit(bad, 10), INFINITY);
         EXPECT_EQ(pliant_anderson_merit(4, bad), INFINITY);
     }
@@ -37,7 +38,8 @@ struct Rules : pliant_anderson {
     void evaluate(double state_merit, bool mixed = true, bool time = true, double made = 1)
     {
         pliant_anderson_judge(this, state_merit, 0, time ? INT32_MAX : 0);
-        if (next != PLIANT_NEXT_PREVIOUS && next != PLIANT_NEXT_REST && next != PLIANT_NEXT_DESCENT) pliant_anderson_settle(this, mixed, 1, made, 1);
+        if (next != PLIANT_NEXT_PREVIOUS && next != PLIANT_NEXT_REST && next != PLIANT_NEXT_DESCENT)
+            pliant_anderson_settle(this, mixed, 1, made, 1);
     }
 };
 

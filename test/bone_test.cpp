@@ -29,7 +29,8 @@ struct Bone {
     explicit Bone(std::array<int, 3> size, bool left_handed = false)
     {
         const double angle = 0.3;
-        const double direction[9] = {std::cos(angle), -std::sin(angle), 0, std::sin(angle), std::cos(angle), 0, 0, 0, left_handed ? -1.0 : 1.0};
+        const double direction[9] = {
+            std::cos(angle), -std::sin(angle), 0, std::sin(angle), std::cos(angle), 0, 0, 0, left_handed ? -1.0 : 1.0};
         std::copy(direction, direction + 9, geometry.direction);
         for (int d = 0; d < 3; d++) {
             geometry.size[d] = size[static_cast<size_t>(d)];
@@ -61,7 +62,8 @@ struct Bone {
         std::mt19937 random(seed);
         for (int n = 0; n < 6; n++) {
             double centre[3], radius = 1.5 + random() % 7;
-            for (int d = 0; d < 3; d++) centre[d] = static_cast<double>(random() % static_cast<unsigned>(geometry.size[d]));
+            for (int d = 0; d < 3; d++)
+                centre[d] = static_cast<double>(random() % static_cast<unsigned>(geometry.size[d]));
             ball(centre, radius, air && n == 0 ? 2 : 1);
         }
     }
@@ -71,17 +73,23 @@ struct Bone {
         pliant_mesh_free(&mesh);
         fixed.resize(material.size());
         for (size_t v = 0; v < fixed.size(); v++) fixed[v] = material[v] == 1;
-        pliant_status status = octree_depth > 0 ? pliant_mesh_octree(&geometry, cells.data(), octree_depth, 1, true, false, material.data(), &table, &mesh, &found)
+        pliant_status status = octree_depth > 0 ? pliant_mesh_octree(&geometry, cells.data(), octree_depth, 1, true,
+                                                                     false, material.data(), &table, &mesh, &found)
                                                 : pliant_mesh_grid(&geometry, cells.data(), keep, &mesh);
         EXPECT_EQ(status, PLIANT_OK);
         materials.resize(static_cast<size_t>(mesh.num_tets));
         std::vector<pliant_tet_material> all(static_cast<size_t>(5 * cells[0] * cells[1] * cells[2]));
         if (found) std::copy(found, found + mesh.num_tets, materials.begin());
-        else EXPECT_EQ(pliant_lattice_integrate(&geometry, cells.data(), material.data(), &table, all.data()), PLIANT_OK);
-        for (int32_t t = 0; !found && t < mesh.num_tets; t++) materials[static_cast<size_t>(t)] = all[static_cast<size_t>(mesh.lattice_of_tet[t])];
+        else
+            EXPECT_EQ(pliant_lattice_integrate(&geometry, cells.data(), material.data(), &table, all.data()),
+                      PLIANT_OK);
+        for (int32_t t = 0; !found && t < mesh.num_tets; t++)
+            materials[static_cast<size_t>(t)] = all[static_cast<size_t>(mesh.lattice_of_tet[t])];
         pliant_free(found);
         status = pliant_mesh_bone(&geometry, fixed.data(), &mesh);
-        return status == PLIANT_OK ? pliant_mesh_integrate_moved(&mesh, &geometry, material.data(), true, &table, materials.data()) : status;
+        return status == PLIANT_OK
+                   ? pliant_mesh_integrate_moved(&mesh, &geometry, material.data(), true, &table, materials.data())
+                   : status;
     }
     // Classify the voxels within `reach` of a node: 1 all bone, 0 none, 2 both.
     int around(int32_t node, double reach) const
@@ -93,7 +101,8 @@ struct Bone {
             size_t v = 0;
             for (int d = 2; d >= 0; d--) {
                 double at = std::floor(index[d] + 0.5 + (corner >> d & 1 ? reach : -reach));
-                v = v * static_cast<size_t>(geometry.size[d]) + static_cast<size_t>(std::min(std::max(at, 0.0), geometry.size[d] - 1.0));
+                v = v * static_cast<size_t>(geometry.size[d]) +
+                    static_cast<size_t>(std::min(std::max(at, 0.0), geometry.size[d] - 1.0));
             }
             any[fixed[v]] = true;
         }
@@ -137,7 +146,8 @@ TEST(Bone, NodesLieOnItsSurfaceAndTetrahedraStayGood)
         Bone bone({40, 32, 24}, seed % 2 == 1);
         bone.scatter(seed, false);
         int depth = static_cast<int>(seed % 3); // 0: a lattice
-        ASSERT_EQ(bone.build(depth ? std::array<int32_t, 3>{5, 4, 3} : std::array<int32_t, 3>{10, 8, 6}, depth), PLIANT_OK)
+        ASSERT_EQ(bone.build(depth ? std::array<int32_t, 3>{5, 4, 3} : std::array<int32_t, 3>{10, 8, 6}, depth),
+                  PLIANT_OK)
             << pliant_last_error();
         const pliant_mesh &mesh = bone.mesh;
         moved += mesh.num_moved;
@@ -166,10 +176,13 @@ TEST(Bone, NodesLieOnItsSurfaceAndTetrahedraStayGood)
         for (int32_t t = 0; t < count; t++) { // faces with one tetrahedron lie on the box
             bool outside = false;
             double at[3][3];
-            for (int v = 0; v < 3; v++) pliant_geometry_to_index(&bone.geometry, mesh.rest + 3 * triangles[3 * t + v], at[v]);
+            for (int v = 0; v < 3; v++)
+                pliant_geometry_to_index(&bone.geometry, mesh.rest + 3 * triangles[3 * t + v], at[v]);
             for (int d = 0; d < 3; d++)
                 for (double side : {-0.5, bone.geometry.size[d] - 0.5})
-                    outside = outside || (std::fabs(at[0][d] - side) + std::fabs(at[1][d] - side) + std::fabs(at[2][d] - side) < 1e-9);
+                    outside =
+                        outside ||
+                        (std::fabs(at[0][d] - side) + std::fabs(at[1][d] - side) + std::fabs(at[2][d] - side) < 1e-9);
             ASSERT_TRUE(outside) << seed;
         }
         pliant_free(triangles);
@@ -194,7 +207,8 @@ TEST(Bone, NearlyAllEdgesEndOnTheSurface)
             for (int b = 0; b < 4; b++) {
                 int32_t in = mesh.tets[4 * t + a], out = mesh.tets[4 * t + b];
                 if (mesh.place_of_node[in] == PLIANT_BONE_SURFACE) edges.insert({in, out});
-                if (mesh.place_of_node[in] == PLIANT_BONE_INSIDE && mesh.place_of_node[out] == PLIANT_BONE_OUTSIDE) crossing.insert({in, out});
+                if (mesh.place_of_node[in] == PLIANT_BONE_INSIDE && mesh.place_of_node[out] == PLIANT_BONE_OUTSIDE)
+                    crossing.insert({in, out});
             }
     EXPECT_LE(100 * crossing.size(), edges.size());
     // the voxelized ball differs from the ball by at most half the diagonal of a voxel
@@ -220,7 +234,8 @@ TEST(Bone, EveryVoxelAndPointHasItsTetrahedron)
     for (int depth : {0, 1}) {
         Bone bone({40, 32, 24});
         bone.scatter(3, false);
-        ASSERT_EQ(bone.build(depth ? std::array<int32_t, 3>{5, 4, 3} : std::array<int32_t, 3>{10, 8, 6}, depth), PLIANT_OK);
+        ASSERT_EQ(bone.build(depth ? std::array<int32_t, 3>{5, 4, 3} : std::array<int32_t, 3>{10, 8, 6}, depth),
+                  PLIANT_OK);
         const pliant_mesh &mesh = bone.mesh;
         std::mt19937 random(1);
         std::uniform_real_distribution<double> part(0, 1);
@@ -241,7 +256,9 @@ TEST(Bone, EveryVoxelAndPointHasItsTetrahedron)
         // too.
         if (depth == 0) {
             std::vector<pliant_tet_material> all = bone.materials;
-            ASSERT_EQ(pliant_mesh_integrate_moved(&mesh, &bone.geometry, bone.material.data(), false, &bone.table, all.data()), PLIANT_OK);
+            ASSERT_EQ(pliant_mesh_integrate_moved(&mesh, &bone.geometry, bone.material.data(), false, &bone.table,
+                                                  all.data()),
+                      PLIANT_OK);
             size_t voxels = 0;
             for (const pliant_tet_material &one : all) voxels += one.num_voxels;
             EXPECT_EQ(voxels, bone.material.size());
@@ -271,7 +288,8 @@ TEST(Bone, BesideAirNothingMoves)
     std::vector<uint8_t> keep(5 * 512);
     std::vector<pliant_tet_material> all(keep.size());
     const int32_t cells[3] = {8, 8, 8};
-    ASSERT_EQ(pliant_lattice_integrate(&bone.geometry, cells, bone.material.data(), &bone.table, all.data()), PLIANT_OK);
+    ASSERT_EQ(pliant_lattice_integrate(&bone.geometry, cells, bone.material.data(), &bone.table, all.data()),
+              PLIANT_OK);
     for (size_t t = 0; t < keep.size(); t++) keep[t] = all[t].tissue > 0;
     pliant_mesh before{};
     ASSERT_EQ(pliant_mesh_grid(&bone.geometry, cells, keep.data(), &before), PLIANT_OK);
@@ -295,7 +313,8 @@ TEST(Bone, SameWhateverTheThreadsAndOutOfMemoryLeavesTheMesh)
     ASSERT_EQ(two.build({10, 8, 6}), PLIANT_OK);
     omp_set_num_threads(2);
     ASSERT_TRUE(std::equal(one.mesh.rest, one.mesh.rest + 3 * one.mesh.num_nodes, two.mesh.rest));
-    ASSERT_EQ(std::memcmp(one.materials.data(), two.materials.data(), one.materials.size() * sizeof one.materials[0]), 0);
+    ASSERT_EQ(std::memcmp(one.materials.data(), two.materials.data(), one.materials.size() * sizeof one.materials[0]),
+              0);
     size_t held = pliant_memory_in_use();
     pliant_mesh mesh{};
     const int32_t cells[3] = {10, 8, 6};
@@ -306,7 +325,9 @@ TEST(Bone, SameWhateverTheThreadsAndOutOfMemoryLeavesTheMesh)
         ASSERT_LT(calls, 40);
         pliant_memory_fail_after(calls);
         pliant_status status = pliant_mesh_bone(&one.geometry, one.fixed.data(), &mesh);
-        if (status == PLIANT_OK) status = pliant_mesh_integrate_moved(&mesh, &one.geometry, one.material.data(), true, &one.table, one.materials.data());
+        if (status == PLIANT_OK)
+            status = pliant_mesh_integrate_moved(&mesh, &one.geometry, one.material.data(), true, &one.table,
+                                                 one.materials.data());
         pliant_memory_fail_after(-1);
         if (status == PLIANT_OK) break;
         EXPECT_EQ(status, PLIANT_ERROR_MEMORY);
@@ -343,12 +364,14 @@ TEST(Bone, PatchTestAndNoHoleInTheVolume)
     for (int32_t n = 0; n < mesh.num_nodes; n++) {
         bool inside = true;
         for (int d = 0; d < 3; d++) inside = inside && mesh.rest[3 * n + d] > 1e-6 && mesh.rest[3 * n + d] < 0.1 - 1e-6;
-        for (int d = 0; d < 3; d++) (inside ? inner : outer) = std::fmax(inside ? inner : outer, std::fabs(force[3 * n + d]));
+        for (int d = 0; d < 3; d++)
+            (inside ? inner : outer) = std::fmax(inside ? inner : outer, std::fabs(force[3 * n + d]));
     }
     EXPECT_LT(inner, 1e-10 * outer);
 
     // At rest the deformed volume is the scan. After a small motion it has no hole.
-    for (int v = 0; v < 32 * 32 * 32; v++) static_cast<uint8_t *>(body.scan.voxels)[v] = static_cast<uint8_t>(1 + v % 250);
+    for (int v = 0; v < 32 * 32 * 32; v++)
+        static_cast<uint8_t *>(body.scan.voxels)[v] = static_cast<uint8_t>(1 + v % 250);
     pliant_warp *warp = nullptr;
     ASSERT_EQ(pliant_warp_create(&body.scan, &mesh, &body.scan.geometry, 2, &warp), PLIANT_OK);
     ASSERT_EQ(pliant_warp_update(warp, mesh.rest), PLIANT_OK);
@@ -374,7 +397,8 @@ struct Scene {
 
     explicit Scene(const std::string &name)
     {
-        EXPECT_EQ(pliant_scene_read((std::string(PLIANT_SOURCE_DIR "/launch/scenes/") + name).c_str(), &scene), PLIANT_OK);
+        EXPECT_EQ(pliant_scene_read((std::string(PLIANT_SOURCE_DIR "/launch/scenes/") + name).c_str(), &scene),
+                  PLIANT_OK);
         scene.solver.threads = 2;
     }
     ~Scene()
@@ -386,7 +410,8 @@ struct Scene {
     pliant_model *build()
     {
         pliant_model *model = nullptr;
-        EXPECT_EQ(pliant_model_build(&scene, &scan, &labels, &table, {nullptr, nullptr}, &model), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(pliant_model_build(&scene, &scan, &labels, &table, {nullptr, nullptr}, &model), PLIANT_OK)
+            << pliant_last_error();
         return model;
     }
     // Return the positions of the given points in static equilibrium under gravity.
@@ -401,7 +426,9 @@ struct Scene {
         EXPECT_EQ(status, PLIANT_OK);
         pliant_points found{};
         std::vector<double> out(points.size());
-        EXPECT_EQ(pliant_points_create(&model->body->fine, static_cast<int32_t>(points.size() / 3), points.data(), &found), PLIANT_OK);
+        EXPECT_EQ(
+            pliant_points_create(&model->body->fine, static_cast<int32_t>(points.size() / 3), points.data(), &found),
+            PLIANT_OK);
         pliant_points_move(&found, data->positions, out.data());
         for (size_t p = 0; p < held.size(); p++) held[p] = held[p] && found.found[p];
         pliant_points_free(&found);
@@ -414,14 +441,16 @@ struct Scene {
 TEST(Bone, MakesThePhantomMoreAccurateAtTheSameCount)
 {
     Scene phantom("demo.yaml");
-    ASSERT_EQ(pliant_inputs_read(&phantom.scene, "phantom:108x84x96", &phantom.scan, &phantom.labels, &phantom.table), PLIANT_OK);
+    ASSERT_EQ(pliant_inputs_read(&phantom.scene, "phantom:108x84x96", &phantom.scan, &phantom.labels, &phantom.table),
+              PLIANT_OK);
     phantom.scene.model.gravity[1] = 2;
     // The reference is a lattice that is three times finer. It does not use the bone's surface.
     phantom.scene.mesh.ratio = 6;
     pliant_model *fine = phantom.build();
     std::vector<double> points;
     for (int32_t n = 0; n < fine->body->fine.num_nodes; n++)
-        if (!fine->body->fine_fixed[n]) points.insert(points.end(), fine->body->fine.rest + 3 * n, fine->body->fine.rest + 3 * n + 3);
+        if (!fine->body->fine_fixed[n])
+            points.insert(points.end(), fine->body->fine.rest + 3 * n, fine->body->fine.rest + 3 * n + 3);
     pliant_model_free(fine);
     std::vector<uint8_t> held(points.size() / 3, 1);
     std::vector<double> reference = phantom.settle(points, held), x[4];
@@ -434,11 +463,13 @@ TEST(Bone, MakesThePhantomMoreAccurateAtTheSameCount)
     double rms[4];
     for (int n = 0; n < 4; n++) {
         pliant_error error;
-        ASSERT_EQ(pliant_error_between(static_cast<int32_t>(held.size()), held.data(), points.data(), reference.data(), x[n].data(), &error), PLIANT_OK);
+        ASSERT_EQ(pliant_error_between(static_cast<int32_t>(held.size()), held.data(), points.data(), reference.data(),
+                                       x[n].data(), &error),
+                  PLIANT_OK);
         rms[n] = error.rms;
     }
-    std::printf("phantom under gravity, rms error [mm]: fine %.3f, on bone %.3f; averaged %.3f, on bone %.3f\n", 1e3 * rms[0], 1e3 * rms[1],
-                1e3 * rms[2], 1e3 * rms[3]);
+    std::printf("phantom under gravity, rms error [mm]: fine %.3f, on bone %.3f; averaged %.3f, on bone %.3f\n",
+                1e3 * rms[0], 1e3 * rms[1], 1e3 * rms[2], 1e3 * rms[3]);
     EXPECT_LT(rms[1], 0.6 * rms[0]);
     EXPECT_LT(rms[3], 0.8 * rms[2]);
 }
@@ -446,7 +477,8 @@ TEST(Bone, MakesThePhantomMoreAccurateAtTheSameCount)
 TEST(Bone, EveryMethodTakesIt)
 {
     Scene phantom("demo.yaml");
-    ASSERT_EQ(pliant_inputs_read(&phantom.scene, "phantom:64x48x48", &phantom.scan, &phantom.labels, &phantom.table), PLIANT_OK);
+    ASSERT_EQ(pliant_inputs_read(&phantom.scene, "phantom:64x48x48", &phantom.scan, &phantom.labels, &phantom.table),
+              PLIANT_OK);
     phantom.scene.mesh.bone_surface = true;
     phantom.scene.model.gravity[1] = 2;
     struct { pliant_method method; pliant_mesh_kind mesh; pliant_solver_kind solver; } const cases[] = {
@@ -469,7 +501,8 @@ TEST(Bone, EveryMethodTakesIt)
         for (int32_t n = 0; n < model->body->fine.num_nodes; n++)
             for (int d = 0; d < 3; d++) {
                 double u = std::fabs(data->positions[3 * n + d] - model->body->fine.rest[3 * n + d]);
-                if (model->body->fine.place_of_node[n] == PLIANT_BONE_SURFACE && one.method != PLIANT_COARSE) ASSERT_EQ(u, 0);
+                if (model->body->fine.place_of_node[n] == PLIANT_BONE_SURFACE && one.method != PLIANT_COARSE)
+                    ASSERT_EQ(u, 0);
                 moved = std::max(moved, u);
             }
         EXPECT_GT(moved, 1e-6);
@@ -484,8 +517,10 @@ TEST(Bone, OfACt)
     const std::string folder = PLIANT_TEST_DATA "/abdomen/";
     if (!std::ifstream(folder + "ct.nii.gz")) GTEST_SKIP() << folder << " is not there";
     Scene ct("abdomen_labels.yaml");
-    std::snprintf(ct.scene.material.labels, sizeof ct.scene.material.labels, "%s", (folder + "labels_totalseg_fast.nii.gz").c_str());
-    ASSERT_EQ(pliant_inputs_read(&ct.scene, (folder + "ct.nii.gz").c_str(), &ct.scan, &ct.labels, &ct.table), PLIANT_OK) << pliant_last_error();
+    std::snprintf(ct.scene.material.labels, sizeof ct.scene.material.labels, "%s",
+                  (folder + "labels_totalseg_fast.nii.gz").c_str());
+    ASSERT_EQ(pliant_inputs_read(&ct.scene, (folder + "ct.nii.gz").c_str(), &ct.scan, &ct.labels, &ct.table), PLIANT_OK)
+        << pliant_last_error();
     ct.scene.mesh.ratio = 3;
     ct.scene.mesh.bone_surface = true;
     pliant_model *model = ct.build();
@@ -501,7 +536,8 @@ TEST(Bone, OfACt)
             size_t v = 0;
             for (int d = 2; d >= 0; d--) {
                 double at = std::floor(index[d] + 0.5 + (corner >> d & 1 ? 1e-6 : -1e-6));
-                v = v * static_cast<size_t>(ct.scan.geometry.size[d]) + static_cast<size_t>(std::min(std::max(at, 0.0), ct.scan.geometry.size[d] - 1.0));
+                v = v * static_cast<size_t>(ct.scan.geometry.size[d]) +
+                    static_cast<size_t>(std::min(std::max(at, 0.0), ct.scan.geometry.size[d] - 1.0));
             }
             any[model->materials.materials[model->material_of_voxel[v]].fixed] = true;
         }

@@ -25,7 +25,8 @@ struct Bar {
     {
         const int size[3] = {24, 12, 12};
         const double box[3] = {0.24, 0.12, 0.12};
-        body.reset(new Body(size, box, {{4000, 0.4, 1000, false}, {40000, 0.4, 1000, false}}, [](int i, int j, int) { return i / 4 % 2 && j > 5; }));
+        body.reset(new Body(size, box, {{4000, 0.4, 1000, false}, {40000, 0.4, 1000, false}},
+                            [](int i, int j, int) { return i / 4 % 2 && j > 5; }));
         body->fix_plane(1e-6, 0, 0, 1, 0, 0);
         body->cells(12, 6, 6, 1);
         body->scene.solver.preconditioner = choice;
@@ -35,11 +36,16 @@ struct Bar {
         next = sever_plane(load, 2, {{0.11, 0.06, 0.06}, {1, 0.1, 0.2}}, [](const double *x) { return x[2] > 0.05; });
         EXPECT_TRUE(next) << pliant_last_error();
         EXPECT_EQ(pliant_body_map_create(load, next, &map), PLIANT_OK);
-        EXPECT_EQ(pliant_discretization_next(&body->scene, body->model->discretization, next, &map, &made), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(pliant_discretization_next(&body->scene, body->model->discretization, next, &map, &made), PLIANT_OK)
+            << pliant_last_error();
         EXPECT_EQ(pliant_system_find_pattern(made->system), PLIANT_OK);
-        int32_t *source = static_cast<int32_t *>(pliant_calloc(static_cast<size_t>(system().num_free), sizeof(int32_t)));
-        for (int32_t f = 0; f < system().num_free; f++) source[f] = body->model->system->free_of_node[map.node[system().node_of_free[f]]];
-        EXPECT_EQ(pliant_preconditioner_carry(&system(), body->model->discretization, body->model->system, source, system().mesh->rest, nullptr, &carried), PLIANT_OK);
+        int32_t *source =
+            static_cast<int32_t *>(pliant_calloc(static_cast<size_t>(system().num_free), sizeof(int32_t)));
+        for (int32_t f = 0; f < system().num_free; f++)
+            source[f] = body->model->system->free_of_node[map.node[system().node_of_free[f]]];
+        EXPECT_EQ(pliant_preconditioner_carry(&system(), body->model->discretization, body->model->system, source,
+                                              system().mesh->rest, nullptr, &carried),
+                  PLIANT_OK);
         pliant_preconditioner *base = nullptr;
         EXPECT_EQ(pliant_preconditioner_clone(body->model->system->preconditioner, 1, &base), PLIANT_OK);
         pliant_preconditioner_hand_over(carried, &base);
@@ -57,7 +63,10 @@ struct Bar {
     }
     const pliant_system &system() const { return *made->system; }
     size_t unknowns() const { return 3 * static_cast<size_t>(system().num_free); }
-    std::vector<double> multiply(const std::vector<double> &x) const { return multiply_blocks(system().pattern, values, x); }
+    std::vector<double> multiply(const std::vector<double> &x) const
+    {
+        return multiply_blocks(system().pattern, values, x);
+    }
     std::vector<double> solve(const std::vector<double> &x) const
     {
         std::vector<double> y(x.size());
@@ -66,7 +75,10 @@ struct Bar {
     }
 };
 
-double dot(const std::vector<double> &a, const std::vector<double> &b) { return pliant_dot(a.size(), a.data(), b.data()); }
+double dot(const std::vector<double> &a, const std::vector<double> &b)
+{
+    return pliant_dot(a.size(), a.data(), b.data());
+}
 
 std::vector<double> noise(size_t count, unsigned seed)
 {
@@ -85,7 +97,8 @@ TEST_P(EveryBase, IsSymmetricAndPositive)
 {
     EXPECT_GT(bar.next->fine.num_nodes, bar.body->model->body->fine.num_nodes + 20);
     for (unsigned seed = 0; seed < 20; seed++) {
-        const std::vector<double> a = noise(bar.unknowns(), 2 * seed), b = noise(bar.unknowns(), 2 * seed + 1), ma = bar.solve(a), mb = bar.solve(b);
+        const std::vector<double> a = noise(bar.unknowns(), 2 * seed), b = noise(bar.unknowns(), 2 * seed + 1),
+                                  ma = bar.solve(a), mb = bar.solve(b);
         const double ab = dot(a, mb), ba = dot(b, ma), aa = dot(a, ma), bb = dot(b, mb);
         EXPECT_GT(aa, 0);
         EXPECT_NEAR(ab, ba, 1e-5 * std::sqrt(aa * bb)); // the factor's panels are in single precision
@@ -129,7 +142,9 @@ TEST(Carried, IsExactWhereNothingIsOpened)
     int32_t *source = static_cast<int32_t *>(pliant_calloc(same.size(), sizeof(int32_t)));
     std::copy(same.begin(), same.end(), source);
     pliant_preconditioner *carried = nullptr, *base = nullptr;
-    ASSERT_EQ(pliant_preconditioner_carry(&load, bar.body->model->discretization, &load, source, load.mesh->rest, nullptr, &carried), PLIANT_OK);
+    ASSERT_EQ(pliant_preconditioner_carry(&load, bar.body->model->discretization, &load, source, load.mesh->rest,
+                                          nullptr, &carried),
+              PLIANT_OK);
     ASSERT_EQ(pliant_preconditioner_clone(load.preconditioner, 1, &base), PLIANT_OK);
     const std::vector<double> a = noise(3 * same.size(), 1);
     std::vector<double> b(a.size()), c(a.size());
@@ -186,18 +201,22 @@ TEST(Carried, ALaterCutOfCoarseHexahedraOpensNothingBesideAnEarlierOne)
     std::vector<int32_t> source; // for each unknown of the last system, its source
     for (int c = 0; c < 3; c++) {
         const double depth = c == 1 ? 0.09 : 0.05;
-        bodies[c + 1] = sever_plane(bodies[c], c + 2, c == 0 ? earlier : later, [depth](const double *x) { return x[2] > depth; }, &sides[c > 0]);
+        bodies[c + 1] = sever_plane(
+            bodies[c], c + 2, c == 0 ? earlier : later, [depth](const double *x) { return x[2] > depth; },
+            &sides[c > 0]);
         ASSERT_TRUE(bodies[c + 1]) << pliant_last_error();
         if (c == 0) sides[1].assign(static_cast<size_t>(bodies[1]->fine.num_tets), 0);
         pliant_body_map map;
         ASSERT_EQ(pliant_body_map_create(bodies[c], bodies[c + 1], &map), PLIANT_OK);
-        ASSERT_EQ(pliant_discretization_next(&body.scene, made[c], bodies[c + 1], &map, &made[c + 1]), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_discretization_next(&body.scene, made[c], bodies[c + 1], &map, &made[c + 1]), PLIANT_OK)
+            << pliant_last_error();
         const pliant_system &was = *made[c]->system, &next = *made[c + 1]->system;
         int32_t *own = nullptr;
         const int32_t *node = nullptr;
         ASSERT_EQ(pliant_solved_sources(&next, &was, &map, &own, &node), PLIANT_OK);
         source.resize(static_cast<size_t>(next.num_free));
-        for (int32_t f = 0; f < next.num_free; f++) source[f] = node[next.node_of_free[f]] >= 0 ? was.free_of_node[node[next.node_of_free[f]]] : -1;
+        for (int32_t f = 0; f < next.num_free; f++)
+            source[f] = node[next.node_of_free[f]] >= 0 ? was.free_of_node[node[next.node_of_free[f]]] : -1;
         pliant_free(own);
         pliant_body_map_free(&map);
     }
@@ -223,6 +242,8 @@ TEST(Carried, ALaterCutOfCoarseHexahedraOpensNothingBesideAnEarlierOne)
     }
 }
 
-INSTANTIATE_TEST_SUITE_P(Choices, EveryBase, testing::Combine(testing::Values(PLIANT_DIRECT, PLIANT_MULTIGRID), testing::Values(PLIANT_LINEAR, PLIANT_HEXAHEDRA)));
+INSTANTIATE_TEST_SUITE_P(Choices, EveryBase,
+                         testing::Combine(testing::Values(PLIANT_DIRECT, PLIANT_MULTIGRID),
+                                          testing::Values(PLIANT_LINEAR, PLIANT_HEXAHEDRA)));
 
 } // namespace

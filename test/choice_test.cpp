@@ -41,7 +41,10 @@ protected:
         pliant_set_log(nullptr, nullptr);
         pliant_report_close(&tables);
     }
-    pliant_status choose(pliant_progress progress = {nullptr, nullptr}) { return pliant_choose(&input, &tables, progress, &choice); }
+    pliant_status choose(pliant_progress progress = {nullptr, nullptr})
+    {
+        return pliant_choose(&input, &tables, progress, &choice);
+    }
     void vary(bool method, bool cells, bool ratio, bool iterations)
     {
         body.scene.choose.method = method;
@@ -70,7 +73,8 @@ protected:
         }
         std::map<std::string, double> out;
         for (const auto &each : found)
-            if (each.second.size() == 2) out[each.first] = std::max(each.second.at("displacement"), each.second.at("force"));
+            if (each.second.size() == 2)
+                out[each.first] = std::max(each.second.at("displacement"), each.second.at("force"));
         return out;
     }
 
@@ -116,16 +120,21 @@ TEST_F(Choice, TakesTheMostAccurateOfAllThatWasTried)
     EXPECT_EQ(choice.scene.model.method, PLIANT_FINE);
     EXPECT_EQ(choice.scene.mesh.ratio, 4);
     EXPECT_GT(choice.reference_tetrahedra, 5 * 4 * 4 * 4);
-    EXPECT_NE(std::string(choice.options).find("model/method=fine mesh/coarse_cells=2,2,2 mesh/ratio=4 solver/iterations="), std::string::npos);
+    EXPECT_NE(
+        std::string(choice.options).find("model/method=fine mesh/coarse_cells=2,2,2 mesh/ratio=4 solver/iterations="),
+        std::string::npos);
 
     // The tables report the choice, and its options reproduce its scene.
     ASSERT_EQ(pliant_results_rows(tables.choice), 1u);
-    EXPECT_STREQ(pliant_results_cell(tables.choice, 0, pliant_results_column(tables.choice, "options")), choice.options);
+    EXPECT_STREQ(pliant_results_cell(tables.choice, 0, pliant_results_column(tables.choice, "options")),
+                 choice.options);
     pliant_scene scene = body.scene;
     std::string options = std::string(choice.options) + " ";
     for (size_t at = 0, end; (end = options.find(' ', at)) != std::string::npos; at = end + 1) {
         size_t equals = options.find('=', at);
-        ASSERT_EQ(pliant_scene_set(&scene, options.substr(at, equals - at).c_str(), options.substr(equals + 1, end - equals - 1).c_str()), PLIANT_OK);
+        ASSERT_EQ(pliant_scene_set(&scene, options.substr(at, equals - at).c_str(),
+                                   options.substr(equals + 1, end - equals - 1).c_str()),
+                  PLIANT_OK);
     }
     EXPECT_EQ(std::memcmp(&scene, &choice.scene, sizeof scene), 0);
 }
@@ -214,7 +223,8 @@ TEST_F(Choice, GravityIsMeasuredAsItIsSeen)
     for (int frame = 0; frame < 10; frame++) {
         ASSERT_GE(pliant_step(body.model, body.data), 0);
         pliant_error error;
-        ASSERT_EQ(pliant_error_between(mesh.num_nodes, nullptr, mesh.rest, rest.data(), body.data->positions, &error), PLIANT_OK);
+        ASSERT_EQ(pliant_error_between(mesh.num_nodes, nullptr, mesh.rest, rest.data(), body.data->positions, &error),
+                  PLIANT_OK);
         worst = std::fmax(worst, error.max / error.largest);
     }
     ASSERT_GT(worst, 0.02);
@@ -233,7 +243,8 @@ TEST_F(Choice, ItsOwnTimeLimitIsNoError)
         auto wait = [](double, const char *stage, void *user) { // wait until the time limit, in the middle of a run
             auto *at = static_cast<decltype(seen) *>(user);
             const std::string text = stage;
-            if (at->waited || text.find(at->when) == std::string::npos || text.find("budget 2") == std::string::npos) return true;
+            if (at->waited || text.find(at->when) == std::string::npos || text.find("budget 2") == std::string::npos)
+                return true;
             at->waited = true;
             std::this_thread::sleep_for(std::chrono::seconds(4));
             return true;
@@ -296,12 +307,14 @@ choice_point point_of(double error, double later, double milliseconds, double ev
 TEST(ChoiceOfPoints, NothingIsTakenThatLessWorkBetters)
 {
     // The second point needs less work and has a smaller error, but other programs delayed it.
-    const choice_point points[] = {point_of(0.58, 0.58, 6, 30, 5000), point_of(0.004, 0.004, 40, 2, 4000), point_of(0.001, 0.001, 50, 31, 4000)};
+    const choice_point points[] = {point_of(0.58, 0.58, 6, 30, 5000), point_of(0.004, 0.004, 40, 2, 4000),
+                                   point_of(0.001, 0.001, 50, 31, 4000)};
     EXPECT_EQ(choice_best(points, 3, PLIANT_MEASURE_P95, 0, 8e-3), points + 1);
     EXPECT_DOUBLE_EQ(choice_seconds(points, 3, points + 1), 6e-3);
     EXPECT_DOUBLE_EQ(choice_seconds(points, 3, points + 2), 50e-3) << "one evaluation more";
     // But a point stays where it may be slower: with more evaluations on the smaller mesh, with a patch, or on the GPU.
-    choice_point others[] = {points[0], point_of(0.004, 0.004, 40, 31, 4000), point_of(0.003, 0.003, 40, 2, 4000), point_of(0.002, 0.002, 40, 2, 4000)};
+    choice_point others[] = {points[0], point_of(0.004, 0.004, 40, 31, 4000), point_of(0.003, 0.003, 40, 2, 4000),
+                             point_of(0.002, 0.002, 40, 2, 4000)};
     others[2].candidate.by = {PLIANT_AVERAGED, PLIANT_TOUCH_OVERLAP, 0.05};
     others[3].on_host = false;
     EXPECT_EQ(choice_best(others, 4, PLIANT_MEASURE_P95, 0, 8e-3), others);
@@ -310,13 +323,15 @@ TEST(ChoiceOfPoints, NothingIsTakenThatLessWorkBetters)
 
 TEST(ChoiceOfPoints, TheWorstFrameFirstThenWhatComesLaterThenTime)
 {
-    const choice_point patched = point_of(0.40, 0.03, 5, 3, 1000), coarse = point_of(0.30, 0.30, 1, 3, 500), fine = point_of(0.02, 0.02, 20, 2, 9000);
+    const choice_point patched = point_of(0.40, 0.03, 5, 3, 1000), coarse = point_of(0.30, 0.30, 1, 3, 500),
+                       fine = point_of(0.02, 0.02, 20, 2, 9000);
     const choice_point all[] = {patched, coarse, fine};
     EXPECT_EQ(choice_best(all, 3, PLIANT_MEASURE_MAX, 0, 0.1), all + 2);
     EXPECT_EQ(choice_best(all, 3, PLIANT_MEASURE_MAX, 0, 0.01), all) << "worst frames are alike";
     EXPECT_EQ(choice_best(all, 3, PLIANT_MEASURE_MAX, 0, 2e-3), all + 1);
     EXPECT_EQ(choice_best(all, 3, PLIANT_MEASURE_MAX, 0, 1e-4), nullptr);
-    const choice_point same[] = {point_of(0.1, 0.1, 9, 4, 10), point_of(0.1, 0.103, 8, 3, 10), point_of(0.1, 0.11, 7, 2, 10)};
+    const choice_point same[] = {point_of(0.1, 0.1, 9, 4, 10), point_of(0.1, 0.103, 8, 3, 10),
+                                 point_of(0.1, 0.11, 7, 2, 10)};
     EXPECT_EQ(choice_best(same, 3, PLIANT_MEASURE_MAX, 0, 1), same + 1);
 }
 
@@ -329,15 +344,18 @@ TEST(ChoiceOfPoints, IterationsAreNotSpentBelowTheErrorOfTheMesh)
         return point;
     };
     for (double order : {1.0, 2.0}) {
-        const double left_out = 0.01, half = left_out * (std::exp2(order) - 1), quarter = left_out * (std::exp2(2 * order) - 1);
-        const choice_point points[] = {fine_of(4, 0.006, 4, 2), fine_of(4, 0.0001, 9, 6), fine_of(2, half, 2, 6), fine_of(2, half + 0.02, 1, 1), fine_of(1, quarter, 1, 6)};
+        const double left_out = 0.01, half = left_out * (std::exp2(order) - 1),
+                     quarter = left_out * (std::exp2(2 * order) - 1);
+        const choice_point points[] = {fine_of(4, 0.006, 4, 2), fine_of(4, 0.0001, 9, 6), fine_of(2, half, 2, 6),
+                                       fine_of(2, half + 0.02, 1, 1), fine_of(1, quarter, 1, 6)};
         const double told = choice_reference_error(points, 5, 4, PLIANT_MEASURE_P95);
         EXPECT_NEAR(told, half / (std::exp2(0.5 * (order + 2)) - 1), 1e-12);
         if (order == 2) { EXPECT_NEAR(told, left_out, 1e-12); }
         EXPECT_EQ(choice_reference_error(points, 4, 4, PLIANT_MEASURE_P95), 0) << "two resolutions tell no order";
         EXPECT_EQ(choice_mesh_error(points, 5, 2, PLIANT_MEASURE_P95), half);
         EXPECT_EQ(choice_best(points, 5, PLIANT_MEASURE_P95, 0, 0.1), points + 1);
-        EXPECT_EQ(choice_best(points, 5, PLIANT_MEASURE_P95, 0.2, 0.1), points + (order == 1 ? 2 : 0)) << "the quickest of those that the mesh makes alike";
+        EXPECT_EQ(choice_best(points, 5, PLIANT_MEASURE_P95, 0.2, 0.1), points + (order == 1 ? 2 : 0))
+            << "the quickest of those that the mesh makes alike";
     }
 }
 
@@ -357,7 +375,9 @@ TEST_F(Choice, WarnsWithBothFiguresWhenNothingWillDo)
     listen();
     ASSERT_EQ(choose(), PLIANT_OK);
     ASSERT_TRUE(choice.made);
-    EXPECT_NE(warnings.find("choose/max_error: nothing within 1e+06 ms is as accurate as 1e-07 %; the best has an error of"), std::string::npos)
+    EXPECT_NE(
+        warnings.find("choose/max_error: nothing within 1e+06 ms is as accurate as 1e-07 %; the best has an error of"),
+        std::string::npos)
         << warnings;
     EXPECT_NE(warnings.find("(in a pull)"), std::string::npos) << warnings;
 
@@ -369,7 +389,8 @@ TEST_F(Choice, WarnsWithBothFiguresWhenNothingWillDo)
     EXPECT_FALSE(quickest.within_budget);
     EXPECT_GT(quickest.error, choice.error);
     EXPECT_EQ(quickest.scene.solver.iterations, 1);
-    EXPECT_NE(warnings.find("choose/budget_ms: nothing that was tried keeps to 1e-06 ms"), std::string::npos) << warnings;
+    EXPECT_NE(warnings.find("choose/budget_ms: nothing that was tried keeps to 1e-06 ms"), std::string::npos)
+        << warnings;
 }
 
 TEST_F(Choice, ALoadThatIsCancelledChoosesNothing)

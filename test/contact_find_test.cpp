@@ -24,14 +24,16 @@ struct Moving {
     pliant_tool_shape shape{};
     pliant_moving_part moving{};
 
-    Moving(const pliant_part &what, const double from[3], const double to[3], const double rotation[4] = nullptr) : part(what)
+    Moving(const pliant_part &what, const double from[3], const double to[3], const double rotation[4] = nullptr)
+        : part(what)
     {
         const double identity[4] = {0, 0, 0, 1};
         double way = 0;
         for (pliant_tool_pose *pose : {&moving.from, &moving.to}) {
             std::copy_n(pose == &moving.from ? from : to, 3, pose->tip);
             std::copy_n(rotation ? rotation : identity, 4, pose->rotation);
-            pliant_part_pose(&shape, PLIANT_FRAME_TIP, pose->tip, pose->rotation, 0, pose == &moving.from ? &moving.begin : &moving.end);
+            pliant_part_pose(&shape, PLIANT_FRAME_TIP, pose->tip, pose->rotation, 0,
+                             pose == &moving.from ? &moving.begin : &moving.end);
         }
         for (int d = 0; d < 3; d++) way += std::pow(to[d] - from[d], 2);
         moving.way = std::sqrt(way);
@@ -75,7 +77,10 @@ constexpr int Sheet::size[3];
 constexpr double Sheet::box[3];
 
 pliant_part ball(double radius) { return {PLIANT_PART_SPHERE, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, radius, false}; }
-pliant_part rod(double radius, double length) { return {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, length}, radius, false}; }
+pliant_part rod(double radius, double length)
+{
+    return {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, length}, radius, false};
+}
 
 double gap_of(const Sheet &sheet, const pliant_contact_point &point)
 {
@@ -125,23 +130,31 @@ TEST(Find, NoneOfManySweepsPassesUndetected)
     Sheet sheet;
     Found found;
     std::mt19937 engine(1);
-    auto random = [&](double low, double high) { return low + (high - low) * std::uniform_real_distribution<double>()(engine); };
+    auto random = [&](double low, double high) {
+        return low + (high - low) * std::uniform_real_distribution<double>()(engine);
+    };
     int missed = 0, behind = 0;
     for (int n = 0; n < 10000; n++) {
         const bool needle = n % 2;
         const pliant_part part = rod(needle ? 0.0005 : 0.0042, needle ? 0.05 : 0.2);
         const double side = n % 4 < 2 ? 1 : -1; // from above and from below
-        const double from[3] = {random(0.03, 0.07), random(0.03, 0.07), side > 0 ? 0.002 + part.radius + random(1e-4, 0.008) : -part.radius - random(1e-4, 0.008)};
-        const double to[3] = {from[0] + random(-0.005, 0.005), from[1] + random(-0.005, 0.005), side > 0 ? -random(0, 0.01) : 0.002 + random(0, 0.01)};
+        const double from[3] = {random(0.03, 0.07), random(0.03, 0.07),
+                                side > 0 ? 0.002 + part.radius + random(1e-4, 0.008)
+                                         : -part.radius - random(1e-4, 0.008)};
+        const double to[3] = {from[0] + random(-0.005, 0.005), from[1] + random(-0.005, 0.005),
+                              side > 0 ? -random(0, 0.01) : 0.002 + random(0, 0.01)};
         // the rod points away from the sheet, at an angle of up to 60 degrees
-        const double tilt = random(0, M_PI / 3), about = random(0, 2 * M_PI), half = 0.5 * (side > 0 ? tilt : M_PI - tilt);
-        const double rotation[4] = {std::sin(half) * std::cos(about), std::sin(half) * std::sin(about), 0, std::cos(half)};
+        const double tilt = random(0, M_PI / 3), about = random(0, 2 * M_PI),
+                     half = 0.5 * (side > 0 ? tilt : M_PI - tilt);
+        const double rotation[4] = {std::sin(half) * std::cos(about), std::sin(half) * std::sin(about), 0,
+                                    std::cos(half)};
         Moving moving(part, from, to, rotation);
         ASSERT_EQ(sheet.find(moving.get(), found), PLIANT_OK);
         check(sheet, found.contacts);
         double deepest = 0;
         for (int32_t p = 0; p < found.contacts.count; p++)
-            if (found.contacts.point[p].normal[2] * side < 0) deepest = std::fmin(deepest, gap_of(sheet, found.contacts.point[p]));
+            if (found.contacts.point[p].normal[2] * side < 0)
+                deepest = std::fmin(deepest, gap_of(sheet, found.contacts.point[p]));
         missed += found.contacts.count == 0;
         // the contact must push the tissue by at least half of the tip's penetration depth
         const double beyond = side > 0 ? 0.002 - (to[2] - part.radius) : to[2] + part.radius;
@@ -160,7 +173,9 @@ TEST(Find, NoSolidPassesUndetected)
     std::mt19937 engine(2);
     const char *const asked = std::getenv("PLIANT_SWEEPS");
     const int sweeps = asked ? std::max(std::atoi(asked) / 4, 1) : 100;
-    auto random = [&](double low, double high) { return low + (high - low) * std::uniform_real_distribution<double>()(engine); };
+    auto random = [&](double low, double high) {
+        return low + (high - low) * std::uniform_real_distribution<double>()(engine);
+    };
     for (const bool convex : {false, true})
         for (const double radius : {0.0006, 0.003}) {
             pliant_solid *solid = nullptr;
@@ -174,15 +189,18 @@ TEST(Find, NoSolidPassesUndetected)
             int missed = 0, behind = 0;
             for (int n = 0; n < sweeps; n++) {
                 const double from[3] = {random(0.03, 0.07), random(0.03, 0.07), 0.002 + radius + random(1e-4, 0.008)};
-                const double to[3] = {from[0] + random(-0.005, 0.005), from[1] + random(-0.005, 0.005), -random(0, 0.01)};
+                const double to[3] = {from[0] + random(-0.005, 0.005), from[1] + random(-0.005, 0.005),
+                                      -random(0, 0.01)};
                 const double tilt = random(0, M_PI / 3), about = random(0, 2 * M_PI), half = 0.5 * tilt;
-                const double rotation[4] = {std::sin(half) * std::cos(about), std::sin(half) * std::sin(about), 0, std::cos(half)};
+                const double rotation[4] = {std::sin(half) * std::cos(about), std::sin(half) * std::sin(about), 0,
+                                            std::cos(half)};
                 Moving moving(part, from, to, rotation);
                         ASSERT_EQ(sheet.find(moving.get(), found), PLIANT_OK);
                 check(sheet, found.contacts);
                 double deepest = 0;
                 for (int32_t p = 0; p < found.contacts.count; p++)
-                    if (found.contacts.point[p].normal[2] < 0) deepest = std::fmin(deepest, gap_of(sheet, found.contacts.point[p]));
+                    if (found.contacts.point[p].normal[2] < 0)
+                        deepest = std::fmin(deepest, gap_of(sheet, found.contacts.point[p]));
                 missed += found.contacts.count == 0;
                 behind += deepest > -0.1 * (0.002 - to[2]); // at the middle of its end; an oblique side pushes less
             }

@@ -65,7 +65,9 @@ Pairs pairs_of(pliant_grid &grid, const Soup &soup, const std::vector<int32_t> &
 {
     Pairs out;
     int32_t count = -1;
-    EXPECT_EQ(pliant_grid_fill(&grid, static_cast<int32_t>(among.size()), among.data(), soup.tets.data(), soup.positions.data(), margin, threads), PLIANT_OK);
+    EXPECT_EQ(pliant_grid_fill(&grid, static_cast<int32_t>(among.size()), among.data(), soup.tets.data(),
+                               soup.positions.data(), margin, threads),
+              PLIANT_OK);
     EXPECT_EQ(pliant_grid_overlaps(&grid, soup.tets.data(), soup.positions.data(), threads, &count), PLIANT_OK);
     for (const pliant_grid_pairs &found : grid.found)
         for (int32_t p = 0; p < found.count; p++) out.emplace_back(found.pair[2 * p], found.pair[2 * p + 1]);
@@ -136,8 +138,10 @@ TEST(ContactGrid, FailsWithoutMemory)
         pliant_grid grid{};
         int32_t count = 0;
         pliant_memory_fail_after(calls);
-        pliant_status status = pliant_grid_fill(&grid, 300, soup.all.data(), soup.tets.data(), soup.positions.data(), 0, 1);
-        if (status == PLIANT_OK) status = pliant_grid_overlaps(&grid, soup.tets.data(), soup.positions.data(), 1, &count);
+        pliant_status status =
+            pliant_grid_fill(&grid, 300, soup.all.data(), soup.tets.data(), soup.positions.data(), 0, 1);
+        if (status == PLIANT_OK)
+            status = pliant_grid_overlaps(&grid, soup.tets.data(), soup.positions.data(), 1, &count);
         pliant_memory_fail_after(-1);
         done = status == PLIANT_OK;
         if (!done) EXPECT_EQ(status, PLIANT_ERROR_MEMORY);

@@ -10,7 +10,9 @@ const double young = 5000;
 
 struct Cube : Body {
     static constexpr double edge = 0.04, mass = 1000 * edge * edge * edge;
-    explicit Cube(double poisson = 0.3) : Body(std::vector<int>{4, 4, 4}.data(), std::vector<double>{edge, edge, edge}.data(), {{young, poisson, 1000, false}})
+    explicit Cube(double poisson = 0.3)
+        : Body(std::vector<int>{4, 4, 4}.data(), std::vector<double>{edge, edge, edge}.data(),
+               {{young, poisson, 1000, false}})
     {
         cells(4, 4, 4, 1);
         scene.solver.kind = PLIANT_TLED;
@@ -36,7 +38,8 @@ struct Cube : Body {
     void momentum(double out[3]) const
     {
         out[0] = out[1] = out[2] = 0;
-        for (int32_t i = 0; i < 3 * body().num_nodes; i++) out[i % 3] += data->tled->system->node_mass[i / 3] * data->tled->d[i] / data->tled->time_step;
+        for (int32_t i = 0; i < 3 * body().num_nodes; i++)
+            out[i % 3] += data->tled->system->node_mass[i / 3] * data->tled->d[i] / data->tled->time_step;
     }
     double energy() const
     {
@@ -63,7 +66,8 @@ TEST(ContactTled, ABlockOnASlope)
         Toucher toucher(cube.data->body);
         toucher.obstacles.push_back(floor_of(friction));
         auto run = [&](double time) {
-            for (double t = 0; t < time; t += cube.scene.solver.step) ASSERT_GE(toucher.step(cube.model, cube.data), 0) << pliant_last_error();
+            for (double t = 0; t < time; t += cube.scene.solver.step)
+                ASSERT_GE(toucher.step(cube.model, cube.data), 0) << pliant_last_error();
         };
         run(1);
         const double gravity[3] = {0.9 * std::fmin(down, friction * press), 0, -press};
@@ -80,8 +84,10 @@ TEST(ContactTled, ABlockOnASlope)
         cube.momentum(end);
         Toucher::force(cube.data, force);
         const double time = (cube.data->statistics.step - first) * cube.scene.solver.step;
-        if (slope < friction) { EXPECT_NEAR(cube.foot(), from, 1e-6); }
-        else EXPECT_NEAR((end[0] - start[0]) / Cube::mass / time, down - friction * press, 0.01 * (down - friction * press));
+        if (slope < friction) { EXPECT_NEAR(cube.foot(), from, 1e-6);
+        } else
+            EXPECT_NEAR((end[0] - start[0]) / Cube::mass / time, down - friction * press,
+                        0.01 * (down - friction * press));
         EXPECT_NEAR(force[2], Cube::mass * press, 0.02 * Cube::mass * press);
     }
 }
@@ -108,7 +114,8 @@ TEST(ContactTled, EnergyNeverGrowsAndForceIsTheChangeOfMomentum)
         cube.momentum(after);
         Toucher::force(cube.data, force);
         most = std::fmax(most, force[2]);
-        for (int d = 0; d < 3; d++) EXPECT_NEAR(after[d] - before[d], force[d] * cube.scene.solver.step, 1e-4 * Cube::mass);
+        for (int d = 0; d < 3; d++)
+            EXPECT_NEAR(after[d] - before[d], force[d] * cube.scene.solver.step, 1e-4 * Cube::mass);
         const double now = cube.energy();
         EXPECT_LE(now, energy + 1e-3 * begun) << s;
         energy = now;
@@ -139,7 +146,8 @@ TEST(ContactTled, RelaxesUnderAPlate)
     toucher.obstacles[0].move(0, 0, 2 * depth);
     ASSERT_EQ(toucher.settle(cube.model, cube.data), PLIANT_OK);
     EXPECT_EQ(cube.data->statistics.contacts, 0);
-    for (int32_t i = 0; i < 3 * cube.body().num_nodes; i++) EXPECT_NEAR(cube.data->positions[i], cube.body().rest[i], 1e-5);
+    for (int32_t i = 0; i < 3 * cube.body().num_nodes; i++)
+        EXPECT_NEAR(cube.data->positions[i], cube.body().rest[i], 1e-5);
 }
 
 } // namespace

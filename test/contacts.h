@@ -66,7 +66,8 @@ public:
                 v[d] = body->fine.rest[3 * n[2] + d] - body->fine.rest[3 * n[0] + d];
             }
             const double c[3] = {u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]};
-            for (int k = 0; k < 3; k++) area_[static_cast<size_t>(n[k])] += std::sqrt(c[0] * c[0] + c[1] * c[1] + c[2] * c[2]) / 6;
+            for (int k = 0; k < 3; k++)
+                area_[static_cast<size_t>(n[k])] += std::sqrt(c[0] * c[0] + c[1] * c[1] + c[2] * c[2]) / 6;
         }
     }
     void find(pliant_data *data)
@@ -94,9 +95,11 @@ public:
             }
         for (auto &point : points)
             for (int32_t p = 0; p < data->contacts.count; p++)
-                if (data->contacts.point[p].feature == point.feature) pliant_contact_carry(data->contacts.point + p, data->positions, &point);
+                if (data->contacts.point[p].feature == point.feature)
+                    pliant_contact_carry(data->contacts.point + p, data->positions, &point);
         pliant_free(data->contacts.point);
-        data->contacts.point = static_cast<pliant_contact_point *>(pliant_calloc(points.size() + 1, sizeof *data->contacts.point));
+        data->contacts.point =
+            static_cast<pliant_contact_point *>(pliant_calloc(points.size() + 1, sizeof *data->contacts.point));
         data->contacts.count = data->contacts.room = static_cast<int32_t>(points.size());
         for (size_t p = 0; p < points.size(); p++) data->contacts.point[p] = points[p];
     }
@@ -129,7 +132,8 @@ public:
         out[0] = out[1] = out[2] = 0;
         for (int32_t p = 0; p < data->contacts.count; p++)
             for (int d = 0; d < 3; d++)
-                if (obstacle < 0 || static_cast<int>(data->contacts.point[p].feature & 255) == obstacle) out[d] += data->contacts.point[p].force[d];
+                if (obstacle < 0 || static_cast<int>(data->contacts.point[p].feature & 255) == obstacle)
+                    out[d] += data->contacts.point[p].force[d];
     }
 
 private:

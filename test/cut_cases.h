@@ -60,7 +60,8 @@ struct CutBody {
             body.cuts = &cuts;
         }
         rest.resize(3 * node_parent.size());
-        for (size_t n = 0; n < node_parent.size(); n++) std::copy_n(mesh.rest + 3 * node_parent[n], 3, rest.begin() + 3 * static_cast<long>(n));
+        for (size_t n = 0; n < node_parent.size(); n++)
+            std::copy_n(mesh.rest + 3 * node_parent[n], 3, rest.begin() + 3 * static_cast<long>(n));
         body.fine.num_tets = static_cast<int32_t>(tet_parent.size());
         body.fine.num_nodes = static_cast<int32_t>(node_parent.size());
         body.fine.tets = tets.data();
@@ -70,7 +71,10 @@ struct CutBody {
     }
     CutBody(const CutBody &) = delete;
 
-    int32_t fragment_of(int32_t voxel) const { return pliant_voxels_fragment(body.voxels, links.empty() ? nullptr : &cuts, voxel); }
+    int32_t fragment_of(int32_t voxel) const
+    {
+        return pliant_voxels_fragment(body.voxels, links.empty() ? nullptr : &cuts, voxel);
+    }
     vector3 place(int32_t voxel) const
     {
         const int32_t *size = body.voxels->geometry.size;
@@ -84,13 +88,17 @@ private:
         return axis == 0 ? 1 : axis == 1 ? size[0] : size[0] * size[1];
     }
     int32_t count() const { return stride(2) * body.voxels->geometry.size[2]; }
-    bool has_next(int32_t voxel, int axis) const { return int32_t(place(voxel)[size_t(axis)]) + 1 < body.voxels->geometry.size[axis]; }
+    bool has_next(int32_t voxel, int axis) const
+    {
+        return int32_t(place(voxel)[size_t(axis)]) + 1 < body.voxels->geometry.size[axis];
+    }
 
     void sever(const std::vector<Blade> &blades)
     {
         const pliant_voxels &voxels = *body.voxels;
         auto cut = [&](int32_t a, int32_t b) {
-            return std::any_of(blades.begin(), blades.end(), [&](const Blade &blade) { return blade(place(a), place(b)); });
+            return std::any_of(blades.begin(), blades.end(),
+                               [&](const Blade &blade) { return blade(place(a), place(b)); });
         };
         for (int32_t v = 0; v < count(); v++)
             for (int d = 0; d < 3; d++)
@@ -126,7 +134,8 @@ private:
         start = voxel_start = {0};
         for (int32_t t : tet) {
             std::vector<int32_t> part(size_t(voxels.start[t + 1] - voxels.start[t]));
-            const int32_t parts = pliant_voxels_parts(&voxels, &cuts, t, part.data()), first = int32_t(tet_parent.size());
+            const int32_t parts = pliant_voxels_parts(&voxels, &cuts, t, part.data()),
+                          first = int32_t(tet_parent.size());
             for (int32_t p = 0; p < parts; p++) {
                 fragment.push_back(p == 0 ? t : first + p - 1);
                 if (p == 0) continue;
@@ -154,9 +163,12 @@ private:
                 for (int32_t n : own)
                     for (int d = 0; d < 3; d++)
                         for (int way : {-1, 1}) {
-                            const int32_t voxel = voxels.voxel[voxels.start[tet[c]] + n - voxel_start[c]], other = voxel + way * stride(d);
+                            const int32_t voxel = voxels.voxel[voxels.start[tet[c]] + n - voxel_start[c]],
+                                          other = voxel + way * stride(d);
                             if (way > 0 ? !has_next(voxel, d) : place(voxel)[size_t(d)] < 1) continue;
-                            if (voxels.owner[other] >= 0 && voxels.owner[other] != tet[c] && pliant_voxels_joined(&voxels, &cuts, voxel, other)) by = fragment_of(other);
+                            if (voxels.owner[other] >= 0 && voxels.owner[other] != tet[c] &&
+                                pliant_voxels_joined(&voxels, &cuts, voxel, other))
+                                by = fragment_of(other);
                         }
                 for (int32_t n : own)
                     if (by >= 0) voxel_fragment[size_t(n)] = by;
@@ -182,7 +194,8 @@ private:
                         part[size_t(std::max(i, j))] = std::min(i, j);
                     }
         };
-        const int steps[9][3] = {{1, 0, 0}, {-1, 1, 0}, {0, 1, 0}, {1, 1, 0}, {0, -1, 1}, {-1, 0, 1}, {0, 0, 1}, {1, 0, 1}, {0, 1, 1}};
+        const int steps[9][3] = {{1, 0, 0},  {-1, 1, 0}, {0, 1, 0}, {1, 1, 0}, {0, -1, 1},
+                                 {-1, 0, 1}, {0, 0, 1},  {1, 0, 1}, {0, 1, 1}};
         const int32_t *size = voxels.geometry.size;
         for (int32_t v = 0; v < count(); v++)
             for (const int *step : steps) {
@@ -193,10 +206,13 @@ private:
                     in = in && at[size_t(d)] + step[d] >= 0 && at[size_t(d)] + step[d] < size[d];
                     to += step[d] * stride(d);
                 }
-                if (in && voxels.owner[to] >= 0 && voxels.owner[to] != voxels.owner[v] && pliant_voxels_joined(&voxels, &cuts, v, to)) unite(v, to);
+                if (in && voxels.owner[to] >= 0 && voxels.owner[to] != voxels.owner[v] &&
+                    pliant_voxels_joined(&voxels, &cuts, v, to))
+                    unite(v, to);
             }
         for (int32_t b = 0; b < voxels.num_bridges; b++)
-            if (!std::binary_search(bridges.begin(), bridges.end(), b)) unite(voxels.bridge[2 * b], voxels.bridge[2 * b + 1]);
+            if (!std::binary_search(bridges.begin(), bridges.end(), b))
+                unite(voxels.bridge[2 * b], voxels.bridge[2 * b + 1]);
         std::map<int32_t, int32_t> node_of; // part -> node; the first part of a node keeps its number
         std::vector<uint8_t> kept(node_parent.size());
         const std::vector<int32_t> before = tets;
@@ -205,7 +221,8 @@ private:
             if (found == node_of.end()) {
                 const int32_t node = before[c];
                 if (kept[size_t(node)]) node_parent.push_back(node);
-                found = node_of.emplace(first(int32_t(c)), kept[size_t(node)] ? int32_t(node_parent.size()) - 1 : node).first;
+                found = node_of.emplace(first(int32_t(c)), kept[size_t(node)] ? int32_t(node_parent.size()) - 1 : node)
+                            .first;
                 kept[size_t(node)] = 1;
             }
             tets[c] = found->second;
@@ -229,7 +246,8 @@ inline voxels_ptr make_voxels(const pliant_mesh &mesh, const pliant_geometry &ge
     body.fine = mesh;
     std::vector<pliant_tet_material> of_tet(static_cast<size_t>(mesh.num_tets));
     body.fine_material = of_tet.data();
-    EXPECT_EQ(pliant_voxels_create(&body, &geometry, of_voxel.data(), &table, &voxels), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(pliant_voxels_create(&body, &geometry, of_voxel.data(), &table, &voxels), PLIANT_OK)
+        << pliant_last_error();
     return voxels_ptr(voxels);
 }
 

@@ -9,7 +9,8 @@ const double box[3] = {0.15, 0.1, 0.1};
 
 std::unique_ptr<Cuttable> cut_block(int cuts)
 {
-    std::unique_ptr<Body> body(new Body(size, box, {{4000, 0.4, 1000, false}, {20000, 0.3, 1200, false}}, [](int i, int j, int k) { return (i / 5 + j / 4 + k / 3) % 2; }));
+    std::unique_ptr<Body> body(new Body(size, box, {{4000, 0.4, 1000, false}, {20000, 0.3, 1200, false}},
+                                        [](int i, int j, int k) { return (i / 5 + j / 4 + k / 3) % 2; }));
     body->fix_plane(1e-6, 0, 0, 1, 0, 0);
     body->cells(13, 9, 11, 1);
     body->scene.cut.kind = PLIANT_CUT_SEVER;
@@ -25,7 +26,8 @@ std::unique_ptr<Cuttable> cut_block(int cuts)
         // every second cut passes near a bridge
         const int32_t voxel = voxels.num_bridges > 0 ? voxels.bridge[2 * (c * 37 % voxels.num_bridges)] : -1;
         const int32_t at[3] = {voxel % size[0], voxel / size[0] % size[1], voxel / size[0] / size[1]};
-        for (int d = 0; d < 3 && voxel >= 0 && c % 2; d++) point[d] = box[d] * (at[d] + 0.5 + 0.3 * unit(random)) / size[d];
+        for (int d = 0; d < 3 && voxel >= 0 && c % 2; d++)
+            point[d] = box[d] * (at[d] + 0.5 + 0.3 * unit(random)) / size[d];
         block->cut_plane(point, normal, 0.03);
     }
     return block;
@@ -37,7 +39,8 @@ pliant_status sever_all(const pliant_body &load, const pliant_cuts &cuts, std::s
     for (int32_t c = 0; c < cuts.num_cuts; c++) {
         const int32_t begin = c > 0 ? cuts.cut_end[c - 1] : 0;
         pliant_body *next = nullptr;
-        const pliant_status status = pliant_body_sever(now.get(), now->revision + 1, cuts.cut_end[c] - begin, cuts.severed + begin, &next);
+        const pliant_status status =
+            pliant_body_sever(now.get(), now->revision + 1, cuts.cut_end[c] - begin, cuts.severed + begin, &next);
         if (status != PLIANT_OK) return status;
         now.reset(next, pliant_body_release);
     }
@@ -73,7 +76,8 @@ TEST(cut_log, the_order_of_cuts_counts)
     for (int32_t i = 0; i < cuts.num_links; i++) links.push_back(cuts.link[i]);
     for (int32_t i = 0; i < cuts.num_bridges; i++) links.push_back(4 * uint32_t(cuts.bridge[i]) + 3);
     pliant_body *once = nullptr;
-    ASSERT_EQ(pliant_body_sever(&block->load(), 2, int32_t(links.size()), links.data(), &once), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_body_sever(&block->load(), 2, int32_t(links.size()), links.data(), &once), PLIANT_OK)
+        << pliant_last_error();
     EXPECT_EQ(once->cuts->num_links, cuts.num_links);
     EXPECT_EQ(once->cuts->num_tets, cuts.num_tets);
     EXPECT_FALSE(pliant_body_same(once, block->now));
@@ -88,7 +92,9 @@ TEST(cut_log, refuses_what_is_not_there)
     const uint32_t voxel_count = 30 * 20 * 20, last_of_a_row = 29;
     const uint32_t before = now->cuts->link[0], free_one = [&] {
         for (uint32_t v = 0;; v++)
-            if (voxels.owner[v] >= 0 && voxels.owner[v + 1] >= 0 && v % 30 < 29 && !std::binary_search(now->cuts->link, now->cuts->link + now->cuts->num_links, 4 * v)) return 4 * v;
+            if (voxels.owner[v] >= 0 && voxels.owner[v + 1] >= 0 && v % 30 < 29 &&
+                !std::binary_search(now->cuts->link, now->cuts->link + now->cuts->num_links, 4 * v))
+                return 4 * v;
     }();
     const std::vector<std::vector<uint32_t>> wrong = {{},
                                                       {4 * voxel_count},
@@ -100,7 +106,8 @@ TEST(cut_log, refuses_what_is_not_there)
                                                       {0xffffffffu}};
     for (const auto &severed : wrong) {
         pliant_body *next = nullptr;
-        EXPECT_EQ(pliant_body_sever(now, now->revision + 1, int32_t(severed.size()), severed.data(), &next), PLIANT_ERROR_ARGUMENT)
+        EXPECT_EQ(pliant_body_sever(now, now->revision + 1, int32_t(severed.size()), severed.data(), &next),
+                  PLIANT_ERROR_ARGUMENT)
             << (severed.empty() ? 0 : severed.back());
         EXPECT_EQ(next, nullptr);
     }

@@ -27,7 +27,8 @@ std::unique_ptr<Body> built(std::unique_ptr<Body> body, const std::function<void
 
 std::unique_ptr<Body> bar(const std::function<void(pliant_scene &)> &set = [](pliant_scene &) {})
 {
-    std::unique_ptr<Body> body(new Body(size, box, {{4000, 0.4, 1000, false}, {20000, 0.3, 1200, false}}, [](int i, int j, int k) { return (i / 5 + j / 4 + k / 3) % 2; }));
+    std::unique_ptr<Body> body(new Body(size, box, {{4000, 0.4, 1000, false}, {20000, 0.3, 1200, false}},
+                                        [](int i, int j, int k) { return (i / 5 + j / 4 + k / 3) % 2; }));
     return built(std::move(body), set);
 }
 
@@ -51,9 +52,11 @@ struct Split {
     ~Split() { pliant_body_release(now); }
     bool cut(const std::vector<double> &from, const std::vector<double> &to, uint32_t stroke = 0)
     {
-        const pliant_cut_sweep sweep{static_cast<int32_t>(from.size() / 3), from.data(), to.data(), body->model->material_of_voxel, 0, stroke};
+        const pliant_cut_sweep sweep{static_cast<int32_t>(from.size() / 3), from.data(), to.data(),
+                                     body->model->material_of_voxel,        0,           stroke};
         pliant_body *next = nullptr;
-        EXPECT_EQ(pliant_body_cut(now, now->revision + 1, positions.data(), &sweep, &next, &report), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(pliant_body_cut(now, now->revision + 1, positions.data(), &sweep, &next, &report), PLIANT_OK)
+            << pliant_last_error();
         if (!next) return false;
         pliant_body_map map{};
         EXPECT_EQ(pliant_body_map_create(now, next, &map), PLIANT_OK) << pliant_last_error();
@@ -82,7 +85,8 @@ double area_of(const pliant_mesh &mesh, const int32_t *triangles, int32_t first,
             u[d] = mesh.rest[3 * triangles[3 * t + 1] + d] - mesh.rest[3 * triangles[3 * t] + d];
             v[d] = mesh.rest[3 * triangles[3 * t + 2] + d] - mesh.rest[3 * triangles[3 * t] + d];
         }
-        for (int d = 0; d < 3; d++) squares += std::pow(u[(d + 1) % 3] * v[(d + 2) % 3] - u[(d + 2) % 3] * v[(d + 1) % 3], 2);
+        for (int d = 0; d < 3; d++)
+            squares += std::pow(u[(d + 1) % 3] * v[(d + 2) % 3] - u[(d + 2) % 3] * v[(d + 1) % 3], 2);
         sum += 0.5 * std::sqrt(squares);
     }
     return sum;
@@ -117,7 +121,10 @@ double shortest_edge(const pliant_body &body)
         for (int a = 0; a < 4; a++)
             for (int b = 0; b < a; b++) {
                 double squares = 0;
-                for (int d = 0; d < 3; d++) squares += std::pow(body.fine.rest[3 * body.fine.tets[4 * t + a] + d] - body.fine.rest[3 * body.fine.tets[4 * t + b] + d], 2);
+                for (int d = 0; d < 3; d++)
+                    squares += std::pow(body.fine.rest[3 * body.fine.tets[4 * t + a] + d] -
+                                            body.fine.rest[3 * body.fine.tets[4 * t + b] + d],
+                                        2);
                 least = std::fmin(least, std::sqrt(squares));
             }
     return least;
@@ -129,7 +136,8 @@ TEST(Subdivide, APlaneMakesTwoPiecesThatAddUp)
     std::uniform_real_distribution<double> unit(-1, 1);
     for (int plane = 0; plane < 12; plane++) {
         Split block(bar());
-        const double mass = total_mass(*block.now), point[3] = {0.1 + 0.03 * unit(random), 0.05, 0.05}, normal[3] = {1, 0.4 * unit(random), 0.4 * unit(random)};
+        const double mass = total_mass(*block.now), point[3] = {0.1 + 0.03 * unit(random), 0.05, 0.05},
+                     normal[3] = {1, 0.4 * unit(random), 0.4 * unit(random)};
         const double section = 0.01 * std::sqrt(1 + normal[1] * normal[1] + normal[2] * normal[2]);
         ASSERT_TRUE(block.cut_plane(point, normal));
         EXPECT_EQ(block.report.pieces, 2);
@@ -143,11 +151,13 @@ TEST(Subdivide, APlaneMakesTwoPiecesThatAddUp)
         std::map<int32_t, std::array<double, 2>> reach;
         for (int32_t v = 0; v < 4 * block.now->fine.num_tets; v++) {
             double side = 0;
-            for (int d = 0; d < 3; d++) side += normal[d] * (block.now->fine.rest[3 * block.now->fine.tets[v] + d] - point[d]);
+            for (int d = 0; d < 3; d++)
+                side += normal[d] * (block.now->fine.rest[3 * block.now->fine.tets[v] + d] - point[d]);
             auto at = reach.insert({pieces[v / 4], {{side, side}}}).first;
             at->second = {{std::fmin(at->second[0], side), std::fmax(at->second[1], side)}};
         }
-        for (const auto &one : reach) EXPECT_LT(std::fmin(-one.second[0], one.second[1]), 1.3 * block.now->subdivision->least_edge);
+        for (const auto &one : reach)
+            EXPECT_LT(std::fmin(-one.second[0], one.second[1]), 1.3 * block.now->subdivision->least_edge);
         block.cut_plane(point, normal);
         EXPECT_LT(block.report.area, 0.06 * section) << "again: nothing is left but what was snapped";
     }
@@ -201,8 +211,10 @@ TEST(Subdivide, PlanesWhereEverythingIsOnThem)
             std::vector<double> from, to;
             Cuttable::plane(one.point, one.normal, half, from, to);
             const bool parts = one.normal[0] > 0;
-            const double area = parts ? 0.01 * std::sqrt(1 + std::pow(one.normal[1], 2) + std::pow(one.normal[2], 2)) : 0;
-            SCOPED_TRACE(std::to_string(one.normal[0]) + " " + std::to_string(one.normal[1]) + " " + std::to_string(one.normal[2]) + ", " + std::to_string(half));
+            const double area =
+                parts ? 0.01 * std::sqrt(1 + std::pow(one.normal[1], 2) + std::pow(one.normal[2], 2)) : 0;
+            SCOPED_TRACE(std::to_string(one.normal[0]) + " " + std::to_string(one.normal[1]) + " " +
+                         std::to_string(one.normal[2]) + ", " + std::to_string(half));
             EXPECT_EQ(block.cut(from, to), parts);
             EXPECT_EQ(num_pieces(*block.now), parts ? 2 : 1);
             EXPECT_EQ(block.now->fine.num_tets > tets, one.splits);
@@ -220,9 +232,11 @@ TEST(Subdivide, TetrahedraAreSplitByTheNumberOfTheirCutEdges)
     for (int32_t t = 0; t < block.now->fine.num_tets; t++)
         for (int a = 0; a < 4; a++)
             for (int b = 0; b < a; b++)
-                cut_edges[t] += (block.now->fine.rest[3 * block.now->fine.tets[4 * t + a]] > point[0]) != (block.now->fine.rest[3 * block.now->fine.tets[4 * t + b]] > point[0]);
+                cut_edges[t] += (block.now->fine.rest[3 * block.now->fine.tets[4 * t + a]] > point[0]) !=
+                                (block.now->fine.rest[3 * block.now->fine.tets[4 * t + b]] > point[0]);
     ASSERT_TRUE(block.cut_plane(point, normal));
-    for (int32_t t = block.body->model->body->fine.num_tets; t < block.now->fine.num_tets; t++) parts[block.now->tet_parent[t]]++;
+    for (int32_t t = block.body->model->body->fine.num_tets; t < block.now->fine.num_tets; t++)
+        parts[block.now->tet_parent[t]]++;
     std::set<int> patterns;
     for (size_t t = 0; t < parts.size(); t++) {
         EXPECT_EQ(parts[t], cut_edges[t] == 0 ? 1 : cut_edges[t] == 3 ? 4 : 6);
@@ -273,7 +287,8 @@ TEST(Subdivide, ThePatchTestHolds)
     std::set<int32_t> outside(now.triangles, now.triangles + 3 * now.num_triangles);
     double most = 0, inside = 0;
     for (int32_t n = 0; n < now.fine.num_nodes; n++)
-        for (int d = 0; d < 3; d++) (outside.count(n) ? most : inside) = std::fmax(outside.count(n) ? most : inside, std::fabs(sum[3 * n + d]));
+        for (int d = 0; d < 3; d++)
+            (outside.count(n) ? most : inside) = std::fmax(outside.count(n) ? most : inside, std::fabs(sum[3 * n + d]));
     EXPECT_GT(most, 1e-4);
     EXPECT_LT(inside, 1e-5 * most); // single precision
 }
@@ -344,7 +359,9 @@ TEST(Subdivide, EveryVoxelIsDrawnByTheTetrahedronThatHoldsIt)
     ASSERT_EQ(pliant_warp_update(warp, block.body->model->body->fine.rest), PLIANT_OK);
     ASSERT_EQ(pliant_warp_set_body(warp, block.now), PLIANT_OK);
     ASSERT_EQ(pliant_warp_update(warp, block.now->fine.rest), PLIANT_OK);
-    auto drawn = [&](int i, int j, int k) { return static_cast<const uint8_t *>(pliant_warp_volume(warp)->voxels)[i + target.size[0] * (j + 20 * k)]; };
+    auto drawn = [&](int i, int j, int k) {
+        return static_cast<const uint8_t *>(pliant_warp_volume(warp)->voxels)[i + target.size[0] * (j + 20 * k)];
+    };
     int other = 0;
     for (int v = 0; v < 40 * 20 * 20; v++) other += drawn(v % 40, v / 40 % 20, v / 800) != voxels[v];
     EXPECT_EQ(other, 0);
@@ -357,13 +374,17 @@ TEST(Subdivide, EveryVoxelIsDrawnByTheTetrahedronThatHoldsIt)
         if (block.now->fine.rest[3 * block.now->fine.tets[v]] > 0.199) right.insert(pieces[v / 4]);
     ASSERT_EQ(right.size(), 1u);
     for (int32_t v = 0; v < 4 * block.now->fine.num_tets; v++)
-        if (right.count(pieces[v / 4])) moved[3 * block.now->fine.tets[v]] = block.positions[3 * block.now->fine.tets[v]] + 0.005 * shift;
+        if (right.count(pieces[v / 4]))
+            moved[3 * block.now->fine.tets[v]] = block.positions[3 * block.now->fine.tets[v]] + 0.005 * shift;
     ASSERT_EQ(pliant_warp_update(warp, moved.data()), PLIANT_OK);
     std::vector<double> at, weights(4 * 40 * 20 * 20);
     std::vector<int32_t> tet(40 * 20 * 20);
-    for (int v = 0; v < 40 * 20 * 20; v++) at.insert(at.end(), {0.005 * (v % 40 + 0.5), 0.005 * (v / 40 % 20 + 0.5), 0.005 * (v / 800 + 0.5)});
+    for (int v = 0; v < 40 * 20 * 20; v++)
+        at.insert(at.end(), {0.005 * (v % 40 + 0.5), 0.005 * (v / 40 % 20 + 0.5), 0.005 * (v / 800 + 0.5)});
     pliant_body_locate_points(block.now, block.now->fine.rest, 40 * 20 * 20, at.data(), tet.data(), weights.data());
-    auto on_face = [&](int v) { return *std::min_element(weights.begin() + 4 * v, weights.begin() + 4 * v + 4) < 1e-6; };
+    auto on_face = [&](int v) {
+        return *std::min_element(weights.begin() + 4 * v, weights.begin() + 4 * v + 4) < 1e-6;
+    };
     int doubled = 0, none = 0, wrong = 0;
     for (int v = 0; v < 40 * 20 * 20; v++) {
         const int i = v % 40, j = v / 40 % 20, k = v / 800, from = v - shift;
@@ -393,7 +414,8 @@ void stroke_through(Body &body, int tool, double x, double to)
             ASSERT_EQ(pliant_tool_set_cutting(body.data, tool, true), PLIANT_OK) << pliant_last_error();
         }
         ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
-        for (int32_t n = 0; n < 3 * body.data->body->fine.num_nodes; n++) ASSERT_TRUE(std::isfinite(body.data->positions[n]));
+        for (int32_t n = 0; n < 3 * body.data->body->fine.num_nodes; n++)
+            ASSERT_TRUE(std::isfinite(body.data->positions[n]));
     }
     ASSERT_EQ(pliant_tool_set_cutting(body.data, tool, false), PLIANT_OK);
 }
@@ -448,7 +470,8 @@ TEST(Subdivide, ABladeAtASlantPartsWhatMoves)
             scene.solver.tolerance = 1e-3;
             scene.model.gravity[2] = -0.5;
         });
-        const double from[3] = {0.02 * draws[0], -0.07, 0.02 * draws[1]}, to[3] = {0.02 * draws[2], 0.07, 0.02 * draws[3]};
+        const double from[3] = {0.02 * draws[0], -0.07, 0.02 * draws[1]},
+                     to[3] = {0.02 * draws[2], 0.07, 0.02 * draws[3]};
         int tool = -1, step = 0;
         ASSERT_EQ(pliant_tool_add(body->model, body->data, "knife", &tool), PLIANT_OK);
         ASSERT_EQ(pliant_tool_set_blade(body->data, tool, from, to), PLIANT_OK);
@@ -476,7 +499,8 @@ TEST(Subdivide, ExplicitStepsShrinkWithTheSmallestTetrahedron)
     stroke_through(*body, tool, 0.112, -0.04);
     EXPECT_EQ(num_pieces(*body->data->body), 2);
     ASSERT_EQ(pliant_data_get_dynamics(body->model, body->data, &after), PLIANT_OK);
-    EXPECT_NEAR(after.edge_bound / before.edge_bound, shortest_edge(*body->data->body) / shortest_edge(*body->model->body), 1e-9);
+    EXPECT_NEAR(after.edge_bound / before.edge_bound,
+                shortest_edge(*body->data->body) / shortest_edge(*body->model->body), 1e-9);
     EXPECT_LT(after.eigenvalue_bound, 0.9 * before.eigenvalue_bound);
     EXPECT_LE(after.time_step, after.eigenvalue_bound);
 }
@@ -501,19 +525,22 @@ TEST(Subdivide, MotionGoesOn)
     const double time = 8 * body->scene.solver.step;
     EXPECT_LT(before, 0);
     for (int32_t n = 0; n < body->data->body->fine.num_nodes; n++)
-        EXPECT_NEAR(body->data->positions[3 * n + 2] - body->data->body->fine.rest[3 * n + 2], -0.5 * 9.81 * time * time, 0.03 * 0.5 * 9.81 * time * time);
+        EXPECT_NEAR(body->data->positions[3 * n + 2] - body->data->body->fine.rest[3 * n + 2],
+                    -0.5 * 9.81 * time * time, 0.03 * 0.5 * 9.81 * time * time);
 }
 
 TEST(Subdivide, UndoReturnsBits)
 {
     auto body = uniform([](pliant_scene &scene) { scene.model.gravity[2] = -0.5; });
     body->settle(3);
-    const std::vector<double> before(body->data->positions, body->data->positions + 3 * body->data->body->fine.num_nodes);
+    const std::vector<double> before(body->data->positions,
+                                     body->data->positions + 3 * body->data->body->fine.num_nodes);
     const pliant_body *load = body->data->body;
     const double points[6] = {0.1, -0.01, 0.12, 0.12, 0.11, 0.12}, depth[3] = {0.01, 0, -0.08};
     pliant_cut_report report;
     for (int cut = 0; cut < 2; cut++) {
-        ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, points, depth, &report), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, points, depth, &report), PLIANT_OK)
+            << pliant_last_error();
         EXPECT_GT(report.area, 0.002);
         ASSERT_EQ(pliant_data_undo_cut(body->model, body->data), PLIANT_OK);
         EXPECT_TRUE(pliant_body_same(body->data->body, load));
@@ -530,7 +557,8 @@ TEST(Subdivide, NothingIsCutByWhatSweepsNothing)
     EXPECT_FALSE(block.cut({0.5, 0, 0, 0.5, 0.1, 0}, {0.5, 0, 0.1, 0.5, 0.1, 0.1})) << "in air";
     EXPECT_FALSE(block.cut({}, {}));
     const pliant_body *before = block.now;
-    EXPECT_FALSE(block.cut({0.1, 0.051, 0.051, 0.1, 0.052, 0.051}, {0.1, 0.051, 0.052, 0.1, 0.052, 0.052})) << "smaller than a face";
+    EXPECT_FALSE(block.cut({0.1, 0.051, 0.051, 0.1, 0.052, 0.051}, {0.1, 0.051, 0.052, 0.1, 0.052, 0.052}))
+        << "smaller than a face";
     EXPECT_EQ(block.now, before);
 }
 
@@ -586,17 +614,20 @@ TEST(Subdivide, AFitDoesNotReachAcross)
         if (block.now->fine.rest[3 * block.now->fine.tets[v]] > 0.199) right.insert(pieces[v / 4]);
     ASSERT_EQ(right.size(), 1u);
     for (int32_t v = 0; v < 4 * block.now->fine.num_tets; v++)
-        if (right.count(pieces[v / 4])) block.positions[3 * block.now->fine.tets[v]] = block.now->fine.rest[3 * block.now->fine.tets[v]] + 0.02;
+        if (right.count(pieces[v / 4]))
+            block.positions[3 * block.now->fine.tets[v]] = block.now->fine.rest[3 * block.now->fine.tets[v]] + 0.02;
     for (pliant_warp *warp : warps) ASSERT_EQ(pliant_warp_set_body(warp, block.now), PLIANT_OK) << pliant_last_error();
     ASSERT_EQ(pliant_warp_fit(warps[2], 2), PLIANT_OK);
-    for (pliant_warp *warp : warps) ASSERT_EQ(pliant_warp_update(warp, block.positions.data()), PLIANT_OK) << pliant_last_error();
+    for (pliant_warp *warp : warps)
+        ASSERT_EQ(pliant_warp_update(warp, block.positions.data()), PLIANT_OK) << pliant_last_error();
     const std::vector<uint8_t> flat = drawn(warps[0]), fitted = drawn(warps[1]);
     EXPECT_TRUE(fitted == drawn(warps[2]));
     int apart = 0, open = 0;
     for (int k = 2; k < 18; k++)
         for (int j = 2; j < 18; j++)
             for (int i = 2; i < 42; i++) { // the hull of a fit extends one voxel further
-                const size_t v = static_cast<size_t>(i) + static_cast<size_t>(target.size[0]) * static_cast<size_t>(j + target.size[1] * k);
+                const size_t v = static_cast<size_t>(i) +
+                                 static_cast<size_t>(target.size[0]) * static_cast<size_t>(j + target.size[1] * k);
                 apart += std::abs(int(flat[v]) - int(fitted[v])) > 1;
                 open += flat[v] == 0;
             }

@@ -12,7 +12,8 @@ const double box[3] = {0.2, 0.1, 0.1};
 
 std::unique_ptr<Cuttable> bar(const std::function<void(pliant_scene &)> &set = [](pliant_scene &) {})
 {
-    std::unique_ptr<Body> body(new Body(size, box, {{4000, 0.4, 1000, false}, {20000, 0.3, 1200, false}}, [](int i, int j, int k) { return (i / 5 + j / 4 + k / 3) % 2; }));
+    std::unique_ptr<Body> body(new Body(size, box, {{4000, 0.4, 1000, false}, {20000, 0.3, 1200, false}},
+                                        [](int i, int j, int k) { return (i / 5 + j / 4 + k / 3) % 2; }));
     body->fix_plane(1e-6, 0, 0, 1, 0, 0);
     body->cells(8, 4, 4, 1);
     body->scene.cut.kind = PLIANT_CUT_SEVER;
@@ -76,9 +77,11 @@ int expect_voxels_moduli(const pliant_body &now)
         const pliant_tet_material &load = voxels.load[tet];
         for (const auto &each : part) {
             const pliant_tet_material &fragment = now.fine_material[each.first];
-            EXPECT_NEAR(fragment.lambda, load.lambda * each.second[0] / all[0], 1e-9 * load.lambda) << "tetrahedron " << tet;
+            EXPECT_NEAR(fragment.lambda, load.lambda * each.second[0] / all[0], 1e-9 * load.lambda)
+                << "tetrahedron " << tet;
             EXPECT_NEAR(fragment.mu, load.mu * each.second[1] / all[1], 1e-9 * load.mu) << "tetrahedron " << tet;
-            EXPECT_NEAR(fragment.density, load.density * each.second[2] / all[2], 1e-9 * load.density) << "tetrahedron " << tet;
+            EXPECT_NEAR(fragment.density, load.density * each.second[2] / all[2], 1e-9 * load.density)
+                << "tetrahedron " << tet;
             compared++;
         }
     }
@@ -96,7 +99,8 @@ TEST(Cut, ThreeVoxelsComeOffAndOneDoesNot)
         for (size_t p = 0; p < 3; p++) to[3 * p] = end - 0.0004;
         ASSERT_TRUE(block->cut(from, to));
         EXPECT_EQ(num_pieces(*block->now), 1);
-        block->cut({end, -0.1, -0.1, end, side + 0.0004, -0.1}, {end, -0.1, side + 0.0004, end, side + 0.0004, side + 0.0004});
+        block->cut({end, -0.1, -0.1, end, side + 0.0004, -0.1},
+                   {end, -0.1, side + 0.0004, end, side + 0.0004, side + 0.0004});
         EXPECT_EQ(num_pieces(*block->now), voxels == 3 ? 2 : 1) << voxels;
     }
 }
@@ -184,7 +188,8 @@ TEST(Cut, OnALatticePlaneTheHalvesAreMeshesOfTheirOwn)
     EXPECT_NEAR(block->report.area, 0.01, 1e-12);
     const int half_size[3] = {20, 20, 20};
     const double half_box[3] = {0.1, 0.1, 0.1};
-    Body half(half_size, half_box, {{4000, 0.4, 1000, false}, {20000, 0.3, 1200, false}}, [](int i, int j, int k) { return (i / 5 + j / 4 + k / 3) % 2; });
+    Body half(half_size, half_box, {{4000, 0.4, 1000, false}, {20000, 0.3, 1200, false}},
+              [](int i, int j, int k) { return (i / 5 + j / 4 + k / 3) % 2; });
     half.fix_plane(1e-6, 0, 0, 1, 0, 0);
     half.cells(4, 4, 4, 1);
     ASSERT_EQ(half.build(), PLIANT_OK) << pliant_last_error();
@@ -209,7 +214,8 @@ TEST(Cut, RandomPlanesMakeTwoPieces)
     for (int trial = 0; trial < 100; trial++) {
         auto block = bar();
         const double mass = total_mass(*block->now);
-        double normal[3] = {1, 0.6 * unit(random), 0.6 * unit(random)}, point[3] = {0.1 + 0.03 * unit(random), 0.05, 0.05};
+        double normal[3] = {1, 0.6 * unit(random), 0.6 * unit(random)},
+               point[3] = {0.1 + 0.03 * unit(random), 0.05, 0.05};
         const double wave[3] = {unit(random), unit(random), unit(random)};
         // smooth large deformations; every third trial has inverted elements
         for (int32_t n = 0; n < block->now->fine.num_nodes; n++) {
@@ -224,7 +230,8 @@ TEST(Cut, RandomPlanesMakeTwoPieces)
             const int32_t *nodes = block->now->fine.tets + 4 * t;
             const double *x = block->positions.data();
             double gradients[12];
-            inverted += pliant_tet_gradients(x + 3 * nodes[0], x + 3 * nodes[1], x + 3 * nodes[2], x + 3 * nodes[3], gradients) < 0;
+            inverted += pliant_tet_gradients(x + 3 * nodes[0], x + 3 * nodes[1], x + 3 * nodes[2], x + 3 * nodes[3],
+                                             gradients) < 0;
         }
         point[0] *= 1 + 0.3 * wave[2];
         ASSERT_TRUE(block->cut_plane(point, normal));
@@ -251,8 +258,10 @@ TEST(Cut, PlanesWhereEverythingIsOnThem)
             auto block = bar();
             std::vector<double> from, to;
             Cuttable::plane(one.point, one.normal, size, from, to);
-            EXPECT_EQ(block->cut(from, to), one.pieces == 2) << one.normal[0] << one.normal[1] << one.normal[2] << " " << one.point[0];
-            EXPECT_EQ(num_pieces(*block->now), one.pieces) << one.normal[0] << one.normal[1] << one.normal[2] << " " << one.point[0];
+            EXPECT_EQ(block->cut(from, to), one.pieces == 2)
+                << one.normal[0] << one.normal[1] << one.normal[2] << " " << one.point[0];
+            EXPECT_EQ(num_pieces(*block->now), one.pieces)
+                << one.normal[0] << one.normal[1] << one.normal[2] << " " << one.point[0];
             EXPECT_EQ(mismatches(*block->now), 0);
         }
 }
@@ -316,7 +325,8 @@ TEST(Cut, ThroughCentresOfVoxelsItIsFlat)
                 EXPECT_EQ(num_pieces(*block->now), 2);
                 std::set<int32_t> layers;
                 for (int32_t l = 0; l < block->now->cuts->num_links; l++) {
-                    const int32_t voxel = static_cast<int32_t>(block->now->cuts->link[l] / 4), at[3] = {voxel % 40, voxel / 40 % 20, voxel / 800};
+                    const int32_t voxel = static_cast<int32_t>(block->now->cuts->link[l] / 4),
+                                  at[3] = {voxel % 40, voxel / 40 % 20, voxel / 800};
                     EXPECT_EQ(static_cast<int>(block->now->cuts->link[l] % 4), d);
                     layers.insert(at[d]);
                 }
@@ -324,7 +334,9 @@ TEST(Cut, ThroughCentresOfVoxelsItIsFlat)
             }
     // in tissue bent by a tenth of a voxel the links form steps, but the reported area is that of the plane
     auto block = bar();
-    for (int32_t n = 0; n < block->now->fine.num_nodes; n++) block->positions[3 * n] += 5e-4 * std::sin(200 * block->positions[3 * n + 1]) * std::cos(170 * block->positions[3 * n + 2]);
+    for (int32_t n = 0; n < block->now->fine.num_nodes; n++)
+        block->positions[3 * n] +=
+            5e-4 * std::sin(200 * block->positions[3 * n + 1]) * std::cos(170 * block->positions[3 * n + 2]);
     const double point[3] = {0.1025, 0.05, 0.05}, normal[3] = {1, 0, 0};
     ASSERT_TRUE(block->cut_plane(point, normal, 1));
     EXPECT_GT(block->report.num_links, 450);
@@ -356,13 +368,15 @@ TEST(Cut, SweepsOfNothingSeverNothing)
     pliant_body *out = nullptr;
     const double from[6] = {0.1, 0, 0, 0.1, 0.1, 0}, to[6] = {0.1, 0, 0.1, 0.1, 0.1, 0.1};
     const pliant_cut_sweep sweep{2, from, to, nullptr};
-    EXPECT_EQ(pliant_body_cut(plain.model->body, 2, plain.data->positions, &sweep, &out, nullptr), PLIANT_ERROR_ARGUMENT);
+    EXPECT_EQ(pliant_body_cut(plain.model->body, 2, plain.data->positions, &sweep, &out, nullptr),
+              PLIANT_ERROR_ARGUMENT);
 }
 
 TEST(Cut, CrossingPlanesAndACurvedBlade)
 {
     auto block = bar();
-    const double mass = total_mass(*block->now), middle[3] = {0.11, 0.05, 0.05}, normals[3][3] = {{1, 0.1, 0.2}, {0.1, 1, -0.1}, {0.2, 0, 1}};
+    const double mass = total_mass(*block->now), middle[3] = {0.11, 0.05, 0.05},
+                 normals[3][3] = {{1, 0.1, 0.2}, {0.1, 1, -0.1}, {0.2, 0, 1}};
     for (int n = 0; n < 3; n++) {
         ASSERT_TRUE(block->cut_plane(middle, normals[n]));
         EXPECT_EQ(block->report.pieces, 2 << n);
@@ -412,9 +426,13 @@ TEST(Cut, ElsewhereNothingChanges)
         }
     }
     EXPECT_GT(kept, 400);
-    EXPECT_EQ(std::memcmp(before->fine.rest, now.fine.rest, 3 * sizeof(double) * static_cast<size_t>(before->fine.num_nodes)), 0);
+    EXPECT_EQ(
+        std::memcmp(before->fine.rest, now.fine.rest, 3 * sizeof(double) * static_cast<size_t>(before->fine.num_nodes)),
+        0);
     for (int32_t v = 0; v < size[0] * size[1] * size[2]; v++)
-        if (v % size[0] < 18) EXPECT_EQ(pliant_voxels_fragment(now.voxels, before->cuts, v), pliant_voxels_fragment(now.voxels, now.cuts, v));
+        if (v % size[0] < 18)
+            EXPECT_EQ(pliant_voxels_fragment(now.voxels, before->cuts, v),
+                      pliant_voxels_fragment(now.voxels, now.cuts, v));
     pliant_body_release(before);
 }
 
@@ -424,10 +442,13 @@ void expect_same(const pliant_body &a, const pliant_body &b)
     ASSERT_EQ(a.fine.num_tets, b.fine.num_tets);
     ASSERT_EQ(a.fine.num_nodes, b.fine.num_nodes);
     EXPECT_EQ(std::memcmp(a.fine.tets, b.fine.tets, 4 * sizeof(int32_t) * static_cast<size_t>(a.fine.num_tets)), 0);
-    EXPECT_EQ(std::memcmp(a.fine_material, b.fine_material, sizeof *a.fine_material * static_cast<size_t>(a.fine.num_tets)), 0);
+    EXPECT_EQ(
+        std::memcmp(a.fine_material, b.fine_material, sizeof *a.fine_material * static_cast<size_t>(a.fine.num_tets)),
+        0);
     EXPECT_EQ(std::memcmp(a.node_mass, b.node_mass, sizeof(double) * static_cast<size_t>(a.fine.num_nodes)), 0);
     ASSERT_EQ(a.cuts->num_links, b.cuts->num_links);
-    EXPECT_EQ(std::memcmp(a.cuts->link, b.cuts->link, sizeof *a.cuts->link * static_cast<size_t>(a.cuts->num_links)), 0);
+    EXPECT_EQ(std::memcmp(a.cuts->link, b.cuts->link, sizeof *a.cuts->link * static_cast<size_t>(a.cuts->num_links)),
+              0);
     ASSERT_EQ(a.cuts->num_joins, b.cuts->num_joins);
     EXPECT_EQ(std::memcmp(a.cuts->join, b.cuts->join, 2 * sizeof(int32_t) * static_cast<size_t>(a.cuts->num_joins)), 0);
 }
@@ -435,7 +456,8 @@ void expect_same(const pliant_body &a, const pliant_body &b)
 TEST(Cut, TheSameBitsAgainWithOneThreadOrTwo)
 {
     const double point[3] = {0.1, 0.05, 0.05}, normals[2][3] = {{1, 0.3, 0.2}, {0.2, 1, 0.1}};
-    std::unique_ptr<Cuttable> one = bar([](pliant_scene &scene) { scene.solver.threads = 1; }), two = bar([](pliant_scene &scene) { scene.solver.threads = 2; });
+    std::unique_ptr<Cuttable> one = bar([](pliant_scene &scene) { scene.solver.threads = 1; }),
+                              two = bar([](pliant_scene &scene) { scene.solver.threads = 2; });
     for (Cuttable *each : {one.get(), two.get()})
         for (const auto &normal : normals) ASSERT_TRUE(each->cut_plane(point, normal));
     expect_same(*one->now, *two->now);
@@ -491,7 +513,8 @@ TEST(Cut, PointsAreOfTheFragmentThatIsThere)
     const pliant_voxels &voxels = *now.voxels;
     std::vector<double> by(static_cast<size_t>(now.fine.num_nodes)); // the right piece moves 3 cm
     for (int32_t t = 0; t < now.fine.num_tets; t++)
-        for (int v = 0; v < 4; v++) by[now.fine.tets[4 * t + v]] = pieces[t] == pieces[pliant_voxels_fragment(&voxels, now.cuts, 0)] ? 0 : 0.03;
+        for (int v = 0; v < 4; v++)
+            by[now.fine.tets[4 * t + v]] = pieces[t] == pieces[pliant_voxels_fragment(&voxels, now.cuts, 0)] ? 0 : 0.03;
     for (int32_t n = 0; n < now.fine.num_nodes; n++) block->positions[3 * n] += by[n];
     int near = 0;
     std::vector<double> points;
@@ -501,21 +524,26 @@ TEST(Cut, PointsAreOfTheFragmentThatIsThere)
         const bool right = by[now.fine.tets[4 * tet]] > 0;
         // a chip may lie outside of the tetrahedron that carries it
         if (now.tet_parent && now.tet_parent[tet] != voxels.owner[v]) continue;
-        const double x[3] = {0.005 * (v % 40 + 0.5) + (right ? 0.03 : 0), 0.005 * (v / 40 % 20 + 0.5), 0.005 * (v / 800 + 0.5)};
+        const double x[3] = {0.005 * (v % 40 + 0.5) + (right ? 0.03 : 0), 0.005 * (v / 40 % 20 + 0.5),
+                             0.005 * (v / 800 + 0.5)};
         points.insert(points.end(), x, x + 3);
         own.push_back(tet);
-        near += now.cuts->num_tets > 0 && std::binary_search(now.cuts->tet, now.cuts->tet + now.cuts->num_tets, voxels.owner[v]);
+        near += now.cuts->num_tets > 0 &&
+                std::binary_search(now.cuts->tet, now.cuts->tet + now.cuts->num_tets, voxels.owner[v]);
     }
     found.resize(own.size());
     std::vector<double> weights(4 * own.size());
-    pliant_body_locate_points(&now, block->positions.data(), static_cast<int32_t>(own.size()), points.data(), found.data(), weights.data());
+    pliant_body_locate_points(&now, block->positions.data(), static_cast<int32_t>(own.size()), points.data(),
+                              found.data(), weights.data());
     EXPECT_GT(near, 1000);
     int wrong = 0;
     for (size_t p = 0; p < own.size(); p++) {
         ASSERT_GE(found[p], 0);
         if (found[p] == own[p]) continue;
         // the point is on a face: the adjacent tetrahedron moves with it
-        EXPECT_LT(*std::min_element(weights.begin() + 4 * static_cast<long>(p), weights.begin() + 4 * static_cast<long>(p) + 4), 1e-6);
+        EXPECT_LT(*std::min_element(weights.begin() + 4 * static_cast<long>(p),
+                                    weights.begin() + 4 * static_cast<long>(p) + 4),
+                  1e-6);
         EXPECT_EQ(pieces[found[p]], pieces[own[p]]);
         wrong++;
     }
@@ -534,14 +562,16 @@ TEST(Cut, AHingeIsCut)
 {
     const int many[3] = {20, 20, 10};
     const double wide[3] = {0.2, 0.2, 0.1};
-    std::unique_ptr<Body> two(new Body(many, wide, {{4000, 0.4, 1000, false}, {1, 0.1, 1, true}}, [](int i, int j, int) { return (i < 10) != (j < 10); }));
+    std::unique_ptr<Body> two(new Body(many, wide, {{4000, 0.4, 1000, false}, {1, 0.1, 1, true}},
+                                       [](int i, int j, int) { return (i < 10) != (j < 10); }));
     two->fix_plane(0, 0, 0.01, 0, 0, 1);
     two->cells(4, 4, 2, 1);
     two->scene.cut.kind = PLIANT_CUT_SEVER;
     ASSERT_EQ(two->build(), PLIANT_OK) << pliant_last_error();
     Cuttable blocks(std::move(two));
     EXPECT_EQ(num_pieces(*blocks.now), 1);
-    const double middle[3] = {0.1, 0.1, 0.05}, elsewhere[3] = {0.05, 0.05, 0.077}, across[3] = {1, 1, 0}, flat[3] = {0, 0, 1};
+    const double middle[3] = {0.1, 0.1, 0.05}, elsewhere[3] = {0.05, 0.05, 0.077}, across[3] = {1, 1, 0},
+                 flat[3] = {0, 0, 1};
     ASSERT_TRUE(blocks.cut_plane(elsewhere, flat, 0.03)); // a notch in one block
     EXPECT_EQ(num_pieces(*blocks.now), 1);
     EXPECT_EQ(mismatches(*blocks.now), 0);
@@ -558,7 +588,8 @@ std::unique_ptr<Cuttable> shred(unsigned seed, int strokes, const std::function<
     std::uniform_real_distribution<double> unit(-1, 1);
     auto block = bar();
     for (int s = 0; s < strokes && goes_on(*block); s++) {
-        double normal[3], point[3] = {0.12 + 0.06 * unit(random), 0.05 + 0.05 * unit(random), 0.05 + 0.05 * unit(random)};
+        double normal[3],
+            point[3] = {0.12 + 0.06 * unit(random), 0.05 + 0.05 * unit(random), 0.05 + 0.05 * unit(random)};
         for (double &n : normal) n = unit(random);
         block->cut_plane(point, normal, 0.05 + 0.03 * unit(random));
     }
@@ -585,7 +616,9 @@ TEST(Cut, UntilLittleHangsTogether)
         for (int32_t c = 0; c < cuts.num_cuts; c++) {
             const int32_t from = c > 0 ? cuts.cut_end[c - 1] : 0;
             pliant_body *next = nullptr;
-            ASSERT_EQ(pliant_body_sever(body, body->revision + 1, cuts.cut_end[c] - from, cuts.severed + from, &next), PLIANT_OK) << pliant_last_error();
+            ASSERT_EQ(pliant_body_sever(body, body->revision + 1, cuts.cut_end[c] - from, cuts.severed + from, &next),
+                      PLIANT_OK)
+                << pliant_last_error();
             pliant_body_release(body);
             body = next;
         }
@@ -612,7 +645,9 @@ TEST(Cut, WhatAPieceHangsOnIsCut)
     ASSERT_GE(node, 0);
     Parts parts(static_cast<size_t>(now.fine.num_nodes)); // without joints
     for (int32_t v = 0; v < 4 * now.fine.num_tets; v++) parts.join(now.fine.tets[v / 4 * 4], now.fine.tets[v]);
-    auto hanging = [&](int32_t voxel) { return parts.find(now.fine.tets[4 * pliant_voxels_fragment(now.voxels, now.cuts, voxel)]) == parts.find(node); };
+    auto hanging = [&](int32_t voxel) {
+        return parts.find(now.fine.tets[4 * pliant_voxels_fragment(now.voxels, now.cuts, voxel)]) == parts.find(node);
+    };
     const std::set<uint32_t> before(now.cuts->link, now.cuts->link + now.cuts->num_links);
     const std::set<int32_t> bridges(now.cuts->bridge, now.cuts->bridge + now.cuts->num_bridges);
     const int32_t strides[3] = {1, size[0], size[0] * size[1]};
@@ -620,14 +655,18 @@ TEST(Cut, WhatAPieceHangsOnIsCut)
     for (int32_t v = 0; v < size[0] * size[1] * size[2]; v++)
         for (int d = 0; d < 3; d++) {
             const bool last = v / strides[d] % size[d] == size[d] - 1;
-            if (!last && hanging(v) != hanging(v + strides[d]) && !before.count(4u * v + d)) severed.push_back(4u * v + d);
+            if (!last && hanging(v) != hanging(v + strides[d]) && !before.count(4u * v + d))
+                severed.push_back(4u * v + d);
         }
     for (int32_t b = 0; b < now.voxels->num_bridges; b++)
-        if (!bridges.count(b) && hanging(now.voxels->bridge[2 * b]) != hanging(now.voxels->bridge[2 * b + 1])) severed.push_back(4u * b + 3);
+        if (!bridges.count(b) && hanging(now.voxels->bridge[2 * b]) != hanging(now.voxels->bridge[2 * b + 1]))
+            severed.push_back(4u * b + 3);
     ASSERT_FALSE(severed.empty());
     const int pieces = num_pieces(now), joints = now.pieces->num_joints;
     pliant_body *next = nullptr;
-    ASSERT_EQ(pliant_body_sever(&now, now.revision + 1, static_cast<int32_t>(severed.size()), severed.data(), &next), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_body_sever(&now, now.revision + 1, static_cast<int32_t>(severed.size()), severed.data(), &next),
+              PLIANT_OK)
+        << pliant_last_error();
     EXPECT_EQ(num_pieces(*next), pieces + 1);
     EXPECT_EQ(next->cuts->num_pieces, pieces + 1);
     EXPECT_LT(next->pieces->num_joints, joints);
@@ -655,7 +694,8 @@ TEST(Cut, ABladeThroughTissueThatMovesLeaksNowhere)
             const pliant_mesh &mesh = block->now->fine;
             for (int32_t n = 0; n < mesh.num_nodes; n++)
                 for (int d = 0; d < 3; d++)
-                    block->positions[3 * n + d] = mesh.rest[3 * n + d] + shake[d] + 0.01 * std::sin(20 * mesh.rest[3 * n + (d + 1) % 3] + phase + d);
+                    block->positions[3 * n + d] = mesh.rest[3 * n + d] + shake[d] +
+                                                  0.01 * std::sin(20 * mesh.rest[3 * n + (d + 1) % 3] + phase + d);
         };
         // The edge along y, from below the bar to above it, sampled every half voxel.
         const int points = 81, steps = 20;
@@ -672,7 +712,8 @@ TEST(Cut, ABladeThroughTissueThatMovesLeaksNowhere)
         place(0);
         for (int step = 1; step <= steps; step++) {
             from = to;
-            pliant_body_locate_points(block->now, block->positions.data(), points, from.data(), tet.data(), weights.data());
+            pliant_body_locate_points(block->now, block->positions.data(), points, from.data(), tet.data(),
+                                      weights.data());
             const std::vector<double> was = block->positions;
             move();
             std::vector<double> by(3 * points);
@@ -690,7 +731,8 @@ TEST(Cut, ABladeThroughTissueThatMovesLeaksNowhere)
             for (int p = 0; p < points; p++)
                 for (int v = 0; v < 4 && tet[p] >= 0; v++) {
                     const int32_t node = block->now->fine.tets[4 * tet[p] + v];
-                    for (int d = 0; d < 3; d++) by[3 * p + d] += weights[4 * p + v] * (block->positions[3 * node + d] - was[3 * node + d]);
+                    for (int d = 0; d < 3; d++)
+                        by[3 * p + d] += weights[4 * p + v] * (block->positions[3 * node + d] - was[3 * node + d]);
                 }
             place(step);
             for (int p = 0; p < points; p++) {

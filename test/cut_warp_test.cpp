@@ -23,7 +23,8 @@ struct Scene {
     mesh_ptr mesh;
     cut_cases::voxels_ptr voxels;
     vector3 middle;
-    Scene(pliant_encoding encoding, int turned, int32_t a = 6, int32_t b = 5, int32_t c = 4, int32_t x = 45, int32_t y = 37, int32_t z = 30)
+    Scene(pliant_encoding encoding, int turned, int32_t a = 6, int32_t b = 5, int32_t c = 4, int32_t x = 45,
+          int32_t y = 37, int32_t z = 30)
         : geometry(box_geometry(x, y, z))
     {
         if (turned) turn(geometry, 0.4, turned == 2);
@@ -32,7 +33,8 @@ struct Scene {
         voxels = cut_cases::make_voxels(*mesh, geometry);
         middle = {0.5 * x - 0.8, 0.5 * y - 0.3, 0.5 * z - 0.6};
     }
-    warp_ptr draw(const CutBody &cut, const pliant_geometry &target, const positions &x, int threads = 2, int set = -1) const
+    warp_ptr draw(const CutBody &cut, const pliant_geometry &target, const positions &x, int threads = 2,
+                  int set = -1) const
     {
         warp_ptr warp = make_warp(*scan, *mesh, target, threads);
         if (set >= 0 && !pliant_warp_use(warp.get(), static_cast<raster_set>(set))) return nullptr;
@@ -57,10 +59,14 @@ TEST(cut_warp, at_rest_is_the_scan_bit_for_bit)
                 for (int partly = 0; partly < 2; partly++) {
                     if (turned && partly != (encoding == PLIANT_INT16)) continue;
                     const vector3 middle = scene.middle;
-                    CutBody cut(*scene.mesh, *scene.voxels, {plane(middle, normal, [=](const vector3 &at) { return !partly || at[1] < middle[1]; })}, 2 * partly);
+                    CutBody cut(
+                        *scene.mesh, *scene.voxels,
+                        {plane(middle, normal, [=](const vector3 &at) { return !partly || at[1] < middle[1]; })},
+                        2 * partly);
                     fragments += int(cut.fragment.size() - cut.tet.size());
                     auto warp = scene.draw(cut, scene.geometry, rest_of(cut.body.fine));
-                    ASSERT_TRUE(bytes_of(*scene.scan) == bytes_of(*pliant_warp_volume(warp.get()))) << encoding << ", axes " << turned << ", " << normal[0];
+                    ASSERT_TRUE(bytes_of(*scene.scan) == bytes_of(*pliant_warp_volume(warp.get())))
+                        << encoding << ", axes " << turned << ", " << normal[0];
                     guests += warp->parts->num_guests;
                     chips += cut.chips;
                 }
@@ -79,7 +85,8 @@ struct Sides {
     {
         vector3 out;
         for (size_t d = 0; d < 3; d++) {
-            out[d] = through[d] + (rest[d] - through[d]) * (1 + (above ? stretch : -0.5 * stretch)) + (above ? 0.5 : -0.5) * apart * normal[d];
+            out[d] = through[d] + (rest[d] - through[d]) * (1 + (above ? stretch : -0.5 * stretch)) +
+                     (above ? 0.5 : -0.5) * apart * normal[d];
             if (above) out[d] += stretch * (rest[(d + 1) % 3] - through[(d + 1) % 3]) * 0.7;
         }
         return out;
@@ -108,7 +115,8 @@ positions part_sides(const CutBody &cut, const pliant_geometry &geometry, const 
         }
     };
     for (int32_t v = 0; v < int32_t(pliant_geometry_voxels(&geometry)); v++)
-        if (cut.body.voxels->owner[v] >= 0) tell(cut.fragment_of(v), side_of(cut.place(v), sides.through, sides.normal) >= 0);
+        if (cut.body.voxels->owner[v] >= 0)
+            tell(cut.fragment_of(v), side_of(cut.place(v), sides.through, sides.normal) >= 0);
     positions x = rest_of(mesh);
     for (size_t n = 0; n < above.size(); n++) {
         vector3 index, now;
@@ -129,7 +137,8 @@ Counts compare_sides(const Scene &scene, const pliant_volume &out, const Sides &
     const double doubt = 0.02;
     for (size_t v = 0; v < pliant_geometry_voxels(&out.geometry); v++) {
         const int32_t *target = out.geometry.size;
-        vector3 index = {double(v % size_t(target[0])), double(v / size_t(target[0]) % size_t(target[1])), double(v / size_t(target[0]) / size_t(target[1]))};
+        vector3 index = {double(v % size_t(target[0])), double(v / size_t(target[0]) % size_t(target[1])),
+                         double(v / size_t(target[0]) / size_t(target[1]))};
         double world[3];
         pliant_geometry_to_world(&out.geometry, index.data(), world);
         pliant_geometry_to_index(&scene.geometry, world, index.data());
@@ -148,11 +157,14 @@ Counts compare_sides(const Scene &scene, const pliant_volume &out, const Sides &
             }
             if (!in) continue;
             for (int c = 0; c < 8; c++) {
-                const vector3 corner = {double(low[0] + (c & 1)), double(low[1] + (c >> 1 & 1)), double(low[2] + (c >> 2))};
+                const vector3 corner = {double(low[0] + (c & 1)), double(low[1] + (c >> 1 & 1)),
+                                        double(low[2] + (c >> 2))};
                 double weight = 1;
                 for (int d = 0; d < 3; d++) weight *= c >> d & 1 ? part[d] : 1 - part[d];
                 if ((side_of(corner, sides.through, sides.normal) >= 0) != above) continue;
-                const double value = stored(*scene.scan, size_t(corner[0]) + size_t(size[0]) * (size_t(corner[1]) + size_t(size[1]) * size_t(corner[2])));
+                const double value =
+                    stored(*scene.scan, size_t(corner[0]) + size_t(size[0]) * (size_t(corner[1]) +
+                                                                               size_t(size[1]) * size_t(corner[2])));
                 weights += weight;
                 sum += weight * value;
                 least = std::min(least, value);
@@ -186,7 +198,8 @@ TEST(cut_warp, each_side_is_drawn_from_its_own_voxels)
                     CutBody cut(*scene.mesh, *scene.voxels, {plane(scene.middle, normal)});
                     auto warp = scene.draw(cut, target, part_sides(cut, scene.geometry, sides));
                     const Counts counts = compare_sides(scene, *pliant_warp_volume(warp.get()), sides);
-                    EXPECT_EQ(counts.wrong, 0) << normal[0] << ", apart " << apart << ", stretched " << stretch << ", of " << counts.right;
+                    EXPECT_EQ(counts.wrong, 0)
+                        << normal[0] << ", apart " << apart << ", stretched " << stretch << ", of " << counts.right;
                     EXPECT_EQ(counts.holes, 0) << normal[0] << ", apart " << apart << ", stretched " << stretch;
                     EXPECT_EQ(counts.ghosts, 0) << normal[0] << ", apart " << apart << ", stretched " << stretch;
                     EXPECT_GT(counts.right, 50000);
@@ -212,7 +225,8 @@ TEST(cut_warp, saved_while_it_is_open)
     size_t gap = 0; // voxels between the sides
     for (size_t v = 0; v < pliant_geometry_voxels(&saved.geometry); v++) {
         const int32_t *size = saved.geometry.size;
-        vector3 at = {double(v % size_t(size[0])), double(v / size_t(size[0]) % size_t(size[1])), double(v / size_t(size[0]) / size_t(size[1]))};
+        vector3 at = {double(v % size_t(size[0])), double(v / size_t(size[0]) % size_t(size[1])),
+                      double(v / size_t(size[0]) / size_t(size[1]))};
         double world[3];
         pliant_geometry_to_world(&saved.geometry, at.data(), world);
         pliant_geometry_to_index(&scene.geometry, world, at.data());
@@ -237,10 +251,12 @@ TEST(cut_warp, a_ray_finds_the_side_that_is_there)
     auto warp = scene.draw(cut, grown(scene.geometry, 6), x);
     std::vector<int> above(size_t(cut.body.fine.num_tets), -1);
     for (int32_t v = 0; v < int32_t(pliant_geometry_voxels(&scene.geometry)); v++)
-        if (scene.voxels->owner[v] >= 0) above[size_t(cut.fragment_of(v))] = side_of(cut.place(v), sides.through, sides.normal) >= 0;
+        if (scene.voxels->owner[v] >= 0)
+            above[size_t(cut.fragment_of(v))] = side_of(cut.place(v), sides.through, sides.normal) >= 0;
     int hits[2] = {0, 0};
     for (int n = 0; n < 400; n++) {
-        const vector3 from = {scene.middle[0] + 0.03 * (n - 200), scene.middle[1] + 0.04 * (n % 40 - 20), 60}, to = {from[0] + 0.02 * (n % 7 - 3), from[1], 0};
+        const vector3 from = {scene.middle[0] + 0.03 * (n - 200), scene.middle[1] + 0.04 * (n % 40 - 20), 60},
+                      to = {from[0] + 0.02 * (n % 7 - 3), from[1], 0};
         pliant_ray ray{};
         double end[3];
         pliant_geometry_to_world(&scene.geometry, from.data(), ray.origin);
@@ -268,7 +284,8 @@ TEST(cut_warp, nothing_bleeds_across)
     const std::vector<cut_cases::Blade> blades = {plane(middle, normal), plane(middle, other)};
     for (size_t v = 0; v < pliant_geometry_voxels(&scene.geometry); v++) {
         const vector3 at = {double(v % 45), double(v / 45 % 37), double(v / 45 / 37)};
-        static_cast<uint8_t *>(scene.scan->voxels)[v] = uint8_t(50 + 60 * (side_of(at, middle, normal) >= 0) + 120 * (side_of(at, middle, other) >= 0));
+        static_cast<uint8_t *>(scene.scan->voxels)[v] =
+            uint8_t(50 + 60 * (side_of(at, middle, normal) >= 0) + 120 * (side_of(at, middle, other) >= 0));
     }
     CutBody cut(*scene.mesh, *scene.voxels, blades, 2);
     EXPECT_GT(cut.chips, 0);
@@ -283,7 +300,10 @@ TEST(cut_warp, nothing_bleeds_across)
         const auto bytes = bytes_of(*pliant_warp_volume(warp.get()));
         const std::vector<uint8_t> allowed = {7, 50, 110, 170, 230};
         for (uint8_t value : allowed) EXPECT_GT(std::count(bytes.begin(), bytes.end(), value), 1000);
-        EXPECT_EQ(std::count_if(bytes.begin(), bytes.end(), [&](uint8_t b) { return std::find(allowed.begin(), allowed.end(), b) == allowed.end(); }), 0);
+        EXPECT_EQ(
+            std::count_if(bytes.begin(), bytes.end(),
+                          [&](uint8_t b) { return std::find(allowed.begin(), allowed.end(), b) == allowed.end(); }),
+            0);
     }
 }
 
@@ -291,7 +311,10 @@ TEST(cut_warp, all_loops_and_threads_give_the_same_bits)
 {
     for (pliant_encoding encoding : encodings) {
         Scene scene(encoding, 2);
-        CutBody cut(*scene.mesh, *scene.voxels, {plane(scene.middle, normals[0]), plane(scene.middle, normals[2], [](const vector3 &at) { return at[0] > 15; })}, 2);
+        CutBody cut(*scene.mesh, *scene.voxels,
+                    {plane(scene.middle, normals[0]),
+                     plane(scene.middle, normals[2], [](const vector3 &at) { return at[0] > 15; })},
+                    2);
         auto x = waves(cut.body.fine, 0.003);
         for (size_t n = size_t(scene.mesh->num_nodes); n < cut.node_parent.size(); n++) x[3 * n] += 0.002;
         const pliant_geometry target = grown(scene.geometry, 3);
@@ -299,7 +322,10 @@ TEST(cut_warp, all_loops_and_threads_give_the_same_bits)
         for (int set : {RASTER_PORTABLE, RASTER_AVX2, RASTER_AVX512})
             for (int threads : {1, 2, 3}) {
                 auto warp = scene.draw(cut, target, x, threads, set);
-                if (warp) { EXPECT_TRUE(plain == bytes_of(*pliant_warp_volume(warp.get()))) << encoding << ", loops " << set << ", threads " << threads; }
+                if (warp) {
+                    EXPECT_TRUE(plain == bytes_of(*pliant_warp_volume(warp.get())))
+                        << encoding << ", loops " << set << ", threads " << threads;
+                }
             }
     }
 }
@@ -310,10 +336,12 @@ size_t changed_bricks(const pliant_warp *warp, const std::vector<uint8_t> &befor
     int32_t count[3];
     const uint8_t *changed;
     pliant_warp_bricks(warp, count, &changed);
-    const size_t x = size_t(pliant_warp_volume(warp)->geometry.size[0]), y = size_t(pliant_warp_volume(warp)->geometry.size[1]);
+    const size_t x = size_t(pliant_warp_volume(warp)->geometry.size[0]),
+                 y = size_t(pliant_warp_volume(warp)->geometry.size[1]);
     size_t untold = 0;
     for (size_t v = 0; v < before.size(); v++)
-        untold += before[v] != after[v] && !changed[v % x / 16 + size_t(count[0]) * (v / x % y / 16 + size_t(count[1]) * (v / x / y / 16))];
+        untold += before[v] != after[v] &&
+                  !changed[v % x / 16 + size_t(count[0]) * (v / x % y / 16 + size_t(count[1]) * (v / x / y / 16))];
     EXPECT_EQ(untold, 0u);
     return size_t(std::count(changed, changed + count[0] * count[1] * count[2], 1));
 }
@@ -332,7 +360,8 @@ TEST(cut_warp, a_fit_does_not_reach_across)
     CutBody cut(*scene.mesh, *scene.voxels, {plane(middle, normal)}, 2);
     const Sides sides = {middle, normal, 4, 0};
     const positions x = part_sides(cut, scene.geometry, sides);
-    auto rastered = scene.draw(cut, target, x), fitted = make_warp(*scene.scan, *scene.mesh, target), later = make_warp(*scene.scan, *scene.mesh, target);
+    auto rastered = scene.draw(cut, target, x), fitted = make_warp(*scene.scan, *scene.mesh, target),
+         later = make_warp(*scene.scan, *scene.mesh, target);
     ASSERT_EQ(pliant_warp_fit(fitted.get(), 4), PLIANT_OK);
     ASSERT_EQ(pliant_warp_update(fitted.get(), scene.mesh->rest), PLIANT_OK);
     ASSERT_EQ(pliant_warp_set_body(fitted.get(), &cut.body), PLIANT_OK);
@@ -359,11 +388,13 @@ TEST(cut_warp, a_fit_does_not_reach_across)
     EXPECT_EQ(std::count(changed, changed + count[0] * count[1] * count[2], 1), 0) << "nothing moved";
 
     // In a bent body, the blend between the elements' maps and the fit's map has no seam: a smooth scan stays smooth.
-    for (size_t v = 0; v < pliant_geometry_voxels(&scene.geometry); v++) static_cast<uint8_t *>(scene.scan->voxels)[v] = uint8_t(20 + 2 * (v % 96));
+    for (size_t v = 0; v < pliant_geometry_voxels(&scene.geometry); v++)
+        static_cast<uint8_t *>(scene.scan->voxels)[v] = uint8_t(20 + 2 * (v % 96));
     positions y = waves(cut.body.fine, 0.0015);
     ASSERT_EQ(pliant_warp_update(fitted.get(), y.data()), PLIANT_OK);
     rastered = scene.draw(cut, target, y);
-    const auto smooth = bytes_of(*pliant_warp_volume(fitted.get())), flat = bytes_of(*pliant_warp_volume(rastered.get()));
+    const auto smooth = bytes_of(*pliant_warp_volume(fitted.get())),
+               flat = bytes_of(*pliant_warp_volume(rastered.get()));
     size_t differ = 0, far = 0;
     for (size_t v = 0; v < smooth.size(); v++) {
         const vector3 at = {double(v % 108), double(v / 108 % 92), double(v / 108 / 92)};
@@ -380,19 +411,24 @@ TEST(cut_warp, a_fit_does_not_reach_across)
 bool same_parts(const pliant_parts &a, const pliant_parts &b)
 {
     auto same = [](const void *p, const void *q, size_t bytes) { return bytes == 0 || std::memcmp(p, q, bytes) == 0; };
-    if (a.num_boxes != b.num_boxes || a.live != b.live || a.num_guests != b.num_guests || a.view.num_elements != b.view.num_elements) return false;
+    if (a.num_boxes != b.num_boxes || a.live != b.live || a.num_guests != b.num_guests ||
+        a.view.num_elements != b.view.num_elements)
+        return false;
     for (int32_t g = 0; g < a.num_guests; g++)
         if (a.guests[g].host != b.guests[g].host || a.guests[g].carrier != b.guests[g].carrier ||
-            !same(a.guests[g].blend, b.guests[g].blend, sizeof a.guests[g].blend) || !same(a.guests[g].rest, b.guests[g].rest, sizeof a.guests[g].rest))
+            !same(a.guests[g].blend, b.guests[g].blend, sizeof a.guests[g].blend) ||
+            !same(a.guests[g].rest, b.guests[g].rest, sizeof a.guests[g].rest))
             return false;
     for (int32_t n = 0; n < a.num_boxes; n++) { // the offset of a box's labels in the pool may differ
         const part_box &p = a.view.boxes[n], &q = b.view.boxes[n];
         if (!same(p.low, q.low, sizeof p.low) || !same(p.size, q.size, sizeof p.size) ||
-            !same(a.view.labels + p.first, b.view.labels + q.first, size_t(p.size[0]) * size_t(p.size[1]) * size_t(p.size[2]) * sizeof(uint16_t)))
+            !same(a.view.labels + p.first, b.view.labels + q.first,
+                  size_t(p.size[0]) * size_t(p.size[1]) * size_t(p.size[2]) * sizeof(uint16_t)))
             return false;
     }
     return same(a.host, b.host, size_t(a.num_boxes) * 4) && same(a.by_node, b.by_node, size_t(a.num_boxes)) &&
-           same(a.carrier_start, b.carrier_start, size_t(a.num_boxes + 1) * 4) && same(a.carrier, b.carrier, size_t(a.carrier_start[a.num_boxes]) * 4) &&
+           same(a.carrier_start, b.carrier_start, size_t(a.num_boxes + 1) * 4) &&
+           same(a.carrier, b.carrier, size_t(a.carrier_start[a.num_boxes]) * 4) &&
            same(a.view.elements, b.view.elements, size_t(a.view.num_elements) * sizeof(part_element));
 }
 
@@ -403,8 +439,9 @@ TEST(cut_warp, from_body_to_body_equals_a_fresh_one)
     const vector3 middle = scene.middle;
     auto upto = [=](double i) { return plane(middle, normals[0], [=](const vector3 &at) { return at[0] < i; }); };
     const auto across = plane(middle, normals[2], [](const vector3 &at) { return at[1] > 45; });
-    CutBody none(*scene.mesh, *scene.voxels, {}), some(*scene.mesh, *scene.voxels, {upto(20)}), more(*scene.mesh, *scene.voxels, {upto(30)}),
-        both(*scene.mesh, *scene.voxels, {upto(30), across}), whole(*scene.mesh, *scene.voxels, {upto(100), across}, 2);
+    CutBody none(*scene.mesh, *scene.voxels, {}), some(*scene.mesh, *scene.voxels, {upto(20)}),
+        more(*scene.mesh, *scene.voxels, {upto(30)}), both(*scene.mesh, *scene.voxels, {upto(30), across}),
+        whole(*scene.mesh, *scene.voxels, {upto(100), across}, 2);
     const CutBody *order[] = {&none, &some, &more, &both, &whole, &both, &none, &whole, &some, &some, &none, &more};
     auto warp = make_warp(*scene.scan, *scene.mesh, target);
     ASSERT_EQ(pliant_warp_update(warp.get(), scene.mesh->rest), PLIANT_OK);
@@ -444,7 +481,8 @@ TEST(cut_warp, from_body_to_body_equals_a_fresh_one)
 TEST(cut_warp, a_body_that_cannot_be_drawn_changes_nothing)
 {
     Scene scene(PLIANT_INT16, 0);
-    CutBody some(*scene.mesh, *scene.voxels, {plane(scene.middle, normals[0], [](const vector3 &at) { return at[0] < 20; })}, 2),
+    CutBody some(*scene.mesh, *scene.voxels,
+                 {plane(scene.middle, normals[0], [](const vector3 &at) { return at[0] < 20; })}, 2),
         whole(*scene.mesh, *scene.voxels, {plane(scene.middle, normals[0])}, 2);
     auto warp = scene.draw(some, scene.geometry, rest_of(some.body.fine));
     const size_t held = pliant_memory_in_use();
@@ -458,7 +496,10 @@ TEST(cut_warp, a_body_that_cannot_be_drawn_changes_nothing)
         ASSERT_EQ(pliant_memory_in_use(), held) << failed;
         auto x = waves(some.body.fine, 0.001, failed);
         ASSERT_EQ(pliant_warp_update(warp.get(), x.data()), PLIANT_OK);
-        if (failed % 5 == 0) { EXPECT_TRUE(bytes_of(*pliant_warp_volume(warp.get())) == bytes_of(*pliant_warp_volume(scene.draw(some, scene.geometry, x).get()))); }
+        if (failed % 5 == 0) {
+            EXPECT_TRUE(bytes_of(*pliant_warp_volume(warp.get())) ==
+                        bytes_of(*pliant_warp_volume(scene.draw(some, scene.geometry, x).get())));
+        }
     }
     EXPECT_GT(failed, 20);
     ASSERT_EQ(pliant_warp_update(warp.get(), whole.body.fine.rest), PLIANT_OK);
@@ -485,10 +526,13 @@ struct Device {
         made.fetch = [](void *object) {
             const pliant_volume *drawn = pliant_warp_volume(of(object)->drawn);
             if (!of(object)->fetches) return PLIANT_ERROR_UNAVAILABLE;
-            std::memcpy(of(object)->volume->voxels, drawn->voxels, pliant_geometry_voxels(&drawn->geometry) * pliant_encoding_size(drawn->encoding));
+            std::memcpy(of(object)->volume->voxels, drawn->voxels,
+                        pliant_geometry_voxels(&drawn->geometry) * pliant_encoding_size(drawn->encoding));
             return PLIANT_OK;
         };
-        made.prepare = [](void *object, const pliant_warp_parts *, const pliant_warp_changes *, void **) { return of(object)->follows; };
+        made.prepare = [](void *object, const pliant_warp_parts *, const pliant_warp_changes *, void **) {
+            return of(object)->follows;
+        };
         return &made;
     }
 };
@@ -496,10 +540,12 @@ struct Device {
 TEST(cut_warp, a_device_that_cannot_follow_a_cut_leaves_the_drawing_to_the_cpu)
 {
     Scene scene(PLIANT_INT16, 0);
-    CutBody some(*scene.mesh, *scene.voxels, {plane(scene.middle, normals[0], [](const vector3 &at) { return at[0] < 20; })}, 2);
+    CutBody some(*scene.mesh, *scene.voxels,
+                 {plane(scene.middle, normals[0], [](const vector3 &at) { return at[0] < 20; })}, 2);
     for (pliant_status status : {PLIANT_ERROR_UNAVAILABLE, PLIANT_ERROR_MEMORY})
         for (bool fetches : {true, false}) {
-            auto warp = make_warp(*scene.scan, *scene.mesh, scene.geometry), inner = make_warp(*scene.scan, *scene.mesh, scene.geometry);
+            auto warp = make_warp(*scene.scan, *scene.mesh, scene.geometry),
+                 inner = make_warp(*scene.scan, *scene.mesh, scene.geometry);
             Device device{inner.get(), &warp->volume, status, fetches, 0};
             const auto blank = bytes_of(*pliant_warp_volume(warp.get()));
             warp->device = Device::table();
@@ -510,10 +556,12 @@ TEST(cut_warp, a_device_that_cannot_follow_a_cut_leaves_the_drawing_to_the_cpu)
             EXPECT_EQ(pliant_warp_accelerated(warp.get()), nullptr);
             EXPECT_EQ(device.freed, 1);
             // until the next update, the last drawn volume stays visible if it can be fetched
-            EXPECT_TRUE(bytes_of(*pliant_warp_volume(warp.get())) == (fetches ? bytes_of(*pliant_warp_volume(inner.get())) : blank));
+            EXPECT_TRUE(bytes_of(*pliant_warp_volume(warp.get())) ==
+                        (fetches ? bytes_of(*pliant_warp_volume(inner.get())) : blank));
             const auto apart = waves(some.body.fine, 0.001, 4);
             ASSERT_EQ(pliant_warp_update(warp.get(), apart.data()), PLIANT_OK);
-            EXPECT_TRUE(bytes_of(*pliant_warp_volume(warp.get())) == bytes_of(*pliant_warp_volume(scene.draw(some, scene.geometry, apart).get())));
+            EXPECT_TRUE(bytes_of(*pliant_warp_volume(warp.get())) ==
+                        bytes_of(*pliant_warp_volume(scene.draw(some, scene.geometry, apart).get())));
         }
 }
 

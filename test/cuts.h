@@ -19,7 +19,10 @@ struct Cuttable {
     std::vector<double> positions;
     pliant_cut_report report{};
 
-    explicit Cuttable(std::unique_ptr<Body> made) : body(std::move(made)), now(pliant_body_retain(body->model->body)) { rest(); }
+    explicit Cuttable(std::unique_ptr<Body> made) : body(std::move(made)), now(pliant_body_retain(body->model->body))
+    {
+        rest();
+    }
     Cuttable(const Cuttable &) = delete;
     Cuttable &operator=(const Cuttable &) = delete;
     ~Cuttable() { pliant_body_release(now); }
@@ -39,9 +42,11 @@ struct Cuttable {
     // Return whether the sweep severed anything.
     bool cut(const std::vector<double> &from, const std::vector<double> &to)
     {
-        pliant_cut_sweep sweep{static_cast<int32_t>(from.size() / 3), from.data(), to.data(), body->model->material_of_voxel};
+        pliant_cut_sweep sweep{static_cast<int32_t>(from.size() / 3), from.data(), to.data(),
+                               body->model->material_of_voxel};
         pliant_body *next = nullptr;
-        EXPECT_EQ(pliant_body_cut(now, now->revision + 1, positions.data(), &sweep, &next, &report), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(pliant_body_cut(now, now->revision + 1, positions.data(), &sweep, &next, &report), PLIANT_OK)
+            << pliant_last_error();
         if (next) take(next);
         return next != nullptr;
     }
@@ -52,7 +57,8 @@ struct Cuttable {
         plane(point, normal, size, from, to);
         return cut(from, to);
     }
-    static void plane(const double point[3], const double normal[3], double size, std::vector<double> &from, std::vector<double> &to)
+    static void plane(const double point[3], const double normal[3], double size, std::vector<double> &from,
+                      std::vector<double> &to)
     {
         double u[3], v[3], length = std::sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
         int least = 0;
@@ -94,7 +100,8 @@ inline std::vector<int32_t> mesh_pieces(const pliant_body &body)
     Parts parts(static_cast<size_t>(body.fine.num_nodes));
     for (int32_t t = 0; t < body.fine.num_tets; t++)
         for (int v = 1; v < 4; v++) parts.join(body.fine.tets[4 * t], body.fine.tets[4 * t + v]);
-    for (int32_t j = 0; body.pieces && j < body.pieces->num_joints + body.pieces->num_inner; j++) parts.join(body.pieces->joint[2 * j], body.pieces->joint[2 * j + 1]);
+    for (int32_t j = 0; body.pieces && j < body.pieces->num_joints + body.pieces->num_inner; j++)
+        parts.join(body.pieces->joint[2 * j], body.pieces->joint[2 * j + 1]);
     std::vector<int32_t> out(static_cast<size_t>(body.fine.num_tets));
     for (int32_t t = 0; t < body.fine.num_tets; t++) out[t] = parts.find(body.fine.tets[4 * t]);
     return out;
@@ -108,7 +115,8 @@ inline std::vector<int32_t> voxel_pieces(const pliant_body &body)
     const int32_t *size = voxels.geometry.size;
     const int32_t count = size[0] * size[1] * size[2], strides[3] = {1, size[0], size[0] * size[1]};
     std::vector<uint8_t> severed(static_cast<size_t>(count));
-    for (int32_t l = 0; body.cuts && l < body.cuts->num_links; l++) severed[body.cuts->link[l] / 4] |= static_cast<uint8_t>(1 << body.cuts->link[l] % 4);
+    for (int32_t l = 0; body.cuts && l < body.cuts->num_links; l++)
+        severed[body.cuts->link[l] / 4] |= static_cast<uint8_t>(1 << body.cuts->link[l] % 4);
     std::set<int32_t> bridges;
     for (int32_t b = 0; body.cuts && b < body.cuts->num_bridges; b++) bridges.insert(body.cuts->bridge[b]);
     Parts parts(static_cast<size_t>(count));
@@ -116,7 +124,8 @@ inline std::vector<int32_t> voxel_pieces(const pliant_body &body)
         if (voxels.owner[v] < 0) continue;
         const int32_t at[3] = {v % size[0], v / size[0] % size[1], v / size[0] / size[1]};
         for (int d = 0; d < 3; d++)
-            if (at[d] + 1 < size[d] && voxels.owner[v + strides[d]] >= 0 && !(severed[v] >> d & 1)) parts.join(v, v + strides[d]);
+            if (at[d] + 1 < size[d] && voxels.owner[v + strides[d]] >= 0 && !(severed[v] >> d & 1))
+                parts.join(v, v + strides[d]);
     }
     for (int32_t b = 0; b < voxels.num_bridges; b++)
         if (!bridges.count(b)) parts.join(voxels.bridge[2 * b], voxels.bridge[2 * b + 1]);
@@ -162,6 +171,9 @@ inline int num_pieces(const pliant_body &body)
     return static_cast<int>(pieces.size());
 }
 
-inline double total_mass(const pliant_body &body) { return std::accumulate(body.node_mass, body.node_mass + body.fine.num_nodes, 0.0); }
+inline double total_mass(const pliant_body &body)
+{
+    return std::accumulate(body.node_mass, body.node_mass + body.fine.num_nodes, 0.0);
+}
 
 #endif

@@ -78,14 +78,20 @@ TEST_F(Deform, PullsAndWritesWhatItPromises)
 {
     const double front = front_of_the_wall();
     // Pull the front of the abdominal wall forward by 1 cm.
-    std::ofstream(in("pull.yaml")) << "tools:\n  - name: grasper\n    drive: rigid\n    grasp: [0.0, " << front
-                                   << ", 0.0]\n    motion: [{time: 0, offset: [0, 0, 0]}, {time: 0.1, offset: [0, -0.01, 0]}]\n";
-    ASSERT_EQ(run(small_ + "--tools " + in("pull.yaml") + " --every 2 --pictures --camera 0.1,-0.6,0.2:0,0,0 --radiograph 0,0 --out " + in("a/b")), 0) << err_;
-    for (const char *name : {"axial.png", "coronal.png", "sagittal.png", "camera.png", "camera_000002.png", "radiograph.png", "build.csv", "nodes_000002.csv", "deformed_000004.nii.gz"})
+    std::ofstream(in("pull.yaml"))
+        << "tools:\n  - name: grasper\n    drive: rigid\n    grasp: [0.0, " << front
+        << ", 0.0]\n    motion: [{time: 0, offset: [0, 0, 0]}, {time: 0.1, offset: [0, -0.01, 0]}]\n";
+    ASSERT_EQ(run(small_ + "--tools " + in("pull.yaml") +
+                  " --every 2 --pictures --camera 0.1,-0.6,0.2:0,0,0 --radiograph 0,0 --out " + in("a/b")),
+              0)
+        << err_;
+    for (const char *name : {"axial.png", "coronal.png", "sagittal.png", "camera.png", "camera_000002.png",
+                             "radiograph.png", "build.csv", "nodes_000002.csv", "deformed_000004.nii.gz"})
         EXPECT_EQ(access(in(std::string("a/b/") + name).c_str(), R_OK), 0) << name;
 
     pliant_volume deformed{};
-    ASSERT_EQ(pliant_volume_read(in("a/b/deformed.nii.gz").c_str(), nullptr, 0, &deformed), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_volume_read(in("a/b/deformed.nii.gz").c_str(), nullptr, 0, &deformed), PLIANT_OK)
+        << pliant_last_error();
     EXPECT_GE(deformed.geometry.size[0], 48);
     pliant_volume_free(&deformed);
 
@@ -116,14 +122,21 @@ TEST_F(Deform, PullsAndWritesWhatItPromises)
 // fields_test.py reads these files with other programs.
 TEST_F(Deform, WritesDisplacementsAndMeshes)
 {
-    ASSERT_EQ(run(small_ + "--steps 4 --every 2 --vtk --unit mm --displacement u.nii.gz --tissue-displacement v.nrrd --out " + in("a")), 0) << err_;
-    for (const char *name : {"mesh.pvd", "surface.pvd", "mesh_000004.vtu", "surface_000002.vtp", "u_000002.nii.gz", "v_000004_mask.nrrd", "u.nii.gz", "v.nrrd"})
+    ASSERT_EQ(run(small_ +
+                  "--steps 4 --every 2 --vtk --unit mm --displacement u.nii.gz --tissue-displacement v.nrrd --out " +
+                  in("a")),
+              0)
+        << err_;
+    for (const char *name : {"mesh.pvd", "surface.pvd", "mesh_000004.vtu", "surface_000002.vtp", "u_000002.nii.gz",
+                             "v_000004_mask.nrrd", "u.nii.gz", "v.nrrd"})
         EXPECT_EQ(access(in(std::string("a/") + name).c_str(), R_OK), 0) << name;
     pliant_volume deformed{}, mask{}, tissue{};
-    ASSERT_EQ(pliant_volume_read(in("a/deformed.nii.gz").c_str(), nullptr, 0, &deformed), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_volume_read(in("a/deformed.nii.gz").c_str(), nullptr, 0, &deformed), PLIANT_OK)
+        << pliant_last_error();
     ASSERT_EQ(pliant_volume_read(in("a/u_mask.nii.gz").c_str(), nullptr, 0, &mask), PLIANT_OK) << pliant_last_error();
     ASSERT_EQ(pliant_volume_read(in("a/v_mask.nrrd").c_str(), nullptr, 0, &tissue), PLIANT_OK) << pliant_last_error();
-    EXPECT_TRUE(pliant_geometry_equal(&mask.geometry, &deformed.geometry)) << "ITK's sense: the grid of the deformed volume";
+    EXPECT_TRUE(pliant_geometry_equal(&mask.geometry, &deformed.geometry))
+        << "ITK's sense: the grid of the deformed volume";
     EXPECT_EQ(tissue.geometry.size[0], 48) << "the tissue's sense: the grid of the scan";
     EXPECT_EQ(tissue.geometry.size[2], 40);
     pliant_volume_free(&deformed);
@@ -141,11 +154,15 @@ TEST_F(Deform, WritesDisplacementsAndMeshes)
 // Each compared method writes its own displacement field, with a relative path and with an absolute path.
 TEST_F(Deform, ComparedMethodsKeepTheirFields)
 {
-    std::ofstream(in("pull.yaml")) << "tools:\n  - {name: g, drive: rigid, grasp: [0, -0.1, 0], motion: [{time: 0.06, offset: [0, -0.01, 0]}]}\n";
-    ASSERT_EQ(run(small_ + "--quiet --steps 4 --compare coarse,fine --tools " + in("pull.yaml") + " --displacement " + in("u.nrrd") +
-                  " --tissue-displacement v.nrrd --out " + in("c")), 0) << err_;
+    std::ofstream(in("pull.yaml"))
+        << "tools:\n  - {name: g, drive: rigid, grasp: [0, -0.1, 0], motion: [{time: 0.06, offset: [0, -0.01, 0]}]}\n";
+    ASSERT_EQ(run(small_ + "--quiet --steps 4 --compare coarse,fine --tools " + in("pull.yaml") + " --displacement " +
+                  in("u.nrrd") + " --tissue-displacement v.nrrd --out " + in("c")),
+              0)
+        << err_;
     for (const char *name : {"u.nrrd", "c/u.nrrd", "c/v.nrrd"}) EXPECT_NE(access(in(name).c_str(), R_OK), 0) << name;
-    for (const auto &pair : {std::array<const char *, 2>{"u_coarse.nrrd", "u_fine.nrrd"}, {"c/coarse/v.nrrd", "c/fine/v.nrrd"}}) {
+    for (const auto &pair :
+         {std::array<const char *, 2>{"u_coarse.nrrd", "u_fine.nrrd"}, {"c/coarse/v.nrrd", "c/fine/v.nrrd"}}) {
         std::string bytes[2];
         for (int n = 0; n < 2; ++n) {
             std::ifstream file(in(pair[n]), std::ios::binary);
@@ -154,15 +171,18 @@ TEST_F(Deform, ComparedMethodsKeepTheirFields)
         }
         EXPECT_NE(bytes[0], bytes[1]) << pair[0];
     }
-    for (const char *name : {"u_coarse_mask.nrrd", "u_fine_mask.nrrd"}) EXPECT_EQ(access(in(name).c_str(), R_OK), 0) << name;
+    for (const char *name : {"u_coarse_mask.nrrd", "u_fine_mask.nrrd"})
+        EXPECT_EQ(access(in(name).c_str(), R_OK), 0) << name;
 }
 
 // A ball presses on the wall. tools.csv has its force and torque, and nodes.csv has the force on the nodes.
 TEST_F(Deform, TellsForcesOfContact)
 {
-    std::ofstream(in("press.yaml")) << "tools:\n  - name: ball\n    shape: {parts: [{kind: sphere, from: [0, 0, 0], radius: 0.02}]}\n    poses: [{time: 0, position: [0, "
-                                       "-0.17, 0]}, {time: 0.1, position: [0, -0.13, 0]}]\n";
-    ASSERT_EQ(run(small_ + "--quiet --tools " + in("press.yaml") + " --scalars contact_force --out " + in("c")), 0) << err_;
+    std::ofstream(in("press.yaml"))
+        << "tools:\n  - name: ball\n    shape: {parts: [{kind: sphere, from: [0, 0, 0], radius: 0.02}]}\n    poses: [{time: 0, position: [0, "
+           "-0.17, 0]}, {time: 0.1, position: [0, -0.13, 0]}]\n";
+    ASSERT_EQ(run(small_ + "--quiet --tools " + in("press.yaml") + " --scalars contact_force --out " + in("c")), 0)
+        << err_;
     auto tools = table(in("c/tools.csv")), nodes = table(in("c/nodes.csv"));
     ASSERT_GT(tools.size(), 1u);
     EXPECT_EQ(tools[0][9], "contact_y_n");
@@ -220,21 +240,27 @@ struct SurfaceFile {
 // blade's force. The surface file contains the cut faces.
 TEST_F(Deform, CutsAlongALineAndByABlade)
 {
-    const std::string line = "cuts: [{time: 0.1, points: [[-0.3, -0.3, 0.02], [0.3, -0.3, 0.02]], depth: [0, 0.6, 0]}]\n";
+    const std::string line =
+        "cuts: [{time: 0.1, points: [[-0.3, -0.3, 0.02], [0.3, -0.3, 0.02]], depth: [0, 0.6, 0]}]\n";
     std::ofstream(in("still.yaml")) << "gravity: [{time: 0.1, acceleration: [0, 0, 0]}]\n";
     std::ofstream(in("line.yaml")) << line;
-    std::ofstream(in("both.yaml")) << line << "tools:\n  - name: knife\n    blade: {from: [0, 0, -0.3], to: [0, 0, 0.3]}\n    poses: [{time: 0, position: [0, -0.16, 0]}, "
-                                   << "{time: 0.2, position: [0, -0.08, 0]}]\n    cut: [{from: 0.02, to: 0.18}]\n";
+    std::ofstream(in("both.yaml"))
+        << line
+        << "tools:\n  - name: knife\n    blade: {from: [0, 0, -0.3], to: [0, 0, 0.3]}\n    poses: [{time: 0, position: [0, -0.16, 0]}, "
+        << "{time: 0.2, position: [0, -0.08, 0]}]\n    cut: [{from: 0.02, to: 0.18}]\n";
     const std::string common = small_ + "--quiet --no-volume --set cut/kind=";
     EXPECT_EQ(run(common + "none --tools " + in("line.yaml") + " --out " + in("refused")), 1);
     EXPECT_NE(err_.find("this scene does not cut: set cut/kind to sever"), std::string::npos) << err_;
-    for (const char *path : {"still", "line", "both"}) ASSERT_EQ(run(common + "sever --tools " + in(path) + ".yaml --out " + in(path)), 0) << err_;
+    for (const char *path : {"still", "line", "both"})
+        ASSERT_EQ(run(common + "sever --tools " + in(path) + ".yaml --out " + in(path)), 0) << err_;
 
     EXPECT_NE(access(in("still/cuts.csv").c_str(), F_OK), 0) << "of a path that cuts";
-    const auto rows = table(in("both/cuts.csv")), tools = table(in("both/tools.csv")), alone = table(in("line/cuts.csv"));
+    const auto rows = table(in("both/cuts.csv")), tools = table(in("both/tools.csv")),
+               alone = table(in("line/cuts.csv"));
     ASSERT_EQ(alone.size(), 2u);
     ASSERT_GT(rows.size(), 2u);
-    EXPECT_EQ(rows[0], (std::vector<std::string>{"step", "time_s", "tool", "stroke", "area_m2", "severed_area_m2", "pieces", "revision", "nodes", "tetrahedra", "cut_s"}));
+    EXPECT_EQ(rows[0], (std::vector<std::string>{"step", "time_s", "tool", "stroke", "area_m2", "severed_area_m2",
+                                                 "pieces", "revision", "nodes", "tetrahedra", "cut_s"}));
     double by_line = 0, by_blade = 0;
     for (size_t row = 1; row < rows.size(); ++row) {
         double *sum = rows[row][2] == "knife" ? &by_blade : &by_line;
@@ -272,8 +298,9 @@ TEST_F(Deform, CutsAlongALineAndByABlade)
 // the volume.
 TEST_F(Deform, KeepsTheVolumeToItsMargin)
 {
-    std::ofstream(in("far.yaml")) << "tools:\n  - name: grasper\n    drive: rigid\n    grasp: [0.0, " << front_of_the_wall() + 0.006
-                                  << ", 0.07]\n    motion: [{time: 0, offset: [0, 0, 0]}, {time: 1, offset: [0, -3, 0]}]\n";
+    std::ofstream(in("far.yaml"))
+        << "tools:\n  - name: grasper\n    drive: rigid\n    grasp: [0.0, " << front_of_the_wall() + 0.006
+        << ", 0.07]\n    motion: [{time: 0, offset: [0, 0, 0]}, {time: 1, offset: [0, -3, 0]}]\n";
     const std::string common = small_ + "--quiet --steps 4 --set warp/margin=0.02 --out " + in("far");
     ASSERT_EQ(run(common), 0) << err_;
     pliant_volume still{}, pulled{};
@@ -302,13 +329,16 @@ TEST_F(Deform, ScalesItsLengthsToASmallBody)
     }
     ASSERT_EQ(pliant_volume_write(in("micro.nii.gz").c_str(), &scan), PLIANT_OK) << pliant_last_error();
     pliant_volume_free(&scan);
-    std::ofstream(in("pull.yaml")) << "tools:\n  - {name: g, drive: rigid, grasp: [0.00066, 0.0003, 0.0004], motion: [{time: 0, offset: [0, 0, 0]}, "
-                                      "{time: 0.04, offset: [0, -0.0001, 0]}]}\n";
-    const std::string common = "--scan " + in("micro.nii.gz") + " --tools " + in("pull.yaml") + " --set 'mesh/coarse_cells=6 5 4' --steps 2 --quiet --out ";
+    std::ofstream(in("pull.yaml"))
+        << "tools:\n  - {name: g, drive: rigid, grasp: [0.00066, 0.0003, 0.0004], motion: [{time: 0, offset: [0, 0, 0]}, "
+           "{time: 0.04, offset: [0, -0.0001, 0]}]}\n";
+    const std::string common = "--scan " + in("micro.nii.gz") + " --tools " + in("pull.yaml") +
+                               " --set 'mesh/coarse_cells=6 5 4' --steps 2 --quiet --out ";
     ASSERT_EQ(run(common + in("small")), 0) << err_;
     EXPECT_EQ(err_.find("warp/margin"), std::string::npos) << err_;
     pliant_volume out{};
-    ASSERT_EQ(pliant_volume_read(in("small/deformed.nii.gz").c_str(), "", SIZE_MAX, &out), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_volume_read(in("small/deformed.nii.gz").c_str(), "", SIZE_MAX, &out), PLIANT_OK)
+        << pliant_last_error();
     EXPECT_LE(pliant_geometry_voxels(&out.geometry), 4 * pliant_geometry_voxels(&geometry));
     pliant_volume_free(&out);
     ASSERT_EQ(run(common + in("large") + " --set warp/margin=0.0015"), 0) << err_;
@@ -320,7 +350,10 @@ TEST_F(Deform, KeepsTheAirOfTheScanWhereAsked)
     pliant_volume scan{}, drawn[2]{};
     ASSERT_EQ(pliant_phantom((const int32_t[3]){48, 40, 40}, 1, &scan, nullptr), PLIANT_OK);
     for (int keep = 0; keep < 2; keep++) {
-        ASSERT_EQ(run(small_ + "--quiet --steps 1 --set warp/margin=0 --set mesh/keep_air=" + (keep ? "true" : "false") + " --out " + in("air")), 0) << err_;
+        ASSERT_EQ(run(small_ + "--quiet --steps 1 --set warp/margin=0 --set mesh/keep_air=" +
+                      (keep ? "true" : "false") + " --out " + in("air")),
+                  0)
+            << err_;
         ASSERT_EQ(pliant_volume_read(in("air/deformed.nii.gz").c_str(), nullptr, 0, &drawn[keep]), PLIANT_OK);
         ASSERT_EQ(pliant_geometry_voxels(&drawn[keep].geometry), pliant_geometry_voxels(&scan.geometry));
     }
@@ -351,13 +384,15 @@ TEST_F(Deform, WarnsOfSteepLoadsAndOfStepsThatDidNotConverge)
     const std::string hung = small_ + "--set 'model/gravity=0 9.81 0' --no-volume --out " + in("hung") + " --steps ";
     /* the solver limits the motion per step, so elements become inverted after several steps */
     ASSERT_EQ(run(hung + "14 --quiet --set solver/iterations=1 --set model/method=schur"), 0) << err_;
-    for (const char *words : {"warning: model/method: schur is far too soft for model/gravity", "10 to 15 times", "of 14 steps did not converge",
-                              "elements were turned inside out in", "averaged is not"})
+    for (const char *words : {"warning: model/method: schur is far too soft for model/gravity", "10 to 15 times",
+                              "of 14 steps did not converge", "elements were turned inside out in", "averaged is not"})
         EXPECT_NE(err_.find(words), std::string::npos) << words << "\n" << err_;
     const auto steps = table(in("hung/steps.csv"));
-    const size_t inverted = static_cast<size_t>(std::find(steps[0].begin(), steps[0].end(), "inverted") - steps[0].begin());
+    const size_t inverted =
+        static_cast<size_t>(std::find(steps[0].begin(), steps[0].end(), "inverted") - steps[0].begin());
     ASSERT_LT(inverted, steps[0].size());
-    EXPECT_TRUE(std::any_of(steps.begin() + 1, steps.end(), [inverted](const std::vector<std::string> &row) { return std::stoi(row[inverted]) > 0; }));
+    EXPECT_TRUE(std::any_of(steps.begin() + 1, steps.end(),
+                            [inverted](const std::vector<std::string> &row) { return std::stoi(row[inverted]) > 0; }));
     ASSERT_EQ(run(hung + "3 --quiet --set solver/iterations=100 --set model/method=averaged"), 0) << err_;
     EXPECT_NE(err_.find("averaged is off by tens of percent"), std::string::npos) << err_; // but it converges
     EXPECT_EQ(err_.find('\n'), err_.size() - 1) << err_;
@@ -369,8 +404,10 @@ TEST_F(Deform, WarnsOfSteepLoadsAndOfStepsThatDidNotConverge)
 // A tool path applies gravity.
 TEST_F(Deform, WarnsOfSchurWhereThePathHasGravity)
 {
-    std::ofstream(in("turn.yaml")) << "gravity: [{time: 0, acceleration: [0, 0, 0]}, {time: 0.02, acceleration: [0, 9.81, 0]}]\n";
-    const std::string turned = small_ + "--quiet --no-volume --steps 1 --tools " + in("turn.yaml") + " --out " + in("turned");
+    std::ofstream(in("turn.yaml"))
+        << "gravity: [{time: 0, acceleration: [0, 0, 0]}, {time: 0.02, acceleration: [0, 9.81, 0]}]\n";
+    const std::string turned =
+        small_ + "--quiet --no-volume --steps 1 --tools " + in("turn.yaml") + " --out " + in("turned");
     ASSERT_EQ(run(turned + " --set model/method=schur"), 0) << err_;
     EXPECT_NE(err_.find("schur is far too soft"), std::string::npos) << err_;
     ASSERT_EQ(run(turned + " --set model/method=averaged"), 0) << err_;
@@ -384,7 +421,8 @@ TEST_F(Deform, AsksForATableOfAnMr)
     pliant_volume scan{};
     ASSERT_EQ(pliant_phantom(size, 1, &scan, nullptr), PLIANT_OK);
     auto *voxels = static_cast<int16_t *>(scan.voxels);
-    for (size_t v = 0; v < pliant_geometry_voxels(&scan.geometry); ++v) voxels[v] = static_cast<int16_t>(std::max(voxels[v] + 300, 3));
+    for (size_t v = 0; v < pliant_geometry_voxels(&scan.geometry); ++v)
+        voxels[v] = static_cast<int16_t>(std::max(voxels[v] + 300, 3));
     ASSERT_EQ(pliant_volume_write(in("mr.nii").c_str(), &scan), PLIANT_OK);
     pliant_volume_free(&scan);
     EXPECT_EQ(run("--scan " + in("mr.nii") + " --out " + in("mr")), 1);
@@ -394,30 +432,41 @@ TEST_F(Deform, AsksForATableOfAnMr)
     std::ofstream(in("mine.yaml")) << err_.substr(begin, end - begin);
     std::ofstream(in("mr.yaml")) << "material: {file: mine.yaml}\nmesh: {coarse_cells: [4, 4, 4], ratio: 1}\n"
                                     "fixed: {planes: [{point: [0, 0.08, 0], normal: [0, -1, 0]}]}\n";
-    EXPECT_EQ(run(in("mr.yaml") + " --quiet --steps 2 --pictures --scan " + in("mr.nii") + " --out " + in("mr")), 0) << err_;
+    EXPECT_EQ(run(in("mr.yaml") + " --quiet --steps 2 --pictures --scan " + in("mr.nii") + " --out " + in("mr")), 0)
+        << err_;
 }
 
 // The report has the times of the warp's two stages, and scalars for each node and element.
 TEST_F(Deform, WritesTimesOfTheWarpAndScalars)
 {
-    ASSERT_EQ(run(small_ + "--set 'model/gravity=0 9.81 0' --steps 3 --every 2 --pictures --scalars von_mises,volume_ratio --out " + in("s")), 0) << err_;
+    ASSERT_EQ(
+        run(small_ +
+            "--set 'model/gravity=0 9.81 0' --steps 3 --every 2 --pictures --scalars von_mises,volume_ratio --out " +
+            in("s")),
+        0)
+        << err_;
     auto steps = table(in("s/steps.csv"));
-    const auto column = [&](const std::string &name) { return static_cast<size_t>(std::find(steps[0].begin(), steps[0].end(), name) - steps[0].begin()); };
+    const auto column = [&](const std::string &name) {
+        return static_cast<size_t>(std::find(steps[0].begin(), steps[0].end(), name) - steps[0].begin());
+    };
     ASSERT_LT(column("rasterize_s"), steps[0].size());
     double drawn = 0;
     for (size_t row = 1; row < steps.size(); ++row) {
-        const double cull = std::stod(steps[row][column("cull_s")]), rasterize = std::stod(steps[row][column("rasterize_s")]);
+        const double cull = std::stod(steps[row][column("cull_s")]),
+                     rasterize = std::stod(steps[row][column("rasterize_s")]);
         EXPECT_GT(cull, 0);
         drawn += rasterize;
         EXPECT_LE(cull + rasterize, 1.001 * std::stod(steps[row][column("warp_s")]));
     }
     EXPECT_GT(drawn, 0);
-    for (const char *name : {"  cull ", "  rasterize ", "share %"}) EXPECT_NE(out_.find(name), std::string::npos) << out_;
+    for (const char *name : {"  cull ", "  rasterize ", "share %"})
+        EXPECT_NE(out_.find(name), std::string::npos) << out_;
 
     auto nodes = table(in("s/nodes.csv")), elements = table(in("s/elements.csv"));
     EXPECT_EQ(nodes[0].size(), 8u);
     EXPECT_EQ(nodes[0][6] + " " + nodes[0][7], "von_mises_pa volume_ratio");
-    EXPECT_EQ(elements[0], (std::vector<std::string>{"node_0", "node_1", "node_2", "node_3", "material", "von_mises_pa", "volume_ratio"}));
+    EXPECT_EQ(elements[0], (std::vector<std::string>{"node_0", "node_1", "node_2", "node_3", "material", "von_mises_pa",
+                                                     "volume_ratio"}));
     std::vector<double> low(nodes.size(), INFINITY), high(nodes.size(), -INFINITY); // range of the adjacent elements
     double highest_stress = 0;
     for (size_t tet = 1; tet < elements.size(); ++tet) {
@@ -436,8 +485,9 @@ TEST_F(Deform, WritesTimesOfTheWarpAndScalars)
         EXPECT_GE(value, low[node] - 1e-4);
         EXPECT_LE(value, high[node] + 1e-4);
     }
-    for (const char *name : {"von_mises_pa_coronal.png", "volume_ratio_axial.png", "elements_000002.csv", "surface.ply", "surface_000002.ply", "axial_000002.png",
-                             "von_mises_pa_000002_sagittal.png", "mesh_coronal.png", "mesh_000002_axial.png"})
+    for (const char *name : {"von_mises_pa_coronal.png", "volume_ratio_axial.png", "elements_000002.csv", "surface.ply",
+                             "surface_000002.ply", "axial_000002.png", "von_mises_pa_000002_sagittal.png",
+                             "mesh_coronal.png", "mesh_000002_axial.png"})
         EXPECT_EQ(access(in(std::string("s/") + name).c_str(), R_OK), 0) << name;
     EXPECT_EQ(run("--out x --scalars von_mises,none"), 2);
     EXPECT_EQ(run("--out x --scalars von_mises,von_mises"), 2);
@@ -448,9 +498,13 @@ TEST_F(Deform, WritesTimesOfTheWarpAndScalars)
 TEST_F(Deform, ComparesMethodsSideBySide)
 {
     const double front = front_of_the_wall();
-    std::ofstream(in("pull.yaml")) << "tools:\n  - name: grasper\n    drive: rigid\n    grasp: [0.0, " << front
-                                   << ", 0.0]\n    motion: [{time: 0, offset: [0, 0, 0]}, {time: 0.06, offset: [0, -0.01, 0]}]\n";
-    ASSERT_EQ(run(small_ + "--quiet --pictures --steps 6 --compare coarse,averaged,fine --tools " + in("pull.yaml") + " --out " + in("c")), 0) << err_;
+    std::ofstream(in("pull.yaml"))
+        << "tools:\n  - name: grasper\n    drive: rigid\n    grasp: [0.0, " << front
+        << ", 0.0]\n    motion: [{time: 0, offset: [0, 0, 0]}, {time: 0.06, offset: [0, -0.01, 0]}]\n";
+    ASSERT_EQ(run(small_ + "--quiet --pictures --steps 6 --compare coarse,averaged,fine --tools " + in("pull.yaml") +
+                  " --out " + in("c")),
+              0)
+        << err_;
     auto rows = table(in("c/compare.csv"));
     ASSERT_EQ(rows.size(), 4u);
     EXPECT_EQ(rows[1][0] + rows[2][0] + rows[3][0], "coarseaveragedfine");
@@ -459,14 +513,21 @@ TEST_F(Deform, ComparesMethodsSideBySide)
     EXPECT_GT(std::stod(rows[3][4]), 5) << "the middle of what is held was pulled by a centimetre";
     EXPECT_LT(std::stod(rows[3][4]), 20);
     for (size_t m = 1; m < 4; ++m) EXPECT_GT(std::stod(rows[m][1]), 0) << "milliseconds a step";
-    for (const char *name : {"axial.png", "coronal.png", "sagittal.png", "coarse/axial.png", "averaged/nodes.csv", "fine/deformed.nii.gz"})
+    for (const char *name :
+         {"axial.png", "coronal.png", "sagittal.png", "coarse/axial.png", "averaged/nodes.csv", "fine/deformed.nii.gz"})
         EXPECT_EQ(access(in(std::string("c/") + name).c_str(), R_OK), 0) << name;
     const double all = std::stod(rows[1][3]);
     // --seen limits the error to the voxels of an isosurface, so no error grows. Air that the mesh keeps is in neither
     // error.
-    ASSERT_EQ(run(small_ + "--quiet --steps 6 --set mesh/keep_air=true --compare coarse,fine --tools " + in("pull.yaml") + " --out " + in("k")), 0) << err_;
+    ASSERT_EQ(run(small_ + "--quiet --steps 6 --set mesh/keep_air=true --compare coarse,fine --tools " +
+                  in("pull.yaml") + " --out " + in("k")),
+              0)
+        << err_;
     auto kept = table(in("k/compare.csv"));
-    ASSERT_EQ(run(small_ + "--quiet --steps 6 --set mesh/keep_air=true --seen 150 --compare coarse,fine --tools " + in("pull.yaml") + " --out " + in("k")), 0) << err_;
+    ASSERT_EQ(run(small_ + "--quiet --steps 6 --set mesh/keep_air=true --seen 150 --compare coarse,fine --tools " +
+                  in("pull.yaml") + " --out " + in("k")),
+              0)
+        << err_;
     auto seen = table(in("k/compare.csv"));
     EXPECT_LT(std::stod(seen[1][2]), std::stod(kept[1][2]));
     EXPECT_GT(std::stod(seen[1][2]), 0);
@@ -483,9 +544,11 @@ TEST_F(Deform, ComparesMethodsSideBySide)
 TEST_F(Deform, SaysWhatItRunsOnAndFollowsProbes)
 {
     const double front = front_of_the_wall();
-    std::ofstream(in("probes.yaml")) << "gravity: [{time: 0, acceleration: [0, 9.81, 0]}]\nprobes:\n  - {name: wall, at: [0.0, " << front + 0.004
-                                     << ", 0.0]}\n  - {name: side, at: [0.01, " << front + 0.01 << ", 0.01]}\n";
-    const std::string probed = small_ + "--no-volume --tools " + in("probes.yaml") + " --set solver/iterations=1 --out " + in("p");
+    std::ofstream(in("probes.yaml"))
+        << "gravity: [{time: 0, acceleration: [0, 9.81, 0]}]\nprobes:\n  - {name: wall, at: [0.0, " << front + 0.004
+        << ", 0.0]}\n  - {name: side, at: [0.01, " << front + 0.01 << ", 0.01]}\n";
+    const std::string probed =
+        small_ + "--no-volume --tools " + in("probes.yaml") + " --set solver/iterations=1 --out " + in("p");
     ASSERT_EQ(run(probed), 0) << err_;
     EXPECT_NE(out_.find(" nodes are fixed"), std::string::npos) << out_;
     EXPECT_NE(out_.find(" kg; "), std::string::npos) << out_;

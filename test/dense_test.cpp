@@ -10,7 +10,8 @@ using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowM
 TEST(Dense, CholeskySolves)
 {
     for (int n : {1, 3, 12, 61}) {
-        Matrix half = Matrix::Random(n, n), a = half * half.transpose() + Matrix::Identity(n, n), factor = a, right = Matrix::Random(n, 5), x = right;
+        Matrix half = Matrix::Random(n, n), a = half * half.transpose() + Matrix::Identity(n, n), factor = a,
+               right = Matrix::Random(n, 5), x = right;
         ASSERT_TRUE(pliant_dense_cholesky(n, factor.data()));
         pliant_dense_cholesky_solve(n, factor.data(), 5, x.data());
         EXPECT_LT((a * x - right).norm(), 1e-9 * right.norm());

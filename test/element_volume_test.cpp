@@ -74,7 +74,9 @@ void expect_kept(const Leg &leg, const std::vector<double> &share, int number)
         const std::vector<double> x = leg.at(n / 40.0, share);
         for (int32_t t = 0; t < leg.mesh.num_tets; t++) {
             const double begin = leg.ratio(t, leg.from);
-            if (begin > 0) ASSERT_GE(leg.ratio(t, x), std::min(0.5 * settings.volume_stop, begin) * (1 - 1e-9)) << number << ": " << t << " at " << n / 40.0;
+            if (begin > 0)
+                ASSERT_GE(leg.ratio(t, x), std::min(0.5 * settings.volume_stop, begin) * (1 - 1e-9))
+                    << number << ": " << t << " at " << n / 40.0;
         }
     }
 }
@@ -90,7 +92,8 @@ TEST(Volume, NoElementInvertsInALeg)
         leg.to = leg.from;
         leg.shake(random, leg.to, number % 2 ? 0.02 : 0.004);
         std::vector<double> share(leg.mesh.num_nodes);
-        const int32_t count = pliant_volume_hold_back(&settings, &leg.mesh, leg.from.data(), leg.to.data(), nullptr, share.data());
+        const int32_t count =
+            pliant_volume_hold_back(&settings, &leg.mesh, leg.from.data(), leg.to.data(), nullptr, share.data());
         limited += count > 0;
         EXPECT_EQ(count == 0, *std::min_element(share.begin(), share.end()) == 1);
         expect_kept(leg, share, number);
@@ -158,7 +161,9 @@ TEST(Volume, PointsOfSmallElementsHaveTheGradientOfTheVolume)
                     if (k == 0) area += 3 * slope * point.normal[d];
                     if (k > 0) EXPECT_NEAR(3 * slope / area, gradient[k][d], 1e-5);
                 }
-            EXPECT_NEAR(gap, 3 * (leg.volume(t, leg.from) - settings.volume_stop * std::fabs(leg.volume(t, leg.rest))) / area, 1e-8);
+            EXPECT_NEAR(
+                gap, 3 * (leg.volume(t, leg.from) - settings.volume_stop * std::fabs(leg.volume(t, leg.rest))) / area,
+                1e-8);
             if (p > 0) EXPECT_LT(points.point[p - 1].feature, point.feature);
             found++;
         }

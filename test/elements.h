@@ -11,7 +11,8 @@
 inline std::vector<double> eigenvalues(const std::vector<double> &a)
 {
     const auto n = static_cast<Eigen::Index>(std::lround(std::sqrt(static_cast<double>(a.size()))));
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(Eigen::Map<const Eigen::MatrixXd>(a.data(), n, n), Eigen::EigenvaluesOnly);
+    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(Eigen::Map<const Eigen::MatrixXd>(a.data(), n, n),
+                                                                Eigen::EigenvaluesOnly);
     return {solver.eigenvalues().data(), solver.eigenvalues().data() + n};
 }
 
@@ -20,7 +21,8 @@ struct Elements {
     const pliant_system &system;
     int32_t count;
     std::vector<pliant_tangent> tangents;
-    explicit Elements(const pliant_system &of) : system(of), count(pliant_element_count(&of)), tangents(static_cast<size_t>(of.num_blocks))
+    explicit Elements(const pliant_system &of)
+        : system(of), count(pliant_element_count(&of)), tangents(static_cast<size_t>(of.num_blocks))
     {
         pliant_system_tangents(&system, system.mesh->rest, PLIANT_TWIST_EXACT, tangents.data());
     }
@@ -55,7 +57,8 @@ struct Elements {
             const std::vector<double> of = stiffness(e);
             const size_t n = 3 * own.size();
             for (size_t i = 0; i < n; i++)
-                for (size_t j = 0; j < n; j++) out[size * (3 * number[own[i / 3]] + i % 3) + 3 * number[own[j / 3]] + j % 3] += of[n * i + j];
+                for (size_t j = 0; j < n; j++)
+                    out[size * (3 * number[own[i / 3]] + i % 3) + 3 * number[own[j / 3]] + j % 3] += of[n * i + j];
         }
         return out;
     }
@@ -85,7 +88,8 @@ struct Elements {
 // squared.
 const double rounding = 1e-12;
 
-inline void expect_rigid_modes(const Elements &elements, const std::vector<int32_t> &nodes, const std::vector<double> &stiffness, size_t rank, const std::string &what)
+inline void expect_rigid_modes(const Elements &elements, const std::vector<int32_t> &nodes,
+                               const std::vector<double> &stiffness, size_t rank, const std::string &what)
 {
     const size_t size = 3 * nodes.size();
     const std::vector<double> values = eigenvalues(stiffness);

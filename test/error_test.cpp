@@ -93,7 +93,9 @@ TEST(VoxelError, ShiftBetweenTwoSolutionsIsTheErrorOfEveryVoxelOfTissue)
     const double unit[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, none[3] = {0, 0, 0}, shift[3] = {0.003, -0.004, 0.012};
     auto here = affine(body.model->body->fine, unit, none), there = affine(body.model->body->fine, unit, shift);
     pliant_volume error{};
-    ASSERT_EQ(pliant_error_voxels(body.model, here.data(), &body.model->body->fine, there.data(), &body.scan.geometry, &error), PLIANT_OK);
+    ASSERT_EQ(pliant_error_voxels(body.model, here.data(), &body.model->body->fine, there.data(), &body.scan.geometry,
+                                  &error),
+              PLIANT_OK);
     auto *voxels = static_cast<float *>(error.voxels);
     auto *stored = static_cast<uint8_t *>(body.scan.voxels);
     for (int v = 0; v < 12 * 12 * 12; v++) {
@@ -111,10 +113,13 @@ TEST(VoxelError, IsTakenAtTheTissueThatAVoxelShows)
     body.cells(3, 3, 3, 1);
     body.fix_plane(1e-9, 0, 0, 1, 0, 0);
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
-    const double unit[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, stretch[9] = {1, 0, 0, 0, 1.1, 0, 0, 0, 1}, none[3] = {0, 0, 0}, shift[3] = {0.02, 0, 0};
+    const double unit[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, stretch[9] = {1, 0, 0, 0, 1.1, 0, 0, 0, 1}, none[3] = {0, 0, 0},
+                 shift[3] = {0.02, 0, 0};
     auto here = affine(body.model->body->fine, unit, shift), there = affine(body.model->body->fine, stretch, none);
     pliant_volume error{};
-    ASSERT_EQ(pliant_error_voxels(body.model, here.data(), &body.model->body->fine, there.data(), &body.scan.geometry, &error), PLIANT_OK);
+    ASSERT_EQ(pliant_error_voxels(body.model, here.data(), &body.model->body->fine, there.data(), &body.scan.geometry,
+                                  &error),
+              PLIANT_OK);
     auto *voxels = static_cast<float *>(error.voxels);
     for (int j = 0; j < 12; j++) {
         double y = 0.01 * (j + 0.5);
@@ -137,7 +142,8 @@ TEST(Slice, IsTurnedAsItIsLookedAt)
     pliant_volume volume{};
     ASSERT_EQ(pliant_volume_create(&geometry, PLIANT_FLOAT32, &volume), PLIANT_OK);
     volume.slope = 1;
-    for (int v = 0; v < 24; v++) static_cast<float *>(volume.voxels)[v] = static_cast<float>(100 * (v % 3) + 10 * (v / 3 % 2) + v / 6);
+    for (int v = 0; v < 24; v++)
+        static_cast<float *>(volume.voxels)[v] = static_cast<float>(100 * (v % 3) + 10 * (v / 3 % 2) + v / 6);
     const double index[3] = {1, 1, 2};
     double world[3], spacing[2];
     pliant_geometry_to_world(&geometry, index, world);

@@ -30,8 +30,10 @@ std::vector<std::string> sources()
 {
     glob_t found{};
     std::vector<std::string> paths;
-    for (const char *pattern : {PLIANT_SOURCE_DIR "/src/examples/*.c", PLIANT_SOURCE_DIR "/src/examples/*.h", PLIANT_SOURCE_DIR "/src/examples/*.py"}) {
-        if (glob(pattern, 0, nullptr, &found) == 0) paths.insert(paths.end(), found.gl_pathv, found.gl_pathv + found.gl_pathc);
+    for (const char *pattern : {PLIANT_SOURCE_DIR "/src/examples/*.c", PLIANT_SOURCE_DIR "/src/examples/*.h",
+                                PLIANT_SOURCE_DIR "/src/examples/*.py"}) {
+        if (glob(pattern, 0, nullptr, &found) == 0)
+            paths.insert(paths.end(), found.gl_pathv, found.gl_pathv + found.gl_pathc);
         globfree(&found);
     }
     return paths;
@@ -44,7 +46,9 @@ TEST(Examples, PullAPoint)
     const Said said = run("pull_a_point");
     double moved = 0, force = 0;
     EXPECT_EQ(said.code, 0);
-    ASSERT_EQ(std::sscanf(said.text.c_str(), "the held point moved %lf mm, and pulls back with %lf N", &moved, &force), 2) << said.text;
+    ASSERT_EQ(std::sscanf(said.text.c_str(), "the held point moved %lf mm, and pulls back with %lf N", &moved, &force),
+              2)
+        << said.text;
     EXPECT_GT(moved, 5) << "through a spring of 1000 N/m";
     EXPECT_LT(moved, 10);
     EXPECT_GT(force, 0);
@@ -57,7 +61,9 @@ TEST(Examples, CutAPlane)
     double plane = 0, knife = 0, force = 0;
     int pieces = 0;
     EXPECT_EQ(said.code, 0);
-    ASSERT_EQ(std::sscanf(said.text.c_str(), "a plane: %lf cm^2, %d pieces\na knife: %lf cm^2, felt as up to %lf N", &plane, &pieces, &knife, &force), 4)
+    ASSERT_EQ(std::sscanf(said.text.c_str(), "a plane: %lf cm^2, %d pieces\na knife: %lf cm^2, felt as up to %lf N",
+                          &plane, &pieces, &knife, &force),
+              4)
         << said.text;
     EXPECT_GT(plane, 300) << "the whole trunk";
     EXPECT_EQ(pieces, 2);
@@ -72,9 +78,11 @@ TEST(Examples, ReadForces)
     EXPECT_EQ(said.code, 0);
     double before = 0;
     size_t rows = 0;
-    for (size_t at = said.text.find('\n'); at != std::string::npos && at + 1 < said.text.size(); at = said.text.find('\n', at + 1), ++rows) {
+    for (size_t at = said.text.find('\n'); at != std::string::npos && at + 1 < said.text.size();
+         at = said.text.find('\n', at + 1), ++rows) {
         double pull, x, y, z, residual;
-        ASSERT_EQ(std::sscanf(said.text.c_str() + at + 1, "%lf,%lf,%lf,%lf,%lf", &pull, &x, &y, &z, &residual), 5) << said.text;
+        ASSERT_EQ(std::sscanf(said.text.c_str() + at + 1, "%lf,%lf,%lf,%lf,%lf", &pull, &x, &y, &z, &residual), 5)
+            << said.text;
         EXPECT_LT(y, before) << "the force grows with the pull, towards the front";
         before = y;
     }
@@ -95,7 +103,9 @@ TEST(Examples, TwoSimulations)
     const Said said = run("two_simulations");
     double first = 0, second = 0;
     EXPECT_EQ(said.code, 0);
-    ASSERT_EQ(std::sscanf(said.text.c_str(), "pulled by 10 and 20 mm: the points moved %lf and %lf mm", &first, &second), 2) << said.text;
+    ASSERT_EQ(
+        std::sscanf(said.text.c_str(), "pulled by 10 and 20 mm: the points moved %lf and %lf mm", &first, &second), 2)
+        << said.text;
     EXPECT_GT(second, 1.5 * first);
     EXPECT_GT(first, 5);
 }
@@ -105,7 +115,9 @@ TEST(Examples, ChangeMaterials)
     const Said said = run("change_materials");
     double before = 0, after = 0;
     EXPECT_EQ(said.code, 0);
-    ASSERT_EQ(std::sscanf(said.text.c_str(), "1 cm takes %lf N; with organs three times as stiff %lf N", &before, &after), 2) << said.text;
+    ASSERT_EQ(
+        std::sscanf(said.text.c_str(), "1 cm takes %lf N; with organs three times as stiff %lf N", &before, &after), 2)
+        << said.text;
     EXPECT_GT(after, 1.05 * before);
     EXPECT_LT(after, 3.01 * before);
 }
@@ -115,8 +127,11 @@ TEST(Examples, ErrorAgainstTime)
     const Said said = run("error_against_time");
     double error[4] = {0}, time;
     EXPECT_EQ(said.code, 0);
-    ASSERT_EQ(std::sscanf(said.text.c_str(), "iterations,ms_a_step,largest_error_mm 1,%lf,%lf 2,%lf,%lf 4,%lf,%lf 8,%lf,%lf", &time, &error[0],
-                          &time, &error[1], &time, &error[2], &time, &error[3]), 8) << said.text;
+    ASSERT_EQ(std::sscanf(said.text.c_str(),
+                          "iterations,ms_a_step,largest_error_mm 1,%lf,%lf 2,%lf,%lf 4,%lf,%lf 8,%lf,%lf", &time,
+                          &error[0], &time, &error[1], &time, &error[2], &time, &error[3]),
+              8)
+        << said.text;
     EXPECT_LT(error[3], 0.5 * error[0]);
     EXPECT_GT(error[0], 0);
 }
@@ -129,7 +144,8 @@ TEST(Examples, AreAPageEachAndKnowPublicHeadersOnly)
         int lines = 0;
         for (std::string line; std::getline(file, line); ++lines) {
             if (line.compare(0, 10, "#include \"") != 0) continue;
-            EXPECT_TRUE(line.compare(10, 7, "pliant/") == 0 || line == "#include \"example.h\"") << path << ": " << line;
+            EXPECT_TRUE(line.compare(10, 7, "pliant/") == 0 || line == "#include \"example.h\"")
+                << path << ": " << line;
         }
         EXPECT_LE(lines, path.compare(path.size() - 3, 3, ".py") == 0 ? 100 : 60) << path;
     }

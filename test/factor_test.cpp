@@ -36,7 +36,8 @@ struct Grid {
         pattern.num_blocks = start.back();
         pattern.start = start.data();
         pattern.row = row.data();
-        pattern.num_values = 9 * static_cast<int64_t>(pattern.num_blocks) - 3 * static_cast<int64_t>(pattern.num_columns);
+        pattern.num_values =
+            9 * static_cast<int64_t>(pattern.num_blocks) - 3 * static_cast<int64_t>(pattern.num_columns);
     }
 };
 
@@ -85,7 +86,8 @@ TEST(Factor, IsRefusedWhereAPivotIsNotPositive)
             }
             pliant_factor *factor = nullptr;
             ASSERT_EQ(pliant_factor_analyze(&grid.pattern, &factor), PLIANT_OK) << pliant_last_error();
-            EXPECT_EQ(pliant_factor_numeric(factor, values.data()), last > 0 ? PLIANT_OK : PLIANT_ERROR_NUMERIC) << side;
+            EXPECT_EQ(pliant_factor_numeric(factor, values.data()), last > 0 ? PLIANT_OK : PLIANT_ERROR_NUMERIC)
+                << side;
             pliant_factor_free(factor);
         }
     }
@@ -118,7 +120,8 @@ TEST(Factor, SolvesInTwoParts)
         for (int c = 0; c < 3; c++)
             for (int32_t n = pattern.start[column]; n < pattern.start[column + 1]; n++)
                 for (int r = n == pattern.start[column] ? c : 0; r < 3; r++) // diagonally dominant
-                    values[static_cast<size_t>(next++)] = pattern.row[n] == column && r == c ? 90 : -1 + 0.2 * std::sin(next);
+                    values[static_cast<size_t>(next++)] =
+                        pattern.row[n] == column && r == c ? 90 : -1 + 0.2 * std::sin(next);
     pliant_factor *factor = nullptr;
     ASSERT_EQ(pliant_factor_analyze(&pattern, &factor), PLIANT_OK) << pliant_last_error();
     ASSERT_EQ(pliant_factor_numeric(factor, values.data()), PLIANT_OK) << pliant_last_error();
@@ -139,7 +142,8 @@ TEST(Factor, SolvesInTwoParts)
     for (size_t n = 0; n < nodes.size(); n++) ASSERT_EQ(pliant_factor_half(factor, nodes[n], &halves[n]), PLIANT_OK);
     pliant_factor_end(factor, more.data(), out.data());
     for (int32_t n : nodes)
-        for (int d = 0; d < 3; d++) EXPECT_NEAR(part[static_cast<size_t>(3 * n + d)], whole[static_cast<size_t>(3 * n + d)], 1e-13);
+        for (int d = 0; d < 3; d++)
+            EXPECT_NEAR(part[static_cast<size_t>(3 * n + d)], whole[static_cast<size_t>(3 * n + d)], 1e-13);
     for (size_t i = 0; i < size; i++) ASSERT_NEAR(out[i], sum[i], 1e-10) << i;
     pliant_factor_begin(factor, right.data(), part.data());
     pliant_factor_end(factor, nullptr, out.data());
@@ -151,7 +155,8 @@ TEST(Factor, SolvesInTwoParts)
         pliant_factor_half_answer(factor, &halves[n], moved);
         for (int d = 0; d < 3; d++) EXPECT_NEAR(moved[d], whole[static_cast<size_t>(3 * nodes[n] + d)], 1e-13);
     }
-    for (size_t n = 0; n < nodes.size(); n++) pliant_factor_half_add(factor, &halves[n], &more[static_cast<size_t>(3 * nodes[n])]);
+    for (size_t n = 0; n < nodes.size(); n++)
+        pliant_factor_half_add(factor, &halves[n], &more[static_cast<size_t>(3 * nodes[n])]);
     pliant_factor_end_half(factor, out.data());
     for (size_t i = 0; i < size; i++) ASSERT_NEAR(out[i], sum[i], 1e-10) << i;
     for (int d = 0; d < 3; d++) {
@@ -161,7 +166,8 @@ TEST(Factor, SolvesInTwoParts)
         for (size_t n = 0; n < nodes.size(); n++) {
             double block[9];
             pliant_factor_half_product(factor, &halves[n], &halves[1], block);
-            for (int r = 0; r < 3; r++) EXPECT_NEAR(block[3 * r + d], inverse[static_cast<size_t>(3 * nodes[n] + r)], 1e-15);
+            for (int r = 0; r < 3; r++)
+                EXPECT_NEAR(block[3 * r + d], inverse[static_cast<size_t>(3 * nodes[n] + r)], 1e-15);
         }
     }
     for (pliant_half &half : halves) pliant_half_free(&half);

@@ -29,7 +29,8 @@ TEST_F(Figures, TellsWrongUsage)
 {
     for (const char *arguments : {"", "h9", "h", "all2", "'h1 h2'"}) {
         EXPECT_EQ(run(arguments), 2) << arguments;
-        for (const char *name : {"h1 ", "h2 ", "h4.1 ", "h5 ", "h6 ", "c2 ", "c3 ", "c4 ", "c6 ", "c7 ", "c8 ", "ctable1 "})
+        for (const char *name :
+             {"h1 ", "h2 ", "h4.1 ", "h5 ", "h6 ", "c2 ", "c3 ", "c4 ", "c6 ", "c7 ", "c8 ", "ctable1 "})
             EXPECT_NE(out_.find(std::string("\n  ") + name), std::string::npos) << name;
     }
     EXPECT_EQ(run("h1 --frobnicate 1"), 2);
@@ -48,13 +49,15 @@ TEST_F(Figures, OfAProxyOfTheBuiltInLiver)
     const std::string caption = text(in("f/c3/caption.txt"));
     EXPECT_EQ(caption.compare(0, 12, "[C] figure 3"), 0) << caption;
     EXPECT_NE(caption.find("Differences from [C]"), std::string::npos) << caption;
-    for (const char *name : {"segmentation/axial.png", "mesh_axial.png", "mesh_coronal.png", "mesh_sagittal.png", "surface.ply"})
+    for (const char *name :
+         {"segmentation/axial.png", "mesh_axial.png", "mesh_coronal.png", "mesh_sagittal.png", "surface.ply"})
         EXPECT_EQ(access(in(std::string("f/c3/") + name).c_str(), R_OK), 0) << name;
     const std::string elements = text(in("f/c3/elements.csv"));
     const auto tetrahedra = std::count(elements.begin(), elements.end(), '\n') - 1;
     EXPECT_GT(tetrahedra, 300);
     int of_liver = 0; // other tetrahedra lie at its border: each holds some liver, but more of other tissue
-    for (size_t at = elements.find(",liver\n"); at != std::string::npos; at = elements.find(",liver\n", at + 1)) of_liver++;
+    for (size_t at = elements.find(",liver\n"); at != std::string::npos; at = elements.find(",liver\n", at + 1))
+        of_liver++;
     EXPECT_GT(of_liver, tetrahedra / 2);
     EXPECT_EQ(elements.find(",bone\n"), std::string::npos) << "the organ alone";
     EXPECT_NE(caption.find("(label "), std::string::npos) << "the piece of the mixture: " << caption;

@@ -20,7 +20,8 @@ struct Fixture {
         scan.slope = 1;
         scan.background = -1000;
         for (int v = 0; v < n * n * n; v++)
-            static_cast<int16_t *>(scan.voxels)[v] = static_cast<int16_t>(300 * std::sin(0.3 * (v % n)) + 200 * std::cos(0.25 * (v / n % n)) + 5 * (v / n / n));
+            static_cast<int16_t *>(scan.voxels)[v] = static_cast<int16_t>(
+                300 * std::sin(0.3 * (v % n)) + 200 * std::cos(0.25 * (v / n % n)) + 5 * (v / n / n));
         const int32_t c[3] = {cells, cells, cells};
         EXPECT_EQ(pliant_mesh_grid(&g, c, nullptr, &mesh), PLIANT_OK);
     }
@@ -32,7 +33,8 @@ struct Fixture {
     std::vector<double> rest_index() const
     {
         std::vector<double> out(3 * static_cast<size_t>(mesh.num_nodes));
-        for (int32_t n = 0; n < mesh.num_nodes; n++) pliant_geometry_to_index(&scan.geometry, mesh.rest + 3 * n, out.data() + 3 * n);
+        for (int32_t n = 0; n < mesh.num_nodes; n++)
+            pliant_geometry_to_index(&scan.geometry, mesh.rest + 3 * n, out.data() + 3 * n);
         return out;
     }
 };
@@ -52,7 +54,8 @@ TEST(Fit, MeetsPolynomialsOfSecondOrderExactly)
         for (int d = 0; d < 3; d++) positions[3 * n + d] = body.mesh.rest[3 * n + d] + 0.0004 * std::sin(5.0 * n + d);
     for (int32_t n = 0; n < body.mesh.num_nodes; n++) polynomial(positions.data() + 3 * n, rest.data() + 3 * n);
     pliant_fit *fit = nullptr;
-    ASSERT_EQ(pliant_fit_create(&body.mesh, &body.scan.geometry, rest.data(), &body.scan.geometry, 1, 2, &fit), PLIANT_OK);
+    ASSERT_EQ(pliant_fit_create(&body.mesh, &body.scan.geometry, rest.data(), &body.scan.geometry, 1, 2, &fit),
+              PLIANT_OK);
     pliant_fit_map(fit, positions.data());
     for (int v = 0; v < 24 * 24 * 24; v++) {
         double at[3] = {1.0 * (v % 24), 1.0 * (v / 24 % 24), 1.0 * (v / 576)}, world[3], expected[3], found[3];
@@ -90,13 +93,16 @@ TEST(Fit, IsCloserToASmoothMapThanTetrahedraAre)
     int count = 0;
     pliant_fit *fits[2] = {nullptr, nullptr};
     for (int f = 0; f < 2; f++) {
-        ASSERT_EQ(pliant_fit_create(&body.mesh, &body.scan.geometry, rest.data(), &body.scan.geometry, f ? 4 : 1, 2, &fits[f]), PLIANT_OK);
+        ASSERT_EQ(pliant_fit_create(&body.mesh, &body.scan.geometry, rest.data(), &body.scan.geometry, f ? 4 : 1, 2,
+                                    &fits[f]),
+                  PLIANT_OK);
         pliant_fit_map(fits[f], positions.data());
     }
     for (int k = 8; k < 32; k += 3)
         for (int j = 8; j < 32; j += 3)
             for (int i = 8; i < 32; i += 3) {
-                double at[3] = {i + 0.0, j + 0.0, k + 0.0}, world[3], truth[3], expected[3], weights[4], linear[3] = {0, 0, 0}, found[3];
+                double at[3] = {i + 0.0, j + 0.0, k + 0.0}, world[3], truth[3], expected[3], weights[4],
+                       linear[3] = {0, 0, 0}, found[3];
                 pliant_geometry_to_world(&body.scan.geometry, at, world);
                 smooth(world, truth);
                 pliant_geometry_to_index(&body.scan.geometry, truth, expected);
@@ -165,7 +171,8 @@ TEST(Fit, DrawsNoTissueBesideTheBody)
     pliant_geometry target;
     const double box[6] = {-0.03, -0.03, -0.03, 0.06, 0.06, 0.07};
     ASSERT_EQ(pliant_warp_target(&body.scan.geometry, box, 2, 0, SIZE_MAX, &target), PLIANT_OK);
-    for (size_t v = 0; v < pliant_geometry_voxels(&body.scan.geometry); v++) static_cast<int16_t *>(body.scan.voxels)[v] = 100;
+    for (size_t v = 0; v < pliant_geometry_voxels(&body.scan.geometry); v++)
+        static_cast<int16_t *>(body.scan.voxels)[v] = 100;
     std::vector<double> positions(body.mesh.rest, body.mesh.rest + 3 * body.mesh.num_nodes);
     for (size_t n = 0; n < positions.size(); n += 3) { // a dent into one side, a bulge out of another
         const double y = positions[n + 1] - 0.016, z = positions[n + 2] - 0.019, x = positions[n];
@@ -190,7 +197,9 @@ TEST(Fit, DrawsNoTissueBesideTheBody)
                 for (int i = 2; i < n[0] - 2; i++) {
                     bool any = false, all = true;
                     for (int a = 0; a < 125; a++) {
-                        bool is = drawn[0][size_t(i + a % 5 - 2 + n[0] * (j + a / 5 % 5 - 2 + n[1] * (k + a / 25 - 2)))] == 100;
+                        bool is =
+                            drawn[0][size_t(i + a % 5 - 2 + n[0] * (j + a / 5 % 5 - 2 + n[1] * (k + a / 25 - 2)))] ==
+                            100;
                         any |= is;
                         all &= is;
                     }
@@ -246,7 +255,8 @@ TEST(Fit, ANodeThatFlewAwayIsOutOfReach)
     std::vector<float> first;
     for (double away : {1.0, -1e6, 1e300, -1e308}) {
         pliant_fit *fit = nullptr;
-        ASSERT_EQ(pliant_fit_create(&body.mesh, &body.scan.geometry, rest.data(), &body.scan.geometry, 2, 2, &fit), PLIANT_OK);
+        ASSERT_EQ(pliant_fit_create(&body.mesh, &body.scan.geometry, rest.data(), &body.scan.geometry, 2, 2, &fit),
+                  PLIANT_OK);
         for (int d = 0; d < 3; d++) positions[d] = d == 1 ? -away : away;
         pliant_fit_map(fit, positions.data());
         std::vector<float> map;
@@ -270,7 +280,8 @@ TEST(Fit, ASceneAsksForIt)
     const double box[3] = {0.04, 0.04, 0.08};
     std::vector<int16_t> pictures[2];
     for (int fitted = 0; fitted < 2; fitted++) {
-        Body body(size, box, {{5e3, 0.3, 1000, false}, {2e4, 0.3, 1000, false}}, [](int i, int, int k) { return i < 6 && k < 10; });
+        Body body(size, box, {{5e3, 0.3, 1000, false}, {2e4, 0.3, 1000, false}},
+                  [](int i, int, int k) { return i < 6 && k < 10; });
         body.cells(4, 4, 8, 1);
         body.fix_plane(0, 0, 1e-6, 0, 0, 1);
         body.scene.model.gravity[0] = 3;

@@ -60,7 +60,8 @@ Graph calls(bool by_folders)
         const size_t begin = all.find(mark);
         // made by the build, or a file of cuda/
         if (begin == std::string::npos || all.find("/__/") != std::string::npos) continue;
-        const std::string file = all.substr(begin + mark.size()), name = by_folders ? file.substr(0, file.rfind('/')) : file;
+        const std::string file = all.substr(begin + mark.size()),
+                          name = by_folders ? file.substr(0, file.rfind('/')) : file;
         if (kind == 'U') uses[name].insert(symbol);
         // weak inline symbols have several definitions
         else if (std::string("TDBRi").find(kind) != std::string::npos) definer.emplace(symbol, name);
@@ -70,7 +71,8 @@ Graph calls(bool by_folders)
     for (const auto &each : uses)
         for (const std::string &used : each.second) {
             const auto found = definer.find(used);
-            if (found != definer.end() && found->second != each.first) graph[each.first][found->second] = each.first + " " + used;
+            if (found != definer.end() && found->second != each.first)
+                graph[each.first][found->second] = each.first + " " + used;
         }
     return graph;
 }
@@ -94,13 +96,19 @@ TEST(Folders, IncludeEachOtherInNoCircle)
     for (const char *pattern : {"*", "fem/*", "ros/*"}) {
         glob_t folders{};
         ASSERT_EQ(glob((root + pattern).c_str(), GLOB_ONLYDIR, nullptr, &folders), 0);
-        for (size_t f = 0; f < folders.gl_pathc; f++) add_folder(root, std::string(folders.gl_pathv[f]).substr(root.size()), graph);
+        for (size_t f = 0; f < folders.gl_pathc; f++)
+            add_folder(root, std::string(folders.gl_pathv[f]).substr(root.size()), graph);
         globfree(&folders);
     }
     EXPECT_GT(graph.size(), 10u);
-    for (const char *folder :
-         {"base", "scene", "scan", "material", "mesh", "topology", "cut", "state", "warp", "tool", "contact", "fem", "fem/element", "fem/linear", "fem/coarse",
-          "fem/quasistatic", "fem/patch", "fem/dynamics", "fem/rigid", "backend", "sim", "report", "programs", "rviz", "ros/params", "ros/convert", "ros/sim", "ros/output", "ros/guard", "ros/record", "ros/node"}) {
+    for (const char *folder : {"base",        "scene",        "scan",       "material",
+                               "mesh",        "topology",     "cut",        "state",
+                               "warp",        "tool",         "contact",    "fem",
+                               "fem/element", "fem/linear",   "fem/coarse", "fem/quasistatic",
+                               "fem/patch",   "fem/dynamics", "fem/rigid",  "backend",
+                               "sim",         "report",       "programs",   "rviz",
+                               "ros/params",  "ros/convert",  "ros/sim",    "ros/output",
+                               "ros/guard",   "ros/record",   "ros/node"}) {
         EXPECT_TRUE(graph.count(folder)) << folder;
         std::set<std::string> seen;
         EXPECT_EQ(way(graph, folder, folder, seen), "") << folder;
@@ -120,13 +128,16 @@ TEST(Folders, NodesIncludeExportedHeaders)
             for (std::string line; std::getline(file, line);) {
                 const std::string begin = "#include \"";
                 if (line.compare(0, begin.size(), begin) != 0) continue;
-                const std::string name = line.substr(begin.size(), line.rfind('"') - begin.size()), folder = name.substr(0, name.find('/'));
-                if (folder == name || folder == "pliant" || folder == "ros" || folder == "rviz" || folder == "programs") continue;
+                const std::string name = line.substr(begin.size(), line.rfind('"') - begin.size()),
+                                  folder = name.substr(0, name.find('/'));
+                if (folder == name || folder == "pliant" || folder == "ros" || folder == "rviz" || folder == "programs")
+                    continue;
                 of_core++;
                 EXPECT_NE(std::string(pattern).compare(0, 8, "examples"), 0) << files.gl_pathv[f] << ": " << line;
                 std::ifstream header(root + name);
                 const std::string text{std::istreambuf_iterator<char>(header), std::istreambuf_iterator<char>()};
-                EXPECT_NE(text.find("PLIANT_INTERNAL"), std::string::npos) << files.gl_pathv[f] << ": " << line << " declares nothing that is exported";
+                EXPECT_NE(text.find("PLIANT_INTERNAL"), std::string::npos)
+                    << files.gl_pathv[f] << ": " << line << " declares nothing that is exported";
             }
         }
         globfree(&files);

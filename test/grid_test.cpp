@@ -18,7 +18,8 @@ pliant_geometry geometry_of(bool flipped)
     pliant_geometry g{};
     const int size[3] = {24, 30, 18};
     const double spacing[3] = {0.002, 0.0015, 0.003}, origin[3] = {-0.02, 0.01, 0.3}, angle = 0.4;
-    const double direction[9] = {std::cos(angle), -std::sin(angle), 0, std::sin(angle), std::cos(angle), 0, 0, 0, flipped ? -1.0 : 1.0};
+    const double direction[9] = {std::cos(angle),     -std::sin(angle), 0, std::sin(angle), std::cos(angle), 0, 0, 0,
+                                 flipped ? -1.0 : 1.0};
     for (int d = 0; d < 3; d++) {
         g.size[d] = size[d];
         g.spacing[d] = spacing[d];
@@ -83,8 +84,10 @@ TEST_P(Grid, EveryInteriorFaceHasTwoSides)
     // Triangles point outwards: by the divergence theorem, the surface encloses the volume of the body.
     double volume = 0;
     for (int32_t t = 0; t < count; t++) {
-        const double *a = mesh.rest + 3 * triangles[3 * t], *b = mesh.rest + 3 * triangles[3 * t + 1], *c = mesh.rest + 3 * triangles[3 * t + 2];
-        for (int d = 0; d < 3; d++) volume += a[d] * (b[(d + 1) % 3] * c[(d + 2) % 3] - b[(d + 2) % 3] * c[(d + 1) % 3]) / 6;
+        const double *a = mesh.rest + 3 * triangles[3 * t], *b = mesh.rest + 3 * triangles[3 * t + 1],
+                     *c = mesh.rest + 3 * triangles[3 * t + 2];
+        for (int d = 0; d < 3; d++)
+            volume += a[d] * (b[(d + 1) % 3] * c[(d + 2) % 3] - b[(d + 2) % 3] * c[(d + 1) % 3]) / 6;
     }
     EXPECT_NEAR(volume, 24 * 30 * 18 * 0.002 * 0.0015 * 0.003, 1e-12);
     pliant_free(triangles);

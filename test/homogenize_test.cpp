@@ -26,14 +26,16 @@ void prepare(Body &body, pliant_method method)
 TEST(Homogenize, ElementsArePositiveSemidefinite)
 {
     for (pliant_method method : methods) {
-        Body body(size, box, {{5000, 0.45, 900, false}, {1e6, 0.3, 1800, false}}, [](int i, int j, int k) { return (i / 5 + j / 3 + k / 4) % 2; });
+        Body body(size, box, {{5000, 0.45, 900, false}, {1e6, 0.3, 1800, false}},
+                  [](int i, int j, int k) { return (i / 5 + j / 3 + k / 4) % 2; });
         prepare(body, method);
         ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
         const pliant_system *system = body.model->system;
         for (int32_t t = 0; t < system->mesh->num_tets; t++) {
             const Eigen::Map<const Eigen::Matrix<double, 12, 12>> k(system->stiffness + 144 * static_cast<size_t>(t));
             const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 12, 12>> eigen(k);
-            EXPECT_GT(eigen.eigenvalues()(0), -1e-9 * eigen.eigenvalues()(11)) << "method " << method << ", tetrahedron " << t;
+            EXPECT_GT(eigen.eigenvalues()(0), -1e-9 * eigen.eigenvalues()(11))
+                << "method " << method << ", tetrahedron " << t;
         }
     }
 }
@@ -42,7 +44,8 @@ TEST(Homogenize, ElementsArePositiveSemidefinite)
 // nodes, and the field has the energy of this matrix.
 TEST(Homogenize, CondensedIsTheSchurComplement)
 {
-    Body body(size, box, {{5000, 0.45, 900, false}, {1e5, 0.3, 1800, false}}, [](int i, int j, int k) { return (i / 5 + j / 3 + k / 4) % 2; });
+    Body body(size, box, {{5000, 0.45, 900, false}, {1e5, 0.3, 1800, false}},
+              [](int i, int j, int k) { return (i / 5 + j / 3 + k / 4) % 2; });
     body.scene.element.kind = PLIANT_HEXAHEDRA;
     body.scene.model.method = PLIANT_AVERAGED;
     body.cells(1, 1, 1, 2);
@@ -64,7 +67,9 @@ TEST(Homogenize, CondensedIsTheSchurComplement)
         for (int32_t tet : cubes[c].tet) cube_of_tet[static_cast<size_t>(tet)] = c;
     }
     pliant_submesh *submesh = nullptr;
-    ASSERT_EQ(pliant_submesh_create(&fine, &coarse, fixed.data(), body.model->body->fine_material, fine.num_tets, &submesh), PLIANT_OK);
+    ASSERT_EQ(
+        pliant_submesh_create(&fine, &coarse, fixed.data(), body.model->body->fine_material, fine.num_tets, &submesh),
+        PLIANT_OK);
     for (int corners : {4, 8}) {
         submesh->cubes = corners == 8 ? cubes : nullptr;
         submesh->cube_of_tet = cube_of_tet.data();
@@ -76,19 +81,23 @@ TEST(Homogenize, CondensedIsTheSchurComplement)
         std::vector<double> k(static_cast<size_t>(n * n)), shape(static_cast<size_t>(unknowns * n));
         ASSERT_TRUE(pliant_submesh_condense(submesh, corners, corner.data(), k.data(), shape.data()));
         typedef Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> Matrix;
-        const Eigen::Map<const Matrix> whole(submesh->stiffness, unknowns, unknowns), found(k.data(), n, n), field(shape.data(), unknowns, n);
+        const Eigen::Map<const Matrix> whole(submesh->stiffness, unknowns, unknowns), found(k.data(), n, n),
+            field(shape.data(), unknowns, n);
         std::vector<int> outer, inner;
         for (int32_t c : corner)
             for (int d = 0; d < 3; d++) outer.push_back(3 * c + d);
         for (int i = 0; i < unknowns; i++)
-            if (!fixed[static_cast<size_t>(submesh->node[i / 3])] && std::find(corner.begin(), corner.end(), i / 3) == corner.end()) inner.push_back(i);
+            if (!fixed[static_cast<size_t>(submesh->node[i / 3])] &&
+                std::find(corner.begin(), corner.end(), i / 3) == corner.end())
+                inner.push_back(i);
         auto part = [&](const std::vector<int> &rows, const std::vector<int> &columns) {
             Matrix out(rows.size(), columns.size());
             for (size_t r = 0; r < rows.size(); r++)
                 for (size_t c = 0; c < columns.size(); c++) out(r, c) = whole(rows[r], columns[c]);
             return out;
         };
-        const Matrix answer = part(inner, inner).ldlt().solve(part(inner, outer)), expected = part(outer, outer) - part(outer, inner) * answer;
+        const Matrix answer = part(inner, inner).ldlt().solve(part(inner, outer)),
+                     expected = part(outer, outer) - part(outer, inner) * answer;
         EXPECT_LT((found - expected).norm(), 1e-9 * expected.norm()) << corners;
         EXPECT_LT((field.transpose() * whole * field - expected).norm(), 1e-9 * expected.norm()) << corners;
     }
@@ -115,8 +124,10 @@ TEST(Homogenize, AnIndefiniteElementIsRefused)
         system.fine = &of->fine;
         system.num_threads = 1;
         ASSERT_EQ(pliant_system_elements(&system, none.data(), nullptr, nullptr), PLIANT_OK);
-        EXPECT_EQ(pliant_homogenize(&system, &body.scene, &of->fine, of->fine_fixed, fine.data(), of->coarse_of_fine, {nullptr, nullptr}),
-                  PLIANT_ERROR_NUMERIC) << "method " << method;
+        EXPECT_EQ(pliant_homogenize(&system, &body.scene, &of->fine, of->fine_fixed, fine.data(), of->coarse_of_fine,
+                                    {nullptr, nullptr}),
+                  PLIANT_ERROR_NUMERIC)
+            << "method " << method;
         const std::string message = pliant_last_error();
         EXPECT_NE(message.find("coarse tetrahedron " + std::to_string(wrong)), std::string::npos) << message;
         EXPECT_NE(message.find("positive semidefinite"), std::string::npos) << message;
@@ -134,8 +145,10 @@ TEST(Homogenize, TheWeightOfACornerIsTheDerivativeOfAPosition)
     shape.setZero();
     for (int v = 0; v < 4; v++)
         for (int m = 0; m < 9 && v < 3; m++) shape(m / 3, 3 * v + m % 3) = unit(random);
-    shape.block<3, 3>(0, 9) = Eigen::Matrix3d::Identity() - shape.block<3, 3>(0, 0) - shape.block<3, 3>(0, 3) - shape.block<3, 3>(0, 6);
-    const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> turn = Eigen::AngleAxisd(0.8, Eigen::Vector3d(1, 2, -3).normalized()).toRotationMatrix();
+    shape.block<3, 3>(0, 9) =
+        Eigen::Matrix3d::Identity() - shape.block<3, 3>(0, 0) - shape.block<3, 3>(0, 3) - shape.block<3, 3>(0, 6);
+    const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> turn =
+        Eigen::AngleAxisd(0.8, Eigen::Vector3d(1, 2, -3).normalized()).toRotationMatrix();
     double x[12], rest[12], gradients[12] = {}, f[9];
     const double node[3] = {0.2, -0.4, 0.7};
     for (int m = 0; m < 12; m++) rest[m] = unit(random), x[m] = unit(random);
@@ -165,7 +178,8 @@ TEST(Homogenize, TheWeightOfACornerIsTheDerivativeOfAPosition)
 // centres.
 TEST(Homogenize, SharesAreInverseDistances)
 {
-    Body body(size, box, {{5000, 0.45, 900, false}, {1e5, 0.3, 1800, false}}, [](int i, int j, int k) { return (i / 5 + j / 3 + k / 4) % 2; });
+    Body body(size, box, {{5000, 0.45, 900, false}, {1e5, 0.3, 1800, false}},
+              [](int i, int j, int k) { return (i / 5 + j / 3 + k / 4) % 2; });
     prepare(body, PLIANT_SCHUR);
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
     const pliant_system &system = *body.model->system;
@@ -178,8 +192,11 @@ TEST(Homogenize, SharesAreInverseDistances)
         double sum = 0, whole = 0;
         for (int32_t e = upsample.start[n]; e < upsample.start[n + 1]; e++) {
             double center[3] = {0, 0, 0};
-            for (int v = 0; v < 12; v++) center[v % 3] += system.mesh->rest[3 * system.mesh->tets[4 * upsample.entry_element[e] + v / 3] + v % 3] / 4;
-            const double apart = std::hypot(std::hypot(fine.rest[3 * n] - center[0], fine.rest[3 * n + 1] - center[1]), fine.rest[3 * n + 2] - center[2]);
+            for (int v = 0; v < 12; v++)
+                center[v % 3] +=
+                    system.mesh->rest[3 * system.mesh->tets[4 * upsample.entry_element[e] + v / 3] + v % 3] / 4;
+            const double apart = std::hypot(std::hypot(fine.rest[3 * n] - center[0], fine.rest[3 * n + 1] - center[1]),
+                                            fine.rest[3 * n + 2] - center[2]);
             distance.push_back(std::fmax(apart, 1e-3 * fine.cell_size[0])); // a node may be at a centre
             sum += 1 / distance.back();
             whole += upsample.entry_share[e];
@@ -187,7 +204,8 @@ TEST(Homogenize, SharesAreInverseDistances)
         if (distance.empty()) continue;
         EXPECT_NEAR(whole, 1, 1e-12);
         for (size_t e = 0; e < distance.size(); e++) {
-            EXPECT_NEAR(upsample.entry_share[static_cast<size_t>(upsample.start[n]) + e], 1 / distance[e] / sum, 1e-12) << "node " << n;
+            EXPECT_NEAR(upsample.entry_share[static_cast<size_t>(upsample.start[n]) + e], 1 / distance[e] / sum, 1e-12)
+                << "node " << n;
             shared += std::fabs(distance[e] - distance[0]) > 1e-3;
         }
     }

@@ -43,7 +43,8 @@ pliant_status status_of(int16_t air, int16_t tissue, pliant_modality modality)
 
 TEST(Hounsfield, WhatTheHeaderSaysDecides)
 {
-    EXPECT_NE(refusal(10, 700, PLIANT_MODALITY_MR).find("head.nii: its header says MR"), std::string::npos) << pliant_last_error();
+    EXPECT_NE(refusal(10, 700, PLIANT_MODALITY_MR).find("head.nii: its header says MR"), std::string::npos)
+        << pliant_last_error();
     EXPECT_NE(refusal(-1000, 40, PLIANT_MODALITY_MR).find("its header says MR"), std::string::npos);
     EXPECT_NE(refusal(0, 5, PLIANT_MODALITY_OTHER).find("another modality than CT"), std::string::npos);
     EXPECT_EQ(status_of(-1000, 40, PLIANT_MODALITY_CT), PLIANT_OK);
@@ -95,7 +96,8 @@ TEST(Hounsfield, TheMessageHoldsATableToBeginWith)
     EXPECT_NE(message.find("material: {file: mine.yaml}"), std::string::npos);
     EXPECT_NE(message.find("10 to 706"), std::string::npos) << message;
     pliant_material_table table = {};
-    ASSERT_EQ(pliant_material_table_parse(message.substr(begin, end - begin).c_str(), "mine.yaml", &table), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_material_table_parse(message.substr(begin, end - begin).c_str(), "mine.yaml", &table), PLIANT_OK)
+        << pliant_last_error();
     ASSERT_EQ(table.num_materials, 2u);
     EXPECT_TRUE(table.materials[0].empty);
     EXPECT_EQ(table.materials[0].range[1], table.materials[1].range[0]);
@@ -122,7 +124,8 @@ TEST(Hounsfield, InputsAskForATable)
     pliant_scene scene;
     pliant_scene_defaults(&scene);
     size_t in_use = pliant_memory_in_use();
-    EXPECT_EQ(pliant_inputs_read(&scene, (folder / "mr.nii.gz").c_str(), &scan, &labels, &table), PLIANT_ERROR_MATERIAL);
+    EXPECT_EQ(pliant_inputs_read(&scene, (folder / "mr.nii.gz").c_str(), &scan, &labels, &table),
+              PLIANT_ERROR_MATERIAL);
     EXPECT_EQ(scan.voxels, nullptr);
     EXPECT_EQ(table.materials, nullptr);
     EXPECT_EQ(pliant_memory_in_use(), in_use);
@@ -133,8 +136,10 @@ TEST(Hounsfield, InputsAskForATable)
     pliant_volume_free(&scan);
     pliant_labels_free(&labels);
     pliant_material_table_free(&named);
-    std::snprintf(scene.material.file, sizeof scene.material.file, "%s", PLIANT_SOURCE_DIR "/launch/materials/abdomen_ct.yaml");
-    EXPECT_EQ(pliant_inputs_read(&scene, (folder / "mr.nii.gz").c_str(), &scan, &labels, &table), PLIANT_OK) << pliant_last_error();
+    std::snprintf(scene.material.file, sizeof scene.material.file, "%s",
+                  PLIANT_SOURCE_DIR "/launch/materials/abdomen_ct.yaml");
+    EXPECT_EQ(pliant_inputs_read(&scene, (folder / "mr.nii.gz").c_str(), &scan, &labels, &table), PLIANT_OK)
+        << pliant_last_error();
     pliant_volume_free(&scan);
     pliant_labels_free(&labels);
     pliant_material_table_free(&table);

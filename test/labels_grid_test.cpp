@@ -11,7 +11,10 @@ const pliant_geometry SCAN = {{40, 30, 20}, {0.01, -0.02, 0.03}, {0.001, 0.001, 
 
 struct labels_holder {
     pliant_labels labels = {};
-    explicit labels_holder(const pliant_geometry &geometry) { EXPECT_EQ(pliant_labels_create(&geometry, &labels), PLIANT_OK); }
+    explicit labels_holder(const pliant_geometry &geometry)
+    {
+        EXPECT_EQ(pliant_labels_create(&geometry, &labels), PLIANT_OK);
+    }
     ~labels_holder() { pliant_labels_free(&labels); }
 };
 
@@ -167,11 +170,14 @@ TEST(LabelsToGrid, CroppedMaps)
         const pliant_status status = pliant_labels_to_grid(&held.labels, &grid);
         EXPECT_EQ(status, begin > 7 || begin < -3 ? PLIANT_ERROR_ARGUMENT : PLIANT_OK) << begin;
         if (status != PLIANT_OK) {
-            expect_words(pliant_last_error(), {"misses the scan", "do not overlap", "the scan from (-0.5, -1.0, -1.5) to", "resample"});
+            expect_words(pliant_last_error(),
+                         {"misses the scan", "do not overlap", "the scan from (-0.5, -1.0, -1.5) to", "resample"});
             continue;
         }
         if (begin == 2) expect_words(log.warnings(), {});
-        else expect_words(log.warnings(), {begin < 0 ? "14 of its 56 voxels" : "42 of its 56 voxels", "outside the scan"});
+        else
+            expect_words(log.warnings(),
+                         {begin < 0 ? "14 of its 56 voxels" : "42 of its 56 voxels", "outside the scan"});
         for (int k = 0, n = 0; k < 6; k++)
             for (int j = 0; j < 7; j++)
                 for (int i = 0; i < 8; i++, n++) {

@@ -22,8 +22,9 @@ protected:
         ASSERT_EQ(pliant_phantom(size, 1, &scan_, &labels_), PLIANT_OK);
         ASSERT_EQ(pliant_volume_write(in("ct.nii.gz").c_str(), &scan_), PLIANT_OK) << pliant_last_error();
         save(in("materials.yaml"), MATERIALS);
-        save(in("scene.yaml"), "material: {file: materials.yaml}\nmesh: {coarse_cells: [6, 5, 5], ratio: 2}\nmodel: {method: fine}\n"
-                               "solver: {threads: 1}\n");
+        save(in("scene.yaml"),
+             "material: {file: materials.yaml}\nmesh: {coarse_cells: [6, 5, 5], ratio: 2}\nmodel: {method: fine}\n"
+             "solver: {threads: 1}\n");
     }
     void TearDown() override
     {
@@ -43,13 +44,15 @@ protected:
     {
         const pliant_geometry &grid = labels_.geometry;
         const int crop = 2;
-        std::string voxels, header = "NRRD0004\ntype: unsigned char\ndimension: 4\nspace: left-posterior-superior\nsizes: 3";
+        std::string voxels,
+            header = "NRRD0004\ntype: unsigned char\ndimension: 4\nspace: left-posterior-superior\nsizes: 3";
         for (int d = 0; d < 3; d++) header += " " + std::to_string(grid.size[d] - 2 * crop);
         header += "\nspace directions: none";
         for (int d = 0; d < 3; d++) {
             std::ostringstream axis;
             axis.precision(17);
-            for (int row = 0; row < 3; row++) axis << (row ? "," : " (") << 1e3 * grid.spacing[d] * grid.direction[3 * row + d];
+            for (int row = 0; row < 3; row++)
+                axis << (row ? "," : " (") << 1e3 * grid.spacing[d] * grid.direction[3 * row + d];
             header += axis.str() + ")";
         }
         const double first[3] = {crop, crop, crop};
@@ -62,8 +65,8 @@ protected:
         const std::string names[3] = {"liver", second_name, "BONE"};
         for (int n = 0; n < 3; n++) {
             const std::string start = "Segment" + std::to_string(n) + "_";
-            header += start + "ID:=Segment_" + std::to_string(n + 1) + "\n" + start + "LabelValue:=1\n" + start + "Layer:=" + std::to_string(n) +
-                      "\n" + start + "Name:=" + names[n] + "\n";
+            header += start + "ID:=Segment_" + std::to_string(n + 1) + "\n" + start + "LabelValue:=1\n" + start +
+                      "Layer:=" + std::to_string(n) + "\n" + start + "Name:=" + names[n] + "\n";
         }
         for (int k = crop; k < grid.size[2] - crop; k++)
             for (int j = crop; j < grid.size[1] - crop; j++)
@@ -87,7 +90,11 @@ protected:
                 }
         return count;
     }
-    std::string common() const { return in("scene.yaml") + " --scan " + in("ct.nii.gz") + " --no-volume --steps 1 --out " + in("result") + " --labels "; }
+    std::string common() const
+    {
+        return in("scene.yaml") + " --scan " + in("ct.nii.gz") + " --no-volume --steps 1 --out " + in("result") +
+               " --labels ";
+    }
 
     pliant_volume scan_ = {};
     pliant_labels labels_ = {};
@@ -101,11 +108,12 @@ TEST_F(LabelsProgram, SegmentsNameMaterials)
     ASSERT_EQ(run(common() + in("a.seg.nrrd")), 0) << err_;
     const size_t liver = voxels_of(0), tumour = voxels_of(1), bone = voxels_of(2);
     ASSERT_GT(tumour, 20u);
-    expect_words(err_, {"material Liver: " + std::to_string(liver) + " voxels", "segment \"liver\" " + std::to_string(liver),
-                        "material tumour: " + std::to_string(tumour) + " voxels", "segment \"Lesion\" " + std::to_string(tumour),
-                        "material bone: " + std::to_string(bone) + " voxels", "segment \"BONE\" " + std::to_string(bone),
-                        "segments overlap; the later one wins in " + std::to_string(tumour) + " voxels: Lesion over liver",
-                        "its voxel (0, 0, 0) is voxel (2, 2, 2) of the scan"});
+    expect_words(
+        err_, {"material Liver: " + std::to_string(liver) + " voxels", "segment \"liver\" " + std::to_string(liver),
+               "material tumour: " + std::to_string(tumour) + " voxels", "segment \"Lesion\" " + std::to_string(tumour),
+               "material bone: " + std::to_string(bone) + " voxels", "segment \"BONE\" " + std::to_string(bone),
+               "segments overlap; the later one wins in " + std::to_string(tumour) + " voxels: Lesion over liver",
+               "its voxel (0, 0, 0) is voxel (2, 2, 2) of the scan"});
 }
 
 TEST_F(LabelsProgram, UnknownSegmentsAreRefusedWithTheNearestNames)

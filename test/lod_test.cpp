@@ -34,7 +34,10 @@ void prepare(Body &body, pliant_method method, int cells, int ratio, int layers)
 }
 
 // Fix a block between the coarse nodes.
-void fix_inclusion(Body &body) { body.scene.fixed.boxes[body.scene.fixed.num_boxes++] = {{0.013, 0.033, 0.053}, {0.047, 0.067, 0.087}}; }
+void fix_inclusion(Body &body)
+{
+    body.scene.fixed.boxes[body.scene.fixed.num_boxes++] = {{0.013, 0.033, 0.053}, {0.047, 0.067, 0.087}};
+}
 
 std::vector<double> shaken(const pliant_mesh &mesh, double by)
 {
@@ -59,7 +62,8 @@ TEST_P(EveryKind, OfRatioOneIsTheFineMesh)
     prepare(lod, PLIANT_LOD, 4, 1, 1);
     ASSERT_EQ(fine.build(), PLIANT_OK) << pliant_last_error();
     ASSERT_EQ(lod.build(), PLIANT_OK) << pliant_last_error();
-    std::vector<double> x = shaken(fine.model->body->fine, 1e-8), expected = fine.elastic_force(x), found = lod.elastic_force(x);
+    std::vector<double> x = shaken(fine.model->body->fine, 1e-8), expected = fine.elastic_force(x),
+                        found = lod.elastic_force(x);
     std::vector<double> none(expected.size());
     EXPECT_LT(apart(expected, found), 1e-6 * apart(expected, none));
 }
@@ -120,12 +124,15 @@ TEST_P(EveryKind, TurnsFreely)
     Body body(size, box, three, patches);
     prepare(body, PLIANT_LOD, 4, 2, 1);
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
-    Eigen::Matrix<double, 3, 3, Eigen::RowMajor> turn = Eigen::AngleAxisd(3.1, Eigen::Vector3d(2, -1, 1).normalized()).toRotationMatrix();
+    Eigen::Matrix<double, 3, 3, Eigen::RowMajor> turn =
+        Eigen::AngleAxisd(3.1, Eigen::Vector3d(2, -1, 1).normalized()).toRotationMatrix();
     const double b[3] = {5, -3, 2}, stretch[9] = {1.01, 0, 0, 0, 1, 0, 0, 0, 1};
     const pliant_mesh &fine = body.model->body->fine;
-    std::vector<double> coarse = affine(*body.model->system->mesh, turn.data(), b), expected = affine(fine, turn.data(), b);
+    std::vector<double> coarse = affine(*body.model->system->mesh, turn.data(), b),
+                        expected = affine(fine, turn.data(), b);
     std::vector<double> up(3 * fine.num_nodes);
-    EXPECT_LT(largest(body.elastic_force(coarse)), 1e-9 * largest(body.elastic_force(affine(*body.model->system->mesh, stretch, b))));
+    EXPECT_LT(largest(body.elastic_force(coarse)),
+              1e-9 * largest(body.elastic_force(affine(*body.model->system->mesh, stretch, b))));
     pliant_upsample_positions(body.model->system, coarse.data(), up.data());
     for (int32_t n = 0; n < 3 * fine.num_nodes; n++)
         if (!body.model->body->fine_fixed[n / 3]) ASSERT_NEAR(up[n], expected[n], 1e-9);
@@ -146,7 +153,8 @@ double gravity_error(pliant_method method, int layers, bool inclusion, const std
     Body body(size, box, three, patches);
     prepare(body, method, 4, 2, layers);
     if (inclusion) fix_inclusion(body);
-    std::vector<double> found = under_gravity(body), rest(body.model->body->fine.rest, body.model->body->fine.rest + fine.size());
+    std::vector<double> found = under_gravity(body),
+                        rest(body.model->body->fine.rest, body.model->body->fine.rest + fine.size());
     return apart(found, fine) / apart(rest, fine);
 }
 
@@ -160,10 +168,12 @@ TEST_P(EveryKind, ErrorFallsWithTheReach)
         prepare(fine, PLIANT_FINE, 4, 2, 1);
         if (inclusion) fix_inclusion(fine);
         std::vector<double> exact = under_gravity(fine);
-        double coarse = gravity_error(PLIANT_COARSE, 1, inclusion, exact), averaged = gravity_error(PLIANT_AVERAGED, 1, inclusion, exact);
-        double one = gravity_error(PLIANT_LOD, 1, inclusion, exact), two = gravity_error(PLIANT_LOD, 2, inclusion, exact);
-        std::printf("%s: coarse %.1f %%, averaged %.1f %%, lod %.2f %%, %.2f %% with 1, 2 layers\n", inclusion ? "inclusion" : "plane",
-                    100 * coarse, 100 * averaged, 100 * one, 100 * two);
+        double coarse = gravity_error(PLIANT_COARSE, 1, inclusion, exact),
+               averaged = gravity_error(PLIANT_AVERAGED, 1, inclusion, exact);
+        double one = gravity_error(PLIANT_LOD, 1, inclusion, exact),
+               two = gravity_error(PLIANT_LOD, 2, inclusion, exact);
+        std::printf("%s: coarse %.1f %%, averaged %.1f %%, lod %.2f %%, %.2f %% with 1, 2 layers\n",
+                    inclusion ? "inclusion" : "plane", 100 * coarse, 100 * averaged, 100 * one, 100 * two);
         EXPECT_LT(one, 0.25 * coarse);
         EXPECT_LT(one, 0.5 * averaged);
         EXPECT_LT(two, 0.3 * one);
@@ -181,7 +191,8 @@ TEST_P(EveryKind, PatchTestHoldsUpToTheTails)
     const double a[9] = {1.1, 0.03, -0.02, 0.03, 0.93, 0.05, -0.02, 0.05, 1.04}, b[3] = {0.01, 0.02, -0.01};
     std::vector<double> force = body.elastic_force(affine(mesh, a, b));
     int32_t middle = mesh.node_of_lattice[3 + 7 * (3 + 7 * 3)];
-    double inside = std::hypot(std::hypot(force[3 * middle], force[3 * middle + 1]), force[3 * middle + 2]) / largest(force);
+    double inside =
+        std::hypot(std::hypot(force[3 * middle], force[3 * middle + 1]), force[3 * middle + 2]) / largest(force);
     std::printf("patch test: %.3f %% of the largest force\n", 100 * inside);
     EXPECT_LT(inside, 0.01);
 }
@@ -194,7 +205,8 @@ TEST(Lod, RefusesBeyondItsLimits)
     size_t before = pliant_memory_in_use();
     ASSERT_EQ(body.build(), PLIANT_ERROR_SCENE);
     EXPECT_NE(std::string(pliant_last_error()).find("model/lod_seconds"), std::string::npos) << pliant_last_error();
-    EXPECT_NE(std::string(pliant_last_error()).find("model/lod_layers 1 would fit"), std::string::npos) << pliant_last_error();
+    EXPECT_NE(std::string(pliant_last_error()).find("model/lod_layers 1 would fit"), std::string::npos)
+        << pliant_last_error();
     body.scene.model.lod_seconds = 1000;
     body.scene.model.lod_memory = 1;
     ASSERT_EQ(body.build(), PLIANT_ERROR_SCENE);
@@ -238,7 +250,8 @@ TEST(Lod, IsCancelled)
     prepare(body, PLIANT_LOD, 4, 2, 1);
     int calls = 0;
     pliant_model *model = nullptr;
-    EXPECT_EQ(pliant_model_build(&body.scene, &body.scan, nullptr, &body.table, {seven_times, &calls}, &model), PLIANT_ERROR_CANCELLED);
+    EXPECT_EQ(pliant_model_build(&body.scene, &body.scan, nullptr, &body.table, {seven_times, &calls}, &model),
+              PLIANT_ERROR_CANCELLED);
     EXPECT_GE(calls, 7);
     EXPECT_LT(calls, 16); // threads finish the work that they have begun
     EXPECT_EQ(model, nullptr);
@@ -255,7 +268,8 @@ TEST_P(EveryKind, FailingAllocationsNeverLeak)
     for (int n = 0;; n += 1 + n / 60) {
         pliant_model *model = nullptr;
         pliant_memory_fail_after(n);
-        pliant_status status = pliant_model_build(&body.scene, &body.scan, nullptr, &body.table, {nullptr, nullptr}, &model);
+        pliant_status status =
+            pliant_model_build(&body.scene, &body.scan, nullptr, &body.table, {nullptr, nullptr}, &model);
         pliant_memory_fail_after(-1);
         pliant_model_free(model);
         ASSERT_EQ(pliant_memory_in_use(), before) << "allocation " << n;

@@ -137,13 +137,16 @@ TEST(Memory, WhatFollowsAnArrayIsThatArray)
     for (size_t n = 0; n < first; n++) at_load[n] = int(random());
     arrays.push_back({at_load, std::vector<int>(at_load, at_load + first)});
     for (int round = 0; round < 300; round++) {
-        const size_t of = random() % arrays.size(), count = arrays[of].wanted.size(), kept = random() % 4 ? count : count - random() % 3000, more = random() % 3 ? 0 : random() % 2000;
-        Array next{static_cast<int *>(pliant_next_of(arrays[of].block, kept, kept + more, sizeof(int))), arrays[of].wanted};
+        const size_t of = random() % arrays.size(), count = arrays[of].wanted.size(),
+                     kept = random() % 4 ? count : count - random() % 3000, more = random() % 3 ? 0 : random() % 2000;
+        Array next{static_cast<int *>(pliant_next_of(arrays[of].block, kept, kept + more, sizeof(int))),
+                   arrays[of].wanted};
         ASSERT_NE(next.block, nullptr);
         next.wanted.resize(kept);
         next.wanted.resize(kept + more, 0);
         for (int w = 0; w < 5; w++) {
-            const size_t place = random() % next.wanted.size(), run = std::min<size_t>(random() % 40, next.wanted.size() - place);
+            const size_t place = random() % next.wanted.size(),
+                         run = std::min<size_t>(random() % 40, next.wanted.size() - place);
             for (size_t n = place; n < place + run; n++) next.block[n] = next.wanted[n] = int(random());
             pliant_writes(next.block, place, run, sizeof(int));
         }
@@ -158,11 +161,15 @@ TEST(Memory, WhatFollowsAnArrayIsThatArray)
         const size_t common = std::min(next.wanted.size(), count) * sizeof(int);
         size_t from = 0, to = 0, same_up_to = 0;
         while (pliant_next_difference(next.block, arrays[of].block, common, &from, &to)) {
-            ASSERT_EQ(std::memcmp(reinterpret_cast<char *>(next.block) + same_up_to, reinterpret_cast<char *>(arrays[of].block) + same_up_to, from - same_up_to), 0);
+            ASSERT_EQ(std::memcmp(reinterpret_cast<char *>(next.block) + same_up_to,
+                                  reinterpret_cast<char *>(arrays[of].block) + same_up_to, from - same_up_to),
+                      0);
             ASSERT_LT(from, to);
             same_up_to = to;
         }
-        ASSERT_EQ(std::memcmp(reinterpret_cast<char *>(next.block) + same_up_to, reinterpret_cast<char *>(arrays[of].block) + same_up_to, common - same_up_to), 0);
+        ASSERT_EQ(std::memcmp(reinterpret_cast<char *>(next.block) + same_up_to,
+                              reinterpret_cast<char *>(arrays[of].block) + same_up_to, common - same_up_to),
+                  0);
         arrays.push_back(next);
         while (arrays.size() > 4) {
             const size_t goes = 1 + random() % (arrays.size() - 1);

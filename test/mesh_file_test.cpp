@@ -18,7 +18,9 @@ namespace {
 
 // A block of soft material (label 0) with a layer of stiff material (label 1) at x = 0. It has 8 x 4 x 4 cubes of 1 cm.
 struct Block : Body {
-    Block() : Body(size_, box_, {{5000, 0.4, 1000, false}, {20000, 0.3, 1000, false}}, [](int i, int, int) { return i < 4; })
+    Block()
+        : Body(size_, box_, {{5000, 0.4, 1000, false}, {20000, 0.3, 1000, false}},
+               [](int i, int, int) { return i < 4; })
     {
         std::strcpy(table.materials[0].name, "soft");
         std::strcpy(table.materials[1].name, "stiff");
@@ -42,7 +44,9 @@ Tets tets_of(Block &block)
 {
     EXPECT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
     const pliant_body &body = *pliant_model_get_body(block.model);
-    Tets out{{body.fine.rest, body.fine.rest + 3 * body.fine.num_nodes}, {body.fine.tets, body.fine.tets + 4 * body.fine.num_tets}, {}};
+    Tets out{{body.fine.rest, body.fine.rest + 3 * body.fine.num_nodes},
+             {body.fine.tets, body.fine.tets + 4 * body.fine.num_tets},
+             {}};
     for (int32_t t = 0; t < body.fine.num_tets; t++) out.region.push_back(body.fine_material[t].material);
     return out;
 }
@@ -72,7 +76,8 @@ std::string msh_of(const Tets &of, bool binary, const std::array<std::string, 2>
         put_int(&out, true, 1);
         line();
     }
-    out += "$EndMeshFormat\n$PhysicalNames\n3\n2 9 \"wall\"\n3 5 \"" + names[0] + "\"\n3 6 \"" + names[1] + "\"\n$EndPhysicalNames\n$Entities\n";
+    out += "$EndMeshFormat\n$PhysicalNames\n3\n2 9 \"wall\"\n3 5 \"" + names[0] + "\"\n3 6 \"" + names[1] +
+           "\"\n$EndPhysicalNames\n$Entities\n";
     for (int count : {1, 0, 1, 2}) put_size(&out, binary, count);
     if (!binary) line();
     put_int(&out, binary, 3); // a point
@@ -112,7 +117,8 @@ std::string msh_of(const Tets &of, bool binary, const std::array<std::string, 2>
             if (of.region[static_cast<size_t>(t)] != region) continue;
             put_size(&out, binary, tag++);
             // inverted orientation
-            for (int v : {0, 2, 1, 3}) put_size(&out, binary, 10 + 3 * (nodes - of.tets[static_cast<size_t>(4 * t + v)]));
+            for (int v : {0, 2, 1, 3})
+                put_size(&out, binary, 10 + 3 * (nodes - of.tets[static_cast<size_t>(4 * t + v)]));
         }
     }
     return out + "\n$EndElements\n";
@@ -125,7 +131,8 @@ std::string base64(const std::string &in)
     for (size_t at = 0; at < in.size(); at += 3) {
         uint32_t all = 0;
         for (size_t b = 0; b < 3; b++) all = all << 8 | (at + b < in.size() ? static_cast<uint8_t>(in[at + b]) : 0);
-        for (int d = 0; d < 4; d++) out += static_cast<size_t>(d) > in.size() - at ? '=' : digits[all >> (18 - 6 * d) & 63];
+        for (int d = 0; d < 4; d++)
+            out += static_cast<size_t>(d) > in.size() - at ? '=' : digits[all >> (18 - 6 * d) & 63];
     }
     return out;
 }
@@ -140,7 +147,9 @@ template <class Number> std::string packed(const std::vector<Number> &numbers)
     for (size_t at = 0; at < plain.size(); at += block, header[0]++) {
         std::string made(compressBound(block), 0);
         uLongf size = made.size();
-        EXPECT_EQ(compress(reinterpret_cast<Bytef *>(&made[0]), &size, reinterpret_cast<const Bytef *>(plain.data()) + at, std::min(block, plain.size() - at)), Z_OK);
+        EXPECT_EQ(compress(reinterpret_cast<Bytef *>(&made[0]), &size,
+                           reinterpret_cast<const Bytef *>(plain.data()) + at, std::min(block, plain.size() - at)),
+                  Z_OK);
         blocks += made.substr(0, size);
         header.push_back(static_cast<uint32_t>(size));
     }
@@ -153,10 +162,13 @@ std::string compressed_vtu(const Tets &of, const char *region)
     for (size_t t = 0; t < of.region.size(); t++) ends.push_back(static_cast<int64_t>(4 * (t + 1)));
     std::ostringstream out;
     const auto array = [&](const char *type, const char *name, int components, const std::string &data) {
-        out << "<DataArray type=\"" << type << "\" Name=\"" << name << "\" NumberOfComponents=\"" << components << "\" format=\"binary\">\n" << data << "\n</DataArray>\n";
+        out << "<DataArray type=\"" << type << "\" Name=\"" << name << "\" NumberOfComponents=\"" << components
+            << "\" format=\"binary\">\n"
+            << data << "\n</DataArray>\n";
     };
     out << "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"0.1\" byte_order=\"LittleEndian\" header_type=\"UInt32\" "
-           "compressor=\"vtkZLibDataCompressor\">\n<UnstructuredGrid>\n<Piece NumberOfPoints=\"" << of.nodes.size() / 3 << "\" NumberOfCells=\"" << of.region.size() << "\">\n<Points>\n";
+           "compressor=\"vtkZLibDataCompressor\">\n<UnstructuredGrid>\n<Piece NumberOfPoints=\""
+        << of.nodes.size() / 3 << "\" NumberOfCells=\"" << of.region.size() << "\">\n<Points>\n";
     array("Float64", "Points", 3, packed(of.nodes));
     out << "</Points>\n<Cells>\n";
     array("Int64", "connectivity", 1, packed(corners));
@@ -216,7 +228,8 @@ TEST(MeshFile, SagsAsTheLatticeThatItWasSavedFrom)
     const Tets tets = tets_of(lattice);
     temporary_folder folder;
     const pliant_body *body = pliant_model_get_body(lattice.model);
-    ASSERT_EQ(pliant_mesh_save((folder / "own.vtu").c_str(), lattice.model, body, body->fine.rest, nullptr, 1e-3), PLIANT_OK);
+    ASSERT_EQ(pliant_mesh_save((folder / "own.vtu").c_str(), lattice.model, body, body->fine.rest, nullptr, 1e-3),
+              PLIANT_OK);
     const struct { std::string path; double unit; } files[] = {
         {folder / "own.vtu", 1e-3},
         {written(folder, "packed.vtu", compressed_vtu(tets, "material")), 1},
@@ -277,7 +290,8 @@ TEST(MeshFile, IsPulledDrawnAndCarriedByDynamicsToo)
         block.scene.element.kind = PLIANT_ELEMENT_AUTO;
         ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
         EXPECT_EQ(pliant_model_get_scene(block.model)->element.kind, PLIANT_LINEAR);
-        ASSERT_EQ(pliant_data_set_warp(block.model, block.data, &block.scan.geometry), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_data_set_warp(block.model, block.data, &block.scan.geometry), PLIANT_OK)
+            << pliant_last_error();
         int tool = -1;
         const double point[3] = {0.078, 0.02, 0.02}, away[3] = {0.078, 0.02, 0.025};
         ASSERT_EQ(pliant_tool_add(block.model, block.data, "tool", &tool), PLIANT_OK);
@@ -285,7 +299,8 @@ TEST(MeshFile, IsPulledDrawnAndCarriedByDynamicsToo)
         ASSERT_EQ(pliant_tool_grasp(block.model, block.data, tool, point), PLIANT_OK) << pliant_last_error();
         ASSERT_EQ(pliant_tool_set_drive(block.data, tool, PLIANT_DRIVE_RIGID, nullptr), PLIANT_OK);
         ASSERT_EQ(pliant_tool_set_pose(block.data, tool, away, nullptr), PLIANT_OK);
-        for (int step = 0; step < 10; step++) ASSERT_GE(pliant_step(block.model, block.data), PLIANT_OK) << pliant_last_error();
+        for (int step = 0; step < 10; step++)
+            ASSERT_GE(pliant_step(block.model, block.data), PLIANT_OK) << pliant_last_error();
         pliant_tool_state state;
         ASSERT_EQ(pliant_tool_get(block.data, tool, &state), PLIANT_OK);
         EXPECT_NEAR(state.held_point[2], 0.025, 1e-4);
@@ -320,7 +335,8 @@ TEST(MeshFile, HoldsTheNodesOfFixedRegions)
     use(&block, written(folder, "a.msh", msh_of(tets, true, {{"soft", "stiff"}})), 1e-3);
     ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
     const pliant_body *body = pliant_model_get_body(block.model);
-    for (int32_t n = 0; n < body->fine.num_nodes; n++) EXPECT_EQ(body->fine_fixed[n] != 0, body->fine.rest[3 * n] < 0.02 + 1e-6);
+    for (int32_t n = 0; n < body->fine.num_nodes; n++)
+        EXPECT_EQ(body->fine_fixed[n] != 0, body->fine.rest[3 * n] < 0.02 + 1e-6);
 }
 
 void expect_refused(const std::string &path, double unit, pliant_status status, const std::vector<std::string> &words,
@@ -331,7 +347,8 @@ void expect_refused(const std::string &path, double unit, pliant_status status, 
     use(&block, path, unit);
     change(block);
     EXPECT_EQ(block.build(), status);
-    for (const std::string &word : words) EXPECT_NE(std::string(pliant_last_error()).find(word), std::string::npos) << pliant_last_error();
+    for (const std::string &word : words)
+        EXPECT_NE(std::string(pliant_last_error()).find(word), std::string::npos) << pliant_last_error();
 }
 
 std::string replaced(std::string text, const std::string &from, const std::string &to)
@@ -353,24 +370,33 @@ TEST(MeshFile, SaysWhatIsWrongAndWhatToDo)
     expect_refused(file("a.stl", text), 1, PLIANT_ERROR_FORMAT, {"a.stl", ".vtu", ".msh"});
     expect_refused(file("a.msh", replaced(text, "4.1 0 8", "2.2 0 8")), 1e-3, PLIANT_ERROR_FORMAT, {"2.2", "msh41"});
     expect_refused(file("a.msh", text.substr(0, text.size() / 2)), 1e-3, PLIANT_ERROR_FORMAT, {"a.msh"});
-    expect_refused(file("a.msh", replaced(text, "3 11 4 ", "3 11 5 ")), 1e-3, PLIANT_ERROR_FORMAT, {"type 5", "-order 1"});
-    expect_refused(file("a.msh", msh_of(tets, true, others)), 1e-3, PLIANT_ERROR_MATERIAL, {"6 'styff' (nearest: stiff"});
-    expect_refused(file("a.msh", text), 1, PLIANT_ERROR_SCENE, {"lies outside the scan", "mesh/unit"}, [](Block &block) {
-        for (int d = 0; d < 3; d++) block.scan.geometry.origin[d] -= 1;
-    });
-    expect_refused(file("a.vtu", vtu), 1, PLIANT_ERROR_MATERIAL, {"regions without a material", "0", "labels of a material"});
+    expect_refused(file("a.msh", replaced(text, "3 11 4 ", "3 11 5 ")), 1e-3, PLIANT_ERROR_FORMAT,
+                   {"type 5", "-order 1"});
+    expect_refused(file("a.msh", msh_of(tets, true, others)), 1e-3, PLIANT_ERROR_MATERIAL,
+                   {"6 'styff' (nearest: stiff"});
+    expect_refused(file("a.msh", text), 1, PLIANT_ERROR_SCENE, {"lies outside the scan", "mesh/unit"},
+                   [](Block &block) {
+                       for (int d = 0; d < 3; d++) block.scan.geometry.origin[d] -= 1;
+                   });
+    expect_refused(file("a.vtu", vtu), 1, PLIANT_ERROR_MATERIAL,
+                   {"regions without a material", "0", "labels of a material"});
     expect_refused(file("a.vtu", replaced(vtu, "vtkZLib", "vtkLZ4")), 1, PLIANT_ERROR_FORMAT, {"zlib"});
     expect_refused(file("a.vtu", replaced(vtu, "Little", "Big")), 1, PLIANT_ERROR_FORMAT, {"big-endian"});
     Tets flat = tets;
     for (int v = 0; v < 4; v++) flat.tets[static_cast<size_t>(v)] = v % 2;
     expect_refused(file("a.vtu", compressed_vtu(flat, "material")), 1, PLIANT_ERROR_FORMAT, {"tetrahedron 0 is flat"});
     flat.tets[2] = 100000;
-    expect_refused(file("a.vtu", compressed_vtu(flat, "material")), 1, PLIANT_ERROR_FORMAT, {"tetrahedron 0 names node 100000"});
+    expect_refused(file("a.vtu", compressed_vtu(flat, "material")), 1, PLIANT_ERROR_FORMAT,
+                   {"tetrahedron 0 names node 100000"});
     const std::string good = file("a.msh", text);
-    expect_refused(good, 1e-3, PLIANT_ERROR_SCENE, {"mesh/file", "model/method"}, [](Block &block) { block.scene.model.method = PLIANT_AVERAGED; });
-    expect_refused(good, 1e-3, PLIANT_ERROR_SCENE, {"mesh/file", "cut/kind"}, [](Block &block) { block.scene.cut.kind = PLIANT_CUT_SEVER; });
-    expect_refused(good, 1e-3, PLIANT_ERROR_SCENE, {"mesh/file", "mesh/kind"}, [](Block &block) { block.scene.mesh.kind = PLIANT_OCTREE; });
-    expect_refused(good, 1e-3, PLIANT_ERROR_SCENE, {"mesh/file", "element/kind"}, [](Block &block) { block.scene.element.kind = PLIANT_HEXAHEDRA; });
+    expect_refused(good, 1e-3, PLIANT_ERROR_SCENE, {"mesh/file", "model/method"},
+                   [](Block &block) { block.scene.model.method = PLIANT_AVERAGED; });
+    expect_refused(good, 1e-3, PLIANT_ERROR_SCENE, {"mesh/file", "cut/kind"},
+                   [](Block &block) { block.scene.cut.kind = PLIANT_CUT_SEVER; });
+    expect_refused(good, 1e-3, PLIANT_ERROR_SCENE, {"mesh/file", "mesh/kind"},
+                   [](Block &block) { block.scene.mesh.kind = PLIANT_OCTREE; });
+    expect_refused(good, 1e-3, PLIANT_ERROR_SCENE, {"mesh/file", "element/kind"},
+                   [](Block &block) { block.scene.element.kind = PLIANT_HEXAHEDRA; });
 }
 
 // Change, cut out and repeat bytes: every mutant is read or refused, and no memory leaks.
@@ -381,11 +407,15 @@ TEST(MeshFile, RefusesGarbage)
     temporary_folder folder;
     const std::array<std::string, 2> names{{"soft", "stiff"}};
     const pliant_body *body = pliant_model_get_body(lattice.model);
-    ASSERT_EQ(pliant_mesh_save((folder / "own.vtu").c_str(), lattice.model, body, body->fine.rest, nullptr, 1), PLIANT_OK);
+    ASSERT_EQ(pliant_mesh_save((folder / "own.vtu").c_str(), lattice.model, body, body->fine.rest, nullptr, 1),
+              PLIANT_OK);
     std::ifstream own(folder / "own.vtu", std::ios::binary);
     const std::string raw{std::istreambuf_iterator<char>(own), {}};
-    const struct { const char *name; std::string content; } files[] = {
-        {"m.vtu", raw}, {"m.vtu", compressed_vtu(tets, "material")}, {"m.msh", msh_of(tets, false, names)}, {"m.msh", msh_of(tets, true, names)}};
+    const struct { const char *name; std::string content;
+    } files[] = {{"m.vtu", raw},
+                 {"m.vtu", compressed_vtu(tets, "material")},
+                 {"m.msh", msh_of(tets, false, names)},
+                 {"m.msh", msh_of(tets, true, names)}};
     const size_t before = pliant_memory_in_use();
     for (const auto &file : files) {
         int refused = 0;
@@ -410,7 +440,8 @@ TEST(MeshFile, RefusesGarbage)
             const pliant_status status = pliant_mesh_file_read(written(folder, file.name, content).c_str(), 1, &read);
             pliant_fail_quietly(false);
             refused += status < 0;
-            for (int32_t v = 0; v < 4 * read.num_tets; v++) ASSERT_LT(static_cast<uint32_t>(read.tets[v]), static_cast<uint32_t>(read.num_nodes));
+            for (int32_t v = 0; v < 4 * read.num_tets; v++)
+                ASSERT_LT(static_cast<uint32_t>(read.tets[v]), static_cast<uint32_t>(read.num_nodes));
             pliant_mesh_file_free(&read);
             ASSERT_EQ(pliant_memory_in_use(), before) << mutant;
         }

@@ -35,9 +35,11 @@ struct Table {
         std::vector<uint8_t> voxels;
         for (int k = 0; k < size[2]; k++)
             for (int j = 0; j < size[1]; j++)
-                for (int i = 0; i < size[0]; i++) voxels.push_back(static_cast<uint8_t>(row[static_cast<size_t>(axis == 0 ? i : axis == 1 ? j : k)]));
+                for (int i = 0; i < size[0]; i++)
+                    voxels.push_back(static_cast<uint8_t>(row[static_cast<size_t>(axis == 0 ? i : axis == 1 ? j : k)]));
         std::vector<int> out;
-        for (at[axis] = 0; at[axis] < size[axis]; at[axis]++) out.push_back(pliant_material_shown(&table, size, voxels.data(), at));
+        for (at[axis] = 0; at[axis] < size[axis]; at[axis]++)
+            out.push_back(pliant_material_shown(&table, size, voxels.data(), at));
         return out;
     }
 };
@@ -49,7 +51,8 @@ TEST(Mixed, AThinLayerBetweenTissueAndAirIsTissue)
     for (int axis = 0; axis < 3; axis++) {
         EXPECT_EQ(of.shown({AIR, AIR, AIR, LUNG, FAT, MUSCLE}, axis), (Row{AIR, AIR, AIR, FAT, FAT, MUSCLE})) << axis;
         EXPECT_EQ(of.shown({MUSCLE, MUSCLE, LUNG, AIR, AIR}, axis), (Row{MUSCLE, MUSCLE, MUSCLE, AIR, AIR})) << axis;
-        EXPECT_EQ(of.shown({AIR, AIR, LUNG, LUNG, MUSCLE, FAT}, axis), (Row{AIR, AIR, MUSCLE, MUSCLE, MUSCLE, FAT})) << axis;
+        EXPECT_EQ(of.shown({AIR, AIR, LUNG, LUNG, MUSCLE, FAT}, axis), (Row{AIR, AIR, MUSCLE, MUSCLE, MUSCLE, FAT}))
+            << axis;
         EXPECT_EQ(of.shown({AIR, AIR, LUNG, LUNG, LUNG, MUSCLE}, axis)[3], MUSCLE) << "in the middle of three";
     }
 }
@@ -57,11 +60,18 @@ TEST(Mixed, AThinLayerBetweenTissueAndAirIsTissue)
 TEST(Mixed, WhatIsNoBorderStays)
 {
     const Table of;
-    for (const std::vector<int> &row : {std::vector<int>{AIR, AIR, LUNG, LUNG, LUNG, LUNG, LUNG, LUNG, LUNG, LUNG}, {MUSCLE, LUNG, LUNG, LUNG, LUNG, LUNG, MUSCLE},
-                                        {AIR, AIR, FAT, MUSCLE, MUSCLE}, {AIR, AIR, MUSCLE, FAT}, {AIR, AIR, AIR}, {AIR, AIR, LUNG, AIR, AIR},
-                                        {MUSCLE, LUNG, AIR, LUNG, LUNG, LUNG}, {LUNG, MUSCLE, LUNG}})
+    for (const std::vector<int> &row : {std::vector<int>{AIR, AIR, LUNG, LUNG, LUNG, LUNG, LUNG, LUNG, LUNG, LUNG},
+                                        {MUSCLE, LUNG, LUNG, LUNG, LUNG, LUNG, MUSCLE},
+                                        {AIR, AIR, FAT, MUSCLE, MUSCLE},
+                                        {AIR, AIR, MUSCLE, FAT},
+                                        {AIR, AIR, AIR},
+                                        {AIR, AIR, LUNG, AIR, AIR},
+                                        {MUSCLE, LUNG, AIR, LUNG, LUNG, LUNG},
+                                        {LUNG, MUSCLE, LUNG}})
         EXPECT_EQ(of.shown(row), row);
-    EXPECT_EQ(of.shown({AIR, AIR, LUNG, LUNG, LUNG, LUNG, LUNG, MUSCLE}), (std::vector<int>{AIR, AIR, LUNG, LUNG, LUNG, LUNG, LUNG, MUSCLE})) << "five voxels are lung";
+    EXPECT_EQ(of.shown({AIR, AIR, LUNG, LUNG, LUNG, LUNG, LUNG, MUSCLE}),
+              (std::vector<int>{AIR, AIR, LUNG, LUNG, LUNG, LUNG, LUNG, MUSCLE}))
+        << "five voxels are lung";
 }
 
 TEST(Mixed, ACornerIsShownAsItsTissue)
@@ -71,10 +81,12 @@ TEST(Mixed, ACornerIsShownAsItsTissue)
     std::vector<uint8_t> voxels;
     for (int k = 0; k < 7; k++)
         for (int j = 0; j < 7; j++)
-            for (int i = 0; i < 7; i++) voxels.push_back(std::min({i, j, k}) >= 4 ? MUSCLE : std::min({i, j, k}) == 3 ? LUNG : AIR);
+            for (int i = 0; i < 7; i++)
+                voxels.push_back(std::min({i, j, k}) >= 4 ? MUSCLE : std::min({i, j, k}) == 3 ? LUNG : AIR);
     for (int n = 3; n < 7; n++)
         for (const std::array<int32_t, 3> &at : {std::array<int32_t, 3>{3, 3, 3}, {3, 3, 5}, {3, 5, 5}, {5, 3, 3}})
-            EXPECT_EQ(pliant_material_shown(&of.table, size, voxels.data(), at.data()), MUSCLE) << at[0] << at[1] << at[2];
+            EXPECT_EQ(pliant_material_shown(&of.table, size, voxels.data(), at.data()), MUSCLE)
+                << at[0] << at[1] << at[2];
 }
 
 // Pictures and point queries of a model agree. Stiffness and mass use the voxels' own materials.
@@ -82,11 +94,14 @@ TEST(Mixed, PicturesAndPointsOfAModelAgree)
 {
     const int size[3] = {20, 20, 20};
     const double box[3] = {0.04, 0.04, 0.04};
-    Body body(size, box, {{10, 0, 1.2, true}, {1000, 0.3, 260, false}, {10e3, 0.4, 1000, false}}, [](int, int j, int) { return j < 5 ? 0 : j < 6 ? 1 : 2; });
+    Body body(size, box, {{10, 0, 1.2, true}, {1000, 0.3, 260, false}, {10e3, 0.4, 1000, false}}, [](int, int j, int) {
+        return j < 5 ? 0 : j < 6 ? 1 : 2;
+    });
     body.cells(4, 4, 4, 1);
     body.fix_plane(0, 0.038, 0, 0, -1, 0);
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
-    const double skin[3] = {0.02, 0.011, 0.02}, inside[3] = {0.02, 0.03, 0.02}, air[3] = {0.02, 0.001, 0.02}, far[3] = {0.02, 5, 0.02};
+    const double skin[3] = {0.02, 0.011, 0.02}, inside[3] = {0.02, 0.03, 0.02}, air[3] = {0.02, 0.001, 0.02},
+                 far[3] = {0.02, 5, 0.02};
     EXPECT_EQ(pliant_model_material_at(body.model, skin), 2);
     EXPECT_EQ(pliant_model_material_at(body.model, inside), 2);
     EXPECT_EQ(pliant_model_material_at(body.model, air), 0);
@@ -115,17 +130,20 @@ TEST(Mixed, PicturesAndPointsOfAModelAgree)
 TEST(Mixed, TheSkinOfACtIsNoLung)
 {
     pliant_volume scan{};
-    if (pliant_volume_read(PLIANT_TEST_DATA "/abdomen/ct.nii.gz", "", SIZE_MAX, &scan) < 0) GTEST_SKIP() << "no scan in " PLIANT_TEST_DATA;
+    if (pliant_volume_read(PLIANT_TEST_DATA "/abdomen/ct.nii.gz", "", SIZE_MAX, &scan) < 0)
+        GTEST_SKIP() << "no scan in " PLIANT_TEST_DATA;
     pliant_material_table table{};
     pliant_scene scene;
     pliant_model *model = nullptr;
     pliant_view *view = nullptr;
     pliant_scene_defaults(&scene);
     ASSERT_EQ(pliant_material_table_default(&table), PLIANT_OK);
-    ASSERT_EQ(pliant_model_build(&scene, &scan, nullptr, &table, {nullptr, nullptr}, &model), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_model_build(&scene, &scan, nullptr, &table, {nullptr, nullptr}, &model), PLIANT_OK)
+        << pliant_last_error();
     ASSERT_EQ(pliant_view_create(model, nullptr, &view), PLIANT_OK) << pliant_last_error();
     const int32_t side = 200;
-    const double *spacing = scan.geometry.spacing, middle[3] = {0.5 * scan.geometry.size[0], 0.5 * scan.geometry.size[1], 0.5 * scan.geometry.size[2]};
+    const double *spacing = scan.geometry.spacing,
+                 middle[3] = {0.5 * scan.geometry.size[0], 0.5 * scan.geometry.size[1], 0.5 * scan.geometry.size[2]};
     double at[3];
     pliant_geometry_to_world(&scan.geometry, middle, at);
     std::vector<uint8_t> rgb(size_t(3 * side * side)), label(size_t(side * side));
@@ -134,21 +152,28 @@ TEST(Mixed, TheSkinOfACtIsNoLung)
     int seen = 0, lung = 0, by_voxel = 0;
     for (int turn = -1; turn <= 1; turn++) {
         pliant_camera camera{};
-        const double angle = 0.785398 * turn, up[3] = {0, 0, 1}, from[3] = {at[0] + 0.6 * std::sin(angle), at[1] - 0.6 * std::cos(angle), at[2] + 0.05};
+        const double angle = 0.785398 * turn, up[3] = {0, 0, 1},
+                     from[3] = {at[0] + 0.6 * std::sin(angle), at[1] - 0.6 * std::cos(angle), at[2] + 0.05};
         pliant_camera_of_view(side, side, 0.6, &camera);
         ASSERT_EQ(pliant_camera_look_at(&camera, from, at, up), PLIANT_OK);
         ASSERT_EQ(pliant_view_render(view, &camera, nullptr, &image), PLIANT_OK) << pliant_last_error();
         if (const char *folder = std::getenv("PLIANT_FIGURES")) {
             std::ofstream file(std::string(folder) + "/labels_" + std::to_string(turn + 1) + ".ppm", std::ios::binary);
             file << "P6 " << side << " " << side << " 255\n";
-            for (uint8_t one : label) file.put(char(one == 2 ? 255 : one * 40)).put(char(one == 2 ? 0 : one * 40)).put(char(one == 2 ? 0 : one * 40));
+            for (uint8_t one : label)
+                file.put(char(one == 2 ? 255 : one * 40))
+                    .put(char(one == 2 ? 0 : one * 40))
+                    .put(char(one == 2 ? 0 : one * 40));
         }
         for (size_t p = 0; p < label.size(); p++) {
             if (!label[p]) continue;
-            const double z = depth[p], x[3] = {(double(p % side) - camera.cx) / camera.fx * z, (double(p / side) - camera.cy) / camera.fy * z, z};
+            const double z = depth[p], x[3] = {(double(p % side) - camera.cx) / camera.fx * z,
+                                               (double(p / side) - camera.cy) / camera.fy * z, z};
             double point[3], index[3];
             size_t voxel = 0, pitch = 1;
-            for (int d = 0; d < 3; d++) point[d] = camera.pose[4 * d] * x[0] + camera.pose[4 * d + 1] * x[1] + camera.pose[4 * d + 2] * x[2] + camera.pose[4 * d + 3];
+            for (int d = 0; d < 3; d++)
+                point[d] = camera.pose[4 * d] * x[0] + camera.pose[4 * d + 1] * x[1] + camera.pose[4 * d + 2] * x[2] +
+                           camera.pose[4 * d + 3];
             pliant_geometry_to_index(&scan.geometry, point, index);
             for (int d = 0; d < 3; d++) {
                 voxel += pitch * size_t(std::lround(std::min(std::max(index[d], 0.0), scan.geometry.size[d] - 1.0)));
@@ -159,8 +184,8 @@ TEST(Mixed, TheSkinOfACtIsNoLung)
             by_voxel += pliant_model_get_voxel_materials(model)[voxel] == 1;
         }
     }
-    std::printf("of %d pixels with tissue %.1f %% are lung in the pictures, %.1f %% by their voxels (spacing %g mm)\n", seen, 100.0 * lung / seen,
-                100.0 * by_voxel / seen, 1e3 * spacing[0]);
+    std::printf("of %d pixels with tissue %.1f %% are lung in the pictures, %.1f %% by their voxels (spacing %g mm)\n",
+                seen, 100.0 * lung / seen, 100.0 * by_voxel / seen, 1e3 * spacing[0]);
     EXPECT_GT(by_voxel, 0.2 * seen);
     EXPECT_LT(lung, 0.005 * seen);
     pliant_view_free(view);

@@ -59,7 +59,8 @@ TEST(Model, OnlyASceneThatMayCutKeepsVoxels)
 TEST(Model, EmptyMaterialsAreHiddenWhereAsked)
 {
     // One half of the body is empty, but inside elements with tissue.
-    Body body(size, box, {{10, 0, 1, true}, {5e3, 0.45, 1000, false}}, [](int i, int, int k) { return i > 2 && k < 6; });
+    Body body(size, box, {{10, 0, 1, true}, {5e3, 0.45, 1000, false}},
+              [](int i, int, int k) { return i > 2 && k < 6; });
     body.cells(2, 2, 2, 1);
     body.fix_plane(0.001, 0, 0, 1, 0, 0);
     body.scan.background = 200;
@@ -74,7 +75,8 @@ TEST(Model, EmptyMaterialsAreHiddenWhereAsked)
         const pliant_volume *drawn = pliant_warp_volume(pliant_data_get_warp(body.data));
         int beside = 0; // empty voxels that elements with tissue draw
         for (size_t v = 0; v < 8 * 8 * 8; v++) {
-            const uint8_t seen = static_cast<uint8_t *>(drawn->voxels)[v], own = static_cast<uint8_t *>(body.scan.voxels)[v];
+            const uint8_t seen = static_cast<uint8_t *>(drawn->voxels)[v],
+                          own = static_cast<uint8_t *>(body.scan.voxels)[v];
             if (own) ASSERT_EQ(seen, own) << v;
             else if (seen != 200) beside++;
         }
@@ -99,7 +101,11 @@ TEST(Model, APlaneBetweenNodesIsTold)
     const int voxels[3] = {8, 8, 8};
     const double box[3] = {0.08, 0.08, 0.08};
     static std::string said;
-    pliant_set_log([](pliant_log_level level, const char *message, void *) { if (level == PLIANT_LOG_WARNING) said += message; }, nullptr);
+    pliant_set_log(
+        [](pliant_log_level level, const char *message, void *) {
+            if (level == PLIANT_LOG_WARNING) said += message;
+        },
+        nullptr);
     for (double at : {0.02, 0.0201, 0.025, -0.003}) {
         Body body(voxels, box, {{4000, 0.45, 1000, false}});
         body.cells(4, 4, 4, 1);
@@ -108,16 +114,21 @@ TEST(Model, APlaneBetweenNodesIsTold)
         pliant_status status = body.build();
         if (at < 0) {
             EXPECT_EQ(status, PLIANT_ERROR_SCENE);
-            EXPECT_NE(said.find("number 1 holds no node: the first lies 3 mm in front of it"), std::string::npos) << said;
-            EXPECT_NE(std::string(pliant_last_error()).find("fixed/planes: number 1 holds no node"), std::string::npos) << pliant_last_error();
+            EXPECT_NE(said.find("number 1 holds no node: the first lies 3 mm in front of it"), std::string::npos)
+                << said;
+            EXPECT_NE(std::string(pliant_last_error()).find("fixed/planes: number 1 holds no node"), std::string::npos)
+                << pliant_last_error();
             continue;
         }
         EXPECT_EQ(status, PLIANT_OK) << pliant_last_error();
         if (at < 0.024) {
             EXPECT_EQ(said, "");
         } else {
-            EXPECT_NE(said.find("tissue is held 5 mm behind it, at (0.00000 0.00000 0.02000); the next nodes lie 15 mm in front of it, at (0.00000 0.00000 0.04000)"),
-                      std::string::npos) << said;
+            EXPECT_NE(
+                said.find(
+                    "tissue is held 5 mm behind it, at (0.00000 0.00000 0.02000); the next nodes lie 15 mm in front of it, at (0.00000 0.00000 0.04000)"),
+                std::string::npos)
+                << said;
         }
     }
     pliant_set_log(nullptr, nullptr);
@@ -135,7 +146,8 @@ TEST(Model, ProgressNeverGoesBack)
                                           static_cast<std::vector<double> *>(user)->push_back(fraction);
                                           return true;
                                       }, &told};
-    ASSERT_EQ(pliant_model_build(&body.scene, &body.scan, nullptr, &body.table, progress, &model), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_model_build(&body.scene, &body.scan, nullptr, &body.table, progress, &model), PLIANT_OK)
+        << pliant_last_error();
     pliant_model_free(model);
     EXPECT_GT(told.size(), PLIANT_NUM_BUILD_STAGES + 1u); // and reports within the longest stage
     for (size_t n = 1; n < told.size(); n++) EXPECT_GE(told[n], told[n - 1]);
@@ -147,7 +159,11 @@ TEST(Model, OptionsThatTheSolverHasNoUseForAreTold)
     const int voxels[3] = {4, 4, 4};
     const double box[3] = {0.04, 0.04, 0.04};
     static std::string said;
-    pliant_set_log([](pliant_log_level level, const char *message, void *) { if (level == PLIANT_LOG_WARNING) said += message; }, nullptr);
+    pliant_set_log(
+        [](pliant_log_level level, const char *message, void *) {
+            if (level == PLIANT_LOG_WARNING) said += message;
+        },
+        nullptr);
     for (pliant_solver_kind kind : {PLIANT_COROTATIONAL, PLIANT_TLED}) {
         Body body(voxels, box, {{4000, 0.45, 1000, false}});
         body.cells(2, 2, 2, 1);
@@ -160,8 +176,14 @@ TEST(Model, OptionsThatTheSolverHasNoUseForAreTold)
         body.scene.tled.damping = 2;
         body.scene.ground.friction = 0.5;
         EXPECT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
-        EXPECT_EQ(said.find("tled/damping: only solver/kind: tled has these") == 0, kind == PLIANT_COROTATIONAL) << said;
-        EXPECT_EQ(said.find("ground/friction: beside solver/kind: corotational only pieces that a cut has taken off feel the ground") != std::string::npos, kind == PLIANT_COROTATIONAL) << said;
+        EXPECT_EQ(said.find("tled/damping: only solver/kind: tled has these") == 0, kind == PLIANT_COROTATIONAL)
+            << said;
+        EXPECT_EQ(
+            said.find(
+                "ground/friction: beside solver/kind: corotational only pieces that a cut has taken off feel the ground") !=
+                std::string::npos,
+            kind == PLIANT_COROTATIONAL)
+            << said;
         said.clear();
         body.scene.tled.damping = damping;
         body.scene.cut.kind = PLIANT_CUT_SEVER; // detached pieces need the ground

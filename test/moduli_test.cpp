@@ -26,8 +26,8 @@ struct Bar : Body {
     pliant_path loads[2]{};
     std::vector<pliant_marker> markers;
     Bar(double soft, double stiff)
-        : Body(std::array<int, 3>{6, 6, 18}.data(), std::array<double, 3>{0.03, 0.03, 0.09}.data(), {{soft, 0.45, 1000, false}, {stiff, 0.4, 1000, false}},
-               [](int, int, int k) { return k < 9 ? 0 : 1; })
+        : Body(std::array<int, 3>{6, 6, 18}.data(), std::array<double, 3>{0.03, 0.03, 0.09}.data(),
+               {{soft, 0.45, 1000, false}, {stiff, 0.4, 1000, false}}, [](int, int, int k) { return k < 9 ? 0 : 1; })
     {
         cells(3, 3, 9, 1);
         fix_plane(0, 0, 1e-6, 0, 0, 1);
@@ -67,7 +67,9 @@ void measure(Bar *bar, unsigned seed)
             ASSERT_GE(tet, 0);
             for (int d = 0; d < 3; d++) {
                 marker.moved[d] = noise(random) - marker.rest[d];
-                for (int v = 0; v < 4; v++) marker.moved[d] += weights[v] * bar->data->positions[3 * bar->model->body->fine.tets[4 * tet + v] + d];
+                for (int v = 0; v < 4; v++)
+                    marker.moved[d] +=
+                        weights[v] * bar->data->positions[3 * bar->model->body->fine.tets[4 * tet + v] + d];
             }
         }
     }
@@ -83,9 +85,12 @@ TEST(Moduli, TwoAreFoundAgainFromNoisyMarkersWithinTheirConfidence)
         const pliant_moduli_data data = bar.measured();
         const char *names[2] = {"m0", "m1"};
         pliant_moduli found;
-        ASSERT_EQ(pliant_moduli_fit(&bar.input, &data, 2, names, {nullptr, nullptr}, &found), PLIANT_OK) << pliant_last_error();
-        std::printf("20 and 7 kPa: %.0f (%.0f to %.0f) and %.0f (%.0f to %.0f) Pa, misfit %.2f, correlation %.2f, %d passes\n", found.young[0], found.low[0], found.high[0],
-                    found.young[1], found.low[1], found.high[1], found.misfit, found.correlation[0][1], found.passes);
+        ASSERT_EQ(pliant_moduli_fit(&bar.input, &data, 2, names, {nullptr, nullptr}, &found), PLIANT_OK)
+            << pliant_last_error();
+        std::printf(
+            "20 and 7 kPa: %.0f (%.0f to %.0f) and %.0f (%.0f to %.0f) Pa, misfit %.2f, correlation %.2f, %d passes\n",
+            found.young[0], found.low[0], found.high[0], found.young[1], found.low[1], found.high[1], found.misfit,
+            found.correlation[0][1], found.passes);
         EXPECT_NEAR(found.young[0], 20e3, 400);
         EXPECT_NEAR(found.young[1], 7e3, 400);
         EXPECT_NEAR(found.misfit, 1, 0.4);
@@ -108,7 +113,8 @@ TEST(Moduli, SaysWhatCannotBeFitted)
     EXPECT_NE(std::string(pliant_last_error()).find("no material bone"), std::string::npos);
     bar.markers[3].rest[0] = 5;
     EXPECT_EQ(pliant_moduli_fit(&bar.input, &data, 1, second, {nullptr, nullptr}, &found), PLIANT_ERROR_ARGUMENT);
-    EXPECT_NE(std::string(pliant_last_error()).find("marker 4: there is no tissue"), std::string::npos) << pliant_last_error();
+    EXPECT_NE(std::string(pliant_last_error()).find("marker 4: there is no tissue"), std::string::npos)
+        << pliant_last_error();
     bar.markers[3].deviation = 0;
     EXPECT_EQ(pliant_moduli_fit(&bar.input, &data, 1, second, {nullptr, nullptr}, &found), PLIANT_ERROR_ARGUMENT);
     data.num_markers = 0;
@@ -119,7 +125,11 @@ TEST(Moduli, SaysWhatCannotBeFitted)
 TEST(Moduli, AMisfitFarAboveTheDeviationWarns)
 {
     static std::string said;
-    pliant_set_log([](pliant_log_level level, const char *text, void *) { if (level == PLIANT_LOG_WARNING) said += text; }, nullptr);
+    pliant_set_log(
+        [](pliant_log_level level, const char *text, void *) {
+            if (level == PLIANT_LOG_WARNING) said += text;
+        },
+        nullptr);
     const auto fit = [](Bar &bar) {
         pliant_moduli found;
         const pliant_moduli_data data = bar.measured();
@@ -134,7 +144,9 @@ TEST(Moduli, AMisfitFarAboveTheDeviationWarns)
     for (pliant_marker &m : positions.markers)
         for (int d = 0; d < 3; d++) m.moved[d] += m.rest[d];
     EXPECT_GE(fit(positions), 0) << pliant_last_error();
-    EXPECT_NE(said.find("do not trust these moduli; moved_x, moved_y and moved_z look like positions"), std::string::npos) << said;
+    EXPECT_NE(said.find("do not trust these moduli; moved_x, moved_y and moved_z look like positions"),
+              std::string::npos)
+        << said;
     for (pliant_marker &m : turned.markers) std::swap(m.moved[0], m.moved[1]);
     EXPECT_GE(fit(turned), 0) << pliant_last_error();
     EXPECT_NE(said.find("do not trust these moduli; check the markers"), std::string::npos) << said;
@@ -143,12 +155,15 @@ TEST(Moduli, AMisfitFarAboveTheDeviationWarns)
     millimetres.markers[0].line = 7;
     EXPECT_EQ(fit(millimetres), PLIANT_ERROR_ARGUMENT);
     EXPECT_NE(std::string(pliant_last_error()).find("marker "), std::string::npos) << pliant_last_error();
-    EXPECT_NE(std::string(pliant_last_error()).find("millimetres; divide them by 1000"), std::string::npos) << pliant_last_error();
+    EXPECT_NE(std::string(pliant_last_error()).find("millimetres; divide them by 1000"), std::string::npos)
+        << pliant_last_error();
     far.markers[2].line = 4;
     for (double &x : far.markers[2].rest) x *= 1000;
     EXPECT_EQ(fit(far), PLIANT_ERROR_ARGUMENT);
-    EXPECT_NE(std::string(pliant_last_error()).find("marker 3 (line 4): there is no tissue"), std::string::npos) << pliant_last_error();
-    EXPECT_NE(std::string(pliant_last_error()).find("seems to be in millimetres"), std::string::npos) << pliant_last_error();
+    EXPECT_NE(std::string(pliant_last_error()).find("marker 3 (line 4): there is no tissue"), std::string::npos)
+        << pliant_last_error();
+    EXPECT_NE(std::string(pliant_last_error()).find("seems to be in millimetres"), std::string::npos)
+        << pliant_last_error();
     pliant_set_log(nullptr, nullptr);
 }
 
@@ -156,7 +171,8 @@ TEST(Moduli, MarkersAreRead)
 {
     char name[] = "/tmp/pliant_markers_XXXXXX";
     close(mkstemp(name));
-    std::ofstream(name) << "load,x,y,z,moved_x,moved_y,moved_z,deviation\n# a comment\n1,0.01,0.02,0.03,0,-0.001,0\n2,0.01,0.02,0.03,0,-0.001,0,1e-4\n";
+    std::ofstream(name)
+        << "load,x,y,z,moved_x,moved_y,moved_z,deviation\n# a comment\n1,0.01,0.02,0.03,0,-0.001,0\n2,0.01,0.02,0.03,0,-0.001,0,1e-4\n";
     int32_t count;
     pliant_marker *markers;
     ASSERT_EQ(pliant_markers_read(name, 3e-4, &count, &markers), PLIANT_OK) << pliant_last_error();
@@ -170,9 +186,12 @@ TEST(Moduli, MarkersAreRead)
     std::ofstream(name) << "1,0.01,0.02\n";
     EXPECT_EQ(pliant_markers_read(name, 3e-4, &count, &markers), PLIANT_ERROR_FORMAT);
     EXPECT_NE(std::string(pliant_last_error()).find("line 1"), std::string::npos);
-    for (const char *same : {"\xEF\xBB\xBFload,x,y,z,moved_x,moved_y,moved_z\n1,0.01,0.02,0.03,0,-0.001,0\n",
-                             "\xEF\xBB\xBF" "1,0.01,0.02,0.03,0,-0.001,0\r\n", "load;x;y;z;moved_x;moved_y;moved_z\n1;0,01;0,02;0,03;0;-0,001;0\n",
-                             "1\t0.01\t0.02\t0.03\t0\t-0.001\t0\n", "Load,x,y,z,mx,my,mz,deviation\n\n1, 0.01 ,0.02,0.03,0,-0.001,0,\n"}) {
+    for (const char *same :
+         {"\xEF\xBB\xBFload,x,y,z,moved_x,moved_y,moved_z\n1,0.01,0.02,0.03,0,-0.001,0\n",
+          "\xEF\xBB\xBF"
+          "1,0.01,0.02,0.03,0,-0.001,0\r\n",
+          "load;x;y;z;moved_x;moved_y;moved_z\n1;0,01;0,02;0,03;0;-0,001;0\n", "1\t0.01\t0.02\t0.03\t0\t-0.001\t0\n",
+          "Load,x,y,z,mx,my,mz,deviation\n\n1, 0.01 ,0.02,0.03,0,-0.001,0,\n"}) {
         std::ofstream(name) << same;
         ASSERT_EQ(pliant_markers_read(name, 3e-4, &count, &markers), PLIANT_OK) << pliant_last_error();
         ASSERT_EQ(count, 1) << same;
@@ -182,19 +201,22 @@ TEST(Moduli, MarkersAreRead)
         EXPECT_EQ(markers[0].deviation, 3e-4) << same;
         pliant_free(markers);
     }
-    const char *const wrong[][3] = {{"1,0.01,0.02,0.03,0,nan,0", "line 3: moved_y is 'nan', not a finite number", "delete the line"},
-                                    {"1,0.01,0.02,0.03,0,,0", "line 3: moved_y is '', not a finite number", "delete the line"},
-                                    {"1,0.01,0.02,0.03,0,-0.001 mm,0", "line 3: moved_y is '-0.001 mm'", "not a finite number"},
-                                    {"1,10.2,-35.1,30,0,-1,0", "line 3: x is 10.2 m", "millimetres: divide"},
-                                    {"0,0.01,0.02,0.03,0,0,0", "line 3: load is 0", "whole number from 1"},
-                                    {"1.5,0.01,0.02,0.03,0,0,0", "line 3: load is 1.5", "whole number from 1"},
-                                    {"1,0.01,0.02,0.03,0,0,0,0", "line 3: deviation is 0", "above 0"},
-                                    {"1,0.01,0.02,0.03,0,0", "line 3: it has 6 cells", "write load,x,y,z,moved_x,moved_y,moved_z"},
-                                    {"1,0.01,0.02,0.03,0,0,0,1e-3,7", "line 3: it has more than 8 cells", "write load,x,y,z"}};
+    const char *const wrong[][3] = {
+        {"1,0.01,0.02,0.03,0,nan,0", "line 3: moved_y is 'nan', not a finite number", "delete the line"},
+        {"1,0.01,0.02,0.03,0,,0", "line 3: moved_y is '', not a finite number", "delete the line"},
+        {"1,0.01,0.02,0.03,0,-0.001 mm,0", "line 3: moved_y is '-0.001 mm'", "not a finite number"},
+        {"1,10.2,-35.1,30,0,-1,0", "line 3: x is 10.2 m", "millimetres: divide"},
+        {"0,0.01,0.02,0.03,0,0,0", "line 3: load is 0", "whole number from 1"},
+        {"1.5,0.01,0.02,0.03,0,0,0", "line 3: load is 1.5", "whole number from 1"},
+        {"1,0.01,0.02,0.03,0,0,0,0", "line 3: deviation is 0", "above 0"},
+        {"1,0.01,0.02,0.03,0,0", "line 3: it has 6 cells", "write load,x,y,z,moved_x,moved_y,moved_z"},
+        {"1,0.01,0.02,0.03,0,0,0,1e-3,7", "line 3: it has more than 8 cells", "write load,x,y,z"}};
     for (auto &one : wrong) {
-        std::ofstream(name) << "load,x,y,z,moved_x,moved_y,moved_z,deviation\n1,0.01,0.02,0.03,0,0,0\n" << one[0] << "\n";
+        std::ofstream(name) << "load,x,y,z,moved_x,moved_y,moved_z,deviation\n1,0.01,0.02,0.03,0,0,0\n"
+                            << one[0] << "\n";
         EXPECT_EQ(pliant_markers_read(name, 3e-4, &count, &markers), PLIANT_ERROR_FORMAT) << one[0];
-        for (const char *word : {static_cast<const char *>(name), one[1], one[2]}) EXPECT_NE(std::string(pliant_last_error()).find(word), std::string::npos) << pliant_last_error();
+        for (const char *word : {static_cast<const char *>(name), one[1], one[2]})
+            EXPECT_NE(std::string(pliant_last_error()).find(word), std::string::npos) << pliant_last_error();
     }
     std::remove(name);
     EXPECT_EQ(pliant_markers_read("/nonexistent.csv", 3e-4, &count, &markers), PLIANT_ERROR_FILE);
@@ -233,7 +255,8 @@ TEST(Moduli, OfTheMeasuredBeam)
     ASSERT_EQ(markers.size(), 6u);
     double young[2];
     for (pliant_element_kind kind : {PLIANT_LINEAR, PLIANT_HEXAHEDRA}) {
-        Body beam(std::array<int, 3>{20, 6, 6}.data(), std::array<double, 3>{0.1, 0.03, 0.03}.data(), {{150e3, 0.499, 1070, false}});
+        Body beam(std::array<int, 3>{20, 6, 6}.data(), std::array<double, 3>{0.1, 0.03, 0.03}.data(),
+                  {{150e3, 0.499, 1070, false}});
         beam.cells(10, 3, 3, 1);
         beam.fix_plane(0, 0, 0, 1, 0, 0);
         beam.scene.element.kind = kind;
@@ -242,9 +265,10 @@ TEST(Moduli, OfTheMeasuredBeam)
         const pliant_moduli_data data = {1, nullptr, 6, markers.data()};
         const char *names[1] = {"m0"};
         pliant_moduli found;
-        ASSERT_EQ(pliant_moduli_fit(&input, &data, 1, names, {nullptr, nullptr}, &found), PLIANT_OK) << pliant_last_error();
-        std::printf("%s: %.1f kPa (%.1f to %.1f), off by %.2f mm\n", kind == PLIANT_LINEAR ? "linear" : "hexahedra", 1e-3 * found.young[0], 1e-3 * found.low[0],
-                    1e-3 * found.high[0], 1e3 * found.rms);
+        ASSERT_EQ(pliant_moduli_fit(&input, &data, 1, names, {nullptr, nullptr}, &found), PLIANT_OK)
+            << pliant_last_error();
+        std::printf("%s: %.1f kPa (%.1f to %.1f), off by %.2f mm\n", kind == PLIANT_LINEAR ? "linear" : "hexahedra",
+                    1e-3 * found.young[0], 1e-3 * found.low[0], 1e-3 * found.high[0], 1e3 * found.rms);
         young[kind == PLIANT_HEXAHEDRA] = found.young[0];
     }
     EXPECT_LT(young[0], 0.7 * young[1]) << "tetrahedra that lock ask for soft tissue";
@@ -266,7 +290,8 @@ pliant_status read_first(const std::string &folder, measured_body *out)
 // show.
 TEST(Validation, AMarkerThatStandsOffTurnsWithTheTissue)
 {
-    Body beam(std::array<int, 3>{20, 6, 6}.data(), std::array<double, 3>{0.1, 0.03, 0.03}.data(), {{150e3, 0.45, 1070, false}});
+    Body beam(std::array<int, 3>{20, 6, 6}.data(), std::array<double, 3>{0.1, 0.03, 0.03}.data(),
+              {{150e3, 0.45, 1070, false}});
     beam.cells(10, 3, 3, 1);
     beam.fix_plane(0, 0, 0, 1, 0, 0);
     beam.scene.element.kind = PLIANT_HEXAHEDRA;
@@ -297,35 +322,45 @@ TEST(Validation, PredictsTheLoadThatWasNotFittedOn)
     ASSERT_NE(mkdtemp(folder), nullptr);
     const std::string in = std::string(folder) + "/";
     ASSERT_EQ(pliant_volume_write((in + "scan.nrrd").c_str(), &bar.scan), PLIANT_OK) << pliant_last_error();
-    std::ofstream(in + "materials.yaml") << "materials:\n  - {name: m0, range: [-0.5, 0.5], young_modulus: 19000, poisson_ratio: 0.45, density: 1000}\n"
-                                            "  - {name: m1, range: [0.5, 1.5], young_modulus: 7500, poisson_ratio: 0.4, density: 1000}\n";
-    std::ofstream(in + "scene.yaml") << "material: {file: " << in << "materials.yaml}\nmesh: {coarse_cells: [3, 3, 9], ratio: 1}\nelement: {kind: linear}\n"
-                                        "fixed: {planes: [{point: [0, 0, 1.0e-6], normal: [0, 0, 1]}]}\n";
+    std::ofstream(in + "materials.yaml")
+        << "materials:\n  - {name: m0, range: [-0.5, 0.5], young_modulus: 19000, poisson_ratio: 0.45, density: 1000}\n"
+           "  - {name: m1, range: [0.5, 1.5], young_modulus: 7500, poisson_ratio: 0.4, density: 1000}\n";
+    std::ofstream(in + "scene.yaml")
+        << "material: {file: " << in
+        << "materials.yaml}\nmesh: {coarse_cells: [3, 3, 9], ratio: 1}\nelement: {kind: linear}\n"
+           "fixed: {planes: [{point: [0, 0, 1.0e-6], normal: [0, 0, 1]}]}\n";
     std::ofstream(in + "load_1.yaml") << "gravity:\n  - {time: 0, acceleration: [0, -3, 0]}\n";
     std::ofstream(in + "load_2.yaml") << "gravity:\n  - {time: 0, acceleration: [0, 0, -9]}\n";
     std::ofstream markers(in + "markers.csv");
     markers.precision(12);
     for (const pliant_marker &m : bar.markers)
-        markers << m.load + 1 << "," << m.rest[0] << "," << m.rest[1] << "," << m.rest[2] << "," << m.moved[0] << "," << m.moved[1] << "," << m.moved[2] << ",2e-5\n";
+        markers << m.load + 1 << "," << m.rest[0] << "," << m.rest[1] << "," << m.rest[2] << "," << m.moved[0] << ","
+                << m.moved[1] << "," << m.moved[2] << ",2e-5\n";
     markers.close();
     pliant_report_tables tables{};
     ASSERT_EQ(pliant_report_open(nullptr, &tables), PLIANT_OK);
     ASSERT_EQ(pliant_validation_run(folder, 0, nullptr, &tables, {nullptr, nullptr}), PLIANT_OK) << pliant_last_error();
     ASSERT_EQ(pliant_results_rows(tables.validation), 2u);
-    const auto cell = [&](size_t row, const char *name) { return std::string(pliant_results_cell(tables.validation, row, pliant_results_column(tables.validation, name))); };
+    const auto cell = [&](size_t row, const char *name) {
+        return std::string(pliant_results_cell(tables.validation, row, pliant_results_column(tables.validation, name)));
+    };
     EXPECT_EQ(cell(0, "role"), "fitted");
     EXPECT_EQ(cell(1, "role"), "predicted");
     EXPECT_EQ(cell(1, "state"), "load 2");
-    for (size_t row = 0; row < 2; row++) EXPECT_NEAR(std::stod(cell(row, "rms_mm")), 0.02 * std::sqrt(3.0), 0.01) << row;
+    for (size_t row = 0; row < 2; row++)
+        EXPECT_NEAR(std::stod(cell(row, "rms_mm")), 0.02 * std::sqrt(3.0), 0.01) << row;
     EXPECT_GT(std::stod(cell(1, "moved_rms_mm")), 0.3);
     EXPECT_EQ(cell(1, "fitted").find("E of m0 "), 0u) << cell(1, "fitted");
     EXPECT_NEAR(std::stod(cell(1, "fitted").substr(8)), 20, 0.2);
     for (size_t rows : {2u, 3u}) { // a second run finds the result of the same data; new measurements add a row
-        ASSERT_EQ(pliant_validation_run(folder, 0, nullptr, &tables, {nullptr, nullptr}), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_validation_run(folder, 0, nullptr, &tables, {nullptr, nullptr}), PLIANT_OK)
+            << pliant_last_error();
         EXPECT_EQ(pliant_results_rows(tables.validation), rows);
         std::ofstream again(in + "markers.csv");
         for (const pliant_marker &m : bar.markers)
-            if (m.load == 0) again << "1," << m.rest[0] << "," << m.rest[1] << "," << m.rest[2] << "," << m.moved[0] << "," << m.moved[1] << "," << m.moved[2] << "\n";
+            if (m.load == 0)
+                again << "1," << m.rest[0] << "," << m.rest[1] << "," << m.rest[2] << "," << m.moved[0] << ","
+                      << m.moved[1] << "," << m.moved[2] << "\n";
     }
     pliant_report_close(&tables);
     std::ofstream(in + "markers.csv") << "0,0.01,0.01,0.01,0,0,0\n";
@@ -338,7 +373,8 @@ TEST(Validation, PredictsTheLoadThatWasNotFittedOn)
     std::ofstream(in + "gravity_markers.csv") << "recording,marker,state,beam_x,beam_y\n";
     EXPECT_EQ(read_first(folder, &body), PLIANT_ERROR_FORMAT);
     EXPECT_NE(std::string(pliant_last_error()).find("beam_z"), std::string::npos) << pliant_last_error();
-    std::ofstream(in + "gravity_markers.csv") << "recording,marker,state,beam_x,beam_y,beam_z\na,Tip-1,rest,0,0.015,nan\n";
+    std::ofstream(in + "gravity_markers.csv")
+        << "recording,marker,state,beam_x,beam_y,beam_z\na,Tip-1,rest,0,0.015,nan\n";
     EXPECT_EQ(read_first(folder, &body), PLIANT_ERROR_FORMAT);
     EXPECT_NE(std::string(pliant_last_error()).find("line 2"), std::string::npos) << pliant_last_error();
     EXPECT_EQ(std::system(("rm -r " + std::string(folder)).c_str()), 0);
@@ -392,9 +428,11 @@ TEST(Validation, BeamsAreFoundUnderAnyNameAndTableByTable)
     const std::string in = std::string(folder) + "/", first = in + "series/b.csv";
     ASSERT_EQ(mkdir((in + "series").c_str(), 0700), 0);
     std::ofstream(in + "notes.csv") << "what,where\nbeams,series\n";
-    std::ofstream(first) << "\xEF\xBB\xBF# measured\r\n\"marker\";\"state\"; beam_z ;beam_y;beam_x\r\nBase-1;rest;0;0;-0.1\r\nleft;rest;0.036;0.01;-0.02\r\nleft;half way;0.03;0.01;-0.02\r\n"
-                            "left;end;0.031;0.01;-0.021\r\ntip;rest;0.015;0.015;0\r\n;;;;\r\n";
-    std::ofstream(in + "series/a.CSV") << "recording,marker,state,beam_x,beam_y,beam_z\none,m,rest,0,0.015,0.036\none,m,end,0,0.015,0.03\ntwo,m,end,0,0.015,0.03\ntwo,m,rest,0,0.015,0.037\n";
+    std::ofstream(first)
+        << "\xEF\xBB\xBF# measured\r\n\"marker\";\"state\"; beam_z ;beam_y;beam_x\r\nBase-1;rest;0;0;-0.1\r\nleft;rest;0.036;0.01;-0.02\r\nleft;half way;0.03;0.01;-0.02\r\n"
+           "left;end;0.031;0.01;-0.021\r\ntip;rest;0.015;0.015;0\r\n;;;;\r\n";
+    std::ofstream(in + "series/a.CSV")
+        << "recording,marker,state,beam_x,beam_y,beam_z\none,m,rest,0,0.015,0.036\none,m,end,0,0.015,0.03\ntwo,m,end,0,0.015,0.03\ntwo,m,rest,0,0.015,0.037\n";
     measured_source *sources = nullptr;
     int32_t count = 0;
     ASSERT_EQ(measured_bodies_find(folder, &count, &sources), PLIANT_OK) << pliant_last_error();
@@ -418,10 +456,12 @@ TEST(Validation, BeamsAreFoundUnderAnyNameAndTableByTable)
     // a table in the folder itself comes first
     std::ofstream(in + "c.csv") << "marker,state,beam_x,beam_y,beam_z\nm,rest,-20,10,36\nm,end,-20,10,30\n";
     EXPECT_EQ(read_first(folder, &a), PLIANT_ERROR_FORMAT);
-    EXPECT_NE(std::string(pliant_last_error()).find("c.csv: line 2: marker m"), std::string::npos) << pliant_last_error();
+    EXPECT_NE(std::string(pliant_last_error()).find("c.csv: line 2: marker m"), std::string::npos)
+        << pliant_last_error();
     std::ofstream(in + "c.csv") << "marker,beam_x,beam_y,beam_z\nm,-0.02,0.01,0.036\n";
     EXPECT_EQ(read_first(folder, &a), PLIANT_ERROR_FORMAT);
-    EXPECT_NE(std::string(pliant_last_error()).find("there is no column state"), std::string::npos) << pliant_last_error();
+    EXPECT_NE(std::string(pliant_last_error()).find("there is no column state"), std::string::npos)
+        << pliant_last_error();
     EXPECT_EQ(std::system(("rm -r " + std::string(folder)).c_str()), 0);
 }
 
@@ -449,15 +489,17 @@ TEST(Validation, DecimalCommasAndQuotedCellsAreReadAsTheyAreMeant)
     write("1,234,5");
     EXPECT_EQ(read_first(folder, &body), PLIANT_ERROR_FORMAT);
     std::remove(file.c_str());
-    std::ofstream(std::string(folder) + "/beam.csv") << "recording,marker,\"state, of two\",state,beam_x,beam_y,beam_z\n\"one, of two\",m,\"a \"\"b\"\", c\",rest,\"-0,02\",0.015,0.036\n"
-                                                        "\"one, of two\",m,,end,\"-0,02\",0.015,\"0,03\"\n";
+    std::ofstream(std::string(folder) + "/beam.csv")
+        << "recording,marker,\"state, of two\",state,beam_x,beam_y,beam_z\n\"one, of two\",m,\"a \"\"b\"\", c\",rest,\"-0,02\",0.015,0.036\n"
+           "\"one, of two\",m,,end,\"-0,02\",0.015,\"0,03\"\n";
     ASSERT_EQ(read_first(folder, &body), PLIANT_OK) << pliant_last_error();
     EXPECT_STREQ(body.state[0], "one, of two");
     ASSERT_EQ(body.num_markers, 1);
     EXPECT_NEAR(body.markers[0].rest[0], 0.08, 1e-12);
     EXPECT_NEAR(body.markers[0].moved[2], -0.006, 1e-12);
     measured_body_free(&body);
-    std::ofstream(std::string(folder) + "/beam.csv") << "marker;state;beam_x;beam_y;beam_z\nm;rest;-0,02;0,015;0,036\nm;end;-0,02;0,0,15;0,03\n";
+    std::ofstream(std::string(folder) + "/beam.csv")
+        << "marker;state;beam_x;beam_y;beam_z\nm;rest;-0,02;0,015;0,036\nm;end;-0,02;0,0,15;0,03\n";
     EXPECT_EQ(read_first(folder, &body), PLIANT_ERROR_FORMAT);
     EXPECT_NE(std::string(pliant_last_error()).find("line 3"), std::string::npos) << pliant_last_error();
     EXPECT_EQ(std::system(("rm -r " + std::string(folder)).c_str()), 0);
@@ -469,8 +511,10 @@ TEST(Validation, WhatIsNoMeasurementIsPassedOver)
     char folder[] = "/tmp/pliant-notes-XXXXXX";
     ASSERT_NE(mkdtemp(folder), nullptr);
     const std::string in = std::string(folder) + "/";
-    std::ofstream(in + "materials.csv") << "name,law\nliver,\"constrained at 5 % of length, no strain gauge\"\n5% strain rate,x\n";
-    std::ofstream(in + "z.csv") << "marker,state,beam_x,beam_y,beam_z\nm,rest,-0.02,0.01,0.03\nm,end,-0.02,0.01,0.025\n";
+    std::ofstream(in + "materials.csv")
+        << "name,law\nliver,\"constrained at 5 % of length, no strain gauge\"\n5% strain rate,x\n";
+    std::ofstream(in + "z.csv")
+        << "marker,state,beam_x,beam_y,beam_z\nm,rest,-0.02,0.01,0.03\nm,end,-0.02,0.01,0.025\n";
     measured_source *sources = nullptr;
     int32_t count = 0;
     ASSERT_EQ(measured_bodies_find(folder, &count, &sources), PLIANT_OK) << pliant_last_error();
@@ -486,7 +530,8 @@ TEST(Validation, WhatIsNoMeasurementIsPassedOver)
     ASSERT_EQ(getrlimit(RLIMIT_NOFILE, &before), 0);
     const rlimit one_more = {static_cast<rlim_t>(next) + 1, before.rlim_max};
     std::string logged;
-    pliant_set_log([](pliant_log_level, const char *text, void *out) { *static_cast<std::string *>(out) += text; }, &logged);
+    pliant_set_log([](pliant_log_level, const char *text, void *out) { *static_cast<std::string *>(out) += text; },
+                   &logged);
     ASSERT_EQ(setrlimit(RLIMIT_NOFILE, &one_more), 0);
     const pliant_status status = measured_bodies_find(folder, &count, &sources);
     setrlimit(RLIMIT_NOFILE, &before);
@@ -528,28 +573,41 @@ protected:
 // The nodes of pliant_deform serve as the measurement. The search starts at another modulus.
 TEST_F(Fit, FindsWhatAnotherProgramHasDeformedWith)
 {
-    const std::string scene = " --scan phantom:48x40x40 --set 'mesh/coarse_cells=5 4 4' --set mesh/ratio=1 --set 'model/gravity=0 9.81 0' --set solver/threads=1";
+    const std::string scene =
+        " --scan phantom:48x40x40 --set 'mesh/coarse_cells=5 4 4' --set mesh/ratio=1 --set 'model/gravity=0 9.81 0' --set solver/threads=1";
     const auto table = [](double fat, double muscle) {
         std::ostringstream text;
-        text << "materials:\n  - {name: air, empty: true, range: [-2000, -300], young_modulus: 1, poisson_ratio: 0.3, density: 1}\n  - {name: fat, range: [-300, 0], young_modulus: " << fat
-             << ", poisson_ratio: 0.45, density: 950}\n  - {name: muscle, range: [0, 250], young_modulus: " << muscle
-             << ", poisson_ratio: 0.45, density: 1050}\n  - {name: bone, fixed: true, range: [250, 4000], young_modulus: 1e9, poisson_ratio: 0.3, density: 1800}\n";
+        text
+            << "materials:\n  - {name: air, empty: true, range: [-2000, -300], young_modulus: 1, poisson_ratio: 0.3, density: 1}\n  - {name: fat, range: [-300, 0], young_modulus: "
+            << fat
+            << ", poisson_ratio: 0.45, density: 950}\n  - {name: muscle, range: [0, 250], young_modulus: " << muscle
+            << ", poisson_ratio: 0.45, density: 1050}\n  - {name: bone, fixed: true, range: [250, 4000], young_modulus: 1e9, poisson_ratio: 0.3, density: 1800}\n";
         return text.str();
     };
     std::ofstream(in("true.yaml")) << table(3000, 9000);
     std::ofstream(in("start.yaml")) << table(5000, 5000);
-    ASSERT_EQ(std::system((std::string(PLIANT_DEFORM) + scene + " --quiet --no-volume --set solver/tolerance=1e-7 --set material/file=" + in("true.yaml") + " --out " + in("d")).c_str()), 0);
+    ASSERT_EQ(std::system((std::string(PLIANT_DEFORM) + scene +
+                           " --quiet --no-volume --set solver/tolerance=1e-7 --set material/file=" + in("true.yaml") +
+                           " --out " + in("d"))
+                              .c_str()),
+              0);
     std::ifstream nodes(in("d/nodes.csv"));
     std::ofstream markers(in("markers.csv"));
     markers.precision(12);
     int row = 0;
     for (std::string line; std::getline(nodes, line); row++) {
         double x[6];
-        if (row % 5 == 0 || std::sscanf(line.c_str(), "%lf,%lf,%lf,%lf,%lf,%lf", x, x + 1, x + 2, x + 3, x + 4, x + 5) != 6) continue;
-        markers << "1," << x[0] << "," << x[1] << "," << x[2] << "," << x[3] - x[0] << "," << x[4] - x[1] << "," << x[5] - x[2] << "\n";
+        if (row % 5 == 0 ||
+            std::sscanf(line.c_str(), "%lf,%lf,%lf,%lf,%lf,%lf", x, x + 1, x + 2, x + 3, x + 4, x + 5) != 6)
+            continue;
+        markers << "1," << x[0] << "," << x[1] << "," << x[2] << "," << x[3] - x[0] << "," << x[4] - x[1] << ","
+                << x[5] - x[2] << "\n";
     }
     markers.close();
-    ASSERT_EQ(run(scene + " --set material/file=" + in("start.yaml") + " --markers " + in("markers.csv") + " --deviation 1e-5 --materials fat,muscle --out " + in("f")), 0) << err_;
+    ASSERT_EQ(run(scene + " --set material/file=" + in("start.yaml") + " --markers " + in("markers.csv") +
+                  " --deviation 1e-5 --materials fat,muscle --out " + in("f")),
+              0)
+        << err_;
     std::ifstream result(in("f/moduli.csv"));
     std::string line;
     std::getline(result, line);

@@ -51,7 +51,8 @@ struct Field {
         pliant_mesh_free(&mesh);
         pliant_free(materials);
         materials = nullptr;
-        return pliant_mesh_octree(&geometry, roots.data(), depth, purity, keep_air, hexahedra, material.data(), &table, &mesh, &materials);
+        return pliant_mesh_octree(&geometry, roots.data(), depth, purity, keep_air, hexahedra, material.data(), &table,
+                                  &mesh, &materials);
     }
     // Scatter balls and single voxels of random materials.
     void scatter(unsigned seed)
@@ -63,10 +64,12 @@ struct Field {
             for (int d = 0; d < 3; d++) at[d] = static_cast<int>(random() % static_cast<unsigned>(s[d]));
             for (int v = 0; v < s[0] * s[1] * s[2]; v++) {
                 int x = v % s[0] - at[0], y = v / s[0] % s[1] - at[1], z = v / s[0] / s[1] - at[2];
-                if (x * x + y * y + z * z < radius * radius) material[static_cast<size_t>(v)] = static_cast<uint8_t>(which);
+                if (x * x + y * y + z * z < radius * radius)
+                    material[static_cast<size_t>(v)] = static_cast<uint8_t>(which);
             }
         }
-        for (int voxel = 0; voxel < 3; voxel++) material[random() % material.size()] = static_cast<uint8_t>(random() % 4);
+        for (int voxel = 0; voxel < 3; voxel++)
+            material[random() % material.size()] = static_cast<uint8_t>(random() % 4);
     }
 };
 
@@ -116,7 +119,8 @@ TEST(Octree, IsConformingOverRandomFields)
         // Two tetrahedra share each inner face. A face of one tetrahedron lies on the box, so there are no hanging
         // nodes.
         double volume = 0, box = 0.032 * 0.024 * 0.016, worst = 1;
-        const double low[3] = {-0.0005, -0.0005, seed % 2 ? -0.0155 : -0.0005}, high[3] = {0.0315, 0.0235, seed % 2 ? 0.0005 : 0.0155};
+        const double low[3] = {-0.0005, -0.0005, seed % 2 ? -0.0155 : -0.0005},
+                     high[3] = {0.0315, 0.0235, seed % 2 ? 0.0005 : 0.0155};
         for (int32_t t = 0; t < field.mesh.num_tets; t++) {
             ASSERT_GT(volume_of(field.mesh, t), 0);
             volume += volume_of(field.mesh, t);
@@ -209,7 +213,8 @@ TEST(Octree, NoNodeFollowsOneThatFollows)
             for (int32_t leaf = 0; leaf < tree.num_leaves; leaf++) {
                 const int32_t size = 1 << (4 - tree.level[leaf]);
                 for (int i = 0; i < 27; i++) {
-                    const int32_t halves[3] = {i % 3, i / 3 % 3, i / 9}, middles = (halves[0] == 1) + (halves[1] == 1) + (halves[2] == 1);
+                    const int32_t halves[3] = {i % 3, i / 3 % 3, i / 9},
+                                  middles = (halves[0] == 1) + (halves[1] == 1) + (halves[2] == 1);
                     if (size == 1 ? middles > 0 : middles == 3) continue;
                     const int32_t node = pliant_octree_place(cells, tree.origin[leaf], size, halves);
                     if (pass == 0 && middles == 0) corners.insert(node);
@@ -249,7 +254,8 @@ TEST(Octree, DepthZeroIsTheLattice)
 TEST(Octree, LeavesHoldTheirMaterialAndPointsTheirLeaf)
 {
     Field field({32, 32, 32});
-    for (int v = 0; v < 32 * 32 * 32; v++) field.material[static_cast<size_t>(v)] = v % 32 < 8 ? 2 : v % 32 < 21 ? 3 : 1;
+    for (int v = 0; v < 32 * 32 * 32; v++)
+        field.material[static_cast<size_t>(v)] = v % 32 < 8 ? 2 : v % 32 < 21 ? 3 : 1;
     ASSERT_EQ(field.build({4, 4, 4}, 2), PLIANT_OK);
     std::mt19937 random(1);
     std::uniform_real_distribution<double> part(0, 1);
@@ -301,7 +307,8 @@ TEST(Octree, BendsLikeTheLatticeOfItsSmallestCells)
     const double box[3] = {0.04, 0.04, 0.08};
     double deflection[3];
     for (int way = 0; way < 3; way++) {
-        Body body(size, box, {{5e3, 0.3, 1000, false}, {2e4, 0.3, 1000, false}}, [](int i, int, int k) { return i < 6 && k < 10; });
+        Body body(size, box, {{5e3, 0.3, 1000, false}, {2e4, 0.3, 1000, false}},
+                  [](int i, int, int k) { return i < 6 && k < 10; });
         body.fix_plane(0, 0, 1e-6, 0, 0, 1);
         body.scene.model.gravity[0] = 1;
         body.scene.solver.iterations = 20;
@@ -327,7 +334,8 @@ TEST(Octree, BendsLikeTheLatticeOfItsSmallestCells)
         int32_t tet = pliant_mesh_locate(&body.model->body->fine, tip, weights);
         ASSERT_GE(tet, 0);
         deflection[way] = -tip[0];
-        for (int v = 0; v < 4; v++) deflection[way] += weights[v] * body.data->positions[3 * body.model->body->fine.tets[4 * tet + v]];
+        for (int v = 0; v < 4; v++)
+            deflection[way] += weights[v] * body.data->positions[3 * body.model->body->fine.tets[4 * tet + v]];
     }
     EXPECT_NEAR(deflection[1], deflection[0], 0.25 * deflection[0]); // large cells bend less
     EXPECT_NEAR(deflection[2], deflection[1], 0.05 * deflection[1]); // another strain energy

@@ -13,7 +13,8 @@
 
 namespace {
 
-const char table_text[] = "materials:\n  - {name: a, young_modulus: 1000, poisson_ratio: 0.4, density: 1000, labels: [1]}\n";
+const char table_text[] =
+    "materials:\n  - {name: a, young_modulus: 1000, poisson_ratio: 0.4, density: 1000, labels: [1]}\n";
 
 class Open : public ::testing::Test {
 protected:

@@ -34,7 +34,8 @@ TEST(Panels, InvertsTheProductOfTheFactorWithItsTranspose)
     }
     std::vector<int> permutation(size);
     for (int i = 0; i < size; i++) permutation[static_cast<size_t>(i)] = (i * 7) % size;
-    const pliant_supernodes supernodes = {3, first, row_start.data(), value_start.data(), row.data(), permutation.data(), value.data()};
+    const pliant_supernodes supernodes = {
+        3, first, row_start.data(), value_start.data(), row.data(), permutation.data(), value.data()};
     pliant_panels panels;
     ASSERT_EQ(pliant_panels_create(value.size(), size, &panels), PLIANT_OK);
     pliant_panels_fill(&panels, &supernodes);

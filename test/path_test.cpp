@@ -95,7 +95,8 @@ TEST_F(Path, RefusesWrongFilesWithFileLineAndField)
     refuses(start, "motion");
     refuses(start + motion + "    speed: 3\n", "line 5: ");
     refuses("tools:\n  - name: a\n    grasp: [0, 0]\n" + motion, "grasp");
-    refuses("tools:\n  - name: a\n    grasp: [0, nan, 0]\n" + motion, "line 2: tool 1 'a': grasp: 'nan' is not a number");
+    refuses("tools:\n  - name: a\n    grasp: [0, nan, 0]\n" + motion,
+            "line 2: tool 1 'a': grasp: 'nan' is not a number");
     refuses(start + "    drive: magnet\n" + motion, "drive: 'magnet' is neither spring, rigid nor force");
     refuses(start + "    release: 0\n" + motion, "release: 0 s must be more than 0");
     refuses(start + "    motion: [{time: 1, offset: [0, 0, 0]}, {time: 1, offset: [0, 0, 0]}]\n", "motion/time: 1 s");
@@ -106,21 +107,29 @@ TEST_F(Path, RefusesWrongFilesWithFileLineAndField)
 TEST_F(Path, ForcesAreNewtonsAndOffsetsMetres)
 {
     const std::string start = "tools:\n  - name: a\n    grasp: [0, 0, 0]\n", force = "    drive: force\n";
-    refuses(start + force + "    motion: [{time: 0.5, offset: [0, -0.03, 0]}]\n",
-            "line 2: tool 1 'a': motion: drive: force needs a force [N] at every time, as in {time: 0.5, force: [0, -5, 0]}, in place of offset");
+    refuses(
+        start + force + "    motion: [{time: 0.5, offset: [0, -0.03, 0]}]\n",
+        "line 2: tool 1 'a': motion: drive: force needs a force [N] at every time, as in {time: 0.5, force: [0, -5, 0]}, in place of offset");
     refuses(start + force + "    motion: [{time: 0, force: [0, 0, 0]}, {time: 1}]\n", "{time: 1, force: [0, -5, 0]}");
-    refuses(start + force + "    motion: [{time: 0, force: [0, 0, 0], offset: [0, 0, 0]}]\n", "motion/offset: a tool of drive: force has a force alone");
+    refuses(start + force + "    motion: [{time: 0, force: [0, 0, 0], offset: [0, 0, 0]}]\n",
+            "motion/offset: a tool of drive: force has a force alone");
     refuses(start + "    motion: [{time: 0, force: [0, 0, 0]}]\n", "motion/force: only a tool of drive: force has one");
     refuses(start + "    motion: [{time: 0}]\n", "motion: an offset [m] is missing");
     refuses(start + force + "    motion: [{time: 0, force: [0, x, 0]}]\n", "motion/force: 'x' is not a number");
 
     static std::string said;
-    pliant_set_log([](pliant_log_level level, const char *message, void *) { if (level == PLIANT_LOG_WARNING) said = message; }, nullptr);
-    const struct { std::string motion; std::vector<std::string> words; } cases[] = {
-        {force + "    motion: [{time: 0, force: [0, 0, 0]}, {time: 1, force: [0, -0.03, 0]}]\n", {name_, "tool a", "0.03 N", "newtons"}},
-        {"    motion: [{time: 0, offset: [0, 0, 0]}, {time: 1, offset: [0, -30, 0]}]\n", {name_, "tool a", "30 m", "millimetres"}},
-        {force + "    motion: [{time: 0, force: [0, 0, 0]}, {time: 1, force: [0, -3, 0]}]\n", {}},
-        {"    motion: [{time: 0, offset: [0, 0, 0]}, {time: 1, offset: [0, -0.03, 0]}]\n", {}}};
+    pliant_set_log(
+        [](pliant_log_level level, const char *message, void *) {
+            if (level == PLIANT_LOG_WARNING) said = message;
+        },
+        nullptr);
+    const struct { std::string motion; std::vector<std::string> words;
+    } cases[] = {{force + "    motion: [{time: 0, force: [0, 0, 0]}, {time: 1, force: [0, -0.03, 0]}]\n",
+                  {name_, "tool a", "0.03 N", "newtons"}},
+                 {"    motion: [{time: 0, offset: [0, 0, 0]}, {time: 1, offset: [0, -30, 0]}]\n",
+                  {name_, "tool a", "30 m", "millimetres"}},
+                 {force + "    motion: [{time: 0, force: [0, 0, 0]}, {time: 1, force: [0, -3, 0]}]\n", {}},
+                 {"    motion: [{time: 0, offset: [0, 0, 0]}, {time: 1, offset: [0, -0.03, 0]}]\n", {}}};
     for (const auto &one : cases) {
         said.clear();
         EXPECT_EQ(read(start + one.motion), PLIANT_OK) << pliant_last_error();
@@ -133,24 +142,35 @@ TEST_F(Path, ForcesAreNewtonsAndOffsetsMetres)
 
 TEST_F(Path, TimesCountFromTheStartOfTheRun)
 {
-    const std::string start = "tools:\n  - name: a\n    grasp: [0, 0, 0]\n", hint = "times count from the start of the run: subtract";
-    refuses(start + "    motion: [{time: 1732736787.1, offset: [0, 0, 0]}, {time: 1732736787.3, offset: [0, -0.01, 0]}]\n", "motion/time is 1732736787.1 s");
+    const std::string start = "tools:\n  - name: a\n    grasp: [0, 0, 0]\n",
+                      hint = "times count from the start of the run: subtract";
+    refuses(start +
+                "    motion: [{time: 1732736787.1, offset: [0, 0, 0]}, {time: 1732736787.3, offset: [0, -0.01, 0]}]\n",
+            "motion/time is 1732736787.1 s");
     refuses(start + "    motion: [{time: 1732736787123, offset: [0, 0, 0]}]\n", hint);
     refuses(start + "    motion: [{time: 0, offset: [0, 0, 0]}, {time: 1732736787.1, offset: [0, 0, 0]}]\n", hint);
-    refuses(start + "    release: 1732736787.1\n    motion: [{time: 0, offset: [0, 0, 0]}]\n", "release is 1732736787.1 s");
+    refuses(start + "    release: 1732736787.1\n    motion: [{time: 0, offset: [0, 0, 0]}]\n",
+            "release is 1732736787.1 s");
     refuses("gravity: [{time: 1732736787, acceleration: [0, 0, 0]}]\n", hint);
     refuses("cuts: [{time: 1732736787, points: [[0, 0, 0], [1, 0, 0]], depth: [0, 0, 1]}]\n", hint);
     const std::string blade = "tools:\n  - name: k\n    blade: {name: scalpel}\n";
     refuses(blade + "    poses: [{time: 1732736787.1, position: [0, 0, 0]}]\n", "poses/time is 1732736787.1 s");
-    refuses(blade + "    poses: [{time: 0, position: [0, 0, 0]}]\n    cut: [{from: 1732736787, to: 1732736788}]\n", "cut/from is 1732736787 s");
+    refuses(blade + "    poses: [{time: 0, position: [0, 0, 0]}]\n    cut: [{from: 1732736787, to: 1732736788}]\n",
+            "cut/from is 1732736787 s");
 
     static std::string said;
-    pliant_set_log([](pliant_log_level level, const char *message, void *) { if (level == PLIANT_LOG_WARNING) said += message; }, nullptr);
-    ASSERT_EQ(read(start + "    motion: [{time: 12345.5, offset: [0, 0, 0]}, {time: 12346, offset: [0, -0.01, 0]}]\n"), PLIANT_OK);
+    pliant_set_log(
+        [](pliant_log_level level, const char *message, void *) {
+            if (level == PLIANT_LOG_WARNING) said += message;
+        },
+        nullptr);
+    ASSERT_EQ(read(start + "    motion: [{time: 12345.5, offset: [0, 0, 0]}, {time: 12346, offset: [0, -0.01, 0]}]\n"),
+              PLIANT_OK);
     EXPECT_NE(said.find("nothing moves before 12345.5 s"), std::string::npos) << said;
     said.clear();
     pliant_path_free(&path_);
-    ASSERT_EQ(read(start + "    motion: [{time: 20, offset: [0, 0, 0]}, {time: 12346, offset: [0, -0.01, 0]}]\n"), PLIANT_OK);
+    ASSERT_EQ(read(start + "    motion: [{time: 20, offset: [0, 0, 0]}, {time: 12346, offset: [0, -0.01, 0]}]\n"),
+              PLIANT_OK);
     EXPECT_EQ(said, "");
     pliant_set_log(nullptr, nullptr);
 }
@@ -158,7 +178,8 @@ TEST_F(Path, TimesCountFromTheStartOfTheRun)
 TEST_F(Path, TurnsGravity)
 {
     double g[3];
-    ASSERT_EQ(read("gravity: [{time: 0, acceleration: [0, 0, -9]}, {time: 2, acceleration: [0, 9, 0]}]\n"), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(read("gravity: [{time: 0, acceleration: [0, 0, -9]}, {time: 2, acceleration: [0, 9, 0]}]\n"), PLIANT_OK)
+        << pliant_last_error();
     EXPECT_EQ(path_.num_tools, 0u);
     EXPECT_EQ(pliant_path_end(&path_), 2);
     ASSERT_TRUE(pliant_path_gravity(&path_, 1, g));
@@ -170,19 +191,23 @@ TEST_F(Path, TurnsGravity)
     ASSERT_EQ(read(two_tools), PLIANT_OK);
     EXPECT_FALSE(pliant_path_gravity(&path_, 1, g));
     pliant_path_free(&path_);
-    refuses("gravity: [{time: 1, acceleration: [0, 0, 1]}, {time: 1, acceleration: [0, 0, 1]}]\n", "line 1: gravity/time: 1 s");
+    refuses("gravity: [{time: 1, acceleration: [0, 0, 1]}, {time: 1, acceleration: [0, 0, 1]}]\n",
+            "line 1: gravity/time: 1 s");
     refuses("{}\n", "is empty");
 }
 
 TEST_F(Path, NamesProbes)
 {
-    ASSERT_EQ(read("probes:\n  - {name: tip, at: [0.01, -0.02, 0.03]}\n  - {name: middle, at: [0, 0, 1e-3]}\n"), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(read("probes:\n  - {name: tip, at: [0.01, -0.02, 0.03]}\n  - {name: middle, at: [0, 0, 1e-3]}\n"),
+              PLIANT_OK)
+        << pliant_last_error();
     ASSERT_EQ(path_.num_probes, 2u);
     EXPECT_STREQ(path_.probes[0].name, "tip");
     EXPECT_DOUBLE_EQ(path_.probes[0].at[1], -0.02);
     EXPECT_DOUBLE_EQ(path_.probes[1].at[2], 1e-3);
     pliant_path_free(&path_);
-    refuses("probes:\n  - {name: tip, at: [0.01, -0.02, 0.03]}\n  - {name: middle, at: [0, here, 1e-3]}\n", "line 3: probe 2: at: 'here' is not a number");
+    refuses("probes:\n  - {name: tip, at: [0.01, -0.02, 0.03]}\n  - {name: middle, at: [0, here, 1e-3]}\n",
+            "line 3: probe 2: at: 'here' is not a number");
     refuses("probes:\n  - {name: '', at: [0, 0, 0]}\n", "probe 1: name: must have 1 to 47 characters");
 }
 
@@ -216,7 +241,10 @@ TEST_F(Path, LeadsABlade)
     ASSERT_TRUE(pliant_path_pose_at(&tool, 9, at, turned));
     EXPECT_NEAR(at[0], 0.02, 1e-12);
     EXPECT_NEAR(turned[2], 1, 1e-12) << "of length 1";
-    const struct { double time; bool cuts; } cases[] = {{0.49, false}, {0.5, true}, {1, true}, {1.01, false}, {2.9, true}, {3.01, false}};
+    const struct {
+        double time;
+        bool cuts;
+    } cases[] = {{0.49, false}, {0.5, true}, {1, true}, {1.01, false}, {2.9, true}, {3.01, false}};
     for (const auto &each : cases) EXPECT_EQ(pliant_path_cuts(&tool, each.time), each.cuts) << each.time;
     EXPECT_FALSE(pliant_path_cuts(&path_.tools[1], 1));
     double value[3];
@@ -249,18 +277,19 @@ TEST_F(Path, RefusesBladesThatCannotCut)
     refuses("cuts: [{time: 1, points: [[0, 0, 0]], depth: [0, 0, 1]}]", "");
 }
 
-const char shaped[] = "tools:\n"
-                      "  - name: driver\n"
-                      "    shape: {name: LARGE_NEEDLE_DRIVER_400006, offset: [0, 0, 0.001]}\n"
-                      "    poses: [{time: 0, position: [0, 0, 0]}, {time: 1, position: [0, 0, 0.01], jaw: 0.8}]\n"
-                      "  - name: own\n"
-                      "    shape:\n"
-                      "      parts:\n"
-                      "        - {kind: sphere, from: [0, 0, -0.01], radius: 0.002}\n"
-                      "        - {kind: box, from: [0, -0.001, -0.01], to: [0.002, 0.001, 0], moves: jaw_minus, cuts: true}\n"
-                      "      joint: [0, 0, -0.01]\n"
-                      "      axis: [0, 1, 0]\n"
-                      "    poses: [{time: 0, position: [0, 0, 0]}]\n";
+const char shaped[] =
+    "tools:\n"
+    "  - name: driver\n"
+    "    shape: {name: LARGE_NEEDLE_DRIVER_400006, offset: [0, 0, 0.001]}\n"
+    "    poses: [{time: 0, position: [0, 0, 0]}, {time: 1, position: [0, 0, 0.01], jaw: 0.8}]\n"
+    "  - name: own\n"
+    "    shape:\n"
+    "      parts:\n"
+    "        - {kind: sphere, from: [0, 0, -0.01], radius: 0.002}\n"
+    "        - {kind: box, from: [0, -0.001, -0.01], to: [0.002, 0.001, 0], moves: jaw_minus, cuts: true}\n"
+    "      joint: [0, 0, -0.01]\n"
+    "      axis: [0, 1, 0]\n"
+    "    poses: [{time: 0, position: [0, 0, 0]}]\n";
 
 TEST_F(Path, ToolsHaveShapesAndJaws)
 {
@@ -290,16 +319,21 @@ TEST_F(Path, RefusesShapesThatAreNone)
         text.replace(text.find(from), from.size(), to);
         return text;
     };
-    refuses(with("LARGE_NEEDLE_DRIVER_400006", "large_needle"), "line 2: tool 1 'driver': shape/name: there is no instrument 'large_needle': those of the dVRK are known, by name or code (large_needle_driver");
+    refuses(
+        with("LARGE_NEEDLE_DRIVER_400006", "large_needle"),
+        "line 2: tool 1 'driver': shape/name: there is no instrument 'large_needle': those of the dVRK are known, by name or code (large_needle_driver");
     refuses(with("LARGE_NEEDLE_DRIVER_400006", "large_needle_driver_x"), "there is no instrument");
     refuses(with("jaw: 0.8", "jaw: wide"), "poses/jaw: 'wide' is not a number");
-    refuses(with("kind: box", "kind: cone"), "line 5: tool 2 'own': shape/parts/kind: 'cone' is neither sphere, capsule, box, convex nor mesh");
+    refuses(with("kind: box", "kind: cone"),
+            "line 5: tool 2 'own': shape/parts/kind: 'cone' is neither sphere, capsule, box, convex nor mesh");
     refuses(with("kind: sphere", "kind: capsule"), "shape/parts: a capsule needs from and to");
     refuses(with(", radius: 0.002", ""), "shape/parts: a sphere needs a radius [m]");
     refuses(with("jaw_minus", "jaw"), "shape/parts/moves: 'jaw' is neither tip, jaw_plus nor jaw_minus");
-    refuses(with("to: [0.002, 0.001, 0]", "to: [-0.002, 0.001, 0]"), "shape/parts: number 2: axis 0: low 0 must not be above high -0.002");
+    refuses(with("to: [0.002, 0.001, 0]", "to: [-0.002, 0.001, 0]"),
+            "shape/parts: number 2: axis 0: low 0 must not be above high -0.002");
     refuses(with("      axis: [0, 1, 0]\n", ""), "shape: jaws turn about a joint and an axis");
-    refuses(with("{name: LARGE_NEEDLE_DRIVER_400006, offset: [0, 0, 0.001]}", "{offset: [0, 0, 0.001]}"), "shape: needs a name");
+    refuses(with("{name: LARGE_NEEDLE_DRIVER_400006, offset: [0, 0, 0.001]}", "{offset: [0, 0, 0.001]}"),
+            "shape: needs a name");
 }
 
 TEST_F(Path, ReadsAShapeFromAFileOfItsOwn)
@@ -311,7 +345,10 @@ TEST_F(Path, ReadsAShapeFromAFileOfItsOwn)
     EXPECT_DOUBLE_EQ(shape.part[0].to[2], 0.02 - shape.part[0].radius);
     std::ofstream(name_) << "parts: [{kind: sphere, from: [0, 0, 0], radius: 0.00001}]\n";
     EXPECT_EQ(pliant_tool_shape_read(name_, &shape), PLIANT_ERROR_FORMAT);
-    EXPECT_NE(std::string(pliant_last_error()).find(std::string(name_) + ": shape/parts: number 1: it is thinner than 0.1 mm"), std::string::npos) << pliant_last_error();
+    EXPECT_NE(std::string(pliant_last_error())
+                  .find(std::string(name_) + ": shape/parts: number 1: it is thinner than 0.1 mm"),
+              std::string::npos)
+        << pliant_last_error();
     std::ofstream(name_) << "";
     EXPECT_EQ(pliant_tool_shape_read(name_, &shape), PLIANT_ERROR_FORMAT);
     EXPECT_EQ(shape.num_parts, 1) << "as it was";
@@ -323,14 +360,17 @@ TEST_F(Path, PartsMayBeSolids)
     const std::string stl = std::string(name_) + ".stl";
     const size_t before = pliant_memory_in_use();
     std::ofstream(stl, std::ios::binary) << binary_stl(corner(), 0.001);
-    const std::string text = "tools:\n"
-                             "  - name: own\n"
-                             "    shape:\n"
-                             "      parts:\n"
-                             "        - {kind: mesh, file: " + stl.substr(stl.rfind('/') + 1) + ", unit: mm, from: [0, 0, -0.02], resolution: 0.001}\n"
-                             "        - {kind: convex, points: [[0, 0, 0], [0.01, 0, 0], [0, 0.01, 0], [0, 0, 0.01]], rpy: [0, 0, 3.14159265358979], radius: 0.001}\n"
-                             "      offset: [0, 0, 0.001]\n"
-                             "    poses: [{time: 0, position: [0, 0, 0]}]\n";
+    const std::string text =
+        "tools:\n"
+        "  - name: own\n"
+        "    shape:\n"
+        "      parts:\n"
+        "        - {kind: mesh, file: " +
+        stl.substr(stl.rfind('/') + 1) +
+        ", unit: mm, from: [0, 0, -0.02], resolution: 0.001}\n"
+        "        - {kind: convex, points: [[0, 0, 0], [0.01, 0, 0], [0, 0.01, 0], [0, 0, 0.01]], rpy: [0, 0, 3.14159265358979], radius: 0.001}\n"
+        "      offset: [0, 0, 0.001]\n"
+        "    poses: [{time: 0, position: [0, 0, 0]}]\n";
     ASSERT_EQ(read(text), PLIANT_OK) << pliant_last_error();
     const pliant_tool_shape &shape = path_.tools[0].shape;
     ASSERT_EQ(shape.num_parts, 2);
@@ -358,7 +398,8 @@ TEST_F(Path, PartsMayBeSolids)
     refuses(with("file: ", "file: no/"), "cannot be opened");
     refuses(with("file: ", "to: [0, 0, 0], file: "), "shape/parts/to: a mesh has the place of its origin alone, from");
     refuses(with("kind: convex", "kind: mesh"), "shape/parts: a mesh needs a file (STL)");
-    refuses(with("kind: convex", "kind: sphere"), "shape/parts: file, unit, resolution, rpy and points are of kinds convex and mesh, not of a sphere");
+    refuses(with("kind: convex", "kind: sphere"),
+            "shape/parts: file, unit, resolution, rpy and points are of kinds convex and mesh, not of a sphere");
     refuses(with("[0, 0, 0.01]]", "[0.01, 0.01, 0]]"), "its points: its points lie in a plane");
     refuses(with(", [0, 0, 0.01]]", "]"), "points");
     std::ofstream(stl, std::ios::binary) << binary_stl(corner(), 0.001).substr(0, 500);
@@ -398,7 +439,10 @@ TEST_F(Path, SurvivesEveryFailingAllocation)
 
 TEST_F(Path, DemonstrationPathsAreReadable)
 {
-    for (const char *name : {"demo_pull", "breast_turn", "breast_over", "cut_soft_path", "cut_soft_ct_path", "cut_hang_path", "cut_hang_ct_path", "resect_path", "resect_ct_path", "biopsy_path", "incise_path", "open_path", "demo_cut_path", "grasp_path", "press_ct_path", "organs_ct_path"}) {
+    for (const char *name :
+         {"demo_pull", "breast_turn", "breast_over", "cut_soft_path", "cut_soft_ct_path", "cut_hang_path",
+          "cut_hang_ct_path", "resect_path", "resect_ct_path", "biopsy_path", "incise_path", "open_path",
+          "demo_cut_path", "grasp_path", "press_ct_path", "organs_ct_path"}) {
         std::string file = std::string(PLIANT_SOURCE_DIR "/launch/scenes/") + name + ".yaml";
         EXPECT_EQ(pliant_path_read(file.c_str(), &path_), PLIANT_OK) << pliant_last_error();
         pliant_path_free(&path_);

@@ -50,7 +50,8 @@ struct Ball {
                     const double index[3] = {double(i), double(j), double(k)};
                     double x[3];
                     pliant_geometry_to_world(&volume.geometry, index, x);
-                    double distance = std::sqrt(std::pow(x[0] - centre[0], 2) + std::pow(x[1] - centre[1], 2) + std::pow(x[2] - centre[2], 2));
+                    double distance = std::sqrt(std::pow(x[0] - centre[0], 2) + std::pow(x[1] - centre[1], 2) +
+                                                std::pow(x[2] - centre[2], 2));
                     *voxels++ = float(100 * (1 - distance / radius));
                 }
     }
@@ -93,10 +94,13 @@ TEST_P(Balls, RaysMeetTheSphere)
     for (int n = 0; n < 60; n++) {
         double a = 0.7 * n, b = -1.4 + 0.045 * n;
         // from 0.5 m away towards points around the centre
-        const double aim[3] = {ball.centre[0] + 0.01 * std::sin(1.3 * n), ball.centre[1] + 0.01 * std::cos(2.1 * n), ball.centre[2]};
-        pliant_ray ray = ball.ray_from(0.5 * std::cos(a) * std::cos(b), 0.5 * std::sin(a) * std::cos(b), 0.5 * std::sin(b), aim);
+        const double aim[3] = {ball.centre[0] + 0.01 * std::sin(1.3 * n), ball.centre[1] + 0.01 * std::cos(2.1 * n),
+                               ball.centre[2]};
+        pliant_ray ray =
+            ball.ray_from(0.5 * std::cos(a) * std::cos(b), 0.5 * std::sin(a) * std::cos(b), 0.5 * std::sin(b), aim);
         pliant_picked picked{};
-        ASSERT_EQ(pliant_pick(&ball.volume, &ball.mesh, ball.mesh.rest, &ray, 0.0, &picked), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_pick(&ball.volume, &ball.mesh, ball.mesh.rest, &ray, 0.0, &picked), PLIANT_OK)
+            << pliant_last_error();
         ASSERT_TRUE(picked.hit) << n;
         // The values of a sphere are curved between voxels. So trilinear interpolation puts its surface slightly
         // inside.
@@ -116,7 +120,8 @@ TEST_P(Balls, RaysMeetTheSphere)
         double sum = 0, back[3] = {0, 0, 0};
         for (int v = 0; v < 4; v++) {
             sum += picked.barycentric[v];
-            for (int d = 0; d < 3; d++) back[d] += picked.barycentric[v] * ball.mesh.rest[3 * ball.mesh.tets[4 * picked.tetrahedron + v] + d];
+            for (int d = 0; d < 3; d++)
+                back[d] += picked.barycentric[v] * ball.mesh.rest[3 * ball.mesh.tets[4 * picked.tetrahedron + v] + d];
         }
         EXPECT_NEAR(sum, 1, 1e-12);
         for (int d = 0; d < 3; d++) EXPECT_NEAR(back[d], picked.point[d], 1e-9);
@@ -186,11 +191,13 @@ TEST(Pick, TheRestPositionFollowsTheDeformation)
 {
     Ball ball(OBLIQUE, EVEN, 0.025);
     // The same volume with another mesh: positions = A rest + b, so rest = A^-1 (x - b).
-    std::vector<double> positions(3 * size_t(ball.mesh.num_nodes)), rest(ball.mesh.rest, ball.mesh.rest + 3 * ball.mesh.num_nodes);
+    std::vector<double> positions(3 * size_t(ball.mesh.num_nodes)),
+        rest(ball.mesh.rest, ball.mesh.rest + 3 * ball.mesh.num_nodes);
     for (int32_t n = 0; n < ball.mesh.num_nodes; n++) {
         const double *x = &rest[3 * size_t(n)];
         for (int d = 0; d < 3; d++)
-            positions[3 * size_t(n) + size_t(d)] = ball.centre[d] + 1.5 * (x[d] - ball.centre[d]) + (d == 0 ? 0.2 * (x[1] - ball.centre[1]) : 0);
+            positions[3 * size_t(n) + size_t(d)] =
+                ball.centre[d] + 1.5 * (x[d] - ball.centre[d]) + (d == 0 ? 0.2 * (x[1] - ball.centre[1]) : 0);
     }
     pliant_ray ray = ball.ray_from(0.1, -0.3, 0.2, ball.centre);
     pliant_picked picked{};
@@ -245,7 +252,8 @@ TEST(Pick, AThresholdBelowAllValuesFindsTheFirstTissue)
         double length = 0;
         for (int d = 0; d < 3; d++) length += std::pow(picked.point[d] - ray.origin[d], 2);
         EXPECT_NEAR(picked.distance, std::sqrt(length), 1e-9);
-        EXPECT_NEAR(picked.intensity, 100 * (1 - ball.from_centre(picked.point) / ball.radius), 3) << "interpolated near the middle";
+        EXPECT_NEAR(picked.intensity, 100 * (1 - ball.from_centre(picked.point) / ball.radius), 3)
+            << "interpolated near the middle";
     }
     // tissue before the near plane is skipped
     pliant_ray ray = ball.ray_from(-0.3, 0.003, 0.002, ball.centre);
@@ -317,7 +325,9 @@ TEST(Pick, NotANumberIsRefusedAndLeavesTheOutputAlone)
             if (field == 2) ray.near = bad;
             if (field == 3) ray.far = bad;
             if (field == 4) threshold = bad;
-            EXPECT_EQ(pliant_pick(&ball.volume, &ball.mesh, ball.mesh.rest, &ray, threshold, &picked), PLIANT_ERROR_ARGUMENT) << field;
+            EXPECT_EQ(pliant_pick(&ball.volume, &ball.mesh, ball.mesh.rest, &ray, threshold, &picked),
+                      PLIANT_ERROR_ARGUMENT)
+                << field;
         }
     }
     pliant_ray still = good;
@@ -335,7 +345,8 @@ TEST(Pick, VoxelsThatAreNotNumbersAreNoSurface)
     // NaN in front of the ball
     for (int k = 0; k < size[2]; k++)
         for (int j = 0; j < size[1]; j++)
-            for (int i = 0; i < 6; i++) voxels[i + size[0] * (j + size[1] * k)] = std::numeric_limits<float>::quiet_NaN();
+            for (int i = 0; i < 6; i++)
+                voxels[i + size[0] * (j + size[1] * k)] = std::numeric_limits<float>::quiet_NaN();
     pliant_ray ray = ball.ray_from(-0.3, 0, 0, ball.centre);
     pliant_picked picked{};
     ASSERT_EQ(pliant_pick(&ball.volume, &ball.mesh, ball.mesh.rest, &ray, 0.0, &picked), PLIANT_OK);
@@ -358,7 +369,8 @@ TEST(Pick, InAWarpAsInItsVolume)
 {
     Ball ball(STRAIGHT, EVEN, 0.025);
     pliant_warp *warp = nullptr;
-    ASSERT_EQ(pliant_warp_create(&ball.volume, &ball.mesh, &ball.volume.geometry, 2, &warp), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_warp_create(&ball.volume, &ball.mesh, &ball.volume.geometry, 2, &warp), PLIANT_OK)
+        << pliant_last_error();
     std::vector<double> positions(ball.mesh.rest, ball.mesh.rest + 3 * ball.mesh.num_nodes);
     for (size_t n = 0; n < positions.size(); n++) positions[n] += 0.002 * std::sin(40 * positions[n] + double(n % 3));
     ASSERT_EQ(pliant_warp_update(warp, positions.data()), PLIANT_OK);

@@ -37,7 +37,8 @@ protected:
     }
     void TearDown() override
     {
-        for (const char *name : {"axial", "coronal", "sagittal"}) std::remove((folder_ + ("/" + std::string(name) + ".png")).c_str());
+        for (const char *name : {"axial", "coronal", "sagittal"})
+            std::remove((folder_ + ("/" + std::string(name) + ".png")).c_str());
         rmdir(folder_);
         pliant_volume_free(&before_);
         pliant_volume_free(&after_);
@@ -55,7 +56,8 @@ protected:
         ASSERT_EQ(picture_write(folder_, "", &before_, &after_, &view), PLIANT_OK) << pliant_last_error();
     }
     // Return the colour at fractions right and down of a panel, at least an eighth away from edges and cross.
-    std::string colour(const std::string &plane, int panel, double right, double down, unsigned wide = 3u * PANEL + 2 * GAP)
+    std::string colour(const std::string &plane, int panel, double right, double down,
+                       unsigned wide = 3u * PANEL + 2 * GAP)
     {
         auto reader = itk::ImageFileReader<Image>::New();
         reader->SetImageIO(itk::PNGImageIO::New());
@@ -170,7 +172,8 @@ TEST_F(Picture, ScalarsAreColoursOfTheTetrahedraThatThePlanesCut)
     EXPECT_EQ(colour("stress_axial", 0, 0.1, 0.5, PANEL + 24), "000080"); // x < 0: the value 1
     EXPECT_EQ(colour("stress_axial", 0, 0.9, 0.5, PANEL + 24), "800000");
     EXPECT_EQ(colour("stress_axial", 0, 0.5, 0.1, PANEL + 24), "000000"); // no tissue
-    for (const picture_plane &plane : picture_planes) std::remove((folder_ + ("/stress_" + std::string(plane.name) + ".png")).c_str());
+    for (const picture_plane &plane : picture_planes)
+        std::remove((folder_ + ("/stress_" + std::string(plane.name) + ".png")).c_str());
 }
 
 TEST_F(Picture, LabelsAreColoursOnTheSameSideAsTheScan)
@@ -229,14 +232,16 @@ TEST_F(Picture, AMeshShowsMaterialsCollisionsAndWhatABladeSweeps)
     const double swept = (0.021 + 0.012) / 0.042; // the picture shows the nodes' box, enlarged by a twentieth
     EXPECT_EQ(colour("mesh_axial", 0, swept, 0.02, PANEL), "ffffff");
     EXPECT_EQ(colour("mesh_axial", 0, swept, 0.98, PANEL), "ffffff");
-    EXPECT_EQ(colour("mesh_axial", 0, 1 - swept, 0.98, PANEL), "000000") << "the other parallelogram lies below the plane";
+    EXPECT_EQ(colour("mesh_axial", 0, 1 - swept, 0.98, PANEL), "000000")
+        << "the other parallelogram lies below the plane";
     const uint8_t colors[] = {1, 2, 3, 1, 2, 3, 1, 2, 3, 17, 34, 51}; // of segments
     shown.colors = colors;
     ASSERT_EQ(picture_mesh_write(folder_, "", &shown, point), PLIANT_OK) << pliant_last_error();
     EXPECT_EQ(colour("mesh_axial", 0, 0.1, 0.5, PANEL), "112233");
     const std::string absent = std::string(folder_) + "/absent";
     EXPECT_EQ(picture_mesh_write(absent.c_str(), "", &shown, point), PLIANT_ERROR_FILE);
-    for (const picture_plane &plane : picture_planes) std::remove((folder_ + ("/mesh_" + std::string(plane.name) + ".png")).c_str());
+    for (const picture_plane &plane : picture_planes)
+        std::remove((folder_ + ("/mesh_" + std::string(plane.name) + ".png")).c_str());
 }
 
 // Count the pixels of a colour in a picture.
@@ -259,11 +264,14 @@ int count(const std::string &path, int red, int green, int blue)
 TEST_F(Picture, AMeshShowsTheCutsOfItsStepAndWhereAToolPresses)
 {
     const std::string out = std::string(folder_) + "/cut", path = std::string(folder_) + "/path.yaml";
-    std::ofstream(path) << "tools:\n  - name: ball\n    shape: {parts: [{kind: sphere, from: [0, 0, 0], radius: 0.03}]}\n"
-                           "    poses: [{time: 0, position: [0, -0.25, 0]}, {time: 0.04, position: [0, -0.15, 0]}]\n"
-                           "cuts: [{time: 0.04, points: [[-0.3, -0.3, 0.01], [-0.1, -0.3, 0.01]], depth: [0, 0.5, 0]}]\n";
-    const std::string command = PLIANT_DEFORM " --scan phantom:48x40x40 --set 'mesh/coarse_cells=5 4 4' --set cut/kind=sever --steps 3 --every 1 --pictures --quiet --tools " +
-                                path + " --out " + out + " 2> " + out + ".log";
+    std::ofstream(path)
+        << "tools:\n  - name: ball\n    shape: {parts: [{kind: sphere, from: [0, 0, 0], radius: 0.03}]}\n"
+           "    poses: [{time: 0, position: [0, -0.25, 0]}, {time: 0.04, position: [0, -0.15, 0]}]\n"
+           "cuts: [{time: 0.04, points: [[-0.3, -0.3, 0.01], [-0.1, -0.3, 0.01]], depth: [0, 0.5, 0]}]\n";
+    const std::string command =
+        PLIANT_DEFORM
+        " --scan phantom:48x40x40 --set 'mesh/coarse_cells=5 4 4' --set cut/kind=sever --steps 3 --every 1 --pictures --quiet --tools " +
+        path + " --out " + out + " 2> " + out + ".log";
     ASSERT_EQ(std::system(command.c_str()), 0);
     EXPECT_EQ(count(out + "/mesh_000001_coronal.png", 255, 255, 255), 0);
     EXPECT_GT(count(out + "/mesh_000002_coronal.png", 255, 255, 255), 50);

@@ -39,7 +39,8 @@ TEST(Points, FollowAnAffineFieldInNestedAndOtherMeshes)
         pliant_points points{};
         ASSERT_EQ(pliant_points_create(&other.model->body->fine, count, rest, &points), PLIANT_OK);
         EXPECT_EQ(points.num_found, count);
-        std::vector<double> moved(3 * static_cast<size_t>(count)), positions = affine(other.model->body->fine, field, shift);
+        std::vector<double> moved(3 * static_cast<size_t>(count)),
+            positions = affine(other.model->body->fine, field, shift);
         pliant_points_move(&points, positions.data(), moved.data());
         expect_field(std::vector<double>(rest, rest + 3 * count), points, moved);
         pliant_points_free(&points);

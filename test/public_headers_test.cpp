@@ -69,11 +69,15 @@ TEST(PublicHeaders, EachFunctionIsDocumented)
         const Function &function = each.second;
         const std::string name = function.header + ": " + each.first;
         EXPECT_NE(function.comment, "") << name << " has no comment right before it";
-        EXPECT_TRUE(std::regex_search(function.comment, std::regex("^/\\*\\* [A-Z][a-z]+ "))) << name << ": begin with an imperative sentence";
+        EXPECT_TRUE(std::regex_search(function.comment, std::regex("^/\\*\\* [A-Z][a-z]+ ")))
+            << name << ": begin with an imperative sentence";
         for (const std::string &parameter : function.parameters)
-            EXPECT_TRUE(std::regex_search(function.comment, std::regex("@param\\s+" + parameter + "\\s"))) << name << ": @param " << parameter;
-        if (function.result != "void ") EXPECT_NE(function.comment.find("@return"), std::string::npos) << name << ": @return";
-        if (function.result == "pliant_status ") EXPECT_NE(function.comment.find("Errors"), std::string::npos) << name << ": name its errors";
+            EXPECT_TRUE(std::regex_search(function.comment, std::regex("@param\\s+" + parameter + "\\s")))
+                << name << ": @param " << parameter;
+        if (function.result != "void ")
+            EXPECT_NE(function.comment.find("@return"), std::string::npos) << name << ": @return";
+        if (function.result == "pliant_status ")
+            EXPECT_NE(function.comment.find("Errors"), std::string::npos) << name << ": name its errors";
     }
 }
 
@@ -94,7 +98,8 @@ TEST(PublicHeaders, IndexNamesEachFunction)
         if (name[0] != 'p') {
             name.erase(0, 1);
             size_t cut = last.size();
-            while (cut != std::string::npos && cut > 0 && !functions.count(last.substr(0, cut) + name)) cut = last.rfind('_', cut - 1);
+            while (cut != std::string::npos && cut > 0 && !functions.count(last.substr(0, cut) + name))
+                cut = last.rfind('_', cut - 1);
             ASSERT_NE(cut, std::string::npos) << name << " after " << last << " is no function";
             named.insert(last.substr(0, cut) + name);
         } else {
@@ -102,5 +107,6 @@ TEST(PublicHeaders, IndexNamesEachFunction)
             named.insert(last = name);
         }
     }
-    for (const auto &each : functions) EXPECT_TRUE(named.count(each.first)) << "the index of pliant.h lacks " << each.first;
+    for (const auto &each : functions)
+        EXPECT_TRUE(named.count(each.first)) << "the index of pliant.h lacks " << each.first;
 }

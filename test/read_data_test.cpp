@@ -24,15 +24,30 @@ TEST(SharedData, AbdomenAndThorax)
     NEEDS_SHARED_DATA();
     volume_holder abdomen, thorax;
     pliant_labels labels = {};
-    ASSERT_EQ(pliant_volume_read((DATA + "abdomen/ct.nii.gz").c_str(), nullptr, 0, &abdomen), PLIANT_OK) << pliant_last_error();
-    ASSERT_EQ(pliant_labels_read((DATA + "abdomen/labels_totalseg_fast.nii.gz").c_str(), 0, &labels), PLIANT_OK) << pliant_last_error();
-    ASSERT_EQ(pliant_volume_read((DATA + "thorax/ct.mha").c_str(), nullptr, 0, &thorax), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_volume_read((DATA + "abdomen/ct.nii.gz").c_str(), nullptr, 0, &abdomen), PLIANT_OK)
+        << pliant_last_error();
+    ASSERT_EQ(pliant_labels_read((DATA + "abdomen/labels_totalseg_fast.nii.gz").c_str(), 0, &labels), PLIANT_OK)
+        << pliant_last_error();
+    ASSERT_EQ(pliant_volume_read((DATA + "thorax/ct.mha").c_str(), nullptr, 0, &thorax), PLIANT_OK)
+        << pliant_last_error();
     EXPECT_EQ(abdomen->encoding, PLIANT_INT16) << "int32 on disk, Hounsfield units";
     EXPECT_EQ(abdomen->background, -1024.0f);
     EXPECT_TRUE(pliant_geometry_equal(&abdomen->geometry, &labels.geometry));
-    struct { pliant_volume *volume; int32_t size[3]; double spacing[3], origin[3]; float low, high; double mean; } expected[] = {
+    struct {
+        pliant_volume *volume;
+        int32_t size[3];
+        double spacing[3], origin[3];
+        float low, high;
+        double mean;
+    } expected[] = {
         {&abdomen.volume, {122, 101, 112}, {3, 3, 3}, {177.95633, -11.319, 94.30176}, -1207, 3382, -360.0203852864795},
-        {&thorax.volume, {115, 157, 129}, {1.366, 1.366, 2.5}, {-153.827, -150.352, -1434.5}, -1255, 1474, -351.72059190372227}};
+        {&thorax.volume,
+         {115, 157, 129},
+         {1.366, 1.366, 2.5},
+         {-153.827, -150.352, -1434.5},
+         -1255,
+         1474,
+         -351.72059190372227}};
     for (const auto &one : expected) {
         double sum = 0;
         float low = 1e9f, high = -1e9f;
@@ -61,9 +76,11 @@ TEST(SharedData, AbdomenAndThorax)
 TEST(SharedData, EveryScalarTypeHoldsTheSameNumbers)
 {
     NEEDS_SHARED_DATA();
-    for (const char *type : {"int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"}) {
+    for (const char *type :
+         {"int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"}) {
         volume_holder scan;
-        ASSERT_EQ(pliant_volume_read((DATA + "loader/nifti_variants/27/" + type + ".nii").c_str(), nullptr, 0, &scan), PLIANT_OK)
+        ASSERT_EQ(pliant_volume_read((DATA + "loader/nifti_variants/27/" + type + ".nii").c_str(), nullptr, 0, &scan),
+                  PLIANT_OK)
             << pliant_last_error();
         EXPECT_EQ(scan->encoding, type[0] == 'f' ? PLIANT_FLOAT32 : PLIANT_UINT8) << type;
         for (int n = 0; n < 27; n++) EXPECT_EQ(scan.at(n / 9, n / 3 % 3, n % 3), float(n)) << type;
@@ -73,7 +90,13 @@ TEST(SharedData, EveryScalarTypeHoldsTheSameNumbers)
 TEST(SharedData, VariantsThatHoldOneVolume)
 {
     NEEDS_SHARED_DATA();
-    struct { const char *name; int32_t size[3]; double spacing[3]; pliant_encoding encoding; float low, high; } files[] = {
+    struct {
+        const char *name;
+        int32_t size[3];
+        double spacing[3];
+        pliant_encoding encoding;
+        float low, high;
+    } files[] = {
         {"nifti_variants/CT_AVM.nii.gz", {256, 242, 154}, {0.719943, 0.720914, 1}, PLIANT_FLOAT32, 0, 563.2f},
         {"nifti_variants/avg152T1_LR_bigendian.nii", {91, 109, 91}, {2, 2, 2}, PLIANT_UINT8, 0, 255},
         {"nifti_variants/minimal.hdr", {64, 64, 10}, {3, 3, 3}, PLIANT_UINT8, 0, 63},
@@ -88,12 +111,18 @@ TEST(SharedData, VariantsThatHoldOneVolume)
         {"nrrd_variants/BallBinary30x30x30_gz.nrrd", {30, 30, 30}, {1, 1, 1}, PLIANT_INT16, 0, 257},
         {"nrrd_variants/BallBinary30x30x30_gz_lineskip.nrrd", {30, 30, 30}, {1, 1, 1}, PLIANT_INT16, 0, 257},
         {"nrrd_variants/BallBinary30x30x30_gz_byteskip_minus_one.nrrd", {30, 30, 30}, {1, 1, 1}, PLIANT_INT16, 0, 257},
-        {"nrrd_variants/BallBinary30x30x30_byteskip_minus_one_nifti.nhdr", {30, 30, 30}, {1, 1, 1}, PLIANT_INT16, 0, 257},
+        {"nrrd_variants/BallBinary30x30x30_byteskip_minus_one_nifti.nhdr",
+         {30, 30, 30},
+         {1, 1, 1},
+         PLIANT_INT16,
+         0,
+         257},
         {"nrrd_variants/breast1_image.nrrd", {45, 120, 21}, {0.664062, 0.664062, 2.1}, PLIANT_UINT8, 6, 248}};
     for (const auto &file : files) {
         SCOPED_TRACE(file.name);
         volume_holder scan;
-        ASSERT_EQ(pliant_volume_read((DATA + "loader/" + file.name).c_str(), nullptr, 0, &scan), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_volume_read((DATA + "loader/" + file.name).c_str(), nullptr, 0, &scan), PLIANT_OK)
+            << pliant_last_error();
         EXPECT_EQ(scan->encoding, file.encoding);
         float low = 1e9f, high = -1e9f;
         for (size_t n = 0; n < pliant_geometry_voxels(&scan->geometry); n++) {
@@ -137,10 +166,14 @@ TEST(SharedData, VariantsThatAreRefused)
 TEST(SharedData, MalformedFiles)
 {
     NEEDS_SHARED_DATA();
-    const std::map<std::string, std::string> files = {{"MR_truncated.dcm", "truncated"}, {"UN_sequence.dcm", "without PixelData"},
-                                                      {"badVR.dcm", "NumberOfFrames is \"1A\""},           {"bad_sequence.dcm", "2-D"},
-                                                      {"no_meta.dcm", "no DICOM image"}, {"fuzz-1.nii", "not a NIfTI"},
+    const std::map<std::string, std::string> files = {{"MR_truncated.dcm", "truncated"},
+                                                      {"UN_sequence.dcm", "without PixelData"},
+                                                      {"badVR.dcm", "NumberOfFrames is \"1A\""},
+                                                      {"bad_sequence.dcm", "2-D"},
+                                                      {"no_meta.dcm", "no DICOM image"},
+                                                      {"fuzz-1.nii", "not a NIfTI"},
                                                       {"fuzz-2.nii", "truncated"}};
-    for (const auto &file : files) expect_refused(DATA + "malformed/" + file.first, PLIANT_ERROR_FORMAT, {file.first, file.second});
+    for (const auto &file : files)
+        expect_refused(DATA + "malformed/" + file.first, PLIANT_ERROR_FORMAT, {file.first, file.second});
     expect_refused(DATA + "malformed", PLIANT_ERROR_FORMAT, {"MR_truncated.dcm", "truncated"});
 }

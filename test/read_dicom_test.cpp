@@ -93,8 +93,12 @@ TEST(Dicom, SlopeAndIntercept)
 
 TEST(Dicom, TellsTheModality)
 {
-    const struct { const char *word; pliant_modality modality; } cases[] = {
-        {"CT", PLIANT_MODALITY_CT}, {"MR", PLIANT_MODALITY_MR}, {"PT", PLIANT_MODALITY_OTHER}, {"OT", PLIANT_MODALITY_UNKNOWN}, {"", PLIANT_MODALITY_UNKNOWN}};
+    const struct { const char *word; pliant_modality modality;
+    } cases[] = {{"CT", PLIANT_MODALITY_CT},
+                 {"MR", PLIANT_MODALITY_MR},
+                 {"PT", PLIANT_MODALITY_OTHER},
+                 {"OT", PLIANT_MODALITY_UNKNOWN},
+                 {"", PLIANT_MODALITY_UNKNOWN}};
     for (const auto &one : cases) {
         temporary_folder folder;
         save_series(folder, 2, [&](int, dicom_file *file) { file->modality = one.word; });
@@ -114,7 +118,8 @@ TEST(Dicom, SeveralSeriesAreListedAndOneMayBeNamed)
         file->intercept = "0";
     });
     expect_refused(folder.path(), PLIANT_ERROR_FORMAT,
-                   {folder.path(), "2 series", "scan/series=UID", "1.2.3.1  \"abdomen\"  4 images of 4 x 3", "1.2.3.22  \"thorax\"  2 images"});
+                   {folder.path(), "2 series", "scan/series=UID", "1.2.3.1  \"abdomen\"  4 images of 4 x 3",
+                    "1.2.3.22  \"thorax\"  2 images"});
     expect_refused(folder.path(), PLIANT_ERROR_FORMAT, {"scan/series: no series ends with \"9.9\"", "1.2.3.22"}, "9.9");
     for (const char *name : {"1.2.3.22", ".22", "3.22"}) {
         volume_holder scan;
@@ -351,7 +356,8 @@ TEST(DicomSharedData, Jpeg2000Abdomen)
 
 TEST(DicomSharedData, TruncatedJpeg2000)
 {
-    const std::string path = PLIANT_TEST_DATA "/loader/dicom_jpeg2000_abdomen/CT.1.3.12.2.1107.5.1.4.60064.300000221208081134280000165";
+    const std::string path =
+        PLIANT_TEST_DATA "/loader/dicom_jpeg2000_abdomen/CT.1.3.12.2.1107.5.1.4.60064.300000221208081134280000165";
     temporary_folder folder;
     std::string first = load(path + "73"), second = load(path + "74");
     if (first.empty()) GTEST_SKIP() << "the shared test data is not at " PLIANT_TEST_DATA;
@@ -369,5 +375,6 @@ TEST(DicomSharedData, GantryTiltAndVariableSpacing)
     if (stat(archive.c_str(), &status) != 0) GTEST_SKIP() << "the shared test data is not at " PLIANT_TEST_DATA;
     temporary_folder folder;
     ASSERT_EQ(std::system(("tar xzf '" + archive + "' -C " + folder.path()).c_str()), 0);
-    expect_refused(folder / "dicom_gantrytilt_GE_head_variable-spacing", PLIANT_ERROR_FORMAT, {"not evenly spaced: 1.08109 to 6.99863 mm"});
+    expect_refused(folder / "dicom_gantrytilt_GE_head_variable-spacing", PLIANT_ERROR_FORMAT,
+                   {"not evenly spaced: 1.08109 to 6.99863 mm"});
 }

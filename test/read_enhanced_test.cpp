@@ -7,7 +7,8 @@
 
 namespace {
 
-const char *const EXPLICIT = "1.2.840.10008.1.2.1", *const IMPLICIT = "1.2.840.10008.1.2", *const RLE = "1.2.840.10008.1.2.5";
+const char *const EXPLICIT = "1.2.840.10008.1.2.1", *const IMPLICIT = "1.2.840.10008.1.2",
+                  *const RLE = "1.2.840.10008.1.2.5";
 const char *const ENHANCED_CT = "1.2.840.10008.5.1.4.1.1.2.1", *const ENHANCED_MR = "1.2.840.10008.5.1.4.1.1.4.1",
                   *const LEGACY_CT = "1.2.840.10008.5.1.4.1.1.2.2";
 
@@ -43,11 +44,13 @@ struct enhanced_file {
     static std::string item(const std::string &value, bool marks)
     {
         const std::string start("\xfe\xff\x00\xe0", 4), end("\xfe\xff\x0d\xe0", 4);
-        return marks ? start + words({0xffffffff}) + value + end + words({0}) : start + words({uint32_t(value.size())}) + value;
+        return marks ? start + words({0xffffffff}) + value + end + words({0})
+                     : start + words({uint32_t(value.size())}) + value;
     }
     std::string sequence(uint32_t tag, const std::string &items, bool implicit) const
     {
-        const std::string end("\xfe\xff\xdd\xe0", 4), head = bytes_of(std::vector<uint16_t>{uint16_t(tag >> 16), uint16_t(tag)});
+        const std::string end("\xfe\xff\xdd\xe0", 4),
+            head = bytes_of(std::vector<uint16_t>{uint16_t(tag >> 16), uint16_t(tag)});
         if (unknown || !marks) return element(tag, unknown && !implicit ? "UN" : "SQ", items, implicit);
         return head + (implicit ? "" : std::string("SQ\0\0", 4)) + words({0xffffffff}) + items + end + words({0});
     }
@@ -57,8 +60,11 @@ struct enhanced_file {
         auto one = [&](uint32_t tag, const std::string &inside) {
             return inside.empty() ? "" : sequence(tag, item(inside, marks), implicit);
         };
-        auto text = [&](uint32_t tag, const std::string &value) { return value.empty() ? "" : element(tag, "DS", value, implicit); };
-        std::string out = one(0x00209111, element(0x00209056, "SH", "1", implicit)) + one(0x00209113, text(0x00200032, of.position)) +
+        auto text = [&](uint32_t tag, const std::string &value) {
+            return value.empty() ? "" : element(tag, "DS", value, implicit);
+        };
+        std::string out = one(0x00209111, element(0x00209056, "SH", "1", implicit)) +
+                          one(0x00209113, text(0x00200032, of.position)) +
                           one(0x00209116, text(0x00200037, of.orientation));
         if (shared) out += one(0x00289110, text(0x00180050, "7") + text(0x00280030, spacing));
         return item(out + one(0x00289145, text(0x00281052, of.intercept) + text(0x00281053, of.slope)), marks);
@@ -94,24 +100,29 @@ struct enhanced_file {
             std::string image = images.empty() ? compressed(frames[f].pixels) : images[f];
             if (offsets) table += words({uint32_t(all.size())});
             for (int part = 0; part < fragments; part++) {
-                size_t from = image.size() * size_t(part) / size_t(fragments) / 2 * 2, to = image.size() * size_t(part + 1) / size_t(fragments) / 2 * 2;
+                size_t from = image.size() * size_t(part) / size_t(fragments) / 2 * 2,
+                       to = image.size() * size_t(part + 1) / size_t(fragments) / 2 * 2;
                 all += item(image.substr(from, to - from), false);
             }
         }
-        return bytes_of(std::vector<uint16_t>{0x7fe0, 0x10}) + std::string("OB\0\0", 4) + words({0xffffffff}) + item(table, false) + all +
-               std::string("\xfe\xff\xdd\xe0", 4) + words({0});
+        return bytes_of(std::vector<uint16_t>{0x7fe0, 0x10}) + std::string("OB\0\0", 4) + words({0xffffffff}) +
+               item(table, false) + all + std::string("\xfe\xff\xdd\xe0", 4) + words({0});
     }
     std::string bytes() const
     {
         const bool implicit = syntax == IMPLICIT;
         auto number = [](uint16_t value) { return bytes_of(std::vector<uint16_t>{value}); };
-        auto one = [&](uint32_t tag, const char *type, const std::string &value) { return element(tag, type, value, implicit); };
+        auto one = [&](uint32_t tag, const char *type, const std::string &value) {
+            return element(tag, type, value, implicit);
+        };
         std::string meta = element(0x00020002, "UI", uid, false) + element(0x00020010, "UI", syntax, false);
-        std::string out = std::string(128, '\0') + "DICM" + element(0x00020000, "UL", words({uint32_t(meta.size())}), false) + meta;
-        out += one(0x00080016, "UI", uid) + one(0x00080018, "UI", instance) + one(0x00080060, "CS", modality) + one(0x0020000e, "UI", series) +
-               one(0x00280002, "US", number(1)) + one(0x00280004, "CS", photometric) +
-               one(0x00280008, "IS", number_of_frames.empty() ? std::to_string(frames.size()) : number_of_frames) + one(0x00280010, "US", number(rows)) +
-               one(0x00280011, "US", number(columns)) + one(0x00280100, "US", number(16)) + one(0x00280101, "US", number(bits_stored)) +
+        std::string out =
+            std::string(128, '\0') + "DICM" + element(0x00020000, "UL", words({uint32_t(meta.size())}), false) + meta;
+        out += one(0x00080016, "UI", uid) + one(0x00080018, "UI", instance) + one(0x00080060, "CS", modality) +
+               one(0x0020000e, "UI", series) + one(0x00280002, "US", number(1)) + one(0x00280004, "CS", photometric) +
+               one(0x00280008, "IS", number_of_frames.empty() ? std::to_string(frames.size()) : number_of_frames) +
+               one(0x00280010, "US", number(rows)) + one(0x00280011, "US", number(columns)) +
+               one(0x00280100, "US", number(16)) + one(0x00280101, "US", number(bits_stored)) +
                one(0x00280102, "US", number(uint16_t(bits_stored - 1))) + one(0x00280103, "US", number(is_signed));
         frame all;
         all.orientation = orientation;
@@ -248,23 +259,41 @@ TEST(Enhanced, CompressedFramesOfSeveralFragments)
 
 TEST(EnhancedRefused, WhatIsNoVolume)
 {
-    struct { const char *what; void (*change)(enhanced_file *); std::vector<std::string> words; } cases[] = {
-        {"more frames than groups", [](enhanced_file *f) { f->number_of_frames = "5"; }, {"NumberOfFrames is 5", "4 items"}},
+    struct { const char *what; void (*change)(enhanced_file *); std::vector<std::string> words;
+    } cases[] = {
+        {"more frames than groups",
+         [](enhanced_file *f) { f->number_of_frames = "5"; },
+         {"NumberOfFrames is 5", "4 items"}},
         {"fewer", [](enhanced_file *f) { f->number_of_frames = "3"; }, {"NumberOfFrames is 3", "4 items"}},
         {"a thousand million", [](enhanced_file *f) { f->number_of_frames = "1000000000"; }, {"1000000000"}},
         {"none", [](enhanced_file *f) { f->number_of_frames = "0"; }, {"NumberOfFrames is 0"}},
         {"fewer than none", [](enhanced_file *f) { f->number_of_frames = "-4"; }, {"NumberOfFrames is -4"}},
         {"a part of one", [](enhanced_file *f) { f->number_of_frames = "4.5"; }, {"NumberOfFrames is 4.5"}},
         {"words", [](enhanced_file *f) { f->number_of_frames = "many"; }, {"NumberOfFrames", "many"}},
-        {"no groups", [](enhanced_file *f) { f->frames.clear(); f->number_of_frames = "4"; }, {"4 frames", "no functional groups"}},
-        {"a frame without a place", [](enhanced_file *f) { f->frames[2].position = ""; }, {"scan.dcm frame 3", "no ImagePositionPatient"}},
-        {"no orientation", [](enhanced_file *f) { f->orientation = ""; }, {"scan.dcm frame 1", "no ImageOrientationPatient"}},
+        {"no groups",
+         [](enhanced_file *f) {
+             f->frames.clear();
+             f->number_of_frames = "4";
+         },
+         {"4 frames", "no functional groups"}},
+        {"a frame without a place",
+         [](enhanced_file *f) { f->frames[2].position = ""; },
+         {"scan.dcm frame 3", "no ImagePositionPatient"}},
+        {"no orientation",
+         [](enhanced_file *f) { f->orientation = ""; },
+         {"scan.dcm frame 1", "no ImageOrientationPatient"}},
         {"no spacing", [](enhanced_file *f) { f->spacing = ""; }, {"scan.dcm frame 1", "no PixelSpacing"}},
-        {"two at one place", [](enhanced_file *f) { f->frames[2].position = f->frames[1].position; }, {"frame 2", "frame 3", "same place", "time points"}},
-        {"another stack", [](enhanced_file *f) { f->frames[1].orientation = "0\\1\\0\\1\\0\\0"; }, {"frame 2", "ImageOrientationPatient differs"}},
+        {"two at one place",
+         [](enhanced_file *f) { f->frames[2].position = f->frames[1].position; },
+         {"frame 2", "frame 3", "same place", "time points"}},
+        {"another stack",
+         [](enhanced_file *f) { f->frames[1].orientation = "0\\1\\0\\1\\0\\0"; },
+         {"frame 2", "ImageOrientationPatient differs"}},
         {"a frame is missing", [](enhanced_file *f) { f->frames.erase(f->frames.begin()); }, {"1 slice(s) missing"}},
         {"slope 0", [](enhanced_file *f) { f->frames[3].slope = "0"; }, {"scan.dcm frame 4", "RescaleSlope is 0"}},
-        {"pixels of three", [](enhanced_file *f) { f->frames[3].pixels.clear(); }, {"truncated", "4 frame(s) need 96 bytes", "has 72"}}};
+        {"pixels of three",
+         [](enhanced_file *f) { f->frames[3].pixels.clear(); },
+         {"truncated", "4 frame(s) need 96 bytes", "has 72"}}};
     for (const auto &one : cases) {
         SCOPED_TRACE(one.what);
         temporary_folder folder;
@@ -312,7 +341,8 @@ TEST(EnhancedRefused, EveryBrokenByte)
                 save(folder / "z.dcm", broken);
                 volume_holder scan;
                 pliant_status status = pliant_volume_read((folder / "z.dcm").c_str(), nullptr, 0, &scan);
-                EXPECT_TRUE(status == PLIANT_OK || status == PLIANT_ERROR_FORMAT || status == PLIANT_ERROR_MEMORY || status == PLIANT_ERROR_FILE)
+                EXPECT_TRUE(status == PLIANT_OK || status == PLIANT_ERROR_FORMAT || status == PLIANT_ERROR_MEMORY ||
+                            status == PLIANT_ERROR_FILE)
                     << at << ": " << pliant_last_error();
             }
         EXPECT_EQ(pliant_memory_in_use(), in_use);
@@ -333,9 +363,11 @@ TEST(Monochrome1, TurnsIntensitiesRoundAndNoHounsfieldUnits)
         if (!alike) file.frames[0].intercept = "-1023";
         save(folder / "scan.dcm", file.bytes());
         volume_holder scan;
-        ASSERT_EQ(pliant_volume_read((folder / "scan.dcm").c_str(), nullptr, 0, &scan), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_volume_read((folder / "scan.dcm").c_str(), nullptr, 0, &scan), PLIANT_OK)
+            << pliant_last_error();
         const float smallest = -1024, largest = 3;
-        for (int k = 0; k < 4; k++) EXPECT_EQ(scan.at(0, 0, k), smallest + largest - (100 * k - 1024 + (k == 2 && !alike))) << k;
+        for (int k = 0; k < 4; k++)
+            EXPECT_EQ(scan.at(0, 0, k), smallest + largest - (100 * k - 1024 + (k == 2 && !alike))) << k;
         EXPECT_EQ(scan->background, smallest);
     }
     file.photometric = "MONOCHROME2";
@@ -349,7 +381,8 @@ TEST(Monochrome1, TurnsIntensitiesRoundAndNoHounsfieldUnits)
 /* Slices of a JPEG 2000 series as frames of one file give the same voxels. */
 TEST(EnhancedSharedData, Jpeg2000FramesAreThoseOfTheSeries)
 {
-    const std::string series = PLIANT_TEST_DATA "/loader/dicom_jpeg2000_abdomen/CT.1.3.12.2.1107.5.1.4.60064.300000221208081134280000165";
+    const std::string series =
+        PLIANT_TEST_DATA "/loader/dicom_jpeg2000_abdomen/CT.1.3.12.2.1107.5.1.4.60064.300000221208081134280000165";
     temporary_folder folder, single;
     enhanced_file file;
     file.syntax = "1.2.840.10008.1.2.4.90";

@@ -218,8 +218,9 @@ TEST(LabelNumbers, NamesOfClassesInNifti)
     values[3] = 5;
     file.data = bytes_of(values);
     std::string bytes = file.bytes();
-    const std::string table = "<?xml version=\"1.0\"?> <CaretExtension><LabelTable>\n<Label Key=\"0\"><![CDATA[???]]></Label>\n<Label Key=\"5\" Red=\"1.0\" Alpha=\"1\">"
-                              "<![CDATA[liver]]></Label>\n<Label Red=\"0\" Key=\"6\"> stomach </Label><Label Key=\"5\">again</Label><Label Key=\"70000\">far</Label>";
+    const std::string table =
+        "<?xml version=\"1.0\"?> <CaretExtension><LabelTable>\n<Label Key=\"0\"><![CDATA[???]]></Label>\n<Label Key=\"5\" Red=\"1.0\" Alpha=\"1\">"
+        "<![CDATA[liver]]></Label>\n<Label Red=\"0\" Key=\"6\"> stomach </Label><Label Key=\"5\">again</Label><Label Key=\"70000\">far</Label>";
     std::string extension = bytes_of(std::vector<int32_t>{int32_t(table.size() + 8), 0}) + table;
     extension.resize((extension.size() + 15) / 16 * 16, ' ');
     bytes.insert(352, extension);
@@ -239,7 +240,8 @@ TEST(LabelNumbers, NamesOfClassesInNifti)
         if (!cut) EXPECT_STREQ(labels.segments[1].name, "stomach");
         pliant_labels_free(&labels);
         volume_holder scan; /* a scan may also have such an extension */
-        EXPECT_EQ(pliant_volume_read((folder / "labels.nii").c_str(), nullptr, 0, &scan), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(pliant_volume_read((folder / "labels.nii").c_str(), nullptr, 0, &scan), PLIANT_OK)
+            << pliant_last_error();
     }
     std::mt19937 random(3);
     const size_t in_use = pliant_memory_in_use();

@@ -32,10 +32,11 @@ seg_nrrd_file three_layers()
 {
     seg_nrrd_file file;
     file.layers = 3;
-    file.segments = {{"Liver", "Segment_1", "1", "0", "0.25 0.5 1", terminology("SCT^10200004^Liver")},
-                     {"left kidney", "kidney_left", "1", "2", "", terminology("SCT^64033007^Kidney", "SCT^7771000^Left")},
-                     {"Segment_3", "Segment_3", "2", "1", "", terminology("SCT^85756007^Tissue")},
-                     {"", "", "7", "1", "", ""}};
+    file.segments = {
+        {"Liver", "Segment_1", "1", "0", "0.25 0.5 1", terminology("SCT^10200004^Liver")},
+        {"left kidney", "kidney_left", "1", "2", "", terminology("SCT^64033007^Kidney", "SCT^7771000^Left")},
+        {"Segment_3", "Segment_3", "2", "1", "", terminology("SCT^85756007^Tissue")},
+        {"", "", "7", "1", "", ""}};
     file.set(0, 0, 1);
     file.set(1, 0, 1);
     file.set(1, 2, 1);  /* over the liver */
@@ -59,7 +60,8 @@ TEST(SegNrrd, LayersAndNames)
             seg_nrrd_file other = file;
             other.layers_first = false;
             for (size_t voxel = 0; voxel < 24; voxel++)
-                for (size_t layer = 0; layer < 3; layer++) other.set(voxel, layer, file.voxels[file.at(voxel, layer)[0]]);
+                for (size_t layer = 0; layer < 3; layer++)
+                    other.set(voxel, layer, file.voxels[file.at(voxel, layer)[0]]);
             file = other;
         }
         save(folder / "a.seg.nrrd", file.bytes());
@@ -72,8 +74,9 @@ TEST(SegNrrd, LayersAndNames)
         wanted[2] = 3;
         wanted[23] = 4;
         EXPECT_EQ(std::vector<uint16_t>(map->voxels, map->voxels + 24), wanted);
-        expect_words(log.warnings(), {"the later one wins in 2 voxels", "left kidney over Liver in 1", "Segment_3 over L", " in 1",
-                                      "1 voxels have values that are no segment's", "LabelValue is 9"});
+        expect_words(log.warnings(),
+                     {"the later one wins in 2 voxels", "left kidney over Liver in 1", "Segment_3 over L", " in 1",
+                      "1 voxels have values that are no segment's", "LabelValue is 9"});
         ASSERT_EQ(map->num_segments, 4u);
         const struct {
             uint16_t label, value;
@@ -151,13 +154,18 @@ TEST(SegNrrdRefused, NamesTheFieldAndTheRemedy)
         change(&file);
         return file.bytes();
     };
-    expect_no_labels(path, with([](seg_nrrd_file *f) { f->segments[1].layer = "3"; }), {path, "Segment1_Layer: 3", "from 0 to 2"});
-    expect_no_labels(path, with([](seg_nrrd_file *f) { f->segments[1].value = "x"; }), {path, "Segment1_LabelValue: x", "from 1 to 65535"});
-    expect_no_labels(path, with([](seg_nrrd_file *f) { f->segments[1].value = "70000"; }), {path, "Segment1_LabelValue: 70000"});
-    expect_no_labels(path, with([](seg_nrrd_file *f) { f->segments[1].layer = "0"; }), {path, "\"Liver\" and \"left kidney\"", "3D Slicer"});
+    expect_no_labels(path, with([](seg_nrrd_file *f) { f->segments[1].layer = "3"; }),
+                     {path, "Segment1_Layer: 3", "from 0 to 2"});
+    expect_no_labels(path, with([](seg_nrrd_file *f) { f->segments[1].value = "x"; }),
+                     {path, "Segment1_LabelValue: x", "from 1 to 65535"});
+    expect_no_labels(path, with([](seg_nrrd_file *f) { f->segments[1].value = "70000"; }),
+                     {path, "Segment1_LabelValue: 70000"});
+    expect_no_labels(path, with([](seg_nrrd_file *f) { f->segments[1].layer = "0"; }),
+                     {path, "\"Liver\" and \"left kidney\"", "3D Slicer"});
     expect_no_labels(path, with([](seg_nrrd_file *f) { f->voxels.resize(71); }), {path, "truncated"});
     expect_no_labels(path, with([](seg_nrrd_file *f) { f->segments.clear(); }), {path, "4 dimensions"});
-    expect_no_labels(path, with([](seg_nrrd_file *f) { f->type = "signed char", f->voxels[0] = 0xff; }), {path, "voxel (0, 0, 0) is -1", "whole numbers"});
+    expect_no_labels(path, with([](seg_nrrd_file *f) { f->type = "signed char", f->voxels[0] = 0xff; }),
+                     {path, "voxel (0, 0, 0) is -1", "whole numbers"});
     save(path, good.bytes());
     expect_refused(path, PLIANT_ERROR_FORMAT, {path, "is a segmentation", "material/labels"}); /* as a scan */
 }
@@ -232,8 +240,9 @@ TEST(DicomSeg, BitsAsJpeg2000)
     temporary_folder folder;
     dicom_seg_file file = two_segments();
     file.syntax = "1.2.840.10008.1.2.4.90";
-    const std::string head = "ff4fff510029000000000005000000030000000000000000000000050000000300000000000000000001000101"
-                             "ff52000c00000001000004040001ff5c00044008ff90000a000000000";
+    const std::string head =
+        "ff4fff510029000000000005000000030000000000000000000000050000000300000000000000000001000101"
+        "ff52000c00000001000004040001ff5c00044008ff90000a000000000";
     for (const char *tail : {"0130001ff93d180091162ffd9", "0140001ff93d2000be1a1bfffd9", "0130001ff93d18008e82fffd9"}) {
         file.images.push_back(from_hex(head + tail));
         if (file.images.back().size() % 2) file.images.back() += '\0';
@@ -306,19 +315,28 @@ TEST(DicomSegRefused, NamesTheFieldAndTheRemedy)
         return file.bytes();
     };
     const std::string remedy = "export it as NIfTI or NRRD";
-    expect_no_labels(path, with([](dicom_seg_file *f) { f->segments.clear(); }), {path, "DICOM segmentation (SEG)", "SegmentSequence (0062,0002)", remedy});
-    expect_no_labels(path, with([](dicom_seg_file *f) { f->has_groups = false; }), {path, "DICOM segmentation (SEG)", "(5200,9230)", remedy});
-    expect_no_labels(path, with([](dicom_seg_file *f) { f->segments[1].number = 1; }), {path, "two segments have SegmentNumber", remedy});
-    expect_no_labels(path, with([](dicom_seg_file *f) { f->frames[2].segment = 2; }), {path, "frame 3: ReferencedSegmentNumber", "is 2", remedy});
-    expect_no_labels(path, with([](dicom_seg_file *f) { f->frames[2].position = "10\\20\\30.9"; }), {path, "not evenly spaced", remedy});
-    expect_no_labels(path, with([](dicom_seg_file *f) { f->frames[2].position = "11\\20\\36"; }), {path, "lies 1 mm from the grid", remedy});
-    expect_no_labels(path, with([](dicom_seg_file *f) { f->kind = "FRACTIONAL"; }), {path, "\"FRACTIONAL\" with 1 bits", remedy});
+    expect_no_labels(path, with([](dicom_seg_file *f) { f->segments.clear(); }),
+                     {path, "DICOM segmentation (SEG)", "SegmentSequence (0062,0002)", remedy});
+    expect_no_labels(path, with([](dicom_seg_file *f) { f->has_groups = false; }),
+                     {path, "DICOM segmentation (SEG)", "(5200,9230)", remedy});
+    expect_no_labels(path, with([](dicom_seg_file *f) { f->segments[1].number = 1; }),
+                     {path, "two segments have SegmentNumber", remedy});
+    expect_no_labels(path, with([](dicom_seg_file *f) { f->frames[2].segment = 2; }),
+                     {path, "frame 3: ReferencedSegmentNumber", "is 2", remedy});
+    expect_no_labels(path, with([](dicom_seg_file *f) { f->frames[2].position = "10\\20\\30.9"; }),
+                     {path, "not evenly spaced", remedy});
+    expect_no_labels(path, with([](dicom_seg_file *f) { f->frames[2].position = "11\\20\\36"; }),
+                     {path, "lies 1 mm from the grid", remedy});
+    expect_no_labels(path, with([](dicom_seg_file *f) { f->kind = "FRACTIONAL"; }),
+                     {path, "\"FRACTIONAL\" with 1 bits", remedy});
     expect_no_labels(path, with([](dicom_seg_file *f) { f->rows = 300; }), {path, "truncated"});
     save(path, two_segments().bytes());
     expect_refused(path, PLIANT_ERROR_FORMAT, {path, "DICOM segmentation (SEG)", "material/labels"}); /* as a scan */
     for (const auto &one : std::map<std::string, const char *>{{"1.2.840.10008.1.2.5", "compressed pixels of 1 bit"},
                                                                {"1.2.840.10008.1.2.8.1", "frames that are deflated"}}) {
-        const std::string bytes = with([&](dicom_seg_file *f) { f->syntax = one.first, f->images = {"ab", "ab", "ab"}; });
+        const std::string bytes = with([&](dicom_seg_file *f) {
+            f->syntax = one.first, f->images = {"ab", "ab", "ab"};
+        });
         expect_no_labels(path, bytes, {path, one.second, "gdcmconv --raw", "pydicom"});
     }
 
@@ -407,7 +425,11 @@ TEST(SegmentationsRefused, TruncationsAndMutants)
     const struct {
         const char *name;
         std::string bytes;
-    } files[] = {{"a.seg.nrrd", three_layers().bytes()}, {"b.seg.nrrd", packed.bytes()}, {"c.dcm", two_segments().bytes()}, {"d.dcm", marked.bytes()}, {"e.dcm", with_deflated_data_set(deflated.bytes())}};
+    } files[] = {{"a.seg.nrrd", three_layers().bytes()},
+                 {"b.seg.nrrd", packed.bytes()},
+                 {"c.dcm", two_segments().bytes()},
+                 {"d.dcm", marked.bytes()},
+                 {"e.dcm", with_deflated_data_set(deflated.bytes())}};
     std::mt19937 random(7);
     const size_t in_use = pliant_memory_in_use();
     size_t refused = 0;
@@ -416,14 +438,17 @@ TEST(SegmentationsRefused, TruncationsAndMutants)
             save(folder / one.name, bytes);
             labels_holder map;
             const pliant_status status = pliant_labels_read((folder / one.name).c_str(), 1 << 20, &map);
-            EXPECT_TRUE(status == PLIANT_OK || status == PLIANT_ERROR_FORMAT || status == PLIANT_ERROR_MEMORY || status == PLIANT_ERROR_FILE) << pliant_last_error();
+            EXPECT_TRUE(status == PLIANT_OK || status == PLIANT_ERROR_FORMAT || status == PLIANT_ERROR_MEMORY ||
+                        status == PLIANT_ERROR_FILE)
+                << pliant_last_error();
             if (status != PLIANT_OK) {
                 EXPECT_NE(std::string(pliant_last_error()).find(one.name), std::string::npos) << pliant_last_error();
                 refused++;
             }
             return status;
         };
-        for (size_t length = 0; length < one.bytes.size(); length += 1 + length / 64) EXPECT_NE(try_it(one.bytes.substr(0, length)), PLIANT_OK) << length;
+        for (size_t length = 0; length < one.bytes.size(); length += 1 + length / 64)
+            EXPECT_NE(try_it(one.bytes.substr(0, length)), PLIANT_OK) << length;
         for (int mutant = 0; mutant < 300; mutant++) {
             std::string bytes = one.bytes;
             for (int n = 0; n < 1 + mutant % 5; n++) bytes[random() % bytes.size()] = char(random());

@@ -352,7 +352,8 @@ TEST(Objects, AreRefusedByNameWithARemedy)
     save(folder / "seg.dcm", file.bytes());
     expect_refused(folder / "seg.dcm", PLIANT_ERROR_FORMAT,
                    {"seg.dcm", "DICOM segmentation (SEG)", "material/labels", "export it as NIfTI"});
-    expect_refused(folder.path(), PLIANT_ERROR_FORMAT, {"seg.dcm", "DICOM segmentation (SEG)", "material/labels", "export it as NIfTI"});
+    expect_refused(folder.path(), PLIANT_ERROR_FORMAT,
+                   {"seg.dcm", "DICOM segmentation (SEG)", "material/labels", "export it as NIfTI"});
     unlink((folder / "seg.dcm").c_str());
 
     dicom_file contours;

@@ -17,18 +17,23 @@ std::vector<int16_t> counting(size_t count, int first)
     return values;
 }
 
-std::string metaimage(const std::string &more = "", const std::string &size = "4 3 2", const std::string &type = "MET_SHORT",
-                      const std::string &spacing = "1 2 3", const std::string &data = std::string(48, '\1'))
+std::string metaimage(const std::string &more = "", const std::string &size = "4 3 2",
+                      const std::string &type = "MET_SHORT", const std::string &spacing = "1 2 3",
+                      const std::string &data = std::string(48, '\1'))
 {
-    return "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\n" + more + "ElementSpacing = " + spacing +
-           "\nDimSize = " + size + "\nElementType = " + type + "\nElementDataFile = LOCAL\n" + data;
+    return "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\n" + more +
+           "ElementSpacing = " + spacing + "\nDimSize = " + size + "\nElementType = " + type +
+           "\nElementDataFile = LOCAL\n" + data;
 }
 
-std::string nrrd(const std::string &sizes = "4 3 2", const std::string &directions = "(1,0,0) (0,2,0) (0,0,3)", const std::string &more = "",
-                 const std::string &type = "short", const std::string &data = std::string(48, '\1'))
+std::string nrrd(const std::string &sizes = "4 3 2", const std::string &directions = "(1,0,0) (0,2,0) (0,0,3)",
+                 const std::string &more = "", const std::string &type = "short",
+                 const std::string &data = std::string(48, '\1'))
 {
-    return "NRRD0004\ntype: " + type + "\ndimension: 3\nspace: left-posterior-superior\nsizes: " + sizes + "\nspace directions: " + directions +
-           "\nkinds: domain domain domain\nendian: little\nencoding: raw\nspace origin: (-5,6,7)\n" + more + "\n" + data;
+    return "NRRD0004\ntype: " + type + "\ndimension: 3\nspace: left-posterior-superior\nsizes: " + sizes +
+           "\nspace directions: " + directions +
+           "\nkinds: domain domain domain\nendian: little\nencoding: raw\nspace origin: (-5,6,7)\n" + more + "\n" +
+           data;
 }
 
 } // namespace
@@ -38,23 +43,31 @@ std::string nrrd(const std::string &sizes = "4 3 2", const std::string &directio
 TEST(Modality, IsWhatTheHeaderTells)
 {
     temporary_folder folder;
-    const struct { const char *descrip; pliant_modality modality; } niftis[] = {
-        {"", PLIANT_MODALITY_UNKNOWN}, {"FSL5.0", PLIANT_MODALITY_UNKNOWN}, {"TE=30;Time=121230.000;phase=1", PLIANT_MODALITY_MR},
-        {"TE=0;Time=121230.000", PLIANT_MODALITY_UNKNOWN}, {"3T 3D GR TR=2300ms/TE=2.98ms/FA=9deg", PLIANT_MODALITY_MR}, {"TE=", PLIANT_MODALITY_UNKNOWN}};
+    const struct { const char *descrip; pliant_modality modality;
+    } niftis[] = {{"", PLIANT_MODALITY_UNKNOWN},
+                  {"FSL5.0", PLIANT_MODALITY_UNKNOWN},
+                  {"TE=30;Time=121230.000;phase=1", PLIANT_MODALITY_MR},
+                  {"TE=0;Time=121230.000", PLIANT_MODALITY_UNKNOWN},
+                  {"3T 3D GR TR=2300ms/TE=2.98ms/FA=9deg", PLIANT_MODALITY_MR},
+                  {"TE=", PLIANT_MODALITY_UNKNOWN}};
     for (const auto &one : niftis) {
         nifti_file file;
         file.descrip = one.descrip;
         save(folder / "scan.nii", file.bytes());
         volume_holder scan;
-        ASSERT_EQ(pliant_volume_read((folder / "scan.nii").c_str(), nullptr, 0, &scan), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_volume_read((folder / "scan.nii").c_str(), nullptr, 0, &scan), PLIANT_OK)
+            << pliant_last_error();
         EXPECT_EQ(scan->modality, one.modality) << one.descrip;
     }
-    const struct { const char *name; std::string bytes; pliant_modality modality; } texts[] = {
-        {"a.mha", metaimage("Modality = MET_MOD_MR\n"), PLIANT_MODALITY_MR}, {"b.mha", metaimage("Modality = MET_MOD_CT\n"), PLIANT_MODALITY_CT},
-        {"c.mha", metaimage("Modality = MET_MOD_OTHER\n"), PLIANT_MODALITY_UNKNOWN}, {"d.mha", metaimage("Modality = MET_MOD_US\n"), PLIANT_MODALITY_OTHER},
-        {"e.mha", metaimage(), PLIANT_MODALITY_UNKNOWN}, {"a.nrrd", nrrd(), PLIANT_MODALITY_UNKNOWN},
-        {"b.nrrd", nrrd("4 3 2", "(1,0,0) (0,2,0) (0,0,3)", "modality:=DWMRI\n"), PLIANT_MODALITY_MR},
-        {"c.nrrd", nrrd("4 3 2", "(1,0,0) (0,2,0) (0,0,3)", "DICOM_0008_0060:=CT\n"), PLIANT_MODALITY_CT}};
+    const struct { const char *name; std::string bytes; pliant_modality modality;
+    } texts[] = {{"a.mha", metaimage("Modality = MET_MOD_MR\n"), PLIANT_MODALITY_MR},
+                 {"b.mha", metaimage("Modality = MET_MOD_CT\n"), PLIANT_MODALITY_CT},
+                 {"c.mha", metaimage("Modality = MET_MOD_OTHER\n"), PLIANT_MODALITY_UNKNOWN},
+                 {"d.mha", metaimage("Modality = MET_MOD_US\n"), PLIANT_MODALITY_OTHER},
+                 {"e.mha", metaimage(), PLIANT_MODALITY_UNKNOWN},
+                 {"a.nrrd", nrrd(), PLIANT_MODALITY_UNKNOWN},
+                 {"b.nrrd", nrrd("4 3 2", "(1,0,0) (0,2,0) (0,0,3)", "modality:=DWMRI\n"), PLIANT_MODALITY_MR},
+                 {"c.nrrd", nrrd("4 3 2", "(1,0,0) (0,2,0) (0,0,3)", "DICOM_0008_0060:=CT\n"), PLIANT_MODALITY_CT}};
     for (const auto &one : texts) {
         save(folder / one.name, one.bytes);
         volume_holder scan, smaller;
@@ -80,7 +93,8 @@ TEST(Nifti, ConvertsRasMillimetresToLpsMetres)
     EXPECT_EQ(scan->slope, 1.0f);
     EXPECT_EQ(scan->background, -1024.0f);
     EXPECT_STREQ(scan->id, "scan.nii");
-    const double direction[9] = {0, -1, 0, 1, 0, 0, 0, 0, 1}, origin[3] = {-0.010, -0.020, 0.030}, spacing[3] = {0.0005, 0.00075, 0.002};
+    const double direction[9] = {0, -1, 0, 1, 0, 0, 0, 0, 1}, origin[3] = {-0.010, -0.020, 0.030},
+                 spacing[3] = {0.0005, 0.00075, 0.002};
     for (int d = 0; d < 9; d++) EXPECT_EQ(scan->geometry.direction[d], direction[d]) << d;
     for (int d = 0; d < 3; d++) EXPECT_NEAR(scan->geometry.origin[d], origin[d], 1e-12);
     for (int d = 0; d < 3; d++) EXPECT_NEAR(scan->geometry.spacing[d], spacing[d], 1e-12);
@@ -99,7 +113,8 @@ TEST(Nifti, TakesEveryUnitOfLengthAlsoForTheOrigin)
         file.srow = {0.001f * s, 0, 0, 0.1f * s, 0, 0.002f * s, 0, 0.2f * s, 0, 0, 0.003f * s, 0.3f * s};
         save(folder / "scan.nii", file.bytes());
         volume_holder scan;
-        ASSERT_EQ(pliant_volume_read((folder / "scan.nii").c_str(), nullptr, 0, &scan), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_volume_read((folder / "scan.nii").c_str(), nullptr, 0, &scan), PLIANT_OK)
+            << pliant_last_error();
         EXPECT_NEAR(scan->geometry.spacing[2], 0.003, 1e-9);
         EXPECT_NEAR(scan->geometry.origin[0], -0.1, 1e-8);
         EXPECT_NEAR(scan->geometry.origin[2], 0.3, 1e-7);
@@ -198,7 +213,11 @@ TEST(Nifti, AnSformThatCannotBeFollowedIsTold)
 {
     temporary_folder folder;
     static std::string said;
-    pliant_set_log([](pliant_log_level level, const char *message, void *) { if (level == PLIANT_LOG_WARNING) said = message; }, nullptr);
+    pliant_set_log(
+        [](pliant_log_level level, const char *message, void *) {
+            if (level == PLIANT_LOG_WARNING) said = message;
+        },
+        nullptr);
     const struct { std::vector<float> srow; const char *word; } cases[] = {
         {{1, 0.2f, 0, 5, 0, 1, 0, 5, 0, 0, 1, 5}, "sheared"},
         {{0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0}, "singular"},
@@ -213,7 +232,8 @@ TEST(Nifti, AnSformThatCannotBeFollowedIsTold)
         save(folder / "scan.nii", file.bytes());
         volume_holder scan;
         said.clear();
-        ASSERT_EQ(pliant_volume_read((folder / "scan.nii").c_str(), nullptr, 0, &scan), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_volume_read((folder / "scan.nii").c_str(), nullptr, 0, &scan), PLIANT_OK)
+            << pliant_last_error();
         EXPECT_EQ(scan->geometry.origin[0], *one.word ? 0 : -0.005) << "of the qform, or of the sform";
         EXPECT_EQ(said.empty(), !*one.word) << said;
         for (const char *word : {one.word, *one.word ? "qform is taken" : "", *one.word ? "scan.nii" : ""})
@@ -255,12 +275,14 @@ TEST(Nifti, RescalesAndChoosesTheSmallestExactEncoding)
         file.data = bytes_of(counting(24, one.first));
         save(folder / "scan.nii", file.bytes());
         volume_holder scan;
-        ASSERT_EQ(pliant_volume_read((folder / "scan.nii").c_str(), nullptr, 0, &scan), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_volume_read((folder / "scan.nii").c_str(), nullptr, 0, &scan), PLIANT_OK)
+            << pliant_last_error();
         EXPECT_EQ(scan->encoding, one.encoding);
         EXPECT_EQ(scan->background, one.background);
         bool scales = one.slope != 0 && std::isfinite(one.slope);
         float slope = scales ? one.slope : 1, intercept = scales ? one.intercept : 0;
-        for (size_t n = 0; n < 24; n++) EXPECT_EQ(pliant_volume_value(&scan.volume, n), slope * float(one.first + int(n)) + intercept);
+        for (size_t n = 0; n < 24; n++)
+            EXPECT_EQ(pliant_volume_value(&scan.volume, n), slope * float(one.first + int(n)) + intercept);
         EXPECT_EQ(scan->slope, 1.0f);
         EXPECT_EQ(scan->intercept, 0.0f);
     }
@@ -284,7 +306,8 @@ TEST(MetaImage, AxesAreTheRowsOfTheMatrix)
 {
     temporary_folder folder;
     std::vector<int16_t> values = counting(24, -5);
-    save(folder / "scan.mha", metaimage("TransformMatrix = 0 1 0 0 0 -1 -1 0 0\nOffset = 1 2 3\n", "4 3 2", "MET_SHORT", "0.5 1 2", bytes_of(values)));
+    save(folder / "scan.mha", metaimage("TransformMatrix = 0 1 0 0 0 -1 -1 0 0\nOffset = 1 2 3\n", "4 3 2", "MET_SHORT",
+                                        "0.5 1 2", bytes_of(values)));
     volume_holder scan;
     ASSERT_EQ(pliant_volume_read((folder / "scan.mha").c_str(), nullptr, 0, &scan), PLIANT_OK) << pliant_last_error();
     const double direction[9] = {0, 0, -1, 1, 0, 0, 0, -1, 0};
@@ -330,7 +353,8 @@ TEST(MetaImage, DataInAFileOfTheirOwnBigEndianBehindAHeader)
 TEST(Nrrd, ObliqueRightHandedAndInMetres)
 {
     temporary_folder folder;
-    save(folder / "scan.nrrd", nrrd("4 3 2", "(0.003,0.004,0) (-0.004,0.003,0) (0,0,-0.002)", "space units: \"m\" \"m\" \"m\"\n"));
+    save(folder / "scan.nrrd",
+         nrrd("4 3 2", "(0.003,0.004,0) (-0.004,0.003,0) (0,0,-0.002)", "space units: \"m\" \"m\" \"m\"\n"));
     volume_holder scan;
     ASSERT_EQ(pliant_volume_read((folder / "scan.nrrd").c_str(), nullptr, 0, &scan), PLIANT_OK) << pliant_last_error();
     const double direction[9] = {0.6, -0.8, 0, 0.8, 0.6, 0, 0, 0, -1};
@@ -343,7 +367,8 @@ TEST(Nrrd, ObliqueRightHandedAndInMetres)
 TEST(Nrrd, DataFileWithLinesAndBytesInFront)
 {
     temporary_folder folder;
-    std::string header = nrrd("4 3 2", "(-1,0,0) (0,-1,0) (0,0,1)", "line skip: 2\nbyte skip: 3\ndata file: scan.raw\n", "short", "");
+    std::string header =
+        nrrd("4 3 2", "(-1,0,0) (0,-1,0) (0,0,1)", "line skip: 2\nbyte skip: 3\ndata file: scan.raw\n", "short", "");
     header.replace(header.find("left-posterior"), 14, "right-anterior");
     save(folder / "scan.nhdr", header);
     save(folder / "scan.raw", "one\ntwo\nxyz" + bytes_of(counting(24, 300)));
@@ -475,7 +500,8 @@ TEST(Refused, MoreThanTheMemoryThatThereIs)
     std::string header = metaimage("", "60000 60000 30000", "MET_UCHAR", "1 1 1", "");
     save(folder / "sparse.mha", header);
     if (truncate((folder / "sparse.mha").c_str(), off_t(108000000000000 + header.size())) == 0)
-        expect_refused(folder / "sparse.mha", PLIANT_ERROR_MEMORY, {"sparse.mha", "60000 x 60000 x 30000", "the machine has free"});
+        expect_refused(folder / "sparse.mha", PLIANT_ERROR_MEMORY,
+                       {"sparse.mha", "60000 x 60000 x 30000", "the machine has free"});
 
     pliant_memory_reset_peak();
     size_t before = pliant_memory_peak();
@@ -483,17 +509,20 @@ TEST(Refused, MoreThanTheMemoryThatThereIs)
     file.dim = {3, 40, 30, 20};
     file.data = std::string(40 * 30 * 20 * 2, '\1');
     save(folder / "scan.nii", file.bytes());
-    expect_refused(folder / "scan.nii", PLIANT_ERROR_MEMORY, {"scan.nii", "40 x 30 x 20", "the limit is"}, nullptr, 40000);
+    expect_refused(folder / "scan.nii", PLIANT_ERROR_MEMORY, {"scan.nii", "40 x 30 x 20", "the limit is"}, nullptr,
+                   40000);
     EXPECT_EQ(pliant_memory_peak(), before);
     volume_holder scan;
-    EXPECT_EQ(pliant_volume_read((folder / "scan.nii").c_str(), nullptr, 100000, &scan), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(pliant_volume_read((folder / "scan.nii").c_str(), nullptr, 100000, &scan), PLIANT_OK)
+        << pliant_last_error();
     EXPECT_LE(pliant_memory_peak() - before, 100000u);
 }
 
 TEST(Refused, SizesThatMakeNoVolume)
 {
     temporary_folder folder;
-    const std::vector<std::vector<int16_t>> sizes = {{2, 4, 3}, {3, 4, 3, 1}, {3, 1, 3, 2}, {3, 4, 3, 0}, {3, -4, 3, 2}, {0}, {9, 1, 1, 1}};
+    const std::vector<std::vector<int16_t>> sizes = {{2, 4, 3},     {3, 4, 3, 1}, {3, 1, 3, 2}, {3, 4, 3, 0},
+                                                     {3, -4, 3, 2}, {0},          {9, 1, 1, 1}};
     for (const std::vector<int16_t> &dim : sizes) {
         nifti_file file;
         file.dim = dim;
@@ -549,7 +578,8 @@ TEST(Refused, DirectionsThatAreNotOrthonormal)
     /* rounding to four digits is repaired */
     save(folder / "rounded.mha", metaimage("TransformMatrix = 0.8660 0.5 0 -0.5 0.8660 0 0 0 1\n"));
     volume_holder scan;
-    ASSERT_EQ(pliant_volume_read((folder / "rounded.mha").c_str(), nullptr, 0, &scan), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_volume_read((folder / "rounded.mha").c_str(), nullptr, 0, &scan), PLIANT_OK)
+        << pliant_last_error();
     EXPECT_NEAR(scan->geometry.direction[0], std::sqrt(0.75), 1e-4);
     pliant_volume again;
     EXPECT_EQ(pliant_volume_create(&scan->geometry, PLIANT_UINT8, &again), PLIANT_OK) << pliant_last_error();
@@ -576,8 +606,11 @@ TEST(Refused, VoxelsThatAreNoRealNumber)
         }
     save(folder / "large.mha", metaimage("", "4 3 2", "MET_DOUBLE", "1 1 1", bytes_of(std::vector<double>(24, 1e300))));
     expect_refused(folder / "large.mha", PLIANT_ERROR_FORMAT, {"large.mha", "single precision"});
-    struct { int16_t type, bits; const char *word; } types[] = {{32, 64, "complex"}, {1792, 128, "complex"}, {128, 24, "colour"},
-                                                                {2304, 32, "colour"}, {1536, 128, "datatype 1536"}, {1, 1, "datatype 1"}};
+    struct {
+        int16_t type, bits;
+        const char *word;
+    } types[] = {{32, 64, "complex"},  {1792, 128, "complex"},       {128, 24, "colour"},
+                 {2304, 32, "colour"}, {1536, 128, "datatype 1536"}, {1, 1, "datatype 1"}};
     for (auto type : types) {
         nifti_file file;
         file.datatype = type.type;
@@ -590,7 +623,8 @@ TEST(Refused, VoxelsThatAreNoRealNumber)
     save(folder / "list.mha", metaimage("").replace(metaimage("").find("LOCAL"), 5, "LIST "));
     expect_refused(folder / "list.mha", PLIANT_ERROR_FORMAT, {"list.mha", "ElementDataFile"});
     std::string rgb = nrrd("3 4 3 2", "none (1,0,0) (0,1,0) (0,0,1)", "", "uchar", std::string(72, '\1'));
-    rgb.replace(rgb.find("dimension: 3"), 12, "dimension: 4").replace(rgb.find("kinds: domain"), 13, "kinds: RGB-color domain");
+    rgb.replace(rgb.find("dimension: 3"), 12, "dimension: 4")
+        .replace(rgb.find("kinds: domain"), 13, "kinds: RGB-color domain");
     save(folder / "rgb.nrrd", rgb);
     expect_refused(folder / "rgb.nrrd", PLIANT_ERROR_FORMAT, {"rgb.nrrd", "3 values per voxel"});
 }

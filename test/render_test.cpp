@@ -19,7 +19,8 @@ pliant_geometry cube(int32_t size, double spacing)
     return {{size, size, size}, {first, first, first}, {spacing, spacing, spacing}, {1, 0, 0, 0, 1, 0, 0, 0, 1}};
 }
 
-template <class Function> volume_ptr volume_of(const pliant_geometry &geometry, pliant_encoding encoding, const Function &value)
+template <class Function>
+volume_ptr volume_of(const pliant_geometry &geometry, pliant_encoding encoding, const Function &value)
 {
     volume_ptr volume(new pliant_volume());
     EXPECT_EQ(pliant_volume_create(&geometry, encoding, volume.get()), PLIANT_OK) << pliant_last_error();
@@ -55,7 +56,8 @@ vector3 ray_of(const pliant_camera &camera, int column, int row)
 {
     const double c[3] = {(column - camera.cx) / camera.fx, (row - camera.cy) / camera.fy, 1};
     vector3 out;
-    for (int d = 0; d < 3; d++) out[d] = camera.pose[4 * d] * c[0] + camera.pose[4 * d + 1] * c[1] + camera.pose[4 * d + 2] * c[2];
+    for (int d = 0; d < 3; d++)
+        out[d] = camera.pose[4 * d] * c[0] + camera.pose[4 * d + 1] * c[1] + camera.pose[4 * d + 2] * c[2];
     return out;
 }
 
@@ -64,7 +66,8 @@ struct Picture {
     std::vector<float> depth;
     pliant_image image;
     explicit Picture(const pliant_camera &camera)
-        : rgb(3 * size_t(camera.width) * camera.height), label(rgb.size() / 3), depth(label.size()), image{rgb.data(), depth.data(), label.data()}
+        : rgb(3 * size_t(camera.width) * camera.height), label(rgb.size() / 3),
+          depth(label.size()), image{rgb.data(), depth.data(), label.data()}
     {
     }
 };
@@ -88,20 +91,29 @@ TEST(Render, BallHasItsOutlineDepthAndLabels)
     const double middle[3] = {30.2, 23.7, 19.4}, radius = 0.021;
     pliant_geometry_to_world(&geometry, middle, centre.data());
     auto outwards = [&](const vector3 &x) { return length({x[0] - centre[0], x[1] - centre[1], x[2] - centre[2]}); };
-    auto side = [&](const vector3 &x) { return (x[0] - centre[0]) * split[0] + (x[1] - centre[1]) * split[1] + (x[2] - centre[2]) * split[2]; };
-    const volume_ptr ball = volume_of(geometry, PLIANT_FLOAT32, [&](const vector3 &x) { return 100 * (1 - outwards(x) / radius); });
-    const volume_ptr labels = volume_of(geometry, PLIANT_UINT8, [&](const vector3 &x) { return outwards(x) > radius ? 0 : side(x) > 0 ? 3 : 7; });
+    auto side = [&](const vector3 &x) {
+        return (x[0] - centre[0]) * split[0] + (x[1] - centre[1]) * split[1] + (x[2] - centre[2]) * split[2];
+    };
+    const volume_ptr ball =
+        volume_of(geometry, PLIANT_FLOAT32, [&](const vector3 &x) { return 100 * (1 - outwards(x) / radius); });
+    const volume_ptr labels = volume_of(geometry, PLIANT_UINT8, [&](const vector3 &x) {
+        return outwards(x) > radius ? 0 : side(x) > 0 ? 3 : 7;
+    });
     const pliant_camera camera = camera_at(80, 60, 0.6, {centre[0] + 0.05, centre[1] - 0.08, centre[2] + 0.03}, centre);
     const pliant_style style = style_of(*ball, 0);
     Picture seen(camera);
-    ASSERT_EQ(pliant_render(ball.get(), labels.get(), &camera, &style, 2, &seen.image), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_render(ball.get(), labels.get(), &camera, &style, 2, &seen.image), PLIANT_OK)
+        << pliant_last_error();
     int inside = 0, outline = 0, lit = 0;
     for (int row = 0; row < camera.height; row++)
         for (int column = 0; column < camera.width; column++) {
             const size_t pixel = size_t(row) * camera.width + column;
-            const vector3 ray = ray_of(camera, column, row), from = {camera.pose[3] - centre[0], camera.pose[7] - centre[1], camera.pose[11] - centre[2]};
-            const double a = ray[0] * ray[0] + ray[1] * ray[1] + ray[2] * ray[2], b = ray[0] * from[0] + ray[1] * from[1] + ray[2] * from[2];
-            const double under = b * b - a * (length(from) * length(from) - radius * radius), depth = (-b - std::sqrt(under)) / a;
+            const vector3 ray = ray_of(camera, column, row),
+                          from = {camera.pose[3] - centre[0], camera.pose[7] - centre[1], camera.pose[11] - centre[2]};
+            const double a = ray[0] * ray[0] + ray[1] * ray[1] + ray[2] * ray[2],
+                         b = ray[0] * from[0] + ray[1] * from[1] + ray[2] * from[2];
+            const double under = b * b - a * (length(from) * length(from) - radius * radius),
+                         depth = (-b - std::sqrt(under)) / a;
             const double beside = std::sqrt(std::max(length(from) * length(from) - b * b / a, 0.0)) - radius;
             if (std::abs(beside) < 0.0001) { // closer than a tenth of a voxel: either result is valid
                 outline++;
@@ -116,9 +128,12 @@ TEST(Render, BallHasItsOutlineDepthAndLabels)
             inside++;
             // Trilinear interpolation of a ball cuts chords: the depth grows by at most h^2 / 8 R, and more for a
             // grazing ray.
-            EXPECT_NEAR(seen.depth[pixel], depth, 3e-5 / std::max(std::sqrt(under) / (std::sqrt(a) * radius), 0.05)) << column << " " << row;
-            const vector3 hit = {camera.pose[3] + depth * ray[0], camera.pose[7] + depth * ray[1], camera.pose[11] + depth * ray[2]};
-            if (std::abs(side(hit)) > 0.002) EXPECT_EQ(seen.label[pixel], side(hit) > 0 ? 3 : 7) << column << " " << row;
+            EXPECT_NEAR(seen.depth[pixel], depth, 3e-5 / std::max(std::sqrt(under) / (std::sqrt(a) * radius), 0.05))
+                << column << " " << row;
+            const vector3 hit = {camera.pose[3] + depth * ray[0], camera.pose[7] + depth * ray[1],
+                                 camera.pose[11] + depth * ray[2]};
+            if (std::abs(side(hit)) > 0.002)
+                EXPECT_EQ(seen.label[pixel], side(hit) > 0 ? 3 : 7) << column << " " << row;
             lit += seen.rgb[3 * pixel] > 30;
         }
     EXPECT_GT(inside, 600);
@@ -130,7 +145,9 @@ TEST(Render, TissuesThatAreShownAlone)
 {
     const pliant_geometry geometry = cube(40, 0.001);
     const volume_ptr scan = volume_of(geometry, PLIANT_INT16, [](const vector3 &) { return 40; });
-    const volume_ptr labels = volume_of(geometry, PLIANT_UINT8, [](const vector3 &x) { return length(x) < 0.008 ? 5 : length(x) < 0.015 ? 6 : 0; });
+    const volume_ptr labels = volume_of(geometry, PLIANT_UINT8, [](const vector3 &x) {
+        return length(x) < 0.008 ? 5 : length(x) < 0.015 ? 6 : 0;
+    });
     const pliant_camera camera = camera_at(31, 31, 0.3, {0, -0.1, 0}, {0, 0, 0});
     pliant_style style = style_of(*scan, 0);
     style.by_label = true;
@@ -138,7 +155,8 @@ TEST(Render, TissuesThatAreShownAlone)
         Picture seen(camera);
         std::memset(style.shown, 0, sizeof style.shown);
         style.shown[shown] = 1;
-        ASSERT_EQ(pliant_render(scan.get(), labels.get(), &camera, &style, 1, &seen.image), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_render(scan.get(), labels.get(), &camera, &style, 1, &seen.image), PLIANT_OK)
+            << pliant_last_error();
         const size_t pixel = 15 * 31 + 15;
         EXPECT_NEAR(seen.depth[pixel], shown == 5 ? 0.092 : 0.085, 0.0007);
         EXPECT_EQ(seen.label[pixel], shown);
@@ -147,7 +165,8 @@ TEST(Render, TissuesThatAreShownAlone)
 
 TEST(Render, WhatIsNearerThanNearIsCutAndShowsTheScan)
 {
-    const volume_ptr scan = volume_of(cube(40, 0.001), PLIANT_INT16, [](const vector3 &x) { return x[0] < 0 ? 0 : 100; });
+    const volume_ptr scan =
+        volume_of(cube(40, 0.001), PLIANT_INT16, [](const vector3 &x) { return x[0] < 0 ? 0 : 100; });
     pliant_camera camera = camera_at(21, 21, 0.2, {0, -0.1, 0}, {0, 0, 0});
     pliant_style style = style_of(*scan, -300);
     style.num_colours = 2;
@@ -166,7 +185,9 @@ TEST(Render, WhatIsNearerThanNearIsCutAndShowsTheScan)
 
 TEST(Render, ThreadsDrawTheSameBits)
 {
-    const volume_ptr scan = volume_of(cube(48, 0.001), PLIANT_UINT8, [](const vector3 &x) { return 100 + 90 * std::sin(900 * x[0]) * std::cos(700 * x[1] + 400 * x[2]); });
+    const volume_ptr scan = volume_of(cube(48, 0.001), PLIANT_UINT8, [](const vector3 &x) {
+        return 100 + 90 * std::sin(900 * x[0]) * std::cos(700 * x[1] + 400 * x[2]);
+    });
     const pliant_camera camera = camera_at(70, 50, 0.7, {0.02, -0.06, 0.01}, {0, 0, 0});
     const pliant_style style = style_of(*scan, 120);
     Picture one(camera), three(camera);
@@ -204,12 +225,16 @@ TEST(Radiograph, BoxAndBallOfWater)
             ASSERT_EQ(pliant_radiograph(ball.get(), &camera, 20, 2, of_ball.data()), PLIANT_OK);
             // the central ray leaves the box through the face that is most perpendicular to it
             const vector3 ray = ray_of(camera, 20, 20);
-            const double most = std::max({std::abs(ray[0]), std::abs(ray[1]), std::abs(ray[2])}) / length(ray), edge = half;
+            const double most = std::max({std::abs(ray[0]), std::abs(ray[1]), std::abs(ray[2])}) / length(ray),
+                         edge = half;
             EXPECT_NEAR(of_box[20 * 41 + 20], 20 * 2 * edge / most, 0.005) << primary << " " << secondary;
             for (int pixel : {20 * 41 + 20, 14 * 41 + 20, 22 * 41 + 27, 12 * 41 + 14}) {
                 const vector3 through = ray_of(camera, pixel % 41, pixel / 41);
-                const double along = (through[0] * camera.pose[3] + through[1] * camera.pose[7] + through[2] * camera.pose[11]) / length(through);
-                const double beside = 0.8 * 0.8 - along * along, chord = beside < radius * radius ? 2 * std::sqrt(radius * radius - beside) : 0;
+                const double along =
+                    (through[0] * camera.pose[3] + through[1] * camera.pose[7] + through[2] * camera.pose[11]) /
+                    length(through);
+                const double beside = 0.8 * 0.8 - along * along,
+                             chord = beside < radius * radius ? 2 * std::sqrt(radius * radius - beside) : 0;
                 EXPECT_NEAR(of_ball[pixel], 1.5 * 20 * chord, 0.01) << primary << " " << secondary << " " << pixel;
             }
         }
@@ -228,13 +253,15 @@ TEST(Radiograph, ASlabIsAsLongAsTheRayIsOblique)
             return -1000 + 1000 * std::min(std::max((0.5 * thickness - std::abs(x[2])) / slice + 0.5, 0.0), 1.0);
         });
         for (double angle : {0.0, 0.4}) {
-            const pliant_camera camera = camera_at(31, 31, 1.0, {0.12 * std::sin(angle), 1e-6, 0.12 * std::cos(angle)}, {0, 0, 0});
+            const pliant_camera camera =
+                camera_at(31, 31, 1.0, {0.12 * std::sin(angle), 1e-6, 0.12 * std::cos(angle)}, {0, 0, 0});
             std::vector<float> image(31 * 31);
             ASSERT_EQ(pliant_radiograph(slab.get(), &camera, water, 2, image.data()), PLIANT_OK) << pliant_last_error();
             for (int pixel : {15 * 31 + 15, 15 * 31 + 27, 3 * 31 + 15, 4 * 31 + 4, 26 * 31 + 26}) {
                 const vector3 ray = ray_of(camera, pixel % 31, pixel / 31);
                 const double expected = water * thickness * length(ray) / std::abs(ray[2]);
-                EXPECT_NEAR(image[size_t(pixel)], expected, 0.005 * expected) << "slices " << slice << ", angle " << angle << ", pixel " << pixel;
+                EXPECT_NEAR(image[size_t(pixel)], expected, 0.005 * expected)
+                    << "slices " << slice << ", angle " << angle << ", pixel " << pixel;
             }
         }
     }
@@ -339,15 +366,23 @@ TEST(Render, WrongArgumentsAndMissingMemory)
 TEST(Labels, AreThoseOfTheNearestVoxel)
 {
     const pliant_geometry geometry = cube(24, 0.001);
-    const volume_ptr labels = volume_of(geometry, PLIANT_UINT8, [](const vector3 &x) { return std::lrint(125 + 1e5 * (x[0] + 2 * x[1] * x[2] / 0.01)) & 63; });
+    const volume_ptr labels = volume_of(geometry, PLIANT_UINT8, [](const vector3 &x) {
+        return std::lrint(125 + 1e5 * (x[0] + 2 * x[1] * x[2] / 0.01)) & 63;
+    });
     const warp_cases::mesh_ptr mesh = warp_cases::make_mesh(geometry, 4, 4, 4);
-    const warp_cases::warp_ptr warp = warp_cases::make_warp(*labels, *mesh, geometry), floats = warp_cases::make_warp(*volume_of(geometry, PLIANT_INT16, [](const vector3 &) { return 0; }), *mesh, geometry);
+    const warp_cases::warp_ptr warp = warp_cases::make_warp(*labels, *mesh, geometry),
+                               floats = warp_cases::make_warp(
+                                   *volume_of(geometry, PLIANT_INT16, [](const vector3 &) { return 0; }), *mesh,
+                                   geometry);
     EXPECT_EQ(pliant_warp_nearest(floats.get()), PLIANT_ERROR_ARGUMENT);
     ASSERT_EQ(pliant_warp_nearest(warp.get()), PLIANT_OK) << pliant_last_error();
     const double stretch = 1.13, turn = 0.21;
-    const std::vector<double> x = warp_cases::moved(*mesh, [&](const vector3 &p) { return vector3{stretch * p[0] - turn * p[1], p[1] + turn * p[0], p[2] + 0.0003}; });
+    const std::vector<double> x = warp_cases::moved(*mesh, [&](const vector3 &p) {
+        return vector3{stretch * p[0] - turn * p[1], p[1] + turn * p[0], p[2] + 0.0003};
+    });
     ASSERT_EQ(pliant_warp_update(warp.get(), x.data()), PLIANT_OK);
-    const uint8_t *drawn = static_cast<const uint8_t *>(pliant_warp_volume(warp.get())->voxels), *from = static_cast<const uint8_t *>(labels->voxels);
+    const uint8_t *drawn = static_cast<const uint8_t *>(pliant_warp_volume(warp.get())->voxels),
+                  *from = static_cast<const uint8_t *>(labels->voxels);
     int compared = 0;
     for (int k = 3; k < 21; k++)
         for (int j = 6; j < 18; j++)
@@ -355,7 +390,8 @@ TEST(Labels, AreThoseOfTheNearestVoxel)
                 const double index[3] = {double(i), double(j), double(k)}, det = stretch + turn * turn;
                 double p[3], rest[3];
                 pliant_geometry_to_world(&geometry, index, p);
-                const double back[3] = {(p[0] + turn * p[1]) / det, (stretch * p[1] - turn * p[0]) / det, p[2] - 0.0003};
+                const double back[3] = {(p[0] + turn * p[1]) / det, (stretch * p[1] - turn * p[0]) / det,
+                                        p[2] - 0.0003};
                 pliant_geometry_to_index(&geometry, back, rest);
                 size_t nearest = 0;
                 bool between = false;
@@ -364,7 +400,8 @@ TEST(Labels, AreThoseOfTheNearestVoxel)
                     between = between || std::abs(rest[d] - std::floor(rest[d]) - 0.5) < 1e-3;
                 }
                 if (between) continue;
-                EXPECT_EQ(drawn[size_t(i) + 24 * (size_t(j) + 24 * size_t(k))], from[nearest]) << i << " " << j << " " << k;
+                EXPECT_EQ(drawn[size_t(i) + 24 * (size_t(j) + 24 * size_t(k))], from[nearest])
+                    << i << " " << j << " " << k;
                 compared++;
             }
     EXPECT_GT(compared, 2000);
@@ -382,7 +419,9 @@ struct Tissue {
     pliant_model *model = nullptr;
     Tissue()
     {
-        scan = volume_of(cube(40, 0.002), PLIANT_INT16, [](const vector3 &x) { return 1000 - 3e4 * length({x[0], 0.8 * x[1], 1.2 * x[2]}); });
+        scan = volume_of(cube(40, 0.002), PLIANT_INT16, [](const vector3 &x) {
+            return 1000 - 3e4 * length({x[0], 0.8 * x[1], 1.2 * x[2]});
+        });
         scan->background = -2000;
         pliant_scene_defaults(&scene);
         for (int32_t &cells : scene.mesh.coarse_cells) cells = 10;
@@ -391,12 +430,14 @@ struct Tissue {
         scene.solver.threads = 1;
         scene.solver.backend = PLIANT_CPU;
         scene.cut.kind = PLIANT_CUT_SEVER;
-        const char *table = "materials:\n"
-                            "  - {name: air, young_modulus: 10, poisson_ratio: 0, density: 1, empty: true, range: [-1e9, 200]}\n"
-                            "  - {name: soft, young_modulus: 3000, poisson_ratio: 0.4, density: 1000, range: [200, 600]}\n"
-                            "  - {name: hard, young_modulus: 9000, poisson_ratio: 0.4, density: 1000, fixed: true, range: [600, 1e9]}\n";
+        const char *table =
+            "materials:\n"
+            "  - {name: air, young_modulus: 10, poisson_ratio: 0, density: 1, empty: true, range: [-1e9, 200]}\n"
+            "  - {name: soft, young_modulus: 3000, poisson_ratio: 0.4, density: 1000, range: [200, 600]}\n"
+            "  - {name: hard, young_modulus: 9000, poisson_ratio: 0.4, density: 1000, fixed: true, range: [600, 1e9]}\n";
         EXPECT_EQ(pliant_material_table_parse(table, "table", &materials), PLIANT_OK) << pliant_last_error();
-        EXPECT_EQ(pliant_model_build(&scene, scan.get(), nullptr, &materials, pliant_progress{}, &model), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(pliant_model_build(&scene, scan.get(), nullptr, &materials, pliant_progress{}, &model), PLIANT_OK)
+            << pliant_last_error();
     }
     ~Tissue()
     {
@@ -435,12 +476,14 @@ TEST(View, TissueThatIsMovedAsAWholeIsACameraThatIsMovedTheOtherWay)
     pliant_camera follows = camera;
     for (size_t n = 0; n < x.size(); n += 3) {
         const double at[3] = {x[n], x[n + 1], x[n + 2]};
-        for (int d = 0; d < 3; d++) x[n + d] = move[4 * d] * at[0] + move[4 * d + 1] * at[1] + move[4 * d + 2] * at[2] + move[4 * d + 3];
+        for (int d = 0; d < 3; d++)
+            x[n + d] = move[4 * d] * at[0] + move[4 * d + 1] * at[1] + move[4 * d + 2] * at[2] + move[4 * d + 3];
     }
     for (int row = 0; row < 3; row++)
         for (int column = 0; column < 4; column++) {
             follows.pose[4 * row + column] = column == 3 ? move[4 * row + 3] : 0;
-            for (int d = 0; d < 3; d++) follows.pose[4 * row + column] += move[4 * row + d] * camera.pose[4 * d + column];
+            for (int d = 0; d < 3; d++)
+                follows.pose[4 * row + column] += move[4 * row + d] * camera.pose[4 * d + column];
         }
     pliant_view *view = nullptr;
     ASSERT_EQ(pliant_view_create(tissue.model, &target, &view), PLIANT_OK) << pliant_last_error();
@@ -504,7 +547,8 @@ TEST(View, FollowsACutAndSeesWhatAnotherHasDrawn)
     const double line[6] = {-0.06, -0.06, 0.0007, 0.06, -0.06, 0.0007}, depth[3] = {0, 0.12, 0};
     ASSERT_EQ(pliant_data_cut(tissue.model, data, 2, line, depth, nullptr), PLIANT_OK) << pliant_last_error();
     const pliant_body *body = pliant_data_get_body(data);
-    std::vector<double> x(pliant_data_get_positions(data, nullptr), pliant_data_get_positions(data, nullptr) + 3 * body->fine.num_nodes);
+    std::vector<double> x(pliant_data_get_positions(data, nullptr),
+                          pliant_data_get_positions(data, nullptr) + 3 * body->fine.num_nodes);
     const std::vector<int32_t> part = parts_of(body->fine);
     int32_t highest = 0;
     for (int32_t n = 0; n < body->fine.num_nodes; n++)
@@ -525,7 +569,8 @@ TEST(View, FollowsACutAndSeesWhatAnotherHasDrawn)
     EXPECT_TRUE(std::isfinite(whole.depth[middle]));
     EXPECT_TRUE(std::isnan(own.depth[middle]));
     EXPECT_NE(part[highest], part[0]);
-    ASSERT_EQ(pliant_warp_create(tissue.scan.get(), &pliant_model_get_body(tissue.model)->fine, &target, 1, &warp), PLIANT_OK);
+    ASSERT_EQ(pliant_warp_create(tissue.scan.get(), &pliant_model_get_body(tissue.model)->fine, &target, 1, &warp),
+              PLIANT_OK);
     ASSERT_EQ(pliant_warp_set_body(warp, body), PLIANT_OK) << pliant_last_error();
     ASSERT_EQ(pliant_warp_update(warp, x.data()), PLIANT_OK);
     ASSERT_EQ(pliant_view_set(view, body, x.data(), warp), PLIANT_OK);

@@ -43,13 +43,16 @@ struct Response : testing::Test {
         std::vector<double> out(PLIANT_RESPONSE_MODES * unknowns);
         pliant_linearized linearized{};
         EXPECT_EQ(pliant_linearized_create(fine, x.data(), &linearized), PLIANT_OK);
-        EXPECT_EQ(pliant_response_modes(&linearized, fine->preconditioner, static_cast<int32_t>(nodes.size()), nodes.data(),
-                                        weights.data(), out.data()),
+        EXPECT_EQ(pliant_response_modes(&linearized, fine->preconditioner, static_cast<int32_t>(nodes.size()),
+                                        nodes.data(), weights.data(), out.data()),
                   PLIANT_OK);
         pliant_linearized_free(&linearized);
         return out;
     }
-    std::vector<double> rest() const { return {body.model->body->fine.rest, body.model->body->fine.rest + 3 * body.model->body->fine.num_nodes}; }
+    std::vector<double> rest() const
+    {
+        return {body.model->body->fine.rest, body.model->body->fine.rest + 3 * body.model->body->fine.num_nodes};
+    }
 };
 
 double norm(const std::vector<double> &v)
@@ -74,12 +77,14 @@ TEST_F(Response, BalancesTheLoadToSecondOrder)
             size_t next = 3;
             for (int a = 0; a < 3; a++) {
                 u[i] += t * l[a] * modes[unknowns * a + i];
-                for (int b = a; b < 3; b++) u[i] += (a == b ? 0.5 : 1) * t * t * l[a] * l[b] * modes[unknowns * next++ + i];
+                for (int b = a; b < 3; b++)
+                    u[i] += (a == b ? 0.5 : 1) * t * t * l[a] * l[b] * modes[unknowns * next++ + i];
             }
         }
         pliant_linearized_forces(&linearized, u.data(), forces.data());
         for (size_t h = 0; h < nodes.size(); h++)
-            for (int d = 0; d < 3; d++) forces[3 * static_cast<size_t>(fine->free_of_node[nodes[h]]) + d] -= t * l[d] * weights[h];
+            for (int d = 0; d < 3; d++)
+                forces[3 * static_cast<size_t>(fine->free_of_node[nodes[h]]) + d] -= t * l[d] * weights[h];
         left[half] = norm(forces);
     }
     pliant_linearized_free(&linearized);
@@ -138,7 +143,8 @@ TEST_F(Response, SpaceHasTheStiffnessOfTheWholeMesh)
     for (size_t f = 0; f < n / 3; f++)
         for (int d = 0; d < 3; d++) {
             size_t at = 3 * static_cast<size_t>(basis->system.node_of_free[f]) + d;
-            for (int m = 0; m < basis->num_modes; m++) small[at] += (m % 2 ? -1 : 1) * 1e-7 * basis->modes[n * m + 3 * f + d];
+            for (int m = 0; m < basis->num_modes; m++)
+                small[at] += (m % 2 ? -1 : 1) * 1e-7 * basis->modes[n * m + 3 * f + d];
         }
     auto element_forces = reinterpret_cast<double (*)[12][LANES]>(blocks.data());
     pliant_system_element_forces(&basis->system, small.data(), element_forces);
@@ -218,7 +224,8 @@ TEST_F(Response, WhatASpaceTakesIsForetold)
     pliant_linearized linearized{};
     pliant_basis *basis = nullptr;
     ASSERT_EQ(pliant_linearized_create(fine, x.data(), &linearized), PLIANT_OK);
-    ASSERT_EQ(pliant_basis_create(fine, &linearized, body.model->body->fine_fixed, radius, 1, &foothold, 1, &block, 2, &basis),
+    ASSERT_EQ(pliant_basis_create(fine, &linearized, body.model->body->fine_fixed, radius, 1, &foothold, 1, &block, 2,
+                                  &basis),
               PLIANT_OK)
         << pliant_last_error();
     pliant_basis_size size = pliant_basis_measure(fine, radius, 1, &foothold, 1), none = size;
@@ -227,7 +234,8 @@ TEST_F(Response, WhatASpaceTakesIsForetold)
     EXPECT_GT(size.near, 2 * size.own / 3);
     none.own = none.near = 0;
     const double foretold = pliant_basis_operations(fine, size) - pliant_basis_operations(fine, none);
-    const double blas = 5, done = pliant_reduction_operations(basis) - (1 - 1 / blas) * pliant_factor_operations(basis->analyzed);
+    const double blas = 5,
+                 done = pliant_reduction_operations(basis) - (1 - 1 / blas) * pliant_factor_operations(basis->analyzed);
     EXPECT_GT(foretold, done);
     EXPECT_LT(foretold, 10 * done);
     const double bytes = pliant_basis_bytes(fine, size) - pliant_basis_bytes(fine, none);
@@ -253,12 +261,15 @@ TEST_F(Response, EndsWhenItIsNoLongerWanted)
     for (int calls : {0, 1, 7}) {
         pliant_basis *basis = nullptr;
         left = calls;
-        EXPECT_EQ(pliant_response_modes(&linearized, fine->preconditioner, static_cast<int32_t>(nodes.size()), nodes.data(), weights.data(), out.data()),
+        EXPECT_EQ(pliant_response_modes(&linearized, fine->preconditioner, static_cast<int32_t>(nodes.size()),
+                                        nodes.data(), weights.data(), out.data()),
                   PLIANT_ERROR_CANCELLED);
         left = calls;
-        EXPECT_EQ(pliant_response_crossed(&linearized, fine->preconditioner, modes.data(), modes.data(), out.data()), PLIANT_ERROR_CANCELLED);
+        EXPECT_EQ(pliant_response_crossed(&linearized, fine->preconditioner, modes.data(), modes.data(), out.data()),
+                  PLIANT_ERROR_CANCELLED);
         left = calls;
-        EXPECT_EQ(pliant_basis_create(fine, &linearized, body.model->body->fine_fixed, 0.04, 1, &foothold, 1, &block, 2, &basis),
+        EXPECT_EQ(pliant_basis_create(fine, &linearized, body.model->body->fine_fixed, 0.04, 1, &foothold, 1, &block, 2,
+                                      &basis),
                   PLIANT_ERROR_CANCELLED);
         EXPECT_EQ(basis, nullptr);
         EXPECT_EQ(pliant_memory_in_use(), bytes);

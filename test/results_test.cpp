@@ -101,8 +101,9 @@ TEST_F(Results, JsonHoldsNumbersTextAndNull)
     EXPECT_EQ(pliant_results_json(table, "a", file), PLIANT_OK);
     fclose(file);
     pliant_results_close(table);
-    EXPECT_EQ(text(path), "[\n  {\"setup\": \"a\", \"name\": \"with, comma\", \"value\": 1.5, \"message\": \"says \\\"no\\\"\"},\n"
-                          "  {\"setup\": \"a\", \"name\": \"0x10\", \"value\": -1e-5, \"message\": \"tab\\u0009here\"}\n]");
+    EXPECT_EQ(text(path),
+              "[\n  {\"setup\": \"a\", \"name\": \"with, comma\", \"value\": 1.5, \"message\": \"says \\\"no\\\"\"},\n"
+              "  {\"setup\": \"a\", \"name\": \"0x10\", \"value\": -1e-5, \"message\": \"tab\\u0009here\"}\n]");
 }
 
 } // namespace

@@ -285,8 +285,8 @@ struct volume_holder {
 
 /* Expect that reading fails with this status and a message with all these words. The output is unchanged, and no memory
  * leaks. */
-inline void expect_refused(const std::string &path, pliant_status status, const std::vector<std::string> &words, const char *series = nullptr,
-                           size_t memory_limit = 0)
+inline void expect_refused(const std::string &path, pliant_status status, const std::vector<std::string> &words,
+                           const char *series = nullptr, size_t memory_limit = 0)
 {
     SCOPED_TRACE(path);
     pliant_volume volume, before;
@@ -297,7 +297,8 @@ inline void expect_refused(const std::string &path, pliant_status status, const 
     EXPECT_EQ(std::memcmp(&volume, &before, sizeof volume), 0);
     EXPECT_EQ(pliant_memory_in_use(), in_use);
     std::string message = pliant_last_error();
-    for (const std::string &word : words) EXPECT_NE(message.find(word), std::string::npos) << "\"" << word << "\" is not in: " << message;
+    for (const std::string &word : words)
+        EXPECT_NE(message.find(word), std::string::npos) << "\"" << word << "\" is not in: " << message;
 }
 
 #endif

@@ -56,7 +56,8 @@ TEST(SceneFile, ThatNeverEndsIsRefused)
     pliant_scene scene;
     size_t in_use = pliant_memory_in_use();
     EXPECT_EQ(pliant_scene_read("/dev/zero", &scene), PLIANT_ERROR_FORMAT);
-    EXPECT_NE(std::string(pliant_last_error()).find("/dev/zero: does not end within 64 MiB"), std::string::npos) << pliant_last_error();
+    EXPECT_NE(std::string(pliant_last_error()).find("/dev/zero: does not end within 64 MiB"), std::string::npos)
+        << pliant_last_error();
     char folder[] = "/tmp/pliant_scene_XXXXXX";
     ASSERT_NE(mkdtemp(folder), nullptr);
     const std::string huge = std::string(folder) + "/huge.yaml", pipe = std::string(folder) + "/pipe.yaml";
@@ -143,29 +144,39 @@ TEST(scene, an_empty_one_is_the_defaults)
 
 TEST(scene, errors_name_file_line_field_value_and_range)
 {
-    refused("mesh:\n  ratoi: 2\n", PLIANT_ERROR_FORMAT, {"line 2", "ratoi", "mesh", "coarse_cells, ratio, depth, purity, keep_air"});
+    refused("mesh:\n  ratoi: 2\n", PLIANT_ERROR_FORMAT,
+            {"line 2", "ratoi", "mesh", "coarse_cells, ratio, depth, purity, keep_air"});
     refused("solver: {}\nmash: {}\n", PLIANT_ERROR_FORMAT, {"line 2", "mash", "mesh", "fixed"});
     refused("mesh:\n  # ratio: 1\n  ratio: 9\n", PLIANT_ERROR_SCENE, {"line 3", "mesh/ratio", "'9'", "1 .. 8"});
     refused("mesh: {ratio: 2.5}\n", PLIANT_ERROR_SCENE, {"line 1", "mesh/ratio", "2.5"});
     refused("mesh:\n  ratio: 3x\n", PLIANT_ERROR_SCENE, {"line 2", "3x"});
     refused("mesh:\n  ratio: 99999999999999999999\n", PLIANT_ERROR_SCENE, {"line 2", "mesh/ratio"});
     refused("mesh:\n  ratio: [2]\n", PLIANT_ERROR_FORMAT, {"line 2", "mesh/ratio"});
-    refused("material:\n  slides: [liver, stomach]\n", PLIANT_ERROR_FORMAT, {"line 2", "material/slides", "is a list", "use one value, without brackets"});
+    refused("material:\n  slides: [liver, stomach]\n", PLIANT_ERROR_FORMAT,
+            {"line 2", "material/slides", "is a list", "use one value, without brackets"});
     EXPECT_STREQ(parsed("material: {slides: \"liver, stomach\"}").material.slides, "liver, stomach");
     EXPECT_STREQ(parsed("material:\n  slides: liver, stomach\n").material.slides, "liver, stomach");
     refused("mesh:\n  ratio: 2\n  ratio: 3\n", PLIANT_ERROR_FORMAT, {"ratio"});
-    refused("mesh:\n  coarse_cells: [7, 7]\n", PLIANT_ERROR_FORMAT, {"line 2", "mesh/coarse_cells has 2 values", "use a list of 3 values"});
-    refused("mesh:\n  coarse_cells: [7, 7, 7, 7]\n", PLIANT_ERROR_FORMAT, {"line 2", "mesh/coarse_cells has more than 3 values", "use a list of 3"});
-    refused("mesh: {coarse_cells: 7, ratio: 2}\n", PLIANT_ERROR_FORMAT, {"line 1", "mesh/coarse_cells is one value '7'", "use a list of 3 values"});
-    refused("mesh:\n  coarse_cells: 7 7 7 # along i, j, k\n", PLIANT_ERROR_FORMAT, {"line 2", "mesh/coarse_cells is one value '7 7 7'", "use a list"});
-    refused("mesh:\n  coarse_cells:\n", PLIANT_ERROR_FORMAT, {"line 2", "mesh/coarse_cells is empty", "use a list of 3 values"});
-    refused("mesh:\n  ratio: {a: 2}\n", PLIANT_ERROR_FORMAT, {"line 2", "mesh/ratio is a group of keys", "use one value"});
+    refused("mesh:\n  coarse_cells: [7, 7]\n", PLIANT_ERROR_FORMAT,
+            {"line 2", "mesh/coarse_cells has 2 values", "use a list of 3 values"});
+    refused("mesh:\n  coarse_cells: [7, 7, 7, 7]\n", PLIANT_ERROR_FORMAT,
+            {"line 2", "mesh/coarse_cells has more than 3 values", "use a list of 3"});
+    refused("mesh: {coarse_cells: 7, ratio: 2}\n", PLIANT_ERROR_FORMAT,
+            {"line 1", "mesh/coarse_cells is one value '7'", "use a list of 3 values"});
+    refused("mesh:\n  coarse_cells: 7 7 7 # along i, j, k\n", PLIANT_ERROR_FORMAT,
+            {"line 2", "mesh/coarse_cells is one value '7 7 7'", "use a list"});
+    refused("mesh:\n  coarse_cells:\n", PLIANT_ERROR_FORMAT,
+            {"line 2", "mesh/coarse_cells is empty", "use a list of 3 values"});
+    refused("mesh:\n  ratio: {a: 2}\n", PLIANT_ERROR_FORMAT,
+            {"line 2", "mesh/ratio is a group of keys", "use one value"});
     refused("mesh: 3\n", PLIANT_ERROR_FORMAT, {"line 1", "mesh is one value '3'", "use keys with values"});
-    refused("fixed:\n  boxes: {low: [0, 0, 0], high: [1, 1, 1]}\n", PLIANT_ERROR_FORMAT, {"line 2", "fixed/boxes is a group of keys", "use a list"});
+    refused("fixed:\n  boxes: {low: [0, 0, 0], high: [1, 1, 1]}\n", PLIANT_ERROR_FORMAT,
+            {"line 2", "fixed/boxes is a group of keys", "use a list"});
     refused("mesh:\n  coarse_cells: [7, 7, 0]\n", PLIANT_ERROR_SCENE,
             {"line 2", "mesh/coarse_cells", "'0'", "1 .. 256"});
     refused("mesh:\n  keep_air: perhaps\n", PLIANT_ERROR_SCENE, {"line 2", "mesh/keep_air", "perhaps", "true | false"});
-    refused("model:\n  method: exact\n", PLIANT_ERROR_SCENE, {"line 2", "exact", "fine | coarse | schur | averaged | calibrated | lod"});
+    refused("model:\n  method: exact\n", PLIANT_ERROR_SCENE,
+            {"line 2", "exact", "fine | coarse | schur | averaged | calibrated | lod"});
     refused("model:\n  gravity: [0, 0, nan]\n", PLIANT_ERROR_SCENE, {"line 2", "model/gravity", "nan"});
     refused("model:\n  gravity: [0, 0, 1e5]\n", PLIANT_ERROR_SCENE, {"line 2", "100000", "-10000 .. 10000"});
     refused("solver:\n  tolerance: 0\n", PLIANT_ERROR_SCENE, {"line 2", "solver/tolerance", "1e-12 .. 1"});
@@ -178,8 +189,9 @@ TEST(scene, errors_name_file_line_field_value_and_range)
     refused("fixed: {planes: [{point: [0, 0, 0], normal: [1e200, 0, 1e200]}]}\n", PLIANT_ERROR_SCENE,
             {"planes", "finite"});
     refused("fixed: {planes: [{point: [0, 0, 0]}]}\n", PLIANT_ERROR_FORMAT, {"line 1", "normal"});
-    refused("fixed:\n  boxes: [{low: [0, 0, 0], high: [1, 1, 1]}]\nobstacles:\n  boxes:\n    - {low: [0, 0, 0], high: [1, 0, 1]}\n", PLIANT_ERROR_SCENE,
-            {"line 5", "obstacles/boxes/low", "axis 1"});
+    refused(
+        "fixed:\n  boxes: [{low: [0, 0, 0], high: [1, 1, 1]}]\nobstacles:\n  boxes:\n    - {low: [0, 0, 0], high: [1, 0, 1]}\n",
+        PLIANT_ERROR_SCENE, {"line 5", "obstacles/boxes/low", "axis 1"});
     refused("obstacles: {spheres: []}\n", PLIANT_ERROR_FORMAT, {"line 1", "spheres"});
     refused("mesh: [\n", PLIANT_ERROR_FORMAT, {"line 1"});
     refused("- 1\n", PLIANT_ERROR_FORMAT, {"MAPPING"});
@@ -264,12 +276,13 @@ TEST(scene, set_by_path)
 TEST(scene, says_option_value_and_what_is_right)
 {
     pliant_scene scene = defaults();
-    const char *const bad[][4] = {{"mesh/coarse_cells", "7", "'7' is 1 value", "three whole numbers in 1 .. 256 cells, as [7, 7, 7]"},
-                                  {"mesh/coarse_cells", "[7, 8]", "'7 8' is 2 values", "three whole numbers"},
-                                  {"mesh/coarse_cells", "7 7 7 7", "'7 7 7 ...' is 4 values", "three whole numbers"},
-                                  {"mesh/coarse_cells", "7x7x7", "'7x7x7' is 1 value", "three whole numbers"},
-                                  {"mesh/coarse_cells", "", "'' is 0 values", "three whole numbers"},
-                                  {"model/gravity", "9.81", "'9.81' is 1 value", "three numbers in -10000 .. 10000 m/s^2, as [0, 0, 1]"}};
+    const char *const bad[][4] = {
+        {"mesh/coarse_cells", "7", "'7' is 1 value", "three whole numbers in 1 .. 256 cells, as [7, 7, 7]"},
+        {"mesh/coarse_cells", "[7, 8]", "'7 8' is 2 values", "three whole numbers"},
+        {"mesh/coarse_cells", "7 7 7 7", "'7 7 7 ...' is 4 values", "three whole numbers"},
+        {"mesh/coarse_cells", "7x7x7", "'7x7x7' is 1 value", "three whole numbers"},
+        {"mesh/coarse_cells", "", "'' is 0 values", "three whole numbers"},
+        {"model/gravity", "9.81", "'9.81' is 1 value", "three numbers in -10000 .. 10000 m/s^2, as [0, 0, 1]"}};
     for (auto &one : bad) {
         EXPECT_EQ(pliant_scene_set(&scene, one[0], one[1]), PLIANT_ERROR_SCENE) << one[1];
         expect_words(pliant_last_error(), {one[0], one[2], one[3]});
@@ -378,7 +391,8 @@ TEST(scene, auto_elements_are_what_the_scene_can_have)
     for (const row &r : rows) {
         pliant_scene scene;
         pliant_scene_defaults(&scene);
-        for (const auto &option : r.options) ASSERT_EQ(pliant_scene_set(&scene, option.first, option.second), PLIANT_OK) << pliant_last_error();
+        for (const auto &option : r.options)
+            ASSERT_EQ(pliant_scene_set(&scene, option.first, option.second), PLIANT_OK) << pliant_last_error();
         const char *why = "";
         EXPECT_EQ(pliant_scene_element_kind(&scene, &why), r.why ? PLIANT_LINEAR : PLIANT_HEXAHEDRA);
         EXPECT_EQ(why != nullptr, r.why != nullptr);
@@ -392,7 +406,8 @@ TEST(scene, auto_elements_are_what_the_scene_can_have)
 
 TEST(scene, every_scene_that_is_shipped_is_good)
 {
-    for (const char *name : {"demo", "abdomen_ct", "abdomen_labels", "paper_256", "paper_524", "hang", "fall", "breast"}) {
+    for (const char *name :
+         {"demo", "abdomen_ct", "abdomen_labels", "paper_256", "paper_524", "hang", "fall", "breast"}) {
         pliant_scene scene;
         std::string path = std::string(PLIANT_SOURCE_DIR "/launch/scenes/") + name + ".yaml";
         ASSERT_EQ(pliant_scene_read(path.c_str(), &scene), PLIANT_OK) << pliant_last_error();
@@ -419,7 +434,8 @@ TEST(scene, told_as_text_is_the_same_scene_to_the_bit)
     scene.grasp.kind = PLIANT_GRASP_BLOB;
     scene.cut.kind = PLIANT_CUT_SEVER;
     scene.contact.self = true;
-    strcpy(scene.material.labels, "/a folder/with \"quotes\", a \\ and: a colon # or so,\ttab, \n line, \x01 and \x7f, \xc3\xa4.nii.gz");
+    strcpy(scene.material.labels,
+           "/a folder/with \"quotes\", a \\ and: a colon # or so,\ttab, \n line, \x01 and \x7f, \xc3\xa4.nii.gz");
     scene.fixed.num_boxes = 2;
     scene.fixed.boxes[0] = {{-0.1, 0, 1e-300}, {0.1, 1.0 / 7, 5}};
     scene.fixed.boxes[1] = {{-1, -1, -1}, {1, 1, 1}};

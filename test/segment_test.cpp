@@ -187,12 +187,15 @@ TEST(Segment, SpecksJoinTheirNeighbours)
 // scans.
 TEST(Segment, APictureOfTwoValuesHasTwoPieces)
 {
-    const struct { pliant_encoding encoding; float low, high; double spacing; } pictures[] = {
-        {PLIANT_UINT8, 0, 1, 0.002}, {PLIANT_UINT8, 0, 255, 0.002}, {PLIANT_INT16, -1000, 40, 0.002}, {PLIANT_INT16, 40, 41, 0.002}, {PLIANT_INT16, 0, 3, 0.002},
-        {PLIANT_FLOAT32, 0.2f, 0.7f, 0.002}, {PLIANT_INT16, -1000, 40, 0.0005}, {PLIANT_UINT8, 0, 1, 3e-5}};
+    const struct { pliant_encoding encoding; float low, high; double spacing;
+    } pictures[] = {{PLIANT_UINT8, 0, 1, 0.002},       {PLIANT_UINT8, 0, 255, 0.002},
+                    {PLIANT_INT16, -1000, 40, 0.002},  {PLIANT_INT16, 40, 41, 0.002},
+                    {PLIANT_INT16, 0, 3, 0.002},       {PLIANT_FLOAT32, 0.2f, 0.7f, 0.002},
+                    {PLIANT_INT16, -1000, 40, 0.0005}, {PLIANT_UINT8, 0, 1, 3e-5}};
     for (const auto &one : pictures)
         for (const double radius : {3.0, 7.0, 12.0}) {
-            pliant_geometry geometry{{40, 36, 30}, {0, 0, 0}, {one.spacing, one.spacing, one.spacing}, {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+            pliant_geometry geometry{
+                {40, 36, 30}, {0, 0, 0}, {one.spacing, one.spacing, one.spacing}, {1, 0, 0, 0, 1, 0, 0, 0, 1}};
             pliant_volume scan{};
             ASSERT_EQ(pliant_volume_create(&geometry, one.encoding, &scan), PLIANT_OK);
             scan.slope = 1;
@@ -200,7 +203,8 @@ TEST(Segment, APictureOfTwoValuesHasTwoPieces)
             for (int k = 0; k < 30; k++)
                 for (int j = 0; j < 36; j++)
                     for (int i = 0; i < 40; i++, v++) {
-                        const bool in = (i - 20) * (i - 20) + (j - 18) * (j - 18) + (k - 15) * (k - 15) < radius * radius;
+                        const bool in =
+                            (i - 20) * (i - 20) + (j - 18) * (j - 18) + (k - 15) * (k - 15) < radius * radius;
                         const float value = in ? one.high : one.low;
                         inside += in;
                         if (one.encoding == PLIANT_UINT8) static_cast<uint8_t *>(scan.voxels)[v] = uint8_t(value);
@@ -215,8 +219,10 @@ TEST(Segment, APictureOfTwoValuesHasTwoPieces)
             scene.solver.backend = PLIANT_CPU;
             pliant_segment_options_from(&scene, &geometry, &options);
             ASSERT_EQ(pliant_segment(&scan, &options, &found), PLIANT_OK) << pliant_last_error();
-            EXPECT_EQ(found.num_pieces, 2) << one.low << " " << one.high << ", radius " << radius << ", spacing " << one.spacing;
-            if (found.num_pieces == 2) EXPECT_NEAR(found.pieces[1].volume, double(inside) * voxel, 1e-6 * double(inside) * voxel);
+            EXPECT_EQ(found.num_pieces, 2)
+                << one.low << " " << one.high << ", radius " << radius << ", spacing " << one.spacing;
+            if (found.num_pieces == 2)
+                EXPECT_NEAR(found.pieces[1].volume, double(inside) * voxel, 1e-6 * double(inside) * voxel);
             pliant_segmentation_free(&found);
             pliant_volume_free(&scan);
         }
@@ -227,7 +233,8 @@ TEST(Segment, TheSmallestPieceOfAPatientIsAMillilitre)
     pliant_scene scene;
     pliant_segment_options options;
     pliant_scene_defaults(&scene);
-    const pliant_geometry patient{{120, 100, 110}, {0, 0, 0}, {0.003, 0.003, 0.003}, {1, 0, 0, 0, 1, 0, 0, 0, 1}}, mouse{{300, 300, 1000}, {0, 0, 0}, {1e-4, 1e-4, 1e-4}, {}};
+    const pliant_geometry patient{{120, 100, 110}, {0, 0, 0}, {0.003, 0.003, 0.003}, {1, 0, 0, 0, 1, 0, 0, 0, 1}},
+        mouse{{300, 300, 1000}, {0, 0, 0}, {1e-4, 1e-4, 1e-4}, {}};
     pliant_segment_options_from(&scene, &patient, &options);
     EXPECT_EQ(options.smallest, 1e-6);
     pliant_segment_options_from(&scene, &mouse, &options);
@@ -280,7 +287,8 @@ double dice(const pliant_segmentation &found, const uint16_t *truth, int label)
         count += truth[v] == label;
     }
     double best = 0;
-    for (size_t p = 0; p < size.size(); p++) best = std::fmax(best, 2.0 * static_cast<double>(both[p]) / static_cast<double>(count + size[p]));
+    for (size_t p = 0; p < size.size(); p++)
+        best = std::fmax(best, 2.0 * static_cast<double>(both[p]) / static_cast<double>(count + size[p]));
     return best;
 }
 
@@ -295,7 +303,8 @@ TEST(Segment, OrgansOfThePhantom)
     Found found;
     ASSERT_EQ(pliant_segment(&scan, &options, &found), PLIANT_OK);
     const std::map<int, double> least{{0, 0.95}, {2, 0.85}, {3, 0.7}, {4, 0.9}};
-    for (auto &entry : least) EXPECT_GT(dice(found, truth.voxels, entry.first), entry.second) << pliant_phantom_label_name(entry.first);
+    for (auto &entry : least)
+        EXPECT_GT(dice(found, truth.voxels, entry.first), entry.second) << pliant_phantom_label_name(entry.first);
     pliant_volume_free(&scan);
     pliant_labels_free(&truth);
 }
@@ -307,12 +316,14 @@ TEST(Segment, OrgansOfACt)
     pliant_volume scan{};
     pliant_labels truth{};
     ASSERT_EQ(pliant_volume_read(path, nullptr, 0, &scan), PLIANT_OK) << pliant_last_error();
-    ASSERT_EQ(pliant_labels_read(PLIANT_TEST_DATA "/abdomen/labels_totalseg_fast.nii.gz", 0, &truth), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_labels_read(PLIANT_TEST_DATA "/abdomen/labels_totalseg_fast.nii.gz", 0, &truth), PLIANT_OK)
+        << pliant_last_error();
     pliant_segment_options options = usual();
     options.smallest = 1e-6;
     Found found;
     ASSERT_EQ(pliant_segment(&scan, &options, &found), PLIANT_OK);
-    double liver = dice(found, truth.voxels, 5), spleen = dice(found, truth.voxels, 1), lung = dice(found, truth.voxels, 14);
+    double liver = dice(found, truth.voxels, 5), spleen = dice(found, truth.voxels, 1),
+           lung = dice(found, truth.voxels, 14);
     std::printf("Dice with one piece: liver %.2f, spleen %.2f, right middle lobe %.2f\n", liver, spleen, lung);
     EXPECT_GT(liver, 0.5); // without contrast agent, liver, muscle and kidney lie within 20 HU
     pliant_volume_free(&scan);

@@ -130,8 +130,8 @@ void add_constants(const std::string &folder, std::set<std::string> &found)
 TEST(Settings, NoOtherConstantTunesContactOrTheSolver)
 {
     std::set<std::string> found;
-    for (const char *folder : {"sim/build", "sim/step", "contact", "contact/advance", "contact/detect", "contact/shapes",
-                               "contact/solve", "fem/quasistatic"})
+    for (const char *folder : {"sim/build", "sim/step", "contact", "contact/advance", "contact/detect",
+                               "contact/shapes", "contact/solve", "fem/quasistatic"})
         add_constants(folder, found);
     EXPECT_EQ(found, numerical);
 }

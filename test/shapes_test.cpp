@@ -13,18 +13,36 @@ namespace {
 using Point = std::vector<double>;
 
 pliant_part sphere() { return {PLIANT_PART_SPHERE, PLIANT_FRAME_TIP, {0.01, -0.02, 0.005}, {0, 0, 0}, 0.008, false}; }
-pliant_part capsule() { return {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0.01, -0.02, 0.005}, {-0.02, 0.01, 0.015}, 0.004, false}; }
-pliant_part box() { return {PLIANT_PART_BOX, PLIANT_FRAME_TIP, {-0.01, -0.02, 0.005}, {0.015, -0.005, 0.025}, 0, false}; }
-pliant_part round_box() { return {PLIANT_PART_BOX, PLIANT_FRAME_TIP, {-0.01, -0.02, 0.005}, {0.015, -0.005, 0.025}, 0.003, false}; }
-pliant_part half_space() { return {PLIANT_PART_HALF_SPACE, PLIANT_FRAME_TIP, {0.001, 0.002, 0.003}, {1, 2, -2}, 0, false}; }
+pliant_part capsule()
+{
+    return {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0.01, -0.02, 0.005}, {-0.02, 0.01, 0.015}, 0.004, false};
+}
+pliant_part box()
+{
+    return {PLIANT_PART_BOX, PLIANT_FRAME_TIP, {-0.01, -0.02, 0.005}, {0.015, -0.005, 0.025}, 0, false};
+}
+pliant_part round_box()
+{
+    return {PLIANT_PART_BOX, PLIANT_FRAME_TIP, {-0.01, -0.02, 0.005}, {0.015, -0.005, 0.025}, 0.003, false};
+}
+pliant_part half_space()
+{
+    return {PLIANT_PART_HALF_SPACE, PLIANT_FRAME_TIP, {0.001, 0.002, 0.003}, {1, 2, -2}, 0, false};
+}
 
 struct Random {
     std::mt19937 engine{7};
-    double operator()(double low, double high) { return low + (high - low) * std::uniform_real_distribution<double>()(engine); }
+    double operator()(double low, double high)
+    {
+        return low + (high - low) * std::uniform_real_distribution<double>()(engine);
+    }
     Point point(double size) { return {(*this)(-size, size), (*this)(-size, size), (*this)(-size, size)}; }
 };
 
-double apart(const double *a, const double *b) { return std::sqrt(std::pow(a[0] - b[0], 2) + std::pow(a[1] - b[1], 2) + std::pow(a[2] - b[2], 2)); }
+double apart(const double *a, const double *b)
+{
+    return std::sqrt(std::pow(a[0] - b[0], 2) + std::pow(a[1] - b[1], 2) + std::pow(a[2] - b[2], 2));
+}
 
 // Return the distance by its definition: to samples of the part's core, minus the part's radius.
 double outside_of(const pliant_part &part, const double *p)
@@ -73,7 +91,9 @@ TEST(Shapes, TheNormalIsTheGradientAndLeadsToTheSurface)
                 Point low = p, high = p;
                 low[d] -= step;
                 high[d] += step;
-                const double slope = (pliant_part_distance(&part, high.data(), there) - pliant_part_distance(&part, low.data(), there)) / (2 * step);
+                const double slope =
+                    (pliant_part_distance(&part, high.data(), there) - pliant_part_distance(&part, low.data(), there)) /
+                    (2 * step);
                 off += std::fabs(slope - normal[d]) > 1e-4; // on a ridge inside a box the gradient does not exist
             }
         }
@@ -92,12 +112,16 @@ TEST(Shapes, OfThoseWithJawsContactHoldsUnlessTheSceneSaysOtherwise)
     one_jaw.num_parts = 2;
     one_jaw.part[0] = one_jaw.part[1] = capsule();
     one_jaw.part[1].frame = PLIANT_FRAME_JAW_MINUS;
-    const struct { const pliant_tool_shape *shape; bool jaws; } rows[] = {{&jaws, true}, {&one_jaw, true}, {&rod, false}, {&none, false}};
+    const struct {
+        const pliant_tool_shape *shape;
+        bool jaws;
+    } rows[] = {{&jaws, true}, {&one_jaw, true}, {&rod, false}, {&none, false}};
     for (const auto &row : rows) {
         EXPECT_EQ(pliant_tool_shape_has_jaws(row.shape), row.jaws);
         for (const char *kind : {"auto", "blob", "contact"}) {
             ASSERT_EQ(pliant_scene_set(&scene, "grasp/kind", kind), PLIANT_OK) << pliant_last_error();
-            const bool holds = scene.grasp.kind == PLIANT_GRASP_CONTACT || (scene.grasp.kind == PLIANT_GRASP_AUTO && row.jaws);
+            const bool holds =
+                scene.grasp.kind == PLIANT_GRASP_CONTACT || (scene.grasp.kind == PLIANT_GRASP_AUTO && row.jaws);
             EXPECT_EQ(pliant_tool_shape_holds(&scene, row.shape), holds) << kind;
         }
     }
@@ -110,7 +134,9 @@ TEST(Shapes, WhatIsInsideLeavesAlongADirection)
     for (const pliant_part &part : {sphere(), capsule(), box(), round_box()})
         for (int n = 0, found = 0; n < 20000 && found < 50; n++) {
             Point p = random.point(0.03), direction = random.point(1);
-            double normal[3], out[3], size = std::sqrt(direction[0] * direction[0] + direction[1] * direction[1] + direction[2] * direction[2]);
+            double normal[3], out[3],
+                size =
+                    std::sqrt(direction[0] * direction[0] + direction[1] * direction[1] + direction[2] * direction[2]);
             for (double &v : direction) v /= size;
             if (pliant_part_distance(&part, p.data(), normal) >= 0) continue;
             found++;
@@ -130,10 +156,12 @@ TEST(Shapes, TheNearestPointOfAnEdgeIsThatOfManySamples)
     for (const pliant_part &part : {sphere(), capsule(), box(), round_box(), half_space()})
         for (int n = 0; n < 400; n++) {
             const Point a = random.point(0.03), b = random.point(0.03);
-            double at[2][3] = {{a[0], a[1], a[2]}, {b[0], b[1], b[2]}}, weight[2], normal[3], there[3], least = INFINITY;
+            double at[2][3] = {{a[0], a[1], a[2]}, {b[0], b[1], b[2]}}, weight[2], normal[3], there[3],
+                   least = INFINITY;
             const double found = pliant_edge_minimum(&part, at, 1, weight, normal);
             for (int s = 0; s <= 1000; s++) {
-                const double w = s / 1000.0, p[3] = {a[0] + w * (b[0] - a[0]), a[1] + w * (b[1] - a[1]), a[2] + w * (b[2] - a[2])};
+                const double w = s / 1000.0,
+                             p[3] = {a[0] + w * (b[0] - a[0]), a[1] + w * (b[1] - a[1]), a[2] + w * (b[2] - a[2])};
                 least = std::fmin(least, pliant_part_distance(&part, p, there));
             }
             const double size = apart(at[0], at[1]);
@@ -156,7 +184,8 @@ TEST(Shapes, TheNearestPointOfATriangleIsThatOfManySamples)
         double worst = 0;
         for (int n = 0; n < 300; n++) {
             const Point a = random.point(0.03), b = random.point(0.03), c = random.point(0.03);
-            double at[3][3] = {{a[0], a[1], a[2]}, {b[0], b[1], b[2]}, {c[0], c[1], c[2]}}, weight[3], normal[3], there[3], p[3], least = INFINITY;
+            double at[3][3] = {{a[0], a[1], a[2]}, {b[0], b[1], b[2]}, {c[0], c[1], c[2]}}, weight[3], normal[3],
+                   there[3], p[3], least = INFINITY;
             const double found = pliant_face_minimum(&part, at, 1, weight, normal);
             for (int s = 0; s <= 100; s++)
                 for (int t = 0; s + t <= 100; t++) {
@@ -173,7 +202,8 @@ TEST(Shapes, TheNearestPointOfATriangleIsThatOfManySamples)
             for (int e = 1; e < 3; e++) {
                 double along = 0;
                 for (int d = 0; d < 3; d++) along += normal[d] * (at[e][d] - at[0][d]) / size;
-                if (std::fmin(weight[0], std::fmin(weight[1], weight[2])) > 1e-3 && part.kind != PLIANT_PART_HALF_SPACE) EXPECT_NEAR(along, 0, 1e-9);
+                if (std::fmin(weight[0], std::fmin(weight[1], weight[2])) > 1e-3 && part.kind != PLIANT_PART_HALF_SPACE)
+                    EXPECT_NEAR(along, 0, 1e-9);
             }
         }
         std::printf("kind %d: at most %.2e of the triangle's size above the samples' least\n", part.kind, worst);
@@ -188,8 +218,10 @@ TEST(Shapes, ABoundIsToldWhereADistanceIsFarEnough)
     for (int n = 0; n < 300; n++) {
         const Point a = random.point(0.1), b = random.point(0.1), c = random.point(0.1);
         double at[3][3] = {{a[0], a[1], a[2]}, {b[0], b[1], b[2]}, {c[0], c[1], c[2]}}, weight[3], normal[3];
-        const double edge = pliant_edge_minimum(&part, at, 1, weight, normal), face = pliant_face_minimum(&part, at, 1, weight, normal);
-        const double edge_bound = pliant_edge_minimum(&part, at, 0.001, weight, normal), face_bound = pliant_face_minimum(&part, at, 0.001, weight, normal);
+        const double edge = pliant_edge_minimum(&part, at, 1, weight, normal),
+                     face = pliant_face_minimum(&part, at, 1, weight, normal);
+        const double edge_bound = pliant_edge_minimum(&part, at, 0.001, weight, normal),
+                     face_bound = pliant_face_minimum(&part, at, 0.001, weight, normal);
         EXPECT_LE(edge_bound, edge);
         EXPECT_LE(face_bound, face + 1e-5);
         if (edge_bound <= 0.001) EXPECT_EQ(edge_bound, edge);
@@ -254,8 +286,11 @@ TEST(Shapes, ABoxAroundAPartHoldsItsPoints)
 // Closed jaws lie side by side with their ends at the tip. Open jaws differ by the angle.
 TEST(Shapes, InstrumentsHaveTheirTipsAtTheOrigin)
 {
-    for (const char *name : {"large_needle_driver", "prograsp_forceps", "monopolar_curved_scissors", "maryland_bipolar_forceps", "fenestrated_bipolar_forceps", "400049",
-                             "420194", "needle_driver", "maryland_dissector", "bowel_grasper", "thoracic_grasper", "small_clip_applier", "stapler_45", "permanent_cautery_hook", "permanent_cautery_spatula", "probe", "camera"}) {
+    for (const char *name :
+         {"large_needle_driver", "prograsp_forceps", "monopolar_curved_scissors", "maryland_bipolar_forceps",
+          "fenestrated_bipolar_forceps", "400049", "420194", "needle_driver", "maryland_dissector", "bowel_grasper",
+          "thoracic_grasper", "small_clip_applier", "stapler_45", "permanent_cautery_hook", "permanent_cautery_spatula",
+          "probe", "camera"}) {
         pliant_tool_shape shape;
         ASSERT_EQ(pliant_tool_shape_find(name, &shape), PLIANT_OK) << pliant_last_error();
         double foremost = -1, tips[3][2] = {}, least = 1;
@@ -288,36 +323,37 @@ TEST(Shapes, InstrumentsHaveTheirTipsAtTheOrigin)
 // Names, aliases and codes of all instruments in share/tool/index.json of the dVRK.
 TEST(Shapes, InstrumentsGoByTheirNamesAndCodes)
 {
-    const char *const same[][4] = {{"POTTS_SCISSORS", "POTTS_SCISSORS:420001", "400001", "420001"},
-                                   {"SMALL_CLIP_APPLIER", "SMALL_CLIP_APPLIER:400003", "small_clip_applier", "400003"},
-                                   {"LARGE_NEEDLE_DRIVER", "LARGE_NEEDLE_DRIVER:400006", "400006", "large_needle_driver_420006"},
-                                   {"ROUND_TIP_SCISSORS", "ROUND_TIP_SCISSORS_400007", "400007", "420007"},
-                                   {"MICRO_FORCEPS", "BLACK_DIAMOND_MICRO_FORCEPS", "400033", "420033"},
-                                   {"ROUND_TOOTH_FORCEPS", "ROUND_TOOTH_FORCEPS:400035", "400035", "400035"},
-                                   {"DEBAKEY_FORCEPS", "DEBAKEY_FORCEPS:420036", "400036", "420036"},
-                                   {"LONG_TIP_FORCEPS", "LONG_TIP_FORCEPS:400048", "400048", "420048"},
-                                   {"CADIERE_FORCEPS", "CADIERE_FORCEPS:420049", "400049", "420049"},
-                                   {"PROGRASP_FORCEPS", "PROGRASP_FORCEPS:400093", "400093", "420093"},
-                                   {"NEEDLE_DRIVER", "5MM_NEEDLE_DRIVER", "400117", "NEEDLE_DRIVER:420117"},
-                                   {"NEEDLE_DRIVER_420117", "5mm_needle_driver:400117", "needle_driver", "420117"},
-                                   {"BOWEL_GRASPER", "BOWEL_GRASPER:400127", "bowel_grasper", "400127"},
-                                   {"MARYLAND_DISSECTOR", "5MM_MARYLAND_DISSECTOR", "MARYLAND_DISSECTOR:400143", "400143"},
-                                   {"MARYLAND_BIPOLAR_FORCEPS", "BIPOLAR_MARYLAND_FORCEPS", "400172", "420172"},
-                                   {"CURVED_SCISSORS", "CURVED_SCISSORS:400178", "400178", "420178"},
-                                   {"MONOPOLAR_CURVED_SCISSORS", "MONOPOLAR_CURVED_SCISSOR:400179", "400179", "420179"},
-                                   {"RESANO_FORCEPS", "RESANO_FORCEPS:400181", "400181", "420181"},
-                                   {"PERMANENT_CAUTERY_HOOK", "PERMANENT_CAUTERY_HOOK:420183", "400183", "420183"},
-                                   {"PERMANENT_CAUTERY_SPATULA", "PERMANENT_CAUTERY_SPATULA:400184", "400184", "420184"},
-                                   {"DOUBLE_FENESTRATED_GRASPER", "DOUBLE_FENESTRATED_GRASPER:400189", "400189", "400189"},
-                                   {"MEGA_NEEDLE_DRIVER", "MEGA_NEEDLE_DRIVER:400194", "400194", "420194"},
-                                   {"FENESTRATED_BIPOLAR_FORCEPS", "FENESTRATED_BIPOLAR_FORCEPS:420205", "400205", "420205"},
-                                   {"TENACULUM_FORCEPS", "TENACULUM_FORCEPS:400207", "400207", "400207"},
-                                   {"THORACIC_GRASPER", "THORACIC_GRASPER:400208", "thoracic_grasper", "400208"},
-                                   {"LARGE_CLIP_APPLIER", "LARGE_CLIP_APPLIER:400230", "400230", "420230"},
-                                   {"STAPLER_45", "STAPLER_45:410298", "stapler_45_410298", "410298"},
-                                   {"LRG_SUTURECUT_NEEDLE_DRIVER", "LARGE_SUTURECUT_NEEDLEDRIVER:420296", "400296", "420296"},
-                                   {"MEGA_SUTURECUT_NEEDLE_DRIVER", "MEGA_SUTURECUT_NEEDLE_DRIVER:420309", "400309", "420309"},
-                                   {"MEDIUM-LARGE_CLIP_APPLIER", "MEDIUM-LARGE_CLIP_APPLIER:420327", "420327", "420327"}};
+    const char *const same[][4] = {
+        {"POTTS_SCISSORS", "POTTS_SCISSORS:420001", "400001", "420001"},
+        {"SMALL_CLIP_APPLIER", "SMALL_CLIP_APPLIER:400003", "small_clip_applier", "400003"},
+        {"LARGE_NEEDLE_DRIVER", "LARGE_NEEDLE_DRIVER:400006", "400006", "large_needle_driver_420006"},
+        {"ROUND_TIP_SCISSORS", "ROUND_TIP_SCISSORS_400007", "400007", "420007"},
+        {"MICRO_FORCEPS", "BLACK_DIAMOND_MICRO_FORCEPS", "400033", "420033"},
+        {"ROUND_TOOTH_FORCEPS", "ROUND_TOOTH_FORCEPS:400035", "400035", "400035"},
+        {"DEBAKEY_FORCEPS", "DEBAKEY_FORCEPS:420036", "400036", "420036"},
+        {"LONG_TIP_FORCEPS", "LONG_TIP_FORCEPS:400048", "400048", "420048"},
+        {"CADIERE_FORCEPS", "CADIERE_FORCEPS:420049", "400049", "420049"},
+        {"PROGRASP_FORCEPS", "PROGRASP_FORCEPS:400093", "400093", "420093"},
+        {"NEEDLE_DRIVER", "5MM_NEEDLE_DRIVER", "400117", "NEEDLE_DRIVER:420117"},
+        {"NEEDLE_DRIVER_420117", "5mm_needle_driver:400117", "needle_driver", "420117"},
+        {"BOWEL_GRASPER", "BOWEL_GRASPER:400127", "bowel_grasper", "400127"},
+        {"MARYLAND_DISSECTOR", "5MM_MARYLAND_DISSECTOR", "MARYLAND_DISSECTOR:400143", "400143"},
+        {"MARYLAND_BIPOLAR_FORCEPS", "BIPOLAR_MARYLAND_FORCEPS", "400172", "420172"},
+        {"CURVED_SCISSORS", "CURVED_SCISSORS:400178", "400178", "420178"},
+        {"MONOPOLAR_CURVED_SCISSORS", "MONOPOLAR_CURVED_SCISSOR:400179", "400179", "420179"},
+        {"RESANO_FORCEPS", "RESANO_FORCEPS:400181", "400181", "420181"},
+        {"PERMANENT_CAUTERY_HOOK", "PERMANENT_CAUTERY_HOOK:420183", "400183", "420183"},
+        {"PERMANENT_CAUTERY_SPATULA", "PERMANENT_CAUTERY_SPATULA:400184", "400184", "420184"},
+        {"DOUBLE_FENESTRATED_GRASPER", "DOUBLE_FENESTRATED_GRASPER:400189", "400189", "400189"},
+        {"MEGA_NEEDLE_DRIVER", "MEGA_NEEDLE_DRIVER:400194", "400194", "420194"},
+        {"FENESTRATED_BIPOLAR_FORCEPS", "FENESTRATED_BIPOLAR_FORCEPS:420205", "400205", "420205"},
+        {"TENACULUM_FORCEPS", "TENACULUM_FORCEPS:400207", "400207", "400207"},
+        {"THORACIC_GRASPER", "THORACIC_GRASPER:400208", "thoracic_grasper", "400208"},
+        {"LARGE_CLIP_APPLIER", "LARGE_CLIP_APPLIER:400230", "400230", "420230"},
+        {"STAPLER_45", "STAPLER_45:410298", "stapler_45_410298", "410298"},
+        {"LRG_SUTURECUT_NEEDLE_DRIVER", "LARGE_SUTURECUT_NEEDLEDRIVER:420296", "400296", "420296"},
+        {"MEGA_SUTURECUT_NEEDLE_DRIVER", "MEGA_SUTURECUT_NEEDLE_DRIVER:420309", "400309", "420309"},
+        {"MEDIUM-LARGE_CLIP_APPLIER", "MEDIUM-LARGE_CLIP_APPLIER:420327", "420327", "420327"}};
     for (const auto &names : same) {
         pliant_tool_shape first;
         ASSERT_EQ(pliant_tool_shape_find(names[0], &first), PLIANT_OK) << pliant_last_error();
@@ -331,7 +367,8 @@ TEST(Shapes, InstrumentsGoByTheirNamesAndCodes)
             }
         }
     }
-    for (const char *none : {"", "A_SPOON:1", "400006x", "4000", "430006", "410006", "400298", "420298", "410999", "430298", "390117", "STAPLER", "400999", "LARGE_NEEDLE_DRIVERS", "006"}) {
+    for (const char *none : {"", "A_SPOON:1", "400006x", "4000", "430006", "410006", "400298", "420298", "410999",
+                             "430298", "390117", "STAPLER", "400999", "LARGE_NEEDLE_DRIVERS", "006"}) {
         pliant_tool_shape shape;
         EXPECT_EQ(pliant_tool_shape_find(none, &shape), PLIANT_ERROR_ARGUMENT) << none;
     }
@@ -343,7 +380,10 @@ TEST(Shapes, ShaftsAreThoseOfTheirInstruments)
     const struct {
         const char *name;
         double thickness, length, behind_tip;
-    } published[] = {{"400006", 0.0084, 0.4162, 0.0186}, {"400117", 0.0052, 0.4024, 0.0273}, {"400143", 0.0052, 0.4024, 0.0371}, {"420327", 0.0084, 0.4670, 0.0267},
+    } published[] = {{"400006", 0.0084, 0.4162, 0.0186},
+                     {"400117", 0.0052, 0.4024, 0.0273},
+                     {"400143", 0.0052, 0.4024, 0.0371},
+                     {"420327", 0.0084, 0.4670, 0.0267},
                      {"410298", 0.0120, 0.4670, 0.0750}};
     for (const auto &of : published) {
         pliant_tool_shape shape;
@@ -369,7 +409,8 @@ TEST(Shapes, WhatIsNoPartIsRefused)
     EXPECT_NE(pliant_part_check(&part, true, reason, sizeof reason), nullptr);
     part = box();
     std::swap(part.from[2], part.to[2]);
-    EXPECT_STREQ(pliant_part_check(&part, true, reason, sizeof reason), "axis 2: low 0.025 must not be above high 0.005");
+    EXPECT_STREQ(pliant_part_check(&part, true, reason, sizeof reason),
+                 "axis 2: low 0.025 must not be above high 0.005");
     part = half_space();
     EXPECT_EQ(pliant_part_check(&part, false, reason, sizeof reason), nullptr);
     EXPECT_NE(pliant_part_check(&part, true, reason, sizeof reason), nullptr);

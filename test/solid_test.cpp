@@ -44,11 +44,20 @@ pliant_part part_of(const Solid &solid, double radius = 0)
 
 struct Random {
     std::mt19937 engine{3};
-    double operator()(double low, double high) { return low + (high - low) * std::uniform_real_distribution<double>()(engine); }
-    std::vector<double> point(double low, double high) { return {(*this)(low, high), (*this)(low, high), (*this)(low, high)}; }
+    double operator()(double low, double high)
+    {
+        return low + (high - low) * std::uniform_real_distribution<double>()(engine);
+    }
+    std::vector<double> point(double low, double high)
+    {
+        return {(*this)(low, high), (*this)(low, high), (*this)(low, high)};
+    }
 };
 
-double ring_distance(const double p[3], double radius, double tube) { return std::hypot(std::hypot(p[0], p[1]) - radius, p[2]) - tube; }
+double ring_distance(const double p[3], double radius, double tube)
+{
+    return std::hypot(std::hypot(p[0], p[1]) - radius, p[2]) - tube;
+}
 
 const double low[3] = {-0.01, -0.02, 0.005}, high[3] = {0.015, -0.005, 0.025};
 
@@ -77,7 +86,8 @@ TEST(Solid, AConvexOneHasTheDistancesOfItsBox)
     for (int n = 0; n < 2000; n++) {
         const auto p = random.point(-0.05, 0.05);
         double normal[3], expected[3];
-        ASSERT_NEAR(pliant_part_distance(&part, p.data(), normal), pliant_part_distance(&box, p.data(), expected), 1e-14);
+        ASSERT_NEAR(pliant_part_distance(&part, p.data(), normal), pliant_part_distance(&box, p.data(), expected),
+                    1e-14);
         for (int d = 0; d < 3; d++) ASSERT_NEAR(normal[d], expected[d], 1e-9);
     }
     const double origin[3] = {0, 0, 0};
@@ -119,7 +129,8 @@ TEST(Solid, AHullHoldsItsPoints)
     EXPECT_EQ(surface_of(solid).num_triangles, 2 * 300 - 4) << "Euler";
     const pliant_part part = part_of(solid);
     double normal[3], worst = 0;
-    for (int n = 0; n < 300; n++) worst = std::max(worst, std::fabs(pliant_part_distance(&part, cloud.points.data() + 3 * n, normal)));
+    for (int n = 0; n < 300; n++)
+        worst = std::max(worst, std::fabs(pliant_part_distance(&part, cloud.points.data() + 3 * n, normal)));
     EXPECT_LT(worst, 1e-12);
 }
 
@@ -138,7 +149,8 @@ TEST(Solid, AHullHasTooManyTrianglesAtTheEndAlone)
     pliant_solid_options options{};
     options.convex = true;
     EXPECT_EQ(ball.make(options, &none), PLIANT_ERROR_FORMAT);
-    EXPECT_STREQ(pliant_last_error(), "solid: its convex hull has more than 1000 triangles; as a mesh it may have 1000000");
+    EXPECT_STREQ(pliant_last_error(),
+                 "solid: its convex hull has more than 1000 triangles; as a mesh it may have 1000000");
     const double from[3] = {-0.0101, -0.0101, -0.0101}, to[3] = {0.0101, 0.0101, 0.0101};
     const Surface around = block(from, to);
     ball.points.insert(ball.points.end(), around.points.begin(), around.points.end());
@@ -159,7 +171,8 @@ TEST(Solid, AHullHasNoSlivers)
             double p[3];
             p[axis] = side ? high[axis] : low[axis];
             p[(axis + 1) % 3] = low[(axis + 1) % 3] + (high[(axis + 1) % 3] - low[(axis + 1) % 3]) * (n % 15) / 14.0;
-            p[(axis + 2) % 3] = low[(axis + 2) % 3] + (high[(axis + 2) % 3] - low[(axis + 2) % 3]) * (n / 15 % 15) / 14.0;
+            p[(axis + 2) % 3] =
+                low[(axis + 2) % 3] + (high[(axis + 2) % 3] - low[(axis + 2) % 3]) * (n / 15 % 15) / 14.0;
             for (double &v : p) v += random(-off, off);
             points.add(p[0], p[1], p[2]);
         }
@@ -169,7 +182,9 @@ TEST(Solid, AHullHasNoSlivers)
         for (int n = 0; n < 1000; n++) {
             const auto p = random.point(-0.05, 0.05);
             double normal[3], expected[3];
-            ASSERT_NEAR(pliant_part_distance(&part, p.data(), normal), pliant_part_distance(&box, p.data(), expected), 1e-8) << off;
+            ASSERT_NEAR(pliant_part_distance(&part, p.data(), normal), pliant_part_distance(&box, p.data(), expected),
+                        1e-8)
+                << off;
         }
     }
 }
@@ -191,11 +206,13 @@ TEST(Solid, AFieldHasTheDistancesOfItsShape)
     Random random;
     const Solid solid = make(ring(0.012, 0.004), 4e-4);
     const pliant_part part = part_of(solid);
-    const double faceted = 0.016 * (1 - std::cos(M_PI / 48)) + 0.004 * (1 - std::cos(M_PI / 24)), error = surface_of(solid).error;
+    const double faceted = 0.016 * (1 - std::cos(M_PI / 48)) + 0.004 * (1 - std::cos(M_PI / 24)),
+                 error = surface_of(solid).error;
     EXPECT_LT(error, 5e-5) << "of what is smooth";
     int inside = 0;
     for (int n = 0; n < 20000; n++) {
-        const double p[3] = {random(-0.018, 0.018), random(-0.018, 0.018), random(-0.006, 0.006)}, known = ring_distance(p, 0.012, 0.004);
+        const double p[3] = {random(-0.018, 0.018), random(-0.018, 0.018), random(-0.006, 0.006)},
+                     known = ring_distance(p, 0.012, 0.004);
         double normal[3];
         const double found = pliant_part_distance(&part, p, normal);
         inside += found < 0;
@@ -230,7 +247,8 @@ TEST(Solid, AFieldRoundsEdgesByAsMuchAsItSays)
 // Overlapping shells form one solid, even if a point's nearest triangle is inside another shell.
 TEST(Solid, ShellsMayOverlap)
 {
-    const double from[3] = {0, 0, 0}, to[3] = {0.01, 0.01, 0.01}, middle[3] = {0.005, 0.002, 0.002}, end[3] = {0.02, 0.008, 0.008};
+    const double from[3] = {0, 0, 0}, to[3] = {0.01, 0.01, 0.01}, middle[3] = {0.005, 0.002, 0.002},
+                 end[3] = {0.02, 0.008, 0.008};
     Surface both = block(from, to);
     const Surface second = block(middle, end);
     const int32_t shift = static_cast<int32_t>(both.points.size() / 3);
@@ -242,7 +260,8 @@ TEST(Solid, ShellsMayOverlap)
     for (int n = 0; n < 3000; n++) {
         const auto p = random.point(-0.001, 0.021);
         auto within = [&](const double *a, const double *b, double by) {
-            return p[0] > a[0] - by && p[0] < b[0] + by && p[1] > a[1] - by && p[1] < b[1] + by && p[2] > a[2] - by && p[2] < b[2] + by;
+            return p[0] > a[0] - by && p[0] < b[0] + by && p[1] > a[1] - by && p[1] < b[1] + by && p[2] > a[2] - by &&
+                   p[2] < b[2] + by;
         };
         double normal[3];
         const double found = pliant_part_distance(&part, p.data(), normal);
@@ -336,7 +355,8 @@ TEST_F(SolidFile, BothFormatsAndUnitsAreTheSameSolid)
         for (int n = 0; n < 200; n++) {
             const auto p = random.point(-0.001, 0.021);
             double normal[3];
-            ASSERT_NEAR(pliant_part_distance(&part, p.data(), normal), pliant_part_distance(&other, p.data(), normal), 1e-7);
+            ASSERT_NEAR(pliant_part_distance(&part, p.data(), normal), pliant_part_distance(&other, p.data(), normal),
+                        1e-7);
         }
     }
     ASSERT_EQ(read(binary_stl(shape, 0.001), 0.001, true), PLIANT_OK) << pliant_last_error();
@@ -378,11 +398,15 @@ TEST_F(SolidFile, WhatIsOpenIsRefusedWithThePlace)
 {
     Surface shape = corner();
     shape.triangles.resize(shape.triangles.size() - 3);
-    refuses(binary_stl(shape, 0.001), "is not closed: 3 of its 30 edges have a triangle on one side alone, the first from (0, 0, 8) to (6, 20, 8); fill its holes", 0.001);
+    refuses(
+        binary_stl(shape, 0.001),
+        "is not closed: 3 of its 30 edges have a triangle on one side alone, the first from (0, 0, 8) to (6, 20, 8); fill its holes",
+        0.001);
     ASSERT_EQ(read(binary_stl(shape, 0.001), 0.001, true), PLIANT_OK) << "its hull";
     shape = corner();
     std::swap(shape.triangles[0], shape.triangles[1]);
-    refuses(binary_stl(shape, 1), "3 of its 30 edges have triangles that are turned inside out to each other, the first from (");
+    refuses(binary_stl(shape, 1),
+            "3 of its 30 edges have triangles that are turned inside out to each other, the first from (");
 }
 
 TEST_F(SolidFile, WhatIsNoStlIsRefused)
@@ -391,7 +415,8 @@ TEST_F(SolidFile, WhatIsNoStlIsRefused)
     refuses("", "is empty");
     refuses("solid", "is not STL: neither 'solid' and facets, nor as long as");
     refuses(good.substr(0, 40), "is not STL");
-    refuses(good.substr(0, good.size() - 1), "as binary STL it says that it has 20 triangles, which take 1084 bytes, and has 1083: it is truncated");
+    refuses(good.substr(0, good.size() - 1),
+            "as binary STL it says that it has 20 triangles, which take 1084 bytes, and has 1083: it is truncated");
     std::string bad = good;
     std::memset(&bad[80], 0xff, 4);
     refuses(bad, "as binary STL it says that it has 4294967295 triangles, which take 214748364834 bytes");
@@ -427,7 +452,9 @@ TEST_F(SolidFile, WhatHasNoSizeIsRefused)
     pliant_solid_options options{};
     options.resolution = 1e-5;
     EXPECT_EQ(corner().make(options, &solid), PLIANT_ERROR_FORMAT);
-    EXPECT_NE(std::string(pliant_last_error()).find("solid: a field with points every 0.01 mm would take"), std::string::npos) << pliant_last_error();
+    EXPECT_NE(std::string(pliant_last_error()).find("solid: a field with points every 0.01 mm would take"),
+              std::string::npos)
+        << pliant_last_error();
     options.convex = true;
     EXPECT_EQ(flat.make(options, &solid), PLIANT_ERROR_FORMAT);
     EXPECT_STREQ(pliant_last_error(), "solid: its points lie in a plane: a solid needs four that do not");

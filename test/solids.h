@@ -23,13 +23,15 @@ struct Surface {
     int32_t num_triangles() const { return static_cast<int32_t>(triangles.size() / 3); }
     pliant_status make(const pliant_solid_options &options, pliant_solid **out) const
     {
-        return pliant_solid_create(static_cast<int32_t>(points.size() / 3), points.data(), num_triangles(), triangles.data(), &options, "solid", out);
+        return pliant_solid_create(static_cast<int32_t>(points.size() / 3), points.data(), num_triangles(),
+                                   triangles.data(), &options, "solid", out);
     }
 };
 
 // Extrude a polygon in the x y plane from z = low to high. `outline` is counter-clockwise, and `inside` lists the
 // triangles of its corners.
-inline Surface prism(const std::vector<std::vector<double>> &outline, const std::vector<int32_t> &inside, double low, double high)
+inline Surface prism(const std::vector<std::vector<double>> &outline, const std::vector<int32_t> &inside, double low,
+                     double high)
 {
     Surface out;
     const int32_t n = static_cast<int32_t>(outline.size());
@@ -45,11 +47,16 @@ inline Surface prism(const std::vector<std::vector<double>> &outline, const std:
 
 inline Surface block(const double low[3], const double high[3])
 {
-    return prism({{low[0], low[1]}, {high[0], low[1]}, {high[0], high[1]}, {low[0], high[1]}}, {0, 1, 2, 0, 2, 3}, low[2], high[2]);
+    return prism({{low[0], low[1]}, {high[0], low[1]}, {high[0], high[1]}, {low[0], high[1]}}, {0, 1, 2, 0, 2, 3},
+                 low[2], high[2]);
 }
 
 // An L-shaped solid of 20 x 20 mm, with legs of 6 mm, 8 mm thick.
-inline Surface corner() { return prism({{0, 0}, {0.02, 0}, {0.02, 0.006}, {0.006, 0.006}, {0.006, 0.02}, {0, 0.02}}, {0, 1, 2, 0, 2, 3, 0, 3, 4, 0, 4, 5}, 0, 0.008); }
+inline Surface corner()
+{
+    return prism({{0, 0}, {0.02, 0}, {0.02, 0.006}, {0.006, 0.006}, {0.006, 0.02}, {0, 0.02}},
+                 {0, 1, 2, 0, 2, 3, 0, 3, 4, 0, 4, 5}, 0, 0.008);
+}
 
 // A torus around z.
 inline Surface ring(double radius, double tube, int around = 48, int across = 24)
@@ -81,7 +88,8 @@ inline Surface ball_surface(double radius, int around = 32, int across = 14)
         const int next = (k + 1) % around, last = (across - 2) * around;
         out.triangles.insert(out.triangles.end(), {top, k, next});
         out.triangles.insert(out.triangles.end(), {bottom, last + next, last + k});
-        for (int a = 0; a + 2 < across; a++) out.add_quad(a * around + k, (a + 1) * around + k, (a + 1) * around + next, a * around + next);
+        for (int a = 0; a + 2 < across; a++)
+            out.add_quad(a * around + k, (a + 1) * around + k, (a + 1) * around + next, a * around + next);
     }
     return out;
 }
@@ -91,7 +99,8 @@ inline Surface rod_surface(double radius, double length, int around = 24)
 {
     std::vector<std::vector<double>> outline;
     std::vector<int32_t> inside;
-    for (int a = 0; a < around; a++) outline.push_back({radius * std::cos(2 * M_PI * a / around), radius * std::sin(2 * M_PI * a / around)});
+    for (int a = 0; a < around; a++)
+        outline.push_back({radius * std::cos(2 * M_PI * a / around), radius * std::sin(2 * M_PI * a / around)});
     for (int a = 1; a + 1 < around; a++) inside.insert(inside.end(), {0, a, a + 1});
     return prism(outline, inside, 0, length);
 }
@@ -103,7 +112,8 @@ inline std::string binary_stl(const Surface &of, double unit)
     out.append(reinterpret_cast<const char *>(&count), 4);
     for (uint32_t t = 0; t < count; t++) {
         float numbers[12] = {};
-        for (int c = 0; c < 9; c++) numbers[3 + c] = static_cast<float>(of.points[3 * of.triangles[3 * t + c / 3] + c % 3] / unit);
+        for (int c = 0; c < 9; c++)
+            numbers[3 + c] = static_cast<float>(of.points[3 * of.triangles[3 * t + c / 3] + c % 3] / unit);
         out.append(reinterpret_cast<const char *>(numbers), 48);
         out.append(2, '\0');
     }

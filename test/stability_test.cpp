@@ -29,7 +29,8 @@ protected:
     {
         pliant_verdict worst = PLIANT_VERDICT_BROKEN;
         options.only = name;
-        EXPECT_EQ(pliant_stability_run(nullptr, &options, &tables, {nullptr, nullptr}, &worst), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(pliant_stability_run(nullptr, &options, &tables, {nullptr, nullptr}, &worst), PLIANT_OK)
+            << pliant_last_error();
         return worst;
     }
     std::string cell(size_t row, const char *column) const
@@ -62,9 +63,10 @@ TEST_P(Stability, IsNeverBroken)
 std::string name_of(const testing::TestParamInfo<const char *> &info) { return info.param; }
 
 INSTANTIATE_TEST_SUITE_P(Cases, Stability,
-                         testing::Values("contrast", "poisson", "anisotropic", "thin", "empty", "single_tetrahedron", "pieces", "pull",
-                                         "teleport", "gravity", "spring", "half_turn", "not_finite", "flat", "inverted", "scrambled", "plane",
-                                         "point", "long_run", "time_step", "energy", "dynamic_teleport", "dynamic_not_finite", "dynamic_spring",
+                         testing::Values("contrast", "poisson", "anisotropic", "thin", "empty", "single_tetrahedron",
+                                         "pieces", "pull", "teleport", "gravity", "spring", "half_turn", "not_finite",
+                                         "flat", "inverted", "scrambled", "plane", "point", "long_run", "time_step",
+                                         "energy", "dynamic_teleport", "dynamic_not_finite", "dynamic_spring",
                                          "dynamic_octree", "dynamic_bone_surface", "dynamic_fit"),
                          name_of);
 
@@ -78,7 +80,8 @@ TEST_F(Stability, EveryCaseIsTested)
 TEST_F(Stability, CollapsedBodiesComeBackToRest)
 {
     options.methods = 1u << PLIANT_FINE;
-    for (const char *name : {"flat", "inverted", "scrambled", "plane", "point"}) EXPECT_EQ(run(name), PLIANT_VERDICT_CONVERGED) << name;
+    for (const char *name : {"flat", "inverted", "scrambled", "plane", "point"})
+        EXPECT_EQ(run(name), PLIANT_VERDICT_CONVERGED) << name;
     for (size_t r = 0; r < pliant_results_rows(tables.stability); r++) {
         EXPECT_EQ(cell(r, "inverted_end"), "0");
         EXPECT_LT(std::atof(cell(r, "off_rest_mm").c_str()), 1);
@@ -93,11 +96,13 @@ TEST_F(Stability, ExplicitDynamicsIsTriedByRelaxation)
     scene.solver.kind = PLIANT_TLED;
     options.scene = &scene;
     options.settle_steps = 40;
-    for (const char *name : {"contrast", "pull", "not_finite", "single_tetrahedron"}) EXPECT_NE(run(name), PLIANT_VERDICT_BROKEN) << name;
+    for (const char *name : {"contrast", "pull", "not_finite", "single_tetrahedron"})
+        EXPECT_NE(run(name), PLIANT_VERDICT_BROKEN) << name;
     for (size_t r = 0; r < pliant_results_rows(tables.stability); r++) {
         EXPECT_EQ(cell(r, "method"), "fine");
         EXPECT_EQ(cell(r, "growth_bytes"), "0");
-        if (cell(r, "parameter") == "0.1 x the body, rigid" || cell(r, "parameter") == "1") EXPECT_EQ(cell(r, "verdict"), "converged");
+        if (cell(r, "parameter") == "0.1 x the body, rigid" || cell(r, "parameter") == "1")
+            EXPECT_EQ(cell(r, "verdict"), "converged");
     }
 }
 
@@ -115,13 +120,15 @@ TEST_F(Stability, TheTimeStepHasABoundAndEnergyIsKept)
 
 TEST_F(Stability, WhatHasInertiaComesToRestWhereItWas)
 {
-    for (const char *name : {"dynamic_teleport", "dynamic_spring", "dynamic_octree", "dynamic_bone_surface", "dynamic_fit"})
+    for (const char *name :
+         {"dynamic_teleport", "dynamic_spring", "dynamic_octree", "dynamic_bone_surface", "dynamic_fit"})
         EXPECT_EQ(run(name), PLIANT_VERDICT_CONVERGED) << name;
     for (size_t r = 0; r < pliant_results_rows(tables.stability); r++) {
         EXPECT_EQ(cell(r, "method"), "fine");
         EXPECT_EQ(cell(r, "message"), "") << cell(r, "case") << " " << cell(r, "parameter");
         EXPECT_LT(std::atof(cell(r, "off_rest_mm").c_str()), 1) << cell(r, "case");
-        if (cell(r, "parameter") != "0.001 N/m") EXPECT_GT(std::atof(cell(r, "largest_mm").c_str()), 1) << cell(r, "case");
+        if (cell(r, "parameter") != "0.001 N/m")
+            EXPECT_GT(std::atof(cell(r, "largest_mm").c_str()), 1) << cell(r, "case");
         EXPECT_GT(std::atoi(cell(r, "iterations").c_str()), 10 * std::atoi(cell(r, "steps").c_str())) << "sub-steps";
     }
     EXPECT_EQ(run("dynamic_not_finite"), PLIANT_VERDICT_REFUSED);
@@ -134,7 +141,8 @@ TEST_F(Stability, EmptyScansAreRefusedWithAMessage)
 {
     EXPECT_EQ(run("empty"), PLIANT_VERDICT_REFUSED);
     for (size_t r = 0; r < pliant_results_rows(tables.stability); r++)
-        if (cell(r, "parameter") == "all air") EXPECT_NE(cell(r, "message").find("no tetrahedron holds tissue"), std::string::npos);
+        if (cell(r, "parameter") == "all air")
+            EXPECT_NE(cell(r, "message").find("no tetrahedron holds tissue"), std::string::npos);
 }
 
 TEST_F(Stability, KnownRowsAreNotRunAgain)

@@ -18,7 +18,9 @@ pliant_backend other()
     backend.name = "other";
     backend.on_host = false;
     backend.free = [](pliant_data *) {};
-    backend.solve = [](const pliant_model *model, pliant_data *data) { return lost ? PLIANT_ERROR_UNAVAILABLE : pliant_cpu_backend.solve(model, data); };
+    backend.solve = [](const pliant_model *model, pliant_data *data) {
+        return lost ? PLIANT_ERROR_UNAVAILABLE : pliant_cpu_backend.solve(model, data);
+    };
     return backend;
 }
 
@@ -135,7 +137,8 @@ TEST(StepWithoutMemory, IsTheStateBeforeItOrTheOneAfterIt)
                         if (status < 0) {
                             failed++;
                             EXPECT_EQ(status, PLIANT_ERROR_MEMORY);
-                            EXPECT_EQ(before, after) << kind << warp << patch << ": " << calls << " " << pliant_last_error();
+                            EXPECT_EQ(before, after)
+                                << kind << warp << patch << ": " << calls << " " << pliant_last_error();
                             EXPECT_EQ(body.data->statistics.step, steps);
                         } else {
                             EXPECT_EQ(body.data->statistics.step, steps + 1);

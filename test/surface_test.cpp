@@ -28,11 +28,14 @@ struct Surface {
     }
 };
 
-std::unique_ptr<Cuttable> block(int a, int b, int c, int cell, std::function<int(int, int, int)> material = [](int, int, int) { return 0; })
+std::unique_ptr<Cuttable> block(
+    int a, int b, int c, int cell, std::function<int(int, int, int)> material = [](int, int, int) { return 0; })
 {
     const int size[3] = {a, b, c};
     const double box[3] = {0.001 * a, 0.001 * b, 0.001 * c};
-    auto body = std::make_unique<Body>(size, box, std::vector<Material>{{3000, 0.45, 1000, false}, {9000, 0.45, 1000, false}, {1, 0, 1, true}}, material);
+    auto body = std::make_unique<Body>(
+        size, box, std::vector<Material>{{3000, 0.45, 1000, false}, {9000, 0.45, 1000, false}, {1, 0, 1, true}},
+        material);
     body->cells(a / cell, b / cell, c / cell, 1);
     body->scene.cut.kind = PLIANT_CUT_SEVER;
     body->fix_plane(1e-9, 0, 0, 1, 0, 0);
@@ -110,7 +113,9 @@ TEST(Surface, WithoutACutItIsThatOfTheMesh)
     ASSERT_EQ(surface.made->num_triangles, bar->now->num_triangles);
     EXPECT_EQ(surface.made->first_cut, bar->now->num_triangles);
     EXPECT_EQ(surface.made->num_vertices, 0);
-    EXPECT_EQ(std::memcmp(surface.made->triangle, bar->now->triangles, 3 * sizeof(int32_t) * static_cast<size_t>(bar->now->num_triangles)), 0);
+    EXPECT_EQ(std::memcmp(surface.made->triangle, bar->now->triangles,
+                          3 * sizeof(int32_t) * static_cast<size_t>(bar->now->num_triangles)),
+              0);
 }
 
 // A plane through a bar leaves two closed halves. Their cut faces have the area of the plane and lie on it.
@@ -119,7 +124,8 @@ TEST(Surface, APlaneLeavesTwoClosedHalves)
     const double normals[][3] = {{1, 0, 0}, {1, 0.2, 0.1}, {1, 0.5, -0.3}, {1, -0.7, 0.6}, {1, 1, 0}};
     for (const double *normal : normals) {
         auto bar = block(64, 24, 24, 8);
-        const double point[3] = {0.0323, 0.012, 0.012}, length = std::sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
+        const double point[3] = {0.0323, 0.012, 0.012},
+                     length = std::sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
         ASSERT_TRUE(bar->cut_plane(point, normal));
         ASSERT_EQ(num_pieces(*bar->now), 2);
         Surface surface(bar->now);
@@ -134,7 +140,8 @@ TEST(Surface, APlaneLeavesTwoClosedHalves)
         double worst = 0;
         for (int32_t v = 3 * surface.made->first_cut; v < 3 * surface.made->num_triangles; v++) {
             double far = 0;
-            for (int d = 0; d < 3; d++) far += (rest[3 * surface.made->triangle[v] + d] - point[d]) * normal[d] / length;
+            for (int d = 0; d < 3; d++)
+                far += (rest[3 * surface.made->triangle[v] + d] - point[d]) * normal[d] / length;
             worst = std::max(worst, std::fabs(far));
         }
         EXPECT_NEAR(area / plane, 1, 0.05) << normal[0] << " " << normal[1] << " " << normal[2];
@@ -147,7 +154,8 @@ TEST(Surface, APlaneLeavesTwoClosedHalves)
             for (int v = 0; v < 4; v++) of_node[bar->now->fine.tets[4 * t + v]] = piece[t];
         for (size_t n = 0; n < of_node.size(); n++) moved[3 * n] += of_node[n] == of_node[0] ? 0 : 0.01;
         measure(*surface.made, surface.places(moved.data()), 0, &unused, &volume);
-        EXPECT_NEAR(volume, 0.064 * 0.024 * 0.024, 1e-5 * 0.064 * 0.024 * 0.024) << "no triangle reaches from one half to the other";
+        EXPECT_NEAR(volume, 0.064 * 0.024 * 0.024, 1e-5 * 0.064 * 0.024 * 0.024)
+            << "no triangle reaches from one half to the other";
     }
 }
 
@@ -196,7 +204,8 @@ TEST(Surface, FollowsFromBodyToBody)
             double gradients[12];
             whole += pliant_mesh_gradients(&all->load().fine, t, gradients);
         }
-        EXPECT_NEAR(volume, whole, 2e-3 * whole) << "what cuts make takes nothing away, but for tips that are drawn flat where pits are not as deep";
+        EXPECT_NEAR(volume, whole, 2e-3 * whole)
+            << "what cuts make takes nothing away, but for tips that are drawn flat where pits are not as deep";
     }
     EXPECT_GT(surfaces.back()->made->num_triangles, surfaces.back()->made->first_cut);
     for (size_t n = bodies.size(); n-- > 0;) { // back, one by one
@@ -243,8 +252,10 @@ TEST(Surface, IsWrittenAsAFile)
     ASSERT_TRUE(mkdtemp(folder));
     const std::string path = std::string(folder) + "/a.ply";
     const char *const names[] = {"height"};
-    ASSERT_EQ(pliant_surface_write(path.c_str(), surface.made, moved.data(), 1.0, 1, names, values.data()), PLIANT_OK) << pliant_last_error();
-    EXPECT_EQ(pliant_surface_write((path + "/b").c_str(), surface.made, moved.data(), 1.0, 0, nullptr, nullptr), PLIANT_ERROR_FILE);
+    ASSERT_EQ(pliant_surface_write(path.c_str(), surface.made, moved.data(), 1.0, 1, names, values.data()), PLIANT_OK)
+        << pliant_last_error();
+    EXPECT_EQ(pliant_surface_write((path + "/b").c_str(), surface.made, moved.data(), 1.0, 0, nullptr, nullptr),
+              PLIANT_ERROR_FILE);
     std::ifstream file(path);
     std::string line;
     size_t rows = 0, triangles = 0, cut = 0;

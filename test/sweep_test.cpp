@@ -42,7 +42,10 @@ protected:
         pliant_report_close(&tables);
         EXPECT_EQ(std::system(("rm -r " + std::string(folder)).c_str()), 0);
     }
-    pliant_status run(pliant_progress progress = {nullptr, nullptr}) { return pliant_sweep_run(&input, &sweep, folder, &tables, progress); }
+    pliant_status run(pliant_progress progress = {nullptr, nullptr})
+    {
+        return pliant_sweep_run(&input, &sweep, folder, &tables, progress);
+    }
     const char *cell(size_t row, const char *column) const
     {
         return pliant_results_cell(tables.sweep, row, pliant_results_column(tables.sweep, column));
@@ -68,7 +71,8 @@ TEST_F(Sweep, FindsTheFrontOfSoftTissue)
     int found = pliant_pull_points(&input, nullptr, 0, 3, many);
     ASSERT_EQ(found, 3);
     for (int a = 0; a < 3; a++)
-        for (int b = 0; b < a; b++) EXPECT_GT(std::hypot(many[a].rest[0] - many[b].rest[0], many[a].rest[2] - many[b].rest[2]), 0.02);
+        for (int b = 0; b < a; b++)
+            EXPECT_GT(std::hypot(many[a].rest[0] - many[b].rest[0], many[a].rest[2] - many[b].rest[2]), 0.02);
 }
 
 TEST_F(Sweep, EveryMethodCaseAndBudgetHasARowAndFineIsTheMostAccurate)
@@ -84,7 +88,8 @@ TEST_F(Sweep, EveryMethodCaseAndBudgetHasARowAndFineIsTheMostAccurate)
         EXPECT_GE(number(r, "frame_median_ms"), number(r, "warp_median_ms"));
         EXPECT_GT(number(r, "largest_mm"), 0.1);
         EXPECT_GE(number(r, "max_mm"), number(r, "p95_mm"));
-        EXPECT_NEAR(number(r, "max_percent"), 100 * number(r, "max_mm") / number(r, "largest_mm"), 1e-3 * number(r, "max_percent") + 1e-9);
+        EXPECT_NEAR(number(r, "max_percent"), 100 * number(r, "max_mm") / number(r, "largest_mm"),
+                    1e-3 * number(r, "max_percent") + 1e-9);
         EXPECT_GT(number(r, "twice_max_mm"), 0);
         EXPECT_EQ(number(r, "frames"), std::string(cell(r, "case")) == "gravity" ? 8 : 4);
         if (std::string(cell(r, "budget")) != "converged") continue;
@@ -123,7 +128,8 @@ TEST_F(Sweep, ReferencesAreKept)
             int solved = 0;
             auto count = [](double, const char *stage, void *user) {
                 const std::string text = stage;
-                *static_cast<int *>(user) += text.find("reference, ") != std::string::npos || text.find("twice the resolution, ") != std::string::npos;
+                *static_cast<int *>(user) += text.find("reference, ") != std::string::npos ||
+                                             text.find("twice the resolution, ") != std::string::npos;
                 return true;
             };
             ASSERT_EQ(run({count, &solved}), PLIANT_OK) << pliant_last_error();
@@ -144,7 +150,9 @@ TEST_F(Sweep, StopsWhereItIsToldAndGoesOnThere)
     sweep.twice_limit = 0;
     sweep.warp = false;
     pliant_results *table = tables.sweep;
-    auto three_rows = [](double, const char *, void *user) { return pliant_results_rows(static_cast<pliant_results *>(user)) < 3; };
+    auto three_rows = [](double, const char *, void *user) {
+        return pliant_results_rows(static_cast<pliant_results *>(user)) < 3;
+    };
     ASSERT_EQ(run({three_rows, table}), PLIANT_ERROR_CANCELLED);
     EXPECT_EQ(pliant_results_rows(tables.sweep), 3u);
     std::string kept = cell(2, "solver_median_ms");
@@ -160,7 +168,8 @@ TEST_F(Sweep, WhatIsLeftOutIsMeasuredOneByOne)
     ASSERT_EQ(pliant_left_out_run(&input, &sweep, &tables, {nullptr, nullptr}), PLIANT_OK) << pliant_last_error();
     size_t rows = pliant_results_rows(tables.stages);
     EXPECT_EQ(rows, 8u);
-    int held = pliant_results_column(tables.stages, "held_mb"), frame = pliant_results_column(tables.stages, "frame_median_ms");
+    int held = pliant_results_column(tables.stages, "held_mb"),
+        frame = pliant_results_column(tables.stages, "frame_median_ms");
     auto value = [&](size_t row, int column) { return std::atof(pliant_results_cell(tables.stages, row, column)); };
     EXPECT_STREQ(pliant_results_cell(tables.stages, 0, 1), "nothing");
     EXPECT_STREQ(pliant_results_cell(tables.stages, rows - 1, 1), "everything");
@@ -194,7 +203,9 @@ TEST_F(Sweep, ExplicitDynamicsComesToTheCorotationalAnswerWhereStrainsAreSmall)
     EXPECT_EQ(pliant_results_rows(tables.stages), 8u);
     ASSERT_EQ(pliant_dynamics_run(&input, &sweep, &tables, {nullptr, nullptr}), PLIANT_OK) << pliant_last_error();
     ASSERT_EQ(pliant_results_rows(tables.dynamics), 1u);
-    auto told = [&](const char *name) { return std::atof(pliant_results_cell(tables.dynamics, 0, pliant_results_column(tables.dynamics, name))); };
+    auto told = [&](const char *name) {
+        return std::atof(pliant_results_cell(tables.dynamics, 0, pliant_results_column(tables.dynamics, name)));
+    };
     EXPECT_NEAR(told("steps_a_frame") * told("time_step_us"), 1e6 * body.scene.solver.step, 1);
     EXPECT_LE(told("time_step_us"), 0.9 * std::fmin(told("edge_bound_us"), told("eigenvalue_bound_us")) + 1e-3);
     EXPECT_LT(told("energy_drift_percent"), 0.1);
@@ -215,7 +226,9 @@ TEST_F(Sweep, TheErrorOfTimeIntegrationIsWhatMuchShorterSubStepsShow)
     body.scene.tled.damping = 20;
     sweep.frames = 6;
     ASSERT_EQ(pliant_dynamics_run(&input, &sweep, &tables, {nullptr, nullptr}), PLIANT_OK) << pliant_last_error();
-    auto told = [&](const char *name) { return std::atof(pliant_results_cell(tables.dynamics, 0, pliant_results_column(tables.dynamics, name))); };
+    auto told = [&](const char *name) {
+        return std::atof(pliant_results_cell(tables.dynamics, 0, pliant_results_column(tables.dynamics, name)));
+    };
     ASSERT_GT(told("time_error_mm"), 0);
 
     const double *at = sweep.points[0].rest;
@@ -241,17 +254,22 @@ TEST_F(Sweep, TheErrorOfTimeIntegrationIsWhatMuchShorterSubStepsShow)
             if (frame < 6) ASSERT_EQ(pliant_tool_set_pose(body.data, tool, tip, nullptr), PLIANT_OK);
             if (frame == 6) pliant_tool_lost(body.data, tool);
             ASSERT_EQ(pliant_step(body.model, body.data), PLIANT_OK);
-            positions[finer].insert(positions[finer].end(), body.data->positions, body.data->positions + 3 * mesh.num_nodes);
+            positions[finer].insert(positions[finer].end(), body.data->positions,
+                                    body.data->positions + 3 * mesh.num_nodes);
         }
         for (size_t i = 0; i < positions[finer].size(); i += 3) {
             double moved = 0;
-            for (size_t d = 0; d < 3; d++) moved += std::pow(positions[finer][i + d] - mesh.rest[(i + d) % (3 * static_cast<size_t>(mesh.num_nodes))], 2);
+            for (size_t d = 0; d < 3; d++)
+                moved += std::pow(
+                    positions[finer][i + d] - mesh.rest[(i + d) % (3 * static_cast<size_t>(mesh.num_nodes))], 2);
             largest = std::fmax(largest, std::sqrt(moved));
         }
     }
     double error = 0;
-    for (size_t i = 0; i < positions[0].size(); i += 3) error = std::fmax(error, std::hypot(std::hypot(positions[0][i] - positions[1][i],
-        positions[0][i + 1] - positions[1][i + 1]), positions[0][i + 2] - positions[1][i + 2]));
+    for (size_t i = 0; i < positions[0].size(); i += 3)
+        error = std::fmax(
+            error, std::hypot(std::hypot(positions[0][i] - positions[1][i], positions[0][i + 1] - positions[1][i + 1]),
+                              positions[0][i + 2] - positions[1][i + 2]));
     EXPECT_GT(told("time_error_mm"), 0.5e3 * error);
     EXPECT_LT(told("time_error_mm"), 2e3 * error);
     EXPECT_NEAR(told("time_error_percent"), 0.1 * told("time_error_mm") / largest, 0.1 * told("time_error_percent"));

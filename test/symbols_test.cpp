@@ -90,40 +90,49 @@ TEST(Symbols, EachLibraryExportsWhatItsHeadersDeclare)
         const std::set<std::string> exported = exported_symbols(of_reports ? PLIANT_REPORT_LIBRARY : PLIANT_LIBRARY);
         const std::set<std::string> declared = public_functions(of_reports), internal = internal_functions(of_reports);
         ASSERT_GT(declared.size(), of_reports ? 5u : 100u);
-        EXPECT_EQ(without(without(exported, declared), internal), std::set<std::string>()) << "exported, but declared with neither PLIANT_API nor PLIANT_INTERNAL";
-        EXPECT_EQ(without(declared, exported), std::set<std::string>()) << "in a public header, but not exported: PLIANT_API is missing";
+        EXPECT_EQ(without(without(exported, declared), internal), std::set<std::string>())
+            << "exported, but declared with neither PLIANT_API nor PLIANT_INTERNAL";
+        EXPECT_EQ(without(declared, exported), std::set<std::string>())
+            << "in a public header, but not exported: PLIANT_API is missing";
         EXPECT_EQ(without(internal, exported), std::set<std::string>()) << "PLIANT_INTERNAL, but not exported";
-        for (const std::string &name : internal) EXPECT_EQ(declared.count(name), 0u) << name << " is public and internal";
+        for (const std::string &name : internal)
+            EXPECT_EQ(declared.count(name), 0u) << name << " is public and internal";
     }
 }
 
 TEST(Symbols, FewFunctionsArePublic)
 {
-    EXPECT_LE(public_functions(false).size() + public_functions(true).size(), 130u) << "declare what users do not need in a header below src/";
+    EXPECT_LE(public_functions(false).size() + public_functions(true).size(), 130u)
+        << "declare what users do not need in a header below src/";
 }
 
 // The list of PLIANT_INTERNAL stays short: each of its functions is called from outside of its library.
 TEST(Symbols, InternalFunctionsAreCalledFromOutside)
 {
     std::string outside_core, outside_reports;
-    for (const char *pattern : {"src/ros/*/*.cpp", "src/ros/*/*.h", "src/rviz/*.cpp", "src/programs/*.c", "src/programs/*.h", "src/programs/*.cpp", "src/python/*.py", "test/ros/*.cpp"})
-        for (const std::string &file : headers_in(std::string(PLIANT_SOURCE_DIR "/") + pattern)) outside_reports += file_text(file);
+    for (const char *pattern : {"src/ros/*/*.cpp", "src/ros/*/*.h", "src/rviz/*.cpp", "src/programs/*.c",
+                                "src/programs/*.h", "src/programs/*.cpp", "src/python/*.py", "test/ros/*.cpp"})
+        for (const std::string &file : headers_in(std::string(PLIANT_SOURCE_DIR "/") + pattern))
+            outside_reports += file_text(file);
     outside_core = outside_reports;
     for (const std::string &file : headers_in(PLIANT_SOURCE_DIR "/src/report/*.[ch]")) outside_core += file_text(file);
     for (bool of_reports : {false, true})
         for (const std::string &name : internal_functions(of_reports)) {
             const std::string &outside = of_reports ? outside_reports : outside_core;
-            const bool is_called = outside.find(name + "(") != std::string::npos || outside.find(name + ")") != std::string::npos ||
-                                   outside.find("\"" + name.substr(7) + "\"") != std::string::npos; // python declares names without pliant_
+            const bool is_called = outside.find(name + "(") != std::string::npos ||
+                                   outside.find(name + ")") != std::string::npos ||
+                                   outside.find("\"" + name.substr(7) + "\"") !=
+                                       std::string::npos; // python declares names without pliant_
             EXPECT_TRUE(is_called) << name << " can be hidden: remove its PLIANT_INTERNAL";
         }
 }
 
 TEST(Symbols, OneVersionEverywhere)
 {
-    const std::string numbers = std::to_string(PLIANT_VERSION_MAJOR) + "." + std::to_string(PLIANT_VERSION_MINOR) + "." +
-                                std::to_string(PLIANT_VERSION_PATCH);
+    const std::string numbers = std::to_string(PLIANT_VERSION_MAJOR) + "." + std::to_string(PLIANT_VERSION_MINOR) +
+                                "." + std::to_string(PLIANT_VERSION_PATCH);
     EXPECT_EQ(numbers, PLIANT_VERSION);
     EXPECT_EQ(numbers, pliant_version());
-    EXPECT_NE(file_text(PLIANT_SOURCE_DIR "/package.xml").find("<version>" + numbers + "</version>"), std::string::npos);
+    EXPECT_NE(file_text(PLIANT_SOURCE_DIR "/package.xml").find("<version>" + numbers + "</version>"),
+              std::string::npos);
 }

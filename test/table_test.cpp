@@ -104,9 +104,12 @@ TEST(table, errors_name_file_line_field_and_what_is_right)
     expect_words(refusal(with("[5, 7]", "[5, 5]")), {"line 8", "labels", "twice"});
     expect_words(refusal(with("[5, 7]", "[0]")), {"line 8", "labels", "'0'", "no label"});
     expect_words(refusal(with("[5, 7]", "[70000]")), {"line 8", "70000", "65535"});
-    expect_words(refusal(with("labels: [5, 7]", "segments: [left lobe, Left_Lobe]")), {"line 8", "segments: 'Left_Lobe' is named twice", "'liver'"});
-    expect_words(refusal(with("labels: [5, 7]", "segments: [Bone]")), {"bone", "name: it is also a segment of 'liver'"});
-    expect_words(refusal(with("labels: [5, 7]", "segments: [AIR]")), {"line 8", "segments: 'AIR' is named twice, also by 'air'"});
+    expect_words(refusal(with("labels: [5, 7]", "segments: [left lobe, Left_Lobe]")),
+                 {"line 8", "segments: 'Left_Lobe' is named twice", "'liver'"});
+    expect_words(refusal(with("labels: [5, 7]", "segments: [Bone]")),
+                 {"bone", "name: it is also a segment of 'liver'"});
+    expect_words(refusal(with("labels: [5, 7]", "segments: [AIR]")),
+                 {"line 8", "segments: 'AIR' is named twice, also by 'air'"});
     expect_words(refusal(with("labels: [5, 7]", "segments: ['']")), {"line 8", "segments: ''", "1 to 47 characters"});
     expect_words(refusal(with("name: liver", "name: air")), {"name", "another"});
     expect_words(refusal(with("name: liver", "name: " + std::string(60, 'x'))), {"name", "longer than 47"});
@@ -172,7 +175,8 @@ TEST(table, the_built_in_one_is_the_file_and_has_no_gaps)
 
 TEST(table, every_table_that_is_shipped_is_good)
 {
-    for (const char *name : {"abdomen_ct", "phantom", "totalsegmentator", "totalsegmentator_mr", "totalsegmentator_liver_vessels"}) {
+    for (const char *name :
+         {"abdomen_ct", "phantom", "totalsegmentator", "totalsegmentator_mr", "totalsegmentator_liver_vessels"}) {
         Table t;
         std::string path = std::string(PLIANT_SOURCE_DIR "/launch/materials/") + name + ".yaml";
         ASSERT_EQ(pliant_material_table_read(path.c_str(), &t), PLIANT_OK) << pliant_last_error();
@@ -192,22 +196,25 @@ static std::vector<std::string> classes_of(const std::string &task)
     std::vector<std::string> names;
     auto add = [&](std::initializer_list<const char *> more) { names.insert(names.end(), more.begin(), more.end()); };
     auto both = [&](std::initializer_list<const char *> more, const char *first, const char *second) {
-        for (const char *name : more) names.insert(names.end(), {std::string(name) + first, std::string(name) + second});
+        for (const char *name : more)
+            names.insert(names.end(), {std::string(name) + first, std::string(name) + second});
     };
     if (task == "liver_vessels") return {"liver_vessels", "liver_tumor"};
-    add({"spleen", "kidney_right", "kidney_left", "gallbladder", "liver", "stomach", "pancreas", "adrenal_gland_right", "adrenal_gland_left"});
+    add({"spleen", "kidney_right", "kidney_left", "gallbladder", "liver", "stomach", "pancreas", "adrenal_gland_right",
+         "adrenal_gland_left"});
     if (task == "total_mr") {
-        add({"lung_left", "lung_right", "esophagus", "small_bowel", "duodenum", "colon", "urinary_bladder", "prostate", "sacrum", "vertebrae",
-             "intervertebral_discs", "spinal_cord", "heart", "aorta", "inferior_vena_cava", "portal_vein_and_splenic_vein"});
-        both({"iliac_artery", "iliac_vena", "humerus", "scapula", "clavicula", "femur", "hip", "gluteus_maximus", "gluteus_medius", "gluteus_minimus",
-              "autochthon", "iliopsoas"},
+        add({"lung_left", "lung_right", "esophagus", "small_bowel", "duodenum", "colon", "urinary_bladder", "prostate",
+             "sacrum", "vertebrae", "intervertebral_discs", "spinal_cord", "heart", "aorta", "inferior_vena_cava",
+             "portal_vein_and_splenic_vein"});
+        both({"iliac_artery", "iliac_vena", "humerus", "scapula", "clavicula", "femur", "hip", "gluteus_maximus",
+              "gluteus_medius", "gluteus_minimus", "autochthon", "iliopsoas"},
              "_left", "_right");
         add({"brain"});
         return names;
     }
-    add({"lung_upper_lobe_left", "lung_lower_lobe_left", "lung_upper_lobe_right", "lung_middle_lobe_right", "lung_lower_lobe_right", "esophagus",
-         "trachea", "thyroid_gland", "small_bowel", "duodenum", "colon", "urinary_bladder", "prostate", "kidney_cyst_left", "kidney_cyst_right",
-         "sacrum", "vertebrae_S1"});
+    add({"lung_upper_lobe_left", "lung_lower_lobe_left", "lung_upper_lobe_right", "lung_middle_lobe_right",
+         "lung_lower_lobe_right", "esophagus", "trachea", "thyroid_gland", "small_bowel", "duodenum", "colon",
+         "urinary_bladder", "prostate", "kidney_cyst_left", "kidney_cyst_right", "sacrum", "vertebrae_S1"});
     for (int n = 5; n >= 1; n--) names.push_back("vertebrae_L" + std::to_string(n));
     for (int n = 12; n >= 1; n--) names.push_back("vertebrae_T" + std::to_string(n));
     for (int n = 7; n >= 1; n--) names.push_back("vertebrae_C" + std::to_string(n));
@@ -231,7 +238,9 @@ TEST(table, classes_of_totalsegmentator_by_id_and_by_name)
     const struct {
         const char *task, *file;
         size_t classes;
-    } tasks[] = {{"total", "totalsegmentator", 117}, {"total_mr", "totalsegmentator_mr", 50}, {"liver_vessels", "totalsegmentator_liver_vessels", 2}};
+    } tasks[] = {{"total", "totalsegmentator", 117},
+                 {"total_mr", "totalsegmentator_mr", 50},
+                 {"liver_vessels", "totalsegmentator_liver_vessels", 2}};
     for (const auto &task : tasks) {
         Table t;
         std::string path = std::string(PLIANT_SOURCE_DIR "/launch/materials/") + task.file + ".yaml";
@@ -257,7 +266,11 @@ TEST(table, classes_of_totalsegmentator_by_id_and_by_name)
 TEST(table, told_as_text_is_the_same_table)
 {
     Table table, again;
-    ASSERT_EQ(pliant_material_table_parse(with("187", "187.00000000000003\n    segments: [left lobe, \"the \\\"caudate\\\" lobe\"]").c_str(), "t.yaml", &table), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_material_table_parse(
+                  with("187", "187.00000000000003\n    segments: [left lobe, \"the \\\"caudate\\\" lobe\"]").c_str(),
+                  "t.yaml", &table),
+              PLIANT_OK)
+        << pliant_last_error();
     std::string text(pliant_material_table_text(&table, 0, nullptr), '\0');
     EXPECT_EQ(pliant_material_table_text(&table, text.size() + 1, &text[0]), text.size());
     ASSERT_EQ(pliant_material_table_parse(text.c_str(), "text", &again), PLIANT_OK) << pliant_last_error() << text;

@@ -98,17 +98,20 @@ TEST(Threads, AModelIsBuiltByTheScenesNumberAndIsTheSame)
                 Asked asked;
                 asked.most = -1;
                 pliant_model *model = nullptr;
-                ASSERT_EQ(pliant_model_build(&block.scene, &block.scan, nullptr, &block.table, {ask, &asked}, &model), PLIANT_OK)
+                ASSERT_EQ(pliant_model_build(&block.scene, &block.scan, nullptr, &block.table, {ask, &asked}, &model),
+                          PLIANT_OK)
                     << pliant_last_error();
                 EXPECT_EQ(asked.threads, std::set<int>{threads});
                 EXPECT_EQ(omp_get_max_threads(), before);
                 EXPECT_GT(model->body->fine.num_moved, 0);
-                std::vector<double> now(model->body->fine.rest, model->body->fine.rest + 3 * model->body->fine.num_nodes);
+                std::vector<double> now(model->body->fine.rest,
+                                        model->body->fine.rest + 3 * model->body->fine.num_nodes);
                 for (int32_t t = 0; t < model->body->fine.num_tets; t++) {
                     const pliant_tet_material &one = model->body->fine_material[t];
                     now.insert(now.end(), {one.lambda, one.mu, one.density, one.tissue});
                 }
-                now.insert(now.end(), model->material_of_voxel, model->material_of_voxel + pliant_geometry_voxels(&block.scan.geometry));
+                now.insert(now.end(), model->material_of_voxel,
+                           model->material_of_voxel + pliant_geometry_voxels(&block.scan.geometry));
                 const double *stiffness = model->system->stiffness;
                 if (stiffness) now.insert(now.end(), stiffness, stiffness + 144 * model->body->coarse.num_tets);
                 pliant_model_free(model);
@@ -130,7 +133,8 @@ TEST(Threads, AScanIsReadByTheScenesNumberAndIsTheSame)
         pliant_labels labels{};
         pliant_material_table materials{};
         const int before = omp_get_max_threads();
-        ASSERT_EQ(pliant_inputs_read(&scene, "phantom:40x32x36", &scan, &labels, &materials), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_inputs_read(&scene, "phantom:40x32x36", &scan, &labels, &materials), PLIANT_OK)
+            << pliant_last_error();
         EXPECT_EQ(omp_get_max_threads(), before);
         const auto *voxels = static_cast<const int16_t *>(scan.voxels);
         std::vector<int16_t> now(voxels, voxels + pliant_geometry_voxels(&scan.geometry));
@@ -175,7 +179,8 @@ TEST(Threads, HomogenizationIsCancelledWhereItsProgressIsRefused)
         Asked asked;
         asked.most = most;
         pliant_model *model = nullptr;
-        EXPECT_EQ(pliant_model_build(&block.scene, &block.scan, nullptr, &block.table, {ask, &asked}, &model), PLIANT_ERROR_CANCELLED);
+        EXPECT_EQ(pliant_model_build(&block.scene, &block.scan, nullptr, &block.table, {ask, &asked}, &model),
+                  PLIANT_ERROR_CANCELLED);
         EXPECT_EQ(model, nullptr);
         EXPECT_STREQ(pliant_last_error(), "homogenization was cancelled");
     }

@@ -33,7 +33,8 @@ struct Blocks {
         EXPECT_EQ(pliant_body_create(1, &body), PLIANT_OK);
         EXPECT_EQ(pliant_mesh_grid(&geometry, cells, keep.data(), &body->fine), PLIANT_OK) << pliant_last_error();
         positions.assign(body->fine.rest, body->fine.rest + 3 * body->fine.num_nodes);
-        for (int32_t n = 0; n < body->fine.num_nodes; n++) block_of.push_back(static_cast<int>(std::floor(positions[3 * n + 2] / ((z + 1) * h) + 1e-9)));
+        for (int32_t n = 0; n < body->fine.num_nodes; n++)
+            block_of.push_back(static_cast<int>(std::floor(positions[3 * n + 2] / ((z + 1) * h) + 1e-9)));
     }
     Blocks(const Blocks &) = delete;
     Blocks &operator=(const Blocks &) = delete;
@@ -169,7 +170,8 @@ TEST(Tissue, WhatBeginsDeepInsideIsPushedOutTheShortestWay)
         std::map<int32_t, double> depth;
         for (int32_t c = 0; c < blocks.contacts.count; c++) {
             EXPECT_EQ(kind_of(blocks.contacts.point[c]), 240);
-            if (gap(blocks.contacts.point[c], blocks.positions) < 0) depth[blocks.contacts.point[c].node[0]] = gap(blocks.contacts.point[c], blocks.positions);
+            if (gap(blocks.contacts.point[c], blocks.positions) < 0)
+                depth[blocks.contacts.point[c].node[0]] = gap(blocks.contacts.point[c], blocks.positions);
         }
         double low[2][3], high[2][3];
         for (int b = 0; b < 2; b++)
@@ -186,7 +188,9 @@ TEST(Tissue, WhatBeginsDeepInsideIsPushedOutTheShortestWay)
         for (int32_t n : surface) {
             const int other = 1 - blocks.block_of[n];
             double way = 1e9;
-            for (int d = 0; d < 3; d++) way = std::min({way, blocks.positions[3 * n + d] - low[other][d], high[other][d] - blocks.positions[3 * n + d]});
+            for (int d = 0; d < 3; d++)
+                way = std::min(
+                    {way, blocks.positions[3 * n + d] - low[other][d], high[other][d] - blocks.positions[3 * n + d]});
             if (way <= 1e-9) continue;
             inside++;
             ASSERT_TRUE(depth.count(n)) << "node " << n << " is inside by " << way;
@@ -229,7 +233,9 @@ TEST(Tissue, IsTheSameForAnyNumberOfThreads)
     check_points(one.contacts, one.positions);
     ASSERT_GT(one.contacts.count, 40);
     ASSERT_EQ(one.contacts.count, three.contacts.count);
-    EXPECT_EQ(std::memcmp(one.contacts.point, three.contacts.point, sizeof(pliant_contact_point) * static_cast<size_t>(one.contacts.count)), 0);
+    EXPECT_EQ(std::memcmp(one.contacts.point, three.contacts.point,
+                          sizeof(pliant_contact_point) * static_cast<size_t>(one.contacts.count)),
+              0);
 }
 
 // ---- edges
@@ -331,7 +337,9 @@ std::vector<bool> beyond(const Cuttable &cut)
     std::vector<bool> out(static_cast<size_t>(body.fine.num_nodes), false);
     std::vector<int32_t> part(out.size());
     std::iota(part.begin(), part.end(), 0);
-    const std::function<int32_t(int32_t)> first = [&](int32_t n) { return part[n] == n ? n : part[n] = first(part[n]); };
+    const std::function<int32_t(int32_t)> first = [&](int32_t n) {
+        return part[n] == n ? n : part[n] = first(part[n]);
+    };
     for (int32_t t = 0; t < body.fine.num_tets; t++)
         for (int v = 1; v < 4; v++) part[first(body.fine.tets[4 * t + v])] = first(body.fine.tets[4 * t]);
     int32_t top = 0;

@@ -11,7 +11,8 @@
 
 using Matrix = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 
-constexpr std::array<pliant_law, 3> laws{PLIANT_LAW_NEO_HOOKEAN, PLIANT_LAW_COMPRESSIBLE, PLIANT_LAW_SAINT_VENANT_KIRCHHOFF};
+constexpr std::array<pliant_law, 3> laws{PLIANT_LAW_NEO_HOOKEAN, PLIANT_LAW_COMPRESSIBLE,
+                                         PLIANT_LAW_SAINT_VENANT_KIRCHHOFF};
 
 struct Moduli {
     double lambda, mu;

@@ -12,9 +12,12 @@ namespace
 
 // A viscous, swinging bar along z with a fixed lower end.
 struct Swinging : Body {
-    explicit Swinging(const std::vector<Material> &materials = {{4000, 0.4, 1000, false}},
-                      const std::function<int(int, int, int)> &material = [](int, int, int) { return 0; }, double width = 0.04, int voxels = 8)
-        : Body(std::array<int, 3>{voxels, voxels, 3 * voxels}.data(), std::array<double, 3>{width, width, 3 * width}.data(), materials, material),
+    explicit Swinging(
+        const std::vector<Material> &materials = {{4000, 0.4, 1000, false}},
+        const std::function<int(int, int, int)> &material = [](int, int, int) { return 0; }, double width = 0.04,
+        int voxels = 8)
+        : Body(std::array<int, 3>{voxels, voxels, 3 * voxels}.data(),
+               std::array<double, 3>{width, width, 3 * width}.data(), materials, material),
           box{width, width, 3 * width}
     {
         cells(4, 4, 12, 1);
@@ -47,7 +50,8 @@ struct Swinging : Body {
         std::array<double, 6> out{};
         const pliant_tled &tled = *data->tled;
         for (int32_t n = 0; n < tled.system->mesh->num_nodes; n++) {
-            const double *rest = tled.system->mesh->rest + 3 * n, *u = tled.u + 3 * n, *moved = tled.d + 3 * n, mass = tled.system->node_mass[n] / tled.time_step;
+            const double *rest = tled.system->mesh->rest + 3 * n, *u = tled.u + 3 * n, *moved = tled.d + 3 * n,
+                         mass = tled.system->node_mass[n] / tled.time_step;
             for (int d = 0; d < 3; d++) {
                 const int y = (d + 1) % 3, z = (d + 2) % 3;
                 out[d] += mass * moved[d];
@@ -60,17 +64,20 @@ struct Swinging : Body {
     {
         const pliant_body &body = *data->body;
         std::vector<double> out(static_cast<size_t>(model->body->fine.num_tets));
-        for (int32_t t = 0; t < body.fine.num_tets; t++) out[body.tet_parent ? body.tet_parent[t] : t] += body.fine_material[t].density;
+        for (int32_t t = 0; t < body.fine.num_tets; t++)
+            out[body.tet_parent ? body.tet_parent[t] : t] += body.fine_material[t].density;
         return out;
     }
     double relaxed() const // sum of the relaxed stress over all elements
     {
         const pliant_tled_system &system = *data->tled->system;
-        const int32_t cubes = system.cubes ? system.cubes->count : 0, tets = system.cubes ? system.cubes->num_tets : system.mesh->num_tets;
+        const int32_t cubes = system.cubes ? system.cubes->count : 0,
+                      tets = system.cubes ? system.cubes->num_tets : system.mesh->num_tets;
         double sum = 0;
         for (int32_t e = 0; e < tets + cubes; e++) {
             const int32_t place = e < tets ? e : system.num_blocks * LANES + e - tets;
-            for (int m = 0; m < 6 * PLIANT_PRONY_TERMS; m++) sum += std::fabs(data->tled->memory[place / LANES][m][place % LANES]);
+            for (int m = 0; m < 6 * PLIANT_PRONY_TERMS; m++)
+                sum += std::fabs(data->tled->memory[place / LANES][m][place % LANES]);
         }
         return sum;
     }
@@ -79,11 +86,14 @@ struct Swinging : Body {
     {
         std::uniform_real_distribution<double> unit(-1, 1);
         const double normal[3] = {unit(random), unit(random), 1};
-        const double point[3] = {box[0] * (0.5 + 0.5 * unit(random)), box[1] * (0.5 + 0.5 * unit(random)), box[2] * (0.55 + 0.35 * unit(random))};
+        const double point[3] = {box[0] * (0.5 + 0.5 * unit(random)), box[1] * (0.5 + 0.5 * unit(random)),
+                                 box[2] * (0.55 + 0.35 * unit(random))};
         std::vector<double> from, to;
         Cuttable::plane(point, normal, half, from, to);
         const pliant_cut_sweep sweep{2, from.data(), to.data(), nullptr};
-        EXPECT_EQ(pliant_body_cut(data->body, data->last_revision + 1, data->positions, &sweep, next, nullptr), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(pliant_body_cut(data->body, data->last_revision + 1, data->positions, &sweep, next, nullptr),
+                  PLIANT_OK)
+            << pliant_last_error();
         return *next != nullptr;
     }
     const std::array<double, 3> box;
@@ -106,7 +116,8 @@ TEST(TledCarry, ASlitTakesNoMomentumAndNoEnergy)
     bar.swing(10);
     const pliant_body *body = bar.data->body;
     const pliant_mesh &mesh = body->fine;
-    std::vector<int32_t> corners(mesh.tets, mesh.tets + 4 * mesh.num_tets), copy(static_cast<size_t>(mesh.num_nodes), -1);
+    std::vector<int32_t> corners(mesh.tets, mesh.tets + 4 * mesh.num_tets),
+        copy(static_cast<size_t>(mesh.num_nodes), -1);
     int32_t nodes = mesh.num_nodes;
     for (int32_t t = 0; t < mesh.num_tets; t++) {
         double height = 0;
@@ -128,7 +139,8 @@ TEST(TledCarry, ASlitTakesNoMomentumAndNoEnergy)
     division.num_tets = mesh.num_tets;
     division.corners = corners.data();
     pliant_body *next = nullptr;
-    ASSERT_EQ(pliant_body_divide(body, bar.data->last_revision + 1, &division, &next), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_body_divide(body, bar.data->last_revision + 1, &division, &next), PLIANT_OK)
+        << pliant_last_error();
     bar.take(next);
     ASSERT_EQ(bar.data->body->fine.num_nodes, nodes);
     const pliant_dynamics after = bar.dynamics();
@@ -196,7 +208,8 @@ TEST(TledCarry, WhatWasHalvedStaysSo)
 struct EveryLaw : testing::TestWithParam<pliant_law> {};
 TEST_P(EveryLaw, FragmentsTakeNoMomentumNoEnergyAndNoSubSteps)
 {
-    Swinging bar({{4000, 0.4, 1000, false}, {120000, 0.4, 750, false}}, [](int i, int j, int k) { return (i + j + k / 2) % 3 == 0; });
+    Swinging bar({{4000, 0.4, 1000, false}, {120000, 0.4, 750, false}},
+                 [](int i, int j, int k) { return (i + j + k / 2) % 3 == 0; });
     bar.cells(2, 2, 6, 1);
     bar.scene.cut.kind = PLIANT_CUT_SEVER;
     bar.scene.tled.law = GetParam();
@@ -218,9 +231,11 @@ TEST_P(EveryLaw, FragmentsTakeNoMomentumNoEnergyAndNoSubSteps)
         bar.take(next);
         const pliant_dynamics after = bar.dynamics();
         expect_same(momentum, bar.momentum());
-        EXPECT_LE(after.strain_energy + after.kinetic_energy, (before.strain_energy + before.kinetic_energy) * (1 + 1e-9));
+        EXPECT_LE(after.strain_energy + after.kinetic_energy,
+                  (before.strain_energy + before.kinetic_energy) * (1 + 1e-9));
         double given = 0; // mass moved to other tetrahedra by chips
-        for (size_t t = 0; t < densities.size(); t++) given = std::fmax(given, std::fabs(bar.densities()[t] - densities[t]));
+        for (size_t t = 0; t < densities.size(); t++)
+            given = std::fmax(given, std::fabs(bar.densities()[t] - densities[t]));
         if (given < 1e-6) {
             EXPECT_NEAR(after.kinetic_energy, before.kinetic_energy, 1e-12 * before.kinetic_energy);
             EXPECT_NEAR(after.strain_energy, before.strain_energy, 1e-9 * before.strain_energy);
@@ -253,7 +268,8 @@ TEST_P(EveryLaw, FragmentsTakeNoMomentumNoEnergyAndNoSubSteps)
 // The same blades with subdivision. New nodes move with their edges, and smaller tetrahedra inherit the relaxed stress.
 TEST_P(EveryLaw, SmallerTetrahedraTakeNoMomentumAndGiveNoEnergy)
 {
-    Swinging bar({{4000, 0.4, 1000, false}, {120000, 0.4, 750, false}}, [](int i, int j, int k) { return (i + j + k / 2) % 3 == 0; });
+    Swinging bar({{4000, 0.4, 1000, false}, {120000, 0.4, 750, false}},
+                 [](int i, int j, int k) { return (i + j + k / 2) % 3 == 0; });
     bar.cells(2, 2, 6, 1);
     bar.scene.cut.kind = PLIANT_CUT_SUBDIVIDE;
     bar.scene.tled.law = GetParam();
@@ -273,7 +289,9 @@ TEST_P(EveryLaw, SmallerTetrahedraTakeNoMomentumAndGiveNoEnergy)
         const pliant_dynamics after = bar.dynamics();
         expect_same(momentum, bar.momentum());
         EXPECT_NEAR(total_mass(*bar.data->body), mass, 1e-12 * mass);
-        EXPECT_LE(after.strain_energy + after.kinetic_energy, (before.strain_energy + before.kinetic_energy) * (1 + 1e-9)) << "stroke " << stroke;
+        EXPECT_LE(after.strain_energy + after.kinetic_energy,
+                  (before.strain_energy + before.kinetic_energy) * (1 + 1e-9))
+            << "stroke " << stroke;
         EXPECT_NEAR(after.strain_energy, before.strain_energy, 1e-6 * before.strain_energy) << "stroke " << stroke;
         EXPECT_GE(after.kinetic_energy, 0.99 * before.kinetic_energy) << "stroke " << stroke;
         EXPECT_LE(after.time_step, after.eigenvalue_bound);
@@ -281,7 +299,9 @@ TEST_P(EveryLaw, SmallerTetrahedraTakeNoMomentumAndGiveNoEnergy)
     }
     EXPECT_GT(taken, 5);
 }
-INSTANTIATE_TEST_SUITE_P(Laws, EveryLaw, testing::Values(PLIANT_LAW_NEO_HOOKEAN, PLIANT_LAW_COMPRESSIBLE, PLIANT_LAW_SAINT_VENANT_KIRCHHOFF));
+INSTANTIATE_TEST_SUITE_P(Laws, EveryLaw,
+                         testing::Values(PLIANT_LAW_NEO_HOOKEAN, PLIANT_LAW_COMPRESSIBLE,
+                                         PLIANT_LAW_SAINT_VENANT_KIRCHHOFF));
 
 // A cut takes at most this part of the kinetic energy.
 const double largest_loss = 1e-3;
@@ -293,7 +313,9 @@ TEST_P(Strokes, TakeNoMomentumAndGiveNoEnergy)
 {
     const pliant_element_kind kind = std::get<0>(GetParam());
     const int cells = std::get<1>(GetParam());
-    Swinging bar({{4000, 0.45, 1000, false}, {20000, 0.45, 1100, false}}, [](int i, int j, int k) { return (i / 4 + j / 4 + k / 4) % 3 == 0; }, 0.08, 16);
+    Swinging bar(
+        {{4000, 0.45, 1000, false}, {20000, 0.45, 1100, false}},
+        [](int i, int j, int k) { return (i / 4 + j / 4 + k / 4) % 3 == 0; }, 0.08, 16);
     bar.cells(cells, cells, 3 * cells, 1);
     bar.scene.element.kind = kind;
     bar.scene.cut.kind = PLIANT_CUT_SEVER;
@@ -312,8 +334,11 @@ TEST_P(Strokes, TakeNoMomentumAndGiveNoEnergy)
         bar.take(next);
         const pliant_dynamics after = bar.dynamics();
         expect_same(momentum, bar.momentum());
-        EXPECT_LE(after.strain_energy + after.kinetic_energy, (before.strain_energy + before.kinetic_energy) * (1 + 1e-9)) << "stroke " << stroke;
-        EXPECT_LE(after.strain_energy, before.strain_energy * (kind == PLIANT_LINEAR ? 1.0005 : 1.002)) << "stroke " << stroke;
+        EXPECT_LE(after.strain_energy + after.kinetic_energy,
+                  (before.strain_energy + before.kinetic_energy) * (1 + 1e-9))
+            << "stroke " << stroke;
+        EXPECT_LE(after.strain_energy, before.strain_energy * (kind == PLIANT_LINEAR ? 1.0005 : 1.002))
+            << "stroke " << stroke;
         EXPECT_GE(after.kinetic_energy, (1 - largest_loss) * before.kinetic_energy) << "stroke " << stroke;
         EXPECT_EQ(after.substeps, start.substeps);
         pliant_body alone = *bar.data->body; // the bound of the current elements alone
@@ -331,13 +356,16 @@ TEST_P(Strokes, TakeNoMomentumAndGiveNoEnergy)
     EXPECT_EQ(parts > 3, kind == PLIANT_HEXAHEDRA);
 }
 INSTANTIATE_TEST_SUITE_P(Meshes, Strokes,
-                         testing::Combine(testing::Values(PLIANT_LINEAR, PLIANT_HEXAHEDRA), testing::Values(4, 8), testing::Values(0.0, 0.3)));
+                         testing::Combine(testing::Values(PLIANT_LINEAR, PLIANT_HEXAHEDRA), testing::Values(4, 8),
+                                          testing::Values(0.0, 0.3)));
 
 // A swinging bar of two tissues, whose upper half is cut off into two pieces that fall.
 struct Pieces : Swinging {
     static constexpr double lower = 0.125, upper = 0.185;
     explicit Pieces(pliant_element_kind kind, int cells_across = 4)
-        : Swinging({{4000, 0.45, 1000, false}, {20000, 0.45, 1100, false}}, [](int i, int j, int k) { return (i / 4 + j / 4 + k / 4) % 3 == 0; }, 0.08, 16)
+        : Swinging(
+              {{4000, 0.45, 1000, false}, {20000, 0.45, 1100, false}},
+              [](int i, int j, int k) { return (i / 4 + j / 4 + k / 4) % 3 == 0; }, 0.08, 16)
     {
         cells(cells_across, cells_across, 3 * cells_across, 1);
         scene.element.kind = kind;
@@ -353,7 +381,9 @@ struct Pieces : Swinging {
             Cuttable::plane(point, normal, 1, from, to);
             const pliant_cut_sweep sweep{2, from.data(), to.data(), nullptr};
             pliant_body *next = nullptr;
-            ASSERT_EQ(pliant_body_cut(data->body, data->last_revision + 1, data->positions, &sweep, &next, nullptr), PLIANT_OK) << pliant_last_error();
+            ASSERT_EQ(pliant_body_cut(data->body, data->last_revision + 1, data->positions, &sweep, &next, nullptr),
+                      PLIANT_OK)
+                << pliant_last_error();
             ASSERT_TRUE(next);
             take(next);
         }
@@ -382,7 +412,8 @@ struct Pieces : Swinging {
         for (int32_t n = 0; n < tled.system->mesh->num_nodes; n++) {
             if (tled.inverse_mass[n] == 0) continue;
             std::array<double, 8> &sum = out[component[n]];
-            const double *rest = tled.system->mesh->rest + 3 * n, *u = tled.u + 3 * n, *moved = tled.d + 3 * n, mass = tled.system->node_mass[n] / tled.time_step;
+            const double *rest = tled.system->mesh->rest + 3 * n, *u = tled.u + 3 * n, *moved = tled.d + 3 * n,
+                         mass = tled.system->node_mass[n] / tled.time_step;
             double x[3], speed = std::hypot(std::hypot(moved[0], moved[1]), moved[2]);
             for (int d = 0; d < 3; d++) x[d] = rest[d] + u[d];
             for (int d = 0; d < 3; d++) {
@@ -412,14 +443,18 @@ TEST(TledCarry, EveryComponentKeepsItsMomentum)
             const int32_t nodes = bar.data->body->fine.num_nodes;
             const pliant_dynamics was = bar.dynamics();
             bar.take(next);
-            for (int32_t n = nodes; n < next->fine.num_nodes; n++) component.push_back(component[static_cast<size_t>(next->changes.node_source[n - nodes])]);
+            for (int32_t n = nodes; n < next->fine.num_nodes; n++)
+                component.push_back(component[static_cast<size_t>(next->changes.node_source[n - nodes])]);
             touched += next->fine.num_nodes > nodes;
             const auto after = bar.momenta(component);
             ASSERT_GE(before.size(), 3u);
             for (const auto &each : before)
-                for (int d = 0; d < 6; d++) EXPECT_NEAR(after.at(each.first)[d], each.second[d], 1e-12 * each.second[6 + d / 3]) << "stroke " << stroke << ", " << d;
+                for (int d = 0; d < 6; d++)
+                    EXPECT_NEAR(after.at(each.first)[d], each.second[d], 1e-12 * each.second[6 + d / 3])
+                        << "stroke " << stroke << ", " << d;
             const pliant_dynamics is = bar.dynamics();
-            EXPECT_LE(is.strain_energy + is.kinetic_energy, (was.strain_energy + was.kinetic_energy) * (1 + 1e-9)) << "stroke " << stroke;
+            EXPECT_LE(is.strain_energy + is.kinetic_energy, (was.strain_energy + was.kinetic_energy) * (1 + 1e-9))
+                << "stroke " << stroke;
             EXPECT_GE(is.kinetic_energy, (1 - largest_loss) * was.kinetic_energy) << "stroke " << stroke;
             bar.swing(2);
         }
@@ -443,12 +478,17 @@ TEST(TledCarry, CutsElsewhereLeaveAFallingPieceAsItIs)
         std::uniform_real_distribution<double> unit(-1, 1);
         int taken = 0;
         for (int stroke = 0; stroke < 10; stroke++) {
-            const double point[3] = {0.04 + 0.04 * unit(random), 0.04 + 0.04 * unit(random), 0.05 + 0.03 * unit(random)}, normal[3] = {unit(random), unit(random), 1};
+            const double point[3] = {0.04 + 0.04 * unit(random), 0.04 + 0.04 * unit(random),
+                                     0.05 + 0.03 * unit(random)},
+                         normal[3] = {unit(random), unit(random), 1};
             std::vector<double> from, to;
             Cuttable::plane(point, normal, 0.03, from, to);
             const pliant_cut_sweep sweep{2, from.data(), to.data(), nullptr};
             pliant_body *next = nullptr;
-            ASSERT_EQ(pliant_body_cut(bar.data->body, bar.data->last_revision + 1, bar.data->positions, &sweep, &next, nullptr), PLIANT_OK) << pliant_last_error();
+            ASSERT_EQ(pliant_body_cut(bar.data->body, bar.data->last_revision + 1, bar.data->positions, &sweep, &next,
+                                      nullptr),
+                      PLIANT_OK)
+                << pliant_last_error();
             if (!next) continue;
             taken++;
             bar.take(next);
@@ -456,8 +496,10 @@ TEST(TledCarry, CutsElsewhereLeaveAFallingPieceAsItIs)
             other.swing(2);
             for (int32_t n : piece)
                 for (int d = 0; d < 3; d++) {
-                    ASSERT_EQ(bar.data->tled->u[3 * n + d], other.data->tled->u[3 * n + d]) << "stroke " << stroke << ", node " << n;
-                    ASSERT_EQ(bar.data->tled->d[3 * n + d], other.data->tled->d[3 * n + d]) << "stroke " << stroke << ", node " << n;
+                    ASSERT_EQ(bar.data->tled->u[3 * n + d], other.data->tled->u[3 * n + d])
+                        << "stroke " << stroke << ", node " << n;
+                    ASSERT_EQ(bar.data->tled->d[3 * n + d], other.data->tled->d[3 * n + d])
+                        << "stroke " << stroke << ", node " << n;
                 }
         }
         EXPECT_GT(taken, 6);
@@ -484,7 +526,8 @@ TEST(TledCarry, ABodyAtRestGainsNoEnergy)
             EXPECT_EQ(bar.dynamics().kinetic_energy, 0);
             EXPECT_LE(bar.dynamics().strain_energy, before * (1 + 1e-9)) << "stroke " << stroke;
             double farthest = 0;
-            for (int32_t n = 0; n < 3 * nodes; n++) farthest = std::fmax(farthest, std::fabs(bar.data->tled->u[n] - u[static_cast<size_t>(n)]));
+            for (int32_t n = 0; n < 3 * nodes; n++)
+                farthest = std::fmax(farthest, std::fabs(bar.data->tled->u[n] - u[static_cast<size_t>(n)]));
             EXPECT_LT(farthest, 0.1 * 0.08 / cells) << "stroke " << stroke;
             taken++;
             bar.swing(10);

@@ -15,8 +15,8 @@ enum class Scene { SWING, DAMPED, PULL, BOTH, RELEASE, SOFT, STIFF, STIFFER, DAM
 struct Bar : Body {
     int tool = -1;
     Bar(Scene scene_kind, double safety, double step = 0.005)
-        : Body(std::array<int, 3>{6, 6, 12}.data(), std::array<double, 3>{0.03, 0.03, 0.06}.data(), {{4000, 0.4, 1000, false}, {20000, 0.4, 1000, false}},
-               [](int, int, int k) { return k < 6 ? 0 : 1; })
+        : Body(std::array<int, 3>{6, 6, 12}.data(), std::array<double, 3>{0.03, 0.03, 0.06}.data(),
+               {{4000, 0.4, 1000, false}, {20000, 0.4, 1000, false}}, [](int, int, int k) { return k < 6 ? 0 : 1; })
     {
         cells(3, 3, 6, 1);
         fix_plane(0, 0, 1e-6, 0, 0, 1);
@@ -34,7 +34,9 @@ struct Bar : Body {
         EXPECT_EQ(pliant_tool_grasp(model, data, tool, at), PLIANT_OK);
         const double stiffness = scene_kind == Scene::SOFT ? 50 : scene_kind == Scene::STIFFER ? 20000 : 1000;
         EXPECT_EQ(pliant_tool_set_spring(data, tool, stiffness, scene_kind == Scene::DAMPER ? 2 : 0), PLIANT_OK);
-        EXPECT_EQ(pliant_tool_set_drive(data, tool, scene_kind >= Scene::SOFT ? PLIANT_DRIVE_SPRING : PLIANT_DRIVE_RIGID, nullptr), PLIANT_OK);
+        EXPECT_EQ(pliant_tool_set_drive(data, tool,
+                                        scene_kind >= Scene::SOFT ? PLIANT_DRIVE_SPRING : PLIANT_DRIVE_RIGID, nullptr),
+                  PLIANT_OK);
     }
     void lead(int f, bool release)
     {
@@ -52,7 +54,8 @@ void take(const Bar &from, const Bar &to)
 {
     pliant_tled &a = *from.data->tled, &b = *to.data->tled;
     const size_t count = 3 * static_cast<size_t>(a.system->mesh->num_nodes);
-    const std::vector<double> u(a.u, a.u + count), d(a.d, a.d + count), acceleration(a.acceleration, a.acceleration + count);
+    const std::vector<double> u(a.u, a.u + count), d(a.d, a.d + count),
+        acceleration(a.acceleration, a.acceleration + count);
     const pliant_tled_scheme rule = pliant_tled_scheme_of(a.time_step, a.system->damping);
     std::array<std::array<double, 3>, PLIANT_MAX_TOOLS> target, passed, passed_target;
     std::memcpy(target.data(), a.target, sizeof a.target);
@@ -63,7 +66,8 @@ void take(const Bar &from, const Bar &to)
     for (size_t n = 0; n < count; n++) {
         if (a.inverse_mass[n / 3] == 0) continue;
         double force = a.system->node_mass[n / 3] * a.gravity[n % 3];
-        for (int32_t c = a.system->corner_start[n / 3]; c < a.system->corner_start[n / 3 + 1]; c++) force -= a.forces[a.system->corner[c] + n % 3 * LANES];
+        for (int32_t c = a.system->corner_start[n / 3]; c < a.system->corner_start[n / 3 + 1]; c++)
+            force -= a.forces[a.system->corner[c] + n % 3 * LANES];
         a.d[n] = rule.factor * a.inverse_mass[n / 3] * force + rule.kept * a.d[n];
         a.u[n] += a.d[n];
     }
@@ -131,7 +135,8 @@ std::vector<Errors> run(Scene kind, double frame, double safety)
 TEST(TledError, IsWithinAFactorOfThree)
 {
     int frames = 0, within = 0;
-    for (Scene kind : {Scene::SWING, Scene::DAMPED, Scene::PULL, Scene::BOTH, Scene::RELEASE, Scene::SOFT, Scene::STIFF, Scene::STIFFER, Scene::DAMPER})
+    for (Scene kind : {Scene::SWING, Scene::DAMPED, Scene::PULL, Scene::BOTH, Scene::RELEASE, Scene::SOFT, Scene::STIFF,
+                       Scene::STIFFER, Scene::DAMPER})
         for (double frame : {0.002, 0.01, 0.033})
             for (double safety : {0.9, 0.3}) {
                 int here = 0;
@@ -141,8 +146,8 @@ TEST(TledError, IsWithinAFactorOfThree)
                     ratios.push_back(error.told / error.truth);
                 }
                 std::sort(ratios.begin(), ratios.end());
-                std::printf("scene %d, frame %.3f s, safety %.1f: told / true %.2f, within 3: %d of 40\n", static_cast<int>(kind), frame, safety,
-                            0.5 * (ratios[19] + ratios[20]), here);
+                std::printf("scene %d, frame %.3f s, safety %.1f: told / true %.2f, within 3: %d of 40\n",
+                            static_cast<int>(kind), frame, safety, 0.5 * (ratios[19] + ratios[20]), here);
                 EXPECT_GE(here, 28);
                 const double median = 0.5 * (ratios[19] + ratios[20]);
                 EXPECT_GT(median, 2.0 / 3) << "of a short frame h^2 T j / 6, of a long one a fourth of that";

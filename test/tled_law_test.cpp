@@ -23,7 +23,9 @@ TEST(Law, StressIsTheDerivativeOfTheEnergy)
                 const double step = 1e-5;
                 up.data()[m] += step;
                 down.data()[m] -= step;
-                double slope = (pliant_law_response(law, 2e4, 3e3, up.data(), nullptr) - pliant_law_response(law, 2e4, 3e3, down.data(), nullptr)) / (2 * step);
+                double slope = (pliant_law_response(law, 2e4, 3e3, up.data(), nullptr) -
+                                pliant_law_response(law, 2e4, 3e3, down.data(), nullptr)) /
+                               (2 * step);
                 EXPECT_NEAR(stress[m], slope, 1e-3 + 2e-6 * std::fabs(slope)) << law << " " << m;
             }
         }
@@ -35,7 +37,8 @@ TEST(Law, IsHookesAtSmallStrainsAndFreeOfStressWhenTurned)
     for (pliant_law law : laws) {
         Matrix strain;
         strain << 2e-6, 1e-6, -1e-6, 1e-6, -3e-6, 2e-6, -1e-6, 2e-6, 1e-6;
-        Matrix f = Matrix::Identity() + strain, hooke = 2 * m.mu * strain + m.lambda * strain.trace() * Matrix::Identity(), p;
+        Matrix f = Matrix::Identity() + strain,
+               hooke = 2 * m.mu * strain + m.lambda * strain.trace() * Matrix::Identity(), p;
         pliant_law_response(law, m.lambda, m.mu, f.data(), p.data());
         EXPECT_LT((p - hooke).norm(), 2e-5 * hooke.norm());
         Matrix turned = Eigen::AngleAxisd(1.3, Eigen::Vector3d(1, 2, 3).normalized()).toRotationMatrix();
@@ -100,7 +103,8 @@ TEST_P(EveryKind, UniaxialBiaxialAndShearStressesHaveTheirClosedForms)
                 ASSERT_NEAR(paper_stress(m, stretch, b, false), 0, 1e-6);
             }
             Matrix f = Eigen::Vector3d(b, b, stretch).asDiagonal(), stress = Matrix::Zero();
-            double axial = law == PLIANT_LAW_NEO_HOOKEAN ? stretch * paper_stress(m, stretch, b, true) : (side(b), p[8]);
+            double axial =
+                law == PLIANT_LAW_NEO_HOOKEAN ? stretch * paper_stress(m, stretch, b, true) : (side(b), p[8]);
             stress(2, 2) = axial;
             check_faces(body, f, stress, edge);
         }
@@ -134,9 +138,11 @@ TEST(Tled, ScalarsAreThoseOfTheLaw)
     all(PLIANT_SCALAR_PRINCIPAL_STRESS, along);
     all(PLIANT_SCALAR_VON_MISES, along - across);
     all(PLIANT_SCALAR_VOLUME_RATIO, stretch);
-    double energy = 0.5 * m.mu * (stretch * stretch - 1) - m.mu * std::log(stretch) + 0.5 * m.lambda * (stretch - 1) * (stretch - 1);
+    double energy = 0.5 * m.mu * (stretch * stretch - 1) - m.mu * std::log(stretch) +
+                    0.5 * m.lambda * (stretch - 1) * (stretch - 1);
     all(PLIANT_SCALAR_STRAIN_ENERGY, energy);
-    ASSERT_EQ(pliant_data_scalar(bar.model, bar.data->body, x.data(), PLIANT_SCALAR_MASS_CHANGE, out.data()), PLIANT_OK);
+    ASSERT_EQ(pliant_data_scalar(bar.model, bar.data->body, x.data(), PLIANT_SCALAR_MASS_CHANGE, out.data()),
+              PLIANT_OK);
     const double cell = 1e-6; // of 0.01 m: a third in the central tetrahedron, a sixth in each other
     for (float v : out) {
         EXPECT_GT(v, cell / 6 / stretch * 0.9999);

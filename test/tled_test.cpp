@@ -131,7 +131,8 @@ TEST_P(EveryKind, AWaveRunsAlongABarAtTheSpeedOfSound)
         for (int station = 0; station < 2; station++) { // 0.05 and 0.2 m from the hammer
             double sum = 0, place = station ? 0.2 : 0.05;
             for (int32_t n = 0; n < bar.model->body->fine.num_nodes; n++)
-                if (std::fabs(bar.model->body->fine.rest[3 * n + 2] - place) < 1e-6) sum += 0.25 * (bar.data->positions[3 * n + 2] - place);
+                if (std::fabs(bar.model->body->fine.rest[3 * n + 2] - place) < 1e-6)
+                    sum += 0.25 * (bar.data->positions[3 * n + 2] - place);
             double rate = (sum - last[station]) / bar.scene.solver.step;
             last[station] = sum;
             if (rate > 0.5 * speed && arrival[station] == 0) arrival[station] = t;
@@ -174,7 +175,8 @@ TEST_P(EveryKind, FallsFreelyAndBouncesOffThePlane)
     EXPECT_NEAR(-drop - deepest, 0.5 * length * g * landing / sound, 0.3 * 0.5 * length * g * landing / sound);
     EXPECT_GT(top, -0.1 * drop);
     EXPECT_LT(top, 1e-4);
-    for (int32_t n = 0; n < bar.model->body->fine.num_nodes; n++) EXPECT_GT(bar.data->positions[3 * n + 2], -drop - 1e-9);
+    for (int32_t n = 0; n < bar.model->body->fine.num_nodes; n++)
+        EXPECT_GT(bar.data->positions[3 * n + 2], -drop - 1e-9);
 }
 
 // On a plane with friction f, under gravity along and into it, a block gains  g_along - f g_into  along the plane, or
@@ -391,13 +393,16 @@ TEST(Tled, AHexahedronsTwistCostsTheDeviatoricEnergyOfItsTrilinearField)
     const double expected = volume * moduli(3000, 0.45).mu * amplitude * 40.0 / 81 * squares / 8;
     std::vector<double> sign(8, 1);
     for (int32_t n = 0; n < 8; n++)
-        for (int d = 0; d < 3; d++) sign[static_cast<size_t>(n)] *= mesh.rest[3 * n + d] > mesh.corner[d] + 0.5 * mesh.cell_size[d] ? 1 : -1;
+        for (int d = 0; d < 3; d++)
+            sign[static_cast<size_t>(n)] *= mesh.rest[3 * n + d] > mesh.corner[d] + 0.5 * mesh.cell_size[d] ? 1 : -1;
     for (int along = 0; along < 3; along++) {
         for (int32_t n = 0; n < 8; n++) one.data->tled->u[3 * n + along] = amplitude * sign[static_cast<size_t>(n)];
         const std::vector<double> force = nodal_forces(one);
         for (int32_t n = 0; n < 8; n++) {
             one.data->tled->u[3 * n + along] = 0;
-            EXPECT_NEAR(force[3 * static_cast<size_t>(n) + static_cast<size_t>(along)], sign[static_cast<size_t>(n)] * expected, 1e-3 * expected) << n;
+            EXPECT_NEAR(force[3 * static_cast<size_t>(n) + static_cast<size_t>(along)],
+                        sign[static_cast<size_t>(n)] * expected, 1e-3 * expected)
+                << n;
         }
     }
 }
@@ -414,7 +419,8 @@ double deflection(double poisson, bool nodal)
     EXPECT_EQ(bar.settle(30), PLIANT_OK) << bar.data->statistics.residual;
     double sum = 0;
     for (int32_t n = 0; n < bar.model->body->fine.num_nodes; n++)
-        if (bar.model->body->fine.rest[3 * n + 2] > 0.08 - 1e-6) sum += (bar.data->positions[3 * n] - bar.model->body->fine.rest[3 * n]) / 16;
+        if (bar.model->body->fine.rest[3 * n + 2] > 0.08 - 1e-6)
+            sum += (bar.data->positions[3 * n] - bar.model->body->fine.rest[3 * n]) / 16;
     return sum;
 }
 
@@ -465,12 +471,14 @@ TEST_P(EveryKind, ToolsHoldPullAndFeel)
             int tool;
             ASSERT_EQ(pliant_tool_add(bar.model, bar.data, t ? "spring" : "rigid", &tool), PLIANT_OK);
             ASSERT_EQ(pliant_tool_grasp(bar.model, bar.data, tool, points[t]), PLIANT_OK) << pliant_last_error();
-            ASSERT_EQ(pliant_tool_set_drive(bar.data, tool, t ? PLIANT_DRIVE_SPRING : PLIANT_DRIVE_RIGID, nullptr), PLIANT_OK);
+            ASSERT_EQ(pliant_tool_set_drive(bar.data, tool, t ? PLIANT_DRIVE_SPRING : PLIANT_DRIVE_RIGID, nullptr),
+                      PLIANT_OK);
             double tip[3] = {points[t][0] + 0.004, points[t][1], points[t][2] + 0.002 * t};
             ASSERT_EQ(pliant_tool_set_pose(bar.data, tool, tip, nullptr), PLIANT_OK);
         }
         bar.data->tools[1].stiffness = 20;
-        for (int s = 0; s < (still ? 20 : 120); s++) ASSERT_GE(pliant_step(bar.model, bar.data), 0) << pliant_last_error();
+        for (int s = 0; s < (still ? 20 : 120); s++)
+            ASSERT_GE(pliant_step(bar.model, bar.data), 0) << pliant_last_error();
         const pliant_tool &rigid = bar.data->tools[0], &spring = bar.data->tools[1];
         for (int d = 0; d < 3; d++) {
             EXPECT_NEAR(rigid.held_point[d], rigid.tip[d] - rigid.grip[d], 2e-6);
@@ -562,7 +570,8 @@ TEST_P(EveryKind, ResetGivesTheSameRunAgainAndFailingMemoryLeaksNothing)
         pliant_model *model = nullptr;
         pliant_data *data = nullptr;
         pliant_memory_fail_after(calls);
-        pliant_status status = pliant_model_build(&bar.scene, &bar.scan, nullptr, &bar.table, {nullptr, nullptr}, &model);
+        pliant_status status =
+            pliant_model_build(&bar.scene, &bar.scan, nullptr, &bar.table, {nullptr, nullptr}, &model);
         if (status == PLIANT_OK) status = pliant_data_create(model, &data);
         pliant_memory_fail_after(-1);
         pliant_data_free(data);
@@ -617,7 +626,8 @@ Swing swing_of_beam(double poisson, double mass, double by_mass, double by_stiff
     }
     EXPECT_GT(times.size(), 8u);
     double fall = std::log(std::fabs((values[0] - values[1]) / (values[6] - values[7]))) / 6;
-    return {3 / (times[7] - times[1]), fall / std::sqrt(M_PI * M_PI + fall * fall), 0.015 - 0.25 * (values[5] + 2 * values[6] + values[7])};
+    return {3 / (times[7] - times[1]), fall / std::sqrt(M_PI * M_PI + fall * fall),
+            0.015 - 0.25 * (values[5] + 2 * values[6] + values[7])};
 }
 
 // Damping proportional to stiffness, fitted to the beam alone, is also right with a weight: its ratio is proportional
@@ -628,7 +638,8 @@ TEST(Tled, DampingAndMassTransferFromTheBeamAloneToOneWithAWeight)
 {
     const double seconds = 2e-3, weight = 0.05;
     Swing alone = swing_of_beam(0.45, 0, 0, seconds), hung = swing_of_beam(0.45, weight, 0, seconds);
-    std::printf("beam alone %.2f Hz, ratio %.4f; with 50 g %.2f Hz, ratio %.4f\n", alone.frequency, alone.ratio, hung.frequency, hung.ratio);
+    std::printf("beam alone %.2f Hz, ratio %.4f; with 50 g %.2f Hz, ratio %.4f\n", alone.frequency, alone.ratio,
+                hung.frequency, hung.ratio);
     Swing shear = swing_of_beam(0, 0, 0, seconds); // no volumetric stiffness, so all stiffness contributes damping
     EXPECT_NEAR(shear.ratio, M_PI * shear.frequency * seconds, 0.02 * shear.ratio);
     // the rest is volumetric stiffness of tetrahedra that lock
@@ -683,7 +694,8 @@ TEST(Tled, AMassWeighsInQuasiStaticsToo)
             bar.data->tools[tool].stiffness = 2;
             ASSERT_EQ(pliant_tool_set_pose(bar.data, tool, at, nullptr), PLIANT_OK);
             ASSERT_EQ(pliant_tool_grasp(bar.model, bar.data, tool, at), PLIANT_OK);
-            ASSERT_EQ(pliant_tool_set_drive(bar.data, tool, spring ? PLIANT_DRIVE_SPRING : PLIANT_DRIVE_FORCE, none), PLIANT_OK);
+            ASSERT_EQ(pliant_tool_set_drive(bar.data, tool, spring ? PLIANT_DRIVE_SPRING : PLIANT_DRIVE_FORCE, none),
+                      PLIANT_OK);
             EXPECT_EQ(pliant_tool_set_mass(bar.data, tool, -1), PLIANT_ERROR_ARGUMENT);
             ASSERT_EQ(bar.settle(), PLIANT_OK);
             const double start = bar.data->tools[tool].held_point[1];
@@ -694,7 +706,8 @@ TEST(Tled, AMassWeighsInQuasiStaticsToo)
             sags[kind][spring] = bar.data->tools[tool].held_point[1] - start;
             EXPECT_NEAR(bar.data->tools[tool].force[1], -1e-3 - (spring ? 2 * sags[kind][spring] : 0), 2e-5);
         }
-    for (int spring = 0; spring < 2; spring++) EXPECT_NEAR(sags[1][spring], sags[0][spring], 0.02 * std::fabs(sags[0][spring]));
+    for (int spring = 0; spring < 2; spring++)
+        EXPECT_NEAR(sags[1][spring], sags[0][spring], 0.02 * std::fabs(sags[0][spring]));
     EXPECT_LT(sags[0][0], sags[0][1]);
 }
 

@@ -22,7 +22,11 @@ struct Tool : testing::Test {
         body.cells(6, 6, 6, 1);
         ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
         said.clear();
-        pliant_set_log([](pliant_log_level level, const char *message, void *) { if (level == PLIANT_LOG_WARNING) said = message; }, nullptr);
+        pliant_set_log(
+            [](pliant_log_level level, const char *message, void *) {
+                if (level == PLIANT_LOG_WARNING) said = message;
+            },
+            nullptr);
     }
     void TearDown() override { pliant_set_log(nullptr, nullptr); }
     pliant_status grasp(double x, double y, double z)
@@ -41,7 +45,8 @@ TEST_F(Tool, ANameThatIsTooLongIsRefusedAndNotAddedAgain)
     ASSERT_EQ(pliant_tool_add(body.model, body.data, longest.c_str(), &again), PLIANT_OK);
     EXPECT_EQ(first, again);
     EXPECT_EQ(pliant_tool_add(body.model, body.data, longer.c_str(), &again), PLIANT_ERROR_ARGUMENT);
-    EXPECT_NE(std::string(pliant_last_error()).find("48 characters, at most 47"), std::string::npos) << pliant_last_error();
+    EXPECT_NE(std::string(pliant_last_error()).find("48 characters, at most 47"), std::string::npos)
+        << pliant_last_error();
     EXPECT_EQ(body.data->num_tools, 1);
 }
 
@@ -53,13 +58,15 @@ TEST_F(Tool, APoseNeedsARotationAndADriveIsOneOfThree)
     const double wrong[3][4] = {{0, 0, 0, 0}, {1e-200, 0, 0, 0}, {1e200, 0, 0, 1}};
     for (const double *rotation : wrong) {
         EXPECT_EQ(pliant_tool_set_pose(body.data, tool, other, rotation), PLIANT_ERROR_ARGUMENT);
-        EXPECT_NE(std::string(pliant_last_error()).find("rotation of tool hook"), std::string::npos) << pliant_last_error();
+        EXPECT_NE(std::string(pliant_last_error()).find("rotation of tool hook"), std::string::npos)
+            << pliant_last_error();
     }
     pliant_tool_state state;
     ASSERT_EQ(pliant_tool_get(body.data, tool, &state), PLIANT_OK);
     EXPECT_TRUE(std::equal(tip, tip + 3, state.tip) && std::equal(turned, turned + 4, state.rotation));
     EXPECT_EQ(pliant_tool_set_drive(body.data, tool, static_cast<pliant_drive>(3), nullptr), PLIANT_ERROR_ARGUMENT);
-    EXPECT_NE(std::string(pliant_last_error()).find("spring (0), rigid (1) or force (2)"), std::string::npos) << pliant_last_error();
+    EXPECT_NE(std::string(pliant_last_error()).find("spring (0), rigid (1) or force (2)"), std::string::npos)
+        << pliant_last_error();
 }
 
 TEST_F(Tool, GraspingWhatIsFixedSaysSo)
@@ -81,14 +88,17 @@ TEST_F(Tool, WhereThereIsNoTissueItSaysWhereThereIs)
     EXPECT_EQ(grasp(0.2, 0.06, 0.02), PLIANT_ERROR_ARGUMENT);
     std::string message = pliant_last_error();
     EXPECT_NE(message.find("tool hook: there is no tissue at (0.2000 0.0600 0.0200) m"), std::string::npos) << message;
-    EXPECT_NE(message.find("between (0.0000 0.0000 0.0000) and (0.1200 0.1200 0.1200) m"), std::string::npos) << message;
+    EXPECT_NE(message.find("between (0.0000 0.0000 0.0000) and (0.1200 0.1200 0.1200) m"), std::string::npos)
+        << message;
     EXPECT_EQ(message.find("millimetres"), std::string::npos) << message;
     EXPECT_EQ(grasp(50, 60, 90), PLIANT_ERROR_ARGUMENT);
-    EXPECT_NE(std::string(pliant_last_error()).find("seems to be in millimetres"), std::string::npos) << pliant_last_error();
+    EXPECT_NE(std::string(pliant_last_error()).find("seems to be in millimetres"), std::string::npos)
+        << pliant_last_error();
     const double tip[3] = {50, 60, 90};
     ASSERT_EQ(pliant_tool_set_pose(body.data, tool, tip, nullptr), PLIANT_OK);
     EXPECT_EQ(pliant_tool_grasp(body.model, body.data, tool, nullptr), PLIANT_ERROR_ARGUMENT);
-    EXPECT_NE(std::string(pliant_last_error()).find("seems to be in millimetres"), std::string::npos) << pliant_last_error();
+    EXPECT_NE(std::string(pliant_last_error()).find("seems to be in millimetres"), std::string::npos)
+        << pliant_last_error();
     EXPECT_FALSE(body.data->tools[tool].holding);
 }
 
@@ -100,7 +110,8 @@ TEST_F(Tool, ALoadBeyondDoublePrecisionNamesWhatMayBeWrong)
     ASSERT_EQ(pliant_tool_set_drive(body.data, tool, PLIANT_DRIVE_FORCE, force), PLIANT_OK);
     EXPECT_EQ(pliant_step(body.model, body.data), PLIANT_ERROR_NUMERIC);
     const std::string message = pliant_last_error();
-    for (const char *word : {"model/gravity", "material table", "grasp/stiffness", "forces"}) EXPECT_NE(message.find(word), std::string::npos) << message;
+    for (const char *word : {"model/gravity", "material table", "grasp/stiffness", "forces"})
+        EXPECT_NE(message.find(word), std::string::npos) << message;
 }
 
 // The tissue below a surface point holds it, although air cells lie above. This also holds if single precision of a
@@ -123,7 +134,8 @@ TEST(ToolOnAFace, APointIsHeldOnEverySide)
             for (double off : {-2e-9, 0.0, 2e-9}) {
                 double at[3] = {0.043, 0.047, 0.053};
                 at[axis] = (side ? 0.08 : 0.02) + off;
-                EXPECT_EQ(pliant_tool_grasp(air.model, air.data, index, at), PLIANT_OK) << axis << side << off << pliant_last_error();
+                EXPECT_EQ(pliant_tool_grasp(air.model, air.data, index, at), PLIANT_OK)
+                    << axis << side << off << pliant_last_error();
                 for (int d = 0; d < 3; d++) EXPECT_NEAR(air.data->tools[index].held_point[d], at[d], 1e-8);
             }
     const double off[3] = {0.043, 0.047, 0.0801};
@@ -179,7 +191,8 @@ struct Pulled : Body {
     double tip[3] = {0.06, 0.06, 0.11};
     const double turned[4] = {0, 0, std::sin(0.1), std::cos(0.1)};
 
-    Pulled(const std::function<void(pliant_scene &)> &set, bool two = false) : Body(size, box, {{4000, 0.45, 1000, false}})
+    Pulled(const std::function<void(pliant_scene &)> &set, bool two = false)
+        : Body(size, box, {{4000, 0.45, 1000, false}})
     {
         fix_plane(0, 0, 0.041, 0, 0, 1);
         cells(6, 6, 6, 1);
@@ -268,7 +281,8 @@ double foresight(Pulled &pulled, bool by_secants, bool alone = false)
     pliant_tool_linear linear{};
     double late = 0, foreseen = 0;
     for (int s = 0; s < 70; s++) {
-        const double to[3] = {0.06 + 0.01 * std::sin(0.1 * s), 0.06 + 0.008 * std::sin(0.13 * s), 0.12 + 0.02 * std::sin(0.08 * s)};
+        const double to[3] = {0.06 + 0.01 * std::sin(0.1 * s), 0.06 + 0.008 * std::sin(0.13 * s),
+                              0.12 + 0.02 * std::sin(0.08 * s)};
         double wrench[6], guess[6];
         pliant_tool_linear_wrench(&linear, to, pulled.turned, INFINITY, guess);
         pliant_tool_linear before = linear;
@@ -312,7 +326,9 @@ TEST(Linear, IsBoundedAndForgetsWhatWasHeld)
     ASSERT_EQ(pliant_tool_linearize(pulled.data, pulled.tool, &linear), PLIANT_OK);
     const double far[3] = {0.36, 0.06, 0.12};
     pliant_tool_linear_wrench(&linear, far, pulled.turned, 0.5, there);
-    EXPECT_NEAR(std::sqrt(std::pow(there[0] - wrench[0], 2) + std::pow(there[1] - wrench[1], 2) + std::pow(there[2] - wrench[2], 2)), 0.5, 1e-9);
+    EXPECT_NEAR(std::sqrt(std::pow(there[0] - wrench[0], 2) + std::pow(there[1] - wrench[1], 2) +
+                          std::pow(there[2] - wrench[2], 2)),
+                0.5, 1e-9);
     pliant_tool_linear_wrench(&linear, pulled.tip, pulled.turned, 0.5, there);
     for (int d = 0; d < 6; d++) EXPECT_EQ(there[d], wrench[d]);
     pliant_tool_release(pulled.data, pulled.tool);

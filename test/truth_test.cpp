@@ -35,7 +35,10 @@ struct ReportedBeam : Beam {
         EXPECT_EQ(pliant_report_open(nullptr, &tables), PLIANT_OK);
     }
     ~ReportedBeam() { pliant_report_close(&tables); }
-    std::string cell(const char *name) { return pliant_results_cell(tables.truth, 0, pliant_results_column(tables.truth, name)); }
+    std::string cell(const char *name)
+    {
+        return pliant_results_cell(tables.truth, 0, pliant_results_column(tables.truth, name));
+    }
 };
 
 // The converged sag of quadratic neo-Hookean hexahedra is 6.87 mm at nu 0.45, and 6.75 mm at 0.499. Corotational
@@ -50,10 +53,13 @@ TEST(Truth, ErrorOfABeamsMeshIsEstimatedWithinAFactorOfOnePointThree)
             const int across = (kind == PLIANT_LINEAR) == (n == 0) ? 6 : 3;
             ReportedBeam beam(kind, poisson[n], across);
             pliant_truth worst;
-            ASSERT_EQ(pliant_truth_run(&beam.input, &beam.sweep, &beam.tables, {nullptr, nullptr}, &worst), PLIANT_OK) << pliant_last_error();
+            ASSERT_EQ(pliant_truth_run(&beam.input, &beam.sweep, &beam.tables, {nullptr, nullptr}, &worst), PLIANT_OK)
+                << pliant_last_error();
             const double truth = converged[n] - beam.sag();
-            std::printf("%s, cells of %d mm, nu %.3f: sag off by %.3f mm, estimated %.3f mm, order %.2f, solver %.4f mm\n", kind == PLIANT_LINEAR ? "linear" : "hexahedra",
-                        30 / across, poisson[n], 1e3 * truth, 1e3 * worst.mesh.max, worst.order, 1e3 * worst.solver.max);
+            std::printf(
+                "%s, cells of %d mm, nu %.3f: sag off by %.3f mm, estimated %.3f mm, order %.2f, solver %.4f mm\n",
+                kind == PLIANT_LINEAR ? "linear" : "hexahedra", 30 / across, poisson[n], 1e3 * truth,
+                1e3 * worst.mesh.max, worst.order, 1e3 * worst.solver.max);
             EXPECT_LT(worst.mesh.max, 1.3 * std::fabs(truth));
             EXPECT_GT(worst.mesh.max, std::fabs(truth) / 1.3);
             EXPECT_EQ(beam.cell("larger"), "mesh");
@@ -69,7 +75,8 @@ TEST(Truth, TellsWhereTheSolverIsTheLargerError)
     beam.scene.model.gravity[1] = -60;
     beam.sweep.frames = 3;
     pliant_truth worst;
-    ASSERT_EQ(pliant_truth_run(&beam.input, &beam.sweep, &beam.tables, {nullptr, nullptr}, &worst), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_truth_run(&beam.input, &beam.sweep, &beam.tables, {nullptr, nullptr}, &worst), PLIANT_OK)
+        << pliant_last_error();
     EXPECT_GT(worst.solver.p95, worst.mesh.p95);
     EXPECT_EQ(beam.cell("larger"), "solver");
     EXPECT_NE(beam.cell("advice").find("solver/iterations"), std::string::npos);

@@ -23,14 +23,17 @@ struct Voxels : testing::Test {
 
     void make(int a, int b, int c, bool everything = true)
     {
-        body.reset(new Body(size, box, {{4000, 0.4, 1000, false}, {1, 0.1, 1, true}},
-                            [&](int i, int j, int k) { return !everything && std::hypot(std::hypot(i - 11, j - 8), k - 10) > 9; }));
+        body.reset(new Body(size, box, {{4000, 0.4, 1000, false}, {1, 0.1, 1, true}}, [&](int i, int j, int k) {
+            return !everything && std::hypot(std::hypot(i - 11, j - 8), k - 10) > 9;
+        }));
         body->fix_plane(0, 0, 0.06, 0, 0, 1);
         body->cells(a, b, c, 1);
         body->scene.mesh.keep_air = everything;
         ASSERT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
-        ASSERT_EQ(pliant_voxels_create(body->model->body, &body->scan.geometry, body->model->material_of_voxel, &body->table, &voxels),
-                  PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_voxels_create(body->model->body, &body->scan.geometry, body->model->material_of_voxel,
+                                       &body->table, &voxels),
+                  PLIANT_OK)
+            << pliant_last_error();
     }
     void TearDown() override { pliant_voxels_release(voxels); }
     const pliant_cuts *sorted()
@@ -69,7 +72,8 @@ struct Voxels : testing::Test {
             if (voxels->owner[v] == tet) all.push_back(v);
         std::vector<int> part(all.size(), -1);
         auto joined = [&](int32_t a, int32_t b) {
-            int p[3] = {a % size[0], a / size[0] % size[1], a / size[0] / size[1]}, q[3] = {b % size[0], b / size[0] % size[1], b / size[0] / size[1]};
+            int p[3] = {a % size[0], a / size[0] % size[1], a / size[0] / size[1]},
+                q[3] = {b % size[0], b / size[0] % size[1], b / size[0] / size[1]};
             int apart = 0, far = 0;
             for (int d = 0; d < 3; d++) {
                 apart += p[d] != q[d];
@@ -122,7 +126,8 @@ TEST_F(Voxels, AreOwnedByTheTetrahedraThatHoldTheirCentres)
     std::vector<uint32_t> count(static_cast<size_t>(load.fine.num_tets));
     for (int32_t v = 0; v < size[0] * size[1] * size[2]; v++) {
         int32_t owner = voxels->owner[v];
-        const double index[3] = {static_cast<double>(v % size[0]), static_cast<double>(v / size[0] % size[1]), static_cast<double>(v / size[0] / size[1])};
+        const double index[3] = {static_cast<double>(v % size[0]), static_cast<double>(v / size[0] % size[1]),
+                                 static_cast<double>(v / size[0] / size[1])};
         double world[3], weights[4];
         pliant_geometry_to_world(&body->scan.geometry, index, world);
         if (owner < 0) {
@@ -133,7 +138,9 @@ TEST_F(Voxels, AreOwnedByTheTetrahedraThatHoldTheirCentres)
         pliant_mesh_barycentric(&load.fine, owner, world, weights);
         EXPECT_GT(*std::min_element(weights, weights + 4), -1e-9);
         for (int32_t t = 0; t < load.fine.num_tets; t++) { // on a common face, the central tetrahedron is the owner
-            if (t == owner || load.fine.lattice_of_tet[t] / 5 != load.fine.lattice_of_tet[owner] / 5 || load.fine.lattice_of_tet[t] % 5 != 0) continue;
+            if (t == owner || load.fine.lattice_of_tet[t] / 5 != load.fine.lattice_of_tet[owner] / 5 ||
+                load.fine.lattice_of_tet[t] % 5 != 0)
+                continue;
             pliant_mesh_barycentric(&load.fine, t, world, weights);
             EXPECT_LT(*std::min_element(weights, weights + 4), 1e-9);
         }
@@ -171,7 +178,8 @@ TEST_F(Voxels, UncutTetrahedraAreWholeAndBridgesSeeToIt)
                 far = std::max(far, std::abs(v / s % size[d] - w / s % size[d]));
                 apart_along += v / s % size[d] != w / s % size[d];
             }
-            const int p[3] = {v % size[0], v / size[0] % size[1], v / size[0] / size[1]}, q[3] = {w % size[0], w / size[0] % size[1], w / size[0] / size[1]};
+            const int p[3] = {v % size[0], v / size[0] % size[1], v / size[0] / size[1]},
+                      q[3] = {w % size[0], w / size[0] % size[1], w / size[0] / size[1]};
             bool way = apart_along == 1;
             for (int d = 0; d < 3 && far == 1 && apart_along == 2; d++) {
                 int middle[3] = {p[0], p[1], p[2]};
@@ -196,14 +204,16 @@ TEST_F(Voxels, FragmentsAreWhatSeveredLinksLeave)
     // a plane, then random single links
     int32_t most = 0;
     for (int trial = 0; trial < 4; trial++) {
-        const double normal[3] = {0.3 + trial, 1.0, -0.7}, offset = 0.5 * ((0.3 + trial) * size[0] + size[1] - 0.7 * size[2]) + 0.3;
+        const double normal[3] = {0.3 + trial, 1.0, -0.7},
+                     offset = 0.5 * ((0.3 + trial) * size[0] + size[1] - 0.7 * size[2]) + 0.3;
         auto side = [&](const int p[3]) { return normal[0] * p[0] + normal[1] * p[1] + normal[2] * p[2] > offset; };
         for (int32_t v = 0; v < size[0] * size[1] * size[2]; v++)
             for (int d = 0; d < 3; d++) {
                 int p[3] = {v % size[0], v / size[0] % size[1], v / size[0] / size[1]}, q[3] = {p[0], p[1], p[2]};
                 q[d]++;
                 if (!in(q)) continue;
-                if (trial < 2 ? side(p) != side(q) : random() % 3 == 0) severed.insert(4 * static_cast<uint32_t>(v) + static_cast<uint32_t>(d));
+                if (trial < 2 ? side(p) != side(q) : random() % 3 == 0)
+                    severed.insert(4 * static_cast<uint32_t>(v) + static_cast<uint32_t>(d));
             }
         for (int32_t b = 0; b < voxels->num_bridges; b++)
             if (random() % 2) severed_bridges.insert(b);
@@ -253,12 +263,16 @@ TEST_F(Voxels, HingesHaveBridges)
 {
     const int many[3] = {20, 20, 10};
     const double wide[3] = {0.2, 0.2, 0.1};
-    Body two(many, wide, {{4000, 0.4, 1000, false}, {1, 0.1, 1, true}}, [](int i, int j, int) { return (i < 10) != (j < 10); });
+    Body two(many, wide, {{4000, 0.4, 1000, false}, {1, 0.1, 1, true}},
+             [](int i, int j, int) { return (i < 10) != (j < 10); });
     two.fix_plane(0, 0, 0.01, 0, 0, 1);
     two.cells(4, 4, 2, 1);
     ASSERT_EQ(two.build(), PLIANT_OK) << pliant_last_error();
     const pliant_mesh &mesh = two.model->body->fine;
-    ASSERT_EQ(pliant_voxels_create(two.model->body, &two.scan.geometry, two.model->material_of_voxel, &two.table, &voxels), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(
+        pliant_voxels_create(two.model->body, &two.scan.geometry, two.model->material_of_voxel, &two.table, &voxels),
+        PLIANT_OK)
+        << pliant_last_error();
     int hinges = 0;
     for (int32_t b = voxels->bridge_start[mesh.num_tets]; b < voxels->num_bridges; b++) {
         int32_t from = voxels->bridge[2 * b], to = voxels->bridge[2 * b + 1];
@@ -268,7 +282,8 @@ TEST_F(Voxels, HingesHaveBridges)
         bool listed[2] = {false, false};
         for (int end = 0; end < 2; end++) {
             int32_t tet = voxels->owner[end ? to : from];
-            for (int32_t e = voxels->beside_start[tet]; e < voxels->beside_start[tet + 1]; e++) listed[end] = listed[end] || voxels->beside[e] == b;
+            for (int32_t e = voxels->beside_start[tet]; e < voxels->beside_start[tet + 1]; e++)
+                listed[end] = listed[end] || voxels->beside[e] == b;
         }
         EXPECT_TRUE(listed[0] && listed[1]);
         hinges++;
@@ -284,7 +299,8 @@ TEST_F(Voxels, WithoutMemoryNothingIsLeftBehind)
     for (pliant_status status = PLIANT_ERROR_MEMORY; status != PLIANT_OK; n++) {
         const pliant_voxels *other = nullptr;
         pliant_memory_fail_after(n);
-        status = pliant_voxels_create(body->model->body, &body->scan.geometry, body->model->material_of_voxel, &body->table, &other);
+        status = pliant_voxels_create(body->model->body, &body->scan.geometry, body->model->material_of_voxel,
+                                      &body->table, &other);
         pliant_memory_fail_after(-1);
         ASSERT_TRUE(status == PLIANT_OK || status == PLIANT_ERROR_MEMORY);
         pliant_voxels_release(other);

@@ -49,7 +49,8 @@ TEST(Write, RoundTripOfEveryFormatEncodingAndDirection)
                 SCOPED_TRACE(testing::Message() << name << " encoding " << encoding);
                 volume_holder back;
                 ASSERT_EQ(pliant_volume_write((folder / name).c_str(), &volume), PLIANT_OK) << pliant_last_error();
-                ASSERT_EQ(pliant_volume_read((folder / name).c_str(), nullptr, 0, &back), PLIANT_OK) << pliant_last_error();
+                ASSERT_EQ(pliant_volume_read((folder / name).c_str(), nullptr, 0, &back), PLIANT_OK)
+                    << pliant_last_error();
                 EXPECT_TRUE(pliant_geometry_equal(&volume->geometry, &back->geometry));
                 ASSERT_EQ(back->encoding, encoding);
                 EXPECT_EQ(std::memcmp(volume->voxels, back->voxels, 315 * pliant_encoding_size(encoding)), 0);
@@ -72,7 +73,8 @@ TEST(Write, AppliesSlopeAndIntercept)
         ASSERT_EQ(pliant_volume_write((folder / name).c_str(), &volume), PLIANT_OK) << pliant_last_error();
         ASSERT_EQ(pliant_volume_read((folder / name).c_str(), nullptr, 0, &back), PLIANT_OK) << pliant_last_error();
         EXPECT_EQ(back->encoding, PLIANT_FLOAT32);
-        for (size_t n = 0; n < 315; n++) EXPECT_EQ(pliant_volume_value(&back.volume, n), pliant_volume_value(&volume.volume, n));
+        for (size_t n = 0; n < 315; n++)
+            EXPECT_EQ(pliant_volume_value(&back.volume, n), pliant_volume_value(&volume.volume, n));
     }
 }
 
@@ -164,7 +166,8 @@ TEST(Write, AFullDiskKeepsTheOldFile)
     volume_holder volume;
     ASSERT_EQ(pliant_volume_create(&geometry, PLIANT_INT16, &volume), PLIANT_OK);
     uint32_t random = 1;
-    for (size_t n = 0; n < 64 * 64 * 64; n++) static_cast<int16_t *>(volume->voxels)[n] = int16_t((random = random * 1664525 + 1013904223) >> 16);
+    for (size_t n = 0; n < 64 * 64 * 64; n++)
+        static_cast<int16_t *>(volume->voxels)[n] = int16_t((random = random * 1664525 + 1013904223) >> 16);
     for (const char *name : {"scan.nii", "scan.nii.gz", "scan.nrrd", "scan.mha"}) save(folder / name, "old");
 
     /* a limit on the file size fails like a full disk */

@@ -55,7 +55,8 @@ static pliant_status make_landing(const pliant_data *data, cuda_data *state)
     pliant_cuda_release_host(state->landing);
     state->landing = nullptr;
     state->landing_room = bytes + bytes / 4;
-    return pliant_cuda_allocate_host(state->landing_room, "the simulation state", reinterpret_cast<void **>(&state->landing));
+    return pliant_cuda_allocate_host(state->landing_room, "the simulation state",
+                                     reinterpret_cast<void **>(&state->landing));
 }
 
 static pliant_status lock_positions(const pliant_data *data, cuda_data *state)
@@ -77,7 +78,8 @@ static pliant_status fill(const pliant_model *model, const pliant_data *data, cu
     CUDA_TRY(CUDA_CALL(cudaDeviceGetStreamPriorityRange(&least, &greatest)));
     CUDA_TRY(CUDA_CALL(cudaStreamCreateWithPriority(&state->stream, cudaStreamNonBlocking, greatest)));
     CUDA_TRY(grows ? make_landing(data, state) : lock_positions(data, state));
-    return pliant_cuda_solver_create(data->solver, model->scene.solver.preconditioner, grows, state->device, state->stream, &state->solver);
+    return pliant_cuda_solver_create(data->solver, model->scene.solver.preconditioner, grows, state->device,
+                                     state->stream, &state->solver);
 }
 
 static pliant_status create(const pliant_model *model, pliant_data *data)
@@ -91,7 +93,8 @@ static pliant_status create(const pliant_model *model, pliant_data *data)
 }
 
 /* A simulation that returns to the topology at load must be identical to a new one, so it is rebuilt. */
-static pliant_status follow(const pliant_model *model, pliant_data *data, const pliant_data *before, const pliant_body_map *map, bool *possible)
+static pliant_status follow(const pliant_model *model, pliant_data *data, const pliant_data *before,
+                            const pliant_body_map *map, bool *possible)
 {
     cuda_data *state = state_of(data);
     *possible = state->landing && data->discretization != model->discretization;
@@ -100,7 +103,8 @@ static pliant_status follow(const pliant_model *model, pliant_data *data, const 
     const int32_t *node;
     int32_t *own;
     pliant_status status = pliant_solved_sources(data->solver->system, before->solver->system, map, &own, &node);
-    if (status == PLIANT_OK) status = pliant_cuda_solver_follow(state->solver, data->solver, before->solver, node, possible);
+    if (status == PLIANT_OK)
+        status = pliant_cuda_solver_follow(state->solver, data->solver, before->solver, node, possible);
     pliant_free(own);
     return status;
 }
@@ -132,7 +136,8 @@ static pliant_status solve(const pliant_model *model, pliant_data *data)
     pliant_cuda_section_begin("solve");
     if (data->contacts.count > 0) download(model, data);
     pliant_status status = pliant_push(data);
-    if (status == PLIANT_OK) status = pliant_cuda_solver_step(state_of(data)->solver, data->solver, data->gravity, &data->statistics);
+    if (status == PLIANT_OK)
+        status = pliant_cuda_solver_step(state_of(data)->solver, data->solver, data->gravity, &data->statistics);
     pliant_cuda_section_end();
     return status;
 }
@@ -143,7 +148,8 @@ static pliant_status enqueue_upsample(const pliant_data *data)
     state->brought = state->moved = false;
     CUDA_TRY(pliant_cuda_solver_upsample(state->solver, &state->d_positions));
     const size_t bytes = 3 * (size_t)data->body->fine.num_nodes * sizeof *state->arriving;
-    return CUDA_CALL(cudaMemcpyAsync(target_of(state), state->d_positions, bytes, cudaMemcpyDeviceToHost, state->stream));
+    return CUDA_CALL(
+        cudaMemcpyAsync(target_of(state), state->d_positions, bytes, cudaMemcpyDeviceToHost, state->stream));
 }
 
 /* Make the downloaded positions the host's positions. */
@@ -157,7 +163,8 @@ static void take(pliant_data *data, const double *h_solved)
         state->arriving = data->positions;
         data->positions = arrived;
     }
-    if (h_solved) memcpy(data->solver->now.x, h_solved, 3 * (size_t)data->solver->system->mesh->num_nodes * sizeof *h_solved);
+    if (h_solved)
+        memcpy(data->solver->now.x, h_solved, 3 * (size_t)data->solver->system->mesh->num_nodes * sizeof *h_solved);
     pliant_pull_report(data);
 }
 
@@ -195,7 +202,8 @@ static pliant_status finish(pliant_data *data)
     pliant_cuda_warp *warp = data->warp ? static_cast<pliant_cuda_warp *>(pliant_warp_accelerated(data->warp)) : NULL;
     const double *h_solved = NULL;
     if (!state->brought) CUDA_TRY(pliant_cuda_solver_download(state->solver, &h_solved));
-    else if (warp && (state->moved || data->falling || data->statistics.patched > 0)) CUDA_TRY(pliant_cuda_solver_place(state->solver, data->positions));
+    else if (warp && (state->moved || data->falling || data->statistics.patched > 0))
+        CUDA_TRY(pliant_cuda_solver_place(state->solver, data->positions));
     if (warp) CUDA_TRY(pliant_cuda_warp_enqueue(warp, state->d_positions, state->stream));
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(state->stream)));
     if (warp) CUDA_TRY(pliant_cuda_warp_finish(warp, state->d_positions, state->stream));

@@ -6,7 +6,10 @@
 #include "cuda/contact/tissue.h"
 #include "cuda/warp/warp.h"
 
-static pliant_cuda_tled *state_of(const pliant_data *data) { return static_cast<pliant_cuda_tled *>(data->backend_state); }
+static pliant_cuda_tled *state_of(const pliant_data *data)
+{
+    return static_cast<pliant_cuda_tled *>(data->backend_state);
+}
 
 static void destroy(pliant_data *data)
 {
@@ -34,7 +37,8 @@ static pliant_status solve(const pliant_model *, pliant_data *data)
 {
     pliant_cuda_section_begin("solve");
     data->tled->contacts = &data->contacts;
-    pliant_status status = pliant_tled_step_by(pliant_cuda_tled_run, state_of(data), data->tled, data->tools, data->num_tools, &data->statistics);
+    pliant_status status = pliant_tled_step_by(pliant_cuda_tled_run, state_of(data), data->tled, data->tools,
+                                               data->num_tools, &data->statistics);
     pliant_cuda_section_end();
     return status;
 }

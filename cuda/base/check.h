@@ -23,7 +23,8 @@ bool pliant_cuda_fails_now(void);
 
 #define CUDA_CALL(call) pliant_cuda_status(pliant_cuda_fails_now() ? cudaErrorUnknown : (call), #call)
 /* Check a kernel launch. */
-#define CUDA_LAUNCHED(kernel) pliant_cuda_status(pliant_cuda_fails_now() ? cudaErrorUnknown : cudaGetLastError(), kernel)
+#define CUDA_LAUNCHED(kernel) \
+    pliant_cuda_status(pliant_cuda_fails_now() ? cudaErrorUnknown : cudaGetLastError(), kernel)
 /* Return from the function at the first failure. The caller frees partially created objects. */
 #define CUDA_TRY(status)                                                                                               \
     do {                                                                                                               \

@@ -27,7 +27,8 @@ extern "C" pliant_status pliant_cuda_status(cudaError_t error, const char *what)
 {
     if (error == cudaSuccess) return PLIANT_OK;
     cudaGetLastError(); /* clears the error, so that the next check does not report it again */
-    if (error == cudaErrorMemoryAllocation) return pliant_fail(PLIANT_ERROR_MEMORY, "the GPU is out of memory (%s)", what);
+    if (error == cudaErrorMemoryAllocation)
+        return pliant_fail(PLIANT_ERROR_MEMORY, "the GPU is out of memory (%s)", what);
     return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "the GPU failed: %s (%s)", cudaGetErrorString(error), what);
 }
 
@@ -98,7 +99,8 @@ extern "C" cudaMemPool_t pliant_cuda_pool_create(int device)
     wanted.allocType = cudaMemAllocationTypePinned;
     wanted.location.type = cudaMemLocationTypeDevice;
     wanted.location.id = device;
-    if (pliant_cuda_fails_now() || cudaDeviceGetAttribute(&there, cudaDevAttrMemoryPoolsSupported, device) != cudaSuccess || !there ||
+    if (pliant_cuda_fails_now() ||
+        cudaDeviceGetAttribute(&there, cudaDevAttrMemoryPoolsSupported, device) != cudaSuccess || !there ||
         cudaMemPoolCreate(&pool, &wanted) != cudaSuccess) {
         cudaGetLastError();
         return nullptr;
@@ -120,7 +122,8 @@ extern "C" pliant_status pliant_cuda_allocate(size_t bytes, const char *what, vo
         size_t free_bytes = 0, total = 0;
         cudaGetLastError();
         cudaMemGetInfo(&free_bytes, &total);
-        return pliant_fail(PLIANT_ERROR_MEMORY, "the GPU has no room for %s: %.1f MB are wanted, %.1f of %.1f MB are free", what,
+        return pliant_fail(PLIANT_ERROR_MEMORY,
+                           "the GPU has no room for %s: %.1f MB are wanted, %.1f of %.1f MB are free", what,
                            1e-6 * (double)bytes, 1e-6 * (double)free_bytes, 1e-6 * (double)total);
     }
     CUDA_TRY(pliant_cuda_status(error, what));
@@ -143,7 +146,8 @@ extern "C" pliant_status pliant_cuda_ensure(size_t bytes, bool grows, const char
 extern "C" pliant_status pliant_cuda_allocate_host(size_t bytes, const char *what, void **out)
 {
     void *block = nullptr;
-    cudaError_t error = pliant_cuda_fails_now() ? cudaErrorMemoryAllocation : cudaMallocHost(&block, bytes > 0 ? bytes : 1);
+    cudaError_t error =
+        pliant_cuda_fails_now() ? cudaErrorMemoryAllocation : cudaMallocHost(&block, bytes > 0 ? bytes : 1);
     if (error == cudaErrorMemoryAllocation) {
         cudaGetLastError();
         return pliant_fail_memory(what);
@@ -175,7 +179,10 @@ static void give_back(const retired &of)
 {
     const bool of_pool = !of.of_host && forget_pooled(of.block);
     const bool in_order = of_pool && background_pool;
-    if ((of.of_host ? cudaFreeHost(of.block) : in_order ? cudaFreeAsync(of.block, background_stream) : cudaFree(of.block)) != cudaSuccess) cudaGetLastError();
+    if ((of.of_host ? cudaFreeHost(of.block)
+         : in_order ? cudaFreeAsync(of.block, background_stream)
+                    : cudaFree(of.block)) != cudaSuccess)
+        cudaGetLastError();
 }
 
 static bool retire(const retired &of)
@@ -228,7 +235,8 @@ extern "C" void pliant_cuda_background_end(void)
 extern "C" void pliant_cuda_release(void *d_block) { release(d_block, false); }
 extern "C" void pliant_cuda_release_host(void *h_block) { release(h_block, true); }
 
-extern "C" pliant_status pliant_cuda_upload(const void *h_from, size_t bytes, const char *what, cudaStream_t stream, void **out)
+extern "C" pliant_status pliant_cuda_upload(const void *h_from, size_t bytes, const char *what, cudaStream_t stream,
+                                            void **out)
 {
     void *block;
     CUDA_TRY(pliant_cuda_allocate(bytes, what, &block));
@@ -256,7 +264,8 @@ static cudaError_t try_device(int index)
         probe_kernel<<<1, 1, 0, stream>>>(d_answer);
         error = cudaGetLastError();
     }
-    if (error == cudaSuccess) error = cudaMemcpyAsync(&h_answer, d_answer, sizeof h_answer, cudaMemcpyDeviceToHost, stream);
+    if (error == cudaSuccess)
+        error = cudaMemcpyAsync(&h_answer, d_answer, sizeof h_answer, cudaMemcpyDeviceToHost, stream);
     if (error == cudaSuccess) error = cudaStreamSynchronize(stream);
     if (error == cudaSuccess && h_answer != 42) error = cudaErrorUnknown;
     cudaFree(d_answer);
@@ -291,7 +300,8 @@ extern "C" bool pliant_cuda_probe(pliant_cuda_device *out, char *reason, size_t 
         device.major = properties.major;
         device.minor = properties.minor;
         device.multiprocessors = properties.multiProcessorCount;
-        if (best.index < 0 || index == before || (best.index != before && device.free_bytes > best.free_bytes)) best = device;
+        if (best.index < 0 || index == before || (best.index != before && device.free_bytes > best.free_bytes))
+            best = device;
     }
     cudaGetLastError();
     if (best.index < 0 || cudaSetDevice(best.index) != cudaSuccess) {
@@ -320,7 +330,8 @@ extern "C" pliant_status pliant_cuda_current_device(int *out)
 {
     pliant_cuda_device device;
     char reason[200];
-    if (!pliant_cuda_probe(&device, reason, sizeof reason)) return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "no GPU can be used: %s", reason);
+    if (!pliant_cuda_probe(&device, reason, sizeof reason))
+        return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "no GPU can be used: %s", reason);
     *out = device.index;
     return PLIANT_OK;
 }

@@ -31,7 +31,8 @@ struct cells {
         double sum = 0;
         for (int d = 0; d < 3; d++) sum += box.low[d] + box.high[d];
         if (!isfinite(sum)) return;
-        const double side = v.now->side, widest = fmax(box.high[0] - box.low[0], fmax(box.high[1] - box.low[1], box.high[2] - box.low[2]));
+        const double side = v.now->side,
+                     widest = fmax(box.high[0] - box.low[0], fmax(box.high[1] - box.low[1], box.high[2] - box.low[2]));
         const number wide_as = (number)fmin(ceil(widest / v.now->fine), GPU_MOST_FINE_CELLS);
         if (wide_as > GPU_MOST_CELLS) atomicMax(v.counts + CELLS, wide_as);
         if (wide_as > v.now->most) return;
@@ -52,7 +53,8 @@ struct cells {
 
 __global__ void __launch_bounds__(THREADS) count_kernel(view v)
 {
-    const int32_t i = (int32_t)(((size_t)blockIdx.x * THREADS + threadIdx.x) / LANES_OF_TET), lane = (int32_t)threadIdx.x % LANES_OF_TET;
+    const int32_t i = (int32_t)(((size_t)blockIdx.x * THREADS + threadIdx.x) / LANES_OF_TET),
+                  lane = (int32_t)threadIdx.x % LANES_OF_TET;
     if (i >= v.count) return;
     const int4 nodes = *(const int4 *)(v.tets + 4 * (size_t)v.tet[i]);
     const int32_t node[4] = {nodes.x, nodes.y, nodes.z, nodes.w};
@@ -94,7 +96,8 @@ __global__ void __launch_bounds__(THREADS) start_kernel(view v)
 
 __global__ void __launch_bounds__(THREADS) fill_kernel(view v)
 {
-    const int32_t i = (int32_t)(((size_t)blockIdx.x * THREADS + threadIdx.x) / LANES_OF_TET), lane = (int32_t)threadIdx.x % LANES_OF_TET;
+    const int32_t i = (int32_t)(((size_t)blockIdx.x * THREADS + threadIdx.x) / LANES_OF_TET),
+                  lane = (int32_t)threadIdx.x % LANES_OF_TET;
     if (i >= v.count || !are_whole(v)) return;
     const tet_box box = v.box[i];
     const cells of(v, box);
@@ -126,7 +129,8 @@ struct waiting { int pairs, tests; };
 __device__ bool is_for_test(const view &v, const met &pair)
 {
     const tet_box mine = v.box[pair.a], other = v.box[pair.b];
-    const int4 m = *(const int4 *)(v.tets + 4 * (size_t)v.tet[pair.a]), o = *(const int4 *)(v.tets + 4 * (size_t)v.tet[pair.b]);
+    const int4 m = *(const int4 *)(v.tets + 4 * (size_t)v.tet[pair.a]),
+               o = *(const int4 *)(v.tets + 4 * (size_t)v.tet[pair.b]);
     const int32_t a[4] = {m.x, m.y, m.z, m.w}, b[4] = {o.x, o.y, o.z, o.w};
     int32_t home[3];
     bool is = true;
@@ -163,7 +167,8 @@ __device__ void test(const view &v, const desk &on, waiting &left, int count)
     number first = 0;
     if (lane == 0 && all != 0) first = atomicAdd(v.counts + PAIRS, (number)__popc(all));
     first = __shfl_sync(0xffffffffu, first, 0) + (number)__popc(all & ((1u << lane) - 1));
-    if (is && first < v.room[PAIRS]) v.pairs[first] = make_int2(min(v.tet[pair.x], v.tet[pair.y]), max(v.tet[pair.x], v.tet[pair.y]));
+    if (is && first < v.room[PAIRS])
+        v.pairs[first] = make_int2(min(v.tet[pair.x], v.tet[pair.y]), max(v.tet[pair.x], v.tet[pair.y]));
     __syncwarp();
 }
 
@@ -175,7 +180,9 @@ __device__ void look(const view &v, desk &on, waiting &left, int count)
     left.pairs -= count;
     const bool is = lane < count && is_for_test(v, on.pairs[left.pairs + lane]);
     const unsigned all = __ballot_sync(0xffffffffu, is);
-    if (is) on.tests[left.tests + __popc(all & ((1u << lane) - 1))] = make_int2(on.pairs[left.pairs + lane].a, on.pairs[left.pairs + lane].b);
+    if (is)
+        on.tests[left.tests + __popc(all & ((1u << lane) - 1))] =
+            make_int2(on.pairs[left.pairs + lane].a, on.pairs[left.pairs + lane].b);
     left.tests += __popc(all);
     if (left.tests >= 32) test(v, on, left, 32);
     __syncwarp();
@@ -190,7 +197,8 @@ __global__ void __launch_bounds__(THREADS) pair_kernel(view v)
     const int lane = (int)threadIdx.x % 32, step = 32 / LANES_OF_ENTRY;
     if (!are_whole(v)) return;
     const int32_t entries = (int32_t)v.counts[ENTRIES];
-    for (int64_t first = (int64_t)(blockIdx.x * WARPS + threadIdx.x / 32) * step; first < entries; first += (int64_t)(gridDim.x * WARPS) * step) {
+    for (int64_t first = (int64_t)(blockIdx.x * WARPS + threadIdx.x / 32) * step; first < entries;
+         first += (int64_t)(gridDim.x * WARPS) * step) {
         const int32_t at = (int32_t)min(first + lane / LANES_OF_ENTRY, (int64_t)entries);
         const entry mine = v.entries[min(at, entries - 1)];
         const int32_t end = at < entries ? min(mine.end, entries) : 0;
@@ -204,7 +212,9 @@ __global__ void __launch_bounds__(THREADS) pair_kernel(view v)
                 for (int d = 0; d < 3; d++) meets = meets && mine.low[d] < one.high[d] && one.low[d] < mine.high[d];
             }
             const unsigned all = __ballot_sync(0xffffffffu, meets);
-            if (meets) on.pairs[left.pairs + __popc(all & ((1u << lane) - 1))] = {mine.cell, min(mine.tet, other), max(mine.tet, other)};
+            if (meets)
+                on.pairs[left.pairs + __popc(all & ((1u << lane) - 1))] = {mine.cell, min(mine.tet, other),
+                                                                           max(mine.tet, other)};
             left.pairs += __popc(all);
             if (left.pairs >= 32) look(v, on, left, 32);
         }
@@ -232,7 +242,8 @@ void gpu_overlaps_free(gpu_overlaps *overlaps)
 {
     if (!overlaps) return;
     if (overlaps->graph) cudaGraphExecDestroy(overlaps->graph);
-    void *blocks[] = {overlaps->d_tets, overlaps->d_tet, overlaps->d_now, overlaps->v.box, overlaps->v.counts, overlaps->v.entries, overlaps->v.pairs};
+    void *blocks[] = {overlaps->d_tets,   overlaps->d_tet,     overlaps->d_now,  overlaps->v.box,
+                      overlaps->v.counts, overlaps->v.entries, overlaps->v.pairs};
     for (void *block : blocks) pliant_cuda_release(block);
     pliant_cuda_release_host(overlaps->h_counts);
     pliant_cuda_release_host(overlaps->h_now);
@@ -244,15 +255,20 @@ static pliant_status make_room(gpu_overlaps *overlaps, const number counts[CELLS
 {
     view *v = &overlaps->v;
     if (counts[ENTRIES] > INT32_MAX || counts[PAIRS] > INT32_MAX)
-        return pliant_fail(PLIANT_ERROR_MEMORY, "tetrahedra that overlap: %llu places in the grid and %llu pairs are too many", counts[ENTRIES], counts[PAIRS]);
-    CUDA_TRY(pliant_cuda_ensure((size_t)counts[ENTRIES] * sizeof *v->entries, true, "cells of tetrahedra", (void **)&v->entries, &overlaps->entries_bytes));
-    CUDA_TRY(pliant_cuda_ensure((size_t)counts[PAIRS] * sizeof *v->pairs, true, "pairs of tetrahedra", (void **)&v->pairs, &overlaps->pairs_bytes));
+        return pliant_fail(PLIANT_ERROR_MEMORY,
+                           "tetrahedra that overlap: %llu places in the grid and %llu pairs are too many",
+                           counts[ENTRIES], counts[PAIRS]);
+    CUDA_TRY(pliant_cuda_ensure((size_t)counts[ENTRIES] * sizeof *v->entries, true, "cells of tetrahedra",
+                                (void **)&v->entries, &overlaps->entries_bytes));
+    CUDA_TRY(pliant_cuda_ensure((size_t)counts[PAIRS] * sizeof *v->pairs, true, "pairs of tetrahedra",
+                                (void **)&v->pairs, &overlaps->pairs_bytes));
     v->room[ENTRIES] = std::min<size_t>(overlaps->entries_bytes / sizeof *v->entries, INT32_MAX);
     v->room[PAIRS] = std::min<size_t>(overlaps->pairs_bytes / sizeof *v->pairs, INT32_MAX);
     return PLIANT_OK;
 }
 
-static pliant_status prepare(gpu_overlaps *overlaps, int32_t num_tets, const int32_t *tets, int32_t count, const int32_t *tet, double side, cudaStream_t stream)
+static pliant_status prepare(gpu_overlaps *overlaps, int32_t num_tets, const int32_t *tets, int32_t count,
+                             const int32_t *tet, double side, cudaStream_t stream)
 {
     view *v = &overlaps->v;
     int device = 0, processors = 0;
@@ -265,24 +281,28 @@ static pliant_status prepare(gpu_overlaps *overlaps, int32_t num_tets, const int
     CUDA_TRY(CUDA_CALL(cudaGetDevice(&device)));
     CUDA_TRY(CUDA_CALL(cudaDeviceGetAttribute(&processors, cudaDevAttrMultiProcessorCount, device)));
     overlaps->blocks = 16 * processors;
-    CUDA_TRY(pliant_cuda_upload(tets, 4 * (size_t)num_tets * sizeof *tets, "tetrahedra", stream, (void **)&overlaps->d_tets));
-    CUDA_TRY(pliant_cuda_upload(tet, (size_t)count * sizeof *tet, "tetrahedra at the surface", stream, (void **)&overlaps->d_tet));
+    CUDA_TRY(pliant_cuda_upload(tets, 4 * (size_t)num_tets * sizeof *tets, "tetrahedra", stream,
+                                (void **)&overlaps->d_tets));
+    CUDA_TRY(pliant_cuda_upload(tet, (size_t)count * sizeof *tet, "tetrahedra at the surface", stream,
+                                (void **)&overlaps->d_tet));
     v->tets = overlaps->d_tets;
     v->tet = overlaps->d_tet;
     CUDA_TRY(pliant_cuda_allocate((size_t)count * sizeof *v->box, "boxes of tetrahedra", (void **)&v->box));
-    CUDA_TRY(pliant_cuda_allocate(NUM_COUNTS * sizeof *v->counts + 3 * (size_t)table * sizeof *v->length, "cells of tetrahedra", (void **)&v->counts));
+    CUDA_TRY(pliant_cuda_allocate(NUM_COUNTS * sizeof *v->counts + 3 * (size_t)table * sizeof *v->length,
+                                  "cells of tetrahedra", (void **)&v->counts));
     v->length = reinterpret_cast<int32_t *>(v->counts + NUM_COUNTS);
     v->start = v->length + table;
     v->next = v->start + table;
-    CUDA_TRY(pliant_cuda_allocate_host(NUM_COUNTS * sizeof *overlaps->h_counts, "pairs of tetrahedra", (void **)&overlaps->h_counts));
+    CUDA_TRY(pliant_cuda_allocate_host(NUM_COUNTS * sizeof *overlaps->h_counts, "pairs of tetrahedra",
+                                       (void **)&overlaps->h_counts));
     CUDA_TRY(pliant_cuda_allocate(sizeof *overlaps->d_now, "pairs of tetrahedra", (void **)&overlaps->d_now));
     CUDA_TRY(pliant_cuda_allocate_host(sizeof *overlaps->h_now, "pairs of tetrahedra", (void **)&overlaps->h_now));
     v->now = overlaps->d_now;
     return make_room(overlaps, counts);
 }
 
-pliant_status gpu_overlaps_create(int32_t num_tets, const int32_t *tets, int32_t count, const int32_t *tet, double side, cudaStream_t stream,
-                                  gpu_overlaps **out)
+pliant_status gpu_overlaps_create(int32_t num_tets, const int32_t *tets, int32_t count, const int32_t *tet, double side,
+                                  cudaStream_t stream, gpu_overlaps **out)
 {
     gpu_overlaps *overlaps = (gpu_overlaps *)pliant_calloc(1, sizeof *overlaps);
     if (!overlaps) return pliant_fail(PLIANT_ERROR_MEMORY, "out of memory: pairs of tetrahedra");
@@ -295,9 +315,12 @@ pliant_status gpu_overlaps_create(int32_t num_tets, const int32_t *tets, int32_t
 static pliant_status enqueue(gpu_overlaps *overlaps, cudaStream_t stream)
 {
     const view &v = overlaps->v;
-    const unsigned shared = (unsigned)(((size_t)v.count * LANES_OF_TET + THREADS - 1) / THREADS), lists = (unsigned)((v.table + THREADS) / THREADS);
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(overlaps->d_now, overlaps->h_now, sizeof *overlaps->h_now, cudaMemcpyHostToDevice, stream)));
-    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(v.counts, 0, NUM_COUNTS * sizeof *v.counts + ((size_t)v.table + 1) * sizeof *v.length, stream)));
+    const unsigned shared = (unsigned)(((size_t)v.count * LANES_OF_TET + THREADS - 1) / THREADS),
+                   lists = (unsigned)((v.table + THREADS) / THREADS);
+    CUDA_TRY(CUDA_CALL(
+        cudaMemcpyAsync(overlaps->d_now, overlaps->h_now, sizeof *overlaps->h_now, cudaMemcpyHostToDevice, stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(
+        v.counts, 0, NUM_COUNTS * sizeof *v.counts + ((size_t)v.table + 1) * sizeof *v.length, stream)));
     count_kernel<<<shared, THREADS, 0, stream>>>(v);
     CUDA_TRY(CUDA_LAUNCHED("count_kernel"));
     start_kernel<<<lists, THREADS, 0, stream>>>(v);
@@ -306,7 +329,8 @@ static pliant_status enqueue(gpu_overlaps *overlaps, cudaStream_t stream)
     CUDA_TRY(CUDA_LAUNCHED("fill_kernel"));
     pair_kernel<<<(unsigned)overlaps->blocks, THREADS, 0, stream>>>(v);
     CUDA_TRY(CUDA_LAUNCHED("pair_kernel"));
-    return CUDA_CALL(cudaMemcpyAsync(overlaps->h_counts, v.counts, NUM_COUNTS * sizeof *v.counts, cudaMemcpyDeviceToHost, stream));
+    return CUDA_CALL(
+        cudaMemcpyAsync(overlaps->h_counts, v.counts, NUM_COUNTS * sizeof *v.counts, cudaMemcpyDeviceToHost, stream));
 }
 
 /* Record the work of a step as one CUDA graph. */
@@ -326,7 +350,8 @@ static pliant_status record(gpu_overlaps *overlaps, cudaStream_t stream)
     return status;
 }
 
-pliant_status gpu_overlaps_find(gpu_overlaps *overlaps, const double *d_positions, double margin, cudaStream_t stream, gpu_overlaps_more more, void *context, int32_t *count)
+pliant_status gpu_overlaps_find(gpu_overlaps *overlaps, const double *d_positions, double margin, cudaStream_t stream,
+                                gpu_overlaps_more more, void *context, int32_t *count)
 {
     overlaps->found = *count = 0;
     overlaps->v.positions = d_positions;
@@ -354,7 +379,8 @@ pliant_status gpu_overlaps_get_pairs(const gpu_overlaps *overlaps, cudaStream_t 
 {
     if (overlaps->found == 0) return PLIANT_OK;
     const size_t count = (size_t)overlaps->found;
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(pair, overlaps->v.pairs, count * sizeof *overlaps->v.pairs, cudaMemcpyDeviceToHost, stream)));
+    CUDA_TRY(CUDA_CALL(
+        cudaMemcpyAsync(pair, overlaps->v.pairs, count * sizeof *overlaps->v.pairs, cudaMemcpyDeviceToHost, stream)));
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(stream)));
     int2 *first = (int2 *)pair;
     std::sort(first, first + count, [](const int2 &a, const int2 &b) { return a.x != b.x ? a.x < b.x : a.y < b.y; });

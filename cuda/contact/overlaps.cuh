@@ -40,7 +40,10 @@ struct view {
     number room[CELLS];
 };
 
-static __device__ __forceinline__ int32_t cell_of(double side, double x) { return (int32_t)fmin(fmax(floor(x / side), -1e9), 1e9); }
+static __device__ __forceinline__ int32_t cell_of(double side, double x)
+{
+    return (int32_t)fmin(fmax(floor(x / side), -1e9), 1e9);
+}
 
 static __device__ __forceinline__ uint32_t hash_of(const view &v, int32_t a, int32_t b, int32_t c)
 {
@@ -56,7 +59,10 @@ static __device__ __forceinline__ unsigned long long key_of(int32_t a, int32_t b
 
 /* Return whether lists and pairs are complete. If a buffer is too small, the kernels do nothing. The search is then
  * repeated with larger buffers. */
-static __device__ __forceinline__ bool are_whole(const view &v) { return v.counts[ENTRIES] <= v.room[ENTRIES] && v.counts[CELLS] <= v.now->most; }
+static __device__ __forceinline__ bool are_whole(const view &v)
+{
+    return v.counts[ENTRIES] <= v.room[ENTRIES] && v.counts[CELLS] <= v.now->most;
+}
 
 } // namespace overlaps
 

@@ -30,7 +30,8 @@ static inline unsigned long long gpu_cells_most(const gpu_cells *cells)
 /* Update the side after a search. Return true if the cells were enlarged and the search must be repeated.
  * @param widest number of cells of the initial side that the widest box covers, if it covers too many
  * @param entries number of entries in the grid; @param most its maximum */
-static inline bool gpu_cells_follow(gpu_cells *cells, unsigned long long widest, unsigned long long entries, unsigned long long most)
+static inline bool gpu_cells_follow(gpu_cells *cells, unsigned long long widest, unsigned long long entries,
+                                    unsigned long long most)
 {
     const double goes_on = 2; /* factor by which the box may grow in the next step */
     const double wanted = widest > GPU_MOST_CELLS ? goes_on * (double)widest / GPU_MOST_CELLS : 1;

@@ -48,14 +48,17 @@ __device__ void look_around(const pliant_tissue_view &on, const overlaps::view &
 {
     const double *point = pliant_tissue_place_of(&on, on.node[index]), side = v.now->side;
     if (!isfinite(point[0] + point[1] + point[2])) return;
-    const int32_t cell[3] = {overlaps::cell_of(side, point[0]), overlaps::cell_of(side, point[1]), overlaps::cell_of(side, point[2])};
+    const int32_t cell[3] = {overlaps::cell_of(side, point[0]), overlaps::cell_of(side, point[1]),
+                             overlaps::cell_of(side, point[2])};
     const uint32_t list = overlaps::hash_of(v, cell[0], cell[1], cell[2]);
     const unsigned long long key = overlaps::key_of(cell[0], cell[1], cell[2]);
     for (int32_t last = -1;;) {
         int32_t next = INT32_MAX;
         for (int32_t k = v.start[list]; k < v.start[list] + v.length[list]; k++) {
             const int32_t i = v.entries[k].tet;
-            if (i > last && i < next && v.entries[k].cell == key && pliant_tissue_is_in_box(point, v.box[i].low, v.box[i].high)) next = i;
+            if (i > last && i < next && v.entries[k].cell == key &&
+                pliant_tissue_is_in_box(point, v.box[i].low, v.box[i].high))
+                next = i;
         }
         if (next == INT32_MAX) return;
         for (int32_t s = on.skin_start[next]; s < on.skin_start[next + 1]; s++) pliant_tissue_try_skin(&on, index, s);
@@ -64,7 +67,8 @@ __device__ void look_around(const pliant_tissue_view &on, const overlaps::view &
 }
 
 /* One thread for each node. */
-__global__ void __launch_bounds__(THREADS) node_kernel(pliant_tissue_view on, overlaps::view v, int32_t count, found *d_found, int32_t *d_num_found)
+__global__ void __launch_bounds__(THREADS)
+    node_kernel(pliant_tissue_view on, overlaps::view v, int32_t count, found *d_found, int32_t *d_num_found)
 {
     const int32_t index = (int32_t)(blockIdx.x * THREADS + threadIdx.x);
     if (index >= count || !overlaps::are_whole(v)) return;
@@ -75,7 +79,8 @@ __global__ void __launch_bounds__(THREADS) node_kernel(pliant_tissue_view on, ov
     found *out = d_found + atomicAdd(d_num_found, 1); /* the order varies, but each result names its node */
     out->index = index;
     out->count = on.count[index];
-    for (int32_t k = 0; k < out->count; k++) out->touching[k] = on.touching[PLIANT_TOUCHINGS * (size_t)index + (size_t)k];
+    for (int32_t k = 0; k < out->count; k++)
+        out->touching[k] = on.touching[PLIANT_TOUCHINGS * (size_t)index + (size_t)k];
 }
 
 /* ---- topology */
@@ -84,7 +89,8 @@ void forget_body(gpu_tissue *gpu)
 {
     gpu_overlaps_free(gpu->overlaps);
     for (int32_t b = 0; b < gpu->num_blocks; b++) pliant_cuda_release(gpu->of_body[b]);
-    void *blocks[] = {gpu->d_positions, gpu->d_normal, gpu->d_last, gpu->d_count, gpu->d_touching, gpu->d_num_found, gpu->d_found};
+    void *blocks[] = {gpu->d_positions, gpu->d_normal,    gpu->d_last, gpu->d_count,
+                      gpu->d_touching,  gpu->d_num_found, gpu->d_found};
     for (void *block : blocks) pliant_cuda_release(block);
     void *h_blocks[] = {gpu->h_normal, gpu->h_num_found, gpu->h_found};
     for (void *block : h_blocks) pliant_cuda_release_host(block);
@@ -129,11 +135,13 @@ double side_of(const pliant_tissue *tissue)
 pliant_status set_body(gpu_tissue *gpu, pliant_tissue *tissue)
 {
     const pliant_mesh *mesh = &tissue->body->fine;
-    const size_t nodes = (size_t)tissue->num_nodes, tets = (size_t)mesh->num_tets, all = (size_t)mesh->num_nodes, skins = (size_t)tissue->num_skins;
+    const size_t nodes = (size_t)tissue->num_nodes, tets = (size_t)mesh->num_tets, all = (size_t)mesh->num_nodes,
+                 skins = (size_t)tissue->num_skins;
     const pliant_tissue_rule none = {};
     pliant_tissue_view view = pliant_tissue_view_of(tissue, NULL, &none);
     forget_body(gpu);
-    CUDA_TRY(gpu_overlaps_create(mesh->num_tets, mesh->tets, tissue->num_tets, tissue->tet, 1.2 * side_of(tissue), gpu->stream, &gpu->overlaps));
+    CUDA_TRY(gpu_overlaps_create(mesh->num_tets, mesh->tets, tissue->num_tets, tissue->tet, 1.2 * side_of(tissue),
+                                 gpu->stream, &gpu->overlaps));
     view.tets = gpu_overlaps_view(gpu->overlaps).tets;
     CUDA_TRY(send(gpu, 4 * tets, &view.across));
     CUDA_TRY(send(gpu, tets, &view.apart));
@@ -154,7 +162,8 @@ pliant_status set_body(gpu_tissue *gpu, pliant_tissue *tissue)
     CUDA_TRY(pliant_cuda_allocate(gpu->last_bytes, "the surface", (void **)&gpu->d_last));
     CUDA_TRY(pliant_cuda_allocate(gpu->normals_bytes, "the surface", (void **)&gpu->d_normal));
     CUDA_TRY(pliant_cuda_allocate(nodes * sizeof *gpu->d_count, "the surface", (void **)&gpu->d_count));
-    CUDA_TRY(pliant_cuda_allocate(PLIANT_TOUCHINGS * nodes * sizeof *gpu->d_touching, "the surface", (void **)&gpu->d_touching));
+    CUDA_TRY(pliant_cuda_allocate(PLIANT_TOUCHINGS * nodes * sizeof *gpu->d_touching, "the surface",
+                                  (void **)&gpu->d_touching));
     CUDA_TRY(pliant_cuda_allocate(sizeof *gpu->d_num_found, "the surface", (void **)&gpu->d_num_found));
     CUDA_TRY(pliant_cuda_allocate(nodes * sizeof *gpu->d_found, "the surface", (void **)&gpu->d_found));
     CUDA_TRY(pliant_cuda_allocate_host(gpu->normals_bytes, "the surface", (void **)&gpu->h_normal));
@@ -183,10 +192,13 @@ pliant_status enqueue(void *context, gpu_overlaps *of)
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->d_num_found, 0, sizeof *gpu->d_num_found, gpu->stream)));
     normal_kernel<<<blocks_for(gpu->num_skins), THREADS, 0, gpu->stream>>>(gpu->view, gpu->num_skins);
     CUDA_TRY(CUDA_LAUNCHED("normal_kernel"));
-    node_kernel<<<blocks_for(gpu->num_nodes), THREADS, 0, gpu->stream>>>(gpu->view, gpu_overlaps_view(of), gpu->num_nodes, gpu->d_found, gpu->d_num_found);
+    node_kernel<<<blocks_for(gpu->num_nodes), THREADS, 0, gpu->stream>>>(
+        gpu->view, gpu_overlaps_view(of), gpu->num_nodes, gpu->d_found, gpu->d_num_found);
     CUDA_TRY(CUDA_LAUNCHED("node_kernel"));
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->h_normal, gpu->d_normal, gpu->normals_bytes, cudaMemcpyDeviceToHost, gpu->stream)));
-    return CUDA_CALL(cudaMemcpyAsync(gpu->h_num_found, gpu->d_num_found, sizeof *gpu->h_num_found, cudaMemcpyDeviceToHost, gpu->stream));
+    CUDA_TRY(CUDA_CALL(
+        cudaMemcpyAsync(gpu->h_normal, gpu->d_normal, gpu->normals_bytes, cudaMemcpyDeviceToHost, gpu->stream)));
+    return CUDA_CALL(cudaMemcpyAsync(gpu->h_num_found, gpu->d_num_found, sizeof *gpu->h_num_found,
+                                     cudaMemcpyDeviceToHost, gpu->stream));
 }
 
 /* Copy normals and contacts to the host's data. */
@@ -196,12 +208,14 @@ pliant_status take(gpu_tissue *gpu, pliant_tissue *tissue)
     memcpy(tissue->normal, gpu->h_normal, gpu->normals_bytes);
     memset(tissue->count, 0, (size_t)tissue->num_nodes * sizeof *tissue->count);
     if (count == 0) return PLIANT_OK;
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->h_found, gpu->d_found, count * sizeof *gpu->h_found, cudaMemcpyDeviceToHost, gpu->stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->h_found, gpu->d_found, count * sizeof *gpu->h_found, cudaMemcpyDeviceToHost,
+                                       gpu->stream)));
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
     for (size_t n = 0; n < count; n++) {
         const found *one = gpu->h_found + n;
         tissue->count[one->index] = one->count;
-        memcpy(tissue->touching + PLIANT_TOUCHINGS * (size_t)one->index, one->touching, (size_t)one->count * sizeof *one->touching);
+        memcpy(tissue->touching + PLIANT_TOUCHINGS * (size_t)one->index, one->touching,
+               (size_t)one->count * sizeof *one->touching);
     }
     return PLIANT_OK;
 }
@@ -212,13 +226,16 @@ pliant_status find(gpu_tissue *gpu, pliant_tissue *tissue, const double *positio
     const double margin = rule ? fmax(rule->margin, rule->pieces_go) : 0;
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     if (gpu->revision != tissue->revision || gpu->body != tissue->body) CUDA_TRY(set_body(gpu, tissue));
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->d_positions, positions, gpu->positions_bytes, cudaMemcpyHostToDevice, gpu->stream)));
+    CUDA_TRY(CUDA_CALL(
+        cudaMemcpyAsync(gpu->d_positions, positions, gpu->positions_bytes, cudaMemcpyHostToDevice, gpu->stream)));
     if (rule) {
         gpu->view.rule = *rule;
         gpu->view.settings = *rule->settings;
-        CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->d_last, tissue->last, gpu->last_bytes, cudaMemcpyHostToDevice, gpu->stream)));
+        CUDA_TRY(CUDA_CALL(
+            cudaMemcpyAsync(gpu->d_last, tissue->last, gpu->last_bytes, cudaMemcpyHostToDevice, gpu->stream)));
     }
-    CUDA_TRY(gpu_overlaps_find(gpu->overlaps, gpu->d_positions, margin, gpu->stream, rule ? enqueue : NULL, gpu, &tissue->num_overlaps));
+    CUDA_TRY(gpu_overlaps_find(gpu->overlaps, gpu->d_positions, margin, gpu->stream, rule ? enqueue : NULL, gpu,
+                               &tissue->num_overlaps));
     CUDA_TRY(pliant_grid_take_pairs(&tissue->grid, tissue->num_overlaps, &pair));
     CUDA_TRY(gpu_overlaps_get_pairs(gpu->overlaps, gpu->stream, pair));
     return rule ? take(gpu, tissue) : PLIANT_OK;

@@ -108,9 +108,15 @@ typedef struct gpu_iteration {
 
 #ifdef __CUDACC__
 /* Return the buffer that is being evaluated. */
-static __device__ __forceinline__ int gpu_target(const gpu_state *state) { return state->iterations == 0 ? state->now : 1 - state->now; }
+static __device__ __forceinline__ int gpu_target(const gpu_state *state)
+{
+    return state->iterations == 0 ? state->now : 1 - state->now;
+}
 /* Return whether the elastic forces of the evaluated state are known from the end of the last step. */
-static __device__ __forceinline__ bool gpu_knows_forces(const gpu_state *state) { return state->iterations == 0 && state->step.known != PLIANT_KNOWN_NOTHING; }
+static __device__ __forceinline__ bool gpu_knows_forces(const gpu_state *state)
+{
+    return state->iterations == 0 && state->step.known != PLIANT_KNOWN_NOTHING;
+}
 #endif
 
 #ifdef __cplusplus

@@ -22,13 +22,15 @@ struct passage {
 /* Return the body's changes, if the system follows directly after `before`. */
 static const pliant_body_changes *changes_of(const pliant_system *now, const pliant_system *before)
 {
-    const bool next = now->of && before->of && now->mesh == now->fine && before->mesh == before->fine && now->of->body->changes.since == before->of->body->revision;
+    const bool next = now->of && before->of && now->mesh == now->fine && before->mesh == before->fine &&
+                      now->of->body->changes.since == before->of->body->revision;
     return next ? &now->of->body->changes : nullptr;
 }
 
 /* Send an array; if it exists already, send only the differences. */
 template <class T>
-static pliant_status send(const passage &work, int array, const T *h_now, size_t count, const T *h_before, size_t count_before, const char *what, T **d_out)
+static pliant_status send(const passage &work, int array, const T *h_now, size_t count, const T *h_before,
+                          size_t count_before, const char *what, T **d_out)
 {
     if (!h_now) { /* the presence of an array has a meaning */
         pliant_cuda_release(*d_out);
@@ -39,7 +41,9 @@ static pliant_status send(const passage &work, int array, const T *h_now, size_t
     const bool held = *d_out && work.room->bytes[array] >= count * sizeof(T);
     CUDA_TRY(pliant_cuda_ensure(count * sizeof(T), work.room->grows, what, &d_block, work.room->bytes + array));
     *d_out = static_cast<T *>(d_block);
-    if (held && h_before) return pliant_cuda_send_differences(h_now, count * sizeof(T), h_before, count_before * sizeof(T), *d_out, work.stream);
+    if (held && h_before)
+        return pliant_cuda_send_differences(h_now, count * sizeof(T), h_before, count_before * sizeof(T), *d_out,
+                                            work.stream);
     return CUDA_CALL(cudaMemcpyAsync(*d_out, h_now, count * sizeof(T), cudaMemcpyHostToDevice, work.stream));
 }
 
@@ -52,30 +56,39 @@ static __global__ void __launch_bounds__(THREADS) unpack_kernel(packet from, int
 {
     const long long n = (long long)blockIdx.x * THREADS + threadIdx.x;
     if (n >= (long long)from.count * from.rows * from.lanes) return;
-    const int lane = (int)(n % from.lanes), row = (int)(n / from.lanes % from.rows), which = from.d_which[n / ((long long)from.lanes * from.rows)];
+    const int lane = (int)(n % from.lanes), row = (int)(n / from.lanes % from.rows),
+              which = from.d_which[n / ((long long)from.lanes * from.rows)];
     const int element = from.lanes * which + lane;
     if (element < last) d_out[(size_t)row * from.stride + element] = from.d_numbers[n];
 }
 
 /* Send the numbers of listed elements, in transfers of limited size. from: numbers of all elements, each (rows x
  * lanes). */
-static pliant_status send_numbers(const passage &work, const int32_t *which, int32_t count, int rows, int lanes, const double *from, int last, double *d_out)
+static pliant_status send_numbers(const passage &work, const int32_t *which, int32_t count, int rows, int lanes,
+                                  const double *from, int last, double *d_out)
 {
     if (count == 0) return PLIANT_OK;
-    const size_t each = (size_t)rows * (size_t)lanes, most = PASSAGE / (each * sizeof(double) + sizeof(int32_t)) / 2 * 2;
-    double *h_packed = static_cast<double *>(pliant_calloc((size_t)count < most ? (size_t)count : most, each * sizeof *h_packed));
+    const size_t each = (size_t)rows * (size_t)lanes,
+                 most = PASSAGE / (each * sizeof(double) + sizeof(int32_t)) / 2 * 2;
+    double *h_packed =
+        static_cast<double *>(pliant_calloc((size_t)count < most ? (size_t)count : most, each * sizeof *h_packed));
     if (!h_packed) return pliant_fail_memory("the elements");
     pliant_status status = PLIANT_OK;
     for (size_t done = 0, here; done < (size_t)count && status == PLIANT_OK; done += here) {
         here = (size_t)count - done < most ? (size_t)count - done : most;
-        for (size_t n = 0; n < here; n++) memcpy(h_packed + each * n, from + each * (size_t)which[done + n], each * sizeof *from);
+        for (size_t n = 0; n < here; n++)
+            memcpy(h_packed + each * n, from + each * (size_t)which[done + n], each * sizeof *from);
         double *d_numbers = static_cast<double *>(work.room->d_passage);
         int32_t *d_which = reinterpret_cast<int32_t *>(d_numbers + each * here);
         const packet sent = {(int32_t)here, rows, lanes, work.gpu->tet_stride, d_which, d_numbers};
-        status = CUDA_CALL(cudaMemcpyAsync(d_numbers, h_packed, here * each * sizeof *h_packed, cudaMemcpyHostToDevice, work.stream));
-        if (status == PLIANT_OK) status = CUDA_CALL(cudaMemcpyAsync(d_which, which + done, here * sizeof *which, cudaMemcpyHostToDevice, work.stream));
+        status = CUDA_CALL(
+            cudaMemcpyAsync(d_numbers, h_packed, here * each * sizeof *h_packed, cudaMemcpyHostToDevice, work.stream));
+        if (status == PLIANT_OK)
+            status = CUDA_CALL(
+                cudaMemcpyAsync(d_which, which + done, here * sizeof *which, cudaMemcpyHostToDevice, work.stream));
         if (status != PLIANT_OK) break;
-        unpack_kernel<<<(unsigned)((here * each + THREADS - 1) / THREADS), THREADS, 0, work.stream>>>(sent, last, d_out);
+        unpack_kernel<<<(unsigned)((here * each + THREADS - 1) / THREADS), THREADS, 0, work.stream>>>(sent, last,
+                                                                                                      d_out);
         status = CUDA_LAUNCHED("unpack_kernel");
     }
     pliant_free(h_packed);
@@ -83,12 +96,15 @@ static pliant_status send_numbers(const passage &work, const int32_t *which, int
 }
 
 /* List the entries that differ from the earlier ones. Each entry has `bytes` bytes. */
-static int32_t find_changed(const void *now, const void *before, size_t bytes, int32_t count, int32_t count_before, int32_t *which)
+static int32_t find_changed(const void *now, const void *before, size_t bytes, int32_t count, int32_t count_before,
+                            int32_t *which)
 {
     int32_t found = 0;
     for (int32_t n = 0; n < count; n++) {
         const size_t at = bytes * (size_t)n;
-        if (!before || n >= count_before || memcmp(static_cast<const char *>(now) + at, static_cast<const char *>(before) + at, bytes) != 0) which[found++] = n;
+        if (!before || n >= count_before ||
+            memcmp(static_cast<const char *>(now) + at, static_cast<const char *>(before) + at, bytes) != 0)
+            which[found++] = n;
     }
     return found;
 }
@@ -105,11 +121,13 @@ static int32_t list_changed(const passage &work, int lanes, int32_t count, int32
     return found;
 }
 
-static pliant_status send_elements(const passage &work, int array, const void *now, const void *before, int rows, int lanes, double **d_out)
+static pliant_status send_elements(const passage &work, int array, const void *now, const void *before, int rows,
+                                   int lanes, double **d_out)
 {
     if (!now) return PLIANT_OK;
     const pliant_system *system = work.now;
-    const int32_t count = (system->mesh->num_tets + lanes - 1) / lanes, count_before = work.before ? work.before->mesh->num_tets / lanes : 0;
+    const int32_t count = (system->mesh->num_tets + lanes - 1) / lanes,
+                  count_before = work.before ? work.before->mesh->num_tets / lanes : 0;
     const size_t bytes = (size_t)rows * (size_t)work.gpu->tet_stride * sizeof(double);
     void *d_block = *d_out;
     const bool held = *d_out && work.room->bytes[array] >= bytes;
@@ -119,16 +137,37 @@ static pliant_status send_elements(const passage &work, int array, const void *n
     int32_t *which = static_cast<int32_t *>(pliant_calloc((size_t)count, sizeof *which));
     if (!which) return pliant_fail_memory("the elements");
     const size_t each = (size_t)rows * (size_t)lanes * sizeof(double);
-    const int32_t changed = held && work.changes ? list_changed(work, lanes, count, count_before, which)
-                                                 : find_changed(now, held ? before : nullptr, each, count, count_before, which);
-    pliant_status status = send_numbers(work, which, changed, rows, lanes, static_cast<const double *>(now), system->mesh->num_tets, *d_out);
+    const int32_t changed = held && work.changes
+                                ? list_changed(work, lanes, count, count_before, which)
+                                : find_changed(now, held ? before : nullptr, each, count, count_before, which);
+    pliant_status status = send_numbers(work, which, changed, rows, lanes, static_cast<const double *>(now),
+                                        system->mesh->num_tets, *d_out);
     pliant_free(which);
     return status;
 }
 
 /* ---- The complete system. */
 
-enum { TETS, REST, GRADIENTS, LAME, STIFFNESS, GROUNDED, NODE_OF_FREE, CORNER_START, CORNER_END, CORNER, FINE_REST, UPSAMPLE_NODE, WEIGHTS, ENTRY_START, ENTRY_ELEMENT, ENTRY_SHARE, ENTRY_SHAPE, STILL };
+enum {
+    TETS,
+    REST,
+    GRADIENTS,
+    LAME,
+    STIFFNESS,
+    GROUNDED,
+    NODE_OF_FREE,
+    CORNER_START,
+    CORNER_END,
+    CORNER,
+    FINE_REST,
+    UPSAMPLE_NODE,
+    WEIGHTS,
+    ENTRY_START,
+    ENTRY_ELEMENT,
+    ENTRY_SHARE,
+    ENTRY_SHAPE,
+    STILL
+};
 
 static pliant_status send_upsampling(const passage &work)
 {
@@ -141,14 +180,19 @@ static pliant_status send_upsampling(const passage &work)
     const char *what = "the upsampling";
     gpu->corners = up->corners;
     CUDA_TRY(send(work, STILL, up->still, fine, was->still, fine_was, what, &gpu->d_still));
-    CUDA_TRY(send(work, UPSAMPLE_NODE, up->start ? nullptr : up->node, corners * fine, was->node, corners_was * fine_was, what, &gpu->d_upsample_node));
-    CUDA_TRY(send(work, WEIGHTS, up->start ? nullptr : up->weights, corners * fine, was->weights, corners_was * fine_was, what, &gpu->d_weights));
+    CUDA_TRY(send(work, UPSAMPLE_NODE, up->start ? nullptr : up->node, corners * fine, was->node,
+                  corners_was * fine_was, what, &gpu->d_upsample_node));
+    CUDA_TRY(send(work, WEIGHTS, up->start ? nullptr : up->weights, corners * fine, was->weights,
+                  corners_was * fine_was, what, &gpu->d_weights));
     if (!up->start) return PLIANT_OK;
     const size_t entries = (size_t)up->start[fine], entries_was = was->start ? (size_t)was->start[fine_was] : 0;
     CUDA_TRY(send(work, ENTRY_START, up->start, fine + 1, was->start, fine_was + 1, what, &gpu->d_entry_start));
-    CUDA_TRY(send(work, ENTRY_ELEMENT, up->entry_element, entries, was->entry_element, entries_was, what, &gpu->d_entry_element));
-    CUDA_TRY(send(work, ENTRY_SHARE, up->entry_share, entries, was->entry_share, entries_was, what, &gpu->d_entry_share));
-    return send(work, ENTRY_SHAPE, up->entry_shape, 9 * corners * entries, was->entry_shape, 9 * corners_was * entries_was, what, &gpu->d_entry_shape);
+    CUDA_TRY(send(work, ENTRY_ELEMENT, up->entry_element, entries, was->entry_element, entries_was, what,
+                  &gpu->d_entry_element));
+    CUDA_TRY(
+        send(work, ENTRY_SHARE, up->entry_share, entries, was->entry_share, entries_was, what, &gpu->d_entry_share));
+    return send(work, ENTRY_SHAPE, up->entry_shape, 9 * corners * entries, was->entry_shape,
+                9 * corners_was * entries_was, what, &gpu->d_entry_shape);
 }
 
 /* Free the tetrahedra of a coarse model that a cut refines. All its elements are macro-elements from then on. */
@@ -166,7 +210,8 @@ static pliant_status send_all(const passage &work)
     static const pliant_mesh no_mesh = {};
     static const pliant_system none = {};
     const pliant_system *now = work.now, *was = work.before ? work.before : &none;
-    const pliant_mesh *mesh = now->mesh, *mesh_was = work.before ? was->mesh : &no_mesh, *fine_was = work.before ? was->fine : &no_mesh;
+    const pliant_mesh *mesh = now->mesh, *mesh_was = work.before ? was->mesh : &no_mesh,
+                      *fine_was = work.before ? was->fine : &no_mesh;
     gpu_system *gpu = work.gpu;
     const size_t tets = (size_t)mesh->num_tets, free_nodes = (size_t)now->num_free, free_was = (size_t)was->num_free;
     const char *what = "the elements";
@@ -174,28 +219,37 @@ static pliant_status send_all(const passage &work)
     gpu->num_nodes = mesh->num_nodes;
     gpu->num_free = now->num_free;
     gpu->num_fine = now->fine->num_nodes;
-    if (gpu->num_tets > gpu->tet_stride) gpu->tet_stride = work.room->grows ? gpu->num_tets + gpu->num_tets / 4 : gpu->num_tets;
-    CUDA_TRY(send(work, REST, mesh->rest, 3 * (size_t)mesh->num_nodes, mesh_was->rest, 3 * (size_t)mesh_was->num_nodes, what, &gpu->d_rest));
-    CUDA_TRY(send(work, NODE_OF_FREE, now->node_of_free, free_nodes, was->node_of_free, free_was, what, &gpu->d_node_of_free));
-    CUDA_TRY(send(work, CORNER_START, now->corner_start, free_nodes, was->corner_start, free_was, what, &gpu->d_corner_start));
+    if (gpu->num_tets > gpu->tet_stride)
+        gpu->tet_stride = work.room->grows ? gpu->num_tets + gpu->num_tets / 4 : gpu->num_tets;
+    CUDA_TRY(send(work, REST, mesh->rest, 3 * (size_t)mesh->num_nodes, mesh_was->rest, 3 * (size_t)mesh_was->num_nodes,
+                  what, &gpu->d_rest));
+    CUDA_TRY(send(work, NODE_OF_FREE, now->node_of_free, free_nodes, was->node_of_free, free_was, what,
+                  &gpu->d_node_of_free));
+    CUDA_TRY(send(work, CORNER_START, now->corner_start, free_nodes, was->corner_start, free_was, what,
+                  &gpu->d_corner_start));
     CUDA_TRY(send(work, CORNER_END, now->corner_end, free_nodes, was->corner_end, free_was, what, &gpu->d_corner_end));
-    CUDA_TRY(send(work, CORNER, now->corner, (size_t)now->num_corners, was->corner, (size_t)was->num_corners, what, &gpu->d_corner));
+    CUDA_TRY(send(work, CORNER, now->corner, (size_t)now->num_corners, was->corner, (size_t)was->num_corners, what,
+                  &gpu->d_corner));
     if (now->upsample)
-        CUDA_TRY(send(work, FINE_REST, now->fine->rest, 3 * (size_t)gpu->num_fine, fine_was->rest, 3 * (size_t)fine_was->num_nodes, "the upsampling", &gpu->d_fine_rest));
+        CUDA_TRY(send(work, FINE_REST, now->fine->rest, 3 * (size_t)gpu->num_fine, fine_was->rest,
+                      3 * (size_t)fine_was->num_nodes, "the upsampling", &gpu->d_fine_rest));
     if (now->macros) {
         release_tets(gpu);
         CUDA_TRY(pliant_cuda_macros_set(now->macros, work.room->grows, work.stream, work.room->macros, &gpu->macros));
         return now->upsample && !now->macros->fine_start ? send_upsampling(work) : PLIANT_OK;
     }
-    CUDA_TRY(send(work, TETS, mesh->tets, 4 * tets, mesh_was->tets, 4 * (size_t)mesh_was->num_tets, what, &gpu->d_tets));
+    CUDA_TRY(
+        send(work, TETS, mesh->tets, 4 * tets, mesh_was->tets, 4 * (size_t)mesh_was->num_tets, what, &gpu->d_tets));
     CUDA_TRY(send_elements(work, GRADIENTS, now->gradients, was->gradients, 12, LANES, &gpu->d_gradients));
     CUDA_TRY(send_elements(work, LAME, now->lame, was->lame, 2, LANES, &gpu->d_lame));
     CUDA_TRY(send_elements(work, STIFFNESS, now->stiffness, was->stiffness, 144, 1, &gpu->d_stiffness));
-    CUDA_TRY(send(work, GROUNDED, now->grounded, tets, was->grounded, (size_t)mesh_was->num_tets, what, &gpu->d_grounded));
+    CUDA_TRY(
+        send(work, GROUNDED, now->grounded, tets, was->grounded, (size_t)mesh_was->num_tets, what, &gpu->d_grounded));
     return now->upsample ? send_upsampling(work) : PLIANT_OK;
 }
 
-extern "C" pliant_status pliant_cuda_system_create(const pliant_system *system, cudaStream_t stream, gpu_system *out, gpu_system_room *room)
+extern "C" pliant_status pliant_cuda_system_create(const pliant_system *system, cudaStream_t stream, gpu_system *out,
+                                                   gpu_system_room *room)
 {
     gpu_system made = {};
     pliant_status status = pliant_cuda_allocate(PASSAGE, "the elements", &room->d_passage);
@@ -213,17 +267,19 @@ extern "C" pliant_status pliant_cuda_system_create(const pliant_system *system, 
     return PLIANT_OK;
 }
 
-extern "C" pliant_status pliant_cuda_system_follow(const pliant_system *system, const pliant_system *before, cudaStream_t stream, gpu_system *gpu, gpu_system_room *room)
+extern "C" pliant_status pliant_cuda_system_follow(const pliant_system *system, const pliant_system *before,
+                                                   cudaStream_t stream, gpu_system *gpu, gpu_system_room *room)
 {
     return send_all({system, before, stream, gpu, room, changes_of(system, before)});
 }
 
 extern "C" void pliant_cuda_system_free(gpu_system *system, gpu_system_room *room)
 {
-    void *blocks[] = {system->d_tets, system->d_rest, system->d_gradients, system->d_lame, system->d_stiffness, system->d_grounded,
-                      system->d_node_of_free, system->d_corner_start, system->d_corner_end, system->d_corner, system->d_fine_rest, system->d_upsample_node,
-                      system->d_weights, system->d_entry_start, system->d_entry_element, system->d_entry_share, system->d_entry_shape,
-                      system->d_still, room->d_passage};
+    void *blocks[] = {system->d_tets,        system->d_rest,        system->d_gradients,     system->d_lame,
+                      system->d_stiffness,   system->d_grounded,    system->d_node_of_free,  system->d_corner_start,
+                      system->d_corner_end,  system->d_corner,      system->d_fine_rest,     system->d_upsample_node,
+                      system->d_weights,     system->d_entry_start, system->d_entry_element, system->d_entry_share,
+                      system->d_entry_shape, system->d_still,       room->d_passage};
     for (void *block : blocks) pliant_cuda_release(block);
     pliant_cuda_macros_free(&system->macros);
     memset(system, 0, sizeof *system);

@@ -43,10 +43,12 @@ typedef struct gpu_system_room {
 } gpu_system_room;
 
 /* Create the system on the GPU. `room`: zeroed, except for `grows`. Errors: MEMORY, UNAVAILABLE. */
-pliant_status pliant_cuda_system_create(const pliant_system *system, cudaStream_t stream, gpu_system *out, gpu_system_room *room);
+pliant_status pliant_cuda_system_create(const pliant_system *system, cudaStream_t stream, gpu_system *out,
+                                        gpu_system_room *room);
 /* Update the system after a cut. Only changed data is sent, except for macro-elements. After an error the
  * content is undefined. */
-pliant_status pliant_cuda_system_follow(const pliant_system *system, const pliant_system *before, cudaStream_t stream, gpu_system *gpu, gpu_system_room *room);
+pliant_status pliant_cuda_system_follow(const pliant_system *system, const pliant_system *before, cudaStream_t stream,
+                                        gpu_system *gpu, gpu_system_room *room);
 void pliant_cuda_system_free(gpu_system *system, gpu_system_room *room);
 
 #ifdef __cplusplus

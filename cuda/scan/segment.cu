@@ -70,7 +70,8 @@ static pliant_status begin(segmenting *work, const pliant_volume *scan)
     CUDA_TRY(pliant_cuda_allocate(room.used, "the segmentation", &work->d_arena));
     room = {static_cast<char *>(work->d_arena), 0};
     place_all(gpu, bytes, &room);
-    return CUDA_CALL(cudaMemcpyAsync(const_cast<void *>(gpu->d_source), scan->voxels, bytes, cudaMemcpyHostToDevice, work->stream));
+    return CUDA_CALL(
+        cudaMemcpyAsync(const_cast<void *>(gpu->d_source), scan->voxels, bytes, cudaMemcpyHostToDevice, work->stream));
 }
 
 static pliant_status fetch(segmenting *work, void *h_to, const void *d_from, size_t bytes)
@@ -88,9 +89,11 @@ static pliant_status count_values(segmenting *work, const pliant_volume *scan)
     int64_t differences[SEGMENT_BINS];
     CUDA_TRY(pliant_cuda_segment_range(gpu, work->stream));
     CUDA_TRY(fetch(work, &range, gpu->d_range, sizeof range));
-    if (range.infinite) return pliant_fail(PLIANT_ERROR_ARGUMENT, "segmentation: %s holds values that are not finite", scan->id);
+    if (range.infinite)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "segmentation: %s holds values that are not finite", scan->id);
     const double least = pliant_cuda_segment_float(range.least), most = pliant_cuda_segment_float(range.most);
-    CUDA_TRY(pliant_cuda_segment_fine(gpu, least, most > least ? (SEGMENT_FINE_BINS - 1) / (most - least) : 0, work->stream));
+    CUDA_TRY(pliant_cuda_segment_fine(gpu, least, most > least ? (SEGMENT_FINE_BINS - 1) / (most - least) : 0,
+                                      work->stream));
     CUDA_TRY(fetch(work, work->fine, gpu->d_fine, sizeof work->fine));
     segment_set_bins(scan, least, most, work->fine, histogram);
     CUDA_TRY(pliant_cuda_segment_raw(gpu, histogram, work->stream));
@@ -119,7 +122,8 @@ static pliant_status absorb_on_cpu(segmenting *work, double least, int32_t count
     if (status == PLIANT_OK) status = fetch(work, classes, gpu->d_classes, voxels);
     if (status == PLIANT_OK) status = fetch(work, piece, gpu->d_piece, voxels * sizeof *piece);
     if (status == PLIANT_OK) status = segment_absorb(gpu->size, piece, count, least, classes);
-    if (status == PLIANT_OK) status = CUDA_CALL(cudaMemcpyAsync(gpu->d_classes, classes, voxels, cudaMemcpyHostToDevice, work->stream));
+    if (status == PLIANT_OK)
+        status = CUDA_CALL(cudaMemcpyAsync(gpu->d_classes, classes, voxels, cudaMemcpyHostToDevice, work->stream));
     if (status == PLIANT_OK) status = CUDA_CALL(cudaStreamSynchronize(work->stream));
     pliant_free(classes);
     pliant_free(piece);
@@ -130,12 +134,14 @@ static pliant_status piece_count(segmenting *work, int32_t *out)
 {
     const gpu_segment *gpu = &work->gpu;
     CUDA_TRY(pliant_cuda_segment_connect(gpu, work->stream));
-    return fetch(work, out, gpu->d_block_count + (gpu->voxels + (int64_t)SEGMENT_NUMBERED - 1) / SEGMENT_NUMBERED, sizeof *out);
+    return fetch(work, out, gpu->d_block_count + (gpu->voxels + (int64_t)SEGMENT_NUMBERED - 1) / SEGMENT_NUMBERED,
+                 sizeof *out);
 }
 
 /* Find the pieces and give the voxels of small ones to their neighbours. If a key is too short, the CPU does it
  * instead. */
-static pliant_status absorb(segmenting *work, const pliant_volume *scan, const pliant_segment_options *options, int32_t *count)
+static pliant_status absorb(segmenting *work, const pliant_volume *scan, const pliant_segment_options *options,
+                            int32_t *count)
 {
     const gpu_segment *gpu = &work->gpu;
     const double *spacing = scan->geometry.spacing, least = options->smallest / (spacing[0] * spacing[1] * spacing[2]);
@@ -144,11 +150,13 @@ static pliant_status absorb(segmenting *work, const pliant_volume *scan, const p
     CUDA_TRY(pliant_cuda_segment_wait(gpu, least, work->stream));
     CUDA_TRY(fetch(work, &waiting, gpu->d_left, sizeof waiting));
     if (waiting == 0 || waiting == gpu->voxels) return PLIANT_OK;
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->d_raw, gpu->d_classes, (size_t)gpu->voxels, cudaMemcpyDeviceToDevice, work->stream)));
+    CUDA_TRY(CUDA_CALL(
+        cudaMemcpyAsync(gpu->d_raw, gpu->d_classes, (size_t)gpu->voxels, cudaMemcpyDeviceToDevice, work->stream)));
     CUDA_TRY(pliant_cuda_segment_absorb(gpu, work->stream));
     CUDA_TRY(fetch(work, &left, gpu->d_left, sizeof left));
     if (left > 0) {
-        CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->d_classes, gpu->d_raw, (size_t)gpu->voxels, cudaMemcpyDeviceToDevice, work->stream)));
+        CUDA_TRY(CUDA_CALL(
+            cudaMemcpyAsync(gpu->d_classes, gpu->d_raw, (size_t)gpu->voxels, cudaMemcpyDeviceToDevice, work->stream)));
         CUDA_TRY(absorb_on_cpu(work, least, *count));
     }
     return piece_count(work, count);
@@ -164,7 +172,9 @@ static pliant_status tell(segmenting *work, const pliant_volume *scan, int32_t c
     uint16_t *label = static_cast<uint16_t *>(pliant_calloc(pieces, sizeof *label));
     pliant_status status = sums && tallies && label ? PLIANT_OK : pliant_fail_memory("the pieces");
     if (status == PLIANT_OK) status = pliant_cuda_allocate(pieces * sizeof *sums, "the pieces", &work->d_tallies);
-    if (status == PLIANT_OK) status = pliant_cuda_segment_tally(gpu, work->quantum, static_cast<gpu_tally *>(work->d_tallies), count, work->stream);
+    if (status == PLIANT_OK)
+        status = pliant_cuda_segment_tally(gpu, work->quantum, static_cast<gpu_tally *>(work->d_tallies), count,
+                                           work->stream);
     if (status == PLIANT_OK) status = fetch(work, sums, work->d_tallies, pieces * sizeof *sums);
     for (int32_t p = 0; status == PLIANT_OK && p < count; p++) {
         segment_tally *one = tallies + p;
@@ -175,16 +185,20 @@ static pliant_status tell(segmenting *work, const pliant_volume *scan, int32_t c
         for (int d = 0; d < 3; d++) one->at[d] = (double)sums[p].at[d];
     }
     if (status == PLIANT_OK) status = segment_name(&scan->geometry, tallies, count, label, out);
-    if (status == PLIANT_OK) status = pliant_cuda_upload(label, pieces * sizeof *label, "the labels", work->stream, &work->d_label);
-    if (status == PLIANT_OK) status = pliant_cuda_segment_label(gpu, static_cast<const uint16_t *>(work->d_label), work->stream);
-    if (status == PLIANT_OK) status = fetch(work, out->labels.voxels, gpu->d_raw, (size_t)gpu->voxels * sizeof *out->labels.voxels);
+    if (status == PLIANT_OK)
+        status = pliant_cuda_upload(label, pieces * sizeof *label, "the labels", work->stream, &work->d_label);
+    if (status == PLIANT_OK)
+        status = pliant_cuda_segment_label(gpu, static_cast<const uint16_t *>(work->d_label), work->stream);
+    if (status == PLIANT_OK)
+        status = fetch(work, out->labels.voxels, gpu->d_raw, (size_t)gpu->voxels * sizeof *out->labels.voxels);
     pliant_free(sums);
     pliant_free(tallies);
     pliant_free(label);
     return status;
 }
 
-static pliant_status run(segmenting *work, const pliant_volume *scan, const pliant_segment_options *options, pliant_segmentation *out)
+static pliant_status run(segmenting *work, const pliant_volume *scan, const pliant_segment_options *options,
+                         pliant_segmentation *out)
 {
     const gpu_segment *gpu = &work->gpu;
     int32_t count;
@@ -193,7 +207,8 @@ static pliant_status run(segmenting *work, const pliant_volume *scan, const plia
     CUDA_TRY(pliant_cuda_segment_fit(&work->histogram, segment_most_classes(options), work->stream, &work->fits));
     out->num_classes = segment_best(&work->histogram, options, &work->fits, out->classes, &out->criterion);
     segment_log_densities(&work->histogram, out->classes, out->num_classes, work->logs);
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->d_logs, work->logs, sizeof work->logs, cudaMemcpyHostToDevice, work->stream)));
+    CUDA_TRY(
+        CUDA_CALL(cudaMemcpyAsync(gpu->d_logs, work->logs, sizeof work->logs, cudaMemcpyHostToDevice, work->stream)));
     CUDA_TRY(pliant_cuda_segment_agree(gpu, out->num_classes, (float)options->coherence, work->stream));
     CUDA_TRY(absorb(work, scan, options, &count));
     return tell(work, scan, count, out);

@@ -12,7 +12,10 @@
 extern "C" {
 #endif
 
-enum { SEGMENT_MOST_WAVES = 11 /* keys have 3 bits per wave */, SEGMENT_NUMBERED = 1024 /* voxels numbered by a block */ };
+enum {
+    SEGMENT_MOST_WAVES = 11 /* keys have 3 bits per wave */,
+    SEGMENT_NUMBERED = 1024 /* voxels numbered by a block */
+};
 
 /* Sums over a piece; value is in units of a quantum. */
 typedef struct gpu_tally { unsigned long long voxels, at[3]; long long value; int32_t class_index; } gpu_tally;
@@ -42,11 +45,13 @@ typedef struct gpu_segment {
 pliant_status pliant_cuda_segment_range(const gpu_segment *segment, cudaStream_t stream);
 float pliant_cuda_segment_float(uint32_t ordered); /* a value of gpu_range */
 pliant_status pliant_cuda_segment_fine(const gpu_segment *segment, double least, double scale, cudaStream_t stream);
-pliant_status pliant_cuda_segment_raw(const gpu_segment *segment, const segment_histogram *histogram, cudaStream_t stream);
+pliant_status pliant_cuda_segment_raw(const gpu_segment *segment, const segment_histogram *histogram,
+                                      cudaStream_t stream);
 pliant_status pliant_cuda_segment_smooth(const gpu_segment *segment, int reach, cudaStream_t stream);
 
 /* ---- Implemented in segment_mixture.cu; waits for the result. Errors: MEMORY, UNAVAILABLE. */
-pliant_status pliant_cuda_segment_fit(const segment_histogram *histogram, int most, cudaStream_t stream, segment_fits *out);
+pliant_status pliant_cuda_segment_fit(const segment_histogram *histogram, int most, cudaStream_t stream,
+                                      segment_fits *out);
 
 /* ---- Implemented in segment_pieces.cu; all functions enqueue work. */
 pliant_status pliant_cuda_segment_agree(const gpu_segment *segment, int count, float coherence, cudaStream_t stream);
@@ -56,7 +61,8 @@ pliant_status pliant_cuda_segment_connect(const gpu_segment *segment, cudaStream
  * SEGMENT_MOST_WAVES (absorb). */
 pliant_status pliant_cuda_segment_wait(const gpu_segment *segment, double least, cudaStream_t stream);
 pliant_status pliant_cuda_segment_absorb(const gpu_segment *segment, cudaStream_t stream);
-pliant_status pliant_cuda_segment_tally(const gpu_segment *segment, double quantum, gpu_tally *d_tallies, int32_t count, cudaStream_t stream);
+pliant_status pliant_cuda_segment_tally(const gpu_segment *segment, double quantum, gpu_tally *d_tallies, int32_t count,
+                                        cudaStream_t stream);
 pliant_status pliant_cuda_segment_label(const gpu_segment *segment, const uint16_t *d_label, cudaStream_t stream);
 
 #ifdef __cplusplus

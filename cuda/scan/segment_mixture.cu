@@ -6,7 +6,13 @@
 
 #include <cmath>
 
-enum { THREADS = 256, BINS_A_THREAD = SEGMENT_BINS / THREADS, WARPS = THREADS / 32, TRIAL_PASSES = 30, FINAL_PASSES = 200 };
+enum {
+    THREADS = 256,
+    BINS_A_THREAD = SEGMENT_BINS / THREADS,
+    WARPS = THREADS / 32,
+    TRIAL_PASSES = 30,
+    FINAL_PASSES = 200
+};
 
 struct trial { pliant_segment_class classes[PLIANT_MAX_CLASSES]; double likelihood; };
 
@@ -74,10 +80,11 @@ static __device__ void sum_bins(const double *counts, const double *values, int 
 }
 
 /* As maximize of src/scan/segment_mixture.c, on work->classes. */
-static __device__ double maximize(const segment_histogram &histogram, const double *counts, const double *values, int bins, int classes, int passes,
-                                  pass_work *work)
+static __device__ double maximize(const segment_histogram &histogram, const double *counts, const double *values,
+                                  int bins, int classes, int passes, pass_work *work)
 {
-    const double narrowest = fmax(1.5 * histogram.width, 0.5 * histogram.noise), widest = 0.04 * SEGMENT_BINS * histogram.width;
+    const double narrowest = fmax(1.5 * histogram.width, 0.5 * histogram.noise),
+                 widest = 0.04 * SEGMENT_BINS * histogram.width;
     double likelihood = -INFINITY;
     for (int pass = 0; pass < passes; pass++) {
         __syncthreads();
@@ -105,7 +112,10 @@ static __device__ double maximize(const segment_histogram &histogram, const doub
     return likelihood;
 }
 
-static __device__ double value_at(const segment_histogram &histogram, int bin) { return histogram.low + (bin + 0.5) * histogram.width; }
+static __device__ double value_at(const segment_histogram &histogram, int bin)
+{
+    return histogram.low + (bin + 0.5) * histogram.width;
+}
 
 /* Try a split of each of `count` classes, on a coarse histogram with four bins combined. */
 __global__ void __launch_bounds__(THREADS) trial_kernel(mixture *d_mixture, int count)
@@ -122,7 +132,8 @@ __global__ void __launch_bounds__(THREADS) trial_kernel(mixture *d_mixture, int 
         other->mean += 0.8 * other->deviation;
         one->deviation = other->deviation = 0.6 * one->deviation;
     }
-    const double coarse = histogram.count[first] + histogram.count[first + 1] + histogram.count[first + 2] + histogram.count[first + 3];
+    const double coarse =
+        histogram.count[first] + histogram.count[first + 1] + histogram.count[first + 2] + histogram.count[first + 3];
     const double value = value_at(histogram, first + 1 + ((int)threadIdx.x & 1));
     const double likelihood = maximize(histogram, &coarse, &value, 1, count + 1, TRIAL_PASSES, &work);
     __syncthreads();
@@ -158,10 +169,12 @@ __global__ void __launch_bounds__(THREADS) final_kernel(mixture *d_mixture, int 
     if (threadIdx.x == 0) d_mixture->fits.likelihood[count - 1] = likelihood;
 }
 
-static pliant_status enqueue(mixture *d_mixture, const segment_histogram *histogram, int most, cudaStream_t stream, segment_fits *out)
+static pliant_status enqueue(mixture *d_mixture, const segment_histogram *histogram, int most, cudaStream_t stream,
+                             segment_fits *out)
 {
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(d_mixture, 0, sizeof *d_mixture, stream)));
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(&d_mixture->histogram, histogram, sizeof *histogram, cudaMemcpyHostToDevice, stream)));
+    CUDA_TRY(CUDA_CALL(
+        cudaMemcpyAsync(&d_mixture->histogram, histogram, sizeof *histogram, cudaMemcpyHostToDevice, stream)));
     for (int count = 1; count <= most; count++) {
         if (count > 1) {
             trial_kernel<<<(unsigned)count - 1, THREADS, 0, stream>>>(d_mixture, count - 1);
@@ -174,7 +187,8 @@ static pliant_status enqueue(mixture *d_mixture, const segment_histogram *histog
     return CUDA_CALL(cudaStreamSynchronize(stream));
 }
 
-extern "C" pliant_status pliant_cuda_segment_fit(const segment_histogram *histogram, int most, cudaStream_t stream, segment_fits *out)
+extern "C" pliant_status pliant_cuda_segment_fit(const segment_histogram *histogram, int most, cudaStream_t stream,
+                                                 segment_fits *out)
 {
     mixture *d_mixture;
     CUDA_TRY(pliant_cuda_allocate(sizeof *d_mixture, "the mixture", reinterpret_cast<void **>(&d_mixture)));

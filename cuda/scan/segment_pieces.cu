@@ -7,7 +7,8 @@
 
 __global__ void most_likely_kernel(const gpu_segment segment, int count)
 {
-    for (int32_t v = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x); v < segment.voxels; v += (int32_t)(gridDim.x * blockDim.x)) {
+    for (int32_t v = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x); v < segment.voxels;
+         v += (int32_t)(gridDim.x * blockDim.x)) {
         const float *logs = segment.d_logs + segment.d_bins[v] * PLIANT_MAX_CLASSES;
         int best = 0;
         for (int k = 1; k < count; k++)
@@ -17,7 +18,8 @@ __global__ void most_likely_kernel(const gpu_segment segment, int count)
 }
 
 /* As improve of src/scan/segment.c, for the voxels of one colour of a chessboard. */
-__global__ void __launch_bounds__(SEGMENT_THREADS) agree_kernel(const gpu_segment segment, int count, float coherence, int colour)
+__global__ void __launch_bounds__(SEGMENT_THREADS)
+    agree_kernel(const gpu_segment segment, int count, float coherence, int colour)
 {
     const int32_t nx = segment.size[0], ny = segment.size[1], nz = segment.size[2], slice = nx * ny;
     for (int32_t row = (int32_t)blockIdx.x; row < ny * nz; row += (int32_t)gridDim.x) {
@@ -51,7 +53,8 @@ __global__ void __launch_bounds__(SEGMENT_THREADS) agree_kernel(const gpu_segmen
     }
 }
 
-extern "C" pliant_status pliant_cuda_segment_agree(const gpu_segment *segment, int count, float coherence, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_segment_agree(const gpu_segment *segment, int count, float coherence,
+                                                   cudaStream_t stream)
 {
     most_likely_kernel<<<SEGMENT_BLOCKS, SEGMENT_THREADS, 0, stream>>>(*segment, count);
     CUDA_TRY(CUDA_LAUNCHED("the classes"));
@@ -90,21 +93,24 @@ static __device__ void join(int32_t *parent, int32_t a, int32_t b)
 __global__ void run_kernel(const gpu_segment segment)
 {
     const int32_t v = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x), lane = (int32_t)threadIdx.x % 32;
-    const bool there = v < segment.voxels, along = there && v % segment.size[0] > 0 && segment.d_classes[v - 1] == segment.d_classes[v];
+    const bool there = v < segment.voxels,
+               along = there && v % segment.size[0] > 0 && segment.d_classes[v - 1] == segment.d_classes[v];
     const unsigned breaks = __ballot_sync(0xffffffffu, !along || lane == 0) & (0xffffffffu >> (31 - lane));
     if (there) segment.d_parent[v] = v - lane + (31 - __clz((int)breaks));
 }
 
 __global__ void join_kernel(const gpu_segment segment)
 {
-    const int32_t v = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x), row = segment.size[0], slice = row * segment.size[1];
+    const int32_t v = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x), row = segment.size[0],
+                  slice = row * segment.size[1];
     if (v >= segment.voxels) return;
     const uint8_t *classes = segment.d_classes, c = classes[v];
     const int32_t i = v % row, j = v / row % segment.size[1];
     const bool along = i > 0 && classes[v - 1] == c;
     if (along && threadIdx.x % 32 == 0) join(segment.d_parent, v, v - 1);
     if (j > 0 && classes[v - row] == c && !(along && classes[v - row - 1] == c)) join(segment.d_parent, v, v - row);
-    if (v >= slice && classes[v - slice] == c && !(along && classes[v - slice - 1] == c)) join(segment.d_parent, v, v - slice);
+    if (v >= slice && classes[v - slice] == c && !(along && classes[v - slice - 1] == c))
+        join(segment.d_parent, v, v - slice);
 }
 
 /* Count the roots in every SEGMENT_NUMBERED voxels. */
@@ -121,7 +127,8 @@ __global__ void __launch_bounds__(SEGMENT_NUMBERED) flatten_kernel(const gpu_seg
 __global__ void __launch_bounds__(1024) scan_kernel(int32_t *d_count, int32_t blocks)
 {
     __shared__ int32_t sums[1024];
-    const int32_t length = (blocks + 1023) / 1024, first = min((int32_t)threadIdx.x * length, blocks), end = min(first + length, blocks);
+    const int32_t length = (blocks + 1023) / 1024, first = min((int32_t)threadIdx.x * length, blocks),
+                  end = min(first + length, blocks);
     int32_t sum = 0;
     for (int32_t b = first; b < end; b++) sum += d_count[b];
     int32_t before = sum_before<1024>(sum, sums);
@@ -154,7 +161,10 @@ __global__ void piece_kernel(const gpu_segment segment, const int32_t *d_number)
     if (v < segment.voxels) segment.d_piece[v] = d_number[segment.d_piece[v]];
 }
 
-static unsigned blocks_of(const gpu_segment *segment, int32_t threads) { return (unsigned)((segment->voxels + (int64_t)threads - 1) / threads); }
+static unsigned blocks_of(const gpu_segment *segment, int32_t threads)
+{
+    return (unsigned)((segment->voxels + (int64_t)threads - 1) / threads);
+}
 
 extern "C" pliant_status pliant_cuda_segment_connect(const gpu_segment *segment, cudaStream_t stream)
 {
@@ -218,7 +228,8 @@ __global__ void wave_kernel(const gpu_segment segment, int wave)
 {
     const int32_t v = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x);
     if (v >= segment.voxels || segment.d_wave[v] != 255) return;
-    const int32_t size[3] = {segment.size[0], segment.size[1], segment.size[2]}, step[3] = {1, size[0], size[0] * size[1]};
+    const int32_t size[3] = {segment.size[0], segment.size[1], segment.size[2]},
+                  step[3] = {1, size[0], size[0] * size[1]};
     const int32_t at[3] = {v % size[0], v / size[0] % size[1], v / step[2]};
     unsigned long long first = ~0ull;
     int32_t from = -1;
@@ -227,7 +238,8 @@ __global__ void wave_kernel(const gpu_segment segment, int wave)
         if (side & 1 ? at[d] == 0 : at[d] + 1 >= size[d]) continue;
         const int32_t other = side & 1 ? v - step[d] : v + step[d];
         if (segment.d_wave[other] != wave - 1) continue;
-        const unsigned long long key = (wave == 1 ? (unsigned long long)other : segment.d_key[other]) * 8 + (unsigned)side;
+        const unsigned long long key =
+            (wave == 1 ? (unsigned long long)other : segment.d_key[other]) * 8 + (unsigned)side;
         if (key < first) first = key, from = other;
     }
     if (from < 0) return;
@@ -248,7 +260,8 @@ __global__ void wave_end_kernel(const gpu_segment segment, int wave)
 extern "C" pliant_status pliant_cuda_segment_absorb(const gpu_segment *segment, cudaStream_t stream)
 {
     const unsigned blocks = blocks_of(segment, SEGMENT_THREADS);
-    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(segment->d_parent, 0, (size_t)segment->voxels * sizeof *segment->d_parent, stream)));
+    CUDA_TRY(
+        CUDA_CALL(cudaMemsetAsync(segment->d_parent, 0, (size_t)segment->voxels * sizeof *segment->d_parent, stream)));
     for (int wave = 1; wave <= SEGMENT_MOST_WAVES; wave++) {
         wave_kernel<<<blocks, SEGMENT_THREADS, 0, stream>>>(*segment, wave);
         CUDA_TRY(CUDA_LAUNCHED("the specks"));
@@ -274,7 +287,8 @@ __global__ void tally_kernel(const gpu_segment segment, double quantum, gpu_tall
     const int32_t piece = there ? segment.d_piece[v] : -1;
     int same;
     __match_all_sync(0xffffffffu, piece, &same);
-    long long sums[5] = {1, v % segment.size[0], v / segment.size[0] % segment.size[1], v / segment.size[0] / segment.size[1],
+    long long sums[5] = {1, v % segment.size[0], v / segment.size[0] % segment.size[1],
+                         v / segment.size[0] / segment.size[1],
                          there ? __double2ll_rn((double)value_of(segment, v) / quantum) : 0};
     if (same)
         for (int s = 0; s < 5; s++) sums[s] = sum_of(sums[s]);
@@ -292,14 +306,16 @@ __global__ void label_kernel(const gpu_segment segment, const uint16_t *d_label)
     if (v < segment.voxels) segment.d_raw[v] = d_label[segment.d_piece[v]];
 }
 
-extern "C" pliant_status pliant_cuda_segment_tally(const gpu_segment *segment, double quantum, gpu_tally *d_tallies, int32_t count, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_segment_tally(const gpu_segment *segment, double quantum, gpu_tally *d_tallies,
+                                                   int32_t count, cudaStream_t stream)
 {
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(d_tallies, 0, (size_t)count * sizeof *d_tallies, stream)));
     tally_kernel<<<blocks_of(segment, SEGMENT_THREADS), SEGMENT_THREADS, 0, stream>>>(*segment, quantum, d_tallies);
     return CUDA_LAUNCHED("what is told of the pieces");
 }
 
-extern "C" pliant_status pliant_cuda_segment_label(const gpu_segment *segment, const uint16_t *d_label, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_segment_label(const gpu_segment *segment, const uint16_t *d_label,
+                                                   cudaStream_t stream)
 {
     label_kernel<<<blocks_of(segment, SEGMENT_THREADS), SEGMENT_THREADS, 0, stream>>>(*segment, d_label);
     return CUDA_LAUNCHED("the labels");

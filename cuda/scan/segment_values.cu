@@ -20,7 +20,8 @@ __global__ void range_kernel(const gpu_segment segment)
 {
     uint32_t least = 0xffffffffu, most = 0;
     bool infinite = false;
-    for (int32_t v = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x); v < segment.voxels; v += (int32_t)(gridDim.x * blockDim.x)) {
+    for (int32_t v = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x); v < segment.voxels;
+         v += (int32_t)(gridDim.x * blockDim.x)) {
         const float value = value_of(segment, v);
         infinite |= !isfinite(value);
         least = min(least, ordered(value));
@@ -38,7 +39,8 @@ __global__ void range_kernel(const gpu_segment segment)
 
 __global__ void fine_kernel(const gpu_segment segment, double least, double scale)
 {
-    for (int32_t v = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x); v < segment.voxels; v += (int32_t)(gridDim.x * blockDim.x))
+    for (int32_t v = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x); v < segment.voxels;
+         v += (int32_t)(gridDim.x * blockDim.x))
         atomicAdd(segment.d_fine + (int32_t)(((double)value_of(segment, v) - least) * scale), 1u);
 }
 
@@ -51,8 +53,10 @@ static __device__ void flush_counts(const uint32_t *count, unsigned long long *d
 
 __global__ void __launch_bounds__(SEGMENT_THREADS) raw_kernel(const gpu_segment segment, double low, double width)
 {
-    for (int32_t v = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x); v < segment.voxels; v += (int32_t)(gridDim.x * blockDim.x))
-        segment.d_raw[v] = (uint16_t)fmin(fmax(((double)value_of(segment, v) - low) / width, 0.0), (double)(SEGMENT_BINS - 1));
+    for (int32_t v = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x); v < segment.voxels;
+         v += (int32_t)(gridDim.x * blockDim.x))
+        segment.d_raw[v] =
+            (uint16_t)fmin(fmax(((double)value_of(segment, v) - low) / width, 0.0), (double)(SEGMENT_BINS - 1));
 }
 
 __global__ void __launch_bounds__(SEGMENT_THREADS) noise_kernel(const gpu_segment segment)
@@ -60,7 +64,8 @@ __global__ void __launch_bounds__(SEGMENT_THREADS) noise_kernel(const gpu_segmen
     __shared__ uint32_t count[SEGMENT_BINS];
     for (int bin = (int)threadIdx.x; bin < SEGMENT_BINS; bin += SEGMENT_THREADS) count[bin] = 0;
     __syncthreads();
-    for (int32_t v = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x) + 1; v < segment.voxels; v += (int32_t)(gridDim.x * blockDim.x)) {
+    for (int32_t v = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x) + 1; v < segment.voxels;
+         v += (int32_t)(gridDim.x * blockDim.x)) {
         const int own = segment.d_raw[v], before = segment.d_raw[v - 1];
         if (own != 0 && before != 0) atomicAdd(count + abs(own - before), 1u);
     }
@@ -101,14 +106,16 @@ extern "C" pliant_status pliant_cuda_segment_range(const gpu_segment *segment, c
     return CUDA_LAUNCHED("the range of the values");
 }
 
-extern "C" pliant_status pliant_cuda_segment_fine(const gpu_segment *segment, double least, double scale, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_segment_fine(const gpu_segment *segment, double least, double scale,
+                                                  cudaStream_t stream)
 {
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(segment->d_fine, 0, SEGMENT_FINE_BINS * sizeof *segment->d_fine, stream)));
     fine_kernel<<<SEGMENT_BLOCKS, SEGMENT_THREADS, 0, stream>>>(*segment, least, scale);
     return CUDA_LAUNCHED("the counts of the values");
 }
 
-extern "C" pliant_status pliant_cuda_segment_raw(const gpu_segment *segment, const segment_histogram *histogram, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_segment_raw(const gpu_segment *segment, const segment_histogram *histogram,
+                                                 cudaStream_t stream)
 {
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(segment->d_count, 0, SEGMENT_BINS * sizeof *segment->d_count, stream)));
     raw_kernel<<<SEGMENT_BLOCKS, SEGMENT_THREADS, 0, stream>>>(*segment, histogram->low, histogram->width);

@@ -19,7 +19,8 @@ struct footprint { unsigned long long bricks; gpu_box box; };
 /* Visit the bricks of a tetrahedron that spans more bricks than the mask covers. The planes of the tetrahedron select
  * them. */
 template <class Visit>
-static __device__ __forceinline__ void visit_many(const gpu_raster &raster, int t, const int *low, const int *high, Visit visit)
+static __device__ __forceinline__ void visit_many(const gpu_raster &raster, int t, const int *low, const int *high,
+                                                  Visit visit)
 {
     const int v = (int)threadIdx.x % 4;
     exact_plane planes[4];
@@ -95,8 +96,8 @@ static __device__ __forceinline__ bool find_box(const raster_grid &grid, const i
  * own_rest: rest position of the thread's own node
  * wanted: whether the tetrahedron is drawn
  * out: NULL: no output */
-static __device__ __forceinline__ void set_up(const gpu_raster &raster, const int fixed[4][3], const double *own_rest, bool wanted, gpu_tet *out,
-                                              footprint &foot)
+static __device__ __forceinline__ void set_up(const gpu_raster &raster, const int fixed[4][3], const double *own_rest,
+                                              bool wanted, gpu_tet *out, footprint &foot)
 {
     const raster_grid &grid = raster.grid;
     const int v = (int)threadIdx.x % 4, axis = v < 3 ? v : 0;
@@ -127,7 +128,8 @@ static __device__ __forceinline__ void set_up(const gpu_raster &raster, const in
     for (int d = 0; d < 3; d++) near += normal[d] * (box.low[d] / BRICK * BRICK);
     foot.bricks = and_of_four(drawn ? gpu_find_bricks(box.low, box.high, exact, (double)near) : 0);
     gpu_tet *bounds = drawn ? out : NULL;
-    const unsigned begins = set_rows(normal, value, middle, v, bounds), lows = set_slices(grid, fixed, begins, middle, v, bounds);
+    const unsigned begins = set_rows(normal, value, middle, v, bounds),
+                   lows = set_slices(grid, fixed, begins, middle, v, bounds);
     box.row_begins = (unsigned char)__popc(begins);
     box.slice_begins = (unsigned char)__popc(lows);
     if (out && v == 0) {
@@ -140,7 +142,9 @@ static __device__ __forceinline__ void set_up(const gpu_raster &raster, const in
 
 /* Return the deformed and the rest position of a thread's own corner.
  * GUESTS: there may be guests */
-template <bool GUESTS> static __device__ __forceinline__ void find_corner(const gpu_raster &raster, const double *d_positions, int t, int v, int *mine, double *rest)
+template <bool GUESTS>
+static __device__ __forceinline__ void find_corner(const gpu_raster &raster, const double *d_positions, int t, int v,
+                                                   int *mine, double *rest)
 {
     if (GUESTS && t >= raster.num_tets) {
         const part_guest &guest = raster.d_guests[t - raster.num_tets];
@@ -160,7 +164,9 @@ template <bool GUESTS> static __device__ __forceinline__ void find_corner(const 
 /* List each element in all bricks that it touches, with four threads per element. Unmoved elements are listed too,
  * because they may share a brick with a moved one. A brick becomes dirty if a moved element touches or has touched
  * it. */
-template <bool PARTS> static __global__ void __launch_bounds__(THREADS, 4) cull_kernel(gpu_raster raster, const double *__restrict__ d_positions, bool all)
+template <bool PARTS>
+static __global__ void __launch_bounds__(THREADS, 4)
+    cull_kernel(gpu_raster raster, const double *__restrict__ d_positions, bool all)
 {
     const int own = (int)(blockIdx.x * THREADS + threadIdx.x) / 4, v = (int)threadIdx.x % 4;
     const bool there = own < raster.num_elements;
@@ -205,7 +211,8 @@ template <bool PARTS> static __global__ void __launch_bounds__(THREADS, 4) cull_
             if (other >= 0) raster.d_dirty[other] = 1;
         }
         /* the order is arbitrary, because the lowest index wins */
-        const int place = atomicAdd(raster.d_count + one, 1), other_place = other >= 0 ? atomicAdd(raster.d_count + other, 1) : 0;
+        const int place = atomicAdd(raster.d_count + one, 1),
+                  other_place = other >= 0 ? atomicAdd(raster.d_count + other, 1) : 0;
         list_in(raster, t, one, place);
         list_in(raster, t, other, other_place);
     });
@@ -213,7 +220,8 @@ template <bool PARTS> static __global__ void __launch_bounds__(THREADS, 4) cull_
 
 extern "C" size_t pliant_cuda_setup_bytes(void) { return sizeof(gpu_tet); }
 
-extern "C" pliant_status pliant_cuda_cull(const gpu_raster *raster, const double *d_positions, bool all, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_cull(const gpu_raster *raster, const double *d_positions, bool all,
+                                          cudaStream_t stream)
 {
     const long long threads = 4 * (long long)raster->num_elements;
     const unsigned blocks = (unsigned)((threads + THREADS - 1) / THREADS);
@@ -267,19 +275,23 @@ static __global__ void leave_kernel(gpu_raster before, int count, const int32_t 
     });
 }
 
-extern "C" pliant_status pliant_cuda_carry_elements(const gpu_raster *before, const gpu_raster *now, int32_t common, const int32_t *d_from, int32_t num_anew,
-                                                    const int32_t *d_anew, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_carry_elements(const gpu_raster *before, const gpu_raster *now, int32_t common,
+                                                    const int32_t *d_from, int32_t num_anew, const int32_t *d_anew,
+                                                    cudaStream_t stream)
 {
-    carry_kernel<<<(unsigned)((now->num_elements + THREADS - 1) / THREADS), THREADS, 0, stream>>>(*before, *now, common, d_from);
+    carry_kernel<<<(unsigned)((now->num_elements + THREADS - 1) / THREADS), THREADS, 0, stream>>>(*before, *now, common,
+                                                                                                  d_from);
     CUDA_TRY(CUDA_LAUNCHED("carry_kernel"));
     if (num_anew == 0) return PLIANT_OK;
     anew_kernel<<<(unsigned)((num_anew + THREADS - 1) / THREADS), THREADS, 0, stream>>>(*now, num_anew, d_anew);
     return CUDA_LAUNCHED("anew_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_leave_bricks(const gpu_raster *before, int32_t num_gone, const int32_t *d_gone, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_leave_bricks(const gpu_raster *before, int32_t num_gone, const int32_t *d_gone,
+                                                  cudaStream_t stream)
 {
     if (num_gone == 0) return PLIANT_OK;
-    leave_kernel<<<(unsigned)((4 * (long long)num_gone + THREADS - 1) / THREADS), THREADS, 0, stream>>>(*before, num_gone, d_gone);
+    leave_kernel<<<(unsigned)((4 * (long long)num_gone + THREADS - 1) / THREADS), THREADS, 0, stream>>>(
+        *before, num_gone, d_gone);
     return CUDA_LAUNCHED("leave_kernel");
 }

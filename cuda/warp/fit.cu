@@ -59,7 +59,8 @@ static __device__ int32_t place_nodes(fit_view *view, const double *d_positions,
 /* Convert the counts in start[bin + 1] to the start of each bin (prefix sum). Each thread sums one run of bins. */
 static __device__ void add_starts(int32_t *start, int32_t *cursor, int32_t count, int32_t *scratch)
 {
-    const int32_t length = (count + SORT_THREADS - 1) / SORT_THREADS, first = (int32_t)threadIdx.x * length, end = min(first + length, count);
+    const int32_t length = (count + SORT_THREADS - 1) / SORT_THREADS, first = (int32_t)threadIdx.x * length,
+                  end = min(first + length, count);
     int32_t sum = 0;
     for (int32_t b = first; b < end; b++) sum += start[b + 1];
     int32_t begin = sum_before<SORT_THREADS>(sum, scratch);
@@ -71,7 +72,8 @@ static __device__ void add_starts(int32_t *start, int32_t *cursor, int32_t count
     for (int32_t b = first; b < end; b++) start[b] = cursor[b];
 }
 
-__global__ void __launch_bounds__(SORT_THREADS) sort_kernel(fit_view *d_view, const double *d_positions, int32_t *d_cursor)
+__global__ void __launch_bounds__(SORT_THREADS)
+    sort_kernel(fit_view *d_view, const double *d_positions, int32_t *d_cursor)
 {
     __shared__ double scratch[SORT_THREADS / 32];
     __shared__ int32_t sums[SORT_THREADS];
@@ -85,7 +87,8 @@ __global__ void __launch_bounds__(SORT_THREADS) sort_kernel(fit_view *d_view, co
     add_starts(start, d_cursor, count, sums);
     if (threadIdx.x == 0) start[count] = nodes;
     __syncthreads();
-    for (int32_t n = (int32_t)threadIdx.x; n < nodes; n += SORT_THREADS) sorted[atomicAdd(d_cursor + fit_flat_bin(d_view, d_view->at + 3 * (size_t)n), 1)] = n;
+    for (int32_t n = (int32_t)threadIdx.x; n < nodes; n += SORT_THREADS)
+        sorted[atomicAdd(d_cursor + fit_flat_bin(d_view, d_view->at + 3 * (size_t)n), 1)] = n;
     __syncthreads();
     /* sort ascending as on the CPU, because the threads insert in any order */
     for (int32_t b = (int32_t)threadIdx.x; b < count; b += SORT_THREADS)
@@ -112,7 +115,8 @@ __global__ void __launch_bounds__(TET_THREADS) cover_kernel(const fit_view *d_vi
     for (int d = 0; d < 2; d++)
         if (!fit_range(tet.low[d + 1], tet.high[d + 1], d_view->target.size[d + 1], first + d, last + d)) return;
     const int64_t across = last[0] - first[0] + 1, rows = across * (last[1] - first[1] + 1);
-    for (int64_t row = lane; row < rows; row += 32) fit_cover_row(d_view, &tet, first[0] + (int32_t)(row % across), first[1] + (int32_t)(row / across));
+    for (int64_t row = lane; row < rows; row += 32)
+        fit_cover_row(d_view, &tet, first[0] + (int32_t)(row % across), first[1] + (int32_t)(row / across));
 }
 
 __global__ void __launch_bounds__(MAP_THREADS) map_kernel(const fit_view *d_view)
@@ -120,17 +124,20 @@ __global__ void __launch_bounds__(MAP_THREADS) map_kernel(const fit_view *d_view
     const int64_t point = (int64_t)blockIdx.x * MAP_THREADS + threadIdx.x;
     const int32_t *size = d_view->size;
     if (point >= (int64_t)size[0] * size[1] * size[2]) return;
-    const int32_t at[3] = {(int32_t)(point % size[0]), (int32_t)(point / size[0] % size[1]), (int32_t)(point / size[0] / size[1])};
+    const int32_t at[3] = {(int32_t)(point % size[0]), (int32_t)(point / size[0] % size[1]),
+                           (int32_t)(point / size[0] / size[1])};
     float out[3];
     fit_point(d_view, at, out);
     for (int d = 0; d < 3; d++) d_view->map[3 * point + d] = out[d];
 }
 
 /* One block per brick, one column along k per thread. */
-__global__ void __launch_bounds__(DRAW_THREADS) draw_kernel(const fit_view *d_view, const raster_source source, const gpu_raster raster, const int32_t *d_owner)
+__global__ void __launch_bounds__(DRAW_THREADS)
+    draw_kernel(const fit_view *d_view, const raster_source source, const gpu_raster raster, const int32_t *d_owner)
 {
     const int32_t *size = d_view->target.size;
-    const int32_t i = (int32_t)(blockIdx.x * BRICK + threadIdx.x % BRICK), j = (int32_t)(blockIdx.y * BRICK + threadIdx.x / BRICK);
+    const int32_t i = (int32_t)(blockIdx.x * BRICK + threadIdx.x % BRICK),
+                  j = (int32_t)(blockIdx.y * BRICK + threadIdx.x / BRICK);
     const int32_t first = (int32_t)blockIdx.z * BRICK, end = min(first + (int32_t)BRICK, size[2]);
     bool other = false;
     if (i < size[0] && j < size[1])
@@ -148,7 +155,8 @@ __global__ void __launch_bounds__(DRAW_THREADS) draw_kernel(const fit_view *d_vi
             other |= fit_draw_voxel(d_view, &source, known, index, raster.d_volume, v);
         }
     other = __syncthreads_or(other) != 0;
-    if (threadIdx.x == 0) raster.d_changed[blockIdx.x + (size_t)gridDim.x * (blockIdx.y + (size_t)gridDim.y * blockIdx.z)] = other;
+    if (threadIdx.x == 0)
+        raster.d_changed[blockIdx.x + (size_t)gridDim.x * (blockIdx.y + (size_t)gridDim.y * blockIdx.z)] = other;
 }
 
 /* ---- host functions */
@@ -164,12 +172,17 @@ template <class T> static pliant_status upload(const T *h_from, size_t count, cu
 }
 
 static size_t target_voxels(const fit_view *view) { return pliant_geometry_voxels(&view->target); }
-static size_t lattice_points(const fit_view *view) { return (size_t)view->size[0] * (size_t)view->size[1] * (size_t)view->size[2]; }
+static size_t lattice_points(const fit_view *view)
+{
+    return (size_t)view->size[0] * (size_t)view->size[1] * (size_t)view->size[2];
+}
 
-static pliant_status fill(pliant_cuda_fit *fit, const fit_view *parts, const double *rest, const raster_source *source, cudaStream_t stream)
+static pliant_status fill(pliant_cuda_fit *fit, const fit_view *parts, const double *rest, const raster_source *source,
+                          cudaStream_t stream)
 {
     const size_t edge = (size_t)FIT_MOST_BINS + 2, nodes = (size_t)parts->num_nodes, most_bins = edge * edge * edge;
-    const size_t points = lattice_points(parts), scan = (size_t)parts->scan_size[0] * (size_t)parts->scan_size[1] * (size_t)parts->scan_size[2];
+    const size_t points = lattice_points(parts),
+                 scan = (size_t)parts->scan_size[0] * (size_t)parts->scan_size[1] * (size_t)parts->scan_size[2];
     double *d_rest;
     fit_view *view = &fit->view;
     CUDA_TRY(upload(rest, 3 * nodes, stream, &d_rest));
@@ -186,7 +199,8 @@ static pliant_status fill(pliant_cuda_fit *fit, const fit_view *parts, const dou
     CUDA_TRY(allocate(nodes, &view->bin_node));
     CUDA_TRY(allocate(most_bins + 1, &view->bin_start));
     CUDA_TRY(allocate(most_bins, &fit->d_cursor));
-    CUDA_TRY(pliant_cuda_upload(source->voxels, (size_t)source->count * pliant_encoding_size(source->encoding), "the scan", stream, &fit->d_voxels));
+    CUDA_TRY(pliant_cuda_upload(source->voxels, (size_t)source->count * pliant_encoding_size(source->encoding),
+                                "the scan", stream, &fit->d_voxels));
     fit->source.voxels = fit->d_voxels;
     if (parts->zone) {
         uint8_t *d_zone, *d_near;
@@ -199,7 +213,8 @@ static pliant_status fill(pliant_cuda_fit *fit, const fit_view *parts, const dou
     return upload(view, 1, stream, &fit->d_view);
 }
 
-extern "C" pliant_status pliant_cuda_fit_create(const fit_view *parts, const double *rest, const raster_source *source, cudaStream_t stream, pliant_cuda_fit **out)
+extern "C" pliant_status pliant_cuda_fit_create(const fit_view *parts, const double *rest, const raster_source *source,
+                                                cudaStream_t stream, pliant_cuda_fit **out)
 {
     pliant_cuda_fit *fit = static_cast<pliant_cuda_fit *>(pliant_calloc(1, sizeof *fit));
     if (!fit) return pliant_fail_memory("the fit");
@@ -225,8 +240,9 @@ extern "C" void pliant_cuda_fit_free(pliant_cuda_fit *fit)
 {
     if (!fit) return;
     const fit_view *view = &fit->view;
-    const void *blocks[] = {view->rest, view->tets, view->tissue, view->covered, view->wanted, view->map, view->at, view->sorted, view->bin_node, view->bin_start,
-                            fit->d_cursor, fit->d_voxels, fit->d_view, view->zone, view->near, fit->d_owner};
+    const void *blocks[] = {view->rest,  view->tets,   view->tissue,   view->covered,   view->wanted,  view->map,
+                            view->at,    view->sorted, view->bin_node, view->bin_start, fit->d_cursor, fit->d_voxels,
+                            fit->d_view, view->zone,   view->near,     fit->d_owner};
     for (const void *block : blocks) pliant_cuda_release(const_cast<void *>(block));
     pliant_free(fit);
 }
@@ -237,9 +253,11 @@ extern "C" pliant_status pliant_cuda_fit_map(const pliant_cuda_fit *fit, const d
     CUDA_TRY(CUDA_LAUNCHED("the nodes of the fit"));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(fit->view.wanted, 0, lattice_points(&fit->view), stream)));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(fit->view.covered, 0, target_voxels(&fit->view), stream)));
-    cover_kernel<<<(unsigned)((32 * (int64_t)fit->view.num_tets + TET_THREADS - 1) / TET_THREADS), TET_THREADS, 0, stream>>>(fit->d_view);
+    cover_kernel<<<(unsigned)((32 * (int64_t)fit->view.num_tets + TET_THREADS - 1) / TET_THREADS), TET_THREADS, 0,
+                   stream>>>(fit->d_view);
     CUDA_TRY(CUDA_LAUNCHED("the tetrahedra of the fit"));
-    map_kernel<<<(unsigned)((lattice_points(&fit->view) + MAP_THREADS - 1) / MAP_THREADS), MAP_THREADS, 0, stream>>>(fit->d_view);
+    map_kernel<<<(unsigned)((lattice_points(&fit->view) + MAP_THREADS - 1) / MAP_THREADS), MAP_THREADS, 0, stream>>>(
+        fit->d_view);
     return CUDA_LAUNCHED("the fit");
 }
 

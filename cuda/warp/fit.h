@@ -18,7 +18,8 @@ typedef struct pliant_cuda_fit pliant_cuda_fit;
  * parts, source: host data, copied
  * rest: used instead of parts->rest, which may be incomplete for the next body
  * Errors: MEMORY (with figures), UNAVAILABLE. */
-pliant_status pliant_cuda_fit_create(const fit_view *parts, const double *rest, const raster_source *source, cudaStream_t stream, pliant_cuda_fit **out);
+pliant_status pliant_cuda_fit_create(const fit_view *parts, const double *rest, const raster_source *source,
+                                     cudaStream_t stream, pliant_cuda_fit **out);
 void pliant_cuda_fit_free(pliant_cuda_fit *fit); /* Nullable */
 /* Enqueue the computation of the map for device positions (num_nodes x 3). */
 pliant_status pliant_cuda_fit_map(const pliant_cuda_fit *fit, const double *d_positions, cudaStream_t stream);

@@ -69,7 +69,10 @@ static __device__ __forceinline__ float first_end(const float *at, int begins)
 static const float middle_row = 0.5f * (BRICK - 1);
 
 /* Store small integers in the low bits of floats. */
-static __device__ __forceinline__ float shifted(int whole) { return __int_as_float((int)(FLOOR_BITS + (unsigned)whole)); }
+static __device__ __forceinline__ float shifted(int whole)
+{
+    return __int_as_float((int)(FLOOR_BITS + (unsigned)whole));
+}
 static __device__ __forceinline__ int unshifted(float value) { return __float_as_int(value) - (int)FLOOR_BITS; }
 
 /* Voxels of a row that a candidate contains. */
@@ -90,7 +93,8 @@ static __device__ __forceinline__ part_claim claim_of(const gpu_raster &raster, 
 }
 
 /* Claim voxels one by one for an element at a cut. */
-static __device__ __forceinline__ unsigned claim_part(const gpu_raster &raster, brick_state &brick, const interval &own, const int *origin, unsigned least)
+static __device__ __forceinline__ unsigned claim_part(const gpu_raster &raster, brick_state &brick, const interval &own,
+                                                      const int *origin, unsigned least)
 {
     const int id = (int)(own.key >> 8);
     double voxel[3] = {0, (double)(origin[1] + (int)(own.row & 15)), (double)(origin[2] + (int)(own.row >> 4 & 15))};
@@ -105,7 +109,8 @@ static __device__ __forceinline__ unsigned claim_part(const gpu_raster &raster, 
 
 /* Claim an interval; all threads of a warp must call it. A voxel stays with the lowest index. */
 template <bool PARTS>
-static __device__ __forceinline__ unsigned claim(const gpu_raster &raster, brick_state &brick, interval own, const int *origin, unsigned least)
+static __device__ __forceinline__ unsigned claim(const gpu_raster &raster, brick_state &brick, interval own,
+                                                 const int *origin, unsigned least)
 {
     if (PARTS && own.count > 0 && raster.parts.elements[own.key >> 8].box >= 0) {
         least = claim_part(raster, brick, own, origin, least);
@@ -124,16 +129,19 @@ static __device__ __forceinline__ unsigned claim(const gpu_raster &raster, brick
 static __device__ __forceinline__ interval find_interval(brick_state &brick, unsigned row)
 {
     const int c = (int)(row >> 8);
-    const float4 start = *reinterpret_cast<const float4 *>(brick.at[c]), step_j = *reinterpret_cast<const float4 *>(brick.step_j[c]),
+    const float4 start = *reinterpret_cast<const float4 *>(brick.at[c]),
+                 step_j = *reinterpret_cast<const float4 *>(brick.step_j[c]),
                  step_k = *reinterpret_cast<const float4 *>(brick.step_k[c]);
     const held by = brick.rows[c];
     const float j = (float)(row & 15) - middle_row, k = (float)(row >> 4 & 15) - middle_row;
     const float at[4] = {fmaf(step_k.x, k, fmaf(step_j.x, j, start.x)), fmaf(step_k.y, k, fmaf(step_j.y, j, start.y)),
                          fmaf(step_k.z, k, fmaf(step_j.z, j, start.z)), fmaf(step_k.w, k, fmaf(step_j.w, j, start.w))};
-    const float begin = last_begin(at, by.row_begins), end = first_end(at, by.row_begins), low = shifted(by.low), high = shifted(by.high);
+    const float begin = last_begin(at, by.row_begins), end = first_end(at, by.row_begins), low = shifted(by.low),
+                high = shifted(by.high);
     const float first = fmaxf(__fadd_ru(begin, floor_shift), low), last = fminf(__fadd_rd(end, floor_shift), high);
     interval out = {unshifted(first), first > last ? 0 : unshifted(last) - unshifted(first) + 1, row, by.key};
-    const bool sure = first == fmaxf(__fadd_ru(begin + by.doubt, floor_shift), low) && last == fminf(__fadd_rd(end - by.doubt, floor_shift), high);
+    const bool sure = first == fmaxf(__fadd_ru(begin + by.doubt, floor_shift), low) &&
+                      last == fminf(__fadd_rd(end - by.doubt, floor_shift), high);
     if (out.count > 0 && !sure) {
         const int place = atomicAdd(&brick.num_doubtful, 1);
         if (place < DOUBTFUL) brick.doubtful[place] = (unsigned short)row;
@@ -143,7 +151,8 @@ static __device__ __forceinline__ interval find_interval(brick_state &brick, uns
 }
 
 template <bool PARTS>
-static __device__ __forceinline__ unsigned claim_all(const gpu_raster &raster, brick_state &brick, int rows, const int *origin, unsigned least)
+static __device__ __forceinline__ unsigned claim_all(const gpu_raster &raster, brick_state &brick, int rows,
+                                                     const int *origin, unsigned least)
 {
     for (int n = (int)threadIdx.x; n - (int)threadIdx.x % 32 < rows; n += THREADS) {
         interval own = {0, 0, 0, 0};
@@ -155,7 +164,8 @@ static __device__ __forceinline__ unsigned claim_all(const gpu_raster &raster, b
 
 /* Compute rows in doubt with integers, with four threads per row and one per plane (see owners.h). */
 template <bool PARTS>
-static __device__ __forceinline__ unsigned claim_exactly(const gpu_raster &raster, brick_state &brick, int rows, const int *origin, unsigned least)
+static __device__ __forceinline__ unsigned claim_exactly(const gpu_raster &raster, brick_state &brick, int rows,
+                                                         const int *origin, unsigned least)
 {
     const bool all = brick.num_doubtful > DOUBTFUL;
     const unsigned short *list = all ? brick.queue : brick.doubtful;
@@ -166,13 +176,15 @@ static __device__ __forceinline__ unsigned claim_exactly(const gpu_raster &raste
         const held by = brick.rows[row >> 8];
         const exact_plane plane = gpu_exact_plane(corners_of(raster), (int)(by.key >> 8), v);
         const long long value = plane.at(origin[0], origin[1] + (int)(row & 15), origin[2] + (int)(row >> 4 & 15));
-        const double across = (double)plane.normal[0], t = ((double)value + 0.5) * (across != 0 ? 1 / fabs(across) : 4 * BRICK);
+        const double across = (double)plane.normal[0],
+                     t = ((double)value + 0.5) * (across != 0 ? 1 / fabs(across) : 4 * BRICK);
         double rise = across > 0 ? t : BRICK, fall = across > 0 ? BRICK : t;
         for (int step = 1; step < 4; step *= 2) {
             rise = fmin(rise, __shfl_xor_sync(0xffffffff, rise, step));
             fall = fmin(fall, __shfl_xor_sync(0xffffffff, fall, step));
         }
-        const int first = max(rise < -BRICK ? BRICK : -__double2int_rd(rise), by.low), last = min(fall < -1 ? -1 : __double2int_rd(fall), by.high);
+        const int first = max(rise < -BRICK ? BRICK : -__double2int_rd(rise), by.low),
+                  last = min(fall < -1 ? -1 : __double2int_rd(fall), by.high);
         const interval own = {first, v == 0 && n < count ? last - first + 1 : 0, row, by.key};
         least = claim<PARTS>(raster, brick, own, origin, least);
     }
@@ -181,11 +193,13 @@ static __device__ __forceinline__ unsigned claim_exactly(const gpu_raster &raste
 
 /* Evaluate plane v of a candidate at the centre of a brick's rows. The doubt bounds the error of the four planes: three
  * numbers and two sums, each rounded by at most 2^-24 of `size`, plus the rounding of the added doubt. */
-static __device__ __forceinline__ void place_plane(const gpu_tet &tet, int v, const float *from, int begins, int c, brick_state &brick, float *doubt)
+static __device__ __forceinline__ void place_plane(const gpu_tet &tet, int v, const float *from, int begins, int c,
+                                                   brick_state &brick, float *doubt)
 {
     const double step_j = tet.step_j[v], step_k = tet.step_k[v];
     const float at = (float)(tet.at[v] + step_j * (from[1] + middle_row) + step_k * (from[2] + middle_row) - from[0]);
-    const float size = fabsf(at) + 0.5f * BRICK * (fabsf((float)step_j) + fabsf((float)step_k)), own = 3e-7f * size + 2e-6f;
+    const float size = fabsf(at) + 0.5f * BRICK * (fabsf((float)step_j) + fabsf((float)step_k)),
+                own = 3e-7f * size + 2e-6f;
     brick.at[c][v] = at + (v < begins ? -own : own);
     brick.step_j[c][v] = (float)step_j;
     brick.step_k[c][v] = (float)step_k;
@@ -195,7 +209,8 @@ static __device__ __forceinline__ void place_plane(const gpu_tet &tet, int v, co
 
 /* Find the rows of some slices that a candidate may touch, between the edges of its outline; the estimate never misses
  * a row. Thread v takes slice low[2] + v and every fourth slice after it. */
-static __device__ __forceinline__ int find_rows(const gpu_tet &tet, int v, const float *from, const int *low, const int *high, int *first, int *count)
+static __device__ __forceinline__ int find_rows(const gpu_tet &tet, int v, const float *from, const int *low,
+                                                const int *high, int *first, int *count)
 {
     const float step = tet.edge_step[v], edge = tet.edge[v];
     const float slack = 1e-3f + 1e-6f * (fabsf(edge) + fabsf(step) * (fabsf(from[2]) + BRICK) + fabsf(from[1]));
@@ -225,8 +240,8 @@ static __device__ __forceinline__ int find_rows(const gpu_tet &tet, int v, const
 struct found { int first[SHARE], count[SHARE], slice, place; };
 
 /* Prepare up to CHUNK candidates, with four threads each: their bounds and rows. */
-static __device__ __forceinline__ found take_candidate(const gpu_raster &raster, const part &where, int begin, int count, const int *origin,
-                                                       brick_state &brick, int *num_rows)
+static __device__ __forceinline__ found take_candidate(const gpu_raster &raster, const part &where, int begin,
+                                                       int count, const int *origin, brick_state &brick, int *num_rows)
 {
     const int c = (int)threadIdx.x / 4, v = (int)threadIdx.x % 4, lane = (int)threadIdx.x % 32;
     const bool there = begin + c < count;
@@ -244,7 +259,9 @@ static __device__ __forceinline__ found take_candidate(const gpu_raster &raster,
     }
     if (!any) high[2] = -1;
     place_plane(tet, v, from, box.row_begins, c, brick, &doubt);
-    if (v == 0) brick.rows[c] = {doubt, (unsigned char)low[0], (unsigned char)high[0], box.row_begins, (unsigned)id << 8 | (unsigned)(begin + c)};
+    if (v == 0)
+        brick.rows[c] = {doubt, (unsigned char)low[0], (unsigned char)high[0], box.row_begins,
+                         (unsigned)id << 8 | (unsigned)(begin + c)};
     found out;
     const int own = find_rows(tet, v, from, low, high, out.first, out.count);
     int end = own;
@@ -280,8 +297,8 @@ static __device__ __forceinline__ void keep_first(brick_state &brick, unsigned l
 /* Find the owners of all voxels of a region from the candidates in brick.id, and store them in brick.owner. The lowest
  * index wins, in any order. All threads return together. */
 template <bool PARTS>
-static __device__ __forceinline__ void find_owners(const gpu_raster &raster, const part &where, int count, const int *origin,
-                                                   brick_state &brick)
+static __device__ __forceinline__ void find_owners(const gpu_raster &raster, const part &where, int count,
+                                                   const int *origin, brick_state &brick)
 {
     int chunk = 0;
     if (threadIdx.x == 0) brick.num_rows[0] = 0;
@@ -308,7 +325,8 @@ static __device__ __forceinline__ void find_owners(const gpu_raster &raster, con
 
 /* Copy the elements of a list that may contain a voxel of the region to brick.id, in the same order. All threads get
  * the count. */
-static __device__ int select(const gpu_raster &raster, const part &where, const int *list, int count, const int *origin, brick_state &brick)
+static __device__ int select(const gpu_raster &raster, const part &where, const int *list, int count, const int *origin,
+                             brick_state &brick)
 {
     const int lane = (int)threadIdx.x % 32, warp = (int)threadIdx.x / 32;
     int selected = 0;
@@ -341,7 +359,9 @@ static __device__ int select(const gpu_raster &raster, const part &where, const 
 
 /* Same as find_owners for a list of any length. Each voxel tests all elements, which is slow in crowded bricks. Voxels
  * outside the target get no owner. */
-template <bool PARTS> static __device__ void find_owners_by_voxel(const gpu_raster &raster, const int *list, int count, const int *origin, brick_state &brick)
+template <bool PARTS>
+static __device__ void find_owners_by_voxel(const gpu_raster &raster, const int *list, int count, const int *origin,
+                                            brick_state &brick)
 {
     const int *size = raster.grid.target.size;
     unsigned least = ~0u;
@@ -355,7 +375,8 @@ template <bool PARTS> static __device__ void find_owners_by_voxel(const gpu_rast
         }
         __syncthreads();
         for (int n = (int)threadIdx.x; n < BRICK_VOXELS; n += THREADS) {
-            const int i = n % BRICK, row = n / BRICK, at[3] = {origin[0] + i, origin[1] + row % BRICK, origin[2] + row / BRICK};
+            const int i = n % BRICK, row = n / BRICK,
+                      at[3] = {origin[0] + i, origin[1] + row % BRICK, origin[2] + row / BRICK};
             if (at[0] >= size[0] || at[1] >= size[1] || at[2] >= size[2]) continue;
             unsigned &owner = brick.owner[ROW_STEP * row + i];
             for (int candidate = 0; candidate < number; candidate++) {

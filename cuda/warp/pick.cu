@@ -6,7 +6,8 @@
 enum { SAMPLES = 512 };
 
 /* was_above[n]: whether the sample before thread n's sample is above the threshold */
-static __global__ void __launch_bounds__(SAMPLES) cross_kernel(march_voxels voxels, march_ray ray, int64_t first, march_crossing *d_out)
+static __global__ void __launch_bounds__(SAMPLES)
+    cross_kernel(march_voxels voxels, march_ray ray, int64_t first, march_crossing *d_out)
 {
     __shared__ bool was_above[SAMPLES + 1];
     __shared__ int lowest;
@@ -32,7 +33,8 @@ static __global__ void __launch_bounds__(SAMPLES) cross_kernel(march_voxels voxe
     }
 }
 
-extern "C" pliant_status pliant_cuda_cross(const march_voxels *voxels, const march_ray *ray, int64_t first, march_crossing *d_out, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_cross(const march_voxels *voxels, const march_ray *ray, int64_t first,
+                                           march_crossing *d_out, cudaStream_t stream)
 {
     cross_kernel<<<1, SAMPLES, 0, stream>>>(*voxels, *ray, first, d_out);
     return CUDA_LAUNCHED("pick");

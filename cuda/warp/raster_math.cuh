@@ -39,7 +39,10 @@ static const float far_away = 1e30f; /* an inactive bound */
 
 static __device__ __forceinline__ int of_thread(int value, int v) { return __shfl_sync(0xffffffff, value, v, 4); }
 static __device__ __forceinline__ double of_thread(double value, int v) { return __shfl_sync(0xffffffff, value, v, 4); }
-static __device__ __forceinline__ long long of_thread(long long value, int v) { return __shfl_sync(0xffffffff, value, v, 4); }
+static __device__ __forceinline__ long long of_thread(long long value, int v)
+{
+    return __shfl_sync(0xffffffff, value, v, 4);
+}
 
 static __device__ __forceinline__ bool all_of_four(bool value)
 {
@@ -66,13 +69,15 @@ static __device__ __forceinline__ double gpu_divide(double a, double b, double r
     return fma(fma(-q, b, a), reciprocal, q);
 }
 
-static __device__ __forceinline__ void gpu_fix(const raster_grid &grid, const double *reciprocal, const double *position, int *fixed)
+static __device__ __forceinline__ void gpu_fix(const raster_grid &grid, const double *reciprocal,
+                                               const double *position, int *fixed)
 {
     double offset[3];
     for (int d = 0; d < 3; d++) offset[d] = position[d] - grid.target.origin[d];
     for (int d = 0; d < 3; d++) {
         const double *axis = grid.target.direction + d;
-        double index = gpu_divide(axis[0] * offset[0] + axis[3] * offset[1] + axis[6] * offset[2], grid.target.spacing[d], reciprocal[d]);
+        double index = gpu_divide(axis[0] * offset[0] + axis[3] * offset[1] + axis[6] * offset[2],
+                                  grid.target.spacing[d], reciprocal[d]);
         double inside = index > grid.low[d] ? index : grid.low[d];
         inside = inside < grid.high[d] ? inside : grid.high[d];
         fixed[d] = __double2int_rn(inside * grid.scale);
@@ -93,7 +98,8 @@ static __device__ __forceinline__ double gpu_six_volumes(const int *edge, const 
 }
 
 /* same as plane_value */
-static __device__ __forceinline__ long long gpu_plane_value(int fraction_bits, const long long *normal, const int *point)
+static __device__ __forceinline__ long long gpu_plane_value(int fraction_bits, const long long *normal,
+                                                            const int *point)
 {
     long long whole = 0, fraction = 0;
     for (int d = 0; d < 3; d++) {
@@ -115,7 +121,10 @@ static __device__ __forceinline__ gpu_corners corners_of(const gpu_raster &raste
 struct exact_plane {
     long long normal[3], value; /* inward normal, per voxel along i, j, k; value at target voxel (0, 0, 0) */
 
-    __device__ __forceinline__ long long at(int i, int j, int k) const { return value + normal[0] * i + normal[1] * j + normal[2] * k; }
+    __device__ __forceinline__ long long at(int i, int j, int k) const
+    {
+        return value + normal[0] * i + normal[1] * j + normal[2] * k;
+    }
 };
 
 static __device__ __forceinline__ exact_plane gpu_exact_plane(const gpu_corners &corners, int id, int v)
@@ -126,7 +135,8 @@ static __device__ __forceinline__ exact_plane gpu_exact_plane(const gpu_corners 
     exact_plane out;
     for (int d = 0; d < 3; d++) {
         const int a = (d + 1) % 3, b = (d + 2) % 3;
-        const long long n = (long long)(one[a] - from[a]) * (other[b] - from[b]) - (long long)(one[b] - from[b]) * (other[a] - from[a]);
+        const long long n =
+            (long long)(one[a] - from[a]) * (other[b] - from[b]) - (long long)(one[b] - from[b]) * (other[a] - from[a]);
         out.normal[d] = corners.mirrored ? -n : n;
     }
     out.value = gpu_plane_value(corners.fraction_bits, out.normal, from);
@@ -153,7 +163,8 @@ static __device__ __forceinline__ double gpu_normals(const int fixed[4][3], int 
         p[d] = v == 1 ? edge[2][d] : v == 2 ? edge[3][d] : edge[1][d];
         q[d] = v == 1 ? edge[3][d] : v == 2 ? edge[1][d] : edge[2][d];
     }
-    for (int d = 0; d < 3; d++) own[d] = (long long)p[(d + 1) % 3] * q[(d + 2) % 3] - (long long)p[(d + 2) % 3] * q[(d + 1) % 3];
+    for (int d = 0; d < 3; d++)
+        own[d] = (long long)p[(d + 1) % 3] * q[(d + 2) % 3] - (long long)p[(d + 2) % 3] * q[(d + 1) % 3];
     double volume = of_thread(gpu_six_volumes(edge[1], own), 1);
     for (int d = 0; d < 3; d++) {
         long long sum = of_thread(own[d], 1) + of_thread(own[d], 2) + of_thread(own[d], 3);
@@ -164,12 +175,15 @@ static __device__ __forceinline__ double gpu_normals(const int fixed[4][3], int 
 
 /* Return the size of a fixed-point step in voxels. The scale is a power of two, so the multiplication is an exact
  * division. */
-static __device__ __forceinline__ double raster_step(const raster_grid &grid) { return ldexp(1.0, -grid.fraction_bits); }
+static __device__ __forceinline__ double raster_step(const raster_grid &grid)
+{
+    return ldexp(1.0, -grid.fraction_bits);
+}
 
 /* Compute one axis of the map from target to source, before rounding. All threads run it; threads 0 to 2 have an axis.
  * The barycentric coordinate of node n is normal[n] . (scale * voxel - node 0) / volume. */
-static __device__ __forceinline__ void gpu_map(const raster_grid &grid, const int fixed[4][3], const double *rest, const double *normal,
-                                               double volume, double *map)
+static __device__ __forceinline__ void gpu_map(const raster_grid &grid, const int fixed[4][3], const double *rest,
+                                               const double *normal, double volume, double *map)
 {
     const double unit = grid.scale / volume, step = raster_step(grid);
     map[3] = rest[0];
@@ -182,8 +196,8 @@ static __device__ __forceinline__ void gpu_map(const raster_grid &grid, const in
 }
 
 /* Same as round_map along one axis: return whether the rounded map is within the tolerance. */
-static __device__ __forceinline__ bool gpu_is_whole(const raster_grid &grid, int source_size, const int fixed[4][3], const double *rest,
-                                                    const double *map, double *rounded)
+static __device__ __forceinline__ bool gpu_is_whole(const raster_grid &grid, int source_size, const int fixed[4][3],
+                                                    const double *rest, const double *map, double *rounded)
 {
     double sum = 0;
     for (int c = 0; c < 4; c++) {
@@ -228,7 +242,8 @@ static __device__ __forceinline__ int gpu_pick(const int fixed[4][3], int node, 
 }
 
 /* Compute the row bound of plane v. A plane parallel to the rows is no bound here and leaves every row in doubt. */
-static __device__ __forceinline__ unsigned set_rows(const long long *normal, long long value, const int *middle, int v, gpu_tet *out)
+static __device__ __forceinline__ unsigned set_rows(const long long *normal, long long value, const int *middle, int v,
+                                                    gpu_tet *out)
 {
     const unsigned begins = ballot_of_four(normal[0] > 0);
     if (!out) return begins;
@@ -244,20 +259,27 @@ static __device__ __forceinline__ unsigned set_rows(const long long *normal, lon
 /* Compute the slice bound of an edge of the outline. The outline consists of edges between a plane that begins rows and
  * one that ends rows. Thread v combines its own plane with one of the other kind, so every such pair is covered. An
  * edge along j is no bound. */
-static __device__ __forceinline__ unsigned set_slices(const raster_grid &grid, const int fixed[4][3], unsigned begins, const int *middle, int v,
-                                                      gpu_tet *out)
+static __device__ __forceinline__ unsigned set_slices(const raster_grid &grid, const int fixed[4][3], unsigned begins,
+                                                      const int *middle, int v, gpu_tet *out)
 {
     const unsigned ends = 15 & ~begins;
     const bool own = begins >> v & 1;
     const int first_begin = __ffs((int)begins) - 1, last_begin = 31 - __clz((int)begins);
     const int first_end = __ffs((int)ends) - 1, last_end = 31 - __clz((int)ends);
-    const int p = own ? v : v == first_end ? last_begin : first_begin, q = !own ? v : v == first_begin ? first_end : last_end;
+    const int p = own              ? v
+                  : v == first_end ? last_begin
+                                   : first_begin,
+              q = !own               ? v
+                  : v == first_begin ? first_end
+                                     : last_end;
     /* nodes of the edge; p and q are invalid if nothing is drawn */
     const unsigned nodes = 15 & ~(1u << (p & 3) | 1u << (q & 3));
     const int one = __ffs((int)nodes) - 1, two = 31 - __clz((int)nodes);
-    const int j = gpu_pick(fixed, one, 1), k = gpu_pick(fixed, one, 2), along_j = gpu_pick(fixed, two, 1) - j, along_k = gpu_pick(fixed, two, 2) - k;
+    const int j = gpu_pick(fixed, one, 1), k = gpu_pick(fixed, one, 2), along_j = gpu_pick(fixed, two, 1) - j,
+              along_k = gpu_pick(fixed, two, 2) - k;
     /* node q lies on the plane that begins rows, but not on the edge, so it gives the side of the tetrahedron */
-    const long long side = (long long)(gpu_pick(fixed, q & 3, 1) - j) * along_k - (long long)(gpu_pick(fixed, q & 3, 2) - k) * along_j;
+    const long long side =
+        (long long)(gpu_pick(fixed, q & 3, 1) - j) * along_k - (long long)(gpu_pick(fixed, q & 3, 2) - k) * along_j;
     const bool low = along_k == 0 || (along_k > 0) == (side > 0);
     const unsigned lows = ballot_of_four(low);
     if (!out) return lows;
@@ -279,7 +301,8 @@ static __device__ __forceinline__ bool gpu_in_mask(const short *low, const short
 
 /* Same as find_bricks for one plane. Values at the corners of bricks in the mask are exact in double precision.
  * near: value at the first voxel of the first brick */
-static __device__ __forceinline__ unsigned long long gpu_find_bricks(const short *low, const short *high, const double *normal, double near)
+static __device__ __forceinline__ unsigned long long gpu_find_bricks(const short *low, const short *high,
+                                                                     const double *normal, double near)
 {
     unsigned long long bricks = 0;
     if (!gpu_in_mask(low, high)) return bricks;

@@ -10,7 +10,8 @@ enum { BLOCKS = 5 };
 
 /* Choose the source voxel relative to which maps are stored: the first owner's source position of the brick's centre.
  * One thread per axis. */
-static __device__ void choose_base(const gpu_raster &raster, const gpu_tet &tet, const int *origin, int d, brick_state &brick)
+static __device__ void choose_base(const gpu_raster &raster, const gpu_tet &tet, const int *origin, int d,
+                                   brick_state &brick)
 {
     const int size = raster.source_size[d], base = gpu_base(tet, origin, d, size), end = size - 1;
     brick.base[d] = base;
@@ -43,27 +44,37 @@ static __device__ __forceinline__ void fill_nobody(const limits &limit, slot &ou
 }
 
 static __device__ __forceinline__ double stored(unsigned pair, uint8_t) { return (double)(pair & 0xffff); }
-static __device__ __forceinline__ double stored(unsigned pair, int16_t) { return (double)((int)(pair & 0xffff) - 0x8000); }
+static __device__ __forceinline__ double stored(unsigned pair, int16_t)
+{
+    return (double)((int)(pair & 0xffff) - 0x8000);
+}
 static __device__ __forceinline__ double stored(float2 voxel, float) { return (double)voxel.x; }
 static __device__ __forceinline__ double stored(unsigned pair, nearest_label) { return (double)(pair & 0xffff); }
-static __device__ __forceinline__ nearest_label rounded(double value, nearest_label) { return nearest_label((uint8_t)__double2int_rn(value)); }
+static __device__ __forceinline__ nearest_label rounded(double value, nearest_label)
+{
+    return nearest_label((uint8_t)__double2int_rn(value));
+}
 static __device__ __forceinline__ uint8_t rounded(double value, uint8_t) { return (uint8_t)__double2int_rn(value); }
 static __device__ __forceinline__ int16_t rounded(double value, int16_t) { return (int16_t)__double2int_rn(value); }
 static __device__ __forceinline__ float rounded(double value, float) { return (float)value; }
 
 /* Interpolate the voxels of the element's own part. */
-template <class Voxel> static __device__ __forceinline__ double own_value(const gpu_raster &raster, int id, const part_cell &cell, const double *values, Voxel)
+template <class Voxel>
+static __device__ __forceinline__ double own_value(const gpu_raster &raster, int id, const part_cell &cell,
+                                                   const double *values, Voxel)
 {
     return part_value(&raster.parts, raster.parts.elements[id], &cell, values);
 }
-static __device__ __forceinline__ double own_value(const gpu_raster &raster, int id, const part_cell &cell, const double *values, nearest_label)
+static __device__ __forceinline__ double own_value(const gpu_raster &raster, int id, const part_cell &cell,
+                                                   const double *values, nearest_label)
 {
     return part_nearest(&raster.parts, raster.parts.elements[id], &cell, values);
 }
 
 /* Draw a voxel of an element at a cut from the element's own voxels. Return false if all surrounding voxels belong to
  * the element, so that no masking is needed. Not for elements that copy voxels. */
-template <class Voxel> static __device__ __noinline__ bool draw_masked(const gpu_raster &raster, int id, int i, int j, int k, Voxel *out)
+template <class Voxel>
+static __device__ __noinline__ bool draw_masked(const gpu_raster &raster, int id, int i, int j, int k, Voxel *out)
 {
     typedef typename sampler<Voxel>::source source;
     const double voxel[3] = {(double)i, (double)j, (double)k};
@@ -74,8 +85,10 @@ template <class Voxel> static __device__ __noinline__ bool draw_masked(const gpu
     part_cell cell;
     double values[8];
     part_find_cell(raster.parts.scan_size, index, &cell);
-    const source *from = static_cast<const source *>(raster.d_source) + (cell.low[0] * step[0] + cell.low[1] * step[1] + cell.low[2] * step[2]);
-    for (int c = 0; c < 8; c++) values[c] = stored(from[(c & 1 ? step[0] : 0) + (c & 2 ? step[1] : 0) + (c & 4 ? step[2] : 0)], Voxel());
+    const source *from = static_cast<const source *>(raster.d_source) +
+                         (cell.low[0] * step[0] + cell.low[1] * step[1] + cell.low[2] * step[2]);
+    for (int c = 0; c < 8; c++)
+        values[c] = stored(from[(c & 1 ? step[0] : 0) + (c & 2 ? step[1] : 0) + (c & 4 ? step[2] : 0)], Voxel());
     *out = rounded(own_value(raster, id, cell, values, Voxel()), Voxel());
     return true;
 }
@@ -84,7 +97,8 @@ enum { COPIES = 1, PARTED = 2 }; /* flags of a candidate */
 
 /* Write the voxels of a region. Adjacent threads write adjacent voxels along i, several loads in flight per thread. */
 template <class Voxel, bool INNER, int SIZE, bool PARTS>
-static __device__ __forceinline__ void write_voxels(const gpu_raster &raster, const part &where, const int *origin, const brick_state &brick)
+static __device__ __forceinline__ void write_voxels(const gpu_raster &raster, const part &where, const int *origin,
+                                                    const brick_state &brick)
 {
     /* slices per iteration of all threads; voxels in flight per thread */
     enum { SLICES = THREADS / (SIZE * SIZE), AT_ONCE = 2 };
@@ -106,13 +120,16 @@ static __device__ __forceinline__ void write_voxels(const gpu_raster &raster, co
             float at[3];
             name[n] = (int)(owner[ROW_STEP * BRICK * (k + n * SLICES)] & 255);
             source_point(brick.slots[name[n]], (float)i, (float)j, (float)(k + n * SLICES), at);
-            cells[n] = fetch<Voxel, INNER>(raster, brick.limit, place, at, sampler<Voxel>::copies && (PARTS ? brick.copies[name[n]] & COPIES : brick.copies[name[n]]) != 0);
+            cells[n] = fetch<Voxel, INNER>(raster, brick.limit, place, at,
+                                           sampler<Voxel>::copies &&
+                                               (PARTS ? brick.copies[name[n]] & COPIES : brick.copies[name[n]]) != 0);
         }
 #pragma unroll
         for (int n = 0; n < AT_ONCE; n++) {
             Voxel value = name[n] != NOBODY ? value_in(cells[n]) : background_of(raster, Voxel());
             if (PARTS && k + n * SLICES < end && brick.copies[name[n]] == PARTED)
-                draw_masked(raster, brick.id[name[n]], origin[0] + i, origin[1] + j, origin[2] + k + n * SLICES, &value);
+                draw_masked(raster, brick.id[name[n]], origin[0] + i, origin[1] + j, origin[2] + k + n * SLICES,
+                            &value);
             if (k + n * SLICES < end) out[n * slice_step] = value;
         }
     }
@@ -127,15 +144,16 @@ static __device__ __forceinline__ void clear_voxels(const gpu_raster &raster, co
         const int i = origin[0] + where.low[0] + n % SIZE, j = origin[1] + where.low[1] + n / SIZE % SIZE;
         const int k = origin[2] + where.low[2] + n / (SIZE * SIZE);
         if (i >= size[0] || j >= size[1] || k >= size[2]) continue;
-        static_cast<Voxel *>(raster.d_volume)[i + (size_t)size[0] * ((size_t)j + (size_t)size[1] * (size_t)k)] = background_of(raster, Voxel());
+        static_cast<Voxel *>(raster.d_volume)[i + (size_t)size[0] * ((size_t)j + (size_t)size[1] * (size_t)k)] =
+            background_of(raster, Voxel());
     }
 }
 
 /* Write the values of a region whose owners are known, starting with all threads together.
  * choose: the base voxel must be chosen; brick.inner is 1 */
 template <class Voxel, int SIZE, bool PARTS>
-static __device__ __forceinline__ void write_part(const gpu_raster &raster, const part &where, int count, bool choose, const int *origin,
-                                                  brick_state &brick)
+static __device__ __forceinline__ void write_part(const gpu_raster &raster, const part &where, int count, bool choose,
+                                                  const int *origin, brick_state &brick)
 {
     const int thread = (int)threadIdx.x;
     if (brick.first == ~0u) {
@@ -167,12 +185,13 @@ static __device__ __forceinline__ void write_part(const gpu_raster &raster, cons
 
 /* Draw each voxel separately: its owner from a list of any length, then its value. */
 template <class Voxel, bool PARTS>
-static __device__ __forceinline__ void draw_by_voxel(const gpu_raster &raster, const int *list, int count, const int *origin,
-                                                     brick_state &brick)
+static __device__ __forceinline__ void draw_by_voxel(const gpu_raster &raster, const int *list, int count,
+                                                     const int *origin, brick_state &brick)
 {
     const int *size = raster.grid.target.size;
     find_owners_by_voxel<PARTS>(raster, list, count, origin, brick);
-    if (threadIdx.x < 3 && brick.first != ~0u) choose_base(raster, tet_of(raster, (int)(brick.first >> 8)), origin, (int)threadIdx.x, brick);
+    if (threadIdx.x < 3 && brick.first != ~0u)
+        choose_base(raster, tet_of(raster, (int)(brick.first >> 8)), origin, (int)threadIdx.x, brick);
     __syncthreads();
     for (int n = (int)threadIdx.x; n < BRICK_VOXELS; n += THREADS) {
         const int local[3] = {n % BRICK, n / BRICK % BRICK, n / BRICK_ROWS};
@@ -187,11 +206,13 @@ static __device__ __forceinline__ void draw_by_voxel(const gpu_raster &raster, c
             float point[3];
             fill_slot(tet.map, origin, brick.base, map);
             source_point(map, (float)local[0], (float)local[1], (float)local[2], point);
-            value = value_in(fetch<Voxel, false>(raster, brick.limit, first_place(raster, brick.base_index), point, tet.box.kind == RASTER_COPY));
+            value = value_in(fetch<Voxel, false>(raster, brick.limit, first_place(raster, brick.base_index), point,
+                                                 tet.box.kind == RASTER_COPY));
             if (PARTS && tet.box.kind != RASTER_COPY && raster.parts.elements[owner >> 8].box >= 0)
                 draw_masked(raster, (int)(owner >> 8), at[0], at[1], at[2], &value);
         }
-        static_cast<Voxel *>(raster.d_volume)[at[0] + (size_t)size[0] * ((size_t)at[1] + (size_t)size[1] * (size_t)at[2])] = value;
+        static_cast<Voxel *>(
+            raster.d_volume)[at[0] + (size_t)size[0] * ((size_t)at[1] + (size_t)size[1] * (size_t)at[2])] = value;
     }
 }
 
@@ -202,8 +223,8 @@ static __device__ __forceinline__ part eighth(int n)
 
 /* Draw a brick in eighths. Return false if an eighth has too many candidates. */
 template <class Voxel, bool PARTS>
-static __device__ __forceinline__ bool draw_eighths(const gpu_raster &raster, const int *list, int count, const int *origin,
-                                                    brick_state &brick)
+static __device__ __forceinline__ bool draw_eighths(const gpu_raster &raster, const int *list, int count,
+                                                    const int *origin, brick_state &brick)
 {
     for (int n = 0; n < 8; n++) {
         const int selected = select(raster, eighth(n), list, count, origin, brick);
@@ -236,7 +257,8 @@ enum bricks { ALL_BRICKS, WHOLE_BRICKS, PARTED_BRICKS };
 
 /* Draw with one block per brick.
  * leave: bricks with more candidates than a byte can index keep their count, for crowded_kernel */
-template <class Voxel, bricks WHICH> static __global__ void __launch_bounds__(THREADS, BLOCKS) raster_kernel(gpu_raster raster, bool leave)
+template <class Voxel, bricks WHICH>
+static __global__ void __launch_bounds__(THREADS, BLOCKS) raster_kernel(gpu_raster raster, bool leave)
 {
     enum { PARTS = WHICH == PARTED_BRICKS };
     __shared__ brick_state brick;
@@ -291,7 +313,8 @@ template <class Voxel, bool PARTS> static __global__ void __launch_bounds__(THRE
 static __global__ void __launch_bounds__(THREADS) owners_kernel(gpu_raster raster, int32_t *d_owner)
 {
     __shared__ brick_state brick;
-    const int origin[3] = {(int)blockIdx.x * BRICK, (int)blockIdx.y * BRICK, (int)blockIdx.z * BRICK}, *size = raster.grid.target.size;
+    const int origin[3] = {(int)blockIdx.x * BRICK, (int)blockIdx.y * BRICK, (int)blockIdx.z * BRICK},
+              *size = raster.grid.target.size;
     const int b = (int)(blockIdx.x + gridDim.x * (blockIdx.y + gridDim.y * blockIdx.z)), thread = (int)threadIdx.x;
     const int *list = raster.d_list + (size_t)b * raster.capacity, count = raster.d_count[b];
     const part whole = {{0, 0, 0}, BRICK};
@@ -313,29 +336,38 @@ static __global__ void __launch_bounds__(THREADS) owners_kernel(gpu_raster raste
         const int i = origin[0] + n % BRICK, j = origin[1] + n / BRICK % BRICK, k = origin[2] + n / BRICK_ROWS;
         if (i >= size[0] || j >= size[1] || k >= size[2]) continue;
         const unsigned owner = any ? brick.owner[ROW_STEP * (n / BRICK) + n % BRICK] : ~0u;
-        d_owner[(size_t)i + (size_t)size[0] * ((size_t)j + (size_t)size[1] * (size_t)k)] = owner == ~0u ? -1 : (int32_t)(owner >> 8);
+        d_owner[(size_t)i + (size_t)size[0] * ((size_t)j + (size_t)size[1] * (size_t)k)] =
+            owner == ~0u ? -1 : (int32_t)(owner >> 8);
     }
 }
 
 extern "C" pliant_status pliant_cuda_find_owners(const gpu_raster *raster, int32_t *d_owner, cudaStream_t stream)
 {
-    const dim3 blocks((unsigned)raster->grid.bricks[0], (unsigned)raster->grid.bricks[1], (unsigned)raster->grid.bricks[2]);
+    const dim3 blocks((unsigned)raster->grid.bricks[0], (unsigned)raster->grid.bricks[1],
+                      (unsigned)raster->grid.bricks[2]);
     owners_kernel<<<blocks, THREADS, 0, stream>>>(*raster, d_owner);
     return CUDA_LAUNCHED("owners_kernel");
 }
 
 /* ---- source and volume */
 
-static __device__ __forceinline__ float2 in_source(float voxel, float right) { return make_float2(voxel, right - voxel); }
-static __device__ __forceinline__ unsigned in_source(uint8_t voxel, uint8_t right) { return (unsigned)voxel | (unsigned)right << 16; }
+static __device__ __forceinline__ float2 in_source(float voxel, float right)
+{
+    return make_float2(voxel, right - voxel);
+}
+static __device__ __forceinline__ unsigned in_source(uint8_t voxel, uint8_t right)
+{
+    return (unsigned)voxel | (unsigned)right << 16;
+}
 static __device__ __forceinline__ unsigned in_source(int16_t voxel, int16_t right)
 {
     return (((unsigned)voxel + 0x8000) & 0xffff) | ((unsigned)right + 0x8000) << 16;
 }
 
 template <class Voxel>
-static __global__ void source_kernel(const Voxel *__restrict__ d_voxels, typename sampler<Voxel>::source *__restrict__ d_source,
-                                     long long count, int across)
+static __global__ void source_kernel(const Voxel *__restrict__ d_voxels,
+                                     typename sampler<Voxel>::source *__restrict__ d_source, long long count,
+                                     int across)
 {
     long long n = (long long)blockIdx.x * blockDim.x + threadIdx.x;
     if (n >= count) return;
@@ -345,15 +377,18 @@ static __global__ void source_kernel(const Voxel *__restrict__ d_voxels, typenam
 
 template <class Voxel> static __global__ void clear_kernel(gpu_raster raster, long long count)
 {
-    for (long long n = (long long)blockIdx.x * blockDim.x + threadIdx.x; n < count; n += (long long)gridDim.x * blockDim.x)
+    for (long long n = (long long)blockIdx.x * blockDim.x + threadIdx.x; n < count;
+         n += (long long)gridDim.x * blockDim.x)
         static_cast<Voxel *>(raster.d_volume)[n] = background_of(raster, Voxel());
 }
 
 template <class Voxel>
-static void prepare(const gpu_raster &raster, const void *d_voxels, void *d_source, long long count, cudaStream_t stream)
+static void prepare(const gpu_raster &raster, const void *d_voxels, void *d_source, long long count,
+                    cudaStream_t stream)
 {
     source_kernel<Voxel><<<(unsigned)((count + 255) / 256), 256, 0, stream>>>(
-        static_cast<const Voxel *>(d_voxels), static_cast<typename sampler<Voxel>::source *>(d_source), count, raster.source_size[0]);
+        static_cast<const Voxel *>(d_voxels), static_cast<typename sampler<Voxel>::source *>(d_source), count,
+        raster.source_size[0]);
 }
 
 extern "C" size_t pliant_cuda_source_bytes(pliant_encoding encoding)
@@ -361,8 +396,8 @@ extern "C" size_t pliant_cuda_source_bytes(pliant_encoding encoding)
     return encoding == PLIANT_FLOAT32 ? sizeof(sampler<float>::source) : sizeof(sampler<int16_t>::source);
 }
 
-extern "C" pliant_status pliant_cuda_prepare_source(const gpu_raster *raster, const void *d_voxels, void *d_source, int64_t count,
-                                                    cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_prepare_source(const gpu_raster *raster, const void *d_voxels, void *d_source,
+                                                    int64_t count, cudaStream_t stream)
 {
     switch (raster->encoding) {
     case PLIANT_UINT8: prepare<uint8_t>(*raster, d_voxels, d_source, count, stream); break;
@@ -385,7 +420,8 @@ extern "C" pliant_status pliant_cuda_clear_volume(const gpu_raster *raster, cuda
 
 template <class Voxel> static pliant_status draw(const gpu_raster &raster, bool crowded, cudaStream_t stream)
 {
-    const dim3 blocks((unsigned)raster.grid.bricks[0], (unsigned)raster.grid.bricks[1], (unsigned)raster.grid.bricks[2]);
+    const dim3 blocks((unsigned)raster.grid.bricks[0], (unsigned)raster.grid.bricks[1],
+                      (unsigned)raster.grid.bricks[2]);
     const bool parts = raster.parts.elements != NULL;
     if (parts) {
         raster_kernel<Voxel, WHOLE_BRICKS><<<blocks, THREADS, 0, stream>>>(raster, crowded);
@@ -406,7 +442,9 @@ extern "C" int32_t pliant_cuda_longest_usual(void) { return MOST; }
 extern "C" pliant_status pliant_cuda_rasterize(const gpu_raster *raster, bool crowded, cudaStream_t stream)
 {
     switch (raster->encoding) {
-    case PLIANT_UINT8: return raster->background.nearest ? draw<nearest_label>(*raster, crowded, stream) : draw<uint8_t>(*raster, crowded, stream);
+    case PLIANT_UINT8:
+        return raster->background.nearest ? draw<nearest_label>(*raster, crowded, stream)
+                                          : draw<uint8_t>(*raster, crowded, stream);
     case PLIANT_INT16: return draw<int16_t>(*raster, crowded, stream);
     default: return draw<float>(*raster, crowded, stream);
     }

@@ -46,7 +46,8 @@ size_t pliant_cuda_source_bytes(pliant_encoding encoding); /* bytes per voxel in
 size_t pliant_cuda_setup_bytes(void); /* bytes per tetrahedron in d_setup */
 
 /* Convert d_voxels (count, in the scan's encoding) to d_source. */
-pliant_status pliant_cuda_prepare_source(const gpu_raster *raster, const void *d_voxels, void *d_source, int64_t count, cudaStream_t stream);
+pliant_status pliant_cuda_prepare_source(const gpu_raster *raster, const void *d_voxels, void *d_source, int64_t count,
+                                         cudaStream_t stream);
 /* Fill the volume with the background. */
 pliant_status pliant_cuda_clear_volume(const gpu_raster *raster, cudaStream_t stream);
 /* Enqueue the setup and the lists.
@@ -62,10 +63,12 @@ int32_t pliant_cuda_longest_usual(void);
 pliant_status pliant_cuda_find_owners(const gpu_raster *raster, int32_t *d_owner, cudaStream_t stream);
 
 /* Carry the elements and their drawn state over to another body. The lists are those in pliant_warp_changes. */
-pliant_status pliant_cuda_carry_elements(const gpu_raster *before, const gpu_raster *now, int32_t common, const int32_t *d_from, int32_t num_anew,
-                                         const int32_t *d_anew, cudaStream_t stream);
+pliant_status pliant_cuda_carry_elements(const gpu_raster *before, const gpu_raster *now, int32_t common,
+                                         const int32_t *d_from, int32_t num_anew, const int32_t *d_anew,
+                                         cudaStream_t stream);
 /* Mark the bricks of removed elements as dirty. */
-pliant_status pliant_cuda_leave_bricks(const gpu_raster *before, int32_t num_gone, const int32_t *d_gone, cudaStream_t stream);
+pliant_status pliant_cuda_leave_bricks(const gpu_raster *before, int32_t num_gone, const int32_t *d_gone,
+                                       cudaStream_t stream);
 
 #ifdef __cplusplus
 }

@@ -8,10 +8,12 @@
 enum { THREADS = 128, TILE_WIDTH = 8, TILE_HEIGHT = 16, WARP = 32 };
 
 /* Compute the maximum value of a brick. Each lane takes every 32nd column. */
-template <pliant_encoding ENCODING, bool BY_LABEL> static __global__ void __launch_bounds__(THREADS) bricks_kernel(const render_scene scene)
+template <pliant_encoding ENCODING, bool BY_LABEL>
+static __global__ void __launch_bounds__(THREADS) bricks_kernel(const render_scene scene)
 {
     const int32_t b = (int32_t)((blockIdx.x * THREADS + threadIdx.x) / WARP), lane = (int32_t)threadIdx.x % WARP;
-    const int32_t brick[3] = {b % scene.bricks[0], b / scene.bricks[0] % scene.bricks[1], b / scene.bricks[0] / scene.bricks[1]};
+    const int32_t brick[3] = {b % scene.bricks[0], b / scene.bricks[0] % scene.bricks[1],
+                              b / scene.bricks[0] / scene.bricks[1]};
     if (brick[2] >= scene.bricks[2]) return;
     float high = render_brick_high(&scene, ENCODING, BY_LABEL, brick, lane, WARP);
     for (int n = WARP / 2; n > 0; n /= 2) high = fmaxf(high, __shfl_xor_sync(~0u, high, n));
@@ -21,16 +23,20 @@ template <pliant_encoding ENCODING, bool BY_LABEL> static __global__ void __laun
 template <pliant_encoding ENCODING, bool BY_LABEL, bool INTEGRAL>
 static __global__ void __launch_bounds__(THREADS) pixels_kernel(const render_scene scene, const render_output out)
 {
-    const int32_t column = (int32_t)(blockIdx.x * TILE_WIDTH + threadIdx.x % TILE_WIDTH), row = (int32_t)(blockIdx.y * TILE_HEIGHT + threadIdx.x / TILE_WIDTH);
+    const int32_t column = (int32_t)(blockIdx.x * TILE_WIDTH + threadIdx.x % TILE_WIDTH),
+                  row = (int32_t)(blockIdx.y * TILE_HEIGHT + threadIdx.x / TILE_WIDTH);
     if (column >= scene.width || row >= scene.height) return;
     if (INTEGRAL) render_integral(&scene, ENCODING, column, row, &out);
     else render_surface(&scene, ENCODING, BY_LABEL, column, row, &out);
 }
 
-template <pliant_encoding ENCODING, bool BY_LABEL> static pliant_status draw(const render_scene &scene, const render_output &d_out, cudaStream_t stream)
+template <pliant_encoding ENCODING, bool BY_LABEL>
+static pliant_status draw(const render_scene &scene, const render_output &d_out, cudaStream_t stream)
 {
-    const unsigned warps = (unsigned)(scene.bricks[0] * scene.bricks[1] * scene.bricks[2]), blocks = (warps * WARP + THREADS - 1) / THREADS;
-    const dim3 tiles((unsigned)((scene.width + TILE_WIDTH - 1) / TILE_WIDTH), (unsigned)((scene.height + TILE_HEIGHT - 1) / TILE_HEIGHT));
+    const unsigned warps = (unsigned)(scene.bricks[0] * scene.bricks[1] * scene.bricks[2]),
+                   blocks = (warps * WARP + THREADS - 1) / THREADS;
+    const dim3 tiles((unsigned)((scene.width + TILE_WIDTH - 1) / TILE_WIDTH),
+                     (unsigned)((scene.height + TILE_HEIGHT - 1) / TILE_HEIGHT));
     bricks_kernel<ENCODING, BY_LABEL><<<blocks, THREADS, 0, stream>>>(scene);
     CUDA_TRY(CUDA_LAUNCHED("bricks_kernel"));
     if (d_out.integral) pixels_kernel<ENCODING, false, true><<<tiles, THREADS, 0, stream>>>(scene, d_out);
@@ -38,9 +44,11 @@ template <pliant_encoding ENCODING, bool BY_LABEL> static pliant_status draw(con
     return CUDA_LAUNCHED("pixels_kernel");
 }
 
-template <pliant_encoding ENCODING> static pliant_status draw(const render_scene &scene, const render_output &d_out, cudaStream_t stream)
+template <pliant_encoding ENCODING>
+static pliant_status draw(const render_scene &scene, const render_output &d_out, cudaStream_t stream)
 {
-    return !d_out.integral && scene.style.by_label ? draw<ENCODING, true>(scene, d_out, stream) : draw<ENCODING, false>(scene, d_out, stream);
+    return !d_out.integral && scene.style.by_label ? draw<ENCODING, true>(scene, d_out, stream)
+                                                   : draw<ENCODING, false>(scene, d_out, stream);
 }
 
 /* Place the requested arrays consecutively in a block. Return the number of bytes. */
@@ -69,9 +77,11 @@ static pliant_status make_room(gpu_pictures *pictures, size_t bricks, size_t byt
     return PLIANT_OK;
 }
 
-extern "C" pliant_status pliant_cuda_see(gpu_pictures *pictures, const render_scene *given, const render_output *out, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_see(gpu_pictures *pictures, const render_scene *given, const render_output *out,
+                                         cudaStream_t stream)
 {
-    const size_t pixels = (size_t)given->width * (size_t)given->height, bricks = (size_t)given->bricks[0] * (size_t)given->bricks[1] * (size_t)given->bricks[2];
+    const size_t pixels = (size_t)given->width * (size_t)given->height,
+                 bricks = (size_t)given->bricks[0] * (size_t)given->bricks[1] * (size_t)given->bricks[2];
     render_scene scene = *given;
     render_output d_out, h_out;
     const size_t bytes = place(*out, pixels, nullptr, &d_out);

@@ -25,7 +25,8 @@ static __device__ __forceinline__ void source_point(const slot &map, float i, fl
     at[2] = map.origin[2] + j * map.step_j[2] + k * map.step_k[2] + i * map.i_z;
 }
 
-template <bool INNER> static __device__ __forceinline__ float split(float at, const limits &limit, int d, unsigned *bits)
+template <bool INNER>
+static __device__ __forceinline__ float split(float at, const limits &limit, int d, unsigned *bits)
 {
     if (!INNER) at = fminf(fmaxf(at, limit.low[d]), limit.high[d]);
     float shifted = __fadd_rd(at, floor_shift);
@@ -84,7 +85,8 @@ template <class Voxel> struct cell {
 /* base: first_place of the brick's base voxel
  * copy: the map takes voxels to voxels */
 template <class Voxel, bool INNER>
-static __device__ __forceinline__ cell<Voxel> fetch(const gpu_raster &raster, const limits &limit, unsigned base, const float *at, bool copy)
+static __device__ __forceinline__ cell<Voxel> fetch(const gpu_raster &raster, const limits &limit, unsigned base,
+                                                    const float *at, bool copy)
 {
     typedef sampler<Voxel> how;
     const unsigned step_j = (unsigned)raster.source_step[1], step_k = (unsigned)raster.source_step[2];
@@ -128,13 +130,26 @@ template <> struct sampler<nearest_label> {
 };
 template <> __device__ __forceinline__ nearest_label value_in<nearest_label>(const cell<nearest_label> &from)
 {
-    const unsigned low = from.y >= 0.5f ? from.c10 : from.c00, high = from.y >= 0.5f ? from.c11 : from.c01, pair = from.z >= 0.5f ? high : low;
+    const unsigned low = from.y >= 0.5f ? from.c10 : from.c00, high = from.y >= 0.5f ? from.c11 : from.c01,
+                   pair = from.z >= 0.5f ? high : low;
     return nearest_label((uint8_t)(from.x >= 0.5f ? pair >> 16 : pair));
 }
 
-static __device__ __forceinline__ nearest_label background_of(const gpu_raster &raster, nearest_label) { return nearest_label(raster.background.background.u8); }
-static __device__ __forceinline__ uint8_t background_of(const gpu_raster &raster, uint8_t) { return raster.background.background.u8; }
-static __device__ __forceinline__ int16_t background_of(const gpu_raster &raster, int16_t) { return raster.background.background.i16; }
-static __device__ __forceinline__ float background_of(const gpu_raster &raster, float) { return raster.background.background.f32; }
+static __device__ __forceinline__ nearest_label background_of(const gpu_raster &raster, nearest_label)
+{
+    return nearest_label(raster.background.background.u8);
+}
+static __device__ __forceinline__ uint8_t background_of(const gpu_raster &raster, uint8_t)
+{
+    return raster.background.background.u8;
+}
+static __device__ __forceinline__ int16_t background_of(const gpu_raster &raster, int16_t)
+{
+    return raster.background.background.i16;
+}
+static __device__ __forceinline__ float background_of(const gpu_raster &raster, float)
+{
+    return raster.background.background.f32;
+}
 
 #endif

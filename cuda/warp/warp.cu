@@ -59,10 +59,13 @@ template <class T> static pliant_status room_for(size_t count, int array, body_r
     return PLIANT_OK;
 }
 
-template <class T> static pliant_status send(const T *h_from, size_t count, int array, cudaStream_t stream, body_room *room, const T **d_out)
+template <class T>
+static pliant_status send(const T *h_from, size_t count, int array, cudaStream_t stream, body_room *room,
+                          const T **d_out)
 {
     CUDA_TRY(room_for(count, array, room, d_out));
-    return CUDA_CALL(cudaMemcpyAsync(const_cast<T *>(*d_out), h_from, count * sizeof(T), cudaMemcpyHostToDevice, stream));
+    return CUDA_CALL(
+        cudaMemcpyAsync(const_cast<T *>(*d_out), h_from, count * sizeof(T), cudaMemcpyHostToDevice, stream));
 }
 
 static pliant_status upload_source(pliant_cuda_warp *gpu)
@@ -71,10 +74,12 @@ static pliant_status upload_source(pliant_cuda_warp *gpu)
     void *d_voxels = nullptr, *d_source = nullptr;
     const size_t bytes = (size_t)source->count * pliant_cuda_source_bytes(source->encoding);
     if (source->count >= most_voxels)
-        return pliant_fail(PLIANT_ERROR_MEMORY, "%lld voxels are too many for the GPU's warp: it takes fewer than %d", (long long)source->count, most_voxels);
+        return pliant_fail(PLIANT_ERROR_MEMORY, "%lld voxels are too many for the GPU's warp: it takes fewer than %d",
+                           (long long)source->count, most_voxels);
     CUDA_TRY(pliant_cuda_allocate(bytes, "the scan", &d_source));
     gpu->raster.d_source = d_source;
-    CUDA_TRY(pliant_cuda_upload(source->voxels, (size_t)source->count * pliant_encoding_size(source->encoding), "the scan", gpu->stream, &d_voxels));
+    CUDA_TRY(pliant_cuda_upload(source->voxels, (size_t)source->count * pliant_encoding_size(source->encoding),
+                                "the scan", gpu->stream, &d_voxels));
     pliant_status status = pliant_cuda_prepare_source(&gpu->raster, d_voxels, d_source, source->count, gpu->stream);
     if (status == PLIANT_OK) status = CUDA_CALL(cudaStreamSynchronize(gpu->stream));
     pliant_cuda_release(d_voxels);
@@ -91,49 +96,63 @@ struct known_body {
 /* Send an array whose first elements are on the device: the changed elements and the additional ones.
  * h_before: NULL: no element has changed */
 template <class T>
-static pliant_status send_next(const T *h_from, size_t count, const T *d_before, const T *h_before, size_t before, int array, cudaStream_t stream, body_room *room, const T **d_out)
+static pliant_status send_next(const T *h_from, size_t count, const T *d_before, const T *h_before, size_t before,
+                               int array, cudaStream_t stream, body_room *room, const T **d_out)
 {
     const size_t same = before < count ? before : count;
     CUDA_TRY(room_for(count, array, room, d_out));
     T *d_to = const_cast<T *>(*d_out);
-    if (same > 0) CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(d_to, d_before, same * sizeof(T), cudaMemcpyDeviceToDevice, stream)));
-    if (h_before) return pliant_cuda_send_differences(h_from, count * sizeof(T), h_before, before * sizeof(T), d_to, stream);
-    return same == count ? PLIANT_OK : CUDA_CALL(cudaMemcpyAsync(d_to + same, h_from + same, (count - same) * sizeof(T), cudaMemcpyHostToDevice, stream));
+    if (same > 0)
+        CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(d_to, d_before, same * sizeof(T), cudaMemcpyDeviceToDevice, stream)));
+    if (h_before)
+        return pliant_cuda_send_differences(h_from, count * sizeof(T), h_before, before * sizeof(T), d_to, stream);
+    return same == count ? PLIANT_OK
+                         : CUDA_CALL(cudaMemcpyAsync(d_to + same, h_from + same, (count - same) * sizeof(T),
+                                                     cudaMemcpyHostToDevice, stream));
 }
 
 /* Send the corners of elements. For elements of both bodies, only the changed ones are sent. */
-static pliant_status send_tets(const pliant_mesh *mesh, const known_body *known, cudaStream_t stream, body_room *room, const int32_t **d_out)
+static pliant_status send_tets(const pliant_mesh *mesh, const known_body *known, cudaStream_t stream, body_room *room,
+                               const int32_t **d_out)
 {
     enum { NEAR = 256 }; /* changed ranges with a smaller gap are sent together */
     const size_t count = 4 * (size_t)mesh->num_tets;
     if (!known) return send(mesh->tets, count, TETS, stream, room, d_out);
     const pliant_warp_changes *changes = known->changes;
-    CUDA_TRY(send_next<int32_t>(mesh->tets, count, known->raster->d_tets, nullptr, 4 * (size_t)changes->common, TETS, stream, room, d_out));
+    CUDA_TRY(send_next<int32_t>(mesh->tets, count, known->raster->d_tets, nullptr, 4 * (size_t)changes->common, TETS,
+                                stream, room, d_out));
     int32_t *d_to = const_cast<int32_t *>(*d_out);
     for (int32_t first = 0, last; first < changes->num_anew; first = last) {
-        for (last = first + 1; last < changes->num_anew && changes->anew[last] - changes->anew[last - 1] < NEAR;) last++;
+        for (last = first + 1; last < changes->num_anew && changes->anew[last] - changes->anew[last - 1] < NEAR;)
+            last++;
         const size_t from = 4 * (size_t)changes->anew[first], to = 4 * ((size_t)changes->anew[last - 1] + 1);
-        CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(d_to + from, mesh->tets + from, (to - from) * sizeof *d_to, cudaMemcpyHostToDevice, stream)));
+        CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(d_to + from, mesh->tets + from, (to - from) * sizeof *d_to,
+                                           cudaMemcpyHostToDevice, stream)));
     }
     return PLIANT_OK;
 }
 
 /* Send everything that depends on the body.
  * known: Nullable */
-static pliant_status fill_body(const pliant_warp_parts *parts, const known_body *known, cudaStream_t stream, gpu_raster *raster, body_room *room)
+static pliant_status fill_body(const pliant_warp_parts *parts, const known_body *known, cudaStream_t stream,
+                               gpu_raster *raster, body_room *room)
 {
     const gpu_raster *here = known ? known->raster : raster;
     const pliant_parts *cut_here = known && here->parts.elements ? known->parts->parts : nullptr;
-    const size_t tets = (size_t)parts->mesh->num_tets, nodes = (size_t)parts->mesh->num_nodes, bricks = (size_t)raster->num_bricks;
+    const size_t tets = (size_t)parts->mesh->num_tets, nodes = (size_t)parts->mesh->num_nodes,
+                 bricks = (size_t)raster->num_bricks;
     const pliant_parts *cut = parts->parts;
     const size_t guests = cut ? (size_t)cut->num_guests : 0, elements = tets + guests;
     if (elements >= (size_t)most_tets)
-        return pliant_fail(PLIANT_ERROR_MEMORY, "%zu tetrahedra are too many for the GPU's warp: it takes fewer than %d", elements, most_tets);
+        return pliant_fail(PLIANT_ERROR_MEMORY,
+                           "%zu tetrahedra are too many for the GPU's warp: it takes fewer than %d", elements,
+                           most_tets);
     raster->num_tets = (int32_t)tets;
     raster->num_elements = (int32_t)elements;
     uint8_t *d_setup = static_cast<uint8_t *>(raster->d_setup);
     CUDA_TRY(send_tets(parts->mesh, known, stream, room, &raster->d_tets));
-    CUDA_TRY(send_next<double>(parts->rest, 3 * nodes, here->d_rest, nullptr, known ? 3 * (size_t)parts->rest_known : 0, REST, stream, room, &raster->d_rest));
+    CUDA_TRY(send_next<double>(parts->rest, 3 * nodes, here->d_rest, nullptr, known ? 3 * (size_t)parts->rest_known : 0,
+                               REST, stream, room, &raster->d_rest));
     CUDA_TRY(room_for(12 * elements, FIXED, room, &raster->d_fixed));
     CUDA_TRY(room_for(elements * pliant_cuda_setup_bytes(), SETUP, room, &d_setup));
     raster->d_setup = d_setup;
@@ -150,21 +169,25 @@ static pliant_status fill_body(const pliant_warp_parts *parts, const known_body 
     memcpy(raster->parts.scan_size, cut->view.scan_size, sizeof raster->parts.scan_size);
     raster->parts.num_elements = cut->view.num_elements;
     if (guests > 0) CUDA_TRY(send(cut->guests, guests, GUESTS, stream, room, &raster->d_guests));
-    CUDA_TRY(send_next(cut->view.elements, elements, here->parts.elements, cut_here ? cut_here->view.elements : nullptr, cut_here ? (size_t)cut_here->view.num_elements : 0,
-                       ELEMENTS, stream, room, &raster->parts.elements));
-    if (cut->num_boxes > 0) CUDA_TRY(send(cut->view.boxes, (size_t)cut->num_boxes, BOXES, stream, room, &raster->parts.boxes));
+    CUDA_TRY(send_next(cut->view.elements, elements, here->parts.elements, cut_here ? cut_here->view.elements : nullptr,
+                       cut_here ? (size_t)cut_here->view.num_elements : 0, ELEMENTS, stream, room,
+                       &raster->parts.elements));
+    if (cut->num_boxes > 0)
+        CUDA_TRY(send(cut->view.boxes, (size_t)cut->num_boxes, BOXES, stream, room, &raster->parts.boxes));
     /* of the same pool, in which later labels follow the earlier ones */
     const size_t labels_here = cut_here && cut_here->pool == cut->pool ? (size_t)cut_here->num_labels : 0;
     if (cut->num_labels > 0)
-        CUDA_TRY(send_next<uint16_t>(cut->view.labels, (size_t)cut->num_labels, here->parts.labels, nullptr, labels_here, LABELS, stream, room, &raster->parts.labels));
+        CUDA_TRY(send_next<uint16_t>(cut->view.labels, (size_t)cut->num_labels, here->parts.labels, nullptr,
+                                     labels_here, LABELS, stream, room, &raster->parts.labels));
     CUDA_TRY(room_for(bricks, PARTED, room, &raster->d_parted));
     return CUDA_CALL(cudaMemsetAsync(raster->d_parted, 0, bricks, stream));
 }
 
 static void release_body(const gpu_raster *raster)
 {
-    const void *blocks[] = {raster->d_tets,         raster->d_rest,      raster->d_fixed,      raster->d_setup, raster->d_guests,
-                            raster->parts.elements, raster->parts.boxes, raster->parts.labels, raster->d_parted};
+    const void *blocks[] = {raster->d_tets,      raster->d_rest,       raster->d_fixed,
+                            raster->d_setup,     raster->d_guests,     raster->parts.elements,
+                            raster->parts.boxes, raster->parts.labels, raster->d_parted};
     for (const void *block : blocks) pliant_cuda_release(const_cast<void *>(block));
 }
 
@@ -181,7 +204,8 @@ static pliant_status fill_lists(pliant_cuda_warp *gpu)
     int32_t *d_list;
     CUDA_TRY(allocate(bricks * (size_t)raster->capacity, &d_list));
     raster->d_list = d_list;
-    return CUDA_CALL(cudaMemsetAsync(raster->d_list, 0, bricks * (size_t)raster->capacity * sizeof *raster->d_list, gpu->stream));
+    return CUDA_CALL(
+        cudaMemsetAsync(raster->d_list, 0, bricks * (size_t)raster->capacity * sizeof *raster->d_list, gpu->stream));
 }
 
 /* Send what the elements' own maps need: everything without a fit, otherwise the parts near a cut. */
@@ -213,8 +237,10 @@ static pliant_status fill(pliant_cuda_warp *gpu)
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->d_crossing, 0, sizeof *gpu->d_crossing, gpu->stream)));
     CUDA_TRY(pliant_cuda_clear_volume(raster, gpu->stream));
     CUDA_TRY(pliant_cuda_allocate_host(bricks, "the deformed volume", reinterpret_cast<void **>(&gpu->h_changed)));
-    CUDA_TRY(pliant_cuda_allocate_host(sizeof *gpu->h_longest, "the deformed volume", reinterpret_cast<void **>(&gpu->h_longest)));
-    CUDA_TRY(pliant_cuda_allocate_host(sizeof *gpu->h_crossing, "the pick", reinterpret_cast<void **>(&gpu->h_crossing)));
+    CUDA_TRY(pliant_cuda_allocate_host(sizeof *gpu->h_longest, "the deformed volume",
+                                       reinterpret_cast<void **>(&gpu->h_longest)));
+    CUDA_TRY(
+        pliant_cuda_allocate_host(sizeof *gpu->h_crossing, "the pick", reinterpret_cast<void **>(&gpu->h_crossing)));
     gpu->page_locked = pliant_cuda_lock_pages(parts->volume->voxels, gpu->volume_bytes);
     return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
 }
@@ -257,8 +283,8 @@ extern "C" void pliant_cuda_warp_free(pliant_cuda_warp *gpu)
     for (cudaEvent_t mark : gpu->marks)
         if (mark) cudaEventDestroy(mark);
     gpu_raster *raster = &gpu->raster;
-    const void *blocks[] = {raster->d_source, raster->d_volume, raster->d_count, raster->d_list, raster->d_dirty, raster->d_changed,
-                            raster->d_longest, gpu->d_positions, gpu->d_crossing};
+    const void *blocks[] = {raster->d_source,  raster->d_volume,  raster->d_count,  raster->d_list, raster->d_dirty,
+                            raster->d_changed, raster->d_longest, gpu->d_positions, gpu->d_crossing};
     for (const void *block : blocks) pliant_cuda_release(const_cast<void *>(block));
     release_body(raster);
     free_next(gpu->spare);
@@ -282,10 +308,13 @@ static pliant_status draw(pliant_cuda_warp *gpu, const double *d_positions, bool
     if (!gpu->fit || raster->d_zone) CUDA_TRY(pliant_cuda_cull(raster, d_positions, all || gpu->fit, stream));
     CUDA_TRY(CUDA_CALL(cudaEventRecord(gpu->marks[CULLED], stream)));
     if (raster->d_zone) CUDA_TRY(pliant_cuda_fit_own(gpu->fit, raster, stream));
-    CUDA_TRY(gpu->fit ? pliant_cuda_fit_draw(gpu->fit, raster, stream) : pliant_cuda_rasterize(raster, gpu->crowded, stream));
+    CUDA_TRY(gpu->fit ? pliant_cuda_fit_draw(gpu->fit, raster, stream)
+                      : pliant_cuda_rasterize(raster, gpu->crowded, stream));
     CUDA_TRY(CUDA_CALL(cudaEventRecord(gpu->marks[DRAWN], stream)));
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->h_changed, raster->d_changed, (size_t)raster->num_bricks, cudaMemcpyDeviceToHost, stream)));
-    return CUDA_CALL(cudaMemcpyAsync(gpu->h_longest, raster->d_longest, sizeof *gpu->h_longest, cudaMemcpyDeviceToHost, stream));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->h_changed, raster->d_changed, (size_t)raster->num_bricks,
+                                       cudaMemcpyDeviceToHost, stream)));
+    return CUDA_CALL(
+        cudaMemcpyAsync(gpu->h_longest, raster->d_longest, sizeof *gpu->h_longest, cudaMemcpyDeviceToHost, stream));
 }
 
 extern "C" pliant_status pliant_cuda_warp_enqueue(pliant_cuda_warp *gpu, const double *d_positions, cudaStream_t stream)
@@ -332,7 +361,8 @@ extern "C" pliant_status pliant_cuda_warp_finish(pliant_cuda_warp *gpu, const do
     gpu->parts.seconds[1] = 1e-3 * rasterize;
     memcpy(gpu->parts.changed, gpu->h_changed, (size_t)gpu->raster.num_bricks);
     const size_t slab = (size_t)bricks[0] * (size_t)bricks[1];
-    for (int32_t k = 0; k < bricks[2]; k++) gpu->stale[k] |= memchr(gpu->h_changed + slab * (size_t)k, 1, slab) != nullptr;
+    for (int32_t k = 0; k < bricks[2]; k++)
+        gpu->stale[k] |= memchr(gpu->h_changed + slab * (size_t)k, 1, slab) != nullptr;
     return PLIANT_OK;
 }
 
@@ -361,8 +391,9 @@ extern "C" pliant_status pliant_cuda_warp_fetch(pliant_cuda_warp *gpu)
         if (first == slabs) break;
         size_t begin = slice * (size_t)first * BRICK, stop = slice * (size_t)end * BRICK;
         stop = stop < gpu->volume_bytes ? stop : gpu->volume_bytes;
-        CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(static_cast<char *>(gpu->parts.volume->voxels) + begin, static_cast<char *>(gpu->raster.d_volume) + begin,
-                                           stop - begin, cudaMemcpyDeviceToHost, gpu->stream)));
+        CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(static_cast<char *>(gpu->parts.volume->voxels) + begin,
+                                           static_cast<char *>(gpu->raster.d_volume) + begin, stop - begin,
+                                           cudaMemcpyDeviceToHost, gpu->stream)));
         any = true;
     }
     if (!any) return PLIANT_OK;
@@ -371,20 +402,23 @@ extern "C" pliant_status pliant_cuda_warp_fetch(pliant_cuda_warp *gpu)
     return PLIANT_OK;
 }
 
-extern "C" pliant_status pliant_cuda_warp_cross(pliant_cuda_warp *gpu, const march_ray *ray, int64_t first, march_crossing *out)
+extern "C" pliant_status pliant_cuda_warp_cross(pliant_cuda_warp *gpu, const march_ray *ray, int64_t first,
+                                                march_crossing *out)
 {
     const pliant_volume *volume = gpu->parts.volume;
     const march_voxels voxels = {gpu->raster.d_volume, volume->encoding, volume->slope, volume->intercept};
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     CUDA_TRY(pliant_cuda_cross(&voxels, ray, first, gpu->d_crossing, gpu->stream));
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->h_crossing, gpu->d_crossing, sizeof *gpu->h_crossing, cudaMemcpyDeviceToHost, gpu->stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->h_crossing, gpu->d_crossing, sizeof *gpu->h_crossing,
+                                       cudaMemcpyDeviceToHost, gpu->stream)));
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
     *out = *gpu->h_crossing;
     return PLIANT_OK;
 }
 
 /* labels: drawn on a separate stream, whose update is complete */
-static pliant_status see(pliant_cuda_warp *gpu, const pliant_cuda_warp *labels, const render_scene *given, const render_output *out)
+static pliant_status see(pliant_cuda_warp *gpu, const pliant_cuda_warp *labels, const render_scene *given,
+                         const render_output *out)
 {
     render_scene scene = *given;
     scene.voxels = gpu->raster.d_volume;
@@ -433,7 +467,9 @@ static pliant_status send_list(const int32_t *h_from, int32_t count, cudaStream_
     void *d_block = *d_out;
     CUDA_TRY(pliant_cuda_ensure(((size_t)count + 1) * sizeof *h_from, true, "the mesh to draw", &d_block, room));
     *d_out = static_cast<int32_t *>(d_block);
-    return count == 0 ? PLIANT_OK : CUDA_CALL(cudaMemcpyAsync(d_block, h_from, (size_t)count * sizeof *h_from, cudaMemcpyHostToDevice, stream));
+    return count == 0 ? PLIANT_OK
+                      : CUDA_CALL(cudaMemcpyAsync(d_block, h_from, (size_t)count * sizeof *h_from,
+                                                  cudaMemcpyHostToDevice, stream));
 }
 
 /* Carry the elements over to the next body with their drawn state. The previous state is only read. */
@@ -445,7 +481,8 @@ static pliant_status carry(pliant_cuda_warp *gpu, const pliant_warp_changes *cha
     CUDA_TRY(send_list(changes->from, changes->now - changes->common, gpu->stream, &next->d_from, &next->from_room));
     CUDA_TRY(send_list(changes->anew, changes->num_anew, gpu->stream, &next->d_anew, &next->anew_room));
     next->num_gone = changes->num_gone;
-    CUDA_TRY(pliant_cuda_carry_elements(&gpu->raster, &next->raster, changes->common, next->d_from, changes->num_anew, next->d_anew, gpu->stream));
+    CUDA_TRY(pliant_cuda_carry_elements(&gpu->raster, &next->raster, changes->common, next->d_from, changes->num_anew,
+                                        next->d_anew, gpu->stream));
     return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
 }
 
@@ -462,7 +499,8 @@ static pliant_status fill_next(pliant_cuda_warp *gpu, const pliant_warp_changes 
     return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
 }
 
-static pliant_status prepare_next(pliant_cuda_warp *gpu, const pliant_warp_parts *parts, const pliant_warp_changes *changes, cuda_next **out)
+static pliant_status prepare_next(pliant_cuda_warp *gpu, const pliant_warp_parts *parts,
+                                  const pliant_warp_changes *changes, cuda_next **out)
 {
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     cuda_next *next = gpu->spare ? gpu->spare : static_cast<cuda_next *>(pliant_calloc(1, sizeof *next));
@@ -493,8 +531,9 @@ template <class T> static void exchange(T *a, T *b)
 static void take_next(pliant_cuda_warp *gpu, cuda_next *next)
 {
     gpu_raster *old = &gpu->raster, *now = &next->raster;
-    if (gpu->drawn && !gpu->fit && (pliant_cuda_leave_bricks(old, next->num_gone, next->d_gone, gpu->stream) != PLIANT_OK ||
-                                    CUDA_CALL(cudaStreamSynchronize(gpu->stream)) != PLIANT_OK))
+    if (gpu->drawn && !gpu->fit &&
+        (pliant_cuda_leave_bricks(old, next->num_gone, next->d_gone, gpu->stream) != PLIANT_OK ||
+         CUDA_CALL(cudaStreamSynchronize(gpu->stream)) != PLIANT_OK))
         gpu->drawn = false;
     gpu->parts = next->parts;
     exchange(&old->num_tets, &now->num_tets);
@@ -524,8 +563,14 @@ static pliant_status create_object(const pliant_warp_parts *parts, void **object
 }
 
 static void free_object(void *object) { pliant_cuda_warp_free(static_cast<pliant_cuda_warp *>(object)); }
-static pliant_status update_object(void *object, const double *positions) { return pliant_cuda_warp_update(static_cast<pliant_cuda_warp *>(object), positions); }
-static pliant_status fetch_object(void *object) { return pliant_cuda_warp_fetch(static_cast<pliant_cuda_warp *>(object)); }
+static pliant_status update_object(void *object, const double *positions)
+{
+    return pliant_cuda_warp_update(static_cast<pliant_cuda_warp *>(object), positions);
+}
+static pliant_status fetch_object(void *object)
+{
+    return pliant_cuda_warp_fetch(static_cast<pliant_cuda_warp *>(object));
+}
 static pliant_status cross_object(void *object, const march_ray *ray, int64_t first, march_crossing *out)
 {
     return pliant_cuda_warp_cross(static_cast<pliant_cuda_warp *>(object), ray, first, out);
@@ -536,14 +581,18 @@ static pliant_status see_object(void *object, void *labels, const render_scene *
     return see(static_cast<pliant_cuda_warp *>(object), static_cast<pliant_cuda_warp *>(labels), scene, out);
 }
 
-static pliant_status prepare_object(void *object, const pliant_warp_parts *parts, const pliant_warp_changes *changes, void **next)
+static pliant_status prepare_object(void *object, const pliant_warp_parts *parts, const pliant_warp_changes *changes,
+                                    void **next)
 {
     cuda_next *made = NULL;
     CUDA_TRY(prepare_next(static_cast<pliant_cuda_warp *>(object), parts, changes, &made));
     *next = made;
     return PLIANT_OK;
 }
-static void take_object(void *object, void *next) { take_next(static_cast<pliant_cuda_warp *>(object), static_cast<cuda_next *>(next)); }
+static void take_object(void *object, void *next)
+{
+    take_next(static_cast<pliant_cuda_warp *>(object), static_cast<cuda_next *>(next));
+}
 static void drop_object(void *next) { drop_next(static_cast<cuda_next *>(next)); }
 
 /* assigned by name, because C++14 has no designated initializers */

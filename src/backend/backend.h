@@ -19,7 +19,8 @@ typedef struct pliant_host_solver {
     pliant_status (*create)(const pliant_model *model, pliant_data *data);
     /* Create the state after a cut in `next`, which has the new discretization, from the state of data, which stays
      * unchanged. Errors: MEMORY, SCENE, NUMERIC. */
-    pliant_status (*follow)(const pliant_model *model, const pliant_data *data, const pliant_body_map *map, pliant_data *next);
+    pliant_status (*follow)(const pliant_model *model, const pliant_data *data, const pliant_body_map *map,
+                            pliant_data *next);
     pliant_status (*reset)(pliant_data *data); /* resets to rest. Errors: MEMORY (nothing changed) */
     /* First stage of a step: sets the pull of the tools. */
     pliant_status (*interact)(const pliant_model *model, pliant_data *data);
@@ -48,7 +49,8 @@ struct pliant_backend {
     /* Update the state after a cut, where `before` has the state before it. map: pliant_data_set_body. If *possible is
      * false, or after an error, the state is created again. Nullable: it is always created again. Errors: MEMORY,
      * UNAVAILABLE. */
-    pliant_status (*follow)(const pliant_model *model, pliant_data *data, const pliant_data *before, const pliant_body_map *map, bool *possible);
+    pliant_status (*follow)(const pliant_model *model, pliant_data *data, const pliant_data *before,
+                            const pliant_body_map *map, bool *possible);
     pliant_status (*restart)(const pliant_model *model, pliant_data *data); /* reads the host's changed state */
     /* Reads moved nodes, if nothing else has changed; Nullable: use restart. */
     pliant_status (*move)(const pliant_model *model, pliant_data *data);
@@ -103,7 +105,8 @@ pliant_status pliant_backend_restart(const pliant_model *model, pliant_data *dat
 pliant_status pliant_backend_move(const pliant_model *model, pliant_data *data);
 /* Follow the host's state across a cut. `before` still has its arrays. The backend updates its state or creates it
  * again, or the CPU continues. */
-void pliant_backend_follow(const pliant_model *model, pliant_data *data, const pliant_data *before, const pliant_body_map *map);
+void pliant_backend_follow(const pliant_model *model, pliant_data *data, const pliant_data *before,
+                           const pliant_body_map *map);
 /* Return whether a GPU solves for the fine nodes themselves, and none of them was moved since. Its state is then equal
  * to the positions. */
 bool pliant_positions_are_state(const pliant_data *data);

@@ -5,10 +5,13 @@
 
 static_assert(PLIANT_COUNT_OF(PLIANT_SOLVER_LIST) == 2, "a new solver needs its functions here");
 
-const pliant_host_solver *pliant_host_solver_of(const pliant_model *model) { return model->tled ? &pliant_explicit : &pliant_corotational; }
+const pliant_host_solver *pliant_host_solver_of(const pliant_model *model)
+{
+    return model->tled ? &pliant_explicit : &pliant_corotational;
+}
 
-static pliant_status choose(const pliant_host_solver *kind, pliant_backend_choice choice, char text[PLIANT_BACKEND_TEXT],
-                            const pliant_backend **out)
+static pliant_status choose(const pliant_host_solver *kind, pliant_backend_choice choice,
+                            char text[PLIANT_BACKEND_TEXT], const pliant_backend **out)
 {
     bool use;
     pliant_status status = pliant_gpu_choose(choice, kind->cuda ? kind->cuda->probe : NULL, text, &use);
@@ -51,7 +54,8 @@ bool pliant_backend_fall_back(const pliant_model *model, pliant_data *data, plia
     return true;
 }
 
-void pliant_backend_follow(const pliant_model *model, pliant_data *data, const pliant_data *before, const pliant_body_map *map)
+void pliant_backend_follow(const pliant_model *model, pliant_data *data, const pliant_data *before,
+                           const pliant_body_map *map)
 {
     const pliant_backend *backend = data->backend;
     bool possible = false;
@@ -69,7 +73,10 @@ static pliant_status or_the_cpu(const pliant_model *model, pliant_data *data, pl
     return status < 0 && pliant_backend_fall_back(model, data, status) ? PLIANT_OK : status;
 }
 
-pliant_status pliant_backend_restart(const pliant_model *model, pliant_data *data) { return or_the_cpu(model, data, data->backend->restart(model, data)); }
+pliant_status pliant_backend_restart(const pliant_model *model, pliant_data *data)
+{
+    return or_the_cpu(model, data, data->backend->restart(model, data));
+}
 
 pliant_status pliant_backend_move(const pliant_model *model, pliant_data *data)
 {

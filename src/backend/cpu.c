@@ -54,20 +54,27 @@ static pliant_status create(const pliant_model *model, pliant_data *data)
 {
     const pliant_discretization *discretization = data->discretization;
     pliant_status status = pliant_solver_create(&model->scene, discretization->system, &data->solver);
-    return status == PLIANT_OK && discretization->fine_system ? pliant_patch_create(&model->scene, discretization, &data->patch) : status;
+    return status == PLIANT_OK && discretization->fine_system
+               ? pliant_patch_create(&model->scene, discretization, &data->patch)
+               : status;
 }
 
 bool pliant_positions_are_state(const pliant_data *data)
 {
-    return data->solver && !data->backend->on_host && !data->falling && data->solver->system->mesh == data->solver->system->fine;
+    return data->solver && !data->backend->on_host && !data->falling &&
+           data->solver->system->mesh == data->solver->system->fine;
 }
 
-static pliant_status follow(const pliant_model *model, const pliant_data *data, const pliant_body_map *map, pliant_data *next)
+static pliant_status follow(const pliant_model *model, const pliant_data *data, const pliant_body_map *map,
+                            pliant_data *next)
 {
     const pliant_discretization *discretization = next->discretization;
     const double *state = pliant_positions_are_state(data) ? next->positions : NULL;
-    pliant_status status = pliant_solver_follow(&model->scene, discretization->system, data->solver, map, !data->backend->on_host, state, &next->solver);
-    return status == PLIANT_OK && discretization->fine_system ? pliant_patch_create(&model->scene, discretization, &next->patch) : status;
+    pliant_status status = pliant_solver_follow(&model->scene, discretization->system, data->solver, map,
+                                                !data->backend->on_host, state, &next->solver);
+    return status == PLIANT_OK && discretization->fine_system
+               ? pliant_patch_create(&model->scene, discretization, &next->patch)
+               : status;
 }
 
 static pliant_status reset(pliant_data *data)
@@ -118,11 +125,25 @@ static void fell_back(pliant_data *data)
 }
 
 const pliant_host_solver pliant_corotational = {
-    .create = create, .follow = follow, .reset = reset, .interact = interact, .set_positions = set_positions, .limits = limits, .fell_back = fell_back,
-    .cpu = &pliant_cpu_backend, .cuda = PLIANT_ON_GPU(pliant_cuda_backend),
+    .create = create,
+    .follow = follow,
+    .reset = reset,
+    .interact = interact,
+    .set_positions = set_positions,
+    .limits = limits,
+    .fell_back = fell_back,
+    .cpu = &pliant_cpu_backend,
+    .cuda = PLIANT_ON_GPU(pliant_cuda_backend),
 };
 
 const pliant_backend pliant_cpu_backend = {
-    .name = "cpu", .kind = &pliant_corotational, .on_host = true, .probe = pliant_cpu_probe, .create = pliant_cpu_nothing,
-    .restart = pliant_cpu_nothing, .solve = solve, .upsample = upsample, .warp = pliant_cpu_warp,
+    .name = "cpu",
+    .kind = &pliant_corotational,
+    .on_host = true,
+    .probe = pliant_cpu_probe,
+    .create = pliant_cpu_nothing,
+    .restart = pliant_cpu_nothing,
+    .solve = solve,
+    .upsample = upsample,
+    .warp = pliant_cpu_warp,
 };

@@ -10,7 +10,8 @@
 
 static bool share_a_point(const pliant_data *data, int a, int b)
 {
-    return pliant_hold_one_point(&data->body->fine, data->tools + a, data->tools + b) && pliant_patch_solver(data, a) == pliant_patch_solver(data, b);
+    return pliant_hold_one_point(&data->body->fine, data->tools + a, data->tools + b) &&
+           pliant_patch_solver(data, a) == pliant_patch_solver(data, b);
 }
 
 int pliant_pull_leader(const pliant_data *data, int index)
@@ -33,7 +34,8 @@ static void share_target(const pliant_data *data, int leader, double target[3])
 {
     int member[PLIANT_MAX_TOOLS];
     const int count = pliant_pull_members(data, leader, member);
-    const double *held = data->tools[leader].held_point, own[3] = {target[0] - held[0], target[1] - held[1], target[2] - held[2]};
+    const double *held = data->tools[leader].held_point,
+                 own[3] = {target[0] - held[0], target[1] - held[1], target[2] - held[2]};
     for (int m = 1; m < count; m++) {
         const pliant_tool *tool = data->tools + member[m];
         for (int d = 0; d < 3; d++) target[d] += (tool->tip[d] - tool->grip[d] - tool->held_point[d] - own[d]) / count;
@@ -52,7 +54,8 @@ static void aim(const pliant_tool *tool, double step, const double gravity[3], p
     for (int d = 0; d < 3; d++) {
         double p = tool->tip[d] - tool->grip[d];
         handle->target[d] = (stiffness * p + damper * (p - tool->last_target[d] + tool->held_point[d])) / whole;
-        if (pliant_tool_drive(tool) == PLIANT_DRIVE_SPRING) handle->target[d] += pliant_tool_mass(tool) * gravity[d] / whole;
+        if (pliant_tool_drive(tool) == PLIANT_DRIVE_SPRING)
+            handle->target[d] += pliant_tool_mass(tool) * gravity[d] / whole;
     }
     handle->compliance = pliant_tool_drive(tool) == PLIANT_DRIVE_RIGID ? 0 : 1 / whole;
 }
@@ -95,7 +98,8 @@ void pliant_pull_report(pliant_data *data)
         int member[PLIANT_MAX_TOOLS];
         const int leader = pliant_pull_leader(data, t), count = pliant_pull_members(data, leader, member);
         double force[3];
-        for (int d = 0; data->solver && d < 3; d++) force[d] = pliant_patch_solver(data, leader)->handles[leader].force[d] / count;
+        for (int d = 0; data->solver && d < 3; d++)
+            force[d] = pliant_patch_solver(data, leader)->handles[leader].force[d] / count;
         pliant_tool_report(data, t, data->solver ? force : NULL);
     }
 }

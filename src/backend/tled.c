@@ -17,14 +17,19 @@ static pliant_status solve(const pliant_model *model, pliant_data *data)
 pliant_status pliant_tled_upsample(const pliant_model *model, pliant_data *data)
 {
     (void)model;
-    for (int32_t n = 0; n < 3 * data->body->fine.num_nodes; n++) data->positions[n] = data->body->fine.rest[n] + data->tled->u[n];
+    for (int32_t n = 0; n < 3 * data->body->fine.num_nodes; n++)
+        data->positions[n] = data->body->fine.rest[n] + data->tled->u[n];
     pliant_pull_report(data);
     return PLIANT_OK;
 }
 
-static pliant_status create(const pliant_model *model, pliant_data *data) { return pliant_tled_create(&model->scene, data->discretization->tled, &data->tled); }
+static pliant_status create(const pliant_model *model, pliant_data *data)
+{
+    return pliant_tled_create(&model->scene, data->discretization->tled, &data->tled);
+}
 
-static pliant_status follow(const pliant_model *model, const pliant_data *data, const pliant_body_map *map, pliant_data *next)
+static pliant_status follow(const pliant_model *model, const pliant_data *data, const pliant_body_map *map,
+                            pliant_data *next)
 {
     pliant_status status = create(model, next);
     if (status != PLIANT_OK) return status;
@@ -52,11 +57,20 @@ static void set_positions(const pliant_model *model, pliant_data *data, const do
     memcpy(data->positions, positions, 3 * (size_t)data->body->fine.num_nodes * sizeof *positions);
 }
 
-static void limits(pliant_data *data, int iterations, double tolerance) { pliant_tled_limits(data->tled, iterations, tolerance); }
+static void limits(pliant_data *data, int iterations, double tolerance)
+{
+    pliant_tled_limits(data->tled, iterations, tolerance);
+}
 
 const pliant_host_solver pliant_explicit = {
-    .create = create, .follow = follow, .reset = reset, .interact = interact, .set_positions = set_positions, .limits = limits,
-    .cpu = &pliant_tled_backend, .cuda = PLIANT_ON_GPU(pliant_cuda_tled_backend),
+    .create = create,
+    .follow = follow,
+    .reset = reset,
+    .interact = interact,
+    .set_positions = set_positions,
+    .limits = limits,
+    .cpu = &pliant_tled_backend,
+    .cuda = PLIANT_ON_GPU(pliant_cuda_tled_backend),
 };
 
 const pliant_backend pliant_tled_backend = {
@@ -71,7 +85,8 @@ pliant_status pliant_data_get_dynamics(const pliant_model *model, const pliant_d
     const pliant_tled_system *system = data->tled->system;
     pliant_dynamics told = {.edge_bound = system->edge_bound, .eigenvalue_bound = system->eigenvalue_bound,
                             .time_step = data->tled->time_step, .substeps = data->tled->substeps};
-    pliant_tled_energies(data->tled, data->body->fine_material, &told.kinetic_energy, &told.strain_energy, &told.kept_energy);
+    pliant_tled_energies(data->tled, data->body->fine_material, &told.kinetic_energy, &told.strain_energy,
+                         &told.kept_energy);
     if (system->quasi_static) {
         told.kinetic_energy = 0;
         told.kept_energy = told.strain_energy;

@@ -7,7 +7,8 @@ bool pliant_dense_cholesky(int32_t n, double *a)
 {
     for (int32_t i = 0; i < n; i++) {
         double *row = a + (int64_t)i * n;
-        for (int32_t j = 0; j < i; j++) row[j] = (row[j] - pliant_dot((size_t)j, row, a + (int64_t)j * n)) / a[(int64_t)j * n + j];
+        for (int32_t j = 0; j < i; j++)
+            row[j] = (row[j] - pliant_dot((size_t)j, row, a + (int64_t)j * n)) / a[(int64_t)j * n + j];
         double pivot = row[i] - pliant_dot((size_t)i, row, row);
         if (!(pivot > 1e-14 * row[i]) || !(row[i] > 0)) return false;
         row[i] = sqrt(pivot);
@@ -56,7 +57,8 @@ bool pliant_dense_solve(int32_t n, double *a, int32_t columns, double *right)
         for (int32_t i = k + 1; i < n; i++) {
             double factor = a[(int64_t)i * n + k] / a[(int64_t)k * n + k];
             for (int32_t c = k; c < n; c++) a[(int64_t)i * n + c] -= factor * a[(int64_t)k * n + c];
-            for (int32_t c = 0; c < columns; c++) right[(int64_t)i * columns + c] -= factor * right[(int64_t)k * columns + c];
+            for (int32_t c = 0; c < columns; c++)
+                right[(int64_t)i * columns + c] -= factor * right[(int64_t)k * columns + c];
         }
     }
     for (int32_t k = n - 1; k >= 0; k--)

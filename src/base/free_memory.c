@@ -27,7 +27,8 @@ double pliant_free_memory(void)
 {
     double available = number_after("/proc/meminfo", "MemAvailable:");
     available = available < 0.0 ? HUGE_VAL : 1024.0 * available; /* the kernel reports kB */
-    double limit = number_after("/sys/fs/cgroup/memory.max", ""), used = number_after("/sys/fs/cgroup/memory.current", "");
+    double limit = number_after("/sys/fs/cgroup/memory.max", ""),
+           used = number_after("/sys/fs/cgroup/memory.current", "");
     if (limit < 0.0 || used < 0.0) return available;
     /* The container's file cache is released on demand. */
     double cache = number_after("/sys/fs/cgroup/memory.stat", "inactive_file ");
@@ -39,5 +40,6 @@ pliant_status pliant_memory_suffices(double bytes, const char *what)
     if (bytes < SMALL) return PLIANT_OK;
     double available = pliant_free_memory();
     if (bytes <= available) return PLIANT_OK;
-    return pliant_fail(PLIANT_ERROR_MEMORY, "%s: %.0f MB are needed, the machine has free %.0f MB", what, bytes / 1e6, available / 1e6);
+    return pliant_fail(PLIANT_ERROR_MEMORY, "%s: %.0f MB are needed, the machine has free %.0f MB", what, bytes / 1e6,
+                       available / 1e6);
 }

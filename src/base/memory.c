@@ -153,7 +153,9 @@ static header *take_alike(const header *other, size_t room)
     pthread_mutex_lock(&kept.lock);
     for (int b = kept.count - 1; b >= 0; b--) {
         if (kept.block[b]->room != room || !kept.block[b]->stamp) continue;
-        const size_t alike = other && other->stamp ? count_alike(other, kept.block[b], pieces_of(room < other->room ? room : other->room)) : 0;
+        const size_t alike = other && other->stamp
+                                 ? count_alike(other, kept.block[b], pieces_of(room < other->room ? room : other->room))
+                                 : 0;
         if (best >= 0 && alike <= most) continue;
         best = b;
         most = alike;
@@ -291,7 +293,8 @@ static void stamp_anew(header *block, size_t from, size_t to)
  * then share its stamps. Without memory for stamps, the content is copied once more. */
 static void stamp_first(header *block)
 {
-    uint64_t *none = NULL, *made = block->stamp || block->bytes < large_series ? NULL : calloc(pieces_of(block->room), sizeof *made);
+    uint64_t *none = NULL,
+             *made = block->stamp || block->bytes < large_series ? NULL : calloc(pieces_of(block->room), sizeof *made);
     if (!made) return;
     for (size_t p = 0; p < pieces_of(block->room); p++) made[p] = new_stamp();
     if (!atomic_compare_exchange_strong(&block->stamp, &none, made)) free(made);
@@ -353,7 +356,9 @@ bool pliant_next_difference(const void *now, const void *before, size_t bytes, s
     const size_t pieces = pieces_of(bytes);
     for (bool in = false; p < pieces; p++) {
         const size_t first = p * PIECE, last = first + PIECE < bytes ? first + PIECE : bytes;
-        const bool same = is->stamp && was->stamp ? is->stamp[p] == was->stamp[p] : memcmp((const char *)now + first, (const char *)before + first, last - first) == 0;
+        const bool same = is->stamp && was->stamp
+                              ? is->stamp[p] == was->stamp[p]
+                              : memcmp((const char *)now + first, (const char *)before + first, last - first) == 0;
         if (!same) *to = last;
         if (!same && !in) *from = first;
         if (same && in) return true;
@@ -366,7 +371,8 @@ bool pliant_next_difference(const void *now, const void *before, size_t bytes, s
 /* Change the size within the capacity. Return false if the capacity is too small. */
 static bool stretch(header *block, size_t bytes)
 {
-    if (block->room < (block->stamp ? large_series : large) || room_for(bytes, block->stamp != NULL) != block->room) return false;
+    if (block->room < (block->stamp ? large_series : large) || room_for(bytes, block->stamp != NULL) != block->room)
+        return false;
     if (bytes > block->bytes) {
         memset((char *)block + ALIGNMENT + block->bytes, 0, bytes - block->bytes);
         if (block->stamp) stamp_anew(block, block->bytes, bytes);
@@ -386,7 +392,8 @@ void *pliant_resize(void *block, size_t number, size_t size)
     if (!block) return allocate(bytes, true);
     if (stretch(header_of(block), bytes)) return block;
     const size_t old = header_of(block)->bytes;
-    char *made = header_of(block)->stamp ? next_of(header_of(block), old < bytes ? old : bytes, bytes) : allocate(bytes, false);
+    char *made =
+        header_of(block)->stamp ? next_of(header_of(block), old < bytes ? old : bytes, bytes) : allocate(bytes, false);
     if (!made) return NULL;
     if (!header_of(block)->stamp) {
         memcpy(made, block, old < bytes ? old : bytes);

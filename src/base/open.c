@@ -39,7 +39,8 @@ static const char *ask(const char *link)
 static const char *ask_about_folder(const char *path)
 {
     char folder[PATH_MAX], link[32];
-    if (snprintf(folder, sizeof folder, "%s%s", path[0] == '/' ? "" : "./", path) >= (int)sizeof folder) return "its name is too long";
+    if (snprintf(folder, sizeof folder, "%s%s", path[0] == '/' ? "" : "./", path) >= (int)sizeof folder)
+        return "its name is too long";
     int descriptor = -1;
     while (descriptor < 0) {
         char *slash = strrchr(folder, '/');

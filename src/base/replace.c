@@ -14,7 +14,8 @@ int pliant_open_beside(const char *target, char temporary[PATH_MAX])
     const char *slash = strrchr(target, '/');
     int folder = slash ? (int)(slash - target) + 1 : 0;
     for (int attempt = 0; attempt < 100; attempt++) {
-        int length = snprintf(temporary, PATH_MAX, "%.*s.pliant-%ld-%u.tmp", folder, target, (long)getpid(), atomic_fetch_add(&counter, 1));
+        int length = snprintf(temporary, PATH_MAX, "%.*s.pliant-%ld-%u.tmp", folder, target, (long)getpid(),
+                              atomic_fetch_add(&counter, 1));
         if (length >= PATH_MAX) {
             errno = ENAMETOOLONG;
             return -1;

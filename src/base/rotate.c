@@ -37,7 +37,8 @@ void pliant_rotation_between(const double from[4], const double to[4], double t,
         return;
     }
     for (int d = 0; d < 4; d++)
-        out[d] = sin((1 - t) * angle) / sine * from[d] / sqrt(sizes[0]) + sign * sin(t * angle) / sine * to[d] / sqrt(sizes[1]);
+        out[d] = sin((1 - t) * angle) / sine * from[d] / sqrt(sizes[0]) +
+                 sign * sin(t * angle) / sine * to[d] / sqrt(sizes[1]);
 }
 
 double pliant_rotation_angle(const double from[4], const double to[4])

@@ -58,12 +58,16 @@ pliant_status pliant_fail(pliant_status status, const char *format, ...)
     va_end(arguments);
     memcpy(last_error, message, sizeof message);
     /* The caller has requested the cancellation, or handles the error itself. */
-    bool known = status == PLIANT_ERROR_CANCELLED || (quietly && (status == PLIANT_ERROR_NUMERIC || status == PLIANT_ERROR_SCENE));
+    bool known = status == PLIANT_ERROR_CANCELLED ||
+                 (quietly && (status == PLIANT_ERROR_NUMERIC || status == PLIANT_ERROR_SCENE));
     send(known ? PLIANT_LOG_DEBUG : PLIANT_LOG_ERROR, message);
     return status;
 }
 
-pliant_status pliant_fail_memory(const char *what) { return pliant_fail(PLIANT_ERROR_MEMORY, "out of memory for %s", what); }
+pliant_status pliant_fail_memory(const char *what)
+{
+    return pliant_fail(PLIANT_ERROR_MEMORY, "out of memory for %s", what);
+}
 
 void pliant_log(pliant_log_level level, const char *format, ...)
 {

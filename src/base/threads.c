@@ -40,7 +40,8 @@ pliant_status pliant_work_done(pliant_work *work)
     now = ++work->done;
     if (now % work->interval == 0) {
 #pragma omp critical(pliant_work_progress)
-        wanted = pliant_report_progress(work->progress, work->begin + (work->end - work->begin) * now / work->count, work->stage);
+        wanted = pliant_report_progress(work->progress, work->begin + (work->end - work->begin) * now / work->count,
+                                        work->stage);
     }
     return wanted ? PLIANT_OK : PLIANT_ERROR_CANCELLED;
 }

@@ -10,11 +10,18 @@
 #include <string.h>
 #include <unistd.h>
 
-_Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "arrays are written in the byte order of the machine: little-endian");
+_Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__,
+               "arrays are written in the byte order of the machine: little-endian");
 
-static const struct { const char *name; size_t size; } types[] = {{"UInt8", 1}, {"UInt16", 2}, {"Int32", 4}, {"Float32", 4}, {"Float64", 8}};
+static const struct {
+    const char *name;
+    size_t size;
+} types[] = {{"UInt8", 1}, {"UInt16", 2}, {"Int32", 4}, {"Float32", 4}, {"Float64", 8}};
 
-static uint64_t bytes_of(const vtk_array *array) { return (uint64_t)(array->count * (size_t)array->components * types[array->type].size); }
+static uint64_t bytes_of(const vtk_array *array)
+{
+    return (uint64_t)(array->count * (size_t)array->components * types[array->type].size);
+}
 
 /* Write the headers of a section's arrays, with their offsets in the appended data. */
 static void write_section(FILE *file, vtk_section section, const char *name, const vtk_array *arrays, int num_arrays)
@@ -33,12 +40,15 @@ static void write_section(FILE *file, vtk_section section, const char *name, con
     fprintf(file, "      </%s>\n", name);
 }
 
-static void write_header(FILE *file, bool is_surface, const char *comment, size_t points, size_t cells, const vtk_array *arrays, int num_arrays)
+static void write_header(FILE *file, bool is_surface, const char *comment, size_t points, size_t cells,
+                         const vtk_array *arrays, int num_arrays)
 {
     const char *grid = is_surface ? "PolyData" : "UnstructuredGrid";
     fprintf(file, "<?xml version=\"1.0\"?>\n<!-- %s -->\n", comment);
-    fprintf(file, "<VTKFile type=\"%s\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\">\n  <%s>\n", grid, grid);
-    fprintf(file, "    <Piece NumberOfPoints=\"%zu\" %s=\"%zu\">\n", points, is_surface ? "NumberOfPolys" : "NumberOfCells", cells);
+    fprintf(file, "<VTKFile type=\"%s\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\">\n  <%s>\n",
+            grid, grid);
+    fprintf(file, "    <Piece NumberOfPoints=\"%zu\" %s=\"%zu\">\n", points,
+            is_surface ? "NumberOfPolys" : "NumberOfCells", cells);
     write_section(file, VTK_POINTS, "Points", arrays, num_arrays);
     write_section(file, VTK_CELLS, is_surface ? "Polys" : "Cells", arrays, num_arrays);
     write_section(file, VTK_POINT_DATA, "PointData", arrays, num_arrays);
@@ -51,18 +61,21 @@ static bool write_all(FILE *file, const vtk_array *arrays, int num_arrays)
     bool done = true;
     for (int n = 0; done && n < num_arrays; n++) {
         const uint64_t bytes = bytes_of(arrays + n);
-        done = fwrite(&bytes, sizeof bytes, 1, file) == 1 && fwrite(arrays[n].data, 1, (size_t)bytes, file) == (size_t)bytes;
+        done = fwrite(&bytes, sizeof bytes, 1, file) == 1 &&
+               fwrite(arrays[n].data, 1, (size_t)bytes, file) == (size_t)bytes;
     }
     fputs("\n  </AppendedData>\n</VTKFile>\n", file);
     return done && !ferror(file);
 }
 
-pliant_status pliant_vtk_write(const char *path, bool is_surface, const char *comment, size_t points, size_t cells, const vtk_array *arrays,
-                               int num_arrays)
+pliant_status pliant_vtk_write(const char *path, bool is_surface, const char *comment, size_t points, size_t cells,
+                               const vtk_array *arrays, int num_arrays)
 {
     char temporary[PATH_MAX];
     const int descriptor = pliant_open_beside(path, temporary);
-    if (descriptor < 0) return pliant_fail(PLIANT_ERROR_FILE, "%s: cannot be written: no file can be created in its folder: %s", path, strerror(errno));
+    if (descriptor < 0)
+        return pliant_fail(PLIANT_ERROR_FILE, "%s: cannot be written: no file can be created in its folder: %s", path,
+                           strerror(errno));
     FILE *file = fdopen(descriptor, "wb");
     if (!file) close(descriptor);
     bool done = file != NULL;
@@ -73,5 +86,6 @@ pliant_status pliant_vtk_write(const char *path, bool is_surface, const char *co
     if (done && rename(temporary, path) == 0) return PLIANT_OK;
     const int reason = errno;
     unlink(temporary);
-    return pliant_fail(PLIANT_ERROR_FILE, "%s: cannot be written: %s", path, reason ? strerror(reason) : "is the disk full?");
+    return pliant_fail(PLIANT_ERROR_FILE, "%s: cannot be written: %s", path,
+                       reason ? strerror(reason) : "is the disk full?");
 }

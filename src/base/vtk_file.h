@@ -25,8 +25,8 @@ typedef struct vtk_array {
  * @param is_surface  True: .vtp with triangles (arrays connectivity, offsets); false: .vtu (and types).
  * @param comment     Without "--".
  * Errors: FILE. */
-pliant_status pliant_vtk_write(const char *path, bool is_surface, const char *comment, size_t points, size_t cells, const vtk_array *arrays,
-                               int num_arrays);
+pliant_status pliant_vtk_write(const char *path, bool is_surface, const char *comment, size_t points, size_t cells,
+                               const vtk_array *arrays, int num_arrays);
 
 #ifdef __cplusplus
 }

@@ -62,12 +62,16 @@ typedef struct pliant_contacts {
  * @param recovery maximum reduction of the penetration depth in the step [m]
  * @param stays fraction of the penetration depth that remains at least; with inertia, a sudden removal would add
  *   energy */
-PLIANT_INLINE double pliant_contact_left(double gap, double recovery, double stays) { return fmin(fmin(gap + recovery, gap * stays), 0.0); }
+PLIANT_INLINE double pliant_contact_left(double gap, double recovery, double stays)
+{
+    return fmin(fmin(gap + recovery, gap * stays), 0.0);
+}
 
 /* Copy force and anchor from the previous point of the same feature. The anchor moves with the obstacle. A change
  * of the weights is not counted as slip.
  * @param positions (fine nodes x 3) at the start of the step [m] */
-PLIANT_INLINE void pliant_contact_carry(const pliant_contact_point *before, const double *positions, pliant_contact_point *now)
+PLIANT_INLINE void pliant_contact_carry(const pliant_contact_point *before, const double *positions,
+                                        pliant_contact_point *now)
 {
     for (int d = 0; d < 3; d++) {
         double moved = before->place[d] + now->drift[d] - now->place[d];

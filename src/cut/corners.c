@@ -48,7 +48,10 @@ static bool joined_at_load(const cut_work *work, int32_t s, int32_t t)
     return false;
 }
 
-static bool is_empty(const cut_work *work, int32_t tet) { return work->voxels->start[tet] == work->voxels->start[tet + 1]; }
+static bool is_empty(const cut_work *work, int32_t tet)
+{
+    return work->voxels->start[tet] == work->voxels->start[tet + 1];
+}
 
 /* A tetrahedron smaller than a voxel has no links. Next to a cut, such a tetrahedron stays joined to one neighbour
  * only, so that it does not bridge the cut. */
@@ -77,9 +80,11 @@ static bool joined(const cut_work *work, int32_t a, int32_t b)
     if (pliant_cut_edge(work, a, b) > 0) return true;
     const int32_t s = cut_tet_of(work, a), t = cut_tet_of(work, b);
     if (s == t) return false;
-    if (is_empty(work, s) || is_empty(work, t)) return is_empty(work, s) ? joined_to_empty(work, s, b) : joined_to_empty(work, t, a);
+    if (is_empty(work, s) || is_empty(work, t))
+        return is_empty(work, s) ? joined_to_empty(work, s, b) : joined_to_empty(work, t, a);
     if (cut_state(work, s) > 0 || cut_state(work, t) > 0) return false;
-    return cut_state(work, s) < 0 || cut_state(work, t) < 0 ? pliant_cuts_join(work->cuts, a, b) : joined_at_load(work, s, t);
+    return cut_state(work, s) < 0 || cut_state(work, t) < 0 ? pliant_cuts_join(work->cuts, a, b)
+                                                            : joined_at_load(work, s, t);
 }
 
 /* ---- elements around a node */
@@ -124,7 +129,8 @@ static pliant_status find_around(splitting *split, int32_t node)
                     status = add_element(split, work->body->fine.num_tets + f, corner);
         } else {
             for (int32_t f = work->cuts->start[-state - 1]; f < work->cuts->start[-state] && status == PLIANT_OK; f++)
-                if (tets[4 * (size_t)work->cuts->fragment[f] + corner] == node) status = add_element(split, work->cuts->fragment[f], corner);
+                if (tets[4 * (size_t)work->cuts->fragment[f] + corner] == node)
+                    status = add_element(split, work->cuts->fragment[f], corner);
         }
     }
     return status;
@@ -213,7 +219,9 @@ static pliant_status split_node(splitting *split, int32_t node)
         for (int32_t i = 0; i < split->count && parts > 1; i++)
             for (int32_t j = i + 1; j < split->count; j++) {
                 const int32_t a = split->around[i].end, b = split->around[j].end;
-                if (first_of(part, i) == first_of(part, j) || joined_by_face(work, a, b) != (pass == 0) || !joined(work, a, b)) continue;
+                if (first_of(part, i) == first_of(part, j) || joined_by_face(work, a, b) != (pass == 0) ||
+                    !joined(work, a, b))
+                    continue;
                 join(part, i, j);
                 parts--;
                 if (pass > 0 || first_of(split->region, a) == first_of(split->region, b)) continue;
@@ -236,7 +244,8 @@ static pliant_status split_node(splitting *split, int32_t node)
         if (part[i] != i || i == keeps) continue;
         status = add_copy(split, any && !split->holds[i] ? PLIANT_MOVES : fixed);
         for (int32_t j = i; j < split->count && status == PLIANT_OK; j++)
-            if (first_of(part, j) == i) status = move_corner(split, split->around + j, work->body->fine.num_nodes + split->copies - 1);
+            if (first_of(part, j) == i)
+                status = move_corner(split, split->around + j, work->body->fine.num_nodes + split->copies - 1);
     }
     return status;
 }
@@ -248,7 +257,8 @@ static pliant_status split_nodes(splitting *split)
     int32_t *nodes = pliant_calloc((size_t)corners, sizeof *nodes);
     if (!nodes) return no_memory();
     for (int32_t f = 0; f < work->num_fragments; f++)
-        memcpy(split->own + 4 * f, work->body->fine.tets + 4 * (size_t)work->fragment[f].source, 4 * sizeof *split->own);
+        memcpy(split->own + 4 * f, work->body->fine.tets + 4 * (size_t)work->fragment[f].source,
+               4 * sizeof *split->own);
     memcpy(nodes, split->own, (size_t)corners * sizeof *nodes);
     qsort(nodes, (size_t)corners, sizeof *nodes, by_number);
     pliant_status status = PLIANT_OK;
@@ -263,7 +273,9 @@ static pliant_status list_changed(splitting *split)
 {
     cut_work *work = split->work;
     const int32_t tets = work->body->fine.num_tets;
-    int32_t *changed = work->changed = pliant_calloc((size_t)work->num_fragments + (size_t)split->num_moved + 1, sizeof *changed), count = 0;
+    int32_t *changed = work->changed =
+                pliant_calloc((size_t)work->num_fragments + (size_t)split->num_moved + 1, sizeof *changed),
+            count = 0;
     if (!changed) return no_memory();
     for (int32_t f = 0; f < work->num_fragments; f++) {
         const int32_t number = cut_number(work, tets + f);
@@ -292,7 +304,8 @@ static pliant_status number(splitting *split)
     work->tet_source = pliant_calloc((size_t)(work->num_tets - tets) + 1, sizeof *work->tet_source);
     if (!work->corners || !work->tet_source) return no_memory();
     for (int32_t r = 0; r < work->num_changed; r++)
-        memcpy(work->corners + 4 * (size_t)r, work->body->fine.tets + 4 * (size_t)work->changed[r], 4 * sizeof *work->corners);
+        memcpy(work->corners + 4 * (size_t)r, work->body->fine.tets + 4 * (size_t)work->changed[r],
+               4 * sizeof *work->corners);
     for (int32_t m = 0; m < split->num_moved; m++)
         work->corners[4 * cut_row(work, split->moved[2 * m] / 4) + split->moved[2 * m] % 4] = split->moved[2 * m + 1];
     for (int32_t f = 0; f < work->num_fragments; f++) {
@@ -350,7 +363,8 @@ static pliant_status keep_together(splitting *split, int32_t count, const int32_
             status = find_around(split, hung[2 * j + 1]);
             for (int32_t a = 0; a < own; a++)
                 for (int32_t b = 0; b < split->count && status == PLIANT_OK; b++)
-                    if (joined(work, around[a].end, split->around[b].end)) status = add_joint(work, around + a, split->around + b);
+                    if (joined(work, around[a].end, split->around[b].end))
+                        status = add_joint(work, around + a, split->around + b);
         }
         pliant_free(around);
         if (status != PLIANT_OK) return status;
@@ -376,7 +390,8 @@ static pliant_status keep_joints(splitting *split)
     const pliant_pieces *pieces = body->pieces;
     if (!pieces) return PLIANT_OK;
     const size_t joints = (size_t)pieces->num_joints + (size_t)pieces->num_inner;
-    int32_t *part = pliant_calloc((size_t)body->fine.num_nodes, sizeof *part), *hung = pliant_calloc(2 * joints + 1, 2 * sizeof *hung);
+    int32_t *part = pliant_calloc((size_t)body->fine.num_nodes, sizeof *part),
+            *hung = pliant_calloc(2 * joints + 1, 2 * sizeof *hung);
     /* an empty list also needs memory, because NULL means that joints are unchanged */
     split->work->joint = pliant_calloc(1, 2 * sizeof *split->work->joint);
     pliant_status status = part && hung && split->work->joint ? PLIANT_OK : no_memory();

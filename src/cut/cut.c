@@ -22,9 +22,11 @@ static void tell_severed(const cut_work *work, const pliant_cut_sweep *sweep, pl
     report->num_links = work->num_links;
     report->num_bridges = work->num_bridges;
     for (int32_t i = 0; i < work->num_links; i++) {
-        const int32_t ends[2] = {(int32_t)(work->link[i] / 4), (int32_t)(work->link[i] / 4) + pliant_stride_of(voxels, work->link[i] % 4)};
+        const int32_t ends[2] = {(int32_t)(work->link[i] / 4),
+                                 (int32_t)(work->link[i] / 4) + pliant_stride_of(voxels, work->link[i] % 4)};
         bool tissue = true;
-        for (int end = 0; end < 2; end++) tissue = tissue && voxels->of_material[material_of(work, ends[end])].tissue > 0;
+        for (int end = 0; end < 2; end++)
+            tissue = tissue && voxels->of_material[material_of(work, ends[end])].tissue > 0;
         if (!tissue) continue;
         report->area += work->link_area[i];
         for (int end = 0; end < 2 && sweep->material_of_voxel; end++)
@@ -58,7 +60,8 @@ static pliant_status find_state(cut_work *work)
 {
     const pliant_cuts *cuts = work->cuts;
     bool good = cut_sparse_create(work->voxels->num_tets, &work->state);
-    for (int32_t i = 0; cuts && i < cuts->num_tets && good; i++) good = cut_sparse_set(&work->state, cuts->tet[i], -i - 1);
+    for (int32_t i = 0; cuts && i < cuts->num_tets && good; i++)
+        good = cut_sparse_set(&work->state, cuts->tet[i], -i - 1);
     return good ? PLIANT_OK : pliant_fail_memory("what a blade touches");
 }
 
@@ -70,7 +73,8 @@ static pliant_status write_down(cut_work *work)
     const int32_t before = cuts ? cuts->num_cuts : 0, old = before > 0 ? cuts->cut_end[before - 1] : 0;
     next->cut_end = pliant_calloc((size_t)before + 1, sizeof *next->cut_end);
     next->stroke = pliant_calloc((size_t)before + 1, 2 * sizeof *next->stroke);
-    next->severed = pliant_calloc((size_t)old + (size_t)work->num_links + (size_t)work->num_bridges, sizeof *next->severed);
+    next->severed =
+        pliant_calloc((size_t)old + (size_t)work->num_links + (size_t)work->num_bridges, sizeof *next->severed);
     if (!next->cut_end || !next->stroke || !next->severed) return pliant_fail_memory("what is cut");
     if (before > 0) memcpy(next->cut_end, cuts->cut_end, (size_t)before * sizeof *next->cut_end);
     if (before > 0) memcpy(next->stroke, cuts->stroke, (size_t)before * 2 * sizeof *next->stroke);
@@ -87,14 +91,24 @@ static pliant_status write_down(cut_work *work)
 /* Free everything except the newly severed links and bridges. */
 static void forget(cut_work *work)
 {
-    void *blocks[] = {work->touched, work->start,      work->first,      work->voxel,    work->part,  work->fragment,     work->edge,
-                      work->table, work->changed, work->corners, work->tet_source, work->copy_fixed, work->material, work->place, work->doubtful, work->links.severed, work->joint};
+    void *blocks[] = {work->touched,       work->start,      work->first,    work->voxel,   work->part,
+                      work->fragment,      work->edge,       work->table,    work->changed, work->corners,
+                      work->tet_source,    work->copy_fixed, work->material, work->place,   work->doubtful,
+                      work->links.severed, work->joint};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     cut_sparse_free(&work->state);
     pliant_cuts_free(work->next);
-    *work = (cut_work){.body = work->body, .voxels = work->voxels, .cuts = work->cuts, .positions = work->positions,
-                       .num_links = work->num_links, .num_bridges = work->num_bridges, .link_room = work->link_room, .bridge_room = work->bridge_room,
-                       .link = work->link, .link_area = work->link_area, .bridge = work->bridge};
+    *work = (cut_work){.body = work->body,
+                       .voxels = work->voxels,
+                       .cuts = work->cuts,
+                       .positions = work->positions,
+                       .num_links = work->num_links,
+                       .num_bridges = work->num_bridges,
+                       .link_room = work->link_room,
+                       .bridge_room = work->bridge_room,
+                       .link = work->link,
+                       .link_area = work->link_area,
+                       .bridge = work->bridge};
 }
 
 static pliant_status find_corners(cut_work *work)
@@ -147,7 +161,8 @@ static pliant_status find_fragments(cut_work *work)
     return PLIANT_OK;
 }
 
-static pliant_status cut(cut_work *work, uint64_t revision, const pliant_cut_sweep *sweep, pliant_body **out, pliant_cut_report *report)
+static pliant_status cut(cut_work *work, uint64_t revision, const pliant_cut_sweep *sweep, pliant_body **out,
+                         pliant_cut_report *report)
 {
     pliant_status status = find_state(work);
     if (status == PLIANT_OK) status = pliant_cut_sever(work, sweep);
@@ -175,11 +190,15 @@ static pliant_status refuse_whole(void)
     return pliant_fail(PLIANT_ERROR_ARGUMENT, "this body has no voxels to cut: set cut/kind to sever in the scene");
 }
 
-pliant_status pliant_body_cut(const pliant_body *body, uint64_t revision, const double *positions, const pliant_cut_sweep *sweep, pliant_body **out,
-                              pliant_cut_report *report)
+pliant_status pliant_body_cut(const pliant_body *body, uint64_t revision, const double *positions,
+                              const pliant_cut_sweep *sweep, pliant_body **out, pliant_cut_report *report)
 {
     if (!pliant_body_may_be_cut(body)) return refuse_whole();
-    cut_work work = {.body = body, .voxels = body->voxels, .cuts = body->cuts, .positions = positions, .stroke = {sweep->blade, sweep->stroke}};
+    cut_work work = {.body = body,
+                     .voxels = body->voxels,
+                     .cuts = body->cuts,
+                     .positions = positions,
+                     .stroke = {sweep->blade, sweep->stroke}};
     pliant_cut_report told = {0};
     pliant_body *next = NULL;
     pliant_status status;
@@ -218,16 +237,20 @@ static pliant_status take_severed(cut_work *work, int32_t count, const uint32_t 
     work->bridge = pliant_calloc((size_t)count, sizeof *work->bridge);
     if (!work->link || !work->bridge) return pliant_fail_memory("what is cut");
     for (int32_t i = 0; i < count; i++) {
-        const bool bridge = severed[i] % 4 == 3, ascending = i == 0 || severed[i] > severed[i - 1] || (bridge && severed[i - 1] % 4 != 3);
+        const bool bridge = severed[i] % 4 == 3,
+                   ascending = i == 0 || severed[i] > severed[i - 1] || (bridge && severed[i - 1] % 4 != 3);
         if (!ascending || (!bridge && work->num_bridges > 0) || !is_there(work->voxels, work->cuts, severed[i]))
-            return pliant_fail(PLIANT_ERROR_ARGUMENT, "%u is no link or bridge that this body has: the cut is another scan's or mesh's", (unsigned)severed[i]);
+            return pliant_fail(PLIANT_ERROR_ARGUMENT,
+                               "%u is no link or bridge that this body has: the cut is another scan's or mesh's",
+                               (unsigned)severed[i]);
         if (bridge) work->bridge[work->num_bridges++] = (int32_t)(severed[i] / 4);
         else work->link[work->num_links++] = severed[i];
     }
     return PLIANT_OK;
 }
 
-pliant_status pliant_body_sever(const pliant_body *body, uint64_t revision, int32_t count, const uint32_t *severed, pliant_body **out)
+pliant_status pliant_body_sever(const pliant_body *body, uint64_t revision, int32_t count, const uint32_t *severed,
+                                pliant_body **out)
 {
     if (!body->voxels) return refuse_whole();
     if (count < 1) return pliant_fail(PLIANT_ERROR_ARGUMENT, "a cut severs something: no link and no bridge is named");

@@ -30,14 +30,16 @@ typedef struct pliant_cut_sweep {
  *   @param out       Nullable: compute only the report (pieces: 0). *out NULL: nothing was severed
  *   @param report    Nullable
  * Errors: MEMORY, ARGUMENT (a body without voxels), FORMAT. */
-PLIANT_INTERNAL pliant_status pliant_body_cut(const pliant_body *body, uint64_t revision, const double *positions, const pliant_cut_sweep *sweep,
-                                         pliant_body **out, pliant_cut_report *report);
+PLIANT_INTERNAL pliant_status pliant_body_cut(const pliant_body *body, uint64_t revision, const double *positions,
+                                              const pliant_cut_sweep *sweep, pliant_body **out,
+                                              pliant_cut_report *report);
 
 /* Sever exactly these links and bridges, and build the next body. Repeating the log of another body's pliant_cuts from
  * the body at load gives bitwise identical bodies.
  *   @param severed (count) as in pliant_cuts, each for the first time
  * Errors: MEMORY, ARGUMENT (a body without voxels, an unknown link or bridge, severed earlier), FORMAT. */
-PLIANT_INTERNAL pliant_status pliant_body_sever(const pliant_body *body, uint64_t revision, int32_t count, const uint32_t *severed, pliant_body **out);
+PLIANT_INTERNAL pliant_status pliant_body_sever(const pliant_body *body, uint64_t revision, int32_t count,
+                                                const uint32_t *severed, pliant_body **out);
 
 /* Find the material points at points of the deformed body. If several tetrahedra contain a point, take the first one
  * that owns voxels there or has no fragments. All points share one search.
@@ -48,7 +50,8 @@ void pliant_body_locate_points(const pliant_body *body, const double *positions,
                                           int32_t *tet, double *barycentric);
 
 /* Find the material point at one point. Return whether tissue is there. */
-bool pliant_body_locate(const pliant_body *body, const double *positions, const double point[3], int32_t *tet, double barycentric[4]);
+bool pliant_body_locate(const pliant_body *body, const double *positions, const double point[3], int32_t *tet,
+                        double barycentric[4]);
 
 #ifdef __cplusplus
 }

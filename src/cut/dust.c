@@ -33,7 +33,8 @@ static void find_groups(const dust *all)
     }
     for (int32_t f = 0; f < work->num_fragments; f++) {
         const int32_t group = group_of(all, tets + f), tet = work->fragment[f].tet;
-        const int32_t least = (int32_t)(CUT_LEAST_SHARE * (work->voxels->start[tet + 1] - work->voxels->start[tet])) + 2;
+        const int32_t least =
+            (int32_t)(CUT_LEAST_SHARE * (work->voxels->start[tet + 1] - work->voxels->start[tet])) + 2;
         all->voxels[group] += work->fragment[f].voxels;
         if (least > all->least[group]) all->least[group] = least;
     }
@@ -43,7 +44,8 @@ static void find_groups(const dust *all)
 static void ends_of(const dust *all, int32_t link, int32_t group[2])
 {
     const cut_work *work = all->work;
-    const int32_t voxel = (int32_t)(work->link[link] / 4), next = voxel + pliant_stride_of(work->voxels, work->link[link] % 4);
+    const int32_t voxel = (int32_t)(work->link[link] / 4),
+                  next = voxel + pliant_stride_of(work->voxels, work->link[link] % 4);
     group[0] = group_of(all, pliant_cut_end_of(work, voxel));
     group[1] = group_of(all, pliant_cut_end_of(work, next));
 }

@@ -8,7 +8,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-static int32_t count_voxels(const cut_work *work, int32_t tet) { return work->voxels->start[tet + 1] - work->voxels->start[tet]; }
+static int32_t count_voxels(const cut_work *work, int32_t tet)
+{
+    return work->voxels->start[tet + 1] - work->voxels->start[tet];
+}
 
 /* Copy the entry of an unchanged tetrahedron from the previous cuts.
  * at: input and output; position of its voxels in another pool */
@@ -18,11 +21,13 @@ static void keep_tet(const cut_work *work, int32_t old, pliant_cuts *next, int32
     const int32_t fragments = cuts->start[old + 1] - cuts->start[old], voxels = count_voxels(work, cuts->tet[old]);
     const int32_t n = next->num_tets++;
     next->tet[n] = cuts->tet[old];
-    memcpy(next->fragment + next->start[n], cuts->fragment + cuts->start[old], (size_t)fragments * sizeof *next->fragment);
+    memcpy(next->fragment + next->start[n], cuts->fragment + cuts->start[old],
+           (size_t)fragments * sizeof *next->fragment);
     next->start[n + 1] = next->start[n] + fragments;
     next->voxel_start[n] = cuts->voxel_start[old];
     if (next->pool == cuts->pool) return;
-    memcpy(next->voxel_fragment + *at, cuts->voxel_fragment + cuts->voxel_start[old], (size_t)voxels * sizeof *next->voxel_fragment);
+    memcpy(next->voxel_fragment + *at, cuts->voxel_fragment + cuts->voxel_start[old],
+           (size_t)voxels * sizeof *next->voxel_fragment);
     next->voxel_start[n] = *at;
     *at += voxels;
 }
@@ -34,7 +39,8 @@ static void add_tet(const cut_work *work, int32_t touched, pliant_cuts *next, in
     next->tet[n] = tet;
     next->fragment[at++] = tet;
     for (int32_t f = work->first[touched]; f < work->first[touched + 1]; f++)
-        if (work->fragment[f].into < 0 && work->fragment[f].number != tet) next->fragment[at++] = work->fragment[f].number;
+        if (work->fragment[f].into < 0 && work->fragment[f].number != tet)
+            next->fragment[at++] = work->fragment[f].number;
     next->start[n + 1] = at;
     qsort(next->fragment + next->start[n], (size_t)(at - next->start[n]), sizeof *next->fragment, by_number);
     next->voxel_start[n] = *first;
@@ -50,7 +56,8 @@ static pliant_status gather_fragments(const cut_work *work, pliant_cuts *next)
     const size_t fragments = (size_t)work->num_fragments + (size_t)(cuts ? cuts->start[cuts->num_tets] : 0);
     size_t kept = 0;
     int32_t at;
-    for (int32_t t = 0; cuts && t < cuts->num_tets; t++) kept += cut_state(work, cuts->tet[t]) > 0 ? 0 : (size_t)count_voxels(work, cuts->tet[t]);
+    for (int32_t t = 0; cuts && t < cuts->num_tets; t++)
+        kept += cut_state(work, cuts->tet[t]) > 0 ? 0 : (size_t)count_voxels(work, cuts->tet[t]);
     next->tet = pliant_calloc(tets, sizeof *next->tet);
     next->start = pliant_calloc(tets + 1, sizeof *next->start);
     next->fragment = pliant_calloc(fragments, sizeof *next->fragment);
@@ -72,10 +79,12 @@ static pliant_status gather_chips(const cut_work *work, pliant_cuts *next)
 {
     const pliant_cuts *cuts = work->cuts;
     const int32_t tets = work->body->fine.num_tets;
-    next->chip = pliant_calloc((size_t)work->num_fragments + (size_t)(cuts ? cuts->num_chips : 0) + 1, 2 * sizeof *next->chip);
+    next->chip =
+        pliant_calloc((size_t)work->num_fragments + (size_t)(cuts ? cuts->num_chips : 0) + 1, 2 * sizeof *next->chip);
     if (!next->chip) return pliant_fail_memory("the chips of fragments");
     for (int32_t c = 0; cuts && c < cuts->num_chips; c++)
-        if (cut_state(work, cuts->chip[2 * c]) <= 0) memcpy(next->chip + 2 * next->num_chips++, cuts->chip + 2 * c, 2 * sizeof *next->chip);
+        if (cut_state(work, cuts->chip[2 * c]) <= 0)
+            memcpy(next->chip + 2 * next->num_chips++, cuts->chip + 2 * c, 2 * sizeof *next->chip);
     for (int32_t f = 0; f < work->num_fragments; f++) {
         const int32_t end = cut_final(work, tets + f);
         if (cut_tet_of(work, end) == work->fragment[f].tet) continue;
@@ -106,7 +115,8 @@ static pliant_status gather_joins(const cut_work *work, pliant_cuts *next)
     count = pliant_pairs_sort(made, count);
     for (int32_t old = 0, now = 0; old < before || now < count;) {
         const int32_t *join = old < before ? cuts->join + 2 * old : NULL;
-        if (join && (cut_state(work, cut_parent(work, join[0])) > 0 || cut_state(work, cut_parent(work, join[1])) > 0)) {
+        if (join &&
+            (cut_state(work, cut_parent(work, join[0])) > 0 || cut_state(work, cut_parent(work, join[1])) > 0)) {
             old++;
             continue;
         }

@@ -52,7 +52,8 @@ static pliant_status grow(cut_work *work)
     work->table_size = size;
     work->edge = edge;
     work->edge_room = size / 2;
-    for (int32_t e = 0; e < work->num_edges; e++) work->table[slot_of(work, work->edge[e].end[0], work->edge[e].end[1])] = e + 1;
+    for (int32_t e = 0; e < work->num_edges; e++)
+        work->table[slot_of(work, work->edge[e].end[0], work->edge[e].end[1])] = e + 1;
     return PLIANT_OK;
 }
 
@@ -115,7 +116,8 @@ static void find_neighbours(const cut_work *work, neighbour out[18])
 
 /* Return pliant_joined for an existing neighbour.
  * doubtful: whether links near the voxel may be severed */
-static bool is_joined(const cut_work *work, const neighbour *to, const int32_t *place, int32_t voxel, const int32_t at[3], bool doubtful)
+static bool is_joined(const cut_work *work, const neighbour *to, const int32_t *place, int32_t voxel,
+                      const int32_t at[3], bool doubtful)
 {
     if (doubtful) return pliant_joined(&work->links, voxel, at, to->step);
     if (!to->is_diagonal) return true;
@@ -128,8 +130,11 @@ static pliant_status add_edges_of(cut_work *work, const neighbour around[18], in
 {
     const pliant_voxels *voxels = work->voxels;
     const pliant_links *links = &work->links;
-    const int32_t voxel = work->voxel[i], part = work->part[i], tets = work->body->fine.num_tets, *size = voxels->geometry.size;
-    const size_t here = (size_t)(at[0] - links->low[0]) + (size_t)links->size[0] * ((size_t)(at[1] - links->low[1]) + (size_t)links->size[1] * (size_t)(at[2] - links->low[2]));
+    const int32_t voxel = work->voxel[i], part = work->part[i], tets = work->body->fine.num_tets,
+                  *size = voxels->geometry.size;
+    const size_t here = (size_t)(at[0] - links->low[0]) +
+                        (size_t)links->size[0] * ((size_t)(at[1] - links->low[1]) +
+                                                  (size_t)links->size[1] * (size_t)(at[2] - links->low[2]));
     const int32_t *place = work->place + here;
     const bool doubtful = work->doubtful[here];
     bool inside = true;
@@ -140,8 +145,10 @@ static pliant_status add_edges_of(cut_work *work, const neighbour around[18], in
         const int32_t touched = place[to->place];
         if (touched && (n >= 9 || work->part[touched - 1] == part)) continue;
         const int32_t other = inside ? voxel + to->voxel : pliant_step_to(voxels, voxel, at, to->step);
-        if (other < 0 || (!touched && voxels->owner[other] < 0) || !is_joined(work, to, place, voxel, at, doubtful)) continue;
-        status = add_edge(work, tets + part, touched ? tets + work->part[touched - 1] : pliant_cut_end_of(work, other), 1);
+        if (other < 0 || (!touched && voxels->owner[other] < 0) || !is_joined(work, to, place, voxel, at, doubtful))
+            continue;
+        status =
+            add_edge(work, tets + part, touched ? tets + work->part[touched - 1] : pliant_cut_end_of(work, other), 1);
     }
     return status;
 }
@@ -241,7 +248,9 @@ static pliant_status give_chips(chips *all)
             if (to != 0 && all->voxels[to] < all->voxels[group]) continue;
             if (chosen >= 0) {
                 const int32_t least = all->voxels[group_of(all, tets + chosen)];
-                if (all->voxels[group] > least || (all->voxels[group] == least && one->voxels >= work->fragment[chosen].voxels)) continue;
+                if (all->voxels[group] > least ||
+                    (all->voxels[group] == least && one->voxels >= work->fragment[chosen].voxels))
+                    continue;
             }
             chosen = f;
         }
@@ -310,7 +319,8 @@ static void give_again(cut_work *work)
             more = false;
             for (int32_t f = 0; f < work->num_fragments; f++) {
                 cut_fragment *one = work->fragment + f;
-                const int32_t to = one->came_back && one->into < 0 ? most_hung(work, f, passes[pass].chips, passes[pass].host) : -1;
+                const int32_t to =
+                    one->came_back && one->into < 0 ? most_hung(work, f, passes[pass].chips, passes[pass].host) : -1;
                 if (to < 0) continue;
                 one->into = to;
                 more = true;

@@ -24,10 +24,11 @@ static double weight_of(const pliant_body *body, int32_t fragment, const double 
             at[d] = (int32_t)low + (corner >> d & 1);
             weight *= corner >> d & 1 ? index[d] - low : 1 - (index[d] - low);
         }
-        if (at[0] < 0 || at[1] < 0 || at[2] < 0 || at[0] >= voxels->geometry.size[0] || at[1] >= voxels->geometry.size[1] ||
-            at[2] >= voxels->geometry.size[2])
+        if (at[0] < 0 || at[1] < 0 || at[2] < 0 || at[0] >= voxels->geometry.size[0] ||
+            at[1] >= voxels->geometry.size[1] || at[2] >= voxels->geometry.size[2])
             continue;
-        const int32_t with = pliant_voxels_fragment(voxels, body->cuts, at[0] + voxels->geometry.size[0] * (at[1] + voxels->geometry.size[1] * at[2]));
+        const int32_t with = pliant_voxels_fragment(
+            voxels, body->cuts, at[0] + voxels->geometry.size[0] * (at[1] + voxels->geometry.size[1] * at[2]));
         if (with >= 0 && (with == fragment || pliant_cuts_join(body->cuts, fragment, with))) sum += weight;
     }
     return sum;
@@ -45,10 +46,12 @@ static bool is_there(const pliant_body *body, int32_t fragment, const double bar
         if (cuts->tet[middle] < tet) low = middle + 1;
         else high = middle;
     }
-    if (!cuts || low == cuts->num_tets || cuts->tet[low] != tet || cuts->start[low + 1] - cuts->start[low] == 1) return true;
+    if (!cuts || low == cuts->num_tets || cuts->tet[low] != tet || cuts->start[low + 1] - cuts->start[low] == 1)
+        return true;
     double rest[3] = {0}, index[3], most = -1;
     for (int v = 0; v < 4; v++)
-        for (int d = 0; d < 3; d++) rest[d] += barycentric[v] * body->fine.rest[3 * (size_t)body->fine.tets[4 * (size_t)fragment + v] + d];
+        for (int d = 0; d < 3; d++)
+            rest[d] += barycentric[v] * body->fine.rest[3 * (size_t)body->fine.tets[4 * (size_t)fragment + v] + d];
     pliant_geometry_to_index(&body->voxels->geometry, rest, index);
     int32_t first = -1;
     for (int32_t f = cuts->start[low]; f < cuts->start[low + 1]; f++) {
@@ -60,7 +63,8 @@ static bool is_there(const pliant_body *body, int32_t fragment, const double bar
     return first == fragment;
 }
 
-static bool inside(const pliant_mesh *mesh, const double *positions, int32_t tet, const double point[3], double barycentric[4])
+static bool inside(const pliant_mesh *mesh, const double *positions, int32_t tet, const double point[3],
+                   double barycentric[4])
 {
     const int32_t *nodes = mesh->tets + 4 * (size_t)tet;
     const double *x0 = positions + 3 * (size_t)nodes[0];
@@ -80,8 +84,8 @@ static bool inside(const pliant_mesh *mesh, const double *positions, int32_t tet
 
 /* Compute the bounding box of a tetrahedron. Return false if it does not overlap the box from least to most. The test
  * of the first axis comes first because it rejects most tetrahedra. */
-static bool is_between(const pliant_mesh *mesh, const double *positions, int32_t tet, const double least[3], const double most[3], double low[3],
-                       double high[3])
+static bool is_between(const pliant_mesh *mesh, const double *positions, int32_t tet, const double least[3],
+                       const double most[3], double low[3], double high[3])
 {
     const int32_t *nodes = mesh->tets + 4 * (size_t)tet;
     for (int d = 0; d < 3; d++) {
@@ -120,11 +124,12 @@ static int32_t next_near(const uint8_t *near, int32_t from, int32_t count)
 }
 
 /* test all tetrahedra in ascending order against the points without a result, after a test of their common box */
-void pliant_body_locate_points(const pliant_body *body, const double *positions, int32_t count, const double *points, int32_t *tet,
-                               double *barycentric)
+void pliant_body_locate_points(const pliant_body *body, const double *positions, int32_t count, const double *points,
+                               int32_t *tet, double *barycentric)
 {
     const pliant_mesh *mesh = &body->fine;
-    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY}, from[3], to[3], weights[4];
+    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY}, from[3], to[3],
+           weights[4];
     for (int32_t p = 0; p < count; p++) {
         tet[p] = -1;
         for (int d = 0; d < 3; d++) {
@@ -133,12 +138,13 @@ void pliant_body_locate_points(const pliant_body *body, const double *positions,
         }
     }
     uint8_t *near = find_near(body, positions, low, high);
-    for (int32_t t = next_near(near, 0, mesh->num_tets); t < mesh->num_tets; t = next_near(near, t + 1, mesh->num_tets)) {
+    for (int32_t t = next_near(near, 0, mesh->num_tets); t < mesh->num_tets;
+         t = next_near(near, t + 1, mesh->num_tets)) {
         if (!is_between(mesh, positions, t, low, high, from, to)) continue;
         for (int32_t p = 0; p < count; p++) {
             const double *point = points + 3 * p;
-            if (tet[p] >= 0 || !(point[0] >= from[0] && point[0] <= to[0] && point[1] >= from[1] && point[1] <= to[1] && point[2] >= from[2] &&
-                                 point[2] <= to[2]))
+            if (tet[p] >= 0 || !(point[0] >= from[0] && point[0] <= to[0] && point[1] >= from[1] && point[1] <= to[1] &&
+                                 point[2] >= from[2] && point[2] <= to[2]))
                 continue;
             if (!inside(mesh, positions, t, point, weights) || !is_there(body, t, weights)) continue;
             tet[p] = t;
@@ -148,7 +154,8 @@ void pliant_body_locate_points(const pliant_body *body, const double *positions,
     pliant_free(near);
 }
 
-bool pliant_body_locate(const pliant_body *body, const double *positions, const double point[3], int32_t *tet, double barycentric[4])
+bool pliant_body_locate(const pliant_body *body, const double *positions, const double point[3], int32_t *tet,
+                        double barycentric[4])
 {
     int32_t found;
     double weights[4];

@@ -19,7 +19,8 @@ typedef struct sums {
 static void add_up(const cut_work *work, int32_t touched, int32_t end, sums *out)
 {
     const pliant_voxels *voxels = work->voxels;
-    const int32_t tet = work->touched[touched], count = work->start[touched + 1] - work->start[touched], tets = work->body->fine.num_tets;
+    const int32_t tet = work->touched[touched], count = work->start[touched + 1] - work->start[touched],
+                  tets = work->body->fine.num_tets;
     const uint8_t *material = voxels->material + voxels->start[tet];
     /* next to bone, fixed voxels are not part of the tetrahedron's integrals (pliant_mesh_integrate_moved) */
     const bool leaves_out = work->body->fine.num_moved > 0 && voxels->load[tet].num_voxels < (uint32_t)count;
@@ -45,7 +46,8 @@ static double share(double part, double whole, const sums *own, const sums *all)
     return whole > 0 ? part / whole : (double)own->voxels / all->voxels;
 }
 
-static void share_material(const cut_work *work, int32_t tet, const sums *own, const sums *all, pliant_tet_material *out)
+static void share_material(const cut_work *work, int32_t tet, const sums *own, const sums *all,
+                           pliant_tet_material *out)
 {
     const pliant_tet_material *load = work->voxels->load + tet;
     *out = *load;
@@ -96,7 +98,11 @@ pliant_status pliant_cut_materials(cut_work *work)
                 share_material(work, tet, &own, &all, &made);
                 pliant_tet_material *out = work->material + cut_row(work, cut_number(work, end));
                 if (pass == 0) *out = made;
-                else add_chip(&made, pliant_mesh_gradients(&body->fine, tet, gradients) / pliant_mesh_gradients(&body->fine, with, gradients), out);
+                else
+                    add_chip(&made,
+                             pliant_mesh_gradients(&body->fine, tet, gradients) /
+                                 pliant_mesh_gradients(&body->fine, with, gradients),
+                             out);
             }
         }
     return PLIANT_OK;

@@ -22,7 +22,10 @@ typedef struct node_groups {
     node_box *box;
 } node_groups;
 
-static int32_t group_at(const node_groups *groups, const int32_t at[3]) { return at[0] + groups->count[0] * (at[1] + groups->count[1] * at[2]); }
+static int32_t group_at(const node_groups *groups, const int32_t at[3])
+{
+    return at[0] + groups->count[0] * (at[1] + groups->count[1] * at[2]);
+}
 
 static inline double lesser(double a, double b) { return a < b ? a : b; }
 static inline double greater(double a, double b) { return a > b ? a : b; }
@@ -44,7 +47,8 @@ static void take_in_next(node_groups *groups)
     const int32_t *count = groups->count, stride[3] = {1, count[0], count[0] * count[1]};
     for (int axis = 0; axis < 3; axis++)
         for (int32_t g = 0; g + stride[axis] < count[0] * count[1] * count[2]; g++)
-            if (g / stride[axis] % count[axis] + 1 < count[axis]) take_in(groups->box + g + stride[axis], groups->box + g);
+            if (g / stride[axis] % count[axis] + 1 < count[axis])
+                take_in(groups->box + g + stride[axis], groups->box + g);
 }
 
 /* Compute the boxes. A copy of a node belongs to the lattice position of its source; nodes are numbered along the
@@ -91,13 +95,17 @@ static void mark(const node_groups *groups, const int32_t at[3], uint8_t *near)
     for (cell[2] = GROUP * at[2]; cell[2] < last[2]; cell[2]++)
         for (cell[1] = GROUP * at[1]; cell[1] < last[1]; cell[1]++)
             for (cell[0] = GROUP * at[0]; cell[0] < last[0]; cell[0]++) {
-                const int32_t *tets = mesh->tet_of_lattice + 5 * ((size_t)cell[0] + (size_t)mesh->cells[0] * ((size_t)cell[1] + (size_t)mesh->cells[1] * (size_t)cell[2]));
+                const int32_t *tets =
+                    mesh->tet_of_lattice +
+                    5 * ((size_t)cell[0] +
+                         (size_t)mesh->cells[0] * ((size_t)cell[1] + (size_t)mesh->cells[1] * (size_t)cell[2]));
                 for (int slot = 0; slot < 5; slot++)
                     if (tets[slot] >= 0) near[tets[slot]] = 1;
             }
 }
 
-pliant_status pliant_cut_near(const pliant_body *body, const double *positions, const cut_strip *strip, double reach, double slack, uint8_t **out)
+pliant_status pliant_cut_near(const pliant_body *body, const double *positions, const cut_strip *strip, double reach,
+                              double slack, uint8_t **out)
 {
     const pliant_mesh *mesh = &body->fine;
     const int32_t load = body->voxels->num_tets;
@@ -110,7 +118,8 @@ pliant_status pliant_cut_near(const pliant_body *body, const double *positions, 
     }
     memset(near + load, 1, (size_t)(mesh->num_tets - load)); /* fragments are few, so all are candidates */
     for (int d = 0; d < 3; d++) groups.count[d] = mesh->cells[d] / GROUP + 1;
-    groups.box = pliant_calloc((size_t)groups.count[0] * (size_t)groups.count[1] * (size_t)groups.count[2], sizeof *groups.box);
+    groups.box =
+        pliant_calloc((size_t)groups.count[0] * (size_t)groups.count[1] * (size_t)groups.count[2], sizeof *groups.box);
     if (!groups.box) return pliant_fail_memory("what a blade touches");
     find_boxes(&groups, body->voxels->num_nodes, positions);
     int32_t at[3];

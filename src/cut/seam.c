@@ -30,7 +30,8 @@ static bool is_new(const seam *all, uint32_t link)
 static bool is_severed(const seam *all, int32_t voxel, const int32_t at[3], int axis, int way)
 {
     if (!is_owned(all->work->voxels, voxel, at, axis, way)) return false;
-    return !pliant_linked(&all->before, voxel, at, axis, way) || is_new(all, link_from(all->work->voxels, voxel, axis, way));
+    return !pliant_linked(&all->before, voxel, at, axis, way) ||
+           is_new(all, link_from(all->work->voxels, voxel, axis, way));
 }
 
 static bool is_of(const pliant_cuts *cuts, int32_t cut, uint32_t link)
@@ -72,7 +73,9 @@ static pliant_status part_beside(const seam *all, int32_t voxel, const int32_t a
         there[across] += way;
         if (!is_owned(voxels, voxel, at, across, way) || is_severed(all, voxel, at, across, way)) continue;
         if (!is_owned(voxels, other, there, axis, -beyond) || is_severed(all, other, there, axis, beyond)) continue;
-        if (!is_severed(all, other, there, axis, -beyond) || !is_of_stroke(all, link_from(voxels, other, axis, -beyond))) continue;
+        if (!is_severed(all, other, there, axis, -beyond) ||
+            !is_of_stroke(all, link_from(voxels, other, axis, -beyond)))
+            continue;
         status = pliant_cut_add_link(all->work, link_from(voxels, voxel, across, way), 0);
     }
     return status;
@@ -80,7 +83,8 @@ static pliant_status part_beside(const seam *all, int32_t voxel, const int32_t a
 
 pliant_status pliant_cut_close_seam(cut_work *work)
 {
-    const seam all = {.work = work, .before = {.voxels = work->voxels, .cuts = work->cuts}, .num_links = work->num_links};
+    const seam all = {
+        .work = work, .before = {.voxels = work->voxels, .cuts = work->cuts}, .num_links = work->num_links};
     pliant_status status = PLIANT_OK;
     for (int32_t i = 0; i < all.num_links && status == PLIANT_OK; i++) {
         const int axis = (int)(work->link[i] % 4);

@@ -60,7 +60,8 @@ static void find_map(const severing *cut, int32_t tet, voxel_map *map)
     pliant_mesh_gradients(fine, tet, gradients);
     for (int v = 0; v < 4; v++)
         for (int r = 0; r < 3; r++)
-            for (int c = 0; c < 3; c++) spread[3 * r + c] += cut->work->positions[3 * (size_t)nodes[v] + r] * gradients[3 * v + c];
+            for (int c = 0; c < 3; c++)
+                spread[3 * r + c] += cut->work->positions[3 * (size_t)nodes[v] + r] * gradients[3 * v + c];
     for (int r = 0; r < 3; r++) {
         map->origin[r] = cut->work->positions[3 * (size_t)nodes[0] + r];
         for (int c = 0; c < 3; c++) {
@@ -89,15 +90,19 @@ static const voxel_map *map_of(severing *cut, int32_t tet)
 
 static void place_in(const voxel_map *map, const int32_t at[3], double out[3])
 {
-    for (int r = 0; r < 3; r++) out[r] = map->axes[3 * r] * at[0] + map->axes[3 * r + 1] * at[1] + map->axes[3 * r + 2] * at[2] + map->origin[r];
+    for (int r = 0; r < 3; r++)
+        out[r] =
+            map->axes[3 * r] * at[0] + map->axes[3 * r + 1] * at[1] + map->axes[3 * r + 2] * at[2] + map->origin[r];
 }
 
 /* ---- intersection test */
 
 /* Return whether two boxes are disjoint. */
-static inline bool are_apart(const double low[3], const double high[3], const double other_low[3], const double other_high[3])
+static inline bool are_apart(const double low[3], const double high[3], const double other_low[3],
+                             const double other_high[3])
 {
-    return low[0] > other_high[0] || high[0] < other_low[0] || low[1] > other_high[1] || high[1] < other_low[1] || low[2] > other_high[2] || high[2] < other_low[2];
+    return low[0] > other_high[0] || high[0] < other_low[0] || low[1] > other_high[1] || high[1] < other_low[1] ||
+           low[2] > other_high[2] || high[2] < other_low[2];
 }
 
 /* Return the triangle that separates two points, or NULL. */
@@ -113,7 +118,9 @@ static const cut_triangle *parted(const severing *cut, const double a[3], const 
         if (are_apart(run->low, run->high, low, high)) continue;
         for (int32_t n = first; n < cut->num_near && n < first + RUN; n++) {
             const cut_triangle *one = cut->strip.triangles + cut->near[n];
-            if (!are_apart(one->low, one->high, low, high) && pliant_passes_through(a, b, one->corner, one->normal, cut->slack)) return one;
+            if (!are_apart(one->low, one->high, low, high) &&
+                pliant_passes_through(a, b, one->corner, one->normal, cut->slack))
+                return one;
         }
     }
     return NULL;
@@ -127,7 +134,8 @@ static double area_of(const severing *cut, const voxel_map *map, const double no
     const double *spacing = cut->work->voxels->geometry.spacing;
     double along[3], squares = 0;
     for (int d = 0; d < 3; d++) { /* normals transform with the transposed map */
-        along[d] = (map->axes[d] * normal[0] + map->axes[3 + d] * normal[1] + map->axes[6 + d] * normal[2]) / spacing[d];
+        along[d] =
+            (map->axes[d] * normal[0] + map->axes[3 + d] * normal[1] + map->axes[6 + d] * normal[2]) / spacing[d];
         squares += along[d] * along[d];
     }
     const double face = spacing[(axis + 1) % 3] * spacing[(axis + 2) % 3];
@@ -168,11 +176,15 @@ static pliant_status add_bridge(cut_work *work, int32_t bridge)
 static int32_t carrier_of(const cut_work *work, int32_t voxel)
 {
     const int32_t tet = work->voxels->owner[voxel], state = cut_state(work, tet);
-    return state == 0 ? tet : work->cuts->voxel_fragment[work->cuts->voxel_start[-state - 1] + pliant_voxel_in(work->voxels, tet, voxel)];
+    return state == 0
+               ? tet
+               : work->cuts
+                     ->voxel_fragment[work->cuts->voxel_start[-state - 1] + pliant_voxel_in(work->voxels, tet, voxel)];
 }
 
 /* side: slab[0..2] . at */
-static pliant_status try_link(severing *cut, int32_t tet, int32_t voxel, const int32_t at[3], double side, int axis, int way)
+static pliant_status try_link(severing *cut, int32_t tet, int32_t voxel, const int32_t at[3], double side, int axis,
+                              int way)
 {
     cut_work *work = cut->work;
     const pliant_voxels *voxels = work->voxels;
@@ -183,7 +195,9 @@ static pliant_status try_link(severing *cut, int32_t tet, int32_t voxel, const i
     if (with == tet) {
         const double beyond = side + cut->slab[axis];
         if (way < 0) return PLIANT_OK; /* tested from the other end */
-        if ((side < cut->between[0] && beyond < cut->between[0]) || (side > cut->between[1] && beyond > cut->between[1])) return PLIANT_OK;
+        if ((side < cut->between[0] && beyond < cut->between[0]) ||
+            (side > cut->between[1] && beyond > cut->between[1]))
+            return PLIANT_OK;
     }
     int32_t there[3] = {at[0], at[1], at[2]};
     double a[3], b[3];
@@ -198,7 +212,8 @@ static pliant_status try_link(severing *cut, int32_t tet, int32_t voxel, const i
     const pliant_links links = {.voxels = voxels, .cuts = work->cuts};
     const int32_t lower = way > 0 ? voxel : other;
     if (pliant_link_severed(&links, lower, way > 0 ? at : there, axis)) return PLIANT_OK;
-    return pliant_cut_add_link(work, 4 * (uint32_t)lower + (uint32_t)axis, area_of(cut, way > 0 ? from : to, one->normal, axis));
+    return pliant_cut_add_link(work, 4 * (uint32_t)lower + (uint32_t)axis,
+                               area_of(cut, way > 0 ? from : to, one->normal, axis));
 }
 
 static pliant_status try_bridge(severing *cut, int32_t bridge)
@@ -217,7 +232,8 @@ static pliant_status try_bridge(severing *cut, int32_t bridge)
         pliant_place_of(work->voxels, voxel, place);
         place_in(map[end], place, at[end]);
     }
-    return parted(cut, at[0], at[1]) && !pliant_bridge_severed(work->cuts, bridge) ? add_bridge(work, bridge) : PLIANT_OK;
+    return parted(cut, at[0], at[1]) && !pliant_bridge_severed(work->cuts, bridge) ? add_bridge(work, bridge)
+                                                                                   : PLIANT_OK;
 }
 
 /* ---- candidates */
@@ -232,7 +248,8 @@ static bool find_near(severing *cut, double low[3], double high[3])
         const cut_triangle *one = cut->strip.triangles + t;
         if (are_apart(one->low, one->high, low, high)) continue;
         triangle_run *run = cut->run + cut->num_near / RUN;
-        if (cut->num_near % RUN == 0) *run = (triangle_run){{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+        if (cut->num_near % RUN == 0)
+            *run = (triangle_run){{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
         cut->near[cut->num_near++] = t;
         for (int d = 0; d < 3; d++) {
             run->low[d] = lesser(run->low[d], one->low[d]);
@@ -249,7 +266,8 @@ static bool find_near(severing *cut, double low[3], double high[3])
 }
 
 /* Map a box back to voxel indices, enlarged by two voxels. Return all voxels where the map is singular or inverted. */
-static void map_back(const voxel_map *map, double handed, const double low[3], const double high[3], double from[3], double to[3])
+static void map_back(const voxel_map *map, double handed, const double low[3], const double high[3], double from[3],
+                     double to[3])
 {
     const double *m = map->axes;
     const double minors[9] = {m[4] * m[8] - m[5] * m[7], m[2] * m[7] - m[1] * m[8], m[1] * m[5] - m[2] * m[4],
@@ -263,7 +281,8 @@ static void map_back(const voxel_map *map, double handed, const double low[3], c
         to[r] = -INFINITY;
         for (int corner = 0; corner < 8; corner++) {
             double at = 0;
-            for (int d = 0; d < 3; d++) at += minors[3 * r + d] / determinant * ((corner >> d & 1 ? high[d] : low[d]) - map->origin[d]);
+            for (int d = 0; d < 3; d++)
+                at += minors[3 * r + d] / determinant * ((corner >> d & 1 ? high[d] : low[d]) - map->origin[d]);
             from[r] = lesser(from[r], at - 2);
             to[r] = greater(to[r], at + 2);
         }
@@ -315,7 +334,8 @@ static pliant_status try_voxels(severing *cut, int32_t tet, int32_t owner, const
     for (int32_t v = first; v < voxels->start[owner + 1] && status == PLIANT_OK; v++) {
         if (carrier && carrier[v - first] != tet) continue;
         pliant_place_after(voxels, voxels->voxel[v], &last, at);
-        if (at[0] < from[0] || at[0] > to[0] || at[1] < from[1] || at[1] > to[1] || at[2] < from[2] || at[2] > to[2]) continue;
+        if (at[0] < from[0] || at[0] > to[0] || at[1] < from[1] || at[1] > to[1] || at[2] < from[2] || at[2] > to[2])
+            continue;
         const double side = cut->slab[0] * at[0] + cut->slab[1] * at[1] + cut->slab[2] * at[2];
         if (side < cut->slab[3] || side > cut->slab[4]) continue;
         for (int axis = 0; axis < 3 && status == PLIANT_OK; axis++) {
@@ -323,7 +343,8 @@ static pliant_status try_voxels(severing *cut, int32_t tet, int32_t owner, const
             if (status == PLIANT_OK) status = try_link(cut, tet, voxels->voxel[v], at, side, axis, -1);
         }
     }
-    for (int32_t b = voxels->bridge_start[owner]; b < voxels->bridge_start[owner + 1] && status == PLIANT_OK; b++) status = try_bridge(cut, b);
+    for (int32_t b = voxels->bridge_start[owner]; b < voxels->bridge_start[owner + 1] && status == PLIANT_OK; b++)
+        status = try_bridge(cut, b);
     for (int32_t b = voxels->beside_start[owner]; b < voxels->beside_start[owner + 1] && status == PLIANT_OK; b++)
         status = try_bridge(cut, voxels->beside[b]);
     return status;
@@ -398,21 +419,26 @@ pliant_status pliant_cut_sever(cut_work *work, const pliant_cut_sweep *sweep)
     severing cut = {.work = work, .slack = 1e-9 * spacing};
     const double aside[3] = {tie[0] * spacing, tie[1] * spacing, tie[2] * spacing};
     for (int r = 0; r < 3; r++)
-        for (int c = 0; c < 3; c++) cut.rest_of_index[3 * r + c] = geometry->direction[3 * r + c] * geometry->spacing[c];
+        for (int c = 0; c < 3; c++)
+            cut.rest_of_index[3 * r + c] = geometry->direction[3 * r + c] * geometry->spacing[c];
     const double *cell = work->body->fine.cell_size; /* for an octree, the size of its smallest leaves */
     cut.handed = pliant_determinant(geometry->direction) < 0 ? -1 : 1;
     /* the minimum height of the lattice's tetrahedra is 0.58 of a cube's side, and less next to bone */
-    cut.reach = (work->body->fine.num_moved > 0 ? 8 : 4) * greater(geometry->spacing[0], greater(geometry->spacing[1], geometry->spacing[2])) /
+    cut.reach = (work->body->fine.num_moved > 0 ? 8 : 4) *
+                greater(geometry->spacing[0], greater(geometry->spacing[1], geometry->spacing[2])) /
                 lesser(cell[0], lesser(cell[1], cell[2]));
     uint8_t *may = NULL;
     pliant_status status = pliant_cut_strip(sweep, aside, &cut.strip);
     if (status == PLIANT_OK && cut.strip.count > 0) {
         cut.near = pliant_calloc((size_t)cut.strip.count, sizeof *cut.near);
         cut.run = pliant_calloc((size_t)(cut.strip.count / RUN) + 1, sizeof *cut.run);
-        if (!cut_sparse_create(work->body->fine.num_tets, &cut.map_of) || !cut.near || !cut.run) status = pliant_fail_memory("the maps of fragments");
-        if (status == PLIANT_OK) status = pliant_cut_near(work->body, work->positions, &cut.strip, cut.reach, cut.slack, &may);
+        if (!cut_sparse_create(work->body->fine.num_tets, &cut.map_of) || !cut.near || !cut.run)
+            status = pliant_fail_memory("the maps of fragments");
+        if (status == PLIANT_OK)
+            status = pliant_cut_near(work->body, work->positions, &cut.strip, cut.reach, cut.slack, &may);
         const size_t tets = (size_t)work->body->fine.num_tets;
-        for (const uint8_t *at = may; status == PLIANT_OK && (at = memchr(at, 1, tets - (size_t)(at - may))); at++) status = try_fragment(&cut, (int32_t)(at - may));
+        for (const uint8_t *at = may; status == PLIANT_OK && (at = memchr(at, 1, tets - (size_t)(at - may))); at++)
+            status = try_fragment(&cut, (int32_t)(at - may));
         if (status == PLIANT_OK) status = pliant_cut_sort_severed(work);
     }
     pliant_free(cut.strip.triangles);

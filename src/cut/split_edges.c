@@ -55,7 +55,8 @@ static pliant_status list_near(const cut_splitting *work, edge_list *list)
         bool near = false;
         box_of(work, nodes, 4, low, high);
         if (!boxes_meet(low, high, strip->low, strip->high)) continue;
-        for (int32_t n = 0; n < strip->count && !near; n++) near = boxes_meet(low, high, strip->triangles[n].low, strip->triangles[n].high);
+        for (int32_t n = 0; n < strip->count && !near; n++)
+            near = boxes_meet(low, high, strip->triangles[n].low, strip->triangles[n].high);
         if (!near) continue;
         if (list->count + 6 > list->room) {
             const int32_t room = 2 * list->room + 256;
@@ -95,7 +96,9 @@ static bool is_crossed(const cut_splitting *work, edge *one)
     box_of(work, one->end, 2, low, high);
     for (int32_t n = 0; n < work->strip->count; n++) {
         const cut_triangle *triangle = work->strip->triangles + n;
-        if (!boxes_meet(low, high, triangle->low, triangle->high) || !pliant_passes_through(a, b, triangle->corner, triangle->normal, work->slack)) continue;
+        if (!boxes_meet(low, high, triangle->low, triangle->high) ||
+            !pliant_passes_through(a, b, triangle->corner, triangle->normal, work->slack))
+            continue;
         double from = 0, to = 0;
         for (int d = 0; d < 3; d++) {
             from += triangle->normal[d] * (a[d] - triangle->corner[d]);
@@ -153,13 +156,19 @@ static bool parts_are_large(const cut_splitting *work, const edge *one, const do
         for (int end = 0; end < 2; end++) {
             const int32_t *nodes = work->corners + 4 * (size_t)work->around[i];
             const double *corner[4];
-            for (int v = 0; v < 4; v++) corner[v] = nodes[v] == one->end[end] ? middle : work->rest + 3 * (size_t)nodes[v];
-            if (!(pliant_split_volume(corner[0], corner[1], corner[2], corner[3]) >= work->body->subdivision->least_volume)) return false;
+            for (int v = 0; v < 4; v++)
+                corner[v] = nodes[v] == one->end[end] ? middle : work->rest + 3 * (size_t)nodes[v];
+            if (!(pliant_split_volume(corner[0], corner[1], corner[2], corner[3]) >=
+                  work->body->subdivision->least_volume))
+                return false;
         }
     return true;
 }
 
-static uint8_t fixed_between(uint8_t a, uint8_t b) { return a == PLIANT_MOVES || b == PLIANT_MOVES ? PLIANT_MOVES : a == b ? a : PLIANT_FIXED_WHERE_IT_WAS; }
+static uint8_t fixed_between(uint8_t a, uint8_t b)
+{
+    return a == PLIANT_MOVES || b == PLIANT_MOVES ? PLIANT_MOVES : a == b ? a : PLIANT_FIXED_WHERE_IT_WAS;
+}
 
 /* Bisect an edge. The first part of each tetrahedron keeps its number; the second part is appended. */
 static pliant_status bisect(cut_splitting *work, const edge *one)
@@ -181,7 +190,8 @@ static pliant_status bisect(cut_splitting *work, const edge *one)
         return PLIANT_OK;
     }
     const int32_t node = work->num_nodes;
-    status = pliant_split_add_node(work, (pliant_between){{a, b}, one->share}, fixed_between(work->fixed[a], work->fixed[b]));
+    status = pliant_split_add_node(work, (pliant_between){{a, b}, one->share},
+                                   fixed_between(work->fixed[a], work->fixed[b]));
     if (status == PLIANT_OK) work->on[node] = 1;
     for (int32_t i = 0; i < count && status == PLIANT_OK; i++) {
         const int32_t tet = work->around[i];

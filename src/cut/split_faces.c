@@ -85,7 +85,8 @@ static pliant_status list_faces(const cut_splitting *work, face_list *list)
                 list->faces = longer;
                 list->room = room;
             }
-            list->faces[list->count++] = (face){{4 * t + c, other}, area_of(work, t, c), count == 4 || num_on(work, other / 4) == 4};
+            list->faces[list->count++] =
+                (face){{4 * t + c, other}, area_of(work, t, c), count == 4 || num_on(work, other / 4) == 4};
         }
     }
     return PLIANT_OK;
@@ -143,7 +144,8 @@ static int32_t find_parts(const cut_splitting *work, int32_t *part, int32_t *who
                 /* across a severed face the node numbers may already differ */
                 const int32_t severed = work->severed[4 * (size_t)s + (size_t)c] - 1;
                 if (c == work->around[i] % 4) continue;
-                if (severed >= 0 ? severed / 4 == t : opposite(work->corners + 4 * (size_t)s, c, work->corners + 4 * (size_t)t) >= 0) {
+                if (severed >= 0 ? severed / 4 == t
+                                 : opposite(work->corners + 4 * (size_t)s, c, work->corners + 4 * (size_t)t) >= 0) {
                     join(whole, i, j);
                     if (severed < 0) join(part, i, j);
                 }
@@ -185,10 +187,12 @@ static pliant_status split_node(cut_splitting *work, int32_t node, int32_t **roo
 }
 
 /* Report the area of the faces that the tetrahedra no longer share. */
-static void tell_opened(const cut_splitting *work, const face_list *list, const pliant_cut_sweep *sweep, pliant_cut_report *report)
+static void tell_opened(const cut_splitting *work, const face_list *list, const pliant_cut_sweep *sweep,
+                        pliant_cut_report *report)
 {
     for (int32_t f = 0; f < list->count; f++) {
-        const int32_t *side = list->faces[f].side, *a = work->corners + 4 * (size_t)(side[0] / 4), *b = work->corners + 4 * (size_t)(side[1] / 4);
+        const int32_t *side = list->faces[f].side, *a = work->corners + 4 * (size_t)(side[0] / 4),
+                      *b = work->corners + 4 * (size_t)(side[1] / 4);
         const pliant_tet_material *material[2];
         for (int s = 0; s < 2; s++) material[s] = work->body->fine_material + work->source[side[s] / 4];
         if (opposite(a, side[0] % 4, b) >= 0 || !(material[0]->tissue > 0 && material[1]->tissue > 0)) continue;

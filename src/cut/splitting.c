@@ -13,8 +13,9 @@ static pliant_status no_memory(void) { return pliant_fail_memory("what a blade c
 static bool make_node_room(cut_splitting *work, int32_t room)
 {
     const size_t count = (size_t)room;
-    bool good = pliant_grow(&work->rest, count, 3 * sizeof *work->rest) && pliant_grow(&work->between, count, sizeof *work->between) &&
-                pliant_grow(&work->fixed, count, 1) && pliant_grow(&work->on, count, 1) && pliant_grow(&work->first, count, sizeof *work->first);
+    bool good = pliant_grow(&work->rest, count, 3 * sizeof *work->rest) &&
+                pliant_grow(&work->between, count, sizeof *work->between) && pliant_grow(&work->fixed, count, 1) &&
+                pliant_grow(&work->on, count, 1) && pliant_grow(&work->first, count, sizeof *work->first);
     if (good) work->node_room = room;
     return good;
 }
@@ -22,19 +23,25 @@ static bool make_node_room(cut_splitting *work, int32_t room)
 static bool make_tet_room(cut_splitting *work, int32_t room)
 {
     const size_t count = (size_t)room;
-    bool good = pliant_grow(&work->corners, count, 4 * sizeof *work->corners) && pliant_grow(&work->next, count, 4 * sizeof *work->next) &&
-                pliant_grow(&work->source, count, sizeof *work->source) && pliant_grow(&work->severed, count, 4 * sizeof *work->severed);
+    bool good = pliant_grow(&work->corners, count, 4 * sizeof *work->corners) &&
+                pliant_grow(&work->next, count, 4 * sizeof *work->next) &&
+                pliant_grow(&work->source, count, sizeof *work->source) &&
+                pliant_grow(&work->severed, count, 4 * sizeof *work->severed);
     if (good) work->tet_room = room;
     return good;
 }
 
-pliant_status pliant_split_begin(const pliant_body *body, const double *positions, const cut_strip *strip, cut_splitting *out)
+pliant_status pliant_split_begin(const pliant_body *body, const double *positions, const cut_strip *strip,
+                                 cut_splitting *out)
 {
     const pliant_mesh *fine = &body->fine;
     const size_t nodes = (size_t)fine->num_nodes, tets = (size_t)fine->num_tets;
-    *out = (cut_splitting){.body = body, .positions = positions, .strip = strip, .num_nodes = fine->num_nodes, .num_tets = fine->num_tets};
+    *out = (cut_splitting){
+        .body = body, .positions = positions, .strip = strip, .num_nodes = fine->num_nodes, .num_tets = fine->num_tets};
     out->slack = 1e-9 * body->subdivision->least_edge;
-    if (!make_node_room(out, fine->num_nodes + fine->num_nodes / 4 + 64) || !make_tet_room(out, fine->num_tets + fine->num_tets / 4 + 64)) return no_memory();
+    if (!make_node_room(out, fine->num_nodes + fine->num_nodes / 4 + 64) ||
+        !make_tet_room(out, fine->num_tets + fine->num_tets / 4 + 64))
+        return no_memory();
     memcpy(out->rest, fine->rest, 3 * nodes * sizeof *out->rest);
     memcpy(out->fixed, body->fine_fixed, nodes);
     memset(out->on, 0, nodes);
@@ -51,7 +58,8 @@ pliant_status pliant_split_begin(const pliant_body *body, const double *position
 
 void pliant_split_end(cut_splitting *work)
 {
-    void *blocks[] = {work->rest, work->between, work->fixed, work->on, work->first, work->corners, work->next, work->source, work->severed, work->around};
+    void *blocks[] = {work->rest,    work->between, work->fixed,  work->on,      work->first,
+                      work->corners, work->next,    work->source, work->severed, work->around};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
 }
 
@@ -109,7 +117,8 @@ pliant_status pliant_split_around(cut_splitting *work, int32_t node)
     work->num_around = 0;
     for (int32_t at = work->first[node]; at >= 0; at = work->next[at]) {
         if (work->num_around == work->around_room) {
-            if (!pliant_grow(&work->around, 2 * (size_t)work->around_room + 64, sizeof *work->around)) return no_memory();
+            if (!pliant_grow(&work->around, 2 * (size_t)work->around_room + 64, sizeof *work->around))
+                return no_memory();
             work->around_room = 2 * work->around_room + 64;
         }
         work->around[work->num_around++] = at;

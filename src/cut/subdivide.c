@@ -26,7 +26,8 @@ static void recall_marks(cut_splitting *work, const pliant_cut_sweep *sweep)
 static bool any_new_mark(const cut_splitting *work, const pliant_cut_sweep *sweep)
 {
     int32_t before = 0, now = 0;
-    for (int32_t m = 0; m < work->body->subdivision->num_marks; m++) before += goes_on(work->body->subdivision->mark + m, sweep);
+    for (int32_t m = 0; m < work->body->subdivision->num_marks; m++)
+        before += goes_on(work->body->subdivision->mark + m, sweep);
     for (int32_t n = 0; n < work->num_nodes; n++) now += work->on[n];
     return sweep->stroke > 0 && now > before;
 }
@@ -70,7 +71,8 @@ static pliant_status divide(const cut_splitting *work, uint64_t revision, pliant
     return status;
 }
 
-static pliant_status make_next(const cut_splitting *work, uint64_t revision, const pliant_cut_sweep *sweep, pliant_body **out, int32_t *pieces)
+static pliant_status make_next(const cut_splitting *work, uint64_t revision, const pliant_cut_sweep *sweep,
+                               pliant_body **out, int32_t *pieces)
 {
     const pliant_body *body = work->body;
     const bool same_mesh = work->num_nodes == body->fine.num_nodes;
@@ -83,7 +85,8 @@ static pliant_status make_next(const cut_splitting *work, uint64_t revision, con
     return status;
 }
 
-static pliant_status subdivide(cut_splitting *work, uint64_t revision, const pliant_cut_sweep *sweep, pliant_body **out, pliant_cut_report *report)
+static pliant_status subdivide(cut_splitting *work, uint64_t revision, const pliant_cut_sweep *sweep, pliant_body **out,
+                               pliant_cut_report *report)
 {
     const pliant_mesh *fine = &work->body->fine;
     recall_marks(work, sweep);
@@ -91,13 +94,14 @@ static pliant_status subdivide(cut_splitting *work, uint64_t revision, const pli
     if (status == PLIANT_OK) status = pliant_split_faces(work, sweep, report);
     if (status != PLIANT_OK) return status;
     for (int32_t t = 0; t < fine->num_tets; t++)
-        report->touched += memcmp(fine->tets + 4 * (size_t)t, work->corners + 4 * (size_t)t, 4 * sizeof *fine->tets) != 0;
+        report->touched +=
+            memcmp(fine->tets + 4 * (size_t)t, work->corners + 4 * (size_t)t, 4 * sizeof *fine->tets) != 0;
     if (!out || (work->num_nodes == fine->num_nodes && !any_new_mark(work, sweep))) return PLIANT_OK;
     return make_next(work, revision, sweep, out, &report->pieces);
 }
 
-pliant_status pliant_cut_subdivide(const pliant_body *body, uint64_t revision, const double *positions, const pliant_cut_sweep *sweep, pliant_body **out,
-                                   pliant_cut_report *report)
+pliant_status pliant_cut_subdivide(const pliant_body *body, uint64_t revision, const double *positions,
+                                   const pliant_cut_sweep *sweep, pliant_body **out, pliant_cut_report *report)
 {
     cut_strip strip;
     cut_splitting work = {0};

@@ -32,7 +32,8 @@ typedef struct cut_splitting {
 } cut_splitting;
 
 /* Copy the body's mesh. Errors: MEMORY. */
-pliant_status pliant_split_begin(const pliant_body *body, const double *positions, const cut_strip *strip, cut_splitting *out);
+pliant_status pliant_split_begin(const pliant_body *body, const double *positions, const cut_strip *strip,
+                                 cut_splitting *out);
 void pliant_split_end(cut_splitting *work);
 /* Append a node that has no corner yet. Errors: MEMORY. */
 pliant_status pliant_split_add_node(cut_splitting *work, pliant_between between, uint8_t fixed);
@@ -55,7 +56,9 @@ static inline double pliant_split_volume(const double *a, const double *b, const
         v[i] = c[i] - a[i];
         w[i] = d[i] - a[i];
     }
-    return (u[0] * (v[1] * w[2] - v[2] * w[1]) + u[1] * (v[2] * w[0] - v[0] * w[2]) + u[2] * (v[0] * w[1] - v[1] * w[0])) / 6;
+    return (u[0] * (v[1] * w[2] - v[2] * w[1]) + u[1] * (v[2] * w[0] - v[0] * w[2]) +
+            u[2] * (v[0] * w[1] - v[1] * w[0])) /
+           6;
 }
 
 #ifdef __cplusplus

@@ -12,7 +12,9 @@
 PLIANT_INLINE bool pliant_in_front(const double normal[3], const double corner[3], const double point[3], double slack)
 {
     const double length = sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
-    return normal[0] * (point[0] - corner[0]) + normal[1] * (point[1] - corner[1]) + normal[2] * (point[2] - corner[2]) > -slack * length;
+    return normal[0] * (point[0] - corner[0]) + normal[1] * (point[1] - corner[1]) +
+               normal[2] * (point[2] - corner[2]) >
+           -slack * length;
 }
 
 /* Return the direction in which the edge from p to q turns around the origin. The input is in single precision, so that
@@ -42,7 +44,8 @@ PLIANT_INLINE void pliant_see_along(const double a[3], const double b[3], const 
 /* Return whether the segment from a to b passes through a triangle.
  * corner: (3 x 3) corners of the triangle
  * normal: of any length */
-PLIANT_INLINE bool pliant_passes_through(const double a[3], const double b[3], const double corner[9], const double normal[3], double slack)
+PLIANT_INLINE bool pliant_passes_through(const double a[3], const double b[3], const double corner[9],
+                                         const double normal[3], double slack)
 {
     if (pliant_in_front(normal, corner, a, slack) == pliant_in_front(normal, corner, b, slack)) return false;
     float seen[3][2];

@@ -73,7 +73,8 @@ static pliant_status list_touched(cut_work *work)
     for (int32_t i = 0; i < work->num_links && status == PLIANT_OK; i++) {
         const int32_t voxel = (int32_t)(work->link[i] / 4);
         status = mark(work, voxels->owner[voxel]);
-        if (status == PLIANT_OK) status = mark(work, voxels->owner[voxel + pliant_stride_of(voxels, work->link[i] % 4)]);
+        if (status == PLIANT_OK)
+            status = mark(work, voxels->owner[voxel + pliant_stride_of(voxels, work->link[i] % 4)]);
     }
     for (int32_t i = 0; i < 2 * work->num_bridges && status == PLIANT_OK; i++)
         status = mark(work, voxels->owner[voxels->bridge[2 * work->bridge[i / 2] + i % 2]]);
@@ -97,7 +98,8 @@ static void doubt(cut_work *work, int32_t i, int32_t j, int32_t k)
     const int32_t *size = work->links.size;
     for (int32_t c = k > 0 ? k - 1 : 0; c <= k + 1 && c < size[2]; c++)
         for (int32_t b = j > 0 ? j - 1 : 0; b <= j + 1 && b < size[1]; b++)
-            for (int32_t a = i > 0 ? i - 1 : 0; a <= i + 1 && a < size[0]; a++) work->doubtful[(size_t)a + (size_t)size[0] * ((size_t)b + (size_t)size[1] * (size_t)c)] = 1;
+            for (int32_t a = i > 0 ? i - 1 : 0; a <= i + 1 && a < size[0]; a++)
+                work->doubtful[(size_t)a + (size_t)size[0] * ((size_t)b + (size_t)size[1] * (size_t)c)] = 1;
 }
 
 static pliant_status make_tables(cut_work *work)
@@ -124,7 +126,8 @@ static pliant_status make_tables(cut_work *work)
         links->low[d] -= 2;
         links->size[d] = high[d] + 3 - links->low[d];
     }
-    const size_t row = (size_t)links->size[0], slice = row * (size_t)links->size[1], all = slice * (size_t)links->size[2];
+    const size_t row = (size_t)links->size[0], slice = row * (size_t)links->size[1],
+                 all = slice * (size_t)links->size[2];
     links->voxels = voxels;
     links->cuts = work->next;
     links->severed = pliant_calloc(all, 1);
@@ -134,14 +137,17 @@ static pliant_status make_tables(cut_work *work)
     before = -2;
     for (int32_t i = 0; i < count; i++) {
         pliant_place_after(voxels, work->voxel[i], &before, at);
-        work->place[(size_t)(at[0] - links->low[0]) + row * (size_t)(at[1] - links->low[1]) + slice * (size_t)(at[2] - links->low[2])] = i + 1;
+        work->place[(size_t)(at[0] - links->low[0]) + row * (size_t)(at[1] - links->low[1]) +
+                    slice * (size_t)(at[2] - links->low[2])] = i + 1;
     }
     const int32_t *size = voxels->geometry.size;
     for (int32_t k = 0; k < links->size[2]; k++) { /* the links of a slice are consecutive */
-        const int64_t first = (int64_t)(links->low[2] + k) * size[0] * size[1] + (int64_t)links->low[1] * size[0] + links->low[0];
+        const int64_t first =
+            (int64_t)(links->low[2] + k) * size[0] * size[1] + (int64_t)links->low[1] * size[0] + links->low[0];
         const int64_t last = first + (int64_t)(links->size[1] - 1) * size[0] + links->size[0];
         if (last <= 0) continue;
-        for (int32_t l = pliant_lower(work->next->link, work->next->num_links, first > 0 ? 4 * (uint32_t)first : 0); l < work->next->num_links; l++) {
+        for (int32_t l = pliant_lower(work->next->link, work->next->num_links, first > 0 ? 4 * (uint32_t)first : 0);
+             l < work->next->num_links; l++) {
             const int32_t voxel = (int32_t)(work->next->link[l] / 4);
             if (voxel >= last) break;
             pliant_place_of(voxels, voxel, at);
@@ -169,13 +175,15 @@ static void find_parts(cut_work *work)
     const pliant_links *links = &work->links;
     const int32_t row = links->size[0], slice = row * links->size[1];
     ptrdiff_t behind[9];
-    for (int n = 0; n < 9; n++) behind[n] = pliant_behind[n][0] + row * pliant_behind[n][1] + (ptrdiff_t)slice * pliant_behind[n][2];
+    for (int n = 0; n < 9; n++)
+        behind[n] = pliant_behind[n][0] + row * pliant_behind[n][1] + (ptrdiff_t)slice * pliant_behind[n][2];
     for (int32_t t = 0; t < work->num_touched; t++) {
         for (int32_t i = work->start[t]; i < work->start[t + 1]; i++) work->part[i] = i;
         int32_t at[3] = {0}, before = -2;
         for (int32_t i = work->start[t]; i < work->start[t + 1]; i++) {
             pliant_place_after(voxels, work->voxel[i], &before, at);
-            const size_t place = (size_t)(at[0] - links->low[0]) + (size_t)row * (size_t)(at[1] - links->low[1]) + (size_t)slice * (size_t)(at[2] - links->low[2]);
+            const size_t place = (size_t)(at[0] - links->low[0]) + (size_t)row * (size_t)(at[1] - links->low[1]) +
+                                 (size_t)slice * (size_t)(at[2] - links->low[2]);
             int32_t own = first_of(work->part, i);
             for (int n = 0; n < 9; n++) {
                 const int32_t other = work->place[(ptrdiff_t)place + behind[n]] - 1;
@@ -188,7 +196,8 @@ static void find_parts(cut_work *work)
         }
         const int32_t tet = work->touched[t];
         for (int32_t b = voxels->bridge_start[tet]; b < voxels->bridge_start[tet + 1]; b++)
-            if (!pliant_bridge_severed(work->next, b)) join(work->part, index_of(work, voxels->bridge[2 * b]), index_of(work, voxels->bridge[2 * b + 1]));
+            if (!pliant_bridge_severed(work->next, b))
+                join(work->part, index_of(work, voxels->bridge[2 * b]), index_of(work, voxels->bridge[2 * b + 1]));
         for (int32_t i = work->start[t]; i < work->start[t + 1]; i++) work->part[i] = first_of(work->part, i);
     }
 }
@@ -223,7 +232,8 @@ static pliant_status list_fragments(cut_work *work)
             } else {
                 const int32_t was = pliant_voxels_fragment(work->voxels, work->cuts, work->voxel[i]);
                 const bool own = cut_parent(work, was) == tet;
-                work->fragment[work->num_fragments] = (cut_fragment){.tet = tet, .source = own ? was : tet, .host = was, .came_back = !own, .into = -1};
+                work->fragment[work->num_fragments] =
+                    (cut_fragment){.tet = tet, .source = own ? was : tet, .host = was, .came_back = !own, .into = -1};
                 work->part[i] = work->num_fragments++;
             }
             work->fragment[work->part[i]].voxels++;

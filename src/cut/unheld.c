@@ -44,7 +44,10 @@ static pliant_status list_pairs(unheld *all)
     return PLIANT_OK;
 }
 
-static int32_t joint_node(const cut_work *work, int32_t end) { return cut_corners(work, work->joint[end] / 4)[work->joint[end] % 4]; }
+static int32_t joint_node(const cut_work *work, int32_t end)
+{
+    return cut_corners(work, work->joint[end] / 4)[work->joint[end] % 4];
+}
 
 /* Remove the edges whose ends are connected through other tetrahedra or joints. */
 static pliant_status leave_out_held(unheld *all)
@@ -60,7 +63,9 @@ static pliant_status leave_out_held(unheld *all)
     for (int32_t j = 0; j < work->num_joints; j++) join(part, joint_node(work, 2 * j), joint_node(work, 2 * j + 1));
     for (int32_t p = 0; p < all->count; p++) {
         const int32_t *pair = all->pair + 2 * p;
-        if (first_of(part, cut_corners(work, cut_number(work, pair[0]))[0]) == first_of(part, cut_corners(work, cut_number(work, pair[1]))[0])) continue;
+        if (first_of(part, cut_corners(work, cut_number(work, pair[0]))[0]) ==
+            first_of(part, cut_corners(work, cut_number(work, pair[1]))[0]))
+            continue;
         memmove(all->pair + 2 * kept++, pair, 2 * sizeof *pair);
     }
     all->count = kept;
@@ -71,7 +76,9 @@ static pliant_status leave_out_held(unheld *all)
 static bool is_unheld(const unheld *all, int32_t a, int32_t b)
 {
     for (int32_t p = 0; p < all->count; p++)
-        if ((all->pair[2 * p] == a && all->pair[2 * p + 1] == b) || (all->pair[2 * p] == b && all->pair[2 * p + 1] == a)) return true;
+        if ((all->pair[2 * p] == a && all->pair[2 * p + 1] == b) ||
+            (all->pair[2 * p] == b && all->pair[2 * p + 1] == a))
+            return true;
     return false;
 }
 
@@ -105,9 +112,12 @@ static pliant_status sever_around(unheld *all, int32_t i)
         const int8_t *behind = pliant_behind[n % 9], sign = n < 9 ? 1 : -1;
         const int8_t step[3] = {(int8_t)(sign * behind[0]), (int8_t)(sign * behind[1]), (int8_t)(sign * behind[2])};
         const int32_t other = pliant_step_to(voxels, voxel, at, step);
-        if (other < 0 || voxels->owner[other] < 0 || !is_unheld(all, own, cut_final(work, pliant_cut_end_of(work, other)))) continue;
+        if (other < 0 || voxels->owner[other] < 0 ||
+            !is_unheld(all, own, cut_final(work, pliant_cut_end_of(work, other))))
+            continue;
         for (int d = 0; d < 3 && status == PLIANT_OK; d++)
-            if (step[d] && voxels->owner[voxel + step[d] * pliant_stride_of(voxels, d)] >= 0) status = sever_link(all, voxel, at, d, step[d]);
+            if (step[d] && voxels->owner[voxel + step[d] * pliant_stride_of(voxels, d)] >= 0)
+                status = sever_link(all, voxel, at, d, step[d]);
     }
     return status;
 }
@@ -117,13 +127,15 @@ static pliant_status sever_bridges(unheld *all)
     const cut_work *work = all->work;
     const pliant_voxels *voxels = work->voxels;
     int32_t most = 0;
-    for (int32_t t = 0; t < work->num_touched; t++) most += voxels->beside_start[work->touched[t] + 1] - voxels->beside_start[work->touched[t]];
+    for (int32_t t = 0; t < work->num_touched; t++)
+        most += voxels->beside_start[work->touched[t] + 1] - voxels->beside_start[work->touched[t]];
     if (!(all->bridge = pliant_calloc((size_t)most + 1, sizeof *all->bridge))) return no_memory();
     for (int32_t t = 0; t < work->num_touched; t++)
         for (int32_t e = voxels->beside_start[work->touched[t]]; e < voxels->beside_start[work->touched[t] + 1]; e++) {
             const int32_t *ends = voxels->bridge + 2 * voxels->beside[e];
             if (!pliant_bridge_severed(work->next, voxels->beside[e]) &&
-                is_unheld(all, cut_final(work, pliant_cut_end_of(work, ends[0])), cut_final(work, pliant_cut_end_of(work, ends[1]))))
+                is_unheld(all, cut_final(work, pliant_cut_end_of(work, ends[0])),
+                          cut_final(work, pliant_cut_end_of(work, ends[1]))))
                 all->bridge[all->num_bridges++] = voxels->beside[e];
         }
     return PLIANT_OK;
@@ -137,7 +149,8 @@ static pliant_status add_all(const unheld *all)
     if (link) work->link = link;
     double *area = pliant_resize(work->link_area, (size_t)work->num_links + (size_t)all->num_links + 1, sizeof *area);
     if (area) work->link_area = area;
-    int32_t *bridge = pliant_resize(work->bridge, (size_t)work->num_bridges + (size_t)all->num_bridges + 1, sizeof *bridge);
+    int32_t *bridge =
+        pliant_resize(work->bridge, (size_t)work->num_bridges + (size_t)all->num_bridges + 1, sizeof *bridge);
     if (bridge) work->bridge = bridge;
     if (!link || !area || !bridge) return no_memory();
     for (int32_t i = 0; i < all->num_links; i++) {
@@ -156,7 +169,8 @@ pliant_status pliant_cut_part_unheld(cut_work *work, bool *changed)
     pliant_status status = list_pairs(&all);
     if (status == PLIANT_OK && all.count > 0) status = leave_out_held(&all);
     if (status == PLIANT_OK && all.count > 0) {
-        for (int32_t i = 0; i < work->start[work->num_touched] && status == PLIANT_OK; i++) status = sever_around(&all, i);
+        for (int32_t i = 0; i < work->start[work->num_touched] && status == PLIANT_OK; i++)
+            status = sever_around(&all, i);
         if (status == PLIANT_OK) status = sever_bridges(&all);
         if (status == PLIANT_OK) status = add_all(&all);
     }

@@ -91,11 +91,15 @@ typedef struct cut_work {
 /* Return the state of an initial tetrahedron. */
 static inline int32_t cut_state(const cut_work *work, int32_t tet) { return cut_sparse_get(&work->state, tet); }
 /* Return the initial tetrahedron of a fine one of the previous body. */
-static inline int32_t cut_parent(const cut_work *work, int32_t tet) { return work->body->tet_parent ? work->body->tet_parent[tet] : tet; }
+static inline int32_t cut_parent(const cut_work *work, int32_t tet)
+{
+    return work->body->tet_parent ? work->body->tet_parent[tet] : tet;
+}
 /* Return the initial tetrahedron of an element. */
 static inline int32_t cut_tet_of(const cut_work *work, int32_t end)
 {
-    return end < work->body->fine.num_tets ? cut_parent(work, end) : work->fragment[end - work->body->fine.num_tets].tet;
+    return end < work->body->fine.num_tets ? cut_parent(work, end)
+                                           : work->fragment[end - work->body->fine.num_tets].tet;
 }
 /* Return the element that finally received a fragment's voxels: itself, another fragment, or an untouched
  * tetrahedron. */
@@ -136,8 +140,8 @@ static inline bool cut_share_face(const cut_work *work, int32_t a, int32_t b)
  * Errors: MEMORY. */
 pliant_status pliant_cut_strip(const pliant_cut_sweep *sweep, const double aside[3], cut_strip *out);
 /* subdivide.c: pliant_body_cut for a body with a subdivision. *out is NULL if nothing changes. */
-pliant_status pliant_cut_subdivide(const pliant_body *body, uint64_t revision, const double *positions, const pliant_cut_sweep *sweep, pliant_body **out,
-                                   pliant_cut_report *report);
+pliant_status pliant_cut_subdivide(const pliant_body *body, uint64_t revision, const double *positions,
+                                   const pliant_cut_sweep *sweep, pliant_body **out, pliant_cut_report *report);
 /* cut.c: count the pieces with tissue; common nodes or joints connect tetrahedra to a piece. */
 pliant_status pliant_cut_count_pieces(const pliant_body *body, int32_t *pieces);
 
@@ -145,7 +149,8 @@ pliant_status pliant_cut_count_pieces(const pliant_body *body, int32_t *pieces);
  * slack [m].
  * out: (fine.num_tets) 1: may touch; owned by the caller, also after an error
  * Errors: MEMORY. */
-pliant_status pliant_cut_near(const pliant_body *body, const double *positions, const cut_strip *strip, double reach, double slack, uint8_t **out);
+pliant_status pliant_cut_near(const pliant_body *body, const double *positions, const cut_strip *strip, double reach,
+                              double slack, uint8_t **out);
 /* Find the links and bridges that the sweep severs. */
 pliant_status pliant_cut_sever(cut_work *work, const pliant_cut_sweep *sweep);
 /* Append a newly severed link.

@@ -29,7 +29,8 @@ int main(void)
         if (strcmp(all.materials.materials[m].name, "organ") == 0) all.materials.materials[m].young_modulus *= 3;
     pliant_model *stiffer = NULL;
     if (status >= 0)
-        status = pliant_model_build(pliant_model_get_scene(all.model), &all.scan, &all.labels, &all.materials, (pliant_progress){0}, &stiffer);
+        status = pliant_model_build(pliant_model_get_scene(all.model), &all.scan, &all.labels, &all.materials,
+                                    (pliant_progress){0}, &stiffer);
     if (status >= 0) {
         pliant_data_free(all.data); /* the data refer to the old model, so they are freed first */
         pliant_model_free(all.model);

@@ -23,7 +23,9 @@ static inline pliant_status example_begin(const pliant_scene *wanted, example *o
     if (wanted) scene = *wanted;
     *out = (example){0};
     pliant_status status = pliant_inputs_read(&scene, "phantom:80x58x60", &out->scan, &out->labels, &out->materials);
-    if (status >= 0) status = pliant_model_build(&scene, &out->scan, &out->labels, &out->materials, (pliant_progress){0}, &out->model);
+    if (status >= 0)
+        status =
+            pliant_model_build(&scene, &out->scan, &out->labels, &out->materials, (pliant_progress){0}, &out->model);
     return status < 0 ? status : pliant_data_create(out->model, &out->data);
 }
 

@@ -33,7 +33,8 @@ int main(int argc, char **argv)
     pliant_tool_state state;
     if (status >= 0) status = pliant_tool_get(data, tool, &state);
     if (status >= 0)
-        printf("the held point moved %.2f mm, and pulls back with %.3f N\n", 1e3 * (point[1] - state.held_point[1]), -state.force[1]);
+        printf("the held point moved %.2f mm, and pulls back with %.3f N\n", 1e3 * (point[1] - state.held_point[1]),
+               -state.force[1]);
     else
         fprintf(stderr, "%s\n", pliant_last_error());
 

@@ -40,7 +40,9 @@ int main(void)
         run(&pulls[0]);
         pthread_join(thread, NULL);
         for (int n = 0; n < 2 && status >= 0; n++) status = pulls[n].status;
-        if (status >= 0) printf("pulled by 10 and 20 mm: the points moved %.2f and %.2f mm\n", 1e3 * pulls[0].moved, 1e3 * pulls[1].moved);
+        if (status >= 0)
+            printf("pulled by 10 and 20 mm: the points moved %.2f and %.2f mm\n", 1e3 * pulls[0].moved,
+                   1e3 * pulls[1].moved);
     }
     pliant_data_free(second);
     return example_end(&all, status);

@@ -88,7 +88,10 @@ typedef struct pliant_macros {
     float **entry_shape;      /* (count) (entries x 9) N, 3 x 3 */
 } pliant_macros;
 
-enum { PLIANT_MAX_LAYERS = 3, PLIANT_MAX_CORNERS = 2 * (2 * PLIANT_MAX_LAYERS + 2) * (2 * PLIANT_MAX_LAYERS + 2) * (2 * PLIANT_MAX_LAYERS + 2) };
+enum {
+    PLIANT_MAX_LAYERS = 3,
+    PLIANT_MAX_CORNERS = 2 * (2 * PLIANT_MAX_LAYERS + 2) * (2 * PLIANT_MAX_LAYERS + 2) * (2 * PLIANT_MAX_LAYERS + 2)
+};
 
 /* The coarse elements at load time. A graded system uses the elements that are far from every cut. Successive graded
  * systems share one base. */
@@ -186,12 +189,24 @@ struct pliant_system {
 /* ---- Elements of both kinds: tetrahedra of the solved mesh, or macro-elements. */
 enum { PLIANT_ELEMENT_UNKNOWNS = 24 }; /* maximum per element, for tetrahedra and hexahedra */
 
-static inline int32_t pliant_element_count(const pliant_system *system) { return system->macros ? system->macros->count : system->mesh->num_tets; }
+static inline int32_t pliant_element_count(const pliant_system *system)
+{
+    return system->macros ? system->macros->count : system->mesh->num_tets;
+}
 /* Return the index of the element's first corner in the gather lists. The index for `element + 1` is the end. */
-static inline int32_t pliant_element_begin(const pliant_system *system, int32_t element) { return system->macros ? system->macros->start[element] : 4 * element; }
+static inline int32_t pliant_element_begin(const pliant_system *system, int32_t element)
+{
+    return system->macros ? system->macros->start[element] : 4 * element;
+}
 /* Return the solved node of every corner: (corners). */
-static inline const int32_t *pliant_element_nodes(const pliant_system *system) { return system->macros ? system->macros->node : system->mesh->tets; }
-static inline int32_t pliant_element_of_corner(const pliant_system *system, int32_t corner) { return system->macros ? system->macros->cube_of_corner[corner] : corner / 4; }
+static inline const int32_t *pliant_element_nodes(const pliant_system *system)
+{
+    return system->macros ? system->macros->node : system->mesh->tets;
+}
+static inline int32_t pliant_element_of_corner(const pliant_system *system, int32_t corner)
+{
+    return system->macros ? system->macros->cube_of_corner[corner] : corner / 4;
+}
 
 /* The elements that a system shares with its predecessor from before a cut. A tetrahedron is kept if its index,
  * corners, material and fixed nodes are unchanged. */
@@ -207,24 +222,29 @@ void pliant_system_clear(pliant_system *system);
 int32_t pliant_next_not_kept(const uint8_t *kept, int32_t count, int32_t from);
 /* Build isotropic linear tetrahedra ([H] 2.1).
  * @param before, kept  Nullable: a system whose kept elements are copied. */
-pliant_status pliant_system_elements(pliant_system *system, const pliant_tet_material *material, const pliant_system *before, const uint8_t *kept);
+pliant_status pliant_system_elements(pliant_system *system, const pliant_tet_material *material,
+                                     const pliant_system *before, const uint8_t *kept);
 /* Compute the 12 x 12 stiffness of one tetrahedron: K = V B' E B. A 3 x 3 block is lambda g_i g_j' + mu g_j g_i' + mu
  * (g_i . g_j) I. */
-void pliant_element_stiffness(const double gradients[12], double volume_lambda, double volume_mu, double stiffness[144]);
+void pliant_element_stiffness(const double gradients[12], double volume_lambda, double volume_mu,
+                              double stiffness[144]);
 /* Compute the same stiffness for a tetrahedron of a mesh, at rest. */
-void pliant_tet_stiffness(const pliant_mesh *mesh, int32_t tet, const pliant_tet_material *material, double stiffness[144]);
+void pliant_tet_stiffness(const pliant_mesh *mesh, int32_t tet, const pliant_tet_material *material,
+                          double stiffness[144]);
 /* Compute the elastic force of every element at positions (num_nodes x 3). forces: (num_blocks x 12 x LANES) [N]. */
 void pliant_system_element_forces(const pliant_system *system, const double *positions, double (*forces)[12][LANES]);
 /* Sum the element forces on the free nodes, in a fixed order. out: (num_free x 3) [N]. */
 void pliant_system_gather(const pliant_system *system, double (*forces)[12][LANES], double *out);
 /* Compute the tangents (num_blocks) at these positions. */
-void pliant_system_tangents(const pliant_system *system, const double *positions, pliant_twist twist, pliant_tangent *tangents);
+void pliant_system_tangents(const pliant_system *system, const double *positions, pliant_twist twist,
+                            pliant_tangent *tangents);
 
 /* ---- Implemented in unknowns.c. */
 /* Number the free nodes and build the gather lists. fixed: (num_nodes). */
 pliant_status pliant_system_number(pliant_system *system, const uint8_t *fixed);
 /* Do the same, and copy the lists of `before` for nodes whose adjacent tetrahedra are all kept. kept: Nullable */
-pliant_status pliant_system_number_next(pliant_system *system, const uint8_t *fixed, const pliant_system *before, const uint8_t *kept);
+pliant_status pliant_system_number_next(pliant_system *system, const uint8_t *fixed, const pliant_system *before,
+                                        const uint8_t *kept);
 /* Return whether the unknowns have the same numbers in both systems. Systems that were numbered after `before` are not
  * read. */
 bool pliant_numbered_alike(const pliant_system *system, const pliant_system *before);
@@ -241,9 +261,11 @@ pliant_status pliant_system_find_pattern(pliant_system *system);
 /* Assemble the stiffness at given tangents (num_blocks). values: (pattern.num_values), lower triangle by columns. */
 void pliant_system_assemble(const pliant_system *system, const pliant_tangent *tangents, double *values);
 /* Assemble one 3 x 3 block of the stiffness, by its index in the pattern. */
-void pliant_system_assemble_block(const pliant_system *system, const pliant_tangent *tangents, int32_t index, double block[9]);
+void pliant_system_assemble_block(const pliant_system *system, const pliant_tangent *tangents, int32_t index,
+                                  double block[9]);
 /* Compute the stiffness of one element: (3 corners x 3 corners), at most PLIANT_ELEMENT_UNKNOWNS squared. */
-void pliant_system_element(const pliant_system *system, const pliant_tangent *tangents, int32_t element, double *stiffness);
+void pliant_system_element(const pliant_system *system, const pliant_tangent *tangents, int32_t element,
+                           double *stiffness);
 
 /* ---- Implemented in part.c. */
 /* Copy some elements of a system into a new system without unknowns, on a mesh of their nodes.
@@ -251,23 +273,24 @@ void pliant_system_element(const pliant_system *system, const pliant_tangent *ta
  * @param place    (nodes of the whole system) number in the new mesh, or -1.
  * @param mesh     In: num_nodes; out: cells, cell_size, rest and, for tetrahedra, tets.
  * Errors: MEMORY; the caller then frees the partial result. */
-pliant_status pliant_system_take(const pliant_system *whole, int32_t count, const int32_t *element, const int32_t *place, pliant_mesh *mesh,
-                                 pliant_system *out);
+pliant_status pliant_system_take(const pliant_system *whole, int32_t count, const int32_t *element,
+                                 const int32_t *place, pliant_mesh *mesh, pliant_system *out);
 
 /* ---- Implemented in hexahedra.c. Replaces pliant_system_elements. */
 /* Build a hexahedron for every complete lattice cube and every complete fragment of a cube, and tetrahedra for the
  * others.
  * @param before, kept  Nullable: a system whose kept elements are copied.
  * Errors: MEMORY. */
-pliant_status pliant_system_hexahedra(pliant_system *system, const pliant_tet_material *material, const pliant_system *before, const uint8_t *kept);
+pliant_status pliant_system_hexahedra(pliant_system *system, const pliant_tet_material *material,
+                                      const pliant_system *before, const uint8_t *kept);
 /* ---- Implemented in octree_hexahedra.c.
  * Build a hexahedron for every leaf of the octree. A node in the middle of a larger leaf's edge or face follows that
  * leaf's corners, and so does the centre of a divided leaf. The system's upsampling stores these relations.
  * @param before, kept  Nullable: a system whose kept elements are copied.
  * @param fixed  (nodes) in: nodes that the body fixes; out: also the followers, and nodes with a fixed follower.
  * Errors: MEMORY. */
-pliant_status pliant_system_octree_hexahedra(pliant_system *system, const pliant_tet_material *material, const pliant_system *before, const uint8_t *kept,
-                                             uint8_t *fixed);
+pliant_status pliant_system_octree_hexahedra(pliant_system *system, const pliant_tet_material *material,
+                                             const pliant_system *before, const uint8_t *kept, uint8_t *fixed);
 /* ---- Implemented in coarse/graded.c. */
 /* Return whether cuts have separated any tissue of the body. */
 bool pliant_body_is_cut(const pliant_body *body);
@@ -277,16 +300,18 @@ bool pliant_body_is_cut(const pliant_body *body);
  * @param kept   Nullable: elements unchanged by the cut; the system before the cut may be graded, from the same base.
  * @param fixed  Out: (solved nodes), allocated with pliant_calloc.
  * Errors: MEMORY. */
-pliant_status pliant_system_graded(pliant_system *system, const pliant_system *base, const pliant_body *body, const pliant_kept *kept, bool hexahedra,
-                                   uint8_t **fixed);
+pliant_status pliant_system_graded(pliant_system *system, const pliant_system *base, const pliant_body *body,
+                                   const pliant_kept *kept, bool hexahedra, uint8_t **fixed);
 /* ---- Implemented in coarse/graded_carry.c. */
 /* Find each solved node's number in the system before the cut; -1 if it has no number there.
  * @param own  Out: an array that the caller frees, or NULL if `out` points into the map.
  * Errors: MEMORY. */
-pliant_status pliant_solved_sources(const pliant_system *system, const pliant_system *before, const pliant_body_map *map, int32_t **own, const int32_t **out);
+pliant_status pliant_solved_sources(const pliant_system *system, const pliant_system *before,
+                                    const pliant_body_map *map, int32_t **own, const int32_t **out);
 /* Compute positions of the solved nodes from positions x before the cut. out: (solved nodes x 3) [m]. Errors:
  * MEMORY. */
-pliant_status pliant_solved_positions(const pliant_system *system, const pliant_system *before, const pliant_body_map *map, const double *x, double *out);
+pliant_status pliant_solved_positions(const pliant_system *system, const pliant_system *before,
+                                      const pliant_body_map *map, const double *x, double *out);
 /* Return the fine node at the position of a solved node, or -1. */
 int32_t pliant_fine_of_solved(const pliant_system *system, const pliant_body *body, int32_t node);
 /* ---- Implemented in hexahedra.c. */
@@ -312,16 +337,20 @@ double pliant_macro_mean_diagonal(const pliant_system *system); /* computes the 
 double pliant_macro_trace(const pliant_macros *macros, const int32_t *free_of_node, int32_t element);
 void pliant_macro_positions(const pliant_system *system, const double *solved, double *fine);
 /* Add the shape functions of a fine node, times a weight. dense: (num_free x 9). */
-void pliant_macro_weights(const pliant_system *system, const double *solved, int32_t fine_node, double weight, double *dense);
+void pliant_macro_weights(const pliant_system *system, const double *solved, int32_t fine_node, double weight,
+                          double *dense);
 void pliant_macros_free(pliant_macros *macros); /* Nullable */
 
 /* ---- Implemented in homogenize.c. */
-pliant_status pliant_homogenize(pliant_system *system, const pliant_scene *scene, const pliant_mesh *fine, const uint8_t *fine_fixed,
-                                const pliant_tet_material *fine_material, const int32_t *coarse_of_fine, pliant_progress progress);
+pliant_status pliant_homogenize(pliant_system *system, const pliant_scene *scene, const pliant_mesh *fine,
+                                const uint8_t *fine_fixed, const pliant_tet_material *fine_material,
+                                const int32_t *coarse_of_fine, pliant_progress progress);
 
 /* ---- Implemented in cubes.c: the same for hexahedra on the coarse cubes. Errors: MEMORY, NUMERIC, CANCELLED. */
-pliant_status pliant_homogenize_cubes(pliant_system *system, const pliant_scene *scene, const pliant_mesh *fine, const uint8_t *fine_fixed, uint8_t *coarse_fixed,
-                                      const pliant_tet_material *fine_material, const int32_t *coarse_of_fine, pliant_progress progress);
+pliant_status pliant_homogenize_cubes(pliant_system *system, const pliant_scene *scene, const pliant_mesh *fine,
+                                      const uint8_t *fine_fixed, uint8_t *coarse_fixed,
+                                      const pliant_tet_material *fine_material, const int32_t *coarse_of_fine,
+                                      pliant_progress progress);
 
 /* ---- Implemented in held_edges.c.
  * Reduce the stiffness of coarse hexahedra that have a held face adjacent to a free face. fixed: (coarse nodes).
@@ -350,8 +379,8 @@ void pliant_upsample_positions(const pliant_system *system, const double *solved
 pliant_status pliant_upsample_masses(const pliant_system *system, const double *mass, double *dense);
 /* Convert sparse weights of fine nodes to 3 x 3 blocks on the unknowns ([H] 11). dense: (num_free x 9), zeroed by the
  * caller. */
-void pliant_upsample_weights(const pliant_system *system, const double *solved, int32_t count, const int32_t *nodes, const double *weights,
-                             double *dense);
+void pliant_upsample_weights(const pliant_system *system, const double *solved, int32_t count, const int32_t *nodes,
+                             const double *weights, double *dense);
 
 /* ---- Implemented in factor.c: a wrapper of CHOLMOD. Only one thread at a time may use a factor. */
 pliant_status pliant_factor_analyze(const pliant_pattern *pattern, pliant_factor **out);
@@ -396,12 +425,14 @@ void pliant_factor_free(pliant_factor *factor);
  * multigrid cycle. It is symmetric, positive definite, and constant between refreshes. Only one thread at a time may
  * use it. */
 /* Create a preconditioner without values. order: Nullable: as in pliant_factor_analyze_in, for a factor. */
-pliant_status pliant_preconditioner_create(const pliant_system *system, pliant_preconditioner_choice choice, const int32_t *order,
-                                           pliant_preconditioner **out);
+pliant_status pliant_preconditioner_create(const pliant_system *system, pliant_preconditioner_choice choice,
+                                           const int32_t *order, pliant_preconditioner **out);
 /* Create a preconditioner within a basis (basis.h), without values. The basis is borrowed. */
-pliant_status pliant_preconditioner_within(const pliant_basis *basis, const pliant_system *system, pliant_preconditioner **out);
+pliant_status pliant_preconditioner_within(const pliant_basis *basis, const pliant_system *system,
+                                           pliant_preconditioner **out);
 /* Copy analysis and values for use on another thread. */
-pliant_status pliant_preconditioner_clone(const pliant_preconditioner *source, int num_threads, pliant_preconditioner **out);
+pliant_status pliant_preconditioner_clone(const pliant_preconditioner *source, int num_threads,
+                                          pliant_preconditioner **out);
 /* Applies to all later calls. */
 void pliant_preconditioner_threads(pliant_preconditioner *preconditioner, int num_threads);
 /* Create a preconditioner that carries over a preconditioner from before a cut (carried.h). It is usable after the
@@ -411,24 +442,28 @@ void pliant_preconditioner_threads(pliant_preconditioner *preconditioner, int nu
  * @param source     (num_free) unknown in of_base, or -1; this function takes ownership, also on an error.
  * @param positions  (num_nodes x 3) [m]; NULL: pliant_preconditioner_mend corrects the preconditioner later.
  * @param axes       Nullable: (num_free x 9) current axes of the nodes. */
-pliant_status pliant_preconditioner_carry(const pliant_system *system, const pliant_discretization *of, const pliant_system *of_base, int32_t *source,
-                                          const double *positions, const double *axes, pliant_preconditioner **out);
+pliant_status pliant_preconditioner_carry(const pliant_system *system, const pliant_discretization *of,
+                                          const pliant_system *of_base, int32_t *source, const double *positions,
+                                          const double *axes, pliant_preconditioner **out);
 /* Correct a carried preconditioner that was created without positions. Call it before the first solve. Other
  * preconditioners are unchanged. Errors: MEMORY, NUMERIC. */
-pliant_status pliant_preconditioner_mend(pliant_preconditioner *preconditioner, const double *positions, const double *axes);
+pliant_status pliant_preconditioner_mend(pliant_preconditioner *preconditioner, const double *positions,
+                                         const double *axes);
 /* Sets *base to NULL. */
 void pliant_preconditioner_hand_over(pliant_preconditioner *carried, pliant_preconditioner **base);
 /* Return the address of a carried preconditioner's base pointer; NULL: it is not carried. */
 pliant_preconditioner **pliant_preconditioner_base(pliant_preconditioner *preconditioner);
 /* Return the discretization of a carried preconditioner's base, and the source map; NULL: it is not carried. */
-const pliant_discretization *pliant_preconditioner_source(const pliant_preconditioner *preconditioner, const int32_t **source);
+const pliant_discretization *pliant_preconditioner_source(const pliant_preconditioner *preconditioner,
+                                                          const int32_t **source);
 bool pliant_preconditioner_layered(const pliant_preconditioner *preconditioner); /* true for a multigrid */
 /* As pliant_factor_order; 0: it has no factor. */
 int32_t pliant_preconditioner_order(const pliant_preconditioner *preconditioner, int32_t *order);
 /* Compute the values at these tangents (num_blocks). Errors: NUMERIC, MEMORY; the previous values are lost then. */
 pliant_status pliant_preconditioner_numeric(pliant_preconditioner *preconditioner, const pliant_tangent *tangents);
 /* Apply the preconditioner. right, out: (columns x 3 num_free); they may be the same array. */
-pliant_status pliant_preconditioner_solve(pliant_preconditioner *preconditioner, int32_t columns, const double *right, double *out);
+pliant_status pliant_preconditioner_solve(pliant_preconditioner *preconditioner, int32_t columns, const double *right,
+                                          double *out);
 pliant_factor *pliant_preconditioner_factor(pliant_preconditioner *preconditioner); /* NULL: it has no factor */
 /* Return whether a matrix that is not positive definite causes an error. A multigrid does not detect such a matrix. */
 bool pliant_preconditioner_refuses(const pliant_preconditioner *preconditioner);

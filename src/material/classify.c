@@ -100,7 +100,10 @@ static void finish(listing *list)
 }
 
 /* Return true if names decide materials, false if class ids do. */
-static bool has_segments(const pliant_labels *labels) { return labels->num_segments > 0 && !labels->segments[0].is_class; }
+static bool has_segments(const pliant_labels *labels)
+{
+    return labels->num_segments > 0 && !labels->segments[0].is_class;
+}
 
 static void list_segments(const lookup *l, const pliant_material_table *table, const pliant_labels *labels,
                           const uint64_t *counts, listing *list)
@@ -116,7 +119,8 @@ static void list_segments(const lookup *l, const pliant_material_table *table, c
     finish(list);
 }
 
-static void list_labels(const lookup *l, const pliant_material_table *table, const pliant_labels *labels, uint64_t *counts, listing *list)
+static void list_labels(const lookup *l, const pliant_material_table *table, const pliant_labels *labels,
+                        uint64_t *counts, listing *list)
 {
     const size_t voxels = pliant_geometry_voxels(&labels->geometry);
     for (size_t v = 0; v < voxels; ++v) ++counts[labels->voxels[v]];
@@ -164,7 +168,8 @@ static void list_gaps(const lookup *l, const pliant_volume *scan, const uint16_t
 
 static const char *remedy_for(const pliant_labels *labels, bool names_labels)
 {
-    if (has_segments(labels)) return "; rename the segments, or add their names to \"segments\" of a material in the table";
+    if (has_segments(labels))
+        return "; rename the segments, or add their names to \"segments\" of a material in the table";
     return names_labels ? "" : " (the material table names no labels: give one that does, or no label map)";
 }
 
@@ -180,9 +185,11 @@ static pliant_status complain(const lookup *l, const pliant_material_table *tabl
     list_gaps(l, scan, labels ? labels->voxels : NULL, counts, &gaps);
     pliant_free(counts);
     return pliant_fail(PLIANT_ERROR_MATERIAL, "%s: no material for%s%s%s%s%s%s", scan->id[0] ? scan->id : "scan",
-                       !missing.items ? "" : has_segments(labels) ? " segments " : " labels ", missing.text, missing.items && gaps.items ? "; nor for" : "",
-                       gaps.items ? " intensities " : "", gaps.text,
-                       missing.items ? remedy_for(labels, names_labels) : "");
+                       !missing.items         ? ""
+                       : has_segments(labels) ? " segments "
+                                              : " labels ",
+                       missing.text, missing.items && gaps.items ? "; nor for" : "", gaps.items ? " intensities " : "",
+                       gaps.text, missing.items ? remedy_for(labels, names_labels) : "");
 }
 
 pliant_status pliant_material_classify(const pliant_material_table *table, const pliant_volume *scan,

@@ -15,7 +15,8 @@ static double air_threshold(const double value[PERCENTILES])
     for (int n = 0; n < PERCENTILES; n++) all += value[n];
     for (int n = 1; n < PERCENTILES; n++) {
         below += value[n - 1];
-        double apart = (all - below) / (PERCENTILES - n) - below / n, variance = (double)n * (PERCENTILES - n) * apart * apart;
+        double apart = (all - below) / (PERCENTILES - n) - below / n,
+               variance = (double)n * (PERCENTILES - n) * apart * apart;
         if (!(variance > best)) continue;
         best = variance;
         threshold = 0.5 * (value[n - 1] + value[n]);
@@ -36,16 +37,17 @@ static pliant_status ask_for_table(const pliant_volume *scan, const char *reason
     pliant_status status = pliant_volume_percentiles(scan, PERCENTILES, percent, value);
     if (status != PLIANT_OK) return status;
     double air = air_threshold(value);
-    return pliant_fail(PLIANT_ERROR_MATERIAL,
-                       "%s: %s; the built-in materials are ranges of Hounsfield units (CT). Name a table for it: material: {file: mine.yaml}, "
-                       "with ranges of its own intensities (1st to 99th percentile: %.4g to %.4g) such as\n"
-                       "materials:\n"
-                       "  - {name: air, young_modulus: 10, poisson_ratio: 0, density: 1.2, empty: true, range: [-1e9, %.4g]}\n"
-                       "  - {name: tissue, young_modulus: 5000, poisson_ratio: 0.45, density: 1050, range: [%.4g, 1e9]}\n"
-                       "or with the labels of a label map (material/labels). Fixed regions of the scene stand for bone (fixed: boxes, planes). "
-                       "pliant_segment shows what intensities its tissues have. If these are Hounsfield units all the same, name "
-                       "launch/materials/abdomen_ct.yaml",
-                       scan->id[0] ? scan->id : "the scan", reason, value[1], value[PERCENTILES - 2], air, air);
+    return pliant_fail(
+        PLIANT_ERROR_MATERIAL,
+        "%s: %s; the built-in materials are ranges of Hounsfield units (CT). Name a table for it: material: {file: mine.yaml}, "
+        "with ranges of its own intensities (1st to 99th percentile: %.4g to %.4g) such as\n"
+        "materials:\n"
+        "  - {name: air, young_modulus: 10, poisson_ratio: 0, density: 1.2, empty: true, range: [-1e9, %.4g]}\n"
+        "  - {name: tissue, young_modulus: 5000, poisson_ratio: 0.45, density: 1050, range: [%.4g, 1e9]}\n"
+        "or with the labels of a label map (material/labels). Fixed regions of the scene stand for bone (fixed: boxes, planes). "
+        "pliant_segment shows what intensities its tissues have. If these are Hounsfield units all the same, name "
+        "launch/materials/abdomen_ct.yaml",
+        scan->id[0] ? scan->id : "the scan", reason, value[1], value[PERCENTILES - 2], air, air);
 }
 
 pliant_status pliant_material_default_check(const pliant_volume *scan)

@@ -52,7 +52,8 @@ static int find_air(const grid *in, const int32_t at[3], const int32_t way[3], d
     return 0;
 }
 
-uint8_t pliant_material_shown(const pliant_material_table *table, const int32_t size[3], const uint8_t *material_of_voxel, const int32_t at[3])
+uint8_t pliant_material_shown(const pliant_material_table *table, const int32_t size[3],
+                              const uint8_t *material_of_voxel, const int32_t at[3])
 {
     const grid in = {table, size, material_of_voxel};
     const int32_t here[3] = {0, 0, 0};

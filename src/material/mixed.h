@@ -13,7 +13,8 @@ extern "C" {
  * denser tissue get the tissue's material. "Much denser" means more than twice the voxel's density. All other voxels
  * keep their material.
  * @param at  Voxel along i, j, k. */
-uint8_t pliant_material_shown(const pliant_material_table *table, const int32_t size[3], const uint8_t *material_of_voxel, const int32_t at[3]);
+uint8_t pliant_material_shown(const pliant_material_table *table, const int32_t size[3],
+                              const uint8_t *material_of_voxel, const int32_t at[3]);
 
 #ifdef __cplusplus
 }

@@ -99,11 +99,14 @@ static bool is_numbered(const char *name)
 {
     words w;
     split(name, &w);
-    const char *rest = strncmp(w.text, "segment", 7) == 0 ? w.text + 7 : strncmp(w.text, "label", 5) == 0 ? w.text + 5 : NULL;
+    const char *rest = strncmp(w.text, "segment", 7) == 0 ? w.text + 7
+                       : strncmp(w.text, "label", 5) == 0 ? w.text + 5
+                                                          : NULL;
     return w.count == 0 || (rest && rest[strspn(rest, "0123456789")] == '\0');
 }
 
-int pliant_segment_match_of(const pliant_material_table *table, const pliant_label_segment *segment, pliant_segment_match *match)
+int pliant_segment_match_of(const pliant_material_table *table, const pliant_label_segment *segment,
+                            pliant_segment_match *match)
 {
     const struct {
         const char *name;

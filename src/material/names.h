@@ -23,7 +23,8 @@ typedef enum pliant_segment_match {
 
 /* Do the same as pliant_material_of_segment.
  * @param match  Out: the deciding property. */
-int pliant_segment_match_of(const pliant_material_table *table, const pliant_label_segment *segment, pliant_segment_match *match);
+int pliant_segment_match_of(const pliant_material_table *table, const pliant_label_segment *segment,
+                            pliant_segment_match *match);
 
 /* Return the index of the material that has a name, or lists it under segments; -1: none. */
 int pliant_material_named(const pliant_material_table *table, const char *name);
@@ -32,8 +33,8 @@ int pliant_material_named(const pliant_material_table *table, const char *name);
 void pliant_nearest_names(const pliant_material_table *table, const char *name, char *out, size_t size);
 
 /* Log the number of voxels of each material, with their labels or segments. Errors: MEMORY. */
-pliant_status pliant_material_log_usage(const pliant_material_table *table, const pliant_volume *scan, const pliant_labels *labels,
-                                        const uint8_t *material_of_voxel);
+pliant_status pliant_material_log_usage(const pliant_material_table *table, const pliant_volume *scan,
+                                        const pliant_labels *labels, const uint8_t *material_of_voxel);
 
 #ifdef __cplusplus
 }

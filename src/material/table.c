@@ -209,7 +209,8 @@ static pliant_status check(const pliant_material_table *table, const origin *fro
     for (uint32_t i = 0; i < table->num_materials; ++i) {
         const pliant_material *m = &table->materials[i];
         bool good = check_material(m, reason, sizeof reason);
-        for (uint32_t k = 0; good && k < i; ++k) good = !names_segment(&table->materials[k], m->name, reason, sizeof reason);
+        for (uint32_t k = 0; good && k < i; ++k)
+            good = !names_segment(&table->materials[k], m->name, reason, sizeof reason);
         for (uint32_t k = 0; good && k <= i; ++k) good = check_pair(m, &table->materials[k], reason, sizeof reason);
         if (!good) return refuse(from, i, memchr(m->name, 0, sizeof m->name) ? m->name : "", reason);
     }

@@ -39,7 +39,8 @@ static const char *decided_by(pliant_segment_match match)
     return "";
 }
 
-static void add_segment(line *out, const pliant_material_table *table, const pliant_label_segment *segment, unsigned long long voxels)
+static void add_segment(line *out, const pliant_material_table *table, const pliant_label_segment *segment,
+                        unsigned long long voxels)
 {
     char item[320];
     pliant_segment_match match;
@@ -65,7 +66,8 @@ typedef struct usage {
     uint64_t by_intensity[PLIANT_MAX_MATERIALS + 1];
 } usage;
 
-static void log_material(const pliant_material_table *table, const pliant_labels *labels, const usage *used, uint32_t m, double voxel)
+static void log_material(const pliant_material_table *table, const pliant_labels *labels, const usage *used, uint32_t m,
+                         double voxel)
 {
     line out = {.used = 0};
     uint64_t total = used->by_intensity[m];
@@ -86,8 +88,8 @@ static void log_material(const pliant_material_table *table, const pliant_labels
     snprintf(item, sizeof item, "by intensity %llu", (unsigned long long)used->by_intensity[m]);
     if (used->by_intensity[m]) add(&out, item);
     snprintf(item, sizeof item, " and %d more", out.left_out);
-    pliant_log(PLIANT_LOG_INFO, "material %s: %llu voxels, %.4g ml: %s%s", table->materials[m].name, (unsigned long long)total,
-               1e6 * (double)total * voxel, out.text, out.left_out ? item : "");
+    pliant_log(PLIANT_LOG_INFO, "material %s: %llu voxels, %.4g ml: %s%s", table->materials[m].name,
+               (unsigned long long)total, 1e6 * (double)total * voxel, out.text, out.left_out ? item : "");
 }
 
 /* Warn if classes have other materials than their names suggest, as with the table of another task. */
@@ -96,20 +98,22 @@ static void warn_of_names(const pliant_material_table *table, const pliant_label
     line out = {.used = 0};
     for (uint32_t s = 0; s < labels->num_segments; ++s) {
         const pliant_label_segment *segment = labels->segments + s;
-        const int named = segment->is_class && used->of_label[segment->label] ? pliant_material_named(table, segment->name) : -1;
+        const int named =
+            segment->is_class && used->of_label[segment->label] ? pliant_material_named(table, segment->name) : -1;
         char item[240];
         if (named < 0 || named == used->material[segment->label]) continue;
-        snprintf(item, sizeof item, "label %d is \"%s\", but has material %s, not %s", (int)segment->value, segment->name,
-                 table->materials[used->material[segment->label]].name, table->materials[named].name);
+        snprintf(item, sizeof item, "label %d is \"%s\", but has material %s, not %s", (int)segment->value,
+                 segment->name, table->materials[used->material[segment->label]].name, table->materials[named].name);
         add(&out, item);
     }
     if (out.used > 0)
-        pliant_log(PLIANT_LOG_WARNING, "the label map and the material table disagree (is it the table of this task?): %s%s", out.text,
+        pliant_log(PLIANT_LOG_WARNING,
+                   "the label map and the material table disagree (is it the table of this task?): %s%s", out.text,
                    out.left_out ? " and more" : "");
 }
 
-pliant_status pliant_material_log_usage(const pliant_material_table *table, const pliant_volume *scan, const pliant_labels *labels,
-                                        const uint8_t *material_of_voxel)
+pliant_status pliant_material_log_usage(const pliant_material_table *table, const pliant_volume *scan,
+                                        const pliant_labels *labels, const uint8_t *material_of_voxel)
 {
     if (!labels || !labels->voxels) return PLIANT_OK;
     const double *spacing = scan->geometry.spacing;
@@ -126,12 +130,16 @@ pliant_status pliant_material_log_usage(const pliant_material_table *table, cons
         used->material[label] = material_of_voxel[v];
     }
     for (uint32_t s = 0; s < labels->num_segments; ++s) used->has_name[labels->segments[s].label] = true;
-    for (uint32_t m = 0; m < table->num_materials; ++m) log_material(table, labels, used, m, spacing[0] * spacing[1] * spacing[2]);
+    for (uint32_t m = 0; m < table->num_materials; ++m)
+        log_material(table, labels, used, m, spacing[0] * spacing[1] * spacing[2]);
     warn_of_names(table, labels, used);
     line empty = {.used = 0};
     for (uint32_t s = 0; s < labels->num_segments; ++s)
-        if (!labels->segments[s].is_class && !used->of_label[labels->segments[s].label]) add(&empty, labels->segments[s].name);
-    if (empty.used > 0) pliant_log(PLIANT_LOG_WARNING, "segments without a voxel in the scan: %s%s", empty.text, empty.left_out ? " and more" : "");
+        if (!labels->segments[s].is_class && !used->of_label[labels->segments[s].label])
+            add(&empty, labels->segments[s].name);
+    if (empty.used > 0)
+        pliant_log(PLIANT_LOG_WARNING, "segments without a voxel in the scan: %s%s", empty.text,
+                   empty.left_out ? " and more" : "");
     pliant_free(used);
     return PLIANT_OK;
 }

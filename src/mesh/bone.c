@@ -100,7 +100,8 @@ static double quality_of(const bone_work *work, const int32_t nodes[4])
             }
     double determinant = 0;
     for (int d = 0; d < 3; d++)
-        determinant += edges[0][d] * (edges[1][(d + 1) % 3] * edges[2][(d + 2) % 3] - edges[1][(d + 2) % 3] * edges[2][(d + 1) % 3]);
+        determinant += edges[0][d] *
+                       (edges[1][(d + 1) % 3] * edges[2][(d + 2) % 3] - edges[1][(d + 2) % 3] * edges[2][(d + 1) % 3]);
     return sqrt(2) * determinant / pow(sum / 6, 1.5);
 }
 
@@ -108,7 +109,8 @@ static double quality_of(const bone_work *work, const int32_t nodes[4])
 static double sign_of(const pliant_mesh *mesh)
 {
     const double *m = mesh->direction;
-    double handed = m[0] * (m[4] * m[8] - m[5] * m[7]) - m[1] * (m[3] * m[8] - m[5] * m[6]) + m[2] * (m[3] * m[7] - m[4] * m[6]);
+    double handed =
+        m[0] * (m[4] * m[8] - m[5] * m[7]) - m[1] * (m[3] * m[8] - m[5] * m[6]) + m[2] * (m[3] * m[7] - m[4] * m[6]);
     return handed < 0 ? -1 : 1;
 }
 
@@ -167,7 +169,8 @@ static pliant_status prepare(bone_work *work)
     work->held = pliant_calloc(nodes, 1);
     work->place = pliant_calloc(nodes, 1);
     work->candidates = pliant_calloc(nodes, sizeof *work->candidates);
-    if (!work->start || !work->around || !work->at || !work->target || !work->apart || !work->held || !work->place || !work->candidates)
+    if (!work->start || !work->around || !work->at || !work->target || !work->apart || !work->held || !work->place ||
+        !work->candidates)
         return pliant_fail_memory("the nodes on bone");
     for (int d = 0; d < 3; d++) work->voxels[d] = (double)work->geometry->size[d] / mesh->cells[d];
     for (int32_t v = 0; v < 4 * mesh->num_tets; v++) work->start[mesh->tets[v] + 2]++;
@@ -185,7 +188,8 @@ static pliant_status prepare(bone_work *work)
         bool on_box = false;
         for (int d = 0; d < 3; d++) {
             double at = work->at[corners[0]][d];
-            on_box = on_box || ((at == 0 || at == mesh->cells[d]) && work->at[corners[1]][d] == at && work->at[corners[2]][d] == at);
+            on_box = on_box || ((at == 0 || at == mesh->cells[d]) && work->at[corners[1]][d] == at &&
+                                work->at[corners[2]][d] == at);
         }
         for (int v = 0; v < 3 && !on_box; v++) work->held[corners[v]] = 1;
     }
@@ -230,7 +234,8 @@ static void place_nodes(const bone_work *work)
         if (work->place[n] != PLIANT_BONE_SURFACE || work->apart[n] <= on_surface * on_surface) continue;
         for (int r = 0; r < 3; r++) {
             mesh->rest[3 * n + r] = mesh->corner[r];
-            for (int d = 0; d < 3; d++) mesh->rest[3 * n + r] += mesh->direction[3 * r + d] * work->at[n][d] * mesh->cell_size[d];
+            for (int d = 0; d < 3; d++)
+                mesh->rest[3 * n + r] += mesh->direction[3 * r + d] * work->at[n][d] * mesh->cell_size[d];
         }
     }
 }
@@ -243,8 +248,10 @@ pliant_status pliant_mesh_bone(const pliant_geometry *geometry, const uint8_t *f
         int32_t moved = move_nodes(&work), crossing = 0;
         place_nodes(&work);
         for (int32_t n = 0; n < mesh->num_nodes; n++) crossing += any_crosses(&work, n);
-        pliant_log(PLIANT_LOG_INFO, "mesh: %d nodes were moved onto the surface of what is fixed; %d nodes have edges that still cross it", moved,
-                   crossing);
+        pliant_log(
+            PLIANT_LOG_INFO,
+            "mesh: %d nodes were moved onto the surface of what is fixed; %d nodes have edges that still cross it",
+            moved, crossing);
         mesh->num_moved = moved;
         mesh->place_of_node = work.place;
         work.place = NULL;

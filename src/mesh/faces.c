@@ -24,7 +24,8 @@ static void sorted_face(const int32_t *nodes, int face, int32_t out[3])
  * tetrahedra with a common face. */
 static bool runs_up(const int32_t *nodes, int face)
 {
-    const int32_t a = nodes[pliant_face_corners[face][0]], b = nodes[pliant_face_corners[face][1]], c = nodes[pliant_face_corners[face][2]];
+    const int32_t a = nodes[pliant_face_corners[face][0]], b = nodes[pliant_face_corners[face][1]],
+                  c = nodes[pliant_face_corners[face][2]];
     return (a < b && b < c) || (b < c && c < a) || (c < a && a < b);
 }
 
@@ -41,7 +42,8 @@ typedef struct listed_face {
 } listed_face;
 
 /* Pair the faces of a bucket. They are sorted and few, so direct comparison suffices. */
-static pliant_status pair_faces(const pliant_mesh *mesh, const listed_face *faces, int32_t count, int32_t smallest, int32_t *neighbours)
+static pliant_status pair_faces(const pliant_mesh *mesh, const listed_face *faces, int32_t count, int32_t smallest,
+                                int32_t *neighbours)
 {
     for (int32_t a = 0; a < count; a++)
         for (int32_t b = a + 1; b < count; b++) {
@@ -51,8 +53,8 @@ static pliant_status pair_faces(const pliant_mesh *mesh, const listed_face *face
                 if (neighbours[one] < 0) neighbours[one] = other / 4;
                 if (neighbours[other] < 0) neighbours[other] = one / 4;
             } else if (!fragments_of_one(mesh, one, other)) {
-                return pliant_fail(PLIANT_ERROR_FORMAT, "tetrahedra %d and %d are on one side of the face %d %d %d", one / 4, other / 4, smallest,
-                                   faces[a].second, faces[a].third);
+                return pliant_fail(PLIANT_ERROR_FORMAT, "tetrahedra %d and %d are on one side of the face %d %d %d",
+                                   one / 4, other / 4, smallest, faces[a].second, faces[a].third);
             }
         }
     return PLIANT_OK;
@@ -82,7 +84,8 @@ pliant_status pliant_mesh_neighbours(const pliant_mesh *mesh, int32_t *neighbour
     return status;
 }
 
-pliant_status pliant_mesh_surface_of(const pliant_mesh *mesh, const int32_t *neighbours, int32_t **triangles, int32_t *count)
+pliant_status pliant_mesh_surface_of(const pliant_mesh *mesh, const int32_t *neighbours, int32_t **triangles,
+                                     int32_t *count)
 {
     int32_t outside = 0;
     for (int32_t f = 0; f < 4 * mesh->num_tets; f++) outside += neighbours[f] < 0;
@@ -160,7 +163,8 @@ static void stand_on(footing *foot, const double *point, double length)
 
 /* Run one sweep: fixed nodes and nodes of supported pieces support other pieces. Return whether a piece became
  * supported. */
-static bool find_footing(const pliant_mesh *mesh, const int32_t *piece, uint8_t *firm_node, footing *feet, int32_t pieces)
+static bool find_footing(const pliant_mesh *mesh, const int32_t *piece, uint8_t *firm_node, footing *feet,
+                         int32_t pieces)
 {
     double length = mesh->cell_size[0] + mesh->cell_size[1] + mesh->cell_size[2];
     for (int32_t t = 0; t < mesh->num_tets; t++)
@@ -178,8 +182,8 @@ static bool find_footing(const pliant_mesh *mesh, const int32_t *piece, uint8_t 
     return changed;
 }
 
-pliant_status pliant_mesh_hold_of(const pliant_mesh *mesh, const int32_t *neighbours, uint8_t how, bool whole, uint8_t *fixed, uint8_t *loose,
-                                  int32_t *pieces)
+pliant_status pliant_mesh_hold_of(const pliant_mesh *mesh, const int32_t *neighbours, uint8_t how, bool whole,
+                                  uint8_t *fixed, uint8_t *loose, int32_t *pieces)
 {
     size_t tets = (size_t)mesh->num_tets;
     int32_t *piece = pliant_calloc(tets, sizeof *piece);
@@ -203,10 +207,11 @@ pliant_status pliant_mesh_hold_of(const pliant_mesh *mesh, const int32_t *neighb
         num_loose += !feet[p].firm;
     }
     if (whole && !feet[largest].firm) {
-        status = pliant_fail(PLIANT_ERROR_SCENE,
-                             "nothing holds the largest piece of tissue (%d of %d tetrahedra): it needs three fixed nodes that are not in a "
-                             "line. Mark a material as fixed (bone), or add a box or plane under fixed: in the scene",
-                             feet[largest].tets, mesh->num_tets);
+        status = pliant_fail(
+            PLIANT_ERROR_SCENE,
+            "nothing holds the largest piece of tissue (%d of %d tetrahedra): it needs three fixed nodes that are not in a "
+            "line. Mark a material as fixed (bone), or add a box or plane under fixed: in the scene",
+            feet[largest].tets, mesh->num_tets);
         goto done;
     }
     for (int32_t t = 0; t < mesh->num_tets; t++) loose[t] = !feet[piece[t]].firm;
@@ -220,7 +225,8 @@ done:
     return status;
 }
 
-pliant_status pliant_mesh_hold(const pliant_mesh *mesh, uint8_t how, bool whole, uint8_t *fixed, uint8_t *loose, int32_t *pieces)
+pliant_status pliant_mesh_hold(const pliant_mesh *mesh, uint8_t how, bool whole, uint8_t *fixed, uint8_t *loose,
+                               int32_t *pieces)
 {
     int32_t *neighbours = pliant_calloc((size_t)mesh->num_tets, 4 * sizeof *neighbours);
     if (!neighbours) return pliant_fail_memory("the pieces of the mesh");

@@ -39,7 +39,8 @@ int pliant_mesh_slot_of(int parity, const double local[3])
 int32_t pliant_mesh_lattice_in(const pliant_mesh *fine, const pliant_mesh *coarse, int32_t node)
 {
     int32_t at = coarse->lattice_of_node[node], nx = coarse->cells[0] + 1, ny = coarse->cells[1] + 1;
-    int32_t ratio = fine->cells[0] / coarse->cells[0], i = at % nx * ratio, j = at / nx % ny * ratio, k = at / nx / ny * ratio;
+    int32_t ratio = fine->cells[0] / coarse->cells[0], i = at % nx * ratio, j = at / nx % ny * ratio,
+            k = at / nx / ny * ratio;
     return i + (fine->cells[0] + 1) * (j + (fine->cells[1] + 1) * k);
 }
 
@@ -66,7 +67,8 @@ int32_t pliant_lattice_coarse_of(const int32_t cells[3], int32_t ratio, int32_t 
            pliant_mesh_slot_of((coarse[0] + coarse[1] + coarse[2]) & 1, local);
 }
 
-double pliant_tet_gradients(const double *x0, const double *x1, const double *x2, const double *x3, double gradients[12])
+double pliant_tet_gradients(const double *x0, const double *x1, const double *x2, const double *x3,
+                            double gradients[12])
 {
     double a[3], b[3], c[3];
     for (int d = 0; d < 3; d++) {
@@ -91,7 +93,8 @@ double pliant_mesh_gradients(const pliant_mesh *mesh, int32_t tet, double gradie
 {
     const int32_t *nodes = mesh->tets + 4 * (size_t)tet;
     const double *rest = mesh->rest;
-    return pliant_tet_gradients(rest + 3 * nodes[0], rest + 3 * nodes[1], rest + 3 * nodes[2], rest + 3 * nodes[3], gradients);
+    return pliant_tet_gradients(rest + 3 * nodes[0], rest + 3 * nodes[1], rest + 3 * nodes[2], rest + 3 * nodes[3],
+                                gradients);
 }
 
 static void node_position(const pliant_mesh *mesh, const int32_t at[3], double world[3])
@@ -129,7 +132,8 @@ static pliant_status number_tets(pliant_mesh *mesh, const uint8_t *keep, int32_t
 {
     int32_t count = 0;
     for (int32_t t = 0; t < lattice_tets; t++) mesh->tet_of_lattice[t] = !keep || keep[t] ? count++ : -1;
-    if (count == 0) return pliant_fail(PLIANT_ERROR_SCENE, "no tetrahedron holds tissue: the scan is empty for these materials");
+    if (count == 0)
+        return pliant_fail(PLIANT_ERROR_SCENE, "no tetrahedron holds tissue: the scan is empty for these materials");
     mesh->num_tets = count;
     mesh->tets = pliant_calloc((size_t)count, 4 * sizeof *mesh->tets);
     mesh->lattice_of_tet = pliant_calloc((size_t)count, sizeof *mesh->lattice_of_tet);
@@ -164,18 +168,22 @@ static pliant_status number_nodes(pliant_mesh *mesh, int32_t lattice_tets, int32
     return PLIANT_OK;
 }
 
-pliant_status pliant_mesh_grid(const pliant_geometry *geometry, const int32_t cells[3], const uint8_t *keep, pliant_mesh *out)
+pliant_status pliant_mesh_grid(const pliant_geometry *geometry, const int32_t cells[3], const uint8_t *keep,
+                               pliant_mesh *out)
 {
     pliant_mesh mesh = {0};
     double lattice = 5;
     for (int d = 0; d < 3; d++) {
-        if (cells[d] < 1) return pliant_fail(PLIANT_ERROR_ARGUMENT, "a mesh needs at least one cell along each axis, not %d", cells[d]);
+        if (cells[d] < 1)
+            return pliant_fail(PLIANT_ERROR_ARGUMENT, "a mesh needs at least one cell along each axis, not %d",
+                               cells[d]);
         mesh.cells[d] = cells[d];
         mesh.cell_size[d] = geometry->size[d] * geometry->spacing[d] / cells[d];
         lattice *= cells[d] + 1.0;
     }
     if (lattice > 1e9)
-        return pliant_fail(PLIANT_ERROR_SCENE, "%d x %d x %d cells are more than a mesh can hold: at most 2e8", cells[0], cells[1], cells[2]);
+        return pliant_fail(PLIANT_ERROR_SCENE, "%d x %d x %d cells are more than a mesh can hold: at most 2e8",
+                           cells[0], cells[1], cells[2]);
     memcpy(mesh.direction, geometry->direction, sizeof mesh.direction);
     pliant_geometry_to_world(geometry, (const double[3]){-0.5, -0.5, -0.5}, mesh.corner);
     int32_t lattice_tets = 5 * cells[0] * cells[1] * cells[2];

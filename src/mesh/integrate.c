@@ -79,18 +79,20 @@ static void nearest_of(const pliant_geometry *geometry, const int32_t cells[3], 
         voxel[d] = (size_t)(centroid * geometry->size[d] / cells[d]);
         if (voxel[d] >= (size_t)geometry->size[d]) voxel[d] = (size_t)geometry->size[d] - 1;
     }
-    uint8_t material = material_of_voxel[voxel[0] + (size_t)geometry->size[0] * (voxel[1] + (size_t)geometry->size[1] * voxel[2])];
+    uint8_t material =
+        material_of_voxel[voxel[0] + (size_t)geometry->size[0] * (voxel[1] + (size_t)geometry->size[1] * voxel[2])];
     pliant_material_of_voxel(table, material, out);
     out->num_voxels = 0;
 }
 
-static void count_cell(const pliant_geometry *geometry, const axis_map maps[3], const int32_t cell[3], const uint8_t *material_of_voxel,
-                       uint32_t count[5][PLIANT_MAX_MATERIALS])
+static void count_cell(const pliant_geometry *geometry, const axis_map maps[3], const int32_t cell[3],
+                       const uint8_t *material_of_voxel, uint32_t count[5][PLIANT_MAX_MATERIALS])
 {
     int parity = (cell[0] + cell[1] + cell[2]) & 1;
     for (int32_t k = maps[2].first[cell[2]]; k < maps[2].first[cell[2] + 1]; k++)
         for (int32_t j = maps[1].first[cell[1]]; j < maps[1].first[cell[1] + 1]; j++) {
-            const uint8_t *row = material_of_voxel + (size_t)geometry->size[0] * ((size_t)j + (size_t)geometry->size[1] * (size_t)k);
+            const uint8_t *row =
+                material_of_voxel + (size_t)geometry->size[0] * ((size_t)j + (size_t)geometry->size[1] * (size_t)k);
             for (int32_t i = maps[0].first[cell[0]]; i < maps[0].first[cell[0] + 1]; i++) {
                 double local[3] = {maps[0].local[i], maps[1].local[j], maps[2].local[k]};
                 count[pliant_mesh_slot_of(parity, local)][row[i]]++;
@@ -98,8 +100,9 @@ static void count_cell(const pliant_geometry *geometry, const axis_map maps[3], 
         }
 }
 
-pliant_status pliant_lattice_integrate(const pliant_geometry *geometry, const int32_t cells[3], const uint8_t *material_of_voxel,
-                                       const pliant_material_table *table, pliant_tet_material *out)
+pliant_status pliant_lattice_integrate(const pliant_geometry *geometry, const int32_t cells[3],
+                                       const uint8_t *material_of_voxel, const pliant_material_table *table,
+                                       pliant_tet_material *out)
 {
     axis_map maps[3] = {{0}};
     pliant_status status = PLIANT_OK;
@@ -137,7 +140,8 @@ pliant_status pliant_lattice_owners(const pliant_geometry *geometry, const int32
             for (int32_t j = maps[1].first[cell[1]]; j < maps[1].first[cell[1] + 1]; j++)
                 for (int32_t i = maps[0].first[cell[0]]; i < maps[0].first[cell[0] + 1]; i++) {
                     const double local[3] = {maps[0].local[i], maps[1].local[j], maps[2].local[k]};
-                    const size_t voxel = (size_t)i + (size_t)geometry->size[0] * ((size_t)j + (size_t)geometry->size[1] * (size_t)k);
+                    const size_t voxel =
+                        (size_t)i + (size_t)geometry->size[0] * ((size_t)j + (size_t)geometry->size[1] * (size_t)k);
                     owner[voxel] = 5 * flat + pliant_mesh_slot_of(parity, local);
                 }
     }
@@ -165,7 +169,8 @@ static pliant_status touch(const pliant_mesh *mesh, touched *out)
     int32_t at = 0; /* leaf of the tetrahedron */
     for (int32_t t = 0; t < mesh->num_tets; t++) {
         bool surface = false;
-        for (int v = 0; v < 4; v++) surface = surface || mesh->place_of_node[mesh->tets[4 * t + v]] == PLIANT_BONE_SURFACE;
+        for (int v = 0; v < 4; v++)
+            surface = surface || mesh->place_of_node[mesh->tets[4 * t + v]] == PLIANT_BONE_SURFACE;
         out->number[t] = surface ? out->count++ : -1;
         while (leaf && t >= mesh->leaf_start[at + 1]) at++;
         if (surface && leaf) leaf[at] = 1;
@@ -177,8 +182,9 @@ static pliant_status touch(const pliant_mesh *mesh, touched *out)
 }
 
 /* Count the voxels of a cell by material, for the tetrahedra that contain their centres. */
-static void count_moved(const pliant_mesh *mesh, const pliant_geometry *geometry, const axis_map maps[3], const int32_t cell[3],
-                        const uint8_t *material_of_voxel, const int32_t *number, uint32_t num_materials, uint32_t *count)
+static void count_moved(const pliant_mesh *mesh, const pliant_geometry *geometry, const axis_map maps[3],
+                        const int32_t cell[3], const uint8_t *material_of_voxel, const int32_t *number,
+                        uint32_t num_materials, uint32_t *count)
 {
     for (int32_t k = maps[2].first[cell[2]]; k < maps[2].first[cell[2] + 1]; k++)
         for (int32_t j = maps[1].first[cell[1]]; j < maps[1].first[cell[1] + 1]; j++)
@@ -187,21 +193,24 @@ static void count_moved(const pliant_mesh *mesh, const pliant_geometry *geometry
                 pliant_geometry_to_world(geometry, (const double[3]){i, j, k}, world);
                 int32_t tet = pliant_mesh_locate(mesh, world, weights);
                 if (tet < 0 || number[tet] < 0) continue;
-                size_t voxel = (size_t)i + (size_t)geometry->size[0] * ((size_t)j + (size_t)geometry->size[1] * (size_t)k);
+                size_t voxel =
+                    (size_t)i + (size_t)geometry->size[0] * ((size_t)j + (size_t)geometry->size[1] * (size_t)k);
                 uint32_t *one = count + (size_t)number[tet] * num_materials + material_of_voxel[voxel];
 #pragma omp atomic
                 (*one)++;
             }
 }
 
-pliant_status pliant_mesh_integrate_moved(const pliant_mesh *mesh, const pliant_geometry *geometry, const uint8_t *material_of_voxel,
-                                          bool leave_out_fixed, const pliant_material_table *table, pliant_tet_material *out)
+pliant_status pliant_mesh_integrate_moved(const pliant_mesh *mesh, const pliant_geometry *geometry,
+                                          const uint8_t *material_of_voxel, bool leave_out_fixed,
+                                          const pliant_material_table *table, pliant_tet_material *out)
 {
     axis_map maps[3] = {{0}};
     touched beside = {0};
     uint32_t *count = NULL;
     pliant_status status = touch(mesh, &beside);
-    for (int d = 0; d < 3 && status == PLIANT_OK; d++) status = axis_create(geometry->size[d], mesh->cells[d], maps + d);
+    for (int d = 0; d < 3 && status == PLIANT_OK; d++)
+        status = axis_create(geometry->size[d], mesh->cells[d], maps + d);
     if (status != PLIANT_OK || beside.count == 0) goto done;
     if (!(count = pliant_calloc((size_t)beside.count * table->num_materials, sizeof *count))) {
         status = pliant_fail_memory("the tetrahedra on bone");
@@ -210,14 +219,17 @@ pliant_status pliant_mesh_integrate_moved(const pliant_mesh *mesh, const pliant_
     int32_t num_cells = mesh->cells[0] * mesh->cells[1] * mesh->cells[2];
 #pragma omp parallel for schedule(dynamic, 16)
     for (int32_t flat = 0; flat < num_cells; flat++) {
-        int32_t cell[3] = {flat % mesh->cells[0], flat / mesh->cells[0] % mesh->cells[1], flat / mesh->cells[0] / mesh->cells[1]};
-        if (beside.cell[flat]) count_moved(mesh, geometry, maps, cell, material_of_voxel, beside.number, table->num_materials, count);
+        int32_t cell[3] = {flat % mesh->cells[0], flat / mesh->cells[0] % mesh->cells[1],
+                           flat / mesh->cells[0] / mesh->cells[1]};
+        if (beside.cell[flat])
+            count_moved(mesh, geometry, maps, cell, material_of_voxel, beside.number, table->num_materials, count);
     }
     for (int32_t t = 0; t < mesh->num_tets; t++) {
         if (beside.number[t] < 0) continue;
         uint32_t *own = count + (size_t)beside.number[t] * table->num_materials, moving = 0, all = 0;
         bool outside = false;
-        for (int v = 0; v < 4; v++) outside = outside || mesh->place_of_node[mesh->tets[4 * t + v]] == PLIANT_BONE_OUTSIDE;
+        for (int v = 0; v < 4; v++)
+            outside = outside || mesh->place_of_node[mesh->tets[4 * t + v]] == PLIANT_BONE_OUTSIDE;
         for (uint32_t m = 0; m < table->num_materials; m++) {
             all += own[m];
             moving += table->materials[m].fixed ? 0 : own[m];

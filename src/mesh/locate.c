@@ -9,12 +9,14 @@ static const double tolerance = 1e-9;
 static const double face_tolerance = 1e-6;
 
 /* Compute barycentric coordinates. Return false if the tetrahedron is flat or inverted. */
-static bool coordinates_in(const pliant_mesh *mesh, const double *positions, int32_t tet, const double world[3], double barycentric[4])
+static bool coordinates_in(const pliant_mesh *mesh, const double *positions, int32_t tet, const double world[3],
+                           double barycentric[4])
 {
     const int32_t *nodes = mesh->tets + 4 * tet;
     const double *x0 = positions + 3 * nodes[0];
     double gradients[12];
-    double volume = pliant_tet_gradients(x0, positions + 3 * nodes[1], positions + 3 * nodes[2], positions + 3 * nodes[3], gradients);
+    double volume = pliant_tet_gradients(x0, positions + 3 * nodes[1], positions + 3 * nodes[2],
+                                         positions + 3 * nodes[3], gradients);
     barycentric[0] = 1;
     for (int v = 1; v < 4; v++) {
         barycentric[v] = 0;
@@ -24,7 +26,8 @@ static bool coordinates_in(const pliant_mesh *mesh, const double *positions, int
     return volume > 0;
 }
 
-static bool barycentric_of(const pliant_mesh *mesh, const double *positions, int32_t tet, const double world[3], double barycentric[4])
+static bool barycentric_of(const pliant_mesh *mesh, const double *positions, int32_t tet, const double world[3],
+                           double barycentric[4])
 {
     bool inside = coordinates_in(mesh, positions, tet, world, barycentric);
     for (int v = 0; v < 4; v++) inside = inside && barycentric[v] >= -tolerance;
@@ -53,7 +56,8 @@ static int32_t locate_in_cell(const pliant_mesh *mesh, int32_t cell, const doubl
 
 /* Search the neighbouring cells for a point on a cell's face, within rounding of the scan's geometry. It may belong to
  * a tetrahedron there if the tetrahedra in the point's cell are left out. */
-static int32_t locate_across(const pliant_mesh *mesh, const int32_t cell[3], const double local[3], const double world[3], double barycentric[4])
+static int32_t locate_across(const pliant_mesh *mesh, const int32_t cell[3], const double local[3],
+                             const double world[3], double barycentric[4])
 {
     int step[3];
     for (int d = 0; d < 3; d++) step[d] = local[d] <= face_tolerance ? -1 : local[d] >= 1 - face_tolerance ? 1 : 0;
@@ -75,12 +79,16 @@ static int32_t locate_across(const pliant_mesh *mesh, const int32_t cell[3], con
 }
 
 /* Search the surrounding cells. Tetrahedra with moved nodes extend only into adjacent cells. */
-static int32_t locate_beside(const pliant_mesh *mesh, const int32_t cell[3], const double world[3], double barycentric[4])
+static int32_t locate_beside(const pliant_mesh *mesh, const int32_t cell[3], const double world[3],
+                             double barycentric[4])
 {
     for (int n = 0; n < 27; n++) {
         int32_t at[3] = {cell[0] + n % 3 - 1, cell[1] + n / 3 % 3 - 1, cell[2] + n / 9 - 1};
-        if (at[0] < 0 || at[1] < 0 || at[2] < 0 || at[0] >= mesh->cells[0] || at[1] >= mesh->cells[1] || at[2] >= mesh->cells[2]) continue;
-        int32_t tet = locate_in_cell(mesh, at[0] + mesh->cells[0] * (at[1] + mesh->cells[1] * at[2]), world, barycentric);
+        if (at[0] < 0 || at[1] < 0 || at[2] < 0 || at[0] >= mesh->cells[0] || at[1] >= mesh->cells[1] ||
+            at[2] >= mesh->cells[2])
+            continue;
+        int32_t tet =
+            locate_in_cell(mesh, at[0] + mesh->cells[0] * (at[1] + mesh->cells[1] * at[2]), world, barycentric);
         if (tet >= 0) return tet;
     }
     return -1;
@@ -117,7 +125,8 @@ int32_t pliant_mesh_locate(const pliant_mesh *mesh, const double world[3], doubl
     return tet >= 0 ? tet : locate_across(mesh, cell, local, world, barycentric);
 }
 
-int32_t pliant_mesh_locate_deformed(const pliant_mesh *mesh, const double *positions, const double world[3], double barycentric[4])
+int32_t pliant_mesh_locate_deformed(const pliant_mesh *mesh, const double *positions, const double world[3],
+                                    double barycentric[4])
 {
     if (!isfinite(world[0]) || !isfinite(world[1]) || !isfinite(world[2])) return -1;
     for (int32_t tet = 0; tet < mesh->num_tets; tet++) {

@@ -11,7 +11,8 @@ extern "C" {
 
 /* Mesh over the box of a volume (voxel edges, not centres).
  *  @param keep Nullable: (5 * cells) nonzero for lattice tetrahedra to keep. Errors: ARGUMENT, MEMORY. */
-pliant_status pliant_mesh_grid(const pliant_geometry *geometry, const int32_t cells[3], const uint8_t *keep, pliant_mesh *out);
+pliant_status pliant_mesh_grid(const pliant_geometry *geometry, const int32_t cells[3], const uint8_t *keep,
+                               pliant_mesh *out);
 
 /* Adaptive mesh ([C] 4.2, algorithm 1): cubes are split into eight until at least `purity` of their voxels are of one material, or `depth`
  *  times. Leaves that share a face or an edge differ by at most one level; a leaf with smaller neighbours is cut from its centre, all
@@ -21,10 +22,9 @@ pliant_status pliant_mesh_grid(const pliant_geometry *geometry, const int32_t ce
  *  @param keep_air  keep leaves and tetrahedra without tissue
  *  @param hexahedra leaves with tissue are whole
  *  @param materials out, (num_tets), freed with pliant_free. Errors: ARGUMENT, SCENE (no tissue, too many cells), MEMORY. */
-pliant_status pliant_mesh_octree(const pliant_geometry *geometry, const int32_t roots[3], int32_t depth,
-                                            double purity, bool keep_air, bool hexahedra, const uint8_t *material_of_voxel,
-                                            const pliant_material_table *table, pliant_mesh *out,
-                                            pliant_tet_material **materials);
+pliant_status pliant_mesh_octree(const pliant_geometry *geometry, const int32_t roots[3], int32_t depth, double purity,
+                                 bool keep_air, bool hexahedra, const uint8_t *material_of_voxel,
+                                 const pliant_material_table *table, pliant_mesh *out, pliant_tet_material **materials);
 
 /* Where a node is, seen from what is fixed. */
 typedef enum pliant_bone_place { PLIANT_BONE_OUTSIDE, PLIANT_BONE_INSIDE, PLIANT_BONE_SURFACE } pliant_bone_place;
@@ -75,8 +75,9 @@ int32_t pliant_mesh_locate_deformed(const pliant_mesh *mesh, const double *posit
 
 /* Sum of the voxels' materials over every tetrahedron of a lattice ([H] 2.1; each voxel counts in exactly one).
  *  @param out (5 * cells) by lattice tetrahedron. Errors: MEMORY. */
-pliant_status pliant_lattice_integrate(const pliant_geometry *geometry, const int32_t cells[3], const uint8_t *material_of_voxel,
-                                                  const pliant_material_table *table, pliant_tet_material *out);
+pliant_status pliant_lattice_integrate(const pliant_geometry *geometry, const int32_t cells[3],
+                                       const uint8_t *material_of_voxel, const pliant_material_table *table,
+                                       pliant_tet_material *out);
 
 /* The lattice tetrahedron that owns each voxel, by its centre; ties go to the central one, as in pliant_lattice_integrate.
  *  @param owner (voxels) out. Errors: MEMORY. */
@@ -95,13 +96,15 @@ pliant_status pliant_mesh_neighbours(const pliant_mesh *mesh, int32_t *neighbour
  *  @param how   nodes of loose pieces become this in fixed
  *  @param whole refuse where nothing holds the largest piece
  *  Errors: SCENE when refused; MEMORY. */
-pliant_status pliant_mesh_hold(const pliant_mesh *mesh, uint8_t how, bool whole, uint8_t *fixed, uint8_t *loose, int32_t *pieces);
+pliant_status pliant_mesh_hold(const pliant_mesh *mesh, uint8_t how, bool whole, uint8_t *fixed, uint8_t *loose,
+                               int32_t *pieces);
 
 /* Outer faces, oriented outwards. *triangles is (count x 3), freed with pliant_free. Errors: MEMORY, FORMAT. */
 pliant_status pliant_mesh_surface(const pliant_mesh *mesh, int32_t **triangles, int32_t *count);
 
 /* Volume [m^3] of a tetrahedron (signed) and gradients [1/m] of its shape functions, (4 x 3). */
-PLIANT_INTERNAL double pliant_tet_gradients(const double *x0, const double *x1, const double *x2, const double *x3, double gradients[12]);
+PLIANT_INTERNAL double pliant_tet_gradients(const double *x0, const double *x1, const double *x2, const double *x3,
+                                            double gradients[12]);
 
 /* Of a tetrahedron of a mesh at rest. */
 double pliant_mesh_gradients(const pliant_mesh *mesh, int32_t tet, double gradients[12]);

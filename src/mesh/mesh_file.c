@@ -41,15 +41,18 @@ static pliant_status read_text(const char *path, file_text *out)
         return PLIANT_OK;
     }
     pliant_free(data);
-    if (size >= 0 && (size_t)size >= max_file_size) return pliant_fail(PLIANT_ERROR_FORMAT, "%s: a mesh file of more than 4 GiB is not read", path);
-    return data || size < 0 ? pliant_fail(PLIANT_ERROR_FILE, "%s: cannot be read", path) : pliant_fail_memory("a mesh file");
+    if (size >= 0 && (size_t)size >= max_file_size)
+        return pliant_fail(PLIANT_ERROR_FORMAT, "%s: a mesh file of more than 4 GiB is not read", path);
+    return data || size < 0 ? pliant_fail(PLIANT_ERROR_FILE, "%s: cannot be read", path)
+                            : pliant_fail_memory("a mesh file");
 }
 
 static double six_volumes(const mesh_file *file, const int32_t *node)
 {
     double e[3][3];
     for (int v = 0; v < 3; v++)
-        for (int d = 0; d < 3; d++) e[v][d] = file->nodes[3 * (size_t)node[v + 1] + (size_t)d] - file->nodes[3 * (size_t)node[0] + (size_t)d];
+        for (int d = 0; d < 3; d++)
+            e[v][d] = file->nodes[3 * (size_t)node[v + 1] + (size_t)d] - file->nodes[3 * (size_t)node[0] + (size_t)d];
     return e[0][0] * (e[1][1] * e[2][2] - e[1][2] * e[2][1]) - e[0][1] * (e[1][0] * e[2][2] - e[1][2] * e[2][0]) +
            e[0][2] * (e[1][0] * e[2][1] - e[1][1] * e[2][0]);
 }
@@ -57,22 +60,30 @@ static double six_volumes(const mesh_file *file, const int32_t *node)
 /* Check the parsed numbers, and give every tetrahedron a positive orientation. */
 static pliant_status check(const char *path, double unit, mesh_file *file)
 {
-    if (file->num_tets < 1) return pliant_fail(PLIANT_ERROR_FORMAT, "%s: has no tetrahedra; export a volume mesh of linear tetrahedra", path);
+    if (file->num_tets < 1)
+        return pliant_fail(PLIANT_ERROR_FORMAT, "%s: has no tetrahedra; export a volume mesh of linear tetrahedra",
+                           path);
     for (size_t n = 0; n < 3 * (size_t)file->num_nodes; n++) {
         file->nodes[n] *= unit;
-        if (!(fabs(file->nodes[n]) < 1e6)) return pliant_fail(PLIANT_ERROR_FORMAT, "%s: node %zu does not lie within 1e6 m; check mesh/unit", path, n / 3);
+        if (!(fabs(file->nodes[n]) < 1e6))
+            return pliant_fail(PLIANT_ERROR_FORMAT, "%s: node %zu does not lie within 1e6 m; check mesh/unit", path,
+                               n / 3);
     }
     for (int32_t t = 0; t < file->num_tets; t++) {
         int32_t *node = file->tets + 4 * (size_t)t;
         for (int v = 0; v < 4; v++)
             if (node[v] < 0 || node[v] >= file->num_nodes)
-                return pliant_fail(PLIANT_ERROR_FORMAT, "%s: tetrahedron %d names node %d of %d; the file is damaged", path, t, node[v], file->num_nodes);
+                return pliant_fail(PLIANT_ERROR_FORMAT, "%s: tetrahedron %d names node %d of %d; the file is damaged",
+                                   path, t, node[v], file->num_nodes);
         double longest = 0;
         for (int v = 1; v < 4; v++)
-            for (int d = 0; d < 3; d++) longest = fmax(longest, fabs(file->nodes[3 * (size_t)node[v] + (size_t)d] - file->nodes[3 * (size_t)node[0] + (size_t)d]));
+            for (int d = 0; d < 3; d++)
+                longest = fmax(longest, fabs(file->nodes[3 * (size_t)node[v] + (size_t)d] -
+                                             file->nodes[3 * (size_t)node[0] + (size_t)d]));
         const double volume = six_volumes(file, node);
         if (!(fabs(volume) > 1e-9 * longest * longest * longest))
-            return pliant_fail(PLIANT_ERROR_FORMAT, "%s: tetrahedron %d is flat; mesh again, or optimize the mesh's quality", path, t);
+            return pliant_fail(PLIANT_ERROR_FORMAT,
+                               "%s: tetrahedron %d is flat; mesh again, or optimize the mesh's quality", path, t);
         if (volume < 0) {
             const int32_t last = node[3];
             node[3] = node[2];
@@ -111,7 +122,8 @@ pliant_status pliant_mesh_file_read(const char *path, double unit, mesh_file *ou
     mesh_file file = {0};
     const bool msh = ends_with(path, ".msh");
     if (!msh && !ends_with(path, ".vtu"))
-        return pliant_fail(PLIANT_ERROR_FORMAT, "%s: unknown ending of a mesh; use .vtu (VTK) or .msh (Gmsh 4.1)", path);
+        return pliant_fail(PLIANT_ERROR_FORMAT, "%s: unknown ending of a mesh; use .vtu (VTK) or .msh (Gmsh 4.1)",
+                           path);
     pliant_status status = read_text(path, &text);
     if (status != PLIANT_OK) return status;
     locale_t c = newlocale(LC_ALL_MASK, "C", (locale_t)0), old = uselocale(c); /* decimal points in numbers */
@@ -132,7 +144,8 @@ static void centre_of(const mesh_file *file, int32_t tet, double out[3])
 {
     memset(out, 0, 3 * sizeof *out);
     for (int v = 0; v < 4; v++)
-        for (int d = 0; d < 3; d++) out[d] += 0.25 * file->nodes[3 * (size_t)file->tets[4 * (size_t)tet + (size_t)v] + (size_t)d];
+        for (int d = 0; d < 3; d++)
+            out[d] += 0.25 * file->nodes[3 * (size_t)file->tets[4 * (size_t)tet + (size_t)v] + (size_t)d];
 }
 
 static void to_axes(const pliant_mesh *mesh, const double world[3], double out[3])
@@ -148,7 +161,8 @@ static void to_axes(const pliant_mesh *mesh, const double world[3], double out[3
 static pliant_status make_cells(const char *path, const mesh_file *file, const pliant_geometry *scan, pliant_mesh *mesh)
 {
     const double max_cells = 1 << 26;
-    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY}, reach = 0, count = 1, at[3];
+    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY}, reach = 0, count = 1,
+           at[3];
     memcpy(mesh->direction, scan->direction, sizeof mesh->direction);
     for (int32_t n = 0; n < file->num_nodes; n++) {
         to_axes(mesh, file->nodes + 3 * (size_t)n, at); /* relative to 0, since the corner is not set yet */
@@ -180,8 +194,11 @@ static pliant_status make_cells(const char *path, const mesh_file *file, const p
     for (int d = 0; d < 3; d++) last[d] = first[d] + (high[d] - low[d]) / scan->spacing[d];
     for (int d = 0; d < 3; d++)
         if (last[d] < -0.5 || first[d] > scan->size[d] - 0.5)
-            return pliant_fail(PLIANT_ERROR_SCENE, "mesh/file: %s lies outside the scan, from %.4g to %.4g m along its axis %d; check mesh/unit (0.001 for millimetres) "
-                               "and that the mesh has LPS axes", path, low[d], high[d], d + 1);
+            return pliant_fail(
+                PLIANT_ERROR_SCENE,
+                "mesh/file: %s lies outside the scan, from %.4g to %.4g m along its axis %d; check mesh/unit (0.001 for millimetres) "
+                "and that the mesh has LPS axes",
+                path, low[d], high[d], d + 1);
     return PLIANT_OK;
 }
 
@@ -191,13 +208,14 @@ static int32_t cell_of(const pliant_mesh *mesh, const mesh_file *file, int32_t t
     int32_t at[3];
     centre_of(file, tet, centre);
     to_axes(mesh, centre, along);
-    for (int d = 0; d < 3; d++) at[d] = (int32_t)fmin(fmax(floor(along[d] / mesh->cell_size[d]), 0), mesh->cells[d] - 1);
+    for (int d = 0; d < 3; d++)
+        at[d] = (int32_t)fmin(fmax(floor(along[d] / mesh->cell_size[d]), 0), mesh->cells[d] - 1);
     return at[0] + mesh->cells[0] * (at[1] + mesh->cells[1] * at[2]);
 }
 
 /* Sort the tetrahedra with keep = 1 into leaves, one leaf per cell, by their centres. keep: (file's tetrahedra). */
-static pliant_status fill_cells(const mesh_file *file, const uint8_t *keep, const uint8_t *material, const pliant_material_table *table, pliant_mesh *mesh,
-                                pliant_tet_material **materials)
+static pliant_status fill_cells(const mesh_file *file, const uint8_t *keep, const uint8_t *material,
+                                const pliant_material_table *table, pliant_mesh *mesh, pliant_tet_material **materials)
 {
     const size_t cells = (size_t)mesh->cells[0] * (size_t)mesh->cells[1] * (size_t)mesh->cells[2];
     const size_t places = (size_t)(mesh->cells[0] + 1) * (size_t)(mesh->cells[1] + 1) * (size_t)(mesh->cells[2] + 1);
@@ -210,7 +228,8 @@ static pliant_status fill_cells(const mesh_file *file, const uint8_t *keep, cons
     mesh->tets = pliant_calloc((size_t)file->num_tets, 4 * sizeof *mesh->tets);
     *materials = pliant_calloc((size_t)file->num_tets, sizeof **materials);
     int32_t *row = pliant_calloc((size_t)file->num_nodes, sizeof *row);
-    const bool good = mesh->leaf_of_cell && mesh->leaf_start && mesh->node_of_lattice && mesh->lattice_of_node && mesh->rest && mesh->tets && *materials && row;
+    const bool good = mesh->leaf_of_cell && mesh->leaf_start && mesh->node_of_lattice && mesh->lattice_of_node &&
+                      mesh->rest && mesh->tets && *materials && row;
     if (good) {
         /* Nodes have no lattice positions. */
         memset(mesh->node_of_lattice, 0xff, places * sizeof *mesh->node_of_lattice);
@@ -231,7 +250,8 @@ static pliant_status fill_cells(const mesh_file *file, const uint8_t *keep, cons
         for (int32_t t = 0; t < file->num_tets; t++) {
             if (!keep[t]) continue;
             const int32_t to = mesh->leaf_start[cell_of(mesh, file, t) + 1]++;
-            for (int v = 0; v < 4; v++) mesh->tets[4 * (size_t)to + (size_t)v] = row[file->tets[4 * (size_t)t + (size_t)v]];
+            for (int v = 0; v < 4; v++)
+                mesh->tets[4 * (size_t)to + (size_t)v] = row[file->tets[4 * (size_t)t + (size_t)v]];
             pliant_material_of_voxel(table, material[t], *materials + to);
             mesh->num_tets++;
         }
@@ -241,16 +261,21 @@ static pliant_status fill_cells(const mesh_file *file, const uint8_t *keep, cons
     return good ? PLIANT_OK : pliant_fail_memory("the mesh of a file");
 }
 
-pliant_status pliant_mesh_of_file(const char *path, const mesh_file *file, const pliant_geometry *scan, const uint8_t *material, bool keep_air,
-                                  const pliant_material_table *table, pliant_mesh *out, pliant_tet_material **materials)
+pliant_status pliant_mesh_of_file(const char *path, const mesh_file *file, const pliant_geometry *scan,
+                                  const uint8_t *material, bool keep_air, const pliant_material_table *table,
+                                  pliant_mesh *out, pliant_tet_material **materials)
 {
     pliant_mesh mesh = {0};
     int32_t kept = 0;
     uint8_t *keep = pliant_calloc((size_t)file->num_tets, 1);
     pliant_status status = keep ? make_cells(path, file, scan, &mesh) : pliant_fail_memory("the mesh of a file");
-    for (int32_t t = 0; status == PLIANT_OK && t < file->num_tets; t++) kept += keep[t] = keep_air || !table->materials[material[t]].empty;
+    for (int32_t t = 0; status == PLIANT_OK && t < file->num_tets; t++)
+        kept += keep[t] = keep_air || !table->materials[material[t]].empty;
     if (status == PLIANT_OK && kept == 0)
-        status = pliant_fail(PLIANT_ERROR_SCENE, "mesh/file: %s has no tetrahedron of a material that is tissue; check its regions and the material table", path);
+        status = pliant_fail(
+            PLIANT_ERROR_SCENE,
+            "mesh/file: %s has no tetrahedron of a material that is tissue; check its regions and the material table",
+            path);
     *materials = NULL;
     if (status == PLIANT_OK) status = fill_cells(file, keep, material, table, &mesh, materials);
     pliant_free(keep);

@@ -54,8 +54,9 @@ pliant_status pliant_mesh_parse_vtu(const file_text *text, mesh_file *out);
  * @param material   (file's num_tets); empty tetrahedra are left out unless keep_air.
  * @param materials  Out: (out's num_tets), freed with pliant_free.
  * Errors: SCENE, MEMORY. */
-pliant_status pliant_mesh_of_file(const char *path, const mesh_file *file, const pliant_geometry *scan, const uint8_t *material, bool keep_air,
-                                  const pliant_material_table *table, pliant_mesh *out, pliant_tet_material **materials);
+pliant_status pliant_mesh_of_file(const char *path, const mesh_file *file, const pliant_geometry *scan,
+                                  const uint8_t *material, bool keep_air, const pliant_material_table *table,
+                                  pliant_mesh *out, pliant_tet_material **materials);
 
 #ifdef __cplusplus
 }

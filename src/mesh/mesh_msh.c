@@ -84,7 +84,8 @@ static bool find_section(msh_reader *reader, const char *name)
         const char *here = memchr(reader->text->data + at, '$', reader->text->size - at);
         if (!here) return false;
         at = (size_t)(here - reader->text->data);
-        if ((at > 0 && here[-1] != '\n') || reader->text->size - at <= length || memcmp(here, name, length) != 0) continue;
+        if ((at > 0 && here[-1] != '\n') || reader->text->size - at <= length || memcmp(here, name, length) != 0)
+            continue;
         if (here[length] != '\n' && here[length] != '\r') continue;
         const char *line = memchr(here, '\n', reader->text->size - at);
         if (!line) return false;
@@ -103,18 +104,28 @@ static pliant_status damaged(const msh_reader *reader, const char *section)
 static pliant_status read_format(msh_reader *reader)
 {
     const char *path = reader->text->path;
-    if (!find_section(reader, "$MeshFormat")) return pliant_fail(PLIANT_ERROR_FORMAT, "%s: has no section $MeshFormat: it is no file of Gmsh", path);
+    if (!find_section(reader, "$MeshFormat"))
+        return pliant_fail(PLIANT_ERROR_FORMAT, "%s: has no section $MeshFormat: it is no file of Gmsh", path);
     const double version = read_real(reader);
     const int64_t kind = read_whole(reader, 4), size = read_whole(reader, 4);
     if (reader->failed) return damaged(reader, "$MeshFormat");
     if (!(version > 4.05 && version < 4.95))
-        return pliant_fail(PLIANT_ERROR_FORMAT, "%s: is of version %.3g of the format; save it as 4.1: gmsh -save -format msh41 -o new.msh old.msh", path, version);
+        return pliant_fail(
+            PLIANT_ERROR_FORMAT,
+            "%s: is of version %.3g of the format; save it as 4.1: gmsh -save -format msh41 -o new.msh old.msh", path,
+            version);
     if (kind != 0 && kind != 1) return damaged(reader, "$MeshFormat");
     if (kind == 1) {
         int32_t one = 0;
-        if (size != 8) return pliant_fail(PLIANT_ERROR_FORMAT, "%s: has numbers of %d bytes; save it again with Gmsh on a 64-bit machine", path, (int)size);
-        if (reader->text->size - reader->at > 1 + sizeof one) memcpy(&one, reader->text->data + reader->at + 1, sizeof one);
-        if (one != 1) return pliant_fail(PLIANT_ERROR_FORMAT, "%s: is big-endian; save it as text: gmsh -save -format msh41 (Mesh.Binary=0)", path);
+        if (size != 8)
+            return pliant_fail(PLIANT_ERROR_FORMAT,
+                               "%s: has numbers of %d bytes; save it again with Gmsh on a 64-bit machine", path,
+                               (int)size);
+        if (reader->text->size - reader->at > 1 + sizeof one)
+            memcpy(&one, reader->text->data + reader->at + 1, sizeof one);
+        if (one != 1)
+            return pliant_fail(PLIANT_ERROR_FORMAT,
+                               "%s: is big-endian; save it as text: gmsh -save -format msh41 (Mesh.Binary=0)", path);
     }
     reader->binary = kind == 1;
     return PLIANT_OK;
@@ -131,7 +142,8 @@ static pliant_status read_names(msh_reader *reader, mesh_file *out)
     if (!reader->failed && !out->name) return pliant_fail_memory("a mesh file");
     for (int64_t n = 0; n < count && !reader->failed; n++) {
         const int64_t dimension = read_int(reader), tag = read_int(reader);
-        const char *data = reader->text->data, *begin = reader->failed ? NULL : memchr(data + reader->at, '"', reader->text->size - reader->at);
+        const char *data = reader->text->data,
+                   *begin = reader->failed ? NULL : memchr(data + reader->at, '"', reader->text->size - reader->at);
         const char *end = begin ? memchr(begin + 1, '"', (size_t)(data + reader->text->size - begin) - 1) : NULL;
         if (!end) {
             reader->failed = true;
@@ -190,7 +202,8 @@ static int by_tag(const void *a, const void *b)
 
 static pliant_status read_nodes(msh_reader *reader, tagged **tags, mesh_file *out)
 {
-    if (!find_section(reader, "$Nodes")) return pliant_fail(PLIANT_ERROR_FORMAT, "%s: has no section $Nodes", reader->text->path);
+    if (!find_section(reader, "$Nodes"))
+        return pliant_fail(PLIANT_ERROR_FORMAT, "%s: has no section $Nodes", reader->text->path);
     const int64_t blocks = read_count(reader, 4), total = read_count(reader, 6);
     read_size(reader);
     read_size(reader);
@@ -202,8 +215,10 @@ static pliant_status read_nodes(msh_reader *reader, tagged **tags, mesh_file *ou
         const int64_t dimension = read_int(reader);
         read_int(reader);
         const int64_t parametric = read_int(reader), count = read_count(reader, 6);
-        if (reader->failed || count > total - out->num_nodes || dimension < 0 || dimension > 3) return damaged(reader, "$Nodes");
-        for (int64_t n = 0; n < count; n++) (*tags)[out->num_nodes + n] = (tagged){read_size(reader), out->num_nodes + (int32_t)n};
+        if (reader->failed || count > total - out->num_nodes || dimension < 0 || dimension > 3)
+            return damaged(reader, "$Nodes");
+        for (int64_t n = 0; n < count; n++)
+            (*tags)[out->num_nodes + n] = (tagged){read_size(reader), out->num_nodes + (int32_t)n};
         for (int64_t n = 0; n < count && !reader->failed; n++) {
             for (int64_t d = 0; d < 3; d++) out->nodes[3 * (out->num_nodes + n) + d] = read_real(reader);
             for (int64_t d = 0; parametric && d < dimension; d++) read_real(reader);
@@ -218,7 +233,8 @@ static pliant_status read_nodes(msh_reader *reader, tagged **tags, mesh_file *ou
 /* Return the number of nodes of an element type; 0: unknown type. */
 static int nodes_of_type(int64_t type)
 {
-    static const uint8_t nodes[32] = {0, 2, 3, 4, 4, 8, 6, 5, 3, 6, 9, 10, 27, 18, 14, 1, 8, 20, 15, 13, 9, 10, 12, 15, 15, 21, 4, 5, 6, 20, 35, 56};
+    static const uint8_t nodes[32] = {0, 2,  3,  4,  4, 8,  6,  5,  3,  6,  9, 10, 27, 18, 14, 1,
+                                      8, 20, 15, 13, 9, 10, 12, 15, 15, 21, 4, 5,  6,  20, 35, 56};
     return type > 0 && type < 32 ? nodes[type] : 0;
 }
 
@@ -233,7 +249,8 @@ static pliant_status read_elements(msh_reader *reader, const tagged *tags, const
 {
     enum { GMSH_TETRAHEDRON = 4 };
     const char *path = reader->text->path;
-    if (!find_section(reader, "$Elements")) return pliant_fail(PLIANT_ERROR_FORMAT, "%s: has no section $Elements", path);
+    if (!find_section(reader, "$Elements"))
+        return pliant_fail(PLIANT_ERROR_FORMAT, "%s: has no section $Elements", path);
     const int64_t blocks = read_count(reader, 4), total = read_count(reader, 4);
     read_size(reader);
     read_size(reader);
@@ -242,13 +259,16 @@ static pliant_status read_elements(msh_reader *reader, const tagged *tags, const
     out->region = pliant_calloc((size_t)total + 1, sizeof *out->region);
     if (!out->tets || !out->region) return pliant_fail_memory("a mesh file");
     for (int64_t b = 0; b < blocks && !reader->failed; b++) {
-        const int64_t dimension = read_int(reader), entity = read_int(reader), type = read_int(reader), count = read_count(reader, 4);
+        const int64_t dimension = read_int(reader), entity = read_int(reader), type = read_int(reader),
+                      count = read_count(reader, 4);
         const int nodes = nodes_of_type(type);
         const int64_t region = group_of(groups, entity);
         if (reader->failed || count > total) return damaged(reader, "$Elements");
         if (nodes == 0 || (dimension == 3 && type != GMSH_TETRAHEDRON))
-            return pliant_fail(PLIANT_ERROR_FORMAT, "%s: has elements of Gmsh's type %d; only linear tetrahedra (4) are read: gmsh -3 -order 1, without recombination", path,
-                               (int)type);
+            return pliant_fail(
+                PLIANT_ERROR_FORMAT,
+                "%s: has elements of Gmsh's type %d; only linear tetrahedra (4) are read: gmsh -3 -order 1, without recombination",
+                path, (int)type);
         if (dimension == 3 && count > total - out->num_tets) return damaged(reader, "$Elements");
         for (int64_t n = 0; n < count && !reader->failed; n++) {
             read_size(reader);
@@ -256,7 +276,9 @@ static pliant_status read_elements(msh_reader *reader, const tagged *tags, const
                 const tagged wanted = {read_size(reader), 0};
                 if (dimension != 3 || reader->failed) continue;
                 const tagged *found = bsearch(&wanted, tags, (size_t)out->num_nodes, sizeof *tags, by_tag);
-                if (!found) return pliant_fail(PLIANT_ERROR_FORMAT, "%s: a tetrahedron has node %lld, which $Nodes lacks", path, (long long)wanted.tag);
+                if (!found)
+                    return pliant_fail(PLIANT_ERROR_FORMAT, "%s: a tetrahedron has node %lld, which $Nodes lacks", path,
+                                       (long long)wanted.tag);
                 out->tets[4 * (int64_t)out->num_tets + v] = found->row;
             }
             if (dimension == 3 && !reader->failed) out->region[out->num_tets++] = region;

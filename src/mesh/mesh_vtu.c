@@ -23,7 +23,10 @@ typedef struct vtu_file {
     size_t header;               /* bytes of a number before an array */
 } vtu_file;
 
-static pliant_status refuse(const vtu_file *file, const char *reason) { return pliant_fail(PLIANT_ERROR_FORMAT, "%s: %s", file->text->path, reason); }
+static pliant_status refuse(const vtu_file *file, const char *reason)
+{
+    return pliant_fail(PLIANT_ERROR_FORMAT, "%s: %s", file->text->path, reason);
+}
 
 /* Find the next tag with this name after a position. */
 static bool find_tag(const char *from, const char *end, const char *name, tag *out)
@@ -31,7 +34,8 @@ static bool find_tag(const char *from, const char *end, const char *name, tag *o
     const size_t length = strlen(name);
     while (from < end && (from = memchr(from, '<', (size_t)(end - from)))) {
         from++;
-        if ((size_t)(end - from) <= length || memcmp(from, name, length) != 0 || !strchr(" \t\r\n>/", from[length])) continue;
+        if ((size_t)(end - from) <= length || memcmp(from, name, length) != 0 || !strchr(" \t\r\n>/", from[length]))
+            continue;
         const char *last = memchr(from, '>', (size_t)(end - from));
         if (!last) return false;
         *out = (tag){from, last};
@@ -45,8 +49,11 @@ static bool attribute(const tag *of, const char *name, char out[ATTRIBUTE])
 {
     const size_t length = strlen(name);
     for (const char *at = of->begin; at + length + 2 < of->end; at++) {
-        if (!strchr(" \t\r\n", *at) || memcmp(at + 1, name, length) != 0 || at[1 + length] != '=' || (at[2 + length] != '"' && at[2 + length] != '\'')) continue;
-        const char *begin = at + length + 3, *last = begin < of->end ? memchr(begin, at[2 + length], (size_t)(of->end - begin)) : NULL;
+        if (!strchr(" \t\r\n", *at) || memcmp(at + 1, name, length) != 0 || at[1 + length] != '=' ||
+            (at[2 + length] != '"' && at[2 + length] != '\''))
+            continue;
+        const char *begin = at + length + 3,
+                   *last = begin < of->end ? memchr(begin, at[2 + length], (size_t)(of->end - begin)) : NULL;
         if (!last || last - begin >= ATTRIBUTE) return false;
         memcpy(out, begin, (size_t)(last - begin));
         out[last - begin] = 0;
@@ -107,8 +114,10 @@ static bool decode(const char *from, const char *end, bytes *out)
         padding += *from == '=';
         group[count++] = value;
         if (count < 4) continue;
-        const uint32_t all = (uint32_t)group[0] << 18 | (uint32_t)group[1] << 12 | (uint32_t)group[2] << 6 | (uint32_t)group[3];
-        for (int b = 0; b < 3 - (padding < 3 ? padding : 2); b++) out->owned[out->size++] = (uint8_t)(all >> (16 - 8 * b));
+        const uint32_t all =
+            (uint32_t)group[0] << 18 | (uint32_t)group[1] << 12 | (uint32_t)group[2] << 6 | (uint32_t)group[3];
+        for (int b = 0; b < 3 - (padding < 3 ? padding : 2); b++)
+            out->owned[out->size++] = (uint8_t)(all >> (16 - 8 * b));
         count = padding = 0;
     }
     out->data = out->owned;
@@ -132,7 +141,9 @@ static bool inflate_blocks(const vtu_file *file, const bytes *in, size_t wanted,
     for (uint64_t b = 0; b < blocks; b++) {
         const uint64_t stored = number_at(file, in, (size_t)(3 + b)), plain = b + 1 < blocks || last == 0 ? size : last;
         uLongf made = (uLongf)(wanted - to);
-        if (stored > in->size - from || plain > wanted - to || uncompress(out + to, &made, in->data + from, (uLong)stored) != Z_OK || made != plain) return false;
+        if (stored > in->size - from || plain > wanted - to ||
+            uncompress(out + to, &made, in->data + from, (uLong)stored) != Z_OK || made != plain)
+            return false;
         from += (size_t)stored;
         to += (size_t)plain;
     }
@@ -160,7 +171,8 @@ static double value_of(const struct vtu_type *type, const uint8_t *at)
     if (type->kind == 'f' && type->size == 4) return memcpy(&single, at, 4), single;
     if (type->kind == 'f') return memcpy(&twice, at, 8), twice;
     memcpy(&number, at, type->size);
-    if (type->kind == 'i' && type->size < 8 && number >> (8 * type->size - 1) & 1) number -= (int64_t)1 << 8 * type->size;
+    if (type->kind == 'i' && type->size < 8 && number >> (8 * type->size - 1) & 1)
+        number -= (int64_t)1 << 8 * type->size;
     return (double)number;
 }
 
@@ -197,7 +209,9 @@ static pliant_status read_array(const vtu_file *file, const tag *array, const ch
         } else {
             const uint64_t from = attribute(array, "offset", offset) ? strtoull(offset, NULL, 10) : UINT64_MAX;
             good = strcmp(kind, "appended") == 0 && file->appended && from < (uint64_t)(limit - file->appended);
-            if (good && file->raw) in = (bytes){(const uint8_t *)file->appended + from, (size_t)(limit - file->appended) - (size_t)from, NULL};
+            if (good && file->raw)
+                in = (bytes){(const uint8_t *)file->appended + from, (size_t)(limit - file->appended) - (size_t)from,
+                             NULL};
             else if (good) good = decode(file->appended + from, limit, &in);
         }
         good = good && read_bytes(file, &in, wanted, plain);
@@ -206,7 +220,8 @@ static pliant_status read_array(const vtu_file *file, const tag *array, const ch
         pliant_free(in.owned);
     }
     if (good) return PLIANT_OK;
-    snprintf(reason, sizeof reason, "its array %.60s is damaged, of an unknown type, or has another length than the grid says", name);
+    snprintf(reason, sizeof reason,
+             "its array %.60s is damaged, of an unknown type, or has another length than the grid says", name);
     return refuse(file, reason);
 }
 
@@ -223,7 +238,8 @@ static bool find_array(const vtu_file *file, const char *section, const char *na
     return false;
 }
 
-static pliant_status read_section_array(const vtu_file *file, const char *section, const char *name, size_t count, double **out)
+static pliant_status read_section_array(const vtu_file *file, const char *section, const char *name, size_t count,
+                                        double **out)
 {
     tag array;
     char reason[128];
@@ -240,11 +256,16 @@ static pliant_status read_cells(const vtu_file *file, size_t cells, mesh_file *o
     pliant_status status = read_section_array(file, "Cells", "types", cells, &type);
     for (size_t c = 0; status == PLIANT_OK && c < cells; c++)
         if (type[c] != vtk_tetra)
-            status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: cell %zu is of VTK's type %g; only linear tetrahedra (10) are read: extract them, or divide other cells (ParaView: "
-                                 "Tetrahedralize)", file->text->path, c, type[c]);
+            status = pliant_fail(
+                PLIANT_ERROR_FORMAT,
+                "%s: cell %zu is of VTK's type %g; only linear tetrahedra (10) are read: extract them, or divide other cells (ParaView: "
+                "Tetrahedralize)",
+                file->text->path, c, type[c]);
     if (status == PLIANT_OK) status = read_section_array(file, "Cells", "connectivity", 4 * cells, &corner);
-    if (status == PLIANT_OK && !(out->tets = pliant_calloc(cells, 4 * sizeof *out->tets))) status = pliant_fail_memory("a mesh file");
-    for (size_t v = 0; status == PLIANT_OK && v < 4 * cells; v++) out->tets[v] = corner[v] >= 0 && corner[v] < INT32_MAX ? (int32_t)corner[v] : -1;
+    if (status == PLIANT_OK && !(out->tets = pliant_calloc(cells, 4 * sizeof *out->tets)))
+        status = pliant_fail_memory("a mesh file");
+    for (size_t v = 0; status == PLIANT_OK && v < 4 * cells; v++)
+        out->tets[v] = corner[v] >= 0 && corner[v] < INT32_MAX ? (int32_t)corner[v] : -1;
     if (status == PLIANT_OK) out->num_tets = (int32_t)cells;
     pliant_free(type);
     pliant_free(corner);
@@ -254,13 +275,15 @@ static pliant_status read_cells(const vtu_file *file, size_t cells, mesh_file *o
 /* Read the first of the arrays in which programs store regions. */
 static pliant_status read_regions(const vtu_file *file, mesh_file *out)
 {
-    static const char *const names[] = {"material", "label", "region", "gmsh:physical", "physical", "medit:ref", "CellEntityIds", "Region"};
+    static const char *const names[] = {"material", "label",     "region",        "gmsh:physical",
+                                        "physical", "medit:ref", "CellEntityIds", "Region"};
     tag array;
     for (size_t n = 0; n < sizeof names / sizeof *names; n++) {
         if (!find_array(file, "CellData", names[n], &array)) continue;
         double *value = pliant_calloc((size_t)out->num_tets, sizeof *value);
         out->region = pliant_calloc((size_t)out->num_tets, sizeof *out->region);
-        pliant_status status = value && out->region ? read_array(file, &array, names[n], (size_t)out->num_tets, value) : pliant_fail_memory("a mesh file");
+        pliant_status status = value && out->region ? read_array(file, &array, names[n], (size_t)out->num_tets, value)
+                                                    : pliant_fail_memory("a mesh file");
         for (int32_t t = 0; status == PLIANT_OK && t < out->num_tets; t++)
             out->region[t] = value[t] >= -1e9 && value[t] <= 1e9 ? (int64_t)value[t] : -1;
         pliant_free(value);
@@ -277,12 +300,15 @@ pliant_status pliant_mesh_parse_vtu(const file_text *text, mesh_file *out)
     char points[ATTRIBUTE], cells[ATTRIBUTE];
     pliant_status status = read_head(text, &file);
     if (status != PLIANT_OK) return status;
-    if (!find_tag(text->data, file.end, "Piece", &piece) || !attribute(&piece, "NumberOfPoints", points) || !attribute(&piece, "NumberOfCells", cells))
+    if (!find_tag(text->data, file.end, "Piece", &piece) || !attribute(&piece, "NumberOfPoints", points) ||
+        !attribute(&piece, "NumberOfCells", cells))
         return refuse(&file, "has no piece with points and cells");
-    if (find_tag(piece.end, file.end, "Piece", &second)) return refuse(&file, "has several pieces; merge them into one");
+    if (find_tag(piece.end, file.end, "Piece", &second))
+        return refuse(&file, "has several pieces; merge them into one");
     const uint64_t num_points = strtoull(points, NULL, 10), num_cells = strtoull(cells, NULL, 10);
     if (num_cells == 0) return refuse(&file, "has no cells");
-    if (num_points == 0 || num_points > INT32_MAX / 4 || num_cells > INT32_MAX / 4 || num_points > 1000 * (uint64_t)text->size || num_cells > 1000 * (uint64_t)text->size)
+    if (num_points == 0 || num_points > INT32_MAX / 4 || num_cells > INT32_MAX / 4 ||
+        num_points > 1000 * (uint64_t)text->size || num_cells > 1000 * (uint64_t)text->size)
         return refuse(&file, "names more points or cells than it can hold");
     status = read_section_array(&file, "Points", NULL, 3 * (size_t)num_points, &out->nodes);
     if (status == PLIANT_OK) out->num_nodes = (int32_t)num_points;

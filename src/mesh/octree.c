@@ -19,8 +19,8 @@ static int32_t first_voxel(int32_t voxels, int32_t cells, int32_t cell)
     return i;
 }
 
-static void count_voxels(const pliant_octree *tree, const pliant_geometry *geometry, const uint8_t *material_of_voxel, int32_t *const first[3],
-                         majority *out)
+static void count_voxels(const pliant_octree *tree, const pliant_geometry *geometry, const uint8_t *material_of_voxel,
+                         int32_t *const first[3], majority *out)
 {
     const int32_t *cells = tree->cells[tree->depth], *size = geometry->size;
 #pragma omp parallel for schedule(static)
@@ -38,7 +38,8 @@ static void count_voxels(const pliant_octree *tree, const pliant_geometry *geome
                 }
                 for (int32_t k = low[2]; k < high[2]; k++)
                     for (int32_t j = low[1]; j < high[1]; j++) {
-                        const uint8_t *row = material_of_voxel + (size_t)size[0] * ((size_t)j + (size_t)size[1] * (size_t)k);
+                        const uint8_t *row =
+                            material_of_voxel + (size_t)size[0] * ((size_t)j + (size_t)size[1] * (size_t)k);
                         for (int32_t i = low[0]; i < high[0]; i++) count[row[i]]++;
                     }
                 majority *one = out + pliant_octree_flat(tree, tree->depth, at);
@@ -72,7 +73,8 @@ static majority of_children(const pliant_octree *tree, int32_t level, const int3
 }
 
 /* Mark splits from the smallest cells up. Cubes below an unsplit cube are marked as well; they are removed later. */
-static pliant_status split_by_material(pliant_octree *tree, double purity, const pliant_geometry *geometry, const uint8_t *material_of_voxel)
+static pliant_status split_by_material(pliant_octree *tree, double purity, const pliant_geometry *geometry,
+                                       const uint8_t *material_of_voxel)
 {
     int32_t *first[3] = {NULL, NULL, NULL};
     majority *below = pliant_calloc(pliant_octree_count(tree, tree->depth), sizeof *below), *here = NULL;
@@ -81,7 +83,8 @@ static pliant_status split_by_material(pliant_octree *tree, double purity, const
         int32_t cells = tree->cells[tree->depth][d];
         first[d] = pliant_calloc((size_t)cells + 1, sizeof *first[d]);
         if (!first[d]) status = pliant_fail_memory("the octree");
-        for (int32_t cell = 0; first[d] && cell <= cells; cell++) first[d][cell] = first_voxel(geometry->size[d], cells, cell);
+        for (int32_t cell = 0; first[d] && cell <= cells; cell++)
+            first[d][cell] = first_voxel(geometry->size[d], cells, cell);
     }
     if (status == PLIANT_OK) count_voxels(tree, geometry, material_of_voxel, first, below);
     for (int32_t level = tree->depth - 1; status == PLIANT_OK && level >= 0; level--) {
@@ -187,8 +190,9 @@ static pliant_status number_leaves(pliant_octree *tree)
     return PLIANT_OK;
 }
 
-pliant_status pliant_octree_create(const int32_t roots[3], int32_t depth, double purity, const pliant_geometry *geometry,
-                                   const uint8_t *material_of_voxel, pliant_octree *out)
+pliant_status pliant_octree_create(const int32_t roots[3], int32_t depth, double purity,
+                                   const pliant_geometry *geometry, const uint8_t *material_of_voxel,
+                                   pliant_octree *out)
 {
     pliant_octree tree = {.depth = depth};
     pliant_status status = PLIANT_OK;

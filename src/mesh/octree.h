@@ -24,8 +24,9 @@ typedef struct pliant_octree {
 
 /* Build the tree: split by the materials of voxels, then balance. Leaves with a common face or edge differ by at most
  * one level. Errors: MEMORY. */
-pliant_status pliant_octree_create(const int32_t roots[3], int32_t depth, double purity, const pliant_geometry *geometry,
-                                   const uint8_t *material_of_voxel, pliant_octree *out);
+pliant_status pliant_octree_create(const int32_t roots[3], int32_t depth, double purity,
+                                   const pliant_geometry *geometry, const uint8_t *material_of_voxel,
+                                   pliant_octree *out);
 void pliant_octree_free(pliant_octree *tree);
 
 /* Return the lattice node of the smallest cells. */
@@ -34,9 +35,11 @@ static inline int32_t pliant_octree_node(const int32_t cells[3], const int32_t a
     return at[0] + (cells[0] + 1) * (at[1] + (cells[1] + 1) * at[2]);
 }
 /* Return the lattice node of a corner, middle or centre of a cube. halves: (3) in steps of half its size. */
-static inline int32_t pliant_octree_place(const int32_t cells[3], const int32_t origin[3], int32_t size, const int32_t halves[3])
+static inline int32_t pliant_octree_place(const int32_t cells[3], const int32_t origin[3], int32_t size,
+                                          const int32_t halves[3])
 {
-    const int32_t at[3] = {origin[0] + halves[0] * size / 2, origin[1] + halves[1] * size / 2, origin[2] + halves[2] * size / 2};
+    const int32_t at[3] = {origin[0] + halves[0] * size / 2, origin[1] + halves[1] * size / 2,
+                           origin[2] + halves[2] * size / 2};
     return pliant_octree_node(cells, at);
 }
 
@@ -46,7 +49,8 @@ static inline size_t pliant_octree_count(const pliant_octree *tree, int32_t leve
 }
 static inline size_t pliant_octree_flat(const pliant_octree *tree, int32_t level, const int32_t at[3])
 {
-    return (size_t)at[0] + (size_t)tree->cells[level][0] * ((size_t)at[1] + (size_t)tree->cells[level][1] * (size_t)at[2]);
+    return (size_t)at[0] +
+           (size_t)tree->cells[level][0] * ((size_t)at[1] + (size_t)tree->cells[level][1] * (size_t)at[2]);
 }
 
 #ifdef __cplusplus

@@ -31,7 +31,10 @@ typedef struct octree_builder {
 
 static int32_t size_of(const pliant_octree *tree, int32_t leaf) { return 1 << (tree->depth - tree->level[leaf]); }
 
-static int32_t node_at(const pliant_octree *tree, const int32_t at[3]) { return pliant_octree_node(tree->cells[tree->depth], at); }
+static int32_t node_at(const pliant_octree *tree, const int32_t at[3])
+{
+    return pliant_octree_node(tree->cells[tree->depth], at);
+}
 
 /* Average the material over the smallest cells' tetrahedra in a leaf, weighted by their voxels. */
 static void sum_leaf(octree_builder *build, int32_t leaf)
@@ -45,7 +48,8 @@ static void sum_leaf(octree_builder *build, int32_t leaf)
         for (int32_t b = origin[1]; b < origin[1] + size; b++)
             for (int32_t a = origin[0]; a < origin[0] + size; a++)
                 for (int slot = 0; slot < 5; slot++) {
-                    const pliant_tet_material *part = build->cell_material + 5 * pliant_octree_flat(tree, tree->depth, (int32_t[3]){a, b, c}) + slot;
+                    const pliant_tet_material *part =
+                        build->cell_material + 5 * pliant_octree_flat(tree, tree->depth, (int32_t[3]){a, b, c}) + slot;
                     double share = part->num_voxels;
                     sum.lambda += share * part->lambda;
                     sum.mu += share * part->mu;
@@ -75,7 +79,8 @@ static void choose_leaves(octree_builder *build)
         int32_t size = size_of(tree, leaf);
         sum_leaf(build, leaf);
         build->kept[leaf] = build->keep_air || build->leaf_material[leaf].tissue > 0;
-        const pliant_tet_material *own = build->cell_material + 5 * pliant_octree_flat(tree, tree->depth, tree->origin[leaf]);
+        const pliant_tet_material *own =
+            build->cell_material + 5 * pliant_octree_flat(tree, tree->depth, tree->origin[leaf]);
         for (int slot = 0; size == 1 && slot < 5; slot++) build->kept[leaf] |= own[slot].tissue > 0;
         for (int n = 0; build->kept[leaf] && n < 8; n++) {
             int32_t at[3];
@@ -92,7 +97,8 @@ static void add_tet(octree_builder *build, int32_t corners[4][3], const pliant_t
         int32_t capacity = build->capacity ? 2 * build->capacity : 4096;
         int32_t *tets = pliant_resize(mesh->tets, (size_t)capacity, 4 * sizeof *tets);
         if (tets) mesh->tets = tets;
-        pliant_tet_material *materials = tets ? pliant_resize(build->materials, (size_t)capacity, sizeof *materials) : NULL;
+        pliant_tet_material *materials =
+            tets ? pliant_resize(build->materials, (size_t)capacity, sizeof *materials) : NULL;
         if (materials) build->materials = materials;
         build->failed = !materials;
         if (materials) build->capacity = capacity;
@@ -101,7 +107,8 @@ static void add_tet(octree_builder *build, int32_t corners[4][3], const pliant_t
     int64_t e[3][3];
     for (int v = 0; v < 3; v++)
         for (int d = 0; d < 3; d++) e[v][d] = corners[v + 1][d] - corners[0][d];
-    int64_t determinant = e[0][0] * (e[1][1] * e[2][2] - e[1][2] * e[2][1]) - e[0][1] * (e[1][0] * e[2][2] - e[1][2] * e[2][0]) +
+    int64_t determinant = e[0][0] * (e[1][1] * e[2][2] - e[1][2] * e[2][1]) -
+                          e[0][1] * (e[1][0] * e[2][2] - e[1][2] * e[2][0]) +
                           e[0][2] * (e[1][0] * e[2][1] - e[1][1] * e[2][0]);
     bool swap = (determinant < 0) != build->flipped;
     int32_t *tet = mesh->tets + 4 * (size_t)mesh->num_tets;
@@ -138,7 +145,8 @@ static void cut_in_five(octree_builder *build, int32_t leaf)
     const pliant_octree *tree = build->tree;
     int32_t size = size_of(tree, leaf), parity = 0;
     for (int d = 0; d < 3; d++) parity ^= tree->origin[leaf][d] / size & 1;
-    const pliant_tet_material *own = build->cell_material + 5 * pliant_octree_flat(tree, tree->depth, tree->origin[leaf]);
+    const pliant_tet_material *own =
+        build->cell_material + 5 * pliant_octree_flat(tree, tree->depth, tree->origin[leaf]);
     for (int slot = 0; slot < 5; slot++) {
         if (size == 1 && !build->keep_air && !build->hexahedra && !(own[slot].tissue > 0)) continue;
         int bits[4];
@@ -235,7 +243,8 @@ static pliant_status number_nodes(pliant_mesh *mesh)
         int32_t node = mesh->node_of_lattice[n], at = (int32_t)n;
         if (node < 0) continue;
         mesh->lattice_of_node[node] = at;
-        double along[3] = {at % nx * mesh->cell_size[0], at / nx % ny * mesh->cell_size[1], at / nx / ny * mesh->cell_size[2]};
+        double along[3] = {at % nx * mesh->cell_size[0], at / nx % ny * mesh->cell_size[1],
+                           at / nx / ny * mesh->cell_size[2]};
         for (int r = 0; r < 3; r++) {
             mesh->rest[3 * node + r] = mesh->corner[r];
             for (int d = 0; d < 3; d++) mesh->rest[3 * node + r] += mesh->direction[3 * r + d] * along[d];
@@ -250,17 +259,20 @@ static pliant_status check(const int32_t roots[3], int32_t depth)
     if (depth < 0 || depth > PLIANT_MAX_DEPTH)
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "an octree's depth is 0 to %d, not %d", PLIANT_MAX_DEPTH, depth);
     for (int d = 0; d < 3; d++) {
-        if (roots[d] < 1) return pliant_fail(PLIANT_ERROR_ARGUMENT, "a mesh needs at least one cell along each axis, not %d", roots[d]);
+        if (roots[d] < 1)
+            return pliant_fail(PLIANT_ERROR_ARGUMENT, "a mesh needs at least one cell along each axis, not %d",
+                               roots[d]);
         cells *= (double)roots[d] * (1 << depth);
     }
     if (cells > 4e7)
-        return pliant_fail(PLIANT_ERROR_SCENE, "mesh/coarse_cells halved %d times are %.3g cells: at most 4e7", depth, cells);
+        return pliant_fail(PLIANT_ERROR_SCENE, "mesh/coarse_cells halved %d times are %.3g cells: at most 4e7", depth,
+                           cells);
     return PLIANT_OK;
 }
 
-pliant_status pliant_mesh_octree(const pliant_geometry *geometry, const int32_t roots[3], int32_t depth, double purity, bool keep_air,
-                                 bool hexahedra, const uint8_t *material_of_voxel, const pliant_material_table *table, pliant_mesh *out,
-                                 pliant_tet_material **materials)
+pliant_status pliant_mesh_octree(const pliant_geometry *geometry, const int32_t roots[3], int32_t depth, double purity,
+                                 bool keep_air, bool hexahedra, const uint8_t *material_of_voxel,
+                                 const pliant_material_table *table, pliant_mesh *out, pliant_tet_material **materials)
 {
     pliant_status status = check(roots, depth);
     if (status != PLIANT_OK) return status;
@@ -268,9 +280,12 @@ pliant_status pliant_mesh_octree(const pliant_geometry *geometry, const int32_t 
     pliant_mesh mesh = {0};
     pliant_tet_material *cells = NULL;
     const double *m = geometry->direction;
-    double handed = m[0] * (m[4] * m[8] - m[5] * m[7]) - m[1] * (m[3] * m[8] - m[5] * m[6]) + m[2] * (m[3] * m[7] - m[4] * m[6]);
-    octree_builder build = {.tree = &tree, .keep_air = keep_air, .hexahedra = hexahedra, .flipped = handed < 0, .mesh = &mesh};
-    if ((status = pliant_octree_create(roots, depth, purity, geometry, material_of_voxel, &tree)) != PLIANT_OK) goto done;
+    double handed =
+        m[0] * (m[4] * m[8] - m[5] * m[7]) - m[1] * (m[3] * m[8] - m[5] * m[6]) + m[2] * (m[3] * m[7] - m[4] * m[6]);
+    octree_builder build = {
+        .tree = &tree, .keep_air = keep_air, .hexahedra = hexahedra, .flipped = handed < 0, .mesh = &mesh};
+    if ((status = pliant_octree_create(roots, depth, purity, geometry, material_of_voxel, &tree)) != PLIANT_OK)
+        goto done;
     for (int d = 0; d < 3; d++) {
         mesh.cells[d] = tree.cells[depth][d];
         mesh.cell_size[d] = geometry->size[d] * geometry->spacing[d] / mesh.cells[d];

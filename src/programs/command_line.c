@@ -25,7 +25,8 @@ static bool change(pliant_scene *scene, const char *text)
     return true;
 }
 
-bool command_line_scene(int argc, char **argv, const struct option *options, int set, pliant_scene *scene, int *exit_code)
+bool command_line_scene(int argc, char **argv, const struct option *options, int set, pliant_scene *scene,
+                        int *exit_code)
 {
     *exit_code = EXIT_USAGE;
     if (argc - optind > 1) {
@@ -55,7 +56,8 @@ pliant_status command_line_folder(const char *folder)
         if (path[n] != '/' && path[n] != '\0') continue;
         char kept = path[n];
         path[n] = '\0';
-        if (mkdir(path, 0777) != 0 && errno != EEXIST) return pliant_fail(PLIANT_ERROR_FILE, "%s: %s", path, strerror(errno));
+        if (mkdir(path, 0777) != 0 && errno != EEXIST)
+            return pliant_fail(PLIANT_ERROR_FILE, "%s: %s", path, strerror(errno));
         path[n] = kept;
     }
     return PLIANT_OK;

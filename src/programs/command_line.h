@@ -16,7 +16,8 @@ enum { EXIT_OK = 0, EXIT_FAILED = 1, EXIT_USAGE = 2, EXIT_STOPPED = 130 };
  * Call it after getopt_long has processed all arguments; it processes them again from the start.
  * @param options, set the program's options, and the value of its --set
  * @return false after a message on stderr, with *exit_code */
-bool command_line_scene(int argc, char **argv, const struct option *options, int set, pliant_scene *scene, int *exit_code);
+bool command_line_scene(int argc, char **argv, const struct option *options, int set, pliant_scene *scene,
+                        int *exit_code);
 
 /* Create the folder for results and its parents if they are missing. Errors: FILE. */
 pliant_status command_line_folder(const char *folder);

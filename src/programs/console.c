@@ -38,7 +38,8 @@ void console_start(pliant_log_level quietest)
 {
     stop_on_signals(ask_stop);
     lowest = quietest;
-    if (quietest > PLIANT_LOG_INFO && !freopen("/dev/null", "w", stdout)) fputs("/dev/null cannot be opened: tables are printed\n", stderr);
+    if (quietest > PLIANT_LOG_INFO && !freopen("/dev/null", "w", stdout))
+        fputs("/dev/null cannot be opened: tables are printed\n", stderr);
     terminal = isatty(STDERR_FILENO);
     pliant_set_log(print_log, NULL);
 }

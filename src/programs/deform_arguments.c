@@ -61,8 +61,29 @@ static const char help[] =
     "\n"
     "Exit codes: 0 done, 1 failed, 2 wrong usage, 130 stopped by Ctrl-C (what was done so far is written).\n";
 
-enum { SCAN = 256, LABELS, TOOLS, OUT, SET, STEPS, EVERY, NO_VOLUME, PICTURES, CAMERA, RADIOGRAPH, SCALARS, COMPARE, SEEN, DISPLACEMENT, TISSUE_DISPLACEMENT,
-       VTK, UNIT, QUIET, OPTIONS, HELP };
+enum {
+    SCAN = 256,
+    LABELS,
+    TOOLS,
+    OUT,
+    SET,
+    STEPS,
+    EVERY,
+    NO_VOLUME,
+    PICTURES,
+    CAMERA,
+    RADIOGRAPH,
+    SCALARS,
+    COMPARE,
+    SEEN,
+    DISPLACEMENT,
+    TISSUE_DISPLACEMENT,
+    VTK,
+    UNIT,
+    QUIET,
+    OPTIONS,
+    HELP
+};
 
 static const struct option options[] = {
     {"scan", required_argument, NULL, SCAN},   {"labels", required_argument, NULL, LABELS},
@@ -100,7 +121,8 @@ const char *deform_method_name(pliant_method method) { return method_names[metho
 
 /* Read a list "a,b" as indices of names, without duplicates and without the first `skipped` names. Return the count; 0
  * after a message. */
-static int read_names(const char *option, const char *text, const char *const *names, int num_names, int skipped, int *out)
+static int read_names(const char *option, const char *text, const char *const *names, int num_names, int skipped,
+                      int *out)
 {
     int count = 0;
     for (const char *at = text;; at++) {
@@ -178,7 +200,8 @@ static bool check_fields(const deform_arguments *arguments)
         const bool same = names[n] && names[1 - n] && strcmp(names[n], names[1 - n]) == 0;
         if (!same && !(names[n] && strcmp(names[n], "deformed.nii.gz") == 0)) continue;
         fprintf(stderr, "%s %s: %s is written to that file; use another name\n",
-                n ? "--tissue-displacement" : "--displacement", names[n], same ? "the other field" : "the deformed volume");
+                n ? "--tissue-displacement" : "--displacement", names[n],
+                same ? "the other field" : "the deformed volume");
         return false;
     }
     return true;

@@ -18,14 +18,15 @@ typedef struct run_errors {
     pliant_error apart, moved; /* [m] */
 } run_errors;
 
-static pliant_status summarize(const deform_run *run, const deform_run *other, const double *positions, pliant_error *out)
+static pliant_status summarize(const deform_run *run, const deform_run *other, const double *positions,
+                               pliant_error *out)
 {
     const pliant_volume *shown = run->arguments->volume ? pliant_warp_volume(pliant_data_get_warp(run->data)) : NULL;
     const pliant_geometry *target = shown ? &shown->geometry : &run->inputs->scan.geometry;
     pliant_volume voxels;
     uint64_t count;
-    pliant_status status = pliant_error_voxels(run->model, pliant_data_get_positions(run->data, NULL), &pliant_data_get_body(other->data)->fine,
-                                               positions, target, &voxels);
+    pliant_status status = pliant_error_voxels(run->model, pliant_data_get_positions(run->data, NULL),
+                                               &pliant_data_get_body(other->data)->fine, positions, target, &voxels);
     if (status < 0) return status;
     const size_t size = pliant_geometry_voxels(target);
     for (size_t v = 0; shown && v < size; ++v)
@@ -39,7 +40,8 @@ static pliant_status summarize(const deform_run *run, const deform_run *other, c
 static pliant_status errors_of(const deform_run *run, const deform_run *reference, run_errors *out)
 {
     pliant_status status = summarize(run, reference, pliant_data_get_positions(reference->data, NULL), &out->apart);
-    return status < 0 ? status : summarize(reference, reference, pliant_data_get_body(reference->data)->fine.rest, &out->moved);
+    return status < 0 ? status
+                      : summarize(reference, reference, pliant_data_get_body(reference->data)->fine.rest, &out->moved);
 }
 
 static pliant_status write_table(const deform_arguments *arguments, const deform_run *runs)
@@ -50,16 +52,21 @@ static pliant_status write_table(const deform_arguments *arguments, const deform
     snprintf(path, sizeof path, "%s/compare.csv", arguments->folder);
     FILE *file = fopen(path, "w");
     if (!file) return pliant_fail(PLIANT_ERROR_FILE, "%s: %s", path, strerror(errno));
-    fputs("method,step_median_ms,largest_error_mm,rms_error_mm,largest_displacement_mm,largest_error_percent,p95_error_mm\n", file);
-    printf("\n%-12s %14s %18s %14s %10s   of voxels with tissue, against %s\n", "method", "step [ms]", "largest error [mm]", "rms [mm]", "[%]", reference_name);
+    fputs(
+        "method,step_median_ms,largest_error_mm,rms_error_mm,largest_displacement_mm,largest_error_percent,p95_error_mm\n",
+        file);
+    printf("\n%-12s %14s %18s %14s %10s   of voxels with tissue, against %s\n", "method", "step [ms]",
+           "largest error [mm]", "rms [mm]", "[%]", reference_name);
     pliant_status status = PLIANT_OK;
     for (int m = 0; status >= 0 && m < arguments->num_compared; ++m) {
         const char *name = deform_method_name(runs[m].scene.model.method);
         run_errors errors;
         if ((status = errors_of(&runs[m], reference, &errors)) < 0) break;
         const pliant_error *apart = &errors.apart;
-        double median = 1e3 * runs[m].times.median, part = errors.moved.max > 0.0 ? 100.0 * apart->max / errors.moved.max : 0.0;
-        fprintf(file, "%s,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", name, median, 1e3 * apart->max, 1e3 * apart->rms, 1e3 * errors.moved.max, part, 1e3 * apart->p95);
+        double median = 1e3 * runs[m].times.median,
+               part = errors.moved.max > 0.0 ? 100.0 * apart->max / errors.moved.max : 0.0;
+        fprintf(file, "%s,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", name, median, 1e3 * apart->max, 1e3 * apart->rms,
+                1e3 * errors.moved.max, part, 1e3 * apart->p95);
         printf("%-12s %14.2f %18.3f %14.3f %10.2f\n", name, median, 1e3 * apart->max, 1e3 * apart->rms, part);
     }
     int failed = ferror(file) | fclose(file);
@@ -95,11 +102,13 @@ pliant_status deform_compare(const deform_arguments *arguments, const deform_inp
     if (why) pliant_log(PLIANT_LOG_INFO, "element/kind: auto is linear for all that is compared; %s", why);
     for (; status >= 0 && done < arguments->num_compared && !console_stop_asked(); ++done) {
         deform_run *run = &runs[done];
-        *run = (deform_run){.arguments = arguments, .inputs = inputs, .scene = arguments->scene, .folder = folders[done]};
+        *run =
+            (deform_run){.arguments = arguments, .inputs = inputs, .scene = arguments->scene, .folder = folders[done]};
         run->scene.model.method = arguments->compared[done];
         run->scene.element.kind = elements;
         run->scene.choose.budget_ms = 0.0;
-        snprintf(folders[done], sizeof folders[done], "%s/%s", arguments->folder, deform_method_name(arguments->compared[done]));
+        snprintf(folders[done], sizeof folders[done], "%s/%s", arguments->folder,
+                 deform_method_name(arguments->compared[done]));
         printf("\n%s\n", deform_method_name(arguments->compared[done]));
         status = deform_run_do(run);
     }

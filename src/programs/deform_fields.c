@@ -26,14 +26,16 @@ static void path_of(const deform_run *run, const char *name, const char *number,
              is_one_of_many ? "_" : "", method, number, name + stem);
 }
 
-static pliant_status write_displacement(const deform_run *run, const char *name, const char *number, pliant_displacement_sense sense)
+static pliant_status write_displacement(const deform_run *run, const char *name, const char *number,
+                                        pliant_displacement_sense sense)
 {
     const pliant_warp *warp = pliant_data_get_warp(run->data);
     pliant_displacement field;
     char path[PATH_ROOM];
     if (!name) return PLIANT_OK;
-    pliant_status status = pliant_displacement_create(run->model, pliant_data_get_body(run->data), pliant_data_get_positions(run->data, NULL), sense,
-                                                      warp && sense == PLIANT_DISPLACEMENT_RESAMPLE ? &pliant_warp_volume(warp)->geometry : NULL, &field);
+    pliant_status status = pliant_displacement_create(
+        run->model, pliant_data_get_body(run->data), pliant_data_get_positions(run->data, NULL), sense,
+        warp && sense == PLIANT_DISPLACEMENT_RESAMPLE ? &pliant_warp_volume(warp)->geometry : NULL, &field);
     if (status < 0) return status;
     path_of(run, name, number, path);
     status = pliant_displacement_write(path, &field);
@@ -48,9 +50,12 @@ static pliant_status write_series(const deform_run *run, const char *name, const
     snprintf(path, sizeof path, "%s/%s.pvd", run->folder, name);
     FILE *file = fopen(path, "w");
     if (!file) return pliant_fail(PLIANT_ERROR_FILE, "%s: %s", path, strerror(errno));
-    fputs("<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"0.1\" byte_order=\"LittleEndian\">\n  <Collection>\n", file);
+    fputs(
+        "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"0.1\" byte_order=\"LittleEndian\">\n  <Collection>\n",
+        file);
     for (long step = run->arguments->every; step <= last; step += run->arguments->every)
-        fprintf(file, "    <DataSet timestep=\"%.9g\" part=\"0\" file=\"%s_%06ld.%s\"/>\n", (double)step * run->scene.solver.step, name, step, ending);
+        fprintf(file, "    <DataSet timestep=\"%.9g\" part=\"0\" file=\"%s_%06ld.%s\"/>\n",
+                (double)step * run->scene.solver.step, name, step, ending);
     fputs("  </Collection>\n</VTKFile>\n", file);
     int failed = ferror(file) | fclose(file);
     return failed ? pliant_fail(PLIANT_ERROR_FILE, "%s: %s", path, strerror(errno)) : PLIANT_OK;
@@ -66,7 +71,8 @@ static pliant_status write_vtk(const deform_run *run, const char *number, long s
     for (size_t f = 0; status >= 0 && f < sizeof files / sizeof *files; f++) {
         char path[PATH_ROOM];
         snprintf(path, sizeof path, "%s/%s%s.%s", run->folder, files[f].name, number, files[f].ending);
-        status = pliant_mesh_save(path, run->model, body, pliant_data_get_positions(run->data, NULL), force, run->arguments->unit);
+        status = pliant_mesh_save(path, run->model, body, pliant_data_get_positions(run->data, NULL), force,
+                                  run->arguments->unit);
         if (status >= 0 && step > 0) status = write_series(run, files[f].name, files[f].ending, step);
     }
     pliant_free(force);
@@ -77,6 +83,7 @@ pliant_status deform_fields_write(const deform_run *run, const char *number, lon
 {
     const deform_arguments *arguments = run->arguments;
     pliant_status status = write_displacement(run, arguments->displacement, number, PLIANT_DISPLACEMENT_RESAMPLE);
-    if (status >= 0) status = write_displacement(run, arguments->tissue_displacement, number, PLIANT_DISPLACEMENT_TISSUE);
+    if (status >= 0)
+        status = write_displacement(run, arguments->tissue_displacement, number, PLIANT_DISPLACEMENT_TISSUE);
     return status >= 0 && arguments->vtk ? write_vtk(run, number, step) : status;
 }

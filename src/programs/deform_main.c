@@ -19,7 +19,8 @@ int main(int argc, char **argv)
     if (status >= 0 && arguments.num_compared > 0) {
         status = deform_compare(&arguments, &inputs);
     } else if (status >= 0) {
-        deform_run run = {.arguments = &arguments, .inputs = &inputs, .scene = arguments.scene, .folder = arguments.folder};
+        deform_run run = {
+            .arguments = &arguments, .inputs = &inputs, .scene = arguments.scene, .folder = arguments.folder};
         status = deform_run_do(&run);
         deform_run_free(&run);
     }

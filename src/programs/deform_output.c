@@ -55,9 +55,11 @@ static pliant_status find_scalars(const deform_run *run, scalar_values *out)
     if (!out->of_node || !out->of_tet) status = pliant_fail_memory("the scalars");
     const double *positions = pliant_data_get_positions(run->data, NULL);
     for (int s = 0; status >= 0 && s < arguments->num_scalars; ++s) {
-        status = pliant_data_get_scalar(run->model, run->data, arguments->scalars[s], out->of_node + (size_t)s * (size_t)mesh->num_nodes);
+        status = pliant_data_get_scalar(run->model, run->data, arguments->scalars[s],
+                                        out->of_node + (size_t)s * (size_t)mesh->num_nodes);
         if (status >= 0)
-            status = pliant_data_tet_scalar(run->model, body, positions, arguments->scalars[s], out->of_tet + (size_t)s * (size_t)mesh->num_tets);
+            status = pliant_data_tet_scalar(run->model, body, positions, arguments->scalars[s],
+                                            out->of_tet + (size_t)s * (size_t)mesh->num_tets);
     }
     if (status < 0) free_scalars(out);
     return status;
@@ -65,7 +67,8 @@ static pliant_status find_scalars(const deform_run *run, scalar_values *out)
 
 static void write_scalars(FILE *file, const float *values, int num_scalars, int32_t count, int32_t index)
 {
-    for (int s = 0; s < num_scalars; ++s) fprintf(file, ",%.6g", (double)values[(size_t)s * (size_t)count + (size_t)index]);
+    for (int s = 0; s < num_scalars; ++s)
+        fprintf(file, ",%.6g", (double)values[(size_t)s * (size_t)count + (size_t)index]);
     fputc('\n', file);
 }
 
@@ -75,7 +78,8 @@ static void write_columns(FILE *file, const deform_arguments *arguments)
     fputc('\n', file);
 }
 
-static pliant_status open_table(const deform_run *run, const char *name, const char *number, char path[4096], FILE **out)
+static pliant_status open_table(const deform_run *run, const char *name, const char *number, char path[4096],
+                                FILE **out)
 {
     snprintf(path, 4096, "%s/%s%s.csv", run->folder, name, number);
     *out = fopen(path, "w");
@@ -188,10 +192,12 @@ static pliant_status write_mesh(const deform_run *run, const char *number, long 
     const size_t num_tets = (size_t)body->fine.num_tets;
     const double dt = run->scene.solver.step, after = (double)(step - 1) * dt, until = (double)step * dt;
     const int32_t num_strips = swept_strips(&run->inputs->path, after, until, NULL);
-    uint8_t *material = pliant_calloc(num_tets, sizeof *material), *collided = pliant_calloc(num_tets, sizeof *collided);
+    uint8_t *material = pliant_calloc(num_tets, sizeof *material),
+            *collided = pliant_calloc(num_tets, sizeof *collided);
     double *force = pliant_calloc((size_t)body->fine.num_nodes, 3 * sizeof *force);
     double *strips = pliant_calloc((size_t)num_strips + 1, 12 * sizeof *strips);
-    pliant_status status = material && collided && force && strips ? PLIANT_OK : pliant_fail_memory("a picture of the mesh");
+    pliant_status status =
+        material && collided && force && strips ? PLIANT_OK : pliant_fail_memory("a picture of the mesh");
     uint8_t colors[3 * PLIANT_MAX_MATERIALS] = {0};
     segment_colors(&run->inputs->labels, &run->inputs->materials, colors);
     if (status >= 0) {
@@ -199,7 +205,8 @@ static pliant_status write_mesh(const deform_run *run, const char *number, long 
         pliant_data_get_contact_forces(run->data, force);
         mark_collided(&body->fine, force, collided);
         swept_strips(&run->inputs->path, after, until, strips);
-        picture_mesh shown = {&body->fine, pliant_data_get_positions(run->data, NULL), material, collided, strips, num_strips, colors};
+        picture_mesh shown = {
+            &body->fine, pliant_data_get_positions(run->data, NULL), material, collided, strips, num_strips, colors};
         status = picture_mesh_write(run->folder, number, &shown, point);
     }
     pliant_free(material);
@@ -227,7 +234,8 @@ static pliant_status write_pictures(const deform_run *run, const char *number, l
         const pliant_mesh *mesh = &pliant_data_get_body(data)->fine;
         char name[96];
         snprintf(name, sizeof name, "%s%s", column_of(run->arguments->scalars[s]), number);
-        picture_scalars shown = {mesh, pliant_data_get_positions(data, NULL), scalars->of_tet + (size_t)s * (size_t)mesh->num_tets};
+        picture_scalars shown = {mesh, pliant_data_get_positions(data, NULL),
+                                 scalars->of_tet + (size_t)s * (size_t)mesh->num_tets};
         status = picture_scalar(run->folder, name, &shown, &after->geometry, view.before_point);
     }
     return status;

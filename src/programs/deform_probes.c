@@ -32,14 +32,15 @@ pliant_status deform_probes_add(deform_probes *probes, const pliant_path *path, 
     pliant_points_move(&probes->points, pliant_data_get_positions(data, NULL), now);
     for (uint32_t n = 0; n < path->num_probes; ++n) {
         const double *rest = path->probes[n].at, *to = now + 3 * n;
-        fprintf(probes->file, "%.9g,%s,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g\n", time, path->probes[n].name, to[0], to[1], to[2], to[0] - rest[0], to[1] - rest[1],
-                to[2] - rest[2]);
+        fprintf(probes->file, "%.9g,%s,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g\n", time, path->probes[n].name, to[0], to[1],
+                to[2], to[0] - rest[0], to[1] - rest[1], to[2] - rest[2]);
     }
     pliant_free(now);
     return PLIANT_OK;
 }
 
-pliant_status deform_probes_start(const char *folder, const pliant_path *path, const pliant_data *data, deform_probes *out)
+pliant_status deform_probes_start(const char *folder, const pliant_path *path, const pliant_data *data,
+                                  deform_probes *out)
 {
     char name[4096];
     *out = (deform_probes){.file = NULL};
@@ -49,10 +50,12 @@ pliant_status deform_probes_start(const char *folder, const pliant_path *path, c
     for (uint32_t n = 0; status >= 0 && n < path->num_probes; ++n) {
         const double *at = path->probes[n].at;
         if (!probes.points.found[n])
-            status = pliant_fail(PLIANT_ERROR_ARGUMENT, "probe %s: there is no tissue at (%.4f %.4f %.4f) m", path->probes[n].name, at[0], at[1], at[2]);
+            status = pliant_fail(PLIANT_ERROR_ARGUMENT, "probe %s: there is no tissue at (%.4f %.4f %.4f) m",
+                                 path->probes[n].name, at[0], at[1], at[2]);
     }
     snprintf(name, sizeof name, "%s/probes.csv", folder);
-    if (status >= 0 && !(probes.file = fopen(name, "w"))) status = pliant_fail(PLIANT_ERROR_FILE, "%s: %s", name, strerror(errno));
+    if (status >= 0 && !(probes.file = fopen(name, "w")))
+        status = pliant_fail(PLIANT_ERROR_FILE, "%s: %s", name, strerror(errno));
     if (status >= 0) {
         fputs("time_s,probe,x_m,y_m,z_m,moved_x_m,moved_y_m,moved_z_m\n", probes.file);
         status = deform_probes_add(&probes, path, data, 0.0);

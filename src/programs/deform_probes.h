@@ -19,7 +19,8 @@ typedef struct deform_probes {
 
 /* Create folder/probes.csv with its first rows at time 0. Errors: FILE, MEMORY, ARGUMENT (a point lies outside the
  * tissue). */
-pliant_status deform_probes_start(const char *folder, const pliant_path *path, const pliant_data *data, deform_probes *out);
+pliant_status deform_probes_start(const char *folder, const pliant_path *path, const pliant_data *data,
+                                  deform_probes *out);
 /* Append a row for every probe. Errors: MEMORY. */
 pliant_status deform_probes_add(deform_probes *probes, const pliant_path *path, const pliant_data *data, double time);
 /* Close the file. Errors: FILE if the rows could not be written. */

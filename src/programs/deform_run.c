@@ -18,13 +18,16 @@ pliant_status deform_inputs_read(const deform_arguments *arguments, deform_input
     double start = pliant_seconds();
     deform_inputs inputs = {.path = {.tools = NULL}};
     pliant_status status = arguments->tools ? pliant_path_read(arguments->tools, &inputs.path) : PLIANT_OK;
-    if (status >= 0) status = pliant_inputs_read(&arguments->scene, arguments->scan, &inputs.scan, &inputs.labels, &inputs.materials);
+    if (status >= 0)
+        status =
+            pliant_inputs_read(&arguments->scene, arguments->scan, &inputs.scan, &inputs.labels, &inputs.materials);
     if (status < 0) {
         deform_inputs_free(&inputs);
         return status;
     }
     const int32_t *size = inputs.scan.geometry.size;
-    printf("%s: %d x %d x %d voxels, read in %.2f s\n", inputs.scan.id, (int)size[0], (int)size[1], (int)size[2], pliant_seconds() - start);
+    printf("%s: %d x %d x %d voxels, read in %.2f s\n", inputs.scan.id, (int)size[0], (int)size[1], (int)size[2],
+           pliant_seconds() - start);
     *out = inputs;
     return PLIANT_OK;
 }
@@ -57,9 +60,13 @@ static pliant_status ask_for_volume(deform_run *run)
     const double margin = pliant_model_get_scene(run->model)->warp.margin, pull = farthest_pull(&run->inputs->path);
     pliant_geometry target;
     if (pull > margin)
-        pliant_log(PLIANT_LOG_WARNING, "a tool pulls by %g m, the deformed volume has %g m of room around the tissue at rest: what is pulled further than "
-                   "that is cut off; warp/margin gives it more", pull, margin);
-    pliant_status status = pliant_warp_target(&run->inputs->scan.geometry, mesh->rest, mesh->num_nodes, margin, SIZE_MAX, &target);
+        pliant_log(
+            PLIANT_LOG_WARNING,
+            "a tool pulls by %g m, the deformed volume has %g m of room around the tissue at rest: what is pulled further than "
+            "that is cut off; warp/margin gives it more",
+            pull, margin);
+    pliant_status status =
+        pliant_warp_target(&run->inputs->scan.geometry, mesh->rest, mesh->num_nodes, margin, SIZE_MAX, &target);
     return status < 0 ? status : pliant_data_set_warp(run->model, run->data, &target);
 }
 
@@ -73,7 +80,8 @@ static pliant_status step_through(deform_run *run)
     for (long step = 1; step <= last && !console_stop_asked(); ++step) {
         double gravity[3];
         pliant_status status = deform_tools_move(&run->tools, run->model, run->data, step, (double)step * dt);
-        if (status >= 0 && pliant_path_gravity(path, (double)step * dt, gravity)) status = pliant_data_set_gravity(run->data, gravity);
+        if (status >= 0 && pliant_path_gravity(path, (double)step * dt, gravity))
+            status = pliant_data_set_gravity(run->data, gravity);
         if (status < 0) return status;
         double start = pliant_seconds();
         pliant_status stepped = pliant_step(run->model, run->data);
@@ -87,7 +95,8 @@ static pliant_status step_through(deform_run *run)
             if (status < 0) return status;
         }
         const bool settling = !asked && step > moving;
-        pliant_report_progress(console_progress(), settling ? 1.0 : (double)step / (double)(asked ? asked : moving + 1), settling ? "settling" : "steps");
+        pliant_report_progress(console_progress(), settling ? 1.0 : (double)step / (double)(asked ? asked : moving + 1),
+                               settling ? "settling" : "steps");
         if (!asked && step > moving && stepped == PLIANT_OK) break;
     }
     console_progress_end();
@@ -119,8 +128,8 @@ static void print_body(const pliant_model *model)
         mass += body->node_mass[n];
         fixed += body->fine_fixed[n] != 0;
     }
-    printf("tissue from (%.4f %.4f %.4f) to (%.4f %.4f %.4f) m, %.4g kg; %d of %d nodes are fixed\n", low[0], low[1], low[2], high[0], high[1], high[2],
-           mass, fixed, (int)body->fine.num_nodes);
+    printf("tissue from (%.4f %.4f %.4f) to (%.4f %.4f %.4f) m, %.4g kg; %d of %d nodes are fixed\n", low[0], low[1],
+           low[2], high[0], high[1], high[2], mass, fixed, (int)body->fine.num_nodes);
 }
 
 static pliant_status prepare(deform_run *run)
@@ -130,12 +139,14 @@ static pliant_status prepare(deform_run *run)
     pliant_choice choice;
     for (uint32_t t = 0; t < inputs->path.num_tools; t++)
         if (inputs->path.tools[t].shape.num_parts > 0) pliant_scene_for_shapes(&run->scene);
-    pliant_report_input input = {&run->scene, &inputs->scan, inputs->labels.voxels ? &inputs->labels : NULL, &inputs->materials};
+    pliant_report_input input = {&run->scene, &inputs->scan, inputs->labels.voxels ? &inputs->labels : NULL,
+                                 &inputs->materials};
     pliant_status status = command_line_folder(run->folder);
     if (status >= 0) status = choice_output(&input, run->folder, arguments->pictures, &choice);
     if (status < 0) return status;
     run->scene = choice.scene;
-    status = pliant_model_build(&run->scene, input.scan, input.labels, input.materials, console_progress(), &run->model);
+    status =
+        pliant_model_build(&run->scene, input.scan, input.labels, input.materials, console_progress(), &run->model);
     console_progress_end();
     if (status < 0) return status;
     print_body(run->model);

@@ -30,11 +30,13 @@ static pliant_status begin_tool(const pliant_path_tool *tool, const pliant_model
     }
     status = pliant_tool_set_pose(data, index, tool->grasp, NULL);
     if (status >= 0) status = pliant_tool_grasp(model, data, index, tool->grasp);
-    if (status >= 0) status = pliant_tool_set_drive(data, index, tool->drive, tool->drive == PLIANT_DRIVE_FORCE ? none : NULL);
+    if (status >= 0)
+        status = pliant_tool_set_drive(data, index, tool->drive, tool->drive == PLIANT_DRIVE_FORCE ? none : NULL);
     return status < 0 ? status : pliant_tool_set_mass(data, index, tool->mass);
 }
 
-pliant_status deform_tools_begin(const pliant_path *path, const char *folder, const pliant_model *model, pliant_data *data, deform_tools *out)
+pliant_status deform_tools_begin(const pliant_path *path, const char *folder, const pliant_model *model,
+                                 pliant_data *data, deform_tools *out)
 {
     deform_tools tools = {.path = path};
     for (uint32_t n = 0; n < path->num_tools; ++n) {
@@ -52,18 +54,19 @@ pliant_status deform_tools_begin(const pliant_path *path, const char *folder, co
     return PLIANT_OK;
 }
 
-static void add_row(const deform_tools *tools, const pliant_data *data, long step, double time, const char *name, uint64_t stroke, double area,
-                    double severed, int32_t pieces, double seconds)
+static void add_row(const deform_tools *tools, const pliant_data *data, long step, double time, const char *name,
+                    uint64_t stroke, double area, double severed, int32_t pieces, double seconds)
 {
     const pliant_body *body = pliant_data_get_body(data);
-    fprintf(tools->cuts, "%ld,%.6g,%s,%llu,%.6g,%.6g,%d,%llu,%d,%d,%.4g\n", step, time, name, (unsigned long long)stroke, area, severed, (int)pieces,
-            (unsigned long long)body->revision, (int)body->fine.num_nodes, (int)body->fine.num_tets, seconds);
+    fprintf(tools->cuts, "%ld,%.6g,%s,%llu,%.6g,%.6g,%d,%llu,%d,%d,%.4g\n", step, time, name,
+            (unsigned long long)stroke, area, severed, (int)pieces, (unsigned long long)body->revision,
+            (int)body->fine.num_nodes, (int)body->fine.num_tets, seconds);
 }
 
 static void print_cut(const pliant_data *data, double time, const char *name, double area, int32_t pieces)
 {
-    printf("%.3f s: %s cut %.4g cm^2; %d %s, revision %llu\n", time, name, 1e4 * area, (int)pieces, pieces == 1 ? "piece" : "pieces",
-           (unsigned long long)pliant_data_get_body(data)->revision);
+    printf("%.3f s: %s cut %.4g cm^2; %d %s, revision %llu\n", time, name, 1e4 * area, (int)pieces,
+           pieces == 1 ? "piece" : "pieces", (unsigned long long)pliant_data_get_body(data)->revision);
 }
 
 /* Print a stroke's cut area at its end. */
@@ -99,22 +102,26 @@ static pliant_status move_hold(const pliant_path_tool *tool, pliant_data *data, 
         return PLIANT_OK;
     }
     for (int d = 0; d < 3; ++d) tip[d] = tool->grasp[d] + value[d];
-    return tool->drive == PLIANT_DRIVE_FORCE ? pliant_tool_set_drive(data, index, tool->drive, value) : pliant_tool_set_pose(data, index, tip, NULL);
+    return tool->drive == PLIANT_DRIVE_FORCE ? pliant_tool_set_drive(data, index, tool->drive, value)
+                                             : pliant_tool_set_pose(data, index, tip, NULL);
 }
 
-pliant_status deform_tools_move(deform_tools *tools, const pliant_model *model, pliant_data *data, long step, double time)
+pliant_status deform_tools_move(deform_tools *tools, const pliant_model *model, pliant_data *data, long step,
+                                double time)
 {
     const pliant_path *path = tools->path;
     pliant_status status = PLIANT_OK;
     for (uint32_t n = 0; n < path->num_tools && status >= 0; ++n)
-        status = path->tools[n].num_poses > 0 ? move_posed(tools, data, (int)n, time) : move_hold(&path->tools[n], data, (int)n, time);
+        status = path->tools[n].num_poses > 0 ? move_posed(tools, data, (int)n, time)
+                                              : move_hold(&path->tools[n], data, (int)n, time);
     for (; tools->next < path->num_cuts && path->cuts[tools->next].time <= time && status >= 0; ++tools->next) {
         const pliant_path_cut *cut = &path->cuts[tools->next];
         pliant_cut_report report;
         const double start = pliant_seconds();
         status = pliant_data_cut(model, data, (int32_t)cut->num_points, cut->points, cut->depth, &report);
         if (status < 0) break;
-        add_row(tools, data, step, time, "", tools->next + 1, report.area, report.area, report.pieces, pliant_seconds() - start);
+        add_row(tools, data, step, time, "", tools->next + 1, report.area, report.area, report.pieces,
+                pliant_seconds() - start);
         print_cut(data, time, "the path", report.area, report.pieces);
     }
     return status;
@@ -125,7 +132,8 @@ void deform_tools_tell(deform_tools *tools, const pliant_data *data, long step, 
     for (int n = 0; n < pliant_data_get_num_tools(data); ++n) {
         pliant_tool_state state;
         if (pliant_tool_get(data, n, &state) < 0 || state.severed_area == tools->area[n]) continue;
-        add_row(tools, data, step, time, state.name, state.stroke, state.severed_area - tools->area[n], state.severed_area, state.pieces, pliant_data_get_statistics(data)->seconds[PLIANT_STEP_cut]);
+        add_row(tools, data, step, time, state.name, state.stroke, state.severed_area - tools->area[n],
+                state.severed_area, state.pieces, pliant_data_get_statistics(data)->seconds[PLIANT_STEP_cut]);
         tools->area[n] = state.severed_area;
     }
 }

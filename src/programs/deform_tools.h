@@ -21,11 +21,13 @@ typedef struct deform_tools {
 
 /* Add the path's tools in order, with their grasps or blades, to a simulation without tools, and create
  * folder/cuts.csv. Errors: as for pliant_tool_*, FILE. */
-pliant_status deform_tools_begin(const pliant_path *path, const char *folder, const pliant_model *model, pliant_data *data, deform_tools *out);
+pliant_status deform_tools_begin(const pliant_path *path, const char *folder, const pliant_model *model,
+                                 pliant_data *data, deform_tools *out);
 /* Move the tools to their positions at a time, and perform the instant cuts that are due.
  * @param step its number
  * Errors: as for pliant_tool_* and pliant_data_cut. */
-pliant_status deform_tools_move(deform_tools *tools, const pliant_model *model, pliant_data *data, long step, double time);
+pliant_status deform_tools_move(deform_tools *tools, const pliant_model *model, pliant_data *data, long step,
+                                double time);
 /* Write what this step has cut to cuts.csv, and to stdout at the end of a stroke. */
 void deform_tools_tell(deform_tools *tools, const pliant_data *data, long step, double time);
 /* Close the file. Errors: FILE. */

@@ -17,20 +17,23 @@ bool deform_view_read_camera(const char *text, pliant_camera *out)
     const double up[2][3] = {{0, 0, 1}, {0, -1, 0}}; /* up direction: the head; if the view is along it, the front */
     double from[3], at[3], view = usual_view;
     char beyond;
-    const int count = sscanf(text, "%lf,%lf,%lf:%lf,%lf,%lf:%lf%c", from, from + 1, from + 2, at, at + 1, at + 2, &view, &beyond);
+    const int count =
+        sscanf(text, "%lf,%lf,%lf:%lf,%lf,%lf:%lf%c", from, from + 1, from + 2, at, at + 1, at + 2, &view, &beyond);
     if ((count == 6 || count == 7) && view > 0 && view < 180) {
         pliant_camera_of_view(WIDTH, HEIGHT, view * degree, out);
         const bool steep = from[0] == at[0] && from[1] == at[1];
         if (pliant_camera_look_at(out, from, at, up[steep]) == PLIANT_OK) return true;
     }
-    fprintf(stderr, "--camera %s: X,Y,Z:X,Y,Z[:DEGREES] is wanted: from where, at what [m, LPS], the field of view\n", text);
+    fprintf(stderr, "--camera %s: X,Y,Z:X,Y,Z[:DEGREES] is wanted: from where, at what [m, LPS], the field of view\n",
+            text);
     return false;
 }
 
 bool deform_view_read_arm(const char *text, double angles[2])
 {
     char beyond;
-    if (sscanf(text, "%lf,%lf%c", angles, angles + 1, &beyond) == 2 && isfinite(angles[0]) && isfinite(angles[1])) return true;
+    if (sscanf(text, "%lf,%lf%c", angles, angles + 1, &beyond) == 2 && isfinite(angles[0]) && isfinite(angles[1]))
+        return true;
     fprintf(stderr, "--radiograph %s: PRIMARY,SECONDARY is wanted [degrees]\n", text);
     return false;
 }
@@ -55,7 +58,8 @@ static pliant_status write_film(const char *path, const float *integral)
     float most = 0;
     if (!rgb) return pliant_fail_memory("a picture");
     for (size_t n = 0; n < (size_t)FILM * FILM; n++) most = fmaxf(most, integral[n]);
-    for (size_t n = 0; n < (size_t)FILM * FILM; n++) memset(rgb + 3 * n, most > 0 ? (int)(255 * integral[n] / most + 0.5f) : 0, 3);
+    for (size_t n = 0; n < (size_t)FILM * FILM; n++)
+        memset(rgb + 3 * n, most > 0 ? (int)(255 * integral[n] / most + 0.5f) : 0, 3);
     pliant_status status = picture_png(path, rgb, FILM, FILM);
     pliant_free(rgb);
     return status;
@@ -65,8 +69,12 @@ static pliant_status write_film(const char *path, const float *integral)
 static pliant_status write_radiograph(const deform_run *run, pliant_view *view, const char *number)
 {
     const pliant_geometry *scan = &run->inputs->scan.geometry;
-    pliant_c_arm arm = {.source_to_isocentre = 0.8, .source_to_detector = 1.2, .primary_angle = run->arguments->arm[0] * degree,
-                        .secondary_angle = run->arguments->arm[1] * degree, .width = FILM, .height = FILM};
+    pliant_c_arm arm = {.source_to_isocentre = 0.8,
+                        .source_to_detector = 1.2,
+                        .primary_angle = run->arguments->arm[0] * degree,
+                        .secondary_angle = run->arguments->arm[1] * degree,
+                        .width = FILM,
+                        .height = FILM};
     double middle[3];
     char path[4096];
     pliant_camera camera;

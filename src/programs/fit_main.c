@@ -104,7 +104,8 @@ static bool read_arguments(int argc, char **argv, fit_arguments *out, int *exit_
         default: return wrong("wrong usage");
         }
     }
-    if (!out->scan || !out->markers || !out->folder || out->num_names == 0) return wrong("--scan, --markers, --materials and --out are needed");
+    if (!out->scan || !out->markers || !out->folder || out->num_names == 0)
+        return wrong("--scan, --markers, --materials and --out are needed");
     return command_line_scene(argc, argv, options, SET, &out->scene, exit_code);
 }
 
@@ -120,11 +121,13 @@ static pliant_status write(const fit_arguments *arguments, const pliant_moduli *
     printf("%-20s %12s %28s\n", "material", "E [Pa]", "95 % between");
     for (int p = 0; p < found->count; ++p) {
         printf("%-20s %12.4g %12.4g and %11.4g\n", arguments->names[p], found->young[p], found->low[p], found->high[p]);
-        fprintf(file, "%s,%.6g,%.6g,%.6g,%.6g,%.6g", arguments->names[p], found->young[p], found->low[p], found->high[p], found->misfit, found->rms);
+        fprintf(file, "%s,%.6g,%.6g,%.6g,%.6g,%.6g", arguments->names[p], found->young[p], found->low[p],
+                found->high[p], found->misfit, found->rms);
         for (int q = 0; q < found->count; ++q) fprintf(file, ",%.4g", found->correlation[p][q]);
         fputc('\n', file);
     }
-    printf("off by %.3g mm (root mean square), %.3g of what the deviations say; %d passes\n", 1e3 * found->rms, found->misfit, found->passes);
+    printf("off by %.3g mm (root mean square), %.3g of what the deviations say; %d passes\n", 1e3 * found->rms,
+           found->misfit, found->passes);
     int failed = ferror(file) | fclose(file);
     return failed ? pliant_fail(PLIANT_ERROR_FILE, "%s: %s", path, strerror(errno)) : PLIANT_OK;
 }
@@ -141,19 +144,24 @@ int main(int argc, char **argv)
     pliant_path loads[MOST_LOADS] = {{0}};
     pliant_marker *markers = NULL;
     pliant_moduli found;
-    pliant_moduli_data data = {.num_loads = arguments.num_loads > 0 ? arguments.num_loads : 1, .loads = arguments.num_loads > 0 ? loads : NULL};
+    pliant_moduli_data data = {.num_loads = arguments.num_loads > 0 ? arguments.num_loads : 1,
+                               .loads = arguments.num_loads > 0 ? loads : NULL};
     pliant_status status = command_line_folder(arguments.folder);
     double deviation = arguments.deviation, scale = 1;
     if (status >= 0) status = pliant_inputs_read(&arguments.scene, arguments.scan, &scan, &labels, &materials);
-    if (status >= 0 && deviation == 0) status = pliant_length_scale(&scan, labels.voxels ? &labels : NULL, &materials, &scale);
+    if (status >= 0 && deviation == 0)
+        status = pliant_length_scale(&scan, labels.voxels ? &labels : NULL, &materials, &scale);
     if (deviation == 0) deviation = usual_deviation * scale;
     if (status >= 0) status = pliant_markers_read(arguments.markers, deviation, &data.num_markers, &markers);
-    for (; status >= 0 && num_loads < arguments.num_loads; ++num_loads) status = pliant_path_read(arguments.loads[num_loads], &loads[num_loads]);
+    for (; status >= 0 && num_loads < arguments.num_loads; ++num_loads)
+        status = pliant_path_read(arguments.loads[num_loads], &loads[num_loads]);
     data.markers = markers;
     const pliant_report_input input = {&arguments.scene, &scan, labels.voxels ? &labels : NULL, &materials};
-    if (status >= 0) status = pliant_moduli_fit(&input, &data, arguments.num_names, arguments.names, console_progress(), &found);
+    if (status >= 0)
+        status = pliant_moduli_fit(&input, &data, arguments.num_names, arguments.names, console_progress(), &found);
     console_progress_end();
-    if (status == PLIANT_NOT_CONVERGED) pliant_log(PLIANT_LOG_WARNING, "the fit has not converged: these are the best moduli that were found");
+    if (status == PLIANT_NOT_CONVERGED)
+        pliant_log(PLIANT_LOG_WARNING, "the fit has not converged: these are the best moduli that were found");
     if (status >= 0) status = write(&arguments, &found);
     for (int n = 0; n < num_loads; ++n) pliant_path_free(&loads[n]);
     pliant_free(markers);

@@ -10,7 +10,8 @@
 
 enum { GAP = 4, CROSS = 8, GAP_GREY = 96 };
 
-const picture_plane picture_planes[PICTURE_PLANES] = {{"axial", 0, 1, 2, false}, {"coronal", 0, 2, 1, true}, {"sagittal", 1, 2, 0, true}};
+const picture_plane picture_planes[PICTURE_PLANES] = {
+    {"axial", 0, 1, 2, false}, {"coronal", 0, 2, 1, true}, {"sagittal", 1, 2, 0, true}};
 
 /* Interpolate trilinearly; outside the volume return the background value. */
 static double sample(const pliant_volume *volume, const double world[3])
@@ -36,7 +37,8 @@ static double sample(const pliant_volume *volume, const double world[3])
             at[d] = (size_t)(base[d] + upper);
         }
         if (weight > 0.0)
-            value += weight * pliant_volume_value(volume, at[0] + (size_t)g->size[0] * (at[1] + (size_t)g->size[1] * at[2]));
+            value +=
+                weight * pliant_volume_value(volume, at[0] + (size_t)g->size[0] * (at[1] + (size_t)g->size[1] * at[2]));
     }
     return value;
 }
@@ -96,7 +98,8 @@ static pliant_status canvas_create(const picture_plane *plane, const pliant_geom
 
 static uint8_t *canvas_pixel(const canvas *canvas, int panel, int32_t column, int32_t row)
 {
-    return canvas->rgb + 3 * ((size_t)row * (size_t)canvas->stride + (size_t)(column + panel * (canvas->frame.width + GAP)));
+    return canvas->rgb +
+           3 * ((size_t)row * (size_t)canvas->stride + (size_t)(column + panel * (canvas->frame.width + GAP)));
 }
 
 static pliant_status canvas_write(canvas *canvas, const char *folder, const char *suffix)
@@ -118,8 +121,10 @@ static void draw_cross(const canvas *canvas, int panel, const double point[3])
 {
     const picture_frame *frame = &canvas->frame;
     const picture_plane *plane = frame->plane;
-    double down = plane->upwards ? frame->high[plane->down] - point[plane->down] : point[plane->down] - frame->low[plane->down];
-    int32_t x = (int32_t)((point[plane->right] - frame->low[plane->right]) / frame->pixel), y = (int32_t)(down / frame->pixel);
+    double down =
+        plane->upwards ? frame->high[plane->down] - point[plane->down] : point[plane->down] - frame->low[plane->down];
+    int32_t x = (int32_t)((point[plane->right] - frame->low[plane->right]) / frame->pixel),
+            y = (int32_t)(down / frame->pixel);
     for (int32_t step = -CROSS; step <= CROSS; ++step)
         for (int direction = 0; direction < 2; ++direction) {
             int32_t column = x + (direction ? 0 : step), row = y + (direction ? step : 0);
@@ -131,7 +136,8 @@ static void draw_cross(const canvas *canvas, int panel, const double point[3])
         }
 }
 
-static void draw_slice(const canvas *canvas, int panel, const pliant_volume *volume, const double point[3], double low, double high)
+static void draw_slice(const canvas *canvas, int panel, const pliant_volume *volume, const double point[3], double low,
+                       double high)
 {
     for (int32_t row = 0; row < canvas->frame.height; ++row)
         for (int32_t column = 0; column < canvas->frame.width; ++column) {
@@ -160,7 +166,8 @@ pliant_status picture_window(const pliant_volume *scan, double *low, double *hig
     double value[4];
     pliant_status status = pliant_volume_percentiles(scan, 4, percent, value);
     if (status < 0) return status;
-    bool is_ct = scan->modality == PLIANT_MODALITY_CT || (scan->modality == PLIANT_MODALITY_UNKNOWN && value[0] < -500.0);
+    bool is_ct =
+        scan->modality == PLIANT_MODALITY_CT || (scan->modality == PLIANT_MODALITY_UNKNOWN && value[0] < -500.0);
     bool narrow = !(value[2] > value[1]); /* nearly all voxels have one value, with a few bright ones */
     *low = is_ct ? -160.0 : value[narrow ? 0 : 1];
     *high = is_ct ? 240.0 : value[narrow ? 3 : 2];
@@ -168,7 +175,8 @@ pliant_status picture_window(const pliant_volume *scan, double *low, double *hig
     return PLIANT_OK;
 }
 
-pliant_status picture_write(const char *folder, const char *suffix, const pliant_volume *before, const pliant_volume *after, const picture_view *view)
+pliant_status picture_write(const char *folder, const char *suffix, const pliant_volume *before,
+                            const pliant_volume *after, const picture_view *view)
 {
     for (int n = 0; n < PICTURE_PLANES; ++n) {
         canvas canvas;
@@ -189,7 +197,8 @@ pliant_status picture_write_row(const char *folder, const picture_row *row)
 {
     for (int n = 0; n < PICTURE_PLANES; ++n) {
         canvas canvas;
-        pliant_status status = canvas_create(&picture_planes[n], &row->volumes[row->num_volumes - 1]->geometry, row->num_volumes, &canvas);
+        pliant_status status =
+            canvas_create(&picture_planes[n], &row->volumes[row->num_volumes - 1]->geometry, row->num_volumes, &canvas);
         if (status < 0) return status;
         for (int v = 0; v < row->num_volumes; ++v) {
             draw_slice(&canvas, v, row->volumes[v], row->point, row->low, row->high);
@@ -210,7 +219,8 @@ void picture_label_colour(int label, uint8_t rgb[3])
     }
 }
 
-static void draw_labels(const canvas *canvas, int panel, const pliant_labels *labels, const pliant_geometry *geometry, const double point[3])
+static void draw_labels(const canvas *canvas, int panel, const pliant_labels *labels, const pliant_geometry *geometry,
+                        const double point[3])
 {
     for (int32_t row = 0; row < canvas->frame.height; ++row)
         for (int32_t column = 0; column < canvas->frame.width; ++column) {
@@ -228,7 +238,8 @@ static void draw_labels(const canvas *canvas, int panel, const pliant_labels *la
         }
 }
 
-pliant_status picture_write_labels(const char *folder, const pliant_volume *scan, const pliant_labels *labels, const double point[3])
+pliant_status picture_write_labels(const char *folder, const pliant_volume *scan, const pliant_labels *labels,
+                                   const double point[3])
 {
     double low, high;
     pliant_status status = picture_window(scan, &low, &high);

@@ -41,7 +41,8 @@ pliant_status picture_window(const pliant_volume *scan, double *low, double *hig
 
 /* Write folder/axialSUFFIX.png, coronal, sagittal: before, after and difference side by side. In the difference, red is
  * brighter than before and blue darker. Errors: FILE, MEMORY. */
-pliant_status picture_write(const char *folder, const char *suffix, const pliant_volume *before, const pliant_volume *after, const picture_view *view);
+pliant_status picture_write(const char *folder, const char *suffix, const pliant_volume *before,
+                            const pliant_volume *after, const picture_view *view);
 
 /* The same slice of several volumes. */
 typedef struct picture_row {
@@ -59,7 +60,8 @@ void picture_label_colour(int label, uint8_t rgb[3]);
 
 /* Write folder/axial.png, coronal.png and sagittal.png: the scan, and the colours of its labels. Errors: FILE,
  * MEMORY. */
-pliant_status picture_write_labels(const char *folder, const pliant_volume *scan, const pliant_labels *labels, const double point[3]);
+pliant_status picture_write_labels(const char *folder, const pliant_volume *scan, const pliant_labels *labels,
+                                   const double point[3]);
 
 /* rgb is (height x width x 3), top row first. Errors: FILE. */
 pliant_status picture_png(const char *path, const uint8_t *rgb, int32_t width, int32_t height);

@@ -11,7 +11,8 @@ extern "C" pliant_status picture_png(const char *path, const uint8_t *rgb, int32
 try {
     using Image = itk::Image<itk::RGBPixel<unsigned char>, 2>;
     auto image = Image::New();
-    image->SetRegions(Image::SizeType{{static_cast<itk::SizeValueType>(width), static_cast<itk::SizeValueType>(height)}});
+    image->SetRegions(
+        Image::SizeType{{static_cast<itk::SizeValueType>(width), static_cast<itk::SizeValueType>(height)}});
     image->Allocate();
     static_assert(sizeof(Image::PixelType) == 3, "pixels are packed");
     std::memcpy(static_cast<void *>(image->GetBufferPointer()), rgb, 3 * static_cast<size_t>(width) * height);

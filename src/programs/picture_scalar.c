@@ -40,8 +40,8 @@ static void colour_of(double part, uint8_t rgb[3])
     }
 }
 
-static pliant_status draw_plane(const char *path, const picture_plane *plane, const picture_scalars *scalars, const pliant_geometry *shown,
-                                const double point[3], double low, double high)
+static pliant_status draw_plane(const char *path, const picture_plane *plane, const picture_scalars *scalars,
+                                const pliant_geometry *shown, const double point[3], double low, double high)
 {
     picture_frame frame = picture_frame_of(plane, shown);
     int32_t stride = frame.width + GAP + BAR, *section;
@@ -56,7 +56,8 @@ static pliant_status draw_plane(const char *path, const picture_plane *plane, co
             double part = high > low ? ((double)scalars->of_tet[tet] - low) / (high - low) : 0.5;
             colour_of(fmin(fmax(part, 0.0), 1.0), pixel + 3 * column);
         }
-        for (int32_t column = stride - BAR; column < stride; ++column) colour_of(1.0 - (row + 0.5) / frame.height, pixel + 3 * column);
+        for (int32_t column = stride - BAR; column < stride; ++column)
+            colour_of(1.0 - (row + 0.5) / frame.height, pixel + 3 * column);
     }
     if (status >= 0) {
         status = picture_png(path, rgb, stride, frame.height);
@@ -66,7 +67,8 @@ static pliant_status draw_plane(const char *path, const picture_plane *plane, co
     return status;
 }
 
-pliant_status picture_scalar(const char *folder, const char *name, const picture_scalars *scalars, const pliant_geometry *shown, const double point[3])
+pliant_status picture_scalar(const char *folder, const char *name, const picture_scalars *scalars,
+                             const pliant_geometry *shown, const double point[3])
 {
     double low = 0.0, high = 0.0;
     pliant_status status = find_range(scalars, &low, &high);

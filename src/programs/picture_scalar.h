@@ -18,7 +18,8 @@ typedef struct picture_scalars {
  * 1st to the 99th percentile, and black without tissue. The scale is at the right edge, and its range is logged.
  * Errors: FILE, MEMORY.
  * @param shown grid whose box is drawn */
-pliant_status picture_scalar(const char *folder, const char *name, const picture_scalars *scalars, const pliant_geometry *shown, const double point[3]);
+pliant_status picture_scalar(const char *folder, const char *name, const picture_scalars *scalars,
+                             const pliant_geometry *shown, const double point[3]);
 
 #ifdef __cplusplus
 }

@@ -58,25 +58,73 @@ static const char help[] =
     "\n"
     "Exit codes: 0 done, 1 failed or a stability case was broken, 2 wrong usage, 130 stopped by Ctrl-C (what was done is kept).\n";
 
-enum { SCAN = 256, OUT, SET, SWEEP, TRUTH, VALIDATE, MATERIALS, LEFT_OUT, STABILITY, CASE, CASES, STEPS, QUICK, FULL, METHODS, RATIOS, BUDGETS, VARY, AT, LABELS, POINTS,
-       PULL, FRAMES, REPEATS, TWICE, SHARD, MERGE, NO_WARP, NO_PICTURES, QUIET, HELP };
+enum {
+    SCAN = 256,
+    OUT,
+    SET,
+    SWEEP,
+    TRUTH,
+    VALIDATE,
+    MATERIALS,
+    LEFT_OUT,
+    STABILITY,
+    CASE,
+    CASES,
+    STEPS,
+    QUICK,
+    FULL,
+    METHODS,
+    RATIOS,
+    BUDGETS,
+    VARY,
+    AT,
+    LABELS,
+    POINTS,
+    PULL,
+    FRAMES,
+    REPEATS,
+    TWICE,
+    SHARD,
+    MERGE,
+    NO_WARP,
+    NO_PICTURES,
+    QUIET,
+    HELP
+};
 
 static const struct option options[] = {
-    {"scan", required_argument, NULL, SCAN},       {"out", required_argument, NULL, OUT},
-    {"set", required_argument, NULL, SET},         {"sweep", no_argument, NULL, SWEEP},           {"truth", no_argument, NULL, TRUTH},
-    {"validate", required_argument, NULL, VALIDATE}, {"materials", required_argument, NULL, MATERIALS},
-    {"left-out", no_argument, NULL, LEFT_OUT},     {"stability", no_argument, NULL, STABILITY},
-    {"case", required_argument, NULL, CASE},       {"cases", no_argument, NULL, CASES},
-    {"steps", required_argument, NULL, STEPS},     {"quick", no_argument, NULL, QUICK},
-    {"full", no_argument, NULL, FULL},             {"methods", required_argument, NULL, METHODS},
-    {"ratios", required_argument, NULL, RATIOS},   {"budgets", required_argument, NULL, BUDGETS},
-    {"vary", required_argument, NULL, VARY},       {"at", required_argument, NULL, AT},
-    {"labels", required_argument, NULL, LABELS},   {"points", required_argument, NULL, POINTS},
-    {"pull", required_argument, NULL, PULL},       {"frames", required_argument, NULL, FRAMES},
-    {"repeats", required_argument, NULL, REPEATS}, {"shard", required_argument, NULL, SHARD}, {"merge", required_argument, NULL, MERGE},
-    {"twice", required_argument, NULL, TWICE},     {"no-warp", no_argument, NULL, NO_WARP},
-    {"no-pictures", no_argument, NULL, NO_PICTURES}, {"quiet", no_argument, NULL, QUIET},
-    {"help", no_argument, NULL, HELP},             {NULL, 0, NULL, 0},
+    {"scan", required_argument, NULL, SCAN},
+    {"out", required_argument, NULL, OUT},
+    {"set", required_argument, NULL, SET},
+    {"sweep", no_argument, NULL, SWEEP},
+    {"truth", no_argument, NULL, TRUTH},
+    {"validate", required_argument, NULL, VALIDATE},
+    {"materials", required_argument, NULL, MATERIALS},
+    {"left-out", no_argument, NULL, LEFT_OUT},
+    {"stability", no_argument, NULL, STABILITY},
+    {"case", required_argument, NULL, CASE},
+    {"cases", no_argument, NULL, CASES},
+    {"steps", required_argument, NULL, STEPS},
+    {"quick", no_argument, NULL, QUICK},
+    {"full", no_argument, NULL, FULL},
+    {"methods", required_argument, NULL, METHODS},
+    {"ratios", required_argument, NULL, RATIOS},
+    {"budgets", required_argument, NULL, BUDGETS},
+    {"vary", required_argument, NULL, VARY},
+    {"at", required_argument, NULL, AT},
+    {"labels", required_argument, NULL, LABELS},
+    {"points", required_argument, NULL, POINTS},
+    {"pull", required_argument, NULL, PULL},
+    {"frames", required_argument, NULL, FRAMES},
+    {"repeats", required_argument, NULL, REPEATS},
+    {"shard", required_argument, NULL, SHARD},
+    {"merge", required_argument, NULL, MERGE},
+    {"twice", required_argument, NULL, TWICE},
+    {"no-warp", no_argument, NULL, NO_WARP},
+    {"no-pictures", no_argument, NULL, NO_PICTURES},
+    {"quiet", no_argument, NULL, QUIET},
+    {"help", no_argument, NULL, HELP},
+    {NULL, 0, NULL, 0},
 };
 
 #define NAME(name, yaml) #yaml,
@@ -116,7 +164,9 @@ static bool read_methods(const char *text, uint32_t *out)
     *out = 0;
     for (const char *at = text;; at++) {
         size_t length = strcspn(at, ","), m = 0;
-        while (m < sizeof method_names / sizeof *method_names && (strlen(method_names[m]) != length || strncmp(at, method_names[m], length) != 0)) m++;
+        while (m < sizeof method_names / sizeof *method_names &&
+               (strlen(method_names[m]) != length || strncmp(at, method_names[m], length) != 0))
+            m++;
         if (m == sizeof method_names / sizeof *method_names) return wrong("--methods", text, "not a method of a scene");
         *out |= 1u << m;
         at += length;
@@ -160,7 +210,8 @@ static void set_full(report_arguments *out)
     out->sweep.num_ratios = out->sweep.num_iterations = 0;
     out->sweep.ratios[out->sweep.num_ratios++] = 2;
     out->sweep.ratios[out->sweep.num_ratios++] = 4;
-    for (size_t b = 0; b < sizeof budgets / sizeof *budgets; b++) out->sweep.iterations[out->sweep.num_iterations++] = budgets[b];
+    for (size_t b = 0; b < sizeof budgets / sizeof *budgets; b++)
+        out->sweep.iterations[out->sweep.num_iterations++] = budgets[b];
     out->num_points = 3;
     out->sweep.twice_limit = 2e6;
     out->stability_on_scan = true;
@@ -222,12 +273,16 @@ static bool read_one(int code, report_arguments *out)
         out->stability.methods = sweep->methods;
         break;
     case RATIOS: good = read_list("--ratios", optarg, 1, 8, sweep->ratios, &sweep->num_ratios, PLIANT_MAX_SWEPT); break;
-    case BUDGETS: good = read_list("--budgets", optarg, 0, 1000, sweep->iterations, &sweep->num_iterations, PLIANT_MAX_SWEPT); break;
+    case BUDGETS:
+        good = read_list("--budgets", optarg, 0, 1000, sweep->iterations, &sweep->num_iterations, PLIANT_MAX_SWEPT);
+        break;
     case VARY: good = read_vary(optarg, sweep); break;
     case AT:
         if (sweep->num_points == PLIANT_MAX_PULLS) return wrong("--at", optarg, "that is one point too many");
         good = read_vector("--at", optarg, sweep->points[sweep->num_points].rest);
-        if (good) snprintf(sweep->points[sweep->num_points].name, sizeof sweep->points->name, "point %d", sweep->num_points + 1);
+        if (good)
+            snprintf(sweep->points[sweep->num_points].name, sizeof sweep->points->name, "point %d",
+                     sweep->num_points + 1);
         sweep->num_points += good;
         break;
     case LABELS: good = read_list("--labels", optarg, 1, 65535, out->labels, &out->num_labels, PLIANT_MAX_PULLS); break;
@@ -247,7 +302,8 @@ static bool read_one(int code, report_arguments *out)
     case TWICE: good = read_number("--twice", optarg, 0, 1e12, &sweep->twice_limit); break;
     case SHARD: {
         char rest;
-        if (sscanf(optarg, "%" SCNd32 "/%" SCNd32 "%c", &sweep->shard, &sweep->shards, &rest) != 2 || sweep->shards < 1 || sweep->shard < 1 || sweep->shard > sweep->shards)
+        if (sscanf(optarg, "%" SCNd32 "/%" SCNd32 "%c", &sweep->shard, &sweep->shards, &rest) != 2 ||
+            sweep->shards < 1 || sweep->shard < 1 || sweep->shard > sweep->shards)
             return wrong("--shard", optarg, "a part and how many there are is wanted, as 2/8");
         break;
     }
@@ -288,9 +344,11 @@ bool report_arguments_read(int argc, char **argv, report_arguments *out, int *ex
     if (!read_scene(argc, argv, out, exit_code)) return false;
     for (int code; (code = getopt_long(argc, argv, "", options, NULL)) != -1;)
         if (!read_one(code, out)) return false;
-    if (!out->do_sweep && !out->do_truth && !out->do_left_out && !out->do_stability && !out->num_measured && !out->num_parts)
+    if (!out->do_sweep && !out->do_truth && !out->do_left_out && !out->do_stability && !out->num_measured &&
+        !out->num_parts)
         out->do_sweep = out->do_truth = out->do_left_out = out->do_stability = true;
     if (!out->folder) return wrong("--out", "DIR", "is missing; pliant_report --help tells more");
-    if (!out->scan && (out->do_sweep || out->do_truth || out->do_left_out)) return wrong("--scan", "PATH", "is missing: only --stability needs no scan");
+    if (!out->scan && (out->do_sweep || out->do_truth || out->do_left_out))
+        return wrong("--scan", "PATH", "is missing: only --stability needs no scan");
     return true;
 }

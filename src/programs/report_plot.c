@@ -24,7 +24,10 @@ pliant_status report_plot(const char *folder, const char *setup, bool *drawn)
         if (!*drawn) pliant_log(PLIANT_LOG_WARNING, "%s failed: no pictures, or not all", path);
         return PLIANT_OK;
     }
-    pliant_log(PLIANT_LOG_WARNING, "no pictures: python3 with matplotlib was not found (Debian, Ubuntu: python3-matplotlib). Install it and "
-                                   "run: python3 %s %s %s", path, folder, setup);
+    pliant_log(
+        PLIANT_LOG_WARNING,
+        "no pictures: python3 with matplotlib was not found (Debian, Ubuntu: python3-matplotlib). Install it and "
+        "run: python3 %s %s %s",
+        path, folder, setup);
     return PLIANT_OK;
 }

@@ -54,8 +54,9 @@ static bool read_point(const char *text, segment_arguments *out)
 static bool read_arguments(int argc, char **argv, segment_arguments *out, int *exit_code)
 {
     static const struct option options[] = {
-        {"scan", required_argument, NULL, 'c'}, {"out", required_argument, NULL, 'o'}, {"set", required_argument, NULL, 's'},
-        {"at", required_argument, NULL, 'a'},   {"help", no_argument, NULL, 'h'},       {NULL, 0, NULL, 0},
+        {"scan", required_argument, NULL, 'c'}, {"out", required_argument, NULL, 'o'},
+        {"set", required_argument, NULL, 's'},  {"at", required_argument, NULL, 'a'},
+        {"help", no_argument, NULL, 'h'},       {NULL, 0, NULL, 0},
     };
     bool good = true;
     *exit_code = EXIT_USAGE;
@@ -90,8 +91,8 @@ static pliant_status write_table(const char *folder, const pliant_segmentation *
     for (int32_t p = 0; p < found->num_pieces; p++) {
         const pliant_segment_piece *piece = found->pieces + p;
         const pliant_segment_class *of = found->classes + piece->class_index;
-        fprintf(file, "%d,%d,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", (int)p + 1, (int)piece->class_index, of->mean, of->deviation, piece->mean,
-                1e6 * piece->volume, piece->centre[0], piece->centre[1], piece->centre[2]);
+        fprintf(file, "%d,%d,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", (int)p + 1, (int)piece->class_index, of->mean,
+                of->deviation, piece->mean, 1e6 * piece->volume, piece->centre[0], piece->centre[1], piece->centre[2]);
     }
     int failed = ferror(file) | fclose(file);
     return failed ? pliant_fail(PLIANT_ERROR_FILE, "%s: %s", path, strerror(errno)) : PLIANT_OK;
@@ -110,11 +111,13 @@ static pliant_status write_results(const char *folder, const pliant_volume *scan
 
 static void print(const pliant_segmentation *found, double seconds)
 {
-    printf("%d classes, %d pieces in %.2f s, BIC %.6g\n%5s %5s %10s %10s\n", (int)found->num_classes, (int)found->num_pieces, seconds,
-           found->criterion, "label", "class", "mean", "ml");
+    printf("%d classes, %d pieces in %.2f s, BIC %.6g\n%5s %5s %10s %10s\n", (int)found->num_classes,
+           (int)found->num_pieces, seconds, found->criterion, "label", "class", "mean", "ml");
     for (int32_t p = 0; p < found->num_pieces && p < MOST_SHOWN; p++)
-        printf("%5d %5d %10.1f %10.1f\n", (int)p + 1, (int)found->pieces[p].class_index, found->pieces[p].mean, 1e6 * found->pieces[p].volume);
-    if (found->num_pieces > MOST_SHOWN) printf("and %d smaller ones, in pieces.csv\n", (int)found->num_pieces - MOST_SHOWN);
+        printf("%5d %5d %10.1f %10.1f\n", (int)p + 1, (int)found->pieces[p].class_index, found->pieces[p].mean,
+               1e6 * found->pieces[p].volume);
+    if (found->num_pieces > MOST_SHOWN)
+        printf("and %d smaller ones, in pieces.csv\n", (int)found->num_pieces - MOST_SHOWN);
 }
 
 /* Set the point for pictures: --at, or the centre of the scan. Errors: ARGUMENT (outside the scan). */
@@ -126,8 +129,9 @@ static pliant_status find_point(segment_arguments *arguments, const pliant_geome
     pliant_geometry_to_index(geometry, at, index);
     for (int d = 0; d < 3; d++)
         if (!(index[d] >= -0.5 && index[d] < geometry->size[d] - 0.5))
-            return pliant_fail(PLIANT_ERROR_ARGUMENT, "--at %g,%g,%g lies outside of the scan; use a point inside [m, LPS]",
-                               at[0], at[1], at[2]);
+            return pliant_fail(PLIANT_ERROR_ARGUMENT,
+                               "--at %g,%g,%g lies outside of the scan; use a point inside [m, LPS]", at[0], at[1],
+                               at[2]);
     return PLIANT_OK;
 }
 

@@ -38,9 +38,12 @@ pliant_status timing_start(const char *folder, step_times *out)
         return status;
     }
     fputs("step,status,iterations,residual,residual_force_n", times.steps);
-    for (int stage = 0; stage < PLIANT_NUM_STEP_STAGES; ++stage) fprintf(times.steps, ",%s_s", pliant_step_stage_name(stage));
+    for (int stage = 0; stage < PLIANT_NUM_STEP_STAGES; ++stage)
+        fprintf(times.steps, ",%s_s", pliant_step_stage_name(stage));
     fputs(",cull_s,rasterize_s,step_s,inverted,legs,advanced,proxy_error_m,ended\n", times.steps);
-    fputs("step,tool,force_x_n,force_y_n,force_z_n,held_x_m,held_y_m,held_z_m,contact_x_n,contact_y_n,contact_z_n,contact_torque_x_nm,contact_torque_y_nm,contact_torque_z_nm\n", times.tools);
+    fputs(
+        "step,tool,force_x_n,force_y_n,force_z_n,held_x_m,held_y_m,held_z_m,contact_x_n,contact_y_n,contact_z_n,contact_torque_x_nm,contact_torque_y_nm,contact_torque_z_nm\n",
+        times.tools);
     *out = times;
     return PLIANT_OK;
 }
@@ -69,22 +72,25 @@ pliant_status timing_add(step_times *times, const pliant_data *data, pliant_stat
     row[WHOLE] = seconds;
     times->iterations += (uint64_t)statistics->iterations;
     times->last_converged = status != PLIANT_NOT_CONVERGED;
-    if (status == PLIANT_NOT_CONVERGED && statistics->error > times->worst_error) times->worst_error = statistics->error;
+    if (status == PLIANT_NOT_CONVERGED && statistics->error > times->worst_error)
+        times->worst_error = statistics->error;
     times->inverted_steps += inverted > 0;
     if (inverted > times->most_inverted) times->most_inverted = inverted;
 
     fprintf(times->steps, "%zu,%d,%d,%.6g,%.6g", times->num_steps, (int)status, (int)statistics->iterations,
             statistics->residual, statistics->residual_force);
     for (int column = 0; column < COLUMNS; ++column) fprintf(times->steps, ",%.6g", row[column]);
-    fprintf(times->steps, ",%d,%d,%g,%g,%d\n", (int)inverted, (int)statistics->legs, statistics->advanced, statistics->proxy_error, (int)statistics->ended);
+    fprintf(times->steps, ",%d,%d,%g,%g,%d\n", (int)inverted, (int)statistics->legs, statistics->advanced,
+            statistics->proxy_error, (int)statistics->ended);
     for (int n = 0; n < pliant_data_get_num_tools(data); ++n) {
         pliant_tool_state tool;
         if (pliant_tool_get(data, n, &tool) < 0) continue;
         const double *contact = tool.contact_force, *torque = tool.contact_torque;
         if (!tool.holding && !tool.cutting && contact[0] == 0 && contact[1] == 0 && contact[2] == 0) continue;
         const double *at = tool.holding ? tool.held_point : tool.tip;
-        fprintf(times->tools, "%zu,%s,%.6g,%.6g,%.6g,%.7g,%.7g,%.7g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", times->num_steps, tool.name, tool.force[0],
-                tool.force[1], tool.force[2], at[0], at[1], at[2], contact[0], contact[1], contact[2], torque[0], torque[1], torque[2]);
+        fprintf(times->tools, "%zu,%s,%.6g,%.6g,%.6g,%.7g,%.7g,%.7g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", times->num_steps,
+                tool.name, tool.force[0], tool.force[1], tool.force[2], at[0], at[1], at[2], contact[0], contact[1],
+                contact[2], torque[0], torque[1], torque[2]);
     }
     return PLIANT_OK;
 }
@@ -124,8 +130,8 @@ pliant_status timing_end(step_times *times)
 static void print_row(FILE *file, const char *name, const step_times *times, int column, double whole, double *sorted)
 {
     double mean = sort_column(times, column, sorted);
-    fprintf(file, "%-12s %10.2f %10.2f %10.2f %8.0f\n", name, 1e3 * mean, 1e3 * sorted[times->num_steps / 2], 1e3 * sorted[times->num_steps - 1],
-            whole > 0.0 ? 100.0 * mean / whole : 0.0);
+    fprintf(file, "%-12s %10.2f %10.2f %10.2f %8.0f\n", name, 1e3 * mean, 1e3 * sorted[times->num_steps / 2],
+            1e3 * sorted[times->num_steps - 1], whole > 0.0 ? 100.0 * mean / whole : 0.0);
 }
 
 void timing_print(const step_times *times, const pliant_model *model, const pliant_data *data, FILE *file)
@@ -135,7 +141,8 @@ void timing_print(const step_times *times, const pliant_model *model, const plia
     if (!sorted) return;
     bool fit = pliant_model_get_scene(model)->warp.kind == PLIANT_FIT;
     double whole = sort_column(times, WHOLE, sorted);
-    fprintf(file, "\n%-12s %10s %10s %10s %8s   [ms], %zu steps\n", "stage", "mean", "median", "worst", "share %", times->num_steps);
+    fprintf(file, "\n%-12s %10s %10s %10s %8s   [ms], %zu steps\n", "stage", "mean", "median", "worst", "share %",
+            times->num_steps);
     for (int stage = 0; stage < PLIANT_NUM_STEP_STAGES; ++stage)
         print_row(file, pliant_step_stage_name(stage), times, stage, whole, sorted);
     if (pliant_data_get_warp(data)) {
@@ -149,8 +156,9 @@ void timing_print(const step_times *times, const pliant_model *model, const plia
             (unsigned long long)statistics->not_converged, (unsigned long long)statistics->failed,
             (int)pliant_data_get_inverted(data));
     if (statistics->patched > 0)
-        fprintf(file, "patch: %d tools, %d iterations, residual %.2g, moves nodes by up to %.3g mm\n", (int)statistics->patched,
-                (int)statistics->patch_iterations, statistics->patch_residual, 1e3 * statistics->patch_moved);
+        fprintf(file, "patch: %d tools, %d iterations, residual %.2g, moves nodes by up to %.3g mm\n",
+                (int)statistics->patched, (int)statistics->patch_iterations, statistics->patch_residual,
+                1e3 * statistics->patch_moved);
 }
 
 void timing_warn(const step_times *times, const pliant_model *model, const pliant_data *data)
@@ -159,15 +167,23 @@ void timing_warn(const step_times *times, const pliant_model *model, const plian
     const pliant_scene *scene = pliant_model_get_scene(model);
     bool schur = scene->model.method == PLIANT_SCHUR;
     if (statistics->not_converged > 0)
-        pliant_log(PLIANT_LOG_WARNING, "%llu of %zu steps did not converge%s: nodes may be up to %.2g mm off, solver/tolerance is %.2g of the displacement; %s",
-                   (unsigned long long)statistics->not_converged, times->num_steps, times->last_converged ? " (the last one did)" : ", nor did the last one",
-                   1e3 * times->worst_error, scene->solver.tolerance,
-                   schur ? "schur may be too soft for the load: averaged is not" : "more of solver/iterations or a smaller solver/step bring them closer");
+        pliant_log(
+            PLIANT_LOG_WARNING,
+            "%llu of %zu steps did not converge%s: nodes may be up to %.2g mm off, solver/tolerance is %.2g of the displacement; %s",
+            (unsigned long long)statistics->not_converged, times->num_steps,
+            times->last_converged ? " (the last one did)" : ", nor did the last one", 1e3 * times->worst_error,
+            scene->solver.tolerance,
+            schur ? "schur may be too soft for the load: averaged is not"
+                  : "more of solver/iterations or a smaller solver/step bring them closer");
     if (times->most_inverted > 0)
-        pliant_log(PLIANT_LOG_WARNING, "elements were turned inside out in %zu of %zu steps, up to %d of %d at once, %d at the end: what lies there is not to be "
-                   "relied on; %s", times->inverted_steps, times->num_steps, (int)times->most_inverted, (int)pliant_data_get_body(data)->fine.num_tets,
-                   (int)pliant_data_get_inverted(data),
-                   schur ? "schur may be too soft for the load: averaged is not" : "the load may be more than the tissue can take, or come in fewer steps than it needs");
+        pliant_log(
+            PLIANT_LOG_WARNING,
+            "elements were turned inside out in %zu of %zu steps, up to %d of %d at once, %d at the end: what lies there is not to be "
+            "relied on; %s",
+            times->inverted_steps, times->num_steps, (int)times->most_inverted,
+            (int)pliant_data_get_body(data)->fine.num_tets, (int)pliant_data_get_inverted(data),
+            schur ? "schur may be too soft for the load: averaged is not"
+                  : "the load may be more than the tissue can take, or come in fewer steps than it needs");
 }
 
 void timing_print_build(const pliant_model *model, FILE *file)
@@ -184,8 +200,8 @@ void timing_print_build(const pliant_model *model, FILE *file)
     }
     fprintf(file, "%-12s %10.3f %10.1f\n", "all", seconds, mebibytes);
     const pliant_body *body = pliant_model_get_body(model);
-    fprintf(file, "%d fine tetrahedra, %d nodes; %d coarse tetrahedra\n", (int)body->fine.num_tets, (int)body->fine.num_nodes,
-            (int)body->coarse.num_tets);
+    fprintf(file, "%d fine tetrahedra, %d nodes; %d coarse tetrahedra\n", (int)body->fine.num_tets,
+            (int)body->fine.num_nodes, (int)body->coarse.num_tets);
 }
 
 void timing_print_memory(FILE *file)

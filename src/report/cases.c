@@ -35,7 +35,8 @@ size_t report_data_bytes(const pliant_data *data, size_t before)
 pliant_status report_target(const pliant_model *model, pliant_geometry *out)
 {
     const pliant_mesh *mesh = &model->body->fine;
-    return pliant_warp_target(&model->scan->geometry, mesh->rest, mesh->num_nodes, model->scene.warp.margin, SIZE_MAX, out);
+    return pliant_warp_target(&model->scan->geometry, mesh->rest, mesh->num_nodes, model->scene.warp.margin, SIZE_MAX,
+                              out);
 }
 
 static pliant_status set_limits(pliant_data *data, report_limits limits)
@@ -53,8 +54,9 @@ static pliant_status load_frame(const report_case *load, pliant_data *data, cons
         double gravity[3] = {0, standard_gravity * cos(angle), standard_gravity * sin(angle)};
         return pliant_data_set_gravity(data, gravity);
     }
-    static const pliant_drive drives[] = {
-        [CASE_displacement] = PLIANT_DRIVE_RIGID, [CASE_force] = PLIANT_DRIVE_FORCE, [CASE_grasp] = PLIANT_DRIVE_SPRING};
+    static const pliant_drive drives[] = {[CASE_displacement] = PLIANT_DRIVE_RIGID,
+                                          [CASE_force] = PLIANT_DRIVE_FORCE,
+                                          [CASE_grasp] = PLIANT_DRIVE_SPRING};
     double tip[3], force[3];
     for (int d = 0; d < 3; d++) {
         tip[d] = from[d] + part * load->pull[d];
@@ -78,7 +80,8 @@ static pliant_status settle(const pliant_model *model, pliant_data *data, double
     for (int s = 0; status >= 0 && s < SETTLING_STEPS; s++) {
         status = pliant_step(model, data);
         if (status == PLIANT_OK) break;
-        if (!pliant_report_progress(progress, (double)s / SETTLING_STEPS, "settling")) status = pliant_fail(PLIANT_ERROR_CANCELLED, "the run was stopped");
+        if (!pliant_report_progress(progress, (double)s / SETTLING_STEPS, "settling"))
+            status = pliant_fail(PLIANT_ERROR_CANCELLED, "the run was stopped");
     }
     solver->refresh_interval = interval;
     solver->refresh_delay = delay;
@@ -90,19 +93,22 @@ static pliant_status await_patch(const pliant_model *model, pliant_progress prog
 {
     pliant_status status = model->fine_system ? pliant_step(model, data) : PLIANT_OK;
     while (status >= 0 && data->statistics.patch_waiting > 0) {
-        if (!pliant_report_progress(progress, 0, "a patch")) return pliant_fail(PLIANT_ERROR_CANCELLED, "the run was stopped");
+        if (!pliant_report_progress(progress, 0, "a patch"))
+            return pliant_fail(PLIANT_ERROR_CANCELLED, "the run was stopped");
         status = pliant_step(model, data);
     }
     return status;
 }
 
 /* Create the initial state of the frames: equilibrium under gravity, with a tool's grasp. */
-static pliant_status begin(const pliant_model *model, const report_case *load, report_limits limits, pliant_data *data, double from[3])
+static pliant_status begin(const pliant_model *model, const report_case *load, report_limits limits, pliant_data *data,
+                           double from[3])
 {
     pliant_status status = load->kind == CASE_gravity ? load_frame(load, data, from, 0) : PLIANT_OK;
     const double *gravity = data->gravity;
     if (load->kind == CASE_sag) return set_limits(data, limits);
-    if (status >= 0 && (gravity[0] != 0 || gravity[1] != 0 || gravity[2] != 0)) status = settle(model, data, fmin(limits.tolerance, 1e-5), limits.progress);
+    if (status >= 0 && (gravity[0] != 0 || gravity[1] != 0 || gravity[2] != 0))
+        status = settle(model, data, fmin(limits.tolerance, 1e-5), limits.progress);
     if (status >= 0 && report_case_pulls(load->kind)) {
         int tool;
         status = pliant_tool_add(model, data, "report", &tool);
@@ -147,11 +153,13 @@ static pliant_status run_create(int32_t frames, int32_t points, report_run *run)
     run->seconds = pliant_calloc((size_t)frames * PLIANT_NUM_STEP_STAGES, sizeof *run->seconds);
     run->residual = pliant_calloc((size_t)frames, sizeof *run->residual);
     run->iterations = pliant_calloc((size_t)frames, sizeof *run->iterations);
-    return run->positions && run->seconds && run->residual && run->iterations ? PLIANT_OK : pliant_fail_memory("the frames of a run");
+    return run->positions && run->seconds && run->residual && run->iterations
+               ? PLIANT_OK
+               : pliant_fail_memory("the frames of a run");
 }
 
-pliant_status report_case_run(const pliant_model *model, const report_case *load, report_limits limits, const pliant_points *points,
-                              const pliant_geometry *target, report_run *out)
+pliant_status report_case_run(const pliant_model *model, const report_case *load, report_limits limits,
+                              const pliant_points *points, const pliant_geometry *target, report_run *out)
 {
     report_run run = {0};
     double from[3] = {0, 0, 0}, clocked = 0;
@@ -161,7 +169,8 @@ pliant_status report_case_run(const pliant_model *model, const report_case *load
     if (status >= 0 && target) status = pliant_data_set_warp(model, run.data, target);
     if (status >= 0) status = begin(model, load, limits, run.data, from);
     double start = pliant_seconds();
-    for (int32_t f = 0; status >= 0 && f < load->frames; f++, start = fmax(start + limits.period, pliant_seconds() - limits.period)) {
+    for (int32_t f = 0; status >= 0 && f < load->frames;
+         f++, start = fmax(start + limits.period, pliant_seconds() - limits.period)) {
         sleep_until(start);
         if (!pliant_report_progress(limits.progress, (double)f / load->frames, report_case_name(load->kind))) {
             status = pliant_fail(PLIANT_ERROR_CANCELLED, "the run was stopped");
@@ -175,9 +184,11 @@ pliant_status report_case_run(const pliant_model *model, const report_case *load
         ran = thread_seconds() - ran;
         clocked += clock;
         run.own_share += ran;
-        double share = limits.own_time && clock > ran && strcmp(pliant_data_get_backend(run.data), "cpu") == 0 ? ran / clock : 1;
+        double share =
+            limits.own_time && clock > ran && strcmp(pliant_data_get_backend(run.data), "cpu") == 0 ? ran / clock : 1;
         const pliant_statistics *statistics = &run.data->statistics;
-        for (int s = 0; s < PLIANT_NUM_STEP_STAGES; s++) run.seconds[s * load->frames + f] = share * statistics->seconds[s];
+        for (int s = 0; s < PLIANT_NUM_STEP_STAGES; s++)
+            run.seconds[s * load->frames + f] = share * statistics->seconds[s];
         run.residual[f] = statistics->residual;
         run.iterations[f] = statistics->iterations;
         pliant_points_move(points, run.data->positions, run.positions + 3 * (size_t)f * (size_t)points->count);

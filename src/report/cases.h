@@ -58,8 +58,8 @@ typedef struct report_run {
  * @param points points of the model's fine mesh
  * @param target Nullable: compute the deformed volume on this grid
  * Errors: as for stepping, CANCELLED. A step that does not converge is no error. */
-pliant_status report_case_run(const pliant_model *model, const report_case *load, report_limits limits, const pliant_points *points,
-                              const pliant_geometry *target, report_run *out);
+pliant_status report_case_run(const pliant_model *model, const report_case *load, report_limits limits,
+                              const pliant_points *points, const pliant_geometry *target, report_run *out);
 void report_run_free(report_run *run); /* Nullable; zeroes the struct */
 
 /* Return the grid of the deformed volume: it contains the fine mesh at rest with the scene's margin. */

@@ -45,7 +45,8 @@ static bool pass_progress(double fraction, const char *stage, void *user)
     state->late = state->late || pliant_seconds() > state->end;
     snprintf(text, sizeof text, "choosing settings, %s", stage);
     /* several threads may call this, and the caller's request is passed on only once */
-    state->cancelled = state->cancelled || !pliant_report_progress(state->progress, (double)state->index / (state->count + 1), text);
+    state->cancelled =
+        state->cancelled || !pliant_report_progress(state->progress, (double)state->index / (state->count + 1), text);
     return !state->cancelled && !state->late;
 }
 
@@ -56,12 +57,13 @@ static void log_points(const choice_state *state, int from)
     const pliant_measure measure = scene->choose.measure;
     for (int p = from; p < state->num_points; p++) {
         const choice_point *point = state->points + p;
-        pliant_log(PLIANT_LOG_INFO, "choose: %8.3f %% %s (%.3f %% later) %9.3f ms  %s solver/iterations=%d", 100 * point->error[measure],
-                   choice_phase_text(point->worst[measure]), 100 * point->later[measure], 1e3 * point->seconds,
-                   choice_describe(&point->candidate, scene, text), (int)point->iterations);
+        pliant_log(PLIANT_LOG_INFO, "choose: %8.3f %% %s (%.3f %% later) %9.3f ms  %s solver/iterations=%d",
+                   100 * point->error[measure], choice_phase_text(point->worst[measure]), 100 * point->later[measure],
+                   1e3 * point->seconds, choice_describe(&point->candidate, scene, text), (int)point->iterations);
     }
     if (from == state->num_points && !state->late)
-        pliant_log(PLIANT_LOG_WARNING, "choose: dropped %s", choice_describe(state->candidates + state->index, scene, text));
+        pliant_log(PLIANT_LOG_WARNING, "choose: dropped %s",
+                   choice_describe(state->candidates + state->index, scene, text));
 }
 
 static pliant_status try_candidate(choice_state *state)
@@ -124,8 +126,10 @@ static pliant_status try_all(choice_state *state)
     sweep_ground *ground = &state->sweep.ground;
     pliant_status status = PLIANT_OK;
     state->count = choice_list_candidates(ground->input->scene, ground->reference.mesh.ratio, state->candidates);
-    pliant_log(PLIANT_LOG_INFO, "choose: error (%s) and time of a step on a pull at %s, against the fine solution on %d tetrahedra",
-               measure_names[ground->input->scene->choose.measure], ground->point_names[0], ground->fine->body->fine.num_tets);
+    pliant_log(PLIANT_LOG_INFO,
+               "choose: error (%s) and time of a step on a pull at %s, against the fine solution on %d tetrahedra",
+               measure_names[ground->input->scene->choose.measure], ground->point_names[0],
+               ground->fine->body->fine.num_tets);
     for (state->index = 0; status >= 0 && state->index < state->count; state->index++) {
         const int known = state->num_points;
         status = try_candidate(state);
@@ -134,14 +138,17 @@ static pliant_status try_all(choice_state *state)
         break;
     }
     if (status >= 0 && state->late)
-        pliant_log(PLIANT_LOG_WARNING, "choose: %d of %d candidates were tried in choose/seconds: %g", state->index, state->count,
-                   ground->input->scene->choose.seconds);
+        pliant_log(PLIANT_LOG_WARNING, "choose: %d of %d candidates were tried in choose/seconds: %g", state->index,
+                   state->count, ground->input->scene->choose.seconds);
     return status;
 }
 
 /* ---- choosing a candidate */
 
-static bool mesh_is_larger(const pliant_choice *choice) { return choice->mesh > choice->error + choice->left_out - choice->mesh; }
+static bool mesh_is_larger(const pliant_choice *choice)
+{
+    return choice->mesh > choice->error + choice->left_out - choice->mesh;
+}
 
 static pliant_status tell(const choice_state *state, const choice_point *point, const pliant_choice *choice)
 {
@@ -194,9 +201,10 @@ static void warn(const pliant_scene *scene, const choice_point *point, const pli
                    "of %.3g %% (%s%s)",
                    scene->choose.budget_ms, 1e3 * choice->seconds, 100 * choice->error, phase, later);
     else if (scene->choose.max_error > 0 && choice->error > scene->choose.max_error)
-        pliant_log(PLIANT_LOG_WARNING,
-                   "choose/max_error: nothing within %g ms is as accurate as %g %%; the best has an error of %.3g %% (%s%s)",
-                   scene->choose.budget_ms, 100 * scene->choose.max_error, 100 * choice->error, phase, later);
+        pliant_log(
+            PLIANT_LOG_WARNING,
+            "choose/max_error: nothing within %g ms is as accurate as %g %%; the best has an error of %.3g %% (%s%s)",
+            scene->choose.budget_ms, 100 * scene->choose.max_error, 100 * choice->error, phase, later);
 }
 
 static pliant_status take(const choice_state *state, pliant_choice *out)
@@ -205,7 +213,8 @@ static pliant_status take(const choice_state *state, pliant_choice *out)
     const pliant_measure measure = scene->choose.measure;
     const int32_t finest = state->sweep.ground.reference.mesh.ratio;
     const double left_out = choice_reference_error(state->points, state->num_points, finest, measure);
-    const choice_point *point = choice_best(state->points, state->num_points, measure, left_out, 1e-3 * scene->choose.budget_ms);
+    const choice_point *point =
+        choice_best(state->points, state->num_points, measure, left_out, 1e-3 * scene->choose.budget_ms);
     pliant_choice choice = {.made = true,
                             .within_budget = point != NULL,
                             .tried = state->index,
@@ -213,7 +222,8 @@ static pliant_status take(const choice_state *state, pliant_choice *out)
                             .reference_tetrahedra = state->sweep.ground.fine->body->fine.num_tets};
     if (!point) point = choice_quickest(state->points, state->num_points);
     if (!point)
-        return pliant_fail(state->late ? PLIANT_ERROR_CANCELLED : PLIANT_ERROR_NUMERIC, "choose: nothing that was tried could be measured");
+        return pliant_fail(state->late ? PLIANT_ERROR_CANCELLED : PLIANT_ERROR_NUMERIC,
+                           "choose: nothing that was tried could be measured");
     pliant_status status = choice_scene(scene, &point->candidate, &choice.scene);
     if (status < 0) return status;
     choice.scene.solver.iterations = point->iterations;
@@ -225,7 +235,8 @@ static pliant_status take(const choice_state *state, pliant_choice *out)
     const choice_mesh *mesh = &point->candidate.mesh;
     const double apart = choice_mesh_error(state->points, state->num_points, mesh->cells_factor * mesh->ratio, measure);
     choice.left_out = left_out;
-    choice.mesh = left_out + (isnan(apart) || mesh->cells_factor * mesh->ratio == finest ? 0 : fmin(apart, choice.error));
+    choice.mesh =
+        left_out + (isnan(apart) || mesh->cells_factor * mesh->ratio == finest ? 0 : fmin(apart, choice.error));
     choice.seconds = choice_seconds(state->points, state->num_points, point);
     choice_describe(&point->candidate, scene, choice.options);
     size_t used = strlen(choice.options);
@@ -233,12 +244,15 @@ static pliant_status take(const choice_state *state, pliant_choice *out)
     status = tell(state, point, &choice);
     if (status < 0) return status;
     warn(scene, point, &choice);
-    pliant_log(PLIANT_LOG_INFO, "choose: took %s: error %.3g %% of the largest displacement (%s), %s, %.3g %% later on; %.3g ms a step",
-               choice.options, 100 * choice.error, measure_names[measure], choice_phase_text(point->worst[measure]), 100 * choice.later,
-               1e3 * choice.seconds);
+    pliant_log(PLIANT_LOG_INFO,
+               "choose: took %s: error %.3g %% of the largest displacement (%s), %s, %.3g %% later on; %.3g ms a step",
+               choice.options, 100 * choice.error, measure_names[measure], choice_phase_text(point->worst[measure]),
+               100 * choice.later, 1e3 * choice.seconds);
     if (left_out > 0)
-        pliant_log(PLIANT_LOG_INFO, "choose: its mesh is off by some %.3g %%, of which the reference leaves out %.3g %%; %s", 100 * choice.mesh, 100 * left_out,
-                   mesh_is_larger(&choice) ? "a finer one would pay, or another element/kind" : "the solver is off by more");
+        pliant_log(
+            PLIANT_LOG_INFO, "choose: its mesh is off by some %.3g %%, of which the reference leaves out %.3g %%; %s",
+            100 * choice.mesh, 100 * left_out,
+            mesh_is_larger(&choice) ? "a finer one would pay, or another element/kind" : "the solver is off by more");
     *out = choice;
     return PLIANT_OK;
 }
@@ -248,12 +262,14 @@ static pliant_status check(const pliant_scene *scene)
     pliant_status status = pliant_scene_check(scene);
     if (status < 0) return status;
     if (scene->solver.kind != PLIANT_COROTATIONAL || scene->mesh.kind != PLIANT_LATTICE || scene->mesh.file[0])
-        return pliant_fail(PLIANT_ERROR_SCENE, "choose/budget_ms: settings are chosen for solver/kind corotational and mesh/kind lattice "
-                                               "only; set it to 0");
+        return pliant_fail(PLIANT_ERROR_SCENE,
+                           "choose/budget_ms: settings are chosen for solver/kind corotational and mesh/kind lattice "
+                           "only; set it to 0");
     return PLIANT_OK;
 }
 
-static void prepare(const pliant_report_input *input, pliant_report_tables *tables, pliant_progress progress, choice_state *state)
+static void prepare(const pliant_report_input *input, pliant_report_tables *tables, pliant_progress progress,
+                    choice_state *state)
 {
     const pliant_scene *scene = input->scene;
     pliant_sweep *settings = &state->settings;
@@ -283,7 +299,8 @@ static void prepare(const pliant_report_input *input, pliant_report_tables *tabl
     pliant_report_setup(input, settings, state->sweep.setup);
 }
 
-pliant_status pliant_choose(const pliant_report_input *input, pliant_report_tables *tables, pliant_progress progress, pliant_choice *out)
+pliant_status pliant_choose(const pliant_report_input *input, pliant_report_tables *tables, pliant_progress progress,
+                            pliant_choice *out)
 {
     pliant_report_tables own = {0};
     if (!(input->scene->choose.budget_ms > 0)) {
@@ -297,7 +314,8 @@ pliant_status pliant_choose(const pliant_report_input *input, pliant_report_tabl
     if (!tables) status = pliant_report_open(NULL, &own);
     if (status >= 0) {
         prepare(input, tables ? tables : &own, progress, state);
-        if (state->settings.num_points == 0) status = pliant_fail(PLIANT_ERROR_SCENE, "choose: no soft tissue was found to pull at");
+        if (state->settings.num_points == 0)
+            status = pliant_fail(PLIANT_ERROR_SCENE, "choose: no soft tissue was found to pull at");
     }
     if (status >= 0) status = make_reference(state);
     if (status >= 0) status = try_all(state);

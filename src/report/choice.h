@@ -12,7 +12,12 @@ extern "C" {
 enum { NUM_MEASURES = 0 PLIANT_MEASURE_LIST(CHOICE_COUNT) };
 #undef CHOICE_COUNT
 
-enum { CHOICE_BUDGETS = 9, CHOICE_METHODS = 8, CHOICE_MESHES = 10, CHOICE_CANDIDATES = (CHOICE_METHODS + 1) * CHOICE_MESHES };
+enum {
+    CHOICE_BUDGETS = 9,
+    CHOICE_METHODS = 8,
+    CHOICE_MESHES = 10,
+    CHOICE_CANDIDATES = (CHOICE_METHODS + 1) * CHOICE_MESHES
+};
 extern const int32_t choice_budgets[CHOICE_BUDGETS]; /* numbers of iterations per step, ascending */
 
 typedef struct choice_method {
@@ -79,7 +84,8 @@ const char *choice_touch_name(const choice_candidate *candidate); /* "" except f
 /* Collect the points of a candidate from its rows of the sweep's table, starting at `first`: for each budget the
  * maximum over the cases. A converged case needs no larger budget.
  * @return number of points, at most CHOICE_BUDGETS */
-int choice_gather(const sweep_ground *ground, const choice_candidate *candidate, size_t first, choice_point out[CHOICE_BUDGETS]);
+int choice_gather(const sweep_ground *ground, const choice_candidate *candidate, size_t first,
+                  choice_point out[CHOICE_BUDGETS]);
 /* Return the median step time of a point. It is the minimum of the point's measurement and the measurements of points
  * with at least as much work. Less work cannot take longer, so a longer measurement was disturbed by other programs. */
 double choice_seconds(const choice_point *points, int count, const choice_point *of);
@@ -93,7 +99,8 @@ double choice_reference_error(const choice_point *points, int count, int32_t res
 /* Return the best point within a time limit; NULL: no point is fast enough. The reference's error is added to each
  * error, so that no iterations are spent below it. Points whose maximum errors are equal within a factor of two are
  * compared by their later errors. Among points within 5 % of the best, the fastest is taken. */
-const choice_point *choice_best(const choice_point *points, int count, pliant_measure measure, double left_out, double most_seconds);
+const choice_point *choice_best(const choice_point *points, int count, pliant_measure measure, double left_out,
+                                double most_seconds);
 const choice_point *choice_quickest(const choice_point *points, int count); /* NULL: the list is empty */
 
 #ifdef __cplusplus

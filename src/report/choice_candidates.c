@@ -53,7 +53,8 @@ static int list_meshes(const pliant_scene *scene, int32_t finest, choice_mesh ou
         for (int32_t factor = 1; factor <= (scene->choose.coarse_cells ? 2 : 1); factor++) {
             int32_t ratio = finest / part, largest = 0;
             if (!scene->choose.ratio) ratio = scene->mesh.ratio;
-            for (int d = 0; d < 3; d++) largest = scene->mesh.coarse_cells[d] > largest ? scene->mesh.coarse_cells[d] : largest;
+            for (int d = 0; d < 3; d++)
+                largest = scene->mesh.coarse_cells[d] > largest ? scene->mesh.coarse_cells[d] : largest;
             bool known = ratio < 1 || factor * ratio > finest || factor * largest > 256;
             for (int m = 0; m < count; m++) known = known || (out[m].cells_factor == factor && out[m].ratio == ratio);
             if (!known && count < CHOICE_MESHES) out[count++] = (choice_mesh){factor, ratio};
@@ -90,7 +91,8 @@ int choice_list_candidates(const pliant_scene *scene, int32_t finest, choice_can
     choice_mesh meshes[CHOICE_MESHES];
     int num_meshes = list_meshes(scene, finest, meshes), count = 0;
     const pliant_method method = scene->model.method;
-    const choice_method own = {method, method == PLIANT_SCHUR ? scene->model.touch : PLIANT_TOUCH_OVERLAP, scene->model.patch};
+    const choice_method own = {method, method == PLIANT_SCHUR ? scene->model.touch : PLIANT_TOUCH_OVERLAP,
+                               scene->model.patch};
     out[count++] = (choice_candidate){own, {1, scene->mesh.ratio}};
     for (int n = -1; n < (scene->choose.method ? CHOICE_METHODS : 0); n++) {
         const choice_method *by = n < 0 ? &own : methods + n;
@@ -100,7 +102,8 @@ int choice_list_candidates(const pliant_scene *scene, int32_t finest, choice_can
             choice_mesh mesh = meshes[m];
             if (n < 0 && mesh.cells_factor == 1 && mesh.ratio == scene->mesh.ratio) continue;
             /* coarse cells do not affect the fine method; other methods need a coarser mesh */
-            if (fine && mesh.cells_factor > 1 && is_listed(meshes, num_meshes, 1, mesh.cells_factor * mesh.ratio)) continue;
+            if (fine && mesh.cells_factor > 1 && is_listed(meshes, num_meshes, 1, mesh.cells_factor * mesh.ratio))
+                continue;
             if (!fine && mesh.ratio == 1 && scene->choose.ratio) continue;
             out[count++] = (choice_candidate){*by, mesh};
         }
@@ -126,8 +129,9 @@ const char *choice_describe(const choice_candidate *candidate, const pliant_scen
     const char *touch = choice_touch_name(candidate);
     int32_t factor = candidate->mesh.cells_factor;
     const int32_t *cells = scene->mesh.coarse_cells;
-    snprintf(out, PLIANT_CHOICE_TEXT, "model/method=%s%s%s mesh/coarse_cells=%d,%d,%d mesh/ratio=%d", method_names[by->method],
-             touch[0] ? " model/touch=" : "", touch, factor * cells[0], factor * cells[1], factor * cells[2], candidate->mesh.ratio);
+    snprintf(out, PLIANT_CHOICE_TEXT, "model/method=%s%s%s mesh/coarse_cells=%d,%d,%d mesh/ratio=%d",
+             method_names[by->method], touch[0] ? " model/touch=" : "", touch, factor * cells[0], factor * cells[1],
+             factor * cells[2], candidate->mesh.ratio);
     size_t used = strlen(out);
     if (by->patch != scene->model.patch) snprintf(out + used, PLIANT_CHOICE_TEXT - used, " model/patch=%g", by->patch);
     return out;
@@ -141,7 +145,8 @@ void choice_name_variant(const choice_candidate *candidate, const pliant_scene *
     int used = 0;
     out[0] = '\0';
     if (factor > 1)
-        used = snprintf(out, CHOICE_VARIANT, "mesh/coarse_cells=%d,%d,%d", factor * cells[0], factor * cells[1], factor * cells[2]);
+        used = snprintf(out, CHOICE_VARIANT, "mesh/coarse_cells=%d,%d,%d", factor * cells[0], factor * cells[1],
+                        factor * cells[2]);
     if (by->patch != scene->model.patch)
         snprintf(out + used, (size_t)(CHOICE_VARIANT - used), "%smodel/patch=%g", used ? " " : "", by->patch);
 }

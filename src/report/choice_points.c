@@ -32,7 +32,10 @@ static const char *cell(const pliant_results *table, size_t row, const char *col
     return pliant_results_cell(table, row, pliant_results_column(table, column));
 }
 
-static double number(const pliant_results *table, size_t row, const char *column) { return strtod(cell(table, row, column), NULL); }
+static double number(const pliant_results *table, size_t row, const char *column)
+{
+    return strtod(cell(table, row, column), NULL);
+}
 
 static bool is_before_patch(const pliant_results *table, size_t row)
 {
@@ -40,14 +43,16 @@ static bool is_before_patch(const pliant_results *table, size_t row)
 }
 
 /* Find the last row of a case with this budget, or with a smaller budget that converged; SIZE_MAX: none. */
-static size_t find_row(const pliant_results *table, size_t first, const char *name, bool before_patch, int32_t iterations)
+static size_t find_row(const pliant_results *table, size_t first, const char *name, bool before_patch,
+                       int32_t iterations)
 {
     size_t found = SIZE_MAX;
     for (size_t r = first; r < pliant_results_rows(table); r++) {
         int32_t budget = (int32_t)strtol(cell(table, r, "budget"), NULL, 10);
         bool converged = strcmp(cell(table, r, "status"), "ok") == 0;
         if (budget != iterations && !(converged && budget < iterations)) continue;
-        if (is_before_patch(table, r) == before_patch && strcmp(cell(table, r, "case"), name) == 0 && cell(table, r, "max_percent")[0])
+        if (is_before_patch(table, r) == before_patch && strcmp(cell(table, r, "case"), name) == 0 &&
+            cell(table, r, "max_percent")[0])
             found = r;
     }
     return found;
@@ -80,13 +85,18 @@ static bool gather_point(const sweep_ground *ground, size_t first, choice_point 
         for (int before = 0; before <= patched; before++) {
             size_t row = find_row(table, first, report_case_name(kind), before, point->iterations);
             if (row == SIZE_MAX) return false;
-            add_row(table, row, before ? CHOICE_PHASE_hold : kind == CASE_sag ? CHOICE_PHASE_sag : CHOICE_PHASE_pull, point);
+            add_row(table, row,
+                    before             ? CHOICE_PHASE_hold
+                    : kind == CASE_sag ? CHOICE_PHASE_sag
+                                       : CHOICE_PHASE_pull,
+                    point);
         }
     }
     return true;
 }
 
-int choice_gather(const sweep_ground *ground, const choice_candidate *candidate, size_t first, choice_point out[CHOICE_BUDGETS])
+int choice_gather(const sweep_ground *ground, const choice_candidate *candidate, size_t first,
+                  choice_point out[CHOICE_BUDGETS])
 {
     int count = 0;
     for (int b = 0; b < ground->sweep->num_iterations; b++) {
@@ -94,7 +104,8 @@ int choice_gather(const sweep_ground *ground, const choice_candidate *candidate,
         if (!gather_point(ground, first, &point)) continue;
         /* an additional iteration that changed nothing gives no separate point */
         const choice_point *last = count > 0 ? out + count - 1 : NULL;
-        if (last && memcmp(last->error, point.error, sizeof point.error) == 0 && last->seconds == point.seconds) continue;
+        if (last && memcmp(last->error, point.error, sizeof point.error) == 0 && last->seconds == point.seconds)
+            continue;
         out[count++] = point;
     }
     return count;
@@ -102,7 +113,10 @@ int choice_gather(const sweep_ground *ground, const choice_candidate *candidate,
 
 /* ---- choosing a point */
 
-static bool is_patched(const choice_point *point) { return point->candidate.by.patch > 0 && point->candidate.by.method != PLIANT_FINE; }
+static bool is_patched(const choice_point *point)
+{
+    return point->candidate.by.patch > 0 && point->candidate.by.method != PLIANT_FINE;
+}
 
 /* Return whether a does at least the work of b per step: as many evaluations, meshes at least as large, and no patch or
  * lod elements that only b has. */
@@ -110,8 +124,8 @@ static bool does_as_much(const choice_point *a, const choice_point *b)
 {
     bool lod = b->candidate.by.method == PLIANT_LOD && a->candidate.by.method != PLIANT_LOD;
     bool patch = is_patched(b) && !is_patched(a);
-    return !lod && !patch && a->on_host == b->on_host && a->evaluations >= b->evaluations && a->solved_tetrahedra >= b->solved_tetrahedra &&
-           a->fine_tetrahedra >= b->fine_tetrahedra;
+    return !lod && !patch && a->on_host == b->on_host && a->evaluations >= b->evaluations &&
+           a->solved_tetrahedra >= b->solved_tetrahedra && a->fine_tetrahedra >= b->fine_tetrahedra;
 }
 
 double choice_seconds(const choice_point *points, int count, const choice_point *of)
@@ -127,21 +141,24 @@ double choice_mesh_error(const choice_point *points, int count, int32_t resoluti
     double least = NAN;
     for (int p = 0; p < count; p++) {
         const choice_candidate *by = &points[p].candidate;
-        if (by->by.method == PLIANT_FINE && by->mesh.cells_factor * by->mesh.ratio == resolution) least = fmin(least, points[p].error[measure]);
+        if (by->by.method == PLIANT_FINE && by->mesh.cells_factor * by->mesh.ratio == resolution)
+            least = fmin(least, points[p].error[measure]);
     }
     return least;
 }
 
 double choice_reference_error(const choice_point *points, int count, int32_t resolution, pliant_measure measure)
 {
-    const double half = choice_mesh_error(points, count, resolution / 2, measure), quarter = choice_mesh_error(points, count, resolution / 4, measure);
+    const double half = choice_mesh_error(points, count, resolution / 2, measure),
+                 quarter = choice_mesh_error(points, count, resolution / 4, measure);
     const double theory = 2, least = 0.2; /* orders of convergence */
     if (resolution % 4 != 0 || !(half > 0) || !(quarter > 0)) return 0;
     const double seen = quarter > half ? log2(quarter / half - 1) : least;
     return half / (exp2(0.5 * (fmin(fmax(seen, least), theory) + theory)) - 1);
 }
 
-const choice_point *choice_best(const choice_point *points, int count, pliant_measure measure, double left_out, double most_seconds)
+const choice_point *choice_best(const choice_point *points, int count, pliant_measure measure, double left_out,
+                                double most_seconds)
 {
     const choice_point *best = NULL;
     double least = INFINITY, least_later = INFINITY, best_seconds = INFINITY;
@@ -151,12 +168,14 @@ const choice_point *choice_best(const choice_point *points, int count, pliant_me
         for (int p = 0; p < count; p++) {
             const choice_point *point = points + p;
             double seconds = choice_seconds(points, count, point), later = point->later[measure];
-            if (seconds > most_seconds || point->error[measure] + left_out > alike_at_worst * (least + left_out)) continue;
+            if (seconds > most_seconds || point->error[measure] + left_out > alike_at_worst * (least + left_out))
+                continue;
             if (pass == 0)
                 least_later = fmin(least_later, later);
             else if (later + left_out > alike * (least_later + left_out))
                 continue;
-            else if (seconds < best_seconds || (seconds == best_seconds && point->error[measure] < best->error[measure])) {
+            else if (seconds < best_seconds ||
+                     (seconds == best_seconds && point->error[measure] < best->error[measure])) {
                 best = point;
                 best_seconds = seconds;
             }

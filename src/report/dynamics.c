@@ -27,12 +27,13 @@ static void pulled_free(pulled_run *run)
 }
 
 /* Must also be freed after a failure. */
-static pliant_status pulled_create(const pliant_report_input *input, const pliant_scene *scene, const pliant_sweep *sweep,
-                                   pliant_progress progress, pulled_run *run)
+static pliant_status pulled_create(const pliant_report_input *input, const pliant_scene *scene,
+                                   const pliant_sweep *sweep, pliant_progress progress, pulled_run *run)
 {
     const double *at = sweep->points[0].rest;
     *run = (pulled_run){0};
-    pliant_status status = pliant_model_build(scene, input->scan, input->labels, input->materials, progress, &run->model);
+    pliant_status status =
+        pliant_model_build(scene, input->scan, input->labels, input->materials, progress, &run->model);
     if (status >= 0) status = pliant_data_create(run->model, &run->data);
     if (status >= 0) status = pliant_tool_add(run->model, run->data, "report", &run->tool);
     if (status >= 0) status = pliant_tool_set_pose(run->data, run->tool, at, NULL);
@@ -45,7 +46,8 @@ static pliant_status pulled_create(const pliant_report_input *input, const plian
 static int32_t frames_of(const pliant_sweep *sweep) { return 2 * sweep->frames; }
 
 /* @param seconds Nullable: output; time of the step */
-static pliant_status pulled_frame(pulled_run *run, const pliant_sweep *sweep, int32_t frame, double *seconds, pliant_progress progress)
+static pliant_status pulled_frame(pulled_run *run, const pliant_sweep *sweep, int32_t frame, double *seconds,
+                                  pliant_progress progress)
 {
     double tip[3];
     pliant_status status = PLIANT_OK;
@@ -81,7 +83,8 @@ static pliant_status run_drift(pulled_run *run, const pliant_sweep *sweep, doubl
 }
 
 /* Measure the drift of the scene without damping, viscosity and gravity. */
-static pliant_status measure_drift(const pliant_report_input *input, const pliant_sweep *sweep, double *drift, pliant_progress progress)
+static pliant_status measure_drift(const pliant_report_input *input, const pliant_sweep *sweep, double *drift,
+                                   pliant_progress progress)
 {
     pliant_scene scene = *input->scene;
     pulled_run run;
@@ -116,8 +119,8 @@ static void compare(const pulled_run *whole, const pulled_run *half, time_error 
     }
 }
 
-static pliant_status measure_time_error(const pliant_report_input *input, const pliant_scene *asked, const pliant_sweep *sweep,
-                                        time_error *out, pliant_progress progress)
+static pliant_status measure_time_error(const pliant_report_input *input, const pliant_scene *asked,
+                                        const pliant_sweep *sweep, time_error *out, pliant_progress progress)
 {
     pliant_scene scene = *asked;
     pulled_run whole, half = {0};
@@ -139,7 +142,8 @@ static pliant_status measure_time_error(const pliant_report_input *input, const 
     return status;
 }
 
-static pliant_status tell(const pulled_run *run, const pliant_sweep *sweep, double *seconds, double drift, time_error time, report_row *row)
+static pliant_status tell(const pulled_run *run, const pliant_sweep *sweep, double *seconds, double drift,
+                          time_error time, report_row *row)
 {
     const pliant_model *model = run->model;
     const pliant_data *data = run->data;
@@ -176,8 +180,8 @@ static pliant_status tell(const pulled_run *run, const pliant_sweep *sweep, doub
     return PLIANT_OK;
 }
 
-pliant_status pliant_dynamics_run(const pliant_report_input *input, const pliant_sweep *sweep, pliant_report_tables *tables,
-                                  pliant_progress progress)
+pliant_status pliant_dynamics_run(const pliant_report_input *input, const pliant_sweep *sweep,
+                                  pliant_report_tables *tables, pliant_progress progress)
 {
     report_row row;
     char setup[9];
@@ -186,9 +190,11 @@ pliant_status pliant_dynamics_run(const pliant_report_input *input, const pliant
     pulled_run run = {0};
     time_error time;
     if (scene.solver.kind != PLIANT_TLED)
-        return pliant_fail(PLIANT_ERROR_SCENE,
-                           "solver/kind: figures of explicit dynamics are those of tled, not of the corotational solver");
-    if (sweep->num_points < 1) return pliant_fail(PLIANT_ERROR_ARGUMENT, "figures of explicit dynamics need a point to pull at");
+        return pliant_fail(
+            PLIANT_ERROR_SCENE,
+            "solver/kind: figures of explicit dynamics are those of tled, not of the corotational solver");
+    if (sweep->num_points < 1)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "figures of explicit dynamics need a point to pull at");
     pliant_report_setup(input, sweep, setup);
     row_clear(&row);
     row_text(&row, setup);
@@ -197,7 +203,8 @@ pliant_status pliant_dynamics_run(const pliant_report_input *input, const pliant
     pliant_status status = pulled_create(input, &scene, sweep, progress, &run);
     if (status >= 0 && !(seconds = pliant_calloc((size_t)frames_of(sweep), sizeof *seconds)))
         status = pliant_fail_memory("the times of the frames");
-    for (int32_t f = 0; status >= 0 && f < frames_of(sweep); f++) status = pulled_frame(&run, sweep, f, seconds + f, progress);
+    for (int32_t f = 0; status >= 0 && f < frames_of(sweep); f++)
+        status = pulled_frame(&run, sweep, f, seconds + f, progress);
     if (status >= 0) status = measure_drift(input, sweep, &drift, progress);
     if (status >= 0) status = measure_time_error(input, &scene, sweep, &time, progress);
     if (status >= 0) status = tell(&run, sweep, seconds, drift, time, &row);

@@ -56,7 +56,8 @@ pliant_status pliant_error_between(int32_t count, const uint8_t *use, const doub
     return PLIANT_OK;
 }
 
-pliant_status pliant_error_histogram(const pliant_volume *error, int32_t bins, double width, uint64_t *counts, pliant_error *summary)
+pliant_status pliant_error_histogram(const pliant_volume *error, int32_t bins, double width, uint64_t *counts,
+                                     pliant_error *summary)
 {
     if (error->encoding != PLIANT_FLOAT32 || bins < 1 || !(width > 0))
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "a histogram needs a volume of errors, bins and their width");

@@ -79,7 +79,8 @@ static int organ_fronts(const pliant_report_input *input, front_voxels *voxels, 
             const char *name = input->materials->materials[m].name;
             voxels->wanted = (int32_t)m;
             if (input->materials->materials[m].fixed || input->materials->materials[m].empty) continue;
-            if (!(contains(name, organs[o][0]) || contains(name, organs[o][1])) || !find_front(voxels, out[found].rest)) continue;
+            if (!(contains(name, organs[o][0]) || contains(name, organs[o][1])) || !find_front(voxels, out[found].rest))
+                continue;
             snprintf(out[found++].name, sizeof out->name, "%.31s", organs[o][0]);
             break;
         }
@@ -117,7 +118,8 @@ static size_t body_columns(const pliant_report_input *input, const uint8_t *mate
 
 /* Choose the column nearest to the centre, then repeatedly the column farthest from the chosen ones, within the central
  * two thirds of the body. */
-static int body_fronts(const pliant_report_input *input, const uint8_t *materials, double scale, int most, pliant_pull_point *out)
+static int body_fronts(const pliant_report_input *input, const uint8_t *materials, double scale, int most,
+                       pliant_pull_point *out)
 {
     const pliant_geometry *g = &input->scan->geometry;
     size_t voxels = pliant_geometry_voxels(g), shortest = (size_t)g->size[0];
@@ -151,7 +153,8 @@ static int body_fronts(const pliant_report_input *input, const uint8_t *material
     return found;
 }
 
-int pliant_pull_points(const pliant_report_input *input, const int32_t *labels, int num_labels, int most, pliant_pull_point *out)
+int pliant_pull_points(const pliant_report_input *input, const int32_t *labels, int num_labels, int most,
+                       pliant_pull_point *out)
 {
     size_t voxels = pliant_geometry_voxels(&input->scan->geometry);
     uint8_t *materials = pliant_calloc(voxels, 1);
@@ -168,7 +171,8 @@ int pliant_pull_points(const pliant_report_input *input, const int32_t *labels, 
         kind.labels = input->labels->voxels;
         for (int n = 0; n < num_labels && found < most; n++) {
             kind.wanted = labels[n];
-            if (find_front(&kind, out[found].rest)) snprintf(out[found++].name, sizeof out->name, "label %d", (int)labels[n]);
+            if (find_front(&kind, out[found].rest))
+                snprintf(out[found++].name, sizeof out->name, "label %d", (int)labels[n]);
         }
         goto done;
     }

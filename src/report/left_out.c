@@ -61,8 +61,8 @@ static pliant_status pull(pliant_data *data, const pliant_sweep *sweep, const do
     return pliant_tool_set_pose(data, 0, tip, NULL);
 }
 
-static pliant_status one_step(const pliant_model *model, pliant_data *data, int parts, const double at[3], float *scalar, int step,
-                              stage_times *times)
+static pliant_status one_step(const pliant_model *model, pliant_data *data, int parts, const double at[3],
+                              float *scalar, int step, stage_times *times)
 {
     double start = pliant_seconds();
     pliant_status status = pliant_step(model, data);
@@ -72,13 +72,15 @@ static pliant_status one_step(const pliant_model *model, pliant_data *data, int 
     if (status >= 0 && has(parts, BIT_slices) && data->warp) status = take_slices(pliant_warp_volume(data->warp), at);
     times->slices[step] = pliant_seconds() - start;
     start = pliant_seconds();
-    if (status >= 0 && has(parts, BIT_scalar)) status = pliant_data_scalar(model, data->body, data->positions, PLIANT_SCALAR_VON_MISES, scalar);
+    if (status >= 0 && has(parts, BIT_scalar))
+        status = pliant_data_scalar(model, data->body, data->positions, PLIANT_SCALAR_VON_MISES, scalar);
     times->scalar[step] = pliant_seconds() - start;
     times->frame[step] = times->step[step] + times->slices[step] + times->scalar[step];
     return status;
 }
 
-static pliant_status run_parts(pliant_model *model, const pliant_sweep *sweep, const pliant_geometry *target, int parts, stage_times *times)
+static pliant_status run_parts(pliant_model *model, const pliant_sweep *sweep, const pliant_geometry *target, int parts,
+                               stage_times *times)
 {
     static const double down[3] = {0, 9.80665, 0}; /* patient lying on the back */
     double from[3], at[3];
@@ -145,7 +147,10 @@ static void tell(stage_times *times, const pliant_scene *scene, const double who
 /* all features; without each one; without all */
 enum { NUM_CONFIGURATIONS = NUM_PARTS + 2 };
 
-static const char *configuration_name(int n) { return n == 0 ? "nothing" : n > NUM_PARTS ? "everything" : part_names[n - 1]; }
+static const char *configuration_name(int n)
+{
+    return n == 0 ? "nothing" : n > NUM_PARTS ? "everything" : part_names[n - 1];
+}
 
 static int configuration_parts(int n) { return n == 0 ? EVERYTHING : n > NUM_PARTS ? 0 : EVERYTHING & ~(1 << (n - 1)); }
 
@@ -156,7 +161,8 @@ static void key(const char *setup, int n, report_row *row)
     row_text(row, configuration_name(n));
 }
 
-static pliant_status measure(pliant_model *model, const pliant_sweep *sweep, stage_times best[NUM_CONFIGURATIONS], pliant_progress progress)
+static pliant_status measure(pliant_model *model, const pliant_sweep *sweep, stage_times best[NUM_CONFIGURATIONS],
+                             pliant_progress progress)
 {
     pliant_geometry target;
     stage_times *times = pliant_calloc(1, sizeof *times);
@@ -182,8 +188,8 @@ static pliant_status measure(pliant_model *model, const pliant_sweep *sweep, sta
     return status;
 }
 
-pliant_status pliant_left_out_run(const pliant_report_input *input, const pliant_sweep *sweep, pliant_report_tables *tables,
-                                  pliant_progress progress)
+pliant_status pliant_left_out_run(const pliant_report_input *input, const pliant_sweep *sweep,
+                                  pliant_report_tables *tables, pliant_progress progress)
 {
     report_row row;
     char setup[9];
@@ -199,7 +205,8 @@ pliant_status pliant_left_out_run(const pliant_report_input *input, const pliant
     if (!missing) return PLIANT_OK;
     stage_times *best = pliant_calloc(NUM_CONFIGURATIONS, sizeof *best);
     pliant_status status = best ? PLIANT_OK : pliant_fail_memory("the times of the stages");
-    if (status >= 0) status = pliant_model_build(input->scene, input->scan, input->labels, input->materials, progress, &model);
+    if (status >= 0)
+        status = pliant_model_build(input->scene, input->scan, input->labels, input->materials, progress, &model);
     if (status >= 0) status = measure(model, sweep, best, progress);
     for (int n = 0; status >= 0 && n < NUM_CONFIGURATIONS; n++) {
         key(setup, n, &row);

@@ -18,23 +18,30 @@ static const char *const columns[MOST_CELLS] = {"load", "x", "y", "z", "moved_x"
 static const double longest = 10;
 
 /* Read one marker from the cells of a line. Return NULL, or the error. */
-static const char *read_marker(int count, char *const *cells, double deviation, pliant_marker *out, char *reason, size_t size)
+static const char *read_marker(int count, char *const *cells, double deviation, pliant_marker *out, char *reason,
+                               size_t size)
 {
     double value[MOST_CELLS] = {[MOST_CELLS - 1] = deviation};
     if (count < FEWEST_CELLS || count > MOST_CELLS) {
-        snprintf(reason, size, "it has %s%d cells; write load,x,y,z,moved_x,moved_y,moved_z and, if known, the deviation",
+        snprintf(reason, size,
+                 "it has %s%d cells; write load,x,y,z,moved_x,moved_y,moved_z and, if known, the deviation",
                  count > MOST_CELLS ? "more than " : "", count > MOST_CELLS ? MOST_CELLS : count);
         return reason;
     }
     for (int c = 0; c < count; c++) {
         if (c == MOST_CELLS - 1 && cells[c][0] == '\0') continue; /* a separator at the end of the line */
         if (!cells_number(cells[c], &value[c])) {
-            snprintf(reason, size, "%s is '%.40s', not a finite number; correct it, or delete the line of a lost marker", columns[c], cells[c]);
+            snprintf(reason, size,
+                     "%s is '%.40s', not a finite number; correct it, or delete the line of a lost marker", columns[c],
+                     cells[c]);
             return reason;
         }
         if (c > 0 && fabs(value[c]) > longest) {
-            snprintf(reason, size, "%s is %g m; lengths are in metres, and this looks like millimetres: divide x, y, z, moved_x, moved_y, "
-                     "moved_z and the deviation by 1000", columns[c], value[c]);
+            snprintf(
+                reason, size,
+                "%s is %g m; lengths are in metres, and this looks like millimetres: divide x, y, z, moved_x, moved_y, "
+                "moved_z and the deviation by 1000",
+                columns[c], value[c]);
             return reason;
         }
     }
@@ -72,7 +79,8 @@ static pliant_status read_lines(FILE *file, const char *path, double deviation, 
     while (status >= 0 && fgets(line, sizeof line, file)) {
         const char *text = cells_text(line);
         at++;
-        if (strlen(line) + 1 == sizeof line) return pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: longer than %d characters", path, at, LINE - 2);
+        if (strlen(line) + 1 == sizeof line)
+            return pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: longer than %d characters", path, at, LINE - 2);
         if (text[strspn(text, " ,;\t\r\n")] == '\0' || text[0] == '#') continue;
         const bool first = separator == 0;
         if (first) separator = cells_separator(line);
@@ -94,10 +102,12 @@ pliant_status pliant_markers_read(const char *path, double deviation, int32_t *c
     FILE *file = fopen(path, "r");
     if (!file) return pliant_fail(PLIANT_ERROR_FILE, "%s: cannot be opened: %s", path, strerror(errno));
     pliant_status status = read_lines(file, path, deviation, &number, &markers);
-    if (status >= 0 && ferror(file)) status = pliant_fail(PLIANT_ERROR_FILE, "%s: cannot be read: %s", path, strerror(errno));
+    if (status >= 0 && ferror(file))
+        status = pliant_fail(PLIANT_ERROR_FILE, "%s: cannot be read: %s", path, strerror(errno));
     fclose(file);
     if (status >= 0 && number == 0)
-        status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: holds no marker; write a line load,x,y,z,moved_x,moved_y,moved_z for each [m]", path);
+        status = pliant_fail(PLIANT_ERROR_FORMAT,
+                             "%s: holds no marker; write a line load,x,y,z,moved_x,moved_y,moved_z for each [m]", path);
     if (status < 0) {
         pliant_free(markers);
         return status;
@@ -141,14 +151,21 @@ pliant_status report_markers_check(const pliant_mesh *mesh, int32_t num_markers,
         char name[64];
         name_of(markers + m, m, name, sizeof name);
         if (pliant_mesh_locate(mesh, at, barycentric) < 0)
-            return pliant_fail(PLIANT_ERROR_ARGUMENT, "%s: there is no tissue at (%.4f %.4f %.4f) m; at rest it lies between (%.4f %.4f %.4f) and "
-                               "(%.4f %.4f %.4f) m%s", name, at[0], at[1], at[2], low[0], low[1], low[2], high[0], high[1], high[2],
-                               is_inside(low, high, at, 1) || !is_inside(low, high, at, millimetre)
-                                   ? "" : ": the point seems to be in millimetres; divide all lengths by 1000");
+            return pliant_fail(
+                PLIANT_ERROR_ARGUMENT,
+                "%s: there is no tissue at (%.4f %.4f %.4f) m; at rest it lies between (%.4f %.4f %.4f) and "
+                "(%.4f %.4f %.4f) m%s",
+                name, at[0], at[1], at[2], low[0], low[1], low[2], high[0], high[1], high[2],
+                is_inside(low, high, at, 1) || !is_inside(low, high, at, millimetre)
+                    ? ""
+                    : ": the point seems to be in millimetres; divide all lengths by 1000");
         const double length = sqrt(moved[0] * moved[0] + moved[1] * moved[1] + moved[2] * moved[2]);
         if (length > far * across)
-            return pliant_fail(PLIANT_ERROR_ARGUMENT, "%s: it moved by %g m, and the tissue is %g m across: moved_x, moved_y and moved_z seem to be in "
-                               "millimetres; divide them by 1000", name, length, across);
+            return pliant_fail(
+                PLIANT_ERROR_ARGUMENT,
+                "%s: it moved by %g m, and the tissue is %g m across: moved_x, moved_y and moved_z seem to be in "
+                "millimetres; divide them by 1000",
+                name, length, across);
     }
     return PLIANT_OK;
 }
@@ -169,9 +186,11 @@ void report_markers_warn(int32_t num_markers, const pliant_marker *markers, cons
 {
     const double most = 9;
     if (!(found->misfit > most)) return;
-    pliant_log(PLIANT_LOG_WARNING, "the fit leaves markers %.3g mm off (root mean square), %.3g times their deviation: do not trust these moduli%s",
-               1e3 * found->rms, sqrt(found->misfit),
-               look_like_positions(num_markers, markers)
-                   ? "; moved_x, moved_y and moved_z look like positions: give displacements, which are the deformed minus the rest position"
-                   : "; check the markers (displacements in metres, LPS), the loads and what is fixed, or give the deviation that the measurement has");
+    pliant_log(
+        PLIANT_LOG_WARNING,
+        "the fit leaves markers %.3g mm off (root mean square), %.3g times their deviation: do not trust these moduli%s",
+        1e3 * found->rms, sqrt(found->misfit),
+        look_like_positions(num_markers, markers)
+            ? "; moved_x, moved_y and moved_z look like positions: give displacements, which are the deformed minus the rest position"
+            : "; check the markers (displacements in metres, LPS), the loads and what is fixed, or give the deviation that the measurement has");
 }

@@ -10,7 +10,13 @@
 #include <math.h>
 #include <string.h>
 
-enum { MOST_PASSES = 30, MOST_TRIES = 8, RAMP = 10 /* steps in which tools reach where a load ends */, SETTLING_STEPS = 200, SETTLING_ITERATIONS = 100 };
+enum {
+    MOST_PASSES = 30,
+    MOST_TRIES = 8,
+    RAMP = 10 /* steps in which tools reach where a load ends */,
+    SETTLING_STEPS = 200,
+    SETTLING_ITERATIONS = 100
+};
 
 typedef struct fitting {
     const pliant_report_input *input;
@@ -43,13 +49,15 @@ static pliant_status hold(const pliant_model *model, pliant_data *data, const pl
 static pliant_status drive(pliant_data *data, const pliant_path *path, double time)
 {
     double gravity[3];
-    pliant_status status = pliant_path_gravity(path, time, gravity) ? pliant_data_set_gravity(data, gravity) : PLIANT_OK;
+    pliant_status status =
+        pliant_path_gravity(path, time, gravity) ? pliant_data_set_gravity(data, gravity) : PLIANT_OK;
     for (uint32_t t = 0; status >= 0 && t < path->num_tools; t++) {
         const pliant_path_tool *tool = path->tools + t;
         double value[3], tip[3];
         pliant_path_at(tool, time, value);
         for (int d = 0; d < 3; d++) tip[d] = tool->grasp[d] + value[d];
-        status = tool->drive == PLIANT_DRIVE_FORCE ? pliant_tool_set_drive(data, (int)t, tool->drive, value) : pliant_tool_set_pose(data, (int)t, tip, NULL);
+        status = tool->drive == PLIANT_DRIVE_FORCE ? pliant_tool_set_drive(data, (int)t, tool->drive, value)
+                                                   : pliant_tool_set_pose(data, (int)t, tip, NULL);
     }
     return status;
 }
@@ -78,7 +86,8 @@ enum { FOLLOWED = 3 };
  * side. */
 static void beside(const pliant_marker *marker, double sign, int axis, double out[3 * FOLLOWED])
 {
-    const double far = sqrt(marker->offset[0] * marker->offset[0] + marker->offset[1] * marker->offset[1] + marker->offset[2] * marker->offset[2]);
+    const double far = sqrt(marker->offset[0] * marker->offset[0] + marker->offset[1] * marker->offset[1] +
+                            marker->offset[2] * marker->offset[2]);
     for (int d = 0; d < 3; d++) {
         out[d] = marker->rest[d];
         out[3 + d] = marker->rest[d] - marker->offset[d];
@@ -116,12 +125,14 @@ static void frame(const double *a, double out[9])
         out[d] = x[d];
         out[3 + d] = y[d] / sqrt(length);
     }
-    for (int d = 0; d < 3; d++) out[6 + d] = out[(d + 1) % 3] * out[3 + (d + 2) % 3] - out[(d + 2) % 3] * out[3 + (d + 1) % 3];
+    for (int d = 0; d < 3; d++)
+        out[6 + d] = out[(d + 1) % 3] * out[3 + (d + 2) % 3] - out[(d + 2) % 3] * out[3 + (d + 1) % 3];
 }
 
 /* Compute the displacement of a marker's centre: the displacement of its tissue point, with the offset rotated like the
  * tissue. */
-static void displacement(const pliant_marker *marker, const double rest[3 * FOLLOWED], const double now[3 * FOLLOWED], double out[3])
+static void displacement(const pliant_marker *marker, const double rest[3 * FOLLOWED], const double now[3 * FOLLOWED],
+                         double out[3])
 {
     double before[9], after[9];
     for (int d = 0; d < 3; d++) out[d] = now[d] - rest[d];
@@ -135,27 +146,31 @@ static void displacement(const pliant_marker *marker, const double rest[3 * FOLL
     }
 }
 
-pliant_status report_markers_move(const pliant_model *model, const pliant_path *load, int32_t state, int32_t num_markers, const pliant_marker *markers,
-                                  double *moved)
+pliant_status report_markers_move(const pliant_model *model, const pliant_path *load, int32_t state,
+                                  int32_t num_markers, const pliant_marker *markers, double *moved)
 {
     pliant_data *simulation = NULL;
     pliant_points points = {0};
     const size_t room = FOLLOWED * 3 * (size_t)num_markers;
     double *rest = pliant_calloc(room, sizeof *rest), *now = pliant_calloc(room, sizeof *now);
     pliant_status status = rest && now ? pliant_data_create(model, &simulation) : pliant_fail_memory("the markers");
-    for (int32_t m = 0; status >= 0 && m < num_markers; m++) status = place(&model->body->fine, markers + m, rest + 3 * FOLLOWED * m);
+    for (int32_t m = 0; status >= 0 && m < num_markers; m++)
+        status = place(&model->body->fine, markers + m, rest + 3 * FOLLOWED * m);
     if (status >= 0) status = pliant_points_create(&model->body->fine, FOLLOWED * num_markers, rest, &points);
     for (int32_t m = 0; status >= 0 && m < num_markers; m++)
         for (int f = 0; status >= 0 && f < FOLLOWED; f++)
             if (!points.found[FOLLOWED * m + f]) {
                 const double *at = rest + 3 * (FOLLOWED * m + f);
-                status = pliant_fail(PLIANT_ERROR_ARGUMENT, "marker %d: there is no tissue at (%.4f %.4f %.4f) m", m + 1, at[0], at[1], at[2]);
+                status = pliant_fail(PLIANT_ERROR_ARGUMENT, "marker %d: there is no tissue at (%.4f %.4f %.4f) m",
+                                     m + 1, at[0], at[1], at[2]);
             }
     if (status >= 0) status = settle(model, simulation, load);
-    if (status == PLIANT_NOT_CONVERGED) status = pliant_fail(PLIANT_ERROR_NUMERIC, "load %d does not come to rest", state + 1);
+    if (status == PLIANT_NOT_CONVERGED)
+        status = pliant_fail(PLIANT_ERROR_NUMERIC, "load %d does not come to rest", state + 1);
     if (status >= 0) pliant_points_move(&points, simulation->positions, now);
     for (int32_t m = 0; status >= 0 && m < num_markers; m++)
-        if (markers[m].load == state) displacement(markers + m, rest + 3 * FOLLOWED * m, now + 3 * FOLLOWED * m, moved + 3 * m);
+        if (markers[m].load == state)
+            displacement(markers + m, rest + 3 * FOLLOWED * m, now + 3 * FOLLOWED * m, moved + 3 * m);
     pliant_points_free(&points);
     pliant_data_free(simulation);
     pliant_free(rest);
@@ -169,15 +184,20 @@ static pliant_status residuals(fitting *fit, const double *logs, double *out)
 {
     pliant_model *model = NULL;
     const pliant_moduli_data *data = fit->data;
-    if (!pliant_report_progress(fit->progress, 1 - 1 / (1 + 0.05 * fit->solves++), "moduli")) return pliant_fail(PLIANT_ERROR_CANCELLED, "the fit was stopped");
+    if (!pliant_report_progress(fit->progress, 1 - 1 / (1 + 0.05 * fit->solves++), "moduli"))
+        return pliant_fail(PLIANT_ERROR_CANCELLED, "the fit was stopped");
     for (int32_t p = 0; p < fit->count; p++) fit->table.materials[fit->material[p]].young_modulus = exp(logs[p]);
-    pliant_status status = pliant_model_build(fit->input->scene, fit->input->scan, fit->input->labels, &fit->table, (pliant_progress){NULL, NULL}, &model);
-    if (status >= 0 && fit->solves == 1) status = report_markers_check(&pliant_model_get_body(model)->fine, data->num_markers, data->markers);
+    pliant_status status = pliant_model_build(fit->input->scene, fit->input->scan, fit->input->labels, &fit->table,
+                                              (pliant_progress){NULL, NULL}, &model);
+    if (status >= 0 && fit->solves == 1)
+        status = report_markers_check(&pliant_model_get_body(model)->fine, data->num_markers, data->markers);
     for (int32_t load = 0; status >= 0 && load < data->num_loads; load++)
-        status = report_markers_move(model, data->loads ? data->loads + load : NULL, load, data->num_markers, data->markers, out);
+        status = report_markers_move(model, data->loads ? data->loads + load : NULL, load, data->num_markers,
+                                     data->markers, out);
     pliant_model_free(model);
     for (int32_t m = 0; status >= 0 && m < data->num_markers; m++)
-        for (int d = 0; d < 3; d++) out[3 * m + d] = (out[3 * m + d] - data->markers[m].moved[d]) / data->markers[m].deviation;
+        for (int d = 0; d < 3; d++)
+            out[3 * m + d] = (out[3 * m + d] - data->markers[m].moved[d]) / data->markers[m].deviation;
     return status;
 }
 
@@ -223,13 +243,16 @@ static pliant_status jacobian(fitting *fit, const double *logs, const double *r,
         if (status < 0) return status;
         for (int32_t n = 0; n < rows; n++) columns[(size_t)p * (size_t)rows + (size_t)n] = (other[n] - r[n]) / step;
         if (square(rows, columns + (size_t)p * (size_t)rows) == 0)
-            return pliant_fail(PLIANT_ERROR_NUMERIC, "material %s moves no marker: nothing measured says how stiff it is", fit->table.materials[fit->material[p]].name);
+            return pliant_fail(PLIANT_ERROR_NUMERIC,
+                               "material %s moves no marker: nothing measured says how stiff it is",
+                               fit->table.materials[fit->material[p]].name);
     }
     return PLIANT_OK;
 }
 
 /* Compute J'J with damping on its diagonal, and J'r. */
-static void normal_equations(const fitting *fit, const double *columns, const double *r, double damping, double a[PLIANT_MAX_MODULI][PLIANT_MAX_MODULI], double *g)
+static void normal_equations(const fitting *fit, const double *columns, const double *r, double damping,
+                             double a[PLIANT_MAX_MODULI][PLIANT_MAX_MODULI], double *g)
 {
     const size_t rows = 3 * (size_t)fit->data->num_markers;
     for (int i = 0; i < fit->count; i++) {
@@ -253,7 +276,8 @@ static bool are_moduli(int count, const double *logs)
 }
 
 /* Take one step that lowers the sum of squares. *done: no further improvement. */
-static pliant_status pass(fitting *fit, double *logs, double *r, double *other, double *columns, double *damping, bool *done)
+static pliant_status pass(fitting *fit, double *logs, double *r, double *other, double *columns, double *damping,
+                          bool *done)
 {
     const double longest = 1, enough = 1e-4; /* maximum and minimum change of a logarithm */
     const int32_t rows = 3 * fit->data->num_markers;
@@ -290,12 +314,16 @@ static double student(double freedom)
     return x + (x3 + x) / (4 * freedom) + (5 * x5 + 16 * x3 + 3 * x) / (96 * freedom * freedom);
 }
 
-static pliant_status tell(const fitting *fit, const double *logs, const double *r, const double *columns, pliant_moduli *out)
+static pliant_status tell(const fitting *fit, const double *logs, const double *r, const double *columns,
+                          pliant_moduli *out)
 {
     const int32_t rows = 3 * fit->data->num_markers, freedom = rows - fit->count;
     double a[PLIANT_MAX_MODULI][PLIANT_MAX_MODULI], g[PLIANT_MAX_MODULI], sum = 0;
     normal_equations(fit, columns, r, 0, a, g);
-    if (!invert(fit->count, a)) return pliant_fail(PLIANT_ERROR_NUMERIC, "what is measured does not tell the materials apart: fit fewer of them, or measure in other places or under other loads");
+    if (!invert(fit->count, a))
+        return pliant_fail(
+            PLIANT_ERROR_NUMERIC,
+            "what is measured does not tell the materials apart: fit fewer of them, or measure in other places or under other loads");
     out->count = fit->count;
     out->misfit = square(rows, r) / freedom;
     for (int32_t m = 0; m < fit->data->num_markers; m++)
@@ -314,18 +342,22 @@ static pliant_status tell(const fitting *fit, const double *logs, const double *
 static pliant_status begin(fitting *fit, int32_t count, const char *const *names, double *logs)
 {
     const pliant_moduli_data *data = fit->data;
-    if (count < 1 || count > PLIANT_MAX_MODULI) return pliant_fail(PLIANT_ERROR_ARGUMENT, "%d moduli: 1 to %d can be fitted", count, PLIANT_MAX_MODULI);
-    if (data->num_loads < 1 || 3 * data->num_markers <= count) return pliant_fail(PLIANT_ERROR_ARGUMENT, "%d markers are too few for %d moduli", data->num_markers, count);
+    if (count < 1 || count > PLIANT_MAX_MODULI)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "%d moduli: 1 to %d can be fitted", count, PLIANT_MAX_MODULI);
+    if (data->num_loads < 1 || 3 * data->num_markers <= count)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "%d markers are too few for %d moduli", data->num_markers, count);
     if (fit->input->scene->solver.kind == PLIANT_TLED && !fit->input->scene->tled.quasi_static)
         return pliant_fail(PLIANT_ERROR_SCENE, "what is measured at rest is fitted at rest: set tled/quasi_static");
     for (int32_t m = 0; m < data->num_markers; m++)
         if (!(data->markers[m].deviation > 0) || data->markers[m].load < 0 || data->markers[m].load >= data->num_loads)
-            return pliant_fail(PLIANT_ERROR_ARGUMENT, "marker %d: load %d of %d, deviation %g m: it must be more than 0", m + 1, data->markers[m].load + 1, data->num_loads,
-                               data->markers[m].deviation);
+            return pliant_fail(PLIANT_ERROR_ARGUMENT,
+                               "marker %d: load %d of %d, deviation %g m: it must be more than 0", m + 1,
+                               data->markers[m].load + 1, data->num_loads, data->markers[m].deviation);
     for (int32_t p = 0; p < count; p++) {
         uint32_t m = 0;
         while (m < fit->table.num_materials && strcmp(fit->table.materials[m].name, names[p]) != 0) m++;
-        if (m == fit->table.num_materials) return pliant_fail(PLIANT_ERROR_ARGUMENT, "there is no material %s in the table", names[p]);
+        if (m == fit->table.num_materials)
+            return pliant_fail(PLIANT_ERROR_ARGUMENT, "there is no material %s in the table", names[p]);
         fit->material[p] = (int32_t)m;
         logs[p] = log(fit->table.materials[m].young_modulus);
     }
@@ -333,8 +365,8 @@ static pliant_status begin(fitting *fit, int32_t count, const char *const *names
     return PLIANT_OK;
 }
 
-pliant_status pliant_moduli_fit(const pliant_report_input *input, const pliant_moduli_data *data, int32_t count, const char *const *names, pliant_progress progress,
-                                pliant_moduli *out)
+pliant_status pliant_moduli_fit(const pliant_report_input *input, const pliant_moduli_data *data, int32_t count,
+                                const char *const *names, pliant_progress progress, pliant_moduli *out)
 {
     fitting fit = {.input = input, .data = data, .progress = progress};
     double logs[PLIANT_MAX_MODULI] = {0}, damping = 1e-3;

@@ -18,7 +18,8 @@ pliant_status pliant_body_points(const pliant_model *model, int32_t *count, doub
         if (model->body->fine_material[t].tissue > 0)
             for (int v = 0; v < 4; v++) body[fine->tets[4 * t + v]] = 1;
     for (int32_t n = 0; n < fine->num_nodes; n++) number += body[n];
-    pliant_status status = number > 0 ? PLIANT_OK : pliant_fail(PLIANT_ERROR_SCENE, "the body holds no tissue: nothing can be compared");
+    pliant_status status =
+        number > 0 ? PLIANT_OK : pliant_fail(PLIANT_ERROR_SCENE, "the body holds no tissue: nothing can be compared");
     if (status == PLIANT_OK) {
         points = pliant_calloc((size_t)number, 3 * sizeof *points);
         if (!points) status = pliant_fail_memory("the points of the body");
@@ -66,7 +67,8 @@ pliant_status pliant_points_create(const pliant_mesh *mesh, int32_t count, const
     }
     for (int32_t p = 0; p < count; p++) {
         double barycentric[4];
-        int32_t node = node_at(mesh, rest + 3 * p), tet = node < 0 ? pliant_mesh_locate(mesh, rest + 3 * p, barycentric) : -1;
+        int32_t node = node_at(mesh, rest + 3 * p),
+                tet = node < 0 ? pliant_mesh_locate(mesh, rest + 3 * p, barycentric) : -1;
         if (node < 0 && tet < 0) continue;
         for (int v = 0; v < 4; v++) {
             points.nodes[4 * p + v] = node < 0 ? mesh->tets[4 * tet + v] : node;

@@ -27,7 +27,8 @@ pliant_status pliant_body_points(const pliant_model *model, int32_t *count, doub
 /* Find points in a mesh. Lattice nodes match exactly by their coordinates, so nested grids agree exactly. Other points
  * get barycentric coordinates.
  *   @param rest (count x 3) LPS [m]. Errors: ARGUMENT (count < 1), MEMORY. */
-PLIANT_INTERNAL pliant_status pliant_points_create(const pliant_mesh *mesh, int32_t count, const double *rest, pliant_points *out);
+PLIANT_INTERNAL pliant_status pliant_points_create(const pliant_mesh *mesh, int32_t count, const double *rest,
+                                                   pliant_points *out);
 
 PLIANT_INTERNAL void pliant_points_free(pliant_points *points); /* Nullable; leaves the struct zeroed */
 
@@ -53,14 +54,15 @@ pliant_status pliant_error_between(int32_t count, const uint8_t *use, const doub
  *   @param reference_mesh, reference  the reference solution; tissue outside of its mesh is ignored
  *   @param out FLOAT32 volume on the target grid [m]; free with pliant_volume_free
  * Errors: ARGUMENT, MEMORY. */
-PLIANT_INTERNAL pliant_status pliant_error_voxels(const pliant_model *model, const double *positions, const pliant_mesh *reference_mesh,
-                                             const double *reference, const pliant_geometry *target, pliant_volume *out);
+PLIANT_INTERNAL pliant_status pliant_error_voxels(const pliant_model *model, const double *positions,
+                                                  const pliant_mesh *reference_mesh, const double *reference,
+                                                  const pliant_geometry *target, pliant_volume *out);
 
 /* Count the voxels of an error volume by error. counts[b] counts b * width <= error < (b + 1) * width, and the last bin
  * includes all larger errors.
  *   @param summary Nullable; its `largest` and `worst` are 0 and -1. Errors: ARGUMENT, MEMORY. */
-PLIANT_INTERNAL pliant_status pliant_error_histogram(const pliant_volume *error, int32_t bins, double width, uint64_t *counts,
-                                                pliant_error *summary);
+PLIANT_INTERNAL pliant_status pliant_error_histogram(const pliant_volume *error, int32_t bins, double width,
+                                                     uint64_t *counts, pliant_error *summary);
 
 /* Return the slice through a point in its viewing orientation. It uses the voxel axes nearest to the anatomical axes.
  *   @param axis 2: axial (anterior up, patient's left on the right), 1: coronal, 0: sagittal (superior up)
@@ -114,22 +116,23 @@ PLIANT_INTERNAL pliant_status pliant_report_write(const char *folder, const plia
 /* Add the missing rows of another report and the slices that they name. This merges the parts of a sweep.
  *   @param from, folder  folder of the other report, and of this one
  * Errors: FILE, FORMAT, MEMORY. */
-PLIANT_INTERNAL pliant_status pliant_report_merge(const char *from, const char *folder, const pliant_report_tables *tables);
+PLIANT_INTERNAL pliant_status pliant_report_merge(const char *from, const char *folder,
+                                                  const pliant_report_tables *tables);
 
 /* ---- STAGES AND DYNAMICS */
 
 /* Measure time and memory of the scene with all stages, without each single stage, and without all stages.
  * Errors: those of building and stepping; CANCELLED. */
-PLIANT_INTERNAL pliant_status pliant_left_out_run(const pliant_report_input *input, const pliant_sweep *sweep, pliant_report_tables *tables,
-                                             pliant_progress progress);
+PLIANT_INTERNAL pliant_status pliant_left_out_run(const pliant_report_input *input, const pliant_sweep *sweep,
+                                                  pliant_report_tables *tables, pliant_progress progress);
 
 /* Measure explicit dynamics of the scene during a pull and a release: bounds of its time step, steps per frame and
  * times. It also measures the time integration error. The error comes from the same run with half the sub-step
  * (Richardson: 4/3 of the distance between the two runs, at the worst node and frame). Without damping, the energy
  * drift is also measured. A case that the library refuses becomes a row.
  * Errors: SCENE (another solver/kind), ARGUMENT (no point), CANCELLED, FILE, MEMORY. */
-PLIANT_INTERNAL pliant_status pliant_dynamics_run(const pliant_report_input *input, const pliant_sweep *sweep, pliant_report_tables *tables,
-                                             pliant_progress progress);
+PLIANT_INTERNAL pliant_status pliant_dynamics_run(const pliant_report_input *input, const pliant_sweep *sweep,
+                                                  pliant_report_tables *tables, pliant_progress progress);
 
 /* ---- TRUTH (truth.c) */
 
@@ -139,7 +142,8 @@ PLIANT_INTERNAL pliant_status pliant_dynamics_run(const pliant_report_input *inp
  *   @param coarse, middle, fine (count x 3) [m]
  *   @param out (count x 3)
  * Return the observed order. */
-double pliant_extrapolate(int32_t count, const uint8_t *use, const double *coarse, const double *middle, const double *fine, double *out);
+double pliant_extrapolate(int32_t count, const uint8_t *use, const double *coarse, const double *middle,
+                          const double *fine, double *out);
 
 /* ---- MODULI (moduli.c): Young's moduli of materials from measured points of the tissue */
 
@@ -184,7 +188,8 @@ typedef struct pliant_moduli {
  *   @param deviation default for lines without a deviation
  *   @param out free with pliant_free
  * Errors: FILE, FORMAT (names line, column, value and remedy), MEMORY. */
-PLIANT_INTERNAL pliant_status pliant_markers_read(const char *path, double deviation, int32_t *count, pliant_marker **out);
+PLIANT_INTERNAL pliant_status pliant_markers_read(const char *path, double deviation, int32_t *count,
+                                                  pliant_marker **out);
 
 /* Fit the Young's moduli of `count` named materials to the markers. For each load the tissue is in static equilibrium.
  * Gauss-Newton iterations on the logarithms start at the table's moduli, with sensitivities by finite differences. The
@@ -192,8 +197,9 @@ PLIANT_INTERNAL pliant_status pliant_markers_read(const char *path, double devia
  * times as large as the deviations) logs a warning.
  * Errors: ARGUMENT (names, markers outside of the tissue), NUMERIC (the measurements do not determine a material),
  * those of building and stepping, CANCELLED. NOT_CONVERGED: *out is the best result. */
-PLIANT_INTERNAL pliant_status pliant_moduli_fit(const pliant_report_input *input, const pliant_moduli_data *data, int32_t count, const char *const *names,
-                                           pliant_progress progress, pliant_moduli *out);
+PLIANT_INTERNAL pliant_status pliant_moduli_fit(const pliant_report_input *input, const pliant_moduli_data *data,
+                                                int32_t count, const char *const *names, pliant_progress progress,
+                                                pliant_moduli *out);
 
 /* ---- VALIDATION (validation.c): measured bodies, fitted to one state, predicted in the others */
 
@@ -218,8 +224,8 @@ PLIANT_INTERNAL pliant_status pliant_moduli_fit(const pliant_report_input *input
  * recordings of the same state or about a smooth field of hundreds of beads, and the deviation in its notes.
  *   @param names (count) materials of a scene.yaml to fit; 0: all except empty and fixed ones
  * Errors: FILE (no folder, or no known measurement), FORMAT, those of pliant_moduli_fit, CANCELLED. */
-PLIANT_INTERNAL pliant_status pliant_validation_run(const char *folder, int32_t count, const char *const *names, pliant_report_tables *tables,
-                                               pliant_progress progress);
+PLIANT_INTERNAL pliant_status pliant_validation_run(const char *folder, int32_t count, const char *const *names,
+                                                    pliant_report_tables *tables, pliant_progress progress);
 
 /* ---- STABILITY */
 
@@ -252,7 +258,8 @@ PLIANT_INTERNAL const char *pliant_stability_case(int index);
  *   @param worst out: the worst verdict of this setup's rows
  * Errors: CANCELLED, FILE, MEMORY. */
 PLIANT_INTERNAL pliant_status pliant_stability_run(const pliant_report_input *input, const pliant_stability *options,
-                                              pliant_report_tables *tables, pliant_progress progress, pliant_verdict *worst);
+                                                   pliant_report_tables *tables, pliant_progress progress,
+                                                   pliant_verdict *worst);
 
 #ifdef __cplusplus
 }

@@ -143,7 +143,8 @@ static pliant_status read_table(pliant_results *results, long *whole)
     bool same = split_row(&r, results->num_columns, cells) && r.complete;
     for (int c = 0; same && c < results->num_columns; c++) same = strcmp(cells[c], results->columns[c]) == 0;
     if (!same && r.cells > 0) {
-        status = pliant_fail(PLIANT_ERROR_FORMAT, "%s has other columns than this version writes: move it away or choose another folder",
+        status = pliant_fail(PLIANT_ERROR_FORMAT,
+                             "%s has other columns than this version writes: move it away or choose another folder",
                              results->path);
         goto done;
     }
@@ -217,10 +218,12 @@ static pliant_status open_file(pliant_results *results)
     return flush(results);
 }
 
-pliant_status pliant_results_open(const char *path, const char *const *columns, int num_columns, int num_keys, pliant_results **out)
+pliant_status pliant_results_open(const char *path, const char *const *columns, int num_columns, int num_keys,
+                                  pliant_results **out)
 {
     if (num_columns < 1 || num_keys < 1 || num_keys > num_columns)
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "%s: a table needs columns, and a key among them", path ? path : "in memory");
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "%s: a table needs columns, and a key among them",
+                           path ? path : "in memory");
     pliant_results *results = pliant_calloc(1, sizeof *results);
     if (!results) return pliant_fail_memory("a table of results");
     results->num_columns = num_columns;
@@ -331,7 +334,8 @@ pliant_status pliant_results_json(const pliant_results *results, const char *fir
         putc('}', file);
     }
     fputs(any ? "\n]" : "]", file);
-    return ferror(file) ? pliant_fail(PLIANT_ERROR_FILE, "the report could not be written: %s", strerror(errno)) : PLIANT_OK;
+    return ferror(file) ? pliant_fail(PLIANT_ERROR_FILE, "the report could not be written: %s", strerror(errno))
+                        : PLIANT_OK;
 }
 
 void pliant_results_close(pliant_results *results)

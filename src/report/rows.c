@@ -63,7 +63,8 @@ pliant_status row_add(const report_row *row, pliant_results *results)
 {
     const char *cells[ROW_CELLS];
     if (row->count > pliant_results_columns(results))
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "a row of %d cells for a table of %d columns", row->count, pliant_results_columns(results));
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "a row of %d cells for a table of %d columns", row->count,
+                           pliant_results_columns(results));
     list_cells(row, cells);
     return pliant_results_add(results, cells);
 }

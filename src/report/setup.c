@@ -48,14 +48,17 @@ void pliant_report_setup(const pliant_report_input *input, const pliant_sweep *s
     uint64_t hash = report_hash(14695981039346656037u, PLIANT_VERSION, strlen(PLIANT_VERSION));
     hash = report_hash(hash, &scene, sizeof scene);
     hash = report_hash(hash, &input->scan->geometry, sizeof input->scan->geometry);
-    hash = report_hash(hash, input->scan->voxels, pliant_geometry_voxels(&input->scan->geometry) * pliant_encoding_size(input->scan->encoding));
-    if (input->labels) hash = report_hash(hash, input->labels->voxels, 2 * pliant_geometry_voxels(&input->labels->geometry));
+    hash = report_hash(hash, input->scan->voxels,
+                       pliant_geometry_voxels(&input->scan->geometry) * pliant_encoding_size(input->scan->encoding));
+    if (input->labels)
+        hash = report_hash(hash, input->labels->voxels, 2 * pliant_geometry_voxels(&input->labels->geometry));
     if (input->labels && input->labels->num_segments > 0) hash = add_segments(hash, input->labels, input->materials);
     hash = add_materials(hash, input->materials);
     if (sweep) {
         hash = report_hash(hash, sweep->pull, sizeof sweep->pull);
         hash = report_hash(hash, &sweep->frames, sizeof sweep->frames);
-        for (int p = 0; p < sweep->num_points; p++) hash = report_hash(hash, sweep->points[p].rest, sizeof sweep->points[p].rest);
+        for (int p = 0; p < sweep->num_points; p++)
+            hash = report_hash(hash, sweep->points[p].rest, sizeof sweep->points[p].rest);
     }
     snprintf(out, 9, "%08x", (unsigned)(hash ^ hash >> 32));
 }

@@ -28,18 +28,20 @@ static void nearest_axes(const pliant_geometry *geometry, int axis_of[3])
     }
 }
 
-pliant_status pliant_volume_plane(const pliant_volume *volume, int axis, const double world[3], int32_t size[2], double spacing[2],
-                                  float **out)
+pliant_status pliant_volume_plane(const pliant_volume *volume, int axis, const double world[3], int32_t size[2],
+                                  double spacing[2], float **out)
 {
     const pliant_geometry *geometry = &volume->geometry;
-    if (axis < 0 || axis > 2) return pliant_fail(PLIANT_ERROR_ARGUMENT, "a slice is sagittal (0), coronal (1) or axial (2), not %d", axis);
+    if (axis < 0 || axis > 2)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "a slice is sagittal (0), coronal (1) or axial (2), not %d", axis);
     int axis_of[3], across_world = axis == 0 ? 1 : 0, down_world = axis == 2 ? 1 : 2;
     nearest_axes(geometry, axis_of);
     int across = axis_of[across_world], down = axis_of[down_world], fixed = axis_of[axis];
     double index[3];
     pliant_geometry_to_index(geometry, world, index);
     double at = floor(index[fixed] + 0.5);
-    if (!(at >= 0 && at < geometry->size[fixed])) return pliant_fail(PLIANT_ERROR_ARGUMENT, "the slice lies outside the volume");
+    if (!(at >= 0 && at < geometry->size[fixed]))
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "the slice lies outside the volume");
     int32_t columns = geometry->size[across], rows = geometry->size[down];
     float *values = pliant_calloc((size_t)columns * (size_t)rows, sizeof *values);
     if (!values) return pliant_fail_memory("a slice");
@@ -64,7 +66,8 @@ pliant_status pliant_volume_plane(const pliant_volume *volume, int axis, const d
 pliant_status report_write_npy(const char *path, const int32_t size[2], const float *values)
 {
     char text[119];
-    snprintf(text, sizeof text, "{'descr': '<f4', 'fortran_order': False, 'shape': (%d, %d), }", (int)size[1], (int)size[0]);
+    snprintf(text, sizeof text, "{'descr': '<f4', 'fortran_order': False, 'shape': (%d, %d), }", (int)size[1],
+             (int)size[0]);
     FILE *file = fopen(path, "wb");
     if (!file) return pliant_fail(PLIANT_ERROR_FILE, "%s: %s", path, strerror(errno));
     /* magic number, version 1.0, header length, header padded with blanks to a total of 128 bytes */

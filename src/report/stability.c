@@ -36,10 +36,11 @@ static pliant_verdict find_worst(const pliant_results *table, const char *setup)
     return (pliant_verdict)worst;
 }
 
-pliant_status pliant_stability_run(const pliant_report_input *input, const pliant_stability *options, pliant_report_tables *tables,
-                                   pliant_progress progress, pliant_verdict *worst)
+pliant_status pliant_stability_run(const pliant_report_input *input, const pliant_stability *options,
+                                   pliant_report_tables *tables, pliant_progress progress, pliant_verdict *worst)
 {
-    stability_context context = {.input = input, .options = options, .tables = tables, .progress = progress, .count = NUM_CASES};
+    stability_context context = {
+        .input = input, .options = options, .tables = tables, .progress = progress, .count = NUM_CASES};
     block_body block = {0};
     pliant_status status = PLIANT_OK;
     bool any = false;
@@ -56,7 +57,8 @@ pliant_status pliant_stability_run(const pliant_report_input *input, const plian
         any = true;
         status = cases[c].run(&context);
     }
-    if (status >= 0 && !any) status = pliant_fail(PLIANT_ERROR_ARGUMENT, "there is no stability case %s", options->only);
+    if (status >= 0 && !any)
+        status = pliant_fail(PLIANT_ERROR_ARGUMENT, "there is no stability case %s", options->only);
     if (status >= 0) *worst = find_worst(tables->stability, context.setup);
     if (!input) block_free(&block);
     return status;

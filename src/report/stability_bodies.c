@@ -43,8 +43,10 @@ pliant_status stability_poisson(stability_context *context)
 
 pliant_status stability_anisotropic(stability_context *context)
 {
-    static const struct { const char *name; double box[3]; } boxes[] = {
-        {"20:1 along z", {0.024, 0.024, 0.48}}, {"20:1 along x, fixed at its end", {0.48, 0.024, 0.024}}, {"1:20 across x", {0.024, 0.48, 0.48}}};
+    static const struct { const char *name; double box[3];
+    } boxes[] = {{"20:1 along z", {0.024, 0.024, 0.48}},
+                 {"20:1 along x, fixed at its end", {0.48, 0.024, 0.024}},
+                 {"1:20 across x", {0.024, 0.48, 0.48}}};
     pliant_status status = PLIANT_OK;
     for (size_t b = 0; status >= 0 && b < sizeof boxes / sizeof *boxes; b++) {
         block_body body;
@@ -114,7 +116,8 @@ pliant_status stability_single_tetrahedron(stability_context *context)
     int corners[4], up = 0;
     pliant_mesh_slot_corners(0, 1, corners);
     for (int v = 0; v < 4; v++) up += corners[v] >> 2 & 1;
-    body.scene.fixed.planes[0] = (pliant_fixed_plane){{0, 0, up > 1 ? default_box[2] - 1e-9 : 1e-9}, {0, 0, up > 1 ? -1 : 1}};
+    body.scene.fixed.planes[0] =
+        (pliant_fixed_plane){{0, 0, up > 1 ? default_box[2] - 1e-9 : 1e-9}, {0, 0, up > 1 ? -1 : 1}};
     status = stability_try(context, "one face fixed", &body.input, trial_workout, NULL);
     body.scene.fixed.num_planes = 0;
     if (status >= 0) status = stability_try(context, "nothing fixed", &body.input, trial_workout, NULL);

@@ -33,7 +33,8 @@ static pliant_status dynamic_block(block_body *body)
 static pliant_status set_time_step(block_body *body, double part, int substeps)
 {
     pliant_model *model = NULL;
-    pliant_status status = pliant_model_build(&body->scene, &body->scan, NULL, &body->table, (pliant_progress){NULL, NULL}, &model);
+    pliant_status status =
+        pliant_model_build(&body->scene, &body->scan, NULL, &body->table, (pliant_progress){NULL, NULL}, &model);
     if (status < 0) return status;
     body->scene.tled.safety = part;
     body->scene.solver.step = substeps * part * fmin(model->tled->edge_bound, model->tled->eigenvalue_bound);
@@ -54,13 +55,15 @@ static pliant_status swing(stability_trial *trial, const void *argument)
     if (status >= 0) status = trial_called(trial, pliant_data_get_dynamics(trial->model, trial->data, &dynamics));
     while (status >= 0 && trial->steps < most) status = trial_step(trial);
     if (status == PLIANT_ERROR_CANCELLED) return status;
-    snprintf(trial->figure, sizeof trial->figure, "bounds %.4g us (edge) and %.4g us (eigenvalue), step %.4g us; %s after %lld sub-steps",
-             1e6 * dynamics.edge_bound, 1e6 * dynamics.eigenvalue_bound, 1e6 * dynamics.time_step, status < 0 ? "diverged" : "swings",
-             (long long)trial->iterations);
+    snprintf(trial->figure, sizeof trial->figure,
+             "bounds %.4g us (edge) and %.4g us (eigenvalue), step %.4g us; %s after %lld sub-steps",
+             1e6 * dynamics.edge_bound, 1e6 * dynamics.eigenvalue_bound, 1e6 * dynamics.time_step,
+             status < 0 ? "diverged" : "swings", (long long)trial->iterations);
     if (stable == (status >= 0) && trial->largest < trial->size) return status;
     trial->broken = true;
     if (!trial->message[0])
-        snprintf(trial->message, sizeof trial->message, stable ? "it grows without end" : "a step above the bound was not caught");
+        snprintf(trial->message, sizeof trial->message,
+                 stable ? "it grows without end" : "a step above the bound was not caught");
     return status;
 }
 
@@ -93,7 +96,8 @@ static pliant_status keep_energy(stability_trial *trial, const void *argument)
     (void)argument;
     if (!positions) return trial_called(trial, pliant_fail_memory("a bent state"));
     for (int32_t i = 0; i < 3 * fine->num_nodes; i++) positions[i] = fine->rest[i];
-    for (int32_t n = 0; n < fine->num_nodes; n++) positions[3 * n + 1] += 0.05 * fine->rest[3 * n] * fine->rest[3 * n] / trial->size;
+    for (int32_t n = 0; n < fine->num_nodes; n++)
+        positions[3 * n + 1] += 0.05 * fine->rest[3 * n] * fine->rest[3 * n] / trial->size;
     pliant_status status = trial_called(trial, pliant_data_set_positions(trial->model, trial->data, positions));
     pliant_free(positions);
     while (status >= 0 && trial->iterations < trial->context->options->long_steps) {
@@ -107,7 +111,8 @@ static pliant_status keep_energy(stability_trial *trial, const void *argument)
              (long long)trial->iterations);
     if (status >= 0 && !(drift < most_drift)) {
         trial->unsettled = true;
-        snprintf(trial->message, sizeof trial->message, "its energy drifts by %.2g %%; %g is wanted", 100 * drift, 100 * most_drift);
+        snprintf(trial->message, sizeof trial->message, "its energy drifts by %.2g %%; %g is wanted", 100 * drift,
+                 100 * most_drift);
     }
     return status;
 }
@@ -135,8 +140,8 @@ static void damp(block_body *body)
 }
 
 /* Apply one treatment to a block with each of the arguments. */
-static pliant_status try_block(stability_context *context, const char *const *names, size_t count, size_t size, const void *arguments,
-                               stability_treatment treatment)
+static pliant_status try_block(stability_context *context, const char *const *names, size_t count, size_t size,
+                               const void *arguments, stability_treatment treatment)
 {
     block_body body;
     pliant_status status = block_create_default(&body);
@@ -169,7 +174,8 @@ pliant_status stability_dynamic_spring(stability_context *context)
     return try_block(context, names, 3, sizeof *stiffness, stiffness, trial_spring);
 }
 
-static pliant_status try_body(stability_context *context, const char *name, block_body *body, stability_treatment treatment)
+static pliant_status try_body(stability_context *context, const char *name, block_body *body,
+                              stability_treatment treatment)
 {
     damp(body);
     context->dynamic = true;
@@ -219,7 +225,8 @@ static pliant_status show(stability_trial *trial, const void *argument)
     if (status < 0 || trial->cancelled) return status;
     const pliant_volume *shown = pliant_warp_volume(trial->data->warp);
     size_t wrong = 0, count = pliant_geometry_voxels(&scan->geometry);
-    for (size_t v = 0; v < count; v++) wrong += ((const uint8_t *)scan->voxels)[v] != ((const uint8_t *)shown->voxels)[v];
+    for (size_t v = 0; v < count; v++)
+        wrong += ((const uint8_t *)scan->voxels)[v] != ((const uint8_t *)shown->voxels)[v];
     snprintf(trial->figure, sizeof trial->figure, "%zu of %zu voxels are not the scan's at rest", wrong, count);
     if ((double)wrong > most_wrong * (double)count) trial->wrong_rest = true;
     return status;

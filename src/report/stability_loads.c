@@ -47,13 +47,15 @@ static pliant_status pull(stability_trial *trial, const void *argument)
     const pull_argument *pull = argument;
     double from[3];
     pliant_status status = trial_grasp(trial, pull->drive, from);
-    for (int step = 1; status >= 0 && step <= 30; step++) status = move_to(trial, from, aslant, pull->sizes * trial->size * step / 30);
+    for (int step = 1; status >= 0 && step <= 30; step++)
+        status = move_to(trial, from, aslant, pull->sizes * trial->size * step / 30);
     if (status < 0) return status;
     int32_t settled = trial_settle(trial);
     double force = 0;
     for (int d = 0; d < 3; d++) force += pow(trial->data->tools[0].force[d], 2);
-    snprintf(trial->figure, sizeof trial->figure, "%s in %d steps more at the end of the pull, %.4g N", settled < 0 ? "not settled" : "settled",
-             settled < 0 ? trial->context->options->settle_steps : settled, sqrt(force));
+    snprintf(trial->figure, sizeof trial->figure, "%s in %d steps more at the end of the pull, %.4g N",
+             settled < 0 ? "not settled" : "settled", settled < 0 ? trial->context->options->settle_steps : settled,
+             sqrt(force));
     return trial->last < 0 ? trial->last : trial_let_go(trial);
 }
 
@@ -124,7 +126,8 @@ pliant_status trial_spring(stability_trial *trial, const void *argument)
     if (status >= 0) trial_settle(trial);
     double follows = 0;
     for (int d = 0; d < 3; d++) follows += aslant[d] * (trial->data->tools[0].held_point[d] - from[d]);
-    snprintf(trial->figure, sizeof trial->figure, "the held point follows by %.4g of the way", follows / (0.1 * trial->size));
+    snprintf(trial->figure, sizeof trial->figure, "the held point follows by %.4g of the way",
+             follows / (0.1 * trial->size));
     return trial->last < 0 ? trial->last : trial_let_go(trial);
 }
 
@@ -151,7 +154,8 @@ static pliant_status twist(stability_trial *trial, const void *argument)
     }
     pliant_status status = PLIANT_OK;
     for (int t = 0; status >= 0 && t < 3; t++) {
-        double point[3] = {high[0] - 1e-6, t == 0 ? low[1] + 0.01 * (high[1] - low[1]) : high[1] - 0.01 * (high[1] - low[1]),
+        double point[3] = {high[0] - 1e-6,
+                           t == 0 ? low[1] + 0.01 * (high[1] - low[1]) : high[1] - 0.01 * (high[1] - low[1]),
                            t == 2 ? low[2] + 0.01 * (high[2] - low[2]) : high[2] - 0.01 * (high[2] - low[2])};
         char name[16];
         int tool;
@@ -166,8 +170,9 @@ static pliant_status twist(stability_trial *trial, const void *argument)
     }
     if (trial_called(trial, status) < 0) return status;
     int32_t settled = trial_settle(trial);
-    snprintf(trial->figure, sizeof trial->figure, "%s in %d steps, %d inverted", settled < 0 ? "not settled" : "settled",
-             settled < 0 ? trial->context->options->settle_steps : settled, pliant_mesh_inverted(fine, trial->data->positions));
+    snprintf(trial->figure, sizeof trial->figure, "%s in %d steps, %d inverted",
+             settled < 0 ? "not settled" : "settled", settled < 0 ? trial->context->options->settle_steps : settled,
+             pliant_mesh_inverted(fine, trial->data->positions));
     return trial->last < 0 ? trial->last : trial_let_go(trial);
 }
 
@@ -179,7 +184,8 @@ static pliant_status turned(stability_trial *trial, const void *argument)
     (void)argument;
     if (!positions) return trial_called(trial, pliant_fail_memory("a turned state"));
     for (int32_t i = 0; i < 3 * fine->num_nodes; i++) middle[i % 3] += fine->rest[i] / fine->num_nodes;
-    for (int32_t i = 0; i < 3 * fine->num_nodes; i++) positions[i] = i % 3 ? 2 * middle[i % 3] - fine->rest[i] : fine->rest[i];
+    for (int32_t i = 0; i < 3 * fine->num_nodes; i++)
+        positions[i] = i % 3 ? 2 * middle[i % 3] - fine->rest[i] : fine->rest[i];
     pliant_status status = trial_called(trial, pliant_data_set_positions(trial->model, trial->data, positions));
     pliant_free(positions);
     return status < 0 ? status : trial_let_go(trial);
@@ -211,7 +217,8 @@ pliant_status trial_not_finite(stability_trial *trial, const void *argument)
         refused += trial_called(trial, pliant_tool_grasp(trial->model, trial->data, 0, bad[b])) < 0;
         refused += trial_called(trial, pliant_tool_set_drive(trial->data, 0, PLIANT_DRIVE_FORCE, bad[b])) < 0;
         refused += trial_called(trial, pliant_data_set_gravity(trial->data, bad[b])) < 0;
-        refused += trial_called(trial, pliant_data_set_positions(trial->model, trial->data, (const double[3]){NAN, 0, 0})) < 0;
+        refused +=
+            trial_called(trial, pliant_data_set_positions(trial->model, trial->data, (const double[3]){NAN, 0, 0})) < 0;
         trial_step(trial);
     }
     /* finite, but the square overflows in double precision */
@@ -223,4 +230,7 @@ pliant_status trial_not_finite(stability_trial *trial, const void *argument)
     return trial_let_go(trial);
 }
 
-pliant_status stability_not_finite(stability_context *context) { return stability_try(context, "NaN, infinity, 1e200", context->input, trial_not_finite, NULL); }
+pliant_status stability_not_finite(stability_context *context)
+{
+    return stability_try(context, "NaN, infinity, 1e200", context->input, trial_not_finite, NULL);
+}

@@ -173,7 +173,8 @@ static pliant_status go_round(stability_trial *trial, const void *argument)
     }
     if (growth == INT64_MAX) growth = 0; /* too few rounds */
     pliant_free(first);
-    snprintf(trial->figure, sizeof trial->figure, "drift %.3g mm, growth %lld bytes a round", 1e3 * drift, (long long)growth);
+    snprintf(trial->figure, sizeof trial->figure, "drift %.3g mm, growth %lld bytes a round", 1e3 * drift,
+             (long long)growth);
     if (status >= 0 && (growth > 0 || drift > 1e-3 * trial->size)) {
         trial->broken = true;
         snprintf(trial->message, sizeof trial->message, "the body drifts or memory grows: %s", trial->figure);

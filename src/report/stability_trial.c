@@ -65,7 +65,8 @@ pliant_status trial_called(stability_trial *trial, pliant_status status)
 static bool goes_on(stability_trial *trial)
 {
     stability_context *context = trial->context;
-    if (!pliant_report_progress(context->progress, (double)context->index / context->count, trial->doing)) trial->cancelled = true;
+    if (!pliant_report_progress(context->progress, (double)context->index / context->count, trial->doing))
+        trial->cancelled = true;
     return !trial->cancelled;
 }
 
@@ -79,12 +80,14 @@ pliant_status trial_step(stability_trial *trial)
     trial->iterations += trial->data->statistics.iterations;
     if (!finite_positions(trial)) {
         trial->broken = true;
-        snprintf(trial->message, sizeof trial->message, "positions are not finite after step %lld", (long long)trial->steps);
+        snprintf(trial->message, sizeof trial->message, "positions are not finite after step %lld",
+                 (long long)trial->steps);
         return PLIANT_ERROR_NUMERIC;
     }
     if (status < 0 && memcmp(trial->kept, trial->data->positions, size) != 0) {
         trial->broken = true;
-        snprintf(trial->message, sizeof trial->message, "the state before step %lld was not kept", (long long)trial->steps);
+        snprintf(trial->message, sizeof trial->message, "the state before step %lld was not kept",
+                 (long long)trial->steps);
     }
     int32_t inverted = pliant_mesh_inverted(&trial->model->body->fine, trial->data->positions);
     if (inverted > trial->inverted_most) trial->inverted_most = inverted;
@@ -92,7 +95,10 @@ pliant_status trial_step(stability_trial *trial)
     return status;
 }
 
-static bool has_inertia(const pliant_scene *scene) { return scene->solver.kind == PLIANT_TLED && !scene->tled.quasi_static; }
+static bool has_inertia(const pliant_scene *scene)
+{
+    return scene->solver.kind == PLIANT_TLED && !scene->tled.quasi_static;
+}
 
 /* Return whether the body is at rest: the kinetic energy stays nearly zero for some frames. At a turning point it is
  * zero only briefly. */
@@ -120,7 +126,9 @@ int32_t trial_settle(stability_trial *trial)
     }
     trial->unsettled = true;
     if (swings) snprintf(text, sizeof text, "did not come to rest in %d steps", (int)most);
-    else snprintf(text, sizeof text, "did not settle in %d steps, residual %.2g", (int)most, trial->data->statistics.residual);
+    else
+        snprintf(text, sizeof text, "did not settle in %d steps, residual %.2g", (int)most,
+                 trial->data->statistics.residual);
     say(trial, text);
     return -1;
 }
@@ -156,7 +164,8 @@ pliant_status trial_grasp(stability_trial *trial, pliant_drive drive, double fro
         farthest = squares;
         best = n;
     }
-    if (best < 0) return trial_called(trial, pliant_fail(PLIANT_ERROR_SCENE, "nothing moves: there is nothing to take hold of"));
+    if (best < 0)
+        return trial_called(trial, pliant_fail(PLIANT_ERROR_SCENE, "nothing moves: there is nothing to take hold of"));
     const double *rest = fine->rest + 3 * best;
     pliant_status status = pliant_tool_add(model, trial->data, "trial", &tool);
     if (status >= 0) status = pliant_tool_set_pose(trial->data, tool, rest, NULL);
@@ -199,13 +208,15 @@ static pliant_verdict judge(stability_trial *trial, int64_t growth)
     if (trial->last < 0) return PLIANT_VERDICT_REFUSED;
     int32_t inverted = trial->data ? pliant_mesh_inverted(&trial->model->body->fine, trial->data->positions) : 0;
     if (trial->unsettled || trial->last > 0) {
-        snprintf(text, sizeof text, "%s; residual %.2g after %lld steps, %d inverted", pliant_status_text(PLIANT_NOT_CONVERGED),
-                 trial->data->statistics.residual, (long long)trial->steps, inverted);
+        snprintf(text, sizeof text, "%s; residual %.2g after %lld steps, %d inverted",
+                 pliant_status_text(PLIANT_NOT_CONVERGED), trial->data->statistics.residual, (long long)trial->steps,
+                 inverted);
         say(trial, text);
         return PLIANT_VERDICT_DEGRADED;
     }
     if (trial->wrong_rest) {
-        snprintf(text, sizeof text, "in equilibrium, but %.3g mm off rest with %d tetrahedra inverted", 1e3 * off_rest(trial), inverted);
+        snprintf(text, sizeof text, "in equilibrium, but %.3g mm off rest with %d tetrahedra inverted",
+                 1e3 * off_rest(trial), inverted);
         say(trial, text);
         return PLIANT_VERDICT_DEGRADED;
     }
@@ -272,7 +283,8 @@ static pliant_status try_method(stability_trial *trial, stability_treatment trea
     trial->bytes_before = pliant_memory_in_use();
     trial->steps_to_rest = -2;
     pliant_progress silent = {NULL, NULL};
-    pliant_status status = trial_called(trial, pliant_model_build(&scene, input->scan, input->labels, input->materials, silent, &trial->model));
+    pliant_status status = trial_called(
+        trial, pliant_model_build(&scene, input->scan, input->labels, input->materials, silent, &trial->model));
     if (status < 0) return tell(trial);
     const pliant_mesh *fine = &trial->model->body->fine;
     for (int d = 0; d < 3; d++) {
@@ -296,7 +308,8 @@ pliant_status stability_try(stability_context *context, const char *parameter, c
                             stability_treatment treatment, const void *argument)
 {
     for (int m = 0; m < NUM_METHODS; m++) {
-        bool tled = context->dynamic || (context->options->scene && context->options->scene->solver.kind == PLIANT_TLED);
+        bool tled =
+            context->dynamic || (context->options->scene && context->options->scene->solver.kind == PLIANT_TLED);
         if (!(context->options->methods >> m & 1) || (tled && m != PLIANT_FINE)) continue;
         stability_trial *trial = pliant_calloc(1, sizeof *trial);
         if (!trial) return pliant_fail_memory("a trial");

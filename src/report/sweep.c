@@ -17,7 +17,10 @@
 static const char *const method_names[] = {PLIANT_METHOD_LIST(NAME)};
 static const char *const touch_names[] = {PLIANT_TOUCH_LIST(NAME)};
 #undef NAME
-enum { NUM_METHODS = sizeof method_names / sizeof *method_names, NUM_TOUCHES = sizeof touch_names / sizeof *touch_names };
+enum {
+    NUM_METHODS = sizeof method_names / sizeof *method_names,
+    NUM_TOUCHES = sizeof touch_names / sizeof *touch_names
+};
 
 /* Return the methods that support the scene's elements. */
 static uint32_t with_elements(const pliant_scene *scene)
@@ -39,9 +42,11 @@ void pliant_sweep_defaults(const pliant_scene *scene, pliant_sweep *out)
     const bool tled = scene->solver.kind == PLIANT_TLED;
     const int32_t *budgets = tled ? relaxation : iterations;
     memset(out, 0, sizeof *out);
-    out->methods = tled || scene->mesh.kind == PLIANT_OCTREE || scene->mesh.file[0] ? 1u << PLIANT_FINE : with_elements(scene);
+    out->methods =
+        tled || scene->mesh.kind == PLIANT_OCTREE || scene->mesh.file[0] ? 1u << PLIANT_FINE : with_elements(scene);
     out->ratios[out->num_ratios++] = scene->mesh.ratio;
-    for (size_t b = 0; b < sizeof iterations / sizeof *iterations; b++) out->iterations[out->num_iterations++] = budgets[b];
+    for (size_t b = 0; b < sizeof iterations / sizeof *iterations; b++)
+        out->iterations[out->num_iterations++] = budgets[b];
     const double pull[3] = {0.004, -0.029, 0.006}; /* 3 cm, mainly forward with components along all axes */
     /* strains so small that all material laws agree with Hooke's law */
     for (int d = 0; d < 3; d++) out->pull[d] = tled ? 0.01 * pull[d] : pull[d];
@@ -58,13 +63,18 @@ static pliant_status check(const pliant_sweep *sweep)
     if (!sweep->methods || sweep->num_ratios < 1 || sweep->num_iterations < 1 || sweep->frames < 1)
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "a sweep needs a method, a ratio, a budget and a frame");
     if (sweep->cases >> CASE_force & 1 && !(sweep->cases >> CASE_displacement & 1))
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "a sweep of forces needs the displacement too: it says how large they are");
+        return pliant_fail(PLIANT_ERROR_ARGUMENT,
+                           "a sweep of forces needs the displacement too: it says how large they are");
     for (int r = 0; r < sweep->num_ratios; r++)
-        if (sweep->ratios[r] < 1 || sweep->ratios[r] > 8) return pliant_fail(PLIANT_ERROR_ARGUMENT, "ratio %d: 1 to 8 is wanted", sweep->ratios[r]);
+        if (sweep->ratios[r] < 1 || sweep->ratios[r] > 8)
+            return pliant_fail(PLIANT_ERROR_ARGUMENT, "ratio %d: 1 to 8 is wanted", sweep->ratios[r]);
     for (int b = 0; b < sweep->num_iterations; b++)
-        if (sweep->iterations[b] < 0) return pliant_fail(PLIANT_ERROR_ARGUMENT, "a budget of %d iterations: 0 or more is wanted", sweep->iterations[b]);
+        if (sweep->iterations[b] < 0)
+            return pliant_fail(PLIANT_ERROR_ARGUMENT, "a budget of %d iterations: 0 or more is wanted",
+                               sweep->iterations[b]);
     if (sweep->shards != 0 && (sweep->shard < 1 || sweep->shard > sweep->shards))
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "part %d of %d: 1 to %d is wanted", sweep->shard, sweep->shards, sweep->shards);
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "part %d of %d: 1 to %d is wanted", sweep->shard, sweep->shards,
+                           sweep->shards);
     return PLIANT_OK;
 }
 
@@ -73,7 +83,8 @@ static pliant_status check(const pliant_sweep *sweep)
 static void model_key(const sweep_state *state, int method, int touch, bool before_patch, report_row *row)
 {
     char variant[sizeof state->variant + sizeof SWEEP_BEFORE_PATCH + 1];
-    snprintf(variant, sizeof variant, "%s%s%s", state->variant, before_patch && state->variant[0] ? " " : "", before_patch ? SWEEP_BEFORE_PATCH : "");
+    snprintf(variant, sizeof variant, "%s%s%s", state->variant, before_patch && state->variant[0] ? " " : "",
+             before_patch ? SWEEP_BEFORE_PATCH : "");
     row_clear(row);
     row_text(row, state->setup);
     row_integer(row, state->ground.scene.mesh.ratio);
@@ -100,7 +111,8 @@ static bool in_shard(const sweep_state *state, int method, int touch)
     const pliant_sweep *sweep = state->ground.sweep;
     int models = 0, before = 0;
     for (int m = 0; m < NUM_METHODS; m++)
-        for (int t = 0; (sweep->methods >> m & 1) && t < num_touches(m); t++, models++) before += m < method || (m == method && t < touch);
+        for (int t = 0; (sweep->methods >> m & 1) && t < num_touches(m); t++, models++)
+            before += m < method || (m == method && t < touch);
     return sweep->shards == 0 || (state->grounds * models + before) % sweep->shards == sweep->shard - 1;
 }
 
@@ -118,8 +130,11 @@ static int count_missing(const sweep_state *state, int method, int touch, uint8_
     bool built = row_known(&row, ground->tables->builds);
     for (size_t r = 0; built && r < rows; r++) { /* a rejected model has no runs */
         int same = 0;
-        while (same < MODEL_KEYS && strcmp(pliant_results_cell(ground->tables->builds, r, same), row.room + row.start[same]) == 0) same++;
-        if (same == MODEL_KEYS && strcmp(pliant_results_cell(ground->tables->builds, r, status), "refused") == 0) return 0;
+        while (same < MODEL_KEYS &&
+               strcmp(pliant_results_cell(ground->tables->builds, r, same), row.room + row.start[same]) == 0)
+            same++;
+        if (same == MODEL_KEYS && strcmp(pliant_results_cell(ground->tables->builds, r, status), "refused") == 0)
+            return 0;
     }
     for (int c = 0; c < ground->num_cases; c++)
         for (int b = 0; b < ground->sweep->num_iterations; b++) {
@@ -135,7 +150,8 @@ static int each_missing(const sweep_state *state, uint8_t *missing)
 {
     int count = 0;
     for (int m = 0; m < NUM_METHODS; m++)
-        for (int t = 0; (state->ground.sweep->methods >> m & 1) && t < num_touches(m); t++) count += count_missing(state, m, t, missing);
+        for (int t = 0; (state->ground.sweep->methods >> m & 1) && t < num_touches(m); t++)
+            count += count_missing(state, m, t, missing);
     return count;
 }
 
@@ -156,7 +172,9 @@ static pliant_status begin(sweep_state *state, const char *format, ...)
     va_start(arguments, format);
     vsnprintf(state->doing, sizeof state->doing, format, arguments);
     va_end(arguments);
-    return pass_progress(0, "", state) ? PLIANT_OK : pliant_fail(PLIANT_ERROR_CANCELLED, "the report was stopped; what is done is kept");
+    return pass_progress(0, "", state)
+               ? PLIANT_OK
+               : pliant_fail(PLIANT_ERROR_CANCELLED, "the report was stopped; what is done is kept");
 }
 
 static pliant_status build(sweep_state *state, const pliant_scene *scene, pliant_model **out, size_t *peak)
@@ -186,16 +204,18 @@ void sweep_list_cases(sweep_ground *ground)
             ground->point_names[ground->num_cases++] = sweep->points[p].name;
         }
     const double *gravity = ground->input->scene->model.gravity;
-    const bool wanted[NUM_CASES] = {[CASE_gravity] = true, [CASE_sag] = gravity[0] != 0 || gravity[1] != 0 || gravity[2] != 0};
+    const bool wanted[NUM_CASES] = {
+        [CASE_gravity] = true, [CASE_sag] = gravity[0] != 0 || gravity[1] != 0 || gravity[2] != 0};
     for (int kind = CASE_gravity; kind < NUM_CASES; kind++) {
         if (!wanted[kind] || !(sweep->cases >> kind & 1)) continue;
-        ground->cases[ground->num_cases] = (report_case){.kind = (report_case_kind)kind, .frames = (kind == CASE_gravity ? 2 : 1) * sweep->frames};
+        ground->cases[ground->num_cases] =
+            (report_case){.kind = (report_case_kind)kind, .frames = (kind == CASE_gravity ? 2 : 1) * sweep->frames};
         ground->point_names[ground->num_cases++] = "";
     }
 }
 
-static pliant_status run_reference(sweep_state *state, pliant_model *model, const pliant_points *points, int index, double tolerance,
-                                   bool keep_last, sweep_reference *out)
+static pliant_status run_reference(sweep_state *state, pliant_model *model, const pliant_points *points, int index,
+                                   double tolerance, bool keep_last, sweep_reference *out)
 {
     pliant_backend_choice backend = model->scene.solver.backend;
     report_limits limits = {.tolerance = tolerance, .tight = true, .progress = {pass_progress, state}};
@@ -215,14 +235,15 @@ static pliant_status run_reference(sweep_state *state, pliant_model *model, cons
 
 /* Read a reference solution from the folder, or compute and store it.
  * @param doing text for the progress */
-static pliant_status find_reference(sweep_state *state, pliant_model *model, const pliant_points *points, int index, double tolerance,
-                                    bool keep_last, const char *doing, sweep_reference *out)
+static pliant_status find_reference(sweep_state *state, pliant_model *model, const pliant_points *points, int index,
+                                    double tolerance, bool keep_last, const char *doing, sweep_reference *out)
 {
     const sweep_ground *ground = &state->ground;
     const sweep_kept kept = {index, model->body->fine.num_nodes, points->count, tolerance, keep_last};
     pliant_status status = sweep_kept_read(state, &kept, out);
     if (status >= 0 && !out->there) {
-        status = begin(state, "ratio %d: %s, %s %s", model->scene.mesh.ratio, doing, report_case_name(ground->cases[index].kind), ground->point_names[index]);
+        status = begin(state, "ratio %d: %s, %s %s", model->scene.mesh.ratio, doing,
+                       report_case_name(ground->cases[index].kind), ground->point_names[index]);
         if (status >= 0) status = run_reference(state, model, points, index, tolerance, keep_last, out);
         if (status >= 0) status = sweep_kept_write(state, &kept, out);
     }
@@ -246,7 +267,8 @@ static pliant_status solve_same(sweep_state *state, const uint8_t *missing)
         bool needed = missing[c] || (load->kind == CASE_displacement && missing[c + 1]);
         if (!needed) continue;
         if (load->kind == CASE_force) memcpy(load->force, ground->same[c - 1].run.force, sizeof load->force);
-        status = find_reference(state, ground->fine, &points, c, ground->sweep->reference_tolerance, true, "reference", ground->same + c);
+        status = find_reference(state, ground->fine, &points, c, ground->sweep->reference_tolerance, true, "reference",
+                                ground->same + c);
     }
     pliant_points_free(&points);
     return status;
@@ -263,15 +285,19 @@ static pliant_status solve_twice(sweep_state *state, const uint8_t *missing)
     if (scene.mesh.kind == PLIANT_LATTICE) scene.mesh.ratio *= 2;
     scene.model.method = PLIANT_FINE;
     scene.solver.kind = PLIANT_COROTATIONAL;
-    if (scene.mesh.file[0] || 8.0 * ground->fine->body->fine.num_tets > ground->sweep->twice_limit || pliant_scene_check(&scene) < 0) return PLIANT_OK;
-    pliant_status status = begin(state, "ratio %d: building the mesh of twice the resolution", ground->scene.mesh.ratio);
+    if (scene.mesh.file[0] || 8.0 * ground->fine->body->fine.num_tets > ground->sweep->twice_limit ||
+        pliant_scene_check(&scene) < 0)
+        return PLIANT_OK;
+    pliant_status status =
+        begin(state, "ratio %d: building the mesh of twice the resolution", ground->scene.mesh.ratio);
     if (status >= 0) status = build(state, &scene, &model, &peak);
-    if (status >= 0) status = pliant_points_create(&model->body->fine, ground->count, ground->rest, &ground->twice_points);
+    if (status >= 0)
+        status = pliant_points_create(&model->body->fine, ground->count, ground->rest, &ground->twice_points);
     if (status >= 0) ground->twice_tets = model->body->fine.num_tets;
     for (int c = 0; status >= 0 && c < ground->num_cases; c++) {
         if (!missing[c]) continue;
-        status = find_reference(state, model, &ground->twice_points, c, 10 * ground->sweep->reference_tolerance, false, "twice the resolution",
-                                ground->twice + c);
+        status = find_reference(state, model, &ground->twice_points, c, 10 * ground->sweep->reference_tolerance, false,
+                                "twice the resolution", ground->twice + c);
     }
     pliant_model_free(model);
     return status;
@@ -315,17 +341,20 @@ static int best_budget(const pliant_sweep *sweep)
 {
     int best = 0;
     for (int b = 1; b < sweep->num_iterations; b++)
-        if (sweep->iterations[best] != 0 && (sweep->iterations[b] == 0 || sweep->iterations[b] > sweep->iterations[best])) best = b;
+        if (sweep->iterations[best] != 0 &&
+            (sweep->iterations[b] == 0 || sweep->iterations[b] > sweep->iterations[best]))
+            best = b;
     return best;
 }
 
 /* Repeat a run; only lower times replace the first ones. */
-static pliant_status repeat(const pliant_model *model, const report_case *load, report_limits limits, const pliant_points *points,
-                            const pliant_geometry *target, report_run *run)
+static pliant_status repeat(const pliant_model *model, const report_case *load, report_limits limits,
+                            const pliant_points *points, const pliant_geometry *target, report_run *run)
 {
     report_run again = {0};
     pliant_status status = report_case_run(model, load, limits, points, target, &again);
-    for (int32_t f = 0; status >= 0 && f < PLIANT_NUM_STEP_STAGES * run->frames; f++) run->seconds[f] = fmin(run->seconds[f], again.seconds[f]);
+    for (int32_t f = 0; status >= 0 && f < PLIANT_NUM_STEP_STAGES * run->frames; f++)
+        run->seconds[f] = fmin(run->seconds[f], again.seconds[f]);
     report_run_free(&again);
     return status;
 }
@@ -333,20 +362,24 @@ static pliant_status repeat(const pliant_model *model, const report_case *load, 
 /* Minimum fraction of the time in which a thread runs; below it, the machine does other work. */
 static const double quiet = 0.8;
 
-static pliant_status run_one(sweep_state *state, const pliant_model *model, const pliant_points *points, int index, int budget,
-                             bool before_patch, report_row *row)
+static pliant_status run_one(sweep_state *state, const pliant_model *model, const pliant_points *points, int index,
+                             int budget, bool before_patch, report_row *row)
 {
     const sweep_ground *ground = &state->ground;
     const pliant_sweep *sweep = ground->sweep;
-    report_limits limits = {.iterations = sweep->iterations[budget], .tolerance = ground->scene.solver.tolerance,
-                            .period = sweep->paced ? ground->scene.solver.step : 0, .before_patch = before_patch, .own_time = sweep->own_time,
+    report_limits limits = {.iterations = sweep->iterations[budget],
+                            .tolerance = ground->scene.solver.tolerance,
+                            .period = sweep->paced ? ground->scene.solver.step : 0,
+                            .before_patch = before_patch,
+                            .own_time = sweep->own_time,
                             .progress = {pass_progress, state}};
     report_run run = {0};
     const pliant_geometry *target = sweep->warp ? &ground->target : NULL;
     pliant_status status = report_case_run(model, ground->cases + index, limits, points, target, &run);
     /* other programs affect the caches even if the CPU time is measured */
     bool again = !sweep->own_time || run.own_share < quiet;
-    for (int32_t n = 1; status >= 0 && again && n < sweep->repeats; n++) status = repeat(model, ground->cases + index, limits, points, target, &run);
+    for (int32_t n = 1; status >= 0 && again && n < sweep->repeats; n++)
+        status = repeat(model, ground->cases + index, limits, points, target, &run);
     if (status < 0) report_run_free(&run);
     if (status == PLIANT_ERROR_CANCELLED) return status;
     if (status < 0) { /* only this run has failed */
@@ -386,7 +419,8 @@ bool sweep_runs_before_patch(const sweep_ground *ground, report_case_kind kind)
 }
 
 /* Run every case and budget that is not in the table. */
-static pliant_status run_cases(sweep_state *state, const pliant_model *model, const pliant_points *points, int method, int touch, bool before_patch)
+static pliant_status run_cases(sweep_state *state, const pliant_model *model, const pliant_points *points, int method,
+                               int touch, bool before_patch)
 {
     const sweep_ground *ground = &state->ground;
     const char *touch_name = method == PLIANT_SCHUR ? touch_names[touch] : "";
@@ -398,8 +432,9 @@ static pliant_status run_cases(sweep_state *state, const pliant_model *model, co
         for (int b = 0; status >= 0 && b < ground->sweep->num_iterations; b++) {
             run_key(ground, c, b, &row);
             if (row_known(&row, ground->tables->sweep)) continue;
-            status = begin(state, "ratio %d: %s %s, %s %s, budget %s", ground->scene.mesh.ratio, method_names[method], touch_name,
-                           report_case_name(ground->cases[c].kind), ground->point_names[c], row.room + row.start[MODEL_KEYS]);
+            status = begin(state, "ratio %d: %s %s, %s %s, budget %s", ground->scene.mesh.ratio, method_names[method],
+                           touch_name, report_case_name(ground->cases[c].kind), ground->point_names[c],
+                           row.room + row.start[MODEL_KEYS]);
             if (status >= 0) status = run_one(state, model, points, c, b, before_patch, &row);
             state->done++;
             if (status >= 0 && enough(ground)) break;
@@ -422,7 +457,8 @@ pliant_status sweep_run_model(sweep_state *state, int method, int touch)
     const char *touch_name = method == PLIANT_SCHUR ? touch_names[touch] : "";
     pliant_status status = begin(state, "ratio %d: building %s %s", scene.mesh.ratio, method_names[method], touch_name);
     if (status < 0) return status;
-    bool own = method != PLIANT_FINE || scene.solver.kind != ground->reference.solver.kind || !same_mesh(&scene, &ground->reference);
+    bool own = method != PLIANT_FINE || scene.solver.kind != ground->reference.solver.kind ||
+               !same_mesh(&scene, &ground->reference);
     if (own) status = build(state, &scene, &model, &peak);
     const pliant_model *used = own ? model : ground->fine;
     model_key(state, method, touch, false, &row);
@@ -448,7 +484,8 @@ static pliant_status run_ground(sweep_state *state)
     if (each_missing(state, missing) == 0) return PLIANT_OK;
     pliant_status status = sweep_prepare(state, missing);
     for (int m = 0; status >= 0 && m < NUM_METHODS; m++)
-        for (int t = 0; status >= 0 && (state->ground.sweep->methods >> m & 1) && t < num_touches(m); t++) status = sweep_run_model(state, m, t);
+        for (int t = 0; status >= 0 && (state->ground.sweep->methods >> m & 1) && t < num_touches(m); t++)
+            status = sweep_run_model(state, m, t);
     sweep_free_ground(&state->ground);
     return status;
 }
@@ -470,8 +507,9 @@ static pliant_status choose_reference(sweep_ground *ground)
     ground->reference = ground->scene;
     if (ground->scene.solver.kind == PLIANT_COROTATIONAL) return PLIANT_OK;
     if (has_walls(&ground->scene))
-        return pliant_fail(PLIANT_ERROR_SCENE, "ground: tled is measured against the corotational solver, which knows no plane or box; "
-                                               "leave them out of the scene to sweep it");
+        return pliant_fail(PLIANT_ERROR_SCENE,
+                           "ground: tled is measured against the corotational solver, which knows no plane or box; "
+                           "leave them out of the scene to sweep it");
     ground->scene.tled.quasi_static = true;
     ground->reference.solver.kind = PLIANT_COROTATIONAL;
     return PLIANT_OK;

@@ -98,7 +98,8 @@ pliant_status sweep_tell_voxels(const sweep_told *told, report_row *key, pliant_
 /* Write the row of a model.
  * @param message NULL: the model was built; otherwise the error
  * @param key MODEL_KEYS cells */
-pliant_status sweep_tell_build(const pliant_model *model, const char *message, size_t peak, report_row *key, pliant_results *builds);
+pliant_status sweep_tell_build(const pliant_model *model, const char *message, size_t peak, report_row *key,
+                               pliant_results *builds);
 
 #ifdef __cplusplus
 }

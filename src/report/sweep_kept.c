@@ -30,8 +30,9 @@ static void begin_header(const sweep_state *state, const sweep_kept *kept, kept_
     const sweep_ground *ground = &state->ground;
     memset(out, 0, sizeof *out);
     memcpy(out->magic, magic, sizeof magic);
-    snprintf(out->key, sizeof out->key, "%s|%d|%s|%s|%s|%d nodes|%g", state->setup, (int)ground->scene.mesh.ratio, state->variant,
-             report_case_name(ground->cases[kept->index].kind), ground->point_names[kept->index], (int)kept->nodes, kept->tolerance);
+    snprintf(out->key, sizeof out->key, "%s|%d|%s|%s|%s|%d nodes|%g", state->setup, (int)ground->scene.mesh.ratio,
+             state->variant, report_case_name(ground->cases[kept->index].kind), ground->point_names[kept->index],
+             (int)kept->nodes, kept->tolerance);
     out->positions = 3 * (int64_t)ground->cases[kept->index].frames * kept->points;
     out->last = kept->with_last ? 3 * (int64_t)kept->nodes : 0;
 }
@@ -67,7 +68,8 @@ pliant_status sweep_kept_read(const sweep_state *state, const sweep_kept *kept, 
         if (header.last > 0) last = pliant_calloc((size_t)header.last, sizeof *last);
         if (!positions || (header.last > 0 && !last)) status = pliant_fail_memory("a reference solution");
     }
-    same = same && status >= 0 && fread(positions, sizeof *positions, (size_t)header.positions, file) == (size_t)header.positions &&
+    same = same && status >= 0 &&
+           fread(positions, sizeof *positions, (size_t)header.positions, file) == (size_t)header.positions &&
            (!last || fread(last, sizeof *last, (size_t)header.last, file) == (size_t)header.last) &&
            header.hash == hash_of_numbers(&header, positions, last);
     fclose(file);
@@ -76,7 +78,8 @@ pliant_status sweep_kept_read(const sweep_state *state, const sweep_kept *kept, 
         pliant_free(last);
         return status;
     }
-    out->run = (report_run){.frames = state->ground.cases[kept->index].frames, .points = kept->points, .positions = positions};
+    out->run =
+        (report_run){.frames = state->ground.cases[kept->index].frames, .points = kept->points, .positions = positions};
     memcpy(out->run.force, header.force, sizeof header.force);
     out->last = last;
     out->there = true;
@@ -88,16 +91,19 @@ pliant_status sweep_kept_write(const sweep_state *state, const sweep_kept *kept,
     kept_header header;
     char path[4096], part[4096 + 8];
     begin_header(state, kept, &header);
-    if (!state->ground.folder || (int64_t)sizeof(double) * (header.positions + header.last) > most_bytes) return PLIANT_OK;
-    if (!name_file(state, &header, path)) return pliant_fail(PLIANT_ERROR_FILE, "%s: the name is too long", state->ground.folder);
+    if (!state->ground.folder || (int64_t)sizeof(double) * (header.positions + header.last) > most_bytes)
+        return PLIANT_OK;
+    if (!name_file(state, &header, path))
+        return pliant_fail(PLIANT_ERROR_FILE, "%s: the name is too long", state->ground.folder);
     memcpy(header.force, reference->run.force, sizeof header.force);
     header.hash = hash_of_numbers(&header, reference->run.positions, reference->last);
     snprintf(part, sizeof part, "%s.part", path);
     FILE *file = fopen(part, "wb");
     if (!file) return pliant_fail(PLIANT_ERROR_FILE, "%s: %s", part, strerror(errno));
-    bool good = fwrite(&header, sizeof header, 1, file) == 1 &&
-                fwrite(reference->run.positions, sizeof(double), (size_t)header.positions, file) == (size_t)header.positions &&
-                (!reference->last || fwrite(reference->last, sizeof(double), (size_t)header.last, file) == (size_t)header.last);
+    bool good =
+        fwrite(&header, sizeof header, 1, file) == 1 &&
+        fwrite(reference->run.positions, sizeof(double), (size_t)header.positions, file) == (size_t)header.positions &&
+        (!reference->last || fwrite(reference->last, sizeof(double), (size_t)header.last, file) == (size_t)header.last);
     good = (fclose(file) == 0) && good;
     if (good && rename(part, path) == 0) return PLIANT_OK;
     pliant_status status = pliant_fail(PLIANT_ERROR_FILE, "%s was not written whole: %s", path, strerror(errno));

@@ -19,13 +19,16 @@ typedef struct worst_frames {
 
 static double ratio_of(double part, double whole) { return whole > 0 ? part / whole : NAN; }
 
-static pliant_status compare_frame(const sweep_told *told, const sweep_reference *reference, const uint8_t *use, int32_t frame, pliant_error *out)
+static pliant_status compare_frame(const sweep_told *told, const sweep_reference *reference, const uint8_t *use,
+                                   int32_t frame, pliant_error *out)
 {
     size_t at = 3 * (size_t)frame * (size_t)told->run->points;
-    return pliant_error_between(told->run->points, use, told->ground->rest, reference->run.positions + at, told->run->positions + at, out);
+    return pliant_error_between(told->run->points, use, told->ground->rest, reference->run.positions + at,
+                                told->run->positions + at, out);
 }
 
-static pliant_status compare_frames(const sweep_told *told, const sweep_reference *reference, const uint8_t *use, worst_frames *out)
+static pliant_status compare_frames(const sweep_told *told, const sweep_reference *reference, const uint8_t *use,
+                                    worst_frames *out)
 {
     memset(out, 0, sizeof *out);
     for (int32_t f = 0; f < told->run->frames; f++) {
@@ -84,7 +87,8 @@ static pliant_status add_times(const report_run *run, report_row *row)
         for (int32_t f = 0; f < frames; f++) {
             values[f] = 0;
             for (int s = 0; s < PLIANT_NUM_STEP_STAGES; s++)
-                if (s == part || part == -1 || (part == -2 && s != PLIANT_STEP_warp)) values[f] += run->seconds[s * frames + f];
+                if (s == part || part == -1 || (part == -2 && s != PLIANT_STEP_warp))
+                    values[f] += run->seconds[s * frames + f];
         }
         median_and_p99(values, frames, row);
     }
@@ -194,7 +198,8 @@ pliant_status sweep_tell(const sweep_told *told, report_row *row)
     return row_add(row, ground->tables->sweep);
 }
 
-pliant_status sweep_tell_build(const pliant_model *model, const char *message, size_t peak, report_row *row, pliant_results *builds)
+pliant_status sweep_tell_build(const pliant_model *model, const char *message, size_t peak, report_row *row,
+                               pliant_results *builds)
 {
     if (row_known(row, builds)) return PLIANT_OK;
     row_text(row, message ? "refused" : "ok");

@@ -12,7 +12,8 @@
 enum { BINS = 40 };
 static const double mm = 1e3;
 
-static pliant_status tell_histogram(const sweep_told *told, const pliant_volume *error, report_row *key, pliant_error *summary)
+static pliant_status tell_histogram(const sweep_told *told, const pliant_volume *error, report_row *key,
+                                    pliant_error *summary)
 {
     uint64_t counts[BINS];
     double width = told->ground->same[told->index].largest / BINS;
@@ -43,7 +44,8 @@ static void name_of(const report_row *key, char *out, size_t size)
     out[used] = '\0';
 }
 
-static pliant_status write_plane(const pliant_volume *volume, int axis, const double at[3], const char *folder, const char *file, double spacing[2])
+static pliant_status write_plane(const pliant_volume *volume, int axis, const double at[3], const char *folder,
+                                 const char *file, double spacing[2])
 {
     char path[4096];
     int32_t size[2];
@@ -83,7 +85,8 @@ static pliant_status tell_slices(const sweep_told *told, const pliant_volume *er
         snprintf(image_file, sizeof image_file, "image_%s_%s.npy", name, planes[axis]);
         pliant_status status = write_plane(error, axis, at, told->ground->folder, error_file, spacing);
         if (status >= 0)
-            status = write_plane(pliant_warp_volume(told->run->data->warp), axis, at, told->ground->folder, image_file, spacing);
+            status = write_plane(pliant_warp_volume(told->run->data->warp), axis, at, told->ground->folder, image_file,
+                                 spacing);
         if (status < 0) return status;
         row_text(key, planes[axis]);
         bool known = row_known(key, table);
@@ -105,8 +108,8 @@ pliant_status sweep_tell_voxels(const sweep_told *told, report_row *key, pliant_
     pliant_volume error;
     *summary = (pliant_error){.worst = -1};
     if (!told->run->data->warp) return PLIANT_OK;
-    pliant_status status = pliant_error_voxels(told->model, told->run->data->positions, &ground->fine->body->fine, ground->same[told->index].last,
-                                               &ground->target, &error);
+    pliant_status status = pliant_error_voxels(told->model, told->run->data->positions, &ground->fine->body->fine,
+                                               ground->same[told->index].last, &ground->target, &error);
     if (status < 0) return status;
     status = tell_histogram(told, &error, key, summary);
     if (status >= 0) status = tell_slices(told, &error, key);

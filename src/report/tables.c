@@ -19,43 +19,136 @@
 #define STEP_MS(name) , #name "_ms"
 #define BUILD_S_MB(name) , #name "_s", #name "_mb"
 
-static const char *const sweep_columns[] = {
-    RUN_COLUMNS, "status", "message", "frames", "fine_tetrahedra", "solved_tetrahedra", "backend", "threads", "build_s", "model_mb", "data_mb",
-    "solver_median_ms", "solver_p99_ms", "frame_median_ms", "frame_p99_ms", PLIANT_STEP_STAGE_LIST(STEP_MEDIAN_P99) "iterations_mean",
-    "residual_worst", "not_converged", "rejected", "factors", "force_n", "points", "largest_mm", "max_mm", "rms_mm", "p95_mm",
-    "max_percent", "rms_percent", "p95_percent", "max_own_percent", "rms_own_percent", "p95_own_percent", "final_max_mm",
-    "final_rms_mm", "final_p95_mm", "twice_tetrahedra", "twice_points", "twice_largest_mm", "twice_max_mm", "twice_rms_mm",
-    "twice_p95_mm", "twice_max_percent", "twice_rms_percent", "twice_p95_percent", "voxels", "voxel_max_mm", "voxel_rms_mm",
-    "voxel_p95_mm"};
-static const char *const frame_columns[] = {RUN_COLUMNS, "frame", "iterations", "residual", "largest_mm", "max_mm", "rms_mm", "p95_mm",
-                                            "max_own_percent" PLIANT_STEP_STAGE_LIST(STEP_MS)};
-static const char *const build_columns[] = {MODEL_COLUMNS, "status", "message", "fine_tetrahedra", "fine_nodes", "coarse_tetrahedra",
-                                            "held_pieces", "condition", "threads", "total_s", "held_mb",
-                                            "peak_mb" PLIANT_BUILD_STAGE_LIST(BUILD_S_MB)};
+static const char *const sweep_columns[] = {RUN_COLUMNS,
+                                            "status",
+                                            "message",
+                                            "frames",
+                                            "fine_tetrahedra",
+                                            "solved_tetrahedra",
+                                            "backend",
+                                            "threads",
+                                            "build_s",
+                                            "model_mb",
+                                            "data_mb",
+                                            "solver_median_ms",
+                                            "solver_p99_ms",
+                                            "frame_median_ms",
+                                            "frame_p99_ms",
+                                            PLIANT_STEP_STAGE_LIST(STEP_MEDIAN_P99) "iterations_mean",
+                                            "residual_worst",
+                                            "not_converged",
+                                            "rejected",
+                                            "factors",
+                                            "force_n",
+                                            "points",
+                                            "largest_mm",
+                                            "max_mm",
+                                            "rms_mm",
+                                            "p95_mm",
+                                            "max_percent",
+                                            "rms_percent",
+                                            "p95_percent",
+                                            "max_own_percent",
+                                            "rms_own_percent",
+                                            "p95_own_percent",
+                                            "final_max_mm",
+                                            "final_rms_mm",
+                                            "final_p95_mm",
+                                            "twice_tetrahedra",
+                                            "twice_points",
+                                            "twice_largest_mm",
+                                            "twice_max_mm",
+                                            "twice_rms_mm",
+                                            "twice_p95_mm",
+                                            "twice_max_percent",
+                                            "twice_rms_percent",
+                                            "twice_p95_percent",
+                                            "voxels",
+                                            "voxel_max_mm",
+                                            "voxel_rms_mm",
+                                            "voxel_p95_mm"};
+static const char *const frame_columns[] = {
+    RUN_COLUMNS, "frame",      "iterations",
+    "residual",  "largest_mm", "max_mm",
+    "rms_mm",    "p95_mm",     "max_own_percent" PLIANT_STEP_STAGE_LIST(STEP_MS)};
+static const char *const build_columns[] = {
+    MODEL_COLUMNS,     "status",     "message",
+    "fine_tetrahedra", "fine_nodes", "coarse_tetrahedra",
+    "held_pieces",     "condition",  "threads",
+    "total_s",         "held_mb",    "peak_mb" PLIANT_BUILD_STAGE_LIST(BUILD_S_MB)};
 static const char *const histogram_columns[] = {RUN_COLUMNS, "bin", "low_mm", "high_mm", "voxels"};
-static const char *const slice_columns[] = {RUN_COLUMNS, "plane", "column_mm", "row_mm", "largest_mm", "error_file", "image_file"};
-static const char *const stage_columns[] = {
-    "setup", "left_out", "status", "message", "steps", "backend", "threads", "step_median_ms", "step_p99_ms", PLIANT_STEP_STAGE_LIST(STEP_MEDIAN)
-    "slices_median_ms", "scalar_median_ms", "frame_median_ms", "held_mb", "saved_ms", "saved_mb"};
+static const char *const slice_columns[] = {RUN_COLUMNS,  "plane",      "column_mm", "row_mm",
+                                            "largest_mm", "error_file", "image_file"};
+static const char *const stage_columns[] = {"setup",
+                                            "left_out",
+                                            "status",
+                                            "message",
+                                            "steps",
+                                            "backend",
+                                            "threads",
+                                            "step_median_ms",
+                                            "step_p99_ms",
+                                            PLIANT_STEP_STAGE_LIST(STEP_MEDIAN) "slices_median_ms",
+                                            "scalar_median_ms",
+                                            "frame_median_ms",
+                                            "held_mb",
+                                            "saved_ms",
+                                            "saved_mb"};
 static const char *const stability_columns[] = {
-    "setup", "case", "parameter", "method", "verdict", "message", "steps", "steps_to_rest", "iterations", "seconds", "residual",
-    "largest_mm", "off_rest_mm", "inverted_most", "inverted_end", "not_converged", "refused_steps", "growth_bytes", "figure"};
-static const char *const choice_columns[] = {
-    MODEL_COLUMNS, "budget", "options", "budget_ms", "max_error_percent", "measure", "max_percent", "p95_percent", "rms_percent", "worst", "later_percent",
-    "left_out_percent", "mesh_percent", "larger", "step_ms", "within_budget",
-    "reference_tetrahedra", "tried", "seconds"};
+    "setup",         "case",          "parameter",     "method",       "verdict",    "message",     "steps",
+    "steps_to_rest", "iterations",    "seconds",       "residual",     "largest_mm", "off_rest_mm", "inverted_most",
+    "inverted_end",  "not_converged", "refused_steps", "growth_bytes", "figure"};
+static const char *const choice_columns[] = {MODEL_COLUMNS,          "budget",  "options",       "budget_ms",
+                                             "max_error_percent",    "measure", "max_percent",   "p95_percent",
+                                             "rms_percent",          "worst",   "later_percent", "left_out_percent",
+                                             "mesh_percent",         "larger",  "step_ms",       "within_budget",
+                                             "reference_tetrahedra", "tried",   "seconds"};
 
-static const char *const dynamics_columns[] = {
-    "setup", "status", "message", "fine_tetrahedra", "fine_nodes", "law", "backend", "threads", "edge_bound_us", "eigenvalue_bound_us",
-    "time_step_us", "steps_a_frame", "frames", "frame_median_ms", "frame_p99_ms", "step_median_ms", "tetrahedra_steps_per_s",
-    "energy_drift_percent", "time_error_mm", "time_error_percent"};
+static const char *const dynamics_columns[] = {"setup",
+                                               "status",
+                                               "message",
+                                               "fine_tetrahedra",
+                                               "fine_nodes",
+                                               "law",
+                                               "backend",
+                                               "threads",
+                                               "edge_bound_us",
+                                               "eigenvalue_bound_us",
+                                               "time_step_us",
+                                               "steps_a_frame",
+                                               "frames",
+                                               "frame_median_ms",
+                                               "frame_p99_ms",
+                                               "step_median_ms",
+                                               "tetrahedra_steps_per_s",
+                                               "energy_drift_percent",
+                                               "time_error_mm",
+                                               "time_error_percent"};
 
-static const char *const truth_columns[] = {
-    "setup", "case", "point", "status", "message", "fine_tetrahedra", "tetrahedra_of_three", "order", "largest_mm", "mesh_max_mm", "mesh_rms_mm", "mesh_p95_mm",
-    "mesh_p95_percent", "solver_max_mm", "solver_rms_mm", "solver_p95_mm", "solver_p95_percent", "larger", "mesh_p95_percent_at_twice", "advice"};
+static const char *const truth_columns[] = {"setup",
+                                            "case",
+                                            "point",
+                                            "status",
+                                            "message",
+                                            "fine_tetrahedra",
+                                            "tetrahedra_of_three",
+                                            "order",
+                                            "largest_mm",
+                                            "mesh_max_mm",
+                                            "mesh_rms_mm",
+                                            "mesh_p95_mm",
+                                            "mesh_p95_percent",
+                                            "solver_max_mm",
+                                            "solver_rms_mm",
+                                            "solver_p95_mm",
+                                            "solver_p95_percent",
+                                            "larger",
+                                            "mesh_p95_percent_at_twice",
+                                            "advice"};
 
-static const char *const validation_columns[] = {
-    "setup", "body", "state", "status", "message", "role", "fitted", "markers", "moved_rms_mm", "rms_mm", "max_mm", "percent", "spread_mm", "deviation_mm", "seconds"};
+static const char *const validation_columns[] = {"setup",  "body",    "state",     "status",       "message",
+                                                 "role",   "fitted",  "markers",   "moved_rms_mm", "rms_mm",
+                                                 "max_mm", "percent", "spread_mm", "deviation_mm", "seconds"};
 
 #define COLUMNS(list) list, (int)(sizeof(list) / sizeof *(list))
 
@@ -74,11 +167,12 @@ static const struct {
     const char *const *columns;
     int num_columns, num_keys;
 } kinds[NUM_TABLES] = {
-    {"sweep", COLUMNS(sweep_columns), RUN_KEYS},     {"frames", COLUMNS(frame_columns), RUN_KEYS + 1},
-    {"builds", COLUMNS(build_columns), MODEL_KEYS},  {"histogram", COLUMNS(histogram_columns), RUN_KEYS + 1},
+    {"sweep", COLUMNS(sweep_columns), RUN_KEYS},      {"frames", COLUMNS(frame_columns), RUN_KEYS + 1},
+    {"builds", COLUMNS(build_columns), MODEL_KEYS},   {"histogram", COLUMNS(histogram_columns), RUN_KEYS + 1},
     {"slices", COLUMNS(slice_columns), RUN_KEYS + 1}, {"stages", COLUMNS(stage_columns), 2},
-    {"stability", COLUMNS(stability_columns), 4}, {"choice", COLUMNS(choice_columns), 1},
-    {"dynamics", COLUMNS(dynamics_columns), 1}, {"truth", COLUMNS(truth_columns), 3}, {"validation", COLUMNS(validation_columns), 3},
+    {"stability", COLUMNS(stability_columns), 4},     {"choice", COLUMNS(choice_columns), 1},
+    {"dynamics", COLUMNS(dynamics_columns), 1},       {"truth", COLUMNS(truth_columns), 3},
+    {"validation", COLUMNS(validation_columns), 3},
 };
 
 pliant_status pliant_report_open(const char *folder, pliant_report_tables *out)
@@ -91,7 +185,9 @@ pliant_status pliant_report_open(const char *folder, pliant_report_tables *out)
     for (int t = 0; status == PLIANT_OK && t < NUM_TABLES; t++) {
         if (folder && snprintf(path, sizeof path, "%s/%s.csv", folder, kinds[t].name) >= (int)sizeof path)
             status = pliant_fail(PLIANT_ERROR_FILE, "%s: the name is too long", folder);
-        else status = pliant_results_open(folder ? path : NULL, kinds[t].columns, kinds[t].num_columns, kinds[t].num_keys, list[t]);
+        else
+            status = pliant_results_open(folder ? path : NULL, kinds[t].columns, kinds[t].num_columns,
+                                         kinds[t].num_keys, list[t]);
     }
     if (status != PLIANT_OK) {
         pliant_report_close(&tables);
@@ -145,7 +241,8 @@ static pliant_status copy_file(const char *from, const char *to, const char *nam
     return good ? PLIANT_OK : pliant_fail(PLIANT_ERROR_FILE, "%s could not be copied to %s", source, target);
 }
 
-static pliant_status merge_table(const char *from, const char *folder, const pliant_results *other, pliant_results *table)
+static pliant_status merge_table(const char *from, const char *folder, const pliant_results *other,
+                                 pliant_results *table)
 {
     const char *cells[ROW_CELLS];
     const int columns = pliant_results_columns(other);
@@ -170,7 +267,8 @@ pliant_status pliant_report_merge(const char *from, const char *folder, const pl
     if (status != PLIANT_OK) return status;
     list_tables(&other, theirs);
     list_tables(&all, ours);
-    for (int t = 0; status == PLIANT_OK && t < NUM_TABLES; t++) status = merge_table(from, folder, *theirs[t], *ours[t]);
+    for (int t = 0; status == PLIANT_OK && t < NUM_TABLES; t++)
+        status = merge_table(from, folder, *theirs[t], *ours[t]);
     pliant_report_close(&other);
     return status;
 }
@@ -205,8 +303,9 @@ static void write_machine(FILE *file, const pliant_scene *scene)
     read_field("/proc/meminfo", "MemTotal", memory, sizeof memory);
     if (gmtime_r(&now, &split)) strftime(date, sizeof date, "%Y-%m-%dT%H:%M:%SZ", &split);
     fprintf(file, "\"version\": \"%s\",\n\"date\": \"%s\",\n", PLIANT_VERSION, date);
-    fprintf(file, "\"machine\": {\"system\": \"%s %s %s\", \"processor\": \"%s\", \"cores\": %ld, \"memory\": \"%s\"},\n", system.sysname,
-            system.release, system.machine, processor, sysconf(_SC_NPROCESSORS_ONLN), memory);
+    fprintf(file,
+            "\"machine\": {\"system\": \"%s %s %s\", \"processor\": \"%s\", \"cores\": %ld, \"memory\": \"%s\"},\n",
+            system.sysname, system.release, system.machine, processor, sysconf(_SC_NPROCESSORS_ONLN), memory);
     static const char *const backends[] = {
 #define BACKEND_NAME(name, yaml) #yaml,
         PLIANT_BACKEND_LIST(BACKEND_NAME)
@@ -216,7 +315,8 @@ static void write_machine(FILE *file, const pliant_scene *scene)
             backends[scene->solver.backend]);
 }
 
-pliant_status pliant_report_json(const char *folder, const char *setup, const pliant_scene *scene, const pliant_report_tables *tables)
+pliant_status pliant_report_json(const char *folder, const char *setup, const pliant_scene *scene,
+                                 const pliant_report_tables *tables)
 {
     char path[4096];
     pliant_report_tables all = *tables;
@@ -231,11 +331,13 @@ pliant_status pliant_report_json(const char *folder, const char *setup, const pl
     for (int t = 0; status == PLIANT_OK && t < NUM_TABLES; t++) {
         fprintf(file, ",\n\"%s\": ", kinds[t].name);
         /* stability and validation may concern other bodies than the scan; their rows contain the setup */
-        status = pliant_results_json(*list[t], *list[t] == tables->stability || *list[t] == tables->validation ? NULL : setup, file);
+        status = pliant_results_json(
+            *list[t], *list[t] == tables->stability || *list[t] == tables->validation ? NULL : setup, file);
     }
     fputs("}\n", file);
     bool failed = ferror(file);
     failed |= fclose(file) != 0;
-    if (status == PLIANT_OK && failed) status = pliant_fail(PLIANT_ERROR_FILE, "%s was not written whole: %s", path, strerror(errno));
+    if (status == PLIANT_OK && failed)
+        status = pliant_fail(PLIANT_ERROR_FILE, "%s was not written whole: %s", path, strerror(errno));
     return status;
 }

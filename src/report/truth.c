@@ -36,7 +36,8 @@ static double mean_square(int32_t count, const uint8_t *use, const double *a, co
 /* Extrapolate to infinite resolution: u - u_h decreases by 2^-p from mesh to mesh. The observed order of the last two
  * differences is below the theoretical one on coarse meshes and approaches it. The remainder of the series is summed
  * with the mean of both orders. */
-double pliant_extrapolate(int32_t count, const uint8_t *use, const double *coarse, const double *middle, const double *fine, double *out)
+double pliant_extrapolate(int32_t count, const uint8_t *use, const double *coarse, const double *middle,
+                          const double *fine, double *out)
 {
     const double least = 0.2, most = 2 * theory;
     const double before = mean_square(count, use, middle, coarse), last = mean_square(count, use, fine, middle);
@@ -76,7 +77,8 @@ static bool scaled(const pliant_scene *scene, double scale, pliant_scene *out)
     return true;
 }
 
-static pliant_status build(const pliant_report_input *input, const pliant_scene *scene, pliant_progress progress, pliant_model **out)
+static pliant_status build(const pliant_report_input *input, const pliant_scene *scene, pliant_progress progress,
+                           pliant_model **out)
 {
     return pliant_model_build(scene, input->scan, input->labels, input->materials, progress, out);
 }
@@ -89,15 +91,20 @@ static pliant_status choose_levels(const pliant_report_input *input, double limi
         bool good = true;
         for (int l = 0; l < LEVELS; l++) {
             all->scale[l] = exp2(l - all->own);
-            good = good && scaled(input->scene, all->scale[l], &trial) && (l <= all->own || pow(all->scale[l], 3) * tets <= limit);
+            good = good && scaled(input->scene, all->scale[l], &trial) &&
+                   (l <= all->own || pow(all->scale[l], 3) * tets <= limit);
         }
         if (good) return PLIANT_OK;
     }
-    return pliant_fail(PLIANT_ERROR_SCENE, "the error of the mesh is seen from three resolutions: none with half the cells can be had (mesh/coarse_cells times mesh/ratio must be "
-                                           "even), and %.0f tetrahedra are too few for a mesh of twice the resolution (--twice)", limit);
+    return pliant_fail(
+        PLIANT_ERROR_SCENE,
+        "the error of the mesh is seen from three resolutions: none with half the cells can be had (mesh/coarse_cells times mesh/ratio must be "
+        "even), and %.0f tetrahedra are too few for a mesh of twice the resolution (--twice)",
+        limit);
 }
 
-static pliant_status ladder_create(const pliant_report_input *input, const pliant_sweep *sweep, pliant_progress progress, ladder *all)
+static pliant_status ladder_create(const pliant_report_input *input, const pliant_sweep *sweep,
+                                   pliant_progress progress, ladder *all)
 {
     pliant_scene scene;
     pliant_model *own = NULL;
@@ -118,19 +125,23 @@ static pliant_status ladder_create(const pliant_report_input *input, const plian
     if (status >= 0 && !all->use) status = pliant_fail_memory("the points of the body");
     for (int l = 0; status >= 0 && l < LEVELS; l++) {
         status = pliant_points_create(&all->model[l]->body->fine, all->count, all->rest, &all->points[l]);
-        if (status >= 0 && !(all->at[l] = pliant_calloc((size_t)all->count, 3 * sizeof **all->at))) status = pliant_fail_memory("the points of the body");
+        if (status >= 0 && !(all->at[l] = pliant_calloc((size_t)all->count, 3 * sizeof **all->at)))
+            status = pliant_fail_memory("the points of the body");
     }
-    for (int32_t p = 0; status >= 0 && p < all->count; p++) all->use[p] = all->points[0].found[p] && all->points[1].found[p] && all->points[2].found[p];
+    for (int32_t p = 0; status >= 0 && p < all->count; p++)
+        all->use[p] = all->points[0].found[p] && all->points[1].found[p] && all->points[2].found[p];
     return status;
 }
 
 /* @param force Nullable: output; force on the tool at the end */
-static pliant_status solve(const pliant_model *model, const report_case *load, report_limits limits, const pliant_points *points, double *at, double *force)
+static pliant_status solve(const pliant_model *model, const report_case *load, report_limits limits,
+                           const pliant_points *points, double *at, double *force)
 {
     report_run run;
     pliant_status status = report_case_run(model, load, limits, points, NULL, &run);
     if (status < 0) return status;
-    memcpy(at, run.positions + 3 * (size_t)(run.frames - 1) * (size_t)points->count, (size_t)points->count * 3 * sizeof *at);
+    memcpy(at, run.positions + 3 * (size_t)(run.frames - 1) * (size_t)points->count,
+           (size_t)points->count * 3 * sizeof *at);
     if (force) memcpy(force, run.force, sizeof run.force);
     report_run_free(&run);
     return PLIANT_OK;
@@ -141,9 +152,11 @@ static double percent(double part, double whole) { return whole > 0 ? 100 * part
 static void tell(const ladder *all, const pliant_truth *truth, report_row *row)
 {
     char tets[96];
-    const double mesh = percent(truth->mesh.p95, truth->mesh.largest), solver = percent(truth->solver.p95, truth->mesh.largest);
+    const double mesh = percent(truth->mesh.p95, truth->mesh.largest),
+                 solver = percent(truth->solver.p95, truth->mesh.largest);
     const double halved = mesh / exp2(0.5 * (fmin(fmax(truth->order, 0.2), 2 * theory) + theory));
-    snprintf(tets, sizeof tets, "%d %d %d", all->model[0]->body->fine.num_tets, all->model[1]->body->fine.num_tets, all->model[2]->body->fine.num_tets);
+    snprintf(tets, sizeof tets, "%d %d %d", all->model[0]->body->fine.num_tets, all->model[1]->body->fine.num_tets,
+             all->model[2]->body->fine.num_tets);
     row_text(row, "ok");
     row_text(row, "");
     row_integer(row, all->model[all->own]->body->fine.num_tets);
@@ -160,11 +173,14 @@ static void tell(const ladder *all, const pliant_truth *truth, report_row *row)
     row_number(row, solver);
     row_text(row, mesh >= solver ? "mesh" : "solver");
     row_number(row, halved);
-    row_text(row, mesh < solver ? "model/method and solver/iterations pay: the mesh is finer than they use"
-                                : "mesh/coarse_cells or mesh/ratio pay, or another element/kind: the solver is better than its mesh");
+    row_text(row,
+             mesh < solver
+                 ? "model/method and solver/iterations pay: the mesh is finer than they use"
+                 : "mesh/coarse_cells or mesh/ratio pay, or another element/kind: the solver is better than its mesh");
 }
 
-pliant_status pliant_truth_run(const pliant_report_input *input, const pliant_sweep *sweep, pliant_report_tables *tables, pliant_progress progress, pliant_truth *worst)
+pliant_status pliant_truth_run(const pliant_report_input *input, const pliant_sweep *sweep,
+                               pliant_report_tables *tables, pliant_progress progress, pliant_truth *worst)
 {
     char setup[9];
     ladder all = {.count = 0};
@@ -175,9 +191,12 @@ pliant_status pliant_truth_run(const pliant_report_input *input, const pliant_sw
     double *now = NULL, *true_at = NULL;
     *worst = (pliant_truth){.order = 0};
     if (!ground) return pliant_fail_memory("the error of the mesh");
-    pliant_status status = input->scene->solver.kind == PLIANT_COROTATIONAL && input->scene->mesh.kind == PLIANT_LATTICE && !input->scene->mesh.file[0]
-                               ? PLIANT_OK
-                               : pliant_fail(PLIANT_ERROR_SCENE, "the error of the mesh is estimated for the corotational solver on a lattice alone");
+    pliant_status status =
+        input->scene->solver.kind == PLIANT_COROTATIONAL && input->scene->mesh.kind == PLIANT_LATTICE &&
+                !input->scene->mesh.file[0]
+            ? PLIANT_OK
+            : pliant_fail(PLIANT_ERROR_SCENE,
+                          "the error of the mesh is estimated for the corotational solver on a lattice alone");
     ours.cases &= 1u << CASE_displacement | 1u << CASE_force | 1u << CASE_sag;
     ours.frames = RAMP;
     ground->input = input;
@@ -197,18 +216,22 @@ pliant_status pliant_truth_run(const pliant_report_input *input, const pliant_sw
         report_row row;
         pliant_truth truth = {.order = 0};
         const report_limits tight = {.tolerance = sweep->reference_tolerance, .tight = true, .progress = progress};
-        const report_limits own = {.iterations = input->scene->solver.iterations, .tolerance = input->scene->solver.tolerance, .progress = progress};
+        const report_limits own = {.iterations = input->scene->solver.iterations,
+                                   .tolerance = input->scene->solver.tolerance,
+                                   .progress = progress};
         for (int n = 0; status >= 0 && n < LEVELS; n++) { /* its own mesh first, which determines the forces */
             const int l = n == 0 ? all.own : n <= all.own ? n - 1 : n;
             const bool measures = l == all.own && load.kind == CASE_displacement && c + 1 < ground->num_cases;
-            status = solve(all.model[l], &load, tight, &all.points[l], all.at[l], measures ? ground->cases[c + 1].force : NULL);
+            status = solve(all.model[l], &load, tight, &all.points[l], all.at[l],
+                           measures ? ground->cases[c + 1].force : NULL);
         }
         load.frames = sweep->frames;
         if (status >= 0) status = solve(asked, &load, own, &points, now, NULL);
         if (status < 0) break;
         truth.order = pliant_extrapolate(all.count, all.use, all.at[0], all.at[1], all.at[2], true_at);
         status = pliant_error_between(all.count, all.use, all.rest, true_at, all.at[all.own], &truth.mesh);
-        if (status >= 0) status = pliant_error_between(all.count, all.use, all.rest, all.at[all.own], now, &truth.solver);
+        if (status >= 0)
+            status = pliant_error_between(all.count, all.use, all.rest, all.at[all.own], now, &truth.solver);
         row_clear(&row);
         row_text(&row, setup);
         row_text(&row, report_case_name(load.kind));
@@ -216,7 +239,8 @@ pliant_status pliant_truth_run(const pliant_report_input *input, const pliant_sw
         const bool known = tables && row_known(&row, tables->truth);
         tell(&all, &truth, &row);
         if (status >= 0 && tables && !known) status = row_add(&row, tables->truth);
-        if (truth.mesh.p95 / fmax(truth.mesh.largest, 1e-12) >= worst->mesh.p95 / fmax(worst->mesh.largest, 1e-12)) *worst = truth;
+        if (truth.mesh.p95 / fmax(truth.mesh.largest, 1e-12) >= worst->mesh.p95 / fmax(worst->mesh.largest, 1e-12))
+            *worst = truth;
     }
     pliant_free(now);
     pliant_free(true_at);

@@ -107,10 +107,12 @@ static double spread_of_field(int32_t count, const pliant_marker *const *markers
     int32_t terms = 0;
     for (int d = 0; d < 3; d++) low[d] = INFINITY, high[d] = -INFINITY;
     for (int32_t m = 0; m < count; m++)
-        for (int d = 0; d < 3; d++) low[d] = fmin(low[d], markers[m]->rest[d]), high[d] = fmax(high[d], markers[m]->rest[d]);
+        for (int d = 0; d < 3; d++)
+            low[d] = fmin(low[d], markers[m]->rest[d]), high[d] = fmax(high[d], markers[m]->rest[d]);
     for (int a = 0; a <= DEGREE; a++)
         for (int b = 0; a + b <= DEGREE; b++) terms += DEGREE - a - b + 1;
-    double *columns = pliant_calloc((size_t)count, (size_t)terms * sizeof *columns), *values = pliant_calloc((size_t)count, sizeof *values);
+    double *columns = pliant_calloc((size_t)count, (size_t)terms * sizeof *columns),
+           *values = pliant_calloc((size_t)count, sizeof *values);
     for (int d = 0; columns && values && d < 3; d++) {
         int32_t t = 0;
         for (int a = 0; a <= DEGREE; a++)
@@ -118,7 +120,8 @@ static double spread_of_field(int32_t count, const pliant_marker *const *markers
                 for (int c = 0; a + b + c <= DEGREE; c++, t++)
                     for (int32_t m = 0; m < count; m++) {
                         double x[3];
-                        for (int e = 0; e < 3; e++) x[e] = (2 * markers[m]->rest[e] - low[e] - high[e]) / fmax(high[e] - low[e], 1e-12);
+                        for (int e = 0; e < 3; e++)
+                            x[e] = (2 * markers[m]->rest[e] - low[e] - high[e]) / fmax(high[e] - low[e], 1e-12);
                         columns[(size_t)t * (size_t)count + (size_t)m] = pow(x[0], a) * pow(x[1], b) * pow(x[2], c);
                     }
         for (int32_t m = 0; m < count; m++) values[m] = markers[m]->moved[d];
@@ -142,11 +145,14 @@ typedef struct state_error {
 static pliant_status compare(const measured_body *body, const pliant_model *model, int32_t state, state_error *out)
 {
     const pliant_marker **markers = pliant_calloc((size_t)body->num_markers, sizeof *markers);
-    double *moved = pliant_calloc((size_t)body->num_markers, 3 * sizeof *moved), *measured = pliant_calloc((size_t)body->num_markers, 3 * sizeof *measured);
+    double *moved = pliant_calloc((size_t)body->num_markers, 3 * sizeof *moved),
+           *measured = pliant_calloc((size_t)body->num_markers, 3 * sizeof *measured);
     double *apart = pliant_calloc((size_t)body->num_markers, 3 * sizeof *apart);
     *out = (state_error){.spread = NAN};
     pliant_status status = markers && moved && measured && apart ? PLIANT_OK : pliant_fail_memory("the markers");
-    if (status >= 0) status = report_markers_move(model, body->loaded ? body->load + state : NULL, state, body->num_markers, body->markers, moved);
+    if (status >= 0)
+        status = report_markers_move(model, body->loaded ? body->load + state : NULL, state, body->num_markers,
+                                     body->markers, moved);
     if (status >= 0) {
         out->count = markers_of(body, state, markers);
         for (int32_t m = 0; m < out->count; m++)
@@ -161,7 +167,8 @@ static pliant_status compare(const measured_body *body, const pliant_model *mode
         out->moved = root_mean_square(out->count, measured);
         out->rms = root_mean_square(out->count, apart);
         for (int32_t m = 0; m < out->count; m++) {
-            out->max = fmax(out->max, sqrt(apart[3 * m] * apart[3 * m] + apart[3 * m + 1] * apart[3 * m + 1] + apart[3 * m + 2] * apart[3 * m + 2]));
+            out->max = fmax(out->max, sqrt(apart[3 * m] * apart[3 * m] + apart[3 * m + 1] * apart[3 * m + 1] +
+                                           apart[3 * m + 2] * apart[3 * m + 2]));
             out->deviation = fmax(out->deviation, markers[m]->deviation);
         }
         if (body->recordings) out->spread = spread_of_recordings(body, out->count, markers);
@@ -176,12 +183,14 @@ static pliant_status compare(const measured_body *body, const pliant_model *mode
 
 static pliant_status build(const measured_body *body, pliant_model **out)
 {
-    return pliant_model_build(&body->scene, &body->scan, body->labels.voxels ? &body->labels : NULL, &body->materials, (pliant_progress){NULL, NULL}, out);
+    return pliant_model_build(&body->scene, &body->scan, body->labels.voxels ? &body->labels : NULL, &body->materials,
+                              (pliant_progress){NULL, NULL}, out);
 }
 
 /* ---- fitting */
 
-static pliant_status fit_moduli(measured_body *body, int32_t count, const char *const *names, pliant_progress progress, char text[256])
+static pliant_status fit_moduli(measured_body *body, int32_t count, const char *const *names, pliant_progress progress,
+                                char text[256])
 {
     const char *all[PLIANT_MAX_MODULI];
     int32_t num_markers = 0;
@@ -196,16 +205,19 @@ static pliant_status fit_moduli(measured_body *body, int32_t count, const char *
     const char *const *wanted = count > 0 ? names : all;
     if (count == 0)
         for (uint32_t m = 0; count < PLIANT_MAX_MODULI && m < body->materials.num_materials; m++)
-            if (!body->materials.materials[m].empty && !body->materials.materials[m].fixed) all[count++] = body->materials.materials[m].name;
-    const pliant_report_input input = {&body->scene, &body->scan, body->labels.voxels ? &body->labels : NULL, &body->materials};
+            if (!body->materials.materials[m].empty && !body->materials.materials[m].fixed)
+                all[count++] = body->materials.materials[m].name;
+    const pliant_report_input input = {&body->scene, &body->scan, body->labels.voxels ? &body->labels : NULL,
+                                       &body->materials};
     const pliant_moduli_data data = {1, body->loaded ? body->load + body->fitted : NULL, num_markers, markers};
     pliant_status status = pliant_moduli_fit(&input, &data, count, wanted, progress, &found);
     size_t used = 0;
     for (int32_t p = 0; status >= 0 && p < found.count; p++) {
         for (uint32_t m = 0; m < body->materials.num_materials; m++)
-            if (strcmp(body->materials.materials[m].name, wanted[p]) == 0) body->materials.materials[m].young_modulus = found.young[p];
-        const int printed = snprintf(text + used, 256 - used, "%sE of %s %.4g kPa (%.4g to %.4g)", p ? ", " : "", wanted[p], 1e-3 * found.young[p], 1e-3 * found.low[p],
-                                     1e-3 * found.high[p]);
+            if (strcmp(body->materials.materials[m].name, wanted[p]) == 0)
+                body->materials.materials[m].young_modulus = found.young[p];
+        const int printed = snprintf(text + used, 256 - used, "%sE of %s %.4g kPa (%.4g to %.4g)", p ? ", " : "",
+                                     wanted[p], 1e-3 * found.young[p], 1e-3 * found.low[p], 1e-3 * found.high[p]);
         used = used + (size_t)printed < 255 ? used + (size_t)printed : 255;
     }
     pliant_free(markers);
@@ -229,13 +241,15 @@ static pliant_status with_poisson(measured_body *body, double poisson, double *e
 static pliant_status fit_poisson(measured_body *body, pliant_progress progress, char text[256])
 {
     const double golden = 0.5 * (sqrt(5) - 1), least = log(0.0005), most = log(0.2);
-    double low = least, high = most, at[2] = {high - golden * (high - low), low + golden * (high - low)}, error[2] = {0, 0};
+    double low = least, high = most, at[2] = {high - golden * (high - low), low + golden * (high - low)},
+           error[2] = {0, 0};
     enum { NARROWED = 9 };
     pliant_status status = with_poisson(body, 0.5 - exp(at[0]), &error[0]);
     if (status >= 0) status = with_poisson(body, 0.5 - exp(at[1]), &error[1]);
     for (int n = 0; status >= 0 && n < NARROWED; n++) {
         const int kept = error[1] < error[0];
-        if (!pliant_report_progress(progress, (n + 1.0) / (NARROWED + 1), "Poisson's ratio")) return pliant_fail(PLIANT_ERROR_CANCELLED, "the fit was stopped");
+        if (!pliant_report_progress(progress, (n + 1.0) / (NARROWED + 1), "Poisson's ratio"))
+            return pliant_fail(PLIANT_ERROR_CANCELLED, "the fit was stopped");
         if (kept) low = at[0];
         else high = at[1];
         at[!kept] = at[kept];
@@ -252,7 +266,8 @@ static pliant_status fit_poisson(measured_body *body, pliant_progress progress, 
 
 /* ---- rows */
 
-static void tell(const measured_body *body, int32_t state, const char *fitted, const state_error *error, double seconds, report_row *row)
+static void tell(const measured_body *body, int32_t state, const char *fitted, const state_error *error, double seconds,
+                 report_row *row)
 {
     row_text(row, "ok");
     row_text(row, "");
@@ -271,14 +286,16 @@ static void tell(const measured_body *body, int32_t state, const char *fitted, c
 /* Hash the inputs of rows with the same key, because a changed table is a different measurement. */
 static void setup_of(const measured_body *body, int32_t count, const char *const *names, char out[9])
 {
-    const pliant_report_input input = {&body->scene, &body->scan, body->labels.voxels ? &body->labels : NULL, &body->materials};
+    const pliant_report_input input = {&body->scene, &body->scan, body->labels.voxels ? &body->labels : NULL,
+                                       &body->materials};
     pliant_report_setup(&input, NULL, out);
     uint64_t hash = report_hash(body->bytes, out, strlen(out));
     for (int32_t n = 0; n < count; n++) hash = report_hash(hash, names[n], strlen(names[n]) + 1);
     snprintf(out, 9, "%08x", (unsigned)(hash ^ hash >> 32));
 }
 
-static pliant_status validate(const measured_source *source, int32_t count, const char *const *names, pliant_report_tables *tables, pliant_progress progress)
+static pliant_status validate(const measured_source *source, int32_t count, const char *const *names,
+                              pliant_report_tables *tables, pliant_progress progress)
 {
     measured_body body;
     pliant_model *model = NULL;
@@ -286,7 +303,8 @@ static pliant_status validate(const measured_source *source, int32_t count, cons
     pliant_status status = measured_body_read(source, &body);
     if (status < 0) return status;
     setup_of(&body, count, names, setup);
-    status = body.fits_poisson ? fit_poisson(&body, progress, fitted) : fit_moduli(&body, count, names, progress, fitted);
+    status =
+        body.fits_poisson ? fit_poisson(&body, progress, fitted) : fit_moduli(&body, count, names, progress, fitted);
     if (status >= 0) status = build(&body, &model);
     for (int32_t s = 0; status >= 0 && s < body.num_states; s++) {
         report_row row;
@@ -307,7 +325,8 @@ static pliant_status validate(const measured_source *source, int32_t count, cons
     return status < 0 ? status : PLIANT_OK;
 }
 
-pliant_status pliant_validation_run(const char *folder, int32_t count, const char *const *names, pliant_report_tables *tables, pliant_progress progress)
+pliant_status pliant_validation_run(const char *folder, int32_t count, const char *const *names,
+                                    pliant_report_tables *tables, pliant_progress progress)
 {
     measured_source *sources;
     int32_t found;

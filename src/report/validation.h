@@ -45,8 +45,8 @@ void measured_body_free(measured_body *body);
 /* Compute displacements of markers at equilibrium under one load, as moduli.c does.
  * @param load Nullable: only the scene's gravity
  * @param moved (num_markers x 3) for the markers of this state [m] */
-pliant_status report_markers_move(const pliant_model *model, const pliant_path *load, int32_t state, int32_t num_markers, const pliant_marker *markers,
-                                  double *moved);
+pliant_status report_markers_move(const pliant_model *model, const pliant_path *load, int32_t state,
+                                  int32_t num_markers, const pliant_marker *markers, double *moved);
 
 /* Check that markers are in the tissue, and that no displacement is far larger than the tissue. Errors: ARGUMENT,
  * MEMORY. */

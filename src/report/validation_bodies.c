@@ -37,7 +37,8 @@ typedef struct silicone {
     int cells[3], plate; /* number of cells along each axis; the last `plate` layers along z are stiff */
 } silicone;
 
-static void name_material(pliant_material *material, int index, const char *name, double young, double poisson, double density)
+static void name_material(pliant_material *material, int index, const char *name, double young, double poisson,
+                          double density)
 {
     memset(material, 0, sizeof *material);
     snprintf(material->name, sizeof material->name, "%s", name);
@@ -72,7 +73,8 @@ static pliant_status make_silicone(const silicone *what, measured_body *out)
     out->scan.slope = 1;
     uint8_t *voxel = out->scan.voxels;
     const size_t layer = (size_t)geometry.size[0] * (size_t)geometry.size[1];
-    for (int k = 0; k < geometry.size[2]; k++) memset(voxel + layer * (size_t)k, k >= geometry.size[2] - 2 * what->plate, layer);
+    for (int k = 0; k < geometry.size[2]; k++)
+        memset(voxel + layer * (size_t)k, k >= geometry.size[2] - 2 * what->plate, layer);
     out->materials.materials = pliant_calloc(2, sizeof *out->materials.materials);
     if (!out->materials.materials) return pliant_fail_memory("the materials");
     out->materials.num_materials = what->plate ? 2 : 1;
@@ -137,7 +139,9 @@ static pliant_status read_beam_lines(const char *path, int32_t *count, beam_line
                 column[w] = -1;
                 for (int c = 0; c < num_cells; c++)
                     if (strcmp(cells[c], wanted[w]) == 0) column[w] = c;
-                if (column[w] < 0 && w != RECORDING) status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: there is no column %s", path, at, wanted[w]);
+                if (column[w] < 0 && w != RECORDING)
+                    status =
+                        pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: there is no column %s", path, at, wanted[w]);
             }
             header = false;
             continue;
@@ -146,15 +150,19 @@ static pliant_status read_beam_lines(const char *path, int32_t *count, beam_line
         for (int w = 0; w < WANTED; w++) good = good && column[w] < num_cells;
         for (int d = 0; good && d < 3; d++) good = cells_number(cells[column[PLACE + d]], &one.at[d]);
         if (!good) {
-            status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: a recording, a marker, a state and three coordinates in metres are wanted", path, at);
+            status = pliant_fail(
+                PLIANT_ERROR_FORMAT,
+                "%s: line %d: a recording, a marker, a state and three coordinates in metres are wanted", path, at);
             break;
         }
         if (strncmp(cells[column[MARKER]], "Base", 4) == 0) continue; /* on the clamp */
         if (strcmp(cells[column[STATE]], "rest") != 0 && strcmp(cells[column[STATE]], "end") != 0) {
-            pliant_log(PLIANT_LOG_WARNING, "%s: line %d: state %s is left out: of rest and end alone the load is known", path, at, cells[column[STATE]]);
+            pliant_log(PLIANT_LOG_WARNING, "%s: line %d: state %s is left out: of rest and end alone the load is known",
+                       path, at, cells[column[STATE]]);
             continue;
         }
-        snprintf(one.recording, sizeof one.recording, "%s", column[RECORDING] < 0 ? "recording" : cells[column[RECORDING]]);
+        snprintf(one.recording, sizeof one.recording, "%s",
+                 column[RECORDING] < 0 ? "recording" : cells[column[RECORDING]]);
         snprintf(one.marker, sizeof one.marker, "%s", cells[column[MARKER]]);
         one.end = strcmp(cells[column[STATE]], "end") == 0;
         one.at[0] += beam_size[0];
@@ -197,9 +205,12 @@ static pliant_status read_beam(const char *path, measured_body *out)
     for (int32_t e = 0; status >= 0 && e < count; e++) {
         const beam_line *end = lines + e, *rest = NULL;
         for (int32_t r = 0; end->end && r < count; r++)
-            if (!lines[r].end && strcmp(lines[r].recording, end->recording) == 0 && strcmp(lines[r].marker, end->marker) == 0) rest = lines + r;
+            if (!lines[r].end && strcmp(lines[r].recording, end->recording) == 0 &&
+                strcmp(lines[r].marker, end->marker) == 0)
+                rest = lines + r;
         if (!rest) continue;
-        pliant_marker marker = {.load = state_of(out, end->recording), .deviation = 1e-3 /* the tip was held before, to within that */};
+        pliant_marker marker = {.load = state_of(out, end->recording),
+                                .deviation = 1e-3 /* the tip was held before, to within that */};
         if (marker.load < 0) {
             status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: more than %d recordings", path, MOST_STATES);
             break;
@@ -209,13 +220,17 @@ static pliant_status read_beam(const char *path, measured_body *out)
             marker.offset[d] = rest->at[d] - marker.rest[d];
             marker.moved[d] = end->at[d] - rest->at[d];
             if (status >= 0 && fmax(fabs(marker.offset[d]), fabs(marker.moved[d])) > beam_size[0])
-                status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: marker %s is farther from the beam than that is long: metres in its frame are wanted, from the clamp at "
-                                     "x -0.1 to the tip at 0", path, fabs(marker.offset[d]) > beam_size[0] ? rest->line : end->line, end->marker);
+                status = pliant_fail(
+                    PLIANT_ERROR_FORMAT,
+                    "%s: line %d: marker %s is farther from the beam than that is long: metres in its frame are wanted, from the clamp at "
+                    "x -0.1 to the tip at 0",
+                    path, fabs(marker.offset[d]) > beam_size[0] ? rest->line : end->line, end->marker);
         }
         if (status >= 0) status = add_marker(out, &room, &marker);
     }
     pliant_free(lines);
-    if (status >= 0 && out->num_markers == 0) status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: no marker on the silicone has both states, rest and end", path);
+    if (status >= 0 && out->num_markers == 0)
+        status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: no marker on the silicone has both states, rest and end", path);
     return status;
 }
 
@@ -251,7 +266,8 @@ static int cube_columns(int count, char *const cells[], double strain[MOST_STATE
         char *end;
         const double percent = strtod(cells[c], &end);
         if (has(cells[c], "no strain") || (end != cells[c] && percent == 0 && has(end, "strain"))) *rest = c;
-        else if (end != cells[c] && strchr(end, '%') && has(end, "strain") && percent > 0 && percent < 90 && states < MOST_STATES) {
+        else if (end != cells[c] && strchr(end, '%') && has(end, "strain") && percent > 0 && percent < 90 &&
+                 states < MOST_STATES) {
             strain[states] = 0.01 * percent;
             column[states++] = c;
         }
@@ -267,7 +283,8 @@ static bool three_numbers(int count, char *const cells[], int first, double out[
 }
 
 /* Read a bead from each line with a rest position; it counts in the states in which it was found. */
-static pliant_status read_beads(FILE *file, const char *path, double edge, measured_body *out, double strain[MOST_STATES], double centre[3])
+static pliant_status read_beads(FILE *file, const char *path, double edge, measured_body *out,
+                                double strain[MOST_STATES], double centre[3])
 {
     enum { FEWEST = 4 /* they move and turn as one as well: more numbers than six are wanted */ };
     double low[3], high[3], span = 0;
@@ -302,17 +319,24 @@ static pliant_status read_beads(FILE *file, const char *path, double edge, measu
         }
     }
     if (out->num_states == 0)
-        return pliant_fail(PLIANT_ERROR_FORMAT, "%s: no line names the states, as in ',,,no strain,,,5%% strain,,,12.5%% strain,,' above their coordinates in mm", path);
+        return pliant_fail(
+            PLIANT_ERROR_FORMAT,
+            "%s: no line names the states, as in ',,,no strain,,,5%% strain,,,12.5%% strain,,' above their coordinates in mm",
+            path);
     for (int s = 0; s < out->num_states; s++)
         if (beads[s] < FEWEST)
-            return pliant_fail(PLIANT_ERROR_FORMAT, "%s: %d beads at %g %%: lines with three coordinates in mm below 'no strain' and below each state are wanted", path, beads[s],
-                               100 * strain[s]);
+            return pliant_fail(
+                PLIANT_ERROR_FORMAT,
+                "%s: %d beads at %g %%: lines with three coordinates in mm below 'no strain' and below each state are wanted",
+                path, beads[s], 100 * strain[s]);
     for (int d = 0; d < 3; d++) {
         centre[d] /= lines;
         span = fmax(span, high[d] - low[d]);
     }
     if (span > edge || span < 0.05 * edge)
-        return pliant_fail(PLIANT_ERROR_FORMAT, "%s: at rest beads are up to %g mm apart: coordinates in mm in a cube of %g mm are wanted", path, 1e3 * span, 1e3 * edge);
+        return pliant_fail(PLIANT_ERROR_FORMAT,
+                           "%s: at rest beads are up to %g mm apart: coordinates in mm in a cube of %g mm are wanted",
+                           path, 1e3 * span, 1e3 * edge);
     return PLIANT_OK;
 }
 
@@ -355,7 +379,10 @@ static pliant_status hash_file(const char *path, uint64_t *hash)
     return PLIANT_OK;
 }
 
-static const char *last_name(const char *path) { return strrchr(path, '/') && strrchr(path, '/')[1] ? strrchr(path, '/') + 1 : path; }
+static const char *last_name(const char *path)
+{
+    return strrchr(path, '/') && strrchr(path, '/')[1] ? strrchr(path, '/') + 1 : path;
+}
 
 static pliant_status read_scene_folder(const char *folder, const char *scan, measured_body *out)
 {
@@ -369,7 +396,8 @@ static pliant_status read_scene_folder(const char *folder, const char *scan, mea
     if (status >= 0) status = hash_file(path, &out->bytes);
     for (int32_t m = 0; status >= 0 && m < out->num_markers; m++) {
         if (out->markers[m].load < 0 || out->markers[m].load >= MOST_STATES)
-            return pliant_fail(PLIANT_ERROR_FORMAT, "%s: marker %d: load %d: 1 to %d are wanted", path, m + 1, out->markers[m].load + 1, MOST_STATES);
+            return pliant_fail(PLIANT_ERROR_FORMAT, "%s: marker %d: load %d: 1 to %d are wanted", path, m + 1,
+                               out->markers[m].load + 1, MOST_STATES);
         while (out->num_states <= out->markers[m].load) {
             snprintf(out->state[out->num_states], sizeof out->state[0], "load %d", out->num_states + 1);
             out->num_states++;
@@ -401,7 +429,10 @@ static bool is_table(const char *name, const char *path, measured_source *out)
     for (int n = 0; file && !found && n < 50 && fgets(line, sizeof line, file); n++) {
         if (cells_text(line)[0] == '#') continue;
         if (strstr(line, "beam_x")) out->kind = MEASURED_BEAM, found = true;
-        else if (cube_columns(cells_split(line, cells_separator(line), MOST_CELLS, cells), cells, strain, column, &rest) > 0 && rest >= 0) out->kind = MEASURED_CUBE, found = true;
+        else if (cube_columns(cells_split(line, cells_separator(line), MOST_CELLS, cells), cells, strain, column,
+                              &rest) > 0 &&
+                 rest >= 0)
+            out->kind = MEASURED_CUBE, found = true;
     }
     if (file) fclose(file);
     return found;
@@ -422,7 +453,8 @@ static pliant_status look_in(const char *folder, bool deeper, int32_t *count, me
         entry = readdir(opened);
         snprintf(one.path, sizeof one.path, "%s/%s", folder, entry ? entry->d_name : "");
         if (entry && strcmp(entry->d_name, "scene.yaml") == 0) has_scene = true;
-        if (entry && strncmp(entry->d_name, "scan.", 5) == 0 && (!*scene.scan || strcmp(one.path, scene.scan) < 0)) memcpy(scene.scan, one.path, sizeof one.path);
+        if (entry && strncmp(entry->d_name, "scan.", 5) == 0 && (!*scene.scan || strcmp(one.path, scene.scan) < 0))
+            memcpy(scene.scan, one.path, sizeof one.path);
         const bool ends = !entry, is_scene = ends && has_scene && *scene.scan;
         if (is_scene || (entry && is_table(entry->d_name, one.path, &one))) {
             measured_source *larger = pliant_resize(*out, (size_t)*count + 1, sizeof *larger);
@@ -435,13 +467,17 @@ static pliant_status look_in(const char *folder, bool deeper, int32_t *count, me
     for (struct dirent *entry; status >= 0 && deeper && *count == before && (entry = readdir(opened));) {
         struct stat what;
         snprintf(one.path, sizeof one.path, "%s/%s", folder, entry->d_name);
-        if (entry->d_name[0] != '.' && stat(one.path, &what) == 0 && S_ISDIR(what.st_mode)) status = look_in(one.path, false, count, out);
+        if (entry->d_name[0] != '.' && stat(one.path, &what) == 0 && S_ISDIR(what.st_mode))
+            status = look_in(one.path, false, count, out);
     }
     closedir(opened);
     return status;
 }
 
-static int by_path(const void *a, const void *b) { return strcmp(((const measured_source *)a)->path, ((const measured_source *)b)->path); }
+static int by_path(const void *a, const void *b)
+{
+    return strcmp(((const measured_source *)a)->path, ((const measured_source *)b)->path);
+}
 
 pliant_status measured_bodies_find(const char *folder, int32_t *count, measured_source **out)
 {
@@ -449,9 +485,11 @@ pliant_status measured_bodies_find(const char *folder, int32_t *count, measured_
     *out = NULL;
     pliant_status status = look_in(folder, true, count, out);
     if (status >= 0 && *count == 0)
-        status = pliant_fail(PLIANT_ERROR_FILE,
-                             "%s: nothing measured is known here: a table of the beam (gravity_markers.csv) or of the cube (truthcube*.csv), or scene.yaml with scan.* and "
-                             "markers.csv are wanted; pliant/report.h tells what is in them", folder);
+        status = pliant_fail(
+            PLIANT_ERROR_FILE,
+            "%s: nothing measured is known here: a table of the beam (gravity_markers.csv) or of the cube (truthcube*.csv), or scene.yaml with scan.* and "
+            "markers.csv are wanted; pliant/report.h tells what is in them",
+            folder);
     if (status >= 0) {
         qsort(*out, (size_t)*count, sizeof **out, by_path);
         return PLIANT_OK;

@@ -39,7 +39,8 @@ static bool reference_place(const voxel_job *job, const double rest[3], double o
     if (tet < 0) return false;
     for (int d = 0; d < 3; d++) {
         out[d] = 0;
-        for (int v = 0; v < 4; v++) out[d] += weight[v] * job->reference[3 * job->reference_mesh->tets[4 * tet + v] + d];
+        for (int v = 0; v < 4; v++)
+            out[d] += weight[v] * job->reference[3 * job->reference_mesh->tets[4 * tet + v] + d];
     }
     return true;
 }
@@ -79,8 +80,9 @@ static void draw(const voxel_job *job, int32_t tet, int32_t k0, int32_t k1)
         if (first[d] > last[d]) return;
     }
     double volume = pliant_tet_gradients(corner[0], corner[1], corner[2], corner[3], gradients);
-    double world_volume = pliant_tet_gradients(job->positions + 3 * nodes[0], job->positions + 3 * nodes[1], job->positions + 3 * nodes[2],
-                                               job->positions + 3 * nodes[3], (double[12]){0});
+    double world_volume =
+        pliant_tet_gradients(job->positions + 3 * nodes[0], job->positions + 3 * nodes[1],
+                             job->positions + 3 * nodes[2], job->positions + 3 * nodes[3], (double[12]){0});
     if (volume == 0 || !(world_volume > 0)) return; /* a flat or inverted tetrahedron draws nothing, as in the warp */
     for (int32_t k = first[2]; k <= last[2]; k++)
         for (int32_t j = first[1]; j <= last[1]; j++)
@@ -121,7 +123,8 @@ pliant_status pliant_error_voxels(const pliant_model *model, const double *posit
 #pragma omp parallel for schedule(dynamic) num_threads(threads)
     for (int32_t s = 0; s < slabs; s++)
         for (int32_t t = 0; t < mesh->num_tets; t++)
-            if (model->body->fine_material[t].tissue > 0) draw(&job, t, SLAB * s, SLAB * (s + 1) < target->size[2] ? SLAB * (s + 1) : target->size[2]);
+            if (model->body->fine_material[t].tissue > 0)
+                draw(&job, t, SLAB * s, SLAB * (s + 1) < target->size[2] ? SLAB * (s + 1) : target->size[2]);
     *out = volume;
 done:
     pliant_free(drawn);

@@ -24,8 +24,9 @@ enum { WIDTH = 128, HEIGHT = 256, MARGIN = 8, BAR = 18, TITLE = 20 };
 ColourBar::ColourBar(Side side)
 {
     std::string name = unique_name("colour_bar");
-    texture_ = Ogre::TextureManager::getSingleton().createManual(name + "/texture", RESOURCE_GROUP, Ogre::TEX_TYPE_2D, WIDTH, HEIGHT, 0,
-                                                                 Ogre::PF_A8R8G8B8, Ogre::TU_DYNAMIC_WRITE_ONLY);
+    texture_ =
+        Ogre::TextureManager::getSingleton().createManual(name + "/texture", RESOURCE_GROUP, Ogre::TEX_TYPE_2D, WIDTH,
+                                                          HEIGHT, 0, Ogre::PF_A8R8G8B8, Ogre::TU_DYNAMIC_WRITE_ONLY);
     material_ = Ogre::MaterialManager::getSingleton().create(name + "/material", RESOURCE_GROUP);
     Ogre::Pass *pass = pass_of(material_);
     pass->setLightingEnabled(false);
@@ -73,7 +74,8 @@ void ColourBar::set(const QString &title, double low, double high, const std::fu
     font.setPixelSize(12);
     painter.setFont(font);
     painter.setPen(Qt::white);
-    painter.drawText(QRect(0, 0, WIDTH, TITLE), Qt::AlignCenter, painter.fontMetrics().elidedText(title, Qt::ElideRight, WIDTH - 6));
+    painter.drawText(QRect(0, 0, WIDTH, TITLE), Qt::AlignCenter,
+                     painter.fontMetrics().elidedText(title, Qt::ElideRight, WIDTH - 6));
     int top = TITLE + 8, bottom = HEIGHT - 12, left = MARGIN;
     for (int y = top; y <= bottom; y++) {
         QColor here = colour(double(bottom - y) / (bottom - top));

@@ -31,7 +31,8 @@ double distance_for(const Ogre::Camera &camera, const std::vector<Ogre::Vector3>
 }
 
 // Return the scale, in pixels per metre, at which an orthographic camera shows all points.
-static double scale_for(const Ogre::Camera &camera, const std::vector<Ogre::Vector3> &points, const Ogre::Vector3 &middle)
+static double scale_for(const Ogre::Camera &camera, const std::vector<Ogre::Vector3> &points,
+                        const Ogre::Vector3 &middle)
 {
     double aside = 1e-6, up = 1e-6;
     for (const Ogre::Vector3 &point : points) {
@@ -43,7 +44,8 @@ static double scale_for(const Ogre::Camera &camera, const std::vector<Ogre::Vect
 }
 
 // Transform a point from the fixed frame to the frame of the view's properties.
-static Ogre::Vector3 in_target_frame(rviz::DisplayContext *context, rviz::ViewController *view, const Ogre::Vector3 &point)
+static Ogre::Vector3 in_target_frame(rviz::DisplayContext *context, rviz::ViewController *view,
+                                     const Ogre::Vector3 &point)
 {
     const QString frame = view->subProp("Target Frame")->getValue().toString();
     Ogre::Vector3 position;

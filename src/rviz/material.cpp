@@ -34,7 +34,8 @@ static void make_program(const std::string &name, const char *source, Ogre::GpuP
     program->load();
 }
 
-Ogre::MaterialPtr make_material(const std::string &name, const char *vertex_shader, const char *fragment_shader, bool in_depth_image)
+Ogre::MaterialPtr make_material(const std::string &name, const char *vertex_shader, const char *fragment_shader,
+                                bool in_depth_image)
 {
     make_program(name + "/vertex", vertex_shader, Ogre::GPT_VERTEX_PROGRAM);
     make_program(name + "/fragment", fragment_shader, Ogre::GPT_FRAGMENT_PROGRAM);
@@ -69,10 +70,11 @@ void remove_material(const Ogre::MaterialPtr &material)
     Ogre::HighLevelGpuProgramManager::getSingleton().remove(name + "/fragment");
 }
 
-Ogre::TexturePtr make_texture(const std::string &name, uint32_t width, uint32_t height, uint32_t depth, Ogre::PixelFormat format)
+Ogre::TexturePtr make_texture(const std::string &name, uint32_t width, uint32_t height, uint32_t depth,
+                              Ogre::PixelFormat format)
 {
-    return Ogre::TextureManager::getSingleton().createManual(name, RESOURCE_GROUP, Ogre::TEX_TYPE_3D, width, height, depth, 0, format,
-                                                            Ogre::TU_DYNAMIC_WRITE_ONLY);
+    return Ogre::TextureManager::getSingleton().createManual(name, RESOURCE_GROUP, Ogre::TEX_TYPE_3D, width, height,
+                                                             depth, 0, format, Ogre::TU_DYNAMIC_WRITE_ONLY);
 }
 
 void remove_texture(const Ogre::TexturePtr &texture)

@@ -15,14 +15,16 @@ std::string unique_name(const std::string &stem);
 // Create a material of one pass with these GLSL programs. rviz's mouse picking ignores it, so it hides no interactive
 // marker.
 // @param in_depth_image whether the "Depth" scheme, by which tools find 3-D points, renders it as an opaque object
-Ogre::MaterialPtr make_material(const std::string &name, const char *vertex_shader, const char *fragment_shader, bool in_depth_image);
+Ogre::MaterialPtr make_material(const std::string &name, const char *vertex_shader, const char *fragment_shader,
+                                bool in_depth_image);
 Ogre::Pass *pass_of(const Ogre::MaterialPtr &material);
 
 void remove_material(const Ogre::MaterialPtr &material);
 
 // Create a 3-D texture. Tables are 3-D textures too, because the GLSL linker rejects other sampler types together with
 // a sampler3D.
-Ogre::TexturePtr make_texture(const std::string &name, uint32_t width, uint32_t height, uint32_t depth, Ogre::PixelFormat format);
+Ogre::TexturePtr make_texture(const std::string &name, uint32_t width, uint32_t height, uint32_t depth,
+                              Ogre::PixelFormat format);
 void remove_texture(const Ogre::TexturePtr &texture);
 // Bind a texture; coordinates are clamped to its edges.
 void bind_texture(Ogre::Pass *pass, const Ogre::TexturePtr &texture, const char *sampler, bool interpolated);

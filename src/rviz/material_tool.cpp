@@ -54,11 +54,14 @@ MaterialTool::MaterialTool() { shortcut_key_ = 'a'; }
 void MaterialTool::onInitialize()
 {
     setName("Material");
-    setDescription("Left button: which material is seen there. Its numbers are below Tool Properties; those that are changed are the "
-                   "simulation's from then on. Alt: turn the view.");
+    setDescription(
+        "Left button: which material is seen there. Its numbers are below Tool Properties; those that are changed are the "
+        "simulation's from then on. Alt: turn the view.");
     rviz::Property *all = getPropertyContainer();
-    namespace_ = new rviz::StringProperty("Namespace", "", "Of the tissue's topics and services; empty: as rviz's own.", all, SLOT(subscribe()), this);
-    threshold_ = new rviz::FloatProperty("Threshold", -300, "Value of the surface that is met where no volume display is shown (CT: Hounsfield).", all);
+    namespace_ = new rviz::StringProperty("Namespace", "", "Of the tissue's topics and services; empty: as rviz's own.",
+                                          all, SLOT(subscribe()), this);
+    threshold_ = new rviz::FloatProperty(
+        "Threshold", -300, "Value of the surface that is met where no volume display is shown (CT: Hounsfield).", all);
     material_ = new rviz::StringProperty("Material", "", "That was clicked at.", all);
     material_->setReadOnly(true);
     auto number = [&](const char *name, const char *text) {
@@ -71,8 +74,9 @@ void MaterialTool::onInitialize()
     density_ = number("Density", "[kg/m3]");
     toughness_ = number("Toughness", "Work that it takes to part an area [J/m2].");
     fixed_ = new rviz::BoolProperty("Fixed", false, "Does not move, as bone.", all, SLOT(change_material()), this);
-    for (rviz::Property *each : {(rviz::Property *)material_, (rviz::Property *)young_modulus_, (rviz::Property *)poisson_ratio_,
-                                 (rviz::Property *)density_, (rviz::Property *)toughness_, (rviz::Property *)fixed_})
+    for (rviz::Property *each :
+         {(rviz::Property *)material_, (rviz::Property *)young_modulus_, (rviz::Property *)poisson_ratio_,
+          (rviz::Property *)density_, (rviz::Property *)toughness_, (rviz::Property *)fixed_})
         each->setShouldBeSaved(false);
 }
 
@@ -119,8 +123,10 @@ int MaterialTool::processMouseEvent(rviz::ViewportMouseEvent &event)
         return Render;
     }
     /* pass only rotation and zoom to the view: with other events it would overwrite the status text */
-    const bool turns = event.alt() || event.middle() || event.right() || event.middleUp() || event.rightUp() || event.wheel_delta != 0;
-    if (turns && context_->getViewManager()->getCurrent()) context_->getViewManager()->getCurrent()->handleMouseEvent(event);
+    const bool turns =
+        event.alt() || event.middle() || event.right() || event.middleUp() || event.rightUp() || event.wheel_delta != 0;
+    if (turns && context_->getViewManager()->getCurrent())
+        context_->getViewManager()->getCurrent()->handleMouseEvent(event);
     return 0;
 }
 
@@ -145,7 +151,8 @@ void MaterialTool::take_answer()
     QString problem;
     if (!picker_.take(&answer, &problem)) return;
     Table now(materials_);
-    if (problem.isEmpty() && answer.material >= now.table.num_materials) problem = "The node has not told its materials yet.";
+    if (problem.isEmpty() && answer.material >= now.table.num_materials)
+        problem = "The node has not told its materials yet.";
     if (!problem.isEmpty()) {
         setStatus(problem);
         return;
@@ -183,7 +190,8 @@ void MaterialTool::update(float, float)
     if (!change_ || !change_->answered) return;
     const std::shared_ptr<Change> change = change_;
     change_.reset();
-    if (!change->reached) setStatus(QString::fromStdString("There is no answer from the service " + change->name + "."));
+    if (!change->reached)
+        setStatus(QString::fromStdString("There is no answer from the service " + change->name + "."));
     else setStatus(QString::fromStdString(change->service.response.message));
     if (!change->reached || !change->service.response.success) show_material(); /* show the unchanged material */
 }

@@ -69,37 +69,43 @@ MeshDisplay::~MeshDisplay()
 void MeshDisplay::make_properties()
 {
     auto type = [](const std::string &name) { return QString::fromStdString(name); };
-    topology_topic_ = new rviz::RosTopicProperty("Topology Topic", "mesh/topology",
-                                                 type(ros::message_traits::datatype<pliant::MeshTopology>()),
-                                                 "pliant/MeshTopology: nodes at rest, tetrahedra, surface.", this, SLOT(change_topic()));
-    state_topic_ = new rviz::RosTopicProperty("State Topic", "mesh/state", type(ros::message_traits::datatype<pliant::MeshState>()),
+    topology_topic_ = new rviz::RosTopicProperty(
+        "Topology Topic", "mesh/topology", type(ros::message_traits::datatype<pliant::MeshTopology>()),
+        "pliant/MeshTopology: nodes at rest, tetrahedra, surface.", this, SLOT(change_topic()));
+    state_topic_ = new rviz::RosTopicProperty("State Topic", "mesh/state",
+                                              type(ros::message_traits::datatype<pliant::MeshState>()),
                                               "pliant/MeshState: where the nodes are now.", this, SLOT(change_topic()));
     mode_ = new rviz::EnumProperty("Rendering", "Surface", "What is drawn of the mesh.", this, SLOT(change_look()));
     mode_->addOption("Surface", SURFACE);
     mode_->addOption("Wireframe", WIREFRAME);
     mode_->addOption("Cut Away", CUT_AWAY);
-    plane_normal_ = new rviz::VectorProperty("Cut Normal", Ogre::Vector3(0, 0, 1),
-                                             "Cut Away: tetrahedra on the side that it points to are kept; axes of the mesh's frame.",
-                                             this, SLOT(change_look()));
-    plane_point_ = new rviz::VectorProperty("Cut Point", Ogre::Vector3(0, 0, 0), "A point of the cut in the mesh's frame [m].", this,
-                                            SLOT(change_look()));
+    plane_normal_ = new rviz::VectorProperty(
+        "Cut Normal", Ogre::Vector3(0, 0, 1),
+        "Cut Away: tetrahedra on the side that it points to are kept; axes of the mesh's frame.", this,
+        SLOT(change_look()));
+    plane_point_ = new rviz::VectorProperty("Cut Point", Ogre::Vector3(0, 0, 0),
+                                            "A point of the cut in the mesh's frame [m].", this, SLOT(change_look()));
     edges_ = new rviz::BoolProperty("Edges", true, "Draw the edges of the faces too.", this, SLOT(change_look()));
     colour_by_ = new rviz::EnumProperty("Color By", "Scalar", "What the colour shows.", this, SLOT(change_colour()));
     colour_by_->addOption("Scalar", BY_SCALAR);
     colour_by_->addOption("Material", BY_MATERIAL);
     colour_by_->addOption("One Color", BY_ONE_COLOUR);
     colour_by_->addOption("Displacement", BY_DISPLACEMENT);
-    scalar_ = new rviz::EnumProperty("Scalar", "none", "The number that the node tells of each mesh node. Chosen here, it is so for all that listen.", this,
-                                     SLOT(change_scalar()));
+    scalar_ = new rviz::EnumProperty(
+        "Scalar", "none",
+        "The number that the node tells of each mesh node. Chosen here, it is so for all that listen.", this,
+        SLOT(change_scalar()));
     for (const char *name : SCALARS) scalar_->addOption(name);
     scalar_->setShouldBeSaved(false); /* not saved: it is the node's setting */
     node_ = new rviz::StringProperty("Node", "sim", "Name of the node, with which its settings begin.", this);
-    colour_ = new rviz::ColorProperty("Color", QColor(200, 150, 130), "Without a scalar or material.", this, SLOT(change_look()));
-    opacity_ = new rviz::FloatProperty("Opacity", 1, "0 is not seen, 1 hides what is behind.", this, SLOT(change_look()));
+    colour_ = new rviz::ColorProperty("Color", QColor(200, 150, 130), "Without a scalar or material.", this,
+                                      SLOT(change_look()));
+    opacity_ =
+        new rviz::FloatProperty("Opacity", 1, "0 is not seen, 1 hides what is behind.", this, SLOT(change_look()));
     opacity_->setMin(0);
     opacity_->setMax(1);
-    automatic_ = new rviz::BoolProperty("Automatic Range", true, "The colours follow the smallest and largest number.", this,
-                                        SLOT(change_look()));
+    automatic_ = new rviz::BoolProperty("Automatic Range", true, "The colours follow the smallest and largest number.",
+                                        this, SLOT(change_look()));
     range_low_ = new rviz::FloatProperty("Low", 0, "Number of the first colour.", this, SLOT(change_range()));
     range_high_ = new rviz::FloatProperty("High", 1, "Number of the last colour.", this, SLOT(change_range()));
     legend_ = new rviz::BoolProperty("Legend", true, "Show which number has which colour.", this, SLOT(change_look()));
@@ -150,7 +156,8 @@ void MeshDisplay::subscribe()
 {
     if (!isEnabled() || topology_topic_->getTopicStd().empty() || state_topic_->getTopicStd().empty()) return;
     try {
-        topology_subscriber_ = update_nh_.subscribe(topology_topic_->getTopicStd(), 2, &MeshDisplay::receive_topology, this);
+        topology_subscriber_ =
+            update_nh_.subscribe(topology_topic_->getTopicStd(), 2, &MeshDisplay::receive_topology, this);
         state_subscriber_ = update_nh_.subscribe(state_topic_->getTopicStd(), 1, &MeshDisplay::receive_state, this,
                                                  ros::TransportHints().tcpNoDelay());
         setStatus(rviz::StatusProperty::Warn, "Topology", "no data yet");
@@ -198,14 +205,16 @@ void MeshDisplay::receive_topology(const pliant::MeshTopology::ConstPtr &message
     topology.material = message->material;
     std::string error = check(topology);
     if (!error.empty()) {
-        setStatusStd(rviz::StatusProperty::Error, "Topology", "revision " + std::to_string(message->revision) + " refused: " + error);
+        setStatusStd(rviz::StatusProperty::Error, "Topology",
+                     "revision " + std::to_string(message->revision) + " refused: " + error);
         return;
     }
     const bool same_scan = !mesh_.empty() && mesh_.topology().scan_id == topology.scan_id;
     mesh_.start(std::move(topology));
     frame_ = message->header.frame_id;
     setStatusStd(rviz::StatusProperty::Ok, "Topology",
-                 "revision " + std::to_string(message->revision) + ": " + std::to_string(message->rest_nodes.size() / 3) + " nodes, " +
+                 "revision " + std::to_string(message->revision) + ": " +
+                     std::to_string(message->rest_nodes.size() / 3) + " nodes, " +
                      std::to_string(message->tetrahedra.size() / 4) + " tetrahedra");
     if (!same_scan) range_known_ = false; // after a cut the colours keep their meaning
     last_.reset();
@@ -219,8 +228,9 @@ void MeshDisplay::receive_state(const pliant::MeshState::ConstPtr &message)
     early_ = message->revision != mesh_.topology().revision ? message : nullptr;
     const bool moved = colour_by_->getOptionInt() == BY_DISPLACEMENT;
     const std::string name = moved ? DISPLACEMENT : message->scalar_name;
-    const MeshShape::Result result = mesh_.put(message->revision, message->nodes,
-                                               moved ? displacements(mesh_.topology().rest, message->nodes) : message->scalar);
+    const MeshShape::Result result =
+        mesh_.put(message->revision, message->nodes,
+                  moved ? displacements(mesh_.topology().rest, message->nodes) : message->scalar);
     states_++;
     if (result == MeshShape::SHOWN) {
         frame_ = message->header.frame_id;
@@ -300,8 +310,11 @@ void MeshDisplay::change_colour()
 void MeshDisplay::follow_scalar()
 {
     if (wish_ && wish_->answered) {
-        const bool granted = last_->scalar_name == wish_->scalar || (wish_->scalar == SCALARS[0] && last_->scalar_name.empty());
-        if (!wish_->reached) setStatusStd(rviz::StatusProperty::Error, "Scalar", "no answer from " + wish_->name + ": see the property Node");
+        const bool granted =
+            last_->scalar_name == wish_->scalar || (wish_->scalar == SCALARS[0] && last_->scalar_name.empty());
+        if (!wish_->reached)
+            setStatusStd(rviz::StatusProperty::Error, "Scalar",
+                         "no answer from " + wish_->name + ": see the property Node");
         const bool refused = ros::WallTime::now() - wish_->answered_at > ros::WallDuration(PATIENCE);
         if (granted || refused || !wish_->reached) wish_.reset();
     }
@@ -338,7 +351,10 @@ bool MeshDisplay::coloured_by_scalar() const
     return (by == BY_SCALAR || by == BY_DISPLACEMENT) && !mesh_.scalar().empty();
 }
 
-Rgb MeshDisplay::scalar_colour(double t) const { return scalar_name_ == "volume_ratio" ? diverging_colour(t) : sequential_colour(t); }
+Rgb MeshDisplay::scalar_colour(double t) const
+{
+    return scalar_name_ == "volume_ratio" ? diverging_colour(t) : sequential_colour(t);
+}
 
 Rgb MeshDisplay::colour_of(uint32_t node, uint16_t material) const
 {
@@ -347,7 +363,8 @@ Rgb MeshDisplay::colour_of(uint32_t node, uint16_t material) const
         if (!std::isfinite(value)) return {{0.5, 0.5, 0.5}};
         return scalar_colour((value - low_) / (high_ - low_));
     }
-    if (colour_by_->getOptionInt() == BY_MATERIAL && !mesh_.topology().material.empty()) return material_colour(material);
+    if (colour_by_->getOptionInt() == BY_MATERIAL && !mesh_.topology().material.empty())
+        return material_colour(material);
     QColor one = colour_->getColor();
     return {{one.redF(), one.greenF(), one.blueF()}};
 }
@@ -359,7 +376,8 @@ void MeshDisplay::add_section(const Shape &shape, const std::vector<uint32_t> &i
     const Ogre::MaterialPtr &material = lines ? line_material_ : face_material_;
     object_->estimateVertexCount(shape.nodes.size());
     object_->estimateIndexCount(indices.size());
-    object_->begin(material->getName(), lines ? Ogre::RenderOperation::OT_LINE_LIST : Ogre::RenderOperation::OT_TRIANGLE_LIST,
+    object_->begin(material->getName(),
+                   lines ? Ogre::RenderOperation::OT_LINE_LIST : Ogre::RenderOperation::OT_TRIANGLE_LIST,
                    RESOURCE_GROUP);
     for (size_t n = 0; n < shape.nodes.size(); n++) {
         const float *x = &shape.vertices[3 * n], *normal = &shape.normals[3 * n];
@@ -401,9 +419,11 @@ void MeshDisplay::show_bar()
 {
     bool shown = legend_->getBool() && coloured_by_scalar();
     float range = std::fabs(high_ - low_);
-    if (shown && (bar_changed_ || std::fabs(low_ - bar_low_) > 0.01f * range || std::fabs(high_ - bar_high_) > 0.01f * range)) {
+    if (shown &&
+        (bar_changed_ || std::fabs(low_ - bar_low_) > 0.01f * range || std::fabs(high_ - bar_high_) > 0.01f * range)) {
         const QString unit = QString::fromUtf8(scalar_unit(scalar_name_));
-        const QString title = QString::fromStdString(scalar_name_).replace('_', ' ') + (unit.isEmpty() ? "" : " [" + unit + "]");
+        const QString title =
+            QString::fromStdString(scalar_name_).replace('_', ' ') + (unit.isEmpty() ? "" : " [" + unit + "]");
         bar_->set(title, low_, high_, [this](double t) {
             Rgb colour = scalar_colour(t);
             return QColor::fromRgbF(colour[0], colour[1], colour[2]);

@@ -74,12 +74,14 @@ std::string check(const Topology &topology)
     if (error.empty()) error = check_nodes(topology.triangles, nodes + vertices, 3, "triangles");
     if (error.empty()) error = check_nodes(topology.rest_parent, nodes, 1, "rest_parent");
     if (!error.empty()) return error;
-    if (!topology.rest_parent.empty() && topology.rest_parent.size() != nodes) return "rest_parent must have one number a node";
+    if (!topology.rest_parent.empty() && topology.rest_parent.size() != nodes)
+        return "rest_parent must have one number a node";
     if (!topology.material.empty() && topology.material.size() != topology.tetrahedra.size() / 4)
         return "material must have one number a tetrahedron";
     for (uint32_t tet : topology.vertex_tetrahedron)
         if (tet >= topology.tetrahedra.size() / 4) return "vertex_tetrahedron names a tetrahedron that is not there";
-    if (topology.vertex_weight.size() != 4 * vertices || !finite(topology.vertex_weight)) return "vertex_weight must have four numbers a vertex";
+    if (topology.vertex_weight.size() != 4 * vertices || !finite(topology.vertex_weight))
+        return "vertex_weight must have four numbers a vertex";
     if (topology.vertex_material.size() != vertices) return "vertex_material must have one number a vertex";
     return "";
 }
@@ -109,7 +111,8 @@ MeshShape::Result MeshShape::put(uint32_t revision, const std::vector<float> &no
 {
     if (empty()) return NO_TOPOLOGY;
     if (revision != topology_.revision) return OTHER_REVISION;
-    if (nodes.size() != topology_.rest.size() || (!scalar.empty() && scalar.size() != nodes.size() / 3)) return WRONG_SIZE;
+    if (nodes.size() != topology_.rest.size() || (!scalar.empty() && scalar.size() != nodes.size() / 3))
+        return WRONG_SIZE;
     if (!finite(nodes)) return NOT_FINITE;
     nodes_ = nodes;
     scalar_ = scalar;
@@ -180,7 +183,10 @@ void MeshShape::find_edges(Shape *shape) const
     struct Edge {
         uint32_t low, high, vertex[2];
         bool cut;
-        bool operator<(const Edge &other) const { return std::tie(low, high, cut) < std::tie(other.low, other.high, other.cut); }
+        bool operator<(const Edge &other) const
+        {
+            return std::tie(low, high, cut) < std::tie(other.low, other.high, other.cut);
+        }
         bool same(const Edge &other) const { return low == other.low && high == other.high; }
     };
     const size_t cut = 3 * size_t(topology_.first_cut), nodes = nodes_.size() / 3;
@@ -195,14 +201,16 @@ void MeshShape::find_edges(Shape *shape) const
     for (size_t n = 0, end; n < edges.size(); n = end) {
         for (end = n; end < edges.size() && edges[end].same(edges[n]);) end++;
         const bool rim = !edges[n].cut && edges[end - 1].cut;
-        if (edges[n].high < nodes || rim) shape->edges.insert(shape->edges.end(), {edges[n].vertex[0], edges[n].vertex[1]});
+        if (edges[n].high < nodes || rim)
+            shape->edges.insert(shape->edges.end(), {edges[n].vertex[0], edges[n].vertex[1]});
     }
 }
 
 Shape MeshShape::surface() const
 {
     Shape shape;
-    const size_t nodes = nodes_.size() / 3, all = nodes + topology_.vertex_tetrahedron.size(), cut = 3 * size_t(topology_.first_cut);
+    const size_t nodes = nodes_.size() / 3, all = nodes + topology_.vertex_tetrahedron.size(),
+                 cut = 3 * size_t(topology_.first_cut);
     const uint32_t none = 0xffffffff;
     std::vector<uint32_t> vertex(2 * all, none); // outer triangles, then faces of cuts
     for (size_t n = 0; n < topology_.triangles.size(); n++) {
@@ -212,7 +220,9 @@ Shape MeshShape::surface() const
             place = uint32_t(shape.nodes.size());
             shape.nodes.push_back(node);
             shape.material.push_back(node < nodes ? uint16_t(0) : topology_.vertex_material[node - nodes]);
-            for (size_t d = 0; d < 3; d++) shape.vertices.push_back(node < nodes ? nodes_[3 * node + d] : at_vertex(node - uint32_t(nodes), nodes_, 3, d));
+            for (size_t d = 0; d < 3; d++)
+                shape.vertices.push_back(node < nodes ? nodes_[3 * node + d]
+                                                      : at_vertex(node - uint32_t(nodes), nodes_, 3, d));
         }
         shape.triangles.push_back(place);
     }
@@ -225,7 +235,8 @@ Shape MeshShape::surface() const
                         if (place != none) shape.material[place] = topology_.material[size_t(face.inner)];
     for (size_t n = 0; n < shape.triangles.size(); n += 3) {
         const uint32_t *corner = &shape.triangles[n];
-        Vector normal = normal_of(at(shape.vertices, corner[0]), at(shape.vertices, corner[1]), at(shape.vertices, corner[2]));
+        Vector normal =
+            normal_of(at(shape.vertices, corner[0]), at(shape.vertices, corner[1]), at(shape.vertices, corner[2]));
         for (size_t v = 0; v < 3; v++)
             for (size_t d = 0; d < 3; d++) shape.normals[3 * corner[v] + d] += float(normal[d]);
     }
@@ -267,8 +278,9 @@ Shape MeshShape::cut(const Plane &plane) const
 
 const char *scalar_unit(const std::string &name)
 {
-    static const char *const units[][2] = {{"von_mises", "Pa"}, {"principal_stress", "Pa"}, {"strain_energy", "J/m\u00b3"}, {"mass_change", "m\u00b3"},
-                                           {"contact_force", "N"}, {"displacement", "m"}};
+    static const char *const units[][2] = {
+        {"von_mises", "Pa"},        {"principal_stress", "Pa"}, {"strain_energy", "J/m\u00b3"},
+        {"mass_change", "m\u00b3"}, {"contact_force", "N"},     {"displacement", "m"}};
     for (const auto &each : units)
         if (name == each[0]) return each[1];
     return "";

@@ -7,7 +7,8 @@
 namespace pliant_rviz {
 
 // Times [s]; poses are sent every 10 ms, a simulation step takes 20 ms.
-static const double PERIOD = 0.01, OPEN_FOR = 0.1, WAIT_FOR_SIGHT = 1.0, CLOSED_FOR = 0.06, WAIT_FOR_HOLD = 0.5, OPEN_AFTER = 0.2;
+static const double PERIOD = 0.01, OPEN_FOR = 0.1, WAIT_FOR_SIGHT = 1.0, CLOSED_FOR = 0.06, WAIT_FOR_HOLD = 0.5,
+                    OPEN_AFTER = 0.2;
 
 MouseRobot::MouseRobot() = default;
 

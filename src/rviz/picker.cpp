@@ -30,7 +30,8 @@ struct Picker::Question {
 Ogre::Ray ray_of(const rviz::ViewportMouseEvent &event)
 {
     return event.viewport->getCamera()->getCameraToViewportRay(float(event.x) / float(event.viewport->getActualWidth()),
-                                                               float(event.y) / float(event.viewport->getActualHeight()));
+                                                               float(event.y) /
+                                                                   float(event.viewport->getActualHeight()));
 }
 
 static void find_volumes(rviz::DisplayGroup *group, std::vector<VolumeDisplay *> *out)
@@ -66,7 +67,8 @@ void Picker::ask(rviz::DisplayContext *context, const Ogre::Ray &ray, const std:
     double nearest = std::numeric_limits<double>::infinity(), distance, value;
     for (VolumeDisplay *volume : volume_displays(context)) {
         shown = shown || volume->is_shown();
-        if (volume->see(ray.getOrigin(), ray.getDirection(), &distance, &value) && distance < nearest) nearest = distance;
+        if (volume->see(ray.getOrigin(), ray.getDirection(), &distance, &value) && distance < nearest)
+            nearest = distance;
     }
     if (shown && nearest == std::numeric_limits<double>::infinity()) {
         question_->is_seen = false;
@@ -93,8 +95,11 @@ bool Picker::take(pliant::Pick::Response *answer, QString *problem)
     *answer = question->service.response;
     *problem = "";
     if (!question->is_seen) *problem = "Nothing is seen here.";
-    else if (!question->reached) *problem = QString::fromStdString("There is no answer from the service " + question->name + ".");
-    else if (!answer->success) *problem = answer->message.empty() ? QString("There is no tissue here.") : QString::fromStdString(answer->message);
+    else if (!question->reached)
+        *problem = QString::fromStdString("There is no answer from the service " + question->name + ".");
+    else if (!answer->success)
+        *problem =
+            answer->message.empty() ? QString("There is no tissue here.") : QString::fromStdString(answer->message);
     return true;
 }
 

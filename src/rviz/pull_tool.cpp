@@ -43,9 +43,9 @@ void PullTool::onInitialize()
                                           getPropertyContainer(), SLOT(connect_topics()), this);
     tool_name_ = new rviz::StringProperty("Tool", "mouse", "Name of the tool that the mouse is; the node must know it.",
                                           getPropertyContainer(), SLOT(connect_topics()), this);
-    threshold_ = new rviz::FloatProperty("Threshold", -300,
-                                         "Value of the surface that is picked where no volume display is shown (CT: Hounsfield).",
-                                         getPropertyContainer());
+    threshold_ = new rviz::FloatProperty(
+        "Threshold", -300, "Value of the surface that is picked where no volume display is shown (CT: Hounsfield).",
+        getPropertyContainer());
     std::string name = unique_name("pull");
     mark_material_ = Ogre::MaterialManager::getSingleton().create(name, RESOURCE_GROUP);
     pass_of(mark_material_)->setLightingEnabled(false);
@@ -73,7 +73,8 @@ void PullTool::connect_topics()
     try {
         ros::NodeHandle handle;
         robot_.connect(topic(tool_name_->getStdString()), context_->getFixedFrame().toStdString());
-        contact_ = handle.subscribe(topic(tool_name_->getStdString() + "/contact"), 1, &PullTool::receive_contact, this);
+        contact_ =
+            handle.subscribe(topic(tool_name_->getStdString() + "/contact"), 1, &PullTool::receive_contact, this);
         connected_ = true;
     } catch (const ros::Exception &error) {
         setStatus(QString("No such topics: ") + error.what());
@@ -107,7 +108,8 @@ void PullTool::take_answer()
     knows_held_ = gripped_ = false;
     robot_.connect(topic(tool_name_->getStdString()), context_->getFixedFrame().toStdString());
     robot_.grasp({{picked_.x, picked_.y, picked_.z}});
-    setStatus(QString("Pulling tetrahedron %1, value %2.").arg(answer.tetrahedron).arg(double(answer.intensity), 0, 'f', 0));
+    setStatus(
+        QString("Pulling tetrahedron %1, value %2.").arg(answer.tetrahedron).arg(double(answer.intensity), 0, 'f', 0));
 }
 
 void PullTool::let_go()
@@ -122,7 +124,8 @@ void PullTool::drag(rviz::ViewportMouseEvent &event)
 {
     view_direction_ = event.viewport->getCamera()->getDerivedDirection();
     Ogre::Vector3 eye = event.viewport->getCamera()->getDerivedPosition();
-    if (event.wheel_delta != 0) tip_ -= view_direction_ * (float(event.wheel_delta) / 120 * 0.01f * (tip_ - eye).length());
+    if (event.wheel_delta != 0)
+        tip_ -= view_direction_ * (float(event.wheel_delta) / 120 * 0.01f * (tip_ - eye).length());
     Ogre::Ray ray = ray_of(event);
     std::pair<bool, Ogre::Real> hit = ray.intersects(Ogre::Plane(view_direction_, tip_));
     if (hit.first) tip_ = ray.getPoint(hit.second);
@@ -144,7 +147,8 @@ int PullTool::processMouseEvent(rviz::ViewportMouseEvent &event)
         drag(event);
         return Render;
     }
-    if (!picker_.asks() && context_->getViewManager()->getCurrent()) context_->getViewManager()->getCurrent()->handleMouseEvent(event);
+    if (!picker_.asks() && context_->getViewManager()->getCurrent())
+        context_->getViewManager()->getCurrent()->handleMouseEvent(event);
     return 0;
 }
 
@@ -160,7 +164,8 @@ void PullTool::receive_contact(const pliant::ContactState::ConstPtr &message)
     if (!message->grasped) return;
     Ogre::Vector3 position;
     Ogre::Quaternion orientation;
-    knows_held_ = context_->getFrameManager()->getTransform(message->header.frame_id, ros::Time(), position, orientation);
+    knows_held_ =
+        context_->getFrameManager()->getTransform(message->header.frame_id, ros::Time(), position, orientation);
     held_ = position + orientation * Ogre::Vector3(float(message->held_point.x), float(message->held_point.y),
                                                    float(message->held_point.z));
 }
@@ -172,7 +177,9 @@ void PullTool::draw()
     if (!robot_.holding() || !view) return;
     const Ogre::Camera *camera = view->getCamera();
     // 0.8 % of the distance to the viewer
-    float radius = camera->getProjectionType() == Ogre::PT_PERSPECTIVE ? 0.008f * (tip_ - camera->getDerivedPosition()).length() : 0.005f;
+    float radius = camera->getProjectionType() == Ogre::PT_PERSPECTIVE
+                       ? 0.008f * (tip_ - camera->getDerivedPosition()).length()
+                       : 0.005f;
     Ogre::Vector3 right = radius * camera->getDerivedRight(), up = radius * camera->getDerivedUp();
     const Ogre::ColourValue yellow(1.0f, 0.85f, 0.1f);
     mark_->clear();

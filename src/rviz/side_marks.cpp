@@ -35,7 +35,8 @@ SideMarks::~SideMarks()
     }
 }
 
-void SideMarks::show(const Bounds &box, const Ogre::SceneNode &volume, const Ogre::Quaternion &to_patient, const Ogre::Vector3 &ahead)
+void SideMarks::show(const Bounds &box, const Ogre::SceneNode &volume, const Ogre::Quaternion &to_patient,
+                     const Ogre::Vector3 &ahead)
 {
     double diagonal = 0;
     for (size_t d = 0; d < 3; d++) diagonal += std::pow(box.high[d] - box.low[d], 2);

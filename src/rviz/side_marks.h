@@ -31,7 +31,8 @@ public:
     // opposite direction, have no letter.
     // @param to_patient rotation from these axes to the patient's axes
     // @param ahead view direction in the fixed frame
-    void show(const Bounds &box, const Ogre::SceneNode &volume, const Ogre::Quaternion &to_patient, const Ogre::Vector3 &ahead);
+    void show(const Bounds &box, const Ogre::SceneNode &volume, const Ogre::Quaternion &to_patient,
+              const Ogre::Vector3 &ahead);
     void hide();
     // Extent of the letters beyond the box, as a fraction of its diagonal.
     static const double REACH;

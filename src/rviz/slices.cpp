@@ -78,7 +78,8 @@ std::vector<Vector> slice(const Bounds &box, const std::vector<Plane> &planes, c
     return polygon;
 }
 
-Slices make_slices(const Bounds &box, const std::vector<Plane> &planes, const Vector &direction, double spacing, size_t most)
+Slices make_slices(const Bounds &box, const std::vector<Plane> &planes, const Vector &direction, double spacing,
+                   size_t most)
 {
     Slices out;
     if (box.empty() || !(spacing > 0)) return out;
@@ -100,8 +101,8 @@ Slices make_slices(const Bounds &box, const std::vector<Plane> &planes, const Ve
     return out;
 }
 
-bool clip_ray(const Bounds &box, const std::vector<Plane> &planes, const Vector &origin, const Vector &direction, double *near,
-              double *far)
+bool clip_ray(const Bounds &box, const std::vector<Plane> &planes, const Vector &origin, const Vector &direction,
+              double *near, double *far)
 {
     double enter = 0, leave = std::numeric_limits<double>::infinity();
     auto clip = [&](const Plane &plane) {
@@ -128,7 +129,8 @@ bool clip_ray(const Bounds &box, const std::vector<Plane> &planes, const Vector 
 std::vector<Part> outside(const Bounds &box, const Vector &origin, const Vector &direction, const Part &part)
 {
     double enter, leave;
-    if (box.empty() || !clip_ray(box, {}, origin, direction, &enter, &leave) || leave <= part.near || enter >= part.far) return {part};
+    if (box.empty() || !clip_ray(box, {}, origin, direction, &enter, &leave) || leave <= part.near || enter >= part.far)
+        return {part};
     std::vector<Part> left;
     if (enter > part.near) left.push_back({part.near, enter});
     if (leave < part.far) left.push_back({leave, part.far});

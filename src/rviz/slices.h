@@ -33,16 +33,18 @@ struct Slices {
 // Return the intersection of the plane dot(direction, point) = distance with the box and the kept sides of the planes:
 // a convex polygon, or nothing.
 // direction: unit vector
-std::vector<Vector> slice(const Bounds &box, const std::vector<Plane> &planes, const Vector &direction, double distance);
+std::vector<Vector> slice(const Bounds &box, const std::vector<Plane> &planes, const Vector &direction,
+                          double distance);
 
 // Return slices of the box at integer multiples of the spacing along the view direction, the farthest first. Multiples
 // count from the coordinate origin, so that slices stay in place when the box changes.
 // @param most maximum number of slices; choose the spacing accordingly
-Slices make_slices(const Bounds &box, const std::vector<Plane> &planes, const Vector &direction, double spacing, size_t most);
+Slices make_slices(const Bounds &box, const std::vector<Plane> &planes, const Vector &direction, double spacing,
+                   size_t most);
 
 // Return the part [near, far] of origin + t * direction, t >= 0, inside the box and the planes; false: none.
-bool clip_ray(const Bounds &box, const std::vector<Plane> &planes, const Vector &origin, const Vector &direction, double *near,
-              double *far);
+bool clip_ray(const Bounds &box, const std::vector<Plane> &planes, const Vector &origin, const Vector &direction,
+              double *near, double *far);
 
 // Return the segments of a ray segment outside a box: at most two, the nearer first. An empty box removes nothing.
 struct Part { double near, far; };

@@ -126,7 +126,8 @@ int add_point(std::vector<ControlPoint> *points, double at)
     line.points = *points;
     size_t which = 0;
     while (which < points->size() && (*points)[which].at < at) which++;
-    const double low = which > 0 ? (*points)[which - 1].at + APART : 0, high = which < points->size() ? (*points)[which].at - APART : 1;
+    const double low = which > 0 ? (*points)[which - 1].at + APART : 0,
+                 high = which < points->size() ? (*points)[which].at - APART : 1;
     if (low > high) return -1;
     points->insert(points->begin() + long(which), {at, colour_at(line, at)});
     move_point(points, which, at, (*points)[which].colour.a);
@@ -140,7 +141,10 @@ bool remove_point(std::vector<ControlPoint> *points, size_t which)
     return true;
 }
 
-double opacity_over(double opacity, double distance) { return 1 - std::pow(1 - std::min(std::max(opacity, 0.0), 1.0), distance); }
+double opacity_over(double opacity, double distance)
+{
+    return 1 - std::pow(1 - std::min(std::max(opacity, 0.0), 1.0), distance);
+}
 
 Table make_table(const Preset &preset, double opacity, double distance)
 {
@@ -149,7 +153,8 @@ Table make_table(const Preset &preset, double opacity, double distance)
         Colour colour = colour_at(preset, double(n) / (TABLE_SIZE - 1));
         double a = opacity_over(opacity * colour.a, distance);
         const double channels[4] = {colour.r * a, colour.g * a, colour.b * a, a};
-        for (size_t c = 0; c < 4; c++) table[4 * n + c] = uint16_t(std::lround(65535 * std::min(std::max(channels[c], 0.0), 1.0)));
+        for (size_t c = 0; c < 4; c++)
+            table[4 * n + c] = uint16_t(std::lround(65535 * std::min(std::max(channels[c], 0.0), 1.0)));
     }
     return table;
 }

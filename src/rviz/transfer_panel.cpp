@@ -37,7 +37,10 @@ void TransferCurve::show_function(const Preset &function, double low, double hig
     update();
 }
 
-QRectF TransferCurve::field() const { return QRectF(MARGIN, MARGIN, width() - 2 * MARGIN, height() - 2 * MARGIN - BELOW); }
+QRectF TransferCurve::field() const
+{
+    return QRectF(MARGIN, MARGIN, width() - 2 * MARGIN, height() - 2 * MARGIN - BELOW);
+}
 
 // small opacities matter, so the height is the square root of the opacity
 QPointF TransferCurve::place_of(const ControlPoint &point) const
@@ -46,7 +49,10 @@ QPointF TransferCurve::place_of(const ControlPoint &point) const
     return QPointF(in.left() + point.at * in.width(), in.bottom() - std::sqrt(point.colour.a) * in.height());
 }
 
-double TransferCurve::at_of(const QPointF &place) const { return std::min(std::max((place.x() - field().left()) / field().width(), 0.0), 1.0); }
+double TransferCurve::at_of(const QPointF &place) const
+{
+    return std::min(std::max((place.x() - field().left()) / field().width(), 0.0), 1.0);
+}
 
 double TransferCurve::opacity_of(const QPointF &place) const
 {
@@ -82,7 +88,8 @@ void TransferCurve::paintEvent(QPaintEvent *)
     painter.setBrush(QColor(80, 80, 88));
     for (size_t n = 0; n < histogram_.size(); n++) {
         const double step = in.width() / double(histogram_.size());
-        painter.drawRect(QRectF(in.left() + double(n) * step, in.bottom() - histogram_[n] * in.height(), step, histogram_[n] * in.height()));
+        painter.drawRect(QRectF(in.left() + double(n) * step, in.bottom() - histogram_[n] * in.height(), step,
+                                histogram_[n] * in.height()));
     }
     /* draw the line in its colours; between two points it is the square root of a straight line */
     for (int x = int(in.left()); x < int(in.right()); x++) {
@@ -105,13 +112,17 @@ void TransferCurve::paintEvent(QPaintEvent *)
     if (held_ < 0) return;
     const ControlPoint &held = function_.points[size_t(held_)];
     painter.drawText(line, Qt::AlignHCenter | Qt::AlignBottom,
-                     QString("%1%2, opacity %3").arg(low_ + held.at * (high_ - low_), 0, 'f', 0).arg(unit).arg(held.colour.a, 0, 'g', 2));
+                     QString("%1%2, opacity %3")
+                         .arg(low_ + held.at * (high_ - low_), 0, 'f', 0)
+                         .arg(unit)
+                         .arg(held.colour.a, 0, 'g', 2));
 }
 
 void TransferCurve::mousePressEvent(QMouseEvent *event)
 {
     const int which = point_at(event->localPos());
-    if (event->button() == Qt::RightButton && held_ < 0 && which >= 0 && remove_point(&function_.points, size_t(which))) Q_EMIT changed();
+    if (event->button() == Qt::RightButton && held_ < 0 && which >= 0 && remove_point(&function_.points, size_t(which)))
+        Q_EMIT changed();
     if (event->button() == Qt::LeftButton) held_ = which;
     update();
 }
@@ -147,7 +158,8 @@ void TransferCurve::mouseDoubleClickEvent(QMouseEvent *event)
 
 void TransferCurve::choose_colour(int which)
 {
-    const QColor chosen = QColorDialog::getColor(colour_of(function_.points[size_t(which)].colour), this, "Colour of the point");
+    const QColor chosen =
+        QColorDialog::getColor(colour_of(function_.points[size_t(which)].colour), this, "Colour of the point");
     held_ = -1;
     // the points may have changed in the meantime
     if (!chosen.isValid() || size_t(which) >= function_.points.size()) return;
@@ -157,7 +169,8 @@ void TransferCurve::choose_colour(int which)
     Q_EMIT changed();
 }
 
-TransferPanel::TransferPanel(QWidget *parent) : rviz::Panel(parent), volumes_(new QComboBox(this)), curve_(new TransferCurve(this))
+TransferPanel::TransferPanel(QWidget *parent)
+    : rviz::Panel(parent), volumes_(new QComboBox(this)), curve_(new TransferCurve(this))
 {
     QVBoxLayout *layout = new QVBoxLayout(this);
     layout->setContentsMargins(2, 2, 2, 2);
@@ -184,9 +197,11 @@ void TransferPanel::refresh()
     while (volumes_->count() > int(all.size())) volumes_->removeItem(volumes_->count() - 1);
     for (int n = 0; n < int(all.size()); n++)
         if (n >= volumes_->count()) volumes_->addItem(all[size_t(n)]->getName());
-        else if (volumes_->itemText(n) != all[size_t(n)]->getName()) volumes_->setItemText(n, all[size_t(n)]->getName());
+        else if (volumes_->itemText(n) != all[size_t(n)]->getName())
+            volumes_->setItemText(n, all[size_t(n)]->getName());
     volumes_->setVisible(all.size() > 1);
-    if (VolumeDisplay *volume = chosen()) curve_->show_function(volume->transfer(), volume->low(), volume->high(), volume->histogram(BINS));
+    if (VolumeDisplay *volume = chosen())
+        curve_->show_function(volume->transfer(), volume->low(), volume->high(), volume->histogram(BINS));
 }
 
 void TransferPanel::apply()

@@ -45,49 +45,62 @@ VolumeDisplay::~VolumeDisplay() { unsubscribe(); }
 
 void VolumeDisplay::make_properties()
 {
-    topic_ = new rviz::RosTopicProperty("Topic", "volume", QString::fromStdString(ros::message_traits::datatype<pliant::Volume>()),
+    topic_ = new rviz::RosTopicProperty("Topic", "volume",
+                                        QString::fromStdString(ros::message_traits::datatype<pliant::Volume>()),
                                         "pliant/Volume to show.", this, SLOT(change_topic()));
     mode_ = new rviz::EnumProperty("Rendering", "Slices", "Semi-transparent slices, or the surface of one value.", this,
                                    SLOT(change_look()));
     mode_->addOption("Slices", SLICES);
     mode_->addOption("Isosurface", ISOSURFACE);
-    preset_ = new rviz::EnumProperty("Preset", QString::fromStdString(presets().front().name), "Colours and opacities.", this,
-                                     SLOT(change_preset()));
+    preset_ = new rviz::EnumProperty("Preset", QString::fromStdString(presets().front().name), "Colours and opacities.",
+                                     this, SLOT(change_preset()));
     for (size_t n = 0; n < presets().size(); n++) preset_->addOption(QString::fromStdString(presets()[n].name), int(n));
-    points_ = new rviz::StringProperty("Points", "", "Points of the transfer function: place in the window (0 to 1), red, green, blue, opacity, with "
-                                       "commas in between, by semicolons; empty: the preset's. The panel Transfer Function edits them with the mouse.",
-                                       this, SLOT(change_points()));
+    points_ = new rviz::StringProperty(
+        "Points", "",
+        "Points of the transfer function: place in the window (0 to 1), red, green, blue, opacity, with "
+        "commas in between, by semicolons; empty: the preset's. The panel Transfer Function edits them with the mouse.",
+        this, SLOT(change_points()));
     automatic_ = new rviz::BoolProperty("Automatic", true, "Level, window and isosurface as the preset has them.", this,
                                         SLOT(change_preset()));
-    level_ = new rviz::FloatProperty("Level", 0, "Middle of the window: the value (CT: Hounsfield) of the middle colour.", this,
-                                     SLOT(change_window()));
+    level_ =
+        new rviz::FloatProperty("Level", 0, "Middle of the window: the value (CT: Hounsfield) of the middle colour.",
+                                this, SLOT(change_window()));
     window_ = new rviz::FloatProperty("Window", 1, "Width of the window.", this, SLOT(change_window()));
     window_->setMin(1e-6f);
     surface_ = new rviz::FloatProperty("Isosurface", 0, "Value of the surface.", this, SLOT(change_window()));
     surface_colour_ = new rviz::ColorProperty("Surface Color", QColor(224, 186, 160), "Colour of the isosurface.", this,
                                               SLOT(change_look()));
-    opacity_ = new rviz::FloatProperty("Opacity", 1, "Times the preset's opacity; 1 as it is.", this, SLOT(change_look()));
+    opacity_ =
+        new rviz::FloatProperty("Opacity", 1, "Times the preset's opacity; 1 as it is.", this, SLOT(change_look()));
     opacity_->setMin(0);
     opacity_->setMax(10);
-    shading_ = new rviz::FloatProperty("Shading", 0.8f, "Light on the surfaces inside the volume: 0 none, 1 full.", this,
-                                       SLOT(change_look()));
+    shading_ = new rviz::FloatProperty("Shading", 0.8f, "Light on the surfaces inside the volume: 0 none, 1 full.",
+                                       this, SLOT(change_look()));
     shading_->setMin(0);
     shading_->setMax(1);
-    slices_ = new rviz::IntProperty("Slices", 256, "Slices over the volume's diagonal when nothing moves.", this, SLOT(change_look()));
-    slices_moving_ = new rviz::IntProperty("Slices While Moving", 96, "Most slices while the view or the tissue moves; fewer where "
-                                           "they take longer than 0.1 s.", this,
-                                           SLOT(change_look()));
+    slices_ = new rviz::IntProperty("Slices", 256, "Slices over the volume's diagonal when nothing moves.", this,
+                                    SLOT(change_look()));
+    slices_moving_ = new rviz::IntProperty("Slices While Moving", 96,
+                                           "Most slices while the view or the tissue moves; fewer where "
+                                           "they take longer than 0.1 s.",
+                                           this, SLOT(change_look()));
     for (rviz::IntProperty *count : {slices_, slices_moving_}) {
         count->setMin(8);
         count->setMax(2048);
     }
     make_clip_properties();
-    bar_shown_ = new rviz::BoolProperty("Color Bar", true, "Show which value has which colour.", this, SLOT(change_look()));
-    sides_shown_ = new rviz::BoolProperty("Patient Sides", true, "Letters at the volume's sides: R L A P S I.", this, SLOT(change_look()));
-    fit_ = new rviz::BoolProperty("Fit View", false, "A scan that comes first, or another one, fills the view, from the side that it looks from. "
-                                  "Switched on it fits at once.", this, SLOT(change_fit()));
-    memory_ = new rviz::IntProperty("Texture Memory", 1024, "Most memory of the texture [MiB]; a larger volume is shown subsampled.",
-                                    this, SLOT(change_limits()));
+    bar_shown_ =
+        new rviz::BoolProperty("Color Bar", true, "Show which value has which colour.", this, SLOT(change_look()));
+    sides_shown_ = new rviz::BoolProperty("Patient Sides", true, "Letters at the volume's sides: R L A P S I.", this,
+                                          SLOT(change_look()));
+    fit_ = new rviz::BoolProperty(
+        "Fit View", false,
+        "A scan that comes first, or another one, fills the view, from the side that it looks from. "
+        "Switched on it fits at once.",
+        this, SLOT(change_fit()));
+    memory_ = new rviz::IntProperty("Texture Memory", 1024,
+                                    "Most memory of the texture [MiB]; a larger volume is shown subsampled.", this,
+                                    SLOT(change_limits()));
     memory_->setMin(1);
 }
 
@@ -95,22 +108,27 @@ void VolumeDisplay::make_clip_properties()
 {
     clip_box_ = new rviz::BoolProperty("Clip Box", false, "Show a box of the volume only.", this, SLOT(change_look()));
     clip_box_->setDisableChildrenIfFalse(true);
-    box_low_ = new rviz::VectorProperty("From", Ogre::Vector3(0, 0, 0), "Fractions of the volume along i, j, k.", clip_box_,
-                                        SLOT(change_look()), this);
-    box_high_ = new rviz::VectorProperty("To", Ogre::Vector3(1, 1, 1), "Fractions of the volume along i, j, k.", clip_box_,
-                                         SLOT(change_look()), this);
+    box_low_ = new rviz::VectorProperty("From", Ogre::Vector3(0, 0, 0), "Fractions of the volume along i, j, k.",
+                                        clip_box_, SLOT(change_look()), this);
+    box_high_ = new rviz::VectorProperty("To", Ogre::Vector3(1, 1, 1), "Fractions of the volume along i, j, k.",
+                                         clip_box_, SLOT(change_look()), this);
     clip_plane_ = new rviz::BoolProperty("Clip Plane", false, "Show what lies on one side of a plane only.", this,
                                          SLOT(change_look()));
     clip_plane_->setDisableChildrenIfFalse(true);
     plane_normal_ = new rviz::VectorProperty("Normal", Ogre::Vector3(0, 0, 1),
-                                             "Points to the side that is kept; axes of the volume's frame.", clip_plane_,
-                                             SLOT(change_look()), this);
-    plane_point_ = new rviz::VectorProperty("Point", Ogre::Vector3(0, 0, 0), "A point of the plane in the volume's frame [m].",
-                                            clip_plane_, SLOT(change_look()), this);
-    cut_away_ = new rviz::BoolProperty("Cut Away", false, "Show all but a box of the volume, and so the faces of cuts inside.", this, SLOT(change_look()));
+                                             "Points to the side that is kept; axes of the volume's frame.",
+                                             clip_plane_, SLOT(change_look()), this);
+    plane_point_ =
+        new rviz::VectorProperty("Point", Ogre::Vector3(0, 0, 0), "A point of the plane in the volume's frame [m].",
+                                 clip_plane_, SLOT(change_look()), this);
+    cut_away_ =
+        new rviz::BoolProperty("Cut Away", false, "Show all but a box of the volume, and so the faces of cuts inside.",
+                               this, SLOT(change_look()));
     cut_away_->setDisableChildrenIfFalse(true);
-    away_low_ = new rviz::VectorProperty("From", Ogre::Vector3(0.5f, 0, 0.5f), "Fractions of the volume along i, j, k.", cut_away_, SLOT(change_look()), this);
-    away_high_ = new rviz::VectorProperty("To", Ogre::Vector3(1, 0.5f, 1), "Fractions of the volume along i, j, k.", cut_away_, SLOT(change_look()), this);
+    away_low_ = new rviz::VectorProperty("From", Ogre::Vector3(0.5f, 0, 0.5f), "Fractions of the volume along i, j, k.",
+                                         cut_away_, SLOT(change_look()), this);
+    away_high_ = new rviz::VectorProperty("To", Ogre::Vector3(1, 0.5f, 1), "Fractions of the volume along i, j, k.",
+                                          cut_away_, SLOT(change_look()), this);
 }
 
 void VolumeDisplay::onInitialize()
@@ -373,7 +391,8 @@ bool VolumeDisplay::place()
         frame = received_.frame;
         Ogre::Vector3 old_position = volume_position_;
         Ogre::Quaternion old_orientation = volume_orientation_;
-        volume_position_ = Ogre::Vector3(float(received_.position[0]), float(received_.position[1]), float(received_.position[2]));
+        volume_position_ =
+            Ogre::Vector3(float(received_.position[0]), float(received_.position[1]), float(received_.position[2]));
         const std::array<double, 4> &q = received_.orientation;
         volume_orientation_ = Ogre::Quaternion(float(q[3]), float(q[0]), float(q[1]), float(q[2]));
         volume_orientation_.normalise();
@@ -431,7 +450,8 @@ bool VolumeDisplay::is_moving()
 {
     const Ogre::Camera *camera = context_->getViewManager()->getCurrent()->getCamera();
     // exact comparison: a camera at rest gives identical numbers
-    if (camera->getDerivedPosition() != camera_position_ || camera->getDerivedOrientation() != camera_orientation_) still_for_ = 0;
+    if (camera->getDerivedPosition() != camera_position_ || camera->getDerivedOrientation() != camera_orientation_)
+        still_for_ = 0;
     camera_position_ = camera->getDerivedPosition();
     camera_orientation_ = camera->getDerivedOrientation();
     return still_for_ < STILL_AFTER;
@@ -496,7 +516,9 @@ void VolumeDisplay::show_sides()
 {
     const bool shown = sides_shown_->getBool() && visual_->draws();
     if (!shown) sides_->hide();
-    else sides_->show(visual_->clipped(), visual_->node(), volume_orientation_, context_->getViewManager()->getCurrent()->getCamera()->getDerivedDirection());
+    else
+        sides_->show(visual_->clipped(), visual_->node(), volume_orientation_,
+                     context_->getViewManager()->getCurrent()->getCamera()->getDerivedDirection());
 }
 
 void VolumeDisplay::show_bar()
@@ -505,7 +527,8 @@ void VolumeDisplay::show_bar()
     bool shown = bar_shown_->getBool() && visual_->has_texture();
     if (shown) {
         bool grey = look.isosurface;
-        QString title = QString::fromStdString(look.transfer.unit.empty() ? getName().toStdString() : look.transfer.unit);
+        QString title =
+            QString::fromStdString(look.transfer.unit.empty() ? getName().toStdString() : look.transfer.unit);
         bar_->set(title, look.low, look.high, [&](double t) {
             if (grey) return QColor::fromRgbF(t, t, t);
             Colour colour = colour_at(look.transfer, t);
@@ -533,9 +556,10 @@ void VolumeDisplay::report()
     else if (!received_.image.empty()) {
         const VolumeImage &image = received_.image;
         Size size = image.full_size();
-        std::string text = std::to_string(size[0]) + " x " + std::to_string(size[1]) + " x " + std::to_string(size[2]) + ", " +
-                           image.precision() + ", values " + QString::number(image.low(), 'g', 6).toStdString() + " to " +
-                           QString::number(image.high(), 'g', 6).toStdString() + ", message " + std::to_string(received_.sequence);
+        std::string text = std::to_string(size[0]) + " x " + std::to_string(size[1]) + " x " + std::to_string(size[2]) +
+                           ", " + image.precision() + ", values " + QString::number(image.low(), 'g', 6).toStdString() +
+                           " to " + QString::number(image.high(), 'g', 6).toStdString() + ", message " +
+                           std::to_string(received_.sequence);
         if (image.not_numbers() > 0) text += ", " + std::to_string(image.not_numbers()) + " voxels are not numbers";
         bool caveat = image.stride() > 1 || image.not_numbers() > 0;
         setStatusStd(caveat ? rviz::StatusProperty::Warn : rviz::StatusProperty::Ok, "Volume",

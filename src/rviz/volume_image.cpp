@@ -12,7 +12,10 @@ namespace {
 
 const size_t HISTOGRAM = 4096;
 
-size_t bytes_of(uint8_t encoding) { return encoding == UINT8 ? 1 : encoding == INT16 ? 2 : encoding == FLOAT32 ? 4 : 0; }
+size_t bytes_of(uint8_t encoding)
+{
+    return encoding == UINT8 ? 1 : encoding == INT16 ? 2 : encoding == FLOAT32 ? 4 : 0;
+}
 
 std::string text(const Size &size)
 {
@@ -42,8 +45,8 @@ std::string check_sizes(const VolumeView &view)
             return out.str();
         }
         if (uint64_t(view.box.offset[d]) + view.box.size[d] > view.full_size[d]) {
-            out << "the box at " << text(view.box.offset) << " of size " << text(view.box.size) << " leaves the volume of "
-                << text(view.full_size);
+            out << "the box at " << text(view.box.offset) << " of size " << text(view.box.size)
+                << " leaves the volume of " << text(view.full_size);
             return out.str();
         }
     }
@@ -73,7 +76,8 @@ std::string check(const VolumeView &view)
                 << view.spacing[2];
             return out.str();
         }
-    if (!all_finite(view.position) || !all_finite(view.orientation)) return "the pose of the origin holds NaN or infinite numbers";
+    if (!all_finite(view.position) || !all_finite(view.orientation))
+        return "the pose of the origin holds NaN or infinite numbers";
     double norm = 0;
     for (double x : view.orientation) norm += x * x;
     if (std::fabs(norm - 1) > 0.01) {
@@ -88,8 +92,8 @@ std::string check(const VolumeView &view)
 VolumeImage::Result VolumeImage::put(const VolumeView &view, const TextureLimits &limits)
 {
     bool whole = view.box.size == view.full_size;
-    bool same = !texels_.empty() && view.scan_id == scan_id_ && view.full_size == full_size_ && view.encoding == encoding_ &&
-                view.slope == slope_ && view.intercept == intercept_;
+    bool same = !texels_.empty() && view.scan_id == scan_id_ && view.full_size == full_size_ &&
+                view.encoding == encoding_ && view.slope == slope_ && view.intercept == intercept_;
     if (!same && !whole) return WAITS;
     if (!same) start(view, limits);
 
@@ -201,7 +205,8 @@ void VolumeImage::widen(float low, float high)
     if (low >= stored_low_ && high <= stored_high_) return;
     // widen by an additional quarter, so that a slowly growing range does not rewrite the texture for every box
     float quarter = 0.25f * (std::max(high, stored_high_) - std::min(low, stored_low_));
-    float new_low = low < stored_low_ ? low - quarter : stored_low_, new_high = high > stored_high_ ? high + quarter : stored_high_;
+    float new_low = low < stored_low_ ? low - quarter : stored_low_,
+          new_high = high > stored_high_ ? high + quarter : stored_high_;
     if (!std::isfinite(new_low)) new_low = low;
     if (!std::isfinite(new_high)) new_high = high;
     double old_step = (double(stored_high_) - stored_low_) / 65535, new_range = double(new_high) - new_low;
@@ -220,12 +225,15 @@ template <class Stored> void VolumeImage::convert(const VolumeView &view, const 
     double low = stored_low_, factor = 65535 / (double(stored_high_) - stored_low_);
     for (uint32_t k = 0; k < texels.size[2]; k++)
         for (uint32_t j = 0; j < texels.size[1]; j++) {
-            size_t z = size_t(texels.offset[2] + k) * stride_ - first[2], y = size_t(texels.offset[1] + j) * stride_ - first[1];
+            size_t z = size_t(texels.offset[2] + k) * stride_ - first[2],
+                   y = size_t(texels.offset[1] + j) * stride_ - first[1];
             const uint8_t *from = view.data + sizeof(Stored) * (count[0] * (y + count[1] * z));
-            size_t row = texels.offset[0] + size_[0] * (texels.offset[1] + j + size_t(size_[1]) * (texels.offset[2] + k));
+            size_t row =
+                texels.offset[0] + size_[0] * (texels.offset[1] + j + size_t(size_[1]) * (texels.offset[2] + k));
             for (uint32_t i = 0; i < texels.size[0]; i++) {
                 Stored stored;
-                std::memcpy(&stored, from + sizeof(Stored) * (size_t(texels.offset[0] + i) * stride_ - first[0]), sizeof(Stored));
+                std::memcpy(&stored, from + sizeof(Stored) * (size_t(texels.offset[0] + i) * stride_ - first[0]),
+                            sizeof(Stored));
                 if (sizeof(Stored) == 1) {
                     texels_[row + i] = uint8_t(stored);
                     continue;
@@ -324,7 +332,8 @@ std::vector<double> VolumeImage::histogram(double low, double high, size_t bins)
     std::vector<double> out(bins, 0), below(1, 0); /* number of texels below each limit of the stored histogram */
     for (uint64_t count : histogram_) below.push_back(below.back() + double(count));
     auto below_value = [&](double value) {
-        const double place = std::min(std::max((value - value_offset_) / value_scale_, 0.0), 1.0) * double(below.size() - 1);
+        const double place =
+            std::min(std::max((value - value_offset_) / value_scale_, 0.0), 1.0) * double(below.size() - 1);
         const size_t first = std::min(size_t(place), below.size() - 1), second = std::min(first + 1, below.size() - 1);
         return below[first] + (place - double(first)) * (below[second] - below[first]);
     };
@@ -353,7 +362,8 @@ void VolumeImage::change(const Box &texels)
     // older boxes inside the new box are uploaded with it
     auto inside = [&](const Box &old) {
         for (int d = 0; d < 3; d++)
-            if (old.offset[d] < texels.offset[d] || old.offset[d] + old.size[d] > texels.offset[d] + texels.size[d]) return false;
+            if (old.offset[d] < texels.offset[d] || old.offset[d] + old.size[d] > texels.offset[d] + texels.size[d])
+                return false;
         return true;
     };
     changes_.erase(std::remove_if(changes_.begin(), changes_.end(), inside), changes_.end());

@@ -75,7 +75,8 @@ std::string VolumeVisual::start(const VolumeImage &image)
     full_size_ = image.full_size();
     stride_ = image.stride();
     try {
-        texture_ = make_texture(unique_name("texture"), size_[0], size_[1], size_[2], image.bits() == 8 ? Ogre::PF_L8 : Ogre::PF_L16);
+        texture_ = make_texture(unique_name("texture"), size_[0], size_[1], size_[2],
+                                image.bits() == 8 ? Ogre::PF_L8 : Ogre::PF_L16);
         // check the actual texture: a driver without the format creates a different one
         if (texture_->getWidth() != size_[0] || texture_->getHeight() != size_[1] || texture_->getDepth() != size_[2] ||
             texture_->getBuffer()->getSizeInBytes() == 0) {
@@ -145,7 +146,8 @@ void VolumeVisual::find_visible(const VolumeImage &image)
     if (look_.isosurface) {
         std::vector<bool> drawn(4096);
         double step = std::fabs(value_scale_) / 4095;
-        for (size_t n = 0; n < drawn.size(); n++) drawn[n] = at_0 + value_scale_ * double(n) / 4095 + step >= look_.surface;
+        for (size_t n = 0; n < drawn.size(); n++)
+            drawn[n] = at_0 + value_scale_ * double(n) / 4095 + step >= look_.surface;
         visible_ = image.visible_box(drawn);
     } else {
         visible_ = image.visible_box(drawn_values(look_.transfer, look_.low, look_.high, at_0, at_1));
@@ -205,7 +207,8 @@ Bounds VolumeVisual::between(const std::array<double, 3> &low, const std::array<
 {
     Bounds bounds;
     for (size_t d = 0; d < 3; d++) {
-        double first = sign_[d] * spacing_[d] * (low[d] * full_size_[d] - 0.5), last = sign_[d] * spacing_[d] * (high[d] * full_size_[d] - 0.5);
+        double first = sign_[d] * spacing_[d] * (low[d] * full_size_[d] - 0.5),
+               last = sign_[d] * spacing_[d] * (high[d] * full_size_[d] - 0.5);
         bounds.low[d] = std::min(first, last);
         bounds.high[d] = std::max(first, last);
     }
@@ -236,7 +239,8 @@ void VolumeVisual::draw(const Ogre::Camera *camera)
     else draw_slices(vector_of(direction));
 }
 
-void VolumeVisual::preFindVisibleObjects(Ogre::SceneManager *, Ogre::SceneManager::IlluminationRenderStage, Ogre::Viewport *view)
+void VolumeVisual::preFindVisibleObjects(Ogre::SceneManager *, Ogre::SceneManager::IlluminationRenderStage,
+                                         Ogre::Viewport *view)
 {
     const Ogre::Camera *camera = view ? view->getCamera() : nullptr;
     if (!drawn_ || !camera) return;
@@ -266,13 +270,15 @@ void VolumeVisual::draw_slices(const Vector &direction)
     object_->end();
     /* bounds of everything that may be drawn, because rviz culls views before slices are computed */
     const Bounds box = clipped();
-    object_->setBoundingBox(Ogre::AxisAlignedBox(float(box.low[0]), float(box.low[1]), float(box.low[2]), float(box.high[0]), float(box.high[1]), float(box.high[2])));
+    object_->setBoundingBox(Ogre::AxisAlignedBox(float(box.low[0]), float(box.low[1]), float(box.low[2]),
+                                                 float(box.high[0]), float(box.high[1]), float(box.high[2])));
     set_visible(true);
 }
 
 void VolumeVisual::draw_hull()
 {
-    static const uint32_t faces[6][4] = {{0, 4, 6, 2}, {1, 3, 7, 5}, {0, 1, 5, 4}, {2, 6, 7, 3}, {0, 2, 3, 1}, {4, 5, 7, 6}};
+    static const uint32_t faces[6][4] = {{0, 4, 6, 2}, {1, 3, 7, 5}, {0, 1, 5, 4},
+                                         {2, 6, 7, 3}, {0, 2, 3, 1}, {4, 5, 7, 6}};
     Bounds box = clipped();
     object_->clear();
     object_->begin(surface_material_->getName(), Ogre::RenderOperation::OT_TRIANGLE_LIST, RESOURCE_GROUP);
@@ -303,12 +309,14 @@ void VolumeVisual::set_numbers(Ogre::Pass *pass, const Ogre::Camera *camera)
     numbers->setNamedConstant("scale", scale);
     numbers->setNamedConstant("offset", offset);
     numbers->setNamedConstant("spacing", spacing);
-    numbers->setNamedConstant("window", Ogre::Vector4(float(value_scale_ / width), float((value_offset_ - look_.low) / width),
-                                                      float(transparent_up_to(look_.transfer)), 0));
+    numbers->setNamedConstant("window",
+                              Ogre::Vector4(float(value_scale_ / width), float((value_offset_ - look_.low) / width),
+                                            float(transparent_up_to(look_.transfer)), 0));
     numbers->setNamedConstant("eye", Ogre::Vector4(eye.x, eye.y, eye.z, perspective ? 1.0f : 0.0f));
     Bounds away = between(look_.away_low, look_.away_high);
     numbers->setNamedConstant("away_low", Ogre::Vector3(float(away.low[0]), float(away.low[1]), float(away.low[2])));
-    numbers->setNamedConstant("away_high", Ogre::Vector3(float(away.high[0]), float(away.high[1]), float(away.high[2])));
+    numbers->setNamedConstant("away_high",
+                              Ogre::Vector3(float(away.high[0]), float(away.high[1]), float(away.high[2])));
     if (!look_.isosurface) {
         numbers->setNamedConstant("step_i", step);
         numbers->setNamedConstant("shading", float(look_.shading));
@@ -320,7 +328,8 @@ void VolumeVisual::set_numbers(Ogre::Pass *pass, const Ogre::Camera *camera)
     Ogre::Vector4 plane(0, 0, 0, -1);
     if (!look_.planes.empty()) {
         const Plane &first = look_.planes.front();
-        plane = Ogre::Vector4(float(first.normal[0]), float(first.normal[1]), float(first.normal[2]), float(first.offset));
+        plane =
+            Ogre::Vector4(float(first.normal[0]), float(first.normal[1]), float(first.normal[2]), float(first.offset));
     }
     numbers->setNamedConstant("low", Ogre::Vector3(float(box.low[0]), float(box.low[1]), float(box.low[2])));
     numbers->setNamedConstant("high", Ogre::Vector3(float(box.high[0]), float(box.high[1]), float(box.high[2])));
@@ -333,8 +342,8 @@ void VolumeVisual::set_numbers(Ogre::Pass *pass, const Ogre::Camera *camera)
     numbers->setNamedConstant("nearest", float(camera->getNearClipDistance()));
 }
 
-bool VolumeVisual::see(const VolumeImage &image, const Ogre::Vector3 &origin, const Ogre::Vector3 &direction, double *distance,
-                       double *value) const
+bool VolumeVisual::see(const VolumeImage &image, const Ogre::Vector3 &origin, const Ogre::Vector3 &direction,
+                       double *distance, double *value) const
 {
     if (!draws() || image.empty()) return false;
     Ogre::Quaternion turn = node_->_getDerivedOrientation().Inverse();
@@ -349,11 +358,17 @@ bool VolumeVisual::see(const VolumeImage &image, const Ogre::Vector3 &origin, co
     };
     // four steps per 1/256 of the diagonal, the unit of opacities
     const double step = diagonal() / 1024;
-    const bool found = look_.isosurface ? find_surface(parts, step, [&](double t) { return value_at(t) - look_.surface; }, distance)
-                                        : find_seen(parts, step, [&](double t) {
-                                              const double place = (value_at(t) - look_.low) / std::max(look_.high - look_.low, 1e-9);
-                                              return opacity_over(look_.opacity * colour_at(look_.transfer, place).a, 0.25);
-                                          }, distance);
+    const bool found = look_.isosurface
+                           ? find_surface(
+                                 parts, step, [&](double t) { return value_at(t) - look_.surface; }, distance)
+                           : find_seen(
+                                 parts, step,
+                                 [&](double t) {
+                                     const double place =
+                                         (value_at(t) - look_.low) / std::max(look_.high - look_.low, 1e-9);
+                                     return opacity_over(look_.opacity * colour_at(look_.transfer, place).a, 0.25);
+                                 },
+                                 distance);
     if (found) *value = value_at(*distance);
     return found;
 }

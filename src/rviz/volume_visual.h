@@ -74,7 +74,8 @@ public:
 
     // Find where a ray in the fixed frame meets the visible part [m], and the value there; false: nothing visible.
     // direction: unit vector
-    bool see(const VolumeImage &image, const Ogre::Vector3 &origin, const Ogre::Vector3 &direction, double *distance, double *value) const;
+    bool see(const VolumeImage &image, const Ogre::Vector3 &origin, const Ogre::Vector3 &direction, double *distance,
+             double *value) const;
 
     size_t slices_drawn() const { return slices_drawn_; }
     double diagonal() const; // of the whole volume [m]
@@ -87,7 +88,8 @@ public:
     bool draws() const { return has_texture() && visible_.voxels() > 0 && !clipped().empty(); }
 
 private:
-    void preFindVisibleObjects(Ogre::SceneManager *source, Ogre::SceneManager::IlluminationRenderStage stage, Ogre::Viewport *view) override;
+    void preFindVisibleObjects(Ogre::SceneManager *source, Ogre::SceneManager::IlluminationRenderStage stage,
+                               Ogre::Viewport *view) override;
     void make_table();
     void set_numbers(Ogre::Pass *pass, const Ogre::Camera *camera);
     void draw_slices(const Vector &direction);

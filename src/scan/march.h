@@ -58,7 +58,10 @@ PLIANT_INLINE double march_value(const march_voxels *from, const march_ray *ray,
     return value;
 }
 
-PLIANT_INLINE double march_at(const march_ray *ray, int64_t sample) { return fmin(ray->enter + (double)sample * ray->stride, ray->leave); }
+PLIANT_INLINE double march_at(const march_ray *ray, int64_t sample)
+{
+    return fmin(ray->enter + (double)sample * ray->stride, ray->leave);
+}
 
 /* Return whether a sample exists. The last sample is the first one at the ray's end, and there is at least one. */
 PLIANT_INLINE bool march_has(const march_ray *ray, int64_t sample)
@@ -75,7 +78,8 @@ PLIANT_INLINE bool march_above(const march_voxels *from, const march_ray *ray, d
 /* Refine the crossing between a sample at or above the threshold and the sample before it. */
 PLIANT_INLINE march_crossing march_refine(const march_voxels *from, const march_ray *ray, int64_t sample)
 {
-    double high = march_at(ray, sample), low = sample > 0 ? march_at(ray, sample - 1) : high, enough = 2e-4 * ray->stride;
+    double high = march_at(ray, sample), low = sample > 0 ? march_at(ray, sample - 1) : high,
+           enough = 2e-4 * ray->stride;
     while (high - low > enough) {
         double middle = 0.5 * (low + high);
         if (!(middle > low && middle < high)) break;

@@ -26,7 +26,8 @@ pliant_status pliant_volume_percentiles(const pliant_volume *volume, int count, 
         if (isfinite(one)) sample[taken++] = one;
     }
     qsort(sample, taken, sizeof *sample, compare);
-    for (int n = 0; n < count; n++) value[n] = taken ? (double)sample[(size_t)(0.01 * percent[n] * (double)(taken - 1) + 0.5)] : 0.0;
+    for (int n = 0; n < count; n++)
+        value[n] = taken ? (double)sample[(size_t)(0.01 * percent[n] * (double)(taken - 1) + 0.5)] : 0.0;
     pliant_free(sample);
     return PLIANT_OK;
 }

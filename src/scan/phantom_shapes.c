@@ -2,7 +2,11 @@
 
 #include <math.h>
 
-enum { FAR = 1000, NO_GAS = -FAR, SAME_PLACE = 4 /* distance between tubes of a chain that count as the same position */ };
+enum {
+    FAR = 1000,
+    NO_GAS = -FAR,
+    SAME_PLACE = 4 /* distance between tubes of a chain that count as the same position */
+};
 
 uint32_t phantom_hash(uint32_t a, uint32_t b, uint32_t c, uint32_t d)
 {

@@ -19,14 +19,17 @@ void check_memory(const std::string &path, const image_header &header, bool labe
     double needed = voxel_count(header.geometry) * (per_voxel + conversion_bytes(header, labels));
     double most = memory_limit ? static_cast<double>(memory_limit) : pliant_free_memory();
     if (needed > most || needed > static_cast<double>(SIZE_MAX / 2))
-        fail(PLIANT_ERROR_MEMORY, "%s: %d x %d x %d voxels need %.0f MB to be read, %s %.0f MB: resample or crop it first", path.c_str(),
+        fail(PLIANT_ERROR_MEMORY,
+             "%s: %d x %d x %d voxels need %.0f MB to be read, %s %.0f MB: resample or crop it first", path.c_str(),
              header.geometry.size[0], header.geometry.size[1], header.geometry.size[2], needed / 1e6,
              memory_limit ? "the limit is" : "the machine has free", most / 1e6);
 }
 
 std::unique_ptr<image_source> open_source(const std::string &path, const char *series, bool labels)
 {
-    if (path.empty()) fail(PLIANT_ERROR_FILE, "no scan named: a DICOM folder, or a multi-frame DICOM, NIfTI, NRRD or MetaImage file is needed");
+    if (path.empty())
+        fail(PLIANT_ERROR_FILE,
+             "no scan named: a DICOM folder, or a multi-frame DICOM, NIfTI, NRRD or MetaImage file is needed");
     uint64_t bytes = file_size(path); /* fails if the file is missing */
     if (is_folder(path) && labels)
         if (std::unique_ptr<image_source> masks = open_masks(path)) return masks;
@@ -34,9 +37,13 @@ std::unique_ptr<image_source> open_source(const std::string &path, const char *s
     if (bytes == 0) fail(PLIANT_ERROR_FORMAT, "%s: is empty", path.c_str());
 
     if (std::unique_ptr<image_source> source = open_image_file(path)) return source;
-    if (is_dicom_file(path) || ends_with(lower_case(path), ".dcm")) return labels ? open_dicom_label_file(path) : open_dicom_file(path);
-    fail(PLIANT_ERROR_FORMAT, "%s: not a scan: a folder with DICOM files, or a multi-frame DICOM (.dcm), NIfTI (.nii, .nii.gz, .hdr), NRRD (.nrrd, .nhdr) or "
-         "MetaImage (.mha, .mhd) file is needed", path.c_str());
+    if (is_dicom_file(path) || ends_with(lower_case(path), ".dcm"))
+        return labels ? open_dicom_label_file(path) : open_dicom_file(path);
+    fail(
+        PLIANT_ERROR_FORMAT,
+        "%s: not a scan: a folder with DICOM files, or a multi-frame DICOM (.dcm), NIfTI (.nii, .nii.gz, .hdr), NRRD (.nrrd, .nhdr) or "
+        "MetaImage (.mha, .mhd) file is needed",
+        path.c_str());
 }
 
 /* The voxels in the file's type; freed here unless the conversion took ownership. */
@@ -67,9 +74,12 @@ void check_scan(const std::string &path, const image_source &source)
 {
     const int32_t *size = source.header.geometry.size;
     if (!source.segments.empty())
-        fail(PLIANT_ERROR_FORMAT, "%s: is a segmentation, not a scan: give it as material/labels, with the scan on which it was drawn", path.c_str());
+        fail(PLIANT_ERROR_FORMAT,
+             "%s: is a segmentation, not a scan: give it as material/labels, with the scan on which it was drawn",
+             path.c_str());
     if (size[0] < 2 || size[1] < 2 || size[2] < 2)
-        fail(PLIANT_ERROR_FORMAT, "%s: a 2-D image (%d x %d x %d), a 3-D volume is needed", path.c_str(), size[0], size[1], size[2]);
+        fail(PLIANT_ERROR_FORMAT, "%s: a 2-D image (%d x %d x %d), a 3-D volume is needed", path.c_str(), size[0],
+             size[1], size[2]);
 }
 
 pliant_volume read_volume(const std::string &path, const char *series, size_t memory_limit)
@@ -110,9 +120,10 @@ pliant_labels read_labels(const std::string &path, size_t memory_limit)
         std::copy(segments.begin(), segments.end(), copy.get());
     }
     labels.voxels = convert_labels(path, source->header, &raw.voxels);
-    if (segments.empty() && std::all_of(labels.voxels, labels.voxels + pliant_geometry_voxels(&labels.geometry), [](uint16_t label) { return label == 0; }))
-        pliant_log(PLIANT_LOG_WARNING, "%s: an empty label map: all its %zu voxels are 0, which is no label", path.c_str(),
-                   pliant_geometry_voxels(&labels.geometry));
+    if (segments.empty() && std::all_of(labels.voxels, labels.voxels + pliant_geometry_voxels(&labels.geometry),
+                                        [](uint16_t label) { return label == 0; }))
+        pliant_log(PLIANT_LOG_WARNING, "%s: an empty label map: all its %zu voxels are 0, which is no label",
+                   path.c_str(), pliant_geometry_voxels(&labels.geometry));
     labels.segments = copy.release();
     labels.num_segments = static_cast<uint32_t>(segments.size());
     return labels;

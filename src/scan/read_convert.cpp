@@ -40,7 +40,8 @@ struct range {
 [[noreturn]] void fail_at(const std::string &path, const image_header &header, size_t index, const char *what)
 {
     size_t nx = static_cast<size_t>(header.geometry.size[0]), ny = static_cast<size_t>(header.geometry.size[1]);
-    fail(PLIANT_ERROR_FORMAT, "%s: voxel (%zu, %zu, %zu) %s", path.c_str(), index % nx, index / nx % ny, index / (nx * ny), what);
+    fail(PLIANT_ERROR_FORMAT, "%s: voxel (%zu, %zu, %zu) %s", path.c_str(), index % nx, index / nx % ny,
+         index / (nx * ny), what);
 }
 
 /* Return the smallest and largest value. Fails if a value is not finite. */
@@ -137,8 +138,8 @@ converted convert_values(const std::string &path, const image_header &header, vo
     size_t count = pliant_geometry_voxels(&header.geometry);
     range range = value_range(path, header, raw.voxels, count);
     if (range.low < -FLT_MAX || range.high > FLT_MAX)
-        fail(PLIANT_ERROR_FORMAT, "%s: values from %g to %g are more than single precision holds", path.c_str(), range.low,
-             range.high);
+        fail(PLIANT_ERROR_FORMAT, "%s: values from %g to %g are more than single precision holds", path.c_str(),
+             range.low, range.high);
 
     converted result = {PLIANT_FLOAT32, 0.0f, nullptr};
     if (values_are_whole(header)) {
@@ -162,7 +163,8 @@ uint16_t *convert_labels(const std::string &path, const image_header &header, vo
     size_t count = pliant_geometry_voxels(&header.geometry);
     range range = value_range(path, header, raw.voxels, count);
     if (range.low < -LABEL_ROUNDING || range.high > UINT16_MAX + LABEL_ROUNDING)
-        fail(PLIANT_ERROR_FORMAT, "%s: labels from %.9g to %.9g: they must be whole numbers from 0 to 65535; name a label map, not a scan, "
+        fail(PLIANT_ERROR_FORMAT,
+             "%s: labels from %.9g to %.9g: they must be whole numbers from 0 to 65535; name a label map, not a scan, "
              "and resample it by nearest neighbour only",
              path.c_str(), range.low, range.high);
     if (!values_are_whole(header))

@@ -42,7 +42,8 @@ enum : uint32_t {
     DOUBLE_PIXELS = 0x7fe00009
 };
 
-double number_of(const std::string &name, const dicom_file &file, size_t frame, uint32_t tag, const char *what, double otherwise)
+double number_of(const std::string &name, const dicom_file &file, size_t frame, uint32_t tag, const char *what,
+                 double otherwise)
 {
     std::vector<double> numbers = numbers_of_frame(name, file, frame, tag, 1, what);
     return numbers.empty() ? otherwise : numbers[0];
@@ -98,7 +99,8 @@ dicom_pixels stored_pixels(const std::string &path, const dicom_file &file)
     pixels.bits_stored = file.whole(BITS_STORED, pixels.bits_allocated);
     pixels.is_signed = file.whole(PIXEL_REPRESENTATION, 0) != 0;
     check_readable(path, file);
-    if (pixels.rows < 1 || pixels.columns < 1) fail(PLIANT_ERROR_FORMAT, "%s: Rows and Columns are missing or 0", path.c_str());
+    if (pixels.rows < 1 || pixels.columns < 1)
+        fail(PLIANT_ERROR_FORMAT, "%s: Rows and Columns are missing or 0", path.c_str());
     if (pixels.type() == component::none || pixels.bits_stored < 1 || pixels.bits_stored > pixels.bits_allocated ||
         file.whole(HIGH_BIT, pixels.bits_stored - 1) != pixels.bits_stored - 1)
         fail(PLIANT_ERROR_FORMAT,
@@ -106,7 +108,9 @@ dicom_pixels stored_pixels(const std::string &path, const dicom_file &file)
              "convert it to NIfTI",
              path.c_str(), pixels.bits_stored, pixels.bits_allocated, file.whole(HIGH_BIT, pixels.bits_stored - 1));
     if (file.has(MODALITY_TABLE) && !file.has(SLOPE))
-        fail(PLIANT_ERROR_FORMAT, "%s: values by a ModalityLUTSequence are not supported; RescaleSlope and RescaleIntercept are", path.c_str());
+        fail(PLIANT_ERROR_FORMAT,
+             "%s: values by a ModalityLUTSequence are not supported; RescaleSlope and RescaleIntercept are",
+             path.c_str());
     read_padding(file, &pixels);
     return pixels;
 }
@@ -117,7 +121,8 @@ dicom_pixels stored_pixels(const std::string &path, const dicom_file &file)
 bool is_turned_round(const dicom_file &file, size_t frame)
 {
     std::string modality = file.text(MODALITY), unit = file.text_of_frame(frame, RESCALE_TYPE);
-    return file.text(PHOTOMETRIC) == "MONOCHROME1" && modality != "CT" && modality != "PT" && modality != "NM" && unit != "HU";
+    return file.text(PHOTOMETRIC) == "MONOCHROME1" && modality != "CT" && modality != "PT" && modality != "NM" &&
+           unit != "HU";
 }
 
 /* Return whether the class of an object requires pixels. */
@@ -232,7 +237,8 @@ series_map read_folder(const std::string &folder)
     if (series.empty())
         fail(PLIANT_ERROR_FORMAT, "%s: no DICOM image in this folder (%zu files, none of them one)%s%s", folder.c_str(),
              files.size(), has_folders ? "; its subfolders are not searched" : "", other.c_str());
-    if (ignored) pliant_log(PLIANT_LOG_INFO, "%s: %zu files are no DICOM images and were left out", folder.c_str(), ignored);
+    if (ignored)
+        pliant_log(PLIANT_LOG_INFO, "%s: %zu files are no DICOM images and were left out", folder.c_str(), ignored);
     return series;
 }
 
@@ -241,8 +247,8 @@ std::string listed(const series_map &series)
     std::string text;
     for (const auto &one : series) {
         const dicom_slice &first = one.second.front();
-        text += "\n  " + one.first + "  \"" + first.description + "\"  " + std::to_string(one.second.size()) + " images of " +
-                std::to_string(first.pixels.columns) + " x " + std::to_string(first.pixels.rows);
+        text += "\n  " + one.first + "  \"" + first.description + "\"  " + std::to_string(one.second.size()) +
+                " images of " + std::to_string(first.pixels.columns) + " x " + std::to_string(first.pixels.rows);
     }
     return text;
 }
@@ -268,8 +274,10 @@ std::vector<dicom_slice> chosen(const std::string &folder, const series_map &ser
         const series_map volumes = volumes_of(folder, series);
         if (volumes.size() == 1) return volumes.begin()->second;
         if (series.size() > 1)
-            fail(PLIANT_ERROR_FORMAT, "%s: holds %zu series; name one in the scene as scan/series (--set scan/series=UID), by its UID or the end of it:%s", folder.c_str(), series.size(),
-                 listed(series).c_str());
+            fail(
+                PLIANT_ERROR_FORMAT,
+                "%s: holds %zu series; name one in the scene as scan/series (--set scan/series=UID), by its UID or the end of it:%s",
+                folder.c_str(), series.size(), listed(series).c_str());
         return series.begin()->second;
     }
     auto exact = series.find(wanted);
@@ -282,8 +290,8 @@ std::vector<dicom_slice> chosen(const std::string &folder, const series_map &ser
             matches++;
         }
     if (matches != 1)
-        fail(PLIANT_ERROR_FORMAT, "%s: scan/series: %s series ends with \"%.100s\"; there are:%s", folder.c_str(), matches ? "more than one" : "no", wanted,
-             listed(series).c_str());
+        fail(PLIANT_ERROR_FORMAT, "%s: scan/series: %s series ends with \"%.100s\"; there are:%s", folder.c_str(),
+             matches ? "more than one" : "no", wanted, listed(series).c_str());
     return *found;
 }
 
@@ -302,7 +310,9 @@ std::unique_ptr<image_source> open_dicom_file(const std::string &path)
     if (!read_slices(path, &slices, &object))
         fail(PLIANT_ERROR_FORMAT, "%s: %s", path.c_str(), object.empty() ? "no DICOM image" : ("is " + object).c_str());
     if (!slices.front().problem.empty()) fail(PLIANT_ERROR_FORMAT, "%s", slices.front().problem.c_str());
-    if (slices.size() == 1) fail(PLIANT_ERROR_FORMAT, "%s: one DICOM slice is a 2-D image: name the folder that holds its series", path.c_str());
+    if (slices.size() == 1)
+        fail(PLIANT_ERROR_FORMAT, "%s: one DICOM slice is a 2-D image: name the folder that holds its series",
+             path.c_str());
     return open_series(path, std::move(slices));
 }
 
@@ -320,10 +330,12 @@ std::unique_ptr<image_source> open_dicom_label_folder(const std::string &folder)
     std::string found, several;
     for (const std::string &path : files_in(folder, &has_folders)) {
         dicom_file file;
-        if (file_size(path) == 0 || !read_dicom_file(path, &file) || !is_segmentation_object(file.text(CLASS))) continue;
+        if (file_size(path) == 0 || !read_dicom_file(path, &file) || !is_segmentation_object(file.text(CLASS)))
+            continue;
         several += (several.empty() ? "" : ", ") + path;
         if (!found.empty())
-            fail(PLIANT_ERROR_FORMAT, "%s: holds several DICOM segmentations (%s): name the file of one", folder.c_str(), several.c_str());
+            fail(PLIANT_ERROR_FORMAT, "%s: holds several DICOM segmentations (%s): name the file of one",
+                 folder.c_str(), several.c_str());
         found = path;
     }
     return found.empty() ? open_dicom_folder(folder, nullptr) : open_dicom_label_file(found);

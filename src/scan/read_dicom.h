@@ -78,12 +78,14 @@ struct dicom_pixels {
 
 /* Return the numbers of an element of a frame (from 0), from its functional groups or the file; empty when missing.
  * Fails with FORMAT. */
-std::vector<double> numbers_of_frame(const std::string &name, const dicom_file &file, size_t frame, uint32_t tag, size_t count, const char *what);
+std::vector<double> numbers_of_frame(const std::string &name, const dicom_file &file, size_t frame, uint32_t tag,
+                                     size_t count, const char *what);
 /* Return the number of frames, on which header and functional groups must agree. Fails with FORMAT. */
 size_t frames_of(const std::string &path, const dicom_file &file);
 
 /* Return the parts of each frame, by their count or by the table of offsets (PS3.5 A.4). Fails with FORMAT. */
-std::vector<std::vector<dicom_file::part>> parts_of_frames(const std::string &path, const dicom_file &file, size_t frames, size_t frame_bytes);
+std::vector<std::vector<dicom_file::part>> parts_of_frames(const std::string &path, const dicom_file &file,
+                                                           size_t frames, size_t frame_bytes);
 
 /* Read rows x columns numbers of type(), without slope and intercept. Fails with FORMAT.
  * @param bytes   Bytes of the file.

@@ -121,7 +121,8 @@ private:
     [[noreturn]] void truncated() { fail(PLIANT_ERROR_FORMAT, "%s: truncated DICOM file", path_.c_str()); }
     [[noreturn]] void damaged(const char *what)
     {
-        fail(PLIANT_ERROR_FORMAT, "%s: damaged DICOM file: %s at byte %llu", path_.c_str(), what, static_cast<unsigned long long>(at_));
+        fail(PLIANT_ERROR_FORMAT, "%s: damaged DICOM file: %s at byte %llu", path_.c_str(), what,
+             static_cast<unsigned long long>(at_));
     }
 
     std::string bytes(uint64_t offset, uint64_t count)
@@ -140,7 +141,8 @@ private:
     static uint32_t number(const std::string &raw, size_t at, int count)
     {
         uint32_t value = 0;
-        for (int n = count - 1; n >= 0; n--) value = value << 8 | static_cast<unsigned char>(raw[at + static_cast<size_t>(n)]);
+        for (int n = count - 1; n >= 0; n--)
+            value = value << 8 | static_cast<unsigned char>(raw[at + static_cast<size_t>(n)]);
         return value;
     }
     static uint32_t tag_of(const std::string &raw) { return number(raw, 0, 2) << 16 | number(raw, 2, 2); }
@@ -199,14 +201,16 @@ private:
 
     element next_element(bool with_type)
     {
-        static const char *const long_types[] = {"OB", "OD", "OF", "OL", "OV", "OW", "SQ", "SV", "UC", "UN", "UR", "UT", "UV"};
+        static const char *const long_types[] = {"OB", "OD", "OF", "OL", "OV", "OW", "SQ",
+                                                 "SV", "UC", "UN", "UR", "UT", "UV"};
         std::string head = bytes(at_, 8);
         element e = {tag_of(head), number(head, 4, 4), ""};
         at_ += 8;
         if (!with_type || (e.tag >> 16) == 0xfffe) return e;
         e.type[0] = head[4];
         e.type[1] = head[5];
-        if (!std::isupper(static_cast<unsigned char>(e.type[0])) || !std::isupper(static_cast<unsigned char>(e.type[1])))
+        if (!std::isupper(static_cast<unsigned char>(e.type[0])) ||
+            !std::isupper(static_cast<unsigned char>(e.type[1])))
             damaged("an element without a type");
         e.length = number(head, 6, 2);
         for (const char *type : long_types)
@@ -266,7 +270,8 @@ private:
     }
 
     /* Visit every item of a sequence and each of its elements; visit skips the value. */
-    template <class Item, class Visit> void each(const element &sequence, uint64_t outer, bool with_type, Item begin_item, Visit visit)
+    template <class Item, class Visit>
+    void each(const element &sequence, uint64_t outer, bool with_type, Item begin_item, Visit visit)
     {
         const uint64_t end = end_of(sequence, outer);
         while (at_ < end) {
@@ -314,7 +319,8 @@ private:
         for (bool table = true;; table = false) {
             element item = next_element(false);
             if (item.tag == SEQUENCE_END) return;
-            if (item.tag != ITEM || item.length == UNDEFINED) damaged("something else than a fragment in compressed pixels");
+            if (item.tag != ITEM || item.length == UNDEFINED)
+                damaged("something else than a fragment in compressed pixels");
             if (table) out_->offset_table = {at_, item.length};
             else out_->fragments.push_back({at_, item.length});
             skip(item.length);
@@ -359,13 +365,15 @@ std::string dicom_file::text_of_frame(size_t frame, uint32_t tag) const
     return all == shared.end() ? text(tag) : trimmed(all->second);
 }
 
-std::vector<double> numbers_of_frame(const std::string &name, const dicom_file &file, size_t frame, uint32_t tag, size_t count, const char *what)
+std::vector<double> numbers_of_frame(const std::string &name, const dicom_file &file, size_t frame, uint32_t tag,
+                                     size_t count, const char *what)
 {
     std::string text = file.text_of_frame(frame, tag);
     std::vector<double> numbers;
     if (text.empty()) return numbers;
     if (!parse_numbers(text, '\\', &numbers) || numbers.size() != count)
-        fail(PLIANT_ERROR_FORMAT, "%s: %s is \"%.80s\", %zu numbers are needed", name.c_str(), what, text.c_str(), count);
+        fail(PLIANT_ERROR_FORMAT, "%s: %s is \"%.80s\", %zu numbers are needed", name.c_str(), what, text.c_str(),
+             count);
     return numbers;
 }
 
@@ -374,12 +382,17 @@ size_t frames_of(const std::string &path, const dicom_file &file)
     const std::vector<double> number = numbers_of_frame(path, file, SIZE_MAX, NUMBER_OF_FRAMES, 1, "NumberOfFrames");
     const double told = number.empty() ? 1.0 : number[0];
     size_t grouped = file.frames.size();
-    if (!(told >= 1.0) || told != std::floor(told)) fail(PLIANT_ERROR_FORMAT, "%s: NumberOfFrames is %g", path.c_str(), told);
+    if (!(told >= 1.0) || told != std::floor(told))
+        fail(PLIANT_ERROR_FORMAT, "%s: NumberOfFrames is %g", path.c_str(), told);
     if (grouped == 0 && told > 1.0)
-        fail(PLIANT_ERROR_FORMAT, "%s: %.0f frames in one DICOM file, and no functional groups that tell their places: export it as enhanced CT or MR, as a "
-             "series of single images, or as NIfTI", path.c_str(), told);
+        fail(
+            PLIANT_ERROR_FORMAT,
+            "%s: %.0f frames in one DICOM file, and no functional groups that tell their places: export it as enhanced CT or MR, as a "
+            "series of single images, or as NIfTI",
+            path.c_str(), told);
     if (grouped > 0 && told != static_cast<double>(grouped))
-        fail(PLIANT_ERROR_FORMAT, "%s: NumberOfFrames is %.0f, but its PerFrameFunctionalGroupsSequence has %zu items", path.c_str(), told, grouped);
+        fail(PLIANT_ERROR_FORMAT, "%s: NumberOfFrames is %.0f, but its PerFrameFunctionalGroupsSequence has %zu items",
+             path.c_str(), told, grouped);
     return static_cast<size_t>(told);
 }
 

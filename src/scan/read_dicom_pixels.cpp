@@ -57,7 +57,8 @@ void decode_run_length(const std::string &path, const dicom_pixels &pixels, cons
     for (size_t segment = 0; good && segment < size; segment++) {
         size_t at = word(4 + 4 * segment), end = segment + 1 < size ? word(8 + 4 * segment) : coded.size(), done = 0;
         good = at >= head && at <= end && end <= coded.size();
-        unsigned char *to = static_cast<unsigned char *>(out) + (machine_is_big_endian() ? segment : size - 1 - segment);
+        unsigned char *to =
+            static_cast<unsigned char *>(out) + (machine_is_big_endian() ? segment : size - 1 - segment);
         while (good && done < pixels.count()) {
             good = at + 1 < end;
             if (!good) break;
@@ -66,11 +67,14 @@ void decode_run_length(const std::string &path, const dicom_pixels &pixels, cons
             const bool repeated = control < 0;
             const size_t length = static_cast<size_t>(repeated ? 1 - control : 1 + control);
             good = length <= pixels.count() - done && (repeated || length <= end - at);
-            for (size_t n = 0; good && n < length; n++, done++) to[size * done] = static_cast<unsigned char>(coded[repeated ? at : at + n]);
+            for (size_t n = 0; good && n < length; n++, done++)
+                to[size * done] = static_cast<unsigned char>(coded[repeated ? at : at + n]);
             at += repeated ? 1 : length;
         }
     }
-    if (!good) fail(PLIANT_ERROR_FORMAT, "%s: the compressed pixels are damaged: no RLE image of %d x %d numbers", path.c_str(), pixels.columns, pixels.rows);
+    if (!good)
+        fail(PLIANT_ERROR_FORMAT, "%s: the compressed pixels are damaged: no RLE image of %d x %d numbers",
+             path.c_str(), pixels.columns, pixels.rows);
 }
 
 void decompress(const std::string &path, const dicom_pixels &pixels, void *out)
@@ -85,14 +89,15 @@ void decompress(const std::string &path, const dicom_pixels &pixels, void *out)
 
 } // namespace
 
-std::vector<std::vector<dicom_file::part>> parts_of_frames(const std::string &path, const dicom_file &file, size_t frames, size_t frame_bytes)
+std::vector<std::vector<dicom_file::part>> parts_of_frames(const std::string &path, const dicom_file &file,
+                                                           size_t frames, size_t frame_bytes)
 {
     std::vector<std::vector<dicom_file::part>> parts;
     if (!file.compressed) {
         double needed = static_cast<double>(frames) * static_cast<double>(frame_bytes);
         if (static_cast<double>(file.pixels.length) < needed)
-            fail(PLIANT_ERROR_FORMAT, "%s: truncated: the pixels of %zu frame(s) need %.0f bytes, PixelData has %.0f", path.c_str(), frames, needed,
-                 static_cast<double>(file.pixels.length));
+            fail(PLIANT_ERROR_FORMAT, "%s: truncated: the pixels of %zu frame(s) need %.0f bytes, PixelData has %.0f",
+                 path.c_str(), frames, needed, static_cast<double>(file.pixels.length));
         for (size_t f = 0; f < frames; f++) parts.push_back({{file.pixels.offset + f * frame_bytes, frame_bytes}});
         return parts;
     }
@@ -102,8 +107,9 @@ std::vector<std::vector<dicom_file::part>> parts_of_frames(const std::string &pa
         return parts;
     }
     if (file.offset_table.length != 4 * frames)
-        fail(PLIANT_ERROR_FORMAT, "%s: %zu frames in %zu compressed fragments, and no table of offsets that tells which are whose", path.c_str(), frames,
-             file.fragments.size());
+        fail(PLIANT_ERROR_FORMAT,
+             "%s: %zu frames in %zu compressed fragments, and no table of offsets that tells which are whose",
+             path.c_str(), frames, file.fragments.size());
     const std::string table = file_part(path, file.offset_table);
     const uint64_t first = file.offset_table.offset + file.offset_table.length, item_head = 8;
     for (const dicom_file::part &fragment : file.fragments) {
@@ -118,7 +124,8 @@ std::vector<std::vector<dicom_file::part>> parts_of_frames(const std::string &pa
         parts.back().push_back(fragment);
     }
     if (parts.size() != frames)
-        fail(PLIANT_ERROR_FORMAT, "%s: the table of offsets of the compressed pixels does not meet %zu frames", path.c_str(), frames);
+        fail(PLIANT_ERROR_FORMAT, "%s: the table of offsets of the compressed pixels does not meet %zu frames",
+             path.c_str(), frames);
     return parts;
 }
 
@@ -151,7 +158,8 @@ void mark_padding(const dicom_pixels &pixels, const void *values, std::vector<bo
 void read_dicom_pixels(dicom_bytes *bytes, const dicom_pixels &pixels, void *out, std::vector<bool> *padded)
 {
     if (pixels.compressed) decompress(bytes->path(), pixels, out);
-    else bytes->read(pixels.parts.front().offset, out, pixels.count() * component_size(pixels.type()), "the pixel data");
+    else
+        bytes->read(pixels.parts.front().offset, out, pixels.count() * component_size(pixels.type()), "the pixel data");
     padded->assign(pixels.has_padding ? pixels.count() : 0, false);
     if (pixels.has_padding) mark_padding(pixels, out, padded); /* padding may use bits above the stored ones */
     clean(pixels, out);

@@ -61,8 +61,10 @@ struct object {
     const char *what, *remedy;
 };
 
-const char *const EXPORT = "is not supported: export it as NIfTI or NRRD on the grid of its scan (3D Slicer does, for example)";
-const char *const AS_LABELS = "is no scan: give it as material/labels, with the scan on which it was drawn, or export it as NIfTI or NRRD";
+const char *const EXPORT =
+    "is not supported: export it as NIfTI or NRRD on the grid of its scan (3D Slicer does, for example)";
+const char *const AS_LABELS =
+    "is no scan: give it as material/labels, with the scan on which it was drawn, or export it as NIfTI or NRRD";
 const char *const CONTOURS =
     "is not supported: load it with its CT in 3D Slicer (extension SlicerRT) and save the segmentation as .seg.nrrd, or run "
     "plastimatch convert --input RTSTRUCT --referenced-ct CT_FOLDER --output-labelmap labels.nrrd";
@@ -96,7 +98,8 @@ std::string refused_object(const std::string &sop_class)
 
 bool is_segmentation_object(const std::string &sop_class)
 {
-    return sop_class == UID_ROOT + std::string("5.1.4.1.1.66.4") || sop_class == UID_ROOT + std::string("5.1.4.1.1.66.7");
+    return sop_class == UID_ROOT + std::string("5.1.4.1.1.66.4") ||
+           sop_class == UID_ROOT + std::string("5.1.4.1.1.66.7");
 }
 
 } // namespace pliant_read

@@ -61,7 +61,8 @@ void set_color(const dicom_file::elements &item, float out[3])
     const double rgb_of_xyz[9] = {3.1339, -1.6169, -0.4906, -0.9788, 1.9161, 0.0335, 0.0719, -0.2290, 1.4052};
     double xyz[3];
     for (int c = 0; c < 3; c++)
-        xyz[c] = white[c] * (root[c] > 6.0 / 29.0 ? root[c] * root[c] * root[c] : (root[c] - 4.0 / 29.0) * 108.0 / 841.0);
+        xyz[c] =
+            white[c] * (root[c] > 6.0 / 29.0 ? root[c] * root[c] * root[c] : (root[c] - 4.0 / 29.0) * 108.0 / 841.0);
     for (int c = 0; c < 3; c++) {
         const double *row = rgb_of_xyz + 3 * c;
         const double linear = std::min(std::max(row[0] * xyz[0] + row[1] * xyz[1] + row[2] * xyz[2], 0.0), 1.0);
@@ -76,8 +77,8 @@ std::vector<pliant_label_segment> segments_of(const std::string &path, const dic
         pliant_label_segment one = {};
         const int number = number_in(item, SEGMENT_NUMBER);
         if (number < 0)
-            fail(PLIANT_ERROR_FORMAT, "%s: item %zu of SegmentSequence has no SegmentNumber (0062,0004): %s", path.c_str(),
-                 segments.size() + 1, EXPORT);
+            fail(PLIANT_ERROR_FORMAT, "%s: item %zu of SegmentSequence has no SegmentNumber (0062,0004): %s",
+                 path.c_str(), segments.size() + 1, EXPORT);
         if (number == 0) continue; /* the background of a label map */
         one.value = static_cast<uint16_t>(number);
         set_text(text_in(item, SEGMENT_LABEL), one.name);
@@ -88,10 +89,12 @@ std::vector<pliant_label_segment> segments_of(const std::string &path, const dic
     std::vector<int> position(UINT16_MAX + 1, 0);
     for (const pliant_label_segment &one : segments)
         if (position[one.value]++ > 0)
-            fail(PLIANT_ERROR_FORMAT, "%s: two segments have SegmentNumber (0062,0004) %d: %s", path.c_str(), one.value, EXPORT);
+            fail(PLIANT_ERROR_FORMAT, "%s: two segments have SegmentNumber (0062,0004) %d: %s", path.c_str(), one.value,
+                 EXPORT);
     if (segments.empty())
-        fail(PLIANT_ERROR_FORMAT, "%s: is a DICOM segmentation (SEG) without segments (SegmentSequence (0062,0002)): %s",
-             path.c_str(), EXPORT);
+        fail(PLIANT_ERROR_FORMAT,
+             "%s: is a DICOM segmentation (SEG) without segments (SegmentSequence (0062,0002)): %s", path.c_str(),
+             EXPORT);
     return segments;
 }
 
@@ -113,7 +116,8 @@ struct frame_grid {
             thickness = numbers_of_frame(path, file, f, THICKNESS, 1, "SliceThickness");
             for (size_t n = 0; n < 6; n++)
                 if (f > 0 && std::fabs(orientation[n] - orientation_[n]) > 1e-4)
-                    fail(PLIANT_ERROR_FORMAT, "%s: ImageOrientationPatient of frames 1 and %zu differ: %s", path.c_str(), f + 1, EXPORT);
+                    fail(PLIANT_ERROR_FORMAT, "%s: ImageOrientationPatient of frames 1 and %zu differ: %s",
+                         path.c_str(), f + 1, EXPORT);
             orientation_ = orientation;
         }
         set_axes(spacing);
@@ -126,21 +130,25 @@ private:
     std::vector<double> orientation_, along_;
     double normal_[3];
 
-    std::vector<double> numbers(const dicom_file &file, size_t frame, uint32_t tag, size_t count, const char *what) const
+    std::vector<double> numbers(const dicom_file &file, size_t frame, uint32_t tag, size_t count,
+                                const char *what) const
     {
         std::vector<double> found = numbers_of_frame(path_, file, frame, tag, count, what);
         if (found.empty())
-            fail(PLIANT_ERROR_FORMAT, "%s: frame %zu of a DICOM segmentation (SEG) has no %s: %s", path_.c_str(), frame + 1, what, EXPORT);
+            fail(PLIANT_ERROR_FORMAT, "%s: frame %zu of a DICOM segmentation (SEG) has no %s: %s", path_.c_str(),
+                 frame + 1, what, EXPORT);
         return found;
     }
 
     void set_axes(const std::vector<double> &spacing)
     {
         const double *row = orientation_.data(), *column = row + 3;
-        for (int d = 0; d < 3; d++) normal_[d] = row[(d + 1) % 3] * column[(d + 2) % 3] - row[(d + 2) % 3] * column[(d + 1) % 3];
+        for (int d = 0; d < 3; d++)
+            normal_[d] = row[(d + 1) % 3] * column[(d + 2) % 3] - row[(d + 2) % 3] * column[(d + 1) % 3];
         const double length = std::sqrt(dot(normal_, normal_));
         if (!(std::fabs(length - 1.0) <= 2e-3))
-            fail(PLIANT_ERROR_FORMAT, "%s: ImageOrientationPatient is not two unit vectors at right angles", path_.c_str());
+            fail(PLIANT_ERROR_FORMAT, "%s: ImageOrientationPatient is not two unit vectors at right angles",
+                 path_.c_str());
         for (int d = 0; d < 3; d++) {
             normal_[d] /= length;
             whole.direction[3 * d] = row[d];
@@ -170,17 +178,20 @@ private:
             const double step = sorted[n] - sorted[n - 1];
             if (step > 1e-3 && (smallest == 0.0 || step < smallest)) smallest = step;
         }
-        const double told = between.empty() ? 0.0 : std::fabs(between[0]), thick = thickness.empty() ? 0.0 : thickness[0];
+        const double told = between.empty() ? 0.0 : std::fabs(between[0]),
+                     thick = thickness.empty() ? 0.0 : thickness[0];
         /* The file contains no slices without segments. */
         const double step = is_step(told) ? told : is_step(thick) ? thick : smallest;
         if (smallest == 0.0 && step == 0.0)
-            fail(PLIANT_ERROR_FORMAT, "%s: a DICOM segmentation (SEG) of one slice without SliceThickness and SpacingBetweenSlices: %s",
+            fail(PLIANT_ERROR_FORMAT,
+                 "%s: a DICOM segmentation (SEG) of one slice without SliceThickness and SpacingBetweenSlices: %s",
                  path_.c_str(), EXPORT);
         if (!is_step(step))
-            fail(PLIANT_ERROR_FORMAT,
-                 "%s: the slices of the DICOM segmentation (SEG) are not evenly spaced (SpacingBetweenSlices %g mm, smallest "
-                 "distance of slices %g mm): %s",
-                 path_.c_str(), told, smallest, EXPORT);
+            fail(
+                PLIANT_ERROR_FORMAT,
+                "%s: the slices of the DICOM segmentation (SEG) are not evenly spaced (SpacingBetweenSlices %g mm, smallest "
+                "distance of slices %g mm): %s",
+                path_.c_str(), told, smallest, EXPORT);
         const double length = sorted.back() - sorted.front(), steps = std::round(length / step);
         return steps > 0.0 ? length / steps : step;
     }
@@ -196,11 +207,13 @@ private:
             const double k = std::round((along_[f] - along_[lowest]) / step);
             double aside = 0.0;
             for (int d = 0; d < 3; d++)
-                aside = std::max(aside, std::fabs(positions_[f][static_cast<size_t>(d)] - whole.origin[d] - k * step * normal_[d]));
+                aside = std::max(
+                    aside, std::fabs(positions_[f][static_cast<size_t>(d)] - whole.origin[d] - k * step * normal_[d]));
             if (!(aside <= 0.1 * std::min(step, std::min(whole.spacing[0], whole.spacing[1]))) || !(k < most_slices))
-                fail(PLIANT_ERROR_FORMAT,
-                     "%s: frame %zu of the DICOM segmentation (SEG) lies %g mm from the grid of the others (ImagePositionPatient): %s",
-                     path_.c_str(), f + 1, aside, EXPORT);
+                fail(
+                    PLIANT_ERROR_FORMAT,
+                    "%s: frame %zu of the DICOM segmentation (SEG) lies %g mm from the grid of the others (ImagePositionPatient): %s",
+                    path_.c_str(), f + 1, aside, EXPORT);
             slice[f] = static_cast<size_t>(k);
             last = std::max(last, k);
         }
@@ -217,9 +230,11 @@ public:
         position_.assign(UINT16_MAX + 1, 0);
         for (size_t n = 0; n < segments.size(); n++) position_[segments[n].value] = static_cast<uint16_t>(n + 1);
         if (file.frames.empty())
-            fail(PLIANT_ERROR_FORMAT, "%s: is a DICOM segmentation (SEG) without PerFrameFunctionalGroupsSequence (5200,9230): %s",
+            fail(PLIANT_ERROR_FORMAT,
+                 "%s: is a DICOM segmentation (SEG) without PerFrameFunctionalGroupsSequence (5200,9230): %s",
                  path.c_str(), EXPORT);
-        if (!file.has_pixels) fail(PLIANT_ERROR_FORMAT, "%s: truncated DICOM segmentation (SEG): no PixelData", path.c_str());
+        if (!file.has_pixels)
+            fail(PLIANT_ERROR_FORMAT, "%s: truncated DICOM segmentation (SEG): no PixelData", path.c_str());
         const size_t frames = frames_of(path, file);
         set_type();
         set_segments(frames);
@@ -264,12 +279,13 @@ private:
                           : type == "FRACTIONAL"           ? bits == 8
                                                            : is_label_map_ && (bits == 8 || bits == 16);
         if (!good)
-            fail(PLIANT_ERROR_FORMAT, "%s: SegmentationType (0062,0001) \"%.20s\" with %d bits is not supported: %s", path_.c_str(),
-                 type.c_str(), bits, EXPORT);
+            fail(PLIANT_ERROR_FORMAT, "%s: SegmentationType (0062,0001) \"%.20s\" with %d bits is not supported: %s",
+                 path_.c_str(), type.c_str(), bits, EXPORT);
         if (type != "FRACTIONAL") return;
         const int largest = file_.whole(MAXIMUM_FRACTION, 255);
         threshold_ = std::max(1, (largest + 1) / 2);
-        pliant_log(PLIANT_LOG_INFO, "%s: fractions (SegmentationType FRACTIONAL): a segment has the voxels of at least half of %d",
+        pliant_log(PLIANT_LOG_INFO,
+                   "%s: fractions (SegmentationType FRACTIONAL): a segment has the voxels of at least half of %d",
                    path_.c_str(), largest);
     }
 
@@ -279,7 +295,8 @@ private:
             int number = number_in(file_.frames[f], REFERENCED_SEGMENT);
             if (number < 0) number = number_in(file_.shared, REFERENCED_SEGMENT);
             if (number < 1 || position_[static_cast<size_t>(number)] == 0)
-                fail(PLIANT_ERROR_FORMAT, "%s: frame %zu: ReferencedSegmentNumber (0062,000b) is %d, which is not in SegmentSequence: %s",
+                fail(PLIANT_ERROR_FORMAT,
+                     "%s: frame %zu: ReferencedSegmentNumber (0062,000b) is %d, which is not in SegmentSequence: %s",
                      path_.c_str(), f + 1, number, EXPORT);
             segment_of_frame_.push_back(position_[static_cast<size_t>(number)] - 1u);
         }
@@ -295,11 +312,13 @@ private:
         pixels_.bits_allocated = bits == 1 ? 8 : bits;
         pixels_.bits_stored = bits == 1 ? 8 : file_.whole(BITS_STORED, bits);
         if (pixels_.bits_stored < 1 || pixels_.bits_stored > pixels_.bits_allocated)
-            fail(PLIANT_ERROR_FORMAT, "%s: %d bits stored in %d", path_.c_str(), pixels_.bits_stored, pixels_.bits_allocated);
+            fail(PLIANT_ERROR_FORMAT, "%s: %d bits stored in %d", path_.c_str(), pixels_.bits_stored,
+                 pixels_.bits_allocated);
         const std::string compression = file_.compressed ? refused_compression(file_.transfer_syntax) : "";
         if (!compression.empty()) fail(PLIANT_ERROR_FORMAT, "%s: %s", path_.c_str(), compression.c_str());
         if (is_bits_ && file_.compressed)
-            fail(PLIANT_ERROR_FORMAT, "%s: compressed pixels of 1 bit are not supported: decompress it (gdcmconv --raw, pydicom), or %s",
+            fail(PLIANT_ERROR_FORMAT,
+                 "%s: compressed pixels of 1 bit are not supported: decompress it (gdcmconv --raw, pydicom), or %s",
                  path_.c_str(), EXPORT);
         if (!is_bits_) {
             parts_ = parts_of_frames(path_, file_, frames, pixels_.count() * component_size(pixels_.type()));
@@ -307,8 +326,8 @@ private:
         }
         const double needed = std::ceil(static_cast<double>(frames) * static_cast<double>(pixels_.count()) / 8.0);
         if (static_cast<double>(file_.pixels.length) < needed)
-            fail(PLIANT_ERROR_FORMAT, "%s: truncated: the pixels of %zu frame(s) need %.0f bytes, PixelData has %.0f", path_.c_str(), frames,
-                 needed, static_cast<double>(file_.pixels.length));
+            fail(PLIANT_ERROR_FORMAT, "%s: truncated: the pixels of %zu frame(s) need %.0f bytes, PixelData has %.0f",
+                 path_.c_str(), frames, needed, static_cast<double>(file_.pixels.length));
     }
 
     /* Frames follow each other without a gap, also within a byte (PS3.5 8.1.1). */
@@ -345,8 +364,8 @@ private:
                 if (is_label_map_ ? value == 0 : value < threshold_) continue;
                 const size_t segment = is_label_map_ ? position_[value] : segment_of_frame_[frame] + 1u;
                 if (segment == 0)
-                    fail(PLIANT_ERROR_FORMAT, "%s: frame %zu holds label %d, which is not in SegmentSequence: %s", path_.c_str(), frame + 1,
-                         value, EXPORT);
+                    fail(PLIANT_ERROR_FORMAT, "%s: frame %zu holds label %d, which is not in SegmentSequence: %s",
+                         path_.c_str(), frame + 1, value, EXPORT);
                 painter->put(slice_[frame] * count + n, segment - 1);
             }
         }

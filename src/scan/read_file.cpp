@@ -63,7 +63,8 @@ uint64_t file_size(const std::string &path)
 {
     struct stat status;
     opening open(path);
-    if (!open.name() || stat(open.name(), &status) != 0) fail(PLIANT_ERROR_FILE, "%s: %s", path.c_str(), strerror(errno));
+    if (!open.name() || stat(open.name(), &status) != 0)
+        fail(PLIANT_ERROR_FILE, "%s: %s", path.c_str(), strerror(errno));
     return static_cast<uint64_t>(status.st_size);
 }
 
@@ -105,7 +106,8 @@ std::string folder_of(const std::string &path)
 
 std::string lower_case(std::string text)
 {
-    std::transform(text.begin(), text.end(), text.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+    std::transform(text.begin(), text.end(), text.begin(),
+                   [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
     return text;
 }
 
@@ -131,7 +133,8 @@ bool parse_numbers(const std::string &text, char separator, std::vector<double> 
         std::istringstream stream(word);
         stream.imbue(std::locale::classic());
         double number;
-        if (!(stream >> number) || stream.peek() != std::istringstream::traits_type::eof() || !std::isfinite(number)) return false;
+        if (!(stream >> number) || stream.peek() != std::istringstream::traits_type::eof() || !std::isfinite(number))
+            return false;
         out->push_back(number);
     }
     return true;
@@ -167,7 +170,8 @@ size_t byte_stream::inflate_some(unsigned char *buffer, size_t wanted)
     size_t got = 0;
     while (got < wanted && !inflater_->ended) {
         if (stream.avail_in == 0) {
-            file_.read(reinterpret_cast<char *>(inflater_->input.data()), static_cast<std::streamsize>(inflater_->input.size()));
+            file_.read(reinterpret_cast<char *>(inflater_->input.data()),
+                       static_cast<std::streamsize>(inflater_->input.size()));
             stream.next_in = inflater_->input.data();
             stream.avail_in = static_cast<uInt>(file_.gcount());
             if (stream.avail_in == 0) break;
@@ -180,14 +184,16 @@ size_t byte_stream::inflate_some(unsigned char *buffer, size_t wanted)
         if (result == Z_STREAM_END) {
             /* A gzip file may continue with another member; other trailing bytes are ignored. */
             if (stream.avail_in == 0 && file_.peek() != std::ifstream::traits_type::eof()) {
-                file_.read(reinterpret_cast<char *>(inflater_->input.data()), static_cast<std::streamsize>(inflater_->input.size()));
+                file_.read(reinterpret_cast<char *>(inflater_->input.data()),
+                           static_cast<std::streamsize>(inflater_->input.size()));
                 stream.next_in = inflater_->input.data();
                 stream.avail_in = static_cast<uInt>(file_.gcount());
             }
             if (!inflater_->is_raw && stream.avail_in > 0 && stream.next_in[0] == 0x1f) inflateReset(&stream);
             else inflater_->ended = true;
         } else if (result != Z_OK && result != Z_BUF_ERROR) {
-            fail(PLIANT_ERROR_FORMAT, "%s: the compressed data are damaged (%s)", path_.c_str(), stream.msg ? stream.msg : "zlib");
+            fail(PLIANT_ERROR_FORMAT, "%s: the compressed data are damaged (%s)", path_.c_str(),
+                 stream.msg ? stream.msg : "zlib");
         }
     }
     return got;
@@ -204,7 +210,8 @@ void byte_stream::read_exactly(void *buffer, size_t wanted, const char *what)
 {
     size_t got = read(buffer, wanted);
     if (got < wanted)
-        fail(PLIANT_ERROR_FORMAT, "%s: truncated: %s needs %zu bytes, the file has %zu", path_.c_str(), what, wanted, got);
+        fail(PLIANT_ERROR_FORMAT, "%s: truncated: %s needs %zu bytes, the file has %zu", path_.c_str(), what, wanted,
+             got);
 }
 
 void byte_stream::skip(uint64_t bytes, const char *what)
@@ -241,7 +248,8 @@ void check_data_fits(const std::string &path, double bytes, double bytes_in_file
 {
     /* The maximum compression ratio of deflate is 1032. */
     if (compressed ? bytes > 1032.0 * bytes_in_file : bytes > bytes_in_file)
-        fail(PLIANT_ERROR_FORMAT, "%s: truncated, or its header is wrong: %.0f bytes of voxels cannot be in the %.0f bytes%s that there are",
+        fail(PLIANT_ERROR_FORMAT,
+             "%s: truncated, or its header is wrong: %.0f bytes of voxels cannot be in the %.0f bytes%s that there are",
              path.c_str(), bytes, std::fmax(bytes_in_file, 0.0), compressed ? " (compressed)" : "");
 }
 
@@ -271,8 +279,10 @@ void check_sizes(const std::string &path, const std::vector<int64_t> &size)
         if (n < 1) fail(PLIANT_ERROR_FORMAT, "%s: size %s: every size must be at least 1", path.c_str(), text.c_str());
     for (size_t d = 3; d < size.size(); d++)
         if (size[d] > 1)
-            fail(PLIANT_ERROR_FORMAT, "%s: %zu dimensions (%s), one 3-D volume is needed: write one time point or channel to a file of its own",
-                 path.c_str(), size.size(), text.c_str());
+            fail(
+                PLIANT_ERROR_FORMAT,
+                "%s: %zu dimensions (%s), one 3-D volume is needed: write one time point or channel to a file of its own",
+                path.c_str(), size.size(), text.c_str());
     if (size.size() < 3)
         fail(PLIANT_ERROR_FORMAT, "%s: a 2-D image (%s), a 3-D volume is needed", path.c_str(), text.c_str());
     for (size_t d = 0; d < 3; d++)
@@ -328,8 +338,10 @@ pliant_geometry checked_geometry(const std::string &path, const grid &grid)
     std::copy(grid.direction, grid.direction + 9, geometry.direction);
     double error = orthonormal_error(geometry.direction);
     if (!(error <= 2e-3))
-        fail(PLIANT_ERROR_FORMAT, "%s: the direction cosines are not orthonormal (off by %.3g): the grid is sheared or the header is wrong; "
-             "resample it to a grid with right angles first", path.c_str(), error);
+        fail(PLIANT_ERROR_FORMAT,
+             "%s: the direction cosines are not orthonormal (off by %.3g): the grid is sheared or the header is wrong; "
+             "resample it to a grid with right angles first",
+             path.c_str(), error);
     if (error > 1e-12) repair_rounding(geometry.direction);
     return geometry;
 }

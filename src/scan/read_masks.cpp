@@ -34,7 +34,8 @@ public:
             const std::unique_ptr<image_source> mask = open(file);
             if (segments.empty()) header.geometry = mask->header.geometry;
             if (!pliant_geometry_equal(&header.geometry, &mask->header.geometry))
-                fail(PLIANT_ERROR_FORMAT, "%s: lies on another grid than %s: masks of a folder must have one grid", file.c_str(), files_[0].c_str());
+                fail(PLIANT_ERROR_FORMAT, "%s: lies on another grid than %s: masks of a folder must have one grid",
+                     file.c_str(), files_[0].c_str());
             pliant_label_segment one = {};
             one.value = static_cast<uint16_t>(segments.size() + 1);
             std::fill(one.color, one.color + 3, -1.0f);
@@ -72,7 +73,8 @@ private:
     {
         std::unique_ptr<image_source> source = open_image_file(file);
         if (!source || !source->segments.empty())
-            fail(PLIANT_ERROR_FORMAT, "%s: is no mask of one segment; name this file instead of its folder", file.c_str());
+            fail(PLIANT_ERROR_FORMAT, "%s: is no mask of one segment; name this file instead of its folder",
+                 file.c_str());
         return source;
     }
 

@@ -35,7 +35,8 @@ struct text_header {
         if (value.empty()) return false;
         std::vector<double> found;
         if (!parse_numbers(value, ' ', &found) || found.size() != count)
-            fail(PLIANT_ERROR_FORMAT, "%s: %s = %.80s: %zu finite numbers are needed", path.c_str(), *keys.begin(), value.c_str(), count);
+            fail(PLIANT_ERROR_FORMAT, "%s: %s = %.80s: %zu finite numbers are needed", path.c_str(), *keys.begin(),
+                 value.c_str(), count);
         *out = found;
         return true;
     }
@@ -67,7 +68,8 @@ text_header read_header(const std::string &path)
             return header;
         }
     }
-    fail(PLIANT_ERROR_FORMAT, "%s: not a MetaImage file, or its header is truncated (no line ElementDataFile)", path.c_str());
+    fail(PLIANT_ERROR_FORMAT, "%s: not a MetaImage file, or its header is truncated (no line ElementDataFile)",
+         path.c_str());
 }
 
 component component_of(const text_header &header)
@@ -83,7 +85,8 @@ component component_of(const text_header &header)
         fail(PLIANT_ERROR_FORMAT, "%s: a colour or vector image; one value per voxel is needed", header.path.c_str());
     auto found = names.find(name);
     if (found == names.end())
-        fail(PLIANT_ERROR_FORMAT, "%s: ElementType = %.40s is not supported; MET_SHORT, for example, is", header.path.c_str(), name.c_str());
+        fail(PLIANT_ERROR_FORMAT, "%s: ElementType = %.40s is not supported; MET_SHORT, for example, is",
+             header.path.c_str(), name.c_str());
     return found->second;
 }
 
@@ -92,13 +95,15 @@ grid read_grid(const text_header &header)
     grid grid;
     double dimensions = header.number({"NDims"}, 0);
     if (!(dimensions >= 1 && dimensions <= 10 && dimensions == std::floor(dimensions)))
-        fail(PLIANT_ERROR_FORMAT, "%s: NDims = %.20s: 3 is needed", header.path.c_str(), header.text({"NDims"}).c_str());
+        fail(PLIANT_ERROR_FORMAT, "%s: NDims = %.20s: 3 is needed", header.path.c_str(),
+             header.text({"NDims"}).c_str());
     size_t n = static_cast<size_t>(dimensions);
     std::vector<double> values;
     if (!header.numbers({"DimSize"}, n, &values)) fail(PLIANT_ERROR_FORMAT, "%s: no line DimSize", header.path.c_str());
     for (double value : values) {
         if (value != std::floor(value) || std::fabs(value) > 1e15)
-            fail(PLIANT_ERROR_FORMAT, "%s: DimSize = %.80s: whole numbers are needed", header.path.c_str(), header.text({"DimSize"}).c_str());
+            fail(PLIANT_ERROR_FORMAT, "%s: DimSize = %.80s: whole numbers are needed", header.path.c_str(),
+                 header.text({"DimSize"}).c_str());
         grid.size.push_back(static_cast<int64_t>(value));
     }
     std::string unit_name = lower_case(header.text({"DistanceUnits"}));
@@ -139,7 +144,8 @@ void locate_data(const text_header &header, double data_bytes, metaimage_source 
              "file (LOCAL), as SimpleITK does",
              header.path.c_str(), name.c_str());
     source->data_path = local ? header.path : name[0] == '/' ? name : folder_of(header.path) + name;
-    if (!local && is_folder(source->data_path)) fail(PLIANT_ERROR_FILE, "%s: is a folder, a data file is needed", source->data_path.c_str());
+    if (!local && is_folder(source->data_path))
+        fail(PLIANT_ERROR_FILE, "%s: is a folder, a data file is needed", source->data_path.c_str());
 
     double in_file = static_cast<double>(file_size(source->data_path)), skip = header.number({"HeaderSize"}, 0);
     if (skip == -1 && !source->compressed) source->offset = static_cast<uint64_t>(std::fmax(in_file - data_bytes, 0.0));
@@ -151,8 +157,8 @@ void locate_data(const text_header &header, double data_bytes, metaimage_source 
 
     double behind = in_file - static_cast<double>(source->offset);
     if (source->compressed && header.number({"CompressedDataSize"}, 0) > behind)
-        fail(PLIANT_ERROR_FORMAT, "%s: truncated: CompressedDataSize = %.0f, the file has %.0f bytes of data", source->data_path.c_str(),
-             header.number({"CompressedDataSize"}, 0), behind);
+        fail(PLIANT_ERROR_FORMAT, "%s: truncated: CompressedDataSize = %.0f, the file has %.0f bytes of data",
+             source->data_path.c_str(), header.number({"CompressedDataSize"}, 0), behind);
     check_data_fits(source->data_path, data_bytes, behind, source->compressed);
 }
 
@@ -163,7 +169,8 @@ std::unique_ptr<image_source> open_metaimage(const std::string &path)
     text_header header = read_header(path);
     std::unique_ptr<metaimage_source> source(new metaimage_source);
     if (!header.text({"ObjectType"}).empty() && lower_case(header.text({"ObjectType"})) != "image")
-        fail(PLIANT_ERROR_FORMAT, "%s: ObjectType = %.40s: Image is needed", path.c_str(), header.text({"ObjectType"}).c_str());
+        fail(PLIANT_ERROR_FORMAT, "%s: ObjectType = %.40s: Image is needed", path.c_str(),
+             header.text({"ObjectType"}).c_str());
     if (!header.flag({"BinaryData"}, true))
         fail(PLIANT_ERROR_FORMAT,
              "%s: BinaryData = False: numbers as text are not supported: write it as binary .mha or NIfTI",
@@ -175,10 +182,12 @@ std::unique_ptr<image_source> open_metaimage(const std::string &path)
     source->header.slope = header.number({"ElementToIntensityFunctionSlope"}, 1.0);
     source->header.intercept = header.number({"ElementToIntensityFunctionOffset"}, 0.0);
     if (!std::isfinite(source->header.slope) || !std::isfinite(source->header.intercept) || source->header.slope == 0.0)
-        fail(PLIANT_ERROR_FORMAT, "%s: ElementToIntensityFunction: slope %g, offset %g", path.c_str(), source->header.slope, source->header.intercept);
+        fail(PLIANT_ERROR_FORMAT, "%s: ElementToIntensityFunction: slope %g, offset %g", path.c_str(),
+             source->header.slope, source->header.intercept);
     source->compressed = header.flag({"CompressedData"}, false);
     source->swap = header.flag({"BinaryDataByteOrderMSB", "ElementByteOrderMSB"}, false) != machine_is_big_endian();
-    locate_data(header, voxel_count(source->header.geometry) * static_cast<double>(component_size(source->header.type)), source.get());
+    locate_data(header, voxel_count(source->header.geometry) * static_cast<double>(component_size(source->header.type)),
+                source.get());
     return std::unique_ptr<image_source>(source.release());
 }
 

@@ -15,7 +15,8 @@ enum { SIZE_1 = 348, SIZE_2 = 540 };
 
 /* Offsets of the fields in both versions [byte] */
 struct layout {
-    size_t dim, datatype, pixdim, vox_offset, scl_slope, scl_inter, xyzt_units, qform_code, sform_code, quatern, qoffset, srow, descrip;
+    size_t dim, datatype, pixdim, vox_offset, scl_slope, scl_inter, xyzt_units, qform_code, sform_code, quatern,
+        qoffset, srow, descrip;
 };
 const layout layout_1 = {40, 70, 76, 108, 112, 116, 123, 252, 254, 256, 268, 280, 148};
 const layout layout_2 = {16, 12, 104, 168, 176, 184, 500, 344, 348, 352, 376, 400, 240};
@@ -39,11 +40,15 @@ public:
     {
         return version_ == 1 ? static_cast<double>(get<float>(offset + 4 * index)) : get<double>(offset + 8 * index);
     }
-    int64_t dim(size_t index) const { return version_ == 1 ? get<int16_t>(at().dim + 2 * index) : get<int64_t>(at().dim + 8 * index); }
+    int64_t dim(size_t index) const
+    {
+        return version_ == 1 ? get<int16_t>(at().dim + 2 * index) : get<int64_t>(at().dim + 8 * index);
+    }
     int code(size_t offset) const { return version_ == 1 ? get<int16_t>(offset) : get<int32_t>(offset); }
     double vox_offset() const
     {
-        return version_ == 1 ? static_cast<double>(get<float>(at().vox_offset)) : static_cast<double>(get<int64_t>(at().vox_offset));
+        return version_ == 1 ? static_cast<double>(get<float>(at().vox_offset))
+                             : static_cast<double>(get<int64_t>(at().vox_offset));
     }
     std::string descrip() const { return bytes_.substr(at().descrip, 80); }
     int length_unit() const { return (version_ == 1 ? bytes_[at().xyzt_units] : get<int32_t>(at().xyzt_units)) & 7; }
@@ -103,11 +108,13 @@ component component_of(const std::string &path, int datatype)
     case 1280: return component::uint64;
     case 32:
     case 1792:
-    case 2048: fail(PLIANT_ERROR_FORMAT, "%s: a complex image; real values are needed (magnitude, for example)", path.c_str());
+    case 2048:
+        fail(PLIANT_ERROR_FORMAT, "%s: a complex image; real values are needed (magnitude, for example)", path.c_str());
     case 128:
     case 2304: fail(PLIANT_ERROR_FORMAT, "%s: a colour image; one value per voxel is needed", path.c_str());
     default:
-        fail(PLIANT_ERROR_FORMAT, "%s: NIfTI datatype %d is not supported; integers of 8 to 64 bits and reals of 32 or 64 bits are",
+        fail(PLIANT_ERROR_FORMAT,
+             "%s: NIfTI datatype %d is not supported; integers of 8 to 64 bits and reals of 32 or 64 bits are",
              path.c_str(), datatype);
     }
 }
@@ -120,7 +127,8 @@ pliant_modality modality_in(const std::string &descrip)
     if (echo == std::string::npos) return PLIANT_MODALITY_UNKNOWN;
     std::vector<double> time;
     std::string digits = descrip.substr(echo + 3, descrip.find_first_not_of("0123456789.", echo + 3) - echo - 3);
-    return parse_numbers(digits, ' ', &time) && time.size() == 1 && time[0] > 0.0 ? PLIANT_MODALITY_MR : PLIANT_MODALITY_UNKNOWN;
+    return parse_numbers(digits, ' ', &time) && time.size() == 1 && time[0] > 0.0 ? PLIANT_MODALITY_MR
+                                                                                  : PLIANT_MODALITY_UNKNOWN;
 }
 
 /* Convert the columns of a RAS matrix [mm] to spacing, direction and origin in LPS. */
@@ -143,8 +151,10 @@ void from_affine(const double affine[12], grid *grid)
 bool is_singular(const double affine[12])
 {
     double lengths = 1.0;
-    for (int d = 0; d < 3; d++) lengths *= std::sqrt(affine[d] * affine[d] + affine[4 + d] * affine[4 + d] + affine[8 + d] * affine[8 + d]);
-    double determinant = affine[0] * (affine[5] * affine[10] - affine[6] * affine[9]) - affine[1] * (affine[4] * affine[10] - affine[6] * affine[8]) +
+    for (int d = 0; d < 3; d++)
+        lengths *= std::sqrt(affine[d] * affine[d] + affine[4 + d] * affine[4 + d] + affine[8 + d] * affine[8 + d]);
+    double determinant = affine[0] * (affine[5] * affine[10] - affine[6] * affine[9]) -
+                         affine[1] * (affine[4] * affine[10] - affine[6] * affine[8]) +
                          affine[2] * (affine[4] * affine[9] - affine[5] * affine[8]);
     return !(std::fabs(determinant) > 1e-3 * lengths) || !std::isfinite(affine[3] + affine[7] + affine[11]);
 }
@@ -168,9 +178,11 @@ void affine_from_sform(const fields &header, double unit, double affine[12])
  * pixdim[0]. */
 void affine_from_qform(const std::string &path, const fields &header, double unit, double affine[12])
 {
-    double b = header.real(header.at().quatern, 0), c = header.real(header.at().quatern, 1), d = header.real(header.at().quatern, 2);
+    double b = header.real(header.at().quatern, 0), c = header.real(header.at().quatern, 1),
+           d = header.real(header.at().quatern, 2);
     double rest = 1.0 - (b * b + c * c + d * d), a = std::sqrt(std::fmax(rest, 0.0));
-    if (!(rest > -1e-3)) fail(PLIANT_ERROR_FORMAT, "%s: the quaternion (%g, %g, %g) of the qform is no rotation", path.c_str(), b, c, d);
+    if (!(rest > -1e-3))
+        fail(PLIANT_ERROR_FORMAT, "%s: the quaternion (%g, %g, %g) of the qform is no rotation", path.c_str(), b, c, d);
     double norm = std::sqrt(a * a + b * b + c * c + d * d); /* 1, except for rounding errors of a half turn */
     a /= norm;
     b /= norm;
@@ -214,7 +226,8 @@ void read_grid(const std::string &path, const fields &header, grid *grid)
     const layout &at = header.at();
     int64_t dimensions = header.dim(0);
     if (dimensions < 1 || dimensions > 7)
-        fail(PLIANT_ERROR_FORMAT, "%s: broken NIfTI header: dim[0] is %lld, it must be 1 to 7", path.c_str(), static_cast<long long>(dimensions));
+        fail(PLIANT_ERROR_FORMAT, "%s: broken NIfTI header: dim[0] is %lld, it must be 1 to 7", path.c_str(),
+             static_cast<long long>(dimensions));
     for (int64_t d = 1; d <= dimensions; d++) grid->size.push_back(header.dim(static_cast<size_t>(d)));
 
     if (grid->size.size() < 3) return;
@@ -227,12 +240,18 @@ void read_grid(const std::string &path, const fields &header, grid *grid)
         affine_from_sform(header, unit, affine);
         bool singular = is_singular(affine);
         if (singular && !has_qform)
-            fail(PLIANT_ERROR_FORMAT, "%s: the sform (srow_x, srow_y, srow_z) is singular: its axes do not span space, and there is no qform", path.c_str());
+            fail(
+                PLIANT_ERROR_FORMAT,
+                "%s: the sform (srow_x, srow_y, srow_z) is singular: its axes do not span space, and there is no qform",
+                path.c_str());
         from_affine(affine, grid);
         bool sheared = singular || is_sheared(*grid);
         if (sheared && has_qform)
-            pliant_log(PLIANT_LOG_WARNING, "%s: the sform (srow_x, srow_y, srow_z) is %s, which no grid with right angles can follow; the qform is taken "
-                       "instead, so positions may differ from what other programs show", path.c_str(), singular ? "singular" : "sheared");
+            pliant_log(
+                PLIANT_LOG_WARNING,
+                "%s: the sform (srow_x, srow_y, srow_z) is %s, which no grid with right angles can follow; the qform is taken "
+                "instead, so positions may differ from what other programs show",
+                path.c_str(), singular ? "singular" : "sheared");
         if (!has_qform || !sheared) {
             if (!sheared) check_pixdim(path, pixdim, *grid); /* sheared: refused below, with the other grids */
             return;
@@ -248,8 +267,10 @@ void read_grid(const std::string &path, const fields &header, grid *grid)
         from_affine(affine, grid);
         return;
     }
-    pliant_log(PLIANT_LOG_WARNING, "%s: neither sform nor qform: the orientation of the patient is not known, axes are taken as "
-               "right, anterior, superior", path.c_str());
+    pliant_log(PLIANT_LOG_WARNING,
+               "%s: neither sform nor qform: the orientation of the patient is not known, axes are taken as "
+               "right, anterior, superior",
+               path.c_str());
     const double plain[12] = {pixdim[0], 0, 0, 0, 0, pixdim[1], 0, 0, 0, 0, pixdim[2], 0};
     from_affine(plain, grid);
 }
@@ -262,7 +283,8 @@ std::string image_file(const std::string &path)
     base.resize(base.size() - 4);
     for (const char *ending : {".img", ".img.gz", ".IMG", ".IMG.gz"})
         if (open_file(base + ending)) return base + ending;
-    fail(PLIANT_ERROR_FILE, "%s: its voxels should be in %s.img or %s.img.gz, neither is there", path.c_str(), base.c_str(), base.c_str());
+    fail(PLIANT_ERROR_FILE, "%s: its voxels should be in %s.img or %s.img.gz, neither is there", path.c_str(),
+         base.c_str(), base.c_str());
 }
 
 /* Parse the label table of a header extension: <Label Key="5" ...><![CDATA[liver]]></Label> (Caret's XML, written by
@@ -277,10 +299,15 @@ std::vector<pliant_label_segment> named_labels(const std::string &text)
         std::vector<double> value;
         if (tail == std::string::npos || head > tail || number > head) break;
         const size_t quote = text.find('"', number + key.size());
-        if (quote > head || !parse_numbers(text.substr(number + key.size(), quote - number - key.size()), ' ', &value) || value.size() != 1) break;
+        if (quote > head ||
+            !parse_numbers(text.substr(number + key.size(), quote - number - key.size()), ' ', &value) ||
+            value.size() != 1)
+            break;
         std::string name = trimmed(text.substr(head + 1, tail - head - 1));
         if (name.compare(0, mark.size(), mark) == 0) name = name.substr(mark.size(), name.find("]]>") - mark.size());
-        if (!(value[0] >= 1 && value[0] <= UINT16_MAX) || value[0] != std::floor(value[0]) || used[static_cast<size_t>(value[0])]) continue;
+        if (!(value[0] >= 1 && value[0] <= UINT16_MAX) || value[0] != std::floor(value[0]) ||
+            used[static_cast<size_t>(value[0])])
+            continue;
         used[static_cast<size_t>(value[0])] = true;
         pliant_label_segment one = {};
         one.label = one.value = static_cast<uint16_t>(value[0]);
@@ -341,11 +368,14 @@ std::unique_ptr<image_source> open_nifti(const std::string &path)
     bool swap = false;
     int version = version_of(bytes, &swap);
     if (version == -1)
-        fail(PLIANT_ERROR_FORMAT, "%s: an Analyze 7.5 header or a broken NIfTI one (no NIfTI magic): its orientation is not known; convert it to NIfTI",
-             path.c_str());
+        fail(
+            PLIANT_ERROR_FORMAT,
+            "%s: an Analyze 7.5 header or a broken NIfTI one (no NIfTI magic): its orientation is not known; convert it to NIfTI",
+            path.c_str());
     size_t header_size = version == 2 ? SIZE_2 : SIZE_1;
     if (version == 0 || bytes.size() < header_size)
-        fail(PLIANT_ERROR_FORMAT, "%s: not a NIfTI file, or its header is truncated (%zu bytes)", path.c_str(), bytes.size());
+        fail(PLIANT_ERROR_FORMAT, "%s: not a NIfTI file, or its header is truncated (%zu bytes)", path.c_str(),
+             bytes.size());
 
     fields header(bytes, version, swap);
     bool one_file = bytes[version == 1 ? 345 : 5] == '+';
@@ -357,7 +387,8 @@ std::unique_ptr<image_source> open_nifti(const std::string &path)
     double offset = header.vox_offset();
     /* Some writers leave 0 in one-file headers. The data then follow the header and its four extension bytes. */
     if (one_file && offset == 0.0) offset = static_cast<double>(header_size + 4);
-    if (!(offset >= (one_file ? static_cast<double>(header_size) : 0.0)) || offset > 1e12 || offset != std::floor(offset))
+    if (!(offset >= (one_file ? static_cast<double>(header_size) : 0.0)) || offset > 1e12 ||
+        offset != std::floor(offset))
         fail(PLIANT_ERROR_FORMAT, "%s: vox_offset is %g, the voxels cannot begin there", path.c_str(), offset);
 
     bool compressed = is_gzip(data_path);

@@ -31,7 +31,8 @@ std::vector<double> nrrd_header::numbers(const std::string &name, size_t count) 
         found.push_back(one[0]);
     }
     if (found.size() != count || !words.eof())
-        fail(PLIANT_ERROR_FORMAT, "%s: %s: %.100s: %zu numbers are needed", path.c_str(), name.c_str(), text(name).c_str(), count);
+        fail(PLIANT_ERROR_FORMAT, "%s: %s: %.100s: %zu numbers are needed", path.c_str(), name.c_str(),
+             text(name).c_str(), count);
     return found;
 }
 
@@ -39,14 +40,17 @@ double nrrd_header::whole(const std::string &name, double otherwise) const
 {
     if (!has(name)) return otherwise;
     double value = numbers(name, 1)[0];
-    if (value != std::floor(value)) fail(PLIANT_ERROR_FORMAT, "%s: %s: %.40s: a whole number is needed", path.c_str(), name.c_str(), text(name).c_str());
+    if (value != std::floor(value))
+        fail(PLIANT_ERROR_FORMAT, "%s: %s: %.40s: a whole number is needed", path.c_str(), name.c_str(),
+             text(name).c_str());
     return value;
 }
 
 std::unique_ptr<byte_stream> nrrd_data::open() const
 {
-    std::unique_ptr<byte_stream> stream(new byte_stream(
-        path, offset + (compressed ? 0 : skip), compressed ? byte_stream::packing::deflate : byte_stream::packing::none));
+    std::unique_ptr<byte_stream> stream(
+        new byte_stream(path, offset + (compressed ? 0 : skip),
+                        compressed ? byte_stream::packing::deflate : byte_stream::packing::none));
     if (compressed) stream->skip(skip, "the bytes in front of the voxels");
     return stream;
 }
@@ -77,7 +81,8 @@ nrrd_header read_nrrd_header(const std::string &path)
     nrrd_header header;
     header.path = path;
     std::string bytes = file_start(path, longest);
-    if (bytes.compare(mark_of(bytes), 4, "NRRD") != 0) fail(PLIANT_ERROR_FORMAT, "%s: not a NRRD file: it does not begin with NRRD", path.c_str());
+    if (bytes.compare(mark_of(bytes), 4, "NRRD") != 0)
+        fail(PLIANT_ERROR_FORMAT, "%s: not a NRRD file: it does not begin with NRRD", path.c_str());
     size_t at = std::min(bytes.find('\n'), bytes.size() - 1) + 1;
     while (at < bytes.size()) {
         size_t end = bytes.find('\n', at);

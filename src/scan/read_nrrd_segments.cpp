@@ -18,7 +18,8 @@ long number_of_key(const std::string &key)
 {
     const std::string start = "segment";
     const size_t end = key.find('_');
-    if (key.compare(0, start.size(), start) != 0 || end == std::string::npos || end <= start.size() || end > 15) return -1;
+    if (key.compare(0, start.size(), start) != 0 || end == std::string::npos || end <= start.size() || end > 15)
+        return -1;
     for (size_t n = start.size(); n < end; n++)
         if (!std::isdigit(static_cast<unsigned char>(key[n]))) return -1;
     return std::stol(key.substr(start.size(), end - start.size()));
@@ -171,11 +172,13 @@ private:
     {
         const double number = static_cast<double>(stored), value = std::round(number);
         if (value >= 0.0 && value <= UINT16_MAX && std::fabs(number - value) <= 1e-3) return static_cast<size_t>(value);
-        const size_t nx = static_cast<size_t>(header.geometry.size[0]), ny = static_cast<size_t>(header.geometry.size[1]);
-        fail(PLIANT_ERROR_FORMAT,
-             "%s: voxel (%zu, %zu, %zu) is %.9g: a segmentation holds whole numbers from 0 to 65535; write it anew with "
-             "3D Slicer",
-             path_.c_str(), voxel % nx, voxel / nx % ny, voxel / (nx * ny), number);
+        const size_t nx = static_cast<size_t>(header.geometry.size[0]),
+                     ny = static_cast<size_t>(header.geometry.size[1]);
+        fail(
+            PLIANT_ERROR_FORMAT,
+            "%s: voxel (%zu, %zu, %zu) is %.9g: a segmentation holds whole numbers from 0 to 65535; write it anew with "
+            "3D Slicer",
+            path_.c_str(), voxel % nx, voxel / nx % ny, voxel / (nx * ny), number);
     }
 
     template <class Number> void paint(uint16_t *voxels)
@@ -213,8 +216,9 @@ private:
 
 bool has_segments(const nrrd_header &header)
 {
-    return std::any_of(header.pairs.begin(), header.pairs.end(),
-                       [](const std::pair<const std::string, std::string> &pair) { return number_of_key(pair.first) >= 0; });
+    return std::any_of(
+        header.pairs.begin(), header.pairs.end(),
+        [](const std::pair<const std::string, std::string> &pair) { return number_of_key(pair.first) >= 0; });
 }
 
 std::unique_ptr<image_source> open_nrrd_segments(const nrrd_header &header, const nrrd_data &data, component type,

@@ -138,7 +138,8 @@ void check_alike(const std::vector<dicom_slice> &slices)
     const dicom_slice &first = slices.front();
     for (const dicom_slice &slice : slices) {
         if (slice.inverted != first.inverted)
-            fail(PLIANT_ERROR_FORMAT, "%s: some images of the series are MONOCHROME1, others MONOCHROME2", slice.path.c_str());
+            fail(PLIANT_ERROR_FORMAT, "%s: some images of the series are MONOCHROME1, others MONOCHROME2",
+                 slice.path.c_str());
         if (slice.pixels.has_rescale != first.pixels.has_rescale)
             fail(PLIANT_ERROR_FORMAT,
                  "%s: some images of the series have a RescaleIntercept, others none: add it to all, as their scanner "
@@ -154,9 +155,12 @@ void check_duplicates(const std::string &folder, const std::vector<dicom_slice> 
         const dicom_slice &a = sorted[n - 1], &b = sorted[n];
         if (b.along - a.along > 1e-3) continue;
         if (!a.instance.empty() && a.instance == b.instance)
-            fail(PLIANT_ERROR_FORMAT, "%s: %s and %s are the same image twice", folder.c_str(), a.name.c_str(), b.name.c_str());
-        fail(PLIANT_ERROR_FORMAT, "%s: %s and %s are at the same place (%g mm along the stack): several time points, echoes or a duplicate; one 3-D volume is needed",
-             folder.c_str(), a.name.c_str(), b.name.c_str(), a.along);
+            fail(PLIANT_ERROR_FORMAT, "%s: %s and %s are the same image twice", folder.c_str(), a.name.c_str(),
+                 b.name.c_str());
+        fail(
+            PLIANT_ERROR_FORMAT,
+            "%s: %s and %s are at the same place (%g mm along the stack): several time points, echoes or a duplicate; one 3-D volume is needed",
+            folder.c_str(), a.name.c_str(), b.name.c_str(), a.along);
     }
 }
 
@@ -247,10 +251,11 @@ regular check_steps(const std::string &folder, const std::vector<dicom_slice> &s
         beside = std::max(beside, from_line);
     }
     if (!irregular && beside == 0.0) return line;
-    pliant_log(PLIANT_LOG_WARNING,
-               "%s: the positions of slices are rounded: up to %.3g mm from a regular grid along the stack, %.3g mm sideways; "
-               "taken as %.6g mm apart",
-               folder.c_str(), off, beside, fitted.step);
+    pliant_log(
+        PLIANT_LOG_WARNING,
+        "%s: the positions of slices are rounded: up to %.3g mm from a regular grid along the stack, %.3g mm sideways; "
+        "taken as %.6g mm apart",
+        folder.c_str(), off, beside, fitted.step);
     return fitted;
 }
 
@@ -258,17 +263,20 @@ grid stack_grid(const std::string &folder, std::vector<dicom_slice> &slices)
 {
     check_alike(slices);
     if (slices.size() < 2)
-        fail(PLIANT_ERROR_FORMAT, "%s: one slice (%s) is a 2-D image, a 3-D volume is needed", folder.c_str(), slices[0].name.c_str());
+        fail(PLIANT_ERROR_FORMAT, "%s: one slice (%s) is a 2-D image, a 3-D volume is needed", folder.c_str(),
+             slices[0].name.c_str());
     const std::vector<double> orientation = slices[0].orientation;
     const double *row = orientation.data(), *column = row + 3;
     double normal[3];
     cross(row, column, normal);
     double length = std::sqrt(dot(normal, normal));
     if (!(std::fabs(length - 1.0) <= 2e-3) || !(std::fabs(dot(row, row) - 1.0) <= 2e-3))
-        fail(PLIANT_ERROR_FORMAT, "%s: ImageOrientationPatient is not two unit vectors at right angles", slices[0].path.c_str());
+        fail(PLIANT_ERROR_FORMAT, "%s: ImageOrientationPatient is not two unit vectors at right angles",
+             slices[0].path.c_str());
     for (double &value : normal) value /= length;
     for (dicom_slice &slice : slices) slice.along = dot(slice.position.data(), normal);
-    std::sort(slices.begin(), slices.end(), [](const dicom_slice &a, const dicom_slice &b) { return a.along < b.along; });
+    std::sort(slices.begin(), slices.end(),
+              [](const dicom_slice &a, const dicom_slice &b) { return a.along < b.along; });
     check_duplicates(folder, slices);
 
     const dicom_slice &first = slices.front();
@@ -300,7 +308,8 @@ grid grid_of(const std::string &folder, std::vector<dicom_slice> &slices)
 
 template <class From> void rescale(const void *from, const dicom_pixels &pixels, double *to)
 {
-    for (size_t n = 0; n < pixels.count(); n++) to[n] = pixels.slope * static_cast<double>(static_cast<const From *>(from)[n]) + pixels.intercept;
+    for (size_t n = 0; n < pixels.count(); n++)
+        to[n] = pixels.slope * static_cast<double>(static_cast<const From *>(from)[n]) + pixels.intercept;
 }
 
 void rescale_any(const void *from, const dicom_pixels &pixels, double *to)
@@ -408,8 +417,10 @@ public:
         header.modality = slices_.front().modality;
         for (const dicom_slice &slice : slices_) {
             const dicom_pixels &one = slice.pixels;
-            if (one.type() != first.type() || one.slope != first.slope || one.intercept != first.intercept) alike_ = false;
-            if (one.slope != std::floor(one.slope) || one.intercept != std::floor(one.intercept)) header.whole_numbers = false;
+            if (one.type() != first.type() || one.slope != first.slope || one.intercept != first.intercept)
+                alike_ = false;
+            if (one.slope != std::floor(one.slope) || one.intercept != std::floor(one.intercept))
+                header.whole_numbers = false;
         }
         if (header.modality == PLIANT_MODALITY_CT && !first.has_rescale)
             pliant_log(PLIANT_LOG_WARNING,
@@ -448,8 +459,10 @@ public:
         if (!slices_.front().inverted) return;
         turn_round_any(header.type, voxels, pliant_geometry_voxels(&header.geometry));
         fill(padding, voxels);
-        pliant_log(PLIANT_LOG_INFO, "%s: MONOCHROME1, intensities without a unit: inverted (smallest + largest - value), so that what is shown bright has large values",
-                   slices_.front().path.c_str());
+        pliant_log(
+            PLIANT_LOG_INFO,
+            "%s: MONOCHROME1, intensities without a unit: inverted (smallest + largest - value), so that what is shown bright has large values",
+            slices_.front().path.c_str());
     }
 
 private:

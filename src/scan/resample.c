@@ -73,8 +73,8 @@ static pliant_status new_geometry(const pliant_geometry *old, const int32_t size
     double first[3];
     for (int d = 0; d < 3; d++) {
         if (size[d] < 1)
-            return pliant_fail(PLIANT_ERROR_ARGUMENT, "resample: %d x %d x %d voxels: each must be at least 1", size[0], size[1],
-                               size[2]);
+            return pliant_fail(PLIANT_ERROR_ARGUMENT, "resample: %d x %d x %d voxels: each must be at least 1", size[0],
+                               size[1], size[2]);
         geometry.size[d] = size[d];
         if (size[d] != old->size[d]) geometry.spacing[d] = old->size[d] * old->spacing[d] / size[d];
         first[d] = old_index(0, size[d], old->size[d]);

@@ -27,19 +27,24 @@ static pliant_status check(const pliant_volume *scan, const pliant_segment_optio
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "segmentation: a volume of 1 to %d voxels is wanted", INT32_MAX);
     if (options->classes < 0 || options->classes > PLIANT_MAX_CLASSES || options->most_classes < 1 ||
         options->most_classes > PLIANT_MAX_CLASSES)
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "segmentation: 1 to %d classes are possible, not %d (0: chosen, at most %d)",
+        return pliant_fail(PLIANT_ERROR_ARGUMENT,
+                           "segmentation: 1 to %d classes are possible, not %d (0: chosen, at most %d)",
                            PLIANT_MAX_CLASSES, options->classes, options->most_classes);
-    if (!(options->coherence >= 0) || !isfinite(options->coherence) || !(options->smallest >= 0) || options->num_threads < 0)
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "segmentation: coherence and smallest piece must not be negative, nor threads");
+    if (!(options->coherence >= 0) || !isfinite(options->coherence) || !(options->smallest >= 0) ||
+        options->num_threads < 0)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT,
+                           "segmentation: coherence and smallest piece must not be negative, nor threads");
     return PLIANT_OK;
 }
 
 /* Set the bins between the outermost thousandths of the values, so that extreme values do not widen them. Stored
  * integers span at least a bin each: narrower bins would be empty between the values. In a volume with few integers,
  * such as a mask, each integer is a spike. */
-void segment_set_bins(const pliant_volume *scan, double least, double most, const uint32_t *count, segment_histogram *histogram)
+void segment_set_bins(const pliant_volume *scan, double least, double most, const uint32_t *count,
+                      segment_histogram *histogram)
 {
-    const double scale = most > least ? (SEGMENT_FINE_BINS - 1) / (most - least) : 0, outside = 1e-3 * (double)pliant_geometry_voxels(&scan->geometry);
+    const double scale = most > least ? (SEGMENT_FINE_BINS - 1) / (most - least) : 0,
+                 outside = 1e-3 * (double)pliant_geometry_voxels(&scan->geometry);
     int32_t first = 0, last = SEGMENT_FINE_BINS - 1;
     for (double sum = 0; first < last && (sum += count[first]) <= outside; first++) {}
     for (double sum = 0; last > first && (sum += count[last]) <= outside; last--) {}
@@ -62,7 +67,8 @@ static pliant_status find_bins(const pliant_volume *scan, int num_threads, segme
         least = fmin(least, value);
         most = fmax(most, value);
     }
-    if (!finite) return pliant_fail(PLIANT_ERROR_ARGUMENT, "segmentation: %s holds values that are not finite", scan->id);
+    if (!finite)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "segmentation: %s holds values that are not finite", scan->id);
     uint32_t *count = pliant_calloc(SEGMENT_FINE_BINS, sizeof *count);
     if (!count) return pliant_fail_memory("the histogram");
     double scale = most > least ? (SEGMENT_FINE_BINS - 1) / (most - least) : 0;
@@ -103,8 +109,8 @@ static void find_noise(segment_histogram *histogram, const uint16_t *bins, ptrdi
  * sharpens the peaks of the histogram and preserves edges. A voxel that differs from most neighbours is on an edge
  * between tissues, or in a texture such as bone. It gets a lower weight. */
 static const double edge_part = 0.25;
-static void smooth(const pliant_volume *scan, int num_threads, segment_histogram *histogram, const uint16_t *raw, uint16_t *bins,
-                   uint8_t *counted)
+static void smooth(const pliant_volume *scan, int num_threads, segment_histogram *histogram, const uint16_t *raw,
+                   uint16_t *bins, uint8_t *counted)
 {
     const int32_t *size = scan->geometry.size;
     const int reach = segment_reach(histogram);
@@ -137,7 +143,8 @@ static void smooth(const pliant_volume *scan, int num_threads, segment_histogram
     }
 }
 
-static pliant_status count_values(const pliant_volume *scan, int num_threads, segment_histogram *histogram, uint16_t *bins)
+static pliant_status count_values(const pliant_volume *scan, int num_threads, segment_histogram *histogram,
+                                  uint16_t *bins)
 {
     pliant_status status = find_bins(scan, num_threads, histogram);
     if (status != PLIANT_OK) return status;
@@ -157,7 +164,8 @@ static pliant_status count_values(const pliant_volume *scan, int num_threads, se
     return status;
 }
 
-static void most_likely(const uint16_t *bins, ptrdiff_t voxels, const float *logs, int count, int num_threads, uint8_t *classes)
+static void most_likely(const uint16_t *bins, ptrdiff_t voxels, const float *logs, int count, int num_threads,
+                        uint8_t *classes)
 {
     uint8_t of_bin[SEGMENT_BINS];
     for (int bin = 0; bin < SEGMENT_BINS; bin++) {
@@ -238,13 +246,16 @@ static int by_size(const void *a, const void *b)
     return (x->piece > y->piece) - (x->piece < y->piece);
 }
 
-pliant_status segment_name(const pliant_geometry *geometry, segment_tally *tallies, int32_t count, uint16_t *label, pliant_segmentation *out)
+pliant_status segment_name(const pliant_geometry *geometry, segment_tally *tallies, int32_t count, uint16_t *label,
+                           pliant_segmentation *out)
 {
     if (count > UINT16_MAX)
-        return pliant_fail(PLIANT_ERROR_FORMAT, "segmentation: %d pieces are more than %d labels can name; take a larger smallest piece", count,
-                           UINT16_MAX);
-    pliant_status status = (out->pieces = pliant_calloc((size_t)count, sizeof *out->pieces)) ? pliant_labels_create(geometry, &out->labels)
-                                                                                             : pliant_fail_memory("the pieces");
+        return pliant_fail(PLIANT_ERROR_FORMAT,
+                           "segmentation: %d pieces are more than %d labels can name; take a larger smallest piece",
+                           count, UINT16_MAX);
+    pliant_status status = (out->pieces = pliant_calloc((size_t)count, sizeof *out->pieces))
+                               ? pliant_labels_create(geometry, &out->labels)
+                               : pliant_fail_memory("the pieces");
     if (status != PLIANT_OK) return status;
     qsort(tallies, (size_t)count, sizeof *tallies, by_size);
     double voxel = geometry->spacing[0] * geometry->spacing[1] * geometry->spacing[2];
@@ -252,7 +263,8 @@ pliant_status segment_name(const pliant_geometry *geometry, segment_tally *talli
         const segment_tally *one = tallies + p;
         pliant_segment_piece *told = out->pieces + p;
         double index[3] = {one->at[0] / one->voxels, one->at[1] / one->voxels, one->at[2] / one->voxels};
-        *told = (pliant_segment_piece){.class_index = one->class_index, .mean = one->sum / one->voxels, .volume = one->voxels * voxel};
+        *told = (pliant_segment_piece){
+            .class_index = one->class_index, .mean = one->sum / one->voxels, .volume = one->voxels * voxel};
         pliant_geometry_to_world(geometry, index, told->centre);
         label[one->piece] = (uint16_t)(p + 1);
     }
@@ -261,7 +273,8 @@ pliant_status segment_name(const pliant_geometry *geometry, segment_tally *talli
 }
 
 /* Label the pieces by size, and compute their means and the label of every voxel. */
-static pliant_status tell(const pliant_volume *scan, const uint8_t *classes, const int32_t *piece, int32_t count, pliant_segmentation *out)
+static pliant_status tell(const pliant_volume *scan, const uint8_t *classes, const int32_t *piece, int32_t count,
+                          pliant_segmentation *out)
 {
     const pliant_geometry *geometry = &scan->geometry;
     segment_tally *tallies = pliant_calloc((size_t)count, sizeof *tallies);
@@ -282,14 +295,16 @@ static pliant_status tell(const pliant_volume *scan, const uint8_t *classes, con
                 one->at[2] += k;
             }
     status = segment_name(geometry, tallies, count, label, out);
-    for (v = 0; status == PLIANT_OK && v < pliant_geometry_voxels(geometry); v++) out->labels.voxels[v] = label[piece[v]];
+    for (v = 0; status == PLIANT_OK && v < pliant_geometry_voxels(geometry); v++)
+        out->labels.voxels[v] = label[piece[v]];
 done:
     pliant_free(tallies);
     pliant_free(label);
     return status;
 }
 
-static pliant_status segment_on_cpu(const pliant_volume *scan, const pliant_segment_options *options, pliant_segmentation *out)
+static pliant_status segment_on_cpu(const pliant_volume *scan, const pliant_segment_options *options,
+                                    pliant_segmentation *out)
 {
     const int32_t *size = scan->geometry.size;
     size_t voxels = pliant_geometry_voxels(&scan->geometry);
@@ -300,8 +315,9 @@ static pliant_status segment_on_cpu(const pliant_volume *scan, const pliant_segm
     float *logs = pliant_calloc(SEGMENT_BINS, PLIANT_MAX_CLASSES * sizeof *logs);
     uint16_t *bins = pliant_calloc(voxels, sizeof *bins);
     uint8_t *classes = pliant_calloc(voxels, 1);
-    pliant_status status = histogram && fits && logs && bins && classes ? count_values(scan, options->num_threads, histogram, bins)
-                                                  : pliant_fail_memory("the segmentation");
+    pliant_status status = histogram && fits && logs && bins && classes
+                               ? count_values(scan, options->num_threads, histogram, bins)
+                               : pliant_fail_memory("the segmentation");
     if (status != PLIANT_OK) goto done;
     segment_fit(histogram, segment_most_classes(options), fits);
     made.num_classes = segment_best(histogram, options, fits, made.classes, &made.criterion);
@@ -313,7 +329,8 @@ static pliant_status segment_on_cpu(const pliant_volume *scan, const pliant_segm
     bins = NULL;
     piece = pliant_calloc(voxels, sizeof *piece);
     status = piece ? segment_connect(size, classes, piece, &count) : pliant_fail_memory("the pieces");
-    double least = options->smallest / (scan->geometry.spacing[0] * scan->geometry.spacing[1] * scan->geometry.spacing[2]);
+    double least =
+        options->smallest / (scan->geometry.spacing[0] * scan->geometry.spacing[1] * scan->geometry.spacing[2]);
     if (status == PLIANT_OK) status = segment_absorb(size, piece, count, least, classes);
     if (status == PLIANT_OK) status = segment_connect(size, classes, piece, &count);
     if (status == PLIANT_OK) status = tell(scan, classes, piece, count, &made);
@@ -348,7 +365,8 @@ pliant_status pliant_segment(const pliant_volume *scan, const pliant_segment_opt
         return PLIANT_OK;
     }
     pliant_segmentation_free(&made);
-    if (options->backend == PLIANT_CUDA || (status != PLIANT_ERROR_UNAVAILABLE && status != PLIANT_ERROR_MEMORY)) return status;
+    if (options->backend == PLIANT_CUDA || (status != PLIANT_ERROR_UNAVAILABLE && status != PLIANT_ERROR_MEMORY))
+        return status;
     pliant_log(PLIANT_LOG_WARNING, "the CPU segments: %s", pliant_last_error());
     return segment_on_cpu(scan, options, out);
 }

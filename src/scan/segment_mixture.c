@@ -10,7 +10,10 @@ enum { TRIAL_PASSES = 30, FINAL_PASSES = 200 };
  * a few voxels along each axis. Without this factor BIC would always choose the largest number of classes. */
 static const double voxels_a_sample = 64;
 
-static double value_of(const segment_histogram *histogram, int bin) { return histogram->low + (bin + 0.5) * histogram->width; }
+static double value_of(const segment_histogram *histogram, int bin)
+{
+    return histogram->low + (bin + 0.5) * histogram->width;
+}
 
 static double log_density(const pliant_segment_class *c, double value)
 {
@@ -37,7 +40,8 @@ static double maximize(const segment_histogram *histogram, pliant_segment_class 
     /* Lower limit of a class's width: the resolution of bins and noise. Otherwise a spike (padding) would have infinite
      * likelihood, and air would be split. Upper limit: the width of tissue. Otherwise one class would cover the range
      * between all others. */
-    const double narrowest = fmax(1.5 * histogram->width, 0.5 * histogram->noise), widest = 0.04 * SEGMENT_BINS * histogram->width;
+    const double narrowest = fmax(1.5 * histogram->width, 0.5 * histogram->noise),
+                 widest = 0.04 * SEGMENT_BINS * histogram->width;
     double likelihood = -INFINITY;
     for (int pass = 0; pass < passes; pass++) {
         double sums[PLIANT_MAX_CLASSES][3], part[PLIANT_MAX_CLASSES], now = 0;
@@ -58,7 +62,8 @@ static double maximize(const segment_histogram *histogram, pliant_segment_class 
             if (!(sums[k][0] > 0)) continue;
             double shift = sums[k][1] / sums[k][0];
             classes[k].mean += shift;
-            classes[k].deviation = fmin(fmax(sqrt(fmax(sums[k][2] / sums[k][0] - shift * shift, 0)), narrowest), widest);
+            classes[k].deviation =
+                fmin(fmax(sqrt(fmax(sums[k][2] / sums[k][0] - shift * shift, 0)), narrowest), widest);
         }
         now /= histogram->total;
         if (now - likelihood < 1e-7) return now;
@@ -103,7 +108,8 @@ static void coarsen(const segment_histogram *histogram, segment_histogram *out)
 }
 
 /* Choose the best split on the coarse histogram, and iterate it to the end on the fine one. Return its likelihood. */
-static double grow(const segment_histogram *histogram, const segment_histogram *coarse, pliant_segment_class *classes, int count)
+static double grow(const segment_histogram *histogram, const segment_histogram *coarse, pliant_segment_class *classes,
+                   int count)
 {
     pliant_segment_class best[PLIANT_MAX_CLASSES];
     double highest = -INFINITY;
@@ -127,15 +133,19 @@ void segment_fit(const segment_histogram *histogram, int most, segment_fits *out
     segment_histogram coarse;
     coarsen(histogram, &coarse);
     for (int count = 1; count <= most; count++) {
-        out->likelihood[count - 1] = count == 1 ? maximize(histogram, classes, 1, FINAL_PASSES) : grow(histogram, &coarse, classes, count - 1);
+        out->likelihood[count - 1] =
+            count == 1 ? maximize(histogram, classes, 1, FINAL_PASSES) : grow(histogram, &coarse, classes, count - 1);
         memcpy(out->classes[count - 1], classes, sizeof classes);
     }
 }
 
-int segment_most_classes(const pliant_segment_options *options) { return options->classes > 0 ? options->classes : options->most_classes; }
+int segment_most_classes(const pliant_segment_options *options)
+{
+    return options->classes > 0 ? options->classes : options->most_classes;
+}
 
-int segment_best(const segment_histogram *histogram, const pliant_segment_options *options, const segment_fits *fits, pliant_segment_class *out,
-                 double *criterion)
+int segment_best(const segment_histogram *histogram, const pliant_segment_options *options, const segment_fits *fits,
+                 pliant_segment_class *out, double *criterion)
 {
     int best = 0;
     for (int count = 1; count <= segment_most_classes(options); count++) {
@@ -149,7 +159,8 @@ int segment_best(const segment_histogram *histogram, const pliant_segment_option
     return best;
 }
 
-void segment_log_densities(const segment_histogram *histogram, const pliant_segment_class *classes, int count, float *out)
+void segment_log_densities(const segment_histogram *histogram, const pliant_segment_class *classes, int count,
+                           float *out)
 {
     for (int bin = 0; bin < SEGMENT_BINS; bin++)
         for (int k = 0; k < PLIANT_MAX_CLASSES; k++)

@@ -34,8 +34,10 @@ pliant_status segment_connect(const int32_t size[3], const uint8_t *class_of_vox
                 bool along = i > 0 && class_of_voxel[v - 1] == c;
                 piece[v] = along ? piece[v - 1] : v;
                 /* If the previous voxel and its neighbour are of the same class, they have been joined already. */
-                if (j > 0 && class_of_voxel[v - row] == c && !(along && class_of_voxel[v - row - 1] == c)) join(piece, v, v - row);
-                if (k > 0 && class_of_voxel[v - slice] == c && !(along && class_of_voxel[v - slice - 1] == c)) join(piece, v, v - slice);
+                if (j > 0 && class_of_voxel[v - row] == c && !(along && class_of_voxel[v - row - 1] == c))
+                    join(piece, v, v - row);
+                if (k > 0 && class_of_voxel[v - slice] == c && !(along && class_of_voxel[v - slice - 1] == c))
+                    join(piece, v, v - slice);
             }
     /* Roots come before their members. Number n is stored as -1 - n until all are set. */
     for (int32_t v = 0; v < voxels; v++) {
@@ -48,10 +50,12 @@ pliant_status segment_connect(const int32_t size[3], const uint8_t *class_of_vox
     return PLIANT_OK;
 }
 
-pliant_status segment_absorb(const int32_t size[3], const int32_t *piece, int32_t count, double least, uint8_t *class_of_voxel)
+pliant_status segment_absorb(const int32_t size[3], const int32_t *piece, int32_t count, double least,
+                             uint8_t *class_of_voxel)
 {
     const int32_t step[3] = {1, size[0], size[0] * size[1]}, voxels = size[0] * size[1] * size[2];
-    int32_t *members = pliant_calloc((size_t)count, sizeof *members), *queue = pliant_calloc((size_t)voxels, sizeof *queue);
+    int32_t *members = pliant_calloc((size_t)count, sizeof *members),
+            *queue = pliant_calloc((size_t)voxels, sizeof *queue);
     uint8_t *waits = pliant_calloc((size_t)voxels, 1);
     pliant_status status = members && queue && waits ? PLIANT_OK : pliant_fail_memory("the specks");
     if (status != PLIANT_OK) goto done;

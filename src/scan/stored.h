@@ -15,7 +15,8 @@ PLIANT_INLINE float pliant_stored_number(const void *voxels, pliant_encoding enc
     return 0.0f;
 }
 
-PLIANT_INLINE float pliant_stored_value(const void *voxels, pliant_encoding encoding, float slope, float intercept, size_t index)
+PLIANT_INLINE float pliant_stored_value(const void *voxels, pliant_encoding encoding, float slope, float intercept,
+                                        size_t index)
 {
     return slope * pliant_stored_number(voxels, encoding, index) + intercept;
 }

@@ -78,26 +78,27 @@ static pliant_status check_geometry(const pliant_geometry *geometry)
     static const char axis_name[3] = {'i', 'j', 'k'};
     for (int d = 0; d < 3; d++) {
         if (geometry->size[d] < 1)
-            return pliant_fail(PLIANT_ERROR_ARGUMENT, "volume: size along %c is %d, it must be at least 1", axis_name[d],
-                               geometry->size[d]);
+            return pliant_fail(PLIANT_ERROR_ARGUMENT, "volume: size along %c is %d, it must be at least 1",
+                               axis_name[d], geometry->size[d]);
         if (!(geometry->spacing[d] > 0.0) || !isfinite(geometry->spacing[d]))
-            return pliant_fail(PLIANT_ERROR_ARGUMENT, "volume: spacing along %c is %g m, it must be above 0", axis_name[d],
-                               geometry->spacing[d]);
+            return pliant_fail(PLIANT_ERROR_ARGUMENT, "volume: spacing along %c is %g m, it must be above 0",
+                               axis_name[d], geometry->spacing[d]);
         if (!isfinite(geometry->origin[d]))
             return pliant_fail(PLIANT_ERROR_ARGUMENT, "volume: coordinate %d of the origin is not finite", d);
     }
     for (int a = 0; a < 3; a++)
         for (int b = a; b < 3; b++) {
             double dot = 0.0;
-            for (int row = 0; row < 3; row++) dot += geometry->direction[3 * row + a] * geometry->direction[3 * row + b];
+            for (int row = 0; row < 3; row++)
+                dot += geometry->direction[3 * row + a] * geometry->direction[3 * row + b];
             if (!(fabs(dot - (a == b)) <= 1e-6))
                 return pliant_fail(PLIANT_ERROR_ARGUMENT,
-                                   "volume: the direction is not orthonormal (axes %c and %c: dot product %g)", axis_name[a],
-                                   axis_name[b], dot);
+                                   "volume: the direction is not orthonormal (axes %c and %c: dot product %g)",
+                                   axis_name[a], axis_name[b], dot);
         }
     if (pliant_geometry_voxels(geometry) == 0)
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "volume: %d x %d x %d voxels are more than can be counted", geometry->size[0],
-                           geometry->size[1], geometry->size[2]);
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "volume: %d x %d x %d voxels are more than can be counted",
+                           geometry->size[0], geometry->size[1], geometry->size[2]);
     return PLIANT_OK;
 }
 
@@ -110,7 +111,8 @@ pliant_status pliant_volume_create(const pliant_geometry *geometry, pliant_encod
 
     size_t count = pliant_geometry_voxels(geometry), size = pliant_encoding_size(encoding);
     char what[80];
-    snprintf(what, sizeof what, "a volume of %d x %d x %d voxels", geometry->size[0], geometry->size[1], geometry->size[2]);
+    snprintf(what, sizeof what, "a volume of %d x %d x %d voxels", geometry->size[0], geometry->size[1],
+             geometry->size[2]);
     if ((status = pliant_memory_suffices((double)count * (double)size, what)) != PLIANT_OK) return status;
     void *voxels = pliant_pages(count, size);
     if (!voxels) return pliant_fail_memory("the voxels of a volume");
@@ -133,7 +135,8 @@ pliant_status pliant_labels_create(const pliant_geometry *geometry, pliant_label
 
     size_t count = pliant_geometry_voxels(geometry);
     char what[80];
-    snprintf(what, sizeof what, "a label map of %d x %d x %d voxels", geometry->size[0], geometry->size[1], geometry->size[2]);
+    snprintf(what, sizeof what, "a label map of %d x %d x %d voxels", geometry->size[0], geometry->size[1],
+             geometry->size[2]);
     if ((status = pliant_memory_suffices((double)count * sizeof(uint16_t), what)) != PLIANT_OK) return status;
     uint16_t *voxels = pliant_calloc(count, sizeof *voxels);
     if (!voxels) return pliant_fail_memory("the voxels of a label map");

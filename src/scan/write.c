@@ -17,7 +17,8 @@
 #include <unistd.h>
 #include <zlib.h>
 
-_Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "voxels are written in the byte order of the machine: little-endian");
+_Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__,
+               "voxels are written in the byte order of the machine: little-endian");
 
 typedef enum file_format { FORMAT_NONE, FORMAT_NIFTI, FORMAT_NIFTI_GZ, FORMAT_NRRD, FORMAT_METAIMAGE } file_format;
 
@@ -34,7 +35,10 @@ static const struct type_names {
     size_t size;
     int16_t nifti;
     const char *nrrd, *metaimage;
-} types[] = {{1, 2, "uchar", "MET_UCHAR"}, {2, 4, "short", "MET_SHORT"}, {2, 512, "ushort", "MET_USHORT"}, {4, 16, "float", "MET_FLOAT"}};
+} types[] = {{1, 2, "uchar", "MET_UCHAR"},
+             {2, 4, "short", "MET_SHORT"},
+             {2, 512, "ushort", "MET_USHORT"},
+             {4, 16, "float", "MET_FLOAT"}};
 
 static file_format format_of(const char *path)
 {
@@ -69,7 +73,8 @@ static void put_float(unsigned char *header, size_t at, double value)
  * Shepperd, Quaternion from rotation matrix, 1978). */
 static void quaternion_of(const double r[9], double q[4])
 {
-    double squares[4] = {1 + r[0] + r[4] + r[8], 1 + r[0] - r[4] - r[8], 1 - r[0] + r[4] - r[8], 1 - r[0] - r[4] + r[8]};
+    double squares[4] = {1 + r[0] + r[4] + r[8], 1 + r[0] - r[4] - r[8], 1 - r[0] + r[4] - r[8],
+                         1 - r[0] - r[4] + r[8]};
     int largest = 0;
     for (int n = 1; n < 4; n++)
         if (squares[n] > squares[largest]) largest = n;
@@ -124,7 +129,8 @@ static size_t nifti_header(const image_data *image, unsigned char *header)
     for (size_t n = 0; n < 3; n++) put_float(header, 256 + 4 * n, q[n + 1]);
     for (size_t n = 0; n < 3; n++) put_float(header, 268 + 4 * n, origin[n]);
     for (size_t row = 0; row < 3; row++) {
-        for (size_t axis = 0; axis < 3; axis++) put_float(header, 280 + 16 * row + 4 * axis, ras[3 * row + axis] * spacing[axis]);
+        for (size_t axis = 0; axis < 3; axis++)
+            put_float(header, 280 + 16 * row + 4 * axis, ras[3 * row + axis] * spacing[axis]);
         put_float(header, 280 + 16 * row + 12, origin[row]);
     }
     memcpy(header + 344, "n+1", 4);
@@ -146,23 +152,25 @@ static size_t text_header(const image_data *image, file_format format, char *hea
     locale_t c = newlocale(LC_ALL_MASK, "C", (locale_t)0), old = uselocale(c);
     int length;
     if (format == FORMAT_NRRD)
-        length = snprintf(header, HEADER_SIZE,
-                          "NRRD0004\ntype: %s\ndimension: %s\nspace: left-posterior-superior\nsizes: %s%d %d %d\n"
-                          "space directions: %s(%.17g,%.17g,%.17g) (%.17g,%.17g,%.17g) (%.17g,%.17g,%.17g)\n"
-                          "kinds: %sdomain domain domain\nendian: little\nencoding: raw\nspace units: \"mm\" \"mm\" \"mm\"\n"
-                          "space origin: (%.17g,%.17g,%.17g)\n\n",
-                          types[image->type].nrrd, vector ? "4" : "3", vector ? "3 " : "", g->size[0], g->size[1], g->size[2],
-                          vector ? "none " : "", d[0], d[1], d[2], d[3], d[4], d[5], d[6], d[7], d[8], vector ? "vector " : "", origin[0],
-                          origin[1], origin[2]);
+        length =
+            snprintf(header, HEADER_SIZE,
+                     "NRRD0004\ntype: %s\ndimension: %s\nspace: left-posterior-superior\nsizes: %s%d %d %d\n"
+                     "space directions: %s(%.17g,%.17g,%.17g) (%.17g,%.17g,%.17g) (%.17g,%.17g,%.17g)\n"
+                     "kinds: %sdomain domain domain\nendian: little\nencoding: raw\nspace units: \"mm\" \"mm\" \"mm\"\n"
+                     "space origin: (%.17g,%.17g,%.17g)\n\n",
+                     types[image->type].nrrd, vector ? "4" : "3", vector ? "3 " : "", g->size[0], g->size[1],
+                     g->size[2], vector ? "none " : "", d[0], d[1], d[2], d[3], d[4], d[5], d[6], d[7], d[8],
+                     vector ? "vector " : "", origin[0], origin[1], origin[2]);
     else
-        length = snprintf(header, HEADER_SIZE,
-                          "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\nCompressedData = False\n"
-                          "TransformMatrix = %.17g %.17g %.17g %.17g %.17g %.17g %.17g %.17g %.17g\nOffset = %.17g %.17g %.17g\n"
-                          "CenterOfRotation = 0 0 0\nElementSpacing = %.17g %.17g %.17g\nDimSize = %d %d %d\n%sElementType = %s\n"
-                          "ElementDataFile = LOCAL\n",
-                          d[0], d[1], d[2], d[3], d[4], d[5], d[6], d[7], d[8], origin[0], origin[1], origin[2], spacing[0], spacing[1],
-                          spacing[2], g->size[0], g->size[1], g->size[2], vector ? "ElementNumberOfChannels = 3\n" : "",
-                          types[image->type].metaimage);
+        length = snprintf(
+            header, HEADER_SIZE,
+            "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\nCompressedData = False\n"
+            "TransformMatrix = %.17g %.17g %.17g %.17g %.17g %.17g %.17g %.17g %.17g\nOffset = %.17g %.17g %.17g\n"
+            "CenterOfRotation = 0 0 0\nElementSpacing = %.17g %.17g %.17g\nDimSize = %d %d %d\n%sElementType = %s\n"
+            "ElementDataFile = LOCAL\n",
+            d[0], d[1], d[2], d[3], d[4], d[5], d[6], d[7], d[8], origin[0], origin[1], origin[2], spacing[0],
+            spacing[1], spacing[2], g->size[0], g->size[1], g->size[2], vector ? "ElementNumberOfChannels = 3\n" : "",
+            types[image->type].metaimage);
     uselocale(old);
     if (c) freelocale(c);
     return (size_t)length;
@@ -178,7 +186,8 @@ static bool write_plain(int file, const void *header, size_t header_size, const 
         close(file);
         return false;
     }
-    bool done = fwrite(header, 1, header_size, stream) == header_size && fwrite(data, 1, data_size, stream) == data_size;
+    bool done =
+        fwrite(header, 1, header_size, stream) == header_size && fwrite(data, 1, data_size, stream) == data_size;
     return fclose(stream) == 0 && done;
 }
 
@@ -205,14 +214,17 @@ static pliant_status write_image(const char *path, file_format format, const ima
     char temporary[PATH_MAX];
     bool nifti = format == FORMAT_NIFTI || format == FORMAT_NIFTI_GZ;
     if (nifti && (size[0] > INT16_MAX || size[1] > INT16_MAX || size[2] > INT16_MAX))
-        return pliant_fail(PLIANT_ERROR_FORMAT, "%s: %d x %d x %d voxels: NIfTI holds at most 32767 along an axis; use .nrrd or .mha", path,
+        return pliant_fail(PLIANT_ERROR_FORMAT,
+                           "%s: %d x %d x %d voxels: NIfTI holds at most 32767 along an axis; use .nrrd or .mha", path,
                            size[0], size[1], size[2]);
     struct stat status;
     if (stat(path, &status) == 0 && S_ISDIR(status.st_mode))
         return pliant_fail(PLIANT_ERROR_FILE, "%s: cannot be written: it is a folder", path);
 
     int file = pliant_open_beside(path, temporary);
-    if (file < 0) return pliant_fail(PLIANT_ERROR_FILE, "%s: cannot be written: no file can be made beside it: %s", path, strerror(errno));
+    if (file < 0)
+        return pliant_fail(PLIANT_ERROR_FILE, "%s: cannot be written: no file can be made beside it: %s", path,
+                           strerror(errno));
     size_t header_size = nifti ? nifti_header(image, header) : text_header(image, format, (char *)header);
     size_t data_size = pliant_geometry_voxels(image->geometry) * types[image->type].size * (image->is_vector ? 3 : 1);
     errno = 0;
@@ -221,7 +233,8 @@ static pliant_status write_image(const char *path, file_format format, const ima
     if (!written || rename(temporary, path) != 0) {
         int reason = errno;
         unlink(temporary);
-        return pliant_fail(PLIANT_ERROR_FILE, "%s: cannot be written: %s", path, reason ? strerror(reason) : "is the disk full?");
+        return pliant_fail(PLIANT_ERROR_FILE, "%s: cannot be written: %s", path,
+                           reason ? strerror(reason) : "is the disk full?");
     }
     return PLIANT_OK;
 }
@@ -232,7 +245,8 @@ static pliant_status check_target(const char *path, const void *voxels, file_for
     if (!voxels) return pliant_fail(PLIANT_ERROR_ARGUMENT, "%s: the volume to write has no voxels", path);
     *format = format_of(path);
     if (*format == FORMAT_NONE)
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "%s: its ending tells no format; .nii, .nii.gz, .nrrd and .mha are known", path);
+        return pliant_fail(PLIANT_ERROR_ARGUMENT,
+                           "%s: its ending tells no format; .nii, .nii.gz, .nrrd and .mha are known", path);
     return PLIANT_OK;
 }
 
@@ -267,7 +281,8 @@ pliant_status pliant_labels_write(const char *path, const pliant_labels *labels)
     return write_image(path, format, &image);
 }
 
-pliant_status pliant_vectors_write(const char *path, const pliant_geometry *geometry, double factor, const float *vectors)
+pliant_status pliant_vectors_write(const char *path, const pliant_geometry *geometry, double factor,
+                                   const float *vectors)
 {
     file_format format;
     pliant_status status = check_target(path, vectors, &format);
@@ -278,7 +293,8 @@ pliant_status pliant_vectors_write(const char *path, const pliant_geometry *geom
     float *values = pliant_calloc(count, 3 * sizeof *values);
     if (!values) return pliant_fail(PLIANT_ERROR_MEMORY, "%s: out of memory for its vectors", path);
     for (size_t n = 0; n < count; n++)
-        for (size_t d = 0; d < 3; d++) values[n * voxel_step + d * component_step] = (float)(factor * (double)vectors[3 * n + d]);
+        for (size_t d = 0; d < 3; d++)
+            values[n * voxel_step + d * component_step] = (float)(factor * (double)vectors[3 * n + d]);
     image_data image = {geometry, TYPE_FLOAT32, values, true};
     status = write_image(path, format, &image);
     pliant_free(values);

@@ -12,7 +12,8 @@ extern "C" {
  * pliant_volume_write.
  * @param vectors  (voxels x 3) LPS; each is multiplied by factor.
  * Errors: ARGUMENT (extension), FILE, FORMAT, MEMORY. */
-pliant_status pliant_vectors_write(const char *path, const pliant_geometry *geometry, double factor, const float *vectors);
+pliant_status pliant_vectors_write(const char *path, const pliant_geometry *geometry, double factor,
+                                   const float *vectors);
 
 #ifdef __cplusplus
 }

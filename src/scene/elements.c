@@ -20,9 +20,11 @@ static tetrahedral first_tetrahedral(const pliant_scene *scene, bool alone)
     const tetrahedral all[] = {
         {scene->cut.kind == PLIANT_CUT_SUBDIVIDE, "cut/kind: subdivide cuts tetrahedra", "sever"},
         {scene->mesh.file[0] != 0, "mesh/file is a mesh of tetrahedra", "an empty text"},
-        {scene->contact.self || scene->contact.obstacles[0] || scene->obstacles.num_boxes > 0 || scene->obstacles.num_planes > 0,
+        {scene->contact.self || scene->contact.obstacles[0] || scene->obstacles.num_boxes > 0 ||
+             scene->obstacles.num_planes > 0,
          "contact/self, obstacles: thin sheets of hexahedra fold over what presses them", NULL},
-        {tled && scene->tled.nodal_pressure, "tled/nodal_pressure: hexahedra have one change of volume each and need none", "false"},
+        {tled && scene->tled.nodal_pressure,
+         "tled/nodal_pressure: hexahedra have one change of volume each and need none", "false"},
     };
     for (size_t n = 0; n < sizeof all / sizeof *all; n++)
         if (all[n].asked && (all[n].instead || !alone)) return all[n];
@@ -47,5 +49,7 @@ pliant_status pliant_scene_check_elements(const pliant_scene *scene)
 {
     if (scene->element.kind != PLIANT_HEXAHEDRA) return PLIANT_OK;
     const tetrahedral first = first_tetrahedral(scene, true);
-    return first.what ? pliant_fail(PLIANT_ERROR_SCENE, "%s; set it to %s, or element/kind to auto or linear", first.what, first.instead) : PLIANT_OK;
+    return first.what ? pliant_fail(PLIANT_ERROR_SCENE, "%s; set it to %s, or element/kind to auto or linear",
+                                    first.what, first.instead)
+                      : PLIANT_OK;
 }

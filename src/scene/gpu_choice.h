@@ -26,7 +26,8 @@ typedef bool (*pliant_probe)(char *text, size_t size);
  * text: output; name of the GPU, or the reason why it is not used
  * @param probe of the GPU's table; Nullable: there is no table
  * Errors: UNAVAILABLE, with the reason, if cuda was requested and cannot be used. */
-pliant_status pliant_gpu_choose(pliant_backend_choice choice, pliant_probe probe, char text[PLIANT_BACKEND_TEXT], bool *use);
+pliant_status pliant_gpu_choose(pliant_backend_choice choice, pliant_probe probe, char text[PLIANT_BACKEND_TEXT],
+                                bool *use);
 
 #ifdef __cplusplus
 }

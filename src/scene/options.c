@@ -32,8 +32,9 @@ _Static_assert(sizeof(pliant_method) == sizeof(int) && sizeof(pliant_touch) == s
                    sizeof(pliant_backend_choice) == sizeof(int) &&
                    sizeof(pliant_preconditioner_choice) == sizeof(int) && sizeof(pliant_scalar) == sizeof(int) &&
                    sizeof(pliant_solver_kind) == sizeof(int) && sizeof(pliant_law) == sizeof(int) &&
-                   sizeof(pliant_mesh_kind) == sizeof(int) && sizeof(pliant_warp_kind) == sizeof(int) && sizeof(pliant_segment_kind) == sizeof(int) &&
-                   sizeof(pliant_measure) == sizeof(int) && sizeof(pliant_response) == sizeof(int) && sizeof(pliant_grasp_kind) == sizeof(int),
+                   sizeof(pliant_mesh_kind) == sizeof(int) && sizeof(pliant_warp_kind) == sizeof(int) &&
+                   sizeof(pliant_segment_kind) == sizeof(int) && sizeof(pliant_measure) == sizeof(int) &&
+                   sizeof(pliant_response) == sizeof(int) && sizeof(pliant_grasp_kind) == sizeof(int),
                "choices have the size of an int");
 
 /* kind, numeric default, text default, names of the enumeration */
@@ -86,12 +87,11 @@ _Static_assert(sizeof(pliant_method) == sizeof(int) && sizeof(pliant_touch) == s
 #define OUTPUT_ROW(...) ROW(output, __VA_ARGS__)
 
 static const pliant_option table[] = {
-    PLIANT_SCENE_SCAN(SCAN_ROW) PLIANT_SCENE_SEGMENT(SEGMENT_ROW) PLIANT_SCENE_MATERIAL(MATERIAL_ROW) PLIANT_SCENE_MESH(MESH_ROW)
-    PLIANT_SCENE_ELEMENT(ELEMENT_ROW)
-    PLIANT_SCENE_MODEL(MODEL_ROW) PLIANT_SCENE_SOLVER(SOLVER_ROW) PLIANT_SCENE_CHOOSE(CHOOSE_ROW) PLIANT_SCENE_TLED(TLED_ROW)
-    PLIANT_SCENE_GROUND(GROUND_ROW) PLIANT_SCENE_GRASP(GRASP_ROW) PLIANT_SCENE_CONTACT(CONTACT_ROW) PLIANT_SCENE_CUT(CUT_ROW)
-    PLIANT_SCENE_WARP(WARP_ROW) PLIANT_SCENE_OUTPUT(OUTPUT_ROW)
-};
+    PLIANT_SCENE_SCAN(SCAN_ROW) PLIANT_SCENE_SEGMENT(SEGMENT_ROW) PLIANT_SCENE_MATERIAL(MATERIAL_ROW)
+        PLIANT_SCENE_MESH(MESH_ROW) PLIANT_SCENE_ELEMENT(ELEMENT_ROW) PLIANT_SCENE_MODEL(MODEL_ROW)
+            PLIANT_SCENE_SOLVER(SOLVER_ROW) PLIANT_SCENE_CHOOSE(CHOOSE_ROW) PLIANT_SCENE_TLED(TLED_ROW)
+                PLIANT_SCENE_GROUND(GROUND_ROW) PLIANT_SCENE_GRASP(GRASP_ROW) PLIANT_SCENE_CONTACT(CONTACT_ROW)
+                    PLIANT_SCENE_CUT(CUT_ROW) PLIANT_SCENE_WARP(WARP_ROW) PLIANT_SCENE_OUTPUT(OUTPUT_ROW)};
 enum { NUM_OPTIONS = sizeof table / sizeof *table, TEXT_SIZE = 128 };
 
 /* one entry for every option of every group; detects a group missing above */
@@ -108,7 +108,10 @@ static int words_of(const pliant_option *option)
     return option->kind == PLIANT_OPTION_INT3 || option->kind == PLIANT_OPTION_REAL3 ? 3 : 1;
 }
 
-static bool is_auto(const pliant_option *option, double value) { return option->kind == PLIANT_OPTION_LENGTH && value == PLIANT_AUTO_LENGTH; }
+static bool is_auto(const pliant_option *option, double value)
+{
+    return option->kind == PLIANT_OPTION_LENGTH && value == PLIANT_AUTO_LENGTH;
+}
 
 static void describe(void)
 {
@@ -174,10 +177,11 @@ static const char *not_in_range(const pliant_option *option, const char *word, c
 {
     bool integer = option->kind == PLIANT_OPTION_INT || option->kind == PLIANT_OPTION_INT3;
     if (option->kind == PLIANT_OPTION_LENGTH)
-        snprintf(reason, size, "'%.80s' is neither in %g .. %g %s nor auto", word, option->low, option->high, option->unit);
-    else
-        snprintf(reason, size, "'%.80s' is not %s%s%s%s", word, integer ? "a whole number in " : "in ", range_of(option), option->unit[0] ? " " : "",
+        snprintf(reason, size, "'%.80s' is neither in %g .. %g %s nor auto", word, option->low, option->high,
                  option->unit);
+    else
+        snprintf(reason, size, "'%.80s' is not %s%s%s%s", word, integer ? "a whole number in " : "in ",
+                 range_of(option), option->unit[0] ? " " : "", option->unit);
     return reason;
 }
 
@@ -239,15 +243,22 @@ static const char *read_word(const pliant_option *option, const char *word, int 
 }
 
 /* Write "'7' is 1 value; use three whole numbers in 1 .. 256 cells, as [7, 7, 7]" to reason. */
-static const char *not_as_many(const pliant_option *option, const char *const *words, int number, char *reason, size_t size)
+static const char *not_as_many(const pliant_option *option, const char *const *words, int number, char *reason,
+                               size_t size)
 {
     char given[TEXT_SIZE] = "";
     const bool integer = option->kind == PLIANT_OPTION_INT3;
     for (int k = 0; k < number && k < 3; ++k)
         snprintf(given + strlen(given), sizeof given - strlen(given), "%s%.32s", k ? " " : "", words[k]);
-    snprintf(reason, size, "'%s%s' is %d value%s; use %s%s in %s%s%s%s", given, number > 3 ? " ..." : "", number, number == 1 ? "" : "s",
-             words_of(option) == 1 ? "one" : "three", integer ? " whole numbers" : words_of(option) == 1 ? " value" : " numbers", range_of(option),
-             option->unit[0] ? " " : "", option->unit, words_of(option) == 1 ? "" : integer ? ", as [7, 7, 7]" : ", as [0, 0, 1]");
+    snprintf(reason, size, "'%s%s' is %d value%s; use %s%s in %s%s%s%s", given, number > 3 ? " ..." : "", number,
+             number == 1 ? "" : "s", words_of(option) == 1 ? "one" : "three",
+             integer                 ? " whole numbers"
+             : words_of(option) == 1 ? " value"
+                                     : " numbers",
+             range_of(option), option->unit[0] ? " " : "", option->unit,
+             words_of(option) == 1 ? ""
+             : integer             ? ", as [7, 7, 7]"
+                                   : ", as [0, 0, 1]");
     return reason;
 }
 

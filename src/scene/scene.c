@@ -40,7 +40,8 @@ pliant_status pliant_scene_set(pliant_scene *scene, const char *path, const char
     if (!option) return pliant_fail(PLIANT_ERROR_SCENE, "%s: is no option of a scene", path);
     if (option->kind == PLIANT_OPTION_INT3 || option->kind == PLIANT_OPTION_REAL3) {
         if (strlen(value) >= sizeof text)
-            return pliant_fail(PLIANT_ERROR_SCENE, "%s: '%.32s ...' is longer than %zu characters; use three numbers", path, value, sizeof text - 1);
+            return pliant_fail(PLIANT_ERROR_SCENE, "%s: '%.32s ...' is longer than %zu characters; use three numbers",
+                               path, value, sizeof text - 1);
         strcpy(text, value);
         number = split(text, words);
     }
@@ -106,7 +107,8 @@ static bool same_value(const pliant_option *option, const pliant_scene *a, const
 static size_t append_name(const pliant_option *option, const char *words, char *names, size_t length, size_t size)
 {
     if (length >= size) return length;
-    return length + (size_t)snprintf(names + length, size - length, "%s%s/%s%s", length ? ", " : "", option->group, option->name, words);
+    return length + (size_t)snprintf(names + length, size - length, "%s%s/%s%s", length ? ", " : "", option->group,
+                                     option->name, words);
 }
 
 bool pliant_scene_differs(const pliant_scene *scene, const pliant_scene *other, char *names, size_t size)
@@ -142,8 +144,11 @@ pliant_status pliant_scene_check(const pliant_scene *scene)
     for (size_t i = 0; i < count; ++i)
         if (pliant_option_check(&options[i], scene, reason, sizeof reason))
             return pliant_fail(PLIANT_ERROR_SCENE, "%s/%s: %s", options[i].group, options[i].name, reason);
-    if (scene->contact.response == PLIANT_RESPONSE_PAPER && (scene->solver.kind != PLIANT_TLED || scene->tled.quasi_static))
-        return pliant_fail(PLIANT_ERROR_SCENE, "contact/response: paper pushes against motion, and is of explicit dynamics alone: solver/kind tled, without tled/quasi_static");
+    if (scene->contact.response == PLIANT_RESPONSE_PAPER &&
+        (scene->solver.kind != PLIANT_TLED || scene->tled.quasi_static))
+        return pliant_fail(
+            PLIANT_ERROR_SCENE,
+            "contact/response: paper pushes against motion, and is of explicit dynamics alone: solver/kind tled, without tled/quasi_static");
     pliant_status status = check_regions(&scene->fixed, "fixed");
     return status == PLIANT_OK ? check_regions(&scene->obstacles, "obstacles") : status;
 }

@@ -53,9 +53,11 @@ static void add_regions(pliant_text_out *text, const char *name, const pliant_re
     if (regions->num_boxes + regions->num_planes == 0) return;
     pliant_text_add(text, name);
     if (regions->num_boxes > 0) pliant_text_add(text, "  boxes:\n");
-    for (uint32_t b = 0; b < regions->num_boxes; ++b) add_pair(text, "low: ", regions->boxes[b].low, ", high: ", regions->boxes[b].high);
+    for (uint32_t b = 0; b < regions->num_boxes; ++b)
+        add_pair(text, "low: ", regions->boxes[b].low, ", high: ", regions->boxes[b].high);
     if (regions->num_planes > 0) pliant_text_add(text, "  planes:\n");
-    for (uint32_t p = 0; p < regions->num_planes; ++p) add_pair(text, "point: ", regions->planes[p].point, ", normal: ", regions->planes[p].normal);
+    for (uint32_t p = 0; p < regions->num_planes; ++p)
+        add_pair(text, "point: ", regions->planes[p].point, ", normal: ", regions->planes[p].normal);
 }
 
 size_t pliant_scene_text(const pliant_scene *scene, size_t room, char *out)

@@ -84,8 +84,8 @@ static void make_schema(scene_schema *schema)
     }
     schema->groups[groups++] =
         (cyaml_schema_field_t)CYAML_FIELD_MAPPING("fixed", CYAML_FLAG_OPTIONAL, text_scene, fixed, region_fields);
-    schema->groups[groups] =
-        (cyaml_schema_field_t)CYAML_FIELD_MAPPING("obstacles", CYAML_FLAG_OPTIONAL, text_scene, obstacles, region_fields);
+    schema->groups[groups] = (cyaml_schema_field_t)CYAML_FIELD_MAPPING("obstacles", CYAML_FLAG_OPTIONAL, text_scene,
+                                                                       obstacles, region_fields);
     schema->value = (cyaml_schema_value_t){CYAML_VALUE_MAPPING(CYAML_FLAG_POINTER, text_scene, schema->groups)};
 }
 
@@ -132,7 +132,8 @@ static pliant_status read_options(const text_scene *document, const char *text, 
         return refuse(text, name, "material", "labels", 0, "the whole path is longer than 255 characters");
     if (document->options[pliant_option_find("mesh/file") - options] && !make_relative(base, scene->mesh.file))
         return refuse(text, name, "mesh", "file", 0, "the whole path is longer than 255 characters");
-    if (document->options[pliant_option_find("contact/obstacles") - options] && !make_relative(base, scene->contact.obstacles))
+    if (document->options[pliant_option_find("contact/obstacles") - options] &&
+        !make_relative(base, scene->contact.obstacles))
         return refuse(text, name, "contact", "obstacles", 0, "the whole path is longer than 255 characters");
     return PLIANT_OK;
 }
@@ -148,7 +149,8 @@ static bool read_vector(char *const *words, double out[3], char *reason)
 }
 
 /* Report an error in an entry of a group's list. */
-static pliant_status refuse_region(const char *text, const char *name, const char *group, const char *list, const char *key, uint32_t region, const char *reason)
+static pliant_status refuse_region(const char *text, const char *name, const char *group, const char *list,
+                                   const char *key, uint32_t region, const char *reason)
 {
     char path[48];
     snprintf(path, sizeof path, "%s/%s", group, list);
@@ -159,22 +161,29 @@ static pliant_status refuse_region(const char *text, const char *name, const cha
                 : pliant_fail(PLIANT_ERROR_SCENE, "%s: %s/%s: %s", name, path, key, reason);
 }
 
-static pliant_status read_regions(const text_regions *document, const char *text, const char *name, const char *group, pliant_regions *out)
+static pliant_status read_regions(const text_regions *document, const char *text, const char *name, const char *group,
+                                  pliant_regions *out)
 {
     char reason[REASON_SIZE];
     out->num_boxes = document->num_boxes;
     for (uint32_t i = 0; i < document->num_boxes; ++i) {
         pliant_fixed_box *box = &out->boxes[i];
-        if (!read_vector(document->boxes[i].low, box->low, reason)) return refuse_region(text, name, group, "boxes", "low", i, reason);
-        if (!read_vector(document->boxes[i].high, box->high, reason)) return refuse_region(text, name, group, "boxes", "high", i, reason);
-        if (pliant_fixed_box_check(box, reason, sizeof reason)) return refuse_region(text, name, group, "boxes", "low", i, reason);
+        if (!read_vector(document->boxes[i].low, box->low, reason))
+            return refuse_region(text, name, group, "boxes", "low", i, reason);
+        if (!read_vector(document->boxes[i].high, box->high, reason))
+            return refuse_region(text, name, group, "boxes", "high", i, reason);
+        if (pliant_fixed_box_check(box, reason, sizeof reason))
+            return refuse_region(text, name, group, "boxes", "low", i, reason);
     }
     out->num_planes = document->num_planes;
     for (uint32_t i = 0; i < document->num_planes; ++i) {
         pliant_fixed_plane *plane = &out->planes[i];
-        if (!read_vector(document->planes[i].point, plane->point, reason)) return refuse_region(text, name, group, "planes", "point", i, reason);
-        if (!read_vector(document->planes[i].normal, plane->normal, reason)) return refuse_region(text, name, group, "planes", "normal", i, reason);
-        if (pliant_fixed_plane_check(plane, reason, sizeof reason)) return refuse_region(text, name, group, "planes", "normal", i, reason);
+        if (!read_vector(document->planes[i].point, plane->point, reason))
+            return refuse_region(text, name, group, "planes", "point", i, reason);
+        if (!read_vector(document->planes[i].normal, plane->normal, reason))
+            return refuse_region(text, name, group, "planes", "normal", i, reason);
+        if (pliant_fixed_plane_check(plane, reason, sizeof reason))
+            return refuse_region(text, name, group, "planes", "normal", i, reason);
     }
     return PLIANT_OK;
 }
@@ -191,8 +200,10 @@ pliant_status pliant_scene_parse(const char *yaml, const char *name_for_messages
     const text_scene *document = loaded;
     if (document) {
         status = read_options(document, yaml, name_for_messages, base, &scene);
-        if (status == PLIANT_OK) status = read_regions(&document->fixed, yaml, name_for_messages, "fixed", &scene.fixed);
-        if (status == PLIANT_OK) status = read_regions(&document->obstacles, yaml, name_for_messages, "obstacles", &scene.obstacles);
+        if (status == PLIANT_OK)
+            status = read_regions(&document->fixed, yaml, name_for_messages, "fixed", &scene.fixed);
+        if (status == PLIANT_OK)
+            status = read_regions(&document->obstacles, yaml, name_for_messages, "obstacles", &scene.obstacles);
     }
     if (status == PLIANT_OK) *out = scene;
     pliant_yaml_free(&schema.value, loaded);

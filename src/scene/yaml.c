@@ -52,12 +52,15 @@ pliant_status pliant_text_read(const char *path, char **out)
         room *= 2;
     } while (size == room / 2 && size < MOST_TEXT);
     if (size >= MOST_TEXT) {
-        status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: does not end within %d MiB: no text file of options, materials or tool paths", path, MOST_TEXT >> 20);
+        status = pliant_fail(PLIANT_ERROR_FORMAT,
+                             "%s: does not end within %d MiB: no text file of options, materials or tool paths", path,
+                             MOST_TEXT >> 20);
     } else if (ferror(file)) {
         status = pliant_fail(PLIANT_ERROR_FILE, "%s: cannot be read: %s", path, strerror(errno));
     } else if (memchr(text, 0, size)) {
         const bool wide = memcmp(text, "\xFF\xFE", 2) == 0 || memcmp(text, "\xFE\xFF", 2) == 0;
-        status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: is not a text file (it holds zero bytes)%s", path, wide ? ": it is UTF-16; save it as UTF-8" : "");
+        status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: is not a text file (it holds zero bytes)%s", path,
+                             wide ? ": it is UTF-16; save it as UTF-8" : "");
     } else {
         skip_byte_order_mark(text, size);
         *out = text;
@@ -119,7 +122,8 @@ static void list_keys(const complaint *c, const cyaml_schema_value_t *value, cha
     size_t used = 0;
     out[0] = 0;
     value = value_at(c, value);
-    while (value && (value->type == CYAML_SEQUENCE || value->type == CYAML_SEQUENCE_FIXED)) value = value->sequence.entry;
+    while (value && (value->type == CYAML_SEQUENCE || value->type == CYAML_SEQUENCE_FIXED))
+        value = value->sequence.entry;
     if (!value || value->type != CYAML_MAPPING) return;
     for (const cyaml_schema_field_t *field = value->mapping.fields; field->key && used < size; ++field)
         used += (size_t)snprintf(out + used, size - used, "%s%s", used ? ", " : "; it may be ", field->key);
@@ -131,7 +135,8 @@ static void describe(const cyaml_schema_value_t *value, char *out, size_t size)
     const bool words = value->type == CYAML_SEQUENCE_FIXED && value->sequence.entry->type == CYAML_STRING;
     if (words && value->sequence.max == 3) snprintf(out, size, "use a list of 3 values, as [1, 2, 3]");
     else if (words) snprintf(out, size, "use a list of %u values", (unsigned)value->sequence.max);
-    else if (value->type == CYAML_SEQUENCE || value->type == CYAML_SEQUENCE_FIXED) snprintf(out, size, "use a list, as [..., ...] or with a - before each entry");
+    else if (value->type == CYAML_SEQUENCE || value->type == CYAML_SEQUENCE_FIXED)
+        snprintf(out, size, "use a list, as [..., ...] or with a - before each entry");
     else if (value->type == CYAML_MAPPING) snprintf(out, size, "use keys with values, as {key: value}");
     else snprintf(out, size, "use one value, without brackets; several names are one text with commas between");
 }
@@ -146,20 +151,26 @@ static bool say_kind(const complaint *c, const char *text, const cyaml_schema_va
     char use[MESSAGE_SIZE], given[64] = "";
     if (!value || c->depth == 0) return false;
     describe(value, use, sizeof use);
-    if (strncmp(c->reason, few, sizeof few - 1) == 0) return snprintf(out, size, " has %d values; %s", atoi(c->reason + sizeof few - 1), use) > 0;
-    if (strncmp(c->reason, many, sizeof many - 1) == 0) return snprintf(out, size, " has more than %d values; %s", atoi(c->reason + sizeof many - 1), use) > 0;
+    if (strncmp(c->reason, few, sizeof few - 1) == 0)
+        return snprintf(out, size, " has %d values; %s", atoi(c->reason + sizeof few - 1), use) > 0;
+    if (strncmp(c->reason, many, sizeof many - 1) == 0)
+        return snprintf(out, size, " has more than %d values; %s", atoi(c->reason + sizeof many - 1), use) > 0;
     if (strncmp(c->reason, expecting, sizeof expecting - 1) != 0 || !event) return false;
     event += strlen("got event: ");
     for (int n = 1; line && n < c->line; ++n) line = (line = strchr(line, '\n')) ? line + 1 : NULL;
     if (c->line && line && strncmp(event, "SCALAR", 6) == 0) { /* the text after the key */
         const char *key = strstr(line, c->where[0]), *end = line + strcspn(line, "\n");
-        const char *from = key && key < end ? key + strlen(c->where[0]) + strspn(key + strlen(c->where[0]), "'\": ") : end;
+        const char *from =
+            key && key < end ? key + strlen(c->where[0]) + strspn(key + strlen(c->where[0]), "'\": ") : end;
         size_t length = strcspn(from, "\r\n#,}]");
         while (length > 0 && from[length - 1] == ' ') --length;
         if (length == 0) return snprintf(out, size, " is empty; %s", use) > 0;
         snprintf(given, sizeof given, " '%.*s'", (int)length, from);
     }
-    return snprintf(out, size, " is %s%s; %s", strncmp(event, "SEQ", 3) == 0 ? "a list" : strncmp(event, "MAP", 3) == 0 ? "a group of keys" : "one value",
+    return snprintf(out, size, " is %s%s; %s",
+                    strncmp(event, "SEQ", 3) == 0   ? "a list"
+                    : strncmp(event, "MAP", 3) == 0 ? "a group of keys"
+                                                    : "one value",
                     given, use) > 0;
 }
 
@@ -177,7 +188,8 @@ static pliant_status explain(complaint *c, const char *text, const char *name, c
     if (c->line) snprintf(line, sizeof line, "line %d: ", c->line);
     for (int level = c->depth - 1; level >= 0 && used < sizeof place; --level)
         used += (size_t)snprintf(place + used, sizeof place - used, "%s%s", used ? "/" : "", c->where[level]);
-    if (say_kind(c, text, schema, kind, sizeof kind)) return pliant_fail(PLIANT_ERROR_FORMAT, "%s: %s%s%s", name, line, place, kind);
+    if (say_kind(c, text, schema, kind, sizeof kind))
+        return pliant_fail(PLIANT_ERROR_FORMAT, "%s: %s%s%s", name, line, place, kind);
     return pliant_fail(PLIANT_ERROR_FORMAT, "%s: %s%s%s%s%s", name, line, c->reason, used ? " in " : "", place, keys);
 }
 

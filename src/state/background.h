@@ -11,9 +11,9 @@ extern "C" {
 
 /* When steps put to use what is made for them in the background: factors (solver/refresh_interval), patches (model/patch). */
 typedef enum pliant_background_kind {
-    PLIANT_BACKGROUND_PLANNED,    /* a number of steps after its start, ready or waited for: the same on every machine (the default) */
-    PLIANT_BACKGROUND_LIVE,       /* as soon as it is ready: no step waits, but results depend on timing */
-    PLIANT_BACKGROUND_PRESCRIBED  /* when it is said to: with what a live run took in each step, that run again, bit for bit */
+    PLIANT_BACKGROUND_PLANNED, /* a number of steps after its start, ready or waited for: the same on every machine (the default) */
+    PLIANT_BACKGROUND_LIVE, /* as soon as it is ready: no step waits, but results depend on timing */
+    PLIANT_BACKGROUND_PRESCRIBED /* when it is said to: with what a live run took in each step, that run again, bit for bit */
 } pliant_background_kind;
 /* What a step may take. */
 typedef enum pliant_background_result {
@@ -32,7 +32,8 @@ typedef struct pliant_background {
 
 /* From the next step on. @param prescribed PLIANT_BACKGROUND_PRESCRIBED: what the next step takes, waiting for it if need be; to be said
  *  before every step, as pliant_data_get_background_taken told it of the same step before. Errors: ARGUMENT. */
-PLIANT_INTERNAL pliant_status pliant_data_set_background(pliant_data *data, pliant_background_kind kind, uint32_t prescribed);
+PLIANT_INTERNAL pliant_status pliant_data_set_background(pliant_data *data, pliant_background_kind kind,
+                                                         uint32_t prescribed);
 
 /* What the last step took (pliant_background_result, together): to be recorded beside the step's number. */
 PLIANT_INTERNAL uint32_t pliant_data_get_background_taken(const pliant_data *data);

@@ -96,8 +96,14 @@ typedef struct pliant_tool {
 } pliant_tool;
 
 /* Return the drive of the solver: the tool's own, or its blade's spring. */
-static inline pliant_drive pliant_tool_drive(const pliant_tool *tool) { return tool->blade.drags ? PLIANT_DRIVE_SPRING : tool->drive; }
-static inline double pliant_tool_stiffness(const pliant_tool *tool) { return tool->blade.drags ? tool->blade.stiffness : tool->stiffness; }
+static inline pliant_drive pliant_tool_drive(const pliant_tool *tool)
+{
+    return tool->blade.drags ? PLIANT_DRIVE_SPRING : tool->drive;
+}
+static inline double pliant_tool_stiffness(const pliant_tool *tool)
+{
+    return tool->blade.drags ? tool->blade.stiffness : tool->stiffness;
+}
 static inline double pliant_tool_damping(const pliant_tool *tool) { return tool->blade.drags ? 0 : tool->damping; }
 static inline double pliant_tool_mass(const pliant_tool *tool) { return tool->blade.drags ? 0 : tool->mass; }
 /* Return whether the tool holds tissue, other than by its blade. */

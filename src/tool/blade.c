@@ -35,7 +35,8 @@ pliant_status pliant_blade_find(const char *name, double from[3], double to[3])
 
 double pliant_blade_length(const pliant_blade *blade)
 {
-    return sqrt(pow(blade->to[0] - blade->from[0], 2) + pow(blade->to[1] - blade->from[1], 2) + pow(blade->to[2] - blade->from[2], 2));
+    return sqrt(pow(blade->to[0] - blade->from[0], 2) + pow(blade->to[1] - blade->from[1], 2) +
+                pow(blade->to[2] - blade->from[2], 2));
 }
 
 bool pliant_blade_has_pose(const pliant_blade *blade)
@@ -44,7 +45,10 @@ bool pliant_blade_has_pose(const pliant_blade *blade)
     return q[0] != 0 || q[1] != 0 || q[2] != 0 || q[3] != 0;
 }
 
-bool pliant_blade_is_there(const pliant_blade *blade) { return memcmp(blade->from, blade->to, sizeof blade->from) != 0; }
+bool pliant_blade_is_there(const pliant_blade *blade)
+{
+    return memcmp(blade->from, blade->to, sizeof blade->from) != 0;
+}
 
 static pliant_status find_tool(pliant_data *data, int index, pliant_tool **out)
 {
@@ -62,7 +66,8 @@ pliant_status pliant_tool_set_blade(pliant_data *data, int index, const double f
     pliant_blade wanted = {.from = {from[0], from[1], from[2]}, .to = {to[0], to[1], to[2]}};
     const double length = pliant_blade_length(&wanted);
     if (!(length <= 1))
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: its blade is %g m long; up to 1 m are possible", tool->name, length);
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: its blade is %g m long; up to 1 m are possible", tool->name,
+                           length);
     pliant_blade_end(tool);
     memcpy(tool->blade.from, wanted.from, sizeof wanted.from);
     memcpy(tool->blade.to, wanted.to, sizeof wanted.to);
@@ -82,7 +87,9 @@ pliant_status pliant_tool_set_cutting(pliant_data *data, int index, bool on)
     pliant_status status = find_tool(data, index, &tool);
     if (status != PLIANT_OK) return status;
     if (on && !pliant_body_may_be_cut(data->body))
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: this scene does not cut: set cut/kind to sever and build the model again", tool->name);
+        return pliant_fail(PLIANT_ERROR_ARGUMENT,
+                           "tool %s: this scene does not cut: set cut/kind to sever and build the model again",
+                           tool->name);
     if (on && !pliant_blade_is_there(&tool->blade))
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s has no blade (pliant_tool_set_blade)", tool->name);
     if (!on) pliant_blade_end(tool);
@@ -117,7 +124,8 @@ pliant_status pliant_edge_create(int32_t count, double reach, pliant_edge *edge)
     edge->apart = pliant_calloc(points, 3 * sizeof *edge->apart);
     edge->now = pliant_calloc(points, 3 * sizeof *edge->now);
     edge->swept = pliant_calloc(points, 3 * sizeof *edge->swept);
-    if (edge->place && edge->tet && edge->weight && edge->beside && edge->apart && edge->now && edge->swept) return PLIANT_OK;
+    if (edge->place && edge->tet && edge->weight && edge->beside && edge->apart && edge->now && edge->swept)
+        return PLIANT_OK;
     free_edge(edge);
     return pliant_fail_memory("the edge of a blade");
 }
@@ -168,13 +176,16 @@ static void find_beside(const pliant_data *data, pliant_edge *edge)
     if (!measure_along(edge, spacing, squares)) return;
     for (int32_t n = 0; n < data->body->fine.num_nodes; n++) {
         const double *x = data->positions + 3 * (size_t)n;
-        if (!(x[0] >= low[0] && x[0] <= high[0] && x[1] >= low[1] && x[1] <= high[1] && x[2] >= low[2] && x[2] <= high[2])) continue;
+        if (!(x[0] >= low[0] && x[0] <= high[0] && x[1] >= low[1] && x[1] <= high[1] && x[2] >= low[2] &&
+              x[2] <= high[2]))
+            continue;
         const double from[3] = {x[0] - first[0], x[1] - first[1], x[2] - first[2]};
         const double at = (from[0] * along[0] + from[1] * along[1] + from[2] * along[2]) / (spacing * spacing);
         double aside = 0;
         for (int d = 0; d < 3; d++) aside += pow(from[d] - at * along[d], 2);
         const double half = sqrt(fmax(edge->reach * edge->reach - aside, 0)) / spacing;
-        for (int32_t p = (int32_t)fmax(ceil(at - half), 0); p <= (int32_t)fmin(floor(at + half), edge->count - 1); p++) {
+        for (int32_t p = (int32_t)fmax(ceil(at - half), 0); p <= (int32_t)fmin(floor(at + half), edge->count - 1);
+             p++) {
             const double apart = aside + pow((p - at) * spacing, 2);
             if (edge->tet[p] >= 0 || apart >= squares[p]) continue;
             squares[p] = apart;
@@ -182,7 +193,8 @@ static void find_beside(const pliant_data *data, pliant_edge *edge)
         }
     }
     for (int32_t p = 0; p < edge->count; p++)
-        for (int d = 0; d < 3 && edge->beside[p] >= 0; d++) edge->apart[3 * p + d] = edge->place[3 * p + d] - data->positions[3 * edge->beside[p] + d];
+        for (int d = 0; d < 3 && edge->beside[p] >= 0; d++)
+            edge->apart[3 * p + d] = edge->place[3 * p + d] - data->positions[3 * edge->beside[p] + d];
 }
 
 void pliant_blade_settle(const pliant_data *data, pliant_edge *edge)
@@ -196,7 +208,8 @@ pliant_status pliant_blade_begin(pliant_data *data, int index, double spacing, d
 {
     pliant_tool *tool = data->tools + index;
     pliant_blade *blade = &tool->blade;
-    pliant_status status = pliant_edge_create((int32_t)fmin(fmax(ceil(pliant_blade_length(blade) / spacing), 1), MOST_POINTS - 1) + 1, reach, &blade->edge);
+    pliant_status status = pliant_edge_create(
+        (int32_t)fmin(fmax(ceil(pliant_blade_length(blade) / spacing), 1), MOST_POINTS - 1) + 1, reach, &blade->edge);
     if (status != PLIANT_OK) return status;
     pliant_blade_points(blade, tool->tip, tool->rotation, blade->edge.now);
     pliant_blade_settle(data, &blade->edge);
@@ -224,7 +237,8 @@ void pliant_blade_reset(pliant_tool *tool)
     tool->blade.pieces = 0;
 }
 
-static void place_of(const pliant_mesh *mesh, const double *positions, const pliant_edge *edge, int32_t point, double out[3])
+static void place_of(const pliant_mesh *mesh, const double *positions, const pliant_edge *edge, int32_t point,
+                     double out[3])
 {
     const int32_t *node = mesh->tets + 4 * edge->tet[point];
     for (int d = 0; d < 3; d++) {
@@ -264,8 +278,8 @@ void pliant_blade_follow(const pliant_data *data, pliant_edge *edge)
     }
 }
 
-pliant_status pliant_blade_carry(pliant_blade *blade, const pliant_blade *from, const pliant_data *data, const pliant_body *next,
-                                 const double *positions)
+pliant_status pliant_blade_carry(pliant_blade *blade, const pliant_blade *from, const pliant_data *data,
+                                 const pliant_body *next, const double *positions)
 {
     *blade = *from;
     memset(&blade->edge, 0, sizeof blade->edge);

@@ -25,8 +25,8 @@ void pliant_blade_end(pliant_tool *tool);
 void pliant_blade_reset(pliant_tool *tool);
 /* Copy a blade to the next body at these positions, including the tissue that its points follow. Errors: MEMORY;
  * pliant_blade_end is needed then, too. */
-pliant_status pliant_blade_carry(pliant_blade *blade, const pliant_blade *from, const pliant_data *data, const pliant_body *next,
-                                 const double *positions);
+pliant_status pliant_blade_carry(pliant_blade *blade, const pliant_blade *from, const pliant_data *data,
+                                 const pliant_body *next, const double *positions);
 
 /* Compute the points of a tool's edge at a pose.
  * @param out (edge.count x 3) */

@@ -76,8 +76,12 @@ static pliant_status set_body(const pliant_model *model, const pliant_data *data
     if (clearance->revision == data->body->revision) return PLIANT_OK;
     free_lists(clearance);
     if (model->scene.cut.kind != PLIANT_CUT_SUBDIVIDE) { /* same surface as contact (sim/step/contact.c) */
-        const pliant_outside_voxels voxels = {.load = model->body, .geometry = &model->scan->geometry, .material_of_voxel = model->material_of_voxel, .materials = &model->materials,
-                                              .touches_itself = model->scene.contact.self || model->scene.material.slides[0],
+        const pliant_outside_voxels voxels = {.load = model->body,
+                                              .geometry = &model->scan->geometry,
+                                              .material_of_voxel = model->material_of_voxel,
+                                              .materials = &model->materials,
+                                              .touches_itself =
+                                                  model->scene.contact.self || model->scene.material.slides[0],
                                               .threads = data->discretization->system->num_threads};
         const pliant_status status = pliant_outside_set_body(&clearance->outside, &voxels, data->body);
         if (status != PLIANT_OK) return status;
@@ -101,7 +105,10 @@ static double squared_distance_to_box(const double p[3], const double *a, const 
 {
     double sum = 0;
     for (int d = 0; d < 3; d++) {
-        const double low = min3(a[d], b[d], c[d]), high = -min3(-a[d], -b[d], -c[d]), out = p[d] < low ? low - p[d] : p[d] > high ? p[d] - high : 0;
+        const double low = min3(a[d], b[d], c[d]), high = -min3(-a[d], -b[d], -c[d]),
+                     out = p[d] < low    ? low - p[d]
+                           : p[d] > high ? p[d] - high
+                                         : 0;
         sum += out * out;
     }
     return sum;
@@ -147,7 +154,8 @@ static double signed_distance(const pliant_clearance *clearance, const double p[
     int winding = 0;
     for (int32_t t = 0; t < clearance->num_triangles; t++) {
         const int32_t *corner = clearance->triangle + 3 * (size_t)t;
-        const double *a = clearance->place + 3 * (size_t)corner[0], *b = clearance->place + 3 * (size_t)corner[1], *c = clearance->place + 3 * (size_t)corner[2];
+        const double *a = clearance->place + 3 * (size_t)corner[0], *b = clearance->place + 3 * (size_t)corner[1],
+                     *c = clearance->place + 3 * (size_t)corner[2];
         if (squared_distance_to_box(p, a, b, c) < nearest) nearest = fmin(nearest, squared_distance(p, a, b, c));
         winding += winding_of(p, a, b, c);
     }
@@ -163,8 +171,12 @@ double pliant_clearance_of(const pliant_model *model, const pliant_data *data, c
     if (status != PLIANT_OK) return NAN;
     const bool moves = clearance->outside.revision == data->body->revision;
     for (int32_t c = 0; c < clearance->num_corners; c++)
-        if (moves) pliant_outside_corner(&clearance->outside, clearance->corner[c], data->positions, clearance->place + 3 * (size_t)c);
-        else memcpy(clearance->place + 3 * (size_t)c, data->positions + 3 * (size_t)clearance->corner[c], 3 * sizeof *data->positions);
+        if (moves)
+            pliant_outside_corner(&clearance->outside, clearance->corner[c], data->positions,
+                                  clearance->place + 3 * (size_t)c);
+        else
+            memcpy(clearance->place + 3 * (size_t)c, data->positions + 3 * (size_t)clearance->corner[c],
+                   3 * sizeof *data->positions);
     return signed_distance(clearance, p);
 }
 

@@ -114,11 +114,14 @@ static const cyaml_schema_field_t tool_fields[] = {
     CYAML_FIELD_STRING_PTR("release", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, release, 0, CYAML_UNLIMITED),
     CYAML_FIELD_STRING_PTR("mass", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, mass, 0, CYAML_UNLIMITED),
     CYAML_FIELD_SEQUENCE_FIXED("grasp", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, grasp, &word, 3),
-    CYAML_FIELD_SEQUENCE_COUNT("motion", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, motion, num_motion, &key_value, 1, MOST_KEYS),
+    CYAML_FIELD_SEQUENCE_COUNT("motion", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, motion, num_motion,
+                               &key_value, 1, MOST_KEYS),
     CYAML_FIELD_MAPPING_PTR("blade", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, blade, blade_fields),
     CYAML_FIELD_MAPPING_PTR("shape", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, shape, pliant_shape_fields),
-    CYAML_FIELD_SEQUENCE_COUNT("poses", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, poses, num_poses, &pose_value, 1, MOST_KEYS),
-    CYAML_FIELD_SEQUENCE_COUNT("cut", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, cut, num_cut, &span_value, 1, MOST_KEYS),
+    CYAML_FIELD_SEQUENCE_COUNT("poses", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, poses, num_poses,
+                               &pose_value, 1, MOST_KEYS),
+    CYAML_FIELD_SEQUENCE_COUNT("cut", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, cut, num_cut, &span_value, 1,
+                               MOST_KEYS),
     CYAML_FIELD_END,
 };
 static const cyaml_schema_value_t tool_value = {CYAML_VALUE_MAPPING(CYAML_FLAG_DEFAULT, text_tool, tool_fields)};
@@ -129,12 +132,14 @@ static const cyaml_schema_field_t probe_fields[] = {
 };
 static const cyaml_schema_value_t probe_value = {CYAML_VALUE_MAPPING(CYAML_FLAG_DEFAULT, text_probe, probe_fields)};
 static const cyaml_schema_field_t path_fields[] = {
-    CYAML_FIELD_SEQUENCE_COUNT("tools", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_path, tools, num_tools, &tool_value, 1,
-                               PLIANT_MAX_TOOLS),
-    CYAML_FIELD_SEQUENCE_COUNT("cuts", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_path, cuts, num_cuts, &cut_value, 1, MOST_KEYS),
-    CYAML_FIELD_SEQUENCE_COUNT("gravity", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_path, gravity, num_gravity, &gravity_value, 1,
-                               MOST_KEYS),
-    CYAML_FIELD_SEQUENCE_COUNT("probes", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_path, probes, num_probes, &probe_value, 1, MOST_KEYS),
+    CYAML_FIELD_SEQUENCE_COUNT("tools", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_path, tools, num_tools,
+                               &tool_value, 1, PLIANT_MAX_TOOLS),
+    CYAML_FIELD_SEQUENCE_COUNT("cuts", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_path, cuts, num_cuts, &cut_value,
+                               1, MOST_KEYS),
+    CYAML_FIELD_SEQUENCE_COUNT("gravity", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_path, gravity, num_gravity,
+                               &gravity_value, 1, MOST_KEYS),
+    CYAML_FIELD_SEQUENCE_COUNT("probes", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_path, probes, num_probes,
+                               &probe_value, 1, MOST_KEYS),
     CYAML_FIELD_END,
 };
 static const cyaml_schema_value_t path_value = {CYAML_VALUE_MAPPING(CYAML_FLAG_POINTER, text_path, path_fields)};
@@ -161,8 +166,11 @@ static const double latest = 1e8; /* three years [s] */
 static bool is_of_a_clock(const char *field, double time, char reason[REASON_SIZE])
 {
     if (!(time >= latest)) return false;
-    snprintf(reason, REASON_SIZE, "%s is %.15g s, a time stamp of a clock (counted from 1970); times count from the start of the run: subtract the "
-             "first time stamp from all", field, time);
+    snprintf(
+        reason, REASON_SIZE,
+        "%s is %.15g s, a time stamp of a clock (counted from 1970); times count from the start of the run: subtract the "
+        "first time stamp from all",
+        field, time);
     return true;
 }
 
@@ -195,20 +203,23 @@ static const char *value_of(const text_key *key, bool gravity, bool by_force, ch
     *words = gravity ? key->acceleration : by_force ? key->force : key->offset;
     if (gravity) return "gravity/acceleration";
     if (by_force && !key->force)
-        snprintf(reason, REASON_SIZE, "motion: drive: force needs a force [N] at every time, as in {time: %.32s, force: [0, -5, 0]}%s", key->time,
-                 key->offset ? ", in place of offset" : "");
+        snprintf(reason, REASON_SIZE,
+                 "motion: drive: force needs a force [N] at every time, as in {time: %.32s, force: [0, -5, 0]}%s",
+                 key->time, key->offset ? ", in place of offset" : "");
     else if (!by_force && key->force)
         snprintf(reason, REASON_SIZE, "motion/force: only a tool of drive: force has one; others have an offset [m]");
     else if (by_force && key->offset)
         snprintf(reason, REASON_SIZE, "motion/offset: a tool of drive: force has a force alone");
     else if (!by_force && !key->offset)
-        snprintf(reason, REASON_SIZE, "motion: an offset [m] is missing, as in {time: %.32s, offset: [0, -0.03, 0]}", key->time);
+        snprintf(reason, REASON_SIZE, "motion: an offset [m] is missing, as in {time: %.32s, offset: [0, -0.03, 0]}",
+                 key->time);
     else return by_force ? "motion/force" : "motion/offset";
     return NULL;
 }
 
 /* Return false; an empty reason means that memory is exhausted. */
-static bool read_keys(const text_key *text, uint32_t count, bool gravity, bool by_force, pliant_path_key **out, char reason[REASON_SIZE])
+static bool read_keys(const text_key *text, uint32_t count, bool gravity, bool by_force, pliant_path_key **out,
+                      char reason[REASON_SIZE])
 {
     const char *time = gravity ? "gravity/time" : "motion/time";
     pliant_path_key *keys = *out = pliant_calloc(count, sizeof *keys);
@@ -231,10 +242,14 @@ static void hint_at_units(const char *file, const pliant_path_tool *tool)
     for (uint32_t k = 0; k < tool->num_motion; ++k)
         for (int d = 0; d < 3; ++d) largest = fmax(largest, fabs(tool->motion[k].value[d]));
     if (tool->drive == PLIANT_DRIVE_FORCE && largest > 0.0 && largest < 0.1)
-        pliant_log(PLIANT_LOG_WARNING, "%s: tool %s pulls with at most %g N: forces are in newtons; was a way in metres meant (drive: rigid or spring, "
-                   "with offset)?", file, tool->name, largest);
+        pliant_log(
+            PLIANT_LOG_WARNING,
+            "%s: tool %s pulls with at most %g N: forces are in newtons; was a way in metres meant (drive: rigid or spring, "
+            "with offset)?",
+            file, tool->name, largest);
     if (tool->drive != PLIANT_DRIVE_FORCE && largest >= 1.0)
-        pliant_log(PLIANT_LOG_WARNING, "%s: tool %s goes %g m far: offsets are in metres; were millimetres meant?", file, tool->name, largest);
+        pliant_log(PLIANT_LOG_WARNING, "%s: tool %s goes %g m far: offsets are in metres; were millimetres meant?",
+                   file, tool->name, largest);
 }
 
 /* Warn about a late start. Nothing moves before the first time of all tools. */
@@ -250,8 +265,11 @@ static void hint_at_start(const char *file, const pliant_path *path)
     if (path->num_cuts > 0) first = fmin(first, path->cuts[0].time);
     if (path->num_gravity > 0) first = fmin(first, path->gravity[0].time);
     if (first < late || !isfinite(first)) return;
-    pliant_log(PLIANT_LOG_WARNING, "%s: nothing moves before %.15g s: times count from the start of the run; if these are time stamps, subtract the first "
-               "one from all", file, first);
+    pliant_log(
+        PLIANT_LOG_WARNING,
+        "%s: nothing moves before %.15g s: times count from the start of the run; if these are time stamps, subtract the first "
+        "one from all",
+        file, first);
 }
 
 /* ---- blades */
@@ -285,11 +303,14 @@ static bool read_blade(const text_tool *text, pliant_path_tool *out, char reason
 {
     const text_blade *blade = text->blade;
     if (!blade->name == !(blade->from && blade->to)) {
-        snprintf(reason, REASON_SIZE, "blade: needs a name, as in {name: scalpel}, or from and to, as in {from: [0, 0, -0.03], to: [0, 0, 0]}");
+        snprintf(
+            reason, REASON_SIZE,
+            "blade: needs a name, as in {name: scalpel}, or from and to, as in {from: [0, 0, -0.03], to: [0, 0, 0]}");
         return false;
     }
     if (!blade->name)
-        return read_numbers("blade/from", blade->from, 3, out->blade_from, reason) && read_numbers("blade/to", blade->to, 3, out->blade_to, reason);
+        return read_numbers("blade/from", blade->from, 3, out->blade_from, reason) &&
+               read_numbers("blade/to", blade->to, 3, out->blade_to, reason);
     if (pliant_blade_find(blade->name, out->blade_from, out->blade_to) == PLIANT_OK) return true;
     snprintf(reason, REASON_SIZE, "blade/name: %.200s", pliant_last_error());
     return false;
@@ -301,10 +322,13 @@ static bool read_spans(const text_tool *text, pliant_path_tool *out, char reason
     out->num_cut = text->num_cut;
     for (uint32_t n = 0; n < text->num_cut; ++n) {
         pliant_path_span *span = &out->cut[n];
-        if (!read_number("cut/from", text->cut[n].from, &span->from, reason) || !read_number("cut/to", text->cut[n].to, &span->to, reason)) return false;
+        if (!read_number("cut/from", text->cut[n].from, &span->from, reason) ||
+            !read_number("cut/to", text->cut[n].to, &span->to, reason))
+            return false;
         if (is_of_a_clock("cut/from", span->from, reason)) return false;
         if (span->from >= 0 && span->to > span->from && (n == 0 || span->from > span[-1].to)) continue;
-        snprintf(reason, REASON_SIZE, "cut: %g s to %g s must begin after 0 and after the one before, and end later", span->from, span->to);
+        snprintf(reason, REASON_SIZE, "cut: %g s to %g s must begin after 0 and after the one before, and end later",
+                 span->from, span->to);
         return false;
     }
     return true;
@@ -314,7 +338,8 @@ static bool read_spans(const text_tool *text, pliant_path_tool *out, char reason
 static bool read_posed(const text_tool *text, const char *file, pliant_path_tool *out, char reason[REASON_SIZE])
 {
     if (text->grasp || text->motion || text->drive || text->release) {
-        snprintf(reason, REASON_SIZE, "poses: a tool with poses has no grasp, motion, drive or release; those are of one that holds tissue");
+        snprintf(reason, REASON_SIZE,
+                 "poses: a tool with poses has no grasp, motion, drive or release; those are of one that holds tissue");
         return false;
     }
     if (text->cut && !text->blade) {
@@ -322,14 +347,17 @@ static bool read_posed(const text_tool *text, const char *file, pliant_path_tool
         return false;
     }
     if (text->shape && !pliant_shape_from_text(text->shape, file, &out->shape, reason, REASON_SIZE)) return false;
-    return read_poses(text, out, reason) && (!text->blade || read_blade(text, out, reason)) && (!text->cut || read_spans(text, out, reason));
+    return read_poses(text, out, reason) && (!text->blade || read_blade(text, out, reason)) &&
+           (!text->cut || read_spans(text, out, reason));
 }
 
 static bool read_cut(const text_cut *text, pliant_path_cut *out, char reason[REASON_SIZE])
 {
     if (!(out->points = pliant_calloc(text->num_points, 3 * sizeof *out->points))) return false;
     out->num_points = text->num_points;
-    if (!read_number("cuts/time", text->time, &out->time, reason) || !read_numbers("cuts/depth", text->depth, 3, out->depth, reason)) return false;
+    if (!read_number("cuts/time", text->time, &out->time, reason) ||
+        !read_numbers("cuts/depth", text->depth, 3, out->depth, reason))
+        return false;
     for (uint32_t p = 0; p < text->num_points; ++p)
         if (!read_numbers("cuts/points", text->points[p], 3, out->points + 3 * p, reason)) return false;
     return true;
@@ -350,13 +378,16 @@ static bool read_tool(const text_tool *text, const char *file, pliant_path_tool 
     if (!read_name(text->name, out->name, sizeof out->name, reason)) return false;
     if (text->poses) return read_posed(text, file, out, reason);
     if (!text->grasp || !text->motion || text->blade || text->shape || text->cut) {
-        snprintf(reason, REASON_SIZE, "grasp: a tool needs grasp and motion, or poses; one with a blade or a shape has poses");
+        snprintf(reason, REASON_SIZE,
+                 "grasp: a tool needs grasp and motion, or poses; one with a blade or a shape has poses");
         return false;
     }
     if (!read_drive(text->drive, &out->drive, reason)) return false;
     for (int d = 0; d < 3; ++d)
         if (!read_number("grasp", text->grasp[d], &out->grasp[d], reason)) return false;
-    if (text->release && (!read_number("release", text->release, &out->release, reason) || is_of_a_clock("release", out->release, reason))) return false;
+    if (text->release && (!read_number("release", text->release, &out->release, reason) ||
+                          is_of_a_clock("release", out->release, reason)))
+        return false;
     if (text->release && out->release <= 0.0) {
         snprintf(reason, REASON_SIZE, "release: %g s must be more than 0", out->release);
         return false;
@@ -376,8 +407,11 @@ static pliant_status read_probes(const text_path *text, const char *yaml, const 
     for (uint32_t n = 0; n < text->num_probes; ++n) {
         char reason[REASON_SIZE] = "";
         bool good = read_name(text->probes[n].name, out->probes[n].name, sizeof out->probes[n].name, reason);
-        for (int d = 0; good && d < 3; ++d) good = read_number("at", text->probes[n].at[d], &out->probes[n].at[d], reason);
-        if (!good) return pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: probe %u: %s", name, pliant_yaml_line(yaml, "at", (int)n, list), n + 1, reason);
+        for (int d = 0; good && d < 3; ++d)
+            good = read_number("at", text->probes[n].at[d], &out->probes[n].at[d], reason);
+        if (!good)
+            return pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: probe %u: %s", name,
+                               pliant_yaml_line(yaml, "at", (int)n, list), n + 1, reason);
     }
     return PLIANT_OK;
 }
@@ -388,7 +422,8 @@ static int names_before(const text_path *text, uint32_t tool)
 {
     int count = 0;
     for (uint32_t n = 0; n < tool; ++n)
-        count += 1 + (text->tools[n].blade && text->tools[n].blade->name) + (text->tools[n].shape && text->tools[n].shape->name);
+        count += 1 + (text->tools[n].blade && text->tools[n].blade->name) +
+                 (text->tools[n].shape && text->tools[n].shape->name);
     return count;
 }
 
@@ -405,14 +440,17 @@ static pliant_status convert(const text_path *text, const char *yaml, const char
         if (good) continue;
         if (!reason[0]) return pliant_fail_memory("a tool path");
         return pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: tool %u '%.48s': %s", name,
-                           pliant_yaml_line(yaml, "name", names_before(text, n), 1), n + 1, text->tools[n].name, reason);
+                           pliant_yaml_line(yaml, "name", names_before(text, n), 1), n + 1, text->tools[n].name,
+                           reason);
     }
     for (uint32_t n = 0; n < text->num_cuts; ++n) {
         char wrong[REASON_SIZE] = "";
         bool good = read_cut(&text->cuts[n], &out->cuts[n], wrong);
-        if (good && check_time("cuts/time", out->cuts[n].time, n > 0, n > 0 ? out->cuts[n - 1].time : 0, wrong)) continue;
+        if (good && check_time("cuts/time", out->cuts[n].time, n > 0, n > 0 ? out->cuts[n - 1].time : 0, wrong))
+            continue;
         if (!wrong[0]) return pliant_fail_memory("a tool path");
-        return pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: cut %u: %s", name, pliant_yaml_line(yaml, "cuts", 0, 1), n + 1, wrong);
+        return pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: cut %u: %s", name, pliant_yaml_line(yaml, "cuts", 0, 1),
+                           n + 1, wrong);
     }
     char reason[REASON_SIZE] = "";
     out->num_gravity = text->num_gravity;
@@ -433,13 +471,15 @@ pliant_status pliant_path_read(const char *path, pliant_path *out)
     if (status != PLIANT_OK) goto end;
     const text_path *text = document;
     if (!text || text->num_tools + text->num_cuts + text->num_gravity + text->num_probes == 0) {
-        status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: is empty; a list named tools is needed, or cuts, gravity or probes", path);
+        status = pliant_fail(PLIANT_ERROR_FORMAT,
+                             "%s: is empty; a list named tools is needed, or cuts, gravity or probes", path);
         goto end;
     }
     if (text->num_tools > 0) result.tools = pliant_calloc(text->num_tools, sizeof *result.tools);
     if (text->num_cuts > 0) result.cuts = pliant_calloc(text->num_cuts, sizeof *result.cuts);
     if (text->num_probes > 0) result.probes = pliant_calloc(text->num_probes, sizeof *result.probes);
-    if ((text->num_tools > 0 && !result.tools) || (text->num_cuts > 0 && !result.cuts) || (text->num_probes > 0 && !result.probes)) {
+    if ((text->num_tools > 0 && !result.tools) || (text->num_cuts > 0 && !result.cuts) ||
+        (text->num_probes > 0 && !result.probes)) {
         status = pliant_fail_memory("a tool path");
         goto end;
     }
@@ -504,13 +544,15 @@ bool pliant_path_at(const pliant_path_tool *tool, double time, double value[3])
 }
 
 /* Find the poses before and after a time. Return the interpolation fraction between them. */
-static double find_poses(const pliant_path_tool *tool, double time, const pliant_path_pose **before, const pliant_path_pose **after)
+static double find_poses(const pliant_path_tool *tool, double time, const pliant_path_pose **before,
+                         const pliant_path_pose **after)
 {
     uint32_t next = 0;
     while (next < tool->num_poses && tool->poses[next].time <= time) ++next;
     *before = tool->poses + (next > 0 ? next - 1 : 0);
     *after = next < tool->num_poses ? tool->poses + next : *before;
-    return (*after)->time > (*before)->time ? fmax((time - (*before)->time) / ((*after)->time - (*before)->time), 0) : 0;
+    return (*after)->time > (*before)->time ? fmax((time - (*before)->time) / ((*after)->time - (*before)->time), 0)
+                                            : 0;
 }
 
 bool pliant_path_pose_at(const pliant_path_tool *tool, double time, double position[3], double rotation[4])

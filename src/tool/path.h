@@ -111,7 +111,8 @@ PLIANT_INTERNAL void pliant_path_free(pliant_path *path);
 /** Compute the offset, or the force with drive: force, at a time. Return whether the tool still holds the tissue. */
 PLIANT_INTERNAL bool pliant_path_at(const pliant_path_tool *tool, double time, double value[3]);
 /** Compute a tool's pose at a time; the first and last poses are held. Return false if the tool has no poses. */
-PLIANT_INTERNAL bool pliant_path_pose_at(const pliant_path_tool *tool, double time, double position[3], double rotation[4]);
+PLIANT_INTERNAL bool pliant_path_pose_at(const pliant_path_tool *tool, double time, double position[3],
+                                         double rotation[4]);
 /** Return the jaw angle at a time [rad], with the same rules; 0 without poses. */
 PLIANT_INTERNAL double pliant_path_jaw_at(const pliant_path_tool *tool, double time);
 /** Return whether the blade is on. */

@@ -11,8 +11,8 @@
 static const double skin = 2.0;
 
 /* Clip the ray to the box of the voxels' edges; false: it misses the box. */
-static bool enter_box(const pliant_geometry *geometry, const double origin[3], const double unit[3], double near, double far,
-                      march_ray *ray)
+static bool enter_box(const pliant_geometry *geometry, const double origin[3], const double unit[3], double near,
+                      double far, march_ray *ray)
 {
     double tip[3], ahead[3];
     for (int d = 0; d < 3; d++) tip[d] = origin[d] + unit[d];
@@ -101,7 +101,8 @@ static double enter_tet(const tissue *of, int32_t tet, double from, double to)
         for (int v = 0; v < 3; v++) edge[v][d] = corner[v + 1][d] - corner[0][d];
         side[0][d] = of->origin[d] + from * of->unit[d] - corner[0][d];
         side[1][d] = of->origin[d] + to * of->unit[d] - corner[0][d];
-        const double low = fmin(fmin(0, edge[0][d]), fmin(edge[1][d], edge[2][d])), high = fmax(fmax(0, edge[0][d]), fmax(edge[1][d], edge[2][d]));
+        const double low = fmin(fmin(0, edge[0][d]), fmin(edge[1][d], edge[2][d])),
+                     high = fmax(fmax(0, edge[0][d]), fmax(edge[1][d], edge[2][d]));
         if (fmax(side[0][d], side[1][d]) < low || fmin(side[0][d], side[1][d]) > high) return INFINITY;
     }
     /* barycentric coordinates are linear along the ray */
@@ -112,7 +113,8 @@ static double enter_tet(const tissue *of, int32_t tet, double from, double to)
         const double height = edge[v][0] * normal[0] + edge[v][1] * normal[1] + edge[v][2] * normal[2];
         if (height == 0) return INFINITY;
         for (int end = 0; end < 2; end++) {
-            part[end][v + 1] = (side[end][0] * normal[0] + side[end][1] * normal[1] + side[end][2] * normal[2]) / height;
+            part[end][v + 1] =
+                (side[end][0] * normal[0] + side[end][1] * normal[1] + side[end][2] * normal[2]) / height;
             part[end][0] -= part[end][v + 1];
         }
     }
@@ -125,8 +127,8 @@ static double enter_tet(const tissue *of, int32_t tet, double from, double to)
     return enter <= leave ? from + enter * (to - from) : INFINITY;
 }
 
-static void fill(const pliant_mesh *mesh, const double origin[3], const double unit[3], const march_crossing *at, int32_t tet,
-                 const double barycentric[4], pliant_picked *out)
+static void fill(const pliant_mesh *mesh, const double origin[3], const double unit[3], const march_crossing *at,
+                 int32_t tet, const double barycentric[4], pliant_picked *out)
 {
     pliant_picked picked = {.hit = true, .distance = at->t, .tetrahedron = tet, .intensity = at->value, .reason = ""};
     for (int d = 0; d < 3; d++) picked.point[d] = origin[d] + at->t * unit[d];
@@ -161,12 +163,14 @@ static march_crossing next_crossing(place *in, const march_ray *ray, int64_t fir
 }
 
 /* At a crossing without tissue, find the first tissue before the values fall below the threshold. */
-static int32_t tissue_beyond(place *in, const march_ray *ray, const tissue *of, march_crossing *at, double barycentric[4])
+static int32_t tissue_beyond(place *in, const march_ray *ray, const tissue *of, march_crossing *at,
+                             double barycentric[4])
 {
     if (!in->volume) in->volume = pliant_warp_volume(in->warp);
     const march_voxels voxels = {in->volume->voxels, in->volume->encoding, in->volume->slope, in->volume->intercept};
     double first = INFINITY, last = at->t;
-    for (int64_t n = at->sample + 1; march_has(ray, n) && march_above(&voxels, ray, march_at(ray, n)); n++) last = march_at(ray, n);
+    for (int64_t n = at->sample + 1; march_has(ray, n) && march_above(&voxels, ray, march_at(ray, n)); n++)
+        last = march_at(ray, n);
     for (int32_t tet = 0; tet < of->mesh->num_tets; tet++) first = fmin(first, enter_tet(of, tet, at->t, last));
     for (double t = first; t <= last; t += ray->stride) {
         const int32_t tet = march_above(&voxels, ray, t) ? tissue_at(of, t, barycentric) : -1;
@@ -189,11 +193,13 @@ static pliant_status pick(place in, const pliant_geometry *geometry, const plian
                           const pliant_ray *given, double threshold, pliant_picked *out)
 {
     if (!ray_is_sound(given, threshold))
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "pick: the ray's origin, direction, near and far, and the threshold must be finite");
+        return pliant_fail(PLIANT_ERROR_ARGUMENT,
+                           "pick: the ray's origin, direction, near and far, and the threshold must be finite");
     double length = sqrt(given->direction[0] * given->direction[0] + given->direction[1] * given->direction[1] +
                          given->direction[2] * given->direction[2]);
     if (!(length > 0) || !isfinite(length))
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "pick: the ray's direction must have a length above 0 (it has %g)", length);
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "pick: the ray's direction must have a length above 0 (it has %g)",
+                           length);
     double unit[3], barycentric[4];
     for (int d = 0; d < 3; d++) unit[d] = given->direction[d] / length;
 
@@ -202,7 +208,8 @@ static pliant_status pick(place in, const pliant_geometry *geometry, const plian
     if (!enter_box(geometry, given->origin, unit, given->near, given->far, &ray)) return PLIANT_OK;
     const tissue of = {in.warp ? in.warp->body : NULL, mesh, positions, given->origin, unit, in.model};
     march_crossing at = next_crossing(&in, &ray, 0);
-    out->reason = at.sample < 0 ? "no value along the ray reaches the threshold" : "where values along the ray reach the threshold there is no tissue";
+    out->reason = at.sample < 0 ? "no value along the ray reaches the threshold"
+                                : "where values along the ray reach the threshold there is no tissue";
     while (at.sample >= 0) {
         int32_t tet = tissue_behind(&of, &ray, &at, barycentric);
         if (tet < 0) tet = tissue_beyond(&in, &ray, &of, &at, barycentric);
@@ -215,20 +222,22 @@ static pliant_status pick(place in, const pliant_geometry *geometry, const plian
     return PLIANT_OK;
 }
 
-pliant_status pliant_pick(const pliant_volume *volume, const pliant_mesh *mesh, const double *positions, const pliant_ray *ray,
-                          double threshold, pliant_picked *out)
+pliant_status pliant_pick(const pliant_volume *volume, const pliant_mesh *mesh, const double *positions,
+                          const pliant_ray *ray, double threshold, pliant_picked *out)
 {
     return pick((place){.volume = volume}, &volume->geometry, mesh, positions, ray, threshold, out);
 }
 
-pliant_status pliant_pick_warped(const pliant_warp *warp, const double *positions, const pliant_ray *ray, double threshold,
-                                 pliant_picked *out)
-{
-    return pick((place){.warp = warp}, pliant_warp_geometry(warp), pliant_warp_mesh(warp), positions, ray, threshold, out);
-}
-
-pliant_status pliant_pick_tissue(const pliant_model *model, const pliant_warp *warp, const double *positions, const pliant_ray *ray,
+pliant_status pliant_pick_warped(const pliant_warp *warp, const double *positions, const pliant_ray *ray,
                                  double threshold, pliant_picked *out)
 {
-    return pick((place){.warp = warp, .model = model}, pliant_warp_geometry(warp), pliant_warp_mesh(warp), positions, ray, threshold, out);
+    return pick((place){.warp = warp}, pliant_warp_geometry(warp), pliant_warp_mesh(warp), positions, ray, threshold,
+                out);
+}
+
+pliant_status pliant_pick_tissue(const pliant_model *model, const pliant_warp *warp, const double *positions,
+                                 const pliant_ray *ray, double threshold, pliant_picked *out)
+{
+    return pick((place){.warp = warp, .model = model}, pliant_warp_geometry(warp), pliant_warp_mesh(warp), positions,
+                ray, threshold, out);
 }

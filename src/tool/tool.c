@@ -28,7 +28,8 @@ pliant_status pliant_tool_add(const pliant_model *model, pliant_data *data, cons
             return PLIANT_OK;
         }
     if (strlen(name) >= sizeof data->tools->name)
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %.20s...: its name has %zu characters, at most %zu are possible", name, strlen(name),
+        return pliant_fail(PLIANT_ERROR_ARGUMENT,
+                           "tool %.20s...: its name has %zu characters, at most %zu are possible", name, strlen(name),
                            sizeof data->tools->name - 1);
     if (data->num_tools == PLIANT_MAX_TOOLS)
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "no room for tool %s: there are %d already", name, PLIANT_MAX_TOOLS);
@@ -54,8 +55,10 @@ pliant_status pliant_tool_set_pose(pliant_data *data, int tool, const double tip
     double size = 0;
     for (int d = 0; d < 4; d++) size += rotation[d] * rotation[d];
     if (!(size > 0) || !isfinite(size))
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "the rotation of tool %s is (%g %g %g %g), no quaternion x y z w of a rotation; (0 0 0 1) turns nothing",
-                           data->tools[tool].name, rotation[0], rotation[1], rotation[2], rotation[3]);
+        return pliant_fail(
+            PLIANT_ERROR_ARGUMENT,
+            "the rotation of tool %s is (%g %g %g %g), no quaternion x y z w of a rotation; (0 0 0 1) turns nothing",
+            data->tools[tool].name, rotation[0], rotation[1], rotation[2], rotation[3]);
     memcpy(data->tools[tool].tip, tip, sizeof data->tools[tool].tip);
     memcpy(data->tools[tool].rotation, rotation, sizeof data->tools[tool].rotation);
     data->tools[tool].present = true;
@@ -95,12 +98,15 @@ pliant_status pliant_tool_set_drive(pliant_data *data, int tool, pliant_drive dr
     pliant_status status = check_tool(data, tool);
     if (status != PLIANT_OK) return status;
     if (drive != PLIANT_DRIVE_SPRING && drive != PLIANT_DRIVE_RIGID && drive != PLIANT_DRIVE_FORCE)
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: drive %d; use spring (%d), rigid (%d) or force (%d)", data->tools[tool].name, (int)drive,
-                           PLIANT_DRIVE_SPRING, PLIANT_DRIVE_RIGID, PLIANT_DRIVE_FORCE);
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: drive %d; use spring (%d), rigid (%d) or force (%d)",
+                           data->tools[tool].name, (int)drive, PLIANT_DRIVE_SPRING, PLIANT_DRIVE_RIGID,
+                           PLIANT_DRIVE_FORCE);
     if (drive == PLIANT_DRIVE_FORCE && (!force || !finite3(force)))
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: driving by force needs a finite force", data->tools[tool].name);
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: driving by force needs a finite force",
+                           data->tools[tool].name);
     data->tools[tool].drive = drive;
-    if (drive == PLIANT_DRIVE_FORCE) memcpy(data->tools[tool].driving_force, force, sizeof data->tools[tool].driving_force);
+    if (drive == PLIANT_DRIVE_FORCE)
+        memcpy(data->tools[tool].driving_force, force, sizeof data->tools[tool].driving_force);
     return PLIANT_OK;
 }
 
@@ -108,7 +114,8 @@ pliant_status pliant_tool_set_mass(pliant_data *data, int tool, double mass)
 {
     pliant_status status = check_tool(data, tool);
     if (status != PLIANT_OK) return status;
-    if (!(mass >= 0) || !isfinite(mass)) return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: a mass of %g kg", data->tools[tool].name, mass);
+    if (!(mass >= 0) || !isfinite(mass))
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: a mass of %g kg", data->tools[tool].name, mass);
     data->tools[tool].mass = mass;
     return PLIANT_OK;
 }
@@ -200,14 +207,17 @@ static pliant_status fail_no_tissue(const pliant_mesh *mesh, const char *name, c
         far = far || fabs(at[d]) >= 1;
         inside_as_mm = inside_as_mm && 1e-3 * at[d] >= low[d] && 1e-3 * at[d] <= high[d];
     }
-    return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: there is no tissue at (%.4f %.4f %.4f) m; at rest it lies between (%.4f %.4f %.4f) and "
-                       "(%.4f %.4f %.4f) m%s", name, at[0], at[1], at[2], low[0], low[1], low[2], high[0], high[1], high[2],
-                       far && inside_as_mm ? ": the point seems to be in millimetres, metres are needed" : "");
+    return pliant_fail(
+        PLIANT_ERROR_ARGUMENT,
+        "tool %s: there is no tissue at (%.4f %.4f %.4f) m; at rest it lies between (%.4f %.4f %.4f) and "
+        "(%.4f %.4f %.4f) m%s",
+        name, at[0], at[1], at[2], low[0], low[1], low[2], high[0], high[1], high[2],
+        far && inside_as_mm ? ": the point seems to be in millimetres, metres are needed" : "");
 }
 
 /* List the nodes of a blob, ascending, with their weights. */
-static pliant_status list_held(const pliant_body *body, const pliant_tool *tool, const double centre[3], double radius, int32_t *num_held,
-                               int32_t **nodes, double **shares)
+static pliant_status list_held(const pliant_body *body, const pliant_tool *tool, const double centre[3], double radius,
+                               int32_t *num_held, int32_t **nodes, double **shares)
 {
     const pliant_mesh *mesh = &body->fine;
     double *weights = pliant_calloc((size_t)mesh->num_nodes, sizeof *weights), total = 0;
@@ -216,7 +226,8 @@ static pliant_status list_held(const pliant_body *body, const pliant_tool *tool,
     double *weight = NULL;
     rest_points points;
     list_points(centre, radius, &points);
-    pliant_status status = add_points(body, &points, weights) > 0 ? PLIANT_OK : fail_no_tissue(mesh, tool->name, centre);
+    pliant_status status =
+        add_points(body, &points, weights) > 0 ? PLIANT_OK : fail_no_tissue(mesh, tool->name, centre);
     for (int32_t n = 0; n < mesh->num_nodes; n++) {
         count += weights[n] != 0;
         total += weights[n];
@@ -243,8 +254,8 @@ static pliant_status list_held(const pliant_body *body, const pliant_tool *tool,
     return status;
 }
 
-pliant_status pliant_tool_carry(pliant_tool *tool, const pliant_tool *from, const pliant_data *data, const pliant_body *next,
-                                const double *positions)
+pliant_status pliant_tool_carry(pliant_tool *tool, const pliant_tool *from, const pliant_data *data,
+                                const pliant_body *next, const double *positions)
 {
     *tool = *from;
     pliant_tool_shape_retain(&tool->shape);
@@ -255,7 +266,8 @@ pliant_status pliant_tool_carry(pliant_tool *tool, const pliant_tool *from, cons
     pliant_status status = pliant_blade_carry(&tool->blade, &from->blade, data, next, positions);
     if (status != PLIANT_OK || !from->holding) return status;
     if (!from->blade.drags)
-        status = list_held(next, from, from->grasped, from->grasped_radius, &tool->num_held, &tool->held, &tool->weight);
+        status =
+            list_held(next, from, from->grasped, from->grasped_radius, &tool->num_held, &tool->held, &tool->weight);
     else if (pliant_blade_num_inside(&tool->blade.edge) > 0) status = pliant_blade_hold(next, tool);
     else pliant_blade_loosen(tool);
     tool->holding = tool->num_held > 0;
@@ -281,8 +293,11 @@ static void tell_what_is_fixed(const pliant_data *data, const pliant_tool *tool)
     const double *at = tool->held_point;
     char part[24] = "nothing but";
     if (fixed < 0.999) snprintf(part, sizeof part, "to %.0f %%", 100 * fixed);
-    pliant_log(PLIANT_LOG_WARNING, "tool %s holds %s what is fixed (bone, or a region in the scene's fixed) at (%.4f %.4f %.4f) m: what is fixed stays where "
-               "it is; grasp soft tissue, or set material/deformable_bone", tool->name, part, at[0], at[1], at[2]);
+    pliant_log(
+        PLIANT_LOG_WARNING,
+        "tool %s holds %s what is fixed (bone, or a region in the scene's fixed) at (%.4f %.4f %.4f) m: what is fixed stays where "
+        "it is; grasp soft tissue, or set material/deformable_bone",
+        tool->name, part, at[0], at[1], at[2]);
 }
 
 pliant_status pliant_tool_grasp(const pliant_model *model, pliant_data *data, int index, const double rest[3])
@@ -294,10 +309,12 @@ pliant_status pliant_tool_grasp(const pliant_model *model, pliant_data *data, in
     const pliant_mesh *mesh = &data->body->fine;
     double centre[3], barycentric[4];
     if (rest) {
-        if (!finite3(rest)) return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: the point to grasp is not finite", tool->name);
+        if (!finite3(rest))
+            return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: the point to grasp is not finite", tool->name);
         memcpy(centre, rest, sizeof centre);
     } else {
-        if (!tool->present) return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s has no pose: it cannot grasp", tool->name);
+        if (!tool->present)
+            return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s has no pose: it cannot grasp", tool->name);
         int32_t tet = -1;
         if (!data->body->cuts) tet = pliant_mesh_locate_deformed(mesh, data->positions, tool->tip, barycentric);
         else if (!pliant_body_locate(data->body, data->positions, tool->tip, &tet, barycentric)) tet = -1;
@@ -348,7 +365,8 @@ void pliant_tool_slip(const pliant_scene *scene, pliant_data *data, int index)
     }
     length = sqrt(length);
     if (length <= most) return;
-    if (tool->slipped == 0) pliant_log(PLIANT_LOG_INFO, "tool %s: its grip slips at %g N (grasp/slip)", tool->name, scene->grasp.slip);
+    if (tool->slipped == 0)
+        pliant_log(PLIANT_LOG_INFO, "tool %s: its grip slips at %g N (grasp/slip)", tool->name, scene->grasp.slip);
     tool->slipped += length - most;
     for (int d = 0; d < 3; d++) tool->grip[d] += (1 - most / length) * way[d];
     if (tool->slipped <= 2 * tool->grasped_radius) return;

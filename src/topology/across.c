@@ -45,7 +45,8 @@ static bool set(const pliant_body *next, int32_t face, int32_t found, body_faces
     return list_face(other, face);
 }
 
-static bool find_one(const pliant_body *next, const pliant_cuts *cuts, int32_t tet, int corner, int32_t beyond, body_faces *other_faces)
+static bool find_one(const pliant_body *next, const pliant_cuts *cuts, int32_t tet, int corner, int32_t beyond,
+                     body_faces *other_faces)
 {
     const int32_t *nodes = next->fine.tets + 4 * (size_t)tet, *list;
     const int32_t count = fragments_of(cuts, &beyond, &list);
@@ -70,25 +71,31 @@ static bool find_around(const pliant_body *next, const pliant_cuts *cuts, int32_
         if (beyond < 0) continue;
         const int32_t count = fragments_of(cuts, &beyond, &list);
         for (int back = 0; back < 4; back++)
-            for (int32_t f = 0; f < count && good && load[4 * (size_t)beyond + back] == parent; f++) good = find_one(next, cuts, list[f], back, parent, other);
+            for (int32_t f = 0; f < count && good && load[4 * (size_t)beyond + back] == parent; f++)
+                good = find_one(next, cuts, list[f], back, parent, other);
     }
     return good;
 }
 
-pliant_status pliant_body_find_across(const pliant_body *before, const pliant_cuts *cuts, pliant_body *next, body_faces *other)
+pliant_status pliant_body_find_across(const pliant_body *before, const pliant_cuts *cuts, pliant_body *next,
+                                      body_faces *other)
 {
     const size_t tets = (size_t)next->fine.num_tets, old = (size_t)before->fine.num_tets;
-    const int32_t *known = before->across ? before->across : before->voxels && before->revision == 1 ? before->voxels->across : NULL;
+    const int32_t *known = before->across                            ? before->across
+                           : before->voxels && before->revision == 1 ? before->voxels->across
+                                                                     : NULL;
     bool good = true;
     other->known = cuts && known;
-    next->across = other->known ? pliant_next_of(known, 4 * old, 4 * tets, sizeof *known) : pliant_room(tets, 4 * sizeof *next->across);
+    next->across = other->known ? pliant_next_of(known, 4 * old, 4 * tets, sizeof *known)
+                                : pliant_room(tets, 4 * sizeof *next->across);
     if (!next->across) return pliant_fail_memory("the next body");
     if (!other->known) return pliant_mesh_neighbours(&next->fine, next->across);
     memset(next->across + 4 * old, 0xff, 4 * (tets - old) * sizeof *known);
     for (size_t f = 4 * old; f < 4 * tets && good; f++) good = list_face(other, (int32_t)f);
     for (int32_t i = 0; i < next->changes.num_touched && good; i++) {
         const size_t t = (size_t)next->changes.touched[i];
-        if (memcmp(before->fine.tets + 4 * t, next->fine.tets + 4 * t, 4 * sizeof *next->fine.tets) != 0) good = find_around(next, cuts, (int32_t)t, other);
+        if (memcmp(before->fine.tets + 4 * t, next->fine.tets + 4 * t, 4 * sizeof *next->fine.tets) != 0)
+            good = find_around(next, cuts, (int32_t)t, other);
     }
     for (size_t t = old; t < tets && good; t++) good = find_around(next, cuts, (int32_t)t, other);
     return good ? PLIANT_OK : pliant_fail_memory("the next body");
@@ -114,7 +121,8 @@ static void merge(const pliant_body *before, const int32_t *outside, const body_
         const int32_t face = i < other->count ? other->face[i] : INT32_MAX, first = from;
         while (from < before->num_triangles && outside[from] < face) from++;
         memcpy(next->outside + count, outside + first, (size_t)(from - first) * sizeof *outside);
-        memcpy(next->triangles + 3 * (size_t)count, before->triangles + 3 * (size_t)first, 3 * (size_t)(from - first) * sizeof *before->triangles);
+        memcpy(next->triangles + 3 * (size_t)count, before->triangles + 3 * (size_t)first,
+               3 * (size_t)(from - first) * sizeof *before->triangles);
         count += from - first;
         if (i == other->count) break;
         if (from < before->num_triangles && outside[from] == face) from++;
@@ -135,9 +143,11 @@ pliant_status pliant_body_find_surface(const pliant_body *before, pliant_body *n
     if (other->count > 0) other->count = sort_once(other->face, other->count);
     pliant_status status = good ? PLIANT_OK : pliant_fail_memory("the surface");
     if (status == PLIANT_OK && !before->outside)
-        status = list_outside(before, before->across ? before->across : before->voxels->across, before->num_triangles, &outside);
+        status = list_outside(before, before->across ? before->across : before->voxels->across, before->num_triangles,
+                              &outside);
     const size_t most = (size_t)before->num_triangles + (size_t)other->count + 1;
-    if (status == PLIANT_OK && (!(next->outside = pliant_room(most, sizeof *next->outside)) || !(next->triangles = pliant_room(most, 3 * sizeof *next->triangles))))
+    if (status == PLIANT_OK && (!(next->outside = pliant_room(most, sizeof *next->outside)) ||
+                                !(next->triangles = pliant_room(most, 3 * sizeof *next->triangles))))
         status = pliant_fail_memory("the surface");
     if (status == PLIANT_OK) merge(before, before->outside ? before->outside : outside, other, next);
     pliant_free(outside);

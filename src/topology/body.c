@@ -74,7 +74,8 @@ const pliant_body *pliant_body_retain(const pliant_body *body)
 
 void pliant_body_release(const pliant_body *body)
 {
-    if (body && atomic_fetch_sub_explicit(&body->holders->count, 1, memory_order_acq_rel) == 1) free_body((pliant_body *)body);
+    if (body && atomic_fetch_sub_explicit(&body->holders->count, 1, memory_order_acq_rel) == 1)
+        free_body((pliant_body *)body);
 }
 
 bool pliant_body_may_be_cut(const pliant_body *body) { return body->voxels || body->subdivision; }
@@ -108,7 +109,8 @@ static bool copy_mesh(const pliant_mesh *from, copying how, pliant_mesh *to)
     to->tets = to->lattice_of_node = to->lattice_of_tet = NULL;
     to->place_of_node = NULL;
     const size_t nodes = (size_t)from->num_nodes, tets = (size_t)from->num_tets;
-    return how(from->rest, nodes, 3 * sizeof *from->rest, &to->rest) && how(from->tets, tets, 4 * sizeof *from->tets, &to->tets) &&
+    return how(from->rest, nodes, 3 * sizeof *from->rest, &to->rest) &&
+           how(from->tets, tets, 4 * sizeof *from->tets, &to->tets) &&
            how(from->lattice_of_node, nodes, sizeof *from->lattice_of_node, &to->lattice_of_node) &&
            how(from->lattice_of_tet, tets, sizeof *from->lattice_of_tet, &to->lattice_of_tet) &&
            how(from->place_of_node, nodes, sizeof *from->place_of_node, &to->place_of_node);
@@ -117,7 +119,8 @@ static bool copy_mesh(const pliant_mesh *from, copying how, pliant_mesh *to)
 static bool copy_fine(const pliant_body *body, copying how, pliant_body *next)
 {
     const size_t nodes = (size_t)body->fine.num_nodes, tets = (size_t)body->fine.num_tets;
-    return copy_mesh(&body->fine, how, &next->fine) && how(body->node_parent, nodes, sizeof *body->node_parent, &next->node_parent) &&
+    return copy_mesh(&body->fine, how, &next->fine) &&
+           how(body->node_parent, nodes, sizeof *body->node_parent, &next->node_parent) &&
            how(body->tet_parent, tets, sizeof *body->tet_parent, &next->tet_parent) &&
            how(body->fine_material, tets, sizeof *body->fine_material, &next->fine_material) &&
            how(body->node_mass, nodes, sizeof *body->node_mass, &next->node_mass);
@@ -127,8 +130,8 @@ pliant_status pliant_body_begin(const pliant_body *body, uint64_t revision, bool
 {
     pliant_body *next = NULL;
     if (revision <= body->revision)
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "the revision of a next body must be above %llu, not %llu", (unsigned long long)body->revision,
-                           (unsigned long long)revision);
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "the revision of a next body must be above %llu, not %llu",
+                           (unsigned long long)body->revision, (unsigned long long)revision);
     pliant_status status = pliant_body_create(revision, &next);
     if (status != PLIANT_OK) return status;
     const size_t nodes = (size_t)body->fine.num_nodes, tets = (size_t)body->fine.num_tets;
@@ -136,7 +139,8 @@ pliant_status pliant_body_begin(const pliant_body *body, uint64_t revision, bool
     next->num_held_pieces = body->num_held_pieces;
     next->falls = body->falls;
     next->has_inertia = body->has_inertia;
-    next->changes = (pliant_body_changes){.since = body->revision, .nodes_before = body->fine.num_nodes, .tets_before = body->fine.num_tets};
+    next->changes = (pliant_body_changes){
+        .since = body->revision, .nodes_before = body->fine.num_nodes, .tets_before = body->fine.num_tets};
     next->lender = pliant_body_retain(body->lender ? body->lender : body);
     bool good = copy_fine(body, with_cuts ? copy : follow, next) && copy_mesh(&body->coarse, copy, &next->coarse) &&
                 copy(body->coarse_of_fine, tets, sizeof *body->coarse_of_fine, &next->coarse_of_fine) &&
@@ -147,7 +151,8 @@ pliant_status pliant_body_begin(const pliant_body *body, uint64_t revision, bool
     status = good ? PLIANT_OK : pliant_fail_memory("the next body");
     if (body->voxels) next->voxels = pliant_voxels_retain(body->voxels);
     if (status == PLIANT_OK && with_cuts && body->cuts) status = pliant_cuts_copy(body->cuts, &next->cuts);
-    if (status == PLIANT_OK && body->subdivision) status = pliant_subdivision_copy(body->subdivision, body->fine.num_nodes, &next->subdivision);
+    if (status == PLIANT_OK && body->subdivision)
+        status = pliant_subdivision_copy(body->subdivision, body->fine.num_nodes, &next->subdivision);
     if (status == PLIANT_OK && body->pieces) status = pliant_pieces_copy(body->pieces, &next->pieces);
     if (status != PLIANT_OK) {
         pliant_body_release(next);

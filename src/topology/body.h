@@ -151,7 +151,8 @@ typedef struct pliant_division {
 /* Build the next body: appended nodes and fragments with their sources, masses, fixed nodes and surface. It lists the
  * detached pieces.
  * Errors: MEMORY, ARGUMENT (not a division of this body), FORMAT (faces of three tetrahedra). */
-PLIANT_INTERNAL pliant_status pliant_body_divide(const pliant_body *body, uint64_t revision, const pliant_division *division, pliant_body **out);
+PLIANT_INTERNAL pliant_status pliant_body_divide(const pliant_body *body, uint64_t revision,
+                                                 const pliant_division *division, pliant_body **out);
 
 /* Give each node a fourth of the mass of its tetrahedra ([H] 2.1).
  *   @param mass (fine.num_nodes) out [kg] */
@@ -164,8 +165,9 @@ void pliant_body_masses(const pliant_body *body, double *mass);
 /* Create the voxels of a body at load, with one reference.
  *   @param material_of_voxel (voxels) index into the table
  * Errors: MEMORY, FORMAT, SCENE (more than 2^30 voxels). */
-pliant_status pliant_voxels_create(const pliant_body *body, const pliant_geometry *geometry, const uint8_t *material_of_voxel,
-                                              const pliant_material_table *table, const pliant_voxels **out);
+pliant_status pliant_voxels_create(const pliant_body *body, const pliant_geometry *geometry,
+                                   const uint8_t *material_of_voxel, const pliant_material_table *table,
+                                   const pliant_voxels **out);
 
 /* Add a reference. Return voxels. */
 const pliant_voxels *pliant_voxels_retain(const pliant_voxels *voxels);

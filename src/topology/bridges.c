@@ -37,7 +37,8 @@ static void closest(const bridges *work, int32_t tet, int32_t other, const int32
     const pliant_voxels *voxels = work->voxels;
     const int32_t first = voxels->start[other];
     double least = -1;
-    for (int32_t b = first; b < voxels->start[other + 1]; b++) pliant_place_of(voxels, voxels->voxel[b], work->place + 3 * (b - first));
+    for (int32_t b = first; b < voxels->start[other + 1]; b++)
+        pliant_place_of(voxels, voxels->voxel[b], work->place + 3 * (b - first));
     for (int32_t a = voxels->start[tet]; a < voxels->start[tet + 1]; a++) {
         if (part && part[a - voxels->start[tet]] != 0) continue;
         int32_t from[3];
@@ -46,7 +47,8 @@ static void closest(const bridges *work, int32_t tet, int32_t other, const int32
             if (part && part[b - first] == 0) continue;
             const int32_t *to = work->place + 3 * (b - first);
             double squares = 0;
-            for (int d = 0; d < 3; d++) squares += (to[d] - from[d]) * (to[d] - from[d]) * work->spacing[d] * work->spacing[d];
+            for (int d = 0; d < 3; d++)
+                squares += (to[d] - from[d]) * (to[d] - from[d]) * work->spacing[d] * work->spacing[d];
             if (least >= 0 && squares >= least) continue;
             least = squares;
             pair[0] = voxels->voxel[a];
@@ -86,7 +88,8 @@ static int32_t list_runs(const pliant_voxels *voxels, int32_t tet, run *runs)
 static bool runs_joined(const pliant_links *links, const run *one, const run *other, int32_t to, const int8_t row[3])
 {
     const bool straight = !row[0] || !row[1];
-    const int32_t low = other->first > to ? other->first : to, high = other->last < to + one->last - one->first ? other->last : to + one->last - one->first;
+    const int32_t low = other->first > to ? other->first : to,
+                  high = other->last < to + one->last - one->first ? other->last : to + one->last - one->first;
     if (straight && low <= high) return true;
     int32_t at[3] = {0, one->j, one->k};
     for (int32_t w = low; w <= high; w++) { /* across an edge, at the same i */
@@ -112,10 +115,13 @@ static int32_t count_parts_of(const pliant_voxels *voxels, int32_t tet, run *run
             const int32_t j = one->j + rows_behind[b][0], k = one->k + rows_behind[b][1], more = rows_behind[b][2];
             if (j < 0 || j >= size[1] || k >= size[2]) continue;
             const int32_t to = one->i + size[0] * (j + size[1] * k), length = one->last - one->first;
-            const int32_t low = one->i > 0 ? to - more : to, high = one->i + length + 1 < size[0] ? to + length + more : to + length;
+            const int32_t low = one->i > 0 ? to - more : to,
+                          high = one->i + length + 1 < size[0] ? to + length + more : to + length;
             while (from[b] < count && runs[from[b]].last < low) from[b]++;
             for (int32_t other = from[b]; other < count && runs[other].first <= high; other++) {
-                if (first_of(part, r) == first_of(part, other) || !runs_joined(&links, one, runs + other, to, rows_behind[b])) continue;
+                if (first_of(part, r) == first_of(part, other) ||
+                    !runs_joined(&links, one, runs + other, to, rows_behind[b]))
+                    continue;
                 join(part, r, other);
                 parts--;
             }
@@ -207,7 +213,9 @@ static pliant_status bridge_faces(bridges *work, int threads, uint8_t *linked)
     find_linked(voxels, threads, linked);
     for (int32_t f = 0; f < 4 * voxels->num_tets && status == PLIANT_OK; f++) {
         int32_t tet = f / 4, other = across[f], pair[2] = {-1, -1};
-        if (other <= tet || linked[f] || voxels->start[tet] == voxels->start[tet + 1] || voxels->start[other] == voxels->start[other + 1]) continue;
+        if (other <= tet || linked[f] || voxels->start[tet] == voxels->start[tet + 1] ||
+            voxels->start[other] == voxels->start[other + 1])
+            continue;
         closest(work, tet, other, NULL, pair);
         status = add_bridge(work, pair);
     }
@@ -239,7 +247,8 @@ static void nearer(const bridges *work, int32_t tet, const double index[3], doub
         int32_t at[3];
         double squares = 0;
         pliant_place_of(voxels, voxels->voxel[v], at);
-        for (int d = 0; d < 3; d++) squares += (at[d] - index[d]) * (at[d] - index[d]) * work->spacing[d] * work->spacing[d];
+        for (int d = 0; d < 3; d++)
+            squares += (at[d] - index[d]) * (at[d] - index[d]) * work->spacing[d] * work->spacing[d];
         if (*voxel >= 0 && squares >= *least) continue;
         *least = squares;
         *voxel = voxels->voxel[v];
@@ -283,7 +292,8 @@ static pliant_status list_beside(pliant_voxels *voxels)
     if (!start || !voxels->beside) return pliant_fail_memory("the voxels of a body");
     for (int32_t e = 0; e < ends; e++) start[voxels->owner[voxels->bridge[2 * first + e]] + 2]++;
     for (int32_t t = 0; t < voxels->num_tets; t++) start[t + 2] += start[t + 1];
-    for (int32_t e = 0; e < ends; e++) voxels->beside[start[voxels->owner[voxels->bridge[2 * first + e]] + 1]++] = first + e / 2;
+    for (int32_t e = 0; e < ends; e++)
+        voxels->beside[start[voxels->owner[voxels->bridge[2 * first + e]] + 1]++] = first + e / 2;
     return PLIANT_OK;
 }
 
@@ -292,16 +302,19 @@ pliant_status pliant_bridges_build(const pliant_mesh *fine, pliant_voxels *voxel
     bridges work = {.voxels = voxels, .spacing = voxels->geometry.spacing};
     size_t most = 1;
     for (int32_t t = 0; t < voxels->num_tets; t++)
-        if ((size_t)(voxels->start[t + 1] - voxels->start[t]) > most) most = (size_t)(voxels->start[t + 1] - voxels->start[t]);
+        if ((size_t)(voxels->start[t + 1] - voxels->start[t]) > most)
+            most = (size_t)(voxels->start[t + 1] - voxels->start[t]);
     for (int32_t n = 0; n < voxels->num_nodes; n++)
         if ((size_t)(voxels->around_start[n + 1] - voxels->around_start[n]) > most)
             most = (size_t)(voxels->around_start[n + 1] - voxels->around_start[n]);
     const int threads = omp_get_max_threads();
-    int32_t *part = pliant_calloc((size_t)threads * most, sizeof *part), *parts = pliant_calloc((size_t)voxels->num_tets + 1, sizeof *parts);
+    int32_t *part = pliant_calloc((size_t)threads * most, sizeof *part),
+            *parts = pliant_calloc((size_t)voxels->num_tets + 1, sizeof *parts);
     uint8_t *linked = pliant_calloc((size_t)voxels->num_tets, 4);
     run *runs = pliant_calloc((size_t)threads * most, sizeof *runs);
     work.place = pliant_calloc(most, 3 * sizeof *work.place);
-    pliant_status status = part && parts && linked && runs && work.place ? PLIANT_OK : pliant_fail_memory("the voxels of a body");
+    pliant_status status =
+        part && parts && linked && runs && work.place ? PLIANT_OK : pliant_fail_memory("the voxels of a body");
     if (status == PLIANT_OK) count_parts(voxels, threads, most, runs, part, parts);
     if (status == PLIANT_OK) status = bridge_within(&work, parts, part);
     if (status == PLIANT_OK) status = bridge_faces(&work, threads, linked);

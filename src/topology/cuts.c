@@ -106,11 +106,16 @@ pliant_status pliant_cuts_copy(const pliant_cuts *from, pliant_cuts **out)
     to->num_pieces = from->num_pieces;
     hold(from->pool, to);
     const size_t tets = (size_t)from->num_tets, one = sizeof(int32_t);
-    if (!copy(from->link, (size_t)from->num_links, sizeof *to->link, &to->link) || !copy(from->bridge, (size_t)from->num_bridges, one, &to->bridge) ||
-        !copy(from->tet, tets, one, &to->tet) || !copy(from->start, tets + 1, one, &to->start) ||
-        !copy(from->fragment, (size_t)from->start[tets], one, &to->fragment) || !copy(from->voxel_start, tets, one, &to->voxel_start) ||
-        !copy(from->cut_end, (size_t)from->num_cuts, one, &to->cut_end) || !copy(from->stroke, (size_t)from->num_cuts, 2 * sizeof *to->stroke, &to->stroke) || !copy(from->severed, severed, sizeof *to->severed, &to->severed) ||
-        !copy(from->chip, (size_t)from->num_chips, 2 * one, &to->chip) || !copy(from->join, (size_t)from->num_joins, 2 * one, &to->join)) {
+    if (!copy(from->link, (size_t)from->num_links, sizeof *to->link, &to->link) ||
+        !copy(from->bridge, (size_t)from->num_bridges, one, &to->bridge) || !copy(from->tet, tets, one, &to->tet) ||
+        !copy(from->start, tets + 1, one, &to->start) ||
+        !copy(from->fragment, (size_t)from->start[tets], one, &to->fragment) ||
+        !copy(from->voxel_start, tets, one, &to->voxel_start) ||
+        !copy(from->cut_end, (size_t)from->num_cuts, one, &to->cut_end) ||
+        !copy(from->stroke, (size_t)from->num_cuts, 2 * sizeof *to->stroke, &to->stroke) ||
+        !copy(from->severed, severed, sizeof *to->severed, &to->severed) ||
+        !copy(from->chip, (size_t)from->num_chips, 2 * one, &to->chip) ||
+        !copy(from->join, (size_t)from->num_joins, 2 * one, &to->join)) {
         pliant_cuts_free(to);
         return pliant_fail_memory("the cuts of a body");
     }

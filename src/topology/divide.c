@@ -45,23 +45,28 @@ static int32_t count_nodes(const pliant_body *body, const pliant_division *divis
 {
     int32_t tets = body->fine.num_tets, nodes = body->fine.num_nodes;
     if (division->num_tets < tets || (division->num_tets > tets && (!division->tet_source || !division->material))) {
-        pliant_fail(PLIANT_ERROR_ARGUMENT, "a division of %d tetrahedra into %d: fragments need their sources and materials", tets,
+        pliant_fail(PLIANT_ERROR_ARGUMENT,
+                    "a division of %d tetrahedra into %d: fragments need their sources and materials", tets,
                     division->num_tets);
         return 0;
     }
     for (int32_t t = tets; t < division->num_tets; t++)
         if (source_of_tet(body, division, t) < 0 || source_of_tet(body, division, t) >= tets) {
-            pliant_fail(PLIANT_ERROR_ARGUMENT, "fragment %d is of tetrahedron %d of %d", t, source_of_tet(body, division, t), tets);
+            pliant_fail(PLIANT_ERROR_ARGUMENT, "fragment %d is of tetrahedron %d of %d", t,
+                        source_of_tet(body, division, t), tets);
             return 0;
         }
     for (int32_t c = 0; c < division->num_changed; c++)
-        if (division->changed[c] < 0 || division->changed[c] >= tets || (c > 0 && division->changed[c] <= division->changed[c - 1])) {
-            pliant_fail(PLIANT_ERROR_ARGUMENT, "tetrahedra that a division changes must ascend, within %d: %d does not", tets, division->changed[c]);
+        if (division->changed[c] < 0 || division->changed[c] >= tets ||
+            (c > 0 && division->changed[c] <= division->changed[c - 1])) {
+            pliant_fail(PLIANT_ERROR_ARGUMENT, "tetrahedra that a division changes must ascend, within %d: %d does not",
+                        tets, division->changed[c]);
             return 0;
         }
     for (int32_t v = 0; v < 4 * count_rows(body, division); v++) {
         if (division->corners[v] < 0 || division->corners[v] >= body->fine.num_nodes + 4 * division->num_tets) {
-            pliant_fail(PLIANT_ERROR_ARGUMENT, "tetrahedron %d of a division names node %d", tet_of_row(body, division, v / 4), division->corners[v]);
+            pliant_fail(PLIANT_ERROR_ARGUMENT, "tetrahedron %d of a division names node %d",
+                        tet_of_row(body, division, v / 4), division->corners[v]);
             return 0;
         }
         if (division->corners[v] >= nodes) nodes = division->corners[v] + 1;
@@ -70,14 +75,17 @@ static int32_t count_nodes(const pliant_body *body, const pliant_division *divis
 }
 
 /* Find the nearer end of the edge of each appended node. */
-static pliant_status find_nearest(const pliant_body *body, const pliant_division *division, int32_t nodes, int32_t *source)
+static pliant_status find_nearest(const pliant_body *body, const pliant_division *division, int32_t nodes,
+                                  int32_t *source)
 {
     for (int32_t v = 0; v < 4 * division->num_tets; v++) source[division->corners[v]] = division->corners[v];
     for (int32_t n = body->fine.num_nodes; n < nodes; n++) {
         const pliant_between *between = division->between + (n - body->fine.num_nodes);
         bool good = source[n] >= 0 && between->share >= 0 && between->share <= 1;
         for (int end = 0; end < 2; end++) good = good && between->end[end] >= 0 && between->end[end] < n;
-        if (!good) return pliant_fail(PLIANT_ERROR_ARGUMENT, "node %d of a division lies between none that are there, or has no corner", n);
+        if (!good)
+            return pliant_fail(PLIANT_ERROR_ARGUMENT,
+                               "node %d of a division lies between none that are there, or has no corner", n);
         source[n] = between->end[between->share > 0.5];
     }
     return PLIANT_OK;
@@ -86,15 +94,17 @@ static pliant_status find_nearest(const pliant_body *body, const pliant_division
 /* Find the source node of each node. The node of every corner is the previous node or a copy of it, and every node has
  * a corner.
  * source: output, (nodes of the next body) */
-static pliant_status find_sources(const pliant_body *body, const pliant_division *division, int32_t nodes, int32_t *source)
+static pliant_status find_sources(const pliant_body *body, const pliant_division *division, int32_t nodes,
+                                  int32_t *source)
 {
     memset(source, 0xff, (size_t)nodes * sizeof *source);
     if (division->between) return find_nearest(body, division, nodes, source);
     for (int32_t v = 0; v < 4 * count_rows(body, division); v++) {
-        int32_t node = division->corners[v], was = body->fine.tets[4 * source_of_tet(body, division, tet_of_row(body, division, v / 4)) + v % 4];
+        int32_t node = division->corners[v],
+                was = body->fine.tets[4 * source_of_tet(body, division, tet_of_row(body, division, v / 4)) + v % 4];
         if ((source[node] >= 0 && source[node] != was) || (node < body->fine.num_nodes && node != was))
-            return pliant_fail(PLIANT_ERROR_ARGUMENT, "node %d of a division is at the corners of two nodes, %d and %d", node, was,
-                               node < body->fine.num_nodes ? node : source[node]);
+            return pliant_fail(PLIANT_ERROR_ARGUMENT, "node %d of a division is at the corners of two nodes, %d and %d",
+                               node, was, node < body->fine.num_nodes ? node : source[node]);
         source[node] = was;
     }
     /* tetrahedra that are not listed keep their nodes */
@@ -110,19 +120,24 @@ static pliant_status append_tets(pliant_body *next, const pliant_division *divis
     const int32_t *of = division->tet_source;
     pliant_status status = pliant_body_append_parents(&next->tet_parent, before, appended, of);
     if (status == PLIANT_OK) status = pliant_body_append(&fine->tets, 4 * sizeof *fine->tets, before, appended, of);
-    if (status == PLIANT_OK) status = pliant_body_append(&fine->lattice_of_tet, sizeof *fine->lattice_of_tet, before, appended, of);
-    if (status == PLIANT_OK) status = pliant_body_append(&next->fine_material, sizeof *next->fine_material, before, appended, of);
-    if (status == PLIANT_OK) status = pliant_body_append(&next->coarse_of_fine, sizeof *next->coarse_of_fine, before, appended, of);
+    if (status == PLIANT_OK)
+        status = pliant_body_append(&fine->lattice_of_tet, sizeof *fine->lattice_of_tet, before, appended, of);
+    if (status == PLIANT_OK)
+        status = pliant_body_append(&next->fine_material, sizeof *next->fine_material, before, appended, of);
+    if (status == PLIANT_OK)
+        status = pliant_body_append(&next->coarse_of_fine, sizeof *next->coarse_of_fine, before, appended, of);
     if (status != PLIANT_OK || appended == 0) return status;
     fine->num_tets = division->num_tets;
-    if (!(next->changes.tet_source = pliant_calloc((size_t)appended, sizeof *of))) return pliant_fail_memory("the next body");
+    if (!(next->changes.tet_source = pliant_calloc((size_t)appended, sizeof *of)))
+        return pliant_fail_memory("the next body");
     memcpy(next->changes.tet_source, of, (size_t)appended * sizeof *of);
     return PLIANT_OK;
 }
 
 static bool differs(const pliant_body *body, const pliant_body *next, int32_t tet)
 {
-    return memcmp(body->fine.tets + 4 * (size_t)tet, next->fine.tets + 4 * (size_t)tet, 4 * sizeof *body->fine.tets) != 0 ||
+    return memcmp(body->fine.tets + 4 * (size_t)tet, next->fine.tets + 4 * (size_t)tet, 4 * sizeof *body->fine.tets) !=
+               0 ||
            memcmp(body->fine_material + tet, next->fine_material + tet, sizeof *body->fine_material) != 0;
 }
 
@@ -161,9 +176,11 @@ static int32_t list_nodes(const pliant_body *body, const pliant_body *next, int3
 {
     const pliant_body_changes *changes = &next->changes;
     const int32_t appended = next->fine.num_tets - body->fine.num_tets;
-    int32_t *nodes = *list = pliant_calloc(8 * ((size_t)changes->num_touched + (size_t)appended) + 1, sizeof *nodes), count = 0;
+    int32_t *nodes = *list = pliant_calloc(8 * ((size_t)changes->num_touched + (size_t)appended) + 1, sizeof *nodes),
+            count = 0;
     for (int32_t i = 0; nodes && i < changes->num_touched + appended; i++) {
-        const int32_t t = i < changes->num_touched ? changes->touched[i] : body->fine.num_tets + i - changes->num_touched;
+        const int32_t t =
+            i < changes->num_touched ? changes->touched[i] : body->fine.num_tets + i - changes->num_touched;
         for (int v = 0; v < 4; v++) {
             nodes[count++] = next->fine.tets[4 * (size_t)t + v];
             if (t < body->fine.num_tets) nodes[count++] = body->fine.tets[4 * (size_t)t + v];
@@ -174,14 +191,17 @@ static int32_t list_nodes(const pliant_body *body, const pliant_body *next, int3
 
 /* Recompute the mass of a node from the fragments of voxels around it. The initial tetrahedra around the node give the
  * candidates. */
-static pliant_status renew_mass(const pliant_body *next, const pliant_cuts *cuts, int32_t node, int32_t **room, int32_t *most)
+static pliant_status renew_mass(const pliant_body *next, const pliant_cuts *cuts, int32_t node, int32_t **room,
+                                int32_t *most)
 {
     const pliant_voxels *voxels = next->voxels;
     const int32_t load = next->node_parent ? next->node_parent[node] : node;
     int32_t count = 0;
     for (int32_t a = voxels->around_start[load]; a < voxels->around_start[load + 1]; a++) {
-        const int32_t tet = voxels->around[a] / 4, corner = voxels->around[a] % 4, at = place_of(cuts->tet, cuts->num_tets, tet);
-        const int32_t *fragment = at < 0 ? &tet : cuts->fragment + cuts->start[at], fragments = at < 0 ? 1 : cuts->start[at + 1] - cuts->start[at];
+        const int32_t tet = voxels->around[a] / 4, corner = voxels->around[a] % 4,
+                      at = place_of(cuts->tet, cuts->num_tets, tet);
+        const int32_t *fragment = at < 0 ? &tet : cuts->fragment + cuts->start[at],
+                      fragments = at < 0 ? 1 : cuts->start[at + 1] - cuts->start[at];
         if (count + fragments > *most) {
             int32_t *longer = pliant_resize(*room, 2 * (size_t)(count + fragments), sizeof *longer);
             if (!longer) return pliant_fail_memory("the next body");
@@ -205,7 +225,8 @@ static pliant_status renew_masses(const pliant_body *body, const pliant_cuts *cu
     const int32_t count = list_nodes(body, next, &nodes);
     pliant_status status = count < 0 ? pliant_fail_memory("the next body") : PLIANT_OK;
     if (cuts && next->voxels) {
-        for (int32_t i = 0; i < count && status == PLIANT_OK; i++) status = renew_mass(next, cuts, nodes[i], &room, &most);
+        for (int32_t i = 0; i < count && status == PLIANT_OK; i++)
+            status = renew_mass(next, cuts, nodes[i], &room, &most);
     } else if (count > 0) {
         uint8_t *changed = pliant_calloc((size_t)fine->num_nodes, 1);
         if (!changed) status = pliant_fail_memory("the next body");
@@ -235,11 +256,13 @@ static void place_nodes(const pliant_division *division, int32_t before, pliant_
     }
 }
 
-static pliant_status divide(const pliant_body *body, const pliant_division *division, int32_t nodes, const int32_t *source, pliant_body *next)
+static pliant_status divide(const pliant_body *body, const pliant_division *division, int32_t nodes,
+                            const int32_t *source, pliant_body *next)
 {
     const int32_t before = next->fine.num_nodes;
     pliant_status status = pliant_body_append_nodes(next, nodes - before, source + before);
-    if (status == PLIANT_OK && division->copy_fixed && nodes > before) memcpy(next->fine_fixed + before, division->copy_fixed, (size_t)(nodes - before));
+    if (status == PLIANT_OK && division->copy_fixed && nodes > before)
+        memcpy(next->fine_fixed + before, division->copy_fixed, (size_t)(nodes - before));
     if (status == PLIANT_OK) status = append_tets(next, division);
     if (status != PLIANT_OK) return status;
     if (division->between) place_nodes(division, before, next);
@@ -268,7 +291,8 @@ static pliant_status divide(const pliant_body *body, const pliant_division *divi
     return status;
 }
 
-pliant_status pliant_body_divide(const pliant_body *body, uint64_t revision, const pliant_division *division, pliant_body **out)
+pliant_status pliant_body_divide(const pliant_body *body, uint64_t revision, const pliant_division *division,
+                                 pliant_body **out)
 {
     pliant_body *next = NULL;
     int32_t nodes = count_nodes(body, division), *source = NULL;

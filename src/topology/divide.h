@@ -30,7 +30,8 @@ typedef struct body_faces {
 /* Update next->across from next->changes.
  * cuts: cuts of next if its fragments consist of voxels, otherwise NULL
  * other: output; the caller frees its list */
-pliant_status pliant_body_find_across(const pliant_body *before, const pliant_cuts *cuts, pliant_body *next, body_faces *other);
+pliant_status pliant_body_find_across(const pliant_body *before, const pliant_cuts *cuts, pliant_body *next,
+                                      body_faces *other);
 /* Build next->triangles from the previous triangles. The corners of next must be final. The list of `other` is sorted
  * and extended. */
 pliant_status pliant_body_find_surface(const pliant_body *before, pliant_body *next, body_faces *other);
@@ -41,7 +42,8 @@ void pliant_subdivision_free(pliant_subdivision *subdivision); /* Nullable */
 pliant_status pliant_subdivision_copy(const pliant_subdivision *from, int32_t nodes, pliant_subdivision **out);
 /* Append the edge positions of new nodes.
  * source: used if between is NULL: nodes whose entries are copied */
-pliant_status pliant_subdivision_append(pliant_subdivision *subdivision, int32_t nodes, int32_t appended, const int32_t *source);
+pliant_status pliant_subdivision_append(pliant_subdivision *subdivision, int32_t nodes, int32_t appended,
+                                        const int32_t *source);
 
 /* ---- pieces.c */
 /* Find the pieces of next that nothing fixed holds any more; its topology must be complete. Their nodes become fixed,

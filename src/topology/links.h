@@ -19,7 +19,8 @@ typedef struct pliant_links {
 } pliant_links;
 
 /* half of the 18 neighbours of a voxel: those with a higher index */
-static const int8_t pliant_behind[9][3] = {{1, 0, 0}, {-1, 1, 0}, {0, 1, 0}, {1, 1, 0}, {0, -1, 1}, {-1, 0, 1}, {0, 0, 1}, {1, 0, 1}, {0, 1, 1}};
+static const int8_t pliant_behind[9][3] = {{1, 0, 0},  {-1, 1, 0}, {0, 1, 0}, {1, 1, 0}, {0, -1, 1},
+                                           {-1, 0, 1}, {0, 0, 1},  {1, 0, 1}, {0, 1, 1}};
 
 static inline void pliant_place_of(const pliant_voxels *voxels, int32_t voxel, int32_t at[3])
 {
@@ -46,7 +47,8 @@ static inline int32_t pliant_stride_of(const pliant_voxels *voxels, int axis)
 }
 
 /* Return the voxel at an offset; -1: outside the scan. */
-static inline int32_t pliant_step_to(const pliant_voxels *voxels, int32_t voxel, const int32_t at[3], const int8_t step[3])
+static inline int32_t pliant_step_to(const pliant_voxels *voxels, int32_t voxel, const int32_t at[3],
+                                     const int8_t step[3])
 {
     const int32_t *size = voxels->geometry.size;
     for (int d = 0; d < 3; d++)
@@ -96,7 +98,10 @@ static inline bool pliant_link_severed(const pliant_links *links, int32_t voxel,
     if (links->severed) {
         const int32_t i = at[0] - links->low[0], j = at[1] - links->low[1], k = at[2] - links->low[2];
         if (i >= 0 && j >= 0 && k >= 0 && i < links->size[0] && j < links->size[1] && k < links->size[2])
-            return links->severed[(size_t)i + (size_t)links->size[0] * ((size_t)j + (size_t)links->size[1] * (size_t)k)] >> axis & 1;
+            return links->severed[(size_t)i +
+                                  (size_t)links->size[0] * ((size_t)j + (size_t)links->size[1] * (size_t)k)] >>
+                       axis &
+                   1;
     }
     if (!links->cuts) return false;
     const uint32_t link = 4 * (uint32_t)voxel + (uint32_t)axis;

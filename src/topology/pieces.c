@@ -63,7 +63,9 @@ pliant_status pliant_pieces_copy(const pliant_pieces *pieces, pliant_pieces **ou
 static pliant_status take_joints(search *work, const pliant_division *division)
 {
     const pliant_pieces *before = work->next->pieces;
-    const int32_t joints = !before ? 0 : division->joint ? division->num_joints : before->num_joints + before->num_inner;
+    const int32_t joints = !before           ? 0
+                           : division->joint ? division->num_joints
+                                             : before->num_joints + before->num_inner;
     work->joint = pliant_calloc((size_t)joints + 1, 2 * sizeof *work->joint);
     if (!work->joint) return pliant_fail_memory("the pieces of the body");
     work->num_joints = joints;
@@ -73,7 +75,10 @@ static pliant_status take_joints(search *work, const pliant_division *division)
     return PLIANT_OK;
 }
 
-static int32_t node_of(const search *work, int32_t joint, int end) { return work->next->fine.tets[work->joint[2 * joint + end]]; }
+static int32_t node_of(const search *work, int32_t joint, int end)
+{
+    return work->next->fine.tets[work->joint[2 * joint + end]];
+}
 
 /* Release earlier pieces, so that they are found again together with parts that have detached from them. */
 static void forget_before(const search *work)
@@ -88,7 +93,8 @@ static void forget_before(const search *work)
 static void mark_nodes(const search *work)
 {
     const pliant_mesh *fine = &work->next->fine;
-    for (int32_t v = 0; v < 4 * fine->num_tets; v++) (work->loose[v / 4] ? work->in_loose : work->in_firm)[fine->tets[v]] = 1;
+    for (int32_t v = 0; v < 4 * fine->num_tets; v++)
+        (work->loose[v / 4] ? work->in_loose : work->in_firm)[fine->tets[v]] = 1;
 }
 
 /* Copy the nodes between a piece and other tissue. The other tissue keeps the nodes; the piece gets the copies. */
@@ -134,7 +140,8 @@ static void join_nodes(const search *work, int32_t *part)
         }
     }
     for (int32_t j = 0; j < work->num_joints; j++)
-        if (part[node_of(work, j, 0)] >= 0 && part[node_of(work, j, 1)] >= 0) join(part, node_of(work, j, 0), node_of(work, j, 1));
+        if (part[node_of(work, j, 0)] >= 0 && part[node_of(work, j, 1)] >= 0)
+            join(part, node_of(work, j, 0), node_of(work, j, 1));
     for (int32_t n = 0; n < fine->num_nodes; n++)
         if (part[n] >= 0) part[n] = first_of(part, n);
 }
@@ -195,7 +202,8 @@ static pliant_status list_pieces(const search *work, int32_t *part)
     made->start[0] = 0;
     if (!next->has_inertia) list_joints(work, part, made);
     if (count > (next->pieces ? next->pieces->count : 0))
-        pliant_log(PLIANT_LOG_INFO, "revision %llu: %d pieces have come off; they fall", (unsigned long long)next->revision, count);
+        pliant_log(PLIANT_LOG_INFO, "revision %llu: %d pieces have come off; they fall",
+                   (unsigned long long)next->revision, count);
     pliant_pieces_free(next->pieces);
     next->pieces = made;
     return PLIANT_OK;
@@ -228,7 +236,8 @@ static bool stay(const search *work, const pliant_division *division, const int3
         const int32_t tet = i < listed ? changes->touched[i] : changes->tets_before + i - listed;
         for (int v = 0; v < 4; v++) {
             const int32_t node = next->fine.tets[4 * (size_t)tet + (size_t)v];
-            if (of[node < changes->nodes_before ? node : changes->node_source[node - changes->nodes_before]] >= 0) return false;
+            if (of[node < changes->nodes_before ? node : changes->node_source[node - changes->nodes_before]] >= 0)
+                return false;
         }
     }
     return division->same_pieces;
@@ -241,7 +250,8 @@ static void take_before(const pliant_body *next, int32_t *of)
     const pliant_pieces *pieces = next->pieces;
     memset(of, 0xff, (size_t)next->fine.num_nodes * sizeof *of);
     for (int32_t p = 0; p < pieces->count; p++)
-        for (int32_t i = pieces->start[p]; i < pieces->start[p + 1]; i++) of[pieces->node[i]] = pieces->node[pieces->start[p]];
+        for (int32_t i = pieces->start[p]; i < pieces->start[p + 1]; i++)
+            of[pieces->node[i]] = pieces->node[pieces->start[p]];
 }
 
 /* Update the pieces after a cut that has touched none of them.
@@ -269,7 +279,8 @@ static pliant_status find(search *work)
     pliant_body *next = work->next;
     int32_t pieces = 0;
     forget_before(work);
-    pliant_status status = pliant_mesh_hold_of(&next->fine, next->across, PLIANT_FIXED_WHERE_IT_WAS, false, work->fixed, work->loose, &pieces);
+    pliant_status status = pliant_mesh_hold_of(&next->fine, next->across, PLIANT_FIXED_WHERE_IT_WAS, false, work->fixed,
+                                               work->loose, &pieces);
     if (status != PLIANT_OK || pieces == 0) return status;
     mark_nodes(work);
     if (!next->has_inertia) status = part_hinges(work);

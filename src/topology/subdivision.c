@@ -18,7 +18,9 @@ pliant_status pliant_subdivision_create(const pliant_mesh *fine, double snap, pl
         for (int a = 0; a < 4; a++)
             for (int b = 0; b < a; b++) {
                 double squares = 0;
-                for (int d = 0; d < 3; d++) squares += pow(fine->rest[3 * fine->tets[4 * t + a] + d] - fine->rest[3 * fine->tets[4 * t + b] + d], 2);
+                for (int d = 0; d < 3; d++)
+                    squares +=
+                        pow(fine->rest[3 * fine->tets[4 * t + a] + d] - fine->rest[3 * fine->tets[4 * t + b] + d], 2);
                 edge = fmin(edge, sqrt(squares));
             }
     }
@@ -59,12 +61,15 @@ pliant_status pliant_subdivision_copy(const pliant_subdivision *from, int32_t no
     return PLIANT_OK;
 }
 
-pliant_status pliant_subdivision_append(pliant_subdivision *subdivision, int32_t nodes, int32_t appended, const int32_t *source)
+pliant_status pliant_subdivision_append(pliant_subdivision *subdivision, int32_t nodes, int32_t appended,
+                                        const int32_t *source)
 {
     if (appended == 0) return PLIANT_OK;
-    pliant_between *longer = pliant_resize(subdivision->between, (size_t)(nodes - subdivision->load_nodes + appended), sizeof *longer);
+    pliant_between *longer =
+        pliant_resize(subdivision->between, (size_t)(nodes - subdivision->load_nodes + appended), sizeof *longer);
     if (!longer) return no_memory();
     subdivision->between = longer;
-    for (int32_t n = 0; n < appended; n++) longer[nodes - subdivision->load_nodes + n] = (pliant_between){.end = {source[n], source[n]}};
+    for (int32_t n = 0; n < appended; n++)
+        longer[nodes - subdivision->load_nodes + n] = (pliant_between){.end = {source[n], source[n]}};
     return PLIANT_OK;
 }

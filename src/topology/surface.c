@@ -49,7 +49,8 @@ static surface_block *find_block(const pliant_surface *surface, int32_t host)
         if (surface->kept->block[middle]->host < host) low = middle + 1;
         else high = middle;
     }
-    return low < surface->kept->num_blocks && surface->kept->block[low]->host == host ? surface->kept->block[low] : NULL;
+    return low < surface->kept->num_blocks && surface->kept->block[low]->host == host ? surface->kept->block[low]
+                                                                                      : NULL;
 }
 
 static void mark_nodes(const surface_work *work, int32_t host, uint8_t *of_node)
@@ -73,11 +74,16 @@ static bool differs(const pliant_body *old, const pliant_body *now, int32_t host
     if (o < 0 || n < 0) return true;
     const pliant_cuts *was = old->cuts, *is = now->cuts;
     const int32_t count = is->start[n + 1] - is->start[n], *fragment = is->fragment + is->start[n];
-    const int32_t *carriers = was->voxel_fragment + was->voxel_start[o], *new_carriers = is->voxel_fragment + is->voxel_start[n];
+    const int32_t *carriers = was->voxel_fragment + was->voxel_start[o],
+                  *new_carriers = is->voxel_fragment + is->voxel_start[n];
     const size_t voxels = (size_t)(now->voxels->start[host + 1] - now->voxels->start[host]);
-    if (was->start[o + 1] - was->start[o] != count || memcmp(was->fragment + was->start[o], fragment, (size_t)count * sizeof *fragment) != 0) return true;
+    if (was->start[o + 1] - was->start[o] != count ||
+        memcmp(was->fragment + was->start[o], fragment, (size_t)count * sizeof *fragment) != 0)
+        return true;
     for (int32_t f = 0; f < count; f++)
-        if (memcmp(old->fine.tets + 4 * (size_t)fragment[f], now->fine.tets + 4 * (size_t)fragment[f], 4 * sizeof(int32_t)) != 0) return true;
+        if (memcmp(old->fine.tets + 4 * (size_t)fragment[f], now->fine.tets + 4 * (size_t)fragment[f],
+                   4 * sizeof(int32_t)) != 0)
+            return true;
     return carriers != new_carriers && memcmp(carriers, new_carriers, voxels * sizeof *carriers) != 0;
 }
 
@@ -90,7 +96,8 @@ static void mark_by_copies(const surface_work *work, const pliant_body *with)
         const int32_t parent = with->node_parent[n];
         for (int32_t a = voxels->around_start[parent]; a < voxels->around_start[parent + 1]; a++) {
             const size_t first = 4 * (size_t)(voxels->around[a] / 4);
-            if (memcmp(old + first, now + first, 4 * sizeof *now) != 0) mark_nodes(work, voxels->around[a] / 4, work->near_other);
+            if (memcmp(old + first, now + first, 4 * sizeof *now) != 0)
+                mark_nodes(work, voxels->around[a] / 4, work->near_other);
         }
     }
 }
@@ -136,10 +143,12 @@ static pliant_status find_blocks(surface_work *work, int32_t *count)
     if (work->before) mark_others(work);
     for (int32_t n = 0; n < cuts->num_tets; n++)
         if (pliant_surface_is_split(&work->maker, cuts->tet[n])) mark_nodes(work, cuts->tet[n], work->near_split);
-    for (int32_t n = voxels->num_nodes; n < work->body->fine.num_nodes; n++) work->near_split[work->body->node_parent[n]] = 1;
+    for (int32_t n = voxels->num_nodes; n < work->body->fine.num_nodes; n++)
+        work->near_split[work->body->node_parent[n]] = 1;
     for (int32_t t = 0; t < voxels->num_tets && status == PLIANT_OK; t++) {
         if (!has_marked(work, t, work->near_split)) continue;
-        surface_block *kept = work->before && !has_marked(work, t, work->near_other) ? find_block(work->before, t) : NULL;
+        surface_block *kept =
+            work->before && !has_marked(work, t, work->near_other) ? find_block(work->before, t) : NULL;
         (*count)++;
         if (kept) {
             atomic_fetch_add_explicit(&kept->holders, 1, memory_order_relaxed);
@@ -167,7 +176,8 @@ static pliant_status find_outside(const surface_work *work, struct pliant_surfac
     const struct pliant_surface_kept *from = work->before ? work->before->kept : NULL;
     for (int32_t f = 0; !from && f < 4 * voxels->num_tets; f++) out->num_outside += voxels->across[f] < 0;
     if (from) out->num_outside = from->num_outside;
-    if (!(out->outside = pliant_calloc((size_t)out->num_outside + 1, sizeof *out->outside))) return pliant_surface_no_memory();
+    if (!(out->outside = pliant_calloc((size_t)out->num_outside + 1, sizeof *out->outside)))
+        return pliant_surface_no_memory();
     if (from) memcpy(out->outside, from->outside, (size_t)out->num_outside * sizeof *out->outside);
     for (int32_t f = 0, n = 0; !from && f < 4 * voxels->num_tets; f++)
         if (voxels->across[f] < 0) out->outside[n++] = f;
@@ -191,9 +201,11 @@ static int32_t number_of(surface_map *all, const surface_vertex *vertex, uint8_t
     return surface->body->fine.num_nodes + number;
 }
 
-static bool add_triangles(surface_map *all, const surface_block *block, bool cut, uint8_t *is_lattice, pliant_surface *surface)
+static bool add_triangles(surface_map *all, const surface_block *block, bool cut, uint8_t *is_lattice,
+                          pliant_surface *surface)
 {
-    const int32_t *from = block->triangle + (cut ? 3 * (size_t)block->num_outer : 0), count = cut ? block->num_cut : block->num_outer;
+    const int32_t *from = block->triangle + (cut ? 3 * (size_t)block->num_outer : 0),
+                  count = cut ? block->num_cut : block->num_outer;
     for (int32_t v = 0; v < 3 * count; v++) {
         const int32_t number = number_of(all, block->vertex + from[v], is_lattice, surface);
         if (number < 0) return false;
@@ -227,16 +239,19 @@ static pliant_status gather(const surface_work *work, pliant_surface *surface)
         const int32_t host = kept->outside[f] / 4;
         if (work->block[host]) continue;
         for (int v = 0; v < 3; v++)
-            surface->triangle[3 * (size_t)surface->num_triangles + (size_t)v] = tets[4 * (size_t)host + (size_t)pliant_face_corners[kept->outside[f] % 4][v]];
+            surface->triangle[3 * (size_t)surface->num_triangles + (size_t)v] =
+                tets[4 * (size_t)host + (size_t)pliant_face_corners[kept->outside[f] % 4][v]];
         surface->num_triangles++;
     }
     surface_map all = {0};
     bool good = true;
     for (int cut = 0; cut < 2; cut++) {
         surface->first_cut = surface->num_triangles;
-        for (int32_t b = 0; good && b < kept->num_blocks; b++) good = add_triangles(&all, kept->block[b], cut, is_lattice, surface);
+        for (int32_t b = 0; good && b < kept->num_blocks; b++)
+            good = add_triangles(&all, kept->block[b], cut, is_lattice, surface);
     }
-    const pliant_status status = good ? pliant_surface_flatten(&work->maker, is_lattice, surface) : pliant_surface_no_memory();
+    const pliant_status status =
+        good ? pliant_surface_flatten(&work->maker, is_lattice, surface) : pliant_surface_no_memory();
     pliant_surface_map_free(&all);
     pliant_free(is_lattice);
     return status;
@@ -260,9 +275,16 @@ static pliant_status create_cut(surface_work *work, pliant_surface *surface)
     int32_t count = 0;
     double most = INFINITY;
     for (int d = 0; d < 3; d++) most = fmin(most, mesh->cell_size[d] / voxels->geometry.spacing[d] / voxels_of_part);
-    work->maker = (surface_maker){.body = work->body, .voxels = voxels, .cuts = work->body->cuts, .cut_of = work->cut_of, .block = work->block,
-                                  .parts = (int)fmin(fmax(most, 1), SURFACE_MOST_PARTS), .where.size = sizeof(double), .near.size = sizeof(surface_sample),
-                                  .made.size = sizeof(surface_vertex), .triangles = {{.size = 3 * sizeof(int32_t)}, {.size = 3 * sizeof(int32_t)}}};
+    work->maker = (surface_maker){.body = work->body,
+                                  .voxels = voxels,
+                                  .cuts = work->body->cuts,
+                                  .cut_of = work->cut_of,
+                                  .block = work->block,
+                                  .parts = (int)fmin(fmax(most, 1), SURFACE_MOST_PARTS),
+                                  .where.size = sizeof(double),
+                                  .near.size = sizeof(surface_sample),
+                                  .made.size = sizeof(surface_vertex),
+                                  .triangles = {{.size = 3 * sizeof(int32_t)}, {.size = 3 * sizeof(int32_t)}}};
     for (int32_t t = 0; t < voxels->num_tets; t++) work->cut_of[t] = -1;
     for (int32_t n = 0; n < work->body->cuts->num_tets; n++) work->cut_of[work->body->cuts->tet[n]] = n;
     pliant_status status = find_outside(work, surface->kept);
@@ -277,8 +299,16 @@ static void free_work(surface_work *work)
     for (int32_t t = 0; work->block && t < work->body->voxels->num_tets; t++) release_block(work->block[t]);
     pliant_surface_map_free(&work->maker.crossings);
     pliant_surface_map_free(&work->maker.vertices);
-    void *blocks[] = {work->cut_of, work->near_other, work->near_split, work->block, work->is_new, work->maker.where.at, work->maker.near.at, work->maker.made.at,
-                      work->maker.triangles[0].at, work->maker.triangles[1].at};
+    void *blocks[] = {work->cut_of,
+                      work->near_other,
+                      work->near_split,
+                      work->block,
+                      work->is_new,
+                      work->maker.where.at,
+                      work->maker.near.at,
+                      work->maker.made.at,
+                      work->maker.triangles[0].at,
+                      work->maker.triangles[1].at};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
 }
 
@@ -288,7 +318,8 @@ static pliant_status copy_triangles(pliant_surface *surface)
     const pliant_body *body = surface->body;
     surface->triangle = pliant_calloc((size_t)body->num_triangles + 1, 3 * sizeof *surface->triangle);
     if (!surface->triangle) return pliant_surface_no_memory();
-    if (body->num_triangles > 0) memcpy(surface->triangle, body->triangles, 3 * (size_t)body->num_triangles * sizeof *body->triangles);
+    if (body->num_triangles > 0)
+        memcpy(surface->triangle, body->triangles, 3 * (size_t)body->num_triangles * sizeof *body->triangles);
     surface->num_triangles = surface->first_cut = body->num_triangles;
     return body->subdivision && body->subdivision->between ? pliant_surface_part_subdivided(surface) : PLIANT_OK;
 }
@@ -312,7 +343,9 @@ pliant_status pliant_surface_create(const pliant_body *body, const pliant_surfac
         work.block = pliant_calloc(tets, sizeof(surface_block *));
         work.is_new = pliant_calloc(tets, 1);
         surface->kept = pliant_calloc(1, sizeof *surface->kept);
-        status = work.cut_of && work.near_other && work.near_split && work.block && work.is_new && surface->kept ? create_cut(&work, surface) : pliant_surface_no_memory();
+        status = work.cut_of && work.near_other && work.near_split && work.block && work.is_new && surface->kept
+                     ? create_cut(&work, surface)
+                     : pliant_surface_no_memory();
         free_work(&work);
     }
     if (status != PLIANT_OK) {

@@ -94,7 +94,10 @@ void pliant_surface_key_of(const int32_t node[4], const int32_t weight[4], surfa
 
 /* ---- surface_label.c */
 
-static inline int32_t pliant_surface_load_node(const surface_maker *maker, int32_t node) { return maker->body->node_parent ? maker->body->node_parent[node] : node; }
+static inline int32_t pliant_surface_load_node(const surface_maker *maker, int32_t node)
+{
+    return maker->body->node_parent ? maker->body->node_parent[node] : node;
+}
 
 /* Return the index of a lattice point in label.
  * at: coordinates with a sum of `parts` */

@@ -58,7 +58,8 @@ static surface_point middle_of_face(const surface_maker *maker, const small_tet 
     surface_point edge[3], out;
     for (int e = 0; e < 3; e++) edge[e] = crossing_of(maker, tet, corner[e], corner[(e + 1) % 3]);
     mean_of((const surface_point *[]){edge, edge + 1, edge + 2}, 3, &out);
-    for (int v = 0; v < 4; v++) out.weight[v] = SURFACE_SHARE / 3 * (tet->at[corner[0]][v] + tet->at[corner[1]][v] + tet->at[corner[2]][v]);
+    for (int v = 0; v < 4; v++)
+        out.weight[v] = SURFACE_SHARE / 3 * (tet->at[corner[0]][v] + tet->at[corner[1]][v] + tet->at[corner[2]][v]);
     return out;
 }
 
@@ -75,7 +76,8 @@ static surface_point middle_of_tet(const surface_maker *maker, const small_tet *
             count++;
         }
     mean_of(crossed, count, &out);
-    for (int v = 0; v < 4; v++) out.weight[v] = SURFACE_SHARE / 4 * (tet->at[0][v] + tet->at[1][v] + tet->at[2][v] + tet->at[3][v]);
+    for (int v = 0; v < 4; v++)
+        out.weight[v] = SURFACE_SHARE / 4 * (tet->at[0][v] + tet->at[1][v] + tet->at[2][v] + tet->at[3][v]);
     return out;
 }
 
@@ -98,9 +100,11 @@ static int32_t add_vertex(surface_maker *maker, int32_t host, int32_t fragment, 
     return number;
 }
 
-static bool add_triangle(surface_maker *maker, int list, int32_t host, int32_t fragment, const surface_point *a, const surface_point *b, const surface_point *c)
+static bool add_triangle(surface_maker *maker, int list, int32_t host, int32_t fragment, const surface_point *a,
+                         const surface_point *b, const surface_point *c)
 {
-    const int32_t vertex[3] = {add_vertex(maker, host, fragment, a), add_vertex(maker, host, fragment, b), add_vertex(maker, host, fragment, c)};
+    const int32_t vertex[3] = {add_vertex(maker, host, fragment, a), add_vertex(maker, host, fragment, b),
+                               add_vertex(maker, host, fragment, c)};
     if (vertex[0] < 0 || vertex[1] < 0 || vertex[2] < 0) return false;
     if (vertex[0] == vertex[1] || vertex[1] == vertex[2] || vertex[2] == vertex[0]) return true;
     int32_t *added = pliant_surface_add(&maker->triangles[list]);
@@ -109,11 +113,13 @@ static bool add_triangle(surface_maker *maker, int list, int32_t host, int32_t f
 }
 
 /* Add a polygon as a fan around its first point. */
-static bool add_polygon(surface_maker *maker, int list, int32_t host, int32_t fragment, const surface_point *point, int count, bool turned)
+static bool add_polygon(surface_maker *maker, int list, int32_t host, int32_t fragment, const surface_point *point,
+                        int count, bool turned)
 {
     bool good = true;
     for (int n = 1; good && n + 1 < count; n++)
-        good = add_triangle(maker, list, host, fragment, point, point + (turned ? n + 1 : n), point + (turned ? n : n + 1));
+        good = add_triangle(maker, list, host, fragment, point, point + (turned ? n + 1 : n),
+                            point + (turned ? n : n + 1));
     return good;
 }
 
@@ -121,7 +127,8 @@ static bool add_polygon(surface_maker *maker, int list, int32_t host, int32_t fr
 
 /* Find the lines between the crossed edges of a face. With three crossings, each is connected to the centre; with two,
  * they are connected directly. Return whether there are three. */
-static bool find_partings(const surface_maker *maker, const small_tet *tet, const int corner[3], parting *out, int *count)
+static bool find_partings(const surface_maker *maker, const small_tet *tet, const int corner[3], parting *out,
+                          int *count)
 {
     bool crossed[3];
     int times = 0;
@@ -184,14 +191,17 @@ static bool holds_together(const surface_maker *maker, const host_face *face, in
 {
     const int32_t *tets = maker->body->fine.tets;
     for (int v = 0; v < 4; v++)
-        if (v != face->opposite && tets[4 * (size_t)own + (size_t)v] != tets[4 * (size_t)other + (size_t)face->corner[v]]) return false;
+        if (v != face->opposite &&
+            tets[4 * (size_t)own + (size_t)v] != tets[4 * (size_t)other + (size_t)face->corner[v]])
+            return false;
     return true;
 }
 
 /* Add a polygon of a host's face that belongs to a fragment. If the neighbour's fragment is not connected there, the
  * polygon is surface. A neighbour that is not refined does not add its own side, so both sides are added.
  * at: a lattice point of the polygon */
-static bool add_piece(surface_maker *maker, const host_face *face, int32_t fragment, const int32_t at[4], const surface_point *point, int count)
+static bool add_piece(surface_maker *maker, const host_face *face, int32_t fragment, const int32_t at[4],
+                      const surface_point *point, int count)
 {
     if (face->other < 0) return add_polygon(maker, OUTSIDE, face->host, fragment, point, count, false);
     const surface_block *other = split_block(maker, face->other);
@@ -236,7 +246,8 @@ static bool add_small_face(surface_maker *maker, const host_face *face, const sm
     const surface_point middle = middle_of_face(maker, tet, corner), edge[3] = {pq, crossing_of(maker, tet, q, r), rp};
     const int all[3] = {p, q, r};
     for (int e = 0; good && e < 3; e++)
-        good = add_piece(maker, face, label[all[e]], at[all[e]], (surface_point[]){own[e], edge[e], middle, edge[(e + 2) % 3]}, 4);
+        good = add_piece(maker, face, label[all[e]], at[all[e]],
+                         (surface_point[]){own[e], edge[e], middle, edge[(e + 2) % 3]}, 4);
     return good;
 }
 
@@ -256,7 +267,8 @@ static bool add_small(surface_maker *maker, int32_t host, const host_face face[4
     for (int f = 0; good && f < 4; f++)
         for (int v = 0; good && v < 4; v++) {
             const int *corner = pliant_face_corners[f];
-            if (tet->at[corner[0]][v] + tet->at[corner[1]][v] + tet->at[corner[2]][v] == 0) good = add_small_face(maker, face + v, tet, corner);
+            if (tet->at[corner[0]][v] + tet->at[corner[1]][v] + tet->at[corner[2]][v] == 0)
+                good = add_small_face(maker, face + v, tet, corner);
         }
     return good;
 }
@@ -319,10 +331,13 @@ static bool fill_whole(surface_maker *maker, const surface_block *block)
         host_face face;
         int count = 0;
         find_face(maker, block->host, v, &face);
-        if (face.other >= 0 && (split_block(maker, face.other) || holds_together(maker, &face, block->host, face.other))) continue;
+        if (face.other >= 0 &&
+            (split_block(maker, face.other) || holds_together(maker, &face, block->host, face.other)))
+            continue;
         const int list = face.other < 0 ? OUTSIDE : CUT;
         for (int e = 0; e < 3; e++) {
-            const int more = points_along(maker, block->host, pliant_face_corners[v][e], pliant_face_corners[v][(e + 1) % 3], around + count);
+            const int more = points_along(maker, block->host, pliant_face_corners[v][e],
+                                          pliant_face_corners[v][(e + 1) % 3], around + count);
             if (more < 0) return false;
             count += more;
             middle.weight[pliant_face_corners[v][e]] = SURFACE_SHARE / 3 * maker->parts;

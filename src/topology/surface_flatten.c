@@ -15,7 +15,9 @@ static void find_rest(const pliant_surface *surface, int32_t point, double out[3
     const int32_t own = point - mesh->num_nodes, *node = own < 0 ? &point : mesh->tets + 4 * (size_t)surface->tet[own];
     for (int d = 0; d < 3; d++) out[d] = 0;
     for (int v = 0; v < (own < 0 ? 1 : 4); v++)
-        for (int d = 0; d < 3; d++) out[d] += (own < 0 ? 1 : surface->weight[4 * (size_t)own + (size_t)v]) * mesh->rest[3 * (size_t)node[v] + (size_t)d];
+        for (int d = 0; d < 3; d++)
+            out[d] += (own < 0 ? 1 : surface->weight[4 * (size_t)own + (size_t)v]) *
+                      mesh->rest[3 * (size_t)node[v] + (size_t)d];
 }
 
 /* Return whether a point is a corner of small tetrahedra. Only corners can be tips; between fragments the surface has
@@ -26,14 +28,18 @@ static bool is_corner(const pliant_surface *surface, const uint8_t *is_lattice, 
 }
 
 /* instead: (nodes) -1: on the outer surface, so it is not moved */
-static bool find_tips(const pliant_surface *surface, const uint8_t *is_lattice, const int32_t *instead, surface_map *tips, surface_list *found)
+static bool find_tips(const pliant_surface *surface, const uint8_t *is_lattice, const int32_t *instead,
+                      surface_map *tips, surface_list *found)
 {
     for (int32_t c = 3 * surface->first_cut; c < 3 * surface->num_triangles; c++) {
         const int32_t first = c - c % 3, point = surface->triangle[c];
-        if (!is_corner(surface, is_lattice, point) || (point < surface->body->fine.num_nodes && instead[point] < 0)) continue;
+        if (!is_corner(surface, is_lattice, point) || (point < surface->body->fine.num_nodes && instead[point] < 0))
+            continue;
         const surface_key key = {{point}, {1}};
         const int32_t number = pliant_surface_number(tips, &key);
-        tip *at = number < 0 ? NULL : (size_t)number < found->count ? (tip *)found->at + number : pliant_surface_add(found);
+        tip *at = number < 0                      ? NULL
+                  : (size_t)number < found->count ? (tip *)found->at + number
+                                                  : pliant_surface_add(found);
         if (!at) return false;
         if (at->count == 0) *at = (tip){.alone = true};
         for (int v = 1; v < 3; v++) {
@@ -57,7 +63,8 @@ static int32_t find_holder(const surface_maker *maker, int32_t node, const doubl
     int32_t best = -1;
     double most = -INFINITY, weight[4];
     for (int32_t a = maker->voxels->around_start[parent]; a < maker->voxels->around_start[parent + 1]; a++) {
-        const int32_t host = maker->voxels->around[a] / 4, corner = maker->voxels->around[a] % 4, cut = maker->cut_of[host];
+        const int32_t host = maker->voxels->around[a] / 4, corner = maker->voxels->around[a] % 4,
+                      cut = maker->cut_of[host];
         const int32_t count = cut < 0 ? 1 : maker->cuts->start[cut + 1] - maker->cuts->start[cut];
         for (int32_t f = 0; f < count; f++) {
             const int32_t tet = cut < 0 ? host : maker->cuts->fragment[maker->cuts->start[cut] + f];
@@ -82,7 +89,8 @@ static void flatten(const pliant_surface *surface, const double middle[3], int32
 
 /* Flatten all tips. A tip at a node is replaced by a vertex.
  * instead: output, (nodes) 1 + the vertex */
-static void flatten_all(const surface_maker *maker, const surface_map *tips, const surface_list *found, int32_t *instead, pliant_surface *surface)
+static void flatten_all(const surface_maker *maker, const surface_map *tips, const surface_list *found,
+                        int32_t *instead, pliant_surface *surface)
 {
     const int32_t nodes = surface->body->fine.num_nodes;
     for (int32_t n = 0; n < tips->count; n++) {
@@ -101,7 +109,8 @@ static void flatten_all(const surface_maker *maker, const surface_map *tips, con
         flatten(surface, middle, vertex);
     }
     for (int32_t c = 0; c < 3 * surface->num_triangles; c++)
-        if (surface->triangle[c] < nodes && instead[surface->triangle[c]] > 0) surface->triangle[c] = nodes + instead[surface->triangle[c]] - 1;
+        if (surface->triangle[c] < nodes && instead[surface->triangle[c]] > 0)
+            surface->triangle[c] = nodes + instead[surface->triangle[c]] - 1;
 }
 
 pliant_status pliant_surface_flatten(const surface_maker *maker, const uint8_t *is_lattice, pliant_surface *surface)

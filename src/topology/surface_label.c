@@ -26,12 +26,19 @@ typedef struct surface_question {
 
 void pliant_surface_corners(const surface_maker *maker, int32_t host, int32_t out[4])
 {
-    for (int v = 0; v < 4; v++) out[v] = pliant_surface_load_node(maker, maker->body->fine.tets[4 * (size_t)host + (size_t)v]);
+    for (int v = 0; v < 4; v++)
+        out[v] = pliant_surface_load_node(maker, maker->body->fine.tets[4 * (size_t)host + (size_t)v]);
 }
 
-static const int32_t *nodes_of(const surface_maker *maker, int32_t tet) { return maker->body->fine.tets + 4 * (size_t)tet; }
+static const int32_t *nodes_of(const surface_maker *maker, int32_t tet)
+{
+    return maker->body->fine.tets + 4 * (size_t)tet;
+}
 
-static bool same_nodes(const surface_maker *maker, int32_t a, int32_t b) { return memcmp(nodes_of(maker, a), nodes_of(maker, b), 4 * sizeof(int32_t)) == 0; }
+static bool same_nodes(const surface_maker *maker, int32_t a, int32_t b)
+{
+    return memcmp(nodes_of(maker, a), nodes_of(maker, b), 4 * sizeof(int32_t)) == 0;
+}
 
 bool pliant_surface_is_split(const surface_maker *maker, int32_t host)
 {
@@ -71,14 +78,17 @@ static int32_t fragment_of(const surface_maker *maker, int32_t voxel)
 {
     const int32_t host = maker->voxels->owner[voxel], cut = host < 0 ? -1 : maker->cut_of[host];
     if (cut < 0) return host;
-    const int32_t fragment = maker->cuts->voxel_fragment[maker->cuts->voxel_start[cut] + pliant_voxel_in(maker->voxels, host, voxel)];
+    const int32_t fragment =
+        maker->cuts->voxel_fragment[maker->cuts->voxel_start[cut] + pliant_voxel_in(maker->voxels, host, voxel)];
     return (maker->body->tet_parent ? maker->body->tet_parent[fragment] : fragment) == host ? fragment : -1;
 }
 
 static bool is_asked(const surface_maker *maker, const surface_question *question, int32_t voxel)
 {
     const int32_t host = maker->voxels->owner[voxel];
-    if (host < 0 || (question->host >= 0 ? host != question->host : !has_all(maker, host, question->node, question->count))) return false;
+    if (host < 0 ||
+        (question->host >= 0 ? host != question->host : !has_all(maker, host, question->node, question->count)))
+        return false;
     const int32_t fragment = fragment_of(maker, voxel);
     if (fragment < 0 || question->host < 0) return fragment >= 0;
     if (question->fragment >= 0) return same_nodes(maker, fragment, question->fragment);
@@ -149,7 +159,8 @@ static void find_place(const surface_maker *maker, const surface_key *key, doubl
     double world[3] = {0, 0, 0};
     const double whole = SURFACE_SHARE * maker->parts;
     for (int v = 0; v < 4 && key->weight[v] > 0; v++)
-        for (int d = 0; d < 3; d++) world[d] += key->weight[v] / whole * maker->body->fine.rest[3 * (size_t)key->node[v] + (size_t)d];
+        for (int d = 0; d < 3; d++)
+            world[d] += key->weight[v] / whole * maker->body->fine.rest[3 * (size_t)key->node[v] + (size_t)d];
     pliant_geometry_to_index(&maker->voxels->geometry, world, index);
 }
 
@@ -161,7 +172,8 @@ static int32_t label_of(const surface_maker *maker, int32_t host, const surface_
 {
     double index[3];
     surface_question question = {.host = -1, .fragment = -1};
-    for (; question.count < 4 && key->weight[question.count] > 0; question.count++) question.node[question.count] = key->node[question.count];
+    for (; question.count < 4 && key->weight[question.count] > 0; question.count++)
+        question.node[question.count] = key->node[question.count];
     find_place(maker, key, index);
     int32_t voxel = -1;
     if (question.count < 4 && (voxel = nearest_around(maker, &question, index)) >= 0) {
@@ -190,7 +202,8 @@ void pliant_surface_find_labels(const surface_maker *maker, int32_t host, int32_
         for (x[1] = 0; x[1] <= x[0]; x[1]++)
             for (x[2] = 0; x[2] <= x[1]; x[2]++) {
                 const int32_t at[4] = {parts - x[0], x[0] - x[1], x[1] - x[2], x[2]};
-                const int32_t weight[4] = {SURFACE_SHARE * at[0], SURFACE_SHARE * at[1], SURFACE_SHARE * at[2], SURFACE_SHARE * at[3]};
+                const int32_t weight[4] = {SURFACE_SHARE * at[0], SURFACE_SHARE * at[1], SURFACE_SHARE * at[2],
+                                           SURFACE_SHARE * at[3]};
                 surface_key key;
                 pliant_surface_key_of(corner, weight, &key);
                 out[pliant_surface_place(at)] = label_of(maker, host, &key);
@@ -201,7 +214,8 @@ void pliant_surface_find_labels(const surface_maker *maker, int32_t host, int32_
 
 /* Collect the voxels of a host on both sides of an edge. Return false if memory is exhausted.
  * from, to: [m] along the scan's axes */
-static bool add_samples(surface_maker *maker, int32_t host, const int32_t label[2], const double from[3], const double to[3], double reach)
+static bool add_samples(surface_maker *maker, int32_t host, const int32_t label[2], const double from[3],
+                        const double to[3], double reach)
 {
     const pliant_voxels *voxels = maker->voxels;
     const int32_t cut = maker->cut_of[host], *fragment = maker->cuts->voxel_fragment + maker->cuts->voxel_start[cut];
@@ -212,7 +226,8 @@ static bool add_samples(surface_maker *maker, int32_t host, const int32_t label[
         pliant_place_of(voxels, voxels->voxel[v], at);
         for (int d = 0; d < 3; d++) {
             sample.at[d] = at[d] * voxels->geometry.spacing[d];
-            is_near = is_near && sample.at[d] > fmin(from[d], to[d]) - reach && sample.at[d] < fmax(from[d], to[d]) + reach;
+            is_near =
+                is_near && sample.at[d] > fmin(from[d], to[d]) - reach && sample.at[d] < fmax(from[d], to[d]) + reach;
         }
         if (!is_near) continue;
         const int32_t of = fragment[v - voxels->start[host]];
@@ -322,7 +337,8 @@ static double find_crossing(surface_maker *maker, const surface_key end[2])
         int32_t label[2];
         for (int e = 0; e < 2; e++) {
             int32_t at[4] = {0, 0, 0, 0};
-            for (int v = 0; v < 4 && end[e].weight[v] > 0; v++) at[corner_with(maker, host, end[e].node[v])] = end[e].weight[v] / SURFACE_SHARE;
+            for (int v = 0; v < 4 && end[e].weight[v] > 0; v++)
+                at[corner_with(maker, host, end[e].node[v])] = end[e].weight[v] / SURFACE_SHARE;
             label[e] = maker->block[host]->label[pliant_surface_place(at)];
         }
         if (label[0] == label[1]) continue;
@@ -379,9 +395,12 @@ uint16_t pliant_surface_material(const surface_maker *maker, int32_t host, int32
     const surface_question question = {.host = host, .fragment = fragment};
     double world[3] = {0, 0, 0}, index[3];
     for (int v = 0; v < 4; v++)
-        for (int d = 0; d < 3; d++) world[d] += share[v] * maker->body->fine.rest[3 * (size_t)nodes_of(maker, fragment)[v] + (size_t)d];
+        for (int d = 0; d < 3; d++)
+            world[d] += share[v] * maker->body->fine.rest[3 * (size_t)nodes_of(maker, fragment)[v] + (size_t)d];
     pliant_geometry_to_index(&maker->voxels->geometry, world, index);
     const int32_t voxel = nearest_around(maker, &question, index);
     if (voxel < 0) return maker->body->fine_material[fragment].material;
-    return maker->voxels->of_material[maker->voxels->material[maker->voxels->start[host] + pliant_voxel_in(maker->voxels, host, voxel)]].material;
+    return maker->voxels
+        ->of_material[maker->voxels->material[maker->voxels->start[host] + pliant_voxel_in(maker->voxels, host, voxel)]]
+        .material;
 }

@@ -58,7 +58,8 @@ static bool grow(surface_map *map)
 {
     const int32_t slots = map->num_slots > 0 ? 2 * map->num_slots : FIRST_SLOTS;
     int32_t *slot = pliant_calloc((size_t)slots, sizeof *slot);
-    surface_key *key = map->key ? pliant_resize(map->key, (size_t)slots / 2, sizeof *key) : pliant_calloc((size_t)slots / 2, sizeof *key);
+    surface_key *key = map->key ? pliant_resize(map->key, (size_t)slots / 2, sizeof *key)
+                                : pliant_calloc((size_t)slots / 2, sizeof *key);
     if (key) map->key = key;
     if (!slot || !key) {
         pliant_free(slot);

@@ -21,8 +21,8 @@ typedef struct surface_points {
  * values: (num_values x fine.num_nodes) consecutive arrays; NULL: no values
  * out: zeroed by the caller; must be freed even after an error
  * Errors: MEMORY. */
-pliant_status pliant_surface_points_find(const pliant_surface *surface, const double *positions, int num_values, const float *values,
-                                         surface_points *out);
+pliant_status pliant_surface_points_find(const pliant_surface *surface, const double *positions, int num_values,
+                                         const float *values, surface_points *out);
 void pliant_surface_points_free(surface_points *points);
 
 #ifdef __cplusplus

@@ -42,7 +42,10 @@ static carrier carrier_of(const face_work *work, const int32_t *node, int count)
     return all;
 }
 
-static int32_t tet_at_load(const pliant_body *body, int32_t tet) { return body->tet_parent ? body->tet_parent[tet] : tet; }
+static int32_t tet_at_load(const pliant_body *body, int32_t tet)
+{
+    return body->tet_parent ? body->tet_parent[tet] : tet;
+}
 
 static void find_carriers(face_work *work)
 {
@@ -75,7 +78,9 @@ static void list_faces(face_work *work)
         if (!(work->touched[node[0]] && work->touched[node[1]] && work->touched[node[2]])) continue;
         const carrier at = carrier_of(work, node, 3);
         work->is_cut[triangle] = at.count == 4;
-        if (at.count == 3) work->face[work->num_faces++] = (outer_face){{at.node[0], at.node[1], at.node[2]}, tet_at_load(body, f / 4), triangle};
+        if (at.count == 3)
+            work->face[work->num_faces++] =
+                (outer_face){{at.node[0], at.node[1], at.node[2]}, tet_at_load(body, f / 4), triangle};
     }
     qsort(work->face, (size_t)work->num_faces, sizeof *work->face, by_nodes);
 }
@@ -127,7 +132,9 @@ pliant_status pliant_surface_part_subdivided(pliant_surface *surface)
         for (int cut = 0; cut < 2; cut++) {
             surface->first_cut = surface->num_triangles;
             for (int32_t t = 0; t < body->num_triangles; t++)
-                if (work.is_cut[t] == cut) memcpy(surface->triangle + 3 * (size_t)surface->num_triangles++, body->triangles + 3 * (size_t)t, 3 * sizeof *body->triangles);
+                if (work.is_cut[t] == cut)
+                    memcpy(surface->triangle + 3 * (size_t)surface->num_triangles++, body->triangles + 3 * (size_t)t,
+                           3 * sizeof *body->triangles);
         }
     }
     pliant_free(work.of_node);

@@ -33,13 +33,15 @@ typedef struct pliant_surface {
  *   @param before Nullable: the surface of another body of the same load. Equal parts are copied from it, which saves
  *                 time. The result is bitwise identical.
  * Errors: MEMORY. */
-PLIANT_INTERNAL pliant_status pliant_surface_create(const pliant_body *body, const pliant_surface *before, pliant_surface **out);
+PLIANT_INTERNAL pliant_status pliant_surface_create(const pliant_body *body, const pliant_surface *before,
+                                                    pliant_surface **out);
 PLIANT_INTERNAL void pliant_surface_free(pliant_surface *surface); /**< Nullable */
 
 /** Interpolate node values, such as positions or scalars, to the vertices.
  *   @param nodes (fine.num_nodes x size)
  *   @param out   (num_vertices x size) */
-PLIANT_INTERNAL void pliant_surface_at_vertices(const pliant_surface *surface, int size, const double *nodes, double *out);
+PLIANT_INTERNAL void pliant_surface_at_vertices(const pliant_surface *surface, int size, const double *nodes,
+                                                double *out);
 
 /** Write the surface to a file for other programs (PLY, text). Each point has its position, rest position, material and
  * values. Each triangle has a flag for cut faces. Points without triangles are omitted.
@@ -48,8 +50,9 @@ PLIANT_INTERNAL void pliant_surface_at_vertices(const pliant_surface *surface, i
  *   @param values    (num_values x fine.num_nodes) one after the other; NULL: none
  *   @param names     (num_values) names of the values in the file: letters, digits and _
  * Errors: ARGUMENT (unit), MEMORY, FILE. */
-PLIANT_INTERNAL pliant_status pliant_surface_write(const char *path, const pliant_surface *surface, const double *positions, double unit, int num_values,
-                                              const char *const *names, const float *values);
+PLIANT_INTERNAL pliant_status pliant_surface_write(const char *path, const pliant_surface *surface,
+                                                   const double *positions, double unit, int num_values,
+                                                   const char *const *names, const float *values);
 
 #ifdef __cplusplus
 }

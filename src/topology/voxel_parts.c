@@ -28,13 +28,15 @@ int32_t pliant_voxels_parts(const pliant_voxels *voxels, const pliant_cuts *cuts
         pliant_place_of(voxels, list[i], at);
         for (int n = 0; n < 9; n++) {
             int32_t other = pliant_step_to(voxels, list[i], at, pliant_behind[n]);
-            if (other < 0 || voxels->owner[other] != tet || !pliant_joined(&links, list[i], at, pliant_behind[n])) continue;
+            if (other < 0 || voxels->owner[other] != tet || !pliant_joined(&links, list[i], at, pliant_behind[n]))
+                continue;
             join(part, i, pliant_voxel_in(voxels, tet, other));
         }
     }
     for (int32_t b = voxels->bridge_start[tet]; b < voxels->bridge_start[tet + 1]; b++)
         if (!pliant_bridge_severed(cuts, b))
-            join(part, pliant_voxel_in(voxels, tet, voxels->bridge[2 * b]), pliant_voxel_in(voxels, tet, voxels->bridge[2 * b + 1]));
+            join(part, pliant_voxel_in(voxels, tet, voxels->bridge[2 * b]),
+                 pliant_voxel_in(voxels, tet, voxels->bridge[2 * b + 1]));
     for (int32_t i = 0; i < count; i++) part[i] = first_of(part, i);
     for (int32_t i = 0; i < count; i++) part[i] = part[i] == i ? parts++ : part[part[i]];
     return parts;

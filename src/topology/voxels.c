@@ -20,17 +20,18 @@ const pliant_voxels *pliant_voxels_retain(const pliant_voxels *voxels)
 
 static void free_voxels(pliant_voxels *voxels)
 {
-    void *blocks[] = {voxels->owner,       voxels->start,          voxels->voxel,        voxels->material,     voxels->of_material,
-                      voxels->bridge,      voxels->fixed_material, voxels->bridge_start, voxels->beside_start, voxels->beside,
-                      voxels->across,      voxels->around_start,   voxels->around,       voxels->holders,
-                      voxels->load};
+    void *blocks[] = {
+        voxels->owner,  voxels->start,          voxels->voxel,        voxels->material,     voxels->of_material,
+        voxels->bridge, voxels->fixed_material, voxels->bridge_start, voxels->beside_start, voxels->beside,
+        voxels->across, voxels->around_start,   voxels->around,       voxels->holders,      voxels->load};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     pliant_free(voxels);
 }
 
 void pliant_voxels_release(const pliant_voxels *voxels)
 {
-    if (voxels && atomic_fetch_sub_explicit(&voxels->holders->count, 1, memory_order_acq_rel) == 1) free_voxels((pliant_voxels *)voxels);
+    if (voxels && atomic_fetch_sub_explicit(&voxels->holders->count, 1, memory_order_acq_rel) == 1)
+        free_voxels((pliant_voxels *)voxels);
 }
 
 /* Find the owner of each voxel, with the lattice's rule for ties. If nodes were moved, and in an octree, the tetrahedra
@@ -41,7 +42,8 @@ static pliant_status find_owners(const pliant_mesh *fine, pliant_voxels *voxels)
     const int64_t count = (int64_t)pliant_geometry_voxels(geometry);
     if (fine->num_moved == 0 && fine->num_leaves == 0) {
         pliant_status status = pliant_lattice_owners(geometry, fine->cells, voxels->owner);
-        for (int64_t v = 0; status == PLIANT_OK && v < count; v++) voxels->owner[v] = fine->tet_of_lattice[voxels->owner[v]];
+        for (int64_t v = 0; status == PLIANT_OK && v < count; v++)
+            voxels->owner[v] = fine->tet_of_lattice[voxels->owner[v]];
         return status;
     }
 #pragma omp parallel for schedule(static)
@@ -65,7 +67,8 @@ static pliant_status list_owned(pliant_voxels *voxels)
             owned++;
         }
     for (int32_t t = 0; t < voxels->num_tets; t++) start[t + 1] += start[t];
-    if (!(voxels->voxel = pliant_calloc((size_t)owned + 1, sizeof *voxels->voxel))) return pliant_fail_memory("the voxels of a body");
+    if (!(voxels->voxel = pliant_calloc((size_t)owned + 1, sizeof *voxels->voxel)))
+        return pliant_fail_memory("the voxels of a body");
     /* fill from the back: start[t + 1] then is the first index of tetrahedron t, which is shifted below */
     for (int32_t v = count - 1; v >= 0; v--)
         if (voxels->owner[v] >= 0) voxels->voxel[--start[voxels->owner[v] + 1]] = v;
@@ -74,14 +77,16 @@ static pliant_status list_owned(pliant_voxels *voxels)
     return PLIANT_OK;
 }
 
-static pliant_status list_materials(const uint8_t *material_of_voxel, const pliant_material_table *table, pliant_voxels *voxels)
+static pliant_status list_materials(const uint8_t *material_of_voxel, const pliant_material_table *table,
+                                    pliant_voxels *voxels)
 {
     const int32_t owned = voxels->start[voxels->num_tets];
     voxels->num_materials = (int32_t)table->num_materials;
     voxels->material = pliant_calloc((size_t)owned + 1, 1);
     voxels->of_material = pliant_calloc(table->num_materials, sizeof *voxels->of_material);
     voxels->fixed_material = pliant_calloc(table->num_materials, 1);
-    if (!voxels->material || !voxels->of_material || !voxels->fixed_material) return pliant_fail_memory("the voxels of a body");
+    if (!voxels->material || !voxels->of_material || !voxels->fixed_material)
+        return pliant_fail_memory("the voxels of a body");
     for (int32_t v = 0; v < owned; v++) voxels->material[v] = material_of_voxel[voxels->voxel[v]];
     for (uint32_t m = 0; m < table->num_materials; m++) {
         pliant_material_of_voxel(table, (uint8_t)m, voxels->of_material + m);
@@ -123,11 +128,13 @@ static pliant_status create(const pliant_body *body, const pliant_geometry *geom
     return status == PLIANT_OK ? pliant_bridges_build(fine, voxels) : status;
 }
 
-pliant_status pliant_voxels_create(const pliant_body *body, const pliant_geometry *geometry, const uint8_t *material_of_voxel,
-                                   const pliant_material_table *table, const pliant_voxels **out)
+pliant_status pliant_voxels_create(const pliant_body *body, const pliant_geometry *geometry,
+                                   const uint8_t *material_of_voxel, const pliant_material_table *table,
+                                   const pliant_voxels **out)
 {
     if (pliant_geometry_voxels(geometry) > (size_t)1 << 30)
-        return pliant_fail(PLIANT_ERROR_SCENE, "a scan of %zu voxels is too large to be cut: at most 2^30; resample it", pliant_geometry_voxels(geometry));
+        return pliant_fail(PLIANT_ERROR_SCENE, "a scan of %zu voxels is too large to be cut: at most 2^30; resample it",
+                           pliant_geometry_voxels(geometry));
     pliant_voxels *voxels = pliant_calloc(1, sizeof *voxels);
     if (voxels) voxels->holders = pliant_calloc(1, sizeof *voxels->holders);
     if (!voxels || !voxels->holders) {

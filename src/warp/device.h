@@ -55,7 +55,8 @@ typedef struct pliant_warp_device {
     pliant_status (*see)(void *object, void *labels, const struct render_scene *scene, const struct render_output *out);
     /* Change to the next body, as pliant_warp_prepare and pliant_warp_take. drop: free the prepared data, whether taken
      * or not. */
-    pliant_status (*prepare)(void *object, const pliant_warp_parts *parts, const pliant_warp_changes *changes, void **next);
+    pliant_status (*prepare)(void *object, const pliant_warp_parts *parts, const pliant_warp_changes *changes,
+                             void **next);
     void (*take)(void *object, void *next);
     void (*drop)(void *next);
 } pliant_warp_device;

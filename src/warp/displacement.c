@@ -30,9 +30,11 @@ void pliant_displacement_free(pliant_displacement *displacement)
 static pliant_status allocate(const pliant_geometry *grid, pliant_displacement *out)
 {
     const size_t count = pliant_geometry_voxels(grid);
-    pliant_status status = pliant_memory_suffices((double)count * (3.0 * sizeof *out->vectors + 1), "the displacement field");
+    pliant_status status =
+        pliant_memory_suffices((double)count * (3.0 * sizeof *out->vectors + 1), "the displacement field");
     if (status != PLIANT_OK) return status;
-    *out = (pliant_displacement){.geometry = *grid, .vectors = pliant_calloc(count, 3 * sizeof *out->vectors), .mask = pliant_calloc(count, 1)};
+    *out = (pliant_displacement){
+        .geometry = *grid, .vectors = pliant_calloc(count, 3 * sizeof *out->vectors), .mask = pliant_calloc(count, 1)};
     if (out->vectors && out->mask) return PLIANT_OK;
     pliant_displacement_free(out);
     return pliant_fail_memory("the displacement field");
@@ -50,14 +52,16 @@ static void fill_with_index(int axis, pliant_volume *volume)
 }
 
 /* Find the index in the scan, along one axis, of the tissue that every voxel of the target shows. */
-static pliant_status find_rest_index(const pliant_model *model, const pliant_body *body, const double *positions, int axis,
-                                     const pliant_volume *index_of_voxel, pliant_displacement *out)
+static pliant_status find_rest_index(const pliant_model *model, const pliant_body *body, const double *positions,
+                                     int axis, const pliant_volume *index_of_voxel, pliant_displacement *out)
 {
     pliant_warp *warp;
-    pliant_status status = pliant_warp_create(index_of_voxel, &body->fine, &out->geometry, pliant_threads_of(model->scene.solver.threads), &warp);
+    pliant_status status = pliant_warp_create(index_of_voxel, &body->fine, &out->geometry,
+                                              pliant_threads_of(model->scene.solver.threads), &warp);
     if (status != PLIANT_OK) return status;
     if (body->cuts) status = pliant_warp_set_body(warp, body);
-    if (status == PLIANT_OK && model->scene.warp.kind == PLIANT_FIT) status = pliant_warp_fit(warp, model->scene.warp.fit_step);
+    if (status == PLIANT_OK && model->scene.warp.kind == PLIANT_FIT)
+        status = pliant_warp_fit(warp, model->scene.warp.fit_step);
     if (status == PLIANT_OK) status = pliant_warp_update(warp, positions);
     if (status == PLIANT_OK) {
         const float *index = pliant_warp_volume(warp)->voxels;
@@ -68,7 +72,8 @@ static pliant_status find_rest_index(const pliant_model *model, const pliant_bod
     return status;
 }
 
-static pliant_status find_rest_indices(const pliant_model *model, const pliant_body *body, const double *positions, pliant_displacement *out)
+static pliant_status find_rest_indices(const pliant_model *model, const pliant_body *body, const double *positions,
+                                       pliant_displacement *out)
 {
     pliant_volume index;
     pliant_status status = pliant_volume_create(&model->scan->geometry, PLIANT_FLOAT32, &index);
@@ -92,7 +97,8 @@ static void find_voxel(const pliant_geometry *grid, size_t voxel, double index[3
 }
 
 /* Convert indices in the scan to vectors. near_cut: (voxels of the scan) */
-static void indices_to_vectors(const pliant_geometry *scan, const uint8_t *near_cut, int num_threads, pliant_displacement *out)
+static void indices_to_vectors(const pliant_geometry *scan, const uint8_t *near_cut, int num_threads,
+                               pliant_displacement *out)
 {
     const size_t count = pliant_geometry_voxels(&out->geometry);
 #pragma omp parallel for num_threads(num_threads) schedule(static)
@@ -101,7 +107,8 @@ static void indices_to_vectors(const pliant_geometry *scan, const uint8_t *near_
         if (vector[0] == no_tissue) continue;
         double here[3], rest[3], index[3] = {vector[0], vector[1], vector[2]};
         const size_t i = (size_t)lrint(index[0]), j = (size_t)lrint(index[1]), k = (size_t)lrint(index[2]);
-        out->mask[v] = near_cut[i + (size_t)scan->size[0] * (j + (size_t)scan->size[1] * k)] ? PLIANT_MASK_CUT : PLIANT_MASK_TISSUE;
+        out->mask[v] = near_cut[i + (size_t)scan->size[0] * (j + (size_t)scan->size[1] * k)] ? PLIANT_MASK_CUT
+                                                                                             : PLIANT_MASK_TISSUE;
         pliant_geometry_to_world(scan, index, rest);
         find_voxel(&out->geometry, v, index);
         pliant_geometry_to_world(&out->geometry, index, here);
@@ -114,7 +121,8 @@ static void indices_to_vectors(const pliant_geometry *scan, const uint8_t *near_
 static bool is_inside(const double barycentric[4])
 {
     const double rounding = 1e-9;
-    return barycentric[0] >= -rounding && barycentric[1] >= -rounding && barycentric[2] >= -rounding && barycentric[3] >= -rounding;
+    return barycentric[0] >= -rounding && barycentric[1] >= -rounding && barycentric[2] >= -rounding &&
+           barycentric[3] >= -rounding;
 }
 
 /* The first tetrahedron that holds a voxel at rest owns it, as in the warp. */
@@ -127,7 +135,8 @@ static void claim_voxels(const pliant_mesh *mesh, int32_t tet, const pliant_geom
         pliant_geometry_to_index(grid, mesh->rest + 3 * (size_t)mesh->tets[4 * (size_t)tet + (size_t)v], index);
         for (int d = 0; d < 3; d++) {
             const double last = grid->size[d] - 1.0;
-            const int32_t below = (int32_t)fmax(fmin(floor(index[d]), last), 0), above = (int32_t)fmax(fmin(ceil(index[d]), last), 0);
+            const int32_t below = (int32_t)fmax(fmin(floor(index[d]), last), 0),
+                          above = (int32_t)fmax(fmin(ceil(index[d]), last), 0);
             low[d] = below < low[d] ? below : low[d];
             high[d] = above > high[d] ? above : high[d];
         }
@@ -157,7 +166,8 @@ static int32_t nearest_in_scan(const pliant_geometry *scan, const pliant_geometr
 }
 
 /* Fragments of a cut tetrahedron have its whole shape: a voxel of the scan belongs to one of them. */
-static void find_owners(const pliant_body *body, const pliant_geometry *scan, const pliant_geometry *grid, int32_t *owner)
+static void find_owners(const pliant_body *body, const pliant_geometry *scan, const pliant_geometry *grid,
+                        int32_t *owner)
 {
     const size_t count = pliant_geometry_voxels(grid);
     for (size_t v = 0; v < count; v++) owner[v] = -1;
@@ -166,8 +176,8 @@ static void find_owners(const pliant_body *body, const pliant_geometry *scan, co
         if (owner[v] >= 0) owner[v] = pliant_voxels_fragment(body->voxels, body->cuts, nearest_in_scan(scan, grid, v));
 }
 
-static pliant_status move_voxels(const pliant_model *model, const pliant_body *body, const double *positions, const uint8_t *near_cut,
-                                 int num_threads, pliant_displacement *out)
+static pliant_status move_voxels(const pliant_model *model, const pliant_body *body, const double *positions,
+                                 const uint8_t *near_cut, int num_threads, pliant_displacement *out)
 {
     const pliant_mesh *mesh = &body->fine;
     const size_t count = pliant_geometry_voxels(&out->geometry);
@@ -200,7 +210,8 @@ static pliant_status move_voxels(const pliant_model *model, const pliant_body *b
 static pliant_status extend(pliant_displacement *out)
 {
     const int32_t *size = out->geometry.size;
-    const size_t count = pliant_geometry_voxels(&out->geometry), step[3] = {1, (size_t)size[0], (size_t)size[0] * (size_t)size[1]};
+    const size_t count = pliant_geometry_voxels(&out->geometry),
+                 step[3] = {1, (size_t)size[0], (size_t)size[0] * (size_t)size[1]};
     size_t *queue = pliant_calloc(count, sizeof *queue), queued = 0;
     uint8_t *done = pliant_calloc(count, 1);
     const bool good = queue && done;
@@ -211,7 +222,8 @@ static pliant_status extend(pliant_displacement *out)
     }
     for (size_t n = 0; good && n < queued; n++) {
         const size_t v = queue[n];
-        const int32_t at[3] = {(int32_t)(v % step[1]), (int32_t)(v / step[1] % (size_t)size[1]), (int32_t)(v / step[2])};
+        const int32_t at[3] = {(int32_t)(v % step[1]), (int32_t)(v / step[1] % (size_t)size[1]),
+                               (int32_t)(v / step[2])};
         for (int side = 0; side < 6; side++) {
             const int d = side / 2;
             if (side % 2 ? at[d] + 1 >= size[d] : at[d] == 0) continue;
@@ -227,8 +239,8 @@ static pliant_status extend(pliant_displacement *out)
     return good ? PLIANT_OK : pliant_fail_memory("the displacement field");
 }
 
-static pliant_status fill(const pliant_model *model, const pliant_body *body, const double *positions, pliant_displacement_sense sense,
-                          pliant_displacement *out)
+static pliant_status fill(const pliant_model *model, const pliant_body *body, const double *positions,
+                          pliant_displacement_sense sense, pliant_displacement *out)
 {
     /* In voxels. Interpolation mixes voxels that are one voxel apart; a rest point is up to half a voxel from the
      * nearest voxel of the scan. */
@@ -241,7 +253,9 @@ static pliant_status fill(const pliant_model *model, const pliant_body *body, co
     uint8_t *near_cut = pliant_calloc(pliant_geometry_voxels(at_rest), 1);
     pliant_status status = near_cut ? PLIANT_OK : pliant_fail_memory("the displacement field");
     if (status == PLIANT_OK) status = pliant_surface_create(body, NULL, &surface);
-    if (status == PLIANT_OK) status = pliant_near_cut_mark(surface, body->fine.rest, at_rest, resample ? near_rest : near_field, near_cut, 1);
+    if (status == PLIANT_OK)
+        status =
+            pliant_near_cut_mark(surface, body->fine.rest, at_rest, resample ? near_rest : near_field, near_cut, 1);
     if (status == PLIANT_OK && resample) {
         status = find_rest_indices(model, body, positions, out);
         if (status == PLIANT_OK) indices_to_vectors(scan, near_cut, num_threads, out);
@@ -257,18 +271,21 @@ static pliant_status fill(const pliant_model *model, const pliant_body *body, co
 }
 
 pliant_status pliant_displacement_create(const pliant_model *model, const pliant_body *body, const double *positions,
-                                         pliant_displacement_sense sense, const pliant_geometry *target, pliant_displacement *out)
+                                         pliant_displacement_sense sense, const pliant_geometry *target,
+                                         pliant_displacement *out)
 {
     const pliant_mesh *rest = &model->body->fine;
     pliant_geometry grid = model->scan->geometry;
     pliant_displacement field = {0};
     for (size_t n = 0; n < 3 * (size_t)body->fine.num_nodes; n++)
         if (!isfinite(positions[n]))
-            return pliant_fail(PLIANT_ERROR_ARGUMENT, "the position of node %zu is not finite: there is no displacement field of it", n / 3);
+            return pliant_fail(PLIANT_ERROR_ARGUMENT,
+                               "the position of node %zu is not finite: there is no displacement field of it", n / 3);
     pliant_status status = PLIANT_OK;
     if (target) grid = *target;
     else if (sense == PLIANT_DISPLACEMENT_RESAMPLE)
-        status = pliant_warp_target(&model->scan->geometry, rest->rest, rest->num_nodes, model->scene.warp.margin, SIZE_MAX, &grid);
+        status = pliant_warp_target(&model->scan->geometry, rest->rest, rest->num_nodes, model->scene.warp.margin,
+                                    SIZE_MAX, &grid);
     if (status == PLIANT_OK) status = allocate(&grid, &field);
     if (status == PLIANT_OK) status = fill(model, body, positions, sense, &field);
     if (status == PLIANT_OK) *out = field;
@@ -291,7 +308,9 @@ pliant_status pliant_displacement_write(const char *path, const pliant_displacem
     char mask_path[PATH_MAX];
     pliant_status status = pliant_vectors_write(path, &displacement->geometry, millimetres, displacement->vectors);
     if (status != PLIANT_OK) return status;
-    if (!find_mask_path(path, mask_path)) return pliant_fail(PLIANT_ERROR_FILE, "%s: the path of its mask is too long; use a shorter path", path);
-    pliant_volume mask = {.geometry = displacement->geometry, .encoding = PLIANT_UINT8, .slope = 1, .voxels = displacement->mask};
+    if (!find_mask_path(path, mask_path))
+        return pliant_fail(PLIANT_ERROR_FILE, "%s: the path of its mask is too long; use a shorter path", path);
+    pliant_volume mask = {
+        .geometry = displacement->geometry, .encoding = PLIANT_UINT8, .slope = 1, .voxels = displacement->mask};
     return pliant_volume_write(mask_path, &mask);
 }

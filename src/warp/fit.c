@@ -7,7 +7,8 @@
 
 /* Vectorized code for the machine's instruction set, chosen at program start. Fused operations are disabled
  * (CMakeLists.txt), so all variants give bitwise identical results. */
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && !defined(__SANITIZE_ADDRESS__) && \
+    !defined(__SANITIZE_THREAD__)
 #define FIT_VECTORIZED __attribute__((target_clones("avx512f", "avx2", "default")))
 #else
 #define FIT_VECTORIZED
@@ -49,7 +50,8 @@ static void mark_tissue(pliant_fit *fit, const pliant_geometry *scan)
             }
 }
 
-static pliant_status allocate(const pliant_mesh *mesh, const fit_view *from, const double *rest, int num_threads, pliant_fit **out)
+static pliant_status allocate(const pliant_mesh *mesh, const fit_view *from, const double *rest, int num_threads,
+                              pliant_fit **out)
 {
     pliant_fit *fit = pliant_calloc(1, sizeof *fit);
     if (!fit) return pliant_fail_memory("the fit");
@@ -78,7 +80,8 @@ static pliant_status allocate(const pliant_mesh *mesh, const fit_view *from, con
     view->bin_node = pliant_calloc((size_t)mesh->num_nodes, sizeof *view->bin_node);
     view->bin_start = pliant_calloc(fit_most_bins(view) + 1, sizeof *view->bin_start);
     view->sorted = pliant_calloc((size_t)mesh->num_nodes, 6 * sizeof *view->sorted);
-    if (!view->map || !view->wanted || !view->covered || !view->tissue || !view->at || !view->sorted || !view->bin_node || !view->bin_start) {
+    if (!view->map || !view->wanted || !view->covered || !view->tissue || !view->at || !view->sorted ||
+        !view->bin_node || !view->bin_start) {
         pliant_fit_free(fit);
         return pliant_fail_memory("the fit");
     }
@@ -86,8 +89,8 @@ static pliant_status allocate(const pliant_mesh *mesh, const fit_view *from, con
     return PLIANT_OK;
 }
 
-pliant_status pliant_fit_create(const pliant_mesh *mesh, const pliant_geometry *scan, const double *rest, const pliant_geometry *target,
-                                int32_t step, int num_threads, pliant_fit **out)
+pliant_status pliant_fit_create(const pliant_mesh *mesh, const pliant_geometry *scan, const double *rest,
+                                const pliant_geometry *target, int32_t step, int num_threads, pliant_fit **out)
 {
     if (step < 1) return pliant_fail(PLIANT_ERROR_ARGUMENT, "warp: fits are at least 1 voxel apart, not %d", step);
     fit_view from = {.target = *target, .step = step, .deviation = FIT_EDGES_OF_DEVIATION * mean_edge(mesh)};
@@ -117,13 +120,15 @@ static void find_near(const pliant_body *body, const pliant_parts *parts, uint8_
     for (int32_t n = 0; n < mesh->num_nodes; n++) near[n] = near[n] > 0;
 }
 
-pliant_status pliant_fit_next(const pliant_fit *fit, const pliant_body *body, const pliant_parts *parts, const double *rest, pliant_fit **out)
+pliant_status pliant_fit_next(const pliant_fit *fit, const pliant_body *body, const pliant_parts *parts,
+                              const double *rest, pliant_fit **out)
 {
     pliant_fit *next = NULL;
     pliant_status status = allocate(&body->fine, &fit->view, rest, fit->num_threads, &next);
     if (status != PLIANT_OK) return status;
     const fit_view *view = &fit->view;
-    memcpy(next->view.tissue, view->tissue, (size_t)view->scan_size[0] * (size_t)view->scan_size[1] * (size_t)view->scan_size[2]);
+    memcpy(next->view.tissue, view->tissue,
+           (size_t)view->scan_size[0] * (size_t)view->scan_size[1] * (size_t)view->scan_size[2]);
     if (parts) {
         next->parts = parts;
         next->near = pliant_calloc((size_t)body->fine.num_nodes, 1);
@@ -134,7 +139,8 @@ pliant_status pliant_fit_next(const pliant_fit *fit, const pliant_body *body, co
         }
         find_near(body, parts, next->near);
         for (int32_t e = 0; e < parts->view.num_elements; e++)
-            for (int v = 0; v < 4; v++) next->zone[e] += e >= body->fine.num_tets || next->near[body->fine.tets[4 * (size_t)e + v]];
+            for (int v = 0; v < 4; v++)
+                next->zone[e] += e >= body->fine.num_tets || next->near[body->fine.tets[4 * (size_t)e + v]];
         next->view.num_elements = parts->view.num_elements;
         next->view.zone = next->zone;
         next->view.near = next->near;
@@ -181,7 +187,8 @@ static void sort_nodes(pliant_fit *fit, const double *positions)
     for (int32_t n = 0; n < nodes; n++) start[fit_flat_bin(view, view->at + 3 * (size_t)n) + 1]++;
     for (int32_t b = 0; b < count; b++) start[b + 1] += start[b];
     /* fill from the back, so that the starts stay valid and the nodes of a bin ascend */
-    for (int32_t n = nodes - 1; n >= 0; n--) view->bin_node[--start[fit_flat_bin(view, view->at + 3 * (size_t)n) + 1]] = n;
+    for (int32_t n = nodes - 1; n >= 0; n--)
+        view->bin_node[--start[fit_flat_bin(view, view->at + 3 * (size_t)n) + 1]] = n;
     for (int32_t b = 0; b < count; b++) start[b] = start[b + 1];
     start[count] = nodes;
     for (int32_t place = 0; place < nodes; place++) fit_set_place(view, place);
@@ -214,8 +221,8 @@ static void cover_all(const pliant_fit *fit)
     const int64_t parts = fit->num_threads, slices = fit->view.target.size[2], wanted = fit->view.size[2];
 #pragma omp parallel for num_threads(fit->num_threads) schedule(static, 1)
     for (int64_t part = 0; part < parts; part++)
-        cover(&fit->view, (int32_t)(slices * part / parts), (int32_t)(slices * (part + 1) / parts), (int32_t)(wanted * part / parts),
-              (int32_t)(wanted * (part + 1) / parts));
+        cover(&fit->view, (int32_t)(slices * part / parts), (int32_t)(slices * (part + 1) / parts),
+              (int32_t)(wanted * part / parts), (int32_t)(wanted * (part + 1) / parts));
 }
 
 FIT_VECTORIZED static void map_row(const fit_view *view, int32_t j, int32_t k)
@@ -230,16 +237,21 @@ void pliant_fit_map(pliant_fit *fit, const double *positions)
     sort_nodes(fit, positions);
     cover_all(fit);
 #pragma omp parallel for num_threads(fit->num_threads) schedule(dynamic)
-    for (int32_t row = 0; row < view->size[1] * view->size[2]; row++) map_row(view, row % view->size[1], row / view->size[1]);
+    for (int32_t row = 0; row < view->size[1] * view->size[2]; row++)
+        map_row(view, row % view->size[1], row / view->size[1]);
 }
 
-bool pliant_fit_at(const pliant_fit *fit, const double target[3], double scan[3]) { return fit_map_at(&fit->view, target, scan); }
+bool pliant_fit_at(const pliant_fit *fit, const double target[3], double scan[3])
+{
+    return fit_map_at(&fit->view, target, scan);
+}
 
 const fit_view *pliant_fit_parts(const pliant_fit *fit) { return &fit->view; }
 
 /* Draw voxels first[0] to end of a row; return whether a voxel has changed. Data per row are reused between the same
  * lattice points. */
-FIT_VECTORIZED static bool draw_row(const fit_view *view, const raster_source *source, const int32_t first[3], int32_t end, void *voxels)
+FIT_VECTORIZED static bool draw_row(const fit_view *view, const raster_source *source, const int32_t first[3],
+                                    int32_t end, void *voxels)
 {
     const int32_t *size = view->target.size;
     double part[3], left[3] = {0, 0, 0}, right[3] = {0, 0, 0};
@@ -265,7 +277,8 @@ FIT_VECTORIZED static bool draw_row(const fit_view *view, const raster_source *s
     return other;
 }
 
-static bool draw_owned(const pliant_fit *fit, const raster_source *source, const raster_tet *tets, const int32_t low[3], const raster_brick *owned, void *voxels)
+static bool draw_owned(const pliant_fit *fit, const raster_source *source, const raster_tet *tets, const int32_t low[3],
+                       const raster_brick *owned, void *voxels)
 {
     const int32_t *size = fit->view.target.size;
     bool other = false;
@@ -283,8 +296,8 @@ static bool draw_owned(const pliant_fit *fit, const raster_source *source, const
     return other;
 }
 
-bool pliant_fit_draw_brick(const pliant_fit *fit, const raster_source *source, const raster_tet *tets, const int32_t brick[3],
-                           const raster_brick *owned, void *voxels)
+bool pliant_fit_draw_brick(const pliant_fit *fit, const raster_source *source, const raster_tet *tets,
+                           const int32_t brick[3], const raster_brick *owned, void *voxels)
 {
     int32_t low[3], high[3];
     for (int d = 0; d < 3; d++) {
@@ -293,11 +306,13 @@ bool pliant_fit_draw_brick(const pliant_fit *fit, const raster_source *source, c
     }
     bool other = owned && draw_owned(fit, source, tets, low, owned, voxels);
     for (int32_t k = low[2]; k < high[2]; k++)
-        for (int32_t j = low[1]; j < high[1]; j++) other |= draw_row(&fit->view, source, (const int32_t[3]){low[0], j, k}, high[0], voxels);
+        for (int32_t j = low[1]; j < high[1]; j++)
+            other |= draw_row(&fit->view, source, (const int32_t[3]){low[0], j, k}, high[0], voxels);
     return other;
 }
 
-void pliant_fit_draw(const pliant_fit *fit, const raster_source *source, const int32_t bricks[3], void *voxels, uint8_t *changed)
+void pliant_fit_draw(const pliant_fit *fit, const raster_source *source, const int32_t bricks[3], void *voxels,
+                     uint8_t *changed)
 {
 #pragma omp parallel for num_threads(fit->num_threads) schedule(dynamic)
     for (int32_t b = 0; b < bricks[0] * bricks[1] * bricks[2]; b++) {

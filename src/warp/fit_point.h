@@ -54,7 +54,10 @@ typedef struct fit_view {
 
 /* Return whether the fit determines the voxels of a tetrahedron.
  * only_wanted: at least for a part of it */
-PLIANT_INLINE bool fit_covers(const fit_view *fit, int32_t tet, bool only_wanted) { return !fit->zone || fit->zone[tet] < (only_wanted ? 4 : 1); }
+PLIANT_INLINE bool fit_covers(const fit_view *fit, int32_t tet, bool only_wanted)
+{
+    return !fit->zone || fit->zone[tet] < (only_wanted ? 4 : 1);
+}
 
 PLIANT_INLINE int32_t fit_bin_of(const fit_view *fit, int d, double at)
 {
@@ -65,7 +68,8 @@ PLIANT_INLINE int32_t fit_bin_of(const fit_view *fit, int d, double at)
 PLIANT_INLINE size_t fit_flat_bin(const fit_view *fit, const double at[3])
 {
     return (size_t)fit_bin_of(fit, 0, at[0]) +
-           (size_t)fit->bins[0] * ((size_t)fit_bin_of(fit, 1, at[1]) + (size_t)fit->bins[1] * (size_t)fit_bin_of(fit, 2, at[2]));
+           (size_t)fit->bins[0] *
+               ((size_t)fit_bin_of(fit, 1, at[1]) + (size_t)fit->bins[1] * (size_t)fit_bin_of(fit, 2, at[2]));
 }
 
 /* Compute a node's position along the target's axes [m]: pliant_geometry_to_index times the spacing. */
@@ -75,7 +79,8 @@ PLIANT_INLINE void fit_node_at(const pliant_geometry *target, const double posit
     for (int d = 0; d < 3; d++) offset[d] = position[d] - target->origin[d];
     for (int d = 0; d < 3; d++) {
         const double *axis = target->direction + d;
-        at[d] = (axis[0] * offset[0] + axis[3] * offset[1] + axis[6] * offset[2]) / target->spacing[d] * target->spacing[d];
+        at[d] =
+            (axis[0] * offset[0] + axis[3] * offset[1] + axis[6] * offset[2]) / target->spacing[d] * target->spacing[d];
     }
 }
 
@@ -164,7 +169,9 @@ PLIANT_INLINE void fit_want(const fit_view *fit, const fit_tet *tet, int32_t beg
 {
     int32_t first[3], last[3];
     for (int d = 0; d < 3; d++)
-        if (!fit_range(floor(tet->low[d] / fit->step), floor(tet->high[d] / fit->step) + 1.0, fit->size[d], first + d, last + d)) return;
+        if (!fit_range(floor(tet->low[d] / fit->step), floor(tet->high[d] / fit->step) + 1.0, fit->size[d], first + d,
+                       last + d))
+            return;
     for (int32_t c = first[2] > begin ? first[2] : begin; c <= last[2] && c < end; c++)
         for (int32_t b = first[1]; b <= last[1]; b++)
             for (int32_t a = first[0]; a <= last[0]; a++)
@@ -192,7 +199,8 @@ PLIANT_INLINE size_t fit_most_bins(const fit_view *fit)
 {
     const double width = FIT_CUT_OFF * fit->deviation, reach = width * (1 << (FIT_ATTEMPTS - 1));
     size_t count = 1;
-    for (int d = 0; d < 3; d++) count *= (size_t)fmin((fit->target.size[d] * fit->target.spacing[d] + 2 * reach) / width, FIT_MOST_BINS) + 2;
+    for (int d = 0; d < 3; d++)
+        count *= (size_t)fmin((fit->target.size[d] * fit->target.spacing[d] + 2 * reach) / width, FIT_MOST_BINS) + 2;
     return count;
 }
 
@@ -240,7 +248,8 @@ PLIANT_INLINE void fit_gather(const fit_view *fit, const double p[3], double dev
     for (int32_t c = first[2]; c <= last[2]; c++)
         for (int32_t b = first[1]; b <= last[1]; b++) {
             size_t row = (size_t)fit->bins[0] * ((size_t)b + (size_t)fit->bins[1] * (size_t)c);
-            for (int32_t s = fit->bin_start[row + (size_t)first[0]]; s < fit->bin_start[row + (size_t)last[0] + 1]; s++) {
+            for (int32_t s = fit->bin_start[row + (size_t)first[0]]; s < fit->bin_start[row + (size_t)last[0] + 1];
+                 s++) {
                 const double *at = fit->sorted + 6 * (size_t)s;
                 double apart[3] = {(at[0] - p[0]) * inverse, (at[1] - p[1]) * inverse, (at[2] - p[2]) * inverse};
                 double square = apart[0] * apart[0] + apart[1] * apart[1] + apart[2] * apart[2];
@@ -285,7 +294,9 @@ PLIANT_INLINE void fit_point(const fit_view *fit, const int32_t lattice[3], floa
     normal_equations equations;
     double deviation = fit->deviation, value[3], p[3];
     for (int d = 0; d < 3; d++) out[d] = NAN;
-    if (!fit->wanted[(size_t)lattice[0] + (size_t)fit->size[0] * ((size_t)lattice[1] + (size_t)fit->size[1] * (size_t)lattice[2])]) return;
+    if (!fit->wanted[(size_t)lattice[0] +
+                     (size_t)fit->size[0] * ((size_t)lattice[1] + (size_t)fit->size[1] * (size_t)lattice[2])])
+        return;
     for (int d = 0; d < 3; d++) p[d] = (double)lattice[d] * fit->step * fit->target.spacing[d];
     for (int attempt = 0; attempt < FIT_ATTEMPTS; attempt++, deviation *= 2) {
         fit_gather(fit, p, deviation, &equations);
@@ -308,12 +319,15 @@ PLIANT_INLINE int32_t fit_below(const fit_view *fit, int d, double target, doubl
 }
 
 /* Interpolate the map between four rows at lattice point i, along k, then along j. */
-PLIANT_INLINE void fit_between_rows(const fit_view *fit, int32_t i, const int32_t low[3], const double part[3], double out[3])
+PLIANT_INLINE void fit_between_rows(const fit_view *fit, int32_t i, const int32_t low[3], const double part[3],
+                                    double out[3])
 {
-    const size_t across = (size_t)fit->size[0], up = fit->size[1] > 1 ? across : 0, above = fit->size[2] > 1 ? across * (size_t)fit->size[1] : 0;
+    const size_t across = (size_t)fit->size[0], up = fit->size[1] > 1 ? across : 0,
+                 above = fit->size[2] > 1 ? across * (size_t)fit->size[1] : 0;
     const float *map = fit->map + 3 * ((size_t)i + across * ((size_t)low[1] + (size_t)fit->size[1] * (size_t)low[2]));
     for (int d = 0; d < 3; d++) {
-        const double a = map[d], b = map[3 * up + (size_t)d], c = map[3 * above + (size_t)d], e = map[3 * (up + above) + (size_t)d];
+        const double a = map[d], b = map[3 * up + (size_t)d], c = map[3 * above + (size_t)d],
+                     e = map[3 * (up + above) + (size_t)d];
         const double near = a + part[2] * (c - a), far = b + part[2] * (e - b);
         out[d] = near + part[1] * (far - near);
     }
@@ -393,7 +407,8 @@ PLIANT_INLINE bool fit_put_voxel(const raster_source *source, double value, bool
 }
 
 /* Write a voxel from its rest position if known, otherwise the background. Return whether it has changed. */
-PLIANT_INLINE bool fit_draw_voxel(const fit_view *fit, const raster_source *source, bool known, const double index[3], void *voxels, size_t v)
+PLIANT_INLINE bool fit_draw_voxel(const fit_view *fit, const raster_source *source, bool known, const double index[3],
+                                  void *voxels, size_t v)
 {
     const bool inside = known && fit_in_tissue(fit, index);
     return fit_put_voxel(source, inside ? fit_sample(source, index) : 0, inside, voxels, v);
@@ -411,9 +426,9 @@ PLIANT_INLINE void fit_blend(const fit_view *fit, int32_t element, const double 
     for (int v = 0; v < 3; v++)
         for (int d = 0; d < 3; d++) at[d][v] = fit->rest[3 * (size_t)node[v + 1] + (size_t)d] - first[d];
     double determinant = 0;
-    PLIANT_UNROLL for (int r = 0; r < 3; r++)
-        PLIANT_UNROLL for (int c = 0; c < 3; c++)
-            inverse[c][r] = at[(r + 1) % 3][(c + 1) % 3] * at[(r + 2) % 3][(c + 2) % 3] - at[(r + 1) % 3][(c + 2) % 3] * at[(r + 2) % 3][(c + 1) % 3];
+    PLIANT_UNROLL for (int r = 0; r < 3; r++) PLIANT_UNROLL for (int c = 0; c < 3; c++) inverse[c][r] =
+        at[(r + 1) % 3][(c + 1) % 3] * at[(r + 2) % 3][(c + 2) % 3] -
+        at[(r + 1) % 3][(c + 2) % 3] * at[(r + 2) % 3][(c + 1) % 3];
     for (int d = 0; d < 3; d++) {
         determinant += at[0][d] * inverse[d][0];
         from[d] = index[d] - first[d];
@@ -427,8 +442,8 @@ PLIANT_INLINE void fit_blend(const fit_view *fit, int32_t element, const double 
 }
 
 /* Write a voxel of a zone element from its own map's index. Return whether it has changed. */
-PLIANT_INLINE bool fit_draw_owned(const fit_view *fit, const part_view *parts, const raster_source *source, int32_t element, const double voxel[3],
-                                  double index[3], void *voxels, size_t v)
+PLIANT_INLINE bool fit_draw_owned(const fit_view *fit, const part_view *parts, const raster_source *source,
+                                  int32_t element, const double voxel[3], double index[3], void *voxels, size_t v)
 {
     fit_blend(fit, element, voxel, index);
     const part_element of = parts->elements[element];

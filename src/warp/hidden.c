@@ -5,7 +5,8 @@
 
 #include <string.h>
 
-pliant_status pliant_volume_hide(const pliant_volume *scan, const uint8_t *material_of_voxel, const bool hidden[256], pliant_volume *out)
+pliant_status pliant_volume_hide(const pliant_volume *scan, const uint8_t *material_of_voxel, const bool hidden[256],
+                                 pliant_volume *out)
 {
     const raster_source source = pliant_warp_source(scan);
     const size_t count = pliant_geometry_voxels(&scan->geometry), size = pliant_encoding_size(scan->encoding);

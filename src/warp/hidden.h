@@ -15,7 +15,8 @@ extern "C" {
  * @param material_of_voxel (voxels)
  * @param out free with pliant_volume_free
  * Errors: MEMORY. */
-pliant_status pliant_volume_hide(const pliant_volume *scan, const uint8_t *material_of_voxel, const bool hidden[256], pliant_volume *out);
+pliant_status pliant_volume_hide(const pliant_volume *scan, const uint8_t *material_of_voxel, const bool hidden[256],
+                                 pliant_volume *out);
 
 #ifdef __cplusplus
 }

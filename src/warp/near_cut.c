@@ -21,7 +21,8 @@ static void mark_around(const double index[3], double distance, const int32_t si
     }
     for (int32_t k = low[2]; k <= high[2]; k++)
         for (int32_t j = low[1]; j <= high[1]; j++)
-            memset(mask + (size_t)low[0] + (size_t)size[0] * ((size_t)j + (size_t)size[1] * (size_t)k), value, (size_t)(high[0] - low[0] + 1));
+            memset(mask + (size_t)low[0] + (size_t)size[0] * ((size_t)j + (size_t)size[1] * (size_t)k), value,
+                   (size_t)(high[0] - low[0] + 1));
 }
 
 /* corner: index in the grid */
@@ -32,7 +33,8 @@ static void mark_triangle(double corner[3][3], double distance, const int32_t si
         for (int d = 0; d < 3; d++) longest = fmax(longest, fabs(corner[v][d] - corner[(v + 1) % 3][d]));
     /* a triangle outside the grid marks nothing */
     for (int d = 0; d < 3; d++) {
-        const double least = fmin(corner[0][d], fmin(corner[1][d], corner[2][d])), most = fmax(corner[0][d], fmax(corner[1][d], corner[2][d]));
+        const double least = fmin(corner[0][d], fmin(corner[1][d], corner[2][d])),
+                     most = fmax(corner[0][d], fmax(corner[1][d], corner[2][d]));
         if (!(most >= -distance && least <= size[d] - 1 + distance)) return;
     }
     const int parts = (int)fmin(ceil(longest / sample_distance), 4096) + 1;
@@ -40,13 +42,14 @@ static void mark_triangle(double corner[3][3], double distance, const int32_t si
         for (int b = 0; a + b <= parts; b++) {
             double index[3];
             for (int d = 0; d < 3; d++)
-                index[d] = corner[0][d] + (a * (corner[1][d] - corner[0][d]) + b * (corner[2][d] - corner[0][d])) / parts;
+                index[d] =
+                    corner[0][d] + (a * (corner[1][d] - corner[0][d]) + b * (corner[2][d] - corner[0][d])) / parts;
             mark_around(index, distance + 0.5 * sample_distance, size, mask, value);
         }
 }
 
-pliant_status pliant_near_cut_mark(const pliant_surface *surface, const double *positions, const pliant_geometry *grid, double distance,
-                                   uint8_t *mask, uint8_t value)
+pliant_status pliant_near_cut_mark(const pliant_surface *surface, const double *positions, const pliant_geometry *grid,
+                                   double distance, uint8_t *mask, uint8_t value)
 {
     const int32_t nodes = surface->body->fine.num_nodes;
     double *vertices = pliant_calloc((size_t)surface->num_vertices + 1, 3 * sizeof *vertices);
@@ -56,7 +59,9 @@ pliant_status pliant_near_cut_mark(const pliant_surface *surface, const double *
         double corner[3][3];
         for (int v = 0; v < 3; v++) {
             const int32_t point = surface->triangle[3 * (size_t)t + (size_t)v];
-            pliant_geometry_to_index(grid, point < nodes ? positions + 3 * (size_t)point : vertices + 3 * (size_t)(point - nodes), corner[v]);
+            pliant_geometry_to_index(
+                grid, point < nodes ? positions + 3 * (size_t)point : vertices + 3 * (size_t)(point - nodes),
+                corner[v]);
         }
         mark_triangle(corner, distance, grid->size, mask, value);
     }

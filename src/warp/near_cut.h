@@ -13,8 +13,8 @@ extern "C" {
  * positions: (fine.num_nodes x 3) of the surface's body
  * mask: (voxels of the grid)
  * Errors: MEMORY. */
-pliant_status pliant_near_cut_mark(const pliant_surface *surface, const double *positions, const pliant_geometry *grid, double distance,
-                                   uint8_t *mask, uint8_t value);
+pliant_status pliant_near_cut_mark(const pliant_surface *surface, const double *positions, const pliant_geometry *grid,
+                                   double distance, uint8_t *mask, uint8_t value);
 
 #ifdef __cplusplus
 }

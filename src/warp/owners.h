@@ -29,8 +29,8 @@ typedef int32_t owner_claim(raster_brick *brick, const raster_tet *tet, const in
                             uint32_t entry);
 
 /* rasterize_parts.c: same for an element at a cut, in a plain loop for all sets */
-int32_t pliant_raster_claim_part(const part_view *parts, int32_t element, const raster_tet *tet, const int32_t origin[3],
-                                 const owner_box *box, uint32_t entry, raster_brick *brick);
+int32_t pliant_raster_claim_part(const part_view *parts, int32_t element, const raster_tet *tet,
+                                 const int32_t origin[3], const owner_box *box, uint32_t entry, raster_brick *brick);
 
 OWNER_INLINE int32_t owner_floor(double value, int32_t low)
 {
@@ -112,8 +112,8 @@ OWNER_INLINE void owner_fill_copy(const raster_source *source, const raster_tet 
 
 /* Find the voxels first to last of row (j, k) inside all planes and the box.
  * corner: from owner_values */
-OWNER_INLINE void owner_find_row(const raster_tet *tet, const double corner[4], const owner_box *box, int32_t j, int32_t k, int32_t *first,
-                                 int32_t *last)
+OWNER_INLINE void owner_find_row(const raster_tet *tet, const double corner[4], const owner_box *box, int32_t j,
+                                 int32_t k, int32_t *first, int32_t *last)
 {
     double rise = -box->low[0], fall = box->high[0];
     for (int v = 0; v < 4; v++) {
@@ -129,9 +129,9 @@ OWNER_INLINE void owner_find_row(const raster_tet *tet, const double corner[4], 
  * map gives its rest position. In cut tetrahedra, each candidate is a fragment. A fragment claims a voxel only if the
  * rest point belongs to it, and samples only its own voxels (part.h). On the GPU, the minimum key in
  * cuda/warp/owners.cuh makes the same decision. With a fit, fit_in_tissue and fit_gather (fit_point.h) do. */
-OWNER_INLINE void owner_find_all(const raster_source *source, const part_view *parts, const raster_tet *tets, const int32_t *candidates,
-                                 size_t num_candidates, const int32_t origin[3], raster_brick *brick,
-                                 owner_claim *claim)
+OWNER_INLINE void owner_find_all(const raster_source *source, const part_view *parts, const raster_tet *tets,
+                                 const int32_t *candidates, size_t num_candidates, const int32_t origin[3],
+                                 raster_brick *brick, owner_claim *claim)
 {
     uint32_t num_slots = 0;
     brick->inner = true;

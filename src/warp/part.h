@@ -84,9 +84,11 @@ PLIANT_INLINE int32_t part_first(const part_box *box, const part_cell *cell)
 /* Read the labels of a cell's corners. */
 PLIANT_INLINE void part_labels(const part_view *view, const part_box *box, int32_t first, uint16_t out[8])
 {
-    const int32_t along[3] = {box->size[0] > 1 ? 1 : 0, box->size[1] > 1 ? box->size[0] : 0, box->size[2] > 1 ? box->size[0] * box->size[1] : 0};
-    PLIANT_UNROLL for (int c = 0; c < 8; c++)
-        out[c] = (uint16_t)(view->labels[first + (c & 1 ? along[0] : 0) + (c & 2 ? along[1] : 0) + (c & 4 ? along[2] : 0)] & ~PART_UNIFORM);
+    const int32_t along[3] = {box->size[0] > 1 ? 1 : 0, box->size[1] > 1 ? box->size[0] : 0,
+                              box->size[2] > 1 ? box->size[0] * box->size[1] : 0};
+    PLIANT_UNROLL for (int c = 0; c < 8; c++) out[c] =
+        (uint16_t)(view->labels[first + (c & 1 ? along[0] : 0) + (c & 2 ? along[1] : 0) + (c & 4 ? along[2] : 0)] &
+                   ~PART_UNIFORM);
 }
 
 /* Return whether a rest point (scan index) belongs to an element; WHOLE: all surrounding voxels do, too. */
@@ -98,7 +100,8 @@ PLIANT_INLINE part_claim part_claims(const part_view *view, part_element element
     part_find_cell(view->scan_size, index, &cell);
     const part_box *box = &view->boxes[element.box];
     const int32_t first = part_first(box, &cell);
-    if (view->labels[first] & PART_UNIFORM) return (view->labels[first] & ~PART_UNIFORM) == (uint32_t)element.label ? PART_WHOLE : PART_OTHERS;
+    if (view->labels[first] & PART_UNIFORM)
+        return (view->labels[first] & ~PART_UNIFORM) == (uint32_t)element.label ? PART_WHOLE : PART_OTHERS;
     part_labels(view, box, first, label);
     PLIANT_UNROLL for (int c = 0; c < 8; c++) {
         weight[c] = part_weight(&cell, c);
@@ -116,7 +119,8 @@ PLIANT_INLINE part_claim part_claims(const part_view *view, part_element element
 
 /* Interpolate trilinearly in a cell with the element's voxels alone; it must have some there.
  * values: at the eight corners */
-PLIANT_INLINE double part_value(const part_view *view, part_element element, const part_cell *cell, const double values[8])
+PLIANT_INLINE double part_value(const part_view *view, part_element element, const part_cell *cell,
+                                const double values[8])
 {
     uint16_t label[8];
     double sum = 0, weights = 0;
@@ -132,7 +136,8 @@ PLIANT_INLINE double part_value(const part_view *view, part_element element, con
 }
 
 /* Return the value of the element's voxel with the largest weight. */
-PLIANT_INLINE double part_nearest(const part_view *view, part_element element, const part_cell *cell, const double values[8])
+PLIANT_INLINE double part_nearest(const part_view *view, part_element element, const part_cell *cell,
+                                  const double values[8])
 {
     uint16_t label[8];
     double most = -1, nearest = 0;

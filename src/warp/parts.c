@@ -37,7 +37,10 @@ static bool is_near(const parts_work *all, int32_t tet)
     return false;
 }
 
-static bool has_voxels(const parts_work *all, int32_t tet) { return all->body->voxels->start[tet] < all->body->voxels->start[tet + 1]; }
+static bool has_voxels(const parts_work *all, int32_t tet)
+{
+    return all->body->voxels->start[tet] < all->body->voxels->start[tet + 1];
+}
 
 static bool add_other(parts_work *all, int32_t tet)
 {
@@ -56,7 +59,9 @@ static bool add_cube(parts_work *all, const int32_t at[3])
     bool good = true;
     for (int32_t i = hosts->cube_start[cube]; i < hosts->cube_start[cube + 1] && good; i++) {
         const int32_t tet = hosts->of_cube[i], old = all->before->view.elements[tet].box;
-        if (has_voxels(all, tet) && pliant_parts_differ(&all->changes, &hosts->box[tet], old >= 0 && all->before->by_node[old])) good = add_other(all, tet);
+        if (has_voxels(all, tet) &&
+            pliant_parts_differ(&all->changes, &hosts->box[tet], old >= 0 && all->before->by_node[old]))
+            good = add_other(all, tet);
     }
     return good;
 }
@@ -67,14 +72,16 @@ static bool list_other(parts_work *all)
     const part_changes *changes = &all->changes;
     int32_t at[3], low[3], high[3];
     bool good = true;
-    for (int32_t i = 0; i < changes->num_listed && good; i++) good = !has_voxels(all, changes->listed[i]) || add_other(all, changes->listed[i]);
+    for (int32_t i = 0; i < changes->num_listed && good; i++)
+        good = !has_voxels(all, changes->listed[i]) || add_other(all, changes->listed[i]);
     for (int d = 0; d < 3; d++) {
         low[d] = changes->low[d] * PART_REGION / PART_CUBE;
         high[d] = changes->high[d] < 0 ? -1 : changes->high[d] * PART_REGION / PART_CUBE;
     }
     for (at[2] = low[2]; at[2] <= high[2]; at[2]++)
         for (at[1] = low[1]; at[1] <= high[1]; at[1]++)
-            for (at[0] = low[0]; at[0] <= high[0] && good; at[0]++) good = !pliant_parts_differ_in(changes, at) || add_cube(all, at);
+            for (at[0] = low[0]; at[0] <= high[0] && good; at[0]++)
+                good = !pliant_parts_differ_in(changes, at) || add_cube(all, at);
     if (good && all->num_other > 0) all->num_other = sort_once(all->other, all->num_other);
     return good;
 }
@@ -118,7 +125,8 @@ static pliant_status make_boxes(parts_work *all)
         for (int32_t n = 0; n < all->num_anew; n++) {
             const int32_t tet = all->anew[n];
             all->made[n].maker = -1;
-            if (status == PLIANT_OK) status = pliant_parts_make_box(all->makers + maker, tet, &all->hosts->box[tet], maker, all->made + n);
+            if (status == PLIANT_OK)
+                status = pliant_parts_make_box(all->makers + maker, tet, &all->hosts->box[tet], maker, all->made + n);
         }
         pliant_work_leave(&work, status);
     }
@@ -156,7 +164,8 @@ static void set_elements(const parts_work *all, pliant_parts *parts, part_elemen
     }
     int32_t guest = 0;
     for (int32_t b = 0; b < parts->num_boxes; b++) {
-        const int32_t *carrier = parts->carrier + parts->carrier_start[b], count = fragments_of(all->body->cuts, parts->host + b, &list);
+        const int32_t *carrier = parts->carrier + parts->carrier_start[b],
+                      count = fragments_of(all->body->cuts, parts->host + b, &list);
         for (int32_t f = 0; f < count; f++) set_element(elements, list[f], b, f);
         for (int32_t label = 0; guest < parts->guest_start[b + 1]; label++)
             if (carrier[label] == parts->guests[guest].carrier) elements[tets + guest++] = (part_element){b, label};
@@ -166,8 +175,9 @@ static void set_elements(const parts_work *all, pliant_parts *parts, part_elemen
 }
 
 /* Append a box with its carriers and guests. */
-static void add_box(pliant_parts *parts, part_box *boxes, const part_box *box, int32_t host, bool by_node, int32_t taken, const int32_t *carrier,
-                    int32_t num_carriers, const part_guest *guest, int32_t num_guests)
+static void add_box(pliant_parts *parts, part_box *boxes, const part_box *box, int32_t host, bool by_node,
+                    int32_t taken, const int32_t *carrier, int32_t num_carriers, const part_guest *guest,
+                    int32_t num_guests)
 {
     const int32_t b = parts->num_boxes++;
     boxes[b] = *box;
@@ -185,7 +195,8 @@ static void add_kept(pliant_parts *parts, part_box *boxes, const pliant_parts *f
 {
     part_box box = from->view.boxes[old];
     if (parts->pool != from->pool) {
-        memcpy(parts->pool->at + parts->pool->used, from->view.labels + box.first, (size_t)part_count(&box) * sizeof *from->view.labels);
+        memcpy(parts->pool->at + parts->pool->used, from->view.labels + box.first,
+               (size_t)part_count(&box) * sizeof *from->view.labels);
         box.first = (int32_t)parts->pool->used;
         parts->pool->used += (size_t)part_count(&box);
     }
@@ -201,11 +212,13 @@ static void add_made(pliant_parts *parts, part_box *boxes, const parts_work *all
     const part_maker *by = all->makers + made->maker;
     part_box box = all->hosts->box[all->anew[n]];
     box.first = (int32_t)parts->pool->used;
-    memcpy(parts->pool->at + box.first, (const uint16_t *)by->labels.at + made->labels, (size_t)made->num_labels * sizeof *parts->pool->at);
+    memcpy(parts->pool->at + box.first, (const uint16_t *)by->labels.at + made->labels,
+           (size_t)made->num_labels * sizeof *parts->pool->at);
     parts->pool->used += (size_t)made->num_labels;
     parts->live += (size_t)made->num_labels;
-    add_box(parts, boxes, &box, all->anew[n], made->by_node, -1, (const int32_t *)by->carriers.at + made->carriers, made->num_carriers,
-            by->guests.at ? (const part_guest *)by->guests.at + made->guests : NULL, made->num_guests);
+    add_box(parts, boxes, &box, all->anew[n], made->by_node, -1, (const int32_t *)by->carriers.at + made->carriers,
+            made->num_carriers, by->guests.at ? (const part_guest *)by->guests.at + made->guests : NULL,
+            made->num_guests);
 }
 
 /* Return whether a host is in `other`. Hosts must be queried in ascending order.
@@ -237,7 +250,9 @@ static pliant_status make_lists(const parts_work *all, pliant_parts *parts, part
     }
     parts->view.boxes = *boxes = pliant_calloc(count + 1, sizeof **boxes);
     const size_t tets = (size_t)all->body->fine.num_tets, known = from ? (size_t)all->body_before->fine.num_tets : 0;
-    *elements = from ? pliant_next_of(from->view.elements, known < tets ? known : tets, tets + guests, sizeof **elements) : pliant_room(tets + guests, sizeof **elements);
+    *elements = from
+                    ? pliant_next_of(from->view.elements, known < tets ? known : tets, tets + guests, sizeof **elements)
+                    : pliant_room(tets + guests, sizeof **elements);
     parts->view.elements = *elements;
     parts->host = pliant_calloc(count + 1, sizeof *parts->host);
     parts->by_node = pliant_calloc(count + 1, sizeof *parts->by_node);
@@ -246,8 +261,8 @@ static pliant_status make_lists(const parts_work *all, pliant_parts *parts, part
     parts->guest_start = pliant_calloc(count + 1, sizeof *parts->guest_start);
     parts->carrier = pliant_calloc(carriers + 1, sizeof *parts->carrier);
     parts->guests = pliant_calloc(guests + 1, sizeof *parts->guests);
-    if (!*boxes || !*elements || !parts->host || !parts->by_node || !parts->taken || !parts->carrier_start || !parts->guest_start || !parts->carrier ||
-        !parts->guests)
+    if (!*boxes || !*elements || !parts->host || !parts->by_node || !parts->taken || !parts->carrier_start ||
+        !parts->guest_start || !parts->carrier || !parts->guests)
         return pliant_parts_no_memory();
     return pliant_part_pool_find(from, live, more, &parts->pool);
 }
@@ -298,20 +313,25 @@ static pliant_status create(parts_work *all, pliant_parts *parts)
 
 static void free_maker(part_maker *maker)
 {
-    void *blocks[] = {maker->label, maker->queue, maker->carried, maker->step, maker->severed, maker->touched, maker->wanted, maker->wall, maker->carriers.at,
-                      maker->labels.at, maker->guests.at};
+    void *blocks[] = {maker->label,       maker->queue,     maker->carried,  maker->step,
+                      maker->severed,     maker->touched,   maker->wanted,   maker->wall,
+                      maker->carriers.at, maker->labels.at, maker->guests.at};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
 }
 
-pliant_status pliant_parts_create(const pliant_body *body, const pliant_geometry *scan, const pliant_body *body_before, const pliant_parts *before,
-                                  part_hosts *hosts, int num_threads, pliant_parts **out)
+pliant_status pliant_parts_create(const pliant_body *body, const pliant_geometry *scan, const pliant_body *body_before,
+                                  const pliant_parts *before, part_hosts *hosts, int num_threads, pliant_parts **out)
 {
     *out = NULL;
     if (!body->cuts || !body->voxels) return PLIANT_OK;
     if (memcmp(body->voxels->geometry.size, scan->size, sizeof scan->size) != 0)
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "the voxels of the body that is drawn are not those of the scan");
     const size_t tets = (size_t)body->voxels->num_tets;
-    parts_work all = {.body = body, .before = before && body_before && body_before->voxels == body->voxels ? before : NULL, .hosts = hosts, .body_before = body_before, .num_makers = num_threads};
+    parts_work all = {.body = body,
+                      .before = before && body_before && body_before->voxels == body->voxels ? before : NULL,
+                      .hosts = hosts,
+                      .body_before = body_before,
+                      .num_makers = num_threads};
     all.cut_of = pliant_room(tets, sizeof *all.cut_of);
     all.makers = pliant_calloc((size_t)num_threads, sizeof *all.makers);
     pliant_parts *parts = pliant_calloc(1, sizeof *parts);
@@ -320,8 +340,14 @@ pliant_status pliant_parts_create(const pliant_body *body, const pliant_geometry
         memset(all.cut_of, 0xff, tets * sizeof *all.cut_of);
         for (int32_t t = 0; t < body->cuts->num_tets; t++) all.cut_of[body->cuts->tet[t]] = t;
         for (int m = 0; m < num_threads; m++)
-            all.makers[m] = (part_maker){.body = body, .voxels = body->voxels, .cuts = body->cuts, .scan = scan, .cut_of = all.cut_of,
-                                         .carriers.size = sizeof(int32_t), .labels.size = sizeof(uint16_t), .guests.size = sizeof(part_guest)};
+            all.makers[m] = (part_maker){.body = body,
+                                         .voxels = body->voxels,
+                                         .cuts = body->cuts,
+                                         .scan = scan,
+                                         .cut_of = all.cut_of,
+                                         .carriers.size = sizeof(int32_t),
+                                         .labels.size = sizeof(uint16_t),
+                                         .guests.size = sizeof(part_guest)};
         status = create(&all, parts);
     }
     for (int m = 0; all.makers && m < num_threads; m++) free_maker(all.makers + m);
@@ -377,8 +403,11 @@ bool pliant_parts_same(const pliant_parts *before, int32_t box_before, const pli
     if (box_before < 0 || box < 0) return box_before < 0 && box < 0;
     if (now->taken[box] == box_before) return true;
     const part_box *one = &before->view.boxes[box_before], *other = &now->view.boxes[box];
-    const int32_t *from = before->carrier + before->carrier_start[box_before], *to = now->carrier + now->carrier_start[box];
+    const int32_t *from = before->carrier + before->carrier_start[box_before],
+                  *to = now->carrier + now->carrier_start[box];
     const int32_t carriers = before->carrier_start[box_before + 1] - before->carrier_start[box_before];
-        return before->host[box_before] == now->host[box] && part_same_list(from, carriers, to, now->carrier_start[box + 1] - now->carrier_start[box]) &&
-           memcmp(before->view.labels + one->first, now->view.labels + other->first, (size_t)part_count(one) * sizeof *now->view.labels) == 0;
+    return before->host[box_before] == now->host[box] &&
+           part_same_list(from, carriers, to, now->carrier_start[box + 1] - now->carrier_start[box]) &&
+           memcmp(before->view.labels + one->first, now->view.labels + other->first,
+                  (size_t)part_count(one) * sizeof *now->view.labels) == 0;
 }

@@ -62,8 +62,8 @@ void pliant_part_hosts_release(part_hosts *hosts); /* Nullable */
  * body_before, before: Nullable
  * hosts: Nullable: computed from the body's voxels
  * Errors: MEMORY, ARGUMENT (voxels of another scan). */
-pliant_status pliant_parts_create(const pliant_body *body, const pliant_geometry *scan, const pliant_body *body_before, const pliant_parts *before,
-                                  part_hosts *hosts, int num_threads, pliant_parts **out);
+pliant_status pliant_parts_create(const pliant_body *body, const pliant_geometry *scan, const pliant_body *body_before,
+                                  const pliant_parts *before, part_hosts *hosts, int num_threads, pliant_parts **out);
 /* Compute the parts of a body whose tetrahedra are subdivided by cuts; each draws all that it contains. NULL without
  * cuts, and for a NULL body. Errors: MEMORY. */
 pliant_status pliant_parts_whole(const pliant_body *body, const pliant_geometry *scan, pliant_parts **out);
@@ -75,7 +75,8 @@ bool pliant_parts_same(const pliant_parts *before, int32_t box_before, const pli
 /* Compute a corner of a guest from the positions of its carrier's nodes. */
 PLIANT_INLINE void part_guest_corner(const double blend[4], const double *const node[4], double out[3])
 {
-    PLIANT_UNROLL for (int d = 0; d < 3; d++) out[d] = blend[0] * node[0][d] + blend[1] * node[1][d] + blend[2] * node[2][d] + blend[3] * node[3][d];
+    PLIANT_UNROLL for (int d = 0; d < 3; d++) out[d] =
+        blend[0] * node[0][d] + blend[1] * node[1][d] + blend[2] * node[2][d] + blend[3] * node[3][d];
 }
 
 #ifdef __cplusplus

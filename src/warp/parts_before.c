@@ -26,7 +26,10 @@ static void mark_box(const comparison *both, const part_box *box, uint8_t mark)
             for (at[0] = low[0]; at[0] <= high[0]; at[0]++) out->other[part_index_of(out->regions, at)] |= mark;
 }
 
-static void mark_tet(const comparison *both, int32_t tet, uint8_t mark) { mark_box(both, &both->hosts->box[tet], mark); }
+static void mark_tet(const comparison *both, int32_t tet, uint8_t mark)
+{
+    mark_box(both, &both->hosts->box[tet], mark);
+}
 
 static void mark_voxel(const comparison *both, int32_t voxel)
 {
@@ -62,8 +65,11 @@ static void mark_carriers_of(const comparison *both, int32_t tet, int32_t o, int
 {
     const pliant_voxels *voxels = both->work->voxels;
     const pliant_cuts *old = both->before->cuts, *now = both->work->cuts;
-    const int32_t *was = o < 0 ? NULL : old->voxel_fragment + old->voxel_start[o], *is = n < 0 ? NULL : now->voxel_fragment + now->voxel_start[n];
-    if (o < 0 || n < 0 || !part_same_list(old->fragment + old->start[o], old->start[o + 1] - old->start[o], now->fragment + now->start[n], now->start[n + 1] - now->start[n]))
+    const int32_t *was = o < 0 ? NULL : old->voxel_fragment + old->voxel_start[o],
+                  *is = n < 0 ? NULL : now->voxel_fragment + now->voxel_start[n];
+    if (o < 0 || n < 0 ||
+        !part_same_list(old->fragment + old->start[o], old->start[o + 1] - old->start[o], now->fragment + now->start[n],
+                        now->start[n + 1] - now->start[n]))
         both->out->listed[both->out->num_listed++] = tet;
     if (was == is) return;
     for (int32_t v = voxels->start[tet]; v < voxels->start[tet + 1]; v++) {
@@ -105,12 +111,14 @@ static void mark_nodes(const comparison *both)
     const pliant_body *old = both->before, *now = both->work->body;
     const bool listed = now->changes.since == old->revision;
     for (int32_t i = 0; listed && i < now->changes.num_touched; i++) mark_nodes_of(both, now->changes.touched[i]);
-    for (int32_t t = listed ? old->fine.num_tets : 0; t < old->fine.num_tets || t < now->fine.num_tets; t++) mark_nodes_of(both, t);
+    for (int32_t t = listed ? old->fine.num_tets : 0; t < old->fine.num_tets || t < now->fine.num_tets; t++)
+        mark_nodes_of(both, t);
     for (int32_t c = 0; c < now->cuts->num_chips; c++)
         if (has_other_nodes(both, now->cuts->chip[2 * c + 1])) mark_tet(both, now->cuts->chip[2 * c], OTHER_NODES);
 }
 
-pliant_status pliant_parts_compare(const part_maker *work, const pliant_body *body_before, const part_hosts *hosts, part_changes *out)
+pliant_status pliant_parts_compare(const part_maker *work, const pliant_body *body_before, const part_hosts *hosts,
+                                   part_changes *out)
 {
     const comparison both = {.work = work, .before = body_before, .hosts = hosts, .out = out};
     size_t regions = 1;
@@ -121,7 +129,8 @@ pliant_status pliant_parts_compare(const part_maker *work, const pliant_body *bo
         out->high[d] = -1;
     }
     out->other = pliant_calloc(regions, 1);
-    out->listed = pliant_calloc((size_t)body_before->cuts->num_tets + (size_t)work->cuts->num_tets + 1, sizeof *out->listed);
+    out->listed =
+        pliant_calloc((size_t)body_before->cuts->num_tets + (size_t)work->cuts->num_tets + 1, sizeof *out->listed);
     if (!out->other || !out->listed) return pliant_parts_no_memory();
     mark_links(&both);
     mark_carriers(&both);
@@ -155,7 +164,8 @@ bool pliant_parts_differ_in(const part_changes *changes, const int32_t cube[3])
 {
     enum { IN_CUBE = PART_CUBE / PART_REGION };
     int32_t at[3], high[3];
-    for (int d = 0; d < 3; d++) high[d] = IN_CUBE * (cube[d] + 1) < changes->regions[d] ? IN_CUBE * (cube[d] + 1) : changes->regions[d];
+    for (int d = 0; d < 3; d++)
+        high[d] = IN_CUBE * (cube[d] + 1) < changes->regions[d] ? IN_CUBE * (cube[d] + 1) : changes->regions[d];
     for (at[2] = IN_CUBE * cube[2]; at[2] < high[2]; at[2]++)
         for (at[1] = IN_CUBE * cube[1]; at[1] < high[1]; at[1]++)
             for (at[0] = IN_CUBE * cube[0]; at[0] < high[0]; at[0]++)

@@ -42,13 +42,16 @@ static bool find_severed(part_maker *work)
     memset(work->severed, 0, (size_t)work->count);
     for (int32_t k = 0; k < box->size[2]; k++) {
         const int32_t slice = size[0] * (box->low[1] + size[1] * (box->low[2] + k));
-        const uint32_t *link = work->cuts->link, *from = link + pliant_lower(link, work->cuts->num_links, 4 * (uint32_t)slice);
-        const uint32_t *end = link + pliant_lower(link, work->cuts->num_links, 4 * (uint32_t)(slice + size[0] * box->size[1]));
+        const uint32_t *link = work->cuts->link,
+                       *from = link + pliant_lower(link, work->cuts->num_links, 4 * (uint32_t)slice);
+        const uint32_t *end =
+            link + pliant_lower(link, work->cuts->num_links, 4 * (uint32_t)(slice + size[0] * box->size[1]));
         for (int32_t j = 0; j < box->size[1] && from < end; j++) {
             const uint32_t row = (uint32_t)(slice + size[0] * j + box->low[0]);
             from += pliant_lower(from, (int32_t)(end - from), 4 * row);
             for (; from < end && *from / 4 < row + (uint32_t)box->size[0]; from++) {
-                work->severed[(int32_t)(*from / 4 - row) + box->size[0] * (j + box->size[1] * k)] |= (uint8_t)(1 << *from % 4);
+                work->severed[(int32_t)(*from / 4 - row) + box->size[0] * (j + box->size[1] * k)] |=
+                    (uint8_t)(1 << *from % 4);
                 any = true;
             }
         }
@@ -61,7 +64,9 @@ static bool find_severed(part_maker *work)
 static int32_t carrier_of(const part_maker *work, int32_t voxel)
 {
     const int32_t tet = work->voxels->owner[voxel], cut = work->cut_of[tet];
-    return cut < 0 ? tet : work->cuts->voxel_fragment[work->cuts->voxel_start[cut] + pliant_voxel_in(work->voxels, tet, voxel)];
+    return cut < 0
+               ? tet
+               : work->cuts->voxel_fragment[work->cuts->voxel_start[cut] + pliant_voxel_in(work->voxels, tet, voxel)];
 }
 
 /* Return the label of a carrier in the box; -1: out of memory. */
@@ -111,7 +116,8 @@ static int32_t touch_row(const cell_planes *planes, const int32_t low[3], int32_
 {
     int32_t first = 0, end = count;
     for (int v = 0; v < 4 && first < end; v++) {
-        const double *most = planes->most[v], along = part_most(planes->at->slope[v][1], low[1], 1), down = part_most(planes->at->slope[v][2], low[2], 1);
+        const double *most = planes->most[v], along = part_most(planes->at->slope[v][1], low[1], 1),
+                     down = part_most(planes->at->slope[v][2], low[2], 1);
         while (first < end && most[first] + along + down < -PART_GROWTH) first++;
         while (first < end && most[end - 1] + along + down < -PART_GROWTH) end--;
     }
@@ -123,7 +129,8 @@ static int32_t touch_row(const cell_planes *planes, const int32_t low[3], int32_
 static void find_touched(part_maker *work)
 {
     const int32_t *size = work->box.size;
-    const int32_t cells[3] = {size[0] > 1 ? size[0] - 1 : 1, size[1] > 1 ? size[1] - 1 : 1, size[2] > 1 ? size[2] - 1 : 1};
+    const int32_t cells[3] = {size[0] > 1 ? size[0] - 1 : 1, size[1] > 1 ? size[1] - 1 : 1,
+                              size[2] > 1 ? size[2] - 1 : 1};
     cell_planes planes;
     memset(work->touched, 0, (size_t)work->count);
     for (int32_t from = 0; from < cells[0]; from += MOST_ROW) {
@@ -137,7 +144,8 @@ static void find_touched(part_maker *work)
                 if (begin == end) continue;
                 for (int c = 0; c < 4; c++) {
                     const int32_t row[3] = {from + begin, j + (c & 1), k + (c >> 1)};
-                    if (row[1] < size[1] && row[2] < size[2]) memset(work->touched + part_index_of(size, row), 1, (size_t)(end - begin + (size[0] > 1)));
+                    if (row[1] < size[1] && row[2] < size[2])
+                        memset(work->touched + part_index_of(size, row), 1, (size_t)(end - begin + (size[0] > 1)));
                 }
             }
     }
@@ -197,7 +205,8 @@ static void find_walls(part_maker *work)
     for (int32_t k = 0; k < size[2]; k++)
         for (int32_t j = 0; j < size[1]; j++) {
             uint8_t *row = work->wall + size[0] * (j + size[1] * k);
-            memset(row, (j == 0) << 2 | (j + 1 == size[1]) << 3 | (k == 0) << 4 | (k + 1 == size[2]) << 5, (size_t)size[0]);
+            memset(row, (j == 0) << 2 | (j + 1 == size[1]) << 3 | (k == 0) << 4 | (k + 1 == size[2]) << 5,
+                   (size_t)size[0]);
             row[0] |= 1;
             row[size[0] - 1] |= 2;
         }
@@ -261,7 +270,8 @@ static int32_t hang_together(part_maker *work, int32_t first)
             for (int way = -1; way <= 1; way += 2) {
                 const int32_t to = from + way * stride[d];
                 if (work->wall[from] >> (2 * d + (way > 0)) & 1) continue;
-                if (work->severed[way > 0 ? from : to] >> d & 1 || work->label[to] != NO_LABEL || !work->wanted[to]) continue;
+                if (work->severed[way > 0 ? from : to] >> d & 1 || work->label[to] != NO_LABEL || !work->wanted[to])
+                    continue;
                 work->label[to] = IN_QUEUE;
                 work->queue[queued++] = to;
             }
@@ -304,12 +314,14 @@ static bool label_others(part_maker *work)
         uint8_t *wanted = work->wanted + size[0] * row;
         for (int32_t i = 0; i < size[0]; i++) wanted[i] = (label[i] < 0) & (owner[i] >= 0) & touched[i];
     }
-    for (const uint8_t *end = work->wanted + work->count, *at = work->wanted; (at = memchr(at, 1, (size_t)(end - at))); at++) {
+    for (const uint8_t *end = work->wanted + work->count, *at = work->wanted; (at = memchr(at, 1, (size_t)(end - at)));
+         at++) {
         const int32_t n = (int32_t)(at - work->wanted);
         work->label[n] = label_by_node(work, n);
         work->by_node = true;
     }
-    for (const uint8_t *end = work->wanted + work->count, *at = work->wanted; (at = memchr(at, 1, (size_t)(end - at))); at++) {
+    for (const uint8_t *end = work->wanted + work->count, *at = work->wanted; (at = memchr(at, 1, (size_t)(end - at)));
+         at++) {
         const int32_t n = (int32_t)(at - work->wanted);
         if (work->label[n] >= 0) continue;
         const int32_t together = hang_together(work, n), label = label_of(work, most_of(work, together));
@@ -335,7 +347,8 @@ static bool make_room(part_maker *work)
 {
     work->count = work->box.size[0] * work->box.size[1] * work->box.size[2];
     if (work->count <= work->room) return true;
-    void **blocks[] = {(void **)&work->label, (void **)&work->queue, (void **)&work->carried, (void **)&work->step, (void **)&work->severed, (void **)&work->touched, (void **)&work->wanted, (void **)&work->wall};
+    void **blocks[] = {(void **)&work->label,   (void **)&work->queue,   (void **)&work->carried, (void **)&work->step,
+                       (void **)&work->severed, (void **)&work->touched, (void **)&work->wanted,  (void **)&work->wall};
     const size_t sizes[] = {sizeof *work->label, sizeof *work->queue, sizeof *work->carried, 1, 1, 1, 1, 1};
     work->room = 0;
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) {
@@ -348,7 +361,8 @@ static bool make_room(part_maker *work)
 
 static void write_labels(const part_maker *work, uint16_t *labels)
 {
-    const int32_t *size = work->box.size, step[3] = {size[0] > 1, size[1] > 1 ? size[0] : 0, size[2] > 1 ? size[0] * size[1] : 0};
+    const int32_t *size = work->box.size,
+                  step[3] = {size[0] > 1, size[1] > 1 ? size[0] : 0, size[2] > 1 ? size[0] * size[1] : 0};
     const int32_t cells = size[0] > 1 ? size[0] - 1 : size[0];
     for (int32_t k = 0; k < size[2]; k++)
         for (int32_t j = 0; j < size[1]; j++) {
@@ -358,7 +372,9 @@ static void write_labels(const part_maker *work, uint16_t *labels)
             for (int32_t i = 0; i < size[0]; i++) labels[row + i] = (uint16_t)label[i];
             for (int32_t i = 0; i < cells && !last; i++) {
                 int32_t others = 0;
-                for (int c = 1; c < 8; c++) others |= label[i + (c & 1 ? step[0] : 0) + (c & 2 ? step[1] : 0) + (c & 4 ? step[2] : 0)] ^ label[i];
+                for (int c = 1; c < 8; c++)
+                    others |=
+                        label[i + (c & 1 ? step[0] : 0) + (c & 2 ? step[1] : 0) + (c & 4 ? step[2] : 0)] ^ label[i];
                 labels[row + i] |= others == 0 ? PART_UNIFORM : 0;
             }
         }
@@ -377,13 +393,17 @@ pliant_status pliant_parts_make_box(part_maker *work, int32_t tet, const part_bo
     if (work->cut_of[tet] < 0 && !touches_severed(work)) return PLIANT_OK;
     find_touched(work);
     for (int32_t n = 0; n < work->count; n++) work->label[n] = NO_LABEL;
-    *out = (part_made){.carriers = (int32_t)work->carriers.count, .guests = (int32_t)work->guests.count, .labels = work->labels.count,
-                       .num_labels = work->count, .maker = -1};
+    *out = (part_made){.carriers = (int32_t)work->carriers.count,
+                       .guests = (int32_t)work->guests.count,
+                       .labels = work->labels.count,
+                       .num_labels = work->count,
+                       .maker = -1};
     if (!list_fragments(work) || !label_own(work, &queued)) return pliant_parts_no_memory();
     find_walls(work);
     spread(work, queued, STEPS);
     if (!label_others(work)) return pliant_parts_no_memory();
-    if (work->num_carriers > PART_MOST_LABELS) return pliant_fail(PLIANT_ERROR_MEMORY, "more than %d fragments meet in one tetrahedron", PART_MOST_LABELS);
+    if (work->num_carriers > PART_MOST_LABELS)
+        return pliant_fail(PLIANT_ERROR_MEMORY, "more than %d fragments meet in one tetrahedron", PART_MOST_LABELS);
     uint16_t *labels = pliant_parts_grow(&work->labels, (size_t)work->count);
     if (!labels) return pliant_parts_no_memory();
     write_labels(work, labels);

@@ -14,7 +14,8 @@ static const double around = 0.02;
 static void find_corners(const part_maker *work, int32_t tet, double out[4][3])
 {
     const pliant_mesh *mesh = &work->body->fine;
-    for (int v = 0; v < 4; v++) pliant_geometry_to_index(work->scan, mesh->rest + 3 * (size_t)mesh->tets[4 * (size_t)tet + v], out[v]);
+    for (int v = 0; v < 4; v++)
+        pliant_geometry_to_index(work->scan, mesh->rest + 3 * (size_t)mesh->tets[4 * (size_t)tet + v], out[v]);
 }
 
 void pliant_parts_shape(const part_maker *work, int32_t tet, part_shape *out)
@@ -117,7 +118,8 @@ static bool add_guest(part_maker *work, int32_t label)
     for (int d = 0; d < 3; d++) {
         double middle = 0;
         for (int v = 0; v < 4; v++) middle += 0.25 * work->at.corner[v][d];
-        for (int v = 0; v < 4; v++) guest->rest[v][d] = work->at.corner[v][d] + PART_GROWTH * (work->at.corner[v][d] - middle);
+        for (int v = 0; v < 4; v++)
+            guest->rest[v][d] = work->at.corner[v][d] + PART_GROWTH * (work->at.corner[v][d] - middle);
     }
     for (int v = 0; v < 4; v++)
         for (int n = 0; n < 4; n++) {
@@ -145,7 +147,8 @@ static void find_guests(const part_maker *work, uint8_t *wanted)
                     others = others || label[c] >= work->num_fragments;
                 }
                 for (int c = 0; c < 8 && others; c++)
-                    if (label[c] >= work->num_fragments && !wanted[label[c]] && has_part(work, at, label, label[c])) wanted[label[c]] = 1;
+                    if (label[c] >= work->num_fragments && !wanted[label[c]] && has_part(work, at, label, label[c]))
+                        wanted[label[c]] = 1;
             }
 }
 

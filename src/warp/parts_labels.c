@@ -52,7 +52,8 @@ static bool fill_cubes(part_hosts *hosts, const pliant_voxels *voxels)
     if (!(hosts->cube_start = pliant_calloc(cubes + 2, sizeof *hosts->cube_start))) return false;
     go_through(hosts, voxels, false);
     for (size_t c = 0; c < cubes; c++) hosts->cube_start[c + 2] += hosts->cube_start[c + 1];
-    if (!(hosts->of_cube = pliant_calloc((size_t)hosts->cube_start[cubes + 1] + 1, sizeof *hosts->of_cube))) return false;
+    if (!(hosts->of_cube = pliant_calloc((size_t)hosts->cube_start[cubes + 1] + 1, sizeof *hosts->of_cube)))
+        return false;
     go_through(hosts, voxels, true);
     return true;
 }

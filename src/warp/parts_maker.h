@@ -65,7 +65,10 @@ typedef struct part_changes {
 #define PART_GROWTH (1.0 / 1024)
 
 /* Return the maximum of slope times index between low and low + size. */
-static inline double part_most(double slope, double low, double size) { return slope * low + (slope > 0 ? slope * size : 0); }
+static inline double part_most(double slope, double low, double size)
+{
+    return slope * low + (slope > 0 ? slope * size : 0);
+}
 
 static inline void part_place_of(const int32_t size[3], int32_t voxel, int32_t at[3])
 {
@@ -74,7 +77,10 @@ static inline void part_place_of(const int32_t size[3], int32_t voxel, int32_t a
     at[2] = voxel / size[0] / size[1];
 }
 
-static inline int32_t part_index_of(const int32_t size[3], const int32_t at[3]) { return at[0] + size[0] * (at[1] + size[1] * at[2]); }
+static inline int32_t part_index_of(const int32_t size[3], const int32_t at[3])
+{
+    return at[0] + size[0] * (at[1] + size[1] * at[2]);
+}
 
 static inline int32_t part_count(const part_box *box) { return box->size[0] * box->size[1] * box->size[2]; }
 
@@ -83,7 +89,10 @@ static inline bool part_same_list(const int32_t *a, int32_t a_count, const int32
     return a_count == b_count && memcmp(a, b, (size_t)a_count * sizeof *a) == 0;
 }
 
-static inline int32_t part_load_node(const part_maker *work, int32_t node) { return work->body->node_parent ? work->body->node_parent[node] : node; }
+static inline int32_t part_load_node(const part_maker *work, int32_t node)
+{
+    return work->body->node_parent ? work->body->node_parent[node] : node;
+}
 
 /* parts_room.c: reserve capacity; NULL: out of memory */
 void *pliant_parts_grow(part_list *list, size_t more);
@@ -109,7 +118,8 @@ pliant_status pliant_part_pool_find(const pliant_parts *before, size_t live, siz
 
 /* parts_before.c: find the differences to another body
  * out: owned by the caller */
-pliant_status pliant_parts_compare(const part_maker *work, const pliant_body *body_before, const part_hosts *hosts, part_changes *out);
+pliant_status pliant_parts_compare(const part_maker *work, const pliant_body *body_before, const part_hosts *hosts,
+                                   part_changes *out);
 void pliant_part_changes_free(part_changes *changes);
 /* Return whether the parts of a tetrahedron that is not listed may differ.
  * @param by_node whether the previous labels depend on nodes */

@@ -20,7 +20,8 @@ pliant_status pliant_render(const pliant_volume *volume, const pliant_volume *la
  *   @param water attenuation of water [1/m]
  *   @param out   (height x width)
  * Errors: as pliant_render. */
-pliant_status pliant_radiograph(const pliant_volume *volume, const pliant_camera *camera, double water, int num_threads, float *out);
+pliant_status pliant_radiograph(const pliant_volume *volume, const pliant_camera *camera, double water, int num_threads,
+                                float *out);
 
 #ifdef __cplusplus
 }

@@ -110,8 +110,8 @@ typedef struct raster_kernels {
      * parts: used if a candidate is at a cut
      * candidates: ascending
      * origin: first voxel of the brick */
-    void (*find_owners)(const raster_source *source, const part_view *parts, const raster_tet *tets, const int32_t *candidates,
-                        size_t num_candidates, const int32_t origin[3], raster_brick *brick);
+    void (*find_owners)(const raster_source *source, const part_view *parts, const raster_tet *tets,
+                        const int32_t *candidates, size_t num_candidates, const int32_t origin[3], raster_brick *brick);
     /* Write the voxels of a brick from its entries.
      * out: its first voxel in the target
      * row_step, slice_step: voxels between rows and slices of the target */
@@ -161,13 +161,14 @@ void pliant_raster_clear(const int32_t extent[3], raster_brick *brick);
 
 /* rasterize_parts.c: write the masked voxels of a brick
  * out, row_step, slice_step: as for write */
-void pliant_raster_write_masked(const raster_source *source, const part_view *parts, const raster_tet *tets, const int32_t origin[3],
-                                const raster_brick *brick, void *out, ptrdiff_t row_step, ptrdiff_t slice_step);
+void pliant_raster_write_masked(const raster_source *source, const part_view *parts, const raster_tet *tets,
+                                const int32_t origin[3], const raster_brick *brick, void *out, ptrdiff_t row_step,
+                                ptrdiff_t slice_step);
 
 /* rasterize.c: draw all voxels of one brick of `out` from its candidates, in ascending order */
-void pliant_raster_brick(const raster_grid *grid, const raster_source *source, const part_view *parts, const raster_kernels *kernels,
-                         const raster_tet *tets, const int32_t *candidates, size_t num_candidates,
-                         const int32_t brick[3], raster_brick *scratch, void *out);
+void pliant_raster_brick(const raster_grid *grid, const raster_source *source, const part_view *parts,
+                         const raster_kernels *kernels, const raster_tet *tets, const int32_t *candidates,
+                         size_t num_candidates, const int32_t brick[3], raster_brick *scratch, void *out);
 
 /* warp.c: the fine mesh and the constant target, for picking */
 const pliant_mesh *pliant_warp_mesh(const pliant_warp *warp);

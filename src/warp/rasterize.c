@@ -16,9 +16,9 @@ void pliant_raster_clear(const int32_t extent[3], raster_brick *brick)
             brick->owned[row / ROWS_AT_ONCE] |= (uint64_t)ENTRY_MASK << 16 * (row % ROWS_AT_ONCE);
 }
 
-void pliant_raster_brick(const raster_grid *grid, const raster_source *source, const part_view *parts, const raster_kernels *kernels,
-                         const raster_tet *tets, const int32_t *candidates, size_t num_candidates,
-                         const int32_t brick[3], raster_brick *scratch, void *out)
+void pliant_raster_brick(const raster_grid *grid, const raster_source *source, const part_view *parts,
+                         const raster_kernels *kernels, const raster_tet *tets, const int32_t *candidates,
+                         size_t num_candidates, const int32_t brick[3], raster_brick *scratch, void *out)
 {
     const int32_t *size = grid->target.size;
     int32_t origin[3], extent[3];
@@ -32,5 +32,6 @@ void pliant_raster_brick(const raster_grid *grid, const raster_source *source, c
     ptrdiff_t first = origin[0] + row_step * origin[1] + slice_step * origin[2];
     char *voxels = (char *)out + first * (ptrdiff_t)pliant_encoding_size(source->encoding);
     kernels->write(source, scratch, extent, voxels, row_step, slice_step);
-    if (scratch->num_masked > 0) pliant_raster_write_masked(source, parts, tets, origin, scratch, voxels, row_step, slice_step);
+    if (scratch->num_masked > 0)
+        pliant_raster_write_masked(source, parts, tets, origin, scratch, voxels, row_step, slice_step);
 }

@@ -11,19 +11,21 @@
 static void find_index(const raster_tet *tet, const int32_t origin[3], int32_t i, int32_t j, int32_t k, double index[3])
 {
     const double at[3] = {origin[0] + i, origin[1] + j, origin[2] + k};
-    for (int d = 0; d < 3; d++) index[d] = part_index(tet->map[0][d], tet->map[1][d], tet->map[2][d], tet->map[3][d], at);
+    for (int d = 0; d < 3; d++)
+        index[d] = part_index(tet->map[0][d], tet->map[1][d], tet->map[2][d], tet->map[3][d], at);
 }
 
 /* Return the voxels of a row mask whose rest points belong to the element. */
-static uint32_t own_of(const part_view *parts, int32_t element, const raster_tet *tet, const int32_t origin[3], int32_t row, uint32_t mask,
-                       raster_brick *brick)
+static uint32_t own_of(const part_view *parts, int32_t element, const raster_tet *tet, const int32_t origin[3],
+                       int32_t row, uint32_t mask, raster_brick *brick)
 {
     uint32_t own = 0;
     for (uint32_t left = mask; left; left &= left - 1) {
         const int32_t i = raster_lowest_bit(left);
         double index[3];
         find_index(tet, origin, i, row % BRICK, row / BRICK, index);
-        const part_claim claim = parts->elements[element].box < 0 ? PART_WHOLE : part_claims(parts, parts->elements[element], index);
+        const part_claim claim =
+            parts->elements[element].box < 0 ? PART_WHOLE : part_claims(parts, parts->elements[element], index);
         if (claim == PART_OTHERS) continue;
         own |= (uint32_t)1 << i;
         if (!brick->all_masked && (claim == PART_WHOLE || tet->kind == RASTER_COPY)) continue;
@@ -33,8 +35,8 @@ static uint32_t own_of(const part_view *parts, int32_t element, const raster_tet
     return own;
 }
 
-int32_t pliant_raster_claim_part(const part_view *parts, int32_t element, const raster_tet *tet, const int32_t origin[3],
-                                 const owner_box *box, uint32_t entry, raster_brick *brick)
+int32_t pliant_raster_claim_part(const part_view *parts, int32_t element, const raster_tet *tet,
+                                 const int32_t origin[3], const owner_box *box, uint32_t entry, raster_brick *brick)
 {
     double corner[4];
     int32_t claimed = 0;
@@ -45,7 +47,8 @@ int32_t pliant_raster_claim_part(const part_view *parts, int32_t element, const 
             uint64_t *owned = &brick->owned[row / ROWS_AT_ONCE];
             int32_t first, last;
             owner_find_row(tet, corner, box, j, k, &first, &last);
-            uint32_t mask = (uint32_t)ENTRY_MASK << first & (uint32_t)ENTRY_MASK >> (BRICK - 1 - last) & ~(uint32_t)(*owned >> shift);
+            uint32_t mask = (uint32_t)ENTRY_MASK << first & (uint32_t)ENTRY_MASK >> (BRICK - 1 - last) &
+                            ~(uint32_t)(*owned >> shift);
             mask = own_of(parts, element, tet, origin, row, mask & ENTRY_MASK, brick);
             if (!mask) continue;
             *owned |= (uint64_t)mask << shift;
@@ -55,8 +58,9 @@ int32_t pliant_raster_claim_part(const part_view *parts, int32_t element, const 
     return claimed;
 }
 
-void pliant_raster_write_masked(const raster_source *source, const part_view *parts, const raster_tet *tets, const int32_t origin[3],
-                                const raster_brick *brick, void *out, ptrdiff_t row_step, ptrdiff_t slice_step)
+void pliant_raster_write_masked(const raster_source *source, const part_view *parts, const raster_tet *tets,
+                                const int32_t origin[3], const raster_brick *brick, void *out, ptrdiff_t row_step,
+                                ptrdiff_t slice_step)
 {
     for (int32_t n = 0; n < brick->num_masked; n++) {
         const int32_t voxel = brick->masked[n], i = voxel % BRICK, j = voxel / BRICK % BRICK, k = voxel / BRICK_ROWS;

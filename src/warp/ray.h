@@ -50,7 +50,10 @@ typedef struct render_ray {
 } render_ray;
 
 /* NaN gives low */
-PLIANT_INLINE float render_limit(float value, float low, float high) { return value > low ? (value < high ? value : high) : low; }
+PLIANT_INLINE float render_limit(float value, float low, float high)
+{
+    return value > low ? (value < high ? value : high) : low;
+}
 
 /* Find the entry of a ray into the box of the voxels' edges; false: it misses the box. */
 PLIANT_INLINE bool render_enter(const render_scene *scene, int32_t column, int32_t row, render_ray *ray)
@@ -129,7 +132,8 @@ PLIANT_INLINE float render_value(const render_scene *scene, pliant_encoding enco
     render_cell cell;
     float corner[8];
     render_find_cell(scene, at, &cell);
-    PLIANT_UNROLL for (int c = 0; c < 8; c++) corner[c] = pliant_stored_number(scene->voxels, encoding, render_corner(&cell, c));
+    PLIANT_UNROLL for (int c = 0; c < 8; c++) corner[c] =
+        pliant_stored_number(scene->voxels, encoding, render_corner(&cell, c));
     return scene->slope * render_between(corner, cell.part) + scene->intercept;
 }
 
@@ -139,7 +143,8 @@ PLIANT_INLINE float render_shown(const render_scene *scene, const float at[3])
     render_cell cell;
     float corner[8];
     render_find_cell(scene, at, &cell);
-    PLIANT_UNROLL for (int c = 0; c < 8; c++) corner[c] = scene->style.shown[scene->labels[render_corner(&cell, c)]] ? 1.0f : 0.0f;
+    PLIANT_UNROLL for (int c = 0; c < 8; c++) corner[c] =
+        scene->style.shown[scene->labels[render_corner(&cell, c)]] ? 1.0f : 0.0f;
     return render_between(corner, cell.part);
 }
 
@@ -150,15 +155,19 @@ PLIANT_INLINE float render_field(const render_scene *scene, pliant_encoding enco
 
 /* Return whether the brick at a point can contain the surface; if not, *next is the first sample that may lie beyond
  * it. */
-PLIANT_INLINE bool render_brick(const render_scene *scene, const render_ray *ray, const float at[3], float level, int32_t sample, int32_t *next)
+PLIANT_INLINE bool render_brick(const render_scene *scene, const render_ray *ray, const float at[3], float level,
+                                int32_t sample, int32_t *next)
 {
     int32_t brick[3];
     float beyond = ray->length;
-    PLIANT_UNROLL for (int d = 0; d < 3; d++) brick[d] = (int32_t)render_limit(at[d], 0.0f, (float)(scene->size[d] - 1)) / RENDER_BRICK;
+    PLIANT_UNROLL for (int d = 0; d < 3; d++) brick[d] =
+        (int32_t)render_limit(at[d], 0.0f, (float)(scene->size[d] - 1)) / RENDER_BRICK;
     if (scene->brick_high[brick[0] + scene->bricks[0] * (brick[1] + scene->bricks[1] * brick[2])] >= level) return true;
     PLIANT_UNROLL for (int d = 0; d < 3; d++) {
         if (ray->step[d] == 0.0f) continue;
-        const float end = ((float)(ray->step[d] > 0.0f ? (brick[d] + 1) * RENDER_BRICK : brick[d] * RENDER_BRICK) - ray->start[d]) / ray->step[d];
+        const float end =
+            ((float)(ray->step[d] > 0.0f ? (brick[d] + 1) * RENDER_BRICK : brick[d] * RENDER_BRICK) - ray->start[d]) /
+            ray->step[d];
         beyond = end < beyond ? end : beyond;
     }
     /* the last sample in the brick, or the sample before it */
@@ -169,7 +178,8 @@ PLIANT_INLINE bool render_brick(const render_scene *scene, const render_ray *ray
 
 /* Find the first intersection of the ray with the surface; false: none.
  * first: whether the ray starts inside */
-PLIANT_INLINE bool render_find(const render_scene *scene, pliant_encoding encoding, bool by_label, const render_ray *ray, float *hit, bool *first)
+PLIANT_INLINE bool render_find(const render_scene *scene, pliant_encoding encoding, bool by_label,
+                               const render_ray *ray, float *hit, bool *first)
 {
     float at[3];
     for (int32_t n = 0;;) {
@@ -177,7 +187,8 @@ PLIANT_INLINE bool render_find(const render_scene *scene, pliant_encoding encodi
         int32_t next = n + 1;
         if (s >= ray->length) return false;
         render_at(ray, s, at);
-        if (render_brick(scene, ray, at, scene->level, n, &next) && render_field(scene, encoding, by_label, at) >= scene->level) {
+        if (render_brick(scene, ray, at, scene->level, n, &next) &&
+            render_field(scene, encoding, by_label, at) >= scene->level) {
             float low = n > 0 ? (float)(n - 1) * ray->stride : s, high = s;
             *first = n == 0;
             for (int h = 0; n > 0 && h < RENDER_HALVINGS; h++) {
@@ -196,8 +207,8 @@ PLIANT_INLINE bool render_find(const render_scene *scene, pliant_encoding encodi
 /* Compute the unit vector into the shown tissue, along the scan's axes, from samples in 14 directions. A difference of
  * only two neighbours would show voxel steps on sharp surfaces. With `first`, or in a uniform region, it is the ray's
  * direction. */
-PLIANT_INLINE void render_inward(const render_scene *scene, pliant_encoding encoding, bool by_label, const render_ray *ray, const float at[3], bool first,
-                                 float out[3])
+PLIANT_INLINE void render_inward(const render_scene *scene, pliant_encoding encoding, bool by_label,
+                                 const render_ray *ray, const float at[3], bool first, float out[3])
 {
     const float along = 2.0f, oblique = 1.25f; /* [voxels] */
     float length = 0.0f;
@@ -225,12 +236,14 @@ PLIANT_INLINE void render_inward(const render_scene *scene, pliant_encoding enco
 
 /* Return the scan's value below the surface: the mean over several depths, since skin may be one voxel thin. Each
  * sample is at least the surface level. */
-PLIANT_INLINE float render_beneath(const render_scene *scene, pliant_encoding encoding, bool by_label, const float at[3], const float inward[3], bool first)
+PLIANT_INLINE float render_beneath(const render_scene *scene, pliant_encoding encoding, bool by_label,
+                                   const float at[3], const float inward[3], bool first)
 {
     float sum = 0.0f;
     for (int n = 1; n <= RENDER_DEPTHS; n++) {
         const float deep = first ? 0.0f : scene->style.beneath * (float)n * (1.0f / RENDER_DEPTHS);
-        const float place[3] = {at[0] + deep * inward[0] * scene->per_spacing[0], at[1] + deep * inward[1] * scene->per_spacing[1],
+        const float place[3] = {at[0] + deep * inward[0] * scene->per_spacing[0],
+                                at[1] + deep * inward[1] * scene->per_spacing[1],
                                 at[2] + deep * inward[2] * scene->per_spacing[2]};
         const float value = render_value(scene, encoding, place);
         sum += by_label || value > scene->level ? value : scene->level;
@@ -244,7 +257,8 @@ PLIANT_INLINE void render_colour(const pliant_style *style, float value, float r
     while (above < style->num_colours && style->colours[above].value < value) above++;
     const pliant_colour *high = &style->colours[above < style->num_colours ? above : style->num_colours - 1];
     const pliant_colour *low = &style->colours[above > 0 ? above - 1 : 0];
-    const float part = high->value > low->value ? render_limit((value - low->value) / (high->value - low->value), 0.0f, 1.0f) : 0.0f;
+    const float part =
+        high->value > low->value ? render_limit((value - low->value) / (high->value - low->value), 0.0f, 1.0f) : 0.0f;
     for (int c = 0; c < 3; c++) rgb[c] = low->rgb[c] + part * (high->rgb[c] - low->rgb[c]);
 }
 
@@ -273,13 +287,18 @@ PLIANT_INLINE uint8_t render_label(const render_scene *scene, bool by_label, con
     return 0;
 }
 
-PLIANT_INLINE uint8_t render_byte(float value) { return (uint8_t)(int32_t)(render_limit(value, 0.0f, 1.0f) * 255.0f + 0.5f); }
+PLIANT_INLINE uint8_t render_byte(float value)
+{
+    return (uint8_t)(int32_t)(render_limit(value, 0.0f, 1.0f) * 255.0f + 0.5f);
+}
 
 /* Compute colour, depth and label of a pixel. */
-PLIANT_INLINE void render_surface(const render_scene *scene, pliant_encoding encoding, bool by_label, int32_t column, int32_t row, const render_output *out)
+PLIANT_INLINE void render_surface(const render_scene *scene, pliant_encoding encoding, bool by_label, int32_t column,
+                                  int32_t row, const render_output *out)
 {
     const size_t pixel = (size_t)row * (size_t)scene->width + (size_t)column;
-    float rgb[3] = {scene->style.background[0], scene->style.background[1], scene->style.background[2]}, depth = NAN, hit = 0.0f;
+    float rgb[3] = {scene->style.background[0], scene->style.background[1], scene->style.background[2]}, depth = NAN,
+          hit = 0.0f;
     uint8_t label = 0;
     bool first = false;
     render_ray ray;
@@ -306,7 +325,8 @@ PLIANT_INLINE void render_surface(const render_scene *scene, pliant_encoding enc
 
 /* Compute the line integral of attenuation along a pixel's ray with the midpoint rule, with equal steps of at most half
  * a voxel. */
-PLIANT_INLINE void render_integral(const render_scene *scene, pliant_encoding encoding, int32_t column, int32_t row, const render_output *out)
+PLIANT_INLINE void render_integral(const render_scene *scene, pliant_encoding encoding, int32_t column, int32_t row,
+                                   const render_output *out)
 {
     double sum = 0.0;
     render_ray ray;
@@ -330,7 +350,8 @@ PLIANT_INLINE void render_integral(const render_scene *scene, pliant_encoding en
 
 /* Return the maximum value of a brick's cells, or whether any of its labels is shown, for rows first, first + step, ...
  * along i. */
-PLIANT_INLINE float render_brick_high(const render_scene *scene, pliant_encoding encoding, bool by_label, const int32_t brick[3], int32_t first, int32_t step)
+PLIANT_INLINE float render_brick_high(const render_scene *scene, pliant_encoding encoding, bool by_label,
+                                      const int32_t brick[3], int32_t first, int32_t step)
 {
     float high = -INFINITY;
     int32_t begin[3], end[3];
@@ -343,8 +364,9 @@ PLIANT_INLINE float render_brick_high(const render_scene *scene, pliant_encoding
         const size_t j = (size_t)(begin[1] + row % down), k = (size_t)(begin[2] + row / down);
         for (int32_t i = begin[0]; i < end[0]; i++) {
             const size_t index = (size_t)i + (size_t)scene->size[0] * (j + (size_t)scene->size[1] * k);
-            const float value = by_label ? (scene->style.shown[scene->labels[index]] ? 1.0f : 0.0f)
-                                         : pliant_stored_value(scene->voxels, encoding, scene->slope, scene->intercept, index);
+            const float value =
+                by_label ? (scene->style.shown[scene->labels[index]] ? 1.0f : 0.0f)
+                         : pliant_stored_value(scene->voxels, encoding, scene->slope, scene->intercept, index);
             high = value > high ? value : high;
         }
     }

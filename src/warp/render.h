@@ -11,10 +11,14 @@ extern "C" {
 /* Create the scene of a volume, without voxels, labels and bricks.
  * style: Nullable: radiograph
  * Errors: ARGUMENT. */
-pliant_status render_scene_of(const pliant_volume *volume, const pliant_camera *camera, const pliant_style *style, double water, render_scene *out);
+pliant_status render_scene_of(const pliant_volume *volume, const pliant_camera *camera, const pliant_style *style,
+                              double water, render_scene *out);
 size_t render_num_bricks(const render_scene *scene);
 /* Return whether the bricks describe labels. */
-static inline bool render_by_label(const render_scene *scene, const render_output *out) { return !out->integral && scene->style.by_label; }
+static inline bool render_by_label(const render_scene *scene, const render_output *out)
+{
+    return !out->integral && scene->style.by_label;
+}
 
 /* Render on the CPU.
  * scene: with voxels and a buffer for bricks */

@@ -35,8 +35,8 @@ static int32_t claim(raster_brick *brick, const raster_tet *tet, const int32_t o
     return claimed;
 }
 
-static void find_owners(const raster_source *source, const part_view *parts, const raster_tet *tets, const int32_t *candidates,
-                        size_t num_candidates, const int32_t origin[3], raster_brick *brick)
+static void find_owners(const raster_source *source, const part_view *parts, const raster_tet *tets,
+                        const int32_t *candidates, size_t num_candidates, const int32_t origin[3], raster_brick *brick)
 {
     owner_find_all(source, parts, tets, candidates, num_candidates, origin, brick, claim);
 }
@@ -92,7 +92,9 @@ static inline uint8_t sample_u8(const raster_source *source, const raster_brick 
     const uint8_t *voxels = source->voxels;
     sample_cell cell = find_cell(source, brick, at);
     float along_x[4];
-    if (source->nearest) return voxels[cell.corner[(cell.y >= 0.5f ? 1 : 0) + (cell.z >= 0.5f ? 2 : 0)] + (cell.x >= 0.5f ? cell.right : 0)];
+    if (source->nearest)
+        return voxels[cell.corner[(cell.y >= 0.5f ? 1 : 0) + (cell.z >= 0.5f ? 2 : 0)] +
+                      (cell.x >= 0.5f ? cell.right : 0)];
     for (int c = 0; c < 4; c++)
         along_x[c] = (float)weigh(&cell, voxels[cell.corner[c]], voxels[cell.corner[c] + cell.right]);
     return (uint8_t)lrintf(blend(&cell, along_x) * (1.0f / SAMPLE_ONE));

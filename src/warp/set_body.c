@@ -48,27 +48,35 @@ void pliant_warp_next_free(pliant_warp_next *next)
 }
 
 /* Return whether a body directly follows the drawn one, so that it lists the differences. */
-static bool is_next(const pliant_warp *warp, const pliant_body *body) { return warp->body && body->changes.since == warp->body->revision; }
+static bool is_next(const pliant_warp *warp, const pliant_body *body)
+{
+    return warp->body && body->changes.since == warp->body->revision;
+}
 
 static pliant_status check(const pliant_warp *warp, const pliant_body *body)
 {
     const pliant_mesh *mesh = &body->fine;
-    if (memcmp(mesh->cells, warp->mesh->cells, sizeof mesh->cells) != 0 || memcmp(mesh->corner, warp->mesh->corner, sizeof mesh->corner) != 0)
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "a body of another load cannot take the place of the one that is drawn");
+    if (memcmp(mesh->cells, warp->mesh->cells, sizeof mesh->cells) != 0 ||
+        memcmp(mesh->corner, warp->mesh->corner, sizeof mesh->corner) != 0)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT,
+                           "a body of another load cannot take the place of the one that is drawn");
     if (is_next(warp, body)) return PLIANT_OK;
     for (int32_t v = 0; v < 4 * mesh->num_tets; v++)
         if (mesh->tets[v] < 0 || mesh->tets[v] >= mesh->num_nodes)
-            return pliant_fail(PLIANT_ERROR_ARGUMENT, "tetrahedron %d of the warped mesh names node %d of %d", v / 4, mesh->tets[v], mesh->num_nodes);
+            return pliant_fail(PLIANT_ERROR_ARGUMENT, "tetrahedron %d of the warped mesh names node %d of %d", v / 4,
+                               mesh->tets[v], mesh->num_nodes);
     return PLIANT_OK;
 }
 
 /* List the nodes' arrays, then the elements' arrays, then the candidates. */
 static void list_arrays(pliant_warp *warp, void **array[NUM_ARRAYS], size_t size[NUM_ARRAYS])
 {
-    void **arrays[NUM_ARRAYS] = {(void **)&warp->rest, (void **)&warp->fixed, (void **)&warp->next,      (void **)&warp->moved,
-                                 (void **)&warp->tets, (void **)&warp->anew,  (void **)&warp->candidates};
-    const size_t sizes[NUM_ARRAYS] = {3 * sizeof *warp->rest, 3 * sizeof *warp->fixed, 3 * sizeof *warp->next,   sizeof *warp->moved,
-                                      sizeof *warp->tets,     sizeof *warp->anew,      sizeof *warp->candidates};
+    void **arrays[NUM_ARRAYS] = {(void **)&warp->rest,      (void **)&warp->fixed, (void **)&warp->next,
+                                 (void **)&warp->moved,     (void **)&warp->tets,  (void **)&warp->anew,
+                                 (void **)&warp->candidates};
+    const size_t sizes[NUM_ARRAYS] = {3 * sizeof *warp->rest,  3 * sizeof *warp->fixed, 3 * sizeof *warp->next,
+                                      sizeof *warp->moved,     sizeof *warp->tets,      sizeof *warp->anew,
+                                      sizeof *warp->candidates};
     memcpy(array, arrays, sizeof arrays);
     memcpy(size, sizes, sizeof sizes);
 }
@@ -83,8 +91,12 @@ static bool make_room(pliant_warp *warp, size_t nodes, size_t elements, pliant_w
     next->element_room = elements > warp->element_room ? elements + elements / 4 : warp->element_room;
     next->candidate_room = elements > warp->capacity ? elements + elements / 4 : warp->capacity;
     for (int a = 0; a < NUM_ARRAYS; a++) {
-        const size_t room = a < NODE_ARRAYS ? next->node_room : a < NODE_ARRAYS + ELEMENT_ARRAYS ? next->element_room : next->candidate_room;
-        const size_t now = a < NODE_ARRAYS ? warp->node_room : a < NODE_ARRAYS + ELEMENT_ARRAYS ? warp->element_room : warp->capacity;
+        const size_t room = a < NODE_ARRAYS                    ? next->node_room
+                            : a < NODE_ARRAYS + ELEMENT_ARRAYS ? next->element_room
+                                                               : next->candidate_room;
+        const size_t now = a < NODE_ARRAYS                    ? warp->node_room
+                           : a < NODE_ARRAYS + ELEMENT_ARRAYS ? warp->element_room
+                                                              : warp->capacity;
         if (room > now && !(next->longer[a] = pliant_calloc(room, size[a]))) return false;
     }
     return true;
@@ -97,7 +109,8 @@ static void take_room(pliant_warp *warp, pliant_warp_next *next)
     list_arrays(warp, array, size);
     for (int a = 0; a < NUM_ARRAYS; a++) {
         if (!next->longer[a]) continue;
-        memcpy(next->longer[a], *array[a], size[a] * (a < NODE_ARRAYS ? (size_t)warp->mesh->num_nodes : (size_t)warp->num_elements));
+        memcpy(next->longer[a], *array[a],
+               size[a] * (a < NODE_ARRAYS ? (size_t)warp->mesh->num_nodes : (size_t)warp->num_elements));
         void *shorter = *array[a];
         *array[a] = next->longer[a];
         next->longer[a] = shorter;
@@ -116,7 +129,8 @@ static bool is_new(const pliant_warp *warp, const pliant_warp_next *next, int32_
 {
     const pliant_mesh *old = warp->mesh, *mesh = next->mesh;
     if (node < next->load_nodes) return false;
-    return node >= old->num_nodes || memcmp(old->rest + 3 * (size_t)node, mesh->rest + 3 * (size_t)node, 3 * sizeof *mesh->rest) != 0;
+    return node >= old->num_nodes ||
+           memcmp(old->rest + 3 * (size_t)node, mesh->rest + 3 * (size_t)node, 3 * sizeof *mesh->rest) != 0;
 }
 
 static bool differs(const pliant_warp *warp, const pliant_warp_next *next, int32_t tet)
@@ -140,7 +154,9 @@ static void carry_guests(const pliant_warp *warp, pliant_warp_next *next)
         while (old && from < old->num_guests && old->guests[from].host < guest->host) from++;
         for (int32_t o = from; old && o < old->num_guests && old->guests[o].host == guest->host; o++) {
             const int32_t host = guest->host;
-            if (old->guests[o].carrier != guest->carrier || !pliant_parts_same(old, box_of(old, host), now, box_of(now, host))) continue;
+            if (old->guests[o].carrier != guest->carrier ||
+                !pliant_parts_same(old, box_of(old, host), now, box_of(now, host)))
+                continue;
             memcpy(next->guest_fixed + 12 * g, warp->guest_fixed + 12 * o, 12 * sizeof *next->guest_fixed);
             next->guest_tets[g] = warp->tets[before + o];
             changes->from[first + g - changes->common] = before + o;
@@ -159,7 +175,8 @@ static int32_t count_fragments(const pliant_body *body, int32_t host)
 static int32_t list_fragments(const pliant_body *body, int32_t host, int32_t common, int32_t *out)
 {
     const pliant_cuts *cuts = body->cuts;
-    const int32_t at = cuts ? place_of(cuts->tet, cuts->num_tets, host) : -1, count = at < 0 ? 1 : cuts->start[at + 1] - cuts->start[at];
+    const int32_t at = cuts ? place_of(cuts->tet, cuts->num_tets, host) : -1,
+                  count = at < 0 ? 1 : cuts->start[at + 1] - cuts->start[at];
     const int32_t *list = at < 0 ? &host : cuts->fragment + cuts->start[at];
     int32_t listed = 0;
     for (int32_t f = 0; f < count; f++)
@@ -176,7 +193,9 @@ static int32_t *list_doubtful(const pliant_warp *warp, const pliant_warp_next *n
     const int32_t common = next->changes.common, hosts = parts ? parts->num_other : 0;
     const bool listed = is_next(warp, next->body) && (parts || !warp->parts);
     size_t most = listed ? (size_t)changes->num_touched : (size_t)common;
-    for (int32_t i = 0; listed && i < hosts; i++) most += (size_t)count_fragments(warp->body, parts->other[i]) + (size_t)count_fragments(next->body, parts->other[i]);
+    for (int32_t i = 0; listed && i < hosts; i++)
+        most +=
+            (size_t)count_fragments(warp->body, parts->other[i]) + (size_t)count_fragments(next->body, parts->other[i]);
     int32_t *list = pliant_room(most + 1, sizeof *list);
     *count = 0;
     for (int32_t t = 0; list && !listed && t < common; t++) list[(*count)++] = t;
@@ -201,7 +220,8 @@ static bool find_changes(const pliant_warp *warp, pliant_warp_next *next)
     changes->num_anew = kept;
     for (int32_t e = common; e < changes->now; e++) changes->from[e - common] = -1;
     carry_guests(warp, next);
-    if (!(changes->gone = pliant_calloc((size_t)kept + (size_t)(changes->before - common) + 1, sizeof *changes->gone))) return false;
+    if (!(changes->gone = pliant_calloc((size_t)kept + (size_t)(changes->before - common) + 1, sizeof *changes->gone)))
+        return false;
     memcpy(changes->gone, changes->anew, (size_t)kept * sizeof *changes->gone);
     changes->num_gone = kept;
     for (int32_t e = common; e < changes->before; e++)
@@ -211,7 +231,8 @@ static bool find_changes(const pliant_warp *warp, pliant_warp_next *next)
 
 static bool allocate(const pliant_warp *warp, pliant_warp_next *next)
 {
-    const size_t guests = next->parts ? (size_t)next->parts->num_guests : 0, elements = (size_t)next->mesh->num_tets + guests;
+    const size_t guests = next->parts ? (size_t)next->parts->num_guests : 0,
+                 elements = (size_t)next->mesh->num_tets + guests;
     const int32_t common = warp->mesh->num_tets < next->mesh->num_tets ? warp->mesh->num_tets : next->mesh->num_tets;
     next->changes = (pliant_warp_changes){.before = warp->num_elements, .now = (int32_t)elements, .common = common};
     next->guest_fixed = pliant_calloc(guests + 1, 12 * sizeof *next->guest_fixed);
@@ -241,7 +262,8 @@ static pliant_status prepare_device(pliant_warp *warp, pliant_warp_next *next)
     parts.rest_known = known;
     if (next->fit) parts.fit = pliant_fit_parts(next->fit);
     next->device = warp->device;
-    next->device_lost = warp->device->prepare(warp->accelerated, &parts, &next->changes, &next->device_next) != PLIANT_OK;
+    next->device_lost =
+        warp->device->prepare(warp->accelerated, &parts, &next->changes, &next->device_next) != PLIANT_OK;
     pliant_free(rest);
     return PLIANT_OK;
 }
@@ -261,9 +283,11 @@ pliant_status pliant_warp_prepare(pliant_warp *warp, const pliant_body *body, pl
     next->mesh = &body->fine;
     next->load_nodes = body->voxels ? body->voxels->num_nodes : 0;
     next->body = body;
-    status = pliant_parts_create(body, &warp->scan, warp->body, warp->parts, warp->hosts, warp->num_threads, &next->parts);
+    status =
+        pliant_parts_create(body, &warp->scan, warp->body, warp->parts, warp->hosts, warp->num_threads, &next->parts);
     if (status == PLIANT_OK && warp->fit && !next->parts) status = pliant_parts_whole(body, &warp->scan, &next->parts);
-    if (status == PLIANT_OK && (!allocate(warp, next) || !make_room(warp, (size_t)body->fine.num_nodes, (size_t)next->changes.now, next)))
+    if (status == PLIANT_OK &&
+        (!allocate(warp, next) || !make_room(warp, (size_t)body->fine.num_nodes, (size_t)next->changes.now, next)))
         status = pliant_fail_memory("the warp");
     if (status == PLIANT_OK && !find_changes(warp, next)) status = pliant_fail_memory("the warp");
     if (status == PLIANT_OK && warp->fit) status = prepare_fit(warp, next);
@@ -322,7 +346,8 @@ void pliant_warp_take(pliant_warp *warp, pliant_warp_next *next)
 
 pliant_status pliant_warp_expect_cuts(pliant_warp *warp, const pliant_body *body)
 {
-    if (!body->voxels || memcmp(body->voxels->geometry.size, warp->scan.size, sizeof warp->scan.size) != 0) return PLIANT_OK;
+    if (!body->voxels || memcmp(body->voxels->geometry.size, warp->scan.size, sizeof warp->scan.size) != 0)
+        return PLIANT_OK;
     if (!warp->hosts) {
         pliant_status status = pliant_part_hosts_create(body, &warp->scan, &warp->hosts);
         if (status != PLIANT_OK) return status;

@@ -61,7 +61,9 @@ pliant_status pliant_view_create(const pliant_model *model, const pliant_geometr
     view->model = model;
     pliant_status status = PLIANT_OK;
     if (target) view->target = *target;
-    else status = pliant_warp_target(&model->scan->geometry, mesh->rest, mesh->num_nodes, model->scene.warp.margin, (size_t)INT32_MAX, &view->target);
+    else
+        status = pliant_warp_target(&model->scan->geometry, mesh->rest, mesh->num_nodes, model->scene.warp.margin,
+                                    (size_t)INT32_MAX, &view->target);
     if (status == PLIANT_OK) status = pliant_style_defaults(model->scan, &view->style);
     if (status == PLIANT_OK) status = pliant_view_set(view, model->body, mesh->rest, NULL);
     if (status != PLIANT_OK) {
@@ -72,13 +74,17 @@ pliant_status pliant_view_create(const pliant_model *model, const pliant_geometr
     return PLIANT_OK;
 }
 
-pliant_status pliant_view_set(pliant_view *view, const pliant_body *body, const double *positions, const pliant_warp *drawn)
+pliant_status pliant_view_set(pliant_view *view, const pliant_body *body, const double *positions,
+                              const pliant_warp *drawn)
 {
     const size_t nodes = (size_t)body->fine.num_nodes;
     for (size_t v = 0; v < 3 * nodes; v++)
-        if (!isfinite(positions[v])) return pliant_fail(PLIANT_ERROR_ARGUMENT, "the position of node %zu is not finite; the view stays as it is", v / 3);
+        if (!isfinite(positions[v]))
+            return pliant_fail(PLIANT_ERROR_ARGUMENT, "the position of node %zu is not finite; the view stays as it is",
+                               v / 3);
     if (drawn && !pliant_geometry_equal(&view->target, pliant_warp_geometry(drawn)))
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "the volume that a view is to see must be drawn on the view's own grid");
+        return pliant_fail(PLIANT_ERROR_ARGUMENT,
+                           "the volume that a view is to see must be drawn on the view's own grid");
     if (nodes > view->room) {
         double *longer = pliant_calloc(nodes + nodes / 4, 3 * sizeof *longer);
         if (!longer) return pliant_fail_memory("a view");
@@ -111,7 +117,9 @@ static pliant_status find_materials(pliant_view *view)
             for (int32_t i = 0; i < size[0]; i++) {
                 const size_t v = (size_t)i + (size_t)size[0] * ((size_t)j + (size_t)size[1] * (size_t)k);
                 if (model->materials.materials[model->material_of_voxel[v]].empty) continue;
-                labels[v] = (uint8_t)(pliant_material_shown(&model->materials, size, model->material_of_voxel, (const int32_t[3]){i, j, k}) + 1);
+                labels[v] = (uint8_t)(pliant_material_shown(&model->materials, size, model->material_of_voxel,
+                                                            (const int32_t[3]){i, j, k}) +
+                                      1);
             }
     return PLIANT_OK;
 }
@@ -123,11 +131,13 @@ static pliant_status create_warp(pliant_view *view, bool labels, view_warp *of)
     pliant_warp *warp;
     pliant_status status = labels && !view->materials.voxels ? find_materials(view) : PLIANT_OK;
     if (status == PLIANT_OK)
-        status = pliant_warp_create(labels ? &view->materials : view->model->drawn, &body->fine, &view->target, threads_of(view), &warp);
+        status = pliant_warp_create(labels ? &view->materials : view->model->drawn, &body->fine, &view->target,
+                                    threads_of(view), &warp);
     if (status != PLIANT_OK) return status;
     if (body->cuts) status = pliant_warp_set_body(warp, body);
     if (status == PLIANT_OK && labels) status = pliant_warp_nearest(warp);
-    if (status == PLIANT_OK && !labels && scene->warp.kind == PLIANT_FIT) status = pliant_warp_fit(warp, scene->warp.fit_step);
+    if (status == PLIANT_OK && !labels && scene->warp.kind == PLIANT_FIT)
+        status = pliant_warp_fit(warp, scene->warp.fit_step);
     if (status == PLIANT_OK) status = pliant_warp_backend(warp, scene->solver.backend);
     if (status != PLIANT_OK) {
         pliant_warp_free(warp);
@@ -161,10 +171,12 @@ static pliant_status draw_warp(pliant_view *view, bool labels, const pliant_warp
 }
 
 /* Render on the GPU if all volumes are there. Return false if the CPU must render. */
-static bool draw_there(const pliant_warp *values, const pliant_warp *labels, const render_scene *scene, const render_output *out)
+static bool draw_there(const pliant_warp *values, const pliant_warp *labels, const render_scene *scene,
+                       const render_output *out)
 {
     if (!values->accelerated || !values->device->see || (labels && !labels->accelerated)) return false;
-    if (values->device->see(values->accelerated, labels ? labels->accelerated : NULL, scene, out) == PLIANT_OK) return true;
+    if (values->device->see(values->accelerated, labels ? labels->accelerated : NULL, scene, out) == PLIANT_OK)
+        return true;
     pliant_log(PLIANT_LOG_WARNING, "the CPU draws pictures: %s", pliant_last_error());
     return false;
 }
@@ -172,8 +184,9 @@ static bool draw_there(const pliant_warp *values, const pliant_warp *labels, con
 /* Compute the bricks once for all images of the same volume or labels. */
 static void fill_bricks(pliant_view *view, const render_scene *scene, bool by_label)
 {
-    const bool kept = by_label ? view->bricks_of == BRICKS_LABELS && memcmp(view->shown, scene->style.shown, sizeof view->shown) == 0
-                               : view->bricks_of == BRICKS_VALUES;
+    const bool kept =
+        by_label ? view->bricks_of == BRICKS_LABELS && memcmp(view->shown, scene->style.shown, sizeof view->shown) == 0
+                 : view->bricks_of == BRICKS_VALUES;
     if (kept) return;
     render_fill_bricks(scene, by_label, threads_of(view));
     view->bricks_of = by_label ? BRICKS_LABELS : BRICKS_VALUES;
@@ -188,7 +201,8 @@ static pliant_status draw(pliant_view *view, render_scene *scene, const render_o
     if (status == PLIANT_OK && labelled) status = draw_warp(view, true, &labels);
     if (status != PLIANT_OK) return status;
     if (draw_there(values, labels, scene, out)) return PLIANT_OK;
-    if (!view->bricks && !(view->bricks = pliant_calloc(render_num_bricks(scene), sizeof *view->bricks))) return pliant_fail_memory("a view");
+    if (!view->bricks && !(view->bricks = pliant_calloc(render_num_bricks(scene), sizeof *view->bricks)))
+        return pliant_fail_memory("a view");
     scene->voxels = pliant_warp_volume(values)->voxels;
     scene->labels = labels ? pliant_warp_volume(labels)->voxels : NULL;
     scene->brick_high = view->bricks;
@@ -205,7 +219,8 @@ static pliant_volume header(const pliant_view *view)
     return volume;
 }
 
-pliant_status pliant_view_render(pliant_view *view, const pliant_camera *camera, const pliant_style *style, const pliant_image *out)
+pliant_status pliant_view_render(pliant_view *view, const pliant_camera *camera, const pliant_style *style,
+                                 const pliant_image *out)
 {
     const render_output output = {.rgb = out->rgb, .depth = out->depth, .label = out->label};
     const pliant_volume seen = header(view);

@@ -19,8 +19,9 @@ void pliant_warp_free(pliant_warp *warp)
     pliant_fit_free(warp->fit);
     pliant_parts_free(warp->parts);
     pliant_part_hosts_release(warp->hosts);
-    void *blocks[] = {warp->rest, warp->fixed, warp->next, warp->moved, warp->guest_fixed, warp->tets, warp->anew, warp->changed, warp->dirty,
-                      warp->left, warp->dirty_bricks, warp->end, warp->candidates, warp->scratch};
+    void *blocks[] = {warp->rest,         warp->fixed, warp->next,       warp->moved,  warp->guest_fixed,
+                      warp->tets,         warp->anew,  warp->changed,    warp->dirty,  warp->left,
+                      warp->dirty_bricks, warp->end,   warp->candidates, warp->scratch};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     pliant_free(warp);
 }
@@ -66,7 +67,8 @@ static bool allocate(pliant_warp *warp)
            (warp->fixed = pliant_calloc(nodes, 3 * sizeof *warp->fixed)) &&
            (warp->next = pliant_calloc(nodes, 3 * sizeof *warp->next)) && (warp->moved = pliant_calloc(nodes, 1)) &&
            (warp->tets = pliant_calloc(elements, sizeof *warp->tets)) && (warp->anew = pliant_calloc(elements, 1)) &&
-           (warp->changed = pliant_calloc(bricks, 1)) && (warp->dirty = pliant_calloc(bricks, 1)) && (warp->left = pliant_calloc(bricks, 1)) &&
+           (warp->changed = pliant_calloc(bricks, 1)) && (warp->dirty = pliant_calloc(bricks, 1)) &&
+           (warp->left = pliant_calloc(bricks, 1)) &&
            (warp->dirty_bricks = pliant_calloc(bricks, sizeof *warp->dirty_bricks)) &&
            (warp->end = pliant_calloc(bricks, (size_t)warp->num_threads * sizeof *warp->end)) &&
            (warp->candidates = pliant_calloc(elements, sizeof *warp->candidates)) &&
@@ -93,7 +95,9 @@ pliant_status pliant_warp_create(const pliant_volume *scan, const pliant_mesh *m
     pliant_status status = check(scan, mesh, num_threads);
     if (status != PLIANT_OK) return status;
     pliant_volume volume = {0};
-    status = pliant_memory_suffices((double)pliant_geometry_voxels(target) * (double)pliant_encoding_size(scan->encoding), "the deformed volume (warp/margin)");
+    status =
+        pliant_memory_suffices((double)pliant_geometry_voxels(target) * (double)pliant_encoding_size(scan->encoding),
+                               "the deformed volume (warp/margin)");
     if (status == PLIANT_OK) status = pliant_volume_create(target, scan->encoding, &volume);
     if (status != PLIANT_OK) return status;
     pliant_warp *warp = pliant_calloc(1, sizeof *warp);
@@ -218,7 +222,8 @@ static inline void visit_brick(pliant_warp *warp, int32_t t, int32_t brick, visi
     case VISIT_LEAVE: warp->left[brick] = 1; break;
     case VISIT_COUNT: end[brick] += warp->dirty[brick]; break;
     case VISIT_LIST:
-        if (warp->dirty[brick] && brick >= warp->listed[0] && brick < warp->listed[1]) warp->candidates[end[brick]++] = t;
+        if (warp->dirty[brick] && brick >= warp->listed[0] && brick < warp->listed[1])
+            warp->candidates[end[brick]++] = t;
         break;
     }
 }
@@ -292,7 +297,8 @@ static void list_candidates(pliant_warp *warp)
     int32_t b = warp->listed[0] = warp->listed[1];
     for (; b < warp->num_bricks; b++) { /* store the start of each range, which listing advances to its end */
         size_t count = 0;
-        for (int part = 0; part < warp->num_threads; part++) count += warp->end[(size_t)part * (size_t)warp->num_bricks + (size_t)b];
+        for (int part = 0; part < warp->num_threads; part++)
+            count += warp->end[(size_t)part * (size_t)warp->num_bricks + (size_t)b];
         if (total + count > warp->capacity) break;
         for (int part = 0; part < warp->num_threads; part++) {
             size_t *end = &warp->end[(size_t)part * (size_t)warp->num_bricks + (size_t)b], own = *end;
@@ -319,8 +325,9 @@ static void redo_bricks(pliant_warp *warp)
         int32_t b = warp->dirty_bricks[n], across = warp->grid.bricks[0], down = warp->grid.bricks[1];
         int32_t brick[3] = {b % across, b / across % down, b / across / down};
         size_t begin = b > first ? end[b - 1] : 0;
-        pliant_raster_brick(&warp->grid, &warp->source, warp->parts ? &warp->parts->view : NULL, &warp->kernels, warp->tets, warp->candidates + begin,
-                            end[b] - begin, brick, &warp->scratch[omp_get_thread_num()], warp->volume.voxels);
+        pliant_raster_brick(&warp->grid, &warp->source, warp->parts ? &warp->parts->view : NULL, &warp->kernels,
+                            warp->tets, warp->candidates + begin, end[b] - begin, brick,
+                            &warp->scratch[omp_get_thread_num()], warp->volume.voxels);
     }
 }
 
@@ -341,8 +348,10 @@ static void fit_bricks(pliant_warp *warp)
         }
         pliant_raster_clear(extent, owned);
         owned->all_masked = true;
-        warp->kernels.find_owners(&warp->source, &warp->parts->view, warp->tets, warp->candidates + begin, end[b] - begin, origin, owned);
-        warp->changed[b] = pliant_fit_draw_brick(warp->fit, &warp->source, warp->tets, brick, owned, warp->volume.voxels);
+        warp->kernels.find_owners(&warp->source, &warp->parts->view, warp->tets, warp->candidates + begin,
+                                  end[b] - begin, origin, owned);
+        warp->changed[b] =
+            pliant_fit_draw_brick(warp->fit, &warp->source, warp->tets, brick, owned, warp->volume.voxels);
     }
 }
 
@@ -381,7 +390,10 @@ static void tell_cut_off(pliant_warp *warp, const double *positions)
     }
     if (most == 0) return;
     warp->told = true;
-    pliant_log(PLIANT_LOG_WARNING, "tissue is moved out of the deformed volume, by %.3g m, and cut off there; a larger warp/margin holds it", most);
+    pliant_log(
+        PLIANT_LOG_WARNING,
+        "tissue is moved out of the deformed volume, by %.3g m, and cut off there; a larger warp/margin holds it",
+        most);
 }
 
 pliant_status pliant_warp_update(pliant_warp *warp, const double *positions)
@@ -442,7 +454,8 @@ pliant_status pliant_warp_update(pliant_warp *warp, const double *positions)
 pliant_status pliant_warp_fit(pliant_warp *warp, int32_t step)
 {
     pliant_fit *fit = NULL;
-    pliant_status status = pliant_fit_create(warp->mesh, &warp->scan, warp->rest, &warp->volume.geometry, step, warp->num_threads, &fit);
+    pliant_status status =
+        pliant_fit_create(warp->mesh, &warp->scan, warp->rest, &warp->volume.geometry, step, warp->num_threads, &fit);
     if (status == PLIANT_OK && !warp->parts) status = pliant_parts_whole(warp->body, &warp->scan, &warp->parts);
     if (status == PLIANT_OK && warp->parts) {
         pliant_fit *whole = fit;
@@ -475,8 +488,11 @@ pliant_status pliant_warp_nearest(pliant_warp *warp)
 
 pliant_warp_parts pliant_warp_device_parts(pliant_warp *warp)
 {
-    return (pliant_warp_parts){warp->mesh,    &warp->grid,   &warp->source, warp->rest, &warp->volume,
-                               warp->changed, warp->seconds, warp->fit ? pliant_fit_parts(warp->fit) : NULL, warp->parts, 0};
+    return (pliant_warp_parts){warp->mesh,    &warp->grid,
+                               &warp->source, warp->rest,
+                               &warp->volume, warp->changed,
+                               warp->seconds, warp->fit ? pliant_fit_parts(warp->fit) : NULL,
+                               warp->parts,   0};
 }
 
 pliant_status pliant_warp_backend(pliant_warp *warp, pliant_backend_choice choice)

@@ -60,7 +60,8 @@ void move(const Run &run, int frame)
 void settle(const pliant_model *model, const Run &run)
 {
     pliant_status status = PLIANT_NOT_CONVERGED;
-    for (int left = 20; left > 0 && status == PLIANT_NOT_CONVERGED; left--) check(status = pliant_step(model, run.data));
+    for (int left = 20; left > 0 && status == PLIANT_NOT_CONVERGED; left--)
+        check(status = pliant_step(model, run.data));
 }
 
 // Return the body after a random blade stroke in deformed space; NULL: it severs nothing.
@@ -68,8 +69,11 @@ const pliant_body *stroke_at_random(const pliant_data *data, const pliant_body *
 {
     std::uniform_real_distribution<double> unit(-1, 1);
     double along[3], down[3], from[6], to[6], point[3];
-    for (int d = 0; d < 3; d++) along[d] = unit(random), down[d] = unit(random), point[d] = liver[d] + 0.03 * unit(random) + (d == 1 ? 0.02 : 0);
-    const double a = std::hypot(std::hypot(along[0], along[1]), along[2]), b = std::hypot(std::hypot(down[0], down[1]), down[2]);
+    for (int d = 0; d < 3; d++)
+        along[d] = unit(random), down[d] = unit(random),
+        point[d] = liver[d] + 0.03 * unit(random) + (d == 1 ? 0.02 : 0);
+    const double a = std::hypot(std::hypot(along[0], along[1]), along[2]),
+                 b = std::hypot(std::hypot(down[0], down[1]), down[2]);
     for (int d = 0; d < 3; d++)
         for (int e = 0; e < 2; e++) {
             from[3 * e + d] = point[d] + (e ? 0.015 : -0.015) * along[d] / a - 0.01 * down[d] / b;
@@ -108,7 +112,8 @@ int bar(double depth, int argc, char **argv)
             for (int a = 2; a < argc; a++) {
                 const std::string option = argv[a];
                 const size_t equals = std::min(option.find('='), option.size() - 1);
-                check(pliant_scene_set(&body->scene, option.substr(0, equals).c_str(), option.substr(equals + 1).c_str()));
+                check(pliant_scene_set(&body->scene, option.substr(0, equals).c_str(),
+                                       option.substr(equals + 1).c_str()));
             }
             check(body->build());
             for (int s = 0; s < 40; s++) check(pliant_step(body->model, body->data));
@@ -118,7 +123,8 @@ int bar(double depth, int argc, char **argv)
                 const double took = milliseconds([&] { check(pliant_step(body->model, body->data)); });
                 if (s > 0 && s < 19) usual.push_back(took);
             }
-            const pliant_body *next = sever_plane(body->data->body, 2, plane, [&](const double *x) { return x[2] > 0.07 * (1 - depth); });
+            const pliant_body *next =
+                sever_plane(body->data->body, 2, plane, [&](const double *x) { return x[2] > 0.07 * (1 - depth); });
             if (!next) check(PLIANT_ERROR_ARGUMENT);
             const double took = milliseconds([&] { check(pliant_data_set_body(body->model, body->data, next)); });
             if (body == &fast) set_body = took;
@@ -127,14 +133,16 @@ int bar(double depth, int argc, char **argv)
         for (int s = 0; s < 30; s++) check(pliant_step(tight.model, tight.data));
         const size_t nodes = size_t(tight.data->body->fine.num_nodes);
         whole = largest_apart(tight.data->positions, tight.data->body->fine.rest, nodes);
-        std::printf("%s, %d nodes new: %.2f %% before", choice == PLIANT_DIRECT ? "factor" : "V-cycle", int(nodes) - fast.model->body->fine.num_nodes,
+        std::printf("%s, %d nodes new: %.2f %% before", choice == PLIANT_DIRECT ? "factor" : "V-cycle",
+                    int(nodes) - fast.model->body->fine.num_nodes,
                     100 * largest_apart(fast.data->positions, tight.data->positions, nodes) / whole);
         for (int s = 0; s < 10; s++) {
             const double took = milliseconds([&] { check(pliant_step(fast.model, fast.data)); });
             if (s == 0) first = took;
             std::printf(", %.3f", 100 * largest_apart(fast.data->positions, tight.data->positions, nodes) / whole);
         }
-        std::printf("; on %s: set_body %.2f ms, first step %.2f ms, median of others %.2f ms\n", pliant_data_get_backend(fast.data), set_body, first, quantile(usual, 0.5));
+        std::printf("; on %s: set_body %.2f ms, first step %.2f ms, median of others %.2f ms\n",
+                    pliant_data_get_backend(fast.data), set_body, first, quantile(usual, 0.5));
     }
     return 0;
 }
@@ -154,7 +162,8 @@ int main(int argc, char **argv)
     inputs.set_options(argc, argv, 1);
     inputs.read(scan);
     pliant_model *model = inputs.build();
-    std::printf("%d fine tetrahedra, %d nodes, %d solved\n", model->body->fine.num_tets, model->body->fine.num_nodes, model->system ? model->system->num_free : 0);
+    std::printf("%d fine tetrahedra, %d nodes, %d solved\n", model->body->fine.num_tets, model->body->fine.num_nodes,
+                model->system ? model->system->num_free : 0);
     Run fast = begin(model), tight = begin(model);
     check(pliant_data_set_limits(tight.data, 60, 1e-8));
     std::vector<double> thread, process, wall, step_ms, cut_ms, first_error, usual;
@@ -170,15 +179,24 @@ int main(int argc, char **argv)
         move(tight, f);
         const int stroke = f - 11;
         if (stroke >= 0 && stroke < STROKES) {
-            auto reaches = [&](const double *x) { return std::fabs(x[2] - liver[2]) < 0.015 && x[1] - liver[1] < -0.02 + 0.008 * stroke; };
+            auto reaches = [&](const double *x) {
+                return std::fabs(x[2] - liver[2]) < 0.015 && x[1] - liver[1] < -0.02 + 0.008 * stroke;
+            };
             const pliant_body *next = nullptr;
-            while (!next) next = scene.cut.kind == PLIANT_CUT_SEVER ? stroke_at_random(fast.data, body, random) : sever_plane(body, body->revision + 1, plane, reaches, &sides);
-            const double t0 = cpu(CLOCK_THREAD_CPUTIME_ID), p0 = cpu(CLOCK_PROCESS_CPUTIME_ID), w0 = cpu(CLOCK_MONOTONIC);
+            while (!next)
+                next = scene.cut.kind == PLIANT_CUT_SEVER
+                           ? stroke_at_random(fast.data, body, random)
+                           : sever_plane(body, body->revision + 1, plane, reaches, &sides);
+            const double t0 = cpu(CLOCK_THREAD_CPUTIME_ID), p0 = cpu(CLOCK_PROCESS_CPUTIME_ID),
+                         w0 = cpu(CLOCK_MONOTONIC);
             check(pliant_data_set_body(model, fast.data, next));
-            const double t1 = cpu(CLOCK_THREAD_CPUTIME_ID), p1 = cpu(CLOCK_PROCESS_CPUTIME_ID), w1 = cpu(CLOCK_MONOTONIC);
+            const double t1 = cpu(CLOCK_THREAD_CPUTIME_ID), p1 = cpu(CLOCK_PROCESS_CPUTIME_ID),
+                         w1 = cpu(CLOCK_MONOTONIC);
             check(pliant_data_set_body(model, tight.data, next));
-            if (next->changes.num_touched > 0) thread.push_back(t1 - t0), process.push_back(p1 - p0), wall.push_back(w1 - w0);
-            std::printf("%4d %7d %7d        %8.2f %8.2f %8.2f", f, next->changes.num_touched, next->fine.num_nodes - body->fine.num_nodes, t1 - t0, p1 - p0, w1 - w0);
+            if (next->changes.num_touched > 0)
+                thread.push_back(t1 - t0), process.push_back(p1 - p0), wall.push_back(w1 - w0);
+            std::printf("%4d %7d %7d        %8.2f %8.2f %8.2f", f, next->changes.num_touched,
+                        next->fine.num_nodes - body->fine.num_nodes, t1 - t0, p1 - p0, w1 - w0);
             pliant_body_release(body);
             body = next;
         } else {
@@ -193,12 +211,15 @@ int main(int argc, char **argv)
         whole = std::max(whole, largest_apart(tight.data->positions, body->fine.rest, nodes));
         const double error = 100 * largest_apart(fast.data->positions, tight.data->positions, nodes) / whole;
         if (stroke >= 0 && stroke < STROKES) first_error.push_back(error);
-        std::printf("   %2d   %7.3f %%  step %6.2f ms of its thread  residual %.1e factors %llu\n", fast.data->statistics.iterations, error, step_ms.back(),
-                    fast.data->statistics.residual, (unsigned long long)fast.data->statistics.factors);
+        std::printf("   %2d   %7.3f %%  step %6.2f ms of its thread  residual %.1e factors %llu\n",
+                    fast.data->statistics.iterations, error, step_ms.back(), fast.data->statistics.residual,
+                    (unsigned long long)fast.data->statistics.factors);
     }
-    std::printf("median of set_body [ms]: thread %.2f, process %.2f, wall %.2f; step of the thread [ms]: after a stroke %.2f, others %.2f; worst error after a "
-                "stroke %.3f %%\n", quantile(thread, 0.5), quantile(process, 0.5), quantile(wall, 0.5), quantile(cut_ms, 0.5), quantile(usual, 0.5),
-                quantile(first_error, 1));
+    std::printf(
+        "median of set_body [ms]: thread %.2f, process %.2f, wall %.2f; step of the thread [ms]: after a stroke %.2f, others %.2f; worst error after a "
+        "stroke %.3f %%\n",
+        quantile(thread, 0.5), quantile(process, 0.5), quantile(wall, 0.5), quantile(cut_ms, 0.5), quantile(usual, 0.5),
+        quantile(first_error, 1));
     pliant_body_release(body);
     pliant_data_free(fast.data);
     pliant_data_free(tight.data);

@@ -31,14 +31,17 @@ void measure(int32_t cells, int threads)
         int32_t pairs = 0;
         for (int repeat = 0; repeat < 20; repeat++) {
             const double t0 = now(CLOCK_MONOTONIC), c0 = now(CLOCK_PROCESS_CPUTIME_ID);
-            if (pliant_grid_fill(&grid, count, list->data(), block.mesh.tets, block.positions.data(), 0, threads) != PLIANT_OK) std::exit(1);
+            if (pliant_grid_fill(&grid, count, list->data(), block.mesh.tets, block.positions.data(), 0, threads) !=
+                PLIANT_OK)
+                std::exit(1);
             fill = std::min(fill, now(CLOCK_MONOTONIC) - t0);
-            if (pliant_grid_overlaps(&grid, block.mesh.tets, block.positions.data(), threads, &pairs) != PLIANT_OK) std::exit(1);
+            if (pliant_grid_overlaps(&grid, block.mesh.tets, block.positions.data(), threads, &pairs) != PLIANT_OK)
+                std::exit(1);
             wall = std::min(wall, now(CLOCK_MONOTONIC) - t0);
             cpu = std::min(cpu, now(CLOCK_PROCESS_CPUTIME_ID) - c0);
         }
-        std::printf("%d tetrahedra, %d in the grid, %d pairs overlap: %.3f ms, of which grid %.3f; CPU time %.3f ms\n", block.mesh.num_tets, count, pairs, wall,
-                    fill, cpu);
+        std::printf("%d tetrahedra, %d in the grid, %d pairs overlap: %.3f ms, of which grid %.3f; CPU time %.3f ms\n",
+                    block.mesh.num_tets, count, pairs, wall, fill, cpu);
         pliant_grid_free(&grid);
     }
 }

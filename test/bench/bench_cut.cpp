@@ -79,7 +79,9 @@ Least least_of(const pliant_body *body)
         out.volume = std::fmin(out.volume, pliant_mesh_gradients(&mesh, t, gradients));
         out.edge = std::fmin(out.edge, pliant_tled_shortest_edge(&mesh, mesh.tets + 4 * t));
         for (int v = 0; v < 4; v++)
-            out.height = std::fmin(out.height, 1 / std::sqrt(gradients[3 * v] * gradients[3 * v] + gradients[3 * v + 1] * gradients[3 * v + 1] + gradients[3 * v + 2] * gradients[3 * v + 2]));
+            out.height = std::fmin(out.height, 1 / std::sqrt(gradients[3 * v] * gradients[3 * v] +
+                                                             gradients[3 * v + 1] * gradients[3 * v + 1] +
+                                                             gradients[3 * v + 2] * gradients[3 * v + 2]));
     }
     return out;
 }
@@ -100,7 +102,8 @@ int main(int argc, char **argv)
     inputs.set_options(argc, argv, sweeps ? 3 : 2);
     inputs.read(scan);
     pliant_model *model = inputs.build();
-    std::printf("%zu voxels, %d tetrahedra, %d nodes, %d bridges\n", pliant_geometry_voxels(&inputs.scan.geometry), model->body->fine.num_tets, model->body->fine.num_nodes,
+    std::printf("%zu voxels, %d tetrahedra, %d nodes, %d bridges\n", pliant_geometry_voxels(&inputs.scan.geometry),
+                model->body->fine.num_tets, model->body->fine.num_nodes,
                 model->body->voxels ? model->body->voxels->num_bridges : 0);
     const Least load = least_of(model->body);
     std::mt19937 random(3);
@@ -109,9 +112,11 @@ int main(int argc, char **argv)
         std::vector<double> all, sever, touched, links;
         for (int s = 0; s < strokes; s++) {
             std::vector<double> positions(3 * static_cast<size_t>(body->fine.num_nodes));
-            for (int32_t n = 0; n < body->fine.num_nodes; n++) deform(body->fine.rest + 3 * n, positions.data() + 3 * n);
+            for (int32_t n = 0; n < body->fine.num_nodes; n++)
+                deform(body->fine.rest + 3 * n, positions.data() + 3 * n);
             const Blade edge = blade(model->body, positions, sweep, random);
-            const pliant_cut_sweep sweep{static_cast<int32_t>(edge.from.size() / 3), edge.from.data(), edge.to.data(), nullptr};
+            const pliant_cut_sweep sweep{static_cast<int32_t>(edge.from.size() / 3), edge.from.data(), edge.to.data(),
+                                         nullptr};
             pliant_cut_report report;
             pliant_body *next = nullptr;
             const double t0 = cpu();
@@ -129,17 +134,19 @@ int main(int argc, char **argv)
                 body = next;
                 if (all.size() == 1 || all.size() == 10 || all.size() == 100) {
                     const Least now = least_of(body);
-                    std::printf("after %zu: %d tetrahedra, %d pieces; of those at load: shortest edge %.3g %%, least height %.3g %%, least volume %.3g %%, explicit step %.3g %%\n",
-                                all.size(), body->fine.num_tets, report.pieces, 100 * now.edge / load.edge, 100 * now.height / load.height, 100 * now.volume / load.volume,
-                                100 * now.step / load.step);
+                    std::printf(
+                        "after %zu: %d tetrahedra, %d pieces; of those at load: shortest edge %.3g %%, least height %.3g %%, least volume %.3g %%, explicit step %.3g %%\n",
+                        all.size(), body->fine.num_tets, report.pieces, 100 * now.edge / load.edge,
+                        100 * now.height / load.height, 100 * now.volume / load.volume, 100 * now.step / load.step);
                 }
             } else {
                 pliant_body_release(next);
             }
         }
-        std::printf("%s: %zu strokes, median of %.0f links and %.0f tetrahedra; report alone %.2f ms (worst %.2f), next body %.2f ms (worst %.2f)\n",
-                    chain ? "one after the other" : "each on the body at load", all.size(), quantile(links, 0.5), quantile(touched, 0.5), quantile(sever, 0.5),
-                    quantile(sever, 1), quantile(all, 0.5), quantile(all, 1));
+        std::printf(
+            "%s: %zu strokes, median of %.0f links and %.0f tetrahedra; report alone %.2f ms (worst %.2f), next body %.2f ms (worst %.2f)\n",
+            chain ? "one after the other" : "each on the body at load", all.size(), quantile(links, 0.5),
+            quantile(touched, 0.5), quantile(sever, 0.5), quantile(sever, 1), quantile(all, 0.5), quantile(all, 1));
         pliant_body_release(body);
     }
     pliant_model_free(model);

@@ -59,8 +59,11 @@ uint64_t bits(const pliant_model *model, pliant_data *data)
 {
     check(pliant_step(model, data));
     const pliant_volume *drawn = data->warp ? pliant_warp_volume(data->warp) : nullptr;
-    uint64_t hash = hash_of(data->positions, 3 * sizeof(double) * size_t(data->body->fine.num_nodes), 0xcbf29ce484222325u);
-    if (drawn) hash = hash_of(drawn->voxels, pliant_geometry_voxels(&drawn->geometry) * pliant_encoding_size(drawn->encoding), hash);
+    uint64_t hash =
+        hash_of(data->positions, 3 * sizeof(double) * size_t(data->body->fine.num_nodes), 0xcbf29ce484222325u);
+    if (drawn)
+        hash = hash_of(drawn->voxels, pliant_geometry_voxels(&drawn->geometry) * pliant_encoding_size(drawn->encoding),
+                       hash);
     return hash;
 }
 
@@ -114,24 +117,33 @@ std::vector<double> sampled(const double points[6], const double by[3], double s
 // Parts of a cut: each part is repeated separately and discarded, then the complete cut is done.
 enum Part { LINKS, BODY, MAP, DISCRETIZATION, SOLVER, WARP, SET_BODY, STEP, USUAL, NUM_PARTS };
 
-void cut_by_parts(const pliant_model *model, pliant_data *data, const double points[6], const double depth[3], bool steps, bool rests, std::vector<double> took[NUM_PARTS])
+void cut_by_parts(const pliant_model *model, pliant_data *data, const double points[6], const double depth[3],
+                  bool steps, bool rests, std::vector<double> took[NUM_PARTS])
 {
-    const double none[3] = {0, 0, 0}, *size = model->scan->geometry.spacing, spacing = 0.5 * std::min(size[0], std::min(size[1], size[2]));
+    const double none[3] = {0, 0, 0}, *size = model->scan->geometry.spacing,
+                 spacing = 0.5 * std::min(size[0], std::min(size[1], size[2]));
     const std::vector<double> from = sampled(points, none, spacing), to = sampled(points, depth, spacing);
     const pliant_cut_sweep sweep{int32_t(from.size() / 3), from.data(), to.data(), nullptr};
     pliant_body *next = nullptr;
-    const double links = milliseconds([&] { check(pliant_body_cut(data->body, data->last_revision + 1, data->positions, &sweep, nullptr, nullptr)); });
-    const double body = milliseconds([&] { check(pliant_body_cut(data->body, data->last_revision + 1, data->positions, &sweep, &next, nullptr)); });
+    const double links = milliseconds([&] {
+        check(pliant_body_cut(data->body, data->last_revision + 1, data->positions, &sweep, nullptr, nullptr));
+    });
+    const double body = milliseconds(
+        [&] { check(pliant_body_cut(data->body, data->last_revision + 1, data->positions, &sweep, &next, nullptr)); });
     if (!next) return;
     took[LINKS].push_back(links);
     took[BODY].push_back(body - links);
     pliant_body_map map;
     const pliant_discretization *discretization = nullptr;
     took[MAP].push_back(milliseconds([&] { check(pliant_body_map_create(data->discretization->body, next, &map)); }));
-    took[DISCRETIZATION].push_back(milliseconds([&] { check(pliant_discretization_next(&model->scene, data->discretization, next, &map, &discretization)); }));
+    took[DISCRETIZATION].push_back(milliseconds(
+        [&] { check(pliant_discretization_next(&model->scene, data->discretization, next, &map, &discretization)); }));
     if (data->solver) {
         pliant_solver *solver = nullptr;
-        took[SOLVER].push_back(milliseconds([&] { check(pliant_solver_follow(&model->scene, discretization->system, data->solver, &map, rests, nullptr, &solver)); }));
+        took[SOLVER].push_back(milliseconds([&] {
+            check(pliant_solver_follow(&model->scene, discretization->system, data->solver, &map, rests, nullptr,
+                                       &solver));
+        }));
         pliant_solver_free(solver);
     }
     if (data->warp) {
@@ -148,7 +160,9 @@ void cut_by_parts(const pliant_model *model, pliant_data *data, const double poi
 
 void by_parts(const pliant_model *model, pliant_data *data, double length, int cuts, int frames, bool rests)
 {
-    static const char *const names[NUM_PARTS] = {"links severed", "fragments and next body", "map of bodies", "discretization", "solver", "warp", "pliant_data_set_body", "frame after it", "other frames"};
+    static const char *const names[NUM_PARTS] = {
+        "links severed", "fragments and next body", "map of bodies",  "discretization", "solver",
+        "warp",          "pliant_data_set_body",    "frame after it", "other frames"};
     std::vector<double> took[NUM_PARTS];
     std::mt19937 random(5);
     rests = rests || std::strcmp(pliant_data_get_backend(data), "cpu") != 0;
@@ -163,17 +177,22 @@ void by_parts(const pliant_model *model, pliant_data *data, double length, int c
             took[USUAL].push_back(milliseconds([&] { check(pliant_step(model, data)); }));
         }
     }
-    std::printf("%s, %d tetrahedra, %d nodes; [ms] of the %s: median, worst of %zu\n", pliant_data_get_backend(data), data->body->fine.num_tets, data->body->fine.num_nodes, busy ? "thread" : "clock", took[SET_BODY].size());
+    std::printf("%s, %d tetrahedra, %d nodes; [ms] of the %s: median, worst of %zu\n", pliant_data_get_backend(data),
+                data->body->fine.num_tets, data->body->fine.num_nodes, busy ? "thread" : "clock",
+                took[SET_BODY].size());
     for (int p = 0; p < NUM_PARTS; p++)
-        if (!took[p].empty()) std::printf("  %-24s %8.3f %8.3f\n", names[p], quantile(took[p], 0.5), quantile(took[p], 1));
+        if (!took[p].empty())
+            std::printf("  %-24s %8.3f %8.3f\n", names[p], quantile(took[p], 0.5), quantile(took[p], 1));
 }
 
 } // namespace
 
 int main(int argc, char **argv)
 {
-    std::map<std::string, double> with = {{"cuts", 1000}, {"length", 0.006}, {"steps", 8}, {"undo", 4}, {"reset", 0}, {"warp", 1}, {"stages", 0}, {"frames", 3}, {"busy", 0}, {"rests", 0}};
-    const std::string labels = std::string(PLIANT_TEST_DATA) + "/abdomen/labels_totalseg_fast.nii.gz", scan = std::string(PLIANT_TEST_DATA) + "/abdomen/ct.nii.gz";
+    std::map<std::string, double> with = {{"cuts", 1000}, {"length", 0.006}, {"steps", 8},  {"undo", 4}, {"reset", 0},
+                                          {"warp", 1},    {"stages", 0},     {"frames", 3}, {"busy", 0}, {"rests", 0}};
+    const std::string labels = std::string(PLIANT_TEST_DATA) + "/abdomen/labels_totalseg_fast.nii.gz",
+                      scan = std::string(PLIANT_TEST_DATA) + "/abdomen/ct.nii.gz";
     pliant_scene scene;
     pliant_volume volume{};
     pliant_labels organs{};
@@ -209,10 +228,14 @@ int main(int argc, char **argv)
     check(pliant_step(model, data));
     std::mt19937 random(5);
     std::vector<double> last;
-    const int cuts = with["stages"] > 0 ? 0 : int(with["cuts"]), steps = int(with["steps"]), undo = int(with["undo"]), reset = int(with["reset"]);
+    const int cuts = with["stages"] > 0 ? 0 : int(with["cuts"]), steps = int(with["steps"]), undo = int(with["undo"]),
+              reset = int(with["reset"]);
     int next = 10;
-    if (with["stages"] > 0) by_parts(model, data, with["length"], int(with["cuts"]), int(with["frames"]), with["rests"] > 0);
-    else std::printf("   cuts   tetrahedra   nodes   links    cut [ms]: median, worst of the last tenth    held, resident [MB]    bits\n");
+    if (with["stages"] > 0)
+        by_parts(model, data, with["length"], int(with["cuts"]), int(with["frames"]), with["rests"] > 0);
+    else
+        std::printf(
+            "   cuts   tetrahedra   nodes   links    cut [ms]: median, worst of the last tenth    held, resident [MB]    bits\n");
     for (int c = 1; c <= cuts; c++) {
         double points[6], depth[3];
         slit(data, with["length"], random, points, depth);
@@ -224,9 +247,11 @@ int main(int argc, char **argv)
         if (steps > 0 && c % steps == 0) check(pliant_step(model, data));
         if (c < next && c < cuts) continue;
         last.erase(last.begin(), last.end() - std::max<long>(c / 10, std::min<long>(c, 10)));
-        std::printf("%7d   %9d %8d %7d        %8.2f %8.2f                    %8.1f %8.1f    %016llx\n", c, data->body->fine.num_tets, data->body->fine.num_nodes,
-                    data->body->cuts ? data->body->cuts->num_links : 0, quantile(last, 0.5), quantile(last, 1), 1e-6 * double(pliant_memory_in_use()),
-                    1e-6 * double(resident()), (unsigned long long)bits(model, data));
+        std::printf("%7d   %9d %8d %7d        %8.2f %8.2f                    %8.1f %8.1f    %016llx\n", c,
+                    data->body->fine.num_tets, data->body->fine.num_nodes,
+                    data->body->cuts ? data->body->cuts->num_links : 0, quantile(last, 0.5), quantile(last, 1),
+                    1e-6 * double(pliant_memory_in_use()), 1e-6 * double(resident()),
+                    (unsigned long long)bits(model, data));
         std::fflush(stdout);
         next *= 10;
     }

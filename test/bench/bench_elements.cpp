@@ -47,13 +47,15 @@ int main(int argc, char **argv)
         const pliant_system *system = side.model->system;
         const pliant_mesh *mesh = system->mesh;
         side.x.assign(mesh->rest, mesh->rest + 3 * mesh->num_nodes);
-        for (size_t i = 0; i < side.x.size(); i++) side.x[i] += 2e-3 * std::sin(40 * mesh->rest[(i * 7) % side.x.size()]);
+        for (size_t i = 0; i < side.x.size(); i++)
+            side.x[i] += 2e-3 * std::sin(40 * mesh->rest[(i * 7) % side.x.size()]);
         side.right.assign(3 * size_t(system->num_free), 1);
         side.out = side.right;
         side.forces.resize(size_t(system->num_blocks) * 12 * LANES);
         side.tangents.resize(size_t(system->num_blocks));
-        std::printf("%s: %d nodes, %d free, %.1f MB of factor, condition of the matrix %.3g\n", kind ? "hexahedra" : "tetrahedra", mesh->num_nodes,
-                    system->num_free, 1e-6 * double(pliant_preconditioner_bytes(system->preconditioner)),
+        std::printf("%s: %d nodes, %d free, %.1f MB of factor, condition of the matrix %.3g\n",
+                    kind ? "hexahedra" : "tetrahedra", mesh->num_nodes, system->num_free,
+                    1e-6 * double(pliant_preconditioner_bytes(system->preconditioner)),
                     pliant_preconditioner_condition(system->preconditioner));
     }
     using blocks = double (*)[12][LANES];
@@ -63,7 +65,10 @@ int main(int argc, char **argv)
     } parts[] = {
         {"forces", [](Side &s) { pliant_system_element_forces(s.model->system, s.x.data(), blocks(s.forces.data())); }},
         {"gather", [](Side &s) { pliant_system_gather(s.model->system, blocks(s.forces.data()), s.out.data()); }},
-        {"solve", [](Side &s) { check(pliant_preconditioner_solve(s.model->system->preconditioner, 1, s.right.data(), s.out.data())); }},
+        {"solve",
+         [](Side &s) {
+             check(pliant_preconditioner_solve(s.model->system->preconditioner, 1, s.right.data(), s.out.data()));
+         }},
         {"refresh",
          [](Side &s) {
              pliant_system_tangents(s.model->system, s.x.data(), PLIANT_TWIST_POSITIVE, s.tangents.data());
@@ -82,7 +87,8 @@ int main(int argc, char **argv)
         std::printf("%-10s %9.3f %9.3f ms  %.2f\n", part.name, 1e3 * least[0], 1e3 * least[1], least[1] / least[0]);
         for (int kind = 0; kind < 2 && &part != parts + 3; kind++) evaluation[kind] += least[kind];
     }
-    std::printf("%-10s %9.3f %9.3f ms  %.2f\n", "evaluation", 1e3 * evaluation[0], 1e3 * evaluation[1], evaluation[1] / evaluation[0]);
+    std::printf("%-10s %9.3f %9.3f ms  %.2f\n", "evaluation", 1e3 * evaluation[0], 1e3 * evaluation[1],
+                evaluation[1] / evaluation[0]);
     for (Side &side : sides) pliant_model_free(side.model);
     return 0;
 }

@@ -29,20 +29,24 @@ int bench_gpu()
     const int32_t size[3] = {256, 160, 122}, cells[3] = {14, 14, 14};
     pliant_volume phantom{};
     pliant_mesh mesh{};
-    if (pliant_phantom(size, 1, &phantom, nullptr) != PLIANT_OK || pliant_mesh_grid(&phantom.geometry, cells, nullptr, &mesh) != PLIANT_OK) return 1;
-    std::printf("%d x %d x %d voxels, %d tetrahedra, the fastest of 30 updates, by the GPU's clock\n%-12s %12s %12s %12s\n", size[0], size[1], size[2], mesh.num_tets, "",
-                "map [ms]", "voxels [ms]", "both [ms]");
+    if (pliant_phantom(size, 1, &phantom, nullptr) != PLIANT_OK ||
+        pliant_mesh_grid(&phantom.geometry, cells, nullptr, &mesh) != PLIANT_OK)
+        return 1;
+    std::printf(
+        "%d x %d x %d voxels, %d tetrahedra, the fastest of 30 updates, by the GPU's clock\n%-12s %12s %12s %12s\n",
+        size[0], size[1], size[2], mesh.num_tets, "", "map [ms]", "voxels [ms]", "both [ms]");
     for (int step : {8, 4, 3, 2, 1}) {
         pliant_warp *warp = nullptr;
         double best[3] = {1, 1, 1};
-        if (pliant_warp_create(&phantom, &mesh, &phantom.geometry, 2, &warp) != PLIANT_OK || pliant_warp_fit(warp, step) != PLIANT_OK ||
-            pliant_warp_backend(warp, PLIANT_CUDA) != PLIANT_OK) {
+        if (pliant_warp_create(&phantom, &mesh, &phantom.geometry, 2, &warp) != PLIANT_OK ||
+            pliant_warp_fit(warp, step) != PLIANT_OK || pliant_warp_backend(warp, PLIANT_CUDA) != PLIANT_OK) {
             std::fprintf(stderr, "%s\n", pliant_last_error());
             return 1;
         }
         for (int run = 0; run < 30; run++) {
             std::vector<double> positions(mesh.rest, mesh.rest + 3 * size_t(mesh.num_nodes));
-            for (size_t n = 0; n < positions.size(); n += 3) positions[n] += 0.01 * std::sin(20 * positions[n + 1] + run);
+            for (size_t n = 0; n < positions.size(); n += 3)
+                positions[n] += 0.01 * std::sin(20 * positions[n + 1] + run);
             double map, voxels;
             if (pliant_warp_update(warp, positions.data()) != PLIANT_OK) return 1;
             pliant_warp_seconds(warp, &map, &voxels);
@@ -64,7 +68,8 @@ int bench_gpu()
 int main(int argc, char **argv)
 {
     if (argc > 1 && std::strcmp(argv[1], "cuda") == 0) return bench_gpu();
-    const int32_t size[3] = {argc > 3 ? std::atoi(argv[1]) : 256, argc > 3 ? std::atoi(argv[2]) : 160, argc > 3 ? std::atoi(argv[3]) : 122};
+    const int32_t size[3] = {argc > 3 ? std::atoi(argv[1]) : 256, argc > 3 ? std::atoi(argv[2]) : 160,
+                             argc > 3 ? std::atoi(argv[3]) : 122};
     const int cells = argc > 4 ? std::atoi(argv[4]) : 14;
     const int32_t lattice[3] = {cells, cells, cells};
     // each scan coordinate is a separate volume, so that the drawn value is the inverse map
@@ -78,7 +83,8 @@ int main(int argc, char **argv)
         coordinate[d].slope = 1;
         coordinate[d].background = NAN;
         size_t stride = d == 0 ? 1 : d == 1 ? size_t(g.size[0]) : size_t(g.size[0]) * g.size[1];
-        for (size_t v = 0; v < voxels; v++) static_cast<float *>(coordinate[d].voxels)[v] = float(v / stride % size_t(g.size[d]));
+        for (size_t v = 0; v < voxels; v++)
+            static_cast<float *>(coordinate[d].voxels)[v] = float(v / stride % size_t(g.size[d]));
     }
     if (pliant_mesh_grid(&g, lattice, nullptr, &mesh) != PLIANT_OK) return 1;
     std::vector<double> positions(3 * size_t(mesh.num_nodes));
@@ -91,15 +97,16 @@ int main(int argc, char **argv)
         }
         for (int d = 0; d < 3; d++) positions[3 * size_t(n) + d] = x[d];
     }
-    std::printf("%d x %d x %d voxels, %d tetrahedra, 2 threads\n%-12s %12s %12s %14s %14s\n", size[0], size[1], size[2], mesh.num_tets, "", "map [s]", "voxels [s]",
-                "rms [voxels]", "max [voxels]");
+    std::printf("%d x %d x %d voxels, %d tetrahedra, 2 threads\n%-12s %12s %12s %14s %14s\n", size[0], size[1], size[2],
+                mesh.num_tets, "", "map [s]", "voxels [s]", "rms [voxels]", "max [voxels]");
     for (int step : {0, 16, 8, 4, 2, 1}) {
         double squares = 0, most = 0, seconds[2] = {0, 0};
         size_t count = 0;
         std::vector<float> drawn[3];
         for (int d = 0; d < 3; d++) {
             pliant_warp *warp = nullptr;
-            if (pliant_warp_create(&coordinate[d], &mesh, &g, 2, &warp) != PLIANT_OK || (step > 0 && pliant_warp_fit(warp, step) != PLIANT_OK) ||
+            if (pliant_warp_create(&coordinate[d], &mesh, &g, 2, &warp) != PLIANT_OK ||
+                (step > 0 && pliant_warp_fit(warp, step) != PLIANT_OK) ||
                 pliant_warp_update(warp, positions.data()) != PLIANT_OK) {
                 std::fprintf(stderr, "%s\n", pliant_last_error());
                 return 1;
@@ -110,14 +117,17 @@ int main(int argc, char **argv)
             pliant_warp_free(warp);
         }
         for (size_t v = 0; v < voxels; v += 7) {
-            double at[3] = {double(v % size_t(g.size[0])), double(v / size_t(g.size[0]) % size_t(g.size[1])), double(v / size_t(g.size[0]) / size_t(g.size[1]))};
+            double at[3] = {double(v % size_t(g.size[0])), double(v / size_t(g.size[0]) % size_t(g.size[1])),
+                            double(v / size_t(g.size[0]) / size_t(g.size[1]))};
             double world[3], rest[3], index[3], square = 0;
             bool inner = true;
             pliant_geometry_to_world(&g, at, world);
             inverse(world, rest);
             pliant_geometry_to_index(&g, rest, index);
             // away from the box, where both ways end
-            for (int d = 0; d < 3; d++) inner = inner && at[d] > 0.1 * g.size[d] && at[d] < 0.9 * g.size[d] && index[d] > 2 && index[d] < g.size[d] - 3;
+            for (int d = 0; d < 3; d++)
+                inner = inner && at[d] > 0.1 * g.size[d] && at[d] < 0.9 * g.size[d] && index[d] > 2 &&
+                        index[d] < g.size[d] - 3;
             if (!inner) continue;
             for (int d = 0; d < 3; d++) square += std::pow(drawn[d][v] - index[d], 2);
             squares += square;
@@ -126,6 +136,7 @@ int main(int argc, char **argv)
         }
         char name[32];
         std::snprintf(name, sizeof name, step ? "fit, step %d" : "rasterize", step);
-        std::printf("%-12s %12.4f %12.4f %14.4f %14.4f\n", name, seconds[0], seconds[1], std::sqrt(squares / double(count)), std::sqrt(most));
+        std::printf("%-12s %12.4f %12.4f %14.4f %14.4f\n", name, seconds[0], seconds[1],
+                    std::sqrt(squares / double(count)), std::sqrt(most));
     }
 }

@@ -83,7 +83,8 @@ double time_events(int runs, cudaStream_t stream, const std::function<void()> &w
 
 __global__ void identity_kernel(cudaTextureObject_t texture, short *out, int nx, int ny, int nz)
 {
-    int i = int(blockIdx.x * blockDim.x + threadIdx.x), j = int(blockIdx.y * blockDim.y + threadIdx.y), k = int(blockIdx.z * blockDim.z + threadIdx.z);
+    int i = int(blockIdx.x * blockDim.x + threadIdx.x), j = int(blockIdx.y * blockDim.y + threadIdx.y),
+        k = int(blockIdx.z * blockDim.z + threadIdx.z);
     if (i >= nx || j >= ny || k >= nz) return;
     float value = tex3D<float>(texture, float(i) + 0.5f, float(j) + 0.5f, float(k) + 0.5f);
     out[i + size_t(nx) * (j + size_t(ny) * k)] = short(__float2int_rn(value * 32767.0f));
@@ -122,8 +123,12 @@ limits measure_limits(const int32_t size[3], int runs)
     must(cudaMallocHost(&h_out, count * sizeof(short)));
     dim3 threads(32, 4, 2), blocks((size[0] + 31) / 32, (size[1] + 3) / 4, (size[2] + 1) / 2);
     limits result;
-    result.sample = time_events(runs, stream, [&] { identity_kernel<<<blocks, threads, 0, stream>>>(texture, d_out, size[0], size[1], size[2]); });
-    result.copy = time_events(runs, stream, [&] { must(cudaMemcpyAsync(h_out, d_out, count * sizeof(short), cudaMemcpyDeviceToHost, stream)); });
+    result.sample = time_events(runs, stream, [&] {
+        identity_kernel<<<blocks, threads, 0, stream>>>(texture, d_out, size[0], size[1], size[2]);
+    });
+    result.copy = time_events(runs, stream, [&] {
+        must(cudaMemcpyAsync(h_out, d_out, count * sizeof(short), cudaMemcpyDeviceToHost, stream));
+    });
     cudaDestroyTextureObject(texture);
     cudaFreeArray(array);
     cudaFree(d_out);
@@ -135,7 +140,8 @@ limits measure_limits(const int32_t size[3], int runs)
 /* ---- rasterization alone */
 
 // Pick along a diagonal ray without a hit, with the volume on the GPU and on the host.
-void bench_pick(const pliant_warp *warp, const pliant_mesh *mesh, const double *positions, const double extent[3], int runs)
+void bench_pick(const pliant_warp *warp, const pliant_mesh *mesh, const double *positions, const double extent[3],
+                int runs)
 {
     pliant_ray ray = {};
     for (int d = 0; d < 3; d++) ray.origin[d] = -0.1 * extent[d], ray.direction[d] = extent[d];
@@ -158,10 +164,14 @@ void bench_warp(const int32_t size[3], const int32_t cells[3], int runs)
     pliant_volume scan = {};
     pliant_mesh mesh = {};
     pliant_warp *warp = nullptr;
-    pliant_geometry geometry = {{size[0], size[1], size[2]}, {0, 0, 0}, {0.384 / size[0], 0.24 / size[1], 0.244 / size[2]}, {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+    pliant_geometry geometry = {{size[0], size[1], size[2]},
+                                {0, 0, 0},
+                                {0.384 / size[0], 0.24 / size[1], 0.244 / size[2]},
+                                {1, 0, 0, 0, 1, 0, 0, 0, 1}};
     must(pliant_volume_create(&geometry, PLIANT_INT16, &scan));
     std::mt19937 random(1);
-    for (size_t v = 0; v < pliant_geometry_voxels(&geometry); v++) static_cast<int16_t *>(scan.voxels)[v] = int16_t(int(random() % 2000) - 1000);
+    for (size_t v = 0; v < pliant_geometry_voxels(&geometry); v++)
+        static_cast<int16_t *>(scan.voxels)[v] = int16_t(int(random() % 2000) - 1000);
     must(pliant_mesh_grid(&geometry, cells, nullptr, &mesh));
     must(pliant_warp_create(&scan, &mesh, &geometry, 2, &warp));
     must(pliant_warp_backend(warp, PLIANT_CUDA));
@@ -190,9 +200,10 @@ void bench_warp(const int32_t size[3], const int32_t cells[3], int runs)
         both.push_back(1e3 * (c + r));
     }
     limits limit = measure_limits(size, runs);
-    std::printf("%4d x %3d x %3d, %7d tetrahedra: cull %7.4f  rasterize %7.4f  both %7.4f ms | texture %7.4f ms: x %5.2f, both x %5.2f | to the host %6.3f, bare copy %6.3f ms\n",
-                size[0], size[1], size[2], mesh.num_tets, median(cull), median(rasterize), median(both), limit.sample, median(rasterize) / limit.sample,
-                median(both) / limit.sample, median(fetch), limit.copy);
+    std::printf(
+        "%4d x %3d x %3d, %7d tetrahedra: cull %7.4f  rasterize %7.4f  both %7.4f ms | texture %7.4f ms: x %5.2f, both x %5.2f | to the host %6.3f, bare copy %6.3f ms\n",
+        size[0], size[1], size[2], mesh.num_tets, median(cull), median(rasterize), median(both), limit.sample,
+        median(rasterize) / limit.sample, median(both) / limit.sample, median(fetch), limit.copy);
     char name[80];
     std::snprintf(name, sizeof name, "cull and rasterize, %d x %d x %d", size[0], size[1], size[2]);
     figure(name, 1e3 * median(both), "us");
@@ -204,7 +215,12 @@ void bench_warp(const int32_t size[3], const int32_t cells[3], int runs)
 
 /* ---- whole frames */
 
-struct Run { std::vector<std::vector<double>> positions; std::vector<double> frame, solve, fetch; double iterations, largest; int unconverged; };
+struct Run {
+    std::vector<std::vector<double>> positions;
+    std::vector<double> frame, solve, fetch;
+    double iterations, largest;
+    int unconverged;
+};
 
 // Find a point of soft tissue 2 cm below the front.
 bool find_front(const pliant_model *model, double out[3])
@@ -215,14 +231,16 @@ bool find_front(const pliant_model *model, double out[3])
     for (int s = 0; s < 500; s++) {
         double point[3] = {out[0], out[1] - 0.25 + 0.001 * s, out[2]}, barycentric[4];
         int32_t tet = pliant_mesh_locate(&model->body->fine, point, barycentric);
-        if (tet < 0 || model->body->fine_material[tet].tissue < 0.9 || model->body->fine_material[tet].mu < 500) continue;
+        if (tet < 0 || model->body->fine_material[tet].tissue < 0.9 || model->body->fine_material[tet].mu < 500)
+            continue;
         out[1] = point[1] + 0.02;
         return true;
     }
     return false;
 }
 
-Run run(const pliant_model *model, pliant_data *data, const double at[3], pliant_drive drive, int frames, int budget, double tolerance, bool fetch)
+Run run(const pliant_model *model, pliant_data *data, const double at[3], pliant_drive drive, int frames, int budget,
+        double tolerance, bool fetch)
 {
     must(pliant_data_reset(model, data));
     must(pliant_data_set_limits(data, budget, tolerance));
@@ -234,7 +252,8 @@ Run run(const pliant_model *model, pliant_data *data, const double at[3], pliant
     Run out = {};
     for (int s = 1; s <= frames; s++) {
         double ahead = std::min(s, frames / 2) * 0.001, aside = std::max(0, s - frames / 2) * 0.001;
-        double tip[3] = {from[0] + aside, from[1] - ahead, from[2] + 0.5 * aside}, force[3] = {100 * aside, -200 * ahead, 0};
+        double tip[3] = {from[0] + aside, from[1] - ahead, from[2] + 0.5 * aside},
+               force[3] = {100 * aside, -200 * ahead, 0};
         must(pliant_tool_set_drive(data, tool, drive, force));
         must(pliant_tool_set_pose(data, tool, tip, nullptr));
         double start = pliant_seconds();
@@ -274,7 +293,8 @@ double worst_error(const Run &a, const Run &b)
 void set_option(pliant_scene *scene, const std::string &option)
 {
     size_t equals = option.find('=');
-    must(pliant_scene_set(scene, option.substr(0, equals).c_str(), equals == std::string::npos ? "" : option.substr(equals + 1).c_str()));
+    must(pliant_scene_set(scene, option.substr(0, equals).c_str(),
+                          equals == std::string::npos ? "" : option.substr(equals + 1).c_str()));
 }
 
 void bench_run(const char *scene_path, const char *scan_path, int frames, char **options, int num_options)
@@ -292,11 +312,13 @@ void bench_run(const char *scene_path, const char *scan_path, int frames, char *
     std::printf("inputs in %.1f s\n", pliant_seconds() - began);
     const pliant_preconditioner_choice choices[] = {PLIANT_DIRECT, PLIANT_MULTIGRID};
     for (pliant_preconditioner_choice choice : choices) {
-        const double cells = double(scene.mesh.coarse_cells[0]) * scene.mesh.coarse_cells[1] * scene.mesh.coarse_cells[2] * std::pow(scene.mesh.ratio, 3);
+        const double cells = double(scene.mesh.coarse_cells[0]) * scene.mesh.coarse_cells[1] *
+                             scene.mesh.coarse_cells[2] * std::pow(scene.mesh.ratio, 3);
         if (choice == PLIANT_DIRECT && cells > 14000) continue; // building its model takes minutes
         scene.solver.preconditioner = choice;
         double start = pliant_seconds();
-        must(pliant_model_build(&scene, &scan, labels.voxels ? &labels : nullptr, &materials, {nullptr, nullptr}, &model));
+        must(pliant_model_build(&scene, &scan, labels.voxels ? &labels : nullptr, &materials, {nullptr, nullptr},
+                                &model));
         double built = pliant_seconds(), at[3];
         if (!find_front(model, at)) {
             std::printf("no soft tissue at the front of %s\n", scan_path);
@@ -304,8 +326,9 @@ void bench_run(const char *scene_path, const char *scan_path, int frames, char *
         }
         pliant_data *data = nullptr;
         pliant_status status = pliant_data_create(model, &data);
-        std::printf("%s, %s, %s: %d x %d x %d voxels, %d tetrahedra, %d nodes; model %.2f s, state on the GPU %.2f s\n", scene_path, scan_path,
-                    choice == PLIANT_DIRECT ? "direct" : "multigrid", scan.geometry.size[0], scan.geometry.size[1], scan.geometry.size[2], model->body->fine.num_tets,
+        std::printf("%s, %s, %s: %d x %d x %d voxels, %d tetrahedra, %d nodes; model %.2f s, state on the GPU %.2f s\n",
+                    scene_path, scan_path, choice == PLIANT_DIRECT ? "direct" : "multigrid", scan.geometry.size[0],
+                    scan.geometry.size[1], scan.geometry.size[2], model->body->fine.num_tets,
                     model->body->fine.num_nodes, built - start, pliant_seconds() - built);
         if (status != PLIANT_OK) {
             std::printf("  %s\n", pliant_last_error());
@@ -321,16 +344,22 @@ void bench_run(const char *scene_path, const char *scan_path, int frames, char *
         }
         must(pliant_data_set_warp(model, data, &model->scan->geometry));
         for (int d = 0; d < 2; d++) {
-            std::printf("  %s, largest %.1f mm, exact in %.1f evaluations a frame\n", d == 0 ? "displacement" : "force", 1e3 * exact[d].largest, exact[d].iterations);
+            std::printf("  %s, largest %.1f mm, exact in %.1f evaluations a frame\n", d == 0 ? "displacement" : "force",
+                        1e3 * exact[d].largest, exact[d].iterations);
             for (int b = 0; b < 6; b++) {
-                Run fast = run(model, data, at, drives[d], frames, budgets[b], 1e-3, false), copied = run(model, data, at, drives[d], frames, budgets[b], 1e-3, true);
-                std::printf("    budget %2d: worst frame %6.2f %%, %4.1f evaluations | frame %6.3f ms (p99 %6.3f), solve %6.3f | with the copy %6.3f (p99 %6.3f) | no volume %6.3f (p99 %6.3f)\n",
-                            budgets[b], 100 * worst_error(fast, exact[d]), fast.iterations, median(fast.frame), percentile(fast.frame, 0.99), median(fast.solve),
-                            median(copied.frame), percentile(copied.frame, 0.99), median(forces[d][b].frame), percentile(forces[d][b].frame, 0.99));
+                Run fast = run(model, data, at, drives[d], frames, budgets[b], 1e-3, false),
+                    copied = run(model, data, at, drives[d], frames, budgets[b], 1e-3, true);
+                std::printf(
+                    "    budget %2d: worst frame %6.2f %%, %4.1f evaluations | frame %6.3f ms (p99 %6.3f), solve %6.3f | with the copy %6.3f (p99 %6.3f) | no volume %6.3f (p99 %6.3f)\n",
+                    budgets[b], 100 * worst_error(fast, exact[d]), fast.iterations, median(fast.frame),
+                    percentile(fast.frame, 0.99), median(fast.solve), median(copied.frame),
+                    percentile(copied.frame, 0.99), median(forces[d][b].frame), percentile(forces[d][b].frame, 0.99));
                 const std::string file = std::strrchr(scene_path, '/') ? std::strrchr(scene_path, '/') + 1 : scene_path;
                 const std::string size = std::to_string(model->body->fine.num_tets) + " tetrahedra";
                 const char *inverse = choice == PLIANT_DIRECT ? "direct, " : "multigrid, ";
-                if (budgets[b] == 3) figure("frame, " + file + ", " + size + ", " + inverse + (d == 0 ? "displacement" : "force"), 1e3 * median(fast.frame), "us");
+                if (budgets[b] == 3)
+                    figure("frame, " + file + ", " + size + ", " + inverse + (d == 0 ? "displacement" : "force"),
+                           1e3 * median(fast.frame), "us");
             }
         }
         pliant_data_free(data);
@@ -351,11 +380,13 @@ struct CutFrames { std::vector<double> whole, stage[PLIANT_NUM_STEP_STAGES], eva
 void print_frames(const char *what, const CutFrames &frames)
 {
     if (frames.whole.empty()) return;
-    std::printf("  %-8s %4zu frames: median %7.3f ms, p95 %7.3f, worst %7.3f (x %.2f); evaluations %.0f, at most %.0f;", what, frames.whole.size(), median(frames.whole),
-                percentile(frames.whole, 0.95), percentile(frames.whole, 1), percentile(frames.whole, 1) / median(frames.whole), median(frames.evaluations),
-                percentile(frames.evaluations, 1));
+    std::printf("  %-8s %4zu frames: median %7.3f ms, p95 %7.3f, worst %7.3f (x %.2f); evaluations %.0f, at most %.0f;",
+                what, frames.whole.size(), median(frames.whole), percentile(frames.whole, 0.95),
+                percentile(frames.whole, 1), percentile(frames.whole, 1) / median(frames.whole),
+                median(frames.evaluations), percentile(frames.evaluations, 1));
     for (int s = 0; s < PLIANT_NUM_STEP_STAGES; s++)
-        std::printf(" %s %.3f (%.3f)", pliant_step_stage_name(s), median(frames.stage[s]), percentile(frames.stage[s], 1));
+        std::printf(" %s %.3f (%.3f)", pliant_step_stage_name(s), median(frames.stage[s]),
+                    percentile(frames.stage[s], 1));
     std::printf("\n");
 }
 
@@ -387,7 +418,8 @@ void bench_cut(const char *scene_path, const char *scan_path, int frames, char *
     CutFrames cutting, other;
     for (int f = -20; f < frames; f++) {
         const int stroke = f < 0 ? 0 : f / (STROKE + BETWEEN), place = f < 0 ? -1 : f % (STROKE + BETWEEN);
-        const double tip[3] = {at[0] + 0.027 * (stroke % 4 - 1.5), at[1] - 0.02 + 0.002 * place, at[2] + 0.02 * (stroke / 4 % 3)};
+        const double tip[3] = {at[0] + 0.027 * (stroke % 4 - 1.5), at[1] - 0.02 + 0.002 * place,
+                               at[2] + 0.02 * (stroke / 4 % 3)};
         must(pliant_tool_set_pose(data, tool, tip, nullptr));
         must(pliant_tool_set_cutting(data, tool, f >= 0 && place < STROKE));
         const uint64_t revision = data->body->revision, factors = data->statistics.factors;
@@ -396,18 +428,22 @@ void bench_cut(const char *scene_path, const char *scan_path, int frames, char *
         const double whole = 1e3 * (pliant_seconds() - start);
         CutFrames &frame = data->body->revision != revision ? cutting : other;
         if (std::getenv("VERBOSE"))
-            std::printf("    %4d %s %7.3f ms, cut %7.3f solve %7.3f warp %7.3f, %2d evaluations, %d nodes%s\n", f, &frame == &cutting ? "cuts" : "    ", whole,
-                        1e3 * data->statistics.seconds[PLIANT_STEP_cut], 1e3 * data->statistics.seconds[PLIANT_STEP_solve],
-                        1e3 * data->statistics.seconds[PLIANT_STEP_warp], data->statistics.iterations, data->body->fine.num_nodes,
-                        data->statistics.factors != factors ? ", renewed" : "");
+            std::printf("    %4d %s %7.3f ms, cut %7.3f solve %7.3f warp %7.3f, %2d evaluations, %d nodes%s\n", f,
+                        &frame == &cutting ? "cuts" : "    ", whole, 1e3 * data->statistics.seconds[PLIANT_STEP_cut],
+                        1e3 * data->statistics.seconds[PLIANT_STEP_solve],
+                        1e3 * data->statistics.seconds[PLIANT_STEP_warp], data->statistics.iterations,
+                        data->body->fine.num_nodes, data->statistics.factors != factors ? ", renewed" : "");
         if (f < 0) continue;
         frame.whole.push_back(whole);
         frame.evaluations.push_back(data->statistics.iterations);
         for (int s = 0; s < PLIANT_NUM_STEP_STAGES; s++) frame.stage[s].push_back(1e3 * data->statistics.seconds[s]);
     }
-    std::printf("%s: %d x %d x %d voxels, %d tetrahedra, %d nodes at load, %d at the end, %llu preconditioners\n", pliant_data_get_backend(data),
-                scan.geometry.size[0], scan.geometry.size[1], scan.geometry.size[2], model->body->fine.num_tets, model->body->fine.num_nodes, data->body->fine.num_nodes, (unsigned long long)data->statistics.factors);
-    std::printf("  severed %.1f cm2, front at %.1f %.1f %.1f mm\n", 1e4 * data->tools[tool].blade.severed_area, 1e3 * at[0], 1e3 * at[1], 1e3 * at[2]);
+    std::printf("%s: %d x %d x %d voxels, %d tetrahedra, %d nodes at load, %d at the end, %llu preconditioners\n",
+                pliant_data_get_backend(data), scan.geometry.size[0], scan.geometry.size[1], scan.geometry.size[2],
+                model->body->fine.num_tets, model->body->fine.num_nodes, data->body->fine.num_nodes,
+                (unsigned long long)data->statistics.factors);
+    std::printf("  severed %.1f cm2, front at %.1f %.1f %.1f mm\n", 1e4 * data->tools[tool].blade.severed_area,
+                1e3 * at[0], 1e3 * at[1], 1e3 * at[2]);
     print_frames("cutting", cutting);
     print_frames("other", other);
     pliant_data_free(data);
@@ -422,20 +458,25 @@ void bench_cut(const char *scene_path, const char *scan_path, int frames, char *
 int main(int count, char **arguments)
 {
     if (count >= 2 && std::strcmp(arguments[1], "warp") == 0) {
-        const int32_t sizes[3][3] = {{256, 160, 122}, {524, 176, 144}, {512, 512, 512}}, cells[3][3] = {{14, 14, 14}, {36, 18, 18}, {58, 58, 58}};
-        const int only = count > 2 ? std::atoi(arguments[2]) : -1, runs = count > 3 ? std::max(10, std::atoi(arguments[3])) : 300;
+        const int32_t sizes[3][3] = {{256, 160, 122}, {524, 176, 144}, {512, 512, 512}},
+                      cells[3][3] = {{14, 14, 14}, {36, 18, 18}, {58, 58, 58}};
+        const int only = count > 2 ? std::atoi(arguments[2]) : -1,
+                  runs = count > 3 ? std::max(10, std::atoi(arguments[3])) : 300;
         for (int n = 0; n < 3; n++)
             if (only < 0 || n == only) bench_warp(sizes[n], cells[n], n == 2 ? std::min(runs, 60) : runs);
         return 0;
     }
     if (count >= 4 && std::strcmp(arguments[1], "run") == 0) {
-        bench_run(arguments[2], arguments[3], count > 4 ? std::atoi(arguments[4]) : 60, arguments + 5, std::max(0, count - 5));
+        bench_run(arguments[2], arguments[3], count > 4 ? std::atoi(arguments[4]) : 60, arguments + 5,
+                  std::max(0, count - 5));
         return 0;
     }
     if (count >= 4 && std::strcmp(arguments[1], "cut") == 0) {
-        bench_cut(arguments[2], arguments[3], count > 4 ? std::atoi(arguments[4]) : 270, arguments + 5, std::max(0, count - 5));
+        bench_cut(arguments[2], arguments[3], count > 4 ? std::atoi(arguments[4]) : 270, arguments + 5,
+                  std::max(0, count - 5));
         return 0;
     }
-    std::fprintf(stderr, "usage: bench_gpu warp [SIZE [RUNS]] | bench_gpu run|cut SCENE SCAN [FRAMES [group/name=value ...]]\n");
+    std::fprintf(
+        stderr, "usage: bench_gpu warp [SIZE [RUNS]] | bench_gpu run|cut SCENE SCAN [FRAMES [group/name=value ...]]\n");
     return 2;
 }

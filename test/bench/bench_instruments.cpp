@@ -25,8 +25,8 @@ struct Times {
     }
     void print(const char *what) const
     {
-        std::printf("%-28s contact %.3f (median %.3f) ms, solve %.1f (%.1f) ms, points %.0f\n", what, at(contact, 0), at(contact, 0.5), at(solve, 0), at(solve, 0.5),
-                    at(points, 0.5));
+        std::printf("%-28s contact %.3f (median %.3f) ms, solve %.1f (%.1f) ms, points %.0f\n", what, at(contact, 0),
+                    at(contact, 0.5), at(solve, 0), at(solve, 0.5), at(points, 0.5));
     }
 };
 

@@ -45,11 +45,15 @@ Late run_late(const pliant_model *model, Case which, const Late *recorded, bool 
     Late out;
     auto begin = std::chrono::steady_clock::now();
     for (int frame = 0; frame < FRAMES; frame++) {
-        const double a = 0.02 * frame, tip[3] = {liver[0] + 0.03 * std::sin(a), liver[1] - 0.03 * std::pow(std::sin(0.5 * a), 2), liver[2] + 0.015 * std::sin(2 * a)};
+        const double a = 0.02 * frame,
+                     tip[3] = {liver[0] + 0.03 * std::sin(a), liver[1] - 0.03 * std::pow(std::sin(0.5 * a), 2),
+                               liver[2] + 0.015 * std::sin(2 * a)};
         const double gravity[3] = {9.81 * std::sin(a), 9.81 * std::cos(a), 0};
         if (which >= TURN) check(pliant_data_set_gravity(data, gravity));
         if (tool >= 0) check(pliant_tool_set_pose(data, tool, tip, nullptr));
-        if (!tight) check(pliant_data_set_background(data, recorded ? PLIANT_BACKGROUND_PRESCRIBED : PLIANT_BACKGROUND_LIVE, recorded ? recorded->taken[size_t(frame)] : 0));
+        if (!tight)
+            check(pliant_data_set_background(data, recorded ? PLIANT_BACKGROUND_PRESCRIBED : PLIANT_BACKGROUND_LIVE,
+                                             recorded ? recorded->taken[size_t(frame)] : 0));
         if (!tight && !recorded) {
             begin += std::chrono::microseconds(static_cast<int64_t>(1e6 * model->scene.solver.step));
             std::this_thread::sleep_until(begin);
@@ -57,11 +61,13 @@ Late run_late(const pliant_model *model, Case which, const Late *recorded, bool 
         }
         const double from = thread_seconds();
         pliant_status status = PLIANT_NOT_CONVERGED;
-        for (int left = tight ? 40 : 1; left > 0 && status == PLIANT_NOT_CONVERGED; left--) check(status = pliant_step(model, data));
+        for (int left = tight ? 40 : 1; left > 0 && status == PLIANT_NOT_CONVERGED; left--)
+            check(status = pliant_step(model, data));
         out.seconds.push_back(thread_seconds() - from);
         out.evaluations.push_back(data->statistics.iterations);
         out.taken.push_back(pliant_data_get_background_taken(data));
-        if (!recorded) out.positions.emplace_back(data->positions, data->positions + 3 * size_t(model->body->fine.num_nodes));
+        if (!recorded)
+            out.positions.emplace_back(data->positions, data->positions + 3 * size_t(model->body->fine.num_nodes));
     }
     out.factors = data->statistics.factors;
     pliant_data_free(data);
@@ -73,13 +79,16 @@ void print_late(const pliant_model *model, Case which, const Late &run, const La
     const size_t nodes = size_t(model->body->fine.num_nodes);
     std::vector<double> error, seconds(run.seconds.begin() + FIRST, run.seconds.end());
     double largest = 0;
-    for (const auto &positions : exact.positions) largest = std::max(largest, largest_apart(positions.data(), model->body->fine.rest, nodes));
-    for (size_t f = FIRST; f < FRAMES; f++) error.push_back(100 * largest_apart(run.positions[f].data(), exact.positions[f].data(), nodes) / largest);
+    for (const auto &positions : exact.positions)
+        largest = std::max(largest, largest_apart(positions.data(), model->body->fine.rest, nodes));
+    for (size_t f = FIRST; f < FRAMES; f++)
+        error.push_back(100 * largest_apart(run.positions[f].data(), exact.positions[f].data(), nodes) / largest);
     const double median = quantile(seconds, 0.5);
-    std::printf("  %-16s median %6.2f ms, 99 %% %4.2f x, worst %4.2f x, %ld of %zu above 2 x;  error median %.4f %%, 95 %% %.4f, worst %.4f %%;  %lu factors\n", case_names[which],
-                1e3 * median, quantile(seconds, 0.99) / median, quantile(seconds, 1) / median,
-                std::count_if(seconds.begin(), seconds.end(), [&](double s) { return s > 2 * median; }), seconds.size(), quantile(error, 0.5), quantile(error, 0.95), quantile(error, 1),
-                static_cast<unsigned long>(run.factors));
+    std::printf(
+        "  %-16s median %6.2f ms, 99 %% %4.2f x, worst %4.2f x, %ld of %zu above 2 x;  error median %.4f %%, 95 %% %.4f, worst %.4f %%;  %lu factors\n",
+        case_names[which], 1e3 * median, quantile(seconds, 0.99) / median, quantile(seconds, 1) / median,
+        std::count_if(seconds.begin(), seconds.end(), [&](double s) { return s > 2 * median; }), seconds.size(),
+        quantile(error, 0.5), quantile(error, 0.95), quantile(error, 1), static_cast<unsigned long>(run.factors));
     for (uint32_t taken = 0; taken < 16; taken++)
         for (int evaluations = 1; evaluations <= model->scene.solver.iterations; evaluations++) {
             int count = 0;
@@ -91,7 +100,8 @@ void print_late(const pliant_model *model, Case which, const Late &run, const La
                     worst = std::max(worst, run.seconds[f]);
                 }
             if (count > 0)
-                std::printf("    %2d evaluations, put to use %x: %3d frames, mean %6.2f ms, worst %6.2f ms\n", evaluations, taken, count, 1e3 * mean / count, 1e3 * worst);
+                std::printf("    %2d evaluations, put to use %x: %3d frames, mean %6.2f ms, worst %6.2f ms\n",
+                            evaluations, taken, count, 1e3 * mean / count, 1e3 * worst);
         }
     std::fflush(stdout);
 }

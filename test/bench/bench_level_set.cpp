@@ -34,7 +34,8 @@ static Image::Pointer image_of(const pliant_volume &scan)
     image->SetRegions(Image::RegionType(size));
     image->SetSpacing(spacing);
     image->Allocate();
-    for (size_t v = 0; v < pliant_geometry_voxels(&scan.geometry); v++) image->GetBufferPointer()[v] = static_cast<float>(pliant_volume_value(&scan, v));
+    for (size_t v = 0; v < pliant_geometry_voxels(&scan.geometry); v++)
+        image->GetBufferPointer()[v] = static_cast<float>(pliant_volume_value(&scan, v));
     return image;
 }
 
@@ -53,7 +54,8 @@ static size_t deepest(const pliant_geometry &g, const std::vector<uint8_t> &insi
                     const long v = i + stride[1] * j + stride[2] * k;
                     bool all = now[static_cast<size_t>(v)];
                     if (all) last = static_cast<size_t>(v), any = true;
-                    for (int d = 0; all && d < 3; d++) all = now[static_cast<size_t>(v - stride[d])] && now[static_cast<size_t>(v + stride[d])];
+                    for (int d = 0; all && d < 3; d++)
+                        all = now[static_cast<size_t>(v - stride[d])] && now[static_cast<size_t>(v + stride[d])];
                     next[static_cast<size_t>(v)] = all;
                 }
         now.swap(next);
@@ -78,7 +80,8 @@ static std::vector<uint8_t> level_set(const pliant_volume &scan, size_t seed, do
     at[2] = static_cast<long>(seed / (static_cast<size_t>(g.size[0]) * static_cast<size_t>(g.size[1])));
     double sum = 0, squares = 0;
     int count = 0;
-    const int reach[3] = {static_cast<int>(radius / g.spacing[0]), static_cast<int>(radius / g.spacing[1]), static_cast<int>(radius / g.spacing[2])};
+    const int reach[3] = {static_cast<int>(radius / g.spacing[0]), static_cast<int>(radius / g.spacing[1]),
+                          static_cast<int>(radius / g.spacing[2])};
     for (int k = -reach[2]; k <= reach[2]; k++)
         for (int j = -reach[1]; j <= reach[1]; j++)
             for (int i = -reach[0]; i <= reach[0]; i++) {
@@ -126,7 +129,8 @@ int main(int argc, char **argv)
     if (argc < 2) return std::fprintf(stderr, "bench_level_set OUT.png [SCAN LABELS LABEL]\n"), 2;
     const int32_t size[3] = {128, 80, 61};
     const int label = file ? std::atoi(argv[4]) : 4;
-    pliant_status status = file ? pliant_volume_read(argv[2], nullptr, 0, &scan) : pliant_phantom(size, 1, &scan, &truth);
+    pliant_status status =
+        file ? pliant_volume_read(argv[2], nullptr, 0, &scan) : pliant_phantom(size, 1, &scan, &truth);
     if (status == PLIANT_OK && file) status = pliant_labels_read(argv[3], 0, &truth);
     pliant_segment_options options{0, 12, 1.0, 1e-6, 2, PLIANT_CPU};
     const double start = pliant_seconds();
@@ -141,9 +145,11 @@ int main(int argc, char **argv)
     for (size_t v = 0; v < voxels; v++) mixture[v] = found.labels.voxels[v] == found.labels.voxels[seed];
     const double before = pliant_seconds();
     std::vector<uint8_t> level = level_set(scan, seed, 0.012);
-    std::printf("method,dice,seconds\nmixture,%.4f,%.3g\nlevel set,%.4f,%.3g\n", dice(organ, mixture), mixed - start, dice(organ, level), pliant_seconds() - before);
+    std::printf("method,dice,seconds\nmixture,%.4f,%.3g\nlevel set,%.4f,%.3g\n", dice(organ, mixture), mixed - start,
+                dice(organ, level), pliant_seconds() - before);
     const pliant_geometry &g = scan.geometry;
-    const size_t wide = static_cast<size_t>(g.size[0]), tall = static_cast<size_t>(g.size[1]), scale = 3, layer = seed / (wide * tall);
+    const size_t wide = static_cast<size_t>(g.size[0]), tall = static_cast<size_t>(g.size[1]), scale = 3,
+                 layer = seed / (wide * tall);
     double low, high;
     if (picture_window(&scan, &low, &high) < 0) return 1;
     std::vector<uint8_t> rgb(4 * wide * scale * tall * scale * 3);
@@ -154,10 +160,16 @@ int main(int argc, char **argv)
         for (size_t x = 0; x < 4 * wide * scale; x++) {
             const size_t panel = x / (wide * scale), i = x % (wide * scale) / scale, j = y / scale;
             const size_t v = (turned[0] ? wide - 1 - i : i) + wide * ((turned[1] ? tall - 1 - j : j) + tall * layer);
-            const auto grey = static_cast<uint8_t>(255 * std::min(std::max((pliant_volume_value(&scan, v) - low) / (high - low), 0.0), 1.0));
+            const auto grey = static_cast<uint8_t>(
+                255 * std::min(std::max((pliant_volume_value(&scan, v) - low) / (high - low), 0.0), 1.0));
             uint8_t *pixel = &rgb[3 * (y * 4 * wide * scale + x)];
             pixel[0] = pixel[1] = pixel[2] = grey;
-            if (masks[panel] && (*masks[panel])[v]) pixel[0] = static_cast<uint8_t>(128 + grey / 2), pixel[2] = static_cast<uint8_t>(grey / 2), pixel[1] = static_cast<uint8_t>(grey / 2);
+            if (masks[panel] && (*masks[panel])[v])
+                pixel[0] = static_cast<uint8_t>(128 + grey / 2), pixel[2] = static_cast<uint8_t>(grey / 2),
+                pixel[1] = static_cast<uint8_t>(grey / 2);
         }
-    return picture_png(argv[1], rgb.data(), static_cast<int32_t>(4 * wide * scale), static_cast<int32_t>(tall * scale)) == PLIANT_OK ? 0 : 1;
+    return picture_png(argv[1], rgb.data(), static_cast<int32_t>(4 * wide * scale),
+                       static_cast<int32_t>(tall * scale)) == PLIANT_OK
+               ? 0
+               : 1;
 }

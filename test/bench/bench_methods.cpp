@@ -141,19 +141,21 @@ void compare(const char *name, const pliant_model *model, const Run &run, const 
             count[all]++;
         }
     }
-    std::printf("%-26s body max %6.1f %%  rms %6.2f %%; all max %6.1f %%  rms %6.2f %%  (largest %.1f mm)  |F| %6.2f N  "
-                "solve %6.2f ms, upsample %5.2f ms  %4.1f iterations  %d unconverged\n",
-                name, 100 * most[0] / largest, 100 * std::sqrt(squares[0] / double(count[0])) / largest, 100 * most[1] / largest,
-                100 * std::sqrt(squares[1] / double(count[1])) / largest, 1e3 * largest,
-                std::sqrt(run.force[0] * run.force[0] + run.force[1] * run.force[1] + run.force[2] * run.force[2]), 1e3 * median(run.solve),
-                1e3 * median(run.upsample), run.iterations, run.unconverged);
+    std::printf(
+        "%-26s body max %6.1f %%  rms %6.2f %%; all max %6.1f %%  rms %6.2f %%  (largest %.1f mm)  |F| %6.2f N  "
+        "solve %6.2f ms, upsample %5.2f ms  %4.1f iterations  %d unconverged\n",
+        name, 100 * most[0] / largest, 100 * std::sqrt(squares[0] / double(count[0])) / largest,
+        100 * most[1] / largest, 100 * std::sqrt(squares[1] / double(count[1])) / largest, 1e3 * largest,
+        std::sqrt(run.force[0] * run.force[0] + run.force[1] * run.force[1] + run.force[2] * run.force[2]),
+        1e3 * median(run.solve), 1e3 * median(run.upsample), run.iterations, run.unconverged);
 }
 
 void report_build(const char *name, const pliant_model *model)
 {
     double seconds = 0;
-    std::printf("%s: %d nodes, %d fine and %d coarse tetrahedra, %d held pieces, condition %.1e; build", name, model->body->fine.num_nodes,
-                model->body->fine.num_tets, model->body->coarse.num_tets, model->body->num_held_pieces, model->condition_estimate);
+    std::printf("%s: %d nodes, %d fine and %d coarse tetrahedra, %d held pieces, condition %.1e; build", name,
+                model->body->fine.num_nodes, model->body->fine.num_tets, model->body->coarse.num_tets,
+                model->body->num_held_pieces, model->condition_estimate);
     for (int s = 0; s < PLIANT_NUM_BUILD_STAGES; s++) {
         std::printf(" %s %.0f ms", pliant_build_stage_name(s), 1e3 * model->build_seconds[s]);
         seconds += model->build_seconds[s];
@@ -179,8 +181,8 @@ int main(int argc, char **argv)
     check(pliant_scene_read(argv[1], &scene));
     double start = pliant_seconds();
     check(pliant_inputs_read(&scene, argv[2], &scan, &labels, &materials));
-    std::printf("scan and labels read in %.2f s: %d x %d x %d\n", pliant_seconds() - start, scan.geometry.size[0], scan.geometry.size[1],
-                scan.geometry.size[2]);
+    std::printf("scan and labels read in %.2f s: %d x %d x %d\n", pliant_seconds() - start, scan.geometry.size[0],
+                scan.geometry.size[1], scan.geometry.size[2]);
     // accuracy first: solve every method to the tolerance
     scene.solver.iterations = 100;
     scene.solver.tolerance = 1e-4;
@@ -232,8 +234,10 @@ int main(int argc, char **argv)
                 compare(m.name, m.model, run(m.model, nullptr, PLIANT_DRIVE_RIGID, nullptr), fine);
                 continue;
             }
-            compare((std::string(m.name) + ", displacement").c_str(), m.model, run(m.model, at, PLIANT_DRIVE_RIGID, nullptr), fine);
-            compare((std::string(m.name) + ", force").c_str(), m.model, run(m.model, at, PLIANT_DRIVE_FORCE, fine.force), by_force);
+            compare((std::string(m.name) + ", displacement").c_str(), m.model,
+                    run(m.model, at, PLIANT_DRIVE_RIGID, nullptr), fine);
+            compare((std::string(m.name) + ", force").c_str(), m.model,
+                    run(m.model, at, PLIANT_DRIVE_FORCE, fine.force), by_force);
         }
     }
     for (const auto &m : methods) pliant_model_free(m.model);

@@ -28,7 +28,12 @@ void must(pliant_status status)
     std::exit(1);
 }
 
-double now() { return 1e-6 * double(std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch()).count()); }
+double now()
+{
+    return 1e-6 * double(std::chrono::duration_cast<std::chrono::nanoseconds>(
+                             std::chrono::steady_clock::now().time_since_epoch())
+                             .count());
+}
 
 bool measure(int32_t cells, int runs)
 {
@@ -36,15 +41,18 @@ bool measure(int32_t cells, int runs)
     double *d_positions = nullptr;
     cudaStream_t stream = nullptr;
     bool same = true;
-    if (cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking) != cudaSuccess || cudaMalloc(&d_positions, block.positions.size() * sizeof(double)) != cudaSuccess ||
-        cudaMemcpy(d_positions, block.positions.data(), block.positions.size() * sizeof(double), cudaMemcpyHostToDevice) != cudaSuccess)
+    if (cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking) != cudaSuccess ||
+        cudaMalloc(&d_positions, block.positions.size() * sizeof(double)) != cudaSuccess ||
+        cudaMemcpy(d_positions, block.positions.data(), block.positions.size() * sizeof(double),
+                   cudaMemcpyHostToDevice) != cudaSuccess)
         std::exit(1);
     for (const std::vector<int32_t> *list : {&block.surface, &block.all}) {
         gpu_overlaps *overlaps = nullptr;
         pliant_grid grid{};
         int32_t count = 0, expected = 0;
         const int32_t listed = static_cast<int32_t>(list->size());
-        must(gpu_overlaps_create(block.mesh.num_tets, block.mesh.tets, listed, list->data(), 1.3 * block.mesh.cell_size[0], stream, &overlaps));
+        must(gpu_overlaps_create(block.mesh.num_tets, block.mesh.tets, listed, list->data(),
+                                 1.3 * block.mesh.cell_size[0], stream, &overlaps));
         std::vector<double> ms;
         for (int run = 0; run < runs; run++) {
             const double start = now();
@@ -61,11 +69,15 @@ bool measure(int32_t cells, int runs)
             for (int32_t p = 0; p < found.count; p++) truth.emplace_back(found.pair[2 * p], found.pair[2 * p + 1]);
         std::sort(truth.begin(), truth.end());
         bool equal = count == expected;
-        for (int32_t p = 0; equal && p < count; p++) equal = truth[p].first == mine[2 * p] && truth[p].second == mine[2 * p + 1];
+        for (int32_t p = 0; equal && p < count; p++)
+            equal = truth[p].first == mine[2 * p] && truth[p].second == mine[2 * p + 1];
         same = same && equal;
-        std::printf("%d tetrahedra, %d in the grid, %d pairs overlap, %s as on the CPU: %.4f ms (median of %zu with what waits for it; least %.4f)\n",
-                    block.mesh.num_tets, listed, count, equal ? "the same" : "NOT THE SAME", ms[ms.size() / 2], ms.size(), ms[0]);
-        figure("overlaps, " + std::to_string(listed) + " of " + std::to_string(block.mesh.num_tets), 1e3 * ms[ms.size() / 2], "us");
+        std::printf(
+            "%d tetrahedra, %d in the grid, %d pairs overlap, %s as on the CPU: %.4f ms (median of %zu with what waits for it; least %.4f)\n",
+            block.mesh.num_tets, listed, count, equal ? "the same" : "NOT THE SAME", ms[ms.size() / 2], ms.size(),
+            ms[0]);
+        figure("overlaps, " + std::to_string(listed) + " of " + std::to_string(block.mesh.num_tets),
+               1e3 * ms[ms.size() / 2], "us");
         gpu_overlaps_free(overlaps);
         pliant_grid_free(&grid);
     }
@@ -103,7 +115,8 @@ bool measure_stage(int32_t cells, int runs)
         pliant_tissue_free(&tissue);
         pliant_free(found.point);
     }
-    std::printf("%d tetrahedra, the whole search: %d points, %.4f ms; one thread of the CPU %d points, %.3f ms\n", tets, points[1], median[1], points[0], median[0]);
+    std::printf("%d tetrahedra, the whole search: %d points, %.4f ms; one thread of the CPU %d points, %.3f ms\n", tets,
+                points[1], median[1], points[0], median[0]);
     figure("self-contact search, " + std::to_string(tets), 1e3 * median[1], "us");
     pliant_body_release(body);
     return points[0] == points[1];
@@ -114,6 +127,7 @@ bool measure_stage(int32_t cells, int runs)
 int main(int argc, char **argv)
 {
     const int runs = argc > 1 ? std::atoi(argv[1]) : 100;
-    const bool small = measure(14, runs) && measure_stage(14, runs), large = argc > 2 || (measure(58, runs) && measure_stage(58, runs));
+    const bool small = measure(14, runs) && measure_stage(14, runs),
+               large = argc > 2 || (measure(58, runs) && measure_stage(58, runs));
     return small && large ? 0 : 1;
 }

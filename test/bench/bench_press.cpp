@@ -41,7 +41,8 @@ bool front_of(const pliant_body &body, bool hexahedra, double x, double z, doubl
     for (int32_t i = 0; i < 4 * body.fine.num_tets; i++) {
         const double *at = body.fine.rest + 3 * body.fine.tets[i];
         const double apart = std::hypot(at[0] - x, at[2] - z);
-        if (apart > 0.02 || at[1] + 0.5 * apart > best || body.fine_material[i / 4].tissue < (hexahedra ? 0.5 : 0)) continue;
+        if (apart > 0.02 || at[1] + 0.5 * apart > best || body.fine_material[i / 4].tissue < (hexahedra ? 0.5 : 0))
+            continue;
         best = at[1] + 0.5 * apart;
         std::copy(at, at + 3, out);
     }
@@ -74,14 +75,17 @@ Run press(const pliant_model *model, const double middle[3], int iterations, dou
         check(pliant_tool_set_shape(data, tool, &shape));
         const double x = middle[0] + 0.04 * (t % 3 - 1), z = middle[2] + 0.04 * (t / 3 - 0.5);
         if (!front_of(*model->body, model->scene.element.kind == PLIANT_HEXAHEDRA, x, z, start[t])) {
-            std::fprintf(stderr, "no tissue lies within 2 cm of x %g, z %g: this scan or these cells are not the bench's\n", x, z);
+            std::fprintf(stderr,
+                         "no tissue lies within 2 cm of x %g, z %g: this scan or these cells are not the bench's\n", x,
+                         z);
             std::exit(1);
         }
         start[t][1] -= radius + 0.001;
     }
     const double step = pliant_model_get_scene(model)->solver.step;
     for (int frame = 0; frame < FRAMES; frame++) {
-        const double in = speed * step * std::min(frame, int(PRESS)), along = 0.3 * speed * step * std::max(0, std::min(frame - PRESS, int(SLIDE)));
+        const double in = speed * step * std::min(frame, int(PRESS)),
+                     along = 0.3 * speed * step * std::max(0, std::min(frame - PRESS, int(SLIDE)));
         for (int t = 0; t < TOOLS; t++) {
             const double tip[3] = {start[t][0] + along, start[t][1] + in, start[t][2]};
             check(pliant_tool_set_pose(data, t, tip, nullptr));
@@ -117,11 +121,13 @@ Run press(const pliant_model *model, const double middle[3], int iterations, dou
 double length(const std::array<double, 3> &f) { return std::sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2]); }
 
 // Return the errors in ascending order, of forces with at least a twentieth of the maximum; may be empty.
-std::vector<double> errors_of(const std::vector<std::array<double, 3>> &forces, const std::vector<std::array<double, 3>> &exact, double most)
+std::vector<double> errors_of(const std::vector<std::array<double, 3>> &forces,
+                              const std::vector<std::array<double, 3>> &exact, double most)
 {
     std::vector<double> errors;
     for (size_t f = 0; f < forces.size(); f++) {
-        const std::array<double, 3> apart = {forces[f][0] - exact[f][0], forces[f][1] - exact[f][1], forces[f][2] - exact[f][2]};
+        const std::array<double, 3> apart = {forces[f][0] - exact[f][0], forces[f][1] - exact[f][1],
+                                             forces[f][2] - exact[f][2]};
         if (length(exact[f]) > 0.05 * most) errors.push_back(100 * length(apart) / length(exact[f]));
     }
     std::sort(errors.begin(), errors.end());
@@ -144,7 +150,8 @@ int main(int argc, char **argv)
     inputs.read(scan);
     const double middle[3] = {-0.03, 0, 0.39};
     pliant_model *model = inputs.build();
-    std::printf("%d tetrahedra, %d nodes, frames of %g ms\n", model->body->fine.num_tets, model->body->fine.num_nodes, 1e3 * inputs.scene.solver.step);
+    std::printf("%d tetrahedra, %d nodes, frames of %g ms\n", model->body->fine.num_tets, model->body->fine.num_nodes,
+                1e3 * inputs.scene.solver.step);
     { // the same solver without contact: rotating gravity
         pliant_data *data = nullptr;
         check(pliant_data_create(model, &data));
@@ -158,21 +165,26 @@ int main(int argc, char **argv)
             seconds += pliant_data_get_statistics(data)->seconds[PLIANT_STEP_solve];
             evaluations += pliant_data_get_statistics(data)->iterations;
         }
-        std::printf("without contact: %.2f ms an evaluation, %.2f ms a frame (CPU %.2f)\n", 1e3 * seconds / evaluations, 1e3 * seconds / 20, 1e3 * (cpu() - used) / 20);
+        std::printf("without contact: %.2f ms an evaluation, %.2f ms a frame (CPU %.2f)\n", 1e3 * seconds / evaluations,
+                    1e3 * seconds / 20, 1e3 * (cpu() - used) / 20);
         pliant_data_free(data);
     }
     const Run exact = press(model, middle, 100, 1e-6, 10);
     double most = 0;
     for (const auto &f : exact.force) most = std::max(most, length(f));
-    std::printf("tightly: largest force of a tool %.3f N, deepest %.4f mm, up to %d contacts\n", most, 1e3 * exact.deepest, exact.most_contacts);
+    std::printf("tightly: largest force of a tool %.3f N, deepest %.4f mm, up to %d contacts\n", most,
+                1e3 * exact.deepest, exact.most_contacts);
     if (most == 0) std::printf("nothing is touched: no error to tell\n");
     for (int iterations : {3, 4, 6, 10}) {
         const Run run = press(model, middle, iterations, 1e-9, 0);
-        const std::vector<double> errors = errors_of(run.force, exact.force, most), own = errors_of(run.force, run.own, most);
-        std::printf("%2d iterations: solve %.2f ms a frame (%.2f an evaluation), contact stage %.3f (the first frame's %.1f), CPU %.2f; deepest %.4f mm; force off by %.2f %% (median), %.2f (95 %%), %.2f (worst); "
-                    "from its own frame %.2f, %.2f, %.2f; refused %d\n",
-                    iterations, 1e3 * run.solve / FRAMES, 1e3 * run.solve / run.evaluations, 1e3 * run.contact / (FRAMES - 1), 1e3 * run.first, 1e3 * run.spent / FRAMES, 1e3 * run.deepest,
-                    quantile(errors, 0.5), quantile(errors, 0.95), quantile(errors, 1), quantile(own, 0.5), quantile(own, 0.95), quantile(own, 1), run.refused);
+        const std::vector<double> errors = errors_of(run.force, exact.force, most),
+                                  own = errors_of(run.force, run.own, most);
+        std::printf(
+            "%2d iterations: solve %.2f ms a frame (%.2f an evaluation), contact stage %.3f (the first frame's %.1f), CPU %.2f; deepest %.4f mm; force off by %.2f %% (median), %.2f (95 %%), %.2f (worst); "
+            "from its own frame %.2f, %.2f, %.2f; refused %d\n",
+            iterations, 1e3 * run.solve / FRAMES, 1e3 * run.solve / run.evaluations, 1e3 * run.contact / (FRAMES - 1),
+            1e3 * run.first, 1e3 * run.spent / FRAMES, 1e3 * run.deepest, quantile(errors, 0.5), quantile(errors, 0.95),
+            quantile(errors, 1), quantile(own, 0.5), quantile(own, 0.95), quantile(own, 1), run.refused);
     }
     pliant_model_free(model);
     return 0;

@@ -62,11 +62,14 @@ void settle(Pulled *run, const double at[3], const std::vector<double> &pull, in
     }
     run->positions.assign(data->positions, data->positions + 3 * size_t(run->model->body->fine.num_nodes));
     std::copy(data->tools[tool].force, data->tools[tool].force + 3, run->force);
-    std::printf("%-10s ratio %d: %7d nodes, %d nodes held, force %.2f N, held point moves by %.2f mm, %d evaluations%s\n", run->name.c_str(), run->ratio,
-                run->model->body->fine.num_nodes, data->tools[tool].num_held,
-                std::hypot(std::hypot(run->force[0], run->force[1]), run->force[2]),
-                1e3 * std::hypot(std::hypot(data->tools[tool].held_point[0] - from[0], data->tools[tool].held_point[1] - from[1]), data->tools[tool].held_point[2] - from[2]),
-                evaluations, status == PLIANT_OK ? "" : ", not settled");
+    std::printf(
+        "%-10s ratio %d: %7d nodes, %d nodes held, force %.2f N, held point moves by %.2f mm, %d evaluations%s\n",
+        run->name.c_str(), run->ratio, run->model->body->fine.num_nodes, data->tools[tool].num_held,
+        std::hypot(std::hypot(run->force[0], run->force[1]), run->force[2]),
+        1e3 *
+            std::hypot(std::hypot(data->tools[tool].held_point[0] - from[0], data->tools[tool].held_point[1] - from[1]),
+                       data->tools[tool].held_point[2] - from[2]),
+        evaluations, status == PLIANT_OK ? "" : ", not settled");
     std::fflush(stdout);
     pliant_data_free(data);
 }
@@ -76,23 +79,29 @@ void compare(const Pulled &run, const Pulled &fine, const pliant_mesh &coarsest,
 {
     std::vector<double> apart[2];
     for (int32_t n = 0; n < coarsest.num_nodes; n++) {
-        const int32_t a = pliant_mesh_node_in(&run.model->body->fine, &coarsest, n), b = pliant_mesh_node_in(&fine.model->body->fine, &coarsest, n);
+        const int32_t a = pliant_mesh_node_in(&run.model->body->fine, &coarsest, n),
+                      b = pliant_mesh_node_in(&fine.model->body->fine, &coarsest, n);
         if (a < 0 || b < 0) continue;
-        const double *x = &run.positions[3 * size_t(a)], *y = &fine.positions[3 * size_t(b)], *rest = coarsest.rest + 3 * n;
+        const double *x = &run.positions[3 * size_t(a)], *y = &fine.positions[3 * size_t(b)],
+                     *rest = coarsest.rest + 3 * n;
         const double error = std::hypot(std::hypot(x[0] - y[0], x[1] - y[1]), x[2] - y[2]);
         apart[0].push_back(error);
         if (std::hypot(std::hypot(rest[0] - at[0], rest[1] - at[1]), rest[2] - at[2]) > 0.04) apart[1].push_back(error);
     }
-    std::printf("  %-10s ratio %d against %-10s ratio %d, %zu nodes: median %.3f, 95 %% %.3f, largest %.2f mm; beyond 4 cm of the hold %.3f, %.3f, %.2f mm\n",
-                run.name.c_str(), run.ratio, fine.name.c_str(), fine.ratio, apart[0].size(), 1e3 * quantile(apart[0], 0.5), 1e3 * quantile(apart[0], 0.95),
-                1e3 * quantile(apart[0], 1), 1e3 * quantile(apart[1], 0.5), 1e3 * quantile(apart[1], 0.95), 1e3 * quantile(apart[1], 1));
+    std::printf(
+        "  %-10s ratio %d against %-10s ratio %d, %zu nodes: median %.3f, 95 %% %.3f, largest %.2f mm; beyond 4 cm of the hold %.3f, %.3f, %.2f mm\n",
+        run.name.c_str(), run.ratio, fine.name.c_str(), fine.ratio, apart[0].size(), 1e3 * quantile(apart[0], 0.5),
+        1e3 * quantile(apart[0], 0.95), 1e3 * quantile(apart[0], 1), 1e3 * quantile(apart[1], 0.5),
+        1e3 * quantile(apart[1], 0.95), 1e3 * quantile(apart[1], 1));
 }
 
 void dump(const std::string &folder, const Pulled &run)
 {
     const pliant_mesh &mesh = run.model->body->fine;
     std::vector<double> tissue(size_t(mesh.num_nodes), 0);
-    for (int32_t v = 0; v < 4 * mesh.num_tets; v++) tissue[size_t(mesh.tets[v])] = std::max<double>(tissue[size_t(mesh.tets[v])], run.model->body->fine_material[v / 4].tissue);
+    for (int32_t v = 0; v < 4 * mesh.num_tets; v++)
+        tissue[size_t(mesh.tets[v])] =
+            std::max<double>(tissue[size_t(mesh.tets[v])], run.model->body->fine_material[v / 4].tissue);
     std::ofstream out(folder + "/" + run.name + std::to_string(run.ratio) + ".txt");
     for (int32_t n = 0; n < mesh.num_nodes; n++) {
         for (int d = 0; d < 3; d++) out << mesh.rest[3 * n + d] << ' ';
@@ -106,10 +115,14 @@ void dump(const std::string &folder, const Pulled &run)
 int main(int argc, char **argv)
 {
     if (argc < 6) {
-        std::fprintf(stderr, "usage: bench_pull SCENE SCAN X Y Z [group/name=value ...] [ratios=2,4,8] [pull=...] [steps=6] [force=0] [dump=FOLDER]\n");
+        std::fprintf(
+            stderr,
+            "usage: bench_pull SCENE SCAN X Y Z [group/name=value ...] [ratios=2,4,8] [pull=...] [steps=6] [force=0] [dump=FOLDER]\n");
         return 2;
     }
-    std::map<std::string, std::string> own = {{"ratios", "2,4,8"}, {"pull", "0.004,-0.029,0.006"}, {"steps", "6"}, {"force", "0"}, {"methods", ""}, {"dump", ""}};
+    std::map<std::string, std::string> own = {{"ratios", "2,4,8"}, {"pull", "0.004,-0.029,0.006"},
+                                              {"steps", "6"},      {"force", "0"},
+                                              {"methods", ""},     {"dump", ""}};
     Inputs inputs;
     check(pliant_scene_read(argv[1], &inputs.scene));
     inputs.scene.solver.iterations = 60;
@@ -131,7 +144,8 @@ int main(int argc, char **argv)
         run.name = name;
         run.ratio = ratio;
         run.model = inputs.build();
-        settle(&run, at, pull, std::atoi(own["steps"].c_str()), own["force"] == "1" && !runs.empty() ? runs[0].force : nullptr);
+        settle(&run, at, pull, std::atoi(own["steps"].c_str()),
+               own["force"] == "1" && !runs.empty() ? runs[0].force : nullptr);
         if (!own["dump"].empty()) dump(own["dump"], run);
         runs.push_back(run);
     };

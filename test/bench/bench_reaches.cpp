@@ -26,7 +26,8 @@ std::vector<Frames> references(Inputs &inputs, int kinds)
     std::printf("%d fine tetrahedra, %d nodes\n", exact->body->fine.num_tets, exact->body->fine.num_nodes);
     for (int kind = 0; kind < kinds; kind++) {
         out.push_back(run(exact, liver, Kind(kind), kind == FORCE ? &out[DISPLACEMENT] : nullptr, false));
-        if (quantile(out.back().residual, 1) > 2e-7) std::printf("  %s: solved to %.1e only\n", kind_names[kind], quantile(out.back().residual, 1));
+        if (quantile(out.back().residual, 1) > 2e-7)
+            std::printf("  %s: solved to %.1e only\n", kind_names[kind], quantile(out.back().residual, 1));
     }
     pliant_model_free(exact);
     return out;
@@ -53,7 +54,8 @@ void fine(Inputs &inputs, const std::vector<Frames> &exact, double budget, doubl
     inputs.scene.model.method = PLIANT_FINE;
     pliant_model *model = build(inputs, 1000, 1e-6, budget);
     std::printf("fine, %g ms of solver a frame\n", budget);
-    for (size_t kind = 0; kind < exact.size(); kind++) line(model, int(kind), exact, kind == GRAVITY ? gravity : pulls, true, told);
+    for (size_t kind = 0; kind < exact.size(); kind++)
+        line(model, int(kind), exact, kind == GRAVITY ? gravity : pulls, true, told);
     pliant_model_free(model);
 }
 

@@ -75,7 +75,8 @@ int main(int argc, char **argv)
         const pliant_body *body = pliant_model_get_body(model);
         for (int d = 0; d < 3; d++) {
             middle[d] = 0;
-            for (int32_t n = 0; n < body->fine.num_nodes; n++) middle[d] += body->fine.rest[3 * n + d] / body->fine.num_nodes;
+            for (int32_t n = 0; n < body->fine.num_nodes; n++)
+                middle[d] += body->fine.rest[3 * n + d] / body->fine.num_nodes;
         }
         pliant_view *view = nullptr;
         must(pliant_view_create(model, nullptr, &view));
@@ -98,15 +99,19 @@ int main(int argc, char **argv)
                     const pliant_c_arm arm = {{middle[0], middle[1], middle[2]}, 0.8, 1.2, 0.3, 0.1, 640, 480, 0.001};
                     must(pliant_c_arm_camera(&arm, &camera));
                 } else {
-                    const double place[3] = {middle[0] + from[side][0], middle[1] + from[side][1], middle[2] + from[side][2]};
+                    const double place[3] = {middle[0] + from[side][0], middle[1] + from[side][1],
+                                             middle[2] + from[side][2]};
                     pliant_camera_of_view(640, 480, side == 2 ? 1.2 : 0.9, &camera);
                     must(pliant_camera_look_at(&camera, place, middle, up));
                 }
-                seen.rgb.resize(radiograph ? 0 : 3 * 640 * 480), seen.label.resize(seen.rgb.size() / 3), seen.depth.resize(seen.label.size());
+                seen.rgb.resize(radiograph ? 0 : 3 * 640 * 480), seen.label.resize(seen.rgb.size() / 3),
+                    seen.depth.resize(seen.label.size());
                 seen.integral.resize(radiograph ? 640 * 480 : 0);
                 const pliant_image image = {seen.rgb.data(), seen.depth.data(), seen.label.data()};
                 const auto draw = [&] {
-                    must(radiograph ? pliant_view_radiograph(view, &camera, PLIANT_WATER_ATTENUATION, seen.integral.data()) : pliant_view_render(view, &camera, &style, &image));
+                    must(radiograph
+                             ? pliant_view_radiograph(view, &camera, PLIANT_WATER_ATTENUATION, seen.integral.data())
+                             : pliant_view_render(view, &camera, &style, &image));
                 };
                 draw();
                 seen.ms = median(runs, draw);
@@ -117,17 +122,22 @@ int main(int argc, char **argv)
                     const Seen &cpu = first[picture];
                     int grey = 0, other = 0;
                     double apart = 0, line = 0;
-                    for (size_t n = 0; n < seen.rgb.size(); n++) grey = std::max(grey, std::abs(seen.rgb[n] - cpu.rgb[n]));
+                    for (size_t n = 0; n < seen.rgb.size(); n++)
+                        grey = std::max(grey, std::abs(seen.rgb[n] - cpu.rgb[n]));
                     for (size_t n = 0; n < seen.depth.size(); n++) {
                         other += seen.label[n] != cpu.label[n] || std::isnan(seen.depth[n]) != std::isnan(cpu.depth[n]);
-                        if (std::isfinite(seen.depth[n])) apart = std::max(apart, double(std::abs(seen.depth[n] - cpu.depth[n])));
+                        if (std::isfinite(seen.depth[n]))
+                            apart = std::max(apart, double(std::abs(seen.depth[n] - cpu.depth[n])));
                     }
-                    for (size_t n = 0; n < seen.integral.size(); n++) line = std::max(line, double(std::abs(seen.integral[n] - cpu.integral[n])));
+                    for (size_t n = 0; n < seen.integral.size(); n++)
+                        line = std::max(line, double(std::abs(seen.integral[n] - cpu.integral[n])));
                     same = same && grey == 0 && apart == 0 && line == 0 && other == 0;
-                    std::printf("; beside the CPU: %d grey levels, %g m, %d labels or outlines, %g of a line integral", grey, apart, other, line);
+                    std::printf("; beside the CPU: %d grey levels, %g m, %d labels or outlines, %g of a line integral",
+                                grey, apart, other, line);
                 }
                 std::printf("\n");
-                if (backend == PLIANT_CUDA) figure("picture " + std::to_string(picture) + ", " + what, 1e3 * seen.ms, "us");
+                if (backend == PLIANT_CUDA)
+                    figure("picture " + std::to_string(picture) + ", " + what, 1e3 * seen.ms, "us");
                 picture++;
             }
         pliant_view_free(view);

@@ -40,9 +40,10 @@ static int bench_gpu(const char *path)
     double seconds = pliant_seconds() - start;
     size_t different = 0, voxels = pliant_geometry_voxels(&scan.geometry);
     for (size_t v = 0; v < voxels; v++) different += cpu.labels.voxels[v] != gpu.labels.voxels[v];
-    std::printf("%d x %d x %d: %.1f ms on the GPU (the fastest of 6, from and to the host's memory), %.0f ms on the CPU, %d threads; %d classes, %d pieces; %zu voxels differ\n",
-                scan.geometry.size[0], scan.geometry.size[1], scan.geometry.size[2], 1e3 * best, 1e3 * seconds, options.num_threads, gpu.num_classes, gpu.num_pieces,
-                different);
+    std::printf(
+        "%d x %d x %d: %.1f ms on the GPU (the fastest of 6, from and to the host's memory), %.0f ms on the CPU, %d threads; %d classes, %d pieces; %zu voxels differ\n",
+        scan.geometry.size[0], scan.geometry.size[1], scan.geometry.size[2], 1e3 * best, 1e3 * seconds,
+        options.num_threads, gpu.num_classes, gpu.num_pieces, different);
     figure("segment, " + std::to_string(voxels) + " voxels", 1e6 * best, "us");
     return 0;
 }
@@ -62,7 +63,12 @@ int main(int argc, char **argv)
         status = pliant_phantom(size, 1, &scan, &truth);
     }
     int rest = file ? 3 : 1;
-    pliant_segment_options options{argc > rest ? std::atoi(argv[rest]) : 0, 12, argc > rest + 1 ? std::atof(argv[rest + 1]) : 1.0, 1e-6, 2, PLIANT_CPU};
+    pliant_segment_options options{argc > rest ? std::atoi(argv[rest]) : 0,
+                                   12,
+                                   argc > rest + 1 ? std::atof(argv[rest + 1]) : 1.0,
+                                   1e-6,
+                                   2,
+                                   PLIANT_CPU};
     pliant_segmentation found{};
     double start = pliant_seconds();
     if (status == PLIANT_OK) status = pliant_segment(&scan, &options, &found);
@@ -70,10 +76,12 @@ int main(int argc, char **argv)
         std::fprintf(stderr, "%s\n", pliant_last_error());
         return 1;
     }
-    std::printf("%d x %d x %d, %d threads: %.2f s, %d classes, %d pieces\n", scan.geometry.size[0], scan.geometry.size[1], scan.geometry.size[2],
-                options.num_threads, pliant_seconds() - start, found.num_classes, found.num_pieces);
+    std::printf("%d x %d x %d, %d threads: %.2f s, %d classes, %d pieces\n", scan.geometry.size[0],
+                scan.geometry.size[1], scan.geometry.size[2], options.num_threads, pliant_seconds() - start,
+                found.num_classes, found.num_pieces);
     for (int k = 0; k < found.num_classes; k++)
-        std::printf("  class %d: weight %.3f mean %.1f deviation %.1f\n", k, found.classes[k].weight, found.classes[k].mean, found.classes[k].deviation);
+        std::printf("  class %d: weight %.3f mean %.1f deviation %.1f\n", k, found.classes[k].weight,
+                    found.classes[k].mean, found.classes[k].deviation);
     size_t voxels = pliant_geometry_voxels(&scan.geometry);
     std::map<int, size_t> organ;
     std::map<std::pair<int, int>, size_t> both, both_class;

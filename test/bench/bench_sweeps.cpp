@@ -92,7 +92,14 @@ void sweep_and_rest(const Way &on, Outcome &out)
         low = std::min(low, force), high = std::max(high, force), sum += force / (REST - 29);
     }
     if (meets_held) return;
-    const Swept swept = {sheet.deepest_of_surface(tool), sheet.farthest(), sheet.middles_inside(tool), inverted, sheet.data->statistics.proxy_error, 0, 0, false};
+    const Swept swept = {sheet.deepest_of_surface(tool),
+                         sheet.farthest(),
+                         sheet.middles_inside(tool),
+                         inverted,
+                         sheet.data->statistics.proxy_error,
+                         0,
+                         0,
+                         false};
     out.count++;
     out.tunneled += is_through(swept, on);
     out.inverted += inverted > 0;
@@ -103,7 +110,8 @@ void sweep_and_rest(const Way &on, Outcome &out)
 
 double fraction_above(const std::vector<double> &values, double limit)
 {
-    return static_cast<double>(std::count_if(values.begin(), values.end(), [limit](double v) { return v >= limit; })) / static_cast<double>(values.size());
+    return static_cast<double>(std::count_if(values.begin(), values.end(), [limit](double v) { return v >= limit; })) /
+           static_cast<double>(values.size());
 }
 
 // Return the steps that two plates need to follow their targets apart, after they have crushed the sheet by `depth`.
@@ -113,7 +121,8 @@ int open_after(double depth, double friction)
     pliant_tool_shape plate{};
     plate.num_parts = 1;
     plate.part[0] = {PLIANT_PART_BOX, PLIANT_FRAME_TIP, {-0.006, -0.006, -0.001}, {0.006, 0.006, 0.001}, 0, false};
-    const int above = sheet.add("above", plate, 0.03, 0.03, 0.01), below = sheet.add("below", plate, 0.03, 0.03, -0.006);
+    const int above = sheet.add("above", plate, 0.03, 0.03, 0.01),
+              below = sheet.add("below", plate, 0.03, 0.03, -0.006);
     for (int step = 1; step <= 30; step++) {
         const double close = std::min(1.0, step / 20.0) * (0.005 + 0.5 * depth);
         sheet.move(above, 0.03, 0.03, 0.01 - close);
@@ -156,7 +165,8 @@ int main(int argc, char **argv)
     for (const double depth : {0.0, 0.002, 0.003, 0.005, 0.01})
         for (const double friction : {0.08, 0.5}) {
             char name[80];
-            std::snprintf(name, sizeof name, "steps until plates are open, closed to %g mm, friction %g", 4 - 1e3 * depth, friction);
+            std::snprintf(name, sizeof name, "steps until plates are open, closed to %g mm, friction %g",
+                          4 - 1e3 * depth, friction);
             figure(name, open_after(depth, friction), "steps");
         }
     return testing::UnitTest::GetInstance()->failed_test_count() > 0;

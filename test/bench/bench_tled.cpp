@@ -73,7 +73,8 @@ double seconds_a_step(const Choice &choice, const Setting &setting, double budge
         best = std::min(best, body.data->statistics.seconds[PLIANT_STEP_solve] / body.data->statistics.iterations);
     }
     *substeps = body.data->statistics.iterations;
-    if (setting.backend == PLIANT_CUDA && std::string(pliant_data_get_backend(body.data)) != "cuda") std::printf("NOT ON THE GPU\n");
+    if (setting.backend == PLIANT_CUDA && std::string(pliant_data_get_backend(body.data)) != "cuda")
+        std::printf("NOT ON THE GPU\n");
     return best;
 }
 
@@ -100,10 +101,13 @@ void bench_gpu(double budget)
             for (double step : {0.02, 1.0}) {
                 if (choice.still && step < 1) continue;
                 int tets, substeps;
-                double seconds = seconds_a_step(choice, {{size[0], size[1], size[2]}, 2, PLIANT_CUDA, step}, budget, &tets, &substeps);
-                std::printf("%-30s %10d %9d %12.2f %18.3g\n", choice.name, tets, substeps, 1e6 * seconds, tets / seconds);
+                double seconds = seconds_a_step(choice, {{size[0], size[1], size[2]}, 2, PLIANT_CUDA, step}, budget,
+                                                &tets, &substeps);
+                std::printf("%-30s %10d %9d %12.2f %18.3g\n", choice.name, tets, substeps, 1e6 * seconds,
+                            tets / seconds);
                 std::fflush(stdout);
-                if (step == 1.0) figure(std::string("sub-step, ") + choice.name + ", " + std::to_string(tets), 1e6 * seconds, "us");
+                if (step == 1.0)
+                    figure(std::string("sub-step, ") + choice.name + ", " + std::to_string(tets), 1e6 * seconds, "us");
             }
 }
 
@@ -115,7 +119,8 @@ void bench_frame()
         for (int round = 0; round < 3; round++) {
             int tets, substeps;
             const double kernel = fixed_kernel_seconds();
-            least = std::min(least, seconds_a_step(choice, {{14, 14, 14}, 1, PLIANT_CPU, 0.2}, 0.3, &tets, &substeps) / kernel);
+            least = std::min(least, seconds_a_step(choice, {{14, 14, 14}, 1, PLIANT_CPU, 0.2}, 0.3, &tets, &substeps) /
+                                        kernel);
         }
         figure(std::string("sub-step, ") + choice.name, least, "fixed kernels");
     }
@@ -135,14 +140,17 @@ int main(int argc, char **argv)
     }
     int cells = argc > 1 ? std::atoi(argv[1]) : 14;
     double budget = argc > 2 ? std::atof(argv[2]) : 0.5;
-    std::printf("%-30s %10s %8s %12s %18s %8s\n", "", "tetrahedra", "threads", "us a step", "tetrahedra steps/s", "scaling");
+    std::printf("%-30s %10s %8s %12s %18s %8s\n", "", "tetrahedra", "threads", "us a step", "tetrahedra steps/s",
+                "scaling");
     for (const Choice &choice : choices) {
         double one = 0;
         for (int threads = 1; threads <= 2; threads++) {
             int tets, substeps;
-            double seconds = seconds_a_step(choice, {{cells, cells, cells}, threads, PLIANT_CPU, 0.2}, budget, &tets, &substeps);
+            double seconds =
+                seconds_a_step(choice, {{cells, cells, cells}, threads, PLIANT_CPU, 0.2}, budget, &tets, &substeps);
             if (threads == 1) one = seconds;
-            std::printf("%-30s %10d %8d %12.1f %18.3g %8.2f\n", choice.name, tets, threads, 1e6 * seconds, tets / seconds, one / seconds);
+            std::printf("%-30s %10d %8d %12.1f %18.3g %8.2f\n", choice.name, tets, threads, 1e6 * seconds,
+                        tets / seconds, one / seconds);
         }
     }
 }

@@ -14,7 +14,9 @@ int main(int argc, char **argv)
         const std::string option = argv[a];
         const size_t equals = option.find('=');
         if (option == "-v") verbose = true;
-        else options.insert(options.end(), {option.substr(0, equals), equals == std::string::npos ? "" : option.substr(equals + 1)});
+        else
+            options.insert(options.end(),
+                           {option.substr(0, equals), equals == std::string::npos ? "" : option.substr(equals + 1)});
     }
     told::Counts whole;
     for (const told::Scene &scene : told::scenes()) {
@@ -34,12 +36,14 @@ int main(int argc, char **argv)
             by_load += "  " + std::to_string(of_load.within) + "/" + std::to_string(of_load.counted);
             counts.add(of_load);
         }
-        std::printf("%-10s within 3: %5.1f %% of %d, a step later %5.1f %% of %d   loads:%s\n", scene.name, 100.0 * counts.within / counts.counted, counts.counted,
+        std::printf("%-10s within 3: %5.1f %% of %d, a step later %5.1f %% of %d   loads:%s\n", scene.name,
+                    100.0 * counts.within / counts.counted, counts.counted,
                     100.0 * counts.within_before / counts.judged, counts.judged, by_load.c_str());
         std::fflush(stdout);
         whole.add(counts);
     }
-    std::printf("%-10s within 3: %5.1f %% of %d, a step later %5.1f %% of %d\n", "all", 100.0 * whole.within / whole.counted, whole.counted,
-                100.0 * whole.within_before / whole.judged, whole.judged);
+    std::printf("%-10s within 3: %5.1f %% of %d, a step later %5.1f %% of %d\n", "all",
+                100.0 * whole.within / whole.counted, whole.counted, 100.0 * whole.within_before / whole.judged,
+                whole.judged);
     return 0;
 }

@@ -36,9 +36,10 @@ int main(int argc, char **argv)
                     evaluations += beam.data->statistics.iterations;
                 }
                 const double settled = cpu();
-                std::printf("%-12s %5g %4.1f mm %8d %+7.1f %% %9.3f %11.3f %13d%s\n", kind == PLIANT_LINEAR ? "tetrahedra" : "hexahedra", poisson[n], 30.0 / across,
-                            beam.model->body->fine.num_nodes, 100 * (beam.tip_sag() / converged[n] - 1), built - start, settled - built, evaluations,
-                            status == PLIANT_OK ? "" : "  not settled");
+                std::printf("%-12s %5g %4.1f mm %8d %+7.1f %% %9.3f %11.3f %13d%s\n",
+                            kind == PLIANT_LINEAR ? "tetrahedra" : "hexahedra", poisson[n], 30.0 / across,
+                            beam.model->body->fine.num_nodes, 100 * (beam.tip_sag() / converged[n] - 1), built - start,
+                            settled - built, evaluations, status == PLIANT_OK ? "" : "  not settled");
                 std::fflush(stdout);
             }
     return 0;

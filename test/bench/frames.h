@@ -110,7 +110,8 @@ inline Frames run(const pliant_model *model, const double at[3], Kind kind, cons
     auto begin = std::chrono::steady_clock::now();
     auto step = [&] {
         pliant_status status = PLIANT_NOT_CONVERGED;
-        for (int left = paced ? 1 : 40; left > 0 && status == PLIANT_NOT_CONVERGED; left--) status = pliant_step(model, data);
+        for (int left = paced ? 1 : 40; left > 0 && status == PLIANT_NOT_CONVERGED; left--)
+            status = pliant_step(model, data);
         check(status);
     };
     auto pace = [&] {
@@ -195,15 +196,18 @@ inline Errors errors_of(const pliant_model *model, const Frames &run, const Fram
 inline void print_told(const char *which, const std::vector<double> &ratio)
 {
     const auto within = std::count_if(ratio.begin(), ratio.end(), [](double r) { return r > 1.0 / 3 && r < 3; });
-    std::printf("   %s over true 5 to 95 %%: %.2f to %.2f, %.0f %% of %zu within 3", which, quantile(ratio, 0.05), quantile(ratio, 0.95),
-                100.0 * double(within) / double(std::max<size_t>(ratio.size(), 1)), ratio.size());
+    std::printf("   %s over true 5 to 95 %%: %.2f to %.2f, %.0f %% of %zu within 3", which, quantile(ratio, 0.05),
+                quantile(ratio, 0.95), 100.0 * double(within) / double(std::max<size_t>(ratio.size(), 1)),
+                ratio.size());
 }
 
 inline Errors print_errors(const char *name, const pliant_model *model, const Frames &run, const Frames &exact)
 {
     Errors errors = errors_of(model, run, exact);
-    std::printf("  %-14s worst frame %7.3f %%   solve median %6.2f ms, worst %6.2f ms   iterations %4.1f   residual at most %.1e", name,
-                errors.worst, 1e3 * quantile(run.solve, 0.5), 1e3 * quantile(run.solve, 1), run.iterations, quantile(run.residual, 1));
+    std::printf(
+        "  %-14s worst frame %7.3f %%   solve median %6.2f ms, worst %6.2f ms   iterations %4.1f   residual at most %.1e",
+        name, errors.worst, 1e3 * quantile(run.solve, 0.5), 1e3 * quantile(run.solve, 1), run.iterations,
+        quantile(run.residual, 1));
     return errors;
 }
 

@@ -94,7 +94,8 @@ const Case relaxed{"relaxation", [](pliant_scene &scene) { explicit_dynamics(sce
 // are allowed, so that history and factors matter.
 inline std::unique_ptr<Body> make(const Case &each)
 {
-    std::unique_ptr<Body> body(new Body(size, box, {{4000, 0.4, 1000, false}, {20000, 0.4, 1200, false}}, [](int i, int, int k) { return (i < 6 || i > 9) && k > 9; }));
+    std::unique_ptr<Body> body(new Body(size, box, {{4000, 0.4, 1000, false}, {20000, 0.4, 1200, false}},
+                                        [](int i, int, int k) { return (i < 6 || i > 9) && k > 9; }));
     body->fix_plane(0, 0, 1e-6, 0, 0, 1);
     body->cells(8, 8, 8, 1);
     body->scene.solver.iterations = 3;
@@ -146,8 +147,12 @@ inline std::vector<uint8_t> state(const Body &body)
         add(data.tools[t].force, sizeof data.tools[t].force);
         add(data.tools[t].held_point, sizeof data.tools[t].held_point);
     }
-    const double told[] = {data.statistics.residual, data.statistics.error, data.statistics.error_before, data.statistics.residual_force,
-                           static_cast<double>(data.statistics.iterations), static_cast<double>(data.statistics.patched),
+    const double told[] = {data.statistics.residual,
+                           data.statistics.error,
+                           data.statistics.error_before,
+                           data.statistics.residual_force,
+                           static_cast<double>(data.statistics.iterations),
+                           static_cast<double>(data.statistics.patched),
                            static_cast<double>(data.statistics.factors)};
     add(told, sizeof told);
     if (!data.warp) return out;
@@ -171,7 +176,8 @@ inline void renew(Body &body)
 inline std::vector<int32_t> split(const pliant_body &body, double x, double up = -1)
 {
     const pliant_mesh &mesh = body.fine;
-    std::vector<int32_t> corners(mesh.tets, mesh.tets + 4 * mesh.num_tets), copy(static_cast<size_t>(mesh.num_nodes), -1);
+    std::vector<int32_t> corners(mesh.tets, mesh.tets + 4 * mesh.num_tets),
+        copy(static_cast<size_t>(mesh.num_nodes), -1);
     int32_t nodes = mesh.num_nodes;
     for (int32_t t = 0; t < mesh.num_tets; t++) {
         double centre = 0;

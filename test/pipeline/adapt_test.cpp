@@ -34,7 +34,9 @@ TEST_P(EveryMethod, ARevisionOfTheSameTopologyChangesNoBits)
     EXPECT_EQ(state(*one), state(*other));
 }
 INSTANTIATE_TEST_SUITE_P(Methods, EveryMethod,
-                         testing::Values(direct, multigrid, hexahedra, averaged_hexahedra, coarse_hexahedra, plain, schur, averaged, calibrated, lod, patch, octree, dynamic, cubes, relaxed), name_of);
+                         testing::Values(direct, multigrid, hexahedra, averaged_hexahedra, coarse_hexahedra, plain,
+                                         schur, averaged, calibrated, lod, patch, octree, dynamic, cubes, relaxed),
+                         name_of);
 
 // ---- a real change
 
@@ -43,7 +45,8 @@ struct EveryDivisible : testing::TestWithParam<Case> {};
 // Wait until no other thread allocates memory. In these tests an allocation would fail on purpose.
 void wait_for_background(const Body &body)
 {
-    while (body.data->solver && pliant_refresh_is_busy(body.data->solver)) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    while (body.data->solver && pliant_refresh_is_busy(body.data->solver))
+        std::this_thread::sleep_for(std::chrono::milliseconds(1));
 }
 
 // Without memory for the next body, the previous body continues with bitwise identical results.
@@ -123,7 +126,8 @@ TEST_P(EveryDivisible, ACutBodyMovesAsOneThatWasMadeApart)
         for (int s = 0; s < 400 && moved > 2e-8; s++) {
             EXPECT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
             moved = 0;
-            for (int32_t i = 0; i < 3 * mesh.num_nodes; i++) moved = std::fmax(moved, std::fabs(body.data->positions[i] - before[i]));
+            for (int32_t i = 0; i < 3 * mesh.num_nodes; i++)
+                moved = std::fmax(moved, std::fabs(body.data->positions[i] - before[i]));
             std::copy(body.data->positions, body.data->positions + 3 * mesh.num_nodes, before.begin());
         }
         return before;
@@ -160,7 +164,8 @@ void expect_same(const pliant_macros &a, const pliant_macros &b)
     expect_same(a.shear, b.shear, count, "elements' weights");
     expect_same(a.cell, b.cell, count, "cells");
     expect_same(a.rank, b.rank, count, "ranks");
-    for (size_t e = 0; e < count; e++) expect_same(a.root[e], b.root[e], static_cast<size_t>(3 * a.rank[e] * (a.start[e + 1] - a.start[e])), "roots");
+    for (size_t e = 0; e < count; e++)
+        expect_same(a.root[e], b.root[e], static_cast<size_t>(3 * a.rank[e] * (a.start[e + 1] - a.start[e])), "roots");
 }
 
 void expect_same(const pliant_system &a, const pliant_system &b)
@@ -168,7 +173,8 @@ void expect_same(const pliant_system &a, const pliant_system &b)
     ASSERT_EQ(a.num_free, b.num_free);
     ASSERT_EQ(a.macros == nullptr, b.macros == nullptr);
     if (a.macros) expect_same(*a.macros, *b.macros);
-    const size_t blocks = static_cast<size_t>(a.num_blocks), tets = static_cast<size_t>(a.mesh->num_tets), fine = static_cast<size_t>(a.fine->num_nodes);
+    const size_t blocks = static_cast<size_t>(a.num_blocks), tets = static_cast<size_t>(a.mesh->num_tets),
+                 fine = static_cast<size_t>(a.fine->num_nodes);
     ASSERT_EQ(a.num_blocks, b.num_blocks);
     expect_same(a.gradients, b.gradients, blocks, "gradients");
     expect_same(a.lame, b.lame, blocks, "lame");
@@ -211,7 +217,8 @@ TEST_P(EveryFragment, IncrementallyAsAnew)
         pliant_discretization_release(anew);
     };
     for (double z : {0.11, 0.06}) { // two strokes through fragments of fine tetrahedra
-        const pliant_body *before = bodies.back(), *next = sever_plane(before, before->revision + 1, slanted, above(z), &sides);
+        const pliant_body *before = bodies.back(),
+                          *next = sever_plane(before, before->revision + 1, slanted, above(z), &sides);
         ASSERT_TRUE(next) << pliant_last_error();
         bodies.push_back(next);
         EXPECT_GT(next->fine.num_tets, before->fine.num_tets);
@@ -245,7 +252,8 @@ TEST_P(EveryStroke, WhileItMoves)
         stroke(*moving, z, sides);
     }
     step(*moving, 3);
-    for (int t = 0; t < 2; t++) ASSERT_EQ(pliant_tool_set_pose(resting->data, t, moving->data->tools[t].tip, nullptr), PLIANT_OK);
+    for (int t = 0; t < 2; t++)
+        ASSERT_EQ(pliant_tool_set_pose(resting->data, t, moving->data->tools[t].tip, nullptr), PLIANT_OK);
     const size_t count = 3 * static_cast<size_t>(moving->data->body->fine.num_nodes);
     ASSERT_EQ(moving->data->body->fine.num_nodes, resting->data->body->fine.num_nodes);
     for (Body *body : {moving.get(), resting.get()}) {
@@ -266,7 +274,10 @@ TEST_P(EveryStroke, WhileItMoves)
     EXPECT_GT(moved, 5e-3);
     EXPECT_LT(most, 1e-3 * moved);
 }
-INSTANTIATE_TEST_SUITE_P(Methods, EveryFragment, testing::Values(direct, multigrid, hexahedra, averaged_hexahedra, coarse_hexahedra, plain, schur, averaged, calibrated, patch, dynamic, cubes, relaxed), name_of);
+INSTANTIATE_TEST_SUITE_P(Methods, EveryFragment,
+                         testing::Values(direct, multigrid, hexahedra, averaged_hexahedra, coarse_hexahedra, plain,
+                                         schur, averaged, calibrated, patch, dynamic, cubes, relaxed),
+                         name_of);
 
 // A sagging bar is cut half through in one step. The first step after the cut must be near the equilibrium, which is
 // computed with a third more evaluations than a step has. Other loads contribute too.
@@ -309,7 +320,8 @@ TEST_P(FirstStep, OfACutTurnsWhatHangsOnLess)
     const int cells[3] = {16, 4, 4};
     const double bar[3] = {0.28, 0.07, 0.07};
     const Plane plane{{0.078, 0.035, 0.035}, {1, 0.05, 0.02}};
-    Body tight(cells, bar, {{10000, 0.4, 1000, false}}), fast(cells, bar, {{10000, 0.4, 1000, false}}), cycle(cells, bar, {{10000, 0.4, 1000, false}});
+    Body tight(cells, bar, {{10000, 0.4, 1000, false}}), fast(cells, bar, {{10000, 0.4, 1000, false}}),
+        cycle(cells, bar, {{10000, 0.4, 1000, false}});
     double whole = 0;
     for (Body *body : {&tight, &fast, &cycle}) {
         body->fix_plane(1e-6, 0, 0, 1, 0, 0);
@@ -322,14 +334,16 @@ TEST_P(FirstStep, OfACutTurnsWhatHangsOnLess)
         ASSERT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
         GetParam().set(*body);
         for (int s = 0; s < 20; s++) ASSERT_GE(pliant_step(body->model, body->data), 0) << pliant_last_error();
-        const pliant_body *next = sever_plane(body->data->body, 2, plane, [&](const double *x) { return x[2] > 0.035; });
+        const pliant_body *next =
+            sever_plane(body->data->body, 2, plane, [&](const double *x) { return x[2] > 0.035; });
         ASSERT_TRUE(next);
         ASSERT_EQ(pliant_data_set_body(body->model, body->data, next), PLIANT_OK) << pliant_last_error();
         pliant_body_release(next);
         const size_t nodes = static_cast<size_t>(body->data->body->fine.num_nodes);
         const auto apart = [&](const double *a, const double *b) {
             double most = 0;
-            for (size_t n = 0; n < 3 * nodes; n += 3) most = std::fmax(most, std::hypot(std::hypot(a[n] - b[n], a[n + 1] - b[n + 1]), a[n + 2] - b[n + 2]));
+            for (size_t n = 0; n < 3 * nodes; n += 3)
+                most = std::fmax(most, std::hypot(std::hypot(a[n] - b[n], a[n + 1] - b[n + 1]), a[n + 2] - b[n + 2]));
             return most;
         };
         if (body == &tight) {
@@ -343,7 +357,10 @@ TEST_P(FirstStep, OfACutTurnsWhatHangsOnLess)
         EXPECT_LT(apart(body->data->positions, tight.data->positions), GetParam().within * whole);
     }
 }
-INSTANTIATE_TEST_SUITE_P(Pulled, FirstStep, testing::Values(First{"ByWeight", 0.02, [](Body &) {}}, First{"BySpring", 0.02, hold_by_spring}, First{"AndPushed", 0.05, push_aside}, First{"InTime", 0.02, give_time}),
+INSTANTIATE_TEST_SUITE_P(Pulled, FirstStep,
+                         testing::Values(First{"ByWeight", 0.02, [](Body &) {}},
+                                         First{"BySpring", 0.02, hold_by_spring}, First{"AndPushed", 0.05, push_aside},
+                                         First{"InTime", 0.02, give_time}),
                          [](const auto &info) { return info.param.name; });
 
 // Without memory, the state is the state before the step, and the next step starts from it.
@@ -401,18 +418,22 @@ TEST_P(EveryReplay, OfALiveRunThatIsCut)
         for (int b = 0; b < 2; b++) {
             Body &body = b ? *again : *live;
             if (s % 3 == 2 && s < 16) {
-                const pliant_body *next = sever_plane(body.data->body, body.data->last_revision + 1, slanted, above(0.14 - 0.005 * s), sides + b);
+                const pliant_body *next = sever_plane(body.data->body, body.data->last_revision + 1, slanted,
+                                                      above(0.14 - 0.005 * s), sides + b);
                 ASSERT_TRUE(next) << pliant_last_error();
                 ASSERT_EQ(pliant_data_set_body(body.model, body.data, next), PLIANT_OK) << pliant_last_error();
                 pliant_body_release(next);
             }
             if (b) {
-                ASSERT_EQ(pliant_data_set_background(body.data, PLIANT_BACKGROUND_PRESCRIBED, pliant_data_get_background_taken(live->data)), PLIANT_OK);
+                ASSERT_EQ(pliant_data_set_background(body.data, PLIANT_BACKGROUND_PRESCRIBED,
+                                                     pliant_data_get_background_taken(live->data)),
+                          PLIANT_OK);
                 all |= pliant_data_get_background_taken(live->data);
             }
             step(body, 1);
         }
-        ASSERT_EQ(pliant_data_get_background_taken(live->data), pliant_data_get_background_taken(again->data)) << "step " << s;
+        ASSERT_EQ(pliant_data_get_background_taken(live->data), pliant_data_get_background_taken(again->data))
+            << "step " << s;
         ASSERT_EQ(state(*live), state(*again)) << "step " << s;
         std::this_thread::sleep_for(std::chrono::milliseconds(3));
     }
@@ -420,8 +441,15 @@ TEST_P(EveryReplay, OfALiveRunThatIsCut)
     EXPECT_GT(live->data->statistics.factors, 0u);
 }
 INSTANTIATE_TEST_SUITE_P(Methods, EveryReplay, testing::Values(direct, multigrid, hexahedra, averaged, patch), name_of);
-INSTANTIATE_TEST_SUITE_P(Methods, EveryStroke, testing::Values(direct, multigrid, hexahedra, averaged_hexahedra, plain, schur, averaged, calibrated, relaxed), name_of);
-INSTANTIATE_TEST_SUITE_P(Methods, EveryDivisible, testing::Values(direct, multigrid, hexahedra, averaged_hexahedra, coarse_hexahedra, plain, schur, schur_hexahedra, averaged, calibrated, patch, patch_hexahedra, octree, octree_hexahedra, dynamic, cubes, relaxed), name_of);
+INSTANTIATE_TEST_SUITE_P(Methods, EveryStroke,
+                         testing::Values(direct, multigrid, hexahedra, averaged_hexahedra, plain, schur, averaged,
+                                         calibrated, relaxed),
+                         name_of);
+INSTANTIATE_TEST_SUITE_P(Methods, EveryDivisible,
+                         testing::Values(direct, multigrid, hexahedra, averaged_hexahedra, coarse_hexahedra, plain,
+                                         schur, schur_hexahedra, averaged, calibrated, patch, patch_hexahedra, octree,
+                                         octree_hexahedra, dynamic, cubes, relaxed),
+                         name_of);
 
 // ---- independent check: the left half of a divided body equals a body of half the width
 
@@ -431,7 +459,8 @@ TEST_P(EveryHalf, OfABodyInTwoIsABodyOfItsOwn)
     std::unique_ptr<Body> whole = make(GetParam());
     const int half_size[3] = {8, 16, 16};
     const double half_box[3] = {0.08, 0.16, 0.16};
-    Body half(half_size, half_box, {{4000, 0.4, 1000, false}, {20000, 0.4, 1200, false}}, [](int i, int, int k) { return (i < 6 || i > 9) && k > 9; });
+    Body half(half_size, half_box, {{4000, 0.4, 1000, false}, {20000, 0.4, 1200, false}},
+              [](int i, int, int k) { return (i < 6 || i > 9) && k > 9; });
     half.scene = whole->scene;
     half.scene.mesh.coarse_cells[0] /= 2;
     ASSERT_EQ(half.build(), PLIANT_OK) << pliant_last_error();
@@ -445,14 +474,16 @@ TEST_P(EveryHalf, OfABodyInTwoIsABodyOfItsOwn)
     double most = 0, moved = 0;
     for (int32_t n = 0; n < mesh.num_nodes; n++) {
         double barycentric[4], inside[3];
-        for (int d = 0; d < 3; d++) inside[d] = mesh.rest[3 * n + d] + 1e-7 * ((d ? 0.08 : 0.04) - mesh.rest[3 * n + d]);
+        for (int d = 0; d < 3; d++)
+            inside[d] = mesh.rest[3 * n + d] + 1e-7 * ((d ? 0.08 : 0.04) - mesh.rest[3 * n + d]);
         int32_t tet = pliant_mesh_locate(&all, inside, barycentric);
         ASSERT_GE(tet, 0);
         for (int v = 0; v < 4; v++) {
             int32_t node = all.tets[4 * tet + v];
             if (barycentric[v] < 0.99) continue;
             for (int d = 0; d < 3; d++) {
-                most = std::fmax(most, std::fabs(whole->data->positions[3 * node + d] - half.data->positions[3 * n + d]));
+                most =
+                    std::fmax(most, std::fabs(whole->data->positions[3 * node + d] - half.data->positions[3 * n + d]));
                 moved = std::fmax(moved, std::fabs(half.data->positions[3 * n + d] - mesh.rest[3 * n + d]));
             }
         }

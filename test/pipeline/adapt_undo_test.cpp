@@ -12,11 +12,14 @@ bool is_tetrahedron_of(const pliant_system &load, const pliant_macros &macros, i
         double k[144], gradients[12], apart = 0;
         for (int m = 0; m < 12; m++) gradients[m] = load.gradients[t / LANES][m][t % LANES];
         if (load.stiffness) std::copy_n(load.stiffness + 144 * t, 144, k);
-        else pliant_element_stiffness(gradients, load.lame[t / LANES][0][t % LANES], load.lame[t / LANES][1][t % LANES], k);
+        else
+            pliant_element_stiffness(gradients, load.lame[t / LANES][0][t % LANES], load.lame[t / LANES][1][t % LANES],
+                                     k);
         for (int i = 0; i < 12; i++)
             for (int j = 0; j < 12; j++) {
                 double sum = 0;
-                for (int32_t r = 0; r < macros.rank[e]; r++) sum += double(macros.root[e][12 * r + i]) * double(macros.root[e][12 * r + j]);
+                for (int32_t r = 0; r < macros.rank[e]; r++)
+                    sum += double(macros.root[e][12 * r + i]) * double(macros.root[e][12 * r + j]);
                 apart = std::max(apart, std::fabs(sum - k[12 * i + j]));
             }
         return apart < 1e-5 * *std::max_element(k, k + 144);
@@ -40,7 +43,8 @@ TEST(Adapt, CoarseElementsGiveWayToFineOnesBesideACut)
         EXPECT_EQ(coarse, load->mesh->num_nodes);
         std::map<std::vector<int32_t>, const float *> roots; // of elements of the initial mesh
         for (int32_t e = 0; load->macros && e < load->macros->count; e++)
-            roots[{load->macros->node + load->macros->start[e], load->macros->node + load->macros->start[e + 1]}] = load->macros->root[e];
+            roots[{load->macros->node + load->macros->start[e], load->macros->node + load->macros->start[e + 1]}] =
+                load->macros->root[e];
         int32_t kept = 0, between = 0;
         for (int32_t e = 0; e < macros->count; e++) {
             const int32_t begin = macros->start[e], corners = macros->start[e + 1] - begin;
@@ -115,7 +119,9 @@ TEST(Adapt, NodesOnBoneBesideRefinedCubes)
         step(body, 2);
         std::vector<int8_t> sides;
         for (double z : {0.13, 0.11}) {
-            const pliant_body *next = sever_plane(body.data->body, body.data->last_revision + 1, {{0.03, 0.08, 0.08}, {1, 0.1, 0.07}}, [z](const double *x) { return x[2] > z; }, &sides);
+            const pliant_body *next = sever_plane(
+                body.data->body, body.data->last_revision + 1, {{0.03, 0.08, 0.08}, {1, 0.1, 0.07}},
+                [z](const double *x) { return x[2] > z; }, &sides);
             ASSERT_TRUE(next) << pliant_last_error();
             ASSERT_EQ(pliant_data_set_body(body.model, body.data, next), PLIANT_OK) << pliant_last_error();
             pliant_body_release(next);
@@ -123,7 +129,8 @@ TEST(Adapt, NodesOnBoneBesideRefinedCubes)
         }
         const pliant_system *system = body.data->discretization->system;
         int32_t grounded = 0, turn = 0;
-        for (int32_t e = system->graded->num_base; e < system->macros->count; e++) (system->macros->grounded[e] ? grounded : turn) += system->macros->rank[e] > 0;
+        for (int32_t e = system->graded->num_base; e < system->macros->count; e++)
+            (system->macros->grounded[e] ? grounded : turn) += system->macros->rank[e] > 0;
         std::printf("%s: of the fine elements %d turn, %d do not\n", each->name, turn, grounded);
         EXPECT_GT(turn, 0) << each->name;
         EXPECT_EQ(grounded > 0, each != &averaged) << each->name; // elements with more than eight nodes
@@ -131,7 +138,8 @@ TEST(Adapt, NodesOnBoneBesideRefinedCubes)
         step(body, 20);
         double most = 0;
         const pliant_mesh &mesh = body.data->body->fine;
-        for (int32_t i = 0; i < 3 * mesh.num_nodes; i++) most = std::fmax(most, std::fabs(body.data->positions[i] - mesh.rest[i]));
+        for (int32_t i = 0; i < 3 * mesh.num_nodes; i++)
+            most = std::fmax(most, std::fabs(body.data->positions[i] - mesh.rest[i]));
         EXPECT_GT(most, 1e-3) << each->name;
         EXPECT_LT(most, 0.08) << each->name;
         EXPECT_LT(body.data->statistics.residual, 1e-6) << each->name;
@@ -161,8 +169,10 @@ TEST(Adapt, UndoTakesTheBodyBeforeAndResetTheFirst)
     std::unique_ptr<Body> fresh = make(direct);
     take_hold(*fresh);
     take_hold(*body);
-    for (int t = 0; t < 2; t++) ASSERT_EQ(pliant_tool_set_pose(body->data, t, fresh->data->tools[t].tip, nullptr), PLIANT_OK);
-    for (int t = 0; t < 2; t++) std::copy(fresh->data->tools[t].grip, fresh->data->tools[t].grip + 3, body->data->tools[t].grip);
+    for (int t = 0; t < 2; t++)
+        ASSERT_EQ(pliant_tool_set_pose(body->data, t, fresh->data->tools[t].tip, nullptr), PLIANT_OK);
+    for (int t = 0; t < 2; t++)
+        std::copy(fresh->data->tools[t].grip, fresh->data->tools[t].grip + 3, body->data->tools[t].grip);
     step(*body, 4);
     step(*fresh, 4);
     EXPECT_EQ(state(*body), state(*fresh));
@@ -173,7 +183,8 @@ TEST(Adapt, UndoTakesTheBodyBeforeAndResetTheFirst)
 struct Undone : testing::TestWithParam<Case> {};
 TEST_P(Undone, CutsAreSolvedForAsSoonAsCuts)
 {
-    Body body(size, box, {{4000, 0.4, 1000, false}, {20000, 0.4, 1200, false}}, [](int i, int, int k) { return (i < 6 || i > 9) && k > 9; });
+    Body body(size, box, {{4000, 0.4, 1000, false}, {20000, 0.4, 1200, false}},
+              [](int i, int, int k) { return (i < 6 || i > 9) && k > 9; });
     body.fix_plane(0, 0, 1e-6, 0, 0, 1);
     body.cells(8, 8, 8, 1);
     body.scene.model.gravity[0] = 1;
@@ -209,7 +220,9 @@ TEST_P(Undone, CutsAreSolvedForAsSoonAsCuts)
     EXPECT_LT(undos, 2 * cuts + 20);
 }
 const Case subdivided{"subdivide", [](pliant_scene &scene) { scene.cut.kind = PLIANT_CUT_SUBDIVIDE; }};
-INSTANTIATE_TEST_SUITE_P(Adapt, Undone, testing::Values(direct, multigrid, hexahedra, averaged, coarse_hexahedra, schur, patch, octree, octree_hexahedra, subdivided),
+INSTANTIATE_TEST_SUITE_P(Adapt, Undone,
+                         testing::Values(direct, multigrid, hexahedra, averaged, coarse_hexahedra, schur, patch, octree,
+                                         octree_hexahedra, subdivided),
                          [](const testing::TestParamInfo<Case> &info) { return std::string(info.param.name); });
 
 // A cut that is undone before the next step moves nothing: positions stay bitwise identical, also if the body was cut
@@ -219,7 +232,8 @@ TEST_P(UndoneAtOnce, LeavesThePositionsToTheBit)
 {
     const std::unique_ptr<Body> body = make({GetParam().name, [](pliant_scene &scene) {
                                                  GetParam().set(scene);
-                                                 if (scene.cut.kind == PLIANT_CUT_NONE) scene.cut.kind = PLIANT_CUT_SEVER;
+                                                 if (scene.cut.kind == PLIANT_CUT_NONE)
+                                                     scene.cut.kind = PLIANT_CUT_SEVER;
                                              }});
     take_hold(*body);
     for (double x : {0.081, 0.047}) {
@@ -229,18 +243,21 @@ TEST_P(UndoneAtOnce, LeavesThePositionsToTheBit)
         const double edge[6] = {x, -0.01, 0.17, x, 0.17, 0.17}, depth[3] = {0.004, 0, -0.07};
         for (int time = 0; time < 2; time++) {
             pliant_cut_report report;
-            ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, edge, depth, &report), PLIANT_OK) << pliant_last_error();
+            ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, edge, depth, &report), PLIANT_OK)
+                << pliant_last_error();
             EXPECT_GT(report.area, 0.005);
             ASSERT_GT(body->data->body->fine.num_nodes, was->fine.num_nodes);
             ASSERT_EQ(pliant_data_undo_cut(body->model, body->data), PLIANT_OK) << pliant_last_error();
             EXPECT_TRUE(pliant_body_same(body->data->body, was));
-            EXPECT_EQ(std::memcmp(before.data(), body->data->positions, before.size() * sizeof before[0]), 0) << "cut at " << x << ", time " << time;
+            EXPECT_EQ(std::memcmp(before.data(), body->data->positions, before.size() * sizeof before[0]), 0)
+                << "cut at " << x << ", time " << time;
         }
         pliant_body_release(was);
         ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, edge, depth, nullptr), PLIANT_OK) << pliant_last_error();
     }
 }
-INSTANTIATE_TEST_SUITE_P(Adapt, UndoneAtOnce, testing::Values(direct, hexahedra, averaged, patch, octree, octree_hexahedra, dynamic, cubes),
+INSTANTIATE_TEST_SUITE_P(Adapt, UndoneAtOnce,
+                         testing::Values(direct, hexahedra, averaged, patch, octree, octree_hexahedra, dynamic, cubes),
                          [](const testing::TestParamInfo<Case> &info) { return std::string(info.param.name); });
 
 TEST(Adapt, LodRefusesWhatItCannotDivide)

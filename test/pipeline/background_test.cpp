@@ -40,20 +40,29 @@ Pulled pull(Body &body, int steps, pliant_background_kind kind, const std::vecto
     EXPECT_EQ(pliant_tool_grasp(body.model, body.data, tool, point), PLIANT_OK) << pliant_last_error();
     uint32_t all = 0;
     for (int s = 0; s < steps && out.taken.size() < 300;) {
-        const double tip[3] = {0.06 + 0.01 * s / steps, 0.06, 0.11 + 0.02 * s / steps}, force[3] = {1.0 * s / steps, 0, 2.0 * s / steps};
+        const double tip[3] = {0.06 + 0.01 * s / steps, 0.06, 0.11 + 0.02 * s / steps},
+                     force[3] = {1.0 * s / steps, 0, 2.0 * s / steps};
         EXPECT_EQ(pliant_tool_set_pose(body.data, tool, tip, nullptr), PLIANT_OK);
-        EXPECT_EQ(pliant_tool_set_drive(body.data, tool, s < steps / 3 ? PLIANT_DRIVE_FORCE : PLIANT_DRIVE_RIGID, force), PLIANT_OK);
+        EXPECT_EQ(
+            pliant_tool_set_drive(body.data, tool, s < steps / 3 ? PLIANT_DRIVE_FORCE : PLIANT_DRIVE_RIGID, force),
+            PLIANT_OK);
         if (s == steps / 2) pliant_tool_release(body.data, tool);
-        if (s == steps / 2 + 3) EXPECT_EQ(pliant_tool_grasp(body.model, body.data, tool, point), PLIANT_OK) << pliant_last_error();
-        EXPECT_EQ(pliant_data_set_background(body.data, kind, prescribed ? prescribed->at(out.taken.size()) : 0), PLIANT_OK) << pliant_last_error();
+        if (s == steps / 2 + 3)
+            EXPECT_EQ(pliant_tool_grasp(body.model, body.data, tool, point), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(pliant_data_set_background(body.data, kind, prescribed ? prescribed->at(out.taken.size()) : 0),
+                  PLIANT_OK)
+            << pliant_last_error();
         EXPECT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
         out.taken.push_back(pliant_data_get_background_taken(body.data));
         all |= out.taken.back();
-        out.positions.insert(out.positions.end(), body.data->positions, body.data->positions + 3 * body.data->body->fine.num_nodes);
+        out.positions.insert(out.positions.end(), body.data->positions,
+                             body.data->positions + 3 * body.data->body->fine.num_nodes);
         if (pause > 0) std::this_thread::sleep_for(std::chrono::milliseconds(s * pause % 7));
         // on a busy machine, wait until the tested result arrives
         const bool waits_for_patch = s == steps / 4 && body.data->patch && !(all & PLIANT_TAKES_PATCH);
-        const bool waits_for_factor = s == steps - 1 && kind != PLIANT_BACKGROUND_PLANNED && !(all & PLIANT_TAKES_FACTOR), waits = waits_for_patch || waits_for_factor;
+        const bool waits_for_factor =
+                       s == steps - 1 && kind != PLIANT_BACKGROUND_PLANNED && !(all & PLIANT_TAKES_FACTOR),
+                   waits = waits_for_patch || waits_for_factor;
         if (waits_for_factor) body.data->solver->rules.rate = 1; // request a factor; a resting tool would not need one
         if (waits && pause > 0) std::this_thread::sleep_for(std::chrono::milliseconds(20));
         s += !waits;
@@ -67,8 +76,10 @@ TEST(Background, ALivePullIsRepeatedBitForBit)
         SCOPED_TRACE(method);
         const int steps = 60;
         uint32_t all = 0;
-        Body live(size, box, {{5000, 0.45, 1000, false}, {60000, 0.45, 1000, false}}, [](int i, int, int) { return i / 6 % 2; });
-        Body again(size, box, {{5000, 0.45, 1000, false}, {60000, 0.45, 1000, false}}, [](int i, int, int) { return i / 6 % 2; });
+        Body live(size, box, {{5000, 0.45, 1000, false}, {60000, 0.45, 1000, false}},
+                  [](int i, int, int) { return i / 6 % 2; });
+        Body again(size, box, {{5000, 0.45, 1000, false}, {60000, 0.45, 1000, false}},
+                   [](int i, int, int) { return i / 6 % 2; });
         for (Body *body : {&live, &again}) {
             prepare(*body, method);
             ASSERT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
@@ -119,7 +130,8 @@ TEST(Background, LiveNoStepWaits)
 // The step after the installation takes it from the background thread.
 TEST(Background, AFactorBringsTheResponsesOfSprings)
 {
-    Body body(size, box, {{5000, 0.45, 1000, false}, {60000, 0.45, 1000, false}}, [](int i, int, int) { return i / 6 % 2; });
+    Body body(size, box, {{5000, 0.45, 1000, false}, {60000, 0.45, 1000, false}},
+              [](int i, int, int) { return i / 6 % 2; });
     prepare(body, PLIANT_FINE);
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
     int tool, brought = 0;
@@ -163,7 +175,8 @@ TEST(Background, NoLiveStepIsFarLongerThanTheOthers)
         ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
         int easy = 0, tight = 0, sudden = 0;
         for (int s = 0; s < SUDDEN; s++) {
-            const double angle = 0.01 * s, gravity[3] = {s < TIGHT ? 9.81 * std::sin(angle) : -9.81, s < TIGHT ? 9.81 * std::cos(angle) : 0, 0};
+            const double angle = 0.01 * s, gravity[3] = {s < TIGHT ? 9.81 * std::sin(angle) : -9.81,
+                                                         s < TIGHT ? 9.81 * std::cos(angle) : 0, 0};
             ASSERT_EQ(pliant_data_set_gravity(body.data, gravity), PLIANT_OK);
             ASSERT_EQ(pliant_data_set_background(body.data, kind, 0), PLIANT_OK) << pliant_last_error();
             ASSERT_EQ(pliant_data_set_limits(body.data, 20, s < EASY ? 1e-3 : 1e-9), PLIANT_OK);
@@ -182,12 +195,14 @@ TEST(Background, WhatCannotBeToldIsRefused)
     Body body(size, box, {{5000, 0.45, 1000, false}});
     prepare(body, PLIANT_FINE);
     ASSERT_EQ(body.build(), PLIANT_OK);
-    EXPECT_EQ(pliant_data_set_background(body.data, PLIANT_BACKGROUND_LIVE, PLIANT_TAKES_FACTOR), PLIANT_ERROR_ARGUMENT);
+    EXPECT_EQ(pliant_data_set_background(body.data, PLIANT_BACKGROUND_LIVE, PLIANT_TAKES_FACTOR),
+              PLIANT_ERROR_ARGUMENT);
     EXPECT_EQ(pliant_data_set_background(body.data, PLIANT_BACKGROUND_PRESCRIBED, 1u << 20), PLIANT_ERROR_ARGUMENT);
     EXPECT_EQ(pliant_data_set_background(body.data, pliant_background_kind(7), 0), PLIANT_ERROR_ARGUMENT);
     EXPECT_EQ(pliant_data_set_background(body.data, PLIANT_BACKGROUND_PRESCRIBED, PLIANT_TAKES_FACTOR), PLIANT_OK);
     std::string said;
-    pliant_set_log([](pliant_log_level, const char *message, void *user) { *static_cast<std::string *>(user) += message; }, &said);
+    pliant_set_log(
+        [](pliant_log_level, const char *message, void *user) { *static_cast<std::string *>(user) += message; }, &said);
     EXPECT_GE(pliant_step(body.model, body.data), 0);
     pliant_set_log(nullptr, nullptr);
     EXPECT_NE(said.find("was not under way"), std::string::npos) << said;

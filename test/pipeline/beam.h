@@ -7,7 +7,8 @@
 
 struct Beam : Body {
     // across: number of cells along 30 mm
-    Beam(pliant_element_kind kind, double poisson, int across, double gravity = 9.81) : Body(size, box, {{263.8e3, poisson, 1070, false}})
+    Beam(pliant_element_kind kind, double poisson, int across, double gravity = 9.81)
+        : Body(size, box, {{263.8e3, poisson, 1070, false}})
     {
         scene.element.kind = kind;
         cells(across, across, 10 * across / 3, 1);

@@ -26,7 +26,8 @@ Engine coarse(const char *name, pliant_method method, double patch = 0, bool bon
                 scene.model.patch_delay = 1;
             }};
 }
-Engine dynamic(const char *name, pliant_law law, pliant_element_kind element, bool quasi_static = false, pliant_mesh_kind mesh = PLIANT_LATTICE)
+Engine dynamic(const char *name, pliant_law law, pliant_element_kind element, bool quasi_static = false,
+               pliant_mesh_kind mesh = PLIANT_LATTICE)
 {
     return {name, [=](pliant_scene &scene) {
                 scene.solver.kind = PLIANT_TLED;
@@ -43,7 +44,9 @@ Engine dynamic(const char *name, pliant_law law, pliant_element_kind element, bo
 }
 
 struct EveryEngine : testing::TestWithParam<Engine> {
-    Body body{size, box, {{40000, 0.45, 1060, false}, {1e6, 0.3, 1500, false}}, [](int i, int j, int) { return i + j / 4 < 5; }};
+    Body body{size, box, {{40000, 0.45, 1060, false}, {1e6, 0.3, 1500, false}}, [](int i, int j, int) {
+                  return i + j / 4 < 5;
+              }};
     int knife = -1, patched = 0;
     void SetUp() override
     {
@@ -94,7 +97,8 @@ struct EveryEngine : testing::TestWithParam<Engine> {
         for (double z = 0.036; z > -0.024; z -= 0.001) {
             const double tip[3] = {x, 0.012, z};
             ASSERT_EQ(pliant_tool_set_pose(body.data, knife, tip, nullptr), PLIANT_OK);
-            if (z == 0.036) ASSERT_EQ(pliant_tool_set_cutting(body.data, knife, true), PLIANT_OK) << pliant_last_error();
+            if (z == 0.036)
+                ASSERT_EQ(pliant_tool_set_cutting(body.data, knife, true), PLIANT_OK) << pliant_last_error();
             steps(1);
             if (HasFatalFailure()) return;
             const double now = -state().force[2];
@@ -127,11 +131,14 @@ TEST_P(EveryEngine, PartsWhatABladeGoesThrough)
     const pliant_tool_state told = state();
     EXPECT_EQ(patched > 0, body.scene.model.patch > 0);
     // oscillating tissue, or a last element that bends, may meet the blade again and lose a sliver
-    const bool swings = body.scene.solver.kind == PLIANT_TLED && !body.scene.tled.quasi_static, meets = swings || body.scene.mesh.kind == PLIANT_OCTREE;
+    const bool swings = body.scene.solver.kind == PLIANT_TLED && !body.scene.tled.quasi_static,
+               meets = swings || body.scene.mesh.kind == PLIANT_OCTREE;
     if (meets) EXPECT_GE(told.pieces, 2);
     else EXPECT_EQ(told.pieces, 2);
     EXPECT_NEAR(told.severed_area, 0.024 * 0.032, (meets ? 0.2 : 0.05) * 0.024 * 0.032);
-    if (std::getenv("PLIANT_FIGURES")) std::printf("work %.4f of toughness times area%s\n", work / (toughness * told.severed_area), meets ? ", tissue meets the blade" : "");
+    if (std::getenv("PLIANT_FIGURES"))
+        std::printf("work %.4f of toughness times area%s\n", work / (toughness * told.severed_area),
+                    meets ? ", tissue meets the blade" : "");
     // tissue that moves over the blade itself needs no work of the tool
     EXPECT_GT(work, (meets ? 0.86 : 0.9) * toughness * told.severed_area);
     EXPECT_LT(work, 1.1 * toughness * told.severed_area);
@@ -141,28 +148,35 @@ TEST_P(EveryEngine, PartsWhatABladeGoesThrough)
     EXPECT_EQ(patched > 0, body.scene.model.patch > 0) << "after the cut, too";
     EXPECT_LT(height(0.06, 1), start - 0.05) << "what it cut off falls";
     EXPECT_NEAR(height(0.015, 0.03), held, 0.002) << "and what is held stays";
-    while (body.data->undo.count > 0) ASSERT_EQ(pliant_data_undo_cut(body.model, body.data), PLIANT_OK) << pliant_last_error();
+    while (body.data->undo.count > 0)
+        ASSERT_EQ(pliant_data_undo_cut(body.model, body.data), PLIANT_OK) << pliant_last_error();
     EXPECT_EQ(body.data->body, body.model->body);
     steps(60);
     EXPECT_NEAR(height(0.06, 1), start, 0.001) << "and all of it can be taken back";
 }
 
-INSTANTIATE_TEST_SUITE_P(Engines, EveryEngine,
-                         testing::Values(Engine{"fine", [](pliant_scene &) {}}, Engine{"tetrahedra", [](pliant_scene &scene) { scene.element.kind = PLIANT_LINEAR; }},
-                                         Engine{"bone_surface", [](pliant_scene &scene) { scene.mesh.bone_surface = true; }},
-                                         Engine{"octree", [](pliant_scene &scene) {
-                                                    scene.mesh.kind = PLIANT_OCTREE;
-                                                    scene.mesh.depth = 1;
-                                                    for (int32_t &cells : scene.mesh.coarse_cells) cells /= 2;
-                                                }},
-                                         coarse("coarse", PLIANT_COARSE), coarse("averaged", PLIANT_AVERAGED), coarse("schur", PLIANT_SCHUR),
-                                         coarse("calibrated", PLIANT_CALIBRATED), coarse("patched", PLIANT_AVERAGED, 0.012),
-                                         coarse("patched_coarse", PLIANT_COARSE, 0.012), coarse("patched_calibrated", PLIANT_CALIBRATED, 0.012),
-                                         coarse("patched_bone_surface", PLIANT_AVERAGED, 0.012, true),
-                                         dynamic("neo_hookean", PLIANT_LAW_NEO_HOOKEAN, PLIANT_HEXAHEDRA), dynamic("compressible", PLIANT_LAW_COMPRESSIBLE, PLIANT_HEXAHEDRA),
-                                         dynamic("saint_venant_kirchhoff", PLIANT_LAW_SAINT_VENANT_KIRCHHOFF, PLIANT_HEXAHEDRA),
-                                         dynamic("tled_tetrahedra", PLIANT_LAW_NEO_HOOKEAN, PLIANT_LINEAR), dynamic("relaxation", PLIANT_LAW_NEO_HOOKEAN, PLIANT_HEXAHEDRA, true),
-                                         dynamic("tled_octree", PLIANT_LAW_NEO_HOOKEAN, PLIANT_HEXAHEDRA, false, PLIANT_OCTREE)),
-                         [](const auto &info) { return std::string(info.param.name); });
+INSTANTIATE_TEST_SUITE_P(
+    Engines, EveryEngine,
+    testing::Values(Engine{"fine", [](pliant_scene &) {}},
+                    Engine{"tetrahedra", [](pliant_scene &scene) { scene.element.kind = PLIANT_LINEAR; }},
+                    Engine{"bone_surface", [](pliant_scene &scene) { scene.mesh.bone_surface = true; }},
+                    Engine{"octree",
+                           [](pliant_scene &scene) {
+                               scene.mesh.kind = PLIANT_OCTREE;
+                               scene.mesh.depth = 1;
+                               for (int32_t &cells : scene.mesh.coarse_cells) cells /= 2;
+                           }},
+                    coarse("coarse", PLIANT_COARSE), coarse("averaged", PLIANT_AVERAGED), coarse("schur", PLIANT_SCHUR),
+                    coarse("calibrated", PLIANT_CALIBRATED), coarse("patched", PLIANT_AVERAGED, 0.012),
+                    coarse("patched_coarse", PLIANT_COARSE, 0.012),
+                    coarse("patched_calibrated", PLIANT_CALIBRATED, 0.012),
+                    coarse("patched_bone_surface", PLIANT_AVERAGED, 0.012, true),
+                    dynamic("neo_hookean", PLIANT_LAW_NEO_HOOKEAN, PLIANT_HEXAHEDRA),
+                    dynamic("compressible", PLIANT_LAW_COMPRESSIBLE, PLIANT_HEXAHEDRA),
+                    dynamic("saint_venant_kirchhoff", PLIANT_LAW_SAINT_VENANT_KIRCHHOFF, PLIANT_HEXAHEDRA),
+                    dynamic("tled_tetrahedra", PLIANT_LAW_NEO_HOOKEAN, PLIANT_LINEAR),
+                    dynamic("relaxation", PLIANT_LAW_NEO_HOOKEAN, PLIANT_HEXAHEDRA, true),
+                    dynamic("tled_octree", PLIANT_LAW_NEO_HOOKEAN, PLIANT_HEXAHEDRA, false, PLIANT_OCTREE)),
+    [](const auto &info) { return std::string(info.param.name); });
 
 } // namespace

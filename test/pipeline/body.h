@@ -131,7 +131,8 @@ public:
             for (int d = 0; d < 3; d++) out[3 * system->macros->node[c] + d] += forces[3 * static_cast<size_t>(c) + d];
         if (system->macros) return out;
         for (int32_t t = 0; t < system->mesh->num_tets; t++)
-            for (int m = 0; m < 12; m++) out[3 * system->mesh->tets[4 * t + m / 3] + m % 3] += blocks[t / LANES][m][t % LANES];
+            for (int m = 0; m < 12; m++)
+                out[3 * system->mesh->tets[4 * t + m / 3] + m % 3] += blocks[t / LANES][m][t % LANES];
         return out;
     }
 

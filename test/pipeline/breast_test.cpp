@@ -23,7 +23,10 @@ namespace {
 using Point = std::array<double, 3>;
 
 Point operator-(const Point &a, const Point &b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
-Point cross(const Point &a, const Point &b) { return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]}; }
+Point cross(const Point &a, const Point &b)
+{
+    return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
+}
 double dot(const Point &a, const Point &b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
 const double wall = 0.033;                       // y of the chest wall in the scene [m]
@@ -113,7 +116,8 @@ struct Nodes {
         std::getline(file, line);
         double v[6];
         while (std::getline(file, line)) {
-            EXPECT_EQ(std::sscanf(line.c_str(), "%lf,%lf,%lf,%lf,%lf,%lf", v, v + 1, v + 2, v + 3, v + 4, v + 5), 6) << line;
+            EXPECT_EQ(std::sscanf(line.c_str(), "%lf,%lf,%lf,%lf,%lf,%lf", v, v + 1, v + 2, v + 3, v + 4, v + 5), 6)
+                << line;
             rest.insert(rest.end(), v, v + 3);
             now.insert(now.end(), v + 3, v + 6);
         }
@@ -141,14 +145,15 @@ protected:
         ASSERT_EQ(pliant_scene_read(scene_.c_str(), &scene), PLIANT_OK) << pliant_last_error();
         ASSERT_EQ(pliant_scene_set(&scene, "mesh/coarse_cells", cells_), PLIANT_OK);
         ASSERT_EQ(pliant_inputs_read(&scene, scan.c_str(), &scan_, &labels, &table_), PLIANT_OK) << pliant_last_error();
-        ASSERT_EQ(pliant_model_build(&scene, &scan_, nullptr, &table_, {nullptr, nullptr}, &model_), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_model_build(&scene, &scan_, nullptr, &table_, {nullptr, nullptr}, &model_), PLIANT_OK)
+            << pliant_last_error();
         path_ = scan;
     }
     // Run the deformation and return the final nodes. The other results are in the folder of this name.
     Nodes deform(const std::string &name, const Options &options, const std::string &more)
     {
-        std::string line = scene_ + " --set solver/threads=1 --set 'mesh/coarse_cells=" + cells_ + "' --scan " + path_ + " --out " +
-                           in(name) + " " + more;
+        std::string line = scene_ + " --set solver/threads=1 --set 'mesh/coarse_cells=" + cells_ + "' --scan " + path_ +
+                           " --out " + in(name) + " " + more;
         for (const auto &option : options) line += " --set '" + option.first + "=" + option.second + "'";
         EXPECT_EQ(run(line), 0) << err_;
         return nodes(name + "/nodes.csv");
@@ -164,13 +169,14 @@ protected:
     std::string turn(double speed) const
     {
         pliant_path path;
-        EXPECT_EQ(pliant_path_read(PLIANT_SOURCE_DIR "/launch/scenes/breast_turn.yaml", &path), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(pliant_path_read(PLIANT_SOURCE_DIR "/launch/scenes/breast_turn.yaml", &path), PLIANT_OK)
+            << pliant_last_error();
         std::ofstream file(in("turn.yaml"));
         file << "gravity:\n";
         for (uint32_t k = 0; k < path.num_gravity; k++) {
             const pliant_path_key &at = path.gravity[k];
-            file << "  - {time: " << at.time / speed << ", acceleration: [" << at.value[0] << ", " << at.value[1] << ", "
-                 << at.value[2] << "]}\n";
+            file << "  - {time: " << at.time / speed << ", acceleration: [" << at.value[0] << ", " << at.value[1]
+                 << ", " << at.value[2] << "]}\n";
         }
         pliant_path_free(&path);
         return in("turn.yaml");
@@ -240,7 +246,8 @@ void Breast::expect_volume(const Nodes &nodes, double gravity) const
     for (size_t n = 0; n < nodes.count(); n++) height = std::fmax(height, wall - nodes.rest[3 * n + 1]);
     for (int32_t t = 0; t < model_->body->fine.num_tets; t++) {
         const pliant_tet_material &material = model_->body->fine_material[t];
-        const double allowed = material.density * std::fabs(gravity) * height / (material.lambda + 2.0 / 3 * material.mu);
+        const double allowed =
+            material.density * std::fabs(gravity) * height / (material.lambda + 2.0 / 3 * material.mu);
         double f[9], gradients[12], volume;
         deformation(nodes, t, f, gradients, &volume);
         const double ratio = pliant_determinant(f);
@@ -248,7 +255,8 @@ void Breast::expect_volume(const Nodes &nodes, double gravity) const
         if (material.tissue < 1) continue;
         change += volume * (ratio - 1);
         most += volume * allowed;
-        if (wall - nodes.rest[3 * model_->body->fine.tets[4 * t] + 1] > 0.2 * height) EXPECT_LT(std::fabs(ratio - 1), allowed) << t;
+        if (wall - nodes.rest[3 * model_->body->fine.tets[4 * t] + 1] > 0.2 * height)
+            EXPECT_LT(std::fabs(ratio - 1), allowed) << t;
     }
     EXPECT_GT(gravity > 0 ? -change : change, 0.1 * most);
     EXPECT_LT(std::fabs(change), most);
@@ -274,7 +282,8 @@ TEST_F(Breast, TurnsFromProneToSupine)
 {
     write_dome(in("dome.nii.gz"));
     look_at(in("dome.nii.gz"));
-    const Nodes supine = deform("turned", {}, "--every 100 --pictures --tools " + turn(1)), prone = nodes("turned/nodes_000100.csv");
+    const Nodes supine = deform("turned", {}, "--every 100 --pictures --tools " + turn(1)),
+                prone = nodes("turned/nodes_000100.csv");
     expect_turned(prone, supine);
     EXPECT_NE(out_.find("inverted now 0"), std::string::npos) << out_;
     // the rendered volume agrees within a fraction of a voxel
@@ -292,11 +301,16 @@ TEST_F(Breast, TurnsFromProneToSupine)
     // The equilibrium of elastic tissue does not depend on the path: twice as fast, or with relaxation and without the
     // turn over the side.
     const Nodes faster = deform("faster", {}, "--no-volume --steps 225 --tools " + turn(2));
-    const Nodes relaxed = deform("relaxed", {{"model/gravity", "0 9.81 0"}, {"tled/quasi_static", "true"}, {"solver/tolerance", "1e-5"},
-                                 {"tled/relaxation_steps", "5000"}}, "--no-volume --steps 1");
+    const Nodes relaxed = deform("relaxed",
+                                 {{"model/gravity", "0 9.81 0"},
+                                  {"tled/quasi_static", "true"},
+                                  {"solver/tolerance", "1e-5"},
+                                  {"tled/relaxation_steps", "5000"}},
+                                 "--no-volume --steps 1");
     for (const Nodes *other : {&faster, &relaxed}) {
         double apart = 0;
-        for (size_t n = 0; n < supine.now.size(); n++) apart = std::fmax(apart, std::fabs(other->now[n] - supine.now[n]));
+        for (size_t n = 0; n < supine.now.size(); n++)
+            apart = std::fmax(apart, std::fabs(other->now[n] - supine.now[n]));
         EXPECT_LT(apart, 1e-3 * way_back(supine));
     }
 }
@@ -311,8 +325,12 @@ TEST_F(Breast, ForcesAreInBalance)
     double way[3];
     const double gravity[3] = {-9.81, -0.2, 0.2};
     for (int g = 0; g < 3; g++) {
-        const Nodes still = deform("still", {{"model/gravity", "0 " + std::to_string(gravity[g]) + " 0"}, {"tled/quasi_static", "true"},
-                                   {"tled/nodal_pressure", "false"}, {"solver/tolerance", "1e-5"}, {"tled/relaxation_steps", "5000"}},
+        const Nodes still = deform("still",
+                                   {{"model/gravity", "0 " + std::to_string(gravity[g]) + " 0"},
+                                    {"tled/quasi_static", "true"},
+                                    {"tled/nodal_pressure", "false"},
+                                    {"solver/tolerance", "1e-5"},
+                                    {"tled/relaxation_steps", "5000"}},
                                    "--no-volume --steps 1");
         auto allowed = [&](int32_t n) { return std::fmin(still.rest[3 * n + 1] - wall, 0); };
         double energy = 0, work = 0, inside = 0, outside = 0;
@@ -322,7 +340,9 @@ TEST_F(Breast, ForcesAreInBalance)
             deformation(still, t, f, gradients, &volume);
             energy += volume * pliant_law_response(PLIANT_LAW_NEO_HOOKEAN, material.lambda, material.mu, f, stress);
             for (int v = 0; v < 4; v++)
-                for (int d = 0; d < 3; d++) inside += volume * stress[3 + d] * allowed(model_->body->fine.tets[4 * t + v]) * gradients[3 * v + d];
+                for (int d = 0; d < 3; d++)
+                    inside +=
+                        volume * stress[3 + d] * allowed(model_->body->fine.tets[4 * t + v]) * gradients[3 * v + d];
         }
         for (int32_t n = 0; n < model_->body->fine.num_nodes; n++) {
             work += model_->body->node_mass[n] * gravity[g] * still.moved(n, 1);
@@ -340,8 +360,10 @@ TEST_F(Breast, ForcesAreInBalance)
 TEST_F(Breast, AHomogenizedOneHangsToTheFront)
 {
     write_dome(in("breast.nii"));
-    ASSERT_EQ(run(std::string(PLIANT_SOURCE_DIR "/launch/scenes/breast_prone.yaml") + " --quiet --no-volume --set 'mesh/coarse_cells=6 4 4' --scan " +
-                  in("breast.nii") + " --out " + in("prone")), 0)
+    ASSERT_EQ(run(std::string(PLIANT_SOURCE_DIR "/launch/scenes/breast_prone.yaml") +
+                  " --quiet --no-volume --set 'mesh/coarse_cells=6 4 4' --scan " + in("breast.nii") + " --out " +
+                  in("prone")),
+              0)
         << err_;
     EXPECT_EQ(err_.find("converge"), std::string::npos) << err_;
     EXPECT_EQ(err_.find("inside out"), std::string::npos) << err_;
@@ -349,7 +371,8 @@ TEST_F(Breast, AHomogenizedOneHangsToTheFront)
     double farthest = 0, farthest_at_the_wall = 0;
     for (size_t n = 0; n < prone.count(); n++) {
         if (prone.rest[3 * n + 1] < 0) farthest = std::min(farthest, prone.moved(n, 1));
-        if (prone.rest[3 * n + 1] >= wall) farthest_at_the_wall = std::max(farthest_at_the_wall, std::fabs(prone.moved(n, 1)));
+        if (prone.rest[3 * n + 1] >= wall)
+            farthest_at_the_wall = std::max(farthest_at_the_wall, std::fabs(prone.moved(n, 1)));
     }
     EXPECT_LT(farthest, -1e-3);
     EXPECT_GT(farthest, -0.03);
@@ -360,10 +383,14 @@ TEST_F(Breast, ThePublicMeshTurns)
 {
     const std::string mesh = PLIANT_TEST_DATA "/breast/DigiBreast_lzma.jdat";
     if (access(mesh.c_str(), R_OK) != 0) GTEST_SKIP() << mesh << " is not there";
-    if (std::system("/usr/bin/python3 -c 'import numpy' 2> /dev/null") != 0) GTEST_SKIP() << "python3-numpy is not there";
-    ASSERT_EQ(std::system((PLIANT_SOURCE_DIR "/launch/breast_scan.py " + mesh + " " + in("breast.nii.gz") + " 4").c_str()), 0);
+    if (std::system("/usr/bin/python3 -c 'import numpy' 2> /dev/null") != 0)
+        GTEST_SKIP() << "python3-numpy is not there";
+    ASSERT_EQ(
+        std::system((PLIANT_SOURCE_DIR "/launch/breast_scan.py " + mesh + " " + in("breast.nii.gz") + " 4").c_str()),
+        0);
     look_at(in("breast.nii.gz"));
-    const Nodes supine = deform("turned", {}, "--no-volume --every 50 --tools " + turn(2)), prone = nodes("turned/nodes_000050.csv");
+    const Nodes supine = deform("turned", {}, "--no-volume --every 50 --tools " + turn(2)),
+                prone = nodes("turned/nodes_000050.csv");
     expect_turned(prone, supine);
 }
 

@@ -47,7 +47,8 @@ public:
 
     explicit Phantom(bool exact, const std::vector<std::string> &options = {})
     {
-        EXPECT_EQ(pliant_scene_read(PLIANT_SOURCE_DIR "/launch/scenes/demo.yaml", &scene), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(pliant_scene_read(PLIANT_SOURCE_DIR "/launch/scenes/demo.yaml", &scene), PLIANT_OK)
+            << pliant_last_error();
         EXPECT_EQ(pliant_inputs_read(&scene, scan_name, &scan, &labels, &table), PLIANT_OK) << pliant_last_error();
         scene.element.kind = PLIANT_LINEAR; // the error bounds were determined for linear tetrahedra
         scene.solver.threads = 2;
@@ -55,8 +56,10 @@ public:
         scene.solver.iterations = exact ? 50 : 1000;
         scene.solver.tolerance = exact ? 1e-7 : 1e-6;
         scene.solver.budget_ms = exact ? 0 : 8;
-        for (size_t o = 0; o + 1 < options.size(); o += 2) EXPECT_EQ(pliant_scene_set(&scene, options[o].c_str(), options[o + 1].c_str()), PLIANT_OK);
-        EXPECT_EQ(pliant_model_build(&scene, &scan, &labels, &table, {nullptr, nullptr}, &model), PLIANT_OK) << pliant_last_error();
+        for (size_t o = 0; o + 1 < options.size(); o += 2)
+            EXPECT_EQ(pliant_scene_set(&scene, options[o].c_str(), options[o + 1].c_str()), PLIANT_OK);
+        EXPECT_EQ(pliant_model_build(&scene, &scan, &labels, &table, {nullptr, nullptr}, &model), PLIANT_OK)
+            << pliant_last_error();
         EXPECT_EQ(pliant_data_create(model, &data), PLIANT_OK) << pliant_last_error();
         clock.solver = data->solver;
         if (exact) return;
@@ -73,12 +76,16 @@ public:
         pliant_labels_free(&labels);
         pliant_volume_free(&scan);
     }
-    std::vector<double> positions() const { return std::vector<double>(data->positions, data->positions + 3 * data->body->fine.num_nodes); }
+    std::vector<double> positions() const
+    {
+        return std::vector<double>(data->positions, data->positions + 3 * data->body->fine.num_nodes);
+    }
     // Compute one step, or as many as are needed to converge.
     std::vector<double> solve(bool exact)
     {
         pliant_status status = PLIANT_NOT_CONVERGED;
-        for (int s = exact ? 40 : 1; s > 0 && status == PLIANT_NOT_CONVERGED; s--) EXPECT_GE(status = pliant_step(model, data), 0) << pliant_last_error();
+        for (int s = exact ? 40 : 1; s > 0 && status == PLIANT_NOT_CONVERGED; s--)
+            EXPECT_GE(status = pliant_step(model, data), 0) << pliant_last_error();
         return positions();
     }
 
@@ -93,7 +100,8 @@ private:
 double farthest(const std::vector<double> &a, const std::vector<double> &b)
 {
     double most = 0;
-    for (size_t n = 0; n < a.size(); n += 3) most = std::fmax(most, std::hypot(std::hypot(a[n] - b[n], a[n + 1] - b[n + 1]), a[n + 2] - b[n + 2]));
+    for (size_t n = 0; n < a.size(); n += 3)
+        most = std::fmax(most, std::hypot(std::hypot(a[n] - b[n], a[n + 1] - b[n + 1]), a[n + 2] - b[n + 2]));
     return most;
 }
 
@@ -120,7 +128,8 @@ struct Judged {
     int frozen = 0, worst_frame = 0;
 };
 
-Judged judge(const Phantom &body, const std::vector<std::vector<double>> &now, const std::vector<std::vector<double>> &right, std::vector<double> before)
+Judged judge(const Phantom &body, const std::vector<std::vector<double>> &now,
+             const std::vector<std::vector<double>> &right, std::vector<double> before)
 {
     Judged out;
     double whole = 0;
@@ -132,9 +141,10 @@ Judged judge(const Phantom &body, const std::vector<std::vector<double>> &now, c
         out.frozen += now[f] == before;
         before = now[f];
     }
-    std::printf("moved %.1f mm; worst frame %.2f %% (frame %d), at the end %.2f %%; %d frames brought nothing; %llu refused\n", 1e3 * whole, 100 * out.worst,
-                out.worst_frame, 100 * farthest(now.back(), right.back()) / whole, out.frozen,
-                (unsigned long long)body.data->statistics.rejected);
+    std::printf(
+        "moved %.1f mm; worst frame %.2f %% (frame %d), at the end %.2f %%; %d frames brought nothing; %llu refused\n",
+        1e3 * whole, 100 * out.worst, out.worst_frame, 100 * farthest(now.back(), right.back()) / whole, out.frozen,
+        (unsigned long long)body.data->statistics.rejected);
     return out;
 }
 
@@ -142,7 +152,8 @@ TEST(Budget, NoFrameIsLostToARefusal)
 {
     Phantom exact(true);
     const std::vector<std::vector<double>> right = pull_by_force(exact, true);
-    for (const std::vector<std::string> &options : {std::vector<std::string>{}, {"solver/preconditioner", "multigrid"}, {"solver/refresh_interval", "0"}}) {
+    for (const std::vector<std::string> &options :
+         {std::vector<std::string>{}, {"solver/preconditioner", "multigrid"}, {"solver/refresh_interval", "0"}}) {
         Phantom body(false, options);
         const std::vector<double> rest = body.positions();
         const Judged judged = judge(body, pull_by_force(body, false), right, rest);

@@ -11,7 +11,8 @@ namespace {
 double moved(const std::vector<std::string> &options, const char *slides, int axis, double *penetration = nullptr)
 {
     const double box[3] = {0.08, 0.02, 0.02};
-    Body layers(std::vector<int>{32, 8, 8}.data(), box, {{10e3, 0.3, 1000, false}, {10e3, 0.3, 1000, false}}, [](int, int, int k) { return k >= 4; });
+    Body layers(std::vector<int>{32, 8, 8}.data(), box, {{10e3, 0.3, 1000, false}, {10e3, 0.3, 1000, false}},
+                [](int, int, int k) { return k >= 4; });
     layers.cells(8, 2, 2, 1);
     layers.scene.cut.kind = PLIANT_CUT_SEVER;
     layers.scene.contact.friction = 0;
@@ -21,7 +22,9 @@ double moved(const std::vector<std::string> &options, const char *slides, int ax
     layers.scene.model.gravity[axis] = axis == 0 ? 3 : -3;
     for (const std::string &option : options) {
         const size_t at = option.find('=');
-        EXPECT_EQ(pliant_scene_set(&layers.scene, option.substr(0, at).c_str(), option.substr(at + 1).c_str()), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(pliant_scene_set(&layers.scene, option.substr(0, at).c_str(), option.substr(at + 1).c_str()),
+                  PLIANT_OK)
+            << pliant_last_error();
     }
     EXPECT_EQ(pliant_scene_set(&layers.scene, "material/slides", slides), PLIANT_OK);
     EXPECT_EQ(layers.build(), PLIANT_OK) << pliant_last_error();
@@ -31,7 +34,8 @@ double moved(const std::vector<std::string> &options, const char *slides, int ax
     const pliant_mesh &fine = layers.model->body->fine;
     double sum = 0, count = 0;
     for (int32_t n = 0; n < fine.num_nodes; n++)
-        if (fine.rest[3 * n] > box[0] - 1e-9 && fine.rest[3 * n + 2] > box[2] - 1e-9) sum += layers.data->positions[3 * n + axis] - fine.rest[3 * n + axis], count++;
+        if (fine.rest[3 * n] > box[0] - 1e-9 && fine.rest[3 * n + 2] > box[2] - 1e-9)
+            sum += layers.data->positions[3 * n + axis] - fine.rest[3 * n + axis], count++;
     if (penetration) *penetration = layers.data->statistics.penetration;
     return sum / count;
 }
@@ -54,8 +58,10 @@ TEST(ContactMethods, LayersSlideByAllThatCanBeCut)
     const double alone = 1000 * 3 * 0.08 * 0.08 / (2 * 10e3), whole = moved({}, "", 2);
     for (const auto &row : rows) {
         double deep[2] = {0, 0};
-        const double along = moved(row.options, "m1", 0, deep), glued = moved(row.options, "", 0), down = moved(row.options, "m1", 2, deep + 1);
-        std::printf("%-16s along %.3f mm, glued %.3f, alone %.3f; down %.4f mm, of a block %.4f\n", row.name, 1e3 * along, 1e3 * glued, 1e3 * alone, 1e3 * down, 1e3 * whole);
+        const double along = moved(row.options, "m1", 0, deep), glued = moved(row.options, "", 0),
+                     down = moved(row.options, "m1", 2, deep + 1);
+        std::printf("%-16s along %.3f mm, glued %.3f, alone %.3f; down %.4f mm, of a block %.4f\n", row.name,
+                    1e3 * along, 1e3 * glued, 1e3 * alone, 1e3 * down, 1e3 * whole);
         EXPECT_GT(along, 0.93 * alone) << row.name;
         EXPECT_LT(along, alone) << row.name;
         EXPECT_LT(glued, 0.65 * along) << row.name; // 0.2, and 0.59 with schur, which is too soft
@@ -66,14 +72,16 @@ TEST(ContactMethods, LayersSlideByAllThatCanBeCut)
 
 TEST(ContactMethods, LodIsRefusedByWord)
 {
-    Body body(std::vector<int>{8, 8, 8}.data(), std::vector<double>{0.02, 0.02, 0.02}.data(), {{10e3, 0.3, 1000, false}, {10e3, 0.3, 1000, false}}, [](int, int, int k) { return k >= 4; });
+    Body body(std::vector<int>{8, 8, 8}.data(), std::vector<double>{0.02, 0.02, 0.02}.data(),
+              {{10e3, 0.3, 1000, false}, {10e3, 0.3, 1000, false}}, [](int, int, int k) { return k >= 4; });
     body.cells(2, 2, 2, 2);
     body.fix_plane(0, 0, 1e-4, 0, 0, 1);
     body.scene.model.method = PLIANT_LOD;
     body.scene.cut.kind = PLIANT_CUT_SEVER;
     ASSERT_EQ(pliant_scene_set(&body.scene, "material/slides", "m1"), PLIANT_OK);
     EXPECT_NE(body.build(), PLIANT_OK);
-    EXPECT_NE(std::string(pliant_last_error()).find("lod interpolates within whole cubes"), std::string::npos) << pliant_last_error();
+    EXPECT_NE(std::string(pliant_last_error()).find("lod interpolates within whole cubes"), std::string::npos)
+        << pliant_last_error();
 }
 
 // A ball is pressed into a block and dragged along it. Each frame has a few evaluations. The reference frame starts
@@ -99,7 +107,8 @@ TEST(ContactMethods, TheErrorThatIsToldWhileAToolPresses)
                 const int tool = block.add_ball(0.008);
                 double least = 1e9, most = 0;
                 for (int s = 0; s < 26; s++) {
-                    const double tip[3] = {0.0303 + 0.0015 * std::max(0, s - 8), 0.0297, 0.0385 - 0.001 * std::min(s, 8)};
+                    const double tip[3] = {0.0303 + 0.0015 * std::max(0, s - 8), 0.0297,
+                                           0.0385 - 0.001 * std::min(s, 8)};
                     pliant_data *right = nullptr;
                     ASSERT_EQ(pliant_data_copy(block.model, block.data, &right), PLIANT_OK);
                     ASSERT_EQ(pliant_data_set_limits(right, 300, 1e-11), PLIANT_OK);
@@ -120,7 +129,8 @@ TEST(ContactMethods, TheErrorThatIsToldWhileAToolPresses)
                     below += ratio < 1.0 / 3;
                     least = std::fmin(least, ratio), most = std::fmax(most, ratio);
                 }
-                std::printf("elements %d, friction %g, %d evaluations: told %.3g to %.3g of the error\n", kind, friction, iterations, least, most);
+                std::printf("elements %d, friction %g, %d evaluations: told %.3g to %.3g of the error\n", kind,
+                            friction, iterations, least, most);
             }
     EXPECT_GT(frames, 150);
     EXPECT_GE(within, 0.95 * frames);

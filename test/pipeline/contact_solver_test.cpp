@@ -18,7 +18,8 @@ Obstacle plate(double x, double y, double z, double nx, double ny, double nz, do
 // Newton steps and sweeps. The motions are combinations of `inner` waves: A = shares shares'.
 struct Cones {
     Cones(int points, int waves)
-        : count(points), rows(3 * points), inner(waves), shares(rows * inner), matrix(rows * rows), friction(points, 0.3), start(rows), force(rows)
+        : count(points), rows(3 * points), inner(waves), shares(rows * inner), matrix(rows * rows),
+          friction(points, 0.3), start(rows), force(rows)
     {
     }
     // Return the number of steps and sweeps.
@@ -43,7 +44,8 @@ struct Cones {
             EXPECT_NEAR(motion[i], v, 1e-9);
         }
         for (int p = 0; p < count; p++) {
-            const double *f = &force[3 * p], *v = &motion[3 * p], slide = std::hypot(f[1], f[2]), speed = std::hypot(v[1], v[2]);
+            const double *f = &force[3 * p], *v = &motion[3 * p], slide = std::hypot(f[1], f[2]),
+                         speed = std::hypot(v[1], v[2]);
             if (friction[p] < 0) {
                 for (int k = 0; k < 3; k++) EXPECT_NEAR(v[k], 0, 1e-5);
                 continue;
@@ -52,8 +54,9 @@ struct Cones {
             EXPECT_GE(v[0], -1e-5);
             EXPECT_LE(slide, friction[p] * f[0] * (1 + 1e-9));
             if (f[0] > 1e-6 * largest) { EXPECT_NEAR(v[0], 0, 1e-5); }
-            if (slide < 0.999 * friction[p] * f[0]) { EXPECT_NEAR(speed, 0, 1e-5); }
-            else if (f[0] > 1e-6 * largest && speed > 1e-4) EXPECT_LT(f[1] * v[1] + f[2] * v[2], -0.999 * slide * speed);
+            if (slide < 0.999 * friction[p] * f[0]) { EXPECT_NEAR(speed, 0, 1e-5);
+            } else if (f[0] > 1e-6 * largest && speed > 1e-4)
+                EXPECT_LT(f[1] * v[1] + f[2] * v[2], -0.999 * slide * speed);
         }
     }
     int count, rows, inner;
@@ -104,13 +107,17 @@ TEST(Cones, PointsOfTheSameTriangles)
         }
         Cones cones(int(points.size()), 80);
         for (int k = 0; k < cones.inner; k++) {
-            const double wave[2] = {2.5 * any(random), 2.5 * any(random)}, phase = 3 * any(random), fine = std::exp(-0.4 * (wave[0] * wave[0] + wave[1] * wave[1]));
+            const double wave[2] = {2.5 * any(random), 2.5 * any(random)}, phase = 3 * any(random),
+                         fine = std::exp(-0.4 * (wave[0] * wave[0] + wave[1] * wave[1]));
             const double along[3] = {any(random), any(random), any(random)};
             for (int r = 0; r < cones.rows; r++)
                 for (const auto &node : points[r / 3])
-                    cones.shares[r * cones.inner + k] += node.second * along[r % 3] * fine * std::cos(wave[0] * at[node.first][0] + wave[1] * at[node.first][1] + phase);
+                    cones.shares[r * cones.inner + k] +=
+                        node.second * along[r % 3] * fine *
+                        std::cos(wave[0] * at[node.first][0] + wave[1] * at[node.first][1] + phase);
         }
-        const double middle[2] = {1.5 + any(random), 1.5 + any(random)}, goes[2] = {0.5 * any(random), 0.5 * any(random)};
+        const double middle[2] = {1.5 + any(random), 1.5 + any(random)},
+                     goes[2] = {0.5 * any(random), 0.5 * any(random)};
         for (int p = 0; p < cones.count; p++) {
             double x[3] = {0, 0, 0};
             for (const auto &node : points[p])
@@ -132,11 +139,18 @@ TEST(ContactSolver, SphereOnAHalfSpaceAsHertz)
     const double radius = 1;
     HalfSpace block(16);
     Toucher toucher(block.data->body);
-    toucher.obstacles.push_back({Obstacle::SPHERE, {block.edge / 2, block.edge / 2, block.height + radius}, {0, 0, 0}, radius, 0, {0, 0, 0}, 0});
+    toucher.obstacles.push_back({Obstacle::SPHERE,
+                                 {block.edge / 2, block.edge / 2, block.height + radius},
+                                 {0, 0, 0},
+                                 radius,
+                                 0,
+                                 {0, 0, 0},
+                                 0});
     toucher.reach = 0.001;
     double before = 0;
     for (double a : {0.015, 0.018, 0.021, 0.024}) { // 3 to 4.8 elements
-        const double depth = a * a / radius, hertz = 4.0 / 3 * young / (1 - block.nu * block.nu) * std::sqrt(radius) * std::pow(depth, 1.5);
+        const double depth = a * a / radius,
+                     hertz = 4.0 / 3 * young / (1 - block.nu * block.nu) * std::sqrt(radius) * std::pow(depth, 1.5);
         block.move_far(1.5, hertz, a);
         toucher.obstacles[0].move(0, 0, before - depth);
         before = depth;
@@ -159,7 +173,8 @@ TEST(ContactSolver, FlatPunchOnAHalfSpaceAsSneddon)
     for (int n : {8, 12, 16, 20, 24}) {
         HalfSpace block(n);
         Toucher toucher(block.data->body);
-        toucher.obstacles.push_back({Obstacle::PUNCH, {block.edge / 2, block.edge / 2, block.height}, {0, 0, 0}, radius, 0, {0, 0, 0}, 0});
+        toucher.obstacles.push_back(
+            {Obstacle::PUNCH, {block.edge / 2, block.edge / 2, block.height}, {0, 0, 0}, radius, 0, {0, 0, 0}, 0});
         toucher.reach = 0.001;
         const double slope = 2 * young / (1 - block.nu * block.nu) * depth;
         block.move_far(0.5, slope * radius, radius);
@@ -195,7 +210,8 @@ TEST(ContactSolver, SpherePressedAndMovedAsideAsCalculiX)
         block.fix_below();
         ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
         Toucher toucher(block.data->body);
-        toucher.obstacles.push_back({Obstacle::SPHERE, {block.edge / 2, block.edge / 2, block.height + 1}, {0, 0, 0}, 1, 0.3, {0, 0, 0}, 0});
+        toucher.obstacles.push_back(
+            {Obstacle::SPHERE, {block.edge / 2, block.edge / 2, block.height + 1}, {0, 0, 0}, 1, 0.3, {0, 0, 0}, 0});
         toucher.reach = 0.001;
         for (int k = 0; k < 4; k++) {
             double force[3];
@@ -237,8 +253,10 @@ TEST(ContactSolver, PlateOnABarPressesEvenly)
             block.reaction(held);
             // other methods are stiffer at the fixed end
             const bool exact = method == PLIANT_FINE || method == PLIANT_COARSE;
-            EXPECT_NEAR(-force[2], expected, (exact ? 1e-5 : 0.15) * expected) << "method " << method << ", preconditioner " << choice;
-            for (int d = 0; d < 3 && exact; d++) EXPECT_NEAR(held[d], -force[d], 1e-5 * expected) << "method " << method;
+            EXPECT_NEAR(-force[2], expected, (exact ? 1e-5 : 0.15) * expected)
+                << "method " << method << ", preconditioner " << choice;
+            for (int d = 0; d < 3 && exact; d++)
+                EXPECT_NEAR(held[d], -force[d], 1e-5 * expected) << "method " << method;
             EXPECT_LT(block.data->statistics.penetration, 1e-7);
             // after the release it returns to rest
             toucher.obstacles[0].move(0, 0, 2 * depth);
@@ -284,7 +302,8 @@ TEST(ContactSolver, SticksAndSlidesAtMu)
 TEST(ContactSolver, JawsLiftByFrictionAndSlip)
 {
     const double friction = 0.4;
-    Block block(4, 8, 0.02, {{young, 0.3, 1000, false}, {young / 10, 0.3, 1000, false}}, [](int, int, int k) { return k < 2 ? 1 : 0; });
+    Block block(4, 8, 0.02, {{young, 0.3, 1000, false}, {young / 10, 0.3, 1000, false}},
+                [](int, int, int k) { return k < 2 ? 1 : 0; });
     block.fix_below();
     ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
     Toucher toucher(block.data->body);
@@ -351,7 +370,8 @@ TEST(ContactSolver, WrenchOfAToolIsTheReaction)
     std::vector<pliant_contact> told(static_cast<size_t>(pliant_data_get_contacts(data, 0, nullptr)));
     ASSERT_GT(told.size(), 0u);
     EXPECT_EQ(told.size(), static_cast<size_t>(data->statistics.contacts));
-    EXPECT_EQ(pliant_data_get_contacts(data, static_cast<int32_t>(told.size()), told.data()), static_cast<int32_t>(told.size()));
+    EXPECT_EQ(pliant_data_get_contacts(data, static_cast<int32_t>(told.size()), told.data()),
+              static_cast<int32_t>(told.size()));
     for (const pliant_contact &c : told) {
         EXPECT_EQ(c.tool, tool);
         EXPECT_LT(std::fabs(c.depth), 2e-5);
@@ -383,18 +403,23 @@ void reaction_of(const Block &block, double out[3])
     pliant_tled *tled = block.data->tled;
     out[0] = out[1] = out[2] = 0;
     if (!tled) {
-        const pliant_system *system = block.scene.model.patch > 0 ? block.data->discretization->fine_system : block.data->solver->system;
-        std::vector<double> forces(12 * LANES * static_cast<size_t>(system->num_blocks)), nodes(3 * static_cast<size_t>(system->num_free));
+        const pliant_system *system =
+            block.scene.model.patch > 0 ? block.data->discretization->fine_system : block.data->solver->system;
+        std::vector<double> forces(12 * LANES * static_cast<size_t>(system->num_blocks)),
+            nodes(3 * static_cast<size_t>(system->num_free));
         const auto blocks = reinterpret_cast<double (*)[12][LANES]>(forces.data());
-        pliant_system_element_forces(system, block.scene.model.patch > 0 ? block.data->positions : block.data->solver->now.x, blocks);
+        pliant_system_element_forces(
+            system, block.scene.model.patch > 0 ? block.data->positions : block.data->solver->now.x, blocks);
         pliant_system_gather(system, blocks, nodes.data());
         for (size_t n = 0; n < nodes.size(); n++) out[n % 3] -= nodes[n];
         return;
     }
     pliant_tled_element_forces(tled, tled->time_step);
     for (int32_t n = 0; n < block.data->body->fine.num_nodes; n++)
-        for (int32_t c = tled->system->corner_start[n]; tled->inverse_mass[n] == 0 && c < tled->system->corner_start[n + 1]; c++)
-            for (int d = 0; d < 3; d++) out[d] += static_cast<double>(tled->forces[tled->system->corner[c] + d * LANES]);
+        for (int32_t c = tled->system->corner_start[n];
+             tled->inverse_mass[n] == 0 && c < tled->system->corner_start[n + 1]; c++)
+            for (int d = 0; d < 3; d++)
+                out[d] += static_cast<double>(tled->forces[tled->system->corner[c] + d * LANES]);
 }
 
 // Same for other elements, methods and solvers: at rest the force on a tool equals the reaction. A patch is in
@@ -433,7 +458,8 @@ TEST(ContactSolver, AToolsForceIsTheReactionByEveryMethod)
         ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
         const int tool = block.add_ball(0.01);
         for (int s = 0; s < 17 + row.more; s++) {
-            const double tip[3] = {0.055 + 0.0002 * std::min(s, 11), 0.065, block.height + 0.011 - 0.0005 * std::min(s, 11)};
+            const double tip[3] = {0.055 + 0.0002 * std::min(s, 11), 0.065,
+                                   block.height + 0.011 - 0.0005 * std::min(s, 11)};
             ASSERT_EQ(pliant_tool_set_pose(block.data, tool, tip, nullptr), PLIANT_OK);
             ASSERT_GE(pliant_step(block.model, block.data), 0) << pliant_last_error();
         }
@@ -442,7 +468,8 @@ TEST(ContactSolver, AToolsForceIsTheReactionByEveryMethod)
         ASSERT_EQ(pliant_tool_get(block.data, tool, &state), PLIANT_OK);
         reaction_of(block, held);
         for (int d = 0; d < 3; d++) apart = std::fmax(apart, std::fabs(state.contact_force[d] + held[d]));
-        std::printf("%-22s %.4f N down, %.1e of it apart from what holds the block\n", row.name, -state.contact_force[2], apart / -state.contact_force[2]);
+        std::printf("%-22s %.4f N down, %.1e of it apart from what holds the block\n", row.name,
+                    -state.contact_force[2], apart / -state.contact_force[2]);
         EXPECT_LT(state.contact_force[2], -0.01);
         EXPECT_LT(apart, row.bound * -state.contact_force[2]);
         EXPECT_EQ(block.data->statistics.patched, block.scene.model.patch > 0);
@@ -500,14 +527,16 @@ TEST(ContactSolver, SameBits)
         block.fix_below();
         ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
         Toucher toucher(block.data->body);
-        toucher.obstacles.push_back({Obstacle::SPHERE, {0.06, 0.06, block.height + 0.06}, {0, 0, 0}, 0.06, 0.2, {0, 0, 0}, 0});
+        toucher.obstacles.push_back(
+            {Obstacle::SPHERE, {0.06, 0.06, block.height + 0.06}, {0, 0, 0}, 0.06, 0.2, {0, 0, 0}, 0});
         for (int s = 0; s < 20; s++) {
             toucher.obstacles[0].move(s < 10 ? 0 : 0.001, 0, s < 10 ? -0.001 : 0);
             ASSERT_GE(toucher.step(block.model, block.data), PLIANT_OK);
         }
         results[run].assign(block.data->positions, block.data->positions + 3 * block.model->body->fine.num_nodes);
         for (int32_t p = 0; p < block.data->contacts.count; p++)
-            results[run].insert(results[run].end(), block.data->contacts.point[p].force, block.data->contacts.point[p].force + 3);
+            results[run].insert(results[run].end(), block.data->contacts.point[p].force,
+                                block.data->contacts.point[p].force + 3);
         EXPECT_GT(block.data->statistics.contacts, 3);
     }
     EXPECT_EQ(results[0], results[1]);
@@ -532,7 +561,8 @@ TEST(ContactSolver, FailingAllocationsChangeNothing)
             pliant_memory_fail_after(-1);
             if (status != PLIANT_ERROR_MEMORY) break;
             failed++;
-            for (int32_t i = 0; i < 3 * block.model->body->fine.num_nodes; i++) ASSERT_EQ(block.data->positions[i], block.model->body->fine.rest[i]);
+            for (int32_t i = 0; i < 3 * block.model->body->fine.num_nodes; i++)
+                ASSERT_EQ(block.data->positions[i], block.model->body->fine.rest[i]);
         }
         if (run == 0) { ASSERT_EQ(Toucher::solve(block.model, block.data), PLIANT_OK); }
         else EXPECT_GT(failed, 8);
@@ -546,7 +576,10 @@ TEST(ContactSolver, FailingAllocationsChangeNothing)
 struct Pad : Body {
     double at[3];
     int tool = -1;
-    Pad(double x, double z) : Body(std::vector<int>{12, 8, 5}.data(), std::vector<double>{0.12, 0.08, 0.05}.data(), {{10e3, 0.4, 1000, false}}), at{x, 0.0393, z}
+    Pad(double x, double z)
+        : Body(std::vector<int>{12, 8, 5}.data(), std::vector<double>{0.12, 0.08, 0.05}.data(),
+               {{10e3, 0.4, 1000, false}}),
+          at{x, 0.0393, z}
     {
         fix_plane(0, 0, 1e-6, 0, 0, 1);
         cells(12, 8, 5, 1);

@@ -21,7 +21,8 @@ TEST(ContactStage, ElementsAreTouchedWhereTheirTissueEnds)
     for (const pliant_element_kind kind : {PLIANT_HEXAHEDRA, PLIANT_LINEAR}) {
         double force[2][2]; // coarse, fine; before, pressed
         for (int fine = 0; fine < 2; fine++) {
-            Body block(size, box, {{4000, 0.3, 1000, false}, {1, 0.3, 1, true}}, [](int, int, int k) { return k < 14 ? 0 : 1; });
+            Body block(size, box, {{4000, 0.3, 1000, false}, {1, 0.3, 1, true}},
+                       [](int, int, int k) { return k < 14 ? 0 : 1; });
             block.scene.element.kind = kind;
             block.cells(fine ? 8 : 4, fine ? 8 : 4, fine ? 8 : 4, 1);
             block.fix_plane(0, 0, 1e-6, 0, 0, 1);
@@ -46,7 +47,9 @@ TEST(ContactStage, ElementsAreTouchedWhereTheirTissueEnds)
                 force[fine][pressed] = -felt[2];
             }
         }
-        std::printf("plate 7 mm into tissue that ends within cubes: %.3f N, cubes that end with it: %.3f N; 1 mm above: %.3g N\n", force[0][1], force[1][1], force[0][0]);
+        std::printf(
+            "plate 7 mm into tissue that ends within cubes: %.3f N, cubes that end with it: %.3f N; 1 mm above: %.3g N\n",
+            force[0][1], force[1][1], force[0][0]);
         EXPECT_LT(std::fabs(force[0][0]), 1e-6);
         EXPECT_NEAR(force[0][1], force[1][1], 0.1 * force[1][1]);
     }
@@ -128,7 +131,8 @@ TEST(ContactStage, WhatIsNotFiniteIsRefusedAndChangesNothing)
     pliant_tool_shape shape = ball(0.004);
     shape.part[0].from[2] = NAN;
     EXPECT_EQ(pliant_tool_set_shape(sheet.data, tool, &shape), PLIANT_ERROR_ARGUMENT);
-    EXPECT_NE(std::string(pliant_last_error()).find("tool ball: part 1 of its shape"), std::string::npos) << pliant_last_error();
+    EXPECT_NE(std::string(pliant_last_error()).find("tool ball: part 1 of its shape"), std::string::npos)
+        << pliant_last_error();
     shape = ball(0.004);
     shape.part[0].frame = PLIANT_FRAME_JAW_PLUS;
     EXPECT_EQ(pliant_tool_set_shape(sheet.data, tool, &shape), PLIANT_ERROR_ARGUMENT) << "no axis";
@@ -146,8 +150,14 @@ TEST(ContactStage, EightToolsTouchAlikeForEveryNumberOfThreads)
     std::vector<pliant_contact_point> first;
     for (int threads : {1, 2, 3}) {
         Sheet sheet(threads);
-        const char *const names[] = {"large_needle_driver", "prograsp_forceps", "monopolar_curved_scissors", "maryland_bipolar_forceps",
-                                     "fenestrated_bipolar_forceps", "permanent_cautery_hook", "probe", "camera"};
+        const char *const names[] = {"large_needle_driver",
+                                     "prograsp_forceps",
+                                     "monopolar_curved_scissors",
+                                     "maryland_bipolar_forceps",
+                                     "fenestrated_bipolar_forceps",
+                                     "permanent_cautery_hook",
+                                     "probe",
+                                     "camera"};
         const double down[4] = {1, 0, 0, 0}; // z axis down
         for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
             pliant_tool_shape shape;
@@ -207,10 +217,13 @@ TEST(ContactStage, TissueRestsOnObstacles)
         ASSERT_GT(sag, 0.002);
         if (plane) sheet.scene.obstacles.planes[sheet.scene.obstacles.num_planes++] = {{0, 0, -0.001}, {0, 0, 2}};
         else if (kind == 2) {
-            std::ofstream(file) << "parts: [{kind: convex, from: [0.02, -0.01, -0.02], points: [[0, 0, 0], [0.02, 0, 0], [0, 0.08, 0], [0.02, 0.08, 0], [0, 0, 0.019], "
-                                   "[0.02, 0, 0.019], [0, 0.08, 0.019], [0.02, 0.08, 0.019]]}]\n";
+            std::ofstream(file)
+                << "parts: [{kind: convex, from: [0.02, -0.01, -0.02], points: [[0, 0, 0], [0.02, 0, 0], [0, 0.08, 0], [0.02, 0.08, 0], [0, 0, 0.019], "
+                   "[0.02, 0, 0.019], [0, 0.08, 0.019], [0.02, 0.08, 0.019]]}]\n";
             std::snprintf(sheet.scene.contact.obstacles, sizeof sheet.scene.contact.obstacles, "%s", file.c_str());
-        } else sheet.scene.obstacles.boxes[sheet.scene.obstacles.num_boxes++] = {{0.02, -0.01, -0.02}, {0.04, 0.07, -0.001}};
+        } else
+            sheet.scene.obstacles.boxes[sheet.scene.obstacles.num_boxes++] = {{0.02, -0.01, -0.02},
+                                                                              {0.04, 0.07, -0.001}};
         ASSERT_EQ(sheet.build(), PLIANT_OK);
         for (int step = 0; step < 12; step++) ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
         EXPECT_GT(sheet.data->contacts.count, 0);
@@ -234,7 +247,8 @@ TEST(ContactStage, TissueRestsOnObstacles)
     Sheet sheet;
     std::snprintf(sheet.scene.contact.obstacles, sizeof sheet.scene.contact.obstacles, "%s", file.c_str());
     EXPECT_EQ(sheet.build(), PLIANT_ERROR_FORMAT);
-    EXPECT_NE(std::string(pliant_last_error()).find("none.stl: cannot be opened"), std::string::npos) << pliant_last_error();
+    EXPECT_NE(std::string(pliant_last_error()).find("none.stl: cannot be opened"), std::string::npos)
+        << pliant_last_error();
     std::remove(file.c_str());
 }
 
@@ -294,14 +308,18 @@ TEST(ContactStage, ForcesOfNodesAreAScalar)
     double total[3], torque[3], sum = 0, largest = 0;
     pliant_contact_wrench(sheet.data, tool, total, torque);
     for (size_t n = 0; n < nodes; n++) {
-        EXPECT_FLOAT_EQ(scalar[n], static_cast<float>(std::sqrt(force[3 * n] * force[3 * n] + force[3 * n + 1] * force[3 * n + 1] + force[3 * n + 2] * force[3 * n + 2])));
+        EXPECT_FLOAT_EQ(scalar[n],
+                        static_cast<float>(std::sqrt(force[3 * n] * force[3 * n] + force[3 * n + 1] * force[3 * n + 1] +
+                                                     force[3 * n + 2] * force[3 * n + 2])));
         sum += force[3 * n + 2];
         largest = std::fmax(largest, scalar[n]);
     }
     EXPECT_NEAR(sum, total[2], 1e-9);
     EXPECT_LT(total[2], -0.001);
     EXPECT_GT(largest, 0.1 * -total[2]);
-    EXPECT_EQ(pliant_data_scalar(sheet.model, sheet.data->body, sheet.data->positions, PLIANT_SCALAR_CONTACT_FORCE, scalar.data()), PLIANT_ERROR_ARGUMENT);
+    EXPECT_EQ(pliant_data_scalar(sheet.model, sheet.data->body, sheet.data->positions, PLIANT_SCALAR_CONTACT_FORCE,
+                                 scalar.data()),
+              PLIANT_ERROR_ARGUMENT);
 }
 
 // A failed allocation leaves positions and contact points unchanged, and the next step continues normally.
@@ -312,7 +330,8 @@ TEST(ContactStage, FailingAllocationsChangeNothing)
     for (Sheet *one : both) one->add("rod", rod(0.0042), 0.03, 0.03, 0.009);
     int failures = 0;
     for (int64_t calls = 0;; calls++) {
-        const std::vector<double> before(sheet.data->positions, sheet.data->positions + 3 * sheet.model->body->fine.num_nodes);
+        const std::vector<double> before(sheet.data->positions,
+                                         sheet.data->positions + 3 * sheet.model->body->fine.num_nodes);
         const int32_t count = sheet.data->contacts.count;
         pliant_memory_fail_after(calls);
         const pliant_status status = pliant_legs_find(sheet.model, sheet.data);
@@ -329,7 +348,9 @@ TEST(ContactStage, FailingAllocationsChangeNothing)
             one->move(0, 0.03, 0.03, 0.008 - 0.002 * step);
             ASSERT_GE(pliant_step(one->model, one->data), 0);
         }
-    EXPECT_EQ(std::memcmp(sheet.data->positions, again.data->positions, 3 * static_cast<size_t>(sheet.model->body->fine.num_nodes) * sizeof(double)), 0);
+    EXPECT_EQ(std::memcmp(sheet.data->positions, again.data->positions,
+                          3 * static_cast<size_t>(sheet.model->body->fine.num_nodes) * sizeof(double)),
+              0);
 }
 
 // A copy continues bitwise identically, including contact sides and tissue motion; a reset restarts.
@@ -360,7 +381,8 @@ TEST(ContactStage, ACopyGoesOnAndAResetBeginsAnew)
     ASSERT_EQ(copy->contacts.count, sheet.data->contacts.count);
     for (int32_t n = 0; n < copy->contacts.count; n++) {
         EXPECT_EQ(copy->contacts.point[n].feature, sheet.data->contacts.point[n].feature);
-        EXPECT_EQ(std::memcmp(copy->contacts.point[n].place, sheet.data->contacts.point[n].place, 3 * sizeof(double)), 0);
+        EXPECT_EQ(std::memcmp(copy->contacts.point[n].place, sheet.data->contacts.point[n].place, 3 * sizeof(double)),
+                  0);
     }
     pliant_data_free(copy);
     ASSERT_EQ(pliant_data_reset(sheet.model, sheet.data), PLIANT_OK);
@@ -385,7 +407,8 @@ TEST(ContactStage, StiffnessOfAToolThatPresses)
         pliant_tool_linear linear{};
         const auto change = [&](int axis, double step, double out[6]) {
             for (int sign = -1; sign < 2; sign += 2) {
-                const double turn = axis > 2 ? sign * step : 0, rotation[4] = {std::sin(0.5 * turn), 0, 0, std::cos(0.5 * turn)};
+                const double turn = axis > 2 ? sign * step : 0,
+                             rotation[4] = {std::sin(0.5 * turn), 0, 0, std::cos(0.5 * turn)};
                 double to[3] = {0.03, 0.03, linear.tip[2]};
                 if (axis < 3) to[axis] += sign * step;
                 pliant_tool_linear there{};
@@ -394,7 +417,8 @@ TEST(ContactStage, StiffnessOfAToolThatPresses)
                     ASSERT_GE(pliant_step(sheet.model, sheet.data), 0) << pliant_last_error();
                 }
                 ASSERT_EQ(pliant_tool_linearize(sheet.data, tool, &there), PLIANT_OK);
-                for (int a = 0; a < 6; a++) out[a] = (there.wrench[a] - (sign > 0 ? out[a] : 0)) / (sign > 0 ? 2 * step : 1);
+                for (int a = 0; a < 6; a++)
+                    out[a] = (there.wrench[a] - (sign > 0 ? out[a] : 0)) / (sign > 0 ? 2 * step : 1);
             }
         };
         for (int s = 0; s < 40; s++) {

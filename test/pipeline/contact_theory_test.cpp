@@ -21,7 +21,10 @@ int add_tool(Body &body, const char *name, const pliant_part &part)
     return tool;
 }
 
-pliant_part box(double x0, double y0, double z0, double x1, double y1, double z1) { return {PLIANT_PART_BOX, PLIANT_FRAME_TIP, {x0, y0, z0}, {x1, y1, z1}, 0, false, nullptr}; }
+pliant_part box(double x0, double y0, double z0, double x1, double y1, double z1)
+{
+    return {PLIANT_PART_BOX, PLIANT_FRAME_TIP, {x0, y0, z0}, {x1, y1, z1}, 0, false, nullptr};
+}
 
 struct Force {
     double by[3];           // total force
@@ -40,7 +43,8 @@ Force felt(const Body &body, int tool)
         double n = 0;
         for (int d = 0; d < 3; d++) n += point.normal[d] * point.force[d];
         out.presses += n;
-        out.slides += std::sqrt(std::fmax(0, point.force[0] * point.force[0] + point.force[1] * point.force[1] + point.force[2] * point.force[2] - n * n));
+        out.slides += std::sqrt(std::fmax(0, point.force[0] * point.force[0] + point.force[1] * point.force[1] +
+                                                 point.force[2] * point.force[2] - n * n));
     }
     return out;
 }
@@ -78,7 +82,8 @@ TEST(ContactTheory, ABallOnAHalfSpaceAsHertz)
             HalfSpace block(fine ? 24 : 12, kind);
             const int tool = block.add_ball(radius);
             for (double a : {0.015, 0.018, 0.021, 0.024}) {
-                const double depth = a * a / radius, hertz = 4.0 / 3 * young / (1 - block.nu * block.nu) * std::sqrt(radius) * std::pow(depth, 1.5);
+                const double depth = a * a / radius, hertz = 4.0 / 3 * young / (1 - block.nu * block.nu) *
+                                                             std::sqrt(radius) * std::pow(depth, 1.5);
                 const double size = block.edge / (fine ? 24 : 12);
                 block.move_far(1.5, hertz, a);
                 place(block, tool, block.edge / 2, block.edge / 2, block.height + radius - depth);
@@ -89,7 +94,8 @@ TEST(ContactTheory, ABallOnAHalfSpaceAsHertz)
                 mean[fine] += 0.25 * (-force.by[2] / hertz - 1);
             }
         }
-        std::printf("elements %d: force of a ball over that of Hertz - 1, 12 and 24 elements along: %.4f, %.4f\n", kind, mean[0], mean[1]);
+        std::printf("elements %d: force of a ball over that of Hertz - 1, 12 and 24 elements along: %.4f, %.4f\n", kind,
+                    mean[0], mean[1]);
         EXPECT_LT(std::fabs(mean[1]), 0.55 * std::fabs(mean[0])) << "half as large elements, half the error";
     }
 }
@@ -109,13 +115,15 @@ TEST(ContactTheory, APunchOnAHalfSpaceAsSneddon)
             block.scene.contact.friction = 0;
             ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
             for (int b = 0; b < borders; b++) {
-                const double radius = middle + ((b + 0.5) / borders - 0.5) * size, sneddon = 2 * young / (1 - block.nu * block.nu) * radius * depth;
+                const double radius = middle + ((b + 0.5) / borders - 0.5) * size,
+                             sneddon = 2 * young / (1 - block.nu * block.nu) * radius * depth;
                 pliant_solid *solid = nullptr;
                 pliant_solid_options options{};
                 options.convex = true;
                 ASSERT_EQ(rod_surface(radius, 0.02, 96).make(options, &solid), PLIANT_OK) << pliant_last_error();
                 ASSERT_EQ(pliant_data_reset(block.model, block.data), PLIANT_OK);
-                const int tool = add_tool(block, "punch", {PLIANT_PART_SOLID, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, 0, false, solid});
+                const int tool = add_tool(block, "punch",
+                                          {PLIANT_PART_SOLID, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, 0, false, solid});
                 pliant_solid_release(solid);
                 block.move_far(0.5, sneddon, radius);
                 place(block, tool, block.edge / 2, block.edge / 2, block.height - depth);
@@ -125,7 +133,8 @@ TEST(ContactTheory, APunchOnAHalfSpaceAsSneddon)
             }
             EXPECT_NEAR(mean[fine], 0, size / middle) << "elements " << kind;
         }
-        std::printf("elements %d: force of a punch over that of Sneddon - 1, 12 and 24 elements along: %.4f, %.4f\n", kind, mean[0], mean[1]);
+        std::printf("elements %d: force of a punch over that of Sneddon - 1, 12 and 24 elements along: %.4f, %.4f\n",
+                    kind, mean[0], mean[1]);
         EXPECT_LT(std::fabs(mean[1]), std::fabs(mean[0]));
     }
 }
@@ -174,7 +183,8 @@ TEST(ContactTheory, AShaftThatIsDrawnAlongItsAxisFeelsMuN)
         block.fix_below();
         ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
         const double radius = 0.02;
-        const int tool = add_tool(block, "shaft", {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {-0.2, 0, 0}, {0.2, 0, 0}, radius, false, nullptr});
+        const int tool = add_tool(
+            block, "shaft", {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {-0.2, 0, 0}, {0.2, 0, 0}, radius, false, nullptr});
         for (int s = 1; s <= 4; s++) {
             place(block, tool, block.edge / 2, 0.0553, block.height + radius - 0.002 * s);
             press(block, tool, 2);
@@ -222,7 +232,8 @@ TEST(ContactTheory, WhatLiesOnAPlaneSlidesDownFromTanMuOn)
             for (int32_t i = 0; i < pieces->start[1]; i++) weight += g * bar.data->body->node_mass[pieces->node[i]];
             const int32_t node = pieces->node[0];
             press(bar, -1, 30);
-            const double from = bar.data->positions[3 * node], gravity[3] = {g * slope, 0, -g}, step = bar.scene.solver.step;
+            const double from = bar.data->positions[3 * node], gravity[3] = {g * slope, 0, -g},
+                         step = bar.scene.solver.step;
             ASSERT_EQ(pliant_data_set_gravity(bar.data, gravity), PLIANT_OK);
             press(bar, -1, 20);
             for (int s = 0; s < 3; s++) {
@@ -232,7 +243,8 @@ TEST(ContactTheory, WhatLiesOnAPlaneSlidesDownFromTanMuOn)
                 EXPECT_NEAR(force[2], weight, 1e-4 * weight);
                 EXPECT_NEAR(force[0], -std::fmin(slope, friction) * weight, 1e-4 * friction * weight);
             }
-            const double faster = (at[2] - 2 * at[1] + at[0]) / (step * step), expected = std::fmax(0, g * (slope - friction));
+            const double faster = (at[2] - 2 * at[1] + at[0]) / (step * step),
+                         expected = std::fmax(0, g * (slope - friction));
             EXPECT_NEAR(faster, expected, 1e-3 * 0.05 * friction * g);
             if (slope < friction) { EXPECT_LT(at[2] - from, 3e-5); }
         }
@@ -245,7 +257,8 @@ TEST(ContactTheory, ASoftCubeSlidesDownFromTanMuOn)
     const double friction = 0.4, edge = 0.04, g = 9.81, mass = 1000 * edge * edge * edge;
     for (pliant_element_kind kind : kinds)
         for (double slope : {0.9 * friction, 1.1 * friction}) {
-            Body cube(std::vector<int>{4, 4, 4}.data(), std::vector<double>{edge, edge, edge}.data(), {{young, 0.3, 1000, false}});
+            Body cube(std::vector<int>{4, 4, 4}.data(), std::vector<double>{edge, edge, edge}.data(),
+                      {{young, 0.3, 1000, false}});
             cube.cells(4, 4, 4, 1);
             cube.scene.element.kind = kind;
             cube.scene.solver.kind = PLIANT_TLED;
@@ -271,7 +284,8 @@ TEST(ContactTheory, ASoftCubeSlidesDownFromTanMuOn)
             press(cube, -1, 25);
             for (int s = 0; s < 3; s++) { /* position of the centre at three times */
                 at[s] = 0;
-                for (int32_t n = 0; n < cube.model->body->fine.num_nodes; n++) at[s] += cube.data->body->node_mass[n] * cube.data->positions[3 * n] / mass;
+                for (int32_t n = 0; n < cube.model->body->fine.num_nodes; n++)
+                    at[s] += cube.data->body->node_mass[n] * cube.data->positions[3 * n] / mass;
                 for (int k = 0; k < apart && s < 2; k++) {
                     ASSERT_GE(pliant_step(cube.model, cube.data), 0) << pliant_last_error();
                     const Force of = felt(cube, -1);
@@ -292,12 +306,14 @@ TEST(ContactTheory, TwoToolsLiftByFrictionAndSlip)
 {
     const double friction = 0.4;
     for (pliant_element_kind kind : kinds) {
-        Block block(4, 8, 0.02, {{young, 0.3, 1000, false}, {young / 10, 0.3, 1000, false}}, [](int, int, int k) { return k < 2 ? 1 : 0; });
+        Block block(4, 8, 0.02, {{young, 0.3, 1000, false}, {young / 10, 0.3, 1000, false}},
+                    [](int, int, int k) { return k < 2 ? 1 : 0; });
         block.scene.element.kind = kind;
         block.scene.contact.friction = friction;
         block.fix_below();
         ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
-        const int left = add_tool(block, "left", box(-0.01, -0.012, -0.012, 0, 0.012, 0.012)), right = add_tool(block, "right", box(0, -0.012, -0.012, 0.01, 0.012, 0.012));
+        const int left = add_tool(block, "left", box(-0.01, -0.012, -0.012, 0, 0.012, 0.012)),
+                  right = add_tool(block, "right", box(0, -0.012, -0.012, 0.01, 0.012, 0.012));
         auto hold = [&](double closed, double up, int steps = 3) {
             place(block, left, closed, block.edge / 2, 0.03 + up);
             place(block, right, block.edge - closed, block.edge / 2, 0.03 + up);
@@ -307,7 +323,8 @@ TEST(ContactTheory, TwoToolsLiftByFrictionAndSlip)
             double sum = 0;
             int count = 0;
             for (int32_t n = 0; n < block.model->body->fine.num_nodes; n++)
-                if (block.model->body->fine.rest[3 * n + 2] > block.height - 1e-9) sum += block.data->positions[3 * n + 2] - block.height, count++;
+                if (block.model->body->fine.rest[3 * n + 2] > block.height - 1e-9)
+                    sum += block.data->positions[3 * n + 2] - block.height, count++;
             return sum / count;
         };
         for (int s = 1; s <= 5; s++) hold(1e-4 * s, 0);
@@ -328,7 +345,8 @@ TEST(ContactTheory, TwoToolsLiftByFrictionAndSlip)
         ASSERT_LT(s, 24) << "it slips";
         // measured while all points slide; at rest the force distribution changes and they stick
         hold(5e-4, step * (s + 4), 1);
-        for (const Force &force : {felt(block, left), felt(block, right)}) EXPECT_NEAR(force.slides, friction * force.presses, 1e-3 * friction * force.presses);
+        for (const Force &force : {felt(block, left), felt(block, right)})
+            EXPECT_NEAR(force.slides, friction * force.presses, 1e-3 * friction * force.presses);
     }
 }
 

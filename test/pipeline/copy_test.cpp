@@ -123,7 +123,8 @@ TEST_P(Copies, GoOnAlikeAndCanBeGoneBackTo)
     go_on(*straight, straight->data);
     ASSERT_EQ(straight->data->body->fine.num_nodes, data->body->fine.num_nodes);
     double farthest = 0;
-    for (int32_t i = 0; i < 3 * data->body->fine.num_nodes; i++) farthest = std::max(farthest, std::fabs(straight->data->positions[i] - data->positions[i]));
+    for (int32_t i = 0; i < 3 * data->body->fine.num_nodes; i++)
+        farthest = std::max(farthest, std::fabs(straight->data->positions[i] - data->positions[i]));
     EXPECT_LT(farthest, GetParam().name == std::string("tled") ? 1e-9 : 0.002);
     pliant_data_free(saved);
     pliant_data_free(other);
@@ -136,7 +137,8 @@ const Case all[] = {direct,
                     {"patch", [](pliant_scene &scene) { coarse(scene, 0.02); }},
                     {"relaxation", [](pliant_scene &scene) { dynamics(scene, true); }},
                     {"tled", [](pliant_scene &scene) { dynamics(scene, false); }}};
-INSTANTIATE_TEST_SUITE_P(Every, Copies, testing::ValuesIn(all), [](const testing::TestParamInfo<Case> &each) { return each.param.name; });
+INSTANTIATE_TEST_SUITE_P(Every, Copies, testing::ValuesIn(all),
+                         [](const testing::TestParamInfo<Case> &each) { return each.param.name; });
 
 TEST(Copy, AStateOfAnotherModelIsRefused)
 {

@@ -10,7 +10,8 @@
 
 static const int size[3] = {24, 24, 24};
 static const double box[3] = {0.12, 0.12, 0.12};
-static const std::vector<Material> three = {{5000, 0.45, 1000, false}, {60000, 0.45, 1100, false}, {1000, 0.3, 1, true}};
+static const std::vector<Material> three = {
+    {5000, 0.45, 1000, false}, {60000, 0.45, 1100, false}, {1000, 0.3, 1, true}};
 inline int inclusions(int i, int j, int k) { return i / 6 % 2 && j / 8 % 2 ? 1 : k > 20 && i < 6 ? 2 : 0; }
 
 struct Case {
@@ -43,7 +44,8 @@ inline void step(Body &body, const Case &c, int s, int steps)
         const std::string name = "t" + std::to_string(t);
         ASSERT_EQ(pliant_tool_add(body.model, body.data, name.c_str(), &tool), PLIANT_OK);
         const double point[3] = {0.04 + 0.04 * t, 0.06, 0.11 - 0.02 * t}, along = 0.02 * s / steps;
-        const double tip[3] = {point[0] + along, point[1] - along * t, point[2] + along}, force[3] = {0.5 * s / steps, 0, 1.0 * s / steps};
+        const double tip[3] = {point[0] + along, point[1] - along * t, point[2] + along},
+                     force[3] = {0.5 * s / steps, 0, 1.0 * s / steps};
         if (s == 1) {
             ASSERT_EQ(pliant_tool_set_pose(body.data, tool, point, nullptr), PLIANT_OK);
             ASSERT_EQ(pliant_tool_grasp(body.model, body.data, tool, nullptr), PLIANT_OK) << pliant_last_error();
@@ -61,6 +63,9 @@ inline double farthest(const double *a, const double *b, int32_t nodes)
     return most;
 }
 
-inline double farthest(const Body &a, const Body &b) { return farthest(a.data->positions, b.data->positions, a.model->body->fine.num_nodes); }
+inline double farthest(const Body &a, const Body &b)
+{
+    return farthest(a.data->positions, b.data->positions, a.model->body->fine.num_nodes);
+}
 
 #endif

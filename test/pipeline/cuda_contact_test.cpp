@@ -36,10 +36,12 @@ TEST(CudaContact, MeetsTheCpu)
                 body->move(s);
                 ASSERT_EQ(body->data->backend->kind->interact(body->model, body->data), PLIANT_OK);
             }
-            for (auto *body : {&again, &gpu, &cpu}) ASSERT_EQ(pliant_legs_find(body->model, body->data), PLIANT_OK) << pliant_last_error();
+            for (auto *body : {&again, &gpu, &cpu})
+                ASSERT_EQ(pliant_legs_find(body->model, body->data), PLIANT_OK) << pliant_last_error();
             take_over(cpu.data, gpu.model, gpu.data);
             take_over_places(cpu.data, again.model, again.data);
-            const bool settles = solve(cpu.model, cpu.data) == PLIANT_OK, there_too = solve(gpu.model, gpu.data) == PLIANT_OK;
+            const bool settles = solve(cpu.model, cpu.data) == PLIANT_OK,
+                       there_too = solve(gpu.model, gpu.data) == PLIANT_OK;
             const bool settles_again = solve(again.model, again.data) == PLIANT_OK;
             for (auto *body : {&again, &gpu, &cpu}) pliant_legs_arrive(body->data);
             ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
@@ -51,14 +53,17 @@ TEST(CudaContact, MeetsTheCpu)
             most = std::max(most, b.contacts);
             unlike += a.contacts != b.contacts;
             deep = std::fmax(deep, std::fabs(a.penetration - b.penetration));
-            worst = std::fmax(worst, farthest(cpu.data->positions, gpu.data->positions, cpu.model->body->fine.num_nodes));
+            worst =
+                std::fmax(worst, farthest(cpu.data->positions, gpu.data->positions, cpu.model->body->fine.num_nodes));
             force = std::fmax(force, most_of(here));
             apart = std::fmax(apart, apart_of(here, there));
             for (int t = 0; t < cpu.data->num_tools; t++)
-                for (int d = 0; d < 3; d++) pulls = std::fmax(pulls, std::fabs(cpu.data->tools[t].force[d] - gpu.data->tools[t].force[d]));
+                for (int d = 0; d < 3; d++)
+                    pulls = std::fmax(pulls, std::fabs(cpu.data->tools[t].force[d] - gpu.data->tools[t].force[d]));
         }
-        std::printf("%-36s %2d steps, %3d contacts, a node's force %.1e of %.2g N apart, springs %.1e N, positions %.1e m, depths %.1e m\n", c.name, compared, most,
-                    apart / force, force, pulls, worst, deep);
+        std::printf(
+            "%-36s %2d steps, %3d contacts, a node's force %.1e of %.2g N apart, springs %.1e N, positions %.1e m, depths %.1e m\n",
+            c.name, compared, most, apart / force, force, pulls, worst, deep);
         EXPECT_GE(compared, 2);
         EXPECT_GT(most, 3);
         EXPECT_GT(force, 0.002);
@@ -119,9 +124,15 @@ TEST(CudaContact, LetsGoAndTheCpuGoesOn)
 TEST(CudaContact, AThinRodAtOneMetreASecondCarriesASheetAlong)
 {
     NEEDS_GPU();
-    struct Run { pliant_backend_choice backend; pliant_preconditioner_choice preconditioner; int finer; std::vector<double> at; };
+    struct Run {
+        pliant_backend_choice backend;
+        pliant_preconditioner_choice preconditioner;
+        int finer;
+        std::vector<double> at;
+    };
     const int iterations = 30;
-    for (const Run &run : {Run{PLIANT_CPU, PLIANT_DIRECT, 1, {0.0275, 0.0297, 0.0319}}, Run{PLIANT_CUDA, PLIANT_DIRECT, 1, {0.0275, 0.0297, 0.0319}},
+    for (const Run &run : {Run{PLIANT_CPU, PLIANT_DIRECT, 1, {0.0275, 0.0297, 0.0319}},
+                           Run{PLIANT_CUDA, PLIANT_DIRECT, 1, {0.0275, 0.0297, 0.0319}},
                            Run{PLIANT_CUDA, PLIANT_MULTIGRID, 2, {0.0275}}}) {
         int most = 0;
         for (const double x : run.at) {
@@ -132,9 +143,12 @@ TEST(CudaContact, AThinRodAtOneMetreASecondCarriesASheetAlong)
                 ASSERT_GE(sheet.step(s, x), 0) << pliant_last_error();
                 most = std::max(most, static_cast<int>(sheet.data->statistics.iterations));
             }
-            const double carried = farthest(sheet.data->positions, sheet.model->body->fine.rest, sheet.model->body->fine.num_nodes);
-            std::printf("%s, at %g: carried by %.2f mm, up to %d evaluations in a step\n", pliant_data_get_backend(sheet.data), x, 1e3 * carried, most);
-            EXPECT_STREQ(pliant_data_get_backend(sheet.data), run.backend == PLIANT_CPU ? "cpu" : "cuda") << pliant_last_error();
+            const double carried =
+                farthest(sheet.data->positions, sheet.model->body->fine.rest, sheet.model->body->fine.num_nodes);
+            std::printf("%s, at %g: carried by %.2f mm, up to %d evaluations in a step\n",
+                        pliant_data_get_backend(sheet.data), x, 1e3 * carried, most);
+            EXPECT_STREQ(pliant_data_get_backend(sheet.data), run.backend == PLIANT_CPU ? "cpu" : "cuda")
+                << pliant_last_error();
             EXPECT_GT(carried, 0.024);
         }
         EXPECT_LE(most, iterations);
@@ -159,8 +173,10 @@ TEST(CudaContact, AThinRodCarriesASheetAlongBesideAPieceAndAPatch)
                 served += s > 0 && sheet.data->statistics.patched > 0;
             }
             const double carried = sheet.carried();
-            std::printf("%s, beside a %s: carried by %.2f mm\n", pliant_data_get_backend(sheet.data), patch ? "patch" : "piece", 1e3 * carried);
-            EXPECT_STREQ(pliant_data_get_backend(sheet.data), backend == PLIANT_CPU ? "cpu" : "cuda") << pliant_last_error();
+            std::printf("%s, beside a %s: carried by %.2f mm\n", pliant_data_get_backend(sheet.data),
+                        patch ? "patch" : "piece", 1e3 * carried);
+            EXPECT_STREQ(pliant_data_get_backend(sheet.data), backend == PLIANT_CPU ? "cpu" : "cuda")
+                << pliant_last_error();
             EXPECT_EQ(sheet.data->falling != nullptr, !patch);
             EXPECT_EQ(served > 0, patch);
             EXPECT_GT(carried, 0.024);
@@ -181,10 +197,13 @@ TEST(CudaContact, ASweepIsCarriedAlongWithAnyBudget)
             ASSERT_EQ(sheet.begin(), PLIANT_OK) << pliant_last_error();
             sheet.data->solver->clock = [](void *) { return 0.0; };
             for (int s = 0; s < 6; s++) ASSERT_GE(sheet.step(s, 0.0275), 0) << pliant_last_error();
-            EXPECT_STREQ(pliant_data_get_backend(sheet.data), backend == PLIANT_CPU ? "cpu" : "cuda") << pliant_last_error();
-            carried[enough] = farthest(sheet.data->positions, sheet.model->body->fine.rest, sheet.model->body->fine.num_nodes);
+            EXPECT_STREQ(pliant_data_get_backend(sheet.data), backend == PLIANT_CPU ? "cpu" : "cuda")
+                << pliant_last_error();
+            carried[enough] =
+                farthest(sheet.data->positions, sheet.model->body->fine.rest, sheet.model->body->fine.num_nodes);
         }
-        std::printf("%s: carried by %.2f mm with the least budget, by %.2f mm with the largest\n", backend == PLIANT_CPU ? "CPU" : "GPU", 1e3 * carried[0], 1e3 * carried[1]);
+        std::printf("%s: carried by %.2f mm with the least budget, by %.2f mm with the largest\n",
+                    backend == PLIANT_CPU ? "CPU" : "GPU", 1e3 * carried[0], 1e3 * carried[1]);
         EXPECT_GT(carried[0], 0.024);
         EXPECT_GT(carried[1], 0.024);
     }
@@ -201,12 +220,14 @@ TEST(CudaContact, WhatAToolDoesThatJumpsIsOfNoConcernToOthers)
         int arm = -1;
         if (run > 0) ASSERT_EQ(pliant_tool_add(sheet.model, sheet.data, "arm", &arm), PLIANT_OK);
         for (int s = 0; s < 6; s++) {
-            const double half = 0.75 * std::min(s, 1), rotation[4] = {0, std::sin(half), 0, std::cos(half)}, tip[3] = {0.03 + 0.06 * std::min(s, 1), 0.03, 0.3};
+            const double half = 0.75 * std::min(s, 1), rotation[4] = {0, std::sin(half), 0, std::cos(half)},
+                         tip[3] = {0.03 + 0.06 * std::min(s, 1), 0.03, 0.3};
             if (run > 0) ASSERT_EQ(pliant_tool_set_pose(sheet.data, arm, tip, rotation), PLIANT_OK);
             ASSERT_GE(sheet.step(s, 0.0297), 0) << pliant_last_error();
         }
         EXPECT_STREQ(pliant_data_get_backend(sheet.data), "cuda") << pliant_last_error();
-        EXPECT_GT(farthest(sheet.data->positions, sheet.model->body->fine.rest, sheet.model->body->fine.num_nodes), 0.02);
+        EXPECT_GT(farthest(sheet.data->positions, sheet.model->body->fine.rest, sheet.model->body->fine.num_nodes),
+                  0.02);
         ended[run].assign(sheet.data->positions, sheet.data->positions + 3 * sheet.model->body->fine.num_nodes);
     }
     EXPECT_EQ(ended[0], ended[1]);
@@ -227,14 +248,17 @@ TEST(CudaContact, ATurnOfMoreThanOneRadianIsTakenInParts)
         ASSERT_EQ(pliant_tool_add(sheet.model, sheet.data, "rod", &tool), PLIANT_OK);
         ASSERT_EQ(pliant_tool_set_shape(sheet.data, tool, &rod), PLIANT_OK) << pliant_last_error();
         for (int s = 0; s < 6; s++) {
-            const double half = 0.5 * (s == 0 ? -0.5 : 1.5), rotation[4] = {0, std::sin(half), 0, std::cos(half)}, tip[3] = {0.027, 0.031, 0.011};
+            const double half = 0.5 * (s == 0 ? -0.5 : 1.5), rotation[4] = {0, std::sin(half), 0, std::cos(half)},
+                         tip[3] = {0.027, 0.031, 0.011};
             ASSERT_EQ(pliant_tool_set_pose(sheet.data, tool, tip, rotation), PLIANT_OK);
             ASSERT_GE(pliant_step(sheet.model, sheet.data), 0) << pliant_last_error();
             if (s == 1) EXPECT_GE(sheet.data->statistics.legs, 2);
         }
-        const double carried = farthest(sheet.data->positions, sheet.model->body->fine.rest, sheet.model->body->fine.num_nodes);
+        const double carried =
+            farthest(sheet.data->positions, sheet.model->body->fine.rest, sheet.model->body->fine.num_nodes);
         std::printf("%s: carried by %.2f mm\n", pliant_data_get_backend(sheet.data), 1e3 * carried);
-        EXPECT_STREQ(pliant_data_get_backend(sheet.data), backend == PLIANT_CPU ? "cpu" : "cuda") << pliant_last_error();
+        EXPECT_STREQ(pliant_data_get_backend(sheet.data), backend == PLIANT_CPU ? "cpu" : "cuda")
+            << pliant_last_error();
         EXPECT_GT(carried, 0.008);
     }
 }
@@ -244,12 +268,15 @@ TEST(CudaContact, ATurnOfMoreThanOneRadianIsTakenInParts)
 TEST(CudaContact, ExplicitDynamicsMeetTheCpu)
 {
     NEEDS_GPU();
-    struct { const char *name; int blocks; bool self, still, strikes; double bound; } runs[] = {
-        {"a block falls and is pressed", 1, false, false, false, 1e-6}, {"blocks on each other", 2, true, false, false, 1e-6}, {"relaxation", 1, false, true, false, 1e-5},
-        {"a block is struck", 1, false, false, true, 1e-5}};
+    struct { const char *name; int blocks; bool self, still, strikes; double bound;
+    } runs[] = {{"a block falls and is pressed", 1, false, false, false, 1e-6},
+                {"blocks on each other", 2, true, false, false, 1e-6},
+                {"relaxation", 1, false, true, false, 1e-5},
+                {"a block is struck", 1, false, false, true, 1e-5}};
     for (const auto &run : runs) {
         SCOPED_TRACE(run.name);
-        Fall cpu(run.blocks, run.self, run.still, PLIANT_CPU), gpu(run.blocks, run.self, run.still, PLIANT_CUDA), again(run.blocks, run.self, run.still, PLIANT_CUDA);
+        Fall cpu(run.blocks, run.self, run.still, PLIANT_CPU), gpu(run.blocks, run.self, run.still, PLIANT_CUDA),
+            again(run.blocks, run.self, run.still, PLIANT_CUDA);
         double force = 0, apart = 0, worst = 0, first = 0;
         int32_t most = 0;
         for (Fall *body : {&cpu, &gpu, &again}) {
@@ -271,16 +298,20 @@ TEST(CudaContact, ExplicitDynamicsMeetTheCpu)
                 apart = std::fmax(apart, std::fabs(here[d] - there[d]));
             }
             if (s <= 7) first = force > 0 ? apart / force : 0;
-            worst = std::fmax(worst, farthest(cpu.data->positions, gpu.data->positions, cpu.model->body->fine.num_nodes));
+            worst =
+                std::fmax(worst, farthest(cpu.data->positions, gpu.data->positions, cpu.model->body->fine.num_nodes));
         }
         const double moved = farthest(cpu.data->positions, cpu.model->body->fine.rest, cpu.model->body->fine.num_nodes);
-        std::printf("%-30s %3d contacts, forces %.1e of %.2g N apart (%.1e in the first half), positions %.1e of %.1f mm\n", run.name, most, apart / force, force, first,
-                    worst / moved, 1e3 * moved);
+        std::printf(
+            "%-30s %3d contacts, forces %.1e of %.2g N apart (%.1e in the first half), positions %.1e of %.1f mm\n",
+            run.name, most, apart / force, force, first, worst / moved, 1e3 * moved);
         EXPECT_GT(most, 3);
         EXPECT_EQ(parts > 1, run.strikes);
         EXPECT_LT(apart, run.bound * force);
         EXPECT_LT(worst, run.bound * moved);
-        EXPECT_EQ(std::memcmp(gpu.data->positions, again.data->positions, 3 * sizeof(double) * static_cast<size_t>(gpu.model->body->fine.num_nodes)), 0);
+        EXPECT_EQ(std::memcmp(gpu.data->positions, again.data->positions,
+                              3 * sizeof(double) * static_cast<size_t>(gpu.model->body->fine.num_nodes)),
+                  0);
     }
 }
 
@@ -334,20 +365,25 @@ TEST(CudaContact, MeetsTheCpuAfterACut)
         for (int s = 1; s <= 12; s++) {
             if (s == 4) {
                 const double points[6] = {0.031, -0.01, 0.03, 0.033, 0.05, 0.03}, depth[3] = {0.001, 0, -0.019};
-                for (Block *body : {&cpu, &gpu, &again}) ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, points, depth, nullptr), PLIANT_OK) << pliant_last_error();
+                for (Block *body : {&cpu, &gpu, &again})
+                    ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, points, depth, nullptr), PLIANT_OK)
+                        << pliant_last_error();
                 ASSERT_GT(gpu.data->body->fine.num_nodes, gpu.model->body->fine.num_nodes);
             }
             if (s == 11)
-                for (Block *body : {&cpu, &gpu, &again}) ASSERT_EQ(pliant_data_undo_cut(body->model, body->data), PLIANT_OK) << pliant_last_error();
+                for (Block *body : {&cpu, &gpu, &again})
+                    ASSERT_EQ(pliant_data_undo_cut(body->model, body->data), PLIANT_OK) << pliant_last_error();
             for (Block *body : {&cpu, &gpu, &again}) {
                 body->move(std::min(s, 7));
                 ASSERT_EQ(body->data->backend->kind->interact(body->model, body->data), PLIANT_OK);
             }
-            for (auto *body : {&again, &gpu, &cpu}) ASSERT_EQ(pliant_legs_find(body->model, body->data), PLIANT_OK) << pliant_last_error();
+            for (auto *body : {&again, &gpu, &cpu})
+                ASSERT_EQ(pliant_legs_find(body->model, body->data), PLIANT_OK) << pliant_last_error();
             take_over(cpu.data, gpu.model, gpu.data);
             take_over_places(cpu.data, again.model, again.data);
             if (s > 3 && s < 11) searches.compare(cpu.data->body, cpu.data->positions, {0.001, 1e-3, 0.3, 0});
-            const bool settles = solve(cpu.model, cpu.data) == PLIANT_OK, there_too = solve(gpu.model, gpu.data) == PLIANT_OK;
+            const bool settles = solve(cpu.model, cpu.data) == PLIANT_OK,
+                       there_too = solve(gpu.model, gpu.data) == PLIANT_OK;
             const bool settles_again = solve(again.model, again.data) == PLIANT_OK;
             for (auto *body : {&again, &gpu, &cpu}) pliant_legs_arrive(body->data);
             ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
@@ -359,7 +395,8 @@ TEST(CudaContact, MeetsTheCpuAfterACut)
             force = std::fmax(force, most_of(here));
             apart = std::fmax(apart, apart_of(here, there));
         }
-        std::printf("cut: %-32s %2d steps, %d of them carried over, a node's force %.1e of %.2g N apart\n", cases[number].name, compared, carried, apart / force, force);
+        std::printf("cut: %-32s %2d steps, %d of them carried over, a node's force %.1e of %.2g N apart\n",
+                    cases[number].name, compared, carried, apart / force, force);
         EXPECT_GE(compared, 5);
         EXPECT_GE(carried, 1);
         EXPECT_GT(gpu.data->statistics.factors, factors); // the new body's own factor was installed
@@ -371,7 +408,8 @@ TEST(CudaContact, MeetsTheCpuAfterACut)
 // Copy the motion of pieces, which the host computes.
 void take_over_pieces(const pliant_falling *from, pliant_falling *to)
 {
-    const size_t count = static_cast<size_t>(from->body->pieces->count), nodes = static_cast<size_t>(from->body->pieces->start[count]);
+    const size_t count = static_cast<size_t>(from->body->pieces->count),
+                 nodes = static_cast<size_t>(from->body->pieces->start[count]);
     std::copy(from->pieces, from->pieces + count, to->pieces);
     std::copy(from->touch, from->touch + count, to->touch);
     std::copy(from->x, from->x + 3 * nodes, to->x);
@@ -392,11 +430,14 @@ TEST(CudaContact, PiecesThatTouchMeetTheCpu)
             for (Drop *body : {&cpu, &gpu, &alone}) body->move(s);
             ASSERT_GE(pliant_step(alone.model, alone.data), 0) << pliant_last_error();
             ASSERT_STREQ(pliant_data_get_backend(alone.data), "cuda") << s;
-            for (Drop *body : {&cpu, &gpu}) ASSERT_EQ(body->data->backend->kind->interact(body->model, body->data), PLIANT_OK);
-            for (auto *body : {&gpu, &cpu}) ASSERT_EQ(pliant_legs_find(body->model, body->data), PLIANT_OK) << pliant_last_error();
+            for (Drop *body : {&cpu, &gpu})
+                ASSERT_EQ(body->data->backend->kind->interact(body->model, body->data), PLIANT_OK);
+            for (auto *body : {&gpu, &cpu})
+                ASSERT_EQ(pliant_legs_find(body->model, body->data), PLIANT_OK) << pliant_last_error();
             take_over(cpu.data, gpu.model, gpu.data);
             take_over_pieces(cpu.data->falling, gpu.data->falling);
-            const bool settles = solve(cpu.model, cpu.data) == PLIANT_OK, there_too = solve(gpu.model, gpu.data) == PLIANT_OK;
+            const bool settles = solve(cpu.model, cpu.data) == PLIANT_OK,
+                       there_too = solve(gpu.model, gpu.data) == PLIANT_OK;
             for (Drop *body : {&cpu, &gpu}) pliant_falling_step(body->data);
             for (auto *body : {&gpu, &cpu}) pliant_legs_arrive(body->data);
             ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
@@ -420,8 +461,10 @@ TEST(CudaContact, PiecesThatTouchMeetTheCpu)
             if (point.kind == PLIANT_OBSTACLE_TOOL) presses -= point.normal[2] < 0 ? point.force[2] : 0;
             else bears += std::fabs(point.force[2]);
         }
-        std::printf("a piece %-32s %2d steps, a node's force %.1e of %.2g N apart, positions %.1e m; %.4f N is borne, its weight %.4f, pressed with %.4f\n",
-                    pressed ? "between the ground and a ball:" : "on tissue:", compared, apart / force, force, worst, bears, weight, presses);
+        std::printf(
+            "a piece %-32s %2d steps, a node's force %.1e of %.2g N apart, positions %.1e m; %.4f N is borne, its weight %.4f, pressed with %.4f\n",
+            pressed ? "between the ground and a ball:" : "on tissue:", compared, apart / force, force, worst, bears,
+            weight, presses);
         EXPECT_GE(compared, 10);
         EXPECT_GT(force, 0.001);
         EXPECT_LT(apart, 1e-6 * force);
@@ -443,16 +486,20 @@ TEST(CudaContact, EightToolsOfWhichOneJumpsOneSpinsAndOneHasNoPose)
             for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
                 // from 1 mm above to 2 mm inside
                 const double x = 0.0083 + 0.0137 * (t % 4), y = 0.0112 + 0.0171 * (t / 4), half = t == 5 ? 0.4 * s : 0;
-                const double tip[3] = {t == 3 && s > 0 && s < 5 ? x + 0.3 : x, y, 5 * h + 0.005 - 3e-4 * (s + 1)}, none[3] = {x, NAN, 0}, turn[4] = {0, 0, std::sin(half), std::cos(half)};
-                if (s == 0) body->add(("tool" + std::to_string(t)).c_str(), t == 5 ? PLIANT_PART_CAPSULE : PLIANT_PART_SPHERE, 0.004, x, y);
-                if (t == 6 && s == 4) EXPECT_EQ(pliant_tool_set_pose(body->data, t, none, nullptr), PLIANT_ERROR_ARGUMENT);
+                const double tip[3] = {t == 3 && s > 0 && s < 5 ? x + 0.3 : x, y, 5 * h + 0.005 - 3e-4 * (s + 1)},
+                             none[3] = {x, NAN, 0}, turn[4] = {0, 0, std::sin(half), std::cos(half)};
+                if (s == 0)
+                    body->add(("tool" + std::to_string(t)).c_str(), t == 5 ? PLIANT_PART_CAPSULE : PLIANT_PART_SPHERE,
+                              0.004, x, y);
+                if (t == 6 && s == 4)
+                    EXPECT_EQ(pliant_tool_set_pose(body->data, t, none, nullptr), PLIANT_ERROR_ARGUMENT);
                 else ASSERT_EQ(pliant_tool_set_pose(body->data, t, tip, turn), PLIANT_OK);
             }
             ASSERT_GE(pliant_step(body->model, body->data), 0) << pliant_last_error();
             if (body == &gpu) apart.take(cpu, gpu);
         }
-    std::printf("eight tools: %d contacts, a node's force %.1e of %.2g N apart, positions %.1e of %.2g m\n", gpu.data->statistics.contacts, apart.forces / apart.force, apart.force,
-                apart.positions, apart.moved);
+    std::printf("eight tools: %d contacts, a node's force %.1e of %.2g N apart, positions %.1e of %.2g m\n",
+                gpu.data->statistics.contacts, apart.forces / apart.force, apart.force, apart.positions, apart.moved);
     EXPECT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
         pliant_tool_state here, there;
@@ -469,16 +516,22 @@ TEST(CudaContact, EightToolsOfWhichOneJumpsOneSpinsAndOneHasNoPose)
 TEST(CudaContact, JawsHoldAsOnTheCpu)
 {
     NEEDS_GPU();
-    const auto on = [](pliant_backend_choice backend) { return [backend](pliant_scene &scene) { scene.solver.backend = backend; }; };
+    const auto on = [](pliant_backend_choice backend) {
+        return [backend](pliant_scene &scene) { scene.solver.backend = backend; };
+    };
     Tongue cpu(0.5, on(PLIANT_CPU)), gpu(0.5, on(PLIANT_CUDA));
     Apart apart;
     for (int s = 0; s < 24; s++) {
-        const double up = s < 5 ? 0.03 - 0.0075 * s : s < 20 ? 0 : 0.001 * (s - 19), jaw = 0.7 - 0.5 * std::min(std::max(s - 4, 0), 12) / 12;
+        const double up = s < 5    ? 0.03 - 0.0075 * s
+                          : s < 20 ? 0
+                                   : 0.001 * (s - 19),
+                     jaw = 0.7 - 0.5 * std::min(std::max(s - 4, 0), 12) / 12;
         for (Tongue *body : {&cpu, &gpu}) body->go(up, jaw);
         apart.take(cpu, gpu);
     }
-    std::printf("jaws: %d contacts, lifted %.3f and %.3f mm with %.4f and %.4f N, positions %.1e of %.2g m apart\n", gpu.data->statistics.contacts, 1e3 * cpu.lifted(), 1e3 * gpu.lifted(),
-                cpu.force(), gpu.force(), apart.positions, apart.moved);
+    std::printf("jaws: %d contacts, lifted %.3f and %.3f mm with %.4f and %.4f N, positions %.1e of %.2g m apart\n",
+                gpu.data->statistics.contacts, 1e3 * cpu.lifted(), 1e3 * gpu.lifted(), cpu.force(), gpu.force(),
+                apart.positions, apart.moved);
     EXPECT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
     EXPECT_GT(gpu.least_volume(), 0);
     EXPECT_LT(gpu.deepest(), 2e-4);
@@ -500,7 +553,8 @@ TEST(CudaContact, ThePapersResponseMeetsTheCpu)
             body->scene.contact.delay = delay;
             body->scene.contact.punishment = body == &free ? 0 : 0.5;
             ASSERT_EQ(body->begin(), PLIANT_OK) << pliant_last_error();
-            std::vector<double> positions(body->data->positions, body->data->positions + 3 * body->data->body->fine.num_nodes);
+            std::vector<double> positions(body->data->positions,
+                                          body->data->positions + 3 * body->data->body->fine.num_nodes);
             for (size_t n = 2; n < positions.size(); n += 3) positions[n] -= positions[n] > 0.025 ? 0.011 : 0;
             ASSERT_EQ(pliant_data_set_positions(body->model, body->data, positions.data()), PLIANT_OK);
             ASSERT_GE(pliant_step(body->model, body->data), 0) << pliant_last_error();
@@ -508,8 +562,8 @@ TEST(CudaContact, ThePapersResponseMeetsTheCpu)
         Apart apart, slowed;
         apart.take(cpu, gpu);
         slowed.take(cpu, free);
-        std::printf("the paper's response %s delay: %d nodes, positions %.1e m apart, slowed by %.1e m\n", delay ? "with" : "without", gpu.data->statistics.contacts, apart.positions,
-                    slowed.positions);
+        std::printf("the paper's response %s delay: %d nodes, positions %.1e m apart, slowed by %.1e m\n",
+                    delay ? "with" : "without", gpu.data->statistics.contacts, apart.positions, slowed.positions);
         EXPECT_STREQ(pliant_data_get_backend(gpu.data), delay ? "cuda" : "cpu") << pliant_last_error();
         EXPECT_GT(gpu.data->statistics.contacts, 5);
         EXPECT_EQ(gpu.data->statistics.contacts, cpu.data->statistics.contacts);
@@ -538,7 +592,8 @@ TEST(CudaContact, FindsTheSameOverlapsOfTouchingAndFlatOnes)
         for (int k = 0; k < 2; k++) {
             overlaps[k].resize(static_cast<size_t>(body->fine.num_nodes));
             ASSERT_EQ(pliant_tissue_set_body(searches.of + k, body, nullptr, 1), PLIANT_OK) << pliant_last_error();
-            ASSERT_EQ(pliant_tissue_overlapping(searches.of + k, positions.data(), overlaps[k].data()), PLIANT_OK) << pliant_last_error();
+            ASSERT_EQ(pliant_tissue_overlapping(searches.of + k, positions.data(), overlaps[k].data()), PLIANT_OK)
+                << pliant_last_error();
             for (const pliant_grid_pairs &of : searches.of[k].grid.found)
                 for (int32_t p = 0; p < of.count; p++) found[k].emplace_back(of.pair[2 * p], of.pair[2 * p + 1]);
             std::sort(found[k].begin(), found[k].end());

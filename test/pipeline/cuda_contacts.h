@@ -19,7 +19,8 @@ inline pliant_tool_shape shape_of(pliant_part_kind kind, double size)
     pliant_tool_shape shape{};
     shape.num_parts = 1;
     if (kind == PLIANT_PART_SPHERE) shape.part[0] = {kind, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, size, false};
-    else if (kind == PLIANT_PART_CAPSULE) shape.part[0] = {kind, PLIANT_FRAME_TIP, {0, -0.01, 0}, {0, 0.01, 0}, size, false};
+    else if (kind == PLIANT_PART_CAPSULE)
+        shape.part[0] = {kind, PLIANT_FRAME_TIP, {0, -0.01, 0}, {0, 0.01, 0}, size, false};
     else shape.part[0] = {kind, PLIANT_FRAME_TIP, {-size, -size, 0}, {size, size, 0.01}, 1e-3, false};
     return shape;
 }
@@ -52,7 +53,8 @@ struct Block : Body {
     const Case &c;
     // small: elements twice as large
     Block(const Case &of, pliant_backend_choice backend, bool small = false)
-        : Body(std::vector<int>{24, 16, 10}.data(), std::vector<double>{12 * h, 8 * h, 5 * h}.data(), {{4000, 0.4, 1000, false}, {1, 0.3, 1, true}},
+        : Body(std::vector<int>{24, 16, 10}.data(), std::vector<double>{12 * h, 8 * h, 5 * h}.data(),
+               {{4000, 0.4, 1000, false}, {1, 0.3, 1, true}},
                [&of](int i, int, int k) { return of.slot && k / 2 == 2 && i >= 8; }),
           c(of)
     {
@@ -196,7 +198,9 @@ const double one_end = 1e-7;
 inline pliant_status solve(const pliant_model *model, pliant_data *data)
 {
     pliant_status status = data->backend->solve(model, data);
-    if (status >= 0 && data->backend->upsample(model, data) == PLIANT_OK && data->backend->warp(model, data) == PLIANT_OK) data->statistics.step++;
+    if (status >= 0 && data->backend->upsample(model, data) == PLIANT_OK &&
+        data->backend->warp(model, data) == PLIANT_OK)
+        data->statistics.step++;
     else ADD_FAILURE() << pliant_last_error();
     return status;
 }
@@ -204,7 +208,8 @@ inline pliant_status solve(const pliant_model *model, pliant_data *data)
 // A sheet of 60 x 60 x 4 mm, fixed at two sides, onto which a rod moves down by 20 mm per step to a depth of 24 mm.
 struct Sheet : Body {
     Sheet(pliant_backend_choice backend, pliant_preconditioner_choice preconditioner, int finer, int iterations)
-        : Body(std::vector<int>{12 * finer, 12 * finer, 2 * finer}.data(), std::vector<double>{0.06, 0.06, 0.004}.data(), {{4000, 0.4, 1000, false}})
+        : Body(std::vector<int>{12 * finer, 12 * finer, 2 * finer}.data(),
+               std::vector<double>{0.06, 0.06, 0.004}.data(), {{4000, 0.4, 1000, false}})
     {
         fix_plane(0.001, 0, 0, 1, 0, 0);
         fix_plane(0.059, 0, 0, -1, 0, 0);
@@ -244,17 +249,20 @@ struct Sheet : Body {
     {
         double most = 0;
         for (int32_t n = 0; n < data->body->fine.num_nodes; n++)
-            for (int d = 0; d < 3 && !pliant_falling_has(data->falling, n); d++) most = std::fmax(most, std::fabs(data->positions[3 * n + d] - data->body->fine.rest[3 * n + d]));
+            for (int d = 0; d < 3 && !pliant_falling_has(data->falling, n); d++)
+                most = std::fmax(most, std::fabs(data->positions[3 * n + d] - data->body->fine.rest[3 * n + d]));
         return most;
     }
     // Cut off a part of a free side, far from the rod.
     void cut_off()
     {
-        const double way[12] = {0.0213, -0.01, 0.01, 0.0213, 0.0063, 0.01, 0.0387, 0.0063, 0.01, 0.0387, -0.01, 0.01}, down[3] = {0, 0, -0.02};
+        const double way[12] = {0.0213, -0.01, 0.01, 0.0213, 0.0063, 0.01, 0.0387, 0.0063, 0.01, 0.0387, -0.01, 0.01},
+                     down[3] = {0, 0, -0.02};
         ASSERT_EQ(pliant_data_cut(model, data, 4, way, down, nullptr), PLIANT_OK) << pliant_last_error();
         ASSERT_TRUE(data->body->pieces);
         std::vector<double> positions(data->positions, data->positions + 3 * data->body->fine.num_nodes);
-        for (int32_t i = 0; i < data->body->pieces->start[1]; i++) positions[3 * data->body->pieces->node[i] + 1] -= 0.2;
+        for (int32_t i = 0; i < data->body->pieces->start[1]; i++)
+            positions[3 * data->body->pieces->node[i] + 1] -= 0.2;
         ASSERT_EQ(pliant_data_set_positions(model, data, positions.data()), PLIANT_OK) << pliant_last_error();
     }
     // Press a corner with a ball until a patch serves it.
@@ -281,7 +289,8 @@ struct Fall : Body {
     // Blocks of 3 x 3 x 2 elements one above the other, separated by one empty element, over a floor that is an
     // obstacle or a wall.
     Fall(int blocks, bool self, bool still, pliant_backend_choice backend)
-        : Body(std::vector<int>{6, 6, 2 * (3 * blocks - 1)}.data(), std::vector<double>{0.03, 0.03, 0.01 * (3 * blocks - 1)}.data(),
+        : Body(std::vector<int>{6, 6, 2 * (3 * blocks - 1)}.data(),
+               std::vector<double>{0.03, 0.03, 0.01 * (3 * blocks - 1)}.data(),
                {{20e3, 0.3, 1000, false}, {1, 0.3, 1, true}}, [](int, int, int k) { return k / 2 % 3 == 2; })
     {
         cells(3, 3, 3 * blocks - 1, 1);
@@ -319,9 +328,11 @@ struct Fall : Body {
     bool strikes = false;
     pliant_status step(int s)
     {
-        const double top = 0.01 * (data->body->fine.num_nodes > 64 ? 5 : 2), slow[3] = {0.0153, 0.0147 + 2e-4 * s, top + 0.008 - 3e-4 * s};
+        const double top = 0.01 * (data->body->fine.num_nodes > 64 ? 5 : 2),
+                     slow[3] = {0.0153, 0.0147 + 2e-4 * s, top + 0.008 - 3e-4 * s};
         // 0.9 m/s
-        const double fast[3] = {0.0153 + 1e-3 * s, 0.0147, top + 0.028 - 9e-3 * std::min(s, 3)}, *tip = strikes ? fast : slow;
+        const double fast[3] = {0.0153 + 1e-3 * s, 0.0147, top + 0.028 - 9e-3 * std::min(s, 3)},
+                     *tip = strikes ? fast : slow;
         EXPECT_EQ(pliant_tool_set_pose(data, 0, tip, nullptr), PLIANT_OK);
         return pliant_step(model, data);
     }
@@ -355,9 +366,10 @@ struct Searches {
         EXPECT_EQ(found[0].count, found[1].count);
         for (int32_t p = 0; p < std::min(found[0].count, found[1].count); p++) {
             const pliant_contact_point &a = found[0].point[p], &b = found[1].point[p];
-            const bool same = a.feature == b.feature && a.count == b.count && std::equal(a.node, a.node + a.count, b.node) &&
-                              std::equal(a.weight, a.weight + a.count, b.weight) && std::equal(a.normal, a.normal + 3, b.normal) &&
-                              std::equal(a.place, a.place + 3, b.place) && a.area == b.area;
+            const bool same =
+                a.feature == b.feature && a.count == b.count && std::equal(a.node, a.node + a.count, b.node) &&
+                std::equal(a.weight, a.weight + a.count, b.weight) && std::equal(a.normal, a.normal + 3, b.normal) &&
+                std::equal(a.place, a.place + 3, b.place) && a.area == b.area;
             EXPECT_TRUE(same) << "point " << p << " of " << found[0].count;
         }
         return found[0].count;
@@ -368,8 +380,8 @@ struct Searches {
 // block, or on the ground, where a ball presses it.
 struct Drop : Body {
     explicit Drop(bool pressed, pliant_backend_choice backend)
-        : Body(std::vector<int>{6, 6, 24}.data(), std::vector<double>{0.015, 0.015, 0.06}.data(), {{10e3, 0.3, 1000, false}, {1, 0.3, 1, true}},
-               [](int, int, int k) { return k >= 8 && k < 12; }),
+        : Body(std::vector<int>{6, 6, 24}.data(), std::vector<double>{0.015, 0.015, 0.06}.data(),
+               {{10e3, 0.3, 1000, false}, {1, 0.3, 1, true}}, [](int, int, int k) { return k >= 8 && k < 12; }),
           presses(pressed)
     {
         cells(3, 3, 12, 1);

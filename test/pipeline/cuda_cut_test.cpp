@@ -47,7 +47,8 @@ void prepare(Body &body, const Case &c, pliant_backend_choice backend)
 double farthest(const Body &a, const Body &b)
 {
     double most = 0;
-    for (int32_t n = 0; n < 3 * a.data->body->fine.num_nodes; n++) most = std::fmax(most, std::fabs(a.data->positions[n] - b.data->positions[n]));
+    for (int32_t n = 0; n < 3 * a.data->body->fine.num_nodes; n++)
+        most = std::fmax(most, std::fabs(a.data->positions[n] - b.data->positions[n]));
     return most;
 }
 
@@ -85,8 +86,8 @@ TEST(CudaCut, MeetsTheCpu)
                           Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_LINEAR, PLIANT_CUT_SUBDIVIDE},
                           Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_MULTIGRID, PLIANT_LINEAR, PLIANT_CUT_SUBDIVIDE},
                           Case{PLIANT_FINE, PLIANT_TLED, PLIANT_DIRECT, PLIANT_LINEAR, PLIANT_CUT_SUBDIVIDE}}) {
-        SCOPED_TRACE(std::to_string(c.method) + " " + std::to_string(c.kind) + " " + std::to_string(c.preconditioner) + " " + std::to_string(c.element) + " " +
-                     std::to_string(c.cut));
+        SCOPED_TRACE(std::to_string(c.method) + " " + std::to_string(c.kind) + " " + std::to_string(c.preconditioner) +
+                     " " + std::to_string(c.element) + " " + std::to_string(c.cut));
         const std::vector<Material> two = {{5000, 0.4, 1000, false}, {60000, 0.4, 1100, false}};
         auto inclusions = [](int i, int j, int) { return i / 6 % 2 && j / 8 % 2 ? 1 : 0; };
         Body cpu(size, box, two, inclusions), gpu(size, box, two, inclusions);
@@ -103,7 +104,9 @@ TEST(CudaCut, MeetsTheCpu)
         ASSERT_EQ(cpu.data->body->fine.num_nodes, gpu.data->body->fine.num_nodes);
         ASSERT_EQ(cpu.data->body->fine.num_tets, gpu.data->body->fine.num_tets);
         ASSERT_GT(gpu.data->body->fine.num_nodes, gpu.model->body->fine.num_nodes);
-        EXPECT_EQ(std::memcmp(cpu.data->body->fine.tets, gpu.data->body->fine.tets, 16 * static_cast<size_t>(cpu.data->body->fine.num_tets)), 0);
+        EXPECT_EQ(std::memcmp(cpu.data->body->fine.tets, gpu.data->body->fine.tets,
+                              16 * static_cast<size_t>(cpu.data->body->fine.num_tets)),
+                  0);
         for (int s = 3; s < 12; s++) {
             pull(cpu, s);
             pull(gpu, s);
@@ -115,7 +118,9 @@ TEST(CudaCut, MeetsTheCpu)
         ASSERT_EQ(pliant_warp_create(&gpu.scan, &gpu.model->body->fine, &gpu.scan.geometry, 2, &warp), PLIANT_OK);
         ASSERT_EQ(pliant_warp_set_body(warp, gpu.data->body), PLIANT_OK) << pliant_last_error();
         ASSERT_EQ(pliant_warp_update(warp, gpu.data->positions), PLIANT_OK);
-        EXPECT_EQ(std::memcmp(pliant_warp_volume(warp)->voxels, pliant_warp_volume(pliant_data_get_warp(gpu.data))->voxels, 24 * 24 * 24), 0);
+        EXPECT_EQ(std::memcmp(pliant_warp_volume(warp)->voxels,
+                              pliant_warp_volume(pliant_data_get_warp(gpu.data))->voxels, 24 * 24 * 24),
+                  0);
         pliant_warp_free(warp);
         // undo the cut
         ASSERT_EQ(pliant_data_undo_cut(gpu.model, gpu.data), PLIANT_OK) << pliant_last_error();
@@ -130,11 +135,14 @@ TEST(CudaCut, MeetsTheCpu)
 TEST(CudaCut, CutsOneAfterTheOther)
 {
     NEEDS_GPU();
-    for (const Case &c : {Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_LINEAR}, Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_MULTIGRID, PLIANT_LINEAR},
+    for (const Case &c : {Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_LINEAR},
+                          Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_MULTIGRID, PLIANT_LINEAR},
                           Case{PLIANT_AVERAGED, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_LINEAR},
-                          Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_HEXAHEDRA}, Case{PLIANT_AVERAGED, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_HEXAHEDRA},
+                          Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_HEXAHEDRA},
+                          Case{PLIANT_AVERAGED, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_HEXAHEDRA},
                           Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_LINEAR, PLIANT_CUT_SUBDIVIDE}}) {
-        SCOPED_TRACE(std::to_string(c.method) + " " + std::to_string(c.preconditioner) + " " + std::to_string(c.element) + " " + std::to_string(c.cut));
+        SCOPED_TRACE(std::to_string(c.method) + " " + std::to_string(c.preconditioner) + " " +
+                     std::to_string(c.element) + " " + std::to_string(c.cut));
         Body cpu(size, box, {{20000, 0.4, 1000, false}}), gpu(size, box, {{20000, 0.4, 1000, false}});
         for (Body *body : {&cpu, &gpu}) {
             body->scene.solver.refresh_delay = 2;
@@ -146,9 +154,12 @@ TEST(CudaCut, CutsOneAfterTheOther)
         for (int s = 1; s < 20; s++) {
             const bool cuts = s == 1 || s == 2 || s == 8 || s == 14 || s == 15;
             // thick flaps, because a thin one snaps over and has no unique equilibrium
-            const double x = 0.02 + 0.003 * s + (s == 2 || s == 15 ? 0.015 : 0), points[6] = {x, -0.02, 0.14, x + 0.01, 0.14, 0.14}, depth[3] = {0.004, 0, -0.02 - 0.0025 * s};
+            const double x = 0.02 + 0.003 * s + (s == 2 || s == 15 ? 0.015 : 0),
+                         points[6] = {x, -0.02, 0.14, x + 0.01, 0.14, 0.14}, depth[3] = {0.004, 0, -0.02 - 0.0025 * s};
             for (Body *body : {&cpu, &gpu}) {
-                if (cuts) ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, points, depth, nullptr), PLIANT_OK) << pliant_last_error();
+                if (cuts)
+                    ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, points, depth, nullptr), PLIANT_OK)
+                        << pliant_last_error();
                 pull(*body, s);
                 EXPECT_LT(body->data->statistics.error, 1e-8) << (body == &cpu ? "CPU" : "GPU") << ", step " << s;
             }
@@ -175,7 +186,8 @@ TEST(CudaCut, TheFirstFrameAfterItIsNear)
     const double bar[3] = {0.28, 0.07, 0.07}, end[3] = {0.27, 0.035, 0.035};
     const Plane plane{{0.078, 0.035, 0.035}, {1, 0.05, 0.02}};
     for (bool spring : {false, true}) {
-        Body tight(cells, bar, {{10000, 0.4, 1000, false}}), fast(cells, bar, {{10000, 0.4, 1000, false}}), cycle(cells, bar, {{10000, 0.4, 1000, false}});
+        Body tight(cells, bar, {{10000, 0.4, 1000, false}}), fast(cells, bar, {{10000, 0.4, 1000, false}}),
+            cycle(cells, bar, {{10000, 0.4, 1000, false}});
         double whole = 0;
         for (Body *body : {&tight, &fast, &cycle}) {
             body->fix_plane(1e-6, 0, 0, 1, 0, 0);
@@ -196,7 +208,8 @@ TEST(CudaCut, TheFirstFrameAfterItIsNear)
                 ASSERT_EQ(pliant_tool_set_drive(body->data, tool, PLIANT_DRIVE_SPRING, nullptr), PLIANT_OK);
             }
             for (int s = 0; s < 20; s++) ASSERT_GE(pliant_step(body->model, body->data), 0) << pliant_last_error();
-            const pliant_body *next = sever_plane(body->data->body, body->data->body->revision + 1, plane, [&](const double *x) { return x[2] > 0.035; });
+            const pliant_body *next = sever_plane(body->data->body, body->data->body->revision + 1, plane,
+                                                  [&](const double *x) { return x[2] > 0.035; });
             ASSERT_TRUE(next);
             ASSERT_EQ(pliant_data_set_body(body->model, body->data, next), PLIANT_OK) << pliant_last_error();
             pliant_body_release(next);
@@ -206,7 +219,9 @@ TEST(CudaCut, TheFirstFrameAfterItIsNear)
                 if (body == &tight) continue;
                 ASSERT_STREQ(pliant_data_get_backend(body->data), "cuda") << pliant_last_error();
                 if (s == 0) EXPECT_LE(body->data->statistics.iterations, 9);
-                if (s == 0 || s == 10) EXPECT_LT(farthest(*body, tight), (s == 0 ? 0.05 : 0.01) * whole) << "spring " << spring << ", V-cycle " << (body == &cycle) << ", frame " << s;
+                if (s == 0 || s == 10)
+                    EXPECT_LT(farthest(*body, tight), (s == 0 ? 0.05 : 0.01) * whole)
+                        << "spring " << spring << ", V-cycle " << (body == &cycle) << ", frame " << s;
             }
             for (int32_t n = 0; body == &tight && n < 3 * body->data->body->fine.num_nodes; n++)
                 whole = std::fmax(whole, std::fabs(body->data->positions[n] - body->data->body->fine.rest[n]));
@@ -225,7 +240,9 @@ TEST(CudaCut, TheCpuGoesOnWithTheCutBody)
     for (int s = 0; s < 6; s++) {
         const double x = 0.03 + 0.01 * s, points[6] = {x, -0.02, 0.14, x, 0.14, 0.14}, depth[3] = {0, 0, -0.06};
         for (Body *body : {&cpu, &gpu}) {
-            if (s == 1 || s == 4) ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, points, depth, nullptr), PLIANT_OK) << pliant_last_error();
+            if (s == 1 || s == 4)
+                ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, points, depth, nullptr), PLIANT_OK)
+                    << pliant_last_error();
             if (s == 2 && body == &gpu) pliant_cuda_fail_after(2);
             pull(*body, s);
             pliant_cuda_fail_after(-1);
@@ -239,22 +256,35 @@ TEST(CudaCut, TheCpuGoesOnWithTheCutBody)
 TEST(CudaCut, WhatComesOffFallsAsOnTheCpu)
 {
     NEEDS_GPU();
-    struct Engine { pliant_method method; pliant_solver_kind kind; bool quasi_static; pliant_preconditioner_choice preconditioner; pliant_cut_kind cut = PLIANT_CUT_SEVER; };
-    for (const Engine &c : {Engine{PLIANT_FINE, PLIANT_COROTATIONAL, false, PLIANT_DIRECT}, Engine{PLIANT_FINE, PLIANT_COROTATIONAL, false, PLIANT_MULTIGRID},
-                            Engine{PLIANT_AVERAGED, PLIANT_COROTATIONAL, false, PLIANT_DIRECT}, Engine{PLIANT_FINE, PLIANT_TLED, true, PLIANT_DIRECT},
-                            Engine{PLIANT_FINE, PLIANT_TLED, false, PLIANT_DIRECT}, Engine{PLIANT_FINE, PLIANT_COROTATIONAL, false, PLIANT_DIRECT, PLIANT_CUT_SUBDIVIDE},
-                            Engine{PLIANT_FINE, PLIANT_TLED, false, PLIANT_DIRECT, PLIANT_CUT_SUBDIVIDE}}) {
-        SCOPED_TRACE(std::to_string(c.method) + " " + std::to_string(c.kind) + " " + std::to_string(c.quasi_static) + " " + std::to_string(c.cut));
+    struct Engine {
+        pliant_method method;
+        pliant_solver_kind kind;
+        bool quasi_static;
+        pliant_preconditioner_choice preconditioner;
+        pliant_cut_kind cut = PLIANT_CUT_SEVER;
+    };
+    for (const Engine &c :
+         {Engine{PLIANT_FINE, PLIANT_COROTATIONAL, false, PLIANT_DIRECT},
+          Engine{PLIANT_FINE, PLIANT_COROTATIONAL, false, PLIANT_MULTIGRID},
+          Engine{PLIANT_AVERAGED, PLIANT_COROTATIONAL, false, PLIANT_DIRECT},
+          Engine{PLIANT_FINE, PLIANT_TLED, true, PLIANT_DIRECT}, Engine{PLIANT_FINE, PLIANT_TLED, false, PLIANT_DIRECT},
+          Engine{PLIANT_FINE, PLIANT_COROTATIONAL, false, PLIANT_DIRECT, PLIANT_CUT_SUBDIVIDE},
+          Engine{PLIANT_FINE, PLIANT_TLED, false, PLIANT_DIRECT, PLIANT_CUT_SUBDIVIDE}}) {
+        SCOPED_TRACE(std::to_string(c.method) + " " + std::to_string(c.kind) + " " + std::to_string(c.quasi_static) +
+                     " " + std::to_string(c.cut));
         Body cpu(size, box, {{20000, 0.4, 1000, false}}), gpu(size, box, {{20000, 0.4, 1000, false}});
         for (Body *body : {&cpu, &gpu}) {
             body->scene.tled.quasi_static = c.quasi_static;
             body->scene.warp.margin = 0.06;
             body->scene.ground.box_high[0] = 0.2; // the ground ends next to it
-            prepare(*body, Case{c.method, c.kind, c.preconditioner, PLIANT_LINEAR, c.cut}, body == &cpu ? PLIANT_CPU : PLIANT_CUDA);
-            const double sideways[3] = {6, 0, 8}, points[6] = {-0.02, -0.02, 0.063, 0.14, -0.02, 0.071}, depth[3] = {0, 0.2, 0};
+            prepare(*body, Case{c.method, c.kind, c.preconditioner, PLIANT_LINEAR, c.cut},
+                    body == &cpu ? PLIANT_CPU : PLIANT_CUDA);
+            const double sideways[3] = {6, 0, 8}, points[6] = {-0.02, -0.02, 0.063, 0.14, -0.02, 0.071},
+                         depth[3] = {0, 0.2, 0};
             ASSERT_EQ(pliant_data_set_gravity(body->data, sideways), PLIANT_OK);
             for (int s = 0; s < 3; s++) ASSERT_GE(pliant_step(body->model, body->data), 0) << pliant_last_error();
-            ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, points, depth, nullptr), PLIANT_OK) << pliant_last_error();
+            ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, points, depth, nullptr), PLIANT_OK)
+                << pliant_last_error();
             ASSERT_TRUE(body->data->body->pieces);
         }
         for (int s = 0; s < 60; s++) {
@@ -267,7 +297,9 @@ TEST(CudaCut, WhatComesOffFallsAsOnTheCpu)
             ASSERT_EQ(pliant_warp_create(&gpu.scan, &gpu.model->body->fine, &gpu.scan.geometry, 2, &warp), PLIANT_OK);
             ASSERT_EQ(pliant_warp_set_body(warp, gpu.data->body), PLIANT_OK) << pliant_last_error();
             ASSERT_EQ(pliant_warp_update(warp, gpu.data->positions), PLIANT_OK);
-            EXPECT_EQ(std::memcmp(pliant_warp_volume(warp)->voxels, pliant_warp_volume(pliant_data_get_warp(gpu.data))->voxels, 24 * 24 * 24), 0);
+            EXPECT_EQ(std::memcmp(pliant_warp_volume(warp)->voxels,
+                                  pliant_warp_volume(pliant_data_get_warp(gpu.data))->voxels, 24 * 24 * 24),
+                      0);
             pliant_warp_free(warp);
         }
         EXPECT_EQ(gpu.data->statistics.falling, 0);
@@ -294,7 +326,8 @@ TEST(CudaCut, AVCycleOnFragmentsServesAsBeforeTheCut)
             int taken[2][2] = {{0, 0}, {0, 0}}; // evaluations before and after the cut, on CPU and GPU
             std::unique_ptr<Body> bodies[2];
             for (int g = 0; g < 2; g++) {
-                bodies[g].reset(new Body(few, beam, {{5000, 0.4, 1000, false}, {20000, 0.4, 1000, false}}, [](int i, int j, int k) { return (i / 6 + j / 5 + k / 4) % 2; }));
+                bodies[g].reset(new Body(few, beam, {{5000, 0.4, 1000, false}, {20000, 0.4, 1000, false}},
+                                         [](int i, int j, int k) { return (i / 6 + j / 5 + k / 4) % 2; }));
                 Body &body = *bodies[g];
                 set(body, {PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_MULTIGRID, element}, g ? PLIANT_CUDA : PLIANT_CPU);
                 body.scene.fixed.num_planes = 0;
@@ -307,21 +340,27 @@ TEST(CudaCut, AVCycleOnFragmentsServesAsBeforeTheCut)
                     const double gravity[3] = {0, 0, pull};
                     int evaluations = 0;
                     EXPECT_EQ(pliant_data_set_gravity(body.data, gravity), PLIANT_OK);
-                    for (int s = 0; s < 20 && pliant_step(body.model, body.data) == PLIANT_NOT_CONVERGED; s++) evaluations += body.data->statistics.iterations;
+                    for (int s = 0; s < 20 && pliant_step(body.model, body.data) == PLIANT_NOT_CONVERGED; s++)
+                        evaluations += body.data->statistics.iterations;
                     return evaluations + body.data->statistics.iterations;
                 };
                 for (double pull : {-0.3, 0.2, -0.4}) taken[0][g] += load(deep > 0.05 ? 0.1 * pull : pull);
-                const double points[6] = {0.045, -0.02, 0.2, 0.06, 0.1, 0.2}, way[3] = {0.3 * (0.12 + deep), 0, -0.12 - deep};
-                ASSERT_EQ(pliant_data_cut(body.model, body.data, 2, points, way, nullptr), PLIANT_OK) << pliant_last_error();
+                const double points[6] = {0.045, -0.02, 0.2, 0.06, 0.1, 0.2},
+                             way[3] = {0.3 * (0.12 + deep), 0, -0.12 - deep};
+                ASSERT_EQ(pliant_data_cut(body.model, body.data, 2, points, way, nullptr), PLIANT_OK)
+                    << pliant_last_error();
                 const uint64_t before = body.data->statistics.factors;
-                for (int s = 0; s < 20 && body.data->statistics.factors == before; s++) ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
+                for (int s = 0; s < 20 && body.data->statistics.factors == before; s++)
+                    ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
                 ASSERT_GT(body.data->statistics.factors, before);
                 for (double pull : {-0.3, 0.2, -0.4}) taken[1][g] += load(deep > 0.05 ? 0.1 * pull : pull);
                 ASSERT_STREQ(pliant_data_get_backend(body.data), g ? "cuda" : "cpu") << pliant_last_error();
             }
             EXPECT_LT(farthest(*bodies[0], *bodies[1]), 1e-5 * beam[0]);
-            std::printf("%s, cut %.0f mm deep: evaluations under three loads before the cut %d, after it %d on the CPU, %d and %d on the GPU\n", element == PLIANT_LINEAR ? "tetrahedra" : "hexahedra",
-                        1e3 * deep, taken[0][0], taken[1][0], taken[0][1], taken[1][1]);
+            std::printf(
+                "%s, cut %.0f mm deep: evaluations under three loads before the cut %d, after it %d on the CPU, %d and %d on the GPU\n",
+                element == PLIANT_LINEAR ? "tetrahedra" : "hexahedra", 1e3 * deep, taken[0][0], taken[1][0],
+                taken[0][1], taken[1][1]);
             // up to 2.5 times if the coarser levels do not contain the cut
             EXPECT_LT(taken[1][1], 1.8 * taken[1][0] + 10);
         }
@@ -332,10 +371,12 @@ TEST(CudaCut, AVCycleOnFragmentsServesAsBeforeTheCut)
 void cut_once(const Case &c)
 {
     const int few[3] = {8, 8, 16};
-    const double bar[3] = {0.06, 0.06, 0.12}, end[3] = {0.03, 0.03, 0.11}, half[6] = {-0.2, -0.01, 0.031, 0.4, -0.01, 0.033},
-                 through[6] = {-0.2, -0.01, 0.052, 0.4, -0.01, 0.053}, across[3] = {0, 0.046, 0.002}, all[3] = {0, 0.1, 0.002};
-    SCOPED_TRACE(std::to_string(c.method) + " " + std::to_string(c.kind) + " " + std::to_string(c.preconditioner) + " " + std::to_string(c.element) + " " +
-                 std::to_string(c.cut));
+    const double bar[3] = {0.06, 0.06, 0.12}, end[3] = {0.03, 0.03, 0.11},
+                 half[6] = {-0.2, -0.01, 0.031, 0.4, -0.01, 0.033},
+                 through[6] = {-0.2, -0.01, 0.052, 0.4, -0.01, 0.053}, across[3] = {0, 0.046, 0.002},
+                 all[3] = {0, 0.1, 0.002};
+    SCOPED_TRACE(std::to_string(c.method) + " " + std::to_string(c.kind) + " " + std::to_string(c.preconditioner) +
+                 " " + std::to_string(c.element) + " " + std::to_string(c.cut));
     const int ratio = c.method == PLIANT_FINE ? 1 : 2;
     Body body(few, bar, {{5000, 0.4, 1000, false}});
     set(body, c, PLIANT_CUDA);
@@ -373,7 +414,8 @@ void cut_once(const Case &c)
 TEST(CudaCut, EveryKernelOnce)
 {
     NEEDS_GPU();
-    for (const Case &c : {Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_LINEAR}, Case{PLIANT_SCHUR, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_HEXAHEDRA},
+    for (const Case &c : {Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_LINEAR},
+                          Case{PLIANT_SCHUR, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_HEXAHEDRA},
                           Case{PLIANT_FINE, PLIANT_TLED, PLIANT_DIRECT, PLIANT_LINEAR}})
         cut_once(c);
 }
@@ -382,7 +424,8 @@ TEST(CudaCut, EveryKernelOnce)
 TEST(CudaCut, EveryKernelOnceOfOtherEngines)
 {
     NEEDS_GPU();
-    for (const Case &c : {Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_MULTIGRID, PLIANT_LINEAR}, Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_HEXAHEDRA},
+    for (const Case &c : {Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_MULTIGRID, PLIANT_LINEAR},
+                          Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_HEXAHEDRA},
                           Case{PLIANT_AVERAGED, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_LINEAR},
                           Case{PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_DIRECT, PLIANT_LINEAR, PLIANT_CUT_SUBDIVIDE}})
         cut_once(c);

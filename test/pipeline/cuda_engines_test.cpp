@@ -39,10 +39,13 @@ struct Runs {
         pliant_scene scene{};
         each.set(scene);
         const bool on_bone = scene.mesh.bone_surface;
-        body.reset(new Body(size, box, {{4000, 0.4, 1000, false}, {20000, 0.4, 1200, false}, {4000, 0.4, 1000, false}}, [on_bone](int i, int j, int k) {
-            const double x[3] = {i - 9.3, j - 7.6, k - 6.2};
-            return on_bone && x[0] * x[0] + x[1] * x[1] + x[2] * x[2] < 22 ? 2 : (i < 6 || i > 9) && k > 9;
-        }));
+        body.reset(new Body(size, box, {{4000, 0.4, 1000, false}, {20000, 0.4, 1200, false}, {4000, 0.4, 1000, false}},
+                            [on_bone](int i, int j, int k) {
+                                const double x[3] = {i - 9.3, j - 7.6, k - 6.2};
+                                return on_bone && x[0] * x[0] + x[1] * x[1] + x[2] * x[2] < 22
+                                           ? 2
+                                           : (i < 6 || i > 9) && k > 9;
+                            }));
         for (int m = 0; m < 3; m++) body->table.materials[m].toughness = 100;
         body->table.materials[2].fixed = true;
         body->fix_plane(0, 0, 1e-6, 0, 0, 1);
@@ -57,7 +60,10 @@ struct Runs {
         each.set(body->scene);
         body->scene.solver.iterations = 300;
         body->scene.solver.tolerance = 1e-9;
-        EXPECT_EQ(pliant_model_build(&body->scene, &body->scan, nullptr, &body->table, {nullptr, nullptr}, &body->model), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(
+            pliant_model_build(&body->scene, &body->scan, nullptr, &body->table, {nullptr, nullptr}, &body->model),
+            PLIANT_OK)
+            << pliant_last_error();
         for (pliant_backend_choice backend : backends) {
             data.push_back(nullptr);
             body->model->scene.solver.backend = backend;
@@ -93,15 +99,18 @@ enum { FIRST = 2, SECOND = 8, UNDO = 14, STEPS = 18 };
 void step_of(Body &run, int s)
 {
     const int stroke = s < SECOND ? s - FIRST : s - SECOND;
-    const double down = 0.016 * std::max(0, std::min(stroke, 4)), knife[3] = {s < SECOND ? 0.081 : 0.043 + 0.1 * down, 0.08, 0.172 - down};
+    const double down = 0.016 * std::max(0, std::min(stroke, 4)),
+                 knife[3] = {s < SECOND ? 0.081 : 0.043 + 0.1 * down, 0.08, 0.172 - down};
     for (int t = 0; t < 2; t++) {
         const pliant_tool &tool = run.data->tools[t];
         const double tip[3] = {tool.tip[0], tool.tip[1] + (t ? 4e-4 : -4e-4), tool.tip[2] + 2e-4};
         ASSERT_EQ(pliant_tool_set_pose(run.data, t, tip, nullptr), PLIANT_OK);
     }
     if (s < UNDO) ASSERT_EQ(pliant_tool_set_pose(run.data, 2, knife, nullptr), PLIANT_OK);
-    if (s < UNDO && (stroke == 0 || stroke == 5)) ASSERT_EQ(pliant_tool_set_cutting(run.data, 2, stroke == 0), PLIANT_OK) << pliant_last_error();
-    if (s == UNDO || s == UNDO + 2) ASSERT_EQ(pliant_data_undo_cut(run.model, run.data), PLIANT_OK) << pliant_last_error();
+    if (s < UNDO && (stroke == 0 || stroke == 5))
+        ASSERT_EQ(pliant_tool_set_cutting(run.data, 2, stroke == 0), PLIANT_OK) << pliant_last_error();
+    if (s == UNDO || s == UNDO + 2)
+        ASSERT_EQ(pliant_data_undo_cut(run.model, run.data), PLIANT_OK) << pliant_last_error();
     ASSERT_GE(pliant_step(run.model, run.data), 0) << pliant_last_error();
 }
 
@@ -109,13 +118,15 @@ void step_of(Body &run, int s)
 double apart(const pliant_data *a, const pliant_data *b)
 {
     double most = 0;
-    for (int32_t i = 0; i < 3 * a->body->fine.num_nodes; i++) most = std::fmax(most, std::fabs(a->positions[i] - b->positions[i]));
+    for (int32_t i = 0; i < 3 * a->body->fine.num_nodes; i++)
+        most = std::fmax(most, std::fabs(a->positions[i] - b->positions[i]));
     return most;
 }
 double moved(const pliant_data *a)
 {
     double most = 0;
-    for (int32_t i = 0; i < 3 * a->body->fine.num_nodes; i++) most = std::fmax(most, std::fabs(a->positions[i] - a->body->fine.rest[i]));
+    for (int32_t i = 0; i < 3 * a->body->fine.num_nodes; i++)
+        most = std::fmax(most, std::fabs(a->positions[i] - a->body->fine.rest[i]));
     return most;
 }
 
@@ -123,9 +134,12 @@ double moved(const pliant_data *a)
 bool same_topology(const pliant_body *a, const pliant_body *b, pliant_cut_kind kind)
 {
     if (kind == PLIANT_CUT_SEVER) return pliant_body_same(a, b);
-    return a->fine.num_nodes == b->fine.num_nodes && a->fine.num_tets == b->fine.num_tets && a->num_triangles == b->num_triangles &&
-           std::memcmp(a->fine.tets, b->fine.tets, 4 * sizeof *a->fine.tets * static_cast<size_t>(a->fine.num_tets)) == 0 &&
-           std::memcmp(a->triangles, b->triangles, 3 * sizeof *a->triangles * static_cast<size_t>(a->num_triangles)) == 0;
+    return a->fine.num_nodes == b->fine.num_nodes && a->fine.num_tets == b->fine.num_tets &&
+           a->num_triangles == b->num_triangles &&
+           std::memcmp(a->fine.tets, b->fine.tets, 4 * sizeof *a->fine.tets * static_cast<size_t>(a->fine.num_tets)) ==
+               0 &&
+           std::memcmp(a->triangles, b->triangles, 3 * sizeof *a->triangles * static_cast<size_t>(a->num_triangles)) ==
+               0;
 }
 
 /* Bounds relative to the maximum displacement and force. Solved to 1e-9, runs on the CPU alone differ from runs to
@@ -154,11 +168,13 @@ TEST_P(EveryEngine, IsCutAsOnTheCpu)
         SCOPED_TRACE(s);
         for (size_t run = 0; run < 3; run++) step_of(runs.of(run), s);
         ASSERT_STREQ(pliant_data_get_backend(gpu), "cuda") << pliant_last_error();
-        ASSERT_TRUE(same_topology(cpu->body, gpu->body, scene.cut.kind)) << cpu->body->fine.num_nodes << " and " << gpu->body->fine.num_nodes << " nodes";
+        ASSERT_TRUE(same_topology(cpu->body, gpu->body, scene.cut.kind))
+            << cpu->body->fine.num_nodes << " and " << gpu->body->fine.num_nodes << " nodes";
         ASSERT_EQ(state(runs.of(1)), state(runs.of(2))) << "not the same bits again";
         most = std::max(most, cpu->body->fine.num_nodes);
         patched = std::max(patched, gpu->statistics.patched);
-        for (size_t run = 0; run < 2; run++) evaluations[s >= UNDO][run] = std::max(evaluations[s >= UNDO][run], runs.data[run]->statistics.iterations);
+        for (size_t run = 0; run < 2; run++)
+            evaluations[s >= UNDO][run] = std::max(evaluations[s >= UNDO][run], runs.data[run]->statistics.iterations);
         taken |= pliant_data_get_background_taken(gpu);
         worst = std::fmax(worst, apart(cpu, gpu));
         far = std::fmax(far, moved(cpu));
@@ -168,19 +184,23 @@ TEST_P(EveryEngine, IsCutAsOnTheCpu)
                 forces = std::fmax(forces, std::fabs(cpu->tools[t].force[d] - gpu->tools[t].force[d]));
             }
     }
-    std::printf("%-26s %4d nodes, %4d at most; positions %.1e of %4.1f mm, forces %.1e of %.2g N apart; up to %d and %d evaluations, as cuts are undone %d and %d\n",
-                GetParam().name, load->fine.num_nodes, most, worst / far, 1e3 * far, forces / force, force, evaluations[0][0], evaluations[0][1], evaluations[1][0],
-                evaluations[1][1]);
+    std::printf(
+        "%-26s %4d nodes, %4d at most; positions %.1e of %4.1f mm, forces %.1e of %.2g N apart; up to %d and %d evaluations, as cuts are undone %d and %d\n",
+        GetParam().name, load->fine.num_nodes, most, worst / far, 1e3 * far, forces / force, force, evaluations[0][0],
+        evaluations[0][1], evaluations[1][0], evaluations[1][1]);
     EXPECT_GT(most, load->fine.num_nodes + 20);
     EXPECT_TRUE(pliant_body_same(gpu->body, load));
     EXPECT_LT(worst, bounds_of(scene).positions * far);
     EXPECT_LT(forces, bounds_of(scene).forces * force);
-    if (scene.solver.kind == PLIANT_COROTATIONAL) EXPECT_TRUE(taken & PLIANT_TAKES_FACTOR) << "the inverse was not carried over";
+    if (scene.solver.kind == PLIANT_COROTATIONAL)
+        EXPECT_TRUE(taken & PLIANT_TAKES_FACTOR) << "the inverse was not carried over";
     if (scene.model.patch > 0) EXPECT_GT(patched, 0);
 }
 INSTANTIATE_TEST_SUITE_P(Cuda, EveryEngine,
-                         testing::Values(direct, multigrid, hexahedra, averaged, averaged_hexahedra, plain, coarse_hexahedra, schur, schur_hexahedra, calibrated, patch, patch_hexahedra, octree,
-                                         octree_hexahedra, bone, hexahedra_on_bone, tough, subdivided, dynamic, cubes, octree_dynamic, subdivided_dynamic, relaxed),
+                         testing::Values(direct, multigrid, hexahedra, averaged, averaged_hexahedra, plain,
+                                         coarse_hexahedra, schur, schur_hexahedra, calibrated, patch, patch_hexahedra,
+                                         octree, octree_hexahedra, bone, hexahedra_on_bone, tough, subdivided, dynamic,
+                                         cubes, octree_dynamic, subdivided_dynamic, relaxed),
                          name_of);
 
 // Compute a step of two runs. The first one does not wait; the second one uses the same background results.
@@ -188,7 +208,9 @@ template <class Step> void live_and_again(Runs &runs, const Step &step, uint32_t
 {
     for (size_t run = 0; run < 2; run++) {
         const uint32_t now = run == 0 ? 0 : pliant_data_get_background_taken(runs.data[0]);
-        ASSERT_EQ(pliant_data_set_background(runs.data[run], run == 0 ? PLIANT_BACKGROUND_LIVE : PLIANT_BACKGROUND_PRESCRIBED, now), PLIANT_OK);
+        ASSERT_EQ(pliant_data_set_background(runs.data[run],
+                                             run == 0 ? PLIANT_BACKGROUND_LIVE : PLIANT_BACKGROUND_PRESCRIBED, now),
+                  PLIANT_OK);
         step(runs.of(run));
         *taken |= now;
     }
@@ -208,15 +230,18 @@ TEST_P(EveryRecording, IsPlayedBackToTheBit)
         SCOPED_TRACE(s);
         live_and_again(runs, [s](Body &run) { step_of(run, s); }, &taken);
         // between two strokes, wait until the inverse is ready
-        while (s == SECOND - 1 && !(taken & PLIANT_TAKES_FACTOR) && !HasFatalFailure() && std::chrono::steady_clock::now() < until) {
+        while (s == SECOND - 1 && !(taken & PLIANT_TAKES_FACTOR) && !HasFatalFailure() &&
+               std::chrono::steady_clock::now() < until) {
             std::this_thread::sleep_for(std::chrono::milliseconds(5));
-            live_and_again(runs, [](Body &run) { ASSERT_GE(pliant_step(run.model, run.data), 0) << pliant_last_error(); }, &taken);
+            live_and_again(
+                runs, [](Body &run) { ASSERT_GE(pliant_step(run.model, run.data), 0) << pliant_last_error(); }, &taken);
         }
         if (HasFatalFailure()) return;
     }
     EXPECT_STREQ(pliant_data_get_backend(runs.data[0]), "cuda") << pliant_last_error();
     EXPECT_TRUE(taken & PLIANT_TAKES_FACTOR);
 }
-INSTANTIATE_TEST_SUITE_P(Cuda, EveryRecording, testing::Values(direct, multigrid, hexahedra, averaged, patch, octree, subdivided), name_of);
+INSTANTIATE_TEST_SUITE_P(Cuda, EveryRecording,
+                         testing::Values(direct, multigrid, hexahedra, averaged, patch, octree, subdivided), name_of);
 
 } // namespace

@@ -17,7 +17,8 @@ struct Told {
     {
         pliant_set_log([](pliant_log_level level, const char *message, void *user) {
             Told *told = static_cast<Told *>(user);
-            if (level < PLIANT_LOG_INFO || !std::strstr(message, "backend: ") || std::strstr(message, "backend: cuda")) return;
+            if (level < PLIANT_LOG_INFO || !std::strstr(message, "backend: ") || std::strstr(message, "backend: cuda"))
+                return;
             told->count++;
             told->last = message;
         }, this);
@@ -34,7 +35,8 @@ bool draws_what_the_cpu_draws(const Body &body)
     EXPECT_EQ(pliant_warp_set_body(warp, body.data->body), PLIANT_OK) << pliant_last_error();
     EXPECT_EQ(pliant_warp_update(warp, body.data->positions), PLIANT_OK);
     const size_t voxels = pliant_geometry_voxels(&body.scan.geometry);
-    const bool same = std::memcmp(pliant_warp_volume(warp)->voxels, pliant_warp_volume(body.data->warp)->voxels, voxels) == 0;
+    const bool same =
+        std::memcmp(pliant_warp_volume(warp)->voxels, pliant_warp_volume(body.data->warp)->voxels, voxels) == 0;
     pliant_warp_free(warp);
     return same;
 }
@@ -80,7 +82,9 @@ void fail_every_call(const Case &c, double patch, int stride)
         ASSERT_LT(farthest(good, body), 1e-5 * box[0]);
         EXPECT_EQ(told.count, is_on_cpu(body)) << told.last;
         given_up += is_on_cpu(body) || !pliant_warp_accelerated(body.data->warp);
-        if (left >= 0) EXPECT_TRUE(!is_on_cpu(body) && pliant_warp_accelerated(body.data->warp) && draws_what_the_cpu_draws(body)) << told.last;
+        if (left >= 0)
+            EXPECT_TRUE(!is_on_cpu(body) && pliant_warp_accelerated(body.data->warp) && draws_what_the_cpu_draws(body))
+                << told.last;
         drop_data(body);
     }
     EXPECT_GT(given_up, 30 / stride);
@@ -107,7 +111,8 @@ enum { CUT = 2, UNDO = 7, STEPS = 9 };
 // A bar of 16 cubes, or two coarse ones.
 struct Bar : Body {
     Bar(pliant_method method, pliant_preconditioner_choice preconditioner, pliant_backend_choice backend)
-        : Body(std::vector<int>{8, 8, 16}.data(), bar_box, {{20000, 0.4, 1000, false}, {60000, 0.4, 1100, false}}, [](int i, int, int k) { return i < 4 && k > 5; })
+        : Body(std::vector<int>{8, 8, 16}.data(), bar_box, {{20000, 0.4, 1000, false}, {60000, 0.4, 1100, false}},
+               [](int i, int, int k) { return i < 4 && k > 5; })
     {
         const int ratio = method == PLIANT_FINE ? 1 : 2;
         scene.solver.backend = backend;
@@ -131,7 +136,8 @@ struct Bar : Body {
             ASSERT_EQ(pliant_tool_set_pose(data, tool, from, nullptr), PLIANT_OK);
             ASSERT_EQ(pliant_tool_grasp(model, data, tool, nullptr), PLIANT_OK) << pliant_last_error();
         }
-        if (s == CUT) ASSERT_EQ(pliant_data_cut(model, data, 2, edge, depth, nullptr), PLIANT_OK) << pliant_last_error();
+        if (s == CUT)
+            ASSERT_EQ(pliant_data_cut(model, data, 2, edge, depth, nullptr), PLIANT_OK) << pliant_last_error();
         if (s == UNDO) ASSERT_EQ(pliant_data_undo_cut(model, data), PLIANT_OK) << pliant_last_error();
         ASSERT_EQ(pliant_tool_set_pose(data, tool, tip, nullptr), PLIANT_OK);
         ASSERT_GE(pliant_step(model, data), 0) << pliant_last_error();
@@ -172,7 +178,9 @@ TEST(CudaFailure, AmidACutAndWhatIsMadeForIt)
                 body.step(s);
                 if (s == UNDO - 1) factors = body.data->statistics.factors;
                 ASSERT_EQ(3 * static_cast<size_t>(body.data->body->fine.num_nodes), there[s].size());
-                ASSERT_LT(farthest(there[s].data(), body.data->positions, body.data->body->fine.num_nodes), 1e-5 * bar_box[2]) << "step " << s << ": " << told.last;
+                ASSERT_LT(farthest(there[s].data(), body.data->positions, body.data->body->fine.num_nodes),
+                          1e-5 * bar_box[2])
+                    << "step " << s << ": " << told.last;
             }
             left = pliant_cuda_fail_after(-1);
             EXPECT_EQ(told.count, is_on_cpu(body)) << told.last;
@@ -194,7 +202,9 @@ TEST(CudaFailure, AmidContact)
 {
     NEEDS_GPU();
     // without friction the solution is unique
-    const cuda_contacts::Case cases[] = {{"inverse", PLIANT_FINE, 1, PLIANT_DIRECT, true, false, 0, PLIANT_LINEAR, 0}, {"V-cycle", PLIANT_FINE, 1, PLIANT_MULTIGRID, false, false, 0, PLIANT_LINEAR, 0}};
+    const cuda_contacts::Case cases[] = {
+        {"inverse", PLIANT_FINE, 1, PLIANT_DIRECT, true, false, 0, PLIANT_LINEAR, 0},
+        {"V-cycle", PLIANT_FINE, 1, PLIANT_MULTIGRID, false, false, 0, PLIANT_LINEAR, 0}};
     for (const cuda_contacts::Case &c : cases) {
         SCOPED_TRACE(c.name);
         cuda_contacts::Block body(c, PLIANT_AUTO, true);
@@ -217,8 +227,10 @@ TEST(CudaFailure, AmidContact)
             pliant_cuda_fail_after(calls);
             for (int s = 0; s < 2; s++) {
                 ASSERT_GE(body.step(4 + s), 0) << pliant_last_error();
-                if (calls == 0) there[s].assign(body.data->positions, body.data->positions + 3 * body.data->body->fine.num_nodes);
-                ASSERT_LT(farthest(there[s].data(), body.data->positions, body.data->body->fine.num_nodes), bound[s]) << "step " << s << ": " << told.last;
+                if (calls == 0)
+                    there[s].assign(body.data->positions, body.data->positions + 3 * body.data->body->fine.num_nodes);
+                ASSERT_LT(farthest(there[s].data(), body.data->positions, body.data->body->fine.num_nodes), bound[s])
+                    << "step " << s << ": " << told.last;
             }
             left = pliant_cuda_fail_after(-1);
             EXPECT_GT(body.data->statistics.contacts, 3);

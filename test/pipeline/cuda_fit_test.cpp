@@ -10,7 +10,8 @@
 namespace {
 
 struct Fits : Warps {
-    Fits(pliant_encoding encoding, const pliant_geometry &geometry, const int32_t cells[3], const pliant_geometry &target, int32_t step)
+    Fits(pliant_encoding encoding, const pliant_geometry &geometry, const int32_t cells[3],
+         const pliant_geometry &target, int32_t step)
         : Warps(encoding, geometry, cells, target)
     {
         EXPECT_EQ(pliant_warp_fit(cpu, step), PLIANT_OK) << pliant_last_error();
@@ -46,7 +47,8 @@ TEST(CudaFit, OtherTargetsEqualToo)
 {
     NEEDS_GPU();
     const int32_t cells[3] = {5, 4, 4};
-    pliant_geometry geometry = geometry_of(40, 36, 33), oblique = geometry, large = geometry, flat = geometry_of(40, 36, 1);
+    pliant_geometry geometry = geometry_of(40, 36, 33), oblique = geometry, large = geometry,
+                    flat = geometry_of(40, 36, 1);
     const double c = std::cos(0.4), s = std::sin(0.4);
     const double turned[9] = {c, -s, 0, s, c, 0, 0, 0, 1};
     std::memcpy(oblique.direction, turned, sizeof turned);
@@ -79,8 +81,12 @@ TEST(CudaFit, WhatIsCutEqualsToo)
             Fits fits(encoding, geometry, crowded ? many : few, target, 4);
             const auto voxels = cut_cases::make_voxels(fits.mesh, geometry);
             const cut_cases::vector3 middle = {12.3, 0.5 * geometry.size[1] + 0.2, 0.5 * geometry.size[2] - 0.6};
-            auto upto = [=](double i) { return cut_cases::plane(middle, {0.83, 0.31, -0.26}, [=](const cut_cases::vector3 &at) { return at[1] < i; }); };
-            const cut_cases::CutBody none(fits.mesh, *voxels, {}), some(fits.mesh, *voxels, {upto(20)}), whole(fits.mesh, *voxels, {upto(100)}, 2);
+            auto upto = [=](double i) {
+                return cut_cases::plane(middle, {0.83, 0.31, -0.26},
+                                        [=](const cut_cases::vector3 &at) { return at[1] < i; });
+            };
+            const cut_cases::CutBody none(fits.mesh, *voxels, {}), some(fits.mesh, *voxels, {upto(20)}),
+                whole(fits.mesh, *voxels, {upto(100)}, 2);
             fits.update_and_compare(fits.rest(), "before");
             for (double apart : {0.0, 0.004}) {
                 set_and_compare(fits, some, apart, "a cut");
@@ -107,7 +113,9 @@ void fit_once(pliant_encoding encoding)
         const pliant_geometry geometry = geometry_of(16, 15, 14), target = geometry_of(19, 15, 14);
         Fits fits(encoding, geometry, cells, target, 4);
         const auto voxels = cut_cases::make_voxels(fits.mesh, geometry);
-        const cut_cases::CutBody some(fits.mesh, *voxels, {cut_cases::plane({4.3, 7.2, 6.4}, {0.83, 0.31, -0.26}, [](const cut_cases::vector3 &at) { return at[1] < 8; })});
+        const cut_cases::CutBody some(fits.mesh, *voxels,
+                                      {cut_cases::plane({4.3, 7.2, 6.4}, {0.83, 0.31, -0.26},
+                                                        [](const cut_cases::vector3 &at) { return at[1] < 8; })});
         fits.update_and_compare(fits.wave(0.002, 0.0003, 6), "wave");
         set_and_compare(fits, some, 0.002, "a cut");
     }
@@ -133,7 +141,8 @@ TEST(CudaFit, AStepDrawsIt)
     for (pliant_solver_kind kind : {PLIANT_TLED, PLIANT_COROTATIONAL}) {
         const int size[3] = {16, 16, 32};
         const double box[3] = {0.04, 0.04, 0.08};
-        Body body(size, box, {{5e3, 0.3, 1000, false}, {2e4, 0.3, 1000, false}}, [](int i, int, int k) { return i < 6 && k < 10; });
+        Body body(size, box, {{5e3, 0.3, 1000, false}, {2e4, 0.3, 1000, false}},
+                  [](int i, int, int k) { return i < 6 && k < 10; });
         body.cells(4, 4, 8, 1);
         body.fix_plane(0, 0, 1e-6, 0, 0, 1);
         body.scene.model.gravity[0] = 3;
@@ -148,7 +157,9 @@ TEST(CudaFit, AStepDrawsIt)
         ASSERT_EQ(pliant_warp_create(&body.scan, &body.model->body->fine, &body.scan.geometry, 2, &warp), PLIANT_OK);
         ASSERT_EQ(pliant_warp_fit(warp, body.scene.warp.fit_step), PLIANT_OK);
         ASSERT_EQ(pliant_warp_update(warp, body.data->positions), PLIANT_OK);
-        EXPECT_EQ(std::memcmp(pliant_warp_volume(warp)->voxels, pliant_warp_volume(body.data->warp)->voxels, 16 * 16 * 32), 0);
+        EXPECT_EQ(
+            std::memcmp(pliant_warp_volume(warp)->voxels, pliant_warp_volume(body.data->warp)->voxels, 16 * 16 * 32),
+            0);
         pliant_warp_free(warp);
     }
 }
@@ -173,7 +184,8 @@ TEST(CudaFit, TheCpuGoesOn)
         if (left >= 0) EXPECT_TRUE(pliant_warp_accelerated(fits.gpu)) << pliant_last_error();
         given_up += !pliant_warp_accelerated(fits.gpu);
         const size_t bytes = pliant_geometry_voxels(&geometry) * sizeof(int16_t);
-        EXPECT_EQ(std::memcmp(pliant_warp_volume(fits.cpu)->voxels, pliant_warp_volume(fits.gpu)->voxels, bytes), 0) << "call " << calls;
+        EXPECT_EQ(std::memcmp(pliant_warp_volume(fits.cpu)->voxels, pliant_warp_volume(fits.gpu)->voxels, bytes), 0)
+            << "call " << calls;
     }
     EXPECT_GT(given_up, 20);
 }

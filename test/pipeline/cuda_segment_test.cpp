@@ -38,7 +38,8 @@ void compare(const pliant_volume &scan, pliant_segment_options options, const ch
     const size_t voxels = pliant_geometry_voxels(&scan.geometry);
     for (size_t v = 0; v < voxels; v++) different += cpu.labels.voxels[v] != gpu.labels.voxels[v];
     EXPECT_EQ(different, 0u) << "of " << voxels;
-    std::printf("%-40s %2d classes, %5d pieces: %zu of %zu voxels differ\n", what, cpu.num_classes, cpu.num_pieces, different, voxels);
+    std::printf("%-40s %2d classes, %5d pieces: %zu of %zu voxels differ\n", what, cpu.num_classes, cpu.num_pieces,
+                different, voxels);
     pliant_segmentation_free(&cpu);
     pliant_segmentation_free(&gpu);
 }
@@ -86,7 +87,8 @@ TEST(CudaSegment, OtherVolumesToo)
             }
             pliant_segment_options options = usual;
             options.smallest = 20 * geometry.spacing[0] * geometry.spacing[1] * geometry.spacing[2];
-            compare(scan, options, (std::string("tiles, encoding ") + std::to_string(encoding) + (flat ? ", one slice" : "")).c_str());
+            compare(scan, options,
+                    (std::string("tiles, encoding ") + std::to_string(encoding) + (flat ? ", one slice" : "")).c_str());
             pliant_volume_free(&scan);
         }
 }
@@ -101,7 +103,9 @@ TEST(CudaSegment, SameInputSameBitsAndErrorsAreTheCpus)
     ASSERT_EQ(pliant_segment(&phantom, &usual, &first), PLIANT_OK);
     ASSERT_EQ(pliant_segment(&phantom, &usual, &second), PLIANT_OK);
     EXPECT_EQ(std::memcmp(first.classes, second.classes, sizeof first.classes), 0);
-    EXPECT_EQ(std::memcmp(first.labels.voxels, second.labels.voxels, pliant_geometry_voxels(&phantom.geometry) * sizeof *first.labels.voxels), 0);
+    EXPECT_EQ(std::memcmp(first.labels.voxels, second.labels.voxels,
+                          pliant_geometry_voxels(&phantom.geometry) * sizeof *first.labels.voxels),
+              0);
     pliant_segmentation_free(&first);
     pliant_segmentation_free(&second);
     pliant_volume_free(&phantom);
@@ -110,7 +114,8 @@ TEST(CudaSegment, SameInputSameBitsAndErrorsAreTheCpus)
     ASSERT_EQ(pliant_volume_create(&geometry, PLIANT_FLOAT32, &scan), PLIANT_OK);
     scan.slope = 1;
     std::mt19937 random(1);
-    for (size_t v = 0; v < pliant_geometry_voxels(&geometry); v++) static_cast<float *>(scan.voxels)[v] = static_cast<float>(random() % 12) * 100;
+    for (size_t v = 0; v < pliant_geometry_voxels(&geometry); v++)
+        static_cast<float *>(scan.voxels)[v] = static_cast<float>(random() % 12) * 100;
     pliant_segment_options options = usual;
     options.classes = 12;
     options.coherence = 0;
@@ -148,10 +153,14 @@ TEST(CudaSegment, TheCpuGoesOn)
         ASSERT_LT(calls, 5000);
         pliant_segmentation out{};
         pliant_cuda_fail_after(calls);
-        EXPECT_EQ(pliant_segment(&phantom, &options, &out), PLIANT_OK) << "call " << calls << ": " << pliant_last_error();
+        EXPECT_EQ(pliant_segment(&phantom, &options, &out), PLIANT_OK)
+            << "call " << calls << ": " << pliant_last_error();
         left = pliant_cuda_fail_after(-1);
         ASSERT_NE(out.labels.voxels, nullptr);
-        EXPECT_EQ(std::memcmp(out.labels.voxels, good.labels.voxels, pliant_geometry_voxels(&phantom.geometry) * sizeof *out.labels.voxels), 0) << "call " << calls;
+        EXPECT_EQ(std::memcmp(out.labels.voxels, good.labels.voxels,
+                              pliant_geometry_voxels(&phantom.geometry) * sizeof *out.labels.voxels),
+                  0)
+            << "call " << calls;
         pliant_segmentation_free(&out);
         EXPECT_EQ(pliant_memory_in_use(), held) << "call " << calls;
     }

@@ -19,11 +19,16 @@ namespace {
 /* ---- whole runs */
 
 const Case cases[] = {
-    {PLIANT_FINE, PLIANT_DRIVE_SPRING, 0, 0, 1, PLIANT_DIRECT},     {PLIANT_FINE, PLIANT_DRIVE_RIGID, 9.81, 0, 2, PLIANT_DIRECT},
-    {PLIANT_FINE, PLIANT_DRIVE_FORCE, 0, 0, 1, PLIANT_DIRECT},      {PLIANT_FINE, PLIANT_DRIVE_SPRING, 9.81, 20, 3, PLIANT_MULTIGRID},
-    {PLIANT_FINE, PLIANT_DRIVE_RIGID, 0, 0, 1, PLIANT_MULTIGRID},   {PLIANT_COARSE, PLIANT_DRIVE_SPRING, 9.81, 0, 1, PLIANT_DIRECT},
-    {PLIANT_AVERAGED, PLIANT_DRIVE_RIGID, 0, 0, 2, PLIANT_DIRECT},  {PLIANT_SCHUR, PLIANT_DRIVE_SPRING, 1, 0, 1, PLIANT_DIRECT},
-    {PLIANT_LOD, PLIANT_DRIVE_SPRING, 5, 0, 1, PLIANT_DIRECT},      {PLIANT_LOD, PLIANT_DRIVE_RIGID, 0, 0, 2, PLIANT_PRECONDITIONER_AUTO},
+    {PLIANT_FINE, PLIANT_DRIVE_SPRING, 0, 0, 1, PLIANT_DIRECT},
+    {PLIANT_FINE, PLIANT_DRIVE_RIGID, 9.81, 0, 2, PLIANT_DIRECT},
+    {PLIANT_FINE, PLIANT_DRIVE_FORCE, 0, 0, 1, PLIANT_DIRECT},
+    {PLIANT_FINE, PLIANT_DRIVE_SPRING, 9.81, 20, 3, PLIANT_MULTIGRID},
+    {PLIANT_FINE, PLIANT_DRIVE_RIGID, 0, 0, 1, PLIANT_MULTIGRID},
+    {PLIANT_COARSE, PLIANT_DRIVE_SPRING, 9.81, 0, 1, PLIANT_DIRECT},
+    {PLIANT_AVERAGED, PLIANT_DRIVE_RIGID, 0, 0, 2, PLIANT_DIRECT},
+    {PLIANT_SCHUR, PLIANT_DRIVE_SPRING, 1, 0, 1, PLIANT_DIRECT},
+    {PLIANT_LOD, PLIANT_DRIVE_SPRING, 5, 0, 1, PLIANT_DIRECT},
+    {PLIANT_LOD, PLIANT_DRIVE_RIGID, 0, 0, 2, PLIANT_PRECONDITIONER_AUTO},
     {PLIANT_FINE, PLIANT_DRIVE_SPRING, 9.81, 0, 2, PLIANT_DIRECT, PLIANT_HEXAHEDRA},
     {PLIANT_FINE, PLIANT_DRIVE_RIGID, 0, 0, 1, PLIANT_MULTIGRID, PLIANT_HEXAHEDRA},
     {PLIANT_AVERAGED, PLIANT_DRIVE_SPRING, 2, 0, 2, PLIANT_DIRECT, PLIANT_HEXAHEDRA},
@@ -50,10 +55,12 @@ TEST(CudaRun, MeetsTheCpu)
             step(gpu, c, s, steps);
             ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
             worst = std::fmax(worst, farthest(cpu, gpu));
-            least_converged = std::fmax(least_converged, std::fmax(cpu.data->statistics.residual, gpu.data->statistics.residual));
+            least_converged =
+                std::fmax(least_converged, std::fmax(cpu.data->statistics.residual, gpu.data->statistics.residual));
             for (int t = 0; t < c.tools; t++)
                 for (int d = 0; d < 3; d++)
-                    EXPECT_NEAR(cpu.data->tools[t].force[d], gpu.data->tools[t].force[d], 1e-5) << "step " << s << ", tool " << t;
+                    EXPECT_NEAR(cpu.data->tools[t].force[d], gpu.data->tools[t].force[d], 1e-5)
+                        << "step " << s << ", tool " << t;
         }
         EXPECT_LT(least_converged, 1e-7);
         EXPECT_LT(worst, 1e-5 * box[0]);
@@ -63,7 +70,8 @@ TEST(CudaRun, MeetsTheCpu)
         pliant_warp *warp = nullptr;
         ASSERT_EQ(pliant_warp_create(&gpu.scan, &gpu.model->body->fine, &gpu.scan.geometry, 2, &warp), PLIANT_OK);
         ASSERT_EQ(pliant_warp_update(warp, gpu.data->positions), PLIANT_OK);
-        EXPECT_EQ(std::memcmp(pliant_warp_volume(warp)->voxels, pliant_warp_volume(gpu.data->warp)->voxels, 24 * 24 * 24), 0);
+        EXPECT_EQ(
+            std::memcmp(pliant_warp_volume(warp)->voxels, pliant_warp_volume(gpu.data->warp)->voxels, 24 * 24 * 24), 0);
         pliant_warp_free(warp);
     }
 }
@@ -93,7 +101,8 @@ TEST(CudaRun, ErrorsMeetTheCpuAndTheTruth)
         for (int load = 0; load < 4; load++) { // the last load is gravity alone, which rotates
             SCOPED_TRACE(load);
             const Case c = {PLIANT_FINE, drives[load % 3], 2, 0, load < 3, choice};
-            Body exact(size, box, three, inclusions), cpu(size, box, three, inclusions), gpu(size, box, three, inclusions);
+            Body exact(size, box, three, inclusions), cpu(size, box, three, inclusions),
+                gpu(size, box, three, inclusions);
             for (Body *body : {&exact, &cpu, &gpu}) {
                 prepare(*body, c, body == &gpu ? PLIANT_CUDA : PLIANT_CPU);
                 body->scene.solver.refresh_interval = 0;
@@ -114,7 +123,8 @@ TEST(CudaRun, ErrorsMeetTheCpuAndTheTruth)
                 ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
                 const pliant_statistics &a = cpu.data->statistics, &b = gpu.data->statistics;
                 if (s <= alike && a.error > 1e-7) apart = std::fmax(apart, std::fabs(a.error - b.error) / a.error);
-                if (s <= alike && a.error_before > 1e-7) apart = std::fmax(apart, std::fabs(a.error_before - b.error_before) / a.error_before);
+                if (s <= alike && a.error_before > 1e-7)
+                    apart = std::fmax(apart, std::fabs(a.error_before - b.error_before) / a.error_before);
                 if (last_error > 1e-7) {
                     judged++;
                     within_before += b.error_before > last_error / 3 && b.error_before < 3 * last_error;
@@ -129,10 +139,12 @@ TEST(CudaRun, ErrorsMeetTheCpuAndTheTruth)
                 counted++;
                 within += b.error > error / 3 && b.error < 3 * error;
             }
-            std::printf("%s, load %d: told %.1e of the CPU's apart\n", choice == PLIANT_DIRECT ? "direct" : "V-cycle", load, apart);
+            std::printf("%s, load %d: told %.1e of the CPU's apart\n", choice == PLIANT_DIRECT ? "direct" : "V-cycle",
+                        load, apart);
             if (choice == PLIANT_DIRECT) EXPECT_LT(apart, 1e-3);
         }
-    std::printf("within a factor of 3 in %d of %d frames, a step later in %d of %d\n", within, counted, within_before, judged);
+    std::printf("within a factor of 3 in %d of %d frames, a step later in %d of %d\n", within, counted, within_before,
+                judged);
     EXPECT_GT(counted, 100);
     EXPECT_GE(within, 0.9 * counted);
     EXPECT_GE(within_before, 0.9 * judged);
@@ -151,7 +163,8 @@ TEST(CudaRun, PatchesMeetTheCpu)
             body->scene.model.patch = 0.03;
             body->scene.model.patch_delay = 3;
             ASSERT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
-            ASSERT_EQ(pliant_data_set_warp(body->model, body->data, &body->scan.geometry), PLIANT_OK) << pliant_last_error();
+            ASSERT_EQ(pliant_data_set_warp(body->model, body->data, &body->scan.geometry), PLIANT_OK)
+                << pliant_last_error();
         }
         ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda");
         const int steps = 12;
@@ -162,7 +175,9 @@ TEST(CudaRun, PatchesMeetTheCpu)
             EXPECT_EQ(cpu.data->statistics.patched, gpu.data->statistics.patched) << "step " << s;
             EXPECT_LT(farthest(cpu, gpu), 1e-5 * box[0]) << "step " << s;
             for (int t = 0; t < c.tools; t++)
-                for (int d = 0; d < 3; d++) EXPECT_NEAR(cpu.data->tools[t].force[d], gpu.data->tools[t].force[d], 1e-5) << "step " << s << ", tool " << t;
+                for (int d = 0; d < 3; d++)
+                    EXPECT_NEAR(cpu.data->tools[t].force[d], gpu.data->tools[t].force[d], 1e-5)
+                        << "step " << s << ", tool " << t;
         }
         EXPECT_EQ(gpu.data->statistics.patched, 2);
         EXPECT_GT(gpu.data->statistics.patch_moved, 1e-3);
@@ -170,7 +185,8 @@ TEST(CudaRun, PatchesMeetTheCpu)
         pliant_warp *warp = nullptr;
         ASSERT_EQ(pliant_warp_create(&gpu.scan, &gpu.model->body->fine, &gpu.scan.geometry, 2, &warp), PLIANT_OK);
         ASSERT_EQ(pliant_warp_update(warp, gpu.data->positions), PLIANT_OK);
-        EXPECT_EQ(std::memcmp(pliant_warp_volume(warp)->voxels, pliant_warp_volume(gpu.data->warp)->voxels, 24 * 24 * 24), 0);
+        EXPECT_EQ(
+            std::memcmp(pliant_warp_volume(warp)->voxels, pliant_warp_volume(gpu.data->warp)->voxels, 24 * 24 * 24), 0);
         pliant_warp_free(warp);
     }
 }
@@ -207,9 +223,11 @@ TEST(CudaRun, OneEvaluationMeetsTheCpu)
             ASSERT_EQ(pliant_data_set_limits(body->data, 1, 1e-8), PLIANT_OK);
         }
         for (int round = 0; round < 3; round++) {
-            std::vector<double> x(cpu.model->body->fine.rest, cpu.model->body->fine.rest + 3 * cpu.model->body->fine.num_nodes);
+            std::vector<double> x(cpu.model->body->fine.rest,
+                                  cpu.model->body->fine.rest + 3 * cpu.model->body->fine.num_nodes);
             for (double &at : x) at += round * uniform(random);
-            for (Body *body : {&cpu, &gpu}) ASSERT_EQ(pliant_data_set_positions(body->model, body->data, x.data()), PLIANT_OK);
+            for (Body *body : {&cpu, &gpu})
+                ASSERT_EQ(pliant_data_set_positions(body->model, body->data, x.data()), PLIANT_OK);
             const double *now = cpu.data->solver->now.x;
             const std::vector<double> begin(now, now + 3 * cpu.model->system->mesh->num_nodes);
             for (Body *body : {&cpu, &gpu}) ASSERT_GE(pliant_step(body->model, body->data), 0);
@@ -314,7 +332,8 @@ struct RealBody {
     pliant_data *data = nullptr;
     RealBody(const pliant_scene &scene, const pliant_volume &scan, const pliant_material_table &materials)
     {
-        EXPECT_EQ(pliant_model_build(&scene, &scan, nullptr, &materials, {nullptr, nullptr}, &model), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(pliant_model_build(&scene, &scan, nullptr, &materials, {nullptr, nullptr}, &model), PLIANT_OK)
+            << pliant_last_error();
         EXPECT_EQ(pliant_data_create(model, &data), PLIANT_OK) << pliant_last_error();
         EXPECT_EQ(pliant_data_set_warp(model, data, &scan.geometry), PLIANT_OK) << pliant_last_error();
     }
@@ -333,9 +352,11 @@ struct RealBody {
         for (int s = 0; s < 500; s++) {
             const double point[3] = {middle[0], middle[1] - 0.25 + 0.001 * s, middle[2]};
             int32_t tet = pliant_mesh_locate(&model->body->fine, point, barycentric), tool;
-            if (tet < 0 || model->body->fine_material[tet].tissue < 0.9 || model->body->fine_material[tet].mu < 500) continue;
+            if (tet < 0 || model->body->fine_material[tet].tissue < 0.9 || model->body->fine_material[tet].mu < 500)
+                continue;
             for (int d = 0; d < 3; d++) tip[d] = point[d] + (d == 1 ? 0.02 : 0);
-            return pliant_tool_add(model, data, "tool", &tool) == PLIANT_OK && pliant_tool_set_pose(data, tool, tip, nullptr) == PLIANT_OK &&
+            return pliant_tool_add(model, data, "tool", &tool) == PLIANT_OK &&
+                   pliant_tool_set_pose(data, tool, tip, nullptr) == PLIANT_OK &&
                    pliant_tool_grasp(model, data, tool, nullptr) == PLIANT_OK;
         }
         return false;
@@ -347,7 +368,8 @@ size_t different_voxels(const pliant_volume *a, const pliant_volume *b)
     const size_t bytes = pliant_encoding_size(a->encoding), count = pliant_geometry_voxels(&a->geometry);
     size_t different = 0;
     for (size_t v = 0; v < count; v++)
-        different += std::memcmp(static_cast<char *>(a->voxels) + bytes * v, static_cast<char *>(b->voxels) + bytes * v, bytes) != 0;
+        different += std::memcmp(static_cast<char *>(a->voxels) + bytes * v, static_cast<char *>(b->voxels) + bytes * v,
+                                 bytes) != 0;
     return different;
 }
 
@@ -382,7 +404,8 @@ TEST(CudaRun, ARealScanMeetsTheCpu)
                 ASSERT_EQ(pliant_tool_set_pose(body->data, 0, to, nullptr), PLIANT_OK);
                 ASSERT_EQ(pliant_step(body->model, body->data), PLIANT_OK) << pliant_last_error();
             }
-            worst = std::fmax(worst, farthest(cpu.data->positions, gpu.data->positions, cpu.model->body->fine.num_nodes));
+            worst =
+                std::fmax(worst, farthest(cpu.data->positions, gpu.data->positions, cpu.model->body->fine.num_nodes));
         }
         ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda");
         EXPECT_LT(worst, 1e-5 * extent);
@@ -391,8 +414,10 @@ TEST(CudaRun, ARealScanMeetsTheCpu)
         const size_t own = different_voxels(pliant_warp_volume(cpu.data->warp), pliant_warp_volume(gpu.data->warp));
         EXPECT_LT(own, voxels / 1000);
         ASSERT_EQ(pliant_warp_update(cpu.data->warp, gpu.data->positions), PLIANT_OK);
-        EXPECT_EQ(different_voxels(pliant_warp_volume(cpu.data->warp), pliant_warp_volume(gpu.data->warp)), 0u) << "same positions";
-        std::printf("positions differ by %.1e of the body, %zu of %zu voxels differ; with the same positions none\n", worst / extent, own, voxels);
+        EXPECT_EQ(different_voxels(pliant_warp_volume(cpu.data->warp), pliant_warp_volume(gpu.data->warp)), 0u)
+            << "same positions";
+        std::printf("positions differ by %.1e of the body, %zu of %zu voxels differ; with the same positions none\n",
+                    worst / extent, own, voxels);
     }
     pliant_material_table_free(&materials);
     pliant_labels_free(&labels);
@@ -429,13 +454,15 @@ TEST(CudaRun, TheToleranceIsOfPositionsOnARealScan)
 TEST(CudaSources, NothingIsOnTheDefaultStream)
 {
     glob_t files;
-    if (glob((std::string(PLIANT_SOURCE_DIR) + "/cuda/*.cu").c_str(), 0, nullptr, &files) != 0) GTEST_SKIP() << "the sources are not here";
+    if (glob((std::string(PLIANT_SOURCE_DIR) + "/cuda/*.cu").c_str(), 0, nullptr, &files) != 0)
+        GTEST_SKIP() << "the sources are not here";
     int launches = 0;
     for (size_t f = 0; f < files.gl_pathc; f++) {
         SCOPED_TRACE(files.gl_pathv[f]);
         std::ifstream in(files.gl_pathv[f]);
         const std::string text((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
-        for (const char *call : {"cudaMemcpy(", "cudaMemset(", "cudaDeviceSynchronize", "cudaMemcpyToSymbol(", "cudaStreamLegacy", "cudaStreamPerThread"})
+        for (const char *call : {"cudaMemcpy(", "cudaMemset(", "cudaDeviceSynchronize", "cudaMemcpyToSymbol(",
+                                 "cudaStreamLegacy", "cudaStreamPerThread"})
             EXPECT_EQ(text.find(call), std::string::npos) << call;
         for (size_t at = text.find("<<<"); at != std::string::npos; at = text.find("<<<", at + 1), launches++) {
             const std::string launch = text.substr(at, text.find(">>>", at) - at);

@@ -34,7 +34,8 @@ const Case cases[] = {
     {"hang, compressible", PLIANT_LAW_COMPRESSIBLE, false, false, false, false, nobody, 0, 1e-5},
     {"hang, saint venant kirchhoff", PLIANT_LAW_SAINT_VENANT_KIRCHHOFF, false, false, false, false, nobody, 0, 1e-5},
     {"hang, viscous", PLIANT_LAW_NEO_HOOKEAN, true, false, false, false, nobody, 0, 1e-5},
-    {"hang, viscous, saint venant kirchhoff", PLIANT_LAW_SAINT_VENANT_KIRCHHOFF, true, false, false, false, nobody, 0, 1e-5},
+    {"hang, viscous, saint venant kirchhoff", PLIANT_LAW_SAINT_VENANT_KIRCHHOFF, true, false, false, false, nobody, 0,
+     1e-5},
     {"hang, nodal pressure", PLIANT_LAW_NEO_HOOKEAN, false, true, false, false, nobody, 0, 1e-5},
     {"hang, viscous, nodal pressure, compressible", PLIANT_LAW_COMPRESSIBLE, true, true, false, false, nobody, 0, 1e-5},
     {"fall", PLIANT_LAW_NEO_HOOKEAN, false, false, false, true, nobody, 0, 1e-4},
@@ -42,23 +43,31 @@ const Case cases[] = {
     {"three rigid tools", PLIANT_LAW_COMPRESSIBLE, false, false, false, false, PLIANT_DRIVE_RIGID, 3, 1e-5},
     {"force, with walls", PLIANT_LAW_NEO_HOOKEAN, true, false, false, true, PLIANT_DRIVE_FORCE, 2, 1e-4},
     {"relaxation", PLIANT_LAW_NEO_HOOKEAN, false, false, true, false, nobody, 0, 1e-3},
-    {"damped by stiffness, spring", PLIANT_LAW_NEO_HOOKEAN, false, false, false, false, PLIANT_DRIVE_SPRING, 1, 1e-5, PLIANT_LINEAR, 0.002},
-    {"damped by stiffness, nodal pressure", PLIANT_LAW_COMPRESSIBLE, true, true, false, false, nobody, 0, 1e-5, PLIANT_LINEAR, 0.002},
+    {"damped by stiffness, spring", PLIANT_LAW_NEO_HOOKEAN, false, false, false, false, PLIANT_DRIVE_SPRING, 1, 1e-5,
+     PLIANT_LINEAR, 0.002},
+    {"damped by stiffness, nodal pressure", PLIANT_LAW_COMPRESSIBLE, true, true, false, false, nobody, 0, 1e-5,
+     PLIANT_LINEAR, 0.002},
     {"hexahedra", PLIANT_LAW_NEO_HOOKEAN, false, false, false, false, nobody, 0, 1e-5, PLIANT_HEXAHEDRA},
-    {"hexahedra, viscous, saint venant kirchhoff, tools", PLIANT_LAW_SAINT_VENANT_KIRCHHOFF, true, false, false, false, PLIANT_DRIVE_RIGID, 2, 1e-5, PLIANT_HEXAHEDRA},
-    {"hexahedra, damped by stiffness, viscous", PLIANT_LAW_COMPRESSIBLE, true, false, false, false, nobody, 0, 1e-5, PLIANT_HEXAHEDRA, 0.002},
+    {"hexahedra, viscous, saint venant kirchhoff, tools", PLIANT_LAW_SAINT_VENANT_KIRCHHOFF, true, false, false, false,
+     PLIANT_DRIVE_RIGID, 2, 1e-5, PLIANT_HEXAHEDRA},
+    {"hexahedra, damped by stiffness, viscous", PLIANT_LAW_COMPRESSIBLE, true, false, false, false, nobody, 0, 1e-5,
+     PLIANT_HEXAHEDRA, 0.002},
     {"hexahedra, fall", PLIANT_LAW_NEO_HOOKEAN, false, false, false, true, nobody, 0, 1e-4, PLIANT_HEXAHEDRA},
     {"hexahedra, relaxation", PLIANT_LAW_NEO_HOOKEAN, false, false, true, false, nobody, 0, 1e-3, PLIANT_HEXAHEDRA},
-    {"octree of hexahedra", PLIANT_LAW_NEO_HOOKEAN, false, false, false, false, nobody, 0, 1e-5, PLIANT_HEXAHEDRA, 0, true},
-    {"octree of hexahedra, viscous, tools", PLIANT_LAW_COMPRESSIBLE, true, false, false, false, PLIANT_DRIVE_RIGID, 2, 1e-5, PLIANT_HEXAHEDRA, 0.002, true},
-    {"octree of hexahedra, relaxation", PLIANT_LAW_NEO_HOOKEAN, false, false, true, false, nobody, 0, 1e-3, PLIANT_HEXAHEDRA, 0, true},
+    {"octree of hexahedra", PLIANT_LAW_NEO_HOOKEAN, false, false, false, false, nobody, 0, 1e-5, PLIANT_HEXAHEDRA, 0,
+     true},
+    {"octree of hexahedra, viscous, tools", PLIANT_LAW_COMPRESSIBLE, true, false, false, false, PLIANT_DRIVE_RIGID, 2,
+     1e-5, PLIANT_HEXAHEDRA, 0.002, true},
+    {"octree of hexahedra, relaxation", PLIANT_LAW_NEO_HOOKEAN, false, false, true, false, nobody, 0, 1e-3,
+     PLIANT_HEXAHEDRA, 0, true},
     {"relaxation, spring", PLIANT_LAW_COMPRESSIBLE, false, true, true, false, PLIANT_DRIVE_SPRING, 2, 1e-3},
 };
 
 struct Cube : Body {
     const Case &c;
     Cube(const Case &of, pliant_backend_choice backend, int n = 4)
-        : Body(std::array<int, 3>{2 * n, 2 * n, 4 * n}.data(), std::array<double, 3>{0.04, 0.04, 0.08}.data(), {{5e3, 0.45, 1000, false}, {2e4, 0.4, 1100, false}},
+        : Body(std::array<int, 3>{2 * n, 2 * n, 4 * n}.data(), std::array<double, 3>{0.04, 0.04, 0.08}.data(),
+               {{5e3, 0.45, 1000, false}, {2e4, 0.4, 1100, false}},
                [n](int i, int, int k) { return i > n && k > n && k < 3 * n; }),
           c(of)
     {
@@ -102,7 +111,8 @@ struct Cube : Body {
         for (int t = 0; t < c.tools; t++) {
             int tool;
             ASSERT_EQ(pliant_tool_add(model, data, ("t" + std::to_string(t)).c_str(), &tool), PLIANT_OK);
-            const double point[3] = {0.01 + 0.01 * t, 0.02, 0.01 + 0.006 * t}, along = 0.0006 * s, push[3] = {0.02, 0, 0.01 * s};
+            const double point[3] = {0.01 + 0.01 * t, 0.02, 0.01 + 0.006 * t}, along = 0.0006 * s,
+                         push[3] = {0.02, 0, 0.01 * s};
             const double tip[3] = {point[0] + along, point[1] - along * t, point[2] - along};
             if (s == 1) {
                 data->tools[tool].radius = 0.01; // the tools share nodes
@@ -112,11 +122,15 @@ struct Cube : Body {
                 data->tools[tool].damping = 0.5;
             }
             ASSERT_EQ(pliant_tool_set_pose(data, tool, tip, nullptr), PLIANT_OK);
-            ASSERT_EQ(pliant_tool_set_drive(data, tool, static_cast<pliant_drive>(static_cast<int>(c.drive)), push), PLIANT_OK);
+            ASSERT_EQ(pliant_tool_set_drive(data, tool, static_cast<pliant_drive>(static_cast<int>(c.drive)), push),
+                      PLIANT_OK);
         }
         ASSERT_GE(pliant_step(model, data), 0) << pliant_last_error();
     }
-    std::vector<double> positions() const { return {data->positions, data->positions + 3 * model->body->fine.num_nodes}; }
+    std::vector<double> positions() const
+    {
+        return {data->positions, data->positions + 3 * model->body->fine.num_nodes};
+    }
 };
 
 double apart(const std::vector<double> &a, const double *b)
@@ -149,7 +163,8 @@ TEST(CudaTled, MeetsTheCpu)
             for (int t = 0; t < c.tools; t++)
                 for (int d = 0; d < 3; d++) {
                     force = std::fmax(force, std::fabs(cpu.data->tools[t].force[d]));
-                    forces_apart = std::fmax(forces_apart, std::fabs(cpu.data->tools[t].force[d] - gpu.data->tools[t].force[d]));
+                    forces_apart =
+                        std::fmax(forces_apart, std::fabs(cpu.data->tools[t].force[d] - gpu.data->tools[t].force[d]));
                 }
         }
         const double moved = apart(cpu.positions(), cpu.model->body->fine.rest);
@@ -167,10 +182,12 @@ TEST(CudaTled, MeetsTheCpu)
         pliant_warp *warp = nullptr;
         ASSERT_EQ(pliant_warp_create(&gpu.scan, &gpu.model->body->fine, &gpu.scan.geometry, 2, &warp), PLIANT_OK);
         ASSERT_EQ(pliant_warp_update(warp, gpu.data->positions), PLIANT_OK);
-        EXPECT_EQ(std::memcmp(pliant_warp_volume(warp)->voxels, pliant_warp_volume(gpu.data->warp)->voxels, pliant_geometry_voxels(&gpu.scan.geometry)), 0);
+        EXPECT_EQ(std::memcmp(pliant_warp_volume(warp)->voxels, pliant_warp_volume(gpu.data->warp)->voxels,
+                              pliant_geometry_voxels(&gpu.scan.geometry)),
+                  0);
         pliant_warp_free(warp);
-        std::printf("%-45s nodes %.1e of %4.1f mm apart, forces %.1e of %.2g N, %d sub-steps a frame\n", c.name, worst / moved, 1e3 * moved, force > 0 ? forces_apart / force : 0,
-                    force, there.substeps);
+        std::printf("%-45s nodes %.1e of %4.1f mm apart, forces %.1e of %.2g N, %d sub-steps a frame\n", c.name,
+                    worst / moved, 1e3 * moved, force > 0 ? forces_apart / force : 0, force, there.substeps);
     }
 }
 
@@ -211,12 +228,16 @@ TEST(CudaTled, ThePhantomMeetsTheCpu)
             scene.model.gravity[1] = run == 2 ? 0 : 9.81;
             if (run == 1) {
                 scene.ground.normal[1] = -1;
-                scene.ground.point[1] = scan.geometry.origin[1] + scan.geometry.size[1] * scan.geometry.spacing[1] + 0.01;
+                scene.ground.point[1] =
+                    scan.geometry.origin[1] + scan.geometry.size[1] * scan.geometry.spacing[1] + 0.01;
             } else { // fix the back
                 scene.fixed.num_planes = 1;
-                scene.fixed.planes[0] = {{0, scan.geometry.origin[1] + 0.8 * scan.geometry.size[1] * scan.geometry.spacing[1], 0}, {0, -1, 0}};
+                scene.fixed.planes[0] = {
+                    {0, scan.geometry.origin[1] + 0.8 * scan.geometry.size[1] * scan.geometry.spacing[1], 0},
+                    {0, -1, 0}};
             }
-            ASSERT_EQ(pliant_model_build(&scene, &scan, nullptr, &table, {nullptr, nullptr}, &model[b]), PLIANT_OK) << pliant_last_error();
+            ASSERT_EQ(pliant_model_build(&scene, &scan, nullptr, &table, {nullptr, nullptr}, &model[b]), PLIANT_OK)
+                << pliant_last_error();
             ASSERT_EQ(pliant_data_create(model[b], &data[b]), PLIANT_OK) << pliant_last_error();
         }
         ASSERT_STREQ(pliant_data_get_backend(data[1]), "cuda");
@@ -247,7 +268,10 @@ TEST(CudaTled, ThePhantomMeetsTheCpu)
         }
         EXPECT_GT(moved, 0.005);
         EXPECT_LT(worst, (run == 1 ? 1e-3 : 1e-4) * moved);
-        std::printf("phantom, %d tetrahedra, %-5s: %.1e of %.1f mm apart after 12 frames of %d sub-steps\n", tets, run == 0 ? "hang" : run == 1 ? "fall" : "pull",
+        std::printf("phantom, %d tetrahedra, %-5s: %.1e of %.1f mm apart after 12 frames of %d sub-steps\n", tets,
+                    run == 0   ? "hang"
+                    : run == 1 ? "fall"
+                               : "pull",
                     worst / moved, 1e3 * moved, data[1]->statistics.iterations);
         for (int b = 0; b < 2; b++) {
             pliant_data_free(data[b]);
@@ -371,7 +395,8 @@ TEST(CudaTled, TheCpuGoesOn)
     for (int64_t calls = 0, left = -1; left < 0; calls += 1 + calls / 20) {
         ASSERT_LT(calls, 5000);
         pliant_cuda_fail_after(calls);
-        ASSERT_EQ(pliant_data_create(body.model, &body.data), PLIANT_OK) << "call " << calls << ": " << pliant_last_error();
+        ASSERT_EQ(pliant_data_create(body.model, &body.data), PLIANT_OK)
+            << "call " << calls << ": " << pliant_last_error();
         for (int s = 1; s <= 3; s++) body.step(s);
         left = pliant_cuda_fail_after(-1);
         ASSERT_LT(apart(good.positions(), body.data->positions), c.bound * 0.01) << "call " << calls;

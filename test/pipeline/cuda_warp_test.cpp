@@ -42,7 +42,8 @@ TEST(CudaWarp, OtherTargetsEqualToo)
 {
     NEEDS_GPU();
     const int32_t cells[3] = {4, 4, 4};
-    pliant_geometry geometry = geometry_of(40, 36, 33), oblique = geometry, mirrored = geometry, large = geometry, flat = geometry_of(40, 36, 1);
+    pliant_geometry geometry = geometry_of(40, 36, 33), oblique = geometry, mirrored = geometry, large = geometry,
+                    flat = geometry_of(40, 36, 1);
     const double c = std::cos(0.4), s = std::sin(0.4);
     const double turned[9] = {c, -s, 0, s, c, 0, 0, 0, 1};
     std::memcpy(oblique.direction, turned, sizeof turned);
@@ -88,11 +89,16 @@ TEST(CudaWarp, WhatIsCutEqualsToo)
             for (int d = 0; d < 3; d++) target.size[d] += 9, target.origin[d] -= 4.5 * target.spacing[d];
             Warps warps(encoding, geometry, crowded ? many : few, target);
             const auto voxels = cut_cases::make_voxels(warps.mesh, geometry);
-            const cut_cases::vector3 middle = {0.5 * geometry.size[0] - 0.3, 0.5 * geometry.size[1] + 0.2, 0.5 * geometry.size[2] - 0.6};
-            auto upto = [=](double i) { return cut_cases::plane(middle, {0.31, 0.83, -0.46}, [=](const cut_cases::vector3 &at) { return at[0] < i; }); };
-            const auto across = cut_cases::plane(middle, {-0.4, 0.3, 0.87}, [](const cut_cases::vector3 &at) { return at[1] > 25; });
-            const cut_cases::CutBody none(warps.mesh, *voxels, {}), some(warps.mesh, *voxels, {upto(20)}), more(warps.mesh, *voxels, {upto(30), across}),
-                whole(warps.mesh, *voxels, {upto(100), across}, 2);
+            const cut_cases::vector3 middle = {0.5 * geometry.size[0] - 0.3, 0.5 * geometry.size[1] + 0.2,
+                                               0.5 * geometry.size[2] - 0.6};
+            auto upto = [=](double i) {
+                return cut_cases::plane(middle, {0.31, 0.83, -0.46},
+                                        [=](const cut_cases::vector3 &at) { return at[0] < i; });
+            };
+            const auto across =
+                cut_cases::plane(middle, {-0.4, 0.3, 0.87}, [](const cut_cases::vector3 &at) { return at[1] > 25; });
+            const cut_cases::CutBody none(warps.mesh, *voxels, {}), some(warps.mesh, *voxels, {upto(20)}),
+                more(warps.mesh, *voxels, {upto(30), across}), whole(warps.mesh, *voxels, {upto(100), across}, 2);
             ASSERT_GT(whole.chips, 0);
             warps.update_and_compare(warps.rest(), "before");
             for (double apart : {0.0, 0.004}) {
@@ -102,7 +108,8 @@ TEST(CudaWarp, WhatIsCutEqualsToo)
                 set_and_compare(warps, some, apart, "undone");
                 set_and_compare(warps, none, apart, "healed");
                 // and another body immediately
-                for (pliant_warp *warp : {warps.cpu, warps.gpu}) ASSERT_EQ(pliant_warp_set_body(warp, &more.body), PLIANT_OK);
+                for (pliant_warp *warp : {warps.cpu, warps.gpu})
+                    ASSERT_EQ(pliant_warp_set_body(warp, &more.body), PLIANT_OK);
                 set_and_compare(warps, whole, apart, "at once");
             }
             Warps fresh(encoding, geometry, crowded ? many : few, target);
@@ -110,7 +117,8 @@ TEST(CudaWarp, WhatIsCutEqualsToo)
             ASSERT_EQ(pliant_warp_backend(fresh.gpu, PLIANT_CPU), PLIANT_OK);
             ASSERT_EQ(pliant_warp_set_body(fresh.gpu, &more.body), PLIANT_OK);
             ASSERT_EQ(pliant_warp_backend(fresh.gpu, PLIANT_CUDA), PLIANT_OK) << pliant_last_error();
-            fresh.update_and_compare({more.body.fine.rest, more.body.fine.rest + 3 * more.body.fine.num_nodes}, "cut before the GPU draws");
+            fresh.update_and_compare({more.body.fine.rest, more.body.fine.rest + 3 * more.body.fine.num_nodes},
+                                     "cut before the GPU draws");
         }
 }
 
@@ -124,7 +132,8 @@ bool equal(const pliant_picked &a, const pliant_picked &b)
 
 // Compare picks from all sides and from inside, at the body, past it, and with limited length.
 // positions: positions at which tissue is located
-void compare_picks(const Warps &warps, const std::vector<double> &positions, int rays, int *hits, int *misses, int *at_once)
+void compare_picks(const Warps &warps, const std::vector<double> &positions, int rays, int *hits, int *misses,
+                   int *at_once)
 {
     const pliant_volume *volume = pliant_warp_volume(warps.cpu);
     const pliant_geometry &geometry = volume->geometry;
@@ -146,7 +155,8 @@ void compare_picks(const Warps &warps, const std::vector<double> &positions, int
             pliant_picked here{}, there{};
             ASSERT_EQ(pliant_pick(volume, &warps.mesh, positions.data(), &ray, threshold, &here), PLIANT_OK);
             ASSERT_EQ(pliant_pick_warped(warps.gpu, positions.data(), &ray, threshold, &there), PLIANT_OK);
-            EXPECT_TRUE(equal(here, there)) << "ray " << n << " above " << threshold << ": " << here.distance << " and " << there.distance;
+            EXPECT_TRUE(equal(here, there))
+                << "ray " << n << " above " << threshold << ": " << here.distance << " and " << there.distance;
             ++*(!here.hit ? misses : here.distance > ray.near ? hits : at_once);
         }
     }
@@ -160,9 +170,11 @@ TEST(CudaPick, EqualsTheCpuBitForBit)
     ASSERT_EQ(pliant_phantom(voxels, 1, &phantom, nullptr), PLIANT_OK) << pliant_last_error();
     pliant_geometry large = phantom.geometry;
     for (int d = 0; d < 3; d++) large.size[d] += 9;
-    Warps body(phantom.encoding, phantom.geometry, cells, large), bytes(PLIANT_UINT8, geometry_of(31, 30, 29), cells, geometry_of(31, 30, 29)),
+    Warps body(phantom.encoding, phantom.geometry, cells, large),
+        bytes(PLIANT_UINT8, geometry_of(31, 30, 29), cells, geometry_of(31, 30, 29)),
         floats(PLIANT_FLOAT32, geometry_of(31, 30, 29), cells, geometry_of(31, 30, 29));
-    std::memcpy(body.scan.voxels, phantom.voxels, pliant_geometry_voxels(&phantom.geometry) * pliant_encoding_size(phantom.encoding));
+    std::memcpy(body.scan.voxels, phantom.voxels,
+                pliant_geometry_voxels(&phantom.geometry) * pliant_encoding_size(phantom.encoding));
     ASSERT_EQ(pliant_warp_backend(body.gpu, PLIANT_CPU), PLIANT_OK);
     ASSERT_EQ(pliant_warp_backend(body.gpu, PLIANT_CUDA), PLIANT_OK); // uploads the scan again
     for (Warps *warps : {&body, &bytes, &floats}) {
@@ -171,7 +183,8 @@ TEST(CudaPick, EqualsTheCpuBitForBit)
             warps->update_and_compare(x, "the volume");
             compare_picks(*warps, x, warps == &body ? 150 : 40, &hits, &misses, &at_once);
             std::vector<double> elsewhere = x; // crossings without tissue are skipped
-            for (size_t n = 0; n < x.size(); n += 3) elsewhere[n] += 0.5 * warps->scan.geometry.size[0] * warps->scan.geometry.spacing[0];
+            for (size_t n = 0; n < x.size(); n += 3)
+                elsewhere[n] += 0.5 * warps->scan.geometry.size[0] * warps->scan.geometry.spacing[0];
             compare_picks(*warps, elsewhere, 40, &hits, &misses, &at_once);
         }
         EXPECT_GT(hits, 20);
@@ -265,13 +278,15 @@ void compare_pictures(const int32_t size[3], int32_t cells, int width, int heigh
         pliant_model *model = nullptr;
         pliant_data *data = nullptr;
         pliant_view *view = nullptr;
-        ASSERT_EQ(pliant_model_build(&scene, &scan, nullptr, &materials, pliant_progress{}, &model), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_model_build(&scene, &scan, nullptr, &materials, pliant_progress{}, &model), PLIANT_OK)
+            << pliant_last_error();
         ASSERT_EQ(pliant_data_create(model, &data), PLIANT_OK) << pliant_last_error();
         const double points[6] = {-0.15, -0.2, 0.01, 0.15, -0.2, 0.01}, deep[3] = {0, 0.15, 0};
         ASSERT_EQ(pliant_data_cut(model, data, 2, points, deep, nullptr), PLIANT_OK) << pliant_last_error();
         const pliant_body *body = pliant_data_get_body(data);
         std::vector<double> x(body->fine.rest, body->fine.rest + 3 * body->fine.num_nodes);
-        for (size_t n = 0; n < x.size(); n += 3) x[n + 1] += 0.006 * std::sin(30 * x[n] + 20 * x[n + 2] + 0.001 * double(n));
+        for (size_t n = 0; n < x.size(); n += 3)
+            x[n + 1] += 0.006 * std::sin(30 * x[n] + 20 * x[n + 2] + 0.001 * double(n));
         ASSERT_EQ(pliant_view_create(model, nullptr, &view), PLIANT_OK) << pliant_last_error();
         ASSERT_EQ(pliant_view_set(view, body, x.data(), nullptr), PLIANT_OK);
         for (int by_label = 0; by_label < 2; by_label++) {
@@ -291,7 +306,8 @@ void compare_pictures(const int32_t size[3], int32_t cells, int width, int heigh
             depth[run].insert(depth[run].end(), far.begin(), far.end());
         }
         line[run].resize(pixels);
-        EXPECT_EQ(pliant_view_radiograph(view, &camera, PLIANT_WATER_ATTENUATION, line[run].data()), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(pliant_view_radiograph(view, &camera, PLIANT_WATER_ATTENUATION, line[run].data()), PLIANT_OK)
+            << pliant_last_error();
         EXPECT_EQ(rgb[run], rgb[0]) << run;
         EXPECT_EQ(label[run], label[0]) << run;
         EXPECT_EQ(std::memcmp(depth[run].data(), depth[0].data(), depth[0].size() * sizeof(float)), 0) << run;
@@ -323,7 +339,9 @@ TEST(CudaWarp, EveryKernelOnce)
         const pliant_geometry geometry = geometry_of(16, 15, 14), target = geometry_of(19, 15, 14);
         Warps warps(encoding, geometry, cells, target);
         const auto voxels = cut_cases::make_voxels(warps.mesh, geometry);
-        const cut_cases::CutBody some(warps.mesh, *voxels, {cut_cases::plane({7.7, 7.2, 6.4}, {0.31, 0.83, -0.46}, [](const cut_cases::vector3 &at) { return at[0] < 9; })}),
+        const cut_cases::CutBody some(warps.mesh, *voxels,
+                                      {cut_cases::plane({7.7, 7.2, 6.4}, {0.31, 0.83, -0.46},
+                                                        [](const cut_cases::vector3 &at) { return at[0] < 9; })}),
             none(warps.mesh, *voxels, {});
         warps.update_and_compare(warps.rest(), "at rest");
         warps.update_and_compare(warps.wave(0.002, 0.0003, 6), "wave");

@@ -41,7 +41,8 @@ struct Warps {
     pliant_mesh mesh{};
     pliant_warp *cpu = nullptr, *gpu = nullptr;
 
-    Warps(pliant_encoding encoding, const pliant_geometry &geometry, const int32_t cells[3], const pliant_geometry &target)
+    Warps(pliant_encoding encoding, const pliant_geometry &geometry, const int32_t cells[3],
+          const pliant_geometry &target)
     {
         EXPECT_EQ(pliant_volume_create(&geometry, encoding, &scan), PLIANT_OK);
         scan.background = encoding == PLIANT_UINT8 ? 3 : -1024;
@@ -51,7 +52,8 @@ struct Warps {
         for (size_t v = 0; v < pliant_geometry_voxels(&geometry); v++) {
             if (encoding == PLIANT_UINT8) static_cast<uint8_t *>(scan.voxels)[v] = static_cast<uint8_t>(random());
             if (encoding == PLIANT_INT16) static_cast<int16_t *>(scan.voxels)[v] = static_cast<int16_t>(random());
-            if (encoding == PLIANT_FLOAT32) static_cast<float *>(scan.voxels)[v] = v % 17 ? static_cast<float>(random()) * 1e-6f - 2e3f : -0.0f;
+            if (encoding == PLIANT_FLOAT32)
+                static_cast<float *>(scan.voxels)[v] = v % 17 ? static_cast<float>(random()) * 1e-6f - 2e3f : -0.0f;
         }
         EXPECT_EQ(pliant_mesh_grid(&geometry, cells, nullptr, &mesh), PLIANT_OK);
         EXPECT_EQ(pliant_warp_create(&scan, &mesh, &target, 2, &cpu), PLIANT_OK) << pliant_last_error();
@@ -85,9 +87,11 @@ struct Warps {
         ASSERT_EQ(pliant_warp_update(gpu, x.data()), PLIANT_OK) << what;
         ASSERT_NE(pliant_warp_accelerated(gpu), nullptr) << what;
         const pliant_volume *a = pliant_warp_volume(cpu), *b = pliant_warp_volume(gpu);
-        size_t bytes = pliant_encoding_size(scan.encoding), different = 0, voxels = pliant_geometry_voxels(&a->geometry);
+        size_t bytes = pliant_encoding_size(scan.encoding), different = 0,
+               voxels = pliant_geometry_voxels(&a->geometry);
         for (size_t v = 0; v < voxels; v++)
-            different += std::memcmp(static_cast<char *>(a->voxels) + bytes * v, static_cast<char *>(b->voxels) + bytes * v, bytes) != 0;
+            different += std::memcmp(static_cast<char *>(a->voxels) + bytes * v,
+                                     static_cast<char *>(b->voxels) + bytes * v, bytes) != 0;
         EXPECT_EQ(different, 0u) << what << ", of " << voxels << " voxels";
         int32_t count[3];
         const uint8_t *here, *there;

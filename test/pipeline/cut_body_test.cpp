@@ -32,7 +32,8 @@ struct Motion {
         for (int32_t n = 0; n < body.fine.num_nodes; n++)
             for (int d = 0; d < 3; d++) {
                 const double *x = body.fine.rest + 3 * n;
-                out[3 * n + d] = x[d] + 0.010 * std::sin(20 * x[(d + 1) % 3] + phase[d]) + 0.006 * std::sin(35 * x[(d + 2) % 3] + phase[3 + d]) + noise * shake[3 * n + d];
+                out[3 * n + d] = x[d] + 0.010 * std::sin(20 * x[(d + 1) % 3] + phase[d]) +
+                                 0.006 * std::sin(35 * x[(d + 2) % 3] + phase[3 + d]) + noise * shake[3 * n + d];
             }
         return out;
     }
@@ -72,7 +73,10 @@ void stroke_after_stroke(const pliant_model *model, int strokes, unsigned seed, 
     int severed = 0, chips = 0, most = 0;
     ASSERT_EQ(mismatches(load), 0) << "before any cut";
     for (int s = 0; s < strokes; s++) {
-        Motion motion{{3 * unit(random), 3 * unit(random), 3 * unit(random), 3 * unit(random), 3 * unit(random), 3 * unit(random)}, s % 4 == 3 ? noise : 0, random};
+        Motion motion{{3 * unit(random), 3 * unit(random), 3 * unit(random), 3 * unit(random), 3 * unit(random),
+                       3 * unit(random)},
+                      s % 4 == 3 ? noise : 0,
+                      random};
         const std::vector<double> positions = motion.positions(*now);
         int32_t tet = 0;
         do tet = static_cast<int32_t>(random() % static_cast<unsigned>(load.fine.num_tets));
@@ -81,7 +85,8 @@ void stroke_after_stroke(const pliant_model *model, int strokes, unsigned seed, 
         // a curved blade of 2 to 12 cm that moves by up to 8 cm; every tenth cuts through everything
         double along[3], ahead[3], bent[3];
         const bool through = s % 10 == 5;
-        const double size = through ? 1 : 0.02 + 0.05 * (1 + unit(random)), far = through ? 2 : 0.04 * (1 + unit(random));
+        const double size = through ? 1 : 0.02 + 0.05 * (1 + unit(random)),
+                     far = through ? 2 : 0.04 * (1 + unit(random));
         for (int d = 0; d < 3; d++) {
             along[d] = unit(random);
             ahead[d] = unit(random);
@@ -90,20 +95,23 @@ void stroke_after_stroke(const pliant_model *model, int strokes, unsigned seed, 
         std::vector<double> from, to;
         for (int p = -10; p <= 10; p++)
             for (int d = 0; d < 3; d++) {
-                const double q = p / 10.0, at = middle[d] + size * (q * along[d] + q * q * bent[d]) - (through ? 0.5 * far * ahead[d] : 0);
+                const double q = p / 10.0, at = middle[d] + size * (q * along[d] + q * q * bent[d]) -
+                                                (through ? 0.5 * far * ahead[d] : 0);
                 from.push_back(at);
                 to.push_back(at + far * (ahead[d] + 0.3 * q * bent[d]));
             }
         const pliant_cut_sweep sweep{21, from.data(), to.data(), nullptr};
         pliant_cut_report report;
         pliant_body *next = nullptr;
-        ASSERT_EQ(pliant_body_cut(now, now->revision + 1, positions.data(), &sweep, &next, &report), PLIANT_OK) << "stroke " << s << ": " << pliant_last_error();
+        ASSERT_EQ(pliant_body_cut(now, now->revision + 1, positions.data(), &sweep, &next, &report), PLIANT_OK)
+            << "stroke " << s << ": " << pliant_last_error();
         if (!next) continue;
         severed += report.num_links;
         EXPECT_EQ(report.pieces, num_pieces(*next));
         pliant_body_release(now);
         now = next;
-        for (int32_t t = 0; t < now->cuts->num_tets; t++) most = std::max(most, now->cuts->start[t + 1] - now->cuts->start[t]);
+        for (int32_t t = 0; t < now->cuts->num_tets; t++)
+            most = std::max(most, now->cuts->start[t + 1] - now->cuts->start[t]);
         chips += now->cuts->num_chips;
         const int wrong = s % 10 == 9 || s == strokes - 1 ? mismatches(*now) : 0;
         EXPECT_EQ(wrong, 0) << "stroke " << s;
@@ -117,8 +125,9 @@ void stroke_after_stroke(const pliant_model *model, int strokes, unsigned seed, 
         ASSERT_EQ(std::memcmp(mass.data(), now->node_mass, mass.size() * sizeof mass[0]), 0) << "stroke " << s;
     }
     expect_whole(load, *now);
-    std::printf("links %d, chips %d, fragments in one %d, pieces %d, tetrahedra %d of %d, nodes %d of %d\n", severed, now->cuts ? now->cuts->num_chips : 0, most,
-                num_pieces(*now), now->fine.num_tets, load.fine.num_tets, now->fine.num_nodes, load.fine.num_nodes);
+    std::printf("links %d, chips %d, fragments in one %d, pieces %d, tetrahedra %d of %d, nodes %d of %d\n", severed,
+                now->cuts ? now->cuts->num_chips : 0, most, num_pieces(*now), now->fine.num_tets, load.fine.num_tets,
+                now->fine.num_nodes, load.fine.num_nodes);
     EXPECT_GT(severed, 10000);
     EXPECT_GT(num_pieces(*now), strokes < 100 ? 1 : 10);
     pliant_body_release(now);
@@ -145,7 +154,8 @@ struct CutBody : testing::TestWithParam<Mesh> {
         for (int &n : scene.mesh.coarse_cells) n = 12;
         scene.mesh.ratio = 1;
         GetParam().set(scene);
-        ASSERT_EQ(pliant_model_build(&scene, &scan.volume, nullptr, &scan.table, {nullptr, nullptr}, &scan.model), PLIANT_OK)
+        ASSERT_EQ(pliant_model_build(&scene, &scan.volume, nullptr, &scan.table, {nullptr, nullptr}, &scan.model),
+                  PLIANT_OK)
             << pliant_last_error();
         stroke_after_stroke(scan.model, count, 1, 0.006);
     }
@@ -178,7 +188,8 @@ TEST_P(CutBody, PiecesOfACtAreThoseOfItsVoxels)
     pliant_scene scene;
     pliant_scene_defaults(&scene);
     ASSERT_EQ(pliant_scene_set(&scene, "scan/resample", "128 96 80"), PLIANT_OK) << pliant_last_error();
-    ASSERT_EQ(pliant_inputs_read(&scene, path.c_str(), &scan.volume, &scan.labels, &scan.table), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_inputs_read(&scene, path.c_str(), &scan.volume, &scan.labels, &scan.table), PLIANT_OK)
+        << pliant_last_error();
     strokes(scene, scan, STROKES);
 }
 INSTANTIATE_TEST_SUITE_P(Meshes, CutBody, testing::Values(lattice, air, bone, octree), name_of);

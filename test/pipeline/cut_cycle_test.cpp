@@ -26,7 +26,8 @@ struct Beam {
     {
         const int size[3] = {64, 32, 32};
         const double box[3] = {0.16, 0.08, 0.08};
-        body.reset(new Body(size, box, {{5000, 0.4, 1000, false}, {20000, 0.4, 1000, false}}, [](int i, int j, int k) { return (i / 12 + j / 10 + k / 8) % 2; }));
+        body.reset(new Body(size, box, {{5000, 0.4, 1000, false}, {20000, 0.4, 1000, false}},
+                            [](int i, int j, int k) { return (i / 12 + j / 10 + k / 8) % 2; }));
         body->fix_plane(1e-6, 0, 0, 1, 0, 0);
         of.method == PLIANT_FINE ? body->cells(32, 16, 16, 1) : body->cells(8, 4, 4, of.ratio);
         body->scene.cut.kind = PLIANT_CUT_SEVER;
@@ -59,7 +60,8 @@ struct Beam {
     // Step until the next preconditioner is installed.
     void renew()
     {
-        for (int s = 0; s < 50 && pliant_preconditioner_base(body->data->solver->preconditioner); s++) ASSERT_GE(pliant_step(body->model, body->data), 0) << pliant_last_error();
+        for (int s = 0; s < 50 && pliant_preconditioner_base(body->data->solver->preconditioner); s++)
+            ASSERT_GE(pliant_step(body->model, body->data), 0) << pliant_last_error();
     }
     pliant_system *system() const { return body->data->discretization->system; }
 };
@@ -76,24 +78,32 @@ struct Cycle {
         pliant_system_tangents(&system, system.mesh->rest, PLIANT_TWIST_POSITIVE, tangents.data());
         values.resize(static_cast<size_t>(system.pattern.num_values));
         pliant_system_assemble(&system, tangents.data(), values.data());
-        EXPECT_EQ(pliant_preconditioner_create(&system, choice, nullptr, &preconditioner), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(pliant_preconditioner_create(&system, choice, nullptr, &preconditioner), PLIANT_OK)
+            << pliant_last_error();
         EXPECT_EQ(pliant_preconditioner_numeric(preconditioner, tangents.data()), PLIANT_OK) << pliant_last_error();
     }
     ~Cycle() { pliant_preconditioner_free(preconditioner); }
-    std::vector<double> multiply(const std::vector<double> &x) const { return multiply_blocks(system.pattern, values, x); }
+    std::vector<double> multiply(const std::vector<double> &x) const
+    {
+        return multiply_blocks(system.pattern, values, x);
+    }
     std::vector<double> solve(const std::vector<double> &x) const
     {
         std::vector<double> y(x.size());
         EXPECT_EQ(pliant_preconditioner_solve(preconditioner, 1, x.data(), y.data()), PLIANT_OK);
         return y;
     }
-    static double dot(const std::vector<double> &a, const std::vector<double> &b) { return pliant_dot(a.size(), a.data(), b.data()); }
+    static double dot(const std::vector<double> &a, const std::vector<double> &b)
+    {
+        return pliant_dot(a.size(), a.data(), b.data());
+    }
     // Solve by conjugate gradients until the energy norm of the residual has decreased by a factor. Return the number
     // of products.
     int settle(double part, std::vector<double> *answer = nullptr) const
     {
         std::vector<double> r(3 * static_cast<size_t>(system.num_free)), x(r.size());
-        for (int32_t f = 0; f < system.num_free; f++) r[3 * static_cast<size_t>(f) + 2] = -system.gravity_mass[9 * static_cast<size_t>(f) + 8];
+        for (int32_t f = 0; f < system.num_free; f++)
+            r[3 * static_cast<size_t>(f) + 2] = -system.gravity_mass[9 * static_cast<size_t>(f) + 8];
         std::vector<double> z = solve(r), p = z;
         double rz = dot(r, z);
         const double first = rz;
@@ -181,8 +191,13 @@ TEST_P(EveryCycle, ServesAfterACutAndChangesNoAnswer)
 
 std::string name_of(const testing::TestParamInfo<Case> &info)
 {
-    const char *method = info.param.method == PLIANT_FINE ? "fine" : info.param.method == PLIANT_COARSE ? "coarse" : info.param.method == PLIANT_AVERAGED ? "averaged" : info.param.method == PLIANT_SCHUR ? "schur" : "calibrated";
-    return method + std::string(info.param.kind == PLIANT_LINEAR ? "_tetrahedra_" : "_hexahedra_") + std::to_string(info.param.ratio);
+    const char *method = info.param.method == PLIANT_FINE       ? "fine"
+                         : info.param.method == PLIANT_COARSE   ? "coarse"
+                         : info.param.method == PLIANT_AVERAGED ? "averaged"
+                         : info.param.method == PLIANT_SCHUR    ? "schur"
+                                                                : "calibrated";
+    return method + std::string(info.param.kind == PLIANT_LINEAR ? "_tetrahedra_" : "_hexahedra_") +
+           std::to_string(info.param.ratio);
 }
 const pliant_method methods[] = {PLIANT_FINE, PLIANT_COARSE, PLIANT_AVERAGED, PLIANT_CALIBRATED, PLIANT_SCHUR};
 std::vector<Case> all()
@@ -191,7 +206,8 @@ std::vector<Case> all()
     for (pliant_method method : methods)
         for (pliant_element_kind kind : {PLIANT_LINEAR, PLIANT_HEXAHEDRA})
             for (int ratio : {2, 4})
-                if (ratio == 2 || method == PLIANT_AVERAGED || method == PLIANT_SCHUR) out.push_back({method, kind, ratio});
+                if (ratio == 2 || method == PLIANT_AVERAGED || method == PLIANT_SCHUR)
+                    out.push_back({method, kind, ratio});
     return out;
 }
 INSTANTIATE_TEST_SUITE_P(Methods, EveryCycle, testing::ValuesIn(all()), name_of);

@@ -33,7 +33,8 @@ struct Bar {
     }
     void cut_to(double deep)
     {
-        const double points[6] = {plane, depth - 0.5 * height * (depth == 0), -1, plane, depth - 0.5 * height * (depth == 0), 1};
+        const double points[6] = {plane, depth - 0.5 * height * (depth == 0), -1,
+                                  plane, depth - 0.5 * height * (depth == 0), 1};
         const double way[3] = {0, deep - points[1], 0};
         pliant_cut_report report;
         ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, points, way, &report), PLIANT_OK) << pliant_last_error();
@@ -46,7 +47,8 @@ struct Bar {
     {
         const pliant_body &now = *body->data->body;
         double work = 0;
-        for (int32_t n = 0; n < now.fine.num_nodes; n++) work += now.node_mass[n] * gravity * (body->data->positions[3 * n] - now.fine.rest[3 * n]);
+        for (int32_t n = 0; n < now.fine.num_nodes; n++)
+            work += now.node_mass[n] * gravity * (body->data->positions[3 * n] - now.fine.rest[3 * n]);
         return 0.5 * work;
     }
     // Return J as a domain integral around the tip (Li, Shih and Needleman 1985), with the body force; mean over the
@@ -77,7 +79,8 @@ struct Bar {
             energy += 0.5 * m.lambda * trace * trace;
             for (int i = 0; i < 3; i++) {
                 double flow = i == 1 ? -energy : 0;
-                for (int j = 0; j < 3; j++) flow += (2 * m.mu * strain[3 * i + j] + (i == j ? m.lambda * trace : 0)) * u[3 * j + 1];
+                for (int j = 0; j < 3; j++)
+                    flow += (2 * m.mu * strain[3 * i + j] + (i == j ? m.lambda * trace : 0)) * u[3 * j + 1];
                 sum += volume * flow * q[i];
             }
             sum -= volume * middle * m.density * gravity * u[1];
@@ -92,7 +95,8 @@ double handbook(double depth)
     const double stress = density * gravity * 0.5 * length;
     double sum = 0;
     for (int i = 0; i < 1000; i++) {
-        const double a = (i + 0.5) / 1000 * depth / height, f = 1.12 + a * (-0.231 + a * (10.55 + a * (-21.72 + a * 30.39)));
+        const double a = (i + 0.5) / 1000 * depth / height,
+                     f = 1.12 + a * (-0.231 + a * (10.55 + a * (-21.72 + a * 30.39)));
         sum += stress * stress * M_PI * a * height * f * f / young * depth / 1000 * thickness;
     }
     return sum;
@@ -112,7 +116,8 @@ TEST(Griffith, EnergyReleasedIsTheJIntegral)
             stored[i] = bar.stored();
         }
         // Simpson's rule
-        const double area = 4 * bar.cell * thickness, released = (stored[2] - stored[0]) / area, mean = (j[0] + 4 * j[1] + j[2]) / 6;
+        const double area = 4 * bar.cell * thickness, released = (stored[2] - stored[0]) / area,
+                     mean = (j[0] + 4 * j[1] + j[2]) / 6;
         EXPECT_NEAR(bar.area, 8 * bar.cell * thickness, 1e-3 * area);
         EXPECT_NEAR(released, mean, 0.03 * mean) << offset;
         EXPECT_GT(j[2], 5 * j[0]);
@@ -165,7 +170,8 @@ void expect_no_energy(pliant_method method, pliant_element_kind kind, int cells,
 {
     const int size[3] = {16, 16, 48}, ratio = method == PLIANT_FINE ? 1 : 2;
     const double box[3] = {0.08, 0.08, 0.24};
-    Body bar(size, box, {{4000, 0.45, 1000, false}, {20000, 0.45, 1100, false}}, [=](int i, int j, int k) { return tissues == 2 && (i / 4 + j / 4 + k / 4) % 3 == 0; });
+    Body bar(size, box, {{4000, 0.45, 1000, false}, {20000, 0.45, 1100, false}},
+             [=](int i, int j, int k) { return tissues == 2 && (i / 4 + j / 4 + k / 4) % 3 == 0; });
     bar.scene.model.method = method;
     bar.scene.element.kind = kind;
     bar.cells(cells / ratio, cells / ratio, 3 * cells / ratio, ratio);
@@ -180,18 +186,23 @@ void expect_no_energy(pliant_method method, pliant_element_kind kind, int cells,
     double before = work_of_load(bar);
     const double whole = before;
     for (int stroke = 0; stroke < 10; stroke++) {
-        const double normal[3] = {unit(random), unit(random), 1}, point[3] = {0.04 + 0.04 * unit(random), 0.04 + 0.04 * unit(random), 0.12 + 0.1 * unit(random)};
+        const double normal[3] = {unit(random), unit(random), 1},
+                     point[3] = {0.04 + 0.04 * unit(random), 0.04 + 0.04 * unit(random), 0.12 + 0.1 * unit(random)};
         std::vector<double> from, to;
         Cuttable::plane(point, normal, 0.024, from, to);
         const pliant_cut_sweep sweep{2, from.data(), to.data(), nullptr};
         pliant_body *next = nullptr;
-        ASSERT_EQ(pliant_body_cut(bar.data->body, bar.data->last_revision + 1, bar.data->positions, &sweep, &next, nullptr), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(
+            pliant_body_cut(bar.data->body, bar.data->last_revision + 1, bar.data->positions, &sweep, &next, nullptr),
+            PLIANT_OK)
+            << pliant_last_error();
         ASSERT_NE(next, nullptr);
         ASSERT_EQ(pliant_data_set_body(bar.model, bar.data, next), PLIANT_OK) << pliant_last_error();
         pliant_body_release(next);
         ASSERT_EQ(bar.settle(200), PLIANT_OK);
         const double after = work_of_load(bar);
-        EXPECT_GE(after, before * (1 - bound)) << "method " << method << ", kind " << kind << ", cells " << cells << ", stroke " << stroke;
+        EXPECT_GE(after, before * (1 - bound))
+            << "method " << method << ", kind " << kind << ", cells " << cells << ", stroke " << stroke;
         before = after;
     }
     EXPECT_GT(before, 1.02 * whole); // the cut has an effect
@@ -205,7 +216,8 @@ TEST(Strokes, LeaveABarWithNoMoreEnergy)
             expect_no_energy(PLIANT_FINE, kind, cells, 1, rounding);
             expect_no_energy(PLIANT_FINE, kind, cells, 2, kind == PLIANT_HEXAHEDRA && cells == 4 ? 2e-3 : rounding);
         }
-    for (pliant_element_kind kind : {PLIANT_LINEAR, PLIANT_HEXAHEDRA}) expect_no_energy(PLIANT_AVERAGED, kind, 8, 1, rounding);
+    for (pliant_element_kind kind : {PLIANT_LINEAR, PLIANT_HEXAHEDRA})
+        expect_no_energy(PLIANT_AVERAGED, kind, 8, 1, rounding);
 }
 
 // ---- homogenized models
@@ -218,7 +230,8 @@ struct Beam {
     {
         const int size[3] = {64, 32, 16};
         const double box[3] = {0.16, 0.08, 0.04};
-        body.reset(new Body(size, box, {{5000, 0.4, 1000, false}, {20000, 0.4, 1000, false}}, [](int i, int j, int k) { return (i / 6 + j / 5 + k / 4) % 2; }));
+        body.reset(new Body(size, box, {{5000, 0.4, 1000, false}, {20000, 0.4, 1000, false}},
+                            [](int i, int j, int k) { return (i / 6 + j / 5 + k / 4) % 2; }));
         body->fix_plane(1e-6, 0, 0, 1, 0, 0);
         body->scene.model.method = method;
         body->scene.element.kind = kind;
@@ -239,7 +252,8 @@ struct Beam {
     {
         const pliant_body &now = *body->data->body;
         double sum = 0;
-        for (int32_t n = 0; n < now.fine.num_nodes; n++) sum += now.node_mass[n] * pull * (now.fine.rest[3 * n + 1] - body->data->positions[3 * n + 1]);
+        for (int32_t n = 0; n < now.fine.num_nodes; n++)
+            sum += now.node_mass[n] * pull * (now.fine.rest[3 * n + 1] - body->data->positions[3 * n + 1]);
         return sum;
     }
     double error_against(const Beam &fine) const
@@ -258,7 +272,8 @@ struct Beam {
 // In the plane between coarse cubes (0.08), cuts of 2 and 4 cm end at coarse nodes, and one of 5 cm in the middle of
 // coarse faces. The cuts at 0.086 and 0.09 end inside coarse cubes. Fine elements next to the cut must not increase the
 // error relative to the fine model: at most 1.04 times the error before the cut.
-void expect_as_before(pliant_element_kind kind, int ratio, std::initializer_list<pliant_method> methods, double plane, std::initializer_list<double> depths)
+void expect_as_before(pliant_element_kind kind, int ratio, std::initializer_list<pliant_method> methods, double plane,
+                      std::initializer_list<double> depths)
 {
     Beam fine(PLIANT_FINE, 1, kind);
     const double whole = fine.work();
@@ -267,17 +282,20 @@ void expect_as_before(pliant_element_kind kind, int ratio, std::initializer_list
     for (pliant_method method : methods) {
         beams.emplace_back(new Beam(method, ratio, kind));
         before.push_back(beams.back()->error_against(fine));
-        if (method != PLIANT_SCHUR) EXPECT_LT(before.back(), kind == PLIANT_HEXAHEDRA ? 0.06 : ratio == 4 ? 0.35 : 0.13) << "method " << method;
+        if (method != PLIANT_SCHUR)
+            EXPECT_LT(before.back(), kind == PLIANT_HEXAHEDRA ? 0.06 : ratio == 4 ? 0.35 : 0.13) << "method " << method;
         work.push_back(beams.back()->work());
     }
     for (double deep : depths) {
         fine.cut_to(deep, plane);
         for (size_t b = 0; b < beams.size(); b++) {
             beams[b]->cut_to(deep, plane);
-            EXPECT_LT(beams[b]->error_against(fine), 1.1 * before[b]) << "method " << methods.begin()[b] << ", kind " << kind << ", cut at " << plane << " to " << deep;
+            EXPECT_LT(beams[b]->error_against(fine), 1.1 * before[b])
+                << "method " << methods.begin()[b] << ", kind " << kind << ", cut at " << plane << " to " << deep;
             /* the fine elements that replace its elements are stiffer */
             if (methods.begin()[b] == PLIANT_SCHUR) continue;
-            EXPECT_GE(beams[b]->work(), (1 - 1e-9) * work[b]) << "energy never rises by a cut: method " << methods.begin()[b];
+            EXPECT_GE(beams[b]->work(), (1 - 1e-9) * work[b])
+                << "energy never rises by a cut: method " << methods.begin()[b];
             work[b] = beams[b]->work();
         }
     }
@@ -286,15 +304,19 @@ void expect_as_before(pliant_element_kind kind, int ratio, std::initializer_list
 
 TEST(Homogenized, TetrahedraFollowTheFineOnesAfterTheSameCuts)
 {
-    expect_as_before(PLIANT_LINEAR, 2, {PLIANT_COARSE, PLIANT_AVERAGED, PLIANT_CALIBRATED, PLIANT_SCHUR}, 0.081, {0.02, 0.04, 0.05});
-    for (double plane : {0.086, 0.09}) expect_as_before(PLIANT_LINEAR, 2, {PLIANT_AVERAGED, PLIANT_CALIBRATED}, plane, {0.03, 0.05});
+    expect_as_before(PLIANT_LINEAR, 2, {PLIANT_COARSE, PLIANT_AVERAGED, PLIANT_CALIBRATED, PLIANT_SCHUR}, 0.081,
+                     {0.02, 0.04, 0.05});
+    for (double plane : {0.086, 0.09})
+        expect_as_before(PLIANT_LINEAR, 2, {PLIANT_AVERAGED, PLIANT_CALIBRATED}, plane, {0.03, 0.05});
     expect_as_before(PLIANT_LINEAR, 4, {PLIANT_AVERAGED}, 0.09, {0.03});
 }
 
 TEST(Homogenized, HexahedraFollowTheFineOnesAfterTheSameCuts)
 {
-    expect_as_before(PLIANT_HEXAHEDRA, 2, {PLIANT_COARSE, PLIANT_AVERAGED, PLIANT_CALIBRATED, PLIANT_SCHUR}, 0.081, {0.02, 0.04, 0.05});
-    for (double plane : {0.086, 0.09}) expect_as_before(PLIANT_HEXAHEDRA, 2, {PLIANT_AVERAGED, PLIANT_CALIBRATED}, plane, {0.03, 0.05});
+    expect_as_before(PLIANT_HEXAHEDRA, 2, {PLIANT_COARSE, PLIANT_AVERAGED, PLIANT_CALIBRATED, PLIANT_SCHUR}, 0.081,
+                     {0.02, 0.04, 0.05});
+    for (double plane : {0.086, 0.09})
+        expect_as_before(PLIANT_HEXAHEDRA, 2, {PLIANT_AVERAGED, PLIANT_CALIBRATED}, plane, {0.03, 0.05});
     expect_as_before(PLIANT_HEXAHEDRA, 4, {PLIANT_AVERAGED}, 0.09, {0.03});
 }
 
@@ -305,7 +327,8 @@ struct Strip {
     static constexpr double length = 0.16, pull = 0.01;
     Body body;
     Strip(int low, int high, pliant_element_kind kind)
-        : body(std::array<int, 3>{32, 16, 4}.data(), std::array<double, 3>{length, 0.08, 0.02}.data(), {{young, 0, density, false}, {1e-3, 0, 1e-3, true}},
+        : body(std::array<int, 3>{32, 16, 4}.data(), std::array<double, 3>{length, 0.08, 0.02}.data(),
+               {{young, 0, density, false}, {1e-3, 0, 1e-3, true}},
                [=](int, int j, int) { return j < low || j >= high; })
     {
         body.fix_plane(1e-6, 0, 0, 1, 0, 0);
@@ -326,7 +349,9 @@ struct Strip {
     {
         const pliant_mesh &mesh = body.data->body->fine;
         int32_t n = 0;
-        while (n < mesh.num_nodes && !std::equal(rest, rest + 3, mesh.rest + 3 * n, [](double a, double b) { return std::fabs(a - b) < 1e-9; })) n++;
+        while (n < mesh.num_nodes && !std::equal(rest, rest + 3, mesh.rest + 3 * n,
+                                                 [](double a, double b) { return std::fabs(a - b) < 1e-9; }))
+            n++;
         return n;
     }
 };
@@ -340,7 +365,8 @@ TEST(Stress, OfNewFacesIsThatOfHalvesThatAreMeshedApart)
         Strip whole(0, 16, kind);
         const Strip halves[2] = {{0, 6, kind}, {6, 16, kind}};
         const double points[6] = {-1, 0.03, -1, -1, 0.03, 1}, way[3] = {2, 0, 0};
-        ASSERT_EQ(pliant_data_cut(whole.body.model, whole.body.data, 2, points, way, nullptr), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_data_cut(whole.body.model, whole.body.data, 2, points, way, nullptr), PLIANT_OK)
+            << pliant_last_error();
         ASSERT_EQ(whole.body.settle(), PLIANT_OK);
         const pliant_body &now = *whole.body.data->body;
         const std::vector<float> stress = whole.stress(), apart[2] = {halves[0].stress(), halves[1].stress()};
@@ -356,7 +382,8 @@ TEST(Stress, OfNewFacesIsThatOfHalvesThatAreMeshedApart)
             const int32_t other = halves[upper].node_at(rest);
             ASSERT_LT(other, static_cast<int32_t>(apart[upper].size()));
             if (rest[0] < 0.03 || rest[0] > 0.13) continue; // exclude the fixed end and the unloaded end
-            EXPECT_NEAR(stress[node], apart[upper][other], (kind == PLIANT_LINEAR ? 0.1 : 0.3) * exact) << "kind " << kind << ", node " << node;
+            EXPECT_NEAR(stress[node], apart[upper][other], (kind == PLIANT_LINEAR ? 0.1 : 0.3) * exact)
+                << "kind " << kind << ", node " << node;
             EXPECT_NEAR(stress[node], exact, 0.3 * exact) << "kind " << kind << ", node " << node;
             if (now.node_parent && now.node_parent[node] != node) seen.insert(node);
         }

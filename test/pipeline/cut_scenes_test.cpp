@@ -46,7 +46,10 @@ struct CutScenes : testing::TestWithParam<Demonstration> {
     char folder[32] = "/tmp/pliant_scenes_XXXXXX";
     double felt = 0; // maximum tool force [N]
 
-    static std::string file(const char *name) { return std::string(PLIANT_SOURCE_DIR "/launch/scenes/") + name + ".yaml"; }
+    static std::string file(const char *name)
+    {
+        return std::string(PLIANT_SOURCE_DIR "/launch/scenes/") + name + ".yaml";
+    }
     static bool of_ct() { return GetParam().scan[0] == '/'; }
     void SetUp() override
     {
@@ -55,14 +58,20 @@ struct CutScenes : testing::TestWithParam<Demonstration> {
         ASSERT_NE(mkdtemp(folder), nullptr);
         ASSERT_EQ(pliant_scene_read(file(one.scene).c_str(), &scene), PLIANT_OK) << pliant_last_error();
         ASSERT_EQ(pliant_path_read(file(one.path).c_str(), &path), PLIANT_OK) << pliant_last_error();
-        if (of_ct()) ASSERT_EQ(pliant_scene_set(&scene, "material/labels", PLIANT_TEST_DATA "/abdomen/labels_totalseg_fast.nii.gz"), PLIANT_OK);
+        if (of_ct())
+            ASSERT_EQ(
+                pliant_scene_set(&scene, "material/labels", PLIANT_TEST_DATA "/abdomen/labels_totalseg_fast.nii.gz"),
+                PLIANT_OK);
         std::copy(one.cells, one.cells + 3, scene.mesh.coarse_cells);
         scene.mesh.ratio = 1;
         scene.solver.step = one.step;
         scene.solver.threads = 1;
         if (one.set) one.set(scene);
         ASSERT_EQ(pliant_inputs_read(&scene, one.scan, &scan, &labels, &table), PLIANT_OK) << pliant_last_error();
-        ASSERT_EQ(pliant_model_build(&scene, &scan, labels.voxels ? &labels : nullptr, &table, {nullptr, nullptr}, &model), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(
+            pliant_model_build(&scene, &scan, labels.voxels ? &labels : nullptr, &table, {nullptr, nullptr}, &model),
+            PLIANT_OK)
+            << pliant_last_error();
         ASSERT_EQ(pliant_data_create(model, &data), PLIANT_OK) << pliant_last_error();
     }
     void TearDown() override
@@ -88,7 +97,8 @@ struct CutScenes : testing::TestWithParam<Demonstration> {
             if (pliant_path_gravity(&path, time, gravity)) ASSERT_EQ(pliant_data_set_gravity(data, gravity), PLIANT_OK);
             ASSERT_GE(pliant_step(model, data), 0) << time << " s: " << pliant_last_error();
             deform_tools_tell(&tools, data, step, time);
-            for (int32_t n = 0; n < 3 * data->body->fine.num_nodes; n++) ASSERT_TRUE(std::isfinite(data->positions[n])) << time << " s";
+            for (int32_t n = 0; n < 3 * data->body->fine.num_nodes; n++)
+                ASSERT_TRUE(std::isfinite(data->positions[n])) << time << " s";
             for (int t = 0; t < data->num_tools; t++) {
                 const double *force = data->tools[t].force;
                 felt = std::max(felt, std::hypot(std::hypot(force[0], force[1]), force[2]));
@@ -117,11 +127,13 @@ struct CutScenes : testing::TestWithParam<Demonstration> {
     {
         const pliant_body &body = *data->body;
         std::vector<uint8_t> tissue(static_cast<size_t>(body.fine.num_nodes));
-        for (int32_t v = 0; v < 4 * body.fine.num_tets; v++) tissue[body.fine.tets[v]] |= body.fine_material[v / 4].tissue > 0;
+        for (int32_t v = 0; v < 4 * body.fine.num_tets; v++)
+            tissue[body.fine.tets[v]] |= body.fine_material[v / 4].tissue > 0;
         double most = 0;
         for (int32_t n = 0; n < body.fine.num_nodes && body.node_parent; n++) {
             const double *x = data->positions + 3 * n, *y = data->positions + 3 * body.node_parent[n];
-            if (tissue[n] && tissue[body.node_parent[n]]) most = std::max(most, std::hypot(std::hypot(x[0] - y[0], x[1] - y[1]), x[2] - y[2]));
+            if (tissue[n] && tissue[body.node_parent[n]])
+                most = std::max(most, std::hypot(std::hypot(x[0] - y[0], x[1] - y[1]), x[2] - y[2]));
         }
         return most;
     }
@@ -134,7 +146,8 @@ TEST_P(CutScenes, PartTissueAlongTheirPaths)
     double area = 0;
     int pieces = 0;
     told(&area, &pieces);
-    std::printf("%s: %d tetrahedra, %g cm^2, %d pieces, open by %g m, felt %g N\n", GetParam().path, model->body->fine.num_tets, area, pieces, opening(), felt);
+    std::printf("%s: %d tetrahedra, %g cm^2, %d pieces, open by %g m, felt %g N\n", GetParam().path,
+                model->body->fine.num_tets, area, pieces, opening(), felt);
     EXPECT_GE(area, GetParam().least);
     EXPECT_LE(area, GetParam().most);
     EXPECT_EQ(pieces, GetParam().pieces);
@@ -152,9 +165,22 @@ const Demonstration demonstrations[] = {
     {"resect_ct", "resect_ct_path", ct, {18, 15, 17}, 0.1, 1, 30, 34, 2, 0.03, 0, 0.5},
     {"biopsy", "biopsy_path", phantom, {12, 9, 9}, 0.1, 1, 60, 90, 2, 0.03, 0, 0.2},
     {"biopsy", "incise_path", phantom, {12, 9, 9}, 0.1, 3, 4, 8, 1, 0, 2, 20},
-    {"demo", "open_path", phantom, {14, 10, 11}, 0.1, 0.8, 130, 170, 1, 0.005, 3, 50, [](pliant_scene &scene) { scene.cut.kind = PLIANT_CUT_SEVER; }},
+    {"demo",
+     "open_path",
+     phantom,
+     {14, 10, 11},
+     0.1,
+     0.8,
+     130,
+     170,
+     1,
+     0.005,
+     3,
+     50,
+     [](pliant_scene &scene) { scene.cut.kind = PLIANT_CUT_SEVER; }},
     {"demo_cut", "demo_cut_path", phantom, {9, 7, 8}, 0.1, 3, 120, 155, 1, 0.001, 100, 5000},
 };
-INSTANTIATE_TEST_SUITE_P(Paths, CutScenes, testing::ValuesIn(demonstrations), [](const auto &info) { return std::string(info.param.path); });
+INSTANTIATE_TEST_SUITE_P(Paths, CutScenes, testing::ValuesIn(demonstrations),
+                         [](const auto &info) { return std::string(info.param.path); });
 
 } // namespace

@@ -19,7 +19,8 @@ struct Field : pliant_displacement {
 // A clamped beam with stripes of four materials, whose axes are rotated or mirrored.
 struct Beam : Body {
     explicit Beam(pliant_cut_kind cut = PLIANT_CUT_NONE, bool mirrored = false)
-        : Body(size_, box_, {{5000, 0.4, 1000, false}, {9000, 0.4, 1000, false}, {6000, 0.4, 1000, false}, {7000, 0.4, 1000, false}},
+        : Body(size_, box_,
+               {{5000, 0.4, 1000, false}, {9000, 0.4, 1000, false}, {6000, 0.4, 1000, false}, {7000, 0.4, 1000, false}},
                [](int i, int j, int k) { return (i / 5 + j / 4 + k / 3) % 4; })
     {
         if (mirrored) {
@@ -41,7 +42,8 @@ struct Beam : Body {
     const double *positions() const { return pliant_data_get_positions(data, nullptr); }
     void field(pliant_displacement_sense sense, Field *out) const
     {
-        ASSERT_EQ(pliant_displacement_create(model, body(), positions(), sense, nullptr, out), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_displacement_create(model, body(), positions(), sense, nullptr, out), PLIANT_OK)
+            << pliant_last_error();
     }
 
     static constexpr int size_[3] = {48, 24, 24};
@@ -58,7 +60,8 @@ size_t count_of(const Field &field, int value)
 void place_of(const pliant_geometry &grid, size_t voxel, double world[3])
 {
     const size_t across = static_cast<size_t>(grid.size[0]), down = static_cast<size_t>(grid.size[1]);
-    const double index[3] = {static_cast<double>(voxel % across), static_cast<double>(voxel / across % down), static_cast<double>(voxel / across / down)};
+    const double index[3] = {static_cast<double>(voxel % across), static_cast<double>(voxel / across % down),
+                             static_cast<double>(voxel / across / down)};
     pliant_geometry_to_world(&grid, index, world);
 }
 
@@ -115,7 +118,9 @@ void draw(Beam &beam)
 {
     pliant_geometry target;
     const pliant_mesh &mesh = pliant_model_get_body(beam.model)->fine;
-    ASSERT_EQ(pliant_warp_target(&beam.scan.geometry, mesh.rest, mesh.num_nodes, beam.scene.warp.margin, SIZE_MAX, &target), PLIANT_OK);
+    ASSERT_EQ(
+        pliant_warp_target(&beam.scan.geometry, mesh.rest, mesh.num_nodes, beam.scene.warp.margin, SIZE_MAX, &target),
+        PLIANT_OK);
     ASSERT_EQ(pliant_data_set_warp(beam.model, beam.data, &target), PLIANT_OK) << pliant_last_error();
     beam.settle();
 }
@@ -127,7 +132,8 @@ TEST(Displacement, IsZeroAtRest)
         Field field;
         beam.field(sense, &field);
         double most = 0;
-        for (size_t n = 0; n < 3 * pliant_geometry_voxels(&field.geometry); n++) most = std::max(most, std::fabs(static_cast<double>(field.vectors[n])));
+        for (size_t n = 0; n < 3 * pliant_geometry_voxels(&field.geometry); n++)
+            most = std::max(most, std::fabs(static_cast<double>(field.vectors[n])));
         EXPECT_LT(most, 1e-8);
         EXPECT_EQ(count_of(field, PLIANT_MASK_TISSUE), 48u * 24 * 24);
         EXPECT_EQ(count_of(field, PLIANT_MASK_CUT), 0u);
@@ -177,8 +183,11 @@ TEST(Displacement, MarksWhereACutIs)
         for (size_t v = 0; v + 1 < pliant_geometry_voxels(&tissue.geometry); v++) {
             if (v % 48 == 47) continue;
             double apart = 0;
-            for (size_t d = 0; d < 3; d++) apart = std::max(apart, std::fabs(static_cast<double>(tissue.vectors[3 * v + d]) - tissue.vectors[3 * v + 3 + d]));
-            (tissue.mask[v] == PLIANT_MASK_CUT ? inside : outside) = std::max(tissue.mask[v] == PLIANT_MASK_CUT ? inside : outside, apart);
+            for (size_t d = 0; d < 3; d++)
+                apart = std::max(
+                    apart, std::fabs(static_cast<double>(tissue.vectors[3 * v + d]) - tissue.vectors[3 * v + 3 + d]));
+            (tissue.mask[v] == PLIANT_MASK_CUT ? inside : outside) =
+                std::max(tissue.mask[v] == PLIANT_MASK_CUT ? inside : outside, apart);
         }
         EXPECT_GT(inside, 0.003);
         EXPECT_LT(outside, 0.4 * inside);
@@ -219,7 +228,8 @@ TEST(Displacement, IsWrittenWithItsMask)
         std::string mask = name;
         mask.insert(1, "_mask");
         volume_holder back;
-        ASSERT_EQ(pliant_volume_read((folder / mask.c_str()).c_str(), nullptr, 0, &back), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_volume_read((folder / mask.c_str()).c_str(), nullptr, 0, &back), PLIANT_OK)
+            << pliant_last_error();
         EXPECT_TRUE(pliant_geometry_equal(&back->geometry, &field.geometry));
         EXPECT_EQ(std::memcmp(back->voxels, field.mask, pliant_geometry_voxels(&field.geometry)), 0);
     }
@@ -234,7 +244,9 @@ TEST(Displacement, RefusesPositionsThatAreNotFinite)
     std::vector<double> positions(beam.positions(), beam.positions() + 3 * beam.body()->fine.num_nodes);
     positions[7] = NAN;
     Field field;
-    EXPECT_EQ(pliant_displacement_create(beam.model, beam.body(), positions.data(), PLIANT_DISPLACEMENT_RESAMPLE, nullptr, &field), PLIANT_ERROR_ARGUMENT);
+    EXPECT_EQ(pliant_displacement_create(beam.model, beam.body(), positions.data(), PLIANT_DISPLACEMENT_RESAMPLE,
+                                         nullptr, &field),
+              PLIANT_ERROR_ARGUMENT);
     EXPECT_NE(std::strstr(pliant_last_error(), "node 2"), nullptr) << pliant_last_error();
     EXPECT_EQ(field.vectors, nullptr);
 }
@@ -253,8 +265,13 @@ TEST(Displacement, LeavesNothingBehindWithoutMemory)
             Field field;
             const bool mesh = std::strchr(what, '.') != nullptr;
             pliant_memory_fail_after(calls);
-            if (mesh) status = pliant_mesh_save((folder / what).c_str(), beam.model, beam.body(), beam.positions(), nullptr, 1);
-            else status = pliant_displacement_create(beam.model, beam.body(), beam.positions(), what[0] == 'f' ? PLIANT_DISPLACEMENT_RESAMPLE : PLIANT_DISPLACEMENT_TISSUE, nullptr, &field);
+            if (mesh)
+                status =
+                    pliant_mesh_save((folder / what).c_str(), beam.model, beam.body(), beam.positions(), nullptr, 1);
+            else
+                status = pliant_displacement_create(
+                    beam.model, beam.body(), beam.positions(),
+                    what[0] == 'f' ? PLIANT_DISPLACEMENT_RESAMPLE : PLIANT_DISPLACEMENT_TISSUE, nullptr, &field);
             pliant_memory_fail_after(-1);
             if (status != PLIANT_OK) EXPECT_EQ(field.vectors, nullptr);
         }
@@ -268,10 +285,15 @@ TEST(Save, RefusesOtherEndingsAndUnits)
 {
     Beam beam;
     temporary_folder folder;
-    EXPECT_EQ(pliant_mesh_save((folder / "mesh.stl").c_str(), beam.model, beam.body(), beam.positions(), nullptr, 1), PLIANT_ERROR_ARGUMENT);
+    EXPECT_EQ(pliant_mesh_save((folder / "mesh.stl").c_str(), beam.model, beam.body(), beam.positions(), nullptr, 1),
+              PLIANT_ERROR_ARGUMENT);
     EXPECT_NE(std::strstr(pliant_last_error(), ".vtu"), nullptr) << pliant_last_error();
-    EXPECT_EQ(pliant_mesh_save((folder / "mesh.vtu").c_str(), beam.model, beam.body(), beam.positions(), nullptr, 25.4e-3), PLIANT_ERROR_ARGUMENT);
-    EXPECT_EQ(pliant_mesh_save((folder / "none/mesh.vtu").c_str(), beam.model, beam.body(), beam.positions(), nullptr, 1), PLIANT_ERROR_FILE);
+    EXPECT_EQ(
+        pliant_mesh_save((folder / "mesh.vtu").c_str(), beam.model, beam.body(), beam.positions(), nullptr, 25.4e-3),
+        PLIANT_ERROR_ARGUMENT);
+    EXPECT_EQ(
+        pliant_mesh_save((folder / "none/mesh.vtu").c_str(), beam.model, beam.body(), beam.positions(), nullptr, 1),
+        PLIANT_ERROR_FILE);
     EXPECT_TRUE(folder.names().empty());
 }
 
@@ -282,11 +304,15 @@ TEST(Save, WritesWhatTheHeaderSays)
     beam.cut_from_above();
     temporary_folder folder;
     std::vector<double> force(3 * static_cast<size_t>(beam.body()->fine.num_nodes), 2);
-    ASSERT_EQ(pliant_mesh_save((folder / "mesh.vtu").c_str(), beam.model, beam.body(), beam.positions(), force.data(), 1e-3), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(
+        pliant_mesh_save((folder / "mesh.vtu").c_str(), beam.model, beam.body(), beam.positions(), force.data(), 1e-3),
+        PLIANT_OK)
+        << pliant_last_error();
     std::ifstream file(folder / "mesh.vtu", std::ios::binary);
     const std::string all{std::istreambuf_iterator<char>(file), {}};
     std::stringstream piece;
-    piece << "NumberOfPoints=\"" << beam.body()->fine.num_nodes << "\" NumberOfCells=\"" << beam.body()->fine.num_tets << '"';
+    piece << "NumberOfPoints=\"" << beam.body()->fine.num_nodes << "\" NumberOfCells=\"" << beam.body()->fine.num_tets
+          << '"';
     EXPECT_NE(all.find(piece.str()), std::string::npos);
     const std::string begin = "<AppendedData encoding=\"raw\">\n_";
     size_t at = all.find(begin) + begin.size(), arrays = 0;

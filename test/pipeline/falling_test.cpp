@@ -22,7 +22,8 @@ TEST_P(EveryMethod, WhatComesOffFallsFreely)
     const std::vector<int32_t> lower = nodes_below(*body->data->body, 0.08);
     EXPECT_EQ(body->data->body->pieces->start[1], static_cast<int32_t>(lower.size()));
     double narrow = 0; // narrowing caused by its weight
-    for (int32_t n : lower) narrow = std::fmax(narrow, std::fabs(body->data->positions[3 * n] - body->data->body->fine.rest[3 * n]));
+    for (int32_t n : lower)
+        narrow = std::fmax(narrow, std::fabs(body->data->positions[3 * n] - body->data->body->fine.rest[3 * n]));
     const double start = centre_of(*body, lower)[2], moving = body->data->body->has_inertia;
     // in explicit dynamics it already has a velocity
     double before = start, speed = 0;
@@ -42,10 +43,15 @@ TEST_P(EveryMethod, WhatComesOffFallsFreely)
     step(*body, static_cast<int>(0.25 / body->scene.solver.step));
     const std::vector<double> centre = centre_of(*body, lower);
     double bent = 0;
-    for (int32_t n : lower) bent = std::fmax(bent, std::fabs(body->data->positions[3 * n] - centre[0] - body->data->body->fine.rest[3 * n] + 0.02));
+    for (int32_t n : lower)
+        bent = std::fmax(
+            bent, std::fabs(body->data->positions[3 * n] - centre[0] - body->data->body->fine.rest[3 * n] + 0.02));
     EXPECT_LT(bent, 0.01 * narrow);
 }
-INSTANTIATE_TEST_SUITE_P(Methods, EveryMethod, testing::Values(direct, multigrid, plain, averaged, patched, octree, hexahedra, relaxed, dynamic), name_of);
+INSTANTIATE_TEST_SUITE_P(Methods, EveryMethod,
+                         testing::Values(direct, multigrid, plain, averaged, patched, octree, hexahedra, relaxed,
+                                         dynamic),
+                         name_of);
 
 // A brick of 4 x 4 x 8 cm: m / 12 (b^2 + c^2). Lumped masses at the nodes of 1 cm cubes add one sixth of a cube's
 // squared edge for each axis.
@@ -89,7 +95,8 @@ TEST_P(EveryMethod, ItLandsAndRests)
     step(*body, 5);
     double moved = 0;
     for (int32_t n : lower)
-        for (int d = 0; d < 3; d++) moved = std::fmax(moved, std::fabs(body->data->positions[3 * n + d] - before[3 * n + d]));
+        for (int d = 0; d < 3; d++)
+            moved = std::fmax(moved, std::fabs(body->data->positions[3 * n + d] - before[3 * n + d]));
     EXPECT_LE(moved, moving ? 1e-3 : 0);
     if (!moving) EXPECT_EQ(body->data->statistics.falling, 0);
 }
@@ -108,7 +115,8 @@ TEST_P(EveryMethod, TheRestOfTheBodyIsTheSameToTheBit)
         step(*body, 3);
         cut(*body, 0.08);
     }
-    const std::vector<int32_t> upper = nodes_below(*falls->data->body, 0.08, false), lower = nodes_below(*falls->data->body, 0.08);
+    const std::vector<int32_t> upper = nodes_below(*falls->data->body, 0.08, false),
+                               lower = nodes_below(*falls->data->body, 0.08);
     for (int s = 0; s < 30; s++) {
         step(*falls, 1);
         step(*lies, 1);
@@ -147,7 +155,8 @@ TEST_P(EveryMethod, AToolPullsIt)
         for (int32_t n : lower) weight += g * body->data->body->node_mass[n];
         for (int s = 0; s < 4 / body->scene.solver.step; s++) {
             const double shift = std::fmin(s * 5e-4, 0.05);
-            const double tip[3] = {body->data->tools[0].grip[0] + 0.02 + shift, body->data->tools[0].grip[1] + 0.02, body->data->tools[0].tip[2]};
+            const double tip[3] = {body->data->tools[0].grip[0] + 0.02 + shift, body->data->tools[0].grip[1] + 0.02,
+                                   body->data->tools[0].tip[2]};
             ASSERT_EQ(pliant_tool_set_pose(body->data, tool, tip, nullptr), PLIANT_OK);
             step(*body, 1);
             const pliant_tool &held = body->data->tools[0];
@@ -158,7 +167,8 @@ TEST_P(EveryMethod, AToolPullsIt)
         if (!moving) EXPECT_LT(most, 2e-5) << stiffness;
         EXPECT_NEAR(held.held_point[0] - 0.02, 0.05, 2e-3) << stiffness;
         EXPECT_NEAR(held.force[2], weight, 0.05 * weight) << stiffness;
-        if (stiffness == 50 && !moving) EXPECT_NEAR(held.tip[2] - held.grip[2] - held.held_point[2], weight / 50, 0.05 * weight / 50);
+        if (stiffness == 50 && !moving)
+            EXPECT_NEAR(held.tip[2] - held.grip[2] - held.held_point[2], weight / 50, 0.05 * weight / 50);
         // it hangs below the grasped point
         EXPECT_NEAR(centre_of(*body, lower)[0], held.held_point[0], 4e-3) << stiffness;
         pliant_tool_release(body->data, tool);
@@ -188,7 +198,8 @@ TEST_P(EveryMethod, UndoMakesItWhole)
         if (first->fine.rest[3 * n + 2] < 0.08 - 1e-6) lower.push_back(n);
     double most = 0;
     for (int32_t n : lower)
-        for (int d = 0; d < 3; d++) most = std::fmax(most, std::fabs(body->data->positions[3 * n + d] - before[3 * n + d]));
+        for (int d = 0; d < 3; d++)
+            most = std::fmax(most, std::fabs(body->data->positions[3 * n + d] - before[3 * n + d]));
     EXPECT_LT(most, 1e-12);
     step(*body, 3);
     for (int32_t n : lower) most = std::fmax(most, std::fabs(body->data->positions[3 * n + 2] - before[3 * n + 2]));
@@ -207,7 +218,9 @@ TEST_P(EveryMethod, OutOfSightItStops)
     ASSERT_EQ(body->build(), PLIANT_OK);
     static int told;
     told = 0;
-    pliant_set_log([](pliant_log_level level, const char *text, void *) { told += level == PLIANT_LOG_WARNING && std::strstr(text, "warp/margin"); }, nullptr);
+    pliant_set_log([](pliant_log_level level, const char *text,
+                      void *) { told += level == PLIANT_LOG_WARNING && std::strstr(text, "warp/margin"); },
+                   nullptr);
     step(*body, 2);
     cut(*body, 0.08);
     cut(*body, 0.04);
@@ -243,9 +256,11 @@ TEST(Falling, OnOneNodeOrTwoItSwings)
             step(*body, 1);
             for (int j = 0; j < nodes && s > 40; j++) // before that it also springs back
                 for (int d = 0; d < 3; d++)
-                    apart = std::fmax(apart, std::fabs(body->data->positions[3 * now->pieces->joint[2 * j] + d] - body->data->positions[3 * now->pieces->joint[2 * j + 1] + d]));
+                    apart = std::fmax(apart, std::fabs(body->data->positions[3 * now->pieces->joint[2 * j] + d] -
+                                                       body->data->positions[3 * now->pieces->joint[2 * j + 1] + d]));
             least = std::fmin(least, centre_of(*body, lower)[0]);
-            if (s < 200 || s >= 400) swing[s >= 400] = std::fmax(swing[s >= 400], std::fabs(centre_of(*body, lower)[0]));
+            if (s < 200 || s >= 400)
+                swing[s >= 400] = std::fmax(swing[s >= 400], std::fabs(centre_of(*body, lower)[0]));
         }
         EXPECT_LT(apart, nodes == 1 ? 1e-4 : 1e-3);
         EXPECT_LT(least, -0.01) << nodes; // swings to the other side
@@ -265,7 +280,8 @@ TEST(Falling, WhatHangsOnAnEdgeAtLoadSwingsInExplicitDynamics)
 {
     const int size[3] = {8, 8, 4};
     const double box[3] = {0.02, 0.02, 0.01};
-    Body body(size, box, {{4000, 0.4, 1000, false}, {10, 0, 1, true}}, [](int i, int j, int) { return (i < 4) != (j < 4); });
+    Body body(size, box, {{4000, 0.4, 1000, false}, {10, 0, 1, true}},
+              [](int i, int j, int) { return (i < 4) != (j < 4); });
     body.fix_plane(0, 1e-6, 0, 0, 1, 0);
     body.cells(2, 2, 1, 1);
     body.scene.solver.kind = PLIANT_TLED;
@@ -282,7 +298,8 @@ TEST(Falling, WhatHangsOnAnEdgeAtLoadSwingsInExplicitDynamics)
     const pliant_mesh &mesh = body.data->body->fine;
     double most = 0;
     for (int32_t n = 0; n < mesh.num_nodes; n++)
-        if (mesh.rest[3 * n + 1] > 0.019) most = std::fmax(most, std::fabs(body.data->positions[3 * n] - mesh.rest[3 * n]));
+        if (mesh.rest[3 * n + 1] > 0.019)
+            most = std::fmax(most, std::fabs(body.data->positions[3 * n] - mesh.rest[3 * n]));
     EXPECT_GT(most, 1e-3);
 }
 
@@ -299,7 +316,9 @@ TEST_P(EveryMethod, AllOfItMayComeOff)
     const double start = centre_of(*body, lower)[2];
     step(*body, 10);
     EXPECT_LT(centre_of(*body, lower)[2], start - 5e-3);
-    for (double x : std::vector<double>(body->data->positions, body->data->positions + 3 * body->data->body->fine.num_nodes)) ASSERT_TRUE(std::isfinite(x));
+    for (double x :
+         std::vector<double>(body->data->positions, body->data->positions + 3 * body->data->body->fine.num_nodes))
+        ASSERT_TRUE(std::isfinite(x));
     ASSERT_EQ(pliant_data_reset(body->model, body->data), PLIANT_OK) << pliant_last_error();
     step(*body, 3);
 }
@@ -347,12 +366,15 @@ TEST(Falling, CutsElsewhereLeavePiecesAsTheyAre)
     std::unique_ptr<Body> body = hang(severed, -0.05);
     step(*body, 3);
     // detach a piece, then cut slits into both parts, by height; the last cuts detach more
-    const double heights[] = {0.07, 0.11, 0.13, 0.03, 0.12, 0.05, 0.10, 0.02, 0.14}, through[] = {0.1, 0.04, 0.035, 0.04, 0.045, 0.03, 0.1, 0.1, 0.04};
+    const double heights[] = {0.07, 0.11, 0.13, 0.03, 0.12, 0.05, 0.10, 0.02, 0.14},
+                 through[] = {0.1, 0.04, 0.035, 0.04, 0.045, 0.03, 0.1, 0.1, 0.04};
     int most = 0, stayed = 0;
     for (int c = 0; c < 9; c++) {
-        const double points[6] = {-0.01, -0.02, heights[c] + 0.004, 0.05, -0.02, heights[c] - 0.003}, depth[3] = {0, through[c], 0};
+        const double points[6] = {-0.01, -0.02, heights[c] + 0.004, 0.05, -0.02, heights[c] - 0.003},
+                     depth[3] = {0, through[c], 0};
         pliant_cut_report report;
-        ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, points, depth, &report), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, points, depth, &report), PLIANT_OK)
+            << pliant_last_error();
         ASSERT_GT(report.num_links, 0) << c;
         const pliant_body *now = body->data->body;
         ASSERT_TRUE(now->pieces) << c;
@@ -387,7 +409,10 @@ TEST(Falling, WithoutMemoryTheBodyBeforeGoesOn)
         if (status == PLIANT_OK) break;
         ASSERT_EQ(status, PLIANT_ERROR_MEMORY);
         ASSERT_EQ(pliant_memory_in_use(), before) << n;
-        ASSERT_EQ(std::memcmp(body->data->positions, other->data->positions, 3 * sizeof(double) * static_cast<size_t>(body->data->body->fine.num_nodes)), 0) << n;
+        ASSERT_EQ(std::memcmp(body->data->positions, other->data->positions,
+                              3 * sizeof(double) * static_cast<size_t>(body->data->body->fine.num_nodes)),
+                  0)
+            << n;
     }
     EXPECT_GT(failed, 40);
     pliant_body_release(next);
@@ -443,7 +468,8 @@ TEST_P(EveryMethod, WhatABladeCutsOffFalls)
     const double start = centre_of(*body, lower)[2];
     const int count = static_cast<int>(0.08 / body->scene.solver.step + 0.5);
     step(*body, count);
-    if (!body->data->body->has_inertia) EXPECT_NEAR(start - centre_of(*body, lower)[2], 0.5 * g * 0.08 * 0.08, 0.01 * 0.5 * g * 0.08 * 0.08);
+    if (!body->data->body->has_inertia)
+        EXPECT_NEAR(start - centre_of(*body, lower)[2], 0.5 * g * 0.08 * 0.08, 0.01 * 0.5 * g * 0.08 * 0.08);
     step(*body, static_cast<int>(1 / body->scene.solver.step));
     EXPECT_GT(lowest(*body, lower), -0.05 - 1e-9);
     EXPECT_LT(lowest(*body, lower), -0.04);

@@ -30,8 +30,8 @@ struct Division {
 
 // reaches: whether the cut extends to a point (the centre of a tetrahedron)
 // sides: input and output, extended; side (-1 or 1) of fragments from earlier strokes in this plane, otherwise 0
-inline Division divide_by_plane(const pliant_body &body, const Plane &plane, const std::function<bool(const double *)> &reaches,
-                                std::vector<int8_t> &sides)
+inline Division divide_by_plane(const pliant_body &body, const Plane &plane,
+                                const std::function<bool(const double *)> &reaches, std::vector<int8_t> &sides)
 {
     const pliant_mesh &mesh = body.fine;
     const int32_t tets = mesh.num_tets;
@@ -106,7 +106,9 @@ inline Division divide_by_plane(const pliant_body &body, const Plane &plane, con
                 // a fragment is joined only if it has a part of the face
                 if (a != t || b != u || part[t][!side] < 0 || part[u][!side] < 0) {
                     crosses = false;
-                    for (int32_t n : face) crosses = crosses || (side ? plane.side(mesh.rest + 3 * n) > 0 : plane.side(mesh.rest + 3 * n) < 0);
+                    for (int32_t n : face)
+                        crosses =
+                            crosses || (side ? plane.side(mesh.rest + 3 * n) > 0 : plane.side(mesh.rest + 3 * n) < 0);
                 }
                 if (!crosses) continue;
                 for (int32_t n : face)
@@ -126,7 +128,9 @@ inline Division divide_by_plane(const pliant_body &body, const Plane &plane, con
         const int32_t r = root(static_cast<int32_t>(c)), was = out.corners[c];
         if (node[r] >= 0) continue;
         bool near = false;
-        for (int side = 0; side < 2; side++) near = near || part[c / 4 < static_cast<size_t>(tets) ? c / 4 : out.source[c / 4 - tets]][side] != static_cast<int32_t>(c / 4);
+        for (int side = 0; side < 2; side++)
+            near = near || part[c / 4 < static_cast<size_t>(tets) ? c / 4 : out.source[c / 4 - tets]][side] !=
+                               static_cast<int32_t>(c / 4);
         node[r] = taken[was] && near ? nodes++ : was;
         taken[was] = 1;
     }
@@ -135,7 +139,8 @@ inline Division divide_by_plane(const pliant_body &body, const Plane &plane, con
 }
 
 // NULL: the cut divides nothing, or an error
-inline const pliant_body *sever_plane(const pliant_body *body, uint64_t revision, const Plane &plane, const std::function<bool(const double *)> &reaches,
+inline const pliant_body *sever_plane(const pliant_body *body, uint64_t revision, const Plane &plane,
+                                      const std::function<bool(const double *)> &reaches,
                                       std::vector<int8_t> *sides = nullptr)
 {
     std::vector<int8_t> none;

@@ -41,7 +41,8 @@ public:
     void wait(int tools)
     {
         if (body.scene.model.patch == 0) return;
-        for (int s = 0; body.data->statistics.patched != tools && s < 50; s++) ASSERT_GE(pliant_step(body.model, body.data), 0);
+        for (int s = 0; body.data->statistics.patched != tools && s < 50; s++)
+            ASSERT_GE(pliant_step(body.model, body.data), 0);
         ASSERT_EQ(body.data->statistics.patched, tools);
         ASSERT_EQ(body.data->statistics.patch_waiting, 0);
     }
@@ -51,8 +52,14 @@ public:
         ASSERT_EQ(pliant_tool_set_drive(body.data, tool, PLIANT_DRIVE_RIGID, nullptr), PLIANT_OK);
         ASSERT_EQ(pliant_tool_set_pose(body.data, tool, tip, nullptr), PLIANT_OK);
     }
-    std::vector<double> positions() const { return {body.data->positions, body.data->positions + 3 * body.model->body->fine.num_nodes}; }
-    std::vector<double> rest() const { return {body.model->body->fine.rest, body.model->body->fine.rest + 3 * body.model->body->fine.num_nodes}; }
+    std::vector<double> positions() const
+    {
+        return {body.data->positions, body.data->positions + 3 * body.model->body->fine.num_nodes};
+    }
+    std::vector<double> rest() const
+    {
+        return {body.model->body->fine.rest, body.model->body->fine.rest + 3 * body.model->body->fine.num_nodes};
+    }
 };
 
 double apart(const std::vector<double> &a, const std::vector<double> &b)
@@ -109,7 +116,8 @@ TEST(GrabPatch, LargePullsAreNearTheFineSolution)
         Patched fine(PLIANT_FINE, 0, 2, kind), patched(PLIANT_AVERAGED, 0.05, 2, kind);
         const std::vector<double> exact = pulled(fine, by, force), near = pulled(patched, by, found);
         const double off = apart(near, exact) / apart(exact, fine.rest());
-        std::printf("%s: %.2f %% of the way, %.2f %% of the force\n", kind == PLIANT_LINEAR ? "tetrahedra" : "hexahedra", 100 * off, 100 * (found[2] / force[2] - 1));
+        std::printf("%s: %.2f %% of the way, %.2f %% of the force\n",
+                    kind == PLIANT_LINEAR ? "tetrahedra" : "hexahedra", 100 * off, 100 * (found[2] / force[2] - 1));
         EXPECT_LT(off, 0.05);
         for (int d = 0; d < 3; d++) EXPECT_NEAR(found[d], force[d], 0.05 * std::fabs(force[2]));
         // same with that force
@@ -209,7 +217,9 @@ TEST(GrabPatch, AnotherToolComingBackDoesNotLetGoOfThePull)
 
 // A cube with two coarse cells per edge, with a patch.
 struct Small : Body {
-    Small() : Body(std::array<int, 3>{{8, 8, 8}}.data(), std::array<double, 3>{{side, side, side}}.data(), {{4000, 0.45, 1000, false}})
+    Small()
+        : Body(std::array<int, 3>{{8, 8, 8}}.data(), std::array<double, 3>{{side, side, side}}.data(),
+               {{4000, 0.45, 1000, false}})
     {
         fix_plane(0, 0, 0, 0, 0, 1);
         cells(2, 2, 2, 2);
@@ -247,7 +257,8 @@ TEST(GrabPatch, AFailedPatchTakesNothingFromThoseThereAre)
         ASSERT_EQ(pliant_tool_grasp(body.model, data, second, beside), PLIANT_OK);
         pliant_memory_fail_after(calls);
         bool began = pliant_step(body.model, data) >= 0;
-        for (int s = 0; began && s < 5 && data->statistics.patch_waiting > 0; s++) began = pliant_step(body.model, data) >= 0;
+        for (int s = 0; began && s < 5 && data->statistics.patch_waiting > 0; s++)
+            began = pliant_step(body.model, data) >= 0;
         pliant_memory_fail_after(-1);
         // no patch for the second tool: both continue, the second one with the coarse model
         if (began && data->statistics.patched == 1) {
@@ -275,13 +286,15 @@ TEST(GrabPatch, AFailedStepIsUndone)
     for (Patched *each : {&patched, &smooth}) {
         pliant_data *data = each->body.data;
         int tool = each->take("tool", top);
-        const double pull[3] = {0, 0, 0.1}, more[3] = {0.05, 0, 0.15}, far_too_much[3] = {1e300, 0, 1e300}, gravity[3] = {0.2, 0, -0.3};
+        const double pull[3] = {0, 0, 0.1}, more[3] = {0.05, 0, 0.15}, far_too_much[3] = {1e300, 0, 1e300},
+                     gravity[3] = {0.2, 0, -0.3};
         each->wait(1);
         ASSERT_EQ(pliant_tool_set_drive(data, tool, PLIANT_DRIVE_FORCE, pull), PLIANT_OK);
         ASSERT_EQ(each->body.settle(), PLIANT_OK);
         ASSERT_EQ(pliant_data_set_gravity(data, gravity), PLIANT_OK); // so that the coarse model also has a load
         if (each == &patched) {
-            const std::vector<double> before = each->positions(), held(data->tools[tool].held_point, data->tools[tool].held_point + 3);
+            const std::vector<double> before = each->positions(),
+                                      held(data->tools[tool].held_point, data->tools[tool].held_point + 3);
             const size_t coarse = 3 * static_cast<size_t>(data->solver->system->mesh->num_nodes);
             const std::vector<double> solved(data->solver->now.x, data->solver->now.x + coarse);
             ASSERT_EQ(pliant_tool_set_drive(data, tool, PLIANT_DRIVE_FORCE, far_too_much), PLIANT_OK);
@@ -335,7 +348,8 @@ TEST(GrabPatch, AHoldDoesNotWaitForThePatchOfOneThatLetGo)
     ASSERT_EQ(patched.body.build(), PLIANT_OK);
     const pliant_statistics *statistics = &patched.body.data->statistics;
     auto steps = [&](int count) {
-        for (int s = 0; s < count; s++) ASSERT_GE(pliant_step(patched.body.model, patched.body.data), 0) << pliant_last_error();
+        for (int s = 0; s < count; s++)
+            ASSERT_GE(pliant_step(patched.body.model, patched.body.data), 0) << pliant_last_error();
     };
     int tool = patched.take("tool", top);
     steps(2);
@@ -484,7 +498,8 @@ TEST(GrabPatch, SurvivesEveryFailureOfAllocation)
             pliant_status status = pliant_step(body.model, data);
             ASSERT_TRUE(status >= 0 || status == PLIANT_ERROR_MEMORY) << pliant_last_error();
             errors += status < 0;
-            for (int32_t n = 0; n < 3 * body.model->body->fine.num_nodes; n++) ASSERT_TRUE(std::isfinite(data->positions[n]));
+            for (int32_t n = 0; n < 3 * body.model->body->fine.num_nodes; n++)
+                ASSERT_TRUE(std::isfinite(data->positions[n]));
         }
         pliant_memory_fail_after(-1);
         failed += errors > 0;
@@ -518,7 +533,8 @@ TEST(GrabPatch, WhatPressesIsHeldByThePatchAsByTheFineMesh)
             if (kind == 2) EXPECT_EQ(body.data->statistics.patched, 1) << place;
             if (place > 0) continue;
             force[kind] = 0;
-            for (int32_t p = 0; p < body.data->contacts.count; p++) force[kind] -= body.data->contacts.point[p].force[2];
+            for (int32_t p = 0; p < body.data->contacts.count; p++)
+                force[kind] -= body.data->contacts.point[p].force[2];
             x[kind] = block.positions();
         }
     }

@@ -45,8 +45,10 @@ TEST(Grasp, AStrongGripPullsAWeakOneSlips)
 {
     const Pulled strong = pull(0.2, 0.5), weak = pull(0.3, 0.08);
     for (const Pulled *each : {&strong, &weak}) {
-        std::printf("squeezed to %.3f, least volume %.3f, lifted %.2f mm with %.3f N, %d points, %.3f mm deep, at last %.4f N, %.2g mm left\n", each->squeezed, each->least,
-                    1e3 * each->lifted, each->force, each->held, 1e3 * each->deepest, each->last_force, 1e3 * each->left);
+        std::printf(
+            "squeezed to %.3f, least volume %.3f, lifted %.2f mm with %.3f N, %d points, %.3f mm deep, at last %.4f N, %.2g mm left\n",
+            each->squeezed, each->least, 1e3 * each->lifted, each->force, each->held, 1e3 * each->deepest,
+            each->last_force, 1e3 * each->left);
         EXPECT_GT(each->least, 0) << "an element is inside out";
         EXPECT_LT(each->deepest, 2e-4) << "a node is left in a jaw";
         EXPECT_GT(each->held, 2);
@@ -78,10 +80,14 @@ TEST(Grasp, JawsGripInExplicitDynamics)
             tongue.go(0.001 * s, jaw);
             least = std::fmin(least, tongue.least_volume());
             deepest = std::fmax(deepest, tongue.deepest());
-            if (s <= 4) lifted[strong] = std::fmax(lifted[strong], tongue.lifted()), force[strong] = std::fmax(force[strong], tongue.force());
+            if (s <= 4)
+                lifted[strong] = std::fmax(lifted[strong], tongue.lifted()),
+                force[strong] = std::fmax(force[strong], tongue.force());
         }
-        std::printf("tled, %s: lifted %.2f mm with %.3f N, at last %.2f mm and %.4f N, least volume %.3f, %.3f mm deep\n", strong ? "strong" : "weak", 1e3 * lifted[strong], force[strong],
-                    1e3 * tongue.lifted(), tongue.force(), least, 1e3 * deepest);
+        std::printf(
+            "tled, %s: lifted %.2f mm with %.3f N, at last %.2f mm and %.4f N, least volume %.3f, %.3f mm deep\n",
+            strong ? "strong" : "weak", 1e3 * lifted[strong], force[strong], 1e3 * tongue.lifted(), tongue.force(),
+            least, 1e3 * deepest);
         EXPECT_GT(least, 0) << "an element is inside out";
         EXPECT_LT(deepest, 5e-4);
     }
@@ -101,7 +107,8 @@ TEST(Press, EveryMethodPressesBesideFine)
         {PLIANT_CALIBRATED, "calibrated", 1.4, 1.8}, {PLIANT_SCHUR, "schur", 0.3, 0.5}, {PLIANT_LOD, "lod", 1.8, 2.2}};
     double fine = 0;
     for (const auto &row : rows) {
-        Body block(size, box, {{4000, 0.45, 1000, false}, {30000, 0.3, 1000, false}}, [](int i, int j, int k) { return (i / 6 + j / 5 + k / 7) % 2; });
+        Body block(size, box, {{4000, 0.45, 1000, false}, {30000, 0.3, 1000, false}},
+                   [](int i, int j, int k) { return (i / 6 + j / 5 + k / 7) % 2; });
         block.fix_plane(0, 0, 0, 0, 0, 1);
         block.cells(4, 4, 4, 2);
         block.scene.model.method = row.method;
@@ -122,12 +129,15 @@ TEST(Press, EveryMethodPressesBesideFine)
         double deepest = 0, force[3] = {0, 0, 0};
         for (int32_t n = 0; n < block.model->body->fine.num_nodes; n++) {
             const double *x = block.data->positions + 3 * n;
-            deepest = std::fmax(deepest, radius - std::sqrt((x[0] - tip[0]) * (x[0] - tip[0]) + (x[1] - tip[1]) * (x[1] - tip[1]) + (x[2] - tip[2]) * (x[2] - tip[2])));
+            deepest = std::fmax(deepest, radius - std::sqrt((x[0] - tip[0]) * (x[0] - tip[0]) +
+                                                            (x[1] - tip[1]) * (x[1] - tip[1]) +
+                                                            (x[2] - tip[2]) * (x[2] - tip[2])));
         }
         for (int32_t p = 0; p < block.data->contacts.count; p++)
             for (int d = 0; d < 3; d++) force[d] += block.data->contacts.point[p].force[d];
         if (row.method == PLIANT_FINE) fine = -force[2];
-        std::printf("%-10s %7.3f N, %.3f of fine, points %.2g mm deep, nodes %.2g mm\n", row.name, -force[2], -force[2] / fine, 1e3 * block.data->statistics.penetration, 1e3 * deepest);
+        std::printf("%-10s %7.3f N, %.3f of fine, points %.2g mm deep, nodes %.2g mm\n", row.name, -force[2],
+                    -force[2] / fine, 1e3 * block.data->statistics.penetration, 1e3 * deepest);
         EXPECT_LT(block.data->statistics.penetration, 1e-5) << row.name;
         EXPECT_LT(deepest, 1e-4) << row.name;
         EXPECT_GE(-force[2], row.low * fine) << row.name;

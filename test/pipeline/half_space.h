@@ -9,9 +9,15 @@ const double young = 5000;
 // n x n x h cells
 struct Block : Body {
     const double edge, height;
-    Block(int n, int h, double poisson, double along = 0.12) : Block(n, h, along, {{young, poisson, 1000, false}}, [](int, int, int) { return 0; }) {}
-    Block(int n, int h, double along, const std::vector<Material> &materials, const std::function<int(int, int, int)> &material)
-        : Body(std::vector<int>{n, n, h}.data(), std::vector<double>{along, along, along * h / n}.data(), materials, material), edge(along), height(along * h / n)
+    Block(int n, int h, double poisson, double along = 0.12)
+        : Block(n, h, along, {{young, poisson, 1000, false}}, [](int, int, int) { return 0; })
+    {
+    }
+    Block(int n, int h, double along, const std::vector<Material> &materials,
+          const std::function<int(int, int, int)> &material)
+        : Body(std::vector<int>{n, n, h}.data(), std::vector<double>{along, along, along * h / n}.data(), materials,
+               material),
+          edge(along), height(along * h / n)
     {
         for (double &g : scene.model.gravity) g = 0;
         cells(n, n, h, 1);
@@ -24,7 +30,8 @@ struct Block : Body {
     void reaction(double out[3]) const
     {
         const int32_t nodes = model->system->mesh->num_nodes;
-        const std::vector<double> elastic = elastic_force(std::vector<double>(data->solver->now.x, data->solver->now.x + 3 * nodes));
+        const std::vector<double> elastic =
+            elastic_force(std::vector<double>(data->solver->now.x, data->solver->now.x + 3 * nodes));
         out[0] = out[1] = out[2] = 0;
         for (int32_t n = 0; n < nodes; n++)
             for (int d = 0; d < 3; d++)
@@ -42,9 +49,11 @@ inline void circle_moves(double power, double force, double a, double nu, const 
     u[0] = u[1] = u[2] = 0;
     for (int i = 0; i < rings; i++)
         for (int k = 0; k < around; k++) { /* all with the same force */
-            const double part = (i + 0.5) / rings, at = a * std::sqrt(1 - std::pow(1 - part, 1 / power)), turn = 2 * M_PI * (k + 0.5 * i) / around;
+            const double part = (i + 0.5) / rings, at = a * std::sqrt(1 - std::pow(1 - part, 1 / power)),
+                         turn = 2 * M_PI * (k + 0.5 * i) / around;
             const double from[2] = {x[0] - at * std::cos(turn), x[1] - at * std::sin(turn)}, z = x[2];
-            const double r = std::hypot(std::hypot(from[0], from[1]), z), share = force / rings / around / (4 * M_PI * shear * r);
+            const double r = std::hypot(std::hypot(from[0], from[1]), z),
+                         share = force / rings / around / (4 * M_PI * shear * r);
             for (int d = 0; d < 2; d++) u[d] += share * from[d] * (z / r / r - (1 - 2 * nu) / (r + z));
             u[2] += share * (2 * (1 - nu) + z * z / r / r);
         }

@@ -77,11 +77,13 @@ inline std::unique_ptr<Body> hang(const Case &each, double ground = 1, double fr
 
 // Copy the nodes on a plane z for the tetrahedra on its far side.
 // keep(node): exclude these nodes
-inline const pliant_body *divided(const pliant_body &body, uint64_t revision, double z, const std::function<bool(const double *)> &keep = [](const double *) { return false; },
-                           double low = -1)
+inline const pliant_body *divided(
+    const pliant_body &body, uint64_t revision, double z,
+    const std::function<bool(const double *)> &keep = [](const double *) { return false; }, double low = -1)
 {
     const pliant_mesh &mesh = body.fine;
-    std::vector<int32_t> corners(mesh.tets, mesh.tets + 4 * mesh.num_tets), copy(static_cast<size_t>(mesh.num_nodes), -1);
+    std::vector<int32_t> corners(mesh.tets, mesh.tets + 4 * mesh.num_tets),
+        copy(static_cast<size_t>(mesh.num_nodes), -1);
     int32_t nodes = mesh.num_nodes;
     for (int32_t t = 0; t < mesh.num_tets; t++) {
         double centre = 0;
@@ -103,7 +105,8 @@ inline const pliant_body *divided(const pliant_body &body, uint64_t revision, do
     return next;
 }
 
-inline void cut(Body &body, double z, const std::function<bool(const double *)> &keep = [](const double *) { return false; })
+inline void cut(
+    Body &body, double z, const std::function<bool(const double *)> &keep = [](const double *) { return false; })
 {
     const pliant_body *next = divided(*body.data->body, body.data->last_revision + 1, z, keep);
     ASSERT_TRUE(next);

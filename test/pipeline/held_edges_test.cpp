@@ -8,7 +8,10 @@ namespace {
 
 const char *name_of(pliant_method method)
 {
-    return method == PLIANT_COARSE ? "coarse" : method == PLIANT_AVERAGED ? "averaged" : method == PLIANT_CALIBRATED ? "calibrated" : "lod";
+    return method == PLIANT_COARSE       ? "coarse"
+           : method == PLIANT_AVERAGED   ? "averaged"
+           : method == PLIANT_CALIBRATED ? "calibrated"
+                                         : "lod";
 }
 
 // Return the sag relative to the fine hexahedra, minus 1.
@@ -20,7 +23,8 @@ double against_fine(pliant_method method, double poisson, int across, int ratio,
     beam.scene.mesh.ratio = ratio;
     beam.scene.solver.tolerance = 1e-5;
     const double error = beam.sag() / fine - 1;
-    std::printf("nu %.3f, coarse cubes of %.0f mm, ratio %d: %s %+.2f %% of the fine sag\n", poisson, 30.0 / across, ratio, name_of(method), 100 * error);
+    std::printf("nu %.3f, coarse cubes of %.0f mm, ratio %d: %s %+.2f %% of the fine sag\n", poisson, 30.0 / across,
+                ratio, name_of(method), 100 * error);
     return error;
 }
 
@@ -49,15 +53,17 @@ TEST(HeldEdges, CoarseBeamsSagAsTheirFineOnes)
 TEST(HeldEdges, SmallerCubesAsWell)
 {
     const double fine = fine_sag(0.49, 12);
-    for (pliant_method method : {PLIANT_COARSE, PLIANT_AVERAGED}) EXPECT_LT(std::fabs(against_fine(method, 0.49, 6, 2, fine)), 0.005);
+    for (pliant_method method : {PLIANT_COARSE, PLIANT_AVERAGED})
+        EXPECT_LT(std::fabs(against_fine(method, 0.49, 6, 2, fine)), 0.005);
 }
 
 // A cube of 4 x 4 x 4 coarse cubes, fixed below.
 struct Cube : Body {
     Cube(pliant_method method, double poisson, int ratio, double contrast = 1)
-        : Body(size, box, {{3000, poisson, 1000, false}, {3000 * contrast, poisson, 1000, false}}, [](int i, int j, int k) {
-              return (i - 8) * (i - 8) + (j - 8) * (j - 8) + (k - 10) * (k - 10) < 12 ? 1 : 0;
-          })
+        : Body(size, box, {{3000, poisson, 1000, false}, {3000 * contrast, poisson, 1000, false}},
+               [](int i, int j, int k) {
+                   return (i - 8) * (i - 8) + (j - 8) * (j - 8) + (k - 10) * (k - 10) < 12 ? 1 : 0;
+               })
     {
         scene.element.kind = PLIANT_HEXAHEDRA;
         scene.model.method = method;
@@ -83,7 +89,8 @@ struct Cube : Body {
         const pliant_macros &macros = *model->system->macros;
         std::vector<double> out(64);
         for (int32_t e = 0; e < macros.count; e++)
-            for (int m = 0; m < 24 * macros.rank[e]; m++) out[static_cast<size_t>(macros.cell[e])] += double(macros.root[e][m]) * double(macros.root[e][m]);
+            for (int m = 0; m < 24 * macros.rank[e]; m++)
+                out[static_cast<size_t>(macros.cell[e])] += double(macros.root[e][m]) * double(macros.root[e][m]);
         return out;
     }
 
@@ -102,7 +109,8 @@ TEST(HeldEdges, ABlockUnderItsWeightAcrossAndAlong)
             const double fine = Cube(PLIANT_FINE, 0.45, ratio).way(axis);
             for (pliant_method method : {PLIANT_COARSE, PLIANT_AVERAGED}) {
                 const double error = Cube(method, 0.45, ratio).way(axis) / fine - 1;
-                std::printf("block, ratio %d, weight along %c: %s %+.2f %%\n", ratio, "xyz"[axis], name_of(method), 100 * error);
+                std::printf("block, ratio %d, weight along %c: %s %+.2f %%\n", ratio, "xyz"[axis], name_of(method),
+                            100 * error);
                 EXPECT_LT(std::fabs(error), axis == 1 ? 0.005 : 0.02);
             }
         }
@@ -142,7 +150,8 @@ double mean_way(const HeldBody &held, pliant_method method, double poisson, int 
     EXPECT_EQ(body.settle(200), PLIANT_OK) << body.data->statistics.residual;
     double sum = 0, mass = 0;
     for (int32_t n = 0; n < body.model->body->fine.num_nodes; n++) {
-        sum += body.model->body->node_mass[n] * (body.model->body->fine.rest[3 * n + 1] - body.data->positions[3 * n + 1]);
+        sum +=
+            body.model->body->node_mass[n] * (body.model->body->fine.rest[3 * n + 1] - body.data->positions[3 * n + 1]);
         mass += body.model->body->node_mass[n];
     }
     return 1e3 * sum / mass;
@@ -154,7 +163,8 @@ TEST_P(Bodies, AreNearerToTheConvergedMesh)
 {
     const HeldBody &held = held_bodies[GetParam()];
     for (int n = 0; n < 2; n++) {
-        const double poisson = n ? 0.49 : 0.45, converged = held.converged[n], plain = mean_way(held, PLIANT_FINE, poisson, 1, 1) / converged - 1;
+        const double poisson = n ? 0.49 : 0.45, converged = held.converged[n],
+                     plain = mean_way(held, PLIANT_FINE, poisson, 1, 1) / converged - 1;
         std::printf("%s, nu %.2f: plain %+.1f %%", held.name, poisson, 100 * plain);
         for (int ratio = 2; ratio <= 4; ratio += 2) {
             const double fine = mean_way(held, PLIANT_FINE, poisson, ratio, 1);
@@ -163,7 +173,8 @@ TEST_P(Bodies, AreNearerToTheConvergedMesh)
                 const double way = mean_way(held, method, poisson, 1, ratio), error = way / converged - 1;
                 std::printf(", %s %+.1f (of the fine %+.1f)", name_of(method), 100 * error, 100 * (way / fine - 1));
                 const bool known = method == PLIANT_AVERAGED && ratio == 4 && held.cubes[1] == 2;
-                EXPECT_LT(std::fabs(error), known ? 0.035 : 0.7 * std::fabs(plain)) << held.name << " " << name_of(method);
+                EXPECT_LT(std::fabs(error), known ? 0.035 : 0.7 * std::fabs(plain))
+                    << held.name << " " << name_of(method);
                 EXPECT_LT(way / fine - 1, held.cubes[1] == 2 ? 0.045 : 0.02) << held.name << " " << name_of(method);
             }
         }

@@ -22,10 +22,11 @@ TEST(Hexahedra, BeamSagsAsTheConvergedOne)
 {
     const double poisson[3] = {0.45, 0.49, 0.499}, converged[3] = {6.87e-3, 6.79e-3, 6.75e-3};
     for (int n = 0; n < 3; n++) {
-        double coarse = Beam(PLIANT_HEXAHEDRA, poisson[n], 3).sag() / converged[n] - 1, fine = Beam(PLIANT_HEXAHEDRA, poisson[n], 6).sag() / converged[n] - 1;
+        double coarse = Beam(PLIANT_HEXAHEDRA, poisson[n], 3).sag() / converged[n] - 1,
+               fine = Beam(PLIANT_HEXAHEDRA, poisson[n], 6).sag() / converged[n] - 1;
         double linear = Beam(PLIANT_LINEAR, poisson[n], 3).sag() / converged[n] - 1;
-        std::printf("beam, nu %.3f: cells of 10 mm %.1f %%, of 5 mm %.1f %%; linear tetrahedra of 10 mm %.1f %%\n", poisson[n], 100 * coarse, 100 * fine,
-                    100 * linear);
+        std::printf("beam, nu %.3f: cells of 10 mm %.1f %%, of 5 mm %.1f %%; linear tetrahedra of 10 mm %.1f %%\n",
+                    poisson[n], 100 * coarse, 100 * fine, 100 * linear);
         EXPECT_LT(std::fabs(coarse), 0.05);
         EXPECT_LT(std::fabs(fine), 0.02);
         EXPECT_LT(linear, -0.2);
@@ -48,16 +49,19 @@ TEST(Hexahedra, CoarseBeamSagsAsTheConvergedOne)
         for (int ratio = 2; ratio <= 4; ratio += 2) {
             double averaged = coarse_sag(PLIANT_AVERAGED, poisson[n], ratio) / converged[n] - 1;
             double coarse = coarse_sag(PLIANT_COARSE, poisson[n], ratio) / converged[n] - 1;
-            double calibrated = ratio == 2 ? coarse_sag(PLIANT_CALIBRATED, poisson[n], ratio) / converged[n] - 1 : coarse;
-            std::printf("beam, nu %.3f, coarse cubes of 10 mm, ratio %d: averaged %.1f %%, coarse %.1f %%, calibrated %.2f %%\n", poisson[n], ratio, 100 * averaged,
-                        100 * coarse, 100 * calibrated);
+            double calibrated =
+                ratio == 2 ? coarse_sag(PLIANT_CALIBRATED, poisson[n], ratio) / converged[n] - 1 : coarse;
+            std::printf(
+                "beam, nu %.3f, coarse cubes of 10 mm, ratio %d: averaged %.1f %%, coarse %.1f %%, calibrated %.2f %%\n",
+                poisson[n], ratio, 100 * averaged, 100 * coarse, 100 * calibrated);
             EXPECT_NEAR(calibrated, coarse, 1e-3); // for one material it equals the coarse cube
             EXPECT_LT(std::fabs(averaged), 0.02);
             EXPECT_LT(std::fabs(coarse), 0.02);
         }
     // at least as soft as the fine hexahedra, because only its corners carry load (src/fem/coarse/NUMERICS.md)
     for (int n = 0; n < 3; n++) {
-        const double schur = coarse_sag(PLIANT_SCHUR, poisson[n], 2) / converged[n], fine = Beam(PLIANT_HEXAHEDRA, poisson[n], 6).sag() / converged[n];
+        const double schur = coarse_sag(PLIANT_SCHUR, poisson[n], 2) / converged[n],
+                     fine = Beam(PLIANT_HEXAHEDRA, poisson[n], 6).sag() / converged[n];
         std::printf("beam, nu %.3f, ratio 2: schur %.2f times the sag, fine hexahedra %.3f\n", poisson[n], schur, fine);
         EXPECT_GT(schur, fine);
     }
@@ -155,9 +159,10 @@ protected:
     const int size[3] = {12, 12, 12};
     const double box[3] = {0.06, 0.06, 0.06};
     // stiff and soft voxels, so that every cube has several materials
-    Body body{size, box, {{2000, 0.45, 1000, false}, {2e6, 0.3, 1500, false}, {1, 0.3, 1, true}}, [](int i, int j, int k) {
-                  return (i * 7 + j * 3 + k * 5) % 11 < 3 ? 1 : 0;
-              }};
+    Body body{size,
+              box,
+              {{2000, 0.45, 1000, false}, {2e6, 0.3, 1500, false}, {1, 0.3, 1, true}},
+              [](int i, int j, int k) { return (i * 7 + j * 3 + k * 5) % 11 < 3 ? 1 : 0; }};
     void SetUp() override
     {
         body.scene.element.kind = PLIANT_HEXAHEDRA;
@@ -183,7 +188,8 @@ TEST_F(Block, TurnedRigidlyItFeelsNothing)
         std::vector<double> follows(3 * static_cast<size_t>(fine.num_nodes)), whole = affine(fine, r, shift);
         pliant_upsample_positions(system, turned.data(), follows.data());
         for (int32_t n = 0; n < 3 * fine.num_nodes; n++)
-            if (method == PLIANT_COARSE || !body.model->body->fine_fixed[n / 3]) ASSERT_NEAR(follows[n], whole[n], 1e-12);
+            if (method == PLIANT_COARSE || !body.model->body->fine_fixed[n / 3])
+                ASSERT_NEAR(follows[n], whole[n], 1e-12);
         pliant_upsample_positions(system, system->mesh->rest, follows.data());
         EXPECT_EQ(std::memcmp(follows.data(), fine.rest, follows.size() * sizeof(double)), 0);
     }
@@ -230,13 +236,15 @@ TEST_F(Block, WeighsAtItsCornersByTheShapeFunctions)
     EXPECT_NEAR(sum, whole, 1e-12 * whole);
     EXPECT_NEAR(moment[0], moment[1], 1e-12 * whole);
     const pliant_system &system = *body.model->system;
-    for (int32_t f = 0; f < system.num_free; f++) EXPECT_EQ(system.gravity_mass[9 * f], mass[static_cast<size_t>(system.node_of_free[f])]);
+    for (int32_t f = 0; f < system.num_free; f++)
+        EXPECT_EQ(system.gravity_mass[9 * f], mass[static_cast<size_t>(system.node_of_free[f])]);
     std::vector<pliant_tet_material> one(static_cast<size_t>(fine.num_tets), body.model->body->fine_material[0]);
     for (pliant_tet_material &material : one) material.density = 27;
     ASSERT_EQ(pliant_hexahedra_masses(&fine, one.data(), plain.data()), PLIANT_OK);
     for (int32_t n = 0; n < fine.num_nodes; n++) {
         int cubes = 1;
-        for (int d = 0; d < 3; d++) cubes *= fine.rest[3 * n + d] > 1e-9 && fine.rest[3 * n + d] < box[d] - 1e-9 ? 2 : 1;
+        for (int d = 0; d < 3; d++)
+            cubes *= fine.rest[3 * n + d] > 1e-9 && fine.rest[3 * n + d] < box[d] - 1e-9 ? 2 : 1;
         EXPECT_NEAR(plain[static_cast<size_t>(n)], cubes * 27 * 8e-6 / 8, 1e-15);
     }
 }
@@ -246,25 +254,27 @@ TEST_F(Block, WeighsAtItsCornersByTheShapeFunctions)
 TEST_F(Block, NoSpuriousZeroModes)
 {
     for (bool almost_empty : {false, true}) for (int ratio = 1; ratio <= 2; ratio++) {
-        Body one(size, box, {{2000, 0.45, 1000, false}, {1, 0.3, 1, true}}, [&](int i, int j, int k) { return almost_empty && i + j + k > 0; });
-        one.scene.element.kind = PLIANT_HEXAHEDRA;
-        one.scene.model.method = ratio == 1 ? PLIANT_FINE : PLIANT_AVERAGED;
-        one.cells(1, 1, 1, ratio);
-        one.fix_plane(0, 0, 1e-4, 0, 0, 1);
-        if (almost_empty && ratio > 1) one.scene.mesh.keep_air = true;
-        ASSERT_EQ(one.build(), PLIANT_OK) << pliant_last_error();
-        const pliant_macros &macros = *one.model->system->macros;
-        ASSERT_EQ(macros.count, 1);
-        ASSERT_EQ(macros.start[1], 8);
-        EXPECT_EQ(macros.rank[0], 18);
-        std::vector<double> k(24 * 24), values(24), vectors(24 * 24);
-        for (int m = 0; m < macros.rank[0]; m++)
-            for (int i = 0; i < 24; i++)
-                for (int j = 0; j < 24; j++) k[24 * i + j] += double(macros.root[0][24 * m + i]) * double(macros.root[0][24 * m + j]);
-        pliant_dense_symmetric_eigen(24, k.data(), values.data(), vectors.data());
-        std::sort(values.begin(), values.end());
-        EXPECT_LT(values[5], 1e-6 * values[23]);
-        EXPECT_GT(values[6], (almost_empty ? 1e-5 : 1e-2) * values[23]);
+            Body one(size, box, {{2000, 0.45, 1000, false}, {1, 0.3, 1, true}},
+                     [&](int i, int j, int k) { return almost_empty && i + j + k > 0; });
+            one.scene.element.kind = PLIANT_HEXAHEDRA;
+            one.scene.model.method = ratio == 1 ? PLIANT_FINE : PLIANT_AVERAGED;
+            one.cells(1, 1, 1, ratio);
+            one.fix_plane(0, 0, 1e-4, 0, 0, 1);
+            if (almost_empty && ratio > 1) one.scene.mesh.keep_air = true;
+            ASSERT_EQ(one.build(), PLIANT_OK) << pliant_last_error();
+            const pliant_macros &macros = *one.model->system->macros;
+            ASSERT_EQ(macros.count, 1);
+            ASSERT_EQ(macros.start[1], 8);
+            EXPECT_EQ(macros.rank[0], 18);
+            std::vector<double> k(24 * 24), values(24), vectors(24 * 24);
+            for (int m = 0; m < macros.rank[0]; m++)
+                for (int i = 0; i < 24; i++)
+                    for (int j = 0; j < 24; j++)
+                        k[24 * i + j] += double(macros.root[0][24 * m + i]) * double(macros.root[0][24 * m + j]);
+            pliant_dense_symmetric_eigen(24, k.data(), values.data(), vectors.data());
+            std::sort(values.begin(), values.end());
+            EXPECT_LT(values[5], 1e-6 * values[23]);
+            EXPECT_GT(values[6], (almost_empty ? 1e-5 : 1e-2) * values[23]);
     }
 }
 
@@ -296,7 +306,8 @@ TEST_F(Block, TheDefaultIsHexahedraWhereTheyCanBeHad)
         pliant_set_log(nullptr, nullptr);
         ASSERT_EQ(status, PLIANT_OK) << pliant_last_error();
         EXPECT_EQ(pliant_model_get_scene(body.model)->element.kind, pressure ? PLIANT_LINEAR : PLIANT_HEXAHEDRA);
-        EXPECT_NE(told.find(pressure ? "linear here; tled/nodal_pressure" : "hexahedra here"), std::string::npos) << told;
+        EXPECT_NE(told.find(pressure ? "linear here; tled/nodal_pressure" : "hexahedra here"), std::string::npos)
+            << told;
         if (!pressure) EXPECT_NE(body.model->system->macros, nullptr);
     }
 }
@@ -310,12 +321,18 @@ TEST_F(Block, SaysWhatItDoesNotGoWith)
 
 // An octree whose labels in balls and specks refine it locally, so that there are hanging nodes at all faces of cubes.
 struct Octree : Body {
-    static std::vector<Material> materials(double contrast) { return {{2000, 0.45, 1000, false}, {2000 * contrast, 0.45, 1000, false}}; }
+    static std::vector<Material> materials(double contrast)
+    {
+        return {{2000, 0.45, 1000, false}, {2000 * contrast, 0.45, 1000, false}};
+    }
     explicit Octree(double contrast, double height = 0.08)
-        : Body(std::array<int, 3>{16, 16, static_cast<int>(200 * height)}.data(), std::array<double, 3>{0.08, 0.08, height}.data(), materials(contrast),
-               [](int i, int j, int k) {
+        : Body(std::array<int, 3>{16, 16, static_cast<int>(200 * height)}.data(),
+               std::array<double, 3>{0.08, 0.08, height}.data(), materials(contrast), [](int i, int j, int k) {
                    double dx = i - 4.2, dy = j - 5.1, dz = k - 9.7;
-                   return dx * dx + dy * dy + dz * dz < 6 || (i == 12 && j == 11 && k == 4) || (i == 15 && j == 0 && k > 13) ? 1 : 0;
+                   return dx * dx + dy * dy + dz * dz < 6 || (i == 12 && j == 11 && k == 4) ||
+                                  (i == 15 && j == 0 && k > 13)
+                              ? 1
+                              : 0;
                })
     {
         scene.element.kind = PLIANT_HEXAHEDRA;
@@ -334,7 +351,8 @@ TEST(OctreeHexahedra, PassThePatchTestAndTurn)
     const pliant_mesh &fine = body.model->body->fine;
     const pliant_upsample &upsample = *body.model->system->upsample;
     double a[9] = {1.02, 0.01, 0, 0.01, 0.97, 0.02, 0, 0.02, 1.01}, b[3] = {0.01, 0, 0};
-    std::vector<double> stretched = affine(fine, a, b), force = body.elastic_force(stretched), follows(stretched.size());
+    std::vector<double> stretched = affine(fine, a, b), force = body.elastic_force(stretched),
+                        follows(stretched.size());
     double inside = 0;
     int hanging = 0;
     for (int32_t n = 0; n < fine.num_nodes; n++) {
@@ -364,14 +382,17 @@ TEST(OctreeHexahedra, ScalarsAreOfLeaves)
         body.scene.solver.kind = kind;
         ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
         const pliant_mesh &fine = body.model->body->fine;
-        std::vector<double> bent(fine.rest, fine.rest + 3 * fine.num_nodes), sum(2 * static_cast<size_t>(fine.num_nodes));
-        for (int32_t n = 0; n < fine.num_nodes; n++) bent[3 * n] += 2 * fine.rest[3 * n] * fine.rest[3 * n + 1] * fine.rest[3 * n + 2];
+        std::vector<double> bent(fine.rest, fine.rest + 3 * fine.num_nodes),
+            sum(2 * static_cast<size_t>(fine.num_nodes));
+        for (int32_t n = 0; n < fine.num_nodes; n++)
+            bent[3 * n] += 2 * fine.rest[3 * n] * fine.rest[3 * n + 1] * fine.rest[3 * n + 2];
         std::vector<float> energy(static_cast<size_t>(fine.num_tets)), of_node(static_cast<size_t>(fine.num_nodes));
         const size_t before = pliant_memory_in_use();
         pliant_status status = PLIANT_ERROR_MEMORY;
         for (int n = 0; status != PLIANT_OK; n++) {
             pliant_memory_fail_after(n);
-            status = pliant_data_tet_scalar(body.model, body.model->body, bent.data(), PLIANT_SCALAR_STRAIN_ENERGY, energy.data());
+            status = pliant_data_tet_scalar(body.model, body.model->body, bent.data(), PLIANT_SCALAR_STRAIN_ENERGY,
+                                            energy.data());
             pliant_memory_fail_after(-1);
             ASSERT_EQ(pliant_memory_in_use(), before) << "allocation " << n;
             ASSERT_TRUE(status == PLIANT_OK ? n > 3 : status == PLIANT_ERROR_MEMORY);
@@ -387,14 +408,17 @@ TEST(OctreeHexahedra, ScalarsAreOfLeaves)
         // in explicit dynamics, leaves next to smaller ones are tetrahedra
         EXPECT_EQ(alike[1] > 5, kind == PLIANT_COROTATIONAL);
         EXPECT_EQ(apart > 5, kind == PLIANT_TLED);
-        ASSERT_EQ(pliant_data_scalar(body.model, body.model->body, bent.data(), PLIANT_SCALAR_STRAIN_ENERGY, of_node.data()), PLIANT_OK);
+        ASSERT_EQ(
+            pliant_data_scalar(body.model, body.model->body, bent.data(), PLIANT_SCALAR_STRAIN_ENERGY, of_node.data()),
+            PLIANT_OK);
         for (int32_t v = 0; v < 4 * fine.num_tets; v++) {
             double gradients[12];
             const double volume = pliant_mesh_gradients(&fine, v / 4, gradients);
             sum[2 * fine.tets[v]] += volume * energy[v / 4];
             sum[2 * fine.tets[v] + 1] += volume;
         }
-        for (int32_t n = 0; n < fine.num_nodes; n++) EXPECT_NEAR(of_node[n], sum[2 * n] / sum[2 * n + 1], 1e-5 * of_node[n]);
+        for (int32_t n = 0; n < fine.num_nodes; n++)
+            EXPECT_NEAR(of_node[n], sum[2 * n] / sum[2 * n + 1], 1e-5 * of_node[n]);
     }
 }
 
@@ -420,7 +444,8 @@ TEST(OctreeHexahedra, AreCut)
         ASSERT_GE(body.settle(), PLIANT_OK);
         const pliant_body *next = sever_plane(body.data->body, 2, plane, [](const double *x) { return x[2] > 0.03; });
         ASSERT_TRUE(next) << pliant_last_error();
-        const std::vector<double> before(body.data->positions, body.data->positions + 3 * body.data->body->fine.num_nodes);
+        const std::vector<double> before(body.data->positions,
+                                         body.data->positions + 3 * body.data->body->fine.num_nodes);
         ASSERT_EQ(pliant_data_set_body(body.model, body.data, next), PLIANT_OK) << pliant_last_error();
         pliant_body_release(next);
         const pliant_mesh &fine = body.data->body->fine;
@@ -447,12 +472,13 @@ TEST(OctreeHexahedra, AreCut)
             double a[9] = {1.02, 0.01, 0, 0.01, 0.97, 0.02, 0, 0.02, 1.01}, b[3] = {0.01, 0, 0}, inside = 0;
             std::vector<double> stretched = affine(fine, a, b), force(3 * static_cast<size_t>(system->num_free));
             std::vector<double> room(static_cast<size_t>(system->num_blocks) * 12 * LANES);
-            pliant_system_element_forces(system, stretched.data(), reinterpret_cast<double (*)[12][LANES]>(room.data()));
+            pliant_system_element_forces(system, stretched.data(), reinterpret_cast<double(*)[12][LANES]>(room.data()));
             pliant_system_gather(system, reinterpret_cast<double (*)[12][LANES]>(room.data()), force.data());
             for (int32_t f = 0; f < system->num_free; f++) {
                 const int32_t n = system->node_of_free[f];
                 bool edge = beside[n]; // a tetrahedron distributes the forces of a face differently to its corners
-                for (int d = 0; d < 3; d++) edge = edge || fine.rest[3 * n + d] < 1e-9 || fine.rest[3 * n + d] > 0.08 - 1e-9;
+                for (int d = 0; d < 3; d++)
+                    edge = edge || fine.rest[3 * n + d] < 1e-9 || fine.rest[3 * n + d] > 0.08 - 1e-9;
                 for (int d = 0; d < 3 && !edge; d++) inside = std::fmax(inside, std::fabs(force[3 * f + d]));
             }
             EXPECT_LT(inside, 1e-5 * largest(force));
@@ -460,9 +486,12 @@ TEST(OctreeHexahedra, AreCut)
         ASSERT_EQ(body.settle(), PLIANT_OK) << body.data->statistics.residual;
         tip[which] = 0;
         for (int32_t n = 0; n < body.model->body->fine.num_nodes; n++)
-            if (fine.rest[3 * n + 2] > 0.0799) tip[which] = std::fmax(tip[which], fine.rest[3 * n] - body.data->positions[3 * n]);
+            if (fine.rest[3 * n + 2] > 0.0799)
+                tip[which] = std::fmax(tip[which], fine.rest[3 * n] - body.data->positions[3 * n]);
     }
-    std::printf("cut half through, largest way of the top: octree of hexahedra %.3f, of tetrahedra %.3f of the fine lattice's\n", tip[1] / tip[0], tip[2] / tip[0]);
+    std::printf(
+        "cut half through, largest way of the top: octree of hexahedra %.3f, of tetrahedra %.3f of the fine lattice's\n",
+        tip[1] / tip[0], tip[2] / tip[0]);
     EXPECT_LT(tip[1], 1.02 * tip[0]);
     EXPECT_GT(tip[1], 1.05 * tip[2]);
 }
@@ -506,7 +535,8 @@ TEST(OctreeHexahedra, AreExplicitToo)
                 bool edge = beside[n];
                 for (int32_t c = system->corner_start[n]; c < system->corner_start[n + 1]; c++)
                     for (int d = 0; d < 3; d++) force[d] += tled->forces[system->corner[c] + d * LANES];
-                for (int d = 0; d < 3; d++) edge = edge || fine.rest[3 * n + d] < 1e-9 || fine.rest[3 * n + d] > 0.08 - 1e-9;
+                for (int d = 0; d < 3; d++)
+                    edge = edge || fine.rest[3 * n + d] < 1e-9 || fine.rest[3 * n + d] > 0.08 - 1e-9;
                 for (int d = 0; d < 3; d++) (edge ? all : inside) = std::fmax(edge ? all : inside, std::fabs(force[d]));
             }
             EXPECT_LT(inside, 1e-4 * all);
@@ -515,9 +545,12 @@ TEST(OctreeHexahedra, AreExplicitToo)
         ASSERT_EQ(body.settle(), PLIANT_OK) << body.data->statistics.residual;
         tip[which] = 0;
         for (int32_t n = 0; n < fine.num_nodes; n++)
-            if (fine.rest[3 * n + 2] > 0.0799) tip[which] = std::fmax(tip[which], fine.rest[3 * n] - body.data->positions[3 * n]);
+            if (fine.rest[3 * n + 2] > 0.0799)
+                tip[which] = std::fmax(tip[which], fine.rest[3 * n] - body.data->positions[3 * n]);
     }
-    std::printf("explicit, largest way of the top: octree of hexahedra %.3f, of tetrahedra %.3f of the fine lattice's\n", tip[1] / tip[0], tip[2] / tip[0]);
+    std::printf(
+        "explicit, largest way of the top: octree of hexahedra %.3f, of tetrahedra %.3f of the fine lattice's\n",
+        tip[1] / tip[0], tip[2] / tip[0]);
     EXPECT_LT(tip[1], 1.02 * tip[0]);
     EXPECT_GT(tip[1], 1.05 * tip[2]);
 }
@@ -552,8 +585,9 @@ TEST(OctreeHexahedra, GoWhereTheFineLatticeGoes)
             sum[which] += std::hypot(std::hypot(x[0] - at[0], x[1] - at[1]), x[2] - at[2]) / fine.num_nodes;
         }
     }
-    std::printf("mean error against the fine lattice of hexahedra, of the largest way: octree of hexahedra %.2f %%, of tetrahedra %.2f %%\n", 100 * sum[1] / most,
-                100 * sum[2] / most);
+    std::printf(
+        "mean error against the fine lattice of hexahedra, of the largest way: octree of hexahedra %.2f %%, of tetrahedra %.2f %%\n",
+        100 * sum[1] / most, 100 * sum[2] / most);
     EXPECT_LT(sum[1], 0.05 * most);
     EXPECT_LT(sum[1], 0.5 * sum[2]);
 }
@@ -563,11 +597,12 @@ std::vector<double> sagged(pliant_element_kind kind, pliant_method method)
 {
     const int size[3] = {16, 16, 16};
     const double box[3] = {0.08, 0.08, 0.08};
-    Body body(size, box, {{3000, 0.45, 1000, false}, {30000, 0.45, 1000, false}, {30000, 0.3, 1000, false}}, [](int i, int j, int k) {
-        double dx = i - 5.1, dy = j - 6, dz = k - 9.8;
-        if (dx * dx + dy * dy + dz * dz < 10) return 1;
-        return std::fabs(i - 8 + 0.3 * (k - 8)) < 0.6 && k > 2 && k < 14 && j > 2 && j < 13 ? 2 : 0;
-    });
+    Body body(size, box, {{3000, 0.45, 1000, false}, {30000, 0.45, 1000, false}, {30000, 0.3, 1000, false}},
+              [](int i, int j, int k) {
+                  double dx = i - 5.1, dy = j - 6, dz = k - 9.8;
+                  if (dx * dx + dy * dy + dz * dz < 10) return 1;
+                  return std::fabs(i - 8 + 0.3 * (k - 8)) < 0.6 && k > 2 && k < 14 && j > 2 && j < 13 ? 2 : 0;
+              });
     body.scene.element.kind = kind;
     body.scene.model.method = method;
     body.scene.solver.tolerance = 1e-4;
@@ -583,17 +618,21 @@ std::vector<double> sagged(pliant_element_kind kind, pliant_method method)
 double mean_error(const std::vector<double> &a, const std::vector<double> &b)
 {
     double sum = 0;
-    for (size_t n = 0; n < a.size(); n += 3) sum += std::hypot(std::hypot(a[n] - b[n], a[n + 1] - b[n + 1]), a[n + 2] - b[n + 2]);
+    for (size_t n = 0; n < a.size(); n += 3)
+        sum += std::hypot(std::hypot(a[n] - b[n], a[n + 1] - b[n + 1]), a[n + 2] - b[n + 2]);
     return sum / (a.size() / 3.0);
 }
 
 TEST(Hexahedra, CoarseOnesAreNearerToTheFineOnes)
 {
     const std::vector<double> linear = sagged(PLIANT_LINEAR, PLIANT_FINE), fine = sagged(PLIANT_HEXAHEDRA, PLIANT_FINE);
-    double tetrahedra = mean_error(sagged(PLIANT_LINEAR, PLIANT_AVERAGED), linear), averaged = mean_error(sagged(PLIANT_HEXAHEDRA, PLIANT_AVERAGED), fine);
-    double coarse = mean_error(sagged(PLIANT_HEXAHEDRA, PLIANT_COARSE), fine), calibrated = mean_error(sagged(PLIANT_HEXAHEDRA, PLIANT_CALIBRATED), fine);
-    std::printf("mean error against the own fine mesh: tetrahedra averaged %.3f mm; hexahedra averaged %.3f, calibrated %.3f, coarse %.3f mm\n", 1e3 * tetrahedra,
-                1e3 * averaged, 1e3 * calibrated, 1e3 * coarse);
+    double tetrahedra = mean_error(sagged(PLIANT_LINEAR, PLIANT_AVERAGED), linear),
+           averaged = mean_error(sagged(PLIANT_HEXAHEDRA, PLIANT_AVERAGED), fine);
+    double coarse = mean_error(sagged(PLIANT_HEXAHEDRA, PLIANT_COARSE), fine),
+           calibrated = mean_error(sagged(PLIANT_HEXAHEDRA, PLIANT_CALIBRATED), fine);
+    std::printf(
+        "mean error against the own fine mesh: tetrahedra averaged %.3f mm; hexahedra averaged %.3f, calibrated %.3f, coarse %.3f mm\n",
+        1e3 * tetrahedra, 1e3 * averaged, 1e3 * calibrated, 1e3 * coarse);
     EXPECT_LT(calibrated, coarse);
     EXPECT_LT(averaged, 0.5 * tetrahedra);
     EXPECT_LT(averaged, 0.5 * coarse);

@@ -14,7 +14,8 @@ struct Hollow : Body {
     double tip[3] = {4 * h, h, 6 * h};
 
     explicit Hollow(bool dynamic, bool self = true, pliant_method method = PLIANT_FINE, int ratio = 1)
-        : Body(std::vector<int>{16, 4, 12}.data(), std::vector<double>{8 * h, 2 * h, 6 * h}.data(), {{10e3, 0.3, 1000, false}, {1, 0.3, 1, true}},
+        : Body(std::vector<int>{16, 4, 12}.data(), std::vector<double>{8 * h, 2 * h, 6 * h}.data(),
+               {{10e3, 0.3, 1000, false}, {1, 0.3, 1, true}},
                [](int i, int, int k) { return i >= 4 && i < 12 && k >= 4 && k < 8; })
     {
         fix_plane(0, 0, 1e-6, 0, 0, 1);
@@ -50,7 +51,9 @@ struct Hollow : Body {
             const double *x[4];
             bool in = true;
             for (int v = 0; v < 4; v++) x[v] = data->positions + 3 * mesh.tets[4 * t + v];
-            for (int d = 0; d < 3 && in; d++) in = std::max({x[0][d], x[1][d], x[2][d], x[3][d]}) >= p[d] && std::min({x[0][d], x[1][d], x[2][d], x[3][d]}) <= p[d];
+            for (int d = 0; d < 3 && in; d++)
+                in = std::max({x[0][d], x[1][d], x[2][d], x[3][d]}) >= p[d] &&
+                     std::min({x[0][d], x[1][d], x[2][d], x[3][d]}) <= p[d];
             for (int v = 0; v < 4 && in; v++) {
                 double e[3][3], side[2] = {0, 0};
                 for (int d = 0; d < 3; d++) {
@@ -130,7 +133,8 @@ TEST(Hollow, ClosesByCoarseMethodsAsByTheFineMesh)
         int points = 0;
         std::vector<double> before;
         for (int s = 0; s < 26; s++) {
-            before.assign(hollow.data->positions, hollow.data->positions + 3 * size_t(hollow.data->body->fine.num_nodes));
+            before.assign(hollow.data->positions,
+                          hollow.data->positions + 3 * size_t(hollow.data->body->fine.num_nodes));
             hollow.squeeze(5e-4);
             EXPECT_LT(hollow.data->statistics.penetration, 0.001 * h) << method << ", " << s;
             if (s % 3 != 1 || s < 19) continue;
@@ -148,11 +152,13 @@ TEST(Hollow, ClosesByCoarseMethodsAsByTheFineMesh)
                     slip[d] += point.weight[k] * (x[d] - before[3 * size_t(point.node[k]) + size_t(d)]);
                     force[d] += point.weight[k] * point.force[d];
                     size += std::fabs(point.weight[k] * point.force[d]);
-                    moment[d] += point.weight[k] * (x[(d + 1) % 3] * point.force[(d + 2) % 3] - x[(d + 2) % 3] * point.force[(d + 1) % 3]);
+                    moment[d] += point.weight[k] * (x[(d + 1) % 3] * point.force[(d + 2) % 3] -
+                                                    x[(d + 2) % 3] * point.force[(d + 1) % 3]);
                 }
             }
-            slid += std::sqrt((slip[0] * slip[0] + slip[1] * slip[1] + slip[2] * slip[2]) *
-                              (point.force[0] * point.force[0] + point.force[1] * point.force[1] + point.force[2] * point.force[2]));
+            slid += std::sqrt(
+                (slip[0] * slip[0] + slip[1] * slip[1] + slip[2] * slip[2]) *
+                (point.force[0] * point.force[0] + point.force[1] * point.force[1] + point.force[2] * point.force[2]));
         }
         std::printf("method %d: %.4f open, %.4f twice, %d points, %.3g N\n", method, open, most, points, size);
         if (method == PLIANT_FINE) of_fine = most;

@@ -70,7 +70,8 @@ struct Slab : Body {
     }
     void step() { ASSERT_GE(pliant_step(model, data), 0) << pliant_last_error(); }
     // Move down at a speed; return forces and heights of every step.
-    void stroke(double x, double from, double to, double speed, std::vector<double> *forces = nullptr, double *work = nullptr)
+    void stroke(double x, double from, double to, double speed, std::vector<double> *forces = nullptr,
+                double *work = nullptr)
     {
         const double way = speed * scene.solver.step;
         double force = 0;
@@ -92,7 +93,8 @@ struct Slab : Body {
         std::vector<float> density(static_cast<size_t>(data->body->fine.num_tets));
         pliant_data_tet_scalar(model, data->body, data->positions, PLIANT_SCALAR_STRAIN_ENERGY, density.data());
         double sum = 0, gradients[12];
-        for (int32_t t = 0; t < data->body->fine.num_tets; t++) sum += density[t] * pliant_mesh_gradients(&data->body->fine, t, gradients);
+        for (int32_t t = 0; t < data->body->fine.num_tets; t++)
+            sum += density[t] * pliant_mesh_gradients(&data->body->fine, t, gradients);
         return sum;
     }
     double height_energy() const // gravitational energy [J]
@@ -100,7 +102,8 @@ struct Slab : Body {
         double sum = 0;
         for (int32_t n = 0; n < data->body->fine.num_nodes; n++)
             for (int d = 0; d < 3; d++)
-                sum -= data->body->node_mass[n] * data->gravity[d] * (data->positions[3 * n + d] - data->body->fine.rest[3 * n + d]);
+                sum -= data->body->node_mass[n] * data->gravity[d] *
+                       (data->positions[3 * n + d] - data->body->fine.rest[3 * n + d]);
         return sum;
     }
 };
@@ -115,17 +118,20 @@ TEST_P(EveryKind, AStrokeTakesToughnessTimesItsArea)
     slab.stroke(0.0405, 0.034, -0.003, 0.02, &forces, &work);
     const pliant_tool_state told = slab.state();
     if (std::getenv("PLIANT_FIGURES"))
-        std::printf("area %.4f of the section's, work %.4f of toughness times area, mean force %.3f N, peak %.3f N\n", told.severed_area / (width * height),
-                    work / (toughness * told.severed_area), work / height, *std::max_element(forces.begin(), forces.end()));
+        std::printf("area %.4f of the section's, work %.4f of toughness times area, mean force %.3f N, peak %.3f N\n",
+                    told.severed_area / (width * height), work / (toughness * told.severed_area), work / height,
+                    *std::max_element(forces.begin(), forces.end()));
     EXPECT_EQ(told.pieces, 2);
     EXPECT_NEAR(told.severed_area, width * height, 0.05 * width * height);
     EXPECT_NEAR(work, toughness * told.severed_area, 0.12 * toughness * told.severed_area);
-    EXPECT_NEAR(work / height, toughness * width, 0.12 * toughness * width) << "mean force on its way through the tissue";
+    EXPECT_NEAR(work / height, toughness * width, 0.12 * toughness * width)
+        << "mean force on its way through the tissue";
     const double peak = *std::max_element(forces.begin(), forces.end());
     EXPECT_GT(peak, 1.5 * toughness * width);
     EXPECT_LT(peak, 3.5 * toughness * width);
     int drops = 0; // number of sudden drops
-    for (size_t n = 1; n < forces.size(); n++) drops += forces[n - 1] > toughness * width && forces[n] < 0.3 * toughness * width;
+    for (size_t n = 1; n < forces.size(); n++)
+        drops += forces[n - 1] > toughness * width && forces[n] < 0.3 * toughness * width;
     EXPECT_GE(drops, 5) << "a saw-tooth";
     EXPECT_FALSE(told.holding);
     EXPECT_EQ(slab.said, "");
@@ -146,7 +152,10 @@ TEST_P(EveryKind, AStepThatGoesFarTakesToughnessTimesItsAreaToo)
             EXPECT_EQ(slab.state().pieces, 2) << way;
             EXPECT_EQ(slab.said, "");
         }
-        if (std::getenv("PLIANT_FIGURES")) std::printf("%.1f mm a step: area %.4f of the section's, work %.4f of toughness times area, peak %.3f of toughness times width\n", 1e3 * way, area / (4 * width * height), work / (toughness * area), most / (toughness * width));
+        if (std::getenv("PLIANT_FIGURES"))
+            std::printf(
+                "%.1f mm a step: area %.4f of the section's, work %.4f of toughness times area, peak %.3f of toughness times width\n",
+                1e3 * way, area / (4 * width * height), work / (toughness * area), most / (toughness * width));
         EXPECT_NEAR(area, 4 * width * height, 0.01 * 4 * width * height) << way;
         EXPECT_NEAR(work, toughness * area, 0.06 * toughness * area) << way;
         EXPECT_LT(most, 2.01 * toughness * width) << way;
@@ -176,7 +185,9 @@ TEST_P(EveryKind, ABladeThatChangesItsSpeedTakesNoMore)
         area += slab.state().severed_area;
         EXPECT_EQ(slab.state().pieces, 2);
     }
-    if (std::getenv("PLIANT_FIGURES")) std::printf("area %.4f, work %.4f of toughness times area, peak %.3f\n", area / (4 * width * height), work / (toughness * area), most / (toughness * width));
+    if (std::getenv("PLIANT_FIGURES"))
+        std::printf("area %.4f, work %.4f of toughness times area, peak %.3f\n", area / (4 * width * height),
+                    work / (toughness * area), most / (toughness * width));
     EXPECT_NEAR(area, 4 * width * height, 0.01 * 4 * width * height);
     EXPECT_NEAR(work, toughness * area, 0.14 * toughness * area);
     EXPECT_LT(most, 2.5 * toughness * width);
@@ -223,10 +234,12 @@ TEST_P(EveryKind, TheSamePosesGiveTheSameBitsAndUndoAndResetHeal)
     for (Slab *slab : {&one, &other}) slab->stroke(0.0405, 0.034, 0.012, 0.05);
     const int32_t nodes = one.data->body->fine.num_nodes;
     ASSERT_EQ(nodes, other.data->body->fine.num_nodes);
-    EXPECT_EQ(std::memcmp(one.data->positions, other.data->positions, 3 * sizeof(double) * static_cast<size_t>(nodes)), 0);
+    EXPECT_EQ(std::memcmp(one.data->positions, other.data->positions, 3 * sizeof(double) * static_cast<size_t>(nodes)),
+              0);
     const pliant_cuts *cuts = one.data->body->cuts, *others = other.data->body->cuts;
     ASSERT_EQ(cuts ? cuts->num_links : 0, others ? others->num_links : 0);
-    if (cuts) EXPECT_EQ(std::memcmp(cuts->link, others->link, sizeof(uint32_t) * static_cast<size_t>(cuts->num_links)), 0);
+    if (cuts)
+        EXPECT_EQ(std::memcmp(cuts->link, others->link, sizeof(uint32_t) * static_cast<size_t>(cuts->num_links)), 0);
     const pliant_body *half = pliant_body_retain(one.data->body);
     ASSERT_FALSE(pliant_body_same(half, one.model->body));
 
@@ -271,7 +284,8 @@ TEST(Knife, ABladeThatTurnsSweepsAnArc)
     slab.step();
     slab.place(0.04, 0.024, quarter); // about y: from x to -z, in one step
     slab.step();
-    EXPECT_NEAR(slab.state().severed_area, M_PI / 4 * 0.012 * 0.012, 0.1 * M_PI / 4 * 0.012 * 0.012) << "the chord alone: 36 % less";
+    EXPECT_NEAR(slab.state().severed_area, M_PI / 4 * 0.012 * 0.012, 0.1 * M_PI / 4 * 0.012 * 0.012)
+        << "the chord alone: 36 % less";
 }
 
 TEST(Knife, WhatJumpsOrIsLostCutsNothingOnItsWay)
@@ -282,7 +296,9 @@ TEST(Knife, WhatJumpsOrIsLostCutsNothingOnItsWay)
     slab.step();
     slab.place(0.0405, -0.01);
     slab.step();
-    EXPECT_NE(slab.said.find("tool knife is too fast to cut: its blade moves 0.06 m in a step of 0.02 s (3 m/s)"), std::string::npos) << slab.said;
+    EXPECT_NE(slab.said.find("tool knife is too fast to cut: its blade moves 0.06 m in a step of 0.02 s (3 m/s)"),
+              std::string::npos)
+        << slab.said;
     pliant_tool_lost(slab.data, slab.tool);
     slab.step();
     slab.place(0.0405, 0.03);
@@ -332,7 +348,8 @@ TEST(Knife, StrokesThatCanBeUndoneAreAsManyAsAsked)
         ASSERT_EQ(pliant_data_cut(slab.model, slab.data, 2, at, depth, nullptr), PLIANT_OK) << pliant_last_error();
         slab.step();
     }
-    for (int n = 0; n < slab.scene.cut.undo; n++) ASSERT_EQ(pliant_data_undo_cut(slab.model, slab.data), PLIANT_OK) << n;
+    for (int n = 0; n < slab.scene.cut.undo; n++)
+        ASSERT_EQ(pliant_data_undo_cut(slab.model, slab.data), PLIANT_OK) << n;
     EXPECT_EQ(pliant_data_undo_cut(slab.model, slab.data), PLIANT_ERROR_ARGUMENT);
     EXPECT_EQ(slab.data->body->revision, 3u) << "two cuts are left";
 }
@@ -344,7 +361,8 @@ TEST(Knife, WhatIsUndoneAtOnceGoesOn)
         scene.solver.refresh_interval = 1;
         scene.solver.refresh_delay = 2;
     }});
-    const double points[6] = {0.0405, -0.01, 0.05, 0.0405, 0.05, 0.05}, depth[3] = {0, 0, -0.035}, rest[3] = {0.02, 0.012, 0.03};
+    const double points[6] = {0.0405, -0.01, 0.05, 0.0405, 0.05, 0.05}, depth[3] = {0, 0, -0.035},
+                 rest[3] = {0.02, 0.012, 0.03};
     ASSERT_EQ(pliant_data_cut(slab.model, slab.data, 2, points, depth, nullptr), PLIANT_OK) << pliant_last_error();
     ASSERT_EQ(pliant_data_undo_cut(slab.model, slab.data), PLIANT_OK);
     ASSERT_EQ(pliant_tool_grasp(slab.model, slab.data, slab.tool, rest), PLIANT_OK);
@@ -405,7 +423,8 @@ TEST(Knife, WhatHangsByLittleStaysWhereItHangs)
         bar.scene.model.gravity[2] = -0.5;
         bar.scene.solver.threads = 1;
         ASSERT_EQ(bar.build(), PLIANT_OK) << pliant_last_error();
-        const double from[3] = {0.02 * draws[0], -0.07, 0.02 * draws[1]}, to[3] = {0.02 * draws[2], 0.07, 0.02 * draws[3]};
+        const double from[3] = {0.02 * draws[0], -0.07, 0.02 * draws[1]},
+                     to[3] = {0.02 * draws[2], 0.07, 0.02 * draws[3]};
         int tool = -1, step = 0;
         ASSERT_EQ(pliant_tool_add(bar.model, bar.data, "knife", &tool), PLIANT_OK);
         ASSERT_EQ(pliant_tool_set_blade(bar.data, tool, from, to), PLIANT_OK);
@@ -416,11 +435,13 @@ TEST(Knife, WhatHangsByLittleStaysWhereItHangs)
             ASSERT_EQ(pliant_tool_set_cutting(bar.data, tool, true), PLIANT_OK);
             ASSERT_GE(pliant_step(bar.model, bar.data), 0) << pliant_last_error();
             const pliant_mesh &mesh = bar.data->body->fine;
-            for (int32_t i = 0; i < 3 * mesh.num_nodes; i++) farthest = std::fmax(farthest, std::fabs(bar.data->positions[i] - mesh.rest[i]));
+            for (int32_t i = 0; i < 3 * mesh.num_nodes; i++)
+                farthest = std::fmax(farthest, std::fabs(bar.data->positions[i] - mesh.rest[i]));
         }
         EXPECT_LT(farthest, 0.35) << run;
         EXPECT_EQ(mismatches(*bar.data->body), 0) << run;
-        if (run == 6) EXPECT_GE(num_pieces(*bar.data->body), 2) << "nothing slips through on the surface, beside the tissue";
+        if (run == 6)
+            EXPECT_GE(num_pieces(*bar.data->body), 2) << "nothing slips through on the surface, beside the tissue";
     }
 }
 
@@ -447,12 +468,14 @@ TEST(Knife, WhatIsNeverCutCostsNothingAndChangesNothing)
     EXPECT_NE(std::string(pliant_last_error()).find("cut/kind"), std::string::npos) << pliant_last_error();
     EXPECT_EQ(pliant_data_cut(none.model, none.data, 0, nullptr, nullptr, nullptr), PLIANT_ERROR_SCENE);
     const double line[6] = {0, 0, 0, 0.1, 0, 0}, no_depth[3] = {0, 0, 0}, along[3] = {0.2, 0, 0}, point[6] = {0};
-    for (const auto &each : {std::make_pair(line, no_depth), std::make_pair(line, along), std::make_pair(point, along)}) {
+    for (const auto &each :
+         {std::make_pair(line, no_depth), std::make_pair(line, along), std::make_pair(point, along)}) {
         EXPECT_EQ(pliant_data_cut(may.model, may.data, 2, each.first, each.second, nullptr), PLIANT_ERROR_ARGUMENT);
         EXPECT_NE(std::string(pliant_last_error()).find("no area"), std::string::npos) << pliant_last_error();
     }
     EXPECT_EQ(none.model->body->voxels, nullptr);
-    EXPECT_EQ(none.data->statistics.bytes, may.data->statistics.bytes) << "a simulation keeps nothing until something is cut";
+    EXPECT_EQ(none.data->statistics.bytes, may.data->statistics.bytes)
+        << "a simulation keeps nothing until something is cut";
     for (Slab *slab : {&none, &may}) {
         const double rest[3] = {0.04, 0.012, 0.03};
         ASSERT_EQ(pliant_tool_grasp(slab->model, slab->data, slab->tool, rest), PLIANT_OK);
@@ -461,7 +484,9 @@ TEST(Knife, WhatIsNeverCutCostsNothingAndChangesNothing)
             slab->step();
         }
     }
-    EXPECT_EQ(std::memcmp(none.data->positions, may.data->positions, 3 * sizeof(double) * static_cast<size_t>(none.data->body->fine.num_nodes)), 0);
+    EXPECT_EQ(std::memcmp(none.data->positions, may.data->positions,
+                          3 * sizeof(double) * static_cast<size_t>(none.data->body->fine.num_nodes)),
+              0);
     EXPECT_EQ(std::memcmp(none.state().force, may.state().force, sizeof none.state().force), 0);
 }
 
@@ -484,10 +509,15 @@ TEST(Knife, ABladeOfAToolThatHasNoneIsRefused)
 // severs half of a bar twice as wide as the edge; an adjacent one separates it.
 TEST(Knife, EveryNamedBladeHasItsEdge)
 {
-    const struct { const char *name; int along; double length, way; } blades[] = {{"scalpel", 2, 0.02, -1}, {"scissors", 2, 0.01, -1}, {"hook", 1, 0.004, 1}};
+    const struct {
+        const char *name;
+        int along;
+        double length, way;
+    } blades[] = {{"scalpel", 2, 0.02, -1}, {"scissors", 2, 0.01, -1}, {"hook", 1, 0.004, 1}};
     double none[3];
     ASSERT_EQ(pliant_blade_find("", none, none), PLIANT_ERROR_ARGUMENT);
-    EXPECT_NE(std::string(pliant_last_error()).find("scalpel, scissors and hook are known"), std::string::npos) << "another blade: " << pliant_last_error();
+    EXPECT_NE(std::string(pliant_last_error()).find("scalpel, scissors and hook are known"), std::string::npos)
+        << "another blade: " << pliant_last_error();
     for (const auto &blade : blades) {
         double from[3], to[3];
         ASSERT_EQ(pliant_blade_find(blade.name, from, to), PLIANT_OK);
@@ -556,8 +586,10 @@ TEST(Knife, OneThreadOrTwoCutTheSame)
         EXPECT_EQ(std::memcmp(one.fine_material, two.fine_material, tets * sizeof *one.fine_material), 0) << kind->name;
         EXPECT_EQ(std::memcmp(one.fine.rest, two.fine.rest, 3 * nodes * sizeof(double)), 0) << kind->name;
         ASSERT_TRUE(!one.cuts || one.cuts->num_links == two.cuts->num_links) << kind->name;
-        if (one.cuts) EXPECT_TRUE(std::equal(one.cuts->link, one.cuts->link + one.cuts->num_links, two.cuts->link)) << kind->name;
-        EXPECT_EQ(std::memcmp(slabs[0]->data->positions, slabs[1]->data->positions, 3 * nodes * sizeof(double)), 0) << kind->name;
+        if (one.cuts)
+            EXPECT_TRUE(std::equal(one.cuts->link, one.cuts->link + one.cuts->num_links, two.cuts->link)) << kind->name;
+        EXPECT_EQ(std::memcmp(slabs[0]->data->positions, slabs[1]->data->positions, 3 * nodes * sizeof(double)), 0)
+            << kind->name;
         EXPECT_EQ(slabs[0]->state().severed_area, slabs[1]->state().severed_area) << kind->name;
     }
 }
@@ -571,10 +603,12 @@ TEST(Knife, AStrokeThroughThePhantomsLiver)
     pliant_material_table table{};
     pliant_model *model = nullptr;
     pliant_data *data = nullptr;
-    ASSERT_EQ(pliant_scene_read(PLIANT_SOURCE_DIR "/launch/scenes/resect.yaml", &scene), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_scene_read(PLIANT_SOURCE_DIR "/launch/scenes/resect.yaml", &scene), PLIANT_OK)
+        << pliant_last_error();
     scene.cut.resistance = 0;
     ASSERT_EQ(pliant_inputs_read(&scene, "phantom:80x56x68", &scan, &labels, &table), PLIANT_OK) << pliant_last_error();
-    ASSERT_EQ(pliant_model_build(&scene, &scan, &labels, &table, {nullptr, nullptr}, &model), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_model_build(&scene, &scan, &labels, &table, {nullptr, nullptr}, &model), PLIANT_OK)
+        << pliant_last_error();
     ASSERT_EQ(pliant_data_create(model, &data), PLIANT_OK);
     // the plane between two voxel layers, and its area within the liver
     const int32_t *count = scan.geometry.size, layer = 37;
@@ -582,7 +616,8 @@ TEST(Knife, AStrokeThroughThePhantomsLiver)
     const uint8_t *material = pliant_model_get_voxel_materials(model);
     double section = 0;
     for (int32_t v = layer; v < count[0] * count[1] * count[2]; v += count[0])
-        if (!table.materials[material[v]].empty && !table.materials[material[v + 1]].empty) section += scan.geometry.spacing[1] * scan.geometry.spacing[2];
+        if (!table.materials[material[v]].empty && !table.materials[material[v + 1]].empty)
+            section += scan.geometry.spacing[1] * scan.geometry.spacing[2];
     ASSERT_GT(section, 2e-3);
     int tool;
     const double from[3] = {0, -0.2, 0}, to[3] = {0, 0.2, 0};
@@ -604,7 +639,8 @@ TEST(Knife, AStrokeThroughThePhantomsLiver)
     ASSERT_EQ(pliant_data_cut(model, at_once, 2, line, depth, &report), PLIANT_OK) << pliant_last_error();
     EXPECT_NEAR(told.severed_area, report.area, 1e-9) << "as by one cut through all of it";
     EXPECT_GE(told.pieces, report.pieces);
-    EXPECT_LE(told.pieces, report.pieces + 2) << "bits at the edge of the tissue may come off where it moves between two steps";
+    EXPECT_LE(told.pieces, report.pieces + 2)
+        << "bits at the edge of the tissue may come off where it moves between two steps";
     EXPECT_GE(report.pieces, 2);
     pliant_data_free(at_once);
     pliant_data_free(data);

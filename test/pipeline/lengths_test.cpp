@@ -28,8 +28,8 @@ struct Told {
 struct Block : Body {
     explicit Block(double edge) : Block(edge, edge, edge) {}
     Block(double x, double y, double z)
-        : Body(std::array<int, 3>{32, 24, 20}.data(), std::array<double, 3>{x * 8 / 7, y, z}.data(), {{10, 0, 1.2, true}, {5000, 0.4, 1000, false}},
-               [](int i, int, int) { return i >= 4; })
+        : Body(std::array<int, 3>{32, 24, 20}.data(), std::array<double, 3>{x * 8 / 7, y, z}.data(),
+               {{10, 0, 1.2, true}, {5000, 0.4, 1000, false}}, [](int i, int, int) { return i >= 4; })
     {
         scene.warp.margin = scene.grasp.radius = scene.cut.drag = PLIANT_AUTO_LENGTH;
         cells(4, 3, 2, 1);
@@ -39,14 +39,18 @@ struct Block : Body {
     {
         pliant_geometry target;
         const pliant_mesh *mesh = &model->body->fine;
-        EXPECT_EQ(pliant_warp_target(&scan.geometry, mesh->rest, mesh->num_nodes, model->scene.warp.margin, SIZE_MAX, &target), PLIANT_OK);
+        EXPECT_EQ(pliant_warp_target(&scan.geometry, mesh->rest, mesh->num_nodes, model->scene.warp.margin, SIZE_MAX,
+                                     &target),
+                  PLIANT_OK);
         return double(pliant_geometry_voxels(&target)) / double(pliant_geometry_voxels(&scan.geometry));
     }
 };
 
 TEST(Lengths, ArePatientsFromAKidneyToAManAndInProportionForOthers)
 {
-    const struct { double edge, scale; } bodies[] = {{0.0013, 0.026}, {0.029, 0.58}, {0.051, 1}, {0.12, 1}, {0.4, 1}, {0.59, 1}, {1.5, 2.5}, {3, 5}};
+    const struct {
+        double edge, scale;
+    } bodies[] = {{0.0013, 0.026}, {0.029, 0.58}, {0.051, 1}, {0.12, 1}, {0.4, 1}, {0.59, 1}, {1.5, 2.5}, {3, 5}};
     for (const auto &one : bodies) {
         Told told;
         Block body(one.edge);
@@ -64,7 +68,8 @@ TEST(Lengths, ArePatientsFromAKidneyToAManAndInProportionForOthers)
         EXPECT_GT(scene.warp.margin, 0.09 * std::fmin(one.edge, 0.3)) << one.edge;
         EXPECT_LE(body.growth(), 4) << one.edge;
         EXPECT_EQ(told.warning, "") << one.edge;
-        EXPECT_EQ(told.info.find("warp/margin") == std::string::npos, one.scale == 1 && scene.warp.margin == 0.03) << told.info;
+        EXPECT_EQ(told.info.find("warp/margin") == std::string::npos, one.scale == 1 && scene.warp.margin == 0.03)
+            << told.info;
         EXPECT_EQ(body.scene.warp.margin, PLIANT_AUTO_LENGTH) << "the scene that was given stays";
     }
 }
@@ -99,7 +104,8 @@ TEST(Lengths, WhatIsAskedForIsTaken)
 
 TEST(Lengths, AVolumeThatCannotBeHeldIsRefused)
 {
-    Body body(std::array<int, 3>{20, 20, 20}.data(), std::array<double, 3>{6e-4, 6e-4, 6e-4}.data(), {{5000, 0.4, 1000, false}});
+    Body body(std::array<int, 3>{20, 20, 20}.data(), std::array<double, 3>{6e-4, 6e-4, 6e-4}.data(),
+              {{5000, 0.4, 1000, false}});
     body.cells(2, 2, 2, 1);
     body.fix_plane(0, 0, 1e-9, 0, 0, 1);
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
@@ -107,7 +113,8 @@ TEST(Lengths, AVolumeThatCannotBeHeldIsRefused)
     for (int d = 0; d < 3; d++) target.size[d] = 20000;
     pliant_warp *warp = nullptr;
     EXPECT_EQ(pliant_warp_create(&body.scan, &body.model->body->fine, &target, 1, &warp), PLIANT_ERROR_MEMORY);
-    EXPECT_NE(std::string(pliant_last_error()).find("the deformed volume (warp/margin)"), std::string::npos) << pliant_last_error();
+    EXPECT_NE(std::string(pliant_last_error()).find("the deformed volume (warp/margin)"), std::string::npos)
+        << pliant_last_error();
 }
 
 // Reports and the choice of settings also pull small bodies, for which the patient's lengths (6 mm behind the front, 3
@@ -146,8 +153,8 @@ TEST(Lengths, AreWordsOfAScene)
 // The available scans are of patients.
 TEST(Lengths, OfScansAtHandAreTheSameAsEver)
 {
-    for (const char *name : {"phantom", "phantom:120x84x102", PLIANT_TEST_DATA "/abdomen/ct.nii.gz", PLIANT_TEST_DATA "/thorax/ct.mha",
-                             PLIANT_TEST_DATA "/loader/dicom_jpeg2000_abdomen"}) {
+    for (const char *name : {"phantom", "phantom:120x84x102", PLIANT_TEST_DATA "/abdomen/ct.nii.gz",
+                             PLIANT_TEST_DATA "/thorax/ct.mha", PLIANT_TEST_DATA "/loader/dicom_jpeg2000_abdomen"}) {
         pliant_scene scene;
         pliant_volume scan{};
         pliant_labels labels{};
@@ -156,7 +163,10 @@ TEST(Lengths, OfScansAtHandAreTheSameAsEver)
         pliant_scene_defaults(&scene);
         if (name[0] == '/' && access(name, R_OK) != 0) continue;
         ASSERT_EQ(pliant_inputs_read(&scene, name, &scan, &labels, &table), PLIANT_OK) << pliant_last_error();
-        ASSERT_EQ(pliant_model_build(&scene, &scan, labels.voxels ? &labels : nullptr, &table, {nullptr, nullptr}, &model), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(
+            pliant_model_build(&scene, &scan, labels.voxels ? &labels : nullptr, &table, {nullptr, nullptr}, &model),
+            PLIANT_OK)
+            << pliant_last_error();
         EXPECT_EQ(model->scene.warp.margin, 0.03) << name;
         EXPECT_EQ(model->scene.grasp.radius, 0.006) << name;
         EXPECT_EQ(model->scene.cut.drag, 0.003) << name;

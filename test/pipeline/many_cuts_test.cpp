@@ -41,7 +41,8 @@ struct ManyCuts : testing::Test {
         body.scene.solver.iterations = 2;
         ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
         // distinguishable values
-        for (size_t v = 0; v < pliant_geometry_voxels(&body.scan.geometry); v++) voxels[v] = static_cast<uint8_t>(random() % 200);
+        for (size_t v = 0; v < pliant_geometry_voxels(&body.scan.geometry); v++)
+            voxels[v] = static_cast<uint8_t>(random() % 200);
         ASSERT_EQ(pliant_data_set_warp(body.model, body.data, &body.scan.geometry), PLIANT_OK) << pliant_last_error();
         ASSERT_GE(pliant_step(body.model, body.data), 0);
     }
@@ -86,8 +87,10 @@ TEST_F(ManyCuts, ShareWhatStays)
     for (int c = 0; c < 40; c++) {
         slit();
         const pliant_cuts *was = last->cuts, *is = body.data->body->cuts;
-        for (int32_t o = 0, n = 0; was != is && o < was->num_tets && n < is->num_tets; o += was->tet[o] <= is->tet[n], n++)
-            if (was->tet[o] == is->tet[n]) shared += was->voxel_fragment + was->voxel_start[o] == is->voxel_fragment + is->voxel_start[n];
+        for (int32_t o = 0, n = 0; was != is && o < was->num_tets && n < is->num_tets;
+             o += was->tet[o] <= is->tet[n], n++)
+            if (was->tet[o] == is->tet[n])
+                shared += was->voxel_fragment + was->voxel_start[o] == is->voxel_fragment + is->voxel_start[n];
         pliant_body_release(last);
         last = pliant_body_retain(body.data->body);
     }
@@ -116,12 +119,15 @@ void expect_as_anew(const pliant_scene &scene, const pliant_data &data)
     EXPECT_EQ(is.mean_diagonal, other.mean_diagonal);
     for (size_t f = 0; f < unknowns; f++) {
         const std::vector<int32_t> listed(is.corner + is.corner_start[f], is.corner + is.corner_end[f]);
-        ASSERT_EQ(listed, std::vector<int32_t>(other.corner + other.corner_start[f], other.corner + other.corner_end[f])) << "corners of unknown " << f;
+        ASSERT_EQ(listed,
+                  std::vector<int32_t>(other.corner + other.corner_start[f], other.corner + other.corner_end[f]))
+            << "corners of unknown " << f;
     }
     const pliant_solver &solver = *data.solver;
     for (size_t i = 0; solver.loaded && i < 3 * unknowns; i++) {
         const double *mass = other.gravity_mass + 3 * i, *gravity = solver.gravity;
-        ASSERT_EQ(solver.load[i], mass[0] * gravity[0] + mass[1] * gravity[1] + mass[2] * gravity[2]) << "load of unknown " << i / 3;
+        ASSERT_EQ(solver.load[i], mass[0] * gravity[0] + mass[1] * gravity[1] + mass[2] * gravity[2])
+            << "load of unknown " << i / 3;
     }
     pliant_discretization_release(anew);
 }
@@ -134,9 +140,13 @@ void expect_carried(const pliant_body &was, const std::vector<double> &x, const 
     ASSERT_EQ(is.changes.since, was.revision);
     for (int32_t n = 0; n < is.fine.num_nodes; n++) {
         const int32_t source = n < was.fine.num_nodes ? n : is.changes.node_source[n - was.fine.num_nodes];
-        for (int d = 0; d < 3; d++) ASSERT_EQ(data.positions[3 * n + d], x[3 * static_cast<size_t>(source) + static_cast<size_t>(d)]) << "node " << n;
+        for (int d = 0; d < 3; d++)
+            ASSERT_EQ(data.positions[3 * n + d], x[3 * static_cast<size_t>(source) + static_cast<size_t>(d)])
+                << "node " << n;
     }
-    if (!data.falling) expect_same(data.solver->now.x, data.positions, 3 * static_cast<size_t>(is.fine.num_nodes), "state of the solver");
+    if (!data.falling)
+        expect_same(data.solver->now.x, data.positions, 3 * static_cast<size_t>(is.fine.num_nodes),
+                    "state of the solver");
 }
 
 // Random strokes, some of which cut off a corner, with steps, undo and an independent copy.
@@ -152,10 +162,13 @@ TEST_F(ManyCuts, FollowAsMadeAnew)
         }
         body.data = c >= 20 && c % 2 == 1 ? copy : first;
         const pliant_body *was = pliant_body_retain(body.data->body);
-        const std::vector<double> x(body.data->positions, body.data->positions + 3 * static_cast<size_t>(was->fine.num_nodes));
+        const std::vector<double> x(body.data->positions,
+                                    body.data->positions + 3 * static_cast<size_t>(was->fine.num_nodes));
         if (c % 15 == 11) {
-            const double at = 0.12 - 0.0004 * c, line[6] = {at, -0.01, 0.13, at, 0.13, 0.13}, depth[3] = {0.05, 0, -0.05};
-            ASSERT_EQ(pliant_data_cut(body.model, body.data, 2, line, depth, nullptr), PLIANT_OK) << pliant_last_error();
+            const double at = 0.12 - 0.0004 * c, line[6] = {at, -0.01, 0.13, at, 0.13, 0.13},
+                         depth[3] = {0.05, 0, -0.05};
+            ASSERT_EQ(pliant_data_cut(body.model, body.data, 2, line, depth, nullptr), PLIANT_OK)
+                << pliant_last_error();
         } else {
             slit();
         }
@@ -187,7 +200,8 @@ TEST_F(ManyCuts, AreDrawnAsByAWarpMadeAnew)
         ASSERT_EQ(pliant_warp_set_body(anew, body.data->body), PLIANT_OK);
         ASSERT_EQ(pliant_warp_update(anew, body.data->positions), PLIANT_OK);
         const pliant_volume *one = pliant_warp_volume(body.data->warp), *other = pliant_warp_volume(anew);
-        EXPECT_EQ(std::memcmp(one->voxels, other->voxels, pliant_geometry_voxels(&one->geometry)), 0) << "round " << round;
+        EXPECT_EQ(std::memcmp(one->voxels, other->voxels, pliant_geometry_voxels(&one->geometry)), 0)
+            << "round " << round;
         pliant_warp_free(anew);
     }
 }
@@ -355,6 +369,7 @@ const Held holders[] = {
      }},
     {"tled", [](pliant_scene &scene) { scene.solver.kind = PLIANT_TLED; }},
 };
-INSTANTIATE_TEST_SUITE_P(Kinds, EveryHolder, testing::ValuesIn(holders), [](const auto &info) { return std::string(info.param.name); });
+INSTANTIATE_TEST_SUITE_P(Kinds, EveryHolder, testing::ValuesIn(holders),
+                         [](const auto &info) { return std::string(info.param.name); });
 
 } // namespace

@@ -5,7 +5,8 @@
 
 namespace {
 
-const pliant_method methods[] = {PLIANT_FINE, PLIANT_COARSE, PLIANT_SCHUR, PLIANT_AVERAGED, PLIANT_CALIBRATED, PLIANT_LOD};
+const pliant_method methods[] = {PLIANT_FINE,     PLIANT_COARSE,     PLIANT_SCHUR,
+                                 PLIANT_AVERAGED, PLIANT_CALIBRATED, PLIANT_LOD};
 
 // Return the material 0: air, 1: tissue, 2: bone; random patches of 3^3 voxels from a hash, the lower third solid.
 int speckle(int i, int j, int k, unsigned seed)
@@ -24,7 +25,8 @@ void step_under_gravity(Body &body)
         body.scene.model.method = method;
         ASSERT_EQ(body.build(), PLIANT_OK) << "method " << method << ": " << pliant_last_error();
         pliant_status status = pliant_step(body.model, body.data);
-        EXPECT_TRUE(status == PLIANT_OK || status == PLIANT_NOT_CONVERGED) << "method " << method << ": " << pliant_last_error();
+        EXPECT_TRUE(status == PLIANT_OK || status == PLIANT_NOT_CONVERGED)
+            << "method " << method << ": " << pliant_last_error();
         for (int32_t n = 0; n < 3 * body.model->body->fine.num_nodes; n++)
             ASSERT_TRUE(std::isfinite(body.data->positions[n])) << "method " << method;
     }
@@ -50,7 +52,8 @@ TEST(Methods, RealScansAsTheyAreLoaded)
 {
     const std::string folder = PLIANT_TEST_DATA;
     struct stat status;
-    if (stat((folder + "/abdomen/ct.nii.gz").c_str(), &status) != 0) GTEST_SKIP() << "the shared test data is not at " PLIANT_TEST_DATA;
+    if (stat((folder + "/abdomen/ct.nii.gz").c_str(), &status) != 0)
+        GTEST_SKIP() << "the shared test data is not at " PLIANT_TEST_DATA;
     for (const char *name : {"/abdomen/ct.nii.gz", "/thorax/ct.mha"})
         for (int cells : {7, 8}) {
             pliant_scene scene;
@@ -59,7 +62,8 @@ TEST(Methods, RealScansAsTheyAreLoaded)
             pliant_volume scan{};
             pliant_labels labels{};
             pliant_material_table table{};
-            ASSERT_EQ(pliant_inputs_read(&scene, (folder + name).c_str(), &scan, &labels, &table), PLIANT_OK) << pliant_last_error();
+            ASSERT_EQ(pliant_inputs_read(&scene, (folder + name).c_str(), &scan, &labels, &table), PLIANT_OK)
+                << pliant_last_error();
             for (pliant_method method : methods) {
                 if (method == PLIANT_LOD && cells > 7) continue; // takes seconds
                 scene.model.method = method;

@@ -71,7 +71,8 @@ struct Bar : Body {
             return;
         }
         const double reach = 0.012, turn = most_speed / reach; // in a circle, and back and forth
-        const double tip[3] = {0.075 + 0.3 * reach * std::sin(0.7 * turn * time), 0.012 + reach * (std::cos(turn * time) - 1), 0.016 + reach * std::sin(turn * time)};
+        const double tip[3] = {0.075 + 0.3 * reach * std::sin(0.7 * turn * time),
+                               0.012 + reach * (std::cos(turn * time) - 1), 0.016 + reach * std::sin(turn * time)};
         ASSERT_EQ(pliant_tool_set_pose(data, forceps, tip, nullptr), PLIANT_OK);
     }
     void step()
@@ -79,7 +80,8 @@ struct Bar : Body {
         const size_t load = 3 * static_cast<size_t>(model->body->fine.num_nodes);
         last.assign(data->positions, data->positions + load);
         ASSERT_GE(pliant_step(model, data), 0) << pliant_last_error();
-        for (size_t n = 0; n < load; n++) fastest = std::max(fastest, std::fabs(data->positions[n] - last[n]) / scene.solver.step);
+        for (size_t n = 0; n < load; n++)
+            fastest = std::max(fastest, std::fabs(data->positions[n] - last[n]) / scene.solver.step);
     }
     // Move the blade along a fraction of its path.
     void stroke(const Way &way, double share = 1)
@@ -138,7 +140,9 @@ TEST_P(EveryResistance, BothSidesOfItsWayAreApart)
         slowest = std::min(slowest, bar.fastest);
         fastest = std::max(fastest, bar.fastest);
     }
-    if (std::getenv("PLIANT_FIGURES")) std::printf("%d of %d in one piece, %d in more than two; nodes at %.2f to %.2f m/s\n", whole, runs, more, slowest, fastest);
+    if (std::getenv("PLIANT_FIGURES"))
+        std::printf("%d of %d in one piece, %d in more than two; nodes at %.2f to %.2f m/s\n", whole, runs, more,
+                    slowest, fastest);
 }
 
 INSTANTIATE_TEST_SUITE_P(MovingKnife, EveryResistance, testing::Values(0, 1));
@@ -160,16 +164,19 @@ int num_cuts(const Cuttable &bar) { return bar.now->cuts ? bar.now->cuts->num_cu
 // Sweep along y, from one height to another at a position along x.
 void sweep(Cuttable &bar, const double x[2], const double z[2], double lean, uint32_t stroke, uint32_t blade = 0)
 {
-    const double from[6] = {x[0] - lean, -0.01, z[0], x[0] + lean, 0.034, z[0]}, to[6] = {x[1] - lean, -0.01, z[1], x[1] + lean, 0.034, z[1]};
+    const double from[6] = {x[0] - lean, -0.01, z[0], x[0] + lean, 0.034, z[0]},
+                 to[6] = {x[1] - lean, -0.01, z[1], x[1] + lean, 0.034, z[1]};
     const pliant_cut_sweep one{2, from, to, nullptr, blade, stroke};
     pliant_body *next = nullptr;
-    ASSERT_EQ(pliant_body_cut(bar.now, bar.now->revision + 1, bar.positions.data(), &one, &next, nullptr), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_body_cut(bar.now, bar.now->revision + 1, bar.positions.data(), &one, &next, nullptr), PLIANT_OK)
+        << pliant_last_error();
     if (next) bar.take(next);
 }
 
 std::vector<uint32_t> links(const Cuttable &bar)
 {
-    return bar.now->cuts ? std::vector<uint32_t>(bar.now->cuts->link, bar.now->cuts->link + bar.now->cuts->num_links) : std::vector<uint32_t>();
+    return bar.now->cuts ? std::vector<uint32_t>(bar.now->cuts->link, bar.now->cuts->link + bar.now->cuts->num_links)
+                         : std::vector<uint32_t>();
 }
 
 TEST(MovingKnife, SweepsThatMeetSeverNothingMoreThanEachByItself)
@@ -183,7 +190,8 @@ TEST(MovingKnife, SweepsThatMeetSeverNothingMoreThanEachByItself)
             double x = 0.04 + 0.01 * unit(random), z = 0.036;
             for (double &p : bar->positions) p += 2e-4 * unit(random);
             while (z > 0.012) { // and end within the bar
-                const double ways[2] = {x, x + 0.003 * unit(random)}, heights[2] = {z, z - 0.002 - 0.0015 * unit(random)};
+                const double ways[2] = {x, x + 0.003 * unit(random)},
+                             heights[2] = {z, z - 0.002 - 0.0015 * unit(random)};
                 sweep(*bar, ways, heights, lean, bar == stroke.get());
                 x = ways[1];
                 z = heights[1];
@@ -196,7 +204,8 @@ TEST(MovingKnife, SweepsThatMeetSeverNothingMoreThanEachByItself)
 
 TEST(MovingKnife, AStrokeThatEndsWhereAnotherBeginsIsNotJoinedToIt)
 {
-    const double upper[2] = {0.0411, 0.0411}, lower[2] = {0.0391, 0.0391}, down[2] = {0.036, 0.0159}, on[2] = {0.0159, -0.004};
+    const double upper[2] = {0.0411, 0.0411}, lower[2] = {0.0391, 0.0391}, down[2] = {0.036, 0.0159},
+                 on[2] = {0.0159, -0.004};
     const auto next = bar_at_rest(), other = bar_at_rest(), alone = bar_at_rest(), one = bar_at_rest();
     for (const auto &bar : {next.get(), other.get(), alone.get(), one.get()}) {
         const uint32_t strokes = bar != alone.get();
@@ -215,7 +224,8 @@ TEST(MovingKnife, AStrokeThatEndsWhereAnotherBeginsIsNotJoinedToIt)
 // A blade's stroke continues after another blade has cut next to it.
 TEST(MovingKnife, AStrokeIsJoinedToItselfPastAnotherBladesCut)
 {
-    const double upper[2] = {0.0411, 0.0411}, lower[2] = {0.0391, 0.0391}, far[2] = {0.0611, 0.0611}, down[2] = {0.036, 0.0159}, on[2] = {0.0159, -0.004};
+    const double upper[2] = {0.0411, 0.0411}, lower[2] = {0.0391, 0.0391}, far[2] = {0.0611, 0.0611},
+                 down[2] = {0.036, 0.0159}, on[2] = {0.0159, -0.004};
     const auto one = bar_at_rest(), both = bar_at_rest();
     for (const auto &bar : {one.get(), both.get()}) {
         sweep(*bar, upper, down, 0, 1);

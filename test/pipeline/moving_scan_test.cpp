@@ -63,11 +63,13 @@ struct Scan {
         scene.grasp.radius = 0.03;
         scene.grasp.stiffness = 600;
         for (int d = 0; d < 3; d++) { // detached pieces stay near
-            const double end = volume.geometry.origin[d] + (volume.geometry.size[d] - 1) * volume.geometry.spacing[d] * volume.geometry.direction[4 * d];
+            const double end = volume.geometry.origin[d] + (volume.geometry.size[d] - 1) * volume.geometry.spacing[d] *
+                                                               volume.geometry.direction[4 * d];
             scene.ground.box_low[d] = std::min(volume.geometry.origin[d], end) - 0.03;
             scene.ground.box_high[d] = std::max(volume.geometry.origin[d], end) + 0.03;
         }
-        EXPECT_EQ(pliant_model_build(&scene, &volume, nullptr, &table, {nullptr, nullptr}, &model), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(pliant_model_build(&scene, &volume, nullptr, &table, {nullptr, nullptr}, &model), PLIANT_OK)
+            << pliant_last_error();
         EXPECT_EQ(pliant_data_create(model, &data), PLIANT_OK) << pliant_last_error();
         EXPECT_EQ(pliant_tool_add(model, data, "knife", &knife), PLIANT_OK);
         EXPECT_EQ(pliant_tool_add(model, data, "forceps", &forceps), PLIANT_OK);
@@ -88,7 +90,9 @@ struct Scan {
         for (;;) {
             const auto tet = static_cast<int32_t>(random() % static_cast<unsigned>(body.fine.num_tets));
             const int32_t *node = body.fine.tets + 4 * tet;
-            if (body.fine_material[tet].tissue > 0 && !(body.fine_fixed[node[0]] && body.fine_fixed[node[1]] && body.fine_fixed[node[2]])) return tet;
+            if (body.fine_material[tet].tissue > 0 &&
+                !(body.fine_fixed[node[0]] && body.fine_fixed[node[1]] && body.fine_fixed[node[2]]))
+                return tet;
         }
     }
     void grasp(int32_t tet)
@@ -105,8 +109,10 @@ struct Scan {
     // Compute a step. Return the median speed of tissue nodes within 5 cm of the blade [m/s].
     double step(const double tip[3])
     {
-        const double gravity[3] = {0.4 * std::sin(11 * time), 0.4 * std::cos(13 * time), 0.3 * std::sin(7 * time)}, reach = 0.015, angle = most_speed / reach * (time - phase);
-        const double around[3] = {held[0] + reach * std::sin(angle), held[1] + reach * (std::cos(angle) - 1), held[2] + 0.3 * reach * std::sin(0.7 * angle)};
+        const double gravity[3] = {0.4 * std::sin(11 * time), 0.4 * std::cos(13 * time), 0.3 * std::sin(7 * time)},
+                     reach = 0.015, angle = most_speed / reach * (time - phase);
+        const double around[3] = {held[0] + reach * std::sin(angle), held[1] + reach * (std::cos(angle) - 1),
+                                  held[2] + 0.3 * reach * std::sin(0.7 * angle)};
         EXPECT_EQ(pliant_data_set_gravity(data, gravity), PLIANT_OK);
         EXPECT_EQ(pliant_tool_set_pose(data, forceps, around, nullptr), PLIANT_OK);
         last.assign(data->positions, data->positions + 3 * data->body->fine.num_nodes);
@@ -147,7 +153,8 @@ struct Scan {
         EXPECT_EQ(pliant_tool_set_blade(data, knife, from, to), PLIANT_OK);
         model->scene.cut.resistance = resists;
         for (int s = 0; s <= steps; s++) {
-            const double rotation[4] = {s * turn[0], s * turn[1], s * turn[2], 1}, sizes = std::sqrt(1 + s * s * (turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]));
+            const double rotation[4] = {s * turn[0], s * turn[1], s * turn[2], 1},
+                         sizes = std::sqrt(1 + s * s * (turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]));
             double unit_rotation[4], tip[3];
             for (int d = 0; d < 4; d++) unit_rotation[d] = rotation[d] / sizes;
             for (int d = 0; d < 3; d++) tip[d] = middle[d] + (s - 0.5 * steps) * speed * step_size * ahead[d] / length;
@@ -166,7 +173,8 @@ struct Scan {
         for (int tries = 0; tries < 1000; tries++) {
             tet = some_tet();
             double apart = 0;
-            for (int d = 0; d < 3; d++) apart += std::pow(data->positions[3 * model->body->fine.tets[4 * tet] + d] - place[d], 2);
+            for (int d = 0; d < 3; d++)
+                apart += std::pow(data->positions[3 * model->body->fine.tets[4 * tet] + d] - place[d], 2);
             if (apart > 0.02 * 0.02 && apart < 0.05 * 0.05) break;
         }
         return tet;
@@ -198,7 +206,8 @@ void expect_stiff(const Scan &scan)
     const Elements elements(*(scan.data->tled ? work.made : scan.data->discretization)->system);
     std::set<std::set<int32_t>> fragments;
     for (int32_t c = 0; c < body.cuts->num_tets; c++)
-        for (int32_t f = body.cuts->start[c]; f < body.cuts->start[c + 1] && body.cuts->start[c + 1] - body.cuts->start[c] > 1; f++) {
+        for (int32_t f = body.cuts->start[c];
+             f < body.cuts->start[c + 1] && body.cuts->start[c + 1] - body.cuts->start[c] > 1; f++) {
             const int32_t *node = body.fine.tets + 4 * body.cuts->fragment[f];
             fragments.emplace(node, node + 4);
         }
@@ -207,7 +216,8 @@ void expect_stiff(const Scan &scan)
     for (int32_t e = 0; e < elements.count && !testing::Test::HasFatalFailure(); e++) {
         const std::vector<int32_t> nodes = elements.nodes(e);
         for (int32_t n : nodes) around[n].push_back(e);
-        expect_rigid_modes(elements, nodes, elements.stiffness(e), 3 * nodes.size() - 6, "element " + std::to_string(e));
+        expect_rigid_modes(elements, nodes, elements.stiffness(e), 3 * nodes.size() - 6,
+                           "element " + std::to_string(e));
     }
     for (const std::set<int32_t> &fragment : fragments) // separate, or in a part of a hexahedron
         found += std::any_of(around[*fragment.begin()].begin(), around[*fragment.begin()].end(), [&](int32_t e) {
@@ -218,10 +228,12 @@ void expect_stiff(const Scan &scan)
     for (const std::vector<int32_t> &piece : elements.pieces()) {
         const std::vector<int32_t> nodes = elements.nodes(piece);
         if (nodes.size() > 60 || pieces == 40 || testing::Test::HasFatalFailure()) continue;
-        expect_rigid_modes(elements, nodes, elements.stiffness(piece), 3 * nodes.size() - 6, "a piece of " + std::to_string(piece.size()) + " elements");
+        expect_rigid_modes(elements, nodes, elements.stiffness(piece), 3 * nodes.size() - 6,
+                           "a piece of " + std::to_string(piece.size()) + " elements");
         pieces++;
     }
-    if (std::getenv("PLIANT_FIGURES")) std::printf("%d elements, %zu fragments of %zu, %zu pieces\n", elements.count, found, fragments.size(), pieces);
+    if (std::getenv("PLIANT_FIGURES"))
+        std::printf("%d elements, %zu fragments of %zu, %zu pieces\n", elements.count, found, fragments.size(), pieces);
     EXPECT_EQ(found, fragments.size());
     pliant_discretizing_end(&work);
 }
@@ -255,15 +267,20 @@ TEST_P(EveryEngine, PiecesAreThoseOfTheVoxels)
     std::sort(speeds.begin(), speeds.end());
     const pliant_body &body = *scan.data->body;
     if (std::getenv("PLIANT_FIGURES"))
-        std::printf("%d of %d strokes cut, %d links, %d pieces, tetrahedra %d of %d; tissue near the blade at %.3f, %.3f, %.3f m/s, at first %.3f\n", cutting, strokes,
-                    body.cuts->num_links, num_pieces(body), body.fine.num_tets, scan.model->body->fine.num_tets, speeds[0], speeds[speeds.size() / 2], speeds.back(), usual);
+        std::printf(
+            "%d of %d strokes cut, %d links, %d pieces, tetrahedra %d of %d; tissue near the blade at %.3f, %.3f, %.3f m/s, at first %.3f\n",
+            cutting, strokes, body.cuts->num_links, num_pieces(body), body.fine.num_tets,
+            scan.model->body->fine.num_tets, speeds[0], speeds[speeds.size() / 2], speeds.back(), usual);
     EXPECT_GT(cutting, strokes / 2);
     EXPECT_GT(usual, 0.1);
     EXPECT_GT(num_pieces(body), 1);
 }
 
-const Engine engines[] = {{"quasistatic_tetrahedra", PLIANT_COROTATIONAL, PLIANT_LINEAR}, {"quasistatic_hexahedra", PLIANT_COROTATIONAL, PLIANT_HEXAHEDRA},
-                          {"tled_tetrahedra", PLIANT_TLED, PLIANT_LINEAR}, {"tled_hexahedra", PLIANT_TLED, PLIANT_HEXAHEDRA}};
-INSTANTIATE_TEST_SUITE_P(Engines, EveryEngine, testing::ValuesIn(engines), [](const auto &info) { return std::string(info.param.name); });
+const Engine engines[] = {{"quasistatic_tetrahedra", PLIANT_COROTATIONAL, PLIANT_LINEAR},
+                          {"quasistatic_hexahedra", PLIANT_COROTATIONAL, PLIANT_HEXAHEDRA},
+                          {"tled_tetrahedra", PLIANT_TLED, PLIANT_LINEAR},
+                          {"tled_hexahedra", PLIANT_TLED, PLIANT_HEXAHEDRA}};
+INSTANTIATE_TEST_SUITE_P(Engines, EveryEngine, testing::ValuesIn(engines),
+                         [](const auto &info) { return std::string(info.param.name); });
 
 } // namespace

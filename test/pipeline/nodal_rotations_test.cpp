@@ -24,11 +24,13 @@ TEST(Turn, FindsTheRotationWhateverTheStretchBefore)
     body.fix_plane(0.001, 0, 0, 1, 0, 0);
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
     const pliant_system *system = body.model->system;
-    const double stretch[9] = {1.6, 0.3, 0.1, 0, 0.7, -0.2, 0.1, 0, 1.2}, shift[3] = {0.1, -0.2, 0.3}, none[3] = {0, 0, 0};
+    const double stretch[9] = {1.6, 0.3, 0.1, 0, 0.7, -0.2, 0.1, 0, 1.2}, shift[3] = {0.1, -0.2, 0.3},
+                 none[3] = {0, 0, 0};
     const std::array<double, 9> q = rotation(1.1, -0.7);
     std::vector<double> before = affine(body.model->body->fine, stretch, none), now(before.size());
     for (size_t n = 0; n < before.size(); n += 3)
-        for (int r = 0; r < 3; r++) now[n + r] = q[3 * r] * before[n] + q[3 * r + 1] * before[n + 1] + q[3 * r + 2] * before[n + 2] + shift[r];
+        for (int r = 0; r < 3; r++)
+            now[n + r] = q[3 * r] * before[n] + q[3 * r + 1] * before[n + 1] + q[3 * r + 2] * before[n + 2] + shift[r];
     pliant_nodal_rotations *rotations;
     ASSERT_EQ(pliant_nodal_rotations_create(system, &rotations), PLIANT_OK);
     ASSERT_NE(rotations, nullptr);
@@ -44,7 +46,8 @@ TEST(Turn, FindsTheRotationWhateverTheStretchBefore)
         double v[3] = {1, 2, 3}, back[3];
         pliant_from_node_axes(rotations, f, v);
         for (int r = 0; r < 3; r++)
-            EXPECT_NEAR(v[r], empty ? r + 1 : q[3 * r] + 2 * q[3 * r + 1] + 3 * q[3 * r + 2], 1e-5) << "what is empty keeps its axes";
+            EXPECT_NEAR(v[r], empty ? r + 1 : q[3 * r] + 2 * q[3 * r + 1] + 3 * q[3 * r + 2], 1e-5)
+                << "what is empty keeps its axes";
         std::memcpy(back, v, sizeof back);
         pliant_into_node_axes(rotations, f, back);
         for (int r = 0; r < 3; r++) EXPECT_NEAR(back[r], r + 1, 1e-5);
@@ -79,7 +82,8 @@ double error_of_bending(bool turning, pliant_preconditioner_choice choice)
             EXPECT_EQ(pliant_data_set_gravity(body.data, gravity), PLIANT_OK);
             if (exact) EXPECT_EQ(body.settle(), PLIANT_OK);
             else EXPECT_GE(pliant_step(body.model, body.data), 0);
-            found.insert(found.end(), body.data->positions, body.data->positions + 3 * body.model->body->fine.num_nodes);
+            found.insert(found.end(), body.data->positions,
+                         body.data->positions + 3 * body.model->body->fine.num_nodes);
         }
         for (size_t n = 0; !exact && n < found.size(); n++) worst = std::fmax(worst, std::fabs(found[n] - right[n]));
         right = found;
@@ -91,7 +95,8 @@ TEST(Turn, TheFactorAtRestSolvesWhatHasBentOver)
 {
     for (pliant_preconditioner_choice choice : {PLIANT_DIRECT, PLIANT_MULTIGRID}) {
         double with = error_of_bending(true, choice), without = error_of_bending(false, choice);
-        std::printf("multigrid %d: error with turning axes %.3g mm, without %.3g mm\n", choice == PLIANT_MULTIGRID, 1e3 * with, 1e3 * without);
+        std::printf("multigrid %d: error with turning axes %.3g mm, without %.3g mm\n", choice == PLIANT_MULTIGRID,
+                    1e3 * with, 1e3 * without);
         EXPECT_LT(with, 0.3 * without);
         EXPECT_LT(with, 1e-3);
     }

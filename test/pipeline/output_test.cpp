@@ -33,7 +33,8 @@ struct Output : testing::Test {
 TEST_F(Output, UniaxialStrainUnderATurn)
 {
     const double s = 0.05, lambda = 6000 * 0.2 / (1.2 * 0.6), mu = 2500;
-    Eigen::Matrix3d stretch = Eigen::Vector3d(1, 1, 1 + s).asDiagonal(), turn = Eigen::AngleAxisd(1.1, Eigen::Vector3d(1, 2, 3).normalized()).toRotationMatrix();
+    Eigen::Matrix3d stretch = Eigen::Vector3d(1, 1, 1 + s).asDiagonal(),
+                    turn = Eigen::AngleAxisd(1.1, Eigen::Vector3d(1, 2, 3).normalized()).toRotationMatrix();
     Eigen::Matrix<double, 3, 3, Eigen::RowMajor> a = turn * stretch;
     build(a.data());
     for (float v : scalar(PLIANT_SCALAR_VON_MISES)) EXPECT_NEAR(v, 2 * mu * s, 1e-3);
@@ -56,7 +57,11 @@ TEST_F(Output, ClearanceOfABox)
     int tool;
     ASSERT_EQ(pliant_tool_add(body.model, body.data, "t", &tool), PLIANT_OK);
     EXPECT_TRUE(std::isinf(pliant_tool_clearance(body.model, body.data, tool)));
-    const double cases[5][4] = {{0.04, 0.04, 0.1, 0.02}, {0.04, 0.04, 0.07, -0.01}, {0.11, 0.12, 0.04, 0.05}, {0.09, 0.09, 0.09, 0.01 * std::sqrt(3.0)}, {0.04, 0.04, 0.04, -0.04}};
+    const double cases[5][4] = {{0.04, 0.04, 0.1, 0.02},
+                                {0.04, 0.04, 0.07, -0.01},
+                                {0.11, 0.12, 0.04, 0.05},
+                                {0.09, 0.09, 0.09, 0.01 * std::sqrt(3.0)},
+                                {0.04, 0.04, 0.04, -0.04}};
     for (const auto &c : cases) {
         ASSERT_EQ(pliant_tool_set_pose(body.data, tool, c, nullptr), PLIANT_OK);
         EXPECT_NEAR(pliant_tool_clearance(body.model, body.data, tool), c[3], 1e-9);
@@ -72,7 +77,8 @@ TEST(Clearance, IsThatOfTheSkinWithinElements)
     for (pliant_element_kind kind : {PLIANT_LINEAR, PLIANT_HEXAHEDRA})
         for (pliant_cut_kind cut : {PLIANT_CUT_NONE, PLIANT_CUT_SEVER})
             for (int layers : {12, 13, 14}) {
-                Body body(voxels, edge, {{5000, 0.3, 1000, false}, {10, 0, 1, true}}, [&](int, int, int k) { return k < layers ? 0 : 1; });
+                Body body(voxels, edge, {{5000, 0.3, 1000, false}, {10, 0, 1, true}},
+                          [&](int, int, int k) { return k < layers ? 0 : 1; });
                 body.cells(4, 4, 4, 1);
                 body.scene.element.kind = kind;
                 body.scene.cut.kind = cut;
@@ -84,7 +90,8 @@ TEST(Clearance, IsThatOfTheSkinWithinElements)
                 for (double height : {0.01, 0.0002, -0.0002, -0.01}) {
                     const double tip[3] = {0.052, 0.047, skin + height};
                     ASSERT_EQ(pliant_tool_set_pose(body.data, tool, tip, nullptr), PLIANT_OK);
-                    EXPECT_NEAR(pliant_tool_clearance(body.model, body.data, tool), height, 1e-9) << layers << " layers";
+                    EXPECT_NEAR(pliant_tool_clearance(body.model, body.data, tool), height, 1e-9)
+                        << layers << " layers";
                 }
                 // the skin follows a stretch of ten percent along z
                 for (int32_t n = 0; n < body.data->body->fine.num_nodes; n++) body.data->positions[3 * n + 2] *= 1.1;
@@ -100,8 +107,9 @@ TEST(Clearance, OfABallIsThatOfItsSkin)
 {
     const int voxels[3] = {100, 100, 100};
     const double edge[3] = {0.1, 0.1, 0.1}, radius = 0.035;
-    Body body(voxels, edge, {{5000, 0.3, 1000, false}, {10, 0, 1, true}},
-              [&](int i, int j, int k) { return std::hypot(std::hypot(0.001 * i - 0.0495, 0.001 * j - 0.0495), 0.001 * k - 0.0495) < radius ? 0 : 1; });
+    Body body(voxels, edge, {{5000, 0.3, 1000, false}, {10, 0, 1, true}}, [&](int i, int j, int k) {
+        return std::hypot(std::hypot(0.001 * i - 0.0495, 0.001 * j - 0.0495), 0.001 * k - 0.0495) < radius ? 0 : 1;
+    });
     body.cells(20, 20, 20, 1);
     body.fix_plane(0, 0, 0.03, 0, 0, 1);
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
@@ -109,7 +117,8 @@ TEST(Clearance, OfABallIsThatOfItsSkin)
     ASSERT_EQ(pliant_tool_add(body.model, body.data, "t", &tool), PLIANT_OK);
     double worst = 0;
     for (int n = 0; n < 100; n++) {
-        const double z = (n + 0.5) / 50 - 1, turn = 2.4 * n, flat = std::sqrt(1 - z * z), out[3] = {flat * std::cos(turn), flat * std::sin(turn), z};
+        const double z = (n + 0.5) / 50 - 1, turn = 2.4 * n, flat = std::sqrt(1 - z * z),
+                     out[3] = {flat * std::cos(turn), flat * std::sin(turn), z};
         for (double height : {0.01, -0.01}) {
             double tip[3];
             for (int d = 0; d < 3; d++) tip[d] = 0.05 + (radius + height) * out[d];
@@ -137,7 +146,8 @@ TEST(CoarseMesh, IsHeldByWhatLiesBetweenItsNodes)
 // An affine map of the coarse positions gives the same map of every free fine node, for every upsampling method.
 TEST_F(Output, UpsamplingKeepsRigidMotion)
 {
-    Eigen::Matrix<double, 3, 3, Eigen::RowMajor> a = Eigen::AngleAxisd(0.8, Eigen::Vector3d(0, 1, 0)).toRotationMatrix();
+    Eigen::Matrix<double, 3, 3, Eigen::RowMajor> a =
+        Eigen::AngleAxisd(0.8, Eigen::Vector3d(0, 1, 0)).toRotationMatrix();
     const double b[3] = {0.02, 0.03, -0.01};
     for (pliant_method method : {PLIANT_COARSE, PLIANT_AVERAGED, PLIANT_SCHUR, PLIANT_CALIBRATED, PLIANT_LOD}) {
         Body coarse(size, box, {{6000, 0.2, 1000, false}});
@@ -147,10 +157,12 @@ TEST_F(Output, UpsamplingKeepsRigidMotion)
         ASSERT_EQ(coarse.build(), PLIANT_OK);
         const pliant_mesh &fine = coarse.model->body->fine;
         std::vector<double> up(3 * fine.num_nodes), expected = affine(fine, a.data(), b);
-        pliant_upsample_positions(coarse.model->system, affine(coarse.model->body->coarse, a.data(), b).data(), up.data());
+        pliant_upsample_positions(coarse.model->system, affine(coarse.model->body->coarse, a.data(), b).data(),
+                                  up.data());
         for (int32_t n = 0; n < fine.num_nodes; n++)
             if (fine.rest[3 * n + 2] > 0.03) // grounded elements do not rotate
-                for (int d = 0; d < 3; d++) EXPECT_NEAR(up[3 * n + d], expected[3 * n + d], 1e-9) << "method " << method;
+                for (int d = 0; d < 3; d++)
+                    EXPECT_NEAR(up[3 * n + d], expected[3 * n + d], 1e-9) << "method " << method;
     }
 }
 

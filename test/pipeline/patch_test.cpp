@@ -65,7 +65,8 @@ void energy_ratio(pliant_method method, pliant_touch touch, double *low, double 
     body.fix_plane(0, 0, 0, 0, 0, 1);
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
     const pliant_system *system = body.model->system;
-    const double e[9] = {0.1, 0.03, -0.02, 0.03, -0.07, 0.05, -0.02, 0.05, 0.04}, lambda = 5000 * 0.4 / (1.4 * 0.2), mu = 5000 / 2.8;
+    const double e[9] = {0.1, 0.03, -0.02, 0.03, -0.07, 0.05, -0.02, 0.05, 0.04}, lambda = 5000 * 0.4 / (1.4 * 0.2),
+                 mu = 5000 / 2.8;
     double squares = 0, trace = e[0] + e[4] + e[8];
     for (double c : e) squares += c * c;
     *low = 1e300;
@@ -105,7 +106,8 @@ TEST(Patch, AveragedAndCalibratedStoreTheExactEnergyAndSchurDoesNot)
 
 TEST(Patch, RigidMotionCostsNoForce)
 {
-    for (pliant_method method : {PLIANT_FINE, PLIANT_COARSE, PLIANT_AVERAGED, PLIANT_SCHUR, PLIANT_CALIBRATED, PLIANT_LOD}) {
+    for (pliant_method method :
+         {PLIANT_FINE, PLIANT_COARSE, PLIANT_AVERAGED, PLIANT_SCHUR, PLIANT_CALIBRATED, PLIANT_LOD}) {
         Body body(size, box, one);
         body.scene.model.method = method;
         body.cells(3, 3, 3, 2);
@@ -115,7 +117,8 @@ TEST(Patch, RigidMotionCostsNoForce)
         Eigen::Matrix3d turn = Eigen::AngleAxisd(2.5, Eigen::Vector3d(1, -2, 0.5).normalized()).toRotationMatrix();
         double a[9], stretch[9] = {1.01, 0, 0, 0, 1, 0, 0, 0, 1}, b[3] = {0.3, -0.1, 0.2};
         for (int m = 0; m < 9; m++) a[m] = turn(m / 3, m % 3);
-        std::vector<double> rigid = body.elastic_force(affine(mesh, a, b)), one_percent = body.elastic_force(affine(mesh, stretch, b));
+        std::vector<double> rigid = body.elastic_force(affine(mesh, a, b)),
+                            one_percent = body.elastic_force(affine(mesh, stretch, b));
         double free_force = 0, reference = 0;
         for (int32_t n = 0; n < mesh.num_nodes; n++)
             if (mesh.rest[3 * n + 2] > 0.05) // away from grounded elements, which do not rotate
@@ -132,9 +135,11 @@ TEST(Patch, StiffnessIsSemidefiniteWithSixZeroModes)
     std::mt19937 random(5);
     std::vector<int> materials(24 * 24 * 24);
     for (int &m : materials) m = static_cast<int>(random() % 3);
-    const std::vector<Material> mixed = {{4000, 0.45, 950, false}, {30000, 0.4, 1060, false}, {300000, 0.3, 1100, false}};
+    const std::vector<Material> mixed = {
+        {4000, 0.45, 950, false}, {30000, 0.4, 1060, false}, {300000, 0.3, 1100, false}};
     for (pliant_method method : {PLIANT_AVERAGED, PLIANT_SCHUR, PLIANT_CALIBRATED}) {
-        Body body(size, box, mixed, [&](int i, int j, int k) { return materials[i / 3 + 24 * (j / 3 + 24 * (k / 3))]; });
+        Body body(size, box, mixed,
+                  [&](int i, int j, int k) { return materials[i / 3 + 24 * (j / 3 + 24 * (k / 3))]; });
         body.scene.model.method = method;
         body.cells(2, 2, 2, 3);
         body.fix_plane(0, 0, 0, 0, 0, 1);
@@ -171,7 +176,8 @@ void homogeneous_is_coarse(pliant_method method)
         double gradients[12], stiffness[144];
         double volume = pliant_mesh_gradients(system->mesh, t, gradients);
         pliant_element_stiffness(gradients, volume * lambda, volume * mu, stiffness);
-        for (int m = 0; m < 144; m++) EXPECT_NEAR(system->stiffness[144 * t + m], stiffness[m], 1e-8 * volume * lambda * 1e4);
+        for (int m = 0; m < 144; m++)
+            EXPECT_NEAR(system->stiffness[144 * t + m], stiffness[m], 1e-8 * volume * lambda * 1e4);
         checked++;
     }
     EXPECT_GT(checked, 20);
@@ -237,12 +243,16 @@ TEST(Patch, AssembledMatrixIsWarpedStiffness)
             double k[144], g[12];
             for (int m = 0; m < 12; m++) g[m] = system->gradients[t / LANES][m][t % LANES];
             if (system->stiffness) std::memcpy(k, system->stiffness + 144 * t, sizeof k);
-            else pliant_element_stiffness(g, system->lame[t / LANES][0][t % LANES], system->lame[t / LANES][1][t % LANES], k);
+            else
+                pliant_element_stiffness(g, system->lame[t / LANES][0][t % LANES],
+                                         system->lame[t / LANES][1][t % LANES], k);
             Eigen::Matrix<double, 12, 12, Eigen::RowMajor> element(k);
-            Eigen::Matrix3d r = system->grounded && system->grounded[t] ? Eigen::Matrix3d(Eigen::Matrix3d::Identity()) : turn;
+            Eigen::Matrix3d r =
+                system->grounded && system->grounded[t] ? Eigen::Matrix3d(Eigen::Matrix3d::Identity()) : turn;
             for (int i = 0; i < 4; i++)
                 for (int j = 0; j < 4; j++) {
-                    int fi = system->free_of_node[mesh.tets[4 * t + i]], fj = system->free_of_node[mesh.tets[4 * t + j]];
+                    int fi = system->free_of_node[mesh.tets[4 * t + i]],
+                        fj = system->free_of_node[mesh.tets[4 * t + j]];
                     if (fi < 0 || fj < 0) continue;
                     expected.block<3, 3>(3 * fi, 3 * fj) += r * element.block<3, 3>(3 * i, 3 * j) * r.transpose();
                 }

@@ -53,8 +53,9 @@ TEST(PieceTheory, APieceSlidesDownASlopeByCoulombsLaw)
             now = lying.along();
         }
         const double time = steps * h, speed = (now - before) / h;
-        std::printf("%s: speed %.4f of %.4f m/s, way %.4f of %.4f m, velocity %.4f\n", obstacle ? "obstacle" : "ground", speed, faster * (time - h / 2), now - start,
-                    faster * time * time / 2, lying.body->data->falling->pieces[0].velocity[0]);
+        std::printf("%s: speed %.4f of %.4f m/s, way %.4f of %.4f m, velocity %.4f\n", obstacle ? "obstacle" : "ground",
+                    speed, faster * (time - h / 2), now - start, faster * time * time / 2,
+                    lying.body->data->falling->pieces[0].velocity[0]);
         EXPECT_NEAR(speed, faster * (time - h / 2), 0.01 * faster * time);
         EXPECT_NEAR(now - start, faster * time * time / 2, 0.01 * faster * time * time / 2);
     }
@@ -68,11 +69,13 @@ TEST(PieceTheory, APieceThatLiesStaysWhereItIs)
             Lying lying(obstacle, friction);
             lying.tilt(std::atan(slope * friction));
             step(*lying.body, 50);
-            const std::vector<double> before(lying.body->data->positions, lying.body->data->positions + 3 * lying.body->data->body->fine.num_nodes);
+            const std::vector<double> before(lying.body->data->positions,
+                                             lying.body->data->positions + 3 * lying.body->data->body->fine.num_nodes);
             step(*lying.body, 500);
             double moved = 0;
             for (int32_t n : lying.nodes)
-                for (int d = 0; d < 3; d++) moved = std::fmax(moved, std::fabs(lying.body->data->positions[3 * n + d] - before[3 * n + d]));
+                for (int d = 0; d < 3; d++)
+                    moved = std::fmax(moved, std::fabs(lying.body->data->positions[3 * n + d] - before[3 * n + d]));
             std::printf("%s, slope %g: moved %g m in 5 s\n", obstacle ? "obstacle" : "ground", slope, moved);
             EXPECT_LT(moved, 1e-6);
         }
@@ -122,7 +125,8 @@ TEST(PieceTheory, AToolFeelsTheWeightAndTheInertiaOfWhatItCarries)
             carried.go(0, z += 0.2 * h);
             for (int d = 0; d < 3; d++) mean[d] += carried.force()[d] / 100;
         }
-        std::printf("stiffness %g: constant speed: force %.6f %.6f %.6f of weight %.6f\n", stiffness, mean[0], mean[1], mean[2], weight);
+        std::printf("stiffness %g: constant speed: force %.6f %.6f %.6f of weight %.6f\n", stiffness, mean[0], mean[1],
+                    mean[2], weight);
         EXPECT_NEAR(mean[2], weight, 1e-3 * weight);
         const double a = 2, from = z;
         for (int d = 0; d < 3; d++) mean[d] = 0;
@@ -132,7 +136,8 @@ TEST(PieceTheory, AToolFeelsTheWeightAndTheInertiaOfWhatItCarries)
             if (s > 50)
                 for (int d = 0; d < 3; d++) mean[d] += carried.force()[d] / 50;
         }
-        std::printf("stiffness %g: acceleration: force %.6f %.6f %.6f of %.6f\n", stiffness, mean[0], mean[1], mean[2], weight * (1 + a / g));
+        std::printf("stiffness %g: acceleration: force %.6f %.6f %.6f of %.6f\n", stiffness, mean[0], mean[1], mean[2],
+                    weight * (1 + a / g));
         EXPECT_NEAR(mean[2], weight * (1 + a / g), 1e-3 * weight);
     }
 }
@@ -147,7 +152,8 @@ TEST(PieceTheory, APendulumKeepsItsEnergy)
             pliant_falling_rigid(carried.body->data->falling, 0, &piece);
             double spin[3], sum = 0;
             pliant_rigid_spin(&piece, spin);
-            for (int d = 0; d < 3; d++) sum += 0.5 * piece.mass * piece.velocity[d] * piece.velocity[d] + 0.5 * spin[d] * piece.momentum[d];
+            for (int d = 0; d < 3; d++)
+                sum += 0.5 * piece.mass * piece.velocity[d] * piece.velocity[d] + 0.5 * spin[d] * piece.momentum[d];
             return sum + piece.mass * g * piece.centre[2];
         };
         const double lowest = energy();
@@ -208,7 +214,13 @@ TEST(PieceTheory, APieceThatPlatesSqueezeStaysBetweenThem)
         for (int side = 0; side < 2; side++) {
             pliant_tool_shape shape{};
             shape.num_parts = 1;
-            shape.part[0] = {PLIANT_PART_BOX, PLIANT_FRAME_TIP, {side ? 0.0 : -0.01, -0.015, -0.008}, {side ? 0.01 : 0.0, 0.015, 0.008}, 0, false, nullptr};
+            shape.part[0] = {PLIANT_PART_BOX,
+                             PLIANT_FRAME_TIP,
+                             {side ? 0.0 : -0.01, -0.015, -0.008},
+                             {side ? 0.01 : 0.0, 0.015, 0.008},
+                             0,
+                             false,
+                             nullptr};
             ASSERT_EQ(pliant_tool_add(body.model, body.data, side ? "right" : "left", tool + side), PLIANT_OK);
             ASSERT_EQ(pliant_tool_set_shape(body.data, tool[side], &shape), PLIANT_OK) << pliant_last_error();
         }
@@ -225,8 +237,9 @@ TEST(PieceTheory, APieceThatPlatesSqueezeStaysBetweenThem)
         const std::vector<double> before = centre_of(body, lying.nodes);
         for (int s = 0; s < 300; s++) place(-0.0025, 0.008);
         const std::vector<double> after = centre_of(body, lying.nodes);
-        std::printf("lifted by %g mm, moved by %g %g %g mm in 3 s, speed %g\n", 1e3 * (after[2] - centre[2]), 1e3 * (after[0] - before[0]), 1e3 * (after[1] - before[1]),
-                    1e3 * (after[2] - before[2]), body.data->falling->pieces[0].velocity[2]);
+        std::printf("lifted by %g mm, moved by %g %g %g mm in 3 s, speed %g\n", 1e3 * (after[2] - centre[2]),
+                    1e3 * (after[0] - before[0]), 1e3 * (after[1] - before[1]), 1e3 * (after[2] - before[2]),
+                    body.data->falling->pieces[0].velocity[2]);
         EXPECT_NEAR(after[2] - centre[2], 0.008, 1e-3);
         for (int d = 0; d < 3; d++) EXPECT_NEAR(after[d], before[d], 1e-5);
     }

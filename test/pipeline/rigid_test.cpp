@@ -38,7 +38,9 @@ void turn_inertia(pliant_rigid &body, std::vector<double> &arms)
         }
     for (size_t p = 0; p < arms.size() / 3; p++) {
         const double old[3] = {arms[3 * p], arms[3 * p + 1], arms[3 * p + 2]};
-        for (int r = 0; r < 3; r++) arms[3 * p + r] = body.rotation[3 * r] * old[0] + body.rotation[3 * r + 1] * old[1] + body.rotation[3 * r + 2] * old[2];
+        for (int r = 0; r < 3; r++)
+            arms[3 * p + r] =
+                body.rotation[3 * r] * old[0] + body.rotation[3 * r + 1] * old[1] + body.rotation[3 * r + 2] * old[2];
     }
 }
 double energy(const pliant_rigid &body, const double gravity[3])
@@ -46,7 +48,8 @@ double energy(const pliant_rigid &body, const double gravity[3])
     double spin[3], sum = 0;
     pliant_rigid_spin(&body, spin);
     for (int d = 0; d < 3; d++)
-        sum += 0.5 * body.mass * body.velocity[d] * body.velocity[d] + 0.5 * spin[d] * body.momentum[d] - body.mass * gravity[d] * body.centre[d];
+        sum += 0.5 * body.mass * body.velocity[d] * body.velocity[d] + 0.5 * spin[d] * body.momentum[d] -
+               body.mass * gravity[d] * body.centre[d];
     return sum;
 }
 
@@ -123,7 +126,8 @@ TEST(Rigid, EnergyNeverRisesOnWalls)
         body.momentum[1] = 3e-4;
         std::vector<double> arms;
         for (int corner = 0; corner < 8; corner++)
-            for (int d = 0; d < 3; d++) arms.push_back((corner >> d & 1 ? 0.5 : -0.5) * (d == 0 ? 0.04 : d == 1 ? 0.06 : 0.1));
+            for (int d = 0; d < 3; d++)
+                arms.push_back((corner >> d & 1 ? 0.5 : -0.5) * (d == 0 ? 0.04 : d == 1 ? 0.06 : 0.1));
         double before = energy(body, gravity), gained = 0, deepest = 0;
         bool touched = false;
         for (int s = 0; s < 300; s++) {

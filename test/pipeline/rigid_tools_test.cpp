@@ -23,7 +23,10 @@ void move(Body &body, int tool, double by)
     ASSERT_EQ(pliant_tool_set_pose(body.data, tool, tip, nullptr), PLIANT_OK);
 }
 
-std::vector<double> positions_of(const Body &body) { return {body.data->positions, body.data->positions + 3 * body.data->body->fine.num_nodes}; }
+std::vector<double> positions_of(const Body &body)
+{
+    return {body.data->positions, body.data->positions + 3 * body.data->body->fine.num_nodes};
+}
 
 double farthest(const std::vector<double> &a, const std::vector<double> &b)
 {
@@ -42,7 +45,8 @@ TEST_P(Rigid, ToolsAtOnePointShareItsForce)
     }
     step(*one, 20);
     const pliant_tool &single = one->data->tools[alone];
-    const double whole = std::sqrt(single.force[0] * single.force[0] + single.force[1] * single.force[1] + single.force[2] * single.force[2]);
+    const double whole = std::sqrt(single.force[0] * single.force[0] + single.force[1] * single.force[1] +
+                                   single.force[2] * single.force[2]);
     ASSERT_GT(whole, 0.01);
     for (double apart : {0.0, 1e-4, 1e-3}) {
         std::unique_ptr<Body> body = hang(GetParam());
@@ -61,7 +65,9 @@ TEST_P(Rigid, ToolsAtOnePointShareItsForce)
         EXPECT_LT(farthest(positions_of(*body), positions_of(*one)), 2e-4 + apart) << apart;
     }
 }
-INSTANTIATE_TEST_SUITE_P(Methods, Rigid, testing::Values(direct, multigrid, plain, averaged, patched, octree, hexahedra, relaxed), name_of);
+INSTANTIATE_TEST_SUITE_P(Methods, Rigid,
+                         testing::Values(direct, multigrid, plain, averaged, patched, octree, hexahedra, relaxed),
+                         name_of);
 
 // If one of two tools releases, the other one takes all of the force without a jump.
 TEST(RigidTools, TheOtherToolTakesOver)

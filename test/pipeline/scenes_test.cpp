@@ -25,7 +25,9 @@ struct SceneRun {
 
     explicit SceneRun(const std::string &name)
     {
-        EXPECT_EQ(pliant_scene_read((std::string(PLIANT_SOURCE_DIR "/launch/scenes/") + name + ".yaml").c_str(), &scene), PLIANT_OK)
+        EXPECT_EQ(
+            pliant_scene_read((std::string(PLIANT_SOURCE_DIR "/launch/scenes/") + name + ".yaml").c_str(), &scene),
+            PLIANT_OK)
             << pliant_last_error();
         scene.mesh.coarse_cells[0] = 8;
         scene.mesh.coarse_cells[1] = scene.mesh.coarse_cells[2] = 6;
@@ -41,7 +43,8 @@ struct SceneRun {
     pliant_status build(const char *of = "phantom:64x48x48")
     {
         pliant_status status = pliant_inputs_read(&scene, of, &scan, &labels, &table);
-        if (status == PLIANT_OK) status = pliant_model_build(&scene, &scan, &labels, &table, {nullptr, nullptr}, &model);
+        if (status == PLIANT_OK)
+            status = pliant_model_build(&scene, &scan, &labels, &table, {nullptr, nullptr}, &model);
         return status == PLIANT_OK ? pliant_data_create(model, &data) : status;
     }
     // lowest z, and mean z weighted by mass [m]
@@ -78,7 +81,8 @@ TEST(Scenes, TheLiverFallsOnThePlane)
     double lowest[2], mean[2];
     run.heights(&lowest[0], &mean[0]);
     double way = lowest[0] + 0.05, before = 0.9 * std::sqrt(2 * way / 9.81), t = 0;
-    for (; t < before; t += run.scene.solver.step) ASSERT_EQ(pliant_step(run.model, run.data), PLIANT_OK) << pliant_last_error();
+    for (; t < before; t += run.scene.solver.step)
+        ASSERT_EQ(pliant_step(run.model, run.data), PLIANT_OK) << pliant_last_error();
     run.heights(&lowest[1], &mean[1]);
     EXPECT_NEAR(mean[0] - mean[1], 0.5 * 9.81 * t * t, 0.1 * 0.5 * 9.81 * t * t); // the scene has some damping
     for (int s = 0; s < 20; s++) ASSERT_EQ(pliant_step(run.model, run.data), PLIANT_OK) << pliant_last_error();
@@ -123,8 +127,10 @@ TEST(Scenes, TheSoftLiverHangsAndFalls)
 struct OrganRun : SceneRun {
     OrganRun() : SceneRun("organs_ct")
     {
-        EXPECT_EQ(pliant_scene_read(PLIANT_SOURCE_DIR "/launch/scenes/organs_ct.yaml", &scene), PLIANT_OK) << pliant_last_error();
-        EXPECT_EQ(pliant_scene_set(&scene, "material/labels", PLIANT_TEST_DATA "/abdomen/labels_totalseg_fast.nii.gz"), PLIANT_OK);
+        EXPECT_EQ(pliant_scene_read(PLIANT_SOURCE_DIR "/launch/scenes/organs_ct.yaml", &scene), PLIANT_OK)
+            << pliant_last_error();
+        EXPECT_EQ(pliant_scene_set(&scene, "material/labels", PLIANT_TEST_DATA "/abdomen/labels_totalseg_fast.nii.gz"),
+                  PLIANT_OK);
         scene.solver.threads = 1;
         pliant_scene_for_shapes(&scene);
     }
@@ -146,10 +152,12 @@ TEST(Scenes, OrgansAtRestDoNotPressThemselves)
         std::copy(cells.begin(), cells.end(), run.scene.mesh.coarse_cells);
         run.scene.obstacles = pliant_regions{};
         ASSERT_EQ(run.build(), PLIANT_OK) << pliant_last_error();
-        for (int step = 0; step < 2; step++) EXPECT_EQ(pliant_step(run.model, run.data), PLIANT_OK) << pliant_last_error();
+        for (int step = 0; step < 2; step++)
+            EXPECT_EQ(pliant_step(run.model, run.data), PLIANT_OK) << pliant_last_error();
         const pliant_mesh &mesh = run.data->body->fine;
         double most = 0;
-        for (int32_t i = 0; i < 3 * mesh.num_nodes; i++) most = std::max(most, std::fabs(run.data->positions[i] - mesh.rest[i]));
+        for (int32_t i = 0; i < 3 * mesh.num_nodes; i++)
+            most = std::max(most, std::fabs(run.data->positions[i] - mesh.rest[i]));
         EXPECT_LT(most, 1e-9) << cells[0];
     }
 }
@@ -160,7 +168,8 @@ TEST(Scenes, OrgansTouchToolsAndObstaclesAndEachOther)
     if (!OrganRun::has_data()) GTEST_SKIP() << "the shared test data is not at " PLIANT_TEST_DATA;
     OrganRun run;
     pliant_path path{};
-    ASSERT_EQ(pliant_path_read(PLIANT_SOURCE_DIR "/launch/scenes/organs_ct_path.yaml", &path), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_path_read(PLIANT_SOURCE_DIR "/launch/scenes/organs_ct_path.yaml", &path), PLIANT_OK)
+        << pliant_last_error();
     run.scene.solver.step = 0.1;
     ASSERT_EQ(run.build(), PLIANT_OK) << pliant_last_error();
     int tool = -1, of_tool = 0, of_box = 0, of_cut = 0, of_outside = 0;
@@ -176,12 +185,14 @@ TEST(Scenes, OrgansTouchToolsAndObstaclesAndEachOther)
         for (int32_t p = 0; p < run.data->contacts.count; p++) {
             const pliant_contact_point &point = run.data->contacts.point[p];
             const int kind = static_cast<int>(point.feature >> 56);
-            const double pressed = point.force[0] * point.normal[0] + point.force[1] * point.normal[1] + point.force[2] * point.normal[2];
+            const double pressed =
+                point.force[0] * point.normal[0] + point.force[1] * point.normal[1] + point.force[2] * point.normal[2];
             if (!(pressed > 1e-6)) continue;
             of_tool += point.kind == PLIANT_OBSTACLE_TOOL;
             of_box += point.kind == PLIANT_OBSTACLE_GROUND;
             of_cut += point.kind == PLIANT_OBSTACLE_TISSUE && (kind == PLIANT_TISSUE_CUT || kind == PLIANT_TISSUE_SLID);
-            of_outside += point.kind == PLIANT_OBSTACLE_TISSUE && (kind == PLIANT_TISSUE_NODE || kind == PLIANT_TISSUE_EDGE);
+            of_outside +=
+                point.kind == PLIANT_OBSTACLE_TISSUE && (kind == PLIANT_TISSUE_NODE || kind == PLIANT_TISSUE_EDGE);
         }
     }
     EXPECT_GT(of_tool, 0);

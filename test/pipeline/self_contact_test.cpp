@@ -10,7 +10,8 @@ namespace {
 // A column of 20 x 20 x 80 mm between two plates, with zero Poisson's ratio; the upper half has a different density.
 struct Column : Body {
     Column(double upper, double gravity, bool cut)
-        : Body(size, box, {{10e3, 0, 1000, false}, {10e3, 0, 1000 * upper, false}}, [](int, int, int k) { return k >= 16; })
+        : Body(size, box, {{10e3, 0, 1000, false}, {10e3, 0, 1000 * upper, false}},
+               [](int, int, int k) { return k >= 16; })
     {
         cells(2, 2, 8, 1);
         fix_plane(0, 0, 1e-4, 0, 0, 1);
@@ -30,7 +31,8 @@ struct Column : Body {
         double out = upper ? -1 : 1;
         for (int32_t n = 0; n < fine.num_nodes; n++) {
             const double *x = fine.rest + 3 * n;
-            if (std::fabs(x[2] - height) > 1e-9 || std::fabs(x[0] - 0.01) > 1e-9 || std::fabs(x[1] - 0.01) > 1e-9) continue;
+            if (std::fabs(x[2] - height) > 1e-9 || std::fabs(x[0] - 0.01) > 1e-9 || std::fabs(x[1] - 0.01) > 1e-9)
+                continue;
             const double up = data->positions[3 * n + 2] - x[2];
             out = upper ? std::fmax(out, up) : std::fmin(out, up);
         }
@@ -144,7 +146,9 @@ TEST(SelfContact, WhatSlidesMustBeThere)
 // falls onto the lower one.
 struct Drop : Body {
     explicit Drop(pliant_cut_kind kind, double friction = 0.3, pliant_method method = PLIANT_FINE, int ratio = 1)
-        : Body(std::vector<int>{6 * ratio, 6 * ratio, 24 * ratio}.data(), box, {{10e3, 0.3, 1000, false}, {1, 0.3, 1, true}}, [ratio](int, int, int k) { return k >= 8 * ratio && k < 12 * ratio; })
+        : Body(std::vector<int>{6 * ratio, 6 * ratio, 24 * ratio}.data(), box,
+               {{10e3, 0.3, 1000, false}, {1, 0.3, 1, true}},
+               [ratio](int, int, int k) { return k >= 8 * ratio && k < 12 * ratio; })
     {
         cells(3, 3, 12, ratio);
         scene.model.method = method;
@@ -181,7 +185,8 @@ struct Drop : Body {
     {
         double least = INFINITY;
         const pliant_pieces *pieces = data->body->pieces;
-        for (int32_t i = pieces->start[p]; i < pieces->start[p + 1]; i++) least = std::fmin(least, data->positions[3 * pieces->node[i] + axis]);
+        for (int32_t i = pieces->start[p]; i < pieces->start[p + 1]; i++)
+            least = std::fmin(least, data->positions[3 * pieces->node[i] + axis]);
         return least;
     }
     // Return the contact force on a piece, or on the tissue that does not fall (-1).
@@ -231,7 +236,8 @@ TEST(SelfContact, WhatIsCutOffLandsOnCoarseMeshesToo)
         ASSERT_EQ(drop.data->body->pieces->count, 1) << method;
         drop.run(30);
         const double weight = drop.mass(0) * 9.81, deep = drop.data->statistics.penetration;
-        std::printf("method %d: piece at %.5f mm, %.3g mm deep, force %.6f of its weight\n", method, 1e3 * drop.lowest(0), 1e3 * deep, drop.force(0) / weight);
+        std::printf("method %d: piece at %.5f mm, %.3g mm deep, force %.6f of its weight\n", method,
+                    1e3 * drop.lowest(0), 1e3 * deep, drop.force(0) / weight);
         if (method == PLIANT_FINE) of_fine = deep;
         EXPECT_NEAR(drop.force(0), weight, 0.001 * weight) << method;
         for (int axis = 0; axis < 3; axis++) EXPECT_NEAR(drop.force(-1, axis), -drop.force(0, axis), 1e-9) << method;
@@ -277,7 +283,8 @@ TEST(SelfContact, ASlabThatSlidesOffDoesNotSink)
     drop.cut(0.0117);
     ASSERT_EQ(drop.data->body->pieces->count, 1);
     drop.run(8);
-    const double gravity[3] = {0.4 * 9.81, 0, -9.81}, z = drop.lowest(0), x = drop.lowest(0, 0), weight = drop.mass(0) * 9.81;
+    const double gravity[3] = {0.4 * 9.81, 0, -9.81}, z = drop.lowest(0), x = drop.lowest(0, 0),
+                 weight = drop.mass(0) * 9.81;
     ASSERT_EQ(pliant_data_set_gravity(drop.data, gravity), PLIANT_OK);
     for (int s = 0; s < 30 && drop.lowest(0, 0) - x < 0.0055; s++) {
         drop.run(1);
@@ -399,7 +406,8 @@ TEST(SelfContact, LayersThatEndWithinElementsMeetAtRest)
     const int size[3] = {16, 16, 16};
     const double box[3] = {0.08, 0.08, 0.08};
     for (const pliant_element_kind kind : {PLIANT_LINEAR, PLIANT_HEXAHEDRA}) {
-        Body body(size, box, {{10e3, 0.3, 1000, false}, {10e3, 0.3, 1000, false}, {1, 0, 1, true}}, [](int i, int j, int k) { return 2 * i + j + 3 * k > 66 ? 2 : i + k / 2 + j / 4 >= 11; });
+        Body body(size, box, {{10e3, 0.3, 1000, false}, {10e3, 0.3, 1000, false}, {1, 0, 1, true}},
+                  [](int i, int j, int k) { return 2 * i + j + 3 * k > 66 ? 2 : i + k / 2 + j / 4 >= 11; });
         body.cells(4, 4, 4, 1);
         body.fix_plane(0, 0, 1e-4, 0, 0, 1);
         body.scene.element.kind = kind;
@@ -407,7 +415,8 @@ TEST(SelfContact, LayersThatEndWithinElementsMeetAtRest)
         body.scene.contact.friction = 0;
         ASSERT_EQ(pliant_scene_set(&body.scene, "material/slides", "m1"), PLIANT_OK);
         ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
-        for (int step = 0; step < 3; step++) ASSERT_EQ(pliant_step(body.model, body.data), PLIANT_OK) << pliant_last_error();
+        for (int step = 0; step < 3; step++)
+            ASSERT_EQ(pliant_step(body.model, body.data), PLIANT_OK) << pliant_last_error();
         const pliant_mesh &fine = body.data->body->fine;
         int sides = 0;
         double most = 0;
@@ -421,7 +430,8 @@ TEST(SelfContact, LayersThatEndWithinElementsMeetAtRest)
             if (side) EXPECT_NEAR(gap, 0, 1e-12);
             sides += side;
         }
-        for (int32_t n = 0; n < 3 * fine.num_nodes; n++) most = std::fmax(most, std::fabs(body.data->positions[n] - fine.rest[n]));
+        for (int32_t n = 0; n < 3 * fine.num_nodes; n++)
+            most = std::fmax(most, std::fabs(body.data->positions[n] - fine.rest[n]));
         EXPECT_GT(sides, 20);
         EXPECT_LT(most, 1e-9);
     }

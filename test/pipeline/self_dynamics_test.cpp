@@ -20,7 +20,9 @@ struct Pile : Body {
     int blocks;
 
     explicit Pile(int count)
-        : Body(size_of(count).data(), box_of(count).data(), {{20e3, 0.3, 1000, false}, {1, 0.3, 1, true}}, [](int, int, int k) { return k / 2 % 3 == 2; }), blocks(count)
+        : Body(size_of(count).data(), box_of(count).data(), {{20e3, 0.3, 1000, false}, {1, 0.3, 1, true}},
+               [](int, int, int k) { return k / 2 % 3 == 2; }),
+          blocks(count)
     {
         cells(3, 3, 3 * count - 1, 1);
         scene.solver.kind = PLIANT_TLED;
@@ -38,7 +40,8 @@ struct Pile : Body {
     {
         double out = top ? -1 : 1;
         for (int32_t n = 0; n < data->body->fine.num_nodes; n++)
-            if (block_of(n) == block) out = top ? std::max(out, data->positions[3 * n + 2]) : std::min(out, data->positions[3 * n + 2]);
+            if (block_of(n) == block)
+                out = top ? std::max(out, data->positions[3 * n + 2]) : std::min(out, data->positions[3 * n + 2]);
         return out;
     }
     void run(int steps)
@@ -53,7 +56,8 @@ struct Pile : Body {
             const pliant_contact_point &point = data->contacts.point[c];
             double gap = 0;
             for (int32_t k = 0; k < point.count; k++)
-                for (int d = 0; d < 3; d++) gap += point.weight[k] * point.normal[d] * data->positions[3 * point.node[k] + d];
+                for (int d = 0; d < 3; d++)
+                    gap += point.weight[k] * point.normal[d] * data->positions[3 * point.node[k] + d];
             if (point.force[2] != 0) worst = std::max(worst, std::fabs(gap));
         }
         return worst;
@@ -79,7 +83,8 @@ TEST(SelfDynamics, TwoDroppedBlocksRestOnEachOther)
     std::vector<pliant_contact> contacts(1000);
     const int32_t count = pliant_data_get_contacts(pile.data, 1000, contacts.data());
     for (int32_t c = 0; c < count; c++)
-        for (int d = 0; d < 3; d++) force[d] += contacts[c].tissue ? contacts[c].force[d] * (contacts[c].normal[2] > 0 ? 1 : -1) : 0;
+        for (int d = 0; d < 3; d++)
+            force[d] += contacts[c].tissue ? contacts[c].force[d] * (contacts[c].normal[2] > 0 ? 1 : -1) : 0;
     const double weight = 9 * 2 * h * h * h * 1000 * 9.81;
     EXPECT_NEAR(force[2], weight, 0.02 * weight) << "the upper one's";
 }
@@ -148,7 +153,8 @@ TEST(SelfDynamics, CollisionsKeepMomentum)
 {
     for (double friction : {0.0, 0.5}) {
         Flight flight(friction);
-        double first[6], now[6], scale = 0, arm = 0, most = 0, touched = 0, energy = flight.energy(), start = energy, gains = 0;
+        double first[6], now[6], scale = 0, arm = 0, most = 0, touched = 0, energy = flight.energy(), start = energy,
+                                 gains = 0;
         flight.momenta(first);
         for (int32_t n = 0; n < flight.data->body->fine.num_nodes; n++) scale += flight.data->body->node_mass[n] * 0.3;
         arm = scale * 3 * h;
@@ -185,7 +191,8 @@ struct Thrown {
         for (int32_t n = 0; n < flight->data->body->fine.num_nodes; n++)
             for (int k = 0; k < 3 && (flight->block_of(n) == 1) == upper; k++) {
                 const int a = (k + 1) % 3, b = (k + 2) % 3;
-                const double *rest = flight->data->body->fine.rest + 3 * n, turn = spin[a] * (rest[b] - middle[b]) - spin[b] * (rest[a] - middle[a]);
+                const double *rest = flight->data->body->fine.rest + 3 * n,
+                             turn = spin[a] * (rest[b] - middle[b]) - spin[b] * (rest[a] - middle[a]);
                 flight->data->tled->d[3 * n + k] = (speed[k] + turn) * flight->substep;
             }
     }
@@ -221,8 +228,10 @@ TEST(SelfDynamics, CollisionsOfAnyKindGainNothing)
     Thrown thrown;
     for (int run = 0; run < 60; run++) {
         Flight flight(run % 2 ? 0.3 : 0, 0.3);
-        const double off[3] = {1.5 * h * any(random), 1.5 * h * any(random), 0}, speed[3] = {0.1 * any(random), 0.1 * any(random), -0.15 + 0.1 * any(random)};
-        const double spin[3] = {6 * any(random), 6 * any(random), 6 * any(random)}, against[3] = {-speed[0], -speed[1], -speed[2]}, none[3] = {0, 0, 0};
+        const double off[3] = {1.5 * h * any(random), 1.5 * h * any(random), 0},
+                     speed[3] = {0.1 * any(random), 0.1 * any(random), -0.15 + 0.1 * any(random)};
+        const double spin[3] = {6 * any(random), 6 * any(random), 6 * any(random)},
+                     against[3] = {-speed[0], -speed[1], -speed[2]}, none[3] = {0, 0, 0};
         Thrown::move(&flight, true, off);
         Thrown::set(&flight, true, speed, spin);
         Thrown::set(&flight, false, against, none);
@@ -241,12 +250,14 @@ TEST(SelfDynamics, WhatIsThrownAtABoxGainsLittle)
     std::uniform_real_distribution<double> any(-1, 1);
     Thrown thrown;
     for (int run = 0; run < 60; run++) {
-        const double middle[2] = {1.5 * h + 2 * h * any(random), 1.5 * h + 2 * h * any(random)}, away[3] = {0, 0, 10 * h}, none[3] = {0, 0, 0};
+        const double middle[2] = {1.5 * h + 2 * h * any(random), 1.5 * h + 2 * h * any(random)},
+                     away[3] = {0, 0, 10 * h}, none[3] = {0, 0, 0};
         pliant_regions box{};
         box.num_boxes = 1;
         box.boxes[0] = {{middle[0] - h, middle[1] - h, -3 * h}, {middle[0] + h, middle[1] + h, -0.5 * h}};
         Flight flight(run % 2 ? 0.3 : 0, 0.3, box);
-        const double speed[3] = {0.1 * any(random), 0.1 * any(random), -0.2 + 0.1 * any(random)}, spin[3] = {12 * any(random), 12 * any(random), 12 * any(random)};
+        const double speed[3] = {0.1 * any(random), 0.1 * any(random), -0.2 + 0.1 * any(random)},
+                     spin[3] = {12 * any(random), 12 * any(random), 12 * any(random)};
         Thrown::move(&flight, true, away);
         Thrown::set(&flight, true, none, none);
         Thrown::set(&flight, false, speed, spin);
@@ -315,7 +326,8 @@ TEST(SelfDynamics, APointNeitherPushesNorTurnsTheWhole)
         for (int s = 0; s < steps; s++) {
             four.step(s, steps);
             const std::array<double, 6> now = four.momenta();
-            for (int k = 0; k < 6; k++) ASSERT_NEAR(now[k], first[k], 1e-14) << trial << " " << s << " " << k << ", of some 1e-2";
+            for (int k = 0; k < 6; k++)
+                ASSERT_NEAR(now[k], first[k], 1e-14) << trial << " " << s << " " << k << ", of some 1e-2";
             pressed += four.touch.pressed;
             shifted += four.touch.owed[0] != 0;
         }
@@ -337,7 +349,8 @@ struct Slowed : Flight {
         for (int32_t n = 0; n < data->body->fine.num_nodes; n++) {
             data->tled->u[3 * n + 2] = block_of(n) ? apart - h : 0;
             data->tled->d[3 * n + 2] = block_of(n) ? -speed * data->tled->time_step : 0;
-            for (int d = 0; d < 3; d++) data->positions[3 * n + d] = data->body->fine.rest[3 * n + d] + data->tled->u[3 * n + d];
+            for (int d = 0; d < 3; d++)
+                data->positions[3 * n + d] = data->body->fine.rest[3 * n + d] + data->tled->u[3 * n + d];
         }
     }
     double momentum() const
@@ -385,7 +398,8 @@ TEST(SelfDynamics, ThePapersResponseIsOfExplicitDynamics)
     pile.scene.contact.response = PLIANT_RESPONSE_PAPER;
     pile.scene.solver.kind = PLIANT_COROTATIONAL;
     EXPECT_EQ(pile.build(), PLIANT_ERROR_SCENE);
-    EXPECT_NE(std::string(pliant_last_error()).find("contact/response: paper pushes against motion"), std::string::npos) << pliant_last_error();
+    EXPECT_NE(std::string(pliant_last_error()).find("contact/response: paper pushes against motion"), std::string::npos)
+        << pliant_last_error();
 }
 
 } // namespace

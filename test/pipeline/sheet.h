@@ -8,8 +8,9 @@
 // A sheet of 60 x 60 x 4 mm at z = 0 to 4 mm, fixed at two sides.
 struct Sheet : Body {
     // also: further settings of the scene
-    explicit Sheet(int threads = 2, double friction = 0.08, double budget_ms = 0, pliant_element_kind element = PLIANT_LINEAR, bool dynamic = false,
-                   const std::function<void(pliant_scene &)> &also = [](pliant_scene &) {})
+    explicit Sheet(
+        int threads = 2, double friction = 0.08, double budget_ms = 0, pliant_element_kind element = PLIANT_LINEAR,
+        bool dynamic = false, const std::function<void(pliant_scene &)> &also = [](pliant_scene &) {})
         : Body(size, box, {{4000, 0.4, 1000, false}})
     {
         fix_plane(0.001, 0, 0, 1, 0, 0);
@@ -45,7 +46,8 @@ struct Sheet : Body {
         double most = 0;
         const pliant_mesh &fine = data->body->fine;
         std::vector<char> off(static_cast<size_t>(fine.num_nodes));
-        for (int32_t i = 0; data->body->pieces && i < data->body->pieces->start[data->body->pieces->count]; i++) off[data->body->pieces->node[i]] = 1;
+        for (int32_t i = 0; data->body->pieces && i < data->body->pieces->start[data->body->pieces->count]; i++)
+            off[data->body->pieces->node[i]] = 1;
         for (int32_t n = 0; n < 3 * fine.num_nodes; n++) {
             if (off[n / 3]) continue;
             if (!std::isfinite(data->positions[n])) return NAN;
@@ -60,7 +62,8 @@ struct Sheet : Body {
         double least = 0;
         for (int32_t p = 0; p < tool.shape.num_parts; p++) {
             pliant_pose pose;
-            pliant_part_pose(&tool.shape, tool.shape.part[p].frame, tool.proxy.tip, tool.proxy.rotation, tool.proxy.jaw, &pose);
+            pliant_part_pose(&tool.shape, tool.shape.part[p].frame, tool.proxy.tip, tool.proxy.rotation, tool.proxy.jaw,
+                             &pose);
             for (int32_t n = 0; n < model->body->fine.num_nodes; n++) {
                 double local[3], normal[3];
                 pliant_pose_from(&pose, data->positions + 3 * n, local);
@@ -84,7 +87,9 @@ struct Sheet : Body {
                 for (int j = 0; i + j <= PARTS; j++) {
                     const int weight[3] = {i, j, PARTS - i - j};
                     double at[3] = {0, 0, 0}, local[3], normal[3];
-                    for (int c = 0; c < 9; c++) at[c % 3] += weight[c / 3] * data->positions[3 * body->triangles[3 * t + c / 3] + c % 3] / PARTS;
+                    for (int c = 0; c < 9; c++)
+                        at[c % 3] +=
+                            weight[c / 3] * data->positions[3 * body->triangles[3 * t + c / 3] + c % 3] / PARTS;
                     pliant_pose_from(&pose, at, local);
                     least = std::fmin(least, pliant_part_distance(&tool.shape.part[0], local, normal));
                 }
@@ -98,8 +103,11 @@ struct Sheet : Body {
             double edge[3][3], volume = 0;
             const int32_t *node = data->body->fine.tets + 4 * t;
             for (int v = 0; v < 3; v++)
-                for (int d = 0; d < 3; d++) edge[v][d] = data->positions[3 * node[v + 1] + d] - data->positions[3 * node[0] + d];
-            for (int d = 0; d < 3; d++) volume += edge[0][d] * (edge[1][(d + 1) % 3] * edge[2][(d + 2) % 3] - edge[1][(d + 2) % 3] * edge[2][(d + 1) % 3]);
+                for (int d = 0; d < 3; d++)
+                    edge[v][d] = data->positions[3 * node[v + 1] + d] - data->positions[3 * node[0] + d];
+            for (int d = 0; d < 3; d++)
+                volume += edge[0][d] *
+                          (edge[1][(d + 1) % 3] * edge[2][(d + 2) % 3] - edge[1][(d + 2) % 3] * edge[2][(d + 1) % 3]);
             count += volume <= 0;
         }
         return count;
@@ -134,7 +142,10 @@ struct Sheet : Body {
             double local[3], at[3];
             for (int d = 0; d < 3; d++) {
                 const bool solid = part.kind == PLIANT_PART_SOLID, box = part.kind == PLIANT_PART_BOX;
-                const double from = box && d < 2 ? 0.5 * (part.from[d] + part.to[d]) : part.from[d], to = box && d < 2 ? from : solid ? (d == 2 ? 0.02 : 0) : part.to[d];
+                const double from = box && d < 2 ? 0.5 * (part.from[d] + part.to[d]) : part.from[d],
+                             to = box && d < 2 ? from
+                                  : solid      ? (d == 2 ? 0.02 : 0)
+                                               : part.to[d];
                 local[d] = from + (to - from) * (p + 2) / (POINTS + 4); // without the ends
             }
             pliant_pose_to(&pose, local, at);
@@ -142,14 +153,16 @@ struct Sheet : Body {
                 const int32_t *node = fine.tets + 4 * t;
                 double edge[3][3], to[3];
                 for (int d = 0; d < 3; d++) {
-                    for (int v = 0; v < 3; v++) edge[v][d] = data->positions[3 * node[v + 1] + d] - data->positions[3 * node[0] + d];
+                    for (int v = 0; v < 3; v++)
+                        edge[v][d] = data->positions[3 * node[v + 1] + d] - data->positions[3 * node[0] + d];
                     to[d] = at[d] - data->positions[3 * node[0] + d];
                 }
                 const auto triple = [](const double *a, const double *b, const double *c) {
-                    return a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0]);
+                    return a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) +
+                           a[2] * (b[0] * c[1] - b[1] * c[0]);
                 };
-                const double whole = triple(edge[0], edge[1], edge[2]), a = triple(to, edge[1], edge[2]) / whole, b = triple(edge[0], to, edge[2]) / whole,
-                             c = triple(edge[0], edge[1], to) / whole;
+                const double whole = triple(edge[0], edge[1], edge[2]), a = triple(to, edge[1], edge[2]) / whole,
+                             b = triple(edge[0], to, edge[2]) / whole, c = triple(edge[0], edge[1], to) / whole;
                 if (whole > 0 && a > 0 && b > 0 && c > 0 && a + b + c < 1) {
                     inside++;
                     break;

@@ -45,7 +45,8 @@ TEST(Solver, RestNeedsOneEvaluation)
     ASSERT_EQ(body.build(), PLIANT_OK);
     ASSERT_EQ(pliant_step(body.model, body.data), PLIANT_OK);
     EXPECT_EQ(body.data->statistics.iterations, 1);
-    for (int32_t n = 0; n < 3 * body.model->body->fine.num_nodes; n++) EXPECT_EQ(body.data->positions[n], body.model->body->fine.rest[n]);
+    for (int32_t n = 0; n < 3 * body.model->body->fine.num_nodes; n++)
+        EXPECT_EQ(body.data->positions[n], body.model->body->fine.rest[n]);
 }
 
 TEST(Solver, SameInputSameBits)
@@ -87,12 +88,16 @@ TEST(Solver, AirSqueezedFlatLetsGo)
         for (int turn = 0; turn <= 6; turn++) {
             const double angle = M_PI * turn / 6, gravity[3] = {0, 9.81 * std::sin(angle), 9.81 * std::cos(angle)};
             ASSERT_EQ(pliant_data_set_gravity(body.data, gravity), PLIANT_OK);
-            EXPECT_EQ(body.settle(40), PLIANT_OK) << "air " << air << ", turn " << turn << ", residual " << body.data->statistics.residual;
-            if (air) turned_over = std::max(turned_over, pliant_mesh_inverted(&body.model->body->fine, body.data->positions));
+            EXPECT_EQ(body.settle(40), PLIANT_OK)
+                << "air " << air << ", turn " << turn << ", residual " << body.data->statistics.residual;
+            if (air)
+                turned_over =
+                    std::max(turned_over, pliant_mesh_inverted(&body.model->body->fine, body.data->positions));
             std::vector<double> now;
             for (int32_t n = 0; n < body.model->body->fine.num_nodes; n++) {
                 double height = body.model->body->fine.rest[3 * n + 2];
-                if (height > 0.039 && height < 0.081) now.insert(now.end(), body.data->positions + 3 * n, body.data->positions + 3 * n + 3);
+                if (height > 0.039 && height < 0.081)
+                    now.insert(now.end(), body.data->positions + 3 * n, body.data->positions + 3 * n + 3);
             }
             bars[air].push_back(now);
         }
@@ -243,7 +248,8 @@ TEST(Solver, TellsItsError)
         std::vector<double> x = pull(body, 10, 0.03);
         double error = 0;
         for (size_t n = 0; n < x.size(); n += 3)
-            error = std::fmax(error, std::hypot(std::hypot(x[n] - settled[n], x[n + 1] - settled[n + 1]), x[n + 2] - settled[n + 2]));
+            error = std::fmax(
+                error, std::hypot(std::hypot(x[n] - settled[n], x[n + 1] - settled[n + 1]), x[n + 2] - settled[n + 2]));
         EXPECT_LT(error, 10 * body.data->statistics.error) << iterations;
         EXPECT_GT(error, 0.1 * body.data->statistics.error) << iterations;
     }
@@ -312,9 +318,11 @@ TEST(Solver, TellsHowGoodItsStepsAre)
                 double error = 0;
                 const std::vector<double> &x = stopped.positions[f], &y = right.positions[f];
                 for (size_t n = 0; n < x.size(); n += 3)
-                    error = std::fmax(error, std::hypot(std::hypot(x[n] - y[n], x[n + 1] - y[n + 1]), x[n + 2] - y[n + 2]));
+                    error =
+                        std::fmax(error, std::hypot(std::hypot(x[n] - y[n], x[n + 1] - y[n + 1]), x[n + 2] - y[n + 2]));
                 if (error < 1e-9) continue; // too small to compare
-                const double at_once = stopped.now[f] / error, before = f + 1 < stopped.before.size() ? stopped.before[f + 1] / error : 1;
+                const double at_once = stopped.now[f] / error,
+                             before = f + 1 < stopped.before.size() ? stopped.before[f + 1] / error : 1;
                 counted++;
                 within += at_once > 1 / 3.0 && at_once < 3;
                 if (f + 1 == stopped.before.size()) continue;
@@ -326,7 +334,8 @@ TEST(Solver, TellsHowGoodItsStepsAre)
             EXPECT_EQ(body.data->statistics.error_before, 0) << "a reset has no step before it";
         }
     }
-    std::printf("within a factor of 3 in %d of %d frames, a step later in %d of %d\n", within, counted, within_before, judged);
+    std::printf("within a factor of 3 in %d of %d frames, a step later in %d of %d\n", within, counted, within_before,
+                judged);
     EXPECT_GT(counted, 150);
     EXPECT_GE(within, 0.95 * counted);
     EXPECT_GE(within_before, 0.95 * judged);
@@ -348,7 +357,8 @@ TEST(Solver, BeginsWithWhatTheStepBeforeKnows)
                 ASSERT_EQ(body->build(), PLIANT_OK);
                 out[body == &asks] = frames(*body, load, false, body == &asks);
             }
-            for (size_t f = 0; f < out[0].positions.size(); f++) ASSERT_EQ(out[0].positions[f], out[1].positions[f]) << "load " << load << ", frame " << f;
+            for (size_t f = 0; f < out[0].positions.size(); f++)
+                ASSERT_EQ(out[0].positions[f], out[1].positions[f]) << "load " << load << ", frame " << f;
             EXPECT_EQ(out[0].now, out[1].now) << "load " << load;
         }
 }
@@ -370,7 +380,8 @@ TEST(Solver, AStepThatWouldFindNothingToDoDoesNothing)
         ASSERT_EQ(pliant_step(body.model, body.data), PLIANT_OK) << what << ": " << pliant_last_error();
         EXPECT_GT(body.data->statistics.iterations, 0) << what;
         ASSERT_EQ(body.settle(), PLIANT_OK);
-        const std::vector<double> still(body.data->positions, body.data->positions + 3 * body.data->body->fine.num_nodes);
+        const std::vector<double> still(body.data->positions,
+                                        body.data->positions + 3 * body.data->body->fine.num_nodes);
         const double error = body.data->statistics.error;
         ASSERT_EQ(pliant_step(body.model, body.data), PLIANT_OK);
         EXPECT_EQ(body.data->statistics.iterations, 0) << what;
@@ -403,8 +414,10 @@ TEST(Solver, ExtremesStayFiniteAndComeBack)
         pliant_tool_release(body.data, 0);
         pliant_status status = PLIANT_NOT_CONVERGED;
         int steps = 0;
-        while (status != PLIANT_OK && steps++ < 200) ASSERT_GE(status = pliant_step(body.model, body.data), 0) << pliant_last_error();
-        EXPECT_EQ(status, PLIANT_OK) << "after a pull of " << along << " m, residual " << body.data->statistics.residual;
+        while (status != PLIANT_OK && steps++ < 200)
+            ASSERT_GE(status = pliant_step(body.model, body.data), 0) << pliant_last_error();
+        EXPECT_EQ(status, PLIANT_OK) << "after a pull of " << along << " m, residual "
+                                     << body.data->statistics.residual;
         double worst = 0;
         for (int32_t n = 0; n < 3 * body.model->body->fine.num_nodes; n++)
             worst = std::fmax(worst, std::fabs(body.data->positions[n] - body.model->body->fine.rest[n]));
@@ -453,7 +466,8 @@ TEST(Solver, RefusesWhatIsNotANumber)
     std::vector<double> before(body.data->positions, body.data->positions + 3 * body.model->body->fine.num_nodes);
     ASSERT_EQ(pliant_tool_set_pose(body.data, 0, far, nullptr), PLIANT_OK);
     EXPECT_LT(pliant_step(body.model, body.data), 0);
-    EXPECT_EQ(before, std::vector<double>(body.data->positions, body.data->positions + 3 * body.model->body->fine.num_nodes));
+    EXPECT_EQ(before,
+              std::vector<double>(body.data->positions, body.data->positions + 3 * body.model->body->fine.num_nodes));
     const double near[3] = {0.06, 0.06, 0.115};
     ASSERT_EQ(pliant_tool_set_pose(body.data, 0, near, nullptr), PLIANT_OK);
     EXPECT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
@@ -478,7 +492,8 @@ TEST(Solver, SeveralToolsAndGravity)
     ASSERT_EQ(pliant_tool_add(body.model, body.data, "a", &a), PLIANT_OK);
     ASSERT_EQ(pliant_tool_add(body.model, body.data, "b", &b), PLIANT_OK);
     EXPECT_NE(a, b);
-    const double pa[3] = {0.03, 0.06, 0.11}, pb[3] = {0.09, 0.06, 0.11}, ta[3] = {0.02, 0.06, 0.12}, tb[3] = {0.1, 0.06, 0.12};
+    const double pa[3] = {0.03, 0.06, 0.11}, pb[3] = {0.09, 0.06, 0.11}, ta[3] = {0.02, 0.06, 0.12},
+                 tb[3] = {0.1, 0.06, 0.12};
     ASSERT_EQ(pliant_tool_grasp(body.model, body.data, a, pa), PLIANT_OK);
     ASSERT_EQ(pliant_tool_grasp(body.model, body.data, b, pb), PLIANT_OK);
     pliant_tool_set_pose(body.data, a, ta, nullptr);
@@ -491,7 +506,8 @@ TEST(Solver, SeveralToolsAndGravity)
     pliant_tool_release(body.data, b);
     ASSERT_EQ(pliant_data_set_gravity(body.data, body.model->scene.model.gravity), PLIANT_OK);
     ASSERT_EQ(body.settle(), PLIANT_OK);
-    for (int32_t n = 0; n < 3 * body.model->body->fine.num_nodes; n++) EXPECT_NEAR(body.data->positions[n], body.model->body->fine.rest[n], 1e-5);
+    for (int32_t n = 0; n < 3 * body.model->body->fine.num_nodes; n++)
+        EXPECT_NEAR(body.data->positions[n], body.model->body->fine.rest[n], 1e-5);
 }
 
 TEST(Solver, FailingAllocationsNeverLeak)
@@ -507,7 +523,8 @@ TEST(Solver, FailingAllocationsNeverLeak)
             pliant_model *model = nullptr;
             pliant_data *data = nullptr;
             pliant_memory_fail_after(n);
-            pliant_status status = pliant_model_build(&body.scene, &body.scan, nullptr, &body.table, {nullptr, nullptr}, &model);
+            pliant_status status =
+                pliant_model_build(&body.scene, &body.scan, nullptr, &body.table, {nullptr, nullptr}, &model);
             if (status == PLIANT_OK) status = pliant_data_create(model, &data);
             int tool = 0;
             const double point[3] = {0.06, 0.06, 0.11}, tip[3] = {0.07, 0.06, 0.12};
@@ -520,7 +537,8 @@ TEST(Solver, FailingAllocationsNeverLeak)
             pliant_model_free(model);
             ASSERT_EQ(pliant_memory_in_use(), before) << "allocation " << n << ", method " << method;
             if (status >= 0) break;
-            ASSERT_EQ(status, PLIANT_ERROR_MEMORY) << "allocation " << n << ", method " << method << ": " << pliant_last_error();
+            ASSERT_EQ(status, PLIANT_ERROR_MEMORY)
+                << "allocation " << n << ", method " << method << ": " << pliant_last_error();
             failures++;
             ASSERT_LT(n, 20000);
         }

@@ -36,21 +36,23 @@ void dynamics(pliant_scene &scene, bool quasi_static)
     scene.tled.prony_time[0] = 0.05;
 }
 
-const Case all[] = {{"direct", false, false, [](pliant_scene &scene) { scene.solver.preconditioner = PLIANT_DIRECT; }},
-                    {"multigrid", false, false, [](pliant_scene &scene) { scene.solver.preconditioner = PLIANT_MULTIGRID; }},
-                    {"pieces", false, true, [](pliant_scene &scene) { scene.solver.preconditioner = PLIANT_DIRECT; }},
-                    {"averaged", false, true, [](pliant_scene &scene) { coarse(scene, 0); }},
-                    {"patch", false, false, [](pliant_scene &scene) { coarse(scene, 0.02); }},
-                    {"relaxation", false, true, [](pliant_scene &scene) { dynamics(scene, true); }},
-                    {"explicit", true, false, [](pliant_scene &scene) { dynamics(scene, false); }},
-                    {"explicit_pieces", true, true, [](pliant_scene &scene) { dynamics(scene, false); }}};
+const Case all[] = {
+    {"direct", false, false, [](pliant_scene &scene) { scene.solver.preconditioner = PLIANT_DIRECT; }},
+    {"multigrid", false, false, [](pliant_scene &scene) { scene.solver.preconditioner = PLIANT_MULTIGRID; }},
+    {"pieces", false, true, [](pliant_scene &scene) { scene.solver.preconditioner = PLIANT_DIRECT; }},
+    {"averaged", false, true, [](pliant_scene &scene) { coarse(scene, 0); }},
+    {"patch", false, false, [](pliant_scene &scene) { coarse(scene, 0.02); }},
+    {"relaxation", false, true, [](pliant_scene &scene) { dynamics(scene, true); }},
+    {"explicit", true, false, [](pliant_scene &scene) { dynamics(scene, false); }},
+    {"explicit_pieces", true, true, [](pliant_scene &scene) { dynamics(scene, false); }}};
 
 const int size[3] = {8, 8, 32};
 const double box[3] = {0.04, 0.04, 0.16};
 
 // A bar that hangs from its top at z = 0.16.
 struct Bar : Body {
-    explicit Bar(const Case &of, pliant_backend_choice backend = PLIANT_CPU) : Body(size, box, {{20000, 0.4, 1000, false}})
+    explicit Bar(const Case &of, pliant_backend_choice backend = PLIANT_CPU)
+        : Body(size, box, {{20000, 0.4, 1000, false}})
     {
         fix_plane(0, 0, 0.16 - 1e-6, 0, 0, -1);
         cells(4, 4, 16, 1);
@@ -150,14 +152,20 @@ std::string difference(const pliant_state &a, const pliant_state &b)
     std::string names;
     const auto add = [&names](bool same, const char *name) { names += same ? "" : std::string(" ") + name; };
 #define COMPARE(type, name) \
-    add(a.name.count == b.name.count && (a.name.count == 0 || std::memcmp(a.name.at, b.name.at, a.name.count * sizeof *a.name.at) == 0), #name);
+    add(a.name.count == b.name.count && \
+            (a.name.count == 0 || std::memcmp(a.name.at, b.name.at, a.name.count * sizeof *a.name.at) == 0), \
+        #name);
     PLIANT_STATE_ARRAYS(COMPARE)
 #undef COMPARE
     add(std::memcmp(&a.dynamics, &b.dynamics, sizeof a.dynamics) == 0, "dynamics");
-    add(std::memcmp(a.gravity, b.gravity, sizeof a.gravity) == 0 && a.iterations == b.iterations && a.tolerance == b.tolerance, "input");
+    add(std::memcmp(a.gravity, b.gravity, sizeof a.gravity) == 0 && a.iterations == b.iterations &&
+            a.tolerance == b.tolerance,
+        "input");
     add(std::memcmp(a.grasp_force, b.grasp_force, sizeof a.grasp_force) == 0, "grasp_force");
     const pliant_contacts &x = a.contact[0].points, &y = b.contact[0].points;
-    add(x.count == y.count && (x.count == 0 || std::memcmp(x.point, y.point, static_cast<size_t>(x.count) * sizeof *x.point) == 0), "contacts");
+    add(x.count == y.count &&
+            (x.count == 0 || std::memcmp(x.point, y.point, static_cast<size_t>(x.count) * sizeof *x.point) == 0),
+        "contacts");
     add(a.num_tools == b.num_tools, "num_tools");
     for (int t = 0; t < std::min(a.num_tools, b.num_tools); t++) {
         pliant_tool s = a.tools[t], u = b.tools[t];
@@ -277,7 +285,8 @@ TEST_P(ExplicitState, AStepThatDivergesLeavesIt)
     ASSERT_EQ(pliant_data_set_gravity(data, still), PLIANT_OK);
     EXPECT_EQ(go_on(data), after);
 }
-INSTANTIATE_TEST_SUITE_P(Explicit, ExplicitState, testing::Values(all[6], all[7]), [](const testing::TestParamInfo<Case> &each) { return std::string(each.param.name); });
+INSTANTIATE_TEST_SUITE_P(Explicit, ExplicitState, testing::Values(all[6], all[7]),
+                         [](const testing::TestParamInfo<Case> &each) { return std::string(each.param.name); });
 
 std::vector<char> bytes_of(const pliant_state *state)
 {
@@ -306,12 +315,15 @@ TEST_P(AnyState, IsReadFromBytes)
     for (int32_t c = 0; cuts && c < cuts->num_cuts; c++) {
         pliant_body *next = nullptr;
         const int32_t first = c > 0 ? cuts->cut_end[c - 1] : 0;
-        ASSERT_EQ(pliant_body_sever(body, body->revision + 1, cuts->cut_end[c] - first, cuts->severed + first, &next), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_body_sever(body, body->revision + 1, cuts->cut_end[c] - first, cuts->severed + first, &next),
+                  PLIANT_OK)
+            << pliant_last_error();
         pliant_body_release(body);
         body = next;
     }
     add_tools(later.model, later.data);
-    ASSERT_EQ(pliant_state_read(later.model, later.data, body, bytes.size(), bytes.data(), other_), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_state_read(later.model, later.data, body, bytes.size(), bytes.data(), other_), PLIANT_OK)
+        << pliant_last_error();
     EXPECT_EQ(difference(*saved_, *other_), GetParam().cuts ? " undo body" : " body");
     ASSERT_EQ(pliant_state_restore(later.model, later.data, other_), PLIANT_OK) << pliant_last_error();
     pliant_body_release(body);
@@ -331,7 +343,8 @@ TEST_P(State, OfOtherBytesIsRefused)
     ASSERT_EQ(pliant_state_save(body_.model, body_.data, other_), PLIANT_OK);
     const std::vector<char> good = bytes_of(saved_);
     const auto refused = [&](std::vector<char> bytes, const char *why) {
-        EXPECT_EQ(pliant_state_read(body_.model, body_.data, body_.data->body, bytes.size(), bytes.data(), other_), PLIANT_ERROR_FORMAT);
+        EXPECT_EQ(pliant_state_read(body_.model, body_.data, body_.data->body, bytes.size(), bytes.data(), other_),
+                  PLIANT_ERROR_FORMAT);
         EXPECT_NE(std::string(pliant_last_error()).find(why), std::string::npos) << pliant_last_error();
     };
     refused({good.begin(), good.begin() + 7}, "no simulation state");
@@ -346,7 +359,8 @@ TEST_P(State, OfOtherBytesIsRefused)
     bad[32] ^= 2; // of its mesh
     refused(bad, "another mesh");
     EXPECT_EQ(difference(*saved_, *other_), "");
-    EXPECT_EQ(pliant_state_read(body_.model, body_.data, body_.data->body, good.size(), good.data(), other_), PLIANT_OK);
+    EXPECT_EQ(pliant_state_read(body_.model, body_.data, body_.data->body, good.size(), good.data(), other_),
+              PLIANT_OK);
 }
 
 // Halved sub-steps, grasps, contacts and cuts leave nothing behind.
@@ -369,7 +383,9 @@ TEST_P(AnyState, ResetStartsAsALoad)
     std::swap(body_.model, loaded.model);
 }
 
-INSTANTIATE_TEST_SUITE_P(Every, AnyState, testing::ValuesIn(all), [](const testing::TestParamInfo<Case> &each) { return std::string(each.param.name); });
-INSTANTIATE_TEST_SUITE_P(Every, State, testing::ValuesIn(all), [](const testing::TestParamInfo<Case> &each) { return std::string(each.param.name); });
+INSTANTIATE_TEST_SUITE_P(Every, AnyState, testing::ValuesIn(all),
+                         [](const testing::TestParamInfo<Case> &each) { return std::string(each.param.name); });
+INSTANTIATE_TEST_SUITE_P(Every, State, testing::ValuesIn(all),
+                         [](const testing::TestParamInfo<Case> &each) { return std::string(each.param.name); });
 
 } // namespace

@@ -17,7 +17,8 @@ TEST_P(EveryElement, IsPositiveSemidefiniteWithItsRigidModes)
 {
     const int size[3] = {16, 16, 48};
     const double box[3] = {0.04, 0.04, 0.12};
-    Body body(size, box, {{4000, 0.45, 1000, false}, {40000, 0.3, 1000, false}}, [](int i, int j, int k) { return (i / 3 + j / 5 + k / 4) % 3 == 0; });
+    Body body(size, box, {{4000, 0.45, 1000, false}, {40000, 0.3, 1000, false}},
+              [](int i, int j, int k) { return (i / 3 + j / 5 + k / 4) % 3 == 0; });
     const bool fine = GetParam().method == PLIANT_FINE;
     body.cells(fine ? 4 : 2, fine ? 4 : 2, fine ? 12 : 6, fine ? 1 : 2);
     body.fix_plane(0, 0, 1e-6, 0, 0, 1);
@@ -33,7 +34,8 @@ TEST_P(EveryElement, IsPositiveSemidefiniteWithItsRigidModes)
     for (; strokes < 36; strokes++) {
         double points[6], depth[3];
         for (int d = 0; d < 3; d++) {
-            const double at = (d == 2 ? 0.75 + 0.2 * unit(random) : 0.5 + 0.45 * unit(random)) * box[d], half = 0.012 * unit(random);
+            const double at = (d == 2 ? 0.75 + 0.2 * unit(random) : 0.5 + 0.45 * unit(random)) * box[d],
+                         half = 0.012 * unit(random);
             points[d] = at - half;
             points[3 + d] = at + half;
             depth[d] = 0.015 * unit(random);
@@ -72,7 +74,8 @@ TEST_P(EveryElement, IsPositiveSemidefiniteWithItsRigidModes)
     const std::vector<std::vector<int32_t>> pieces = elements.pieces();
     for (const std::vector<int32_t> &piece : pieces) {
         const std::vector<int32_t> nodes = elements.nodes(piece);
-        expect_rigid_modes(elements, nodes, elements.stiffness(piece), 3 * nodes.size() - 6, "a piece of " + std::to_string(piece.size()) + " elements");
+        expect_rigid_modes(elements, nodes, elements.stiffness(piece), 3 * nodes.size() - 6,
+                           "a piece of " + std::to_string(piece.size()) + " elements");
         if (HasFatalFailure()) return;
         most = std::max(most, piece.size());
     }
@@ -80,8 +83,12 @@ TEST_P(EveryElement, IsPositiveSemidefiniteWithItsRigidModes)
     EXPECT_EQ(pieces.size() > 1, fine);
 }
 
-const Kind kinds[] = {{"tetrahedra", PLIANT_FINE, PLIANT_LINEAR}, {"hexahedra", PLIANT_FINE, PLIANT_HEXAHEDRA}, {"graded_tetrahedra", PLIANT_COARSE, PLIANT_LINEAR},
-                      {"graded_hexahedra", PLIANT_COARSE, PLIANT_HEXAHEDRA}, {"averaged_hexahedra", PLIANT_AVERAGED, PLIANT_HEXAHEDRA}};
-INSTANTIATE_TEST_SUITE_P(Kinds, EveryElement, testing::ValuesIn(kinds), [](const auto &info) { return std::string(info.param.name); });
+const Kind kinds[] = {{"tetrahedra", PLIANT_FINE, PLIANT_LINEAR},
+                      {"hexahedra", PLIANT_FINE, PLIANT_HEXAHEDRA},
+                      {"graded_tetrahedra", PLIANT_COARSE, PLIANT_LINEAR},
+                      {"graded_hexahedra", PLIANT_COARSE, PLIANT_HEXAHEDRA},
+                      {"averaged_hexahedra", PLIANT_AVERAGED, PLIANT_HEXAHEDRA}};
+INSTANTIATE_TEST_SUITE_P(Kinds, EveryElement, testing::ValuesIn(kinds),
+                         [](const auto &info) { return std::string(info.param.name); });
 
 } // namespace

@@ -34,7 +34,10 @@ struct Way {
     double beyond; // distance of its end beyond the sheet's middle [m]
     double speed = 1; // maximum speed [m/s]
     double stride() const { return 0.02 * speed; }
-    int steps() const { return static_cast<int>(std::ceil(std::sqrt(way[0] * way[0] + way[1] * way[1] + way[2] * way[2]) / stride())); }
+    int steps() const
+    {
+        return static_cast<int>(std::ceil(std::sqrt(way[0] * way[0] + way[1] * way[1] + way[2] * way[2]) / stride()));
+    }
 };
 
 // Results of a sweep (20 mm per step at 1 m/s) and four steps of rest.
@@ -50,7 +53,8 @@ struct Swept {
 inline void move(Sheet &sheet, int tool, const Way &on, int step)
 {
     const double share = std::min(1.0, static_cast<double>(step) / on.steps());
-    sheet.move(tool, on.from[0] + share * on.way[0], on.from[1] + share * on.way[1], on.from[2] + share * on.way[2], on.rotation);
+    sheet.move(tool, on.from[0] + share * on.way[0], on.from[1] + share * on.way[1], on.from[2] + share * on.way[2],
+               on.rotation);
 }
 
 inline pliant_tool_shape shape_of(const pliant_part &part)
@@ -68,7 +72,9 @@ inline bool comes_by_what_is_held(const Sheet &sheet, int tool, const Way &on, i
     const int poses = static_cast<int>(std::ceil(on.stride() / (0.25 * pliant_part_depth(&on.part))));
     for (int n = 0; n <= poses; n++) {
         double tip[3];
-        for (int d = 0; d < 3; d++) tip[d] = on.from[d] + std::min(1.0, std::max(0.0, step - 1 + static_cast<double>(n) / poses) / on.steps()) * on.way[d];
+        for (int d = 0; d < 3; d++)
+            tip[d] = on.from[d] +
+                     std::min(1.0, std::max(0.0, step - 1 + static_cast<double>(n) / poses) / on.steps()) * on.way[d];
         if (sheet.is_in_what_is_held(tool, tip)) return true;
     }
     return false;
@@ -77,12 +83,14 @@ inline bool comes_by_what_is_held(const Sheet &sheet, int tool, const Way &on, i
 // Cut off a part of the sheet's free side, far from the sweep.
 inline void cut_off(Sheet &sheet)
 {
-    const double way[12] = {0.0213, -0.01, 0.01, 0.0213, 0.0063, 0.01, 0.0387, 0.0063, 0.01, 0.0387, -0.01, 0.01}, down[3] = {0, 0, -0.02};
+    const double way[12] = {0.0213, -0.01, 0.01, 0.0213, 0.0063, 0.01, 0.0387, 0.0063, 0.01, 0.0387, -0.01, 0.01},
+                 down[3] = {0, 0, -0.02};
     ASSERT_EQ(pliant_data_cut(sheet.model, sheet.data, 4, way, down, nullptr), PLIANT_OK) << pliant_last_error();
     const pliant_body *body = sheet.data->body;
     ASSERT_TRUE(body->pieces);
     std::vector<double> positions(sheet.data->positions, sheet.data->positions + 3 * body->fine.num_nodes);
-    for (int32_t i = 0; i < body->pieces->start[body->pieces->count]; i++) positions[3 * body->pieces->node[i] + 1] -= 0.2;
+    for (int32_t i = 0; i < body->pieces->start[body->pieces->count]; i++)
+        positions[3 * body->pieces->node[i] + 1] -= 0.2;
     ASSERT_EQ(pliant_data_set_positions(sheet.model, sheet.data, positions.data()), PLIANT_OK) << pliant_last_error();
 }
 
@@ -99,14 +107,16 @@ inline void press_a_corner(Sheet &sheet)
 
 inline std::unique_ptr<Sheet> sheet_for(const Way &on, const Mode &mode)
 {
-    auto made = std::make_unique<Sheet>(1, on.friction, mode.budget_ms, mode.element, mode.dynamic, [&mode](pliant_scene &scene) {
-        scene.model.method = mode.method;
-        scene.solver.backend = mode.backend;
-        scene.mesh.ratio = mode.method == PLIANT_FINE ? 1 : 2;
-        if (mode.beside == Beside::Piece) scene.cut.kind = mode.method == PLIANT_FINE ? PLIANT_CUT_SUBDIVIDE : PLIANT_CUT_SEVER;
-        if (mode.beside == Beside::Patch) scene.model.patch = 0.012;
-        if (mode.beside == Beside::Piece) scene.warp.margin = 1;
-    });
+    auto made = std::make_unique<Sheet>(
+        1, on.friction, mode.budget_ms, mode.element, mode.dynamic, [&mode](pliant_scene &scene) {
+            scene.model.method = mode.method;
+            scene.solver.backend = mode.backend;
+            scene.mesh.ratio = mode.method == PLIANT_FINE ? 1 : 2;
+            if (mode.beside == Beside::Piece)
+                scene.cut.kind = mode.method == PLIANT_FINE ? PLIANT_CUT_SUBDIVIDE : PLIANT_CUT_SEVER;
+            if (mode.beside == Beside::Patch) scene.model.patch = 0.012;
+            if (mode.beside == Beside::Piece) scene.warp.margin = 1;
+        });
     if (mode.beside == Beside::Patch) press_a_corner(*made);
     if (mode.beside == Beside::Piece) cut_off(*made);
     return made;
@@ -129,10 +139,20 @@ inline Swept sweep(const Way &on, Mode mode = {})
         legs = std::max(legs, sheet.data->statistics.legs);
         turned = std::max(turned, sheet.turned());
         if (std::getenv("PLIANT_SWEEPS_STEPS"))
-            std::printf("  step %d: %d evaluations, %d legs, advanced %g, %g mm behind, ended %d, %d contacts, %d turned\n", step, sheet.data->statistics.iterations, sheet.data->statistics.legs,
-                        sheet.data->statistics.advanced, 1e3 * sheet.data->statistics.proxy_error, sheet.data->statistics.ended, sheet.data->statistics.contacts, sheet.turned());
+            std::printf(
+                "  step %d: %d evaluations, %d legs, advanced %g, %g mm behind, ended %d, %d contacts, %d turned\n",
+                step, sheet.data->statistics.iterations, sheet.data->statistics.legs, sheet.data->statistics.advanced,
+                1e3 * sheet.data->statistics.proxy_error, sheet.data->statistics.ended, sheet.data->statistics.contacts,
+                sheet.turned());
     }
-    return {sheet.deepest_of_surface(tool), sheet.farthest(), sheet.middles_inside(tool), turned, sheet.data->statistics.proxy_error, evaluations, legs, meets_held};
+    return {sheet.deepest_of_surface(tool),
+            sheet.farthest(),
+            sheet.middles_inside(tool),
+            turned,
+            sheet.data->statistics.proxy_error,
+            evaluations,
+            legs,
+            meets_held};
 }
 
 inline int number_from(const char *name, int otherwise)
@@ -160,17 +180,26 @@ public:
     Way next()
     {
         const pliant_part parts[] = {
-            {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0.1}, 0.0005, false}, {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0.1}, 0.0042, false},
-            {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, -0.05, 0}, {0, 0.05, 0}, 0.0005, false}, {PLIANT_PART_SPHERE, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, 0.002, false},
+            {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0.1}, 0.0005, false},
+            {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0.1}, 0.0042, false},
+            {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, -0.05, 0}, {0, 0.05, 0}, 0.0005, false},
+            {PLIANT_PART_SPHERE, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, 0.002, false},
             {PLIANT_PART_BOX, PLIANT_FRAME_TIP, {-0.01, -0.0005, 0}, {0.01, 0.0005, 0.05}, 0, false},
-            {PLIANT_PART_SOLID, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, 0, false, solid[0]}, {PLIANT_PART_SOLID, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, 0, false, solid[1]},
+            {PLIANT_PART_SOLID, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, 0, false, solid[0]},
+            {PLIANT_PART_SOLID, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, 0, false, solid[1]},
         };
         const bool lies = number++ % 7 == 2;
-        const double side = random(0, 1) < 0.5 ? -1 : 1, tilt = random(0, M_PI / 3), about = random(0, 2 * M_PI), half = 0.5 * (side > 0 ? tilt : M_PI - tilt);
+        const double side = random(0, 1) < 0.5 ? -1 : 1, tilt = random(0, M_PI / 3), about = random(0, 2 * M_PI),
+                     half = 0.5 * (side > 0 ? tilt : M_PI - tilt);
         // of a rod along the sheet's free direction, because the fixed sides are not swept
         const double across = 0.15 * std::cos(about);
         const double beyond = random(0.004, 0.024), clear = random(0.001, 0.012) + (lies ? 0.05 : 0.012);
-        Way out = {parts[(number - 1) % 7], {random(0.025, 0.035), random(0.025, 0.035), 0.002 + side * (0.002 + clear)}, {}, {}, 0, beyond};
+        Way out = {parts[(number - 1) % 7],
+                   {random(0.025, 0.035), random(0.025, 0.035), 0.002 + side * (0.002 + clear)},
+                   {},
+                   {},
+                   0,
+                   beyond};
         out.way[0] = random(-0.005, 0.005);
         out.way[1] = random(-0.005, 0.005);
         out.way[2] = -side * (clear + beyond);
@@ -187,7 +216,10 @@ public:
     }
 
 private:
-    double random(double low, double high) { return low + (high - low) * std::uniform_real_distribution<double>()(engine); }
+    double random(double low, double high)
+    {
+        return low + (high - low) * std::uniform_real_distribution<double>()(engine);
+    }
     std::mt19937 engine{5};
     pliant_solid *solid[2] = {};
     int number = 0;
@@ -197,7 +229,8 @@ private:
 // reaches its axis, the sheet has moved less than the tool's proxy, or it has moved too far.
 inline bool is_through(const Swept &swept, const Way &on)
 {
-    return swept.inside > 0 || swept.deepest > 0.9 * pliant_part_depth(&on.part) || swept.carried < 0.5 * (on.beyond - swept.proxy_error) || !(swept.carried < 0.1);
+    return swept.inside > 0 || swept.deepest > 0.9 * pliant_part_depth(&on.part) ||
+           swept.carried < 0.5 * (on.beyond - swept.proxy_error) || !(swept.carried < 0.1);
 }
 
 // Run PLIANT_SWEEPS sweeps (default: `otherwise`) starting at PLIANT_SWEEPS_FIRST, at PLIANT_SWEEPS_SPEED m/s. Print a
@@ -216,8 +249,11 @@ inline int count_swept_through(int otherwise, Mode mode)
         const Swept swept = sweep(on, mode);
         const bool passes = is_through(swept, on);
         if (passes || swept.deepest > 2e-4 || swept.turned > 0 || swept.proxy_error > 2e-4)
-            std::printf("sweep %d: kind %d, %g mm beyond: carried %g mm, %d points inside, %g mm deep, %d elements inside out, %g mm behind, %d evaluations, %d legs%s%s\n", n, n % 7, 1e3 * on.beyond, 1e3 * swept.carried, swept.inside,
-                        1e3 * swept.deepest, swept.turned, 1e3 * swept.proxy_error, swept.evaluations, swept.legs, passes ? ", through" : "", swept.meets_held ? ", in what is held" : "");
+            std::printf(
+                "sweep %d: kind %d, %g mm beyond: carried %g mm, %d points inside, %g mm deep, %d elements inside out, %g mm behind, %d evaluations, %d legs%s%s\n",
+                n, n % 7, 1e3 * on.beyond, 1e3 * swept.carried, swept.inside, 1e3 * swept.deepest, swept.turned,
+                1e3 * swept.proxy_error, swept.evaluations, swept.legs, passes ? ", through" : "",
+                swept.meets_held ? ", in what is held" : "");
         std::fflush(stdout);
         held += swept.meets_held;
         if (swept.meets_held) continue;
@@ -225,10 +261,12 @@ inline int count_swept_through(int otherwise, Mode mode)
         turned += swept.turned > 0;
         deepest = std::fmax(deepest, swept.deepest);
     }
-    std::printf("from %d to %d: %d sweeps, %d more into what is held, %d through, %d with elements inside out, deepest %.3f mm\n", first, count, count - first - held, held, through, turned,
-                1e3 * deepest);
+    std::printf(
+        "from %d to %d: %d sweeps, %d more into what is held, %d through, %d with elements inside out, deepest %.3f mm\n",
+        first, count, count - first - held, held, through, turned, 1e3 * deepest);
     std::fflush(stdout);
-    const bool keeps_volumes = mode.element == PLIANT_LINEAR && !mode.dynamic && mode.method == PLIANT_FINE && mode.beside == Beside::Nothing;
+    const bool keeps_volumes =
+        mode.element == PLIANT_LINEAR && !mode.dynamic && mode.method == PLIANT_FINE && mode.beside == Beside::Nothing;
     if (keeps_volumes) EXPECT_EQ(turned, 0);
     return through;
 }

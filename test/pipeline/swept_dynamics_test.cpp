@@ -11,7 +11,10 @@ namespace {
 
 constexpr Mode dynamic = {0, PLIANT_BACKGROUND_PLANNED, PLIANT_LINEAR, true};
 
-std::vector<double> positions_of(const Sheet &sheet, const pliant_data *data) { return {data->positions, data->positions + 3 * sheet.model->body->fine.num_nodes}; }
+std::vector<double> positions_of(const Sheet &sheet, const pliant_data *data)
+{
+    return {data->positions, data->positions + 3 * sheet.model->body->fine.num_nodes};
+}
 
 // These sweeps include all that tunnel if points are detected once per frame. PLIANT_SWEEPS, PLIANT_SWEEPS_FIRST: as in
 // swept_test.
@@ -32,12 +35,17 @@ TEST(SweptDynamics, ThoseThatOnceWentThroughDoNot)
 
 // A sheet that a tool enters at 1 m/s, as in one of the random sweeps.
 struct Dip {
-    explicit Dip(int number) : on(Sweeps().at(number)), sheet(1, on.friction, 0, PLIANT_LINEAR, true), tool(sheet.add("tool", shape_of(on.part), on.from[0], on.from[1], on.from[2])) {}
+    explicit Dip(int number)
+        : on(Sweeps().at(number)), sheet(1, on.friction, 0, PLIANT_LINEAR, true),
+          tool(sheet.add("tool", shape_of(on.part), on.from[0], on.from[1], on.from[2]))
+    {
+    }
     int steps() const { return on.steps() + 4; }
     pliant_status step(pliant_data *data, int number)
     {
         const double share = std::min(1.0, static_cast<double>(number) / on.steps());
-        const double tip[3] = {on.from[0] + share * on.way[0], on.from[1] + share * on.way[1], on.from[2] + share * on.way[2]};
+        const double tip[3] = {on.from[0] + share * on.way[0], on.from[1] + share * on.way[1],
+                               on.from[2] + share * on.way[2]};
         EXPECT_EQ(pliant_tool_set_pose(data, tool, tip, on.rotation), PLIANT_OK);
         return pliant_step(sheet.model, data);
     }
@@ -82,8 +90,12 @@ void is_undone(int number)
         if (status == PLIANT_OK) continue;
         failed++;
         ASSERT_EQ(status, PLIANT_ERROR_MEMORY);
-        EXPECT_EQ(positions_of(run.sheet, run.sheet.data), std::vector<double>(expected[at - 1].begin(), expected[at - 1].begin() + 3 * run.sheet.model->body->fine.num_nodes)) << calls;
-        for (int d = 0; d < 3; d++) EXPECT_DOUBLE_EQ(run.sheet.data->tools[run.tool].tip[d], run.on.from[d] + run.on.way[d]) << calls;
+        EXPECT_EQ(positions_of(run.sheet, run.sheet.data),
+                  std::vector<double>(expected[at - 1].begin(),
+                                      expected[at - 1].begin() + 3 * run.sheet.model->body->fine.num_nodes))
+            << calls;
+        for (int d = 0; d < 3; d++)
+            EXPECT_DOUBLE_EQ(run.sheet.data->tools[run.tool].tip[d], run.on.from[d] + run.on.way[d]) << calls;
         for (; at < run.steps(); at++) {
             ASSERT_EQ(run.step(run.sheet.data, at), PLIANT_OK);
             EXPECT_EQ(state_of(run, run.sheet.data), expected[at]) << "after " << calls << " allocations, step " << at;
@@ -155,7 +167,8 @@ TEST(SweptDynamics, AToolInTheAirPaysNothing)
 TEST(SweptDynamics, ForcesAreTheChangeOfMomentum)
 {
     const int size[3] = {4, 4, 4};
-    const double box[3] = {0.04, 0.04, 0.04}, mass = 1000 * box[0] * box[1] * box[2], from[3] = {0.0213, 0.0187, 0.06}, speed[3] = {0.2, -0.1, -0.9};
+    const double box[3] = {0.04, 0.04, 0.04}, mass = 1000 * box[0] * box[1] * box[2], from[3] = {0.0213, 0.0187, 0.06},
+                 speed[3] = {0.2, -0.1, -0.9};
     Body cube(size, box, {{5000, 0.3, 1000, false}});
     cube.cells(4, 4, 4, 1);
     cube.scene.solver.kind = PLIANT_TLED;
@@ -175,10 +188,12 @@ TEST(SweptDynamics, ForcesAreTheChangeOfMomentum)
         const int32_t halvings = cube.data->tled->halvings;
         ASSERT_EQ(pliant_step(cube.model, cube.data), PLIANT_OK) << pliant_last_error();
         // halved in between: fewer
-        if (cube.data->tled->halvings == halvings) EXPECT_EQ(static_cast<int32_t>(cube.data->statistics.iterations), cube.data->tled->substeps);
+        if (cube.data->tled->halvings == halvings)
+            EXPECT_EQ(static_cast<int32_t>(cube.data->statistics.iterations), cube.data->tled->substeps);
         parts = std::max(parts, cube.data->statistics.legs);
         const pliant_tled *tled = cube.data->tled;
-        for (int32_t i = 0; i < 3 * cube.model->body->fine.num_nodes; i++) now[i % 3] += tled->system->node_mass[i / 3] * tled->d[i] / tled->time_step;
+        for (int32_t i = 0; i < 3 * cube.model->body->fine.num_nodes; i++)
+            now[i % 3] += tled->system->node_mass[i / 3] * tled->d[i] / tled->time_step;
         for (int32_t p = 0; p < cube.data->contacts.count; p++)
             for (int d = 0; d < 3; d++) force[d] += cube.data->contacts.point[p].force[d];
         for (int d = 0; d < 3; d++) {
@@ -198,18 +213,22 @@ TEST(SweptDynamics, HostileTools)
     Sheet sheet(1, 0.3, 0, PLIANT_LINEAR, true);
     std::vector<int> tools;
     for (int t = 0; t < PLIANT_MAX_TOOLS - 1; t++)
-        tools.push_back(sheet.add(("t" + std::to_string(t)).c_str(), t % 2 ? ball(0.002) : rod(0.0008), 0.012 + 0.005 * t, 0.03, t < 2 ? 0.002 : 0.02));
+        tools.push_back(sheet.add(("t" + std::to_string(t)).c_str(), t % 2 ? ball(0.002) : rod(0.0008),
+                                  0.012 + 0.005 * t, 0.03, t < 2 ? 0.002 : 0.02));
     const double held[3] = {0.03, 0.03, 0.004};
     const int holds = sheet.add("forceps", pliant_tool_shape{}, held[0], held[1], held[2]);
     ASSERT_EQ(pliant_tool_grasp(sheet.model, sheet.data, holds, held), PLIANT_OK) << pliant_last_error();
     std::mt19937 engine(3);
-    const auto random = [&](double low, double high) { return low + (high - low) * std::uniform_real_distribution<double>()(engine); };
+    const auto random = [&](double low, double high) {
+        return low + (high - low) * std::uniform_real_distribution<double>()(engine);
+    };
     int done = 0;
     for (int step = 0; step < 24; step++) {
         for (size_t t = 0; t < tools.size(); t++) {
             const double fast = 0.02 * step, x = 0.012 + 0.005 * t, turn = 1.3 * step + t;
             const double rotation[4] = {0, std::sin(turn), 0, std::cos(turn)}, nowhere[3] = {NAN, 0, 0};
-            if (step % 5 == 0) EXPECT_EQ(pliant_tool_set_pose(sheet.data, tools[t], nowhere, nullptr), PLIANT_ERROR_ARGUMENT);
+            if (step % 5 == 0)
+                EXPECT_EQ(pliant_tool_set_pose(sheet.data, tools[t], nowhere, nullptr), PLIANT_ERROR_ARGUMENT);
             switch (t % 4) {
             case 0: sheet.move(tools[t], x, 0.03, random(-0.03, 0.03)); break;            // jumps
             case 1: sheet.move(tools[t], x, 0.03, 0.02 * std::cos(fast / 0.02)); break;   // moves through and back

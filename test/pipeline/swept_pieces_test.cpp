@@ -10,7 +10,10 @@
 
 namespace {
 
-std::vector<double> positions_of(const pliant_data *data) { return {data->positions, data->positions + 3 * data->body->fine.num_nodes}; }
+std::vector<double> positions_of(const pliant_data *data)
+{
+    return {data->positions, data->positions + 3 * data->body->fine.num_nodes};
+}
 
 int32_t node_of_piece(const Sheet &sheet) { return sheet.data->body->pieces->node[sheet.data->body->pieces->start[0]]; }
 
@@ -75,7 +78,8 @@ TEST(SweptPieces, NothingIsSweptThroughAPiece)
             piece.step(tool);
         }
         if (piece.is_through(on.part))
-            std::printf("sweep %d: kind %d: %d points inside, %g mm deep, up to %d parts, gone %g mm\n", n, n % 7, piece.inside, 1e3 * piece.deepest, piece.parts, 1e3 * piece.way());
+            std::printf("sweep %d: kind %d: %d points inside, %g mm deep, up to %d parts, gone %g mm\n", n, n % 7,
+                        piece.inside, 1e3 * piece.deepest, piece.parts, 1e3 * piece.way());
         through += piece.is_through(on.part);
         moved += piece.way() > 0.001;
     }
@@ -90,23 +94,27 @@ TEST(SweptPieces, UprightRodsPushAPieceAlongTheGround)
     for (const double radius : {0.0005, 0.002})
         for (const double aside : {-0.005, 0.0, 0.002})
             for (const bool lengthwise : {false, true}) {
-                SCOPED_TRACE(testing::Message() << radius << " m, " << aside << " m aside, " << (lengthwise ? "lengthwise" : "across"));
+                SCOPED_TRACE(testing::Message()
+                             << radius << " m, " << aside << " m aside, " << (lengthwise ? "lengthwise" : "across"));
                 Piece piece(0.2, [](pliant_scene &scene) {
                     scene.ground.normal[2] = 1;
                     scene.ground.friction = 0.3;
                     scene.model.gravity[2] = -9.81;
                 });
-                const pliant_part part = {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, 0, -0.01}, {0, 0, 0.05}, radius, false};
+                const pliant_part part = {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, 0, -0.01},
+                                          {0, 0, 0.05},        radius,           false};
                 const double middle[2] = {0.03 + (lengthwise ? 0 : aside), -0.197 + (lengthwise ? 0.3 * aside : 0)};
                 const double from[3] = {middle[0] - (lengthwise ? 0.03 : 0), middle[1] - (lengthwise ? 0 : 0.03), 0};
                 const int tool = piece.sheet->add("tool", shape_of(part), from[0], from[1], from[2]);
                 for (int step = 0; step < 12; step++) {
                     const double gone = 0.02 * std::max(0, std::min(step - 6, 3));
-                    piece.sheet->move(tool, from[0] + (lengthwise ? gone : 0), from[1] + (lengthwise ? 0 : gone), from[2]);
+                    piece.sheet->move(tool, from[0] + (lengthwise ? gone : 0), from[1] + (lengthwise ? 0 : gone),
+                                      from[2]);
                     piece.step(tool);
                     double lowest = 1;
                     const pliant_pieces *pieces = piece.sheet->data->body->pieces;
-                    for (int32_t i = 0; i < pieces->start[1]; i++) lowest = std::min(lowest, piece.sheet->data->positions[3 * pieces->node[i] + 2]);
+                    for (int32_t i = 0; i < pieces->start[1]; i++)
+                        lowest = std::min(lowest, piece.sheet->data->positions[3 * pieces->node[i] + 2]);
                     EXPECT_GT(lowest, -1e-6) << step;
                 }
                 EXPECT_FALSE(piece.is_through(part)) << piece.inside << " points inside, " << piece.deepest << " deep";
@@ -119,10 +127,12 @@ struct GrippedPiece : Piece {
     Way on;
     int tool, grip;
     GrippedPiece(const Way &way, bool is_held)
-        : Piece(way.friction), on(way), tool(sheet->add("tool", shape_of(on.part), on.from[0], on.from[1], on.from[2])), grip(sheet->add("grip", pliant_tool_shape{}, 0.024, -0.197, 0.002))
+        : Piece(way.friction), on(way), tool(sheet->add("tool", shape_of(on.part), on.from[0], on.from[1], on.from[2])),
+          grip(sheet->add("grip", pliant_tool_shape{}, 0.024, -0.197, 0.002))
     {
         const double rest[3] = {0.024, 0.003, 0.002};
-        if (is_held) EXPECT_EQ(pliant_tool_grasp(sheet->model, sheet->data, grip, rest), PLIANT_OK) << pliant_last_error();
+        if (is_held)
+            EXPECT_EQ(pliant_tool_grasp(sheet->model, sheet->data, grip, rest), PLIANT_OK) << pliant_last_error();
     }
     void move_tools(int step)
     {
@@ -202,7 +212,9 @@ TEST(SweptPieces, GoOnFromWhatIsKept)
         const pliant_pieces *pieces = sheet.data->body->pieces;
         for (int32_t i = 0; i < pieces->start[1]; i++)
             // a copy is equal up to rounding
-            for (int d = 0; d < 3; d++) EXPECT_NEAR(sheet.data->positions[3 * pieces->node[i] + d], reference->positions[3 * pieces->node[i] + d], 1e-9);
+            for (int d = 0; d < 3; d++)
+                EXPECT_NEAR(sheet.data->positions[3 * pieces->node[i] + d],
+                            reference->positions[3 * pieces->node[i] + d], 1e-9);
         EXPECT_GT(gone, 0.01);
         EXPECT_NEAR(piece.way(), gone, 1e-9);
         pliant_data_free(reference);
@@ -222,7 +234,10 @@ TEST(SweptPieces, ArePlayedBackToTheBit)
             const int tool = piece.sheet->add("tool", shape_of(on.part), on.from[0], on.from[1], on.from[2]);
             for (int step = 0; step < on.steps() + 4; step++) {
                 move(*piece.sheet, tool, on, step);
-                ASSERT_EQ(pliant_data_set_background(piece.sheet->data, played ? PLIANT_BACKGROUND_PRESCRIBED : PLIANT_BACKGROUND_LIVE, played ? taken[step] : 0), PLIANT_OK);
+                ASSERT_EQ(pliant_data_set_background(piece.sheet->data,
+                                                     played ? PLIANT_BACKGROUND_PRESCRIBED : PLIANT_BACKGROUND_LIVE,
+                                                     played ? taken[step] : 0),
+                          PLIANT_OK);
                 piece.step(tool);
                 if (!played) taken.push_back(pliant_data_get_background_taken(piece.sheet->data));
             }

@@ -15,8 +15,15 @@ TEST(Swept, ARodAtOneMetreASecondCarriesTheSheetAlong)
 {
     for (const double radius : {0.0042, 0.0005})
         for (int place = 0; place < (radius < 0.001 ? 11 : 2); place++) {
-            const double side = place % 2 ? -1 : 1, from[3] = {0.0253 + 0.001 * place, 0.03, side > 0 ? 0.016 + radius : -0.012 - radius}, way[3] = {0, 0, -0.04 * side};
-            const Swept swept = sweep({rod(radius).part[0], {from[0], from[1], from[2]}, {way[0], way[1], way[2]}, {0, 0, 0, 1}, place % 3 ? 0.08 : 0.3, 0});
+            const double side = place % 2 ? -1 : 1,
+                         from[3] = {0.0253 + 0.001 * place, 0.03, side > 0 ? 0.016 + radius : -0.012 - radius},
+                         way[3] = {0, 0, -0.04 * side};
+            const Swept swept = sweep({rod(radius).part[0],
+                                       {from[0], from[1], from[2]},
+                                       {way[0], way[1], way[2]},
+                                       {0, 0, 0, 1},
+                                       place % 3 ? 0.08 : 0.3,
+                                       0});
             EXPECT_GT(swept.carried, 0.024) << radius << " at " << from[0];
             EXPECT_LT(swept.deepest, 1e-4) << radius << " at " << from[0];
             EXPECT_EQ(swept.inside, 0) << radius << " at " << from[0];
@@ -32,12 +39,16 @@ TEST(Swept, ARodAtOneMetreASecondCarriesTheSheetAlong)
 //   PLIANT_SWEEPS_HEXAHEDRA  use hexahedra instead of tetrahedra
 TEST(Swept, NothingIsSweptThroughTheSheet)
 {
-    const Mode mode = {static_cast<double>(number_from("PLIANT_SWEEPS_BUDGET", 0)), number_from("PLIANT_SWEEPS_LIVE", 0) ? PLIANT_BACKGROUND_LIVE : PLIANT_BACKGROUND_PLANNED,
+    const Mode mode = {static_cast<double>(number_from("PLIANT_SWEEPS_BUDGET", 0)),
+                       number_from("PLIANT_SWEEPS_LIVE", 0) ? PLIANT_BACKGROUND_LIVE : PLIANT_BACKGROUND_PLANNED,
                        number_from("PLIANT_SWEEPS_HEXAHEDRA", 0) ? PLIANT_HEXAHEDRA : PLIANT_LINEAR};
     EXPECT_EQ(count_swept_through(1000, mode), 0);
 }
 
-std::array<double, 3> at_end(const Way &on) { return {on.from[0] + on.way[0], on.from[1] + on.way[1], on.from[2] + on.way[2]}; }
+std::array<double, 3> at_end(const Way &on)
+{
+    return {on.from[0] + on.way[0], on.from[1] + on.way[1], on.from[2] + on.way[2]};
+}
 Mode coarse(Beside beside) { return {0, PLIANT_BACKGROUND_PLANNED, PLIANT_LINEAR, false, PLIANT_AVERAGED, beside}; }
 Mode cut() { return {0, PLIANT_BACKGROUND_PLANNED, PLIANT_LINEAR, false, PLIANT_FINE, Beside::Piece}; }
 
@@ -73,8 +84,10 @@ TEST(Swept, TheFirstAreNotSweptThroughAtTwoMetresASecondNorThroughHexahedra)
         const Swept hexahedra = sweep(on, {0, PLIANT_BACKGROUND_PLANNED, PLIANT_HEXAHEDRA});
         on.speed = 2;
         const Swept fast = sweep(on);
-        EXPECT_FALSE(is_through(fast, on)) << n << ": carried " << fast.carried << ", " << fast.inside << " points inside, " << fast.deepest << " deep";
-        EXPECT_FALSE(is_through(hexahedra, on)) << n << ": carried " << hexahedra.carried << ", " << hexahedra.inside << " points inside, " << hexahedra.deepest << " deep";
+        EXPECT_FALSE(is_through(fast, on)) << n << ": carried " << fast.carried << ", " << fast.inside
+                                           << " points inside, " << fast.deepest << " deep";
+        EXPECT_FALSE(is_through(hexahedra, on)) << n << ": carried " << hexahedra.carried << ", " << hexahedra.inside
+                                                << " points inside, " << hexahedra.deepest << " deep";
     }
 }
 
@@ -86,7 +99,8 @@ TEST(Swept, AStepThatTissueGetsByInIsTakenInParts)
         const Way on = sweeps.at(n);
         for (const Mode mode : {Mode{}, Mode{0, PLIANT_BACKGROUND_PRESCRIBED}, Mode{10000}}) {
             const Swept swept = sweep(on, mode);
-            EXPECT_FALSE(is_through(swept, on)) << n << ": carried " << swept.carried << ", " << swept.inside << " points inside";
+            EXPECT_FALSE(is_through(swept, on))
+                << n << ": carried " << swept.carried << ", " << swept.inside << " points inside";
             EXPECT_EQ(swept.turned, 0) << n;
             EXPECT_LT(swept.deepest, 2e-4) << n;
         }
@@ -97,13 +111,15 @@ TEST(Swept, AStepThatTissueGetsByInIsTakenInParts)
 // depend on the machine, instead of equally even steps without background results.
 TEST(Swept, ThoseThatOnceWentThroughDoNot)
 {
-    const pliant_background_kind even = number_from("PLIANT_SWEEPS_LIVE", 0) ? PLIANT_BACKGROUND_LIVE : PLIANT_BACKGROUND_PRESCRIBED;
+    const pliant_background_kind even =
+        number_from("PLIANT_SWEEPS_LIVE", 0) ? PLIANT_BACKGROUND_LIVE : PLIANT_BACKGROUND_PRESCRIBED;
     Sweeps sweeps;
     for (const int n : {207, 378, 450, 529, 2230, 3993, 4922, 7070, 7249, 7264, 9216}) {
         const Way on = sweeps.at(n);
         for (const pliant_background_kind background : {PLIANT_BACKGROUND_PLANNED, even}) {
             const Swept swept = sweep(on, {0, background});
-            EXPECT_FALSE(is_through(swept, on)) << n << ": carried " << swept.carried << ", " << swept.inside << " points inside, " << swept.deepest << " deep";
+            EXPECT_FALSE(is_through(swept, on)) << n << ": carried " << swept.carried << ", " << swept.inside
+                                                << " points inside, " << swept.deepest << " deep";
         }
     }
 }
@@ -120,7 +136,8 @@ TEST(Swept, ThoseOfOtherNumbersThatOnceWentThroughDoNot)
             Mode mode{0, background};
             mode.backend = PLIANT_CPU;
             const Swept swept = sweep(on, mode);
-            EXPECT_FALSE(is_through(swept, on)) << n << ": carried " << swept.carried << ", " << swept.inside << " points inside, " << swept.deepest << " deep";
+            EXPECT_FALSE(is_through(swept, on)) << n << ": carried " << swept.carried << ", " << swept.inside
+                                                << " points inside, " << swept.deepest << " deep";
         }
     }
 }
@@ -132,9 +149,12 @@ TEST(Swept, ATurnOfMoreThanOneRadianIsTakenInParts)
         for (const double angle : {1.6, 2.0, 2.6, 3.0})
             for (const double end : {1.5, 1.9}) {
                 Sheet sheet(1);
-                const int tool = sheet.add("tool", shape_of({PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, 0, 0}, {0.02, 0, 0}, radius, false}), 0.027, 0.031, 0.01 + radius);
+                const int tool = sheet.add(
+                    "tool", shape_of({PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, 0, 0}, {0.02, 0, 0}, radius, false}),
+                    0.027, 0.031, 0.01 + radius);
                 for (int step = 0; step < 6; step++) {
-                    const double half = 0.5 * (step == 0 ? end - angle : end), rotation[4] = {0, std::sin(half), 0, std::cos(half)};
+                    const double half = 0.5 * (step == 0 ? end - angle : end),
+                                 rotation[4] = {0, std::sin(half), 0, std::cos(half)};
                     sheet.move(tool, 0.027, 0.031, 0.01 + radius, rotation);
                     ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
                 }
@@ -154,7 +174,8 @@ TEST(Swept, WhatAToolDoesThatJumpsIsOfNoConcernToOthers)
         for (int run = 0; run < 3; run++) { // alone, next to an arm without a shape, next to one with a shape
             Sheet sheet(1);
             const int tool = sheet.add("tool", rod(0.0005), x, 0.03, 0.0165);
-            const int arm = run > 0 ? sheet.add("arm", run > 1 ? rod(0.0005) : pliant_tool_shape{}, 0.03, 0.03, 0.3) : -1;
+            const int arm =
+                run > 0 ? sheet.add("arm", run > 1 ? rod(0.0005) : pliant_tool_shape{}, 0.03, 0.03, 0.3) : -1;
             for (int step = 0; step < 5; step++) {
                 const double half = 0.75 * std::min(step, 1), rotation[4] = {0, std::sin(half), 0, std::cos(half)};
                 sheet.move(tool, x, 0.03, 0.0165 - 0.02 * std::min(step, 2));
@@ -174,7 +195,10 @@ TEST(Swept, WhatAToolDoesThatJumpsIsOfNoConcernToOthers)
 // restored. The next step continues. Also next to patches and pieces.
 TEST(Swept, AStepInPartsThatFailsIsUndone)
 {
-    struct { Mode mode; int number, stride; } runs[] = {{Mode{}, 534, 8}, {coarse(Beside::Patch), 56, 24}, {cut(), 11, 24}};
+    struct {
+        Mode mode;
+        int number, stride;
+    } runs[] = {{Mode{}, 534, 8}, {coarse(Beside::Patch), 56, 24}, {cut(), 11, 24}};
     for (const auto &run : runs) {
         SCOPED_TRACE(run.number);
         const Way on = Sweeps().at(run.number);
@@ -185,7 +209,8 @@ TEST(Swept, AStepInPartsThatFailsIsUndone)
             move(*sheet, tool, on, step);
             ASSERT_GE(pliant_step(sheet->model, sheet->data), 0);
         }
-        const std::vector<double> before(sheet->data->positions, sheet->data->positions + 3 * sheet->data->body->fine.num_nodes);
+        const std::vector<double> before(sheet->data->positions,
+                                         sheet->data->positions + 3 * sheet->data->body->fine.num_nodes);
         for (int64_t calls = 0; calls < 240; calls += run.stride) {
             pliant_data *data = nullptr;
             ASSERT_EQ(pliant_data_copy(sheet->model, sheet->data, &data), PLIANT_OK);
@@ -196,7 +221,8 @@ TEST(Swept, AStepInPartsThatFailsIsUndone)
             if (status < 0) {
                 failed++;
                 EXPECT_EQ(status, PLIANT_ERROR_MEMORY);
-                EXPECT_EQ(before, std::vector<double>(data->positions, data->positions + before.size())) << "after " << calls << " allocations";
+                EXPECT_EQ(before, std::vector<double>(data->positions, data->positions + before.size()))
+                    << "after " << calls << " allocations";
                 double tip = 0;
                 for (int d = 0; d < 3; d++) tip += std::fabs(data->tools[tool].tip[d] - on.from[d] - on.way[d]);
                 EXPECT_LT(tip, 1e-12);
@@ -210,10 +236,13 @@ TEST(Swept, AStepInPartsThatFailsIsUndone)
 
 // A ball slides along the sheet with friction. A needle comes up next to it, so that a step has several legs.
 struct Slide {
-    Slide(double beside) : beside(beside), ball_at(sheet.add("ball", ball(0.006), 0.02, 0.03, 0.0105)), needle(sheet.add("needle", rod(0.0005), 0.036 + beside, 0.03, -0.012))
+    Slide(double beside)
+        : beside(beside), ball_at(sheet.add("ball", ball(0.006), 0.02, 0.03, 0.0105)),
+          needle(sheet.add("needle", rod(0.0005), 0.036 + beside, 0.03, -0.012))
     {
         EXPECT_EQ(pliant_data_set_limits(sheet.data, 300, 1e-7), PLIANT_OK);
-        for (int step = 0; step < 10; step++) EXPECT_GE(go(sheet.data, 0.02 + 0.0015 * step, 0.0105 - 0.001 * std::min(step, 4), -0.012), 0);
+        for (int step = 0; step < 10; step++)
+            EXPECT_GE(go(sheet.data, 0.02 + 0.0015 * step, 0.0105 - 0.001 * std::min(step, 4), -0.012), 0);
     }
     pliant_status go(pliant_data *data, double x, double z, double needle_z)
     {
@@ -280,7 +309,8 @@ TEST(Swept, AStepInLegsWithoutMemoryIsWhole)
     for (int64_t calls = 0; calls < 200; calls += calls < 16 ? 1 : 4) {
         pliant_data *data = nullptr;
         ASSERT_EQ(pliant_data_copy(run.sheet.model, run.sheet.data, &data), PLIANT_OK);
-        const std::vector<double> points = points_of(data), before(data->positions, data->positions + 3 * data->body->fine.num_nodes);
+        const std::vector<double> points = points_of(data),
+                                  before(data->positions, data->positions + 3 * data->body->fine.num_nodes);
         pliant_memory_fail_after(calls);
         const pliant_status status = run.come_up(data);
         pliant_memory_fail_after(-1);
@@ -323,12 +353,16 @@ TEST(Swept, AStepInPartsIsPlayedBackToTheBit)
             const int tool = sheet->add("tool", shape_of(on.part), on.from[0], on.from[1], on.from[2]);
             for (int step = 0; step < on.steps() + 4; step++) {
                 move(*sheet, tool, on, step);
-                ASSERT_EQ(pliant_data_set_background(sheet->data, played ? PLIANT_BACKGROUND_PRESCRIBED : PLIANT_BACKGROUND_LIVE, played ? taken[step] : 0), PLIANT_OK);
+                ASSERT_EQ(pliant_data_set_background(sheet->data,
+                                                     played ? PLIANT_BACKGROUND_PRESCRIBED : PLIANT_BACKGROUND_LIVE,
+                                                     played ? taken[step] : 0),
+                          PLIANT_OK);
                 ASSERT_GE(pliant_step(sheet->model, sheet->data), 0);
                 if (!played) taken.push_back(pliant_data_get_background_taken(sheet->data));
                 parts = std::max(parts, sheet->data->statistics.legs);
             }
-            ended[played].assign(sheet->data->positions, sheet->data->positions + 3 * sheet->data->body->fine.num_nodes);
+            ended[played].assign(sheet->data->positions,
+                                 sheet->data->positions + 3 * sheet->data->body->fine.num_nodes);
         }
         EXPECT_EQ(ended[0], ended[1]) << run.number;
     }

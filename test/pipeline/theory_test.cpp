@@ -38,7 +38,8 @@ double cantilever(int across, double *theory)
     EXPECT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
     EXPECT_EQ(body.settle(), PLIANT_OK);
     double a = box[1], length = box[0], sum = 0;
-    *theory = rho * g * a * a * std::pow(length, 4) / (8 * young * a * a * a * a / 12) + rho * g * length * length / (2 * (5.0 / 6) * young / 2);
+    *theory = rho * g * a * a * std::pow(length, 4) / (8 * young * a * a * a * a / 12) +
+              rho * g * length * length / (2 * (5.0 / 6) * young / 2);
     int count = 0;
     for (int32_t n = 0; n < body.model->body->fine.num_nodes; n++)
         if (body.model->body->fine.rest[3 * n] > length - 1e-9) {
@@ -54,8 +55,8 @@ TEST(Theory, CantileverConvergesAtSecondOrder)
     const int across[3] = {2, 4, 8};
     for (int n = 0; n < 3; n++) error[n] = 1 - cantilever(across[n], &theory) / theory;
     double order = std::log2(error[1] / error[2]);
-    std::printf("cantilever: %.1f %%, %.1f %%, %.1f %% too stiff with 2, 4, 8 cells across; order %.2f\n", 100 * error[0], 100 * error[1],
-                100 * error[2], order);
+    std::printf("cantilever: %.1f %%, %.1f %%, %.1f %% too stiff with 2, 4, 8 cells across; order %.2f\n",
+                100 * error[0], 100 * error[1], 100 * error[2], order);
     EXPECT_GT(error[0], error[1]);
     EXPECT_LT(error[2], 0.08);
     EXPECT_GT(order, 1.5); // linear elements: 2, approached from below because of bending locking
@@ -91,10 +92,12 @@ TEST(Theory, ToolForceBalancesTheSupport)
         // spring law: force = stiffness (tip - grasped point)
         for (int d = 0; d < 3; d++) {
             double grip = point[d] - held.grip[d]; // initial offset of the grasped point
-            EXPECT_NEAR(held.force[d], held.stiffness * (grip + pulled[d] - point[d] - held.held_point[d]), 1e-6 * held.stiffness);
+            EXPECT_NEAR(held.force[d], held.stiffness * (grip + pulled[d] - point[d] - held.held_point[d]),
+                        1e-6 * held.stiffness);
         }
         // the applied force equals the reaction, summed over all nodes
-        std::vector<double> x(body.data->solver->now.x, body.data->solver->now.x + 3 * body.model->system->mesh->num_nodes);
+        std::vector<double> x(body.data->solver->now.x,
+                              body.data->solver->now.x + 3 * body.model->system->mesh->num_nodes);
         std::vector<double> force = body.elastic_force(x);
         const int32_t *free_of = body.model->system->free_of_node;
         for (int d = 0; d < 3; d++) {
@@ -108,7 +111,8 @@ TEST(Theory, ToolForceBalancesTheSupport)
         // rigid drive: the point is exactly at the commanded position
         pliant_tool_set_drive(body.data, tool, PLIANT_DRIVE_RIGID, nullptr);
         ASSERT_EQ(settle(), PLIANT_OK);
-        for (int d = 0; d < 3; d++) EXPECT_NEAR(body.data->tools[tool].held_point[d] - (pulled[d] - held.grip[d]), 0, 1e-9);
+        for (int d = 0; d < 3; d++)
+            EXPECT_NEAR(body.data->tools[tool].held_point[d] - (pulled[d] - held.grip[d]), 0, 1e-9);
         // the same force, prescribed, gives the same position
         double force_there[3], place[3];
         std::memcpy(force_there, body.data->tools[tool].force, sizeof force_there);
@@ -119,7 +123,8 @@ TEST(Theory, ToolForceBalancesTheSupport)
         // after the release it returns
         pliant_tool_release(body.data, tool);
         ASSERT_EQ(settle(), PLIANT_OK);
-        for (int32_t n = 0; n < 3 * body.model->body->fine.num_nodes; n++) ASSERT_NEAR(body.data->positions[n], body.model->body->fine.rest[n], 1e-6);
+        for (int32_t n = 0; n < 3 * body.model->body->fine.num_nodes; n++)
+            ASSERT_NEAR(body.data->positions[n], body.model->body->fine.rest[n], 1e-6);
     }
 }
 
@@ -128,8 +133,10 @@ TEST(Theory, GravityEnergyOfTheFineMeshIsPreserved)
 {
     const int size[3] = {24, 24, 24};
     const double box[3] = {0.12, 0.12, 0.12}, g[3] = {1, -2, 9.81};
-    for (pliant_method method : {PLIANT_FINE, PLIANT_COARSE, PLIANT_AVERAGED, PLIANT_SCHUR, PLIANT_CALIBRATED, PLIANT_LOD}) {
-        Body body(size, box, {{5000, 0.4, 900, false}, {20000, 0.4, 1800, false}}, [](int i, int j, int k) { return (i / 5 + j / 3 + k / 4) % 2; });
+    for (pliant_method method :
+         {PLIANT_FINE, PLIANT_COARSE, PLIANT_AVERAGED, PLIANT_SCHUR, PLIANT_CALIBRATED, PLIANT_LOD}) {
+        Body body(size, box, {{5000, 0.4, 900, false}, {20000, 0.4, 1800, false}},
+                  [](int i, int j, int k) { return (i / 5 + j / 3 + k / 4) % 2; });
         body.scene.model.method = method;
         body.cells(3, 3, 3, 2);
         body.fix_plane(0, 0, 0, 0, 0, 1);
@@ -171,8 +178,10 @@ TEST(Theory, FineNodesBesideWhatIsFixedMoveByTheirShapeFunctions)
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
     const pliant_system *system = body.model->system;
     const pliant_mesh *fine = system->fine;
-    std::vector<double> solved(system->mesh->rest, system->mesh->rest + 3 * system->mesh->num_nodes), x(3 * static_cast<size_t>(fine->num_nodes));
-    for (int32_t f = 0; f < 3 * system->num_free; f++) solved[3 * system->node_of_free[f / 3] + f % 3] += 0.002 * std::sin(1.7 * f);
+    std::vector<double> solved(system->mesh->rest, system->mesh->rest + 3 * system->mesh->num_nodes),
+        x(3 * static_cast<size_t>(fine->num_nodes));
+    for (int32_t f = 0; f < 3 * system->num_free; f++)
+        solved[3 * system->node_of_free[f / 3] + f % 3] += 0.002 * std::sin(1.7 * f);
     pliant_upsample_positions(system, solved.data(), x.data());
     int seen = 0;
     for (int32_t n = 0; n < fine->num_nodes; n++) {

@@ -19,7 +19,8 @@ void remake(Body &body)
     pliant_tled_system_free(made->tled);
     body.data->tled = nullptr;
     made->tled = nullptr;
-    ASSERT_EQ(pliant_tled_system_create(&body.scene, body.model->body, nullptr, &made->tled), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_tled_system_create(&body.scene, body.model->body, nullptr, &made->tled), PLIANT_OK)
+        << pliant_last_error();
     body.model->tled = made->tled;
     ASSERT_EQ(pliant_tled_create(&body.scene, made->tled, &body.data->tled), PLIANT_OK) << pliant_last_error();
 }
@@ -93,8 +94,9 @@ TEST(Reference, CooksMembraneConvergesToBothPublishedDisplacements)
     for (int n = 0; n < 3; n++) {
         strain[n] = cook(cells[n], true);
         thickens[n] = cook(cells[n], false);
-        std::printf("Cook's membrane, %d cells an edge: plane strain %.2f mm (middle), %.2f (corner); free to thicken %.2f (corner)\n", cells[n],
-                    strain[n].middle, strain[n].corner, thickens[n].corner);
+        std::printf(
+            "Cook's membrane, %d cells an edge: plane strain %.2f mm (middle), %.2f (corner); free to thicken %.2f (corner)\n",
+            cells[n], strain[n].middle, strain[n].corner, thickens[n].corner);
     }
     for (int n = 1; n < 3; n++) { // from below, as expected of elements that are too stiff
         EXPECT_GT(strain[n].middle, strain[n - 1].middle);
@@ -165,14 +167,16 @@ TEST(Reference, TruthCubeBeadsLieWhereTheyWereMeasured)
             for (int32_t n = 0; n < mesh.num_nodes; n++)
                 tled->u[3 * n + 2] += (edge - mesh.rest[3 * n + 2]) * 0.25 * (strains[state] - strains[state - 1]);
             for (int32_t n = 0; n < mesh.num_nodes; n++)
-                if (body.model->body->fine_fixed[n]) tled->u[3 * n + 2] = mesh.rest[3 * n + 2] > 0.04 ? 0 : strain * edge;
+                if (body.model->body->fine_fixed[n])
+                    tled->u[3 * n + 2] = mesh.rest[3 * n + 2] > 0.04 ? 0 : strain * edge;
             ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
         }
         Eigen::MatrixXd rigid(3 * 343, 6); // small translations and rotations
         Eigen::VectorXd apart(3 * 343), moved(3 * 343);
         int row = 0;
         for (const Bead &bead : beads) {
-            Eigen::Vector3d rest = bead.at[0] - centre + Eigen::Vector3d::Constant(0.5 * edge), u = Eigen::Vector3d::Zero();
+            Eigen::Vector3d rest = bead.at[0] - centre + Eigen::Vector3d::Constant(0.5 * edge),
+                            u = Eigen::Vector3d::Zero();
             double weights[4];
             int32_t tet = pliant_mesh_locate(&mesh, rest.data(), weights);
             ASSERT_GE(tet, 0);
@@ -188,7 +192,8 @@ TEST(Reference, TruthCubeBeadsLieWhereTheyWereMeasured)
             Eigen::VectorXd rest = v - rigid * rigid.colPivHouseholderQr().solve(v);
             return std::sqrt(rest.squaredNorm() / 343);
         };
-        std::printf("Truth Cube, %.2f %%: rms %.2f mm, of beads that move by rms %.2f mm\n", 100 * strains[state], 1e3 * rms(apart), 1e3 * rms(moved));
+        std::printf("Truth Cube, %.2f %%: rms %.2f mm, of beads that move by rms %.2f mm\n", 100 * strains[state],
+                    1e3 * rms(apart), 1e3 * rms(moved));
         EXPECT_LT(rms(apart), most[state]);
     }
 }

@@ -27,7 +27,8 @@ inline bool good(pliant_status status)
     std::exit(1);
 }
 
-inline void pull(Body &body, int number, const double from[3], const double by[3], pliant_drive drive, const double force[3])
+inline void pull(Body &body, int number, const double from[3], const double by[3], pliant_drive drive,
+                 const double force[3])
 {
     int tool;
     good(pliant_tool_add(body.model, body.data, ("t" + std::to_string(number)).c_str(), &tool));
@@ -51,7 +52,8 @@ inline Moves pulled(pliant_drive drive, int tools, double size = 0.02)
     return [=](Body &body, int s, int steps) {
         gravity(body, 2, 0, 0);
         for (int t = 0; t < tools; t++) {
-            const double from[3] = {0.04 + 0.04 * t, 0.06, 0.11 - 0.02 * t}, a = size * s / steps, by[3] = {a, -a * t, a};
+            const double from[3] = {0.04 + 0.04 * t, 0.06, 0.11 - 0.02 * t}, a = size * s / steps,
+                         by[3] = {a, -a * t, a};
             const double force[3] = {0.5 * s / steps, 0, 1.0 * s / steps};
             pull(body, t, from, by, drive, force);
         }
@@ -146,29 +148,91 @@ inline void patched(Body &body)
 
 inline std::vector<Scene> scenes()
 {
-    const Moves rigid = pulled(PLIANT_DRIVE_RIGID, 2), spring = pulled(PLIANT_DRIVE_SPRING, 2), force = pulled(PLIANT_DRIVE_FORCE, 2);
+    const Moves rigid = pulled(PLIANT_DRIVE_RIGID, 2), spring = pulled(PLIANT_DRIVE_SPRING, 2),
+                force = pulled(PLIANT_DRIVE_FORCE, 2);
     const std::vector<Moves> all = {rigid, spring, force, turned};
-    auto with = [](std::function<void(Body &)> set, std::function<void(Body &)> more) { return [=](Body &body) { set(body), more(body); }; };
+    auto with = [](std::function<void(Body &)> set, std::function<void(Body &)> more) {
+        return [=](Body &body) { set(body), more(body); };
+    };
     return {
-        {"parity", three, inclusions, with(floor_fixed, [](Body &b) { b.scene.solver.refresh_interval = 0; }),
-         {pulled(PLIANT_DRIVE_RIGID, 1), pulled(PLIANT_DRIVE_SPRING, 1), pulled(PLIANT_DRIVE_FORCE, 1), tilted}, {}},
+        {"parity",
+         three,
+         inclusions,
+         with(floor_fixed, [](Body &b) { b.scene.solver.refresh_interval = 0; }),
+         {pulled(PLIANT_DRIVE_RIGID, 1), pulled(PLIANT_DRIVE_SPRING, 1), pulled(PLIANT_DRIVE_FORCE, 1), tilted},
+         {}},
         {"three", three, inclusions, floor_fixed, all, {}},
         {"contrast", soft_hard, ball, floor_fixed, all, {}},
         {"layers", soft_hard, layers, floor_fixed, all, {}},
         {"watery", watery, one, floor_fixed, all, {}},
-        {"stirred", three, inclusions, floor_fixed, {stirred(PLIANT_DRIVE_RIGID, 0.01), stirred(PLIANT_DRIVE_SPRING, 0.01), stirred(PLIANT_DRIVE_FORCE, 0.01)}, {}},
-        {"stiff", three, inclusions, with(floor_fixed, [](Body &b) { b.scene.grasp.stiffness = 1e5; }), {spring, stirred(PLIANT_DRIVE_SPRING, 0.01), turned_and_pulled}, {}},
-        {"weak", three, inclusions, with(floor_fixed, [](Body &b) { b.scene.grasp.stiffness = 20; }), {spring, stirred(PLIANT_DRIVE_SPRING, 0.03), turned_and_pulled}, {}},
-        {"damped", three, inclusions, with(floor_fixed, [](Body &b) { b.scene.grasp.damping = 20; }), {spring, stirred(PLIANT_DRIVE_SPRING, 0.01)}, {}},
-        {"hexahedra", three, inclusions, with(floor_fixed, [](Body &b) { b.scene.element.kind = PLIANT_HEXAHEDRA; }), all, {}},
-        {"averaged", soft_hard, ball, with(floor_fixed, [](Body &b) { b.scene.model.method = PLIANT_AVERAGED; }), all, {}},
-        {"octree", soft_hard, ball, with(floor_fixed, [](Body &b) { b.scene.mesh.kind = PLIANT_OCTREE; b.scene.mesh.ratio = 1; }), all, {}},
+        {"stirred",
+         three,
+         inclusions,
+         floor_fixed,
+         {stirred(PLIANT_DRIVE_RIGID, 0.01), stirred(PLIANT_DRIVE_SPRING, 0.01), stirred(PLIANT_DRIVE_FORCE, 0.01)},
+         {}},
+        {"stiff",
+         three,
+         inclusions,
+         with(floor_fixed, [](Body &b) { b.scene.grasp.stiffness = 1e5; }),
+         {spring, stirred(PLIANT_DRIVE_SPRING, 0.01), turned_and_pulled},
+         {}},
+        {"weak",
+         three,
+         inclusions,
+         with(floor_fixed, [](Body &b) { b.scene.grasp.stiffness = 20; }),
+         {spring, stirred(PLIANT_DRIVE_SPRING, 0.03), turned_and_pulled},
+         {}},
+        {"damped",
+         three,
+         inclusions,
+         with(floor_fixed, [](Body &b) { b.scene.grasp.damping = 20; }),
+         {spring, stirred(PLIANT_DRIVE_SPRING, 0.01)},
+         {}},
+        {"hexahedra",
+         three,
+         inclusions,
+         with(floor_fixed, [](Body &b) { b.scene.element.kind = PLIANT_HEXAHEDRA; }),
+         all,
+         {}},
+        {"averaged",
+         soft_hard,
+         ball,
+         with(floor_fixed, [](Body &b) { b.scene.model.method = PLIANT_AVERAGED; }),
+         all,
+         {}},
+        {"octree",
+         soft_hard,
+         ball,
+         with(floor_fixed,
+              [](Body &b) {
+                  b.scene.mesh.kind = PLIANT_OCTREE;
+                  b.scene.mesh.ratio = 1;
+              }),
+         all,
+         {}},
         {"bar", plain, one, bar, {turned, pulled(PLIANT_DRIVE_FORCE, 1), stirred(PLIANT_DRIVE_RIGID, 0.03)}, {}},
-        {"cut", three, inclusions, with(floor_fixed, [](Body &b) { b.scene.cut.kind = PLIANT_CUT_SEVER; }), all, cut_half},
+        {"cut", three, inclusions, with(floor_fixed, [](Body &b) { b.scene.cut.kind = PLIANT_CUT_SEVER; }), all,
+         cut_half},
         {"patch", three, inclusions, patched, {rigid, spring, force}, [](Body &b) { hold(b, 2); }},
-        {"budget", three, inclusions, with(floor_fixed, [](Body &b) { b.scene.solver.budget_ms = 1; }), {rigid, spring, force, turned, turned_and_pulled}, {}},
-        {"budgets", watery, one, with(floor_fixed, [](Body &b) { b.scene.solver.budget_ms = 1; }), {rigid, spring, force, turned, turned_and_pulled}, {}},
-        {"quick", three, inclusions, floor_fixed, {pulled(PLIANT_DRIVE_RIGID, 1, 0.06), stirred(PLIANT_DRIVE_SPRING, 0.04)}, {}},
+        {"budget",
+         three,
+         inclusions,
+         with(floor_fixed, [](Body &b) { b.scene.solver.budget_ms = 1; }),
+         {rigid, spring, force, turned, turned_and_pulled},
+         {}},
+        {"budgets",
+         watery,
+         one,
+         with(floor_fixed, [](Body &b) { b.scene.solver.budget_ms = 1; }),
+         {rigid, spring, force, turned, turned_and_pulled},
+         {}},
+        {"quick",
+         three,
+         inclusions,
+         floor_fixed,
+         {pulled(PLIANT_DRIVE_RIGID, 1, 0.06), stirred(PLIANT_DRIVE_SPRING, 0.04)},
+         {}},
     };
 }
 
@@ -180,7 +244,8 @@ inline std::vector<double> positions(const Body &body)
 inline double apart(const std::vector<double> &a, const std::vector<double> &b)
 {
     double most = 0;
-    for (size_t n = 0; n < a.size(); n += 3) most = std::fmax(most, std::hypot(std::hypot(a[n] - b[n], a[n + 1] - b[n + 1]), a[n + 2] - b[n + 2]));
+    for (size_t n = 0; n < a.size(); n += 3)
+        most = std::fmax(most, std::hypot(std::hypot(a[n] - b[n], a[n + 1] - b[n + 1]), a[n + 2] - b[n + 2]));
     return most;
 }
 
@@ -217,11 +282,13 @@ inline bool near(double told, double error) { return told > error / 3 && told < 
 
 const int steps = 20;
 
-inline std::vector<std::vector<double>> solve_tightly(const Scene &scene, size_t move, const std::vector<std::string> &options)
+inline std::vector<std::vector<double>> solve_tightly(const Scene &scene, size_t move,
+                                                      const std::vector<std::string> &options)
 {
     Body body(size, box, scene.materials, scene.material);
     std::vector<std::vector<double>> out;
-    for (size_t o = 0; o + 1 < options.size(); o += 2) good(pliant_scene_set(&body.scene, options[o].c_str(), options[o + 1].c_str()));
+    for (size_t o = 0; o + 1 < options.size(); o += 2)
+        good(pliant_scene_set(&body.scene, options[o].c_str(), options[o + 1].c_str()));
     body.scene.solver.backend = PLIANT_CPU;
     scene.set(body);
     body.scene.solver.budget_ms = 0;
@@ -240,12 +307,13 @@ inline std::vector<std::vector<double>> solve_tightly(const Scene &scene, size_t
     return out;
 }
 
-inline Counts run(const Scene &scene, size_t move, pliant_preconditioner_choice choice, int iterations, const std::vector<std::string> &options,
-           const std::vector<std::vector<double>> &right, bool verbose)
+inline Counts run(const Scene &scene, size_t move, pliant_preconditioner_choice choice, int iterations,
+                  const std::vector<std::string> &options, const std::vector<std::vector<double>> &right, bool verbose)
 {
     Body body(size, box, scene.materials, scene.material);
     Counts counts;
-    for (size_t o = 0; o + 1 < options.size(); o += 2) good(pliant_scene_set(&body.scene, options[o].c_str(), options[o + 1].c_str()));
+    for (size_t o = 0; o + 1 < options.size(); o += 2)
+        good(pliant_scene_set(&body.scene, options[o].c_str(), options[o + 1].c_str()));
     scene.set(body);
     body.scene.solver.preconditioner = choice;
     // this number of evaluations in the budget, by the trial's own clock
@@ -269,8 +337,9 @@ inline Counts run(const Scene &scene, size_t move, pliant_preconditioner_choice 
         counts.counted++;
         counts.within += near(statistics.error, error);
         if (verbose && !near(statistics.error, error))
-            std::printf("    %s, load %zu, %s, %d evaluations, step %d: told %.2e of %.2e (x %.2f)\n", scene.name, move, choice == PLIANT_DIRECT ? "direct" : "V-cycle", iterations,
-                        s, statistics.error, error, statistics.error / error);
+            std::printf("    %s, load %zu, %s, %d evaluations, step %d: told %.2e of %.2e (x %.2f)\n", scene.name, move,
+                        choice == PLIANT_DIRECT ? "direct" : "V-cycle", iterations, s, statistics.error, error,
+                        statistics.error / error);
     }
     return counts;
 }

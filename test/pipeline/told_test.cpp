@@ -4,17 +4,20 @@
 
 namespace {
 
-void expect_within(double share, const char *name, std::vector<size_t> loads, std::vector<pliant_preconditioner_choice> choices, int iterations)
+void expect_within(double share, const char *name, std::vector<size_t> loads,
+                   std::vector<pliant_preconditioner_choice> choices, int iterations)
 {
     told::Counts counts;
     for (const told::Scene &scene : told::scenes()) {
         if (std::string(scene.name) != name) continue;
         for (size_t load : loads) {
             const std::vector<std::vector<double>> right = told::solve_tightly(scene, load, {});
-            for (pliant_preconditioner_choice choice : choices) counts.add(told::run(scene, load, choice, iterations, {}, right, true));
+            for (pliant_preconditioner_choice choice : choices)
+                counts.add(told::run(scene, load, choice, iterations, {}, right, true));
         }
     }
-    std::printf("%s: %d of %d, a step later %d of %d\n", name, counts.within, counts.counted, counts.within_before, counts.judged);
+    std::printf("%s: %d of %d, a step later %d of %d\n", name, counts.within, counts.counted, counts.within_before,
+                counts.judged);
     EXPECT_GT(counts.counted, 15);
     EXPECT_GE(counts.within, share * counts.counted);
 }

@@ -14,7 +14,8 @@ TEST(Tolerance, IsOfPositionsUnderWeight)
     const int size[3] = {24, 24, 24};
     const double box[3] = {0.12, 0.12, 0.12};
     for (pliant_preconditioner_choice choice : {PLIANT_DIRECT, PLIANT_MULTIGRID}) {
-        Body body(size, box, {{4000, 0.45, 1500, false}, {400, 0.45, 20, false}}, [](int i, int, int) { return i >= 12; });
+        Body body(size, box, {{4000, 0.45, 1500, false}, {400, 0.45, 20, false}},
+                  [](int i, int, int) { return i >= 12; });
         body.cells(4, 4, 4, 2);
         body.scene.model.gravity[1] = 9.81;
         body.scene.solver.preconditioner = choice;
@@ -40,7 +41,8 @@ TEST(Tolerance, IsOfPositionsOnARealScan)
     scene.solver.threads = 2;
     ASSERT_EQ(pliant_inputs_read(&scene, path.c_str(), &scan, &labels, &materials), PLIANT_OK) << pliant_last_error();
     pliant_model *model = nullptr;
-    ASSERT_EQ(pliant_model_build(&scene, &scan, nullptr, &materials, {nullptr, nullptr}, &model), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_model_build(&scene, &scan, nullptr, &materials, {nullptr, nullptr}, &model), PLIANT_OK)
+        << pliant_last_error();
     const double liver[3] = {-0.057, -0.255, 0.392}, by[3] = {0.005, -0.021, 0.008};
     EXPECT_LT(worst_error(model, liver, by, 12, PLIANT_DRIVE_RIGID, 1e-3), 3e-3);
     pliant_model_free(model);

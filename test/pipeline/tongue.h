@@ -14,7 +14,9 @@ struct Tongue : Body {
     static constexpr double box[3] = {0.03, 0.006, 0.024}, deep = 0.012; // depth of the tip below the top
 
     // also: further settings of the scene
-    explicit Tongue(double friction, const std::function<void(pliant_scene &)> &also = [](pliant_scene &) {}) : Body(size, box, {{5000, 0.4, 1000, false}})
+    explicit Tongue(
+        double friction, const std::function<void(pliant_scene &)> &also = [](pliant_scene &) {})
+        : Body(size, box, {{5000, 0.4, 1000, false}})
     {
         cells(10, 3, 8, 1);
         fix_plane(0, 0, 1e-4, 0, 0, 1);
@@ -49,8 +51,10 @@ struct Tongue : Body {
                 const double *x = k ? data->positions : mesh.rest;
                 double e[3][3];
                 for (int v = 0; v < 3; v++)
-                    for (int d = 0; d < 3; d++) e[v][d] = x[3 * mesh.tets[4 * t + v + 1] + d] - x[3 * mesh.tets[4 * t] + d];
-                volume[k] = e[0][0] * (e[1][1] * e[2][2] - e[1][2] * e[2][1]) + e[0][1] * (e[1][2] * e[2][0] - e[1][0] * e[2][2]) +
+                    for (int d = 0; d < 3; d++)
+                        e[v][d] = x[3 * mesh.tets[4 * t + v + 1] + d] - x[3 * mesh.tets[4 * t] + d];
+                volume[k] = e[0][0] * (e[1][1] * e[2][2] - e[1][2] * e[2][1]) +
+                            e[0][1] * (e[1][2] * e[2][0] - e[1][0] * e[2][2]) +
                             e[0][2] * (e[1][0] * e[2][1] - e[1][1] * e[2][0]);
             }
             least = std::fmin(least, volume[1] / volume[0]);
@@ -61,13 +65,15 @@ struct Tongue : Body {
     double lifted() const
     {
         double most = -1;
-        for (int32_t n = 0; n < data->body->fine.num_nodes; n++) most = std::fmax(most, data->positions[3 * n + 2] - data->body->fine.rest[3 * n + 2]);
+        for (int32_t n = 0; n < data->body->fine.num_nodes; n++)
+            most = std::fmax(most, data->positions[3 * n + 2] - data->body->fine.rest[3 * n + 2]);
         return most;
     }
     double farthest() const
     {
         double most = 0;
-        for (int32_t n = 0; n < 3 * data->body->fine.num_nodes; n++) most = std::fmax(most, std::fabs(data->positions[n] - data->body->fine.rest[n]));
+        for (int32_t n = 0; n < 3 * data->body->fine.num_nodes; n++)
+            most = std::fmax(most, std::fabs(data->positions[n] - data->body->fine.rest[n]));
         return most;
     }
     double force() const

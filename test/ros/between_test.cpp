@@ -28,7 +28,8 @@ double shaken(int t, int axis) { return slow(t, axis) + 5e-4 * std::sin(0.3 * t 
 // encoder noise
 double noisy(int t, int axis) { return slow(t, axis) + 2e-5 * ((t * 7919 + axis * 104729) % 101 / 50.0 - 1); }
 double stepped(int t, int axis) { return slow(t / 10 * 10, axis); } // poses at 100 Hz
-const Way ways[] = {{"fast", fast, 600}, {"slow", slow, 3000}, {"pushed", pushed, 1200}, {"shaken", shaken, 3000}, {"noisy", noisy, 3000}, {"stepped", stepped, 3000}};
+const Way ways[] = {{"fast", fast, 600},      {"slow", slow, 3000},   {"pushed", pushed, 1200},
+                    {"shaken", shaken, 3000}, {"noisy", noisy, 3000}, {"stepped", stepped, 3000}};
 
 struct Told {
     double in = 0, out = 0, least = 0; // energy put in, energy returned, and minimum of the difference [J]
@@ -112,8 +113,9 @@ TEST(Between, GivesNoMoreThanItGot)
             Held held(kind);
             const Told told = held.stroke(way);
             SCOPED_TRACE(way.name);
-            printf("%s %s: in %.5f J, out %.5f, least left %.2g (%.3f %%); jump %.3f N of %.3f; off %.3f of %.3f\n", kind == PLIANT_TLED ? "tled" : "quasi-static",
-                   way.name, told.in, told.out, told.least, 100 * told.least / told.in, told.jump, told.zero_order, told.off, told.most);
+            printf("%s %s: in %.5f J, out %.5f, least left %.2g (%.3f %%); jump %.3f N of %.3f; off %.3f of %.3f\n",
+                   kind == PLIANT_TLED ? "tled" : "quasi-static", way.name, told.in, told.out, told.least,
+                   100 * told.least / told.in, told.jump, told.zero_order, told.off, told.most);
             EXPECT_GE(told.least, -0.01 * told.in);
             EXPECT_GT(told.in, 0.015);
             // forces of steps alone jump by 0.15 to 0.2 N
@@ -188,9 +190,14 @@ TEST(Between, AForceThatStaysComesBack)
 {
     const auto straight = [](int) { return 0.0; };
     EXPECT_NEAR(after_a_while([](int) { return 5.0; }, straight), 5, 0.1) << "held again after a pause";
-    EXPECT_NEAR(after_a_while([](int t) { return std::min(4.0, 0.002 * t); }, straight), 4, 0.1) << "another hand pulls the tissue";
-    EXPECT_NEAR(after_a_while([](int) { return 5.0; }, [](int t) { return t == 1500 ? -0.03 : 0.0; }), 5, 0.1) << "a pose that was far off";
-    EXPECT_NEAR(after_a_while([](int) { return 2.5; }, [](int t) { return t < 1000 ? 0.005 - 3e-4 * std::min(t, 16) : 2e-4; }), 2.5, 0.2) << "back fast, then still";
+    EXPECT_NEAR(after_a_while([](int t) { return std::min(4.0, 0.002 * t); }, straight), 4, 0.1)
+        << "another hand pulls the tissue";
+    EXPECT_NEAR(after_a_while([](int) { return 5.0; }, [](int t) { return t == 1500 ? -0.03 : 0.0; }), 5, 0.1)
+        << "a pose that was far off";
+    EXPECT_NEAR(
+        after_a_while([](int) { return 2.5; }, [](int t) { return t < 1000 ? 0.005 - 3e-4 * std::min(t, 16) : 2e-4; }),
+        2.5, 0.2)
+        << "back fast, then still";
 }
 
 // Without forces between steps: a sudden force starts at zero, a lost force decays, and a force that starts at zero is

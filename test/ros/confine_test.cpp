@@ -65,7 +65,8 @@ TEST_F(Confine, WhatIsNotThereOutsideIsRefusedLikeWhatIs)
 {
     for (const char *name : {"../secret.nii", "../nothing.nii", "../nothing/of/that.nii", "/nothing/at/all.nii"}) {
         EXPECT_FALSE(may_read(name));
-        EXPECT_EQ(why, std::string(name) + " is outside " + root + "; move it there, or start the node with another ~scan_root");
+        EXPECT_EQ(why, std::string(name) + " is outside " + root +
+                           "; move it there, or start the node with another ~scan_root");
     }
     EXPECT_FALSE(may_write("../nothing/of/that.nii"));
     EXPECT_NE(why.find("is outside"), std::string::npos) << why;
@@ -231,7 +232,8 @@ TEST_F(ConfinedReadsTest, WhatIsNotThereOutsideIsRefusedLikeWhatIs)
 TEST_F(ConfinedReadsTest, TablesAndScenesToo)
 {
     const std::string table = base + "/table.yaml";
-    write(table, "materials:\n  - {name: a, young_modulus: 1000.0, poisson_ratio: 0.4, density: 1000.0, labels: [1]}\n");
+    write(table,
+          "materials:\n  - {name: a, young_modulus: 1000.0, poisson_ratio: 0.4, density: 1000.0, labels: [1]}\n");
     pliant_material_table read{};
     ASSERT_EQ(pliant_material_table_read(table.c_str(), &read), PLIANT_OK) << pliant_last_error();
     pliant_material_table_free(&read);
@@ -257,10 +259,11 @@ TEST_F(ConfinedReadsTest, FilesOfTheOwnScene)
 {
     write(base + "/table.yaml", "materials: []\n");
     write(base + "/mesh.vtu", "no mesh");
-    write(base + "/solid.stl", "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 0 1 0\nvertex 1 0 0\nendloop\nendfacet\n"
-                               "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 0 1\nendloop\nendfacet\n"
-                               "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 0 0 1\nvertex 0 1 0\nendloop\nendfacet\n"
-                               "facet normal 0 0 1\nouter loop\nvertex 1 0 0\nvertex 0 1 0\nvertex 0 0 1\nendloop\nendfacet\nendsolid a\n");
+    write(base + "/solid.stl",
+          "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 0 1 0\nvertex 1 0 0\nendloop\nendfacet\n"
+          "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 0 1\nendloop\nendfacet\n"
+          "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 0 0 1\nvertex 0 1 0\nendloop\nendfacet\n"
+          "facet normal 0 0 1\nouter loop\nvertex 1 0 0\nvertex 0 1 0\nvertex 0 0 1\nendloop\nendfacet\nendsolid a\n");
     write(base + "/obstacles.yaml", "parts: [{kind: convex, file: solid.stl}]\n");
     pliant_scene scene;
     pliant_scene_defaults(&scene);
@@ -268,11 +271,13 @@ TEST_F(ConfinedReadsTest, FilesOfTheOwnScene)
     for (const char *option : {"material/file=table.yaml", "mesh/file=mesh.vtu", "contact/obstacles=obstacles.yaml"}) {
         const std::string text = option;
         const size_t sign = text.find('=');
-        ASSERT_EQ(pliant_scene_set(&scene, text.substr(0, sign).c_str(), (base + "/" + text.substr(sign + 1)).c_str()), PLIANT_OK);
+        ASSERT_EQ(pliant_scene_set(&scene, text.substr(0, sign).c_str(), (base + "/" + text.substr(sign + 1)).c_str()),
+                  PLIANT_OK);
     }
     const std::vector<std::string> files = pliant_ros::files_of(scene);
     EXPECT_EQ(std::set<std::string>(files.begin(), files.end()),
-              (std::set<std::string>{base + "/table.yaml", base + "/mesh.vtu", base + "/obstacles.yaml", base + "/solid.stl"}));
+              (std::set<std::string>{base + "/table.yaml", base + "/mesh.vtu", base + "/obstacles.yaml",
+                                     base + "/solid.stl"}));
     pliant_ros::ConfinedReads confined(root, files);
     pliant_tool_shape shape{};
     ASSERT_EQ(pliant_tool_shape_read((base + "/obstacles.yaml").c_str(), &shape), PLIANT_OK) << pliant_last_error();

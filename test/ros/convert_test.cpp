@@ -216,7 +216,8 @@ struct ConvertBodies : ::testing::Test {
         const double from[] = {x, -1, -1, x, 1, -1}, to[] = {x, -1, 1, x, 1, 1};
         const pliant_cut_sweep sweep{2, from, to, nullptr};
         pliant_body *made = nullptr;
-        EXPECT_EQ(pliant_body_cut(&body, revision, body.fine.rest, &sweep, &made, nullptr), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(pliant_body_cut(&body, revision, body.fine.rest, &sweep, &made, nullptr), PLIANT_OK)
+            << pliant_last_error();
         EXPECT_TRUE(made);
         return std::shared_ptr<const pliant_body>(made, pliant_body_release);
     }
@@ -251,9 +252,12 @@ TEST_F(ConvertBodies, OfTwoRevisionsHaveTwoTopologies)
     EXPECT_GT(after.triangles.size() / 3, after.first_cut) << "cut faces are surface";
     EXPECT_EQ(after.vertex_weight.size(), 4 * after.vertex_tetrahedron.size());
     EXPECT_EQ(after.vertex_material.size(), after.vertex_tetrahedron.size());
-    for (uint32_t corner : after.triangles) ASSERT_LT(corner, after.rest_parent.size() + after.vertex_tetrahedron.size());
+    for (uint32_t corner : after.triangles)
+        ASSERT_LT(corner, after.rest_parent.size() + after.vertex_tetrahedron.size());
     MeshState state;
-    EXPECT_EQ(mesh_state_message(*loaded->model, *cut, cut->fine.rest, pliant_model_get_scene(loaded->model)->output.scalar, {}, &state), PLIANT_OK);
+    EXPECT_EQ(mesh_state_message(*loaded->model, *cut, cut->fine.rest,
+                                 pliant_model_get_scene(loaded->model)->output.scalar, {}, &state),
+              PLIANT_OK);
     EXPECT_EQ(state.nodes.size(), after.rest_nodes.size());
 }
 
@@ -262,12 +266,14 @@ TEST_F(ConvertBodies, AreFoundAgainFromTheirTopologies)
 {
     std::string why;
     Bodies bodies;
-    std::shared_ptr<const pliant_body> first = body_of(*loaded, topology(*loaded->model->body), &bodies, &why), second = body_of(*loaded, topology(*cut), &bodies, &why);
+    std::shared_ptr<const pliant_body> first = body_of(*loaded, topology(*loaded->model->body), &bodies, &why),
+                                       second = body_of(*loaded, topology(*cut), &bodies, &why);
     EXPECT_EQ(first.get(), loaded->model->body);
     ASSERT_TRUE(second) << why;
     EXPECT_TRUE(pliant_body_same(second.get(), cut.get()));
     MeshState state;
-    mesh_state_message(*loaded->model, *cut, cut->fine.rest, pliant_model_get_scene(loaded->model)->output.scalar, {}, &state);
+    mesh_state_message(*loaded->model, *cut, cut->fine.rest, pliant_model_get_scene(loaded->model)->output.scalar, {},
+                       &state);
     EXPECT_EQ(snapshot_of(loaded, second, state)->positions.size(), state.nodes.size());
     EXPECT_THROW(snapshot_of(loaded, first, state), Failure);
     MeshTopology wrong = topology(*cut);
@@ -337,23 +343,30 @@ TEST_F(ConvertBodies, AreFoundAgainWhereCutsSubdivide)
 {
     pliant_scene scene = loaded->asked;
     scene.cut.kind = PLIANT_CUT_SUBDIVIDE;
-    const std::shared_ptr<Loaded> other = build(scene, loaded->scan, *pliant_model_get_materials(loaded->model), pliant_progress{nullptr, nullptr});
+    const std::shared_ptr<Loaded> other =
+        build(scene, loaded->scan, *pliant_model_get_materials(loaded->model), pliant_progress{nullptr, nullptr});
     const double from[] = {0.0096, -1, -1, 0.0096, 1, -1}, to[] = {0.0144, -1, 1, 0.0144, 1, 1};
     const pliant_cut_sweep sweep{2, from, to, nullptr, 1, 1};
     pliant_body *made = nullptr;
-    ASSERT_EQ(pliant_body_cut(other->model->body, 2, other->model->body->fine.rest, &sweep, &made, nullptr), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_body_cut(other->model->body, 2, other->model->body->fine.rest, &sweep, &made, nullptr), PLIANT_OK)
+        << pliant_last_error();
     ASSERT_TRUE(made);
     const std::shared_ptr<const pliant_body> once(made, pliant_body_release), twice = part(*once, 0.0012, 3);
     loaded = other;
     std::string why;
     Bodies bodies;
-    for (const pliant_body *body : std::initializer_list<const pliant_body *>{other->model->body, once.get(), twice.get(), once.get()}) {
+    for (const pliant_body *body :
+         std::initializer_list<const pliant_body *>{other->model->body, once.get(), twice.get(), once.get()}) {
         const std::shared_ptr<const pliant_body> found = body_of(*other, topology(*body), &bodies, &why);
         ASSERT_TRUE(found) << why;
         ASSERT_EQ(found->fine.num_nodes, body->fine.num_nodes);
         ASSERT_EQ(found->fine.num_tets, body->fine.num_tets);
-        EXPECT_EQ(std::memcmp(found->fine.rest, body->fine.rest, 3 * static_cast<size_t>(body->fine.num_nodes) * sizeof(double)), 0);
-        EXPECT_EQ(std::memcmp(found->fine.tets, body->fine.tets, 4 * static_cast<size_t>(body->fine.num_tets) * sizeof(int32_t)), 0);
+        EXPECT_EQ(std::memcmp(found->fine.rest, body->fine.rest,
+                              3 * static_cast<size_t>(body->fine.num_nodes) * sizeof(double)),
+                  0);
+        EXPECT_EQ(std::memcmp(found->fine.tets, body->fine.tets,
+                              4 * static_cast<size_t>(body->fine.num_tets) * sizeof(int32_t)),
+                  0);
     }
     ASSERT_GT(once->fine.num_tets, other->model->body->fine.num_tets);
     ASSERT_GT(twice->fine.num_tets, once->fine.num_tets);
@@ -369,7 +382,8 @@ TEST_F(ConvertBodies, AreFoundAgainWhereCutsSubdivide)
 TEST_F(ConvertModel, StateWithoutScalar)
 {
     MeshState message;
-    EXPECT_EQ(mesh_state_message(model, body, rest, pliant_model_get_scene(&model)->output.scalar, {}, &message), PLIANT_OK);
+    EXPECT_EQ(mesh_state_message(model, body, rest, pliant_model_get_scene(&model)->output.scalar, {}, &message),
+              PLIANT_OK);
     EXPECT_EQ(message.nodes.size(), 12u);
     EXPECT_TRUE(message.scalar.empty());
     EXPECT_TRUE(message.scalar_name.empty());
@@ -534,7 +548,8 @@ TEST(Convert, TimingTellsOfLegsAndProxies)
     EXPECT_EQ(message.legs, 3u);
     EXPECT_EQ(message.advanced, 0.25f);
     EXPECT_EQ(message.max_proxy_error, 0.004f);
-    for (const auto &end : {std::make_pair(PLIANT_STEP_END_NONE, +StepTiming::NONE), std::make_pair(PLIANT_STEP_END_BLOCKED, +StepTiming::BLOCKED),
+    for (const auto &end : {std::make_pair(PLIANT_STEP_END_NONE, +StepTiming::NONE),
+                            std::make_pair(PLIANT_STEP_END_BLOCKED, +StepTiming::BLOCKED),
                             std::make_pair(PLIANT_STEP_END_FORCE_LIMIT, +StepTiming::FORCE_LIMIT)}) {
         statistics.ended = end.first;
         timing_message(statistics, &message);
@@ -696,7 +711,8 @@ TEST(Convert, AShapeIsDrawnAtItsProxyAndAsAGhostWhereItIsMeasured)
         EXPECT_NEAR(marker.lifetime.toSec(), 1, 1e-9);
     }
     EXPECT_EQ(names.size(), 8u);
-    const visualization_msgs::Marker &closed = markers.markers[0], &ball = markers.markers[2], &box = markers.markers[3], &open = markers.markers[4];
+    const visualization_msgs::Marker &closed = markers.markers[0], &ball = markers.markers[2],
+                                     &box = markers.markers[3], &open = markers.markers[4];
     EXPECT_EQ(closed.ns, "forceps/proxy"); // with closed jaws
     EXPECT_EQ(closed.type, visualization_msgs::Marker::CYLINDER);
     EXPECT_NEAR(closed.pose.position.x, 0.01, 1e-12);
@@ -744,7 +760,8 @@ TEST(Convert, CamerasLookAlongTheirConvention)
     pliant_camera camera{};
     pliant_camera_of_view(4, 2, 1.0, &camera);
     camera_from_frame(frame, OPTICAL, 0.5, &camera);
-    const double optical[12] = {0, -1, 0, 1, 1, 0, 0, 2.5, 0, 0, 1, 3}, ambf[12] = {-1, 0, 0, 1, 0, 0, -1, 2, 0, -1, 0, 3};
+    const double optical[12] = {0, -1, 0, 1, 1, 0, 0, 2.5, 0, 0, 1, 3},
+                 ambf[12] = {-1, 0, 0, 1, 0, 0, -1, 2, 0, -1, 0, 3};
     for (int n = 0; n < 12; ++n) EXPECT_NEAR(camera.pose[n], optical[n], 1e-15) << n;
     camera_from_frame(frame, AMBF, 0, &camera);
     for (int n = 0; n < 12; ++n) EXPECT_NEAR(camera.pose[n], ambf[n], 1e-15) << n;

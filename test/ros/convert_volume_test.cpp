@@ -87,8 +87,10 @@ protected:
     template <class Function> void set_all(Function function)
     {
         for (size_t v = 0; v < voxels(); ++v) {
-            if (GetParam() == PLIANT_UINT8) reinterpret_cast<uint8_t *>(now_.data())[v] = static_cast<uint8_t>(function(v));
-            else if (GetParam() == PLIANT_INT16) reinterpret_cast<int16_t *>(now_.data())[v] = static_cast<int16_t>(function(v));
+            if (GetParam() == PLIANT_UINT8)
+                reinterpret_cast<uint8_t *>(now_.data())[v] = static_cast<uint8_t>(function(v));
+            else if (GetParam() == PLIANT_INT16)
+                reinterpret_cast<int16_t *>(now_.data())[v] = static_cast<int16_t>(function(v));
             else now_[v] = static_cast<float>(function(v));
         }
         volume_.voxels = now_.data();
@@ -103,7 +105,8 @@ protected:
             for (uint32_t k = box.offset[2]; k < box.offset[2] + box.size[2]; ++k)
                 for (uint32_t j = box.offset[1]; j < box.offset[1] + box.size[1]; ++j) {
                     const size_t at = bytes * (box.offset[0] + 40 * (j + 24 * static_cast<size_t>(k)));
-                    std::memcpy(reinterpret_cast<char *>(viewer_.data()) + at, reinterpret_cast<char *>(now_.data()) + at, bytes * box.size[0]);
+                    std::memcpy(reinterpret_cast<char *>(viewer_.data()) + at,
+                                reinterpret_cast<char *>(now_.data()) + at, bytes * box.size[0]);
                 }
             sent_.keep(volume_, box);
         }
@@ -113,7 +116,8 @@ protected:
     double largest_error() const
     {
         double most = 0;
-        for (size_t v = 0; v < voxels(); ++v) most = std::max(most, 0.5 * std::abs(stored(now_, v) - stored(viewer_, v)));
+        for (size_t v = 0; v < voxels(); ++v)
+            most = std::max(most, 0.5 * std::abs(stored(now_, v) - stored(viewer_, v)));
         return most;
     }
 
@@ -134,7 +138,10 @@ TEST_P(Sent, StaysBelowTheThresholdInMotionAndIsExactAtRest)
     size_t total = 0;
     for (int round = 1; round <= 30; ++round) {
         // a slow drift everywhere, and a fast one in the first brick
-        set_all([&](size_t v) { return static_cast<double>(v % 100) + round / 2 + (v % 40 < 16 && v / 40 % 24 < 16 && v / 960 < 16 ? 3 * round : 0); });
+        set_all([&](size_t v) {
+            return static_cast<double>(v % 100) + round / 2 +
+                   (v % 40 < 16 && v / 40 % 24 < 16 && v / 960 < 16 ? 3 * round : 0);
+        });
         total += send(false, all);
         EXPECT_LT(largest_error(), threshold) << round;
     }
@@ -184,7 +191,8 @@ TEST(Noise, OfAScanIsItsStandardDeviation)
     uint32_t random = 1;
     for (size_t v = 0; v < voxels.size(); ++v) {
         double normal = -6; // sum of 12 uniform numbers
-        for (int n = 0; n < 12; ++n) normal += static_cast<double>((random = random * 1664525 + 1013904223) >> 8) / 16777216.0;
+        for (int n = 0; n < 12; ++n)
+            normal += static_cast<double>((random = random * 1664525 + 1013904223) >> 8) / 16777216.0;
         const bool air = v % 64 < 20, bone = v % 64 > 50;
         voxels[v] = air ? 0 : static_cast<int16_t>(std::lround((bone ? 1500 : 500) + 10 * normal));
     }
@@ -300,14 +308,17 @@ TEST(Convert, MergedBoxesHoldAllThatChanged)
     const auto random = [&seed](uint32_t below) { return (seed = seed * 1664525u + 1013904223u) / 65536u % below; };
     for (int round = 0; round < 200; ++round) {
         std::vector<Box> boxes;
-        for (uint32_t count = 1 + random(30); count > 0; --count) boxes.push_back({{random(12) * 16, random(9) * 16, random(7) * 16}, {1 + random(16), 1 + random(16), 1 + random(16)}});
+        for (uint32_t count = 1 + random(30); count > 0; --count)
+            boxes.push_back(
+                {{random(12) * 16, random(9) * 16, random(7) * 16}, {1 + random(16), 1 + random(16), 1 + random(16)}});
         for (size_t most : {1u, 8u}) {
             const std::vector<Box> merged = merged_boxes(boxes, most);
             ASSERT_LE(merged.size(), most);
             for (const Box &box : boxes)
                 ASSERT_TRUE(std::any_of(merged.begin(), merged.end(), [&box](const Box &all) {
                     const Box common = common_box(all, box);
-                    return std::equal(common.size, common.size + 3, box.size) && std::equal(common.offset, common.offset + 3, box.offset);
+                    return std::equal(common.size, common.size + 3, box.size) &&
+                           std::equal(common.offset, common.offset + 3, box.offset);
                 }));
         }
     }

@@ -21,7 +21,8 @@ struct Bench {
     double now = 10, push[3] = {-4, 0, 0};
     bool poses = true, forces = true, errors = true;
 
-    explicit Bench(const std::function<void(GuardSettings &)> &set = [](GuardSettings &) {}) : settings(make(set)), guard(settings)
+    explicit Bench(const std::function<void(GuardSettings &)> &set = [](GuardSettings &) {})
+        : settings(make(set)), guard(settings)
     {
         guard.following(true);
         guard.simulation(true);
@@ -54,7 +55,10 @@ struct Bench {
     }
 };
 
-double size_of(const Guard::Output &out) { return std::sqrt(out.force[0] * out.force[0] + out.force[1] * out.force[1] + out.force[2] * out.force[2]); }
+double size_of(const Guard::Output &out)
+{
+    return std::sqrt(out.force[0] * out.force[0] + out.force[1] * out.force[1] + out.force[2] * out.force[2]);
+}
 
 TEST(Guard, RisesFromZeroAndThenHandsOnAPartOfTheForceAgainstTheHand)
 {
@@ -147,12 +151,15 @@ TEST_P(EveryEdge, IsAsTheTableSays)
     }
 }
 
-const GuardState C = GuardState::CLOSED, R = GuardState::RISING, O = GuardState::OPEN, E = GuardState::ENDING, F = GuardState::FAULT;
-const Edge edges[] = {{C, GATES_OPEN, R}, {C, A_GATE_CLOSES, C}, {C, RAMP_PASSES, C}, {C, TAIL_PASSES, C}, {C, A_FAULT, F}, {C, A_SHUTDOWN, C},
-                      {R, GATES_OPEN, R}, {R, A_GATE_CLOSES, E}, {R, RAMP_PASSES, O}, {R, TAIL_PASSES, R}, {R, A_FAULT, E}, {R, A_SHUTDOWN, C},
-                      {O, GATES_OPEN, O}, {O, A_GATE_CLOSES, E}, {O, RAMP_PASSES, O}, {O, TAIL_PASSES, O}, {O, A_FAULT, E}, {O, A_SHUTDOWN, C},
-                      {E, GATES_OPEN, R}, {E, A_GATE_CLOSES, E}, {E, RAMP_PASSES, C}, {E, TAIL_PASSES, C}, {E, A_FAULT, E}, {E, A_SHUTDOWN, C},
-                      {F, GATES_OPEN, F}, {F, A_GATE_CLOSES, F}, {F, RAMP_PASSES, F}, {F, TAIL_PASSES, F}, {F, A_FAULT, F}, {F, A_SHUTDOWN, C}};
+const GuardState C = GuardState::CLOSED, R = GuardState::RISING, O = GuardState::OPEN, E = GuardState::ENDING,
+                 F = GuardState::FAULT;
+const Edge edges[] = {
+    {C, GATES_OPEN, R},    {C, A_GATE_CLOSES, C}, {C, RAMP_PASSES, C},   {C, TAIL_PASSES, C},   {C, A_FAULT, F},
+    {C, A_SHUTDOWN, C},    {R, GATES_OPEN, R},    {R, A_GATE_CLOSES, E}, {R, RAMP_PASSES, O},   {R, TAIL_PASSES, R},
+    {R, A_FAULT, E},       {R, A_SHUTDOWN, C},    {O, GATES_OPEN, O},    {O, A_GATE_CLOSES, E}, {O, RAMP_PASSES, O},
+    {O, TAIL_PASSES, O},   {O, A_FAULT, E},       {O, A_SHUTDOWN, C},    {E, GATES_OPEN, R},    {E, A_GATE_CLOSES, E},
+    {E, RAMP_PASSES, C},   {E, TAIL_PASSES, C},   {E, A_FAULT, E},       {E, A_SHUTDOWN, C},    {F, GATES_OPEN, F},
+    {F, A_GATE_CLOSES, F}, {F, RAMP_PASSES, F},   {F, TAIL_PASSES, F},   {F, A_FAULT, F},       {F, A_SHUTDOWN, C}};
 std::string edge_name(const testing::TestParamInfo<Edge> &each)
 {
     static const char *const events[] = {"GatesOpen", "AGateCloses", "RampPasses", "TailPasses", "AFault", "AShutdown"};
@@ -206,9 +213,11 @@ const Closing closings[] = {
     {"Infinite", [](Bench &bench) { bench.push[2] = INFINITY; }, "finite"},
     {"Error", [](Bench &bench) { bench.errors = false, bench.guard.error(bench.now, 0.01); }, "error is too large"},
     {"ErrorNotKnown", [](Bench &bench) { bench.errors = false, bench.guard.error(bench.now, 0); }, "does not tell"},
-    {"ErrorNoNumber", [](Bench &bench) { bench.errors = false, bench.guard.error(bench.now, nan); }, "error is too large"},
+    {"ErrorNoNumber", [](Bench &bench) { bench.errors = false, bench.guard.error(bench.now, nan); },
+     "error is too large"},
 };
-INSTANTIATE_TEST_SUITE_P(Every, EveryGate, testing::ValuesIn(closings), [](const testing::TestParamInfo<Closing> &each) { return each.param.name; });
+INSTANTIATE_TEST_SUITE_P(Every, EveryGate, testing::ValuesIn(closings),
+                         [](const testing::TestParamInfo<Closing> &each) { return each.param.name; });
 
 TEST(Guard, IsClosedWhereTheErrorIsNoLongerTold)
 {
@@ -350,8 +359,10 @@ TEST(GuardParameters, AreReadAndTheOthersHaveDefaults)
 TEST(GuardParameters, WrongOnesAreNamedAndZerosGoOutAllTheSame)
 {
     const std::pair<const char *, XmlRpc::XmlRpcValue> wrong[] = {
-        {"gain", -1.0}, {"gain", "much"}, {"max_force", 0}, {"max_force", nan}, {"max_rate", -20}, {"cutoff", 0.0}, {"ramp", 0.0}, {"tail", -1.0}, {"timeout", 0.6},
-        {"max_error", nan}, {"max_error", "any"}, {"rate", 1e9}, {"rate", 1}, {"tool", ""}, {"tool", 7}, {"tool", "PSM 1"}, {"needs_following", 1}, {"max_forse", 1.0}};
+        {"gain", -1.0},       {"gain", "much"},       {"max_force", 0},  {"max_force", nan}, {"max_rate", -20},
+        {"cutoff", 0.0},      {"ramp", 0.0},          {"tail", -1.0},    {"timeout", 0.6},   {"max_error", nan},
+        {"max_error", "any"}, {"rate", 1e9},          {"rate", 1},       {"tool", ""},       {"tool", 7},
+        {"tool", "PSM 1"},    {"needs_following", 1}, {"max_forse", 1.0}};
     for (const auto &each : wrong) {
         GuardParameters read;
         std::string why;

@@ -86,7 +86,8 @@ TEST(Params, AShapeHasANameOrAFile)
     EXPECT_NE(refusal(tree).find("auto | blob | contact"), std::string::npos) << refusal(tree);
     tree["grasp"]["kind"] = "auto";
     tree["tool"]["PSM1"]["shape"] = "spoon";
-    EXPECT_NE(refusal(tree).find("~tool/PSM1/shape: there is no instrument 'spoon'"), std::string::npos) << refusal(tree);
+    EXPECT_NE(refusal(tree).find("~tool/PSM1/shape: there is no instrument 'spoon'"), std::string::npos)
+        << refusal(tree);
     tree["tool"]["PSM1"]["shape"] = "/nowhere/shape.yaml";
     EXPECT_NE(refusal(tree).find("/nowhere/shape.yaml: cannot be opened"), std::string::npos) << refusal(tree);
     tree["tool"]["PSM1"]["shape"] = "nowhere.yml";
@@ -260,7 +261,8 @@ TEST(Params, HandEyeNamesFramesAndFiles)
     XmlRpcValue good;
     good["hand_eye"] = "PSM1_base=/nowhere/PSM1.json  PSM2_base=/nowhere/PSM2.json";
     EXPECT_FALSE(read(good).hand_eye.empty()); // the existence of the files is checked when they are read
-    for (const char *wrong : {"PSM1_base", "=/nowhere/PSM1.json", "PSM1_base=", "PSM1_base=/nowhere/PSM1.json PSM2_base"}) {
+    for (const char *wrong :
+         {"PSM1_base", "=/nowhere/PSM1.json", "PSM1_base=", "PSM1_base=/nowhere/PSM1.json PSM2_base"}) {
         XmlRpcValue tree;
         tree["hand_eye"] = wrong;
         EXPECT_NE(refusal(tree).find("FRAME=FILE"), std::string::npos) << wrong;

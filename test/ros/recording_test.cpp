@@ -39,7 +39,8 @@ struct Session {
     Body body;
     std::shared_ptr<Loaded> loaded = std::make_shared<Loaded>();
     explicit Session(const Case &each)
-        : body(size, box, {{4000, 0.4, 1000, false}, {20000, 0.4, 1200, false}}, [](int i, int, int k) { return (i < 6 || i > 9) && k > 9; })
+        : body(size, box, {{4000, 0.4, 1000, false}, {20000, 0.4, 1200, false}},
+               [](int i, int, int k) { return (i < 6 || i > 9) && k > 9; })
     {
         body.fix_plane(0, 0, 1e-6, 0, 0, 1);
         body.cells(8, 8, 8, 1);
@@ -50,7 +51,9 @@ struct Session {
         each.set(body.scene);
         for (uint32_t m = 0; m < body.table.num_materials; m++) body.table.materials[m].toughness = 100;
         body.scene.solver.backend = PLIANT_AUTO;
-        EXPECT_EQ(pliant_model_build(&body.scene, &body.scan, nullptr, &body.table, {nullptr, nullptr}, &loaded->model), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(pliant_model_build(&body.scene, &body.scan, nullptr, &body.table, {nullptr, nullptr}, &loaded->model),
+                  PLIANT_OK)
+            << pliant_last_error();
         loaded->revision = 1;
     }
 };
@@ -101,7 +104,8 @@ struct Recording {
     int32_t nodes = 0, most = 0; // initial number, and maximum with cuts
     uint32_t taken = 0;
     std::string backend;
-    explicit Recording(const std::shared_ptr<const Loaded> &loaded) : path(testing::TempDir() + "recording_test_" + std::to_string(getpid()) + ".bag")
+    explicit Recording(const std::shared_ptr<const Loaded> &loaded)
+        : path(testing::TempDir() + "recording_test_" + std::to_string(getpid()) + ".bag")
     {
         const pliant_model &model = *loaded->model;
         pliant_ros::Data data = pliant_ros::create_data(model);
@@ -117,7 +121,8 @@ struct Recording {
                 pliant_cut_report report;
                 pliant_ros::make_cut(model, data.get(), cut, &report);
             }
-            pliant_ros::tell_outcome(pliant_ros::make_step(model, data.get(), PLIANT_BACKGROUND_LIVE, step), *data, &step);
+            pliant_ros::tell_outcome(pliant_ros::make_step(model, data.get(), PLIANT_BACKGROUND_LIVE, step), *data,
+                                     &step);
             EXPECT_GE(step.status, 0) << pliant_last_error();
             step.revision = pliant_ros::revision_of(*loaded, pliant_data_get_body(data.get())->revision);
             step.header.stamp = ros::Time(100 + 0.02 * static_cast<double>(turns));
@@ -146,7 +151,8 @@ struct Recording {
 
 bool has_gpu()
 {
-    static const std::string backend = pliant_data_get_backend(pliant_ros::create_data(*Session(direct).loaded->model).get());
+    static const std::string backend =
+        pliant_data_get_backend(pliant_ros::create_data(*Session(direct).loaded->model).get());
     return backend == "cuda";
 }
 
@@ -172,8 +178,8 @@ TEST_P(EveryEngine, IsMadeAgainFromItsBag)
     EXPECT_EQ(never.differing() > 0, recording.taken != 0);
     const pliant_scene &scene = *pliant_model_get_scene(loaded->model);
     if (scene.solver.kind == PLIANT_COROTATIONAL) EXPECT_NE(recording.taken, 0u);
-    std::printf("%-20s %s, %d to %d nodes, background results taken 0x%x: %s\n", GetParam().name, recording.backend.c_str(), recording.nodes, recording.most,
-                recording.taken, again.summary().c_str());
+    std::printf("%-20s %s, %d to %d nodes, background results taken 0x%x: %s\n", GetParam().name,
+                recording.backend.c_str(), recording.nodes, recording.most, recording.taken, again.summary().c_str());
 }
 
 // Compute steps as the node does; return the positions after each.
@@ -186,7 +192,8 @@ std::vector<double> turns(const pliant_model &model, pliant_data *data, int firs
         for (const CutInput &cut : step.cuts) pliant_ros::make_cut(model, data, cut, &report);
         EXPECT_GE(pliant_ros::make_step(model, data, PLIANT_BACKGROUND_PLANNED, step), 0) << pliant_last_error();
         const double *positions = pliant_data_get_positions(data, nullptr);
-        seen.insert(seen.end(), positions, positions + 3 * static_cast<size_t>(pliant_data_get_body(data)->fine.num_nodes));
+        seen.insert(seen.end(), positions,
+                    positions + 3 * static_cast<size_t>(pliant_data_get_body(data)->fine.num_nodes));
     }
     return seen;
 }
@@ -217,20 +224,23 @@ TEST_P(SomeEngines, ContinueFromTheirCheckpoint)
     const pliant_scene &scene = *pliant_model_get_scene(&model);
     ASSERT_EQ(continued[0].size(), straight.size());
     double farthest = 0;
-    for (size_t n = 0; n < straight.size(); n++) farthest = std::max(farthest, std::fabs(continued[0][n] - straight[n]));
+    for (size_t n = 0; n < straight.size(); n++)
+        farthest = std::max(farthest, std::fabs(continued[0][n] - straight[n]));
     std::printf("%-20s continues within %.2g m\n", GetParam().name, farthest);
     if (scene.solver.kind == PLIANT_TLED && !scene.tled.quasi_static) {
         EXPECT_EQ(farthest, 0);
     }
 }
 
-INSTANTIATE_TEST_SUITE_P(Checkpoint, SomeEngines, testing::Values(direct, averaged, patch, tough, dynamic, cubes, octree_dynamic, relaxed),
+INSTANTIATE_TEST_SUITE_P(Checkpoint, SomeEngines,
+                         testing::Values(direct, averaged, patch, tough, dynamic, cubes, octree_dynamic, relaxed),
                          [](const testing::TestParamInfo<Case> &info) { return std::string(info.param.name); });
 
 // In a bag of Pliant 0.1.0, steps lack the last two fields and are readable.
 TEST(OlderBags, HaveStepsThatAreReadAndOtherMessagesAreRefused)
 {
-    const std::string path = testing::TempDir() + "older_bags_" + std::to_string(getpid()) + ".bag", md5 = "7ea001853a4b85c219a652b58dba7739";
+    const std::string path = testing::TempDir() + "older_bags_" + std::to_string(getpid()) + ".bag",
+                      md5 = "7ea001853a4b85c219a652b58dba7739";
     Step step = heard(3);
     step.checksum = 12345;
     step.seconds = {1, 2};
@@ -258,7 +268,8 @@ TEST(OlderBags, HaveStepsThatAreReadAndOtherMessagesAreRefused)
         pliant_ros::read_message<pliant::Session>(*sessions.begin());
         ADD_FAILURE() << "it was read";
     } catch (const pliant_ros::Failure &failed) {
-        EXPECT_NE(std::string(failed.what()).find("another version of Pliant (md5 00000"), std::string::npos) << failed.what();
+        EXPECT_NE(std::string(failed.what()).find("another version of Pliant (md5 00000"), std::string::npos)
+            << failed.what();
     }
     bag.close();
     // a player would publish them unchanged
@@ -267,12 +278,15 @@ TEST(OlderBags, HaveStepsThatAreReadAndOtherMessagesAreRefused)
     std::remove(path.c_str());
 }
 INSTANTIATE_TEST_SUITE_P(Recording, EveryEngine,
-                         testing::Values(direct, multigrid, hexahedra, averaged, averaged_hexahedra, plain, coarse_hexahedra, schur, schur_hexahedra, calibrated, patch, patch_hexahedra, octree,
-                                         octree_hexahedra, tough, subdivided, dynamic, cubes, octree_dynamic, relaxed),
+                         testing::Values(direct, multigrid, hexahedra, averaged, averaged_hexahedra, plain,
+                                         coarse_hexahedra, schur, schur_hexahedra, calibrated, patch, patch_hexahedra,
+                                         octree, octree_hexahedra, tough, subdivided, dynamic, cubes, octree_dynamic,
+                                         relaxed),
                          [](const testing::TestParamInfo<Case> &info) { return std::string(info.param.name); });
 
 // a scan in a separate folder
-std::shared_ptr<const pliant_ros::Scan> scan_in(const std::string &folder, const std::string &name, uint8_t first, double spacing)
+std::shared_ptr<const pliant_ros::Scan> scan_in(const std::string &folder, const std::string &name, uint8_t first,
+                                                double spacing)
 {
     const std::string path = testing::TempDir() + folder + std::to_string(getpid());
     EXPECT_EQ(mkdir(path.c_str(), 0777), 0);
@@ -291,7 +305,8 @@ std::shared_ptr<const pliant_ros::Scan> scan_in(const std::string &folder, const
 TEST(ScanId, TellsPatientsApartWhoseFilesHaveOneName)
 {
     using pliant_ros::is_id_of;
-    const auto one = scan_in("one", "SCAN.nii.gz", 0, 0.01), again = scan_in("again", "SCAN.nii.gz", 0, 0.01), renamed = scan_in("renamed", "other.nii.gz", 0, 0.01);
+    const auto one = scan_in("one", "SCAN.nii.gz", 0, 0.01), again = scan_in("again", "SCAN.nii.gz", 0, 0.01),
+               renamed = scan_in("renamed", "other.nii.gz", 0, 0.01);
     const auto voxels = scan_in("voxels", "SCAN.nii.gz", 1, 0.01), longer = scan_in("longer", "SCAN.nii.gz", 0, 0.011);
     const std::string id = one->volume.id;
     EXPECT_EQ(id.substr(0, 12), "SCAN.nii.gz-");

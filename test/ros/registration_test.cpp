@@ -108,7 +108,8 @@ Points scaled(const Points &points, double x, double y, double z)
     return out;
 }
 
-void expect_words(const std::string &text, const std::vector<std::string> &words, const std::vector<std::string> &others)
+void expect_words(const std::string &text, const std::vector<std::string> &words,
+                  const std::vector<std::string> &others)
 {
     EXPECT_NE(text.find("refused"), std::string::npos) << text;
     for (const std::string &word : words) EXPECT_NE(text.find(word), std::string::npos) << word << ": " << text;
@@ -136,11 +137,14 @@ TEST(Registration, NamesMirroredPoints)
 
 TEST(Registration, NamesOtherUnits)
 {
-    const Points room = moved(landmarks, 1e-3), large = scaled(landmarks, 1e3, 1e3, 1e3), large_room = scaled(room, 1e3, 1e3, 1e3);
+    const Points room = moved(landmarks, 1e-3), large = scaled(landmarks, 1e3, 1e3, 1e3),
+                 large_room = scaled(room, 1e3, 1e3, 1e3);
     expect_words(refusal(landmarks, large_room), {"points of the room in millimetres?"}, {"mirrored"});
     expect_words(refusal(large, room), {"points of the tissue in millimetres?"}, {"mirrored"});
-    expect_words(refusal(scaled(landmarks, 100, 100, 100), room), {"points of the tissue in centimetres?"}, {"mirrored"});
-    expect_words(refusal(scaled(landmarks, -1e3, 1e3, 1e3), room), {"points of the tissue in millimetres?", "mirrored?"}, {});
+    expect_words(refusal(scaled(landmarks, 100, 100, 100), room), {"points of the tissue in centimetres?"},
+                 {"mirrored"});
+    expect_words(refusal(scaled(landmarks, -1e3, 1e3, 1e3), room),
+                 {"points of the tissue in millimetres?", "mirrored?"}, {});
     // both sets, without any error
     expect_words(refusal(large, moved(large)), {"in millimetres?"}, {"mirrored"});
 }
@@ -157,7 +161,8 @@ TEST(Registration, NamesThePairThatIsOff)
 TEST(Registration, RefusesWhatSaysTooLittle)
 {
     const double nan = std::numeric_limits<double>::quiet_NaN();
-    const Points line{point(0, 0, 0), point(0.1, 0.1, 0), point(0.2, 0.2001, 0), point(0.4, 0.4, 0)}, same(4, point(1, 2, 3));
+    const Points line{point(0, 0, 0), point(0.1, 0.1, 0), point(0.2, 0.2001, 0), point(0.4, 0.4, 0)},
+        same(4, point(1, 2, 3));
     const std::pair<Points, Points> refused[] = {
         {{}, {}},
         {{landmarks[0], landmarks[1]}, {landmarks[0], landmarks[1]}},
@@ -186,8 +191,9 @@ TEST(Registration, IsKeptInAFileOfItsFrame)
     for (int d = 0; d < 4; ++d) EXPECT_NEAR(pose.rotation[d], there.rotation[d], 1e-15);
     EXPECT_FALSE(registration_from_text(text, "PSM1_base", &pose, &why));
     EXPECT_NE(why.find("ECM"), std::string::npos);
-    for (const char *bad : {"", "parent_frame: ECM\n", "parent_frame: ECM\ntissue_pose: 1 2 3 4\n", "parent_frame: ECM\ntissue_pose: 0 0 0 0 0 0 0\n",
-                            "parent_frame: ECM\ntissue_pose: 0 0 nan 0 0 0 1\n"})
+    for (const char *bad :
+         {"", "parent_frame: ECM\n", "parent_frame: ECM\ntissue_pose: 1 2 3 4\n",
+          "parent_frame: ECM\ntissue_pose: 0 0 0 0 0 0 0\n", "parent_frame: ECM\ntissue_pose: 0 0 nan 0 0 0 1\n"})
         EXPECT_FALSE(registration_from_text(bad, "ECM", &pose, &why)) << bad;
 }
 
@@ -195,17 +201,23 @@ TEST(HandEye, AFileOfTheCameraRegistrationSaysWhereAnArmsBaseLies)
 {
     std::string frame, why;
     Rigid pose;
-    const std::string rows = "[[0.0, -1.0, 0.0, 0.12], [1.0, 0.0, 0.0, -3.5e-2], [0.0, 0.0, 1.0, 0.2], [0.0, 0.0, 0.0, 1.0]]";
-    ASSERT_TRUE(hand_eye_from_text("{\n\"base-frame\": {\"reference-frame\": \"camera\", \"transform\": " + rows + "}\n}\n", &frame, &pose, &why)) << why;
+    const std::string rows =
+        "[[0.0, -1.0, 0.0, 0.12], [1.0, 0.0, 0.0, -3.5e-2], [0.0, 0.0, 1.0, 0.2], [0.0, 0.0, 0.0, 1.0]]";
+    ASSERT_TRUE(hand_eye_from_text(
+        "{\n\"base-frame\": {\"reference-frame\": \"camera\", \"transform\": " + rows + "}\n}\n", &frame, &pose, &why))
+        << why;
     EXPECT_EQ(frame, "camera");
     EXPECT_NEAR(pose.translation[0], 0.12, 1e-15);
     EXPECT_NEAR(pose.translation[1], -0.035, 1e-15);
     EXPECT_NEAR(pose.rotation[2], std::sqrt(0.5), 1e-12);
     EXPECT_NEAR(pose.rotation[3], std::sqrt(0.5), 1e-12);
     // in the format of a console's file
-    EXPECT_TRUE(hand_eye_from_text("\"base-frame\": {\"transform\": " + rows + ", \"reference-frame\": \"ECM\"}", &frame, &pose, &why)) << why;
+    EXPECT_TRUE(hand_eye_from_text("\"base-frame\": {\"transform\": " + rows + ", \"reference-frame\": \"ECM\"}",
+                                   &frame, &pose, &why))
+        << why;
     EXPECT_EQ(frame, "ECM");
-    for (const std::string &wrong : {std::string("{\"name\": \"PSM1\"}"), std::string("{\"reference-frame\": \"camera\", \"transform\": [[1, 0, 0, 0]]}"),
+    for (const std::string &wrong : {std::string("{\"name\": \"PSM1\"}"),
+                                     std::string("{\"reference-frame\": \"camera\", \"transform\": [[1, 0, 0, 0]]}"),
                                      "{\"reference-frame\": \"\", \"transform\": " + rows + "}"}) {
         EXPECT_FALSE(hand_eye_from_text(wrong, &frame, &pose, &why)) << wrong;
         EXPECT_NE(why.find("reference-frame"), std::string::npos) << why;

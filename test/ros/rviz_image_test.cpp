@@ -64,9 +64,18 @@ TEST(VolumeCheck, SaysWhatIsWrong)
     broken([](VolumeView &v) { v.full_size[2] = 0; }, "empty");
     broken([](VolumeView &v) { v.box.offset[0] = 1; }, "leaves the volume");
     broken([](VolumeView &v) { v.box.offset[0] = 0xffffffff; }, "leaves the volume");
-    broken([](VolumeView &v) { v.full_size = v.box.size = {{0xffffffff, 0xffffffff, 0xffffffff}}; }, "does not match the data");
+    broken(
+        [](VolumeView &v) {
+            v.full_size = v.box.size = {{0xffffffff, 0xffffffff, 0xffffffff}};
+        },
+        "does not match the data");
     // 2^32 x 2^31 x 2 voxels would be 0 in 64 bits
-    broken([](VolumeView &v) { v.full_size = v.box.size = {{0x80000000u, 0x80000000u, 4}}; v.bytes = 0; }, "does not match the data");
+    broken(
+        [](VolumeView &v) {
+            v.full_size = v.box.size = {{0x80000000u, 0x80000000u, 4}};
+            v.bytes = 0;
+        },
+        "does not match the data");
     broken([](VolumeView &v) { v.spacing[1] = 0; }, "spacing");
     broken([](VolumeView &v) { v.spacing[1] = -0.001; }, "spacing");
     broken([](VolumeView &v) { v.spacing[2] = std::numeric_limits<double>::quiet_NaN(); }, "spacing");
@@ -174,7 +183,8 @@ TEST(VolumeImage, ABoxChangesOnlyItself)
         for (uint32_t j = 0; j < 30; j++)
             for (uint32_t i = 0; i < 40; i++) {
                 bool inside = i >= 16 && i < 32 && j >= 16 && k < 16;
-                ASSERT_NEAR(value(image, i, j, k), inside ? -7 : double((i + 40 * (j + 30 * k)) % 1000), 1e-8) << i << " " << j << " " << k;
+                ASSERT_NEAR(value(image, i, j, k), inside ? -7 : double((i + 40 * (j + 30 * k)) % 1000), 1e-8)
+                    << i << " " << j << " " << k;
             }
     ASSERT_TRUE(image.next_change(size_t(1) << 30, change));
     EXPECT_EQ(change.offset, box.view.box.offset);
@@ -232,7 +242,8 @@ TEST(VolumeImage, TooLargeIsSubsampledInPlace)
     EXPECT_NE(image.precision().find("every 3. voxel"), std::string::npos);
     for (uint32_t k = 0; k < 4; k++)
         for (uint32_t j = 0; j < 7; j++)
-            for (uint32_t i = 0; i < 17; i++) ASSERT_NEAR(value(image, i, j, k), 3 * i + 50 * (3 * j + 20 * 3 * k), 1e-8);
+            for (uint32_t i = 0; i < 17; i++)
+                ASSERT_NEAR(value(image, i, j, k), 3 * i + 50 * (3 * j + 20 * 3 * k), 1e-8);
     // a box changes the texels whose voxels it contains
     Source<int16_t> box({{50, 20, 10}}, INT16);
     box.view.box.offset = {{4, 4, 4}};
@@ -305,7 +316,8 @@ TEST(VolumeImage, IsInterpolatedAsItsTexture)
     image.put(source.view, TextureLimits());
     EXPECT_NEAR(image.value({{2, 1, 1}}), 2 * 121 - 1000, 1e-6);
     EXPECT_NEAR(image.value({{0.5, 0, 0}}), 2 * 0.5 - 1000, 1e-6);
-    EXPECT_NEAR(image.value({{1, 0.25, 0.5}}), 2 * (0.5 * (0.75 * 1 + 0.25 * 16) + 0.5 * (0.75 * 49 + 0.25 * 100)) - 1000, 1e-6);
+    EXPECT_NEAR(image.value({{1, 0.25, 0.5}}),
+                2 * (0.5 * (0.75 * 1 + 0.25 * 16) + 0.5 * (0.75 * 49 + 0.25 * 100)) - 1000, 1e-6);
     EXPECT_NEAR(image.value({{-5, 0, 0}}), -1000, 1e-6) << "beyond the outermost theirs go on";
     EXPECT_NEAR(image.value({{9, 9, 9}}), 2 * 121 - 1000, 1e-6);
 }

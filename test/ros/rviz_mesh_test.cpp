@@ -30,7 +30,8 @@ Topology row(uint32_t cubes)
             std::array<uint32_t, 4> tet;
             // bits of a corner: 0: x, 1: y, 2: z
             for (size_t v = 0; v < 4; v++)
-                tet[v] = 4 * (c + uint32_t(corners[v] & 1)) + uint32_t(corners[v] >> 1 & 1) + 2 * uint32_t(corners[v] >> 2);
+                tet[v] =
+                    4 * (c + uint32_t(corners[v] & 1)) + uint32_t(corners[v] >> 1 & 1) + 2 * uint32_t(corners[v] >> 2);
             const float *x[4];
             for (size_t v = 0; v < 4; v++) x[v] = &topology.rest[3 * tet[v]];
             double a[3][3], det = 0;
@@ -52,7 +53,8 @@ double volume_inside(const Shape &shape)
     for (size_t n = 0; n < shape.triangles.size(); n += 3) {
         const float *a = &shape.vertices[3 * shape.triangles[n]], *b = &shape.vertices[3 * shape.triangles[n + 1]],
                     *c = &shape.vertices[3 * shape.triangles[n + 2]];
-        for (size_t d = 0; d < 3; d++) sum += a[d] * (b[(d + 1) % 3] * c[(d + 2) % 3] - b[(d + 2) % 3] * c[(d + 1) % 3]) / 6.0;
+        for (size_t d = 0; d < 3; d++)
+            sum += a[d] * (b[(d + 1) % 3] * c[(d + 2) % 3] - b[(d + 2) % 3] * c[(d + 1) % 3]) / 6.0;
     }
     return sum;
 }
@@ -176,7 +178,8 @@ TEST(MeshShape, SurfaceNormalsPointOutwards)
     for (size_t n = 0; n < surface.nodes.size(); n++) {
         double outwards = 0;
         const double middle[3] = {1.5, 0.5, 0.5};
-        for (size_t d = 0; d < 3; d++) outwards += surface.normals[3 * n + d] * (surface.vertices[3 * n + d] - middle[d]);
+        for (size_t d = 0; d < 3; d++)
+            outwards += surface.normals[3 * n + d] * (surface.vertices[3 * n + d] - middle[d]);
         EXPECT_GT(outwards, 0);
     }
     // each edge once: Euler's formula for a closed surface, V - E + F = 2
@@ -188,7 +191,8 @@ TEST(MeshShape, VerticesOfASurfaceMoveWithTheirTetrahedra)
 {
     MeshShape mesh;
     Topology topology = row(1);
-    const std::array<uint32_t, 4> first{{topology.tetrahedra[0], topology.tetrahedra[1], topology.tetrahedra[2], topology.tetrahedra[3]}};
+    const std::array<uint32_t, 4> first{
+        {topology.tetrahedra[0], topology.tetrahedra[1], topology.tetrahedra[2], topology.tetrahedra[3]}};
     topology.vertex_tetrahedron = {0};
     topology.vertex_weight = {0.5f, 0.25f, 0.25f, 0};
     topology.vertex_material = {9};
@@ -211,7 +215,10 @@ TEST(MeshShape, VerticesOfASurfaceMoveWithTheirTetrahedra)
         own++;
         EXPECT_EQ(shape.material[n], 9);
         for (size_t d = 0; d < 3; d++)
-            EXPECT_NEAR(shape.vertices[3 * n + d], 0.5f * moved[3 * first[0] + d] + 0.25f * moved[3 * first[1] + d] + 0.25f * moved[3 * first[2] + d], 1e-6);
+            EXPECT_NEAR(shape.vertices[3 * n + d],
+                        0.5f * moved[3 * first[0] + d] + 0.25f * moved[3 * first[1] + d] +
+                            0.25f * moved[3 * first[2] + d],
+                        1e-6);
     }
     EXPECT_EQ(own, 2);
     // three edges between nodes, on the rim or not, and the rim edge that ends at the vertex
@@ -238,7 +245,8 @@ TEST(MeshShape, TheRangeLeavesOutWhatIsNoNumber)
 TEST(Colours, StayInTheirRange)
 {
     for (double t : {-1.0, 0.0, 0.3, 0.5, 1.0, 7.0})
-        for (const Rgb &colour : {sequential_colour(t), diverging_colour(t), material_colour(uint16_t(std::fabs(t * 100)))})
+        for (const Rgb &colour :
+             {sequential_colour(t), diverging_colour(t), material_colour(uint16_t(std::fabs(t * 100)))})
             for (double x : colour) {
                 EXPECT_GE(x, 0);
                 EXPECT_LE(x, 1);
@@ -250,7 +258,9 @@ TEST(Colours, StayInTheirRange)
 TEST(Scalars, HaveUnits)
 {
 #define UNIT_OF(value, name) \
-    if (std::string(#name) != "none" && std::string(#name) != "volume_ratio") { EXPECT_STRNE(scalar_unit(#name), "") << #name; }
+    if (std::string(#name) != "none" && std::string(#name) != "volume_ratio") { \
+        EXPECT_STRNE(scalar_unit(#name), "") << #name; \
+    }
     PLIANT_SCALAR_LIST(UNIT_OF)
 #undef UNIT_OF
     EXPECT_STREQ(scalar_unit("von_mises"), "Pa");

@@ -19,7 +19,8 @@ void write_rows(const QTreeView &tree, const QModelIndex &parent, const QString 
         const QString here = path + name.data().toString();
         const QPoint middle = tree.visualRect(value).center();
         const QPoint at = tree.viewport()->mapToGlobal(middle);
-        if (tree.viewport()->rect().contains(middle)) *out << here << '\t' << at.x() << '\t' << at.y() << '\t' << value.data().toString() << '\n';
+        if (tree.viewport()->rect().contains(middle))
+            *out << here << '\t' << at.x() << '\t' << at.y() << '\t' << value.data().toString() << '\n';
         if (tree.isExpanded(name)) write_rows(tree, name, here + "/", out);
     }
 }

@@ -127,7 +127,8 @@ TEST(ClipRay, OutsideOfWhatIsCutAway)
     ASSERT_EQ(parts.size(), 1u);
     EXPECT_DOUBLE_EQ(parts[0].near, 2.5);
     EXPECT_TRUE(left({{{-1, 0, 0}}, {{2, 1, 1}}}).empty());
-    for (const Bounds &box : {Bounds{{{0.25, 0.6, 0}}, {{0.5, 1, 1}}}, Bounds{{{1.5, 0, 0}}, {{2, 1, 1}}}, Bounds{{{0.5, 0.5, 0.5}}, {{0.5, 0.5, 0.5}}}}) {
+    for (const Bounds &box : {Bounds{{{0.25, 0.6, 0}}, {{0.5, 1, 1}}}, Bounds{{{1.5, 0, 0}}, {{2, 1, 1}}},
+                              Bounds{{{0.5, 0.5, 0.5}}, {{0.5, 0.5, 0.5}}}}) {
         parts = left(box);
         ASSERT_EQ(parts.size(), 1u);
         EXPECT_DOUBLE_EQ(parts[0].near, 2);

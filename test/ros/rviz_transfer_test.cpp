@@ -107,8 +107,9 @@ TEST(Points, AsTextAndBack)
     }
     std::vector<ControlPoint> kept = presets().front().points;
     const size_t count = kept.size();
-    for (const char *wrong : {"", "0.1, 0, 0, 0, 0", "0.1, 0, 0, 0; 0.2, 0, 0, 0, 1", "0.2, 0, 0, 0, 0; 0.1, 0, 0, 0, 1",
-                              "0.1, 0, 0, 0, 0; 0.2, 0, 0, 2, 1", "0.1, 0, 0, 0, 0; 0.2, 0, 0, 0, 1 more", "0.1, 0, 0, 0, 0; nan, 0, 0, 0, 1"})
+    for (const char *wrong : {"", "0.1, 0, 0, 0, 0", "0.1, 0, 0, 0; 0.2, 0, 0, 0, 1",
+                              "0.2, 0, 0, 0, 0; 0.1, 0, 0, 0, 1", "0.1, 0, 0, 0, 0; 0.2, 0, 0, 2, 1",
+                              "0.1, 0, 0, 0, 0; 0.2, 0, 0, 0, 1 more", "0.1, 0, 0, 0, 0; nan, 0, 0, 0, 1"})
         EXPECT_NE(points_from_text(wrong, &kept), "") << wrong;
     EXPECT_EQ(kept.size(), count) << "they stay as they were";
 }
@@ -136,7 +137,11 @@ TEST(Points, StayInOrderUnderAHand)
 
 TEST(Points, OneMoreComesOnlyWhereThereIsRoom)
 {
-    std::vector<ControlPoint> points = {{0, {0, 0, 0, 0}}, {0.4, {0, 0, 0, 0.5}}, {0.4015, {0, 0, 0, 1}}, {1, {1, 1, 1, 1}}}, read;
+    std::vector<ControlPoint> points = {{0, {0, 0, 0, 0}},
+                                        {0.4, {0, 0, 0, 0.5}},
+                                        {0.4015, {0, 0, 0, 1}},
+                                        {1, {1, 1, 1, 1}}},
+                              read;
     for (double at : {0.0, 0.401, 1.0, 0.9995, 0.4}) {
         add_point(&points, at);
         ASSERT_EQ(points_from_text(points_text(points), &read), "") << at;
@@ -161,7 +166,8 @@ TEST(Points, AreTextOfNoLanguage)
     for (const char *name : {"de_DE.UTF-8", "de_DE.utf8", "fr_FR.UTF-8", "nl_NL.UTF-8"}) // if one is installed
         if (std::setlocale(LC_NUMERIC, name)) break;
     std::vector<ControlPoint> read;
-    const std::string text = points_text(points), wrong = points_from_text("0.25, 0.5, 0, 0, 0; 0.75 ,1 ,1 ,1 ,0.5", &read);
+    const std::string text = points_text(points),
+                      wrong = points_from_text("0.25, 0.5, 0, 0, 0; 0.75 ,1 ,1 ,1 ,0.5", &read);
     std::setlocale(LC_NUMERIC, numbers.c_str());
     std::locale::global(before);
     EXPECT_EQ(text, "0.25, 0.5, 0, 0, 0; 0.75, 1, 1, 1, 0.5");

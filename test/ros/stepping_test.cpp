@@ -47,7 +47,8 @@ TEST(Stepping, AJawThatClosesInARecordingTakesHoldThoughItsShapeHasJaws)
         uint32_t most_legs = 0;
         pliant_ros::add_tools(*block.model, block.data, step.tools);
         for (int s = 0; s < 3; s++) {
-            const pliant_status status = pliant_ros::make_step(*block.model, block.data, PLIANT_BACKGROUND_PLANNED, step);
+            const pliant_status status =
+                pliant_ros::make_step(*block.model, block.data, PLIANT_BACKGROUND_PLANNED, step);
             ASSERT_GE(status, 0) << pliant_last_error();
             pliant_ros::tell_outcome(status, *block.data, &step);
             EXPECT_EQ(step.legs, static_cast<uint32_t>(pliant_data_get_statistics(block.data)->legs));

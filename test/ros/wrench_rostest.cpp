@@ -43,23 +43,28 @@ public:
         handle_.setCallbackQueue(&queue_);
         pose_ = handle_.advertise<geometry_msgs::PoseStamped>("/tissue/hand/measured_cp", 1);
         jaw_ = handle_.advertise<sensor_msgs::JointState>("/tissue/hand/jaw/measured_js", 1);
-        force_in_ = handle_.subscribe<geometry_msgs::WrenchStamped>("/tissue/hand/measured_cf", 1000, [this](const geometry_msgs::WrenchStampedConstPtr &message) {
-            const double now = ros::SteadyTime::now().toSec();
-            if (++received_ == 1) take_priority();
-            std::lock_guard<std::mutex> hold(lock_);
-            auto sent = sent_.find(message->header.stamp.toNSec());
-            if (sent == sent_.end()) return;
-            const geometry_msgs::Vector3 &f = message->wrench.force;
-            answers_[sent->first] = {{f.x, f.y, f.z}, now - sent->second};
-        }, ros::VoidConstPtr(), hints);
-        contact_in_ = handle_.subscribe<pliant::ContactState>("/tissue/hand/contact", 1, [this](const pliant::ContactStateConstPtr &message) {
-            std::lock_guard<std::mutex> hold(lock_);
-            contact_ = *message;
-        });
-        topology_in_ = handle_.subscribe<pliant::MeshTopology>("/tissue/mesh/topology", 1, [this](const pliant::MeshTopologyConstPtr &message) {
-            std::lock_guard<std::mutex> hold(lock_);
-            topology_ = message;
-        });
+        force_in_ = handle_.subscribe<geometry_msgs::WrenchStamped>(
+            "/tissue/hand/measured_cf", 1000,
+            [this](const geometry_msgs::WrenchStampedConstPtr &message) {
+                const double now = ros::SteadyTime::now().toSec();
+                if (++received_ == 1) take_priority();
+                std::lock_guard<std::mutex> hold(lock_);
+                auto sent = sent_.find(message->header.stamp.toNSec());
+                if (sent == sent_.end()) return;
+                const geometry_msgs::Vector3 &f = message->wrench.force;
+                answers_[sent->first] = {{f.x, f.y, f.z}, now - sent->second};
+            },
+            ros::VoidConstPtr(), hints);
+        contact_in_ = handle_.subscribe<pliant::ContactState>("/tissue/hand/contact", 1,
+                                                              [this](const pliant::ContactStateConstPtr &message) {
+                                                                  std::lock_guard<std::mutex> hold(lock_);
+                                                                  contact_ = *message;
+                                                              });
+        topology_in_ = handle_.subscribe<pliant::MeshTopology>("/tissue/mesh/topology", 1,
+                                                               [this](const pliant::MeshTopologyConstPtr &message) {
+                                                                   std::lock_guard<std::mutex> hold(lock_);
+                                                                   topology_ = message;
+                                                               });
         take_priority();
         bool raised = false;
         ros::PollManager::instance()->addPollThreadListener([raised]() mutable {
@@ -152,12 +157,14 @@ TEST(Wrench, AHandAtOneKilohertz)
     const pliant::MeshTopologyConstPtr topology = hand.topology();
     const std::vector<float> &rest = topology->rest_nodes;
     double low[3] = {1e9, 1e9, 1e9}, high[3] = {-1e9, -1e9, -1e9}, nearest = 1e9;
-    for (size_t i = 0; i < rest.size(); ++i) low[i % 3] = std::min<double>(low[i % 3], rest[i]), high[i % 3] = std::max<double>(high[i % 3], rest[i]);
+    for (size_t i = 0; i < rest.size(); ++i)
+        low[i % 3] = std::min<double>(low[i % 3], rest[i]), high[i % 3] = std::max<double>(high[i % 3], rest[i]);
     for (size_t t = 0; t + 3 < topology->tetrahedra.size(); t += 4) {
         double centre[3] = {0, 0, 0}, away = 0;
         for (int v = 0; v < 4; ++v)
             for (int d = 0; d < 3; ++d) centre[d] += 0.25 * rest[3 * topology->tetrahedra[t + v] + d];
-        for (int d = 0; d < 3; ++d) away += std::pow(centre[d] - (low[d] + (d == 1 ? 0.25 : 0.5) * (high[d] - low[d])), 2);
+        for (int d = 0; d < 3; ++d)
+            away += std::pow(centre[d] - (low[d] + (d == 1 ? 0.25 : 0.5) * (high[d] - low[d])), 2);
         if (away < nearest) nearest = away, std::copy(centre, centre + 3, at);
     }
     ASSERT_TRUE(keep(&hand, at, false, 30, [&] { return hand.contact().touching; }));
@@ -182,8 +189,10 @@ TEST(Wrench, AHandAtOneKilohertz)
     for (const auto &answer : answers) late.push_back(1e3 * answer.second.seconds);
     std::sort(late.begin(), late.end());
     ASSERT_FALSE(late.empty());
-    printf("%zu poses, %zu answered, %zu forces in all; pose in to wrench out p50 %.3f ms, p99 %.3f, p99.9 %.3f, worst %.3f\n", way.size(), answers.size(),
-           hand.received(), share(late, 0.5), share(late, 0.99), share(late, 0.999), late.empty() ? 0 : late.back());
+    printf(
+        "%zu poses, %zu answered, %zu forces in all; pose in to wrench out p50 %.3f ms, p99 %.3f, p99.9 %.3f, worst %.3f\n",
+        way.size(), answers.size(), hand.received(), share(late, 0.5), share(late, 0.99), share(late, 0.999),
+        late.empty() ? 0 : late.back());
     EXPECT_GT(answers.size(), 0.5 * way.size());
     EXPECT_LT(share(late, 0.5), 5);
 
@@ -203,7 +212,8 @@ TEST(Wrench, AHandAtOneKilohertz)
         last = &found->second;
         most = std::max(most, std::fabs(last->force[1]));
     }
-    printf("largest force %.2f N, energy in %.5f J, out %.5f J, least left %.2g J (%.3f %%)\n", most, in, out, least, 100 * least / in);
+    printf("largest force %.2f N, energy in %.5f J, out %.5f J, least left %.2g J (%.3f %%)\n", most, in, out, least,
+           100 * least / in);
     EXPECT_GT(most, 0.3);
     EXPECT_GT(moves, 0.9 * answers.size()) << "forces of steps alone change 50 times a second";
     if (late.back() < 20) EXPECT_GE(least, -0.01 * in); // with a longer delay the node cannot guarantee passivity

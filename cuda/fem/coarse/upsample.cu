@@ -13,7 +13,8 @@ static __global__ void __launch_bounds__(THREADS) copy_kernel(gpu_iteration iter
 }
 
 /* Displacements are interpolated, so that a fine node is exactly at rest if its coarse nodes are. */
-static __global__ void __launch_bounds__(THREADS) linear_kernel(gpu_system system, gpu_iteration iteration, double *d_fine)
+static __global__ void __launch_bounds__(THREADS)
+    linear_kernel(gpu_system system, gpu_iteration iteration, double *d_fine)
 {
     int n = (int)(blockIdx.x * THREADS + threadIdx.x);
     if (n >= system.num_fine) return;
@@ -23,12 +24,14 @@ static __global__ void __launch_bounds__(THREADS) linear_kernel(gpu_system syste
         for (int v = 0; v < system.corners; v++) {
             const size_t at = (size_t)system.corners * n + v;
             const int node = system.d_upsample_node[at];
-            for (int d = 0; d < 3; d++) sum[d] += system.d_weights[at] * (x[3 * node + d] - system.d_rest[3 * node + d]);
+            for (int d = 0; d < 3; d++)
+                sum[d] += system.d_weights[at] * (x[3 * node + d] - system.d_rest[3 * node + d]);
         }
     for (int d = 0; d < 3; d++) d_fine[3 * (size_t)n + d] = sum[d] + system.d_fine_rest[3 * (size_t)n + d];
 }
 
-static __device__ void shaped_position(const gpu_system &system, const double *d_x, int tet, const double *shape, const double *rest, double *out)
+static __device__ void shaped_position(const gpu_system &system, const double *d_x, int tet, const double *shape,
+                                       const double *rest, double *out)
 {
     int4 nodes = reinterpret_cast<const int4 *>(system.d_tets)[tet];
     const int node[4] = {nodes.x, nodes.y, nodes.z, nodes.w};
@@ -50,21 +53,24 @@ static __device__ void shaped_position(const gpu_system &system, const double *d
 }
 
 /* Do the same with one hexahedron, or a tetrahedron next to a cut, whose frame is known. */
-static __device__ void macro_position(const gpu_system &system, const double *d_x, int element, const double *shape, const double *rest, double *out)
+static __device__ void macro_position(const gpu_system &system, const double *d_x, int element, const double *shape,
+                                      const double *rest, double *out)
 {
     const gpu_macros &macros = system.macros;
     const int begin = macros.d_start[element], corners = macros.d_start[element + 1] - begin;
     double q[24], w[3];
     for (int c = 0; c < corners; c++) {
         const size_t node = 3 * (size_t)macros.d_node[begin + c];
-        pliant_macro_corner(macros.d_frame + element, macros.d_held[begin + c], d_x + node, system.d_rest + node, q + 3 * c);
+        pliant_macro_corner(macros.d_frame + element, macros.d_held[begin + c], d_x + node, system.d_rest + node,
+                            q + 3 * c);
     }
     pliant_macro_shaped_by_all(corners, shape, q, w);
     for (int d = 0; d < 3; d++) out[d] = rest[d];
     pliant_macro_follow(macros.d_frame + element, macros.d_grounded[element], w, out);
 }
 
-static __global__ void __launch_bounds__(THREADS) shaped_kernel(gpu_system system, gpu_iteration iteration, double *d_fine)
+static __global__ void __launch_bounds__(THREADS)
+    shaped_kernel(gpu_system system, gpu_iteration iteration, double *d_fine)
 {
     int n = (int)(blockIdx.x * THREADS + threadIdx.x);
     if (n >= system.num_fine) return;
@@ -87,13 +93,15 @@ static pliant_status copy_present(const gpu_iteration *iteration, int count, dou
     return CUDA_LAUNCHED("copy_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_upsample(const gpu_system *system, const gpu_iteration *iteration, double *d_fine, double *d_solved, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_upsample(const gpu_system *system, const gpu_iteration *iteration, double *d_fine,
+                                              double *d_solved, cudaStream_t stream)
 {
     unsigned blocks = (unsigned)((system->num_fine + THREADS - 1) / THREADS);
     if (d_solved) CUDA_TRY(copy_present(iteration, 3 * system->num_nodes, d_solved, stream));
     if (!system->d_fine_rest) return copy_present(iteration, 3 * system->num_nodes, d_fine, stream);
     if (system->macros.d_fine_start) return pliant_cuda_macro_positions(system, iteration, d_fine, stream);
-    if (!system->d_upsample_node && system->macros.count > 0) CUDA_TRY(pliant_cuda_macro_frames(system, iteration, stream));
+    if (!system->d_upsample_node && system->macros.count > 0)
+        CUDA_TRY(pliant_cuda_macro_frames(system, iteration, stream));
     if (system->d_upsample_node) linear_kernel<<<blocks, THREADS, 0, stream>>>(*system, *iteration, d_fine);
     else shaped_kernel<<<blocks, THREADS, 0, stream>>>(*system, *iteration, d_fine);
     return CUDA_LAUNCHED("upsample kernel");

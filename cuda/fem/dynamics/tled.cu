@@ -74,7 +74,8 @@ static pliant_status upload_elements(pliant_cuda_tled *gpu, const pliant_tled *t
         records[n].limit = tled->limit[n];
     }
     const gpu_node *d_nodes = NULL;
-    pliant_status status = tets && records ? upload(gpu, tets, count + 1, &gpu->gpu.d_tets) : pliant_fail_memory("the elements");
+    pliant_status status =
+        tets && records ? upload(gpu, tets, count + 1, &gpu->gpu.d_tets) : pliant_fail_memory("the elements");
     if (status == PLIANT_OK) status = upload(gpu, records, nodes, &d_nodes);
     gpu->gpu.d_nodes = const_cast<gpu_node *>(d_nodes);
     pliant_free(tets);
@@ -123,16 +124,20 @@ static pliant_status allocate_state(pliant_cuda_tled *gpu)
     CUDA_TRY(allocate(gpu, blocks * PLIANT_NUM_SUMS, &it->d_sums));
     CUDA_TRY(allocate(gpu, 3 * nodes, &it->d_positions));
     CUDA_TRY(allocate(gpu, 3 * nodes, &it->d_packed_u));
-    if (it->viscous) CUDA_TRY(allocate(gpu, (size_t)pliant_tled_blocks(gpu->system) * 6 * PLIANT_PRONY_TERMS * LANES, &it->d_packed_memory));
+    if (it->viscous)
+        CUDA_TRY(allocate(gpu, (size_t)pliant_tled_blocks(gpu->system) * 6 * PLIANT_PRONY_TERMS * LANES,
+                          &it->d_packed_memory));
     CUDA_TRY(allocate(gpu, 1, &gpu->d_exchange));
     it->d_frame = &gpu->d_exchange->frame;
     it->d_outcome = &gpu->d_exchange->outcome;
-    return pliant_cuda_allocate_host(sizeof *gpu->h_exchange, "the dynamics", reinterpret_cast<void **>(&gpu->h_exchange));
+    return pliant_cuda_allocate_host(sizeof *gpu->h_exchange, "the dynamics",
+                                     reinterpret_cast<void **>(&gpu->h_exchange));
 }
 
 static void lock_pages(pliant_cuda_tled *gpu, const pliant_tled *tled)
 {
-    const size_t nodes = 3 * (size_t)gpu->gpu.num_nodes * sizeof(double), memory = (size_t)pliant_tled_blocks(gpu->system) * sizeof *tled->memory;
+    const size_t nodes = 3 * (size_t)gpu->gpu.num_nodes * sizeof(double),
+                 memory = (size_t)pliant_tled_blocks(gpu->system) * sizeof *tled->memory;
     void *const blocks[6] = {tled->u, tled->d, tled->kept_u, tled->kept_d, tled->memory, tled->kept_memory};
     for (int b = 0; b < 6; b++)
         if (blocks[b] && pliant_cuda_lock_pages(blocks[b], b < 4 ? nodes : memory)) gpu->locked[b] = blocks[b];
@@ -214,9 +219,13 @@ extern "C" void pliant_cuda_tled_free(pliant_cuda_tled *gpu)
     for (void *block : gpu->locked)
         if (block) pliant_cuda_unlock_pages(block);
     gpu_tled *it = &gpu->gpu;
-    const void *blocks[] = {it->d_group, it->d_order, it->d_element, it->d_corner_start, it->d_corner, it->d_tets, it->d_cubes, it->d_nodes, it->d_rest, it->d_node_modulus,
-                            it->d_node_volume, it->d_pressure, it->d_u[0], it->d_u[1], it->d_d[0], it->damped ? it->d_d[1] : NULL, it->d_older, it->d_acceleration, it->d_own, it->d_memory[0],
-                            it->d_memory[1], it->d_sums, it->d_positions, it->d_packed_u, it->d_packed_memory, gpu->d_exchange};
+    const void *blocks[] = {it->d_group,         it->d_order,        it->d_element,     it->d_corner_start,
+                            it->d_corner,        it->d_tets,         it->d_cubes,       it->d_nodes,
+                            it->d_rest,          it->d_node_modulus, it->d_node_volume, it->d_pressure,
+                            it->d_u[0],          it->d_u[1],         it->d_d[0],        it->damped ? it->d_d[1] : NULL,
+                            it->d_older,         it->d_acceleration, it->d_own,         it->d_memory[0],
+                            it->d_memory[1],     it->d_sums,         it->d_positions,   it->d_packed_u,
+                            it->d_packed_memory, gpu->d_exchange};
     for (const void *block : blocks) pliant_cuda_release(const_cast<void *>(block));
     release_held(it);
     free_held(&gpu->h_held);
@@ -231,7 +240,8 @@ extern "C" void pliant_cuda_tled_free(pliant_cuda_tled *gpu)
 extern "C" void pliant_cuda_tled_restart(pliant_cuda_tled *gpu) { gpu->stale = true; }
 extern "C" pliant_status pliant_cuda_tled_set_positions(pliant_cuda_tled *gpu, const double *h_positions)
 {
-    return CUDA_CALL(cudaMemcpyAsync(gpu->gpu.d_positions, h_positions, 3 * (size_t)gpu->gpu.num_nodes * sizeof *h_positions, cudaMemcpyHostToDevice,
+    return CUDA_CALL(cudaMemcpyAsync(gpu->gpu.d_positions, h_positions,
+                                     3 * (size_t)gpu->gpu.num_nodes * sizeof *h_positions, cudaMemcpyHostToDevice,
                                      gpu->stream));
 }
 extern "C" const double *pliant_cuda_tled_positions(const pliant_cuda_tled *gpu) { return gpu->gpu.d_positions; }
@@ -242,15 +252,19 @@ extern "C" cudaStream_t pliant_cuda_tled_stream(const pliant_cuda_tled *gpu) { r
 static pliant_status send_state(pliant_cuda_tled *gpu, const pliant_tled *tled)
 {
     const gpu_tled *it = &gpu->gpu;
-    const size_t bytes = 3 * (size_t)it->num_nodes * sizeof(double), memory = (size_t)pliant_tled_blocks(gpu->system) * sizeof *tled->memory;
+    const size_t bytes = 3 * (size_t)it->num_nodes * sizeof(double),
+                 memory = (size_t)pliant_tled_blocks(gpu->system) * sizeof *tled->memory;
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(it->d_packed_u, tled->u, bytes, cudaMemcpyHostToDevice, gpu->stream)));
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(it->d_d[0], tled->d, bytes, cudaMemcpyHostToDevice, gpu->stream)));
-    if (it->viscous) CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(it->d_packed_memory, tled->memory, memory, cudaMemcpyHostToDevice, gpu->stream)));
+    if (it->viscous)
+        CUDA_TRY(
+            CUDA_CALL(cudaMemcpyAsync(it->d_packed_memory, tled->memory, memory, cudaMemcpyHostToDevice, gpu->stream)));
     if (it->still) CUDA_TRY(CUDA_CALL(cudaMemsetAsync(it->d_own, 0, bytes, gpu->stream)));
     CUDA_TRY(pliant_cuda_tled_unpack(it, gpu->stream));
     if (tled->own_inverse_mass) /* pieces may have stopped */
-        CUDA_TRY(CUDA_CALL(cudaMemcpy2DAsync(&it->d_nodes->inverse_mass, sizeof *it->d_nodes, tled->inverse_mass, sizeof *tled->inverse_mass,
-                                             sizeof *tled->inverse_mass, (size_t)it->num_nodes, cudaMemcpyHostToDevice, gpu->stream)));
+        CUDA_TRY(CUDA_CALL(cudaMemcpy2DAsync(&it->d_nodes->inverse_mass, sizeof *it->d_nodes, tled->inverse_mass,
+                                             sizeof *tled->inverse_mass, sizeof *tled->inverse_mass,
+                                             (size_t)it->num_nodes, cudaMemcpyHostToDevice, gpu->stream)));
     gpu->stale = false;
     return PLIANT_OK;
 }
@@ -283,10 +297,14 @@ static pliant_status upload_held(pliant_cuda_tled *gpu, int32_t total, int32_t n
     const held_nodes *held = &gpu->h_held;
     const size_t indices = (size_t)total * sizeof *held->node, weights = (size_t)total * sizeof *held->weight;
     if (total + near == 0) return PLIANT_OK;
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->gpu.d_held_node, held->held, (size_t)gpu->sent_held * sizeof *held->held, cudaMemcpyHostToDevice, gpu->stream)));
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->gpu.d_tool_node, held->node, indices, cudaMemcpyHostToDevice, gpu->stream)));
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->gpu.d_near, held->near, (size_t)near * sizeof *held->near, cudaMemcpyHostToDevice, gpu->stream)));
-    return CUDA_CALL(cudaMemcpyAsync(gpu->gpu.d_tool_weight, held->weight, weights, cudaMemcpyHostToDevice, gpu->stream));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->gpu.d_held_node, held->held, (size_t)gpu->sent_held * sizeof *held->held,
+                                       cudaMemcpyHostToDevice, gpu->stream)));
+    CUDA_TRY(
+        CUDA_CALL(cudaMemcpyAsync(gpu->gpu.d_tool_node, held->node, indices, cudaMemcpyHostToDevice, gpu->stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->gpu.d_near, held->near, (size_t)near * sizeof *held->near,
+                                       cudaMemcpyHostToDevice, gpu->stream)));
+    return CUDA_CALL(
+        cudaMemcpyAsync(gpu->gpu.d_tool_weight, held->weight, weights, cudaMemcpyHostToDevice, gpu->stream));
 }
 
 /* Send the nodes of tools and contacts if they have changed since the last frame, and set each tool's range in the
@@ -311,7 +329,8 @@ static pliant_status send_holds(pliant_cuda_tled *gpu, const pliant_tool *tools,
         memcpy(held->weight + at, tools[t].weight, count * sizeof *held->weight);
         at += tools[t].num_held;
     }
-    same = same && (num_near == 0 || memcmp(held->near, gpu->touching.near, (size_t)num_near * sizeof *held->near) == 0);
+    same =
+        same && (num_near == 0 || memcmp(held->near, gpu->touching.near, (size_t)num_near * sizeof *held->near) == 0);
     if (!same) {
         std::copy(held->node, held->node + total, held->held);
         std::copy(gpu->touching.near, gpu->touching.near + num_near, held->held + total);
@@ -386,7 +405,8 @@ static void set_frame(const pliant_tled *tled, gpu_frame *frame)
 
 static pliant_status enqueue_substeps(const pliant_cuda_tled *gpu, int32_t count, bool repeated, bool pulled)
 {
-    for (int32_t number = 0; number < count; number++) CUDA_TRY(pliant_cuda_tled_substep(&gpu->gpu, number, pulled, gpu->stream));
+    for (int32_t number = 0; number < count; number++)
+        CUDA_TRY(pliant_cuda_tled_substep(&gpu->gpu, number, pulled, gpu->stream));
     return repeated ? pliant_cuda_tled_bump(&gpu->gpu, count, gpu->stream) : PLIANT_OK;
 }
 
@@ -415,7 +435,8 @@ static pliant_status record(pliant_cuda_tled *gpu, int32_t count, bool repeated)
 
 static pliant_status download_outcome(pliant_cuda_tled *gpu)
 {
-    return CUDA_CALL(cudaMemcpyAsync(&gpu->h_exchange->outcome, gpu->gpu.d_outcome, sizeof gpu->h_exchange->outcome, cudaMemcpyDeviceToHost, gpu->stream));
+    return CUDA_CALL(cudaMemcpyAsync(&gpu->h_exchange->outcome, gpu->gpu.d_outcome, sizeof gpu->h_exchange->outcome,
+                                     cudaMemcpyDeviceToHost, gpu->stream));
 }
 
 /* Enqueue the frame's graphs. The displacement arrays are exchanged in every sub-step, so repeated graphs have an even
@@ -423,7 +444,8 @@ static pliant_status download_outcome(pliant_cuda_tled *gpu)
 static pliant_status enqueue_frame(pliant_cuda_tled *gpu, const pliant_tled *tled)
 {
     const int32_t steps = pliant_tled_part_steps(tled), most = steps < tled->substeps ? part_graph : longest_graph;
-    const int32_t repeats = (steps + most - 1) / most, length = most == part_graph ? most : (steps + repeats - 1) / repeats;
+    const int32_t repeats = (steps + most - 1) / most,
+                  length = most == part_graph ? most : (steps + repeats - 1) / repeats;
     const bool repeated = repeats > 1 || most == part_graph;
     CUDA_TRY(record(gpu, repeated ? length + length % 2 : length, repeated));
     for (int32_t r = 0; r < repeats; r++) CUDA_TRY(CUDA_CALL(cudaGraphLaunch(gpu->graph, gpu->stream)));
@@ -447,11 +469,14 @@ static pliant_status relax(pliant_cuda_tled *gpu, const pliant_tled *tled)
 static pliant_status download(pliant_cuda_tled *gpu, pliant_tled *tled)
 {
     const gpu_tled *it = &gpu->gpu;
-    const size_t bytes = 3 * (size_t)it->num_nodes * sizeof(double), memory = (size_t)pliant_tled_blocks(gpu->system) * sizeof *tled->memory;
+    const size_t bytes = 3 * (size_t)it->num_nodes * sizeof(double),
+                 memory = (size_t)pliant_tled_blocks(gpu->system) * sizeof *tled->memory;
     CUDA_TRY(pliant_cuda_tled_finish(it, gpu->stream));
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(tled->kept_u, it->d_packed_u, bytes, cudaMemcpyDeviceToHost, gpu->stream)));
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(tled->kept_d, it->d_d[0], bytes, cudaMemcpyDeviceToHost, gpu->stream)));
-    if (it->viscous) CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(tled->kept_memory, it->d_packed_memory, memory, cudaMemcpyDeviceToHost, gpu->stream)));
+    if (it->viscous)
+        CUDA_TRY(CUDA_CALL(
+            cudaMemcpyAsync(tled->kept_memory, it->d_packed_memory, memory, cudaMemcpyDeviceToHost, gpu->stream)));
     CUDA_TRY(pliant_cuda_touching_download(&gpu->touching, it, gpu->stream));
     CUDA_TRY(download_outcome(gpu));
     return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
@@ -471,7 +496,8 @@ static void take(const gpu_outcome *outcome, pliant_tled *tled, pliant_tool *too
         for (int d = 0; d < 3; d++) tools[t].force[d] += outcome->force[t][d];
 }
 
-extern "C" pliant_status pliant_cuda_tled_run(void *with, pliant_tled *tled, pliant_tool *tools, int num_tools, pliant_tled_frame *out)
+extern "C" pliant_status pliant_cuda_tled_run(void *with, pliant_tled *tled, pliant_tool *tools, int num_tools,
+                                              pliant_tled_frame *out)
 {
     pliant_cuda_tled *gpu = static_cast<pliant_cuda_tled *>(with);
     gpu_frame *frame = &gpu->h_exchange->frame;
@@ -479,9 +505,11 @@ extern "C" pliant_status pliant_cuda_tled_run(void *with, pliant_tled *tled, pli
     const bool still = gpu->gpu.still;
     for (int t = 0; t < num_tools; t++)
         if (tools[t].holding && tools[t].mass > 0)
-            return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "tool %s has a mass, which explicit dynamics swings on the CPU alone", tools[t].name);
+            return pliant_fail(PLIANT_ERROR_UNAVAILABLE,
+                               "tool %s has a mass, which explicit dynamics swings on the CPU alone", tools[t].name);
     if (tled->slowing.tissue)
-        return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "what overlaps in every sub-step (contact/delay false) is looked for by the CPU alone");
+        return pliant_fail(PLIANT_ERROR_UNAVAILABLE,
+                           "what overlaps in every sub-step (contact/delay false) is looked for by the CPU alone");
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     if (gpu->stale) CUDA_TRY(send_state(gpu, tled));
     gpu->stale = true; /* until this frame is complete and valid */
@@ -496,7 +524,8 @@ extern "C" pliant_status pliant_cuda_tled_run(void *with, pliant_tled *tled, pli
     set_tools(tled, tools, num_tools, frame);
     CUDA_TRY(send_touching(gpu, tled, frame));
     CUDA_TRY(send_holds(gpu, tools, num_tools, frame));
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->d_exchange, gpu->h_exchange, sizeof *gpu->h_exchange, cudaMemcpyHostToDevice, gpu->stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->d_exchange, gpu->h_exchange, sizeof *gpu->h_exchange,
+                                       cudaMemcpyHostToDevice, gpu->stream)));
     CUDA_TRY(still ? relax(gpu, tled) : enqueue_frame(gpu, tled));
     CUDA_TRY(download(gpu, tled));
     out->sound = outcome->unsound == INT32_MAX;
@@ -507,8 +536,11 @@ extern "C" pliant_status pliant_cuda_tled_run(void *with, pliant_tled *tled, pli
     }
     out->settled = outcome->settled != 0;
     out->residual = still ? outcome->residual
-                          : pliant_tled_relative(tled, outcome->sums[PLIANT_SUM_RESIDUAL], outcome->sums[PLIANT_SUM_LOAD] + outcome->tool_load);
-    if (!still) out->error = pliant_tled_frame_error(tled, outcome->sums[PLIANT_SUM_ERROR_BEFORE], outcome->sums[PLIANT_SUM_ERROR]);
+                          : pliant_tled_relative(tled, outcome->sums[PLIANT_SUM_RESIDUAL],
+                                                 outcome->sums[PLIANT_SUM_LOAD] + outcome->tool_load);
+    if (!still)
+        out->error =
+            pliant_tled_frame_error(tled, outcome->sums[PLIANT_SUM_ERROR_BEFORE], outcome->sums[PLIANT_SUM_ERROR]);
     take(outcome, tled, tools, num_tools);
     pliant_cuda_touching_take(&gpu->touching, tled);
     gpu->stale = false;

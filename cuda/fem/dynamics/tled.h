@@ -20,7 +20,8 @@ void pliant_cuda_tled_free(pliant_cuda_tled *gpu); /* Nullable */
 void pliant_cuda_tled_restart(pliant_cuda_tled *gpu);
 /* Run a frame (pliant_tled_runner). with: the object. Errors: MEMORY, UNAVAILABLE: the host's state stays that of the
  * last frame. */
-pliant_status pliant_cuda_tled_run(void *with, pliant_tled *tled, pliant_tool *tools, int num_tools, pliant_tled_frame *out);
+pliant_status pliant_cuda_tled_run(void *with, pliant_tled *tled, pliant_tool *tools, int num_tools,
+                                   pliant_tled_frame *out);
 /* Return the positions of the last frame on the GPU (num_nodes x 3), and the stream for work that needs them. */
 const double *pliant_cuda_tled_positions(const pliant_cuda_tled *gpu);
 /* Replace these positions until the next frame, after the host has moved nodes. Errors: UNAVAILABLE. */

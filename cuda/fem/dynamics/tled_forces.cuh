@@ -28,10 +28,12 @@ static __device__ __forceinline__ void load_change(const double *d_d, const gpu_
     float apart[9];
     for (int v = 0; v < 3; v++)
         for (int k = 0; k < 3; k++)
-            apart[3 * v + k] = (float)(__ldg(d_d + 3 * (size_t)tet.node[v + 1] + k) - __ldg(d_d + 3 * (size_t)tet.node[0] + k));
+            apart[3 * v + k] =
+                (float)(__ldg(d_d + 3 * (size_t)tet.node[v + 1] + k) - __ldg(d_d + 3 * (size_t)tet.node[0] + k));
     for (int r = 0; r < 3; r++)
         for (int c = 0; c < 3; c++)
-            change[3 * r + c] = apart[r] * tet.gradient[c] + apart[3 + r] * tet.gradient[3 + c] + apart[6 + r] * tet.gradient[6 + c];
+            change[3 * r + c] =
+                apart[r] * tet.gradient[c] + apart[3 + r] * tet.gradient[3 + c] + apart[6 + r] * tet.gradient[6 + c];
 }
 
 /* Transform corner values to modes and back, as in tled_elements.c. */
@@ -48,18 +50,21 @@ static __device__ __forceinline__ void transform(float w[8], bool back)
 
 /* Load the modes of a hexahedron and its mean gradient, from differences in double precision. Return the mean
  * gradient's change of volume. stride: numbers per node. */
-static __device__ __forceinline__ float load_modes(const gpu_tled &tled, const double *d_from, size_t stride, const gpu_cube &cube, float w[3][8], float h[9])
+static __device__ __forceinline__ float load_modes(const gpu_tled &tled, const double *d_from, size_t stride,
+                                                   const gpu_cube &cube, float w[3][8], float h[9])
 {
     double exact[9];
     for (int r = 0; r < 3; r++) {
         const double first = __ldg(d_from + stride * (size_t)cube.node[0] + r);
         double apart[8], along[3];
-        for (int v = 0; v < 8; v++) w[r][v] = (float)(apart[v] = __ldg(d_from + stride * (size_t)cube.node[v] + r) - first);
+        for (int v = 0; v < 8; v++)
+            w[r][v] = (float)(apart[v] = __ldg(d_from + stride * (size_t)cube.node[v] + r) - first);
         transform(w[r], false);
         pliant_cube_differences(apart, along);
         for (int c = 0; c < 3; c++) {
             const float *g = tled.cube_gradient + c;
-            exact[3 * r + c] = (double)cube.finer * (along[0] * (double)g[0] + along[1] * (double)g[3] + along[2] * (double)g[6]);
+            exact[3 * r + c] =
+                (double)cube.finer * (along[0] * (double)g[0] + along[1] * (double)g[3] + along[2] * (double)g[6]);
             h[3 * r + c] = (float)exact[3 * r + c];
         }
     }
@@ -91,12 +96,14 @@ static __device__ __forceinline__ void load_gradient(const double *d_u, const gp
     }
     for (int r = 0; r < 3; r++)
         for (int c = 0; c < 3; c++)
-            h[3 * r + c] = apart[r] * tet.gradient[c] + apart[3 + r] * tet.gradient[3 + c] + apart[6 + r] * tet.gradient[6 + c];
+            h[3 * r + c] =
+                apart[r] * tet.gradient[c] + apart[3 + r] * tet.gradient[3 + c] + apart[6 + r] * tet.gradient[6 + c];
 }
 
 /* Update the relaxed stress after this sub-step. One of the element's groups stores it; the other groups only compute
  * it. */
-static __device__ __forceinline__ void relax(const gpu_tled &tled, int from, int32_t tet, bool keeps, const float h[9], const float cofactor[9], float p[9])
+static __device__ __forceinline__ void relax(const gpu_tled &tled, int from, int32_t tet, bool keeps, const float h[9],
+                                             const float cofactor[9], float p[9])
 {
     float s[6], relaxed[6] = {0, 0, 0, 0, 0, 0};
     pliant_stress_at_rest(h, cofactor, p, s);
@@ -118,8 +125,9 @@ static __device__ __forceinline__ void relax(const gpu_tled &tled, int from, int
 /* Compute rest volume times first Piola-Kirchhoff stress. change: NULL without stiffness-proportional damping;
  * pressure: NULL if it follows from H. */
 template <int LAW, bool VISCOUS>
-static __device__ __forceinline__ void element_stress(const gpu_tled &tled, int from_memory, int32_t element, const float h[9], const float *change, float shear,
-                                                      float bulk, const float *pressure, float p[9])
+static __device__ __forceinline__ void element_stress(const gpu_tled &tled, int from_memory, int32_t element,
+                                                      const float h[9], const float *change, float shear, float bulk,
+                                                      const float *pressure, float p[9])
 {
     float cofactor[9], volume[9];
     if (LAW == PLIANT_LAW_SAINT_VENANT_KIRCHHOFF) {
@@ -128,7 +136,8 @@ static __device__ __forceinline__ void element_stress(const gpu_tled &tled, int 
             float of_h[9];
             pliant_change_of(h, of_h);
             for (int r = 0; r < 3; r++)
-                for (int c = 0; c < 3; c++) cofactor[3 * r + c] = (r == c) * (1 + h[0] + h[4] + h[8]) - h[3 * c + r] + of_h[3 * r + c];
+                for (int c = 0; c < 3; c++)
+                    cofactor[3 * r + c] = (r == c) * (1 + h[0] + h[4] + h[8]) - h[3 * c + r] + of_h[3 * r + c];
         }
     } else {
         float factor = pliant_neo_hookean_stress((pliant_law)LAW, h, shear, bulk, cofactor, p);
@@ -142,8 +151,8 @@ static __device__ __forceinline__ void element_stress(const gpu_tled &tled, int 
 
 /* Compute the forces of a tetrahedron. DAMPED: stiffness-proportional damping is possible. */
 template <int LAW, bool VISCOUS, bool NODAL, bool DAMPED>
-static __device__ __forceinline__ void element_forces(const gpu_tled &tled, int from, int from_memory, int32_t element, const gpu_tet &tet,
-                                                      float (*out)[GPU_THREADS])
+static __device__ __forceinline__ void element_forces(const gpu_tled &tled, int from, int from_memory, int32_t element,
+                                                      const gpu_tet &tet, float (*out)[GPU_THREADS])
 {
     float h[9], p[9], change[9], pressure = 0;
     load_gradient(tled.d_u[from], tet, h);
@@ -153,11 +162,13 @@ static __device__ __forceinline__ void element_forces(const gpu_tled &tled, int 
         pressure = 0.25f * tet.volume * (at[tet.node[0]] + at[tet.node[1]] + at[tet.node[2]] + at[tet.node[3]]);
     }
     if (damped) load_change(tled.d_d[from], tet, change);
-    element_stress<LAW, VISCOUS>(tled, from_memory, element, h, damped ? change : NULL, tet.shear, tet.bulk, nodal ? &pressure : NULL, p);
+    element_stress<LAW, VISCOUS>(tled, from_memory, element, h, damped ? change : NULL, tet.shear, tet.bulk,
+                                 nodal ? &pressure : NULL, p);
     for (int r = 0; r < 3; r++) {
         const float x = p[3 * r], y = p[3 * r + 1], z = p[3 * r + 2];
         const float *g = tet.gradient;
-        const float first = x * g[0] + y * g[1] + z * g[2], second = x * g[3] + y * g[4] + z * g[5], third = x * g[6] + y * g[7] + z * g[8];
+        const float first = x * g[0] + y * g[1] + z * g[2], second = x * g[3] + y * g[4] + z * g[5],
+                    third = x * g[6] + y * g[7] + z * g[8];
         out[r][threadIdx.x] = -(first + second + third);
         out[3 + r][threadIdx.x] = first;
         out[6 + r][threadIdx.x] = second;
@@ -167,12 +178,14 @@ static __device__ __forceinline__ void element_forces(const gpu_tled &tled, int 
 
 /* Compute the forces of a hexahedron. */
 template <int LAW, bool VISCOUS>
-static __device__ __forceinline__ void cube_forces(const gpu_tled &tled, int from, int from_memory, int32_t element, float (*out)[GPU_THREADS])
+static __device__ __forceinline__ void cube_forces(const gpu_tled &tled, int from, int from_memory, int32_t element,
+                                                   float (*out)[GPU_THREADS])
 {
     const gpu_cube cube = load_cube(tled.d_cubes, (element >> 1) - tled.num_tets);
     float w[3][8], more[3][8], h[9], change[9], p[9];
     pliant_cube_modes modes, moved, force;
-    const float pressure = cube.bulk * pliant_law_float_volume((pliant_law)LAW, load_modes(tled, tled.d_u[from], 4, cube, w, h));
+    const float pressure =
+        cube.bulk * pliant_law_float_volume((pliant_law)LAW, load_modes(tled, tled.d_u[from], 4, cube, w, h));
     const float shear = cube.shear * (cube.finer * cube.finer), damping = tled.d_frame->damping;
     modes_of(w, &modes);
     if (tled.damped) {
@@ -183,15 +196,17 @@ static __device__ __forceinline__ void cube_forces(const gpu_tled &tled, int fro
     } else {
         pliant_cube_bend(&tled.cube_bending, cube.finer, shear, cube.contraction, &modes, NULL, 0, &force);
     }
-    element_stress<LAW, VISCOUS>(tled, from_memory, element, h, tled.damped ? change : NULL, cube.shear, cube.bulk, &pressure, p);
+    element_stress<LAW, VISCOUS>(tled, from_memory, element, h, tled.damped ? change : NULL, cube.shear, cube.bulk,
+                                 &pressure, p);
     for (int r = 0; r < 3; r++) {
         w[r][0] = 0;
         w[r][7] *= shear * tled.cube_bending.twist;
         for (int axis = 0; axis < 3; axis++) {
             w[r][7 ^ 1 << axis] = force.across[3 * axis + r];
-            w[r][1 << axis] = force.along[3 * axis + r] +
-                              cube.finer * (p[3 * r] * tled.cube_gradient[3 * axis] + p[3 * r + 1] * tled.cube_gradient[3 * axis + 1] +
-                                            p[3 * r + 2] * tled.cube_gradient[3 * axis + 2]);
+            w[r][1 << axis] =
+                force.along[3 * axis + r] + cube.finer * (p[3 * r] * tled.cube_gradient[3 * axis] +
+                                                          p[3 * r + 1] * tled.cube_gradient[3 * axis + 1] +
+                                                          p[3 * r + 2] * tled.cube_gradient[3 * axis + 2]);
         }
         transform(w[r], true);
         for (int v = 0; v < 8; v++) out[3 * v + r][threadIdx.x] = w[r][v];

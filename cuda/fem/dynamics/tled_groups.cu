@@ -35,15 +35,18 @@ static void sort_nodes(const pliant_mesh *mesh, place *places)
     for (int32_t n = 0; n < mesh->num_nodes; n++) {
         const int32_t at = mesh->lattice_of_node[n];
         places[n].node = n;
-        places[n].key = spread((uint64_t)(at % across)) | spread((uint64_t)(at / across % down)) << 1 | spread((uint64_t)(at / across / down)) << 2;
+        places[n].key = spread((uint64_t)(at % across)) | spread((uint64_t)(at / across % down)) << 1 |
+                        spread((uint64_t)(at / across / down)) << 2;
     }
-    std::sort(places, places + mesh->num_nodes, [](const place &a, const place &b) { return a.key != b.key ? a.key < b.key : a.node < b.node; });
+    std::sort(places, places + mesh->num_nodes,
+              [](const place &a, const place &b) { return a.key != b.key ? a.key < b.key : a.node < b.node; });
 }
 
 /* Return the element of a corner, by its lane (tetrahedra, then hexahedra), and the corner's number v. */
 static int32_t element_of(const pliant_tled_system *system, int32_t corner, int32_t *v)
 {
-    const int32_t tets = 12 * LANES * system->num_blocks, numbers = corner < tets ? 12 : 24, place = corner < tets ? corner : corner - tets;
+    const int32_t tets = 12 * LANES * system->num_blocks, numbers = corner < tets ? 12 : 24,
+                  place = corner < tets ? corner : corner - tets;
     *v = place / (3 * LANES) % (numbers / 3);
     return (corner < tets ? 0 : system->num_blocks * LANES) + place / (numbers * LANES) * LANES + place % LANES;
 }
@@ -76,7 +79,8 @@ static void add_node(const pliant_tled_system *system, grouping *made, int32_t j
     for (int32_t c = system->corner_start[node]; c < system->corner_start[node + 1]; c++) {
         int32_t v, element = element_of(system, system->corner[c], &v);
         if (made->seen[element] != made->count) {
-            made->element[(size_t)(made->count - 1) * GPU_THREADS + (size_t)*elements] = 2 * element + (made->seen[element] == 0);
+            made->element[(size_t)(made->count - 1) * GPU_THREADS + (size_t)*elements] =
+                2 * element + (made->seen[element] == 0);
             made->seen[element] = made->count;
             made->slot[element] = (*elements)++;
         }
@@ -93,8 +97,11 @@ static pliant_status make(const pliant_tled_system *system, grouping *made)
     for (int32_t j = 0; j < nodes; j++) {
         const int32_t node = made->places[j].node, own = system->corner_start[node + 1] - system->corner_start[node];
         if (own > GPU_THREADS)
-            return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "the GPU's tled takes nodes of at most %d elements; node %d has %d", (int)GPU_THREADS, node, own);
-        if (made->count == 0 || j - made->group[made->count - 1] == GPU_GROUP_NODES || elements + new_elements(system, made, node) > GPU_THREADS) {
+            return pliant_fail(PLIANT_ERROR_UNAVAILABLE,
+                               "the GPU's tled takes nodes of at most %d elements; node %d has %d", (int)GPU_THREADS,
+                               node, own);
+        if (made->count == 0 || j - made->group[made->count - 1] == GPU_GROUP_NODES ||
+            elements + new_elements(system, made, node) > GPU_THREADS) {
             if (!make_room(made)) return pliant_fail_memory("the groups of nodes");
             std::fill_n(made->element + (size_t)made->count * GPU_THREADS, (size_t)GPU_THREADS, -1);
             made->group[made->count++] = j;
@@ -106,7 +113,10 @@ static pliant_status make(const pliant_tled_system *system, grouping *made)
     return PLIANT_OK;
 }
 
-template <class T> static bool allocate(size_t count, T **out) { return (*out = static_cast<T *>(pliant_calloc(count, sizeof **out))) != NULL; }
+template <class T> static bool allocate(size_t count, T **out)
+{
+    return (*out = static_cast<T *>(pliant_calloc(count, sizeof **out))) != NULL;
+}
 
 template <class T> static pliant_status upload(const T *h_from, size_t count, cudaStream_t stream, const T **d_out)
 {
@@ -116,7 +126,8 @@ template <class T> static pliant_status upload(const T *h_from, size_t count, cu
     return PLIANT_OK;
 }
 
-static pliant_status upload_all(const pliant_tled_system *system, const grouping *made, gpu_tled *tled, cudaStream_t stream)
+static pliant_status upload_all(const pliant_tled_system *system, const grouping *made, gpu_tled *tled,
+                                cudaStream_t stream)
 {
     const size_t nodes = (size_t)system->mesh->num_nodes, groups = (size_t)made->count;
     tled->num_groups = made->count;
@@ -129,13 +140,16 @@ static pliant_status upload_all(const pliant_tled_system *system, const grouping
 
 extern "C" pliant_status pliant_cuda_tled_groups(const pliant_tled_system *system, gpu_tled *tled, cudaStream_t stream)
 {
-    const size_t nodes = (size_t)system->mesh->num_nodes, elements = (size_t)pliant_tled_blocks(system) * LANES, corners = (size_t)system->corner_start[nodes];
+    const size_t nodes = (size_t)system->mesh->num_nodes, elements = (size_t)pliant_tled_blocks(system) * LANES,
+                 corners = (size_t)system->corner_start[nodes];
     grouping made = {};
-    bool room = allocate(nodes, &made.places) && allocate(nodes + 1, &made.group) && allocate(nodes, &made.order) && allocate(nodes + 2, &made.corner_start) &&
-                allocate(corners, &made.corner) && allocate(elements, &made.seen) && allocate(elements, &made.slot);
+    bool room = allocate(nodes, &made.places) && allocate(nodes + 1, &made.group) && allocate(nodes, &made.order) &&
+                allocate(nodes + 2, &made.corner_start) && allocate(corners, &made.corner) &&
+                allocate(elements, &made.seen) && allocate(elements, &made.slot);
     pliant_status status = room ? make(system, &made) : pliant_fail_memory("the groups of nodes");
     if (status == PLIANT_OK) status = upload_all(system, &made, tled, stream);
-    void *blocks[] = {made.places, made.group, made.order, made.element, made.corner_start, made.corner, made.seen, made.slot};
+    void *blocks[] = {made.places,       made.group,  made.order, made.element,
+                      made.corner_start, made.corner, made.seen,  made.slot};
     for (void *block : blocks) pliant_free(block);
     return status;
 }

@@ -23,8 +23,13 @@
 extern "C" {
 #endif
 
-enum { GPU_THREADS = 256 /* threads per block: maximum elements of a group */, GPU_GROUP_NODES = 10 * (GPU_THREADS / 32) };
-enum { NEAR_NUMBERS = 13 /* numbers of a node with contact: rest, displacement, increment, acceleration, inverse mass */ };
+enum {
+    GPU_THREADS = 256 /* threads per block: maximum elements of a group */,
+    GPU_GROUP_NODES = 10 * (GPU_THREADS / 32)
+};
+enum {
+    NEAR_NUMBERS = 13 /* numbers of a node with contact: rest, displacement, increment, acceleration, inverse mass */
+};
 
 /* An element as one thread reads it. The moduli are multiplied by the rest volume. */
 typedef struct gpu_tet {
@@ -42,7 +47,9 @@ typedef struct gpu_cube {
 } gpu_cube;
 
 /* A node as one thread reads it. */
-typedef struct gpu_node { double inverse_mass, mass, limit, held; /* held: 1 for nodes of a tool or a contact, else 0 */ } gpu_node;
+typedef struct gpu_node {
+    double inverse_mass, mass, limit, held; /* held: 1 for nodes of a tool or a contact, else 0 */
+} gpu_node;
 
 /* Input of a tool in a frame: struct pliant_tool. */
 typedef struct gpu_hold {
@@ -138,7 +145,8 @@ pliant_status pliant_cuda_tled_groups(const pliant_tled_system *system, gpu_tled
 /* ---- Implemented in tled_step.cu. */
 static inline size_t pliant_cuda_touch_bytes(int32_t points, int32_t near)
 {
-    return (size_t)points * (sizeof(pliant_contact_point) + sizeof(pliant_tled_touch)) + (size_t)near * NEAR_NUMBERS * sizeof(double);
+    return (size_t)points * (sizeof(pliant_contact_point) + sizeof(pliant_tled_touch)) +
+           (size_t)near * NEAR_NUMBERS * sizeof(double);
 }
 /* Keep the contacts in `bytes` of shared memory, if the kernel has that much available. */
 pliant_status pliant_cuda_tled_share(gpu_tled *tled, size_t bytes, size_t most);

@@ -20,12 +20,14 @@ static __device__ __forceinline__ double combine(int slot, double a, double b)
 }
 
 /* Reduce three numbers over all threads in a tree, and store them in d_sums. scratch: (3 x warps). */
-static __device__ void add_up(double *d_sums, const int slot[3], const double numbers[3], double (*scratch)[GPU_THREADS / 32])
+static __device__ void add_up(double *d_sums, const int slot[3], const double numbers[3],
+                              double (*scratch)[GPU_THREADS / 32])
 {
     const int lane = (int)threadIdx.x % 32, warp = (int)threadIdx.x / 32;
     for (int s = 0; s < 3; s++) {
         double value = numbers[s];
-        for (int step = 16; step > 0; step /= 2) value = combine(slot[s], value, __shfl_xor_sync(0xffffffffu, value, step));
+        for (int step = 16; step > 0; step /= 2)
+            value = combine(slot[s], value, __shfl_xor_sync(0xffffffffu, value, step));
         if (lane == 0) scratch[s][warp] = value;
     }
     __syncthreads();
@@ -39,7 +41,8 @@ static __device__ void add_up(double *d_sums, const int slot[3], const double nu
 static __device__ double total_of(const double *d_sums, int32_t blocks, int slot, double *scratch)
 {
     double sum = 0;
-    for (int32_t b = (int32_t)threadIdx.x; b < blocks; b += GPU_THREADS) sum += __ldcg(d_sums + (size_t)b * PLIANT_NUM_SUMS + slot);
+    for (int32_t b = (int32_t)threadIdx.x; b < blocks; b += GPU_THREADS)
+        sum += __ldcg(d_sums + (size_t)b * PLIANT_NUM_SUMS + slot);
     return block_sum(sum, scratch);
 }
 
@@ -47,7 +50,8 @@ static __device__ double total_of(const double *d_sums, int32_t blocks, int slot
 static __device__ double largest_of(const double *d_sums, int32_t blocks, int slot, double *scratch)
 {
     double most = 0;
-    for (int32_t b = (int32_t)threadIdx.x; b < blocks; b += GPU_THREADS) most = fmax(most, __ldcg(d_sums + (size_t)b * PLIANT_NUM_SUMS + slot));
+    for (int32_t b = (int32_t)threadIdx.x; b < blocks; b += GPU_THREADS)
+        most = fmax(most, __ldcg(d_sums + (size_t)b * PLIANT_NUM_SUMS + slot));
     for (int step = 16; step > 0; step /= 2) most = fmax(most, __shfl_xor_sync(0xffffffffu, most, step));
     __syncthreads();
     if (threadIdx.x % 32 == 0) scratch[threadIdx.x / 32] = most;
@@ -110,7 +114,8 @@ static __device__ __forceinline__ void load_component(const gpu_tled &tled, int 
 }
 
 /* Keep the position of a fixed node. */
-static __device__ __forceinline__ void keep_fixed(const gpu_tled &tled, const component &at, double *d_next, double *d_d)
+static __device__ __forceinline__ void keep_fixed(const gpu_tled &tled, const component &at, double *d_next,
+                                                  double *d_d)
 {
     if (at.n < 0 || at.moves) return;
     d_next[4 * (size_t)at.n + at.k] = at.u;
@@ -125,7 +130,10 @@ static __device__ __forceinline__ void share(double mine, int k, double all[3])
 }
 
 /* Select a component. A runtime index would move the array to slow local memory. */
-static __device__ __forceinline__ double pick(const double all[3], int k) { return k == 0 ? all[0] : k == 1 ? all[1] : all[2]; }
+static __device__ __forceinline__ double pick(const double all[3], int k)
+{
+    return k == 0 ? all[0] : k == 1 ? all[1] : all[2];
+}
 
 /* Cases of the sub-step kernel. A simpler case needs fewer registers, so that a multiprocessor holds more blocks of 256
  * threads: 4 blocks up to 64 registers, 3 up to 80, 2 up to 128. */
@@ -138,7 +146,8 @@ enum kernel_kind {
 /* Move a node by central differences from its acceleration. Call it from all threads of a warp. Return this component
  * of the acceleration by all forces. */
 template <bool WALLS>
-static __device__ __forceinline__ double move_component(const gpu_tled &tled, int32_t step, component at, double acceleration, double *d_next, double *d_d)
+static __device__ __forceinline__ double move_component(const gpu_tled &tled, int32_t step, component at,
+                                                        double acceleration, double *d_next, double *d_d)
 {
     double u[3], d[3], a[3];
     at.d = at.factor * acceleration + at.kept * at.d;
@@ -157,7 +166,8 @@ static __device__ __forceinline__ double move_component(const gpu_tled &tled, in
     share(at.d, at.k, d);
     if (!at.moves) return 0;
     if (at.node.held != 0) tled.d_acceleration[3 * (size_t)at.n + at.k] = acceleration;
-    else if (at.k == 0 && !(d[0] * d[0] + d[1] * d[1] + d[2] * d[2] <= at.node.limit)) atomicMin(&tled.d_outcome->unsound, step);
+    else if (at.k == 0 && !(d[0] * d[0] + d[1] * d[1] + d[2] * d[2] <= at.node.limit))
+        atomicMin(&tled.d_outcome->unsound, step);
     d_d[3 * (size_t)at.n + at.k] = at.d;
     d_next[4 * (size_t)at.n + at.k] = at.u;
     return acceleration;
@@ -167,7 +177,8 @@ static __device__ __forceinline__ double move_component(const gpu_tled &tled, in
  * previous acceleration follows from the last two increments. Call it from all threads of a warp.
  * @param older  Increment before the last one. */
 template <bool WALLS>
-static __device__ __forceinline__ double error_of_component(const gpu_tled &tled, const component &at, double acceleration, double older)
+static __device__ __forceinline__ double error_of_component(const gpu_tled &tled, const component &at,
+                                                            double acceleration, double older)
 {
     double u[3], d[3], changes[3];
     share(at.d, at.k, d);
@@ -177,12 +188,14 @@ static __device__ __forceinline__ double error_of_component(const gpu_tled &tled
     if (WALLS && pliant_substep_touches(tled.walls, tled.num_walls, tled.d_rest + 3 * (size_t)at.n, u)) return 0;
     const double change = sqrt(changes[0] * changes[0] + changes[1] * changes[1] + changes[2] * changes[2]);
     const double step = tled.d_frame->time_step;
-    return pliant_substep_error(tled.d_frame->whole * step, step, change, sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]));
+    return pliant_substep_error(tled.d_frame->whole * step, step, change,
+                                sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]));
 }
 
 /* Dynamic relaxation: store the acceleration, and compute the terms of the damping: sums of load, stiffness,
  * inertia. */
-static __device__ __forceinline__ void keep_component(const gpu_tled &tled, const component &at, double acceleration, double sums[3])
+static __device__ __forceinline__ void keep_component(const gpu_tled &tled, const component &at, double acceleration,
+                                                      double sums[3])
 {
     if (!at.moves) return;
     const size_t place = 3 * (size_t)at.n + at.k;
@@ -198,7 +211,8 @@ substep_kernel(const gpu_tled tled, int32_t number)
     constexpr bool MORE = KIND == ANY_ELEMENTS, WALLS = KIND != FREE_TETS;
     __shared__ float force[MORE ? 24 : 12][GPU_THREADS];
     __shared__ double scratch[3][GPU_THREADS / 32];
-    const int32_t step = tled.d_outcome->base + number, element = tled.d_element[(size_t)blockIdx.x * GPU_THREADS + threadIdx.x];
+    const int32_t step = tled.d_outcome->base + number,
+                  element = tled.d_element[(size_t)blockIdx.x * GPU_THREADS + threadIdx.x];
     const int32_t first = tled.d_group[blockIdx.x], count = tled.d_group[blockIdx.x + 1] - first;
     const int from = tled.still ? 0 : number & 1;
     if ((VISCOUS || tled.still) && is_idle(tled, step)) return;
@@ -218,7 +232,8 @@ substep_kernel(const gpu_tled tled, int32_t number)
     }
     if (step >= substeps) return; /* tested only here, so that earlier work does not wait for the value */
     const double weight = at.node.mass * tled.d_frame->gravity[at.k];
-    double acceleration = at.node.inverse_mass * (weight - sum), sums[3] = {at.node.inverse_mass * weight * weight, 0, 0};
+    double acceleration = at.node.inverse_mass * (weight - sum),
+           sums[3] = {at.node.inverse_mass * weight * weight, 0, 0};
     if (tled.still) {
         const int slots[3] = {PLIANT_SUM_LOAD, PLIANT_SUM_STIFFNESS, PLIANT_SUM_INERTIA};
         keep_component(tled, at, acceleration, sums);
@@ -248,7 +263,8 @@ __global__ void __launch_bounds__(GPU_THREADS) pull_kernel(const gpu_tled tled, 
     if (left <= 0) return;
     double residual;
     const gpu_touch_room room = make_touch_room(tled, tled.shared_bytes > 0, touch_block);
-    if (pull_and_settle(tled, tled.d_frame->factor, left, step, tled.d_u[to], tled.d_d[to], &work, room, &residual)) atomicMin(&tled.d_outcome->unsound, step);
+    if (pull_and_settle(tled, tled.d_frame->factor, left, step, tled.d_u[to], tled.d_d[to], &work, room, &residual))
+        atomicMin(&tled.d_outcome->unsound, step);
     if (threadIdx.x == 0) tled.d_outcome->sums[PLIANT_SUM_RESIDUAL] = residual;
 }
 
@@ -289,7 +305,8 @@ __global__ void __launch_bounds__(GPU_THREADS) relax_kernel(const gpu_tled tled,
     const gpu_frame *frame = tled.d_frame;
     if (frame->num_held > 0) {
         const gpu_touch_room room = make_touch_room(tled, false, nullptr);
-        if (pull_and_settle(tled, factor, 1, step, tled.d_u[0], tled.d_d[0], &work, room, &held_residual)) atomicMin(&outcome->unsound, step);
+        if (pull_and_settle(tled, factor, 1, step, tled.d_u[0], tled.d_d[0], &work, room, &held_residual))
+            atomicMin(&outcome->unsound, step);
     }
     const double total = total_of(tled.d_sums, (int32_t)gridDim.x, PLIANT_SUM_RESIDUAL, work.scratch) + held_residual;
     __syncthreads();
@@ -304,7 +321,8 @@ __global__ void __launch_bounds__(GPU_THREADS) relax_kernel(const gpu_tled tled,
 __global__ void __launch_bounds__(GPU_THREADS) pressure_kernel(const gpu_tled tled, int32_t number)
 {
     __shared__ float change[GPU_THREADS];
-    const int32_t element = tled.d_element[(size_t)blockIdx.x * GPU_THREADS + threadIdx.x], first = tled.d_group[blockIdx.x];
+    const int32_t element = tled.d_element[(size_t)blockIdx.x * GPU_THREADS + threadIdx.x],
+                  first = tled.d_group[blockIdx.x];
     if (element >= 0) {
         const gpu_tet tet = load_tet(tled.d_tets, element >> 1);
         float h[9], cofactor[9];
@@ -316,7 +334,8 @@ __global__ void __launch_bounds__(GPU_THREADS) pressure_kernel(const gpu_tled tl
     if (j >= tled.d_group[blockIdx.x + 1]) return;
     const int32_t n = tled.d_order[j];
     double sum = 0;
-    for (int32_t c = tled.d_corner_start[j]; c < tled.d_corner_start[j + 1]; c++) sum += change[__ldg(tled.d_corner + c) % GPU_THREADS];
+    for (int32_t c = tled.d_corner_start[j]; c < tled.d_corner_start[j + 1]; c++)
+        sum += change[__ldg(tled.d_corner + c) % GPU_THREADS];
     const float mean = (float)(0.25 * sum) * tled.d_node_volume[n];
     tled.d_pressure[n] = tled.d_node_modulus[n] * pliant_law_float_volume(tled.law, mean);
 }
@@ -326,14 +345,16 @@ __global__ void bump_kernel(gpu_outcome *outcome, int32_t steps) { outcome->base
 /* Return the index of a number of an element's memory in the host's layout. */
 static __device__ size_t host_place(int32_t element, int term, int m)
 {
-    return ((size_t)(element / LANES) * 6 * PLIANT_PRONY_TERMS + 6 * (size_t)term + (size_t)m) * LANES + (size_t)(element % LANES);
+    return ((size_t)(element / LANES) * 6 * PLIANT_PRONY_TERMS + 6 * (size_t)term + (size_t)m) * LANES +
+           (size_t)(element % LANES);
 }
 
 __global__ void finish_kernel(const gpu_tled tled)
 {
     __shared__ double scratch[GPU_THREADS / 32];
     gpu_outcome *outcome = tled.d_outcome;
-    const int32_t steps = tled.still ? outcome->steps : tled.d_frame->substeps, threads = (int32_t)(gridDim.x * blockDim.x);
+    const int32_t steps = tled.still ? outcome->steps : tled.d_frame->substeps,
+                  threads = (int32_t)(gridDim.x * blockDim.x);
     const int from = tled.still ? 0 : steps & 1, from_memory = steps & 1;
     for (int32_t n = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x); n < tled.num_nodes; n += threads)
         for (int k = 0; k < 3; k++) {
@@ -343,7 +364,8 @@ __global__ void finish_kernel(const gpu_tled tled)
             tled.d_packed_u[3 * (size_t)n + k] = u;
             tled.d_positions[3 * (size_t)n + k] = tled.d_rest[3 * (size_t)n + k] + u;
         }
-    for (int32_t t = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x); tled.viscous && t < tled.num_elements; t += threads)
+    for (int32_t t = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x); tled.viscous && t < tled.num_elements;
+         t += threads)
         for (int term = 0; term < tled.num_prony; term++)
             for (int m = 0; m < 6; m++) {
                 const size_t place = 8 * ((size_t)term * (size_t)tled.num_elements + (size_t)t) + (size_t)m;
@@ -370,10 +392,12 @@ __global__ void unpack_kernel(const gpu_tled tled)
         double *d_u = tled.d_u[0] + 4 * (size_t)n;
         for (int k = 0; k < 3; k++) d_u[k] = tled.d_packed_u[3 * (size_t)n + k];
     }
-    for (int32_t t = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x); tled.viscous && t < tled.num_elements; t += threads)
+    for (int32_t t = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x); tled.viscous && t < tled.num_elements;
+         t += threads)
         for (int term = 0; term < tled.num_prony; term++)
             for (int m = 0; m < 6; m++)
-                tled.d_memory[0][8 * ((size_t)term * (size_t)tled.num_elements + (size_t)t) + (size_t)m] = tled.d_packed_memory[host_place(t, term, m)];
+                tled.d_memory[0][8 * ((size_t)term * (size_t)tled.num_elements + (size_t)t) + (size_t)m] =
+                    tled.d_packed_memory[host_place(t, term, m)];
 }
 
 __global__ void release_kernel(gpu_node *d_nodes, int32_t num_nodes)
@@ -396,7 +420,8 @@ template <int LAW, bool VISCOUS, int KIND> static void launch(const gpu_tled *tl
 {
     const unsigned groups = (unsigned)tled->num_groups;
     constexpr bool NODAL = LAW != PLIANT_LAW_SAINT_VENANT_KIRCHHOFF;
-    if (NODAL && (tled->nodal || KIND == ANY_ELEMENTS)) substep_kernel<LAW, VISCOUS, NODAL, KIND><<<groups, GPU_THREADS, 0, stream>>>(*tled, number);
+    if (NODAL && (tled->nodal || KIND == ANY_ELEMENTS))
+        substep_kernel<LAW, VISCOUS, NODAL, KIND><<<groups, GPU_THREADS, 0, stream>>>(*tled, number);
     else substep_kernel<LAW, VISCOUS, false, KIND><<<groups, GPU_THREADS, 0, stream>>>(*tled, number);
 }
 
@@ -423,7 +448,8 @@ extern "C" pliant_status pliant_cuda_tled_share(gpu_tled *tled, size_t bytes, si
     return CUDA_CALL(cudaFuncSetAttribute(pull_kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, (int)bytes));
 }
 
-extern "C" pliant_status pliant_cuda_tled_substep(const gpu_tled *tled, int32_t number, bool pulled, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_tled_substep(const gpu_tled *tled, int32_t number, bool pulled,
+                                                  cudaStream_t stream)
 {
     if (tled->nodal) {
         pressure_kernel<<<(unsigned)tled->num_groups, GPU_THREADS, 0, stream>>>(*tled, number);

@@ -35,20 +35,24 @@ static __device__ bool is_last_block(gpu_outcome *outcome)
 }
 
 /* Do the same as pliant_tled_collide for one node in registers. */
-static __device__ __forceinline__ void collide(const gpu_tled &tled, const double rest[3], double factor, double u[3], double d[3], double acceleration[3])
+static __device__ __forceinline__ void collide(const gpu_tled &tled, const double rest[3], double factor, double u[3],
+                                               double d[3], double acceleration[3])
 {
-    pliant_substep_collide(tled.walls, tled.num_walls, tled.friction, tled.restitution, rest, factor, u, d, acceleration);
+    pliant_substep_collide(tled.walls, tled.num_walls, tled.friction, tled.restitution, rest, factor, u, d,
+                           acceleration);
 }
 
 /* Finish a free node after all forces: apply walls and compute its part of the residual. Return whether it moved faster
  * than sound. */
-static __device__ __forceinline__ bool settle(const gpu_tled &tled, int32_t n, const gpu_node &node, double factor, double u[3], double d[3],
-                                                double acceleration[3], double *residual)
+static __device__ __forceinline__ bool settle(const gpu_tled &tled, int32_t n, const gpu_node &node, double factor,
+                                              double u[3], double d[3], double acceleration[3], double *residual)
 {
     if (tled.num_walls > 0) collide(tled, tled.d_rest + 3 * (size_t)n, factor, u, d, acceleration);
     const double square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
     if (tled.still && square > node.limit) pliant_substep_shorten(node.limit, square, u, d);
-    *residual = (acceleration[0] * acceleration[0] + acceleration[1] * acceleration[1] + acceleration[2] * acceleration[2]) / node.inverse_mass;
+    *residual =
+        (acceleration[0] * acceleration[0] + acceleration[1] * acceleration[1] + acceleration[2] * acceleration[2]) /
+        node.inverse_mass;
     return tled.still ? square != square : !(square <= node.limit);
 }
 
@@ -63,7 +67,8 @@ typedef struct gpu_tool_work {
 } gpu_tool_work;
 
 /* Compute the held point in `point`, in the order of the nodes, as on the CPU. */
-static __device__ void held_point(const gpu_tled &tled, const gpu_hold &hold, const double *d_u, const double *d_d, gpu_tool_work *work)
+static __device__ void held_point(const gpu_tled &tled, const gpu_hold &hold, const double *d_u, const double *d_d,
+                                  gpu_tool_work *work)
 {
     double sum = 0;
     for (int32_t first = 0; first < hold.count; first += GPU_THREADS) {
@@ -86,14 +91,16 @@ static __device__ void held_point(const gpu_tled &tled, const gpu_hold &hold, co
     __syncthreads();
 }
 
-static __device__ void push(const gpu_tled &tled, const gpu_hold &hold, const double force[3], double factor, double *d_u, double *d_d)
+static __device__ void push(const gpu_tled &tled, const gpu_hold &hold, const double force[3], double factor,
+                            double *d_u, double *d_d)
 {
     for (int32_t h = (int32_t)threadIdx.x; h < hold.count; h += GPU_THREADS) {
         const size_t node = (size_t)tled.d_tool_node[hold.first + h];
         const double answer = tled.d_nodes[node].inverse_mass * tled.d_tool_weight[hold.first + h];
         for (int k = 0; k < 3; k++) {
             const double by = factor * answer * force[k];
-            double *d_by = d_d + 3 * node + k, *d_at = d_u + 4 * node + k, *d_acceleration = tled.d_acceleration + 3 * node + k;
+            double *d_by = d_d + 3 * node + k, *d_at = d_u + 4 * node + k,
+                   *d_acceleration = tled.d_acceleration + 3 * node + k;
             *d_at = __ldcg(d_at) + by;
             *d_by = __ldcg(d_by) + by;
             *d_acceleration = __ldcg(d_acceleration) + answer * force[k];
@@ -103,17 +110,20 @@ static __device__ void push(const gpu_tled &tled, const gpu_hold &hold, const do
 }
 
 /* Compute row i of the tools' equations from its held point, with one thread. */
-static __device__ void set_row(const gpu_tled &tled, const gpu_hold &hold, double factor, int32_t parts, int i, gpu_tool_work *work)
+static __device__ void set_row(const gpu_tled &tled, const gpu_hold &hold, double factor, int32_t parts, int i,
+                               gpu_tool_work *work)
 {
     const gpu_frame *frame = &work->frame;
     const int32_t tool = work->pulls[i];
     gpu_outcome *outcome = tled.d_outcome;
-    double *target = outcome->target[tool], *passed = outcome->passed[tool], *passed_target = outcome->passed_target[tool];
+    double *target = outcome->target[tool], *passed = outcome->passed[tool],
+           *passed_target = outcome->passed_target[tool];
     /* Tools with mass run on the CPU: pliant_cuda_tled_run. */
     const double old[3] = {target[0], target[1], target[2]}, none[3] = {0, 0, 0};
     pliant_substep_approach(target, hold.goal, parts + hold.later, frame->reach);
     const bool spring = hold.drive == PLIANT_DRIVE_SPRING;
-    double stiffness = spring ? hold.stiffness : 0, damper = spring && !tled.still ? hold.damping / frame->time_step : 0;
+    double stiffness = spring ? hold.stiffness : 0,
+           damper = spring && !tled.still ? hold.damping / frame->time_step : 0;
     double gap[3], older[3], pushed[3] = {0, 0, 0};
     for (int k = 0; k < 3; k++) {
         gap[k] = old[k] - work->point[3 + k];
@@ -123,12 +133,15 @@ static __device__ void set_row(const gpu_tled &tled, const gpu_hold &hold, doubl
     }
     for (int j = 0; j <= i; j++) work->matrix[i][j] = factor * frame->answer[tool][work->pulls[j]];
     if (spring && !tled.still)
-        pliant_substep_center(work->matrix[i][i], frame->time_step / outcome->passed_step, gap, older, &stiffness, &damper, pushed);
-    work->matrix[i][i] += pliant_substep_gap(stiffness, damper, 0, target, old, work->point, work->point + 3, none, pushed, work->force[i]);
+        pliant_substep_center(work->matrix[i][i], frame->time_step / outcome->passed_step, gap, older, &stiffness,
+                              &damper, pushed);
+    work->matrix[i][i] += pliant_substep_gap(stiffness, damper, 0, target, old, work->point, work->point + 3, none,
+                                             pushed, work->force[i]);
 }
 
 /* Sum a tool's force over a frame, with one thread. In dynamic relaxation the last force counts. */
-static __device__ void add_force(const gpu_tled &tled, int32_t tool, const gpu_hold &hold, const double force[3], double *load)
+static __device__ void add_force(const gpu_tled &tled, int32_t tool, const gpu_hold &hold, const double force[3],
+                                 double *load)
 {
     double *sum = tled.d_outcome->force[tool];
     for (int k = 0; k < 3; k++) sum[k] = (tled.still ? 0 : sum[k]) + force[k];
@@ -136,7 +149,8 @@ static __device__ void add_force(const gpu_tled &tled, int32_t tool, const gpu_h
 }
 
 /* Do the same as pliant_tled_pull, and add the load to the outcome. */
-static __device__ void pull(const gpu_tled &tled, double factor, int32_t parts, double *d_u, double *d_d, gpu_tool_work *work)
+static __device__ void pull(const gpu_tled &tled, double factor, int32_t parts, double *d_u, double *d_d,
+                            gpu_tool_work *work)
 {
     const gpu_frame *frame = &work->frame;
     int count = 0;
@@ -174,13 +188,15 @@ static __device__ void pull(const gpu_tled &tled, double factor, int32_t parts, 
 /* Move held nodes after all others: by tools, by contacts, and then by walls and limits like any node. residual: out:
  * their part of the residual. Return, per thread, whether one of its nodes moved faster than sound.
  * @param made  Sub-steps of this part of the frame before this one. */
-static __device__ __forceinline__ bool pull_and_settle(const gpu_tled &tled, double factor, int32_t parts, int32_t made, double *d_u, double *d_d,
-                                                       gpu_tool_work *work, const gpu_touch_room &room, double *residual)
+static __device__ __forceinline__ bool pull_and_settle(const gpu_tled &tled, double factor, int32_t parts, int32_t made,
+                                                       double *d_u, double *d_d, gpu_tool_work *work,
+                                                       const gpu_touch_room &room, double *residual)
 {
     double sum = 0;
     bool unsound = false;
     const double *from = reinterpret_cast<const double *>(tled.d_frame);
-    for (size_t m = threadIdx.x; m < sizeof(gpu_frame) / sizeof *from; m += GPU_THREADS) reinterpret_cast<double *>(&work->frame)[m] = from[m];
+    for (size_t m = threadIdx.x; m < sizeof(gpu_frame) / sizeof *from; m += GPU_THREADS)
+        reinterpret_cast<double *>(&work->frame)[m] = from[m];
     __syncthreads();
     pull(tled, factor, parts, d_u, d_d, work);
     __syncthreads();

@@ -40,7 +40,8 @@ extern "C" void pliant_cuda_touching_free(gpu_touching *touching, gpu_tled *gpu)
 template <class T> static pliant_status make(size_t count, bool on_gpu, T **out)
 {
     void *block = NULL;
-    CUDA_TRY(on_gpu ? pliant_cuda_allocate(count * sizeof(T), "contacts", &block) : pliant_cuda_allocate_host(count * sizeof(T), "contacts", &block));
+    CUDA_TRY(on_gpu ? pliant_cuda_allocate(count * sizeof(T), "contacts", &block)
+                    : pliant_cuda_allocate_host(count * sizeof(T), "contacts", &block));
     *out = static_cast<T *>(block);
     return PLIANT_OK;
 }
@@ -121,7 +122,8 @@ static pliant_status choose_memory(const gpu_touching *touching, gpu_tled *gpu)
     return pliant_cuda_tled_share(gpu, bytes, (size_t)most);
 }
 
-extern "C" pliant_status pliant_cuda_touching_sort(const pliant_tled *tled, gpu_touching *touching, gpu_tled *gpu, bool *moved)
+extern "C" pliant_status pliant_cuda_touching_sort(const pliant_tled *tled, gpu_touching *touching, gpu_tled *gpu,
+                                                   bool *moved)
 {
     static const pliant_contacts none = {};
     const pliant_contacts *contacts = pliant_tled_touches(tled) ? tled->contacts : &none;
@@ -156,21 +158,28 @@ extern "C" pliant_status pliant_cuda_touching_sort(const pliant_tled *tled, gpu_
     return PLIANT_OK;
 }
 
-extern "C" pliant_status pliant_cuda_touching_send(const gpu_touching *touching, const gpu_tled *gpu, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_touching_send(const gpu_touching *touching, const gpu_tled *gpu,
+                                                   cudaStream_t stream)
 {
     const size_t count = (size_t)touching->num_points, levels = (size_t)touching->num_levels + 1;
     if (count == 0) return PLIANT_OK;
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->d_point, touching->h_point, count * sizeof *gpu->d_point, cudaMemcpyHostToDevice, stream)));
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->d_touch, touching->h_touch, count * sizeof *gpu->d_touch, cudaMemcpyHostToDevice, stream)));
-    return CUDA_CALL(cudaMemcpyAsync(gpu->d_level, touching->h_level, levels * sizeof *gpu->d_level, cudaMemcpyHostToDevice, stream));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->d_point, touching->h_point, count * sizeof *gpu->d_point,
+                                       cudaMemcpyHostToDevice, stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->d_touch, touching->h_touch, count * sizeof *gpu->d_touch,
+                                       cudaMemcpyHostToDevice, stream)));
+    return CUDA_CALL(cudaMemcpyAsync(gpu->d_level, touching->h_level, levels * sizeof *gpu->d_level,
+                                     cudaMemcpyHostToDevice, stream));
 }
 
-extern "C" pliant_status pliant_cuda_touching_download(const gpu_touching *touching, const gpu_tled *gpu, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_touching_download(const gpu_touching *touching, const gpu_tled *gpu,
+                                                       cudaStream_t stream)
 {
     const size_t count = (size_t)touching->num_points;
     if (count == 0) return PLIANT_OK;
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(touching->h_point, gpu->d_point, count * sizeof *gpu->d_point, cudaMemcpyDeviceToHost, stream)));
-    return CUDA_CALL(cudaMemcpyAsync(touching->h_touch, gpu->d_touch, count * sizeof *gpu->d_touch, cudaMemcpyDeviceToHost, stream));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(touching->h_point, gpu->d_point, count * sizeof *gpu->d_point,
+                                       cudaMemcpyDeviceToHost, stream)));
+    return CUDA_CALL(
+        cudaMemcpyAsync(touching->h_touch, gpu->d_touch, count * sizeof *gpu->d_touch, cudaMemcpyDeviceToHost, stream));
 }
 
 extern "C" void pliant_cuda_touching_take(const gpu_touching *touching, pliant_tled *tled)

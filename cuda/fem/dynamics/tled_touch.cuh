@@ -35,7 +35,8 @@ static __device__ __forceinline__ void copy_numbers(const void *from, void *to, 
 }
 
 /* Copy the points' nodes to this memory, and back after the corrections. */
-static __device__ void load_near(const gpu_tled &tled, int32_t count, const double *d_u, const double *d_d, const gpu_touch_room &room)
+static __device__ void load_near(const gpu_tled &tled, int32_t count, const double *d_u, const double *d_d,
+                                 const gpu_touch_room &room)
 {
     for (int32_t i = (int32_t)threadIdx.x; i < 3 * count; i += GPU_THREADS) {
         const size_t n = (size_t)tled.d_near[i / 3], k = (size_t)(i % 3);
@@ -47,7 +48,8 @@ static __device__ void load_near(const gpu_tled &tled, int32_t count, const doub
     }
 }
 
-static __device__ void store_near(const gpu_tled &tled, int32_t count, double *d_u, double *d_d, const gpu_touch_room &room)
+static __device__ void store_near(const gpu_tled &tled, int32_t count, double *d_u, double *d_d,
+                                  const gpu_touch_room &room)
 {
     for (int32_t i = (int32_t)threadIdx.x; i < 3 * count; i += GPU_THREADS) {
         const size_t n = (size_t)tled.d_near[i / 3], k = (size_t)(i % 3);
@@ -60,11 +62,13 @@ static __device__ void store_near(const gpu_tled &tled, int32_t count, double *d
 
 /* Correct the points level by level, and return this thread's part of the load. made: sub-steps of this part of the
  * frame before this one. */
-static __device__ double touch_all(const gpu_tled &tled, const gpu_frame &frame, double factor, int32_t made, double *d_u, double *d_d, const gpu_touch_room &room)
+static __device__ double touch_all(const gpu_tled &tled, const gpu_frame &frame, double factor, int32_t made,
+                                   double *d_u, double *d_d, const gpu_touch_room &room)
 {
     const pliant_touch_time time = pliant_touch_time_of(tled.still, factor, frame.substeps, made);
     const pliant_touch_nodes nodes = {room.rest, room.inverse_mass, room.u, room.d, room.acceleration};
-    const size_t points = (size_t)frame.num_points * sizeof *room.point, touches = (size_t)frame.num_points * sizeof *room.touch;
+    const size_t points = (size_t)frame.num_points * sizeof *room.point,
+                 touches = (size_t)frame.num_points * sizeof *room.touch;
     double load = 0;
     load_near(tled, frame.num_near, d_u, d_d, room);
     if (room.shared) {

@@ -18,7 +18,8 @@ static __device__ __forceinline__ void load_corners(const gpu_system &system, co
     for (int m = 0; m < 12; m++) out.g[m] = system.d_gradients[(size_t)m * system.tet_stride + t];
 }
 
-static __device__ __forceinline__ void homogenized_force(const gpu_system &system, int t, const corners &c, const double *r, double *out)
+static __device__ __forceinline__ void homogenized_force(const gpu_system &system, int t, const corners &c,
+                                                         const double *r, double *out)
 {
     int4 nodes = reinterpret_cast<const int4 *>(system.d_tets)[t];
     const int node[4] = {nodes.x, nodes.y, nodes.z, nodes.w};
@@ -27,7 +28,8 @@ static __device__ __forceinline__ void homogenized_force(const gpu_system &syste
     for (int v = 0; v < 4; v++)
 #pragma unroll
         for (int d = 0; d < 3; d++) rest[3 * v + d] = system.d_rest[3 * (size_t)node[v] + d];
-    pliant_homogenized_force(system.d_stiffness + t, (size_t)system.tet_stride, c.x, rest, r, system.d_grounded && system.d_grounded[t], out);
+    pliant_homogenized_force(system.d_stiffness + t, (size_t)system.tet_stride, c.x, rest, r,
+                             system.d_grounded && system.d_grounded[t], out);
 }
 
 static __device__ __forceinline__ void element_rotation(const gpu_system &system, int t, const double *f, double *r)
@@ -102,15 +104,18 @@ static __global__ void __launch_bounds__(GATHER_THREADS) gather_kernel(gpu_syste
     __shared__ double sums[GATHER_SUMS][GATHER_THREADS];
     const gpu_state &state = *iteration.d_state;
     if (state.done) return;
-    const int target = gpu_target(&state), thread = (int)threadIdx.x, d = thread % 4, n = (int)blockIdx.x * NODES + thread / 4;
+    const int target = gpu_target(&state), thread = (int)threadIdx.x, d = thread % 4,
+              n = (int)blockIdx.x * NODES + thread / 4;
     double residual = 0, work = 0, elastic = 0;
     if (n < system.num_free && d < 3) {
         double sum = 0;
         const int end = system.d_corner_end[n];
 #pragma unroll 4
-        for (int c = system.d_corner_start[n]; c < end; c++) sum += iteration.d_element_force[4 * (size_t)system.d_corner[c] + d];
+        for (int c = system.d_corner_start[n]; c < end; c++)
+            sum += iteration.d_element_force[4 * (size_t)system.d_corner[c] + d];
         const size_t i = 3 * (size_t)n + d, x = 3 * (size_t)system.d_node_of_free[n] + d;
-        double load = iteration.d_load[i] + iteration.d_extra[i] + iteration.d_touch[i], u = iteration.d_x[target][x] - system.d_rest[x];
+        double load = iteration.d_load[i] + iteration.d_extra[i] + iteration.d_touch[i],
+               u = iteration.d_x[target][x] - system.d_rest[x];
         work = u * load;
         elastic = u * sum;
         residual = load - sum;
@@ -153,12 +158,14 @@ static __global__ void __launch_bounds__(GATHER_THREADS) rotation_kernel(gpu_sys
     const bool turns = !(system.d_grounded && system.d_grounded[t]);
     if (system.d_stiffness) element_rotation(system, t, f, r);
     for (int m = 0; m < 9; m++) {
-        const double own = system.d_stiffness ? r[m] : system.d_lame[(size_t)system.tet_stride + t] * (turns ? f[m] : m % 4 == 0);
+        const double own =
+            system.d_stiffness ? r[m] : system.d_lame[(size_t)system.tet_stride + t] * (turns ? f[m] : m % 4 == 0);
         iteration.d_rotations[16 * (size_t)t + m] = own;
     }
 }
 
-static __global__ void __launch_bounds__(GATHER_THREADS) turn_kernel(gpu_system system, gpu_iteration iteration, bool identity)
+static __global__ void __launch_bounds__(GATHER_THREADS)
+    turn_kernel(gpu_system system, gpu_iteration iteration, bool identity)
 {
     int n = (int)(blockIdx.x * GATHER_THREADS + threadIdx.x);
     if (n >= system.num_free) return;
@@ -166,7 +173,8 @@ static __global__ void __launch_bounds__(GATHER_THREADS) turn_kernel(gpu_system 
     if (!identity) {
         for (int m = 0; m < 9; m++) sum[m] = 0;
         for (int c = system.d_corner_start[n]; c < system.d_corner_end[n]; c++) {
-            const int corner = system.d_corner[c], t = system.macros.count > 0 ? system.macros.d_cube_of_corner[corner] : corner / 4;
+            const int corner = system.d_corner[c],
+                      t = system.macros.count > 0 ? system.macros.d_cube_of_corner[corner] : corner / 4;
             for (int m = 0; m < 9; m++) sum[m] += iteration.d_rotations[16 * (size_t)t + m];
         }
     }
@@ -178,31 +186,37 @@ static unsigned blocks_for(int count, int threads) { return (unsigned)((count + 
 
 extern "C" int pliant_cuda_gather_blocks(const gpu_system *system) { return (int)blocks_for(system->num_free, NODES); }
 
-extern "C" pliant_status pliant_cuda_forces(const gpu_system *system, const gpu_iteration *iteration, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_forces(const gpu_system *system, const gpu_iteration *iteration,
+                                            cudaStream_t stream)
 {
     if (system->macros.count > 0) {
         CUDA_TRY(pliant_cuda_macro_forces(system, iteration, stream));
         spread_kernel<<<1, ELEMENT_THREADS, 0, stream>>>(*iteration);
         return CUDA_LAUNCHED("spread_kernel");
     }
-    force_kernel<<<blocks_for(system->num_tets, ELEMENT_THREADS) + 1, ELEMENT_THREADS, 0, stream>>>(*system, *iteration);
+    force_kernel<<<blocks_for(system->num_tets, ELEMENT_THREADS) + 1, ELEMENT_THREADS, 0, stream>>>(*system,
+                                                                                                    *iteration);
     return CUDA_LAUNCHED("force_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_gather(const gpu_system *system, const gpu_iteration *iteration, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_gather(const gpu_system *system, const gpu_iteration *iteration,
+                                            cudaStream_t stream)
 {
     gather_kernel<<<blocks_for(system->num_free, NODES), GATHER_THREADS, 0, stream>>>(*system, *iteration);
     return CUDA_LAUNCHED("gather_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_rotate(const gpu_system *system, const gpu_iteration *iteration, bool identity, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_rotate(const gpu_system *system, const gpu_iteration *iteration, bool identity,
+                                            cudaStream_t stream)
 {
     if (!identity && system->macros.count > 0) {
         CUDA_TRY(pliant_cuda_macro_rotations(system, iteration, stream));
     } else if (!identity) {
-        rotation_kernel<<<blocks_for(system->num_tets, GATHER_THREADS), GATHER_THREADS, 0, stream>>>(*system, *iteration);
+        rotation_kernel<<<blocks_for(system->num_tets, GATHER_THREADS), GATHER_THREADS, 0, stream>>>(*system,
+                                                                                                     *iteration);
         CUDA_TRY(CUDA_LAUNCHED("rotation_kernel"));
     }
-    turn_kernel<<<blocks_for(system->num_free, GATHER_THREADS), GATHER_THREADS, 0, stream>>>(*system, *iteration, identity);
+    turn_kernel<<<blocks_for(system->num_free, GATHER_THREADS), GATHER_THREADS, 0, stream>>>(*system, *iteration,
+                                                                                             identity);
     return CUDA_LAUNCHED("turn_kernel");
 }

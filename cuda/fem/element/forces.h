@@ -19,7 +19,8 @@ pliant_status pliant_cuda_forces(const gpu_system *system, const gpu_iteration *
 pliant_status pliant_cuda_gather(const gpu_system *system, const gpu_iteration *iteration, cudaStream_t stream);
 /* Compute d_axes: the rotation nearest to the mean of the rotations of adjacent elements in the present iterate.
  * identity: set I instead. */
-pliant_status pliant_cuda_rotate(const gpu_system *system, const gpu_iteration *iteration, bool identity, cudaStream_t stream);
+pliant_status pliant_cuda_rotate(const gpu_system *system, const gpu_iteration *iteration, bool identity,
+                                 cudaStream_t stream);
 
 #ifdef __cplusplus
 }

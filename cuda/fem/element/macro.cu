@@ -14,7 +14,25 @@ enum { THREADS = 256, WARP = 32, CUBES = THREADS / WARP, FRAMES = 64 };
 
 /* ---- Creation. */
 
-enum { START, NODE, HELD, GROUNDED, OWN, GRADIENT, RANK, CUBE_OF_CORNER, FRAME, ROOT_START, ROOT, FINE_START, FINE, ENTRY_START, ENTRY_CORNER, ENTRY_SHAPE, SHEAR };
+enum {
+    START,
+    NODE,
+    HELD,
+    GROUNDED,
+    OWN,
+    GRADIENT,
+    RANK,
+    CUBE_OF_CORNER,
+    FRAME,
+    ROOT_START,
+    ROOT,
+    FINE_START,
+    FINE,
+    ENTRY_START,
+    ENTRY_CORNER,
+    ENTRY_SHAPE,
+    SHEAR
+};
 
 struct sending { bool grows; cudaStream_t stream; size_t *room; };
 
@@ -81,7 +99,8 @@ static bool is_small(const gpu_macros *macros) { return macros->most_unknowns <=
 
 static __global__ void macro_force_kernel(gpu_system system, gpu_iteration iteration);
 
-extern "C" pliant_status pliant_cuda_macros_set(const pliant_macros *macros, bool grows, cudaStream_t stream, size_t *room, gpu_macros *out)
+extern "C" pliant_status pliant_cuda_macros_set(const pliant_macros *macros, bool grows, cudaStream_t stream,
+                                                size_t *room, gpu_macros *out)
 {
     const sending to = {grows, stream, room};
     const size_t count = (size_t)macros->count, corners = (size_t)macros->start[count];
@@ -108,14 +127,17 @@ extern "C" pliant_status pliant_cuda_macros_set(const pliant_macros *macros, boo
     CUDA_TRY(CUDA_CALL(cudaFuncGetAttributes(&kernel, macro_force_kernel)));
     /* A property of the kernel: another model may need more. */
     if (shared_bytes(out) <= (size_t)kernel.maxDynamicSharedSizeBytes) return PLIANT_OK;
-    return CUDA_CALL(cudaFuncSetAttribute(macro_force_kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, (int)shared_bytes(out)));
+    return CUDA_CALL(
+        cudaFuncSetAttribute(macro_force_kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, (int)shared_bytes(out)));
 }
 
 extern "C" void pliant_cuda_macros_free(gpu_macros *macros)
 {
-    void *blocks[] = {macros->d_start, macros->d_node, macros->d_own, macros->d_rank, macros->d_cube_of_corner, macros->d_fine_start, macros->d_fine,
-                      macros->d_held, macros->d_grounded, macros->d_gradient, macros->d_frame, macros->d_root_start, macros->d_root, macros->d_entry_start,
-                      macros->d_entry_corner, macros->d_entry_shape, macros->d_shear};
+    void *blocks[] = {macros->d_start,          macros->d_node,        macros->d_own,          macros->d_rank,
+                      macros->d_cube_of_corner, macros->d_fine_start,  macros->d_fine,         macros->d_held,
+                      macros->d_grounded,       macros->d_gradient,    macros->d_frame,        macros->d_root_start,
+                      macros->d_root,           macros->d_entry_start, macros->d_entry_corner, macros->d_entry_shape,
+                      macros->d_shear};
     for (void *block : blocks) pliant_cuda_release(block);
     memset(macros, 0, sizeof *macros);
 }
@@ -123,10 +145,12 @@ extern "C" void pliant_cuda_macros_free(gpu_macros *macros)
 /* ---- Frames: one thread per cube. */
 
 /* Compute the frame of a cube. f: out: its deformation gradient. */
-static __device__ void frame_of(const gpu_system &system, const double *x, int cube, double f[9], pliant_macro_frame *out)
+static __device__ void frame_of(const gpu_system &system, const double *x, int cube, double f[9],
+                                pliant_macro_frame *out)
 {
     const gpu_macros &macros = system.macros;
-    pliant_macro_place(macros.d_own + 8 * (size_t)cube, macros.d_gradient + 24 * (size_t)cube, x, system.d_rest, f, out);
+    pliant_macro_place(macros.d_own + 8 * (size_t)cube, macros.d_gradient + 24 * (size_t)cube, x, system.d_rest, f,
+                       out);
     if (macros.d_grounded[cube])
         for (int m = 0; m < 9; m++) out->rotation[m] = m % 4 == 0;
     else
@@ -134,7 +158,8 @@ static __device__ void frame_of(const gpu_system &system, const double *x, int c
 }
 
 /* Compute all frames. evaluates: of the evaluated iterate; otherwise of the present one. */
-static __global__ void __launch_bounds__(FRAMES) macro_frame_kernel(gpu_system system, gpu_iteration iteration, bool evaluates)
+static __global__ void __launch_bounds__(FRAMES)
+    macro_frame_kernel(gpu_system system, gpu_iteration iteration, bool evaluates)
 {
     const gpu_state &state = *iteration.d_state;
     const int cube = (int)(blockIdx.x * FRAMES + threadIdx.x);
@@ -201,13 +226,15 @@ static __global__ void __launch_bounds__(THREADS) small_force_kernel(gpu_system 
     const gpu_macros &macros = system.macros;
     const int lane = (int)threadIdx.x % WARP, cube = (int)(blockIdx.x * THREADS + threadIdx.x) / WARP;
     if (state.done || gpu_knows_forces(&state) || cube >= macros.count) return;
-    const int begin = macros.d_start[cube], count = macros.d_start[cube + 1] - begin, n = 3 * count, rank = macros.d_rank[cube];
+    const int begin = macros.d_start[cube], count = macros.d_start[cube + 1] - begin, n = 3 * count,
+              rank = macros.d_rank[cube];
     const float *root = macros.d_root + macros.d_root_start[cube];
     const double *x = iteration.d_x[gpu_target(&state)];
     double *q = shared[threadIdx.x / WARP];
     if (lane < count) {
         const size_t node = 3 * (size_t)macros.d_node[begin + lane];
-        pliant_macro_corner(macros.d_frame + cube, macros.d_held[begin + lane], x + node, system.d_rest + node, q + 3 * lane);
+        pliant_macro_corner(macros.d_frame + cube, macros.d_held[begin + lane], x + node, system.d_rest + node,
+                            q + 3 * lane);
     }
     __syncwarp();
     const double own = lane < n ? q[lane] : 0;
@@ -236,10 +263,12 @@ static __global__ void __launch_bounds__(FRAMES) macro_rotation_kernel(gpu_syste
     pliant_macro_frame frame;
     double f[9];
     frame_of(system, iteration.d_x[iteration.d_state->now], cube, f, &frame);
-    for (int m = 0; m < 9; m++) iteration.d_rotations[16 * (size_t)cube + m] = d_shear ? d_shear[cube] * f[m] : frame.rotation[m];
+    for (int m = 0; m < 9; m++)
+        iteration.d_rotations[16 * (size_t)cube + m] = d_shear ? d_shear[cube] * f[m] : frame.rotation[m];
 }
 
-static __global__ void __launch_bounds__(THREADS) macro_position_kernel(gpu_system system, gpu_iteration iteration, double *d_fine)
+static __global__ void __launch_bounds__(THREADS)
+    macro_position_kernel(gpu_system system, gpu_iteration iteration, double *d_fine)
 {
     extern __shared__ double q[];
     const gpu_macros &macros = system.macros;
@@ -249,7 +278,8 @@ static __global__ void __launch_bounds__(THREADS) macro_position_kernel(gpu_syst
         const size_t node = 3 * (size_t)macros.d_fine[i];
         double w[3], x[3];
         for (int d = 0; d < 3; d++) x[d] = system.d_fine_rest[node + d];
-        pliant_macro_shaped(macros.d_entry_start[i], macros.d_entry_start[i + 1], macros.d_entry_corner, macros.d_entry_shape, q, w);
+        pliant_macro_shaped(macros.d_entry_start[i], macros.d_entry_start[i + 1], macros.d_entry_corner,
+                            macros.d_entry_shape, q, w);
         pliant_macro_follow(macros.d_frame + cube, macros.d_grounded[cube], w, x);
         for (int d = 0; d < 3; d++) d_fine[node + d] = x[d];
     }
@@ -257,35 +287,41 @@ static __global__ void __launch_bounds__(THREADS) macro_position_kernel(gpu_syst
 
 static unsigned blocks_for(int count, int threads) { return (unsigned)((count + threads - 1) / threads); }
 
-static pliant_status find_frames(const gpu_system *system, const gpu_iteration *iteration, bool evaluates, cudaStream_t stream)
+static pliant_status find_frames(const gpu_system *system, const gpu_iteration *iteration, bool evaluates,
+                                 cudaStream_t stream)
 {
     macro_frame_kernel<<<blocks_for(system->macros.count, FRAMES), FRAMES, 0, stream>>>(*system, *iteration, evaluates);
     return CUDA_LAUNCHED("macro_frame_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_macro_frames(const gpu_system *system, const gpu_iteration *iteration, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_macro_frames(const gpu_system *system, const gpu_iteration *iteration,
+                                                  cudaStream_t stream)
 {
     return find_frames(system, iteration, false, stream);
 }
 
-extern "C" pliant_status pliant_cuda_macro_forces(const gpu_system *system, const gpu_iteration *iteration, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_macro_forces(const gpu_system *system, const gpu_iteration *iteration,
+                                                  cudaStream_t stream)
 {
     CUDA_TRY(find_frames(system, iteration, true, stream));
     if (is_small(&system->macros)) {
         small_force_kernel<<<blocks_for(system->macros.count, CUBES), THREADS, 0, stream>>>(*system, *iteration);
         return CUDA_LAUNCHED("small_force_kernel");
     }
-    macro_force_kernel<<<(unsigned)system->macros.count, THREADS, shared_bytes(&system->macros), stream>>>(*system, *iteration);
+    macro_force_kernel<<<(unsigned)system->macros.count, THREADS, shared_bytes(&system->macros), stream>>>(*system,
+                                                                                                           *iteration);
     return CUDA_LAUNCHED("macro_force_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_macro_rotations(const gpu_system *system, const gpu_iteration *iteration, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_macro_rotations(const gpu_system *system, const gpu_iteration *iteration,
+                                                     cudaStream_t stream)
 {
     macro_rotation_kernel<<<blocks_for(system->macros.count, FRAMES), FRAMES, 0, stream>>>(*system, *iteration);
     return CUDA_LAUNCHED("macro_rotation_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_macro_positions(const gpu_system *system, const gpu_iteration *iteration, double *d_fine, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_macro_positions(const gpu_system *system, const gpu_iteration *iteration,
+                                                     double *d_fine, cudaStream_t stream)
 {
     /* Fixed nodes follow no cube and are at rest. */
     const size_t bytes = 3 * (size_t)system->num_fine * sizeof *d_fine;

@@ -33,18 +33,23 @@ enum { MACRO_ARRAYS = 17 };
 
 /* Create the macro-elements, or replace them after a cut. `room`: (MACRO_ARRAYS) capacity of the arrays in bytes.
  * Errors: MEMORY, UNAVAILABLE; the caller frees partial results. */
-pliant_status pliant_cuda_macros_set(const pliant_macros *macros, bool grows, cudaStream_t stream, size_t *room, gpu_macros *out);
+pliant_status pliant_cuda_macros_set(const pliant_macros *macros, bool grows, cudaStream_t stream, size_t *room,
+                                     gpu_macros *out);
 void pliant_cuda_macros_free(gpu_macros *macros);
 
 /* Compute the forces of the evaluated iterate in d_element_force, four numbers per corner. */
-pliant_status pliant_cuda_macro_forces(const struct gpu_system *system, const struct gpu_iteration *iteration, cudaStream_t stream);
+pliant_status pliant_cuda_macro_forces(const struct gpu_system *system, const struct gpu_iteration *iteration,
+                                       cudaStream_t stream);
 /* Compute the cubes' contributions to the axes of their nodes (nodal_rotations.h) for the present iterate, in
  * d_rotations, 16 numbers per cube. */
-pliant_status pliant_cuda_macro_rotations(const struct gpu_system *system, const struct gpu_iteration *iteration, cudaStream_t stream);
+pliant_status pliant_cuda_macro_rotations(const struct gpu_system *system, const struct gpu_iteration *iteration,
+                                          cudaStream_t stream);
 /* Compute the frames of the cubes of the present iterate in d_frame. */
-pliant_status pliant_cuda_macro_frames(const struct gpu_system *system, const struct gpu_iteration *iteration, cudaStream_t stream);
+pliant_status pliant_cuda_macro_frames(const struct gpu_system *system, const struct gpu_iteration *iteration,
+                                       cudaStream_t stream);
 /* Compute the fine nodes of the present iterate. */
-pliant_status pliant_cuda_macro_positions(const struct gpu_system *system, const struct gpu_iteration *iteration, double *d_fine, cudaStream_t stream);
+pliant_status pliant_cuda_macro_positions(const struct gpu_system *system, const struct gpu_iteration *iteration,
+                                          double *d_fine, cudaStream_t stream);
 
 #ifdef __cplusplus
 }

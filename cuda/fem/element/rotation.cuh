@@ -7,7 +7,10 @@
 #include "fem/element/signed_svd.h"
 
 /* Compute the rotation in any state. It is seldom called, and not inlined because of its size. */
-static __device__ __noinline__ void rotation_signed_svd(const double *deformation, double *rotation) { pliant_signed_svd(deformation, rotation); }
+static __device__ __noinline__ void rotation_signed_svd(const double *deformation, double *rotation)
+{
+    pliant_signed_svd(deformation, rotation);
+}
 
 static __device__ __forceinline__ void rotation_of(const double *deformation, double *x)
 {

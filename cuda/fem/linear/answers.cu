@@ -35,7 +35,8 @@ static pliant_status set_size(gpu_answers *answers, int32_t num_free)
 {
     if (answers->num_free == num_free) return PLIANT_OK;
     pliant_cuda_answers_free(answers);
-    if (!(answers->slot = static_cast<int32_t *>(pliant_calloc((size_t)num_free, sizeof *answers->slot)))) return pliant_fail_memory("answers to contact");
+    if (!(answers->slot = static_cast<int32_t *>(pliant_calloc((size_t)num_free, sizeof *answers->slot))))
+        return pliant_fail_memory("answers to contact");
     std::fill(answers->slot, answers->slot + num_free, -1);
     answers->num_free = num_free;
     answers->stride = (size_t)pliant_cuda_inverse_padded(3 * num_free);
@@ -54,11 +55,17 @@ static pliant_status make_room(gpu_answers *answers, int32_t count, cudaStream_t
     made.d_column = NULL;
     made.d_which = made.h_which = NULL;
     pliant_status status = made.unknown && made.asked ? PLIANT_OK : pliant_fail_memory("answers to contact");
-    if (status == PLIANT_OK) status = pliant_cuda_allocate(slots * column, "answers to contact", reinterpret_cast<void **>(&made.d_column));
-    if (status == PLIANT_OK) status = pliant_cuda_allocate(2 * slots * sizeof *made.d_which, "answers to contact", reinterpret_cast<void **>(&made.d_which));
-    if (status == PLIANT_OK) status = pliant_cuda_allocate_host(2 * slots * sizeof *made.h_which, "answers to contact", reinterpret_cast<void **>(&made.h_which));
+    if (status == PLIANT_OK)
+        status = pliant_cuda_allocate(slots * column, "answers to contact", reinterpret_cast<void **>(&made.d_column));
+    if (status == PLIANT_OK)
+        status = pliant_cuda_allocate(2 * slots * sizeof *made.d_which, "answers to contact",
+                                      reinterpret_cast<void **>(&made.d_which));
+    if (status == PLIANT_OK)
+        status = pliant_cuda_allocate_host(2 * slots * sizeof *made.h_which, "answers to contact",
+                                           reinterpret_cast<void **>(&made.h_which));
     if (status == PLIANT_OK && answers->room > 0) {
-        status = CUDA_CALL(cudaMemcpyAsync(made.d_column, answers->d_column, (size_t)answers->room * column, cudaMemcpyDeviceToDevice, stream));
+        status = CUDA_CALL(cudaMemcpyAsync(made.d_column, answers->d_column, (size_t)answers->room * column,
+                                           cudaMemcpyDeviceToDevice, stream));
         if (status == PLIANT_OK) status = CUDA_CALL(cudaStreamSynchronize(stream));
     }
     if (status != PLIANT_OK) {
@@ -77,14 +84,16 @@ static pliant_status make_room(gpu_answers *answers, int32_t count, cudaStream_t
 /* Return a slot that is free, or not used in this step. */
 static int32_t take_slot(gpu_answers *answers)
 {
-    while (answers->unknown[answers->next] >= 0 && answers->asked[answers->next] == answers->now) answers->next = (answers->next + 1) % answers->room;
+    while (answers->unknown[answers->next] >= 0 && answers->asked[answers->next] == answers->now)
+        answers->next = (answers->next + 1) % answers->room;
     const int32_t slot = answers->next;
     if (answers->unknown[slot] >= 0) answers->slot[answers->unknown[slot]] = -1;
     return slot;
 }
 
-extern "C" pliant_status pliant_cuda_answers_find(gpu_answers *answers, const gpu_preconditioner *preconditioner, const gpu_iteration *iteration, int32_t count,
-                                                  const int32_t *unknown, cudaStream_t stream, bool *made)
+extern "C" pliant_status pliant_cuda_answers_find(gpu_answers *answers, const gpu_preconditioner *preconditioner,
+                                                  const gpu_iteration *iteration, int32_t count, const int32_t *unknown,
+                                                  cudaStream_t stream, bool *made)
 {
     CUDA_TRY(set_size(answers, iteration->num_free));
     CUDA_TRY(make_room(answers, count, stream));
@@ -103,8 +112,12 @@ extern "C" pliant_status pliant_cuda_answers_find(gpu_answers *answers, const gp
     }
     *made = missing > 0;
     if (missing == 0) return PLIANT_OK;
-    pliant_status status = CUDA_CALL(cudaMemcpyAsync(answers->d_which, answers->h_which, 2 * (size_t)missing * sizeof *answers->d_which, cudaMemcpyHostToDevice, stream));
-    if (status == PLIANT_OK) status = pliant_cuda_columns(preconditioner, iteration, missing, answers->h_which, answers->d_which, answers->stride, answers->d_column, stream);
+    pliant_status status =
+        CUDA_CALL(cudaMemcpyAsync(answers->d_which, answers->h_which, 2 * (size_t)missing * sizeof *answers->d_which,
+                                  cudaMemcpyHostToDevice, stream));
+    if (status == PLIANT_OK)
+        status = pliant_cuda_columns(preconditioner, iteration, missing, answers->h_which, answers->d_which,
+                                     answers->stride, answers->d_column, stream);
     if (status != PLIANT_OK) pliant_cuda_answers_forget(answers);
     return status;
 }

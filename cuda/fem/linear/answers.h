@@ -26,8 +26,9 @@ void pliant_cuda_answers_free(gpu_answers *answers);
 void pliant_cuda_answers_forget(gpu_answers *answers);
 /* Compute the missing columns of these unknown nodes (all different). made: out: some columns were missing, and d_right
  * was overwritten. Errors: MEMORY, UNAVAILABLE. */
-pliant_status pliant_cuda_answers_find(gpu_answers *answers, const gpu_preconditioner *preconditioner, const gpu_iteration *iteration, int32_t count,
-                                       const int32_t *unknown, cudaStream_t stream, bool *made);
+pliant_status pliant_cuda_answers_find(gpu_answers *answers, const gpu_preconditioner *preconditioner,
+                                       const gpu_iteration *iteration, int32_t count, const int32_t *unknown,
+                                       cudaStream_t stream, bool *made);
 
 #ifdef __cplusplus
 }

@@ -41,7 +41,8 @@ static void find_outer(const pliant_system *system, neighbours *found)
     for (int32_t i = 0; i < found->num_inner; i++)
         for (int32_t c = system->corner_start[found->near[i]]; c < system->corner_end[found->near[i]]; c++) {
             const int32_t element = pliant_element_of_corner(system, system->corner[c]);
-            for (int32_t v = pliant_element_begin(system, element); v < pliant_element_begin(system, element + 1); v++) {
+            for (int32_t v = pliant_element_begin(system, element); v < pliant_element_begin(system, element + 1);
+                 v++) {
                 const int32_t node = nodes[v], f = system->free_of_node[node];
                 if (f < 0 || found->place[node] > 0) continue;
                 found->near[found->num_near++] = f;
@@ -62,7 +63,8 @@ static void find_takers(int32_t num_free, int32_t base_free, const int32_t *sour
     found->taker_start[base_free] = all;
 }
 
-static pliant_status find_neighbours(const pliant_system *system, const pliant_carried_layout *base, const int32_t *source, neighbours *found)
+static pliant_status find_neighbours(const pliant_system *system, const pliant_carried_layout *base,
+                                     const int32_t *source, neighbours *found)
 {
     const int32_t base_free = base->num_free;
     const size_t count = (size_t)system->num_free;
@@ -71,7 +73,8 @@ static pliant_status find_neighbours(const pliant_system *system, const pliant_c
     found->place = numbers<int32_t>((size_t)system->mesh->num_nodes);
     found->taker_start = numbers<int32_t>((size_t)base_free + 1);
     found->taker = numbers<int32_t>(count);
-    if (!found->inner || !found->near || !found->place || !found->taker_start || !found->taker) return pliant_fail_memory("the preconditioner");
+    if (!found->inner || !found->near || !found->place || !found->taker_start || !found->taker)
+        return pliant_fail_memory("the preconditioner");
     CUDA_TRY(pliant_carried_opened(system, base, source, found->inner));
     found->num_inner = pliant_subdomain_inner(system, PLIANT_CARRIED_RINGS, found->inner, found->near);
     find_outer(system, found);
@@ -114,13 +117,15 @@ static __device__ double macro_entry_at_rest(const gpu_macros &macros, int eleme
 {
     const float *root = macros.d_root + macros.d_root_start[element];
     double sum = 0;
-    for (int m = 0; m < macros.d_rank[element]; m++) sum += (double)root[m * unknowns + row] * root[m * unknowns + column];
+    for (int m = 0; m < macros.d_rank[element]; m++)
+        sum += (double)root[m * unknowns + row] * root[m * unknowns + column];
     return sum;
 }
 
 /* Assemble the columns of one inner node per block, from the diagonal down, element by element. Nine threads handle a
  * corner of the element, up to eight corners at a time. */
-static __global__ void __launch_bounds__(MACRO_ENTRIES) assemble_kernel(gpu_system system, gpu_carried carried, near_matrix matrix)
+static __global__ void __launch_bounds__(MACRO_ENTRIES)
+    assemble_kernel(gpu_system system, gpu_carried carried, near_matrix matrix)
 {
     const int own = (int)blockIdx.x, node = carried.d_near[own], at = unknown_of(matrix, own);
     const int r = (int)threadIdx.x / 3 % 3, c = (int)threadIdx.x % 3;
@@ -128,13 +133,15 @@ static __global__ void __launch_bounds__(MACRO_ENTRIES) assemble_kernel(gpu_syst
     const bool of_macros = macros.count > 0;
     for (int n = system.d_corner_start[node]; n < system.d_corner_end[node]; n++) {
         const int corner = system.d_corner[n], element = of_macros ? macros.d_cube_of_corner[corner] : corner / 4;
-        const int begin = of_macros ? macros.d_start[element] : 4 * element, corners = of_macros ? macros.d_start[element + 1] - begin : 4;
+        const int begin = of_macros ? macros.d_start[element] : 4 * element,
+                  corners = of_macros ? macros.d_start[element + 1] - begin : 4;
         for (int w = (int)threadIdx.x / 9; w < corners; w += (int)blockDim.x / 9) {
             const int place = carried.d_place[(of_macros ? macros.d_node : system.d_tets)[begin + w]] - 1;
             if (place < own || (place == own && r < c)) continue;
             const int row = 3 * w + r, column = 3 * (corner - begin) + c;
             add(matrix, unknown_of(matrix, place) + r, at + c,
-                of_macros ? macro_entry_at_rest(macros, element, 3 * corners, row, column) : entry_at_rest(system, element, row, column));
+                of_macros ? macro_entry_at_rest(macros, element, 3 * corners, row, column)
+                          : entry_at_rest(system, element, row, column));
         }
         __syncthreads();
     }
@@ -157,7 +164,8 @@ static __global__ void __launch_bounds__(THREADS) narrow_kernel(gpu_carried carr
     const int n = (int)blockIdx.x, inner = n < 3 * matrix.inner, row = inner ? n : matrix.begin + n - 3 * matrix.inner;
     for (int column = (int)threadIdx.x; column < 3 * matrix.inner; column += THREADS) {
         const int high = row / SWEEP >= column / SWEEP ? row : column, low = high == row ? column : row;
-        const double value = matrix.tiles[SWEEP_TILE * triangle((size_t)(high / SWEEP), (size_t)(low / SWEEP)) + SWEEP * (high % SWEEP) + low % SWEEP];
+        const double value = matrix.tiles[SWEEP_TILE * triangle((size_t)(high / SWEEP), (size_t)(low / SWEEP)) +
+                                          SWEEP * (high % SWEEP) + low % SWEEP];
         carried.d_answer[(size_t)n * carried.stride + column] = (float)(inner ? -value : value);
     }
 }
@@ -172,28 +180,35 @@ template <class T> static pliant_status room_for(size_t count, int array, gpu_ca
     return PLIANT_OK;
 }
 
-template <class T> static pliant_status send(const T *h_from, size_t count, int array, cudaStream_t stream, gpu_carried_room *room, T **d_out)
+template <class T>
+static pliant_status send(const T *h_from, size_t count, int array, cudaStream_t stream, gpu_carried_room *room,
+                          T **d_out)
 {
     CUDA_TRY(room_for(count, array, room, d_out));
     return CUDA_CALL(cudaMemcpyAsync(*d_out, h_from, count * sizeof(T), cudaMemcpyHostToDevice, stream));
 }
 
-static pliant_status invert(const gpu_system *gpu, int32_t pivots, int32_t tiles, cudaStream_t stream, gpu_carried *carried, gpu_carried_room *room)
+static pliant_status invert(const gpu_system *gpu, int32_t pivots, int32_t tiles, cudaStream_t stream,
+                            gpu_carried *carried, gpu_carried_room *room)
 {
     gpu_sweep *sweep = &room->sweep;
     const size_t bytes = pliant_cuda_sweep_bytes(tiles);
     void *blocks[] = {sweep->d_tiles, sweep->d_room, sweep->d_failed};
-    const size_t sizes[] = {bytes, pliant_cuda_sweep_room(tiles), ((size_t)SWEEP * (size_t)pivots + 1) * sizeof(double)};
+    const size_t sizes[] = {bytes, pliant_cuda_sweep_room(tiles),
+                            ((size_t)SWEEP * (size_t)pivots + 1) * sizeof(double)};
     for (int b = 0; b < 3; b++) {
-        pliant_status status = pliant_cuda_ensure(sizes[b], true, "the preconditioner", blocks + b, room->sweep_room + b);
+        pliant_status status =
+            pliant_cuda_ensure(sizes[b], true, "the preconditioner", blocks + b, room->sweep_room + b);
         *sweep = {static_cast<double *>(blocks[0]), static_cast<double *>(blocks[1]), static_cast<int *>(blocks[2])};
         CUDA_TRY(status);
     }
-    const near_matrix matrix = {sweep->d_tiles, reinterpret_cast<double *>(sweep->d_failed) + 1, carried->inner, SWEEP * pivots};
+    const near_matrix matrix = {sweep->d_tiles, reinterpret_cast<double *>(sweep->d_failed) + 1, carried->inner,
+                                SWEEP * pivots};
     const unsigned rows = 3 * (unsigned)(carried->inner + carried->outer);
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(sweep->d_tiles, 0, bytes, stream)));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(sweep->d_failed, 0, sizes[2], stream)));
-    assemble_kernel<<<(unsigned)carried->inner, gpu->macros.count > 0 ? MACRO_ENTRIES : ENTRIES, 0, stream>>>(*gpu, *carried, matrix);
+    assemble_kernel < < <(unsigned)carried->inner, gpu->macros.count> 0 ? MACRO_ENTRIES : ENTRIES, 0,
+        stream >>> (*gpu, *carried, matrix);
     CUDA_TRY(CUDA_LAUNCHED("assemble_kernel"));
     pad_kernel<<<1, SWEEP, 0, stream>>>(matrix);
     CUDA_TRY(CUDA_LAUNCHED("pad_kernel"));
@@ -202,13 +217,16 @@ static pliant_status invert(const gpu_system *gpu, int32_t pivots, int32_t tiles
     return CUDA_LAUNCHED("narrow_kernel");
 }
 
-static pliant_status send_all(const pliant_system *system, const gpu_system *gpu, const neighbours &found, const int32_t *h_source, cudaStream_t stream,
-                              gpu_carried *carried, gpu_carried_room *room)
+static pliant_status send_all(const pliant_system *system, const gpu_system *gpu, const neighbours &found,
+                              const int32_t *h_source, cudaStream_t stream, gpu_carried *carried,
+                              gpu_carried_room *room)
 {
-    const size_t inner = 3 * (size_t)carried->inner, outer = 3 * (size_t)carried->outer, free_nodes = (size_t)carried->num_free;
+    const size_t inner = 3 * (size_t)carried->inner, outer = 3 * (size_t)carried->outer,
+                 free_nodes = (size_t)carried->num_free;
     const size_t padded = (size_t)pliant_cuda_inverse_padded(3 * carried->base_free);
     CUDA_TRY(send(h_source, free_nodes, SOURCE, stream, room, &carried->d_source));
-    CUDA_TRY(send(found.taker_start, (size_t)carried->base_free + 1, TAKER_START, stream, room, &carried->d_taker_start));
+    CUDA_TRY(
+        send(found.taker_start, (size_t)carried->base_free + 1, TAKER_START, stream, room, &carried->d_taker_start));
     CUDA_TRY(send(found.taker, free_nodes, TAKER, stream, room, &carried->d_taker));
     CUDA_TRY(send(found.place, (size_t)system->mesh->num_nodes, PLACE, stream, room, &carried->d_place));
     CUDA_TRY(room_for(padded, RIGHT, room, &carried->d_right));
@@ -219,16 +237,20 @@ static pliant_status send_all(const pliant_system *system, const gpu_system *gpu
     CUDA_TRY(room_for((inner + outer) * (size_t)carried->stride, ANSWER, room, &carried->d_answer));
     CUDA_TRY(room_for(inner, FOUND, room, &carried->d_found));
     CUDA_TRY(room_for(outer, PULL, room, &carried->d_pull));
-    const int32_t pivots = (int32_t)((inner + SWEEP - 1) / SWEEP), tiles = pivots + (int32_t)((outer + SWEEP - 1) / SWEEP);
+    const int32_t pivots = (int32_t)((inner + SWEEP - 1) / SWEEP),
+                  tiles = pivots + (int32_t)((outer + SWEEP - 1) / SWEEP);
     return invert(gpu, pivots, tiles, stream, carried, room);
 }
 
-extern "C" pliant_status pliant_cuda_carried_set(const pliant_system *system, const gpu_system *gpu, const pliant_carried_layout *base, int32_t *h_source,
-                                                 cudaStream_t stream, gpu_carried *carried, gpu_carried_room *room, bool *possible)
+extern "C" pliant_status pliant_cuda_carried_set(const pliant_system *system, const gpu_system *gpu,
+                                                 const pliant_carried_layout *base, int32_t *h_source,
+                                                 cudaStream_t stream, gpu_carried *carried, gpu_carried_room *room,
+                                                 bool *possible)
 {
     neighbours found = {};
     pliant_status status = find_neighbours(system, base, h_source, &found);
-    const int32_t outer = found.num_near - found.num_inner, pivots = (3 * found.num_inner + SWEEP - 1) / SWEEP, tiles = pivots + (3 * outer + SWEEP - 1) / SWEEP;
+    const int32_t outer = found.num_near - found.num_inner, pivots = (3 * found.num_inner + SWEEP - 1) / SWEEP,
+                  tiles = pivots + (3 * outer + SWEEP - 1) / SWEEP;
     *possible = pivots <= MOST_SWEEPS && tiles <= MOST_TILES;
     if (status == PLIANT_OK && *possible) {
         carried->num_free = system->num_free;
@@ -256,8 +278,10 @@ extern "C" void pliant_cuda_carried_clear(gpu_carried *carried, gpu_carried_room
 
 extern "C" void pliant_cuda_carried_free(gpu_carried *carried, gpu_carried_room *room)
 {
-    void *blocks[] = {carried->d_source, carried->d_taker_start, carried->d_taker, carried->d_near, carried->d_place, carried->d_answer, carried->d_found,
-                      carried->d_pull, carried->d_right, carried->d_left, room->sweep.d_tiles, room->sweep.d_room, room->sweep.d_failed};
+    void *blocks[] = {carried->d_source,   carried->d_taker_start, carried->d_taker,    carried->d_near,
+                      carried->d_place,    carried->d_answer,      carried->d_found,    carried->d_pull,
+                      carried->d_right,    carried->d_left,        room->sweep.d_tiles, room->sweep.d_room,
+                      room->sweep.d_failed};
     for (void *block : blocks) pliant_cuda_release(block);
     pliant_free(room->h_source);
     memset(carried, 0, sizeof *carried);
@@ -267,14 +291,17 @@ extern "C" void pliant_cuda_carried_free(gpu_carried *carried, gpu_carried_room 
 /* ---- In a step. */
 
 /* Compute S r_i and K_oi S r_i, one warp per row. */
-static __global__ void __launch_bounds__(THREADS) near_kernel(gpu_carried carried, const int *d_skip, const float *__restrict__ d_right)
+static __global__ void __launch_bounds__(THREADS)
+    near_kernel(gpu_carried carried, const int *d_skip, const float *__restrict__ d_right)
 {
     if (d_skip && *d_skip) return;
-    const int row = (int)(blockIdx.x * THREADS + threadIdx.x) / WARP, lane = (int)threadIdx.x % WARP, inner = 3 * carried.inner;
+    const int row = (int)(blockIdx.x * THREADS + threadIdx.x) / WARP, lane = (int)threadIdx.x % WARP,
+              inner = 3 * carried.inner;
     if (row >= inner + 3 * carried.outer) return;
     float sum = 0;
     for (int column = lane; column < inner; column += WARP)
-        sum += carried.d_answer[(size_t)row * carried.stride + column] * d_right[3 * carried.d_near[column / 3] + column % 3];
+        sum += carried.d_answer[(size_t)row * carried.stride + column] *
+               d_right[3 * carried.d_near[column / 3] + column % 3];
     for (int half = WARP / 2; half > 0; half /= 2) sum += __shfl_xor_sync(0xffffffff, sum, half);
     if (lane != 0) return;
     if (row < inner) carried.d_found[row] = sum;
@@ -282,7 +309,8 @@ static __global__ void __launch_bounds__(THREADS) near_kernel(gpu_carried carrie
 }
 
 /* Compute P' E' r, one thread per number of the base. */
-static __global__ void __launch_bounds__(THREADS) below_kernel(gpu_carried carried, const int *d_skip, const float *__restrict__ d_right)
+static __global__ void __launch_bounds__(THREADS)
+    below_kernel(gpu_carried carried, const int *d_skip, const float *__restrict__ d_right)
 {
     if (d_skip && *d_skip) return;
     const int n = (int)(blockIdx.x * THREADS + threadIdx.x), base = n / 3, d = n % 3;
@@ -305,7 +333,8 @@ static __device__ __forceinline__ float above(const gpu_carried &carried, int f,
 
 /* Compute E P z + S r. Blocks handle inner unknowns with some columns of K_oi S each; then one thread per number
  * handles the others. */
-static __global__ void __launch_bounds__(COLUMNS *GROUPS) above_kernel(gpu_carried carried, const int *d_skip, float *__restrict__ d_left)
+static __global__ void __launch_bounds__(COLUMNS *GROUPS)
+    above_kernel(gpu_carried carried, const int *d_skip, float *__restrict__ d_left)
 {
     __shared__ float sums[GROUPS][COLUMNS];
     if (d_skip && *d_skip) return;
@@ -322,7 +351,8 @@ static __global__ void __launch_bounds__(COLUMNS *GROUPS) above_kernel(gpu_carri
     if (column < inner) {
 #pragma unroll 4
         for (int row = group; row < outer; row += GROUPS)
-            sum += carried.d_answer[(size_t)(inner + row) * carried.stride + column] * above(carried, carried.d_near[carried.inner + row / 3], row % 3);
+            sum += carried.d_answer[(size_t)(inner + row) * carried.stride + column] *
+                   above(carried, carried.d_near[carried.inner + row / 3], row % 3);
     }
     sums[group][threadIdx.x % COLUMNS] = sum;
     __syncthreads();
@@ -333,27 +363,33 @@ static __global__ void __launch_bounds__(COLUMNS *GROUPS) above_kernel(gpu_carri
 
 static unsigned blocks_for(int count, int threads) { return (unsigned)((count + threads - 1) / threads); }
 
-extern "C" pliant_status pliant_cuda_carried_below(const gpu_carried *carried, const int32_t *d_skip, const float *d_right, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_carried_below(const gpu_carried *carried, const int32_t *d_skip,
+                                                   const float *d_right, cudaStream_t stream)
 {
     if (carried->inner > 0) {
-        near_kernel<<<blocks_for(3 * (carried->inner + carried->outer), THREADS / WARP), THREADS, 0, stream>>>(*carried, d_skip, d_right);
+        near_kernel<<<blocks_for(3 * (carried->inner + carried->outer), THREADS / WARP), THREADS, 0, stream>>>(
+            *carried, d_skip, d_right);
         CUDA_TRY(CUDA_LAUNCHED("near_kernel"));
     }
     below_kernel<<<blocks_for(3 * carried->base_free, THREADS), THREADS, 0, stream>>>(*carried, d_skip, d_right);
     return CUDA_LAUNCHED("below_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_carried_above(const gpu_carried *carried, const int32_t *d_skip, float *d_left, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_carried_above(const gpu_carried *carried, const int32_t *d_skip, float *d_left,
+                                                   cudaStream_t stream)
 {
-    const unsigned near = blocks_for(3 * carried->inner, COLUMNS), rest = blocks_for(3 * carried->num_free, COLUMNS * GROUPS);
+    const unsigned near = blocks_for(3 * carried->inner, COLUMNS),
+                   rest = blocks_for(3 * carried->num_free, COLUMNS * GROUPS);
     above_kernel<<<near + rest, COLUMNS * GROUPS, 0, stream>>>(*carried, d_skip, d_left);
     return CUDA_LAUNCHED("above_kernel");
 }
 
 extern "C" pliant_status pliant_cuda_carried_load(void)
 {
-    const void *kernels[] = {reinterpret_cast<const void *>(assemble_kernel), reinterpret_cast<const void *>(pad_kernel), reinterpret_cast<const void *>(narrow_kernel),
-                             reinterpret_cast<const void *>(near_kernel),     reinterpret_cast<const void *>(below_kernel), reinterpret_cast<const void *>(above_kernel)};
+    const void *kernels[] = {
+        reinterpret_cast<const void *>(assemble_kernel), reinterpret_cast<const void *>(pad_kernel),
+        reinterpret_cast<const void *>(narrow_kernel),   reinterpret_cast<const void *>(near_kernel),
+        reinterpret_cast<const void *>(below_kernel),    reinterpret_cast<const void *>(above_kernel)};
     for (const void *kernel : kernels) {
         cudaFuncAttributes attributes;
         CUDA_TRY(CUDA_CALL(cudaFuncGetAttributes(&attributes, kernel)));

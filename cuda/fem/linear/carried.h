@@ -44,8 +44,9 @@ typedef struct gpu_carried_room {
  * @param h_source  (num_free) allocated with pliant_calloc; this function takes ownership, also on an error.
  * @param possible  Out: false: the cut has opened too much tissue, and nothing was changed except h_source.
  * Errors: MEMORY, UNAVAILABLE. */
-pliant_status pliant_cuda_carried_set(const pliant_system *system, const gpu_system *gpu, const pliant_carried_layout *base, int32_t *h_source,
-                                      cudaStream_t stream, gpu_carried *carried, gpu_carried_room *room, bool *possible);
+pliant_status pliant_cuda_carried_set(const pliant_system *system, const gpu_system *gpu,
+                                      const pliant_carried_layout *base, int32_t *h_source, cudaStream_t stream,
+                                      gpu_carried *carried, gpu_carried_room *room, bool *possible);
 /* Removes the carried preconditioner; arrays stay allocated. */
 void pliant_cuda_carried_clear(gpu_carried *carried, gpu_carried_room *room);
 void pliant_cuda_carried_free(gpu_carried *carried, gpu_carried_room *room);
@@ -55,8 +56,10 @@ void pliant_cuda_carried_free(gpu_carried *carried, gpu_carried_room *room);
 pliant_status pliant_cuda_carried_load(void);
 
 /* Apply the parts of a product before (below) and after (above) the base's d_left = V d_right. */
-pliant_status pliant_cuda_carried_below(const gpu_carried *carried, const int32_t *d_skip, const float *d_right, cudaStream_t stream);
-pliant_status pliant_cuda_carried_above(const gpu_carried *carried, const int32_t *d_skip, float *d_left, cudaStream_t stream);
+pliant_status pliant_cuda_carried_below(const gpu_carried *carried, const int32_t *d_skip, const float *d_right,
+                                        cudaStream_t stream);
+pliant_status pliant_cuda_carried_above(const gpu_carried *carried, const int32_t *d_skip, float *d_left,
+                                        cudaStream_t stream);
 
 #ifdef __cplusplus
 }

@@ -26,7 +26,8 @@ static __global__ void scatter_kernel(sparse matrix, double *tiles)
     long long begin = 9 * first - 3 * (long long)low;
     for (int c = 0; c < 3; c++) {
         for (int r = place == 0 ? c : 0; r < 3; r++)
-            put(tiles, 3 * matrix.row[b] + r, 3 * low + c, matrix.values[begin + (place == 0 ? r - c : 3 * place - c + r)]);
+            put(tiles, 3 * matrix.row[b] + r, 3 * low + c,
+                matrix.values[begin + (place == 0 ? r - c : 3 * place - c + r)]);
         begin += 3 * height - c;
     }
 }
@@ -47,7 +48,8 @@ static __global__ void narrow_kernel(const double *sweep, float *tiles)
     for (int n = (int)threadIdx.x; n < TILE * TILE; n += (int)blockDim.x) {
         int row = TILE * i + n / TILE, column = TILE * j + n % TILE;
         int high = row / SWEEP >= column / SWEEP ? row : column, low = high == row ? column : row;
-        tile[n] = (float)-sweep[SWEEP_TILE * triangle(high / SWEEP, low / SWEEP) + SWEEP * (high % SWEEP) + low % SWEEP];
+        tile[n] =
+            (float)-sweep[SWEEP_TILE * triangle(high / SWEEP, low / SWEEP) + SWEEP * (high % SWEEP) + low % SWEEP];
     }
 }
 
@@ -64,7 +66,8 @@ struct workspace { gpu_sweep sweep; void *d_start, *d_row, *d_values; double *d_
 
 static void workspace_free(workspace *work)
 {
-    void *blocks[] = {work->sweep.d_tiles, work->sweep.d_room, work->sweep.d_failed, work->d_start, work->d_row, work->d_values, work->d_whole};
+    void *blocks[] = {work->sweep.d_tiles, work->sweep.d_room, work->sweep.d_failed, work->d_start,
+                      work->d_row,         work->d_values,     work->d_whole};
     for (void *block : blocks) pliant_cuda_release(block);
 }
 
@@ -75,37 +78,48 @@ static pliant_status find_failed(const gpu_sweep *sweep, cudaStream_t stream)
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(stream)));
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(&h_failed, sweep->d_failed, sizeof h_failed, cudaMemcpyDeviceToHost, stream)));
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(stream)));
-    if (h_failed) return pliant_fail(PLIANT_ERROR_NUMERIC, "the stiffness matrix is not positive definite: it has no inverse on the GPU");
+    if (h_failed)
+        return pliant_fail(PLIANT_ERROR_NUMERIC,
+                           "the stiffness matrix is not positive definite: it has no inverse on the GPU");
     return PLIANT_OK;
 }
 
-static pliant_status invert(const pliant_pattern *pattern, const double *h_values, bool holds, cudaStream_t stream, workspace *work, gpu_inverse *out)
+static pliant_status invert(const pliant_pattern *pattern, const double *h_values, bool holds, cudaStream_t stream,
+                            workspace *work, gpu_inverse *out)
 {
     const int padded = out->tiles * TILE, sweeps = padded / SWEEP;
     const size_t bytes = pliant_cuda_sweep_bytes(sweeps);
     gpu_sweep *sweep = &work->sweep;
     CUDA_TRY(pliant_cuda_allocate(bytes, "the inverse", reinterpret_cast<void **>(&sweep->d_tiles)));
-    CUDA_TRY(pliant_cuda_allocate(pliant_cuda_sweep_room(sweeps), "the inverse", reinterpret_cast<void **>(&sweep->d_room)));
+    CUDA_TRY(
+        pliant_cuda_allocate(pliant_cuda_sweep_room(sweeps), "the inverse", reinterpret_cast<void **>(&sweep->d_room)));
     CUDA_TRY(pliant_cuda_allocate(sizeof(int), "the inverse", reinterpret_cast<void **>(&sweep->d_failed)));
-    CUDA_TRY(pliant_cuda_upload(pattern->start, ((size_t)pattern->num_columns + 1) * sizeof *pattern->start, "the matrix", stream, &work->d_start));
-    CUDA_TRY(pliant_cuda_upload(pattern->row, (size_t)pattern->num_blocks * sizeof *pattern->row, "the matrix", stream, &work->d_row));
-    CUDA_TRY(pliant_cuda_upload(h_values, (size_t)pattern->num_values * sizeof *h_values, "the matrix", stream, &work->d_values));
+    CUDA_TRY(pliant_cuda_upload(pattern->start, ((size_t)pattern->num_columns + 1) * sizeof *pattern->start,
+                                "the matrix", stream, &work->d_start));
+    CUDA_TRY(pliant_cuda_upload(pattern->row, (size_t)pattern->num_blocks * sizeof *pattern->row, "the matrix", stream,
+                                &work->d_row));
+    CUDA_TRY(pliant_cuda_upload(h_values, (size_t)pattern->num_values * sizeof *h_values, "the matrix", stream,
+                                &work->d_values));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(sweep->d_tiles, 0, bytes, stream)));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(sweep->d_failed, 0, sizeof(int), stream)));
-    sparse matrix = {pattern->num_columns, pattern->num_blocks, static_cast<int *>(work->d_start), static_cast<int *>(work->d_row),
-                     static_cast<double *>(work->d_values)};
-    scatter_kernel<<<(unsigned)((matrix.num_blocks + THREADS - 1) / THREADS), THREADS, 0, stream>>>(matrix, sweep->d_tiles);
+    sparse matrix = {pattern->num_columns, pattern->num_blocks, static_cast<int *>(work->d_start),
+                     static_cast<int *>(work->d_row), static_cast<double *>(work->d_values)};
+    scatter_kernel<<<(unsigned)((matrix.num_blocks + THREADS - 1) / THREADS), THREADS, 0, stream>>>(matrix,
+                                                                                                    sweep->d_tiles);
     CUDA_TRY(CUDA_LAUNCHED("scatter_kernel"));
     pad_kernel<<<1, TILE, 0, stream>>>(sweep->d_tiles, out->size, padded);
     CUDA_TRY(CUDA_LAUNCHED("pad_kernel"));
     if (holds) {
-        CUDA_TRY(pliant_cuda_allocate((size_t)padded * sizeof *work->d_whole, "the inverse", reinterpret_cast<void **>(&work->d_whole)));
-        diagonal_kernel<<<(unsigned)((padded + THREADS - 1) / THREADS), THREADS, 0, stream>>>(sweep->d_tiles, padded, work->d_whole);
+        CUDA_TRY(pliant_cuda_allocate((size_t)padded * sizeof *work->d_whole, "the inverse",
+                                      reinterpret_cast<void **>(&work->d_whole)));
+        diagonal_kernel<<<(unsigned)((padded + THREADS - 1) / THREADS), THREADS, 0, stream>>>(sweep->d_tiles, padded,
+                                                                                              work->d_whole);
         CUDA_TRY(CUDA_LAUNCHED("diagonal_kernel"));
     }
     CUDA_TRY(pliant_cuda_sweep(sweep, work->d_whole, nothing, sweeps, sweeps, stream));
     CUDA_TRY(find_failed(sweep, stream));
-    narrow_kernel<<<dim3((unsigned)out->tiles, (unsigned)out->tiles), THREADS, 0, stream>>>(sweep->d_tiles, out->d_tiles);
+    narrow_kernel<<<dim3((unsigned)out->tiles, (unsigned)out->tiles), THREADS, 0, stream>>>(sweep->d_tiles,
+                                                                                            out->d_tiles);
     CUDA_TRY(CUDA_LAUNCHED("narrow_kernel"));
     return CUDA_CALL(cudaStreamSynchronize(stream));
 }
@@ -116,19 +130,23 @@ extern "C" size_t pliant_cuda_inverse_room(int32_t size, size_t *kept)
 {
     size_t padded = (size_t)pliant_cuda_inverse_padded(size), tiles = padded / TILE;
     *kept = triangle(tiles, 0) * TILE * TILE * sizeof(float) + tiles * padded * sizeof(float);
-    return *kept + pliant_cuda_sweep_bytes((int32_t)(padded / SWEEP)) + pliant_cuda_sweep_room((int32_t)(padded / SWEEP));
+    return *kept + pliant_cuda_sweep_bytes((int32_t)(padded / SWEEP)) +
+           pliant_cuda_sweep_room((int32_t)(padded / SWEEP));
 }
 
-extern "C" pliant_status pliant_cuda_inverse_create(const pliant_pattern *pattern, const double *h_values, bool holds, cudaStream_t stream, gpu_inverse *out)
+extern "C" pliant_status pliant_cuda_inverse_create(const pliant_pattern *pattern, const double *h_values, bool holds,
+                                                    cudaStream_t stream, gpu_inverse *out)
 {
     gpu_inverse made = {};
     workspace work = {};
     made.size = 3 * pattern->num_columns;
     made.tiles = pliant_cuda_inverse_padded(made.size) / TILE;
     const size_t tiles = (size_t)made.tiles;
-    pliant_status status = pliant_cuda_allocate(triangle(tiles, 0) * TILE * TILE * sizeof(float), "the inverse", reinterpret_cast<void **>(&made.d_tiles));
+    pliant_status status = pliant_cuda_allocate(triangle(tiles, 0) * TILE * TILE * sizeof(float), "the inverse",
+                                                reinterpret_cast<void **>(&made.d_tiles));
     if (status == PLIANT_OK)
-        status = pliant_cuda_allocate(tiles * tiles * TILE * sizeof(float), "the inverse", reinterpret_cast<void **>(&made.d_parts));
+        status = pliant_cuda_allocate(tiles * tiles * TILE * sizeof(float), "the inverse",
+                                      reinterpret_cast<void **>(&made.d_parts));
     if (status == PLIANT_OK) status = invert(pattern, h_values, holds, stream, &work, &made);
     workspace_free(&work);
     if (status != PLIANT_OK) {
@@ -181,7 +199,8 @@ static __device__ __forceinline__ float sum_rows(float *p, int lane)
 /* Multiply one tile per block. Its rows contribute to the unknowns of its row, and below the diagonal its columns
  * contribute to the unknowns of its column. For several vectors the tile is read once. */
 template <bool SEVERAL>
-static __global__ void __launch_bounds__(THREADS) product_kernel(gpu_inverse inverse, const int *d_skip, int count, size_t stride, const float *__restrict__ d_right)
+static __global__ void __launch_bounds__(THREADS)
+    product_kernel(gpu_inverse inverse, const int *d_skip, int count, size_t stride, const float *__restrict__ d_right)
 {
     enum { WARPS = THREADS / 32, ROWS = TILE / WARPS };
     __shared__ float4 columns[WARPS][32];
@@ -189,7 +208,8 @@ static __global__ void __launch_bounds__(THREADS) product_kernel(gpu_inverse inv
     int i, j;
     tile_of((int)blockIdx.x, &i, &j);
     const int warp = (int)threadIdx.x / 32, lane = (int)threadIdx.x % 32, padded = inverse.tiles * TILE;
-    const float4 *tile = reinterpret_cast<const float4 *>(inverse.d_tiles + (size_t)TILE * TILE * blockIdx.x) + warp * ROWS * (TILE / 4) + lane;
+    const float4 *tile = reinterpret_cast<const float4 *>(inverse.d_tiles + (size_t)TILE * TILE * blockIdx.x) +
+                         warp * ROWS * (TILE / 4) + lane;
     float4 kept[SEVERAL ? ROWS : 1];
 #pragma unroll
     for (int r = 0; SEVERAL && r < ROWS; r++) kept[r] = __ldcs(tile + r * (TILE / 4));
@@ -215,7 +235,8 @@ static __global__ void __launch_bounds__(THREADS) product_kernel(gpu_inverse inv
             columns[warp][lane] = column;
             __syncthreads();
             float whole = 0;
-            for (int w = 0; w < WARPS && threadIdx.x < TILE; w++) whole += reinterpret_cast<const float *>(columns[w])[threadIdx.x];
+            for (int w = 0; w < WARPS && threadIdx.x < TILE; w++)
+                whole += reinterpret_cast<const float *>(columns[w])[threadIdx.x];
             if (threadIdx.x < TILE) inverse.d_parts[(size_t)padded * i + TILE * j + threadIdx.x] = whole;
         }
         d_right += stride;
@@ -225,11 +246,13 @@ static __global__ void __launch_bounds__(THREADS) product_kernel(gpu_inverse inv
 
 enum { SUM_ROWS = 32, SUM_GROUPS = THREADS / SUM_ROWS };
 
-static __global__ void __launch_bounds__(THREADS) sum_kernel(gpu_inverse inverse, const int *d_skip, size_t stride, float *__restrict__ d_left)
+static __global__ void __launch_bounds__(THREADS)
+    sum_kernel(gpu_inverse inverse, const int *d_skip, size_t stride, float *__restrict__ d_left)
 {
     __shared__ float sums[SUM_GROUPS][SUM_ROWS];
     if (d_skip && *d_skip) return;
-    const int row = (int)threadIdx.x % SUM_ROWS, group = (int)threadIdx.x / SUM_ROWS, n = (int)blockIdx.x * SUM_ROWS + row;
+    const int row = (int)threadIdx.x % SUM_ROWS, group = (int)threadIdx.x / SUM_ROWS,
+              n = (int)blockIdx.x * SUM_ROWS + row;
     const size_t padded = (size_t)inverse.tiles * TILE;
     d_left += stride * blockIdx.y;
     inverse.d_parts += (size_t)inverse.tiles * padded * blockIdx.y;
@@ -243,39 +266,47 @@ static __global__ void __launch_bounds__(THREADS) sum_kernel(gpu_inverse inverse
     d_left[n] = sum;
 }
 
-extern "C" pliant_status pliant_cuda_inverse_apply_all(const gpu_inverse *inverse, const int32_t *d_skip, int32_t count, size_t stride, const float *d_right, float *d_left,
+extern "C" pliant_status pliant_cuda_inverse_apply_all(const gpu_inverse *inverse, const int32_t *d_skip, int32_t count,
+                                                       size_t stride, const float *d_right, float *d_left,
                                                        cudaStream_t stream)
 {
     const unsigned tiles = (unsigned)triangle((size_t)inverse->tiles, 0);
     if (count > 1) product_kernel<true><<<tiles, THREADS, 0, stream>>>(*inverse, d_skip, count, stride, d_right);
     else product_kernel<false><<<tiles, THREADS, 0, stream>>>(*inverse, d_skip, count, stride, d_right);
     CUDA_TRY(CUDA_LAUNCHED("product_kernel"));
-    sum_kernel<<<dim3((unsigned)(inverse->tiles * TILE / SUM_ROWS), (unsigned)count), THREADS, 0, stream>>>(*inverse, d_skip, stride, d_left);
+    sum_kernel<<<dim3((unsigned)(inverse->tiles * TILE / SUM_ROWS), (unsigned)count), THREADS, 0, stream>>>(
+        *inverse, d_skip, stride, d_left);
     return CUDA_LAUNCHED("sum_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_inverse_apply(const gpu_inverse *inverse, const int32_t *d_skip, const float *d_right, float *d_left, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_inverse_apply(const gpu_inverse *inverse, const int32_t *d_skip,
+                                                   const float *d_right, float *d_left, cudaStream_t stream)
 {
     return pliant_cuda_inverse_apply_all(inverse, d_skip, 1, 0, d_right, d_left, stream);
 }
 
-extern "C" size_t pliant_cuda_inverse_parts(const gpu_inverse *inverse) { return (size_t)inverse->tiles * TILE * (size_t)inverse->tiles; }
+extern "C" size_t pliant_cuda_inverse_parts(const gpu_inverse *inverse)
+{
+    return (size_t)inverse->tiles * TILE * (size_t)inverse->tiles;
+}
 
 static __device__ __forceinline__ float entry(const gpu_inverse &inverse, int row, int column)
 {
     int high = row / TILE >= column / TILE ? row : column, low = high == row ? column : row;
-    return inverse.d_tiles[(size_t)TILE * TILE * triangle((size_t)(high / TILE), (size_t)(low / TILE)) + TILE * (high % TILE) + low % TILE];
+    return inverse.d_tiles[(size_t)TILE * TILE * triangle((size_t)(high / TILE), (size_t)(low / TILE)) +
+                           TILE * (high % TILE) + low % TILE];
 }
 
-static __global__ void __launch_bounds__(THREADS) column_kernel(gpu_inverse inverse, const int32_t *d_which, size_t stride, float *d_column)
+static __global__ void __launch_bounds__(THREADS)
+    column_kernel(gpu_inverse inverse, const int32_t *d_which, size_t stride, float *d_column)
 {
     const int n = (int)(blockIdx.x * THREADS + threadIdx.x), axis = (int)blockIdx.y % 3;
     const int32_t *which = d_which + 2 * (size_t)(blockIdx.y / 3);
     if (n < inverse.size) d_column[stride * (size_t)(which[1] + axis) + n] = entry(inverse, n, 3 * which[0] + axis);
 }
 
-extern "C" pliant_status pliant_cuda_inverse_columns(const gpu_inverse *inverse, int32_t count, const int32_t *d_which, size_t stride, float *d_column,
-                                                     cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_inverse_columns(const gpu_inverse *inverse, int32_t count, const int32_t *d_which,
+                                                     size_t stride, float *d_column, cudaStream_t stream)
 {
     const unsigned blocks = (unsigned)((inverse->size + THREADS - 1) / THREADS);
     column_kernel<<<dim3(blocks, 3 * (unsigned)count), THREADS, 0, stream>>>(*inverse, d_which, stride, d_column);
@@ -285,7 +316,8 @@ extern "C" pliant_status pliant_cuda_inverse_columns(const gpu_inverse *inverse,
 enum { RESPONSE_NODES = 64, RESPONSE_ROWS = 3 * RESPONSE_NODES, RESPONSE_CHUNK = 32 };
 
 /* Compute the response, one thread per unknown. */
-static __global__ void __launch_bounds__(RESPONSE_ROWS) response_kernel(gpu_inverse inverse, gpu_iteration iteration, gpu_tool tool, double *d_response)
+static __global__ void __launch_bounds__(RESPONSE_ROWS)
+    response_kernel(gpu_inverse inverse, gpu_iteration iteration, gpu_tool tool, double *d_response)
 {
     __shared__ double turned[RESPONSE_CHUNK][3][3], sums[3][RESPONSE_ROWS];
     __shared__ int unknown[RESPONSE_CHUNK];
@@ -296,7 +328,8 @@ static __global__ void __launch_bounds__(RESPONSE_ROWS) response_kernel(gpu_inve
         __syncthreads();
         for (int m = thread; m < 9 * here; m += RESPONSE_ROWS) { /* T' of W' e_d */
             int h = m / 9, d = m / 3 % 3, c = m % 3, node = tool.d_unknown[first + h];
-            const double *turn = iteration.d_axes + 9 * (size_t)node, *block = tool.d_block + 9 * (size_t)(first + h) + 3 * d;
+            const double *turn = iteration.d_axes + 9 * (size_t)node,
+                         *block = tool.d_block + 9 * (size_t)(first + h) + 3 * d;
             turned[h][d][c] = turn[c] * block[0] + turn[3 + c] * block[1] + turn[6 + c] * block[2];
             if (m % 9 == 0) unknown[h] = node;
         }
@@ -314,11 +347,12 @@ static __global__ void __launch_bounds__(RESPONSE_ROWS) response_kernel(gpu_inve
     const double *turn = iteration.d_axes + 9 * (size_t)(n / 3) + 3 * (n % 3);
     const int base = thread - thread % 3;
     for (int d = 0; d < 3; d++)
-        d_response[(size_t)inverse.size * d + n] = turn[0] * sums[d][base] + turn[1] * sums[d][base + 1] + turn[2] * sums[d][base + 2];
+        d_response[(size_t)inverse.size * d + n] =
+            turn[0] * sums[d][base] + turn[1] * sums[d][base + 1] + turn[2] * sums[d][base + 2];
 }
 
-extern "C" pliant_status pliant_cuda_inverse_response(const gpu_inverse *inverse, const gpu_iteration *iteration, const gpu_tool *tool,
-                                                      double *d_response, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_inverse_response(const gpu_inverse *inverse, const gpu_iteration *iteration,
+                                                      const gpu_tool *tool, double *d_response, cudaStream_t stream)
 {
     unsigned blocks = (unsigned)((inverse->size + RESPONSE_ROWS - 1) / RESPONSE_ROWS);
     response_kernel<<<blocks, RESPONSE_ROWS, 0, stream>>>(*inverse, *iteration, *tool, d_response);

@@ -48,7 +48,8 @@ struct gpu_multigrid {
 
 /* ---- Creation. */
 
-template <class T> static pliant_status upload(gpu_multigrid *multigrid, const T *h_from, size_t count, cudaStream_t stream, T **d_out)
+template <class T>
+static pliant_status upload(gpu_multigrid *multigrid, const T *h_from, size_t count, cudaStream_t stream, T **d_out)
 {
     void *block;
     CUDA_TRY(pliant_cuda_upload(h_from, count * sizeof(T), "the multigrid", stream, &block));
@@ -76,10 +77,12 @@ static chebyshev coefficients(double largest)
     return {(float)(1 / centre), (float)(next * rho), (float)(2 * next / half)};
 }
 
-static pliant_status fill_level(gpu_multigrid *multigrid, const pliant_grid_level *grid, const pliant_multigrid *numbers, int l, cudaStream_t stream)
+static pliant_status fill_level(gpu_multigrid *multigrid, const pliant_grid_level *grid,
+                                const pliant_multigrid *numbers, int l, cudaStream_t stream)
 {
     grid_level *level = multigrid->level + l;
-    const size_t n = (size_t)grid->system.num_free, entries = (size_t)grid->row_start[n], coarse = (size_t)grid[1].system.num_free;
+    const size_t n = (size_t)grid->system.num_free, entries = (size_t)grid->row_start[n],
+                 coarse = (size_t)grid[1].system.num_free;
     const size_t corners = (size_t)grid->corners;
     const float *h_blocks, *h_inverse;
     double largest;
@@ -102,7 +105,8 @@ static pliant_status fill_level(gpu_multigrid *multigrid, const pliant_grid_leve
     return room(multigrid, 3 * n, stream, &level->d_right);
 }
 
-static pliant_status fill(gpu_multigrid *multigrid, const pliant_hierarchy *hierarchy, const pliant_multigrid *numbers, cudaStream_t stream)
+static pliant_status fill(gpu_multigrid *multigrid, const pliant_hierarchy *hierarchy, const pliant_multigrid *numbers,
+                          cudaStream_t stream)
 {
     const int last = hierarchy->num_levels - 1;
     multigrid->num_levels = hierarchy->num_levels;
@@ -110,7 +114,8 @@ static pliant_status fill(gpu_multigrid *multigrid, const pliant_hierarchy *hier
     const pliant_pattern *pattern = &hierarchy->level[last].system.pattern;
     const size_t padded = (size_t)pliant_cuda_inverse_padded(3 * pattern->num_columns);
     size_t kept;
-    CUDA_TRY(pliant_cuda_inverse_create(pattern, pliant_multigrid_coarsest(numbers), true, stream, &multigrid->inverse));
+    CUDA_TRY(
+        pliant_cuda_inverse_create(pattern, pliant_multigrid_coarsest(numbers), true, stream, &multigrid->inverse));
     pliant_cuda_inverse_room(multigrid->inverse.size, &kept);
     multigrid->bytes += kept;
     CUDA_TRY(room(multigrid, padded, stream, &multigrid->level[last].d_right));
@@ -118,11 +123,14 @@ static pliant_status fill(gpu_multigrid *multigrid, const pliant_hierarchy *hier
 }
 
 /* Copy the values of the CPU's multigrid. */
-static pliant_status fill_at(gpu_multigrid *multigrid, const pliant_system *system, const double *x, pliant_twist twist, const pliant_hierarchy *hierarchy, cudaStream_t stream)
+static pliant_status fill_at(gpu_multigrid *multigrid, const pliant_system *system, const double *x, pliant_twist twist,
+                             const pliant_hierarchy *hierarchy, cudaStream_t stream)
 {
     pliant_multigrid *numbers = nullptr;
-    pliant_tangent *h_tangents = static_cast<pliant_tangent *>(pliant_calloc((size_t)system->num_blocks, sizeof(pliant_tangent)));
-    pliant_status status = h_tangents ? pliant_multigrid_create(hierarchy, system->num_threads, &numbers) : pliant_fail_memory("the multigrid");
+    pliant_tangent *h_tangents =
+        static_cast<pliant_tangent *>(pliant_calloc((size_t)system->num_blocks, sizeof(pliant_tangent)));
+    pliant_status status = h_tangents ? pliant_multigrid_create(hierarchy, system->num_threads, &numbers)
+                                      : pliant_fail_memory("the multigrid");
     if (status == PLIANT_OK) {
         pliant_system_tangents(system, x, twist, h_tangents);
         status = pliant_multigrid_numeric(numbers, h_tangents);
@@ -146,14 +154,16 @@ static pliant_status find_levels(const pliant_system *system, int32_t largest, p
     return PLIANT_OK;
 }
 
-extern "C" pliant_status pliant_cuda_multigrid_create(const pliant_system *system, const double *x, pliant_twist twist, int32_t largest, cudaStream_t stream, gpu_multigrid **out)
+extern "C" pliant_status pliant_cuda_multigrid_create(const pliant_system *system, const double *x, pliant_twist twist,
+                                                      int32_t largest, cudaStream_t stream, gpu_multigrid **out)
 {
     pliant_hierarchy *hierarchy = nullptr;
     *out = nullptr;
     CUDA_TRY(find_levels(system, largest, &hierarchy));
     if (!hierarchy) return PLIANT_OK;
     gpu_multigrid *multigrid = static_cast<gpu_multigrid *>(pliant_calloc(1, sizeof *multigrid));
-    pliant_status status = multigrid ? fill_at(multigrid, system, x, twist, hierarchy, stream) : pliant_fail_memory("the multigrid");
+    pliant_status status =
+        multigrid ? fill_at(multigrid, system, x, twist, hierarchy, stream) : pliant_fail_memory("the multigrid");
     pliant_hierarchy_free(hierarchy);
     if (status != PLIANT_OK) {
         pliant_cuda_multigrid_free(multigrid);
@@ -167,8 +177,9 @@ extern "C" void pliant_cuda_multigrid_free(gpu_multigrid *multigrid)
 {
     if (!multigrid) return;
     for (grid_level &level : multigrid->level) {
-        void *blocks[] = {level.d_row_start, level.d_column, level.d_blocks, level.d_inverse, level.d_to, level.d_from_start, level.d_from,
-                          level.d_weight, level.d_x[0], level.d_x[1], level.d_step, level.d_residual, level.d_right};
+        void *blocks[] = {level.d_row_start,  level.d_column,   level.d_blocks, level.d_inverse, level.d_to,
+                          level.d_from_start, level.d_from,     level.d_weight, level.d_x[0],    level.d_x[1],
+                          level.d_step,       level.d_residual, level.d_right};
         for (void *block : blocks) pliant_cuda_release(block);
     }
     pliant_cuda_release(multigrid->wide.d_room);
@@ -183,7 +194,10 @@ extern "C" size_t pliant_cuda_multigrid_bytes(const gpu_multigrid *multigrid) { 
 
 struct vector3 { float x, y, z; };
 
-static __device__ __forceinline__ vector3 load3(const float *from, int node) { return {from[3 * node], from[3 * node + 1], from[3 * node + 2]}; }
+static __device__ __forceinline__ vector3 load3(const float *from, int node)
+{
+    return {from[3 * node], from[3 * node + 1], from[3 * node + 2]};
+}
 static __device__ __forceinline__ void store3(float *to, int node, const vector3 &v)
 {
     to[3 * node] = v.x;
@@ -193,11 +207,13 @@ static __device__ __forceinline__ void store3(float *to, int node, const vector3
 /* Multiply by a column-major block; inverted diagonal blocks are symmetric. */
 static __device__ __forceinline__ vector3 times(const float *a, const vector3 &v)
 {
-    return {a[0] * v.x + a[3] * v.y + a[6] * v.z, a[1] * v.x + a[4] * v.y + a[7] * v.z, a[2] * v.x + a[5] * v.y + a[8] * v.z};
+    return {a[0] * v.x + a[3] * v.y + a[6] * v.z, a[1] * v.x + a[4] * v.y + a[7] * v.z,
+            a[2] * v.x + a[5] * v.y + a[8] * v.z};
 }
 
 /* Return right - A x at one node, to all eight threads. */
-static __device__ __forceinline__ vector3 residual_at(const grid_level &level, const float *right, const float *x, int node, bool there)
+static __device__ __forceinline__ vector3 residual_at(const grid_level &level, const float *right, const float *x,
+                                                      int node, bool there)
 {
     vector3 sum = {0, 0, 0};
     if (there) {
@@ -220,7 +236,8 @@ static __device__ __forceinline__ vector3 residual_at(const grid_level &level, c
 }
 
 /* Start from zero: step = first D^-1 right, x = step. */
-static __global__ void __launch_bounds__(THREADS) begin_smooth_kernel(grid_level level, const int *d_skip, const float *d_right, float *d_x)
+static __global__ void __launch_bounds__(THREADS)
+    begin_smooth_kernel(grid_level level, const int *d_skip, const float *d_right, float *d_x)
 {
     const int node = (int)(blockIdx.x * THREADS + threadIdx.x);
     const size_t own = level.stride * blockIdx.y;
@@ -233,7 +250,8 @@ static __global__ void __launch_bounds__(THREADS) begin_smooth_kernel(grid_level
 
 /* Compute step = again step + fresh D^-1 (right - A x), x' = x + step. */
 static __global__ void __launch_bounds__(THREADS)
-    smooth_kernel(grid_level level, const int *d_skip, const float *d_right, const float *d_x, float *d_next, float again, float fresh)
+    smooth_kernel(grid_level level, const int *d_skip, const float *d_right, const float *d_x, float *d_next,
+                  float again, float fresh)
 {
     if (d_skip && *d_skip) return;
     const int node = (int)(blockIdx.x * NODES + threadIdx.x / LANES_PER_NODE);
@@ -248,7 +266,8 @@ static __global__ void __launch_bounds__(THREADS)
     store3(d_next + own, node, {x.x + step.x, x.y + step.y, x.z + step.z});
 }
 
-static __global__ void __launch_bounds__(THREADS) residual_kernel(grid_level level, const int *d_skip, const float *d_right, const float *d_x)
+static __global__ void __launch_bounds__(THREADS)
+    residual_kernel(grid_level level, const int *d_skip, const float *d_right, const float *d_x)
 {
     if (d_skip && *d_skip) return;
     const int node = (int)(blockIdx.x * NODES + threadIdx.x / LANES_PER_NODE);
@@ -259,7 +278,8 @@ static __global__ void __launch_bounds__(THREADS) residual_kernel(grid_level lev
 }
 
 /* Restrict the residual, eight threads per coarse node. */
-static __global__ void __launch_bounds__(THREADS) restrict_kernel(grid_level level, const int *d_skip, size_t coarse_stride, float *d_coarse)
+static __global__ void __launch_bounds__(THREADS)
+    restrict_kernel(grid_level level, const int *d_skip, size_t coarse_stride, float *d_coarse)
 {
     if (d_skip && *d_skip) return;
     const int node = (int)(blockIdx.x * NODES + threadIdx.x / LANES_PER_NODE);
@@ -282,7 +302,8 @@ static __global__ void __launch_bounds__(THREADS) restrict_kernel(grid_level lev
     if (there && threadIdx.x % LANES_PER_NODE == 0) store3(d_coarse + coarse_stride * blockIdx.y, node, sum);
 }
 
-static __global__ void __launch_bounds__(THREADS) correct_kernel(grid_level level, const int *d_skip, size_t coarse_stride, const float *d_coarse, float *d_x)
+static __global__ void __launch_bounds__(THREADS)
+    correct_kernel(grid_level level, const int *d_skip, size_t coarse_stride, const float *d_coarse, float *d_x)
 {
     const int node = (int)(blockIdx.x * THREADS + threadIdx.x);
     if ((d_skip && *d_skip) || node >= level.num_free) return;
@@ -301,30 +322,36 @@ static __global__ void __launch_bounds__(THREADS) correct_kernel(grid_level leve
 static unsigned blocks_for(int nodes, int a_block) { return (unsigned)((nodes + a_block - 1) / a_block); }
 
 /* Run the cycle from d_right of this level to d_out, for `count` vectors. */
-static pliant_status cycle(int num_levels, const grid_level *levels, const gpu_inverse *inverse, int l, const int32_t *d_skip, int32_t count, const float *d_right, float *d_out,
+static pliant_status cycle(int num_levels, const grid_level *levels, const gpu_inverse *inverse, int l,
+                           const int32_t *d_skip, int32_t count, const float *d_right, float *d_out,
                            cudaStream_t stream)
 {
     const grid_level &level = levels[l];
-    if (l == num_levels - 1) return pliant_cuda_inverse_apply_all(inverse, d_skip, count, level.stride, d_right, d_out, stream);
+    if (l == num_levels - 1)
+        return pliant_cuda_inverse_apply_all(inverse, d_skip, count, level.stride, d_right, d_out, stream);
     const grid_level &coarse = levels[l + 1];
     const chebyshev &smoother = level.smoother;
     const unsigned many = (unsigned)count;
     const dim3 light(blocks_for(level.num_free, THREADS), many), heavy(blocks_for(level.num_free, NODES), many);
     begin_smooth_kernel<<<light, THREADS, 0, stream>>>(level, d_skip, d_right, level.d_x[0]);
-    smooth_kernel<<<heavy, THREADS, 0, stream>>>(level, d_skip, d_right, level.d_x[0], level.d_x[1], smoother.again, smoother.fresh);
+    smooth_kernel<<<heavy, THREADS, 0, stream>>>(level, d_skip, d_right, level.d_x[0], level.d_x[1], smoother.again,
+                                                 smoother.fresh);
     residual_kernel<<<heavy, THREADS, 0, stream>>>(level, d_skip, d_right, level.d_x[1]);
-    restrict_kernel<<<dim3(blocks_for(level.num_coarse, NODES), many), THREADS, 0, stream>>>(level, d_skip, coarse.stride, coarse.d_right);
+    restrict_kernel<<<dim3(blocks_for(level.num_coarse, NODES), many), THREADS, 0, stream>>>(
+        level, d_skip, coarse.stride, coarse.d_right);
     CUDA_TRY(CUDA_LAUNCHED("restrict_kernel"));
     CUDA_TRY(cycle(num_levels, levels, inverse, l + 1, d_skip, count, coarse.d_right, coarse.d_x[0], stream));
     correct_kernel<<<light, THREADS, 0, stream>>>(level, d_skip, coarse.stride, coarse.d_x[0], level.d_x[1]);
     float *d_last = l == 0 ? d_out : level.d_x[0];
     float *d_between = level.d_residual; /* not needed any more */
     smooth_kernel<<<heavy, THREADS, 0, stream>>>(level, d_skip, d_right, level.d_x[1], d_between, 0, smoother.first);
-    smooth_kernel<<<heavy, THREADS, 0, stream>>>(level, d_skip, d_right, d_between, d_last, smoother.again, smoother.fresh);
+    smooth_kernel<<<heavy, THREADS, 0, stream>>>(level, d_skip, d_right, d_between, d_last, smoother.again,
+                                                 smoother.fresh);
     return CUDA_LAUNCHED("smooth_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_multigrid_apply(const gpu_multigrid *multigrid, const int32_t *d_skip, const float *d_right, float *d_left, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_multigrid_apply(const gpu_multigrid *multigrid, const int32_t *d_skip,
+                                                     const float *d_right, float *d_left, cudaStream_t stream)
 {
     return cycle(multigrid->num_levels, multigrid->level, &multigrid->inverse, 0, d_skip, 1, d_right, d_left, stream);
 }
@@ -343,7 +370,8 @@ static pliant_status make_wide(gpu_multigrid *multigrid, cudaStream_t stream)
     for (int l = 0; l <= last; l++) {
         grid_level *level = wide->level + l;
         *level = multigrid->level[l];
-        level->stride = l == last ? (size_t)pliant_cuda_inverse_padded(multigrid->inverse.size) : 3 * (size_t)level->num_free;
+        level->stride =
+            l == last ? (size_t)pliant_cuda_inverse_padded(multigrid->inverse.size) : 3 * (size_t)level->num_free;
         numbers += (l == last ? 2 : 5) * NUM_WIDE * level->stride;
     }
     numbers += NUM_WIDE * wide->level[0].stride;
@@ -372,14 +400,18 @@ static __global__ void unit_kernel(const int32_t *d_which, size_t stride, float 
     d_right[stride * (size_t)n + 3 * (size_t)d_which[2 * (n / 3)] + n % 3] = 1;
 }
 
-static __global__ void __launch_bounds__(THREADS) store_kernel(const int32_t *d_which, size_t from_stride, const float *d_from, size_t stride, float *d_column)
+static __global__ void __launch_bounds__(THREADS)
+    store_kernel(const int32_t *d_which, size_t from_stride, const float *d_from, size_t stride, float *d_column)
 {
     const size_t n = blockIdx.x * THREADS + threadIdx.x;
     const int vector = (int)blockIdx.y;
-    if (n < from_stride) d_column[stride * (size_t)(d_which[2 * (vector / 3) + 1] + vector % 3) + n] = d_from[from_stride * (size_t)vector + n];
+    if (n < from_stride)
+        d_column[stride * (size_t)(d_which[2 * (vector / 3) + 1] + vector % 3) + n] =
+            d_from[from_stride * (size_t)vector + n];
 }
 
-extern "C" pliant_status pliant_cuda_multigrid_columns(gpu_multigrid *multigrid, int32_t count, const int32_t *d_which, size_t stride, float *d_column, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_multigrid_columns(gpu_multigrid *multigrid, int32_t count, const int32_t *d_which,
+                                                       size_t stride, float *d_column, cudaStream_t stream)
 {
     CUDA_TRY(make_wide(multigrid, stream));
     const wide_room *wide = &multigrid->wide;
@@ -390,8 +422,10 @@ extern "C" pliant_status pliant_cuda_multigrid_columns(gpu_multigrid *multigrid,
         CUDA_TRY(CUDA_CALL(cudaMemsetAsync(first.d_right, 0, (size_t)many * first.stride * sizeof(float), stream)));
         unit_kernel<<<1, (unsigned)many, 0, stream>>>(d_these, first.stride, first.d_right);
         CUDA_TRY(CUDA_LAUNCHED("unit_kernel"));
-        CUDA_TRY(cycle(multigrid->num_levels, wide->level, &wide->inverse, 0, NULL, many, first.d_right, wide->d_out, stream));
-        store_kernel<<<dim3(blocks_for(3 * first.num_free, THREADS), (unsigned)many), THREADS, 0, stream>>>(d_these, first.stride, wide->d_out, stride, d_column);
+        CUDA_TRY(cycle(multigrid->num_levels, wide->level, &wide->inverse, 0, NULL, many, first.d_right, wide->d_out,
+                       stream));
+        store_kernel<<<dim3(blocks_for(3 * first.num_free, THREADS), (unsigned)many), THREADS, 0, stream>>>(
+            d_these, first.stride, wide->d_out, stride, d_column);
         CUDA_TRY(CUDA_LAUNCHED("store_kernel"));
     }
     return PLIANT_OK;

@@ -17,13 +17,16 @@ typedef struct gpu_multigrid gpu_multigrid;
  * @param largest  Maximum number of free nodes of the dense level.
  * @param out      NULL if the lattice cannot be coarsened that much.
  * Errors: MEMORY, NUMERIC, UNAVAILABLE. */
-pliant_status pliant_cuda_multigrid_create(const pliant_system *system, const double *x, pliant_twist twist, int32_t largest, cudaStream_t stream, gpu_multigrid **out);
+pliant_status pliant_cuda_multigrid_create(const pliant_system *system, const double *x, pliant_twist twist,
+                                           int32_t largest, cudaStream_t stream, gpu_multigrid **out);
 void pliant_cuda_multigrid_free(gpu_multigrid *multigrid); /* Nullable */
 size_t pliant_cuda_multigrid_bytes(const gpu_multigrid *multigrid);
 /* Do the same as pliant_cuda_inverse_apply. */
-pliant_status pliant_cuda_multigrid_apply(const gpu_multigrid *multigrid, const int32_t *d_skip, const float *d_right, float *d_left, cudaStream_t stream);
+pliant_status pliant_cuda_multigrid_apply(const gpu_multigrid *multigrid, const int32_t *d_skip, const float *d_right,
+                                          float *d_left, cudaStream_t stream);
 /* Do the same as pliant_cuda_inverse_columns, with several V-cycles at once. Errors: MEMORY, UNAVAILABLE. */
-pliant_status pliant_cuda_multigrid_columns(gpu_multigrid *multigrid, int32_t count, const int32_t *d_which, size_t stride, float *d_column, cudaStream_t stream);
+pliant_status pliant_cuda_multigrid_columns(gpu_multigrid *multigrid, int32_t count, const int32_t *d_which,
+                                            size_t stride, float *d_column, cudaStream_t stream);
 
 #ifdef __cplusplus
 }

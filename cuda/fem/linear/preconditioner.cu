@@ -39,16 +39,21 @@ static void turn_back(const pliant_pattern *pattern, const double *axes, double 
             for (int r = 0; r < 3; r++)
                 for (int c = 0; c < 3; c++) k[3 * r + c] = diagonal && r < c ? at.column[r][c] : at.column[c][r];
             for (int r = 0; r < 3; r++)
-                for (int c = 0; c < 3; c++) half[3 * r + c] = left[r] * k[c] + left[3 + r] * k[3 + c] + left[6 + r] * k[6 + c];
+                for (int c = 0; c < 3; c++)
+                    half[3 * r + c] = left[r] * k[c] + left[3 + r] * k[3 + c] + left[6 + r] * k[6 + c];
             for (int c = 0; c < 3; c++)
-                for (int r = diagonal ? c : 0; r < 3; r++) at.column[c][r] = half[3 * r] * right[c] + half[3 * r + 1] * right[3 + c] + half[3 * r + 2] * right[6 + c];
+                for (int r = diagonal ? c : 0; r < 3; r++)
+                    at.column[c][r] =
+                        half[3 * r] * right[c] + half[3 * r + 1] * right[3 + c] + half[3 * r + 2] * right[6 + c];
         }
 }
 
-static pliant_status create_inverse(const pliant_system *system, const gpu_state_made_at *at, pliant_twist twist, cudaStream_t stream, gpu_preconditioner *out)
+static pliant_status create_inverse(const pliant_system *system, const gpu_state_made_at *at, pliant_twist twist,
+                                    cudaStream_t stream, gpu_preconditioner *out)
 {
     double *h_values = static_cast<double *>(pliant_calloc((size_t)system->pattern.num_values, sizeof(double)));
-    pliant_tangent *h_tangents = static_cast<pliant_tangent *>(pliant_calloc((size_t)system->num_blocks, sizeof(pliant_tangent)));
+    pliant_tangent *h_tangents =
+        static_cast<pliant_tangent *>(pliant_calloc((size_t)system->num_blocks, sizeof(pliant_tangent)));
     pliant_status status = h_values && h_tangents ? PLIANT_OK : pliant_fail_memory("the stiffness matrix");
     if (status == PLIANT_OK) {
         pliant_system_tangents(system, at ? at->x : system->mesh->rest, twist, h_tangents);
@@ -62,41 +67,54 @@ static pliant_status create_inverse(const pliant_system *system, const gpu_state
     return status;
 }
 
-static pliant_status create_multigrid(const pliant_system *system, const gpu_state_made_at *at, cudaStream_t stream, gpu_preconditioner *out)
+static pliant_status create_multigrid(const pliant_system *system, const gpu_state_made_at *at, cudaStream_t stream,
+                                      gpu_preconditioner *out)
 {
-    CUDA_TRY(pliant_cuda_multigrid_create(system, at ? at->x : system->mesh->rest, at ? PLIANT_TWIST_POSITIVE : PLIANT_TWIST_EXACT, COARSEST, stream, &out->multigrid));
+    CUDA_TRY(pliant_cuda_multigrid_create(system, at ? at->x : system->mesh->rest,
+                                          at ? PLIANT_TWIST_POSITIVE : PLIANT_TWIST_EXACT, COARSEST, stream,
+                                          &out->multigrid));
     if (!out->multigrid) return PLIANT_OK;
     out->bytes = pliant_cuda_multigrid_bytes(out->multigrid);
     if (!at) return PLIANT_OK;
-    const size_t axes = 9 * (size_t)system->num_free * sizeof *at->axes, turned = (size_t)pliant_cuda_inverse_padded(3 * system->num_free) * sizeof *out->d_turned;
+    const size_t axes = 9 * (size_t)system->num_free * sizeof *at->axes,
+                 turned = (size_t)pliant_cuda_inverse_padded(3 * system->num_free) * sizeof *out->d_turned;
     CUDA_TRY(pliant_cuda_allocate(turned, "the preconditioner", reinterpret_cast<void **>(&out->d_turned)));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(out->d_turned, 0, turned, stream)));
     out->bytes += axes + turned;
     return pliant_cuda_upload(at->axes, axes, "the preconditioner", stream, reinterpret_cast<void **>(&out->d_axes));
 }
 
-static pliant_status create(const pliant_system *system, pliant_preconditioner_choice choice, const gpu_state_made_at *at, cudaStream_t stream, gpu_preconditioner *out)
+static pliant_status create(const pliant_system *system, pliant_preconditioner_choice choice,
+                            const gpu_state_made_at *at, cudaStream_t stream, gpu_preconditioner *out)
 {
     CUDA_TRY(pliant_carried_layout_create(system, &out->layout));
-    const bool layered = choice == PLIANT_MULTIGRID || (choice == PLIANT_PRECONDITIONER_AUTO && system->num_free > LARGEST_DENSE);
+    const bool layered =
+        choice == PLIANT_MULTIGRID || (choice == PLIANT_PRECONDITIONER_AUTO && system->num_free > LARGEST_DENSE);
     /* An octree and macro-elements across cubes have no coarser lattice. */
     const bool nested = system->mesh->lattice_of_tet && (!system->macros || system->macros->cell);
     if (layered && nested) {
         CUDA_TRY(create_multigrid(system, at, stream, out));
         if (out->multigrid) return PLIANT_OK;
-        pliant_log(PLIANT_LOG_INFO, "this lattice cannot be coarsened enough for multigrid on the GPU; its matrix is inverted");
+        pliant_log(PLIANT_LOG_INFO,
+                   "this lattice cannot be coarsened enough for multigrid on the GPU; its matrix is inverted");
     }
     if (system->num_free > LARGEST_ASKED) {
         size_t kept, most = pliant_cuda_inverse_room(3 * system->num_free, &kept);
-        return pliant_fail(PLIANT_ERROR_MEMORY, "a dense inverse for %d nodes would take %.1f GB of the GPU while it is made; at most %d nodes, or cells "
-                                                "that can be halved for multigrid", system->num_free, 1e-9 * (double)most, LARGEST_ASKED);
+        return pliant_fail(
+            PLIANT_ERROR_MEMORY,
+            "a dense inverse for %d nodes would take %.1f GB of the GPU while it is made; at most %d nodes, or cells "
+            "that can be halved for multigrid",
+            system->num_free, 1e-9 * (double)most, LARGEST_ASKED);
     }
     pliant_status status = create_inverse(system, at, PLIANT_TWIST_EXACT, stream, out);
-    return at && status == PLIANT_ERROR_NUMERIC ? create_inverse(system, at, PLIANT_TWIST_POSITIVE, stream, out) : status;
+    return at && status == PLIANT_ERROR_NUMERIC ? create_inverse(system, at, PLIANT_TWIST_POSITIVE, stream, out)
+                                                : status;
 }
 
-extern "C" pliant_status pliant_cuda_preconditioner_create(const pliant_system *system, pliant_preconditioner_choice choice, const gpu_state_made_at *at,
-                                                           cudaStream_t stream, gpu_preconditioner *out)
+extern "C" pliant_status pliant_cuda_preconditioner_create(const pliant_system *system,
+                                                           pliant_preconditioner_choice choice,
+                                                           const gpu_state_made_at *at, cudaStream_t stream,
+                                                           gpu_preconditioner *out)
 {
     memset(out, 0, sizeof *out);
     const pliant_status status = create(system, choice, at, stream, out);
@@ -118,7 +136,8 @@ extern "C" void pliant_cuda_preconditioner_free(gpu_preconditioner *precondition
 /* ---- In a step. */
 
 /* Compute T v at every node, or with `back` T' v. */
-static __global__ void __launch_bounds__(THREADS) turn_kernel(int count, const double *d_axes, bool back, const int32_t *d_skip, const float *d_from, float *d_out)
+static __global__ void __launch_bounds__(THREADS)
+    turn_kernel(int count, const double *d_axes, bool back, const int32_t *d_skip, const float *d_from, float *d_out)
 {
     const int node = (int)(blockIdx.x * THREADS + threadIdx.x);
     if ((d_skip && *d_skip) || node >= count) return;
@@ -131,32 +150,40 @@ static __global__ void __launch_bounds__(THREADS) turn_kernel(int count, const d
     }
 }
 
-static pliant_status turn(const gpu_preconditioner *preconditioner, bool back, const int32_t *d_skip, const float *d_from, float *d_out, cudaStream_t stream)
+static pliant_status turn(const gpu_preconditioner *preconditioner, bool back, const int32_t *d_skip,
+                          const float *d_from, float *d_out, cudaStream_t stream)
 {
     const unsigned blocks = (unsigned)((preconditioner->layout.num_free + THREADS - 1) / THREADS);
-    turn_kernel<<<blocks, THREADS, 0, stream>>>(preconditioner->layout.num_free, preconditioner->d_axes, back, d_skip, d_from, d_out);
+    turn_kernel<<<blocks, THREADS, 0, stream>>>(preconditioner->layout.num_free, preconditioner->d_axes, back, d_skip,
+                                                d_from, d_out);
     return CUDA_LAUNCHED("turn_kernel");
 }
 
-static pliant_status apply_base(const gpu_preconditioner *preconditioner, const int32_t *d_skip, const float *d_right, float *d_left, cudaStream_t stream)
+static pliant_status apply_base(const gpu_preconditioner *preconditioner, const int32_t *d_skip, const float *d_right,
+                                float *d_left, cudaStream_t stream)
 {
-    if (!preconditioner->multigrid) return pliant_cuda_inverse_apply(&preconditioner->inverse, d_skip, d_right, d_left, stream);
-    if (!preconditioner->d_axes) return pliant_cuda_multigrid_apply(preconditioner->multigrid, d_skip, d_right, d_left, stream);
+    if (!preconditioner->multigrid)
+        return pliant_cuda_inverse_apply(&preconditioner->inverse, d_skip, d_right, d_left, stream);
+    if (!preconditioner->d_axes)
+        return pliant_cuda_multigrid_apply(preconditioner->multigrid, d_skip, d_right, d_left, stream);
     CUDA_TRY(turn(preconditioner, false, d_skip, d_right, preconditioner->d_turned, stream));
     CUDA_TRY(pliant_cuda_multigrid_apply(preconditioner->multigrid, d_skip, preconditioner->d_turned, d_left, stream));
     return turn(preconditioner, true, d_skip, d_left, d_left, stream);
 }
 
-static pliant_status apply(const gpu_preconditioner *preconditioner, const int32_t *d_skip, const gpu_iteration *iteration, cudaStream_t stream)
+static pliant_status apply(const gpu_preconditioner *preconditioner, const int32_t *d_skip,
+                           const gpu_iteration *iteration, cudaStream_t stream)
 {
     const gpu_carried *carried = &preconditioner->carried;
-    if (carried->base_free == 0) return apply_base(preconditioner, d_skip, iteration->d_right, iteration->d_left, stream);
+    if (carried->base_free == 0)
+        return apply_base(preconditioner, d_skip, iteration->d_right, iteration->d_left, stream);
     CUDA_TRY(pliant_cuda_carried_below(carried, d_skip, iteration->d_right, stream));
     CUDA_TRY(apply_base(preconditioner, d_skip, carried->d_right, carried->d_left, stream));
     return pliant_cuda_carried_above(carried, d_skip, iteration->d_left, stream);
 }
 
-extern "C" pliant_status pliant_cuda_precondition(const gpu_preconditioner *preconditioner, const gpu_iteration *iteration, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_precondition(const gpu_preconditioner *preconditioner,
+                                                  const gpu_iteration *iteration, cudaStream_t stream)
 {
     return apply(preconditioner, &iteration->d_state->skips, iteration, stream);
 }
@@ -168,7 +195,9 @@ static __global__ void __launch_bounds__(THREADS) hold_kernel(gpu_iteration iter
     if (h >= tool.count) return;
     const int node = tool.d_unknown[h];
     const double *turn = iteration.d_axes + 9 * (size_t)node, *block = tool.d_block + 9 * (size_t)h + 3 * d;
-    for (int c = 0; c < 3; c++) iteration.d_right[3 * (size_t)node + c] = (float)(turn[c] * block[0] + turn[3 + c] * block[1] + turn[6 + c] * block[2]);
+    for (int c = 0; c < 3; c++)
+        iteration.d_right[3 * (size_t)node + c] =
+            (float)(turn[c] * block[0] + turn[3 + c] * block[1] + turn[6 + c] * block[2]);
 }
 
 static __global__ void __launch_bounds__(THREADS) turn_left_kernel(gpu_iteration iteration, double *d_out)
@@ -177,11 +206,12 @@ static __global__ void __launch_bounds__(THREADS) turn_left_kernel(gpu_iteration
     if (node >= iteration.num_free) return;
     const double *turn = iteration.d_axes + 9 * (size_t)node;
     const float *left = iteration.d_left + 3 * (size_t)node;
-    for (int r = 0; r < 3; r++) d_out[3 * (size_t)node + r] = turn[3 * r] * left[0] + turn[3 * r + 1] * left[1] + turn[3 * r + 2] * left[2];
+    for (int r = 0; r < 3; r++)
+        d_out[3 * (size_t)node + r] = turn[3 * r] * left[0] + turn[3 * r + 1] * left[1] + turn[3 * r + 2] * left[2];
 }
 
-extern "C" pliant_status pliant_cuda_respond(const gpu_preconditioner *preconditioner, const gpu_iteration *iteration, const gpu_tool *tool,
-                                             double *d_response, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_respond(const gpu_preconditioner *preconditioner, const gpu_iteration *iteration,
+                                             const gpu_tool *tool, double *d_response, cudaStream_t stream)
 {
     if (!preconditioner->multigrid && preconditioner->carried.base_free == 0)
         return pliant_cuda_inverse_response(&preconditioner->inverse, iteration, tool, d_response, stream);
@@ -191,7 +221,8 @@ extern "C" pliant_status pliant_cuda_respond(const gpu_preconditioner *precondit
         hold_kernel<<<(unsigned)((tool->count + THREADS - 1) / THREADS), THREADS, 0, stream>>>(*iteration, *tool, d);
         CUDA_TRY(CUDA_LAUNCHED("hold_kernel"));
         CUDA_TRY(apply(preconditioner, NULL, iteration, stream));
-        turn_left_kernel<<<(unsigned)((iteration->num_free + THREADS - 1) / THREADS), THREADS, 0, stream>>>(*iteration, d_response + n * (size_t)d);
+        turn_left_kernel<<<(unsigned)((iteration->num_free + THREADS - 1) / THREADS), THREADS, 0, stream>>>(
+            *iteration, d_response + n * (size_t)d);
         CUDA_TRY(CUDA_LAUNCHED("turn_left_kernel"));
     }
     return PLIANT_OK;
@@ -204,7 +235,8 @@ static __global__ void unit_kernel(float *d_right, int clear, int set)
 }
 
 /* Compute T' M T from M for three columns at once, one node per thread. */
-static __global__ void __launch_bounds__(THREADS) turn_columns_kernel(int count, const double *d_axes, const int32_t *d_which, size_t stride, float *d_column)
+static __global__ void __launch_bounds__(THREADS)
+    turn_columns_kernel(int count, const double *d_axes, const int32_t *d_which, size_t stride, float *d_column)
 {
     const int node = (int)(blockIdx.x * THREADS + threadIdx.x), *which = d_which + 2 * (size_t)blockIdx.y;
     if (node >= count) return;
@@ -217,25 +249,32 @@ static __global__ void __launch_bounds__(THREADS) turn_columns_kernel(int count,
             half[3 * r + c] = left[r] * m[0] + left[3 + r] * m[1] + left[6 + r] * m[2];
         }
     for (int c = 0; c < 3; c++)
-        for (int r = 0; r < 3; r++) column[stride * (size_t)c + r] = (float)(half[3 * r] * right[c] + half[3 * r + 1] * right[3 + c] + half[3 * r + 2] * right[6 + c]);
+        for (int r = 0; r < 3; r++)
+            column[stride * (size_t)c + r] =
+                (float)(half[3 * r] * right[c] + half[3 * r + 1] * right[3 + c] + half[3 * r + 2] * right[6 + c]);
 }
 
-static pliant_status find_cycle_columns(const gpu_preconditioner *preconditioner, int32_t count, const int32_t *d_which, size_t stride, float *d_column, cudaStream_t stream)
+static pliant_status find_cycle_columns(const gpu_preconditioner *preconditioner, int32_t count, const int32_t *d_which,
+                                        size_t stride, float *d_column, cudaStream_t stream)
 {
     CUDA_TRY(pliant_cuda_multigrid_columns(preconditioner->multigrid, count, d_which, stride, d_column, stream));
     if (!preconditioner->d_axes) return PLIANT_OK;
     const dim3 blocks((unsigned)((preconditioner->layout.num_free + THREADS - 1) / THREADS), (unsigned)count);
-    turn_columns_kernel<<<blocks, THREADS, 0, stream>>>(preconditioner->layout.num_free, preconditioner->d_axes, d_which, stride, d_column);
+    turn_columns_kernel<<<blocks, THREADS, 0, stream>>>(preconditioner->layout.num_free, preconditioner->d_axes,
+                                                        d_which, stride, d_column);
     return CUDA_LAUNCHED("turn_columns_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_columns(const gpu_preconditioner *preconditioner, const gpu_iteration *iteration, int32_t count, const int32_t *h_which,
-                                             const int32_t *d_which, size_t stride, float *d_column, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_columns(const gpu_preconditioner *preconditioner, const gpu_iteration *iteration,
+                                             int32_t count, const int32_t *h_which, const int32_t *d_which,
+                                             size_t stride, float *d_column, cudaStream_t stream)
 {
     if (!preconditioner->multigrid && preconditioner->carried.base_free == 0)
         return pliant_cuda_inverse_columns(&preconditioner->inverse, count, d_which, stride, d_column, stream);
-    if (preconditioner->carried.base_free == 0) return find_cycle_columns(preconditioner, count, d_which, stride, d_column, stream);
-    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(iteration->d_right, 0, 3 * (size_t)iteration->num_free * sizeof(float), stream)));
+    if (preconditioner->carried.base_free == 0)
+        return find_cycle_columns(preconditioner, count, d_which, stride, d_column, stream);
+    CUDA_TRY(
+        CUDA_CALL(cudaMemsetAsync(iteration->d_right, 0, 3 * (size_t)iteration->num_free * sizeof(float), stream)));
     for (int32_t n = 0, before = -1; n < 3 * count; n++) {
         gpu_iteration to = *iteration;
         const int32_t unknown = 3 * h_which[2 * (n / 3)] + n % 3;

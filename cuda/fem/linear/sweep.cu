@@ -6,7 +6,8 @@ enum { THREADS = 256 };
 /* ---- Symmetric sweep over SWEEP unknowns at a time. After all unknowns the tiles hold minus the inverse.
  *     P = A_kk^-1, C = A_ik, B = C P;  A_ij -= B_i C_j',  A_ik = B,  A_kk = -P */
 
-static __global__ void __launch_bounds__(THREADS) pivot_kernel(double *tile, const double *whole, double share, double *pivot, int *failed)
+static __global__ void __launch_bounds__(THREADS)
+    pivot_kernel(double *tile, const double *whole, double share, double *pivot, int *failed)
 {
     __shared__ double a[SWEEP][SWEEP], row[SWEEP], column[SWEEP];
     for (int n = (int)threadIdx.x; n < SWEEP_TILE; n += THREADS) a[n / SWEEP][n % SWEEP] = tile[n];
@@ -69,7 +70,8 @@ static __global__ void __launch_bounds__(THREADS) copy_panel_kernel(const double
 }
 
 /* P is symmetric: its rows are its columns */
-static __global__ void __launch_bounds__(THREADS) panel_kernel(double *tiles, int k, const double *pivot, const double *old, double *panel)
+static __global__ void __launch_bounds__(THREADS)
+    panel_kernel(double *tiles, int k, const double *pivot, const double *old, double *panel)
 {
     int i = (int)blockIdx.x;
     if (i == k) return;
@@ -86,7 +88,8 @@ static __global__ void __launch_bounds__(THREADS) panel_kernel(double *tiles, in
 }
 
 /* Update only columns of pivots, since later sweeps read no others. */
-static __global__ void __launch_bounds__(THREADS) update_kernel(double *tiles, int k, const double *old, const double *panel)
+static __global__ void __launch_bounds__(THREADS)
+    update_kernel(double *tiles, int k, const double *old, const double *panel)
 {
     int i = (int)blockIdx.y, j = (int)blockIdx.x;
     if (j > i || i == k || j == k) return;
@@ -98,18 +101,28 @@ static __global__ void __launch_bounds__(THREADS) update_kernel(double *tiles, i
         for (int c = 0; c < 4; c++) tile[SWEEP * (4 * y + r) + 4 * x + c] -= sum[r][c];
 }
 
-extern "C" size_t pliant_cuda_sweep_bytes(int32_t tiles) { return triangle((size_t)tiles, 0) * SWEEP_TILE * sizeof(double); }
-extern "C" size_t pliant_cuda_sweep_room(int32_t tiles) { return (2 * (size_t)tiles + 1) * SWEEP_TILE * sizeof(double); }
-
-extern "C" pliant_status pliant_cuda_sweep(const gpu_sweep *sweep, const double *d_whole, double share, int32_t pivots, int32_t tiles, cudaStream_t stream)
+extern "C" size_t pliant_cuda_sweep_bytes(int32_t tiles)
 {
-    double *d_old = sweep->d_room, *d_panel = d_old + (size_t)SWEEP_TILE * (size_t)tiles, *d_pivot = d_panel + (size_t)SWEEP_TILE * (size_t)tiles;
+    return triangle((size_t)tiles, 0) * SWEEP_TILE * sizeof(double);
+}
+extern "C" size_t pliant_cuda_sweep_room(int32_t tiles)
+{
+    return (2 * (size_t)tiles + 1) * SWEEP_TILE * sizeof(double);
+}
+
+extern "C" pliant_status pliant_cuda_sweep(const gpu_sweep *sweep, const double *d_whole, double share, int32_t pivots,
+                                           int32_t tiles, cudaStream_t stream)
+{
+    double *d_old = sweep->d_room, *d_panel = d_old + (size_t)SWEEP_TILE * (size_t)tiles,
+           *d_pivot = d_panel + (size_t)SWEEP_TILE * (size_t)tiles;
     for (int k = 0; k < pivots; k++) {
-        pivot_kernel<<<1, THREADS, 0, stream>>>(sweep->d_tiles + SWEEP_TILE * triangle((size_t)k, (size_t)k), d_whole ? d_whole + SWEEP * k : nullptr, share, d_pivot,
+        pivot_kernel<<<1, THREADS, 0, stream>>>(sweep->d_tiles + SWEEP_TILE * triangle((size_t)k, (size_t)k),
+                                                d_whole ? d_whole + SWEEP * k : nullptr, share, d_pivot,
                                                 sweep->d_failed);
         copy_panel_kernel<<<(unsigned)tiles, THREADS, 0, stream>>>(sweep->d_tiles, k, d_old);
         panel_kernel<<<(unsigned)tiles, THREADS, 0, stream>>>(sweep->d_tiles, k, d_pivot, d_old, d_panel);
-        update_kernel<<<dim3((unsigned)pivots, (unsigned)tiles), THREADS, 0, stream>>>(sweep->d_tiles, k, d_old, d_panel);
+        update_kernel<<<dim3((unsigned)pivots, (unsigned)tiles), THREADS, 0, stream>>>(sweep->d_tiles, k, d_old,
+                                                                                       d_panel);
         CUDA_TRY(CUDA_LAUNCHED("update_kernel"));
     }
     return PLIANT_OK;

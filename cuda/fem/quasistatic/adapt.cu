@@ -8,7 +8,8 @@
 
 enum { THREADS = 128 };
 
-static __global__ void __launch_bounds__(THREADS) take_axes_kernel(int count, const int *d_before, const double *d_axes, double *d_out)
+static __global__ void __launch_bounds__(THREADS)
+    take_axes_kernel(int count, const int *d_before, const double *d_axes, double *d_out)
 {
     const int n = (int)(blockIdx.x * THREADS + threadIdx.x), f = n / 9, m = n % 9;
     if (f >= count) return;
@@ -27,16 +28,20 @@ static pliant_status size_with_axes(pliant_cuda_solver *gpu, const pliant_solver
     CUDA_TRY(status);
     int32_t *d_before = reinterpret_cast<int32_t *>(gpu->d_between + 9 * (size_t)count);
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(d_before, h_before, list, cudaMemcpyHostToDevice, gpu->stream)));
-    take_axes_kernel<<<(unsigned)((9 * (size_t)count + THREADS - 1) / THREADS), THREADS, 0, gpu->stream>>>(count, d_before, gpu->iteration.d_axes, gpu->d_between);
+    take_axes_kernel<<<(unsigned)((9 * (size_t)count + THREADS - 1) / THREADS), THREADS, 0, gpu->stream>>>(
+        count, d_before, gpu->iteration.d_axes, gpu->d_between);
     CUDA_TRY(CUDA_LAUNCHED("take_axes_kernel"));
     CUDA_TRY(pliant_cuda_solver_size(gpu, solver));
-    return CUDA_CALL(cudaMemcpyAsync(gpu->iteration.d_axes, gpu->d_between, axes, cudaMemcpyDeviceToDevice, gpu->stream));
+    return CUDA_CALL(
+        cudaMemcpyAsync(gpu->iteration.d_axes, gpu->d_between, axes, cudaMemcpyDeviceToDevice, gpu->stream));
 }
 
-static pliant_status carry(pliant_cuda_solver *gpu, const pliant_solver *solver, const int32_t *h_before, bool *possible)
+static pliant_status carry(pliant_cuda_solver *gpu, const pliant_solver *solver, const int32_t *h_before,
+                           bool *possible)
 {
     gpu_preconditioner *preconditioner = &gpu->preconditioner;
-    const int32_t *h_below = preconditioner->carried.base_free > 0 ? preconditioner->room.h_source : nullptr, count = solver->system->num_free;
+    const int32_t *h_below = preconditioner->carried.base_free > 0 ? preconditioner->room.h_source : nullptr,
+                  count = solver->system->num_free;
     int32_t *h_source = static_cast<int32_t *>(pliant_calloc((size_t)count, sizeof *h_source));
     if (!h_source) return pliant_fail_memory("the preconditioner");
     for (int32_t f = 0; f < count; f++) h_source[f] = h_before[f] >= 0 && h_below ? h_below[h_before[f]] : h_before[f];
@@ -44,8 +49,8 @@ static pliant_status carry(pliant_cuda_solver *gpu, const pliant_solver *solver,
                                    &preconditioner->carried, &preconditioner->room, possible);
 }
 
-extern "C" pliant_status pliant_cuda_solver_follow(pliant_cuda_solver *gpu, const pliant_solver *solver, const pliant_solver *before, const int32_t *node,
-                                                   bool *possible)
+extern "C" pliant_status pliant_cuda_solver_follow(pliant_cuda_solver *gpu, const pliant_solver *solver,
+                                                   const pliant_solver *before, const int32_t *node, bool *possible)
 {
     const pliant_system *system = solver->system;
     *possible = system->macros ? !system->macros->fine_start : !before->system->macros;
@@ -57,7 +62,8 @@ extern "C" pliant_status pliant_cuda_solver_follow(pliant_cuda_solver *gpu, cons
         const int32_t was = node[system->node_of_free[f]];
         h_before[f] = was >= 0 ? before->system->free_of_node[was] : -1;
     }
-    pliant_status status = pliant_cuda_system_follow(system, before->system, gpu->stream, &gpu->system, &gpu->system_room);
+    pliant_status status =
+        pliant_cuda_system_follow(system, before->system, gpu->stream, &gpu->system, &gpu->system_room);
     if (status == PLIANT_OK) status = carry(gpu, solver, h_before, possible);
     if (status == PLIANT_OK && *possible) status = size_with_axes(gpu, solver, h_before);
     pliant_free(h_before);

@@ -88,7 +88,8 @@ static __global__ void __launch_bounds__(THREADS) begin_kernel(gpu_iteration ite
         const double *z = step.tools[row_of[c] / 3].d_response + n * (size_t)(row_of[c] % 3);
         double sum = r == c ? tool.compliance : 0;
         for (int h = 0; h < tool.count; h++)
-            for (int d = 0; d < 3; d++) sum += tool.d_block[9 * h + 3 * (row_of[r] % 3) + d] * z[3 * tool.d_unknown[h] + d];
+            for (int d = 0; d < 3; d++)
+                sum += tool.d_block[9 * h + 3 * (row_of[r] % 3) + d] * z[3 * tool.d_unknown[h] + d];
         a[r][c] = sum;
         a[r][rows + c] = r == c;
     }
@@ -108,7 +109,8 @@ struct spring_share {
 };
 
 /* Compute dl = S^-1 (e - W step0), one warp per tool. */
-static __device__ void find_spring_forces(const gpu_iteration &iteration, const gpu_state &state, int target, spring_share &share)
+static __device__ void find_spring_forces(const gpu_iteration &iteration, const gpu_state &state, int target,
+                                          spring_share &share)
 {
     const int thread = (int)threadIdx.x, lane = thread % 32, rows = state.rows;
     for (int row = thread / 32 * 3; row < rows; row += NODES / 32 * 3) {
@@ -117,12 +119,14 @@ static __device__ void find_spring_forces(const gpu_iteration &iteration, const 
         double moved[3] = {0, 0, 0}; /* W (x + step0) */
         for (int h = lane; h < tool.count; h += 32) {
             size_t unknown = (size_t)tool.d_unknown[h];
-            const double *block = tool.d_block + 9 * (size_t)h, *x = iteration.d_x[target] + 3 * (size_t)iteration.d_node_of_free[unknown];
+            const double *block = tool.d_block + 9 * (size_t)h,
+                         *x = iteration.d_x[target] + 3 * (size_t)iteration.d_node_of_free[unknown];
             const float *left = iteration.d_left + 3 * unknown;
             double at[3] = {left[0], left[1], left[2]};
             turn_out(iteration, unknown, at);
             for (int d = 0; d < 3; d++) at[d] += x[d];
-            for (int r = 0; r < 3; r++) moved[r] += block[3 * r] * at[0] + block[3 * r + 1] * at[1] + block[3 * r + 2] * at[2];
+            for (int r = 0; r < 3; r++)
+                moved[r] += block[3 * r] * at[0] + block[3 * r + 1] * at[1] + block[3 * r + 2] * at[2];
         }
         for (int d = 0; d < 3; d++) {
             double y = tool.origin[d] + warp_sum(moved[d]);
@@ -148,7 +152,8 @@ static __device__ void find_spring_pull(const gpu_state &state, int first_node, 
             const int local = tool.d_unknown[h] - first_node;
             if (local < 0 || local >= NODES) continue;
             const double *block = tool.d_block + 9 * (size_t)h;
-            for (int c = 0; c < 3; c++) share.pull[local][c] += block[c] * f[0] + block[3 + c] * f[1] + block[6 + c] * f[2];
+            for (int c = 0; c < 3; c++)
+                share.pull[local][c] += block[c] * f[0] + block[3 + c] * f[1] + block[6 + c] * f[2];
         }
         __syncthreads();
     }
@@ -156,8 +161,9 @@ static __device__ void find_spring_pull(const gpu_state &state, int first_node, 
 
 /* Read a node's residual without the springs' part, and the final residual of the previous step (past). With KNOWN,
  * that is the same state. */
-template <bool KNOWN> static __device__ void take_residual(const gpu_iteration &iteration, const gpu_state &state, int target, size_t i, double *residual,
-                                                           double *past)
+template <bool KNOWN>
+static __device__ void take_residual(const gpu_iteration &iteration, const gpu_state &state, int target, size_t i,
+                                     double *residual, double *past)
 {
     for (int d = 0; d < 3; d++) {
         if (KNOWN) {
@@ -173,8 +179,8 @@ template <bool KNOWN> static __device__ void take_residual(const gpu_iteration &
 }
 
 /* Compute step = left + T' Z dl at one node, and add T' W' dl to the residual. */
-static __device__ void finish_node(const gpu_iteration &iteration, const gpu_state &state, const spring_share &share, int target, size_t node,
-                                   double *step, double *residual)
+static __device__ void finish_node(const gpu_iteration &iteration, const gpu_state &state, const spring_share &share,
+                                   int target, size_t node, double *step, double *residual)
 {
     const size_t n = 3 * (size_t)iteration.num_free, i = 3 * node;
     double moved[3] = {0, 0, 0}, pulled[3];
@@ -210,14 +216,16 @@ static __device__ void list_secants(const gpu_iteration &iteration, const gpu_st
  * the present iterate's, and with the previous step's residual. The secants' products with its residual follow, and in
  * a first evaluation with the previous step's. The largest nodal residual is found as well. KNOWN: the first state
  * equals the final state of the last step, and so does the preconditioner's result. */
-template <bool KNOWN> static __global__ void __launch_bounds__(NODES) complete_kernel(gpu_iteration iteration, int gather_blocks)
+template <bool KNOWN>
+static __global__ void __launch_bounds__(NODES) complete_kernel(gpu_iteration iteration, int gather_blocks)
 {
     __shared__ spring_share share;
     __shared__ double sums[NODES / 32][DOT_SUMS];
     __shared__ int used[GPU_HISTORY], num_used;
     gpu_state &state = *iteration.d_state;
     if (state.done) return;
-    const int thread = (int)threadIdx.x, warp = thread / 32, lane = thread % 32, target = gpu_target(&state), now = state.now;
+    const int thread = (int)threadIdx.x, warp = thread / 32, lane = thread % 32, target = gpu_target(&state),
+              now = state.now;
     const bool looks_back = state.seen && state.iterations == 0;
     const int node = (int)(blockIdx.x * NODES) + thread, num_sums = SINGLE_SUMS + (looks_back ? 2 : 1) * iteration.room;
     const size_t n = 3 * (size_t)iteration.num_free, i = 3 * (size_t)node;
@@ -230,7 +238,8 @@ template <bool KNOWN> static __global__ void __launch_bounds__(NODES) complete_k
     find_spring_forces(iteration, state, target, share);
     find_spring_pull(state, node - thread, share);
     if (blockIdx.x == 0 && thread < GPU_ROWS) state.step_force[target][thread] = share.force[thread];
-    double step[3] = {0, 0, 0}, residual[3] = {0, 0, 0}, past[3] = {0, 0, 0}, own = 0, by_now = 0, of_now = 0, of_past = 0;
+    double step[3] = {0, 0, 0}, residual[3] = {0, 0, 0}, past[3] = {0, 0, 0}, own = 0, by_now = 0, of_now = 0,
+           of_past = 0;
     if (there) {
         take_residual<KNOWN>(iteration, state, target, i, residual, past);
         finish_node(iteration, state, share, target, (size_t)node, step, residual);
@@ -246,7 +255,8 @@ template <bool KNOWN> static __global__ void __launch_bounds__(NODES) complete_k
     by_now = warp_sum(by_now);
     of_now = warp_sum(of_now);
     of_past = warp_sum(of_past);
-    double largest = warp_largest(sqrt(residual[0] * residual[0] + residual[1] * residual[1] + residual[2] * residual[2]));
+    double largest =
+        warp_largest(sqrt(residual[0] * residual[0] + residual[1] * residual[1] + residual[2] * residual[2]));
     if (lane == 0) {
         sums[warp][0] = own;
         sums[warp][1] = by_now;
@@ -292,8 +302,9 @@ static __device__ void list_weights(const gpu_iteration &iteration, const gpu_st
 
 /* Store the secant and compute the proposal at one node. left, made, past: out: remaining motion, proposed motion, and
  * remaining motion of the previous step, in the node's axes. */
-static __device__ void propose_node(const gpu_iteration &iteration, const gpu_state &state, const pliant_anderson &rules, const weighted &list, size_t node,
-                                    double *left, double *made, double *past)
+static __device__ void propose_node(const gpu_iteration &iteration, const gpu_state &state,
+                                    const pliant_anderson &rules, const weighted &list, size_t node, double *left,
+                                    double *made, double *past)
 {
     const size_t n = 3 * (size_t)iteration.num_free, i = 3 * node, x = 3 * (size_t)iteration.d_node_of_free[node];
     const int now = state.now, next = rules.next;
@@ -308,7 +319,8 @@ static __device__ void propose_node(const gpu_iteration &iteration, const gpu_st
         for (int d = 0; d < 3; d++) {
             iteration.d_secant_x[place + d] = moved[d];
             iteration.d_secant_step[place + d] = iteration.d_step[to][i + d] - iteration.d_step[from][i + d];
-            iteration.d_secant_residual[place + d] = iteration.d_residual[to][i + d] - iteration.d_residual[from][i + d];
+            iteration.d_secant_residual[place + d] =
+                iteration.d_residual[to][i + d] - iteration.d_residual[from][i + d];
         }
     }
     const double unexplained = pliant_anderson_unexplained(&rules);
@@ -321,7 +333,8 @@ static __device__ void propose_node(const gpu_iteration &iteration, const gpu_st
     for (int u = 0; u < list.count; u++)
         for (int d = 0; d < 3; d++) {
             const size_t place = n * (size_t)list.place[u] + i + d;
-            const double moved = iteration.d_secant_x[place], step = iteration.d_secant_step[place], left_by = moved + unexplained * step;
+            const double moved = iteration.d_secant_x[place], step = iteration.d_secant_step[place],
+                         left_by = moved + unexplained * step;
             made[d] -= list.weight[u][0] * (moved + step);
             left[d] -= list.weight[u][1] * left_by;
             past[d] -= list.weight[u][2] * left_by;
@@ -329,7 +342,9 @@ static __device__ void propose_node(const gpu_iteration &iteration, const gpu_st
     if (stays) return;
     double out[3] = {made[0], made[1], made[2]};
     turn_out(iteration, node, out);
-    for (int d = 0; d < 3; d++) iteration.d_x[1 - now][x + d] = next == PLIANT_NEXT_REST ? iteration.d_rest[x + d] : iteration.d_x[now][x + d] + damping * out[d];
+    for (int d = 0; d < 3; d++)
+        iteration.d_x[1 - now][x + d] =
+            next == PLIANT_NEXT_REST ? iteration.d_rest[x + d] : iteration.d_x[now][x + d] + damping * out[d];
 }
 
 /* Finish a proposal after all blocks are done: test convergence, or continue with the blind step and its end. rules: a
@@ -339,7 +354,8 @@ static __device__ void settle(gpu_state &state, pliant_anderson &rules)
     double largest[4];
     /* Bypasses the cache. */
     for (int m = 0; m < 4; m++) largest[m] = sqrt(__longlong_as_double((long long)atomicMax(&state.largest[m], 0ull)));
-    if (!state.ending && (rules.next == PLIANT_NEXT_TRIAL || rules.next == PLIANT_NEXT_BLIND || rules.next == PLIANT_NEXT_DONE))
+    if (!state.ending &&
+        (rules.next == PLIANT_NEXT_TRIAL || rules.next == PLIANT_NEXT_BLIND || rules.next == PLIANT_NEXT_DONE))
         pliant_anderson_settle(&rules, state.mixed, largest[0], rules.damping * largest[1], largest[2]);
     else if (state.ending && state.evaluated)
         rules.error = pliant_anderson_error(largest[0]);
@@ -370,7 +386,8 @@ static __global__ void __launch_bounds__(NODES) propose_kernel(gpu_iteration ite
     __shared__ bool is_last;
     gpu_state &state = *iteration.d_state;
     if (state.done) return;
-    const int node = (int)(blockIdx.x * NODES + threadIdx.x), lane = (int)threadIdx.x % 32, warp = (int)threadIdx.x / 32;
+    const int node = (int)(blockIdx.x * NODES + threadIdx.x), lane = (int)threadIdx.x % 32,
+              warp = (int)threadIdx.x / 32;
     if (warp == 0) list_weights(iteration, state, list);
     copy_rules(&state.rules, &rules);
     __syncthreads();
@@ -414,7 +431,10 @@ static __global__ void __launch_bounds__(NODES) propose_kernel(gpu_iteration ite
 
 /* ---- Kernel launches. */
 
-extern "C" int pliant_cuda_dot_blocks(const gpu_iteration *iteration) { return (iteration->num_free + NODES - 1) / NODES; }
+extern "C" int pliant_cuda_dot_blocks(const gpu_iteration *iteration)
+{
+    return (iteration->num_free + NODES - 1) / NODES;
+}
 
 extern "C" pliant_status pliant_cuda_begin(const gpu_iteration *iteration, const gpu_step *step, cudaStream_t stream)
 {
@@ -422,7 +442,8 @@ extern "C" pliant_status pliant_cuda_begin(const gpu_iteration *iteration, const
     return CUDA_LAUNCHED("begin_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_complete(const gpu_iteration *iteration, bool known, int gather_blocks, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_complete(const gpu_iteration *iteration, bool known, int gather_blocks,
+                                              cudaStream_t stream)
 {
     const unsigned blocks = (unsigned)pliant_cuda_dot_blocks(iteration);
     if (known) complete_kernel<true><<<blocks, NODES, 0, stream>>>(*iteration, gather_blocks);

@@ -55,7 +55,8 @@ static __device__ void find_products(decision &now)
     gpu_state &state = now.state;
     const int place = state.rules.keep;
     double *along_trial = now.sums + SINGLE_SUMS;
-    for (int a = 0; a < GPU_HISTORY; a++) now.new_row[a] = state.rules.number[a] > 0 ? along_trial[a] - state.along[a] : 0;
+    for (int a = 0; a < GPU_HISTORY; a++)
+        now.new_row[a] = state.rules.number[a] > 0 ? along_trial[a] - state.along[a] : 0;
     const double own = now.sums[0], by_now = now.sums[1], of_now = now.sums[2];
     now.new_row[place] = own - by_now - of_now + state.energy;
     /* Secant . residual, of the iterate that stays or of the accepted one. */
@@ -81,8 +82,10 @@ static __device__ void judge(decision &now, int room)
     const bool first = rules.next == PLIANT_NEXT_FIRST;
     const int target = gpu_target(&state);
     const double merit = find_merit(now, target);
-    const int32_t left = pliant_even_remaining(&state.step.limit, rules.evaluations + 1, first ? merit : rules.first_merit);
-    const bool plain = !rules.mixes && state.rows == 0 && !state.step.touches && (rules.next == PLIANT_NEXT_TRIAL || rules.next == PLIANT_NEXT_DESCENT);
+    const int32_t left =
+        pliant_even_remaining(&state.step.limit, rules.evaluations + 1, first ? merit : rules.first_merit);
+    const bool plain = !rules.mixes && state.rows == 0 && !state.step.touches &&
+                       (rules.next == PLIANT_NEXT_TRIAL || rules.next == PLIANT_NEXT_DESCENT);
     state.evaluated = 1;
     if (state.ending) state.evaluated = pliant_anderson_judge_end(&rules, merit);
     else pliant_anderson_judge(&rules, merit, plain ? now.sums[2] : 0.0, left);
@@ -115,13 +118,15 @@ static __device__ void keep_springs(decision &now, gpu_secants &kept)
     const int place = state.rules.keep, thread = (int)threadIdx.x, from = state.old_now, to = 1 - from;
     if (thread >= GPU_ROWS) return;
     kept.force[place][thread] = now.secants.force[place][thread] = state.force[to][thread] - state.force[from][thread];
-    kept.step_force[place][thread] = now.secants.step_force[place][thread] = state.step_force[to][thread] - state.step_force[from][thread];
+    kept.step_force[place][thread] = now.secants.step_force[place][thread] =
+        state.step_force[to][thread] - state.step_force[from][thread];
 }
 static __device__ void keep_products(decision &now, gpu_secants &kept)
 {
     const int place = now.state.rules.keep, h = (int)threadIdx.x;
     if (h >= GPU_HISTORY) return;
-    const double product = now.new_row[h] + spring_energy(now.state, now.secants.step_force[place], now.secants.step_force[h]);
+    const double product =
+        now.new_row[h] + spring_energy(now.state, now.secants.step_force[place], now.secants.step_force[h]);
     const int one = place * GPU_HISTORY + h, other = h * GPU_HISTORY + place;
     kept.gram[one] = kept.gram[other] = now.secants.gram[one] = now.secants.gram[other] = product;
 }
@@ -133,12 +138,14 @@ static __device__ bool find_weights(decision &now, int kind)
     const int h = (int)threadIdx.x % 32;
     const bool asked = kind == TRIAL ? state.rules.mixes : kind == ESTIMATE || state.seen; /* the same for all lanes */
     if (h < GPU_HISTORY) {
-        const double *along = kind == PAST ? state.past_along : state.along, *force = kind == PAST ? state.past_step_force : state.step_force[state.now];
+        const double *along = kind == PAST ? state.past_along : state.along,
+                     *force = kind == PAST ? state.past_step_force : state.step_force[state.now];
         now.along[kind][h] = along[h] + spring_energy(state, now.secants.step_force[h], force);
         now.state.weights[kind][h] = 0;
     }
     __syncwarp();
-    return asked && pliant_secant_weights(h, 32, &state.rules, now.secants.gram, now.along[kind], kind != TRIAL, now.equations + kind, now.state.weights[kind]);
+    return asked && pliant_secant_weights(h, 32, &state.rules, now.secants.gram, now.along[kind], kind != TRIAL,
+                                          now.equations + kind, now.state.weights[kind]);
 }
 
 /* Set a tool's force in the next iterate. A restored state has its force already. */
@@ -147,8 +154,10 @@ static __device__ void plan_force(gpu_state &state, const gpu_secants &secants, 
     if (state.rules.next == PLIANT_NEXT_PREVIOUS || state.ending) return;
     double step = state.step_force[state.now][row];
     for (int a = 0; a < GPU_HISTORY; a++)
-        if (state.weights[TRIAL][a] != 0) step -= state.weights[TRIAL][a] * (secants.force[a][row] + secants.step_force[a][row]);
-    state.force[1 - state.now][row] = state.rules.next == PLIANT_NEXT_REST ? 0 : state.force[state.now][row] + state.rules.damping * step;
+        if (state.weights[TRIAL][a] != 0)
+            step -= state.weights[TRIAL][a] * (secants.force[a][row] + secants.step_force[a][row]);
+    state.force[1 - state.now][row] =
+        state.rules.next == PLIANT_NEXT_REST ? 0 : state.force[state.now][row] + state.rules.damping * step;
 }
 
 template <class T> static __device__ void copy(const T &from, T &to)
@@ -158,7 +167,8 @@ template <class T> static __device__ void copy(const T &from, T &to)
         reinterpret_cast<double *>(&to)[n] = reinterpret_cast<const double *>(&from)[n];
 }
 
-static __global__ void __launch_bounds__(DECIDERS) decide_kernel(gpu_iteration iteration, int gather_blocks, int dot_blocks)
+static __global__ void __launch_bounds__(DECIDERS)
+    decide_kernel(gpu_iteration iteration, int gather_blocks, int dot_blocks)
 {
     __shared__ decision now;
     const int thread = (int)threadIdx.x;

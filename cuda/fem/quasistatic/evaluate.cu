@@ -40,7 +40,8 @@ static pliant_status enqueue_touching(pliant_cuda_solver *gpu)
 }
 
 /* Launch a part of an evaluation as a graph, which is recorded at the first use. */
-static pliant_status launch(pliant_cuda_solver *gpu, pliant_status (*enqueue_part)(pliant_cuda_solver *), cudaGraphExec_t *part)
+static pliant_status launch(pliant_cuda_solver *gpu, pliant_status (*enqueue_part)(pliant_cuda_solver *),
+                            cudaGraphExec_t *part)
 {
     cudaGraph_t graph = nullptr;
     if (*part) return CUDA_CALL(cudaGraphLaunch(*part, gpu->stream));
@@ -58,7 +59,10 @@ extern "C" pliant_status pliant_cuda_solver_look(pliant_cuda_solver *gpu)
     return gpu->preconditioner.multigrid ? launch(gpu, enqueue_look, &gpu->look) : enqueue_look(gpu);
 }
 
-extern "C" pliant_status pliant_cuda_solver_evaluate_touching(pliant_cuda_solver *gpu) { return launch(gpu, enqueue_touching, &gpu->touching); }
+extern "C" pliant_status pliant_cuda_solver_evaluate_touching(pliant_cuda_solver *gpu)
+{
+    return launch(gpu, enqueue_touching, &gpu->touching);
+}
 
 extern "C" pliant_status pliant_cuda_solver_evaluate_first(pliant_cuda_solver *gpu, bool known)
 {

@@ -24,7 +24,8 @@ static open_vectors vectors_of(const gpu_iteration *it)
 
 /* ---- Kernels with one thread per node. */
 
-static __device__ __forceinline__ void elastic_at(const gpu_system &system, const double *d_element_force, int n, double *out)
+static __device__ __forceinline__ void elastic_at(const gpu_system &system, const double *d_element_force, int n,
+                                                  double *out)
 {
     for (int d = 0; d < 3; d++) out[d] = 0;
     for (int c = system.d_corner_start[n]; c < system.d_corner_end[n]; c++)
@@ -51,7 +52,8 @@ static __device__ void keep_sums(double own, double largest, double *d_sums)
 }
 
 /* Compute elastic forces, and left = T' (load - elastic). */
-static __global__ void __launch_bounds__(THREADS) open_residual_kernel(gpu_system system, gpu_iteration it, open_vectors at)
+static __global__ void __launch_bounds__(THREADS)
+    open_residual_kernel(gpu_system system, gpu_iteration it, open_vectors at)
 {
     const int n = (int)(blockIdx.x * THREADS + threadIdx.x);
     if (n >= it.num_free) return;
@@ -66,7 +68,8 @@ static __global__ void __launch_bounds__(THREADS) open_residual_kernel(gpu_syste
 }
 
 /* Compute pulled = T' (elastic at the trial - elastic) / share, and along . pulled. */
-static __global__ void __launch_bounds__(THREADS) open_product_kernel(gpu_system system, gpu_iteration it, open_vectors at, double share, double *d_sums)
+static __global__ void __launch_bounds__(THREADS)
+    open_product_kernel(gpu_system system, gpu_iteration it, open_vectors at, double share, double *d_sums)
 {
     const int n = (int)(blockIdx.x * THREADS + threadIdx.x);
     double own = 0;
@@ -84,7 +87,8 @@ static __global__ void __launch_bounds__(THREADS) open_product_kernel(gpu_system
 }
 
 /* Compute way . T' (load - elastic at the trial). */
-static __global__ void __launch_bounds__(THREADS) open_slope_kernel(gpu_system system, gpu_iteration it, open_vectors at, double *d_sums)
+static __global__ void __launch_bounds__(THREADS)
+    open_slope_kernel(gpu_system system, gpu_iteration it, open_vectors at, double *d_sums)
 {
     const int n = (int)(blockIdx.x * THREADS + threadIdx.x);
     double own = 0;
@@ -99,7 +103,8 @@ static __global__ void __launch_bounds__(THREADS) open_slope_kernel(gpu_system s
 }
 
 /* Compute to = from + share T v. */
-static __global__ void __launch_bounds__(THREADS) open_place_kernel(gpu_iteration it, const double *d_v, double share, const double *d_from, double *d_to)
+static __global__ void __launch_bounds__(THREADS)
+    open_place_kernel(gpu_iteration it, const double *d_v, double share, const double *d_from, double *d_to)
 {
     const int n = (int)(blockIdx.x * THREADS + threadIdx.x);
     if (n >= it.num_free) return;
@@ -126,7 +131,8 @@ static __global__ void __launch_bounds__(THREADS) open_advance_kernel(gpu_iterat
 struct open_pulls { int count; const double *d_response[GPU_TOOLS]; double force[GPU_ROWS]; };
 
 /* Compute step = (preconditioner's output) + T' Z dl, left . step, and the squared maximum over the nodes. */
-static __global__ void __launch_bounds__(THREADS) open_step_kernel(gpu_iteration it, open_vectors at, open_pulls pulls, double *d_sums)
+static __global__ void __launch_bounds__(THREADS)
+    open_step_kernel(gpu_iteration it, open_vectors at, open_pulls pulls, double *d_sums)
 {
     const int n = (int)(blockIdx.x * THREADS + threadIdx.x);
     const size_t all = 3 * (size_t)it.num_free, i = 3 * (size_t)n;
@@ -134,7 +140,8 @@ static __global__ void __launch_bounds__(THREADS) open_step_kernel(gpu_iteration
     if (n < it.num_free) {
         double moved[3] = {0, 0, 0};
         for (int r = 0; r < 3 * pulls.count; r++)
-            for (int d = 0; d < 3; d++) moved[d] += pulls.force[r] * pulls.d_response[r / 3][all * (size_t)(r % 3) + i + d];
+            for (int d = 0; d < 3; d++)
+                moved[d] += pulls.force[r] * pulls.d_response[r / 3][all * (size_t)(r % 3) + i + d];
         turn_into(it, (size_t)n, moved);
         for (int d = 0; d < 3; d++) {
             const double step = it.d_left[i + d] + moved[d];
@@ -153,7 +160,8 @@ static __global__ void __launch_bounds__(THREADS) open_combine_kernel(gpu_iterat
     if (i < 3 * (size_t)it.num_free) at.d_along[i] = turned != 0 ? at.d_step[i] + turned * at.d_along[i] : at.d_step[i];
 }
 
-static __global__ void __launch_bounds__(THREADS) open_longest_kernel(gpu_iteration it, const double *d_v, double *d_sums)
+static __global__ void __launch_bounds__(THREADS)
+    open_longest_kernel(gpu_iteration it, const double *d_v, double *d_sums)
 {
     const int n = (int)(blockIdx.x * THREADS + threadIdx.x);
     const double *v = d_v + 3 * (size_t)n;
@@ -163,7 +171,8 @@ static __global__ void __launch_bounds__(THREADS) open_longest_kernel(gpu_iterat
 /* ---- Kernels of a tool, one thread per held node. */
 
 /* Compute v += share T' W' force. */
-static __global__ void __launch_bounds__(THREADS) open_pull_kernel(gpu_iteration it, gpu_tool tool, double x, double y, double z, double *d_v)
+static __global__ void __launch_bounds__(THREADS)
+    open_pull_kernel(gpu_iteration it, gpu_tool tool, double x, double y, double z, double *d_v)
 {
     const int h = (int)(blockIdx.x * THREADS + threadIdx.x);
     if (h >= tool.count) return;
@@ -176,7 +185,9 @@ static __global__ void __launch_bounds__(THREADS) open_pull_kernel(gpu_iteration
 }
 
 /* Compute W v with one block. turns: v is in the nodes' axes. */
-template <class T> static __global__ void __launch_bounds__(THREADS) open_moved_kernel(gpu_iteration it, gpu_tool tool, const T *d_v, bool turns, double *d_out)
+template <class T>
+static __global__ void __launch_bounds__(THREADS)
+    open_moved_kernel(gpu_iteration it, gpu_tool tool, const T *d_v, bool turns, double *d_out)
 {
     __shared__ double sums[WARPS][3];
     double moved[3] = {0, 0, 0};
@@ -231,7 +242,8 @@ extern "C" pliant_status pliant_cuda_solver_open_room(pliant_cuda_solver *gpu)
 static pliant_status fetch(const opening *work, size_t count)
 {
     const pliant_cuda_solver *gpu = work->gpu;
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->h_open, gpu->iteration.d_sums, count * sizeof(double), cudaMemcpyDeviceToHost, gpu->stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->h_open, gpu->iteration.d_sums, count * sizeof(double),
+                                       cudaMemcpyDeviceToHost, gpu->stream)));
     return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
 }
 
@@ -257,7 +269,8 @@ static pliant_status pull(const opening *work, const double *forces, double shar
     for (int s = 0; s < work->num_springs; s++) {
         const gpu_tool *tool = work->step->tools + work->spring[s];
         const double *f = forces + 3 * work->spring[s];
-        open_pull_kernel<<<blocks_of_tool(tool), THREADS, 0, work->gpu->stream>>>(work->gpu->iteration, *tool, share * f[0], share * f[1], share * f[2], d_v);
+        open_pull_kernel<<<blocks_of_tool(tool), THREADS, 0, work->gpu->stream>>>(
+            work->gpu->iteration, *tool, share * f[0], share * f[1], share * f[2], d_v);
         CUDA_TRY(CUDA_LAUNCHED("open_pull_kernel"));
     }
     return PLIANT_OK;
@@ -270,7 +283,8 @@ static pliant_status load_tools(const opening *work, double *d_v)
         const gpu_tool *tool = work->step->tools + t;
         const double *f = work->solver->handles[t].force;
         if (!tool->active) continue;
-        open_pull_kernel<<<blocks_of_tool(tool), THREADS, 0, work->gpu->stream>>>(work->gpu->iteration, *tool, f[0], f[1], f[2], d_v);
+        open_pull_kernel<<<blocks_of_tool(tool), THREADS, 0, work->gpu->stream>>>(work->gpu->iteration, *tool, f[0],
+                                                                                  f[1], f[2], d_v);
         CUDA_TRY(CUDA_LAUNCHED("open_pull_kernel"));
     }
     return PLIANT_OK;
@@ -289,13 +303,16 @@ static pliant_status find_springs(opening *work, bool *regular)
     for (int a = 0; a < springs; a++)
         for (int c = 0; c < rows; c++) {
             const double *d_column = work->step->tools[work->spring[c / 3]].d_response + n * (size_t)(c % 3);
-            open_moved_kernel<double><<<1, THREADS, 0, gpu->stream>>>(gpu->iteration, work->step->tools[work->spring[a]], d_column, false, gpu->iteration.d_sums + 3 * (a * rows + c));
+            open_moved_kernel<double>
+                <<<1, THREADS, 0, gpu->stream>>>(gpu->iteration, work->step->tools[work->spring[a]], d_column, false,
+                                                 gpu->iteration.d_sums + 3 * (a * rows + c));
             CUDA_TRY(CUDA_LAUNCHED("open_moved_kernel"));
         }
     CUDA_TRY(fetch(work, (size_t)rows * (size_t)rows));
     for (int r = 0; r < rows; r++)
         for (int c = 0; c < rows; c++)
-            work->factor[r * rows + c] = gpu->h_open[3 * (r / 3 * rows + c) + r % 3] + (r == c ? work->step->tools[work->spring[r / 3]].compliance : 0);
+            work->factor[r * rows + c] = gpu->h_open[3 * (r / 3 * rows + c) + r % 3] +
+                                         (r == c ? work->step->tools[work->spring[r / 3]].compliance : 0);
     *regular = pliant_dense_cholesky(rows, work->factor);
     return PLIANT_OK;
 }
@@ -308,7 +325,8 @@ template <class T> static pliant_status keep(const opening *work, const T *d_v, 
     memset(forces, 0, GPU_ROWS * sizeof *forces);
     if (work->num_springs == 0) return PLIANT_OK;
     for (int s = 0; s < work->num_springs; s++) {
-        open_moved_kernel<T><<<1, THREADS, 0, gpu->stream>>>(gpu->iteration, work->step->tools[work->spring[s]], d_v, true, gpu->iteration.d_sums + 3 * s);
+        open_moved_kernel<T><<<1, THREADS, 0, gpu->stream>>>(gpu->iteration, work->step->tools[work->spring[s]], d_v,
+                                                             true, gpu->iteration.d_sums + 3 * s);
         CUDA_TRY(CUDA_LAUNCHED("open_moved_kernel"));
     }
     CUDA_TRY(fetch(work, 3 * (size_t)work->num_springs));
@@ -325,7 +343,8 @@ static pliant_status advance(const opening *work, double share)
 }
 
 /* Compute the preconditioned step of the remaining residual with springs, and their product. */
-static pliant_status precondition(const opening *work, const double *stretch, double *forces, double *norm, double *longest)
+static pliant_status precondition(const opening *work, const double *stretch, double *forces, double *norm,
+                                  double *longest)
 {
     const pliant_cuda_solver *gpu = work->gpu;
     const gpu_iteration *it = &gpu->iteration;
@@ -345,7 +364,8 @@ static pliant_status precondition(const opening *work, const double *stretch, do
 static pliant_status combine(opening *work, double turned)
 {
     const size_t n = 3 * (size_t)work->gpu->iteration.num_free;
-    open_combine_kernel<<<(unsigned)((n + THREADS - 1) / THREADS), THREADS, 0, work->gpu->stream>>>(work->gpu->iteration, work->at, turned);
+    open_combine_kernel<<<(unsigned)((n + THREADS - 1) / THREADS), THREADS, 0, work->gpu->stream>>>(
+        work->gpu->iteration, work->at, turned);
     for (int r = 0; r < GPU_ROWS; r++) work->pulls_along[r] = work->pulls_next[r] + turned * work->pulls_along[r];
     return CUDA_LAUNCHED("open_combine_kernel");
 }
@@ -370,7 +390,8 @@ static pliant_status multiply(const opening *work, double share, double *curvatu
     const pliant_cuda_solver *gpu = work->gpu;
     CUDA_TRY(place(work, work->at.d_along, share, gpu->iteration.d_x[1]));
     CUDA_TRY(find_forces(work, gpu->iteration.d_x[1]));
-    open_product_kernel<<<work->blocks, THREADS, 0, gpu->stream>>>(gpu->system, gpu->iteration, work->at, share, gpu->iteration.d_sums);
+    open_product_kernel<<<work->blocks, THREADS, 0, gpu->stream>>>(gpu->system, gpu->iteration, work->at, share,
+                                                                   gpu->iteration.d_sums);
     CUDA_TRY(CUDA_LAUNCHED("open_product_kernel"));
     return add_up(work, curvature, nullptr);
 }
@@ -446,13 +467,15 @@ static pliant_status find_slope(const opening *work, double *slope)
     double of_tools = 0;
     for (int t = 0; t < GPU_TOOLS; t++) {
         if (!work->step->tools[t].active) continue;
-        open_moved_kernel<double><<<1, THREADS, 0, gpu->stream>>>(gpu->iteration, work->step->tools[t], work->at.d_way, true, gpu->iteration.d_sums);
+        open_moved_kernel<double><<<1, THREADS, 0, gpu->stream>>>(gpu->iteration, work->step->tools[t], work->at.d_way,
+                                                                  true, gpu->iteration.d_sums);
         CUDA_TRY(CUDA_LAUNCHED("open_moved_kernel"));
         CUDA_TRY(fetch(work, 3));
         for (int d = 0; d < 3; d++) of_tools += work->solver->handles[t].force[d] * gpu->h_open[d];
     }
     CUDA_TRY(find_forces(work, gpu->iteration.d_x[0]));
-    open_slope_kernel<<<work->blocks, THREADS, 0, gpu->stream>>>(gpu->system, gpu->iteration, work->at, gpu->iteration.d_sums);
+    open_slope_kernel<<<work->blocks, THREADS, 0, gpu->stream>>>(gpu->system, gpu->iteration, work->at,
+                                                                 gpu->iteration.d_sums);
     CUDA_TRY(CUDA_LAUNCHED("open_slope_kernel"));
     CUDA_TRY(add_up(work, slope, nullptr));
     *slope += of_tools;
@@ -490,10 +513,11 @@ static pliant_status take_step(const opening *work)
 
 extern "C" pliant_status pliant_cuda_open_load(void)
 {
-    const void *kernels[] = {reinterpret_cast<const void *>(open_residual_kernel), reinterpret_cast<const void *>(open_product_kernel),
-                             reinterpret_cast<const void *>(open_slope_kernel),    reinterpret_cast<const void *>(open_place_kernel),
-                             reinterpret_cast<const void *>(open_advance_kernel),  reinterpret_cast<const void *>(open_step_kernel),
-                             reinterpret_cast<const void *>(open_combine_kernel),  reinterpret_cast<const void *>(open_longest_kernel)};
+    const void *kernels[] = {
+        reinterpret_cast<const void *>(open_residual_kernel), reinterpret_cast<const void *>(open_product_kernel),
+        reinterpret_cast<const void *>(open_slope_kernel),    reinterpret_cast<const void *>(open_place_kernel),
+        reinterpret_cast<const void *>(open_advance_kernel),  reinterpret_cast<const void *>(open_step_kernel),
+        reinterpret_cast<const void *>(open_combine_kernel),  reinterpret_cast<const void *>(open_longest_kernel)};
     for (const void *kernel : kernels) {
         cudaFuncAttributes attributes;
         CUDA_TRY(CUDA_CALL(cudaFuncGetAttributes(&attributes, kernel)));
@@ -501,12 +525,14 @@ extern "C" pliant_status pliant_cuda_open_load(void)
     return PLIANT_OK;
 }
 
-extern "C" pliant_status pliant_cuda_solver_open(pliant_cuda_solver *gpu, pliant_solver *solver, gpu_step *step, int32_t *evaluations)
+extern "C" pliant_status pliant_cuda_solver_open(pliant_cuda_solver *gpu, pliant_solver *solver, gpu_step *step,
+                                                 int32_t *evaluations)
 {
     opening work = {};
     bool led = false, regular;
     const int32_t most = pliant_solver_open_evaluations(solver, &step->limit, pliant_quasistatic().opened_share_gpu);
-    const bool goes = solver->opened && gpu->fresh && !pliant_touches_any(solver->touches) && most >= PLIANT_OPENED_LEAST;
+    const bool goes =
+        solver->opened && gpu->fresh && !pliant_touches_any(solver->touches) && most >= PLIANT_OPENED_LEAST;
     *evaluations = 0;
     solver->opened = false;
     if (!goes) return PLIANT_OK;
@@ -516,7 +542,8 @@ extern "C" pliant_status pliant_cuda_solver_open(pliant_cuda_solver *gpu, pliant
     work.step = step;
     work.at = vectors_of(&gpu->iteration);
     work.blocks = (unsigned)((gpu->iteration.num_free + THREADS - 1) / THREADS);
-    for (int t = 0; t < GPU_TOOLS; t++) memcpy(step->previous_force + 3 * t, solver->handles[t].force, 3 * sizeof(double));
+    for (int t = 0; t < GPU_TOOLS; t++)
+        memcpy(step->previous_force + 3 * t, solver->handles[t].force, 3 * sizeof(double));
     CUDA_TRY(pliant_cuda_solver_open_room(gpu));
     CUDA_TRY(find_springs(&work, &regular));
     *evaluations = 1;
@@ -524,7 +551,8 @@ extern "C" pliant_status pliant_cuda_solver_open(pliant_cuda_solver *gpu, pliant
     CUDA_TRY(begin(&work, &led));
     if (!std::isfinite(work.norm) || !(work.norm > 0)) return PLIANT_OK;
     /* The body's displacement is unknown on the host here, so the smallest one is used. */
-    if (pliant_opened_is_settled(work.longest, solver->rules.tolerance * solver->rules.smallest_displacement)) return PLIANT_OK;
+    if (pliant_opened_is_settled(work.longest, solver->rules.tolerance * solver->rules.smallest_displacement))
+        return PLIANT_OK;
     CUDA_TRY(find_step(&work, led, &products));
     *evaluations = 1 + products;
     if (!(work.energy > 0)) return PLIANT_OK;

@@ -138,10 +138,12 @@ static pliant_status put_below(pliant_cuda_solver *gpu, const pliant_system *sys
         h_source[f] = was >= 0 ? renewal->of->system->free_of_node[was] : -1;
     }
     gpu_preconditioner *now = &gpu->preconditioner;
-    return pliant_cuda_carried_set(system, &gpu->system, &renewal->made.layout, h_source, gpu->stream, &now->carried, &now->room, possible);
+    return pliant_cuda_carried_set(system, &gpu->system, &renewal->made.layout, h_source, gpu->stream, &now->carried,
+                                   &now->room, possible);
 }
 
-static pliant_status deliver(pliant_cuda_solver *gpu, const pliant_solver *solver, pliant_statistics *statistics, bool *renewed)
+static pliant_status deliver(pliant_cuda_solver *gpu, const pliant_solver *solver, pliant_statistics *statistics,
+                             bool *renewed)
 {
     gpu_renewal *renewal = gpu->renewal;
     gpu_preconditioner *now = &gpu->preconditioner;
@@ -166,20 +168,25 @@ static pliant_status deliver(pliant_cuda_solver *gpu, const pliant_solver *solve
     return pliant_cuda_solver_record(gpu);
 }
 
-extern "C" pliant_status pliant_cuda_renewal_step(pliant_cuda_solver *gpu, const pliant_solver *solver, pliant_statistics *statistics, bool *renewed)
+extern "C" pliant_status pliant_cuda_renewal_step(pliant_cuda_solver *gpu, const pliant_solver *solver,
+                                                  pliant_statistics *statistics, bool *renewed)
 {
     const gpu_renewal *renewal = gpu->renewal;
-    if (renewal && renewal->running && pliant_background_arrives(solver->background, solver->takes_factor, renewal->finished, statistics->step >= renewal->due))
+    if (renewal && renewal->running &&
+        pliant_background_arrives(solver->background, solver->takes_factor, renewal->finished,
+                                  statistics->step >= renewal->due))
         CUDA_TRY(deliver(gpu, solver, statistics, renewed));
     const bool again = gpu->fresh; /* after restored positions, a slow preconditioner may become good again, and the
                                     * next one of the state would wait for one at rest */
-    const bool wanted = gpu->preconditioner.carried.base_free > 0 || (gpu->of_state && gpu->in_use.served_badly && !again);
+    const bool wanted =
+        gpu->preconditioner.carried.base_free > 0 || (gpu->of_state && gpu->in_use.served_badly && !again);
     return wanted && !(renewal && renewal->running) ? start(gpu, solver, statistics->step) : PLIANT_OK;
 }
 
 /* ---- Immediate creation. */
 
-extern "C" pliant_status pliant_cuda_preconditioner_make(pliant_cuda_solver *gpu, const pliant_solver *solver, const gpu_state_made_at *at, gpu_preconditioner *out)
+extern "C" pliant_status pliant_cuda_preconditioner_make(pliant_cuda_solver *gpu, const pliant_solver *solver,
+                                                         const gpu_state_made_at *at, gpu_preconditioner *out)
 {
     const double start = solver->clock(solver->clock_user);
     CUDA_TRY(pliant_cuda_preconditioner_create(solver->system, gpu->choice, at, gpu->stream, out));
@@ -194,7 +201,8 @@ extern "C" pliant_status pliant_cuda_preconditioner_time(pliant_cuda_solver *gpu
     const pliant_status status = pliant_cuda_preconditioner_make(gpu, solver, nullptr, &another);
     pliant_fail_quietly(false);
     pliant_cuda_preconditioner_free(&another);
-    return status == PLIANT_ERROR_UNAVAILABLE ? pliant_fail(status, "the GPU failed as a preconditioner was made") : PLIANT_OK;
+    return status == PLIANT_ERROR_UNAVAILABLE ? pliant_fail(status, "the GPU failed as a preconditioner was made")
+                                              : PLIANT_OK;
 }
 
 /* Discard the background work. */
@@ -208,7 +216,8 @@ static void stop(pliant_cuda_solver *gpu)
 
 /* Replace the present or carried preconditioner immediately. at: Nullable. If no preconditioner can be computed, the
  * old one stays. */
-static pliant_status make_now(pliant_cuda_solver *gpu, const pliant_solver *solver, const gpu_state_made_at *at, bool *made)
+static pliant_status make_now(pliant_cuda_solver *gpu, const pliant_solver *solver, const gpu_state_made_at *at,
+                              bool *made)
 {
     gpu_preconditioner other = {};
     if (solver->system->of) CUDA_TRY(pliant_system_find_pattern(solver->system->of->system));
@@ -221,7 +230,9 @@ static pliant_status make_now(pliant_cuda_solver *gpu, const pliant_solver *solv
         exchange_bases(&gpu->preconditioner, &other);
     }
     pliant_cuda_preconditioner_free(&other);
-    if (!*made) return status == PLIANT_ERROR_UNAVAILABLE ? pliant_fail(status, "the GPU failed as a preconditioner was made") : PLIANT_OK;
+    if (!*made)
+        return status == PLIANT_ERROR_UNAVAILABLE ? pliant_fail(status, "the GPU failed as a preconditioner was made")
+                                                  : PLIANT_OK;
     gpu->of_state = at != nullptr;
     gpu->in_use.number++;
     pliant_cuda_answers_forget(&gpu->touches.answers);
@@ -236,8 +247,10 @@ static pliant_status download_state(pliant_cuda_solver *gpu, double *x, double *
         CUDA_TRY(pliant_cuda_rotate(&gpu->system, it, false, gpu->stream));
         pliant_in_use_turned(&gpu->in_use);
     }
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(x, it->d_x[gpu->h_state->now], 3 * (size_t)it->num_nodes * sizeof *x, cudaMemcpyDeviceToHost, gpu->stream)));
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(axes, it->d_axes, 9 * (size_t)it->num_free * sizeof *axes, cudaMemcpyDeviceToHost, gpu->stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(x, it->d_x[gpu->h_state->now], 3 * (size_t)it->num_nodes * sizeof *x,
+                                       cudaMemcpyDeviceToHost, gpu->stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(axes, it->d_axes, 9 * (size_t)it->num_free * sizeof *axes,
+                                       cudaMemcpyDeviceToHost, gpu->stream)));
     return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
 }
 
@@ -255,7 +268,8 @@ extern "C" pliant_status pliant_cuda_renewal_follow(pliant_cuda_solver *gpu, int
     if (!renewal || !renewal->running) return PLIANT_OK;
     int32_t *source = static_cast<int32_t *>(pliant_calloc((size_t)num_nodes, sizeof *source));
     if (!source) return pliant_fail_memory("the background preconditioner");
-    for (int32_t n = 0; n < num_nodes; n++) source[n] = renewal->source && node[n] >= 0 ? renewal->source[node[n]] : node[n];
+    for (int32_t n = 0; n < num_nodes; n++)
+        source[n] = renewal->source && node[n] >= 0 ? renewal->source[node[n]] : node[n];
     pliant_free(renewal->source);
     renewal->source = source;
     return PLIANT_OK;

@@ -33,7 +33,8 @@ static pliant_status fill(pliant_cuda_solver *gpu, const pliant_solver *solver)
     return pliant_cuda_solver_restart(gpu, solver);
 }
 
-extern "C" pliant_status pliant_cuda_solver_create(const pliant_solver *solver, pliant_preconditioner_choice choice, bool grows, int device, cudaStream_t stream,
+extern "C" pliant_status pliant_cuda_solver_create(const pliant_solver *solver, pliant_preconditioner_choice choice,
+                                                   bool grows, int device, cudaStream_t stream,
                                                    pliant_cuda_solver **out)
 {
     pliant_cuda_solver *gpu = static_cast<pliant_cuda_solver *>(pliant_calloc(1, sizeof *gpu));
@@ -60,9 +61,13 @@ extern "C" void pliant_cuda_solver_free(pliant_cuda_solver *gpu)
     if (gpu->touching) cudaGraphExecDestroy(gpu->touching);
     pliant_cuda_touches_free(&gpu->touches);
     gpu_iteration *it = &gpu->iteration;
-    void *blocks[] = {it->d_state, it->d_history, it->d_x[0], it->d_x[1], it->d_step[0], it->d_step[1], it->d_residual[0], it->d_residual[1], it->d_free_residual, it->d_past_step, it->d_past_residual, it->d_load, it->d_extra, it->d_touch,
-                      it->d_secant_x, it->d_secant_step, it->d_secant_residual, it->d_element_force, it->d_rotations, it->d_axes, it->d_right, it->d_left,
-                      it->d_sums, gpu->d_fine, gpu->d_solved, gpu->d_between};
+    void *blocks[] = {it->d_state,           it->d_history,       it->d_x[0],          it->d_x[1],
+                      it->d_step[0],         it->d_step[1],       it->d_residual[0],   it->d_residual[1],
+                      it->d_free_residual,   it->d_past_step,     it->d_past_residual, it->d_load,
+                      it->d_extra,           it->d_touch,         it->d_secant_x,      it->d_secant_step,
+                      it->d_secant_residual, it->d_element_force, it->d_rotations,     it->d_axes,
+                      it->d_right,           it->d_left,          it->d_sums,          gpu->d_fine,
+                      gpu->d_solved,         gpu->d_between};
     for (void *block : blocks) pliant_cuda_release(block);
     for (gpu_tool_arrays &tool : gpu->tools) {
         pliant_cuda_release(tool.d_unknown);
@@ -82,8 +87,10 @@ extern "C" pliant_status pliant_cuda_solver_begin(pliant_cuda_solver *gpu, const
     const size_t bytes = 3 * (size_t)gpu->system.num_nodes * sizeof(double);
     gpu->in_use.number++;
     gpu->in_use.rough = gpu->system.d_stiffness || (gpu->system.macros.count > 0 && !gpu->system.macros.d_shear);
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->iteration.d_x[0], solver->now.x, bytes, cudaMemcpyHostToDevice, gpu->stream)));
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->iteration.d_x[1], gpu->iteration.d_x[0], bytes, cudaMemcpyDeviceToDevice, gpu->stream)));
+    CUDA_TRY(
+        CUDA_CALL(cudaMemcpyAsync(gpu->iteration.d_x[0], solver->now.x, bytes, cudaMemcpyHostToDevice, gpu->stream)));
+    CUDA_TRY(CUDA_CALL(
+        cudaMemcpyAsync(gpu->iteration.d_x[1], gpu->iteration.d_x[0], bytes, cudaMemcpyDeviceToDevice, gpu->stream)));
     gpu->loaded = false;
     gpu->fresh = true;
     gpu->last_launches = 3;
@@ -106,7 +113,8 @@ extern "C" pliant_status pliant_cuda_solver_restart(pliant_cuda_solver *gpu, con
 extern "C" pliant_status pliant_cuda_solver_move(pliant_cuda_solver *gpu, const pliant_solver *solver)
 {
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
-    gpu->in_use.evaluations = pliant_quasistatic().rotation_interval; /* as pliant_solver_moved: the axes rotate in the next step */
+    gpu->in_use.evaluations =
+        pliant_quasistatic().rotation_interval; /* as pliant_solver_moved: the axes rotate in the next step */
     return pliant_cuda_solver_begin(gpu, solver);
 }
 
@@ -116,7 +124,8 @@ static pliant_status send_load(pliant_cuda_solver *gpu, const pliant_solver *sol
 {
     if (gpu->loaded && memcmp(gpu->gravity, gravity, sizeof gpu->gravity) == 0) return PLIANT_OK;
     const size_t bytes = 3 * (size_t)gpu->system.num_free * sizeof(double);
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->iteration.d_load, solver->load, bytes, cudaMemcpyHostToDevice, gpu->stream)));
+    CUDA_TRY(
+        CUDA_CALL(cudaMemcpyAsync(gpu->iteration.d_load, solver->load, bytes, cudaMemcpyHostToDevice, gpu->stream)));
     memcpy(gpu->gravity, gravity, sizeof gpu->gravity);
     gpu->loaded = true;
     return PLIANT_OK;
@@ -138,8 +147,10 @@ static pliant_status send_hold(pliant_cuda_solver *gpu, const pliant_handle *han
     CUDA_TRY(ensure(gpu, most, &arrays->d_unknown, &arrays->unknown_room));
     CUDA_TRY(ensure(gpu, 9 * most, &arrays->d_block, &arrays->block_room));
     CUDA_TRY(ensure(gpu, 9 * most, &arrays->d_response, &arrays->response_room));
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(arrays->d_unknown, handle->unknown, count * sizeof(int32_t), cudaMemcpyHostToDevice, gpu->stream)));
-    return CUDA_CALL(cudaMemcpyAsync(arrays->d_block, handle->block, 9 * count * sizeof(double), cudaMemcpyHostToDevice, gpu->stream));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(arrays->d_unknown, handle->unknown, count * sizeof(int32_t),
+                                       cudaMemcpyHostToDevice, gpu->stream)));
+    return CUDA_CALL(cudaMemcpyAsync(arrays->d_block, handle->block, 9 * count * sizeof(double), cudaMemcpyHostToDevice,
+                                     gpu->stream));
 }
 
 /* Send the tools' inputs of this step, and compute responses for new holds and after a change of the preconditioner.
@@ -175,11 +186,13 @@ static pliant_status send_tools(pliant_cuda_solver *gpu, pliant_solver *solver, 
     }
     /* Nodes that are not held any more must have no force. */
     if (fresh || !solver->asked.kept)
-        CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->iteration.d_extra, 0, 3 * (size_t)gpu->system.num_free * sizeof(double), gpu->stream)));
+        CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->iteration.d_extra, 0, 3 * (size_t)gpu->system.num_free * sizeof(double),
+                                           gpu->stream)));
     return PLIANT_OK;
 }
 
-static pliant_status turn(pliant_cuda_solver *gpu, const pliant_solver *solver, pliant_statistics *statistics, gpu_step *step)
+static pliant_status turn(pliant_cuda_solver *gpu, const pliant_solver *solver, pliant_statistics *statistics,
+                          gpu_step *step)
 {
     const pliant_axes axes = pliant_solver_axes(solver, &gpu->in_use, statistics->step);
     if (axes == PLIANT_AXES_STAY) return PLIANT_OK;
@@ -211,8 +224,10 @@ static pliant_status run(pliant_cuda_solver *gpu, const gpu_step *step)
     int32_t ahead = gpu->last_launches; /* a step needs about as many as the last one; superfluous launches do
                                          * nothing */
     for (int32_t spent = 1; spent < most; ahead = 2) {
-        for (int32_t n = 1; n < ahead && spent < most; n++, spent++) CUDA_TRY(CUDA_CALL(cudaGraphLaunch(gpu->evaluation, gpu->stream)));
-        CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->h_state, gpu->iteration.d_state, offsetof(gpu_state, rows), cudaMemcpyDeviceToHost, gpu->stream)));
+        for (int32_t n = 1; n < ahead && spent < most; n++, spent++)
+            CUDA_TRY(CUDA_CALL(cudaGraphLaunch(gpu->evaluation, gpu->stream)));
+        CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->h_state, gpu->iteration.d_state, offsetof(gpu_state, rows),
+                                           cudaMemcpyDeviceToHost, gpu->stream)));
         CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
         if (gpu->h_state->done) return PLIANT_OK;
     }
@@ -221,8 +236,8 @@ static pliant_status run(pliant_cuda_solver *gpu, const gpu_step *step)
 
 /* Set the step's inputs from the host's limits and the known quantities of the first state. opened: out: evaluations of
  * the Newton step after a cut. */
-static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3], pliant_statistics *statistics, bool renewed, gpu_step *step,
-                             int32_t *opened)
+static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3],
+                             pliant_statistics *statistics, bool renewed, gpu_step *step, int32_t *opened)
 {
     bool responded = false, seen = false;
     CUDA_TRY(send_load(gpu, solver, gravity));
@@ -233,7 +248,10 @@ static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver, con
     CUDA_TRY(pliant_cuda_solver_open(gpu, solver, step, opened));
     if (step->opened) CUDA_TRY(send_tools(gpu, solver, step, &responded)); /* forces and axes have changed */
     const pliant_anderson *limits = &solver->rules;
-    step->most_evaluations = *opened > 0 ? pliant_solver_open_evaluations(solver, &step->limit, pliant_quasistatic().opened_share_gpu) - *opened : limits->most_evaluations;
+    step->most_evaluations =
+        *opened > 0
+            ? pliant_solver_open_evaluations(solver, &step->limit, pliant_quasistatic().opened_share_gpu) - *opened
+            : limits->most_evaluations;
     step->depth = limits->depth;
     step->room = limits->room;
     step->tolerance = limits->tolerance;
@@ -246,7 +264,8 @@ static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver, con
     if (responded && step->known == PLIANT_KNOWN_STEP) step->known = PLIANT_KNOWN_FORCES;
     step->touches = pliant_touches_any(solver->touches);
     if (step->touches || gpu->touched)
-        CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->iteration.d_touch, 0, 3 * (size_t)gpu->system.num_free * sizeof(double), gpu->stream)));
+        CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->iteration.d_touch, 0, 3 * (size_t)gpu->system.num_free * sizeof(double),
+                                           gpu->stream)));
     gpu->touched = step->touches;
     if (step->limit.evaluations < INT32_MAX) step->limit.evaluations += (step->known == PLIANT_KNOWN_STEP) - *opened;
     return PLIANT_OK;
@@ -271,11 +290,13 @@ struct step_so_far {
 };
 
 /* Record the result of evaluations: the tools' forces, and the number of evaluations. */
-static void note(pliant_cuda_solver *gpu, pliant_solver *solver, const gpu_step *step, pliant_statistics *statistics, step_so_far *so_far)
+static void note(pliant_cuda_solver *gpu, pliant_solver *solver, const gpu_step *step, pliant_statistics *statistics,
+                 step_so_far *so_far)
 {
     const gpu_state *state = gpu->h_state;
     const pliant_anderson *rules = &state->rules;
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(solver->handles[t].force, state->force[state->now] + 3 * t, sizeof solver->handles[t].force);
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
+        memcpy(solver->handles[t].force, state->force[state->now] + 3 * t, sizeof solver->handles[t].force);
     gpu->fresh = false;
     gpu->last_launches = rules->evaluations + state->ending;
     const int32_t solved = gpu->last_launches - (step->known == PLIANT_KNOWN_STEP);
@@ -286,7 +307,8 @@ static void note(pliant_cuda_solver *gpu, pliant_solver *solver, const gpu_step 
     statistics->rejected += (uint64_t)rules->rejected;
 }
 
-static pliant_status run_any(pliant_cuda_solver *gpu, pliant_solver *solver, const gpu_step *step, pliant_statistics *statistics, step_so_far *so_far)
+static pliant_status run_any(pliant_cuda_solver *gpu, pliant_solver *solver, const gpu_step *step,
+                             pliant_statistics *statistics, step_so_far *so_far)
 {
     const double start = solver->clock(solver->clock_user);
     CUDA_TRY(step->touches ? pliant_cuda_touches_run(gpu, solver, step) : run(gpu, step));
@@ -295,7 +317,8 @@ static pliant_status run_any(pliant_cuda_solver *gpu, pliant_solver *solver, con
     return PLIANT_OK;
 }
 
-static pliant_status take_step(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3], pliant_statistics *statistics)
+static pliant_status take_step(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3],
+                               pliant_statistics *statistics)
 {
     gpu_step step = {};
     bool renewed = false;
@@ -328,7 +351,8 @@ static pliant_status take_step(pliant_cuda_solver *gpu, pliant_solver *solver, c
 
 /* After an error, restore the tools' forces and the flag of the step after a cut. The host continues from the state
  * before. */
-extern "C" pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3], pliant_statistics *statistics)
+extern "C" pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant_solver *solver,
+                                                 const double gravity[3], pliant_statistics *statistics)
 {
     const bool opened = solver->opened;
     double force[PLIANT_MAX_TOOLS][3];

@@ -16,13 +16,14 @@ typedef struct pliant_cuda_solver pliant_cuda_solver;
 /* Create the GPU solver from the present state of the host's solver. Errors: MEMORY, NUMERIC, UNAVAILABLE; the message
  * contains figures. */
 /* @param grows  Cuts are possible: reserve memory for more elements. */
-pliant_status pliant_cuda_solver_create(const pliant_solver *solver, pliant_preconditioner_choice choice, bool grows, int device, cudaStream_t stream,
-                                        pliant_cuda_solver **out);
+pliant_status pliant_cuda_solver_create(const pliant_solver *solver, pliant_preconditioner_choice choice, bool grows,
+                                        int device, cudaStream_t stream, pliant_cuda_solver **out);
 /* Switch to the solver after a cut. The preconditioner is carried over, and unchanged data is not sent again. Errors:
  * MEMORY, UNAVAILABLE.
  * @param node      (nodes of the solved mesh) node before the cut whose values each node takes.
  * @param possible  Out: false: the solver cannot follow; the caller frees it, as after an error. */
-pliant_status pliant_cuda_solver_follow(pliant_cuda_solver *gpu, const pliant_solver *solver, const pliant_solver *before, const int32_t *node, bool *possible);
+pliant_status pliant_cuda_solver_follow(pliant_cuda_solver *gpu, const pliant_solver *solver,
+                                        const pliant_solver *before, const int32_t *node, bool *possible);
 void pliant_cuda_solver_free(pliant_cuda_solver *gpu); /* Nullable */
 /* Read the host's state again (after a reset). */
 pliant_status pliant_cuda_solver_restart(pliant_cuda_solver *gpu, const pliant_solver *solver);
@@ -30,7 +31,8 @@ pliant_status pliant_cuda_solver_restart(pliant_cuda_solver *gpu, const pliant_s
 pliant_status pliant_cuda_solver_move(pliant_cuda_solver *gpu, const pliant_solver *solver);
 
 /* Run pliant_solver_step on the GPU. The tools' forces and the statistics are copied to the host, positions are not. */
-pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3], pliant_statistics *statistics);
+pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3],
+                                      pliant_statistics *statistics);
 /* Enqueue the upsampling. *d_positions: (fine nodes x 3), valid when the stream has reached this point. */
 pliant_status pliant_cuda_solver_upsample(pliant_cuda_solver *gpu, const double **d_positions);
 /* Enqueue a copy of the solved nodes to the host; NULL if these are the fine nodes. Valid after the stream was

@@ -69,7 +69,8 @@ pliant_status pliant_cuda_solver_open_room(pliant_cuda_solver *gpu);
  * positions, axes, tools' forces and `step`.
  * @param evaluations  Out: evaluations done; 0: no Newton step was taken.
  * Errors: MEMORY, UNAVAILABLE. */
-pliant_status pliant_cuda_solver_open(pliant_cuda_solver *gpu, pliant_solver *solver, gpu_step *step, int32_t *evaluations);
+pliant_status pliant_cuda_solver_open(pliant_cuda_solver *gpu, pliant_solver *solver, gpu_step *step,
+                                      int32_t *evaluations);
 
 /* ---- Implemented in evaluate.cu: the evaluation as a graph. */
 pliant_status pliant_cuda_solver_record(pliant_cuda_solver *gpu);
@@ -86,10 +87,12 @@ pliant_status pliant_cuda_solver_evaluate_touching(pliant_cuda_solver *gpu);
 /* ---- Implemented in renew.cu: a new preconditioner that replaces a carried one, computed in the background. */
 /* At the start of a step, install a finished preconditioner (*renewed) and start the next one. Errors: MEMORY,
  * UNAVAILABLE. If no preconditioner can be computed, the old one stays. */
-pliant_status pliant_cuda_renewal_step(pliant_cuda_solver *gpu, const pliant_solver *solver, pliant_statistics *statistics, bool *renewed);
+pliant_status pliant_cuda_renewal_step(pliant_cuda_solver *gpu, const pliant_solver *solver,
+                                       pliant_statistics *statistics, bool *renewed);
 /* Create a preconditioner for the present system, wait for it, and measure the time. at: Nullable: state; NULL: rest.
  * Errors: MEMORY, NUMERIC, UNAVAILABLE; `out` may then hold a partial result. */
-pliant_status pliant_cuda_preconditioner_make(pliant_cuda_solver *gpu, const pliant_solver *solver, const gpu_state_made_at *at, gpu_preconditioner *out);
+pliant_status pliant_cuda_preconditioner_make(pliant_cuda_solver *gpu, const pliant_solver *solver,
+                                              const gpu_state_made_at *at, gpu_preconditioner *out);
 /* Measure the creation time again, since the first creation in a process includes loading kernels. Without memory the
  * first measurement stays. Errors: UNAVAILABLE. */
 pliant_status pliant_cuda_preconditioner_time(pliant_cuda_solver *gpu, const pliant_solver *solver);

@@ -85,7 +85,9 @@ template <class T> static void pack(packing *at, const T *from, size_t count, co
 static size_t bytes_of_pieces(const pliant_touches *from)
 {
     const size_t points = (size_t)from->count, moving = (size_t)from->num_moving;
-    return moving == 0 ? 0 : (size_t)from->num_arms * sizeof *from->arm + moving * sizeof(pliant_touch_piece) + points * sizeof(double) + (points + 1) * sizeof(int32_t);
+    return moving == 0 ? 0
+                       : (size_t)from->num_arms * sizeof *from->arm + moving * sizeof(pliant_touch_piece) +
+                             points * sizeof(double) + (points + 1) * sizeof(int32_t);
 }
 
 static void pack_pieces(packing *at, const pliant_touches *from, gpu_touch_view *view)
@@ -109,7 +111,8 @@ static void pack_slots(packing *at, const pliant_touches *from, gpu_touches *tou
     gpu_touch_view *view = &touches->view;
     int32_t *d_place, *d_point, *d_first, *d_start, *d_weight;
     const size_t weights = (size_t)from->num_weights, count = (size_t)slots;
-    int32_t *place = pack(at, weights, &d_place), *point = pack(at, weights, &d_point), *first = pack(at, count, &d_first);
+    int32_t *place = pack(at, weights, &d_place), *point = pack(at, weights, &d_point),
+            *first = pack(at, count, &d_first);
     int32_t *start = pack(at, count + 1, &d_start), *weight = pack(at, weights, &d_weight);
     for (int32_t c = 0; c < from->count; c++)
         for (int32_t w = from->start[c]; w < from->start[c + 1]; w++) point[w] = c;
@@ -131,9 +134,11 @@ static pliant_status send_points(pliant_cuda_solver *gpu, const pliant_touches *
     gpu_touches *touches = &gpu->touches;
     gpu_touch_view *view = &touches->view;
     const size_t points = (size_t)from->count, weights = (size_t)from->num_weights, count = (size_t)slots;
-    const size_t bytes = (18 * points + 9 * weights + points + (size_t)view->num_springs) * sizeof(double) + (points + 1 + 4 * weights + 3 * count + 1) * sizeof(int32_t) + bytes_of_pieces(from);
+    const size_t bytes = (18 * points + 9 * weights + points + (size_t)view->num_springs) * sizeof(double) +
+                         (points + 1 + 4 * weights + 3 * count + 1) * sizeof(int32_t) + bytes_of_pieces(from);
     CUDA_TRY(make_block(touches, TOUCH_GOES_UP, bytes, bytes));
-    packing at = {static_cast<char *>(touches->h_block[TOUCH_GOES_UP]), static_cast<char *>(touches->d_block[TOUCH_GOES_UP])};
+    packing at = {static_cast<char *>(touches->h_block[TOUCH_GOES_UP]),
+                  static_cast<char *>(touches->d_block[TOUCH_GOES_UP])};
     /* These two are copied back together. */
     memcpy(pack(&at, 3 * points, &view->d_force), from->taken.force, 3 * points * sizeof(double));
     memcpy(pack(&at, 3 * points, &view->d_taken_motion), from->taken.motion, 3 * points * sizeof(double));
@@ -147,15 +152,19 @@ static pliant_status send_points(pliant_cuda_solver *gpu, const pliant_touches *
     pack(&at, from->unknown, weights, &view->d_unknown);
     pack(&at, touches->touched, count, &view->d_touched);
     pack_slots(&at, from, touches, slots);
-    return CUDA_CALL(cudaMemcpyAsync(touches->d_block[TOUCH_GOES_UP], touches->h_block[TOUCH_GOES_UP], bytes, cudaMemcpyHostToDevice, gpu->stream));
+    return CUDA_CALL(cudaMemcpyAsync(touches->d_block[TOUCH_GOES_UP], touches->h_block[TOUCH_GOES_UP], bytes,
+                                     cudaMemcpyHostToDevice, gpu->stream));
 }
 
 /* Allocate work arrays, and the arrays that are copied back: motions, then A. */
 static pliant_status make_work(gpu_touches *touches, int32_t slots, int32_t pieces)
 {
     gpu_touch_view *view = &touches->view;
-    const size_t points = 3 * (size_t)view->count, rows = points + 3 * (size_t)view->num_springs, back = (rows + rows * rows) * sizeof(double);
-    const size_t work = (9 * (size_t)view->num_weights + 3 * (size_t)slots + 6 * (size_t)pieces + PLIANT_CONE_EQUATIONS) * sizeof(double);
+    const size_t points = 3 * (size_t)view->count, rows = points + 3 * (size_t)view->num_springs,
+                 back = (rows + rows * rows) * sizeof(double);
+    const size_t work =
+        (9 * (size_t)view->num_weights + 3 * (size_t)slots + 6 * (size_t)pieces + PLIANT_CONE_EQUATIONS) *
+        sizeof(double);
     CUDA_TRY(make_block(touches, TOUCH_STAYS, work + back, back));
     CUDA_TRY(make_block(touches, TOUCH_AT_EVALUATIONS, 3 * points * sizeof(double), 2 * points * sizeof(double)));
     view->d_motion = static_cast<double *>(touches->d_block[TOUCH_STAYS]);
@@ -176,7 +185,8 @@ static pliant_status send_view(gpu_touches *touches, cudaStream_t stream)
     CUDA_TRY(make_block(touches, TOUCH_VIEW, sizeof touches->view, sizeof touches->view));
     if (touches->shared_room == 0) CUDA_TRY(pliant_cuda_touch_cones_room(&touches->shared_room));
     memcpy(touches->h_block[TOUCH_VIEW], &touches->view, sizeof touches->view);
-    return CUDA_CALL(cudaMemcpyAsync(touches->d_block[TOUCH_VIEW], touches->h_block[TOUCH_VIEW], sizeof touches->view, cudaMemcpyHostToDevice, stream));
+    return CUDA_CALL(cudaMemcpyAsync(touches->d_block[TOUCH_VIEW], touches->h_block[TOUCH_VIEW], sizeof touches->view,
+                                     cudaMemcpyHostToDevice, stream));
 }
 
 static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver)
@@ -187,7 +197,8 @@ static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver)
     bool made = false;
     CUDA_TRY(set_size(touches, gpu->system.num_free));
     const int32_t slots = find_touched(from, touches);
-    pliant_status status = pliant_cuda_answers_find(&touches->answers, &gpu->preconditioner, &gpu->iteration, slots, touches->touched, gpu->stream, &made);
+    pliant_status status = pliant_cuda_answers_find(&touches->answers, &gpu->preconditioner, &gpu->iteration, slots,
+                                                    touches->touched, gpu->stream, &made);
     int spring[PLIANT_MAX_TOOLS];
     view->count = from->count;
     view->num_weights = from->num_weights;
@@ -223,15 +234,18 @@ static pliant_status find_forces(pliant_cuda_solver *gpu, pliant_touches *from)
     memcpy(h_found, from->found.force, points * sizeof *h_found);
     if (changed) memcpy(h_change, from->change, points * sizeof *h_change);
     else memset(h_change, 0, points * sizeof *h_change);
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(touches->d_block[TOUCH_AT_EVALUATIONS], h_change, 2 * points * sizeof *h_change, cudaMemcpyHostToDevice, gpu->stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(touches->d_block[TOUCH_AT_EVALUATIONS], h_change, 2 * points * sizeof *h_change,
+                                       cudaMemcpyHostToDevice, gpu->stream)));
     if (!changed) return PLIANT_OK;
     CUDA_TRY(pliant_cuda_touch_pull(view, &gpu->iteration, gpu->stream));
-    return pliant_cuda_touch_push(static_cast<const gpu_touch_view *>(touches->d_block[TOUCH_VIEW]), &gpu->iteration, gpu->stream);
+    return pliant_cuda_touch_push(static_cast<const gpu_touch_view *>(touches->d_block[TOUCH_VIEW]), &gpu->iteration,
+                                  gpu->stream);
 }
 
 static pliant_status download_state(const pliant_cuda_solver *gpu)
 {
-    return CUDA_CALL(cudaMemcpyAsync(gpu->h_state, gpu->iteration.d_state, offsetof(gpu_state, rows), cudaMemcpyDeviceToHost, gpu->stream));
+    return CUDA_CALL(cudaMemcpyAsync(gpu->h_state, gpu->iteration.d_state, offsetof(gpu_state, rows),
+                                     cudaMemcpyDeviceToHost, gpu->stream));
 }
 
 /* Run evaluations while the host computes the contact forces and the GPU waits. The GPU decides whether a state is
@@ -243,10 +257,13 @@ static pliant_status run_with_host(pliant_cuda_solver *gpu, pliant_solver *solve
     const gpu_iteration *it = &gpu->iteration;
     const size_t rows = 3 * (size_t)(view->count + view->num_springs), whole = (rows + rows * rows) * sizeof(double);
     for (int32_t made = 0; made <= most; made++) {
-        CUDA_TRY(pliant_cuda_touch_load(static_cast<const gpu_touch_view *>(touches->d_block[TOUCH_VIEW]), it, gpu->stream));
+        CUDA_TRY(
+            pliant_cuda_touch_load(static_cast<const gpu_touch_view *>(touches->d_block[TOUCH_VIEW]), it, gpu->stream));
         CUDA_TRY(pliant_cuda_solver_look(gpu));
         CUDA_TRY(pliant_cuda_touch_measure(view, it, gpu->stream));
-        CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(touches->h_block[TOUCH_STAYS], view->d_motion, made == 0 ? whole : rows * sizeof(double), cudaMemcpyDeviceToHost, gpu->stream)));
+        CUDA_TRY(
+            CUDA_CALL(cudaMemcpyAsync(touches->h_block[TOUCH_STAYS], view->d_motion,
+                                      made == 0 ? whole : rows * sizeof(double), cudaMemcpyDeviceToHost, gpu->stream)));
         CUDA_TRY(download_state(gpu));
         CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
         if (gpu->h_state->took) pliant_touches_take(solver->touches);
@@ -264,10 +281,13 @@ static pliant_status download(pliant_cuda_solver *gpu)
     const gpu_touch_view *view = &touches->view;
     const size_t bytes = 3 * (size_t)view->count * sizeof(double);
     /* Applies the last evaluation. */
-    CUDA_TRY(pliant_cuda_touch_load(static_cast<const gpu_touch_view *>(touches->d_block[TOUCH_VIEW]), &gpu->iteration, gpu->stream));
+    CUDA_TRY(pliant_cuda_touch_load(static_cast<const gpu_touch_view *>(touches->d_block[TOUCH_VIEW]), &gpu->iteration,
+                                    gpu->stream));
     CUDA_TRY(pliant_cuda_touch_measure(view, &gpu->iteration, gpu->stream));
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(touches->h_block[TOUCH_STAYS], view->d_motion, bytes, cudaMemcpyDeviceToHost, gpu->stream)));
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(touches->h_block[TOUCH_AT_EVALUATIONS], view->d_force, 2 * bytes, cudaMemcpyDeviceToHost, gpu->stream)));
+    CUDA_TRY(CUDA_CALL(
+        cudaMemcpyAsync(touches->h_block[TOUCH_STAYS], view->d_motion, bytes, cudaMemcpyDeviceToHost, gpu->stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(touches->h_block[TOUCH_AT_EVALUATIONS], view->d_force, 2 * bytes,
+                                       cudaMemcpyDeviceToHost, gpu->stream)));
     return download_state(gpu);
 }
 
@@ -276,7 +296,8 @@ static pliant_status run_on_gpu(pliant_cuda_solver *gpu, pliant_solver *solver, 
 {
     const size_t numbers = 3 * (size_t)gpu->touches.view.count;
     for (int32_t spent = 0, ahead = gpu->last_launches; spent < most; ahead = 2) {
-        for (int32_t n = 0; n < ahead && spent < most; n++, spent++) CUDA_TRY(pliant_cuda_solver_evaluate_touching(gpu));
+        for (int32_t n = 0; n < ahead && spent < most; n++, spent++)
+            CUDA_TRY(pliant_cuda_solver_evaluate_touching(gpu));
         CUDA_TRY(download(gpu));
         CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
         if (!gpu->h_state->done) continue;
@@ -299,4 +320,7 @@ extern "C" pliant_status pliant_cuda_touches_run(pliant_cuda_solver *gpu, pliant
     return few ? run_on_gpu(gpu, solver, most) : run_with_host(gpu, solver, most);
 }
 
-extern "C" const double *pliant_cuda_touches_moved(const gpu_touches *touches) { return static_cast<const double *>(touches->h_block[TOUCH_STAYS]); }
+extern "C" const double *pliant_cuda_touches_moved(const gpu_touches *touches)
+{
+    return static_cast<const double *>(touches->h_block[TOUCH_STAYS]);
+}

@@ -13,7 +13,9 @@ static __device__ __forceinline__ void rows_of(const gpu_touch_view &view, int w
 {
     const double *frame = view.d_frame + 9 * (size_t)view.d_point[w], *block = view.d_block + 9 * (size_t)w;
     for (int r = 0; r < 3; r++)
-        for (int d = 0; d < 3; d++) rows[3 * r + d] = frame[3 * r] * block[d] + frame[3 * r + 1] * block[3 + d] + frame[3 * r + 2] * block[6 + d];
+        for (int d = 0; d < 3; d++)
+            rows[3 * r + d] =
+                frame[3 * r] * block[d] + frame[3 * r + 1] * block[3 + d] + frame[3 * r + 2] * block[6 + d];
 }
 
 static __global__ void __launch_bounds__(THREADS) turn_kernel(gpu_touch_view view, gpu_iteration iteration)
@@ -24,7 +26,8 @@ static __global__ void __launch_bounds__(THREADS) turn_kernel(gpu_touch_view vie
     double rows[9], *out = view.d_turned + 9 * (size_t)w;
     rows_of(view, w, rows);
     for (int r = 0; r < 3; r++)
-        for (int c = 0; c < 3; c++) out[3 * r + c] = turn[c] * rows[3 * r] + turn[3 + c] * rows[3 * r + 1] + turn[6 + c] * rows[3 * r + 2];
+        for (int c = 0; c < 3; c++)
+            out[3 * r + c] = turn[c] * rows[3 * r] + turn[3 + c] * rows[3 * r + 1] + turn[6 + c] * rows[3 * r + 2];
 }
 
 /* Add the pieces' contribution to a block of A for two points (contact_pieces.c). */
@@ -33,7 +36,8 @@ static __device__ void answer_pieces(const gpu_touch_view &view, int a, int b, d
     for (int i = view.d_arm_start[a]; i < view.d_arm_start[a + 1]; i++)
         for (int j = view.d_arm_start[b]; j < view.d_arm_start[b + 1]; j++)
             if (view.d_arm[i].moving == view.d_arm[j].moving)
-                pliant_arms_answer(view.d_piece + view.d_arm[i].moving, view.d_arm + i, view.d_frame + 9 * (size_t)a, view.d_arm + j, view.d_frame + 9 * (size_t)b, out);
+                pliant_arms_answer(view.d_piece + view.d_arm[i].moving, view.d_arm + i, view.d_frame + 9 * (size_t)a,
+                                   view.d_arm + j, view.d_frame + 9 * (size_t)b, out);
     for (int d = 0; a == b && d < 3; d++) out[4 * d] += view.d_gives[a];
 }
 
@@ -49,7 +53,8 @@ static __global__ void __launch_bounds__(PAIRS * PAIRS) matrix_kernel(gpu_touch_
         const double *by = view.d_turned + 9 * (size_t)v;
         for (int w = view.d_start[b]; w < view.d_start[b + 1]; w++) {
             const double *block = view.d_turned + 9 * (size_t)w;
-            const float *column = view.d_column + view.stride * (size_t)view.d_first[view.d_place[w]] + 3 * (size_t)view.d_unknown[v];
+            const float *column =
+                view.d_column + view.stride * (size_t)view.d_first[view.d_place[w]] + 3 * (size_t)view.d_unknown[v];
             for (int k = 0; k < 3; k++)
                 for (int r = 0; r < 3; r++) {
                     const double answer = column[view.stride * k + r];
@@ -57,7 +62,8 @@ static __global__ void __launch_bounds__(PAIRS * PAIRS) matrix_kernel(gpu_touch_
                 }
         }
         for (int r = 0; r < 3; r++)
-            for (int c = 0; c < 3; c++) out[3 * r + c] += by[3 * r] * moved[c] + by[3 * r + 1] * moved[3 + c] + by[3 * r + 2] * moved[6 + c];
+            for (int c = 0; c < 3; c++)
+                out[3 * r + c] += by[3 * r] * moved[c] + by[3 * r + 1] * moved[3 + c] + by[3 * r + 2] * moved[6 + c];
     }
     if (view.num_moving > 0) answer_pieces(view, a, b, out);
     for (int d = 0; a == b && d < 3; d++) out[4 * d] *= 1 + PLIANT_CONE_GIVES;
@@ -88,7 +94,8 @@ static __global__ void __launch_bounds__(ONE_BLOCK) spring_kernel(gpu_touch_view
         } else {
             const gpu_tool &tool = tools[view.spring[(i - points) / 3]];
             for (int h = 0; h < tool.count; h++)
-                for (int d = 0; d < 3; d++) sum += tool.d_block[9 * h + 3 * axis + d] * z[3 * (size_t)tool.d_unknown[h] + d];
+                for (int d = 0; d < 3; d++)
+                    sum += tool.d_block[9 * h + 3 * axis + d] * z[3 * (size_t)tool.d_unknown[h] + d];
         }
         view.d_matrix[(size_t)i * rows + points + j] = sum;
     }
@@ -104,7 +111,8 @@ static __device__ void move_pieces(const gpu_touch_view &view)
         double load[6] = {0, 0, 0, 0, 0, 0};
         for (int c = lane; c < view.count; c += 32)
             for (int a = view.d_arm_start[c]; a < view.d_arm_start[c + 1]; a++)
-                if (view.d_arm[a].moving == m) pliant_arm_load(view.d_arm + a, view.d_frame + 9 * (size_t)c, view.d_force + 3 * (size_t)c, load);
+                if (view.d_arm[a].moving == m)
+                    pliant_arm_load(view.d_arm + a, view.d_frame + 9 * (size_t)c, view.d_force + 3 * (size_t)c, load);
         for (int k = 0; k < 6; k++) load[k] = warp_sum(load[k]);
         if (lane < 6) view.d_piece_moved[6 * (size_t)m + lane] = pliant_piece_moves(view.d_piece + m, load, lane);
     }
@@ -126,8 +134,10 @@ static __global__ void __launch_bounds__(ONE_BLOCK) load_kernel(const gpu_touch_
         double sum = 0;
         for (int i = view.d_weight_start[s]; i < view.d_weight_start[s + 1]; i++) {
             const int w = view.d_weight[i], p = view.d_point[w];
-            const double *frame = view.d_frame + 9 * (size_t)p, *f = view.d_force + 3 * (size_t)p, *block = view.d_block + 9 * (size_t)w;
-            for (int d = 0; d < 3; d++) sum += block[3 * d + k] * (frame[d] * f[0] + frame[3 + d] * f[1] + frame[6 + d] * f[2]);
+            const double *frame = view.d_frame + 9 * (size_t)p, *f = view.d_force + 3 * (size_t)p,
+                         *block = view.d_block + 9 * (size_t)w;
+            for (int d = 0; d < 3; d++)
+                sum += block[3 * d + k] * (frame[d] * f[0] + frame[3 + d] * f[1] + frame[6 + d] * f[2]);
         }
         iteration.d_touch[3 * (size_t)view.d_touched[s] + k] = sum;
     }
@@ -137,18 +147,21 @@ static __global__ void __launch_bounds__(ONE_BLOCK) load_kernel(const gpu_touch_
 static __device__ void move_with_pieces(const gpu_touch_view &view, int c, double motion[3])
 {
     for (int a = view.d_arm_start[c]; a < view.d_arm_start[c + 1]; a++)
-        pliant_arm_move(view.d_arm + a, view.d_frame + 9 * (size_t)c, view.d_piece_moved + 6 * (size_t)view.d_arm[a].moving, motion);
+        pliant_arm_move(view.d_arm + a, view.d_frame + 9 * (size_t)c,
+                        view.d_piece_moved + 6 * (size_t)view.d_arm[a].moving, motion);
 }
 
 /* Measure the motion of one point, with one warp. */
-static __device__ void measure_point(const gpu_touch_view &view, const gpu_iteration &iteration, const gpu_state &state, int c, double *out)
+static __device__ void measure_point(const gpu_touch_view &view, const gpu_iteration &iteration, const gpu_state &state,
+                                     int c, double *out)
 {
     const int lane = (int)threadIdx.x % 32;
     const double *x = iteration.d_x[state.done ? state.now : gpu_target(&state)];
     double y[3] = {0, 0, 0}, moved[3] = {0, 0, 0};
     for (int w = view.d_start[c] + lane; w < view.d_start[c + 1]; w += 32) {
         const size_t unknown = (size_t)view.d_unknown[w];
-        const double *block = view.d_block + 9 * (size_t)w, *turned = view.d_turned + 9 * (size_t)w, *at = x + 3 * (size_t)iteration.d_node_of_free[unknown];
+        const double *block = view.d_block + 9 * (size_t)w, *turned = view.d_turned + 9 * (size_t)w,
+                     *at = x + 3 * (size_t)iteration.d_node_of_free[unknown];
         const float *left = iteration.d_left + 3 * unknown;
         for (int r = 0; r < 3; r++) {
             y[r] += block[3 * r] * at[0] + block[3 * r + 1] * at[1] + block[3 * r + 2] * at[2];
@@ -160,35 +173,44 @@ static __device__ void measure_point(const gpu_touch_view &view, const gpu_itera
         moved[r] = warp_sum(moved[r]);
     }
     if (lane != 0) return;
-    const double *frame = view.d_frame + 9 * (size_t)c, *goal = view.d_goal + 3 * (size_t)c, *force = view.d_force + 3 * (size_t)c;
+    const double *frame = view.d_frame + 9 * (size_t)c, *goal = view.d_goal + 3 * (size_t)c,
+                 *force = view.d_force + 3 * (size_t)c;
     double with[3] = {0, 0, 0};
     if (view.num_moving > 0) move_with_pieces(view, c, with);
     for (int r = 0; r < 3; r++) {
         double motion = y[r] + frame[r] * with[0] + frame[3 + r] * with[1] + frame[6 + r] * with[2];
-        if (!state.done) motion = moved[r] + frame[3 * r] * (y[0] - goal[0]) + frame[3 * r + 1] * (y[1] - goal[1]) + frame[3 * r + 2] * (y[2] - goal[2]) + with[r];
+        if (!state.done)
+            motion = moved[r] + frame[3 * r] * (y[0] - goal[0]) + frame[3 * r + 1] * (y[1] - goal[1]) +
+                     frame[3 * r + 2] * (y[2] - goal[2]) + with[r];
         if (!state.done && view.num_moving > 0) motion += view.d_gives[c] * force[r];
         out[3 * (size_t)c + r] = motion;
     }
 }
 
 /* Measure the motion of a spring's held point, with one warp. */
-static __device__ void measure_spring(const gpu_touch_view &view, const gpu_iteration &iteration, const gpu_state &state, int s, double *out)
+static __device__ void measure_spring(const gpu_touch_view &view, const gpu_iteration &iteration,
+                                      const gpu_state &state, int s, double *out)
 {
     const int lane = (int)threadIdx.x % 32, target = gpu_target(&state), t = view.spring[s];
     const gpu_tool &tool = state.step.tools[t];
     double moved[3] = {0, 0, 0}; /* W (x + free step) */
     for (int h = lane; h < tool.count; h += 32) {
         const size_t unknown = (size_t)tool.d_unknown[h];
-        const double *block = tool.d_block + 9 * (size_t)h, *x = iteration.d_x[target] + 3 * (size_t)iteration.d_node_of_free[unknown];
+        const double *block = tool.d_block + 9 * (size_t)h,
+                     *x = iteration.d_x[target] + 3 * (size_t)iteration.d_node_of_free[unknown];
         const double *turn = iteration.d_axes + 9 * unknown;
         const float *left = iteration.d_left + 3 * unknown;
         double at[3];
-        for (int r = 0; r < 3; r++) at[r] = x[r] + turn[3 * r] * left[0] + turn[3 * r + 1] * left[1] + turn[3 * r + 2] * left[2];
-        for (int r = 0; r < 3; r++) moved[r] += block[3 * r] * at[0] + block[3 * r + 1] * at[1] + block[3 * r + 2] * at[2];
+        for (int r = 0; r < 3; r++)
+            at[r] = x[r] + turn[3 * r] * left[0] + turn[3 * r + 1] * left[1] + turn[3 * r + 2] * left[2];
+        for (int r = 0; r < 3; r++)
+            moved[r] += block[3 * r] * at[0] + block[3 * r + 1] * at[1] + block[3 * r + 2] * at[2];
     }
     for (int d = 0; d < 3; d++) {
         const double y = tool.origin[d] + warp_sum(moved[d]);
-        if (lane == 0) out[3 * (size_t)(view.count + s) + d] = y + tool.compliance * state.force[target][3 * t + d] - tool.target[d];
+        if (lane == 0)
+            out[3 * (size_t)(view.count + s) + d] =
+                y + tool.compliance * state.force[target][3 * t + d] - tool.target[d];
     }
 }
 
@@ -197,7 +219,8 @@ static __global__ void __launch_bounds__(THREADS) measure_kernel(gpu_touch_view 
     const gpu_state &state = *iteration.d_state;
     const int at = (int)(blockIdx.x * THREADS + threadIdx.x) / 32;
     if (at < view.count) measure_point(view, iteration, state, at, view.d_motion);
-    else if (at < view.count + view.num_springs && !state.done) measure_spring(view, iteration, state, at - view.count, view.d_motion);
+    else if (at < view.count + view.num_springs && !state.done)
+        measure_spring(view, iteration, state, at - view.count, view.d_motion);
 }
 
 /* Compute W' dl in the nodes' axes and add it to the residual, with one block. */
@@ -226,7 +249,8 @@ static __global__ void __launch_bounds__(ONE_BLOCK) pull_kernel(gpu_touch_view v
 static __device__ pliant_cones place_cones(const gpu_touch_view &view, double *shared, size_t room)
 {
     pliant_cones on;
-    const size_t count = (size_t)(view.count + view.num_springs), row = 3 * count, points = (sizeof(pliant_cone_point) + sizeof(double)) / sizeof(double) * count;
+    const size_t count = (size_t)(view.count + view.num_springs), row = 3 * count,
+                 points = (sizeof(pliant_cone_point) + sizeof(double)) / sizeof(double) * count;
     double *next = shared + 4 * row + points, *const end = shared + room;
     on.count = (int32_t)count;
     on.friction = view.d_friction;
@@ -242,7 +266,8 @@ static __device__ pliant_cones place_cones(const gpu_touch_view &view, double *s
     if (on.matrix != next) return on;
     for (size_t i = threadIdx.x; i < row * row; i += COPIES * CONE_THREADS) { /* several loads in flight at once */
         double some[COPIES];
-        for (size_t c = 0; c < COPIES; c++) some[c] = i + c * CONE_THREADS < row * row ? view.d_matrix[i + c * CONE_THREADS] : 0;
+        for (size_t c = 0; c < COPIES; c++)
+            some[c] = i + c * CONE_THREADS < row * row ? view.d_matrix[i + c * CONE_THREADS] : 0;
         for (size_t c = 0; c < COPIES; c++)
             if (i + c * CONE_THREADS < row * row) next[i + c * CONE_THREADS] = some[c];
     }
@@ -251,7 +276,8 @@ static __device__ pliant_cones place_cones(const gpu_touch_view &view, double *s
 
 /* Compute the contact forces of an evaluation from the free step, and their pull, with one block. If the measured
  * motions are not finite, the old forces stay. */
-static __global__ void __launch_bounds__(CONE_THREADS) cones_kernel(const gpu_touch_view *d_view, gpu_iteration iteration, int room)
+static __global__ void __launch_bounds__(CONE_THREADS)
+    cones_kernel(const gpu_touch_view *d_view, gpu_iteration iteration, int room)
 {
     extern __shared__ double shared[];
     __shared__ double sums[CONE_THREADS / 32];
@@ -281,7 +307,8 @@ static __global__ void __launch_bounds__(CONE_THREADS) cones_kernel(const gpu_to
 }
 
 /* Multiply the columns by the pull and add the result to the free step. Groups of threads divide the columns. */
-static __global__ void __launch_bounds__(LANES_OF_STEP * GROUPS) push_kernel(const gpu_touch_view *d_view, gpu_iteration iteration)
+static __global__ void __launch_bounds__(LANES_OF_STEP *GROUPS)
+    push_kernel(const gpu_touch_view *d_view, gpu_iteration iteration)
 {
     __shared__ double sums[GROUPS][LANES_OF_STEP];
     if (iteration.d_state->done) return;
@@ -307,7 +334,8 @@ static __global__ void __launch_bounds__(LANES_OF_STEP * GROUPS) push_kernel(con
 
 static unsigned blocks_for(int count, int threads) { return (unsigned)((count + threads - 1) / threads); }
 
-extern "C" pliant_status pliant_cuda_touch_begin(const gpu_touch_view *view, const gpu_iteration *iteration, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_touch_begin(const gpu_touch_view *view, const gpu_iteration *iteration,
+                                                 cudaStream_t stream)
 {
     const unsigned pairs = blocks_for(view->count, PAIRS);
     if (view->num_weights > 0) { /* otherwise only pieces are in contact */
@@ -321,27 +349,33 @@ extern "C" pliant_status pliant_cuda_touch_begin(const gpu_touch_view *view, con
     return CUDA_LAUNCHED("spring_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_touch_load(const gpu_touch_view *d_view, const gpu_iteration *iteration, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_touch_load(const gpu_touch_view *d_view, const gpu_iteration *iteration,
+                                                cudaStream_t stream)
 {
     load_kernel<<<1, ONE_BLOCK, 0, stream>>>(d_view, *iteration);
     return CUDA_LAUNCHED("load_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_touch_measure(const gpu_touch_view *view, const gpu_iteration *iteration, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_touch_measure(const gpu_touch_view *view, const gpu_iteration *iteration,
+                                                   cudaStream_t stream)
 {
-    measure_kernel<<<blocks_for(32 * (view->count + view->num_springs), THREADS), THREADS, 0, stream>>>(*view, *iteration);
+    measure_kernel<<<blocks_for(32 * (view->count + view->num_springs), THREADS), THREADS, 0, stream>>>(*view,
+                                                                                                        *iteration);
     return CUDA_LAUNCHED("measure_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_touch_pull(const gpu_touch_view *view, const gpu_iteration *iteration, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_touch_pull(const gpu_touch_view *view, const gpu_iteration *iteration,
+                                                cudaStream_t stream)
 {
     pull_kernel<<<1, ONE_BLOCK, 0, stream>>>(*view, *iteration);
     return CUDA_LAUNCHED("pull_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_touch_push(const gpu_touch_view *d_view, const gpu_iteration *iteration, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_touch_push(const gpu_touch_view *d_view, const gpu_iteration *iteration,
+                                                cudaStream_t stream)
 {
-    push_kernel<<<blocks_for(3 * iteration->num_free, LANES_OF_STEP), dim3(LANES_OF_STEP, GROUPS), 0, stream>>>(d_view, *iteration);
+    push_kernel<<<blocks_for(3 * iteration->num_free, LANES_OF_STEP), dim3(LANES_OF_STEP, GROUPS), 0, stream>>>(
+        d_view, *iteration);
     return CUDA_LAUNCHED("push_kernel");
 }
 
@@ -357,7 +391,8 @@ extern "C" pliant_status pliant_cuda_touch_cones_room(int32_t *bytes)
     return CUDA_CALL(cudaFuncSetAttribute(cones_kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, most));
 }
 
-extern "C" pliant_status pliant_cuda_touch_cones(const gpu_touch_view *d_view, const gpu_iteration *iteration, int32_t bytes, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_touch_cones(const gpu_touch_view *d_view, const gpu_iteration *iteration,
+                                                 int32_t bytes, cudaStream_t stream)
 {
     cones_kernel<<<1, CONE_THREADS, (size_t)bytes, stream>>>(d_view, *iteration, bytes);
     return CUDA_LAUNCHED("cones_kernel");

@@ -15,9 +15,11 @@ pliant_status pliant_cuda_touch_begin(const gpu_touch_view *view, const gpu_iter
 pliant_status pliant_cuda_touch_load(const gpu_touch_view *d_view, const gpu_iteration *iteration, cudaStream_t stream);
 /* Compute the motion of points and held nodes by the free step. After a step, compute the final motion of the
  * points. */
-pliant_status pliant_cuda_touch_measure(const gpu_touch_view *view, const gpu_iteration *iteration, cudaStream_t stream);
+pliant_status pliant_cuda_touch_measure(const gpu_touch_view *view, const gpu_iteration *iteration,
+                                        cudaStream_t stream);
 /* Compute the contact forces and their pull with one block, in `bytes` of shared memory. */
-pliant_status pliant_cuda_touch_cones(const gpu_touch_view *d_view, const gpu_iteration *iteration, int32_t bytes, cudaStream_t stream);
+pliant_status pliant_cuda_touch_cones(const gpu_touch_view *d_view, const gpu_iteration *iteration, int32_t bytes,
+                                      cudaStream_t stream);
 pliant_status pliant_cuda_touch_cones_room(int32_t *bytes);
 /* Add dl to the residual (pull), and the resulting change to the step (push). */
 pliant_status pliant_cuda_touch_pull(const gpu_touch_view *view, const gpu_iteration *iteration, cudaStream_t stream);

@@ -215,7 +215,8 @@ bool pliant_advance_pair_step(const pliant_contact_settings *settings, const pli
         const double before = pair->t;
         pair->t = pliant_field_free(motion, triangle, before, now.limit, distances);
         pair->iterations++;
-        return pair->t >= 1 || pair->iterations >= PLIANT_ADVANCE_ITERATIONS || pair->t - before < PLIANT_ADVANCE_LITTLE;
+        return pair->t >= 1 || pair->iterations >= PLIANT_ADVANCE_ITERATIONS ||
+               pair->t - before < PLIANT_ADVANCE_LITTLE;
     }
     if (step < now.left) step = fmax(step, turning_plane(&now));
     if (step < now.left) step = fmax(step, fixed_plane(&now));

@@ -323,8 +323,11 @@ pliant_status pliant_advance_find_self(pliant_advance *advance, int32_t num_tria
                                        const double *from, const double *to, const pliant_advance_self *self,
                                        int num_threads, pliant_advance_self_result *out)
 {
-    search on = {
-        .advance = advance, .from = from, .to = to, .self = self, .margin = advance->settings.advance_stop * self->thickness};
+    search on = {.advance = advance,
+                 .from = from,
+                 .to = to,
+                 .self = self,
+                 .margin = advance->settings.advance_stop * self->thickness};
     const int threads = pliant_threads_of(num_threads);
     pliant_advance_self_result result = {.t = 1, .node = {-1, -1, -1, -1}};
     advance->num_self = 0;

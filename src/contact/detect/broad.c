@@ -35,7 +35,9 @@ static pliant_ball ball_of(const double *positions, const int32_t *nodes)
 {
     pliant_ball ball = {.radius = 0};
     for (int d = 0; d < 3; d++)
-        ball.middle[d] = (positions[3 * (size_t)nodes[0] + (size_t)d] + positions[3 * (size_t)nodes[1] + (size_t)d] + positions[3 * (size_t)nodes[2] + (size_t)d]) / 3;
+        ball.middle[d] = (positions[3 * (size_t)nodes[0] + (size_t)d] + positions[3 * (size_t)nodes[1] + (size_t)d] +
+                          positions[3 * (size_t)nodes[2] + (size_t)d]) /
+                         3;
     for (int v = 0; v < 3; v++) {
         const double *x = positions + 3 * (size_t)nodes[v];
         double square = 0;
@@ -48,13 +50,17 @@ static pliant_ball ball_of(const double *positions, const int32_t *nodes)
 static bool is_apart(const box *around, const double *positions, const int32_t *nodes)
 {
     for (int d = 0; d < 3; d++) {
-        const double a = positions[3 * (size_t)nodes[0] + (size_t)d], b = positions[3 * (size_t)nodes[1] + (size_t)d], c = positions[3 * (size_t)nodes[2] + (size_t)d];
-        if ((a < around->low[d] && b < around->low[d] && c < around->low[d]) || (a > around->high[d] && b > around->high[d] && c > around->high[d])) return true;
+        const double a = positions[3 * (size_t)nodes[0] + (size_t)d], b = positions[3 * (size_t)nodes[1] + (size_t)d],
+                     c = positions[3 * (size_t)nodes[2] + (size_t)d];
+        if ((a < around->low[d] && b < around->low[d] && c < around->low[d]) ||
+            (a > around->high[d] && b > around->high[d] && c > around->high[d]))
+            return true;
     }
     return false;
 }
 
-pliant_status pliant_broad_begin(pliant_broad *broad, const pliant_body *body, const double *positions, int32_t count, const pliant_moving_part *parts)
+pliant_status pliant_broad_begin(pliant_broad *broad, const pliant_body *body, const double *positions, int32_t count,
+                                 const pliant_moving_part *parts)
 {
     pliant_status status = make_room(broad, body->num_triangles);
     if (status != PLIANT_OK) return status;
@@ -84,10 +90,13 @@ int32_t pliant_broad_find(const pliant_broad *broad, const pliant_moving_part *p
         const pliant_ball *ball = broad->ball + n;
         double local[3], normal[3];
         bool apart = false;
-        for (int d = 0; d < 3; d++) apart = apart || ball->middle[d] + ball->radius < around.low[d] || ball->middle[d] - ball->radius > around.high[d];
+        for (int d = 0; d < 3; d++)
+            apart = apart || ball->middle[d] + ball->radius < around.low[d] ||
+                    ball->middle[d] - ball->radius > around.high[d];
         if (apart) continue;
         pliant_pose_from(&part->begin, ball->middle, local);
-        if (pliant_part_distance(part->part, local, normal) <= ball->radius + part->margin + part->way) out[found++] = broad->near[n];
+        if (pliant_part_distance(part->part, local, normal) <= ball->radius + part->margin + part->way)
+            out[found++] = broad->near[n];
     }
     return found;
 }

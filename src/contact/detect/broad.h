@@ -18,7 +18,8 @@ typedef struct pliant_broad {
 } pliant_broad;
 
 /* Find the triangles near any of the parts. Errors: MEMORY. */
-pliant_status pliant_broad_begin(pliant_broad *broad, const pliant_body *body, const double *positions, int32_t count, const pliant_moving_part *parts);
+pliant_status pliant_broad_begin(pliant_broad *broad, const pliant_body *body, const double *positions, int32_t count,
+                                 const pliant_moving_part *parts);
 /* Select those near one part.
  * @param out (num_near) triangles, ascending
  * @return number of triangles */

@@ -25,7 +25,10 @@ typedef struct search {
 enum { NODE_BITS = 26 /* bits per number in a key */ };
 enum feature_kind { A_NODE, AN_EDGE, A_FACE, A_PLANE };
 
-static uint64_t key_of(enum feature_kind kind, uint64_t a, uint64_t b) { return (uint64_t)kind << (2 * NODE_BITS) | a << NODE_BITS | b; }
+static uint64_t key_of(enum feature_kind kind, uint64_t a, uint64_t b)
+{
+    return (uint64_t)kind << (2 * NODE_BITS) | a << NODE_BITS | b;
+}
 
 static int compare_features(const void *a, const void *b)
 {
@@ -43,7 +46,10 @@ static int32_t sort_keys(uint64_t *keys, int32_t count)
     return left;
 }
 
-static uint64_t edge_key(int32_t a, int32_t b) { return a < b ? key_of(AN_EDGE, (uint64_t)a, (uint64_t)b) : key_of(AN_EDGE, (uint64_t)b, (uint64_t)a); }
+static uint64_t edge_key(int32_t a, int32_t b)
+{
+    return a < b ? key_of(AN_EDGE, (uint64_t)a, (uint64_t)b) : key_of(AN_EDGE, (uint64_t)b, (uint64_t)a);
+}
 
 static uint64_t face_key(int32_t triangle) { return key_of(A_FACE, (uint64_t)triangle, 0); }
 
@@ -73,18 +79,21 @@ static void gather(search *on)
         for (int v = 0; v < 3; v++) order[3 * t + v] = (uint64_t)on->body->triangles[3 * finder->triangle[t] + v];
     on->nodes = sort_keys(order, 3 * on->triangles);
     for (int32_t n = 0; n < on->nodes; n++) {
-        finder->node[n] = (pliant_feature){.key = key_of(A_NODE, order[n], 0), .count = 1, .node = {(int32_t)order[n]}, .weight = {1}};
+        finder->node[n] = (pliant_feature){
+            .key = key_of(A_NODE, order[n], 0), .count = 1, .node = {(int32_t)order[n]}, .weight = {1}};
         finder->slot[order[n]] = n;
     }
     for (int32_t t = 0; t < on->triangles; t++) {
         const int32_t *nodes = on->body->triangles + 3 * finder->triangle[t];
-        finder->face[t] = (pliant_feature){.key = face_key(finder->triangle[t]), .count = 3, .node = {nodes[0], nodes[1], nodes[2]}};
+        finder->face[t] =
+            (pliant_feature){.key = face_key(finder->triangle[t]), .count = 3, .node = {nodes[0], nodes[1], nodes[2]}};
         for (int v = 0; v < 3; v++) order[3 * t + v] = edge_key(nodes[v], nodes[(v + 1) % 3]);
     }
     on->edges = sort_keys(order, 3 * on->triangles);
     for (int32_t e = 0; e < on->edges; e++) {
         const uint64_t mask = ((uint64_t)1 << NODE_BITS) - 1;
-        finder->edge[e] = (pliant_feature){.key = order[e], .count = 2, .node = {(int32_t)(order[e] >> NODE_BITS & mask), (int32_t)(order[e] & mask)}};
+        finder->edge[e] = (pliant_feature){
+            .key = order[e], .count = 2, .node = {(int32_t)(order[e] >> NODE_BITS & mask), (int32_t)(order[e] & mask)}};
     }
     for (int32_t t = 0; t < on->triangles; t++) {
         pliant_feature *face = finder->face + t;
@@ -124,14 +133,16 @@ static bool leaves_out(const search *on, const pliant_feature *of)
 }
 
 /* Return the distance of a feature from the part's surface at a pose. normal: out of the core, in the part's frame */
-static double distance_of(const search *on, const pliant_pose *pose, pliant_feature *of, double enough, double normal[3])
+static double distance_of(const search *on, const pliant_pose *pose, pliant_feature *of, double enough,
+                          double normal[3])
 {
     double local[3][3];
     const double beyond = enough + on->part->guard;
     for (int32_t k = 0; k < of->count; k++) pliant_pose_from(pose, on->positions + 3 * (size_t)of->node[k], local[k]);
-    const double distance = of->count == 1   ? pliant_part_distance(&on->core, local[0], normal)
-                            : of->count == 2 ? pliant_edge_minimum(&on->core, (const double(*)[3])local, beyond, of->weight, normal)
-                                             : pliant_face_minimum(&on->core, (const double(*)[3])local, beyond, of->weight, normal);
+    const double distance = of->count == 1 ? pliant_part_distance(&on->core, local[0], normal)
+                            : of->count == 2
+                                ? pliant_edge_minimum(&on->core, (const double(*)[3])local, beyond, of->weight, normal)
+                                : pliant_face_minimum(&on->core, (const double(*)[3])local, beyond, of->weight, normal);
     return distance - on->part->guard;
 }
 
@@ -139,7 +150,8 @@ static void point_of(const search *on, const pliant_feature *of, double out[3])
 {
     for (int d = 0; d < 3; d++) {
         out[d] = 0;
-        for (int32_t k = 0; k < of->count; k++) out[d] += of->weight[k] * on->positions[3 * (size_t)of->node[k] + (size_t)d];
+        for (int32_t k = 0; k < of->count; k++)
+            out[d] += of->weight[k] * on->positions[3 * (size_t)of->node[k] + (size_t)d];
     }
 }
 
@@ -189,7 +201,8 @@ static void go_on_to_end(const search *on, pliant_feature *of, pliant_pose *pose
 
 /* Move the part's nearest point and normal with the part to the end of the leg. A penetration depth at the start of
  * the leg is reduced gradually. */
-static void carry_to_end(const search *on, pliant_feature *of, const double point[3], const double normal[3], const double place[3])
+static void carry_to_end(const search *on, pliant_feature *of, const double point[3], const double normal[3],
+                         const double place[3])
 {
     const pliant_moving_part *part = on->part;
     double before[3], world[3], gap = 0;
@@ -210,7 +223,8 @@ static void carry_to_end(const search *on, pliant_feature *of, const double poin
 
 /* Tissue at the center of a core has no distance gradient. Use the tissue's own normal as the direction out of the
  * part. Return false if the normal is 0. */
-static bool turn_outwards(const search *on, const pliant_pose *pose, const pliant_feature *of, const double local[3], double normal[3], double place[3])
+static bool turn_outwards(const search *on, const pliant_pose *pose, const pliant_feature *of, const double local[3],
+                          double normal[3], double place[3])
 {
     const double area = sqrt(dot(of->outwards, of->outwards));
     if (!(area > 0)) return false;
@@ -237,7 +251,9 @@ static void look(const search *on, pliant_feature *of)
     pliant_pose_from(&pose, point, local);
     const bool nowhere = dot(normal, normal) < 0.5;
     pliant_pose_turn(&pose, normal, world);
-    if (!nowhere && dot(world, of->outwards) > on->finder->settings.behind_cosine * sqrt(dot(of->outwards, of->outwards))) return;
+    if (!nowhere &&
+        dot(world, of->outwards) > on->finder->settings.behind_cosine * sqrt(dot(of->outwards, of->outwards)))
+        return;
     for (int d = 0; d < 3; d++) place[d] = local[d] - distance * normal[d];
     if (nowhere && !turn_outwards(on, &pose, of, local, normal, place)) return;
     carry_to_end(on, of, point, normal, place);
@@ -263,7 +279,8 @@ static bool has_pressed(const search *on, const pliant_feature *of)
  * contact point cannot replace this one. */
 static double gap_of(const search *on, const pliant_feature *border, const pliant_feature *of)
 {
-    return border->touches && dot(border->normal, of->normal) > on->finder->settings.same_cosine ? border->gap : INFINITY;
+    return border->touches && dot(border->normal, of->normal) > on->finder->settings.same_cosine ? border->gap
+                                                                                                 : INFINITY;
 }
 
 /* An edge or triangle gets a point if it is deeper than its adjacent features by `sag`. An existing point stays
@@ -282,17 +299,21 @@ static void keep_deeper(const search *on)
     pliant_finder *finder = on->finder;
     for (int32_t e = 0; e < on->edges; e++) {
         pliant_feature *edge = finder->edge + e;
-        const pliant_feature *ends[2] = {finder->node + finder->slot[edge->node[0]], finder->node + finder->slot[edge->node[1]]};
+        const pliant_feature *ends[2] = {finder->node + finder->slot[edge->node[0]],
+                                         finder->node + finder->slot[edge->node[1]]};
         const double *a = on->positions + 3 * (size_t)edge->node[0], *b = on->positions + 3 * (size_t)edge->node[1];
         const double along[3] = {b[0] - a[0], b[1] - a[1], b[2] - a[2]};
-        if (edge->touches) keep_if_deeper(on, edge, fmin(gap_of(on, ends[0], edge), gap_of(on, ends[1], edge)), sqrt(dot(along, along)));
+        if (edge->touches)
+            keep_if_deeper(on, edge, fmin(gap_of(on, ends[0], edge), gap_of(on, ends[1], edge)),
+                           sqrt(dot(along, along)));
     }
     for (int32_t t = 0; t < on->triangles; t++) {
         pliant_feature *face = finder->face + t;
         double gap = INFINITY;
         if (!face->touches) continue;
         for (int v = 0; v < 3; v++)
-            gap = fmin(gap, fmin(gap_of(on, finder->node + finder->slot[face->node[v]], face), gap_of(on, finder->edge + finder->edge_of[3 * t + v], face)));
+            gap = fmin(gap, fmin(gap_of(on, finder->node + finder->slot[face->node[v]], face),
+                                 gap_of(on, finder->edge + finder->edge_of[3 * t + v], face)));
         keep_if_deeper(on, face, gap, sqrt(sqrt(dot(face->outwards, face->outwards))));
     }
 }
@@ -321,14 +342,23 @@ static void share_areas(const search *on)
 static int32_t jaw_of(const pliant_moving_part *part)
 {
     const pliant_part_frame frame = part->part->frame;
-    return part->kind != PLIANT_OBSTACLE_TOOL ? 0 : frame == PLIANT_FRAME_JAW_PLUS ? 1 : frame == PLIANT_FRAME_JAW_MINUS ? -1 : 0;
+    return part->kind != PLIANT_OBSTACLE_TOOL ? 0
+           : frame == PLIANT_FRAME_JAW_PLUS   ? 1
+           : frame == PLIANT_FRAME_JAW_MINUS  ? -1
+                                              : 0;
 }
 
 static void write(const search *on, const pliant_feature *of, pliant_contact_point *out)
 {
     *out = (pliant_contact_point){
-        .feature = on->part_key << 56 | of->key, .kind = on->part->kind, .tool = on->part->kind == PLIANT_OBSTACLE_TOOL ? on->part->tool : -1,
-        .part = on->part->index, .count = of->count, .area = of->area, .friction = on->part->friction, .jaw = jaw_of(on->part),
+        .feature = on->part_key << 56 | of->key,
+        .kind = on->part->kind,
+        .tool = on->part->kind == PLIANT_OBSTACLE_TOOL ? on->part->tool : -1,
+        .part = on->part->index,
+        .count = of->count,
+        .area = of->area,
+        .friction = on->part->friction,
+        .jaw = jaw_of(on->part),
     };
     for (int32_t k = 0; k < of->count; k++) {
         out->node[k] = of->node[k];
@@ -353,10 +383,12 @@ static int32_t compact(pliant_feature *features, int32_t count)
  * planes are a convex inner approximation of the free states, so the next leg passes the pair that blocked the last
  * one. Far from the core the plane is slightly nearer to the core than the triangle. Near the core it is slightly
  * farther, so that it pushes the triangle out. */
-static void write_plane(const search *on, const pliant_feature *face, double distance, int32_t triangle, const double normal[3], pliant_contacts *out)
+static void write_plane(const search *on, const pliant_feature *face, double distance, int32_t triangle,
+                        const double normal[3], pliant_contacts *out)
 {
     const pliant_moving_part *part = on->part;
-    const double step = on->finder->settings.plane_step, left = part->guard - part->off, core = distance + left, least = 0.5 * on->finder->settings.plane_distance * left;
+    const double step = on->finder->settings.plane_step, left = part->guard - part->off, core = distance + left,
+                 least = 0.5 * on->finder->settings.plane_distance * left;
     /* offset of the plane from the triangle's nearest point */
     const double away = (core < least ? core + step * left : (1 - step) * core) - core;
     double point[3], local[3], place[3], before[3];
@@ -366,8 +398,14 @@ static void write_plane(const search *on, const pliant_feature *face, double dis
     pliant_pose_to(&part->begin, place, before);
     for (int v = 0; v < 3; v++) {
         pliant_contact_point *to = out->point + out->count++;
-        *to = (pliant_contact_point){.feature = on->part_key << 56 | key_of(A_PLANE, (uint64_t)triangle, (uint64_t)v), .kind = part->kind,
-                                     .tool = part->kind == PLIANT_OBSTACLE_TOOL ? part->tool : -1, .part = part->index, .count = 1, .node = {face->node[v]}, .weight = {1}, .jaw = jaw_of(part)};
+        *to = (pliant_contact_point){.feature = on->part_key << 56 | key_of(A_PLANE, (uint64_t)triangle, (uint64_t)v),
+                                     .kind = part->kind,
+                                     .tool = part->kind == PLIANT_OBSTACLE_TOOL ? part->tool : -1,
+                                     .part = part->index,
+                                     .count = 1,
+                                     .node = {face->node[v]},
+                                     .weight = {1},
+                                     .jaw = jaw_of(part)};
         pliant_pose_turn(&part->end, normal, to->normal);
         pliant_pose_to(&part->end, place, to->place);
         for (int d = 0; d < 3; d++) to->drift[d] = to->place[d] - before[d];
@@ -382,7 +420,8 @@ static void add_planes(const search *on, pliant_contacts *out)
         pliant_feature face = {.count = 3, .node = {nodes[0], nodes[1], nodes[2]}};
         double normal[3];
         if (leaves_out(on, &face)) continue;
-        const double left = on->part->guard - on->part->off, distance = distance_of(on, &on->part->begin, &face, 0, normal), core = distance + left;
+        const double left = on->part->guard - on->part->off,
+                     distance = distance_of(on, &on->part->begin, &face, 0, normal), core = distance + left;
         if (core > finder->settings.plane_distance * left || !(core > 0) || dot(normal, normal) < 0.5) continue;
         write_plane(on, &face, distance, triangle, normal, out);
     }
@@ -393,7 +432,8 @@ static pliant_status append(search *on, pliant_contacts *out)
 {
     pliant_finder *finder = on->finder;
     pliant_feature *const kinds[] = {finder->node, finder->edge, finder->face};
-    const int32_t counts[] = {compact(finder->node, on->nodes), compact(finder->edge, on->edges), compact(finder->face, on->triangles)};
+    const int32_t counts[] = {compact(finder->node, on->nodes), compact(finder->edge, on->edges),
+                              compact(finder->face, on->triangles)};
     const int32_t total = counts[0] + counts[1] + counts[2] + 3 * on->triangles;
     pliant_status status = total > 0 ? pliant_contacts_reserve(out, out->count + total) : PLIANT_OK;
     for (int kind = 0; kind < 3 && status == PLIANT_OK; kind++)
@@ -414,17 +454,25 @@ static void look_at_all(search *on)
 
 static uint64_t part_key_of(const pliant_moving_part *part)
 {
-    return part->kind == PLIANT_OBSTACLE_TOOL ? (uint64_t)(PLIANT_MAX_PARTS * part->tool + part->index) : 128 + (uint64_t)part->index;
+    return part->kind == PLIANT_OBSTACLE_TOOL ? (uint64_t)(PLIANT_MAX_PARTS * part->tool + part->index)
+                                              : 128 + (uint64_t)part->index;
 }
 
-pliant_status pliant_contact_find(pliant_finder *finder, const pliant_body *body, const double *positions, const pliant_contacts *before, bool blocked, int32_t count,
+pliant_status pliant_contact_find(pliant_finder *finder, const pliant_body *body, const double *positions,
+                                  const pliant_contacts *before, bool blocked, int32_t count,
                                   const pliant_moving_part *parts, pliant_contacts *out)
 {
     if (count == 0) return PLIANT_OK;
     pliant_status status = pliant_broad_begin(&finder->broad, body, positions, count, parts);
     if (status == PLIANT_OK) status = pliant_finder_room(finder, body);
     for (int32_t p = 0; p < count && status == PLIANT_OK; p++) {
-        search on = {.finder = finder, .body = body, .positions = positions, .before = before, .blocked = blocked, .part = parts + p, .part_key = part_key_of(parts + p)};
+        search on = {.finder = finder,
+                     .body = body,
+                     .positions = positions,
+                     .before = before,
+                     .blocked = blocked,
+                     .part = parts + p,
+                     .part_key = part_key_of(parts + p)};
         on.core = pliant_part_core(on.part->part, on.part->guard);
         on.triangles = pliant_broad_find(&finder->broad, on.part, finder->triangle);
         gather(&on);

@@ -50,7 +50,8 @@ pliant_status pliant_contacts_copy(const pliant_contacts *from, pliant_contacts 
  *   it is higher than its neighbors
  * @param blocked the previous leg was blocked: add plane constraints
  * Errors: MEMORY. */
-pliant_status pliant_contact_find(pliant_finder *finder, const pliant_body *body, const double *positions, const pliant_contacts *before, bool blocked, int32_t count,
+pliant_status pliant_contact_find(pliant_finder *finder, const pliant_body *body, const double *positions,
+                                  const pliant_contacts *before, bool blocked, int32_t count,
                                   const pliant_moving_part *parts, pliant_contacts *out);
 
 #ifdef __cplusplus

@@ -55,9 +55,12 @@ pliant_status pliant_finder_room(pliant_finder *finder, const pliant_body *body)
         finder->room_nodes = body->fine.num_nodes;
     }
     if (finder->broad.num_near <= finder->room_triangles) return PLIANT_OK;
-    if (!pliant_grow(&finder->triangle, triangles, sizeof *finder->triangle) || !pliant_grow(&finder->face, triangles, sizeof *finder->face) ||
-        !pliant_grow(&finder->edge, 3 * triangles, sizeof *finder->edge) || !pliant_grow(&finder->node, 3 * triangles, sizeof *finder->node) ||
-        !pliant_grow(&finder->edge_of, 3 * triangles, sizeof *finder->edge_of) || !pliant_grow(&finder->order, 3 * triangles, sizeof *finder->order))
+    if (!pliant_grow(&finder->triangle, triangles, sizeof *finder->triangle) ||
+        !pliant_grow(&finder->face, triangles, sizeof *finder->face) ||
+        !pliant_grow(&finder->edge, 3 * triangles, sizeof *finder->edge) ||
+        !pliant_grow(&finder->node, 3 * triangles, sizeof *finder->node) ||
+        !pliant_grow(&finder->edge_of, 3 * triangles, sizeof *finder->edge_of) ||
+        !pliant_grow(&finder->order, 3 * triangles, sizeof *finder->order))
         return pliant_fail_memory("contacts");
     finder->room_triangles = finder->broad.num_near;
     return PLIANT_OK;

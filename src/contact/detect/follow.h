@@ -37,7 +37,8 @@ PLIANT_INLINE bool pliant_contact_follow(double x[4][3], pliant_contact_point *p
     const int kind = (int)(point->feature >> 56);
     const bool edges = kind == PLIANT_TISSUE_EDGE;
     double normal[3], to[3], square = 0, sign = 0, out_of = 0, share[2] = {0, 0};
-    if (point->kind != PLIANT_OBSTACLE_TISSUE || point->count != 4 || (kind != PLIANT_TISSUE_NODE && !edges)) return false;
+    if (point->kind != PLIANT_OBSTACLE_TISSUE || point->count != 4 || (kind != PLIANT_TISSUE_NODE && !edges))
+        return false;
     out->from[0] = edges ? 0 : 1;
     out->from[1] = edges ? 2 : 1;
     out->to[0] = edges ? 1 : 2;
@@ -75,7 +76,8 @@ PLIANT_INLINE bool pliant_contact_follow(double x[4][3], pliant_contact_point *p
 /* Compute the normal forces that balance the torque of a tangential force. A tangential force acts on the first
  * side and its opposite on the second, with the gap as lever. The result is a force along the normal at both ends
  * of each direction. */
-PLIANT_INLINE void pliant_facing_turn_back(const pliant_facing *facing, const double normal[3], const double force[3], double out[2])
+PLIANT_INLINE void pliant_facing_turn_back(const pliant_facing *facing, const double normal[3], const double force[3],
+                                           double out[2])
 {
     const double *u = facing->along[0], *w = facing->along[1];
     double whole = 0;

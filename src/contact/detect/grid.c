@@ -64,7 +64,8 @@ static int is_sound(const pliant_grid_box *box)
 static void choose_cells(pliant_grid *grid)
 {
     const double most = 8.0 * grid->count + 64;
-    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY}, sum = 0, sound = 0, cells = 1;
+    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY}, sum = 0, sound = 0,
+           cells = 1;
     for (int32_t i = 0; i < grid->count; i++) {
         const pliant_grid_box *box = grid->box + i;
         if (!is_sound(box)) continue;
@@ -120,14 +121,15 @@ static void each_cell(pliant_grid *grid, int32_t i, int give)
     for (int32_t c = box->cell[2]; c <= last[2]; c++)
         for (int32_t b = box->cell[1]; b <= last[1]; b++)
             for (int32_t a = box->cell[0]; a <= last[0]; a++) {
-                const size_t cell = (size_t)a + (size_t)grid->cells[0] * ((size_t)b + (size_t)grid->cells[1] * (size_t)c);
+                const size_t cell =
+                    (size_t)a + (size_t)grid->cells[0] * ((size_t)b + (size_t)grid->cells[1] * (size_t)c);
                 if (give) grid->item[--grid->start[cell]] = i;
                 else grid->start[cell]++;
             }
 }
 
-pliant_status pliant_grid_fill(pliant_grid *grid, int32_t count, const int32_t *tet, const int32_t *tets, const double *positions, double margin,
-                               int threads)
+pliant_status pliant_grid_fill(pliant_grid *grid, int32_t count, const int32_t *tet, const int32_t *tets,
+                               const double *positions, double margin, int threads)
 {
     grid->count = 0;
     pliant_status status = make_room(&grid->box, &grid->box_room, (size_t)count, sizeof *grid->box);
@@ -183,10 +185,11 @@ static void fill_tile(const pliant_grid *grid, const int32_t *item, int32_t coun
 /* Test which boxes of a tile intersect one box. */
 PLIANT_VECTORIZED static void meet(const tile *all, const tile *of, int32_t one, uint8_t hit[TILE])
 {
-    const float low[3] = {of->low[0][one], of->low[1][one], of->low[2][one]}, high[3] = {of->high[0][one], of->high[1][one], of->high[2][one]};
+    const float low[3] = {of->low[0][one], of->low[1][one], of->low[2][one]},
+                high[3] = {of->high[0][one], of->high[1][one], of->high[2][one]};
     for (int j = 0; j < TILE; j++)
-        hit[j] = (all->low[0][j] < high[0]) & (low[0] < all->high[0][j]) & (all->low[1][j] < high[1]) & (low[1] < all->high[1][j]) &
-                 (all->low[2][j] < high[2]) & (low[2] < all->high[2][j]);
+        hit[j] = (all->low[0][j] < high[0]) & (low[0] < all->high[0][j]) & (all->low[1][j] < high[1]) &
+                 (low[1] < all->high[1][j]) & (all->low[2][j] < high[2]) & (low[2] < all->high[2][j]);
 }
 
 static int share_a_node(const int32_t *a, const int32_t *b)
@@ -262,7 +265,8 @@ static void search_chunk(const pair_search *search, int chunk)
     }
 }
 
-pliant_status pliant_grid_overlaps(pliant_grid *grid, const int32_t *tets, const double *positions, int threads, int32_t *count)
+pliant_status pliant_grid_overlaps(pliant_grid *grid, const int32_t *tets, const double *positions, int threads,
+                                   int32_t *count)
 {
     const pair_search search = {.grid = grid, .tets = tets, .positions = positions};
     for (int c = 0; c < PLIANT_GRID_CHUNKS; c++) grid->found[c].count = 0;

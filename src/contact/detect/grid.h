@@ -46,13 +46,14 @@ void pliant_grid_free(pliant_grid *grid); /* frees its contents */
  * @param positions (nodes x 3) [m]
  * @param margin enlarges boxes on every side [m]
  * Errors: MEMORY. */
-pliant_status pliant_grid_fill(pliant_grid *grid, int32_t count, const int32_t *tet, const int32_t *tets, const double *positions, double margin,
-                               int threads);
+pliant_status pliant_grid_fill(pliant_grid *grid, int32_t count, const int32_t *tet, const int32_t *tets,
+                               const double *positions, double margin, int threads);
 
 /* Find pairs of overlapping tetrahedra that share no node; each pair once, the lower number first. The pairs are in
  * grid->found. Their order does not depend on the number of threads. Arguments as in pliant_grid_fill. Errors:
  * MEMORY. */
-pliant_status pliant_grid_overlaps(pliant_grid *grid, const int32_t *tets, const double *positions, int threads, int32_t *count);
+pliant_status pliant_grid_overlaps(pliant_grid *grid, const int32_t *tets, const double *positions, int threads,
+                                   int32_t *count);
 
 /* Return in *pair a buffer for pairs that a GPU has found. They replace the last result. Errors: MEMORY. */
 pliant_status pliant_grid_take_pairs(pliant_grid *grid, int32_t count, int32_t **pair);

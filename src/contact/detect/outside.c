@@ -53,7 +53,8 @@ static int32_t list_triangles(const pliant_mesh *mesh, const int32_t *across, co
         for (int c = 0; c < 4 && solid[t]; c++) {
             const int32_t other = across[4 * (size_t)t + (size_t)c];
             if (other >= 0 && solid[other]) continue;
-            for (int v = 0; out && v < 3; v++) out[3 * (size_t)count + (size_t)v] = mesh->tets[4 * (size_t)t + (size_t)corners_of[c][v]];
+            for (int v = 0; out && v < 3; v++)
+                out[3 * (size_t)count + (size_t)v] = mesh->tets[4 * (size_t)t + (size_t)corners_of[c][v]];
             count++;
         }
     return count;
@@ -87,7 +88,8 @@ static pliant_status find_solid(pliant_outside *outside, const pliant_body *load
     for (int32_t t = 0; good && t < mesh->num_tets; t++) {
         const int32_t *node = mesh->tets + 4 * (size_t)t;
         const bool beside = full[node[0]] || full[node[1]] || full[node[2]] || full[node[3]];
-        outside->solid_at_load[t] = load->fine_material[t].tissue >= half || (load->fine_material[t].tissue > 0 && !beside);
+        outside->solid_at_load[t] =
+            load->fine_material[t].tissue >= half || (load->fine_material[t].tissue > 0 && !beside);
     }
     pliant_free(full);
     return good ? PLIANT_OK : no_memory();
@@ -102,7 +104,8 @@ static double tissue_at(const pliant_outside_voxels *voxels, const double origin
     int64_t low[3];
     for (int axis = 0; axis < 3; axis++) {
         index[axis] = 0;
-        for (int d = 0; d < 3; d++) index[axis] += geometry->direction[3 * d + axis] * (at[d] - origin[d]) / geometry->spacing[axis];
+        for (int d = 0; d < 3; d++)
+            index[axis] += geometry->direction[3 * d + axis] * (at[d] - origin[d]) / geometry->spacing[axis];
         low[axis] = (int64_t)floor(index[axis]);
     }
     for (int n = 0; n < 8; n++) {
@@ -121,7 +124,8 @@ static double tissue_at(const pliant_outside_voxels *voxels, const double origin
 }
 
 /* Return the signed distance along the normal at which tissue begins, searched from outside to inside [m]; 0: none. */
-static double way_to_tissue(const pliant_outside_voxels *voxels, const double at[3], const double normal[3], double reach)
+static double way_to_tissue(const pliant_outside_voxels *voxels, const double at[3], const double normal[3],
+                            double reach)
 {
     const double *spacing = voxels->geometry->spacing, stride = 0.25 * fmin(spacing[0], fmin(spacing[1], spacing[2]));
     double before = 0, origin[3];
@@ -160,7 +164,9 @@ static double *normals_of(const pliant_mesh *mesh, int32_t count, const int32_t 
             b[d] = mesh->rest[3 * triangles[3 * t + 2] + d] - mesh->rest[3 * triangles[3 * t] + d];
         }
         for (int v = 0; v < 3; v++)
-            for (int d = 0; d < 3; d++) normal[3 * triangles[3 * t + v] + d] += a[(d + 1) % 3] * b[(d + 2) % 3] - a[(d + 2) % 3] * b[(d + 1) % 3];
+            for (int d = 0; d < 3; d++)
+                normal[3 * triangles[3 * t + v] + d] +=
+                    a[(d + 1) % 3] * b[(d + 2) % 3] - a[(d + 2) % 3] * b[(d + 1) % 3];
     }
     return normal;
 }
@@ -179,7 +185,8 @@ static void free_ends(ends *found)
 
 /* Find the boundary. triangles: (count x 3) of the topology at load. The caller frees the result, also after an
  * error. */
-static pliant_status find_ends(const pliant_outside_voxels *voxels, int32_t count, const int32_t *triangles, ends *found)
+static pliant_status find_ends(const pliant_outside_voxels *voxels, int32_t count, const int32_t *triangles,
+                               ends *found)
 {
     const pliant_mesh *mesh = &voxels->load->fine;
     const double reach = farthest * fmin(mesh->cell_size[0], fmin(mesh->cell_size[1], mesh->cell_size[2]));
@@ -208,14 +215,16 @@ static void set_corner(pliant_outside *outside, const pliant_mesh *mesh, const e
 
 /* Find the nodes whose corners at rest take part in a self-intersection, and set their flag in out.
  * @param any out: whether one of these corners differs from its node */
-static pliant_status find_overlaps(const pliant_outside *outside, const pliant_outside_voxels *voxels, const ends *found, pliant_tissue *tissue, double *positions, uint8_t *out,
-                                    bool *any)
+static pliant_status find_overlaps(const pliant_outside *outside, const pliant_outside_voxels *voxels,
+                                   const ends *found, pliant_tissue *tissue, double *positions, uint8_t *out, bool *any)
 {
     const pliant_mesh *mesh = &voxels->load->fine;
     const pliant_tissue_rule rule = {.margin = 0};
     pliant_contacts points = {.count = 0};
     for (int32_t n = 0; n < mesh->num_nodes; n++)
-        for (int d = 0; d < 3; d++) positions[3 * (size_t)n + (size_t)d] = mesh->rest[3 * n + d] + (outside->tet_at_load[n] >= 0 ? found->way[n] * found->unit[n][d] : 0);
+        for (int d = 0; d < 3; d++)
+            positions[3 * (size_t)n + (size_t)d] =
+                mesh->rest[3 * n + d] + (outside->tet_at_load[n] >= 0 ? found->way[n] * found->unit[n][d] : 0);
     pliant_tissue_forget(tissue);
     const pliant_status status = pliant_tissue_find(tissue, positions, &rule, &points);
     for (int32_t p = 0; status == PLIANT_OK && p < points.count; p++) {
@@ -239,7 +248,9 @@ static pliant_status keep_apart(pliant_outside *outside, const pliant_outside_vo
     pliant_tissue tissue = {.body = NULL};
     double *positions = pliant_calloc(3 * (size_t)mesh->num_nodes, sizeof *positions);
     uint8_t *overlaps = pliant_calloc((size_t)mesh->num_nodes, 1);
-    pliant_status status = positions && overlaps ? pliant_tissue_set_body(&tissue, voxels->load, outside->solid_at_load, voxels->threads) : no_memory();
+    pliant_status status = positions && overlaps
+                               ? pliant_tissue_set_body(&tissue, voxels->load, outside->solid_at_load, voxels->threads)
+                               : no_memory();
     bool any = status == PLIANT_OK && tissue.num_skins > 0;
     for (int round = 0; any && round < ROUNDS; round++) {
         any = false;
@@ -259,13 +270,15 @@ static pliant_status keep_apart(pliant_outside *outside, const pliant_outside_vo
 }
 
 /* Find all corners. triangles: (count x 3) of the topology at load */
-static pliant_status find_corners(pliant_outside *outside, const pliant_outside_voxels *voxels, int32_t count, const int32_t *triangles)
+static pliant_status find_corners(pliant_outside *outside, const pliant_outside_voxels *voxels, int32_t count,
+                                  const int32_t *triangles)
 {
     const pliant_mesh *mesh = &voxels->load->fine;
     ends found = {NULL, NULL};
     outside->tet_at_load = pliant_calloc((size_t)mesh->num_nodes, sizeof *outside->tet_at_load);
     outside->share = pliant_calloc((size_t)mesh->num_nodes, sizeof *outside->share);
-    pliant_status status = outside->tet_at_load && outside->share ? find_ends(voxels, count, triangles, &found) : no_memory();
+    pliant_status status =
+        outside->tet_at_load && outside->share ? find_ends(voxels, count, triangles, &found) : no_memory();
     for (int32_t n = 0; status == PLIANT_OK && n < mesh->num_nodes; n++) set_corner(outside, mesh, &found, n);
     if (status == PLIANT_OK && voxels->touches_itself) status = keep_apart(outside, voxels, &found);
     free_ends(&found);
@@ -279,16 +292,19 @@ static pliant_status find_corners(pliant_outside *outside, const pliant_outside_
 static void find_tets(pliant_outside *outside, const pliant_body *body)
 {
     const pliant_mesh *mesh = &body->fine;
-    for (int32_t n = 0; n < mesh->num_nodes; n++) outside->tet[n] = outside->tet_at_load[body->node_parent ? body->node_parent[n] : n];
+    for (int32_t n = 0; n < mesh->num_nodes; n++)
+        outside->tet[n] = outside->tet_at_load[body->node_parent ? body->node_parent[n] : n];
     for (int32_t v = 0; body->tet_parent && v < 4 * mesh->num_tets; v++)
         if (outside->tet[mesh->tets[v]] == body->tet_parent[v / 4]) outside->tet[mesh->tets[v]] = v / 4;
 }
 
 /* Compute the data that all topologies share. out: (count x 3) triangles at load, Nullable */
-static pliant_status find_load(pliant_outside *outside, const pliant_outside_voxels *voxels, int32_t *count, int32_t **out)
+static pliant_status find_load(pliant_outside *outside, const pliant_outside_voxels *voxels, int32_t *count,
+                               int32_t **out)
 {
     pliant_status status = find_solid(outside, voxels->load);
-    if (status == PLIANT_OK && !(*out = triangles_of(voxels->load, outside->solid_at_load, count))) status = no_memory();
+    if (status == PLIANT_OK && !(*out = triangles_of(voxels->load, outside->solid_at_load, count)))
+        status = no_memory();
     if (status == PLIANT_OK) status = find_corners(outside, voxels, *count, *out);
     if (status == PLIANT_OK) return PLIANT_OK;
     free_load(outside);
@@ -296,7 +312,8 @@ static pliant_status find_load(pliant_outside *outside, const pliant_outside_vox
     return status;
 }
 
-pliant_status pliant_outside_set_body(pliant_outside *outside, const pliant_outside_voxels *voxels, const pliant_body *body)
+pliant_status pliant_outside_set_body(pliant_outside *outside, const pliant_outside_voxels *voxels,
+                                      const pliant_body *body)
 {
     pliant_status status = PLIANT_OK;
     int32_t count = 0, *triangles = NULL;
@@ -313,8 +330,10 @@ pliant_status pliant_outside_set_body(pliant_outside *outside, const pliant_outs
     outside->tet = pliant_calloc((size_t)body->fine.num_nodes, sizeof *outside->tet);
     outside->positions = pliant_calloc(3 * (size_t)body->fine.num_nodes, sizeof *outside->positions);
     if (!outside->solid || !outside->tet || !outside->positions) status = no_memory();
-    for (int32_t t = 0; status == PLIANT_OK && t < body->fine.num_tets; t++) outside->solid[t] = outside->solid_at_load[body->tet_parent ? body->tet_parent[t] : t];
-    if (status == PLIANT_OK && !triangles && !(triangles = triangles_of(body, outside->solid, &count))) status = no_memory();
+    for (int32_t t = 0; status == PLIANT_OK && t < body->fine.num_tets; t++)
+        outside->solid[t] = outside->solid_at_load[body->tet_parent ? body->tet_parent[t] : t];
+    if (status == PLIANT_OK && !triangles && !(triangles = triangles_of(body, outside->solid, &count)))
+        status = no_memory();
     outside->triangles = triangles;
     if (status != PLIANT_OK) {
         free_body(outside);
@@ -386,7 +405,9 @@ void pliant_outside_spread(const pliant_outside *outside, pliant_contacts *conta
         for (int32_t k = 0; k < was.count; k++) {
             const int32_t tet = outside->tet[was.node[k]];
             if (tet < 0) add_weight(point, was.node[k], was.weight[k]);
-            for (int v = 0; tet >= 0 && v < 4; v++) add_weight(point, outside->view.fine.tets[4 * (size_t)tet + (size_t)v], was.weight[k] * share_of(outside, was.node[k])[v]);
+            for (int v = 0; tet >= 0 && v < 4; v++)
+                add_weight(point, outside->view.fine.tets[4 * (size_t)tet + (size_t)v],
+                           was.weight[k] * share_of(outside, was.node[k])[v]);
         }
     }
 }

@@ -42,7 +42,8 @@ typedef struct pliant_outside {
 
 void pliant_outside_free(pliant_outside *outside); /* frees its contents */
 /* Set the topology. Do nothing if it is the current one. Errors: MEMORY. */
-pliant_status pliant_outside_set_body(pliant_outside *outside, const pliant_outside_voxels *voxels, const pliant_body *body);
+pliant_status pliant_outside_set_body(pliant_outside *outside, const pliant_outside_voxels *voxels,
+                                      const pliant_body *body);
 /* Compute the position of a surface node's corner. positions: (nodes x 3) [m] */
 void pliant_outside_corner(const pliant_outside *outside, int32_t node, const double *positions, double out[3]);
 /* Compute outside->positions from the positions of the nodes. */

@@ -38,7 +38,8 @@ PLIANT_INLINE int pliant_overlap_faces(double a[3][4], double b[3][4], double he
     for (int f = 3; f >= 0; f--) {
         const int through = f == 0;
         for (int v = 0; v < 4; v++)
-            height[f][v] = normal[f][0] * (b[0][v] - a[0][through]) + normal[f][1] * (b[1][v] - a[1][through]) + normal[f][2] * (b[2][v] - a[2][through]);
+            height[f][v] = normal[f][0] * (b[0][v] - a[0][through]) + normal[f][1] * (b[1][v] - a[1][through]) +
+                           normal[f][2] * (b[2][v] - a[2][through]);
         if (!((height[f][0] < 0) | (height[f][1] < 0) | (height[f][2] < 0) | (height[f][3] < 0))) return 0;
     }
     return 1;
@@ -48,7 +49,8 @@ PLIANT_INLINE int pliant_overlap_faces(double a[3][4], double b[3][4], double he
 PLIANT_INLINE void pliant_overlap_below(double height[4][4], int below[4])
 {
     PLIANT_UNROLL
-    for (int f = 0; f < 4; f++) below[f] = (height[f][0] < 0) | (height[f][1] < 0) << 1 | (height[f][2] < 0) << 2 | (height[f][3] < 0) << 3;
+    for (int f = 0; f < 4; f++)
+        below[f] = (height[f][0] < 0) | (height[f][1] < 0) << 1 | (height[f][2] < 0) << 2 | (height[f][3] < 0) << 3;
 }
 
 /* Return whether a plane through an edge separates a and b, from the heights over its two faces. */
@@ -73,7 +75,8 @@ PLIANT_INLINE int pliant_tets_overlap(double a[3][4], double b[3][4])
     if (!pliant_overlap_faces(a, b, height) || !pliant_overlap_faces(b, a, back)) return 0;
     pliant_overlap_below(height, below);
     pliant_overlap_below(back, below_back);
-    if ((below[0] & below[1] & below[2] & below[3]) || (below_back[0] & below_back[1] & below_back[2] & below_back[3])) return 1;
+    if ((below[0] & below[1] & below[2] & below[3]) || (below_back[0] & below_back[1] & below_back[2] & below_back[3]))
+        return 1;
     PLIANT_UNROLL
     for (int f = 0; f < 3; f++) {
         PLIANT_UNROLL

@@ -25,7 +25,8 @@ static void search_node(const finding *on, int32_t index)
         const int32_t i = grid->item[k];
         const pliant_grid_box *box = grid->box + i;
         if (!pliant_tissue_is_in_box(point, box->low, box->high)) continue;
-        for (int32_t s = tissue->skin_start[i]; s < tissue->skin_start[i + 1]; s++) pliant_tissue_try_skin(&on->view, index, s);
+        for (int32_t s = tissue->skin_start[i]; s < tissue->skin_start[i + 1]; s++)
+            pliant_tissue_try_skin(&on->view, index, s);
     }
     pliant_tissue_try_last(&on->view, index);
 }
@@ -43,9 +44,14 @@ static void try_deep(const finding *on, int32_t index, int32_t tet)
     pliant_touching best = {.skin = -1, .gap = -INFINITY};
     for (int32_t s = 0; s < tissue->num_skins; s++) {
         pliant_touching one = {.skin = s};
-        if (!pliant_tissue_look_down(&on->view, s, point, one.weight, &one.gap) || !(one.gap < 0 && one.gap > best.gap)) continue;
-        if (one.weight[0] < -PLIANT_TISSUE_BORDER || one.weight[1] < -PLIANT_TISSUE_BORDER || one.weight[2] < -PLIANT_TISSUE_BORDER) continue;
-        if (pliant_tissue_can_move(&on->view, tissue->node[index], s) && pliant_tissue_walk(&on->view, tissue->skin[s].tet, point) == holder) best = one;
+        if (!pliant_tissue_look_down(&on->view, s, point, one.weight, &one.gap) || !(one.gap < 0 && one.gap > best.gap))
+            continue;
+        if (one.weight[0] < -PLIANT_TISSUE_BORDER || one.weight[1] < -PLIANT_TISSUE_BORDER ||
+            one.weight[2] < -PLIANT_TISSUE_BORDER)
+            continue;
+        if (pliant_tissue_can_move(&on->view, tissue->node[index], s) &&
+            pliant_tissue_walk(&on->view, tissue->skin[s].tet, point) == holder)
+            best = one;
     }
     if (best.skin >= 0) pliant_tissue_keep(&on->view, index, &best);
 }
@@ -82,7 +88,8 @@ static void spread(const finding *on)
             for (int32_t a = tissue->around_start[n]; a < tissue->around_start[n + 1] && tissue->count[n] == 0; a++) {
                 const int32_t beside = tissue->index_of[tissue->around[a]];
                 const pliant_touching *one = tissue->touching + PLIANT_TOUCHINGS * (size_t)beside;
-                if (tissue->count[beside] > 0 && one->gap < -on->view.settings.edge_depth * tissue->shortest) try_deep(on, n, tissue->skin[one->skin].tet);
+                if (tissue->count[beside] > 0 && one->gap < -on->view.settings.edge_depth * tissue->shortest)
+                    try_deep(on, n, tissue->skin[one->skin].tet);
             }
             more = more || tissue->count[n] > 0;
         }
@@ -147,7 +154,8 @@ static bool touches_any(const finding *on, int32_t tet)
     const pliant_tissue *tissue = on->tissue;
     for (int v = 0; v < 4; v++) {
         const int32_t index = tissue->index_of[tissue->body->fine.tets[4 * (size_t)tet + (size_t)v]];
-        if (index >= 0 && tissue->count[index] > 0 && tissue->touching[PLIANT_TOUCHINGS * (size_t)index].gap < 0) return true;
+        if (index >= 0 && tissue->count[index] > 0 && tissue->touching[PLIANT_TOUCHINGS * (size_t)index].gap < 0)
+            return true;
     }
     return false;
 }
@@ -158,14 +166,16 @@ static bool edge_normal(const finding *on, int32_t skin, int edge, double out[3]
     const pliant_tissue *tissue = on->tissue;
     const int32_t beside = tissue->skin[skin].beside[edge];
     for (int d = 0; d < 3; d++) out[d] = tissue->normal[skin][d] + (beside >= 0 ? tissue->normal[beside][d] : 0);
-    return beside < 0 || pliant_tissue_dot(tissue->normal[skin], tissue->normal[beside]) < on->view.settings.flat_cosine;
+    return beside < 0 ||
+           pliant_tissue_dot(tissue->normal[skin], tissue->normal[beside]) < on->view.settings.flat_cosine;
 }
 
 /* Return whether a point, relative to the edge, is below both triangles. */
 static bool is_below(const pliant_tissue *tissue, int32_t skin, int edge, const double to[3])
 {
     const int32_t beside = tissue->skin[skin].beside[edge];
-    return pliant_tissue_dot(to, tissue->normal[skin]) < 0 && (beside < 0 || pliant_tissue_dot(to, tissue->normal[beside]) < 0);
+    return pliant_tissue_dot(to, tissue->normal[skin]) < 0 &&
+           (beside < 0 || pliant_tissue_dot(to, tissue->normal[beside]) < 0);
 }
 
 /* Return the number of an edge: from its triangle with the lower number. */
@@ -174,7 +184,8 @@ static uint64_t edge_number(const pliant_tissue *tissue, int32_t skin, int edge)
     const int32_t beside = tissue->skin[skin].beside[edge];
     if (beside < 0 || beside > skin) return 3 * (uint64_t)skin + (uint64_t)edge;
     for (int k = 0; k < 3; k++)
-        if (tissue->skin[beside].beside[k] == skin && tissue->skin[beside].node[k] == tissue->skin[skin].node[(edge + 1) % 3])
+        if (tissue->skin[beside].beside[k] == skin &&
+            tissue->skin[beside].node[k] == tissue->skin[skin].node[(edge + 1) % 3])
             return 3 * (uint64_t)beside + (uint64_t)k;
     return 3 * (uint64_t)skin + (uint64_t)edge;
 }
@@ -203,13 +214,21 @@ static pliant_status cross_edges(const finding *on, int32_t a, int i, int32_t b,
     const double gap = pliant_tissue_dot(to, normal);
     double across[2][3];
     for (int d = 0; d < 3; d++) {
-        across[0][d] = pliant_tissue_place_of(&on->view, node[0])[d] + s * u[d] - pliant_tissue_place_of(&on->view, node[2])[d];
-        across[1][d] = pliant_tissue_place_of(&on->view, node[2])[d] + t * w[d] - pliant_tissue_place_of(&on->view, node[0])[d];
+        across[0][d] =
+            pliant_tissue_place_of(&on->view, node[0])[d] + s * u[d] - pliant_tissue_place_of(&on->view, node[2])[d];
+        across[1][d] =
+            pliant_tissue_place_of(&on->view, node[2])[d] + t * w[d] - pliant_tissue_place_of(&on->view, node[0])[d];
     }
     if (!is_below(tissue, b, j, across[0]) || !is_below(tissue, a, i, across[1])) return PLIANT_OK;
-    if (!(gap < 0 && gap > -on->view.settings.edge_depth * tissue->shortest) || !(pliant_tissue_dot(normal, outwards[0]) < 0) || !(pliant_tissue_dot(normal, outwards[1]) > 0)) return PLIANT_OK;
-    if (pliant_tissue_piece_of(&on->view, node[0]) >= 0 && pliant_tissue_piece_of(&on->view, node[0]) == pliant_tissue_piece_of(&on->view, node[2])) return PLIANT_OK;
-    if (pliant_tissue_is_fixed(&on->view, node[0]) && pliant_tissue_is_fixed(&on->view, node[1]) && pliant_tissue_is_fixed(&on->view, node[2]) && pliant_tissue_is_fixed(&on->view, node[3])) return PLIANT_OK;
+    if (!(gap < 0 && gap > -on->view.settings.edge_depth * tissue->shortest) ||
+        !(pliant_tissue_dot(normal, outwards[0]) < 0) || !(pliant_tissue_dot(normal, outwards[1]) > 0))
+        return PLIANT_OK;
+    if (pliant_tissue_piece_of(&on->view, node[0]) >= 0 &&
+        pliant_tissue_piece_of(&on->view, node[0]) == pliant_tissue_piece_of(&on->view, node[2]))
+        return PLIANT_OK;
+    if (pliant_tissue_is_fixed(&on->view, node[0]) && pliant_tissue_is_fixed(&on->view, node[1]) &&
+        pliant_tissue_is_fixed(&on->view, node[2]) && pliant_tissue_is_fixed(&on->view, node[3]))
+        return PLIANT_OK;
     pliant_contact_point *point = append(out);
     if (!point) return pliant_fail_memory("contacts of tissue with tissue");
     const double weight[4] = {1 - s, s, t - 1, -t};
@@ -270,20 +289,23 @@ static pliant_status tell_faces(const finding *on, pliant_contacts *out)
     const double *nodes = rule->nodes ? rule->nodes : on->view.positions;
     bool any = false;
     for (int32_t f = 0; f < tissue->num_faces; f++) {
-        const int32_t *tets = tissue->body->fine.tets, *tet = tissue->face[f].tet, piece = pliant_tissue_piece_of(&on->view, tets[4 * (size_t)tet[0]]);
+        const int32_t *tets = tissue->body->fine.tets, *tet = tissue->face[f].tet,
+                      piece = pliant_tissue_piece_of(&on->view, tets[4 * (size_t)tet[0]]);
         bool slid = false;
         tissue->slid[f] = 0;
         if (piece >= 0 && piece == pliant_tissue_piece_of(&on->view, tets[4 * (size_t)tet[1]])) continue;
         pliant_contact_point *point = append(out);
         if (!point) return pliant_fail_memory("contacts of tissue with tissue");
-        point->feature = (uint64_t)PLIANT_TISSUE_CUT << 56 | (uint64_t)tissue->face[f].tet[0] << 28 | (uint64_t)tissue->face[f].tet[1];
+        point->feature = (uint64_t)PLIANT_TISSUE_CUT << 56 | (uint64_t)tissue->face[f].tet[0] << 28 |
+                         (uint64_t)tissue->face[f].tet[1];
         point->friction = rule->friction;
         if (!pliant_cut_face_point(tissue->body, tissue->face + f, nodes, rule, &slid, point)) out->count--;
         tissue->slid[f] = slid;
         any = any || slid;
     }
     if (!any) return PLIANT_OK;
-    return pliant_cut_slid_points(tissue->body, tissue->num_faces, tissue->face, tissue->slid, tissue->piece, nodes, rule, out);
+    return pliant_cut_slid_points(tissue->body, tissue->num_faces, tissue->face, tissue->slid, tissue->piece, nodes,
+                                  rule, out);
 }
 
 /* Return the search distance: nodes can approach each other in a step by about as much as in the previous one.
@@ -296,7 +318,8 @@ static double find_margin(const pliant_tissue *tissue, const double *positions, 
         for (int32_t n = 0; n < tissue->num_nodes; n++) {
             double square = 0;
             for (int d = 0; d < 3; d++) {
-                const double way = positions[3 * (size_t)tissue->node[n] + (size_t)d] - tissue->place[3 * (size_t)n + (size_t)d];
+                const double way =
+                    positions[3 * (size_t)tissue->node[n] + (size_t)d] - tissue->place[3 * (size_t)n + (size_t)d];
                 if (!pass) mean[d] += way / tissue->num_nodes;
                 else square += (way - mean[d]) * (way - mean[d]);
             }
@@ -307,7 +330,8 @@ static double find_margin(const pliant_tissue *tissue, const double *positions, 
 
 static void keep_places(pliant_tissue *tissue, const double *positions)
 {
-    for (int32_t n = 0; n < tissue->num_nodes; n++) memcpy(tissue->place + 3 * (size_t)n, positions + 3 * (size_t)tissue->node[n], 3 * sizeof *positions);
+    for (int32_t n = 0; n < tissue->num_nodes; n++)
+        memcpy(tissue->place + 3 * (size_t)n, positions + 3 * (size_t)tissue->node[n], 3 * sizeof *positions);
     tissue->has_place = true;
 }
 
@@ -317,8 +341,11 @@ static pliant_status search(const finding *on)
     pliant_tissue *tissue = on->tissue;
     const pliant_mesh *mesh = &tissue->body->fine;
     const pliant_tissue_rule *rule = &on->view.rule;
-    pliant_status status = pliant_grid_fill(&tissue->grid, tissue->num_tets, tissue->tet, mesh->tets, on->view.positions, fmax(rule->margin, rule->pieces_go), tissue->threads);
-    if (status == PLIANT_OK) status = pliant_grid_overlaps(&tissue->grid, mesh->tets, on->view.positions, tissue->threads, &tissue->num_overlaps);
+    pliant_status status = pliant_grid_fill(&tissue->grid, tissue->num_tets, tissue->tet, mesh->tets,
+                                            on->view.positions, fmax(rule->margin, rule->pieces_go), tissue->threads);
+    if (status == PLIANT_OK)
+        status =
+            pliant_grid_overlaps(&tissue->grid, mesh->tets, on->view.positions, tissue->threads, &tissue->num_overlaps);
     if (status != PLIANT_OK) return status;
 #pragma omp parallel for schedule(static) num_threads(tissue->threads)
     for (int32_t s = 0; s < tissue->num_skins; s++) pliant_tissue_set_normal(&on->view, s);
@@ -331,14 +358,32 @@ pliant_tissue_view pliant_tissue_view_of(pliant_tissue *tissue, const double *po
 {
     const pliant_body *body = tissue->body;
     return (pliant_tissue_view){
-        .positions = positions, .rule = *rule, .settings = rule->settings ? *rule->settings : pliant_contact_settings_default(), .shortest = tissue->shortest, .tets = body->fine.tets, .across = tissue->across, .apart = tissue->apart,
-        .fixed = body->fine_fixed, .node_parent = body->cuts ? body->node_parent : NULL, .piece = tissue->piece, .skin = tissue->skin,
-        .skin_start = tissue->skin_start, .node = tissue->node, .around_start = tissue->around_start, .around = tissue->around,
-        .fan_start = tissue->fan_start, .fan = tissue->fan, .last = tissue->last, .normal = tissue->normal, .count = tissue->count, .touching = tissue->touching,
+        .positions = positions,
+        .rule = *rule,
+        .settings = rule->settings ? *rule->settings : pliant_contact_settings_default(),
+        .shortest = tissue->shortest,
+        .tets = body->fine.tets,
+        .across = tissue->across,
+        .apart = tissue->apart,
+        .fixed = body->fine_fixed,
+        .node_parent = body->cuts ? body->node_parent : NULL,
+        .piece = tissue->piece,
+        .skin = tissue->skin,
+        .skin_start = tissue->skin_start,
+        .node = tissue->node,
+        .around_start = tissue->around_start,
+        .around = tissue->around,
+        .fan_start = tissue->fan_start,
+        .fan = tissue->fan,
+        .last = tissue->last,
+        .normal = tissue->normal,
+        .count = tissue->count,
+        .touching = tissue->touching,
     };
 }
 
-pliant_status pliant_tissue_find(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *given, pliant_contacts *out)
+pliant_status pliant_tissue_find(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *given,
+                                 pliant_contacts *out)
 {
     const pliant_contact_settings defaults = pliant_contact_settings_default();
     pliant_tissue_rule moving = *given;

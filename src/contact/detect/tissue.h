@@ -47,7 +47,8 @@ typedef struct pliant_tissue_rule pliant_tissue_rule;
 typedef struct pliant_tissue_searcher {
     /* Find pairs of overlapping tetrahedra (pliant_grid_take_pairs). With a rule, also compute the normals and the
      * contacts of every node. *state: NULL at first, then kept. Errors: MEMORY, UNAVAILABLE; then the CPU searches. */
-    pliant_status (*search)(void **state, pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *rule);
+    pliant_status (*search)(void **state, pliant_tissue *tissue, const double *positions,
+                            const pliant_tissue_rule *rule);
     void (*free)(void *state); /* Nullable state */
 } pliant_tissue_searcher;
 
@@ -115,7 +116,8 @@ struct pliant_tissue_rule {
  * (follow.h).
  * @param positions (nodes x 3) of the surface's corners at the start of the step [m]
  * Errors: MEMORY. */
-pliant_status pliant_tissue_find(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *given, pliant_contacts *out);
+pliant_status pliant_tissue_find(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *given,
+                                 pliant_contacts *out);
 
 /* Set the device that searches from now on; NULL: the CPU. */
 void pliant_tissue_set_searcher(pliant_tissue *tissue, const pliant_tissue_searcher *searcher);
@@ -126,7 +128,8 @@ bool pliant_tissue_searched(pliant_tissue *tissue, const double *positions, cons
 /* Find the nodes of overlapping tetrahedra. overlaps: (nodes) out. Errors: MEMORY. */
 pliant_status pliant_tissue_overlapping(pliant_tissue *tissue, const double *positions, uint8_t *overlaps);
 /* Append a point for each of these nodes that can move, ascending (follow.h). Errors: MEMORY. */
-pliant_status pliant_tissue_find_slowed(const pliant_tissue *tissue, const uint8_t *overlaps, double punishment, pliant_contacts *out);
+pliant_status pliant_tissue_find_slowed(const pliant_tissue *tissue, const uint8_t *overlaps, double punishment,
+                                        pliant_contacts *out);
 
 /* ---- tissue_cut.c */
 /* Compute the cut faces of a topology. The caller frees them with pliant_free; NULL: no cut face. Errors:
@@ -134,12 +137,13 @@ pliant_status pliant_tissue_find_slowed(const pliant_tissue *tissue, const uint8
 pliant_status pliant_cut_faces(const pliant_body *body, pliant_cut_face **out, int32_t *count);
 /* Compute the point of a cut face. Return whether its sides are nearer than the margin. slid: out: the sides have
  * slid apart */
-bool pliant_cut_face_point(const pliant_body *body, const pliant_cut_face *face, const double *positions, const pliant_tissue_rule *rule, bool *slid,
-                           pliant_contact_point *out);
+bool pliant_cut_face_point(const pliant_body *body, const pliant_cut_face *face, const double *positions,
+                           const pliant_tissue_rule *rule, bool *slid, pliant_contact_point *out);
 /* Append points of sides that have slid, with the parts of the cut that they are now opposite to, ascending. piece:
  * (nodes) rigid piece, Nullable. Errors: MEMORY. */
-pliant_status pliant_cut_slid_points(const pliant_body *body, int32_t num_faces, const pliant_cut_face *faces, const uint8_t *slid, const int32_t *piece,
-                                     const double *positions, const pliant_tissue_rule *rule, pliant_contacts *out);
+pliant_status pliant_cut_slid_points(const pliant_body *body, int32_t num_faces, const pliant_cut_face *faces,
+                                     const uint8_t *slid, const int32_t *piece, const double *positions,
+                                     const pliant_tissue_rule *rule, pliant_contacts *out);
 
 #ifdef __cplusplus
 }

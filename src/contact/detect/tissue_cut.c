@@ -32,7 +32,8 @@ static int compare_partings(const void *a, const void *b)
 static bool has_tissue(const pliant_voxels *voxels, int32_t voxel)
 {
     const int32_t tet = voxels->owner[voxel];
-    return tet >= 0 && voxels->of_material[voxels->material[voxels->start[tet] + pliant_voxel_in(voxels, tet, voxel)]].tissue > 0;
+    return tet >= 0 &&
+           voxels->of_material[voxels->material[voxels->start[tet] + pliant_voxel_in(voxels, tet, voxel)]].tissue > 0;
 }
 
 static bool find_parting(const pliant_body *body, int32_t number, parting *out)
@@ -125,7 +126,8 @@ static bool find_face(const pliant_mesh *mesh, const int32_t tet[2], const patch
     }
     if (!(out->area > folded * one->area)) return false;
     for (int d = 0; d < 3; d++) along[0][d] = (d == least) - normal[least] * normal[d];
-    for (int d = 0; d < 3; d++) along[1][d] = normal[(d + 1) % 3] * along[0][(d + 2) % 3] - normal[(d + 2) % 3] * along[0][(d + 1) % 3];
+    for (int d = 0; d < 3; d++)
+        along[1][d] = normal[(d + 1) % 3] * along[0][(d + 2) % 3] - normal[(d + 2) % 3] * along[0][(d + 1) % 3];
     for (int side = 0; side < 2; side++) {
         double gradients[12];
         out->tet[side] = tet[side];
@@ -143,7 +145,8 @@ static bool find_face(const pliant_mesh *mesh, const int32_t tet[2], const patch
 static bool same_face(const parting *a, const parting *b) { return a->tet[0] == b->tet[0] && a->tet[1] == b->tet[1]; }
 
 /* Compute all faces. list: sorted by pair of fragments */
-static pliant_status make_faces(const pliant_body *body, const parting *list, int32_t found, pliant_cut_face **out, int32_t *count)
+static pliant_status make_faces(const pliant_body *body, const parting *list, int32_t found, pliant_cut_face **out,
+                                int32_t *count)
 {
     int32_t num_patches = 0;
     for (int32_t n = 0; n < found; n++) num_patches += n == 0 || !same_face(list + n, list + n - 1);
@@ -159,7 +162,8 @@ static pliant_status make_faces(const pliant_body *body, const parting *list, in
     }
     for (int32_t p = 0; p < num_patches && there; p++) gather(list, patches + p);
     if (there) smooth(list, num_patches, patches, sum);
-    for (int32_t p = 0; p < num_patches && there; p++) *count += find_face(&body->fine, list[patches[p].first].tet, patches + p, face + *count);
+    for (int32_t p = 0; p < num_patches && there; p++)
+        *count += find_face(&body->fine, list[patches[p].first].tet, patches + p, face + *count);
     pliant_free(patches);
     pliant_free(sum);
     if (!there) {
@@ -202,7 +206,8 @@ static void add_node(pliant_contact_point *point, int32_t node, double weight)
 
 /* Move the second side's point along its face to the foot of the first side's point. Then forces along the normal
  * apply no torque to either side. Return false if the face has no area. */
-static bool find_foot(const double normal[3], const double apart[3], double along[2][3], const double weights[2][4], double at[4])
+static bool find_foot(const double normal[3], const double apart[3], double along[2][3], const double weights[2][4],
+                      double at[4])
 {
     double product[2][2] = {{0}}, right[2] = {0};
     for (int k = 0; k < 2; k++) {
@@ -236,7 +241,8 @@ static double size_of(const pliant_mesh *mesh, int32_t tet)
 {
     const int32_t *node = mesh->tets + 4 * (size_t)tet;
     double square = 0;
-    for (int d = 0; d < 3; d++) square += pow(mesh->rest[3 * (size_t)node[0] + (size_t)d] - mesh->rest[3 * (size_t)node[1] + (size_t)d], 2);
+    for (int d = 0; d < 3; d++)
+        square += pow(mesh->rest[3 * (size_t)node[0] + (size_t)d] - mesh->rest[3 * (size_t)node[1] + (size_t)d], 2);
     return square;
 }
 
@@ -265,7 +271,8 @@ static bool look_at_sides(const pliant_body *body, const side *p, const side *q,
         double (*along)[3] = out->along[s], normal[3], square = 0;
         point_of(positions, node, both[s]->face->at[both[s]->of], place[s]);
         for (int k = 0; k < 2; k++) point_of(positions, node, both[s]->face->along[both[s]->of][k], along[k]);
-        for (int d = 0; d < 3; d++) normal[d] = along[0][(d + 1) % 3] * along[1][(d + 2) % 3] - along[0][(d + 2) % 3] * along[1][(d + 1) % 3];
+        for (int d = 0; d < 3; d++)
+            normal[d] = along[0][(d + 1) % 3] * along[1][(d + 2) % 3] - along[0][(d + 2) % 3] * along[1][(d + 1) % 3];
         for (int d = 0; d < 3; d++) square += normal[d] * normal[d];
         if (!(square > 0)) return false;
         /* the product of the directions points to the face's first side */
@@ -286,7 +293,8 @@ static bool look_at_sides(const pliant_body *body, const side *p, const side *q,
 }
 
 /* Write the contact point of two sides. Return false if the second face has no area. */
-static bool write_point(const pliant_body *body, const side *p, const side *q, meeting *met, const pliant_tissue_rule *rule, pliant_contact_point *out)
+static bool write_point(const pliant_body *body, const side *p, const side *q, meeting *met,
+                        const pliant_tissue_rule *rule, pliant_contact_point *out)
 {
     const int32_t *first = body->fine.tets + 4 * (size_t)tet_of(p), *second = body->fine.tets + 4 * (size_t)tet_of(q);
     double foot[4];
@@ -312,11 +320,12 @@ static bool write_point(const pliant_body *body, const side *p, const side *q, m
 
 static bool moves(const pliant_body *body, const side *p, const side *q)
 {
-    return any_moves(body, body->fine.tets + 4 * (size_t)tet_of(p)) || any_moves(body, body->fine.tets + 4 * (size_t)tet_of(q));
+    return any_moves(body, body->fine.tets + 4 * (size_t)tet_of(p)) ||
+           any_moves(body, body->fine.tets + 4 * (size_t)tet_of(q));
 }
 
-bool pliant_cut_face_point(const pliant_body *body, const pliant_cut_face *face, const double *positions, const pliant_tissue_rule *rule, bool *slid,
-                           pliant_contact_point *out)
+bool pliant_cut_face_point(const pliant_body *body, const pliant_cut_face *face, const double *positions,
+                           const pliant_tissue_rule *rule, bool *slid, pliant_contact_point *out)
 {
     const side p = {face, 0}, q = {face, 1};
     meeting met;
@@ -340,12 +349,14 @@ typedef struct slot { double x; int32_t side; } slot;
 static int compare_slots(const void *a, const void *b)
 {
     const slot *one = a, *other = b;
-    return one->x != other->x ? (one->x > other->x) - (one->x < other->x) : (one->side > other->side) - (one->side < other->side);
+    return one->x != other->x ? (one->x > other->x) - (one->x < other->x)
+                              : (one->side > other->side) - (one->side < other->side);
 }
 
 /* Find the side that is now opposite to a slid side, with the smallest distance across the normal. -1: none */
-static int32_t find_opposite(const pliant_body *body, const pliant_cut_face *faces, const slot *slots, int32_t count, const int32_t *piece, int32_t number,
-                             const double *positions, const pliant_tissue_rule *rule, meeting *best)
+static int32_t find_opposite(const pliant_body *body, const pliant_cut_face *faces, const slot *slots, int32_t count,
+                             const int32_t *piece, int32_t number, const double *positions,
+                             const pliant_tissue_rule *rule, meeting *best)
 {
     const side p = {faces + number / 2, number % 2};
     const double size = size_of(&body->fine, tet_of(&p)), reach = sqrt(size) + rule->margin;
@@ -362,7 +373,9 @@ static int32_t find_opposite(const pliant_body *body, const pliant_cut_face *fac
         const side q = {faces + slots[low].side / 2, slots[low].side % 2};
         meeting met;
         if (tet_of(&q) == tet_of(&p) || (own >= 0 && piece[body->fine.tets[4 * (size_t)tet_of(&q)]] == own)) continue;
-        if (!look_at_sides(body, &p, &q, positions, &met) || !(met.facing > 2 + 2 * rule->settings->opposite_cosine) || !(met.gap <= rule->margin) || !(met.gap > -rule->settings->self_border * sqrt(size)) || met.off > size) continue;
+        if (!look_at_sides(body, &p, &q, positions, &met) || !(met.facing > 2 + 2 * rule->settings->opposite_cosine) ||
+            !(met.gap <= rule->margin) || !(met.gap > -rule->settings->self_border * sqrt(size)) || met.off > size)
+            continue;
         if ((found >= 0 && !(met.off < best->off)) || !moves(body, &p, &q)) continue;
         found = slots[low].side;
         *best = met;
@@ -370,8 +383,9 @@ static int32_t find_opposite(const pliant_body *body, const pliant_cut_face *fac
     return found;
 }
 
-pliant_status pliant_cut_slid_points(const pliant_body *body, int32_t num_faces, const pliant_cut_face *faces, const uint8_t *slid, const int32_t *piece,
-                                     const double *positions, const pliant_tissue_rule *rule, pliant_contacts *out)
+pliant_status pliant_cut_slid_points(const pliant_body *body, int32_t num_faces, const pliant_cut_face *faces,
+                                     const uint8_t *slid, const int32_t *piece, const double *positions,
+                                     const pliant_tissue_rule *rule, pliant_contacts *out)
 {
     slot *slots = pliant_calloc((size_t)num_faces, 2 * sizeof *slots);
     /* sides that already have a point, as the other side of a slid side */
@@ -391,12 +405,15 @@ pliant_status pliant_cut_slid_points(const pliant_body *body, int32_t num_faces,
     qsort(slots, 2 * (size_t)num_faces, sizeof *slots, compare_slots);
     for (int32_t n = 0; n < 2 * num_faces && status == PLIANT_OK; n++) {
         meeting met;
-        const int32_t other = slid[n / 2] && !has_point[n] ? find_opposite(body, faces, slots, 2 * num_faces, piece, n, positions, rule, &met) : -1;
+        const int32_t other = slid[n / 2] && !has_point[n]
+                                  ? find_opposite(body, faces, slots, 2 * num_faces, piece, n, positions, rule, &met)
+                                  : -1;
         if (other < 0) continue;
         const side p = {faces + n / 2, n % 2}, q = {faces + other / 2, other % 2};
         if ((status = pliant_contacts_reserve(out, out->count + 1)) != PLIANT_OK) break;
         pliant_contact_point *point = out->point + out->count;
-        *point = (pliant_contact_point){.kind = PLIANT_OBSTACLE_TISSUE, .tool = -1, .part = -1, .friction = rule->friction};
+        *point =
+            (pliant_contact_point){.kind = PLIANT_OBSTACLE_TISSUE, .tool = -1, .part = -1, .friction = rule->friction};
         point->feature = (uint64_t)PLIANT_TISSUE_SLID << 56 | (uint64_t)n << 28 | (uint64_t)other;
         if (!write_point(body, &p, &q, &met, rule, point)) continue;
         has_point[other] = 1;

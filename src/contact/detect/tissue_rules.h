@@ -31,9 +31,13 @@ typedef struct pliant_tissue_view {
 } pliant_tissue_view;
 
 /* View of the host's data. */
-pliant_tissue_view pliant_tissue_view_of(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *rule);
+pliant_tissue_view pliant_tissue_view_of(pliant_tissue *tissue, const double *positions,
+                                         const pliant_tissue_rule *rule);
 
-PLIANT_INLINE double pliant_tissue_dot(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+PLIANT_INLINE double pliant_tissue_dot(const double a[3], const double b[3])
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
 
 PLIANT_INLINE void pliant_tissue_cross(const double a[3], const double b[3], double out[3])
 {
@@ -45,7 +49,10 @@ PLIANT_INLINE void pliant_tissue_between(const double *from, const double *to, d
     for (int d = 0; d < 3; d++) out[d] = to[d] - from[d];
 }
 
-PLIANT_INLINE const double *pliant_tissue_place_of(const pliant_tissue_view *on, int32_t node) { return on->positions + 3 * (size_t)node; }
+PLIANT_INLINE const double *pliant_tissue_place_of(const pliant_tissue_view *on, int32_t node)
+{
+    return on->positions + 3 * (size_t)node;
+}
 
 /* ---- triangles */
 
@@ -63,7 +70,8 @@ PLIANT_INLINE void pliant_tissue_set_normal(const pliant_tissue_view *on, int32_
 
 /* Compute the weights of the corners at the foot of a point, and its height. Return false if the triangle's area is
  * 0. */
-PLIANT_INLINE bool pliant_tissue_look_down(const pliant_tissue_view *on, int32_t skin, const double point[3], double weight[3], double *gap)
+PLIANT_INLINE bool pliant_tissue_look_down(const pliant_tissue_view *on, int32_t skin, const double point[3],
+                                           double weight[3], double *gap)
 {
     const int32_t *node = on->skin[skin].node;
     const double *normal = on->normal[skin], *corner = pliant_tissue_place_of(on, node[0]);
@@ -92,7 +100,9 @@ PLIANT_INLINE int32_t pliant_tissue_walk(const pliant_tissue_view *on, int32_t t
         const int32_t *node = on->tets + 4 * (size_t)tet;
         double edge[3][3], to[3], normal[3], weight[4], least = 0;
         int out = -1;
-        for (int v = 0; v < 3; v++) pliant_tissue_between(pliant_tissue_place_of(on, node[0]), pliant_tissue_place_of(on, node[v + 1]), edge[v]);
+        for (int v = 0; v < 3; v++)
+            pliant_tissue_between(pliant_tissue_place_of(on, node[0]), pliant_tissue_place_of(on, node[v + 1]),
+                                  edge[v]);
         pliant_tissue_between(pliant_tissue_place_of(on, node[0]), point, to);
         pliant_tissue_cross(edge[1], edge[2], normal);
         const double volume = pliant_tissue_dot(edge[0], normal);
@@ -150,7 +160,10 @@ PLIANT_INLINE bool pliant_tissue_is_fixed(const pliant_tissue_view *on, int32_t 
 }
 
 /* Return the detached piece of a node; -1: none. */
-PLIANT_INLINE int32_t pliant_tissue_piece_of(const pliant_tissue_view *on, int32_t node) { return on->piece ? on->piece[node] : -1; }
+PLIANT_INLINE int32_t pliant_tissue_piece_of(const pliant_tissue_view *on, int32_t node)
+{
+    return on->piece ? on->piece[node] : -1;
+}
 
 /* Return whether a node and a triangle can have contact. A rigid piece has no contact with itself, and fixed tissue
  * has none with fixed tissue. */
@@ -158,7 +171,8 @@ PLIANT_INLINE bool pliant_tissue_can_move(const pliant_tissue_view *on, int32_t 
 {
     const int32_t *of = on->skin[skin].node, piece = pliant_tissue_piece_of(on, node);
     if (piece >= 0 && pliant_tissue_piece_of(on, of[0]) == piece) return false;
-    return !(pliant_tissue_is_fixed(on, node) && pliant_tissue_is_fixed(on, of[0]) && pliant_tissue_is_fixed(on, of[1]) && pliant_tissue_is_fixed(on, of[2]));
+    return !(pliant_tissue_is_fixed(on, node) && pliant_tissue_is_fixed(on, of[0]) &&
+             pliant_tissue_is_fixed(on, of[1]) && pliant_tissue_is_fixed(on, of[2]));
 }
 
 /* Return the search distance of a node and a triangle. */
@@ -178,7 +192,10 @@ PLIANT_INLINE bool pliant_tissue_faces(const pliant_tissue_view *on, int32_t ind
     return false;
 }
 
-PLIANT_INLINE bool pliant_tissue_before(const pliant_touching *a, const pliant_touching *b) { return a->deep != b->deep ? a->deep < b->deep : a->skin < b->skin; }
+PLIANT_INLINE bool pliant_tissue_before(const pliant_touching *a, const pliant_touching *b)
+{
+    return a->deep != b->deep ? a->deep < b->deep : a->skin < b->skin;
+}
 
 /* Add a contact to the node's list. Inside tissue, keep only the shortest direction out; it replaces all contacts
  * from outside. From outside, keep the nearest contact for each direction. */
@@ -219,7 +236,9 @@ PLIANT_INLINE void pliant_tissue_try_skin(const pliant_tissue_view *on, int32_t 
     pliant_touching one;
     one.skin = skin;
     one.deep = 0;
-    if (!pliant_tissue_look_down(on, skin, point, one.weight, &one.gap) || !(one.gap <= pliant_tissue_margin_of(on, node, skin))) return;
+    if (!pliant_tissue_look_down(on, skin, point, one.weight, &one.gap) ||
+        !(one.gap <= pliant_tissue_margin_of(on, node, skin)))
+        return;
     const double least = fmin(one.weight[0], fmin(one.weight[1], one.weight[2]));
     /* tolerance for the triangle of the previous contact, so that the contact does not change with every step */
     const double border = on->settings.self_border;
@@ -254,12 +273,14 @@ PLIANT_INLINE int32_t pliant_tissue_slide(const pliant_tissue_view *on, int32_t 
 PLIANT_INLINE void pliant_tissue_try_last(const pliant_tissue_view *on, int32_t index)
 {
     if (on->last[index] >= 0 && on->count[index] == 0)
-        pliant_tissue_try_skin(on, index, pliant_tissue_slide(on, on->last[index], pliant_tissue_place_of(on, on->node[index])));
+        pliant_tissue_try_skin(on, index,
+                               pliant_tissue_slide(on, on->last[index], pliant_tissue_place_of(on, on->node[index])));
 }
 
 PLIANT_INLINE bool pliant_tissue_is_in_box(const double point[3], const double low[3], const double high[3])
 {
-    return point[0] >= low[0] && point[0] <= high[0] && point[1] >= low[1] && point[1] <= high[1] && point[2] >= low[2] && point[2] <= high[2];
+    return point[0] >= low[0] && point[0] <= high[0] && point[1] >= low[1] && point[1] <= high[1] &&
+           point[2] >= low[2] && point[2] <= high[2];
 }
 
 #ifdef __cplusplus

@@ -15,9 +15,11 @@ static const int corners_of[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}
 
 static void free_surface(pliant_tissue *tissue)
 {
-    void *blocks[] = {tissue->own_across, tissue->inside, tissue->apart,  tissue->skin,   tissue->tet,   tissue->skin_start, tissue->node, tissue->index_of,
-                      tissue->around_start, tissue->around, tissue->fan_start, tissue->fan, tissue->area, tissue->face, tissue->normal,     tissue->count,
-                      tissue->touching,   tissue->last,   tissue->place,      tissue->piece,  tissue->slid};
+    void *blocks[] = {tissue->own_across, tissue->inside,   tissue->apart,    tissue->skin,         tissue->tet,
+                      tissue->skin_start, tissue->node,     tissue->index_of, tissue->around_start, tissue->around,
+                      tissue->fan_start,  tissue->fan,      tissue->area,     tissue->face,         tissue->normal,
+                      tissue->count,      tissue->touching, tissue->last,     tissue->place,        tissue->piece,
+                      tissue->slid};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
 }
 
@@ -42,7 +44,8 @@ bool pliant_tissue_searched(pliant_tissue *tissue, const double *positions, cons
 {
     if (!tissue->searcher) return false;
     if (tissue->searcher->search(&tissue->searcher_state, tissue, positions, rule) == PLIANT_OK) return true;
-    pliant_log(PLIANT_LOG_WARNING, "the search for tissue that touches tissue goes on without a GPU: %s", pliant_last_error());
+    pliant_log(PLIANT_LOG_WARNING, "the search for tissue that touches tissue goes on without a GPU: %s",
+               pliant_last_error());
     const pliant_tissue_searcher *failed = tissue->searcher;
     pliant_tissue_set_searcher(tissue, NULL);
     tissue->failed = failed;
@@ -64,12 +67,15 @@ static pliant_status find_members(pliant_tissue *tissue, const uint8_t *solid)
     const pliant_body *body = tissue->body;
     const size_t tets = (size_t)body->fine.num_tets;
     if (!(tissue->inside = pliant_calloc(tets, 1)) || !(tissue->apart = pliant_calloc(tets, 1))) return no_memory();
-    for (size_t t = 0; t < tets; t++) tissue->apart[t] = tissue->inside[t] = solid ? solid[t] : !body->fine_material || body->fine_material[t].tissue > 0;
+    for (size_t t = 0; t < tets; t++)
+        tissue->apart[t] = tissue->inside[t] =
+            solid ? solid[t] : !body->fine_material || body->fine_material[t].tissue > 0;
     if (body->pieces && !body->has_inertia) {
         if (!(tissue->piece = pliant_calloc((size_t)body->fine.num_nodes, sizeof *tissue->piece))) return no_memory();
         memset(tissue->piece, 0xff, (size_t)body->fine.num_nodes * sizeof *tissue->piece);
         for (int32_t p = 0; p < body->pieces->count; p++)
-            for (int32_t i = body->pieces->start[p]; i < body->pieces->start[p + 1]; i++) tissue->piece[body->pieces->node[i]] = p;
+            for (int32_t i = body->pieces->start[p]; i < body->pieces->start[p + 1]; i++)
+                tissue->piece[body->pieces->node[i]] = p;
     }
     const pliant_cuts *cuts = body->cuts;
     for (int32_t c = 0; cuts && c < cuts->num_tets; c++)
@@ -142,7 +148,9 @@ static pliant_status find_nodes(pliant_tissue *tissue)
 {
     const size_t corners = 3 * (size_t)tissue->num_skins;
     const int32_t all = tissue->body->fine.num_nodes;
-    if (!(tissue->node = pliant_calloc(corners, sizeof *tissue->node)) || !(tissue->index_of = pliant_calloc((size_t)all, sizeof *tissue->index_of))) return no_memory();
+    if (!(tissue->node = pliant_calloc(corners, sizeof *tissue->node)) ||
+        !(tissue->index_of = pliant_calloc((size_t)all, sizeof *tissue->index_of)))
+        return no_memory();
     for (size_t i = 0; i < corners; i++) tissue->index_of[tissue->skin[i / 3].node[i % 3]] = 1;
     for (int32_t n = 0; n < all; n++) {
         const bool on_surface = tissue->index_of[n];
@@ -158,11 +166,14 @@ static pliant_status find_nodes(pliant_tissue *tissue)
     tissue->last = pliant_calloc(nodes, sizeof *tissue->last);
     tissue->place = pliant_calloc(nodes, 3 * sizeof *tissue->place);
     tissue->touching = pliant_calloc(PLIANT_TOUCHINGS * nodes, sizeof *tissue->touching);
-    if (!tissue->around_start || !tissue->fan_start || !tissue->fan || !tissue->area || !tissue->count || !tissue->last || !tissue->place || !tissue->touching) return no_memory();
+    if (!tissue->around_start || !tissue->fan_start || !tissue->fan || !tissue->area || !tissue->count ||
+        !tissue->last || !tissue->place || !tissue->touching)
+        return no_memory();
     pliant_tissue_forget(tissue);
     for (size_t i = 0; i < corners; i++) tissue->fan_start[tissue->index_of[tissue->skin[i / 3].node[i % 3]]]++;
     for (size_t n = 1; n <= nodes; n++) tissue->fan_start[n] += tissue->fan_start[n - 1];
-    for (size_t i = corners; i-- > 0;) tissue->fan[--tissue->fan_start[tissue->index_of[tissue->skin[i / 3].node[i % 3]]]] = (int32_t)(i / 3);
+    for (size_t i = corners; i-- > 0;)
+        tissue->fan[--tissue->fan_start[tissue->index_of[tissue->skin[i / 3].node[i % 3]]]] = (int32_t)(i / 3);
     return PLIANT_OK;
 }
 
@@ -179,7 +190,9 @@ static void measure(pliant_tissue *tissue)
         }
         for (int d = 0; d < 3; d++) square += pow(a[(d + 1) % 3] * b[(d + 2) % 3] - a[(d + 2) % 3] * b[(d + 1) % 3], 2);
         for (int v = 0; v < 3; v++) tissue->area[tissue->index_of[node[v]]] += sqrt(square) / 6;
-        tissue->shortest = fmin(tissue->shortest, sqrt(fmin(a[0] * a[0] + a[1] * a[1] + a[2] * a[2], b[0] * b[0] + b[1] * b[1] + b[2] * b[2])));
+        tissue->shortest =
+            fmin(tissue->shortest,
+                 sqrt(fmin(a[0] * a[0] + a[1] * a[1] + a[2] * a[2], b[0] * b[0] + b[1] * b[1] + b[2] * b[2])));
     }
 }
 
@@ -201,7 +214,8 @@ static pliant_status find_sides(pliant_tissue *tissue)
         for (size_t i = 0; i < count; i++) {
             const bool again = i > 0 && edge[i].low == edge[i - 1].low && edge[i].high == edge[i - 1].high;
             if (again && !pass) {
-                int32_t *mine = tissue->skin[edge[i].skin / 3].beside + edge[i].skin % 3, *other = tissue->skin[edge[i - 1].skin / 3].beside + edge[i - 1].skin % 3;
+                int32_t *mine = tissue->skin[edge[i].skin / 3].beside + edge[i].skin % 3,
+                        *other = tissue->skin[edge[i - 1].skin / 3].beside + edge[i - 1].skin % 3;
                 if (*other < 0) {
                     *mine = edge[i - 1].skin / 3;
                     *other = edge[i].skin / 3;
@@ -217,7 +231,8 @@ static pliant_status find_sides(pliant_tissue *tissue)
                 tissue->around_start[high]++;
             }
         }
-        for (int32_t n = 1; n <= tissue->num_nodes && !pass; n++) tissue->around_start[n] += tissue->around_start[n - 1];
+        for (int32_t n = 1; n <= tissue->num_nodes && !pass; n++)
+            tissue->around_start[n] += tissue->around_start[n - 1];
     }
     pliant_free(edge);
     return PLIANT_OK;
@@ -235,7 +250,8 @@ pliant_status pliant_tissue_set_body(pliant_tissue *tissue, const pliant_body *b
         if (status == PLIANT_OK) measure(&next);
     }
     if (status == PLIANT_OK) status = pliant_cut_faces(body, &next.face, &next.num_faces);
-    if (status == PLIANT_OK && next.num_faces > 0 && !(next.slid = pliant_calloc((size_t)next.num_faces, 1))) status = pliant_fail_memory("contacts of tissue with tissue");
+    if (status == PLIANT_OK && next.num_faces > 0 && !(next.slid = pliant_calloc((size_t)next.num_faces, 1)))
+        status = pliant_fail_memory("contacts of tissue with tissue");
     if (status != PLIANT_OK) {
         free_surface(&next);
         return status;

@@ -28,7 +28,8 @@ static double field_at(const pliant_solid *solid, const double p[3], double grad
     }
     for (int c = 0; c < 8; c++) {
         const double v = solid->value[base + (c & 1) * stride[0] + (c >> 1 & 1) * stride[1] + (c >> 2) * stride[2]];
-        const double w[3] = {c & 1 ? share[0] : 1 - share[0], c >> 1 & 1 ? share[1] : 1 - share[1], c >> 2 ? share[2] : 1 - share[2]};
+        const double w[3] = {c & 1 ? share[0] : 1 - share[0], c >> 1 & 1 ? share[1] : 1 - share[1],
+                             c >> 2 ? share[2] : 1 - share[2]};
         value += v * w[0] * w[1] * w[2];
         gradient[0] += (c & 1 ? v : -v) * w[1] * w[2];
         gradient[1] += (c >> 1 & 1 ? v : -v) * w[0] * w[2];
@@ -72,7 +73,8 @@ static double from_faces(const pliant_solid *solid, const double p[3], double no
         const double *plane = solid->plane[t], height = plane[0] * p[0] + plane[1] * p[1] + plane[2] * p[2] - plane[3];
         const int32_t *node = solid->triangles + 3 * (size_t)t;
         if (height <= 0 || height >= least) continue;
-        pliant_triangle_nearest(solid->points + 3 * (size_t)node[0], solid->points + 3 * (size_t)node[1], solid->points + 3 * (size_t)node[2], p, foot);
+        pliant_triangle_nearest(solid->points + 3 * (size_t)node[0], solid->points + 3 * (size_t)node[1],
+                                solid->points + 3 * (size_t)node[2], p, foot);
         const double apart[3] = {p[0] - foot[0], p[1] - foot[1], p[2] - foot[2]};
         const double far = sqrt(apart[0] * apart[0] + apart[1] * apart[1] + apart[2] * apart[2]);
         if (!(far < least)) continue;
@@ -89,7 +91,10 @@ double pliant_solid_distance(const pliant_solid *solid, const double p[3], doubl
 
 /* ---- construction */
 
-static size_t index_of(const pliant_solid *solid, int32_t i, int32_t j, int32_t k) { return (size_t)i + (size_t)solid->size[0] * ((size_t)j + (size_t)solid->size[1] * (size_t)k); }
+static size_t index_of(const pliant_solid *solid, int32_t i, int32_t j, int32_t k)
+{
+    return (size_t)i + (size_t)solid->size[0] * ((size_t)j + (size_t)solid->size[1] * (size_t)k);
+}
 
 static void point_of(const pliant_solid *solid, size_t index, double out[3])
 {
@@ -106,8 +111,10 @@ static pliant_status place_grid(pliant_solid *solid, double resolution, const ch
     if (cell == 0) cell = fmax(cbrt(room / usual_points), finest);
     for (int d = 0; d < 3; d++) points *= ceil((solid->high[d] - solid->low[d] + 2 * around) / cell) + 1;
     if (!(points <= most_points))
-        return pliant_fail(PLIANT_ERROR_FORMAT, "%s: a field with points every %.3g mm would take %.3g MiB, and 64 are possible: resolution %.3g mm fits", name, 1e3 * cell,
-                           points * sizeof(float) / (1 << 20), 1e3 * 1.1 * cbrt(room / most_points));
+        return pliant_fail(
+            PLIANT_ERROR_FORMAT,
+            "%s: a field with points every %.3g mm would take %.3g MiB, and 64 are possible: resolution %.3g mm fits",
+            name, 1e3 * cell, points * sizeof(float) / (1 << 20), 1e3 * 1.1 * cbrt(room / most_points));
     solid->cell = cell;
     for (int d = 0; d < 3; d++) {
         const double width = solid->high[d] - solid->low[d] + 2 * around;
@@ -125,10 +132,13 @@ static void find_distances(pliant_solid *solid, const pliant_triangle_tree *tree
         for (int32_t j = 0; j < solid->size[1]; j++)
             for (int32_t i = 0; i < solid->size[0]; i++) {
                 const size_t at = index_of(solid, i, j, k);
-                const size_t before = i > 0 ? at - 1 : j > 0 ? at - (size_t)solid->size[0] : at - (size_t)solid->size[0] * (size_t)solid->size[1];
+                const size_t before = i > 0   ? at - 1
+                                      : j > 0 ? at - (size_t)solid->size[0]
+                                              : at - (size_t)solid->size[0] * (size_t)solid->size[1];
                 double p[3];
                 point_of(solid, at, p);
-                solid->value[at] = (float)pliant_triangle_tree_distance(tree, p, at > 0 ? 1.0001 * ((double)solid->value[before] + solid->cell) : INFINITY);
+                solid->value[at] = (float)pliant_triangle_tree_distance(
+                    tree, p, at > 0 ? 1.0001 * ((double)solid->value[before] + solid->cell) : INFINITY);
             }
 }
 
@@ -148,7 +158,8 @@ static pliant_status find_signs(pliant_solid *solid, const pliant_triangle_tree 
         size_t first = 0, last = 0;
         known[seed] = 1;
         for (queue[last++] = (uint32_t)seed; first < last; first++) {
-            const size_t at = queue[first], place[3] = {at % stride[1], at / stride[1] % (size_t)solid->size[1], at / stride[2]};
+            const size_t at = queue[first],
+                         place[3] = {at % stride[1], at / stride[1] % (size_t)solid->size[1], at / stride[2]};
             const double own = fabs((double)solid->value[at]);
             for (int side = 0; side < 6; side++) {
                 const int d = side / 2;
@@ -188,7 +199,8 @@ pliant_status pliant_solid_make_field(pliant_solid *solid, double resolution, co
     pliant_triangle_tree *tree = NULL;
     pliant_status status = place_grid(solid, resolution, name);
     if (status != PLIANT_OK) return status;
-    solid->value = pliant_calloc((size_t)solid->size[0] * (size_t)solid->size[1] * (size_t)solid->size[2], sizeof *solid->value);
+    solid->value =
+        pliant_calloc((size_t)solid->size[0] * (size_t)solid->size[1] * (size_t)solid->size[2], sizeof *solid->value);
     if (!solid->value) return pliant_fail_memory(name);
     status = pliant_triangle_tree_create(solid->points, solid->num_triangles, solid->triangles, &tree);
     if (status != PLIANT_OK) return status;
@@ -198,7 +210,9 @@ pliant_status pliant_solid_make_field(pliant_solid *solid, double resolution, co
     if (status != PLIANT_OK) return status;
     look_at_field(solid);
     if (!(solid->depth > thinnest * solid->cell))
-        return pliant_fail(PLIANT_ERROR_FORMAT, "%s: is too thin for a field with points every %.3g mm: a finer resolution may do, or a radius around it", name,
-                           1e3 * solid->cell);
+        return pliant_fail(
+            PLIANT_ERROR_FORMAT,
+            "%s: is too thin for a field with points every %.3g mm: a finer resolution may do, or a radius around it",
+            name, 1e3 * solid->cell);
     return PLIANT_OK;
 }

@@ -112,7 +112,10 @@ static void leave_edge(hull *of, int32_t a, int32_t b)
     of->edge[of->horizon++][1] = b;
 }
 
-static double height_over(const hull *of, const facet *face, int32_t point) { return dot(face->normal, place(of, point)) - face->along; }
+static double height_over(const hull *of, const facet *face, int32_t point)
+{
+    return dot(face->normal, place(of, point)) - face->along;
+}
 
 static void leave_face(hull *of, facet *face)
 {
@@ -203,7 +206,8 @@ static bool add_points(hull *of, int32_t num_points)
     return true;
 }
 
-pliant_status pliant_hull_find(int32_t num_points, const double *points, const char *name, int32_t *num_triangles, int32_t **triangles)
+pliant_status pliant_hull_find(int32_t num_points, const double *points, const char *name, int32_t *num_triangles,
+                               int32_t **triangles)
 {
     hull *of = pliant_calloc(1, sizeof *of);
     int32_t *next = num_points > 0 ? pliant_calloc((size_t)num_points, sizeof *next) : NULL, *made = NULL;
@@ -211,12 +215,16 @@ pliant_status pliant_hull_find(int32_t num_points, const double *points, const c
     if (status == PLIANT_OK) {
         of->points = points;
         of->next = next;
-        if (num_points < 4 || !begin(of, num_points)) status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: its points lie in a plane: a solid needs four that do not", name);
+        if (num_points < 4 || !begin(of, num_points))
+            status =
+                pliant_fail(PLIANT_ERROR_FORMAT, "%s: its points lie in a plane: a solid needs four that do not", name);
         else if (!add_points(of, num_points))
-            status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: its convex hull has more than %d triangles; as a mesh it may have %d", name, PLIANT_HULL_TRIANGLES,
-                                 PLIANT_SOLID_TRIANGLES);
+            status = pliant_fail(PLIANT_ERROR_FORMAT,
+                                 "%s: its convex hull has more than %d triangles; as a mesh it may have %d", name,
+                                 PLIANT_HULL_TRIANGLES, PLIANT_SOLID_TRIANGLES);
     }
-    if (status == PLIANT_OK && !(made = pliant_calloc((size_t)of->count, 3 * sizeof *made))) status = pliant_fail_memory(name);
+    if (status == PLIANT_OK && !(made = pliant_calloc((size_t)of->count, 3 * sizeof *made)))
+        status = pliant_fail_memory(name);
     if (status == PLIANT_OK) {
         for (int32_t f = 0; f < of->count; f++) memcpy(made + 3 * f, of->face[f].node, sizeof of->face[f].node);
         *num_triangles = of->count;

@@ -69,18 +69,31 @@ static const instrument with_jaws[] = {
     {{"tenaculum_forceps", NULL}, 207, &shaft_8mm, 0.0091, 0.022, 0.0010, 0.0011, false},
     {{"thoracic_grasper", NULL}, 208, &shaft_8mm, 0.0107, 0.030, 0.0014, 0.0016, false},
     {{"large_clip_applier", NULL}, 230, &shaft_8mm, 0.0107, 0.020, 0.0012, 0.0013, false},
-    {{"lrg_suturecut_needle_driver", "large_suturecut_needledriver"}, 296, &shaft_8mm, 0.0091, 0.0095, 0.0012, 0.0013, false},
+    {{"lrg_suturecut_needle_driver", "large_suturecut_needledriver"},
+     296,
+     &shaft_8mm,
+     0.0091,
+     0.0095,
+     0.0012,
+     0.0013,
+     false},
     {{"mega_suturecut_needle_driver", NULL}, 309, &shaft_8mm, 0.0100, 0.012, 0.0015, 0.0016, false},
     {{"medium-large_clip_applier", NULL}, 327, &long_shaft_8mm, 0.0107, 0.016, 0.0012, 0.0013, false},
     {{"stapler_45", NULL}, 10298, &stapler_shaft, 0.015, 0.060, 0.0030, 0.0030, false},
 };
 enum { HOOK_CODE = 183, SPATULA_CODE = 184 };
-static const double hook_wrist = 0.0093, hook_stem = 0.016, hook_foot = 0.004, hook_radius = 0.0008, spatula_radius = 0.0012;
+static const double hook_wrist = 0.0093, hook_stem = 0.016, hook_foot = 0.004, hook_radius = 0.0008,
+                    spatula_radius = 0.0012;
 
-static void add_capsule(pliant_tool_shape *shape, pliant_part_frame frame, double y, double from, double to, double radius, bool cuts)
+static void add_capsule(pliant_tool_shape *shape, pliant_part_frame frame, double y, double from, double to,
+                        double radius, bool cuts)
 {
-    shape->part[shape->num_parts++] =
-        (pliant_part){.kind = PLIANT_PART_CAPSULE, .frame = frame, .from = {0, y, from}, .to = {0, y, to}, .radius = radius, .cuts = cuts};
+    shape->part[shape->num_parts++] = (pliant_part){.kind = PLIANT_PART_CAPSULE,
+                                                    .frame = frame,
+                                                    .from = {0, y, from},
+                                                    .to = {0, y, to},
+                                                    .radius = radius,
+                                                    .cuts = cuts};
 }
 
 /* The shaft is behind z = joint, where the wrist ends. */
@@ -104,8 +117,11 @@ static void make_jaws(const instrument *of, pliant_tool_shape *shape)
 static void make_hook(pliant_tool_shape *shape)
 {
     add_capsule(shape, PLIANT_FRAME_TIP, hook_foot, -hook_stem, 0, hook_radius, false);
-    shape->part[shape->num_parts++] = (pliant_part){
-        .kind = PLIANT_PART_CAPSULE, .frame = PLIANT_FRAME_TIP, .from = {0, hook_foot, 0}, .radius = hook_radius, .cuts = true};
+    shape->part[shape->num_parts++] = (pliant_part){.kind = PLIANT_PART_CAPSULE,
+                                                    .frame = PLIANT_FRAME_TIP,
+                                                    .from = {0, hook_foot, 0},
+                                                    .radius = hook_radius,
+                                                    .cuts = true};
     add_shaft(shape, -hook_stem, hook_wrist, &shaft_8mm);
 }
 
@@ -156,8 +172,10 @@ pliant_status pliant_tool_shape_find(const char *name, pliant_tool_shape *out)
     if (is_named(name, "probe")) make_rod(0.0025, 0.3, &shape);
     if (is_named(name, "camera")) make_rod(0.006, 0.37, &shape);
     if (shape.num_parts == 0)
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "there is no instrument '%.48s': those of the dVRK are known, by name or code "
-                           "(large_needle_driver, LARGE_NEEDLE_DRIVER:400006, 400006), and probe and camera", name);
+        return pliant_fail(PLIANT_ERROR_ARGUMENT,
+                           "there is no instrument '%.48s': those of the dVRK are known, by name or code "
+                           "(large_needle_driver, LARGE_NEEDLE_DRIVER:400006, 400006), and probe and camera",
+                           name);
     *out = shape;
     return PLIANT_OK;
 }

@@ -16,7 +16,10 @@
 static const double exact = 1e-4; /* relative to an edge's length; also of a weight */
 
 static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-static double apart(const double *a, const double *b) { return sqrt(pow(a[0] - b[0], 2) + pow(a[1] - b[1], 2) + pow(a[2] - b[2], 2)); }
+static double apart(const double *a, const double *b)
+{
+    return sqrt(pow(a[0] - b[0], 2) + pow(a[1] - b[1], 2) + pow(a[2] - b[2], 2));
+}
 
 /* Sample of a convex function on a line: position from 0 to 1, value, slope, and the part's normal there. */
 typedef struct sample { double share, value, slope, normal[3]; } sample;
@@ -41,8 +44,10 @@ static bool turn_goes_on(turn *of, double *share)
 {
     enum { MOST_STEPS = 40 };
     const sample *low = &of->low, *high = &of->high;
-    const double way = high->share - low->share, meet = (high->value - low->value - high->slope * way) / (low->slope - high->slope);
-    if (of->step == MOST_STEPS || fmin(low->value, high->value) - (low->value + low->slope * meet) <= of->tight) return false;
+    const double way = high->share - low->share,
+                 meet = (high->value - low->value - high->slope * way) / (low->slope - high->slope);
+    if (of->step == MOST_STEPS || fmin(low->value, high->value) - (low->value + low->slope * meet) <= of->tight)
+        return false;
     const double put = of->step++ % 2 ? -of->weight[0] * way / (of->weight[1] - of->weight[0]) : meet;
     *share = low->share + (put > 0 && put < way ? put : 0.5 * way);
     return *share > low->share && *share < high->share;
@@ -63,7 +68,8 @@ static sample turn_end(const turn *of)
 {
     sample out = of->low.value <= of->high.value ? of->low : of->high;
     for (int d = 0; d < 3; d++)
-        out.normal[d] = (of->high.slope * of->low.normal[d] - of->low.slope * of->high.normal[d]) / (of->high.slope - of->low.slope);
+        out.normal[d] = (of->high.slope * of->low.normal[d] - of->low.slope * of->high.normal[d]) /
+                        (of->high.slope - of->low.slope);
     return out;
 }
 
@@ -77,7 +83,9 @@ typedef struct line {
 
 static sample look_on(const line *on, double share)
 {
-    const double p[3] = {on->from[0] + share * on->along[0], on->from[1] + share * on->along[1], on->from[2] + share * on->along[2]}, off = share - on->middle;
+    const double p[3] = {on->from[0] + share * on->along[0], on->from[1] + share * on->along[1],
+                         on->from[2] + share * on->along[2]},
+                 off = share - on->middle;
     sample out = {.share = share};
     out.value = pliant_part_distance(on->part, p, out.normal) + on->bend * off * off;
     out.slope = dot(out.normal, on->along) + 2 * on->bend * off;
@@ -137,7 +145,8 @@ static sample descend(const pliant_part *part, const double at[2][3], double ben
     return high.value < low.value ? high : low;
 }
 
-static double descend_edge(const pliant_part *part, const double at[2][3], double enough, double weight[2], double normal[3])
+static double descend_edge(const pliant_part *part, const double at[2][3], double enough, double weight[2],
+                           double normal[3])
 {
     const double bend = bend_of(apart(at[0], at[1]));
     const sample least = descend(part, at, bend, enough);
@@ -234,12 +243,16 @@ static void turn_to_triangle(const double at[3][3], const double weight[3], doub
 }
 
 /* Return whether the distance inside the part has edges, where the gradient gives no direction of descent. */
-static bool has_edges(const pliant_part *part) { return part->kind == PLIANT_PART_BOX || (part->kind == PLIANT_PART_SOLID && pliant_part_grain(part) == 0); }
+static bool has_edges(const pliant_part *part)
+{
+    return part->kind == PLIANT_PART_BOX || (part->kind == PLIANT_PART_SOLID && pliant_part_grain(part) == 0);
+}
 
 /* Find the minimum on a triangle by the pairwise Frank-Wolfe method. Weight moves from the corner with the highest
  * slope to the corner with the lowest one (Lacoste-Julien and Jaggi, On the Global Linear Convergence of
  * Frank-Wolfe Optimization Variants, 2015). */
-static double descend_face(const pliant_part *part, const double at[3][3], double enough, double weight[3], double normal[3])
+static double descend_face(const pliant_part *part, const double at[3][3], double enough, double weight[3],
+                           double normal[3])
 {
     enum { MOST_STEPS = 12 };
     line on = {.part = part};
@@ -324,7 +337,12 @@ static int split(const piece *of, int corners, piece *out)
         out[n].level++;
         for (int k = 0; k < corners; k++)
             if (corners == 2) memcpy(out[n].corner[k], k == n ? of->corner[n] : middle[0], sizeof middle[0]);
-            else memcpy(out[n].corner[k], n == 3 ? middle[k] : k == n ? of->corner[n] : middle[(k + 1) % 3 == n ? (n + 2) % 3 : n], sizeof middle[0]);
+            else
+                memcpy(out[n].corner[k],
+                       n == 3   ? middle[k]
+                       : k == n ? of->corner[n]
+                                : middle[(k + 1) % 3 == n ? (n + 2) % 3 : n],
+                       sizeof middle[0]);
     }
     return corners == 2 ? 2 : 4;
 }
@@ -370,7 +388,8 @@ static void resize_to(double size, int corners, piece *of)
     }
 }
 
-static double search(const pliant_part *part, const double (*at)[3], int corners, double enough, double *weight, double normal[3])
+static double search(const pliant_part *part, const double (*at)[3], int corners, double enough, double *weight,
+                     double normal[3])
 {
     piece best = find_lowest(part, at, corners, enough);
     double place[3][3] = {{0}}, share[3];
@@ -414,14 +433,18 @@ static double nearest_on_face(const pliant_part *ball, const double at[3][3], do
 
 /* ---- all */
 
-double pliant_edge_minimum(const pliant_part *part, const double at[2][3], double enough, double weight[2], double normal[3])
+double pliant_edge_minimum(const pliant_part *part, const double at[2][3], double enough, double weight[2],
+                           double normal[3])
 {
     if (part->kind == PLIANT_PART_SPHERE) return nearest_on_edge(part, at, weight, normal);
-    return pliant_part_grain(part) > 0 ? search(part, at, 2, enough, weight, normal) : descend_edge(part, at, enough, weight, normal);
+    return pliant_part_grain(part) > 0 ? search(part, at, 2, enough, weight, normal)
+                                       : descend_edge(part, at, enough, weight, normal);
 }
 
-double pliant_face_minimum(const pliant_part *part, const double at[3][3], double enough, double weight[3], double normal[3])
+double pliant_face_minimum(const pliant_part *part, const double at[3][3], double enough, double weight[3],
+                           double normal[3])
 {
     if (part->kind == PLIANT_PART_SPHERE) return nearest_on_face(part, at, weight, normal);
-    return pliant_part_grain(part) > 0 ? search(part, at, 3, enough, weight, normal) : descend_face(part, at, enough, weight, normal);
+    return pliant_part_grain(part) > 0 ? search(part, at, 3, enough, weight, normal)
+                                       : descend_face(part, at, enough, weight, normal);
 }

@@ -37,7 +37,10 @@ static void cross(const double *a, const double *b, double *out)
     for (int d = 0; d < 3; d++) out[d] = a[(d + 1) % 3] * b[(d + 2) % 3] - a[(d + 2) % 3] * b[(d + 1) % 3];
 }
 
-static const double *corner(const pliant_triangle_tree *tree, int32_t triangle, int k) { return tree->points + 3 * (size_t)tree->triangles[3 * (size_t)triangle + (size_t)k]; }
+static const double *corner(const pliant_triangle_tree *tree, int32_t triangle, int k)
+{
+    return tree->points + 3 * (size_t)tree->triangles[3 * (size_t)triangle + (size_t)k];
+}
 
 /* ---- construction */
 
@@ -119,7 +122,8 @@ static void build(pliant_triangle_tree *tree, int32_t count)
     }
 }
 
-pliant_status pliant_triangle_tree_create(const double *points, int32_t count, const int32_t *triangles, pliant_triangle_tree **out)
+pliant_status pliant_triangle_tree_create(const double *points, int32_t count, const int32_t *triangles,
+                                          pliant_triangle_tree **out)
 {
     pliant_triangle_tree *tree = pliant_calloc(1, sizeof *tree);
     if (!tree) return pliant_fail_memory("a solid");
@@ -134,7 +138,9 @@ pliant_status pliant_triangle_tree_create(const double *points, int32_t count, c
     }
     for (int32_t t = 0; t < count; t++) {
         tree->order[t] = t;
-        for (size_t d = 0; d < 3; d++) tree->middle[3 * (size_t)t + d] = (corner(tree, t, 0)[d] + corner(tree, t, 1)[d] + corner(tree, t, 2)[d]) / 3;
+        for (size_t d = 0; d < 3; d++)
+            tree->middle[3 * (size_t)t + d] =
+                (corner(tree, t, 0)[d] + corner(tree, t, 1)[d] + corner(tree, t, 2)[d]) / 3;
     }
     build(tree, count);
     pliant_free(tree->middle);
@@ -155,7 +161,8 @@ void pliant_triangle_tree_free(pliant_triangle_tree *tree)
 /* ---- nearest triangle */
 
 /* By the Voronoi regions of corners, edges and the inside: C. Ericson, Real-Time Collision Detection, 2005, 5.1.5. */
-void pliant_triangle_nearest_weights(const double a[3], const double b[3], const double c[3], const double p[3], double out[3])
+void pliant_triangle_nearest_weights(const double a[3], const double b[3], const double c[3], const double p[3],
+                                     double out[3])
 {
     double ab[3], ac[3], ap[3], bp[3], cp[3], v = 0, w = 0;
     for (int d = 0; d < 3; d++) {
@@ -165,8 +172,10 @@ void pliant_triangle_nearest_weights(const double a[3], const double b[3], const
         bp[d] = p[d] - b[d];
         cp[d] = p[d] - c[d];
     }
-    const double d1 = dot(ab, ap), d2 = dot(ac, ap), d3 = dot(ab, bp), d4 = dot(ac, bp), d5 = dot(ab, cp), d6 = dot(ac, cp);
-    const double of_c = d1 * d4 - d3 * d2, of_b = d5 * d2 - d1 * d6, of_a = d3 * d6 - d5 * d4, whole = of_a + of_b + of_c;
+    const double d1 = dot(ab, ap), d2 = dot(ac, ap), d3 = dot(ab, bp), d4 = dot(ac, bp), d5 = dot(ab, cp),
+                 d6 = dot(ac, cp);
+    const double of_c = d1 * d4 - d3 * d2, of_b = d5 * d2 - d1 * d6, of_a = d3 * d6 - d5 * d4,
+                 whole = of_a + of_b + of_c;
     if (d1 <= 0 && d2 <= 0) v = w = 0;
     else if (d3 >= 0 && d4 <= d3) v = 1;
     else if (of_c <= 0 && d1 >= 0 && d3 <= 0) v = d1 > d3 ? d1 / (d1 - d3) : 0;
@@ -220,7 +229,8 @@ double pliant_triangle_tree_distance(const pliant_triangle_tree *tree, const dou
             least = fmin(least, square);
         }
         if (box->child < 0) continue;
-        const double first = square_from(tree->box + box->child, p), second = square_from(tree->box + box->child + 1, p);
+        const double first = square_from(tree->box + box->child, p),
+                     second = square_from(tree->box + box->child + 1, p);
         const int nearer = second < first; /* the nearer child is last on the stack, so it is visited first */
         stack[depth] = box->child + !nearer;
         from[depth++] = nearer ? first : second;
@@ -242,8 +252,8 @@ static double solid_angle(const double *const corners[3], const double p[3])
         length[k] = sqrt(dot(to[k], to[k]));
     }
     cross(to[1], to[2], normal);
-    return 2 * atan2(dot(to[0], normal), length[0] * length[1] * length[2] + dot(to[0], to[1]) * length[2] + dot(to[1], to[2]) * length[0] +
-                                             dot(to[2], to[0]) * length[1]);
+    return 2 * atan2(dot(to[0], normal), length[0] * length[1] * length[2] + dot(to[0], to[1]) * length[2] +
+                                             dot(to[1], to[2]) * length[0] + dot(to[2], to[0]) * length[1]);
 }
 
 double pliant_triangle_tree_winding(const pliant_triangle_tree *tree, const double p[3])
@@ -254,7 +264,8 @@ double pliant_triangle_tree_winding(const pliant_triangle_tree *tree, const doub
     stack[0] = 0;
     while (depth > 0) {
         const tree_box *box = tree->box + stack[--depth];
-        const double to[3] = {box->middle[0] - p[0], box->middle[1] - p[1], box->middle[2] - p[2]}, apart = sqrt(dot(to, to));
+        const double to[3] = {box->middle[0] - p[0], box->middle[1] - p[1], box->middle[2] - p[2]},
+                     apart = sqrt(dot(to, to));
         if (apart > far * box->radius) sum += dot(box->area, to) / (apart * apart * apart);
         else if (box->child >= 0) {
             stack[depth++] = box->child;

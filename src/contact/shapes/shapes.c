@@ -86,9 +86,11 @@ double pliant_part_depth(const pliant_part *part)
     if (part->kind == PLIANT_PART_HALF_SPACE) return INFINITY;
     /* a solid that is not convex may be thinner elsewhere, down to the resolution of its field */
     if (part->kind == PLIANT_PART_SOLID)
-        return part->radius + (part->solid->convex ? part->solid->depth : fmin(part->solid->depth, 2 * part->solid->cell));
+        return part->radius +
+               (part->solid->convex ? part->solid->depth : fmin(part->solid->depth, 2 * part->solid->cell));
     if (part->kind != PLIANT_PART_BOX) return part->radius;
-    return part->radius + 0.5 * fmin(fmin(part->to[0] - part->from[0], part->to[1] - part->from[1]), part->to[2] - part->from[2]);
+    return part->radius +
+           0.5 * fmin(fmin(part->to[0] - part->from[0], part->to[1] - part->from[1]), part->to[2] - part->from[2]);
 }
 
 pliant_part pliant_part_core(const pliant_part *part, double guard)
@@ -109,7 +111,9 @@ static void corners_of(const pliant_part *part, double low[3], double high[3])
     const bool is_solid = part->kind == PLIANT_PART_SOLID;
     for (int d = 0; d < 3; d++) {
         low[d] = part->from[d] + (is_solid ? part->solid->low[d] : 0);
-        high[d] = part->kind == PLIANT_PART_SPHERE ? part->from[d] : is_solid ? part->from[d] + part->solid->high[d] : part->to[d];
+        high[d] = part->kind == PLIANT_PART_SPHERE ? part->from[d]
+                  : is_solid                       ? part->from[d] + part->solid->high[d]
+                                                   : part->to[d];
     }
 }
 
@@ -151,7 +155,10 @@ const char *pliant_part_check(const pliant_part *part, bool of_tool, char *reaso
             return complain(reason, size, "its numbers must be finite, and metres: at most 10");
     }
     if (part->kind == PLIANT_PART_HALF_SPACE) {
-        if (of_tool) return complain(reason, size, "a half-space is an obstacle of the scene; a tool's part is a sphere, capsule, box or solid");
+        if (of_tool)
+            return complain(
+                reason, size,
+                "a half-space is an obstacle of the scene; a tool's part is a sphere, capsule, box or solid");
         return length(part->to) > 0 ? NULL : complain(reason, size, "its normal must not be zero");
     }
     if (part->kind == PLIANT_PART_BOX)
@@ -161,7 +168,8 @@ const char *pliant_part_check(const pliant_part *part, bool of_tool, char *reaso
                 return reason;
             }
     if (part->kind == PLIANT_PART_SOLID && !part->solid) return complain(reason, size, "it has no solid");
-    if (!(part->radius >= 0 && part->radius <= most)) return complain(reason, size, "its radius must be between 0 and 10 m");
+    if (!(part->radius >= 0 && part->radius <= most))
+        return complain(reason, size, "its radius must be between 0 and 10 m");
     /* independent of the field's resolution */
     const double depth = part->kind == PLIANT_PART_SOLID ? part->radius + part->solid->depth : pliant_part_depth(part);
     if (!(depth >= thinnest)) return complain(reason, size, "it is thinner than 0.1 mm");
@@ -174,7 +182,8 @@ void pliant_tool_shape_move(pliant_tool_shape *shape, const double offset[3])
         shape->joint[d] += offset[d];
         for (int32_t p = 0; p < shape->num_parts; p++) {
             shape->part[p].from[d] += offset[d];
-            if (shape->part[p].kind != PLIANT_PART_HALF_SPACE && shape->part[p].kind != PLIANT_PART_SOLID) shape->part[p].to[d] += offset[d];
+            if (shape->part[p].kind != PLIANT_PART_HALF_SPACE && shape->part[p].kind != PLIANT_PART_SOLID)
+                shape->part[p].to[d] += offset[d];
         }
     }
 }
@@ -207,7 +216,10 @@ void pliant_tool_shape_retain(const pliant_tool_shape *shape)
     for (int32_t p = 0; p < shape->num_parts; p++) pliant_solid_retain(shape->part[p].solid);
 }
 
-double pliant_part_grain(const pliant_part *part) { return part->kind == PLIANT_PART_SOLID && !part->solid->convex ? part->solid->cell : 0; }
+double pliant_part_grain(const pliant_part *part)
+{
+    return part->kind == PLIANT_PART_SOLID && !part->solid->convex ? part->solid->cell : 0;
+}
 
 /* ---- poses */
 
@@ -218,7 +230,8 @@ void pliant_pose_turn(const pliant_pose *pose, const double local[3], double out
 
 void pliant_pose_turn_back(const pliant_pose *pose, const double v[3], double out[3])
 {
-    for (int d = 0; d < 3; d++) out[d] = pose->rotation[d] * v[0] + pose->rotation[3 + d] * v[1] + pose->rotation[6 + d] * v[2];
+    for (int d = 0; d < 3; d++)
+        out[d] = pose->rotation[d] * v[0] + pose->rotation[3 + d] * v[1] + pose->rotation[6 + d] * v[2];
 }
 
 void pliant_pose_to(const pliant_pose *pose, const double local[3], double out[3])
@@ -233,8 +246,8 @@ void pliant_pose_from(const pliant_pose *pose, const double x[3], double out[3])
     pliant_pose_turn_back(pose, apart, out);
 }
 
-void pliant_part_pose(const pliant_tool_shape *shape, pliant_part_frame frame, const double tip[3], const double rotation[4], double jaw,
-                      pliant_pose *out)
+void pliant_part_pose(const pliant_tool_shape *shape, pliant_part_frame frame, const double tip[3],
+                      const double rotation[4], double jaw, pliant_pose *out)
 {
     const double half = frame == PLIANT_FRAME_TIP ? 0 : frame == PLIANT_FRAME_JAW_PLUS ? 0.5 * jaw : -0.5 * jaw;
     const double size = length(shape->axis), sine = size > 0 ? sin(0.5 * half) / size : 0;
@@ -262,7 +275,8 @@ void pliant_part_box(const pliant_part *part, const pliant_pose *pose, double lo
     pliant_pose_to(pose, part->kind == PLIANT_PART_CAPSULE ? part->to : has_corners ? middle : part->from, to);
     for (int d = 0; d < 3; d++) {
         double grow = part->kind == PLIANT_PART_HALF_SPACE ? INFINITY : part->radius;
-        for (int e = 0; has_corners && e < 3; e++) grow += 0.5 * fabs(pose->rotation[3 * d + e]) * (ends[1][e] - ends[0][e]);
+        for (int e = 0; has_corners && e < 3; e++)
+            grow += 0.5 * fabs(pose->rotation[3 * d + e]) * (ends[1][e] - ends[0][e]);
         low[d] = fmin(from[d], to[d]) - grow;
         high[d] = fmax(from[d], to[d]) + grow;
     }

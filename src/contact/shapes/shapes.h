@@ -41,8 +41,8 @@ void pliant_pose_from(const pliant_pose *pose, const double x[3], double out[3])
 void pliant_pose_turn(const pliant_pose *pose, const double local[3], double out[3]); /* directions */
 void pliant_pose_turn_back(const pliant_pose *pose, const double v[3], double out[3]);
 /* Compute the pose of a tool's part. rotation: quaternion x y z w */
-void pliant_part_pose(const pliant_tool_shape *shape, pliant_part_frame frame, const double tip[3], const double rotation[4], double jaw,
-                      pliant_pose *out);
+void pliant_part_pose(const pliant_tool_shape *shape, pliant_part_frame frame, const double tip[3],
+                      const double rotation[4], double jaw, pliant_pose *out);
 /* Compute the box around a part at a pose, [low, high); infinite for half-spaces. */
 void pliant_part_box(const pliant_part *part, const pliant_pose *pose, double low[3], double high[3]);
 
@@ -50,8 +50,10 @@ void pliant_part_box(const pliant_part *part, const pliant_pose *pose, double lo
  * may be returned; then the outputs are not valid.
  * @param at corners in the part's frame [m]; @param weight out: weights of the corners at the minimum
  * @param normal out: as in pliant_part_distance */
-double pliant_edge_minimum(const pliant_part *part, const double at[2][3], double enough, double weight[2], double normal[3]);
-double pliant_face_minimum(const pliant_part *part, const double at[3][3], double enough, double weight[3], double normal[3]);
+double pliant_edge_minimum(const pliant_part *part, const double at[2][3], double enough, double weight[2],
+                           double normal[3]);
+double pliant_face_minimum(const pliant_part *part, const double at[3][3], double enough, double weight[3],
+                           double normal[3]);
 
 #ifdef __cplusplus
 }

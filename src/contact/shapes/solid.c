@@ -51,7 +51,8 @@ typedef struct weld {
 
 static uint32_t cell_key(const int64_t cell[3], uint32_t mask)
 {
-    const uint64_t mixed = (uint64_t)cell[0] * 0x9E3779B97F4A7C15u ^ (uint64_t)cell[1] * 0xC2B2AE3D27D4EB4Fu ^ (uint64_t)cell[2] * 0x165667B19E3779F9u;
+    const uint64_t mixed = (uint64_t)cell[0] * 0x9E3779B97F4A7C15u ^ (uint64_t)cell[1] * 0xC2B2AE3D27D4EB4Fu ^
+                           (uint64_t)cell[2] * 0x165667B19E3779F9u;
     return (uint32_t)(mixed >> 32 ^ mixed) & mask;
 }
 
@@ -69,7 +70,9 @@ static int32_t find_same(const weld *on, int32_t point)
             for (cell[2] = low[2]; cell[2] <= high[2]; cell[2]++)
                 for (int32_t other = on->head[cell_key(cell, on->mask)]; other >= 0; other = on->next[other]) {
                     const double *q = on->of->points + 3 * (size_t)other;
-                    if (other < best && fabs(p[0] - q[0]) <= on->least && fabs(p[1] - q[1]) <= on->least && fabs(p[2] - q[2]) <= on->least) best = other;
+                    if (other < best && fabs(p[0] - q[0]) <= on->least && fabs(p[1] - q[1]) <= on->least &&
+                        fabs(p[2] - q[2]) <= on->least)
+                        best = other;
                 }
     return best;
 }
@@ -77,7 +80,8 @@ static int32_t find_same(const weld *on, int32_t point)
 static void keep_point(weld *on, int32_t point)
 {
     int64_t cell[3];
-    for (int d = 0; d < 3; d++) cell[d] = (int64_t)floor((on->of->points[3 * (size_t)point + (size_t)d] - on->low[d]) / (4 * on->least));
+    for (int d = 0; d < 3; d++)
+        cell[d] = (int64_t)floor((on->of->points[3 * (size_t)point + (size_t)d] - on->low[d]) / (4 * on->least));
     int32_t *head = on->head + cell_key(cell, on->mask);
     on->next[point] = *head;
     *head = point;
@@ -88,7 +92,8 @@ static void join(surface *of, const int32_t *same)
 {
     int32_t *number = of->triangles, left = 0; /* numbers of the remaining points */
     for (int32_t t = 0; t < of->num_triangles; t++) {
-        const int32_t a = same[number[3 * (size_t)t]], b = same[number[3 * (size_t)t + 1]], c = same[number[3 * (size_t)t + 2]];
+        const int32_t a = same[number[3 * (size_t)t]], b = same[number[3 * (size_t)t + 1]],
+                      c = same[number[3 * (size_t)t + 2]];
         if (a == b || b == c || c == a) continue;
         number[3 * (size_t)left] = a;
         number[3 * (size_t)left + 1] = b;
@@ -153,10 +158,16 @@ static pliant_status complain(const surface *of, const half_edge *edge, int32_t 
 {
     const double *a = of->points + 3 * (size_t)edge->low, *b = of->points + 3 * (size_t)edge->high;
     if (open)
-        return pliant_fail(PLIANT_ERROR_FORMAT, "%s: is not closed: %d of its %d edges have a triangle on one side alone, the first from (%.6g, %.6g, %.6g) to (%.6g, "
-                           "%.6g, %.6g); fill its holes, or take its convex hull (kind: convex)", of->name, bad, edges, a[0], a[1], a[2], b[0], b[1], b[2]);
-    return pliant_fail(PLIANT_ERROR_FORMAT, "%s: %d of its %d edges have triangles that are turned inside out to each other, the first from (%.6g, %.6g, %.6g) to (%.6g, "
-                       "%.6g, %.6g); corners must go round counter-clockwise as seen from outside, everywhere", of->name, bad, edges, a[0], a[1], a[2], b[0], b[1], b[2]);
+        return pliant_fail(
+            PLIANT_ERROR_FORMAT,
+            "%s: is not closed: %d of its %d edges have a triangle on one side alone, the first from (%.6g, %.6g, %.6g) to (%.6g, "
+            "%.6g, %.6g); fill its holes, or take its convex hull (kind: convex)",
+            of->name, bad, edges, a[0], a[1], a[2], b[0], b[1], b[2]);
+    return pliant_fail(
+        PLIANT_ERROR_FORMAT,
+        "%s: %d of its %d edges have triangles that are turned inside out to each other, the first from (%.6g, %.6g, %.6g) to (%.6g, "
+        "%.6g, %.6g); corners must go round counter-clockwise as seen from outside, everywhere",
+        of->name, bad, edges, a[0], a[1], a[2], b[0], b[1], b[2]);
 }
 
 /* Check that each edge has as many triangles in one direction as in the other. */
@@ -189,7 +200,8 @@ static pliant_status check_closed(const surface *of)
 /* Rotate about the fixed axes x, y and z, in this order. */
 static void turn(const double angle[3], const double v[3], double out[3])
 {
-    const double cx = cos(angle[0]), sx = sin(angle[0]), cy = cos(angle[1]), sy = sin(angle[1]), cz = cos(angle[2]), sz = sin(angle[2]);
+    const double cx = cos(angle[0]), sx = sin(angle[0]), cy = cos(angle[1]), sy = sin(angle[1]), cz = cos(angle[2]),
+                 sz = sin(angle[2]);
     const double y = cx * v[1] - sx * v[2], z = sx * v[1] + cx * v[2];
     const double x = cy * v[0] + sy * z;
     out[0] = cz * x - sz * y;
@@ -210,8 +222,10 @@ static pliant_status take_measure(pliant_solid *solid, const char *name)
         }
         size = fmax(size, solid->high[d] - solid->low[d]);
     }
-    if (size > largest) return pliant_fail(PLIANT_ERROR_FORMAT, "%s: is %.6g m large; is it in millimetres (unit: mm)?", name, size);
-    if (size < smallest) return pliant_fail(PLIANT_ERROR_FORMAT, "%s: is %.6g m large; is it in metres (unit: m)?", name, size);
+    if (size > largest)
+        return pliant_fail(PLIANT_ERROR_FORMAT, "%s: is %.6g m large; is it in millimetres (unit: mm)?", name, size);
+    if (size < smallest)
+        return pliant_fail(PLIANT_ERROR_FORMAT, "%s: is %.6g m large; is it in metres (unit: m)?", name, size);
     return PLIANT_OK;
 }
 
@@ -222,8 +236,10 @@ static pliant_status find_volume(pliant_solid *solid, const char *name)
     for (int32_t t = 0; t < solid->num_triangles; t++) {
         double to[3][3];
         for (int k = 0; k < 3; k++)
-            for (int d = 0; d < 3; d++) to[k][d] = solid->points[3 * (size_t)solid->triangles[3 * t + k] + (size_t)d] - solid->low[d];
-        for (int d = 0; d < 3; d++) sum += to[0][d] * (to[1][(d + 1) % 3] * to[2][(d + 2) % 3] - to[1][(d + 2) % 3] * to[2][(d + 1) % 3]) / 6;
+            for (int d = 0; d < 3; d++)
+                to[k][d] = solid->points[3 * (size_t)solid->triangles[3 * t + k] + (size_t)d] - solid->low[d];
+        for (int d = 0; d < 3; d++)
+            sum += to[0][d] * (to[1][(d + 1) % 3] * to[2][(d + 2) % 3] - to[1][(d + 2) % 3] * to[2][(d + 1) % 3]) / 6;
     }
     for (int32_t t = 0; sum < 0 && t < solid->num_triangles; t++) {
         const int32_t other = solid->triangles[3 * t + 1];
@@ -237,9 +253,11 @@ static pliant_status find_volume(pliant_solid *solid, const char *name)
 static pliant_status make_faces(pliant_solid *solid, const char *name)
 {
     double middle[3] = {0, 0, 0}, normal[3];
-    if (!(solid->plane = pliant_calloc((size_t)solid->num_triangles, sizeof *solid->plane))) return pliant_fail_memory(name);
+    if (!(solid->plane = pliant_calloc((size_t)solid->num_triangles, sizeof *solid->plane)))
+        return pliant_fail_memory(name);
     for (int32_t t = 0; t < solid->num_triangles; t++) {
-        const double *a = solid->points + 3 * solid->triangles[3 * t], *b = solid->points + 3 * solid->triangles[3 * t + 1];
+        const double *a = solid->points + 3 * solid->triangles[3 * t],
+                     *b = solid->points + 3 * solid->triangles[3 * t + 1];
         const double *c = solid->points + 3 * solid->triangles[3 * t + 2];
         double *plane = solid->plane[t], size = 0;
         for (int d = 0; d < 3; d++) {
@@ -277,7 +295,9 @@ static pliant_status finish(surface *of, const pliant_solid_options *options, pl
     }
     pliant_status status = take_measure(solid, of->name);
     if (status == PLIANT_OK) status = find_volume(solid, of->name);
-    if (status == PLIANT_OK) status = solid->convex ? make_faces(solid, of->name) : pliant_solid_make_field(solid, options->resolution, of->name);
+    if (status == PLIANT_OK)
+        status =
+            solid->convex ? make_faces(solid, of->name) : pliant_solid_make_field(solid, options->resolution, of->name);
     if (status == PLIANT_OK) *out = solid;
     else free_solid(solid);
     return status;
@@ -285,9 +305,12 @@ static pliant_status finish(surface *of, const pliant_solid_options *options, pl
 
 static pliant_status check_options(const pliant_solid_options *options, const char *name)
 {
-    bool good = options->unit >= 0 && isfinite(options->unit) && options->resolution >= 0 && isfinite(options->resolution);
+    bool good =
+        options->unit >= 0 && isfinite(options->unit) && options->resolution >= 0 && isfinite(options->resolution);
     for (int d = 0; d < 3; d++) good = good && isfinite(options->turn[d]);
-    return good ? PLIANT_OK : pliant_fail(PLIANT_ERROR_ARGUMENT, "%s: unit and resolution must be finite and not below 0, its turn finite", name);
+    return good ? PLIANT_OK
+                : pliant_fail(PLIANT_ERROR_ARGUMENT,
+                              "%s: unit and resolution must be finite and not below 0, its turn finite", name);
 }
 
 static pliant_status make(surface *of, const pliant_solid_options *options, pliant_solid **out)
@@ -301,32 +324,38 @@ static pliant_status make(surface *of, const pliant_solid_options *options, plia
             high[d] = fmax(high[d], v);
         }
     for (int d = 0; d < 3; d++) size = fmax(size, high[d] - low[d]);
-    pliant_status status = size > 0 && isfinite(size) ? PLIANT_OK : pliant_fail(PLIANT_ERROR_FORMAT, "%s: has no size", of->name);
+    pliant_status status =
+        size > 0 && isfinite(size) ? PLIANT_OK : pliant_fail(PLIANT_ERROR_FORMAT, "%s: has no size", of->name);
     if (status == PLIANT_OK && options->convex) {
         pliant_free(of->triangles);
         of->triangles = NULL;
         status = pliant_hull_find(of->num_points, of->points, of->name, &of->num_triangles, &of->triangles);
     } else if (status == PLIANT_OK) {
         status = join_points(of, size, low);
-        if (status == PLIANT_OK && of->num_triangles == 0) status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: none of its triangles has an area", of->name);
+        if (status == PLIANT_OK && of->num_triangles == 0)
+            status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: none of its triangles has an area", of->name);
         if (status == PLIANT_OK) status = check_closed(of);
     }
     if (status == PLIANT_OK) status = leave_points_out(of);
     return status == PLIANT_OK ? finish(of, options, out) : status;
 }
 
-pliant_status pliant_solid_create(int32_t num_points, const double *points, int32_t num_triangles, const int32_t *triangles, const pliant_solid_options *options,
-                                  const char *name, pliant_solid **out)
+pliant_status pliant_solid_create(int32_t num_points, const double *points, int32_t num_triangles,
+                                  const int32_t *triangles, const pliant_solid_options *options, const char *name,
+                                  pliant_solid **out)
 {
     pliant_status status = check_options(options, name);
     if (status != PLIANT_OK) return status;
-    if (num_points < 4 || num_points > 3 * PLIANT_SOLID_TRIANGLES || num_triangles > PLIANT_SOLID_TRIANGLES || (num_triangles < 4 && !options->convex))
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "%s: %d points and %d triangles are no solid: 4 are needed, and %d triangles possible", name, num_points, num_triangles,
-                           PLIANT_SOLID_TRIANGLES);
+    if (num_points < 4 || num_points > 3 * PLIANT_SOLID_TRIANGLES || num_triangles > PLIANT_SOLID_TRIANGLES ||
+        (num_triangles < 4 && !options->convex))
+        return pliant_fail(PLIANT_ERROR_ARGUMENT,
+                           "%s: %d points and %d triangles are no solid: 4 are needed, and %d triangles possible", name,
+                           num_points, num_triangles, PLIANT_SOLID_TRIANGLES);
     if (options->convex) num_triangles = 0;
     for (int32_t c = 0; c < 3 * num_triangles; c++)
         if (triangles[c] < 0 || triangles[c] >= num_points)
-            return pliant_fail(PLIANT_ERROR_ARGUMENT, "%s: triangle %d has corner %d; there are %d points", name, c / 3 + 1, triangles[c], num_points);
+            return pliant_fail(PLIANT_ERROR_ARGUMENT, "%s: triangle %d has corner %d; there are %d points", name,
+                               c / 3 + 1, triangles[c], num_points);
     surface of = {.name = name, .num_points = num_points, .num_triangles = num_triangles};
     of.points = pliant_calloc((size_t)num_points, 3 * sizeof *of.points);
     of.triangles = num_triangles > 0 ? pliant_calloc((size_t)num_triangles, 3 * sizeof *of.triangles) : NULL;
@@ -347,7 +376,8 @@ pliant_status pliant_solid_read(const char *path, const pliant_solid_options *op
     pliant_status status = check_options(options, path);
     if (status == PLIANT_OK) status = pliant_stl_read(path, &soup);
     if (status != PLIANT_OK) return status;
-    surface of = {.name = path, .num_points = 3 * soup.num_triangles, .num_triangles = soup.num_triangles, .points = soup.points};
+    surface of = {
+        .name = path, .num_points = 3 * soup.num_triangles, .num_triangles = soup.num_triangles, .points = soup.points};
     of.triangles = pliant_calloc((size_t)of.num_points, sizeof *of.triangles);
     if (!of.triangles) status = pliant_fail_memory(path);
     for (int32_t c = 0; of.triangles && c < of.num_points; c++) of.triangles[c] = c;
@@ -359,11 +389,20 @@ pliant_status pliant_solid_read(const char *path, const pliant_solid_options *op
 
 void pliant_solid_get_surface(const pliant_solid *solid, pliant_solid_surface *out)
 {
-    const size_t field = solid->value ? (size_t)solid->size[0] * (size_t)solid->size[1] * (size_t)solid->size[2] * sizeof *solid->value : 0;
+    const size_t field =
+        solid->value ? (size_t)solid->size[0] * (size_t)solid->size[1] * (size_t)solid->size[2] * sizeof *solid->value
+                     : 0;
     *out = (pliant_solid_surface){
-        .num_points = solid->num_points, .num_triangles = solid->num_triangles, .points = solid->points, .triangles = solid->triangles, .convex = solid->convex,
-        .resolution = solid->convex ? 0 : solid->cell, .error = solid->error, .volume = solid->volume,
-        .bytes = sizeof *solid + 3 * (size_t)solid->num_points * sizeof *solid->points + 3 * (size_t)solid->num_triangles * sizeof *solid->triangles +
+        .num_points = solid->num_points,
+        .num_triangles = solid->num_triangles,
+        .points = solid->points,
+        .triangles = solid->triangles,
+        .convex = solid->convex,
+        .resolution = solid->convex ? 0 : solid->cell,
+        .error = solid->error,
+        .volume = solid->volume,
+        .bytes = sizeof *solid + 3 * (size_t)solid->num_points * sizeof *solid->points +
+                 3 * (size_t)solid->num_triangles * sizeof *solid->triangles +
                  (solid->plane ? (size_t)solid->num_triangles * sizeof *solid->plane : 0) + field,
     };
 }

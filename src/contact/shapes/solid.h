@@ -39,7 +39,8 @@ pliant_status pliant_stl_read(const char *path, pliant_triangle_soup *out);
 /* ---- nearest.c: tree of boxes around triangles */
 typedef struct pliant_triangle_tree pliant_triangle_tree;
 /* Build the tree; it borrows points and triangles. Errors: MEMORY. */
-pliant_status pliant_triangle_tree_create(const double *points, int32_t count, const int32_t *triangles, pliant_triangle_tree **out);
+pliant_status pliant_triangle_tree_create(const double *points, int32_t count, const int32_t *triangles,
+                                          pliant_triangle_tree **out);
 void pliant_triangle_tree_free(pliant_triangle_tree *tree); /* Nullable */
 /* Return the distance of a point from the nearest triangle, or `most` if it is larger. */
 double pliant_triangle_tree_distance(const pliant_triangle_tree *tree, const double p[3], double most);
@@ -47,14 +48,16 @@ double pliant_triangle_tree_distance(const pliant_triangle_tree *tree, const dou
 double pliant_triangle_tree_winding(const pliant_triangle_tree *tree, const double p[3]);
 /* Compute the point of a triangle nearest to p. */
 /* as weights of its corners */
-void pliant_triangle_nearest_weights(const double a[3], const double b[3], const double c[3], const double p[3], double out[3]);
+void pliant_triangle_nearest_weights(const double a[3], const double b[3], const double c[3], const double p[3],
+                                     double out[3]);
 void pliant_triangle_nearest(const double a[3], const double b[3], const double c[3], const double p[3], double out[3]);
 
 /* ---- hull.c */
 /* Compute the triangles of the convex hull, oriented outwards. Points within a face belong to no triangle. The
  * caller frees the triangles with pliant_free. Errors: FORMAT (flat, or more than PLIANT_HULL_TRIANGLES; name is
  * for the message), MEMORY. */
-pliant_status pliant_hull_find(int32_t num_points, const double *points, const char *name, int32_t *num_triangles, int32_t **triangles);
+pliant_status pliant_hull_find(int32_t num_points, const double *points, const char *name, int32_t *num_triangles,
+                               int32_t **triangles);
 
 /* ---- field.c */
 /* Compute the field of a solid from its surface: size, origin, cell, error, value, depth. Errors: FORMAT, MEMORY. */

@@ -34,7 +34,8 @@ static pliant_status read_bytes(const char *path, uint8_t **out, size_t *size)
         bytes = larger;
         length += fread(bytes + length, 1, room - length, file);
         more = length == room;
-        if (length > MOST_BYTES) status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: is longer than %d MiB", path, MOST_BYTES >> 20);
+        if (length > MOST_BYTES)
+            status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: is longer than %d MiB", path, MOST_BYTES >> 20);
         else if (ferror(file)) status = pliant_fail(PLIANT_ERROR_FILE, "%s: cannot be read: %s", path, strerror(errno));
     }
     fclose(file);
@@ -47,7 +48,10 @@ static pliant_status read_bytes(const char *path, uint8_t **out, size_t *size)
 
 /* ---- binary */
 
-static uint32_t word_at(const uint8_t *bytes) { return bytes[0] | (uint32_t)bytes[1] << 8 | (uint32_t)bytes[2] << 16 | (uint32_t)bytes[3] << 24; }
+static uint32_t word_at(const uint8_t *bytes)
+{
+    return bytes[0] | (uint32_t)bytes[1] << 8 | (uint32_t)bytes[2] << 16 | (uint32_t)bytes[3] << 24;
+}
 
 static pliant_status read_binary(const char *path, const uint8_t *bytes, int32_t count, double *points)
 {
@@ -56,7 +60,8 @@ static pliant_status read_binary(const char *path, const uint8_t *bytes, int32_t
             const uint32_t word = word_at(bytes + HEADER + (size_t)RECORD * (size_t)t + 12 + 4 * k);
             float value;
             memcpy(&value, &word, sizeof value);
-            if (!isfinite(value)) return pliant_fail(PLIANT_ERROR_FORMAT, "%s: triangle %d has a corner that is not finite", path, t + 1);
+            if (!isfinite(value))
+                return pliant_fail(PLIANT_ERROR_FORMAT, "%s: triangle %d has a corner that is not finite", path, t + 1);
             points[9 * (size_t)t + (size_t)k] = value;
         }
     return PLIANT_OK;
@@ -81,7 +86,8 @@ static pliant_status read_corner(text_reader *reader, double out[3])
 {
     for (int d = 0; d < 3; d++)
         if (!next_word(reader) || !pliant_parse_real(reader->word, &out[d]))
-            return pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: 'vertex' needs three numbers, and '%s' is none", reader->path, reader->line, reader->word);
+            return pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: 'vertex' needs three numbers, and '%s' is none",
+                               reader->path, reader->line, reader->word);
     return PLIANT_OK;
 }
 
@@ -96,7 +102,8 @@ static pliant_status read_text(const char *path, const char *text, int32_t *coun
     while (next_word(&reader)) {
         const bool ends_facet = !strcmp(reader.word, "endfacet");
         if (open && (!strcmp(reader.word, "facet") || !strcmp(reader.word, "endsolid")))
-            return pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: the facet before has no 'endfacet'", path, reader.line);
+            return pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: the facet before has no 'endfacet'", path,
+                               reader.line);
         if (!strcmp(reader.word, "facet")) {
             corners = 0;
             open = true;
@@ -105,7 +112,9 @@ static pliant_status read_text(const char *path, const char *text, int32_t *coun
             if (status != PLIANT_OK) return status;
             corners++;
         } else if (ends_facet) {
-            if (!open || corners != 3) return pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: a facet needs 3 corners ('vertex x y z')", path, reader.line);
+            if (!open || corners != 3)
+                return pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: a facet needs 3 corners ('vertex x y z')", path,
+                                   reader.line);
             if (points) memcpy(points + 9 * (size_t)*count, facet, 9 * sizeof *facet);
             open = false;
             if (++*count > PLIANT_SOLID_TRIANGLES) return PLIANT_OK;
@@ -115,7 +124,9 @@ static pliant_status read_text(const char *path, const char *text, int32_t *coun
             reader.at += strcspn(reader.at, "\n");
         }
     }
-    return ends ? PLIANT_OK : pliant_fail(PLIANT_ERROR_FORMAT, "%s: ends at line %d without 'endsolid': it is truncated", path, reader.line);
+    return ends ? PLIANT_OK
+                : pliant_fail(PLIANT_ERROR_FORMAT, "%s: ends at line %d without 'endsolid': it is truncated", path,
+                              reader.line);
 }
 
 /* ---- both formats */
@@ -124,7 +135,8 @@ static pliant_status check_count(const char *path, uint32_t count)
 {
     if (count == 0) return pliant_fail(PLIANT_ERROR_FORMAT, "%s: has no triangle", path);
     if (count > PLIANT_SOLID_TRIANGLES)
-        return pliant_fail(PLIANT_ERROR_FORMAT, "%s: has more than %d triangles: make them fewer first", path, PLIANT_SOLID_TRIANGLES);
+        return pliant_fail(PLIANT_ERROR_FORMAT, "%s: has more than %d triangles: make them fewer first", path,
+                           PLIANT_SOLID_TRIANGLES);
     return PLIANT_OK;
 }
 
@@ -142,10 +154,15 @@ static pliant_status parse(const char *path, const uint8_t *bytes, size_t size, 
     pliant_status status = PLIANT_OK;
     if (size == 0) return pliant_fail(PLIANT_ERROR_FORMAT, "%s: is empty", path);
     if (text) status = read_text(path, (const char *)bytes, &count, NULL);
-    else if (size < HEADER) return pliant_fail(PLIANT_ERROR_FORMAT, "%s: is not STL: neither 'solid' and facets, nor as long as a binary header of 84 bytes", path);
+    else if (size < HEADER)
+        return pliant_fail(PLIANT_ERROR_FORMAT,
+                           "%s: is not STL: neither 'solid' and facets, nor as long as a binary header of 84 bytes",
+                           path);
     else if (size != needed)
-        return pliant_fail(PLIANT_ERROR_FORMAT, "%s: as binary STL it says that it has %u triangles, which take %llu bytes, and has %zu: it is truncated, or not STL",
-                           path, said, (unsigned long long)needed, size);
+        return pliant_fail(
+            PLIANT_ERROR_FORMAT,
+            "%s: as binary STL it says that it has %u triangles, which take %llu bytes, and has %zu: it is truncated, or not STL",
+            path, said, (unsigned long long)needed, size);
     if (status == PLIANT_OK) status = check_count(path, text ? (uint32_t)count : said);
     if (status != PLIANT_OK) return status;
     if (!text) count = (int32_t)said;

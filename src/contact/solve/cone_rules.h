@@ -93,7 +93,8 @@ PLIANT_INLINE void pliant_cones_begin(const pliant_team *team, const pliant_cone
     const size_t row = 3 * (size_t)on->count;
     for (int32_t p = team->rank; p < on->count; p += team->size) {
         const double *n = on->matrix + 3 * (size_t)p * (row + 1), *t = n + row, *s = t + row;
-        const double mean = 0.5 * (t[1] + s[2]), apart = 0.5 * (t[1] - s[2]), stiff = mean + sqrt(apart * apart + t[2] * t[2]);
+        const double mean = 0.5 * (t[1] + s[2]), apart = 0.5 * (t[1] - s[2]),
+                     stiff = mean + sqrt(apart * apart + t[2] * t[2]);
         on->point[p].soft[0] = n[0] > 0 ? 1 / n[0] : 0;
         on->point[p].soft[1] = stiff > 0 ? 1 / stiff : 0;
     }
@@ -101,17 +102,20 @@ PLIANT_INLINE void pliant_cones_begin(const pliant_team *team, const pliant_cone
 }
 
 /* Compute f - times v of a point before the projection. Return the normal part. z: tangential part */
-PLIANT_INLINE double pliant_cone_trial(const pliant_cone_point *point, double times, const double v[3], const double f[3], double z[2])
+PLIANT_INLINE double pliant_cone_trial(const pliant_cone_point *point, double times, const double v[3],
+                                       const double f[3], double z[2])
 {
     for (int k = 0; k < 2; k++) z[k] = f[1 + k] - times * point->soft[1] * v[1 + k];
     return f[0] - times * point->soft[0] * v[0];
 }
 
 /* Compute the change of f by the projection: P(f - times v) - f. */
-PLIANT_INLINE void pliant_cone_lacks(const pliant_cone_point *point, double friction, double times, const double v[3], const double f[3], double out[3])
+PLIANT_INLINE void pliant_cone_lacks(const pliant_cone_point *point, double friction, double times, const double v[3],
+                                     const double f[3], double out[3])
 {
     double z[2];
-    const double normal = fmax(pliant_cone_trial(point, times, v, f, z), 0.0), most = friction * normal, length = sqrt(z[0] * z[0] + z[1] * z[1]);
+    const double normal = fmax(pliant_cone_trial(point, times, v, f, z), 0.0), most = friction * normal,
+                 length = sqrt(z[0] * z[0] + z[1] * z[1]);
     const double part = length > most ? most / length : 1.0;
     out[0] = normal - f[0];
     for (int k = 0; k < 2; k++) out[1 + k] = part * z[k] - f[1 + k];
@@ -159,7 +163,8 @@ PLIANT_INLINE void pliant_cones_move(const pliant_team *team, const pliant_cones
     (void)team;
     for (size_t i = 0; i < row; i++) on->moved[i] = 0;
     for (int32_t p = 0; p < on->count; p++) {
-        const double *by = on->change + 3 * (size_t)p, *a = on->matrix + 3 * (size_t)p * row, *b = a + row, *c = b + row;
+        const double *by = on->change + 3 * (size_t)p, *a = on->matrix + 3 * (size_t)p * row, *b = a + row,
+                     *c = b + row;
         if (by[0] == 0 && by[1] == 0 && by[2] == 0) continue;
         /* loops over rows vectorize */
         for (size_t i = 0; i < row; i++) on->moved[i] += a[i] * by[0] + b[i] * by[1] + c[i] * by[2];
@@ -178,7 +183,8 @@ PLIANT_INLINE void pliant_cone_look(const pliant_cones *on, int32_t p)
     double z[2];
     point->kind = PLIANT_CONE_STICKS;
     if (friction < 0) return;
-    const double normal = pliant_cone_trial(point, PLIANT_CONE_TIMES, v, f, z), length = sqrt(z[0] * z[0] + z[1] * z[1]);
+    const double normal = pliant_cone_trial(point, PLIANT_CONE_TIMES, v, f, z),
+                 length = sqrt(z[0] * z[0] + z[1] * z[1]);
     if (!(normal > 0)) point->kind = PLIANT_CONE_OPEN;
     if (!(normal > 0) || !(length > friction * normal)) return;
     point->kind = PLIANT_CONE_SLIDES;
@@ -232,16 +238,20 @@ PLIANT_INLINE void pliant_cone_slide_rows(const pliant_cone_point *of, double fr
 PLIANT_INLINE void pliant_cone_set_right(const pliant_cones *on, int32_t p, double right[3])
 {
     const pliant_cone_point *of = on->point + p;
-    const double *v = on->motion + 3 * (size_t)p, *f = on->force + 3 * (size_t)p, *moved = on->moved + 3 * (size_t)p, *s = of->along;
+    const double *v = on->motion + 3 * (size_t)p, *f = on->force + 3 * (size_t)p, *moved = on->moved + 3 * (size_t)p,
+                 *s = of->along;
     const double part = of->keeps * PLIANT_CONE_TIMES * of->soft[1];
     for (int k = 0; k < 3; k++) right[k] = -v[k] - moved[k];
     if (of->kind != PLIANT_CONE_SLIDES) return;
     const double across[2][2] = {{1 - s[0] * s[0], -s[0] * s[1]}, {-s[0] * s[1], 1 - s[1] * s[1]}};
-    for (int k = 0; k < 2; k++) right[1 + k] = on->friction[p] * f[0] * s[k] - f[1 + k] - part * (across[k][0] * moved[1] + across[k][1] * moved[2]);
+    for (int k = 0; k < 2; k++)
+        right[1 + k] =
+            on->friction[p] * f[0] * s[k] - f[1 + k] - part * (across[k][0] * moved[1] + across[k][1] * moved[2]);
 }
 
 /* Set up the equations, (3 points x (3 points + 1)). damping: fraction that is added to A's diagonal */
-PLIANT_INLINE void pliant_cones_set_equations(const pliant_team *team, const pliant_cones *on, int32_t points, double damping)
+PLIANT_INLINE void pliant_cones_set_equations(const pliant_team *team, const pliant_cones *on, int32_t points,
+                                              double damping)
 {
     const size_t row = 3 * (size_t)on->count, width = 3 * (size_t)points + 1;
     for (int32_t e = team->rank; e < points * points; e += team->size) {
@@ -249,7 +259,8 @@ PLIANT_INLINE void pliant_cones_set_equations(const pliant_team *team, const pli
         pliant_cone_point *point = on->point + p;
         double block[9], *out = on->equations + 3 * (size_t)i * width + 3 * (size_t)j;
         for (int r = 0; r < 3; r++)
-            for (int c = 0; c < 3; c++) block[3 * r + c] = on->matrix[(3 * (size_t)p + (size_t)r) * row + 3 * (size_t)q + (size_t)c];
+            for (int c = 0; c < 3; c++)
+                block[3 * r + c] = on->matrix[(3 * (size_t)p + (size_t)r) * row + 3 * (size_t)q + (size_t)c];
         for (int r = 0; r < 3 && i == j; r++) block[4 * r] *= 1 + damping;
         if (point->kind == PLIANT_CONE_SLIDES) pliant_cone_slide_rows(point, on->friction[p], i == j, block);
         for (int r = 0; r < 3; r++)
@@ -257,7 +268,8 @@ PLIANT_INLINE void pliant_cones_set_equations(const pliant_team *team, const pli
         if (i != j) continue;
         double right[3];
         point->size = 1;
-        for (int r = 0; r < 3; r++) point->size *= fmax(fmax(fabs(block[3 * r]), fabs(block[3 * r + 1])), fabs(block[3 * r + 2]));
+        for (int r = 0; r < 3; r++)
+            point->size *= fmax(fmax(fabs(block[3 * r]), fabs(block[3 * r + 1])), fabs(block[3 * r + 2]));
         pliant_cone_set_right(on, p, right);
         for (int r = 0; r < 3; r++) on->equations[(3 * (size_t)i + (size_t)r) * width + width - 1] = right[r];
     }
@@ -278,7 +290,8 @@ PLIANT_INLINE void pliant_cone_invert(const double *m, size_t width, double size
     out[6] = b[0] * c[1] - b[1] * c[0];
     out[7] = a[1] * c[0] - a[0] * c[1];
     out[8] = a[0] * b[1] - a[1] * b[0];
-    const double whole = a[0] * out[0] + a[1] * out[3] + a[2] * out[6], by = fabs(whole) > least * size ? 1 / whole : 0.0;
+    const double whole = a[0] * out[0] + a[1] * out[3] + a[2] * out[6],
+                 by = fabs(whole) > least * size ? 1 / whole : 0.0;
     for (int i = 0; i < 9; i++) out[i] *= by;
 }
 
@@ -300,15 +313,20 @@ PLIANT_INLINE void pliant_cones_eliminate(const pliant_team *team, const pliant_
         for (int32_t r = first; r < rows; r += step) {
             double by[3], *to = all + (size_t)r * (size_t)width;
             if (r >= p && r < p + 3) continue;
-            for (int c = 0; c < 3; c++) by[c] = to[p] * inverse[c] + to[p + 1] * inverse[3 + c] + to[p + 2] * inverse[6 + c];
-            for (int32_t k = p + 3 + lane; k < width; k += lanes) to[k] -= by[0] * pivot[k] + by[1] * pivot[width + k] + by[2] * pivot[2 * width + k];
+            for (int c = 0; c < 3; c++)
+                by[c] = to[p] * inverse[c] + to[p + 1] * inverse[3 + c] + to[p + 2] * inverse[6 + c];
+            for (int32_t k = p + 3 + lane; k < width; k += lanes)
+                to[k] -= by[0] * pivot[k] + by[1] * pivot[width + k] + by[2] * pivot[2 * width + k];
         }
         pliant_team_wait();
     }
     for (int32_t i = team->rank; i < points; i += team->size) {
-        const double *own = all + 3 * (size_t)i * (size_t)width, right[3] = {own[width - 1], own[2 * width - 1], own[3 * width - 1]};
+        const double *own = all + 3 * (size_t)i * (size_t)width,
+                     right[3] = {own[width - 1], own[2 * width - 1], own[3 * width - 1]};
         pliant_cone_invert(own + 3 * i, (size_t)width, on->point[on->list[i]].size, inverse);
-        for (int r = 0; r < 3; r++) on->change[3 * (size_t)on->list[i] + (size_t)r] = inverse[3 * r] * right[0] + inverse[3 * r + 1] * right[1] + inverse[3 * r + 2] * right[2];
+        for (int r = 0; r < 3; r++)
+            on->change[3 * (size_t)on->list[i] + (size_t)r] =
+                inverse[3 * r] * right[0] + inverse[3 * r + 1] * right[1] + inverse[3 * r + 2] * right[2];
     }
     pliant_team_wait();
 }
@@ -362,7 +380,8 @@ PLIANT_INLINE void pliant_cone_slide(const pliant_cones *on, int32_t p, double c
 {
     const size_t row = 3 * (size_t)on->count;
     const pliant_cone_point *point = on->point + p;
-    const double *n = on->matrix + 3 * (size_t)p * (row + 1), *v = on->motion + 3 * (size_t)p, *f = on->force + 3 * (size_t)p;
+    const double *n = on->matrix + 3 * (size_t)p * (row + 1), *v = on->motion + 3 * (size_t)p,
+                 *f = on->force + 3 * (size_t)p;
     const double normal = fmax(f[0] - v[0] * point->soft[0], 0.0), most = on->friction[p] * normal;
     double along[2];
     change[0] = normal - f[0];
@@ -378,7 +397,8 @@ PLIANT_INLINE void pliant_cone_hold(const pliant_cones *on, int32_t p, double ch
     const double *v = on->motion + 3 * (size_t)p;
     double inverse[9];
     pliant_cone_invert(on->matrix + 3 * (size_t)p * (row + 1), row, 0.0, inverse);
-    for (int k = 0; k < 3; k++) change[k] = -(inverse[3 * k] * v[0] + inverse[3 * k + 1] * v[1] + inverse[3 * k + 2] * v[2]);
+    for (int k = 0; k < 3; k++)
+        change[k] = -(inverse[3 * k] * v[0] + inverse[3 * k + 1] * v[1] + inverse[3 * k + 2] * v[2]);
 }
 
 /* Sweep over all points. Return the sum of the squared changes. */
@@ -397,7 +417,8 @@ PLIANT_INLINE double pliant_cones_sweep(const pliant_team *team, const pliant_co
         sum += square;
         pliant_team_wait();
         for (int k = team->rank; k < 3; k += team->size) f[k] += change[k];
-        for (size_t j = (size_t)team->rank; j < row; j += (size_t)team->size) on->motion[j] += a[j] * change[0] + b[j] * change[1] + c[j] * change[2];
+        for (size_t j = (size_t)team->rank; j < row; j += (size_t)team->size)
+            on->motion[j] += a[j] * change[0] + b[j] * change[1] + c[j] * change[2];
         pliant_team_wait();
     }
     return sum;
@@ -411,7 +432,8 @@ PLIANT_INLINE void pliant_cones_end(const pliant_team *team, const pliant_cones 
     for (int32_t p = team->rank; p < on->count; p += team->size) {
         const size_t i = 3 * (size_t)p;
         for (int k = 0; k < 3; k++) on->change[i + (size_t)k] = 0;
-        if (on->friction[p] >= 0) pliant_cone_lacks(on->point + p, on->friction[p], 1.0, on->motion + i, on->force + i, on->change + i);
+        if (on->friction[p] >= 0)
+            pliant_cone_lacks(on->point + p, on->friction[p], 1.0, on->motion + i, on->force + i, on->change + i);
     }
     pliant_team_wait();
     pliant_cones_move(team, on);
@@ -423,7 +445,8 @@ PLIANT_INLINE void pliant_cones_end(const pliant_team *team, const pliant_cones 
  * too many points.
  * @param left squared residual, in and out; @param steps number of steps, in and out; @param leads out: the
  *   residual was reduced */
-PLIANT_INLINE bool pliant_cones_step(const pliant_team *team, const pliant_cones *on, double *left, int32_t *steps, bool *leads)
+PLIANT_INLINE bool pliant_cones_step(const pliant_team *team, const pliant_cones *on, double *left, int32_t *steps,
+                                     bool *leads)
 {
     const double damping[] = {0, 1e-3, 3e-2};
     *leads = false;
@@ -439,7 +462,8 @@ PLIANT_INLINE bool pliant_cones_step(const pliant_team *team, const pliant_cones
 PLIANT_INLINE double pliant_cones_size(const pliant_team *team, const pliant_cones *on)
 {
     double own = 0;
-    for (size_t i = (size_t)team->rank; i < 3 * (size_t)on->count; i += (size_t)team->size) own += on->force[i] * on->force[i];
+    for (size_t i = (size_t)team->rank; i < 3 * (size_t)on->count; i += (size_t)team->size)
+        own += on->force[i] * on->force[i];
     return pliant_team_sum(team, own);
 }
 

@@ -14,8 +14,8 @@ typedef struct shown {
     int32_t count, next;
 } shown;
 
-static void remember(shown *history, size_t row, const double *change, const double *change_before, const double *force, const double *force_before,
-                     const double *motion, const double *motion_before)
+static void remember(shown *history, size_t row, const double *change, const double *change_before, const double *force,
+                     const double *force_before, const double *motion, const double *motion_before)
 {
     const size_t at = row * (size_t)history->next;
     for (size_t i = 0; i < row; i++) {
@@ -25,7 +25,8 @@ static void remember(shown *history, size_t row, const double *change, const dou
     }
     if (history->count < HISTORY) history->count++;
     for (int32_t h = 0; h < history->count; h++)
-        history->gram[history->next][h] = history->gram[h][history->next] = pliant_dot(row, history->moved + at, history->moved + row * (size_t)h);
+        history->gram[history->next][h] = history->gram[h][history->next] =
+            pliant_dot(row, history->moved + at, history->moved + row * (size_t)h);
     history->next = (history->next + 1) % HISTORY;
 }
 
@@ -56,7 +57,8 @@ static int32_t sweep_mixed(const pliant_team *team, const pliant_cones *on, doub
     const double enough = PLIANT_CONE_ENOUGH; /* change by a sweep divided by the largest one */
     const size_t row = 3 * (size_t)on->count;
     double *begun = room, *before[3] = {room + row, room + 2 * row, room + 3 * row}, largest = 0, last = INFINITY;
-    shown history = {.moved = room + 4 * row, .force = room + (4 + HISTORY) * row, .motion = room + (4 + 2 * HISTORY) * row};
+    shown history = {
+        .moved = room + 4 * row, .force = room + (4 + HISTORY) * row, .motion = room + (4 + 2 * HISTORY) * row};
     for (int32_t made = 1;; made++) {
         memcpy(begun, on->force, row * sizeof *begun);
         const double square = pliant_cones_sweep(team, on);
@@ -73,13 +75,20 @@ static int32_t sweep_mixed(const pliant_team *team, const pliant_cones *on, doub
     }
 }
 
-int32_t pliant_cones_solve(int32_t count, const double *matrix, const double *friction, double *motion, double *force, double *room)
+int32_t pliant_cones_solve(int32_t count, const double *matrix, const double *friction, double *motion, double *force,
+                           double *room)
 {
     const size_t row = 3 * (size_t)count;
     const pliant_team team = {.size = 1};
     _Static_assert(sizeof(pliant_cone_point) <= 9 * sizeof(double), "three rows of room a point");
     double *rest = room + 6 * row;
-    pliant_cones on = {.count = count, .matrix = matrix, .friction = friction, .motion = motion, .force = force, .change = room, .moved = room + row,
+    pliant_cones on = {.count = count,
+                       .matrix = matrix,
+                       .friction = friction,
+                       .motion = motion,
+                       .force = force,
+                       .change = room,
+                       .moved = room + row,
                        .equations = rest + (PLIANT_CONE_ROOM - 6) * row};
     void *points = room + 2 * row, *list = room + 5 * row;
     on.point = points;

@@ -21,7 +21,8 @@ enum { PLIANT_CONE_HISTORY = 8, PLIANT_CONE_ROOM = 10 + 3 * PLIANT_CONE_HISTORY 
  * @param motion, force (3 count): in: v0 and f0; out: v and f
  * @param room (PLIANT_CONE_ROOM x 3 count + PLIANT_CONE_EQUATIONS): buffer
  * @return number of steps and sweeps */
-int32_t pliant_cones_solve(int32_t count, const double *matrix, const double *friction, double *motion, double *force, double *room);
+int32_t pliant_cones_solve(int32_t count, const double *matrix, const double *friction, double *motion, double *force,
+                           double *room);
 
 #ifdef __cplusplus
 }

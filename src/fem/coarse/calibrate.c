@@ -71,7 +71,8 @@ static bool power_of(int n, const double *matrix, double exponent, double *out)
     for (int i = 0; i < n; i++)
         for (int j = 0; j < n; j++) {
             out[n * i + j] = 0;
-            for (int m = 0; m < n; m++) out[n * i + j] += vectors[n * i + m] * pow(values[m], exponent) * vectors[n * j + m];
+            for (int m = 0; m < n; m++)
+                out[n * i + j] += vectors[n * i + m] * pow(values[m], exponent) * vectors[n * j + m];
         }
     return true;
 }
@@ -96,8 +97,8 @@ static bool correct(int n, const double *c, const double *c_h, const double *c_t
     return true;
 }
 
-bool pliant_calibrate(const double gradients[12], double volume, const pliant_tet_material *reference, const double condensed[144],
-                      const double of_reference[144], double out[144])
+bool pliant_calibrate(const double gradients[12], double volume, const pliant_tet_material *reference,
+                      const double condensed[144], const double of_reference[144], double out[144])
 {
     double b[72], plus[72], c[36], c_h[36], c_true[36] = {0}, half[72];
     strain_matrix(gradients, b);
@@ -129,9 +130,11 @@ static void on_modes(const double q[MODES * UNKNOWNS], const double *stiffness, 
     multiply(MODES, UNKNOWNS, MODES, half, turned, c);
 }
 
-bool pliant_calibrate_cube(const double truth[576], const double condensed[576], const double of_reference[576], double out[576])
+bool pliant_calibrate_cube(const double truth[576], const double condensed[576], const double of_reference[576],
+                           double out[576])
 {
-    double work[UNKNOWNS * UNKNOWNS], values[UNKNOWNS], vectors[UNKNOWNS * UNKNOWNS], q[MODES * UNKNOWNS], half[MODES * UNKNOWNS], turned[MODES * UNKNOWNS];
+    double work[UNKNOWNS * UNKNOWNS], values[UNKNOWNS], vectors[UNKNOWNS * UNKNOWNS], q[MODES * UNKNOWNS],
+        half[MODES * UNKNOWNS], turned[MODES * UNKNOWNS];
     double c[MODES * MODES], c_h[MODES * MODES], c_true[MODES * MODES], most = 0;
     int modes = 0;
     memcpy(work, truth, sizeof work);

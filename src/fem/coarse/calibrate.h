@@ -26,11 +26,12 @@ extern "C" {
  * @param condensed     (12 x 12) condensed stiffness of the submesh.
  * @param of_reference  (12 x 12) condensed stiffness of the submesh with the reference material.
  * @return False if of_reference has null modes that are not rigid motions. */
-bool pliant_calibrate(const double gradients[12], double volume, const pliant_tet_material *reference, const double condensed[144],
-                      const double of_reference[144], double out[144]);
+bool pliant_calibrate(const double gradients[12], double volume, const pliant_tet_material *reference,
+                      const double condensed[144], const double of_reference[144], double out[144]);
 /* Calibrate the stiffness of a coarse hexahedron, as above. truth: hexahedron of the reference material. All matrices
  * are 24 x 24. */
-bool pliant_calibrate_cube(const double truth[576], const double condensed[576], const double of_reference[576], double out[576]);
+bool pliant_calibrate_cube(const double truth[576], const double condensed[576], const double of_reference[576],
+                           double out[576]);
 
 #ifdef __cplusplus
 }

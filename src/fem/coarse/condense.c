@@ -22,16 +22,22 @@ bool pliant_submesh_condense(pliant_submesh *submesh, int corners, const int32_t
         if (slot[i / 3] < 0) continue;
         const int32_t row = 3 * slot[i / 3] + i % 3;
         for (int32_t j = 0; j < size; j++)
-            if (slot[j / 3] >= 0) kff[(size_t)row * (size_t)m + (size_t)(3 * slot[j / 3] + j % 3)] = submesh->stiffness[(size_t)i * (size_t)size + (size_t)j];
-        for (int c = 0; c < n; c++) kfc[n * row + c] = -submesh->stiffness[(size_t)i * (size_t)size + (size_t)(3 * corner[c / 3] + c % 3)];
+            if (slot[j / 3] >= 0)
+                kff[(size_t)row * (size_t)m + (size_t)(3 * slot[j / 3] + j % 3)] =
+                    submesh->stiffness[(size_t)i * (size_t)size + (size_t)j];
+        for (int c = 0; c < n; c++)
+            kfc[n * row + c] = -submesh->stiffness[(size_t)i * (size_t)size + (size_t)(3 * corner[c / 3] + c % 3)];
     }
     bool good = pliant_dense_cholesky(m, kff);
     if (good) pliant_dense_cholesky_solve(m, kff, n, kfc); /* N = -Kff^-1 Kfc */
     memset(shape, 0, of_node * (size_t)submesh->num_nodes * sizeof *shape);
     for (int32_t node = 0; node < submesh->num_nodes; node++)
-        if (slot[node] >= 0) memcpy(shape + of_node * (size_t)node, kfc + of_node * (size_t)slot[node], of_node * sizeof *shape);
+        if (slot[node] >= 0)
+            memcpy(shape + of_node * (size_t)node, kfc + of_node * (size_t)slot[node], of_node * sizeof *shape);
     for (int v = 0; v < corners; v++)
-        for (int d = 0; d < 3; d++) shape[of_node * (size_t)corner[v] + (size_t)(n * d + 3 * v + d)] = !submesh->fixed[submesh->node[corner[v]]];
+        for (int d = 0; d < 3; d++)
+            shape[of_node * (size_t)corner[v] + (size_t)(n * d + 3 * v + d)] =
+                !submesh->fixed[submesh->node[corner[v]]];
     /* K = Kcc + Kcf N */
     for (int i = 0; i < n; i++)
         for (int j = 0; j < n; j++) {
@@ -59,8 +65,8 @@ pliant_tet_material pliant_submesh_reference(const pliant_submesh *submesh)
     return (pliant_tet_material){.lambda = nu / ((1 + nu) * (1 - 2 * nu)), .mu = 0.5 / (1 + nu)};
 }
 
-bool pliant_submesh_condense_both(pliant_submesh *submesh, int corners, const int32_t *corner, const pliant_tet_material *reference, double *out,
-                                  double *of_reference)
+bool pliant_submesh_condense_both(pliant_submesh *submesh, int corners, const int32_t *corner,
+                                  const pliant_tet_material *reference, double *out, double *of_reference)
 {
     double *shape = submesh->work + 9 * (size_t)corners * (size_t)submesh->num_nodes;
     if (!pliant_submesh_condense(submesh, corners, corner, out, shape)) return false;

@@ -10,17 +10,20 @@
 enum { UNKNOWNS = 24, CORNERS = 8 };
 
 /* Add one fine element's part of P'KP without changes of volume, and of the mean change of volume. */
-static void add_galerkin(const double *k, int n, const int32_t *local_of, const double *mean, double volume, const double *weights, double *out, double *change)
+static void add_galerkin(const double *k, int n, const int32_t *local_of, const double *mean, double volume,
+                         const double *weights, double *out, double *change)
 {
     double half[UNKNOWNS * UNKNOWNS] = {0};
     for (int a = 0; a < 3 * n; a++)
         for (int b = 0; b < 3 * n; b++)
-            for (int v = 0; v < CORNERS; v++) half[UNKNOWNS * a + 3 * v + b % 3] += k[3 * n * a + b] * weights[CORNERS * local_of[b / 3] + v];
+            for (int v = 0; v < CORNERS; v++)
+                half[UNKNOWNS * a + 3 * v + b % 3] += k[3 * n * a + b] * weights[CORNERS * local_of[b / 3] + v];
     for (int a = 0; a < 3 * n; a++)
         for (int v = 0; v < CORNERS; v++) {
             const double weight = weights[CORNERS * local_of[a / 3] + v];
             change[3 * v + a % 3] += volume * mean[a] * weight;
-            for (int i = 0; weight != 0 && i < UNKNOWNS; i++) out[UNKNOWNS * (3 * v + a % 3) + i] += weight * half[UNKNOWNS * a + i];
+            for (int i = 0; weight != 0 && i < UNKNOWNS; i++)
+                out[UNKNOWNS * (3 * v + a % 3) + i] += weight * half[UNKNOWNS * a + i];
         }
 }
 
@@ -55,12 +58,14 @@ void pliant_cube_galerkin(const pliant_submesh *submesh, const pliant_cube_room 
         for (int j = 0; j < UNKNOWNS; j++) out[UNKNOWNS * i + j] += bulk * change[i] * change[j] / (whole * whole);
 }
 
-pliant_status pliant_cube_keep_root(pliant_macros *macros, int32_t element, int32_t unknowns, int32_t rank, const double *root)
+pliant_status pliant_cube_keep_root(pliant_macros *macros, int32_t element, int32_t unknowns, int32_t rank,
+                                    const double *root)
 {
     const size_t count = (size_t)rank * (size_t)unknowns;
     macros->rank[element] = rank;
     if (rank == 0) return PLIANT_OK;
-    if (!(macros->root[element] = pliant_calloc(count, sizeof **macros->root))) return pliant_fail_memory("the coarse hexahedra");
+    if (!(macros->root[element] = pliant_calloc(count, sizeof **macros->root)))
+        return pliant_fail_memory("the coarse hexahedra");
     for (size_t m = 0; m < count; m++) macros->root[element][m] = (float)root[m];
     return PLIANT_OK;
 }

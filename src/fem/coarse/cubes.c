@@ -51,7 +51,8 @@ static void mode_at(int mode, const double y[3], const double size[3], double ta
 }
 
 /* Add weight * B' tau of an element with n corners at a point y. gradient: in world axes. */
-static void add_loads(const pliant_mesh *coarse, const double y[3], double weight, int n, double gradient[][3], const int32_t *local_of, double *phi)
+static void add_loads(const pliant_mesh *coarse, const double y[3], double weight, int n, double gradient[][3],
+                      const int32_t *local_of, double *phi)
 {
     const double *direction = coarse->direction;
     double g[CORNERS][3] = {{0}};
@@ -66,7 +67,8 @@ static void add_loads(const pliant_mesh *coarse, const double y[3], double weigh
                 for (int e = 0; e < 3; e++) turned[r][d] += direction[3 * r + e] * tau[e][d];
         for (int v = 0; v < n; v++)
             for (int r = 0; r < 3; r++)
-                phi[MODES * (3 * (size_t)local_of[v] + (size_t)r) + (size_t)mode] += turned[r][0] * g[v][0] + turned[r][1] * g[v][1] + turned[r][2] * g[v][2];
+                phi[MODES * (3 * (size_t)local_of[v] + (size_t)r) + (size_t)mode] +=
+                    turned[r][0] * g[v][0] + turned[r][1] * g[v][1] + turned[r][2] * g[v][2];
     }
 }
 
@@ -74,7 +76,8 @@ static void add_loads(const pliant_mesh *coarse, const double y[3], double weigh
  * (NUMERICS.md). */
 static double share_of(const pliant_tet_material *material) { return material->tissue + 1e-3; }
 
-static void cube_loads(const pliant_submesh *submesh, const pliant_cube_room *room, const pliant_cube *cube, double *phi)
+static void cube_loads(const pliant_submesh *submesh, const pliant_cube_room *room, const pliant_cube *cube,
+                       double *phi)
 {
     const double inset = 0.5 - 0.5 / sqrt(3);
     double x[CORNERS][3], share = 0;
@@ -83,7 +86,8 @@ static void cube_loads(const pliant_submesh *submesh, const pliant_cube_room *ro
         memcpy(x[v], submesh->fine->rest + 3 * cube->node[v], sizeof x[v]);
         local_of[v] = submesh->local_of[cube->node[v]];
     }
-    for (int slot = 0; slot < 5; slot++) share += (slot == 0 ? 2.0 : 1.0) / 6 * share_of(submesh->material + cube->tet[slot]);
+    for (int slot = 0; slot < 5; slot++)
+        share += (slot == 0 ? 2.0 : 1.0) / 6 * share_of(submesh->material + cube->tet[slot]);
     for (int p = 0; p < CORNERS; p++) {
         double at[3], y[3] = {0, 0, 0}, gradient[CORNERS][3];
         for (int d = 0; d < 3; d++) at[d] = p >> d & 1 ? 1 - inset : inset;
@@ -182,7 +186,8 @@ static int32_t condense(pliant_submesh *submesh, const pliant_cube_room *room, d
         for (int m = 0; m < MODES; m++) {
             const double p = phi[(size_t)i * MODES + (size_t)m];
             for (int n = 0; n < MODES; n++) h[MODES * m + n] += p * z[(size_t)i * MODES + (size_t)n];
-            for (int v = 0; v < CORNERS; v++) g[UNKNOWNS * m + 3 * v + i % 3] += p * room->weights[CORNERS * (size_t)(i / 3) + (size_t)v];
+            for (int v = 0; v < CORNERS; v++)
+                g[UNKNOWNS * m + 3 * v + i % 3] += p * room->weights[CORNERS * (size_t)(i / 3) + (size_t)v];
         }
     for (int m = 0; m < MODES; m++)
         for (int n = 0; n < m; n++) h[MODES * m + n] = h[MODES * n + m] = 0.5 * (h[MODES * m + n] + h[MODES * n + m]);
@@ -191,7 +196,8 @@ static int32_t condense(pliant_submesh *submesh, const pliant_cube_room *room, d
 
 /* ---- One element. */
 
-static pliant_status place_nodes(const pliant_cube_work *work, const pliant_submesh *submesh, int32_t element, pliant_cube_room *room)
+static pliant_status place_nodes(const pliant_cube_work *work, const pliant_submesh *submesh, int32_t element,
+                                 pliant_cube_room *room)
 {
     if (submesh->num_nodes > room->nodes) {
         room->nodes = 0;
@@ -204,7 +210,8 @@ static pliant_status place_nodes(const pliant_cube_work *work, const pliant_subm
     }
     for (int32_t n = 0; n < submesh->num_nodes; n++) {
         double *weights = room->weights + CORNERS * (size_t)n, *y = room->local + 3 * (size_t)n;
-        pliant_trilinear_weights(work->system, work->system->macros->cell[element], submesh->fine->rest + 3 * submesh->node[n], weights);
+        pliant_trilinear_weights(work->system, work->system->macros->cell[element],
+                                 submesh->fine->rest + 3 * submesh->node[n], weights);
         for (int d = 0; d < 3; d++) {
             y[d] = -1;
             for (int v = 0; v < CORNERS; v++) y[d] += v >> d & 1 ? 2 * weights[v] : 0;
@@ -218,11 +225,13 @@ static pliant_status place_nodes(const pliant_cube_work *work, const pliant_subm
 static int32_t calibrate(const pliant_cube_work *work, pliant_submesh *submesh, int32_t element, double *root)
 {
     const pliant_mesh *coarse = work->system->mesh;
-    const pliant_tet_material reference = pliant_submesh_reference(submesh), same[5] = {reference, reference, reference, reference, reference};
+    const pliant_tet_material reference = pliant_submesh_reference(submesh),
+                              same[5] = {reference, reference, reference, reference, reference};
     pliant_cube cube = {.tet = {0, 1, 2, 3, 4}};
     pliant_cube_shape shape;
     int32_t corner[CORNERS];
-    double condensed[UNKNOWNS * UNKNOWNS], of_reference[UNKNOWNS * UNKNOWNS], truth[UNKNOWNS * UNKNOWNS], k[UNKNOWNS * UNKNOWNS];
+    double condensed[UNKNOWNS * UNKNOWNS], of_reference[UNKNOWNS * UNKNOWNS], truth[UNKNOWNS * UNKNOWNS],
+        k[UNKNOWNS * UNKNOWNS];
     memcpy(cube.node, work->system->macros->own + CORNERS * (size_t)element, sizeof cube.node);
     for (int v = 0; v < CORNERS; v++) corner[v] = pliant_submesh_corner(submesh, cube.node[v]);
     pliant_cube_integrate(coarse, &cube, pliant_cell_parity(coarse, work->system->macros->cell[element]), &shape);
@@ -241,7 +250,8 @@ static pliant_status make_cube(pliant_cube_work *work, pliant_submesh *submesh, 
     if (rank == 0 && !macros->grounded[element]) rank = condense(submesh, room, root);
     if (rank > 0) return pliant_cube_keep_root(macros, element, UNKNOWNS, rank, root);
     for (int32_t n = 0; macros->grounded[element] && n < submesh->num_nodes; n++)
-        if (work->fixed[submesh->node[n]]) memset(room->weights + CORNERS * (size_t)n, 0, CORNERS * sizeof *room->weights);
+        if (work->fixed[submesh->node[n]])
+            memset(room->weights + CORNERS * (size_t)n, 0, CORNERS * sizeof *room->weights);
     pliant_cube_galerkin(submesh, room, k);
     rank = pliant_dense_root(UNKNOWNS, k, root);
     if (!macros->grounded[element]) {
@@ -256,7 +266,8 @@ static pliant_status make_tet(pliant_cube_work *work, pliant_submesh *submesh, i
     pliant_macros *macros = work->system->macros;
     double k[144], root[144];
     bool linear;
-    pliant_status status = pliant_averaged_tet(submesh, work->tet_of_element[element], macros->grounded[element], k, &linear);
+    pliant_status status =
+        pliant_averaged_tet(submesh, work->tet_of_element[element], macros->grounded[element], k, &linear);
     if (status != PLIANT_OK) return status;
     if (linear && !macros->grounded[element]) {
 #pragma omp atomic
@@ -265,11 +276,13 @@ static pliant_status make_tet(pliant_cube_work *work, pliant_submesh *submesh, i
     return pliant_cube_keep_root(macros, element, 12, pliant_dense_root(12, k, root), root);
 }
 
-static pliant_status make_element(pliant_cube_work *work, pliant_submesh *submesh, pliant_cube_room *room, int32_t element)
+static pliant_status make_element(pliant_cube_work *work, pliant_submesh *submesh, pliant_cube_room *room,
+                                  int32_t element)
 {
     const pliant_submesh_lists *lists = &work->lists;
     pliant_macros *macros = work->system->macros;
-    const int32_t *list = lists->tets + lists->start[element], count = lists->start[element + 1] - lists->start[element];
+    const int32_t *list = lists->tets + lists->start[element],
+                  count = lists->start[element + 1] - lists->start[element];
     const bool whole = macros->start[element + 1] - macros->start[element] == CORNERS;
     if (count == 0) return PLIANT_OK; /* a divided cube without tissue */
     submesh->cubes = whole ? work->cubes : NULL;
@@ -289,12 +302,18 @@ static pliant_status make_element(pliant_cube_work *work, pliant_submesh *submes
 static pliant_status make_all(pliant_cube_work *work, pliant_progress progress)
 {
     const pliant_system *system = work->system;
-    pliant_work all = {.what = "homogenization", .stage = "homogenize", .progress = progress, .end = 1, .count = system->macros->count, .interval = 16};
+    pliant_work all = {.what = "homogenization",
+                       .stage = "homogenize",
+                       .progress = progress,
+                       .end = 1,
+                       .count = system->macros->count,
+                       .interval = 16};
 #pragma omp parallel num_threads(system->num_threads)
     {
         pliant_submesh *submesh = NULL;
         pliant_cube_room room = {NULL, NULL, 0};
-        pliant_status status = pliant_submesh_create(system->fine, system->mesh, work->fixed, work->material, work->lists.largest, &submesh);
+        pliant_status status = pliant_submesh_create(system->fine, system->mesh, work->fixed, work->material,
+                                                     work->lists.largest, &submesh);
 #pragma omp for schedule(dynamic, 2)
         for (int32_t element = 0; element < all.count; element++) {
             if (status == PLIANT_OK) status = make_element(work, submesh, &room, element);
@@ -320,10 +339,13 @@ static void find_grounded(const pliant_cube_work *work, const uint8_t *coarse_fi
     for (int32_t v = 0; !work->schur && v < 4 * system->fine->num_tets; v++) {
         const int32_t node = system->fine->tets[v];
         for (size_t c = CORNERS * (size_t)node; work->fixed[node] && c < CORNERS * (size_t)node + CORNERS; c++)
-            if (upsample->weights[c] != 0 && !coarse_fixed[upsample->node[c]]) macros->grounded[work->element_of_fine[v / 4]] = 1;
+            if (upsample->weights[c] != 0 && !coarse_fixed[upsample->node[c]])
+                macros->grounded[work->element_of_fine[v / 4]] = 1;
     }
-    for (int32_t e = 0; e < macros->count; e++) memset(macros->held + macros->start[e], macros->grounded[e], (size_t)(macros->start[e + 1] - macros->start[e]));
-    for (int32_t t = 0; t < system->mesh->num_tets; t++) system->grounded[t] = macros->grounded[work->element_of_tet[t]];
+    for (int32_t e = 0; e < macros->count; e++)
+        memset(macros->held + macros->start[e], macros->grounded[e], (size_t)(macros->start[e + 1] - macros->start[e]));
+    for (int32_t t = 0; t < system->mesh->num_tets; t++)
+        system->grounded[t] = macros->grounded[work->element_of_tet[t]];
 }
 
 /* Add a fraction of the mean stiffness to the corners of grounded elements. Corners that move no free fine node would
@@ -342,7 +364,8 @@ static pliant_status ground(pliant_macros *macros)
         for (int32_t i = 0; i < n; i++)
             for (int32_t j = 0; j < n; j++) {
                 k[n * i + j] = i == j ? share : 0;
-                for (int32_t m = 0; m < macros->rank[e]; m++) k[n * i + j] += (double)macros->root[e][n * m + i] * macros->root[e][n * m + j];
+                for (int32_t m = 0; m < macros->rank[e]; m++)
+                    k[n * i + j] += (double)macros->root[e][n * m + i] * macros->root[e][n * m + j];
             }
         pliant_free(macros->root[e]);
         macros->root[e] = NULL;
@@ -359,7 +382,8 @@ static pliant_status hold_empty(const pliant_system *system, uint8_t *coarse_fix
     uint8_t *carries = pliant_calloc((size_t)system->mesh->num_nodes, 1);
     if (!carries) return pliant_fail_memory("the fixed nodes");
     for (int32_t e = 0; e < macros->count; e++)
-        for (int32_t c = macros->start[e]; macros->rank[e] > 0 && c < macros->start[e + 1]; c++) carries[macros->node[c]] = 1;
+        for (int32_t c = macros->start[e]; macros->rank[e] > 0 && c < macros->start[e + 1]; c++)
+            carries[macros->node[c]] = 1;
     for (int32_t n = 0; n < system->mesh->num_nodes; n++)
         if (!carries[n]) coarse_fixed[n] = PLIANT_FIXED_AT_REST;
     pliant_free(carries);
@@ -381,7 +405,8 @@ static pliant_status find_fine_cubes(pliant_cube_work *work)
     memset(work->cube_of_tet, 0xff, (size_t)fine->num_tets * sizeof *work->cube_of_tet);
     for (int32_t c = 0; c < count; c++) {
         const int parity = pliant_cell_parity(fine, fine->lattice_of_tet[work->cubes[c].tet[0]] / 5);
-        if (!known[parity] && fine->num_moved == 0) pliant_cube_integrate(fine, work->cubes + c, parity, work->shapes + parity);
+        if (!known[parity] && fine->num_moved == 0)
+            pliant_cube_integrate(fine, work->cubes + c, parity, work->shapes + parity);
         known[parity] = true;
         for (int slot = 0; slot < 5; slot++) work->cube_of_tet[work->cubes[c].tet[slot]] = c;
     }
@@ -394,29 +419,37 @@ static pliant_status find_elements(pliant_cube_work *work, const int32_t *coarse
     pliant_system *system = work->system;
     const size_t tets = (size_t)system->mesh->num_tets, fine = (size_t)system->fine->num_tets;
     pliant_tet_material *none = pliant_calloc(tets, sizeof *none);
-    pliant_status status = none ? pliant_system_hexahedra(system, none, NULL, NULL) : pliant_fail_memory("the coarse hexahedra");
+    pliant_status status =
+        none ? pliant_system_hexahedra(system, none, NULL, NULL) : pliant_fail_memory("the coarse hexahedra");
     pliant_free(none);
     if (status == PLIANT_OK) status = pliant_hexahedra_of_tets(system->mesh, system->macros, &work->element_of_tet);
     if (status != PLIANT_OK) return status;
     work->element_of_fine = pliant_calloc(fine, sizeof *work->element_of_fine);
     work->tet_of_element = pliant_calloc((size_t)system->macros->count, sizeof *work->tet_of_element);
     system->grounded = pliant_calloc(tets, sizeof *system->grounded);
-    if (!work->element_of_fine || !work->tet_of_element || !system->grounded) return pliant_fail_memory("the coarse hexahedra");
+    if (!work->element_of_fine || !work->tet_of_element || !system->grounded)
+        return pliant_fail_memory("the coarse hexahedra");
     for (size_t t = 0; t < tets; t++) work->tet_of_element[work->element_of_tet[t]] = (int32_t)t;
     for (size_t t = 0; t < fine; t++) work->element_of_fine[t] = work->element_of_tet[coarse_of_fine[t]];
     return PLIANT_OK;
 }
 
-pliant_status pliant_homogenize_cubes(pliant_system *system, const pliant_scene *scene, const pliant_mesh *fine, const uint8_t *fine_fixed, uint8_t *coarse_fixed,
-                                      const pliant_tet_material *fine_material, const int32_t *coarse_of_fine, pliant_progress progress)
+pliant_status pliant_homogenize_cubes(pliant_system *system, const pliant_scene *scene, const pliant_mesh *fine,
+                                      const uint8_t *fine_fixed, uint8_t *coarse_fixed,
+                                      const pliant_tet_material *fine_material, const int32_t *coarse_of_fine,
+                                      pliant_progress progress)
 {
     const bool schur = scene->model.method == PLIANT_SCHUR;
     const pliant_touch touch = schur ? scene->model.touch : PLIANT_TOUCH_OVERLAP;
-    pliant_cube_work work = {.system = system, .calibrated = scene->model.method == PLIANT_CALIBRATED, .material = fine_material, .fixed = fine_fixed};
+    pliant_cube_work work = {.system = system,
+                             .calibrated = scene->model.method == PLIANT_CALIBRATED,
+                             .material = fine_material,
+                             .fixed = fine_fixed};
     pliant_status status = find_elements(&work, coarse_of_fine);
     if (status == PLIANT_OK) status = find_fine_cubes(&work);
     if (status == PLIANT_OK && schur) status = pliant_cubes_schur_begin(&work, touch);
-    else if (status == PLIANT_OK) status = pliant_submesh_list(fine, work.element_of_fine, system->macros->count, touch, &work.lists);
+    else if (status == PLIANT_OK)
+        status = pliant_submesh_list(fine, work.element_of_fine, system->macros->count, touch, &work.lists);
     if (status == PLIANT_OK && !schur) status = pliant_upsample_trilinear(system, work.element_of_fine);
     if (status == PLIANT_OK) {
         find_grounded(&work, coarse_fixed);
@@ -427,11 +460,13 @@ pliant_status pliant_homogenize_cubes(pliant_system *system, const pliant_scene 
     if (status == PLIANT_OK && !schur) status = ground(system->macros);
     if (status == PLIANT_OK) status = hold_empty(system, coarse_fixed);
     if (status == PLIANT_OK && work.linear > 0)
-        pliant_log(PLIANT_LOG_INFO, "homogenize: %d of %d coarse hexahedra hold loose fragments and follow their corners linearly", work.linear,
-                   system->macros->count);
+        pliant_log(PLIANT_LOG_INFO,
+                   "homogenize: %d of %d coarse hexahedra hold loose fragments and follow their corners linearly",
+                   work.linear, system->macros->count);
     pliant_submesh_lists_free(&work.lists);
     pliant_shapes_free(work.schur, system->macros ? system->macros->count : 0);
-    void *blocks[] = {work.element_of_tet, work.element_of_fine, work.tet_of_element, work.cubes, work.cube_of_tet, work.shapes};
+    void *blocks[] = {work.element_of_tet, work.element_of_fine, work.tet_of_element,
+                      work.cubes,          work.cube_of_tet,     work.shapes};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     return status;
 }

@@ -45,14 +45,16 @@ static inline const pliant_cube *pliant_cube_at(const pliant_submesh *submesh, i
  * 24). */
 void pliant_cube_galerkin(const pliant_submesh *submesh, const pliant_cube_room *room, double *out);
 /* Errors: MEMORY. */
-pliant_status pliant_cube_keep_root(pliant_macros *macros, int32_t element, int32_t unknowns, int32_t rank, const double *root);
+pliant_status pliant_cube_keep_root(pliant_macros *macros, int32_t element, int32_t unknowns, int32_t rank,
+                                    const double *root);
 
 /* ---- Implemented in cubes_schur.c: condensation on the corners, [H] 1 to 7, as for tetrahedra (homogenize.c). */
 /* List the fine elements of each coarse element, and flag elements with fixed nodes. Lists of hexahedra contain
  * complete fine hexahedra. Errors: MEMORY. */
 pliant_status pliant_cubes_schur_begin(pliant_cube_work *work, pliant_touch touch);
 /* Condense one element. Its submesh is loaded, and for a hexahedron `room` is filled. Errors: MEMORY, NUMERIC. */
-pliant_status pliant_cubes_schur(pliant_cube_work *work, pliant_submesh *submesh, pliant_cube_room *room, int32_t element);
+pliant_status pliant_cubes_schur(pliant_cube_work *work, pliant_submesh *submesh, pliant_cube_room *room,
+                                 int32_t element);
 
 #ifdef __cplusplus
 }

@@ -22,7 +22,10 @@ bool pliant_body_is_cut(const pliant_body *body) { return body->node_parent || b
 
 static pliant_status no_memory(void) { return pliant_fail_memory("the elements beside a cut"); }
 
-static size_t count_cells(const pliant_mesh *mesh) { return (size_t)mesh->cells[0] * (size_t)mesh->cells[1] * (size_t)mesh->cells[2]; }
+static size_t count_cells(const pliant_mesh *mesh)
+{
+    return (size_t)mesh->cells[0] * (size_t)mesh->cells[1] * (size_t)mesh->cells[2];
+}
 
 /* ---- The coarse elements at load time. */
 
@@ -31,14 +34,17 @@ static pliant_status make_tet(const pliant_system *system, int32_t tet, pliant_m
     const pliant_mesh *mesh = system->mesh;
     double k[144], *gradients = macros->gradient + 24 * (size_t)tet;
     for (int m = 0; m < 12; m++) gradients[m] = system->gradients[tet / LANES][m][tet % LANES];
-    for (int v = 0; v < GRADED_CORNERS; v++) macros->own[GRADED_CORNERS * (size_t)tet + (size_t)v] = v < 4 ? mesh->tets[4 * (size_t)tet + (size_t)v] : -1;
+    for (int v = 0; v < GRADED_CORNERS; v++)
+        macros->own[GRADED_CORNERS * (size_t)tet + (size_t)v] = v < 4 ? mesh->tets[4 * (size_t)tet + (size_t)v] : -1;
     memcpy(macros->node + 4 * (size_t)tet, mesh->tets + 4 * (size_t)tet, 4 * sizeof *macros->node);
     macros->start[tet + 1] = 4 * (tet + 1);
     macros->cell[tet] = mesh->lattice_of_tet[tet] / 5;
     macros->grounded[tet] = system->grounded && system->grounded[tet];
     memset(macros->held + 4 * (size_t)tet, macros->grounded[tet], 4);
     if (system->stiffness) memcpy(k, system->stiffness + 144 * (size_t)tet, sizeof k);
-    else pliant_element_stiffness(gradients, system->lame[tet / LANES][0][tet % LANES], system->lame[tet / LANES][1][tet % LANES], k);
+    else
+        pliant_element_stiffness(gradients, system->lame[tet / LANES][0][tet % LANES],
+                                 system->lame[tet / LANES][1][tet % LANES], k);
     return pliant_macros_keep(macros, tet, 12, k);
 }
 
@@ -52,7 +58,8 @@ static pliant_status make_tets(const pliant_system *system, const pliant_body *l
     for (int32_t t = 0; status == PLIANT_OK && t < system->mesh->num_tets; t++) status = make_tet(system, t, macros);
     /* Weight of each element in the axes of its nodes. */
     for (int32_t t = 0; status == PLIANT_OK && t < load->fine.num_tets; t++)
-        macros->shear[load->coarse_of_fine[t]] += size[0] * size[1] * size[2] / (load->fine.lattice_of_tet[t] % 5 == 0 ? 3 : 6) * load->fine_material[t].mu;
+        macros->shear[load->coarse_of_fine[t]] +=
+            size[0] * size[1] * size[2] / (load->fine.lattice_of_tet[t] % 5 == 0 ? 3 : 6) * load->fine_material[t].mu;
     return status;
 }
 
@@ -67,9 +74,11 @@ static pliant_status make_base(const grading *work)
     if (status != PLIANT_OK) return status;
     base->macros = system->macros ? system->macros : base->made;
     if (!(base->trace = pliant_calloc((size_t)base->macros->count, sizeof *base->trace))) return no_memory();
-    for (int32_t e = 0; e < base->macros->count; e++) base->trace[e] = pliant_macro_trace(base->macros, system->free_of_node, e);
+    for (int32_t e = 0; e < base->macros->count; e++)
+        base->trace[e] = pliant_macro_trace(base->macros, system->free_of_node, e);
     if (system->macros) return pliant_hexahedra_of_tets(work->coarse, system->macros, &base->element_of_tet);
-    if (!(base->element_of_tet = pliant_calloc((size_t)work->coarse->num_tets, sizeof *base->element_of_tet))) return no_memory();
+    if (!(base->element_of_tet = pliant_calloc((size_t)work->coarse->num_tets, sizeof *base->element_of_tet)))
+        return no_memory();
     for (int32_t t = 0; t < work->coarse->num_tets; t++) base->element_of_tet[t] = t;
     return PLIANT_OK;
 }
@@ -104,7 +113,8 @@ static void mark(cell_list *list, int32_t cell)
 
 static pliant_status list_create(const pliant_mesh *mesh, cell_list *out)
 {
-    *out = (cell_list){.cell = pliant_room(count_cells(mesh), sizeof *out->cell), .marked = pliant_calloc(count_cells(mesh), 1)};
+    *out = (cell_list){.cell = pliant_room(count_cells(mesh), sizeof *out->cell),
+                       .marked = pliant_calloc(count_cells(mesh), 1)};
     memcpy(out->cells, mesh->cells, sizeof out->cells);
     return out->cell && out->marked ? PLIANT_OK : no_memory();
 }
@@ -121,10 +131,12 @@ static void spread(cell_list *list)
     const int32_t *cells = list->cells;
     const int32_t count = list->count;
     for (int32_t c = 0; c < count; c++) {
-        const int32_t cell = list->cell[c], at[3] = {cell % cells[0], cell / cells[0] % cells[1], cell / cells[0] / cells[1]};
+        const int32_t cell = list->cell[c],
+                      at[3] = {cell % cells[0], cell / cells[0] % cells[1], cell / cells[0] / cells[1]};
         for (int step = 0; step < 27; step++) {
             const int32_t i = at[0] + step % 3 - 1, j = at[1] + step / 3 % 3 - 1, k = at[2] + step / 9 - 1;
-            if (i >= 0 && j >= 0 && k >= 0 && i < cells[0] && j < cells[1] && k < cells[2]) mark(list, i + cells[0] * (j + cells[1] * k));
+            if (i >= 0 && j >= 0 && k >= 0 && i < cells[0] && j < cells[1] && k < cells[2])
+                mark(list, i + cells[0] * (j + cells[1] * k));
         }
     }
 }
@@ -132,13 +144,17 @@ static void spread(cell_list *list)
 /* Mark the cubes that have a tetrahedron at a lattice position. mesh: at load time. */
 static void mark_around(const pliant_mesh *mesh, int32_t place, cell_list *list)
 {
-    const int32_t nx = mesh->cells[0] + 1, ny = mesh->cells[1] + 1, at[3] = {place % nx, place / nx % ny, place / nx / ny};
+    const int32_t nx = mesh->cells[0] + 1, ny = mesh->cells[1] + 1,
+                  at[3] = {place % nx, place / nx % ny, place / nx / ny};
     for (int side = 0; side < 8; side++) {
         const int32_t i = at[0] - (side & 1), j = at[1] - (side >> 1 & 1), k = at[2] - (side >> 2);
         if (i < 0 || j < 0 || k < 0 || i >= mesh->cells[0] || j >= mesh->cells[1] || k >= mesh->cells[2]) continue;
-        const int32_t cell = i + mesh->cells[0] * (j + mesh->cells[1] * k), *tets = mesh->tet_of_lattice + 5 * (size_t)cell;
+        const int32_t cell = i + mesh->cells[0] * (j + mesh->cells[1] * k),
+                      *tets = mesh->tet_of_lattice + 5 * (size_t)cell;
         for (int v = 0; v < 20; v++)
-            if (tets[v / 4] >= 0 && mesh->lattice_of_node[mesh->tets[4 * (size_t)tets[v / 4] + (size_t)(v % 4)]] == place) mark(list, cell);
+            if (tets[v / 4] >= 0 &&
+                mesh->lattice_of_node[mesh->tets[4 * (size_t)tets[v / 4] + (size_t)(v % 4)]] == place)
+                mark(list, cell);
     }
 }
 
@@ -156,7 +172,8 @@ static void refine_pieces(const grading *work)
     const uint8_t *fixed = work->body->fine_fixed;
     if (!memchr(fixed, PLIANT_FIXED_WHERE_IT_WAS, (size_t)work->fine->num_nodes)) return;
     for (int32_t v = 0; v < 4 * work->fine->num_tets; v++)
-        if (fixed[work->fine->tets[v]] == PLIANT_FIXED_WHERE_IT_WAS) work->graded->refined[graded_cell_of(work, v / 4)] = 1;
+        if (fixed[work->fine->tets[v]] == PLIANT_FIXED_WHERE_IT_WAS)
+            work->graded->refined[graded_cell_of(work, v / 4)] = 1;
 }
 
 static pliant_status refine(grading *work)
@@ -168,7 +185,8 @@ static pliant_status refine(grading *work)
         mark_cut(work, &list);
         for (int layer = 1; layer < LAYERS; layer++) spread(&list);
         for (int32_t c = 0; c < list.count; c++) {
-            const int32_t i = list.cell[c] % cells[0], j = list.cell[c] / cells[0] % cells[1], k = list.cell[c] / cells[0] / cells[1];
+            const int32_t i = list.cell[c] % cells[0], j = list.cell[c] / cells[0] % cells[1],
+                          k = list.cell[c] / cells[0] / cells[1];
             work->graded->refined[i / ratio[0] + coarse[0] * (j / ratio[1] + coarse[1] * (k / ratio[2]))] = 1;
         }
         refine_pieces(work);
@@ -218,9 +236,11 @@ static pliant_status make_rest(grading *work)
     const pliant_mesh *coarse = work->coarse, *fine = work->fine;
     pliant_mesh *mesh = &work->graded->mesh;
     const size_t first = (size_t)coarse->num_nodes, nodes = (size_t)mesh->num_nodes;
-    const size_t before = work->before ? (size_t)work->before->mesh->num_nodes : first, same = before < nodes ? before : nodes;
+    const size_t before = work->before ? (size_t)work->before->mesh->num_nodes : first,
+                 same = before < nodes ? before : nodes;
     const size_t load = work->before ? (size_t)work->base->fine->num_nodes : 0, number = (size_t)fine->num_nodes - load;
-    mesh->rest = pliant_next_of(work->before ? work->before->mesh->rest : coarse->rest, 3 * same, 3 * nodes, sizeof *mesh->rest);
+    mesh->rest =
+        pliant_next_of(work->before ? work->before->mesh->rest : coarse->rest, 3 * same, 3 * nodes, sizeof *mesh->rest);
     if (!mesh->rest) return no_memory();
     if (number > 0) memcpy(mesh->rest + 3 * (first + load), fine->rest + 3 * load, 3 * number * sizeof *mesh->rest);
     pliant_writes(mesh->rest, 3 * (first + load), 3 * number, sizeof *mesh->rest);
@@ -254,7 +274,8 @@ static pliant_status find_fixed(const grading *work, uint8_t **fixed)
     if (!out) return no_memory();
     for (int32_t n = 0; n < count; n++) {
         const int32_t fine = n - work->graded->coarse_nodes;
-        if (!work->free[n]) out[n] = fine >= 0 && work->body->fine_fixed[fine] ? work->body->fine_fixed[fine] : PLIANT_FIXED_AT_REST;
+        if (!work->free[n])
+            out[n] = fine >= 0 && work->body->fine_fixed[fine] ? work->body->fine_fixed[fine] : PLIANT_FIXED_AT_REST;
     }
     return PLIANT_OK;
 }
@@ -269,13 +290,19 @@ static pliant_status begin(grading *work)
     work->free = pliant_calloc((size_t)work->graded->mesh.num_nodes, 1);
     if (work->before) work->alike = pliant_calloc(nodes, 1);
     if (!work->now || !work->free || (work->before && !work->alike)) return no_memory();
-    return !work->base->upsample->start || (work->point = pliant_calloc(nodes, sizeof *work->point)) ? PLIANT_OK : no_memory();
+    return !work->base->upsample->start || (work->point = pliant_calloc(nodes, sizeof *work->point)) ? PLIANT_OK
+                                                                                                     : no_memory();
 }
 
-pliant_status pliant_system_graded(pliant_system *system, const pliant_system *base, const pliant_body *body, const pliant_kept *kept, bool hexahedra,
-                                   uint8_t **fixed)
+pliant_status pliant_system_graded(pliant_system *system, const pliant_system *base, const pliant_body *body,
+                                   const pliant_kept *kept, bool hexahedra, uint8_t **fixed)
 {
-    grading work = {.system = system, .base = base, .body = body, .fine = &body->fine, .coarse = &body->coarse, .hexahedra = hexahedra};
+    grading work = {.system = system,
+                    .base = base,
+                    .body = body,
+                    .fine = &body->fine,
+                    .coarse = &body->coarse,
+                    .hexahedra = hexahedra};
     if (kept && kept->before->system->graded) {
         work.kept = kept;
         work.before = kept->before->system;

@@ -37,7 +37,10 @@ typedef struct followed {
 } followed;
 
 /* Return the coarse cube of a fine tetrahedron. */
-static inline int32_t graded_cell_of(const grading *work, int32_t tet) { return work->coarse->lattice_of_tet[work->body->coarse_of_fine[tet]] / 5; }
+static inline int32_t graded_cell_of(const grading *work, int32_t tet)
+{
+    return work->coarse->lattice_of_tet[work->body->coarse_of_fine[tet]] / 5;
+}
 
 /* ---- Implemented in graded_elements.c. */
 /* Build the elements, coarse elements first. Errors: MEMORY. */

@@ -7,7 +7,8 @@
 
 static pliant_status no_memory(void) { return pliant_fail_memory("the solved nodes"); }
 
-pliant_status pliant_solved_sources(const pliant_system *system, const pliant_system *before, const pliant_body_map *map, int32_t **own, const int32_t **out)
+pliant_status pliant_solved_sources(const pliant_system *system, const pliant_system *before,
+                                    const pliant_body_map *map, int32_t **own, const int32_t **out)
 {
     *own = NULL;
     if (system->mesh == system->fine) {
@@ -39,7 +40,8 @@ static void find_nearest(const pliant_system *system, int32_t *nearest, double *
 
 /* Move each coarse node without elements by the displacement of the fine node that follows it with the largest weight.
  * fine: present positions of the fine nodes. */
-static pliant_status place_unused(const pliant_system *system, const pliant_system *before, const double *fine, double *out)
+static pliant_status place_unused(const pliant_system *system, const pliant_system *before, const double *fine,
+                                  double *out)
 {
     const int32_t coarse = before->graded->coarse_nodes;
     int32_t *nearest = pliant_calloc((size_t)coarse, sizeof *nearest);
@@ -56,7 +58,8 @@ static pliant_status place_unused(const pliant_system *system, const pliant_syst
     return good ? PLIANT_OK : no_memory();
 }
 
-pliant_status pliant_solved_positions(const pliant_system *system, const pliant_system *before, const pliant_body_map *map, const double *x, double *out)
+pliant_status pliant_solved_positions(const pliant_system *system, const pliant_system *before,
+                                      const pliant_body_map *map, const double *x, double *out)
 {
     const bool fine = system->mesh == system->fine;
     if (!before->upsample || (!fine && !system->graded && !before->graded)) {
@@ -64,7 +67,8 @@ pliant_status pliant_solved_positions(const pliant_system *system, const pliant_
         else memcpy(out, x, 3 * (size_t)system->mesh->num_nodes * sizeof *out);
         return PLIANT_OK;
     }
-    double *was = pliant_calloc(3 * (size_t)before->fine->num_nodes, sizeof *was), *now = pliant_calloc(3 * (size_t)system->fine->num_nodes, sizeof *now);
+    double *was = pliant_calloc(3 * (size_t)before->fine->num_nodes, sizeof *was),
+           *now = pliant_calloc(3 * (size_t)system->fine->num_nodes, sizeof *now);
     pliant_status status = was && now ? PLIANT_OK : no_memory();
     if (status == PLIANT_OK) {
         pliant_upsample_positions(before, x, was); /* includes followers, which may be free after the cut */

@@ -28,12 +28,14 @@ static pliant_status no_memory(void) { return pliant_fail_memory("the elements b
  * second all other data; start[e] must be set. Roots are shared. */
 static void copy_gradients(const pliant_macros *was, int32_t from, int32_t to, pliant_macros *macros, int32_t e)
 {
-    memcpy(macros->gradient + 24 * (size_t)e, was->gradient + 24 * (size_t)from, 24 * (size_t)(to - from) * sizeof *was->gradient);
+    memcpy(macros->gradient + 24 * (size_t)e, was->gradient + 24 * (size_t)from,
+           24 * (size_t)(to - from) * sizeof *was->gradient);
 }
 
 static void copy_others(const pliant_macros *was, int32_t from, int32_t to, pliant_macros *macros, int32_t e)
 {
-    const size_t at = (size_t)e, first = (size_t)from, count = (size_t)(to - from), corners = (size_t)(was->start[to] - was->start[from]);
+    const size_t at = (size_t)e, first = (size_t)from, count = (size_t)(to - from),
+                 corners = (size_t)(was->start[to] - was->start[from]);
     const int32_t begin = macros->start[e], shift = begin - was->start[from];
     memcpy(macros->own + CORNERS * at, was->own + CORNERS * first, CORNERS * count * sizeof *was->own);
     memcpy(macros->node + begin, was->node + was->start[from], corners * sizeof *was->node);
@@ -62,7 +64,8 @@ static bool next_base(const grading *work, int32_t *from, int32_t *to)
 static int32_t add_base_gradients(const grading *work)
 {
     int32_t e = 0;
-    for (int32_t from = 0, to = 0; next_base(work, &from, &to); e += to - from) copy_gradients(work->elements, from, to, work->system->macros, e);
+    for (int32_t from = 0, to = 0; next_base(work, &from, &to); e += to - from)
+        copy_gradients(work->elements, from, to, work->system->macros, e);
     return e;
 }
 
@@ -72,7 +75,8 @@ static void add_base_others(const grading *work)
     memset(work->now, 0xff, (size_t)work->elements->count * sizeof *work->now);
     for (int32_t from = 0, to = 0; next_base(work, &from, &to); e += to - from) {
         copy_others(work->elements, from, to, work->system->macros, e);
-        memcpy(work->system->trace + e, work->graded->base->trace + from, (size_t)(to - from) * sizeof *work->system->trace);
+        memcpy(work->system->trace + e, work->graded->base->trace + from,
+               (size_t)(to - from) * sizeof *work->system->trace);
         for (int32_t i = from; i < to; i++) work->now[i] = e + i - from;
     }
 }
@@ -101,7 +105,8 @@ static void add_base(grading *work)
 static bool is_held(const grading *work, int32_t node)
 {
     const int32_t coarse_nodes = work->graded->coarse_nodes;
-    return node < coarse_nodes ? work->base->free_of_node[node] < 0 : work->body->fine_fixed[node - coarse_nodes] != PLIANT_MOVES;
+    return node < coarse_nodes ? work->base->free_of_node[node] < 0
+                               : work->body->fine_fixed[node - coarse_nodes] != PLIANT_MOVES;
 }
 
 /* Reduce the followed nodes to at most eight by dropping nodes that are fixed at rest. There can be more than eight
@@ -146,12 +151,14 @@ static pliant_status lead(const grading *work, const int32_t *node, int n, int32
     for (int32_t r = 0; r < rank; r++)
         for (int v = 0; v < n; v++)
             for (int m = 0; m < count; m++)
-                for (int d = 0; d < 3; d++) root[3 * count * r + 3 * m + d] += (float)(c[v][m] * macros->root[e][3 * n * r + 3 * v + d]);
+                for (int d = 0; d < 3; d++)
+                    root[3 * count * r + 3 * m + d] += (float)(c[v][m] * macros->root[e][3 * n * r + 3 * v + d]);
     pliant_free(macros->root[e]);
     macros->root[e] = root;
     for (int m = 0; m < count && m < CORNERS; m++)
         for (int v = 0; v < n; v++)
-            for (int d = 0; d < 3; d++) gradient[3 * m + d] += c[v][m] * macros->gradient[24 * (size_t)e + (size_t)(3 * v + d)];
+            for (int d = 0; d < 3; d++)
+                gradient[3 * m + d] += c[v][m] * macros->gradient[24 * (size_t)e + (size_t)(3 * v + d)];
     memcpy(macros->gradient + 24 * (size_t)e, gradient, sizeof gradient);
     for (int m = 0; m < CORNERS; m++) macros->own[CORNERS * (size_t)e + (size_t)m] = m < count ? list[m] : -1;
     memcpy(macros->node + begin, list, (size_t)count * sizeof *list);
@@ -208,7 +215,8 @@ static void share_before(grading *work, int32_t from, int32_t to)
     copy_others(before->macros, from, to, macros, e);
     macros->count += to - from;
     memcpy(work->system->trace + e, before->trace + from, (size_t)(to - from) * sizeof *before->trace);
-    memcpy(work->graded->tet + e - work->graded->num_base, before->graded->tet + from - before->graded->num_base, (size_t)(to - from) * sizeof *work->graded->tet);
+    memcpy(work->graded->tet + e - work->graded->num_base, before->graded->tet + from - before->graded->num_base,
+           (size_t)(to - from) * sizeof *work->graded->tet);
     for (int32_t i = from; i < to; i++) pliant_share(before->macros->root[i]);
 }
 
@@ -239,7 +247,8 @@ static pliant_status add_cube(fine_elements *fine, const pliant_cube *cube)
     pliant_macros *macros = work->system->macros;
     if (is_fixed(work, cube->node, CORNERS)) return PLIANT_OK;
     const int32_t e = begin_element(work, cube->tet[0], -1 - cube->tet[0]);
-    pliant_status status = pliant_macros_add_hexahedron(work->body->fine_material, cube, shape_of(fine, cube), macros, e);
+    pliant_status status =
+        pliant_macros_add_hexahedron(work->body->fine_material, cube, shape_of(fine, cube), macros, e);
     return status == PLIANT_OK ? lead(work, cube->node, CORNERS, e) : status;
 }
 
@@ -249,7 +258,8 @@ static pliant_status add_cubes(fine_elements *fine, const pliant_cube *cubes, in
     int32_t from = 0, to = 0;
     for (int32_t i = 0; status == PLIANT_OK && i < count; i++) {
         const pliant_cube *cube = cubes + i;
-        const int32_t was = stays_whole(fine->work, cube) ? find_same(fine, cube->tet[0], cube->node, CORNERS, true) : 0;
+        const int32_t was =
+            stays_whole(fine->work, cube) ? find_same(fine, cube->tet[0], cube->node, CORNERS, true) : 0;
         for (int slot = 0; slot < 5; slot++) fine->done[cube->tet[slot]] = 1;
         take_run(fine->work, was, &from, &to);
         if (was == 0) status = add_cube(fine, cube);
@@ -278,7 +288,9 @@ static pliant_status add_tets(fine_elements *fine)
     for (int32_t i = 0; status == PLIANT_OK && i < work->num_tets; i++) {
         const int32_t tet = work->tet[i];
         if (fine->done[tet]) continue;
-        const int32_t was = work->before && work->kept->fine[tet] ? find_same(fine, tet, work->fine->tets + 4 * (size_t)tet, 4, false) : 0;
+        const int32_t was = work->before && work->kept->fine[tet]
+                                ? find_same(fine, tet, work->fine->tets + 4 * (size_t)tet, 4, false)
+                                : 0;
         take_run(fine->work, was, &from, &to);
         if (was == 0) status = add_tet(fine, tet);
     }
@@ -304,10 +316,14 @@ static pliant_status add_fine(grading *work)
     const size_t tets = (size_t)work->fine->num_tets;
     pliant_cube *cubes = NULL;
     int32_t num_cubes = 0;
-    fine_elements fine = {.work = work, .was = pliant_room(tets, sizeof *fine.was), .done = pliant_room(tets, 1), .shape = pliant_calloc(2, sizeof *fine.shape)};
+    fine_elements fine = {.work = work,
+                          .was = pliant_room(tets, sizeof *fine.was),
+                          .done = pliant_room(tets, 1),
+                          .shape = pliant_calloc(2, sizeof *fine.shape)};
     pliant_status status = fine.was && fine.done && fine.shape ? PLIANT_OK : no_memory();
     if (status == PLIANT_OK) list_before(&fine);
-    if (status == PLIANT_OK && work->hexahedra) status = pliant_cubes_find_among(work->fine, work->tet, work->num_tets, &cubes, &num_cubes);
+    if (status == PLIANT_OK && work->hexahedra)
+        status = pliant_cubes_find_among(work->fine, work->tet, work->num_tets, &cubes, &num_cubes);
     if (status == PLIANT_OK) status = add_cubes(&fine, cubes, num_cubes);
     if (status == PLIANT_OK) status = add_tets(&fine);
     work->graded->num_fine = work->system->macros->count - work->graded->num_base;
@@ -356,8 +372,10 @@ static void find_used(grading *work)
 pliant_status pliant_graded_elements(grading *work)
 {
     pliant_system *system = work->system;
-    const size_t most = (size_t)work->elements->count, tets = (size_t)work->num_tets, points = work->point ? 4 * tets : 0;
-    const size_t count = most + tets + points, corners = (size_t)work->elements->start[most] + 4 * CORNERS * tets + points;
+    const size_t most = (size_t)work->elements->count, tets = (size_t)work->num_tets,
+                 points = work->point ? 4 * tets : 0;
+    const size_t count = most + tets + points,
+                 corners = (size_t)work->elements->start[most] + 4 * CORNERS * tets + points;
     if (!(system->macros = pliant_calloc(1, sizeof *system->macros))) return no_memory();
     pliant_status status = pliant_macros_room(system->macros, count, corners);
     if (status != PLIANT_OK) return status;
@@ -368,6 +386,7 @@ pliant_status pliant_graded_elements(grading *work)
     if ((status = add_fine(work)) != PLIANT_OK) return status;
     find_used(work);
     if (work->point) add_points(work);
-    system->num_blocks = pliant_macros_blocks((size_t)system->macros->count, (size_t)system->macros->start[system->macros->count]);
+    system->num_blocks =
+        pliant_macros_blocks((size_t)system->macros->count, (size_t)system->macros->start[system->macros->count]);
     return PLIANT_OK;
 }

@@ -10,7 +10,10 @@
 
 static pliant_status no_memory(void) { return pliant_fail_memory("how nodes follow beside a cut"); }
 
-static bool is_cube(const pliant_macros *macros, int32_t element) { return macros && macros->start[element + 1] - macros->start[element] == GRADED_CORNERS; }
+static bool is_cube(const pliant_macros *macros, int32_t element)
+{
+    return macros && macros->start[element + 1] - macros->start[element] == GRADED_CORNERS;
+}
 
 static void follow_itself(const grading *work, int32_t node, followed *out)
 {
@@ -23,9 +26,11 @@ void pliant_graded_follow(const grading *work, int32_t node, followed *out)
 {
     follow_itself(work, node, out);
     if (work->graded->within[node] < 0) return;
-    const int32_t tet = work->body->coarse_of_fine[work->graded->within[node]], element = work->graded->base->element_of_tet[tet];
+    const int32_t tet = work->body->coarse_of_fine[work->graded->within[node]],
+                  element = work->graded->base->element_of_tet[tet];
     const bool cube = is_cube(work->base->macros, element);
-    const int32_t *corners = cube ? work->base->macros->node + work->base->macros->start[element] : work->coarse->tets + 4 * (size_t)tet;
+    const int32_t *corners =
+        cube ? work->base->macros->node + work->base->macros->start[element] : work->coarse->tets + 4 * (size_t)tet;
     double weights[GRADED_CORNERS];
     const double *rest = work->fine->rest + 3 * (size_t)node;
     if (cube) pliant_trilinear_weights(work->base, work->base->macros->cell[element], rest, weights);
@@ -61,7 +66,8 @@ static pliant_status follow_linearly(grading *work, pliant_upsample *upsample)
 {
     const pliant_upsample *load = work->base->upsample, *was = work->before ? work->before->upsample : load;
     const size_t corners = (size_t)load->corners, nodes = (size_t)work->fine->num_nodes;
-    const size_t before = (size_t)(work->before ? work->before : work->base)->fine->num_nodes, both = corners * (before < nodes ? before : nodes);
+    const size_t before = (size_t)(work->before ? work->before : work->base)->fine->num_nodes,
+                 both = corners * (before < nodes ? before : nodes);
     upsample->node = pliant_next_of(was->node, both, corners * nodes, sizeof *upsample->node);
     upsample->weights = pliant_next_of(was->weights, both, corners * nodes, sizeof *upsample->weights);
     if (!upsample->node || !upsample->weights) return no_memory();
@@ -93,12 +99,14 @@ static pliant_status follow_shapes(grading *work, pliant_upsample *upsample)
     const size_t each = 9 * (size_t)was->corners;
     const int32_t nodes = work->fine->num_nodes;
     size_t most = (size_t)nodes;
-    for (int32_t n = 0; n < nodes; n++) most += (size_t)(was->start[node_of_base(work, (size_t)n) + 1] - was->start[node_of_base(work, (size_t)n)]);
+    for (int32_t n = 0; n < nodes; n++)
+        most += (size_t)(was->start[node_of_base(work, (size_t)n) + 1] - was->start[node_of_base(work, (size_t)n)]);
     upsample->start = pliant_calloc((size_t)nodes + 1, sizeof *upsample->start);
     upsample->entry_element = pliant_calloc(most, sizeof *upsample->entry_element);
     upsample->entry_share = pliant_calloc(most, sizeof *upsample->entry_share);
     upsample->entry_shape = pliant_calloc(most, each * sizeof *upsample->entry_shape);
-    if (!upsample->start || !upsample->entry_element || !upsample->entry_share || !upsample->entry_shape) return no_memory();
+    if (!upsample->start || !upsample->entry_element || !upsample->entry_share || !upsample->entry_shape)
+        return no_memory();
     for (int32_t n = 0; n < nodes; n++) {
         const size_t load = node_of_base(work, (size_t)n);
         const int32_t begin = upsample->start[n];
@@ -108,7 +116,8 @@ static pliant_status follow_shapes(grading *work, pliant_upsample *upsample)
             if (work->now[was->entry_element[e]] < 0) continue;
             upsample->entry_element[at] = work->now[was->entry_element[e]];
             sum += upsample->entry_share[at] = was->entry_share[e];
-            memcpy(upsample->entry_shape + each * (size_t)at++, was->entry_shape + each * (size_t)e, each * sizeof(double));
+            memcpy(upsample->entry_shape + each * (size_t)at++, was->entry_shape + each * (size_t)e,
+                   each * sizeof(double));
         }
         for (int32_t e = begin; e < at; e++) upsample->entry_share[e] /= sum;
         if (work->point[n] >= 0) {
@@ -136,9 +145,11 @@ static void find_alike(grading *work)
     const pliant_graded *was = work->before->graded, *now = work->graded;
     const pliant_body *before = work->kept->before->body;
     const uint8_t *fixed = work->body->fine_fixed;
-    const int32_t nodes = before->fine.num_nodes < work->fine->num_nodes ? before->fine.num_nodes : work->fine->num_nodes;
+    const int32_t nodes =
+        before->fine.num_nodes < work->fine->num_nodes ? before->fine.num_nodes : work->fine->num_nodes;
     for (int32_t n = 0; n < nodes; n++)
-        work->alike[n] = (was->in_refined[n] != 0) & (was->within[n] == now->within[n]) & (before->fine_fixed[n] == fixed[n]);
+        work->alike[n] =
+            (was->in_refined[n] != 0) & (was->within[n] == now->within[n]) & (before->fine_fixed[n] == fixed[n]);
 }
 
 void pliant_graded_followers(grading *work)
@@ -146,7 +157,8 @@ void pliant_graded_followers(grading *work)
     const int32_t *tets = work->fine->tets;
     pliant_graded *graded = work->graded;
     memset(graded->within, 0xff, (size_t)work->fine->num_nodes * sizeof *graded->within);
-    for (int32_t i = 0; i < 4 * work->num_tets; i++) graded->in_refined[tets[4 * (size_t)work->tet[i / 4] + (size_t)(i % 4)]] = 1;
+    for (int32_t i = 0; i < 4 * work->num_tets; i++)
+        graded->in_refined[tets[4 * (size_t)work->tet[i / 4] + (size_t)(i % 4)]] = 1;
     for (int32_t i = 0; i < 4 * work->num_beside; i++) {
         const int32_t tet = work->beside[i / 4], node = tets[4 * (size_t)tet + (size_t)(i % 4)];
         if (graded->in_refined[node] && graded->within[node] < 0) graded->within[node] = tet;

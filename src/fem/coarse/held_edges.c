@@ -72,7 +72,9 @@ static bool is_at_edge(const edge_work *work, int32_t cell, const int32_t *corne
     for (int face = 0; face < 6; face++) {
         if (!is_held(work, corner, face / 2, face % 2)) continue;
         for (int other = 0; other < 6; other++)
-            if (other / 2 != face / 2 && is_open(work, cell, other / 2, other % 2) && !is_held(work, corner, other / 2, other % 2)) return true;
+            if (other / 2 != face / 2 && is_open(work, cell, other / 2, other % 2) &&
+                !is_held(work, corner, other / 2, other % 2))
+                return true;
     }
     return false;
 }
@@ -82,10 +84,12 @@ static void soften(const edge_work *work, pliant_macros *macros)
     for (int32_t e = 0; e < macros->count; e++) work->solid[macros->cell[e]] = 1;
     for (int32_t e = 0; e < macros->count; e++) {
         const int32_t cell = macros->cell[e];
-        if (macros->start[e + 1] - macros->start[e] != CORNERS || macros->grounded[e] || !(work->weight[cell] > 0)) continue;
+        if (macros->start[e + 1] - macros->start[e] != CORNERS || macros->grounded[e] || !(work->weight[cell] > 0))
+            continue;
         if (!is_at_edge(work, cell, macros->own + CORNERS * (size_t)e)) continue;
         const double root = sqrt(1 / (1 + work->alike * work->gain[cell] / work->weight[cell]));
-        for (int32_t m = 0; m < 3 * CORNERS * macros->rank[e]; m++) macros->root[e][m] = (float)(root * macros->root[e][m]);
+        for (int32_t m = 0; m < 3 * CORNERS * macros->rank[e]; m++)
+            macros->root[e][m] = (float)(root * macros->root[e][m]);
     }
 }
 
@@ -93,7 +97,10 @@ pliant_status pliant_soften_held_edges(pliant_system *system, const pliant_body 
 {
     const pliant_mesh *coarse = system->mesh;
     const size_t cells = (size_t)coarse->cells[0] * (size_t)coarse->cells[1] * (size_t)coarse->cells[2];
-    edge_work work = {.coarse = coarse, .fixed = fixed, .weight = pliant_calloc(cells, sizeof *work.weight), .gain = pliant_calloc(cells, sizeof *work.gain),
+    edge_work work = {.coarse = coarse,
+                      .fixed = fixed,
+                      .weight = pliant_calloc(cells, sizeof *work.weight),
+                      .gain = pliant_calloc(cells, sizeof *work.gain),
                       .solid = pliant_calloc(cells, 1)};
     const bool good = work.weight && work.gain && work.solid;
     if (good) {

@@ -215,8 +215,10 @@ pliant_status pliant_schur_tet(pliant_submesh *submesh, int32_t tet, double out[
     }
     if (schur_stiffness(submesh, tet, out, shape) && is_semidefinite(out)) return PLIANT_OK;
     /* The shape functions would be equally wrong, so another stiffness cannot replace this one. */
-    return pliant_fail(PLIANT_ERROR_NUMERIC, "schur: the submesh of coarse tetrahedron %d cannot be condensed on its corners to a "
-                                             "positive semidefinite stiffness; use averaged", tet);
+    return pliant_fail(PLIANT_ERROR_NUMERIC,
+                       "schur: the submesh of coarse tetrahedron %d cannot be condensed on its corners to a "
+                       "positive semidefinite stiffness; use averaged",
+                       tet);
 }
 
 /* Compute K' = V B' (S C S) B from the condensed K and the condensed stiffness of the reference. */
@@ -245,15 +247,18 @@ pliant_status pliant_averaged_tet(pliant_submesh *submesh, int32_t tet, bool gro
     if (!*linear) return PLIANT_OK;
     galerkin_stiffness(submesh, tet, out);
     if (is_semidefinite(out)) return PLIANT_OK;
-    return pliant_fail(PLIANT_ERROR_NUMERIC, "the stiffness in coarse tetrahedron %d is not positive semidefinite; Young's moduli must "
-                                             "be positive, and Poisson's ratios between -1 and 0.5", tet);
+    return pliant_fail(PLIANT_ERROR_NUMERIC,
+                       "the stiffness in coarse tetrahedron %d is not positive semidefinite; Young's moduli must "
+                       "be positive, and Poisson's ratios between -1 and 0.5",
+                       tet);
 }
 
 static pliant_status homogenize_one(homogenization *work, pliant_submesh *submesh, int32_t tet)
 {
     const pliant_submesh_lists *lists = work->lists;
     double *out = work->system->stiffness + 144 * (size_t)tet;
-    pliant_status status = pliant_submesh_load(submesh, lists->start[tet + 1] - lists->start[tet], lists->tets + lists->start[tet]);
+    pliant_status status =
+        pliant_submesh_load(submesh, lists->start[tet + 1] - lists->start[tet], lists->tets + lists->start[tet]);
     if (status != PLIANT_OK) return status;
     bool fixed = pliant_submesh_has_fixed(submesh);
     work->system->grounded[tet] = fixed;
@@ -288,16 +293,21 @@ static void ground(pliant_system *system)
         for (int i = 0; system->grounded[c] && i < 12; i++) system->stiffness[144 * c + 13 * i] += share;
 }
 
-static pliant_status homogenize_all(homogenization *work, const uint8_t *fine_fixed, const pliant_tet_material *material,
-                                    pliant_progress progress)
+static pliant_status homogenize_all(homogenization *work, const uint8_t *fine_fixed,
+                                    const pliant_tet_material *material, pliant_progress progress)
 {
     pliant_system *system = work->system;
-    pliant_work all = {.what = "homogenization", .stage = "homogenize", .progress = progress, .end = 1, .count = system->mesh->num_tets,
+    pliant_work all = {.what = "homogenization",
+                       .stage = "homogenize",
+                       .progress = progress,
+                       .end = 1,
+                       .count = system->mesh->num_tets,
                        .interval = 64};
 #pragma omp parallel num_threads(system->num_threads)
     {
         pliant_submesh *submesh = NULL;
-        pliant_status status = pliant_submesh_create(system->fine, system->mesh, fine_fixed, material, work->lists->largest, &submesh);
+        pliant_status status =
+            pliant_submesh_create(system->fine, system->mesh, fine_fixed, material, work->lists->largest, &submesh);
 #pragma omp for schedule(dynamic, 8)
         for (int32_t tet = 0; tet < all.count; tet++) {
             if (status == PLIANT_OK) status = homogenize_one(work, submesh, tet);
@@ -321,8 +331,9 @@ static pliant_status make_room(homogenization *work, bool schur)
     return good ? PLIANT_OK : pliant_fail_memory("the homogenized stiffness");
 }
 
-pliant_status pliant_homogenize(pliant_system *system, const pliant_scene *scene, const pliant_mesh *fine, const uint8_t *fine_fixed,
-                                const pliant_tet_material *fine_material, const int32_t *coarse_of_fine, pliant_progress progress)
+pliant_status pliant_homogenize(pliant_system *system, const pliant_scene *scene, const pliant_mesh *fine,
+                                const uint8_t *fine_fixed, const pliant_tet_material *fine_material,
+                                const int32_t *coarse_of_fine, pliant_progress progress)
 {
     const int32_t count = system->mesh->num_tets;
     const bool schur = scene->model.method == PLIANT_SCHUR;
@@ -335,8 +346,9 @@ pliant_status pliant_homogenize(pliant_system *system, const pliant_scene *scene
     if (status == PLIANT_OK) {
         if (!schur) ground(system);
         if (work.galerkin > 0)
-            pliant_log(PLIANT_LOG_INFO, "homogenize: %d of %d coarse tetrahedra hold loose fragments and follow their corners linearly", work.galerkin,
-                       count);
+            pliant_log(PLIANT_LOG_INFO,
+                       "homogenize: %d of %d coarse tetrahedra hold loose fragments and follow their corners linearly",
+                       work.galerkin, count);
         status = schur ? pliant_shapes_sort(system, 4, work.shapes) : pliant_upsample_linear(system, coarse_of_fine);
     }
     if (status == PLIANT_OK) system->upsample->still = fine_fixed;

@@ -26,8 +26,8 @@ static pliant_status interpolate(pliant_system *system, bool hexahedra, const in
     return status;
 }
 
-pliant_status pliant_lod_ground(pliant_system *system, bool hexahedra, const uint8_t *fine_fixed, const uint8_t *coarse_fixed,
-                                const int32_t *coarse_of_fine)
+pliant_status pliant_lod_ground(pliant_system *system, bool hexahedra, const uint8_t *fine_fixed,
+                                const uint8_t *coarse_fixed, const int32_t *coarse_of_fine)
 {
     const pliant_mesh *fine = system->fine, *coarse = system->mesh;
     pliant_status status = interpolate(system, hexahedra, coarse_of_fine);
@@ -46,7 +46,8 @@ pliant_status pliant_lod_ground(pliant_system *system, bool hexahedra, const uin
         for (int c = 0; c < leans; c++)
             if (!coarse_fixed[nodes[c]]) cell[coarse->lattice_of_tet[coarse_of_fine[v / 4]] / 5] = 1;
     }
-    for (int32_t t = 0; status == PLIANT_OK && t < coarse->num_tets; t++) system->grounded[t] = cell[coarse->lattice_of_tet[t] / 5];
+    for (int32_t t = 0; status == PLIANT_OK && t < coarse->num_tets; t++)
+        system->grounded[t] = cell[coarse->lattice_of_tet[t] / 5];
     pliant_free(cell);
     return status;
 }
@@ -59,13 +60,16 @@ static pliant_status make_hexahedra(lod_builder *lod)
     pliant_tet_material *material = pliant_copy_of(lod->material, (size_t)fine->num_tets, sizeof *material);
     int32_t *element = NULL;
     pliant_status status = material ? PLIANT_OK : pliant_fail_memory("the fine mesh");
-    for (int32_t t = 0; material && t < fine->num_tets; t++) material[t].lambda = fmin(material[t].lambda, most * material[t].mu);
+    for (int32_t t = 0; material && t < fine->num_tets; t++)
+        material[t].lambda = fmin(material[t].lambda, most * material[t].mu);
     if (status == PLIANT_OK) status = pliant_system_hexahedra(&lod->whole, material, NULL, NULL);
     if (status == PLIANT_OK) status = pliant_hexahedra_of_tets(fine, lod->whole.macros, &element);
-    if (status == PLIANT_OK && !(lod->bulk = pliant_calloc((size_t)lod->whole.macros->count, sizeof *lod->bulk))) status = pliant_fail_memory("the fine mesh");
+    if (status == PLIANT_OK && !(lod->bulk = pliant_calloc((size_t)lod->whole.macros->count, sizeof *lod->bulk)))
+        status = pliant_fail_memory("the fine mesh");
     for (int32_t t = 0; status == PLIANT_OK && t < fine->num_tets; t++) {
         double gradients[12];
-        lod->bulk[element[t]] += pliant_mesh_gradients(fine, t, gradients) * (lod->material[t].lambda - material[t].lambda);
+        lod->bulk[element[t]] +=
+            pliant_mesh_gradients(fine, t, gradients) * (lod->material[t].lambda - material[t].lambda);
     }
     pliant_free(element);
     pliant_free(material);
@@ -80,7 +84,8 @@ static pliant_status make_fine(lod_builder *lod, bool hexahedra)
     whole->num_threads = lod->system->num_threads;
     pliant_status status = hexahedra ? make_hexahedra(lod) : pliant_system_elements(whole, lod->material, NULL, NULL);
     if (status != PLIANT_OK) return status;
-    if (!(lod->at_rest = pliant_calloc((size_t)whole->num_blocks, sizeof *lod->at_rest))) return pliant_fail_memory("the stiffness of the fine mesh");
+    if (!(lod->at_rest = pliant_calloc((size_t)whole->num_blocks, sizeof *lod->at_rest)))
+        return pliant_fail_memory("the stiffness of the fine mesh");
     for (int32_t b = 0; b < whole->num_blocks; b++)
         for (int m = 0; m < 9; m += 4)
             for (int l = 0; l < LANES; l++) lod->at_rest[b].rotation[m][l] = 1;
@@ -93,7 +98,8 @@ static pliant_status assemble_fine(lod_builder *lod)
     pliant_system *whole = &lod->whole;
     pliant_status status = pliant_system_find_mean_diagonal(whole, NULL, NULL);
     if (status != PLIANT_OK) return status;
-    if (!(lod->values = pliant_calloc((size_t)whole->pattern.num_values, sizeof *lod->values))) return pliant_fail_memory("the stiffness of the fine mesh");
+    if (!(lod->values = pliant_calloc((size_t)whole->pattern.num_values, sizeof *lod->values)))
+        return pliant_fail_memory("the stiffness of the fine mesh");
     pliant_system_assemble(whole, lod->at_rest, lod->values);
     const double share = 1e-6; /* fraction of a coarse node's stiffness, which grows with the cube */
     lod->support = share * lod->ratio * whole->mean_diagonal;
@@ -112,7 +118,8 @@ static double fill_of(const lod_builder *lod) { return lod->whole.macros ? 1.8 :
 static double seconds_of(double fill, double nodes, double held, double own)
 {
     double columns = 24 + held, numbers = fill * pow(nodes, 4.0 / 3);
-    return 3.5e-5 * nodes + 60 * pow(fill * nodes, 2) / 1.5e10 + 1.2e-8 * columns * numbers + 1e-9 * own * columns * columns;
+    return 3.5e-5 * nodes + 60 * pow(fill * nodes, 2) / 1.5e10 + 1.2e-8 * columns * numbers +
+           1e-9 * own * columns * columns;
 }
 
 typedef struct lod_cost { double seconds, mib; } lod_cost;
@@ -120,17 +127,20 @@ typedef struct lod_cost { double seconds, mib; } lod_cost;
 /* Estimate the cost for another ratio or number of layers, from the present patch sizes. */
 static lod_cost cost_of(const lod_builder *lod, int32_t ratio, int32_t layers)
 {
-    double finer = pow((double)ratio / lod->ratio, 3), wider = pow((2.0 * layers + 1) / (2.0 * lod->layers + 1), 3), largest = 0;
+    double finer = pow((double)ratio / lod->ratio, 3), wider = pow((2.0 * layers + 1) / (2.0 * lod->layers + 1), 3),
+           largest = 0;
     double more_means = pow((2.0 * layers + 2) / (2.0 * lod->layers + 2), 3);
     int32_t threads = lod->system->num_threads;
     lod_cost cost = {0, 0};
     for (int32_t cube = 0; cube < lod->count; cube++) {
-        double nodes = lod->patch_nodes[cube] * finer * wider, means = lod->patch_means[cube] * more_means, columns = 3 * means;
+        double nodes = lod->patch_nodes[cube] * finer * wider, means = lod->patch_means[cube] * more_means,
+               columns = 3 * means;
         double own = 3 * pow(ratio + 1, 3), held = columns + (lod->bulk ? pow(2.0 * layers + 1, 3) : 0);
         cost.seconds += seconds_of(fill_of(lod), nodes, held, own) / threads;
         /* Corrector, root, entries; temporary: three times K^-1 [G, Phi], and the factor. */
         cost.mib += 4 * (72 * nodes + fmin(own, columns) * columns + 3 * own * means);
-        largest = fmax(largest, 8 * (3 * (24 + held) * 3 * nodes + fill_of(lod) * factor_numbers * pow(nodes, 4.0 / 3)));
+        largest =
+            fmax(largest, 8 * (3 * (24 + held) * 3 * nodes + fill_of(lod) * factor_numbers * pow(nodes, 4.0 / 3)));
     }
     cost.mib = (cost.mib + largest * threads) / 1048576;
     return cost;
@@ -146,18 +156,22 @@ static pliant_status check_cost(const lod_builder *lod, const pliant_scene *scen
     lod_cost cost = cost_of(lod, lod->ratio, lod->layers);
     char instead[80] = "fewer mesh/coarse_cells";
     if (fits(cost, scene)) {
-        pliant_log(PLIANT_LOG_INFO, "lod: preparing %d cubes, about %.0f s and %.0f MiB", lod->count, ceil(cost.seconds), ceil(cost.mib));
+        pliant_log(PLIANT_LOG_INFO, "lod: preparing %d cubes, about %.0f s and %.0f MiB", lod->count,
+                   ceil(cost.seconds), ceil(cost.mib));
         return PLIANT_OK;
     }
     if (lod->layers > 1 && fits(cost_of(lod, lod->ratio, lod->layers - 1), scene)) {
         snprintf(instead, sizeof instead, "model/lod_layers %d", lod->layers - 1);
     } else {
         for (int32_t ratio = 1; ratio < lod->ratio; ratio++)
-            if (fits(cost_of(lod, ratio, lod->layers), scene)) snprintf(instead, sizeof instead, "mesh/ratio %d", ratio);
+            if (fits(cost_of(lod, ratio, lod->layers), scene))
+                snprintf(instead, sizeof instead, "mesh/ratio %d", ratio);
     }
-    return pliant_fail(PLIANT_ERROR_SCENE, "lod: preparing %d cubes would take about %.0f s and %.0f MiB, model/lod_seconds and "
-                                           "model/lod_memory allow %g and %g; %s would fit", lod->count, ceil(cost.seconds), ceil(cost.mib),
-                       scene->model.lod_seconds, scene->model.lod_memory, instead);
+    return pliant_fail(PLIANT_ERROR_SCENE,
+                       "lod: preparing %d cubes would take about %.0f s and %.0f MiB, model/lod_seconds and "
+                       "model/lod_memory allow %g and %g; %s would fit",
+                       lod->count, ceil(cost.seconds), ceil(cost.mib), scene->model.lod_seconds,
+                       scene->model.lod_memory, instead);
 }
 
 /* ---- The computation, cube by cube. */
@@ -166,8 +180,13 @@ typedef pliant_status (*lod_work)(lod_builder *lod, lod_room *room, int32_t cube
 
 static pliant_status for_every_cube(lod_builder *lod, lod_work work, pliant_progress progress, double begin, double end)
 {
-    pliant_work all = {.what = "homogenization", .stage = "homogenize", .progress = progress, .begin = begin, .end = end,
-                       .count = lod->count, .interval = 1};
+    pliant_work all = {.what = "homogenization",
+                       .stage = "homogenize",
+                       .progress = progress,
+                       .begin = begin,
+                       .end = end,
+                       .count = lod->count,
+                       .interval = 1};
 #pragma omp parallel num_threads(lod->system->num_threads)
     {
         lod_room room = {0};
@@ -189,14 +208,15 @@ static void builder_free(lod_builder *lod)
         pliant_free(lod->correctors[cube].node);
         pliant_free(lod->correctors[cube].value);
     }
-    void *blocks[] = {lod->cell, lod->cube_of_cell, lod->element_start, lod->elements, lod->at_rest, lod->bulk, lod->own, lod->grounded, lod->patch_nodes, lod->patch_means,
-                      lod->values, lod->mass, lod->reach, lod->correctors};
+    void *blocks[] = {lod->cell,   lod->cube_of_cell, lod->element_start, lod->elements,    lod->at_rest,
+                      lod->bulk,   lod->own,          lod->grounded,      lod->patch_nodes, lod->patch_means,
+                      lod->values, lod->mass,         lod->reach,         lod->correctors};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     pliant_system_clear(&lod->whole);
 }
 
-pliant_status pliant_lod(pliant_system *system, const pliant_scene *scene, const uint8_t *fine_fixed, const uint8_t *coarse_fixed,
-                         const pliant_tet_material *material, pliant_progress progress)
+pliant_status pliant_lod(pliant_system *system, const pliant_scene *scene, const uint8_t *fine_fixed,
+                         const uint8_t *coarse_fixed, const pliant_tet_material *material, pliant_progress progress)
 {
     lod_builder lod = {.system = system, .fine_fixed = fine_fixed, .coarse_fixed = coarse_fixed, .material = material,
                        .layers = scene->model.lod_layers, .ratio = system->fine->cells[0] / system->mesh->cells[0]};

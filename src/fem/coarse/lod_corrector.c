@@ -31,12 +31,14 @@ static void patch_free(patch_problem *patch)
 }
 
 /* List the free fine nodes in the box of the patch without adjacent tetrahedra outside of it. */
-static void find_nodes(const lod_builder *lod, lod_room *room, const int32_t low[3], const int32_t side[3], patch_problem *patch)
+static void find_nodes(const lod_builder *lod, lod_room *room, const int32_t low[3], const int32_t side[3],
+                       patch_problem *patch)
 {
     const pliant_mesh *fine = lod->system->fine;
     int32_t r = lod->ratio;
     for (int32_t at = 0; at < side[0] * side[1] * side[2]; at++) {
-        int32_t i = low[0] * r + at % side[0], j = low[1] * r + at / side[0] % side[1], k = low[2] * r + at / side[0] / side[1];
+        int32_t i = low[0] * r + at % side[0], j = low[1] * r + at / side[0] % side[1],
+                k = low[2] * r + at / side[0] / side[1];
         int32_t n = fine->node_of_lattice[i + (fine->cells[0] + 1) * (j + (fine->cells[1] + 1) * k)];
         if (n < 0 || lod->whole.free_of_node[n] < 0) continue;
         const uint8_t *reach = lod->reach + 6 * (size_t)n;
@@ -142,7 +144,8 @@ static pliant_status take_matrix(const lod_builder *lod, const lod_room *room, p
 }
 
 /* Compute K_C P by column of the cube's corners: g (24 x 3 count). */
-static void load_of_cube(const lod_builder *lod, const lod_room *room, int32_t cube, const patch_problem *patch, double *g)
+static void load_of_cube(const lod_builder *lod, const lod_room *room, int32_t cube, const patch_problem *patch,
+                         double *g)
 {
     const size_t size = 3 * (size_t)patch->count;
     for (int32_t e = lod->element_start[cube]; e < lod->element_start[cube + 1]; e++) {
@@ -184,26 +187,30 @@ static double change_of_cube(const lod_builder *lod, const lod_room *room, int32
         const int corners = lod_element(lod, element, &of_element, NULL);
         whole += weight;
         for (int a = 0; a < corners; a++) {
-            const int32_t unknown = lod->whole.free_of_node[of_element[a]], local = unknown < 0 ? -1 : room->local[unknown];
+            const int32_t unknown = lod->whole.free_of_node[of_element[a]],
+                          local = unknown < 0 ? -1 : room->local[unknown];
             int32_t nodes[LOD_LEANS];
             double weights[LOD_LEANS];
             for (int d = 0; d < 3 && local >= 0; d++) b[3 * (size_t)local + (size_t)d] += weight * gradient[3 * a + d];
             if (lod->grounded[cube] && lod->fine_fixed[of_element[a]]) continue;
             const int leans = lod_interpolation(lod, of_element[a], nodes, weights);
             for (int v = 0; v < leans; v++)
-                for (int d = 0; d < 3; d++) p[3 * lod_corner(lod, cube, nodes[v]) + d] += weights[v] * weight * gradient[3 * a + d];
+                for (int d = 0; d < 3; d++)
+                    p[3 * lod_corner(lod, cube, nodes[v]) + d] += weights[v] * weight * gradient[3 * a + d];
         }
     }
     return whole;
 }
 
 /* Fill B, scaled, and add the cube's own part to G. */
-static pliant_status fill_bulk(const lod_builder *lod, const lod_room *room, int32_t cube, patch_problem *patch, double *g)
+static pliant_status fill_bulk(const lod_builder *lod, const lod_room *room, int32_t cube, patch_problem *patch,
+                               double *g)
 {
     const size_t size = 3 * (size_t)patch->count;
     int32_t near[PLIANT_MAX_NEAR];
     const int cubes = lod->bulk ? lod_near(lod, cube, near) : 0;
-    if (cubes > 0 && !(patch->bulk = pliant_calloc((size_t)cubes, size * sizeof *patch->bulk))) return pliant_fail_memory("a corrector");
+    if (cubes > 0 && !(patch->bulk = pliant_calloc((size_t)cubes, size * sizeof *patch->bulk)))
+        return pliant_fail_memory("a corrector");
     for (int c = 0; c < cubes; c++) {
         double *b = patch->bulk + size * (size_t)patch->num_bulk, p[COLUMNS];
         const double whole = change_of_cube(lod, room, near[c], b, p);
@@ -232,7 +239,8 @@ static void take_held(const patch_problem *patch, int32_t columns, const double 
     for (int32_t c = 0; c < columns; c++, from += size) {
         for (int32_t i = 0; i < LOD_LEANS * patch->count; i++)
             for (int32_t d = 0; d < 3 && patch->lean[i] >= 0; d++)
-                out[(size_t)(3 * patch->lean[i] + d) * (size_t)columns + (size_t)c] += patch->weight[i] * from[3 * (i / LOD_LEANS) + d];
+                out[(size_t)(3 * patch->lean[i] + d) * (size_t)columns + (size_t)c] +=
+                    patch->weight[i] * from[3 * (i / LOD_LEANS) + d];
         for (int32_t k = 0; k < patch->num_bulk; k++) {
             double *to = out + (size_t)(3 * patch->num_means + k) * (size_t)columns + (size_t)c;
             for (size_t n = 0; n < size; n++) *to += patch->bulk[size * (size_t)k + n] * from[n];
@@ -265,8 +273,9 @@ static pliant_status hold_means(patch_problem *patch)
         for (int c = 0; c < COLUMNS; c++) patch->t[COLUMNS * i + c] *= scale[i];
     }
     if (!pliant_dense_cholesky(m, patch->s))
-        return pliant_fail(PLIANT_ERROR_NUMERIC, "lod: the means of a corrector cannot be held; the stiffness contrast is beyond double "
-                                                 "precision");
+        return pliant_fail(PLIANT_ERROR_NUMERIC,
+                           "lod: the means of a corrector cannot be held; the stiffness contrast is beyond double "
+                           "precision");
     pliant_dense_cholesky_solve(m, patch->s, COLUMNS, patch->t);
     for (int c = 0; c < COLUMNS; c++)
         for (int32_t i = 0; i < m; i++) {
@@ -291,7 +300,8 @@ static pliant_status solve(const lod_builder *lod, const lod_room *room, int32_t
     const int32_t columns = COLUMNS + held_of(patch);
     fill_means(patch, patch->z + COLUMNS * size);
     if (patch->num_bulk > 0)
-        memcpy(patch->z + size * (size_t)(columns - patch->num_bulk), patch->bulk, size * (size_t)patch->num_bulk * sizeof *patch->z);
+        memcpy(patch->z + size * (size_t)(columns - patch->num_bulk), patch->bulk,
+               size * (size_t)patch->num_bulk * sizeof *patch->z);
     status = pliant_factor_analyze(&patch->pattern, &factor);
     if (status == PLIANT_OK) {
         pliant_factor_in_double(factor);

@@ -79,7 +79,8 @@ void lod_room_free(lod_room *room)
     pliant_free(room->slot);
 }
 
-int lod_element(const lod_builder *lod, int32_t element, const int32_t **nodes, double stiffness[PLIANT_ELEMENT_UNKNOWNS * PLIANT_ELEMENT_UNKNOWNS])
+int lod_element(const lod_builder *lod, int32_t element, const int32_t **nodes,
+                double stiffness[PLIANT_ELEMENT_UNKNOWNS * PLIANT_ELEMENT_UNKNOWNS])
 {
     const pliant_system *whole = &lod->whole;
     const int32_t begin = pliant_element_begin(whole, element);
@@ -94,8 +95,10 @@ int lod_element(const lod_builder *lod, int32_t element, const int32_t **nodes, 
 static int32_t cell_of(const lod_builder *lod, int32_t element)
 {
     const pliant_mesh *fine = lod->system->fine, *coarse = lod->system->mesh;
-    int32_t cell = lod->whole.macros ? lod->whole.macros->cell[element] : fine->lattice_of_tet[element] / 5, r = lod->ratio;
-    int32_t i = cell % fine->cells[0] / r, j = cell / fine->cells[0] % fine->cells[1] / r, k = cell / fine->cells[0] / fine->cells[1] / r;
+    int32_t cell = lod->whole.macros ? lod->whole.macros->cell[element] : fine->lattice_of_tet[element] / 5,
+            r = lod->ratio;
+    int32_t i = cell % fine->cells[0] / r, j = cell / fine->cells[0] % fine->cells[1] / r,
+            k = cell / fine->cells[0] / fine->cells[1] / r;
     return i + coarse->cells[0] * (j + coarse->cells[1] * k);
 }
 
@@ -117,7 +120,8 @@ static void find_own(lod_builder *lod)
 pliant_status lod_list_cubes(lod_builder *lod)
 {
     const pliant_mesh *coarse = lod->system->mesh;
-    const int32_t cells = coarse->cells[0] * coarse->cells[1] * coarse->cells[2], elements = pliant_element_count(&lod->whole);
+    const int32_t cells = coarse->cells[0] * coarse->cells[1] * coarse->cells[2],
+                  elements = pliant_element_count(&lod->whole);
     lod->cube_of_cell = pliant_calloc((size_t)cells, sizeof *lod->cube_of_cell);
     lod->elements = pliant_calloc((size_t)elements, sizeof *lod->elements);
     if (!lod->cube_of_cell || !lod->elements) return pliant_fail_memory("the coarse cubes");
@@ -126,7 +130,8 @@ pliant_status lod_list_cubes(lod_builder *lod)
     size_t count = (size_t)lod->count;
     bool good = (lod->cell = pliant_calloc(count, sizeof *lod->cell)) &&
                 (lod->element_start = pliant_calloc(count + 2, sizeof *lod->element_start)) &&
-                (lod->own = pliant_calloc(count, 8 * sizeof *lod->own)) && (lod->grounded = pliant_calloc(count, sizeof *lod->grounded)) &&
+                (lod->own = pliant_calloc(count, 8 * sizeof *lod->own)) &&
+                (lod->grounded = pliant_calloc(count, sizeof *lod->grounded)) &&
                 (lod->patch_nodes = pliant_calloc(count, sizeof *lod->patch_nodes)) &&
                 (lod->patch_means = pliant_calloc(count, sizeof *lod->patch_means)) &&
                 (lod->correctors = pliant_calloc(count, sizeof *lod->correctors));
@@ -139,7 +144,8 @@ pliant_status lod_list_cubes(lod_builder *lod)
         lod->element_start[cube + 2] = lod->element_start[cube + 1] + here;
         lod->cell[cube++] = c;
     }
-    for (int32_t e = 0; e < elements; e++) lod->elements[lod->element_start[lod->cube_of_cell[cell_of(lod, e)] + 1]++] = e;
+    for (int32_t e = 0; e < elements; e++)
+        lod->elements[lod->element_start[lod->cube_of_cell[cell_of(lod, e)] + 1]++] = e;
     find_own(lod);
     return PLIANT_OK;
 }
@@ -158,7 +164,8 @@ pliant_status lod_measure_fine(lod_builder *lod)
         if (status != PLIANT_OK) return status;
     }
     for (int32_t t = 0; t < fine->num_tets; t++) {
-        double gradients[12], volume = pliant_mesh_gradients(fine, t, gradients), density = massless + (lod->whole.macros ? 0 : lod->material[t].density);
+        double gradients[12], volume = pliant_mesh_gradients(fine, t, gradients),
+                              density = massless + (lod->whole.macros ? 0 : lod->material[t].density);
         for (int v = 0; v < 4; v++) lod->mass[fine->tets[4 * t + v]] += 0.25 * volume * density;
     }
     for (int32_t e = 0; e < pliant_element_count(&lod->whole); e++) {

@@ -52,7 +52,8 @@ int lod_near(const lod_builder *lod, int32_t cube, int32_t near[PLIANT_MAX_NEAR]
 enum { LOD_LEANS = 8 };
 int lod_interpolation(const lod_builder *lod, int32_t fine_node, int32_t nodes[LOD_LEANS], double weights[LOD_LEANS]);
 /* Return the number of nodes of a fine element, its nodes, and its stiffness at rest. */
-int lod_element(const lod_builder *lod, int32_t element, const int32_t **nodes, double stiffness[PLIANT_ELEMENT_UNKNOWNS * PLIANT_ELEMENT_UNKNOWNS]);
+int lod_element(const lod_builder *lod, int32_t element, const int32_t **nodes,
+                double stiffness[PLIANT_ELEMENT_UNKNOWNS * PLIANT_ELEMENT_UNKNOWNS]);
 /* Return the corner of the cube at which a node is, or -1. */
 int lod_corner(const lod_builder *lod, int32_t cube, int32_t node);
 

@@ -124,7 +124,8 @@ pliant_status lod_macros_create(lod_builder *lod)
     if (status != PLIANT_OK) return status;
     memcpy(macros->grounded, lod->grounded, (size_t)lod->count * sizeof *macros->grounded);
     memcpy(macros->own, lod->own, 8 * (size_t)lod->count * sizeof *macros->own);
-    for (int32_t cube = 0; cube < lod->count; cube++) fit_frame(system->mesh, macros->own + 8 * cube, macros->gradient + 24 * cube);
+    for (int32_t cube = 0; cube < lod->count; cube++)
+        fit_frame(system->mesh, macros->own + 8 * cube, macros->gradient + 24 * cube);
     list_followers(lod, macros);
     system->num_blocks = pliant_macros_blocks((size_t)lod->count, (size_t)macros->start[lod->count]);
     return PLIANT_OK;
@@ -183,7 +184,8 @@ static void fill_shape(const lod_builder *lod, const lod_room *room, int32_t cub
         int leans = lod_interpolation(lod, work->node[i], nodes, weights);
         for (int v = 0; v < leans; v++) {
             int32_t corner = room->slot[2 * nodes[v] + grounded];
-            for (size_t d = 0; d < 3 && corner >= 0; d++) work->shape[(3 * (size_t)i + d) * columns + 3 * (size_t)corner + d] += weights[v];
+            for (size_t d = 0; d < 3 && corner >= 0; d++)
+                work->shape[(3 * (size_t)i + d) * columns + 3 * (size_t)corner + d] += weights[v];
         }
     }
     int32_t near[PLIANT_MAX_NEAR];
@@ -273,10 +275,12 @@ static bool counts(const double *shape, size_t columns, size_t corner)
 static pliant_status keep_shape(const lod_builder *lod, const lod_room *room, int32_t cube, const cube_work *work)
 {
     pliant_macros *macros = lod->system->macros;
-    size_t columns = 3 * (size_t)work->num_corners, total = 0, count = (size_t)(macros->fine_start[cube + 1] - macros->fine_start[cube]);
+    size_t columns = 3 * (size_t)work->num_corners, total = 0,
+           count = (size_t)(macros->fine_start[cube + 1] - macros->fine_start[cube]);
     const int32_t *nodes = macros->fine + macros->fine_start[cube];
     if (count == 0) return PLIANT_OK;
-    if (!(macros->entry_start[cube] = pliant_calloc(count + 1, sizeof **macros->entry_start))) return pliant_fail_memory("a macro-element");
+    if (!(macros->entry_start[cube] = pliant_calloc(count + 1, sizeof **macros->entry_start)))
+        return pliant_fail_memory("a macro-element");
     if (columns == 0) return PLIANT_OK;
     for (size_t i = 0; i < count; i++) {
         const double *shape = work->shape + 3 * columns * (size_t)room->local[nodes[i]];
@@ -293,7 +297,8 @@ static pliant_status keep_shape(const lod_builder *lod, const lod_room *room, in
         for (size_t c = 0; c < (size_t)work->num_corners; c++) {
             if (!counts(shape, columns, c)) continue;
             macros->entry_corner[cube][at] = (uint16_t)c;
-            for (size_t m = 0; m < 9; m++) macros->entry_shape[cube][9 * at + m] = (float)shape[m / 3 * columns + 3 * c + m % 3];
+            for (size_t m = 0; m < 9; m++)
+                macros->entry_shape[cube][9 * at + m] = (float)shape[m / 3 * columns + 3 * c + m % 3];
             at++;
         }
     }
@@ -306,7 +311,8 @@ static pliant_status keep_root(const lod_builder *lod, int32_t cube, cube_work *
     int32_t columns = 3 * work->num_corners, rank = pliant_dense_root(columns, work->matrix, work->root);
     if (rank == 0) return PLIANT_OK;
     size_t count = (size_t)rank * (size_t)columns;
-    if (!(macros->root[cube] = pliant_calloc(count, sizeof **macros->root))) return pliant_fail_memory("a macro-element");
+    if (!(macros->root[cube] = pliant_calloc(count, sizeof **macros->root)))
+        return pliant_fail_memory("a macro-element");
     for (size_t m = 0; m < count; m++) macros->root[cube][m] = (float)work->root[m];
     macros->rank[cube] = rank;
     return PLIANT_OK;
@@ -319,7 +325,8 @@ pliant_status lod_macro(lod_builder *lod, lod_room *room, int32_t cube)
     int32_t first = macros->start[cube];
     pliant_status status = work_create(lod, room, cube, &work);
     if (status == PLIANT_OK && work.num_corners > 0) {
-        for (int32_t c = 0; c < work.num_corners; c++) room->slot[2 * macros->node[first + c] + macros->held[first + c]] = c;
+        for (int32_t c = 0; c < work.num_corners; c++)
+            room->slot[2 * macros->node[first + c] + macros->held[first + c]] = c;
         fill_shape(lod, room, cube, &work);
         fill_force(lod, room, cube, &work);
         fill_matrix(lod, cube, &work);

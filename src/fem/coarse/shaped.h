@@ -15,8 +15,8 @@
 typedef struct pliant_shaped_frame { double rotation[9], centre[3], rest_centre[3]; } pliant_shaped_frame;
 
 /* Compute the frame without its rotation. f: out: F = sum of x_v g_v', from which the caller computes the rotation. */
-PLIANT_INLINE void pliant_shaped_place(const double x[12], const double rest[12], const double gradients[12], double f[9],
-                                       pliant_shaped_frame *out)
+PLIANT_INLINE void pliant_shaped_place(const double x[12], const double rest[12], const double gradients[12],
+                                       double f[9], pliant_shaped_frame *out)
 {
     for (int d = 0; d < 3; d++) out->centre[d] = out->rest_centre[d] = 0;
     for (int m = 0; m < 9; m++) f[m] = 0;
@@ -36,8 +36,8 @@ PLIANT_INLINE void pliant_shaped_ground(pliant_shaped_frame *out)
 }
 
 /* Compute the position of a fine node. shape: N, 3 x 12; node: X_f. */
-PLIANT_INLINE void pliant_shaped_position(const pliant_shaped_frame *frame, const double x[12], const double rest[12], const double *shape,
-                                          const double *node, double out[3])
+PLIANT_INLINE void pliant_shaped_position(const pliant_shaped_frame *frame, const double x[12], const double rest[12],
+                                          const double *shape, const double *node, double out[3])
 {
     const double *rotation = frame->rotation;
     double u[12], local[3];
@@ -51,17 +51,20 @@ PLIANT_INLINE void pliant_shaped_position(const pliant_shaped_frame *frame, cons
         for (int m = 0; m < 12; m++) local[d] += shape[12 * d + m] * u[m];
     }
     for (int d = 0; d < 3; d++)
-        out[d] = rotation[3 * d] * local[0] + rotation[3 * d + 1] * local[1] + rotation[3 * d + 2] * local[2] + frame->centre[d];
+        out[d] = rotation[3 * d] * local[0] + rotation[3 * d + 1] * local[1] + rotation[3 * d + 2] * local[2] +
+                 frame->centre[d];
 }
 
 /* Compute dx_f / dx_v of one of the corners with constant rotation ([H] 9 and 11): R N_v R', 3 x 3. */
-PLIANT_INLINE void pliant_shaped_weight(const double rotation[9], const double *shape, int corners, int v, double out[9])
+PLIANT_INLINE void pliant_shaped_weight(const double rotation[9], const double *shape, int corners, int v,
+                                        double out[9])
 {
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++) {
             out[3 * i + j] = 0;
             for (int k = 0; k < 3; k++)
-                for (int l = 0; l < 3; l++) out[3 * i + j] += rotation[3 * i + k] * shape[3 * corners * k + 3 * v + l] * rotation[3 * j + l];
+                for (int l = 0; l < 3; l++)
+                    out[3 * i + j] += rotation[3 * i + k] * shape[3 * corners * k + 3 * v + l] * rotation[3 * j + l];
         }
 }
 

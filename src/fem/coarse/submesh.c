@@ -27,8 +27,8 @@ static int owners_of(const int32_t *coarse_of_fine, const int32_t *neighbours, i
     return count;
 }
 
-pliant_status pliant_submesh_list(const pliant_mesh *fine, const int32_t *coarse_of_fine, int32_t num_coarse, pliant_touch touch,
-                                  pliant_submesh_lists *out)
+pliant_status pliant_submesh_list(const pliant_mesh *fine, const int32_t *coarse_of_fine, int32_t num_coarse,
+                                  pliant_touch touch, pliant_submesh_lists *out)
 {
     pliant_status status = PLIANT_OK;
     pliant_submesh_lists lists = {0};
@@ -138,7 +138,8 @@ pliant_status pliant_submesh_load(pliant_submesh *submesh, int32_t num_tets, con
     return status;
 }
 
-const pliant_cube_shape *pliant_submesh_shape(const pliant_submesh *submesh, const pliant_cube *cube, pliant_cube_shape *room)
+const pliant_cube_shape *pliant_submesh_shape(const pliant_submesh *submesh, const pliant_cube *cube,
+                                              pliant_cube_shape *room)
 {
     const pliant_mesh *fine = submesh->fine;
     int parity = pliant_cell_parity(fine, fine->lattice_of_tet[cube->tet[0]] / 5);
@@ -186,7 +187,8 @@ void pliant_submesh_assemble(pliant_submesh *submesh, const pliant_tet_material 
         for (int a = 0; a < 12; a++)
             for (int b = 0; b < 12; b++) {
                 size_t row = 3 * (size_t)submesh->local_of[nodes[a / 3]] + (size_t)(a % 3);
-                submesh->stiffness[size * row + 3 * (size_t)submesh->local_of[nodes[b / 3]] + (size_t)(b % 3)] += element[12 * a + b];
+                submesh->stiffness[size * row + 3 * (size_t)submesh->local_of[nodes[b / 3]] + (size_t)(b % 3)] +=
+                    element[12 * a + b];
             }
     }
 }

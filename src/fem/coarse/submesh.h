@@ -19,8 +19,8 @@ typedef struct pliant_submesh_lists {
 
 /* List the fine tetrahedra. touch: PLIANT_TOUCH_FACE adds tetrahedra that share a face with a listed one
  * (NUMERICS.md). */
-pliant_status pliant_submesh_list(const pliant_mesh *fine, const int32_t *coarse_of_fine, int32_t num_coarse, pliant_touch touch,
-                                  pliant_submesh_lists *out);
+pliant_status pliant_submesh_list(const pliant_mesh *fine, const int32_t *coarse_of_fine, int32_t num_coarse,
+                                  pliant_touch touch, pliant_submesh_lists *out);
 void pliant_submesh_lists_free(pliant_submesh_lists *lists);
 
 enum { PLIANT_SUBMESH_COLUMNS = 48 };
@@ -57,7 +57,8 @@ void pliant_submesh_assemble(pliant_submesh *submesh, const pliant_tet_material 
 /* Return the submesh number of the node at a coarse node; -1 if the submesh has no node there. */
 int32_t pliant_submesh_corner(const pliant_submesh *submesh, int32_t coarse_node);
 /* Return the shape of a hexahedron of the submesh. `room`: memory for a shape of a moved hexahedron. */
-const pliant_cube_shape *pliant_submesh_shape(const pliant_submesh *submesh, const pliant_cube *cube, pliant_cube_shape *room);
+const pliant_cube_shape *pliant_submesh_shape(const pliant_submesh *submesh, const pliant_cube *cube,
+                                              pliant_cube_shape *room);
 bool pliant_submesh_has_fixed(const pliant_submesh *submesh);
 
 /* ---- Implemented in condense.c. */
@@ -74,8 +75,8 @@ bool pliant_submesh_condense(pliant_submesh *submesh, int corners, const int32_t
 pliant_tet_material pliant_submesh_reference(const pliant_submesh *submesh);
 /* Compute the Schur complement for the submesh's material (out) and for the reference material (of_reference), both (n
  * x n). Other arguments are as above, with 2 n columns of work. */
-bool pliant_submesh_condense_both(pliant_submesh *submesh, int corners, const int32_t *corner, const pliant_tet_material *reference, double *out,
-                                  double *of_reference);
+bool pliant_submesh_condense_both(pliant_submesh *submesh, int corners, const int32_t *corner,
+                                  const pliant_tet_material *reference, double *out, double *of_reference);
 
 /* ---- Implemented in homogenize.c. */
 /* Factor the stiffness, with a stiff term on its six rigid modes, into square. For loads without resultant the solution

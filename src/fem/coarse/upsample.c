@@ -54,7 +54,8 @@ pliant_status pliant_upsample_linear(pliant_system *system, const int32_t *coars
 void pliant_trilinear_weights(const pliant_system *system, int32_t cell, const double *point, double weights[8])
 {
     const pliant_mesh *mesh = system->mesh, *fine = system->fine;
-    const int32_t at[3] = {cell % mesh->cells[0], cell / mesh->cells[0] % mesh->cells[1], cell / mesh->cells[0] / mesh->cells[1]};
+    const int32_t at[3] = {cell % mesh->cells[0], cell / mesh->cells[0] % mesh->cells[1],
+                           cell / mesh->cells[0] / mesh->cells[1]};
     double along[3];
     for (int d = 0; d < 3; d++) {
         double sum = 0, finer = (double)fine->cells[d] / mesh->cells[d];
@@ -78,7 +79,8 @@ pliant_status pliant_upsample_trilinear(pliant_system *system, const int32_t *el
     if (status != PLIANT_OK) return status;
     pliant_upsample *upsample = system->upsample;
     for (int32_t n = 0; n < fine->num_nodes; n++) {
-        const int32_t element = owner[n], *nodes = macros->node + macros->start[element], corners = macros->start[element + 1] - macros->start[element];
+        const int32_t element = owner[n], *nodes = macros->node + macros->start[element],
+                      corners = macros->start[element + 1] - macros->start[element];
         double *weights = upsample->weights + 8 * (size_t)n, gradients[12];
         for (int v = 0; v < 8; v++) upsample->node[8 * (size_t)n + (size_t)v] = nodes[v % corners];
         if (corners == 8) {
@@ -99,7 +101,8 @@ pliant_status pliant_upsample_trilinear(pliant_system *system, const int32_t *el
 pliant_status pliant_upsample_cubes(pliant_system *system, const int32_t *coarse_of_fine)
 {
     int32_t *element = NULL, *of_fine = pliant_calloc((size_t)system->fine->num_tets, sizeof *of_fine);
-    pliant_status status = of_fine ? pliant_hexahedra_of_tets(system->mesh, system->macros, &element) : pliant_fail_memory("the upsampling");
+    pliant_status status = of_fine ? pliant_hexahedra_of_tets(system->mesh, system->macros, &element)
+                                   : pliant_fail_memory("the upsampling");
     for (int32_t t = 0; status == PLIANT_OK && t < system->fine->num_tets; t++) of_fine[t] = element[coarse_of_fine[t]];
     if (status == PLIANT_OK) status = pliant_upsample_trilinear(system, of_fine);
     pliant_free(element);
@@ -137,13 +140,15 @@ static void macro_frame_of(const pliant_system *system, const double *solved, in
 {
     const pliant_macros *macros = system->macros;
     double f[9];
-    pliant_macro_place(macros->own + 8 * (size_t)element, macros->gradient + 24 * (size_t)element, solved, system->mesh->rest, f, out);
+    pliant_macro_place(macros->own + 8 * (size_t)element, macros->gradient + 24 * (size_t)element, solved,
+                       system->mesh->rest, f, out);
     for (int m = 0; m < 9 && macros->grounded[element]; m++) f[m] = m % 4 == 0;
     pliant_rotation_signed_svd(f, out->rotation);
 }
 
 /* Compute the position of a fine node, and dx_f/dx_v, from one entry's element alone. */
-static void entry_position(const pliant_system *system, const double *solved, int32_t entry, const double *rest, double x[3])
+static void entry_position(const pliant_system *system, const double *solved, int32_t entry, const double *rest,
+                           double x[3])
 {
     const pliant_upsample *upsample = system->upsample;
     const pliant_macros *macros = system->macros;
@@ -159,7 +164,8 @@ static void entry_position(const pliant_system *system, const double *solved, in
     pliant_macro_frame frame;
     macro_frame_of(system, solved, element, &frame);
     for (int32_t c = macros->start[element]; c < macros->start[element + 1]; c++)
-        pliant_macro_corner(&frame, macros->held[c], solved + 3 * macros->node[c], system->mesh->rest + 3 * macros->node[c], q + 3 * (c - macros->start[element]));
+        pliant_macro_corner(&frame, macros->held[c], solved + 3 * macros->node[c],
+                            system->mesh->rest + 3 * macros->node[c], q + 3 * (c - macros->start[element]));
     pliant_macro_shaped_by_all(macros->start[element + 1] - macros->start[element], shape, q, w);
     memcpy(x, rest, 3 * sizeof *x);
     pliant_macro_follow(&frame, macros->grounded[element], w, x);
@@ -180,7 +186,10 @@ static bool follows_macros(const pliant_system *system) { return system->macros 
 
 bool pliant_solves_fine(const pliant_system *system) { return !system->upsample && !follows_macros(system); }
 
-bool pliant_upsample_turns(const pliant_system *system) { return follows_macros(system) || (system->upsample && system->upsample->start); }
+bool pliant_upsample_turns(const pliant_system *system)
+{
+    return follows_macros(system) || (system->upsample && system->upsample->start);
+}
 
 void pliant_upsample_positions(const pliant_system *system, const double *solved, double *fine)
 {
@@ -205,7 +214,8 @@ void pliant_upsample_positions(const pliant_system *system, const double *solved
             const int32_t *nodes = upsample->node + corners * n;
             for (size_t v = 0; v < corners; v++)
                 for (int d = 0; d < 3; d++)
-                    sum[d] += upsample->weights[corners * n + v] * (solved[3 * nodes[v] + d] - system->mesh->rest[3 * nodes[v] + d]);
+                    sum[d] += upsample->weights[corners * n + v] *
+                              (solved[3 * nodes[v] + d] - system->mesh->rest[3 * nodes[v] + d]);
             /* Displacements are exactly 0 if the coarse nodes are at rest. */
             for (int d = 0; d < 3; d++) sum[d] += rest[d];
         } else {
@@ -260,8 +270,8 @@ pliant_status pliant_upsample_masses(const pliant_system *system, const double *
     return PLIANT_OK;
 }
 
-void pliant_upsample_weights(const pliant_system *system, const double *solved, int32_t count, const int32_t *nodes, const double *weights,
-                             double *dense)
+void pliant_upsample_weights(const pliant_system *system, const double *solved, int32_t count, const int32_t *nodes,
+                             const double *weights, double *dense)
 {
     const pliant_upsample *upsample = system->upsample;
     for (int32_t h = 0; h < count; h++) {
@@ -274,16 +284,19 @@ void pliant_upsample_weights(const pliant_system *system, const double *solved, 
             continue;
         } else if (!upsample->start) {
             const size_t corners = (size_t)upsample->corners, first = corners * (size_t)n;
-            for (size_t v = first; v < first + corners; v++) add_block(system, upsample->node[v], weights[h] * upsample->weights[v], NULL, dense);
+            for (size_t v = first; v < first + corners; v++)
+                add_block(system, upsample->node[v], weights[h] * upsample->weights[v], NULL, dense);
         } else {
             for (int32_t e = upsample->start[n]; e < upsample->start[n + 1]; e++) {
-                const int32_t begin = pliant_element_begin(system, upsample->entry_element[e]), end = pliant_element_begin(system, upsample->entry_element[e] + 1);
+                const int32_t begin = pliant_element_begin(system, upsample->entry_element[e]),
+                              end = pliant_element_begin(system, upsample->entry_element[e] + 1);
                 const double *shape = upsample->entry_shape + 9 * (size_t)upsample->corners * (size_t)e;
                 double rotation[9], turned[9];
                 entry_rotation(system, solved, e, rotation);
                 for (int32_t c = begin; c < end; c++) {
                     pliant_shaped_weight(rotation, shape, end - begin, c - begin, turned);
-                    add_block(system, pliant_element_nodes(system)[c], weights[h] * upsample->entry_share[e], turned, dense);
+                    add_block(system, pliant_element_nodes(system)[c], weights[h] * upsample->entry_share[e], turned,
+                              dense);
                 }
             }
         }

@@ -32,21 +32,22 @@ typedef struct pliant_cube_bending {
 } pliant_cube_bending;
 
 /* Compute q = d/dy of (W - least sum |w_k|^2 / 2) / (V mu). y and q: index 3 k + a, y = f_a . w_k. contraction: c. */
-#define PLIANT_DEFINE_CUBE_BENDING(real, name)                                                                         \
-    PLIANT_INLINE void name(const pliant_cube_bending *cube, real contraction, const real y[9], real q[9])             \
-    {                                                                                                                  \
-        for (int m = 0; m < 9; m++) q[m] = -(real)cube->least * y[m];                                                  \
-        PLIANT_UNROLL for (int b = 0; b < 3; b++)                                                                      \
-        {                                                                                                              \
-            const int a = (b + 1) % 3, k = (b + 2) % 3;                                                                \
-            const real by_a = (real)cube->edge[a], by_k = (real)cube->edge[k];                                         \
-            const real first = by_a * y[3 * k + a], second = by_k * y[3 * a + k], both = contraction * (first + second);\
-            const real twisted = (real)cube->torsion * (by_a * y[4 * k] + by_k * y[4 * a]);                            \
-            q[3 * k + a] += (real)cube->bending * by_a * (first + both);                                               \
-            q[3 * a + k] += (real)cube->bending * by_k * (second + both);                                              \
-            q[4 * k] += by_a * twisted;                                                                                \
-            q[4 * a] += by_k * twisted;                                                                                \
-        }                                                                                                              \
+#define PLIANT_DEFINE_CUBE_BENDING(real, name) \
+    PLIANT_INLINE void name(const pliant_cube_bending *cube, real contraction, const real y[9], real q[9]) \
+    { \
+        for (int m = 0; m < 9; m++) q[m] = -(real)cube->least * y[m]; \
+        PLIANT_UNROLL for (int b = 0; b < 3; b++) \
+        { \
+            const int a = (b + 1) % 3, k = (b + 2) % 3; \
+            const real by_a = (real)cube->edge[a], by_k = (real)cube->edge[k]; \
+            const real first = by_a * y[3 * k + a], second = by_k * y[3 * a + k], \
+                       both = contraction * (first + second); \
+            const real twisted = (real)cube->torsion * (by_a * y[4 * k] + by_k * y[4 * a]); \
+            q[3 * k + a] += (real)cube->bending * by_a * (first + both); \
+            q[3 * a + k] += (real)cube->bending * by_k * (second + both); \
+            q[4 * k] += by_a * twisted; \
+            q[4 * a] += by_k * twisted; \
+        } \
     }
 PLIANT_DEFINE_CUBE_BENDING(double, pliant_cube_bending_double)
 PLIANT_DEFINE_CUBE_BENDING(float, pliant_cube_bending_float)
@@ -61,8 +62,9 @@ typedef struct pliant_cube_modes { float along[9], across[9]; } pliant_cube_mode
  * @param shear   V mu finer^2.
  * @param change  Nullable: change of w in the last sub-step.
  * @param damped  Factor of the change in the damping. */
-PLIANT_INLINE void pliant_cube_bend(const pliant_cube_bending *cube, float finer, float shear, float contraction, const pliant_cube_modes *w,
-                                    const pliant_cube_modes *change, float damped, pliant_cube_modes *out)
+PLIANT_INLINE void pliant_cube_bend(const pliant_cube_bending *cube, float finer, float shear, float contraction,
+                                    const pliant_cube_modes *w, const pliant_cube_modes *change, float damped,
+                                    pliant_cube_modes *out)
 {
     float y[9], q[9], f[9];
     for (int m = 0; m < 9; m++) f[m] = cube->direction[m] + 0.25f * cube->edge[m / 3] * finer * w->along[m];
@@ -74,15 +76,18 @@ PLIANT_INLINE void pliant_cube_bend(const pliant_cube_bending *cube, float finer
     for (int k = 0; change && k < 3; k++)
         for (int a = 0; a < 3; a++)
             for (int r = 0; r < 3; r++) {
-                const float turned = 0.25f * cube->edge[a] * finer * change->along[3 * a + r], moved = change->across[3 * k + r];
+                const float turned = 0.25f * cube->edge[a] * finer * change->along[3 * a + r],
+                            moved = change->across[3 * k + r];
                 y[3 * k + a] += damped * (f[3 * a + r] * moved + turned * (w->across[3 * k + r] - moved));
             }
     pliant_cube_bending_float(cube, contraction, y, q);
     for (int k = 0; k < 3; k++)
         for (int r = 0; r < 3; r++) {
             const float kept = w->across[3 * k + r] + (change ? damped * change->across[3 * k + r] : 0);
-            out->across[3 * k + r] = shear * (cube->least * kept + q[3 * k] * f[r] + q[3 * k + 1] * f[3 + r] + q[3 * k + 2] * f[6 + r]);
-            out->along[3 * k + r] = shear * (0.25f * cube->edge[k] * finer) * (q[k] * w->across[r] + q[3 + k] * w->across[3 + r] + q[6 + k] * w->across[6 + r]);
+            out->across[3 * k + r] =
+                shear * (cube->least * kept + q[3 * k] * f[r] + q[3 * k + 1] * f[3 + r] + q[3 * k + 2] * f[6 + r]);
+            out->along[3 * k + r] = shear * (0.25f * cube->edge[k] * finer) *
+                                    (q[k] * w->across[r] + q[3 + k] * w->across[3 + r] + q[6 + k] * w->across[6 + r]);
         }
 }
 

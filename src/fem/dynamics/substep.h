@@ -66,7 +66,8 @@ PLIANT_INLINE double pliant_substep_error(double frame, double step, double chan
 
 /* Return whether a node touches a wall. Accelerations jump there, so such nodes are excluded from the error, as are
  * held nodes. */
-PLIANT_INLINE bool pliant_substep_touches(const pliant_wall *walls, int num_walls, const double rest[3], const double u[3])
+PLIANT_INLINE bool pliant_substep_touches(const pliant_wall *walls, int num_walls, const double rest[3],
+                                          const double u[3])
 {
     const double rounding = 1e-12; /* [m] */
     for (int w = 0; w < num_walls; w++) {
@@ -108,12 +109,14 @@ PLIANT_INLINE void pliant_substep_approach(double target[3], const double goal[3
  * @param pushed   Forces on the mass or the spring's end [N].
  * @param gap      Out: target - y.
  * @return C [m/N]. */
-PLIANT_INLINE double pliant_substep_gap(double stiffness, double damper, double inertia, const double target[3], const double old[3], const double now[3],
-                                        const double before[3], const double ahead[3], const double pushed[3], double gap[3])
+PLIANT_INLINE double pliant_substep_gap(double stiffness, double damper, double inertia, const double target[3],
+                                        const double old[3], const double now[3], const double before[3],
+                                        const double ahead[3], const double pushed[3], double gap[3])
 {
     const double whole = stiffness + damper + inertia;
     for (int k = 0; k < 3; k++) {
-        const double towards = stiffness * target[k] + damper * (target[k] - old[k] + before[k]) + inertia * ahead[k] + pushed[k];
+        const double towards =
+            stiffness * target[k] + damper * (target[k] - old[k] + before[k]) + inertia * ahead[k] + pushed[k];
         gap[k] = (whole > 0 ? towards / whole : target[k]) - now[k];
     }
     return whole > 0 ? 1 / whole : 0;
@@ -133,8 +136,8 @@ PLIANT_INLINE double pliant_substep_gap(double stiffness, double damper, double 
  * @param since   h divided by the duration of the sub-step before.
  * @param gap     Gap at the start of this sub-step [m].
  * @param older   Gap at the start of the sub-step before [m]. */
-PLIANT_INLINE void pliant_substep_center(double answer, double since, const double gap[3], const double older[3], double *stiffness, double *damper,
-                                         double pushed[3])
+PLIANT_INLINE void pliant_substep_center(double answer, double since, const double gap[3], const double older[3],
+                                         double *stiffness, double *damper, double pushed[3])
 {
     const double limit = 4; /* stability limit of (w h)^2 for central differences */
     const double p = 1 - 0.5 * limit / (limit + answer * (*stiffness + *damper));
@@ -183,8 +186,8 @@ PLIANT_INLINE void pliant_substep_forces(int count, double (*matrix)[PLIANT_MAX_
  * @param push   Out: correction of position and increment [m].
  * @param shift  Out: correction of the position alone [m].
  * @return False if the point does not touch. */
-PLIANT_INLINE bool pliant_substep_press(const double normal[3], double friction, double gap, const double moved[3], double slip[3], double push[3],
-                                        double shift[3])
+PLIANT_INLINE bool pliant_substep_press(const double normal[3], double friction, double gap, const double moved[3],
+                                        double slip[3], double push[3], double shift[3])
 {
     double into = 0, speed = 0, left = 0, along[3];
     if (gap >= 0) return false;
@@ -216,7 +219,8 @@ PLIANT_INLINE bool pliant_substep_press(const double normal[3], double friction,
  * penetration depth. Restitution reverses a part of the normal velocity. factor: A divided by the inverse mass
  * [s^2]. */
 PLIANT_INLINE void pliant_substep_collide(const pliant_wall *walls, int num_walls, double friction, double restitution,
-                                          const double rest[3], double factor, double u[3], double d[3], double acceleration[3])
+                                          const double rest[3], double factor, double u[3], double d[3],
+                                          double acceleration[3])
 {
     for (int w = 0; w < num_walls; w++) {
         const pliant_wall *wall = walls + w;

@@ -164,7 +164,8 @@ pliant_status pliant_tled_find_bounds(const pliant_body *body, pliant_tled_syste
 /* ---- Implemented in tled_create.c. */
 /* Create the constant data of a body. before: Nullable: data before a cut, whose bounds hold for all fragments. Errors:
  * MEMORY, SCENE. */
-pliant_status pliant_tled_system_create(const pliant_scene *scene, const pliant_body *body, const pliant_tled_system *before, pliant_tled_system **out);
+pliant_status pliant_tled_system_create(const pliant_scene *scene, const pliant_body *body,
+                                        const pliant_tled_system *before, pliant_tled_system **out);
 void pliant_tled_system_free(pliant_tled_system *system); /* Nullable */
 pliant_status pliant_tled_create(const pliant_scene *scene, const pliant_tled_system *system, pliant_tled **out);
 void pliant_tled_free(pliant_tled *tled); /* Nullable */
@@ -194,7 +195,8 @@ void pliant_tled_carry(pliant_tled *tled, const pliant_tled *from, const pliant_
 /* ---- Implemented in tled_conserve.c. */
 /* Correct the carried state after a cut. Each component keeps its momentum and angular momentum. Strain and kinetic
  * energy together do not rise. Components that the cut does not touch stay bitwise unchanged. Errors: MEMORY. */
-pliant_status pliant_tled_conserve(pliant_tled *tled, const pliant_tled *from, const pliant_body *before, const pliant_body *body);
+pliant_status pliant_tled_conserve(pliant_tled *tled, const pliant_tled *from, const pliant_body *before,
+                                   const pliant_body *body);
 
 /* ---- Implemented in tled_cubes.c. */
 /* Return the number of blocks, tetrahedra first and hexahedra next, or the number of floats in their forces. */
@@ -213,7 +215,10 @@ static inline int32_t pliant_tled_part_steps(const pliant_tled *tled)
     const int32_t left = tled->substeps - tled->made;
     return tled->part > 0 && tled->part < left ? tled->part : left;
 }
-static inline bool pliant_tled_in_parts(const pliant_tled *tled) { return pliant_tled_part_steps(tled) < tled->substeps; }
+static inline bool pliant_tled_in_parts(const pliant_tled *tled)
+{
+    return pliant_tled_part_steps(tled) < tled->substeps;
+}
 /* Restore displacements, increments and relaxed stress from the start of the last frame or part, which ended without
  * error. */
 void pliant_tled_back(pliant_tled *tled);
@@ -236,10 +241,11 @@ double pliant_tled_frame_error(const pliant_tled *tled, double before, double la
 typedef struct pliant_tled_frame { int32_t steps; double residual, error; bool sound, settled; } pliant_tled_frame;
 /* Runs a frame. Displacements, increments, memory, targets and quotient continue from frame to frame. The tools
  * accumulate the forces of the sub-steps. After an error the state is unchanged. */
-typedef pliant_status (*pliant_tled_runner)(void *with, pliant_tled *tled, pliant_tool *tools, int num_tools, pliant_tled_frame *out);
+typedef pliant_status (*pliant_tled_runner)(void *with, pliant_tled *tled, pliant_tool *tools, int num_tools,
+                                            pliant_tled_frame *out);
 /* Do the same as pliant_tled_step with another runner than the CPU's. Its errors are returned. */
-pliant_status pliant_tled_step_by(pliant_tled_runner runner, void *with, pliant_tled *tled, pliant_tool *tools, int num_tools,
-                                  pliant_statistics *statistics);
+pliant_status pliant_tled_step_by(pliant_tled_runner runner, void *with, pliant_tled *tled, pliant_tool *tools,
+                                  int num_tools, pliant_statistics *statistics);
 
 /* ---- Implemented in tled_tools.c. */
 /* Add the tools' forces after a sub-step without tools: correct u, d and acceleration, and accumulate the forces in the
@@ -269,13 +275,15 @@ void pliant_tled_interact(pliant_tled *tled, const double gravity[3], pliant_too
 /* ---- Implemented in tled_energy.c. */
 /* Compute the kinetic energy, half a step ago, the strain energy, and the conserved energy of central differences [J].
  * The computation uses double precision. It applies to elastic tissue without nodal pressure. */
-void pliant_tled_energies(const pliant_tled *tled, const pliant_tet_material *material, double *kinetic, double *strain, double *kept);
+void pliant_tled_energies(const pliant_tled *tled, const pliant_tet_material *material, double *kinetic, double *strain,
+                          double *kept);
 /* Return the element at an index below the count: t for tetrahedron t, or ~c for hexahedron c. */
 int32_t pliant_tled_element_count(const pliant_tled_system *system);
 int32_t pliant_tled_element(const pliant_tled_system *system, int32_t index);
 const int32_t *pliant_tled_element_nodes(const pliant_tled_system *system, int32_t element, int *corners);
 /* Return the strain energy of an element [J]. force: Nullable: out: elastic force on each corner [N]. */
-double pliant_tled_element_energy(const pliant_tled *tled, const pliant_tet_material *material, int32_t element, double force[8][3]);
+double pliant_tled_element_energy(const pliant_tled *tled, const pliant_tet_material *material, int32_t element,
+                                  double force[8][3]);
 
 #ifdef __cplusplus
 }

@@ -33,26 +33,32 @@ static double stable_step(double density, double largest, double largest_shear, 
     return density / (slow + sqrt(slow * slow + largest * density));
 }
 
-static void take(pliant_tled_system *system, const double gradients[12], double edge, const pliant_tet_material *material)
+static void take(pliant_tled_system *system, const double gradients[12], double edge,
+                 const pliant_tet_material *material)
 {
     const double lambda = material->lambda, mu = material->mu, density = material->density;
     if (!(density > 0)) return;
     /* [C] 1 with rho c^2 = E (1 - nu) / ((1 + nu) (1 - 2 nu)) = lambda + 2 mu */
     system->edge_bound = fmin(system->edge_bound, edge * sqrt(density / (lambda + 2 * mu)));
-    system->eigenvalue_bound = fmin(system->eigenvalue_bound, stable_step(density, pliant_element_largest_eigenvalue(gradients, lambda, mu),
-                                                                          pliant_element_largest_eigenvalue(gradients, 0, mu), system->stiffness_damping));
+    system->eigenvalue_bound =
+        fmin(system->eigenvalue_bound,
+             stable_step(density, pliant_element_largest_eigenvalue(gradients, lambda, mu),
+                         pliant_element_largest_eigenvalue(gradients, 0, mu), system->stiffness_damping));
 }
 
 /* Return bit sets (num_tets x 4) of the materials at load time, in each tetrahedron's voxels and in adjacent
  * tetrahedra. */
 static uint64_t *materials_around(const pliant_voxels *voxels)
 {
-    uint64_t *of_tet = pliant_calloc((size_t)voxels->num_tets, 4 * sizeof *of_tet), *around = pliant_calloc((size_t)voxels->num_tets, 4 * sizeof *around);
+    uint64_t *of_tet = pliant_calloc((size_t)voxels->num_tets, 4 * sizeof *of_tet),
+             *around = pliant_calloc((size_t)voxels->num_tets, 4 * sizeof *around);
     for (int32_t t = 0; of_tet && around && t < voxels->num_tets; t++)
-        for (int32_t v = voxels->start[t]; v < voxels->start[t + 1]; v++) of_tet[4 * t + voxels->material[v] / 64] |= UINT64_C(1) << voxels->material[v] % 64;
+        for (int32_t v = voxels->start[t]; v < voxels->start[t + 1]; v++)
+            of_tet[4 * t + voxels->material[v] / 64] |= UINT64_C(1) << voxels->material[v] % 64;
     for (int32_t n = 0; of_tet && around && n < voxels->num_nodes; n++) {
         uint64_t all[4] = {0, 0, 0, 0};
-        const int32_t *corner = voxels->around + voxels->around_start[n], count = voxels->around_start[n + 1] - voxels->around_start[n];
+        const int32_t *corner = voxels->around + voxels->around_start[n],
+                      count = voxels->around_start[n + 1] - voxels->around_start[n];
         for (int32_t c = 0; c < count; c++)
             for (int w = 0; w < 4; w++) all[w] |= of_tet[4 * (corner[c] / 4) + w];
         for (int32_t c = 0; c < count; c++)
@@ -76,8 +82,9 @@ static void take_cubes(const pliant_body *body, pliant_tled_system *system)
         if (!moves || !(density > 0)) continue;
         system->edge_bound = fmin(system->edge_bound, edge * sqrt(density / (lambda + 2 * mu)));
         system->eigenvalue_bound =
-            fmin(system->eigenvalue_bound, stable_step(0.5 * density, pliant_cube_largest_eigenvalue(size, lambda, mu),
-                                                       pliant_cube_largest_eigenvalue(size, 0, mu), system->stiffness_damping));
+            fmin(system->eigenvalue_bound,
+                 stable_step(0.5 * density, pliant_cube_largest_eigenvalue(size, lambda, mu),
+                             pliant_cube_largest_eigenvalue(size, 0, mu), system->stiffness_damping));
     }
 }
 
@@ -92,7 +99,9 @@ pliant_status pliant_tled_find_bounds(const pliant_body *body, pliant_tled_syste
         const int32_t *nodes = mesh->tets + 4 * t;
         double gradients[12];
         if (system->cubes && !voxels && system->cubes->element_of_tet[t] >= system->num_blocks * LANES) continue;
-        if (body->fine_fixed[nodes[0]] && body->fine_fixed[nodes[1]] && body->fine_fixed[nodes[2]] && body->fine_fixed[nodes[3]]) continue;
+        if (body->fine_fixed[nodes[0]] && body->fine_fixed[nodes[1]] && body->fine_fixed[nodes[2]] &&
+            body->fine_fixed[nodes[3]])
+            continue;
         const double edge = pliant_tled_shortest_edge(mesh, nodes);
         pliant_mesh_gradients(mesh, t, gradients);
         take(system, gradients, edge, body->fine_material + t);

@@ -6,7 +6,10 @@
 #include <string.h>
 
 /* Return the lane of the element that contains a tetrahedron. */
-static int32_t place_of(const pliant_tled_system *system, int32_t tet) { return system->cubes ? system->cubes->element_of_tet[tet] : tet; }
+static int32_t place_of(const pliant_tled_system *system, int32_t tet)
+{
+    return system->cubes ? system->cubes->element_of_tet[tet] : tet;
+}
 static float shear_at(const pliant_tled_system *system, int32_t place)
 {
     const int32_t block = place / LANES - system->num_blocks;
@@ -39,7 +42,8 @@ void pliant_tled_carry(pliant_tled *tled, const pliant_tled *from, const pliant_
     for (int32_t t = 0; tled->memory && t < system->mesh->num_tets; t++) {
         int32_t to = place_of(system, t), source = place_of(from->system, map->tet[t]);
         /* A fragment gets the part that its stiffness has. */
-        const float now = shear_at(system, to), was = shear_at(from->system, source), share = now == was || !(was > 0) ? 1 : now / was;
+        const float now = shear_at(system, to), was = shear_at(from->system, source),
+                    share = now == was || !(was > 0) ? 1 : now / was;
         for (int m = 0; m < 6 * PLIANT_PRONY_TERMS; m++)
             tled->memory[to / LANES][m][to % LANES] = share * from->memory[source / LANES][m][source % LANES];
     }

@@ -26,7 +26,8 @@ static const double rounding = 1e-12;
 /* ---- Motion of the nodes of a region. */
 
 typedef struct motion {
-    double mass, centre[3], momentum[3], spin[3] /* about the centre */, inertia[9], kinetic, size[2] /* of the terms of momentum and spin */;
+    double mass, centre[3], momentum[3], spin[3] /* about the centre */, inertia[9], kinetic,
+        size[2] /* of the terms of momentum and spin */;
 } motion;
 
 /* The rigid motion a + w x r about a point. */
@@ -34,7 +35,8 @@ typedef struct rigid_motion { double centre[3], a[3], w[3]; } rigid_motion;
 
 static void arm_of(const pliant_tled *tled, int32_t node, const double centre[3], double r[3])
 {
-    for (int d = 0; d < 3; d++) r[d] = tled->system->mesh->rest[3 * (size_t)node + d] + tled->u[3 * (size_t)node + d] - centre[d];
+    for (int d = 0; d < 3; d++)
+        r[d] = tled->system->mesh->rest[3 * (size_t)node + d] + tled->u[3 * (size_t)node + d] - centre[d];
 }
 
 static void find_centre(const pliant_cut_regions *work, int32_t region, double centre[3])
@@ -55,7 +57,8 @@ static void find_centre(const pliant_cut_regions *work, int32_t region, double c
 }
 
 /* Compute the motion with velocities scale times vector, (nodes x 3). */
-static motion find_motion(const pliant_cut_regions *work, int32_t region, const pliant_tled *tled, const double *vector, double scale, const double centre[3])
+static motion find_motion(const pliant_cut_regions *work, int32_t region, const pliant_tled *tled, const double *vector,
+                          double scale, const double centre[3])
 {
     motion out = {.centre = {centre[0], centre[1], centre[2]}};
     for (int32_t i = work->node_start[region]; i < work->node_start[region + 1]; i++) {
@@ -82,7 +85,8 @@ static motion find_motion(const pliant_cut_regions *work, int32_t region, const 
     return out;
 }
 
-static motion motion_of(const pliant_cut_regions *work, int32_t region, const pliant_cut_side *of, const double centre[3])
+static motion motion_of(const pliant_cut_regions *work, int32_t region, const pliant_cut_side *of,
+                        const double centre[3])
 {
     return find_motion(work, region, of->tled, of->tled->d, 1 / of->tled->time_step, centre);
 }
@@ -114,7 +118,8 @@ static rigid_motion rigid_of(const motion *of)
 }
 
 /* Replace vectors v by kept v + share (a + w x r). */
-static void change(const pliant_cut_regions *work, int32_t region, double *vector, const rigid_motion *rigid, double kept, double share)
+static void change(const pliant_cut_regions *work, int32_t region, double *vector, const rigid_motion *rigid,
+                   double kept, double share)
 {
     for (int32_t i = work->node_start[region]; i < work->node_start[region + 1]; i++) {
         const int32_t n = work->node[i];
@@ -135,7 +140,8 @@ static void add_strain(pliant_cut_regions *work, const pliant_cut_side *of, doub
     const pliant_tled_system *system = of->tled->system;
     for (int32_t i = 0; i < pliant_tled_element_count(system); i++) {
         int corners;
-        const int32_t element = pliant_tled_element(system, i), *node = pliant_tled_element_nodes(system, element, &corners);
+        const int32_t element = pliant_tled_element(system, i),
+                      *node = pliant_tled_element_nodes(system, element, &corners);
         const int32_t tet = element < 0 ? system->cubes->cube[~element].tet[0] : element;
         if (!work->cell[pliant_cell_of_tet(system->mesh, tet)]) continue;
         const double energy = pliant_tled_element_energy(of->tled, of->material, element, NULL);
@@ -152,11 +158,13 @@ static void keep_center(const pliant_cut_regions *work, int32_t region)
     double mass = 0, missing[3] = {0, 0, 0};
     for (int32_t i = work->node_start[region]; i < work->node_start[region + 1]; i++) {
         const int32_t n = work->node[i];
-        const double now = work->now.tled->system->node_mass[n], *rest = work->now.tled->system->mesh->rest + 3 * (size_t)n;
+        const double now = work->now.tled->system->node_mass[n],
+                     *rest = work->now.tled->system->mesh->rest + 3 * (size_t)n;
         const bool before = n < work->was.tled->system->mesh->num_nodes;
         mass += now;
         for (int d = 0; d < 3; d++) {
-            if (before) missing[d] += work->was.tled->system->node_mass[n] * (rest[d] + work->was.tled->u[3 * (size_t)n + d]);
+            if (before)
+                missing[d] += work->was.tled->system->node_mass[n] * (rest[d] + work->was.tled->u[3 * (size_t)n + d]);
             missing[d] -= now * (rest[d] + work->now.tled->u[3 * (size_t)n + d]);
         }
     }
@@ -175,7 +183,8 @@ static double keep_momentum(const pliant_cut_regions *work, int32_t region)
         missing.momentum[d] = before.momentum[d] - after.momentum[d];
         missing.spin[d] = before.spin[d] - after.spin[d];
     }
-    if (norm_of(missing.momentum) > 0.1 * rounding * before.size[0] || norm_of(missing.spin) > 0.1 * rounding * before.size[1]) {
+    if (norm_of(missing.momentum) > 0.1 * rounding * before.size[0] ||
+        norm_of(missing.spin) > 0.1 * rounding * before.size[1]) {
         const rigid_motion rigid = rigid_of(&missing);
         change(work, region, work->tled->d, &rigid, 1, work->tled->time_step);
         after = motion_of(work, region, &work->now, centre);
@@ -224,7 +233,9 @@ static double find_step(const pliant_cut_regions *work, int32_t region)
         const int32_t n = work->node[i];
         free = free && pliant_cut_moves(tled, n);
         for (int d = 0; d < 3; d++)
-            work->step[3 * (size_t)n + d] = work->near[n] && pliant_cut_moves(tled, n) ? work->force[3 * (size_t)n + d] / tled->system->node_mass[n] : 0;
+            work->step[3 * (size_t)n + d] = work->near[n] && pliant_cut_moves(tled, n)
+                                                ? work->force[3 * (size_t)n + d] / tled->system->node_mass[n]
+                                                : 0;
     }
     if (free) {
         double centre[3];
@@ -234,14 +245,16 @@ static double find_step(const pliant_cut_regions *work, int32_t region)
         change(work, region, work->step, &rigid, 1, -1);
     }
     for (int32_t i = work->node_start[region]; i < work->node_start[region + 1]; i++)
-        for (int d = 0; d < 3; d++) slope += work->step[3 * (size_t)work->node[i] + d] * work->force[3 * (size_t)work->node[i] + d];
+        for (int d = 0; d < 3; d++)
+            slope += work->step[3 * (size_t)work->node[i] + d] * work->force[3 * (size_t)work->node[i] + d];
     return slope;
 }
 
 static void move(const pliant_cut_regions *work, int32_t region, double time)
 {
     for (int32_t i = work->node_start[region]; i < work->node_start[region + 1]; i++)
-        for (int d = 0; d < 3; d++) work->tled->u[3 * (size_t)work->node[i] + d] += time * work->step[3 * (size_t)work->node[i] + d];
+        for (int d = 0; d < 3; d++)
+            work->tled->u[3 * (size_t)work->node[i] + d] += time * work->step[3 * (size_t)work->node[i] + d];
 }
 
 /* Return the smallest t at which energy - slope t + curve t^2 / 2 has fallen by `fall`, or the t of its minimum. */
@@ -262,7 +275,8 @@ static double release_strain(const pliant_cut_regions *work, int32_t region, dou
         const double trial = fmin(left / slope, longest);
         move(work, region, trial);
         double after = strain_of(work, region, false);
-        const double curve = 2 * (after - before + slope * trial) / (trial * trial), time = fmin(solve_parabola(slope, curve, left), 4 * longest);
+        const double curve = 2 * (after - before + slope * trial) / (trial * trial),
+                     time = fmin(solve_parabola(slope, curve, left), 4 * longest);
         move(work, region, time - trial);
         after = strain_of(work, region, false);
         if (!(after < before)) {
@@ -314,7 +328,8 @@ static void take_from_component(pliant_cut_regions *work, int32_t node, double e
     take_kinetic(&whole, 0, energy);
 }
 
-pliant_status pliant_tled_conserve(pliant_tled *tled, const pliant_tled *from, const pliant_body *before, const pliant_body *body)
+pliant_status pliant_tled_conserve(pliant_tled *tled, const pliant_tled *from, const pliant_body *before,
+                                   const pliant_body *body)
 {
     if (tled->system->quasi_static || body->changes.since != before->revision) return PLIANT_OK;
     pliant_cut_regions work = {.was = {from, before->fine_material}, .now = {tled, body->fine_material}, .tled = tled};
@@ -325,7 +340,8 @@ pliant_status pliant_tled_conserve(pliant_tled *tled, const pliant_tled *from, c
         for (int32_t region = 0; region < work.count; region++) {
             if (work.free[region]) keep_center(&work, region);
             const double left = conserve(&work, region);
-            if (left > rounding * work.scale[region] && !work.free[region]) take_from_component(&work, work.node[work.node_start[region]], left);
+            if (left > rounding * work.scale[region] && !work.free[region])
+                take_from_component(&work, work.node[work.node_start[region]], left);
         }
     }
     pliant_cut_regions_free(&work);

@@ -44,7 +44,8 @@ pliant_status pliant_tled_touch_begin(pliant_tled *tled)
     const pliant_contacts *contacts = tled->contacts;
     tled->slowing.status = PLIANT_OK;
     if (!pliant_tled_touches(tled)) return PLIANT_OK;
-    if (!tled->touched && !(tled->touched = pliant_calloc((size_t)tled->system->mesh->num_nodes, 1))) return pliant_fail_memory("contact");
+    if (!tled->touched && !(tled->touched = pliant_calloc((size_t)tled->system->mesh->num_nodes, 1)))
+        return pliant_fail_memory("contact");
     if (contacts->count > tled->room_touch) {
         const size_t room = 2 * (size_t)contacts->count;
         pliant_tled_touch *touch = pliant_resize(tled->touch, room, sizeof *touch);
@@ -75,13 +76,19 @@ static bool is_free(const pliant_tled *tled, const pliant_contact_point *point)
 
 double pliant_tled_touch_all(pliant_tled *tled, double factor, int32_t made)
 {
-    const pliant_touch_time time = pliant_touch_time_of(tled->system->quasi_static, factor, pliant_tled_part_steps(tled), made);
-    const pliant_touch_nodes nodes = {.rest = tled->system->mesh->rest, .inverse_mass = tled->inverse_mass, .u = tled->u, .d = tled->d, .acceleration = tled->acceleration};
+    const pliant_touch_time time =
+        pliant_touch_time_of(tled->system->quasi_static, factor, pliant_tled_part_steps(tled), made);
+    const pliant_touch_nodes nodes = {.rest = tled->system->mesh->rest,
+                                      .inverse_mass = tled->inverse_mass,
+                                      .u = tled->u,
+                                      .d = tled->d,
+                                      .acceleration = tled->acceleration};
     double load = 0;
     search_overlaps(tled);
     for (int32_t p = 0; p < tled->contacts->count; p++) {
         tled->touch[p].pressed = false;
-        if (!is_free(tled, tled->contacts->point + p)) load += pliant_touch_press(&nodes, &time, tled->contacts->point + p, tled->touch + p);
+        if (!is_free(tled, tled->contacts->point + p))
+            load += pliant_touch_press(&nodes, &time, tled->contacts->point + p, tled->touch + p);
         for (int32_t k = 0; tled->slowing.tissue && tled->touch[p].pressed && k < tled->contacts->point[p].count; k++)
             tled->touched[tled->contacts->point[p].node[k]] = 1;
     }

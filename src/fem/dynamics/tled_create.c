@@ -52,9 +52,12 @@ static pliant_status set_options(pliant_tled_system *system, const pliant_scene 
         }
         shares += scene->tled.prony_share[d];
     }
-    if (shares >= 1) return pliant_fail(PLIANT_ERROR_SCENE, "tled/prony_share: the parts that relax add up to %g; less than 1 must", shares);
+    if (shares >= 1)
+        return pliant_fail(PLIANT_ERROR_SCENE, "tled/prony_share: the parts that relax add up to %g; less than 1 must",
+                           shares);
     if (system->nodal_pressure && system->law == PLIANT_LAW_SAINT_VENANT_KIRCHHOFF)
-        return pliant_fail(PLIANT_ERROR_SCENE, "tled/nodal_pressure: saint_venant_kirchhoff has no pressure of its own; take another law");
+        return pliant_fail(PLIANT_ERROR_SCENE,
+                           "tled/nodal_pressure: saint_venant_kirchhoff has no pressure of its own; take another law");
     system->num_walls = pliant_tled_walls(scene, system->walls);
     system->friction = scene->ground.friction;
     system->restitution = scene->ground.restitution;
@@ -68,22 +71,31 @@ static pliant_status allocate(pliant_tled_system *system)
     system->moduli = pliant_calloc(blocks, sizeof *system->moduli);
     system->nodes = pliant_calloc(blocks, sizeof *system->nodes);
     system->corner_start = pliant_calloc(nodes + 1, sizeof *system->corner_start);
-    system->corner = pliant_calloc(system->cubes ? 4 * (size_t)system->cubes->num_tets + 8 * (size_t)system->cubes->count
-                                                 : 4 * (size_t)system->mesh->num_tets, sizeof *system->corner);
+    system->corner =
+        pliant_calloc(system->cubes ? 4 * (size_t)system->cubes->num_tets + 8 * (size_t)system->cubes->count
+                                    : 4 * (size_t)system->mesh->num_tets,
+                      sizeof *system->corner);
     system->inverse_mass = pliant_calloc(nodes, sizeof *system->inverse_mass);
     if (system->nodal_pressure) {
         system->node_modulus = pliant_calloc(nodes, sizeof *system->node_modulus);
         system->node_volume = pliant_calloc(nodes, sizeof *system->node_volume);
         if (!system->node_modulus || !system->node_volume) return pliant_fail_memory("the nodal pressures");
     }
-    return system->gradients && system->moduli && system->nodes && system->corner_start && system->corner && system->inverse_mass
+    return system->gradients && system->moduli && system->nodes && system->corner_start && system->corner &&
+                   system->inverse_mass
                ? PLIANT_OK
                : pliant_fail_memory("the elements");
 }
 
 /* Return the number of tetrahedra that are separate elements. */
-static int32_t num_own(const pliant_tled_system *system) { return system->cubes ? system->cubes->num_tets : system->mesh->num_tets; }
-static int32_t own_tet(const pliant_tled_system *system, int32_t element) { return system->cubes ? system->cubes->tet[element] : element; }
+static int32_t num_own(const pliant_tled_system *system)
+{
+    return system->cubes ? system->cubes->num_tets : system->mesh->num_tets;
+}
+static int32_t own_tet(const pliant_tled_system *system, int32_t element)
+{
+    return system->cubes ? system->cubes->tet[element] : element;
+}
 
 static void gather_lists(pliant_tled_system *system)
 {
@@ -110,18 +122,21 @@ static void gather_lists(pliant_tled_system *system)
 /* Fill the elements. pseudo_mass (num_nodes) gets the corner masses that give each element a critical step of 1, for
  * dynamic relaxation. A corner needs a fourth of the element's largest eigenvalue: no frequency of the mesh exceeds the
  * largest element frequency (Irons and Treharne 1972). */
-static void fill_elements(pliant_tled_system *system, const pliant_tet_material *material, double *pseudo_mass, double *compliance)
+static void fill_elements(pliant_tled_system *system, const pliant_tet_material *material, double *pseudo_mass,
+                          double *compliance)
 {
     const pliant_mesh *mesh = system->mesh;
     for (int32_t e = 0; e < system->num_blocks * LANES; e++) {
-        int32_t block = e / LANES, lane = e % LANES, tet = own_tet(system, e < num_own(system) ? e : num_own(system) - 1);
+        int32_t block = e / LANES, lane = e % LANES,
+                tet = own_tet(system, e < num_own(system) ? e : num_own(system) - 1);
         const int32_t *nodes = mesh->tets + 4 * tet;
         double g[12];
         double volume = pliant_mesh_gradients(mesh, tet, g);
         for (int m = 0; m < 9; m++) system->gradients[block][m][lane] = (float)g[3 + m];
         for (int v = 0; v < 4; v++) system->nodes[block][v][lane] = nodes[v];
         if (e >= num_own(system)) continue;
-        double lambda = material[tet].lambda, mu = material[tet].mu, modulus = pliant_law_modulus(system->law, lambda, mu);
+        double lambda = material[tet].lambda, mu = material[tet].mu,
+               modulus = pliant_law_modulus(system->law, lambda, mu);
         system->moduli[block][0][lane] = (float)(volume * mu);
         system->moduli[block][1][lane] = (float)(volume * modulus);
         system->moduli[block][2][lane] = (float)volume;
@@ -139,7 +154,8 @@ static void add_cubes(const pliant_tled_system *system, const pliant_tet_materia
 {
     for (int32_t c = 0; c < system->cubes->count; c++) {
         const pliant_cube *cube = system->cubes->cube + c;
-        double size[3], lambda, mu, density, volume = pliant_tled_cube_mean(system->mesh, cube, material, &lambda, &mu, &density);
+        double size[3], lambda, mu, density,
+            volume = pliant_tled_cube_mean(system->mesh, cube, material, &lambda, &mu, &density);
         pliant_tled_cube_size(system->mesh, system->cubes, c, size);
         for (int v = 0; v < 8; v++)
             pseudo_mass[cube->node[v]] += 0.25 * volume * pliant_cube_largest_eigenvalue(size, lambda, mu);
@@ -155,12 +171,14 @@ static pliant_status find_bounds(const pliant_body *body, const pliant_tled_syst
     return PLIANT_OK;
 }
 
-pliant_status pliant_tled_system_create(const pliant_scene *scene, const pliant_body *body, const pliant_tled_system *before, pliant_tled_system **out)
+pliant_status pliant_tled_system_create(const pliant_scene *scene, const pliant_body *body,
+                                        const pliant_tled_system *before, pliant_tled_system **out)
 {
     const pliant_mesh *mesh = &body->fine;
     size_t nodes = (size_t)mesh->num_nodes;
     pliant_tled_system *system = pliant_calloc(1, sizeof *system);
-    double *pseudo_mass = pliant_calloc(nodes, sizeof *pseudo_mass), *compliance = pliant_calloc(nodes, 2 * sizeof *compliance);
+    double *pseudo_mass = pliant_calloc(nodes, sizeof *pseudo_mass),
+           *compliance = pliant_calloc(nodes, 2 * sizeof *compliance);
     pliant_status status = system && pseudo_mass && compliance ? PLIANT_OK : pliant_fail_memory("the elements");
     if (status != PLIANT_OK) goto failed;
     system->mesh = mesh;
@@ -224,7 +242,8 @@ static pliant_status allocate_state(pliant_tled *tled)
     tled->forces = pliant_calloc(pliant_tled_force_count(system), sizeof *tled->forces);
     tled->sums = pliant_calloc((nodes + PLIANT_CHUNK - 1) / PLIANT_CHUNK, sizeof *tled->sums);
     tled->limit = pliant_calloc(nodes, sizeof *tled->limit);
-    bool good = tled->u && tled->d && tled->kept_u && tled->kept_d && tled->acceleration && tled->forces && tled->sums && tled->limit;
+    bool good = tled->u && tled->d && tled->kept_u && tled->kept_d && tled->acceleration && tled->forces &&
+                tled->sums && tled->limit;
     if (good && system->quasi_static) good = (tled->own = pliant_calloc(nodes, 3 * sizeof *tled->own)) != NULL;
     if (good && system->num_prony > 0) {
         tled->memory = pliant_pages(blocks, sizeof *tled->memory);
@@ -248,7 +267,8 @@ static void set_limits(pliant_tled *tled)
     for (int32_t t = 0; t < mesh->num_tets; t++) {
         double edge = 0.5 * pliant_tled_shortest_edge(mesh, mesh->tets + 4 * t);
         tled->reach = fmin(tled->reach, 0.2 * edge);
-        for (int v = 0; v < 4; v++) tled->limit[mesh->tets[4 * t + v]] = fmin(tled->limit[mesh->tets[4 * t + v]], edge * edge);
+        for (int v = 0; v < 4; v++)
+            tled->limit[mesh->tets[4 * t + v]] = fmin(tled->limit[mesh->tets[4 * t + v]], edge * edge);
     }
 }
 
@@ -279,10 +299,11 @@ pliant_status pliant_tled_create(const pliant_scene *scene, const pliant_tled_sy
         tled->substeps = tled->relaxation_steps;
         tled->time_step = 1;
     } else if (!(count <= most)) {
-        status = pliant_fail(PLIANT_ERROR_SCENE,
-                             "tled: the stiffest or lightest element allows steps of %.3g s, so solver/step (%g s) would take %.3g of them, more "
-                             "than %.0f: fix bone, take a coarser mesh, or tled/quasi_static",
-                             fmin(system->edge_bound, system->eigenvalue_bound), tled->frame, count, most);
+        status = pliant_fail(
+            PLIANT_ERROR_SCENE,
+            "tled: the stiffest or lightest element allows steps of %.3g s, so solver/step (%g s) would take %.3g of them, more "
+            "than %.0f: fix bone, take a coarser mesh, or tled/quasi_static",
+            fmin(system->edge_bound, system->eigenvalue_bound), tled->frame, count, most);
     } else {
         tled->substeps = (int32_t)fmax(count, 1);
         tled->time_step = tled->frame / tled->substeps;
@@ -293,9 +314,11 @@ pliant_status pliant_tled_create(const pliant_scene *scene, const pliant_tled_sy
         return status;
     }
     if (!system->quasi_static)
-        pliant_log(PLIANT_LOG_INFO, "tled: at rest steps of %.3g s (edge over speed of sound, [C] 1) and %.3g s (largest eigenvalue) are stable; "
-                                    "%d sub-steps of %.3g s in a step",
-                   system->edge_bound, system->eigenvalue_bound, tled->substeps, tled->time_step);
+        pliant_log(
+            PLIANT_LOG_INFO,
+            "tled: at rest steps of %.3g s (edge over speed of sound, [C] 1) and %.3g s (largest eigenvalue) are stable; "
+            "%d sub-steps of %.3g s in a step",
+            system->edge_bound, system->eigenvalue_bound, tled->substeps, tled->time_step);
     set_limits(tled);
     set_smallest_load(tled);
     pliant_tled_reset(tled);
@@ -357,8 +380,13 @@ void pliant_tled_stop(pliant_tled *tled, int32_t count, const int32_t *nodes)
 void pliant_tled_free(pliant_tled *tled)
 {
     if (!tled) return;
-    void *blocks[] = {tled->u,    tled->d,           tled->memory, tled->kept_u,   tled->kept_d, tled->kept_memory,
-                      tled->forces, tled->change, tled->pressure, tled->sums,   tled->limit, tled->acceleration, tled->own, tled->own_inverse_mass};
+    void *blocks[] = {tled->u,        tled->d,
+                      tled->memory,   tled->kept_u,
+                      tled->kept_d,   tled->kept_memory,
+                      tled->forces,   tled->change,
+                      tled->pressure, tled->sums,
+                      tled->limit,    tled->acceleration,
+                      tled->own,      tled->own_inverse_mass};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     pliant_tled_touch_free(tled);
     pliant_free(tled);

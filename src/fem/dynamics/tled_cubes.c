@@ -7,7 +7,10 @@
 #include <math.h>
 #include <string.h>
 
-int32_t pliant_tled_blocks(const pliant_tled_system *system) { return system->num_blocks + (system->cubes ? system->cubes->num_blocks : 0); }
+int32_t pliant_tled_blocks(const pliant_tled_system *system)
+{
+    return system->num_blocks + (system->cubes ? system->cubes->num_blocks : 0);
+}
 
 size_t pliant_tled_force_count(const pliant_tled_system *system)
 {
@@ -74,11 +77,12 @@ void pliant_tled_cube_size(const pliant_mesh *mesh, const pliant_tled_cubes *cub
     for (int d = 0; d < 3; d++) size[d] = mesh->cell_size[d] * (cubes->size ? cubes->size[cube] : 1);
 }
 
-double pliant_tled_cube_mean(const pliant_mesh *mesh, const pliant_cube *cube, const pliant_tet_material *material, double *lambda, double *mu,
-                             double *density)
+double pliant_tled_cube_mean(const pliant_mesh *mesh, const pliant_cube *cube, const pliant_tet_material *material,
+                             double *lambda, double *mu, double *density)
 {
     double volume[5], lambdas[5], mus[5], gradients[12], whole = 0;
-    for (int slot = 0; slot < 5; slot++) whole += volume[slot] = pliant_mesh_gradients(mesh, cube->tet[slot], gradients);
+    for (int slot = 0; slot < 5; slot++)
+        whole += volume[slot] = pliant_mesh_gradients(mesh, cube->tet[slot], gradients);
     pliant_cube_moduli(cube, volume, material, lambdas, mus);
     *lambda = *mu = *density = 0;
     for (int slot = 0; slot < 5; slot++) {
@@ -101,8 +105,9 @@ static void leave_parts(pliant_tled_cubes *cubes)
 
 static pliant_status allocate(const pliant_mesh *mesh, pliant_law law, pliant_tled_cubes *cubes)
 {
-    pliant_status status = mesh->lattice_of_tet ? pliant_cubes_find(mesh, true, &cubes->cube, &cubes->count)
-                                                : pliant_octree_cubes_find(mesh, &cubes->cube, &cubes->size, &cubes->count);
+    pliant_status status = mesh->lattice_of_tet
+                               ? pliant_cubes_find(mesh, true, &cubes->cube, &cubes->count)
+                               : pliant_octree_cubes_find(mesh, &cubes->cube, &cubes->size, &cubes->count);
     if (status != PLIANT_OK) return status;
     if (law == PLIANT_LAW_SAINT_VENANT_KIRCHHOFF) leave_parts(cubes);
     cubes->num_blocks = (cubes->count + LANES - 1) / LANES;
@@ -113,11 +118,13 @@ static pliant_status allocate(const pliant_mesh *mesh, pliant_law law, pliant_tl
     cubes->tet = pliant_calloc((size_t)cubes->num_tets + 1, sizeof *cubes->tet);
     cubes->element_of_tet = pliant_calloc((size_t)mesh->num_tets, sizeof *cubes->element_of_tet);
     cubes->node_mass = pliant_calloc((size_t)mesh->num_nodes, sizeof *cubes->node_mass);
-    return cubes->nodes && cubes->moduli && cubes->finer && cubes->tet && cubes->element_of_tet && cubes->node_mass ? PLIANT_OK
-                                                                                                      : pliant_fail_memory("the hexahedra");
+    return cubes->nodes && cubes->moduli && cubes->finer && cubes->tet && cubes->element_of_tet && cubes->node_mass
+               ? PLIANT_OK
+               : pliant_fail_memory("the hexahedra");
 }
 
-static void fill_cube(const pliant_mesh *mesh, const pliant_tet_material *material, pliant_law law, double prony, pliant_tled_cubes *cubes, int32_t c)
+static void fill_cube(const pliant_mesh *mesh, const pliant_tet_material *material, pliant_law law, double prony,
+                      pliant_tled_cubes *cubes, int32_t c)
 {
     const pliant_cube *cube = cubes->cube + c;
     double volume[5], lambda[5], mu[5], gradients[12], mass = 0, sum[3] = {0, 0, 0};
@@ -138,10 +145,12 @@ static void fill_cube(const pliant_mesh *mesh, const pliant_tet_material *materi
     for (int v = 0; v < 8; v++) cubes->node_mass[cube->node[v]] += mass / 8;
 }
 
-static void fill(const pliant_mesh *mesh, const pliant_tet_material *material, pliant_law law, double prony, pliant_tled_cubes *cubes)
+static void fill(const pliant_mesh *mesh, const pliant_tet_material *material, pliant_law law, double prony,
+                 pliant_tled_cubes *cubes)
 {
     for (int axis = 0; axis < 3; axis++)
-        for (int d = 0; d < 3; d++) cubes->gradient[3 * axis + d] = (float)(mesh->direction[3 * d + axis] / (4 * mesh->cell_size[axis]));
+        for (int d = 0; d < 3; d++)
+            cubes->gradient[3 * axis + d] = (float)(mesh->direction[3 * d + axis] / (4 * mesh->cell_size[axis]));
     fill_bending(mesh, prony, &cubes->bending);
     for (int32_t t = 0; t < mesh->num_tets; t++) cubes->element_of_tet[t] = -1;
     int32_t tets = 0, first = (cubes->num_tets + LANES - 1) / LANES * LANES;
@@ -163,8 +172,8 @@ static void fill(const pliant_mesh *mesh, const pliant_tet_material *material, p
     }
 }
 
-pliant_status pliant_tled_cubes_create(const pliant_mesh *mesh, const pliant_tet_material *material, pliant_law law, double prony,
-                                       pliant_tled_cubes **out)
+pliant_status pliant_tled_cubes_create(const pliant_mesh *mesh, const pliant_tet_material *material, pliant_law law,
+                                       double prony, pliant_tled_cubes **out)
 {
     pliant_tled_cubes *cubes = pliant_calloc(1, sizeof *cubes);
     if (!cubes) return pliant_fail_memory("the hexahedra");
@@ -181,7 +190,8 @@ pliant_status pliant_tled_cubes_create(const pliant_mesh *mesh, const pliant_tet
 void pliant_tled_cubes_free(pliant_tled_cubes *cubes)
 {
     if (!cubes) return;
-    void *blocks[] = {cubes->cube, cubes->nodes, cubes->moduli, cubes->finer, cubes->size, cubes->tet, cubes->element_of_tet, cubes->node_mass};
+    void *blocks[] = {cubes->cube, cubes->nodes, cubes->moduli,         cubes->finer,
+                      cubes->size, cubes->tet,   cubes->element_of_tet, cubes->node_mass};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     pliant_free(cubes);
 }

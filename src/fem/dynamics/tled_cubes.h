@@ -40,14 +40,14 @@ struct pliant_tled_cubes {
 };
 
 /* Create the hexahedra of a mesh, without forces. prony: sum of the shares. */
-pliant_status pliant_tled_cubes_create(const pliant_mesh *mesh, const pliant_tet_material *material, pliant_law law, double prony,
-                                       pliant_tled_cubes **out);
+pliant_status pliant_tled_cubes_create(const pliant_mesh *mesh, const pliant_tet_material *material, pliant_law law,
+                                       double prony, pliant_tled_cubes **out);
 void pliant_tled_cubes_free(pliant_tled_cubes *cubes); /* Nullable */
 /* Return the edge lengths of a cube [m]. */
 void pliant_tled_cube_size(const pliant_mesh *mesh, const pliant_tled_cubes *cubes, int32_t cube, double size[3]);
 /* Compute material means over a cube, and return its volume [m^3]. */
-double pliant_tled_cube_mean(const pliant_mesh *mesh, const pliant_cube *cube, const pliant_tet_material *material, double *lambda, double *mu,
-                             double *density);
+double pliant_tled_cube_mean(const pliant_mesh *mesh, const pliant_cube *cube, const pliant_tet_material *material,
+                             double *lambda, double *mu, double *density);
 /* Return the largest eigenvalue of a cube's stiffness divided by its volume [N/m^4]. */
 double pliant_cube_largest_eigenvalue(const double size[3], double lambda, double mu);
 

@@ -22,8 +22,8 @@ PLIANT_INLINE void load_gradient(const double *u, int32_t nodes[4][LANES], float
 }
 
 /* Relax a block by the Prony series and update each term's memory. */
-PLIANT_INLINE void relax_block(const pliant_tled_system *system, float dt, float h[9][LANES], float cofactor[9][LANES], float p[9][LANES],
-                        float memory[6 * PLIANT_PRONY_TERMS][LANES])
+PLIANT_INLINE void relax_block(const pliant_tled_system *system, float dt, float h[9][LANES], float cofactor[9][LANES],
+                               float p[9][LANES], float memory[6 * PLIANT_PRONY_TERMS][LANES])
 {
     float stress[6][LANES], relaxed[6][LANES] = {{0}};
     for (int l = 0; l < LANES; l++) {
@@ -50,7 +50,8 @@ PLIANT_INLINE void relax_block(const pliant_tled_system *system, float dt, float
     }
 }
 
-PLIANT_INLINE void damp_block(float change[9][LANES], const float *mu, float factor, float h[9][LANES], float p[9][LANES])
+PLIANT_INLINE void damp_block(float change[9][LANES], const float *mu, float factor, float h[9][LANES],
+                              float p[9][LANES])
 {
     for (int l = 0; l < LANES; l++) {
         float one[9], of_one[9], p_one[9];
@@ -62,8 +63,9 @@ PLIANT_INLINE void damp_block(float change[9][LANES], const float *mu, float fac
 
 /* Compute rest volume times first Piola-Kirchhoff stress of a block from H and, with damping, from its change.
  * pressure: NULL if it follows from H. */
-PLIANT_INLINE void block_stress(const pliant_tled_system *system, pliant_law law, bool viscous, bool damped, float dt, float h[9][LANES], float change[9][LANES],
-                         float moduli[3][LANES], const float *pressure, float (*memory)[LANES], float out[9][LANES])
+PLIANT_INLINE void block_stress(const pliant_tled_system *system, pliant_law law, bool viscous, bool damped, float dt,
+                                float h[9][LANES], float change[9][LANES], float moduli[3][LANES],
+                                const float *pressure, float (*memory)[LANES], float out[9][LANES])
 {
     float p[9][LANES], cofactor[9][LANES], volume[9][LANES];
     for (int l = 0; l < LANES; l++) {
@@ -75,7 +77,8 @@ PLIANT_INLINE void block_stress(const pliant_tled_system *system, pliant_law law
             if (viscous) pliant_change_of(one, other);
             for (int r = 0; viscous && r < 3; r++)
                 for (int c = 0; c < 3; c++)
-                    cofactor[3 * r + c][l] = (r == c) * (1 + one[0] + one[4] + one[8]) - one[3 * c + r] + other[3 * r + c];
+                    cofactor[3 * r + c][l] =
+                        (r == c) * (1 + one[0] + one[4] + one[8]) - one[3 * c + r] + other[3 * r + c];
         } else {
             float factor = pliant_neo_hookean_stress(law, one, moduli[0][l], moduli[1][l], other, stress);
             if (pressure) factor = pressure[l];
@@ -92,7 +95,8 @@ PLIANT_INLINE void block_stress(const pliant_tled_system *system, pliant_law law
         for (int m = 0; m < 9; m++) out[m][l] = p[m][l] + volume[m][l];
 }
 
-PLIANT_INLINE void block_forces(const pliant_tled *tled, pliant_law law, bool viscous, bool nodal, bool damped, int32_t block, float dt, float *out)
+PLIANT_INLINE void block_forces(const pliant_tled *tled, pliant_law law, bool viscous, bool nodal, bool damped,
+                                int32_t block, float dt, float *out)
 {
     const pliant_tled_system *system = tled->system;
     float (*g)[LANES] = system->gradients[block], (*moduli)[LANES] = system->moduli[block];
@@ -103,9 +107,11 @@ PLIANT_INLINE void block_forces(const pliant_tled *tled, pliant_law law, bool vi
     if (nodal)
         for (int l = 0; l < LANES; l++) {
             const float *at = tled->pressure;
-            pressure[l] = 0.25f * moduli[2][l] * (at[nodes[0][l]] + at[nodes[1][l]] + at[nodes[2][l]] + at[nodes[3][l]]);
+            pressure[l] =
+                0.25f * moduli[2][l] * (at[nodes[0][l]] + at[nodes[1][l]] + at[nodes[2][l]] + at[nodes[3][l]]);
         }
-    block_stress(system, law, viscous, damped, dt, h, change, moduli, nodal ? pressure : NULL, viscous ? tled->memory[block] : NULL, p);
+    block_stress(system, law, viscous, damped, dt, h, change, moduli, nodal ? pressure : NULL,
+                 viscous ? tled->memory[block] : NULL, p);
     for (int r = 0; r < 3; r++)
         for (int l = 0; l < LANES; l++) {
             float x = p[3 * r][l], y = p[3 * r + 1][l], z = p[3 * r + 2][l];
@@ -134,7 +140,8 @@ PLIANT_INLINE void transform(float w[8][LANES], float sign)
 }
 
 /* Load the modes of a block of cubes, their mean gradient H or its change, and its change of volume. */
-PLIANT_INLINE void load_modes(const pliant_tled_cubes *cubes, const double *u, int32_t block, float w[3][8][LANES], float h[9][LANES], float change[LANES])
+PLIANT_INLINE void load_modes(const pliant_tled_cubes *cubes, const double *u, int32_t block, float w[3][8][LANES],
+                              float h[9][LANES], float change[LANES])
 {
     int32_t (*nodes)[LANES] = cubes->nodes[block];
     double exact[9][LANES];
@@ -148,7 +155,9 @@ PLIANT_INLINE void load_modes(const pliant_tled_cubes *cubes, const double *u, i
             }
             pliant_cube_differences(apart, along);
             for (int c = 0; c < 3; c++)
-                exact[3 * r + c][l] = finer * (along[0] * (double)cubes->gradient[c] + along[1] * (double)cubes->gradient[3 + c] + along[2] * (double)cubes->gradient[6 + c]);
+                exact[3 * r + c][l] =
+                    finer * (along[0] * (double)cubes->gradient[c] + along[1] * (double)cubes->gradient[3 + c] +
+                             along[2] * (double)cubes->gradient[6 + c]);
         }
     }
     for (int r = 0; r < 3; r++) transform(w[r], 1);
@@ -160,8 +169,8 @@ PLIANT_INLINE void load_modes(const pliant_tled_cubes *cubes, const double *u, i
 }
 
 /* Compute the forces of the modes of a block of cubes. more: their change, if it is damped. */
-PLIANT_INLINE void bend_block(const pliant_tled_cubes *cubes, bool damped, float factor, int32_t block, float w[3][8][LANES], float more[3][8][LANES],
-                       float out[3][8][LANES])
+PLIANT_INLINE void bend_block(const pliant_tled_cubes *cubes, bool damped, float factor, int32_t block,
+                              float w[3][8][LANES], float more[3][8][LANES], float out[3][8][LANES])
 {
     float (*moduli)[LANES] = cubes->moduli[block];
     for (int l = 0; l < LANES; l++) {
@@ -185,7 +194,8 @@ PLIANT_INLINE void bend_block(const pliant_tled_cubes *cubes, bool damped, float
     }
 }
 
-PLIANT_INLINE void cube_forces(const pliant_tled *tled, pliant_law law, bool viscous, bool damped, int32_t block, float dt, float *out)
+PLIANT_INLINE void cube_forces(const pliant_tled *tled, pliant_law law, bool viscous, bool damped, int32_t block,
+                               float dt, float *out)
 {
     const pliant_tled_system *system = tled->system;
     const pliant_tled_cubes *cubes = system->cubes;
@@ -196,11 +206,13 @@ PLIANT_INLINE void cube_forces(const pliant_tled *tled, pliant_law law, bool vis
     for (int l = 0; l < LANES; l++) pressure[l] = moduli[1][l] * pliant_law_float_volume(law, pressure[l]);
     if (damped) load_modes(cubes, tled->d, block, more, change, other);
     bend_block(cubes, damped, damped ? (float)system->stiffness_damping / dt : 0, block, w, more, force);
-    block_stress(system, law, viscous, damped, dt, h, change, moduli, pressure, viscous ? tled->memory[system->num_blocks + block] : NULL, p);
+    block_stress(system, law, viscous, damped, dt, h, change, moduli, pressure,
+                 viscous ? tled->memory[system->num_blocks + block] : NULL, p);
     for (int r = 0; r < 3; r++) {
         for (int axis = 0; axis < 3; axis++)
             for (int l = 0; l < LANES; l++)
-                force[r][1 << axis][l] += finer[l] * (p[3 * r][l] * cubes->gradient[3 * axis] + p[3 * r + 1][l] * cubes->gradient[3 * axis + 1] +
+                force[r][1 << axis][l] += finer[l] * (p[3 * r][l] * cubes->gradient[3 * axis] +
+                                                      p[3 * r + 1][l] * cubes->gradient[3 * axis + 1] +
                                                       p[3 * r + 2][l] * cubes->gradient[3 * axis + 2]);
         transform(force[r], -1);
         for (int v = 0; v < 8; v++)
@@ -245,7 +257,8 @@ static forces_function forces_of(const pliant_tled_system *system)
 {
     static const forces_function table[][2][2] = {
         [PLIANT_LAW_NEO_HOOKEAN] = {{neo_hookean, neo_hookean_nodal}, {neo_hookean_viscous, neo_hookean_viscous_nodal}},
-        [PLIANT_LAW_COMPRESSIBLE] = {{compressible, compressible_nodal}, {compressible_viscous, compressible_viscous_nodal}},
+        [PLIANT_LAW_COMPRESSIBLE] = {{compressible, compressible_nodal},
+                                     {compressible_viscous, compressible_viscous_nodal}},
         [PLIANT_LAW_SAINT_VENANT_KIRCHHOFF] = {{saint_venant_kirchhoff, NULL}, {saint_venant_kirchhoff_viscous, NULL}},
     };
     static_assert(sizeof table / sizeof *table == PLIANT_COUNT_OF(PLIANT_LAW_LIST), "each law has its functions");

@@ -3,7 +3,8 @@
 #include "mesh/mesh.h"
 
 /* @param back  Number of increments to subtract: 0 or 1. */
-static void deformation_of(const pliant_tled *tled, const int32_t nodes[4], const double g[12], double back, double f[9])
+static void deformation_of(const pliant_tled *tled, const int32_t nodes[4], const double g[12], double back,
+                           double f[9])
 {
     for (int m = 0; m < 9; m++) f[m] = m % 4 == 0;
     for (int v = 0; v < 4; v++)
@@ -30,7 +31,9 @@ static void modes_of(const pliant_tled *tled, int32_t index, double back, double
     for (int r = 0; r < 3; r++)
         for (int c = 0; c < 3; c++) {
             f[3 * r + c] = r == c;
-            for (int axis = 0; axis < 3; axis++) f[3 * r + c] += w[1 << axis][r] * cubes->gradient[3 * axis + c] / (cubes->size ? cubes->size[index] : 1);
+            for (int axis = 0; axis < 3; axis++)
+                f[3 * r + c] +=
+                    w[1 << axis][r] * cubes->gradient[3 * axis + c] / (cubes->size ? cubes->size[index] : 1);
         }
 }
 
@@ -40,7 +43,9 @@ static double bending_energy(const pliant_tled_cubes *cubes, int32_t index, doub
 {
     const pliant_cube_bending *bending = &cubes->bending;
     double f[9], y[9], q[9], energy = 0;
-    for (int m = 0; m < 9; m++) f[m] = bending->direction[m] + 0.25 * bending->edge[m / 3] * w[1 << m / 3][m % 3] / (cubes->size ? cubes->size[index] : 1);
+    for (int m = 0; m < 9; m++)
+        f[m] = bending->direction[m] +
+               0.25 * bending->edge[m / 3] * w[1 << m / 3][m % 3] / (cubes->size ? cubes->size[index] : 1);
     for (int m = 0; m < 9; m++) {
         y[m] = 0;
         for (int r = 0; r < 3; r++) y[m] += f[3 * (m % 3) + r] * w[7 ^ 1 << m / 3][r];
@@ -80,28 +85,34 @@ static cube_constants constants_of(const pliant_tled_system *system, const plian
     const double finer = 1.0 / (system->cubes->size ? system->cubes->size[index] : 1);
     cube_constants out;
     double density;
-    out.volume = pliant_tled_cube_mean(system->mesh, system->cubes->cube + index, material, &out.lambda, &out.mu, &density);
+    out.volume =
+        pliant_tled_cube_mean(system->mesh, system->cubes->cube + index, material, &out.lambda, &out.mu, &density);
     out.bent = out.volume * out.mu * finer * finer;
     return out;
 }
 
-static void cube_state(const pliant_tled *tled, const cube_constants *constants, int32_t index, double back, element_state *out)
+static void cube_state(const pliant_tled *tled, const cube_constants *constants, int32_t index, double back,
+                       element_state *out)
 {
     const pliant_tled_system *system = tled->system;
     modes_of(tled, index, back, out->f, out->mode);
-    out->energy = constants->volume * pliant_law_response(system->law, constants->lambda, constants->mu, out->f, out->stress);
+    out->energy =
+        constants->volume * pliant_law_response(system->law, constants->lambda, constants->mu, out->f, out->stress);
     out->energy += constants->bent * bending_energy(system->cubes, index, out->mode, out->force);
 }
 
-static double tet_state(const pliant_tled *tled, const pliant_tet_material *material, int32_t tet, double back, double g[12], element_state *out)
+static double tet_state(const pliant_tled *tled, const pliant_tet_material *material, int32_t tet, double back,
+                        double g[12], element_state *out)
 {
     const double volume = pliant_mesh_gradients(tled->system->mesh, tet, g);
     deformation_of(tled, tled->system->mesh->tets + 4 * (size_t)tet, g, back, out->f);
-    out->energy = volume * pliant_law_response(tled->system->law, material[tet].lambda, material[tet].mu, out->f, out->stress);
+    out->energy =
+        volume * pliant_law_response(tled->system->law, material[tet].lambda, material[tet].mu, out->f, out->stress);
     return volume;
 }
 
-static void cube_energies(const pliant_tled *tled, const pliant_tet_material *material, int32_t index, double *strain, double *before, double *work)
+static void cube_energies(const pliant_tled *tled, const pliant_tet_material *material, int32_t index, double *strain,
+                          double *before, double *work)
 {
     const cube_constants constants = constants_of(tled->system, material, index);
     element_state now, was;
@@ -111,10 +122,12 @@ static void cube_energies(const pliant_tled *tled, const pliant_tet_material *ma
     *before += was.energy;
     for (int m = 0; m < 9; m++) *work += constants.volume * (now.stress[m] - was.stress[m]) * (now.f[m] - was.f[m]);
     for (int m = 0; m < 8; m++)
-        for (int r = 0; r < 3; r++) *work += constants.bent * (now.force[m][r] - was.force[m][r]) * (now.mode[m][r] - was.mode[m][r]);
+        for (int r = 0; r < 3; r++)
+            *work += constants.bent * (now.force[m][r] - was.force[m][r]) * (now.mode[m][r] - was.mode[m][r]);
 }
 
-static void tet_energies(const pliant_tled *tled, const pliant_tet_material *material, int32_t tet, double *strain, double *before, double *work)
+static void tet_energies(const pliant_tled *tled, const pliant_tet_material *material, int32_t tet, double *strain,
+                         double *before, double *work)
 {
     double g[12];
     element_state now, was;
@@ -126,7 +139,8 @@ static void tet_energies(const pliant_tled *tled, const pliant_tet_material *mat
 }
 
 /* Compute minus the gradient of a hexahedron's energy. */
-static void cube_force(const pliant_tled_cubes *cubes, const cube_constants *constants, int32_t index, const element_state *state, double force[8][3])
+static void cube_force(const pliant_tled_cubes *cubes, const cube_constants *constants, int32_t index,
+                       const element_state *state, double force[8][3])
 {
     const double edge = cubes->size ? cubes->size[index] : 1;
     for (int r = 0; r < 3; r++)
@@ -137,14 +151,16 @@ static void cube_force(const pliant_tled_cubes *cubes, const cube_constants *con
                 for (int d = 0; d < 3; d++) sign *= m >> d & 1 ? (v >> d & 1 ? 1 : -1) : 1;
                 for (int axis = 0; axis < 3; axis++)
                     for (int c = 0; c < 3 && m == 1 << axis; c++)
-                        along += constants->volume * state->stress[3 * r + c] * (double)cubes->gradient[3 * axis + c] / edge;
+                        along +=
+                            constants->volume * state->stress[3 * r + c] * (double)cubes->gradient[3 * axis + c] / edge;
                 slope += sign * along;
             }
             force[v][r] = -slope;
         }
 }
 
-double pliant_tled_element_energy(const pliant_tled *tled, const pliant_tet_material *material, int32_t element, double force[8][3])
+double pliant_tled_element_energy(const pliant_tled *tled, const pliant_tet_material *material, int32_t element,
+                                  double force[8][3])
 {
     element_state state;
     if (element < 0) {
@@ -181,7 +197,8 @@ int32_t pliant_tled_element(const pliant_tled_system *system, int32_t index)
 }
 
 /* Compute strain energies at present and one increment ago, and the work of the change between them. */
-static void strain_energies(const pliant_tled *tled, const pliant_tet_material *material, double *strain, double *before, double *work)
+static void strain_energies(const pliant_tled *tled, const pliant_tet_material *material, double *strain,
+                            double *before, double *work)
 {
     const pliant_tled_cubes *cubes = tled->system->cubes;
     *strain = *before = *work = 0;
@@ -193,7 +210,8 @@ static void strain_energies(const pliant_tled *tled, const pliant_tet_material *
 /* Central differences conserve 1/2 v M v + 1/2 u- K u of a linear body, with v at half a step. With energies W and
  * forces F at both ends, 1/2 u- K u = (W- + W) / 2 - d (F - F-) / 4. d F is the sum of V P : (F - F-) over the
  * elements. */
-void pliant_tled_energies(const pliant_tled *tled, const pliant_tet_material *material, double *kinetic, double *strain, double *kept)
+void pliant_tled_energies(const pliant_tled *tled, const pliant_tet_material *material, double *kinetic, double *strain,
+                          double *kept)
 {
     double before, work;
     *kinetic = 0;

@@ -12,7 +12,8 @@ static const double rounding = 1e-12; /* relative, of masses with equal summands
 static void mark_nodes(pliant_cut_regions *work, const pliant_mesh *mesh)
 {
     for (int32_t t = 0; t < mesh->num_tets; t++)
-        for (int v = 0; v < 4 && work->cell[pliant_cell_of_tet(mesh, t)]; v++) work->near[mesh->tets[4 * (size_t)t + v]] = 1;
+        for (int v = 0; v < 4 && work->cell[pliant_cell_of_tet(mesh, t)]; v++)
+            work->near[mesh->tets[4 * (size_t)t + v]] = 1;
 }
 
 /* Join the marked nodes with the region of `first`, which may be -1. Return a node of the region. */
@@ -41,7 +42,8 @@ static void join_fragments(int32_t *part, const pliant_body *before, const plian
     const pliant_body_changes *changes = &body->changes;
     for (int32_t i = 0; i < changes->num_touched + body->fine.num_tets - changes->tets_before; i++) {
         const int32_t more = i - changes->num_touched;
-        const int32_t tet = more < 0 ? changes->touched[i] : changes->tets_before + more, source = more < 0 ? tet : changes->tet_source[more];
+        const int32_t tet = more < 0 ? changes->touched[i] : changes->tets_before + more,
+                      source = more < 0 ? tet : changes->tet_source[more];
         const int32_t first = join_marked(part, before->fine.tets + 4 * (size_t)source, 4, -1);
         join_marked(part, body->fine.tets + 4 * (size_t)tet, 4, first);
     }
@@ -61,7 +63,8 @@ static void find_masses(pliant_cut_regions *work)
         if (work->part[n] < 0) continue;
         const int32_t first = first_of(work->part, n);
         const double now = work->now.tled->system->node_mass[n];
-        work->force[first] += now - (n < work->was.tled->system->mesh->num_nodes ? work->was.tled->system->node_mass[n] : 0);
+        work->force[first] +=
+            now - (n < work->was.tled->system->mesh->num_nodes ? work->was.tled->system->node_mass[n] : 0);
         work->step[first] += now;
     }
 }
@@ -79,12 +82,14 @@ static int32_t changed_region(const pliant_cut_regions *work, const int32_t *nod
 
 /* Join regions with changed masses. Detached voxels that the cut assigns to another tetrahedron move their mass to
  * it. */
-static void join_chips(pliant_cut_regions *work, const pliant_cuts *cuts, const pliant_cuts *other, const pliant_mesh *mesh)
+static void join_chips(pliant_cut_regions *work, const pliant_cuts *cuts, const pliant_cuts *other,
+                       const pliant_mesh *mesh)
 {
     for (int32_t c = 0; cuts && c < cuts->num_chips; c++) {
         const int32_t *chip = cuts->chip + 2 * (size_t)c;
         if (has_chip(other, chip)) continue;
-        const int32_t source = changed_region(work, mesh->tets + 4 * (size_t)chip[0]), carrier = changed_region(work, mesh->tets + 4 * (size_t)chip[1]);
+        const int32_t source = changed_region(work, mesh->tets + 4 * (size_t)chip[0]),
+                      carrier = changed_region(work, mesh->tets + 4 * (size_t)chip[1]);
         if (source >= 0 && carrier >= 0) join(work->part, source, carrier);
     }
 }
@@ -152,7 +157,8 @@ static pliant_status list_regions(pliant_cut_regions *work)
     work->gained = pliant_calloc(count + 1, sizeof *work->gained);
     work->scale = pliant_calloc(count + 1, sizeof *work->scale);
     work->free = pliant_calloc(count + 1, 1);
-    if (!work->node_start || !work->element_start || !work->gained || !work->scale || !work->free) return pliant_fail_memory("what a cut leaves as it is");
+    if (!work->node_start || !work->element_start || !work->gained || !work->scale || !work->free)
+        return pliant_fail_memory("what a cut leaves as it is");
     for (int32_t n = 0; n < nodes; n++)
         if (work->part[n] >= 0) work->node_start[work->part[n] + 2]++;
     for (int32_t i = 0; i < elements; i++) {
@@ -182,7 +188,9 @@ static pliant_status allocate(pliant_cut_regions *work, const pliant_body *body)
     work->component = pliant_calloc(nodes, sizeof *work->component);
     work->force = pliant_calloc(nodes, 3 * sizeof *work->force);
     work->step = pliant_calloc(nodes, 3 * sizeof *work->step);
-    return work->cell && work->near && work->part && work->component && work->force && work->step ? PLIANT_OK : pliant_fail_memory("what a cut leaves as it is");
+    return work->cell && work->near && work->part && work->component && work->force && work->step
+               ? PLIANT_OK
+               : pliant_fail_memory("what a cut leaves as it is");
 }
 
 pliant_status pliant_cut_regions_find(pliant_cut_regions *work, const pliant_body *before, const pliant_body *body)
@@ -193,8 +201,10 @@ pliant_status pliant_cut_regions_find(pliant_cut_regions *work, const pliant_bod
     uint8_t *held = status == PLIANT_OK ? pliant_calloc((size_t)nodes, 1) : NULL;
     if (status == PLIANT_OK && !held) status = pliant_fail_memory("what a cut leaves as it is");
     if (status != PLIANT_OK) return status;
-    for (int32_t i = 0; i < changes->num_touched; i++) work->cell[pliant_cell_of_tet(&body->fine, changes->touched[i])] = 1;
-    for (int32_t t = changes->tets_before; t < body->fine.num_tets; t++) work->cell[pliant_cell_of_tet(&body->fine, t)] = 1;
+    for (int32_t i = 0; i < changes->num_touched; i++)
+        work->cell[pliant_cell_of_tet(&body->fine, changes->touched[i])] = 1;
+    for (int32_t t = changes->tets_before; t < body->fine.num_tets; t++)
+        work->cell[pliant_cell_of_tet(&body->fine, t)] = 1;
     mark_nodes(work, &before->fine);
     mark_nodes(work, &body->fine);
     for (int32_t n = 0; n < nodes; n++) {
@@ -222,7 +232,8 @@ pliant_status pliant_cut_regions_find(pliant_cut_regions *work, const pliant_bod
 
 void pliant_cut_regions_free(pliant_cut_regions *work)
 {
-    void *blocks[] = {work->cell,    work->near, work->part,   work->component, work->node_start, work->node, work->element_start,
-                      work->element, work->free, work->gained, work->scale,     work->force,      work->step};
+    void *blocks[] = {work->cell,  work->near,          work->part,    work->component, work->node_start,
+                      work->node,  work->element_start, work->element, work->free,      work->gained,
+                      work->scale, work->force,         work->step};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
 }

@@ -6,7 +6,12 @@
 #include <math.h>
 #include <string.h>
 
-enum { MOST_HALVINGS = 3 /* in a frame */, ALL_HALVINGS = 10, BURST = 64, TRIAL = 8 /* sub-steps by the same number of threads */ };
+enum {
+    MOST_HALVINGS = 3 /* in a frame */,
+    ALL_HALVINGS = 10,
+    BURST = 64,
+    TRIAL = 8 /* sub-steps by the same number of threads */
+};
 
 pliant_tled_scheme pliant_tled_scheme_of(double dt, double alpha)
 {
@@ -30,7 +35,8 @@ static bool is_held(const pliant_tool *tools, int num_tools, int32_t node)
 
 /* Return the error of time integration at a node, or `least` if that is larger or the error is unknown. The
  * acceleration of the sub-step before must still be stored. */
-static double error_at(const pliant_tled *tled, const pliant_tool *tools, int num_tools, int32_t node, const double acceleration[3], double least)
+static double error_at(const pliant_tled *tled, const pliant_tool *tools, int num_tools, int32_t node,
+                       const double acceleration[3], double least)
 {
     const pliant_tled_system *system = tled->system;
     const size_t at = 3 * (size_t)node;
@@ -40,9 +46,12 @@ static double error_at(const pliant_tled *tled, const pliant_tool *tools, int nu
         change += (acceleration[k] - before[k]) * (acceleration[k] - before[k]);
         increment += d[k] * d[k];
     }
-    const double error = pliant_substep_error(tled->substeps * tled->time_step, tled->time_step, sqrt(change), sqrt(increment));
-    if (!(error > least) || is_held(tools, num_tools, node) || (pliant_tled_touches(tled) && tled->touched[node])) return least;
-    return pliant_substep_touches(system->walls, system->num_walls, system->mesh->rest + at, tled->u + at) ? least : error;
+    const double error =
+        pliant_substep_error(tled->substeps * tled->time_step, tled->time_step, sqrt(change), sqrt(increment));
+    if (!(error > least) || is_held(tools, num_tools, node) || (pliant_tled_touches(tled) && tled->touched[node]))
+        return least;
+    return pliant_substep_touches(system->walls, system->num_walls, system->mesh->rest + at, tled->u + at) ? least
+                                                                                                           : error;
 }
 
 /* Compute accelerations of a chunk's nodes from element forces and gravity. left: remaining sub-steps of the frame,
@@ -144,7 +153,8 @@ static double lowest_frequency(const pliant_tled *tled, int32_t chunks, double q
 }
 
 /* Run sub-steps up to `end`. All threads call this function, and all threads compute the same decisions. */
-static pliant_tled_frame run(pliant_tled *tled, pliant_tool *tools, int num_tools, bool held, int32_t first, int32_t end, double *tool_load)
+static pliant_tled_frame run(pliant_tled *tled, pliant_tool *tools, int num_tools, bool held, int32_t first,
+                             int32_t end, double *tool_load)
 {
     const int32_t part = pliant_tled_part_steps(tled), frame = tled->substeps - tled->made;
     const pliant_tled_system *system = tled->system;
@@ -152,13 +162,15 @@ static pliant_tled_frame run(pliant_tled *tled, pliant_tool *tools, int num_tool
     const bool still = system->quasi_static, acted = held || pliant_tled_touches(tled);
     pliant_tled_scheme rule = pliant_tled_scheme_of(tled->time_step, system->damping);
     pliant_tled_frame result = {.sound = true, .steps = first};
-    double total[PLIANT_NUM_SUMS], quotient[4] = {tled->quotient[0], tled->quotient[1], tled->quotient[2], tled->quotient[3]};
+    double total[PLIANT_NUM_SUMS],
+        quotient[4] = {tled->quotient[0], tled->quotient[1], tled->quotient[2], tled->quotient[3]};
     while (result.steps < end && !result.settled) {
         if (system->nodal_pressure) pliant_tled_pressures(tled);
         pliant_tled_element_forces(tled, tled->time_step);
         if (still) {
 #pragma omp for schedule(static)
-            for (int32_t chunk = 0; chunk < chunks; chunk++) accelerate(tled, tools, num_tools, frame - result.steps, chunk);
+            for (int32_t chunk = 0; chunk < chunks; chunk++)
+                accelerate(tled, tools, num_tools, frame - result.steps, chunk);
             rule = pliant_tled_scheme_of(1, 2 * lowest_frequency(tled, chunks, quotient));
         }
 #pragma omp for schedule(static)
@@ -170,7 +182,8 @@ static pliant_tled_frame run(pliant_tled *tled, pliant_tool *tools, int num_tool
         if (acted) {
 #pragma omp single
             {
-                *tool_load = held ? pliant_tled_pull(tled, tools, num_tools, rule.factor, still ? 1 : part - result.steps) : 0;
+                *tool_load =
+                    held ? pliant_tled_pull(tled, tools, num_tools, rule.factor, still ? 1 : part - result.steps) : 0;
                 if (pliant_tled_touches(tled)) *tool_load += pliant_tled_touch_all(tled, rule.factor, result.steps);
             }
 #pragma omp for schedule(static)
@@ -179,7 +192,8 @@ static pliant_tled_frame run(pliant_tled *tled, pliant_tool *tools, int num_tool
         total_of(tled, chunks, total);
         result.steps++;
         result.residual = pliant_tled_relative(tled, total[PLIANT_SUM_RESIDUAL], total[PLIANT_SUM_LOAD] + *tool_load);
-        if (!still) result.error = pliant_tled_frame_error(tled, total[PLIANT_SUM_ERROR_BEFORE], total[PLIANT_SUM_ERROR]);
+        if (!still)
+            result.error = pliant_tled_frame_error(tled, total[PLIANT_SUM_ERROR_BEFORE], total[PLIANT_SUM_ERROR]);
         result.sound = total[PLIANT_SUM_LARGEST] <= (still ? INFINITY : 1);
         if (!result.sound) break;
         result.settled = still && result.residual <= tled->tolerance;
@@ -197,9 +211,11 @@ static void keep(pliant_tled *tled, bool back)
     memcpy(back ? tled->d : tled->kept_d, back ? tled->kept_d : tled->d, nodes * sizeof *tled->d);
     memcpy(back ? tled->target : tled->kept_target, back ? tled->kept_target : tled->target, sizeof tled->target);
     memcpy(back ? tled->passed : tled->kept_passed, back ? tled->kept_passed : tled->passed, sizeof tled->passed);
-    memcpy(back ? tled->passed_target : tled->kept_passed_target, back ? tled->kept_passed_target : tled->passed_target, sizeof tled->passed_target);
+    memcpy(back ? tled->passed_target : tled->kept_passed_target, back ? tled->kept_passed_target : tled->passed_target,
+           sizeof tled->passed_target);
     if (tled->memory)
-        memcpy(back ? tled->memory : tled->kept_memory, back ? tled->kept_memory : tled->memory, blocks * sizeof *tled->memory);
+        memcpy(back ? tled->memory : tled->kept_memory, back ? tled->kept_memory : tled->memory,
+               blocks * sizeof *tled->memory);
 }
 
 void pliant_tled_back(pliant_tled *tled)
@@ -292,26 +308,31 @@ static void halve(pliant_tled *tled)
 static pliant_status diverged(const pliant_tled *tled, int32_t steps)
 {
     const pliant_tled_system *system = tled->system;
-    return pliant_fail(PLIANT_ERROR_NUMERIC,
-                       "tled diverged in sub-step %d of %d: a node moved faster than sound. Time step %.3g s; at rest at most %.3g s is "
-                       "stable (tled/safety %g). The state before the step is kept",
-                       steps, tled->substeps, tled->time_step, fmin(system->edge_bound, system->eigenvalue_bound), system->safety);
+    return pliant_fail(
+        PLIANT_ERROR_NUMERIC,
+        "tled diverged in sub-step %d of %d: a node moved faster than sound. Time step %.3g s; at rest at most %.3g s is "
+        "stable (tled/safety %g). The state before the step is kept",
+        steps, tled->substeps, tled->time_step, fmin(system->edge_bound, system->eigenvalue_bound), system->safety);
 }
 
 /* End a part of the frame. kept: the tools' forces of the earlier parts. */
-static void end_part(pliant_tled *tled, const pliant_tled_frame *frame, pliant_tool *tools, int num_tools, double (*kept)[3], pliant_statistics *statistics)
+static void end_part(pliant_tled *tled, const pliant_tled_frame *frame, pliant_tool *tools, int num_tools,
+                     double (*kept)[3], pliant_statistics *statistics)
 {
     statistics->residual = frame->residual;
     if (tled->made == 0) statistics->error_before = statistics->error;
     statistics->error = frame->error;
     for (int t = 0; t < num_tools && !tled->system->quasi_static; t++)
-        for (int k = 0; k < 3; k++) tools[t].force[k] = (tools[t].force[k] + tled->made * (tled->made > 0 ? kept[t][k] : 0)) / (tled->made + frame->steps);
+        for (int k = 0; k < 3; k++)
+            tools[t].force[k] =
+                (tools[t].force[k] + tled->made * (tled->made > 0 ? kept[t][k] : 0)) / (tled->made + frame->steps);
     pliant_tled_touch_end(tled, frame->steps, statistics);
-    tled->made = tled->made + frame->steps < tled->substeps && !tled->system->quasi_static ? tled->made + frame->steps : 0;
+    tled->made =
+        tled->made + frame->steps < tled->substeps && !tled->system->quasi_static ? tled->made + frame->steps : 0;
 }
 
-pliant_status pliant_tled_step_by(pliant_tled_runner runner, void *with, pliant_tled *tled, pliant_tool *tools, int num_tools,
-                                  pliant_statistics *statistics)
+pliant_status pliant_tled_step_by(pliant_tled_runner runner, void *with, pliant_tled *tled, pliant_tool *tools,
+                                  int num_tools, pliant_statistics *statistics)
 {
     const pliant_tled_system *system = tled->system;
     double kept_forces[PLIANT_MAX_TOOLS][3];
@@ -328,11 +349,14 @@ pliant_status pliant_tled_step_by(pliant_tled_runner runner, void *with, pliant_
             return !system->quasi_static || frame.settled ? PLIANT_OK : PLIANT_NOT_CONVERGED;
         }
         if (system->quasi_static) pliant_tled_stop_motion(tled);
-        if (system->quasi_static || tled->firm || tled->time_step > fmin(system->edge_bound, system->eigenvalue_bound) || halvings == MOST_HALVINGS || tled->halvings >= ALL_HALVINGS) {
+        if (system->quasi_static || tled->firm ||
+            tled->time_step > fmin(system->edge_bound, system->eigenvalue_bound) || halvings == MOST_HALVINGS ||
+            tled->halvings >= ALL_HALVINGS) {
             status = diverged(tled, frame.steps);
         } else {
             halve(tled);
-            pliant_log(PLIANT_LOG_WARNING, "tled: a node moved faster than sound; from now on sub-steps of %.3g s", tled->time_step);
+            pliant_log(PLIANT_LOG_WARNING, "tled: a node moved faster than sound; from now on sub-steps of %.3g s",
+                       tled->time_step);
         }
     }
     for (int t = 0; t < num_tools; t++) memcpy(tools[t].force, kept_forces[t], sizeof kept_forces[t]);

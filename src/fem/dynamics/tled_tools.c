@@ -8,7 +8,8 @@
  * of their targets. */
 typedef struct pull { pliant_tool *tool; int index, members; } pull;
 
-static void held_point(const pliant_tled *tled, const pliant_tool *tool, const double *shift, double sign, double out[3])
+static void held_point(const pliant_tled *tled, const pliant_tool *tool, const double *shift, double sign,
+                       double out[3])
 {
     const double *rest = tled->system->mesh->rest;
     memset(out, 0, 3 * sizeof *out);
@@ -54,7 +55,8 @@ static void add_force(const pliant_tled *tled, pliant_tool *tool, const double f
 static double load_of(const pliant_tled *tled, const pliant_tool *tool, const double force[3])
 {
     double sum = 0;
-    for (int32_t h = 0; h < tool->num_held; h++) sum += tled->inverse_mass[tool->held[h]] * tool->weight[h] * tool->weight[h];
+    for (int32_t h = 0; h < tool->num_held; h++)
+        sum += tled->inverse_mass[tool->held[h]] * tool->weight[h] * tool->weight[h];
     return sum * (force[0] * force[0] + force[1] * force[1] + force[2] * force[2]);
 }
 
@@ -74,12 +76,16 @@ double pliant_tled_answer(const pliant_tled *tled, const pliant_tool *a, const p
 
 /* Compute one row of the equations for the forces of tools that pull at a point.
  * @param answer  Displacement of the held point per force in this sub-step [m/N]. */
-static double set_gap(pliant_tled *tled, const pliant_tool *tool, int index, int32_t parts, double answer, double gap[3])
+static double set_gap(pliant_tled *tled, const pliant_tool *tool, int index, int32_t parts, double answer,
+                      double gap[3])
 {
     const pliant_drive drive = pliant_tool_drive(tool);
-    const bool spring = drive == PLIANT_DRIVE_SPRING, rigid = drive == PLIANT_DRIVE_RIGID, still = tled->system->quasi_static;
-    const double dt = tled->time_step, since = dt / tled->passed_step, inertia = rigid || still ? 0 : pliant_tool_mass(tool) / (dt * dt);
-    double stiffness = spring ? pliant_tool_stiffness(tool) : 0, damper = spring && !still ? pliant_tool_damping(tool) / dt : 0;
+    const bool spring = drive == PLIANT_DRIVE_SPRING, rigid = drive == PLIANT_DRIVE_RIGID,
+               still = tled->system->quasi_static;
+    const double dt = tled->time_step, since = dt / tled->passed_step,
+                 inertia = rigid || still ? 0 : pliant_tool_mass(tool) / (dt * dt);
+    double stiffness = spring ? pliant_tool_stiffness(tool) : 0,
+           damper = spring && !still ? pliant_tool_damping(tool) / dt : 0;
     double goal[3], now[3], before[3], ahead[3], pushed[3], start[3], older[3], old_target[3];
     double *target = tled->target[index], *passed = tled->passed[index], *passed_target = tled->passed_target[index];
     for (int d = 0; d < 3; d++) goal[d] = tool->tip[d] - tool->grip[d];
@@ -91,7 +97,9 @@ static double set_gap(pliant_tled *tled, const pliant_tool *tool, int index, int
         start[d] = old_target[d] - before[d];
         older[d] = passed_target[d] - passed[d];
         ahead[d] = before[d] + since * (before[d] - passed[d]);
-        pushed[d] = rigid ? 0 : pliant_tool_mass(tool) * tled->gravity[d] + (drive == PLIANT_DRIVE_FORCE ? tool->driving_force[d] : 0);
+        pushed[d] = rigid ? 0
+                          : pliant_tool_mass(tool) * tled->gravity[d] +
+                                (drive == PLIANT_DRIVE_FORCE ? tool->driving_force[d] : 0);
     }
     memcpy(passed, before, sizeof before);
     memcpy(passed_target, old_target, sizeof old_target);
@@ -100,7 +108,8 @@ static double set_gap(pliant_tled *tled, const pliant_tool *tool, int index, int
 }
 
 /* Give each member its part of the force. */
-static void tell_force(const pliant_tled *tled, pliant_tool *tools, const int *pull_of, int num_tools, int pulled, int members, const double force[3])
+static void tell_force(const pliant_tled *tled, pliant_tool *tools, const int *pull_of, int num_tools, int pulled,
+                       int members, const double force[3])
 {
     const double part[3] = {force[0] / members, force[1] / members, force[2] / members};
     for (int t = 0; t < num_tools; t++)
@@ -159,7 +168,7 @@ void pliant_tled_collide(pliant_tled *tled, double factor, int32_t first, int32_
     for (int32_t n = first; n < end; n++) {
         if (tled->inverse_mass[n] == 0) continue;
         size_t at = 3 * (size_t)n;
-        pliant_substep_collide(system->walls, system->num_walls, system->friction, system->restitution, system->mesh->rest + at, factor,
-                               tled->u + at, tled->d + at, tled->acceleration + at);
+        pliant_substep_collide(system->walls, system->num_walls, system->friction, system->restitution,
+                               system->mesh->rest + at, factor, tled->u + at, tled->d + at, tled->acceleration + at);
     }
 }

@@ -57,7 +57,8 @@ PLIANT_INLINE void pliant_touch_weigh(const pliant_contact_point *point, const d
 }
 
 /* Compute the position y of the point. */
-PLIANT_INLINE void pliant_touch_place(const pliant_contact_point *point, const double *rest, const double *u, double out[3])
+PLIANT_INLINE void pliant_touch_place(const pliant_contact_point *point, const double *rest, const double *u,
+                                      double out[3])
 {
     double moved[3];
     pliant_touch_weigh(point, rest, out);
@@ -68,23 +69,28 @@ PLIANT_INLINE void pliant_touch_place(const pliant_contact_point *point, const d
 /* For tissue against tissue, update the point to the present opposite position. This change is not slip. Use positions
  * at the start of the sub-step, like the elastic forces: a push along one line then has no moment.
  * @return False if the point has no two facing sides; facing is unchanged. */
-PLIANT_INLINE bool pliant_touch_follow(const pliant_touch_nodes *nodes, pliant_contact_point *point, pliant_tled_touch *touch, pliant_facing *facing)
+PLIANT_INLINE bool pliant_touch_follow(const pliant_touch_nodes *nodes, pliant_contact_point *point,
+                                       pliant_tled_touch *touch, pliant_facing *facing)
 {
     double x[4][3], before[3], after[3];
     if (point->kind != PLIANT_OBSTACLE_TISSUE || point->count != 4) return false;
     for (int k = 0; k < 4; k++)
-        for (int d = 0; d < 3; d++) x[k][d] = nodes->rest[3 * point->node[k] + d] + nodes->u[3 * point->node[k] + d] - nodes->d[3 * point->node[k] + d];
+        for (int d = 0; d < 3; d++)
+            x[k][d] = nodes->rest[3 * point->node[k] + d] + nodes->u[3 * point->node[k] + d] -
+                      nodes->d[3 * point->node[k] + d];
     pliant_touch_place(point, nodes->rest, nodes->u, before);
     if (!pliant_contact_follow(x, point, facing)) return false;
     pliant_touch_place(point, nodes->rest, nodes->u, after);
     touch->answer = 0;
-    for (int k = 0; k < 4; k++) touch->answer += point->weight[k] * point->weight[k] * nodes->inverse_mass[point->node[k]];
+    for (int k = 0; k < 4; k++)
+        touch->answer += point->weight[k] * point->weight[k] * nodes->inverse_mass[point->node[k]];
     for (int d = 0; d < 3; d++) touch->anchor[d] += after[d] - before[d];
     return true;
 }
 
 /* Move a node by its part of a change of position and of increment. */
-PLIANT_INLINE void pliant_touch_move(const pliant_touch_nodes *nodes, double factor, int node, double weight, const double place[3], const double increment[3])
+PLIANT_INLINE void pliant_touch_move(const pliant_touch_nodes *nodes, double factor, int node, double weight,
+                                     const double place[3], const double increment[3])
 {
     const double share = weight * nodes->inverse_mass[node];
     for (int d = 0; d < 3; d++) {
@@ -95,11 +101,13 @@ PLIANT_INLINE void pliant_touch_move(const pliant_touch_nodes *nodes, double fac
 }
 
 /* Apply an impulse between facing sides, without any moment [kg m]. */
-PLIANT_INLINE void pliant_touch_strike(const pliant_touch_nodes *nodes, double factor, const pliant_contact_point *point, const pliant_facing *facing,
+PLIANT_INLINE void pliant_touch_strike(const pliant_touch_nodes *nodes, double factor,
+                                       const pliant_contact_point *point, const pliant_facing *facing,
                                        const double impulse[3])
 {
     double back[2];
-    for (int k = 0; k < point->count; k++) pliant_touch_move(nodes, factor, point->node[k], point->weight[k], impulse, impulse);
+    for (int k = 0; k < point->count; k++)
+        pliant_touch_move(nodes, factor, point->node[k], point->weight[k], impulse, impulse);
     pliant_facing_turn_back(facing, point->normal, impulse, back);
     for (int k = 0; k < 2; k++) {
         pliant_touch_move(nodes, factor, point->node[facing->to[k]], back[k], point->normal, point->normal);
@@ -110,7 +118,8 @@ PLIANT_INLINE void pliant_touch_strike(const pliant_touch_nodes *nodes, double f
 /* Separate facing sides by an impulse. The next sub-step subtracts the velocity of this impulse. A shift without
  * impulse would change the angular momentum by the shift times the tangential velocity. In the last sub-step, the shift
  * is left to the next frame. */
-PLIANT_INLINE void pliant_touch_put_apart(const pliant_touch_nodes *nodes, const pliant_touch_time *time, const pliant_contact_point *point, const pliant_facing *facing,
+PLIANT_INLINE void pliant_touch_put_apart(const pliant_touch_nodes *nodes, const pliant_touch_time *time,
+                                          const pliant_contact_point *point, const pliant_facing *facing,
                                           const double push[3], const double shift[3], pliant_tled_touch *touch)
 {
     double impulse[3];
@@ -123,7 +132,8 @@ PLIANT_INLINE void pliant_touch_put_apart(const pliant_touch_nodes *nodes, const
 
 /* Apply contact/response paper ([C] 5.2): a force against the node's motion that removes a fraction of the motion.
  * Return its load. */
-PLIANT_INLINE double pliant_touch_slow(const pliant_touch_nodes *nodes, const pliant_touch_time *time, const pliant_contact_point *point, pliant_tled_touch *touch)
+PLIANT_INLINE double pliant_touch_slow(const pliant_touch_nodes *nodes, const pliant_touch_time *time,
+                                       const pliant_contact_point *point, pliant_tled_touch *touch)
 {
     const int node = point->node[0];
     double load = 0;
@@ -140,7 +150,8 @@ PLIANT_INLINE double pliant_touch_slow(const pliant_touch_nodes *nodes, const pl
 }
 
 /* Correct one point after a sub-step. Return its load, as PLIANT_SUM_LOAD. */
-PLIANT_INLINE double pliant_touch_press(const pliant_touch_nodes *nodes, const pliant_touch_time *time, pliant_contact_point *point, pliant_tled_touch *touch)
+PLIANT_INLINE double pliant_touch_press(const pliant_touch_nodes *nodes, const pliant_touch_time *time,
+                                        pliant_contact_point *point, pliant_tled_touch *touch)
 {
     double y[3], moved[3], slip[3], push[3], shift[3], gap = touch->deep * (1 - time->done), along = 0, load = 0;
     pliant_facing facing = {{0, 0}, {0, 0}, {{0, 0, 0}, {0, 0, 0}}, 0};
@@ -181,7 +192,8 @@ PLIANT_INLINE double pliant_touch_press(const pliant_touch_nodes *nodes, const p
         shift[d] = (push[d] + shift[d]) / touch->answer;
         push[d] /= touch->answer;
     }
-    for (int k = 0; !struck && k < point->count; k++) pliant_touch_move(nodes, time->factor, point->node[k], point->weight[k], shift, push);
+    for (int k = 0; !struck && k < point->count; k++)
+        pliant_touch_move(nodes, time->factor, point->node[k], point->weight[k], shift, push);
     return load;
 }
 

@@ -54,9 +54,9 @@ PLIANT_INLINE double pliant_rotation_pass(int pass, double x[9])
         double norm = 0, cofactors = 0;
         PLIANT_UNROLL
         for (int m = 0; m < 9; m++) norm += x[m] * x[m];
-        cofactors = cofactor[0] * cofactor[0] + cofactor[1] * cofactor[1] + cofactor[2] * cofactor[2] + cofactor[3] * cofactor[3] +
-                    cofactor[4] * cofactor[4] + cofactor[5] * cofactor[5] + cofactor[6] * cofactor[6] + cofactor[7] * cofactor[7] +
-                    cofactor[8] * cofactor[8];
+        cofactors = cofactor[0] * cofactor[0] + cofactor[1] * cofactor[1] + cofactor[2] * cofactor[2] +
+                    cofactor[3] * cofactor[3] + cofactor[4] * cofactor[4] + cofactor[5] * cofactor[5] +
+                    cofactor[6] * cofactor[6] + cofactor[7] * cofactor[7] + cofactor[8] * cofactor[8];
         scale = sqrt(sqrt(cofactors / (norm * determinant * determinant)));
     }
     const double a = 0.5 * scale, b = 0.5 / (scale * determinant);
@@ -73,7 +73,8 @@ PLIANT_INLINE double pliant_rotation_pass(int pass, double x[9])
 
 /* Return row r, column c of the block of two corners in K, from the gradients of their shape functions. lambda, mu:
  * multiplied by the volume. */
-PLIANT_INLINE double pliant_isotropic_entry(const double a[3], const double b[3], double lambda, double mu, int r, int c)
+PLIANT_INLINE double pliant_isotropic_entry(const double a[3], const double b[3], double lambda, double mu, int r,
+                                            int c)
 {
     const double dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
     return lambda * a[r] * b[c] + mu * (a[c] * b[r] + (r == c ? dot : 0));
@@ -106,8 +107,8 @@ PLIANT_INLINE void pliant_corotational_stress(const double e[6], double lambda, 
     }
 }
 
-PLIANT_INLINE void pliant_corotational_force(const double f[9], const double r[9], double lambda, double mu, const double gradients[12],
-                                             double out[12])
+PLIANT_INLINE void pliant_corotational_force(const double f[9], const double r[9], double lambda, double mu,
+                                             const double gradients[12], double out[12])
 {
     double e[6], s[6], p[9];
     pliant_corotational_strain(f, r, e);
@@ -121,7 +122,8 @@ PLIANT_INLINE void pliant_corotational_force(const double f[9], const double r[9
     for (int v = 0; v < 4; v++)
         PLIANT_UNROLL
         for (int a = 0; a < 3; a++)
-            out[3 * v + a] = p[3 * a] * gradients[3 * v] + p[3 * a + 1] * gradients[3 * v + 1] + p[3 * a + 2] * gradients[3 * v + 2];
+            out[3 * v + a] =
+                p[3 * a] * gradients[3 * v] + p[3 * a + 1] * gradients[3 * v + 1] + p[3 * a + 2] * gradients[3 * v + 2];
 }
 
 /* ---- Homogenized elements: f = R K (R'x - X), [H] 2.2. */
@@ -129,8 +131,8 @@ PLIANT_INLINE void pliant_corotational_force(const double f[9], const double r[9
 /* Compute the forces of a homogenized element. K's entry (a, b) is at stride (12 a + b). Positions are relative to
  * corner 0, which avoids cancellation under a large translation. A grounded element (R = I) uses absolute positions,
  * since it resists translation. */
-PLIANT_INLINE void pliant_homogenized_force(const double *stiffness, size_t stride, const double x[12], const double rest[12],
-                                            const double r[9], bool grounded, double out[12])
+PLIANT_INLINE void pliant_homogenized_force(const double *stiffness, size_t stride, const double x[12],
+                                            const double rest[12], const double r[9], bool grounded, double out[12])
 {
     double u[12], f[12];
     PLIANT_UNROLL
@@ -140,7 +142,8 @@ PLIANT_INLINE void pliant_homogenized_force(const double *stiffness, size_t stri
         for (int d = 0; d < 3; d++) y[d] = grounded ? x[3 * v + d] : x[3 * v + d] - x[d];
         PLIANT_UNROLL
         for (int d = 0; d < 3; d++)
-            u[3 * v + d] = r[d] * y[0] + r[3 + d] * y[1] + r[6 + d] * y[2] - (grounded ? rest[3 * v + d] : rest[3 * v + d] - rest[d]);
+            u[3 * v + d] = r[d] * y[0] + r[3 + d] * y[1] + r[6 + d] * y[2] -
+                           (grounded ? rest[3 * v + d] : rest[3 * v + d] - rest[d]);
     }
     PLIANT_UNROLL
     for (int a = 0; a < 12; a++) {
@@ -151,7 +154,8 @@ PLIANT_INLINE void pliant_homogenized_force(const double *stiffness, size_t stri
     PLIANT_UNROLL
     for (int v = 0; v < 4; v++)
         PLIANT_UNROLL
-        for (int d = 0; d < 3; d++) out[3 * v + d] = r[3 * d] * f[3 * v] + r[3 * d + 1] * f[3 * v + 1] + r[3 * d + 2] * f[3 * v + 2];
+    for (int d = 0; d < 3; d++)
+        out[3 * v + d] = r[3 * d] * f[3 * v] + r[3 * d + 1] * f[3 * v + 1] + r[3 * d + 2] * f[3 * v + 2];
 }
 
 #endif

@@ -6,7 +6,8 @@
 #include "fem/system.h"
 
 /* Load the corner positions of a block of elements: x (12 x LANES). */
-static inline void load_corners(const pliant_system *system, const double *positions, int32_t block, double x[12][LANES])
+static inline void load_corners(const pliant_system *system, const double *positions, int32_t block,
+                                double x[12][LANES])
 {
     const pliant_mesh *mesh = system->mesh;
     for (int l = 0; l < LANES; l++) {
@@ -18,7 +19,8 @@ static inline void load_corners(const pliant_system *system, const double *posit
     }
 }
 
-static inline __attribute__((always_inline)) void deformation_of(double x[12][LANES], double g[12][LANES], double f[9][LANES])
+static inline __attribute__((always_inline)) void deformation_of(double x[12][LANES], double g[12][LANES],
+                                                                 double f[9][LANES])
 {
     for (int l = 0; l < LANES; l++) {
         double corners[12], gradients[12], one[9];

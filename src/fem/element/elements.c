@@ -37,23 +37,29 @@ static void make_element(pliant_system *system, const pliant_tet_material *mater
 }
 
 /* Copy kept elements of another system. Per-block data is copied for complete blocks. */
-static pliant_status make_next(pliant_system *system, const pliant_tet_material *material, const pliant_system *before, const uint8_t *kept)
+static pliant_status make_next(pliant_system *system, const pliant_tet_material *material, const pliant_system *before,
+                               const uint8_t *kept)
 {
-    const int32_t tets = system->mesh->num_tets, blocks = before->num_blocks < system->num_blocks ? before->num_blocks : system->num_blocks;
+    const int32_t tets = system->mesh->num_tets,
+                  blocks = before->num_blocks < system->num_blocks ? before->num_blocks : system->num_blocks;
     const size_t count = (size_t)system->num_blocks, same = (size_t)blocks;
     system->gradients = pliant_next_of(before->gradients, same, count, sizeof *system->gradients);
     system->lame = pliant_next_of(before->lame, same, count, sizeof *system->lame);
     /* For homogenized elements it has another meaning. */
     const bool fill_before = before->grounded && !before->stiffness;
-    if (fill_before) system->grounded = pliant_next_of(before->grounded, same * LANES, count * LANES, sizeof *system->grounded);
-    if (!system->gradients || !system->lame || (fill_before && !system->grounded)) return pliant_fail_memory("the elements");
+    if (fill_before)
+        system->grounded = pliant_next_of(before->grounded, same * LANES, count * LANES, sizeof *system->grounded);
+    if (!system->gradients || !system->lame || (fill_before && !system->grounded))
+        return pliant_fail_memory("the elements");
     bool any = false;
-    for (int32_t e = pliant_next_not_kept(kept, tets, 0), last = -1; e < LANES * system->num_blocks; e = e < tets ? pliant_next_not_kept(kept, tets, e + 1) : e + 1) {
+    for (int32_t e = pliant_next_not_kept(kept, tets, 0), last = -1; e < LANES * system->num_blocks;
+         e = e < tets ? pliant_next_not_kept(kept, tets, e + 1) : e + 1) {
         if (e / LANES > last) {
             last = e / LANES;
             pliant_writes(system->gradients, (size_t)last, 1, sizeof *system->gradients);
             pliant_writes(system->lame, (size_t)last, 1, sizeof *system->lame);
-            if (system->grounded) pliant_writes(system->grounded, (size_t)e / LANES * LANES, LANES, sizeof *system->grounded);
+            if (system->grounded)
+                pliant_writes(system->grounded, (size_t)e / LANES * LANES, LANES, sizeof *system->grounded);
         }
         make_element(system, material, e);
         if (system->grounded) system->grounded[e] = e < tets && fills(material + e);
@@ -68,7 +74,8 @@ int32_t pliant_next_not_kept(const uint8_t *kept, int32_t count, int32_t from)
     return found ? (int32_t)(found - kept) : count;
 }
 
-pliant_status pliant_system_elements(pliant_system *system, const pliant_tet_material *material, const pliant_system *before, const uint8_t *kept)
+pliant_status pliant_system_elements(pliant_system *system, const pliant_tet_material *material,
+                                     const pliant_system *before, const uint8_t *kept)
 {
     const pliant_mesh *mesh = system->mesh;
     system->num_blocks = (mesh->num_tets + LANES - 1) / LANES;
@@ -89,10 +96,12 @@ void pliant_element_stiffness(const double g[12], double volume_lambda, double v
         for (int b = 0; b < 4; b++)
             for (int r = 0; r < 3; r++)
                 for (int c = 0; c < 3; c++)
-                    stiffness[12 * (3 * a + r) + 3 * b + c] = pliant_isotropic_entry(g + 3 * a, g + 3 * b, volume_lambda, volume_mu, r, c);
+                    stiffness[12 * (3 * a + r) + 3 * b + c] =
+                        pliant_isotropic_entry(g + 3 * a, g + 3 * b, volume_lambda, volume_mu, r, c);
 }
 
-void pliant_tet_stiffness(const pliant_mesh *mesh, int32_t tet, const pliant_tet_material *material, double stiffness[144])
+void pliant_tet_stiffness(const pliant_mesh *mesh, int32_t tet, const pliant_tet_material *material,
+                          double stiffness[144])
 {
     double gradients[12];
     double volume = pliant_mesh_gradients(mesh, tet, gradients);
@@ -100,8 +109,8 @@ void pliant_tet_stiffness(const pliant_mesh *mesh, int32_t tet, const pliant_tet
 }
 
 /* Compute the forces that hold the elements in this state. The elements exert the opposite forces. */
-PLIANT_VECTORIZED static void isotropic_forces(double x[12][LANES], double g[12][LANES], double lame[2][LANES], const uint8_t *grounded,
-                                                double out[12][LANES])
+PLIANT_VECTORIZED static void isotropic_forces(double x[12][LANES], double g[12][LANES], double lame[2][LANES],
+                                               const uint8_t *grounded, double out[12][LANES])
 {
     /* A local array, since possible aliasing with the inputs would prevent vectorization. */
     double f[9][LANES], r[9][LANES], forces[12][LANES];
@@ -125,8 +134,8 @@ PLIANT_VECTORIZED static void block_rotations(double x[12][LANES], double g[12][
     pliant_rotations(f, out);
 }
 
-static void homogenized_forces(const pliant_system *system, int32_t block, double x[12][LANES], double rotations[9][LANES],
-                               double out[12][LANES])
+static void homogenized_forces(const pliant_system *system, int32_t block, double x[12][LANES],
+                               double rotations[9][LANES], double out[12][LANES])
 {
     for (int l = 0; l < LANES; l++) {
         int32_t tet = block * LANES + l;
@@ -138,7 +147,8 @@ static void homogenized_forces(const pliant_system *system, int32_t block, doubl
         double r[9], corners[12], rest[12], f[12];
         for (int m = 0; m < 9; m++) r[m] = rotations[m][l];
         for (int m = 0; m < 12; m++) corners[m] = x[m][l], rest[m] = system->mesh->rest[3 * nodes[m / 3] + m % 3];
-        pliant_homogenized_force(system->stiffness + 144 * (size_t)tet, 1, corners, rest, r, system->grounded && system->grounded[tet], f);
+        pliant_homogenized_force(system->stiffness + 144 * (size_t)tet, 1, corners, rest, r,
+                                 system->grounded && system->grounded[tet], f);
         for (int m = 0; m < 12; m++) out[m][l] = f[m];
     }
 }
@@ -208,7 +218,8 @@ static void twist_of(const double f[9], const double r[9], double lambda, double
     }
 }
 
-void pliant_system_tangents(const pliant_system *system, const double *positions, pliant_twist twist, pliant_tangent *tangents)
+void pliant_system_tangents(const pliant_system *system, const double *positions, pliant_twist twist,
+                            pliant_tangent *tangents)
 {
     if (system->macros) {
         pliant_macro_tangents(system, positions, tangents);

@@ -55,7 +55,8 @@ double pliant_cube_gradients(double x[CORNERS][3], const double at[3], double gr
     double determinant = j[0] * inverse[0] + j[1] * inverse[3] + j[2] * inverse[6];
     for (int v = 0; v < CORNERS; v++)
         for (int d = 0; d < 3; d++)
-            gradient[v][d] = (local[v][0] * inverse[d] + local[v][1] * inverse[3 + d] + local[v][2] * inverse[6 + d]) / determinant;
+            gradient[v][d] =
+                (local[v][0] * inverse[d] + local[v][1] * inverse[3 + d] + local[v][2] * inverse[6 + d]) / determinant;
     return determinant;
 }
 
@@ -68,7 +69,8 @@ static void add_deviatoric(double gradient[ENHANCED][3], double weight, double *
             double dot = g[0] * h[0] + g[1] * h[1] + g[2] * h[2];
             for (int i = 0; i < 3; i++)
                 for (int j = 0; j < 3; j++)
-                    out[MODES * (3 * a + i) + 3 * b + j] += weight * ((i == j ? dot : 0) + g[j] * h[i] - 2.0 / 3 * g[i] * h[j]);
+                    out[MODES * (3 * a + i) + 3 * b + j] +=
+                        weight * ((i == j ? dot : 0) + g[j] * h[i] - 2.0 / 3 * g[i] * h[j]);
         }
 }
 
@@ -86,13 +88,15 @@ static double gradients_at(cube_frame *frame, const double at[3], double gradien
 {
     const double determinant = pliant_cube_gradients(frame->x, at, gradient);
     for (int d = 0; d < 3; d++)
-        for (int i = 0; i < 3; i++) gradient[CORNERS + d][i] = frame->determinant / determinant * (at[d] - 0.5) * frame->middle[3 * d + i];
+        for (int i = 0; i < 3; i++)
+            gradient[CORNERS + d][i] = frame->determinant / determinant * (at[d] - 0.5) * frame->middle[3 * d + i];
     return determinant;
 }
 
 static void find_frame(cube_frame *frame)
 {
-    static const double point[POINTS] = {0.1127016653792583, 0.5, 0.8872983346207417}, weight[POINTS] = {5.0 / 18, 8.0 / 18, 5.0 / 18};
+    static const double point[POINTS] = {0.1127016653792583, 0.5, 0.8872983346207417},
+                        weight[POINTS] = {5.0 / 18, 8.0 / 18, 5.0 / 18};
     const double middle[3] = {0.5, 0.5, 0.5};
     double gradient[CORNERS][3], whole = 0;
     frame->determinant = pliant_cube_gradients(frame->x, middle, gradient);
@@ -117,7 +121,8 @@ static void find_frame(cube_frame *frame)
     for (int i = 0; i < UNKNOWNS; i++) frame->dilation[0][i] /= whole;
 }
 
-static void add_dilation(const cube_frame *frame, const double at[3], double gradient[ENHANCED][3], double weight, double *out)
+static void add_dilation(const cube_frame *frame, const double at[3], double gradient[ENHANCED][3], double weight,
+                         double *out)
 {
     double change[MODES];
     for (int i = 0; i < MODES; i++) change[i] = i < UNKNOWNS ? frame->dilation[0][i] : gradient[i / 3][i % 3];
@@ -129,23 +134,26 @@ static void add_dilation(const cube_frame *frame, const double at[3], double gra
 
 /* Integrate over one tetrahedron with the collapsed Gauss points of the cube (Stroud 1971). The rule is exact for
  * products of gradients in a box. */
-static void integrate_slot(cube_frame *frame, const int corners[4], double *deviatoric, double *dilation, double *volume, double mean[UNKNOWNS],
-                           double load[CORNERS])
+static void integrate_slot(cube_frame *frame, const int corners[4], double *deviatoric, double *dilation,
+                           double *volume, double mean[UNKNOWNS], double load[CORNERS])
 {
-    static const double point[POINTS] = {0.1127016653792583, 0.5, 0.8872983346207417}, weight[POINTS] = {5.0 / 18, 8.0 / 18, 5.0 / 18};
+    static const double point[POINTS] = {0.1127016653792583, 0.5, 0.8872983346207417},
+                        weight[POINTS] = {5.0 / 18, 8.0 / 18, 5.0 / 18};
     double corner[4][3], edge[9];
     for (int v = 0; v < 4; v++)
         for (int d = 0; d < 3; d++) corner[v][d] = corners[v] >> d & 1;
     for (int m = 0; m < 9; m++) edge[m] = corner[1 + m / 3][m % 3] - corner[0][m % 3];
-    double six = fabs(edge[0] * (edge[4] * edge[8] - edge[5] * edge[7]) - edge[1] * (edge[3] * edge[8] - edge[5] * edge[6]) +
-                      edge[2] * (edge[3] * edge[7] - edge[4] * edge[6]));
+    double six =
+        fabs(edge[0] * (edge[4] * edge[8] - edge[5] * edge[7]) - edge[1] * (edge[3] * edge[8] - edge[5] * edge[6]) +
+             edge[2] * (edge[3] * edge[7] - edge[4] * edge[6]));
     for (int p = 0; p < POINTS * POINTS * POINTS; p++) {
         double u = point[p % POINTS], v = point[p / POINTS % POINTS], w = point[p / POINTS / POINTS];
         double b[4] = {0, u, (1 - u) * v, (1 - u) * (1 - v) * w}, at[3] = {0, 0, 0}, gradient[ENHANCED][3];
         b[0] = 1 - b[1] - b[2] - b[3];
         for (int c = 0; c < 4; c++)
             for (int d = 0; d < 3; d++) at[d] += b[c] * corner[c][d];
-        double part = weight[p % POINTS] * weight[p / POINTS % POINTS] * weight[p / POINTS / POINTS] * (1 - u) * (1 - u) * (1 - v) * six;
+        double part = weight[p % POINTS] * weight[p / POINTS % POINTS] * weight[p / POINTS / POINTS] * (1 - u) *
+                      (1 - u) * (1 - v) * six;
         part *= fabs(gradients_at(frame, at, gradient));
         add_deviatoric(gradient, part, deviatoric);
         add_dilation(frame, at, gradient, part, dilation);
@@ -178,13 +186,15 @@ void pliant_cube_integrate(const pliant_mesh *mesh, const pliant_cube *cube, int
     for (int slot = 0; slot < 5; slot++) {
         int corners[4];
         pliant_mesh_slot_corners(parity, slot, corners);
-        integrate_slot(&frame, corners, out->deviatoric[slot], out->dilation[slot], &out->volume[slot], out->mean, out->load[slot]);
+        integrate_slot(&frame, corners, out->deviatoric[slot], out->dilation[slot], &out->volume[slot], out->mean,
+                       out->load[slot]);
         whole += out->volume[slot];
     }
     for (int i = 0; i < UNKNOWNS; i++) out->mean[i] /= whole;
 }
 
-void pliant_cube_moduli(const pliant_cube *cube, const double volume[5], const pliant_tet_material *material, double lambda[5], double mu[5])
+void pliant_cube_moduli(const pliant_cube *cube, const double volume[5], const pliant_tet_material *material,
+                        double lambda[5], double mu[5])
 {
     const double least = cube->part ? 0 : filler;
     double least_mu = 0, least_lambda = 0, whole = 0;
@@ -206,7 +216,8 @@ static bool condense(const double *k, double *out)
     double inner[INNER * INNER], outer[INNER * UNKNOWNS], answer[INNER * UNKNOWNS];
     for (int m = 0; m < INNER; m++) {
         for (int n = 0; n < INNER; n++) inner[INNER * m + n] = k[MODES * (UNKNOWNS + m) + UNKNOWNS + n];
-        for (int i = 0; i < UNKNOWNS; i++) answer[UNKNOWNS * m + i] = outer[UNKNOWNS * m + i] = k[MODES * (UNKNOWNS + m) + i];
+        for (int i = 0; i < UNKNOWNS; i++)
+            answer[UNKNOWNS * m + i] = outer[UNKNOWNS * m + i] = k[MODES * (UNKNOWNS + m) + i];
     }
     if (!pliant_dense_cholesky(INNER, inner)) return false;
     pliant_dense_cholesky_solve(INNER, inner, UNKNOWNS, answer);
@@ -218,7 +229,8 @@ static bool condense(const double *k, double *out)
     return true;
 }
 
-double pliant_cube_deviatoric(const pliant_cube_shape *shape, const pliant_cube *cube, const pliant_tet_material *material, double *out)
+double pliant_cube_deviatoric(const pliant_cube_shape *shape, const pliant_cube *cube,
+                              const pliant_tet_material *material, double *out)
 {
     double lambda[5], mu[5], bulk = 0, k[MODES * MODES] = {0}, bending[UNKNOWNS * UNKNOWNS];
     pliant_cube_moduli(cube, shape->volume, material, lambda, mu);
@@ -226,17 +238,21 @@ double pliant_cube_deviatoric(const pliant_cube_shape *shape, const pliant_cube 
     for (int slot = 0; slot < 5; slot++) {
         const double kappa = lambda[slot] + 2.0 / 3 * mu[slot];
         bulk += shape->volume[slot] * kappa;
-        for (int i = 0; i < UNKNOWNS * UNKNOWNS; i++) out[i] += mu[slot] * shape->deviatoric[slot][i / UNKNOWNS * MODES + i % UNKNOWNS];
-        for (int i = 0; i < MODES * MODES; i++) k[i] += mu[slot] * shape->deviatoric[slot][i] + kappa * shape->dilation[slot][i];
+        for (int i = 0; i < UNKNOWNS * UNKNOWNS; i++)
+            out[i] += mu[slot] * shape->deviatoric[slot][i / UNKNOWNS * MODES + i % UNKNOWNS];
+        for (int i = 0; i < MODES * MODES; i++)
+            k[i] += mu[slot] * shape->deviatoric[slot][i] + kappa * shape->dilation[slot][i];
     }
     if (!condense(k, bending)) return bulk;
     for (int i = 0; i < UNKNOWNS; i++)
         for (int j = 0; j < UNKNOWNS; j++)
-            out[UNKNOWNS * i + j] += enhanced * (bending[UNKNOWNS * i + j] - bulk * shape->mean[i] * shape->mean[j] - out[UNKNOWNS * i + j]);
+            out[UNKNOWNS * i + j] +=
+                enhanced * (bending[UNKNOWNS * i + j] - bulk * shape->mean[i] * shape->mean[j] - out[UNKNOWNS * i + j]);
     return bulk;
 }
 
-static void stiffness_of(const pliant_cube_shape *shape, const pliant_cube *cube, const pliant_tet_material *material, double *out)
+static void stiffness_of(const pliant_cube_shape *shape, const pliant_cube *cube, const pliant_tet_material *material,
+                         double *out)
 {
     double bulk = pliant_cube_deviatoric(shape, cube, material, out);
     for (int i = 0; i < UNKNOWNS; i++)
@@ -252,13 +268,14 @@ pliant_status pliant_macros_keep(pliant_macros *macros, int32_t element, int32_t
     macros->root[element] = NULL;
     if (rank == 0) return PLIANT_OK;
     size_t count = (size_t)rank * (size_t)unknowns;
-    if (!(macros->root[element] = pliant_calloc(count, sizeof **macros->root))) return pliant_fail_memory("the hexahedra");
+    if (!(macros->root[element] = pliant_calloc(count, sizeof **macros->root)))
+        return pliant_fail_memory("the hexahedra");
     for (size_t m = 0; m < count; m++) macros->root[element][m] = (float)root[m];
     return PLIANT_OK;
 }
 
-pliant_status pliant_macros_add_hexahedron(const pliant_tet_material *material, const pliant_cube *cube, const pliant_cube_shape *shape, pliant_macros *macros,
-                                           int32_t element)
+pliant_status pliant_macros_add_hexahedron(const pliant_tet_material *material, const pliant_cube *cube,
+                                           const pliant_cube_shape *shape, pliant_macros *macros, int32_t element)
 {
     double k[UNKNOWNS * UNKNOWNS], shear = 0;
     for (int v = 0; v < CORNERS; v++) macros->own[8 * element + v] = cube->node[v];
@@ -269,27 +286,35 @@ pliant_status pliant_macros_add_hexahedron(const pliant_tet_material *material, 
     return pliant_macros_keep(macros, element, UNKNOWNS, k);
 }
 
-pliant_status pliant_macros_add_tet(const pliant_mesh *mesh, const pliant_tet_material *material, int32_t tet, pliant_macros *macros, int32_t element)
+pliant_status pliant_macros_add_tet(const pliant_mesh *mesh, const pliant_tet_material *material, int32_t tet,
+                                    pliant_macros *macros, int32_t element)
 {
     double k[144];
     for (int v = 0; v < CORNERS; v++) macros->own[8 * element + v] = v < 4 ? mesh->tets[4 * tet + v] : -1;
-    macros->shear[element] = material[tet].mu * pliant_mesh_gradients(mesh, tet, macros->gradient + 24 * (size_t)element);
+    macros->shear[element] =
+        material[tet].mu * pliant_mesh_gradients(mesh, tet, macros->gradient + 24 * (size_t)element);
     pliant_tet_stiffness(mesh, tet, material + tet, k);
     return pliant_macros_keep(macros, element, 12, k);
 }
 
-static pliant_status take_room(pliant_macros *macros, size_t count, size_t corners, void *(*take)(size_t count, size_t size))
+static pliant_status take_room(pliant_macros *macros, size_t count, size_t corners,
+                               void *(*take)(size_t count, size_t size))
 {
-    bool good = (macros->start = take(count + 1, sizeof *macros->start)) && (macros->node = take(corners, sizeof *macros->node)) &&
-                (macros->held = take(corners, 1)) && (macros->grounded = take(count, 1)) && (macros->own = take(count, 8 * sizeof *macros->own)) &&
-                (macros->gradient = take(count, 24 * sizeof *macros->gradient)) && (macros->cell = take(count, sizeof *macros->cell)) &&
-                (macros->shear = take(count, sizeof *macros->shear)) && (macros->rank = take(count, sizeof *macros->rank)) &&
-                (macros->root = take(count, sizeof *macros->root));
+    bool good =
+        (macros->start = take(count + 1, sizeof *macros->start)) &&
+        (macros->node = take(corners, sizeof *macros->node)) && (macros->held = take(corners, 1)) &&
+        (macros->grounded = take(count, 1)) && (macros->own = take(count, 8 * sizeof *macros->own)) &&
+        (macros->gradient = take(count, 24 * sizeof *macros->gradient)) &&
+        (macros->cell = take(count, sizeof *macros->cell)) && (macros->shear = take(count, sizeof *macros->shear)) &&
+        (macros->rank = take(count, sizeof *macros->rank)) && (macros->root = take(count, sizeof *macros->root));
     macros->count = good ? (int32_t)count : 0;
     return good ? PLIANT_OK : pliant_fail_memory("the hexahedra");
 }
 
-pliant_status pliant_macros_allocate(pliant_macros *macros, size_t count, size_t corners) { return take_room(macros, count, corners, pliant_calloc); }
+pliant_status pliant_macros_allocate(pliant_macros *macros, size_t count, size_t corners)
+{
+    return take_room(macros, count, corners, pliant_calloc);
+}
 
 pliant_status pliant_macros_room(pliant_macros *macros, size_t count, size_t corners)
 {
@@ -314,7 +339,8 @@ typedef struct earlier_cubes {
 
 static pliant_status list_earlier(const pliant_system *before, const uint8_t *kept, int32_t cells, earlier_cubes *out)
 {
-    *out = (earlier_cubes){.macros = before->macros, .kept = kept, .element = pliant_calloc((size_t)cells, sizeof *out->element)};
+    *out = (earlier_cubes){
+        .macros = before->macros, .kept = kept, .element = pliant_calloc((size_t)cells, sizeof *out->element)};
     if (!out->element) return pliant_fail_memory("the hexahedra");
     for (int32_t e = out->macros->count - 1; e >= 0; e--)
         if (out->macros->start[e + 1] - out->macros->start[e] == CORNERS) out->element[out->macros->cell[e]] = e + 1;
@@ -327,7 +353,8 @@ static int32_t find_earlier(const earlier_cubes *earlier, int32_t cell, const pl
     const pliant_macros *macros = earlier->macros;
     for (int slot = 0; slot < 5; slot++)
         if (earlier->element[cell] == 0 || !earlier->kept[cube->tet[slot]]) return -1;
-    for (int32_t e = earlier->element[cell] - 1; e < macros->count && macros->cell[e] == cell && macros->start[e + 1] - macros->start[e] == CORNERS; e++)
+    for (int32_t e = earlier->element[cell] - 1;
+         e < macros->count && macros->cell[e] == cell && macros->start[e + 1] - macros->start[e] == CORNERS; e++)
         if (memcmp(macros->own + CORNERS * (size_t)e, cube->node, sizeof cube->node) == 0) return e;
     return -1;
 }
@@ -338,7 +365,8 @@ void pliant_macros_share_root(const pliant_macros *from, int32_t was, pliant_mac
     macros->root[element] = pliant_share(from->root[was]);
 }
 
-static void copy_hexahedron(const pliant_macros *from, int32_t was, const pliant_cube *cube, pliant_macros *macros, int32_t element)
+static void copy_hexahedron(const pliant_macros *from, int32_t was, const pliant_cube *cube, pliant_macros *macros,
+                            int32_t element)
 {
     memcpy(macros->own + 8 * (size_t)element, cube->node, sizeof cube->node);
     memcpy(macros->gradient + 24 * (size_t)element, from->gradient + 24 * (size_t)was, 24 * sizeof *macros->gradient);
@@ -347,7 +375,8 @@ static void copy_hexahedron(const pliant_macros *from, int32_t was, const pliant
 }
 
 /* Create the elements of each cell: its cubes, then the tetrahedra in no cube. */
-static pliant_status fill(pliant_system *system, const pliant_tet_material *material, const pliant_cell_lists *lists, const earlier_cubes *earlier)
+static pliant_status fill(pliant_system *system, const pliant_tet_material *material, const pliant_cell_lists *lists,
+                          const earlier_cubes *earlier)
 {
     const pliant_mesh *mesh = system->mesh;
     pliant_macros *macros = system->macros;
@@ -384,7 +413,8 @@ static pliant_status fill(pliant_system *system, const pliant_tet_material *mate
     return status;
 }
 
-pliant_status pliant_system_hexahedra(pliant_system *system, const pliant_tet_material *material, const pliant_system *before, const uint8_t *kept)
+pliant_status pliant_system_hexahedra(pliant_system *system, const pliant_tet_material *material,
+                                      const pliant_system *before, const uint8_t *kept)
 {
     pliant_cell_lists lists;
     earlier_cubes earlier = {0};
@@ -395,7 +425,8 @@ pliant_status pliant_system_hexahedra(pliant_system *system, const pliant_tet_ma
         elements += cubes + tets;
         corners += CORNERS * cubes + 4 * tets;
     }
-    if (status == PLIANT_OK && !(system->macros = pliant_calloc(1, sizeof *system->macros))) status = pliant_fail_memory("the hexahedra");
+    if (status == PLIANT_OK && !(system->macros = pliant_calloc(1, sizeof *system->macros)))
+        status = pliant_fail_memory("the hexahedra");
     if (status == PLIANT_OK) status = pliant_macros_allocate(system->macros, elements, corners);
     if (status == PLIANT_OK && kept) status = list_earlier(before, kept, lists.cells, &earlier);
     if (status == PLIANT_OK) status = fill(system, material, &lists, kept ? &earlier : NULL);
@@ -451,17 +482,21 @@ pliant_status pliant_hexahedra_of_tets(const pliant_mesh *mesh, const pliant_mac
 pliant_status pliant_system_cubes(pliant_system *system)
 {
     const pliant_mesh *mesh = system->mesh;
-    const int32_t cells = mesh->cells[0] * mesh->cells[1] * mesh->cells[2], nx = mesh->cells[0] + 1, ny = mesh->cells[1] + 1;
+    const int32_t cells = mesh->cells[0] * mesh->cells[1] * mesh->cells[2], nx = mesh->cells[0] + 1,
+                  ny = mesh->cells[1] + 1;
     size_t count = (size_t)mesh->num_tets / 5;
     pliant_macros *macros = system->macros = pliant_calloc(1, sizeof *macros);
     if (!macros || !(macros->start = pliant_calloc(count + 1, sizeof *macros->start)) ||
-        !(macros->node = pliant_calloc(CORNERS * count, sizeof *macros->node)) || !(macros->cell = pliant_calloc(count, sizeof *macros->cell)))
+        !(macros->node = pliant_calloc(CORNERS * count, sizeof *macros->node)) ||
+        !(macros->cell = pliant_calloc(count, sizeof *macros->cell)))
         return pliant_fail_memory("the hexahedra");
     for (int32_t cell = 0; cell < cells; cell++) {
         if (mesh->tet_of_lattice[5 * (size_t)cell] < 0) continue;
-        int32_t i = cell % mesh->cells[0], j = cell / mesh->cells[0] % mesh->cells[1], k = cell / mesh->cells[0] / mesh->cells[1];
+        int32_t i = cell % mesh->cells[0], j = cell / mesh->cells[0] % mesh->cells[1],
+                k = cell / mesh->cells[0] / mesh->cells[1];
         for (int v = 0; v < CORNERS; v++)
-            macros->node[CORNERS * macros->count + v] = mesh->node_of_lattice[i + (v & 1) + nx * (j + (v >> 1 & 1) + ny * (k + (v >> 2)))];
+            macros->node[CORNERS * macros->count + v] =
+                mesh->node_of_lattice[i + (v & 1) + nx * (j + (v >> 1 & 1) + ny * (k + (v >> 2)))];
         macros->cell[macros->count++] = cell;
         macros->start[macros->count] = CORNERS * macros->count;
     }

@@ -39,7 +39,8 @@ typedef struct pliant_cell_lists {
 } pliant_cell_lists;
 /* List these tetrahedra, in ascending order. among NULL: the first `tets` tetrahedra. Errors: MEMORY; the caller then
  * frees the partial result. */
-pliant_status pliant_cell_lists_make(const pliant_mesh *mesh, const int32_t *among, int32_t tets, pliant_cell_lists *out);
+pliant_status pliant_cell_lists_make(const pliant_mesh *mesh, const int32_t *among, int32_t tets,
+                                     pliant_cell_lists *out);
 void pliant_cell_lists_free(pliant_cell_lists *lists);
 /* Find the complete cube of a cell, or its parts, in lists->cube. Return their number. */
 int32_t pliant_cubes_of_cell(const pliant_cell_lists *lists, int32_t cell);
@@ -50,7 +51,8 @@ int32_t pliant_cube_among(const pliant_cell_lists *lists, int32_t count, int32_t
  * skip cubes with moved nodes. Errors: MEMORY. */
 pliant_status pliant_cubes_find(const pliant_mesh *mesh, bool boxes, pliant_cube **out, int32_t *count);
 /* Find the same among these tetrahedra. The list is ascending and contains complete cubes. Errors: MEMORY. */
-pliant_status pliant_cubes_find_among(const pliant_mesh *mesh, const int32_t *tet, int32_t tets, pliant_cube **out, int32_t *count);
+pliant_status pliant_cubes_find_among(const pliant_mesh *mesh, const int32_t *tet, int32_t tets, pliant_cube **out,
+                                      int32_t *count);
 /* Find the octree leaves with five tetrahedra that meet at eight nodes, without moved nodes. Such leaves have no node
  * in the middle of an edge or face. size: (*count) edge length in smallest cells. Errors: MEMORY. */
 pliant_status pliant_octree_cubes_find(const pliant_mesh *mesh, pliant_cube **out, int32_t **size, int32_t *count);
@@ -65,7 +67,8 @@ void pliant_cube_integrate(const pliant_mesh *mesh, const pliant_cube *cube, int
  * determinant of the map. */
 double pliant_cube_gradients(double x[8][3], const double at[3], double gradient[8][3]);
 /* Compute K without its resistance to a change of volume: out (24 x 24). Return k; the complete K is out + k b b'. */
-double pliant_cube_deviatoric(const pliant_cube_shape *shape, const pliant_cube *cube, const pliant_tet_material *material, double *out);
+double pliant_cube_deviatoric(const pliant_cube_shape *shape, const pliant_cube *cube,
+                              const pliant_tet_material *material, double *out);
 /* Allocate macro-elements. count: elements; corners: total number of corners. Errors: MEMORY. */
 pliant_status pliant_macros_allocate(pliant_macros *macros, size_t count, size_t corners);
 /* Allocate the same without initializing the memory. The count is zero, and a function that adds an element writes all
@@ -87,22 +90,25 @@ pliant_status pliant_hexahedra_masses(const pliant_mesh *mesh, const pliant_tet_
  * @param kept          (num_tets) nonzero: the tetrahedron is unchanged.
  * @param mass          Out: set also after an error; may be NULL then.
  * Errors: MEMORY. */
-pliant_status pliant_hexahedra_masses_next(const pliant_mesh *mesh, const pliant_tet_material *material, const double *before, int32_t nodes_before,
-                                           const uint8_t *kept, double **mass);
+pliant_status pliant_hexahedra_masses_next(const pliant_mesh *mesh, const pliant_tet_material *material,
+                                           const double *before, int32_t nodes_before, const uint8_t *kept,
+                                           double **mass);
 /* Return the lattice cube of a tetrahedron or fragment, or its octree leaf. */
 int32_t pliant_cell_of_tet(const pliant_mesh *mesh, int32_t tet);
 size_t pliant_count_cells(const pliant_mesh *mesh); /* number of such cubes or leaves */
 /* Add a hexahedron; the caller sets its corners and cell. Errors: MEMORY. */
-pliant_status pliant_macros_add_hexahedron(const pliant_tet_material *material, const pliant_cube *cube, const pliant_cube_shape *shape, pliant_macros *macros,
-                                           int32_t element);
+pliant_status pliant_macros_add_hexahedron(const pliant_tet_material *material, const pliant_cube *cube,
+                                           const pliant_cube_shape *shape, pliant_macros *macros, int32_t element);
 /* Add a tetrahedron that is in no hexahedron, likewise. Errors: MEMORY. */
-pliant_status pliant_macros_add_tet(const pliant_mesh *mesh, const pliant_tet_material *material, int32_t tet, pliant_macros *macros, int32_t element);
+pliant_status pliant_macros_add_tet(const pliant_mesh *mesh, const pliant_tet_material *material, int32_t tet,
+                                    pliant_macros *macros, int32_t element);
 int pliant_cell_parity(const pliant_mesh *mesh, int32_t cell);
 /* Find the macro-element of each tetrahedron: (num_tets of the mesh). Errors: MEMORY. */
 pliant_status pliant_hexahedra_of_tets(const pliant_mesh *mesh, const pliant_macros *macros, int32_t **out);
 /* Compute the moduli of a cube's tetrahedra. Tetrahedra without tissue get a small fraction of the others' stiffness.
  * In a part they get none, so that the parts together are not stiffer than the whole cube. */
-void pliant_cube_moduli(const pliant_cube *cube, const double volume[5], const pliant_tet_material *material, double lambda[5], double mu[5]);
+void pliant_cube_moduli(const pliant_cube *cube, const double volume[5], const pliant_tet_material *material,
+                        double lambda[5], double mu[5]);
 
 #ifdef __cplusplus
 }

@@ -31,7 +31,8 @@ int32_t pliant_cell_of_tet(const pliant_mesh *mesh, int32_t tet)
 
 size_t pliant_count_cells(const pliant_mesh *mesh)
 {
-    return mesh->lattice_of_tet ? (size_t)mesh->cells[0] * (size_t)mesh->cells[1] * (size_t)mesh->cells[2] : (size_t)mesh->num_leaves;
+    return mesh->lattice_of_tet ? (size_t)mesh->cells[0] * (size_t)mesh->cells[1] * (size_t)mesh->cells[2]
+                                : (size_t)mesh->num_leaves;
 }
 
 /* List tetrahedra by cell.
@@ -39,7 +40,8 @@ size_t pliant_count_cells(const pliant_mesh *mesh)
  * @param first  (cells) first tetrahedron of each cell, -1: none.
  * @param next   (num_tets) next tetrahedron of the same cell.
  * @param count  (cells) number of tetrahedra. */
-static void list_tets(const pliant_mesh *mesh, const int32_t *among, int32_t tets, int32_t cells, int32_t *first, int32_t *next, int32_t *count)
+static void list_tets(const pliant_mesh *mesh, const int32_t *among, int32_t tets, int32_t cells, int32_t *first,
+                      int32_t *next, int32_t *count)
 {
     for (int32_t cell = 0; cell < cells; cell++) first[cell] = -1;
     for (int32_t i = tets - 1; i >= 0; i--) {
@@ -54,7 +56,8 @@ static void list_tets(const pliant_mesh *mesh, const int32_t *among, int32_t tet
  * has another node. */
 static bool add_to_cube(const pliant_mesh *mesh, int32_t cell, int32_t tet, pliant_cube *out)
 {
-    const int32_t base[3] = {cell % mesh->cells[0], cell / mesh->cells[0] % mesh->cells[1], cell / mesh->cells[0] / mesh->cells[1]};
+    const int32_t base[3] = {cell % mesh->cells[0], cell / mesh->cells[0] % mesh->cells[1],
+                             cell / mesh->cells[0] / mesh->cells[1]};
     const int32_t nx = mesh->cells[0] + 1, ny = mesh->cells[1] + 1, slot = mesh->lattice_of_tet[tet] % 5;
     if (out->tet[slot] >= 0) return false;
     out->tet[slot] = tet;
@@ -109,7 +112,8 @@ void pliant_cell_lists_free(pliant_cell_lists *lists)
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
 }
 
-pliant_status pliant_cell_lists_make(const pliant_mesh *mesh, const int32_t *among, int32_t tets, pliant_cell_lists *out)
+pliant_status pliant_cell_lists_make(const pliant_mesh *mesh, const int32_t *among, int32_t tets,
+                                     pliant_cell_lists *out)
 {
     const size_t cells = pliant_count_cells(mesh);
     int32_t most = 0;
@@ -128,7 +132,8 @@ int32_t pliant_cubes_of_cell(const pliant_cell_lists *lists, int32_t cell)
 {
     const int32_t tets = lists->count[cell];
     int32_t count = tets == 5 && is_whole(lists->mesh, cell, lists->first[cell], lists->next, lists->cube);
-    for (int32_t t = lists->first[cell]; tets > 5 && t >= 0; t = lists->next[t]) count += is_part(lists, cell, t, count);
+    for (int32_t t = lists->first[cell]; tets > 5 && t >= 0; t = lists->next[t])
+        count += is_part(lists, cell, t, count);
     return count;
 }
 
@@ -162,7 +167,8 @@ bool pliant_cube_is_box(const pliant_mesh *mesh, const pliant_cube *cube, int32_
 }
 
 /* Do the same for listed tetrahedra. among: as in list_tets. */
-static pliant_status find_cubes(const pliant_mesh *mesh, const int32_t *among, int32_t tets, bool boxes, pliant_cube **out, int32_t *count)
+static pliant_status find_cubes(const pliant_mesh *mesh, const int32_t *among, int32_t tets, bool boxes,
+                                pliant_cube **out, int32_t *count)
 {
     pliant_cell_lists lists;
     pliant_status status = pliant_cell_lists_make(mesh, among, tets, &lists);
@@ -187,7 +193,8 @@ pliant_status pliant_cubes_find(const pliant_mesh *mesh, bool boxes, pliant_cube
     return find_cubes(mesh, NULL, mesh->num_tets, boxes, out, count);
 }
 
-pliant_status pliant_cubes_find_among(const pliant_mesh *mesh, const int32_t *tet, int32_t tets, pliant_cube **out, int32_t *count)
+pliant_status pliant_cubes_find_among(const pliant_mesh *mesh, const int32_t *tet, int32_t tets, pliant_cube **out,
+                                      int32_t *count)
 {
     return find_cubes(mesh, tet, tets, false, out, count);
 }

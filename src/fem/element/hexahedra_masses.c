@@ -24,8 +24,10 @@ static pliant_status mark_anew(const pliant_mesh *mesh, int32_t nodes_before, co
     const int32_t *cells = mesh->cells, nx = cells[0] + 1, ny = cells[1] + 1;
     uint8_t *place = pliant_calloc((size_t)nx * (size_t)ny * ((size_t)cells[2] + 1), 1);
     if (!place) return no_memory();
-    for (int32_t t = pliant_next_not_kept(kept, mesh->num_tets, 0); t < mesh->num_tets; t = pliant_next_not_kept(kept, mesh->num_tets, t + 1)) {
-        const int32_t cell = mesh->lattice_of_tet[t] / 5, at[3] = {cell % cells[0], cell / cells[0] % cells[1], cell / cells[0] / cells[1]};
+    for (int32_t t = pliant_next_not_kept(kept, mesh->num_tets, 0); t < mesh->num_tets;
+         t = pliant_next_not_kept(kept, mesh->num_tets, t + 1)) {
+        const int32_t cell = mesh->lattice_of_tet[t] / 5,
+                      at[3] = {cell % cells[0], cell / cells[0] % cells[1], cell / cells[0] / cells[1]};
         for (int v = 0; v < 8; v++) place[at[0] + (v & 1) + nx * (at[1] + (v >> 1 & 1) + ny * (at[2] + (v >> 2)))] = 1;
     }
     for (int32_t n = 0; n < mesh->num_nodes; n++) anew[n] = n >= nodes_before || place[mesh->lattice_of_node[n]];
@@ -43,7 +45,8 @@ static void list_tets(const pliant_mesh *mesh, const uint8_t *anew, uint8_t *nea
         const int32_t place = mesh->lattice_of_node[n], at[3] = {place % nx, place / nx % ny, place / nx / ny};
         for (int side = 0; side < 8; side++) {
             const int32_t i = at[0] - (side & 1), j = at[1] - (side >> 1 & 1), k = at[2] - (side >> 2);
-            if (i >= 0 && j >= 0 && k >= 0 && i < cells[0] && j < cells[1] && k < cells[2]) near[i + cells[0] * (j + cells[1] * k)] = 1;
+            if (i >= 0 && j >= 0 && k >= 0 && i < cells[0] && j < cells[1] && k < cells[2])
+                near[i + cells[0] * (j + cells[1] * k)] = 1;
         }
     }
     for (int32_t t = 0; t < mesh->num_tets; t++)
@@ -59,7 +62,8 @@ static void add_cube(masses *work, const pliant_cube *cube, const pliant_cube_sh
 {
     for (int slot = 0; slot < 5; slot++) {
         inside[cube->tet[slot]] = 1;
-        for (int v = 0; v < 8; v++) add(work, cube->node[v], shape->load[slot][v] * work->material[cube->tet[slot]].density);
+        for (int v = 0; v < 8; v++)
+            add(work, cube->node[v], shape->load[slot][v] * work->material[cube->tet[slot]].density);
     }
 }
 
@@ -79,7 +83,8 @@ static pliant_status add_all(masses *work)
     uint8_t *inside = pliant_calloc((size_t)mesh->num_tets, 1);
     bool known[2] = {false, false};
     int32_t count = 0;
-    pliant_status status = shape && inside ? pliant_cubes_find_among(mesh, work->tet, work->count, &cubes, &count) : no_memory();
+    pliant_status status =
+        shape && inside ? pliant_cubes_find_among(mesh, work->tet, work->count, &cubes, &count) : no_memory();
     for (int32_t c = 0; c < count; c++) {
         const int parity = pliant_cell_parity(mesh, mesh->lattice_of_tet[cubes[c].tet[0]] / 5);
         if (!known[parity] || mesh->num_moved > 0) pliant_cube_integrate(mesh, cubes + c, parity, shape + parity);
@@ -126,12 +131,16 @@ pliant_status pliant_hexahedra_masses(const pliant_mesh *mesh, const pliant_tet_
     return find(&work);
 }
 
-pliant_status pliant_hexahedra_masses_next(const pliant_mesh *mesh, const pliant_tet_material *material, const double *before, int32_t nodes_before,
-                                           const uint8_t *kept, double **mass)
+pliant_status pliant_hexahedra_masses_next(const pliant_mesh *mesh, const pliant_tet_material *material,
+                                           const double *before, int32_t nodes_before, const uint8_t *kept,
+                                           double **mass)
 {
     const size_t nodes = (size_t)mesh->num_nodes, both = nodes_before < mesh->num_nodes ? (size_t)nodes_before : nodes;
     uint8_t *anew = pliant_calloc(nodes, 1);
-    masses work = {.mesh = mesh, .material = material, .anew = anew, .mass = *mass = pliant_next_of(before, both, nodes, sizeof *before)};
+    masses work = {.mesh = mesh,
+                   .material = material,
+                   .anew = anew,
+                   .mass = *mass = pliant_next_of(before, both, nodes, sizeof *before)};
     pliant_status status = anew && work.mass ? mark_anew(mesh, nodes_before, kept, anew) : no_memory();
     if (status == PLIANT_OK) {
         clear(&work);

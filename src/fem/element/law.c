@@ -35,7 +35,8 @@ static double saint_venant_kirchhoff(double lambda, double mu, const double f[9]
         }
     for (int d = 0; d < 3; d++) s[4 * d] += lambda * trace;
     for (int r = 0; stress && r < 3; r++)
-        for (int c = 0; c < 3; c++) stress[3 * r + c] = f[3 * r] * s[c] + f[3 * r + 1] * s[3 + c] + f[3 * r + 2] * s[6 + c];
+        for (int c = 0; c < 3; c++)
+            stress[3 * r + c] = f[3 * r] * s[c] + f[3 * r + 1] * s[3 + c] + f[3 * r + 2] * s[6 + c];
     return 0.5 * lambda * trace * trace + mu * squares;
 }
 

@@ -25,57 +25,57 @@ extern "C" {
 
 #define PLIANT_SMALLEST_RATIO 0.3
 
-static_assert(PLIANT_COUNT_OF(PLIANT_LAW_LIST) == 3,
-              "a new law needs its terms in law.h and law.c, its functions in tled_elements.c, its kernel in tled_step.cu");
+static_assert(
+    PLIANT_COUNT_OF(PLIANT_LAW_LIST) == 3,
+    "a new law needs its terms in law.h and law.c, its functions in tled_elements.c, its kernel in tled_step.cu");
 
 /* Define the terms of the stress for a floating type. b = shear + volume: `volume` resists a change of volume, `shear`
  * is the rest. `volume` is linear in the modulus that pliant_law_modulus returns, as needed for nodal pressures. */
-#define PLIANT_DEFINE_LAW_TERMS(real, name)                                                                                      \
-    PLIANT_INLINE real name##_reciprocal(real ratio)                                                                             \
-    {                                                                                                                            \
-        const real least = (real)PLIANT_SMALLEST_RATIO;                                                                          \
-        real below = (2 * least - ratio) / (least * least), kept = ratio > least ? ratio : least;                                \
-        return ratio > least ? 1 / kept : below;                                                                                 \
-    }                                                                                                                            \
-    /* J^(-1/3) by Newton's method from below, starting at the larger tangent of its inverse at 1 and 8 */                       \
-    PLIANT_INLINE real name##_root(real ratio)                                                                                   \
-    {                                                                                                                            \
-        real y = 3 / (2 + ratio), far = 12 / (16 + ratio);                                                                       \
-        y = y > far ? y : far;                                                                                                   \
-        for (int pass = 0; pass < 6; pass++) y *= (4 - ratio * y * y * y) * (real)(1.0 / 3);                                     \
-        return y;                                                                                                                \
-    }                                                                                                                            \
-    /* J^(-2/3) and its derivative */                                                                                            \
-    PLIANT_INLINE void name##_power(real ratio, real *power, real *slope)                                                        \
-    {                                                                                                                            \
-        const real least = (real)PLIANT_SMALLEST_RATIO;                                                                          \
-        real kept = ratio > least ? ratio : least, root = name##_root(kept);                                                     \
-        *slope = -(real)(2.0 / 3) * root * root / kept;                                                                          \
-        *power = root * root + (ratio > least ? 0 : *slope * (ratio - least));                                                   \
-    }                                                                                                                            \
-    /* volume term for a modulus of 1 */                                                                                         \
-    PLIANT_INLINE real name##_volume(pliant_law law, real change)                                                                \
-    {                                                                                                                            \
-        if (law != PLIANT_LAW_COMPRESSIBLE) return change;                                                                       \
-        return (real)0.5 * (1 + change - name##_reciprocal(1 + change));                                                         \
-    }                                                                                                                            \
-    /* trace: I1 - 3; change: J - 1 */                                                                                           \
-    PLIANT_INLINE void name##_terms(pliant_law law, real mu, real trace, real change, real *a,                                   \
-                                                                   real *shear)                                                  \
-    {                                                                                                                            \
-        const real least = (real)PLIANT_SMALLEST_RATIO;                                                                          \
-        real ratio = 1 + change, inverse = name##_reciprocal(ratio);                                                             \
-        if (law == PLIANT_LAW_COMPRESSIBLE) {                                                                                    \
-            real power, slope;                                                                                                   \
-            name##_power(ratio, &power, &slope);                                                                                 \
-            *a = mu * power;                                                                                                     \
-            real near = power * (change - trace * (real)(1.0 / 3)) * inverse;                                                    \
-            real below = power + (real)0.5 * slope * (3 + trace);                                                                \
-            *shear = mu * (ratio > least ? near : below);                                                                        \
-        } else {                                                                                                                 \
-            *a = mu;                                                                                                             \
-            *shear = mu * (ratio > least ? change * inverse : 1 - inverse);                                                      \
-        }                                                                                                                        \
+#define PLIANT_DEFINE_LAW_TERMS(real, name) \
+    PLIANT_INLINE real name##_reciprocal(real ratio) \
+    { \
+        const real least = (real)PLIANT_SMALLEST_RATIO; \
+        real below = (2 * least - ratio) / (least * least), kept = ratio > least ? ratio : least; \
+        return ratio > least ? 1 / kept : below; \
+    } \
+    /* J^(-1/3) by Newton's method from below, starting at the larger tangent of its inverse at 1 and 8 */ \
+    PLIANT_INLINE real name##_root(real ratio) \
+    { \
+        real y = 3 / (2 + ratio), far = 12 / (16 + ratio); \
+        y = y > far ? y : far; \
+        for (int pass = 0; pass < 6; pass++) y *= (4 - ratio * y * y * y) * (real)(1.0 / 3); \
+        return y; \
+    } \
+    /* J^(-2/3) and its derivative */ \
+    PLIANT_INLINE void name##_power(real ratio, real *power, real *slope) \
+    { \
+        const real least = (real)PLIANT_SMALLEST_RATIO; \
+        real kept = ratio > least ? ratio : least, root = name##_root(kept); \
+        *slope = -(real)(2.0 / 3) * root * root / kept; \
+        *power = root * root + (ratio > least ? 0 : *slope * (ratio - least)); \
+    } \
+    /* volume term for a modulus of 1 */ \
+    PLIANT_INLINE real name##_volume(pliant_law law, real change) \
+    { \
+        if (law != PLIANT_LAW_COMPRESSIBLE) return change; \
+        return (real)0.5 * (1 + change - name##_reciprocal(1 + change)); \
+    } \
+    /* trace: I1 - 3; change: J - 1 */ \
+    PLIANT_INLINE void name##_terms(pliant_law law, real mu, real trace, real change, real *a, real *shear) \
+    { \
+        const real least = (real)PLIANT_SMALLEST_RATIO; \
+        real ratio = 1 + change, inverse = name##_reciprocal(ratio); \
+        if (law == PLIANT_LAW_COMPRESSIBLE) { \
+            real power, slope; \
+            name##_power(ratio, &power, &slope); \
+            *a = mu * power; \
+            real near = power * (change - trace * (real)(1.0 / 3)) * inverse; \
+            real below = power + (real)0.5 * slope * (3 + trace); \
+            *shear = mu * (ratio > least ? near : below); \
+        } else { \
+            *a = mu; \
+            *shear = mu * (ratio > least ? change * inverse : 1 - inverse); \
+        } \
     }
 PLIANT_DEFINE_LAW_TERMS(double, pliant_law_double)
 PLIANT_DEFINE_LAW_TERMS(float, pliant_law_float)

@@ -13,7 +13,10 @@
 /* Compute the rotations of a block of cubes. A separate function lets the compiler vectorize it. */
 PLIANT_VECTORIZED static void rotations_of(double f[9][LANES], double out[9][LANES]) { pliant_rotations(f, out); }
 
-static const double *rest_of(const pliant_system *system) { return system->macros->rest ? system->macros->rest : system->mesh->rest; }
+static const double *rest_of(const pliant_system *system)
+{
+    return system->macros->rest ? system->macros->rest : system->mesh->rest;
+}
 
 /* Compute the frames of cubes [first, first + LANES). */
 static void frames_of(const pliant_system *system, const double *x, int32_t first, pliant_macro_frame out[LANES])
@@ -24,7 +27,8 @@ static void frames_of(const pliant_system *system, const double *x, int32_t firs
         int32_t cube = first + l;
         double one[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
         if (cube < macros->count)
-            pliant_macro_place(macros->own + 8 * (size_t)cube, macros->gradient + 24 * (size_t)cube, x, rest_of(system), one, out + l);
+            pliant_macro_place(macros->own + 8 * (size_t)cube, macros->gradient + 24 * (size_t)cube, x, rest_of(system),
+                               one, out + l);
         for (int m = 0; m < 9; m++) f[m][l] = cube >= macros->count || macros->grounded[cube] ? m % 4 == 0 : one[m];
     }
     rotations_of(f, r);
@@ -33,7 +37,8 @@ static void frames_of(const pliant_system *system, const double *x, int32_t firs
 }
 
 /* Compute q of every corner of a cube. */
-static void corners_in_frame(const pliant_system *system, const double *x, int32_t cube, const pliant_macro_frame *frame, double *q)
+static void corners_in_frame(const pliant_system *system, const double *x, int32_t cube,
+                             const pliant_macro_frame *frame, double *q)
 {
     const pliant_macros *macros = system->macros;
     const double *rest = rest_of(system);
@@ -42,7 +47,8 @@ static void corners_in_frame(const pliant_system *system, const double *x, int32
 }
 
 /* Compute f = root' (root q), n numbers; each row is read once. */
-static inline __attribute__((always_inline)) void apply_rows(int32_t rank, int32_t n, const float *root, const double *q, double *f)
+static inline __attribute__((always_inline)) void apply_rows(int32_t rank, int32_t n, const float *root,
+                                                             const double *q, double *f)
 {
     for (int32_t i = 0; i < n; i++) f[i] = 0;
     for (int32_t m = 0; m < rank; m++, root += n) {
@@ -147,7 +153,8 @@ static int ascending(const void *a, const void *b)
 
 /* List the unknowns >= column that share a cube with it, ascending. rows: (num_free) out; seen: (num_free) last column
  * that listed each unknown, + 1. Return their number. */
-static int32_t rows_of(const pliant_system *system, const int32_t *cube_of_corner, int32_t column, int32_t *seen, int32_t *rows)
+static int32_t rows_of(const pliant_system *system, const int32_t *cube_of_corner, int32_t column, int32_t *seen,
+                       int32_t *rows)
 {
     const pliant_macros *macros = system->macros;
     int32_t count = 0;
@@ -180,7 +187,8 @@ pliant_status pliant_macro_number(pliant_system *system)
     system->corner_end = pliant_room(nodes, sizeof *system->corner_end);
     system->corner = pliant_room(corners, sizeof *system->corner);
     if (!known) macros->cube_of_corner = pliant_room(corners, sizeof *macros->cube_of_corner);
-    if (!system->corner_start || !system->corner_end || !system->corner || !macros->cube_of_corner) return pliant_fail_memory("the unknowns");
+    if (!system->corner_start || !system->corner_end || !system->corner || !macros->cube_of_corner)
+        return pliant_fail_memory("the unknowns");
 #pragma omp parallel sections num_threads(threads)
     {
 #pragma omp section
@@ -210,8 +218,9 @@ pliant_status pliant_macro_find_pattern(pliant_system *system)
             if (pass == 1) memcpy(pattern->row + count, rows, (size_t)height * sizeof *rows);
             count += height;
             if (9 * count > INT32_MAX) {
-                status = pliant_fail(PLIANT_ERROR_SCENE, "the matrix has too many entries: use fewer mesh/coarse_cells, or with lod fewer "
-                                                         "model/lod_layers");
+                status = pliant_fail(PLIANT_ERROR_SCENE,
+                                     "the matrix has too many entries: use fewer mesh/coarse_cells, or with lod fewer "
+                                     "model/lod_layers");
                 goto done;
             }
             pattern->start[column + 1] = (int32_t)count;
@@ -255,19 +264,22 @@ static void turned_block(const double r[9], const double *column, int32_t n, int
 void pliant_macro_column(const pliant_system *system, const pliant_tangent *tangents, int32_t corner, double *blocks)
 {
     const pliant_macros *macros = system->macros;
-    int32_t cube = macros->cube_of_corner[corner], at = corner - macros->start[cube], n = 3 * (macros->start[cube + 1] - macros->start[cube]);
+    int32_t cube = macros->cube_of_corner[corner], at = corner - macros->start[cube],
+            n = 3 * (macros->start[cube + 1] - macros->start[cube]);
     double k[9 * PLIANT_MAX_CORNERS], r[9];
     for (int m = 0; m < 9; m++) r[m] = tangents[cube / LANES].rotation[m][cube % LANES];
     if (system->stiffness)
         /* The stiffness is symmetric, so rows replace columns. */
-        memcpy(k, system->stiffness + (size_t)n * ((size_t)n * (size_t)cube + 3 * (size_t)at), 3 * (size_t)n * sizeof *k);
+        memcpy(k, system->stiffness + (size_t)n * ((size_t)n * (size_t)cube + 3 * (size_t)at),
+               3 * (size_t)n * sizeof *k);
     else
         root_column(macros->rank[cube], n, macros->root[cube], at, k);
     for (int32_t a = 0; a < n / 3; a++) turned_block(r, k, n, a, blocks + 9 * a);
 }
 
 /* Add the contribution of one corner to its column of the matrix. */
-static void add_column(const pliant_system *system, const pliant_tangent *tangents, int32_t column, int32_t corner, double *values)
+static void add_column(const pliant_system *system, const pliant_tangent *tangents, int32_t column, int32_t corner,
+                       double *values)
 {
     const pliant_macros *macros = system->macros;
     const pliant_pattern *pattern = &system->pattern;
@@ -355,7 +367,8 @@ void pliant_macro_positions(const pliant_system *system, const double *solved, d
             for (int32_t i = macros->fine_start[cube]; i < macros->fine_start[cube + 1]; i++) {
                 const int32_t *entries = macros->entry_start[cube] + (i - macros->fine_start[cube]);
                 double w[3];
-                pliant_macro_shaped(entries[0], entries[1], macros->entry_corner[cube], macros->entry_shape[cube], q, w);
+                pliant_macro_shaped(entries[0], entries[1], macros->entry_corner[cube], macros->entry_shape[cube], q,
+                                    w);
                 pliant_macro_follow(frame, macros->grounded[cube], w, fine + 3 * macros->fine[i]);
             }
         }
@@ -364,7 +377,8 @@ void pliant_macro_positions(const pliant_system *system, const double *solved, d
 
 /* Compute dx_f/dx_c with constant rotation: R N_c R'. There is no term from c, since the N of free corners sum to the
  * identity. */
-void pliant_macro_weights(const pliant_system *system, const double *solved, int32_t fine_node, double weight, double *dense)
+void pliant_macro_weights(const pliant_system *system, const double *solved, int32_t fine_node, double weight,
+                          double *dense)
 {
     const pliant_macros *macros = system->macros;
     int32_t cube = macros->cube_of_fine[fine_node];
@@ -398,9 +412,11 @@ void pliant_macros_free(pliant_macros *macros)
         if (macros->entry_corner) pliant_free(macros->entry_corner[cube]);
         if (macros->entry_shape) pliant_free(macros->entry_shape[cube]);
     }
-    void *blocks[] = {macros->start, macros->node, macros->held, macros->grounded, macros->own, macros->gradient, macros->rank,
-                      macros->root, macros->fine_start, macros->fine, macros->cube_of_fine, macros->entry_start, macros->entry_corner,
-                      macros->entry_shape, macros->cube_of_corner, macros->cell, macros->shear, macros->rest};
+    void *blocks[] = {macros->start,        macros->node,        macros->held,           macros->grounded,
+                      macros->own,          macros->gradient,    macros->rank,           macros->root,
+                      macros->fine_start,   macros->fine,        macros->cube_of_fine,   macros->entry_start,
+                      macros->entry_corner, macros->entry_shape, macros->cube_of_corner, macros->cell,
+                      macros->shear,        macros->rest};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     pliant_free(macros);
 }

@@ -14,8 +14,8 @@ typedef struct pliant_macro_frame { double rotation[9], centre[3], rest_centre[3
  * @param own       (8) nodes of the cube, or -1.
  * @param gradient  (8 x 3) g.
  * @param x, rest   Positions of all nodes. */
-PLIANT_INLINE void pliant_macro_place(const int32_t *own, const double *gradient, const double *x, const double *rest, double f[9],
-                                      pliant_macro_frame *out)
+PLIANT_INLINE void pliant_macro_place(const int32_t *own, const double *gradient, const double *x, const double *rest,
+                                      double f[9], pliant_macro_frame *out)
 {
     int count = 0;
     for (int m = 0; m < 9; m++) f[m] = 0;
@@ -34,12 +34,14 @@ PLIANT_INLINE void pliant_macro_place(const int32_t *own, const double *gradient
 }
 
 /* Compute q of a corner at x with rest position X. */
-PLIANT_INLINE void pliant_macro_corner(const pliant_macro_frame *frame, bool held, const double *x, const double *rest, double q[3])
+PLIANT_INLINE void pliant_macro_corner(const pliant_macro_frame *frame, bool held, const double *x, const double *rest,
+                                       double q[3])
 {
     const double *r = frame->rotation;
     double y[3];
     for (int d = 0; d < 3; d++) y[d] = x[d] - (held ? rest[d] : frame->centre[d]);
-    for (int d = 0; d < 3; d++) q[d] = r[d] * y[0] + r[3 + d] * y[1] + r[6 + d] * y[2] - (held ? 0 : rest[d] - frame->rest_centre[d]);
+    for (int d = 0; d < 3; d++)
+        q[d] = r[d] * y[0] + r[3 + d] * y[1] + r[6 + d] * y[2] - (held ? 0 : rest[d] - frame->rest_centre[d]);
 }
 
 /* Rotate w with the cube: R w. */
@@ -49,8 +51,8 @@ PLIANT_INLINE void pliant_macro_turn(const double r[9], const double w[3], doubl
 }
 
 /* Compute N q of a fine node from the entries [begin, end) of its cube. */
-PLIANT_INLINE void pliant_macro_shaped(int32_t begin, int32_t end, const uint16_t *entry_corner, const float *entry_shape, const double *q,
-                                       double out[3])
+PLIANT_INLINE void pliant_macro_shaped(int32_t begin, int32_t end, const uint16_t *entry_corner,
+                                       const float *entry_shape, const double *q, double out[3])
 {
     for (int d = 0; d < 3; d++) out[d] = 0;
     for (int32_t e = begin; e < end; e++) {
@@ -79,7 +81,8 @@ PLIANT_INLINE void pliant_macro_follow(const pliant_macro_frame *frame, bool gro
     pliant_macro_turn(r, w, u);
     for (int d = 0; d < 3; d++) {
         if (!grounded)
-            u[d] += frame->centre[d] - frame->rest_centre[d] + (r[3 * d] * y[0] + r[3 * d + 1] * y[1] + r[3 * d + 2] * y[2] - y[d]);
+            u[d] += frame->centre[d] - frame->rest_centre[d] +
+                    (r[3 * d] * y[0] + r[3 * d + 1] * y[1] + r[3 * d + 2] * y[2] - y[d]);
         x[d] += u[d];
     }
 }

@@ -68,7 +68,8 @@ static bool find_places(leaves *work, int32_t leaf)
     memset(node, 0xff, sizeof work->node[leaf]);
     for (int32_t t = work->first[leaf] - 1; t >= 0; t = work->next[t], tets++)
         for (int v = 0; v < 4; v++) {
-            const int32_t other = mesh->tets[4 * t + v], at = mesh->lattice_of_node[other], along[3] = {at % nx, at / nx % ny, at / nx / ny};
+            const int32_t other = mesh->tets[4 * t + v], at = mesh->lattice_of_node[other],
+                          along[3] = {at % nx, at / nx % ny, at / nx / ny};
             int place = 0;
             for (int d = 2; d >= 0; d--) place = 3 * place + 2 * (along[d] - work->origin[leaf][d]) / work->size[leaf];
             whole = whole && (node[place] < 0 || node[place] == other);
@@ -90,7 +91,8 @@ static void follow_corners(const leaves *work, int32_t leaf, int place, int32_t 
     }
 }
 
-static bool follow_alike(const leaves *work, int32_t follower, const int32_t node[CORNERS], const double weight[CORNERS])
+static bool follow_alike(const leaves *work, int32_t follower, const int32_t node[CORNERS],
+                         const double weight[CORNERS])
 {
     const pliant_upsample *upsample = work->upsample;
     for (int v = 0; v < CORNERS; v++) {
@@ -210,7 +212,8 @@ static int32_t find_earlier(const leaves *work, int32_t leaf, const int32_t node
 }
 
 /* Compute C'KC of a leaf, and C' times its mean gradient. */
-static void condense(leaves *work, int32_t leaf, const pliant_tet_material *material, double c[CORNERS][CORNERS], double *shear, double *gradient, double *out)
+static void condense(leaves *work, int32_t leaf, const pliant_tet_material *material, double c[CORNERS][CORNERS],
+                     double *shear, double *gradient, double *out)
 {
     const int32_t *start = work->mesh->leaf_start + leaf;
     pliant_cube cube = {.part = false};
@@ -229,7 +232,8 @@ static void condense(leaves *work, int32_t leaf, const pliant_tet_material *mate
     for (int i = 0; i < UNKNOWNS; i++)
         for (int m = 0; m < CORNERS; m++) {
             gradient[3 * m + i % 3] += c[i / 3][m] * shape->mean[i];
-            for (int j = 0; j < UNKNOWNS; j++) out[UNKNOWNS * (3 * m + i % 3) + j] += c[i / 3][m] * half[UNKNOWNS * i + j];
+            for (int j = 0; j < UNKNOWNS; j++)
+                out[UNKNOWNS * (3 * m + i % 3) + j] += c[i / 3][m] * half[UNKNOWNS * i + j];
         }
     *shear = 0;
     for (int slot = 0; slot < 5; slot++) *shear += shape->volume[slot] * material[cube.tet[slot]].mu;
@@ -264,7 +268,8 @@ static pliant_status add_all(leaves *work, const pliant_tet_material *material)
     int32_t element = 0;
     for (int32_t leaf = 0; status == PLIANT_OK && leaf < mesh->num_leaves; leaf++) {
         if (work->whole[leaf]) status = add_leaf(work, leaf, material, element++);
-        for (int32_t t = work->first[leaf] - 1; status == PLIANT_OK && !work->whole[leaf] && t >= 0; t = work->next[t]) {
+        for (int32_t t = work->first[leaf] - 1; status == PLIANT_OK && !work->whole[leaf] && t >= 0;
+             t = work->next[t]) {
             memcpy(macros->node + macros->start[element], mesh->tets + 4 * t, 4 * sizeof *mesh->tets);
             macros->start[element + 1] = macros->start[element] + 4;
             macros->cell[element] = leaf;
@@ -277,18 +282,23 @@ static pliant_status add_all(leaves *work, const pliant_tet_material *material)
 static pliant_status begin(leaves *work)
 {
     const size_t num_leaves = (size_t)work->mesh->num_leaves;
-    bool good = (work->origin = pliant_calloc(num_leaves, sizeof *work->origin)) && (work->size = pliant_calloc(num_leaves, sizeof *work->size)) &&
-                (work->first = pliant_calloc(num_leaves, sizeof *work->first)) && (work->next = pliant_calloc((size_t)work->mesh->num_tets, sizeof *work->next)) &&
-                (work->node = pliant_calloc(num_leaves, sizeof *work->node)) && (work->whole = pliant_calloc(num_leaves, 1));
+    bool good = (work->origin = pliant_calloc(num_leaves, sizeof *work->origin)) &&
+                (work->size = pliant_calloc(num_leaves, sizeof *work->size)) &&
+                (work->first = pliant_calloc(num_leaves, sizeof *work->first)) &&
+                (work->next = pliant_calloc((size_t)work->mesh->num_tets, sizeof *work->next)) &&
+                (work->node = pliant_calloc(num_leaves, sizeof *work->node)) &&
+                (work->whole = pliant_calloc(num_leaves, 1));
     if (!good) return pliant_fail_memory("the hexahedra");
     find_leaves(work);
-    for (int32_t leaf = 0; leaf < work->mesh->num_leaves; leaf++) work->whole[leaf] = work->size[leaf] > 0 && find_places(work, leaf);
+    for (int32_t leaf = 0; leaf < work->mesh->num_leaves; leaf++)
+        work->whole[leaf] = work->size[leaf] > 0 && find_places(work, leaf);
     return PLIANT_OK;
 }
 
 static void end(leaves *work)
 {
-    void *blocks[] = {work->origin, work->size, work->first, work->next, work->node, work->whole, work->follows, work->of_tet, work->shape, work->element};
+    void *blocks[] = {work->origin, work->size,    work->first,  work->next,  work->node,
+                      work->whole,  work->follows, work->of_tet, work->shape, work->element};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
 }
 
@@ -324,14 +334,16 @@ static pliant_status allocate_elements(leaves *work)
     }
     work->system->num_blocks = pliant_macros_blocks(count, corners);
     for (int32_t e = 0; work->earlier && e < work->earlier->count; e++)
-        if (work->earlier->start[e + 1] - work->earlier->start[e] == CORNERS) work->element[work->earlier->cell[e]] = e + 1;
+        if (work->earlier->start[e + 1] - work->earlier->start[e] == CORNERS)
+            work->element[work->earlier->cell[e]] = e + 1;
     return pliant_macros_allocate(work->system->macros, count, corners);
 }
 
-pliant_status pliant_system_octree_hexahedra(pliant_system *system, const pliant_tet_material *material, const pliant_system *before, const uint8_t *kept,
-                                             uint8_t *fixed)
+pliant_status pliant_system_octree_hexahedra(pliant_system *system, const pliant_tet_material *material,
+                                             const pliant_system *before, const uint8_t *kept, uint8_t *fixed)
 {
-    leaves work = {.mesh = system->mesh, .system = system, .earlier = before && kept ? before->macros : NULL, .kept = kept};
+    leaves work = {
+        .mesh = system->mesh, .system = system, .earlier = before && kept ? before->macros : NULL, .kept = kept};
     pliant_status status = begin(&work);
     if (status == PLIANT_OK) status = make_room(&work);
     if (status == PLIANT_OK) {

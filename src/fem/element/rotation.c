@@ -12,4 +12,7 @@ void pliant_symmetric_eigen(const double matrix[9], double values[3], double vec
     for (int k = 0; k < 3; k++) values[k] = a[4 * k];
 }
 
-void pliant_rotation_signed_svd(const double deformation[9], double rotation[9]) { pliant_signed_svd(deformation, rotation); }
+void pliant_rotation_signed_svd(const double deformation[9], double rotation[9])
+{
+    pliant_signed_svd(deformation, rotation);
+}

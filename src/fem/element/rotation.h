@@ -19,7 +19,8 @@ void pliant_rotation_signed_svd(const double deformation[9], double rotation[9])
 
 /* Compute the rotations of LANES matrices by Newton's iteration (corotational.h), and by the signed SVD for flat or
  * inverted lanes. */
-static inline __attribute__((always_inline)) void pliant_rotations(double deformation[9][LANES], double rotation[9][LANES])
+static inline __attribute__((always_inline)) void pliant_rotations(double deformation[9][LANES],
+                                                                   double rotation[9][LANES])
 {
     double x[9][LANES], regular[LANES], change = 1;
     for (int l = 0; l < LANES; l++) {

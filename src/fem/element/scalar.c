@@ -48,7 +48,8 @@ static void cube_deformation(const view *look, const int32_t node[8], double f[9
     pliant_cube_gradients(x, middle, gradient);
     for (int m = 0; m < 9; m++) f[m] = 0;
     for (int v = 0; v < 8; v++)
-        for (int m = 0; m < 9; m++) f[m] += (look->positions[3 * node[v] + m / 3] - look->positions[3 * node[0] + m / 3]) * gradient[v][m % 3];
+        for (int m = 0; m < 9; m++)
+            f[m] += (look->positions[3 * node[v] + m / 3] - look->positions[3 * node[0] + m / 3]) * gradient[v][m % 3];
 }
 
 /* Return the rest volume of a tetrahedron, and compute F. */
@@ -69,7 +70,8 @@ static double corotational(const double f[9], const pliant_tet_material *materia
     pliant_corotational_strain(f, r, e);
     pliant_corotational_stress(e, material->lambda, material->mu, stress);
     double trace = e[0] + e[1] + e[2], shear = e[3] * e[3] + e[4] * e[4] + e[5] * e[5];
-    return material->mu * (e[0] * e[0] + e[1] * e[1] + e[2] * e[2] + 2 * shear) + 0.5 * material->lambda * trace * trace;
+    return material->mu * (e[0] * e[0] + e[1] * e[1] + e[2] * e[2] + 2 * shear) +
+           0.5 * material->lambda * trace * trace;
 }
 
 /* Return sqrt(3/2 dev : dev). */
@@ -97,7 +99,8 @@ static double element_deformation(const view *look, int32_t tet, double f[9])
     if (look->corner) {
         const int32_t *node = look->corner[pliant_cell_of_tet(mesh, tet)];
         if (node[0] >= 0) cube_deformation(look, node, f);
-    } else if (look->scene->element.kind == PLIANT_HEXAHEDRA && mesh->lattice_of_tet && pliant_cube_of(mesh, tet, &cube)) {
+    } else if (look->scene->element.kind == PLIANT_HEXAHEDRA && mesh->lattice_of_tet &&
+               pliant_cube_of(mesh, tet, &cube)) {
         cube_deformation(look, cube.node, f);
     }
     return volume;
@@ -109,7 +112,8 @@ static const double least_part = 0.01;
 
 /* Compute stress and energy density of the scene's elements. In explicit dynamics the stress is in world axes,
  * otherwise in the element's axes. */
-static double respond(const pliant_scene *scene, const double f[9], const pliant_tet_material *material, double stress[6])
+static double respond(const pliant_scene *scene, const double f[9], const pliant_tet_material *material,
+                      double stress[6])
 {
     if (scene->solver.kind != PLIANT_TLED) return corotational(f, material, stress);
     pliant_law_cauchy(scene->tled.law, material->lambda, material->mu, f, stress);
@@ -117,11 +121,15 @@ static double respond(const pliant_scene *scene, const double f[9], const pliant
 }
 
 /* Return the fraction of the tissue's moduli that an element has: it may hold air, or be a fragment. */
-static double tissue_part(const pliant_tet_material *material) { return material->tissue > 0 ? fmax(material->tissue, least_part) : 1; }
+static double tissue_part(const pliant_tet_material *material)
+{
+    return material->tissue > 0 ? fmax(material->tissue, least_part) : 1;
+}
 
 static_assert(PLIANT_COUNT_OF(PLIANT_SCALAR_LIST) == 7, "a new scalar needs its value in measure()");
 
-static double measure(const pliant_scene *scene, const double f[9], double volume, const pliant_tet_material *material, pliant_scalar scalar)
+static double measure(const pliant_scene *scene, const double f[9], double volume, const pliant_tet_material *material,
+                      pliant_scalar scalar)
 {
     double stress[6], values[3];
     if (scalar == PLIANT_SCALAR_VOLUME_RATIO) return pliant_determinant(f);
@@ -136,7 +144,8 @@ static double measure(const pliant_scene *scene, const double f[9], double volum
 /* Convert xx yy zz xy xz yz to nine numbers, rotated by r. */
 static void turn(const double stress[6], const double r[9], float out[9])
 {
-    const double t[9] = {stress[0], stress[3], stress[4], stress[3], stress[1], stress[5], stress[4], stress[5], stress[2]};
+    const double t[9] = {stress[0], stress[3], stress[4], stress[3], stress[1],
+                         stress[5], stress[4], stress[5], stress[2]};
     for (int m = 0; m < 9; m++) {
         double sum = 0;
         for (int a = 0; a < 9; a++) sum += r[3 * (m / 3) + a / 3] * t[a] * r[3 * (m % 3) + a % 3];
@@ -144,7 +153,8 @@ static void turn(const double stress[6], const double r[9], float out[9])
     }
 }
 
-pliant_status pliant_tet_tensors(const pliant_model *model, const pliant_body *body, const double *positions, float *stress, float *strain)
+pliant_status pliant_tet_tensors(const pliant_model *model, const pliant_body *body, const double *positions,
+                                 float *stress, float *strain)
 {
     const pliant_mesh *mesh = &body->fine;
     view look = {.scene = &model->scene, .mesh = mesh, .positions = positions};
@@ -203,7 +213,8 @@ pliant_status pliant_tet_hexahedra(const pliant_model *model, const pliant_body 
     return status;
 }
 
-pliant_status pliant_data_tet_scalar(const pliant_model *model, const pliant_body *body, const double *positions, pliant_scalar scalar, float *out)
+pliant_status pliant_data_tet_scalar(const pliant_model *model, const pliant_body *body, const double *positions,
+                                     pliant_scalar scalar, float *out)
 {
     const pliant_mesh *mesh = &body->fine;
     const bool none = scalar == PLIANT_SCALAR_NONE || scalar == PLIANT_SCALAR_CONTACT_FORCE;
@@ -217,11 +228,13 @@ pliant_status pliant_data_tet_scalar(const pliant_model *model, const pliant_bod
     return status;
 }
 
-pliant_status pliant_data_scalar(const pliant_model *model, const pliant_body *body, const double *positions, pliant_scalar scalar, float *out)
+pliant_status pliant_data_scalar(const pliant_model *model, const pliant_body *body, const double *positions,
+                                 pliant_scalar scalar, float *out)
 {
     const pliant_mesh *mesh = &body->fine;
     if (scalar == PLIANT_SCALAR_CONTACT_FORCE)
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "contact_force is of a simulation, not of positions: pliant_data_get_scalar tells it");
+        return pliant_fail(PLIANT_ERROR_ARGUMENT,
+                           "contact_force is of a simulation, not of positions: pliant_data_get_scalar tells it");
     view look = {.scene = &model->scene, .mesh = mesh, .positions = positions};
     double *sum = pliant_calloc((size_t)mesh->num_nodes, 2 * sizeof *sum);
     pliant_status status = sum ? PLIANT_OK : pliant_fail_memory("the scalar");
@@ -237,7 +250,8 @@ pliant_status pliant_data_scalar(const pliant_model *model, const pliant_body *b
             sum[2 * mesh->tets[4 * t + v] + 1] += volume;
         }
     }
-    for (int32_t n = 0; status == PLIANT_OK && n < mesh->num_nodes; n++) out[n] = sum[2 * n + 1] > 0 ? (float)(sum[2 * n] / sum[2 * n + 1]) : 0;
+    for (int32_t n = 0; status == PLIANT_OK && n < mesh->num_nodes; n++)
+        out[n] = sum[2 * n + 1] > 0 ? (float)(sum[2 * n] / sum[2 * n + 1]) : 0;
     pliant_free(look.corner);
     pliant_free(sum);
     return status;

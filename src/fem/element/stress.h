@@ -42,7 +42,8 @@ PLIANT_INLINE void pliant_cube_differences(const double u[8], double along[3])
 
 /* Compute the shear part of the stress in p, and cof F in cofactor. Return the volume part's factor of cof F. The rest
  * volume is included. */
-PLIANT_INLINE float pliant_neo_hookean_stress(pliant_law law, const float h[9], float mu, float modulus, float cofactor[9], float p[9])
+PLIANT_INLINE float pliant_neo_hookean_stress(pliant_law law, const float h[9], float mu, float modulus,
+                                              float cofactor[9], float p[9])
 {
     float squares = 0, trace = h[0] + h[4] + h[8], change = pliant_change_of(h, cofactor), a, shear;
     for (int m = 0; m < 9; m++) squares += h[m] * h[m];
@@ -57,7 +58,8 @@ PLIANT_INLINE float pliant_neo_hookean_stress(pliant_law law, const float h[9], 
     return modulus * pliant_law_float_volume(law, change);
 }
 
-PLIANT_INLINE void pliant_saint_venant_kirchhoff_stress(const float h[9], float mu, float lambda, float p[9], float volume[9])
+PLIANT_INLINE void pliant_saint_venant_kirchhoff_stress(const float h[9], float mu, float lambda, float p[9],
+                                                        float volume[9])
 {
     float e[9];
     for (int r = 0; r < 3; r++)
@@ -81,7 +83,8 @@ PLIANT_INLINE float pliant_prony_part(float dt, float tau) { return dt / (tau + 
 /* Compute S = F^-1 P: xx yy zz xy xz yz. */
 PLIANT_INLINE void pliant_stress_at_rest(const float h[9], const float cofactor[9], const float p[9], float s[6])
 {
-    const float inverse = pliant_law_float_reciprocal((1 + h[0]) * cofactor[0] + h[1] * cofactor[1] + h[2] * cofactor[2]);
+    const float inverse =
+        pliant_law_float_reciprocal((1 + h[0]) * cofactor[0] + h[1] * cofactor[1] + h[2] * cofactor[2]);
     s[0] = (cofactor[0] * p[0] + cofactor[3] * p[3] + cofactor[6] * p[6]) * inverse;
     s[1] = (cofactor[1] * p[1] + cofactor[4] * p[4] + cofactor[7] * p[7]) * inverse;
     s[2] = (cofactor[2] * p[2] + cofactor[5] * p[5] + cofactor[8] * p[8]) * inverse;
@@ -109,7 +112,8 @@ PLIANT_INLINE void pliant_add_viscous(const float h[9], const float change[9], f
 /* Subtract F times the relaxed stress from P. */
 PLIANT_INLINE void pliant_subtract_relaxed(const float h[9], const float relaxed[6], float p[9])
 {
-    const float y[9] = {relaxed[0], relaxed[3], relaxed[4], relaxed[3], relaxed[1], relaxed[5], relaxed[4], relaxed[5], relaxed[2]};
+    const float y[9] = {relaxed[0], relaxed[3], relaxed[4], relaxed[3], relaxed[1],
+                        relaxed[5], relaxed[4], relaxed[5], relaxed[2]};
     for (int r = 0; r < 3; r++)
         for (int c = 0; c < 3; c++)
             p[3 * r + c] -= y[3 * r + c] + h[3 * r] * y[c] + h[3 * r + 1] * y[3 + c] + h[3 * r + 2] * y[6 + c];

@@ -12,7 +12,8 @@ extern "C" {
  * tetrahedron that is part of a hexahedron has the hexahedron's deformation. Quasi-static methods have linear
  * elasticity in the element's rotated axes. A tetrahedron that is partly tissue has the stress in its tissue. stress,
  * strain: (fine.num_tets x 9) out. Errors: MEMORY. */
-pliant_status pliant_tet_tensors(const pliant_model *model, const pliant_body *body, const double *positions, float *stress, float *strain);
+pliant_status pliant_tet_tensors(const pliant_model *model, const pliant_body *body, const double *positions,
+                                 float *stress, float *strain);
 
 enum { PLIANT_IS_TETRAHEDRON = -1, PLIANT_IN_HEXAHEDRON = -2 };
 /* Find the hexahedra (element/kind hexahedra). The first tetrahedron of a hexahedron gets its eight nodes in VTK's

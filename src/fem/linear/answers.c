@@ -47,7 +47,8 @@ static pliant_status make_room(pliant_answers *answers, int32_t count, const int
         if (answers->slot[unknown[i]] >= 0) kept[num_kept++] = unknown[i];
     for (int32_t a = 0; a < num_kept; a++) {
         for (int32_t b = 0; b < num_kept; b++)
-            memcpy(block + 9 * ((size_t)a * (size_t)room + (size_t)b), pliant_answer(answers, kept[a], kept[b]), 9 * sizeof *block);
+            memcpy(block + 9 * ((size_t)a * (size_t)room + (size_t)b), pliant_answer(answers, kept[a], kept[b]),
+                   9 * sizeof *block);
     }
     for (int32_t a = 0; a < num_kept; a++) {
         half[a] = answers->half[answers->slot[kept[a]]];
@@ -69,9 +70,11 @@ static pliant_status make_room(pliant_answers *answers, int32_t count, const int
 
 static void set_block(pliant_answers *answers, int32_t a, int32_t b, const double block[9])
 {
-    const size_t room = (size_t)answers->room, here = 9 * ((size_t)a * room + (size_t)b), there = 9 * ((size_t)b * room + (size_t)a);
+    const size_t room = (size_t)answers->room, here = 9 * ((size_t)a * room + (size_t)b),
+                 there = 9 * ((size_t)b * room + (size_t)a);
     for (size_t r = 0; r < 3; r++)
-        for (size_t c = 0; c < 3; c++) answers->block[here + 3 * r + c] = answers->block[there + 3 * c + r] = block[3 * r + c];
+        for (size_t c = 0; c < 3; c++)
+            answers->block[here + 3 * r + c] = answers->block[there + 3 * c + r] = block[3 * r + c];
 }
 
 static pliant_status find_by_half(pliant_answers *answers, pliant_factor *factor, int32_t slot)
@@ -94,7 +97,8 @@ static pliant_status find_column(pliant_answers *answers, pliant_preconditioner 
     pliant_status status = pliant_preconditioner_solve(preconditioner, 3, answers->column, answers->column);
     for (int32_t b = 0; b < answers->count && status == PLIANT_OK; b++) {
         double block[9];
-        for (size_t m = 0; m < 9; m++) block[m] = answers->column[n * (m % 3) + 3 * (size_t)answers->unknown[b] + m / 3];
+        for (size_t m = 0; m < 9; m++)
+            block[m] = answers->column[n * (m % 3) + 3 * (size_t)answers->unknown[b] + m / 3];
         set_block(answers, b, slot, block);
     }
     return status;
@@ -106,8 +110,8 @@ void pliant_answers_forget(pliant_answers *answers)
     answers->count = 0;
 }
 
-pliant_status pliant_answers_find(pliant_answers *answers, pliant_preconditioner *preconditioner, pliant_factor *factor, int32_t count,
-                                  const int32_t *unknown)
+pliant_status pliant_answers_find(pliant_answers *answers, pliant_preconditioner *preconditioner, pliant_factor *factor,
+                                  int32_t count, const int32_t *unknown)
 {
     int32_t missing = 0;
     for (int32_t i = 0; i < count; i++) missing += answers->slot[unknown[i]] < 0;

@@ -30,15 +30,18 @@ void pliant_answers_free(pliant_answers *answers);
 void pliant_answers_forget(pliant_answers *answers);
 /* Compute the blocks of these unknowns (all different), with the same preconditioner as before. factor: Nullable: its
  * factor, if that has panels. Errors: MEMORY, NUMERIC. */
-pliant_status pliant_answers_find(pliant_answers *answers, pliant_preconditioner *preconditioner, pliant_factor *factor, int32_t count,
-                                  const int32_t *unknown);
+pliant_status pliant_answers_find(pliant_answers *answers, pliant_preconditioner *preconditioner, pliant_factor *factor,
+                                  int32_t count, const int32_t *unknown);
 static inline const double *pliant_answer(const pliant_answers *answers, int32_t a, int32_t b)
 {
     return answers->block + 9 * ((size_t)answers->slot[a] * (size_t)answers->room + (size_t)answers->slot[b]);
 }
 
 /* Return the half solve of an unknown, for a factor. */
-static inline const pliant_half *pliant_answer_half(const pliant_answers *answers, int32_t a) { return answers->half + answers->slot[a]; }
+static inline const pliant_half *pliant_answer_half(const pliant_answers *answers, int32_t a)
+{
+    return answers->half + answers->slot[a];
+}
 
 #ifdef __cplusplus
 }

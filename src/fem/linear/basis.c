@@ -35,7 +35,8 @@ void pliant_basis_far_forces(pliant_basis *basis, const double *x, double *force
     }
 }
 
-void pliant_basis_positions(pliant_basis *basis, const pliant_system *fine, const double *base, const double *x, double *out)
+void pliant_basis_positions(pliant_basis *basis, const pliant_system *fine, const double *base, const double *x,
+                            double *out)
 {
     size_t n = 3 * (size_t)fine->num_free;
     amplitudes(basis, x);
@@ -44,10 +45,12 @@ void pliant_basis_positions(pliant_basis *basis, const pliant_system *fine, cons
     for (int32_t f = 0; f < fine->num_free; f++) {
         double by[3] = {0, 0, 0};
         for (int32_t m = 0; m < basis->num_modes; m++)
-            for (int d = 0; d < 3; d++) by[d] += basis->amplitude[m] * basis->whole[n * (size_t)m + 3 * (size_t)f + (size_t)d];
+            for (int d = 0; d < 3; d++)
+                by[d] += basis->amplitude[m] * basis->whole[n * (size_t)m + 3 * (size_t)f + (size_t)d];
         for (int d = 0; d < 3; d++) out[3 * fine->node_of_free[f] + d] += by[d];
     }
-    for (int32_t v = 0; v < basis->mesh.num_nodes; v++) memcpy(out + 3 * basis->fine_node[v], x + 3 * v, 3 * sizeof *out);
+    for (int32_t v = 0; v < basis->mesh.num_nodes; v++)
+        memcpy(out + 3 * basis->fine_node[v], x + 3 * v, 3 * sizeof *out);
 }
 
 void pliant_basis_project(pliant_basis *basis, double *x)
@@ -63,7 +66,8 @@ void pliant_basis_project(pliant_basis *basis, double *x)
         size_t at = 3 * (size_t)basis->system.node_of_free[f];
         for (size_t d = 0; d < 3; d++) {
             double by = 0;
-            for (int32_t m = 0; m < basis->num_modes; m++) by += basis->amplitude[m] * basis->outer[n * (size_t)m + 3 * (size_t)f + d];
+            for (int32_t m = 0; m < basis->num_modes; m++)
+                by += basis->amplitude[m] * basis->outer[n * (size_t)m + 3 * (size_t)f + d];
             x[at + d] = basis->mesh.rest[at + d] + by;
         }
     }
@@ -115,7 +119,8 @@ static pliant_status near_elements(basis_builder *build, double radius)
     }
     for (int32_t t = 0; t < build->num_footholds; t++)
         for (int32_t h = 0; h < build->footholds[t].count; h++) close[build->footholds[t].nodes[h]] = 1;
-    for (int32_t n = 0; n < mesh->num_nodes; n++) close[n] = close[n] || within(build->num_footholds, build->footholds, mesh->rest + 3 * n, 2 * radius);
+    for (int32_t n = 0; n < mesh->num_nodes; n++)
+        close[n] = close[n] || within(build->num_footholds, build->footholds, mesh->rest + 3 * n, 2 * radius);
     for (int32_t e = 0; e < pliant_element_count(fine); e++) {
         const int32_t begin = pliant_element_begin(fine, e), end = pliant_element_begin(fine, e + 1);
         bool near = false;
@@ -143,7 +148,8 @@ static pliant_status near_system(basis_builder *build, const uint8_t *fixed)
         build->still[n] = fixed[basis->fine_node[n]];
         memcpy(build->near_x + 3 * n, build->linearized->x + 3 * basis->fine_node[n], 3 * sizeof *build->near_x);
     }
-    pliant_status status = pliant_system_take(build->fine, build->num_near, build->near_element, basis->near_node, &basis->mesh, system);
+    pliant_status status =
+        pliant_system_take(build->fine, build->num_near, build->near_element, basis->near_node, &basis->mesh, system);
     if (status == PLIANT_OK) status = pliant_system_unknowns(system, build->still);
     if (status == PLIANT_OK) status = pliant_linearized_create(system, build->near_x, &build->near);
     if (status == PLIANT_OK) status = pliant_system_find_mean_diagonal(system, NULL, NULL);
@@ -166,8 +172,13 @@ static pliant_status own_nodes(basis_builder *build, double radius)
         else build->still[node] = 1;
     }
     if (basis->num_own == 0) return PLIANT_OK;
-    basis->inner = (pliant_system){.mesh = system->mesh, .fine = system->fine, .num_threads = 1, .num_blocks = system->num_blocks,
-                                   .gradients = system->gradients, .lame = system->lame, .macros = system->macros};
+    basis->inner = (pliant_system){.mesh = system->mesh,
+                                   .fine = system->fine,
+                                   .num_threads = 1,
+                                   .num_blocks = system->num_blocks,
+                                   .gradients = system->gradients,
+                                   .lame = system->lame,
+                                   .macros = system->macros};
     pliant_status status = pliant_system_unknowns(&basis->inner, build->still);
     return status == PLIANT_OK ? pliant_factor_analyze(&basis->inner.pattern, &basis->analyzed) : status;
 }
@@ -187,7 +198,8 @@ static pliant_status orthonormal_modes(basis_builder *build, int32_t num_blocks,
     for (size_t k = 0; k < most; k++) {
         pliant_status status = pliant_linearized_go_on(build->linearized);
         if (status != PLIANT_OK) return status;
-        double *mode = basis->modes + n * (size_t)basis->num_modes, *outer = basis->outer + n * (size_t)basis->num_modes;
+        double *mode = basis->modes + n * (size_t)basis->num_modes,
+               *outer = basis->outer + n * (size_t)basis->num_modes;
         double *whole = basis->whole + all * (size_t)basis->num_modes;
         memcpy(whole, blocks[k / PLIANT_RESPONSE_MODES] + all * (k % PLIANT_RESPONSE_MODES), all * sizeof *whole);
         for (int32_t f = 0; f < basis->system.num_free; f++) {
@@ -222,12 +234,14 @@ static pliant_status orthonormal_modes(basis_builder *build, int32_t num_blocks,
 static pliant_status far_stiffness(basis_builder *build)
 {
     pliant_basis *basis = build->basis;
-    size_t n = 3 * (size_t)basis->system.num_free, all = 3 * (size_t)build->fine->num_free, count = (size_t)basis->num_modes;
+    size_t n = 3 * (size_t)basis->system.num_free, all = 3 * (size_t)build->fine->num_free,
+           count = (size_t)basis->num_modes;
     if (count == 0) return PLIANT_OK;
     basis->far = pliant_calloc(count * count, sizeof *basis->far);
     basis->amplitude = pliant_calloc(count, sizeof *basis->amplitude);
     double *room = pliant_calloc(all, sizeof *room), *product = pliant_calloc(all, sizeof *product);
-    pliant_status status = basis->far && basis->amplitude && room && product ? PLIANT_OK : pliant_fail_memory("a patch");
+    pliant_status status =
+        basis->far && basis->amplitude && room && product ? PLIANT_OK : pliant_fail_memory("a patch");
     for (size_t l = 0; status == PLIANT_OK && l < count; l++) {
         if ((status = pliant_linearized_go_on(build->linearized)) != PLIANT_OK) break;
         pliant_linearized_product(build->linearized, basis->whole + all * l, room, product);
@@ -269,12 +283,14 @@ static void builder_clear(basis_builder *build)
     pliant_linearized_free(&build->near);
 }
 
-pliant_status pliant_basis_create(const pliant_system *fine, pliant_linearized *linearized, const uint8_t *fixed, double radius, int32_t num_footholds, const pliant_foothold *footholds,
+pliant_status pliant_basis_create(const pliant_system *fine, pliant_linearized *linearized, const uint8_t *fixed,
+                                  double radius, int32_t num_footholds, const pliant_foothold *footholds,
                                   int32_t num_blocks, const double *const *blocks, int num_threads, pliant_basis **out)
 {
     pliant_basis *basis = pliant_calloc(1, sizeof *basis);
     if (!basis) return pliant_fail_memory("a patch");
-    basis_builder build = {.fine = fine, .linearized = linearized, .basis = basis, .num_footholds = num_footholds, .footholds = footholds};
+    basis_builder build = {
+        .fine = fine, .linearized = linearized, .basis = basis, .num_footholds = num_footholds, .footholds = footholds};
     pliant_status status = near_elements(&build, radius);
     if (status == PLIANT_OK) status = near_system(&build, fixed);
     if (status == PLIANT_OK) status = own_nodes(&build, radius);
@@ -292,8 +308,8 @@ pliant_status pliant_basis_create(const pliant_system *fine, pliant_linearized *
     return PLIANT_OK;
 }
 
-pliant_basis_size pliant_basis_measure(const pliant_system *fine, double radius, int32_t num_footholds, const pliant_foothold *footholds,
-                                       int32_t num_blocks)
+pliant_basis_size pliant_basis_measure(const pliant_system *fine, double radius, int32_t num_footholds,
+                                       const pliant_foothold *footholds, int32_t num_blocks)
 {
     pliant_basis_size size = {.blocks = num_blocks};
     for (int32_t f = 0; f < fine->num_free; f++) {

@@ -68,7 +68,8 @@ typedef struct pliant_foothold {
  * @param radius      Radius of the patch at rest [m].
  * @param blocks      (num_blocks) blocks of nine modes (9 x 3 fine free nodes), response.h.
  * @param num_threads Threads of the steps. */
-pliant_status pliant_basis_create(const pliant_system *fine, pliant_linearized *linearized, const uint8_t *fixed, double radius, int32_t num_footholds, const pliant_foothold *footholds,
+pliant_status pliant_basis_create(const pliant_system *fine, pliant_linearized *linearized, const uint8_t *fixed,
+                                  double radius, int32_t num_footholds, const pliant_foothold *footholds,
                                   int32_t num_blocks, const double *const *blocks, int num_threads, pliant_basis **out);
 void pliant_basis_free(pliant_basis *basis); /* Nullable */
 
@@ -78,8 +79,8 @@ typedef struct pliant_basis_size {
     int32_t own, near;
     int32_t blocks;           /* blocks of nine modes */
 } pliant_basis_size;
-pliant_basis_size pliant_basis_measure(const pliant_system *fine, double radius, int32_t num_footholds, const pliant_foothold *footholds,
-                                       int32_t num_blocks);
+pliant_basis_size pliant_basis_measure(const pliant_system *fine, double radius, int32_t num_footholds,
+                                       const pliant_foothold *footholds, int32_t num_blocks);
 /* Return the floating-point operations of creating a basis with its first reduction, and the bytes of its fields and
  * factors. */
 double pliant_basis_operations(const pliant_system *fine, pliant_basis_size size);
@@ -90,18 +91,21 @@ pliant_status pliant_reduction_create(const pliant_basis *basis, const pliant_re
 void pliant_reduction_free(pliant_reduction *reduction); /* Nullable */
 /* Compute the reduction at these tangents of the near elements. Errors: NUMERIC, MEMORY; the previous values are lost
  * then. */
-pliant_status pliant_reduction_numeric(const pliant_basis *basis, const pliant_tangent *tangents, pliant_reduction *reduction);
+pliant_status pliant_reduction_numeric(const pliant_basis *basis, const pliant_tangent *tangents,
+                                       pliant_reduction *reduction);
 double pliant_reduction_operations(const pliant_basis *basis); /* of pliant_reduction_numeric */
 /* Return the operations of multiplying one vector by all element stiffnesses. */
 double pliant_reduction_element_operations(const pliant_system *system);
 /* Compute out = (stiffness in the basis)^-1 right, (3 system.num_free). Both may be the same array. Errors: MEMORY. */
-pliant_status pliant_reduction_solve(const pliant_basis *basis, pliant_reduction *reduction, const double *right, double *out);
+pliant_status pliant_reduction_solve(const pliant_basis *basis, pliant_reduction *reduction, const double *right,
+                                     double *out);
 /* Add the forces of the far part. x: (3 mesh.num_nodes); forces: (3 system.num_free) [N]. */
 void pliant_basis_far_forces(pliant_basis *basis, const double *x, double *forces);
 /* Project positions x (3 mesh.num_nodes) onto the basis: u = a + E q. */
 void pliant_basis_project(pliant_basis *basis, double *x);
 /* Compute fine positions: base (3 fine nodes) plus the displacement of x. `base` and `out` may be the same array. */
-void pliant_basis_positions(pliant_basis *basis, const pliant_system *fine, const double *base, const double *x, double *out);
+void pliant_basis_positions(pliant_basis *basis, const pliant_system *fine, const double *base, const double *x,
+                            double *out);
 
 #ifdef __cplusplus
 }

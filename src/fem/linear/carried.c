@@ -44,7 +44,10 @@ static int32_t cell_of(const pliant_system *system, int32_t element, bool *whole
     return system->fine->lattice_of_tet[*whole ? -1 - graded->tet[i] : graded->tet[i]] / 5;
 }
 
-static bool has_fine_cells(const pliant_system *system) { return system->macros && system->macros->cell && (system->graded || system->mesh == system->fine); }
+static bool has_fine_cells(const pliant_system *system)
+{
+    return system->macros && system->macros->cell && (system->graded || system->mesh == system->fine);
+}
 
 /* Encode the elements of each cell (zeroed array): up to 3 hexahedra times HEXAHEDRON, and up to 63 tetrahedra. */
 enum { HEXAHEDRON = 64 };
@@ -80,7 +83,8 @@ pliant_status pliant_carried_layout_create(const pliant_system *system, pliant_c
 }
 
 /* Mark unknowns whose source is shared or missing. lost: out: some unknowns of the base are no source. */
-static pliant_status open_copies(int32_t num_free, int32_t base_free, const int32_t *source, uint8_t *opened, bool *lost)
+static pliant_status open_copies(int32_t num_free, int32_t base_free, const int32_t *source, uint8_t *opened,
+                                 bool *lost)
 {
     int32_t *first = pliant_calloc((size_t)base_free, sizeof *first); /* first unknown with this source, + 1 */
     if (!first) return pliant_fail_memory("the preconditioner");
@@ -95,7 +99,8 @@ static pliant_status open_copies(int32_t num_free, int32_t base_free, const int3
 }
 
 /* Mark unknowns where a copy of the base has gone. The remaining node then also has the copy's elements. */
-static pliant_status open_closed(const pliant_system *system, const pliant_carried_layout *base, const int32_t *source, uint8_t *opened)
+static pliant_status open_closed(const pliant_system *system, const pliant_carried_layout *base, const int32_t *source,
+                                 uint8_t *opened)
 {
     const int32_t *cells = system->fine->cells;
     uint8_t *taken = pliant_calloc((size_t)base->num_free, 1);
@@ -129,7 +134,8 @@ static pliant_status open_divided(const pliant_system *system, const uint8_t *cu
     for (int32_t e = 0; e < macros->count; e++) {
         bool whole;
         const int32_t cell = cell_of(system, e, &whole);
-        const bool other = cell >= 0 && cube[cell] != 0 && cube[cell] != now[cell] && (whole || cube[cell] >= HEXAHEDRON);
+        const bool other =
+            cell >= 0 && cube[cell] != 0 && cube[cell] != now[cell] && (whole || cube[cell] >= HEXAHEDRON);
         for (int32_t c = macros->start[e]; other && c < macros->start[e + 1]; c++)
             if (system->free_of_node[macros->node[c]] >= 0) opened[system->free_of_node[macros->node[c]]] = 1;
     }
@@ -137,7 +143,8 @@ static pliant_status open_divided(const pliant_system *system, const uint8_t *cu
     return PLIANT_OK;
 }
 
-pliant_status pliant_carried_opened(const pliant_system *system, const pliant_carried_layout *base, const int32_t *source, uint8_t *opened)
+pliant_status pliant_carried_opened(const pliant_system *system, const pliant_carried_layout *base,
+                                    const int32_t *source, uint8_t *opened)
 {
     bool lost = false;
     pliant_status status = open_copies(system->num_free, base->num_free, source, opened, &lost);
@@ -146,22 +153,27 @@ pliant_status pliant_carried_opened(const pliant_system *system, const pliant_ca
     return status;
 }
 
-pliant_status pliant_carried_mend(const pliant_system *system, const double *positions, const double *axes, pliant_carried *carried)
+pliant_status pliant_carried_mend(const pliant_system *system, const double *positions, const double *axes,
+                                  pliant_carried *carried)
 {
     if (carried->mended) return PLIANT_OK;
     pliant_carried_layout base;
     uint8_t *opened = pliant_calloc((size_t)carried->num_free, 1);
     pliant_status status = pliant_carried_layout_create(carried->system, &base);
-    if (status == PLIANT_OK) status = opened ? pliant_carried_opened(system, &base, carried->source, opened) : pliant_fail_memory("the preconditioner");
-    if (status == PLIANT_OK) status = pliant_subdomain_create(system, opened, PLIANT_CARRIED_RINGS, positions, axes, &carried->near);
+    if (status == PLIANT_OK)
+        status = opened ? pliant_carried_opened(system, &base, carried->source, opened)
+                        : pliant_fail_memory("the preconditioner");
+    if (status == PLIANT_OK)
+        status = pliant_subdomain_create(system, opened, PLIANT_CARRIED_RINGS, positions, axes, &carried->near);
     pliant_free(opened);
     pliant_carried_layout_free(&base);
     carried->mended = status == PLIANT_OK;
     return status;
 }
 
-pliant_status pliant_carried_create(const pliant_system *system, const pliant_discretization *of, const pliant_system *of_base, int32_t *source,
-                                    const double *positions, const double *axes, pliant_carried **out)
+pliant_status pliant_carried_create(const pliant_system *system, const pliant_discretization *of,
+                                    const pliant_system *of_base, int32_t *source, const double *positions,
+                                    const double *axes, pliant_carried **out)
 {
     pliant_carried *carried = pliant_calloc(1, sizeof *carried);
     if (!carried) {
@@ -178,7 +190,8 @@ pliant_status pliant_carried_create(const pliant_system *system, const pliant_di
     carried->right = pliant_room((size_t)carried->base_free, 3 * sizeof *carried->right);
     carried->left = pliant_room((size_t)carried->base_free, 3 * sizeof *carried->left);
     pliant_status status = PLIANT_OK;
-    if (!carried->rest || !carried->all || !carried->right || !carried->left) status = pliant_fail_memory("the preconditioner");
+    if (!carried->rest || !carried->all || !carried->right || !carried->left)
+        status = pliant_fail_memory("the preconditioner");
     if (status == PLIANT_OK && positions) status = pliant_carried_mend(system, positions, axes, carried);
     if (status != PLIANT_OK) {
         pliant_carried_free(carried);
@@ -198,7 +211,8 @@ pliant_status pliant_carried_restrict(pliant_carried *carried, const double *rig
     if (status != PLIANT_OK) return status;
     memset(carried->right, 0, 3 * (size_t)carried->base_free * sizeof *carried->right);
     for (int32_t f = 0; f < carried->num_free; f++)
-        for (int d = 0; d < 3 && carried->source[f] >= 0; d++) carried->right[3 * carried->source[f] + d] += carried->rest[3 * f + d];
+        for (int d = 0; d < 3 && carried->source[f] >= 0; d++)
+            carried->right[3 * carried->source[f] + d] += carried->rest[3 * f + d];
     return PLIANT_OK;
 }
 
@@ -207,7 +221,8 @@ pliant_status pliant_carried_extend(pliant_carried *carried, double *out)
     const size_t n = 3 * (size_t)carried->num_free;
     pliant_status status = PLIANT_OK;
     for (int32_t f = 0; f < carried->num_free; f++)
-        for (int d = 0; d < 3; d++) carried->rest[3 * f + d] = carried->source[f] >= 0 ? carried->left[3 * carried->source[f] + d] : 0;
+        for (int d = 0; d < 3; d++)
+            carried->rest[3 * f + d] = carried->source[f] >= 0 ? carried->left[3 * carried->source[f] + d] : 0;
     if (carried->near) status = pliant_subdomain_extend(carried->near, carried->rest, carried->all);
     for (size_t i = 0; i < n; i++) out[i] = carried->all[i] + carried->rest[i];
     return status;

@@ -34,8 +34,9 @@ static void know_blas(void)
     if (!openblas_get_parallel) return;
     blas_is_unsafe = openblas_get_parallel() == 0;
     if (blas_is_unsafe)
-        pliant_log(PLIANT_LOG_WARNING, "this OpenBLAS is built for one thread: solving waits while a factor is made in the background; "
-                                       "install libopenblas0-pthread");
+        pliant_log(PLIANT_LOG_WARNING,
+                   "this OpenBLAS is built for one thread: solving waits while a factor is made in the background; "
+                   "install libopenblas0-pthread");
     else if (openblas_set_num_threads && !getenv("OPENBLAS_NUM_THREADS"))
         openblas_set_num_threads(1);
 }
@@ -56,10 +57,14 @@ static pliant_status from_cholmod(const pliant_factor *factor, const char *what)
     case CHOLMOD_OK: return PLIANT_OK;
     case CHOLMOD_OUT_OF_MEMORY: return pliant_fail_memory(what);
     case CHOLMOD_TOO_LARGE:
-        return pliant_fail(PLIANT_ERROR_SCENE, "%s: %d unknowns are too many for a direct factorization; use fewer cells", what, factor->size);
+        return pliant_fail(PLIANT_ERROR_SCENE,
+                           "%s: %d unknowns are too many for a direct factorization; use fewer cells", what,
+                           factor->size);
     case CHOLMOD_NOT_POSDEF:
-        return pliant_fail(PLIANT_ERROR_NUMERIC, "%s: the stiffness matrix is not positive definite: too little is fixed, or the stiffness "
-                                                 "contrast is beyond double precision", what);
+        return pliant_fail(PLIANT_ERROR_NUMERIC,
+                           "%s: the stiffness matrix is not positive definite: too little is fixed, or the stiffness "
+                           "contrast is beyond double precision",
+                           what);
     default: return pliant_fail(PLIANT_ERROR_NUMERIC, "%s: CHOLMOD reports status %d", what, factor->common.status);
     }
 }
@@ -153,7 +158,10 @@ static pliant_status find_order(pliant_factor *factor)
     return from_cholmod(factor, "symbolic factorization");
 }
 
-pliant_status pliant_factor_analyze(const pliant_pattern *pattern, pliant_factor **out) { return pliant_factor_analyze_in(pattern, NULL, out); }
+pliant_status pliant_factor_analyze(const pliant_pattern *pattern, pliant_factor **out)
+{
+    return pliant_factor_analyze_in(pattern, NULL, out);
+}
 
 int32_t pliant_factor_order(const pliant_factor *factor, int32_t *order)
 {
@@ -172,7 +180,8 @@ int32_t pliant_factor_order(const pliant_factor *factor, int32_t *order)
 pliant_status pliant_factor_analyze_in(const pliant_pattern *pattern, const int32_t *columns, pliant_factor **out)
 {
     if (pattern->num_values > INT32_MAX)
-        return pliant_fail(PLIANT_ERROR_SCENE, "the matrix has too many entries for a direct factorization; use fewer cells");
+        return pliant_fail(PLIANT_ERROR_SCENE,
+                           "the matrix has too many entries for a direct factorization; use fewer cells");
     pliant_factor *factor = factor_new(3 * pattern->num_columns, (size_t)pattern->num_values);
     if (!factor) return pliant_fail_memory("the factor");
     scalar_pattern(pattern, factor->column_start, factor->row);
@@ -190,15 +199,21 @@ void pliant_factor_in_double(pliant_factor *factor) { factor->in_double = true; 
 static pliant_supernodes supernodes_of(const pliant_factor *factor)
 {
     const cholmod_factor *l = factor->cholesky;
-    return (pliant_supernodes){.count = (int32_t)l->nsuper, .first = l->super, .row_start = l->pi, .value_start = l->px, .row = l->s,
-                               .permutation = l->Perm, .value = l->x};
+    return (pliant_supernodes){.count = (int32_t)l->nsuper,
+                               .first = l->super,
+                               .row_start = l->pi,
+                               .value_start = l->px,
+                               .row = l->s,
+                               .permutation = l->Perm,
+                               .value = l->x};
 }
 
 /* Copy the values to single precision, if CHOLMOD made supernodes. */
 static pliant_status fill_panels(pliant_factor *factor)
 {
     if (factor->in_double || !factor->cholesky->is_super || !factor->cholesky->x) return PLIANT_OK;
-    pliant_status status = factor->panels.value ? PLIANT_OK : pliant_panels_create(factor->cholesky->xsize, factor->size, &factor->panels);
+    pliant_status status =
+        factor->panels.value ? PLIANT_OK : pliant_panels_create(factor->cholesky->xsize, factor->size, &factor->panels);
     if (status != PLIANT_OK) return status;
     pliant_supernodes supernodes = supernodes_of(factor);
     pliant_panels_fill(&factor->panels, &supernodes);
@@ -242,7 +257,8 @@ pliant_status pliant_factor_numeric(pliant_factor *factor, double *values)
     enter_blas();
     cholmod_factorize(&view, factor->cholesky, &factor->common);
     leave_blas();
-    if (factor->common.status == CHOLMOD_OK && !is_positive(factor->cholesky)) factor->common.status = CHOLMOD_NOT_POSDEF;
+    if (factor->common.status == CHOLMOD_OK && !is_positive(factor->cholesky))
+        factor->common.status = CHOLMOD_NOT_POSDEF;
     pliant_status status = from_cholmod(factor, "factorization");
     return status == PLIANT_OK ? fill_panels(factor) : status;
 }
@@ -266,8 +282,8 @@ pliant_status pliant_factor_solve(pliant_factor *factor, int32_t columns, const 
     b.xtype = CHOLMOD_REAL;
     b.dtype = CHOLMOD_DOUBLE;
     enter_blas();
-    cholmod_solve2(CHOLMOD_A, factor->cholesky, &b, NULL, &factor->solution, NULL, &factor->workspace, &factor->workspace_sparse,
-                   &factor->common);
+    cholmod_solve2(CHOLMOD_A, factor->cholesky, &b, NULL, &factor->solution, NULL, &factor->workspace,
+                   &factor->workspace_sparse, &factor->common);
     leave_blas();
     pliant_status status = from_cholmod(factor, "solve");
     if (status == PLIANT_OK) memcpy(out, factor->solution->x, b.nzmax * sizeof *out);
@@ -279,7 +295,8 @@ pliant_status pliant_factor_reach(pliant_factor *factor, int32_t count, const in
     *possible = factor->panels.value != NULL;
     if (!*possible) return PLIANT_OK;
     pliant_supernodes supernodes = supernodes_of(factor);
-    pliant_status status = factor->reach.of ? PLIANT_OK : pliant_reach_create(&supernodes, factor->size, &factor->reach);
+    pliant_status status =
+        factor->reach.of ? PLIANT_OK : pliant_reach_create(&supernodes, factor->size, &factor->reach);
     if (status == PLIANT_OK) pliant_reach_mark(&factor->reach, &supernodes, count, nodes);
     return status;
 }

@@ -24,7 +24,8 @@ static pliant_status make_room(pliant_half *half, int32_t length)
     return PLIANT_OK;
 }
 
-pliant_status pliant_half_find(pliant_panels *panels, const pliant_supernodes *of, pliant_reach *reach, int32_t node, pliant_half *out)
+pliant_status pliant_half_find(pliant_panels *panels, const pliant_supernodes *of, pliant_reach *reach, int32_t node,
+                               pliant_half *out)
 {
     int32_t first = reach->of[3 * node];
     /* The first unknown is eliminated into the supernodes of the others. */
@@ -34,7 +35,8 @@ pliant_status pliant_half_find(pliant_panels *panels, const pliant_supernodes *o
     out->supernode = first;
     for (int d = 0; d < 3; d++) {
         double *next = out->value + (size_t)d * (size_t)out->length;
-        for (int32_t s = first; s >= 0; s = reach->above[s]) memset(reach->x + of->first[s], 0, (size_t)(of->first[s + 1] - of->first[s]) * sizeof *reach->x);
+        for (int32_t s = first; s >= 0; s = reach->above[s])
+            memset(reach->x + of->first[s], 0, (size_t)(of->first[s + 1] - of->first[s]) * sizeof *reach->x);
         reach->x[reach->place[3 * node + d]] = 1;
         for (int32_t s = first; s >= 0; s = reach->above[s]) {
             const int columns = of->first[s + 1] - of->first[s];
@@ -98,7 +100,8 @@ PLIANT_VECTORIZED static void add(size_t count, const double *const z[3], const 
     for (size_t i = 0; i < count; i++) x[i] += z[0][i] * force[0] + z[1][i] * force[1] + z[2][i] * force[2];
 }
 
-void pliant_half_answer(const pliant_supernodes *of, const pliant_reach *reach, const pliant_half *half, const double *x, double out[3])
+void pliant_half_answer(const pliant_supernodes *of, const pliant_reach *reach, const pliant_half *half,
+                        const double *x, double out[3])
 {
     const size_t length = (size_t)half->length;
     const double *z[3] = {half->value, half->value + length, half->value + 2 * length};
@@ -110,7 +113,8 @@ void pliant_half_answer(const pliant_supernodes *of, const pliant_reach *reach, 
     }
 }
 
-void pliant_half_add(const pliant_supernodes *of, const pliant_reach *reach, const pliant_half *half, const double force[3], double *x)
+void pliant_half_add(const pliant_supernodes *of, const pliant_reach *reach, const pliant_half *half,
+                     const double force[3], double *x)
 {
     const size_t length = (size_t)half->length;
     const double *z[3] = {half->value, half->value + length, half->value + 2 * length};

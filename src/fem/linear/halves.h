@@ -23,12 +23,15 @@ typedef struct pliant_half {
 
 void pliant_half_free(pliant_half *half); /* and empty */
 /* Compute the half solve of a node. Errors: MEMORY. */
-pliant_status pliant_half_find(pliant_panels *panels, const pliant_supernodes *of, pliant_reach *reach, int32_t node, pliant_half *out);
+pliant_status pliant_half_find(pliant_panels *panels, const pliant_supernodes *of, pliant_reach *reach, int32_t node,
+                               pliant_half *out);
 /* Compute Z_a' Z_b, (3 x 3), row-major. */
 void pliant_half_product(const pliant_reach *reach, const pliant_half *a, const pliant_half *b, double out[9]);
 /* Compute Z' x, or add Z f to x. x is in elimination order. */
-void pliant_half_answer(const pliant_supernodes *of, const pliant_reach *reach, const pliant_half *half, const double *x, double out[3]);
-void pliant_half_add(const pliant_supernodes *of, const pliant_reach *reach, const pliant_half *half, const double force[3], double *x);
+void pliant_half_answer(const pliant_supernodes *of, const pliant_reach *reach, const pliant_half *half,
+                        const double *x, double out[3]);
+void pliant_half_add(const pliant_supernodes *of, const pliant_reach *reach, const pliant_half *half,
+                     const double force[3], double *x);
 
 #ifdef __cplusplus
 }

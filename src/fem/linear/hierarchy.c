@@ -46,12 +46,15 @@ static pliant_status coarser_mesh(const pliant_system *fine, int32_t factor, pli
     return status;
 }
 
-static pliant_status link_elements(const pliant_system *fine, int32_t factor, pliant_grid_level *level, const pliant_system *next)
+static pliant_status link_elements(const pliant_system *fine, int32_t factor, pliant_grid_level *level,
+                                   const pliant_system *next)
 {
     const pliant_macros *macros = fine->macros;
     const pliant_mesh *coarse = next->mesh;
     int32_t count = pliant_level_elements(fine), coarse_count = pliant_level_elements(next);
-    int32_t *cube_of_cell = macros ? pliant_calloc((size_t)coarse->cells[0] * coarse->cells[1] * coarse->cells[2], sizeof *cube_of_cell) : NULL;
+    int32_t *cube_of_cell =
+        macros ? pliant_calloc((size_t)coarse->cells[0] * coarse->cells[1] * coarse->cells[2], sizeof *cube_of_cell)
+               : NULL;
     level->parent = pliant_calloc((size_t)count, sizeof *level->parent);
     level->child_start = pliant_calloc((size_t)coarse_count + 2, sizeof *level->child_start);
     level->child = pliant_calloc((size_t)count, sizeof *level->child);
@@ -61,8 +64,11 @@ static pliant_status link_elements(const pliant_system *fine, int32_t factor, pl
     }
     for (int32_t c = 0; macros && c < coarse_count; c++) cube_of_cell[next->macros->cell[c]] = c;
     for (int32_t e = 0; e < count; e++) {
-        level->parent[e] = macros ? cube_of_cell[pliant_coarse_cell(fine->mesh, coarse, macros->cell[e])]
-                                  : coarse->tet_of_lattice[pliant_lattice_coarse_of(coarse->cells, factor, fine->mesh->lattice_of_tet[e])];
+        level->parent[e] =
+            macros
+                ? cube_of_cell[pliant_coarse_cell(fine->mesh, coarse, macros->cell[e])]
+                : coarse
+                      ->tet_of_lattice[pliant_lattice_coarse_of(coarse->cells, factor, fine->mesh->lattice_of_tet[e])];
         level->child_start[level->parent[e] + 2]++;
     }
     for (int32_t c = 0; c < coarse_count; c++) level->child_start[c + 2] += level->child_start[c + 1];
@@ -73,11 +79,13 @@ static pliant_status link_elements(const pliant_system *fine, int32_t factor, pl
 
 static int32_t corner_of(const pliant_system *system, int32_t element, int corner)
 {
-    return system->macros ? system->macros->node[system->macros->start[element] + corner] : system->mesh->tets[4 * element + corner];
+    return system->macros ? system->macros->node[system->macros->start[element] + corner]
+                          : system->mesh->tets[4 * element + corner];
 }
 
 /* Find a coarse element that contains each node: (nodes). */
-static void find_holders(const pliant_system *fine, const pliant_grid_level *level, const pliant_system *next, int32_t *holder)
+static void find_holders(const pliant_system *fine, const pliant_grid_level *level, const pliant_system *next,
+                         int32_t *holder)
 {
     double weights[8];
     for (int32_t e = 0; e < pliant_level_elements(fine); e++) {
@@ -85,7 +93,9 @@ static void find_holders(const pliant_system *fine, const pliant_grid_level *lev
         for (int v = 0; v < here; v++) {
             const int32_t node = corner_of(fine, e, v);
             /* Next to a cut, an element's corners may belong to an adjacent cube. */
-            if (fine->graded && (level->parent[e] < 0 || !pliant_level_weights(fine, next, node, level->parent[e], weights))) continue;
+            if (fine->graded &&
+                (level->parent[e] < 0 || !pliant_level_weights(fine, next, node, level->parent[e], weights)))
+                continue;
             holder[node] = level->parent[e];
         }
     }
@@ -119,7 +129,8 @@ static pliant_status transfer(const pliant_system *fine, pliant_grid_level *leve
         }
     }
     status = pliant_system_unknowns(&next->system, unused);
-    for (size_t v = 0; status == PLIANT_OK && v < corners * count; v++) level->to[v] = next->system.free_of_node[level->to[v]];
+    for (size_t v = 0; status == PLIANT_OK && v < corners * count; v++)
+        level->to[v] = next->system.free_of_node[level->to[v]];
 done:
     pliant_free(holder);
     pliant_free(unused);
@@ -199,7 +210,8 @@ void pliant_hierarchy_free(pliant_hierarchy *hierarchy)
     pliant_free(hierarchy);
 }
 
-static pliant_status next_of_lattice(const pliant_system *fine, int32_t factor, pliant_grid_level *level, pliant_grid_level *next)
+static pliant_status next_of_lattice(const pliant_system *fine, int32_t factor, pliant_grid_level *level,
+                                     pliant_grid_level *next)
 {
     pliant_status status = coarser_mesh(fine, factor, &next->mesh);
     if (status != PLIANT_OK) return status;
@@ -209,16 +221,19 @@ static pliant_status next_of_lattice(const pliant_system *fine, int32_t factor, 
 }
 
 /* Build the level above a graded system, in the coarse lattice. */
-static pliant_status next_of_fragments(const pliant_system *finest, int32_t factor, pliant_grid_level *level, pliant_grid_level *next)
+static pliant_status next_of_fragments(const pliant_system *finest, int32_t factor, pliant_grid_level *level,
+                                       pliant_grid_level *next)
 {
     int32_t cells[3];
     pliant_status status = PLIANT_OK;
-    for (int d = 0; d < 3; d++) cells[d] = level->system.graded ? finest->mesh->cells[d] : level->system.mesh->cells[d] / factor;
+    for (int d = 0; d < 3; d++)
+        cells[d] = level->system.graded ? finest->mesh->cells[d] : level->system.mesh->cells[d] / factor;
     if (level->system.graded) status = pliant_nested_places(level);
     return status == PLIANT_OK ? pliant_nested_elements(&level->system, cells, level, next) : status;
 }
 
-pliant_status pliant_hierarchy_create(const pliant_system *system, bool fragments, int32_t largest_direct, pliant_hierarchy **out)
+pliant_status pliant_hierarchy_create(const pliant_system *system, bool fragments, int32_t largest_direct,
+                                      pliant_hierarchy **out)
 {
     pliant_hierarchy *hierarchy = pliant_calloc(1, sizeof *hierarchy);
     if (!hierarchy) return pliant_fail_memory("the coarser meshes");
@@ -237,7 +252,8 @@ pliant_status pliant_hierarchy_create(const pliant_system *system, bool fragment
         level->corners = system->macros || fragments ? 8 : 4;
         next->system.mesh = next->system.fine = &next->mesh;
         next->system.num_threads = system->num_threads;
-        status = fragments ? next_of_fragments(system, factor, level, next) : next_of_lattice(fine, factor, level, next);
+        status =
+            fragments ? next_of_fragments(system, factor, level, next) : next_of_lattice(fine, factor, level, next);
         if (status == PLIANT_OK) status = transfer(fine, level, next);
         if (status == PLIANT_OK) status = transpose(level, fine->num_free, next->system.num_free);
         if (status == PLIANT_OK) status = full_rows(fine, level);
@@ -261,7 +277,8 @@ double pliant_hierarchy_operations(const pliant_hierarchy *hierarchy)
     double sum = pliant_factor_operations(hierarchy->factor);
     for (int l = 0; l + 1 < hierarchy->num_levels; l++) {
         const pliant_system *system = &hierarchy->level[l].system;
-        sum += (system->macros ? 3e4 : 6e3) * pliant_level_elements(system) + 12.0 * 18 * hierarchy->level[l].row_start[system->num_free];
+        sum += (system->macros ? 3e4 : 6e3) * pliant_level_elements(system) +
+               12.0 * 18 * hierarchy->level[l].row_start[system->num_free];
     }
     return sum;
 }

@@ -34,13 +34,15 @@ struct pliant_multigrid {
     double *coarsest;           /* (3 num_free of it) */
 };
 
-static pliant_status level_create(const pliant_grid_level *grid, bool finest, bool coarsest, int num_threads, level_values *level)
+static pliant_status level_create(const pliant_grid_level *grid, bool finest, bool coarsest, int num_threads,
+                                  level_values *level)
 {
     size_t n = 3 * (size_t)grid->system.num_free, elements = (size_t)pliant_level_elements(&grid->system);
     size_t numbers = grid->system.macros ? 576 : 144;
     level->system = grid->system;
     level->system.num_threads = num_threads;
-    bool good = (level->x = pliant_calloc(n, sizeof *level->x)) && (level->right = pliant_calloc(n, sizeof *level->right));
+    bool good =
+        (level->x = pliant_calloc(n, sizeof *level->x)) && (level->right = pliant_calloc(n, sizeof *level->right));
     if (!finest) {
         good = good && (level->stiffness = pliant_calloc(elements, numbers * sizeof *level->stiffness)) &&
                (level->tangents = pliant_calloc((size_t)grid->system.num_blocks, sizeof *level->tangents));
@@ -50,9 +52,12 @@ static pliant_status level_create(const pliant_grid_level *grid, bool finest, bo
                 for (int l = 0; l < LANES; l++) level->tangents[b].rotation[m][l] = 1;
     }
     if (!coarsest)
-        good = good && (level->blocks = pliant_calloc(9 * (size_t)grid->row_start[grid->system.num_free] + 3, sizeof *level->blocks)) &&
+        good = good &&
+               (level->blocks =
+                    pliant_calloc(9 * (size_t)grid->row_start[grid->system.num_free] + 3, sizeof *level->blocks)) &&
                (level->inverse = pliant_calloc((size_t)grid->system.num_free, 9 * sizeof *level->inverse)) &&
-               (level->residual = pliant_calloc(n, sizeof *level->residual)) && (level->step = pliant_calloc(n, sizeof *level->step));
+               (level->residual = pliant_calloc(n, sizeof *level->residual)) &&
+               (level->step = pliant_calloc(n, sizeof *level->step));
     return good ? PLIANT_OK : pliant_fail_memory("the multigrid");
 }
 
@@ -66,9 +71,12 @@ pliant_status pliant_multigrid_create(const pliant_hierarchy *hierarchy, int num
     for (int l = 0; l <= last && status == PLIANT_OK; l++)
         status = level_create(hierarchy->level + l, l == 0, l == last, num_threads, multigrid->level + l);
     if (status == PLIANT_OK) {
-        multigrid->values = pliant_calloc((size_t)hierarchy->level[last].system.pattern.num_values, sizeof *multigrid->values);
-        multigrid->coarsest = pliant_calloc((size_t)hierarchy->level[last].system.num_free, 3 * sizeof *multigrid->coarsest);
-        status = multigrid->values && multigrid->coarsest ? pliant_factor_clone(hierarchy->factor, &multigrid->factor) : pliant_fail_memory("the multigrid");
+        multigrid->values =
+            pliant_calloc((size_t)hierarchy->level[last].system.pattern.num_values, sizeof *multigrid->values);
+        multigrid->coarsest =
+            pliant_calloc((size_t)hierarchy->level[last].system.num_free, 3 * sizeof *multigrid->coarsest);
+        status = multigrid->values && multigrid->coarsest ? pliant_factor_clone(hierarchy->factor, &multigrid->factor)
+                                                          : pliant_fail_memory("the multigrid");
     }
     if (status != PLIANT_OK) {
         pliant_multigrid_free(multigrid);
@@ -106,7 +114,8 @@ void pliant_multigrid_threads(pliant_multigrid *multigrid, int num_threads)
 /* ---- The matrices. */
 
 /* Compute P' K P over the children of one coarse tetrahedron; rows of fixed nodes are zero. */
-static void galerkin(const pliant_grid_level *grid, const level_values *fine, const pliant_tangent *tangents, int32_t tet, double out[144])
+static void galerkin(const pliant_grid_level *grid, const level_values *fine, const pliant_tangent *tangents,
+                     int32_t tet, double out[144])
 {
     const pliant_system *system = &fine->system;
     memset(out, 0, 144 * sizeof *out);
@@ -127,14 +136,16 @@ static void galerkin(const pliant_grid_level *grid, const level_values *fine, co
                         double weight = share[v][a] * share[u][b];
                         if (weight == 0) continue;
                         for (int r = 0; r < 3; r++)
-                            for (int s = 0; s < 3; s++) out[12 * (3 * a + r) + 3 * b + s] += weight * k[12 * (3 * v + r) + 3 * u + s];
+                            for (int s = 0; s < 3; s++)
+                                out[12 * (3 * a + r) + 3 * b + s] += weight * k[12 * (3 * v + r) + 3 * u + s];
                     }
             }
     }
 }
 
 /* Compute the blocks of one corner's column, relative to its element's first corner. */
-static void element_column(const pliant_system *system, const pliant_tangent *tangents, const double *whole, int32_t corner, int v, double *blocks)
+static void element_column(const pliant_system *system, const pliant_tangent *tangents, const double *whole,
+                           int32_t corner, int v, double *blocks)
 {
     if (system->macros) pliant_macro_column(system, tangents, corner, blocks);
     else
@@ -143,17 +154,20 @@ static void element_column(const pliant_system *system, const pliant_tangent *ta
 }
 
 /* Compute the same for a coarse hexahedron: P' K of one corner first, then its contributions to the coarse corners. */
-static void galerkin_cube(const pliant_grid_level *grid, const level_values *fine, const pliant_tangent *tangents, int32_t cube, double out[576])
+static void galerkin_cube(const pliant_grid_level *grid, const level_values *fine, const pliant_tangent *tangents,
+                          int32_t cube, double out[576])
 {
     const pliant_system *system = &fine->system;
     memset(out, 0, 576 * sizeof *out);
     for (int32_t c = grid->child_start[cube]; c < grid->child_start[cube + 1]; c++) {
-        const int32_t child = grid->child[c], begin = pliant_element_begin(system, child), count = pliant_element_begin(system, child + 1) - begin;
+        const int32_t child = grid->child[c], begin = pliant_element_begin(system, child),
+                      count = pliant_element_begin(system, child + 1) - begin;
         const int32_t *node = pliant_element_nodes(system) + begin;
         double share[MOST_CORNERS][8], k[MOST_CORNERS * 9], half[8 * 9], whole[144];
         for (int v = 0; v < count; v++) {
             memset(share[v], 0, sizeof share[v]);
-            if (system->free_of_node[node[v]] >= 0) pliant_level_weights(system, &grid[1].system, node[v], cube, share[v]);
+            if (system->free_of_node[node[v]] >= 0)
+                pliant_level_weights(system, &grid[1].system, node[v], cube, share[v]);
         }
         if (!system->macros) pliant_system_element(system, tangents, child, whole);
         for (int v = 0; v < count; v++) {
@@ -165,7 +179,8 @@ static void galerkin_cube(const pliant_grid_level *grid, const level_values *fin
                     for (int m = 0; share[u][b] != 0 && m < 9; m++) half[9 * b + m] += share[u][b] * k[9 * u + m];
             for (int a = 0; a < 8; a++)
                 for (int b = 0; share[v][a] != 0 && b < 8; b++)
-                    for (int m = 0; m < 9; m++) out[24 * (3 * a + m % 3) + 3 * b + m / 3] += share[v][a] * half[9 * b + m];
+                    for (int m = 0; m < 9; m++)
+                        out[24 * (3 * a + m % 3) + 3 * b + m / 3] += share[v][a] * half[9 * b + m];
         }
     }
 }
@@ -180,7 +195,8 @@ static void invert(const double m[9], float out[9])
 }
 
 /* Fill a column from elements that list their blocks. */
-static void fill_column(const pliant_grid_level *grid, level_values *level, const pliant_tangent *tangents, int32_t column)
+static void fill_column(const pliant_grid_level *grid, level_values *level, const pliant_tangent *tangents,
+                        int32_t column)
 {
     const pliant_pattern *pattern = &level->system.pattern;
     for (int32_t b = pattern->start[column]; b < pattern->start[column + 1]; b++) {
@@ -252,8 +268,8 @@ static inline float4 load4(const float *from)
 
 /* Compute rows [first, end) of right - A x, or of A x without right. A block's columns are loaded with one extra
  * number, which is not used. */
-PLIANT_VECTORIZED static void apply_rows(const int32_t *row_start, const int32_t *columns, const float *blocks, const float *right, const float *x,
-                                         float *out, int32_t first, int32_t end)
+PLIANT_VECTORIZED static void apply_rows(const int32_t *row_start, const int32_t *columns, const float *blocks,
+                                         const float *right, const float *x, float *out, int32_t first, int32_t end)
 {
     for (int32_t row = first; row < end; row++) {
         float4 sum = {0}, second = {0}, third = {0};
@@ -268,12 +284,14 @@ PLIANT_VECTORIZED static void apply_rows(const int32_t *row_start, const int32_t
     }
 }
 
-static void apply(const pliant_grid_level *grid, const level_values *level, const float *right, const float *x, float *out)
+static void apply(const pliant_grid_level *grid, const level_values *level, const float *right, const float *x,
+                  float *out)
 {
     const int32_t count = level->system.num_free;
 #pragma omp parallel for schedule(static) num_threads(level->system.num_threads)
     for (int32_t first = 0; first < count; first += ROWS)
-        apply_rows(grid->row_start, grid->column, level->blocks, right, x, out, first, first + ROWS < count ? first + ROWS : count);
+        apply_rows(grid->row_start, grid->column, level->blocks, right, x, out, first,
+                   first + ROWS < count ? first + ROWS : count);
 }
 
 /* Compute step = a * step + b * D^-1 residual. */
@@ -283,7 +301,8 @@ static void scaled_step(const level_values *level, float a, float b, const float
     for (int32_t row = 0; row < level->system.num_free; row++) {
         const float *inverse = level->inverse + 9 * (size_t)row, *r = residual + 3 * row;
         for (int d = 0; d < 3; d++)
-            step[3 * row + d] = a * step[3 * row + d] + b * (inverse[3 * d] * r[0] + inverse[3 * d + 1] * r[1] + inverse[3 * d + 2] * r[2]);
+            step[3 * row + d] = a * step[3 * row + d] +
+                                b * (inverse[3 * d] * r[0] + inverse[3 * d + 1] * r[1] + inverse[3 * d + 2] * r[2]);
     }
 }
 
@@ -341,11 +360,13 @@ pliant_status pliant_multigrid_copy(pliant_multigrid *to, const pliant_multigrid
         memcpy(to->level[l].inverse, from->level[l].inverse, 9 * n * sizeof(float));
         to->level[l].largest = from->level[l].largest;
     }
-    memcpy(to->values, from->values, (size_t)hierarchy->level[hierarchy->num_levels - 1].system.pattern.num_values * sizeof *to->values);
+    memcpy(to->values, from->values,
+           (size_t)hierarchy->level[hierarchy->num_levels - 1].system.pattern.num_values * sizeof *to->values);
     return pliant_factor_numeric(to->factor, to->values);
 }
 
-void pliant_multigrid_level(const pliant_multigrid *multigrid, int level, const float **blocks, const float **inverse, double *largest)
+void pliant_multigrid_level(const pliant_multigrid *multigrid, int level, const float **blocks, const float **inverse,
+                            double *largest)
 {
     *blocks = multigrid->level[level].blocks;
     *inverse = multigrid->level[level].inverse;
@@ -381,7 +402,8 @@ static void restrict_residual(const pliant_grid_level *grid, const level_values 
     for (int32_t c = 0; c < coarse->system.num_free; c++) {
         float sum[3] = {0, 0, 0};
         for (int32_t e = grid->from_start[c]; e < grid->from_start[c + 1]; e++)
-            for (int d = 0; d < 3; d++) sum[d] += grid->weight[grid->from[e]] * fine->residual[3 * (grid->from[e] / grid->corners) + d];
+            for (int d = 0; d < 3; d++)
+                sum[d] += grid->weight[grid->from[e]] * fine->residual[3 * (grid->from[e] / grid->corners) + d];
         memcpy(coarse->right + 3 * c, sum, sizeof sum);
     }
 }
@@ -393,7 +415,8 @@ static void add_correction(const pliant_grid_level *grid, level_values *fine, co
     for (int32_t f = 0; f < fine->system.num_free; f++)
         for (int v = 0; v < corners; v++) {
             if (grid->weight[corners * f + v] == 0) continue;
-            for (int d = 0; d < 3; d++) fine->x[3 * f + d] += grid->weight[corners * f + v] * coarse->x[3 * grid->to[corners * f + v] + d];
+            for (int d = 0; d < 3; d++)
+                fine->x[3 * f + d] += grid->weight[corners * f + v] * coarse->x[3 * grid->to[corners * f + v] + d];
         }
 }
 

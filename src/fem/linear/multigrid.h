@@ -22,7 +22,8 @@ typedef struct pliant_multigrid pliant_multigrid;
  * @param largest_direct  Maximum number of free nodes of the coarsest level, if the lattice can be coarsened that much.
  * @param out             NULL if the lattice cannot be coarsened.
  * Errors: MEMORY. */
-pliant_status pliant_hierarchy_create(const pliant_system *system, bool fragments, int32_t largest_direct, pliant_hierarchy **out);
+pliant_status pliant_hierarchy_create(const pliant_system *system, bool fragments, int32_t largest_direct,
+                                      pliant_hierarchy **out);
 pliant_hierarchy *pliant_hierarchy_retain(pliant_hierarchy *hierarchy); /* adds a reference, from any thread */
 void pliant_hierarchy_free(pliant_hierarchy *hierarchy); /* removes a reference; Nullable */
 int pliant_hierarchy_levels(const pliant_hierarchy *hierarchy);
@@ -44,7 +45,8 @@ pliant_status pliant_multigrid_solve(pliant_multigrid *multigrid, const double *
  * @param blocks   Blocks of 9 values by complete rows (hierarchy.h), each column-major.
  * @param inverse  (num_free x 9) inverted diagonal blocks.
  * @param largest  Largest eigenvalue of the inverted diagonal times the matrix. */
-void pliant_multigrid_level(const pliant_multigrid *multigrid, int level, const float **blocks, const float **inverse, double *largest);
+void pliant_multigrid_level(const pliant_multigrid *multigrid, int level, const float **blocks, const float **inverse,
+                            double *largest);
 const double *pliant_multigrid_coarsest(const pliant_multigrid *multigrid);
 
 #ifdef __cplusplus

@@ -34,16 +34,19 @@ pliant_status pliant_nested_places(pliant_grid_level *level)
     const pliant_graded *graded = system->graded;
     const pliant_mesh *fine = system->fine, *solved = system->mesh;
     pliant_mesh *mesh = &level->mesh;
-    if (!(mesh->lattice_of_node = pliant_calloc((size_t)solved->num_nodes, sizeof *mesh->lattice_of_node))) return no_memory();
+    if (!(mesh->lattice_of_node = pliant_calloc((size_t)solved->num_nodes, sizeof *mesh->lattice_of_node)))
+        return no_memory();
     memcpy(mesh->cells, fine->cells, sizeof mesh->cells);
     mesh->num_nodes = solved->num_nodes;
     const int32_t *cells = solved->cells, nx = cells[0] + 1, ny = cells[1] + 1;
     for (int32_t n = 0; n < graded->coarse_nodes; n++) {
         const int32_t at = graded->coarse_place[n];
-        const int32_t i = at % nx * (fine->cells[0] / cells[0]), j = at / nx % ny * (fine->cells[1] / cells[1]), k = at / nx / ny * (fine->cells[2] / cells[2]);
+        const int32_t i = at % nx * (fine->cells[0] / cells[0]), j = at / nx % ny * (fine->cells[1] / cells[1]),
+                      k = at / nx / ny * (fine->cells[2] / cells[2]);
         mesh->lattice_of_node[n] = i + (fine->cells[0] + 1) * (j + (fine->cells[1] + 1) * k);
     }
-    memcpy(mesh->lattice_of_node + graded->coarse_nodes, fine->lattice_of_node, (size_t)fine->num_nodes * sizeof *fine->lattice_of_node);
+    memcpy(mesh->lattice_of_node + graded->coarse_nodes, fine->lattice_of_node,
+           (size_t)fine->num_nodes * sizeof *fine->lattice_of_node);
     level->system.mesh = mesh;
     return PLIANT_OK;
 }
@@ -67,7 +70,8 @@ static int32_t find_components(const pliant_system *fine, int32_t *parent, int32
         }
     for (int32_t e = 0; e < elements; e++) {
         bool moves = false;
-        for (int32_t c = pliant_element_begin(fine, e); c < pliant_element_begin(fine, e + 1); c++) moves = moves || fine->free_of_node[nodes[c]] >= 0;
+        for (int32_t c = pliant_element_begin(fine, e); c < pliant_element_begin(fine, e + 1); c++)
+            moves = moves || fine->free_of_node[nodes[c]] >= 0;
         const int32_t root = root_of(component, e);
         if (!moves) parent[e] = -1;
         else parent[e] = root == e ? count++ : parent[root];
@@ -100,13 +104,15 @@ static void list_children(int32_t elements, pliant_grid_level *level, int32_t co
 
 static int32_t place_of(const int32_t cells[3], int32_t cell, int corner)
 {
-    const int32_t i = cell % cells[0] + (corner & 1), j = cell / cells[0] % cells[1] + (corner >> 1 & 1), k = cell / cells[0] / cells[1] + (corner >> 2);
+    const int32_t i = cell % cells[0] + (corner & 1), j = cell / cells[0] % cells[1] + (corner >> 1 & 1),
+                  k = cell / cells[0] / cells[1] + (corner >> 2);
     return i + (cells[0] + 1) * (j + (cells[1] + 1) * k);
 }
 
 /* Join corner nodes of different elements that interpolate the same node. node: (8 per element) the joined node of each
  * corner. */
-static void share_corners(const pliant_system *fine, const pliant_grid_level *level, const pliant_grid_level *next, int32_t *node)
+static void share_corners(const pliant_system *fine, const pliant_grid_level *level, const pliant_grid_level *next,
+                          int32_t *node)
 {
     const int32_t *cells = next->mesh.cells;
     for (int32_t f = 0; f < fine->num_free; f++) {
@@ -114,11 +120,13 @@ static void share_corners(const pliant_system *fine, const pliant_grid_level *le
         for (int32_t c = fine->corner_start[f]; c < fine->corner_end[f]; c++) {
             const int32_t element = level->parent[pliant_element_of_corner(fine, fine->corner[c])];
             double weights[CORNERS];
-            if (element == first || !pliant_level_weights(fine, &next->system, fine->node_of_free[f], element, weights)) continue;
+            if (element == first || !pliant_level_weights(fine, &next->system, fine->node_of_free[f], element, weights))
+                continue;
             if (first < 0) first = element;
             for (int v = 0; element != first && v < CORNERS; v++)
                 for (int u = 0; weights[v] > 0 && u < CORNERS; u++)
-                    if (place_of(cells, next->system.macros->cell[element], v) == place_of(cells, next->system.macros->cell[first], u))
+                    if (place_of(cells, next->system.macros->cell[element], v) ==
+                        place_of(cells, next->system.macros->cell[first], u))
                         unite(node, CORNERS * element + v, CORNERS * first + u);
         }
     }
@@ -128,11 +136,13 @@ static pliant_status number_nodes(int32_t *same, pliant_grid_level *next)
 {
     pliant_macros *macros = next->system.macros;
     pliant_mesh *mesh = &next->mesh;
-    if (!(mesh->lattice_of_node = pliant_calloc(CORNERS * (size_t)macros->count, sizeof *mesh->lattice_of_node))) return no_memory();
+    if (!(mesh->lattice_of_node = pliant_calloc(CORNERS * (size_t)macros->count, sizeof *mesh->lattice_of_node)))
+        return no_memory();
     for (int32_t c = 0; c < CORNERS * macros->count; c++) {
         const int32_t root = root_of(same, c);
         macros->node[c] = root == c ? mesh->num_nodes : macros->node[root];
-        if (root == c) mesh->lattice_of_node[mesh->num_nodes++] = place_of(mesh->cells, macros->cell[c / CORNERS], c % CORNERS);
+        if (root == c)
+            mesh->lattice_of_node[mesh->num_nodes++] = place_of(mesh->cells, macros->cell[c / CORNERS], c % CORNERS);
     }
     return PLIANT_OK;
 }
@@ -144,11 +154,13 @@ static int32_t next_cell_of(const pliant_system *fine, const pliant_mesh *next, 
     return fine->graded ? cell : pliant_coarse_cell(fine->mesh, next, cell);
 }
 
-pliant_status pliant_nested_elements(const pliant_system *fine, const int32_t cells[3], pliant_grid_level *level, pliant_grid_level *next)
+pliant_status pliant_nested_elements(const pliant_system *fine, const int32_t cells[3], pliant_grid_level *level,
+                                     pliant_grid_level *next)
 {
     const int32_t from = pliant_level_elements(fine);
     const size_t elements = (size_t)from;
-    int32_t *component = pliant_calloc(elements, sizeof *component), *cell = pliant_calloc(elements, sizeof *cell), *same = NULL;
+    int32_t *component = pliant_calloc(elements, sizeof *component), *cell = pliant_calloc(elements, sizeof *cell),
+            *same = NULL;
     pliant_status status = component && cell ? PLIANT_OK : no_memory();
     if (!(level->parent = pliant_calloc(elements, sizeof *level->parent))) status = no_memory();
     memcpy(next->mesh.cells, cells, sizeof next->mesh.cells);

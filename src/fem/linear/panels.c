@@ -70,7 +70,8 @@ PLIANT_VECTORIZED static void forward(int columns, int rows, const float *panel,
     for (; c + 4 <= columns; c += 4) {
         const float *l0 = panel + (size_t)c * (size_t)rows, *l1 = l0 + rows, *l2 = l1 + rows, *l3 = l2 + rows;
         double a0 = y[c], a1 = y[c + 1], a2 = y[c + 2], a3 = y[c + 3];
-        for (int i = columns; i < rows; i++) y[i] -= a0 * (double)l0[i] + a1 * (double)l1[i] + a2 * (double)l2[i] + a3 * (double)l3[i];
+        for (int i = columns; i < rows; i++)
+            y[i] -= a0 * (double)l0[i] + a1 * (double)l1[i] + a2 * (double)l2[i] + a3 * (double)l3[i];
     }
     for (; c < columns; c++) subtract(rows - columns, y[c], panel + (size_t)c * (size_t)rows + columns, y + columns);
 }
@@ -87,7 +88,8 @@ PLIANT_VECTORIZED static void backward(int columns, int rows, const float *panel
 void pliant_panels_forward(pliant_panels *panels, const pliant_supernodes *of, int32_t s, double *x)
 {
     double *y = panels->column;
-    const int columns = of->first[s + 1] - of->first[s], rows = of->row_start[s + 1] - of->row_start[s], *row = of->row + of->row_start[s];
+    const int columns = of->first[s + 1] - of->first[s], rows = of->row_start[s + 1] - of->row_start[s],
+              *row = of->row + of->row_start[s];
     for (int i = 0; i < rows; i++) y[i] = x[row[i]];
     forward(columns, rows, panels->value + of->value_start[s], y);
     for (int i = 0; i < rows; i++) x[row[i]] = y[i];
@@ -96,7 +98,8 @@ void pliant_panels_forward(pliant_panels *panels, const pliant_supernodes *of, i
 static void backward_through(pliant_panels *panels, const pliant_supernodes *of, int32_t s, double *x)
 {
     double *y = panels->column;
-    const int columns = of->first[s + 1] - of->first[s], rows = of->row_start[s + 1] - of->row_start[s], *row = of->row + of->row_start[s];
+    const int columns = of->first[s + 1] - of->first[s], rows = of->row_start[s + 1] - of->row_start[s],
+              *row = of->row + of->row_start[s];
     for (int i = 0; i < rows; i++) y[i] = x[row[i]];
     backward(columns, rows, panels->value + of->value_start[s], y);
     for (int i = 0; i < columns; i++) x[row[i]] = y[i];
@@ -114,7 +117,8 @@ void pliant_panels_end_half(pliant_panels *panels, const pliant_supernodes *of, 
     for (int32_t i = 0; i < size; i++) out[of->permutation[i]] = panels->x[i];
 }
 
-void pliant_panels_solve(pliant_panels *panels, const pliant_supernodes *of, int32_t size, const double *right, double *out)
+void pliant_panels_solve(pliant_panels *panels, const pliant_supernodes *of, int32_t size, const double *right,
+                         double *out)
 {
     pliant_panels_begin_half(panels, of, size, right);
     pliant_panels_end_half(panels, of, size, out);
@@ -147,7 +151,8 @@ pliant_status pliant_reach_create(const pliant_supernodes *of, int32_t size, pli
     reach.supernode = pliant_calloc(count, sizeof *reach.supernode);
     reach.node = pliant_calloc(unknowns, sizeof *reach.node);
     reach.x = pliant_calloc(unknowns, sizeof *reach.x);
-    if (!reach.above || !reach.length || !reach.of || !reach.place || !reach.marked || !reach.supernode || !reach.node || !reach.x) {
+    if (!reach.above || !reach.length || !reach.of || !reach.place || !reach.marked || !reach.supernode ||
+        !reach.node || !reach.x) {
         pliant_reach_free(&reach);
         return pliant_fail_memory("solves at a few unknowns");
     }
@@ -171,7 +176,8 @@ void pliant_reach_mark(pliant_reach *reach, const pliant_supernodes *of, int32_t
     memcpy(reach->node, nodes, (size_t)count * sizeof *nodes);
     reach->num_nodes = count;
     for (int32_t n = 0; n < 3 * count; n++)
-        for (int32_t s = reach->of[3 * nodes[n / 3] + n % 3]; s >= 0 && !reach->marked[s]; s = reach->above[s]) reach->marked[s] = 1;
+        for (int32_t s = reach->of[3 * nodes[n / 3] + n % 3]; s >= 0 && !reach->marked[s]; s = reach->above[s])
+            reach->marked[s] = 1;
     reach->count = 0;
     for (int32_t s = 0; s < of->count; s++)
         if (reach->marked[s]) reach->supernode[reach->count++] = s;
@@ -197,14 +203,16 @@ static void finish_at_nodes(pliant_panels *panels, const pliant_supernodes *of, 
     }
 }
 
-void pliant_panels_begin(pliant_panels *panels, const pliant_supernodes *of, pliant_reach *reach, int32_t size, const double *right, double *out)
+void pliant_panels_begin(pliant_panels *panels, const pliant_supernodes *of, pliant_reach *reach, int32_t size,
+                         const double *right, double *out)
 {
     pliant_panels_begin_half(panels, of, size, right);
     set_reach(reach, of, panels->x);
     finish_at_nodes(panels, of, reach, out);
 }
 
-void pliant_panels_end(pliant_panels *panels, const pliant_supernodes *of, pliant_reach *reach, int32_t size, const double *more, double *out)
+void pliant_panels_end(pliant_panels *panels, const pliant_supernodes *of, pliant_reach *reach, int32_t size,
+                       const double *more, double *out)
 {
     double *x = panels->x;
     if (more) {

@@ -39,7 +39,8 @@ typedef struct pliant_panels {
 pliant_status pliant_panels_create(size_t num_values, int32_t size, pliant_panels *out);
 void pliant_panels_fill(pliant_panels *panels, const pliant_supernodes *from);
 /* Compute out = (L L')^-1 right, (size) each. Both may be the same array. */
-void pliant_panels_solve(pliant_panels *panels, const pliant_supernodes *of, int32_t size, const double *right, double *out);
+void pliant_panels_solve(pliant_panels *panels, const pliant_supernodes *of, int32_t size, const double *right,
+                         double *out);
 void pliant_panels_free(pliant_panels *panels);
 
 /* Create an empty reach. Errors: MEMORY. */
@@ -48,8 +49,10 @@ void pliant_reach_free(pliant_reach *reach);
 void pliant_reach_mark(pliant_reach *reach, const pliant_supernodes *of, int32_t count, const int32_t *nodes);
 /* Solve in two parts. The first part computes out at the nodes of the reach. Before the second part, the right side may
  * change there by `more` (Nullable). */
-void pliant_panels_begin(pliant_panels *panels, const pliant_supernodes *of, pliant_reach *reach, int32_t size, const double *right, double *out);
-void pliant_panels_end(pliant_panels *panels, const pliant_supernodes *of, pliant_reach *reach, int32_t size, const double *more, double *out);
+void pliant_panels_begin(pliant_panels *panels, const pliant_supernodes *of, pliant_reach *reach, int32_t size,
+                         const double *right, double *out);
+void pliant_panels_end(pliant_panels *panels, const pliant_supernodes *of, pliant_reach *reach, int32_t size,
+                       const double *more, double *out);
 /* Solve in two parts for half solves. Between the parts, x holds L^-1 right in elimination order, and callers add to it
  * (halves.h). */
 void pliant_panels_begin_half(pliant_panels *panels, const pliant_supernodes *of, int32_t size, const double *right);

@@ -17,9 +17,11 @@ static int32_t list_pairs(const pliant_system *system, pair *pairs)
     for (int32_t t = 0; t < mesh->num_tets; t++)
         for (int a = 0; a < 4; a++)
             for (int b = 0; b <= a; b++) {
-                int32_t row = system->free_of_node[mesh->tets[4 * t + a]], column = system->free_of_node[mesh->tets[4 * t + b]];
+                int32_t row = system->free_of_node[mesh->tets[4 * t + a]],
+                        column = system->free_of_node[mesh->tets[4 * t + b]];
                 if (row < 0 || column < 0) continue;
-                pairs[count++] = row >= column ? (pair){row, column, 16 * t + 4 * a + b} : (pair){column, row, 16 * t + 4 * b + a};
+                pairs[count++] =
+                    row >= column ? (pair){row, column, 16 * t + 4 * a + b} : (pair){column, row, 16 * t + 4 * b + a};
             }
     return count;
 }
@@ -47,7 +49,8 @@ static pliant_status fill_pattern(pliant_pattern *pattern, const pair *pairs, in
     pattern->row = pliant_calloc((size_t)count, sizeof *pattern->row);
     pattern->term_start = pliant_calloc((size_t)count + 1, sizeof *pattern->term_start);
     pattern->term = pliant_calloc((size_t)count, sizeof *pattern->term);
-    if (!pattern->start || !pattern->row || !pattern->term_start || !pattern->term) return pliant_fail_memory("the pattern of the matrix");
+    if (!pattern->start || !pattern->row || !pattern->term_start || !pattern->term)
+        return pliant_fail_memory("the pattern of the matrix");
     int32_t blocks = 0;
     for (int32_t p = 0; p < count; p++) {
         bool begins = p == 0 || pairs[p].row != pairs[p - 1].row || pairs[p].column != pairs[p - 1].column;
@@ -77,7 +80,8 @@ pliant_status pliant_system_find_pattern(pliant_system *system)
     if (system->macros) return pliant_macro_find_pattern(system);
     pliant_status status = PLIANT_OK;
     size_t most = 10 * (size_t)system->mesh->num_tets;
-    if (most > INT32_MAX / 16) return pliant_fail(PLIANT_ERROR_SCENE, "%d tetrahedra are too many for the matrix", system->mesh->num_tets);
+    if (most > INT32_MAX / 16)
+        return pliant_fail(PLIANT_ERROR_SCENE, "%d tetrahedra are too many for the matrix", system->mesh->num_tets);
     pair *pairs = pliant_calloc(most, sizeof *pairs), *sorted = pliant_calloc(most, sizeof *sorted);
     int32_t *start = pliant_calloc((size_t)system->num_free + 1, sizeof *start);
     if (!pairs || !sorted || !start) {
@@ -100,7 +104,8 @@ pliant_status pliant_system_find_pattern(pliant_system *system)
 /* Add the contribution of one element to one block. For isotropic elements it is R K_ab R' with the rotated gradients h
  * = R g. The twist contributes 1/2 [h_a]x' D [h_b]x: a displacement du_b rotates the element by h_b x du_b / 2, against
  * D (elements.c). */
-static void add_term(const pliant_system *system, const pliant_tangent *tangents, int32_t element, int a, int b, double block[9])
+static void add_term(const pliant_system *system, const pliant_tangent *tangents, int32_t element, int a, int b,
+                     double block[9])
 {
     const pliant_tangent *tangent = tangents + element / LANES;
     int32_t lane = element % LANES;
@@ -121,23 +126,29 @@ static void add_term(const pliant_system *system, const pliant_tangent *tangents
                        d[3] * k[2] - d[2] * k[1], d[2] * k[0] - d[4] * k[2], d[4] * k[1] - d[3] * k[0]};
         for (int j = 0; j < 3; j++) {
             /* Minus [h]x times these columns. */
-            double twist[3] = {h[2] * t[3 + j] - h[1] * t[6 + j], h[0] * t[6 + j] - h[2] * t[j], h[1] * t[j] - h[0] * t[3 + j]};
-            for (int i = 0; i < 3; i++) block[3 * i + j] += lambda * h[i] * k[j] + mu * k[i] * h[j] + (i == j ? dot : 0) + twist[i];
+            double twist[3] = {h[2] * t[3 + j] - h[1] * t[6 + j], h[0] * t[6 + j] - h[2] * t[j],
+                               h[1] * t[j] - h[0] * t[3 + j]};
+            for (int i = 0; i < 3; i++)
+                block[3 * i + j] += lambda * h[i] * k[j] + mu * k[i] * h[j] + (i == j ? dot : 0) + twist[i];
         }
         return;
     }
     double left[9];
     const double *k = system->stiffness + 144 * (size_t)element + 36 * a + 3 * b;
     for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) left[3 * i + j] = r[3 * i] * k[j] + r[3 * i + 1] * k[12 + j] + r[3 * i + 2] * k[24 + j];
+        for (int j = 0; j < 3; j++)
+            left[3 * i + j] = r[3 * i] * k[j] + r[3 * i + 1] * k[12 + j] + r[3 * i + 2] * k[24 + j];
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++)
-            block[3 * i + j] += left[3 * i] * r[3 * j] + left[3 * i + 1] * r[3 * j + 1] + left[3 * i + 2] * r[3 * j + 2];
+            block[3 * i + j] +=
+                left[3 * i] * r[3 * j] + left[3 * i + 1] * r[3 * j + 1] + left[3 * i + 2] * r[3 * j + 2];
 }
 
-void pliant_system_element(const pliant_system *system, const pliant_tangent *tangents, int32_t element, double *stiffness)
+void pliant_system_element(const pliant_system *system, const pliant_tangent *tangents, int32_t element,
+                           double *stiffness)
 {
-    const int32_t begin = pliant_element_begin(system, element), corners = pliant_element_begin(system, element + 1) - begin, n = 3 * corners;
+    const int32_t begin = pliant_element_begin(system, element),
+                  corners = pliant_element_begin(system, element + 1) - begin, n = 3 * corners;
     double blocks[PLIANT_ELEMENT_UNKNOWNS / 3 * 9];
     for (int32_t b = 0; b < corners; b++) {
         if (system->macros) pliant_macro_column(system, tangents, begin + b, blocks);
@@ -150,7 +161,8 @@ void pliant_system_element(const pliant_system *system, const pliant_tangent *ta
     }
 }
 
-void pliant_system_assemble_block(const pliant_system *system, const pliant_tangent *tangents, int32_t index, double block[9])
+void pliant_system_assemble_block(const pliant_system *system, const pliant_tangent *tangents, int32_t index,
+                                  double block[9])
 {
     const pliant_pattern *pattern = &system->pattern;
     memset(block, 0, 9 * sizeof *block);

@@ -31,7 +31,8 @@ static pliant_status create_direct(pliant_preconditioner *preconditioner, const 
 {
     const pliant_pattern *pattern = &preconditioner->system.pattern;
     preconditioner->values = pliant_calloc((size_t)pattern->num_values, sizeof *preconditioner->values);
-    return preconditioner->values ? pliant_factor_analyze_in(pattern, order, &preconditioner->factor) : pliant_fail_memory("the stiffness matrix");
+    return preconditioner->values ? pliant_factor_analyze_in(pattern, order, &preconditioner->factor)
+                                  : pliant_fail_memory("the stiffness matrix");
 }
 
 static bool has_fragments(const pliant_system *system) { return system->graded || system->divided; }
@@ -42,7 +43,10 @@ static bool has_fragments(const pliant_system *system) { return system->graded |
 static pliant_status find_rings(const pliant_system *system, const uint8_t *opened, int32_t *rings)
 {
     *rings = 1;
-    for (int d = 0; d < 3; d++) *rings = system->fine->cells[d] / system->mesh->cells[d] > *rings ? system->fine->cells[d] / system->mesh->cells[d] : *rings;
+    for (int d = 0; d < 3; d++)
+        *rings = system->fine->cells[d] / system->mesh->cells[d] > *rings
+                     ? system->fine->cells[d] / system->mesh->cells[d]
+                     : *rings;
     if (system->graded) return PLIANT_OK;
     uint8_t *inner = pliant_calloc((size_t)system->num_free, 1);
     int32_t *list = pliant_calloc((size_t)system->num_free, sizeof *list);
@@ -65,9 +69,11 @@ static pliant_status create_near(pliant_preconditioner *preconditioner)
     if (!has_fragments(system)) return PLIANT_OK;
     int32_t rings = 0;
     uint8_t *opened = pliant_calloc((size_t)system->num_free, 1);
-    pliant_status status = opened ? pliant_hierarchy_opened(preconditioner->hierarchy, opened) : pliant_fail_memory("the preconditioner");
+    pliant_status status =
+        opened ? pliant_hierarchy_opened(preconditioner->hierarchy, opened) : pliant_fail_memory("the preconditioner");
     if (status == PLIANT_OK) status = find_rings(system, opened, &rings);
-    if (status == PLIANT_OK && rings > 0) status = pliant_subdomain_create(system, opened, rings, NULL, NULL, &preconditioner->near);
+    if (status == PLIANT_OK && rings > 0)
+        status = pliant_subdomain_create(system, opened, rings, NULL, NULL, &preconditioner->near);
     pliant_free(opened);
     if (!preconditioner->near) return status;
     preconditioner->rest = pliant_calloc((size_t)system->num_free, 3 * sizeof *preconditioner->rest);
@@ -78,7 +84,8 @@ static pliant_status create_near(pliant_preconditioner *preconditioner)
 static pliant_status create_layered(pliant_preconditioner *preconditioner)
 {
     const pliant_system *system = &preconditioner->system;
-    pliant_status status = pliant_hierarchy_create(system, true, has_fragments(system) ? COARSEST_OF_FRAGMENTS : COARSEST, &preconditioner->hierarchy);
+    pliant_status status = pliant_hierarchy_create(
+        system, true, has_fragments(system) ? COARSEST_OF_FRAGMENTS : COARSEST, &preconditioner->hierarchy);
     if (status != PLIANT_OK) return status;
     if (!preconditioner->hierarchy) {
         pliant_log(PLIANT_LOG_INFO, "this lattice cannot be coarsened for multigrid; it is factored");
@@ -88,8 +95,8 @@ static pliant_status create_layered(pliant_preconditioner *preconditioner)
     return status == PLIANT_OK ? create_near(preconditioner) : status;
 }
 
-pliant_status pliant_preconditioner_create(const pliant_system *system, pliant_preconditioner_choice choice, const int32_t *order,
-                                           pliant_preconditioner **out)
+pliant_status pliant_preconditioner_create(const pliant_system *system, pliant_preconditioner_choice choice,
+                                           const int32_t *order, pliant_preconditioner **out)
 {
     pliant_preconditioner *preconditioner = pliant_calloc(1, sizeof *preconditioner);
     if (!preconditioner) return pliant_fail_memory("the preconditioner");
@@ -107,7 +114,8 @@ pliant_status pliant_preconditioner_create(const pliant_system *system, pliant_p
     return PLIANT_OK;
 }
 
-pliant_status pliant_preconditioner_within(const pliant_basis *basis, const pliant_system *system, pliant_preconditioner **out)
+pliant_status pliant_preconditioner_within(const pliant_basis *basis, const pliant_system *system,
+                                           pliant_preconditioner **out)
 {
     pliant_preconditioner *preconditioner = pliant_calloc(1, sizeof *preconditioner);
     if (!preconditioner) return pliant_fail_memory("the preconditioner");
@@ -122,7 +130,8 @@ pliant_status pliant_preconditioner_within(const pliant_basis *basis, const plia
     return PLIANT_OK;
 }
 
-pliant_status pliant_preconditioner_clone(const pliant_preconditioner *source, int num_threads, pliant_preconditioner **out)
+pliant_status pliant_preconditioner_clone(const pliant_preconditioner *source, int num_threads,
+                                          pliant_preconditioner **out)
 {
     pliant_preconditioner *preconditioner = pliant_calloc(1, sizeof *preconditioner);
     if (!preconditioner) return pliant_fail_memory("a second preconditioner");
@@ -137,10 +146,13 @@ pliant_status pliant_preconditioner_clone(const pliant_preconditioner *source, i
         status = pliant_multigrid_create(source->hierarchy, num_threads, &preconditioner->multigrid);
         if (status == PLIANT_OK) status = pliant_multigrid_copy(preconditioner->multigrid, source->multigrid);
         if (status == PLIANT_OK) status = create_near(preconditioner);
-        if (status == PLIANT_OK && preconditioner->near) status = pliant_subdomain_copy(preconditioner->near, source->near);
+        if (status == PLIANT_OK && preconditioner->near)
+            status = pliant_subdomain_copy(preconditioner->near, source->near);
     } else {
-        preconditioner->values = pliant_calloc((size_t)source->system.pattern.num_values, sizeof *preconditioner->values);
-        status = preconditioner->values ? pliant_factor_clone(source->factor, &preconditioner->factor) : pliant_fail_memory("the stiffness matrix");
+        preconditioner->values =
+            pliant_calloc((size_t)source->system.pattern.num_values, sizeof *preconditioner->values);
+        status = preconditioner->values ? pliant_factor_clone(source->factor, &preconditioner->factor)
+                                        : pliant_fail_memory("the stiffness matrix");
     }
     if (status != PLIANT_OK) {
         pliant_preconditioner_free(preconditioner);
@@ -154,11 +166,13 @@ void pliant_preconditioner_threads(pliant_preconditioner *preconditioner, int nu
 {
     preconditioner->system.num_threads = num_threads;
     if (preconditioner->multigrid) pliant_multigrid_threads(preconditioner->multigrid, num_threads);
-    if (preconditioner->carried && preconditioner->carried->base) pliant_preconditioner_threads(preconditioner->carried->base, num_threads);
+    if (preconditioner->carried && preconditioner->carried->base)
+        pliant_preconditioner_threads(preconditioner->carried->base, num_threads);
 }
 
-pliant_status pliant_preconditioner_carry(const pliant_system *system, const pliant_discretization *of, const pliant_system *of_base, int32_t *source,
-                                          const double *positions, const double *axes, pliant_preconditioner **out)
+pliant_status pliant_preconditioner_carry(const pliant_system *system, const pliant_discretization *of,
+                                          const pliant_system *of_base, int32_t *source, const double *positions,
+                                          const double *axes, pliant_preconditioner **out)
 {
     pliant_preconditioner *preconditioner = pliant_calloc(1, sizeof *preconditioner);
     if (!preconditioner) {
@@ -166,7 +180,8 @@ pliant_status pliant_preconditioner_carry(const pliant_system *system, const pli
         return pliant_fail_memory("the preconditioner");
     }
     preconditioner->system = *system;
-    pliant_status status = pliant_carried_create(system, of, of_base, source, positions, axes, &preconditioner->carried);
+    pliant_status status =
+        pliant_carried_create(system, of, of_base, source, positions, axes, &preconditioner->carried);
     if (status != PLIANT_OK) {
         pliant_preconditioner_free(preconditioner);
         return status;
@@ -175,7 +190,8 @@ pliant_status pliant_preconditioner_carry(const pliant_system *system, const pli
     return PLIANT_OK;
 }
 
-pliant_status pliant_preconditioner_mend(pliant_preconditioner *preconditioner, const double *positions, const double *axes)
+pliant_status pliant_preconditioner_mend(pliant_preconditioner *preconditioner, const double *positions,
+                                         const double *axes)
 {
     if (!preconditioner->carried) return PLIANT_OK;
     return pliant_carried_mend(&preconditioner->system, positions, axes, preconditioner->carried);
@@ -192,13 +208,17 @@ pliant_preconditioner **pliant_preconditioner_base(pliant_preconditioner *precon
     return preconditioner->carried ? &preconditioner->carried->base : NULL;
 }
 
-const pliant_discretization *pliant_preconditioner_source(const pliant_preconditioner *preconditioner, const int32_t **source)
+const pliant_discretization *pliant_preconditioner_source(const pliant_preconditioner *preconditioner,
+                                                          const int32_t **source)
 {
     *source = preconditioner->carried ? preconditioner->carried->source : NULL;
     return preconditioner->carried ? preconditioner->carried->of : NULL;
 }
 
-bool pliant_preconditioner_layered(const pliant_preconditioner *preconditioner) { return preconditioner->hierarchy != NULL; }
+bool pliant_preconditioner_layered(const pliant_preconditioner *preconditioner)
+{
+    return preconditioner->hierarchy != NULL;
+}
 
 int32_t pliant_preconditioner_order(const pliant_preconditioner *preconditioner, int32_t *order)
 {
@@ -207,10 +227,12 @@ int32_t pliant_preconditioner_order(const pliant_preconditioner *preconditioner,
 
 pliant_status pliant_preconditioner_numeric(pliant_preconditioner *preconditioner, const pliant_tangent *tangents)
 {
-    if (preconditioner->basis) return pliant_reduction_numeric(preconditioner->basis, tangents, preconditioner->reduction);
+    if (preconditioner->basis)
+        return pliant_reduction_numeric(preconditioner->basis, tangents, preconditioner->reduction);
     if (preconditioner->multigrid) {
         pliant_status status = pliant_multigrid_numeric(preconditioner->multigrid, tangents);
-        return status == PLIANT_OK && preconditioner->near ? pliant_subdomain_numeric(preconditioner->near, tangents) : status;
+        return status == PLIANT_OK && preconditioner->near ? pliant_subdomain_numeric(preconditioner->near, tangents)
+                                                           : status;
     }
     pliant_system_assemble(&preconditioner->system, tangents, preconditioner->values);
     return pliant_factor_numeric(preconditioner->factor, preconditioner->values);
@@ -238,14 +260,16 @@ static pliant_status solve_layered(pliant_preconditioner *preconditioner, const 
     return status;
 }
 
-pliant_status pliant_preconditioner_solve(pliant_preconditioner *preconditioner, int32_t columns, const double *right, double *out)
+pliant_status pliant_preconditioner_solve(pliant_preconditioner *preconditioner, int32_t columns, const double *right,
+                                          double *out)
 {
     if (preconditioner->factor) return pliant_factor_solve(preconditioner->factor, columns, right, out);
     size_t n = 3 * (size_t)preconditioner->system.num_free;
     for (int32_t c = 0; c < columns; c++) {
         const double *from = right + n * (size_t)c;
         double *to = out + n * (size_t)c;
-        pliant_status status = preconditioner->basis     ? pliant_reduction_solve(preconditioner->basis, preconditioner->reduction, from, to)
+        pliant_status status = preconditioner->basis
+                                   ? pliant_reduction_solve(preconditioner->basis, preconditioner->reduction, from, to)
                                : preconditioner->carried ? solve_carried(preconditioner->carried, from, to)
                                                          : solve_layered(preconditioner, from, to);
         if (status != PLIANT_OK) return status;
@@ -269,8 +293,11 @@ double pliant_preconditioner_operations(const pliant_preconditioner *preconditio
 {
     if (preconditioner->carried) return pliant_preconditioner_operations(preconditioner->carried->base);
     if (preconditioner->basis) return pliant_reduction_operations(preconditioner->basis);
-    if (preconditioner->hierarchy) return pliant_hierarchy_operations(preconditioner->hierarchy) + (preconditioner->near ? pliant_factor_operations(preconditioner->near->factor) : 0);
-    return pliant_factor_operations(preconditioner->factor) + (preconditioner->system.macros ? pliant_macro_operations(&preconditioner->system) : 0);
+    if (preconditioner->hierarchy)
+        return pliant_hierarchy_operations(preconditioner->hierarchy) +
+               (preconditioner->near ? pliant_factor_operations(preconditioner->near->factor) : 0);
+    return pliant_factor_operations(preconditioner->factor) +
+           (preconditioner->system.macros ? pliant_macro_operations(&preconditioner->system) : 0);
 }
 
 /* Factor: one multiplication and addition per value, forward and backward. V-cycle: about twelve products with the

@@ -23,15 +23,18 @@ pliant_status pliant_reduction_create(const pliant_basis *basis, const pliant_re
         reduction->amplitude = pliant_calloc(count, sizeof *reduction->amplitude);
         made = made && reduction->image && reduction->schur && reduction->amplitude;
     }
-    if (own > 0 && count > 0) made = made && (reduction->answers = pliant_calloc(own * count, sizeof *reduction->answers));
+    if (own > 0 && count > 0)
+        made = made && (reduction->answers = pliant_calloc(own * count, sizeof *reduction->answers));
     pliant_status status = made ? PLIANT_OK : pliant_fail_memory("a patch");
-    if (status == PLIANT_OK && own > 0) status = pliant_factor_clone(from ? from->factor : basis->analyzed, &reduction->factor);
+    if (status == PLIANT_OK && own > 0)
+        status = pliant_factor_clone(from ? from->factor : basis->analyzed, &reduction->factor);
     if (status != PLIANT_OK) {
         pliant_reduction_free(reduction);
         return status;
     }
     if (from && count > 0) memcpy(reduction->schur, from->schur, count * count * sizeof *reduction->schur);
-    if (from && own > 0 && count > 0) memcpy(reduction->answers, from->answers, own * count * sizeof *reduction->answers);
+    if (from && own > 0 && count > 0)
+        memcpy(reduction->answers, from->answers, own * count * sizeof *reduction->answers);
     *out = reduction;
     return PLIANT_OK;
 }
@@ -56,7 +59,8 @@ static void images(const pliant_basis *basis, const pliant_tangent *tangents, do
     size_t n = 3 * (size_t)system->num_free;
     memset(image, 0, n * (size_t)basis->num_modes * sizeof *image);
     for (int32_t e = 0; e < pliant_element_count(system); e++) {
-        const int32_t begin = pliant_element_begin(system, e), unknowns = 3 * (pliant_element_begin(system, e + 1) - begin);
+        const int32_t begin = pliant_element_begin(system, e),
+                      unknowns = 3 * (pliant_element_begin(system, e + 1) - begin);
         const int32_t *nodes = pliant_element_nodes(system) + begin;
         double stiffness[PLIANT_ELEMENT_UNKNOWNS * PLIANT_ELEMENT_UNKNOWNS];
         pliant_system_element(system, tangents, e, stiffness);
@@ -68,7 +72,9 @@ static void images(const pliant_basis *basis, const pliant_tangent *tangents, do
             }
             for (int i = 0; i < unknowns; i++) {
                 int32_t at = system->free_of_node[nodes[i / 3]];
-                if (at >= 0) image[n * (size_t)m + 3 * (size_t)at + (size_t)(i % 3)] += pliant_dot((size_t)unknowns, stiffness + unknowns * i, local);
+                if (at >= 0)
+                    image[n * (size_t)m + 3 * (size_t)at + (size_t)(i % 3)] +=
+                        pliant_dot((size_t)unknowns, stiffness + unknowns * i, local);
             }
         }
     }
@@ -89,7 +95,8 @@ static pliant_status schur_complement(const pliant_basis *basis, pliant_reductio
     for (size_t m = 0; m < count && own > 0; m++) {
         double *answer = reduction->answers + own * m;
         const double *image = reduction->image + n * m;
-        for (int32_t f = 0; f < basis->num_own; f++) memcpy(answer + 3 * f, image + 3 * basis->own[f], 3 * sizeof *answer);
+        for (int32_t f = 0; f < basis->num_own; f++)
+            memcpy(answer + 3 * f, image + 3 * basis->own[f], 3 * sizeof *answer);
         pliant_status status = pliant_factor_solve(reduction->factor, 1, answer, answer);
         if (status != PLIANT_OK) return status;
         for (size_t k = 0; k < count; k++)
@@ -106,7 +113,8 @@ static pliant_status schur_complement(const pliant_basis *basis, pliant_reductio
     return pliant_fail(PLIANT_ERROR_NUMERIC, "the stiffness around the hold is not positive definite");
 }
 
-pliant_status pliant_reduction_numeric(const pliant_basis *basis, const pliant_tangent *tangents, pliant_reduction *reduction)
+pliant_status pliant_reduction_numeric(const pliant_basis *basis, const pliant_tangent *tangents,
+                                       pliant_reduction *reduction)
 {
     if (basis->num_own > 0) {
         pliant_system_assemble(&basis->inner, tangents, reduction->values);
@@ -129,18 +137,21 @@ double pliant_reduction_element_operations(const pliant_system *system)
 
 double pliant_reduction_operations(const pliant_basis *basis)
 {
-    double modes = basis->num_modes, operations = modes * pliant_reduction_element_operations(&basis->system) + 12 * modes * modes * basis->system.num_free;
+    double modes = basis->num_modes, operations = modes * pliant_reduction_element_operations(&basis->system) +
+                                                  12 * modes * modes * basis->system.num_free;
     if (!basis->analyzed) return operations;
     return operations + pliant_factor_operations(basis->analyzed) + 4 * modes * pliant_factor_values(basis->analyzed);
 }
 
-pliant_status pliant_reduction_solve(const pliant_basis *basis, pliant_reduction *reduction, const double *right, double *out)
+pliant_status pliant_reduction_solve(const pliant_basis *basis, pliant_reduction *reduction, const double *right,
+                                     double *out)
 {
     size_t n = 3 * (size_t)basis->system.num_free, own = 3 * (size_t)basis->num_own;
     double *q = reduction->amplitude, *a = reduction->part;
     for (int32_t f = 0; f < basis->num_own; f++) memcpy(a + 3 * f, right + 3 * basis->own[f], 3 * sizeof *a);
     for (int32_t m = 0; m < basis->num_modes; m++)
-        q[m] = pliant_dot(n, basis->modes + n * (size_t)m, right) - pliant_dot(own, reduction->answers + own * (size_t)m, a);
+        q[m] = pliant_dot(n, basis->modes + n * (size_t)m, right) -
+               pliant_dot(own, reduction->answers + own * (size_t)m, a);
     if (basis->num_modes > 0) pliant_dense_cholesky_solve(basis->num_modes, reduction->schur, 1, q);
     if (own > 0) {
         pliant_status status = pliant_factor_solve(reduction->factor, 1, a, a);

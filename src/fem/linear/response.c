@@ -77,8 +77,8 @@ void pliant_linearized_product(pliant_linearized *linearized, const double *v, d
 
 /* Solve K v = right by preconditioned conjugate gradients (Golub and Van Loan, 11.5.2). Stop at a direction without
  * stiffness: the state may be no equilibrium. work: (5 x n). */
-static pliant_status solve(pliant_linearized *linearized, pliant_preconditioner *preconditioner, const double *right, double *work,
-                           double *v)
+static pliant_status solve(pliant_linearized *linearized, pliant_preconditioner *preconditioner, const double *right,
+                           double *work, double *v)
 {
     enum { MOST = 60 };
     const double tolerance = 1e-4, direct = 1e-6;
@@ -143,12 +143,14 @@ static void room_free(solve_room *room)
 }
 
 /* Compute -K^-1 f''(a, b), whose largest displacement is limited to `most`. */
-static pliant_status derivative(pliant_linearized *linearized, pliant_preconditioner *preconditioner, const solve_room *room,
-                                const double *a, const double *b, double most, double *out)
+static pliant_status derivative(pliant_linearized *linearized, pliant_preconditioner *preconditioner,
+                                const solve_room *room, const double *a, const double *b, double most, double *out)
 {
     size_t n = 3 * (size_t)linearized->system.num_free;
     memset(room->right, 0, n * sizeof *room->right);
-    if (most > 0) second_derivative(linearized, a, b, step_of(&linearized->system, 0.01) / most, room->work, room->work + n, room->right);
+    if (most > 0)
+        second_derivative(linearized, a, b, step_of(&linearized->system, 0.01) / most, room->work, room->work + n,
+                          room->right);
     for (size_t m = 0; m < n; m++) room->right[m] = -room->right[m];
     return solve(linearized, preconditioner, room->right, room->work, out);
 }
@@ -172,13 +174,14 @@ pliant_status pliant_response_modes(pliant_linearized *linearized, pliant_precon
     }
     for (size_t i = 0; i < 3; i++)
         for (size_t j = i; j < 3 && status == PLIANT_OK; j++)
-            status = derivative(linearized, preconditioner, &room, modes + n * i, modes + n * j, most, modes + n * next++);
+            status =
+                derivative(linearized, preconditioner, &room, modes + n * i, modes + n * j, most, modes + n * next++);
     room_free(&room);
     return status;
 }
 
-pliant_status pliant_response_crossed(pliant_linearized *linearized, pliant_preconditioner *preconditioner, const double *first,
-                                      const double *second, double *out)
+pliant_status pliant_response_crossed(pliant_linearized *linearized, pliant_preconditioner *preconditioner,
+                                      const double *first, const double *second, double *out)
 {
     size_t n = 3 * (size_t)linearized->system.num_free;
     solve_room room = {0};
@@ -186,7 +189,8 @@ pliant_status pliant_response_crossed(pliant_linearized *linearized, pliant_prec
     pliant_status status = room_create(n, &room);
     for (size_t i = 0; i < 3; i++)
         for (size_t j = 0; j < 3 && status == PLIANT_OK; j++)
-            status = derivative(linearized, preconditioner, &room, first + n * i, second + n * j, most, out + n * (3 * i + j));
+            status = derivative(linearized, preconditioner, &room, first + n * i, second + n * j, most,
+                                out + n * (3 * i + j));
     room_free(&room);
     return status;
 }
@@ -199,7 +203,8 @@ double pliant_response_force_operations(const pliant_system *system)
     return one * pliant_element_count(system);
 }
 
-double pliant_response_operations(const pliant_system *system, const pliant_preconditioner *preconditioner, const double *positions)
+double pliant_response_operations(const pliant_system *system, const pliant_preconditioner *preconditioner,
+                                  const double *positions)
 {
     /* Products per solve with the factor at rest, which is exact at rest. The count of a multigrid includes its
      * cycles. */

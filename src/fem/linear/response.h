@@ -42,13 +42,14 @@ pliant_status pliant_response_modes(pliant_linearized *linearized, pliant_precon
 
 /* Compute -K^-1 f''(z_i, z_j), with z_i of one footprint and z_j of another: the interaction of two tools. out: (9 x 3
  * num_free). */
-pliant_status pliant_response_crossed(pliant_linearized *linearized, pliant_preconditioner *preconditioner, const double *first,
-                                      const double *second, double *out);
+pliant_status pliant_response_crossed(pliant_linearized *linearized, pliant_preconditioner *preconditioner,
+                                      const double *first, const double *second, double *out);
 
 /* Return floating-point operations: of the elastic forces of the whole mesh, and of nine modes of either kind at these
  * positions (num_nodes x 3). The estimate assumes a typical number of products per solve. */
 double pliant_response_force_operations(const pliant_system *system);
-double pliant_response_operations(const pliant_system *system, const pliant_preconditioner *preconditioner, const double *positions);
+double pliant_response_operations(const pliant_system *system, const pliant_preconditioner *preconditioner,
+                                  const double *positions);
 
 #ifdef __cplusplus
 }

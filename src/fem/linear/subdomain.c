@@ -80,7 +80,8 @@ static pliant_status find_elements(builder *build)
     pliant_mesh *mesh = &made->mesh;
     const size_t whole_nodes = (size_t)whole->mesh->num_nodes;
     size_t corners = 0, most = 0;
-    for (int32_t i = 0; i < build->count; i++) most += (size_t)(whole->corner_end[build->list[i]] - whole->corner_start[build->list[i]]);
+    for (int32_t i = 0; i < build->count; i++)
+        most += (size_t)(whole->corner_end[build->list[i]] - whole->corner_start[build->list[i]]);
     made->element = pliant_calloc(most, sizeof *made->element);
     build->node = pliant_calloc(whole_nodes, sizeof *build->node);
     if (!made->element || !build->node) return no_memory();
@@ -95,7 +96,8 @@ static pliant_status find_elements(builder *build)
         }
     if (!(made->unknown = pliant_calloc(corners, sizeof *made->unknown))) return no_memory();
     for (int32_t e = 0; e < made->num_elements; e++)
-        for (int32_t v = pliant_element_begin(whole, made->element[e]); v < pliant_element_begin(whole, made->element[e] + 1); v++) {
+        for (int32_t v = pliant_element_begin(whole, made->element[e]);
+             v < pliant_element_begin(whole, made->element[e] + 1); v++) {
             if (build->node[nodes[v]] >= 0) continue;
             made->unknown[mesh->num_nodes] = whole->free_of_node[nodes[v]];
             build->node[nodes[v]] = mesh->num_nodes++;
@@ -108,7 +110,8 @@ static pliant_status number_inner(const builder *build)
     pliant_subdomain *made = build->made;
     uint8_t *held = pliant_calloc((size_t)made->mesh.num_nodes, 1);
     if (!held) return no_memory();
-    for (int32_t n = 0; n < made->mesh.num_nodes; n++) held[n] = made->unknown[n] < 0 || !build->inner[made->unknown[n]];
+    for (int32_t n = 0; n < made->mesh.num_nodes; n++)
+        held[n] = made->unknown[n] < 0 || !build->inner[made->unknown[n]];
     pliant_status status = pliant_system_unknowns(&made->system, held);
     pliant_free(held);
     return status;
@@ -147,7 +150,9 @@ static pliant_status find_room(const builder *build, const double *axes)
     if (tets) made->stiffness = pliant_room((size_t)made->num_elements, 144 * sizeof *made->stiffness);
     made->values = pliant_calloc((size_t)system->pattern.num_values, sizeof *made->values);
     if (axes) made->axes = pliant_calloc(nodes, 9 * sizeof *made->axes);
-    if (!made->tangents || !made->x || !made->y || !made->inner || (tets && !made->stiffness) || !made->values || (axes && !made->axes)) return no_memory();
+    if (!made->tangents || !made->x || !made->y || !made->inner || (tets && !made->stiffness) || !made->values ||
+        (axes && !made->axes))
+        return no_memory();
     for (size_t n = 0; axes && n < nodes; n++)
         if (made->unknown[n] >= 0) memcpy(made->axes + 9 * n, axes + 9 * (size_t)made->unknown[n], 9 * sizeof *axes);
     return pliant_factor_analyze(&system->pattern, &made->factor);
@@ -157,7 +162,8 @@ static pliant_status find_room(const builder *build, const double *axes)
 static pliant_status find_numbers(pliant_subdomain *made)
 {
     const pliant_system *system = &made->system;
-    for (int32_t e = 0; made->stiffness && e < made->num_elements; e++) pliant_system_element(system, made->tangents, e, made->stiffness + 144 * (size_t)e);
+    for (int32_t e = 0; made->stiffness && e < made->num_elements; e++)
+        pliant_system_element(system, made->tangents, e, made->stiffness + 144 * (size_t)e);
     pliant_system_assemble(system, made->tangents, made->values);
     return factorize(made);
 }
@@ -189,8 +195,8 @@ pliant_status pliant_subdomain_copy(pliant_subdomain *to, const pliant_subdomain
     return find_numbers(to);
 }
 
-pliant_status pliant_subdomain_create(const pliant_system *system, const uint8_t *opened, int32_t rings, const double *positions, const double *axes,
-                                      pliant_subdomain **out)
+pliant_status pliant_subdomain_create(const pliant_system *system, const uint8_t *opened, int32_t rings,
+                                      const double *positions, const double *axes, pliant_subdomain **out)
 {
     builder build = {.whole = system};
     *out = NULL;
@@ -206,7 +212,8 @@ pliant_status pliant_subdomain_create(const pliant_system *system, const uint8_t
         if (!(build.made = pliant_calloc(1, sizeof *build.made))) status = no_memory();
         if (status == PLIANT_OK) status = find_elements(&build);
         if (status == PLIANT_OK)
-            status = pliant_system_take(system, build.made->num_elements, build.made->element, build.node, &build.made->mesh, &build.made->system);
+            status = pliant_system_take(system, build.made->num_elements, build.made->element, build.node,
+                                        &build.made->mesh, &build.made->system);
         if (status == PLIANT_OK) status = number_inner(&build);
         if (status == PLIANT_OK) status = find_room(&build, axes);
         if (status == PLIANT_OK && positions) status = find_numbers_at(&build, positions);
@@ -227,10 +234,15 @@ static void turn(const double *q, bool back, const double in[3], double out[3])
         memcpy(out, in, 3 * sizeof *out);
         return;
     }
-    for (int r = 0; r < 3; r++) out[r] = back ? q[r] * in[0] + q[3 + r] * in[1] + q[6 + r] * in[2] : q[3 * r] * in[0] + q[3 * r + 1] * in[1] + q[3 * r + 2] * in[2];
+    for (int r = 0; r < 3; r++)
+        out[r] = back ? q[r] * in[0] + q[3 + r] * in[1] + q[6 + r] * in[2]
+                      : q[3 * r] * in[0] + q[3 * r + 1] * in[1] + q[3 * r + 2] * in[2];
 }
 
-static const double *axes_of(const pliant_subdomain *subdomain, int32_t node) { return subdomain->axes ? subdomain->axes + 9 * (size_t)node : NULL; }
+static const double *axes_of(const pliant_subdomain *subdomain, int32_t node)
+{
+    return subdomain->axes ? subdomain->axes + 9 * (size_t)node : NULL;
+}
 
 /* Compute y = K x on all nodes of the elements. */
 static void multiply(pliant_subdomain *subdomain)
@@ -285,9 +297,11 @@ pliant_status pliant_subdomain_extend(pliant_subdomain *subdomain, const double 
     const pliant_system *system = &subdomain->system;
     memset(subdomain->x, 0, 3 * (size_t)subdomain->mesh.num_nodes * sizeof *subdomain->x);
     for (int32_t n = 0; n < subdomain->mesh.num_nodes; n++)
-        if (subdomain->unknown[n] >= 0) turn(axes_of(subdomain, n), false, v + 3 * (size_t)subdomain->unknown[n], subdomain->x + 3 * n);
+        if (subdomain->unknown[n] >= 0)
+            turn(axes_of(subdomain, n), false, v + 3 * (size_t)subdomain->unknown[n], subdomain->x + 3 * n);
     multiply(subdomain);
-    for (int32_t f = 0; f < system->num_free; f++) memcpy(subdomain->inner + 3 * f, subdomain->y + 3 * system->node_of_free[f], 3 * sizeof *subdomain->inner);
+    for (int32_t f = 0; f < system->num_free; f++)
+        memcpy(subdomain->inner + 3 * f, subdomain->y + 3 * system->node_of_free[f], 3 * sizeof *subdomain->inner);
     pliant_status status = pliant_factor_solve(subdomain->factor, 1, subdomain->inner, subdomain->inner);
     if (status != PLIANT_OK) return status;
     for (int32_t f = 0; f < system->num_free; f++) {

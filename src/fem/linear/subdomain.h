@@ -31,8 +31,8 @@ typedef struct pliant_subdomain {
  * @param positions  Nullable: (num_nodes x 3) [m]; NULL: without values.
  * @param axes       Nullable: (num_free x 9).
  * Errors: MEMORY, NUMERIC. */
-pliant_status pliant_subdomain_create(const pliant_system *system, const uint8_t *opened, int32_t rings, const double *positions, const double *axes,
-                                      pliant_subdomain **out);
+pliant_status pliant_subdomain_create(const pliant_system *system, const uint8_t *opened, int32_t rings,
+                                      const double *positions, const double *axes, pliant_subdomain **out);
 /* List the inner unknowns and return their number.
  * @param inner  (num_free) in: marked unknowns; out: inner unknowns.
  * @param list   (num_free) out: marked unknowns first. */

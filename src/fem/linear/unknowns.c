@@ -22,8 +22,10 @@ static pliant_status number_free(pliant_system *system, const uint8_t *fixed, co
     const pliant_mesh *mesh = system->mesh;
     const bool same = same_fixed(mesh, fixed, before);
     const size_t nodes = (size_t)mesh->num_nodes, known = same ? (size_t)before->mesh->num_nodes : 0;
-    system->free_of_node = same ? pliant_next_of(before->free_of_node, known, nodes, sizeof *system->free_of_node) : pliant_calloc(nodes, sizeof *system->free_of_node);
-    system->node_of_free = same ? pliant_next_of(before->node_of_free, known, nodes, sizeof *system->node_of_free) : pliant_calloc(nodes, sizeof *system->node_of_free);
+    system->free_of_node = same ? pliant_next_of(before->free_of_node, known, nodes, sizeof *system->free_of_node)
+                                : pliant_calloc(nodes, sizeof *system->free_of_node);
+    system->node_of_free = same ? pliant_next_of(before->node_of_free, known, nodes, sizeof *system->node_of_free)
+                                : pliant_calloc(nodes, sizeof *system->node_of_free);
     if (!system->free_of_node || !system->node_of_free) return pliant_fail_memory("the unknowns");
     system->num_free = same ? before->num_free : 0;
     for (int32_t n = (int32_t)known; n < mesh->num_nodes; n++) {
@@ -32,7 +34,8 @@ static pliant_status number_free(pliant_system *system, const uint8_t *fixed, co
     }
     if (same) {
         pliant_writes(system->free_of_node, known, nodes - known, sizeof *system->free_of_node);
-        pliant_writes(system->node_of_free, (size_t)before->num_free, (size_t)(system->num_free - before->num_free), sizeof *system->node_of_free);
+        pliant_writes(system->node_of_free, (size_t)before->num_free, (size_t)(system->num_free - before->num_free),
+                      sizeof *system->node_of_free);
     }
     if (system->num_free == 0) return pliant_fail(PLIANT_ERROR_SCENE, "every node is fixed: nothing can move");
     return PLIANT_OK;
@@ -78,8 +81,11 @@ bool pliant_numbered_alike(const pliant_system *system, const pliant_system *bef
 {
     const size_t bytes = (size_t)before->mesh->num_nodes * sizeof *before->free_of_node;
     if (system->num_free < before->num_free || system->mesh->num_nodes < before->mesh->num_nodes) return false;
-    for (size_t from = 0, to = 0; pliant_next_difference(system->free_of_node, before->free_of_node, bytes, &from, &to);)
-        if (memcmp((const char *)system->free_of_node + from, (const char *)before->free_of_node + from, to - from) != 0) return false;
+    for (size_t from = 0, to = 0;
+         pliant_next_difference(system->free_of_node, before->free_of_node, bytes, &from, &to);)
+        if (memcmp((const char *)system->free_of_node + from, (const char *)before->free_of_node + from, to - from) !=
+            0)
+            return false;
     return true;
 }
 
@@ -92,7 +98,8 @@ typedef struct relist {
 static int32_t count_not_kept(const uint8_t *kept, int32_t tets)
 {
     int32_t count = 0;
-    for (int32_t t = pliant_next_not_kept(kept, tets, 0); t < tets; t = pliant_next_not_kept(kept, tets, t + 1)) count++;
+    for (int32_t t = pliant_next_not_kept(kept, tets, 0); t < tets; t = pliant_next_not_kept(kept, tets, t + 1))
+        count++;
     return count;
 }
 
@@ -101,9 +108,11 @@ static int32_t list_places(const pliant_system *system, const pliant_system *bef
 {
     const pliant_mesh *mesh = system->mesh;
     int32_t count = 0;
-    for (int32_t t = pliant_next_not_kept(kept, mesh->num_tets, 0); t < mesh->num_tets; t = pliant_next_not_kept(kept, mesh->num_tets, t + 1))
+    for (int32_t t = pliant_next_not_kept(kept, mesh->num_tets, 0); t < mesh->num_tets;
+         t = pliant_next_not_kept(kept, mesh->num_tets, t + 1))
         for (int32_t v = 4 * t; v < 4 * t + 4; v++) {
-            const int32_t now = system->free_of_node[mesh->tets[v]], was = t < before->mesh->num_tets ? before->free_of_node[before->mesh->tets[v]] : -1;
+            const int32_t now = system->free_of_node[mesh->tets[v]],
+                          was = t < before->mesh->num_tets ? before->free_of_node[before->mesh->tets[v]] : -1;
             if (was >= 0) out[count++] = (place){was, -1};
             if (now >= 0) out[count++] = (place){now, v};
         }
@@ -112,12 +121,19 @@ static int32_t list_places(const pliant_system *system, const pliant_system *bef
 }
 
 /* Return the list's range in the earlier system; it is empty for a new unknown. */
-static int32_t list_begin(const pliant_system *before, int32_t unknown) { return unknown < before->num_free ? before->corner_start[unknown] : 0; }
-static int32_t list_end(const pliant_system *before, int32_t unknown) { return unknown < before->num_free ? before->corner_end[unknown] : 0; }
+static int32_t list_begin(const pliant_system *before, int32_t unknown)
+{
+    return unknown < before->num_free ? before->corner_start[unknown] : 0;
+}
+static int32_t list_end(const pliant_system *before, int32_t unknown)
+{
+    return unknown < before->num_free ? before->corner_end[unknown] : 0;
+}
 
 /* Collect the changes by node, and return the number of lists. more: out: corners of lists that do not fit in their
  * earlier range. */
-static int32_t list_relists(const pliant_system *before, const uint8_t *kept, const place *now, int32_t count, relist *out, int32_t *more)
+static int32_t list_relists(const pliant_system *before, const uint8_t *kept, const place *now, int32_t count,
+                            relist *out, int32_t *more)
 {
     int32_t lists = 0;
     *more = 0;
@@ -137,7 +153,8 @@ static int32_t list_relists(const pliant_system *before, const uint8_t *kept, co
 }
 
 /* Merge a list in order at its new position. */
-static void merge(const pliant_system *before, const uint8_t *kept, const relist *one, const place *now, int32_t *corner)
+static void merge(const pliant_system *before, const uint8_t *kept, const relist *one, const place *now,
+                  int32_t *corner)
 {
     int32_t n = one->begin;
     for (int32_t c = list_begin(before, one->unknown); c < list_end(before, one->unknown); c++) {
@@ -148,7 +165,8 @@ static void merge(const pliant_system *before, const uint8_t *kept, const relist
     while (n < one->end) *corner++ = now[n++].corner;
 }
 
-static void fill_lists(pliant_system *system, const pliant_system *before, const uint8_t *kept, const place *now, const relist *list, int32_t count)
+static void fill_lists(pliant_system *system, const pliant_system *before, const uint8_t *kept, const place *now,
+                       const relist *list, int32_t count)
 {
     int32_t at = before->num_corners;
     for (int32_t i = 0; i < count; i++) {
@@ -167,7 +185,8 @@ static void fill_lists(pliant_system *system, const pliant_system *before, const
 
 /* Update the lists after a cut. A list keeps its position unless it gets longer. done: out: false if the gaps would be
  * larger than the lists. */
-static pliant_status list_corners_next(pliant_system *system, const pliant_system *before, const uint8_t *kept, bool *done)
+static pliant_status list_corners_next(pliant_system *system, const pliant_system *before, const uint8_t *kept,
+                                       bool *done)
 {
     const size_t anew = 8 * (size_t)count_not_kept(kept, system->mesh->num_tets) + 1;
     place *now = pliant_calloc(anew, sizeof *now);
@@ -176,14 +195,17 @@ static pliant_status list_corners_next(pliant_system *system, const pliant_syste
     if (status == PLIANT_OK) {
         int32_t more;
         const int32_t count = list_relists(before, kept, now, list_places(system, before, kept, now), list, &more);
-        const size_t was = (size_t)before->num_free, is = (size_t)system->num_free, corners = (size_t)before->num_corners;
+        const size_t was = (size_t)before->num_free, is = (size_t)system->num_free,
+                     corners = (size_t)before->num_corners;
         *done = corners + (size_t)more <= 8 * (size_t)system->mesh->num_tets;
         if (*done) {
             system->num_corners = before->num_corners + more;
             system->corner_start = pliant_next_of(before->corner_start, was, is, sizeof *system->corner_start);
             system->corner_end = pliant_next_of(before->corner_end, was, is, sizeof *system->corner_end);
-            system->corner = pliant_next_of(before->corner, corners, (size_t)system->num_corners, sizeof *system->corner);
-            if (system->corner_start && system->corner_end && system->corner) fill_lists(system, before, kept, now, list, count);
+            system->corner =
+                pliant_next_of(before->corner, corners, (size_t)system->num_corners, sizeof *system->corner);
+            if (system->corner_start && system->corner_end && system->corner)
+                fill_lists(system, before, kept, now, list, count);
             else status = pliant_fail_memory("the unknowns");
         }
     }
@@ -192,17 +214,23 @@ static pliant_status list_corners_next(pliant_system *system, const pliant_syste
     return status;
 }
 
-pliant_status pliant_system_number_next(pliant_system *system, const uint8_t *fixed, const pliant_system *before, const uint8_t *kept)
+pliant_status pliant_system_number_next(pliant_system *system, const uint8_t *fixed, const pliant_system *before,
+                                        const uint8_t *kept)
 {
     pliant_status status = number_free(system, fixed, before);
     if (status == PLIANT_OK && system->macros) return pliant_macro_number(system);
     if (status != PLIANT_OK) return status;
     bool done = false;
-    if (kept && !before->macros && system->mesh->num_tets >= before->mesh->num_tets && pliant_numbered_alike(system, before)) status = list_corners_next(system, before, kept, &done);
+    if (kept && !before->macros && system->mesh->num_tets >= before->mesh->num_tets &&
+        pliant_numbered_alike(system, before))
+        status = list_corners_next(system, before, kept, &done);
     return status == PLIANT_OK && !done ? list_corners(system) : status;
 }
 
-pliant_status pliant_system_number(pliant_system *system, const uint8_t *fixed) { return pliant_system_number_next(system, fixed, NULL, NULL); }
+pliant_status pliant_system_number(pliant_system *system, const uint8_t *fixed)
+{
+    return pliant_system_number_next(system, fixed, NULL, NULL);
+}
 
 /* ---- The diagonal. */
 
@@ -230,15 +258,19 @@ static double trace_of_block(const pliant_system *system, int32_t block)
  * last blocks. */
 static bool follow_traces(pliant_system *system, const pliant_system *before, const uint8_t *kept)
 {
-    const int32_t tets = system->mesh->num_tets, were = before->mesh->num_tets, same = (tets < were ? tets : were) / LANES;
-    if (!(system->trace = pliant_next_of(before->trace, (size_t)same, (size_t)system->num_blocks, sizeof *system->trace))) return false;
+    const int32_t tets = system->mesh->num_tets, were = before->mesh->num_tets,
+                  same = (tets < were ? tets : were) / LANES;
+    if (!(system->trace =
+              pliant_next_of(before->trace, (size_t)same, (size_t)system->num_blocks, sizeof *system->trace)))
+        return false;
     for (int32_t t = pliant_next_not_kept(kept, tets, 0); t < LANES * same;) {
         const int32_t block = t / LANES;
         system->trace[block] = trace_of_block(system, block);
         pliant_writes(system->trace, (size_t)block, 1, sizeof *system->trace);
         t = pliant_next_not_kept(kept, tets, LANES * (block + 1));
     }
-    for (int32_t block = same; block < system->num_blocks; block++) system->trace[block] = trace_of_block(system, block);
+    for (int32_t block = same; block < system->num_blocks; block++)
+        system->trace[block] = trace_of_block(system, block);
     return true;
 }
 
@@ -256,7 +288,8 @@ pliant_status pliant_system_find_mean_diagonal(pliant_system *system, const plia
         system->mean_diagonal = pliant_macro_mean_diagonal(system);
         return PLIANT_OK;
     }
-    if (!(kept && before->trace && !system->stiffness ? follow_traces(system, before, kept) : find_traces(system))) return pliant_fail_memory("the elements");
+    if (!(kept && before->trace && !system->stiffness ? follow_traces(system, before, kept) : find_traces(system)))
+        return pliant_fail_memory("the elements");
     for (int32_t block = 0; block < system->num_blocks; block++) sum += system->trace[block];
     system->mean_diagonal = sum / (3.0 * system->num_free);
     return PLIANT_OK;

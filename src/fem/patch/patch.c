@@ -10,13 +10,15 @@
 enum { LARGEST_DIRECT = 40000 }; /* free nodes; a factor of about 300 MB */
 
 /* Build the elements. before, kept: Nullable: unchanged elements from before a cut */
-static pliant_status make_elements(const pliant_scene *scene, const pliant_body *body, const pliant_system *before, const uint8_t *kept, pliant_system *system)
+static pliant_status make_elements(const pliant_scene *scene, const pliant_body *body, const pliant_system *before,
+                                   const uint8_t *kept, pliant_system *system)
 {
     return scene->element.kind == PLIANT_HEXAHEDRA ? pliant_system_hexahedra(system, body->fine_material, before, kept)
                                                    : pliant_system_elements(system, body->fine_material, before, kept);
 }
 
-pliant_status pliant_patch_system(const pliant_scene *scene, const pliant_body *body, int num_threads, pliant_system **out)
+pliant_status pliant_patch_system(const pliant_scene *scene, const pliant_body *body, int num_threads,
+                                  pliant_system **out)
 {
     pliant_system *system = pliant_calloc(1, sizeof *system);
     pliant_tangent *tangents = NULL;
@@ -44,7 +46,8 @@ pliant_status pliant_patch_system(const pliant_scene *scene, const pliant_body *
     return PLIANT_OK;
 }
 
-pliant_status pliant_patch_next_system(const pliant_scene *scene, const pliant_body *body, int num_threads, const pliant_kept *kept, pliant_system **out)
+pliant_status pliant_patch_next_system(const pliant_scene *scene, const pliant_body *body, int num_threads,
+                                       const pliant_kept *kept, pliant_system **out)
 {
     pliant_system *system = pliant_calloc(1, sizeof *system);
     if (!system) return pliant_fail_memory("the fine mesh of patches");
@@ -60,7 +63,8 @@ pliant_status pliant_patch_next_system(const pliant_scene *scene, const pliant_b
     return PLIANT_OK;
 }
 
-pliant_status pliant_patch_create(const pliant_scene *scene, const pliant_discretization *discretization, pliant_patch **out)
+pliant_status pliant_patch_create(const pliant_scene *scene, const pliant_discretization *discretization,
+                                  pliant_patch **out)
 {
     pliant_patch *patch = pliant_calloc(1, sizeof *patch);
     if (!patch) return pliant_fail_memory("the patches");
@@ -97,7 +101,8 @@ int pliant_patch_serves(const pliant_data *data)
     return count;
 }
 
-static pliant_status room_create(const pliant_discretization *discretization, const pliant_basis *basis, patch_room *out)
+static pliant_status room_create(const pliant_discretization *discretization, const pliant_basis *basis,
+                                 patch_room *out)
 {
     out->element_forces = pliant_calloc((size_t)basis->system.num_blocks, sizeof *out->element_forces);
     out->positions = pliant_calloc((size_t)discretization->body->fine.num_nodes, 3 * sizeof *out->positions);
@@ -148,7 +153,8 @@ void pliant_patch_free(pliant_patch *patch)
 
 static bool is_busy(const pliant_patch *patch)
 {
-    return (patch->job.running && !atomic_load(&patch->finished)) || (patch->solver && pliant_refresh_is_busy(patch->solver));
+    return (patch->job.running && !atomic_load(&patch->finished)) ||
+           (patch->solver && pliant_refresh_is_busy(patch->solver));
 }
 
 void pliant_patch_succeed(pliant_patch *patch, pliant_patch *before)
@@ -176,7 +182,8 @@ static void free_before(pliant_patch *patch)
 
 static void near_positions(const pliant_basis *basis, const double *fine, double *out)
 {
-    for (int32_t v = 0; v < basis->mesh.num_nodes; v++) memcpy(out + 3 * v, fine + 3 * basis->fine_node[v], 3 * sizeof *out);
+    for (int32_t v = 0; v < basis->mesh.num_nodes; v++)
+        memcpy(out + 3 * v, fine + 3 * basis->fine_node[v], 3 * sizeof *out);
 }
 
 /* Start the patch at these positions: project their displacement from the coarse model's base onto the basis. `room`:
@@ -195,7 +202,8 @@ static void take_over(pliant_patch *patch, pliant_data *data)
 {
     patch_job *job = &patch->job;
     bool goes_on = patch->basis != NULL;
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) goes_on = goes_on && (!serves(data, t) || job->holds[t].hold == patch->holds[t].hold);
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
+        goes_on = goes_on && (!serves(data, t) || job->holds[t].hold == patch->holds[t].hold);
     if (goes_on) start_at(data, job->basis, job->x, job->solver->now.x); /* the job does not need its x any more */
     basis_drop(patch, data);
     patch->basis = job->basis;
@@ -276,9 +284,12 @@ static bool waits(const pliant_data *data, int tool)
 static void keep(pliant_patch *patch, const pliant_data *data)
 {
     const pliant_discretization *discretization = patch->discretization;
-    memcpy(patch->room.positions, data->positions, 3 * (size_t)discretization->body->fine.num_nodes * sizeof *data->positions);
-    memcpy(patch->room.coarse, data->solver->now.x, 3 * (size_t)discretization->system->mesh->num_nodes * sizeof *data->solver->now.x);
-    for (int t = 0; t < data->num_tools; t++) memcpy(patch->room.force + 3 * t, data->tools[t].force, sizeof data->tools[t].force);
+    memcpy(patch->room.positions, data->positions,
+           3 * (size_t)discretization->body->fine.num_nodes * sizeof *data->positions);
+    memcpy(patch->room.coarse, data->solver->now.x,
+           3 * (size_t)discretization->system->mesh->num_nodes * sizeof *data->solver->now.x);
+    for (int t = 0; t < data->num_tools; t++)
+        memcpy(patch->room.force + 3 * t, data->tools[t].force, sizeof data->tools[t].force);
 }
 
 static bool arrives(pliant_patch *patch, pliant_data *data, uint32_t result, bool due)
@@ -310,23 +321,29 @@ pliant_status pliant_patch_begin(pliant_data *data)
     }
     if (patch->basis && !used) basis_drop(patch, data);
     if (patch->basis) keep(patch, data);
-    if (abandoned && arrives(patch, data, PLIANT_TAKES_PATCH_END, wanted || data->statistics.step >= patch->job.due)) patch_job_clear(patch);
+    if (abandoned && arrives(patch, data, PLIANT_TAKES_PATCH_END, wanted || data->statistics.step >= patch->job.due))
+        patch_job_clear(patch);
     return wanted && !patch->job.running ? patch_job_start(patch, data) : PLIANT_OK;
 }
 
 /* ---- Tools. */
 
-pliant_solver *pliant_patch_solver(const pliant_data *data, int tool) { return serves(data, tool) ? data->patch->solver : data->solver; }
+pliant_solver *pliant_patch_solver(const pliant_data *data, int tool)
+{
+    return serves(data, tool) ? data->patch->solver : data->solver;
+}
 
 pliant_status pliant_patch_hold(pliant_data *data, int index)
 {
     const pliant_tool *tool = data->tools + index;
-    if (!serves(data, index)) return pliant_solver_hold(data->solver, index, tool->num_held, tool->held, tool->weight, data->positions);
+    if (!serves(data, index))
+        return pliant_solver_hold(data->solver, index, tool->num_held, tool->held, tool->weight, data->positions);
     pliant_patch *patch = data->patch;
     int32_t *nodes = pliant_calloc((size_t)tool->num_held, sizeof *nodes);
     if (!nodes) return pliant_fail_memory("a tool's hold");
     for (int32_t h = 0; h < tool->num_held; h++) nodes[h] = patch->basis->near_node[tool->held[h]];
-    pliant_status status = pliant_solver_hold(patch->solver, index, tool->num_held, nodes, tool->weight, patch->solver->now.x);
+    pliant_status status =
+        pliant_solver_hold(patch->solver, index, tool->num_held, nodes, tool->weight, patch->solver->now.x);
     pliant_free(nodes);
     if (status == PLIANT_OK) memcpy(patch->solver->handles[index].force, tool->force, sizeof tool->force);
     return status;
@@ -377,8 +394,10 @@ static void undo(pliant_patch *patch, pliant_data *data)
 {
     const pliant_discretization *discretization = patch->discretization;
     patch_room *room = &patch->room;
-    memcpy(data->positions, room->positions, 3 * (size_t)discretization->body->fine.num_nodes * sizeof *data->positions);
-    memcpy(data->solver->now.x, room->coarse, 3 * (size_t)discretization->system->mesh->num_nodes * sizeof *room->coarse);
+    memcpy(data->positions, room->positions,
+           3 * (size_t)discretization->body->fine.num_nodes * sizeof *data->positions);
+    memcpy(data->solver->now.x, room->coarse,
+           3 * (size_t)discretization->system->mesh->num_nodes * sizeof *room->coarse);
     start_at(data, patch->basis, room->positions, patch->solver->now.x);
     patch->solver->loaded = false; /* the load belongs to the base */
     restart(data->solver);
@@ -422,7 +441,8 @@ pliant_status pliant_patch_step(pliant_data *data)
     if (data->solver->budget > 0) solver->budget = fmax(pliant_solver_time_left(data->solver), 1e-9);
     follow(patch, data->positions);
     if (patch->rests) {
-        pliant_basis_positions(basis, patch->discretization->fine_system, data->positions, solver->now.x, data->positions);
+        pliant_basis_positions(basis, patch->discretization->fine_system, data->positions, solver->now.x,
+                               data->positions);
         statistics->patched = pliant_patch_serves(data);
         return PLIANT_OK;
     }
@@ -455,6 +475,7 @@ pliant_status pliant_patch_step(pliant_data *data)
 void pliant_patch_flatten(pliant_patch *patch)
 {
     if (!patch->basis) return;
-    memcpy(patch->solver->now.x, patch->basis->mesh.rest, 3 * (size_t)patch->basis->mesh.num_nodes * sizeof *patch->basis->mesh.rest);
+    memcpy(patch->solver->now.x, patch->basis->mesh.rest,
+           3 * (size_t)patch->basis->mesh.num_nodes * sizeof *patch->basis->mesh.rest);
     restart(patch->solver);
 }

@@ -18,17 +18,23 @@ extern "C" {
 #endif
 
 /* Return whether a scene uses patches: model/patch above 0, and a coarse method. */
-static inline bool pliant_patch_asked(const pliant_scene *scene) { return scene->model.patch > 0 && scene->model.method != PLIANT_FINE; }
+static inline bool pliant_patch_asked(const pliant_scene *scene)
+{
+    return scene->model.patch > 0 && scene->model.method != PLIANT_FINE;
+}
 
 /* Create the fine mesh's system with its stiffness at rest, for responses. Errors: MEMORY, NUMERIC, SCENE. */
-pliant_status pliant_patch_system(const pliant_scene *scene, const pliant_body *body, int num_threads, pliant_system **out);
+pliant_status pliant_patch_system(const pliant_scene *scene, const pliant_body *body, int num_threads,
+                                  pliant_system **out);
 
 /* Create the fine system after a cut, without a factor. Patches carry over the factor from load time. Errors:
  * MEMORY. */
-pliant_status pliant_patch_next_system(const pliant_scene *scene, const pliant_body *body, int num_threads, const pliant_kept *kept, pliant_system **out);
+pliant_status pliant_patch_next_system(const pliant_scene *scene, const pliant_body *body, int num_threads,
+                                       const pliant_kept *kept, pliant_system **out);
 
 /* Create the patches. The scene is borrowed. */
-pliant_status pliant_patch_create(const pliant_scene *scene, const pliant_discretization *discretization, pliant_patch **out);
+pliant_status pliant_patch_create(const pliant_scene *scene, const pliant_discretization *discretization,
+                                  pliant_patch **out);
 void pliant_patch_free(pliant_patch *patch); /* Nullable */
 /* Replace the patches from before a cut. If threads still work for them, a later step frees them without waiting. */
 void pliant_patch_succeed(pliant_patch *patch, pliant_patch *before);

@@ -37,7 +37,8 @@ static double find_centre(const pliant_data *data, int tool, double centre[3])
         const double force = size_of(point->force);
         sum = fmax(sum, 0) + force;
         for (int32_t k = 0; k < point->count; k++)
-            for (int d = 0; d < 3; d++) centre[d] += force * point->weight[k] * data->body->fine.rest[3 * (size_t)point->node[k] + (size_t)d];
+            for (int d = 0; d < 3; d++)
+                centre[d] += force * point->weight[k] * data->body->fine.rest[3 * (size_t)point->node[k] + (size_t)d];
     }
     for (int d = 0; d < 3 && sum > 0; d++) centre[d] /= sum;
     return sum;
@@ -117,7 +118,8 @@ static pliant_status reserve(pliant_patch *patch, const pliant_data *data)
     if (!patch->own && !(patch->own = pliant_calloc((size_t)nodes, 1))) return pliant_fail_memory("a patch");
     memset(patch->own, 0, (size_t)nodes);
     const pliant_basis *basis = patch->basis;
-    for (int32_t n = 0; n < basis->num_own; n++) patch->own[basis->fine_node[basis->system.node_of_free[basis->own[n]]]] = 1;
+    for (int32_t n = 0; n < basis->num_own; n++)
+        patch->own[basis->fine_node[basis->system.node_of_free[basis->own[n]]]] = 1;
     return PLIANT_OK;
 }
 
@@ -143,7 +145,8 @@ pliant_status pliant_patch_divide(pliant_data *data, pliant_contacts **coarse)
         pliant_contacts *to = inside ? &patch->inside : &patch->outside;
         patch->point_of[p] = inside ? -1 - to->count : to->count;
         to->point[to->count] = *point;
-        for (int32_t k = 0; k < point->count && inside; k++) to->point[to->count].node[k] = patch->basis->near_node[point->node[k]];
+        for (int32_t k = 0; k < point->count && inside; k++)
+            to->point[to->count].node[k] = patch->basis->near_node[point->node[k]];
         to->count++;
     }
     *coarse = &patch->outside;

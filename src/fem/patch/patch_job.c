@@ -22,7 +22,8 @@ static pliant_basis_size size_of(const pliant_patch *patch, int32_t blocks)
 {
     pliant_foothold footholds[PLIANT_MAX_TOOLS];
     int32_t count = list_footholds(&patch->job, footholds);
-    return pliant_basis_measure(patch->discretization->fine_system, patch->scene->model.patch, count, footholds, blocks);
+    return pliant_basis_measure(patch->discretization->fine_system, patch->scene->model.patch, count, footholds,
+                                blocks);
 }
 
 /* Return the discretization whose fine system has a factor. */
@@ -80,8 +81,10 @@ static pliant_status make_block(pliant_patch *patch, pliant_linearized *lineariz
     double *block = pliant_calloc((size_t)linearized->system.num_free, 3 * PLIANT_RESPONSE_MODES * sizeof *block);
     if (!block) return pliant_fail_memory("a patch");
     job->blocks[t][u] = block;
-    if (t != u) return pliant_response_crossed(linearized, patch->preconditioner, job->blocks[t][t], job->blocks[u][u], block);
-    return pliant_response_modes(linearized, patch->preconditioner, foothold->count, foothold->nodes, foothold->weights, block);
+    if (t != u)
+        return pliant_response_crossed(linearized, patch->preconditioner, job->blocks[t][t], job->blocks[u][u], block);
+    return pliant_response_modes(linearized, patch->preconditioner, foothold->count, foothold->nodes, foothold->weights,
+                                 block);
 }
 
 /* Compute the blocks of single holds first, since the pairs depend on them. */
@@ -110,10 +113,13 @@ static pliant_status check_memory(const pliant_patch *patch)
     int32_t blocks = 0;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
         for (int u = t; u < PLIANT_MAX_TOOLS; u++) blocks += 2 * job->wanted[t][u] + (job->blocks[t][u] != NULL);
-    double bytes = pliant_basis_bytes(patch->discretization->fine_system, size_of(patch, blocks)), available = pliant_free_memory();
+    double bytes = pliant_basis_bytes(patch->discretization->fine_system, size_of(patch, blocks)),
+           available = pliant_free_memory();
     if (bytes <= share * available) return PLIANT_OK;
-    return pliant_fail(PLIANT_ERROR_MEMORY, "a patch around these holds needs %.0f MB, more than half of the %.0f MB that the machine has free",
-                       bytes / 1e6, available / 1e6);
+    return pliant_fail(
+        PLIANT_ERROR_MEMORY,
+        "a patch around these holds needs %.0f MB, more than half of the %.0f MB that the machine has free",
+        bytes / 1e6, available / 1e6);
 }
 
 /* Create the patch's preconditioner. After a cut, carry over the preconditioner from load time. */
@@ -133,7 +139,9 @@ static pliant_status make_preconditioner(pliant_patch *patch)
         const int32_t node = fine->node_of_free[f];
         source[f] = first->fine_system->free_of_node[parent ? parent[node] : node];
     }
-    status = source ? pliant_preconditioner_carry(fine, first, first->fine_system, source, fine->mesh->rest, NULL, &made) : pliant_fail_memory("a patch");
+    status = source
+                 ? pliant_preconditioner_carry(fine, first, first->fine_system, source, fine->mesh->rest, NULL, &made)
+                 : pliant_fail_memory("a patch");
     if (status == PLIANT_OK) pliant_preconditioner_hand_over(made, &base);
     pliant_preconditioner_free(base);
     patch->preconditioner = made;
@@ -159,8 +167,8 @@ static pliant_status make_basis(pliant_patch *patch)
         for (int u = t; u < PLIANT_MAX_TOOLS; u++)
             if (job->blocks[t][u]) blocks[num_blocks++] = job->blocks[t][u];
     if (status == PLIANT_OK)
-        status = pliant_basis_create(fine, &linearized, body->fine_fixed, patch->scene->model.patch, count, footholds, num_blocks,
-                                     blocks, patch->discretization->system->num_threads, &job->basis);
+        status = pliant_basis_create(fine, &linearized, body->fine_fixed, patch->scene->model.patch, count, footholds,
+                                     num_blocks, blocks, patch->discretization->system->num_threads, &job->basis);
     if (status == PLIANT_OK) status = pliant_solver_create(patch->scene, &job->basis->system, &job->solver);
     pliant_linearized_free(&linearized);
     return status;
@@ -169,7 +177,8 @@ static pliant_status make_basis(pliant_patch *patch)
 static void run_job(pliant_patch *patch)
 {
     patch->job.status = make_basis(patch);
-    if (patch->job.status != PLIANT_OK) snprintf(patch->job.message, sizeof patch->job.message, "%s", pliant_last_error());
+    if (patch->job.status != PLIANT_OK)
+        snprintf(patch->job.message, sizeof patch->job.message, "%s", pliant_last_error());
 }
 
 static void *in_background(void *argument)
@@ -241,7 +250,9 @@ pliant_status patch_job_start(pliant_patch *patch, pliant_data *data)
         const uint64_t hold = patch_hold_of(data, t);
         if (!hold || patch_is_refused(patch, data, t)) continue;
         job->copied[t] = patch->holds[t].hold != hold;
-        if (job->copied[t]) status = pliant_tool_grips(tool) ? hold_copy(&patch->discretization->body->fine, tool, job->holds + t) : patch_press_copy(data, t, job->holds + t);
+        if (job->copied[t])
+            status = pliant_tool_grips(tool) ? hold_copy(&patch->discretization->body->fine, tool, job->holds + t)
+                                             : patch_press_copy(data, t, job->holds + t);
         else job->holds[t] = patch->holds[t];
     }
     if (status == PLIANT_OK && !(job->x = pliant_calloc(bytes, 1))) status = pliant_fail_memory("a patch");

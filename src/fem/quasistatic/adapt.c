@@ -22,21 +22,28 @@ static void carry_limits(pliant_solver *solver, const pliant_solver *from)
 }
 
 /* Scale V mu F0 of an element at the preconditioner's state to its present stiffness. */
-static float weigh_again(float before, double was, double now) { return now == was ? before : was > 0 ? (float)(now / was * before) : 0; }
+static float weigh_again(float before, double was, double now)
+{
+    return now == was ? before : was > 0 ? (float)(now / was * before) : 0;
+}
 
-static void carry_tets_before(const pliant_system *system, const pliant_solver *from, const int32_t *tet, pliant_nodal_rotations *axes)
+static void carry_tets_before(const pliant_system *system, const pliant_solver *from, const int32_t *tet,
+                              pliant_nodal_rotations *axes)
 {
     const pliant_system *before = from->system;
     for (int32_t e = 0; e < LANES * system->num_blocks; e++) {
         const int32_t t = tet[e < system->mesh->num_tets ? e : system->mesh->num_tets - 1];
         const double now = system->lame[e / LANES][1][e % LANES], was = before->lame[t / LANES][1][t % LANES];
-        for (int m = 0; m < 9; m++) axes->before[e / LANES][m][e % LANES] = weigh_again(from->rotations->before[t / LANES][m][t % LANES], was, now);
+        for (int m = 0; m < 9; m++)
+            axes->before[e / LANES][m][e % LANES] =
+                weigh_again(from->rotations->before[t / LANES][m][t % LANES], was, now);
     }
 }
 
 /* Copy the reference of every hexahedron, and of tetrahedra next to a cut, from the element that contained its
  * tetrahedra before. Errors: MEMORY. */
-static pliant_status carry_macros_before(const pliant_system *system, const pliant_solver *from, const int32_t *tet, pliant_nodal_rotations *axes)
+static pliant_status carry_macros_before(const pliant_system *system, const pliant_solver *from, const int32_t *tet,
+                                         pliant_nodal_rotations *axes)
 {
     const pliant_system *before = from->system;
     int32_t *now_of = NULL, *was_of = NULL;
@@ -45,8 +52,8 @@ static pliant_status carry_macros_before(const pliant_system *system, const plia
     for (int32_t t = 0; status == PLIANT_OK && t < system->mesh->num_tets; t++) {
         const int32_t e = now_of[t], w = was_of[tet[t]];
         for (int m = 0; m < 9; m++)
-            axes->before[e / LANES][m][e % LANES] =
-                weigh_again(from->rotations->before[w / LANES][m][w % LANES], before->macros->shear[w], system->macros->shear[e]);
+            axes->before[e / LANES][m][e % LANES] = weigh_again(from->rotations->before[w / LANES][m][w % LANES],
+                                                                before->macros->shear[w], system->macros->shear[e]);
     }
     pliant_free(now_of);
     pliant_free(was_of);
@@ -55,7 +62,8 @@ static pliant_status carry_macros_before(const pliant_system *system, const plia
 
 /* Next to a cut through coarse elements, copy the reference of every element from the first earlier element of its
  * cube, or from rest. Errors: MEMORY. */
-static pliant_status carry_before_by_cell(const pliant_system *system, const pliant_solver *from, pliant_nodal_rotations *axes)
+static pliant_status carry_before_by_cell(const pliant_system *system, const pliant_solver *from,
+                                          pliant_nodal_rotations *axes)
 {
     const pliant_system *before = from->system;
     const int32_t *cells = system->mesh->cells;
@@ -63,13 +71,17 @@ static pliant_status carry_before_by_cell(const pliant_system *system, const pli
     int32_t *first = pliant_calloc(count, sizeof *first);
     if (!first) return pliant_fail_memory("the solver");
     for (size_t c = 0; c < count; c++) first[c] = -1;
-    for (int32_t w = pliant_element_count(before) - 1; w >= 0; w--) first[before->macros ? before->macros->cell[w] : before->mesh->lattice_of_tet[w] / 5] = w;
+    for (int32_t w = pliant_element_count(before) - 1; w >= 0; w--)
+        first[before->macros ? before->macros->cell[w] : before->mesh->lattice_of_tet[w] / 5] = w;
     for (int32_t e = 0; e < pliant_element_count(system); e++) {
         const int32_t w = first[system->macros ? system->macros->cell[e] : system->mesh->lattice_of_tet[e] / 5];
         const double now = system->macros ? system->macros->shear[e] : system->lame[e / LANES][1][e % LANES];
-        const double was = w < 0 ? 0 : before->macros ? before->macros->shear[w] : before->lame[w / LANES][1][w % LANES];
+        const double was = w < 0            ? 0
+                           : before->macros ? before->macros->shear[w]
+                                            : before->lame[w / LANES][1][w % LANES];
         for (int m = 0; m < 9; m++)
-            axes->before[e / LANES][m][e % LANES] = w < 0 ? (m % 4 == 0) * now : weigh_again(from->rotations->before[w / LANES][m][w % LANES], was, now);
+            axes->before[e / LANES][m][e % LANES] =
+                w < 0 ? (m % 4 == 0) * now : weigh_again(from->rotations->before[w / LANES][m][w % LANES], was, now);
     }
     pliant_free(first);
     return PLIANT_OK;
@@ -87,7 +99,8 @@ static int32_t *unknowns_before(const pliant_system *system, const pliant_system
 }
 
 /* Carry over the axes and their reference positions. Errors: MEMORY. */
-static pliant_status carry_axes(pliant_solver *solver, const pliant_solver *from, const int32_t *node, const int32_t *tet)
+static pliant_status carry_axes(pliant_solver *solver, const pliant_solver *from, const int32_t *node,
+                                const int32_t *tet)
 {
     const pliant_system *system = solver->system;
     pliant_nodal_rotations *axes = solver->rotations;
@@ -101,7 +114,8 @@ static pliant_status carry_axes(pliant_solver *solver, const pliant_solver *from
     axes->turned = from->rotations->turned;
     for (int32_t f = 0; f < system->num_free; f++)
         for (int m = 0; m < 9; m++)
-            axes->rotation[9 * (size_t)f + (size_t)m] = source[f] >= 0 ? from->rotations->rotation[9 * (size_t)source[f] + (size_t)m] : m % 4 == 0;
+            axes->rotation[9 * (size_t)f + (size_t)m] =
+                source[f] >= 0 ? from->rotations->rotation[9 * (size_t)source[f] + (size_t)m] : m % 4 == 0;
     pliant_free(source);
     if (system->graded || from->system->graded) return carry_before_by_cell(system, from, axes);
     if (system->macros) return carry_macros_before(system, from, tet, axes);
@@ -116,7 +130,8 @@ static int32_t *sources_of(const pliant_system *system, const pliant_solver *fro
     const pliant_system *before = from->system;
     const int32_t *below;
     pliant_preconditioner_source(from->preconditioner, &below);
-    const bool alike = system->mesh == system->fine && same == before->mesh->num_nodes && pliant_numbered_alike(system, before);
+    const bool alike =
+        system->mesh == system->fine && same == before->mesh->num_nodes && pliant_numbered_alike(system, before);
     const int32_t known = alike && below ? before->num_free : 0;
     int32_t *source = known > 0 ? pliant_next_of(below, (size_t)known, (size_t)system->num_free, sizeof *source)
                                 : pliant_room((size_t)system->num_free, sizeof *source);
@@ -128,7 +143,8 @@ static int32_t *sources_of(const pliant_system *system, const pliant_solver *fro
     return source;
 }
 
-static pliant_status carry(pliant_solver *solver, const pliant_solver *from, const int32_t *node, const pliant_body_map *map, bool rests)
+static pliant_status carry(pliant_solver *solver, const pliant_solver *from, const int32_t *node,
+                           const pliant_body_map *map, bool rests)
 {
     const pliant_system *system = solver->system;
     pliant_status status = carry_axes(solver, from, node, map->tet);
@@ -139,7 +155,8 @@ static pliant_status carry(pliant_solver *solver, const pliant_solver *from, con
     int32_t *source = sources_of(system, from, node, map->num_same);
     if (!source) return pliant_fail_memory("the solver");
     const double *axes = solver->rotations && solver->rotations->turned ? solver->rotations->rotation : NULL;
-    status = pliant_preconditioner_carry(system, of, of->system, source, rests ? NULL : solver->now.x, axes, &solver->preconditioner);
+    status = pliant_preconditioner_carry(system, of, of->system, source, rests ? NULL : solver->now.x, axes,
+                                         &solver->preconditioner);
     return status == PLIANT_OK ? pliant_refresh_carry(solver, from, node) : status;
 }
 
@@ -155,7 +172,8 @@ pliant_status pliant_solver_follow(const pliant_scene *scene, const pliant_syste
     status = pliant_solver_carry_load(solver, from);
     if (status == PLIANT_OK) status = pliant_solved_sources(system, from->system, map, &own, &node);
     if (status == PLIANT_OK && state) memcpy(solver->now.x, state, 3 * (size_t)system->mesh->num_nodes * sizeof *state);
-    else if (status == PLIANT_OK) status = pliant_solved_positions(system, from->system, map, from->now.x, solver->now.x);
+    else if (status == PLIANT_OK)
+        status = pliant_solved_positions(system, from->system, map, from->now.x, solver->now.x);
     if (status == PLIANT_OK) status = carry(solver, from, node, map, rests);
     pliant_free(own);
     solver->opened = true;
@@ -175,8 +193,9 @@ void pliant_solver_take_over(pliant_solver *solver, pliant_solver *from)
     pliant_refresh_take(solver, from);
 }
 
-pliant_status pliant_solver_carry_hold(pliant_solver *solver, const pliant_solver *from, int tool, int32_t count, const int32_t *nodes,
-                                       const double *weights, const double *fine_positions, const double force[3])
+pliant_status pliant_solver_carry_hold(pliant_solver *solver, const pliant_solver *from, int tool, int32_t count,
+                                       const int32_t *nodes, const double *weights, const double *fine_positions,
+                                       const double force[3])
 {
     pliant_status status = pliant_solver_hold(solver, tool, count, nodes, weights, fine_positions);
     if (status != PLIANT_OK) return status;

@@ -114,7 +114,9 @@ PLIANT_INLINE double pliant_anderson_merit(double energy, double scale)
 PLIANT_INLINE int32_t pliant_anderson_depth(int32_t least, int32_t evaluations)
 {
     if (least == 0) return 0;
-    int32_t wanted = evaluations >= PLIANT_MAX_HISTORY ? PLIANT_MAX_HISTORY : (int32_t)(pliant_quasistatic().secants_per_evaluation * evaluations + 0.5);
+    int32_t wanted = evaluations >= PLIANT_MAX_HISTORY
+                         ? PLIANT_MAX_HISTORY
+                         : (int32_t)(pliant_quasistatic().secants_per_evaluation * evaluations + 0.5);
     wanted = wanted > least ? wanted : least;
     return wanted < PLIANT_MAX_HISTORY ? wanted : PLIANT_MAX_HISTORY;
 }
@@ -134,7 +136,8 @@ PLIANT_INLINE int32_t pliant_anderson_secants(const pliant_anderson *rules)
 /* Return a slot for the next secant. The oldest secants are dropped when all slots are in use. */
 PLIANT_INLINE int32_t pliant_anderson_place(pliant_anderson *rules)
 {
-    int32_t most = pliant_anderson_depth(rules->depth, rules->last_evaluations), count = pliant_anderson_secants(rules), empty = -1;
+    int32_t most = pliant_anderson_depth(rules->depth, rules->last_evaluations), count = pliant_anderson_secants(rules),
+            empty = -1;
     if (most > rules->room) most = rules->room;
     for (; count >= most; count--) {
         int32_t oldest = -1;
@@ -150,7 +153,10 @@ PLIANT_INLINE int32_t pliant_anderson_place(pliant_anderson *rules)
 
 /* Return the scaling factor of a secant in the equations of the weights, from its step energy. 0: do not use the
  * secant. */
-PLIANT_INLINE double pliant_anderson_scale(double energy, double largest) { return energy > 0 && energy <= largest ? 1.0 / sqrt(energy) : 0.0; }
+PLIANT_INLINE double pliant_anderson_scale(double energy, double largest)
+{
+    return energy > 0 && energy <= largest ? 1.0 / sqrt(energy) : 0.0;
+}
 
 /* Return the relative noise of a secant in the error estimate. It grows with the secant's age. Without noise, secants
  * explain small residuals by large motions that cancel. */
@@ -180,7 +186,10 @@ PLIANT_INLINE double pliant_anderson_error(double left)
 }
 
 /* Return the number of iterations of a step: its evaluations without the final trial that replaces a blind step. */
-PLIANT_INLINE int32_t pliant_anderson_iterations(const pliant_anderson *rules) { return rules->evaluations - rules->last; }
+PLIANT_INLINE int32_t pliant_anderson_iterations(const pliant_anderson *rules)
+{
+    return rules->evaluations - rules->last;
+}
 
 /* Report the error of the previous step.
  * @param seen  The end of the previous step was evaluated with the present preconditioner.
@@ -232,7 +241,8 @@ PLIANT_INLINE void pliant_anderson_judge_trial(pliant_anderson *rules, double me
 {
     if (merit < rules->merit) {
         const double weight = pliant_quasistatic().contraction_weight, least = 1e-3;
-        if (rules->accepted) rules->log_contraction += weight * (log(fmax(merit / rules->merit, least)) - rules->log_contraction);
+        if (rules->accepted)
+            rules->log_contraction += weight * (log(fmax(merit / rules->merit, least)) - rules->log_contraction);
         rules->keep = isfinite(merit) && rules->depth > 0 ? 0 : -1;
         rules->take = rules->accepted = 1;
         rules->before = rules->merit;
@@ -339,21 +349,26 @@ PLIANT_INLINE void pliant_anderson_judge(pliant_anderson *rules, double merit, d
         return;
     }
     pliant_anderson_propose(rules);
-    const int32_t iterations = rules->most_evaluations + 1 - rules->evaluations, left = iterations < affordable ? iterations : affordable;
-    const bool goes_on = rules->accepted ? rules->refused == 0 && rules->merit < went_well * rules->before : isfinite(rules->merit);
+    const int32_t iterations = rules->most_evaluations + 1 - rules->evaluations,
+                  left = iterations < affordable ? iterations : affordable;
+    const bool goes_on =
+        rules->accepted ? rules->refused == 0 && rules->merit < went_well * rules->before : isfinite(rules->merit);
     if (rules->refused < pliant_quasistatic().max_refused && !rules->last && (left > 1 || (left == 1 && !goes_on))) {
         rules->last = left == 1;
         rules->next = PLIANT_NEXT_TRIAL;
         return;
     }
-    rules->next = !pliant_anderson_finish(rules) ? PLIANT_NEXT_REST : goes_on && !rules->last ? PLIANT_NEXT_BLIND : PLIANT_NEXT_DONE;
+    rules->next = !pliant_anderson_finish(rules) ? PLIANT_NEXT_REST
+                  : goes_on && !rules->last      ? PLIANT_NEXT_BLIND
+                                                 : PLIANT_NEXT_DONE;
 }
 
 /* Finish a proposal (TRIAL, BLIND, DONE).
  * @param mixed  Weights of secants were found.
  * @param left   Largest remaining motion of a node, from the secants and the residual [m].
  * @param made   Largest motion of a node by the proposal [m]. */
-PLIANT_INLINE void pliant_anderson_settle(pliant_anderson *rules, bool mixed, double left, double made, double displacement)
+PLIANT_INLINE void pliant_anderson_settle(pliant_anderson *rules, bool mixed, double left, double made,
+                                          double displacement)
 {
     const double foreseen = pliant_quasistatic().expected_contraction;
     /* Rounding has made the secants' products inconsistent; no step can use them. */
@@ -368,8 +383,12 @@ PLIANT_INLINE void pliant_anderson_settle(pliant_anderson *rules, bool mixed, do
         rules->next = PLIANT_NEXT_DONE;
     }
     if (rules->forget) pliant_anderson_forget(rules);
-    const bool ends = rules->next == PLIANT_NEXT_BLIND, doubted = !rules->accepted && !(rules->refused == 0 && rules->mixes);
-    if (ends && !(made <= rules->smallest_displacement * (doubted && !rules->is_bounded ? pliant_quasistatic().max_doubtful_step : pliant_quasistatic().max_displacement))) rules->next = PLIANT_NEXT_DONE;
+    const bool ends = rules->next == PLIANT_NEXT_BLIND,
+               doubted = !rules->accepted && !(rules->refused == 0 && rules->mixes);
+    if (ends && !(made <= rules->smallest_displacement * (doubted && !rules->is_bounded
+                                                              ? pliant_quasistatic().max_doubtful_step
+                                                              : pliant_quasistatic().max_displacement)))
+        rules->next = PLIANT_NEXT_DONE;
     if (!ends) return;
     /* Until the final state is evaluated. */
     if (rules->next == PLIANT_NEXT_BLIND && rules->refused == 0) rules->error *= foreseen;

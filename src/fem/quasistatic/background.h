@@ -7,7 +7,10 @@
 
 /* Return whether steps are live or a replay of live steps. Live steps do not wait for results. Nullable background:
  * planned */
-static inline bool pliant_background_is_live(const pliant_background *background) { return background && background->kind != PLIANT_BACKGROUND_PLANNED; }
+static inline bool pliant_background_is_live(const pliant_background *background)
+{
+    return background && background->kind != PLIANT_BACKGROUND_PLANNED;
+}
 
 /* Return whether the result is installed in this step.
  * @param background  Nullable: planned.

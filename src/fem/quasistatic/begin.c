@@ -6,7 +6,8 @@
 
 static bool tool_asks_the_same(const pliant_asked *asked, const pliant_handle *handle, int tool)
 {
-    return memcmp(asked->force + 3 * tool, handle->force, sizeof handle->force) == 0 && asked->compliance[tool] == handle->compliance &&
+    return memcmp(asked->force + 3 * tool, handle->force, sizeof handle->force) == 0 &&
+           asked->compliance[tool] == handle->compliance &&
            memcmp(asked->target + 3 * tool, handle->target, sizeof handle->target) == 0;
 }
 
@@ -21,7 +22,8 @@ bool pliant_solver_rests(const pliant_solver *solver)
 {
     const pliant_asked *asked = &solver->asked;
     /* Around a patch, more inputs change than these. */
-    bool same = !solver->system->basis && asked->kept && asked->evaluated && asked->converged && !asked->touched && !pliant_touches_any(solver->touches) &&
+    bool same = !solver->system->basis && asked->kept && asked->evaluated && asked->converged && !asked->touched &&
+                !pliant_touches_any(solver->touches) &&
                 memcmp(asked->gravity, solver->gravity, sizeof asked->gravity) == 0;
     for (int t = 0; t < PLIANT_MAX_TOOLS && same; t++)
         if (solver->handles[t].active) same = tool_asks_the_same(asked, solver->handles + t, t);
@@ -36,9 +38,13 @@ pliant_axes pliant_solver_axes(const pliant_solver *solver, const pliant_in_use 
     const uint64_t interval = (uint64_t)solver->refresh_interval;
     bool waits = in_use->rough;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
-        waits = waits || (pliant_handle_is_spring(solver->handles + t) && solver->handles[t].response_of == in_use->number);
-    if (!waits) return !in_use->turned || in_use->evaluations >= pliant_quasistatic().rotation_interval ? PLIANT_AXES_TURN : PLIANT_AXES_STAY;
-    const bool follows = !in_use->renews && in_use->served_badly && interval > 0 && step >= in_use->turned_at + interval;
+        waits =
+            waits || (pliant_handle_is_spring(solver->handles + t) && solver->handles[t].response_of == in_use->number);
+    if (!waits)
+        return !in_use->turned || in_use->evaluations >= pliant_quasistatic().rotation_interval ? PLIANT_AXES_TURN
+                                                                                                : PLIANT_AXES_STAY;
+    const bool follows =
+        !in_use->renews && in_use->served_badly && interval > 0 && step >= in_use->turned_at + interval;
     return follows ? PLIANT_AXES_TURN_AND_FORGET : PLIANT_AXES_STAY;
 }
 
@@ -58,8 +64,10 @@ pliant_known pliant_solver_known(pliant_solver *solver, const pliant_in_use *in_
     *seen = known && asked->number == in_use->number;
     if (!known) return PLIANT_KNOWN_NOTHING;
     /* Contact points change it in every step. */
-    bool same = *seen && !asked->touched && !pliant_touches_any(solver->touches) && memcmp(asked->gravity, solver->gravity, sizeof asked->gravity) == 0;
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) same = same && memcmp(asked->force + 3 * t, solver->handles[t].force, 3 * sizeof(double)) == 0;
+    bool same = *seen && !asked->touched && !pliant_touches_any(solver->touches) &&
+                memcmp(asked->gravity, solver->gravity, sizeof asked->gravity) == 0;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
+        same = same && memcmp(asked->force + 3 * t, solver->handles[t].force, 3 * sizeof(double)) == 0;
     return same ? PLIANT_KNOWN_STEP : PLIANT_KNOWN_FORCES;
 }
 
@@ -78,7 +86,8 @@ static bool take_forces(pliant_solver *solver, const pliant_anderson *rules, con
     return other;
 }
 
-void pliant_solver_ended(pliant_solver *solver, const pliant_in_use *in_use, bool evaluated, const pliant_anderson *rules, const double *step_force)
+void pliant_solver_ended(pliant_solver *solver, const pliant_in_use *in_use, bool evaluated,
+                         const pliant_anderson *rules, const double *step_force)
 {
     pliant_asked *asked = &solver->asked;
     asked->kept = true;

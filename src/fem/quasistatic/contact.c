@@ -55,7 +55,8 @@ static pliant_status create(pliant_solver *solver)
     touches->touched = pliant_calloc(nodes, sizeof *touches->touched);
     touches->seen = pliant_calloc(nodes, 1);
     touches->step = pliant_calloc(nodes, 3 * sizeof *touches->step);
-    if (status == PLIANT_OK && !(touches->touched && touches->seen && touches->step)) status = pliant_fail_memory("contact");
+    if (status == PLIANT_OK && !(touches->touched && touches->seen && touches->step))
+        status = pliant_fail_memory("contact");
     if (status != PLIANT_OK) {
         pliant_touches_free(touches);
         return status;
@@ -81,8 +82,8 @@ static pliant_status make_room(pliant_touches *touches, int32_t count)
     made.found.force = pliant_calloc(size, 3 * sizeof *made.found.force);
     made.found.motion = pliant_calloc(size, 3 * sizeof *made.found.motion);
     made.change = pliant_calloc(size, 3 * sizeof *made.change);
-    if (!made.point || !made.frame || !made.goal || !made.start || !made.arm_start || !made.friction || !made.taken.force || !made.taken.motion || !made.found.force ||
-        !made.found.motion || !made.change) {
+    if (!made.point || !made.frame || !made.goal || !made.start || !made.arm_start || !made.friction ||
+        !made.taken.force || !made.taken.motion || !made.found.force || !made.found.motion || !made.change) {
         free_points(&made);
         return pliant_fail_memory("contact");
     }
@@ -152,7 +153,8 @@ static pliant_status add_weights(pliant_solver *solver, const pliant_contact_poi
 
 static void set_frame(const double normal[3], double frame[9])
 {
-    const int least = fabs(normal[0]) < fabs(normal[1]) ? (fabs(normal[0]) < fabs(normal[2]) ? 0 : 2) : (fabs(normal[1]) < fabs(normal[2]) ? 1 : 2);
+    const int least = fabs(normal[0]) < fabs(normal[1]) ? (fabs(normal[0]) < fabs(normal[2]) ? 0 : 2)
+                                                        : (fabs(normal[1]) < fabs(normal[2]) ? 1 : 2);
     double *n = frame, *t = frame + 3, *s = frame + 6, length = 0;
     memcpy(n, normal, 3 * sizeof *n);
     for (int d = 0; d < 3; d++) {
@@ -165,12 +167,15 @@ static void set_frame(const double normal[3], double frame[9])
 }
 
 /* Compute W x of a point. x: (nodes of the solved mesh x 3) */
-static void moved_point(const pliant_system *system, const pliant_touches *touches, int32_t c, const double *x, double out[3])
+static void moved_point(const pliant_system *system, const pliant_touches *touches, int32_t c, const double *x,
+                        double out[3])
 {
     memset(out, 0, 3 * sizeof *out);
     for (int32_t w = touches->start[c]; w < touches->start[c + 1]; w++) {
-        const double *block = touches->block + 9 * (size_t)w, *at = x + 3 * (size_t)system->node_of_free[touches->unknown[w]];
-        for (int r = 0; r < 3; r++) out[r] += block[3 * r] * at[0] + block[3 * r + 1] * at[1] + block[3 * r + 2] * at[2];
+        const double *block = touches->block + 9 * (size_t)w,
+                     *at = x + 3 * (size_t)system->node_of_free[touches->unknown[w]];
+        for (int r = 0; r < 3; r++)
+            out[r] += block[3 * r] * at[0] + block[3 * r + 1] * at[1] + block[3 * r + 2] * at[2];
     }
 }
 
@@ -198,7 +203,9 @@ static void set_point(const pliant_solver *solver, pliant_contact_point *point, 
     pliant_touches_bend(touches, c, bend);
     double across = 0;
     for (int d = 0; d < 3; d++) across += frame[d] * point->anchor[d];
-    for (int d = 0; d < 3; d++) touches->goal[3 * (size_t)c + (size_t)d] = point->place[d] + point->anchor[d] - across * frame[d] - (y[d] + bend[d] - moved[d]);
+    for (int d = 0; d < 3; d++)
+        touches->goal[3 * (size_t)c + (size_t)d] =
+            point->place[d] + point->anchor[d] - across * frame[d] - (y[d] + bend[d] - moved[d]);
     into_frame(frame, point->force, force);
     const double slide = sqrt(force[1] * force[1] + force[2] * force[2]), most = point->friction * fmax(force[0], 0);
     for (int k = 1; k < 3 && slide > most; k++) force[k] *= most / slide;
@@ -207,7 +214,8 @@ static void set_point(const pliant_solver *solver, pliant_contact_point *point, 
     memset(touches->taken.motion + 3 * (size_t)c, 0, 3 * sizeof *touches->taken.motion);
 }
 
-pliant_status pliant_solver_touch(pliant_solver *solver, pliant_contacts *points, const pliant_touch_pieces *pieces, const double *fine_positions)
+pliant_status pliant_solver_touch(pliant_solver *solver, pliant_contacts *points, const pliant_touch_pieces *pieces,
+                                  const double *fine_positions)
 {
     if ((!points || points->count == 0) && !solver->touches) return PLIANT_OK;
     pliant_status status = solver->touches ? PLIANT_OK : create(solver);
@@ -225,7 +233,9 @@ pliant_status pliant_solver_touch(pliant_solver *solver, pliant_contacts *points
         status = add_weights(solver, points->point + p, fine_positions);
         if (status == PLIANT_OK && pieces) status = pliant_touches_add_arms(touches, points->point + p, fine_positions);
         /* fixed */
-        if (status != PLIANT_OK || (touches->num_weights == touches->start[c] && touches->num_arms == touches->arm_start[c])) continue;
+        if (status != PLIANT_OK ||
+            (touches->num_weights == touches->start[c] && touches->num_arms == touches->arm_start[c]))
+            continue;
         touches->start[c + 1] = touches->num_weights;
         touches->arm_start[c + 1] = touches->num_arms;
         touches->point[c] = p;
@@ -247,7 +257,9 @@ static void turn(pliant_solver *solver)
             const double *frame = touches->frame + 9 * (size_t)c, *block = touches->block + 9 * (size_t)w;
             double *turned = touches->turned + 9 * (size_t)w;
             for (int r = 0; r < 3; r++) {
-                for (int d = 0; d < 3; d++) turned[3 * r + d] = frame[3 * r] * block[d] + frame[3 * r + 1] * block[3 + d] + frame[3 * r + 2] * block[6 + d];
+                for (int d = 0; d < 3; d++)
+                    turned[3 * r + d] =
+                        frame[3 * r] * block[d] + frame[3 * r + 1] * block[3 + d] + frame[3 * r + 2] * block[6 + d];
                 pliant_into_node_axes(solver->rotations, touches->unknown[w], turned + 3 * r);
             }
         }
@@ -257,7 +269,8 @@ void pliant_touches_apply(const pliant_touches *touches, int32_t c, const double
 {
     for (int32_t w = touches->start[c]; w < touches->start[c + 1]; w++) {
         const double *block = touches->turned + 9 * (size_t)w, *at = v + 3 * (size_t)touches->unknown[w];
-        for (int r = 0; r < 3; r++) out[r] += block[3 * r] * at[0] + block[3 * r + 1] * at[1] + block[3 * r + 2] * at[2];
+        for (int r = 0; r < 3; r++)
+            out[r] += block[3 * r] * at[0] + block[3 * r + 1] * at[1] + block[3 * r + 2] * at[2];
     }
 }
 
@@ -280,13 +293,18 @@ static void answer_of(const pliant_touches *touches, int32_t a, int32_t b, doubl
     for (int32_t v = touches->start[a]; v < touches->start[a + 1]; v++) {
         double moved[9] = {0}; /* motion of the unknown of v by unit forces at b */
         for (int32_t w = touches->start[b]; w < touches->start[b + 1]; w++) {
-            const double *answer = pliant_answer(&touches->answers, touches->unknown[v], touches->unknown[w]), *block = touches->turned + 9 * (size_t)w;
+            const double *answer = pliant_answer(&touches->answers, touches->unknown[v], touches->unknown[w]),
+                         *block = touches->turned + 9 * (size_t)w;
             for (int r = 0; r < 3; r++)
-                for (int c = 0; c < 3; c++) moved[3 * r + c] += answer[3 * r] * block[3 * c] + answer[3 * r + 1] * block[3 * c + 1] + answer[3 * r + 2] * block[3 * c + 2];
+                for (int c = 0; c < 3; c++)
+                    moved[3 * r + c] += answer[3 * r] * block[3 * c] + answer[3 * r + 1] * block[3 * c + 1] +
+                                        answer[3 * r + 2] * block[3 * c + 2];
         }
         const double *block = touches->turned + 9 * (size_t)v;
         for (int r = 0; r < 3; r++)
-            for (int c = 0; c < 3; c++) out[3 * r + c] += block[3 * r] * moved[c] + block[3 * r + 1] * moved[3 + c] + block[3 * r + 2] * moved[6 + c];
+            for (int c = 0; c < 3; c++)
+                out[3 * r + c] +=
+                    block[3 * r] * moved[c] + block[3 * r + 1] * moved[3 + c] + block[3 * r + 2] * moved[6 + c];
     }
 }
 
@@ -310,13 +328,15 @@ static void set_springs(const pliant_solver *solver, const int *tool, int num_to
                 double moved[3] = {0, 0, 0};
                 pliant_touches_apply(touches, c, response, moved);
                 for (size_t r = 0; r < 3; r++)
-                    touches->matrix[(3 * (size_t)c + r) * row + points + 3 * t + d] = touches->matrix[(points + 3 * t + d) * row + 3 * (size_t)c + r] = moved[r];
+                    touches->matrix[(3 * (size_t)c + r) * row + points + 3 * t + d] =
+                        touches->matrix[(points + 3 * t + d) * row + 3 * (size_t)c + r] = moved[r];
             }
             for (size_t b = 0; b < (size_t)num_tools; b++) {
                 double moved[3] = {0, 0, 0};
                 pliant_handle_apply(solver->handles + tool[b], response, moved);
                 for (size_t r = 0; r < 3; r++)
-                    touches->matrix[(points + 3 * b + r) * row + points + 3 * t + d] = moved[r] + (b == t && r == d ? solver->handles[tool[t]].compliance : 0);
+                    touches->matrix[(points + 3 * b + r) * row + points + 3 * t + d] =
+                        moved[r] + (b == t && r == d ? solver->handles[tool[t]].compliance : 0);
             }
         }
 }
@@ -326,7 +346,8 @@ pliant_status pliant_touches_make_matrix(pliant_touches *touches, int num_tools)
     const size_t row = 3 * (size_t)(touches->count + num_tools), room = 2 * row;
     for (int t = 0; t < num_tools; t++) touches->friction[touches->count + t] = PLIANT_CONE_HELD;
     if (row <= touches->room_matrix) return PLIANT_OK;
-    double *matrix = pliant_calloc(room, room * sizeof *matrix), *motion = pliant_calloc(room, sizeof *motion), *force = pliant_calloc(room, sizeof *force);
+    double *matrix = pliant_calloc(room, room * sizeof *matrix), *motion = pliant_calloc(room, sizeof *motion),
+           *force = pliant_calloc(room, sizeof *force);
     double *sweeps = pliant_calloc(room * PLIANT_CONE_ROOM + PLIANT_CONE_EQUATIONS, sizeof *sweeps);
     if (!matrix || !motion || !force || !sweeps) {
         pliant_free(matrix);
@@ -376,9 +397,11 @@ pliant_status pliant_touches_respond(pliant_solver *solver)
     touches->num_touched = num_answers;
     if (status != PLIANT_OK) return status;
     /* a preconditioner that is carried over from the previous topology changes in every step */
-    if (touches->of_factor != solver->factors || pliant_preconditioner_base(solver->preconditioner)) pliant_answers_forget(&touches->answers);
+    if (touches->of_factor != solver->factors || pliant_preconditioner_base(solver->preconditioner))
+        pliant_answers_forget(&touches->answers);
     touches->of_factor = solver->factors;
-    status = pliant_answers_find(&touches->answers, solver->preconditioner, touches->factor, num_answers, touches->touched);
+    status =
+        pliant_answers_find(&touches->answers, solver->preconditioner, touches->factor, num_answers, touches->touched);
     if (status != PLIANT_OK) return status;
     const size_t row = 3 * (size_t)(touches->count + num_tools);
     if ((status = pliant_touches_make_matrix(touches, num_tools)) != PLIANT_OK) return status;
@@ -390,7 +413,8 @@ pliant_status pliant_touches_respond(pliant_solver *solver)
             for (int d = 0; a == b && d < 3; d++) block[4 * d] *= 1 + PLIANT_CONE_GIVES;
             for (size_t r = 0; r < 3; r++)
                 for (size_t c = 0; c < 3; c++)
-                    touches->matrix[(3 * (size_t)a + r) * row + 3 * (size_t)b + c] = touches->matrix[(3 * (size_t)b + c) * row + 3 * (size_t)a + r] = block[3 * r + c];
+                    touches->matrix[(3 * (size_t)a + r) * row + 3 * (size_t)b + c] =
+                        touches->matrix[(3 * (size_t)b + c) * row + 3 * (size_t)a + r] = block[3 * r + c];
         }
     set_springs(solver, tool, num_tools, row);
     return PLIANT_OK;
@@ -406,19 +430,22 @@ void pliant_touches_load(const pliant_touches *touches, double *residual)
         for (int32_t w = touches->start[c]; w < touches->start[c + 1]; w++) {
             const double *block = touches->block + 9 * (size_t)w;
             double *at = residual + 3 * (size_t)touches->unknown[w];
-            for (int k = 0; k < 3; k++) at[k] += block[k] * force[0] + block[3 + k] * force[1] + block[6 + k] * force[2];
+            for (int k = 0; k < 3; k++)
+                at[k] += block[k] * force[0] + block[3 + k] * force[1] + block[6 + k] * force[2];
         }
     }
 }
 
 pliant_status pliant_touches_begin(pliant_solver *solver, pliant_iterate *at)
 {
-    if (!solver->touches->factor) return pliant_preconditioner_solve(solver->preconditioner, 1, at->residual, at->free_step);
+    if (!solver->touches->factor)
+        return pliant_preconditioner_solve(solver->preconditioner, 1, at->residual, at->free_step);
     const pliant_touches *touches = solver->touches;
     if (touches->by_halves) pliant_factor_begin_half(touches->factor, at->residual);
     else pliant_factor_begin(touches->factor, at->residual, at->free_step);
     for (int32_t i = 0; i < touches->num_touched && touches->by_halves; i++)
-        pliant_factor_half_answer(touches->factor, pliant_answer_half(&touches->answers, touches->touched[i]), at->free_step + 3 * (size_t)touches->touched[i]);
+        pliant_factor_half_answer(touches->factor, pliant_answer_half(&touches->answers, touches->touched[i]),
+                                  at->free_step + 3 * (size_t)touches->touched[i]);
     return PLIANT_OK;
 }
 
@@ -427,7 +454,8 @@ bool pliant_touches_find(pliant_touches *touches, int num_tools, const double *m
     const size_t points = 3 * (size_t)touches->count;
     memcpy(touches->force, touches->taken.force, points * sizeof *touches->force);
     memset(touches->force + points, 0, 3 * (size_t)num_tools * sizeof *touches->force);
-    pliant_cones_solve(touches->count + num_tools, matrix, touches->friction, touches->motion, touches->force, touches->sweeps);
+    pliant_cones_solve(touches->count + num_tools, matrix, touches->friction, touches->motion, touches->force,
+                       touches->sweeps);
     memcpy(touches->found.force, touches->force, points * sizeof *touches->force);
     memcpy(touches->found.motion, touches->motion, points * sizeof *touches->motion);
     bool changed = false;
@@ -460,7 +488,8 @@ pliant_status pliant_touches_step(pliant_solver *solver, pliant_iterate *at)
     pliant_touches_pull(touches, touches->change, touches->step);
     pliant_touches_pull(touches, touches->change, at->residual);
     for (int32_t i = 0; i < touches->num_touched && touches->by_halves; i++)
-        pliant_factor_half_add(touches->factor, pliant_answer_half(&touches->answers, touches->touched[i]), touches->step + 3 * (size_t)touches->touched[i]);
+        pliant_factor_half_add(touches->factor, pliant_answer_half(&touches->answers, touches->touched[i]),
+                               touches->step + 3 * (size_t)touches->touched[i]);
     if (touches->by_halves) pliant_factor_end_half(touches->factor, at->step);
     else if (touches->factor) pliant_factor_end(touches->factor, touches->step, at->step);
     if (touches->factor) return PLIANT_OK;
@@ -493,9 +522,11 @@ void pliant_touches_tell(pliant_touches *touches, const double *moved, pliant_st
     }
     for (int32_t c = 0; touches && c < touches->count; c++) {
         pliant_contact_point *point = touches->points->point + touches->point[c];
-        const double *frame = touches->frame + 9 * (size_t)c, *force = touches->taken.force + 3 * (size_t)c, *motion = touches->taken.motion + 3 * (size_t)c;
+        const double *frame = touches->frame + 9 * (size_t)c, *force = touches->taken.force + 3 * (size_t)c,
+                     *motion = touches->taken.motion + 3 * (size_t)c;
         const bool touches_something = point->kind != PLIANT_OBSTACLE_ELEMENT;
-        if (touches_something) statistics->penetration = fmax(statistics->penetration, depth_of(touches, c, moved + 3 * (size_t)c));
+        if (touches_something)
+            statistics->penetration = fmax(statistics->penetration, depth_of(touches, c, moved + 3 * (size_t)c));
         from_frame(frame, force, point->force);
         point->begun = force[0] > 0;
         statistics->contacts += point->begun && touches_something;
@@ -509,7 +540,8 @@ static void find_moved(const pliant_solver *solver)
 {
     pliant_touches *touches = solver->touches;
     const int32_t count = touches->count;
-    for (int32_t c = 0; c < count; c++) moved_point(solver->system, touches, c, solver->now.x, touches->motion + 3 * (size_t)c);
+    for (int32_t c = 0; c < count; c++)
+        moved_point(solver->system, touches, c, solver->now.x, touches->motion + 3 * (size_t)c);
     if (count > 0 && touches->pieces) {
         memset(touches->found.motion, 0, 3 * (size_t)count * sizeof(double));
         pliant_touches_move_pieces(touches, touches->taken.force, true, touches->found.motion);

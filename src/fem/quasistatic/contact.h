@@ -79,7 +79,8 @@ typedef struct pliant_touches pliant_touches;
 /* Set the contact points of the next step; NULL: none.
  * @param pieces Nullable; @param fine_positions (fine nodes x 3) current positions [m]
  * Errors: MEMORY. */
-pliant_status pliant_solver_touch(pliant_solver *solver, pliant_contacts *points, const pliant_touch_pieces *pieces, const double *fine_positions);
+pliant_status pliant_solver_touch(pliant_solver *solver, pliant_contacts *points, const pliant_touch_pieces *pieces,
+                                  const double *fine_positions);
 void pliant_touches_free(pliant_touches *touches); /* Nullable */
 static inline bool pliant_touches_any(const pliant_touches *touches) { return touches && touches->count > 0; }
 
@@ -114,7 +115,8 @@ void pliant_touches_tell(pliant_touches *touches, const double *moved, pliant_st
  * proportional to 1 / (E sqrt(area)), as an elastic half-space under a patch of that area (Johnson, Contact
  * Mechanics, 3.4). */
 /* Add the relations of a point to rigid bodies. Errors: MEMORY. */
-pliant_status pliant_touches_add_arms(pliant_touches *touches, const pliant_contact_point *point, const double *fine_positions);
+pliant_status pliant_touches_add_arms(pliant_touches *touches, const pliant_contact_point *point,
+                                      const double *fine_positions);
 /* Add the nonlinear part of a point's motion by the rotation of its bodies to out [m]. */
 void pliant_touches_bend(const pliant_touches *touches, int32_t point, double out[3]);
 /* Return a body by its index in touches->moving. */

@@ -50,12 +50,14 @@ static pliant_status add_proxy(pliant_touches *touches, const pliant_contact_poi
         if (!arm) return pliant_fail_memory("contact");
         arm->weight = body == first ? -1 : 0;
         for (int d = 0; d < 3; d++)
-            arm->arm[d] = -(body == first ? 1 : 0.5 * point->jaw) * (point->place[d] - touches->pieces->proxy[body].centre[d]);
+            arm->arm[d] =
+                -(body == first ? 1 : 0.5 * point->jaw) * (point->place[d] - touches->pieces->proxy[body].centre[d]);
     }
     return PLIANT_OK;
 }
 
-pliant_status pliant_touches_add_arms(pliant_touches *touches, const pliant_contact_point *point, const double *fine_positions)
+pliant_status pliant_touches_add_arms(pliant_touches *touches, const pliant_contact_point *point,
+                                      const double *fine_positions)
 {
     if (touches->pieces->proxy && point->kind == PLIANT_OBSTACLE_TOOL) {
         pliant_status status = add_proxy(touches, point);
@@ -68,7 +70,8 @@ pliant_status pliant_touches_add_arms(pliant_touches *touches, const pliant_cont
         if (!arm) return pliant_fail_memory("contact");
         arm->weight += point->weight[k];
         for (int d = 0; d < 3; d++)
-            arm->arm[d] += point->weight[k] * (fine_positions[3 * (size_t)point->node[k] + (size_t)d] - touches->pieces->piece[piece].centre[d]);
+            arm->arm[d] += point->weight[k] * (fine_positions[3 * (size_t)point->node[k] + (size_t)d] -
+                                               touches->pieces->piece[piece].centre[d]);
     }
     return PLIANT_OK;
 }
@@ -81,7 +84,8 @@ const pliant_touch_piece *pliant_touches_moving(const pliant_touches *touches, i
 
 void pliant_touches_bend(const pliant_touches *touches, int32_t c, double out[3])
 {
-    for (int32_t a = touches->arm_start[c]; a < touches->arm_start[c + 1]; a++) pliant_arm_bend(touches->arm + a, pliant_touches_moving(touches, touches->arm[a].moving), out);
+    for (int32_t a = touches->arm_start[c]; a < touches->arm_start[c + 1]; a++)
+        pliant_arm_bend(touches->arm + a, pliant_touches_moving(touches, touches->arm[a].moving), out);
 }
 
 /* Rigid bodies do not determine the forces of several points that carry a load together. A small compliance of each
@@ -104,7 +108,8 @@ void pliant_touches_answer_pieces(const pliant_touches *touches, int32_t a, int3
         for (int32_t j = touches->arm_start[b]; j < touches->arm_start[b + 1]; j++) {
             const pliant_touch_arm *mine = touches->arm + i, *other = touches->arm + j;
             if (mine->moving != other->moving) continue;
-            pliant_arms_answer(pliant_touches_moving(touches, mine->moving), mine, touches->frame + 9 * (size_t)a, other, touches->frame + 9 * (size_t)b, out);
+            pliant_arms_answer(pliant_touches_moving(touches, mine->moving), mine, touches->frame + 9 * (size_t)a,
+                               other, touches->frame + 9 * (size_t)b, out);
         }
     const double itself = a == b ? pliant_touches_give_way(touches, a) : 0;
     for (int d = 0; d < 3; d++) out[4 * d] += itself;
@@ -115,12 +120,16 @@ void pliant_touches_move_pieces(const pliant_touches *touches, const double *for
     for (int32_t m = 0; m < touches->num_moving; m++) {
         double load[6] = {0}, moved[6];
         for (int pass = 0; pass < 2; pass++) { /* first sum the load of all points, then compute their motion */
-            for (int k = 0; k < 6 && pass == 1; k++) moved[k] = pliant_piece_moves(pliant_touches_moving(touches, m), load, k);
+            for (int k = 0; k < 6 && pass == 1; k++)
+                moved[k] = pliant_piece_moves(pliant_touches_moving(touches, m), load, k);
             for (int32_t c = 0; c < touches->count; c++)
                 for (int32_t a = touches->arm_start[c]; a < touches->arm_start[c + 1]; a++) {
                     if (touches->arm[a].moving != m) continue;
-                    if (pass == 0) pliant_arm_load(touches->arm + a, touches->frame + 9 * (size_t)c, force + 3 * (size_t)c, load);
-                    else pliant_arm_move(touches->arm + a, touches->frame + 9 * (size_t)c, moved, motion + 3 * (size_t)c);
+                    if (pass == 0)
+                        pliant_arm_load(touches->arm + a, touches->frame + 9 * (size_t)c, force + 3 * (size_t)c, load);
+                    else
+                        pliant_arm_move(touches->arm + a, touches->frame + 9 * (size_t)c, moved,
+                                        motion + 3 * (size_t)c);
                 }
         }
     }

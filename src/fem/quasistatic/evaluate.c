@@ -75,21 +75,26 @@ pliant_status pliant_solver_evaluate(pliant_solver *solver, pliant_known known, 
     memcpy(at->residual, solver->load, bytes);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
         if (solver->handles[t].active)
-            pliant_handle_load(solver->handles + t, solver->handles[t].by_force ? solver->handles[t].force : at->force + 3 * t, at->residual);
+            pliant_handle_load(solver->handles + t,
+                               solver->handles[t].by_force ? solver->handles[t].force : at->force + 3 * t,
+                               at->residual);
     if (pliant_touches_any(solver->touches)) pliant_touches_load(solver->touches, at->residual);
     find_residual(solver, at);
     at->merit = INFINITY;
-    const bool sensible = isfinite(at->scale) && at->displacement <= pliant_quasistatic().max_displacement * solver->rules.smallest_displacement;
+    const bool sensible = isfinite(at->scale) && at->displacement <= pliant_quasistatic().max_displacement *
+                                                                         solver->rules.smallest_displacement;
     if (!sensible) return PLIANT_OK; /* an invalid state is never accepted */
     const bool touches = pliant_touches_any(solver->touches);
     pliant_status status = known == PLIANT_KNOWN_STEP ? PLIANT_OK
-                           : touches                  ? pliant_touches_begin(solver, at)
-                                                      : pliant_preconditioner_solve(solver->preconditioner, 1, at->residual, at->free_step);
+                           : touches
+                               ? pliant_touches_begin(solver, at)
+                               : pliant_preconditioner_solve(solver->preconditioner, 1, at->residual, at->free_step);
     if (status != PLIANT_OK) return status;
     memcpy(at->step, at->free_step, bytes);
     if (touches && (status = pliant_touches_step(solver, at)) != PLIANT_OK) return status;
     if (!pliant_solver_step_tools(solver, at)) return PLIANT_OK;
-    const double energy = pliant_solver_product(solver, at->step, at->residual) + pliant_solver_spring_energy(solver, at->step_force, at->step_force);
+    const double energy = pliant_solver_product(solver, at->step, at->residual) +
+                          pliant_solver_spring_energy(solver, at->step_force, at->step_force);
     at->merit = pliant_anderson_merit(energy, at->scale);
     return PLIANT_OK;
 }

@@ -31,7 +31,8 @@ static inline void pliant_even_note(pliant_even *even, int32_t evaluations, doub
 {
     /* After a dozen steps, motion that has begun counts as normal. */
     const double weight = fmax(pliant_quasistatic().even_weight, 1.0 / (double)(even->count + 1));
-    if (isfinite(first_merit)) even->merit = weight < 1 ? even->merit + weight * (first_merit - even->merit) : first_merit;
+    if (isfinite(first_merit))
+        even->merit = weight < 1 ? even->merit + weight * (first_merit - even->merit) : first_merit;
     even->evaluations[even->count++ % PLIANT_EVEN_STEPS] = (uint8_t)(evaluations < UINT8_MAX ? evaluations : UINT8_MAX);
 }
 

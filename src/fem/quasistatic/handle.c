@@ -12,7 +12,8 @@ void pliant_handle_apply(const pliant_handle *handle, const double *v, double ou
 {
     for (int32_t h = 0; h < handle->count; h++) {
         const double *block = handle->turned + 9 * h, *at = v + 3 * handle->unknown[h];
-        for (int r = 0; r < 3; r++) out[r] += block[3 * r] * at[0] + block[3 * r + 1] * at[1] + block[3 * r + 2] * at[2];
+        for (int r = 0; r < 3; r++)
+            out[r] += block[3 * r] * at[0] + block[3 * r + 1] * at[1] + block[3 * r + 2] * at[2];
     }
 }
 
@@ -25,9 +26,15 @@ static void add_by(const pliant_handle *handle, const double *blocks, const doub
     }
 }
 
-void pliant_handle_pull(const pliant_handle *handle, const double force[3], double *v) { add_by(handle, handle->turned, force, v); }
+void pliant_handle_pull(const pliant_handle *handle, const double force[3], double *v)
+{
+    add_by(handle, handle->turned, force, v);
+}
 
-void pliant_handle_load(const pliant_handle *handle, const double force[3], double *v) { add_by(handle, handle->block, force, v); }
+void pliant_handle_load(const pliant_handle *handle, const double force[3], double *v)
+{
+    add_by(handle, handle->block, force, v);
+}
 
 /* Compute y = origin + W x. x: all nodes of the solved mesh. */
 static void held_point(const pliant_solver *solver, const pliant_handle *handle, const double *x, double out[3])
@@ -35,7 +42,8 @@ static void held_point(const pliant_solver *solver, const pliant_handle *handle,
     memcpy(out, handle->origin, 3 * sizeof *out);
     for (int32_t h = 0; h < handle->count; h++) {
         const double *block = handle->block + 9 * h, *at = x + 3 * solver->system->node_of_free[handle->unknown[h]];
-        for (int r = 0; r < 3; r++) out[r] += block[3 * r] * at[0] + block[3 * r + 1] * at[1] + block[3 * r + 2] * at[2];
+        for (int r = 0; r < 3; r++)
+            out[r] += block[3 * r] * at[0] + block[3 * r + 1] * at[1] + block[3 * r + 2] * at[2];
     }
 }
 
@@ -93,7 +101,8 @@ void pliant_handle_turn(pliant_handle *handle, const pliant_nodal_rotations *rot
 {
     if (handle->count == 0) return;
     memcpy(handle->turned, handle->block, 9 * (size_t)handle->count * sizeof *handle->block);
-    for (int32_t row = 0; row < 3 * handle->count; row++) pliant_into_node_axes(rotations, handle->unknown[row / 3], handle->turned + 3 * row);
+    for (int32_t row = 0; row < 3 * handle->count; row++)
+        pliant_into_node_axes(rotations, handle->unknown[row / 3], handle->turned + 3 * row);
 }
 
 void pliant_solver_turned(pliant_solver *solver)
@@ -114,13 +123,15 @@ static int by_unknown(const void *a, const void *b)
     return i->order < j->order ? -1 : i->order > j->order;
 }
 
-static pliant_status hold_nodes(const pliant_system *system, int32_t count, const int32_t *nodes, const double *weights, pliant_handle *handle)
+static pliant_status hold_nodes(const pliant_system *system, int32_t count, const int32_t *nodes, const double *weights,
+                                pliant_handle *handle)
 {
     int32_t listed = 0, kept = 0;
     held_unknown *list = pliant_calloc((size_t)count + 1, sizeof *list);
     if (!list) return pliant_fail_memory("a tool's hold");
     for (int32_t h = 0; h < count; h++)
-        if (system->free_of_node[nodes[h]] >= 0) list[listed++] = (held_unknown){system->free_of_node[nodes[h]], h, weights[h]};
+        if (system->free_of_node[nodes[h]] >= 0)
+            list[listed++] = (held_unknown){system->free_of_node[nodes[h]], h, weights[h]};
     qsort(list, (size_t)listed, sizeof *list, by_unknown);
     for (int32_t i = 0; i < listed;) {
         held_unknown one = {list[i].unknown, 0, 0};
@@ -138,7 +149,8 @@ static pliant_status hold_nodes(const pliant_system *system, int32_t count, cons
 }
 
 /* Compute W for fine nodes that follow solved nodes. dense: (num_free x 9) work array. */
-static pliant_status hold_followers(const pliant_solver *solver, int32_t count, const int32_t *nodes, const double *weights, double *dense, pliant_handle *handle)
+static pliant_status hold_followers(const pliant_solver *solver, int32_t count, const int32_t *nodes,
+                                    const double *weights, double *dense, pliant_handle *handle)
 {
     const pliant_system *system = solver->system;
     memset(dense, 0, 9 * (size_t)system->num_free * sizeof *dense);
@@ -163,14 +175,15 @@ static pliant_status hold_followers(const pliant_solver *solver, int32_t count, 
     return PLIANT_OK;
 }
 
-pliant_status pliant_solver_hold(pliant_solver *solver, int tool, int32_t count, const int32_t *nodes, const double *weights,
-                                 const double *fine_positions)
+pliant_status pliant_solver_hold(pliant_solver *solver, int tool, int32_t count, const int32_t *nodes,
+                                 const double *weights, const double *fine_positions)
 {
     pliant_handle *old = solver->handles + tool, handle = *old;
     handle.unknown = NULL;
     handle.block = handle.turned = handle.response = NULL;
-    pliant_status status = pliant_solves_fine(solver->system) ? hold_nodes(solver->system, count, nodes, weights, &handle)
-                                                              : hold_followers(solver, count, nodes, weights, solver->dense_weights, &handle);
+    pliant_status status = pliant_solves_fine(solver->system)
+                               ? hold_nodes(solver->system, count, nodes, weights, &handle)
+                               : hold_followers(solver, count, nodes, weights, solver->dense_weights, &handle);
     if (status != PLIANT_OK) return status;
     bool was_active = old->active;
     free_arrays(old);
@@ -194,7 +207,8 @@ pliant_status pliant_solver_hold(pliant_solver *solver, int tool, int32_t count,
 
 pliant_status pliant_handle_respond(pliant_handle *handle, size_t unknowns, pliant_preconditioner *preconditioner)
 {
-    if (!handle->response && !(handle->response = pliant_room(3 * unknowns, sizeof *handle->response))) return pliant_fail_memory("a tool's hold");
+    if (!handle->response && !(handle->response = pliant_room(3 * unknowns, sizeof *handle->response)))
+        return pliant_fail_memory("a tool's hold");
     memset(handle->response, 0, 3 * unknowns * sizeof *handle->response);
     for (int d = 0; d < 3; d++) {
         double unit[3] = {d == 0, d == 1, d == 2};
@@ -230,7 +244,8 @@ void pliant_handle_gap(const pliant_solver *solver, int tool, const pliant_itera
     pliant_handle_apply(solver->handles + tool, at->free_step, out);
 }
 
-int pliant_solver_springs(const pliant_solver *solver, int index[PLIANT_MAX_TOOLS], double matrix[PLIANT_MAX_ROWS * PLIANT_MAX_ROWS])
+int pliant_solver_springs(const pliant_solver *solver, int index[PLIANT_MAX_TOOLS],
+                          double matrix[PLIANT_MAX_ROWS * PLIANT_MAX_ROWS])
 {
     const size_t n = pliant_solver_unknowns(solver);
     int count = 0;
@@ -241,9 +256,11 @@ int pliant_solver_springs(const pliant_solver *solver, int index[PLIANT_MAX_TOOL
         for (int b = 0; b < count; b++)
             for (int d = 0; d < 3; d++) {
                 double column[3] = {0, 0, 0};
-                pliant_handle_apply(solver->handles + index[a], solver->handles[index[b]].response + n * (size_t)d, column);
+                pliant_handle_apply(solver->handles + index[a], solver->handles[index[b]].response + n * (size_t)d,
+                                    column);
                 for (int r = 0; r < 3; r++)
-                    matrix[(3 * a + r) * rows + 3 * b + d] = column[r] + (a == b && r == d ? solver->handles[index[a]].compliance : 0);
+                    matrix[(3 * a + r) * rows + 3 * b + d] =
+                        column[r] + (a == b && r == d ? solver->handles[index[a]].compliance : 0);
             }
     return count;
 }

@@ -12,13 +12,17 @@ enum { MOST_ROWS = 600 }; /* with more rows, a dense factor would take longer th
 static void fill_matrix(const pliant_solver *solver, pliant_held *held, const double *springs)
 {
     const pliant_touches *touches = solver->touches;
-    const size_t rows = (size_t)held->rows, points = (size_t)held->contact_rows, whole = pliant_touches_any(touches) ? 3 * (size_t)(touches->count + held->num_tools) : 0;
+    const size_t rows = (size_t)held->rows, points = (size_t)held->contact_rows,
+                 whole = pliant_touches_any(touches) ? 3 * (size_t)(touches->count + held->num_tools) : 0;
     double largest = 0;
     for (size_t r = 0; r < rows; r++)
         for (size_t c = 0; c < rows; c++) {
-            const size_t from = r < points ? (size_t)held->contact_row[r] : r - points, to = c < points ? (size_t)held->contact_row[c] : c - points;
+            const size_t from = r < points ? (size_t)held->contact_row[r] : r - points,
+                         to = c < points ? (size_t)held->contact_row[c] : c - points;
             const size_t base = whole > 0 ? 3 * (size_t)touches->count : 0;
-            held->factor[r * rows + c] = whole > 0 ? touches->matrix[(r < points ? from : base + from) * whole + (c < points ? to : base + to)] : springs[from * rows + to];
+            held->factor[r * rows + c] =
+                whole > 0 ? touches->matrix[(r < points ? from : base + from) * whole + (c < points ? to : base + to)]
+                          : springs[from * rows + to];
             if (r == c) largest = fmax(largest, held->factor[r * rows + c]);
         }
     const double rounding = 1e-9; /* points with the same nodes have equal rows */
@@ -32,7 +36,8 @@ static int32_t list_rows(const pliant_touches *touches, int32_t *row)
     const double sticks = 0.999;
     int32_t count = 0;
     for (int32_t c = 0; c < touches->count; c++) {
-        const double *force = touches->found.force + 3 * (size_t)c, slide = sqrt(force[1] * force[1] + force[2] * force[2]);
+        const double *force = touches->found.force + 3 * (size_t)c,
+                     slide = sqrt(force[1] * force[1] + force[2] * force[2]);
         const bool of_piece = touches->pieces && touches->arm_start[c + 1] > touches->arm_start[c];
         if (!(force[0] > 0) || of_piece) continue;
         const int rows = slide < sticks * touches->friction[c] * force[0] ? 3 : 1;
@@ -114,10 +119,12 @@ pliant_status pliant_held_keep(const pliant_solver *solver, const pliant_held *h
     return status;
 }
 
-void pliant_held_pull(const pliant_solver *solver, const pliant_held *held, const pliant_held_forces *dl, double share, double *v)
+void pliant_held_pull(const pliant_solver *solver, const pliant_held *held, const pliant_held_forces *dl, double share,
+                      double *v)
 {
     for (int t = 0; t < held->num_tools; t++) {
-        const double *force = dl->tool + 3 * held->tool[t], part[3] = {share * force[0], share * force[1], share * force[2]};
+        const double *force = dl->tool + 3 * held->tool[t],
+                     part[3] = {share * force[0], share * force[1], share * force[2]};
         pliant_handle_pull(solver->handles + held->tool[t], part, v);
     }
     if (held->contact_rows == 0) return;

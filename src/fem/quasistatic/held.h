@@ -34,7 +34,8 @@ void pliant_held_free(pliant_held *held);
 /* Compute dl that keeps the constraints for v, and add U dl to v. dl: out. Errors: MEMORY. */
 pliant_status pliant_held_keep(const pliant_solver *solver, const pliant_held *held, double *v, pliant_held_forces *dl);
 /* Add share W' dl to v. */
-void pliant_held_pull(const pliant_solver *solver, const pliant_held *held, const pliant_held_forces *dl, double share, double *v);
+void pliant_held_pull(const pliant_solver *solver, const pliant_held *held, const pliant_held_forces *dl, double share,
+                      double *v);
 
 #ifdef __cplusplus
 }

@@ -38,7 +38,8 @@ void pliant_nodal_rotations_free(pliant_nodal_rotations *rotations)
 }
 
 /* Compute F of a block of elements. Grounded elements have F = I. */
-static inline __attribute__((always_inline)) void deformations(const pliant_system *system, int32_t block, const double *positions, double f[9][LANES])
+static inline __attribute__((always_inline)) void deformations(const pliant_system *system, int32_t block,
+                                                               const double *positions, double f[9][LANES])
 {
     double x[12][LANES];
     load_corners(system, positions, block, x);
@@ -47,7 +48,8 @@ static inline __attribute__((always_inline)) void deformations(const pliant_syst
     if (grounded) ground(grounded, f);
 }
 
-PLIANT_VECTORIZED static void keep_before(const pliant_system *system, int32_t block, const double *positions, float before[9][LANES])
+PLIANT_VECTORIZED static void keep_before(const pliant_system *system, int32_t block, const double *positions,
+                                          float before[9][LANES])
 {
     double f[9][LANES];
     deformations(system, block, positions, f);
@@ -56,16 +58,17 @@ PLIANT_VECTORIZED static void keep_before(const pliant_system *system, int32_t b
 }
 
 /* Compute F F0' of a block. For F = Q F0 its rotation is Q, for any stretch F0. */
-PLIANT_VECTORIZED static void multiply(const pliant_system *system, int32_t block, const double *positions, float before[9][LANES],
-                                       float product[LANES][9])
+PLIANT_VECTORIZED static void multiply(const pliant_system *system, int32_t block, const double *positions,
+                                       float before[9][LANES], float product[LANES][9])
 {
     double f[9][LANES];
     deformations(system, block, positions, f);
     for (int r = 0; r < 3; r++)
         for (int c = 0; c < 3; c++)
             for (int l = 0; l < LANES; l++)
-                product[l][3 * r + c] = (float)(f[3 * r][l] * before[3 * c][l] + f[3 * r + 1][l] * before[3 * c + 1][l] +
-                                                f[3 * r + 2][l] * before[3 * c + 2][l]);
+                product[l][3 * r + c] =
+                    (float)(f[3 * r][l] * before[3 * c][l] + f[3 * r + 1][l] * before[3 * c + 1][l] +
+                            f[3 * r + 2][l] * before[3 * c + 2][l]);
 }
 
 /* Compute the same for a hexahedron. */
@@ -73,7 +76,8 @@ static void deformation_of_macro(const pliant_system *system, int32_t element, c
 {
     const pliant_macros *macros = system->macros;
     pliant_macro_frame frame;
-    pliant_macro_place(macros->own + 8 * (size_t)element, macros->gradient + 24 * (size_t)element, positions, system->mesh->rest, f, &frame);
+    pliant_macro_place(macros->own + 8 * (size_t)element, macros->gradient + 24 * (size_t)element, positions,
+                       system->mesh->rest, f, &frame);
 }
 
 static void keep_macros_before(const pliant_system *system, const double *positions, pliant_nodal_rotations *rotations)
@@ -82,7 +86,8 @@ static void keep_macros_before(const pliant_system *system, const double *positi
     for (int32_t e = 0; e < system->macros->count; e++) {
         double f[9];
         deformation_of_macro(system, e, positions, f);
-        for (int m = 0; m < 9; m++) rotations->before[e / LANES][m][e % LANES] = (float)(system->macros->shear[e] * f[m]);
+        for (int m = 0; m < 9; m++)
+            rotations->before[e / LANES][m][e % LANES] = (float)(system->macros->shear[e] * f[m]);
     }
 }
 
@@ -95,26 +100,30 @@ static void multiply_macros(const pliant_system *system, const double *positions
         deformation_of_macro(system, e, positions, f);
         for (int r = 0; r < 3; r++)
             for (int c = 0; c < 3; c++)
-                product[3 * r + c] = (float)(f[3 * r] * before[3 * c][e % LANES] + f[3 * r + 1] * before[3 * c + 1][e % LANES] +
-                                             f[3 * r + 2] * before[3 * c + 2][e % LANES]);
+                product[3 * r + c] =
+                    (float)(f[3 * r] * before[3 * c][e % LANES] + f[3 * r + 1] * before[3 * c + 1][e % LANES] +
+                            f[3 * r + 2] * before[3 * c + 2][e % LANES]);
     }
 }
 
-void pliant_nodal_rotations_refer(const pliant_system *system, const double *positions, pliant_nodal_rotations *rotations)
+void pliant_nodal_rotations_refer(const pliant_system *system, const double *positions,
+                                  pliant_nodal_rotations *rotations)
 {
     if (!rotations) return;
     if (system->macros) {
         keep_macros_before(system, positions, rotations);
     } else {
 #pragma omp parallel for schedule(static) num_threads(system->num_threads)
-        for (int32_t block = 0; block < system->num_blocks; block++) keep_before(system, block, positions, rotations->before[block]);
+        for (int32_t block = 0; block < system->num_blocks; block++)
+            keep_before(system, block, positions, rotations->before[block]);
     }
     rotations->turned = false;
 }
 
 PLIANT_VECTORIZED static void rotations_of(double sum[9][LANES], double out[9][LANES]) { pliant_rotations(sum, out); }
 
-void pliant_nodal_rotations_update(const pliant_system *system, const double *positions, pliant_nodal_rotations *rotations)
+void pliant_nodal_rotations_update(const pliant_system *system, const double *positions,
+                                   pliant_nodal_rotations *rotations)
 {
     if (!rotations) return;
     if (system->macros) {
@@ -135,7 +144,8 @@ void pliant_nodal_rotations_update(const pliant_system *system, const double *po
                 continue;
             }
             for (int32_t c = system->corner_start[n]; c < system->corner_end[n]; c++) {
-                int32_t element = system->macros ? system->macros->cube_of_corner[system->corner[c]] : system->corner[c] / 4;
+                int32_t element =
+                    system->macros ? system->macros->cube_of_corner[system->corner[c]] : system->corner[c] / 4;
                 for (int m = 0; m < 9; m++) sum[m][l] += rotations->product[element / LANES][element % LANES][m];
             }
         }

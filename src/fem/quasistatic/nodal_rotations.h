@@ -27,9 +27,11 @@ pliant_status pliant_nodal_rotations_create(const pliant_system *system, pliant_
 void pliant_nodal_rotations_free(pliant_nodal_rotations *rotations); /* Nullable */
 /* Set the reference positions of the preconditioner. All rotations are I until pliant_nodal_rotations_update. Nullable
  * rotations */
-void pliant_nodal_rotations_refer(const pliant_system *system, const double *positions, pliant_nodal_rotations *rotations);
+void pliant_nodal_rotations_refer(const pliant_system *system, const double *positions,
+                                  pliant_nodal_rotations *rotations);
 /* Rotate the axes with the tissue to these positions. Nullable rotations */
-void pliant_nodal_rotations_update(const pliant_system *system, const double *positions, pliant_nodal_rotations *rotations);
+void pliant_nodal_rotations_update(const pliant_system *system, const double *positions,
+                                   pliant_nodal_rotations *rotations);
 
 /* Compute Q' v (into) or Q v (from) of one unknown node, overwriting v. Nullable rotations */
 static inline void pliant_into_node_axes(const pliant_nodal_rotations *rotations, int32_t node, double v[3])

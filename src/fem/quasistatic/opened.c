@@ -30,7 +30,8 @@ static void free_step(newton_step *found)
 static double longest(const pliant_solver *solver, const double *v)
 {
     double most = 0;
-    for (int32_t f = 0; f < solver->system->num_free; f++) most = fmax(most, v[3 * f] * v[3 * f] + v[3 * f + 1] * v[3 * f + 1] + v[3 * f + 2] * v[3 * f + 2]);
+    for (int32_t f = 0; f < solver->system->num_free; f++)
+        most = fmax(most, v[3 * f] * v[3 * f] + v[3 * f + 1] * v[3 * f + 1] + v[3 * f + 2] * v[3 * f + 2]);
     return sqrt(most);
 }
 
@@ -54,14 +55,16 @@ static bool multiply(pliant_solver *solver, const double *v, double *out)
     place_trial(solver, v, share);
     pliant_solver_elastic_forces(solver, &solver->trial);
     for (int32_t f = 0; f < solver->system->num_free; f++) {
-        for (int d = 0; d < 3; d++) out[3 * f + d] = (solver->trial.elastic[3 * f + d] - solver->now.elastic[3 * f + d]) / share;
+        for (int d = 0; d < 3; d++)
+            out[3 * f + d] = (solver->trial.elastic[3 * f + d] - solver->now.elastic[3 * f + d]) / share;
         pliant_into_node_axes(solver->rotations, f, out + 3 * f);
     }
     return true;
 }
 
 /* Add share * other to forces. */
-static void add_forces(const pliant_held *held, double share, const pliant_held_forces *other, pliant_held_forces *forces)
+static void add_forces(const pliant_held *held, double share, const pliant_held_forces *other,
+                       pliant_held_forces *forces)
 {
     for (int r = 0; r < PLIANT_MAX_ROWS; r++) forces->tool[r] += share * other->tool[r];
     for (int32_t r = 0; r < held->contact_rows; r++) forces->row[r] += share * other->row[r];
@@ -122,8 +125,10 @@ static pliant_status find_step(pliant_solver *solver, newton_step *found, int32_
     pliant_held_pull(solver, &found->held, &found->pulls_along, -1, left);
     double norm = pliant_solver_product(solver, left, found->along);
     const double first = norm;
-    for (*products = 0; *products < most && pliant_opened_goes_on(norm, first) && multiply(solver, found->along, pulled);) {
-        const double curvature = pliant_solver_product(solver, found->along, pulled) + pliant_solver_spring_energy(solver, found->pulls_along.tool, found->pulls_along.tool);
+    for (*products = 0;
+         *products < most && pliant_opened_goes_on(norm, first) && multiply(solver, found->along, pulled);) {
+        const double curvature = pliant_solver_product(solver, found->along, pulled) +
+                                 pliant_solver_spring_energy(solver, found->pulls_along.tool, found->pulls_along.tool);
         const double share = pliant_opened_advance(led, norm, curvature);
         ++*products;
         if (!(share > 0)) break;
@@ -174,7 +179,10 @@ static double slope_at(pliant_solver *solver, const double *way)
     pliant_solver_elastic_forces(solver, &solver->now);
     memcpy(left, solver->load, pliant_solver_unknowns(solver) * sizeof *left);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
-        if (solver->handles[t].active) pliant_handle_load(solver->handles + t, solver->handles[t].by_force ? solver->handles[t].force : solver->now.force + 3 * t, left);
+        if (solver->handles[t].active)
+            pliant_handle_load(solver->handles + t,
+                               solver->handles[t].by_force ? solver->handles[t].force : solver->now.force + 3 * t,
+                               left);
     if (pliant_touches_any(solver->touches)) pliant_touches_load(solver->touches, left);
     for (int32_t f = 0; f < solver->system->num_free; f++) {
         for (int d = 0; d < 3; d++) left[3 * f + d] -= solver->now.elastic[3 * f + d];
@@ -220,7 +228,8 @@ static pliant_status respond_in_axes(pliant_solver *solver)
 /* Take the Newton step and rotate the axes along it. */
 static pliant_status take_step(pliant_solver *solver, const newton_step *found)
 {
-    const double length = longest(solver, found->way) / solver->rules.smallest_displacement, share = pliant_opened_share(length);
+    const double length = longest(solver, found->way) / solver->rules.smallest_displacement,
+                 share = pliant_opened_share(length);
     const int parts = pliant_opened_parts(length);
     double gone = 0, slope = found->energy;
     memcpy(solver->previous_x, solver->now.x, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *solver->previous_x);
@@ -266,8 +275,10 @@ int32_t pliant_solver_open_evaluations(const pliant_solver *solver, const pliant
  * unknown. */
 static bool is_settled(const pliant_solver *solver)
 {
-    const double tolerance = solver->rules.tolerance * fmax(solver->now.displacement, solver->rules.smallest_displacement);
-    return !pliant_touches_any(solver->touches) && pliant_opened_is_settled(longest(solver, solver->now.step), tolerance);
+    const double tolerance =
+        solver->rules.tolerance * fmax(solver->now.displacement, solver->rules.smallest_displacement);
+    return !pliant_touches_any(solver->touches) &&
+           pliant_opened_is_settled(longest(solver, solver->now.step), tolerance);
 }
 
 pliant_status pliant_solver_open(pliant_solver *solver, int32_t most, int32_t *evaluations, bool *settled)

@@ -8,7 +8,9 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-enum { PLIANT_OPENED_LEAST = 4 }; /* minimum number of evaluations: state, product, end of the step, remaining residual */
+enum {
+    PLIANT_OPENED_LEAST = 4
+}; /* minimum number of evaluations: state, product, end of the step, remaining residual */
 
 /* Length of the difference for a product, in thousandths of the body's length: truncation and rounding are both small. */
 #define PLIANT_OPENED_DIFFERENCE 1e-3
@@ -27,7 +29,10 @@ static inline double pliant_opened_difference(double smallest_displacement, doub
     return longest > 0 && isfinite(part) ? part : 0;
 }
 /* Return whether the first step [m] shows that the cut has released no tissue. */
-static inline bool pliant_opened_is_settled(double longest, double tolerance) { return longest <= pliant_quasistatic().opened_settled * tolerance; }
+static inline bool pliant_opened_is_settled(double longest, double tolerance)
+{
+    return longest <= pliant_quasistatic().opened_settled * tolerance;
+}
 /* Rules of the conjugate gradients. `goes_on`: whether another direction is worth its product. `advance`: step length
  * along a direction; 0 means no progress. `turned`: weight of the old direction in the next one. led: the first
  * direction, which the held nodes prescribe, is taken with length 1. */
@@ -53,7 +58,10 @@ static inline int pliant_opened_parts(double length)
 }
 
 /* Return whether the slope is checked after this fraction of the step. */
-static inline bool pliant_opened_doubts(double gone, double length) { return gone * length > pliant_quasistatic().opened_doubt; }
+static inline bool pliant_opened_doubts(double gone, double length)
+{
+    return gone * length > pliant_quasistatic().opened_doubt;
+}
 
 /* Return the length by which a part is shortened, to the minimum of the potential energy, from its slopes before and
  * after the part. The slope after it is not positive. */

@@ -43,7 +43,8 @@ PLIANT_INLINE void pliant_arm_rows(const pliant_touch_arm *arm, const double fra
 }
 
 /* Add the force and torque of a force in the point's frame to load (6). */
-PLIANT_INLINE void pliant_arm_load(const pliant_touch_arm *arm, const double frame[9], const double force[3], double load[6])
+PLIANT_INLINE void pliant_arm_load(const pliant_touch_arm *arm, const double frame[9], const double force[3],
+                                   double load[6])
 {
     double rows[18];
     pliant_arm_rows(arm, frame, rows);
@@ -52,7 +53,8 @@ PLIANT_INLINE void pliant_arm_load(const pliant_touch_arm *arm, const double fra
 }
 
 /* Add the motion of the point in its frame to motion (3), for a given motion of the piece. */
-PLIANT_INLINE void pliant_arm_move(const pliant_touch_arm *arm, const double frame[9], const double moved[6], double motion[3])
+PLIANT_INLINE void pliant_arm_move(const pliant_touch_arm *arm, const double frame[9], const double moved[6],
+                                   double motion[3])
 {
     double rows[18];
     pliant_arm_rows(arm, frame, rows);
@@ -72,15 +74,19 @@ PLIANT_INLINE double pliant_piece_moves(const pliant_touch_piece *piece, const d
  * formula. */
 PLIANT_INLINE void pliant_arm_bend(const pliant_touch_arm *arm, const pliant_touch_piece *piece, double out[3])
 {
-    const double *w = piece->ahead + 3, *r = arm->arm, square = w[0] * w[0] + w[1] * w[1] + w[2] * w[2], angle = sqrt(square);
-    const double s = angle > 1e-3 ? sin(angle) / angle - 1 : -square / 6, c = angle > 1e-3 ? (1 - cos(angle)) / square : 0.5;
+    const double *w = piece->ahead + 3, *r = arm->arm, square = w[0] * w[0] + w[1] * w[1] + w[2] * w[2],
+                 angle = sqrt(square);
+    const double s = angle > 1e-3 ? sin(angle) / angle - 1 : -square / 6,
+                 c = angle > 1e-3 ? (1 - cos(angle)) / square : 0.5;
     double once[3];
     for (int d = 0; d < 3; d++) once[d] = w[(d + 1) % 3] * r[(d + 2) % 3] - w[(d + 2) % 3] * r[(d + 1) % 3];
-    for (int d = 0; d < 3; d++) out[d] += s * once[d] + c * (w[(d + 1) % 3] * once[(d + 2) % 3] - w[(d + 2) % 3] * once[(d + 1) % 3]);
+    for (int d = 0; d < 3; d++)
+        out[d] += s * once[d] + c * (w[(d + 1) % 3] * once[(d + 2) % 3] - w[(d + 2) % 3] * once[(d + 1) % 3]);
 }
 
 /* Add A of two points of one piece to block (9), in the points' frames. */
-PLIANT_INLINE void pliant_arms_answer(const pliant_touch_piece *piece, const pliant_touch_arm *a, const double frame_a[9], const pliant_touch_arm *b, const double frame_b[9],
+PLIANT_INLINE void pliant_arms_answer(const pliant_touch_piece *piece, const pliant_touch_arm *a,
+                                      const double frame_a[9], const pliant_touch_arm *b, const double frame_b[9],
                                       double block[9])
 {
     double mine[18], other[18];

@@ -60,14 +60,16 @@ static pliant_status make_ready(pliant_refresh *refresh)
     pliant_preconditioner_free(refresh->discarded);
     refresh->discarded = NULL;
     if (refresh->preconditioner) return PLIANT_OK;
-    if (!refresh->tangents && !(refresh->tangents = pliant_calloc((size_t)system->num_blocks, sizeof *refresh->tangents)))
+    if (!refresh->tangents &&
+        !(refresh->tangents = pliant_calloc((size_t)system->num_blocks, sizeof *refresh->tangents)))
         return pliant_fail_memory("the background factorization");
     if (system->preconditioner) return pliant_preconditioner_clone(system->preconditioner, 1, &refresh->preconditioner);
     pliant_system *shared = refresh->of->system; /* no other thread reads its pattern until this one has finished */
     pliant_status status = pliant_system_find_pattern(shared);
     if (status != PLIANT_OK) return status;
     system->pattern = shared->pattern;
-    return pliant_preconditioner_create(system, refresh->layered ? PLIANT_MULTIGRID : PLIANT_DIRECT, refresh->order, &refresh->preconditioner);
+    return pliant_preconditioner_create(system, refresh->layered ? PLIANT_MULTIGRID : PLIANT_DIRECT, refresh->order,
+                                        &refresh->preconditioner);
 }
 
 static void make_factor(pliant_refresh *refresh)
@@ -84,7 +86,8 @@ static void make_factor(pliant_refresh *refresh)
         if (refresh->status != PLIANT_ERROR_NUMERIC) break;
     }
     pliant_fail_quietly(false);
-    if (first_of_all && refresh->status == PLIANT_OK) refresh->status = pliant_preconditioner_clone(refresh->preconditioner, 1, &refresh->spare);
+    if (first_of_all && refresh->status == PLIANT_OK)
+        refresh->status = pliant_preconditioner_clone(refresh->preconditioner, 1, &refresh->spare);
     pliant_nodal_rotations_refer(&refresh->system, refresh->x, refresh->rotations);
 }
 
@@ -109,16 +112,19 @@ static void convert_history(pliant_refresh *refresh)
     }
     for (int32_t a = 0; a < PLIANT_MAX_HISTORY; a++)
         for (int32_t b = 0; b <= a && refresh->number[a] > 0; b++)
-            if (refresh->number[b] > 0) refresh->gram[a * PLIANT_MAX_HISTORY + b] = refresh->gram[b * PLIANT_MAX_HISTORY + a] =
-                pliant_dot(unknowns, refresh->history[a].step, refresh->history[b].residual);
+            if (refresh->number[b] > 0)
+                refresh->gram[a * PLIANT_MAX_HISTORY + b] = refresh->gram[b * PLIANT_MAX_HISTORY + a] =
+                    pliant_dot(unknowns, refresh->history[a].step, refresh->history[b].residual);
 }
 
 /* Order the unknowns as in the base, with copies directly after their source. */
-static pliant_status order_after(const pliant_solver *solver, const pliant_preconditioner *base, pliant_refresh *refresh)
+static pliant_status order_after(const pliant_solver *solver, const pliant_preconditioner *base,
+                                 pliant_refresh *refresh)
 {
     const int32_t *source, count = solver->system->num_free;
     const int32_t before = pliant_preconditioner_source(solver->preconditioner, &source)->system->num_free;
-    int32_t *first = pliant_calloc((size_t)before + 1, sizeof *first), *next = pliant_calloc((size_t)count, sizeof *next);
+    int32_t *first = pliant_calloc((size_t)before + 1, sizeof *first),
+            *next = pliant_calloc((size_t)count, sizeof *next);
     int32_t *order = pliant_calloc((size_t)before, sizeof *order), placed = 0;
     refresh->order = pliant_calloc((size_t)count, sizeof *refresh->order);
     if (first && next && order && refresh->order && pliant_preconditioner_order(base, order) == before) {
@@ -128,7 +134,8 @@ static pliant_status order_after(const pliant_solver *solver, const pliant_preco
             *list = f + 1;
         }
         for (int32_t i = 0; i <= before; i++)
-            for (int32_t f = first[i < before ? order[i] : before]; f > 0; f = next[f - 1]) refresh->order[placed++] = f - 1;
+            for (int32_t f = first[i < before ? order[i] : before]; f > 0; f = next[f - 1])
+                refresh->order[placed++] = f - 1;
     }
     pliant_free(first);
     pliant_free(next);
@@ -152,7 +159,8 @@ static pliant_status refresh_create(pliant_solver *solver)
     if (status == PLIANT_OK) status = pliant_nodal_rotations_create(system, &refresh->rotations);
     if (status == PLIANT_OK) status = pliant_secants_create(system, solver->rules.room, refresh->history);
     if (base) refresh->layered = pliant_preconditioner_layered(*base);
-    if (status == PLIANT_OK && base && !refresh->layered && !system->graded) status = order_after(solver, *base, refresh);
+    if (status == PLIANT_OK && base && !refresh->layered && !system->graded)
+        status = order_after(solver, *base, refresh);
     if (status != PLIANT_OK) pliant_refresh_free(solver);
     return status;
 }
@@ -287,7 +295,8 @@ static pliant_status put_below(pliant_solver *solver, pliant_statistics *statist
         source[f] = was >= 0 ? refresh->system.free_of_node[was] : -1;
     }
     for (int32_t n = 0; n < system->mesh->num_nodes; n++)
-        memcpy(x + 3 * n, refresh->source[n] >= 0 ? refresh->x + 3 * refresh->source[n] : solver->now.x + 3 * n, 3 * sizeof *x);
+        memcpy(x + 3 * n, refresh->source[n] >= 0 ? refresh->x + 3 * refresh->source[n] : solver->now.x + 3 * n,
+               3 * sizeof *x);
     pliant_nodal_rotations_refer(system, x, solver->rotations);
     pliant_nodal_rotations_update(system, solver->now.x, solver->rotations);
     pliant_free(x);
@@ -346,7 +355,9 @@ pliant_status pliant_refresh_step(pliant_solver *solver, pliant_statistics *stat
     pliant_refresh *refresh = solver->refresh;
     if (refresh && refresh->running) {
         const uint32_t result = refresh->converting ? solver->takes_history : solver->takes_factor;
-        if (pliant_background_arrives(solver->background, result, atomic_load(&refresh->finished), step >= refresh->due)) deliver(solver, step, statistics);
+        if (pliant_background_arrives(solver->background, result, atomic_load(&refresh->finished),
+                                      step >= refresh->due))
+            deliver(solver, step, statistics);
     }
     if (!solver->refresh) {
         pliant_status status = refresh_create(solver);
@@ -354,7 +365,8 @@ pliant_status pliant_refresh_step(pliant_solver *solver, pliant_statistics *stat
     }
     refresh = solver->refresh;
     refresh->wanted = refresh->wanted || solver->rules.rate > pliant_quasistatic().poor_rate;
-    bool due = solver->refresh_interval > 0 && step >= refresh->started + (uint64_t)solver->refresh_interval && refresh->wanted;
+    bool due = solver->refresh_interval > 0 && step >= refresh->started + (uint64_t)solver->refresh_interval &&
+               refresh->wanted;
     if (refresh->running || (!due && pliant_preconditioner_base(solver->preconditioner) == NULL)) return PLIANT_OK;
     memcpy(refresh->x, solver->now.x, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *refresh->x);
     refresh->started = step;
@@ -373,7 +385,8 @@ pliant_status pliant_refresh_carry(pliant_solver *solver, const pliant_solver *f
     const size_t nodes = (size_t)solver->system->mesh->num_nodes;
     if (refresh) refresh->source = pliant_calloc(nodes, sizeof *refresh->source);
     if (!refresh || !refresh->source) return pliant_fail_memory("the background factorization");
-    for (size_t n = 0; n < nodes; n++) refresh->source[n] = before->source && source[n] >= 0 ? before->source[source[n]] : source[n];
+    for (size_t n = 0; n < nodes; n++)
+        refresh->source[n] = before->source && source[n] >= 0 ? before->source[source[n]] : source[n];
     return PLIANT_OK;
 }
 
@@ -417,5 +430,6 @@ bool pliant_refresh_is_busy(const pliant_solver *solver)
 
 size_t pliant_refresh_bytes(const pliant_solver *solver)
 {
-    return solver->refresh && !solver->refresh->running ? pliant_preconditioner_bytes(solver->refresh->preconditioner) : 0;
+    return solver->refresh && !solver->refresh->running ? pliant_preconditioner_bytes(solver->refresh->preconditioner)
+                                                        : 0;
 }

@@ -24,12 +24,13 @@ typedef struct pliant_secant_equations {
 
 /* List the slots of the used secants and return their number. The sizes of secants differ by orders of magnitude, so
  * they are scaled to a unit diagonal. */
-PLIANT_INLINE int32_t pliant_secant_choose(int32_t lane, int32_t lanes, const pliant_anderson *rules, const double *gram, double largest,
-                                           pliant_secant_equations *equations)
+PLIANT_INLINE int32_t pliant_secant_choose(int32_t lane, int32_t lanes, const pliant_anderson *rules,
+                                           const double *gram, double largest, pliant_secant_equations *equations)
 {
     int32_t count = 0;
     for (int32_t h = lane; h < PLIANT_MAX_HISTORY; h += lanes)
-        equations->scale[h] = rules->number[h] > 0 ? pliant_anderson_scale(gram[h * PLIANT_MAX_HISTORY + h], largest) : 0.0;
+        equations->scale[h] =
+            rules->number[h] > 0 ? pliant_anderson_scale(gram[h * PLIANT_MAX_HISTORY + h], largest) : 0.0;
     PLIANT_LANES_MEET();
     for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) {
         if (equations->scale[h] > 0 && h % lanes == lane) equations->used[count] = h;
@@ -40,14 +41,17 @@ PLIANT_INLINE int32_t pliant_secant_choose(int32_t lane, int32_t lanes, const pl
 }
 
 /* Fill the equations of the used secants. A small regularization represents the error of the secants. */
-PLIANT_INLINE void pliant_secant_fill(int32_t lane, int32_t lanes, const pliant_anderson *rules, const double *gram, const double *along, bool estimates,
-                                      int32_t count, pliant_secant_equations *equations)
+PLIANT_INLINE void pliant_secant_fill(int32_t lane, int32_t lanes, const pliant_anderson *rules, const double *gram,
+                                      const double *along, bool estimates, int32_t count,
+                                      pliant_secant_equations *equations)
 {
     for (int32_t n = lane; n < count * count; n += lanes) {
         const int32_t a = n / count, b = n % count, first = equations->used[a], second = equations->used[b];
         const double noise = estimates ? pliant_anderson_noise(rules, first) : pliant_quasistatic().trial_noise;
         if (a == b) equations->right[a] = along[first] * equations->scale[first];
-        equations->matrix[a][b] = a == b ? 1 + noise * noise : gram[first * PLIANT_MAX_HISTORY + second] * equations->scale[first] * equations->scale[second];
+        equations->matrix[a][b] =
+            a == b ? 1 + noise * noise
+                   : gram[first * PLIANT_MAX_HISTORY + second] * equations->scale[first] * equations->scale[second];
     }
     PLIANT_LANES_MEET();
 }
@@ -92,15 +96,18 @@ PLIANT_INLINE bool pliant_secant_solve(int32_t lane, int32_t lanes, int32_t coun
  *     springs.
  * @param along      (PLIANT_MAX_HISTORY) the same products with the residual of the state.
  * @param estimates  True: for an error estimate; false: for a trial. */
-PLIANT_INLINE bool pliant_secant_weights(int32_t lane, int32_t lanes, const pliant_anderson *rules, const double *gram, const double *along, bool estimates,
-                                         pliant_secant_equations *equations, double *weights)
+PLIANT_INLINE bool pliant_secant_weights(int32_t lane, int32_t lanes, const pliant_anderson *rules, const double *gram,
+                                         const double *along, bool estimates, pliant_secant_equations *equations,
+                                         double *weights)
 {
     for (int32_t h = lane; h < PLIANT_MAX_HISTORY; h += lanes) weights[h] = 0;
-    const int32_t count = pliant_secant_choose(lane, lanes, rules, gram, estimates ? INFINITY : rules->largest_secant, equations);
+    const int32_t count =
+        pliant_secant_choose(lane, lanes, rules, gram, estimates ? INFINITY : rules->largest_secant, equations);
     if (count == 0) return false;
     pliant_secant_fill(lane, lanes, rules, gram, along, estimates, count, equations);
     if (!pliant_secant_solve(lane, lanes, count, equations)) return false;
-    for (int32_t a = lane; a < count; a += lanes) weights[equations->used[a]] = equations->right[a] * equations->scale[equations->used[a]];
+    for (int32_t a = lane; a < count; a += lanes)
+        weights[equations->used[a]] = equations->right[a] * equations->scale[equations->used[a]];
     return true;
 }
 

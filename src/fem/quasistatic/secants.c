@@ -44,7 +44,8 @@ void pliant_solver_remember(pliant_solver *solver, int32_t place, const pliant_i
     pliant_secant *secant = solver->history + place;
     const pliant_system *system = solver->system;
     const int32_t *node = system->node_of_free;
-#pragma omp parallel for schedule(static) num_threads(system->num_threads) if (system->num_free >= PLIANT_NODES_FOR_THREADS)
+#pragma omp parallel for schedule(static) \
+    num_threads(system->num_threads) if (system->num_free >= PLIANT_NODES_FOR_THREADS)
     for (int32_t f = 0; f < system->num_free; f++) {
         for (int d = 0; d < 3; d++) {
             size_t i = 3 * (size_t)f + (size_t)d, x = 3 * (size_t)node[f] + (size_t)d;
@@ -81,7 +82,8 @@ bool pliant_secants_along(const pliant_solver *solver, const pliant_iterate *at,
     return any;
 }
 
-bool pliant_secants_mix(const pliant_solver *solver, const double along[PLIANT_MAX_HISTORY], bool estimates, double weights[PLIANT_MAX_HISTORY])
+bool pliant_secants_mix(const pliant_solver *solver, const double along[PLIANT_MAX_HISTORY], bool estimates,
+                        double weights[PLIANT_MAX_HISTORY])
 {
     pliant_secant_equations equations;
     return pliant_secant_weights(0, 1, &solver->rules, solver->gram, along, estimates, &equations, weights);
@@ -91,7 +93,8 @@ bool pliant_secants_mix(const pliant_solver *solver, const double along[PLIANT_M
 enum { PART_NODES = 32, PART = 3 * PART_NODES };
 
 /* Compute a step - sum of weights (x + a step of the secants) for a block of numbers. */
-PLIANT_VECTORIZED static void combine(const pliant_secant *history, const double *weights, double a, const double *step, size_t first, size_t count, double *out)
+PLIANT_VECTORIZED static void combine(const pliant_secant *history, const double *weights, double a, const double *step,
+                                      size_t first, size_t count, double *out)
 {
     for (size_t i = 0; i < count; i++) out[i] = a * step[first + i];
     for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) {
@@ -105,7 +108,8 @@ PLIANT_VECTORIZED static void combine(const pliant_secant *history, const double
 static double longest_of(const double *v, int32_t nodes)
 {
     double longest = 0;
-    for (int32_t n = 0; n < nodes; n++) longest = fmax(longest, v[3 * n] * v[3 * n] + v[3 * n + 1] * v[3 * n + 1] + v[3 * n + 2] * v[3 * n + 2]);
+    for (int32_t n = 0; n < nodes; n++)
+        longest = fmax(longest, v[3 * n] * v[3 * n] + v[3 * n + 1] * v[3 * n + 1] + v[3 * n + 2] * v[3 * n + 2]);
     return longest;
 }
 
@@ -121,7 +125,9 @@ double pliant_secants_error(const pliant_solver *solver, const pliant_iterate *a
     pliant_secants_mix(solver, along, true, weights);
     const pliant_system *system = solver->system;
     const double unexplained = pliant_anderson_unexplained(&solver->rules);
-#pragma omp parallel for schedule(static) num_threads(system->num_threads) reduction(max : largest) if (system->num_free >= PLIANT_NODES_FOR_THREADS)
+#pragma omp parallel for schedule(static) num_threads(system->num_threads) \
+    reduction(max \
+              : largest) if (system->num_free >= PLIANT_NODES_FOR_THREADS)
     for (int32_t first = 0; first < system->num_free; first += PART_NODES) {
         const int32_t nodes = nodes_of_part(system, first);
         double left[PART];
@@ -147,7 +153,8 @@ bool pliant_solver_propose(pliant_solver *solver, double *left, double *made)
     const pliant_system *system = solver->system;
     const pliant_anderson *rules = &solver->rules;
     const pliant_iterate *at = &solver->now;
-    double along[PLIANT_MAX_HISTORY], weights[PLIANT_MAX_HISTORY] = {0}, likely[PLIANT_MAX_HISTORY] = {0}, *x = solver->trial.x;
+    double along[PLIANT_MAX_HISTORY], weights[PLIANT_MAX_HISTORY] = {0}, likely[PLIANT_MAX_HISTORY] = {0},
+                                      *x = solver->trial.x;
     bool mixed = false;
     if (pliant_secants_along(solver, at, along)) {
         mixed = rules->mixes && pliant_secants_mix(solver, along, false, weights);
@@ -156,7 +163,9 @@ bool pliant_solver_propose(pliant_solver *solver, double *left, double *made)
     const double unexplained = pliant_anderson_unexplained(rules);
     double most_left = 0, most_made = 0;
     memcpy(x, at->x, 3 * (size_t)system->mesh->num_nodes * sizeof *x);
-#pragma omp parallel for schedule(static) num_threads(system->num_threads) reduction(max : most_left, most_made) if (system->num_free >= PLIANT_NODES_FOR_THREADS)
+#pragma omp parallel for schedule(static) num_threads(system->num_threads) \
+    reduction(max \
+              : most_left, most_made) if (system->num_free >= PLIANT_NODES_FOR_THREADS)
     for (int32_t first = 0; first < system->num_free; first += PART_NODES) {
         const int32_t nodes = nodes_of_part(system, first);
         double step[PART], estimate[PART];
@@ -166,7 +175,8 @@ bool pliant_solver_propose(pliant_solver *solver, double *left, double *made)
         most_made = fmax(most_made, longest_of(step, nodes));
         for (int32_t n = 0; n < nodes; n++) {
             pliant_from_node_axes(solver->rotations, first + n, step + 3 * n);
-            for (int d = 0; d < 3; d++) x[3 * (size_t)system->node_of_free[first + n] + (size_t)d] += rules->damping * step[3 * n + d];
+            for (int d = 0; d < 3; d++)
+                x[3 * (size_t)system->node_of_free[first + n] + (size_t)d] += rules->damping * step[3 * n + d];
         }
     }
     propose_forces(solver, weights);

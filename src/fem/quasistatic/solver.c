@@ -24,7 +24,10 @@ typedef struct step_time {
 
 double pliant_solver_time_left(const pliant_solver *solver) { return solver->budget - solver->spent; }
 
-bool pliant_solver_has_time(const pliant_solver *solver) { return !(solver->budget > 0) || pliant_solver_time_left(solver) > 0; }
+bool pliant_solver_has_time(const pliant_solver *solver)
+{
+    return !(solver->budget > 0) || pliant_solver_time_left(solver) > 0;
+}
 
 int32_t pliant_solver_affordable(const pliant_solver *solver, double start, double now, double each)
 {
@@ -36,7 +39,8 @@ int32_t pliant_solver_affordable(const pliant_solver *solver, double start, doub
 static int32_t affordable(const pliant_solver *solver, const step_time *time, double first_merit)
 {
     if (!(solver->budget > 0)) return pliant_even_remaining(&time->limit, time->solved, first_merit);
-    const double now = solver->clock(solver->clock_user), each = time->whole > 0 ? (now - time->begun) / time->whole : solver->evaluation_seconds;
+    const double now = solver->clock(solver->clock_user),
+                 each = time->whole > 0 ? (now - time->begun) / time->whole : solver->evaluation_seconds;
     return pliant_solver_affordable(solver, time->start, now, each);
 }
 
@@ -53,7 +57,8 @@ static double slope_of(const pliant_solver *solver)
 /* Set the state; fixed nodes keep their positions. */
 static void go_to(const pliant_system *system, pliant_iterate *at, const double *x, const double force[PLIANT_MAX_ROWS])
 {
-    for (int32_t f = 0; f < system->num_free; f++) memcpy(at->x + 3 * (size_t)system->node_of_free[f], x + 3 * (size_t)system->node_of_free[f], 3 * sizeof *x);
+    for (int32_t f = 0; f < system->num_free; f++)
+        memcpy(at->x + 3 * (size_t)system->node_of_free[f], x + 3 * (size_t)system->node_of_free[f], 3 * sizeof *x);
     if (force) memcpy(at->force, force, sizeof at->force);
     else memset(at->force, 0, sizeof at->force);
 }
@@ -80,7 +85,8 @@ static void prepare_next(pliant_solver *solver)
         go_to(solver->system, &solver->trial, solver->system->mesh->rest, NULL);
     } else {
         const bool mixed = pliant_solver_propose(solver, &left, &made);
-        if (rules->next != PLIANT_NEXT_DESCENT) pliant_anderson_settle(rules, mixed, left, made, solver->now.displacement);
+        if (rules->next != PLIANT_NEXT_DESCENT)
+            pliant_anderson_settle(rules, mixed, left, made, solver->now.displacement);
     }
     if (rules->forget) pliant_solver_forget(solver);
     if (rules->next == PLIANT_NEXT_BLIND) take_blind_step(solver);
@@ -99,13 +105,16 @@ static pliant_status iterate(pliant_solver *solver, pliant_known known, step_tim
         if (!first || known == PLIANT_KNOWN_NOTHING) time->whole++;
         else time->begun = solver->clock(solver->clock_user);
         const bool plain = !rules->mixes && (rules->next == PLIANT_NEXT_TRIAL || rules->next == PLIANT_NEXT_DESCENT);
-        const double slope = plain && !(at->merit < solver->now.merit && rules->next == PLIANT_NEXT_TRIAL) ? slope_of(solver) : 0;
-        pliant_anderson_judge(rules, at->merit, slope, affordable(solver, time, first ? at->merit : rules->first_merit));
+        const double slope =
+            plain && !(at->merit < solver->now.merit && rules->next == PLIANT_NEXT_TRIAL) ? slope_of(solver) : 0;
+        pliant_anderson_judge(rules, at->merit, slope,
+                              affordable(solver, time, first ? at->merit : rules->first_merit));
         if (rules->keep >= 0) pliant_solver_remember(solver, rules->keep, &solver->now, &solver->trial);
         if (rules->take) swap_iterates(solver);
         if (pliant_touches_any(solver->touches) && (first || rules->take)) pliant_touches_take(solver->touches);
         if (rules->forget) pliant_solver_forget(solver);
-        if (rules->next == PLIANT_NEXT_PREVIOUS && (status = pliant_solver_open_back(solver)) != PLIANT_OK) return status;
+        if (rules->next == PLIANT_NEXT_PREVIOUS && (status = pliant_solver_open_back(solver)) != PLIANT_OK)
+            return status;
         prepare_next(solver);
     } while (rules->next != PLIANT_NEXT_DONE && rules->next != PLIANT_NEXT_BLIND);
     return PLIANT_OK;
@@ -137,7 +146,8 @@ static void look_at_end(pliant_solver *solver, step_time *time)
     const bool evaluated = evaluates ? evaluate_end(solver) : !blind;
     time->whole += evaluates;
     time->solved += evaluates;
-    if (solver->budget > 0 && time->whole > 0) solver->evaluation_seconds = (solver->clock(solver->clock_user) - time->begun) / time->whole;
+    if (solver->budget > 0 && time->whole > 0)
+        solver->evaluation_seconds = (solver->clock(solver->clock_user) - time->begun) / time->whole;
     pliant_anderson_tell(&solver->rules, seen, seen ? pliant_secants_error(solver, &solver->posterior.at) : 0);
     const bool keeps = evaluated && !solver->system->basis;
     pliant_solver_ended(solver, &solver->in_use, keeps, &solver->rules, solver->now.step_force);
@@ -162,7 +172,8 @@ static pliant_status begin(pliant_solver *solver)
 {
     if (solver->awake) return PLIANT_OK;
     pliant_status status = pliant_solver_wake(solver);
-    if (status == PLIANT_OK) pliant_nodal_rotations_refer(solver->system, solver->system->mesh->rest, solver->rotations);
+    if (status == PLIANT_OK)
+        pliant_nodal_rotations_refer(solver->system, solver->system->mesh->rest, solver->rotations);
     return status;
 }
 
@@ -177,7 +188,8 @@ static int32_t first_evaluations(const pliant_solver *solver, const step_time *t
     const pliant_even_limit none = {INT32_MAX, 0};
     const int32_t part = pliant_quasistatic().opened_share;
     if (!(solver->budget > 0)) return pliant_solver_open_evaluations(solver, &time->limit, part);
-    const int32_t possible = affordable(solver, time, INFINITY), allowed = pliant_solver_open_evaluations(solver, &none, part);
+    const int32_t possible = affordable(solver, time, INFINITY),
+                  allowed = pliant_solver_open_evaluations(solver, &none, part);
     return possible < allowed ? possible : allowed;
 }
 
@@ -220,7 +232,9 @@ pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *stati
     }
     if (status == PLIANT_OK) turn_on(solver, statistics->step);
     if (status == PLIANT_OK)
-        status = pliant_preconditioner_mend(solver->preconditioner, solver->now.x, solver->rotations && solver->rotations->turned ? solver->rotations->rotation : NULL);
+        status = pliant_preconditioner_mend(solver->preconditioner, solver->now.x,
+                                            solver->rotations && solver->rotations->turned ? solver->rotations->rotation
+                                                                                           : NULL);
     /* The corrected preconditioner gives other steps. */
     if (pliant_preconditioner_base(solver->preconditioner)) solver->asked.number = 0;
     if (status == PLIANT_OK) status = pliant_solver_respond(solver);
@@ -239,7 +253,8 @@ pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *stati
     status = iterate_from_newton(solver, &time, &statistics->iterations);
     statistics->rejected += (uint64_t)solver->rules.rejected;
     if (status != PLIANT_OK) return status;
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(solver->handles[t].force, solver->now.force + 3 * t, 3 * sizeof(double));
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
+        memcpy(solver->handles[t].force, solver->now.force + 3 * t, 3 * sizeof(double));
     if (!isfinite(solver->rules.merit)) return pliant_fail(PLIANT_ERROR_NUMERIC, PLIANT_LOAD_NOT_FINITE);
     tell_residual(solver, statistics);
     look_at_end(solver, &time);

@@ -156,7 +156,8 @@ pliant_even_limit pliant_solver_limit(const pliant_solver *solver);
 pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_system *system, pliant_solver **out);
 /* Create a solver without a preconditioner and without a load.
  * @param rests  True: do not allocate the arrays that only a step needs. */
-pliant_status pliant_solver_create_without(const pliant_scene *scene, const pliant_system *system, bool rests, pliant_solver **out);
+pliant_status pliant_solver_create_without(const pliant_scene *scene, const pliant_system *system, bool rests,
+                                           pliant_solver **out);
 /* Allocate the arrays for a step if they are missing. The axes then have no reference positions. Errors: MEMORY. */
 pliant_status pliant_solver_wake(pliant_solver *solver);
 /* Compute the load from the gravity of the solver before the cut. Only the masses of changed nodes differ. Errors:
@@ -169,8 +170,8 @@ pliant_status pliant_solver_reset(pliant_solver *solver);
 void pliant_solver_gravity(pliant_solver *solver, const double gravity[3]);
 /* Attach the tool's spring to fine nodes with weights (sum 1). fine_positions give the initial position of y. Errors:
  * MEMORY. */
-pliant_status pliant_solver_hold(pliant_solver *solver, int tool, int32_t count, const int32_t *nodes, const double *weights,
-                                 const double *fine_positions);
+pliant_status pliant_solver_hold(pliant_solver *solver, int tool, int32_t count, const int32_t *nodes,
+                                 const double *weights, const double *fine_positions);
 void pliant_solver_release(pliant_solver *solver, int tool);
 /* Update the tools' weights after the axes have rotated. */
 void pliant_solver_turned(pliant_solver *solver);
@@ -179,7 +180,10 @@ void pliant_solver_turned(pliant_solver *solver);
 void pliant_solver_forget(pliant_solver *solver);
 /* Call this after the state was changed by the caller. */
 void pliant_solver_moved(pliant_solver *solver);
-static inline size_t pliant_solver_unknowns(const pliant_solver *solver) { return 3 * (size_t)solver->system->num_free; }
+static inline size_t pliant_solver_unknowns(const pliant_solver *solver)
+{
+    return 3 * (size_t)solver->system->num_free;
+}
 
 /* Return the time left for the current solve: the budget minus the time of earlier solves of this step [s]. */
 double pliant_solver_time_left(const pliant_solver *solver);
@@ -213,7 +217,10 @@ pliant_status pliant_solver_open_back(pliant_solver *solver);
 int32_t pliant_solver_open_evaluations(const pliant_solver *solver, const pliant_even_limit *limit, int32_t part);
 
 /* ---- Implemented in handle.c. */
-static inline bool pliant_handle_is_spring(const pliant_handle *handle) { return handle->active && !handle->by_force && handle->count > 0; }
+static inline bool pliant_handle_is_spring(const pliant_handle *handle)
+{
+    return handle->active && !handle->by_force && handle->count > 0;
+}
 /* Add W v to out. v is in the nodes' axes. */
 void pliant_handle_apply(const pliant_handle *handle, const double *v, double out[3]);
 /* Compute target - y - c l of a spring. */
@@ -234,7 +241,8 @@ void pliant_handle_free(pliant_handle *handle); /* leaves it empty */
 /* Compute Z of all springs whose Z belongs to another factor. */
 pliant_status pliant_solver_respond(pliant_solver *solver);
 /* List the tools that hold by springs and return their number. matrix: S of their rows. */
-int pliant_solver_springs(const pliant_solver *solver, int index[PLIANT_MAX_TOOLS], double matrix[PLIANT_MAX_ROWS * PLIANT_MAX_ROWS]);
+int pliant_solver_springs(const pliant_solver *solver, int index[PLIANT_MAX_TOOLS],
+                          double matrix[PLIANT_MAX_ROWS * PLIANT_MAX_ROWS]);
 /* Add Z force of one tool to the step. */
 void pliant_solver_respond_to(const pliant_solver *solver, int tool, const double force[3], double *step);
 /* Compute dl = S^-1 (e - W g0), and the step with it: g = g0 + Z dl, K0 g = r + W' dl. Return false if S is
@@ -251,7 +259,8 @@ void pliant_solver_remember(pliant_solver *solver, int32_t place, const pliant_i
 /* Compute the products of the secants' steps with a residual. Return false if there are no secants. */
 bool pliant_secants_along(const pliant_solver *solver, const pliant_iterate *at, double along[PLIANT_MAX_HISTORY]);
 /* Compute the weights of the secants (secant_equations.h). */
-bool pliant_secants_mix(const pliant_solver *solver, const double along[PLIANT_MAX_HISTORY], bool estimates, double weights[PLIANT_MAX_HISTORY]);
+bool pliant_secants_mix(const pliant_solver *solver, const double along[PLIANT_MAX_HISTORY], bool estimates,
+                        double weights[PLIANT_MAX_HISTORY]);
 /* Return the largest remaining motion of a node, estimated from the secants and the residual of a state [m]. */
 double pliant_secants_error(const pliant_solver *solver, const pliant_iterate *at);
 /* Set trial = now + damping * (mixed step), by the rules.
@@ -273,8 +282,9 @@ pliant_status pliant_solver_follow(const pliant_scene *scene, const pliant_syste
  * call. */
 void pliant_solver_take_over(pliant_solver *solver, pliant_solver *from);
 /* Carry a tool's grasp over to fine nodes of the cut mesh, with its force. Errors: MEMORY. */
-pliant_status pliant_solver_carry_hold(pliant_solver *solver, const pliant_solver *from, int tool, int32_t count, const int32_t *nodes,
-                                       const double *weights, const double *fine_positions, const double force[3]);
+pliant_status pliant_solver_carry_hold(pliant_solver *solver, const pliant_solver *from, int tool, int32_t count,
+                                       const int32_t *nodes, const double *weights, const double *fine_positions,
+                                       const double force[3]);
 
 /* ---- Implemented in begin.c: the start of a step, for all backends. in_use: preconditioner of the backend that
  * steps. */
@@ -291,7 +301,8 @@ pliant_known pliant_solver_known(pliant_solver *solver, const pliant_in_use *in_
  * @param evaluated   The final state is evaluated.
  * @param step_force  Change dl of the springs' forces in the final state. It is added to the springs' forces if the
  *     step ends with its first state. */
-void pliant_solver_ended(pliant_solver *solver, const pliant_in_use *in_use, bool evaluated, const pliant_anderson *rules, const double *step_force);
+void pliant_solver_ended(pliant_solver *solver, const pliant_in_use *in_use, bool evaluated,
+                         const pliant_anderson *rules, const double *step_force);
 
 /* ---- Implemented in estimate.c: distance of nodes from their converged positions [m]. */
 pliant_status pliant_posterior_create(pliant_solver *solver);

@@ -16,7 +16,9 @@ static pliant_status iterate_create(const pliant_system *system, pliant_iterate 
     iterate->residual = pliant_calloc(n, sizeof *iterate->residual);
     iterate->elastic = pliant_calloc(n, sizeof *iterate->elastic);
     iterate->free_step = pliant_calloc(n, sizeof *iterate->free_step);
-    return iterate->x && iterate->step && iterate->residual && iterate->elastic && iterate->free_step ? PLIANT_OK : pliant_fail_memory("the solver");
+    return iterate->x && iterate->step && iterate->residual && iterate->elastic && iterate->free_step
+               ? PLIANT_OK
+               : pliant_fail_memory("the solver");
 }
 
 /* Free all arrays of an iterate except x. */
@@ -71,7 +73,10 @@ pliant_status pliant_solver_wake(pliant_solver *solver)
 
 /* Return the number of steps for background work, from its operations at a fixed rate. The result is the same on every
  * machine, and steps seldom wait. A late factor is less accurate (test/bench/bench_budget). */
-static int32_t steps_for(double operations, double step) { return (int32_t)fmin(ceil(operations / pliant_quasistatic().background_rate / step), 99998); }
+static int32_t steps_for(double operations, double step)
+{
+    return (int32_t)fmin(ceil(operations / pliant_quasistatic().background_rate / step), 99998);
+}
 
 static void set_delays(const pliant_scene *scene, pliant_solver *solver)
 {
@@ -80,7 +85,8 @@ static void set_delays(const pliant_scene *scene, pliant_solver *solver)
     solver->convert_delay = 1;
     if (solver->refresh_delay > 0 || !preconditioner) return; /* after a cut: as before it */
     solver->refresh_delay = 1 + steps_for(pliant_preconditioner_operations(preconditioner), scene->solver.step);
-    solver->convert_delay += steps_for(solver->rules.room * pliant_preconditioner_apply_operations(preconditioner), scene->solver.step) - 1;
+    solver->convert_delay +=
+        steps_for(solver->rules.room * pliant_preconditioner_apply_operations(preconditioner), scene->solver.step) - 1;
 }
 
 static double wall_clock(void *user)
@@ -89,7 +95,8 @@ static double wall_clock(void *user)
     return pliant_seconds();
 }
 
-pliant_status pliant_solver_create_without(const pliant_scene *scene, const pliant_system *system, bool rests, pliant_solver **out)
+pliant_status pliant_solver_create_without(const pliant_scene *scene, const pliant_system *system, bool rests,
+                                           pliant_solver **out)
 {
     pliant_solver *solver = pliant_calloc(1, sizeof *solver);
     if (!solver) return pliant_fail_memory("the solver");
@@ -112,9 +119,12 @@ pliant_status pliant_solver_create_without(const pliant_scene *scene, const plia
     /* Lower bound of the displacement for the tolerance: a thousandth of the body's length. */
     rules->smallest_displacement = pliant_quasistatic().smallest_displacement * length;
     solver->smallest_scale = rules->smallest_displacement * sqrt(system->mean_diagonal);
-    if (!pliant_solves_fine(system)) solver->dense_weights = pliant_room((size_t)system->num_free, 9 * sizeof *solver->dense_weights);
+    if (!pliant_solves_fine(system))
+        solver->dense_weights = pliant_room((size_t)system->num_free, 9 * sizeof *solver->dense_weights);
     solver->now.x = pliant_room((size_t)system->mesh->num_nodes, 3 * sizeof *solver->now.x);
-    pliant_status status = (solver->dense_weights || pliant_solves_fine(system)) && solver->now.x ? PLIANT_OK : pliant_fail_memory("the solver");
+    pliant_status status = (solver->dense_weights || pliant_solves_fine(system)) && solver->now.x
+                               ? PLIANT_OK
+                               : pliant_fail_memory("the solver");
     if (status == PLIANT_OK && !rests) status = pliant_solver_wake(solver);
     if (status != PLIANT_OK) {
         pliant_solver_free(solver);
@@ -145,7 +155,8 @@ pliant_status pliant_solver_reset(pliant_solver *solver)
 {
     if (!solver->preconditioner || solver->factors > 1 || pliant_preconditioner_base(solver->preconditioner)) {
         pliant_preconditioner *preconditioner;
-        pliant_status status = pliant_preconditioner_clone(solver->system->preconditioner, solver->system->num_threads, &preconditioner);
+        pliant_status status =
+            pliant_preconditioner_clone(solver->system->preconditioner, solver->system->num_threads, &preconditioner);
         if (status != PLIANT_OK) return status;
         pliant_preconditioner_free(solver->preconditioner);
         solver->preconditioner = preconditioner;
@@ -162,7 +173,8 @@ pliant_status pliant_solver_reset(pliant_solver *solver)
     pliant_anderson_reset(&solver->rules);
     pliant_even_restart(&solver->even);
     pliant_solver_forget(solver);
-    memcpy(solver->now.x, solver->system->mesh->rest, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *solver->now.x);
+    memcpy(solver->now.x, solver->system->mesh->rest,
+           3 * (size_t)solver->system->mesh->num_nodes * sizeof *solver->now.x);
     memset(solver->now.force, 0, sizeof solver->now.force);
     return PLIANT_OK;
 }
@@ -192,13 +204,15 @@ pliant_status pliant_solver_carry_load(pliant_solver *solver, const pliant_solve
     const pliant_system *system = solver->system, *before = from->system;
     const int32_t both = system->num_free < before->num_free ? system->num_free : before->num_free;
     const size_t row = 9 * sizeof *system->gravity_mass;
-    solver->load = from->loaded ? pliant_next_of(from->load, 3 * (size_t)both, 3 * (size_t)system->num_free, sizeof *solver->load)
-                                : pliant_calloc((size_t)system->num_free, 3 * sizeof *solver->load);
+    solver->load =
+        from->loaded ? pliant_next_of(from->load, 3 * (size_t)both, 3 * (size_t)system->num_free, sizeof *solver->load)
+                     : pliant_calloc((size_t)system->num_free, 3 * sizeof *solver->load);
     if (!solver->load) return pliant_fail_memory("the solver");
     solver->loaded = from->loaded;
     memcpy(solver->gravity, from->gravity, sizeof solver->gravity);
     if (!from->loaded) return PLIANT_OK;
-    for (size_t first = 0, end = 0; pliant_next_difference(system->gravity_mass, before->gravity_mass, row * (size_t)both, &first, &end);)
+    for (size_t first = 0, end = 0;
+         pliant_next_difference(system->gravity_mass, before->gravity_mass, row * (size_t)both, &first, &end);)
         find_load(solver, (int32_t)(first / row), (int32_t)((end + row - 1) / row));
     find_load(solver, both, system->num_free);
     return PLIANT_OK;

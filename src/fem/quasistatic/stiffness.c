@@ -30,7 +30,8 @@ static void add_row(held_rows *rows, int32_t row, const double *motion)
 static void move_with_tool(const double direction[3], const double arm[3], double motion[6])
 {
     memcpy(motion, direction, 3 * sizeof *motion);
-    for (int d = 0; d < 3; d++) motion[3 + d] = arm[(d + 1) % 3] * direction[(d + 2) % 3] - arm[(d + 2) % 3] * direction[(d + 1) % 3];
+    for (int d = 0; d < 3; d++)
+        motion[3 + d] = arm[(d + 1) % 3] * direction[(d + 2) % 3] - arm[(d + 2) % 3] * direction[(d + 1) % 3];
 }
 
 static void list_points(const pliant_touches *touches, int tool, const double tip[3], held_rows *rows)
@@ -69,18 +70,22 @@ static void fill_springs(const pliant_solver *solver, const int *tool, int count
             for (size_t d = 0; d < 3; d++) {
                 double moved[3] = {0, 0, 0};
                 pliant_handle_apply(solver->handles + tool[a], solver->handles[tool[b]].response + n * d, moved);
-                for (size_t r = 0; r < 3; r++) matrix[(3 * a + r) * row + 3 * b + d] = moved[r] + (a == b && r == d ? solver->handles[tool[a]].compliance : 0);
+                for (size_t r = 0; r < 3; r++)
+                    matrix[(3 * a + r) * row + 3 * b + d] =
+                        moved[r] + (a == b && r == d ? solver->handles[tool[a]].compliance : 0);
             }
 }
 
 /* Compute G' A^-1 G. A small amount is added to A's diagonal, since contact points of one triangle can have dependent
  * rows. */
-static bool condense(const held_rows *rows, const double *whole, size_t width, double *matrix, double *right, double stiffness[36])
+static bool condense(const held_rows *rows, const double *whole, size_t width, double *matrix, double *right,
+                     double stiffness[36])
 {
     const size_t count = (size_t)rows->count;
     double trace = 0;
     for (size_t i = 0; i < count; i++) {
-        for (size_t j = 0; j < count; j++) matrix[count * i + j] = whole[width * (size_t)rows->row[i] + (size_t)rows->row[j]];
+        for (size_t j = 0; j < count; j++)
+            matrix[count * i + j] = whole[width * (size_t)rows->row[i] + (size_t)rows->row[j]];
         trace += matrix[count * i + i];
     }
     for (size_t i = 0; i < count; i++) matrix[count * i + i] += 1e-9 * trace;
@@ -89,13 +94,15 @@ static bool condense(const held_rows *rows, const double *whole, size_t width, d
     for (size_t a = 0; a < 6; a++)
         for (size_t b = 0; b < 6; b++) {
             double sum = 0;
-            for (size_t i = 0; i < count; i++) sum += rows->motion[6 * i + a] * right[6 * i + b] + rows->motion[6 * i + b] * right[6 * i + a];
+            for (size_t i = 0; i < count; i++)
+                sum += rows->motion[6 * i + a] * right[6 * i + b] + rows->motion[6 * i + b] * right[6 * i + a];
             stiffness[6 * a + b] = 0.5 * sum;
         }
     return true;
 }
 
-pliant_status pliant_solver_stiffness(const pliant_solver *solver, int tool, const double tip[3], double stiffness[36], bool *known)
+pliant_status pliant_solver_stiffness(const pliant_solver *solver, int tool, const double tip[3], double stiffness[36],
+                                      bool *known)
 {
     int spring[PLIANT_MAX_TOOLS], num_springs = 0;
     memset(stiffness, 0, 36 * sizeof *stiffness);
@@ -108,15 +115,20 @@ pliant_status pliant_solver_stiffness(const pliant_solver *solver, int tool, con
     const pliant_touches *touches = pliant_touches_any(solver->touches) ? solver->touches : NULL;
     const size_t width = 3 * ((size_t)num_springs + (touches ? (size_t)touches->count : 0));
     if (!*known || width == 0) return PLIANT_OK;
-    held_rows rows = {.row = pliant_calloc(width, sizeof *rows.row), .motion = pliant_calloc(width, 6 * sizeof *rows.motion)};
+    held_rows rows = {.row = pliant_calloc(width, sizeof *rows.row),
+                      .motion = pliant_calloc(width, 6 * sizeof *rows.motion)};
     double *whole = touches ? NULL : pliant_calloc(width, width * sizeof *whole);
     double *matrix = pliant_calloc(width, width * sizeof *matrix), *right = pliant_calloc(width, 6 * sizeof *right);
-    pliant_status status = rows.row && rows.motion && matrix && right && (whole || touches) ? PLIANT_OK : pliant_fail_memory("a tool's stiffness");
+    pliant_status status = rows.row && rows.motion && matrix && right && (whole || touches)
+                               ? PLIANT_OK
+                               : pliant_fail_memory("a tool's stiffness");
     if (status == PLIANT_OK) {
         if (touches) list_points(touches, tool, tip, &rows);
         else fill_springs(solver, spring, num_springs, whole);
-        for (int s = 0; s < num_springs; s++) list_spring(spring[s] == tool, (int32_t)width - 3 * (num_springs - s), &rows);
-        if (rows.count > 0) *known = condense(&rows, touches ? touches->matrix : whole, width, matrix, right, stiffness);
+        for (int s = 0; s < num_springs; s++)
+            list_spring(spring[s] == tool, (int32_t)width - 3 * (num_springs - s), &rows);
+        if (rows.count > 0)
+            *known = condense(&rows, touches ? touches->matrix : whole, width, matrix, right, stiffness);
     }
     pliant_free(rows.row);
     pliant_free(rows.motion);

@@ -12,7 +12,8 @@ extern "C" {
  * tool. It is zero without grasp and contact.
  * @param known  Out: false if the response of the grasped nodes is not available.
  * Errors: MEMORY. */
-pliant_status pliant_solver_stiffness(const pliant_solver *solver, int tool, const double tip[3], double stiffness[36], bool *known);
+pliant_status pliant_solver_stiffness(const pliant_solver *solver, int tool, const double tip[3], double stiffness[36],
+                                      bool *known);
 
 #ifdef __cplusplus
 }

@@ -10,7 +10,10 @@
 #include <math.h>
 #include <string.h>
 
-static int32_t nodes_of(const pliant_falling *falling) { return falling->body->pieces->start[falling->body->pieces->count]; }
+static int32_t nodes_of(const pliant_falling *falling)
+{
+    return falling->body->pieces->start[falling->body->pieces->count];
+}
 
 bool pliant_falling_has(const pliant_falling *falling, int32_t node) { return falling && falling->place[node] >= 0; }
 
@@ -43,8 +46,9 @@ static pliant_status allocate(pliant_falling *falling)
     falling->node_area = pliant_calloc(largest, sizeof *falling->node_area);
     falling->triangle_start = pliant_calloc((size_t)pieces->count + 1, sizeof *falling->triangle_start);
     falling->triangle = pliant_calloc((size_t)falling->body->num_triangles + 1, sizeof *falling->triangle);
-    return falling->node_area && falling->triangle_start && falling->triangle && falling->pieces && falling->x && falling->home && falling->piece_of && falling->place && falling->of_node && falling->touch && falling->joint_at && falling->arms &&
-                   falling->near_walls
+    return falling->node_area && falling->triangle_start && falling->triangle && falling->pieces && falling->x &&
+                   falling->home && falling->piece_of && falling->place && falling->of_node && falling->touch &&
+                   falling->joint_at && falling->arms && falling->near_walls
                ? PLIANT_OK
                : pliant_fail_memory("the pieces that have come off");
 }
@@ -75,8 +79,10 @@ static void go_on(pliant_falling *falling, int32_t p, const pliant_falling *from
     pliant_rigid_spin(&was, spin);
     for (int d = 0; d < 3; d++) {
         const int e = (d + 1) % 3, f = (d + 2) % 3;
-        now->velocity[d] = was.velocity[d] + spin[e] * (is.centre[f] - was.centre[f]) - spin[f] * (is.centre[e] - was.centre[e]);
-        now->momentum[d] = is.inertia[3 * d] * spin[0] + is.inertia[3 * d + 1] * spin[1] + is.inertia[3 * d + 2] * spin[2];
+        now->velocity[d] =
+            was.velocity[d] + spin[e] * (is.centre[f] - was.centre[f]) - spin[f] * (is.centre[e] - was.centre[e]);
+        now->momentum[d] =
+            is.inertia[3 * d] * spin[0] + is.inertia[3 * d + 1] * spin[1] + is.inertia[3 * d + 2] * spin[2];
     }
     now->shaped = before->shaped;
     now->gone = before->gone;
@@ -88,9 +94,11 @@ static double volume_of(const pliant_mesh *mesh, int32_t t)
     double edge[3][3];
     for (int v = 0; v < 3; v++)
         for (int d = 0; d < 3; d++)
-            edge[v][d] = mesh->rest[3 * (size_t)mesh->tets[4 * (size_t)t + (size_t)v + 1] + (size_t)d] - mesh->rest[3 * (size_t)mesh->tets[4 * (size_t)t] + (size_t)d];
+            edge[v][d] = mesh->rest[3 * (size_t)mesh->tets[4 * (size_t)t + (size_t)v + 1] + (size_t)d] -
+                         mesh->rest[3 * (size_t)mesh->tets[4 * (size_t)t] + (size_t)d];
     double six = 0;
-    for (int d = 0; d < 3; d++) six += edge[0][d] * (edge[1][(d + 1) % 3] * edge[2][(d + 2) % 3] - edge[1][(d + 2) % 3] * edge[2][(d + 1) % 3]);
+    for (int d = 0; d < 3; d++)
+        six += edge[0][d] * (edge[1][(d + 1) % 3] * edge[2][(d + 2) % 3] - edge[1][(d + 2) % 3] * edge[2][(d + 1) % 3]);
     return fabs(six);
 }
 
@@ -98,7 +106,8 @@ static double volume_of(const pliant_mesh *mesh, int32_t t)
 static void find_moduli(pliant_falling *falling)
 {
     const pliant_body *body = falling->body;
-    for (int32_t p = 0; p < body->pieces->count; p++) falling->touch[p].young = falling->touch[p].size = falling->touch[p].num_young = 0;
+    for (int32_t p = 0; p < body->pieces->count; p++)
+        falling->touch[p].young = falling->touch[p].size = falling->touch[p].num_young = 0;
     for (int32_t t = 0; t < body->fine.num_tets && body->fine_material; t++) {
         const int32_t p = falling->of_node[body->fine.tets[4 * (size_t)t]];
         const double lambda = body->fine_material[t].lambda, mu = body->fine_material[t].mu;
@@ -131,7 +140,8 @@ static void list_triangles(pliant_falling *falling)
     start[0] = 0;
 }
 
-static void fill(pliant_falling *falling, const double *positions, const pliant_falling *from, const pliant_body_map *map)
+static void fill(pliant_falling *falling, const double *positions, const pliant_falling *from,
+                 const pliant_body_map *map)
 {
     const pliant_pieces *pieces = falling->body->pieces;
     memset(falling->place, 0xff, (size_t)falling->body->fine.num_nodes * sizeof *falling->place);
@@ -146,8 +156,10 @@ static void fill(pliant_falling *falling, const double *positions, const pliant_
             falling->piece_of[i] = falling->of_node[node] = p;
             memcpy(falling->x + 3 * (size_t)i, positions + 3 * (size_t)node, 3 * sizeof *positions);
             memcpy(falling->home + 3 * (size_t)i, was ? was : positions + 3 * (size_t)node, 3 * sizeof *positions);
-            const pliant_between *between = was && map->between && map->between[node].end[0] >= 0 ? map->between + node : NULL;
-            const int32_t ends[2] = {between ? falling->place[between->end[0]] : -1, between ? falling->place[between->end[1]] : -1};
+            const pliant_between *between =
+                was && map->between && map->between[node].end[0] >= 0 ? map->between + node : NULL;
+            const int32_t ends[2] = {between ? falling->place[between->end[0]] : -1,
+                                     between ? falling->place[between->end[1]] : -1};
             for (int d = 0; d < 3 && ends[0] >= 0 && ends[1] >= 0; d++) { /* they come before it */
                 const double a = falling->home[3 * (size_t)ends[0] + d], b = falling->home[3 * (size_t)ends[1] + d];
                 falling->home[3 * (size_t)i + d] = a + between->share * (b - a);
@@ -161,12 +173,13 @@ static void fill(pliant_falling *falling, const double *positions, const pliant_
     for (int32_t j = 0; j < pieces->num_joints; j++) {
         const int32_t to = pieces->joint[2 * j + 1];
         const bool still = to == pieces->joint[2 * j];
-        memcpy(falling->joint_at[j], (still ? falling->body->fine.rest : positions) + 3 * (size_t)to, sizeof falling->joint_at[j]);
+        memcpy(falling->joint_at[j], (still ? falling->body->fine.rest : positions) + 3 * (size_t)to,
+               sizeof falling->joint_at[j]);
     }
 }
 
-pliant_status pliant_falling_create(const pliant_scene *scene, const pliant_body *body, const double *positions, const pliant_falling *from,
-                                    const pliant_body_map *map, pliant_falling **out)
+pliant_status pliant_falling_create(const pliant_scene *scene, const pliant_body *body, const double *positions,
+                                    const pliant_falling *from, const pliant_body_map *map, pliant_falling **out)
 {
     *out = NULL;
     if (!body->pieces) return PLIANT_OK;
@@ -197,9 +210,10 @@ pliant_status pliant_falling_create(const pliant_scene *scene, const pliant_body
 void pliant_falling_free(pliant_falling *falling)
 {
     if (!falling) return;
-    void *blocks[] = {falling->pieces, falling->x,        falling->home, falling->piece_of,
-                      falling->place,  falling->of_node,  falling->touch, falling->joint_at, falling->arms, falling->near_walls,
-                      falling->node_area, falling->triangle_start, falling->triangle};
+    void *blocks[] = {falling->pieces,  falling->x,          falling->home,      falling->piece_of,
+                      falling->place,   falling->of_node,    falling->touch,     falling->joint_at,
+                      falling->arms,    falling->near_walls, falling->node_area, falling->triangle_start,
+                      falling->triangle};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     pliant_free(falling);
 }
@@ -220,13 +234,15 @@ void pliant_falling_stay(const pliant_falling *falling, double *positions)
 }
 
 /* Store the targets of this step as start of the next one. */
-static void keep_pulls(pliant_falling *falling, int32_t p, int num_grips, grip *const *grips, const pliant_rigid_pull *pulls)
+static void keep_pulls(pliant_falling *falling, int32_t p, int num_grips, grip *const *grips,
+                       const pliant_rigid_pull *pulls)
 {
     const pliant_pieces *pieces = falling->body->pieces;
     int count = num_grips;
     for (int g = 0; g < num_grips; g++) memcpy(grips[g]->last, pulls[g].to, sizeof grips[g]->last);
     for (int32_t j = 0; j < pieces->num_joints && count < PLIANT_RIGID_PULLS; j++)
-        if (falling->piece_of[falling->place[pieces->joint[2 * j]]] == p) memcpy(falling->joint_at[j], pulls[count++].to, sizeof falling->joint_at[j]);
+        if (falling->piece_of[falling->place[pieces->joint[2 * j]]] == p)
+            memcpy(falling->joint_at[j], pulls[count++].to, sizeof falling->joint_at[j]);
 }
 
 /* ---- A step of one piece. */
@@ -240,7 +256,8 @@ static int32_t list_arms(const pliant_falling *falling, int32_t p, const pliant_
     const int32_t first = pieces->start[p], count = pieces->start[p + 1] - first;
     double spin[3], farthest = 0;
     int32_t near_walls = 0;
-    for (int32_t i = 0; i < 3 * count; i++) falling->arms[i] = falling->x[3 * (size_t)first + (size_t)i] - body->centre[i % 3];
+    for (int32_t i = 0; i < 3 * count; i++)
+        falling->arms[i] = falling->x[3 * (size_t)first + (size_t)i] - body->centre[i % 3];
     for (int32_t i = 0; i < count; i++) {
         const double *arm = falling->arms + 3 * i;
         farthest = fmax(farthest, arm[0] * arm[0] + arm[1] * arm[1] + arm[2] * arm[2]);
@@ -273,12 +290,14 @@ static void place_nodes(pliant_falling *falling, int32_t p, const pliant_rigid *
     for (int32_t i = 0; i < count; i++) {
         const double *arm = falling->arms + 3 * i;
         for (int r = 0; r < 3; r++)
-            x[3 * i + r] = body->centre[r] + body->rotation[3 * r] * arm[0] + body->rotation[3 * r + 1] * arm[1] + body->rotation[3 * r + 2] * arm[2];
+            x[3 * i + r] = body->centre[r] + body->rotation[3 * r] * arm[0] + body->rotation[3 * r + 1] * arm[1] +
+                           body->rotation[3 * r + 2] * arm[2];
     }
     if (falling->pieces[p].shaped) return;
     for (int32_t i = 0; i < count; i++)
         for (int d = 0; d < 3; d++)
-            origin[d] += falling->body->node_mass[pieces->node[first + i]] / body->mass * rest[3 * (size_t)pieces->node[first + i] + (size_t)d];
+            origin[d] += falling->body->node_mass[pieces->node[first + i]] / body->mass *
+                         rest[3 * (size_t)pieces->node[first + i] + (size_t)d];
     for (int32_t i = 0; i < count; i++)
         for (int r = 0; r < 3; r++)
             for (int c = 0; c < 3; c++)
@@ -290,7 +309,8 @@ static void place_nodes(pliant_falling *falling, int32_t p, const pliant_rigid *
         for (int32_t i = 0; i < count; i++) {
             const double *at = rest + 3 * (size_t)pieces->node[first + i];
             for (int r = 0; r < 3; r++) {
-                const double shape = body->centre[r] + rotation[3 * r] * (at[0] - origin[0]) + rotation[3 * r + 1] * (at[1] - origin[1]) +
+                const double shape = body->centre[r] + rotation[3 * r] * (at[0] - origin[0]) +
+                                     rotation[3 * r + 1] * (at[1] - origin[1]) +
                                      rotation[3 * r + 2] * (at[2] - origin[2]);
                 if (pass == 0) most = fmax(most, fabs(shape - x[3 * i + r]));
                 else x[3 * i + r] += taken * (shape - x[3 * i + r]);
@@ -309,7 +329,8 @@ static void stay_in_front(pliant_falling *falling, int32_t p)
         double depth = 0;
         for (int32_t i = pieces->start[p]; i < pieces->start[p + 1]; i++) {
             const double *x = falling->x + 3 * (size_t)i;
-            depth = fmax(depth, wall->offset - wall->normal[0] * x[0] - wall->normal[1] * x[1] - wall->normal[2] * x[2]);
+            depth =
+                fmax(depth, wall->offset - wall->normal[0] * x[0] - wall->normal[1] * x[1] - wall->normal[2] * x[2]);
         }
         for (int32_t i = pieces->start[p]; depth > 0 && i < pieces->start[p + 1]; i++)
             for (int d = 0; d < 3; d++) falling->x[3 * (size_t)i + (size_t)d] += depth * wall->normal[d];
@@ -336,7 +357,9 @@ static void stop(pliant_falling *falling, int32_t p)
     memset(at->momentum, 0, sizeof at->momentum);
     at->gone = true;
     if (!falling->told)
-        pliant_log(PLIANT_LOG_WARNING, "a piece that has come off has left the volume that is drawn (warp/margin), and stops there; ground/ could hold it");
+        pliant_log(
+            PLIANT_LOG_WARNING,
+            "a piece that has come off has left the volume that is drawn (warp/margin), and stops there; ground/ could hold it");
     falling->told = true;
 }
 
@@ -352,12 +375,18 @@ static void move(pliant_falling *falling, pliant_data *data, int32_t p, int num_
     const int num_pulls = pliant_falling_pulls(falling, data, p, body.centre, num_grips, grips, pulls);
     for (int k = 0; k < num_pulls; k++)
         for (int d = 0; d < 3; d++) way += fabs(pulls[k].to[d] - body.centre[d] - pulls[k].arm[d]);
-    for (int d = 0; d < 3; d++) way += falling->step * (fabs(body.velocity[d]) + falling->step * fabs(data->gravity[d]));
+    for (int d = 0; d < 3; d++)
+        way += falling->step * (fabs(body.velocity[d]) + falling->step * fabs(data->gravity[d]));
     const double old[3] = {body.centre[0], body.centre[1], body.centre[2]};
     const int32_t near_walls = list_arms(falling, p, &body, way, &reach);
-    const pliant_rigid_walls around = {.walls = falling->walls, .count = falling->num_walls, .friction = falling->friction,
-                                       .restitution = falling->restitution, .num_points = near_walls, .arm = falling->near_walls};
-    const bool touches = !at->touched && pliant_rigid_step(&body, data->gravity, falling->step, num_pulls, pulls, &around);
+    const pliant_rigid_walls around = {.walls = falling->walls,
+                                       .count = falling->num_walls,
+                                       .friction = falling->friction,
+                                       .restitution = falling->restitution,
+                                       .num_points = near_walls,
+                                       .arm = falling->near_walls};
+    const bool touches =
+        !at->touched && pliant_rigid_step(&body, data->gravity, falling->step, num_pulls, pulls, &around);
     if (at->touched) pliant_falling_move_touched(falling, data, p, &body, num_pulls, pulls);
     keep_pulls(falling, p, num_grips, grips, pulls);
     place_nodes(falling, p, &body);
@@ -368,7 +397,8 @@ static void move(pliant_falling *falling, pliant_data *data, int32_t p, int num_
         pliant_tool *tool = data->tools + grips[g]->tool;
         /* Relaxation has pulled at the attachment from before the piece detached. */
         const bool alone = !data->solver && grips[g]->share > 0.999;
-        for (int d = 0; d < 3 && !pulls[g].given; d++) tool->force[d] = (alone ? 0 : tool->force[d]) + pulls[g].impulse[d] / falling->step;
+        for (int d = 0; d < 3 && !pulls[g].given; d++)
+            tool->force[d] = (alone ? 0 : tool->force[d]) + pulls[g].impulse[d] / falling->step;
     }
     for (int d = 0; d < 3; d++) speed += fabs(body.centre[d] - old[d]) / falling->step;
     pliant_rigid_spin(&body, spin);

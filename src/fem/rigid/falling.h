@@ -28,8 +28,8 @@ extern "C" {
  * @param from, map  Nullable: pieces before a cut, whose motion continues.
  * @param out        NULL if no piece is detached.
  * Errors: MEMORY. */
-pliant_status pliant_falling_create(const pliant_scene *scene, const pliant_body *body, const double *positions, const pliant_falling *from,
-                                    const pliant_body_map *map, pliant_falling **out);
+pliant_status pliant_falling_create(const pliant_scene *scene, const pliant_body *body, const double *positions,
+                                    const pliant_falling *from, const pliant_body_map *map, pliant_falling **out);
 void pliant_falling_free(pliant_falling *falling); /* Nullable */
 
 /* Move the pieces by a step of the scene or by one of its parts (data->share). The function reads data->positions of

@@ -95,7 +95,8 @@ static pliant_rigid_pull pull_of(const grip *at, const pliant_tool *tool, const 
 }
 
 /* Add the joints, at which the attached tissue pulls the piece along. */
-static int add_joints(const pliant_falling *falling, int32_t p, const double *positions, const double centre[3], int count, pliant_rigid_pull *pulls)
+static int add_joints(const pliant_falling *falling, int32_t p, const double *positions, const double centre[3],
+                      int count, pliant_rigid_pull *pulls)
 {
     const pliant_pieces *pieces = falling->body->pieces;
     for (int32_t j = 0; j < pieces->num_joints && count < PLIANT_RIGID_PULLS; j++) {
@@ -112,8 +113,8 @@ static int add_joints(const pliant_falling *falling, int32_t p, const double *po
     return count;
 }
 
-int pliant_falling_pulls(const pliant_falling *falling, const pliant_data *data, int32_t p, const double centre[3], int num_grips, grip *const *grips,
-                         pliant_rigid_pull pulls[PLIANT_RIGID_PULLS])
+int pliant_falling_pulls(const pliant_falling *falling, const pliant_data *data, int32_t p, const double centre[3],
+                         int num_grips, grip *const *grips, pliant_rigid_pull pulls[PLIANT_RIGID_PULLS])
 {
     for (int g = 0; g < num_grips; g++) pulls[g] = pull_of(grips[g], data->tools + grips[g]->tool, centre);
     return add_joints(falling, p, data->positions, centre, num_grips, pulls);

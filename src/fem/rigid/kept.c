@@ -73,14 +73,17 @@ static void rotation_of(int32_t count, const double *from, const double *to, dou
     }
     for (int32_t i = 0; i < count; i++)
         for (int r = 0; r < 3; r++)
-            for (int c = 0; c < 3; c++) product[3 * r + c] += (to[3 * (size_t)i + (size_t)r] - means[3 + r]) * (from[3 * (size_t)i + (size_t)c] - means[c]);
+            for (int c = 0; c < 3; c++)
+                product[3 * r + c] +=
+                    (to[3 * (size_t)i + (size_t)r] - means[3 + r]) * (from[3 * (size_t)i + (size_t)c] - means[c]);
     pliant_rotation_signed_svd(product, rotation);
 }
 
 /* Compute the rotation vector of a rotation [rad]. */
 static void angle_of(const double r[9], double out[3])
 {
-    const double axis[3] = {r[7] - r[5], r[2] - r[6], r[3] - r[1]}, sine = 0.5 * sqrt(axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2]);
+    const double axis[3] = {r[7] - r[5], r[2] - r[6], r[3] - r[1]},
+                 sine = 0.5 * sqrt(axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2]);
     const double angle = atan2(sine, 0.5 * (r[0] + r[4] + r[8] - 1));
     for (int d = 0; d < 3; d++) out[d] = sine > 0 ? 0.5 * axis[d] * angle / sine : 0;
 }
@@ -89,7 +92,8 @@ void pliant_falling_partway(const pliant_falling_kept *kept, double share, plian
 {
     const pliant_pieces *pieces = falling->body->pieces;
     const piece *before = (const piece *)kept->all;
-    const double *from = (const double *)(kept->all + (size_t)pieces->count * sizeof *before), still[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+    const double *from = (const double *)(kept->all + (size_t)pieces->count * sizeof *before),
+                 still[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
     for (int32_t p = 0; p < pieces->count; p++) {
         const int32_t first = pieces->start[p], count = pieces->start[p + 1] - first;
         const double *x = from + 3 * (size_t)first;
@@ -100,14 +104,18 @@ void pliant_falling_partway(const pliant_falling_kept *kept, double share, plian
         for (int d = 0; d < 3; d++) {
             angle[d] *= share;
             centre[d] = means[d] + share * (means[3 + d] - means[d]);
-            falling->pieces[p].velocity[d] = before[p].velocity[d] + share * (falling->pieces[p].velocity[d] - before[p].velocity[d]);
-            falling->pieces[p].momentum[d] = before[p].momentum[d] + share * (falling->pieces[p].momentum[d] - before[p].momentum[d]);
+            falling->pieces[p].velocity[d] =
+                before[p].velocity[d] + share * (falling->pieces[p].velocity[d] - before[p].velocity[d]);
+            falling->pieces[p].momentum[d] =
+                before[p].momentum[d] + share * (falling->pieces[p].momentum[d] - before[p].momentum[d]);
         }
         pliant_rigid_turn(angle, still, rotation);
         for (int32_t i = 0; i < count; i++)
             for (int r = 0; r < 3; r++) {
                 const double *at = x + 3 * (size_t)i;
-                to[3 * (size_t)i + (size_t)r] = centre[r] + rotation[3 * r] * (at[0] - means[0]) + rotation[3 * r + 1] * (at[1] - means[1]) + rotation[3 * r + 2] * (at[2] - means[2]);
+                to[3 * (size_t)i + (size_t)r] = centre[r] + rotation[3 * r] * (at[0] - means[0]) +
+                                                rotation[3 * r + 1] * (at[1] - means[1]) +
+                                                rotation[3 * r + 2] * (at[2] - means[2]);
             }
     }
 }

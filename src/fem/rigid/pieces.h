@@ -58,7 +58,10 @@ struct pliant_falling {
     pliant_touch_pieces together;  /* view of the two arrays above */
 };
 
-static inline void pliant_falling_set_step(pliant_falling *falling, const pliant_data *data) { falling->step = falling->whole * data->share; }
+static inline void pliant_falling_set_step(pliant_falling *falling, const pliant_data *data)
+{
+    falling->step = falling->whole * data->share;
+}
 
 /* ---- Implemented in grips.c. */
 /* Compute the rigid body of a piece at the start of the step. */
@@ -68,14 +71,15 @@ void pliant_falling_rigid(const pliant_falling *falling, int32_t p, pliant_rigid
 int pliant_falling_grips(pliant_falling *falling, int32_t p, grip **out);
 /* List the forces and springs of tools and joints that act on the piece in this step.
  * @return Their number. */
-int pliant_falling_pulls(const pliant_falling *falling, const pliant_data *data, int32_t p, const double centre[3], int num_grips, grip *const *grips,
-                         pliant_rigid_pull pulls[PLIANT_RIGID_PULLS]);
+int pliant_falling_pulls(const pliant_falling *falling, const pliant_data *data, int32_t p, const double centre[3],
+                         int num_grips, grip *const *grips, pliant_rigid_pull pulls[PLIANT_RIGID_PULLS]);
 /* Find the tools that hold nodes of pieces, with the pieces' held points. */
 void pliant_falling_find_grips(pliant_falling *falling, const pliant_data *data);
 
 /* ---- Implemented in touched.c. */
 /* Move a piece with contact by one step. All pulls and contact forces act at the end of the step. */
-void pliant_falling_move_touched(const pliant_falling *falling, const pliant_data *data, int32_t p, pliant_rigid *body, int num_pulls, pliant_rigid_pull *pulls);
+void pliant_falling_move_touched(const pliant_falling *falling, const pliant_data *data, int32_t p, pliant_rigid *body,
+                                 int num_pulls, pliant_rigid_pull *pulls);
 
 #ifdef __cplusplus
 }

@@ -4,7 +4,12 @@
 
 #include <string.h>
 
-enum { DIRECTIONS = PLIANT_RIGID_DIRECTIONS, MOST_CONTACTS = PLIANT_MAX_WALLS * (DIRECTIONS + 1), ITERATIONS = 30, MOST_SUBSTEPS = 100 };
+enum {
+    DIRECTIONS = PLIANT_RIGID_DIRECTIONS,
+    MOST_CONTACTS = PLIANT_MAX_WALLS * (DIRECTIONS + 1),
+    ITERATIONS = 30,
+    MOST_SUBSTEPS = 100
+};
 
 static const double identity[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
 
@@ -102,10 +107,11 @@ static void answer(const moving *now, const double arm[3], double out[9])
 /* A spring of compliance c over a step h has the impulse p:  c p / h = target - y - h v+,  v+ = v + A p. */
 typedef struct spring { double arm[3], gap[3], soft, solved[9], impulse[3]; } spring;
 
-static void set_spring(const moving *now, const pliant_rigid_pull *pull, const double arm[3], const double at[3], const double before[3],
-                       const double target[3], double step, spring *out)
+static void set_spring(const moving *now, const pliant_rigid_pull *pull, const double arm[3], const double at[3],
+                       const double before[3], const double target[3], double step, spring *out)
 {
-    const double stiffness = pull->compliance > 0 ? 1 / pull->compliance : 0, damper = stiffness > 0 ? pull->damping / step : 0;
+    const double stiffness = pull->compliance > 0 ? 1 / pull->compliance : 0,
+                 damper = stiffness > 0 ? pull->damping / step : 0;
     const double none[3] = {0, 0, 0};
     double a[9];
     memcpy(out->arm, arm, sizeof out->arm);
@@ -177,7 +183,9 @@ void pliant_rigid_choose(const double normal[3], pliant_rigid_choice *choice)
 void pliant_rigid_offer(pliant_rigid_choice *choice, int32_t point, const double arm[3], double gap)
 {
     for (int k = 0; k <= DIRECTIONS; k++) {
-        const double angle = 0.78539816339744831 * k, far = k == DIRECTIONS ? -gap : cos(angle) * dot(choice->side, arm) + sin(angle) * dot(choice->up, arm);
+        const double angle = 0.78539816339744831 * k,
+                     far = k == DIRECTIONS ? -gap
+                                           : cos(angle) * dot(choice->side, arm) + sin(angle) * dot(choice->up, arm);
         if (far <= choice->most[k]) continue;
         choice->most[k] = far;
         choice->chosen[k] = point;
@@ -196,8 +204,8 @@ int pliant_rigid_chosen(const pliant_rigid_choice *choice, int32_t out[DIRECTION
 }
 
 /* Choose a few of the points that would pass through a wall. */
-static int find_contacts(const pliant_rigid *body, const moving *now, const double gravity[3], double step, const pliant_rigid_walls *around,
-                         contact *out)
+static int find_contacts(const pliant_rigid *body, const moving *now, const double gravity[3], double step,
+                         const pliant_rigid_walls *around, contact *out)
 {
     int count = 0;
     /* [m/s] resting bodies have such speeds and must not bounce */
@@ -211,7 +219,8 @@ static int find_contacts(const pliant_rigid *body, const moving *now, const doub
             double arm[3], velocity[3];
             apply(body->rotation, around->arm + 3 * p, arm);
             velocity_at(now, arm, velocity);
-            const double gap = dot(wall->normal, body->centre) + dot(wall->normal, arm) - wall->offset, ahead = gap + step * dot(wall->normal, velocity);
+            const double gap = dot(wall->normal, body->centre) + dot(wall->normal, arm) - wall->offset,
+                         ahead = gap + step * dot(wall->normal, velocity);
             if (ahead < 0) pliant_rigid_offer(&choice, p, arm, ahead);
         }
         const int num_chosen = pliant_rigid_chosen(&choice, chosen);
@@ -222,8 +231,10 @@ static int find_contacts(const pliant_rigid *body, const moving *now, const doub
             double velocity[3];
             apply(body->rotation, around->arm + 3 * chosen[k], at->arm);
             velocity_at(now, at->arm, velocity);
-            const double gap = dot(wall->normal, body->centre) + dot(wall->normal, at->arm) - wall->offset, speed = dot(wall->normal, velocity);
-            at->towards = around->restitution > 0 && speed < -slow ? -around->restitution * speed : fmin(-gap / step, 0);
+            const double gap = dot(wall->normal, body->centre) + dot(wall->normal, at->arm) - wall->offset,
+                         speed = dot(wall->normal, velocity);
+            at->towards =
+                around->restitution > 0 && speed < -slow ? -around->restitution * speed : fmin(-gap / step, 0);
         }
     }
     return count;
@@ -244,8 +255,8 @@ static void middle_of(const pliant_rigid *body, const double inverse[9], double 
 }
 
 /* Run one sub-step. part: its end in the step, from 0 to 1; length: of the sub-step as a fraction. */
-static bool substep(pliant_rigid *body, const double inverse[9], const double gravity[3], double step, double part, double length, int num_pulls,
-                    pliant_rigid_pull *pulls, const pliant_rigid_walls *around)
+static bool substep(pliant_rigid *body, const double inverse[9], const double gravity[3], double step, double part,
+                    double length, int num_pulls, pliant_rigid_pull *pulls, const pliant_rigid_walls *around)
 {
     moving now = {.inverse_mass = 1 / body->mass};
     spring springs[PLIANT_RIGID_PULLS];
@@ -312,8 +323,8 @@ void pliant_rigid_spin(const pliant_rigid *body, double out[3])
     apply(inverse, body->momentum, out);
 }
 
-bool pliant_rigid_step(pliant_rigid *body, const double gravity[3], double time, int num_pulls, pliant_rigid_pull *pulls,
-                       const pliant_rigid_walls *around)
+bool pliant_rigid_step(pliant_rigid *body, const double gravity[3], double time, int num_pulls,
+                       pliant_rigid_pull *pulls, const pliant_rigid_walls *around)
 {
     const double longest = 2e-3, largest = 0.05; /* [s, rad] maximum of a sub-step: duration with contact; rotation */
     double inverse[9], spin[3];
@@ -330,7 +341,8 @@ bool pliant_rigid_step(pliant_rigid *body, const double gravity[3], double time,
     const double ahead = num_pulls > 0 ? 0.5 * time / count : 0;
     for (int d = 0; d < 3; d++) body->velocity[d] += ahead * gravity[d];
     for (int s = 0; s < count; s++)
-        touches |= substep(body, inverse, gravity, time / count, (s + 1.0) / count, 1.0 / count, num_pulls, pulls, around);
+        touches |=
+            substep(body, inverse, gravity, time / count, (s + 1.0) / count, 1.0 / count, num_pulls, pulls, around);
     for (int d = 0; d < 3; d++) body->velocity[d] -= ahead * gravity[d];
     return touches;
 }

@@ -43,8 +43,8 @@ typedef struct pliant_rigid_walls {
 } pliant_rigid_walls;
 
 /* Move the body by one step. Return true if it has touched a wall. */
-bool pliant_rigid_step(pliant_rigid *body, const double gravity[3], double time, int num_pulls, pliant_rigid_pull *pulls,
-                       const pliant_rigid_walls *around);
+bool pliant_rigid_step(pliant_rigid *body, const double gravity[3], double time, int num_pulls,
+                       pliant_rigid_pull *pulls, const pliant_rigid_walls *around);
 /* Compute out = exp(angle) m, by Rodrigues' formula [rad]. */
 void pliant_rigid_turn(const double angle[3], const double m[9], double out[9]);
 

@@ -31,9 +31,12 @@ static void add_load(const double arm[3], const double force[3], double load[6])
  * thousand times the stiffness that corresponds to the body's mass. */
 static double stiffness_of(const pliant_rigid_pull *pull, const pliant_rigid *body, double step, double force[3])
 {
-    const double spring = pull->compliance > 0 ? 1 / pull->compliance : 1e3 * body->mass / (step * step), damper = pull->compliance > 0 ? pull->damping / step : 0;
+    const double spring = pull->compliance > 0 ? 1 / pull->compliance : 1e3 * body->mass / (step * step),
+                 damper = pull->compliance > 0 ? pull->damping / step : 0;
     for (int d = 0; d < 3; d++)
-        force[d] = pull->given ? pull->force[d] : spring * (pull->to[d] - body->centre[d] - pull->arm[d]) + damper * (pull->to[d] - pull->from[d]);
+        force[d] = pull->given ? pull->force[d]
+                               : spring * (pull->to[d] - body->centre[d] - pull->arm[d]) +
+                                     damper * (pull->to[d] - pull->from[d]);
     return pull->given ? 0 : spring + damper;
 }
 
@@ -51,10 +54,11 @@ static void add_spring(const double arm[3], double stiffness, double matrix[36])
     }
 }
 
-static void foresee(const pliant_falling *falling, const double gravity[3], const pliant_rigid *body, int num_pulls, const pliant_rigid_pull *pulls,
-                    pliant_touch_piece *out)
+static void foresee(const pliant_falling *falling, const double gravity[3], const pliant_rigid *body, int num_pulls,
+                    const pliant_rigid_pull *pulls, pliant_touch_piece *out)
 {
-    const double step = falling->step, rate = 1 / (step * step), trace = body->inertia[0] + body->inertia[4] + body->inertia[8];
+    const double step = falling->step, rate = 1 / (step * step),
+                 trace = body->inertia[0] + body->inertia[4] + body->inertia[8];
     double matrix[36] = {0};
     memset(out->free, 0, sizeof out->free);
     memset(out->answer, 0, sizeof out->answer);
@@ -62,7 +66,8 @@ static void foresee(const pliant_falling *falling, const double gravity[3], cons
     for (int r = 0; r < 3; r++) {
         matrix[7 * r] = body->mass * rate;
         /* The small term keeps the inertia of a needle regular. */
-        for (int c = 0; c < 3; c++) matrix[6 * (3 + r) + 3 + c] = rate * (body->inertia[3 * r + c] + (r == c ? 1e-9 * trace : 0));
+        for (int c = 0; c < 3; c++)
+            matrix[6 * (3 + r) + 3 + c] = rate * (body->inertia[3 * r + c] + (r == c ? 1e-9 * trace : 0));
         out->free[r] = body->mass * (body->velocity[r] / step + gravity[r]);
         out->free[3 + r] = body->momentum[r] / step;
     }
@@ -82,14 +87,16 @@ static void foresee(const pliant_falling *falling, const double gravity[3], cons
 }
 
 /* Return the largest motion of a node, for a motion of the centre and a rotation about it. */
-static double farthest_of(const pliant_falling *falling, int32_t p, const double centre[3], const double go[3], const double turn[3])
+static double farthest_of(const pliant_falling *falling, int32_t p, const double centre[3], const double go[3],
+                          const double turn[3])
 {
     double reach = 0;
     for (int32_t i = falling->body->pieces->start[p]; i < falling->body->pieces->start[p + 1]; i++) {
         const double *x = falling->x + 3 * (size_t)i;
         reach = fmax(reach, pow(x[0] - centre[0], 2) + pow(x[1] - centre[1], 2) + pow(x[2] - centre[2], 2));
     }
-    return sqrt(go[0] * go[0] + go[1] * go[1] + go[2] * go[2]) + sqrt(reach * (turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]));
+    return sqrt(go[0] * go[0] + go[1] * go[1] + go[2] * go[2]) +
+           sqrt(reach * (turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]));
 }
 
 double pliant_falling_ball(const pliant_falling *falling, int32_t p, bool now, double centre[3], double *radius)
@@ -132,7 +139,8 @@ double pliant_falling_foresee(pliant_data *data)
             at->way = 0;
             continue;
         }
-        foresee(falling, data->gravity, &body, pliant_falling_pulls(falling, data, p, body.centre, num_grips, grips, pulls), pulls, touch);
+        foresee(falling, data->gravity, &body,
+                pliant_falling_pulls(falling, data, p, body.centre, num_grips, grips, pulls), pulls, touch);
         memcpy(touch->ahead, touch->free, sizeof touch->ahead);
         at->way = farthest_of(falling, p, body.centre, touch->free, touch->free + 3);
         if (!at->rests) farthest = fmax(farthest, at->way);
@@ -140,7 +148,10 @@ double pliant_falling_foresee(pliant_data *data)
     return farthest;
 }
 
-const pliant_touch_pieces *pliant_falling_touch_pieces(const pliant_falling *falling) { return falling->body->has_inertia ? NULL : &falling->together; }
+const pliant_touch_pieces *pliant_falling_touch_pieces(const pliant_falling *falling)
+{
+    return falling->body->has_inertia ? NULL : &falling->together;
+}
 
 /* ---- points */
 
@@ -150,7 +161,8 @@ bool pliant_falling_is_touched(pliant_falling *falling, const pliant_contacts *c
     for (int32_t p = 0; p < falling->body->pieces->count; p++) falling->pieces[p].touched = false;
     for (int32_t c = 0; c < contacts->count; c++)
         for (int32_t k = 0; k < contacts->point[c].count; k++) {
-            const int32_t node = contacts->point[c].node[k], p = node < falling->body->fine.num_nodes ? falling->of_node[node] : -1;
+            const int32_t node = contacts->point[c].node[k],
+                          p = node < falling->body->fine.num_nodes ? falling->of_node[node] : -1;
             if (p >= 0) any = falling->pieces[p].touched = true;
         }
     return any && !falling->body->has_inertia;
@@ -162,7 +174,10 @@ static int compare_nodes(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-static double gap_of(const pliant_wall *wall, const double x[3]) { return wall->normal[0] * x[0] + wall->normal[1] * x[1] + wall->normal[2] * x[2] - wall->offset; }
+static double gap_of(const pliant_wall *wall, const double x[3])
+{
+    return wall->normal[0] * x[0] + wall->normal[1] * x[1] + wall->normal[2] * x[2] - wall->offset;
+}
 
 /* Return the maximum distance by which contact points push or drag a body in the step [m]. A rigid body pushed at one
  * end also rotates, which the factor covers. */
@@ -184,7 +199,8 @@ static double farthest_push(const pliant_data *data, const pliant_contacts *cont
 }
 
 /* List the nodes of a piece that may touch a wall, ascending. pushed: possible motion in addition to its own. */
-static int choose_nodes(const pliant_falling *falling, int32_t p, const pliant_wall *wall, double pushed, int32_t out[PLIANT_RIGID_DIRECTIONS + 1])
+static int choose_nodes(const pliant_falling *falling, int32_t p, const pliant_wall *wall, double pushed,
+                        int32_t out[PLIANT_RIGID_DIRECTIONS + 1])
 {
     const double margin = 1e-3; /* [m] */
     const pliant_pieces *pieces = falling->body->pieces;
@@ -216,7 +232,8 @@ static double cross_length(const double *a, const double *b, const double *c, do
  * rest counts times the cosine of its angle to the wall. Each node gives a third of this area to the nearest contact
  * point.
  * @param area (count) out [m^2]. */
-static void share_areas(const pliant_falling *falling, int32_t p, const pliant_wall *wall, int count, const int32_t *chosen, double *area)
+static void share_areas(const pliant_falling *falling, int32_t p, const pliant_wall *wall, int count,
+                        const int32_t *chosen, double *area)
 {
     const double margin = 1e-3; /* [m] */
     const pliant_body *body = falling->body;
@@ -236,9 +253,13 @@ static void share_areas(const pliant_falling *falling, int32_t p, const pliant_w
             highest = fmax(highest, gap_of(wall, x[v]));
         }
         if (highest > lowest + margin) continue;
-        const double twice = cross_length(rest[0], rest[1], rest[2], normal), now = cross_length(x[0], x[1], x[2], normal);
-        const double faces = now > 0 ? -(normal[0] * wall->normal[0] + normal[1] * wall->normal[1] + normal[2] * wall->normal[2]) / now : 0;
-        for (int v = 0; v < 3 && faces > 0; v++) falling->node_area[falling->place[node[v]] - first] += faces * twice / 6;
+        const double twice = cross_length(rest[0], rest[1], rest[2], normal),
+                     now = cross_length(x[0], x[1], x[2], normal);
+        const double faces =
+            now > 0 ? -(normal[0] * wall->normal[0] + normal[1] * wall->normal[1] + normal[2] * wall->normal[2]) / now
+                    : 0;
+        for (int v = 0; v < 3 && faces > 0; v++)
+            falling->node_area[falling->place[node[v]] - first] += faces * twice / 6;
     }
     memset(area, 0, (size_t)count * sizeof *area);
     for (int32_t i = first; i < body->pieces->start[p + 1]; i++) {
@@ -265,7 +286,9 @@ pliant_status pliant_falling_find_walls(pliant_data *data, pliant_contacts *cont
         for (int32_t p = 0; p < pieces->count; p++) {
             const pliant_wall *wall = falling->walls + w;
             int32_t chosen[PLIANT_RIGID_DIRECTIONS + 1];
-            const int count = falling->pieces[p].touched && !falling->pieces[p].walled ? choose_nodes(falling, p, wall, pushed, chosen) : 0;
+            const int count = falling->pieces[p].touched && !falling->pieces[p].walled
+                                  ? choose_nodes(falling, p, wall, pushed, chosen)
+                                  : 0;
             pliant_status status = count > 0 ? pliant_contacts_reserve(contacts, contacts->count + count) : PLIANT_OK;
             if (status != PLIANT_OK) return status;
             double area[PLIANT_RIGID_DIRECTIONS + 1];
@@ -274,8 +297,15 @@ pliant_status pliant_falling_find_walls(pliant_data *data, pliant_contacts *cont
                 pliant_contact_point *point = contacts->point + contacts->count++;
                 const double *x = falling->x + 3 * (size_t)chosen[c], gap = gap_of(wall, x);
                 *point = (pliant_contact_point){
-                    .feature = (uint64_t)PLIANT_PIECE_ON_WALL << 56 | (uint64_t)w << 48 | (uint64_t)chosen[c], .kind = PLIANT_OBSTACLE_GROUND, .tool = -1, .part = -1,
-                    .count = 1, .node = {pieces->node[chosen[c]]}, .weight = {1}, .friction = falling->friction, .area = area[c],
+                    .feature = (uint64_t)PLIANT_PIECE_ON_WALL << 56 | (uint64_t)w << 48 | (uint64_t)chosen[c],
+                    .kind = PLIANT_OBSTACLE_GROUND,
+                    .tool = -1,
+                    .part = -1,
+                    .count = 1,
+                    .node = {pieces->node[chosen[c]]},
+                    .weight = {1},
+                    .friction = falling->friction,
+                    .area = area[c],
                 };
                 memcpy(point->normal, wall->normal, sizeof point->normal);
                 for (int d = 0; d < 3; d++) point->place[d] = x[d] - gap * wall->normal[d];
@@ -297,7 +327,8 @@ static void contact_load(const pliant_falling *falling, const pliant_contacts *c
             if (falling->of_node[point->node[k]] != p) continue;
             double arm[3], force[3];
             for (int d = 0; d < 3; d++) {
-                arm[d] = falling->x[3 * (size_t)falling->place[point->node[k]] + (size_t)d] - falling->touch[p].centre[d];
+                arm[d] =
+                    falling->x[3 * (size_t)falling->place[point->node[k]] + (size_t)d] - falling->touch[p].centre[d];
                 force[d] = point->weight[k] * point->force[d];
             }
             add_load(arm, force, load);
@@ -317,7 +348,8 @@ static void moved_by(const pliant_falling *falling, const pliant_contacts *conta
  * requires (Stewart and Trinkle, Int. J. Numer. Meth. Engng 39:2673, 1996). The trapezoidal rule takes the mean of the
  * velocities at both ends instead, which is exact under constant forces. out: the difference of both motions, projected
  * so that no contact point of the piece comes closer. */
-static void trapezoidal_correction(const pliant_falling *falling, const pliant_contacts *contacts, int32_t p, const double faster[3], double out[3])
+static void trapezoidal_correction(const pliant_falling *falling, const pliant_contacts *contacts, int32_t p,
+                                   const double faster[3], double out[3])
 {
     enum { PASSES = 4 };
     const double exact = 1e-9; /* of the correction */
@@ -331,7 +363,8 @@ static void trapezoidal_correction(const pliant_falling *falling, const pliant_c
         for (int32_t c = 0; c < contacts->count; c++) {
             const pliant_contact_point *point = contacts->point + c;
             double weight = 0, approach = 0;
-            for (int32_t k = 0; k < point->count; k++) weight += falling->of_node[point->node[k]] == p ? point->weight[k] : 0;
+            for (int32_t k = 0; k < point->count; k++)
+                weight += falling->of_node[point->node[k]] == p ? point->weight[k] : 0;
             for (int d = 0; d < 3; d++) approach -= weight * point->normal[d] * out[d];
             if (weight == 0 || approach <= exact * sqrt(size)) continue;
             closer = fmax(closer, approach);
@@ -341,7 +374,8 @@ static void trapezoidal_correction(const pliant_falling *falling, const pliant_c
     if (closer > 0) memset(out, 0, 3 * sizeof *out);
 }
 
-void pliant_falling_move_touched(const pliant_falling *falling, const pliant_data *data, int32_t p, pliant_rigid *body, int num_pulls, pliant_rigid_pull *pulls)
+void pliant_falling_move_touched(const pliant_falling *falling, const pliant_data *data, int32_t p, pliant_rigid *body,
+                                 int num_pulls, pliant_rigid_pull *pulls)
 {
     const double step = falling->step, still[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
     double moved[6], faster[3], correction[3] = {0, 0, 0};

@@ -127,9 +127,13 @@ bool rigid_from_message(const geometry_msgs::Transform &transform, Rigid *out, s
     return rigid_from(translation, rotation, out, why);
 }
 
-geometry_msgs::Transform transform_message(const Rigid &motion) { return tf2::eigenToTransform(isometry(motion)).transform; }
+geometry_msgs::Transform transform_message(const Rigid &motion)
+{
+    return tf2::eigenToTransform(isometry(motion)).transform;
+}
 
-bool pose_from_any_message(const topic_tools::ShapeShifter &message, const std::string &frame, geometry_msgs::PoseStamped *out, std::string *why)
+bool pose_from_any_message(const topic_tools::ShapeShifter &message, const std::string &frame,
+                           geometry_msgs::PoseStamped *out, std::string *why)
 try {
     const std::string type = message.getDataType();
     if (type == "geometry_msgs/PoseStamped") {
@@ -250,7 +254,8 @@ void topology_message(const pliant_surface &surface, MeshTopology *out)
     size_t nodes = static_cast<size_t>(mesh.num_nodes), tets = static_cast<size_t>(mesh.num_tets);
     append_floats(mesh.rest, 3 * nodes, &out->rest_nodes);
     out->rest_parent.resize(nodes);
-    for (size_t i = 0; i < nodes; ++i) out->rest_parent[i] = body.node_parent ? static_cast<uint32_t>(body.node_parent[i]) : static_cast<uint32_t>(i);
+    for (size_t i = 0; i < nodes; ++i)
+        out->rest_parent[i] = body.node_parent ? static_cast<uint32_t>(body.node_parent[i]) : static_cast<uint32_t>(i);
     out->tetrahedra.assign(mesh.tets, mesh.tets + 4 * tets);
     out->triangles.assign(surface.triangle, surface.triangle + 3 * static_cast<size_t>(surface.num_triangles));
     out->first_cut = static_cast<uint32_t>(surface.first_cut);
@@ -273,7 +278,8 @@ void topology_message(const pliant_surface &surface, MeshTopology *out)
             out->between_share.push_back(between.share);
         }
         for (size_t i = 0; body.tet_parent && i < tets; ++i) /* tetrahedra of the initial mesh are their own parents */
-            if (static_cast<size_t>(body.tet_parent[i]) != i) out->tetrahedron_parent.push_back(static_cast<uint32_t>(body.tet_parent[i]));
+            if (static_cast<size_t>(body.tet_parent[i]) != i)
+                out->tetrahedron_parent.push_back(static_cast<uint32_t>(body.tet_parent[i]));
     }
     const pliant_cuts *cuts = body.cuts;
     if (!cuts || cuts->num_cuts == 0) return;
@@ -281,8 +287,8 @@ void topology_message(const pliant_surface &surface, MeshTopology *out)
     out->severed.assign(cuts->severed, cuts->severed + cuts->cut_end[cuts->num_cuts - 1]);
 }
 
-pliant_status mesh_state_message(const pliant_model &model, const pliant_body &body, const double *positions, pliant_scalar scalar,
-                                 const std::vector<float> &contact_force, MeshState *out)
+pliant_status mesh_state_message(const pliant_model &model, const pliant_body &body, const double *positions,
+                                 pliant_scalar scalar, const std::vector<float> &contact_force, MeshState *out)
 {
     size_t nodes = static_cast<size_t>(body.fine.num_nodes);
     append_floats(positions, 3 * nodes, &out->nodes);
@@ -291,7 +297,8 @@ pliant_status mesh_state_message(const pliant_model &model, const pliant_body &b
     if (scalar == PLIANT_SCALAR_NONE) return PLIANT_OK;
     out->scalar.resize(nodes);
     pliant_status status = PLIANT_OK;
-    if (scalar != PLIANT_SCALAR_CONTACT_FORCE) status = pliant_data_scalar(&model, &body, positions, scalar, out->scalar.data());
+    if (scalar != PLIANT_SCALAR_CONTACT_FORCE)
+        status = pliant_data_scalar(&model, &body, positions, scalar, out->scalar.data());
     else if (contact_force.size() == nodes) out->scalar.assign(contact_force.begin(), contact_force.end());
     if (status < 0) out->scalar.clear();
     else out->scalar_name = scalar_name(scalar);
@@ -305,7 +312,8 @@ const char *scalar_name(pliant_scalar scalar)
     return "none";
 }
 
-void wrench_message(const double force[3], const double torque[3], const double frame_from_tissue[4], geometry_msgs::WrenchStamped *out)
+void wrench_message(const double force[3], const double torque[3], const double frame_from_tissue[4],
+                    geometry_msgs::WrenchStamped *out)
 {
     const Map<const Vector3d> given(force), about(torque);
     const Map<const Quaterniond> turn(frame_from_tissue);
@@ -314,7 +322,8 @@ void wrench_message(const double force[3], const double torque[3], const double 
     tf2::toMsg(finite ? Vector3d(turn * Vector3d(about)) : Vector3d::Zero(), out->wrench.torque);
 }
 
-void torque_about(const double point[3], const double at[3], const double force[3], const double torque[3], double out[3])
+void torque_about(const double point[3], const double at[3], const double force[3], const double torque[3],
+                  double out[3])
 {
     const Vector3d arm = Map<const Vector3d>(at) - Map<const Vector3d>(point);
     Map<Vector3d>{out} = Map<const Vector3d>(torque) + arm.cross(Vector3d(Map<const Vector3d>(force)));
@@ -330,7 +339,8 @@ void tool_wrench(const pliant_tool_state &tool, double force[3], double torque[3
     }
 }
 
-void contact_message(const pliant_tool_state &tool, double clearance, const std::vector<pliant_contact> &contacts, ContactState *out)
+void contact_message(const pliant_tool_state &tool, double clearance, const std::vector<pliant_contact> &contacts,
+                     ContactState *out)
 {
     out->points.clear();
     out->normals.clear();

@@ -18,7 +18,8 @@ void camera_from_frame(const Rigid &tissue_from_frame, CameraConvention conventi
         rotate(tissue_from_frame.rotation, axes[convention][column], axis);
         for (int row = 0; row < 3; ++row) camera->pose[4 * row + column] = axis[row];
     }
-    for (int row = 0; row < 3; ++row) camera->pose[4 * row + 3] = tissue_from_frame.translation[row] + aside * camera->pose[4 * row];
+    for (int row = 0; row < 3; ++row)
+        camera->pose[4 * row + 3] = tissue_from_frame.translation[row] + aside * camera->pose[4 * row];
 }
 
 void camera_info_message(const pliant_camera &camera, double baseline, sensor_msgs::CameraInfo *out)
@@ -36,7 +37,9 @@ bool camera_from_info(const sensor_msgs::CameraInfo &info, pliant_camera *camera
 {
     const uint32_t most = 8192; /* maximum image width and height, as for the parameters */
     if (info.width < 1 || info.height < 1 || info.width > most || info.height > most) return false;
-    if (!(info.P[0] > 1e-3 && info.P[0] < 1e9 && info.P[5] > 1e-3 && info.P[5] < 1e9) || !std::isfinite(info.P[2]) || !std::isfinite(info.P[6])) return false;
+    if (!(info.P[0] > 1e-3 && info.P[0] < 1e9 && info.P[5] > 1e-3 && info.P[5] < 1e9) || !std::isfinite(info.P[2]) ||
+        !std::isfinite(info.P[6]))
+        return false;
     camera->width = static_cast<int32_t>(info.width);
     camera->height = static_cast<int32_t>(info.height);
     camera->fx = info.P[0];
@@ -46,9 +49,11 @@ bool camera_from_info(const sensor_msgs::CameraInfo &info, pliant_camera *camera
     return true;
 }
 
-void camera_image_message(const pliant_camera &camera, const std::string &encoding, const void *pixels, sensor_msgs::Image *out)
+void camera_image_message(const pliant_camera &camera, const std::string &encoding, const void *pixels,
+                          sensor_msgs::Image *out)
 {
-    const size_t bytes = static_cast<size_t>(sensor_msgs::image_encodings::numChannels(encoding) * sensor_msgs::image_encodings::bitDepth(encoding) / 8);
+    const size_t bytes = static_cast<size_t>(sensor_msgs::image_encodings::numChannels(encoding) *
+                                             sensor_msgs::image_encodings::bitDepth(encoding) / 8);
     out->width = static_cast<uint32_t>(camera.width);
     out->height = static_cast<uint32_t>(camera.height);
     out->encoding = encoding;
@@ -58,7 +63,8 @@ void camera_image_message(const pliant_camera &camera, const std::string &encodi
     std::memcpy(out->data.data(), pixels, out->data.size());
 }
 
-void camera_points_message(const pliant_camera &camera, CameraConvention convention, const uint8_t *rgb, const float *depth, sensor_msgs::PointCloud2 *out)
+void camera_points_message(const pliant_camera &camera, CameraConvention convention, const uint8_t *rgb,
+                           const float *depth, sensor_msgs::PointCloud2 *out)
 {
     out->fields.clear();
     for (const char *name : {"x", "y", "z", "rgb"}) {
@@ -79,8 +85,10 @@ void camera_points_message(const pliant_camera &camera, CameraConvention convent
     for (size_t pixel = 0; pixel < static_cast<size_t>(out->width) * out->height; ++pixel) {
         const double z = static_cast<double>(depth[pixel]);
         const float right = static_cast<float>((static_cast<double>(pixel % out->width) - camera.cx) / camera.fx * z);
-        const float down = static_cast<float>((static_cast<double>(pixel / out->width) - camera.cy) / camera.fy * z), ahead = depth[pixel];
-        const uint32_t colour = static_cast<uint32_t>(rgb[3 * pixel]) << 16 | static_cast<uint32_t>(rgb[3 * pixel + 1]) << 8 | rgb[3 * pixel + 2];
+        const float down = static_cast<float>((static_cast<double>(pixel / out->width) - camera.cy) / camera.fy * z),
+                    ahead = depth[pixel];
+        const uint32_t colour = static_cast<uint32_t>(rgb[3 * pixel]) << 16 |
+                                static_cast<uint32_t>(rgb[3 * pixel + 1]) << 8 | rgb[3 * pixel + 2];
         float row[4] = {right, down, ahead, 0};
         if (convention == AMBF) row[0] = -ahead, row[1] = right, row[2] = -down;
         std::memcpy(&row[3], &colour, sizeof colour);

@@ -207,8 +207,8 @@ void append_part(const pliant_part &part, const Eigen::Isometry3d &pose, visuali
 
 } // namespace
 
-void shape_markers_message(const pliant_tool_state &tool, const pliant_tool_shape &shape, const std_msgs::Header &header,
-                           visualization_msgs::MarkerArray *out)
+void shape_markers_message(const pliant_tool_state &tool, const pliant_tool_shape &shape,
+                           const std_msgs::Header &header, visualization_msgs::MarkerArray *out)
 {
     const float ghost = 0.25f; /* opacity */
     const bool presses = std::any_of(tool.contact_force, tool.contact_force + 3, [](double x) { return x != 0; });
@@ -227,8 +227,10 @@ void shape_markers_message(const pliant_tool_state &tool, const pliant_tool_shap
         for (int32_t p = 0; p < shape.num_parts; ++p) {
             const pliant_part &part = shape.part[p];
             marker.id = 2 * p;
-            const double *tip = measured ? tool.tip : tool.proxy_tip, *rotation = measured ? tool.rotation : tool.proxy_rotation;
-            append_part(part, part_pose(shape, part.frame, tip, rotation, measured ? tool.jaw : tool.proxy_jaw), marker, out);
+            const double *tip = measured ? tool.tip : tool.proxy_tip,
+                         *rotation = measured ? tool.rotation : tool.proxy_rotation;
+            append_part(part, part_pose(shape, part.frame, tip, rotation, measured ? tool.jaw : tool.proxy_jaw), marker,
+                        out);
         }
     }
 }
@@ -248,7 +250,8 @@ void marker_message(const pliant_surface &surface, const double *positions, cons
     } else {
         const std::vector<double> rest = with_vertices(surface, 3, mesh.rest);
         value.resize(at.size() / 3);
-        for (size_t i = 0; i < value.size(); ++i) high = std::max<double>(high, value[i] = displacement(rest.data(), at.data(), i));
+        for (size_t i = 0; i < value.size(); ++i)
+            high = std::max<double>(high, value[i] = displacement(rest.data(), at.data(), i));
     }
     out->ns = "surface";
     out->id = 0;
@@ -261,11 +264,13 @@ void marker_message(const pliant_surface &surface, const double *positions, cons
     out->colors.resize(corners);
     for (size_t triangle = 0; triangle < corners; triangle += 3) {
         const int32_t *corner_of = &surface.triangle[triangle];
-        float light = light_on(&at[3 * static_cast<size_t>(corner_of[0])], &at[3 * static_cast<size_t>(corner_of[1])], &at[3 * static_cast<size_t>(corner_of[2])]);
+        float light = light_on(&at[3 * static_cast<size_t>(corner_of[0])], &at[3 * static_cast<size_t>(corner_of[1])],
+                               &at[3 * static_cast<size_t>(corner_of[2])]);
         for (size_t corner = 0; corner < 3; ++corner) {
             const size_t vertex = static_cast<size_t>(corner_of[corner]);
             out->points[triangle + corner] = point(&at[3 * vertex]);
-            out->colors[triangle + corner] = colour(high > low ? static_cast<float>((value[vertex] - low) / (high - low)) : 0.0f, light);
+            out->colors[triangle + corner] =
+                colour(high > low ? static_cast<float>((value[vertex] - low) / (high - low)) : 0.0f, light);
         }
     }
 }
@@ -283,11 +288,17 @@ void displacement_message(const pliant_displacement &of, sensor_msgs::PointCloud
     out->data.clear();
     for (size_t v = 0; v < pliant_geometry_voxels(&of.geometry); ++v) {
         if (of.mask[v] == PLIANT_MASK_NO_TISSUE) continue;
-        const double index[3] = {static_cast<double>(v % across), static_cast<double>(v / across % down), static_cast<double>(v / across / down)};
+        const double index[3] = {static_cast<double>(v % across), static_cast<double>(v / across % down),
+                                 static_cast<double>(v / across / down)};
         const float *vector = of.vectors + 3 * v;
         double rest[3];
         pliant_geometry_to_world(&of.geometry, index, rest);
-        const float row[7] = {static_cast<float>(rest[0]), static_cast<float>(rest[1]), static_cast<float>(rest[2]), vector[0], vector[1], vector[2],
+        const float row[7] = {static_cast<float>(rest[0]),
+                              static_cast<float>(rest[1]),
+                              static_cast<float>(rest[2]),
+                              vector[0],
+                              vector[1],
+                              vector[2],
                               of.mask[v] == PLIANT_MASK_CUT ? 1.0f : 0.0f};
         const uint8_t *bytes = reinterpret_cast<const uint8_t *>(row);
         out->data.insert(out->data.end(), bytes, bytes + sizeof row);

@@ -235,7 +235,8 @@ std::vector<Box> merged_boxes(std::vector<Box> boxes, size_t most)
         size_t first = 0, second = 1, fewest = SIZE_MAX;
         for (size_t a = 0; a < boxes.size(); ++a)
             for (size_t b = a + 1; b < boxes.size(); ++b) {
-                const size_t around = voxels_of(box_around(boxes[a], boxes[b])), both = voxels_of(boxes[a]) + voxels_of(boxes[b]);
+                const size_t around = voxels_of(box_around(boxes[a], boxes[b])),
+                             both = voxels_of(boxes[a]) + voxels_of(boxes[b]);
                 const size_t added = around > both ? around - both : 0;
                 if (added < fewest) first = a, second = b, fewest = added;
             }
@@ -302,7 +303,8 @@ void preview_message(const pliant_volume &volume, const Box &region, uint32_t st
     uint8_t *to = out->data.data();
     for (uint32_t k = 0; k < out->size[2]; ++k)
         for (uint32_t j = 0; j < out->size[1]; ++j) {
-            const size_t plane = static_cast<size_t>(region.offset[2] + k * step) * size[1] + region.offset[1] + j * step;
+            const size_t plane =
+                static_cast<size_t>(region.offset[2] + k * step) * size[1] + region.offset[1] + j * step;
             const uint8_t *from = voxels + (plane * size[0] + region.offset[0]) * bytes;
             for (uint32_t i = 0; i < out->size[0]; ++i, to += bytes) std::memcpy(to, from + i * step * bytes, bytes);
         }
@@ -341,7 +343,8 @@ void placed_slice_message(const pliant_volume &volume, Plane plane, double fract
         for (int d = 0; d < 3; ++d) axes[axis][d] = (world[d] - placed.origin[d]) / placed.spacing[axis];
     }
     placed.spacing[2] = placed.spacing[0];
-    for (int d = 0; d < 3; ++d) axes[2][d] = axes[0][(d + 1) % 3] * axes[1][(d + 2) % 3] - axes[0][(d + 2) % 3] * axes[1][(d + 1) % 3];
+    for (int d = 0; d < 3; ++d)
+        axes[2][d] = axes[0][(d + 1) % 3] * axes[1][(d + 2) % 3] - axes[0][(d + 2) % 3] * axes[1][(d + 1) % 3];
     for (int d = 0; d < 3; ++d)
         for (int axis = 0; axis < 3; ++axis) placed.direction[3 * d + axis] = axes[axis][d];
     slice.encoding = PLIANT_FLOAT32;

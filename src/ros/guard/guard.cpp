@@ -90,7 +90,8 @@ Guard::Output Guard::update(double now)
     if (open && !moves) go(GuardState::RISING, now);
     else if (!open && moves) go(GuardState::ENDING, now);
     else if (state_ == GuardState::RISING && now - since_ >= settings_.ramp) state_ = GuardState::OPEN;
-    else if (state_ == GuardState::ENDING && now - since_ >= settings_.tail) state_ = fault_.empty() ? GuardState::CLOSED : GuardState::FAULT;
+    else if (state_ == GuardState::ENDING && now - since_ >= settings_.tail)
+        state_ = fault_.empty() ? GuardState::CLOSED : GuardState::FAULT;
 
     const bool rises = state_ == GuardState::RISING, passes = rises || state_ == GuardState::OPEN;
     Output out{passes || state_ == GuardState::ENDING, {0, 0, 0}};

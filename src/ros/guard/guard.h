@@ -42,7 +42,10 @@ const char *guard_state_name(GuardState state);
 
 class Guard {
 public:
-    explicit Guard(const GuardSettings &settings) : settings_(settings), state_(settings.enabled ? GuardState::ENDING : GuardState::CLOSED) {}
+    explicit Guard(const GuardSettings &settings)
+        : settings_(settings), state_(settings.enabled ? GuardState::ENDING : GuardState::CLOSED)
+    {
+    }
 
     /* Inputs, with their arrival time on one monotonic clock [s]. */
     void pose(double now, bool valid);

@@ -18,7 +18,10 @@ struct Number {
     double *value, low, high;
 };
 
-[[noreturn]] void refuse(const std::string &name, const std::string &what) { throw std::invalid_argument("~" + name + " " + what); }
+[[noreturn]] void refuse(const std::string &name, const std::string &what)
+{
+    throw std::invalid_argument("~" + name + " " + what);
+}
 
 std::string written(double number)
 {
@@ -43,7 +46,8 @@ bool read_switch(const std::string &name, XmlRpcValue &value)
 void check_tool(const std::string &name)
 {
     std::string why;
-    if (name.empty() || !ros::names::validate(name, why)) refuse("tool", "must be the name of the tool whose forces are to be felt, such as PSM1");
+    if (name.empty() || !ros::names::validate(name, why))
+        refuse("tool", "must be the name of the tool whose forces are to be felt, such as PSM1");
 }
 
 void read_one(const std::string &name, XmlRpcValue &value, const std::vector<Number> &numbers, GuardParameters *out)
@@ -68,7 +72,8 @@ void read_one(const std::string &name, XmlRpcValue &value, const std::vector<Num
             if (name != number.name) continue;
             *number.value = read_number(name, value);
             if (*number.value >= number.low && *number.value <= number.high) return;
-            refuse(name, "is " + written(*number.value) + "; it must be from " + written(number.low) + " to " + written(number.high));
+            refuse(name, "is " + written(*number.value) + "; it must be from " + written(number.low) + " to " +
+                             written(number.high));
         }
         refuse(name, "is unknown; there are " + known);
     }
@@ -82,9 +87,11 @@ bool read_guard_parameters(XmlRpcValue tree, GuardParameters *out, std::string *
     GuardSettings &settings = read.settings;
     /* The force becomes zero one update after `timeout` without a pose or force: 50 ms by default, at most half a
      * second. */
-    const std::vector<Number> numbers = {{"gain", &settings.gain, 1e-6, 100},    {"max_force", &settings.largest, 1e-6, 100}, {"max_rate", &settings.rate, 1e-6, 1e6},
-                                         {"cutoff", &settings.cutoff, 1e-3, 1e4}, {"ramp", &settings.ramp, 1e-3, 60},          {"tail", &settings.tail, 1e-3, 60},
-                                         {"timeout", &settings.timeout, 1e-3, 0.5}, {"rate", &read.rate, 40, 5000}};
+    const std::vector<Number> numbers = {
+        {"gain", &settings.gain, 1e-6, 100},       {"max_force", &settings.largest, 1e-6, 100},
+        {"max_rate", &settings.rate, 1e-6, 1e6},   {"cutoff", &settings.cutoff, 1e-3, 1e4},
+        {"ramp", &settings.ramp, 1e-3, 60},        {"tail", &settings.tail, 1e-3, 60},
+        {"timeout", &settings.timeout, 1e-3, 0.5}, {"rate", &read.rate, 40, 5000}};
     try {
         if (tree.getType() == XmlRpcValue::TypeStruct) {
             /* Read `haptic` first, so that zeros are sent even if another parameter is wrong. */

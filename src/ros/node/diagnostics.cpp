@@ -24,11 +24,11 @@ std::string host_name()
 } // namespace
 
 Diagnostics::Diagnostics(ros::NodeHandle handle, ros::NodeHandle private_handle, State *state, Simulation *simulation,
-                         Tools *tools, const MeshOutput *mesh_output, const VolumeOutput *volume_output, const CameraOutput *camera_output,
-                         const DisplacementOutput *displacement_output, const Keeper *keeper,
-                         const MasterWatch *master)
-    : state_(state), simulation_(simulation), tools_(tools), mesh_output_(mesh_output), volume_output_(volume_output), camera_output_(camera_output),
-      displacement_output_(displacement_output), keeper_(keeper), master_(master),
+                         Tools *tools, const MeshOutput *mesh_output, const VolumeOutput *volume_output,
+                         const CameraOutput *camera_output, const DisplacementOutput *displacement_output,
+                         const Keeper *keeper, const MasterWatch *master)
+    : state_(state), simulation_(simulation), tools_(tools), mesh_output_(mesh_output), volume_output_(volume_output),
+      camera_output_(camera_output), displacement_output_(displacement_output), keeper_(keeper), master_(master),
       updater_(handle, private_handle, private_handle.getNamespace())
 {
     updater_.setHardwareID(host_name());
@@ -64,7 +64,9 @@ void Diagnostics::solver(diagnostic_updater::DiagnosticStatusWrapper &status)
     bool failed = state == SimState::FAULT;
     if (!health.is_loaded) status.summary(DiagnosticStatus::WARN, failed ? "nothing could be loaded" : "loading");
     else if (failed) status.summary(DiagnosticStatus::ERROR, "the last step failed; see the topic state");
-    else if (slowest > 0) status.summaryf(DiagnosticStatus::ERROR, "a step takes %.1f s, more than %.1f s; forces stand still", slowest, slow_after);
+    else if (slowest > 0)
+        status.summaryf(DiagnosticStatus::ERROR, "a step takes %.1f s, more than %.1f s; forces stand still", slowest,
+                        slow_after);
     else if (health.is_paused) status.summary(DiagnosticStatus::OK, "paused");
     else if (health.inverted > 0) status.summary(DiagnosticStatus::WARN, "tetrahedra are turned inside out");
     else if (missed > 0) status.summary(DiagnosticStatus::WARN, "deadlines missed in the last second");
@@ -95,10 +97,13 @@ void Diagnostics::tool(size_t index, diagnostic_updater::DiagnosticStatusWrapper
     const ToolHealth &tool = tool_health_[index];
     if (!tool.present) status.summary(DiagnosticStatus::WARN, "no tool: " + tool.why);
     else if (tool.saturated)
-        status.summaryf(DiagnosticStatus::WARN, "it presses with its force limit (contact/max_force, jaws: contact/grip_torque); "
-                        "its proxy is %.1f mm behind, its jaws %.2f rad", 1e3 * tool.proxy_error, std::fabs(tool.jaw_error));
+        status.summaryf(DiagnosticStatus::WARN,
+                        "it presses with its force limit (contact/max_force, jaws: contact/grip_torque); "
+                        "its proxy is %.1f mm behind, its jaws %.2f rad",
+                        1e3 * tool.proxy_error, std::fabs(tool.jaw_error));
     else if (tool.rests && tool.proxy_error > far_proxy)
-        status.summaryf(DiagnosticStatus::WARN, "its proxy is %.1f mm behind while the tool rests: tissue stops it; move the tool back",
+        status.summaryf(DiagnosticStatus::WARN,
+                        "its proxy is %.1f mm behind while the tool rests: tissue stops it; move the tool back",
                         1e3 * tool.proxy_error);
     else if (tool.rate < slow_tool) status.summary(DiagnosticStatus::OK, "slow: fewer than 50 poses a second");
     else status.summary(DiagnosticStatus::OK, "tracked");
@@ -118,7 +123,8 @@ void Diagnostics::backend(diagnostic_updater::DiagnosticStatusWrapper &status)
     if (std::shared_ptr<const Loaded> loaded = simulation_->loaded()) {
         status.add("threads", threads_of(*pliant_model_get_scene(loaded->model)));
         status.add("scan", loaded->scan->volume.id);
-        status.add("elements", pliant_model_get_scene(loaded->model)->element.kind == PLIANT_HEXAHEDRA ? "hexahedra" : "tetrahedra");
+        status.add("elements", pliant_model_get_scene(loaded->model)->element.kind == PLIANT_HEXAHEDRA ? "hexahedra"
+                                                                                                       : "tetrahedra");
         status.add("nodes", pliant_model_get_body(loaded->model)->fine.num_nodes);
         status.add("tetrahedra", pliant_model_get_body(loaded->model)->fine.num_tets);
         if (loaded->choice.made) {
@@ -139,9 +145,11 @@ void Diagnostics::master(diagnostic_updater::DiagnosticStatusWrapper &status)
 void Diagnostics::output(diagnostic_updater::DiagnosticStatusWrapper &status)
 {
     status.summary(DiagnosticStatus::OK, "what is wanted is published");
-    for (const std::string &problem : {mesh_output_->problem(), volume_output_->problem(), camera_output_->problem(), displacement_output_->problem(), keeper_->problem()})
+    for (const std::string &problem : {mesh_output_->problem(), volume_output_->problem(), camera_output_->problem(),
+                                       displacement_output_->problem(), keeper_->problem()})
         if (!problem.empty()) status.mergeSummary(DiagnosticStatus::ERROR, problem);
-    status.add("volumes held for slow subscribers [MB]", 1e-6 * static_cast<double>(volume_output_->stream().held_bytes()));
+    status.add("volumes held for slow subscribers [MB]",
+               1e-6 * static_cast<double>(volume_output_->stream().held_bytes()));
     status.add("largest error of sent volumes in motion [values of the scan]", volume_output_->stream().bound());
     if (camera_output_->any()) status.add("pictures", camera_output_->drawn());
 }

@@ -15,9 +15,9 @@ namespace pliant_ros {
 
 class Diagnostics {
 public:
-    Diagnostics(ros::NodeHandle handle, ros::NodeHandle private_handle, State *state, Simulation *simulation, Tools *tools,
-                const MeshOutput *mesh_output, const VolumeOutput *volume_output, const CameraOutput *camera_output,
-                const DisplacementOutput *displacement_output, const Keeper *keeper,
+    Diagnostics(ros::NodeHandle handle, ros::NodeHandle private_handle, State *state, Simulation *simulation,
+                Tools *tools, const MeshOutput *mesh_output, const VolumeOutput *volume_output,
+                const CameraOutput *camera_output, const DisplacementOutput *displacement_output, const Keeper *keeper,
                 const MasterWatch *master);
 
 private:

@@ -8,10 +8,10 @@ enum { LOOK_MILLISECONDS = 20 /* whether something has been cut */ };
 
 } // namespace
 
-Keeper::Keeper(ros::NodeHandle handle, const Parameters &parameters, Simulation *simulation, const Sessions *sessions, const Services *services,
-               const Registration *registration)
-    : parameters_(parameters), name_(handle.getNamespace() == "/" ? "/" : handle.getNamespace() + "/"), simulation_(simulation), sessions_(sessions),
-      services_(services), registration_(registration)
+Keeper::Keeper(ros::NodeHandle handle, const Parameters &parameters, Simulation *simulation, const Sessions *sessions,
+               const Services *services, const Registration *registration)
+    : parameters_(parameters), name_(handle.getNamespace() == "/" ? "/" : handle.getNamespace() + "/"),
+      simulation_(simulation), sessions_(sessions), services_(services), registration_(registration)
 {
     if (!parameters.checkpoint.empty()) thread_ = std::thread(&Keeper::run, this);
 }
@@ -31,7 +31,8 @@ bool Keeper::due() const
 {
     const StepHealth health = simulation_->health();
     if (!health.is_loaded || health.revision == 0) return false;
-    return health.revision != written_revision_ || Clock::now() - written_at_ >= std::chrono::duration<double>(parameters_.checkpoint_period);
+    return health.revision != written_revision_ ||
+           Clock::now() - written_at_ >= std::chrono::duration<double>(parameters_.checkpoint_period);
 }
 
 void Keeper::run()

@@ -12,8 +12,8 @@ namespace pliant_ros {
 
 class Keeper {
 public:
-    Keeper(ros::NodeHandle handle, const Parameters &parameters, Simulation *simulation, const Sessions *sessions, const Services *services,
-           const Registration *registration);
+    Keeper(ros::NodeHandle handle, const Parameters &parameters, Simulation *simulation, const Sessions *sessions,
+           const Services *services, const Registration *registration);
     ~Keeper();
 
     /* Return why the checkpoint cannot be written; empty if it can. */

@@ -17,17 +17,19 @@ namespace pliant_ros {
 struct Node::Parts {
     Parts(ros::NodeHandle handle, ros::NodeHandle private_handle)
         : parameters(parameters_of(private_handle)), frames(std::make_shared<tf2_ros::Buffer>()), listener(*frames),
-          registration(handle, parameters, frames), state(handle, parameters.tissue_frame), sessions(handle, parameters.tissue_frame), live(private_handle, parameters), tools(handle, parameters, frames, parameters.wrench_rate > 0 ? &hands : nullptr),
-          fast_forces(handle, parameters, &tools, &hands),
-          mesh_output(handle, parameters, &live, &snapshots),
+          registration(handle, parameters, frames), state(handle, parameters.tissue_frame),
+          sessions(handle, parameters.tissue_frame), live(private_handle, parameters),
+          tools(handle, parameters, frames, parameters.wrench_rate > 0 ? &hands : nullptr),
+          fast_forces(handle, parameters, &tools, &hands), mesh_output(handle, parameters, &live, &snapshots),
           volume_output(handle, parameters, &live, &snapshots, &mesh_output),
-          camera_output(handle, parameters, &snapshots, frames),
-          displacement_output(handle, parameters, &snapshots),
+          camera_output(handle, parameters, &snapshots, frames), displacement_output(handle, parameters, &snapshots),
           simulation(handle, parameters, &state, &live, &tools, &fast_forces, &snapshots),
-          services(handle, parameters, &state, &live, &sessions, &simulation, &mesh_output, &volume_output, &registration, frames),
+          services(handle, parameters, &state, &live, &sessions, &simulation, &mesh_output, &volume_output,
+                   &registration, frames),
           keeper(handle, parameters, &simulation, &sessions, &services, &registration),
           master(private_handle, [this] { live.store_again(); }),
-          diagnostics(handle, private_handle, &state, &simulation, &tools, &mesh_output, &volume_output, &camera_output, &displacement_output, &keeper, &master)
+          diagnostics(handle, private_handle, &state, &simulation, &tools, &mesh_output, &volume_output, &camera_output,
+                      &displacement_output, &keeper, &master)
     {
         live.when_changed([this](const LiveSettings &settings) { sessions.set(settings); });
     }

@@ -27,7 +27,8 @@ const double LEAST_WIDTH = 0.02;
 Eigen::Matrix3Xd matrix_of(const std::vector<geometry_msgs::Point> &points)
 {
     Eigen::Matrix3Xd out(3, points.size());
-    for (size_t p = 0; p < points.size(); ++p) out.col(static_cast<Eigen::Index>(p)) << points[p].x, points[p].y, points[p].z;
+    for (size_t p = 0; p < points.size(); ++p)
+        out.col(static_cast<Eigen::Index>(p)) << points[p].x, points[p].y, points[p].z;
     return out;
 }
 
@@ -71,11 +72,12 @@ bool spans_a_plane(const Eigen::Matrix3Xd &points)
 
 } // namespace
 
-bool fit_rigid(const std::vector<geometry_msgs::Point> &from, const std::vector<geometry_msgs::Point> &to, Rigid *out, std::vector<double> *errors,
-               std::string *why)
+bool fit_rigid(const std::vector<geometry_msgs::Point> &from, const std::vector<geometry_msgs::Point> &to, Rigid *out,
+               std::vector<double> *errors, std::string *why)
 {
     if (from.size() != to.size() || from.size() < 3) {
-        *why = std::to_string(from.size()) + " points of the tissue and " + std::to_string(to.size()) + " of the room: three pairs or more are needed";
+        *why = std::to_string(from.size()) + " points of the tissue and " + std::to_string(to.size()) +
+               " of the room: three pairs or more are needed";
         return false;
     }
     const Eigen::Matrix3Xd a = matrix_of(from), b = matrix_of(to);
@@ -92,27 +94,36 @@ bool fit_rigid(const std::vector<geometry_msgs::Point> &from, const std::vector<
     Eigen::Map<Eigen::Quaterniond>(out->rotation) = Eigen::Quaterniond(turn).normalized();
     Eigen::Map<Eigen::Vector3d>(out->translation) = fitted.topRightCorner<3, 1>();
     errors->clear();
-    for (Eigen::Index p = 0; p < a.cols(); ++p) errors->push_back((turn * a.col(p) + fitted.topRightCorner<3, 1>() - b.col(p)).norm());
+    for (Eigen::Index p = 0; p < a.cols(); ++p)
+        errors->push_back((turn * a.col(p) + fitted.topRightCorner<3, 1>() - b.col(p)).norm());
     return true;
 }
 
 double root_mean_square(const std::vector<double> &values)
 {
-    return std::sqrt(Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size())).squaredNorm() / static_cast<double>(values.size()));
+    return std::sqrt(
+        Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size())).squaredNorm() /
+        static_cast<double>(values.size()));
 }
 
-std::string refusal_of_fit(const std::vector<geometry_msgs::Point> &tissue, const std::vector<geometry_msgs::Point> &room,
-                           const std::vector<double> &errors, double max_error)
+std::string refusal_of_fit(const std::vector<geometry_msgs::Point> &tissue,
+                           const std::vector<geometry_msgs::Point> &room, const std::vector<double> &errors,
+                           double max_error)
 {
     if (!(max_error >= 0)) return "max_error is " + std::to_string(max_error) + "; use a length [m], or 0 for 0.01";
     const double limit = max_error > 0 ? max_error : DEFAULT_MAX_ERROR, rms = root_mean_square(errors);
     Eigen::Matrix3Xd a = matrix_of(tissue), b = matrix_of(room);
     const double ratio = radius_of(b) / radius_of(a), largest = std::max(radius_of(a), radius_of(b));
     if (rms <= limit && largest <= MAX_RADIUS) return "";
-    std::string text = "refused, the tissue stays where it was: root mean square error " + millimetres(rms) + ", limit " + millimetres(limit) + " (max_error).";
+    std::string text = "refused, the tissue stays where it was: root mean square error " + millimetres(rms) +
+                       ", limit " + millimetres(limit) + " (max_error).";
     const char *unit = unit_of(std::max(ratio, 1 / ratio));
-    if (unit) text += std::string(" Are the points of the ") + (ratio > 1 ? "room" : "tissue") + " in " + unit + "? Use metres.";
-    else if (largest > MAX_RADIUS) text += " The points lie " + std::to_string(std::lround(largest)) + " m from their centre. Are they in millimetres? Use metres.";
+    if (unit)
+        text +=
+            std::string(" Are the points of the ") + (ratio > 1 ? "room" : "tissue") + " in " + unit + "? Use metres.";
+    else if (largest > MAX_RADIUS)
+        text += " The points lie " + std::to_string(std::lround(largest)) +
+                " m from their centre. Are they in millimetres? Use metres.";
     if (unit) (ratio > 1 ? b : a) *= std::min(ratio, 1 / ratio);
     const double direct = rms_of_fit(a, b);
     a.row(0) = -a.row(0);
@@ -121,20 +132,25 @@ std::string refusal_of_fit(const std::vector<geometry_msgs::Point> &tissue, cons
         text += " Are the points mirrored? With one axis reversed the error is " + millimetres(mirrored) + ".";
     } else if (!unit && rms > limit) {
         const auto worst = std::max_element(errors.begin(), errors.end());
-        text += " Check the frame and the order of the pairs; pair " + std::to_string(worst - errors.begin() + 1) + " of " +
-                std::to_string(errors.size()) + " is off by " + millimetres(*worst) + ".";
+        text += " Check the frame and the order of the pairs; pair " + std::to_string(worst - errors.begin() + 1) +
+                " of " + std::to_string(errors.size()) + " is off by " + millimetres(*worst) + ".";
     }
     return text;
 }
 
-geometry_msgs::Pose pose_message(const Rigid &pose) { return tf2::toMsg(Eigen::Isometry3d(tf2::transformToEigen(transform_message(pose)))); }
+geometry_msgs::Pose pose_message(const Rigid &pose)
+{
+    return tf2::toMsg(Eigen::Isometry3d(tf2::transformToEigen(transform_message(pose))));
+}
 
 std::string registration_text(const std::string &parent_frame, const Rigid &pose)
 {
     const double *t = pose.translation, *q = pose.rotation;
     char numbers[256];
-    std::snprintf(numbers, sizeof numbers, "%.17g %.17g %.17g %.17g %.17g %.17g %.17g", t[0], t[1], t[2], q[0], q[1], q[2], q[3]);
-    return "# pose of the tissue in the parent frame: x y z [m] qx qy qz qw\nparent_frame: " + parent_frame + "\ntissue_pose: " + numbers + "\n";
+    std::snprintf(numbers, sizeof numbers, "%.17g %.17g %.17g %.17g %.17g %.17g %.17g", t[0], t[1], t[2], q[0], q[1],
+                  q[2], q[3]);
+    return "# pose of the tissue in the parent frame: x y z [m] qx qy qz qw\nparent_frame: " + parent_frame +
+           "\ntissue_pose: " + numbers + "\n";
 }
 
 bool registration_from_text(const std::string &text, const std::string &parent_frame, Rigid *out, std::string *why)
@@ -144,7 +160,8 @@ bool registration_from_text(const std::string &text, const std::string &parent_f
     geometry_msgs::Point &t = read.position;
     geometry_msgs::Quaternion &q = read.orientation;
     if (frame == std::string::npos || pose == std::string::npos ||
-        std::sscanf(text.c_str() + pose, "tissue_pose: %lf %lf %lf %lf %lf %lf %lf", &t.x, &t.y, &t.z, &q.x, &q.y, &q.z, &q.w) != 7) {
+        std::sscanf(text.c_str() + pose, "tissue_pose: %lf %lf %lf %lf %lf %lf %lf", &t.x, &t.y, &t.z, &q.x, &q.y, &q.z,
+                    &q.w) != 7) {
         *why = "it needs the lines parent_frame: NAME and tissue_pose: x y z qx qy qz qw";
         return false;
     }
@@ -163,7 +180,8 @@ bool hand_eye_from_text(const std::string &text, std::string *frame, Rigid *out,
     const std::string named = "\"reference-frame\"", matrix = "\"transform\"";
     const size_t name = text.find(named), rows = text.find(matrix);
     if (name == std::string::npos || rows == std::string::npos) return false;
-    const size_t begin = text.find('"', name + named.size()), end = begin == std::string::npos ? begin : text.find('"', begin + 1);
+    const size_t begin = text.find('"', name + named.size()),
+                 end = begin == std::string::npos ? begin : text.find('"', begin + 1);
     if (end == std::string::npos || end <= begin + 1) return false;
     Eigen::Matrix4d read;
     const char *at = text.c_str() + rows + matrix.size();
@@ -187,7 +205,8 @@ bool hand_eye_from_text(const std::string &text, std::string *frame, Rigid *out,
     return true;
 }
 
-Registration::Registration(ros::NodeHandle handle, const Parameters &parameters, std::shared_ptr<tf2_ros::Buffer> frames)
+Registration::Registration(ros::NodeHandle handle, const Parameters &parameters,
+                           std::shared_ptr<tf2_ros::Buffer> frames)
     : parameters_(parameters), frames_(std::move(frames))
 {
     place_arms();
@@ -197,7 +216,8 @@ Registration::Registration(ros::NodeHandle handle, const Parameters &parameters,
     if (!parameters.registration.empty() && file) {
         const std::string text{std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
         std::string why;
-        if (!registration_from_text(text, parameters.parent_frame, &pose, &why)) throw std::runtime_error("~registration: " + parameters.registration + ": " + why);
+        if (!registration_from_text(text, parameters.parent_frame, &pose, &why))
+            throw std::runtime_error("~registration: " + parameters.registration + ": " + why);
         stored_ = true;
         ROS_INFO("the tissue lies where %s says", parameters.registration.c_str());
     }
@@ -215,7 +235,9 @@ void Registration::go_on(const std::string &parent_frame, const geometry_msgs::P
 {
     Rigid read;
     std::string why;
-    if (stored_ || parent_frame.empty() || parent_frame != parameters_.parent_frame || !rigid_from_message(pose, &read, &why)) return;
+    if (stored_ || parent_frame.empty() || parent_frame != parameters_.parent_frame ||
+        !rigid_from_message(pose, &read, &why))
+        return;
     place(read);
 }
 
@@ -238,12 +260,14 @@ void Registration::place_arms()
         geometry_msgs::TransformStamped transform;
         Rigid pose;
         std::string why;
-        if (!hand_eye_from_text(text, &transform.header.frame_id, &pose, &why)) throw std::runtime_error("~hand_eye: " + path + ": " + why);
+        if (!hand_eye_from_text(text, &transform.header.frame_id, &pose, &why))
+            throw std::runtime_error("~hand_eye: " + path + ": " + why);
         transform.header.stamp = ros::Time::now();
         transform.child_frame_id = word.substr(0, sign);
         transform.transform = transform_message(pose);
         send(transform);
-        ROS_INFO("%s lies in %s as %s says", transform.child_frame_id.c_str(), transform.header.frame_id.c_str(), path.c_str());
+        ROS_INFO("%s lies in %s as %s says", transform.child_frame_id.c_str(), transform.header.frame_id.c_str(),
+                 path.c_str());
     }
 }
 
@@ -267,7 +291,8 @@ std::string Registration::store(const Rigid &pose) const
     file << registration_text(parameters_.parent_frame, pose);
     file.close();
     const bool stored = file && std::rename(next.c_str(), parameters_.registration.c_str()) == 0;
-    return stored ? "; stored in " + parameters_.registration : "; NOT stored: " + parameters_.registration + " cannot be written";
+    return stored ? "; stored in " + parameters_.registration
+                  : "; NOT stored: " + parameters_.registration + " cannot be written";
 }
 
 bool Registration::by_points(pliant::Register::Request &request, pliant::Register::Response &response)
@@ -277,7 +302,10 @@ bool Registration::by_points(pliant::Register::Request &request, pliant::Registe
         std::vector<double> errors;
         std::string why;
         if (request.header.frame_id != parameters_.parent_frame &&
-            !rigid_from_message(frames_->lookupTransform(parameters_.parent_frame, request.header.frame_id, request.header.stamp).transform, &in_parent, &why))
+            !rigid_from_message(
+                frames_->lookupTransform(parameters_.parent_frame, request.header.frame_id, request.header.stamp)
+                    .transform,
+                &in_parent, &why))
             throw std::runtime_error(why);
         if (!fit_rigid(request.tissue, request.room, &pose, &errors, &why)) throw std::runtime_error(why);
         response.largest = *std::max_element(errors.begin(), errors.end());
@@ -289,7 +317,8 @@ bool Registration::by_points(pliant::Register::Request &request, pliant::Registe
         place(pose);
         response.pose = pose_message();
         char told[160];
-        std::snprintf(told, sizeof told, "%zu pairs, %.2f mm off in the mean (root mean square), %.2f mm at most", errors.size(), 1e3 * response.error, 1e3 * response.largest);
+        std::snprintf(told, sizeof told, "%zu pairs, %.2f mm off in the mean (root mean square), %.2f mm at most",
+                      errors.size(), 1e3 * response.error, 1e3 * response.largest);
         response.message = told + store(pose);
         response.success = true;
     } catch (const std::exception &failed) {

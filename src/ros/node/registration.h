@@ -19,15 +19,16 @@ namespace pliant_ros {
  * Blostein, IEEE PAMI 9:698, 1987; Umeyama, IEEE PAMI 13:376, 1991). Return false for fewer than three pairs,
  * non-finite points, or collinear points.
  * errors: residual distance of each pair [m] */
-bool fit_rigid(const std::vector<geometry_msgs::Point> &from, const std::vector<geometry_msgs::Point> &to, Rigid *out, std::vector<double> *errors,
-               std::string *why);
+bool fit_rigid(const std::vector<geometry_msgs::Point> &from, const std::vector<geometry_msgs::Point> &to, Rigid *out,
+               std::vector<double> *errors, std::string *why);
 
 /* Return why a fit of these pairs is refused, or an empty text. A fit is refused if the root mean square of its errors
  * exceeds max_error [m; 0: 10 mm], or if the points span metres. The text reports whether mirrored points or other
  * units explain the errors.
  * errors: residual distances that fit_rigid has returned for these pairs [m] */
-std::string refusal_of_fit(const std::vector<geometry_msgs::Point> &tissue, const std::vector<geometry_msgs::Point> &room,
-                           const std::vector<double> &errors, double max_error);
+std::string refusal_of_fit(const std::vector<geometry_msgs::Point> &tissue,
+                           const std::vector<geometry_msgs::Point> &room, const std::vector<double> &errors,
+                           double max_error);
 double root_mean_square(const std::vector<double> &values);
 
 geometry_msgs::Pose pose_message(const Rigid &pose);

@@ -41,7 +41,8 @@ void Recomputed::take(const RecomputeHomogenization::Request &request)
     const uint32_t most = std::numeric_limits<int32_t>::max();
     if (!request.method.empty()) method = request.method;
     for (int d = 0; d < 3; ++d)
-        if (request.coarse_cells[d] > 0) coarse_cells[d] = static_cast<int32_t>(std::min(request.coarse_cells[d], most));
+        if (request.coarse_cells[d] > 0)
+            coarse_cells[d] = static_cast<int32_t>(std::min(request.coarse_cells[d], most));
     if (request.ratio > 0) ratio = static_cast<int32_t>(std::min(request.ratio, most));
 }
 
@@ -60,10 +61,10 @@ void Recomputed::apply(pliant_scene *scene) const
 }
 
 Services::Services(ros::NodeHandle handle, const Parameters &parameters, State *state, Live *live, Sessions *sessions,
-                   Simulation *simulation, MeshOutput *mesh_output, VolumeOutput *volume_output, Registration *registration,
-                   std::shared_ptr<const tf2_ros::Buffer> frames)
-    : parameters_(parameters), state_(state), work_(state), live_(live), sessions_(sessions), simulation_(simulation), mesh_output_(mesh_output),
-      volume_output_(volume_output), registration_(registration), frames_(std::move(frames))
+                   Simulation *simulation, MeshOutput *mesh_output, VolumeOutput *volume_output,
+                   Registration *registration, std::shared_ptr<const tf2_ros::Buffer> frames)
+    : parameters_(parameters), state_(state), work_(state), live_(live), sessions_(sessions), simulation_(simulation),
+      mesh_output_(mesh_output), volume_output_(volume_output), registration_(registration), frames_(std::move(frames))
 {
     handle.setCallbackQueue(&queue_);
     servers_.push_back(handle.advertiseService("load_scan", &Services::load_scan, this));
@@ -71,9 +72,13 @@ Services::Services(ros::NodeHandle handle, const Parameters &parameters, State *
     servers_.push_back(handle.advertiseService("set_materials", &Services::set_materials, this));
     servers_.push_back(handle.advertiseService("save_volume", &Services::save_volume, this));
     servers_.push_back(handle.advertiseService<SaveVolume::Request, SaveVolume::Response>(
-        "save_displacement", [this](auto &request, auto &response) { return save_displacement(PLIANT_DISPLACEMENT_RESAMPLE, request, response); }));
+        "save_displacement", [this](auto &request, auto &response) {
+            return save_displacement(PLIANT_DISPLACEMENT_RESAMPLE, request, response);
+        }));
     servers_.push_back(handle.advertiseService<SaveVolume::Request, SaveVolume::Response>(
-        "save_tissue_displacement", [this](auto &request, auto &response) { return save_displacement(PLIANT_DISPLACEMENT_TISSUE, request, response); }));
+        "save_tissue_displacement", [this](auto &request, auto &response) {
+            return save_displacement(PLIANT_DISPLACEMENT_TISSUE, request, response);
+        }));
     servers_.push_back(handle.advertiseService("pick", &Services::pick, this));
     servers_.push_back(handle.advertiseService("cut", &Services::cut, this));
     servers_.push_back(handle.advertiseService("undo_cut", &Services::undo_cut, this));
@@ -141,7 +146,9 @@ bool Services::is_begun_alike(const Checkpoint &rest) const
 /* Restore a checkpoint: cuts, positions, grasps, and settings. */
 std::string Services::go_on(const Saved &saved)
 {
-    if (!is_begun_alike(saved.rest)) throw Failure(PLIANT_ERROR_ARGUMENT, "it is of a node that was started with another scan or scene (" + saved.rest.start_scan + ")");
+    if (!is_begun_alike(saved.rest))
+        throw Failure(PLIANT_ERROR_ARGUMENT,
+                      "it is of a node that was started with another scan or scene (" + saved.rest.start_scan + ")");
     const Session &session = saved.session;
     std::shared_ptr<Loaded> next = build_session(session, Shelf().find(session), work_.progress());
     check_target(*next);
@@ -151,15 +158,17 @@ std::string Services::go_on(const Saved &saved)
     work_.commit();
     simulation_->swap(next, &moment); /* no state has changed before this call, so an earlier error has no effect */
     live_->go_on(scene_of(saved.rest.start_scene), live);
-    if (saved.rest.start_pose == pose_message(parameters_.tissue_pose)) registration_->go_on(saved.rest.parent_frame, saved.rest.tissue_pose);
+    if (saved.rest.start_pose == pose_message(parameters_.tissue_pose))
+        registration_->go_on(saved.rest.parent_frame, saved.rest.tissue_pose);
     tell_of(*next);
     std::lock_guard<std::mutex> locked(lock_);
     recomputed_.method = saved.rest.method;
     std::copy(saved.rest.coarse_cells.begin(), saved.rest.coarse_cells.end(), recomputed_.coarse_cells);
     recomputed_.ratio = saved.rest.ratio;
-    if (saved.rest.own_materials) check(pliant_material_table_copy(pliant_model_get_materials(next->model), &materials_.table));
-    std::string text = "went on from " + parameters_.checkpoint + ", step " + std::to_string(saved.state.step) + ": " + session.scan + ", " +
-                       std::to_string(saved.topology.cut_end.size()) + " cuts";
+    if (saved.rest.own_materials)
+        check(pliant_material_table_copy(pliant_model_get_materials(next->model), &materials_.table));
+    std::string text = "went on from " + parameters_.checkpoint + ", step " + std::to_string(saved.state.step) + ": " +
+                       session.scan + ", " + std::to_string(saved.topology.cut_end.size()) + " cuts";
     for (const std::string &tool : saved.rest.holding) text += ", " + tool + " was holding";
     return text;
 }
@@ -325,7 +334,8 @@ bool Services::save_volume(SaveVolume::Request &request, SaveVolume::Response &r
         if (!confine_new(parameters_.output_root, name, &path, &why)) throw Failure(PLIANT_ERROR_ARGUMENT, why);
         Snapshot now = simulation_->snapshot();
         if (is_of_mesh(path)) {
-            check(pliant_mesh_save(path.c_str(), now.loaded->model, now.body.get(), now.positions.data(), nullptr, 1.0));
+            check(
+                pliant_mesh_save(path.c_str(), now.loaded->model, now.body.get(), now.positions.data(), nullptr, 1.0));
             return "wrote " + path;
         }
         Warped warped(now.loaded, now.body);
@@ -336,7 +346,8 @@ bool Services::save_volume(SaveVolume::Request &request, SaveVolume::Response &r
     return true;
 }
 
-bool Services::save_displacement(pliant_displacement_sense sense, SaveVolume::Request &request, SaveVolume::Response &response)
+bool Services::save_displacement(pliant_displacement_sense sense, SaveVolume::Request &request,
+                                 SaveVolume::Response &response)
 {
     const std::string service = sense == PLIANT_DISPLACEMENT_TISSUE ? "save_tissue_displacement" : "save_displacement";
     response.success = work_.run(service, &response.message, [this, sense, name = request.path] {
@@ -344,7 +355,8 @@ bool Services::save_displacement(pliant_displacement_sense sense, SaveVolume::Re
         if (!confine_new(parameters_.output_root, name, &path, &why)) throw Failure(PLIANT_ERROR_ARGUMENT, why);
         Snapshot now = simulation_->snapshot();
         pliant_displacement field{};
-        check(pliant_displacement_create(now.loaded->model, now.body.get(), now.positions.data(), sense, nullptr, &field));
+        check(pliant_displacement_create(now.loaded->model, now.body.get(), now.positions.data(), sense, nullptr,
+                                         &field));
         const pliant_status status = pliant_displacement_write(path.c_str(), &field);
         pliant_displacement_free(&field);
         check(status);
@@ -358,7 +370,8 @@ Rigid Services::tissue_from(const std_msgs::Header &header) const
     Rigid out = identity();
     std::string why;
     if (header.frame_id == parameters_.tissue_frame) return out;
-    if (!rigid_from_message(frames_->lookupTransform(parameters_.tissue_frame, header.frame_id, header.stamp).transform, &out, &why))
+    if (!rigid_from_message(frames_->lookupTransform(parameters_.tissue_frame, header.frame_id, header.stamp).transform,
+                            &out, &why))
         throw Failure(PLIANT_ERROR_ARGUMENT, why);
     return out;
 }

@@ -43,8 +43,9 @@ struct Recomputed {
  * unchanged. */
 class Services {
 public:
-    Services(ros::NodeHandle handle, const Parameters &parameters, State *state, Live *live, Sessions *sessions, Simulation *simulation,
-             MeshOutput *mesh_output, VolumeOutput *volume_output, Registration *registration, std::shared_ptr<const tf2_ros::Buffer> frames);
+    Services(ros::NodeHandle handle, const Parameters &parameters, State *state, Live *live, Sessions *sessions,
+             Simulation *simulation, MeshOutput *mesh_output, VolumeOutput *volume_output, Registration *registration,
+             std::shared_ptr<const tf2_ros::Buffer> frames);
     ~Services();
 
     /* Store the start parameters and the settings that later loads keep, for a restarted node. Thread-safe. */
@@ -59,7 +60,8 @@ private:
     bool recompute(RecomputeHomogenization::Request &request, RecomputeHomogenization::Response &response);
     bool set_materials(SetMaterials::Request &request, SetMaterials::Response &response);
     bool save_volume(SaveVolume::Request &request, SaveVolume::Response &response);
-    bool save_displacement(pliant_displacement_sense sense, SaveVolume::Request &request, SaveVolume::Response &response);
+    bool save_displacement(pliant_displacement_sense sense, SaveVolume::Request &request,
+                           SaveVolume::Response &response);
     bool pick(Pick::Request &request, Pick::Response &response);
     bool cut(CutLine::Request &request, CutLine::Response &response);
     bool undo_cut(std_srvs::Trigger::Request &request, std_srvs::Trigger::Response &response);

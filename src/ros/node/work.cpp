@@ -12,7 +12,8 @@ Work::~Work()
     if (thread_.joinable()) thread_.join();
 }
 
-bool Work::run(const std::string &name, std::string *message, std::function<std::string()> function, bool may_be_cancelled)
+bool Work::run(const std::string &name, std::string *message, std::function<std::string()> function,
+               bool may_be_cancelled)
 {
     if (!state_->begin(name, message)) return false;
     auto job = std::make_shared<Job>();
@@ -101,7 +102,9 @@ pliant_progress Work::progress(double from, double to)
     return pliant_progress{[](double fraction, const char *stage, void *user) {
                                Work *self = static_cast<Work *>(user);
                                if (!self->goes_on()) return false;
-                               self->state_->progress(self->progress_from_ + (self->progress_to_ - self->progress_from_) * fraction, stage);
+                               self->state_->progress(self->progress_from_ +
+                                                          (self->progress_to_ - self->progress_from_) * fraction,
+                                                      stage);
                                return true;
                            },
                            this};

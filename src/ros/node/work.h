@@ -26,7 +26,8 @@ public:
      * throws. Return false and set *message if the function was refused (other work runs), failed, or was cancelled. A
      * cancelled function runs until its next progress report, so it must not refer to memory of the caller. The next
      * job starts after it has returned. */
-    bool run(const std::string &name, std::string *message, std::function<std::string()> function, bool may_be_cancelled = true);
+    bool run(const std::string &name, std::string *message, std::function<std::string()> function,
+             bool may_be_cancelled = true);
     /* Cancel the running job. Return false and set *message if no job runs or the job cannot be cancelled any more. */
     bool cancel(std::string *message);
     /* Called by the function before it changes the state. After this call it cannot be cancelled. Throw Failure if it

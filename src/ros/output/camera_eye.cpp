@@ -19,7 +19,8 @@ ImagePublisher advertise(ros::NodeHandle &handle, const std::string &topic)
 #endif
 }
 
-void send(ImagePublisher &publisher, const pliant_camera &camera, const std_msgs::Header &header, const std::string &encoding, const void *pixels)
+void send(ImagePublisher &publisher, const pliant_camera &camera, const std_msgs::Header &header,
+          const std::string &encoding, const void *pixels)
 {
     if (publisher.getNumSubscribers() == 0) return;
     auto image = boost::make_shared<sensor_msgs::Image>();
@@ -42,17 +43,21 @@ CameraEye::CameraEye(ros::NodeHandle handle, const CameraParameters &parameters,
     points_ = own.advertise<sensor_msgs::PointCloud2>("points", 1);
 #ifdef PLIANT_WITH_CAMERA_INFO
     /* Without a file name, the manager would load any file in ~/.ros with this camera's name. */
-    if (!parameters.info_url.empty()) calibration_.reset(new camera_info_manager::CameraInfoManager(own, parameters.name + (side.empty() ? "" : "_" + side), parameters.info_url));
+    if (!parameters.info_url.empty())
+        calibration_.reset(new camera_info_manager::CameraInfoManager(
+            own, parameters.name + (side.empty() ? "" : "_" + side), parameters.info_url));
 #else
     if (!parameters.info_url.empty())
-        ROS_WARN("~camera/%s/info_url is not read: this was built without camera_info_manager", parameters.name.c_str());
+        ROS_WARN("~camera/%s/info_url is not read: this was built without camera_info_manager",
+                 parameters.name.c_str());
 #endif
     publish_info(ros::Time::now());
 }
 
 bool CameraEye::is_wanted() const
 {
-    return image_.getNumSubscribers() > 0 || depth_.getNumSubscribers() > 0 || label_.getNumSubscribers() > 0 || points_.getNumSubscribers() > 0;
+    return image_.getNumSubscribers() > 0 || depth_.getNumSubscribers() > 0 || label_.getNumSubscribers() > 0 ||
+           points_.getNumSubscribers() > 0;
 }
 
 pliant_camera CameraEye::camera() const
@@ -87,12 +92,15 @@ void CameraEye::apply(const Loaded &loaded, pliant_style *style) const
     for (const std::string &name : parameters_.shown) {
         uint32_t m = 0;
         while (m < materials->num_materials && name != materials->materials[m].name) ++m;
-        if (m == materials->num_materials) throw Failure(PLIANT_ERROR_ARGUMENT, "~camera/" + parameters_.name + "/shown: there is no material " + name);
+        if (m == materials->num_materials)
+            throw Failure(PLIANT_ERROR_ARGUMENT,
+                          "~camera/" + parameters_.name + "/shown: there is no material " + name);
         style->shown[m + 1] = 1;
     }
 }
 
-void CameraEye::look(pliant_view *view, const Loaded &loaded, const Rigid &tissue_from_frame, const ros::Time &stamp, pliant_style style)
+void CameraEye::look(pliant_view *view, const Loaded &loaded, const Rigid &tissue_from_frame, const ros::Time &stamp,
+                     pliant_style style)
 {
     const CameraConvention convention = parameters_.ambf ? AMBF : OPTICAL;
     const bool points = points_.getNumSubscribers() > 0;
@@ -100,9 +108,11 @@ void CameraEye::look(pliant_view *view, const Loaded &loaded, const Rigid &tissu
     camera_from_frame(tissue_from_frame, convention, aside_, &seen);
     apply(loaded, &style);
     const size_t pixels = static_cast<size_t>(seen.width) * static_cast<size_t>(seen.height);
-    std::vector<uint8_t> rgb(points || image_.getNumSubscribers() > 0 ? 3 * pixels : 0), label(label_.getNumSubscribers() > 0 ? pixels : 0);
+    std::vector<uint8_t> rgb(points || image_.getNumSubscribers() > 0 ? 3 * pixels : 0),
+        label(label_.getNumSubscribers() > 0 ? pixels : 0);
     std::vector<float> depth(points || depth_.getNumSubscribers() > 0 ? pixels : 0);
-    const pliant_image image = {rgb.empty() ? nullptr : rgb.data(), depth.empty() ? nullptr : depth.data(), label.empty() ? nullptr : label.data()};
+    const pliant_image image = {rgb.empty() ? nullptr : rgb.data(), depth.empty() ? nullptr : depth.data(),
+                                label.empty() ? nullptr : label.data()};
     check(pliant_view_render(view, &seen, &style, &image));
 
     std_msgs::Header header;

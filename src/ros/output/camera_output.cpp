@@ -51,15 +51,18 @@ struct CameraOutput::Camera {
 
     bool is_wanted() const
     {
-        return std::any_of(eyes.begin(), eyes.end(), [](const std::unique_ptr<CameraEye> &eye) { return eye->is_wanted(); });
+        return std::any_of(eyes.begin(), eyes.end(),
+                           [](const std::unique_ptr<CameraEye> &eye) { return eye->is_wanted(); });
     }
 };
 
-CameraOutput::CameraOutput(ros::NodeHandle handle, const Parameters &parameters, Snapshots *snapshots, std::shared_ptr<const tf2_ros::Buffer> frames)
+CameraOutput::CameraOutput(ros::NodeHandle handle, const Parameters &parameters, Snapshots *snapshots,
+                           std::shared_ptr<const tf2_ros::Buffer> frames)
     : tissue_frame_(parameters.tissue_frame), snapshots_(snapshots), frames_(std::move(frames))
 {
     for (const CameraParameters &camera : parameters.cameras) {
-        const std::vector<std::string> sides = camera.baseline > 0 ? std::vector<std::string>{"left", "right"} : std::vector<std::string>{""};
+        const std::vector<std::string> sides =
+            camera.baseline > 0 ? std::vector<std::string>{"left", "right"} : std::vector<std::string>{""};
         cameras_.emplace_back(new Camera{camera, {}, {}});
         for (const std::string &side : sides) cameras_.back()->eyes.emplace_back(new CameraEye(handle, camera, side));
         fastest_ = std::max(fastest_, camera.rate);
@@ -77,7 +80,8 @@ void CameraOutput::look(Camera *camera, View *view, const std::shared_ptr<const 
 {
     std::string why;
     Rigid tissue_from_frame;
-    if (!rigid_from_message(frames_->lookupTransform(tissue_frame_, camera->parameters.frame, ros::Time(0)).transform, &tissue_from_frame, &why))
+    if (!rigid_from_message(frames_->lookupTransform(tissue_frame_, camera->parameters.frame, ros::Time(0)).transform,
+                            &tissue_from_frame, &why))
         throw Failure(PLIANT_ERROR_ARGUMENT, "camera " + camera->parameters.name + ": " + why);
     view->show(newest);
     for (const std::unique_ptr<CameraEye> &eye : camera->eyes) {
@@ -96,9 +100,11 @@ void CameraOutput::run()
     Snapshots::Reader reader(snapshots_);
     std::shared_ptr<const Snapshot> newest;
     View view;
-    const std::chrono::milliseconds most(POLL_MILLISECONDS), wait = std::min(most, std::chrono::milliseconds(1 + static_cast<int>(500 / std::max(fastest_, 1.0))));
+    const std::chrono::milliseconds most(POLL_MILLISECONDS),
+        wait = std::min(most, std::chrono::milliseconds(1 + static_cast<int>(500 / std::max(fastest_, 1.0))));
     while (!stopping_) {
-        const bool wanted = std::any_of(cameras_.begin(), cameras_.end(), [](const std::unique_ptr<Camera> &camera) { return camera->is_wanted(); });
+        const bool wanted = std::any_of(cameras_.begin(), cameras_.end(),
+                                        [](const std::unique_ptr<Camera> &camera) { return camera->is_wanted(); });
         reader.want(wanted);
         if (!wanted) {
             newest.reset();

@@ -18,7 +18,8 @@ namespace pliant_ros {
 
 class CameraOutput {
 public:
-    CameraOutput(ros::NodeHandle handle, const Parameters &parameters, Snapshots *snapshots, std::shared_ptr<const tf2_ros::Buffer> frames);
+    CameraOutput(ros::NodeHandle handle, const Parameters &parameters, Snapshots *snapshots,
+                 std::shared_ptr<const tf2_ros::Buffer> frames);
     ~CameraOutput();
 
     std::string problem() const { return problem_.get(); }

@@ -71,7 +71,8 @@ void DisplacementOutput::publish(const Snapshot &snapshot)
 {
     const pliant_geometry grid = coarse_grid(snapshot.loaded->scan->volume.geometry);
     pliant_displacement field{};
-    check(pliant_displacement_create(snapshot.loaded->model, snapshot.body.get(), snapshot.positions.data(), PLIANT_DISPLACEMENT_TISSUE, &grid, &field));
+    check(pliant_displacement_create(snapshot.loaded->model, snapshot.body.get(), snapshot.positions.data(),
+                                     PLIANT_DISPLACEMENT_TISSUE, &grid, &field));
     const std::unique_ptr<pliant_displacement, void (*)(pliant_displacement *)> freed(&field, pliant_displacement_free);
     auto cloud = boost::make_shared<sensor_msgs::PointCloud2>();
     cloud->header.stamp = snapshot.stamp;

@@ -52,7 +52,8 @@ void MeshOutput::publish_model(const Loaded &loaded)
     publish_topology(loaded, *pliant_model_get_body(loaded.model), loaded.revision, now.stamp);
 }
 
-void MeshOutput::publish_topology(const Loaded &loaded, const pliant_body &body, uint32_t revision, const ros::Time &stamp)
+void MeshOutput::publish_topology(const Loaded &loaded, const pliant_body &body, uint32_t revision,
+                                  const ros::Time &stamp)
 {
     auto topology = boost::make_shared<MeshTopology>();
     topology->header = header(stamp);
@@ -106,7 +107,8 @@ boost::shared_ptr<MeshState> MeshOutput::state_of(const Snapshot &snapshot) cons
     state->header = header(snapshot.stamp);
     state->revision = snapshot.revision;
     state->step = snapshot.step;
-    mesh_state_message(*snapshot.loaded->model, *snapshot.body, snapshot.positions.data(), snapshot.scalar, snapshot.contact_force, state.get());
+    mesh_state_message(*snapshot.loaded->model, *snapshot.body, snapshot.positions.data(), snapshot.scalar,
+                       snapshot.contact_force, state.get());
     return state;
 }
 
@@ -148,7 +150,8 @@ void MeshOutput::publish(const Snapshot &snapshot)
     bool points_due = points_.getNumSubscribers() > 0 && points_rate_.due(VIEW_RATE);
     std::unique_lock<std::mutex> hold(lock_);
     const double rate = live_->get().mesh_rate;
-    bool state_due = state_.getNumSubscribers() > 0 && !is_published(snapshot) && !is_late(snapshot) && state_rate_.due(rate);
+    bool state_due =
+        state_.getNumSubscribers() > 0 && !is_published(snapshot) && !is_late(snapshot) && state_rate_.due(rate);
     /* While a blade cuts, the topology changes in every step. Publish it at most as often as states. */
     if (state_due || (state_.getNumSubscribers() == 0 && topology_rate_.due(rate))) follow_topology(snapshot);
     if (!state_due && !marker_due && !points_due) return;

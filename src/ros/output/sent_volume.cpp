@@ -15,7 +15,8 @@ size_t voxel_at(const int32_t size[3], uint32_t i, uint32_t j, uint32_t k)
     return i + static_cast<size_t>(size[0]) * (j + static_cast<size_t>(size[1]) * k);
 }
 
-template <class Voxel> bool differs_by(const void *a, const void *b, const int32_t size[3], const Box &box, double stored)
+template <class Voxel>
+bool differs_by(const void *a, const void *b, const int32_t size[3], const Box &box, double stored)
 {
     const Voxel *x = static_cast<const Voxel *>(a), *y = static_cast<const Voxel *>(b);
     for (uint32_t k = box.offset[2]; k < box.offset[2] + box.size[2]; ++k)

@@ -14,8 +14,8 @@ enum { POLL_MILLISECONDS = 100, SOON_MILLISECONDS = 2 /* where somebody is not r
 
 VolumeOutput::VolumeOutput(ros::NodeHandle handle, const Parameters &parameters, Live *live, Snapshots *snapshots,
                            MeshOutput *mesh_output)
-    : frame_(parameters.tissue_frame), stream_(handle, parameters, snapshots->keeps_all()), live_(live), snapshots_(snapshots),
-      mesh_output_(mesh_output), preview_step_(static_cast<uint32_t>(parameters.preview_step))
+    : frame_(parameters.tissue_frame), stream_(handle, parameters, snapshots->keeps_all()), live_(live),
+      snapshots_(snapshots), mesh_output_(mesh_output), preview_step_(static_cast<uint32_t>(parameters.preview_step))
 {
     static const char *const topics[] = {"volume/slice/axial", "volume/slice/coronal", "volume/slice/sagittal"};
     const auto looked_at = [this](const ros::SingleSubscriberPublisher &) { slices_fresh_ = true; };
@@ -23,7 +23,8 @@ VolumeOutput::VolumeOutput(ros::NodeHandle handle, const Parameters &parameters,
         slices_[plane] = handle.advertise<sensor_msgs::Image>(topics[plane], 1, looked_at);
         placed_[plane] = handle.advertise<Volume>(std::string(topics[plane]) + "/placed", 1, looked_at);
     }
-    preview_ = handle.advertise<Volume>("volume/preview", 1, [this](const ros::SingleSubscriberPublisher &) { preview_fresh_ = true; });
+    preview_ = handle.advertise<Volume>("volume/preview", 1,
+                                        [this](const ros::SingleSubscriberPublisher &) { preview_fresh_ = true; });
     thread_ = std::thread(&VolumeOutput::run, this);
 }
 

@@ -42,7 +42,8 @@ VolumeStream::VolumeStream(ros::NodeHandle handle, const Parameters &parameters,
     std::copy(parameters.volume_high, parameters.volume_high + 3, high_);
     publisher_ = handle.advertise<Volume>("volume", keeps_all ? REPLAY_QUEUE : 1,
                                           [this](const ros::SingleSubscriberPublisher &) { whole_wanted_ = true; });
-    resend_ = handle.subscribe<std_msgs::Empty>("volume/resend", 1, [this](const std_msgs::Empty::ConstPtr &) { resend_wanted_ = true; });
+    resend_ = handle.subscribe<std_msgs::Empty>("volume/resend", 1,
+                                                [this](const std_msgs::Empty::ConstPtr &) { resend_wanted_ = true; });
 }
 
 VolumeStream::~VolumeStream()
@@ -68,7 +69,9 @@ bool VolumeStream::add(const Warped &warped)
 {
     if (!has_begun_) {
         region_ = region_box(warped.target(), low_, high_);
-        const double bound = !std::isnan(threshold_) ? threshold_ : keeps_all_ ? 0 : noise_of(warped.loaded()->scan->volume);
+        const double bound = !std::isnan(threshold_) ? threshold_
+                             : keeps_all_            ? 0
+                                                     : noise_of(warped.loaded()->scan->volume);
         sent_.start(bound, region_);
         bound_ = bound;
     }
@@ -86,7 +89,9 @@ bool VolumeStream::somebody_is_ready() const
 
 void VolumeStream::forget_written()
 {
-    held_.erase(std::remove_if(held_.begin(), held_.end(), [](const auto &each) { return each.first.use_count() == 1; }), held_.end());
+    held_.erase(
+        std::remove_if(held_.begin(), held_.end(), [](const auto &each) { return each.first.use_count() == 1; }),
+        held_.end());
     size_t bytes = is_held() ? last_bytes_ : 0;
     for (const auto &each : held_) bytes += each.second;
     held_bytes_ = bytes;
@@ -187,7 +192,8 @@ void VolumeStream::publish(const Warped &warped, const Snapshot &snapshot, const
     ros::SerializedMessage made;
     bool over_links = false, in_process = false;
     ros::TopicManager &topics = *ros::TopicManager::instance();
-    if (ros::PublicationPtr publication = topics.lookupPublication(publisher_.getTopic())) publication->getPublishTypes(over_links, in_process, typeid(Volume));
+    if (ros::PublicationPtr publication = topics.lookupPublication(publisher_.getTopic()))
+        publication->getPublishTypes(over_links, in_process, typeid(Volume));
     const auto serialize = [this, &message, &made] {
         if (!made.buf) made = ros::serialization::serializeMessage<Volume>(*message);
         last_ = made.buf;

@@ -13,7 +13,8 @@ pliant_geometry target_of(const Loaded &loaded)
     const pliant_mesh &mesh = pliant_model_get_body(loaded.model)->fine;
     pliant_geometry target;
     const double margin = pliant_model_get_scene(loaded.model)->warp.margin;
-    check(pliant_warp_target(&loaded.scan->volume.geometry, mesh.rest, mesh.num_nodes, margin, max_target_voxels, &target));
+    check(pliant_warp_target(&loaded.scan->volume.geometry, mesh.rest, mesh.num_nodes, margin, max_target_voxels,
+                             &target));
     return target;
 }
 

@@ -50,7 +50,8 @@ bool call_own(const char *what, const XmlRpcValue &request, XmlRpcValue *payload
     XmlRpcValue response;
     if (!ros::network::splitURI(ros::XMLRPCManager::instance()->getServerURI(), host, port)) return false;
     XmlRpc::XmlRpcClient client(host.c_str(), static_cast<int>(port), "/");
-    return client.execute(what, request, response) && ros::XMLRPCManager::instance()->validateXmlrpcResponse(what, response, *payload);
+    return client.execute(what, request, response) &&
+           ros::XMLRPCManager::instance()->validateXmlrpcResponse(what, response, *payload);
 }
 
 /* Update the publishers of a topic: the reported ones and the connected ones. A restarted master does not have all of
@@ -63,7 +64,8 @@ void tell_publishers(const std::string &topic, XmlRpcValue known)
     request[0] = ros::this_node::getName();
     if (all.empty() || !call_own("getBusInfo", request, &links)) return;
     for (int i = 0; i < links.size(); ++i)
-        if (static_cast<std::string>(links[i][2]) == "i" && static_cast<std::string>(links[i][4]) == topic) all.insert(links[i][1]);
+        if (static_cast<std::string>(links[i][2]) == "i" && static_cast<std::string>(links[i][4]) == topic)
+            all.insert(links[i][1]);
     request[1] = topic;
     int count = 0;
     for (const std::string &uri : all) request[2][count++] = uri;
@@ -107,7 +109,8 @@ void MasterWatch::look()
 {
     XmlRpcValue process, address;
     if (!ask("getPid", {}, &process)) {
-        if (problem_.get().empty()) ROS_WARN("the master does not answer: links that are there go on, nobody new is found");
+        if (problem_.get().empty())
+            ROS_WARN("the master does not answer: links that are there go on, nobody new is found");
         problem_.set("the master does not answer: links that are there go on, nobody new is found");
         return;
     }
@@ -116,7 +119,8 @@ void MasterWatch::look()
         if (ros::isShuttingDown()) return; /* the node has unregistered itself */
         master_ = NOBODY;
         if (!register_again()) {
-            problem_.set("the master was started anew, and has not taken all topics, services and parameters of this node yet");
+            problem_.set(
+                "the master was started anew, and has not taken all topics, services and parameters of this node yet");
             return;
         }
         ++returns_;
@@ -139,8 +143,10 @@ bool MasterWatch::register_again()
     request[2] = parameters_;
     if (parameters_.valid()) good = ros::master::execute("setParam", request, response, ignored, false);
     const std::string own = ros::XMLRPCManager::instance()->getServerURI();
-    const std::string services = "rosrpc://" + ros::network::getHost() + ":" + std::to_string(ros::ConnectionManager::instance()->getTCPPort());
-    for (const std::string &service : services_) good = ask("registerService", {service, services, own}, &ignored) && good;
+    const std::string services =
+        "rosrpc://" + ros::network::getHost() + ":" + std::to_string(ros::ConnectionManager::instance()->getTCPPort());
+    for (const std::string &service : services_)
+        good = ask("registerService", {service, services, own}, &ignored) && good;
     std::vector<std::string> topics, subscribed;
     ros::TopicManager::instance()->getAdvertisedTopics(topics);
     for (const std::string &topic : topics)

@@ -16,10 +16,13 @@ namespace {
 
 using XmlRpc::XmlRpcValue;
 
-const char *const node_names[] = {"scene",        "scan",          "scan/path",     "scan_root",   "output_root",
-                                  "parent_frame", "tissue_frame",  "tissue_pose",   "registration", "hand_eye", "checkpoint", "checkpoint_period", "background",  "tools",
-                                  "tool_max_age", "tool_hold",     "tool_max_pause", "jaw_close",     "jaw_release", "pose_filter", "wrench_rate",  "wrench_bound",  "slice/axial",
-                                  "slice/coronal", "slice/sagittal", "cameras", "volume_threshold", "volume_region/low", "volume_region/high", "preview_step", "respawn"};
+const char *const node_names[] = {
+    "scene",          "scan",        "scan/path",        "scan_root",         "output_root",        "parent_frame",
+    "tissue_frame",   "tissue_pose", "registration",     "hand_eye",          "checkpoint",         "checkpoint_period",
+    "background",     "tools",       "tool_max_age",     "tool_hold",         "tool_max_pause",     "jaw_close",
+    "jaw_release",    "pose_filter", "wrench_rate",      "wrench_bound",      "slice/axial",        "slice/coronal",
+    "slice/sagittal", "cameras",     "volume_threshold", "volume_region/low", "volume_region/high", "preview_step",
+    "respawn"};
 
 [[noreturn]] void refuse(const std::string &message) { throw std::invalid_argument(message); }
 
@@ -117,7 +120,8 @@ void check_name(const std::string &of, const std::string &what, const std::strin
     bool good = !name.empty() && name.size() < sizeof(pliant_tool_state::name) &&
                 std::isalpha(static_cast<unsigned char>(name[0])) &&
                 std::all_of(name.begin(), name.end(), [](unsigned char c) { return std::isalnum(c) || c == '_'; });
-    if (!good) refuse("~" + of + ": \"" + name + "\" is no name of a " + what + ": 47 letters, digits and _, a letter first");
+    if (!good)
+        refuse("~" + of + ": \"" + name + "\" is no name of a " + what + ": 47 letters, digits and _, a letter first");
 }
 
 /* Read a list, or text such as "PSM1 PSM2" from a launch argument. */
@@ -151,7 +155,8 @@ void read_tools(XmlRpcValue &value, Parameters *out)
 
 void read_point(const std::string &name, XmlRpcValue &value, double out[3], double most = 1)
 {
-    if (value.getType() != XmlRpcValue::TypeArray || value.size() != 3) refuse("~" + name + " must be three numbers [m]");
+    if (value.getType() != XmlRpcValue::TypeArray || value.size() != 3)
+        refuse("~" + name + " must be three numbers [m]");
     for (int d = 0; d < 3; ++d) out[d] = number(name, value[d], -most, most);
 }
 
@@ -159,11 +164,14 @@ void read_point(const std::string &name, XmlRpcValue &value, double out[3], doub
 void read_blade(const std::string &name, XmlRpcValue &value, ToolParameters *tool)
 {
     if (value.getType() == XmlRpcValue::TypeString) {
-        if (pliant_blade_find(text(name, value).c_str(), tool->blade_from, tool->blade_to) < 0) refuse("~" + name + ": " + pliant_last_error());
+        if (pliant_blade_find(text(name, value).c_str(), tool->blade_from, tool->blade_to) < 0)
+            refuse("~" + name + ": " + pliant_last_error());
         return;
     }
-    if (value.getType() != XmlRpcValue::TypeStruct || value.size() != 2 || !value.hasMember("from") || !value.hasMember("to"))
-        refuse("~" + name + " must be the name of a blade, or {from: [x, y, z], to: [x, y, z]}, its edge in the tool's frame [m]");
+    if (value.getType() != XmlRpcValue::TypeStruct || value.size() != 2 || !value.hasMember("from") ||
+        !value.hasMember("to"))
+        refuse("~" + name +
+               " must be the name of a blade, or {from: [x, y, z], to: [x, y, z]}, its edge in the tool's frame [m]");
     read_point(name + "/from", value["from"], tool->blade_from);
     read_point(name + "/to", value["to"], tool->blade_to);
     if (!tool->has_blade()) refuse("~" + name + ": from and to are the same point: no edge");
@@ -174,8 +182,10 @@ void read_shape(const std::string &name, XmlRpcValue &value, ToolParameters *too
 {
     const std::string what = text(name, value);
     if ((tool->shape_follows = what == "tool_type")) return;
-    const bool file = what.find('/') != std::string::npos || what.find(".yaml") != std::string::npos || what.find(".yml") != std::string::npos;
-    const pliant_status status = file ? pliant_tool_shape_read(what.c_str(), &tool->shape) : pliant_tool_shape_find(what.c_str(), &tool->shape);
+    const bool file = what.find('/') != std::string::npos || what.find(".yaml") != std::string::npos ||
+                      what.find(".yml") != std::string::npos;
+    const pliant_status status =
+        file ? pliant_tool_shape_read(what.c_str(), &tool->shape) : pliant_tool_shape_find(what.c_str(), &tool->shape);
     if (status < 0) refuse("~" + name + ": " + pliant_last_error());
     tool->solids = std::shared_ptr<pliant_tool_shape>(new pliant_tool_shape(tool->shape), [](pliant_tool_shape *shape) {
         pliant_tool_shape_free(shape);
@@ -187,7 +197,8 @@ void read_tool(const std::string &name, XmlRpcValue &value, Parameters *out)
 {
     for (ToolParameters &tool : out->tools) {
         if (tool.name != name) continue;
-        if (value.getType() != XmlRpcValue::TypeStruct) refuse("~tool/" + name + " must hold mode, blade, frame or jaw");
+        if (value.getType() != XmlRpcValue::TypeStruct)
+            refuse("~tool/" + name + " must hold mode, blade, frame or jaw");
         for (auto &entry : value) {
             std::string path = "tool/" + name + "/" + entry.first;
             if (entry.first == "blade") {
@@ -204,7 +215,8 @@ void read_tool(const std::string &name, XmlRpcValue &value, Parameters *out)
             }
             if (entry.first == "jaw") {
                 const std::string kind = text(path, entry.second);
-                if (kind != "measured" && kind != "setpoint") refuse("~" + path + " is " + kind + "; it must be measured or setpoint");
+                if (kind != "measured" && kind != "setpoint")
+                    refuse("~" + path + " is " + kind + "; it must be measured or setpoint");
                 tool.jaw_setpoint = kind == "setpoint";
                 continue;
             }
@@ -251,17 +263,23 @@ void read_camera_entry(const std::string &path, const std::string &name, XmlRpcV
         if (kind != "optical" && kind != "ambf") refuse("~" + path + " is " + kind + "; it must be optical or ambf");
         camera->ambf = kind == "ambf";
     } else
-        refuse("~" + path + " is unknown: a camera has frame, convention, width, height, field_of_view, rate, near, far, baseline, threshold, shown, info_url");
+        refuse(
+            "~" + path +
+            " is unknown: a camera has frame, convention, width, height, field_of_view, rate, near, far, baseline, threshold, shown, info_url");
 }
 
 void read_camera(const std::string &name, XmlRpcValue &value, Parameters *out)
 {
     for (CameraParameters &camera : out->cameras) {
         if (camera.name != name) continue;
-        if (value.getType() != XmlRpcValue::TypeStruct) refuse("~camera/" + name + " must hold frame, width, height, field_of_view or the like");
-        for (auto &entry : value) read_camera_entry("camera/" + name + "/" + entry.first, entry.first, entry.second, &camera);
-        if (camera.far > 0 && camera.far <= camera.near) refuse("~camera/" + name + ": far must be more than near, or 0");
-        if (camera.frame.empty() || camera.frame[0] == '/') refuse("~camera/" + name + "/frame: tf2 wants a name without a leading slash");
+        if (value.getType() != XmlRpcValue::TypeStruct)
+            refuse("~camera/" + name + " must hold frame, width, height, field_of_view or the like");
+        for (auto &entry : value)
+            read_camera_entry("camera/" + name + "/" + entry.first, entry.first, entry.second, &camera);
+        if (camera.far > 0 && camera.far <= camera.near)
+            refuse("~camera/" + name + ": far must be more than near, or 0");
+        if (camera.frame.empty() || camera.frame[0] == '/')
+            refuse("~camera/" + name + "/frame: tf2 wants a name without a leading slash");
         return;
     }
     refuse("~camera/" + name + ": no camera of this name is in ~cameras");
@@ -303,7 +321,8 @@ std::string read_hand_eye(const std::string &name, XmlRpcValue &value)
     for (std::string word; words >> word;) {
         const size_t sign = word.find('=');
         if (sign == std::string::npos || sign == 0 || sign + 1 == word.size())
-            refuse("~" + name + ": " + word + ": FRAME=FILE is wanted, such as PSM1_base=/data/PSM1-registration-open-cv.json");
+            refuse("~" + name + ": " + word +
+                   ": FRAME=FILE is wanted, such as PSM1_base=/data/PSM1-registration-open-cv.json");
     }
     return out;
 }
@@ -393,7 +412,8 @@ void set_defaults(Parameters *out)
 void check_region(const Parameters &parameters)
 {
     for (int d = 0; d < 3; ++d)
-        if (!(parameters.volume_low[d] < parameters.volume_high[d])) refuse("~volume_region: low must be below high along every axis");
+        if (!(parameters.volume_low[d] < parameters.volume_high[d]))
+            refuse("~volume_region: low must be below high along every axis");
 }
 
 void check_frames(const Parameters &parameters)

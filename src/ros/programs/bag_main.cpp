@@ -125,7 +125,9 @@ void Extraction::load(uint32_t revision)
         std::shared_ptr<const Scan> scan = read_scan(arguments_.scene, arguments_.scan, &materials);
         loaded_ = build(arguments_.scene, scan, materials.table, console_progress());
     } else {
-        if (after == sessions_.begin()) throw Failure(PLIANT_ERROR_FORMAT, arguments_.bag + ": what revision " + std::to_string(revision) + " was made from is not in it");
+        if (after == sessions_.begin())
+            throw Failure(PLIANT_ERROR_FORMAT, arguments_.bag + ": what revision " + std::to_string(revision) +
+                                                   " was made from is not in it");
         const Session &session = std::prev(after)->second;
         load_ = session.load;
         loaded_ = build_session(session, shelf_->find(session), console_progress());
@@ -205,7 +207,8 @@ void Extraction::write_surface(double time, const Snapshot &snapshot)
     surface_ = surface_of(*snapshot.body, surface_);
     char name[64];
     std::snprintf(name, sizeof name, "/surface_%08.3f.ply", time);
-    check(pliant_surface_write((arguments_.folder + name).c_str(), surface_.get(), snapshot.positions.data(), 1.0, 0, nullptr, nullptr));
+    check(pliant_surface_write((arguments_.folder + name).c_str(), surface_.get(), snapshot.positions.data(), 1.0, 0,
+                               nullptr, nullptr));
 }
 
 void Extraction::write_recorded(const std::vector<double> &times, rosbag::View *states)
@@ -230,7 +233,8 @@ void Extraction::write_simulated(const std::vector<double> &times, rosbag::View 
     for (const rosbag::MessageInstance &recorded : *steps) {
         if (console_stop_asked()) throw Stopped();
         const Step::ConstPtr step = read_message<Step>(recorded);
-        for (; time != times.end() && newest && since_start(recorded.getTime()) > *time + 1e-9; ++time) write(*time, *newest);
+        for (; time != times.end() && newest && since_start(recorded.getTime()) > *time + 1e-9; ++time)
+            write(*time, *newest);
         load(step->load);
         if (rerun_->take(*step) && time != times.end()) newest = rerun_->snapshot();
         console_progress().function(static_cast<double>(++done) / steps->size(), "steps", nullptr);
@@ -238,7 +242,8 @@ void Extraction::write_simulated(const std::vector<double> &times, rosbag::View 
     for (; time != times.end() && newest; ++time) write(*time, *newest);
     console_progress_end();
     if (rerun_->made() == 0)
-        throw Failure(PLIANT_ERROR_FORMAT, arguments_.bag + ": no load and no reset in it: there is nothing to begin with");
+        throw Failure(PLIANT_ERROR_FORMAT,
+                      arguments_.bag + ": no load and no reset in it: there is nothing to begin with");
     if (rerun_->differing() > 0) throw Failure(PLIANT_ERROR_NUMERIC, rerun_->summary());
 }
 
@@ -287,9 +292,12 @@ void Extraction::write_lerobot(const std::string &arrays) const
     const std::string program = path.substr(0, path.rfind('/') + 1) + "pliant_lerobot";
     const char *python = python_find("numpy, pyarrow");
     if (!python)
-        throw Failure(PLIANT_ERROR_UNAVAILABLE, "python3 with numpy and pyarrow was not found (pip install numpy pyarrow). The arrays are in " + arrays +
-                                                    "; with both installed: python3 " + program + " " + arrays + " " + arguments_.folder);
-    const char *words[] = {python, program.c_str(), arrays.c_str(), arguments_.folder.c_str(), "--task", arguments_.task.c_str(), nullptr};
+        throw Failure(PLIANT_ERROR_UNAVAILABLE,
+                      "python3 with numpy and pyarrow was not found (pip install numpy pyarrow). The arrays are in " +
+                          arrays + "; with both installed: python3 " + program + " " + arrays + " " +
+                          arguments_.folder);
+    const char *words[] = {python,   program.c_str(),         arrays.c_str(), arguments_.folder.c_str(),
+                           "--task", arguments_.task.c_str(), nullptr};
     if (python_run(words) != 0) throw Failure(PLIANT_ERROR_FILE, program + " failed; the arrays are in " + arrays);
 }
 
@@ -317,7 +325,8 @@ void Extraction::run()
 std::string Extraction::summary() const
 {
     std::string text = exported_ + (rerun_ ? rerun_->summary() + "\n" : "");
-    if (!arguments_.folder.empty() && exported_.empty()) text += std::to_string(written_) + " volumes in " + arguments_.folder + "\n";
+    if (!arguments_.folder.empty() && exported_.empty())
+        text += std::to_string(written_) + " volumes in " + arguments_.folder + "\n";
     if (!arguments_.steps.empty()) text += "steps in " + arguments_.steps + "\n";
     if (!arguments_.cuts.empty()) text += "cuts in " + arguments_.cuts + "\n";
     return text;

@@ -42,23 +42,32 @@ double monotonic() { return ros::SteadyTime::now().toSec(); }
 
 /* Subscribe to the inputs of the gates.
  * frame: set to the frame of the last force */
-std::vector<ros::Subscriber> listen(ros::NodeHandle handle, const std::string &tool, pliant_ros::Guard *guard, std::string *frame)
+std::vector<ros::Subscriber> listen(ros::NodeHandle handle, const std::string &tool, pliant_ros::Guard *guard,
+                                    std::string *frame)
 {
     const ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
     std::vector<ros::Subscriber> all;
-    all.push_back(handle.subscribe<topic_tools::ShapeShifter>(tool + "/measured_cp", 1, [=](const topic_tools::ShapeShifter::ConstPtr &message) {
-        geometry_msgs::PoseStamped sent;
-        pliant_ros::Rigid tip;
-        std::string why;
-        guard->pose(monotonic(), pliant_ros::pose_from_any_message(*message, "any", &sent, &why) && pliant_ros::tool_pose_from_message(sent, &tip, &why));
-    }, ros::VoidConstPtr(), hints));
-    all.push_back(handle.subscribe<geometry_msgs::WrenchStamped>(tool + "/measured_cf", 1, [=](const geometry_msgs::WrenchStampedConstPtr &message) {
-        const double force[3] = {message->wrench.force.x, message->wrench.force.y, message->wrench.force.z};
-        *frame = message->header.frame_id;
-        guard->wrench(monotonic(), force);
-    }, ros::VoidConstPtr(), hints));
-    all.push_back(handle.subscribe<std_msgs::Bool>("following", 1, [=](const std_msgs::BoolConstPtr &message) { guard->following(message->data); },
-                                                   ros::VoidConstPtr(), hints));
+    all.push_back(handle.subscribe<topic_tools::ShapeShifter>(
+        tool + "/measured_cp", 1,
+        [=](const topic_tools::ShapeShifter::ConstPtr &message) {
+            geometry_msgs::PoseStamped sent;
+            pliant_ros::Rigid tip;
+            std::string why;
+            guard->pose(monotonic(), pliant_ros::pose_from_any_message(*message, "any", &sent, &why) &&
+                                         pliant_ros::tool_pose_from_message(sent, &tip, &why));
+        },
+        ros::VoidConstPtr(), hints));
+    all.push_back(handle.subscribe<geometry_msgs::WrenchStamped>(
+        tool + "/measured_cf", 1,
+        [=](const geometry_msgs::WrenchStampedConstPtr &message) {
+            const double force[3] = {message->wrench.force.x, message->wrench.force.y, message->wrench.force.z};
+            *frame = message->header.frame_id;
+            guard->wrench(monotonic(), force);
+        },
+        ros::VoidConstPtr(), hints));
+    all.push_back(handle.subscribe<std_msgs::Bool>(
+        "following", 1, [=](const std_msgs::BoolConstPtr &message) { guard->following(message->data); },
+        ros::VoidConstPtr(), hints));
     all.push_back(handle.subscribe<pliant::SimState>("state", 1, [=](const pliant::SimStateConstPtr &message) {
         guard->simulation(message->state == pliant::SimState::RUNNING);
     }, ros::VoidConstPtr(), hints));
@@ -83,11 +92,15 @@ pliant_ros::GuardParameters parameters_of(const ros::NodeHandle &own, std::strin
     if (!ros::param::get(own.getNamespace(), tree)) tree = XmlRpc::XmlRpcValue();
     pliant_ros::GuardParameters parameters;
     if (!pliant_ros::read_guard_parameters(tree, &parameters, why))
-        ROS_FATAL("%s. No force passes: set it right (rosparam set, or the launch file), and end this node for another one", why->c_str());
+        ROS_FATAL(
+            "%s. No force passes: set it right (rosparam set, or the launch file), and end this node for another one",
+            why->c_str());
     else {
-        if (parameters.settings.largest > 10) ROS_WARN("~max_force: %g N is more than hand controllers are made for", parameters.settings.largest);
+        if (parameters.settings.largest > 10)
+            ROS_WARN("~max_force: %g N is more than hand controllers are made for", parameters.settings.largest);
         if (parameters.settings.timeout > 0.05)
-            ROS_WARN("~timeout: a hand feels the last force for up to %g s after poses or forces have ended", parameters.settings.timeout);
+            ROS_WARN("~timeout: a hand feels the last force for up to %g s after poses or forces have ended",
+                     parameters.settings.timeout);
     }
     return parameters;
 }
@@ -113,7 +126,8 @@ int main(int argc, char **argv)
     /* A hand that connects while the guard is closed may still apply the last force of an earlier guard, and it has
      * missed the zeros sent so far. */
     const ros::SubscriberStatusCallback comes = [&](const ros::SingleSubscriberPublisher &hand) {
-        const bool moves = guard.state() == pliant_ros::GuardState::RISING || guard.state() == pliant_ros::GuardState::OPEN;
+        const bool moves =
+            guard.state() == pliant_ros::GuardState::RISING || guard.state() == pliant_ros::GuardState::OPEN;
         const double zero[3] = {0, 0, 0};
         if (enabled && !moves) hand.publish(wrench_of(zero, frame));
     };

@@ -31,7 +31,8 @@ struct Bag {
 Bag newest(const std::string &prefix)
 {
     const size_t slash = prefix.rfind('/');
-    const std::string folder = slash == std::string::npos ? "./" : prefix.substr(0, slash + 1), begins = slash == std::string::npos ? prefix : prefix.substr(slash + 1);
+    const std::string folder = slash == std::string::npos ? "./" : prefix.substr(0, slash + 1),
+                      begins = slash == std::string::npos ? prefix : prefix.substr(slash + 1);
     Bag out;
     timespec when{};
     std::unique_ptr<DIR, int (*)(DIR *)> files(opendir(folder.c_str()), closedir);
@@ -41,9 +42,12 @@ Bag newest(const std::string &prefix)
         if (name.compare(0, begins.size(), begins) != 0) continue;
         const size_t end = std::min(name.find_first_not_of("0123456789-_", begins.size()), name.size());
         if (name.compare(end, 4, ".bag") != 0 || stat((folder + name).c_str(), &told) != 0) continue;
-        if (!out.path.empty() && (told.st_mtim.tv_sec < when.tv_sec || (told.st_mtim.tv_sec == when.tv_sec && told.st_mtim.tv_nsec <= when.tv_nsec))) continue;
+        if (!out.path.empty() && (told.st_mtim.tv_sec < when.tv_sec ||
+                                  (told.st_mtim.tv_sec == when.tv_sec && told.st_mtim.tv_nsec <= when.tv_nsec)))
+            continue;
         when = told.st_mtim;
-        out = {folder + name, static_cast<double>(told.st_size) / megabyte, name.size() > 7 && name.compare(name.size() - 7, 7, ".active") == 0};
+        out = {folder + name, static_cast<double>(told.st_size) / megabyte,
+               name.size() > 7 && name.compare(name.size() - 7, 7, ".active") == 0};
     }
     return out;
 }
@@ -68,10 +72,15 @@ int main(int argc, char **argv)
         struct statvfs room;
         const size_t slash = prefix.rfind('/');
         const bool known = statvfs(slash == std::string::npos ? "." : prefix.substr(0, slash + 1).c_str(), &room) == 0;
-        const double free = known ? static_cast<double>(room.f_bavail) * static_cast<double>(room.f_frsize) / megabyte : 0;
+        const double free =
+            known ? static_cast<double>(room.f_bavail) * static_cast<double>(room.f_frsize) / megabyte : 0;
         if (known && free < least)
-            status.summary(DiagnosticStatus::ERROR, "the disk is full: nothing more is recorded; what there is stays (rosbag reindex makes a bag of a .active that was left)");
-        else if (!bag.open) status.summary(was_open ? DiagnosticStatus::ERROR : DiagnosticStatus::WARN, was_open ? "the recorder has ended" : "nothing is recorded yet");
+            status.summary(
+                DiagnosticStatus::ERROR,
+                "the disk is full: nothing more is recorded; what there is stays (rosbag reindex makes a bag of a .active that was left)");
+        else if (!bag.open)
+            status.summary(was_open ? DiagnosticStatus::ERROR : DiagnosticStatus::WARN,
+                           was_open ? "the recorder has ended" : "nothing is recorded yet");
         else if (known && free < 5 * least) status.summary(DiagnosticStatus::WARN, "the disk is nearly full");
         else status.summary(DiagnosticStatus::OK, "recording");
         was_open = was_open || bag.open;

@@ -30,8 +30,9 @@ const double SAME = 1e-5;
 class RegistrationMarker {
 public:
     RegistrationMarker(ros::NodeHandle handle, const ros::NodeHandle &own)
-        : parent_(own.param<std::string>("parent_frame", "world")), tissue_(own.param<std::string>("tissue_frame", "tissue")),
-          listener_(frames_), server_("registration"), service_(handle.serviceClient<pliant::Register>("register")),
+        : parent_(own.param<std::string>("parent_frame", "world")),
+          tissue_(own.param<std::string>("tissue_frame", "tissue")), listener_(frames_), server_("registration"),
+          service_(handle.serviceClient<pliant::Register>("register")),
           scan_(handle.subscribe("scan_info", 1, &RegistrationMarker::take_scan, this))
     {
     }
@@ -66,7 +67,8 @@ private:
     {
         Eigen::Isometry3d now;
         try {
-            now = tf2::transformToEigen(frames_.lookupTransform(parent_, tissue_, ros::Time(0))) * Eigen::Translation3d(middle_);
+            now = tf2::transformToEigen(frames_.lookupTransform(parent_, tissue_, ros::Time(0))) *
+                  Eigen::Translation3d(middle_);
         } catch (const tf2::TransformException &) { /* the tissue has no pose yet */
             return;
         }
@@ -91,7 +93,8 @@ private:
                 const Eigen::Vector3d along = Eigen::Vector3d::Unit(axis);
                 control.orientation = tf2::toMsg(Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitX(), along));
                 control.name = std::string(turns ? "turn_" : "move_") + "xyz"[axis];
-                control.interaction_mode = turns ? InteractiveMarkerControl::ROTATE_AXIS : InteractiveMarkerControl::MOVE_AXIS;
+                control.interaction_mode =
+                    turns ? InteractiveMarkerControl::ROTATE_AXIS : InteractiveMarkerControl::MOVE_AXIS;
                 marker.controls.push_back(control);
             }
         server_.insert(marker, [this](const InteractiveMarkerFeedbackConstPtr &feedback) { drag(*feedback); });
@@ -102,7 +105,8 @@ private:
     {
         if (feedback.event_type == InteractiveMarkerFeedback::MOUSE_DOWN) held_ = true;
         if (feedback.event_type == InteractiveMarkerFeedback::MOUSE_UP) held_ = false;
-        if (feedback.event_type != InteractiveMarkerFeedback::POSE_UPDATE || feedback.header.frame_id != parent_) return;
+        if (feedback.event_type != InteractiveMarkerFeedback::POSE_UPDATE || feedback.header.frame_id != parent_)
+            return;
         tf2::fromMsg(feedback.pose, pose_);
         dragged_ = true;
     }
@@ -113,11 +117,13 @@ private:
         pliant::Register call;
         call.request.header.frame_id = parent_;
         for (int point = 0; point < 4; ++point) {
-            const Eigen::Vector3d beside = point > 0 ? Eigen::Vector3d(size_ * Eigen::Vector3d::Unit(point - 1)) : Eigen::Vector3d(Eigen::Vector3d::Zero());
+            const Eigen::Vector3d beside = point > 0 ? Eigen::Vector3d(size_ * Eigen::Vector3d::Unit(point - 1))
+                                                     : Eigen::Vector3d(Eigen::Vector3d::Zero());
             call.request.tissue.push_back(tf2::toMsg(Eigen::Vector3d(middle_ + beside)));
             call.request.room.push_back(tf2::toMsg(Eigen::Vector3d(pose_ * beside)));
         }
-        if (!service_.call(call)) ROS_WARN("registration marker: there is no answer from the service %s", service_.getService().c_str());
+        if (!service_.call(call))
+            ROS_WARN("registration marker: there is no answer from the service %s", service_.getService().c_str());
         else if (!call.response.success) ROS_WARN("registration marker: %s", call.response.message.c_str());
     }
 

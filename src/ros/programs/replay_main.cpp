@@ -26,7 +26,8 @@ pliant_ros::Playing playing_of(int argc, char **argv)
         const std::string word = argv[a];
         if (word == "simulate") out.simulates = true;
         else if (word == "described") out.described = true;
-        else if (word.compare(0, start.size(), start) == 0) out.start = std::strtod(word.c_str() + start.size(), nullptr);
+        else if (word.compare(0, start.size(), start) == 0)
+            out.start = std::strtod(word.c_str() + start.size(), nullptr);
         else out.bags.push_back(word);
     }
     return out;

@@ -37,7 +37,8 @@ struct Player {
 
     bool cuts_anything() const
     {
-        return path.num_cuts > 0 || std::any_of(path.tools, path.tools + path.num_tools, [](const pliant_path_tool &tool) { return tool.num_cut > 0; });
+        return path.num_cuts > 0 || std::any_of(path.tools, path.tools + path.num_tools,
+                                                [](const pliant_path_tool &tool) { return tool.num_cut > 0; });
     }
 
     /* time: since the start of the simulation [s] */
@@ -48,8 +49,10 @@ struct Player {
         if (round > rounds && cuts_anything()) heal();
         rounds = round;
         double on_path = std::min(std::max(at - lead, 0.0), pliant_path_end(&path));
-        for (size_t i = 0; i < senders.size(); ++i) play_tool(path.tools[i], on_path, at >= lead && at < end, senders[i].get());
-        for (; at >= lead && cuts_made < path.num_cuts && path.cuts[cuts_made].time <= on_path; ++cuts_made) make_cut(path.cuts[cuts_made]);
+        for (size_t i = 0; i < senders.size(); ++i)
+            play_tool(path.tools[i], on_path, at >= lead && at < end, senders[i].get());
+        for (; at >= lead && cuts_made < path.num_cuts && path.cuts[cuts_made].time <= on_path; ++cuts_made)
+            make_cut(path.cuts[cuts_made]);
     }
 
     void play_tool(const pliant_path_tool &tool, double on_path, bool plays, ToolSender *sender) const
@@ -62,7 +65,8 @@ struct Player {
         }
         geometry_msgs::Pose tip;
         tip.position.x = position[0], tip.position.y = position[1], tip.position.z = position[2];
-        tip.orientation.x = rotation[0], tip.orientation.y = rotation[1], tip.orientation.z = rotation[2], tip.orientation.w = rotation[3];
+        tip.orientation.x = rotation[0], tip.orientation.y = rotation[1], tip.orientation.z = rotation[2],
+        tip.orientation.w = rotation[3];
         if (tool.num_cut > 0) sender->send_blade(plays && pliant_path_cuts(&tool, on_path));
         sender->send(tip, holds && plays, ros::Time::now());
     }
@@ -76,8 +80,10 @@ struct Player {
             point.x = line.points[3 * p], point.y = line.points[3 * p + 1], point.z = line.points[3 * p + 2];
             call.request.points.push_back(point);
         }
-        call.request.depth.x = line.depth[0], call.request.depth.y = line.depth[1], call.request.depth.z = line.depth[2];
-        if (!cut.call(call) || !call.response.success) ROS_ERROR("cut at %g s: %s", line.time, call.response.message.c_str());
+        call.request.depth.x = line.depth[0], call.request.depth.y = line.depth[1],
+        call.request.depth.z = line.depth[2];
+        if (!cut.call(call) || !call.response.success)
+            ROS_ERROR("cut at %g s: %s", line.time, call.response.message.c_str());
     }
 
     void heal()
@@ -101,8 +107,9 @@ bool read(ros::NodeHandle handle, const ros::NodeHandle &own, Player *player)
     }
     for (uint32_t n = 0; n < player->path.num_tools; ++n)
         if (player->path.tools[n].drive == PLIANT_DRIVE_FORCE) {
-            ROS_FATAL("~path: %s: tool %s has drive: force, but a robot's tool sends poses: give it offsets (drive: rigid or spring)", file.c_str(),
-                      player->path.tools[n].name);
+            ROS_FATAL(
+                "~path: %s: tool %s has drive: force, but a robot's tool sends poses: give it offsets (drive: rigid or spring)",
+                file.c_str(), player->path.tools[n].name);
             return false;
         }
     for (uint32_t i = 0; i < player->path.num_tools; ++i)

@@ -53,20 +53,23 @@ Eigen::Vector3d three(const ros::NodeHandle &own, const char *name, const char *
 {
     Eigen::Vector3d out = Eigen::Vector3d::Zero();
     std::istringstream text(own.param<std::string>(name, otherwise));
-    if (!(text >> out.x() >> out.y() >> out.z())) throw std::runtime_error(std::string("~") + name + " must be three numbers: x y z");
+    if (!(text >> out.x() >> out.y() >> out.z()))
+        throw std::runtime_error(std::string("~") + name + " must be three numbers: x y z");
     return out;
 }
 
 class Arm {
 public:
     Arm(ros::NodeHandle handle, const std::string &name, const Settings &settings)
-        : settings_(settings), base_frame_(frame_of(settings.frame, name)), frame_(settings.camera.empty() ? base_frame_ : settings.camera), random_(std::hash<std::string>()(name))
+        : settings_(settings), base_frame_(frame_of(settings.frame, name)),
+          frame_(settings.camera.empty() ? base_frame_ : settings.camera), random_(std::hash<std::string>()(name))
     {
         const std::string own = settings.prefix + "/" + name + "/";
         measured_ = handle.advertise<geometry_msgs::PoseStamped>(own + "measured_cp", 1);
         setpoint_ = handle.advertise<geometry_msgs::PoseStamped>(own + "setpoint_cp", 1);
         velocity_ = handle.advertise<geometry_msgs::TwistStamped>(own + "measured_cv", 1);
-        if (!settings.camera.empty()) local_ = handle.advertise<geometry_msgs::PoseStamped>(own + "local/measured_cp", 1);
+        if (!settings.camera.empty())
+            local_ = handle.advertise<geometry_msgs::PoseStamped>(own + "local/measured_cp", 1);
         if (!settings.instrument.empty()) {
             type_ = handle.advertise<std_msgs::String>(own + "tool_type", 1, true);
             std_msgs::String type;
@@ -77,15 +80,17 @@ public:
         const auto go = [this](const geometry_msgs::PoseStampedConstPtr &message) { goal_from(*message); };
         servo_in_ = handle.subscribe<geometry_msgs::PoseStamped>(own + "servo_cp", 1, go);
         move_in_ = handle.subscribe<geometry_msgs::PoseStamped>(own + "move_cp", 1, go);
-        jaw_in_ = handle.subscribe<sensor_msgs::JointState>(own + "jaw/servo_jp", 1, [this](const sensor_msgs::JointStateConstPtr &message) {
-            if (!message->position.empty() && std::isfinite(message->position[0])) jaw_goal_ = message->position[0];
-        });
+        jaw_in_ = handle.subscribe<sensor_msgs::JointState>(
+            own + "jaw/servo_jp", 1, [this](const sensor_msgs::JointStateConstPtr &message) {
+                if (!message->position.empty() && std::isfinite(message->position[0])) jaw_goal_ = message->position[0];
+            });
         state_ = handle.advertise<pliant_ros::OperatingState>(own + "operating_state", 1, true);
         tell_state();
-        fault_in_ = handle.subscribe<std_msgs::String>(own + "fault", 1, [this](const std_msgs::StringConstPtr &message) {
-            fault_ = message->data;
-            tell_state();
-        });
+        fault_in_ =
+            handle.subscribe<std_msgs::String>(own + "fault", 1, [this](const std_msgs::StringConstPtr &message) {
+                fault_ = message->data;
+                tell_state();
+            });
         at_ = goal_ = Eigen::Translation3d(settings.tip) * Eigen::Quaterniond::Identity();
     }
 
@@ -96,24 +101,31 @@ public:
         if (fault_ != "frozen") stamp_ = now;
         if (fault_ == "silent") return;
         geometry_msgs::PoseStamped pose;
-        pose.header.stamp = fault_ == "invalid" ? ros::Time() : stamp_ + ros::Duration(fault_ == "ahead" ? 10 : fault_ == "behind" ? -10 : 0);
+        pose.header.stamp = fault_ == "invalid" ? ros::Time()
+                                                : stamp_ + ros::Duration(fault_ == "ahead"    ? 10
+                                                                         : fault_ == "behind" ? -10
+                                                                                              : 0);
         pose.header.frame_id = fault_ == "unknown_frame" ? "nowhere" : frame_;
         pose.pose = tf2::toMsg(at_);
         setpoint_.publish(with(pose, tf2::toMsg(goal_)));
         std::normal_distribution<double> shake(0, settings_.shake);
-        if (settings_.shake > 0) pose.pose.position.x += shake(random_), pose.pose.position.y += shake(random_), pose.pose.position.z += shake(random_);
+        if (settings_.shake > 0)
+            pose.pose.position.x += shake(random_), pose.pose.position.y += shake(random_),
+                pose.pose.position.z += shake(random_);
         if (fault_ == "nan") pose.pose.position.y = std::numeric_limits<double>::quiet_NaN();
         if (fault_ == "teleport") pose.pose.position.x += 0.3;
         measured_.publish(pose);
         if (local_) {
             geometry_msgs::PoseStamped local = pose;
             local.header.frame_id = base_frame_;
-            local.pose.position.x -= settings_.setup.x(), local.pose.position.y -= settings_.setup.y(), local.pose.position.z -= settings_.setup.z();
+            local.pose.position.x -= settings_.setup.x(), local.pose.position.y -= settings_.setup.y(),
+                local.pose.position.z -= settings_.setup.z();
             local_.publish(local);
         }
         geometry_msgs::TwistStamped twist;
         twist.header = pose.header;
-        const Eigen::Vector3d speed = elapsed > 0 ? Eigen::Vector3d((at_.translation() - before) / elapsed) : Eigen::Vector3d::Zero();
+        const Eigen::Vector3d speed =
+            elapsed > 0 ? Eigen::Vector3d((at_.translation() - before) / elapsed) : Eigen::Vector3d::Zero();
         twist.twist.linear.x = speed.x(), twist.twist.linear.y = speed.y(), twist.twist.linear.z = speed.z();
         velocity_.publish(twist);
         if (!settings_.jaw) return;
@@ -156,7 +168,8 @@ private:
         state_.publish(state);
     }
 
-    static geometry_msgs::TransformStamped frame(const std::string &in, const std::string &name, const Eigen::Vector3d &place, const ros::Time &now)
+    static geometry_msgs::TransformStamped frame(const std::string &in, const std::string &name,
+                                                 const Eigen::Vector3d &place, const ros::Time &now)
     {
         geometry_msgs::TransformStamped out = tf2::eigenToTransform(Eigen::Isometry3d(Eigen::Translation3d(place)));
         out.header.stamp = now;
@@ -188,7 +201,8 @@ private:
         const Eigen::Vector3d way = goal_.translation() - at_.translation();
         const double part = way.norm() > settings_.speed * elapsed ? settings_.speed * elapsed / way.norm() : 1;
         const Eigen::Quaterniond now(at_.rotation()), then(goal_.rotation());
-        const double angle = now.angularDistance(then), share = angle > turn_speed * elapsed ? turn_speed * elapsed / angle : 1;
+        const double angle = now.angularDistance(then),
+                     share = angle > turn_speed * elapsed ? turn_speed * elapsed / angle : 1;
         at_ = Eigen::Translation3d(at_.translation() + part * way) * now.slerp(share, then);
         jaw_ += std::max(-jaw_speed * elapsed, std::min(jaw_speed * elapsed, jaw_goal_ - jaw_));
     }
@@ -236,9 +250,17 @@ int main(int argc, char **argv)
     std::vector<std::unique_ptr<Arm>> arms;
     Settings settings;
     try {
-        settings = {own.param<std::string>("prefix", ""), own.param<std::string>("frame", "ARM_base"), own.param<std::string>("parent", "world"),
-                    own.param<std::string>("camera", ""), own.param<std::string>("instrument", ""), three(own, "base", "0 0 0"),
-                    three(own, "tip", "0 0 -0.1"), three(own, "setup", "0 0 0"), own.param("rate", 100.0), own.param("speed", 0.2), own.param("shake", 0.0),
+        settings = {own.param<std::string>("prefix", ""),
+                    own.param<std::string>("frame", "ARM_base"),
+                    own.param<std::string>("parent", "world"),
+                    own.param<std::string>("camera", ""),
+                    own.param<std::string>("instrument", ""),
+                    three(own, "base", "0 0 0"),
+                    three(own, "tip", "0 0 -0.1"),
+                    three(own, "setup", "0 0 0"),
+                    own.param("rate", 100.0),
+                    own.param("speed", 0.2),
+                    own.param("shake", 0.0),
                     own.param("jaw", true)};
         std::istringstream names(own.param<std::string>("arms", "PSM1"));
         for (std::string name; names >> name;) arms.emplace_back(new Arm(handle, name, settings));

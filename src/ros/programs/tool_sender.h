@@ -13,7 +13,8 @@ namespace pliant_ros {
 
 class ToolSender {
 public:
-    ToolSender(ros::NodeHandle handle, const std::string &tool, const std::string &frame) : handle_(handle), tool_(tool), frame_(frame)
+    ToolSender(ros::NodeHandle handle, const std::string &tool, const std::string &frame)
+        : handle_(handle), tool_(tool), frame_(frame)
     {
         pose_ = handle.advertise<geometry_msgs::PoseStamped>(tool + "/measured_cp", 1);
         jaw_ = handle.advertise<sensor_msgs::JointState>(tool + "/jaw/measured_js", 1);

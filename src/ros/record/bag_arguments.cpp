@@ -88,7 +88,8 @@ bool read_rate(const std::string &text, int *out)
 {
     char *end;
     const long rate = std::strtol(text.c_str(), &end, 10);
-    if (text.empty() || *end || rate < 1 || rate > 1000) return refuse("--rate " + text + ": a whole number from 1 to 1000 is wanted");
+    if (text.empty() || *end || rate < 1 || rate > 1000)
+        return refuse("--rate " + text + ": a whole number from 1 to 1000 is wanted");
     *out = static_cast<int>(rate);
     return true;
 }
@@ -122,9 +123,11 @@ bool is_complete(const BagArguments &arguments)
     const bool volumes = !arguments.times.empty() || arguments.every > 0 || !arguments.folder.empty();
     if (arguments.bag.empty()) return refuse("the name of a bag is missing");
     if (!arguments.exported.empty()) {
-        if (arguments.exported != "numpy" && arguments.exported != "lerobot") return refuse("--export " + arguments.exported + ": numpy or lerobot is wanted");
+        if (arguments.exported != "numpy" && arguments.exported != "lerobot")
+            return refuse("--export " + arguments.exported + ": numpy or lerobot is wanted");
         if (arguments.folder.empty()) return refuse("--out DIR is missing");
-        if (!arguments.times.empty() || arguments.every > 0 || arguments.simulate) return refuse("--export goes without --at, --every and --simulate");
+        if (!arguments.times.empty() || arguments.every > 0 || arguments.simulate)
+            return refuse("--export goes without --at, --every and --simulate");
         return true;
     }
     if (!volumes && !arguments.simulate && !(arguments.steps.empty() && arguments.cuts.empty())) return true;

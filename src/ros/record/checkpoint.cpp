@@ -49,7 +49,8 @@ template <class Message> Message only(rosbag::View *view, const std::string &pat
 
 } // namespace
 
-void saved_message(const Moment &moment, const std::string &frame, std::shared_ptr<const pliant_surface> *surface, Saved *out)
+void saved_message(const Moment &moment, const std::string &frame, std::shared_ptr<const pliant_surface> *surface,
+                   Saved *out)
 {
     const Snapshot &now = moment.snapshot;
     std_msgs::Header header;
@@ -76,8 +77,8 @@ void saved_message(const Moment &moment, const std::string &frame, std::shared_p
 static void check_room(const std::string &path, const Saved &saved)
 {
     using ros::serialization::serializationLength;
-    const double needed = 65536.0 + serializationLength(saved.session) + serializationLength(saved.topology) + serializationLength(saved.state) +
-                          serializationLength(saved.rest);
+    const double needed = 65536.0 + serializationLength(saved.session) + serializationLength(saved.topology) +
+                          serializationLength(saved.state) + serializationLength(saved.rest);
     const size_t slash = path.rfind('/');
     struct statvfs room;
     /* opening the file gives a better error message */
@@ -114,7 +115,8 @@ Saved read_saved(const std::string &path)
     try {
         rosbag::Bag bag(path, rosbag::bagmode::Read);
         rosbag::View view(bag);
-        return Saved{only<Session>(&view, path), only<MeshTopology>(&view, path), only<MeshState>(&view, path), only<Checkpoint>(&view, path)};
+        return Saved{only<Session>(&view, path), only<MeshTopology>(&view, path), only<MeshState>(&view, path),
+                     only<Checkpoint>(&view, path)};
     } catch (const rosbag::BagException &failed) {
         throw Failure(PLIANT_ERROR_FORMAT, path + ": " + failed.what());
     }

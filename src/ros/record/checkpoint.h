@@ -26,7 +26,8 @@ struct Saved {
  * caller sets.
  * surface: input and output; last computed surface, which is reused
  * Throws Failure. */
-void saved_message(const Moment &moment, const std::string &frame, std::shared_ptr<const pliant_surface> *surface, Saved *out);
+void saved_message(const Moment &moment, const std::string &frame, std::shared_ptr<const pliant_surface> *surface,
+                   Saved *out);
 /* Replace the file atomically: if the process is killed, either the old or the new file exists completely.
  * name: namespace of the topics in the file, with a trailing slash
  * Throws Failure. */

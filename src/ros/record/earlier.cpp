@@ -24,7 +24,8 @@ void keep(const pliant::MeshTopologyConstPtr &topology, uint32_t load, std::vect
 
 } // namespace
 
-Earlier read_earlier(const std::vector<std::string> &bags, double start, const Topics &topics, const std::function<bool()> &goes_on)
+Earlier read_earlier(const std::vector<std::string> &bags, double start, const Topics &topics,
+                     const std::function<bool()> &goes_on)
 {
     Earlier out;
     std::list<rosbag::Bag> opened;
@@ -38,7 +39,8 @@ Earlier read_earlier(const std::vector<std::string> &bags, double start, const T
     const ros::Time end = all.getBeginTime() + ros::Duration(static_cast<float>(start));
     const std::vector<std::string> wanted{topics.session, topics.topology, topics.step};
     rosbag::View before;
-    for (const rosbag::Bag &bag : opened) before.addQuery(bag, rosbag::TopicQuery(wanted), ros::TIME_MIN, end - ros::Duration(0, 1));
+    for (const rosbag::Bag &bag : opened)
+        before.addQuery(bag, rosbag::TopicQuery(wanted), ros::TIME_MIN, end - ros::Duration(0, 1));
     uint32_t load = 0;
     for (const rosbag::MessageInstance &recorded : before) {
         if (!goes_on()) return out;
@@ -64,7 +66,10 @@ void check_steps(const std::vector<std::string> &bags, const std::string &topic)
         rosbag::View view(bag, rosbag::TopicQuery(topic));
         for (const rosbag::ConnectionInfo *each : view.getConnections())
             if (each->md5sum != ros::message_traits::md5sum<pliant::Step>())
-                throw Failure(PLIANT_ERROR_FORMAT, path + ": its steps are of another version of Pliant: show it without simulate, or compute it again with pliant_bag --simulate");
+                throw Failure(
+                    PLIANT_ERROR_FORMAT,
+                    path +
+                        ": its steps are of another version of Pliant: show it without simulate, or compute it again with pliant_bag --simulate");
     }
 }
 

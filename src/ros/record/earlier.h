@@ -28,7 +28,8 @@ struct Earlier {
  * goes_on: called between messages; return false to stop reading, which returns the messages read so far
  * Throws std::runtime_error with a message for the user if a bag cannot be read or has another version of the
  * messages. */
-Earlier read_earlier(const std::vector<std::string> &bags, double start, const Topics &topics, const std::function<bool()> &goes_on);
+Earlier read_earlier(const std::vector<std::string> &bags, double start, const Topics &topics,
+                     const std::function<bool()> &goes_on);
 
 /* Throw Failure if these bags contain steps of another message version, because no node of this version could subscribe
  * to them. */

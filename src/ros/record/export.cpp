@@ -28,8 +28,10 @@ const double SLACK = 1e-9; /* tolerance [s], because times are written in decima
 
 /* Column names of actions and of observations. */
 const char *const motion_columns[] = {"x", "y", "z", "qx", "qy", "qz", "qw", "jaw", "closed", "cutting"};
-const char *const sense_columns[] = {"present", "touching", "grasped", "force_x", "force_y", "force_z", "torque_x", "torque_y", "torque_z"};
-const size_t MOTION = sizeof motion_columns / sizeof *motion_columns, SENSE = sizeof sense_columns / sizeof *sense_columns;
+const char *const sense_columns[] = {"present", "touching", "grasped",  "force_x", "force_y",
+                                     "force_z", "torque_x", "torque_y", "torque_z"};
+const size_t MOTION = sizeof motion_columns / sizeof *motion_columns,
+             SENSE = sizeof sense_columns / sizeof *sense_columns;
 
 using Motion = std::array<double, MOTION>;
 template <class Value> using Series = std::vector<std::pair<double, Value>>; /* ascending times [s] */
@@ -59,7 +61,8 @@ struct Row {
 /* Return the last entry at or before a time; null without such an entry. */
 template <class Value> const std::pair<double, Value> *newest(const Series<Value> &series, double time)
 {
-    auto after = std::upper_bound(series.begin(), series.end(), time + SLACK, [](double t, const std::pair<double, Value> &each) { return t < each.first; });
+    auto after = std::upper_bound(series.begin(), series.end(), time + SLACK,
+                                  [](double t, const std::pair<double, Value> &each) { return t < each.first; });
     return after == series.begin() ? nullptr : &*std::prev(after);
 }
 
@@ -124,8 +127,12 @@ void Export::read_turns()
         }
         turns_.emplace_back(time, turn);
     });
-    if (turns_.empty()) throw Failure(PLIANT_ERROR_FORMAT, bag_.getFileName() + ": no " + root_ + "step in it; --ns names the namespace that was recorded");
-    if (tools_.empty()) throw Failure(PLIANT_ERROR_FORMAT, bag_.getFileName() + ": the session has no tools: there is nothing to learn from");
+    if (turns_.empty())
+        throw Failure(PLIANT_ERROR_FORMAT,
+                      bag_.getFileName() + ": no " + root_ + "step in it; --ns names the namespace that was recorded");
+    if (tools_.empty())
+        throw Failure(PLIANT_ERROR_FORMAT,
+                      bag_.getFileName() + ": the session has no tools: there is nothing to learn from");
 }
 
 void Export::read_senses()
@@ -134,10 +141,11 @@ void Export::read_senses()
     contacts_.resize(tools_.size());
     for (size_t t = 0; t < tools_.size(); ++t) {
         const std::string topic = tools_[t][0] == '/' ? tools_[t] : root_ + tools_[t];
-        read<geometry_msgs::WrenchStamped>(topic + "/body/measured_cf", [&](double time, const geometry_msgs::WrenchStamped &message) {
-            const auto &force = message.wrench.force, &torque = message.wrench.torque;
-            wrenches_[t].push_back({time, {{force.x, force.y, force.z, torque.x, torque.y, torque.z}}});
-        });
+        read<geometry_msgs::WrenchStamped>(
+            topic + "/body/measured_cf", [&](double time, const geometry_msgs::WrenchStamped &message) {
+                const auto &force = message.wrench.force, &torque = message.wrench.torque;
+                wrenches_[t].push_back({time, {{force.x, force.y, force.z, torque.x, torque.y, torque.z}}});
+            });
         read<pliant::ContactState>(topic + "/contact", [&](double time, const pliant::ContactState &message) {
             contacts_[t].push_back({time, {{double(message.touching), double(message.grasped)}}});
         });
@@ -158,9 +166,11 @@ void Export::find_pictures()
         if (!image || !known.count(image->encoding)) continue;
         std::string name = topic.compare(0, root_.size(), root_) == 0 ? topic.substr(root_.size()) : topic.substr(1);
         const std::string end = "/image_raw";
-        if (name.size() > end.size() && name.compare(name.size() - end.size(), end.size(), end) == 0) name.resize(name.size() - end.size());
+        if (name.size() > end.size() && name.compare(name.size() - end.size(), end.size(), end) == 0)
+            name.resize(name.size() - end.size());
         std::replace(name.begin(), name.end(), '/', '_');
-        pictures_.push_back({name, topic, image->encoding, since_start(*view.begin()), image->width, image->height, {}});
+        pictures_.push_back(
+            {name, topic, image->encoding, since_start(*view.begin()), image->width, image->height, {}});
     }
 }
 
@@ -182,7 +192,9 @@ void Export::choose_rows()
         }
         if (!rows_.empty() && rows_.back().episode == episode) ++episode;
     }
-    if (rows_.empty()) throw Failure(PLIANT_ERROR_FORMAT, bag_.getFileName() + ": every camera's first picture comes after the last step");
+    if (rows_.empty())
+        throw Failure(PLIANT_ERROR_FORMAT,
+                      bag_.getFileName() + ": every camera's first picture comes after the last step");
 }
 
 Motion Export::motion(const Row &row, size_t tool) const
@@ -195,8 +207,10 @@ Motion Export::motion(const Row &row, size_t tool) const
 void Export::write_rows() const
 {
     const size_t rows = rows_.size(), tools = tools_.size();
-    NpyFile times(folder_ + "/times.npy", "f8", {rows}), episodes(folder_ + "/episodes.npy", "i8", {rows}), steps(folder_ + "/steps.npy", "i8", {rows});
-    NpyFile state(folder_ + "/state.npy", "f8", {rows, tools * (MOTION + SENSE)}), action(folder_ + "/action.npy", "f8", {rows, tools * MOTION});
+    NpyFile times(folder_ + "/times.npy", "f8", {rows}), episodes(folder_ + "/episodes.npy", "i8", {rows}),
+        steps(folder_ + "/steps.npy", "i8", {rows});
+    NpyFile state(folder_ + "/state.npy", "f8", {rows, tools * (MOTION + SENSE)}),
+        action(folder_ + "/action.npy", "f8", {rows, tools * MOTION});
     for (size_t r = 0; r < rows; ++r) {
         const Row &row = rows_[r], &next = r + 1 < rows && rows_[r + 1].episode == row.episode ? rows_[r + 1] : row;
         const int64_t step = static_cast<int64_t>(turns_[row.turn].second.step);
@@ -208,8 +222,10 @@ void Export::write_rows() const
             std::array<double, SENSE> sense{};
             if (turns_[row.turn].second.tools.count(t)) {
                 sense[0] = 1;
-                if (auto contact = newest(contacts_[t], row.time)) std::copy(contact->second.begin(), contact->second.end(), sense.begin() + 1);
-                if (auto wrench = newest(wrenches_[t], row.time)) std::copy(wrench->second.begin(), wrench->second.end(), sense.begin() + 3);
+                if (auto contact = newest(contacts_[t], row.time))
+                    std::copy(contact->second.begin(), contact->second.end(), sense.begin() + 1);
+                if (auto wrench = newest(wrenches_[t], row.time))
+                    std::copy(wrench->second.begin(), wrench->second.end(), sense.begin() + 3);
             }
             state.append(now.data(), sizeof now);
             state.append(sense.data(), sizeof sense);
@@ -226,7 +242,8 @@ void Export::find_shown(Pictures *pictures) const
     auto row = rows_.begin();
     int64_t newest = -1;
     for (const rosbag::MessageInstance &recorded : view) {
-        for (; row != rows_.end() && row->time + SLACK < since_start(recorded); ++row) pictures->shown.push_back(newest);
+        for (; row != rows_.end() && row->time + SLACK < since_start(recorded); ++row)
+            pictures->shown.push_back(newest);
         ++newest;
     }
     pictures->shown.resize(rows_.size(), newest);
@@ -255,9 +272,11 @@ void Export::write_pictures(const Pictures &pictures) const
     int64_t number = -1;
     read<sensor_msgs::Image>(pictures.topic, [&](double, const sensor_msgs::Image &image) {
         if (wanted.count(++number) == 0) return;
-        const bool same = image.width == pictures.width && image.height == pictures.height && image.encoding == pictures.encoding;
+        const bool same =
+            image.width == pictures.width && image.height == pictures.height && image.encoding == pictures.encoding;
         if (!same || image.step < line || image.data.size() < size_t(image.step) * image.height)
-            throw Failure(PLIANT_ERROR_FORMAT, pictures.topic + ": a picture is of another size or encoding than the first");
+            throw Failure(PLIANT_ERROR_FORMAT,
+                          pictures.topic + ": a picture is of another size or encoding than the first");
         for (size_t y = 0; y < image.height; ++y) std::copy_n(&image.data[y * image.step], line, &picture[y * line]);
         if (pictures.encoding == "bgr8")
             for (size_t i = 0; i < picture.size(); i += 3) std::swap(picture[i], picture[i + 2]);
@@ -282,7 +301,8 @@ void Export::write_columns() const
     for (const Pictures &each : pictures_) pictures.push_back(each.name);
     const std::string path = folder_ + "/columns.json";
     std::ofstream file(path);
-    file << "{\"fps\": " << fps_ << ",\n \"state\": " << list(state) << ",\n \"action\": " << list(action) << ",\n \"images\": " << list(pictures) << "}\n";
+    file << "{\"fps\": " << fps_ << ",\n \"state\": " << list(state) << ",\n \"action\": " << list(action)
+         << ",\n \"images\": " << list(pictures) << "}\n";
     file.close();
     if (!file) throw Failure(PLIANT_ERROR_FILE, path + ": " + std::strerror(errno));
 }
@@ -300,8 +320,9 @@ std::string Export::run()
         write_pictures(pictures);
     }
     write_columns();
-    return std::to_string(rows_.size()) + " rows of " + std::to_string(rows_.back().episode + 1) + " episodes, " + std::to_string(tools_.size()) +
-           " tools and " + std::to_string(pictures_.size()) + " cameras in " + folder_ + "\n";
+    return std::to_string(rows_.size()) + " rows of " + std::to_string(rows_.back().episode + 1) + " episodes, " +
+           std::to_string(tools_.size()) + " tools and " + std::to_string(pictures_.size()) + " cameras in " + folder_ +
+           "\n";
 }
 
 } // namespace

@@ -12,28 +12,35 @@
 namespace pliant_ros {
 
 /* Return a message for the user that explains why a recorded message is refused. */
-inline std::string other_version(const rosbag::MessageInstance &recorded, const std::string &type, const std::string &md5)
+inline std::string other_version(const rosbag::MessageInstance &recorded, const std::string &type,
+                                 const std::string &md5)
 {
     const std::string what = recorded.getTopic() + " in the bag is ";
     if (recorded.getDataType() != type) return what + recorded.getDataType() + ", not " + type;
-    return what + type + " of another version of Pliant (md5 " + recorded.getMD5Sum() + "; Pliant " PLIANT_VERSION " reads " + md5 +
-           "): use the version that recorded it, or record it again";
+    return what + type + " of another version of Pliant (md5 " + recorded.getMD5Sum() +
+           "; Pliant " PLIANT_VERSION " reads " + md5 + "): use the version that recorded it, or record it again";
 }
 
 /* Throws Failure. */
 template <class Message> boost::shared_ptr<const Message> read_message(const rosbag::MessageInstance &recorded)
 {
     const boost::shared_ptr<const Message> out = recorded.instantiate<Message>();
-    if (!out) throw Failure(PLIANT_ERROR_FORMAT, other_version(recorded, ros::message_traits::datatype<Message>(), ros::message_traits::md5sum<Message>()));
+    if (!out)
+        throw Failure(PLIANT_ERROR_FORMAT, other_version(recorded, ros::message_traits::datatype<Message>(),
+                                                         ros::message_traits::md5sum<Message>()));
     return out;
 }
 
 /* Bags of Pliant 0.1.0 until November 2026 contain Step messages without the last two fields, which become 0. */
-template <> inline boost::shared_ptr<const pliant::Step> read_message<pliant::Step>(const rosbag::MessageInstance &recorded)
+template <>
+inline boost::shared_ptr<const pliant::Step> read_message<pliant::Step>(const rosbag::MessageInstance &recorded)
 {
-    const std::string shorter = "7ea001853a4b85c219a652b58dba7739", type = ros::message_traits::datatype<pliant::Step>(), md5 = ros::message_traits::md5sum<pliant::Step>();
+    const std::string shorter = "7ea001853a4b85c219a652b58dba7739",
+                      type = ros::message_traits::datatype<pliant::Step>(),
+                      md5 = ros::message_traits::md5sum<pliant::Step>();
     auto out = boost::make_shared<pliant::Step>();
-    if (recorded.getDataType() != type || (recorded.getMD5Sum() != md5 && recorded.getMD5Sum() != shorter)) throw Failure(PLIANT_ERROR_FORMAT, other_version(recorded, type, md5));
+    if (recorded.getDataType() != type || (recorded.getMD5Sum() != md5 && recorded.getMD5Sum() != shorter))
+        throw Failure(PLIANT_ERROR_FORMAT, other_version(recorded, type, md5));
     std::vector<uint8_t> bytes(recorded.size() + sizeof out->evaluations + sizeof out->legs);
     ros::serialization::OStream to(bytes.data(), recorded.size());
     recorded.write(to);

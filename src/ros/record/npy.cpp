@@ -43,7 +43,8 @@ NpyFile::~NpyFile()
 
 void NpyFile::append(const void *numbers, size_t size)
 {
-    if (size > 0 && std::fwrite(numbers, 1, size, file_) != size) throw Failure(PLIANT_ERROR_FILE, path_ + ": " + std::strerror(errno));
+    if (size > 0 && std::fwrite(numbers, 1, size, file_) != size)
+        throw Failure(PLIANT_ERROR_FILE, path_ + ": " + std::strerror(errno));
 }
 
 void NpyFile::close()

@@ -27,20 +27,24 @@ bool begins(const pliant_body &body, const MeshTopology &recorded)
     const auto same = [](int32_t here, uint32_t there) { return static_cast<uint32_t>(here) == there; };
     const int32_t severed = cuts->cut_end[count - 1];
     return std::equal(cuts->cut_end, cuts->cut_end + count, recorded.cut_end.begin(), same) &&
-           static_cast<size_t>(severed) <= recorded.severed.size() && std::equal(cuts->severed, cuts->severed + severed, recorded.severed.begin());
+           static_cast<size_t>(severed) <= recorded.severed.size() &&
+           std::equal(cuts->severed, cuts->severed + severed, recorded.severed.begin());
 }
 
 /* Apply the remaining recorded cuts to a body that has the first of them. */
 bool sever(const MeshTopology &recorded, uint64_t *last_revision, std::shared_ptr<const pliant_body> *body)
 {
-    for (size_t cut = (*body)->cuts ? static_cast<size_t>((*body)->cuts->num_cuts) : 0; cut < recorded.cut_end.size(); ++cut) {
+    for (size_t cut = (*body)->cuts ? static_cast<size_t>((*body)->cuts->num_cuts) : 0; cut < recorded.cut_end.size();
+         ++cut) {
         const uint32_t begin = cut > 0 ? recorded.cut_end[cut - 1] : 0, end = recorded.cut_end[cut];
         pliant_body *made = nullptr;
         if (end <= begin || end > recorded.severed.size()) {
             pliant_fail(PLIANT_ERROR_FORMAT, "its cut_end does not ascend within severed");
             return false;
         }
-        if (pliant_body_sever(body->get(), ++*last_revision, static_cast<int32_t>(end - begin), &recorded.severed[begin], &made) < 0) return false;
+        if (pliant_body_sever(body->get(), ++*last_revision, static_cast<int32_t>(end - begin),
+                              &recorded.severed[begin], &made) < 0)
+            return false;
         body->reset(made, pliant_body_release);
     }
     return true;
@@ -51,9 +55,11 @@ bool subdivide(const MeshTopology &recorded, uint64_t *last_revision, std::share
 {
     if (recorded.between.empty()) return true;
     const pliant_body &load = **body;
-    const size_t tets = static_cast<size_t>(load.fine.num_tets), all = recorded.tetrahedra.size() / 4, added = recorded.between_share.size();
-    bool good = load.subdivision && recorded.tetrahedra.size() % 4 == 0 && all >= tets && recorded.tetrahedron_parent.size() == all - tets &&
-                recorded.between.size() == 2 * added && recorded.rest_nodes.size() == 3 * (static_cast<size_t>(load.fine.num_nodes) + added);
+    const size_t tets = static_cast<size_t>(load.fine.num_tets), all = recorded.tetrahedra.size() / 4,
+                 added = recorded.between_share.size();
+    bool good = load.subdivision && recorded.tetrahedra.size() % 4 == 0 && all >= tets &&
+                recorded.tetrahedron_parent.size() == all - tets && recorded.between.size() == 2 * added &&
+                recorded.rest_nodes.size() == 3 * (static_cast<size_t>(load.fine.num_nodes) + added);
     for (uint32_t parent : recorded.tetrahedron_parent) good = good && parent < tets;
     for (uint32_t node : recorded.tetrahedra) good = good && node < recorded.rest_nodes.size() / 3;
     if (!good) {
@@ -66,7 +72,9 @@ bool subdivide(const MeshTopology &recorded, uint64_t *last_revision, std::share
     for (int32_t parent : source) material.push_back(load.fine_material[parent]);
     std::vector<pliant_between> between(added);
     for (size_t i = 0; i < added; ++i)
-        between[i] = pliant_between{{static_cast<int32_t>(recorded.between[2 * i]), static_cast<int32_t>(recorded.between[2 * i + 1])}, recorded.between_share[i]};
+        between[i] = pliant_between{
+            {static_cast<int32_t>(recorded.between[2 * i]), static_cast<int32_t>(recorded.between[2 * i + 1])},
+            recorded.between_share[i]};
     source.push_back(0); /* avoid null pointers of empty arrays */
     pliant_division division{};
     division.num_tets = static_cast<int32_t>(all);
@@ -101,19 +109,22 @@ bool has_mesh(const pliant_mesh &mesh, const MeshTopology &recorded, std::string
 
 } // namespace
 
-std::shared_ptr<const pliant_body> body_of(const Loaded &loaded, const MeshTopology &recorded, Bodies *bodies, std::string *why)
+std::shared_ptr<const pliant_body> body_of(const Loaded &loaded, const MeshTopology &recorded, Bodies *bodies,
+                                           std::string *why)
 {
     std::shared_ptr<const pliant_body> body = share(pliant_model_get_body(loaded.model));
     const std::shared_ptr<const pliant_body> near = bodies->newest;
     bodies->last_revision = std::max(bodies->last_revision, body->revision);
     if (near && !near->subdivision && begins(*near, recorded)) body = near;
     if (!is_id_of(recorded.scan_id, *loaded.scan)) {
-        *why = "the recording is of scan \"" + recorded.scan_id + "\", the one here is \"" + loaded.scan->volume.id + "\": name that scan";
+        *why = "the recording is of scan \"" + recorded.scan_id + "\", the one here is \"" + loaded.scan->volume.id +
+               "\": name that scan";
     } else if (recorded.scan_checksum != loaded.scan->checksum) {
         *why = "the voxels of \"" + recorded.scan_id +
                "\" are not those of the recording: same name, but another scan or size";
     } else if (!sever(recorded, &bodies->last_revision, &body) || !subdivide(recorded, &bodies->last_revision, &body)) {
-        *why = std::string("the recording's mesh was cut, but this one cannot be: ") + pliant_last_error() + "; " + same_scene;
+        *why = std::string("the recording's mesh was cut, but this one cannot be: ") + pliant_last_error() + "; " +
+               same_scene;
     } else if (has_mesh(body->fine, recorded, why)) {
         bodies->newest = body;
         return body;
@@ -121,8 +132,8 @@ std::shared_ptr<const pliant_body> body_of(const Loaded &loaded, const MeshTopol
     return nullptr;
 }
 
-std::shared_ptr<const Snapshot> snapshot_of(std::shared_ptr<const Loaded> loaded, std::shared_ptr<const pliant_body> body,
-                                            const MeshState &state)
+std::shared_ptr<const Snapshot> snapshot_of(std::shared_ptr<const Loaded> loaded,
+                                            std::shared_ptr<const pliant_body> body, const MeshState &state)
 {
     size_t wanted = 3 * static_cast<size_t>(body->fine.num_nodes);
     const std::string step = "step " + std::to_string(state.step);

@@ -14,8 +14,13 @@ namespace pliant_ros {
 
 namespace {
 
-enum { PATIENCE_SECONDS = 2 /* for what topics bring in another order */, PLAYER_SECONDS = 60, CONNECTION_SECONDS = 20 /* the master may know of listeners and publishers that are gone */,
-       TELL_SECONDS = 5, MOST_RECENT = 16 /* topologies */ };
+enum {
+    PATIENCE_SECONDS = 2 /* for what topics bring in another order */,
+    PLAYER_SECONDS = 60,
+    CONNECTION_SECONDS = 20 /* the master may know of listeners and publishers that are gone */,
+    TELL_SECONDS = 5,
+    MOST_RECENT = 16 /* topologies */
+};
 
 /* Return whether a topic has subscribers, according to the master. */
 bool has_listener(const std::string &topic)
@@ -43,11 +48,13 @@ bool is_of(const Session &session, const MeshTopology &topology)
 } // namespace
 
 Replay::Replay(ros::NodeHandle handle, ros::NodeHandle private_handle, const Playing &playing)
-    : parameters_(parameters_of(private_handle)), playing_(playing), simulates_(playing.simulates), shelf_(parameters_.scan, parameters_.scene.material.labels),
-      live_(private_handle, parameters_), volume_output_(handle, parameters_, &live_, &snapshots_, nullptr)
+    : parameters_(parameters_of(private_handle)), playing_(playing), simulates_(playing.simulates),
+      shelf_(parameters_.scan, parameters_.scene.material.labels), live_(private_handle, parameters_),
+      volume_output_(handle, parameters_, &live_, &snapshots_, nullptr)
 {
     log_to_rosconsole();
-    topics_ = Topics{handle.resolveName("session"), handle.resolveName("mesh/topology"), simulates_ ? handle.resolveName("step") : std::string()};
+    topics_ = Topics{handle.resolveName("session"), handle.resolveName("mesh/topology"),
+                     simulates_ ? handle.resolveName("step") : std::string()};
     /* Build the first model before the bags are played. */
     const pliant::SessionConstPtr first = playing.described ? first_session(playing.bags, topics_.session) : nullptr;
     described_ = first != nullptr;
@@ -75,7 +82,8 @@ Replay::~Replay()
 
 void Replay::tell() const
 {
-    std::printf("replay: %lu states shown, %lu dropped\n", static_cast<unsigned long>(shown_), static_cast<unsigned long>(dropped_));
+    std::printf("replay: %lu states shown, %lu dropped\n", static_cast<unsigned long>(shown_),
+                static_cast<unsigned long>(dropped_));
     if (rerun_) std::printf("replay: %s\n", rerun_->summary().c_str());
     std::fflush(stdout); /* the process may be killed at any time */
 }
@@ -91,7 +99,9 @@ void Replay::catch_up()
     if (!simulates_ || earlier.steps.empty() || earlier.steps.front()->sequence != 1) return;
     const auto known = bodies_.find(earlier.steps.front()->load);
     if (known != bodies_.end() && known->second.body) make_again(earlier.steps);
-    else ROS_ERROR("replay: the steps before the start are not made again, as their model is not here; the next reset is waited for");
+    else
+        ROS_ERROR(
+            "replay: the steps before the start are not made again, as their model is not here; the next reset is waited for");
 }
 
 void Replay::make_again(const std::vector<pliant::StepConstPtr> &steps)
@@ -113,7 +123,8 @@ void Replay::make_again(const std::vector<pliant::StepConstPtr> &steps)
 
 pliant_progress Replay::while_it_goes_on()
 {
-    return pliant_progress{[](double, const char *, void *replay) { return static_cast<Replay *>(replay)->playing_.goes_on(); }, this};
+    return pliant_progress{
+        [](double, const char *, void *replay) { return static_cast<Replay *>(replay)->playing_.goes_on(); }, this};
 }
 
 /* Detect that a player in a loop has restarted, and process the messages before its start time again. */
@@ -162,8 +173,9 @@ void Replay::put_in(std::shared_ptr<const Loaded> loaded)
     info->scan_id = loaded_->scan->volume.id;
     scan_info_message(*loaded_->model, loaded_->scan->low, loaded_->scan->high, info.get());
     scan_info_.publish(info);
-    ROS_INFO("replay: loaded %s%s: %d nodes, %d tetrahedra", loaded_->scan->path.c_str(), described_ ? " as the bag says" : "",
-             pliant_model_get_body(loaded_->model)->fine.num_nodes, pliant_model_get_body(loaded_->model)->fine.num_tets);
+    ROS_INFO("replay: loaded %s%s: %d nodes, %d tetrahedra", loaded_->scan->path.c_str(),
+             described_ ? " as the bag says" : "", pliant_model_get_body(loaded_->model)->fine.num_nodes,
+             pliant_model_get_body(loaded_->model)->fine.num_tets);
 }
 
 void Replay::take_session(const pliant::SessionConstPtr &session)
@@ -235,7 +247,8 @@ void Replay::start_player(const std::string &name, const std::string &volume)
     bool has_advertised = false;
     while (playing_.goes_on() && Clock::now() < end) {
         has_advertised = has_advertised || ask_to_pause(true);
-        const bool is_late = Clock::now() > begin + std::chrono::seconds(CONNECTION_SECONDS), is_heard = snapshots_.wanted() || !has_listener(volume);
+        const bool is_late = Clock::now() > begin + std::chrono::seconds(CONNECTION_SECONDS),
+                   is_heard = snapshots_.wanted() || !has_listener(volume);
         if (has_advertised && (is_late || (is_heard && hears_all())) && ask_to_pause(false)) return;
         ros::WallDuration(0.05).sleep();
     }
@@ -257,7 +270,8 @@ void Replay::fit(const MeshTopology &topology)
     std::shared_ptr<const pliant_body> body = loaded_ ? body_of(*loaded_, topology, &made_, &why) : nullptr;
     auto known = bodies_.find(topology.revision);
     /* a bag in a loop repeats the message */
-    const bool is_news = known == bodies_.end() || !known->second.body != !body || (body && !pliant_body_same(body.get(), known->second.body.get()));
+    const bool is_news = known == bodies_.end() || !known->second.body != !body ||
+                         (body && !pliant_body_same(body.get(), known->second.body.get()));
     bodies_[topology.revision] = Known{loaded_, body};
     if (is_news && body) ROS_INFO("replay: revision %u of the mesh is known here", topology.revision);
     if (is_news && !body) ROS_ERROR("replay: revision %u is not shown: %s", topology.revision, why.c_str());
@@ -289,7 +303,8 @@ bool Replay::waits(const Pending &next) const
 void Replay::work_off()
 {
     while (playing_.goes_on()) {
-        const bool is_next = !pending_.empty() && (!waits(pending_.front()) || (coming_.empty() && is_late(pending_.front().arrival)));
+        const bool is_next =
+            !pending_.empty() && (!waits(pending_.front()) || (coming_.empty() && is_late(pending_.front().arrival)));
         if (is_next) {
             take_pending(pending_.front());
             pending_.pop_front();
@@ -308,10 +323,14 @@ void Replay::take_pending(const Pending &next)
     const auto known = bodies_.find(next.topology);
     if (known == bodies_.end()) {
         ++dropped_;
-        ROS_WARN_THROTTLE(5, "replay: states of revision %u are dropped: its mesh/topology has not been played; play the bag from its start", next.topology);
+        ROS_WARN_THROTTLE(
+            5,
+            "replay: states of revision %u are dropped: its mesh/topology has not been played; play the bag from its start",
+            next.topology);
     } else if (!known->second.body) {
         ++dropped_;
-        ROS_WARN_THROTTLE(5, "replay: %lu states of another scan or mesh are dropped", static_cast<unsigned long>(dropped_));
+        ROS_WARN_THROTTLE(5, "replay: %lu states of another scan or mesh are dropped",
+                          static_cast<unsigned long>(dropped_));
     } else {
         show(next, known->second);
     }

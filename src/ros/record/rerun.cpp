@@ -26,8 +26,9 @@ bool Rerun::take(const Step &recorded)
     }
     if (recorded.sequence != 1 && (recorded.sequence != last_.sequence + 1 || recorded.load != last_.load)) {
         begun_ = false;
-        throw Failure(PLIANT_ERROR_FORMAT, "after turn " + std::to_string(last_.sequence) + " the recording goes on with turn " +
-                                               std::to_string(recorded.sequence) + ": what is between is not in it; the next reset is waited for");
+        throw Failure(PLIANT_ERROR_FORMAT, "after turn " + std::to_string(last_.sequence) +
+                                               " the recording goes on with turn " + std::to_string(recorded.sequence) +
+                                               ": what is between is not in it; the next reset is waited for");
     }
     const uint32_t recorded_before = last_.revision;
     const uint64_t before = pliant_data_get_body(data_.get())->revision;
@@ -42,7 +43,8 @@ bool Rerun::take(const Step &recorded)
     /* revisions are compared by change, because their numbers differ if bodies existed before the reset */
     const bool changed = pliant_data_get_body(data_.get())->revision != before;
     const bool cut_differs = !first && changed != (recorded.revision != recorded_before);
-    if (last_.status != recorded.status || last_.step != recorded.step || last_.checksum != recorded.checksum || cut_differs) {
+    if (last_.status != recorded.status || last_.step != recorded.step || last_.checksum != recorded.checksum ||
+        cut_differs) {
         if (differing_++ == 0) first_differing_ = recorded.step;
     }
     return true;
@@ -51,7 +53,8 @@ bool Rerun::take(const Step &recorded)
 std::shared_ptr<const Snapshot> Rerun::snapshot() const
 {
     auto out = std::make_shared<Snapshot>();
-    take_snapshot(loaded_, *data_, last_.header.stamp, pliant_model_get_scene(loaded_->model)->output.scalar, out.get());
+    take_snapshot(loaded_, *data_, last_.header.stamp, pliant_model_get_scene(loaded_->model)->output.scalar,
+                  out.get());
     out->revision = last_.revision;
     return out;
 }
@@ -60,7 +63,8 @@ std::string Rerun::summary() const
 {
     std::string text = std::to_string(made_) + " turns computed again, ";
     text += differing_ == 0 ? "each as recorded, to the bit"
-                            : std::to_string(differing_) + " of them not as recorded, from step " + std::to_string(first_differing_) + " on";
+                            : std::to_string(differing_) + " of them not as recorded, from step " +
+                                  std::to_string(first_differing_) + " on";
     if (skipped_ > 0) text += "; " + std::to_string(skipped_) + " before the first reset in the recording";
     return text;
 }

@@ -14,7 +14,8 @@ namespace {
 std::string heading_of_steps()
 {
     std::string out = "time_s,sequence,step,revision,paused,status,background";
-    for (int stage = 0; stage < PLIANT_NUM_STEP_STAGES; ++stage) out += std::string(",") + pliant_step_stage_name(stage) + "_s";
+    for (int stage = 0; stage < PLIANT_NUM_STEP_STAGES; ++stage)
+        out += std::string(",") + pliant_step_stage_name(stage) + "_s";
     return out + ",checksum";
 }
 
@@ -43,19 +44,23 @@ StepsTable::StepsTable(const std::string &path) : Table(path, heading_of_steps()
 
 void StepsTable::append(double time, const pliant::Step &step)
 {
-    std::fprintf(file(), "%.6f,%" PRIu64 ",%" PRIu64 ",%u,%d,%d,%u", time, step.sequence, step.step, step.revision, step.paused, step.status,
-                 step.background);
+    std::fprintf(file(), "%.6f,%" PRIu64 ",%" PRIu64 ",%u,%d,%d,%u", time, step.sequence, step.step, step.revision,
+                 step.paused, step.status, step.background);
     for (size_t stage = 0; stage < PLIANT_NUM_STEP_STAGES; ++stage)
         std::fprintf(file(), ",%.6g", stage < step.seconds.size() ? static_cast<double>(step.seconds[stage]) : 0.0);
     std::fprintf(file(), ",%016" PRIx64 "\n", step.checksum);
 }
 
-CutsTable::CutsTable(const std::string &path) : Table(path, "time_s,tool,stroke,cutting,engaged,severed_area_m2,revision,pieces,x_m,y_m,z_m") {}
+CutsTable::CutsTable(const std::string &path)
+    : Table(path, "time_s,tool,stroke,cutting,engaged,severed_area_m2,revision,pieces,x_m,y_m,z_m")
+{
+}
 
 void CutsTable::append(double time, const pliant::Cut &cut)
 {
-    std::fprintf(file(), "%.6f,%s,%" PRIu64 ",%d,%d,%.9g,%u,%d,%.6f,%.6f,%.6f\n", time, cut.tool.c_str(), cut.stroke, cut.cutting, cut.engaged,
-                 cut.severed_area, cut.revision, cut.pieces, cut.point.x, cut.point.y, cut.point.z);
+    std::fprintf(file(), "%.6f,%s,%" PRIu64 ",%d,%d,%.9g,%u,%d,%.6f,%.6f,%.6f\n", time, cut.tool.c_str(), cut.stroke,
+                 cut.cutting, cut.engaged, cut.severed_area, cut.revision, cut.pieces, cut.point.x, cut.point.y,
+                 cut.point.z);
 }
 
 } // namespace pliant_ros

@@ -107,7 +107,8 @@ void Between::keep_passive(double now, double wrench[6])
     /* On the return motion the force is reduced earlier, so that it ends smoothly. */
     const double faded = std::exp(-(now - moved_at_) / remembers);
     const bool back = now - moved_at_ < remembers && product(wrench, trend_) < 0;
-    const double taken = std::sqrt(size) * reach_ * faded * (back ? foreseen : 1), there = std::max(energy_, -0.5 * credit()) + credit();
+    const double taken = std::sqrt(size) * reach_ * faded * (back ? foreseen : 1),
+                 there = std::max(energy_, -0.5 * credit()) + credit();
     if (!(taken > there)) return;
     ++held_back_;
     for (int i = 0; i < 6; ++i) wrench[i] *= there / taken;

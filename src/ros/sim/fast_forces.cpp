@@ -28,12 +28,14 @@ FastForces::FastForces(ros::NodeHandle handle, const Parameters &parameters, Too
         arm->tissue_from_frame = identity();
         arm->filter = PoseFilter(parameters.pose_filter);
         arm->pose_in = handle.subscribe<topic_tools::ShapeShifter>(
-            tool.name + "/measured_cp", 1, [this, arm](const topic_tools::ShapeShifter::ConstPtr &message) { take_pose(arm, *message); },
+            tool.name + "/measured_cp", 1,
+            [this, arm](const topic_tools::ShapeShifter::ConstPtr &message) { take_pose(arm, *message); },
             ros::VoidConstPtr(), ros::TransportHints().tcpNoDelay());
     }
     thread_ = std::thread(&FastForces::run, this);
     if (!make_urgent(thread_.native_handle())) {
-        ROS_INFO("~wrench_rate: answers come when the system finds time: this user may start no real-time threads (limits.conf: rtprio)");
+        ROS_INFO(
+            "~wrench_rate: answers come when the system finds time: this user may start no real-time threads (limits.conf: rtprio)");
         return;
     }
     answers_hands() = true;
@@ -69,7 +71,8 @@ void FastForces::take_pose(Arm *arm, const topic_tools::ShapeShifter &message)
     Rigid pose;
     std::string why;
     /* an invalid pose counts as no pose */
-    if (!pose_from_any_message(message, arm->own_frame, &sent, &why) || !tool_pose_from_message(sent, &pose, &why)) return;
+    if (!pose_from_any_message(message, arm->own_frame, &sent, &why) || !tool_pose_from_message(sent, &pose, &why))
+        return;
     std::lock_guard<InheritingMutex> hold(arm->lock);
     if (sent.header.frame_id != arm->sample.frame) return; /* the step computes the transform of a new frame */
     pose = arm->filter.next(sent.header.stamp.toSec(), sent.header.frame_id, pose);

@@ -125,9 +125,12 @@ bool store(const std::string &name, LiveSettings settings, const std::set<std::s
         const std::string path = path_of(entry);
         if (path == GRAVITY_OPTION || paths.count(path) == 0) continue;
         const double value = value_of(entry, settings);
-        if (!store(name + "/" + path, entry.real ? XmlRpc::XmlRpcValue(value) : XmlRpc::XmlRpcValue(static_cast<int>(value)))) return false;
+        if (!store(name + "/" + path,
+                   entry.real ? XmlRpc::XmlRpcValue(value) : XmlRpc::XmlRpcValue(static_cast<int>(value))))
+            return false;
     }
-    return paths.count(SCALAR_OPTION) == 0 || store(name + "/" + SCALAR_OPTION, XmlRpc::XmlRpcValue(scalar_name(settings.scalar)));
+    return paths.count(SCALAR_OPTION) == 0 ||
+           store(name + "/" + SCALAR_OPTION, XmlRpc::XmlRpcValue(scalar_name(settings.scalar)));
 }
 
 void append_scalar(pliant_scalar scalar, dynamic_reconfigure::Config *config)
@@ -150,7 +153,8 @@ dynamic_reconfigure::ParamDescription describe_scalar()
              PLIANT_SCALAR_LIST(SCALAR_CHOICE)
 #undef SCALAR_CHOICE
          })
-        out.edit_method += std::string(out.edit_method.empty() ? "{'enum': [" : ", ") + "{'name': '" + name + "', 'type': 'str', 'value': '" + name + "', 'description': ''}";
+        out.edit_method += std::string(out.edit_method.empty() ? "{'enum': [" : ", ") + "{'name': '" + name +
+                           "', 'type': 'str', 'value': '" + name + "', 'description': ''}";
     out.edit_method += "], 'enum_description': ''}";
     return out;
 }
@@ -275,7 +279,8 @@ bool Live::serve(Reconfigure::Request &request, Reconfigure::Response &response)
         pliant_scene scene;
         pliant_scene_defaults(&scene);
         if (choice.name != SCALAR) continue;
-        if (pliant_scene_set(&scene, SCALAR_OPTION, choice.value.c_str()) == PLIANT_OK) settings_.scalar = scene.output.scalar;
+        if (pliant_scene_set(&scene, SCALAR_OPTION, choice.value.c_str()) == PLIANT_OK)
+            settings_.scalar = scene.output.scalar;
         else ROS_WARN("scalar: %s", pliant_last_error());
     }
     if (settings_.scalar != before.scalar) set_.insert(SCALAR_OPTION);

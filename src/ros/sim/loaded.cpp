@@ -66,7 +66,8 @@ Scan::~Scan()
 bool is_id_of(const std::string &id, const Scan &scan)
 {
     const std::string own = scan.volume.id;
-    return name_in(id) == name_in(own) || (id.size() > HEX && id.compare(id.size() - HEX, HEX, own, own.size() - HEX, HEX) == 0);
+    return name_in(id) == name_in(own) ||
+           (id.size() > HEX && id.compare(id.size() - HEX, HEX, own, own.size() - HEX, HEX) == 0);
 }
 
 std::shared_ptr<const Scan> read_scan(const pliant_scene &scene, const std::string &path, Materials *materials)
@@ -87,9 +88,11 @@ std::shared_ptr<const Scan> read_scan(const pliant_scene &scene, const std::stri
     scan->checksum = checksum(scan->volume);
     make_unique(scan->checksum, &scan->volume);
     if (scan->labels.voxels)
-        scan->labels_checksum = hash(0xcbf29ce484222325u, scan->labels.voxels, pliant_geometry_voxels(&scan->labels.geometry) * sizeof *scan->labels.voxels);
+        scan->labels_checksum = hash(0xcbf29ce484222325u, scan->labels.voxels,
+                                     pliant_geometry_voxels(&scan->labels.geometry) * sizeof *scan->labels.voxels);
     if (scan->labels.num_segments > 0 && !scan->labels.segments[0].is_class)
-        scan->labels_checksum = hash(scan->labels_checksum, scan->labels.segments, scan->labels.num_segments * sizeof *scan->labels.segments);
+        scan->labels_checksum = hash(scan->labels_checksum, scan->labels.segments,
+                                     scan->labels.num_segments * sizeof *scan->labels.segments);
     return scan;
 }
 
@@ -160,12 +163,14 @@ std::shared_ptr<const pliant_body> share(const pliant_body *body)
     return std::shared_ptr<const pliant_body>(pliant_body_retain(body), pliant_body_release);
 }
 
-std::shared_ptr<const pliant_surface> surface_of(const pliant_body &body, const std::shared_ptr<const pliant_surface> &last)
+std::shared_ptr<const pliant_surface> surface_of(const pliant_body &body,
+                                                 const std::shared_ptr<const pliant_surface> &last)
 {
     if (last && last->body == &body) return last;
     pliant_surface *made = nullptr;
     check(pliant_surface_create(&body, last.get(), &made));
-    return std::shared_ptr<const pliant_surface>(made, [](const pliant_surface *done) { pliant_surface_free(const_cast<pliant_surface *>(done)); });
+    return std::shared_ptr<const pliant_surface>(
+        made, [](const pliant_surface *done) { pliant_surface_free(const_cast<pliant_surface *>(done)); });
 }
 
 int threads_of(const pliant_scene &scene)
@@ -192,7 +197,9 @@ std::vector<pliant_contact> tool_contacts(const pliant_data &data, int tool)
 {
     std::vector<pliant_contact> contacts(static_cast<size_t>(pliant_data_get_contacts(&data, 0, nullptr)));
     pliant_data_get_contacts(&data, static_cast<int32_t>(contacts.size()), contacts.data());
-    contacts.erase(std::remove_if(contacts.begin(), contacts.end(), [tool](const pliant_contact &each) { return each.tool != tool; }), contacts.end());
+    contacts.erase(std::remove_if(contacts.begin(), contacts.end(),
+                                  [tool](const pliant_contact &each) { return each.tool != tool; }),
+                   contacts.end());
     return contacts;
 }
 

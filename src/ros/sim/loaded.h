@@ -54,9 +54,13 @@ struct Loaded {
 std::shared_ptr<const pliant_body> share(const pliant_body *body);
 /* Return the surface of a body. Throws Failure.
  * last: Nullable; previously computed surface, whose unchanged parts are reused */
-std::shared_ptr<const pliant_surface> surface_of(const pliant_body &body, const std::shared_ptr<const pliant_surface> &last);
+std::shared_ptr<const pliant_surface> surface_of(const pliant_body &body,
+                                                 const std::shared_ptr<const pliant_surface> &last);
 /* Return the revision of a body in messages, which is unique in the life of a node. */
-inline uint32_t revision_of(const Loaded &loaded, uint64_t body) { return loaded.revision + static_cast<uint32_t>(body - 1); }
+inline uint32_t revision_of(const Loaded &loaded, uint64_t body)
+{
+    return loaded.revision + static_cast<uint32_t>(body - 1);
+}
 
 /* Return the number of threads of a scene, or the number of CPU cores if it has none. */
 int threads_of(const pliant_scene &scene);

@@ -48,7 +48,8 @@ inline void take_state(const pliant_model &model, pliant_data *data, Moment *out
 inline void put_back(const Moment &moment, const pliant_model &model, pliant_data *data)
 {
     const SavedState state = create_state();
-    check(pliant_state_read(&model, data, moment.snapshot.body.get(), moment.state.size(), moment.state.data(), state.get()));
+    check(pliant_state_read(&model, data, moment.snapshot.body.get(), moment.state.size(), moment.state.data(),
+                            state.get()));
     check(pliant_state_restore(&model, data, state.get()));
 }
 

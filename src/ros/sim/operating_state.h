@@ -17,7 +17,10 @@ struct OperatingState {
     uint8_t is_homed = 0, is_busy = 0;
 
     /* Return why the arm's pose is not valid; empty if it is. A PAUSED arm keeps its pose. */
-    std::string why_not() const { return state != "ENABLED" && state != "PAUSED" ? "the arm is " + state : is_homed ? "" : "the arm is not homed"; }
+    std::string why_not() const
+    {
+        return state != "ENABLED" && state != "PAUSED" ? "the arm is " + state : is_homed ? "" : "the arm is not homed";
+    }
 };
 
 } // namespace pliant_ros

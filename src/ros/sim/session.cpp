@@ -32,7 +32,8 @@ std::string name_of(const std::string &path) { return path.substr(path.find_last
 
 bool fits(const Scan &scan, const Session &session)
 {
-    return scan.checksum == session.scan_checksum && scan.labels_checksum == session.labels_checksum && is_id_of(session.scan_id, scan);
+    return scan.checksum == session.scan_checksum && scan.labels_checksum == session.labels_checksum &&
+           is_id_of(session.scan_id, scan);
 }
 
 } // namespace
@@ -92,14 +93,16 @@ void apply_settings(const Session &session, pliant_scene *scene)
 
 bool same_model(const Session &a, const Session &b)
 {
-    return a.scene == b.scene && a.materials == b.materials && a.scan_checksum == b.scan_checksum && a.labels_checksum == b.labels_checksum;
+    return a.scene == b.scene && a.materials == b.materials && a.scan_checksum == b.scan_checksum &&
+           a.labels_checksum == b.labels_checksum;
 }
 
 std::vector<std::string> Shelf::places(const std::string &named, const std::string &recorded) const
 {
     std::vector<std::string> out;
     for (const std::string &place : {named, folder_of(named.empty() ? scan_ : named) + name_of(recorded), recorded})
-        if (!place.empty() && is_there(place) && std::find(out.begin(), out.end(), place) == out.end()) out.push_back(place);
+        if (!place.empty() && is_there(place) && std::find(out.begin(), out.end(), place) == out.end())
+            out.push_back(place);
     return out;
 }
 
@@ -111,7 +114,8 @@ std::shared_ptr<const Scan> Shelf::find(const Session &session)
     const std::vector<std::string> scans = places(scan_, session.scan);
     std::vector<std::string> maps{""};
     if (!session.labels.empty() && (maps = places(labels_, session.labels)).empty())
-        throw Failure(PLIANT_ERROR_FILE, "the label map of the recording, " + session.labels + ", is not here: name where it is");
+        throw Failure(PLIANT_ERROR_FILE,
+                      "the label map of the recording, " + session.labels + ", is not here: name where it is");
     std::string seen;
     for (const std::string &path : scans)
         for (const std::string &map : maps) {
@@ -120,14 +124,18 @@ std::shared_ptr<const Scan> Shelf::find(const Session &session)
             check(pliant_scene_set(&scene, "material/labels", map.c_str()));
             std::shared_ptr<const Scan> scan = read_scan(scene, path, &materials);
             if (fits(*scan, session)) return last_ = scan;
-            seen += (seen.empty() ? "" : ", ") + path + (scan->checksum == session.scan_checksum ? " with labels " + map : "");
+            seen += (seen.empty() ? "" : ", ") + path +
+                    (scan->checksum == session.scan_checksum ? " with labels " + map : "");
         }
     const std::string recorded = "\"" + session.scan_id + "\" (" + session.scan + ")";
-    if (seen.empty()) throw Failure(PLIANT_ERROR_FILE, "the scan of the recording, " + recorded + ", is not here: name where it is");
-    throw Failure(PLIANT_ERROR_FORMAT, "the voxels of " + seen + " are not those of the recording, which is of " + recorded + ": name that scan");
+    if (seen.empty())
+        throw Failure(PLIANT_ERROR_FILE, "the scan of the recording, " + recorded + ", is not here: name where it is");
+    throw Failure(PLIANT_ERROR_FORMAT, "the voxels of " + seen + " are not those of the recording, which is of " +
+                                           recorded + ": name that scan");
 }
 
-std::shared_ptr<Loaded> build_session(const Session &session, std::shared_ptr<const Scan> scan, pliant_progress progress)
+std::shared_ptr<Loaded> build_session(const Session &session, std::shared_ptr<const Scan> scan,
+                                      pliant_progress progress)
 {
     Materials materials;
     check(pliant_material_table_parse(session.materials.c_str(), "the recorded materials", &materials.table));

@@ -31,7 +31,9 @@ bool same_model(const Session &a, const Session &b);
 class Shelf {
 public:
     /* scan, labels: paths given by the user; empty: the recorded paths are valid */
-    explicit Shelf(std::string scan = "", std::string labels = "") : scan_(std::move(scan)), labels_(std::move(labels)) {}
+    explicit Shelf(std::string scan = "", std::string labels = "") : scan_(std::move(scan)), labels_(std::move(labels))
+    {
+    }
     /* Return the scan whose voxels and labels match a session. Throws Failure with the searched locations. */
     std::shared_ptr<const Scan> find(const Session &session);
 
@@ -43,7 +45,8 @@ private:
 };
 
 /* Throws Failure. */
-std::shared_ptr<Loaded> build_session(const Session &session, std::shared_ptr<const Scan> scan, pliant_progress progress);
+std::shared_ptr<Loaded> build_session(const Session &session, std::shared_ptr<const Scan> scan,
+                                      pliant_progress progress);
 
 /* Publish the topic `session`. Thread-safe. */
 class Sessions {

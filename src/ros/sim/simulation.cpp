@@ -10,7 +10,11 @@ namespace pliant_ros {
 
 namespace {
 
-enum { TIMING_RATE = 10 /* [Hz] */, HOLD_SECONDS = 2 /* that tools have to come back */, STEP_QUEUE = 1024 /* a recorder that is held up misses none */ };
+enum {
+    TIMING_RATE = 10 /* [Hz] */,
+    HOLD_SECONDS = 2 /* that tools have to come back */,
+    STEP_QUEUE = 1024 /* a recorder that is held up misses none */
+};
 
 /* sorted: ascending values */
 double percentile(const std::vector<double> &sorted, double fraction)
@@ -24,8 +28,9 @@ double percentile(const std::vector<double> &sorted, double fraction)
 
 Simulation::Simulation(ros::NodeHandle handle, const Parameters &parameters, State *state, Live *live, Tools *tools,
                        FastForces *fast_forces, Snapshots *snapshots)
-    : frame_(parameters.tissue_frame), background_(parameters.background), state_(state), live_(live), tools_(tools), fast_forces_(fast_forces),
-      snapshots_(snapshots), samples_(tools->size()), acted_(samples_), ramps_(tools->size()), was_open_(tools->size(), false), jaws_(tools->size())
+    : frame_(parameters.tissue_frame), background_(parameters.background), state_(state), live_(live), tools_(tools),
+      fast_forces_(fast_forces), snapshots_(snapshots), samples_(tools->size()), acted_(samples_),
+      ramps_(tools->size()), was_open_(tools->size(), false), jaws_(tools->size())
 {
     timing_ = handle.advertise<StepTiming>("timing", 1);
     steps_ = handle.advertise<Step>("step", STEP_QUEUE);
@@ -79,7 +84,9 @@ void Simulation::swap(std::shared_ptr<Loaded> next, const Moment *from)
     at_boundary([&] {
         if (from) paused_ = from->paused;
         state_->set(paused_ ? SimState::PAUSED : SimState::READY, "");
-        next->revision = current_ ? revision_of(*current_, pliant_data_get_last_revision(data_.get())) + 1 : from ? from->snapshot.revision + 1 : 1;
+        next->revision = current_ ? revision_of(*current_, pliant_data_get_last_revision(data_.get())) + 1
+                         : from   ? from->snapshot.revision + 1
+                                  : 1;
         current_.swap(next);
         data_.swap(data);
         /* the gap in the numbers shows that these steps cannot be recomputed from a load or a reset */
@@ -106,8 +113,10 @@ void Simulation::tell_who_holds_nothing(const pliant_scene &scene) const
 {
     for (size_t i = 0; i < tools_->size(); ++i) {
         const ToolParameters &tool = tools_->parameters(i);
-        if (tool.grasps && !tool.shape_follows && pliant_tool_shape_holds(&scene, &tool.shape) && !pliant_tool_shape_has_jaws(&tool.shape))
-            ROS_WARN("tool %s holds nothing: grasp/kind is contact, and its shape (~tool/%s/shape) has no jaws", tool.name.c_str(), tool.name.c_str());
+        if (tool.grasps && !tool.shape_follows && pliant_tool_shape_holds(&scene, &tool.shape) &&
+            !pliant_tool_shape_has_jaws(&tool.shape))
+            ROS_WARN("tool %s holds nothing: grasp/kind is contact, and its shape (~tool/%s/shape) has no jaws",
+                     tool.name.c_str(), tool.name.c_str());
     }
 }
 
@@ -304,7 +313,8 @@ void Simulation::take_tools(const ros::Time &now, bool forgotten, Step *out)
         const bool loses = !sample.present || (sample.jaw == JAW_UNKNOWN && tools_->parameters(i).grasps);
         const bool is_awaited = std::find(lost_.begin(), lost_.end(), tools_->name(i)) != lost_.end();
         if (loses && !is_awaited && tool_state(*data_, static_cast<int>(i)).holding)
-            ROS_WARN("tool %s lets go of what it holds: %s", tools_->name(i).c_str(), forgotten ? "time went back" : sample.why.c_str());
+            ROS_WARN("tool %s lets go of what it holds: %s", tools_->name(i).c_str(),
+                     forgotten ? "time went back" : sample.why.c_str());
         ToolInput &input = out->tools[i];
         input.present = sample.present;
         input.jaw = sample.angle;
@@ -337,8 +347,8 @@ void Simulation::tell_of_missed_closing(size_t tool, bool holds_by_contact)
     if (sample.jaw == JAW_OPEN || (holds_by_contact && sample.present)) jaw.missed = false;
     if (sample.jaw != JAW_UNKNOWN) jaw.last = sample.jaw;
     if (jaw.missed && jaw.rate.due(1))
-        ROS_WARN("tool %s has closed its jaws and takes nothing: %s (~tool_max_age); open them and close them again", tools_->name(tool).c_str(),
-                 jaw.why.c_str());
+        ROS_WARN("tool %s has closed its jaws and takes nothing: %s (~tool_max_age); open them and close them again",
+                 tools_->name(tool).c_str(), jaw.why.c_str());
 }
 
 /* Return true while a restored state waits for the tools that held or touched tissue in the previous process. Until
@@ -350,13 +360,17 @@ bool Simulation::waits_for_tools(const Step &step)
         const ToolInput &tool = step.tools[i];
         const auto lost = std::find(lost_.begin(), lost_.end(), tool.name);
         if (lost == lost_.end() || !tool.present) continue;
-        const bool is_holding = tool_state(*data_, static_cast<int>(i)).holding, is_unknown = samples_[i].jaw == JAW_UNKNOWN;
+        const bool is_holding = tool_state(*data_, static_cast<int>(i)).holding,
+                   is_unknown = samples_[i].jaw == JAW_UNKNOWN;
         if (is_holding && is_unknown && !is_late) continue;
-        if (is_holding) ROS_WARN("tool %s %s", tool.name.c_str(), tool.closed ? "is back and holds its grasp" : "is back with open jaws: its grasp is released");
+        if (is_holding)
+            ROS_WARN("tool %s %s", tool.name.c_str(),
+                     tool.closed ? "is back and holds its grasp" : "is back with open jaws: its grasp is released");
         lost_.erase(lost);
     }
     if (lost_.empty() || !is_late) return !lost_.empty();
-    for (const std::string &name : lost_) ROS_WARN("tool %s is not back after %d s: its grasp is released", name.c_str(), HOLD_SECONDS);
+    for (const std::string &name : lost_)
+        ROS_WARN("tool %s is not back after %d s: its grasp is released", name.c_str(), HOLD_SECONDS);
     lost_.clear();
     return false;
 }
@@ -499,7 +513,8 @@ StepHealth Simulation::measured() const
     out.p50 = percentile(sorted, 0.50);
     out.p99 = percentile(sorted, 0.99);
     out.rate = static_cast<double>(sorted.size());
-    out.busy_for = busy_since_ == Clock::time_point() ? 0 : std::chrono::duration<double>(Clock::now() - busy_since_).count();
+    out.busy_for =
+        busy_since_ == Clock::time_point() ? 0 : std::chrono::duration<double>(Clock::now() - busy_since_).count();
     return out;
 }
 

@@ -51,7 +51,8 @@ struct Snapshot {
 };
 
 /* Take a snapshot of a simulation. The revision is numbered within this load. */
-inline void take_snapshot(std::shared_ptr<const Loaded> loaded, const pliant_data &data, const ros::Time &stamp, pliant_scalar scalar, Snapshot *out)
+inline void take_snapshot(std::shared_ptr<const Loaded> loaded, const pliant_data &data, const ros::Time &stamp,
+                          pliant_scalar scalar, Snapshot *out)
 {
     const pliant_body *body = pliant_data_get_body(&data);
     const double *positions = pliant_data_get_positions(&data, nullptr);
@@ -59,7 +60,8 @@ inline void take_snapshot(std::shared_ptr<const Loaded> loaded, const pliant_dat
     out->scalar = scalar;
     if (scalar == PLIANT_SCALAR_CONTACT_FORCE) {
         out->contact_force.resize(static_cast<size_t>(body->fine.num_nodes));
-        if (pliant_data_get_scalar(loaded->model, &data, PLIANT_SCALAR_CONTACT_FORCE, out->contact_force.data()) < 0) out->contact_force.clear();
+        if (pliant_data_get_scalar(loaded->model, &data, PLIANT_SCALAR_CONTACT_FORCE, out->contact_force.data()) < 0)
+            out->contact_force.clear();
     }
     out->revision = revision_of(*loaded, body->revision);
     out->loaded = std::move(loaded);

@@ -14,7 +14,8 @@ void apply_settings(const Step &step, pliant_data *data)
     double gravity[3];
     pliant_data_get_gravity(data, gravity);
     if (!std::equal(gravity, gravity + 3, step.gravity.begin())) pliant_data_set_gravity(data, step.gravity.data());
-    for (int tool = 0; tool < pliant_data_get_num_tools(data); ++tool) pliant_tool_set_spring(data, tool, step.stiffness, step.damping);
+    for (int tool = 0; tool < pliant_data_get_num_tools(data); ++tool)
+        pliant_tool_set_spring(data, tool, step.stiffness, step.damping);
 }
 
 void apply_tool(const pliant_model &model, const ToolInput &input, pliant_data *data, int tool)
@@ -43,11 +44,13 @@ uint64_t checksum(const double *values, size_t count)
 } // namespace
 
 // messages and structs use the same numbers
-static_assert(int(pliant::ToolPart::SPHERE) == PLIANT_PART_SPHERE && int(pliant::ToolPart::CAPSULE) == PLIANT_PART_CAPSULE &&
+static_assert(int(pliant::ToolPart::SPHERE) == PLIANT_PART_SPHERE &&
+                  int(pliant::ToolPart::CAPSULE) == PLIANT_PART_CAPSULE &&
                   int(pliant::ToolPart::BOX) == PLIANT_PART_BOX && int(pliant::ToolPart::SOLID) == PLIANT_PART_SOLID &&
                   PLIANT_NUM_PART_KINDS == 5,
               "ToolPart.msg names every kind of part but half-spaces, which are obstacles");
-static_assert(int(pliant::ToolPart::TIP) == PLIANT_FRAME_TIP && int(pliant::ToolPart::JAW_PLUS) == PLIANT_FRAME_JAW_PLUS &&
+static_assert(int(pliant::ToolPart::TIP) == PLIANT_FRAME_TIP &&
+                  int(pliant::ToolPart::JAW_PLUS) == PLIANT_FRAME_JAW_PLUS &&
                   int(pliant::ToolPart::JAW_MINUS) == PLIANT_FRAME_JAW_MINUS && PLIANT_NUM_PART_FRAMES == 3,
               "ToolPart.msg names every frame of a part");
 
@@ -67,7 +70,8 @@ void set_shape(const pliant_tool_shape &shape, ToolInput *out)
             pliant_solid_surface surface;
             pliant_solid_get_surface(part.solid, &surface);
             message.points.assign(surface.points, surface.points + 3 * static_cast<size_t>(surface.num_points));
-            message.triangles.assign(surface.triangles, surface.triangles + 3 * static_cast<size_t>(surface.num_triangles));
+            message.triangles.assign(surface.triangles,
+                                     surface.triangles + 3 * static_cast<size_t>(surface.num_triangles));
             message.convex = surface.convex;
             message.resolution = surface.resolution;
         }
@@ -92,8 +96,10 @@ const pliant_solid *solid_of(const std::string &tool, const pliant::ToolPart &me
     pliant_solid_options options{};
     options.convex = message.convex;
     options.resolution = message.resolution;
-    check(pliant_solid_create(static_cast<int32_t>(std::min<size_t>(message.points.size() / 3, INT32_MAX)), message.points.data(),
-                              static_cast<int32_t>(std::min<size_t>(message.triangles.size() / 3, INT32_MAX)), message.triangles.data(), &options, tool.c_str(), &solid));
+    check(pliant_solid_create(static_cast<int32_t>(std::min<size_t>(message.points.size() / 3, INT32_MAX)),
+                              message.points.data(),
+                              static_cast<int32_t>(std::min<size_t>(message.triangles.size() / 3, INT32_MAX)),
+                              message.triangles.data(), &options, tool.c_str(), &solid));
     return solid;
 }
 
@@ -101,12 +107,13 @@ void read_shape(const ToolInput &input, Shape *out)
 {
     pliant_tool_shape &shape = *out;
     if (input.shape.size() > PLIANT_MAX_PARTS)
-        throw Failure(PLIANT_ERROR_ARGUMENT, "tool " + input.name + " of " + std::to_string(input.shape.size()) + " parts: " +
-                                                 std::to_string(PLIANT_MAX_PARTS) + " are possible");
+        throw Failure(PLIANT_ERROR_ARGUMENT, "tool " + input.name + " of " + std::to_string(input.shape.size()) +
+                                                 " parts: " + std::to_string(PLIANT_MAX_PARTS) + " are possible");
     for (const pliant::ToolPart &message : input.shape) {
         const bool solid = message.kind == pliant::ToolPart::SOLID;
         if ((message.kind > pliant::ToolPart::BOX && !solid) || message.moves > pliant::ToolPart::JAW_MINUS)
-            throw Failure(PLIANT_ERROR_ARGUMENT, "tool " + input.name + ": a part of no known kind, or that moves with nothing known");
+            throw Failure(PLIANT_ERROR_ARGUMENT,
+                          "tool " + input.name + ": a part of no known kind, or that moves with nothing known");
         pliant_part &part = shape.part[shape.num_parts++];
         part.kind = static_cast<pliant_part_kind>(message.kind);
         part.frame = static_cast<pliant_part_frame>(message.moves);
@@ -154,7 +161,8 @@ void make_cut(const pliant_model &model, pliant_data *data, const CutInput &cut,
 pliant_status make_step(const pliant_model &model, pliant_data *data, pliant_background_kind kind, const Step &step)
 {
     if (static_cast<int>(step.tools.size()) != pliant_data_get_num_tools(data))
-        throw Failure(PLIANT_ERROR_ARGUMENT, "a step of " + std::to_string(step.tools.size()) + " tools, where the simulation has " +
+        throw Failure(PLIANT_ERROR_ARGUMENT, "a step of " + std::to_string(step.tools.size()) +
+                                                 " tools, where the simulation has " +
                                                  std::to_string(pliant_data_get_num_tools(data)));
     apply_settings(step, data);
     for (size_t i = 0; i < step.tools.size(); ++i) {
@@ -172,7 +180,8 @@ void tell_outcome(pliant_status status, const pliant_data &data, Step *out)
     out->status = status;
     out->step = statistics.step;
     out->background = out->paused ? 0 : pliant_data_get_background_taken(&data);
-    out->checksum = checksum(pliant_data_get_positions(&data, nullptr), 3 * static_cast<size_t>(pliant_data_get_body(&data)->fine.num_nodes));
+    out->checksum = checksum(pliant_data_get_positions(&data, nullptr),
+                             3 * static_cast<size_t>(pliant_data_get_body(&data)->fine.num_nodes));
     out->evaluations = static_cast<uint32_t>(statistics.iterations);
     out->legs = static_cast<uint32_t>(statistics.legs);
     out->seconds.assign(statistics.seconds, statistics.seconds + PLIANT_NUM_STEP_STAGES);

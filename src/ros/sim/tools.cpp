@@ -14,7 +14,11 @@ namespace pliant_ros {
 
 namespace {
 
-enum { CONTACT_RATE = 30 /* [Hz] */, CUT_QUEUE = 256 /* a recorder that is held up misses none */, MOST_WAITING = 256 /* poses: a quarter of a second at 1 kHz */ };
+enum {
+    CONTACT_RATE = 30 /* [Hz] */,
+    CUT_QUEUE = 256 /* a recorder that is held up misses none */,
+    MOST_WAITING = 256 /* poses: a quarter of a second at 1 kHz */
+};
 
 const double rest_seconds = 0.5; /* time without motion after which a tool rests */
 
@@ -22,9 +26,11 @@ std::string milliseconds(double seconds) { return std::to_string(std::lround(1e3
 
 } // namespace
 
-Tools::Tools(ros::NodeHandle handle, const Parameters &parameters, std::shared_ptr<const tf2_ros::Buffer> frames, ros::CallbackQueue *queue)
-    : tissue_frame_(parameters.tissue_frame), parent_frame_(parameters.parent_frame), max_age_(parameters.tool_max_age), hold_(parameters.tool_hold), max_pause_(parameters.tool_max_pause),
-      jaw_close_(parameters.jaw_close), jaw_release_(parameters.jaw_release), frames_(std::move(frames))
+Tools::Tools(ros::NodeHandle handle, const Parameters &parameters, std::shared_ptr<const tf2_ros::Buffer> frames,
+             ros::CallbackQueue *queue)
+    : tissue_frame_(parameters.tissue_frame), parent_frame_(parameters.parent_frame), max_age_(parameters.tool_max_age),
+      hold_(parameters.tool_hold), max_pause_(parameters.tool_max_pause), jaw_close_(parameters.jaw_close),
+      jaw_release_(parameters.jaw_release), frames_(std::move(frames))
 {
     ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
     ros::NodeHandle input = handle;
@@ -40,21 +46,24 @@ Tools::Tools(ros::NodeHandle handle, const Parameters &parameters, std::shared_p
         const uint32_t room = parameters.wrench_rate > 0 ? 16 : 1;
         tool->force_out = handle.advertise<geometry_msgs::WrenchStamped>(each.name + "/measured_cf", room);
         tool->body_force_out = handle.advertise<geometry_msgs::WrenchStamped>(each.name + "/body/measured_cf", room);
-        tool->spatial_force_out = handle.advertise<geometry_msgs::WrenchStamped>(each.name + "/spatial/measured_cf", room);
+        tool->spatial_force_out =
+            handle.advertise<geometry_msgs::WrenchStamped>(each.name + "/spatial/measured_cf", room);
         tool->contact_out = handle.advertise<ContactState>(each.name + "/contact", 1);
         tool->marker_out = handle.advertise<visualization_msgs::MarkerArray>(each.name + "/marker", 1);
         tool->pose_in = input.subscribe<topic_tools::ShapeShifter>(
             each.name + "/measured_cp", 8,
             [this, tool](const topic_tools::ShapeShifter::ConstPtr &message) { take_pose(tool, *message); },
             ros::VoidConstPtr(), hints);
-        tool->state_in = input.subscribe<OperatingState>(each.name + "/operating_state", 1, [tool](const boost::shared_ptr<const OperatingState> &message) {
-            std::lock_guard<InheritingMutex> hold(tool->lock);
-            tool->idle = message->why_not();
-        });
+        tool->state_in = input.subscribe<OperatingState>(
+            each.name + "/operating_state", 1, [tool](const boost::shared_ptr<const OperatingState> &message) {
+                std::lock_guard<InheritingMutex> hold(tool->lock);
+                tool->idle = message->why_not();
+            });
         if (each.has_blade()) listen_for_blade(handle, tool);
         if (each.shape_follows)
-            tool->type_in = handle.subscribe<std_msgs::String>(each.name + "/tool_type", 1,
-                                                               [this, tool](const std_msgs::StringConstPtr &message) { take_type(tool, message->data); });
+            tool->type_in = handle.subscribe<std_msgs::String>(
+                each.name + "/tool_type", 1,
+                [this, tool](const std_msgs::StringConstPtr &message) { take_type(tool, message->data); });
         if (!each.grasps && !each.has_blade() && each.shape.num_parts == 0 && !each.shape_follows) continue;
         tool->jaw_in = input.subscribe<sensor_msgs::JointState>(
             each.name + "/jaw/measured_js", 1,
@@ -95,15 +104,17 @@ void Tools::listen_for_blade(ros::NodeHandle handle, Tool *tool)
     tool->cut_out = handle.advertise<Cut>(name + "/cut", CUT_QUEUE, true);
     tool->sent.tool = name;
     tool->sent.header.frame_id = tissue_frame_;
-    tool->blade_in = handle.subscribe<std_msgs::Bool>(name + "/blade", 1, [tool](const std_msgs::BoolConstPtr &message) {
-        std::lock_guard<InheritingMutex> hold(tool->lock);
-        tool->blade = message->data;
-    });
+    tool->blade_in =
+        handle.subscribe<std_msgs::Bool>(name + "/blade", 1, [tool](const std_msgs::BoolConstPtr &message) {
+            std::lock_guard<InheritingMutex> hold(tool->lock);
+            tool->blade = message->data;
+        });
     /* first button of a pedal */
-    tool->energy_in = handle.subscribe<sensor_msgs::Joy>(name + "/energy", 1, [tool](const sensor_msgs::JoyConstPtr &message) {
-        std::lock_guard<InheritingMutex> hold(tool->lock);
-        tool->energy = !message->buttons.empty() && message->buttons[0] == 1;
-    });
+    tool->energy_in =
+        handle.subscribe<sensor_msgs::Joy>(name + "/energy", 1, [tool](const sensor_msgs::JoyConstPtr &message) {
+            std::lock_guard<InheritingMutex> hold(tool->lock);
+            tool->energy = !message->buttons.empty() && message->buttons[0] == 1;
+        });
 }
 
 void Tools::take_pose(Tool *tool, const topic_tools::ShapeShifter &message)
@@ -112,7 +123,8 @@ void Tools::take_pose(Tool *tool, const topic_tools::ShapeShifter &message)
     Rigid pose;
     std::string why;
     const std::string &own = tool->parameters.frame;
-    const bool good = pose_from_any_message(message, own.empty() ? parent_frame_ : own, &sent, &why) && tool_pose_from_message(sent, &pose, &why);
+    const bool good = pose_from_any_message(message, own.empty() ? parent_frame_ : own, &sent, &why) &&
+                      tool_pose_from_message(sent, &pose, &why);
     std::lock_guard<InheritingMutex> hold(tool->lock);
     ++tool->received;
     tool->arrived = ros::SteadyTime::now();
@@ -125,7 +137,8 @@ void Tools::take_pose(Tool *tool, const topic_tools::ShapeShifter &message)
         return;
     }
     tool->stamp = sent.header.stamp;
-    tool->waiting.push_back({sent.header.stamp, sent.header.frame_id, tool->filter.next(sent.header.stamp.toSec(), sent.header.frame_id, pose)});
+    tool->waiting.push_back({sent.header.stamp, sent.header.frame_id,
+                             tool->filter.next(sent.header.stamp.toSec(), sent.header.frame_id, pose)});
     if (tool->waiting.size() > MOST_WAITING) tool->waiting.pop_front();
 }
 
@@ -171,7 +184,9 @@ void Tools::transform(Tool *tool)
             try {
                 const tf2::BufferCore &frames = *frames_;
                 found = frames.canTransform(tissue_frame_, candidate.frame, candidate.stamp, newest ? &why : nullptr) &&
-                        rigid_from_message(frames.lookupTransform(tissue_frame_, candidate.frame, candidate.stamp).transform, &tissue_from_frame, &why);
+                        rigid_from_message(
+                            frames.lookupTransform(tissue_frame_, candidate.frame, candidate.stamp).transform,
+                            &tissue_from_frame, &why);
             } catch (const std::exception &missing) { /* an exception of tf2, or an invalid stamp */
                 why = missing.what();
             }
@@ -179,8 +194,9 @@ void Tools::transform(Tool *tool)
         if (newest && !found) tool->untransformed = why;
         if (!found) continue;
         hold.lock();
-        const auto still = std::find_if(tool->waiting.begin(), tool->waiting.end(),
-                                        [&](const Waiting &each) { return each.stamp == candidate.stamp && each.frame == candidate.frame; });
+        const auto still = std::find_if(tool->waiting.begin(), tool->waiting.end(), [&](const Waiting &each) {
+            return each.stamp == candidate.stamp && each.frame == candidate.frame;
+        });
         if (still == tool->waiting.end()) return; /* the tool has become absent in the meantime */
         tool->has_last = true;
         tool->last_stamp = candidate.stamp;
@@ -194,8 +210,8 @@ void Tools::transform(Tool *tool)
 
 void Tools::update_jaw(Tool *tool, const ros::Time &now)
 {
-    const bool fresh = tool->parameters.jaw_setpoint ||
-                       (is_fresh(tool->jaw_stamp, now, tool->state == JAW_CLOSED) && stood_still(tool->jaw_arrived) <= max_pause_);
+    const bool fresh = tool->parameters.jaw_setpoint || (is_fresh(tool->jaw_stamp, now, tool->state == JAW_CLOSED) &&
+                                                         stood_still(tool->jaw_arrived) <= max_pause_);
     if (!tool->has_jaw || !fresh) tool->state = JAW_UNKNOWN;
     else if (tool->jaw < jaw_close_) tool->state = JAW_CLOSED;
     else if (tool->jaw > jaw_release_) tool->state = JAW_OPEN;
@@ -212,10 +228,11 @@ std::string Tools::reason(const Tool &tool, const ros::Time &now) const
     if (age < -max_age_) return "its clock is " + milliseconds(-age) + " ahead, more than " + milliseconds(max_age_);
     if (age > max_age_) return "the newest pose is " + milliseconds(age) + " old, more than " + milliseconds(max_age_);
     if (stood_still(tool.arrived) > max_pause_)
-        return "time stands still, and no pose has come for " + milliseconds(stood_still(tool.arrived)) + ": /clock has stopped";
+        return "time stands still, and no pose has come for " + milliseconds(stood_still(tool.arrived)) +
+               ": /clock has stopped";
     if (!tool.untransformed.empty()) return "its pose has no transform: " + tool.untransformed;
-    return "the newest pose that has a transform is " + milliseconds(seconds_between(tool.last_stamp, now)) + " old, more than " +
-           milliseconds(max_age_);
+    return "the newest pose that has a transform is " + milliseconds(seconds_between(tool.last_stamp, now)) +
+           " old, more than " + milliseconds(max_age_);
 }
 
 ToolSample Tools::sample(size_t index, const ros::Time &now)
@@ -230,9 +247,11 @@ ToolSample Tools::sample(size_t index, const ros::Time &now)
     update_jaw(tool, now);
     ToolSample out;
     const bool goes_on = stood_still(tool->arrived) <= max_pause_;
-    out.present = tool->present = tool->idle.empty() && tool->has_last && goes_on && is_fresh(tool->last_stamp, now, tool->present);
+    out.present = tool->present =
+        tool->idle.empty() && tool->has_last && goes_on && is_fresh(tool->last_stamp, now, tool->present);
     if (!tool->present) out.why = tool->why = reason(*tool, now);
-    else if (tool->state == JAW_UNKNOWN && tool->parameters.grasps) out.why = "its jaw sends no valid angle, or none that is new";
+    else if (tool->state == JAW_UNKNOWN && tool->parameters.grasps)
+        out.why = "its jaw sends no valid angle, or none that is new";
     out.in_tissue = out.present ? tool->last_in_tissue : identity();
     out.jaw = tool->state;
     out.angle = tool->last_jaw;
@@ -255,7 +274,8 @@ void Tools::clear()
     }
 }
 
-void Tools::publish_force(size_t index, const ToolSample &sample, const double force[3], const double torque[3], const ros::Time &stamp)
+void Tools::publish_force(size_t index, const ToolSample &sample, const double force[3], const double torque[3],
+                          const ros::Time &stamp)
 {
     Tool &tool = *tools_[index];
     geometry_msgs::WrenchStamped message;
@@ -272,7 +292,8 @@ void Tools::publish_force(size_t index, const ToolSample &sample, const double f
     }
     if (tool.spatial_force_out.getNumSubscribers() > 0) {
         double about_origin[3];
-        torque_about(inverse(sample.frame_from_tissue).translation, sample.in_tissue.translation, force, torque, about_origin);
+        torque_about(inverse(sample.frame_from_tissue).translation, sample.in_tissue.translation, force, torque,
+                     about_origin);
         wrench_message(force, about_origin, sample.frame_from_tissue.rotation, &message);
         tool.spatial_force_out.publish(message);
     }

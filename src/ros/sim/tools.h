@@ -24,7 +24,8 @@ enum Jaw { JAW_UNKNOWN, JAW_OPEN, JAW_CLOSED };
 /* Return the difference [s] of any two stamps. ros::Time arithmetic throws for arbitrary stamps in messages. */
 inline double seconds_between(const ros::Time &early, const ros::Time &late)
 {
-    int64_t whole = static_cast<int64_t>(late.sec) - early.sec, nanoseconds = static_cast<int64_t>(late.nsec) - early.nsec;
+    int64_t whole = static_cast<int64_t>(late.sec) - early.sec,
+            nanoseconds = static_cast<int64_t>(late.nsec) - early.nsec;
     return static_cast<double>(whole) + 1e-9 * static_cast<double>(nanoseconds);
 }
 
@@ -56,7 +57,8 @@ struct ToolHealth {
 class Tools {
 public:
     /* queue: callback queue for poses and jaws; Nullable: the global queue */
-    Tools(ros::NodeHandle handle, const Parameters &parameters, std::shared_ptr<const tf2_ros::Buffer> frames, ros::CallbackQueue *queue);
+    Tools(ros::NodeHandle handle, const Parameters &parameters, std::shared_ptr<const tf2_ros::Buffer> frames,
+          ros::CallbackQueue *queue);
 
     size_t size() const { return tools_.size(); }
     const std::string &name(size_t tool) const { return tools_[tool]->parameters.name; }
@@ -75,7 +77,8 @@ public:
 
     /* Publish a wrench in the three frames that CRTK defines, if there are subscribers. Thread-safe.
      * force, torque: of the tool on the tissue, about the tip, in tissue axes [N, N m] */
-    void publish_force(size_t tool, const ToolSample &sample, const double force[3], const double torque[3], const ros::Time &stamp);
+    void publish_force(size_t tool, const ToolSample &sample, const double force[3], const double torque[3],
+                       const ros::Time &stamp);
     /* Store the proxy's state after a step, for diagnostics. */
     void watch_proxy(size_t tool, const pliant_tool_state &state);
     /* Publish contact and markers, at most 30 times per second. */

@@ -34,7 +34,11 @@ inline std::atomic<bool> &answers_hands()
 /* While an object of this class exists, the thread has the publishing priority, if answers_hands. */
 class Urgent {
 public:
-    Urgent() : raised_(answers_hands() && pthread_getschedparam(pthread_self(), &kind_, &before_) == 0 && kind_ == SCHED_OTHER && make_urgent(pthread_self(), PUBLISHING_PRIORITY)) {}
+    Urgent()
+        : raised_(answers_hands() && pthread_getschedparam(pthread_self(), &kind_, &before_) == 0 &&
+                  kind_ == SCHED_OTHER && make_urgent(pthread_self(), PUBLISHING_PRIORITY))
+    {
+    }
     ~Urgent()
     {
         if (raised_) pthread_setschedparam(pthread_self(), kind_, &before_);

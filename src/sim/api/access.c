@@ -37,7 +37,10 @@ const pliant_body *pliant_data_get_body(const pliant_data *data) { return data->
 uint64_t pliant_data_get_last_revision(const pliant_data *data) { return data->last_revision; }
 const pliant_statistics *pliant_data_get_statistics(const pliant_data *data) { return &data->statistics; }
 const pliant_warp *pliant_data_get_warp(const pliant_data *data) { return data->warp; }
-void pliant_data_get_gravity(const pliant_data *data, double out[3]) { memcpy(out, data->gravity, sizeof data->gravity); }
+void pliant_data_get_gravity(const pliant_data *data, double out[3])
+{
+    memcpy(out, data->gravity, sizeof data->gravity);
+}
 
 const double *pliant_data_get_positions(const pliant_data *data, uint64_t *revision)
 {
@@ -45,14 +48,18 @@ const double *pliant_data_get_positions(const pliant_data *data, uint64_t *revis
     return data->positions;
 }
 
-int32_t pliant_data_get_inverted(const pliant_data *data) { return pliant_mesh_inverted(&data->body->fine, data->positions); }
+int32_t pliant_data_get_inverted(const pliant_data *data)
+{
+    return pliant_mesh_inverted(&data->body->fine, data->positions);
+}
 
 int pliant_data_get_num_tools(const pliant_data *data) { return data->num_tools; }
 
 static pliant_status check(const pliant_data *data, int tool)
 {
-    return tool >= 0 && tool < data->num_tools ? PLIANT_OK
-                                               : pliant_fail(PLIANT_ERROR_ARGUMENT, "there are %d tools, and none of index %d", data->num_tools, tool);
+    return tool >= 0 && tool < data->num_tools
+               ? PLIANT_OK
+               : pliant_fail(PLIANT_ERROR_ARGUMENT, "there are %d tools, and none of index %d", data->num_tools, tool);
 }
 
 /* Report the proxy of the last step. Before the first step, and without a shape, the proxy is at the target. */
@@ -74,11 +81,20 @@ pliant_status pliant_tool_get(const pliant_data *data, int tool, pliant_tool_sta
     pliant_status status = check(data, tool);
     if (status != PLIANT_OK) return status;
     const pliant_tool *from = data->tools + tool;
-    pliant_tool_state told = {.present = from->present, .drive = from->drive, .stiffness = from->stiffness, .damping = from->damping,
-                              .radius = from->radius, .holding = pliant_tool_grips(from), .hold = from->hold,
-                              .num_held = pliant_tool_grips(from) ? from->num_held : 0, .cutting = from->blade.cutting,
-                              .engaged = from->blade.engaged_length > 0, .engaged_length = from->blade.engaged_length,
-                              .severed_area = from->blade.severed_area, .stroke = from->blade.stroke, .pieces = from->blade.pieces};
+    pliant_tool_state told = {.present = from->present,
+                              .drive = from->drive,
+                              .stiffness = from->stiffness,
+                              .damping = from->damping,
+                              .radius = from->radius,
+                              .holding = pliant_tool_grips(from),
+                              .hold = from->hold,
+                              .num_held = pliant_tool_grips(from) ? from->num_held : 0,
+                              .cutting = from->blade.cutting,
+                              .engaged = from->blade.engaged_length > 0,
+                              .engaged_length = from->blade.engaged_length,
+                              .severed_area = from->blade.severed_area,
+                              .stroke = from->blade.stroke,
+                              .pieces = from->blade.pieces};
     memcpy(told.name, from->name, sizeof told.name);
     memcpy(told.tip, from->tip, sizeof told.tip);
     memcpy(told.rotation, from->rotation, sizeof told.rotation);
@@ -97,7 +113,8 @@ pliant_status pliant_tool_set_spring(pliant_data *data, int tool, double stiffne
     pliant_status status = check(data, tool);
     if (status != PLIANT_OK) return status;
     if (!(stiffness > 0) || !(damping >= 0) || stiffness > 1e12 || damping > 1e9)
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "a spring of %g N/m and %g N s/m: above 0 up to 1e12, and 0 to 1e9 are possible", stiffness,
+        return pliant_fail(PLIANT_ERROR_ARGUMENT,
+                           "a spring of %g N/m and %g N s/m: above 0 up to 1e12, and 0 to 1e9 are possible", stiffness,
                            damping);
     data->tools[tool].stiffness = stiffness;
     data->tools[tool].damping = damping;
@@ -108,7 +125,8 @@ pliant_status pliant_tool_set_radius(pliant_data *data, int tool, double radius)
 {
     pliant_status status = check(data, tool);
     if (status != PLIANT_OK) return status;
-    if (!(radius >= 0) || radius > 1) return pliant_fail(PLIANT_ERROR_ARGUMENT, "a grasped blob of radius %g m: 0 to 1 are possible", radius);
+    if (!(radius >= 0) || radius > 1)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "a grasped blob of radius %g m: 0 to 1 are possible", radius);
     data->tools[tool].radius = radius;
     return PLIANT_OK;
 }

@@ -15,7 +15,8 @@ static void place_of(const pliant_data *data, const pliant_contact_point *point,
     for (int32_t k = 0; k < point->count; k++) {
         if (!(point->weight[k] > 0)) continue;
         whole += point->weight[k];
-        for (int d = 0; d < 3; d++) out[d] += point->weight[k] * data->positions[3 * (size_t)point->node[k] + (size_t)d];
+        for (int d = 0; d < 3; d++)
+            out[d] += point->weight[k] * data->positions[3 * (size_t)point->node[k] + (size_t)d];
     }
     for (int d = 0; d < 3; d++) out[d] /= whole;
 }
@@ -38,14 +39,16 @@ int32_t pliant_data_get_contacts(const pliant_data *data, int32_t room, pliant_c
         if (!presses(data, point)) continue;
         if (count++ >= room) continue;
         pliant_contact *told = out + count - 1;
-        *told = (pliant_contact){.tool = point->kind == PLIANT_OBSTACLE_TOOL ? point->tool : -1, .part = point->part, .area = point->area};
+        *told = (pliant_contact){
+            .tool = point->kind == PLIANT_OBSTACLE_TOOL ? point->tool : -1, .part = point->part, .area = point->area};
         told->tissue = point->kind == PLIANT_OBSTACLE_TISSUE;
         place_of(data, point, told->place);
         memcpy(told->normal, point->normal, sizeof told->normal);
         memcpy(told->force, point->force, sizeof told->force);
         for (int d = 0; d < 3; d++) {
             double apart = -point->place[d];
-            for (int32_t k = 0; k < point->count; k++) apart += point->weight[k] * data->positions[3 * (size_t)point->node[k] + (size_t)d];
+            for (int32_t k = 0; k < point->count; k++)
+                apart += point->weight[k] * data->positions[3 * (size_t)point->node[k] + (size_t)d];
             told->depth -= point->normal[d] * apart;
         }
     }
@@ -58,14 +61,17 @@ void pliant_data_get_contact_forces(const pliant_data *data, double *out)
     for (int32_t p = 0; p < data->contacts.count; p++) {
         const pliant_contact_point *point = data->contacts.point + p;
         for (int32_t k = 0; k < point->count && presses(data, point); k++)
-            for (int d = 0; d < 3; d++) out[3 * (size_t)point->node[k] + (size_t)d] += point->weight[k] * point->force[d];
+            for (int d = 0; d < 3; d++)
+                out[3 * (size_t)point->node[k] + (size_t)d] += point->weight[k] * point->force[d];
     }
 }
 
-pliant_status pliant_data_get_scalar(const pliant_model *model, const pliant_data *data, pliant_scalar scalar, float *out)
+pliant_status pliant_data_get_scalar(const pliant_model *model, const pliant_data *data, pliant_scalar scalar,
+                                     float *out)
 {
     const int32_t nodes = data->body->fine.num_nodes;
-    if (scalar != PLIANT_SCALAR_CONTACT_FORCE) return pliant_data_scalar(model, data->body, data->positions, scalar, out);
+    if (scalar != PLIANT_SCALAR_CONTACT_FORCE)
+        return pliant_data_scalar(model, data->body, data->positions, scalar, out);
     double *force = pliant_calloc((size_t)nodes, 3 * sizeof *force);
     if (!force) return pliant_fail_memory("the scalar");
     pliant_data_get_contact_forces(data, force);

@@ -20,14 +20,16 @@ static bool names_labels(const pliant_material_table *table)
 }
 
 /* Make the scan "phantom" or "phantom:256x160x122". The scene's resampling sets the phantom's size directly. */
-static pliant_status make_phantom(const pliant_scene *scene, const char *path, pliant_volume *scan, pliant_labels *labels)
+static pliant_status make_phantom(const pliant_scene *scene, const char *path, pliant_volume *scan,
+                                  pliant_labels *labels)
 {
     int32_t size[3];
     for (int d = 0; d < 3; d++) size[d] = scene->scan.resample[d] > 0 ? scene->scan.resample[d] : phantom_size[d];
     if (path[7] == ':') {
         char rest;
         if (sscanf(path + 8, "%dx%dx%d%c", &size[0], &size[1], &size[2], &rest) != 3)
-            return pliant_fail(PLIANT_ERROR_ARGUMENT, "%s: the size of the phantom is written as phantom:256x160x122", path);
+            return pliant_fail(PLIANT_ERROR_ARGUMENT, "%s: the size of the phantom is written as phantom:256x160x122",
+                               path);
     }
     return pliant_phantom(size, 1, scan, labels);
 }
@@ -39,8 +41,8 @@ static pliant_status read_scan(const pliant_scene *scene, const char *path, plia
         status = pliant_labels_read(scene->material.labels, 0, labels);
         if (status == PLIANT_OK) status = pliant_labels_to_grid(labels, &scan->geometry);
         if (status == PLIANT_ERROR_ARGUMENT)
-            status = pliant_fail(PLIANT_ERROR_FORMAT, "material/labels: %s and the scan %s: %s", scene->material.labels, path,
-                                 pliant_last_error());
+            status = pliant_fail(PLIANT_ERROR_FORMAT, "material/labels: %s and the scan %s: %s", scene->material.labels,
+                                 path, pliant_last_error());
     }
     return status;
 }
@@ -80,10 +82,13 @@ static void drop_unnamed(const pliant_material_table *table, pliant_labels *labe
         if (!named[labels->voxels[v]]) labels->voxels[v] = 0;
 }
 
-static pliant_status segment(const pliant_scene *scene, const pliant_volume *scan, const pliant_material_table *table, pliant_labels *labels)
+static pliant_status segment(const pliant_scene *scene, const pliant_volume *scan, const pliant_material_table *table,
+                             pliant_labels *labels)
 {
     if (scene->material.labels[0])
-        return pliant_fail(PLIANT_ERROR_SCENE, "segment/kind: gmm makes labels, but material/labels names a label map: one of them is enough");
+        return pliant_fail(
+            PLIANT_ERROR_SCENE,
+            "segment/kind: gmm makes labels, but material/labels names a label map: one of them is enough");
     pliant_segment_options options;
     pliant_segmentation found;
     pliant_segment_options_from(scene, &scan->geometry, &options);
@@ -98,20 +103,22 @@ static pliant_status segment(const pliant_scene *scene, const pliant_volume *sca
     return PLIANT_OK;
 }
 
-pliant_status pliant_scan_inputs_read(const pliant_scene *scene, const pliant_material_table *materials, const char *scan_path,
-                                      pliant_volume *scan, pliant_labels *labels)
+pliant_status pliant_scan_inputs_read(const pliant_scene *scene, const pliant_material_table *materials,
+                                      const char *scan_path, pliant_volume *scan, pliant_labels *labels)
 {
     pliant_volume volume = {0};
     pliant_labels map = {0};
     bool phantom = strcmp(scan_path, "phantom") == 0 || strncmp(scan_path, "phantom:", 8) == 0;
     if (phantom && scene->material.labels[0])
-        return pliant_fail(PLIANT_ERROR_SCENE, "material/labels: %s: the phantom brings its own label map; leave the option empty",
+        return pliant_fail(PLIANT_ERROR_SCENE,
+                           "material/labels: %s: the phantom brings its own label map; leave the option empty",
                            scene->material.labels);
     int threads = pliant_threads_begin(scene->solver.threads);
     pliant_status status = phantom ? make_phantom(scene, scan_path, &volume, names_labels(materials) ? &map : NULL)
                                    : read_scan(scene, scan_path, &volume, &map);
     if (status == PLIANT_OK && !phantom) status = resample(scene, &volume, &map);
-    if (status == PLIANT_OK && scene->segment.kind == PLIANT_SEGMENT_GMM) status = segment(scene, &volume, materials, &map);
+    if (status == PLIANT_OK && scene->segment.kind == PLIANT_SEGMENT_GMM)
+        status = segment(scene, &volume, materials, &map);
     pliant_threads_end(threads);
     if (status != PLIANT_OK) {
         pliant_volume_free(&volume);
@@ -123,8 +130,8 @@ pliant_status pliant_scan_inputs_read(const pliant_scene *scene, const pliant_ma
     return PLIANT_OK;
 }
 
-pliant_status pliant_inputs_read(const pliant_scene *scene, const char *scan_path, pliant_volume *scan, pliant_labels *labels,
-                                 pliant_material_table *materials)
+pliant_status pliant_inputs_read(const pliant_scene *scene, const char *scan_path, pliant_volume *scan,
+                                 pliant_labels *labels, pliant_material_table *materials)
 {
     pliant_material_table table = {0};
     pliant_status status = scene->material.file[0] ? pliant_material_table_read(scene->material.file, &table)

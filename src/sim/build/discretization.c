@@ -31,7 +31,8 @@ static void free_discretization(pliant_discretization *made)
 
 static bool is_coarse(const pliant_scene *scene) { return scene->model.method != PLIANT_FINE; }
 
-pliant_status pliant_discretizing_begin(const pliant_scene *scene, const pliant_body *body, pliant_progress progress, pliant_discretizing *out)
+pliant_status pliant_discretizing_begin(const pliant_scene *scene, const pliant_body *body, pliant_progress progress,
+                                        pliant_discretizing *out)
 {
     *out = (pliant_discretizing){.scene = scene, .progress = progress};
     pliant_discretization *made = pliant_calloc(1, sizeof *made);
@@ -39,7 +40,8 @@ pliant_status pliant_discretizing_begin(const pliant_scene *scene, const pliant_
     made->holders = pliant_calloc(1, sizeof *made->holders);
     made->system = pliant_calloc(1, sizeof *made->system);
     size_t coarse_nodes = (size_t)body->coarse.num_nodes;
-    if (body->coarse_fixed && (out->solved_fixed = pliant_calloc(coarse_nodes, 1))) memcpy(out->solved_fixed, body->coarse_fixed, coarse_nodes);
+    if (body->coarse_fixed && (out->solved_fixed = pliant_calloc(coarse_nodes, 1)))
+        memcpy(out->solved_fixed, body->coarse_fixed, coarse_nodes);
     if (!made->holders || !made->system || (body->coarse_fixed && !out->solved_fixed)) {
         pliant_free(made->holders);
         pliant_free(made->system);
@@ -86,7 +88,8 @@ static pliant_status hold_homogenized(pliant_discretizing *work)
     for (int32_t n = 0; status == PLIANT_OK && n < coarse->num_nodes; n++)
         if (held[n] && !stands[n]) work->solved_fixed[n] = 1;
     if (status == PLIANT_OK && pieces > 0)
-        pliant_log(PLIANT_LOG_WARNING, "%d pieces of the coarse mesh hang on fewer than three nodes; they are held where they are", pieces);
+        pliant_log(PLIANT_LOG_WARNING,
+                   "%d pieces of the coarse mesh hang on fewer than three nodes; they are held where they are", pieces);
     pliant_free(held);
     pliant_free(stands);
     pliant_free(loose);
@@ -102,7 +105,8 @@ static pliant_status homogenize_tets(pliant_discretizing *work)
     pliant_status status = pliant_system_elements(system, none, NULL, NULL);
     pliant_free(none);
     if (status != PLIANT_OK) return status;
-    return pliant_homogenize(system, work->scene, &body->fine, body->fine_fixed, body->fine_material, body->coarse_of_fine, work->progress);
+    return pliant_homogenize(system, work->scene, &body->fine, body->fine_fixed, body->fine_material,
+                             body->coarse_of_fine, work->progress);
 }
 
 /* Hexahedra on the leaves of an octree; hanging nodes in the middle of larger leaves depend on the corners. */
@@ -113,7 +117,8 @@ static pliant_status homogenize_octree(pliant_discretizing *work)
     if (!(work->solved_fixed = pliant_calloc(nodes, 1))) return pliant_fail_memory("what is solved");
     memcpy(work->solved_fixed, body->fine_fixed, nodes);
     const pliant_kept *kept = work->kept;
-    return pliant_system_octree_hexahedra(work->made->system, body->fine_material, kept ? kept->before->system : NULL, kept ? kept->fine : NULL, work->solved_fixed);
+    return pliant_system_octree_hexahedra(work->made->system, body->fine_material, kept ? kept->before->system : NULL,
+                                          kept ? kept->fine : NULL, work->solved_fixed);
 }
 
 /* Discretize the coarse mesh without cuts. */
@@ -125,20 +130,25 @@ static pliant_status homogenize_coarse(pliant_discretizing *work)
     const bool hexahedra = scene->element.kind == PLIANT_HEXAHEDRA;
     pliant_status status;
     if (scene->model.method == PLIANT_COARSE) {
-        status = hexahedra ? pliant_system_hexahedra(system, body->coarse_material, NULL, NULL) : pliant_system_elements(system, body->coarse_material, NULL, NULL);
+        status = hexahedra ? pliant_system_hexahedra(system, body->coarse_material, NULL, NULL)
+                           : pliant_system_elements(system, body->coarse_material, NULL, NULL);
         if (status != PLIANT_OK) return status;
-        status = hexahedra ? pliant_upsample_cubes(system, body->coarse_of_fine) : pliant_upsample_linear(system, body->coarse_of_fine);
+        status = hexahedra ? pliant_upsample_cubes(system, body->coarse_of_fine)
+                           : pliant_upsample_linear(system, body->coarse_of_fine);
         return status == PLIANT_OK && hexahedra ? pliant_soften_held_edges(system, body, work->solved_fixed) : status;
     }
     if (scene->model.method == PLIANT_LOD) {
         status = pliant_lod_ground(system, hexahedra, body->fine_fixed, work->solved_fixed, body->coarse_of_fine);
         if (status == PLIANT_OK) status = hold_homogenized(work);
-        return status == PLIANT_OK ? pliant_lod(system, scene, body->fine_fixed, work->solved_fixed, body->fine_material, work->progress) : status;
+        return status == PLIANT_OK ? pliant_lod(system, scene, body->fine_fixed, work->solved_fixed,
+                                                body->fine_material, work->progress)
+                                   : status;
     }
-    status = hexahedra ? pliant_homogenize_cubes(system, scene, &body->fine, body->fine_fixed, work->solved_fixed, body->fine_material,
-                                                 body->coarse_of_fine, work->progress)
+    status = hexahedra ? pliant_homogenize_cubes(system, scene, &body->fine, body->fine_fixed, work->solved_fixed,
+                                                 body->fine_material, body->coarse_of_fine, work->progress)
                        : homogenize_tets(work);
-    if (status == PLIANT_OK && hexahedra && scene->model.method != PLIANT_SCHUR) status = pliant_soften_held_edges(system, body, work->solved_fixed);
+    if (status == PLIANT_OK && hexahedra && scene->model.method != PLIANT_SCHUR)
+        status = pliant_soften_held_edges(system, body, work->solved_fixed);
     return status == PLIANT_OK ? hold_homogenized(work) : status;
 }
 
@@ -167,16 +177,18 @@ static pliant_status homogenize_cut(pliant_discretizing *work)
     pliant_discretization *made = work->made;
     const pliant_discretization *before = work->kept ? work->kept->before : NULL;
     if (work->scene->model.method == PLIANT_LOD)
-        return pliant_fail(PLIANT_ERROR_SCENE, "model/method: lod interpolates within whole cubes of the lattice, which cannot be divided; take "
-                                               "averaged or another one");
+        return pliant_fail(
+            PLIANT_ERROR_SCENE,
+            "model/method: lod interpolates within whole cubes of the lattice, which cannot be divided; take "
+            "averaged or another one");
     pliant_status status = before ? PLIANT_OK : set_coarse_apart(work);
     if (before) made->first = pliant_discretization_retain(before->first ? before->first : before);
     if (status != PLIANT_OK) return status;
     const pliant_discretization *load = before ? made->first : made;
     pliant_free(work->solved_fixed);
     work->solved_fixed = NULL;
-    return pliant_system_graded(made->system, load->coarse_system ? load->coarse_system : load->system, made->body, work->kept,
-                                work->scene->element.kind == PLIANT_HEXAHEDRA, &work->solved_fixed);
+    return pliant_system_graded(made->system, load->coarse_system ? load->coarse_system : load->system, made->body,
+                                work->kept, work->scene->element.kind == PLIANT_HEXAHEDRA, &work->solved_fixed);
 }
 
 pliant_status pliant_discretizing_homogenize(pliant_discretizing *work)
@@ -184,15 +196,17 @@ pliant_status pliant_discretizing_homogenize(pliant_discretizing *work)
     const pliant_scene *scene = work->scene;
     const pliant_body *body = work->made->body;
     pliant_system *system = work->made->system;
-    if (scene->solver.kind == PLIANT_TLED) return pliant_tled_system_create(scene, body, work->kept ? work->kept->before->tled : NULL, &work->made->tled);
+    if (scene->solver.kind == PLIANT_TLED)
+        return pliant_tled_system_create(scene, body, work->kept ? work->kept->before->tled : NULL, &work->made->tled);
     const pliant_kept *kept = work->kept;
     const pliant_system *before = kept ? kept->before->system : NULL;
     /* cuts that separate no element need no homogenization */
     const bool graded = pliant_body_is_cut(body) || (kept && scene->model.method != PLIANT_LOD);
     if (is_coarse(scene)) return graded ? homogenize_cut(work) : homogenize_coarse(work);
     if (scene->element.kind == PLIANT_HEXAHEDRA && scene->mesh.kind == PLIANT_OCTREE) return homogenize_octree(work);
-    return scene->element.kind == PLIANT_HEXAHEDRA ? pliant_system_hexahedra(system, body->fine_material, before, kept ? kept->fine : NULL)
-                                                   : pliant_system_elements(system, body->fine_material, before, kept ? kept->fine : NULL);
+    return scene->element.kind == PLIANT_HEXAHEDRA
+               ? pliant_system_hexahedra(system, body->fine_material, before, kept ? kept->fine : NULL)
+               : pliant_system_elements(system, body->fine_material, before, kept ? kept->fine : NULL);
 }
 
 /* Set the mass matrix of a solved node to m I, unless node and mass are unchanged since the previous topology. */
@@ -213,14 +227,16 @@ static pliant_status own_masses(pliant_discretization *made, const pliant_discre
     pliant_system *system = made->system;
     const pliant_system *was = before->system;
     const int32_t both = was->num_free < system->num_free ? was->num_free : system->num_free;
-    system->gravity_mass = pliant_next_of(was->gravity_mass, (size_t)both * 9, (size_t)system->num_free * 9, sizeof *system->gravity_mass);
+    system->gravity_mass =
+        pliant_next_of(was->gravity_mass, (size_t)both * 9, (size_t)system->num_free * 9, sizeof *system->gravity_mass);
     if (!system->gravity_mass) return pliant_fail_memory("the gravity-mass matrices");
     if (!pliant_numbered_alike(system, was)) {
         for (int32_t f = 0; f < system->num_free; f++) own_mass(made, before, f);
         return PLIANT_OK;
     }
     const size_t nodes = (size_t)was->mesh->num_nodes;
-    for (size_t from = 0, to = 0; pliant_next_difference(made->body->node_mass, before->body->node_mass, nodes * sizeof(double), &from, &to);)
+    for (size_t from = 0, to = 0;
+         pliant_next_difference(made->body->node_mass, before->body->node_mass, nodes * sizeof(double), &from, &to);)
         for (size_t n = from / sizeof(double); n < to / sizeof(double); n++)
             if (system->free_of_node[n] >= 0) own_mass(made, before, system->free_of_node[n]);
     for (int32_t f = both; f < system->num_free; f++) own_mass(made, before, f);
@@ -234,18 +250,23 @@ static pliant_status gravity_mass(pliant_discretization *made, bool hexahedra, c
     const pliant_body *body = made->body;
     const pliant_discretization *before = kept ? kept->before : NULL;
     pliant_system *system = made->system;
-    if (before && !hexahedra && !system->upsample && !system->macros && system->mesh == system->fine) return own_masses(made, before);
+    if (before && !hexahedra && !system->upsample && !system->macros && system->mesh == system->fine)
+        return own_masses(made, before);
     const size_t count = (size_t)body->fine.num_nodes;
     system->gravity_mass = pliant_calloc((size_t)system->num_free, 9 * sizeof *system->gravity_mass);
     pliant_status status = system->gravity_mass ? PLIANT_OK : pliant_fail_memory("the gravity-mass matrices");
     const double *was = before ? before->system->fine_mass : NULL;
     if (status == PLIANT_OK && hexahedra && was) {
-        status = pliant_hexahedra_masses_next(&body->fine, body->fine_material, was, before->body->fine.num_nodes, kept->fine, &system->fine_mass);
+        status = pliant_hexahedra_masses_next(&body->fine, body->fine_material, was, before->body->fine.num_nodes,
+                                              kept->fine, &system->fine_mass);
     } else if (status == PLIANT_OK && hexahedra) {
         system->fine_mass = pliant_calloc(count, sizeof *system->fine_mass);
-        status = system->fine_mass ? pliant_hexahedra_masses(&body->fine, body->fine_material, system->fine_mass) : pliant_fail_memory("the gravity-mass matrices");
+        status = system->fine_mass ? pliant_hexahedra_masses(&body->fine, body->fine_material, system->fine_mass)
+                                   : pliant_fail_memory("the gravity-mass matrices");
     }
-    return status == PLIANT_OK ? pliant_upsample_masses(system, hexahedra ? system->fine_mass : body->node_mass, system->gravity_mass) : status;
+    return status == PLIANT_OK
+               ? pliant_upsample_masses(system, hexahedra ? system->fine_mass : body->node_mass, system->gravity_mass)
+               : status;
 }
 
 /* Return which tetrahedra of the solved mesh are unchanged, including their nodes. NULL: unknown, because
@@ -262,14 +283,18 @@ pliant_status pliant_discretizing_analyze(pliant_discretizing *work)
     if (work->made->tled) return PLIANT_OK; /* explicit: no matrix */
     system->divided = scene->cut.kind != PLIANT_CUT_SUBDIVIDE && pliant_body_is_cut(work->made->body);
     const pliant_kept *kept = work->kept;
-    pliant_status status = pliant_system_number_next(system, work->solved_fixed ? work->solved_fixed : work->made->body->fine_fixed,
-                                                     kept ? kept->before->system : NULL, kept_of_solved(work));
-    if (status == PLIANT_OK) status = gravity_mass(work->made, scene->element.kind == PLIANT_HEXAHEDRA && scene->mesh.kind == PLIANT_LATTICE, kept);
+    pliant_status status =
+        pliant_system_number_next(system, work->solved_fixed ? work->solved_fixed : work->made->body->fine_fixed,
+                                  kept ? kept->before->system : NULL, kept_of_solved(work));
+    if (status == PLIANT_OK)
+        status = gravity_mass(work->made, scene->element.kind == PLIANT_HEXAHEDRA && scene->mesh.kind == PLIANT_LATTICE,
+                              kept);
     if (status == PLIANT_OK && !work->kept) status = pliant_system_find_pattern(system);
     if (status != PLIANT_OK || work->kept) return status;
     /* multigrid needs meshes that nest by lattice, and elements with nodes of their own cube only */
     bool direct = scene->mesh.file[0] || scene->mesh.kind == PLIANT_OCTREE || scene->model.method == PLIANT_LOD;
-    return pliant_preconditioner_create(system, direct ? PLIANT_DIRECT : scene->solver.preconditioner, NULL, &system->preconditioner);
+    return pliant_preconditioner_create(system, direct ? PLIANT_DIRECT : scene->solver.preconditioner, NULL,
+                                        &system->preconditioner);
 }
 
 pliant_status pliant_discretizing_factorize(pliant_discretizing *work)
@@ -278,7 +303,8 @@ pliant_status pliant_discretizing_factorize(pliant_discretizing *work)
     pliant_system *system = made->system;
     if (made->tled) return PLIANT_OK;
     if (work->kept) {
-        pliant_status found = pliant_system_find_mean_diagonal(system, work->kept->before->system, kept_of_solved(work));
+        pliant_status found =
+            pliant_system_find_mean_diagonal(system, work->kept->before->system, kept_of_solved(work));
         if (found != PLIANT_OK) return found;
         if (!pliant_patch_asked(work->scene)) return PLIANT_OK;
         const pliant_discretization *before = work->kept->before;
@@ -299,14 +325,16 @@ pliant_status pliant_discretizing_factorize(pliant_discretizing *work)
 
 static pliant_status run_stages(pliant_discretizing *work)
 {
-    static pliant_status (*const stages[])(pliant_discretizing *) = {pliant_discretizing_homogenize, pliant_discretizing_analyze,
-                                                                     pliant_discretizing_factorize};
+    static pliant_status (*const stages[])(pliant_discretizing *) = {
+        pliant_discretizing_homogenize, pliant_discretizing_analyze, pliant_discretizing_factorize};
     pliant_status status = PLIANT_OK;
-    for (size_t stage = 0; status == PLIANT_OK && stage < sizeof stages / sizeof *stages; stage++) status = stages[stage](work);
+    for (size_t stage = 0; status == PLIANT_OK && stage < sizeof stages / sizeof *stages; stage++)
+        status = stages[stage](work);
     return status;
 }
 
-pliant_status pliant_discretization_create(const pliant_scene *scene, const pliant_body *body, const pliant_discretization **out)
+pliant_status pliant_discretization_create(const pliant_scene *scene, const pliant_body *body,
+                                           const pliant_discretization **out)
 {
     pliant_discretizing work;
     pliant_status status = pliant_discretizing_begin(scene, body, (pliant_progress){NULL, NULL}, &work);
@@ -347,14 +375,16 @@ static uint8_t *find_kept(const pliant_body *before, const pliant_body *body, co
         const int32_t *nodes = mesh->tets + 4 * t;
         bool same = memcmp(was->tets + 4 * t, nodes, 4 * sizeof *nodes) == 0 &&
                     memcmp(before->fine_material + t, body->fine_material + t, sizeof *body->fine_material) == 0;
-        for (int v = 0; v < 4 && same; v++) same = node[nodes[v]] == nodes[v] && !before->fine_fixed[nodes[v]] == !body->fine_fixed[nodes[v]];
+        for (int v = 0; v < 4 && same; v++)
+            same = node[nodes[v]] == nodes[v] && !before->fine_fixed[nodes[v]] == !body->fine_fixed[nodes[v]];
         kept[t] = same;
     }
     return kept;
 }
 
-pliant_status pliant_discretization_next(const pliant_scene *scene, const pliant_discretization *before, const pliant_body *body,
-                                         const pliant_body_map *map, const pliant_discretization **out)
+pliant_status pliant_discretization_next(const pliant_scene *scene, const pliant_discretization *before,
+                                         const pliant_body *body, const pliant_body_map *map,
+                                         const pliant_discretization **out)
 {
     const pliant_body *was = before->body;
     pliant_kept kept = {.before = before};

@@ -22,7 +22,8 @@ typedef struct pliant_discretizing {
     const pliant_kept *kept;
 } pliant_discretizing;
 /* Begin a discretization. The topology is retained. Errors: MEMORY. */
-pliant_status pliant_discretizing_begin(const pliant_scene *scene, const pliant_body *body, pliant_progress progress, pliant_discretizing *out);
+pliant_status pliant_discretizing_begin(const pliant_scene *scene, const pliant_body *body, pliant_progress progress,
+                                        pliant_discretizing *out);
 /* Run the stages, in this order. Errors: MEMORY, NUMERIC, SCENE, CANCELLED. */
 pliant_status pliant_discretizing_homogenize(pliant_discretizing *work);
 pliant_status pliant_discretizing_analyze(pliant_discretizing *work);
@@ -31,12 +32,14 @@ pliant_status pliant_discretizing_factorize(pliant_discretizing *work);
 void pliant_discretizing_end(pliant_discretizing *work);
 
 /* Run all stages. */
-pliant_status pliant_discretization_create(const pliant_scene *scene, const pliant_body *body, const pliant_discretization **out);
+pliant_status pliant_discretization_create(const pliant_scene *scene, const pliant_body *body,
+                                           const pliant_discretization **out);
 /* Compute the discretization of the topology after a cut. Parts that the cut has not changed are copied, with
  * identical bits. The preconditioner is computed later, in the background: system->preconditioner is NULL, and the
  * pattern is empty. Errors: MEMORY, NUMERIC, SCENE. */
-pliant_status pliant_discretization_next(const pliant_scene *scene, const pliant_discretization *before, const pliant_body *body,
-                                         const pliant_body_map *map, const pliant_discretization **out);
+pliant_status pliant_discretization_next(const pliant_scene *scene, const pliant_discretization *before,
+                                         const pliant_body *body, const pliant_body_map *map,
+                                         const pliant_discretization **out);
 
 #ifdef __cplusplus
 }

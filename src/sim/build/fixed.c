@@ -19,7 +19,8 @@ static bool in_fixed_material(const pliant_model *model, const double world[3])
             double i = floor(index[d] + 1e-6) + (corner >> d & 1);
             at[d] = (size_t)fmin(fmax(i, 0), geometry->size[d] - 1);
         }
-        uint8_t material = model->material_of_voxel[at[0] + (size_t)geometry->size[0] * (at[1] + (size_t)geometry->size[1] * at[2])];
+        uint8_t material =
+            model->material_of_voxel[at[0] + (size_t)geometry->size[0] * (at[1] + (size_t)geometry->size[1] * at[2])];
         count += model->materials.materials[material].fixed;
     }
     return count >= 4;
@@ -29,8 +30,8 @@ static bool in_fixed_region(const pliant_scene *scene, const double x[3])
 {
     for (uint32_t b = 0; b < scene->fixed.num_boxes; b++) {
         const pliant_fixed_box *box = scene->fixed.boxes + b;
-        if (x[0] >= box->low[0] && x[1] >= box->low[1] && x[2] >= box->low[2] && x[0] <= box->high[0] && x[1] <= box->high[1] &&
-            x[2] <= box->high[2])
+        if (x[0] >= box->low[0] && x[1] >= box->low[1] && x[2] >= box->low[2] && x[0] <= box->high[0] &&
+            x[1] <= box->high[1] && x[2] <= box->high[2])
             return true;
     }
     for (uint32_t p = 0; p < scene->fixed.num_planes; p++) {
@@ -45,7 +46,8 @@ static bool in_fixed_region(const pliant_scene *scene, const double x[3])
 bool pliant_fixed_node(const pliant_model *model, int32_t node)
 {
     const double *x = model->body->fine.rest + 3 * node;
-    if (model->body->fine.place_of_node) return model->body->fine.place_of_node[node] != PLIANT_BONE_OUTSIDE || in_fixed_region(&model->scene, x);
+    if (model->body->fine.place_of_node)
+        return model->body->fine.place_of_node[node] != PLIANT_BONE_OUTSIDE || in_fixed_region(&model->scene, x);
     return (!model->scene.material.deformable_bone && in_fixed_material(model, x)) || in_fixed_region(&model->scene, x);
 }
 
@@ -71,15 +73,20 @@ static bool plane_tell(const pliant_mesh *mesh, const pliant_fixed_plane *plane,
         before[d] = plane->point[d] + first * unit[d];
     }
     if (last == -INFINITY) {
-        pliant_log(PLIANT_LOG_WARNING, "fixed/planes: number %d holds no node: the first lies %.3g mm in front of it; with the point (%.5f %.5f %.5f) or beyond it "
-                   "would hold some", number, 1e3 * first, before[0], before[1], before[2]);
+        pliant_log(
+            PLIANT_LOG_WARNING,
+            "fixed/planes: number %d holds no node: the first lies %.3g mm in front of it; with the point (%.5f %.5f %.5f) or beyond it "
+            "would hold some",
+            number, 1e3 * first, before[0], before[1], before[2]);
         return false;
     }
     const double unnoticed = 0.05; /* fraction of a cell */
     if (first < INFINITY && -last > unnoticed * cell)
-        pliant_log(PLIANT_LOG_WARNING, "fixed/planes: number %d lies between nodes: tissue is held %.3g mm behind it, at (%.5f %.5f %.5f); the next nodes lie %.3g mm "
-                   "in front of it, at (%.5f %.5f %.5f). Choose one of these points, or other mesh/coarse_cells", number, -1e3 * last, behind[0], behind[1], behind[2],
-                   1e3 * first, before[0], before[1], before[2]);
+        pliant_log(
+            PLIANT_LOG_WARNING,
+            "fixed/planes: number %d lies between nodes: tissue is held %.3g mm behind it, at (%.5f %.5f %.5f); the next nodes lie %.3g mm "
+            "in front of it, at (%.5f %.5f %.5f). Choose one of these points, or other mesh/coarse_cells",
+            number, -1e3 * last, behind[0], behind[1], behind[2], 1e3 * first, before[0], before[1], before[2]);
     return true;
 }
 
@@ -94,8 +101,10 @@ int pliant_fixed_planes_tell(const pliant_model *model)
 pliant_status pliant_fixed_surface(pliant_model *model)
 {
     const pliant_geometry *geometry = &model->scan->geometry;
-    const size_t voxels = pliant_geometry_voxels(geometry), columns = (size_t)geometry->size[0], rows = (size_t)geometry->size[1];
-    bool by_material = !model->scene.material.deformable_bone, by_region = model->scene.fixed.num_boxes + model->scene.fixed.num_planes > 0;
+    const size_t voxels = pliant_geometry_voxels(geometry), columns = (size_t)geometry->size[0],
+                 rows = (size_t)geometry->size[1];
+    bool by_material = !model->scene.material.deformable_bone,
+         by_region = model->scene.fixed.num_boxes + model->scene.fixed.num_planes > 0;
     uint8_t *fixed = pliant_calloc(voxels, 1);
     if (!fixed) return pliant_fail_memory("the surface of what is fixed");
 #pragma omp parallel for schedule(static)

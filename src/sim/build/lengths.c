@@ -14,7 +14,8 @@ static const double most_growth = 4; /* maximum ratio of the deformed volume's v
 static const double least_announced = 1e6;                          /* a smaller volume needs no warning [bytes] */
 
 /* Return the cube root of the tissue's volume [m]. */
-static double size_of(const pliant_geometry *scan, const uint8_t *material_of_voxel, const pliant_material_table *materials)
+static double size_of(const pliant_geometry *scan, const uint8_t *material_of_voxel,
+                      const pliant_material_table *materials)
 {
     const size_t voxels = pliant_geometry_voxels(scan);
     size_t tissue = 0;
@@ -22,12 +23,17 @@ static double size_of(const pliant_geometry *scan, const uint8_t *material_of_vo
     return cbrt((double)tissue * scan->spacing[0] * scan->spacing[1] * scan->spacing[2]);
 }
 
-static double scale_of(double size) { return size <= 0 ? 1 : size < smallest_body ? size / smallest_body : size > largest_body ? size / largest_body : 1; }
+static double scale_of(double size)
+{
+    return size <= 0 ? 1 : size < smallest_body ? size / smallest_body : size > largest_body ? size / largest_body : 1;
+}
 
-pliant_status pliant_length_scale(const pliant_volume *scan, const pliant_labels *labels, const pliant_material_table *materials, double *out)
+pliant_status pliant_length_scale(const pliant_volume *scan, const pliant_labels *labels,
+                                  const pliant_material_table *materials, double *out)
 {
     uint8_t *material = pliant_calloc(pliant_geometry_voxels(&scan->geometry), 1);
-    pliant_status status = material ? pliant_material_classify(materials, scan, labels, material) : pliant_fail_memory("the material of every voxel");
+    pliant_status status = material ? pliant_material_classify(materials, scan, labels, material)
+                                    : pliant_fail_memory("the material of every voxel");
     if (status == PLIANT_OK) *out = scale_of(size_of(&scan->geometry, material, materials));
     pliant_free(material);
     return status;
@@ -41,7 +47,8 @@ static double growth_of(const pliant_model *model, double around, pliant_geometr
     for (int d = 0; d < 3; d++)
         if (scan->size[d] + 2 * around / scan->spacing[d] > 1e6) return INFINITY;
     const pliant_status status = pliant_warp_target(scan, mesh->rest, mesh->num_nodes, around, SIZE_MAX, target);
-    return status == PLIANT_OK ? (double)pliant_geometry_voxels(target) / (double)pliant_geometry_voxels(scan) : INFINITY;
+    return status == PLIANT_OK ? (double)pliant_geometry_voxels(target) / (double)pliant_geometry_voxels(scan)
+                               : INFINITY;
 }
 
 /* Return the largest margin up to `most` with which the deformed volume is not too large, in steps of a voxel. */
@@ -62,21 +69,28 @@ static double margin_of(const pliant_model *model, double most)
 void pliant_model_set_lengths(pliant_model *model)
 {
     pliant_scene *scene = &model->scene;
-    const bool by_body = scene->warp.margin == PLIANT_AUTO_LENGTH || scene->grasp.radius == PLIANT_AUTO_LENGTH || scene->cut.drag == PLIANT_AUTO_LENGTH;
-    const double size = size_of(&model->scan->geometry, model->material_of_voxel, &model->materials), scale = scale_of(size);
+    const bool by_body = scene->warp.margin == PLIANT_AUTO_LENGTH || scene->grasp.radius == PLIANT_AUTO_LENGTH ||
+                         scene->cut.drag == PLIANT_AUTO_LENGTH;
+    const double size = size_of(&model->scan->geometry, model->material_of_voxel, &model->materials),
+                 scale = scale_of(size);
     pliant_geometry target;
     const bool asked = scene->warp.margin != PLIANT_AUTO_LENGTH;
     if (scene->grasp.radius == PLIANT_AUTO_LENGTH) scene->grasp.radius = scale * radius;
     if (scene->cut.drag == PLIANT_AUTO_LENGTH) scene->cut.drag = scale * drag;
     if (!asked) scene->warp.margin = margin_of(model, scale * margin);
     if (by_body && (scale != 1 || (!asked && scene->warp.margin != margin)))
-        pliant_log(PLIANT_LOG_INFO, "lengths that are auto follow from the body's size, %.4g mm (cube root of the tissue's volume): warp/margin %.3g mm, "
-                   "grasp/radius %.3g mm, cut/drag %.3g mm", 1e3 * size, 1e3 * scene->warp.margin, 1e3 * scene->grasp.radius, 1e3 * scene->cut.drag);
+        pliant_log(
+            PLIANT_LOG_INFO,
+            "lengths that are auto follow from the body's size, %.4g mm (cube root of the tissue's volume): warp/margin %.3g mm, "
+            "grasp/radius %.3g mm, cut/drag %.3g mm",
+            1e3 * size, 1e3 * scene->warp.margin, 1e3 * scene->grasp.radius, 1e3 * scene->cut.drag);
     const double growth = asked ? growth_of(model, scene->warp.margin, &target) : 1;
     if (!(growth > most_growth) || !isfinite(growth)) return;
     const double bytes = (double)pliant_geometry_voxels(&target) * (double)pliant_encoding_size(model->scan->encoding);
     if (bytes > least_announced)
-        pliant_log(PLIANT_LOG_WARNING, "warp/margin %g m makes the deformed volume %d x %d x %d voxels, %.0f times the scan: that takes %.3g GB or more; auto, or "
-                   "a smaller margin, keeps it small", scene->warp.margin, target.size[0], target.size[1], target.size[2], growth,
-                   1e-9 * bytes);
+        pliant_log(
+            PLIANT_LOG_WARNING,
+            "warp/margin %g m makes the deformed volume %d x %d x %d voxels, %.0f times the scan: that takes %.3g GB or more; auto, or "
+            "a smaller margin, keeps it small",
+            scene->warp.margin, target.size[0], target.size[1], target.size[2], growth, 1e-9 * bytes);
 }

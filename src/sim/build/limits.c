@@ -8,7 +8,8 @@
 
 pliant_status pliant_data_set_limits(pliant_data *data, int iterations, double tolerance)
 {
-    if (iterations < 1) return pliant_fail(PLIANT_ERROR_ARGUMENT, "a step needs at least 1 iteration, not %d", iterations);
+    if (iterations < 1)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "a step needs at least 1 iteration, not %d", iterations);
     if (!(tolerance > 0) || !isfinite(tolerance))
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "the tolerance of a step must be above 0, not %g", tolerance);
     data->backend->kind->limits(data, iterations, tolerance);
@@ -17,17 +18,21 @@ pliant_status pliant_data_set_limits(pliant_data *data, int iterations, double t
 
 size_t pliant_data_get_factor_bytes(const pliant_data *data)
 {
-    return data->solver ? pliant_preconditioner_bytes(data->solver->preconditioner) + pliant_refresh_bytes(data->solver) : 0;
+    return data->solver ? pliant_preconditioner_bytes(data->solver->preconditioner) + pliant_refresh_bytes(data->solver)
+                        : 0;
 }
 
 pliant_status pliant_data_set_background(pliant_data *data, pliant_background_kind kind, uint32_t prescribed)
 {
-    const uint32_t known = PLIANT_TAKES_FACTOR | PLIANT_TAKES_HISTORY | PLIANT_TAKES_PATCH | PLIANT_TAKES_PATCH_END | PLIANT_TAKES_PATCH_FACTOR |
-                           PLIANT_TAKES_PATCH_HISTORY;
+    const uint32_t known = PLIANT_TAKES_FACTOR | PLIANT_TAKES_HISTORY | PLIANT_TAKES_PATCH | PLIANT_TAKES_PATCH_END |
+                           PLIANT_TAKES_PATCH_FACTOR | PLIANT_TAKES_PATCH_HISTORY;
     if (kind != PLIANT_BACKGROUND_PLANNED && kind != PLIANT_BACKGROUND_LIVE && kind != PLIANT_BACKGROUND_PRESCRIBED)
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "background results are put to use as planned, live or as prescribed (0, 1, 2), not %d", (int)kind);
+        return pliant_fail(PLIANT_ERROR_ARGUMENT,
+                           "background results are put to use as planned, live or as prescribed (0, 1, 2), not %d",
+                           (int)kind);
     if ((prescribed & ~known) || (prescribed && kind != PLIANT_BACKGROUND_PRESCRIBED))
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "%u is nothing that a step could be told to take%s", (unsigned)prescribed,
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "%u is nothing that a step could be told to take%s",
+                           (unsigned)prescribed,
                            kind == PLIANT_BACKGROUND_PRESCRIBED ? "" : ": only PLIANT_BACKGROUND_PRESCRIBED tells it");
     data->background.kind = kind;
     data->background.prescribed = prescribed;

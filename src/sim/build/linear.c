@@ -34,14 +34,17 @@ static void take_secant(const double s[3], const double y[3], double b[9])
         along += r[i] * s[i];
     }
     for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) b[3 * i + j] += (r[i] * s[j] + s[i] * r[j]) / length - along * s[i] * s[j] / (length * length);
+        for (int j = 0; j < 3; j++)
+            b[3 * i + j] += (r[i] * s[j] + s[i] * r[j]) / length - along * s[i] * s[j] / (length * length);
 }
 
 /* Correct the translational stiffness by the secants of the last steps, and remove its negative eigenvalues. */
 static void correct(const pliant_tool_linear *before, pliant_tool_linear *now)
 {
     double s[3], rest[3], length = 0, whole[9], values[3], vectors[9];
-    if (!before->known || before->hold != now->hold || now->step != before->step + 1 || before->by_secants != now->by_secants) return;
+    if (!before->known || before->hold != now->hold || now->step != before->step + 1 ||
+        before->by_secants != now->by_secants)
+        return;
     memcpy(now->correction, before->correction, sizeof now->correction);
     for (int d = 0; d < 3; d++) {
         s[d] = now->tip[d] - before->tip[d];
@@ -64,9 +67,11 @@ static void correct(const pliant_tool_linear *before, pliant_tool_linear *now)
 
 pliant_status pliant_tool_linearize(const pliant_data *data, int index, pliant_tool_linear *at)
 {
-    if (index < 0 || index >= data->num_tools) return pliant_fail(PLIANT_ERROR_ARGUMENT, "there are %d tools, and none of index %d", data->num_tools, index);
+    if (index < 0 || index >= data->num_tools)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "there are %d tools, and none of index %d", data->num_tools, index);
     const pliant_tool *tool = data->tools + index;
-    pliant_tool_linear now = {.known = tool->present && data->statistics.step > 0, .step = data->statistics.step, .hold = tool->hold};
+    pliant_tool_linear now = {
+        .known = tool->present && data->statistics.step > 0, .step = data->statistics.step, .hold = tool->hold};
     const bool stepped = tool->proxy.known; /* the wrench belongs to the proxy's pose in the step */
     memcpy(now.tip, stepped ? tool->proxy.tip : tool->tip, sizeof now.tip);
     memcpy(now.rotation, stepped ? tool->proxy.rotation : tool->rotation, sizeof now.rotation);
@@ -76,7 +81,8 @@ pliant_status pliant_tool_linearize(const pliant_data *data, int index, pliant_t
         if (linear) {
             int member[PLIANT_MAX_TOOLS];
             const int leader = pliant_pull_leader(data, index), count = pliant_pull_members(data, leader, member);
-            pliant_status status = pliant_solver_stiffness(pliant_patch_solver(data, leader), leader, now.tip, now.stiffness, &linear);
+            pliant_status status =
+                pliant_solver_stiffness(pliant_patch_solver(data, leader), leader, now.tip, now.stiffness, &linear);
             if (status != PLIANT_OK) return status;
             /* each tool of a shared grasp moves the target by its fraction and takes its fraction of the force */
             for (int m = 0; m < 36 && count > 1; m++) now.stiffness[m] /= count * count;
@@ -94,14 +100,16 @@ static void turn_between(const double from[4], const double to[4], double out[3]
     double v[3], w = to[3] * from[3];
     for (int d = 0; d < 3; d++) {
         w += to[d] * from[d];
-        v[d] = from[3] * to[d] - to[3] * from[d] - (to[(d + 1) % 3] * from[(d + 2) % 3] - to[(d + 2) % 3] * from[(d + 1) % 3]);
+        v[d] = from[3] * to[d] - to[3] * from[d] -
+               (to[(d + 1) % 3] * from[(d + 2) % 3] - to[(d + 2) % 3] * from[(d + 1) % 3]);
     }
     const double sine = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]), sign = w < 0 ? -1 : 1;
     const double scale = sine > 0 ? sign * 2 * atan2(sine, fabs(w)) / sine : 0;
     for (int d = 0; d < 3; d++) out[d] = scale * v[d];
 }
 
-void pliant_tool_linear_wrench(const pliant_tool_linear *at, const double tip[3], const double rotation[4], double most, double out[6])
+void pliant_tool_linear_wrench(const pliant_tool_linear *at, const double tip[3], const double rotation[4], double most,
+                               double out[6])
 {
     double motion[6], change[6], force = 0;
     for (int d = 0; d < 3; d++) motion[d] = tip[d] - at->tip[d];

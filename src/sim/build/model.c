@@ -63,8 +63,10 @@ static pliant_status classify(builder *build)
     pliant_model *model = build->model;
     model->material_of_voxel = pliant_calloc(pliant_geometry_voxels(&model->scan->geometry), 1);
     if (!model->material_of_voxel) return pliant_fail_memory("the material of every voxel");
-    pliant_status status = pliant_material_classify(&model->materials, model->scan, build->labels, model->material_of_voxel);
-    if (status == PLIANT_OK) status = pliant_material_log_usage(&model->materials, model->scan, build->labels, model->material_of_voxel);
+    pliant_status status =
+        pliant_material_classify(&model->materials, model->scan, build->labels, model->material_of_voxel);
+    if (status == PLIANT_OK)
+        status = pliant_material_log_usage(&model->materials, model->scan, build->labels, model->material_of_voxel);
     return status == PLIANT_OK && model->scene.warp.hide_empty ? hide_empty(model) : status;
 }
 
@@ -76,17 +78,20 @@ static pliant_status cut_up(builder *build)
     pliant_body *body = model->body;
     const pliant_geometry *geometry = &model->scan->geometry;
     const int32_t *coarse_cells = model->scene.mesh.coarse_cells;
-    int32_t ratio = model->scene.mesh.ratio, cells[3] = {coarse_cells[0] * ratio, coarse_cells[1] * ratio, coarse_cells[2] * ratio};
+    int32_t ratio = model->scene.mesh.ratio,
+            cells[3] = {coarse_cells[0] * ratio, coarse_cells[1] * ratio, coarse_cells[2] * ratio};
     if (model->scene.mesh.file[0]) return pliant_external_mesh(model);
     if (model->scene.mesh.kind == PLIANT_OCTREE) {
-        return pliant_mesh_octree(geometry, coarse_cells, model->scene.mesh.depth, model->scene.mesh.purity, model->scene.mesh.keep_air,
-                                  model->scene.element.kind == PLIANT_HEXAHEDRA, model->material_of_voxel, &model->materials, &body->fine,
-                                  &body->fine_material);
+        return pliant_mesh_octree(geometry, coarse_cells, model->scene.mesh.depth, model->scene.mesh.purity,
+                                  model->scene.mesh.keep_air, model->scene.element.kind == PLIANT_HEXAHEDRA,
+                                  model->material_of_voxel, &model->materials, &body->fine, &body->fine_material);
     }
     if ((double)cells[0] * cells[1] * cells[2] > 4e7)
-        return pliant_fail(PLIANT_ERROR_SCENE, "mesh/coarse_cells times mesh/ratio make %d x %d x %d fine cells: at most 4e7", cells[0],
+        return pliant_fail(PLIANT_ERROR_SCENE,
+                           "mesh/coarse_cells times mesh/ratio make %d x %d x %d fine cells: at most 4e7", cells[0],
                            cells[1], cells[2]);
-    size_t fine_count = 5 * (size_t)cells[0] * cells[1] * cells[2], coarse_count = fine_count / ((size_t)ratio * ratio * ratio);
+    size_t fine_count = 5 * (size_t)cells[0] * cells[1] * cells[2],
+           coarse_count = fine_count / ((size_t)ratio * ratio * ratio);
     uint8_t *keep = pliant_calloc(fine_count, 1), *keep_coarse = pliant_calloc(coarse_count, 1);
     build->lattice_material = pliant_calloc(fine_count, sizeof *build->lattice_material);
     pliant_status status = PLIANT_OK;
@@ -94,7 +99,8 @@ static pliant_status cut_up(builder *build)
         status = pliant_fail_memory("the lattice");
         goto done;
     }
-    status = pliant_lattice_integrate(geometry, cells, model->material_of_voxel, &model->materials, build->lattice_material);
+    status =
+        pliant_lattice_integrate(geometry, cells, model->material_of_voxel, &model->materials, build->lattice_material);
     if (status != PLIANT_OK) goto done;
     for (size_t t = 0; t < fine_count; t++) {
         keep[t] = model->scene.mesh.keep_air || build->lattice_material[t].tissue > 0;
@@ -107,13 +113,16 @@ static pliant_status cut_up(builder *build)
     }
     /* a coarse cube too */
     for (size_t c = 0; model->scene.element.kind == PLIANT_HEXAHEDRA && c < coarse_count; c += 5) {
-        uint8_t any = keep_coarse[c] | keep_coarse[c + 1] | keep_coarse[c + 2] | keep_coarse[c + 3] | keep_coarse[c + 4];
+        uint8_t any =
+            keep_coarse[c] | keep_coarse[c + 1] | keep_coarse[c + 2] | keep_coarse[c + 3] | keep_coarse[c + 4];
         memset(keep_coarse + c, any, 5);
     }
     if (needs_corners(model))
-        for (size_t t = 0; t < fine_count; t++) keep[t] = keep_coarse[pliant_lattice_coarse_of(coarse_cells, ratio, (int32_t)t)];
+        for (size_t t = 0; t < fine_count; t++)
+            keep[t] = keep_coarse[pliant_lattice_coarse_of(coarse_cells, ratio, (int32_t)t)];
     status = pliant_mesh_grid(geometry, cells, keep, &body->fine);
-    if (status == PLIANT_OK && is_coarse(model)) status = pliant_mesh_grid(geometry, coarse_cells, keep_coarse, &body->coarse);
+    if (status == PLIANT_OK && is_coarse(model))
+        status = pliant_mesh_grid(geometry, coarse_cells, keep_coarse, &body->coarse);
 done:
     pliant_free(keep);
     pliant_free(keep_coarse);
@@ -141,10 +150,12 @@ static pliant_status integrate(builder *build)
     if (!octree) body->fine_material = pliant_calloc((size_t)fine->num_tets, sizeof *body->fine_material);
     body->node_mass = pliant_calloc((size_t)fine->num_nodes, sizeof *body->node_mass);
     if (!body->fine_material || !body->node_mass) return pliant_fail_memory("the materials of the mesh");
-    for (int32_t t = 0; !octree && t < fine->num_tets; t++) body->fine_material[t] = build->lattice_material[fine->lattice_of_tet[t]];
+    for (int32_t t = 0; !octree && t < fine->num_tets; t++)
+        body->fine_material[t] = build->lattice_material[fine->lattice_of_tet[t]];
     if (fine->num_moved > 0 && !file) {
-        pliant_status status = pliant_mesh_integrate_moved(fine, &model->scan->geometry, model->material_of_voxel,
-                                                           !model->scene.material.deformable_bone, &model->materials, body->fine_material);
+        pliant_status status =
+            pliant_mesh_integrate_moved(fine, &model->scan->geometry, model->material_of_voxel,
+                                        !model->scene.material.deformable_bone, &model->materials, body->fine_material);
         if (status != PLIANT_OK) return status;
     }
     pliant_body_masses(body, body->node_mass);
@@ -153,15 +164,19 @@ static pliant_status integrate(builder *build)
     body->coarse_of_fine = pliant_calloc((size_t)fine->num_tets, sizeof *body->coarse_of_fine);
     if (!body->coarse_of_fine) return pliant_fail_memory("the nesting of the meshes");
     for (int32_t t = 0; t < fine->num_tets; t++)
-        body->coarse_of_fine[t] = coarse->tet_of_lattice[pliant_lattice_coarse_of(coarse->cells, model->scene.mesh.ratio, fine->lattice_of_tet[t])];
+        body->coarse_of_fine[t] = coarse->tet_of_lattice[pliant_lattice_coarse_of(
+            coarse->cells, model->scene.mesh.ratio, fine->lattice_of_tet[t])];
     if (model->scene.model.method != PLIANT_COARSE) return PLIANT_OK;
     size_t lattice = 5 * (size_t)coarse->cells[0] * coarse->cells[1] * coarse->cells[2];
     pliant_tet_material *all = pliant_calloc(lattice, sizeof *all);
     body->coarse_material = pliant_calloc((size_t)coarse->num_tets, sizeof *body->coarse_material);
-    pliant_status status = all && body->coarse_material ? PLIANT_OK : pliant_fail_memory("the materials of the coarse mesh");
+    pliant_status status =
+        all && body->coarse_material ? PLIANT_OK : pliant_fail_memory("the materials of the coarse mesh");
     if (status == PLIANT_OK)
-        status = pliant_lattice_integrate(&model->scan->geometry, coarse->cells, model->material_of_voxel, &model->materials, all);
-    for (int32_t t = 0; status == PLIANT_OK && t < coarse->num_tets; t++) body->coarse_material[t] = all[coarse->lattice_of_tet[t]];
+        status = pliant_lattice_integrate(&model->scan->geometry, coarse->cells, model->material_of_voxel,
+                                          &model->materials, all);
+    for (int32_t t = 0; status == PLIANT_OK && t < coarse->num_tets; t++)
+        body->coarse_material[t] = all[coarse->lattice_of_tet[t]];
     pliant_free(all);
     return status;
 }
@@ -183,11 +198,13 @@ static pliant_status hold_coarse(builder *build)
         for (int32_t n = 0; n < fine->num_nodes; n++) {
             if (!body->fine_fixed[n]) continue;
             int32_t at = fine->lattice_of_node[n], nx = fine->cells[0] + 1, ny = fine->cells[1] + 1;
-            int32_t i = (at % nx + ratio / 2) / ratio, j = (at / nx % ny + ratio / 2) / ratio, k = (at / nx / ny + ratio / 2) / ratio;
+            int32_t i = (at % nx + ratio / 2) / ratio, j = (at / nx % ny + ratio / 2) / ratio,
+                    k = (at / nx / ny + ratio / 2) / ratio;
             int32_t node = coarse->node_of_lattice[i + (coarse->cells[0] + 1) * (j + (coarse->cells[1] + 1) * k)];
             if (node >= 0) body->coarse_fixed[node] = 1;
         }
-        pliant_log(PLIANT_LOG_WARNING, "coarse: fewer than three of its nodes lie in what is fixed; the nearest ones are fixed instead");
+        pliant_log(PLIANT_LOG_WARNING,
+                   "coarse: fewer than three of its nodes lie in what is fixed; the nearest ones are fixed instead");
         status = pliant_mesh_hold(coarse, PLIANT_FIXED_AT_REST, true, body->coarse_fixed, loose, &pieces);
     }
     pliant_free(loose);
@@ -240,7 +257,8 @@ static pliant_status let_hang(builder *build, const uint8_t *fixed_before)
     const size_t tets = (size_t)body->fine.num_tets;
     if (body->num_held_pieces == 0) return PLIANT_OK;
     int32_t *neighbours = pliant_calloc(tets, 4 * sizeof *neighbours), *stack = pliant_calloc(tets, sizeof *stack);
-    pliant_status status = neighbours && stack ? pliant_mesh_neighbours(&body->fine, neighbours) : pliant_fail_memory("the fixed nodes");
+    pliant_status status =
+        neighbours && stack ? pliant_mesh_neighbours(&body->fine, neighbours) : pliant_fail_memory("the fixed nodes");
     for (bool changed = status == PLIANT_OK; changed;) {
         changed = false;
         for (int32_t v = 0; v < 4 * body->fine.num_tets; v++) {
@@ -271,11 +289,14 @@ static pliant_status fix(builder *build)
     if (body->falls) return PLIANT_OK;
     uint8_t *fixed_before = pliant_copy_of(body->fine_fixed, (size_t)fine->num_nodes, 1);
     if (!fixed_before) return pliant_fail_memory("the fixed nodes");
-    pliant_status status = pliant_mesh_hold(fine, PLIANT_FIXED_AT_REST, true, body->fine_fixed, build->loose, &body->num_held_pieces);
+    pliant_status status =
+        pliant_mesh_hold(fine, PLIANT_FIXED_AT_REST, true, body->fine_fixed, build->loose, &body->num_held_pieces);
     if (status == PLIANT_OK && body->has_inertia) status = let_hang(build, fixed_before);
     pliant_free(fixed_before);
     if (status == PLIANT_ERROR_SCENE && holds_none > 0)
-        return pliant_fail(status, "fixed/planes: number %d holds no node, it lies in front of them all or between two layers; and %s", holds_none, pliant_last_error());
+        return pliant_fail(
+            status, "fixed/planes: number %d holds no node, it lies in front of them all or between two layers; and %s",
+            holds_none, pliant_last_error());
     if (status != PLIANT_OK) return status;
     if (body->num_held_pieces > 0) {
         int32_t count = 0;
@@ -285,7 +306,8 @@ static pliant_status fix(builder *build)
             body->fine_material[t].lambda *= PLIANT_LOOSE_STIFFNESS;
             body->fine_material[t].mu *= PLIANT_LOOSE_STIFFNESS;
         }
-        pliant_log(PLIANT_LOG_WARNING, "%d pieces (%d of %d tetrahedra) hang on nothing that is fixed; they are held where they are",
+        pliant_log(PLIANT_LOG_WARNING,
+                   "%d pieces (%d of %d tetrahedra) hang on nothing that is fixed; they are held where they are",
                    body->num_held_pieces, count, fine->num_tets);
     }
     return is_coarse(model) ? fix_coarse(build) : PLIANT_OK;
@@ -298,7 +320,8 @@ static pliant_status link_voxels(builder *build)
     if (model->scene.cut.kind == PLIANT_CUT_SUBDIVIDE)
         return pliant_subdivision_create(&model->body->fine, model->scene.cut.snap, &model->body->subdivision);
     if (model->scene.cut.kind != PLIANT_CUT_SEVER) return PLIANT_OK;
-    pliant_status status = pliant_voxels_create(model->body, &model->scan->geometry, model->material_of_voxel, &model->materials, &model->body->voxels);
+    pliant_status status = pliant_voxels_create(model->body, &model->scan->geometry, model->material_of_voxel,
+                                                &model->materials, &model->body->voxels);
     return status == PLIANT_OK ? pliant_model_part_slides(model) : status;
 }
 
@@ -306,13 +329,15 @@ static pliant_status link_voxels(builder *build)
 static bool homogenized(double fraction, const char *stage, void *user)
 {
     const builder *build = user;
-    return pliant_report_progress(build->progress, (PLIANT_BUILD_homogenize + fraction) / PLIANT_NUM_BUILD_STAGES, stage);
+    return pliant_report_progress(build->progress, (PLIANT_BUILD_homogenize + fraction) / PLIANT_NUM_BUILD_STAGES,
+                                  stage);
 }
 
 static pliant_status homogenize(builder *build)
 {
     const pliant_progress progress = {homogenized, build};
-    pliant_status status = pliant_discretizing_begin(&build->model->scene, build->model->body, progress, &build->discretizing);
+    pliant_status status =
+        pliant_discretizing_begin(&build->model->scene, build->model->body, progress, &build->discretizing);
     return status == PLIANT_OK ? pliant_discretizing_homogenize(&build->discretizing) : status;
 }
 static pliant_status analyze(builder *build) { return pliant_discretizing_analyze(&build->discretizing); }
@@ -338,11 +363,13 @@ static void hand_over(builder *build)
 
 static pliant_status run_stages(builder *build)
 {
-    static pliant_status (*const stages[])(builder *) = {classify, mesh, integrate, fix, link_voxels, homogenize, analyze, factorize};
+    static pliant_status (*const stages[])(builder *) = {classify,    mesh,       integrate, fix,
+                                                         link_voxels, homogenize, analyze,   factorize};
     _Static_assert(sizeof stages / sizeof *stages == PLIANT_NUM_BUILD_STAGES, "one function a stage, in order");
     pliant_model *model = build->model;
     for (int stage = 0; stage < PLIANT_NUM_BUILD_STAGES; stage++) {
-        if (!pliant_report_progress(build->progress, (double)stage / PLIANT_NUM_BUILD_STAGES, pliant_build_stage_name(stage)))
+        if (!pliant_report_progress(build->progress, (double)stage / PLIANT_NUM_BUILD_STAGES,
+                                    pliant_build_stage_name(stage)))
             return pliant_fail(PLIANT_ERROR_CANCELLED, "building the model was cancelled");
         double start = pliant_seconds();
         size_t before = pliant_memory_in_use() + factor_bytes(build);
@@ -365,12 +392,17 @@ void pliant_gravity_warning(const pliant_scene *scene, const double gravity[3])
     const pliant_method method = scene->model.method;
     if (method == PLIANT_FINE || (gravity[0] == 0 && gravity[1] == 0 && gravity[2] == 0)) return;
     if (method == PLIANT_SCHUR)
-        pliant_log(PLIANT_LOG_WARNING, "model/method: schur is far too soft for model/gravity: tissue sags 10 to 15 times as far as on the fine mesh (an "
-                   "abdominal CT, 9.81 m/s^2), tears and turns inside out, and steps do not converge; averaged or calibrated are meant for it");
+        pliant_log(
+            PLIANT_LOG_WARNING,
+            "model/method: schur is far too soft for model/gravity: tissue sags 10 to 15 times as far as on the fine mesh (an "
+            "abdominal CT, 9.81 m/s^2), tears and turns inside out, and steps do not converge; averaged or calibrated are meant for it");
     else
-        pliant_log(PLIANT_LOG_WARNING, "model/method: under model/gravity, %s is off by tens of percent of how far tissue sags (coarse models of an abdominal "
-                   "CT while gravity turns: 38 to 60 %%), and %s; fine has no such error", methods[method],
-                   scene->model.patch > 0 ? "model/patch mends only what is around a hold" : "nothing mends that");
+        pliant_log(
+            PLIANT_LOG_WARNING,
+            "model/method: under model/gravity, %s is off by tens of percent of how far tissue sags (coarse models of an abdominal "
+            "CT while gravity turns: 38 to 60 %%), and %s; fine has no such error",
+            methods[method],
+            scene->model.patch > 0 ? "model/patch mends only what is around a hold" : "nothing mends that");
 }
 
 /* Warn about options that the scene's solver ignores. */
@@ -379,10 +411,15 @@ static void warn_of_unused(const pliant_scene *scene)
     char names[512];
     if (scene->solver.kind == PLIANT_TLED) return;
     if (pliant_scene_changed(scene, (const char *const[]){"tled", NULL}, names, sizeof names))
-        pliant_log(PLIANT_LOG_WARNING, "%s: only solver/kind: tled has these; this scene's is corotational, and goes without", names);
-    if (scene->cut.kind == PLIANT_CUT_NONE && pliant_scene_changed(scene, (const char *const[]){"ground", NULL}, names, sizeof names))
-        pliant_log(PLIANT_LOG_WARNING, "%s: beside solver/kind: corotational only pieces that a cut has taken off feel the ground, and with cut/kind: none nothing comes off; "
-                   "obstacles hold tissue off", names);
+        pliant_log(PLIANT_LOG_WARNING,
+                   "%s: only solver/kind: tled has these; this scene's is corotational, and goes without", names);
+    if (scene->cut.kind == PLIANT_CUT_NONE &&
+        pliant_scene_changed(scene, (const char *const[]){"ground", NULL}, names, sizeof names))
+        pliant_log(
+            PLIANT_LOG_WARNING,
+            "%s: beside solver/kind: corotational only pieces that a cut has taken off feel the ground, and with cut/kind: none nothing comes off; "
+            "obstacles hold tissue off",
+            names);
 }
 
 /* Resolve element/kind: auto. */
@@ -391,7 +428,8 @@ static void choose_elements(pliant_scene *scene)
     const char *why;
     const pliant_element_kind kind = pliant_scene_element_kind(scene, &why);
     if (why) pliant_log(PLIANT_LOG_INFO, "element/kind: auto is linear here; %s", why);
-    else if (scene->element.kind == PLIANT_ELEMENT_AUTO) pliant_log(PLIANT_LOG_INFO, "element/kind: auto is hexahedra here");
+    else if (scene->element.kind == PLIANT_ELEMENT_AUTO)
+        pliant_log(PLIANT_LOG_INFO, "element/kind: auto is hexahedra here");
     scene->element.kind = kind;
 }
 
@@ -401,7 +439,9 @@ static pliant_status check_subdivide(const pliant_scene *scene)
     const char *other = NULL;
     if (scene->model.method != PLIANT_FINE) other = "model/method: coarse elements hold whole tetrahedra; set fine";
     else if (scene->mesh.kind != PLIANT_LATTICE) other = "mesh/kind: octree; set lattice";
-    return other ? pliant_fail(PLIANT_ERROR_SCENE, "cut/kind: subdivide does not go with %s, or cut/kind to sever", other) : PLIANT_OK;
+    return other
+               ? pliant_fail(PLIANT_ERROR_SCENE, "cut/kind: subdivide does not go with %s, or cut/kind to sever", other)
+               : PLIANT_OK;
 }
 
 /* Refuse options that conflict. */
@@ -412,16 +452,22 @@ static pliant_status check(const pliant_scene *scene, const pliant_material_tabl
         status = pliant_fail(PLIANT_ERROR_SCENE, "solver/kind: tled works on the fine mesh; set model/method to fine");
     if (status == PLIANT_OK && scene->mesh.kind == PLIANT_OCTREE &&
         (scene->model.method != PLIANT_FINE || scene->solver.preconditioner == PLIANT_MULTIGRID))
-        status = pliant_fail(PLIANT_ERROR_SCENE, "mesh/kind: an octree has no coarse mesh: set model/method to fine and solver/preconditioner to "
-                                                 "auto or direct");
+        status = pliant_fail(
+            PLIANT_ERROR_SCENE,
+            "mesh/kind: an octree has no coarse mesh: set model/method to fine and solver/preconditioner to "
+            "auto or direct");
     if (status == PLIANT_OK && scene->model.method == PLIANT_LOD && scene->solver.preconditioner == PLIANT_MULTIGRID)
         status = pliant_fail(PLIANT_ERROR_SCENE, "solver/preconditioner: lod's matrix is factored; set auto or direct");
     if (status == PLIANT_OK && scene->model.method == PLIANT_LOD && scene->mesh.bone_surface)
-        status = pliant_fail(PLIANT_ERROR_SCENE, "mesh/bone_surface: lod interpolates within the cubes of the lattice, which no node may leave; set "
-                                                 "it to false, or model/method to another one");
+        status = pliant_fail(
+            PLIANT_ERROR_SCENE,
+            "mesh/bone_surface: lod interpolates within the cubes of the lattice, which no node may leave; set "
+            "it to false, or model/method to another one");
     if (status == PLIANT_OK && scene->cut.kind != PLIANT_CUT_NONE && scene->model.method == PLIANT_LOD)
-        status = pliant_fail(PLIANT_ERROR_SCENE, "cut/kind: lod interpolates within whole cubes of the lattice, which cannot be divided; set "
-                                                 "model/method to averaged or another one, or cut/kind to none");
+        status =
+            pliant_fail(PLIANT_ERROR_SCENE,
+                        "cut/kind: lod interpolates within whole cubes of the lattice, which cannot be divided; set "
+                        "model/method to averaged or another one, or cut/kind to none");
     if (status == PLIANT_OK) status = pliant_external_check(scene);
     if (status == PLIANT_OK) status = pliant_scene_check_elements(scene);
     if (status == PLIANT_OK && scene->material.slides[0] && scene->cut.kind != PLIANT_CUT_SEVER)
@@ -445,7 +491,8 @@ pliant_status pliant_model_build(const pliant_scene *scene, const pliant_volume 
     choose_elements(&model->scene);
     model->scan = model->drawn = scan;
     status = pliant_body_create(1, &model->body);
-    if (status == PLIANT_OK && scene->contact.obstacles[0]) status = pliant_tool_shape_read(scene->contact.obstacles, &model->obstacles);
+    if (status == PLIANT_OK && scene->contact.obstacles[0])
+        status = pliant_tool_shape_read(scene->contact.obstacles, &model->obstacles);
     if (status == PLIANT_OK) status = pliant_material_table_copy(materials, &model->materials);
     int threads = pliant_threads_begin(scene->solver.threads);
     if (status == PLIANT_OK) status = run_stages(&build);

@@ -18,9 +18,12 @@ static pliant_status find_named(const pliant_model *model, uint8_t slides[256])
         uint32_t m = 0;
         name += skipped;
         if (length == 0) break;
-        while (m < table->num_materials && (strlen(table->materials[m].name) != length || strncmp(table->materials[m].name, name, length) != 0)) m++;
+        while (m < table->num_materials &&
+               (strlen(table->materials[m].name) != length || strncmp(table->materials[m].name, name, length) != 0))
+            m++;
         if (m == table->num_materials)
-            return pliant_fail(PLIANT_ERROR_SCENE, "material/slides: the table has no material \"%.*s\"", (int)length, name);
+            return pliant_fail(PLIANT_ERROR_SCENE, "material/slides: the table has no material \"%.*s\"", (int)length,
+                               name);
         slides[m] = 1;
         name += length;
     }
@@ -32,8 +35,8 @@ static bool parts(const pliant_model *model, const uint8_t slides[256], int32_t 
 {
     const pliant_voxels *voxels = model->body->voxels;
     const uint8_t one = model->material_of_voxel[a], other = model->material_of_voxel[b];
-    return one != other && (slides[one] || slides[other]) && voxels->owner[a] >= 0 && voxels->owner[b] >= 0 && !model->materials.materials[one].empty &&
-           !model->materials.materials[other].empty;
+    return one != other && (slides[one] || slides[other]) && voxels->owner[a] >= 0 && voxels->owner[b] >= 0 &&
+           !model->materials.materials[one].empty && !model->materials.materials[other].empty;
 }
 
 /* List the severed links in ascending order, then the bridges. Return their number.
@@ -46,7 +49,9 @@ static int32_t list_severed(const pliant_model *model, const uint8_t slides[256]
     for (int32_t voxel = 0; voxel < count; voxel++) {
         pliant_place_of(voxels, voxel, at);
         for (int axis = 0; axis < 3; axis++) {
-            if (at[axis] + 1 >= voxels->geometry.size[axis] || !parts(model, slides, voxel, voxel + pliant_stride_of(voxels, axis))) continue;
+            if (at[axis] + 1 >= voxels->geometry.size[axis] ||
+                !parts(model, slides, voxel, voxel + pliant_stride_of(voxels, axis)))
+                continue;
             if (out) out[found] = 4 * (uint32_t)voxel + (uint32_t)axis;
             found++;
         }
@@ -76,7 +81,9 @@ pliant_status pliant_model_part_slides(pliant_model *model)
     pliant_body_release(model->body);
     model->body = next;
     if (next->pieces && !next->has_inertia)
-        pliant_log(PLIANT_LOG_WARNING, "material/slides: %d pieces hang on nothing that is fixed any more; beside a quasi-static solver they fall as rigid bodies",
-                   next->pieces->count);
+        pliant_log(
+            PLIANT_LOG_WARNING,
+            "material/slides: %d pieces hang on nothing that is fixed any more; beside a quasi-static solver they fall as rigid bodies",
+            next->pieces->count);
     return PLIANT_OK;
 }

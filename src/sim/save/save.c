@@ -26,9 +26,11 @@ static void describe(saved *what)
 {
     const pliant_material_table *table = &what->model->materials;
     const size_t room = sizeof what->comment;
-    size_t at = (size_t)snprintf(what->comment, room, "Pliant. Lengths: %s. Axes: LPS. Materials:", what->unit == 1 ? "metres" : "millimetres");
+    size_t at = (size_t)snprintf(
+        what->comment, room, "Pliant. Lengths: %s. Axes: LPS. Materials:", what->unit == 1 ? "metres" : "millimetres");
     for (uint32_t m = 0; m < table->num_materials && at < room; m++)
-        at += (size_t)snprintf(what->comment + at, room - at, " %u %s%s", (unsigned)m, table->materials[m].name, m + 1 < table->num_materials ? "," : ".");
+        at += (size_t)snprintf(what->comment + at, room - at, " %u %s%s", (unsigned)m, table->materials[m].name,
+                               m + 1 < table->num_materials ? "," : ".");
     /* "--" is not allowed in an XML comment */
     for (char *two = what->comment; (two = strstr(two, "--"));) two[1] = ' ';
     for (char *byte = what->comment; *byte; byte++)
@@ -54,20 +56,28 @@ typedef struct mesh_arrays {
 static bool allocate(const pliant_mesh *mesh, mesh_arrays *out)
 {
     const size_t nodes = (size_t)mesh->num_nodes, tets = (size_t)mesh->num_tets;
-    return (out->place = pliant_calloc(nodes, 3 * sizeof *out->place)) && (out->rest = pliant_calloc(nodes, 3 * sizeof *out->rest)) &&
-           (out->displacement = pliant_calloc(nodes, 3 * sizeof *out->displacement)) && (out->force = pliant_calloc(nodes, 3 * sizeof *out->force)) &&
-           (out->hexahedron = pliant_calloc(tets, sizeof *out->hexahedron)) && (out->connectivity = pliant_calloc(tets, 4 * sizeof *out->connectivity)) &&
+    return (out->place = pliant_calloc(nodes, 3 * sizeof *out->place)) &&
+           (out->rest = pliant_calloc(nodes, 3 * sizeof *out->rest)) &&
+           (out->displacement = pliant_calloc(nodes, 3 * sizeof *out->displacement)) &&
+           (out->force = pliant_calloc(nodes, 3 * sizeof *out->force)) &&
+           (out->hexahedron = pliant_calloc(tets, sizeof *out->hexahedron)) &&
+           (out->connectivity = pliant_calloc(tets, 4 * sizeof *out->connectivity)) &&
            (out->offset = pliant_calloc(tets, sizeof *out->offset)) && (out->type = pliant_calloc(tets, 1)) &&
-           (out->fragment = pliant_calloc(tets, sizeof *out->fragment)) && (out->piece = pliant_calloc(tets, sizeof *out->piece)) &&
-           (out->material = pliant_calloc(tets, sizeof *out->material)) && (out->fraction = pliant_calloc(tets, sizeof *out->fraction)) &&
-           (out->von_mises = pliant_calloc(tets, sizeof *out->von_mises)) && (out->stress = pliant_calloc(tets, 9 * sizeof *out->stress)) &&
+           (out->fragment = pliant_calloc(tets, sizeof *out->fragment)) &&
+           (out->piece = pliant_calloc(tets, sizeof *out->piece)) &&
+           (out->material = pliant_calloc(tets, sizeof *out->material)) &&
+           (out->fraction = pliant_calloc(tets, sizeof *out->fraction)) &&
+           (out->von_mises = pliant_calloc(tets, sizeof *out->von_mises)) &&
+           (out->stress = pliant_calloc(tets, 9 * sizeof *out->stress)) &&
            (out->strain = pliant_calloc(tets, 9 * sizeof *out->strain));
 }
 
 static void free_arrays(mesh_arrays *arrays)
 {
-    void *const blocks[] = {arrays->place, arrays->rest, arrays->displacement, arrays->force, arrays->hexahedron, arrays->connectivity, arrays->offset,
-                            arrays->type, arrays->fragment, arrays->piece, arrays->material, arrays->fraction, arrays->von_mises, arrays->stress, arrays->strain};
+    void *const blocks[] = {arrays->place,      arrays->rest,         arrays->displacement, arrays->force,
+                            arrays->hexahedron, arrays->connectivity, arrays->offset,       arrays->type,
+                            arrays->fragment,   arrays->piece,        arrays->material,     arrays->fraction,
+                            arrays->von_mises,  arrays->stress,       arrays->strain};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
 }
 
@@ -100,7 +110,8 @@ static void find_fragments(const pliant_body *body, int32_t *count, int32_t *fra
 static float von_mises(const float s[9])
 {
     const double mean = ((double)s[0] + s[4] + s[8]) / 3, a = s[0] - mean, b = s[4] - mean, c = s[8] - mean;
-    return (float)sqrt(1.5 * (a * a + b * b + c * c + 2 * ((double)s[1] * s[1] + (double)s[2] * s[2] + (double)s[5] * s[5])));
+    return (float)sqrt(1.5 *
+                       (a * a + b * b + c * c + 2 * ((double)s[1] * s[1] + (double)s[2] * s[2] + (double)s[5] * s[5])));
 }
 
 /* Convert tetrahedra to cells. A hexahedron is one cell with the values of its first tetrahedron. */
@@ -112,7 +123,8 @@ static void fill_cells(const pliant_body *body, mesh_arrays *out)
         const int32_t *hexahedron = out->hexahedron[t];
         if (hexahedron[0] == PLIANT_IN_HEXAHEDRON) continue;
         const bool tet = hexahedron[0] == PLIANT_IS_TETRAHEDRON;
-        memcpy(out->connectivity + corner, tet ? body->fine.tets + 4 * (size_t)t : hexahedron, (tet ? 4 : 8) * sizeof *hexahedron);
+        memcpy(out->connectivity + corner, tet ? body->fine.tets + 4 * (size_t)t : hexahedron,
+               (tet ? 4 : 8) * sizeof *hexahedron);
         corner += tet ? 4 : 8;
         out->offset[cell] = (int32_t)corner;
         out->type[cell] = tet ? vtk_tetra : vtk_hexahedron;
@@ -168,7 +180,8 @@ static pliant_status save_mesh(const saved *what)
                                 /* last, because it may be missing */
                                 {VTK_POINT_DATA, "contact_force", VTK_FLOAT32, 3, nodes, a.force}};
     const int num_arrays = (int)(sizeof arrays / sizeof *arrays) - !what->contact_forces;
-    if (status == PLIANT_OK) status = pliant_vtk_write(what->path, false, what->comment, nodes, a.cells, arrays, num_arrays);
+    if (status == PLIANT_OK)
+        status = pliant_vtk_write(what->path, false, what->comment, nodes, a.cells, arrays, num_arrays);
     free_arrays(&a);
     return status;
 }
@@ -184,14 +197,18 @@ typedef struct surface_arrays {
     uint8_t *cut;                /* (triangles) */
 } surface_arrays;
 
-static bool fill_surface(const saved *what, const pliant_surface *surface, const surface_points *points, surface_arrays *out)
+static bool fill_surface(const saved *what, const pliant_surface *surface, const surface_points *points,
+                         surface_arrays *out)
 {
     const size_t rows = (size_t)points->num_rows, triangles = (size_t)surface->num_triangles;
-    const bool good = (out->place = pliant_calloc(rows, 3 * sizeof *out->place)) && (out->rest = pliant_calloc(rows, 3 * sizeof *out->rest)) &&
+    const bool good = (out->place = pliant_calloc(rows, 3 * sizeof *out->place)) &&
+                      (out->rest = pliant_calloc(rows, 3 * sizeof *out->rest)) &&
                       (out->displacement = pliant_calloc(rows, 3 * sizeof *out->displacement)) &&
-                      (out->force = pliant_calloc(rows, 3 * sizeof *out->force)) && (out->material = pliant_calloc(rows, sizeof *out->material)) &&
+                      (out->force = pliant_calloc(rows, 3 * sizeof *out->force)) &&
+                      (out->material = pliant_calloc(rows, sizeof *out->material)) &&
                       (out->corner = pliant_calloc(triangles, 3 * sizeof *out->corner)) &&
-                      (out->offset = pliant_calloc(triangles, sizeof *out->offset)) && (out->cut = pliant_calloc(triangles, 1));
+                      (out->offset = pliant_calloc(triangles, sizeof *out->offset)) &&
+                      (out->cut = pliant_calloc(triangles, 1));
     for (size_t n = 0; good && n < points->count; n++) {
         if (points->row[n] < 0) continue;
         const size_t row = (size_t)points->row[n];
@@ -230,7 +247,8 @@ static pliant_status save_surface(const saved *what, const pliant_surface *surfa
     surface_points points = {0};
     surface_arrays a = {0};
     pliant_status status = find_surface_points(what, surface, &points);
-    if (status == PLIANT_OK && !fill_surface(what, surface, &points, &a)) status = pliant_fail_memory("the file of the surface");
+    if (status == PLIANT_OK && !fill_surface(what, surface, &points, &a))
+        status = pliant_fail_memory("the file of the surface");
     const size_t rows = (size_t)points.num_rows, triangles = (size_t)surface->num_triangles;
     const vtk_array arrays[] = {{VTK_POINTS, "Points", VTK_FLOAT64, 3, rows, a.place},
                                 {VTK_CELLS, "connectivity", VTK_INT32, 1, 3 * triangles, a.corner},
@@ -242,7 +260,8 @@ static pliant_status save_surface(const saved *what, const pliant_surface *surfa
                                 /* last, because it may be missing */
                                 {VTK_POINT_DATA, "contact_force", VTK_FLOAT32, 3, rows, a.force}};
     const int num_arrays = (int)(sizeof arrays / sizeof *arrays) - !what->contact_forces;
-    if (status == PLIANT_OK) status = pliant_vtk_write(what->path, true, what->comment, rows, triangles, arrays, num_arrays);
+    if (status == PLIANT_OK)
+        status = pliant_vtk_write(what->path, true, what->comment, rows, triangles, arrays, num_arrays);
     void *const blocks[] = {a.place, a.rest, a.displacement, a.force, a.material, a.corner, a.offset, a.cut};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     pliant_surface_points_free(&points);
@@ -255,19 +274,23 @@ static bool ends_with(const char *path, const char *ending)
     return length > size && strcasecmp(path + length - size, ending) == 0;
 }
 
-pliant_status pliant_mesh_save(const char *path, const pliant_model *model, const pliant_body *body, const double *positions,
-                               const double *contact_forces, double unit)
+pliant_status pliant_mesh_save(const char *path, const pliant_model *model, const pliant_body *body,
+                               const double *positions, const double *contact_forces, double unit)
 {
     const bool mesh = ends_with(path, ".vtu"), vtp = ends_with(path, ".vtp"), ply = ends_with(path, ".ply");
     saved what = {path, model, body, positions, contact_forces, unit, ""};
     pliant_surface *surface = NULL;
-    if (!(mesh || vtp || ply)) return pliant_fail(PLIANT_ERROR_ARGUMENT, "%s: unknown ending of a mesh; use .vtu, .vtp or .ply", path);
+    if (!(mesh || vtp || ply))
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "%s: unknown ending of a mesh; use .vtu, .vtp or .ply", path);
     if (!(unit == 1 || unit == 1e-3))
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "%s: its unit is %g m; use 1 (metres) or 1e-3 (millimetres)", path, unit);
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "%s: its unit is %g m; use 1 (metres) or 1e-3 (millimetres)", path,
+                           unit);
     describe(&what);
     if (mesh) return save_mesh(&what);
     pliant_status status = pliant_surface_create(body, NULL, &surface);
-    if (status == PLIANT_OK) status = vtp ? save_surface(&what, surface) : pliant_surface_write(path, surface, positions, unit, 0, NULL, NULL);
+    if (status == PLIANT_OK)
+        status =
+            vtp ? save_surface(&what, surface) : pliant_surface_write(path, surface, positions, unit, 0, NULL, NULL);
     pliant_surface_free(surface);
     return status;
 }

@@ -53,13 +53,16 @@ static pliant_status prepare_positions(const adaptation *work)
     const int32_t nodes = made->body->fine.num_nodes;
     /* positions of added nodes are appended to the array */
     const bool stay = work->map.num_same == data->discretization->body->fine.num_nodes && !data->falling;
-    if (stay && !pliant_grow(&data->positions, (size_t)nodes, 3 * sizeof *data->positions)) return pliant_fail_memory("the simulation state");
+    if (stay && !pliant_grow(&data->positions, (size_t)nodes, 3 * sizeof *data->positions))
+        return pliant_fail_memory("the simulation state");
     double *positions = made->positions = stay ? data->positions : pliant_calloc((size_t)nodes, 3 * sizeof *positions);
     if (!positions) return pliant_fail_memory("the simulation state");
     pliant_body_map_vectors(&work->map, data->positions, positions);
-    pliant_status status = pliant_falling_create(&work->model->scene, made->discretization->body, positions, data->falling, &work->map, &made->falling);
+    pliant_status status = pliant_falling_create(&work->model->scene, made->discretization->body, positions,
+                                                 data->falling, &work->map, &made->falling);
     for (int32_t n = 0; status == PLIANT_OK && data->falling && n < nodes; n++) {
-        const double *home = pliant_falling_has(made->falling, n) ? NULL : pliant_falling_home(data->falling, work->map.node[n]);
+        const double *home =
+            pliant_falling_has(made->falling, n) ? NULL : pliant_falling_home(data->falling, work->map.node[n]);
         if (home) memcpy(positions + 3 * n, home, 3 * sizeof *positions);
     }
     return status;
@@ -97,10 +100,13 @@ static pliant_status prepare_state(const adaptation *work)
     }
     pliant_status status = data->backend->kind->follow(work->model, data, &work->map, made);
     for (int32_t n = 0; status == PLIANT_OK && made->tled && n < made->body->fine.num_nodes; n++) {
-        const double *home = pliant_falling_has(made->falling, n) ? NULL : pliant_falling_home(data->falling, work->map.node[n]);
+        const double *home =
+            pliant_falling_has(made->falling, n) ? NULL : pliant_falling_home(data->falling, work->map.node[n]);
         if (home) pliant_tled_place(made->tled, n, home);
     }
-    return status == PLIANT_OK && made->tled && made->falling && made->body->has_inertia ? pliant_tled_may_stop(made->tled) : status;
+    return status == PLIANT_OK && made->tled && made->falling && made->body->has_inertia
+               ? pliant_tled_may_stop(made->tled)
+               : status;
 }
 
 static void swap_state(const adaptation *work)
@@ -132,7 +138,8 @@ static pliant_status prepare_tools(const adaptation *work)
         made->num_tools = t + 1; /* on an error this many tools are freed */
         status = pliant_tool_carry(tool, data->tools + t, data, made->body, made->positions);
         if (status == PLIANT_OK && made->solver && tool->holding && tool->attached)
-            status = pliant_solver_carry_hold(made->solver, data->solver, t, tool->num_held, tool->held, tool->weight, made->positions, tool->force);
+            status = pliant_solver_carry_hold(made->solver, data->solver, t, tool->num_held, tool->held, tool->weight,
+                                              made->positions, tool->force);
     }
     return status;
 }
@@ -150,7 +157,8 @@ static void swap_tools(const adaptation *work)
 
 static pliant_status prepare_warp(const adaptation *work)
 {
-    return work->data->warp ? pliant_warp_prepare(work->data->warp, work->made->discretization->body, work->warp) : PLIANT_OK;
+    return work->data->warp ? pliant_warp_prepare(work->data->warp, work->made->discretization->body, work->warp)
+                            : PLIANT_OK;
 }
 
 static void swap_warp(const adaptation *work)

@@ -63,7 +63,8 @@ pliant_status pliant_tool_set_shape(pliant_data *data, int index, const pliant_t
     pliant_status status = find_tool(data, index, &tool);
     if (status != PLIANT_OK) return status;
     if (shape->num_parts < 0 || shape->num_parts > PLIANT_MAX_PARTS)
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: its shape has %d parts; up to %d are possible", tool->name, shape->num_parts, PLIANT_MAX_PARTS);
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: its shape has %d parts; up to %d are possible", tool->name,
+                           shape->num_parts, PLIANT_MAX_PARTS);
     for (int32_t p = 0; p < shape->num_parts; p++) {
         turns = turns || shape->part[p].frame != PLIANT_FRAME_TIP;
         if (pliant_part_check(shape->part + p, true, reason, sizeof reason))
@@ -72,7 +73,8 @@ pliant_status pliant_tool_set_shape(pliant_data *data, int index, const pliant_t
     double axis = 0;
     for (int d = 0; d < 3; d++) axis += shape->axis[d] * shape->axis[d] + 0 * shape->joint[d];
     if (turns && !(axis > 0 && isfinite(axis)))
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: the joint of its jaws needs a point and an axis that is not 0", tool->name);
+        return pliant_fail(PLIANT_ERROR_ARGUMENT,
+                           "tool %s: the joint of its jaws needs a point and an axis that is not 0", tool->name);
     pliant_tool_shape_retain(shape);
     pliant_tool_shape_free(&tool->shape);
     tool->shape = *shape;
@@ -84,27 +86,41 @@ pliant_status pliant_tool_set_jaw(pliant_data *data, int index, double angle)
     pliant_tool *tool = NULL;
     pliant_status status = find_tool(data, index, &tool);
     if (status != PLIANT_OK) return status;
-    if (!isfinite(angle)) return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: the angle of its jaw is not finite", tool->name);
+    if (!isfinite(angle))
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: the angle of its jaw is not finite", tool->name);
     tool->jaw = angle;
     return PLIANT_OK;
 }
 
 /* ---- moving parts of this leg */
 
-static double seconds_of(const pliant_model *model, const pliant_data *data) { return model->scene.solver.step * data->share; }
+static double seconds_of(const pliant_model *model, const pliant_data *data)
+{
+    return model->scene.solver.step * data->share;
+}
 
-static double recovered(const pliant_model *model, const pliant_data *data) { return model->contact.recovery_speed * seconds_of(model, data); }
+static double recovered(const pliant_model *model, const pliant_data *data)
+{
+    return model->contact.recovery_speed * seconds_of(model, data);
+}
 
-static double stays(const pliant_model *model, const pliant_data *data) { return data->body->has_inertia ? exp(-seconds_of(model, data) / model->contact.recovery_time) : 0; }
+static double stays(const pliant_model *model, const pliant_data *data)
+{
+    return data->body->has_inertia ? exp(-seconds_of(model, data) / model->contact.recovery_time) : 0;
+}
 
 /* The core of a distance field is enlarged by the field's error (contact/advance). */
-static double off_of(const pliant_part *part) { return part->kind == PLIANT_PART_SOLID && !part->solid->convex ? part->solid->error : 0; }
+static double off_of(const pliant_part *part)
+{
+    return part->kind == PLIANT_PART_SOLID && !part->solid->convex ? part->solid->error : 0;
+}
 
 /* Return the guard depth of a part. A distance field's error reduces the guard zone, so the guard depth is increased
  * until a fraction of the zone remains (settings.guard_left). */
 static double guard_of(const pliant_model *model, const pliant_data *data, const pliant_part *part)
 {
-    const double *cell = data->body->fine.cell_size, guard = pliant_advance_guard(&model->contact, part, fmin(fmin(cell[0], cell[1]), cell[2]));
+    const double *cell = data->body->fine.cell_size,
+                 guard = pliant_advance_guard(&model->contact, part, fmin(fmin(cell[0], cell[1]), cell[2]));
     return fmax(guard, off_of(part) + (1 - model->contact.advance_stop) * guard);
 }
 
@@ -118,13 +134,32 @@ static void add_part(const pliant_model *model, const pliant_data *data, int t, 
     const double way = pliant_part_way(&tool->shape, part, begin, goal);
     pliant_moving_part *moving = search->part + search->num_parts;
     *moving = (pliant_moving_part){
-        .part = part, .kind = PLIANT_OBSTACLE_TOOL, .tool = t, .index = p, .friction = model->scene.contact.friction, .guard = guard_of(model, data, part), .off = off_of(part),
-        .margin = model->contact.search_margin + way, .shape = &tool->shape, .from = *begin, .to = *goal, .way = way, .recovery = recovered(model, data), .num_held = num_held, .held = tool->held,
+        .part = part,
+        .kind = PLIANT_OBSTACLE_TOOL,
+        .tool = t,
+        .index = p,
+        .friction = model->scene.contact.friction,
+        .guard = guard_of(model, data, part),
+        .off = off_of(part),
+        .margin = model->contact.search_margin + way,
+        .shape = &tool->shape,
+        .from = *begin,
+        .to = *goal,
+        .way = way,
+        .recovery = recovered(model, data),
+        .num_held = num_held,
+        .held = tool->held,
     };
     pliant_part_pose(&tool->shape, part->frame, begin->tip, begin->rotation, begin->jaw, &moving->begin);
     pliant_part_pose(&tool->shape, part->frame, goal->tip, goal->rotation, goal->jaw, &moving->end);
-    search->advance_part[search->num_parts++] = (pliant_advance_part){
-        .part = part, .shape = &tool->shape, .from = *begin, .to = *goal, .guard = moving->guard, .released = true, .num_held = num_held, .held = tool->held};
+    search->advance_part[search->num_parts++] = (pliant_advance_part){.part = part,
+                                                                      .shape = &tool->shape,
+                                                                      .from = *begin,
+                                                                      .to = *goal,
+                                                                      .guard = moving->guard,
+                                                                      .released = true,
+                                                                      .num_held = num_held,
+                                                                      .held = tool->held};
 }
 
 static void add_obstacle(const pliant_model *model, const pliant_data *data, const pliant_part *part, int32_t index)
@@ -133,9 +168,18 @@ static void add_obstacle(const pliant_model *model, const pliant_data *data, con
     const pliant_pose still = {.rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
     const double guard = guard_of(model, data, part);
     search->advance_part[search->num_parts] = (pliant_advance_part){.part = part, .guard = guard, .released = true};
-    search->part[search->num_parts++] = (pliant_moving_part){
-        .part = part, .kind = PLIANT_OBSTACLE_GROUND, .tool = -1, .index = index, .friction = model->scene.contact.friction, .begin = still, .end = still,
-        .guard = guard, .off = off_of(part), .margin = model->contact.search_margin, .recovery = recovered(model, data), .stays = stays(model, data)};
+    search->part[search->num_parts++] = (pliant_moving_part){.part = part,
+                                                             .kind = PLIANT_OBSTACLE_GROUND,
+                                                             .tool = -1,
+                                                             .index = index,
+                                                             .friction = model->scene.contact.friction,
+                                                             .begin = still,
+                                                             .end = still,
+                                                             .guard = guard,
+                                                             .off = off_of(part),
+                                                             .margin = model->contact.search_margin,
+                                                             .recovery = recovered(model, data),
+                                                             .stays = stays(model, data)};
 }
 
 /* Gather the parts of tools and obstacles for this leg. Released tools and cutting parts of active blades are left
@@ -156,12 +200,16 @@ static void gather_parts(const pliant_model *model, pliant_data *data)
 
 /* ---- the stage */
 
-static bool touches_itself(const pliant_model *model) { return model->scene.contact.self || model->scene.material.slides[0]; }
+static bool touches_itself(const pliant_model *model)
+{
+    return model->scene.contact.self || model->scene.material.slides[0];
+}
 
 bool pliant_contact_is_idle(const pliant_model *model, const pliant_data *data)
 {
     if (touches_itself(model)) return false;
-    if (model->scene.obstacles.num_boxes + model->scene.obstacles.num_planes > 0 || model->obstacles.num_parts > 0) return false;
+    if (model->scene.obstacles.num_boxes + model->scene.obstacles.num_planes > 0 || model->obstacles.num_parts > 0)
+        return false;
     for (int t = 0; t < data->num_tools; t++)
         if (data->tools[t].present && data->tools[t].shape.num_parts > 0) return false;
     return true;
@@ -176,7 +224,8 @@ static void carry(const pliant_data *data, const pliant_contacts *before, int32_
         while (b < before->count && before->point[b].feature < now->point[n].feature) b++;
         if (b == before->count || before->point[b].feature != now->point[n].feature) continue;
         bool there = true; /* an undone cut may have removed the node */
-        for (int32_t k = 0; k < before->point[b].count; k++) there = there && before->point[b].node[k] < data->body->fine.num_nodes;
+        for (int32_t k = 0; k < before->point[b].count; k++)
+            there = there && before->point[b].node[k] < data->body->fine.num_nodes;
         if (there) pliant_contact_carry(before->point + b, data->positions, now->point + n);
     }
 }
@@ -215,9 +264,11 @@ static pliant_status find_slowed(const pliant_model *model, pliant_data *data, p
     pliant_status status = pliant_tissue_overlapping(&search->tissue, data->positions, search->overlaps);
     for (int32_t t = 0; !model->scene.contact.delay && t < tissue->num_tets; t++)
         for (int v = 0; v < 4; v++) search->overlaps[mesh->tets[4 * (size_t)tissue->tet[t] + (size_t)v]] = 1;
-    if (status == PLIANT_OK) status = pliant_tissue_find_slowed(tissue, search->overlaps, model->scene.contact.punishment, out);
+    if (status == PLIANT_OK)
+        status = pliant_tissue_find_slowed(tissue, search->overlaps, model->scene.contact.punishment, out);
     if (status == PLIANT_OK && !model->scene.contact.delay)
-        data->tled->slowing = (pliant_tled_slowing){.tissue = &search->tissue, .overlaps = search->overlaps, .place = search->place};
+        data->tled->slowing =
+            (pliant_tled_slowing){.tissue = &search->tissue, .overlaps = search->overlaps, .place = search->place};
     return status;
 }
 
@@ -226,10 +277,15 @@ static pliant_status find_tissue(const pliant_model *model, pliant_data *data, d
 {
     pliant_tissue *tissue = &data->contact_search->tissue;
     const pliant_outside *outside = touches_within_elements(model) ? &data->contact_search->outside : NULL;
-    pliant_status status = pliant_tissue_set_body(tissue, data->body, outside ? outside->solid : NULL, data->discretization->system->num_threads);
-    const pliant_tissue_rule rule = {.margin = model->contact.self_margin * tissue->shortest, .recovery = recovered(model, data),
-                                     .friction = model->scene.contact.friction, .pieces_go = pieces_go, .nodes = data->positions,
-                                     .stays = stays(model, data), .settings = &model->contact};
+    pliant_status status = pliant_tissue_set_body(tissue, data->body, outside ? outside->solid : NULL,
+                                                  data->discretization->system->num_threads);
+    const pliant_tissue_rule rule = {.margin = model->contact.self_margin * tissue->shortest,
+                                     .recovery = recovered(model, data),
+                                     .friction = model->scene.contact.friction,
+                                     .pieces_go = pieces_go,
+                                     .nodes = data->positions,
+                                     .stays = stays(model, data),
+                                     .settings = &model->contact};
     if (status != PLIANT_OK || tissue->num_skins == 0) return status;
     pliant_tissue_set_searcher(tissue, data->backend->searcher);
     if (model->scene.contact.response == PLIANT_RESPONSE_PAPER) return find_slowed(model, data, out);
@@ -238,14 +294,19 @@ static pliant_status find_tissue(const pliant_model *model, pliant_data *data, d
 
 /* Choose the surface for collision detection. Errors: MEMORY.
  * @param body, positions out: its topology and its positions */
-static pliant_status choose_surface(const pliant_model *model, pliant_data *data, const pliant_body **body, const double **positions)
+static pliant_status choose_surface(const pliant_model *model, pliant_data *data, const pliant_body **body,
+                                    const double **positions)
 {
     pliant_outside *outside = &data->contact_search->outside;
     *body = data->body;
     *positions = data->positions;
     if (!touches_within_elements(model)) return PLIANT_OK;
-    const pliant_outside_voxels voxels = {.load = model->body, .geometry = &model->scan->geometry, .material_of_voxel = model->material_of_voxel, .materials = &model->materials,
-                                          .touches_itself = touches_itself(model), .threads = data->discretization->system->num_threads};
+    const pliant_outside_voxels voxels = {.load = model->body,
+                                          .geometry = &model->scan->geometry,
+                                          .material_of_voxel = model->material_of_voxel,
+                                          .materials = &model->materials,
+                                          .touches_itself = touches_itself(model),
+                                          .threads = data->discretization->system->num_threads};
     pliant_status status = pliant_outside_set_body(outside, &voxels, data->body);
     if (status != PLIANT_OK) return status;
     pliant_outside_place(outside, data->positions);
@@ -284,13 +345,15 @@ static bool overlaps(const pliant_data *data, const pliant_contact_point *point)
     double gap = 0;
     for (int d = 0; d < 3; d++) {
         double x = 0;
-        for (int32_t k = 0; k < point->count; k++) x += point->weight[k] * data->positions[3 * (size_t)point->node[k] + (size_t)d];
+        for (int32_t k = 0; k < point->count; k++)
+            x += point->weight[k] * data->positions[3 * (size_t)point->node[k] + (size_t)d];
         gap += point->normal[d] * (x - point->place[d]);
     }
     return gap <= 0;
 }
 
-void pliant_contact_gives(const pliant_data *data, int t, bool pressing, const double joint[3], const double axis[3], double out[2])
+void pliant_contact_gives(const pliant_data *data, int t, bool pressing, const double joint[3], const double axis[3],
+                          double out[2])
 {
     const pliant_touch_pieces *pieces = data->falling ? pliant_falling_touch_pieces(data->falling) : NULL;
     double sum = 0, levers = 0;
@@ -298,7 +361,9 @@ void pliant_contact_gives(const pliant_data *data, int t, bool pressing, const d
     out[0] = out[1] = 0;
     for (int32_t n = 0; pieces && n < data->contacts.count; n++) {
         const pliant_contact_point *point = data->contacts.point + n;
-        if (point->kind != PLIANT_OBSTACLE_TOOL || point->tool != t || pieces->of_node[point->node[0]] < 0 || !(pressing ? point->begun : overlaps(data, point))) continue;
+        if (point->kind != PLIANT_OBSTACLE_TOOL || point->tool != t || pieces->of_node[point->node[0]] < 0 ||
+            !(pressing ? point->begun : overlaps(data, point)))
+            continue;
         double along = 0, square = 0;
         for (int d = 0; d < 3; d++) {
             square += (point->place[d] - joint[d]) * (point->place[d] - joint[d]);
@@ -324,7 +389,8 @@ static void soften_by_pieces(pliant_data *data, const pliant_leg_tool *leg, int 
     if (!(gives[0] > 0)) return;
     for (int d = 0; d < 3; d++) couple[0].answer[7 * d] += gives[0] - leg->gives[0];
     for (int r = 0; r < 3; r++)
-        for (int c = 0; c < 3; c++) couple[1].answer[6 * (3 + r) + 3 + c] += (gives[1] - leg->gives[1]) * leg->axis[r] * leg->axis[c];
+        for (int c = 0; c < 3; c++)
+            couple[1].answer[6 * (3 + r) + 3 + c] += (gives[1] - leg->gives[1]) * leg->axis[r] * leg->axis[c];
 }
 
 /* ---- reuse of points */
@@ -332,14 +398,16 @@ static void soften_by_pieces(pliant_data *data, const pliant_leg_tool *leg, int 
 /* Identify a part and the number of nodes that its tool holds, because held nodes have no contact points. */
 static uint64_t key_of(const pliant_moving_part *part)
 {
-    return (uint64_t)part->num_held << 32 | (uint64_t)part->kind << 24 | (uint64_t)(part->tool + 1) << 16 | (uint64_t)part->index;
+    return (uint64_t)part->num_held << 32 | (uint64_t)part->kind << 24 | (uint64_t)(part->tool + 1) << 16 |
+           (uint64_t)part->index;
 }
 
 /* Return whether points can be reused: only in quasi-static steps without plane constraints, detached pieces,
  * contact of tissue on tissue, or patches. */
 static bool is_simple(const pliant_model *model, const pliant_data *data)
 {
-    return data->solver && !data->legs->planes && !data->falling && !touches_itself(model) && pliant_patch_serves(data) == 0;
+    return data->solver && !data->legs->planes && !data->falling && !touches_itself(model) &&
+           pliant_patch_serves(data) == 0;
 }
 
 static bool reserve_found(pliant_contact_search *search, int32_t nodes)
@@ -393,7 +461,9 @@ static bool move_point(const pliant_contact_search *search, pliant_contact_point
     for (int32_t p = 0; p < search->num_parts; p++) {
         const pliant_moving_part *part = search->part + p;
         double local[3], normal[3], end[3], outwards[3];
-        if (part->kind != point->kind || part->index != point->part || (part->kind == PLIANT_OBSTACLE_TOOL && part->tool != point->tool)) continue;
+        if (part->kind != point->kind || part->index != point->part ||
+            (part->kind == PLIANT_OBSTACLE_TOOL && part->tool != point->tool))
+            continue;
         pliant_pose_from(&part->begin, point->place, local);
         const pliant_part core = pliant_part_core(part->part, part->guard);
         if (fabs(pliant_part_distance(&core, local, outwards) - part->guard) > exact * part->guard) return false;
@@ -416,7 +486,8 @@ static pliant_status stay(const pliant_model *model, pliant_data *data, const pl
 {
     pliant_contact_search *search = data->contact_search;
     double most = model->contact.search_margin;
-    *stays = search->found && is_simple(model, data) && search->found_revision == data->body->revision && search->found_parts == search->num_parts;
+    *stays = search->found && is_simple(model, data) && search->found_revision == data->body->revision &&
+             search->found_parts == search->num_parts;
     for (int32_t p = 0; p < search->num_parts && *stays; p++) {
         const pliant_moving_part *part = search->part + p;
         *stays = search->found_key[p] == key_of(part);
@@ -424,16 +495,20 @@ static pliant_status stay(const pliant_model *model, pliant_data *data, const pl
     }
     for (int32_t p = 0; p < search->num_parts && *stays; p++) {
         const pliant_moving_part *part = search->part + p;
-        if (part->kind == PLIANT_OBSTACLE_TOOL) *stays = pliant_part_way(part->shape, part->part, search->found_pose + part->tool, &part->to) <= most;
+        if (part->kind == PLIANT_OBSTACLE_TOOL)
+            *stays = pliant_part_way(part->shape, part->part, search->found_pose + part->tool, &part->to) <= most;
     }
     for (int32_t n = 0; n < body->fine.num_nodes && *stays; n++) {
         const double *a = search->found_at + 3 * (size_t)n, *b = search->surface + 3 * (size_t)n;
-        *stays = (a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]) + (a[2] - b[2]) * (a[2] - b[2]) <= most * most;
+        *stays = (a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]) + (a[2] - b[2]) * (a[2] - b[2]) <=
+                 most * most;
     }
     pliant_status status = *stays ? pliant_contacts_copy(&data->contacts, &search->made) : PLIANT_OK;
-    while (*stays && search->made.count > 0 && search->made.point[search->made.count - 1].kind == PLIANT_OBSTACLE_ELEMENT)
+    while (*stays && search->made.count > 0 &&
+           search->made.point[search->made.count - 1].kind == PLIANT_OBSTACLE_ELEMENT)
         search->made.count--; /* points of the volume bound are found again in every leg */
-    for (int32_t n = 0; n < search->made.count && *stays && status == PLIANT_OK; n++) *stays = move_point(search, search->made.point + n);
+    for (int32_t n = 0; n < search->made.count && *stays && status == PLIANT_OK; n++)
+        *stays = move_point(search, search->made.point + n);
     if (!*stays) search->made.count = 0;
     return status;
 }
@@ -453,11 +528,14 @@ static void set_bodies(pliant_data *data)
 }
 
 /* Find the contact points with tools and obstacles, of tissue on tissue, and of pieces on walls. Errors: MEMORY. */
-static pliant_status find_points(const pliant_model *model, pliant_data *data, const pliant_body *body, const double *positions, double pieces_go)
+static pliant_status find_points(const pliant_model *model, pliant_data *data, const pliant_body *body,
+                                 const double *positions, double pieces_go)
 {
     pliant_contact_search *search = data->contact_search;
     pliant_status status = keep_found(model, data, body);
-    if (status == PLIANT_OK) status = pliant_contact_find(search->finder, body, positions, &data->contacts, data->legs->planes, search->num_parts, search->part, &search->made);
+    if (status == PLIANT_OK)
+        status = pliant_contact_find(search->finder, body, positions, &data->contacts, data->legs->planes,
+                                     search->num_parts, search->part, &search->made);
     if (status == PLIANT_OK && touches_itself(model)) status = find_tissue(model, data, pieces_go, &search->made);
     if (status == PLIANT_OK && body != data->body) pliant_outside_spread(&search->outside, &search->made);
     if (status == PLIANT_OK && data->falling) status = pliant_falling_find_walls(data, &search->made);
@@ -494,7 +572,8 @@ pliant_status pliant_contact_stage(const pliant_model *model, pliant_data *data)
     if (status != PLIANT_OK) return status;
     const int32_t first = stays ? search->made.count : 0;
     if (pliant_contact_keeps_volumes(data))
-        status = pliant_volume_find(&model->contact, &data->body->fine, data->positions, pliant_contact_pieces(data), &search->made);
+        status = pliant_volume_find(&model->contact, &data->body->fine, data->positions, pliant_contact_pieces(data),
+                                    &search->made);
     if (status != PLIANT_OK) return status;
     carry(data, &data->contacts, first, &search->made);
     pliant_contacts_exchange(&data->contacts, &search->made);
@@ -504,28 +583,36 @@ pliant_status pliant_contact_stage(const pliant_model *model, pliant_data *data)
 
 /* ---- largest free fraction of a leg */
 
-static pliant_status find_room(pliant_contact_search *search) { return search->advance ? PLIANT_OK : pliant_advance_create(&search->settings, &search->advance); }
+static pliant_status find_room(pliant_contact_search *search)
+{
+    return search->advance ? PLIANT_OK : pliant_advance_create(&search->settings, &search->advance);
+}
 
-pliant_status pliant_contact_advance(const pliant_model *model, pliant_data *data, double share, pliant_advance_result *out)
+pliant_status pliant_contact_advance(const pliant_model *model, pliant_data *data, double share,
+                                     pliant_advance_result *out)
 {
     pliant_contact_search *search = data->contact_search;
     const pliant_body *body = NULL;
     const double *positions = NULL;
     pliant_status status = find_room(search);
     for (int32_t p = 0; p < search->num_parts; p++) {
-        const pliant_leg_tool *leg = search->part[p].kind == PLIANT_OBSTACLE_TOOL ? data->legs->tool + search->part[p].tool : NULL;
-        if (leg) search->advance_part[p].to = share < 1 ? pliant_pose_partway(&leg->begin, &leg->goal, share) : leg->goal;
+        const pliant_leg_tool *leg =
+            search->part[p].kind == PLIANT_OBSTACLE_TOOL ? data->legs->tool + search->part[p].tool : NULL;
+        if (leg)
+            search->advance_part[p].to = share < 1 ? pliant_pose_partway(&leg->begin, &leg->goal, share) : leg->goal;
     }
     if (status == PLIANT_OK) status = choose_surface(model, data, &body, &positions);
     if (status != PLIANT_OK) return status;
-    return pliant_advance_find(search->advance, body->num_triangles, body->triangles, search->surface, positions, search->num_parts, search->advance_part,
-                               data->discretization->system->num_threads, out);
+    return pliant_advance_find(search->advance, body->num_triangles, body->triangles, search->surface, positions,
+                               search->num_parts, search->advance_part, data->discretization->system->num_threads, out);
 }
 
 static const pliant_moving_part *find_part(const pliant_contact_search *search, const pliant_contact_point *point)
 {
     for (int32_t p = 0; p < search->num_parts; p++)
-        if (search->part[p].kind == PLIANT_OBSTACLE_TOOL && search->part[p].tool == point->tool && search->part[p].index == point->part) return search->part + p;
+        if (search->part[p].kind == PLIANT_OBSTACLE_TOOL && search->part[p].tool == point->tool &&
+            search->part[p].index == point->part)
+            return search->part + p;
     return NULL;
 }
 
@@ -533,7 +620,8 @@ void pliant_contact_follow_proxies(pliant_data *data)
 {
     for (int32_t n = 0; n < data->contacts.count; n++) {
         pliant_contact_point *point = data->contacts.point + n;
-        const pliant_moving_part *part = point->kind == PLIANT_OBSTACLE_TOOL ? find_part(data->contact_search, point) : NULL;
+        const pliant_moving_part *part =
+            point->kind == PLIANT_OBSTACLE_TOOL ? find_part(data->contact_search, point) : NULL;
         if (!part) continue;
         const pliant_tool *tool = data->tools + point->tool;
         const pliant_tool_pose proxy = pliant_tool_proxy(tool);
@@ -546,7 +634,8 @@ void pliant_contact_follow_proxies(pliant_data *data)
 }
 
 /* Return whether the whole tool is inside tissue. Tested are the centers of its parts and the ends of capsules. */
-static bool is_inside_at(const pliant_model *model, const pliant_data *data, const pliant_tool *tool, const pliant_tool_pose *at)
+static bool is_inside_at(const pliant_model *model, const pliant_data *data, const pliant_tool *tool,
+                         const pliant_tool_pose *at)
 {
     bool inside = true;
     for (int32_t p = 0; p < tool->shape.num_parts && inside; p++) {
@@ -565,7 +654,8 @@ static bool is_inside_at(const pliant_model *model, const pliant_data *data, con
     return inside;
 }
 
-pliant_status pliant_contact_is_free(const pliant_model *model, pliant_data *data, int index, const pliant_tool_pose *pose, bool *is_free, bool *is_inside)
+pliant_status pliant_contact_is_free(const pliant_model *model, pliant_data *data, int index,
+                                     const pliant_tool_pose *pose, bool *is_free, bool *is_inside)
 {
     pliant_status status = begin(&model->contact, &data->contact_search);
     if (status != PLIANT_OK) return status;
@@ -576,20 +666,27 @@ pliant_status pliant_contact_is_free(const pliant_model *model, pliant_data *dat
     pliant_advance_part part[PLIANT_MAX_PARTS];
     int32_t count = 0;
     for (int32_t p = 0; p < tool->shape.num_parts; p++)
-        part[count++] = (pliant_advance_part){.part = tool->shape.part + p, .shape = &tool->shape, .from = *pose, .to = *pose, .guard = guard_of(model, data, tool->shape.part + p),
-                                              .num_held = pliant_tool_grips(tool) ? tool->num_held : 0, .held = tool->held};
+        part[count++] = (pliant_advance_part){.part = tool->shape.part + p,
+                                              .shape = &tool->shape,
+                                              .from = *pose,
+                                              .to = *pose,
+                                              .guard = guard_of(model, data, tool->shape.part + p),
+                                              .num_held = pliant_tool_grips(tool) ? tool->num_held : 0,
+                                              .held = tool->held};
     pliant_advance_audit_result found;
     status = find_room(search);
     if (status == PLIANT_OK) status = choose_surface(model, data, &body, &positions);
     if (status == PLIANT_OK)
-        status = pliant_advance_audit(search->advance, body->num_triangles, body->triangles, positions, count, part, data->discretization->system->num_threads, &found);
+        status = pliant_advance_audit(search->advance, body->num_triangles, body->triangles, positions, count, part,
+                                      data->discretization->system->num_threads, &found);
     if (status != PLIANT_OK) return status;
     *is_free = found.least > 0;
     *is_inside = is_inside_at(model, data, tool, pose);
     return PLIANT_OK;
 }
 
-bool pliant_contact_comes_near(pliant_data *data, const pliant_tool *tool, const pliant_tool_pose *from, const pliant_tool_pose *to)
+bool pliant_contact_comes_near(pliant_data *data, const pliant_tool *tool, const pliant_tool_pose *from,
+                               const pliant_tool_pose *to)
 {
     const pliant_contact_search *search = data->contact_search;
     bool near = false;

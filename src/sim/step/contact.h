@@ -20,14 +20,17 @@ pliant_status pliant_contact_stage(const pliant_model *model, pliant_data *data)
  * data->positions.
  * @param share fraction of the proxies' motion that belongs to these positions
  * Errors: MEMORY. */
-pliant_status pliant_contact_advance(const pliant_model *model, pliant_data *data, double share, pliant_advance_result *out);
+pliant_status pliant_contact_advance(const pliant_model *model, pliant_data *data, double share,
+                                     pliant_advance_result *out);
 /* Move the contact points of tools from the proxies' predicted poses to their poses after the leg. */
 void pliant_contact_follow_proxies(pliant_data *data);
 /* Check a tool at a pose: whether no surface is in its core, and whether the tool is inside tissue. Errors: MEMORY. */
-pliant_status pliant_contact_is_free(const pliant_model *model, pliant_data *data, int tool, const pliant_tool_pose *pose, bool *is_free, bool *is_inside);
+pliant_status pliant_contact_is_free(const pliant_model *model, pliant_data *data, int tool,
+                                     const pliant_tool_pose *pose, bool *is_free, bool *is_inside);
 /* Return whether a tool's motion comes near the bounding box of the surface, as it was at the last search for
  * contact points. */
-bool pliant_contact_comes_near(pliant_data *data, const pliant_tool *tool, const pliant_tool_pose *from, const pliant_tool_pose *to);
+bool pliant_contact_comes_near(pliant_data *data, const pliant_tool *tool, const pliant_tool_pose *from,
+                               const pliant_tool_pose *to);
 /* Return the rigid piece of each fine node, or -1. NULL: there are no rigid pieces. */
 const int32_t *pliant_contact_pieces(const pliant_data *data);
 /* Return whether the volume bound applies (contact/volume/volume.h): to linear tetrahedra of the fine mesh that the
@@ -71,7 +74,8 @@ void pliant_contact_wrench(const pliant_data *data, int tool, double force[3], d
  * of a cube of the piece's volume V, 1 / (E V^(1/3)) [m/N]. For the jaws it follows from the levers of the points
  * [rad/(N m)]. 0: the tool is on no piece.
  * @param pressing use the points that have carried a force; otherwise the points that overlap */
-void pliant_contact_gives(const pliant_data *data, int tool, bool pressing, const double joint[3], const double axis[3], double out[2]);
+void pliant_contact_gives(const pliant_data *data, int tool, bool pressing, const double joint[3], const double axis[3],
+                          double out[2]);
 
 #ifdef __cplusplus
 }

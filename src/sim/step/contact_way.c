@@ -6,7 +6,10 @@
 #include <math.h>
 #include <string.h>
 
-static double distance(const double *a, const double *b) { return sqrt(pow(a[0] - b[0], 2) + pow(a[1] - b[1], 2) + pow(a[2] - b[2], 2)); }
+static double distance(const double *a, const double *b)
+{
+    return sqrt(pow(a[0] - b[0], 2) + pow(a[1] - b[1], 2) + pow(a[2] - b[2], 2));
+}
 
 /* Return whether a tool with a shape comes nearer to a point than `near` during the leg [m]. */
 static bool comes_near(const pliant_tool *tool, const pliant_leg_tool *leg, const double point[3], double near)
@@ -18,7 +21,8 @@ static bool comes_near(const pliant_tool *tool, const pliant_leg_tool *leg, cons
         double local[3], normal[3];
         pliant_part_pose(&tool->shape, part->frame, leg->begin.tip, leg->begin.rotation, leg->begin.jaw, &pose);
         pliant_pose_from(&pose, point, local);
-        any = pliant_part_distance(part, local, normal) < near + pliant_part_way(&tool->shape, part, &leg->begin, &leg->goal);
+        any = pliant_part_distance(part, local, normal) <
+              near + pliant_part_way(&tool->shape, part, &leg->begin, &leg->goal);
     }
     return any;
 }
@@ -29,7 +33,9 @@ void pliant_contact_mark_pieces(pliant_data *data)
         double centre[3], radius;
         const double goes = pliant_falling_ball(data->falling, p, false, centre, &radius);
         bool any = false;
-        for (int t = 0; t < data->num_tools && goes > 0 && !any; t++) any = comes_near(data->tools + t, data->legs->tool + t, centre, radius + data->model->contact.search_margin);
+        for (int t = 0; t < data->num_tools && goes > 0 && !any; t++)
+            any =
+                comes_near(data->tools + t, data->legs->tool + t, centre, radius + data->model->contact.search_margin);
         pliant_falling_mark(data->falling, p, any);
     }
 }
@@ -65,7 +71,8 @@ static double reach_of(const pliant_tool *tool)
     for (int32_t p = 0; p < tool->shape.num_parts; p++) {
         const pliant_part *part = tool->shape.part + p;
         const bool turns = part->frame != PLIANT_FRAME_TIP;
-        reach = fmax(reach, turns ? distance(tool->shape.joint, origin) + pliant_part_reach(part, tool->shape.joint) : pliant_part_reach(part, origin));
+        reach = fmax(reach, turns ? distance(tool->shape.joint, origin) + pliant_part_reach(part, tool->shape.joint)
+                                  : pliant_part_reach(part, origin));
     }
     return reach;
 }
@@ -81,12 +88,14 @@ static double reach_of_elements(const pliant_model *model, const pliant_mesh *me
 /* Return the largest motion of a node that can come within `near` of the tip [m], or -1 if no point of an element
  * can.
  * @param elements upper bound of the distance from a point of an element to its nearest node [m] */
-static double way_near(const pliant_data *data, const double *tip, double near, double elements, const double *increment, int32_t times)
+static double way_near(const pliant_data *data, const double *tip, double near, double elements,
+                       const double *increment, int32_t times)
 {
     double most = 0;
     bool any = false;
     for (int32_t n = 0; n < data->body->fine.num_nodes; n++) {
-        const double *x = data->positions + 3 * (size_t)n, *d = increment + 3 * (size_t)n, way = times * sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+        const double *x = data->positions + 3 * (size_t)n, *d = increment + 3 * (size_t)n,
+                     way = times * sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
         if (any && !(way > most)) continue;
         const double apart = distance(x, tip) - near - way;
         any = any || apart <= elements;
@@ -106,16 +115,22 @@ double pliant_contact_deeps(const pliant_model *model, const pliant_data *data, 
         const pliant_leg_tool *leg = data->legs->tool + t;
         if (!tool->present || tool->shape.num_parts == 0) continue;
         const double farthest = pliant_tool_way(tool, &leg->begin, &leg->measured);
-        const double tissue = way_near(data, leg->begin.tip, reach_of(tool) + farthest + margin, elements, increment, times);
+        const double tissue =
+            way_near(data, leg->begin.tip, reach_of(tool) + farthest + margin, elements, increment, times);
         for (int32_t p = 0; p < tool->shape.num_parts && tissue >= 0; p++)
-            deeps = fmax(deeps, (pliant_part_way(&tool->shape, tool->shape.part + p, &leg->begin, &leg->measured) + tissue) / pliant_part_depth(tool->shape.part + p));
+            deeps = fmax(deeps,
+                         (pliant_part_way(&tool->shape, tool->shape.part + p, &leg->begin, &leg->measured) + tissue) /
+                             pliant_part_depth(tool->shape.part + p));
     }
-    for (int32_t n = 0, count = pliant_contact_obstacles(model, obstacle); n < count + model->obstacles.num_parts; n++) {
+    for (int32_t n = 0, count = pliant_contact_obstacles(model, obstacle); n < count + model->obstacles.num_parts;
+         n++) {
         const pliant_part *part = n < count ? obstacle + n : model->obstacles.part + (n - count);
         const double depth = pliant_part_depth(part);
         if (!(depth < INFINITY)) continue;
         pliant_part_centre(part, centre);
-        deeps = fmax(deeps, way_near(data, centre, pliant_part_reach(part, centre) + margin, elements, increment, times) / depth);
+        deeps =
+            fmax(deeps,
+                 way_near(data, centre, pliant_part_reach(part, centre) + margin, elements, increment, times) / depth);
     }
     return deeps;
 }

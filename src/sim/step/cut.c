@@ -50,7 +50,8 @@ static double reach_of(const knife *work) { return fmax(work->model->scene.cut.d
 static void tell_failure(const knife *work)
 {
     if (!work->tool->blade.failed)
-        pliant_log(PLIANT_LOG_WARNING, "tool %s does not cut: %s; the tissue stays as it is", work->tool->name, pliant_last_error());
+        pliant_log(PLIANT_LOG_WARNING, "tool %s does not cut: %s; the tissue stays as it is", work->tool->name,
+                   pliant_last_error());
     work->tool->blade.failed = true;
 }
 
@@ -58,7 +59,8 @@ static double longest_way(const pliant_edge *edge)
 {
     double longest = 0;
     for (int32_t p = 0; p < edge->count; p++) {
-        double way[3] = {edge->now[3 * p] - edge->place[3 * p], edge->now[3 * p + 1] - edge->place[3 * p + 1], edge->now[3 * p + 2] - edge->place[3 * p + 2]};
+        double way[3] = {edge->now[3 * p] - edge->place[3 * p], edge->now[3 * p + 1] - edge->place[3 * p + 1],
+                         edge->now[3 * p + 2] - edge->place[3 * p + 2]};
         longest = fmax(longest, sqrt(dot3(way, way)));
     }
     return longest;
@@ -93,8 +95,12 @@ static double energy_of(const knife *work, const pliant_cut_report *report)
 /* Cut the tissue between two positions of the edge's points. On an error return false and change nothing. */
 static bool part(const knife *work, const double *from, const double *to, pliant_cut_report *report)
 {
-    pliant_cut_sweep sweep = {.count = work->tool->blade.edge.count, .from = from, .to = to, .material_of_voxel = work->model->material_of_voxel,
-                              .blade = (uint32_t)work->index, .stroke = (uint32_t)work->tool->blade.stroke};
+    pliant_cut_sweep sweep = {.count = work->tool->blade.edge.count,
+                              .from = from,
+                              .to = to,
+                              .material_of_voxel = work->model->material_of_voxel,
+                              .blade = (uint32_t)work->index,
+                              .stroke = (uint32_t)work->tool->blade.stroke};
     memset(report, 0, sizeof *report);
     const uint64_t before = work->data->body->revision;
     if (pliant_data_sever(work->model, work->data, work->index, &sweep, report) != PLIANT_OK) {
@@ -139,9 +145,14 @@ static bool look_ahead(const knife *work, double width, double *force)
     pliant_edge *edge = &blade->edge;
     pliant_cut_report report = {0};
     extend(blade, edge->now, work->ahead, edge->swept);
-    pliant_cut_sweep sweep = {.count = edge->count, .from = edge->place, .to = edge->swept, .material_of_voxel = work->model->material_of_voxel,
-                              .blade = (uint32_t)work->index, .stroke = (uint32_t)blade->stroke};
-    if (pliant_body_cut(work->data->body, work->data->last_revision + 1, work->data->positions, &sweep, NULL, &report) != PLIANT_OK) {
+    pliant_cut_sweep sweep = {.count = edge->count,
+                              .from = edge->place,
+                              .to = edge->swept,
+                              .material_of_voxel = work->model->material_of_voxel,
+                              .blade = (uint32_t)work->index,
+                              .stroke = (uint32_t)blade->stroke};
+    if (pliant_body_cut(work->data->body, work->data->last_revision + 1, work->data->positions, &sweep, NULL,
+                        &report) != PLIANT_OK) {
         tell_failure(work);
         return false;
     }
@@ -286,7 +297,8 @@ static void go_on(const knife *work, double force, const double last[3])
     pliant_blade *blade = &tool->blade;
     memcpy(blade->anchor, last, sizeof blade->anchor);
     draw(tool);
-    const double way = sqrt(dot3(blade->drawn, blade->drawn)), before = way > 0 ? dot3(blade->force, blade->drawn) / way : 0;
+    const double way = sqrt(dot3(blade->drawn, blade->drawn)),
+                 before = way > 0 ? dot3(blade->force, blade->drawn) / way : 0;
     const double felt = way > 0 ? fmin(fmax(force - blade->work / way - 0.5 * (before + force), 0), 2 * force) : 0;
     blade->slips = blade->passes = true;
     for (int d = 0; d < 3; d++) blade->parting[d] = way > 0 ? felt * blade->drawn[d] / way : 0;
@@ -352,8 +364,10 @@ static int32_t turns_of(const knife *work)
 {
     const pliant_blade *blade = &work->tool->blade;
     const double *a = blade->rotation, *b = work->tool->rotation;
-    const double sizes = sqrt((dot3(a, a) + a[3] * a[3]) * (dot3(b, b) + b[3] * b[3])), cosine = sizes > 0 ? fabs(dot3(a, b) + a[3] * b[3]) / sizes : 1;
-    const double angle = 2 * acos(fmin(cosine, 1)), radius = sqrt(fmax(dot3(blade->from, blade->from), dot3(blade->to, blade->to)));
+    const double sizes = sqrt((dot3(a, a) + a[3] * a[3]) * (dot3(b, b) + b[3] * b[3])),
+                 cosine = sizes > 0 ? fabs(dot3(a, b) + a[3] * b[3]) / sizes : 1;
+    const double angle = 2 * acos(fmin(cosine, 1)),
+                 radius = sqrt(fmax(dot3(blade->from, blade->from), dot3(blade->to, blade->to)));
     const double off = chord * work->least;
     if (radius <= off) return 1;
     return (int32_t)fmax(ceil(angle / (2 * acos(1 - off / radius))), 1);
@@ -385,11 +399,15 @@ static double way_of(const knife *work)
 static bool has_jumped(const knife *work)
 {
     pliant_blade *blade = &work->tool->blade;
-    const double fastest = work->model->contact.max_tool_speed, step = work->model->scene.solver.step, far = pliant_blade_has_pose(blade) ? way_of(work) : 0;
+    const double fastest = work->model->contact.max_tool_speed, step = work->model->scene.solver.step,
+                 far = pliant_blade_has_pose(blade) ? way_of(work) : 0;
     if (far <= fastest * step) return false;
     if (!blade->failed)
-        pliant_log(PLIANT_LOG_WARNING, "tool %s is too fast to cut: its blade moves %.3g m in a step of %g s (%.3g m/s); above %g m/s it is taken for a "
-                   "jump and cuts nothing on its way. Move it more slowly", work->tool->name, far, step, far / step, fastest);
+        pliant_log(
+            PLIANT_LOG_WARNING,
+            "tool %s is too fast to cut: its blade moves %.3g m in a step of %g s (%.3g m/s); above %g m/s it is taken for a "
+            "jump and cuts nothing on its way. Move it more slowly",
+            work->tool->name, far, step, far / step, fastest);
     return true;
 }
 
@@ -444,8 +462,13 @@ pliant_status pliant_cut_stage(const pliant_model *model, pliant_data *data)
     for (int t = 0; t < data->num_tools; t++) {
         pliant_tool *tool = data->tools + t;
         if (!tool->blade.cutting || !tool->present) continue;
-        const knife work = {.model = model, .data = data, .index = t, .tool = tool, .least = fmin(size[0], fmin(size[1], size[2])),
-                            .most = fmax(size[0], fmax(size[1], size[2])), .ahead = ahead_of(model)};
+        const knife work = {.model = model,
+                            .data = data,
+                            .index = t,
+                            .tool = tool,
+                            .least = fmin(size[0], fmin(size[1], size[2])),
+                            .most = fmax(size[0], fmax(size[1], size[2])),
+                            .ahead = ahead_of(model)};
         cut_with(&work);
     }
     return PLIANT_OK;

@@ -35,7 +35,8 @@ static pliant_status fill(const pliant_model *model, pliant_data *data)
     if (!(data->clearance = pliant_clearance_create())) return pliant_fail_memory("the simulation state");
     data->share = 1;
     data->positions = pliant_pages((size_t)data->body->fine.num_nodes, 3 * sizeof *data->positions);
-    pliant_status status = data->positions ? pliant_host_solver_of(model)->create(model, data) : pliant_fail_memory("the simulation state");
+    pliant_status status = data->positions ? pliant_host_solver_of(model)->create(model, data)
+                                           : pliant_fail_memory("the simulation state");
     if (status != PLIANT_OK) return status;
     memcpy(data->positions, data->body->fine.rest, 3 * (size_t)data->body->fine.num_nodes * sizeof *data->positions);
     memcpy(data->gravity, model->scene.model.gravity, sizeof data->gravity);
@@ -61,7 +62,8 @@ pliant_status pliant_data_create_for(const pliant_model *model, pliant_account *
 pliant_status pliant_data_create(const pliant_model *model, pliant_data **out)
 {
     pliant_account *account = pliant_account_open();
-    const pliant_status status = account ? pliant_data_create_for(model, account, out) : pliant_fail_memory("the simulation state");
+    const pliant_status status =
+        account ? pliant_data_create_for(model, account, out) : pliant_fail_memory("the simulation state");
     pliant_account_close(account);
     return status;
 }

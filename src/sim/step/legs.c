@@ -52,7 +52,10 @@ static pliant_status place_proxy(const pliant_model *model, pliant_data *data, i
 }
 
 /* Return the grasp constraint of a tool, from its patch or from the model. */
-static pliant_handle *handle_of(const pliant_data *data, int tool) { return data->solver ? pliant_patch_solver(data, tool)->handles + tool : NULL; }
+static pliant_handle *handle_of(const pliant_data *data, int tool)
+{
+    return data->solver ? pliant_patch_solver(data, tool)->handles + tool : NULL;
+}
 
 /* Read the target poses, and place the proxies of new tools. */
 static pliant_status begin_step(const pliant_model *model, pliant_data *data)
@@ -151,7 +154,8 @@ static double choose_part(const pliant_model *model, pliant_data *data)
 
 /* Explicit dynamics: limit the speed at which a delayed proxy catches up to the maximum tool speed. Return a
  * fraction. */
-static double limit_speed(const pliant_model *model, const pliant_data *data, const pliant_tool *tool, const pliant_leg_tool *leg, double share)
+static double limit_speed(const pliant_model *model, const pliant_data *data, const pliant_tool *tool,
+                          const pliant_leg_tool *leg, double share)
 {
     const double most = model->contact.max_tool_speed * model->scene.solver.step * data->share;
     const double way = tool->shape.num_parts > 0 ? share * pliant_tool_way(tool, &leg->begin, &leg->measured) : 0;
@@ -167,21 +171,27 @@ static void set_goals(const pliant_model *model, pliant_data *data, double share
         pliant_tool *tool = data->tools + t;
         pliant_leg_tool *leg = data->legs->tool + t;
         pliant_handle *handle = handle_of(data, t);
-        const double own = dynamic ? share * limit_speed(model, data, tool, leg, share) : fmin(share, share_of(model, data, t, false));
+        const double own =
+            dynamic ? share * limit_speed(model, data, tool, leg, share) : fmin(share, share_of(model, data, t, false));
         leg->goal = pliant_pose_partway(&leg->begin, &leg->measured, own);
-        pliant_proxy_couple(model, tool, &leg->begin, &leg->goal, &leg->before, leg->gives, &leg->ahead, data->legs->proxy + 2 * t, leg->axis);
+        pliant_proxy_couple(model, tool, &leg->begin, &leg->goal, &leg->before, leg->gives, &leg->ahead,
+                            data->legs->proxy + 2 * t, leg->axis);
         if (data->tled) leg->goal = leg->ahead;
         memcpy(tool->tip, leg->ahead.tip, sizeof tool->tip);
         memcpy(tool->rotation, leg->ahead.rotation, sizeof tool->rotation);
         tool->jaw = leg->ahead.jaw;
-        for (int d = 0; d < 3 && handle && pliant_handle_is_spring(handle); d++) handle->target[d] = leg->target[d] + (leg->goal.tip[d] - leg->measured.tip[d]);
+        for (int d = 0; d < 3 && handle && pliant_handle_is_spring(handle); d++)
+            handle->target[d] = leg->target[d] + (leg->goal.tip[d] - leg->measured.tip[d]);
     }
 }
 
 /* ---- a leg */
 
 /* contact/response: paper without delay detects overlaps in every sub-step */
-static bool searches_on_the_way(const pliant_model *model) { return model->scene.contact.response == PLIANT_RESPONSE_PAPER && !model->scene.contact.delay; }
+static bool searches_on_the_way(const pliant_model *model)
+{
+    return model->scene.contact.response == PLIANT_RESPONSE_PAPER && !model->scene.contact.delay;
+}
 
 /* Run the solve stage. A GPU backend that cannot handle contact fails, and then the CPU continues. */
 static pliant_status solve(const pliant_model *model, pliant_data *data)
@@ -247,7 +257,8 @@ static pliant_status lead_or_fall_back(const pliant_model *model, pliant_data *d
  * of a step as one set, so they must all be taken in its first leg. */
 static void take_no_more(pliant_data *data)
 {
-    if (data->background.kind != PLIANT_BACKGROUND_PLANNED) data->background = (pliant_background){.kind = PLIANT_BACKGROUND_PRESCRIBED, .taken = data->background.taken};
+    if (data->background.kind != PLIANT_BACKGROUND_PLANNED)
+        data->background = (pliant_background){.kind = PLIANT_BACKGROUND_PRESCRIBED, .taken = data->background.taken};
 }
 
 /* Update the loads on all proxies. With TLED, return 1. Otherwise move the goals to where the couplings yield to the
@@ -269,7 +280,10 @@ static double yield(const pliant_model *model, pliant_data *data)
     return share;
 }
 
-static bool is_of_piece(const pliant_data *data, int32_t node) { return data->falling && pliant_falling_home(data->falling, node); }
+static bool is_of_piece(const pliant_data *data, int32_t node)
+{
+    return data->falling && pliant_falling_home(data->falling, node);
+}
 
 /* Return the fraction of the leg at which the farthest node has moved by twice the maximum distance of a tool. After
  * a blocked leg the solver makes a linear step. Its result can be inaccurate for large motions, so the motion is
@@ -279,10 +293,12 @@ static double bound(const pliant_data *data)
     const double most = 2 * most_of(data);
     double farthest = 0;
     bool touches = false;
-    for (int32_t p = 0; p < data->contacts.count && !touches; p++) touches = !is_of_piece(data, data->contacts.point[p].node[0]);
+    for (int32_t p = 0; p < data->contacts.count && !touches; p++)
+        touches = !is_of_piece(data, data->contacts.point[p].node[0]);
     for (int32_t n = 0; touches && n < data->body->fine.num_nodes; n++) {
         const double *from = data->legs->positions + 3 * (size_t)n, *to = data->positions + 3 * (size_t)n;
-        const double square = (to[0] - from[0]) * (to[0] - from[0]) + (to[1] - from[1]) * (to[1] - from[1]) + (to[2] - from[2]) * (to[2] - from[2]);
+        const double square = (to[0] - from[0]) * (to[0] - from[0]) + (to[1] - from[1]) * (to[1] - from[1]) +
+                              (to[2] - from[2]) * (to[2] - from[2]);
         if (square > farthest && !is_of_piece(data, n)) farthest = square;
     }
     return farthest > most * most ? most / sqrt(farthest) : 1;
@@ -331,8 +347,8 @@ static pliant_status keep_volumes(const pliant_model *model, pliant_data *data, 
 {
     if (!pliant_contact_keeps_volumes(data)) return PLIANT_OK;
     if (!data->legs->blocked) return pliant_legs_keep_volumes(model, data);
-    *share = fmin(*share, pliant_volume_advance(&model->contact, &data->body->fine, data->legs->positions, data->positions,
-                                                pliant_contact_pieces(data)));
+    *share = fmin(*share, pliant_volume_advance(&model->contact, &data->body->fine, data->legs->positions,
+                                                data->positions, pliant_contact_pieces(data)));
     return PLIANT_OK;
 }
 
@@ -375,7 +391,8 @@ static int32_t choose_evaluations(const leg_budget *budget, double share)
 
 /* Make one leg: choose its length, find contact points, solve, and apply the free fraction. Then decide whether the
  * step is done. */
-static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_budget *budget, pliant_status *caveat, bool *done)
+static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_budget *budget, pliant_status *caveat,
+                             bool *done)
 {
     pliant_statistics *statistics = &data->statistics;
     const int32_t limit = data->solver ? data->solver->rules.most_evaluations : 0;
@@ -414,7 +431,8 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
     budget->left *= 1 - share * gone;
     if (!*done && budget->spent >= budget->evaluations) statistics->ended = PLIANT_STEP_END_BUDGET;
     else if (!*done && data->solver && !pliant_solver_has_time(data->solver)) statistics->ended = PLIANT_STEP_END_TIME;
-    else if (budget->blocked == MAX_BLOCKED || statistics->legs == MAX_LEGS) statistics->ended = PLIANT_STEP_END_BLOCKED;
+    else if (budget->blocked == MAX_BLOCKED || statistics->legs == MAX_LEGS)
+        statistics->ended = PLIANT_STEP_END_BLOCKED;
     *done = *done || statistics->ended != PLIANT_STEP_END_NONE;
     return PLIANT_OK;
 }
@@ -422,19 +440,23 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
 /* Make all legs of a step. gone: fraction that the last leg of the previous step made */
 static pliant_status run_legs(const pliant_model *model, pliant_data *data, double gone, pliant_status *caveat)
 {
-    leg_budget budget = {.evaluations = data->solver ? data->solver->rules.most_evaluations : 0, .left = 1, .gone = gone, .first = true};
+    leg_budget budget = {
+        .evaluations = data->solver ? data->solver->rules.most_evaluations : 0, .left = 1, .gone = gone, .first = true};
     const pliant_background background = data->background;
     bool done = false;
     if (!data->legs && !(data->legs = pliant_calloc(1, sizeof *data->legs))) return pliant_fail_memory("contacts");
     pliant_status status = begin_step(model, data);
     if (data->tled) data->tled->made = data->tled->part = 0;
     while (status >= 0 && !done) status = run_leg(model, data, &budget, caveat, &done);
-    data->background = (pliant_background){.kind = background.kind, .prescribed = background.prescribed, .taken = data->background.taken};
+    data->background = (pliant_background){
+        .kind = background.kind, .prescribed = background.prescribed, .taken = data->background.taken};
     if (status >= 0) pliant_legs_tell_forces(data);
     data->statistics.iterations = budget.iterations;
     bool saturated = false;
-    for (int t = 0; t < data->num_tools; t++) saturated = saturated || (data->tools[t].present && data->tools[t].proxy.saturated);
-    if (saturated && data->statistics.ended == PLIANT_STEP_END_NONE) data->statistics.ended = PLIANT_STEP_END_FORCE_LIMIT;
+    for (int t = 0; t < data->num_tools; t++)
+        saturated = saturated || (data->tools[t].present && data->tools[t].proxy.saturated);
+    if (saturated && data->statistics.ended == PLIANT_STEP_END_NONE)
+        data->statistics.ended = PLIANT_STEP_END_FORCE_LIMIT;
     end_step(data);
     return status;
 }

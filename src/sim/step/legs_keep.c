@@ -35,14 +35,18 @@ static void fix_pieces(const pliant_data *data, double *solved)
 }
 
 /* Return the grasp constraint of a tool, from its patch or from the model. */
-static pliant_handle *handle_of(const pliant_data *data, int tool) { return pliant_patch_solver(data, tool)->handles + tool; }
+static pliant_handle *handle_of(const pliant_data *data, int tool)
+{
+    return pliant_patch_solver(data, tool)->handles + tool;
+}
 
 pliant_status pliant_legs_keep(const pliant_model *model, pliant_data *data)
 {
     pliant_legs *legs = data->legs;
     const int32_t nodes = data->body->fine.num_nodes;
     const pliant_solver *solver = data->solver;
-    if (!reserve(&legs->positions, &legs->room_nodes, nodes) || (solver && !reserve(&legs->solved, &legs->room_solved, solver->system->mesh->num_nodes)))
+    if (!reserve(&legs->positions, &legs->room_nodes, nodes) ||
+        (solver && !reserve(&legs->solved, &legs->room_solved, solver->system->mesh->num_nodes)))
         return pliant_fail_memory("contacts");
     memcpy(legs->positions, data->positions, 3 * (size_t)nodes * sizeof *data->positions);
     if (!solver) return PLIANT_OK; /* explicit dynamics saves its own state (tled->kept_u) */
@@ -53,7 +57,10 @@ pliant_status pliant_legs_keep(const pliant_model *model, pliant_data *data)
     return data->falling ? pliant_falling_keep(data->falling, &legs->falling) : PLIANT_OK;
 }
 
-pliant_status pliant_legs_keep_points(pliant_data *data) { return pliant_contacts_copy(&data->contacts, &data->legs->points); }
+pliant_status pliant_legs_keep_points(pliant_data *data)
+{
+    return pliant_contacts_copy(&data->contacts, &data->legs->points);
+}
 
 /* to = from + share (to - from) */
 static void mix(size_t count, const double *from, double share, double *to)
@@ -131,13 +138,15 @@ pliant_status pliant_legs_keep_volumes(const pliant_model *model, pliant_data *d
         legs->share = share;
         legs->room_shares = mesh->num_nodes;
     }
-    if (pliant_volume_hold_back(&model->contact, mesh, legs->positions, data->positions, pliant_contact_pieces(data), legs->share) == 0)
+    if (pliant_volume_hold_back(&model->contact, mesh, legs->positions, data->positions, pliant_contact_pieces(data),
+                                legs->share) == 0)
         return PLIANT_OK;
     if (data->backend->download) data->backend->download(data->model, data);
     double farthest = 0;
     for (int32_t n = 0; n < mesh->num_nodes; n++) {
         if (legs->share[n] == 1) continue;
-        farthest = fmax(farthest, (1 - legs->share[n]) * distance(legs->positions + 3 * (size_t)n, data->positions + 3 * (size_t)n));
+        farthest = fmax(farthest, (1 - legs->share[n]) *
+                                      distance(legs->positions + 3 * (size_t)n, data->positions + 3 * (size_t)n));
         mix(3, legs->positions + 3 * (size_t)n, legs->share[n], data->positions + 3 * (size_t)n);
         mix(3, legs->solved + 3 * (size_t)n, legs->share[n], solver->now.x + 3 * (size_t)n);
     }
@@ -157,14 +166,19 @@ pliant_status pliant_legs_add_forces(pliant_data *data, double share)
     pliant_legs *legs = data->legs;
     const pliant_contacts *told = &legs->told, *now = &data->contacts;
     pliant_contacts *out = &legs->merged;
-    pliant_status status = told->count + now->count > 0 ? pliant_contacts_reserve(out, told->count + now->count) : PLIANT_OK;
+    pliant_status status =
+        told->count + now->count > 0 ? pliant_contacts_reserve(out, told->count + now->count) : PLIANT_OK;
     if (status != PLIANT_OK) return status;
     out->count = 0;
     for (int32_t a = 0, b = 0; a < told->count || b < now->count;) {
-        const int order = a == told->count ? 1 : b == now->count ? -1 : pliant_contact_compare(told->point + a, now->point + b);
+        const int order = a == told->count  ? 1
+                          : b == now->count ? -1
+                                            : pliant_contact_compare(told->point + a, now->point + b);
         pliant_contact_point *point = out->point + out->count++;
         *point = order < 0 ? told->point[a] : now->point[b];
-        for (int d = 0; d < 3; d++) point->force[d] = (order <= 0 ? told->point[a].force[d] : 0) + (order >= 0 ? share * now->point[b].force[d] : 0);
+        for (int d = 0; d < 3; d++)
+            point->force[d] =
+                (order <= 0 ? told->point[a].force[d] : 0) + (order >= 0 ? share * now->point[b].force[d] : 0);
         if (order < 0) point->begun = false;
         a += order <= 0;
         b += order >= 0;
@@ -178,7 +192,8 @@ static void place_at_tissue(const pliant_data *data, pliant_contact_point *point
 {
     for (int d = 0; d < 3; d++) {
         point->place[d] = 0;
-        for (int32_t k = 0; k < point->count; k++) point->place[d] += point->weight[k] * data->positions[3 * (size_t)point->node[k] + (size_t)d];
+        for (int32_t k = 0; k < point->count; k++)
+            point->place[d] += point->weight[k] * data->positions[3 * (size_t)point->node[k] + (size_t)d];
     }
 }
 

@@ -45,16 +45,19 @@ pliant_tool_pose pliant_pose_partway(const pliant_tool_pose *from, const pliant_
     return out;
 }
 
-double pliant_part_way(const pliant_tool_shape *shape, const pliant_part *part, const pliant_tool_pose *from, const pliant_tool_pose *to)
+double pliant_part_way(const pliant_tool_shape *shape, const pliant_part *part, const pliant_tool_pose *from,
+                       const pliant_tool_pose *to)
 {
     const double origin[3] = {0, 0, 0}, turn = part->frame == PLIANT_FRAME_TIP ? 0 : 0.5 * fabs(to->jaw - from->jaw);
-    return distance(to->tip, from->tip) + turn * pliant_part_reach(part, shape->joint) + pliant_rotation_angle(from->rotation, to->rotation) * pliant_part_reach(part, origin);
+    return distance(to->tip, from->tip) + turn * pliant_part_reach(part, shape->joint) +
+           pliant_rotation_angle(from->rotation, to->rotation) * pliant_part_reach(part, origin);
 }
 
 double pliant_tool_way(const pliant_tool *tool, const pliant_tool_pose *from, const pliant_tool_pose *to)
 {
     double way = distance(to->tip, from->tip);
-    for (int32_t p = 0; p < tool->shape.num_parts; p++) way = fmax(way, pliant_part_way(&tool->shape, tool->shape.part + p, from, to));
+    for (int32_t p = 0; p < tool->shape.num_parts; p++)
+        way = fmax(way, pliant_part_way(&tool->shape, tool->shape.part + p, from, to));
     return way;
 }
 
@@ -83,8 +86,11 @@ void pliant_proxy_find_load(const pliant_data *data, int index, const pliant_too
         for (int d = 0; d < 3; d++) {
             const int e = (d + 1) % 3, f = (d + 2) % 3;
             out->wrench[d] -= point->force[d];
-            out->wrench[3 + d] -= (point->place[e] - pose->tip[e]) * point->force[f] - (point->place[f] - pose->tip[f]) * point->force[e];
-            out->jaw -= 0.5 * point->jaw * axis[d] * ((point->place[e] - joint[e]) * point->force[f] - (point->place[f] - joint[f]) * point->force[e]);
+            out->wrench[3 + d] -=
+                (point->place[e] - pose->tip[e]) * point->force[f] - (point->place[f] - pose->tip[f]) * point->force[e];
+            out->jaw -=
+                0.5 * point->jaw * axis[d] *
+                ((point->place[e] - joint[e]) * point->force[f] - (point->place[f] - joint[f]) * point->force[e]);
         }
     }
 }
@@ -93,10 +99,12 @@ void pliant_proxy_find_load(const pliant_data *data, int index, const pliant_too
 static void multiply(const double a[4], const double b[4], double out[4])
 {
     out[3] = a[3] * b[3] - dot(a, b);
-    for (int d = 0; d < 3; d++) out[d] = a[3] * b[d] + b[3] * a[d] + a[(d + 1) % 3] * b[(d + 2) % 3] - a[(d + 2) % 3] * b[(d + 1) % 3];
+    for (int d = 0; d < 3; d++)
+        out[d] = a[3] * b[d] + b[3] * a[d] + a[(d + 1) % 3] * b[(d + 2) % 3] - a[(d + 2) % 3] * b[(d + 1) % 3];
 }
 
-pliant_tool_pose pliant_proxy_yield(const pliant_tool *tool, const pliant_tool_pose *from, const pliant_touch_piece couple[2], const pliant_proxy_load *load)
+pliant_tool_pose pliant_proxy_yield(const pliant_tool *tool, const pliant_tool_pose *from,
+                                    const pliant_touch_piece couple[2], const pliant_proxy_load *load)
 {
     pliant_tool_pose out = *from;
     double moved[6], turn[4], jaw[6], torque[6] = {0}, joint[3], axis[3];
@@ -110,7 +118,8 @@ pliant_tool_pose pliant_proxy_yield(const pliant_tool *tool, const pliant_tool_p
     const double angle = sqrt(dot(moved + 3, moved + 3));
     for (int d = 0; d < 3; d++) turn[d] = moved[3 + d] * (angle > 0 ? sin(0.5 * angle) / angle : 0.5);
     turn[3] = cos(0.5 * angle);
-    if (angle > 0 && dot(from->rotation, from->rotation) + from->rotation[3] * from->rotation[3] > 0) multiply(turn, from->rotation, out.rotation);
+    if (angle > 0 && dot(from->rotation, from->rotation) + from->rotation[3] * from->rotation[3] > 0)
+        multiply(turn, from->rotation, out.rotation);
     if (pliant_tool_shape_has_jaws(&tool->shape)) out.jaw += dot(axis, jaw + 3);
     return out;
 }
@@ -119,7 +128,8 @@ pliant_tool_pose pliant_proxy_yield(const pliant_tool *tool, const pliant_tool_p
  * increases, so that the load stays below the limit. */
 static double comply(const pliant_contact_settings *settings, double stiffness, double error, double load, double limit)
 {
-    const double slope = 1 / settings->soft_width, softens = fmin(fmax(slope * load / limit - slope * settings->soft_begin, 0), 1);
+    const double slope = 1 / settings->soft_width,
+                 softens = fmin(fmax(slope * load / limit - slope * settings->soft_begin, 0), 1);
     return fmax(1 / stiffness, softens * error / limit);
 }
 
@@ -127,7 +137,8 @@ static double reach_of(const pliant_tool *tool)
 {
     const double origin[3] = {0, 0, 0};
     double reach = 0;
-    for (int32_t p = 0; p < tool->shape.num_parts; p++) reach = fmax(reach, pliant_part_reach(tool->shape.part + p, origin));
+    for (int32_t p = 0; p < tool->shape.num_parts; p++)
+        reach = fmax(reach, pliant_part_reach(tool->shape.part + p, origin));
     return reach;
 }
 
@@ -141,15 +152,21 @@ static void turn_between(const double from[4], const double to[4], double turn[3
     for (int d = 0; d < 3; d++) turn[d] = sine > 0 ? sign * q[d] * angle / sine : 0;
 }
 
-void pliant_proxy_couple(const pliant_model *model, const pliant_tool *tool, const pliant_tool_pose *begin, const pliant_tool_pose *goal, const pliant_proxy_load *before,
-                         const double gives[2], pliant_tool_pose *ahead, pliant_touch_piece out[2], double axis[3])
+void pliant_proxy_couple(const pliant_model *model, const pliant_tool *tool, const pliant_tool_pose *begin,
+                         const pliant_tool_pose *goal, const pliant_proxy_load *before, const double gives[2],
+                         pliant_tool_pose *ahead, pliant_touch_piece out[2], double axis[3])
 {
     const pliant_scene *scene = &model->scene;
-    const double most = scene->contact.max_force, lever = most * fmax(reach_of(tool), 1e-3), turn_stiffness = scene->contact.coupling_stiffness_rotational;
+    const double most = scene->contact.max_force, lever = most * fmax(reach_of(tool), 1e-3),
+                 turn_stiffness = scene->contact.coupling_stiffness_rotational;
     const double *wrench = before->wrench, *pulls = tool->proxy.pulls;
-    const double shift = comply(&model->contact, scene->contact.coupling_stiffness, distance(begin->tip, goal->tip), fmax(sqrt(dot(wrench, wrench)), pulls[0]), most);
-    const double turn = comply(&model->contact, turn_stiffness, pliant_rotation_angle(begin->rotation, goal->rotation), fmax(sqrt(dot(wrench + 3, wrench + 3)), pulls[1]), lever);
-    const double jaw = comply(&model->contact, turn_stiffness, fabs(goal->jaw - begin->jaw), fmax(fabs(before->jaw), pulls[2]), scene->contact.grip_torque) + gives[1];
+    const double shift = comply(&model->contact, scene->contact.coupling_stiffness, distance(begin->tip, goal->tip),
+                                fmax(sqrt(dot(wrench, wrench)), pulls[0]), most);
+    const double turn = comply(&model->contact, turn_stiffness, pliant_rotation_angle(begin->rotation, goal->rotation),
+                               fmax(sqrt(dot(wrench + 3, wrench + 3)), pulls[1]), lever);
+    const double jaw = comply(&model->contact, turn_stiffness, fabs(goal->jaw - begin->jaw),
+                              fmax(fabs(before->jaw), pulls[2]), scene->contact.grip_torque) +
+                       gives[1];
     memset(out, 0, 2 * sizeof *out);
     for (int k = 0; k < 6; k++) out[0].answer[7 * k] = k < 3 ? shift + gives[0] : turn;
     pliant_tool_joint(tool, goal, out[1].centre, axis);
@@ -168,13 +185,16 @@ void pliant_proxy_couple(const pliant_model *model, const pliant_tool *tool, con
 /* Return the fraction of the change from a to b at which the limit is reached, or 1. */
 static double until(double a, double b, double limit) { return a < limit && b > limit ? (limit - a) / (b - a) : 1; }
 
-double pliant_proxy_limit(const pliant_model *model, pliant_tool *tool, const pliant_proxy_load *before, const pliant_proxy_load *after)
+double pliant_proxy_limit(const pliant_model *model, pliant_tool *tool, const pliant_proxy_load *before,
+                          const pliant_proxy_load *after)
 {
     const double over = model->contact.force_overshoot, nearly = model->contact.soft_begin + model->contact.soft_width;
-    const double force = sqrt(dot(after->wrench, after->wrench)), most = model->scene.contact.max_force, torque = fabs(after->jaw), grip = model->scene.contact.grip_torque;
+    const double force = sqrt(dot(after->wrench, after->wrench)), most = model->scene.contact.max_force,
+                 torque = fabs(after->jaw), grip = model->scene.contact.grip_torque;
     tool->proxy.pulls[0] = force;
     tool->proxy.pulls[1] = sqrt(dot(after->wrench + 3, after->wrench + 3));
     tool->proxy.pulls[2] = torque;
     tool->proxy.saturated = force > nearly * most || torque > nearly * grip;
-    return fmin(until(sqrt(dot(before->wrench, before->wrench)), force, over * most), until(fabs(before->jaw), torque, over * grip));
+    return fmin(until(sqrt(dot(before->wrench, before->wrench)), force, over * most),
+                until(fabs(before->jaw), torque, over * grip));
 }

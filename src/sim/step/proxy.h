@@ -23,7 +23,8 @@ void pliant_tool_set_proxy(pliant_tool *tool, const pliant_tool_pose *pose);
 /* Return the pose at a fraction of the motion between two poses. */
 pliant_tool_pose pliant_pose_partway(const pliant_tool_pose *from, const pliant_tool_pose *to, double share);
 /* Return an upper bound of the distance that any point of a part moves between two poses [m]. */
-double pliant_part_way(const pliant_tool_shape *shape, const pliant_part *part, const pliant_tool_pose *from, const pliant_tool_pose *to);
+double pliant_part_way(const pliant_tool_shape *shape, const pliant_part *part, const pliant_tool_pose *from,
+                       const pliant_tool_pose *to);
 /* Return an upper bound of the distance that the tip and any point of the tool move between two poses [m]. */
 double pliant_tool_way(const pliant_tool *tool, const pliant_tool_pose *from, const pliant_tool_pose *to);
 
@@ -40,14 +41,17 @@ void pliant_proxy_find_load(const pliant_data *data, int tool, const pliant_tool
  * @param goal desired pose at the end of the leg
  * @param gives additional compliance for rigid pieces under the tool (pliant_contact_gives)
  * @param ahead out: the pose at the linearization point; @param axis out: unit axis of the jaws at that pose */
-void pliant_proxy_couple(const pliant_model *model, const pliant_tool *tool, const pliant_tool_pose *begin, const pliant_tool_pose *goal, const pliant_proxy_load *before,
-                         const double gives[2], pliant_tool_pose *ahead, pliant_touch_piece out[2], double axis[3]);
+void pliant_proxy_couple(const pliant_model *model, const pliant_tool *tool, const pliant_tool_pose *begin,
+                         const pliant_tool_pose *goal, const pliant_proxy_load *before, const double gives[2],
+                         pliant_tool_pose *ahead, pliant_touch_piece out[2], double axis[3]);
 /* Return the pose that the coupling yields to under a load.
  * @param from pose at the linearization point */
-pliant_tool_pose pliant_proxy_yield(const pliant_tool *tool, const pliant_tool_pose *from, const pliant_touch_piece couple[2], const pliant_proxy_load *load);
+pliant_tool_pose pliant_proxy_yield(const pliant_tool *tool, const pliant_tool_pose *from,
+                                    const pliant_touch_piece couple[2], const pliant_proxy_load *load);
 /* Return the fraction of a load's change at which the first limit is reached. Also set whether the proxy is
  * saturated. */
-double pliant_proxy_limit(const pliant_model *model, pliant_tool *tool, const pliant_proxy_load *before, const pliant_proxy_load *after);
+double pliant_proxy_limit(const pliant_model *model, pliant_tool *tool, const pliant_proxy_load *before,
+                          const pliant_proxy_load *after);
 
 #ifdef __cplusplus
 }

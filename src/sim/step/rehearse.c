@@ -33,19 +33,22 @@ static void find_strip(const pliant_mesh *mesh, int number, double from[3 * POIN
 
 /* Make one cut. *next stays NULL if the strip cuts nothing.
  * @param solver NULL, or out: the solver of the next topology */
-static pliant_status go_on(const pliant_model *model, const pliant_data *data, const pliant_discretization *before, int number, const pliant_discretization **next,
-                           pliant_solver **solver)
+static pliant_status go_on(const pliant_model *model, const pliant_data *data, const pliant_discretization *before,
+                           int number, const pliant_discretization **next, pliant_solver **solver)
 {
     double from[3 * POINTS], to[3 * POINTS];
     pliant_body *body = NULL;
     find_strip(&before->body->fine, number, from, to);
     const pliant_cut_sweep sweep = {.count = POINTS, .from = from, .to = to};
-    pliant_status status = pliant_body_cut(before->body, data->last_revision + 1 + (uint64_t)number, before->body->fine.rest, &sweep, &body, NULL);
+    pliant_status status = pliant_body_cut(before->body, data->last_revision + 1 + (uint64_t)number,
+                                           before->body->fine.rest, &sweep, &body, NULL);
     if (status != PLIANT_OK || !body) return status;
     pliant_body_map map = {0};
     status = pliant_body_map_create(before->body, body, &map);
     if (status == PLIANT_OK) status = pliant_discretization_next(&model->scene, before, body, &map, next);
-    if (status == PLIANT_OK && solver) status = pliant_solver_follow(&model->scene, (*next)->system, data->solver, &map, !data->backend->on_host, NULL, solver);
+    if (status == PLIANT_OK && solver)
+        status = pliant_solver_follow(&model->scene, (*next)->system, data->solver, &map, !data->backend->on_host, NULL,
+                                      solver);
     pliant_body_map_free(&map);
     pliant_body_release(body);
     return status;
@@ -62,12 +65,14 @@ void pliant_rehearse_cut(const pliant_model *model, pliant_data *data)
 {
     const pliant_discretization *made[1 + BODIES] = {data->discretization};
     const pliant_body *body = data->discretization->body;
-    if (!body->voxels || body->cuts || body->subdivision || data->tled || model->scene.model.method != PLIANT_FINE) return;
+    if (!body->voxels || body->cuts || body->subdivision || data->tled || model->scene.model.method != PLIANT_FINE)
+        return;
     const int64_t before = pliant_memory_taken();
     pliant_warp_next *warp = NULL;
     pliant_solver *solver = NULL;
     pliant_status status = PLIANT_OK;
-    for (int n = 0; n < BODIES && made[n] && status == PLIANT_OK; n++) status = go_on(model, data, made[n], n, made + n + 1, n == 0 ? &solver : NULL);
+    for (int n = 0; n < BODIES && made[n] && status == PLIANT_OK; n++)
+        status = go_on(model, data, made[n], n, made + n + 1, n == 0 ? &solver : NULL);
     if (status == PLIANT_OK && made[1] && data->warp) status = pliant_warp_prepare(data->warp, made[1]->body, &warp);
     keep_memory(data, pliant_memory_taken() - before);
     pliant_warp_next_free(warp);

@@ -34,7 +34,9 @@ static bool reserve_spares(pliant_rollback *rollback, const pliant_data *data)
         spare *of = rollback->spare + t;
         const int32_t count = data->tools[t].num_held;
         if (count <= of->room) continue;
-        if (!pliant_grow(&of->held, (size_t)count, sizeof *of->held) || !pliant_grow(&of->weight, (size_t)count, sizeof *of->weight)) return false;
+        if (!pliant_grow(&of->held, (size_t)count, sizeof *of->held) ||
+            !pliant_grow(&of->weight, (size_t)count, sizeof *of->weight))
+            return false;
         of->room = count;
     }
     return true;
@@ -42,7 +44,8 @@ static bool reserve_spares(pliant_rollback *rollback, const pliant_data *data)
 
 pliant_status pliant_rollback_begin(const pliant_model *model, pliant_data *data)
 {
-    if (!data->rollback && !(data->rollback = pliant_calloc(1, sizeof *data->rollback))) return pliant_fail_memory("the rollback of a step");
+    if (!data->rollback && !(data->rollback = pliant_calloc(1, sizeof *data->rollback)))
+        return pliant_fail_memory("the rollback of a step");
     pliant_rollback *rollback = data->rollback;
     rollback->begun = false;
     rollback->has_tissue = may_change(data);

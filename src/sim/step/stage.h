@@ -7,7 +7,8 @@
 #include "state/data.h"
 
 /* Run a stage and add its time to the statistics. */
-static inline pliant_status pliant_run_stage(const pliant_model *model, pliant_data *data, int stage, pliant_status (*function)(const pliant_model *, pliant_data *))
+static inline pliant_status pliant_run_stage(const pliant_model *model, pliant_data *data, int stage,
+                                             pliant_status (*function)(const pliant_model *, pliant_data *))
 {
     const double start = pliant_seconds();
     const pliant_status status = function(model, data);

@@ -86,7 +86,12 @@ struct pliant_state {
 };
 
 /* ---- state_arrays.c: copies between a state and a simulation of the same topology */
-typedef enum pliant_state_way { PLIANT_STATE_RESERVE, PLIANT_STATE_SAVE, PLIANT_STATE_COMPARE, PLIANT_STATE_RESTORE } pliant_state_way;
+typedef enum pliant_state_way {
+    PLIANT_STATE_RESERVE,
+    PLIANT_STATE_SAVE,
+    PLIANT_STATE_COMPARE,
+    PLIANT_STATE_RESTORE
+} pliant_state_way;
 /* Transfer the arrays. RESERVE grows the state's arrays to the simulation's sizes and keeps their contents. SAVE
  * copies to the state. COMPARE compares sizes. RESTORE copies to the simulation, except arrays of tools. Return
  * false when RESERVE is out of memory, and when COMPARE finds another size. The caller handles the undo array.
@@ -107,7 +112,8 @@ void pliant_state_take(const pliant_data *data, bool tissue, pliant_state *state
 /* tissue: its arrays; topology: the current one and those to undo */
 typedef struct pliant_state_parts { bool tissue, topology; } pliant_state_parts;
 /* Save some parts of the state, and all of its scalars. Errors: MEMORY (the state stays as it is). */
-pliant_status pliant_state_save_parts(const pliant_model *model, pliant_data *data, const pliant_state_parts *parts, pliant_state *state);
+pliant_status pliant_state_save_parts(const pliant_model *model, pliant_data *data, const pliant_state_parts *parts,
+                                      pliant_state *state);
 void pliant_state_clear(pliant_state *state); /* frees all contents */
 
 /* ---- rollback.c: rollback of a failed step */

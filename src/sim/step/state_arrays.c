@@ -35,7 +35,8 @@ static void move(transfer *work, void *at, size_t *count, size_t *room, size_t s
     }
 }
 #define MOVE(name, elements, number) \
-    move(work, &state->name.at, &state->name.count, &state->name.room, sizeof *state->name.at, elements, (size_t)(number))
+    move(work, &state->name.at, &state->name.count, &state->name.room, sizeof *state->name.at, elements, \
+         (size_t)(number))
 
 static void move_dynamics(transfer *work, pliant_state *state, pliant_data *data)
 {
@@ -56,7 +57,8 @@ static void move_pieces(transfer *work, pliant_state *state, pliant_data *data)
     MOVE(piece_positions, falling ? falling->x : NULL, nodes);
     MOVE(piece_home, falling ? falling->home : NULL, nodes);
     MOVE(joints, falling && pieces->num_joints > 0 ? falling->joint_at[0] : NULL, pieces ? 3 * pieces->num_joints : 0);
-    if (work->way == PLIANT_STATE_RESERVE || work->way == PLIANT_STATE_SAVE) MOVE(grips, falling ? falling->grips : NULL, falling ? falling->num_grips : 0);
+    if (work->way == PLIANT_STATE_RESERVE || work->way == PLIANT_STATE_SAVE)
+        MOVE(grips, falling ? falling->grips : NULL, falling ? falling->num_grips : 0);
     else if (falling && state->grips.count <= MOST_GRIPS) MOVE(grips, falling->grips, state->grips.count);
     else work->succeeds = work->succeeds && state->grips.count == 0;
 }
@@ -110,7 +112,8 @@ static void reserve_tools(transfer *work, pliant_state *state, const pliant_data
 static void move_tissue(transfer *work, pliant_state *state, pliant_data *data)
 {
     MOVE(positions, data->positions, 3 * data->body->fine.num_nodes);
-    MOVE(solved, data->solver ? data->solver->now.x : NULL, data->solver ? 3 * data->solver->system->mesh->num_nodes : 0);
+    MOVE(solved, data->solver ? data->solver->now.x : NULL,
+         data->solver ? 3 * data->solver->system->mesh->num_nodes : 0);
     move_dynamics(work, state, data);
     move_pieces(work, state, data);
 }
@@ -217,7 +220,8 @@ static void stop_pieces(const pliant_state *state, pliant_data *data)
 {
     const pliant_pieces *pieces = data->falling ? data->falling->body->pieces : NULL;
     for (int32_t p = 0; pieces && data->tled->own_inverse_mass && p < pieces->count; p++)
-        if (state->pieces.at[p].gone) pliant_tled_stop(data->tled, pieces->start[p + 1] - pieces->start[p], pieces->node + pieces->start[p]);
+        if (state->pieces.at[p].gone)
+            pliant_tled_stop(data->tled, pieces->start[p + 1] - pieces->start[p], pieces->node + pieces->start[p]);
 }
 
 void pliant_state_put(const pliant_state *state, pliant_data *data)

@@ -24,7 +24,8 @@ static pliant_status check_model(const pliant_model *model, const pliant_model *
     if (from == model) return PLIANT_OK;
     char names[256];
     const bool differ = pliant_scene_differs(&model->scene, &from->scene, names, sizeof names);
-    return pliant_fail(PLIANT_ERROR_ARGUMENT, "the state is of another model (%s): build the model once, and create both simulations from it",
+    return pliant_fail(PLIANT_ERROR_ARGUMENT,
+                       "the state is of another model (%s): build the model once, and create both simulations from it",
                        differ ? names : "of the same options");
 }
 
@@ -78,7 +79,8 @@ static pliant_status put_tools(const pliant_state *state, pliant_data *made)
 static pliant_status put_undo(const pliant_state *state, int32_t room, pliant_undo *to)
 {
     if (state->undo.count == 0) return PLIANT_OK;
-    if (!(to->body = pliant_calloc((size_t)room, sizeof *to->body))) return pliant_fail_memory("the topologies to undo");
+    if (!(to->body = pliant_calloc((size_t)room, sizeof *to->body)))
+        return pliant_fail_memory("the topologies to undo");
     for (size_t b = 0; b < state->undo.count; b++) to->body[b] = pliant_body_retain(state->undo.at[b]);
     to->count = (int32_t)state->undo.count;
     to->tool = state->undo_tool;
@@ -94,7 +96,9 @@ static pliant_status put_all(const pliant_model *model, const pliant_state *stat
     if (status != PLIANT_OK) return status;
     /* only a state from a file can differ */
     if (!pliant_state_arrays((pliant_state *)state, made, true, PLIANT_STATE_COMPARE))
-        return pliant_fail(PLIANT_ERROR_FORMAT, "the simulation state is of another solver or mesh: build the model from the scene that it was saved with");
+        return pliant_fail(
+            PLIANT_ERROR_FORMAT,
+            "the simulation state is of another solver or mesh: build the model from the scene that it was saved with");
     pliant_state_put(state, made);
     if (made->solver) made->backend->kind->limits(made, state->iterations, state->tolerance);
     status = put_tools(state, made);
@@ -109,7 +113,8 @@ static pliant_status put_all(const pliant_model *model, const pliant_state *stat
 }
 
 /* Create a simulation with that state. */
-static pliant_status make(const pliant_model *model, const pliant_state *state, pliant_account *account, pliant_data **out)
+static pliant_status make(const pliant_model *model, const pliant_state *state, pliant_account *account,
+                          pliant_data **out)
 {
     pliant_data *made = NULL;
     pliant_status status = pliant_data_create_for(model, account, &made);
@@ -146,8 +151,11 @@ static pliant_status restore(const pliant_model *model, pliant_data *data, const
 
 pliant_status pliant_state_restore(const pliant_model *model, pliant_data *data, const pliant_state *state)
 {
-    if (!state->body) return pliant_fail(PLIANT_ERROR_ARGUMENT, "the state is empty: save a simulation to it first (pliant_state_save)");
-    if (check_model(model, data->model) != PLIANT_OK || check_model(model, state->model) != PLIANT_OK) return PLIANT_ERROR_ARGUMENT;
+    if (!state->body)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT,
+                           "the state is empty: save a simulation to it first (pliant_state_save)");
+    if (check_model(model, data->model) != PLIANT_OK || check_model(model, state->model) != PLIANT_OK)
+        return PLIANT_ERROR_ARGUMENT;
     pliant_account *before = pliant_held_begin(data);
     const pliant_status status = restore(model, data, state);
     pliant_held_end(data, before);

@@ -98,7 +98,8 @@ static bool reserve(pliant_state *state, pliant_data *data, const pliant_state_p
     return pliant_state_arrays(state, data, parts->tissue, PLIANT_STATE_RESERVE);
 }
 
-pliant_status pliant_state_save_parts(const pliant_model *model, pliant_data *data, const pliant_state_parts *parts, pliant_state *state)
+pliant_status pliant_state_save_parts(const pliant_model *model, pliant_data *data, const pliant_state_parts *parts,
+                                      pliant_state *state)
 {
     if (parts->tissue && data->backend->download) data->backend->download(model, data);
     if (!reserve(state, data, parts)) return pliant_fail_memory("the simulation state");

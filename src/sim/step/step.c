@@ -41,7 +41,9 @@ const char *pliant_step_end_text(int32_t end)
 static pliant_status reset(const pliant_model *model, pliant_data *data)
 {
     /* the solver is rebuilt for another topology, and then needs no reset */
-    pliant_status status = pliant_body_same(data->discretization->body, model->body) ? PLIANT_OK : pliant_data_set_body(model, data, model->body);
+    pliant_status status = pliant_body_same(data->discretization->body, model->body)
+                               ? PLIANT_OK
+                               : pliant_data_set_body(model, data, model->body);
     if (status == PLIANT_OK) status = data->backend->kind->reset(data);
     if (status == PLIANT_OK) status = pliant_data_set_body(model, data, model->body);
     if (status != PLIANT_OK) return status;
@@ -72,12 +74,17 @@ static pliant_status set_warp(const pliant_model *model, pliant_data *data, cons
 {
     pliant_warp *warp = NULL;
     if (target) {
-        pliant_status status = pliant_warp_create(model->drawn, &data->discretization->body->fine, target, data->discretization->system->num_threads, &warp);
-        if (status == PLIANT_OK && data->discretization->body->cuts) status = pliant_warp_set_body(warp, data->discretization->body);
-        if (status == PLIANT_OK && model->scene.cut.kind != PLIANT_CUT_NONE) status = pliant_warp_expect_cuts(warp, data->discretization->body);
-        if (status == PLIANT_OK && model->scene.warp.kind == PLIANT_FIT) status = pliant_warp_fit(warp, model->scene.warp.fit_step);
+        pliant_status status = pliant_warp_create(model->drawn, &data->discretization->body->fine, target,
+                                                  data->discretization->system->num_threads, &warp);
+        if (status == PLIANT_OK && data->discretization->body->cuts)
+            status = pliant_warp_set_body(warp, data->discretization->body);
+        if (status == PLIANT_OK && model->scene.cut.kind != PLIANT_CUT_NONE)
+            status = pliant_warp_expect_cuts(warp, data->discretization->body);
+        if (status == PLIANT_OK && model->scene.warp.kind == PLIANT_FIT)
+            status = pliant_warp_fit(warp, model->scene.warp.fit_step);
         /* the stages exchange data on the GPU */
-        if (status == PLIANT_OK && !data->backend->on_host) status = pliant_warp_backend(warp, model->scene.solver.backend);
+        if (status == PLIANT_OK && !data->backend->on_host)
+            status = pliant_warp_backend(warp, model->scene.solver.backend);
         if (status != PLIANT_OK) {
             pliant_warp_free(warp);
             return status;
@@ -132,7 +139,8 @@ static pliant_status step(const pliant_model *model, pliant_data *data, pliant_s
     status = solve_and_draw(model, data, caveat);
     if (status < 0 && pliant_backend_fall_back(model, data, status)) {
         const bool on_host = pliant_host_moves(data) || !pliant_contact_is_idle(model, data) || data->tled;
-        status = on_host ? pliant_run_stage(model, data, PLIANT_STEP_warp, data->backend->warp) : solve_and_draw(model, data, caveat);
+        status = on_host ? pliant_run_stage(model, data, PLIANT_STEP_warp, data->backend->warp)
+                         : solve_and_draw(model, data, caveat);
     }
     return status;
 }
@@ -141,8 +149,10 @@ static void tell_missing(const pliant_data *data)
 {
     const uint32_t missing = data->background.prescribed & ~data->background.taken;
     if (missing)
-        pliant_log(PLIANT_LOG_WARNING, "step %llu: what it was to take (pliant_data_set_background: %u) was not under way: another run than the recorded one",
-                   (unsigned long long)data->statistics.step, (unsigned)missing);
+        pliant_log(
+            PLIANT_LOG_WARNING,
+            "step %llu: what it was to take (pliant_data_set_background: %u) was not under way: another run than the recorded one",
+            (unsigned long long)data->statistics.step, (unsigned)missing);
 }
 
 pliant_status pliant_step(const pliant_model *model, pliant_data *data)

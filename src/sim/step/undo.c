@@ -25,7 +25,9 @@ static void keep(pliant_data *data, int32_t most, const pliant_body *body, int t
         return;
     }
     if (undo->count == most) {
-        if (!undo->told) pliant_log(PLIANT_LOG_INFO, "the last %d strokes can be undone (cut/undo), those before no longer", (int)most);
+        if (!undo->told)
+            pliant_log(PLIANT_LOG_INFO, "the last %d strokes can be undone (cut/undo), those before no longer",
+                       (int)most);
         undo->told = true;
         pliant_body_release(undo->body[0]);
         memmove(undo->body, undo->body + 1, (size_t)--undo->count * sizeof *undo->body);
@@ -35,7 +37,8 @@ static void keep(pliant_data *data, int32_t most, const pliant_body *body, int t
     undo->stroke = stroke;
 }
 
-static pliant_status sever(const pliant_model *model, pliant_data *data, int tool, const pliant_cut_sweep *sweep, pliant_cut_report *report)
+static pliant_status sever(const pliant_model *model, pliant_data *data, int tool, const pliant_cut_sweep *sweep,
+                           pliant_cut_report *report)
 {
     pliant_body *next = NULL;
     pliant_status status = pliant_body_cut(data->body, data->last_revision + 1, data->positions, sweep, &next, report);
@@ -51,7 +54,8 @@ static pliant_status sever(const pliant_model *model, pliant_data *data, int too
     return status;
 }
 
-pliant_status pliant_data_sever(const pliant_model *model, pliant_data *data, int tool, const pliant_cut_sweep *sweep, pliant_cut_report *report)
+pliant_status pliant_data_sever(const pliant_model *model, pliant_data *data, int tool, const pliant_cut_sweep *sweep,
+                                pliant_cut_report *report)
 {
     pliant_account *before = pliant_held_begin(data);
     const pliant_status status = sever(model, data, tool, sweep, report);
@@ -82,31 +86,43 @@ static bool spans_area(int32_t count, const double *points, const double depth[3
     for (int32_t p = 1; p < count; p++) {
         double along[3], across[3], squares[3] = {0, 0, 0};
         for (int d = 0; d < 3; d++) along[d] = points[3 * p + d] - points[3 * (p - 1) + d];
-        for (int d = 0; d < 3; d++) across[d] = along[(d + 1) % 3] * depth[(d + 2) % 3] - along[(d + 2) % 3] * depth[(d + 1) % 3];
-        for (int d = 0; d < 3; d++) squares[0] += along[d] * along[d], squares[1] += depth[d] * depth[d], squares[2] += across[d] * across[d];
+        for (int d = 0; d < 3; d++)
+            across[d] = along[(d + 1) % 3] * depth[(d + 2) % 3] - along[(d + 2) % 3] * depth[(d + 1) % 3];
+        for (int d = 0; d < 3; d++)
+            squares[0] += along[d] * along[d], squares[1] += depth[d] * depth[d], squares[2] += across[d] * across[d];
         if (squares[2] > 1e-18 * squares[0] * squares[1]) return true;
     }
     return false;
 }
 
-pliant_status pliant_data_cut(const pliant_model *model, pliant_data *data, int32_t count, const double *points, const double depth[3],
-                              pliant_cut_report *report)
+pliant_status pliant_data_cut(const pliant_model *model, pliant_data *data, int32_t count, const double *points,
+                              const double depth[3], pliant_cut_report *report)
 {
-    if (!pliant_body_may_be_cut(data->body)) return pliant_fail(PLIANT_ERROR_SCENE, "this scene does not cut: set cut/kind to sever and build the model again");
+    if (!pliant_body_may_be_cut(data->body))
+        return pliant_fail(PLIANT_ERROR_SCENE,
+                           "this scene does not cut: set cut/kind to sever and build the model again");
     bool good = count >= 2 && isfinite(depth[0]) && isfinite(depth[1]) && isfinite(depth[2]);
     for (int32_t n = 0; good && n < 3 * count; n++) good = isfinite(points[n]) && fabs(points[n]) < 1e3;
-    if (!good) return pliant_fail(PLIANT_ERROR_ARGUMENT, "a cut needs two points or more, within 1000 m, and a direction, all of them finite");
+    if (!good)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT,
+                           "a cut needs two points or more, within 1000 m, and a direction, all of them finite");
     if (!spans_area(count, points, depth))
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "a cut has no area: its depth is (%g, %g, %g) m; use a depth that is not 0 and not along the line", depth[0], depth[1], depth[2]);
-    const double *size = model->scan->geometry.spacing, spacing = 0.5 * fmin(size[0], fmin(size[1], size[2])), none[3] = {0, 0, 0};
+        return pliant_fail(
+            PLIANT_ERROR_ARGUMENT,
+            "a cut has no area: its depth is (%g, %g, %g) m; use a depth that is not 0 and not along the line",
+            depth[0], depth[1], depth[2]);
+    const double *size = model->scan->geometry.spacing, spacing = 0.5 * fmin(size[0], fmin(size[1], size[2])),
+                 none[3] = {0, 0, 0};
     const int32_t samples = sample_line(count, points, spacing, none, NULL);
-    double *from = pliant_calloc((size_t)samples, 3 * sizeof *from), *to = pliant_calloc((size_t)samples, 3 * sizeof *to);
+    double *from = pliant_calloc((size_t)samples, 3 * sizeof *from),
+           *to = pliant_calloc((size_t)samples, 3 * sizeof *to);
     pliant_cut_report told = {0};
     pliant_status status = from && to ? PLIANT_OK : pliant_fail_memory("a cut");
     if (status == PLIANT_OK) {
         sample_line(count, points, spacing, none, from);
         sample_line(count, points, spacing, depth, to);
-        pliant_cut_sweep sweep = {.count = samples, .from = from, .to = to, .material_of_voxel = model->material_of_voxel};
+        pliant_cut_sweep sweep = {
+            .count = samples, .from = from, .to = to, .material_of_voxel = model->material_of_voxel};
         status = pliant_data_sever(model, data, -1, &sweep, &told);
     }
     pliant_free(from);
