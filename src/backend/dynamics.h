@@ -17,9 +17,9 @@ typedef struct pliant_dynamics {
     int32_t substeps;         /* in a step; of dynamic relaxation: at most */
     double kinetic_energy;    /* half a sub-step ago [J]; 0 for dynamic relaxation */
     double strain_energy;     /* [J]; of the elastic law, whatever has relaxed */
-    double
-        kept_energy; /* both, at the same time: what stays the same when nothing acts or damps, but for rounding and a part in the
-                               *   square of the time step [J]; the strain energy for dynamic relaxation */
+    /* Sum of both energies at the same time [J]; the strain energy for dynamic relaxation. Without loads and damping it
+     * is constant, except for rounding and a term in the square of the time step. */
+    double kept_energy;
 } pliant_dynamics;
 /* Errors: ARGUMENT (another solver/kind). */
 PLIANT_INTERNAL pliant_status pliant_data_get_dynamics(const pliant_model *model, const pliant_data *data,

@@ -11,8 +11,8 @@
 
 /* Error message of a step whose merit is not finite. All single inputs have been checked to be finite before. */
 #define PLIANT_LOAD_NOT_FINITE \
-    "the load is not finite, or too large for double precision: look at model/gravity, density in the material table, grasp/stiffness, and the forces " \
-    "and offsets of the tools"
+    "the load is not finite, or too large for double precision: look at model/gravity, density in the material " \
+    "table, grasp/stiffness, and the forces and offsets of the tools"
 
 #ifdef __cplusplus
 extern "C" {

@@ -14,30 +14,35 @@ extern "C" {
 pliant_status pliant_mesh_grid(const pliant_geometry *geometry, const int32_t cells[3], const uint8_t *keep,
                                pliant_mesh *out);
 
-/* Adaptive mesh ([C] 4.2, algorithm 1): cubes are split into eight until at least `purity` of their voxels are of one material, or `depth`
- *  times. Leaves that share a face or an edge differ by at most one level; a leaf with smaller neighbours is cut from its centre, all
- *  others into five tetrahedra, so that every inner face belongs to exactly two. Tetrahedra take the material of their leaf; those of the
- *  smallest leaves their own.
+/* Adaptive mesh ([C] 4.2, algorithm 1): cubes are split into eight until at least the fraction `purity` of their voxels
+ *  is of one material, or `depth` times. Leaves that share a face or an edge differ by at most one level. A leaf with
+ *  smaller neighbours is cut from its centre, all others into five tetrahedra. So every inner face belongs to exactly
+ *  two tetrahedra. Tetrahedra take the material of their leaf. Tetrahedra of the smallest leaves have their own
+ *  material.
  *  @param roots     cells along each axis before any is split
  *  @param keep_air  keep leaves and tetrahedra without tissue
  *  @param hexahedra leaves with tissue are whole
- *  @param materials out, (num_tets), freed with pliant_free. Errors: ARGUMENT, SCENE (no tissue, too many cells), MEMORY. */
+ *  @param materials out, (num_tets), freed with pliant_free
+ *  Errors: ARGUMENT, SCENE (no tissue, too many cells), MEMORY. */
 pliant_status pliant_mesh_octree(const pliant_geometry *geometry, const int32_t roots[3], int32_t depth, double purity,
                                  bool keep_air, bool hexahedra, const uint8_t *material_of_voxel,
                                  const pliant_material_table *table, pliant_mesh *out, pliant_tet_material **materials);
 
 /* Where a node is, seen from what is fixed. */
 typedef enum pliant_bone_place { PLIANT_BONE_OUTSIDE, PLIANT_BONE_INSIDE, PLIANT_BONE_SURFACE } pliant_bone_place;
-/* Least quality of a tetrahedron with a moved node, in a lattice of cubes: volume over that of a regular one with the same root mean
- *  square edge. A lattice's own are 1 and 0.77. */
+/* Minimum quality of a tetrahedron with a moved node, in a lattice of cubes. The quality is its volume divided by the
+ *  volume of a regular tetrahedron with the same root mean square edge. Unmoved tetrahedra have 1 and 0.77. */
 #define PLIANT_BONE_QUALITY 0.25
 
-/* Move nodes near the surface of what is fixed (bone) onto it ([H] 4.2), the box and the tetrahedra's connections kept; writes rest,
- *  num_moved and place_of_node. @param fixed_voxel (voxels) 1: does not move. Errors: MEMORY, FORMAT. */
+/* Move nodes near the surface of fixed voxels (bone) onto it ([H] 4.2). The box and the tetrahedra's connections are
+ *  kept. Write rest, num_moved and place_of_node.
+ *  @param fixed_voxel (voxels) 1: does not move. Errors: MEMORY, FORMAT. */
 pliant_status pliant_mesh_bone(const pliant_geometry *geometry, const uint8_t *fixed_voxel, pliant_mesh *mesh);
 
-/* The materials of tetrahedra with a node on the surface, anew: every voxel counts in the one that holds its centre.
- *  @param leave_out_fixed fixed voxels do not count where a corner lies outside of what is fixed: a sliver of bone would stiffen all of it
+/* Recompute the materials of tetrahedra with a node on the surface. Every voxel counts in the tetrahedron that contains
+ *  its centre.
+ *  @param leave_out_fixed fixed voxels do not count if a corner of the tetrahedron lies outside the fixed region,
+ *                         because a sliver of bone would stiffen the whole tetrahedron
  *  @param out (num_tets), others stay. Errors: MEMORY. */
 pliant_status pliant_mesh_integrate_moved(const pliant_mesh *mesh, const pliant_geometry *geometry,
                                                      const uint8_t *material_of_voxel, bool leave_out_fixed,
@@ -52,14 +57,14 @@ PLIANT_INTERNAL void pliant_mesh_slot_corners(int parity, int slot, int corners[
  *  ((a + b + c) & 1). Ties go to the central one. */
 PLIANT_INTERNAL int pliant_mesh_slot_of(int parity, const double local[3]);
 
-/* The lattice tetrahedron of a coarse grid of `cells` that holds lattice tetrahedron `lattice_tet` of the grid refined by
- *  `ratio` along each axis. */
+/* Return the lattice tetrahedron of a coarse grid of `cells` that contains lattice tetrahedron `lattice_tet` of the
+ *  grid refined by `ratio` along each axis. */
 int32_t pliant_lattice_coarse_of(const int32_t cells[3], int32_t ratio, int32_t lattice_tet);
 
 /* The lattice node of a finer mesh at the place of a node of a coarser one whose lattice it refines. */
 int32_t pliant_mesh_lattice_in(const pliant_mesh *fine, const pliant_mesh *coarse, int32_t node);
 
-/* The node of a finer mesh at the place of a node of a coarser one whose lattice it refines; -1 when it has none there. */
+/* Return the node of a finer mesh at the position of a node of a coarser mesh whose lattice it refines; -1: none. */
 int32_t pliant_mesh_node_in(const pliant_mesh *fine, const pliant_mesh *coarse, int32_t node);
 
 /* Tetrahedron that holds a world point at rest, and its barycentric coordinates; -1 when no tissue is there. */
@@ -79,12 +84,13 @@ pliant_status pliant_lattice_integrate(const pliant_geometry *geometry, const in
                                        const uint8_t *material_of_voxel, const pliant_material_table *table,
                                        pliant_tet_material *out);
 
-/* The lattice tetrahedron that owns each voxel, by its centre; ties go to the central one, as in pliant_lattice_integrate.
+/* Find the lattice tetrahedron that owns each voxel, by its centre. Ties go to the central one, as in
+ *  pliant_lattice_integrate.
  *  @param owner (voxels) out. Errors: MEMORY. */
 pliant_status pliant_lattice_owners(const pliant_geometry *geometry, const int32_t cells[3], int32_t *owner);
 
-/* The tetrahedron across each face, or -1: neighbours[4 * t + c] lies across the face opposite corner c. Fragments of one tetrahedron of
- *  the lattice may share a face: then it is the first of them.
+/* Find the tetrahedron across each face, or -1: neighbours[4 * t + c] lies across the face opposite corner c.
+ *  Fragments of one lattice tetrahedron may share a face: then it is the first of them.
  *  @param neighbours (num_tets x 4). Errors: MEMORY, FORMAT (two others on one side of a face). */
 pliant_status pliant_mesh_neighbours(const pliant_mesh *mesh, int32_t *neighbours);
 

@@ -215,8 +215,8 @@ PLIANT_INTERNAL pliant_status pliant_moduli_fit(const pliant_report_input *input
  *   - truthcube*.csv, or any .csv with a line that names strains: beads in a cube of 80 mm between plates across z
  *     (Kerdok et al. 2003, Medical Image Analysis 7). A line names the states above their first columns, 'no strain'
  *     and 'N% strain' in any order. Lines of beads [mm] follow. A lost bead has empty cells, and each state needs
- *     4 beads. Displacements do not determine a modulus, so Poisson's ratio is fitted to the first state. A rigid motion
- *     of all beads is removed from every state, because the pose of the scanner is unknown.
+ *     4 beads. Displacements do not determine a modulus, so Poisson's ratio is fitted to the first state. A rigid
+ *     motion of all beads is removed from every state, because the pose of the scanner is unknown.
  *   - scene.yaml, scan.* and markers.csv (pliant_markers_read), and for each load load_1.yaml, load_2.yaml, ...
  *     (pliant_path_read), or none for the scene's own gravity. The moduli are fitted to the first load.
  * Each state becomes a row of tables->validation. It contains the motion of the markers and the distance between

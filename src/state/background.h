@@ -9,11 +9,15 @@
 extern "C" {
 #endif
 
-/* When steps put to use what is made for them in the background: factors (solver/refresh_interval), patches (model/patch). */
+/* When steps use the results of background work: factors (solver/refresh_interval), patches (model/patch). */
 typedef enum pliant_background_kind {
-    PLIANT_BACKGROUND_PLANNED, /* a number of steps after its start, ready or waited for: the same on every machine (the default) */
-    PLIANT_BACKGROUND_LIVE, /* as soon as it is ready: no step waits, but results depend on timing */
-    PLIANT_BACKGROUND_PRESCRIBED /* when it is said to: with what a live run took in each step, that run again, bit for bit */
+    /* A fixed number of steps after the start of the work; a step waits if needed. The same on every machine (the
+     * default). */
+    PLIANT_BACKGROUND_PLANNED,
+    /* As soon as the work is ready. No step waits, but results depend on timing. */
+    PLIANT_BACKGROUND_LIVE,
+    /* In the steps that the caller prescribes. The record of a live run repeats that run, bitwise identical. */
+    PLIANT_BACKGROUND_PRESCRIBED
 } pliant_background_kind;
 /* What a step may take. */
 typedef enum pliant_background_result {
@@ -30,8 +34,11 @@ typedef struct pliant_background {
     uint32_t taken;           /* by the last step, likewise */
 } pliant_background;
 
-/* From the next step on. @param prescribed PLIANT_BACKGROUND_PRESCRIBED: what the next step takes, waiting for it if need be; to be said
- *  before every step, as pliant_data_get_background_taken told it of the same step before. Errors: ARGUMENT. */
+/* Set the kind from the next step on.
+ *  @param prescribed for PLIANT_BACKGROUND_PRESCRIBED: the results that the next step uses; it waits for them if
+ *                    needed. Set it before every step, to the value that pliant_data_get_background_taken returned for
+ *                    the same step of the recorded run.
+ *  Errors: ARGUMENT. */
 PLIANT_INTERNAL pliant_status pliant_data_set_background(pliant_data *data, pliant_background_kind kind,
                                                          uint32_t prescribed);
 

@@ -168,8 +168,8 @@ static bool is_of_a_clock(const char *field, double time, char reason[REASON_SIZ
     if (!(time >= latest)) return false;
     snprintf(
         reason, REASON_SIZE,
-        "%s is %.15g s, a time stamp of a clock (counted from 1970); times count from the start of the run: subtract the "
-        "first time stamp from all",
+        "%s is %.15g s, a time stamp of a clock (counted from 1970); times count from the start of the run: subtract "
+        "the first time stamp from all",
         field, time);
     return true;
 }
@@ -244,8 +244,8 @@ static void hint_at_units(const char *file, const pliant_path_tool *tool)
     if (tool->drive == PLIANT_DRIVE_FORCE && largest > 0.0 && largest < 0.1)
         pliant_log(
             PLIANT_LOG_WARNING,
-            "%s: tool %s pulls with at most %g N: forces are in newtons; was a way in metres meant (drive: rigid or spring, "
-            "with offset)?",
+            "%s: tool %s pulls with at most %g N: forces are in newtons; was a way in metres meant (drive: rigid or "
+            "spring, with offset)?",
             file, tool->name, largest);
     if (tool->drive != PLIANT_DRIVE_FORCE && largest >= 1.0)
         pliant_log(PLIANT_LOG_WARNING, "%s: tool %s goes %g m far: offsets are in metres; were millimetres meant?",
@@ -267,8 +267,8 @@ static void hint_at_start(const char *file, const pliant_path *path)
     if (first < late || !isfinite(first)) return;
     pliant_log(
         PLIANT_LOG_WARNING,
-        "%s: nothing moves before %.15g s: times count from the start of the run; if these are time stamps, subtract the first "
-        "one from all",
+        "%s: nothing moves before %.15g s: times count from the start of the run; if these are time stamps, subtract "
+        "the first one from all",
         file, first);
 }
 
@@ -416,8 +416,8 @@ static pliant_status read_probes(const text_path *text, const char *yaml, const 
     return PLIANT_OK;
 }
 
-/* Return the number of names in the document before a tool: names of tools, blades and shapes. libcyaml has accepted the
- * document, and every tool starts with exactly one name. */
+/* Return the number of names in the document before a tool: names of tools, blades and shapes. libcyaml has accepted
+ * the document, and every tool starts with exactly one name. */
 static int names_before(const text_path *text, uint32_t tool)
 {
     int count = 0;

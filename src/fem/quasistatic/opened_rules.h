@@ -12,7 +12,8 @@ enum {
     PLIANT_OPENED_LEAST = 4
 }; /* minimum number of evaluations: state, product, end of the step, remaining residual */
 
-/* Length of the difference for a product, in thousandths of the body's length: truncation and rounding are both small. */
+/* Length of the difference for a product, in thousandths of the body's length.
+ * Truncation and rounding are both small. */
 #define PLIANT_OPENED_DIFFERENCE 1e-3
 
 /* Return the number of products that fit in so many evaluations. */

@@ -3,16 +3,16 @@
  *
  * If enabled, it starts in ENDING: an earlier guard may have been killed, and the hand may still apply its last force.
  *
- *    state   | output                        | transition                                     | next state
- *    CLOSED  | none                          | all gates are open                             | RISING
- *            |                               | fault                                          | FAULT
- *    RISING  | the force, times 0 to 1       | `ramp` has elapsed                             | OPEN
- *            |                               | a gate closes, or fault                        | ENDING
- *    OPEN    | the force                     | a gate closes, or fault                        | ENDING
- *    ENDING  | zero                          | all gates are open                             | RISING
- *            |                               | `tail` has elapsed                             | CLOSED; after a fault FAULT
- *    FAULT   | none                          | never                                          |
- *    any     | zero, once                    | shut_down                                      | CLOSED, permanently
+ *    state   | output                        | transition                                | next state
+ *    CLOSED  | none                          | all gates are open                        | RISING
+ *            |                               | fault                                     | FAULT
+ *    RISING  | the force, times 0 to 1       | `ramp` has elapsed                        | OPEN
+ *            |                               | a gate closes, or fault                   | ENDING
+ *    OPEN    | the force                     | a gate closes, or fault                   | ENDING
+ *    ENDING  | zero                          | all gates are open                        | RISING
+ *            |                               | `tail` has elapsed                        | CLOSED; after a fault FAULT
+ *    FAULT   | none                          | never                                     |
+ *    any     | zero, once                    | shut_down                                 | CLOSED, permanently
  *
  * When a gate closes, the output is zero in the same update, without ramp or filter. "The force" is the last received
  * force times -gain, after a first-order low-pass, with its rate limited to `rate` and its magnitude to `largest`. */

@@ -13,8 +13,9 @@ namespace pliant_ros {
  *   times.npy       seconds since the start of the bag
  *   episodes.npy    episode number, from 0
  *   steps.npy       step number as in the Step message
- *   state.npy       for each tool: pose in the tissue frame, jaw, contact, and wrench in tool axes; 0 while it is absent.
- *                   grasped is 1 for a grasp constraint (ContactState) and 0 for jaws that hold by friction (grasp/kind contact)
+ *   state.npy       for each tool: pose in the tissue frame, jaw, contact, and wrench in tool axes; 0 while it is
+ *                   absent. grasped is 1 for a grasp constraint (ContactState) and 0 for jaws that hold by friction
+ *                   (grasp/kind contact)
  *   action.npy      for each tool: pose and jaw of the episode's next row; the last row repeats its own
  *   image_NAME.npy  for each image topic: pictures x height x width, for colour images also x 3 (red, green, blue)
  *   index_NAME.npy  index of the picture that a row shows, from 0
