@@ -53,7 +53,8 @@ static pliant_status write_table(const deform_arguments *arguments, const deform
     FILE *file = fopen(path, "w");
     if (!file) return pliant_fail(PLIANT_ERROR_FILE, "%s: %s", path, strerror(errno));
     fputs(
-        "method,step_median_ms,largest_error_mm,rms_error_mm,largest_displacement_mm,largest_error_percent,p95_error_mm\n",
+        "method,step_median_ms,largest_error_mm,rms_error_mm,largest_displacement_mm,largest_error_percent,"
+        "p95_error_mm\n",
         file);
     printf("\n%-12s %14s %18s %14s %10s   of voxels with tissue, against %s\n", "method", "step [ms]",
            "largest error [mm]", "rms [mm]", "[%]", reference_name);

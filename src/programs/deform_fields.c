@@ -51,7 +51,8 @@ static pliant_status write_series(const deform_run *run, const char *name, const
     FILE *file = fopen(path, "w");
     if (!file) return pliant_fail(PLIANT_ERROR_FILE, "%s: %s", path, strerror(errno));
     fputs(
-        "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"0.1\" byte_order=\"LittleEndian\">\n  <Collection>\n",
+        "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"0.1\" byte_order=\"LittleEndian\">\n"
+        "  <Collection>\n",
         file);
     for (long step = run->arguments->every; step <= last; step += run->arguments->every)
         fprintf(file, "    <DataSet timestep=\"%.9g\" part=\"0\" file=\"%s_%06ld.%s\"/>\n",

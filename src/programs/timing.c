@@ -42,7 +42,8 @@ pliant_status timing_start(const char *folder, step_times *out)
         fprintf(times.steps, ",%s_s", pliant_step_stage_name(stage));
     fputs(",cull_s,rasterize_s,step_s,inverted,legs,advanced,proxy_error_m,ended\n", times.steps);
     fputs(
-        "step,tool,force_x_n,force_y_n,force_z_n,held_x_m,held_y_m,held_z_m,contact_x_n,contact_y_n,contact_z_n,contact_torque_x_nm,contact_torque_y_nm,contact_torque_z_nm\n",
+        "step,tool,force_x_n,force_y_n,force_z_n,held_x_m,held_y_m,held_z_m,contact_x_n,contact_y_n,contact_z_n,"
+        "contact_torque_x_nm,contact_torque_y_nm,contact_torque_z_nm\n",
         times.tools);
     *out = times;
     return PLIANT_OK;
@@ -169,7 +170,8 @@ void timing_warn(const step_times *times, const pliant_model *model, const plian
     if (statistics->not_converged > 0)
         pliant_log(
             PLIANT_LOG_WARNING,
-            "%llu of %zu steps did not converge%s: nodes may be up to %.2g mm off, solver/tolerance is %.2g of the displacement; %s",
+            "%llu of %zu steps did not converge%s: nodes may be up to %.2g mm off, "
+            "solver/tolerance is %.2g of the displacement; %s",
             (unsigned long long)statistics->not_converged, times->num_steps,
             times->last_converged ? " (the last one did)" : ", nor did the last one", 1e3 * times->worst_error,
             scene->solver.tolerance,
@@ -178,8 +180,8 @@ void timing_warn(const step_times *times, const pliant_model *model, const plian
     if (times->most_inverted > 0)
         pliant_log(
             PLIANT_LOG_WARNING,
-            "elements were turned inside out in %zu of %zu steps, up to %d of %d at once, %d at the end: what lies there is not to be "
-            "relied on; %s",
+            "elements were turned inside out in %zu of %zu steps, up to %d of %d at once, %d at the end: what lies "
+            "there is not to be relied on; %s",
             times->inverted_steps, times->num_steps, (int)times->most_inverted,
             (int)pliant_data_get_body(data)->fine.num_tets, (int)pliant_data_get_inverted(data),
             schur ? "schur may be too soft for the load: averaged is not"
