@@ -55,8 +55,8 @@ void MaterialTool::onInitialize()
 {
     setName("Material");
     setDescription(
-        "Left button: which material is seen there. Its numbers are below Tool Properties; those that are changed are the "
-        "simulation's from then on. Alt: turn the view.");
+        "Left button: which material is seen there. Its numbers are below Tool Properties; those that are changed are "
+        "the simulation's from then on. Alt: turn the view.");
     rviz::Property *all = getPropertyContainer();
     namespace_ = new rviz::StringProperty("Namespace", "", "Of the tissue's topics and services; empty: as rviz's own.",
                                           all, SLOT(subscribe()), this);

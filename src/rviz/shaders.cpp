@@ -31,7 +31,7 @@ void main()
 {
     if (all(greaterThan(local, away_low)) && all(lessThan(local, away_high))) discard;
     vec3 towards = eye.w > 0.5 ? normalize(eye.xyz - local) : -eye.xyz;
-    /* each ray through its slices a little nearer or farther: what would be stripes between slices becomes fine noise */
+    /* A random offset per ray turns stripes between slices into fine noise. */
     float grain = fract(52.9829189 * fract(dot(gl_FragCoord.xy, vec2(0.06711056, 0.00583715))));
     vec3 at = (local + towards * ((grain - 0.5) * apart)) * scale + offset;
     float place = clamp(texel(at) * window.x + window.y, 0.0, 1.0);
@@ -42,7 +42,8 @@ void main()
     if (shading > 0.0) {
         /* from four corners of a cube of two voxels: a tetrahedron, the fewest that tell a gradient */
         float a = texel(at + step_i), b = texel(at + vec3(step_i.x, -step_i.y, -step_i.z));
-        float c = texel(at + vec3(-step_i.x, step_i.y, -step_i.z)), d = texel(at + vec3(-step_i.x, -step_i.y, step_i.z));
+        float c = texel(at + vec3(-step_i.x, step_i.y, -step_i.z));
+        float d = texel(at + vec3(-step_i.x, -step_i.y, step_i.z));
         vec3 gradient = 0.5 * vec3(a + b - c - d, a - b + c - d, a - b - c + d) / spacing;
         float steepness = length(gradient);
         /* an even region has no surface to shade */

@@ -265,7 +265,8 @@ void read_camera_entry(const std::string &path, const std::string &name, XmlRpcV
     } else
         refuse(
             "~" + path +
-            " is unknown: a camera has frame, convention, width, height, field_of_view, rate, near, far, baseline, threshold, shown, info_url");
+            " is unknown: a camera has frame, convention, width, height, field_of_view, rate, near, far, baseline, "
+            "threshold, shown, info_url");
 }
 
 void read_camera(const std::string &name, XmlRpcValue &value, Parameters *out)

@@ -77,7 +77,8 @@ int main(int argc, char **argv)
         if (known && free < least)
             status.summary(
                 DiagnosticStatus::ERROR,
-                "the disk is full: nothing more is recorded; what there is stays (rosbag reindex makes a bag of a .active that was left)");
+                "the disk is full: nothing more is recorded; what there is stays (rosbag reindex makes a bag of a "
+                ".active that was left)");
         else if (!bag.open)
             status.summary(was_open ? DiagnosticStatus::ERROR : DiagnosticStatus::WARN,
                            was_open ? "the recorder has ended" : "nothing is recorded yet");

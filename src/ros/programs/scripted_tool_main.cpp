@@ -108,7 +108,8 @@ bool read(ros::NodeHandle handle, const ros::NodeHandle &own, Player *player)
     for (uint32_t n = 0; n < player->path.num_tools; ++n)
         if (player->path.tools[n].drive == PLIANT_DRIVE_FORCE) {
             ROS_FATAL(
-                "~path: %s: tool %s has drive: force, but a robot's tool sends poses: give it offsets (drive: rigid or spring)",
+                "~path: %s: tool %s has drive: force, but a robot's tool sends poses: give it offsets (drive: "
+                "rigid or spring)",
                 file.c_str(), player->path.tools[n].name);
             return false;
         }

@@ -101,7 +101,8 @@ void Replay::catch_up()
     if (known != bodies_.end() && known->second.body) make_again(earlier.steps);
     else
         ROS_ERROR(
-            "replay: the steps before the start are not made again, as their model is not here; the next reset is waited for");
+            "replay: the steps before the start are not made again, as their model is not here; "
+            "the next reset is waited for");
 }
 
 void Replay::make_again(const std::vector<pliant::StepConstPtr> &steps)
@@ -325,7 +326,8 @@ void Replay::take_pending(const Pending &next)
         ++dropped_;
         ROS_WARN_THROTTLE(
             5,
-            "replay: states of revision %u are dropped: its mesh/topology has not been played; play the bag from its start",
+            "replay: states of revision %u are dropped: its mesh/topology has not been played; "
+            "play the bag from its start",
             next.topology);
     } else if (!known->second.body) {
         ++dropped_;
