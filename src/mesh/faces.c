@@ -209,8 +209,8 @@ pliant_status pliant_mesh_hold_of(const pliant_mesh *mesh, const int32_t *neighb
     if (whole && !feet[largest].firm) {
         status = pliant_fail(
             PLIANT_ERROR_SCENE,
-            "nothing holds the largest piece of tissue (%d of %d tetrahedra): it needs three fixed nodes that are not in a "
-            "line. Mark a material as fixed (bone), or add a box or plane under fixed: in the scene",
+            "nothing holds the largest piece of tissue (%d of %d tetrahedra): it needs three fixed nodes that are not "
+            "in a line. Mark a material as fixed (bone), or add a box or plane under fixed: in the scene",
             feet[largest].tets, mesh->num_tets);
         goto done;
     }

@@ -196,8 +196,8 @@ static pliant_status make_cells(const char *path, const mesh_file *file, const p
         if (last[d] < -0.5 || first[d] > scan->size[d] - 0.5)
             return pliant_fail(
                 PLIANT_ERROR_SCENE,
-                "mesh/file: %s lies outside the scan, from %.4g to %.4g m along its axis %d; check mesh/unit (0.001 for millimetres) "
-                "and that the mesh has LPS axes",
+                "mesh/file: %s lies outside the scan, from %.4g to %.4g m along its axis %d; check mesh/unit (0.001 "
+                "for millimetres) and that the mesh has LPS axes",
                 path, low[d], high[d], d + 1);
     return PLIANT_OK;
 }

@@ -267,7 +267,8 @@ static pliant_status read_elements(msh_reader *reader, const tagged *tags, const
         if (nodes == 0 || (dimension == 3 && type != GMSH_TETRAHEDRON))
             return pliant_fail(
                 PLIANT_ERROR_FORMAT,
-                "%s: has elements of Gmsh's type %d; only linear tetrahedra (4) are read: gmsh -3 -order 1, without recombination",
+                "%s: has elements of Gmsh's type %d; only linear tetrahedra (4) are read: gmsh -3 -order 1, "
+                "without recombination",
                 path, (int)type);
         if (dimension == 3 && count > total - out->num_tets) return damaged(reader, "$Elements");
         for (int64_t n = 0; n < count && !reader->failed; n++) {

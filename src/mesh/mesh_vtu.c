@@ -258,8 +258,8 @@ static pliant_status read_cells(const vtu_file *file, size_t cells, mesh_file *o
         if (type[c] != vtk_tetra)
             status = pliant_fail(
                 PLIANT_ERROR_FORMAT,
-                "%s: cell %zu is of VTK's type %g; only linear tetrahedra (10) are read: extract them, or divide other cells (ParaView: "
-                "Tetrahedralize)",
+                "%s: cell %zu is of VTK's type %g; only linear tetrahedra (10) are read: extract them, or divide other "
+                "cells (ParaView: Tetrahedralize)",
                 file->text->path, c, type[c]);
     if (status == PLIANT_OK) status = read_section_array(file, "Cells", "connectivity", 4 * cells, &corner);
     if (status == PLIANT_OK && !(out->tets = pliant_calloc(cells, 4 * sizeof *out->tets)))

@@ -323,7 +323,8 @@ static pliant_status tell(const fitting *fit, const double *logs, const double *
     if (!invert(fit->count, a))
         return pliant_fail(
             PLIANT_ERROR_NUMERIC,
-            "what is measured does not tell the materials apart: fit fewer of them, or measure in other places or under other loads");
+            "what is measured does not tell the materials apart: fit fewer of them, "
+            "or measure in other places or under other loads");
     out->count = fit->count;
     out->misfit = square(rows, r) / freedom;
     for (int32_t m = 0; m < fit->data->num_markers; m++)

@@ -98,8 +98,8 @@ static pliant_status choose_levels(const pliant_report_input *input, double limi
     }
     return pliant_fail(
         PLIANT_ERROR_SCENE,
-        "the error of the mesh is seen from three resolutions: none with half the cells can be had (mesh/coarse_cells times mesh/ratio must be "
-        "even), and %.0f tetrahedra are too few for a mesh of twice the resolution (--twice)",
+        "the error of the mesh is seen from three resolutions: none with half the cells can be had (mesh/coarse_cells "
+        "times mesh/ratio must be even), and %.0f tetrahedra are too few for a mesh of twice the resolution (--twice)",
         limit);
 }
 

@@ -222,8 +222,8 @@ static pliant_status read_beam(const char *path, measured_body *out)
             if (status >= 0 && fmax(fabs(marker.offset[d]), fabs(marker.moved[d])) > beam_size[0])
                 status = pliant_fail(
                     PLIANT_ERROR_FORMAT,
-                    "%s: line %d: marker %s is farther from the beam than that is long: metres in its frame are wanted, from the clamp at "
-                    "x -0.1 to the tip at 0",
+                    "%s: line %d: marker %s is farther from the beam than that is long: metres in its frame are "
+                    "wanted, from the clamp at x -0.1 to the tip at 0",
                     path, fabs(marker.offset[d]) > beam_size[0] ? rest->line : end->line, end->marker);
         }
         if (status >= 0) status = add_marker(out, &room, &marker);
@@ -321,13 +321,15 @@ static pliant_status read_beads(FILE *file, const char *path, double edge, measu
     if (out->num_states == 0)
         return pliant_fail(
             PLIANT_ERROR_FORMAT,
-            "%s: no line names the states, as in ',,,no strain,,,5%% strain,,,12.5%% strain,,' above their coordinates in mm",
+            "%s: no line names the states, as in ',,,no strain,,,5%% strain,,,12.5%% strain,,' above their coordinates "
+            "in mm",
             path);
     for (int s = 0; s < out->num_states; s++)
         if (beads[s] < FEWEST)
             return pliant_fail(
                 PLIANT_ERROR_FORMAT,
-                "%s: %d beads at %g %%: lines with three coordinates in mm below 'no strain' and below each state are wanted",
+                "%s: %d beads at %g %%: lines with three coordinates in mm below 'no strain' and below each state are "
+                "wanted",
                 path, beads[s], 100 * strain[s]);
     for (int d = 0; d < 3; d++) {
         centre[d] /= lines;
@@ -487,8 +489,9 @@ pliant_status measured_bodies_find(const char *folder, int32_t *count, measured_
     if (status >= 0 && *count == 0)
         status = pliant_fail(
             PLIANT_ERROR_FILE,
-            "%s: nothing measured is known here: a table of the beam (gravity_markers.csv) or of the cube (truthcube*.csv), or scene.yaml with scan.* and "
-            "markers.csv are wanted; pliant/report.h tells what is in them",
+            "%s: nothing measured is known here: a table of the beam (gravity_markers.csv) or of the cube "
+            "(truthcube*.csv), or scene.yaml with scan.* and markers.csv are wanted; "
+            "pliant/report.h tells what is in them",
             folder);
     if (status >= 0) {
         qsort(*out, (size_t)*count, sizeof **out, by_path);

@@ -41,8 +41,8 @@ std::unique_ptr<image_source> open_source(const std::string &path, const char *s
         return labels ? open_dicom_label_file(path) : open_dicom_file(path);
     fail(
         PLIANT_ERROR_FORMAT,
-        "%s: not a scan: a folder with DICOM files, or a multi-frame DICOM (.dcm), NIfTI (.nii, .nii.gz, .hdr), NRRD (.nrrd, .nhdr) or "
-        "MetaImage (.mha, .mhd) file is needed",
+        "%s: not a scan: a folder with DICOM files, or a multi-frame DICOM (.dcm), NIfTI (.nii, .nii.gz, .hdr), NRRD "
+        "(.nrrd, .nhdr) or MetaImage (.mha, .mhd) file is needed",
         path.c_str());
 }
 

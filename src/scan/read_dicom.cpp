@@ -276,7 +276,8 @@ std::vector<dicom_slice> chosen(const std::string &folder, const series_map &ser
         if (series.size() > 1)
             fail(
                 PLIANT_ERROR_FORMAT,
-                "%s: holds %zu series; name one in the scene as scan/series (--set scan/series=UID), by its UID or the end of it:%s",
+                "%s: holds %zu series; name one in the scene as scan/series (--set scan/series=UID), "
+                "by its UID or the end of it:%s",
                 folder.c_str(), series.size(), listed(series).c_str());
         return series.begin()->second;
     }

@@ -66,8 +66,8 @@ const char *const EXPORT =
 const char *const AS_LABELS =
     "is no scan: give it as material/labels, with the scan on which it was drawn, or export it as NIfTI or NRRD";
 const char *const CONTOURS =
-    "is not supported: load it with its CT in 3D Slicer (extension SlicerRT) and save the segmentation as .seg.nrrd, or run "
-    "plastimatch convert --input RTSTRUCT --referenced-ct CT_FOLDER --output-labelmap labels.nrrd";
+    "is not supported: load it with its CT in 3D Slicer (extension SlicerRT) and save the segmentation as .seg.nrrd, "
+    "or run plastimatch convert --input RTSTRUCT --referenced-ct CT_FOLDER --output-labelmap labels.nrrd";
 
 const object no_images[] = {{"5.1.4.1.1.66.4", "a DICOM segmentation (SEG)", AS_LABELS},
                             {"5.1.4.1.1.66.7", "a DICOM label map segmentation (SEG)", AS_LABELS},

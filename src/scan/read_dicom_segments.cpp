@@ -189,8 +189,8 @@ private:
         if (!is_step(step))
             fail(
                 PLIANT_ERROR_FORMAT,
-                "%s: the slices of the DICOM segmentation (SEG) are not evenly spaced (SpacingBetweenSlices %g mm, smallest "
-                "distance of slices %g mm): %s",
+                "%s: the slices of the DICOM segmentation (SEG) are not evenly spaced (SpacingBetweenSlices %g mm, "
+                "smallest distance of slices %g mm): %s",
                 path_.c_str(), told, smallest, EXPORT);
         const double length = sorted.back() - sorted.front(), steps = std::round(length / step);
         return steps > 0.0 ? length / steps : step;
@@ -212,7 +212,8 @@ private:
             if (!(aside <= 0.1 * std::min(step, std::min(whole.spacing[0], whole.spacing[1]))) || !(k < most_slices))
                 fail(
                     PLIANT_ERROR_FORMAT,
-                    "%s: frame %zu of the DICOM segmentation (SEG) lies %g mm from the grid of the others (ImagePositionPatient): %s",
+                    "%s: frame %zu of the DICOM segmentation (SEG) lies %g mm from the grid of the others "
+                    "(ImagePositionPatient): %s",
                     path_.c_str(), f + 1, aside, EXPORT);
             slice[f] = static_cast<size_t>(k);
             last = std::max(last, k);

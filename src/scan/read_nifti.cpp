@@ -249,8 +249,8 @@ void read_grid(const std::string &path, const fields &header, grid *grid)
         if (sheared && has_qform)
             pliant_log(
                 PLIANT_LOG_WARNING,
-                "%s: the sform (srow_x, srow_y, srow_z) is %s, which no grid with right angles can follow; the qform is taken "
-                "instead, so positions may differ from what other programs show",
+                "%s: the sform (srow_x, srow_y, srow_z) is %s, which no grid with right angles can follow; the qform "
+                "is taken instead, so positions may differ from what other programs show",
                 path.c_str(), singular ? "singular" : "sheared");
         if (!has_qform || !sheared) {
             if (!sheared) check_pixdim(path, pixdim, *grid); /* sheared: refused below, with the other grids */
@@ -370,7 +370,8 @@ std::unique_ptr<image_source> open_nifti(const std::string &path)
     if (version == -1)
         fail(
             PLIANT_ERROR_FORMAT,
-            "%s: an Analyze 7.5 header or a broken NIfTI one (no NIfTI magic): its orientation is not known; convert it to NIfTI",
+            "%s: an Analyze 7.5 header or a broken NIfTI one (no NIfTI magic): its orientation is not known; "
+            "convert it to NIfTI",
             path.c_str());
     size_t header_size = version == 2 ? SIZE_2 : SIZE_1;
     if (version == 0 || bytes.size() < header_size)

@@ -159,7 +159,8 @@ void check_duplicates(const std::string &folder, const std::vector<dicom_slice> 
                  b.name.c_str());
         fail(
             PLIANT_ERROR_FORMAT,
-            "%s: %s and %s are at the same place (%g mm along the stack): several time points, echoes or a duplicate; one 3-D volume is needed",
+            "%s: %s and %s are at the same place (%g mm along the stack): several time points, echoes or a duplicate; "
+            "one 3-D volume is needed",
             folder.c_str(), a.name.c_str(), b.name.c_str(), a.along);
     }
 }
@@ -461,7 +462,8 @@ public:
         fill(padding, voxels);
         pliant_log(
             PLIANT_LOG_INFO,
-            "%s: MONOCHROME1, intensities without a unit: inverted (smallest + largest - value), so that what is shown bright has large values",
+            "%s: MONOCHROME1, intensities without a unit: inverted (smallest + largest - value), "
+            "so that what is shown bright has large values",
             slices_.front().path.c_str());
     }
 

@@ -148,7 +148,8 @@ pliant_status pliant_scene_check(const pliant_scene *scene)
         (scene->solver.kind != PLIANT_TLED || scene->tled.quasi_static))
         return pliant_fail(
             PLIANT_ERROR_SCENE,
-            "contact/response: paper pushes against motion, and is of explicit dynamics alone: solver/kind tled, without tled/quasi_static");
+            "contact/response: paper pushes against motion, and is of explicit dynamics alone: solver/kind tled, "
+            "without tled/quasi_static");
     pliant_status status = check_regions(&scene->fixed, "fixed");
     return status == PLIANT_OK ? check_regions(&scene->obstacles, "obstacles") : status;
 }

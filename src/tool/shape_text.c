@@ -90,7 +90,8 @@ static bool read_solid(const pliant_part_text *text, const char *beside, pliant_
         snprintf(
             reason, size,
             options.convex
-                ? "shape/parts: a convex part needs a file (STL) or points, as in points: [[0, 0, 0], ...], four or more of them"
+                ? "shape/parts: a convex part needs a file (STL) or points, as in points: [[0, 0, 0], ...], "
+                  "four or more of them"
                 : "shape/parts: a mesh needs a file (STL)");
         return false;
     }
@@ -185,7 +186,8 @@ bool pliant_shape_from_text(const pliant_shape_text *text, const char *beside, p
     if (!text->name == !text->parts || (text->name && (text->joint || text->axis))) {
         snprintf(
             reason, size,
-            "shape: needs a name, as in {name: probe}, or parts, as in {parts: [{kind: sphere, from: [0, 0, 0], radius: 0.004}]}");
+            "shape: needs a name, as in {name: probe}, or parts, as in {parts: [{kind: sphere, from: [0, 0, 0], "
+            "radius: 0.004}]}");
         return false;
     }
     if (text->name && pliant_tool_shape_find(text->name, &shape) != PLIANT_OK) {

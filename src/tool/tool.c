@@ -295,8 +295,8 @@ static void tell_what_is_fixed(const pliant_data *data, const pliant_tool *tool)
     if (fixed < 0.999) snprintf(part, sizeof part, "to %.0f %%", 100 * fixed);
     pliant_log(
         PLIANT_LOG_WARNING,
-        "tool %s holds %s what is fixed (bone, or a region in the scene's fixed) at (%.4f %.4f %.4f) m: what is fixed stays where "
-        "it is; grasp soft tissue, or set material/deformable_bone",
+        "tool %s holds %s what is fixed (bone, or a region in the scene's fixed) at (%.4f %.4f %.4f) m: what is fixed "
+        "stays where it is; grasp soft tissue, or set material/deformable_bone",
         tool->name, part, at[0], at[1], at[2]);
 }
 

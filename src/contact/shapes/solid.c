@@ -160,13 +160,15 @@ static pliant_status complain(const surface *of, const half_edge *edge, int32_t 
     if (open)
         return pliant_fail(
             PLIANT_ERROR_FORMAT,
-            "%s: is not closed: %d of its %d edges have a triangle on one side alone, the first from (%.6g, %.6g, %.6g) to (%.6g, "
-            "%.6g, %.6g); fill its holes, or take its convex hull (kind: convex)",
+            "%s: is not closed: %d of its %d edges have a triangle on one side alone, "
+            "the first from (%.6g, %.6g, %.6g) to (%.6g, %.6g, %.6g); fill its holes, or take its convex hull (kind: "
+            "convex)",
             of->name, bad, edges, a[0], a[1], a[2], b[0], b[1], b[2]);
     return pliant_fail(
         PLIANT_ERROR_FORMAT,
-        "%s: %d of its %d edges have triangles that are turned inside out to each other, the first from (%.6g, %.6g, %.6g) to (%.6g, "
-        "%.6g, %.6g); corners must go round counter-clockwise as seen from outside, everywhere",
+        "%s: %d of its %d edges have triangles that are turned inside out to each other, "
+        "the first from (%.6g, %.6g, %.6g) to (%.6g, %.6g, %.6g); "
+        "corners must go round counter-clockwise as seen from outside, everywhere",
         of->name, bad, edges, a[0], a[1], a[2], b[0], b[1], b[2]);
 }
 

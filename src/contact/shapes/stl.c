@@ -161,7 +161,8 @@ static pliant_status parse(const char *path, const uint8_t *bytes, size_t size, 
     else if (size != needed)
         return pliant_fail(
             PLIANT_ERROR_FORMAT,
-            "%s: as binary STL it says that it has %u triangles, which take %llu bytes, and has %zu: it is truncated, or not STL",
+            "%s: as binary STL it says that it has %u triangles, which take %llu bytes, and has %zu: it is truncated, "
+            "or not STL",
             path, said, (unsigned long long)needed, size);
     if (status == PLIANT_OK) status = check_count(path, text ? (uint32_t)count : said);
     if (status != PLIANT_OK) return status;

@@ -301,8 +301,8 @@ pliant_status pliant_tled_create(const pliant_scene *scene, const pliant_tled_sy
     } else if (!(count <= most)) {
         status = pliant_fail(
             PLIANT_ERROR_SCENE,
-            "tled: the stiffest or lightest element allows steps of %.3g s, so solver/step (%g s) would take %.3g of them, more "
-            "than %.0f: fix bone, take a coarser mesh, or tled/quasi_static",
+            "tled: the stiffest or lightest element allows steps of %.3g s, so solver/step (%g s) would take %.3g of "
+            "them, more than %.0f: fix bone, take a coarser mesh, or tled/quasi_static",
             fmin(system->edge_bound, system->eigenvalue_bound), tled->frame, count, most);
     } else {
         tled->substeps = (int32_t)fmax(count, 1);
@@ -316,8 +316,8 @@ pliant_status pliant_tled_create(const pliant_scene *scene, const pliant_tled_sy
     if (!system->quasi_static)
         pliant_log(
             PLIANT_LOG_INFO,
-            "tled: at rest steps of %.3g s (edge over speed of sound, [C] 1) and %.3g s (largest eigenvalue) are stable; "
-            "%d sub-steps of %.3g s in a step",
+            "tled: at rest steps of %.3g s (edge over speed of sound, [C] 1) and %.3g s (largest eigenvalue) are "
+            "stable; %d sub-steps of %.3g s in a step",
             system->edge_bound, system->eigenvalue_bound, tled->substeps, tled->time_step);
     set_limits(tled);
     set_smallest_load(tled);

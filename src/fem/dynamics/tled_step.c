@@ -310,8 +310,8 @@ static pliant_status diverged(const pliant_tled *tled, int32_t steps)
     const pliant_tled_system *system = tled->system;
     return pliant_fail(
         PLIANT_ERROR_NUMERIC,
-        "tled diverged in sub-step %d of %d: a node moved faster than sound. Time step %.3g s; at rest at most %.3g s is "
-        "stable (tled/safety %g). The state before the step is kept",
+        "tled diverged in sub-step %d of %d: a node moved faster than sound. Time step %.3g s; at rest at most %.3g s "
+        "is stable (tled/safety %g). The state before the step is kept",
         steps, tled->substeps, tled->time_step, fmin(system->edge_bound, system->eigenvalue_bound), system->safety);
 }
 

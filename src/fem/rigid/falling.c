@@ -359,7 +359,8 @@ static void stop(pliant_falling *falling, int32_t p)
     if (!falling->told)
         pliant_log(
             PLIANT_LOG_WARNING,
-            "a piece that has come off has left the volume that is drawn (warp/margin), and stops there; ground/ could hold it");
+            "a piece that has come off has left the volume that is drawn (warp/margin), and stops there; "
+            "ground/ could hold it");
     falling->told = true;
 }
 

@@ -75,7 +75,8 @@ static pliant_status by_regions(const char *path, const pliant_material_table *t
     if (!missing[0]) return PLIANT_OK;
     return pliant_fail(
         PLIANT_ERROR_MATERIAL,
-        "mesh/file: %s has regions without a material%s. Name them as materials of the table, or add their numbers to the labels of a material",
+        "mesh/file: %s has regions without a material%s. Name them as materials of the table, "
+        "or add their numbers to the labels of a material",
         path, missing);
 }
 

@@ -75,8 +75,8 @@ static bool plane_tell(const pliant_mesh *mesh, const pliant_fixed_plane *plane,
     if (last == -INFINITY) {
         pliant_log(
             PLIANT_LOG_WARNING,
-            "fixed/planes: number %d holds no node: the first lies %.3g mm in front of it; with the point (%.5f %.5f %.5f) or beyond it "
-            "would hold some",
+            "fixed/planes: number %d holds no node: the first lies %.3g mm in front of it; with the point "
+            "(%.5f %.5f %.5f) or beyond it would hold some",
             number, 1e3 * first, before[0], before[1], before[2]);
         return false;
     }
@@ -84,8 +84,9 @@ static bool plane_tell(const pliant_mesh *mesh, const pliant_fixed_plane *plane,
     if (first < INFINITY && -last > unnoticed * cell)
         pliant_log(
             PLIANT_LOG_WARNING,
-            "fixed/planes: number %d lies between nodes: tissue is held %.3g mm behind it, at (%.5f %.5f %.5f); the next nodes lie %.3g mm "
-            "in front of it, at (%.5f %.5f %.5f). Choose one of these points, or other mesh/coarse_cells",
+            "fixed/planes: number %d lies between nodes: tissue is held %.3g mm behind it, at (%.5f %.5f %.5f); the "
+            "next nodes lie %.3g mm in front of it, at (%.5f %.5f %.5f). Choose one of these points, "
+            "or other mesh/coarse_cells",
             number, -1e3 * last, behind[0], behind[1], behind[2], 1e3 * first, before[0], before[1], before[2]);
     return true;
 }

@@ -394,13 +394,14 @@ void pliant_gravity_warning(const pliant_scene *scene, const double gravity[3])
     if (method == PLIANT_SCHUR)
         pliant_log(
             PLIANT_LOG_WARNING,
-            "model/method: schur is far too soft for model/gravity: tissue sags 10 to 15 times as far as on the fine mesh (an "
-            "abdominal CT, 9.81 m/s^2), tears and turns inside out, and steps do not converge; averaged or calibrated are meant for it");
+            "model/method: schur is far too soft for model/gravity: tissue sags 10 to 15 times as far as on the fine "
+            "mesh (an abdominal CT, 9.81 m/s^2), tears and turns inside out, and steps do not converge; "
+            "averaged or calibrated are meant for it");
     else
         pliant_log(
             PLIANT_LOG_WARNING,
-            "model/method: under model/gravity, %s is off by tens of percent of how far tissue sags (coarse models of an abdominal "
-            "CT while gravity turns: 38 to 60 %%), and %s; fine has no such error",
+            "model/method: under model/gravity, %s is off by tens of percent of how far tissue sags (coarse models of "
+            "an abdominal CT while gravity turns: 38 to 60 %%), and %s; fine has no such error",
             methods[method],
             scene->model.patch > 0 ? "model/patch mends only what is around a hold" : "nothing mends that");
 }
@@ -417,8 +418,8 @@ static void warn_of_unused(const pliant_scene *scene)
         pliant_scene_changed(scene, (const char *const[]){"ground", NULL}, names, sizeof names))
         pliant_log(
             PLIANT_LOG_WARNING,
-            "%s: beside solver/kind: corotational only pieces that a cut has taken off feel the ground, and with cut/kind: none nothing comes off; "
-            "obstacles hold tissue off",
+            "%s: beside solver/kind: corotational only pieces that a cut has taken off feel the ground, and with "
+            "cut/kind: none nothing comes off; obstacles hold tissue off",
             names);
 }
 

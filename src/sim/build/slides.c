@@ -83,7 +83,8 @@ pliant_status pliant_model_part_slides(pliant_model *model)
     if (next->pieces && !next->has_inertia)
         pliant_log(
             PLIANT_LOG_WARNING,
-            "material/slides: %d pieces hang on nothing that is fixed any more; beside a quasi-static solver they fall as rigid bodies",
+            "material/slides: %d pieces hang on nothing that is fixed any more; "
+            "beside a quasi-static solver they fall as rigid bodies",
             next->pieces->count);
     return PLIANT_OK;
 }

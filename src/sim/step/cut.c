@@ -405,8 +405,8 @@ static bool has_jumped(const knife *work)
     if (!blade->failed)
         pliant_log(
             PLIANT_LOG_WARNING,
-            "tool %s is too fast to cut: its blade moves %.3g m in a step of %g s (%.3g m/s); above %g m/s it is taken for a "
-            "jump and cuts nothing on its way. Move it more slowly",
+            "tool %s is too fast to cut: its blade moves %.3g m in a step of %g s (%.3g m/s); above %g m/s it is taken "
+            "for a jump and cuts nothing on its way. Move it more slowly",
             work->tool->name, far, step, far / step, fastest);
     return true;
 }

@@ -151,7 +151,8 @@ static void tell_missing(const pliant_data *data)
     if (missing)
         pliant_log(
             PLIANT_LOG_WARNING,
-            "step %llu: what it was to take (pliant_data_set_background: %u) was not under way: another run than the recorded one",
+            "step %llu: what it was to take (pliant_data_set_background: %u) was not under way: "
+            "another run than the recorded one",
             (unsigned long long)data->statistics.step, (unsigned)missing);
 }
 
