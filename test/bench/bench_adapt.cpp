@@ -216,8 +216,8 @@ int main(int argc, char **argv)
                     (unsigned long long)fast.data->statistics.factors);
     }
     std::printf(
-        "median of set_body [ms]: thread %.2f, process %.2f, wall %.2f; step of the thread [ms]: after a stroke %.2f, others %.2f; worst error after a "
-        "stroke %.3f %%\n",
+        "median of set_body [ms]: thread %.2f, process %.2f, wall %.2f; step of the thread [ms]: after a stroke %.2f, "
+        "others %.2f; worst error after a stroke %.3f %%\n",
         quantile(thread, 0.5), quantile(process, 0.5), quantile(wall, 0.5), quantile(cut_ms, 0.5), quantile(usual, 0.5),
         quantile(first_error, 1));
     pliant_body_release(body);

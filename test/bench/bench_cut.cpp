@@ -135,7 +135,8 @@ int main(int argc, char **argv)
                 if (all.size() == 1 || all.size() == 10 || all.size() == 100) {
                     const Least now = least_of(body);
                     std::printf(
-                        "after %zu: %d tetrahedra, %d pieces; of those at load: shortest edge %.3g %%, least height %.3g %%, least volume %.3g %%, explicit step %.3g %%\n",
+                        "after %zu: %d tetrahedra, %d pieces; of those at load: shortest edge %.3g %%, "
+                        "least height %.3g %%, least volume %.3g %%, explicit step %.3g %%\n",
                         all.size(), body->fine.num_tets, report.pieces, 100 * now.edge / load.edge,
                         100 * now.height / load.height, 100 * now.volume / load.volume, 100 * now.step / load.step);
                 }
@@ -144,7 +145,8 @@ int main(int argc, char **argv)
             }
         }
         std::printf(
-            "%s: %zu strokes, median of %.0f links and %.0f tetrahedra; report alone %.2f ms (worst %.2f), next body %.2f ms (worst %.2f)\n",
+            "%s: %zu strokes, median of %.0f links and %.0f tetrahedra; report alone %.2f ms (worst %.2f), "
+            "next body %.2f ms (worst %.2f)\n",
             chain ? "one after the other" : "each on the body at load", all.size(), quantile(links, 0.5),
             quantile(touched, 0.5), quantile(sever, 0.5), quantile(sever, 1), quantile(all, 0.5), quantile(all, 1));
         pliant_body_release(body);

@@ -3,7 +3,8 @@
 // are the CPU time per cut (of the process, without steps) and the memory, after 10, 100, 1000 cuts and so on.
 //
 // Usage:
-//   bench_cuts [cuts=1000] [length=0.006] [steps=8] [undo=4] [reset=0] [warp=1] [stages=0] [frames=3] [busy=0] [rests=0] [group/name=value ...]
+//   bench_cuts [cuts=1000] [length=0.006] [steps=8] [undo=4] [reset=0] [warp=1] [stages=0] [frames=3]
+//              [busy=0] [rests=0] [group/name=value ...]
 //
 // length: of a slit [m]
 // steps, undo, reset: number of cuts between two steps, undos, resets (0: never)
@@ -235,7 +236,8 @@ int main(int argc, char **argv)
         by_parts(model, data, with["length"], int(with["cuts"]), int(with["frames"]), with["rests"] > 0);
     else
         std::printf(
-            "   cuts   tetrahedra   nodes   links    cut [ms]: median, worst of the last tenth    held, resident [MB]    bits\n");
+            "   cuts   tetrahedra   nodes   links    cut [ms]: median, worst of the last tenth    held, "
+            "resident [MB]    bits\n");
     for (int c = 1; c <= cuts; c++) {
         double points[6], depth[3];
         slit(data, with["length"], random, points, depth);

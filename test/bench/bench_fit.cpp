@@ -1,8 +1,8 @@
 // Time of an update and error of the inverse map relative to a known smooth map, for both ways to draw a deformed
 // volume.
 // Usage:
-//   bench_fit [voxels: 256 160 122] [cells along an edge = 14]      on the CPU
-//   bench_fit cuda                                                  on the GPU, times only: 256 x 160 x 122, 16-bit voxels
+//   bench_fit [voxels: 256 160 122] [cells along an edge = 14]   on the CPU
+//   bench_fit cuda                                               on the GPU, times only: 256 x 160 x 122, 16-bit voxels
 #include "figure.h"
 #include "mesh/mesh.h"
 #include "pliant/pliant.h"

@@ -3,10 +3,11 @@
 // Usage:
 //   bench_gpu warp [SIZE [RUNS]]   rasterization alone, for the sizes of the paper and 512^3, or one of the three
 //   bench_gpu run SCENE SCAN [FRAMES [group/name=value ...]]
-//                                  whole frames: a tool pulls 1 mm per frame, with a turn; error and time for each budget
+//                                  whole frames: a tool pulls 1 mm per frame, with a turn; error and time for each
+//                                  budget
 //   bench_gpu cut SCENE SCAN [FRAMES [group/name=value ...]]
-//                                  whole frames while a blade of 30 mm moves 2 mm per frame through hanging soft tissue,
-//                                  one stroke next to another (solver/backend=cpu: the same on the CPU)
+//                                  whole frames while a blade of 30 mm moves 2 mm per frame through hanging soft
+//                                  tissue, one stroke next to another (solver/backend=cpu: the same on the CPU)
 //
 // Limits: identity sampling of a 3-D texture into a volume of the same size, and its copy to page-locked memory.
 #include "backend/backend.h"
@@ -201,7 +202,8 @@ void bench_warp(const int32_t size[3], const int32_t cells[3], int runs)
     }
     limits limit = measure_limits(size, runs);
     std::printf(
-        "%4d x %3d x %3d, %7d tetrahedra: cull %7.4f  rasterize %7.4f  both %7.4f ms | texture %7.4f ms: x %5.2f, both x %5.2f | to the host %6.3f, bare copy %6.3f ms\n",
+        "%4d x %3d x %3d, %7d tetrahedra: cull %7.4f  rasterize %7.4f  both %7.4f ms | texture %7.4f ms: x %5.2f, "
+        "both x %5.2f | to the host %6.3f, bare copy %6.3f ms\n",
         size[0], size[1], size[2], mesh.num_tets, median(cull), median(rasterize), median(both), limit.sample,
         median(rasterize) / limit.sample, median(both) / limit.sample, median(fetch), limit.copy);
     char name[80];
@@ -350,7 +352,8 @@ void bench_run(const char *scene_path, const char *scan_path, int frames, char *
                 Run fast = run(model, data, at, drives[d], frames, budgets[b], 1e-3, false),
                     copied = run(model, data, at, drives[d], frames, budgets[b], 1e-3, true);
                 std::printf(
-                    "    budget %2d: worst frame %6.2f %%, %4.1f evaluations | frame %6.3f ms (p99 %6.3f), solve %6.3f | with the copy %6.3f (p99 %6.3f) | no volume %6.3f (p99 %6.3f)\n",
+                    "    budget %2d: worst frame %6.2f %%, %4.1f evaluations | frame %6.3f ms (p99 %6.3f), "
+                    "solve %6.3f | with the copy %6.3f (p99 %6.3f) | no volume %6.3f (p99 %6.3f)\n",
                     budgets[b], 100 * worst_error(fast, exact[d]), fast.iterations, median(fast.frame),
                     percentile(fast.frame, 0.99), median(fast.solve), median(copied.frame),
                     percentile(copied.frame, 0.99), median(forces[d][b].frame), percentile(forces[d][b].frame, 0.99));

@@ -4,7 +4,7 @@
 // results (PRESCRIBED, bitwise identical); the minimum counts.
 //
 // Usage:
-//   bench_late [group/name=value ...]      the abdomen of the test data; mesh/ratio, solver/step, solver/preconditioner ...
+//   bench_late [group/name=value ...]  the abdomen of the test data; mesh/ratio, solver/step, solver/preconditioner ...
 #include "frames.h"
 
 #include <time.h>
@@ -85,7 +85,8 @@ void print_late(const pliant_model *model, Case which, const Late &run, const La
         error.push_back(100 * largest_apart(run.positions[f].data(), exact.positions[f].data(), nodes) / largest);
     const double median = quantile(seconds, 0.5);
     std::printf(
-        "  %-16s median %6.2f ms, 99 %% %4.2f x, worst %4.2f x, %ld of %zu above 2 x;  error median %.4f %%, 95 %% %.4f, worst %.4f %%;  %lu factors\n",
+        "  %-16s median %6.2f ms, 99 %% %4.2f x, worst %4.2f x, %ld of %zu above 2 x;  error median %.4f %%, "
+        "95 %% %.4f, worst %.4f %%;  %lu factors\n",
         case_names[which], 1e3 * median, quantile(seconds, 0.99) / median, quantile(seconds, 1) / median,
         std::count_if(seconds.begin(), seconds.end(), [&](double s) { return s > 2 * median; }), seconds.size(),
         quantile(error, 0.5), quantile(error, 0.95), quantile(error, 1), static_cast<unsigned long>(run.factors));

@@ -2,7 +2,9 @@
 // scan.
 //
 // Usage:
-//   bench_methods SCENE SCAN [METHOD ...] [gravity] [LABELS-TO-PULL-AT ...]      e.g. bench_methods test/bench/spine.yaml ct.nii.gz 5 20 2
+//   bench_methods SCENE SCAN [METHOD ...] [gravity] [LABELS-TO-PULL-AT ...]
+// Example:
+//   bench_methods test/bench/spine.yaml ct.nii.gz 5 20 2
 //
 // The named methods (schur_face: with touch face), or all of them, are compared with fine. gravity: 9.81 m/s^2 along y.
 // For each label, its front (the most anterior voxel near its centroid) is pulled 3 cm forward and slightly up over 30

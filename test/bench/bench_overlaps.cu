@@ -73,7 +73,8 @@ bool measure(int32_t cells, int runs)
             equal = truth[p].first == mine[2 * p] && truth[p].second == mine[2 * p + 1];
         same = same && equal;
         std::printf(
-            "%d tetrahedra, %d in the grid, %d pairs overlap, %s as on the CPU: %.4f ms (median of %zu with what waits for it; least %.4f)\n",
+            "%d tetrahedra, %d in the grid, %d pairs overlap, %s as on the CPU: "
+            "%.4f ms (median of %zu with what waits for it; least %.4f)\n",
             block.mesh.num_tets, listed, count, equal ? "the same" : "NOT THE SAME", ms[ms.size() / 2], ms.size(),
             ms[0]);
         figure("overlaps, " + std::to_string(listed) + " of " + std::to_string(block.mesh.num_tets),

@@ -180,7 +180,8 @@ int main(int argc, char **argv)
         const std::vector<double> errors = errors_of(run.force, exact.force, most),
                                   own = errors_of(run.force, run.own, most);
         std::printf(
-            "%2d iterations: solve %.2f ms a frame (%.2f an evaluation), contact stage %.3f (the first frame's %.1f), CPU %.2f; deepest %.4f mm; force off by %.2f %% (median), %.2f (95 %%), %.2f (worst); "
+            "%2d iterations: solve %.2f ms a frame (%.2f an evaluation), contact stage %.3f (the first frame's %.1f), "
+            "CPU %.2f; deepest %.4f mm; force off by %.2f %% (median), %.2f (95 %%), %.2f (worst); "
             "from its own frame %.2f, %.2f, %.2f; refused %d\n",
             iterations, 1e3 * run.solve / FRAMES, 1e3 * run.solve / run.evaluations, 1e3 * run.contact / (FRAMES - 1),
             1e3 * run.first, 1e3 * run.spent / FRAMES, 1e3 * run.deepest, quantile(errors, 0.5), quantile(errors, 0.95),

@@ -3,7 +3,8 @@
 // ratio of either kind. A lattice with ratio 8 takes minutes.
 //
 // Usage:
-//   bench_pull SCENE SCAN X Y Z [group/name=value ...] [ratios=2,4,8] [pull=0.004,-0.029,0.006] [steps=6] [force=0] [methods=] [dump=FOLDER]
+//   bench_pull SCENE SCAN X Y Z [group/name=value ...] [ratios=2,4,8] [pull=0.004,-0.029,0.006] [steps=6]
+//              [force=0] [methods=] [dump=FOLDER]
 //
 // force=1: apply the force of the first model, hexahedra of the finest ratio
 // methods: also coarse models of the coarsest ratio's cubes, composed of the finest ones
@@ -89,7 +90,8 @@ void compare(const Pulled &run, const Pulled &fine, const pliant_mesh &coarsest,
         if (std::hypot(std::hypot(rest[0] - at[0], rest[1] - at[1]), rest[2] - at[2]) > 0.04) apart[1].push_back(error);
     }
     std::printf(
-        "  %-10s ratio %d against %-10s ratio %d, %zu nodes: median %.3f, 95 %% %.3f, largest %.2f mm; beyond 4 cm of the hold %.3f, %.3f, %.2f mm\n",
+        "  %-10s ratio %d against %-10s ratio %d, %zu nodes: median %.3f, 95 %% %.3f, largest %.2f mm; "
+        "beyond 4 cm of the hold %.3f, %.3f, %.2f mm\n",
         run.name.c_str(), run.ratio, fine.name.c_str(), fine.ratio, apart[0].size(), 1e3 * quantile(apart[0], 0.5),
         1e3 * quantile(apart[0], 0.95), 1e3 * quantile(apart[0], 1), 1e3 * quantile(apart[1], 0.5),
         1e3 * quantile(apart[1], 0.95), 1e3 * quantile(apart[1], 1));
@@ -117,7 +119,8 @@ int main(int argc, char **argv)
     if (argc < 6) {
         std::fprintf(
             stderr,
-            "usage: bench_pull SCENE SCAN X Y Z [group/name=value ...] [ratios=2,4,8] [pull=...] [steps=6] [force=0] [dump=FOLDER]\n");
+            "usage: bench_pull SCENE SCAN X Y Z [group/name=value ...] [ratios=2,4,8] [pull=...] [steps=6] [force=0] "
+            "[dump=FOLDER]\n");
         return 2;
     }
     std::map<std::string, std::string> own = {{"ratios", "2,4,8"}, {"pull", "0.004,-0.029,0.006"},

@@ -3,8 +3,9 @@
 // minutes; needs an idle machine.
 //
 // Usage:
-//   bench_reaches [DATA-FOLDER [ratio ...]]     default: the folder of the tests, ratios 2 and 4
-//   bench_reaches frame [DATA-FOLDER]           one frame of each pull at ratio 2, on one thread, relative to a fixed kernel
+//   bench_reaches [DATA-FOLDER [ratio ...]]   default: the folder of the tests, ratios 2 and 4
+//   bench_reaches frame [DATA-FOLDER]         one frame of each pull at ratio 2, on one thread, relative to a fixed
+//                                             kernel
 #include "figure.h"
 #include "frames.h"
 

@@ -1,8 +1,9 @@
 // Segmentation by a mixture: time, classes, and agreement of each labelled organ with one piece and with all pieces of
 // one class (Dice).
 // Usage:
-//   bench_segment [SCAN LABELS] [classes = 0] [coherence = 1]          on the CPU; without SCAN: the phantom at 256 x 160 x 122
-//   bench_segment cuda [SCAN]                                          on the GPU; number of voxels that differ from the CPU's labels
+//   bench_segment [SCAN LABELS] [classes = 0] [coherence = 1]   on the CPU; default: the phantom at 256 x 160 x 122
+//   bench_segment cuda [SCAN]                                   on the GPU; number of voxels that differ from the
+//                                                               CPU's labels
 #include "base/clock.h"
 #include "figure.h"
 #include "pliant/pliant.h"
@@ -41,7 +42,8 @@ static int bench_gpu(const char *path)
     size_t different = 0, voxels = pliant_geometry_voxels(&scan.geometry);
     for (size_t v = 0; v < voxels; v++) different += cpu.labels.voxels[v] != gpu.labels.voxels[v];
     std::printf(
-        "%d x %d x %d: %.1f ms on the GPU (the fastest of 6, from and to the host's memory), %.0f ms on the CPU, %d threads; %d classes, %d pieces; %zu voxels differ\n",
+        "%d x %d x %d: %.1f ms on the GPU (the fastest of 6, from and to the host's memory), %.0f ms on the CPU, "
+        "%d threads; %d classes, %d pieces; %zu voxels differ\n",
         scan.geometry.size[0], scan.geometry.size[1], scan.geometry.size[2], 1e3 * best, 1e3 * seconds,
         options.num_threads, gpu.num_classes, gpu.num_pieces, different);
     figure("segment, " + std::to_string(voxels) + " voxels", 1e6 * best, "us");

@@ -1,8 +1,9 @@
 // Time of a sub-step of explicit dynamics [us], by material law and options.
 // Usage:
-//   bench_tled [cells along an edge = 14] [seconds per row = 0.5]   on the CPU, by threads, on cubes of 5 n^3 tetrahedra
-//   bench_tled cuda [seconds per row = 0.5]                         on the GPU, by size; without and with a tool that pulls
-//   bench_tled frame                                                on one thread, 13,720 tetrahedra, relative to a fixed kernel
+//   bench_tled [cells along an edge = 14] [seconds per row = 0.5]  on the CPU, by threads, cubes of 5 n^3 tetrahedra
+//   bench_tled cuda [seconds per row = 0.5]                        on the GPU, by size; without and with a pulling tool
+//   bench_tled frame                                               on one thread, 13,720 tetrahedra, relative to a
+//                                                                  fixed kernel
 #include "../pipeline/body.h"
 #include "base/clock.h"
 #include "figure.h"

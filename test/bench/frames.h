@@ -205,7 +205,8 @@ inline Errors print_errors(const char *name, const pliant_model *model, const Fr
 {
     Errors errors = errors_of(model, run, exact);
     std::printf(
-        "  %-14s worst frame %7.3f %%   solve median %6.2f ms, worst %6.2f ms   iterations %4.1f   residual at most %.1e",
+        "  %-14s worst frame %7.3f %%   solve median %6.2f ms, worst %6.2f ms   iterations %4.1f   residual at most "
+        "%.1e",
         name, errors.worst, 1e3 * quantile(run.solve, 0.5), 1e3 * quantile(run.solve, 1), run.iterations,
         quantile(run.residual, 1));
     return errors;

@@ -58,7 +58,8 @@ def save(stage, name):
     x, y, width, height = stage.window()
     path = os.path.join(FOLDER, name + ".png")
     stage.picture(path)
-    subprocess.run(["convert", path, "-crop", "%dx%d+%d+%d" % (width, height, x, y), "+repage", "-strip", "-dither", "None",
+    subprocess.run(["convert", path, "-crop", "%dx%d+%d+%d" % (width, height, x, y), "+repage", "-strip", "-dither",
+                    "None",
                     "-colors", "256", "png8:" + path], check=True)
     print(path, os.path.getsize(path), "bytes")
 
@@ -67,7 +68,8 @@ def main():
     width, height = SIZE[0] + rviz_speed.BESIDE, SIZE[1] + rviz_speed.ABOVE
     configuration = rviz_stage.config(DISPLAYS, VIEW, background="24; 24; 28")
     with rviz_stage.Stage(configuration, width, height) as stage:
-        stage.start([rviz_stage.program("pliant_node"), "__ns:=tissue", "_scene:=" + rviz_speed.SCENE] + PARAMETERS, "node")
+        stage.start([rviz_stage.program("pliant_node"), "__ns:=tissue", "_scene:=" + rviz_speed.SCENE] + PARAMETERS,
+                    "node")
         stage.mouse("mousemove", 0, 0)
         stage.wait_for(lambda p: (p[rviz_speed.ABOVE:-30, 50:-50].max(axis=2) > 60).mean() > 0.1, 120, "the phantom")
         wait_until_still(stage, lambda: None)

@@ -87,7 +87,8 @@ def measure(arguments, size, slices, moving):
 
 
 def frames(arguments, moving):
-    print("%-12s %-10s %6s %9s %9s %9s" % ("volume", "rendering", "slices", "frames/s", "rviz CPU", "node CPU"), flush=True)
+    print("%-12s %-10s %6s %9s %9s %9s" % ("volume", "rendering", "slices", "frames/s", "rviz CPU", "node CPU"),
+          flush=True)
     for size in arguments.size:
         for slices in arguments.slices:
             # in a separate process, because a process can have only one ROS node
@@ -111,7 +112,8 @@ class Tool:
         self.pose.pose.orientation.w = 1
         self.poses = rospy.Publisher("tissue/grasper/measured_cp", PoseStamped, queue_size=1, tcp_nodelay=True)
         self.jaws = rospy.Publisher("tissue/grasper/jaw/measured_js", JointState, queue_size=1, tcp_nodelay=True)
-        self.contact = rospy.Subscriber("tissue/grasper/contact", ContactState, lambda m: setattr(self, "grasped", m.grasped))
+        self.contact = rospy.Subscriber("tissue/grasper/contact", ContactState,
+                                        lambda m: setattr(self, "grasped", m.grasped))
         self.start, self.began = start, time.time()
 
     def send(self, place):
@@ -155,7 +157,8 @@ def delay(arguments):
     stage.close()
     times = 1000 * numpy.array(times)
     print("%s, %d slices: pose to changed picture, %d of %d: median %.0f ms, least %.0f, most %.0f" %
-          (arguments.size[0], arguments.slices[0], len(times), 2 * arguments.repeat, numpy.median(times), times.min(), times.max()))
+          (arguments.size[0], arguments.slices[0], len(times), 2 * arguments.repeat, numpy.median(times), times.min(),
+           times.max()))
 
 
 if __name__ == "__main__":

@@ -2,7 +2,9 @@
 """Simulate many hours of a scripted operation without pauses: pull, push, cut, and sometimes reload the scan. Memory
 and the 99th percentile of a step's time must stay constant.
 
-    PLIANT_LIBRARY=build/src/libpliant.so [taskset -c 1 chrt -r 1] python3 test/bench/soak.py [HOURS=8] [SECONDS: time limit]
+    PLIANT_LIBRARY=build/src/libpliant.so [taskset -c 1 chrt -r 1] python3 test/bench/soak.py [HOURS=8] [SECONDS]
+
+SECONDS is a time limit.
 
 The program prints for every two simulated minutes: steps, CPU time of a step (median, p99, maximum), memory of the
 library and of the process. At the end it prints the same for every hour, and the p99 of wall time and of
@@ -21,7 +23,8 @@ import pliant  # noqa: E402
 # [s]: step, duration of a round, rounds until the scan is reloaded, duration of a row, an hour
 STEP, ROUND, RELOAD, ROW, HOUR = 0.02, 10.0, 20, 120, 3600
 MEASURES = ("CPU time [ms]", "wall time [ms]", "evaluations")
-OPTIONS = {"mesh/coarse_cells": "7 5 6", "mesh/ratio": 2, "model/method": "averaged", "solver/threads": 1, "cut/kind": "sever", "cut/resistance": 0,
+OPTIONS = {"mesh/coarse_cells": "7 5 6", "mesh/ratio": 2, "model/method": "averaged", "solver/threads": 1,
+           "cut/kind": "sever", "cut/resistance": 0,
            "solver/step": STEP, "element/kind": "linear", "grasp/stiffness": 500}
 
 
@@ -58,7 +61,8 @@ class Operation:
                 self.forceps.move(self.held + [0.3 * way, way, 0.2 * way])
             cpu, wall = time.thread_time(), time.perf_counter()
             self.sim.step()
-            told[:, at] = 1e3 * (time.thread_time() - cpu), 1e3 * (time.perf_counter() - wall), self.sim.statistics["iterations"]
+            told[:, at] = (1e3 * (time.thread_time() - cpu), 1e3 * (time.perf_counter() - wall),
+                           self.sim.statistics["iterations"])
 
     def begin(self, part):
         self.forceps.release()
@@ -95,18 +99,21 @@ def main():
             operation.round(told[:, step:step + steps])
         milliseconds = told[0, first:first + in_row]
         rows.append([np.quantile(milliseconds, 0.99), resident() / 1e6])
-        print("%6.2f h %8d steps: median %.3f ms, p99 %.3f, worst %.3f; %.1f MB held, %.1f MB in memory; inverted %d" % (
-            len(rows) * ROW / HOUR, in_row, np.median(milliseconds), rows[-1][0], milliseconds.max(), operation.sim.statistics["bytes"] / 1e6, rows[-1][1],
-            operation.sim.inverted), flush=True)
+        print("%6.2f h %8d steps: median %.3f ms, p99 %.3f, worst %.3f; %.1f MB held, %.1f MB in memory; "
+              "inverted %d" %
+              (len(rows) * ROW / HOUR, in_row, np.median(milliseconds), rows[-1][0], milliseconds.max(),
+               operation.sim.statistics["bytes"] / 1e6, rows[-1][1], operation.sim.inverted), flush=True)
         if len(rows) * ROW % HOUR == 0:
             table.append(hourly(told, [memory for _, memory in rows[-HOUR // ROW:]]))
-    print("| hour | " + " | ".join("%s median | p99" % name for name in MEASURES) + " | memory least [MB] | most |\n|" + 9 * "---|")
+    print("| hour | " + " | ".join("%s median | p99" % name for name in MEASURES) + " | memory least [MB] | most |\n|" +
+          9 * "---|")
     for hour, line in enumerate(table, 1):
         print("| %d | %.3f | %.3f | %.3f | %.3f | %.0f | %.0f | %.1f | %.1f |" % tuple([hour] + line))
     fifth = max(1, len(rows) // 5)
     early, late = np.array(rows[fifth:2 * fifth] or rows), np.array(rows[-fifth:])
     p99, memory = np.median(late[:, 0]) / np.median(early[:, 0]), np.median(late[:, 1]) / np.median(early[:, 1])
-    print("%.1f simulated hours in %.0f s: p99 x %.3f, memory x %.3f" % (len(rows) * ROW / HOUR, time.time() - begin, p99, memory))
+    print("%.1f simulated hours in %.0f s: p99 x %.3f, memory x %.3f" %
+          (len(rows) * ROW / HOUR, time.time() - begin, p99, memory))
     return 0 if p99 < 1.2 and memory < 1.02 else 1
 
 

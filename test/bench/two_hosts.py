@@ -22,7 +22,8 @@ import sys
 import threading
 import time
 
-LOSS, DELAY, SECONDS = (float(sys.argv[i]) if len(sys.argv) > i else default for i, default in ((1, 5), (2, 200), (3, 6)))
+LOSS, DELAY, SECONDS = (float(sys.argv[i]) if len(sys.argv) > i else default
+                        for i, default in ((1, 5), (2, 200), (3, 6)))
 CONSOLE, TISSUE = ("pliant_console", "10.213.7.1"), ("pliant_tissue", "10.213.7.2")
 MASTER = "http://%s:11399" % CONSOLE[1]
 
@@ -55,15 +56,20 @@ def told(message):
                 now.setdefault("said", {})[status.message[:90]] = 1
 if at_console:
     # the hand pulls: a point 2 cm out, with the jaw closed
-    servo, jaw = rospy.Publisher("/PSM1/servo_cp", PoseStamped, queue_size=1, latch=True), rospy.Publisher("/PSM1/jaw/servo_jp", JointState, queue_size=1, latch=True)
+    servo = rospy.Publisher("/PSM1/servo_cp", PoseStamped, queue_size=1, latch=True)
+    jaw = rospy.Publisher("/PSM1/jaw/servo_jp", JointState, queue_size=1, latch=True)
     follow = rospy.Publisher("/MTMR_PSM1/following", Bool, queue_size=1, latch=True)
     follow.publish(True)
     rospy.Subscriber("/MTMR/body/servo_cf", WrenchStamped, hand, queue_size=100)
-    rospy.Subscriber("/PSM1/measured_cp", PoseStamped, lambda message: inputs.__setitem__(0, time.time()), tcp_nodelay=True)
-    rospy.Subscriber("/tissue/PSM1/measured_cf", WrenchStamped, lambda message: inputs.__setitem__(1, time.time()), tcp_nodelay=True)
+    rospy.Subscriber("/PSM1/measured_cp", PoseStamped,
+                     lambda message: inputs.__setitem__(0, time.time()), tcp_nodelay=True)
+    rospy.Subscriber("/tissue/PSM1/measured_cf", WrenchStamped,
+                     lambda message: inputs.__setitem__(1, time.time()), tcp_nodelay=True)
 else:
     rospy.Subscriber("/tissue/step", Step, lambda message: count("steps"))
-    rospy.Subscriber("/tissue/PSM1/contact", ContactState, lambda message: (count("contacts"), count("of those present", int(message.present)), count("of those held", int(message.grasped))))
+    rospy.Subscriber("/tissue/PSM1/contact", ContactState, lambda message: (
+        count("contacts"), count("of those present", int(message.present)),
+        count("of those held", int(message.grasped))))
 rospy.Subscriber("/diagnostics", DiagnosticArray, told)
 def go(place, closed):
     message = PoseStamped()
@@ -139,7 +145,8 @@ def remove_hosts():
 def start(host, *command, **more):
     environment = dict(os.environ, ROS_MASTER_URI=MASTER, ROS_IP=host[1], OMP_WAIT_POLICY="passive")
     environment.pop("ROS_HOSTNAME", None)
-    return subprocess.Popen(["ip", "netns", "exec", host[0]] + list(command), env=environment, universal_newlines=True, **more)
+    return subprocess.Popen(["ip", "netns", "exec", host[0]] + list(command), env=environment, universal_newlines=True,
+                            **more)
 
 
 def ask(observer, words):
@@ -149,7 +156,8 @@ def ask(observer, words):
 
 
 def program(name):
-    return subprocess.check_output(["catkin_find", "--first-only", "pliant", name], universal_newlines=True).strip() or name
+    return (subprocess.check_output(["catkin_find", "--first-only", "pliant", name], universal_newlines=True).strip()
+            or name)
 
 
 def operate(link, processes):
@@ -158,12 +166,16 @@ def operate(link, processes):
     begin = lambda *arguments, **more: processes.append(start(*arguments, **more)) or processes[-1]
     begin(CONSOLE, "rosmaster", "--core", "-p", "11399", **quiet)
     time.sleep(3)
-    begin(TISSUE, program("pliant_node"), "__ns:=tissue", "__name:=sim", "_scan/path:=phantom:72x48x60", "_tools:=PSM1", "_parent_frame:=PSM1_base",
-          "_tissue_pose:=0 0 -0.2 0 0 0 1", "_grasp/radius:=0.01", "PSM1/measured_cp:=/PSM1/measured_cp", "PSM1/jaw/measured_js:=/PSM1/jaw/measured_js", **quiet)
+    begin(TISSUE, program("pliant_node"), "__ns:=tissue", "__name:=sim", "_scan/path:=phantom:72x48x60", "_tools:=PSM1",
+          "_parent_frame:=PSM1_base",
+          "_tissue_pose:=0 0 -0.2 0 0 0 1", "_grasp/radius:=0.01", "PSM1/measured_cp:=/PSM1/measured_cp",
+          "PSM1/jaw/measured_js:=/PSM1/jaw/measured_js", **quiet)
     begin(CONSOLE, program("sim_robot"), **quiet)
-    begin(CONSOLE, program("force_guard"), "__ns:=tissue", "_tool:=PSM1", "_haptic:=true", "PSM1/measured_cp:=/PSM1/measured_cp",
+    begin(CONSOLE, program("force_guard"), "__ns:=tissue", "_tool:=PSM1", "_haptic:=true",
+          "PSM1/measured_cp:=/PSM1/measured_cp",
           "following:=/MTMR_PSM1/following", "servo_cf:=/MTMR/body/servo_cf", **quiet)
-    console, tissue = (begin(host, sys.executable, "-c", OBSERVER, name, **pipes) for host, name in ((CONSOLE, "console"), (TISSUE, "tissue")))
+    console, tissue = (begin(host, sys.executable, "-c", OBSERVER, name, **pipes)
+                       for host, name in ((CONSOLE, "console"), (TISSUE, "tissue")))
     time.sleep(4)
     inside = [0.05, -0.09, 0.06 - 0.2]
     told = {}
@@ -180,8 +192,10 @@ def operate(link, processes):
         told[name] = dict(ask(tissue, "tell"), console=ask(console, "tell"))
         print("%s: %s" % (name, json.dumps(told[name])), flush=True)
     good, bad, again = (told[name] for name in ("good", "bad", "good again"))
-    failures = ["no steps while the link is " + name for name in told if told[name].get("steps", 0) < 0.5 * good["steps"]]
-    failures += ["the tool is not there while the link is " + name for name in ("good", "good again") if not told[name].get("of those present")]
+    failures = ["no steps while the link is " + name for name in told if told[name].get("steps", 0) < 0.5 *
+                good["steps"]]
+    failures += ["the tool is not there while the link is " + name for name in ("good", "good again")
+                 if not told[name].get("of those present")]
     latest = max(part["console"].get("latest force [ms]", 0) for part in (good, bad, again))
     if latest > 90:  # 40 ms of timeout, 50 ms until zero
         failures.append("a force reached the hand %.0f ms after the last input" % latest)
