@@ -179,8 +179,8 @@ TEST_F(Deform, ComparedMethodsKeepTheirFields)
 TEST_F(Deform, TellsForcesOfContact)
 {
     std::ofstream(in("press.yaml"))
-        << "tools:\n  - name: ball\n    shape: {parts: [{kind: sphere, from: [0, 0, 0], radius: 0.02}]}\n    poses: [{time: 0, position: [0, "
-           "-0.17, 0]}, {time: 0.1, position: [0, -0.13, 0]}]\n";
+        << "tools:\n  - name: ball\n    shape: {parts: [{kind: sphere, from: [0, 0, 0], radius: 0.02}]}\n"
+           "    poses: [{time: 0, position: [0, -0.17, 0]}, {time: 0.1, position: [0, -0.13, 0]}]\n";
     ASSERT_EQ(run(small_ + "--quiet --tools " + in("press.yaml") + " --scalars contact_force --out " + in("c")), 0)
         << err_;
     auto tools = table(in("c/tools.csv")), nodes = table(in("c/nodes.csv"));
@@ -246,7 +246,8 @@ TEST_F(Deform, CutsAlongALineAndByABlade)
     std::ofstream(in("line.yaml")) << line;
     std::ofstream(in("both.yaml"))
         << line
-        << "tools:\n  - name: knife\n    blade: {from: [0, 0, -0.3], to: [0, 0, 0.3]}\n    poses: [{time: 0, position: [0, -0.16, 0]}, "
+        << "tools:\n  - name: knife\n    blade: {from: [0, 0, -0.3], to: [0, 0, 0.3]}\n"
+           "    poses: [{time: 0, position: [0, -0.16, 0]}, "
         << "{time: 0.2, position: [0, -0.08, 0]}]\n    cut: [{from: 0.02, to: 0.18}]\n";
     const std::string common = small_ + "--quiet --no-volume --set cut/kind=";
     EXPECT_EQ(run(common + "none --tools " + in("line.yaml") + " --out " + in("refused")), 1);
@@ -330,8 +331,8 @@ TEST_F(Deform, ScalesItsLengthsToASmallBody)
     ASSERT_EQ(pliant_volume_write(in("micro.nii.gz").c_str(), &scan), PLIANT_OK) << pliant_last_error();
     pliant_volume_free(&scan);
     std::ofstream(in("pull.yaml"))
-        << "tools:\n  - {name: g, drive: rigid, grasp: [0.00066, 0.0003, 0.0004], motion: [{time: 0, offset: [0, 0, 0]}, "
-           "{time: 0.04, offset: [0, -0.0001, 0]}]}\n";
+        << "tools:\n  - {name: g, drive: rigid, grasp: [0.00066, 0.0003, 0.0004], motion: [{time: 0, "
+           "offset: [0, 0, 0]}, {time: 0.04, offset: [0, -0.0001, 0]}]}\n";
     const std::string common = "--scan " + in("micro.nii.gz") + " --tools " + in("pull.yaml") +
                                " --set 'mesh/coarse_cells=6 5 4' --steps 2 --quiet --out ";
     ASSERT_EQ(run(common + in("small")), 0) << err_;

@@ -115,7 +115,8 @@ TEST(Folders, IncludeEachOtherInNoCircle)
     }
 }
 
-// Nodes and displays use public headers, and internal ones whose functions are exported (base/export.h). Examples use public headers alone.
+// Nodes and displays use public headers, and internal headers whose functions are exported (base/export.h).
+// Examples use public headers alone.
 TEST(Folders, NodesIncludeExportedHeaders)
 {
     const std::string root = PLIANT_SOURCE_DIR "/src/";

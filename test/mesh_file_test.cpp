@@ -166,8 +166,8 @@ std::string compressed_vtu(const Tets &of, const char *region)
             << "\" format=\"binary\">\n"
             << data << "\n</DataArray>\n";
     };
-    out << "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"0.1\" byte_order=\"LittleEndian\" header_type=\"UInt32\" "
-           "compressor=\"vtkZLibDataCompressor\">\n<UnstructuredGrid>\n<Piece NumberOfPoints=\""
+    out << "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"0.1\" byte_order=\"LittleEndian\" "
+           "header_type=\"UInt32\" compressor=\"vtkZLibDataCompressor\">\n<UnstructuredGrid>\n<Piece NumberOfPoints=\""
         << of.nodes.size() / 3 << "\" NumberOfCells=\"" << of.region.size() << "\">\n<Points>\n";
     array("Float64", "Points", 3, packed(of.nodes));
     out << "</Points>\n<Cells>\n";

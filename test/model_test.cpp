@@ -126,7 +126,8 @@ TEST(Model, APlaneBetweenNodesIsTold)
         } else {
             EXPECT_NE(
                 said.find(
-                    "tissue is held 5 mm behind it, at (0.00000 0.00000 0.02000); the next nodes lie 15 mm in front of it, at (0.00000 0.00000 0.04000)"),
+                    "tissue is held 5 mm behind it, at (0.00000 0.00000 0.02000); "
+                    "the next nodes lie 15 mm in front of it, at (0.00000 0.00000 0.04000)"),
                 std::string::npos)
                 << said;
         }
@@ -180,7 +181,8 @@ TEST(Model, OptionsThatTheSolverHasNoUseForAreTold)
             << said;
         EXPECT_EQ(
             said.find(
-                "ground/friction: beside solver/kind: corotational only pieces that a cut has taken off feel the ground") !=
+                "ground/friction: beside solver/kind: corotational only pieces that a cut has taken off feel the "
+                "ground") !=
                 std::string::npos,
             kind == PLIANT_COROTATIONAL)
             << said;

@@ -172,7 +172,8 @@ TEST(Moduli, MarkersAreRead)
     char name[] = "/tmp/pliant_markers_XXXXXX";
     close(mkstemp(name));
     std::ofstream(name)
-        << "load,x,y,z,moved_x,moved_y,moved_z,deviation\n# a comment\n1,0.01,0.02,0.03,0,-0.001,0\n2,0.01,0.02,0.03,0,-0.001,0,1e-4\n";
+        << "load,x,y,z,moved_x,moved_y,moved_z,deviation\n# a comment\n1,0.01,0.02,0.03,0,-0.001,0\n"
+           "2,0.01,0.02,0.03,0,-0.001,0,1e-4\n";
     int32_t count;
     pliant_marker *markers;
     ASSERT_EQ(pliant_markers_read(name, 3e-4, &count, &markers), PLIANT_OK) << pliant_last_error();
@@ -429,10 +430,12 @@ TEST(Validation, BeamsAreFoundUnderAnyNameAndTableByTable)
     ASSERT_EQ(mkdir((in + "series").c_str(), 0700), 0);
     std::ofstream(in + "notes.csv") << "what,where\nbeams,series\n";
     std::ofstream(first)
-        << "\xEF\xBB\xBF# measured\r\n\"marker\";\"state\"; beam_z ;beam_y;beam_x\r\nBase-1;rest;0;0;-0.1\r\nleft;rest;0.036;0.01;-0.02\r\nleft;half way;0.03;0.01;-0.02\r\n"
+        << "\xEF\xBB\xBF# measured\r\n\"marker\";\"state\"; beam_z ;beam_y;beam_x\r\nBase-1;rest;0;0;-0.1\r\n"
+           "left;rest;0.036;0.01;-0.02\r\nleft;half way;0.03;0.01;-0.02\r\n"
            "left;end;0.031;0.01;-0.021\r\ntip;rest;0.015;0.015;0\r\n;;;;\r\n";
     std::ofstream(in + "series/a.CSV")
-        << "recording,marker,state,beam_x,beam_y,beam_z\none,m,rest,0,0.015,0.036\none,m,end,0,0.015,0.03\ntwo,m,end,0,0.015,0.03\ntwo,m,rest,0,0.015,0.037\n";
+        << "recording,marker,state,beam_x,beam_y,beam_z\none,m,rest,0,0.015,0.036\none,m,end,0,0.015,0.03\n"
+           "two,m,end,0,0.015,0.03\ntwo,m,rest,0,0.015,0.037\n";
     measured_source *sources = nullptr;
     int32_t count = 0;
     ASSERT_EQ(measured_bodies_find(folder, &count, &sources), PLIANT_OK) << pliant_last_error();
@@ -490,7 +493,8 @@ TEST(Validation, DecimalCommasAndQuotedCellsAreReadAsTheyAreMeant)
     EXPECT_EQ(read_first(folder, &body), PLIANT_ERROR_FORMAT);
     std::remove(file.c_str());
     std::ofstream(std::string(folder) + "/beam.csv")
-        << "recording,marker,\"state, of two\",state,beam_x,beam_y,beam_z\n\"one, of two\",m,\"a \"\"b\"\", c\",rest,\"-0,02\",0.015,0.036\n"
+        << "recording,marker,\"state, of two\",state,beam_x,beam_y,beam_z\n"
+           "\"one, of two\",m,\"a \"\"b\"\", c\",rest,\"-0,02\",0.015,0.036\n"
            "\"one, of two\",m,,end,\"-0,02\",0.015,\"0,03\"\n";
     ASSERT_EQ(read_first(folder, &body), PLIANT_OK) << pliant_last_error();
     EXPECT_STREQ(body.state[0], "one, of two");
@@ -574,14 +578,17 @@ protected:
 TEST_F(Fit, FindsWhatAnotherProgramHasDeformedWith)
 {
     const std::string scene =
-        " --scan phantom:48x40x40 --set 'mesh/coarse_cells=5 4 4' --set mesh/ratio=1 --set 'model/gravity=0 9.81 0' --set solver/threads=1";
+        " --scan phantom:48x40x40 --set 'mesh/coarse_cells=5 4 4' --set mesh/ratio=1 --set 'model/gravity=0 9.81 0' "
+        "--set solver/threads=1";
     const auto table = [](double fat, double muscle) {
         std::ostringstream text;
         text
-            << "materials:\n  - {name: air, empty: true, range: [-2000, -300], young_modulus: 1, poisson_ratio: 0.3, density: 1}\n  - {name: fat, range: [-300, 0], young_modulus: "
+            << "materials:\n  - {name: air, empty: true, range: [-2000, -300], young_modulus: 1, poisson_ratio: 0.3, "
+               "density: 1}\n  - {name: fat, range: [-300, 0], young_modulus: "
             << fat
             << ", poisson_ratio: 0.45, density: 950}\n  - {name: muscle, range: [0, 250], young_modulus: " << muscle
-            << ", poisson_ratio: 0.45, density: 1050}\n  - {name: bone, fixed: true, range: [250, 4000], young_modulus: 1e9, poisson_ratio: 0.3, density: 1800}\n";
+            << ", poisson_ratio: 0.45, density: 1050}\n  - {name: bone, fixed: true, range: [250, 4000], "
+               "young_modulus: 1e9, poisson_ratio: 0.3, density: 1800}\n";
         return text.str();
     };
     std::ofstream(in("true.yaml")) << table(3000, 9000);

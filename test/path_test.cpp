@@ -109,7 +109,8 @@ TEST_F(Path, ForcesAreNewtonsAndOffsetsMetres)
     const std::string start = "tools:\n  - name: a\n    grasp: [0, 0, 0]\n", force = "    drive: force\n";
     refuses(
         start + force + "    motion: [{time: 0.5, offset: [0, -0.03, 0]}]\n",
-        "line 2: tool 1 'a': motion: drive: force needs a force [N] at every time, as in {time: 0.5, force: [0, -5, 0]}, in place of offset");
+        "line 2: tool 1 'a': motion: drive: force needs a force [N] at every time, as in {time: 0.5, "
+        "force: [0, -5, 0]}, in place of offset");
     refuses(start + force + "    motion: [{time: 0, force: [0, 0, 0]}, {time: 1}]\n", "{time: 1, force: [0, -5, 0]}");
     refuses(start + force + "    motion: [{time: 0, force: [0, 0, 0], offset: [0, 0, 0]}]\n",
             "motion/offset: a tool of drive: force has a force alone");
@@ -321,7 +322,8 @@ TEST_F(Path, RefusesShapesThatAreNone)
     };
     refuses(
         with("LARGE_NEEDLE_DRIVER_400006", "large_needle"),
-        "line 2: tool 1 'driver': shape/name: there is no instrument 'large_needle': those of the dVRK are known, by name or code (large_needle_driver");
+        "line 2: tool 1 'driver': shape/name: there is no instrument 'large_needle': those of the dVRK are known, "
+        "by name or code (large_needle_driver");
     refuses(with("LARGE_NEEDLE_DRIVER_400006", "large_needle_driver_x"), "there is no instrument");
     refuses(with("jaw: 0.8", "jaw: wide"), "poses/jaw: 'wide' is not a number");
     refuses(with("kind: box", "kind: cone"),
@@ -368,7 +370,8 @@ TEST_F(Path, PartsMayBeSolids)
         "        - {kind: mesh, file: " +
         stl.substr(stl.rfind('/') + 1) +
         ", unit: mm, from: [0, 0, -0.02], resolution: 0.001}\n"
-        "        - {kind: convex, points: [[0, 0, 0], [0.01, 0, 0], [0, 0.01, 0], [0, 0, 0.01]], rpy: [0, 0, 3.14159265358979], radius: 0.001}\n"
+        "        - {kind: convex, points: [[0, 0, 0], [0.01, 0, 0], [0, 0.01, 0], [0, 0, 0.01]], "
+        "rpy: [0, 0, 3.14159265358979], radius: 0.001}\n"
         "      offset: [0, 0, 0.001]\n"
         "    poses: [{time: 0, position: [0, 0, 0]}]\n";
     ASSERT_EQ(read(text), PLIANT_OK) << pliant_last_error();

@@ -270,7 +270,8 @@ TEST_F(Picture, AMeshShowsTheCutsOfItsStepAndWhereAToolPresses)
            "cuts: [{time: 0.04, points: [[-0.3, -0.3, 0.01], [-0.1, -0.3, 0.01]], depth: [0, 0.5, 0]}]\n";
     const std::string command =
         PLIANT_DEFORM
-        " --scan phantom:48x40x40 --set 'mesh/coarse_cells=5 4 4' --set cut/kind=sever --steps 3 --every 1 --pictures --quiet --tools " +
+        " --scan phantom:48x40x40 --set 'mesh/coarse_cells=5 4 4' --set cut/kind=sever --steps 3 --every 1 --pictures "
+        "--quiet --tools " +
         path + " --out " + out + " 2> " + out + ".log";
     ASSERT_EQ(std::system(command.c_str()), 0);
     EXPECT_EQ(count(out + "/mesh_000001_coronal.png", 255, 255, 255), 0);

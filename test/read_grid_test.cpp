@@ -219,8 +219,9 @@ TEST(LabelNumbers, NamesOfClassesInNifti)
     file.data = bytes_of(values);
     std::string bytes = file.bytes();
     const std::string table =
-        "<?xml version=\"1.0\"?> <CaretExtension><LabelTable>\n<Label Key=\"0\"><![CDATA[???]]></Label>\n<Label Key=\"5\" Red=\"1.0\" Alpha=\"1\">"
-        "<![CDATA[liver]]></Label>\n<Label Red=\"0\" Key=\"6\"> stomach </Label><Label Key=\"5\">again</Label><Label Key=\"70000\">far</Label>";
+        "<?xml version=\"1.0\"?> <CaretExtension><LabelTable>\n<Label Key=\"0\"><![CDATA[???]]></Label>\n"
+        "<Label Key=\"5\" Red=\"1.0\" Alpha=\"1\"><![CDATA[liver]]></Label>\n"
+        "<Label Red=\"0\" Key=\"6\"> stomach </Label><Label Key=\"5\">again</Label><Label Key=\"70000\">far</Label>";
     std::string extension = bytes_of(std::vector<int32_t>{int32_t(table.size() + 8), 0}) + table;
     extension.resize((extension.size() + 15) / 16 * 16, ' ');
     bytes.insert(352, extension);

@@ -434,7 +434,8 @@ struct Tissue {
             "materials:\n"
             "  - {name: air, young_modulus: 10, poisson_ratio: 0, density: 1, empty: true, range: [-1e9, 200]}\n"
             "  - {name: soft, young_modulus: 3000, poisson_ratio: 0.4, density: 1000, range: [200, 600]}\n"
-            "  - {name: hard, young_modulus: 9000, poisson_ratio: 0.4, density: 1000, fixed: true, range: [600, 1e9]}\n";
+            "  - {name: hard, young_modulus: 9000, poisson_ratio: 0.4, density: 1000, fixed: true, "
+            "range: [600, 1e9]}\n";
         EXPECT_EQ(pliant_material_table_parse(table, "table", &materials), PLIANT_OK) << pliant_last_error();
         EXPECT_EQ(pliant_model_build(&scene, scan.get(), nullptr, &materials, pliant_progress{}, &model), PLIANT_OK)
             << pliant_last_error();

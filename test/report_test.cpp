@@ -18,7 +18,8 @@ protected:
         return std::system(("cd " + in("result") + " && python3 -c '" + program + "'").c_str());
     }
     const std::string small_ =
-        "--scan phantom:48x40x40 --set 'mesh/coarse_cells=5 4 4' --set solver/threads=1 --twice 0 --methods fine,averaged --budgets 2,0 --frames 3 ";
+        "--scan phantom:48x40x40 --set 'mesh/coarse_cells=5 4 4' --set solver/threads=1 --twice 0 "
+        "--methods fine,averaged --budgets 2,0 --frames 3 ";
 };
 
 TEST_F(Report, TellsWrongUsageFromFailure)
@@ -71,7 +72,8 @@ TEST_F(Report, WritesTablesThatAreReadBack)
         << err_;
     EXPECT_EQ(
         python(
-            "import csv; t = [{tuple(r[c] for c in (\"method\", \"budget\", \"case\", \"point\")): (r[\"max_mm\"], r[\"force_n\"], r[\"iterations_mean\"]) "
+            "import csv; t = [{tuple(r[c] for c in (\"method\", \"budget\", \"case\", \"point\")): "
+            "(r[\"max_mm\"], r[\"force_n\"], r[\"iterations_mean\"]) "
             "for r in csv.DictReader(open(f))} for f in (\"sweep.csv\", \"merged/sweep.csv\", \"../1/sweep.csv\")]; "
             "assert all(t[0][k] == v for k, v in t[1].items()) and len(t[1]) == 8 and len(t[2]) == 4, t"),
         0);
@@ -89,9 +91,12 @@ TEST_F(Report, TellsWhetherTheMeshOrTheSolverIsFartherOff)
     EXPECT_NE(out_.find("mesh off by %"), std::string::npos) << out_;
     EXPECT_EQ(
         python(
-            "import csv; t = list(csv.DictReader(open(\"truth.csv\"))); assert [r[\"case\"] for r in t] == [\"displacement\", \"force\"], t; "
-            "assert all(0 < float(r[\"mesh_p95_mm\"]) < float(r[\"mesh_max_mm\"]) < float(r[\"largest_mm\"]) for r in t); "
-            "assert all(r[\"larger\"] == (\"mesh\" if float(r[\"mesh_p95_mm\"]) >= float(r[\"solver_p95_mm\"]) else \"solver\") for r in t); "
+            "import csv; t = list(csv.DictReader(open(\"truth.csv\"))); "
+            "assert [r[\"case\"] for r in t] == [\"displacement\", \"force\"], t; "
+            "assert all(0 < float(r[\"mesh_p95_mm\"]) < float(r[\"mesh_max_mm\"]) < float(r[\"largest_mm\"]) "
+            "for r in t); "
+            "assert all(r[\"larger\"] == (\"mesh\" if float(r[\"mesh_p95_mm\"]) >= float(r[\"solver_p95_mm\"]) "
+            "else \"solver\") for r in t); "
             "assert all(float(r[\"mesh_p95_percent_at_twice\"]) < float(r[\"mesh_p95_percent\"]) for r in t)"),
         0);
     EXPECT_EQ(run(asked + "2 --twice 0"), 1);

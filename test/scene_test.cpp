@@ -190,7 +190,8 @@ TEST(scene, errors_name_file_line_field_value_and_range)
             {"planes", "finite"});
     refused("fixed: {planes: [{point: [0, 0, 0]}]}\n", PLIANT_ERROR_FORMAT, {"line 1", "normal"});
     refused(
-        "fixed:\n  boxes: [{low: [0, 0, 0], high: [1, 1, 1]}]\nobstacles:\n  boxes:\n    - {low: [0, 0, 0], high: [1, 0, 1]}\n",
+        "fixed:\n  boxes: [{low: [0, 0, 0], high: [1, 1, 1]}]\nobstacles:\n  boxes:\n"
+        "    - {low: [0, 0, 0], high: [1, 0, 1]}\n",
         PLIANT_ERROR_SCENE, {"line 5", "obstacles/boxes/low", "axis 1"});
     refused("obstacles: {spheres: []}\n", PLIANT_ERROR_FORMAT, {"line 1", "spheres"});
     refused("mesh: [\n", PLIANT_ERROR_FORMAT, {"line 1"});

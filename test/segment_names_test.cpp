@@ -10,7 +10,8 @@ const char TABLE[] =
     "materials:\n"
     "  - {name: air, young_modulus: 10, poisson_ratio: 0, density: 1, empty: true, range: [-2000, 2000]}\n"
     "  - {name: liver, young_modulus: 5500, poisson_ratio: 0.45, density: 1060, labels: [1, 5]}\n"
-    "  - {name: Kidney, young_modulus: 9000, poisson_ratio: 0.45, density: 1050, labels: [2], segments: [kidney_left, kidney_right]}\n"
+    "  - {name: Kidney, young_modulus: 9000, poisson_ratio: 0.45, density: 1050, labels: [2], "
+    "segments: [kidney_left, kidney_right]}\n"
     "  - {name: soft_tissue, young_modulus: 9000, poisson_ratio: 0.45, density: 1050}\n"
     "  - {name: LIVER, young_modulus: 1000, poisson_ratio: 0.45, density: 1050}\n";
 
@@ -175,7 +176,8 @@ TEST(SegmentNames, ClassesGoByTheirIds)
         said(),
         {"material Kidney: 1 voxels, 0.001 ml: label 2 \"kidney_left\" 1\n",
          "material liver: 2 voxels, 0.002 ml: label 5 \"kidney_right\" 1, label 1 1\n",
-         "disagree (is it the table of this task?): label 5 is \"kidney_right\", but has material liver, not Kidney\n"});
+         "disagree (is it the table of this task?): label 5 is \"kidney_right\", but has material liver, "
+         "not Kidney\n"});
     segmented missing({unknown});
     EXPECT_EQ(pliant_material_classify(&held.table, &missing.scan, &missing.labels, material.data()),
               PLIANT_ERROR_MATERIAL);

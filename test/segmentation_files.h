@@ -58,8 +58,8 @@ struct seg_nrrd_file {
 
 inline std::string terminology(const std::string &type, const std::string &modifier = "^^")
 {
-    return "Segmentation.Status:inprogress|TerminologyEntry:Segmentation category and type - 3D Slicer General Anatomy list~SCT^123037004^"
-           "Anatomical Structure~" +
+    return "Segmentation.Status:inprogress|TerminologyEntry:Segmentation category and type - 3D Slicer General Anatomy "
+           "list~SCT^123037004^Anatomical Structure~" +
            type + "~" + modifier + "~Anatomic codes - DICOM master list~^^~^^|";
 }
 

@@ -400,7 +400,8 @@ TEST_F(SolidFile, WhatIsOpenIsRefusedWithThePlace)
     shape.triangles.resize(shape.triangles.size() - 3);
     refuses(
         binary_stl(shape, 0.001),
-        "is not closed: 3 of its 30 edges have a triangle on one side alone, the first from (0, 0, 8) to (6, 20, 8); fill its holes",
+        "is not closed: 3 of its 30 edges have a triangle on one side alone, the first from (0, 0, 8) to (6, 20, 8); "
+        "fill its holes",
         0.001);
     ASSERT_EQ(read(binary_stl(shape, 0.001), 0.001, true), PLIANT_OK) << "its hull";
     shape = corner();

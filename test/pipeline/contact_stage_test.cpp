@@ -48,7 +48,8 @@ TEST(ContactStage, ElementsAreTouchedWhereTheirTissueEnds)
             }
         }
         std::printf(
-            "plate 7 mm into tissue that ends within cubes: %.3f N, cubes that end with it: %.3f N; 1 mm above: %.3g N\n",
+            "plate 7 mm into tissue that ends within cubes: %.3f N, cubes that end with it: %.3f N; 1 mm above: "
+            "%.3g N\n",
             force[0][1], force[1][1], force[0][0]);
         EXPECT_LT(std::fabs(force[0][0]), 1e-6);
         EXPECT_NEAR(force[0][1], force[1][1], 0.1 * force[1][1]);
@@ -218,8 +219,8 @@ TEST(ContactStage, TissueRestsOnObstacles)
         if (plane) sheet.scene.obstacles.planes[sheet.scene.obstacles.num_planes++] = {{0, 0, -0.001}, {0, 0, 2}};
         else if (kind == 2) {
             std::ofstream(file)
-                << "parts: [{kind: convex, from: [0.02, -0.01, -0.02], points: [[0, 0, 0], [0.02, 0, 0], [0, 0.08, 0], [0.02, 0.08, 0], [0, 0, 0.019], "
-                   "[0.02, 0, 0.019], [0, 0.08, 0.019], [0.02, 0.08, 0.019]]}]\n";
+                << "parts: [{kind: convex, from: [0.02, -0.01, -0.02], points: [[0, 0, 0], [0.02, 0, 0], [0, 0.08, 0], "
+                   "[0.02, 0.08, 0], [0, 0, 0.019], [0.02, 0, 0.019], [0, 0.08, 0.019], [0.02, 0.08, 0.019]]}]\n";
             std::snprintf(sheet.scene.contact.obstacles, sizeof sheet.scene.contact.obstacles, "%s", file.c_str());
         } else
             sheet.scene.obstacles.boxes[sheet.scene.obstacles.num_boxes++] = {{0.02, -0.01, -0.02},

@@ -62,7 +62,8 @@ TEST(CudaContact, MeetsTheCpu)
                     pulls = std::fmax(pulls, std::fabs(cpu.data->tools[t].force[d] - gpu.data->tools[t].force[d]));
         }
         std::printf(
-            "%-36s %2d steps, %3d contacts, a node's force %.1e of %.2g N apart, springs %.1e N, positions %.1e m, depths %.1e m\n",
+            "%-36s %2d steps, %3d contacts, a node's force %.1e of %.2g N apart, springs %.1e N, positions %.1e m, "
+            "depths %.1e m\n",
             c.name, compared, most, apart / force, force, pulls, worst, deep);
         EXPECT_GE(compared, 2);
         EXPECT_GT(most, 3);
@@ -462,7 +463,8 @@ TEST(CudaContact, PiecesThatTouchMeetTheCpu)
             else bears += std::fabs(point.force[2]);
         }
         std::printf(
-            "a piece %-32s %2d steps, a node's force %.1e of %.2g N apart, positions %.1e m; %.4f N is borne, its weight %.4f, pressed with %.4f\n",
+            "a piece %-32s %2d steps, a node's force %.1e of %.2g N apart, positions %.1e m; %.4f N is borne, "
+            "its weight %.4f, pressed with %.4f\n",
             pressed ? "between the ground and a ball:" : "on tissue:", compared, apart / force, force, worst, bears,
             weight, presses);
         EXPECT_GE(compared, 10);

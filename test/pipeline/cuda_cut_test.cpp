@@ -358,7 +358,8 @@ TEST(CudaCut, AVCycleOnFragmentsServesAsBeforeTheCut)
             }
             EXPECT_LT(farthest(*bodies[0], *bodies[1]), 1e-5 * beam[0]);
             std::printf(
-                "%s, cut %.0f mm deep: evaluations under three loads before the cut %d, after it %d on the CPU, %d and %d on the GPU\n",
+                "%s, cut %.0f mm deep: evaluations under three loads before the cut %d, after it %d on the CPU, "
+                "%d and %d on the GPU\n",
                 element == PLIANT_LINEAR ? "tetrahedra" : "hexahedra", 1e3 * deep, taken[0][0], taken[1][0],
                 taken[0][1], taken[1][1]);
             // up to 2.5 times if the coarser levels do not contain the cut

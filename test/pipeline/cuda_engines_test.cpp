@@ -185,7 +185,8 @@ TEST_P(EveryEngine, IsCutAsOnTheCpu)
             }
     }
     std::printf(
-        "%-26s %4d nodes, %4d at most; positions %.1e of %4.1f mm, forces %.1e of %.2g N apart; up to %d and %d evaluations, as cuts are undone %d and %d\n",
+        "%-26s %4d nodes, %4d at most; positions %.1e of %4.1f mm, forces %.1e of %.2g N apart; "
+        "up to %d and %d evaluations, as cuts are undone %d and %d\n",
         GetParam().name, load->fine.num_nodes, most, worst / far, 1e3 * far, forces / force, force, evaluations[0][0],
         evaluations[0][1], evaluations[1][0], evaluations[1][1]);
     EXPECT_GT(most, load->fine.num_nodes + 20);

@@ -46,7 +46,8 @@ TEST(Grasp, AStrongGripPullsAWeakOneSlips)
     const Pulled strong = pull(0.2, 0.5), weak = pull(0.3, 0.08);
     for (const Pulled *each : {&strong, &weak}) {
         std::printf(
-            "squeezed to %.3f, least volume %.3f, lifted %.2f mm with %.3f N, %d points, %.3f mm deep, at last %.4f N, %.2g mm left\n",
+            "squeezed to %.3f, least volume %.3f, lifted %.2f mm with %.3f N, %d points, %.3f mm deep, at last %.4f N, "
+            "%.2g mm left\n",
             each->squeezed, each->least, 1e3 * each->lifted, each->force, each->held, 1e3 * each->deepest,
             each->last_force, 1e3 * each->left);
         EXPECT_GT(each->least, 0) << "an element is inside out";

@@ -52,7 +52,8 @@ TEST(Hexahedra, CoarseBeamSagsAsTheConvergedOne)
             double calibrated =
                 ratio == 2 ? coarse_sag(PLIANT_CALIBRATED, poisson[n], ratio) / converged[n] - 1 : coarse;
             std::printf(
-                "beam, nu %.3f, coarse cubes of 10 mm, ratio %d: averaged %.1f %%, coarse %.1f %%, calibrated %.2f %%\n",
+                "beam, nu %.3f, coarse cubes of 10 mm, ratio %d: averaged %.1f %%, coarse %.1f %%, "
+                "calibrated %.2f %%\n",
                 poisson[n], ratio, 100 * averaged, 100 * coarse, 100 * calibrated);
             EXPECT_NEAR(calibrated, coarse, 1e-3); // for one material it equals the coarse cube
             EXPECT_LT(std::fabs(averaged), 0.02);
@@ -490,7 +491,8 @@ TEST(OctreeHexahedra, AreCut)
                 tip[which] = std::fmax(tip[which], fine.rest[3 * n] - body.data->positions[3 * n]);
     }
     std::printf(
-        "cut half through, largest way of the top: octree of hexahedra %.3f, of tetrahedra %.3f of the fine lattice's\n",
+        "cut half through, largest way of the top: octree of hexahedra %.3f, "
+        "of tetrahedra %.3f of the fine lattice's\n",
         tip[1] / tip[0], tip[2] / tip[0]);
     EXPECT_LT(tip[1], 1.02 * tip[0]);
     EXPECT_GT(tip[1], 1.05 * tip[2]);
@@ -586,7 +588,8 @@ TEST(OctreeHexahedra, GoWhereTheFineLatticeGoes)
         }
     }
     std::printf(
-        "mean error against the fine lattice of hexahedra, of the largest way: octree of hexahedra %.2f %%, of tetrahedra %.2f %%\n",
+        "mean error against the fine lattice of hexahedra, of the largest way: octree of hexahedra %.2f %%, "
+        "of tetrahedra %.2f %%\n",
         100 * sum[1] / most, 100 * sum[2] / most);
     EXPECT_LT(sum[1], 0.05 * most);
     EXPECT_LT(sum[1], 0.5 * sum[2]);
@@ -631,7 +634,8 @@ TEST(Hexahedra, CoarseOnesAreNearerToTheFineOnes)
     double coarse = mean_error(sagged(PLIANT_HEXAHEDRA, PLIANT_COARSE), fine),
            calibrated = mean_error(sagged(PLIANT_HEXAHEDRA, PLIANT_CALIBRATED), fine);
     std::printf(
-        "mean error against the own fine mesh: tetrahedra averaged %.3f mm; hexahedra averaged %.3f, calibrated %.3f, coarse %.3f mm\n",
+        "mean error against the own fine mesh: tetrahedra averaged %.3f mm; hexahedra averaged %.3f, calibrated %.3f, "
+        "coarse %.3f mm\n",
         1e3 * tetrahedra, 1e3 * averaged, 1e3 * calibrated, 1e3 * coarse);
     EXPECT_LT(calibrated, coarse);
     EXPECT_LT(averaged, 0.5 * tetrahedra);

@@ -154,7 +154,8 @@ TEST_P(EveryKind, AStepThatGoesFarTakesToughnessTimesItsAreaToo)
         }
         if (std::getenv("PLIANT_FIGURES"))
             std::printf(
-                "%.1f mm a step: area %.4f of the section's, work %.4f of toughness times area, peak %.3f of toughness times width\n",
+                "%.1f mm a step: area %.4f of the section's, work %.4f of toughness times area, "
+                "peak %.3f of toughness times width\n",
                 1e3 * way, area / (4 * width * height), work / (toughness * area), most / (toughness * width));
         EXPECT_NEAR(area, 4 * width * height, 0.01 * 4 * width * height) << way;
         EXPECT_NEAR(work, toughness * area, 0.06 * toughness * area) << way;

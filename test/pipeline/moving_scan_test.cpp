@@ -268,7 +268,8 @@ TEST_P(EveryEngine, PiecesAreThoseOfTheVoxels)
     const pliant_body &body = *scan.data->body;
     if (std::getenv("PLIANT_FIGURES"))
         std::printf(
-            "%d of %d strokes cut, %d links, %d pieces, tetrahedra %d of %d; tissue near the blade at %.3f, %.3f, %.3f m/s, at first %.3f\n",
+            "%d of %d strokes cut, %d links, %d pieces, tetrahedra %d of %d; tissue near the blade at %.3f, %.3f, "
+            "%.3f m/s, at first %.3f\n",
             cutting, strokes, body.cuts->num_links, num_pieces(body), body.fine.num_tets,
             scan.model->body->fine.num_tets, speeds[0], speeds[speeds.size() / 2], speeds.back(), usual);
     EXPECT_GT(cutting, strokes / 2);

@@ -250,7 +250,8 @@ inline int count_swept_through(int otherwise, Mode mode)
         const bool passes = is_through(swept, on);
         if (passes || swept.deepest > 2e-4 || swept.turned > 0 || swept.proxy_error > 2e-4)
             std::printf(
-                "sweep %d: kind %d, %g mm beyond: carried %g mm, %d points inside, %g mm deep, %d elements inside out, %g mm behind, %d evaluations, %d legs%s%s\n",
+                "sweep %d: kind %d, %g mm beyond: carried %g mm, %d points inside, %g mm deep, %d elements inside out, "
+                "%g mm behind, %d evaluations, %d legs%s%s\n",
                 n, n % 7, 1e3 * on.beyond, 1e3 * swept.carried, swept.inside, 1e3 * swept.deepest, swept.turned,
                 1e3 * swept.proxy_error, swept.evaluations, swept.legs, passes ? ", through" : "",
                 swept.meets_held ? ", in what is held" : "");
@@ -262,7 +263,8 @@ inline int count_swept_through(int otherwise, Mode mode)
         deepest = std::fmax(deepest, swept.deepest);
     }
     std::printf(
-        "from %d to %d: %d sweeps, %d more into what is held, %d through, %d with elements inside out, deepest %.3f mm\n",
+        "from %d to %d: %d sweeps, %d more into what is held, %d through, %d with elements inside out, "
+        "deepest %.3f mm\n",
         first, count, count - first - held, held, through, turned, 1e3 * deepest);
     std::fflush(stdout);
     const bool keeps_volumes =

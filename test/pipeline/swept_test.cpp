@@ -32,7 +32,8 @@ TEST(Swept, ARodAtOneMetreASecondCarriesTheSheetAlong)
 
 // Random sweeps. Environment variables:
 //   PLIANT_SWEEPS            number of the last sweep, default 1000
-//   PLIANT_SWEEPS_FIRST      number of the first sweep, so that several processes can share the work (0 and 625, 625 and 1250, ...)
+//   PLIANT_SWEEPS_FIRST      number of the first sweep, so that several processes can share the work (0 and 625,
+//                            625 and 1250, ...)
 //   PLIANT_SWEEPS_BUDGET     budget of a step [ms]
 //   PLIANT_SWEEPS_LIVE       use live steps
 //   PLIANT_SWEEPS_SPEED      maximum speed [m/s], up to 2

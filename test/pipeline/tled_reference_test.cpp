@@ -29,8 +29,10 @@ void remake(Body &body)
 // 44) mm, 1 mm thick, left side fixed, 1 N upwards distributed over the right side. Compressible neo-Hookean, shear
 // modulus 422.5 kPa, Poisson's ratio 0.3. Two tip displacements are published, and both are reproduced here, each with
 // its set-up:
-//   14.74 mm, in the later editions: plane strain, and the tip is the middle of the right side, (48, 52) mm, as in Miehe (1994).
-//   14.33 mm, in the earlier ones: the tip is the upper corner, (48, 60) mm, and the body is free to thicken to one side.
+//   14.74 mm, in the later editions: plane strain, and the tip is the middle of the right side, (48, 52) mm, as in
+//             Miehe (1994).
+//   14.33 mm, in the earlier ones: the tip is the upper corner, (48, 60) mm, and the body is free to thicken to one
+//             side.
 // The earlier code selected front and back by x instead of z; here one of them is fixed, so the body stays flat. With
 // plane strain the corner rises by 13.77 mm. Return the upward displacement of the right side at its upper corner and
 // its middle [mm].
@@ -95,7 +97,8 @@ TEST(Reference, CooksMembraneConvergesToBothPublishedDisplacements)
         strain[n] = cook(cells[n], true);
         thickens[n] = cook(cells[n], false);
         std::printf(
-            "Cook's membrane, %d cells an edge: plane strain %.2f mm (middle), %.2f (corner); free to thicken %.2f (corner)\n",
+            "Cook's membrane, %d cells an edge: plane strain %.2f mm (middle), %.2f (corner); "
+            "free to thicken %.2f (corner)\n",
             cells[n], strain[n].middle, strain[n].corner, thickens[n].corner);
     }
     for (int n = 1; n < 3; n++) { // from below, as expected of elements that are too stiff

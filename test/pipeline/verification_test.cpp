@@ -360,7 +360,8 @@ TEST(Verification, PressureOfAConfinedBlockDoesNotOscillate)
         const double compressible = oscillation(0.45, 4, quarter).cubes;
         const Oscillation coarse = oscillation(0.4999, 4, quarter), fine = oscillation(0.4999, 8, quarter);
         std::printf(
-            "confined block pressed on %s of its top: pressure oscillates by %.1f %% of 4 cubes along an edge (at nodes %.1f), %.1f %% of 8 (%.1f); %.1f %% at nu 0.45\n",
+            "confined block pressed on %s of its top: pressure oscillates by %.1f %% of 4 cubes along an edge (at "
+            "nodes %.1f), %.1f %% of 8 (%.1f); %.1f %% at nu 0.45\n",
             quarter ? "a quarter" : "half", 100 * coarse.cubes, 100 * coarse.nodes, 100 * fine.cubes, 100 * fine.nodes,
             100 * compressible);
         EXPECT_LT(coarse.cubes, 1.1 * compressible);

@@ -190,7 +190,8 @@ TEST(Wrench, AHandAtOneKilohertz)
     std::sort(late.begin(), late.end());
     ASSERT_FALSE(late.empty());
     printf(
-        "%zu poses, %zu answered, %zu forces in all; pose in to wrench out p50 %.3f ms, p99 %.3f, p99.9 %.3f, worst %.3f\n",
+        "%zu poses, %zu answered, %zu forces in all; pose in to wrench out p50 %.3f ms, p99 %.3f, p99.9 %.3f, "
+        "worst %.3f\n",
         way.size(), answers.size(), hand.received(), share(late, 0.5), share(late, 0.99), share(late, 0.999),
         late.empty() ? 0 : late.back());
     EXPECT_GT(answers.size(), 0.5 * way.size());
