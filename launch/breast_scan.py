@@ -20,7 +20,8 @@ import numpy as np
 
 def array(field):
     data = lzma.decompress(base64.b64decode(field['_ArrayZipData_']))
-    return np.frombuffer(data, {'double': '<f8', 'single': '<f4', 'uint32': '<u4', 'int32': '<i4'}[field['_ArrayType_']]).reshape(field['_ArraySize_'])
+    kinds = {'double': '<f8', 'single': '<f4', 'uint32': '<u4', 'int32': '<i4'}
+    return np.frombuffer(data, kinds[field['_ArrayType_']]).reshape(field['_ArraySize_'])
 
 
 def voxelize(nodes, elements, values, low, size, voxel):
@@ -32,7 +33,8 @@ def voxelize(nodes, elements, values, low, size, voxel):
         last = np.minimum(np.floor((p.max(0) - low) / voxel), np.array(size) - 1).astype(int)
         if (last < first).any():
             continue
-        grid = np.stack(np.meshgrid(*[np.arange(a, b + 1) for a, b in zip(first, last)], indexing='ij'), -1).reshape(-1, 3)
+        grid = np.stack(np.meshgrid(*[np.arange(a, b + 1) for a, b in zip(first, last)], indexing='ij'),
+                        -1).reshape(-1, 3)
         weights = (low + voxel * grid - p[0]) @ np.linalg.inv(p[1:] - p[0])
         weights = np.c_[1 - weights.sum(1), weights]
         inside = (weights >= -1e-9).all(1)

@@ -85,4 +85,5 @@ if __name__ == "__main__":
             seen, reward, reached, late, told = world.step((seen[3:6] - seen[0:3]) / STEP)
             total, done = total + reward, reached or late
         print("episode %d: %s after %d steps, %.1f mm from the goal, %.2f N, reward %.2f" % (
-            episode, "reached" if reached else "not reached", world.steps, 1e3 * told["distance"], np.linalg.norm(told["force"]), total))
+            episode, "reached" if reached else "not reached", world.steps, 1e3 * told["distance"],
+            np.linalg.norm(told["force"]), total))

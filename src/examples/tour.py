@@ -16,7 +16,8 @@ import pliant
 
 scan, folder = (sys.argv[1:] + ["phantom:80x58x60", "tour"][len(sys.argv) - 1:])[:2]
 os.makedirs(folder, exist_ok=True)
-POINT = np.array([-0.06, -0.07, 0.1])  # front of the phantom's liver, LPS [m]: x to the left, y to the back, z to the head
+# front of the phantom's liver, LPS [m]: x to the left, y to the back, z to the head
+POINT = np.array([-0.06, -0.07, 0.1])
 
 
 def save(name, picture):
@@ -27,14 +28,16 @@ def save(name, picture):
     lines = np.concatenate([np.zeros((height, 1), np.uint8), picture.reshape(height, -1)], axis=1)
     header = struct.pack(">IIBBBBB", width, height, 8, 2 if picture.ndim == 3 else 0, 0, 0, 0)
     with open(os.path.join(folder, name + ".png"), "wb") as file:
-        file.write(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(lines.tobytes())) + chunk(b"IEND", b""))
+        file.write(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(lines.tobytes())) +
+                   chunk(b"IEND", b""))
 
 
 def look(name, sim):
     """Write a camera image of organs and bones from the front, and the axial slice through the point."""
     f = 350.0  # [pixels]
     camera = pliant.look_at(POINT + [0, -0.4, 0.1], POINT)
-    save(name, sim.render([[f, 0, 159.5], [0, f, 119.5], [0, 0, 1]], camera, size=(320, 240), shown=["organ", "bone"]).rgb)
+    save(name, sim.render([[f, 0, 159.5], [0, f, 119.5], [0, 0, 1]], camera, size=(320, 240),
+                          shown=["organ", "bone"]).rgb)
     values = sim.volume().intensities  # order k, j, i: slices from the feet upwards
     save(name + "_slice", (np.clip((values[-len(values) // 5] + 200) / 500, 0, 1) * 255).astype(np.uint8))
 
@@ -52,7 +55,8 @@ for step in range(20):
     forceps.move(POINT + [0, -0.001 * (step + 1), 0])
     sim.step()
 print("pulled by 20 mm: force %s N, moved by up to %.1f mm, %.2g mm of error, von Mises stress up to %.0f Pa" % (
-    forceps.force.round(2), 1e3 * np.linalg.norm(sim.nodes - sim.rest, axis=1).max(), 1e3 * sim.error, sim.scalar("von_mises").max()))
+    forceps.force.round(2), 1e3 * np.linalg.norm(sim.nodes - sim.rest, axis=1).max(), 1e3 * sim.error,
+    sim.scalar("von_mises").max()))
 look("pulled", sim)
 film = sim.radiograph([0, 0, 0], size=(160, 160), pixel=0.004)
 save("radiograph", (255 * film / film.max()).astype(np.uint8))
@@ -62,7 +66,8 @@ moment = sim.save()
 cut = sim.cut([POINT + [0.01, -0.06, -0.04], POINT + [0.01, -0.06, 0.04]], [0, 0.1, 0])
 for step in range(20):
     sim.step()
-print("cut %.1f cm^2, %d links: revision %d, force %s N" % (1e4 * cut.area, cut.links, sim.revision, forceps.force.round(2)))
+print("cut %.1f cm^2, %d links: revision %d, force %s N" % (1e4 * cut.area, cut.links, sim.revision,
+                                                            forceps.force.round(2)))
 look("cut", sim)
 sim.restore(moment)
 print("back again: revision %d, the nodes as they were: %s" % (sim.revision, np.array_equal(sim.nodes, moment.nodes)))

@@ -25,7 +25,8 @@ def receive(message):
     grey = np.clip((middle + 200) / 500 * 255, 0, 255).astype(np.uint8)  # Hounsfield units from -200 to 300
     with open(picture, "wb") as file:
         file.write(b"P5 %d %d 255\n" % grey.shape[::-1] + grey.tobytes())
-    rospy.loginfo("%s: %s voxels, box %s at %s, %.0f to %.0f", message.scan_id, message.full_size, message.size, message.offset, middle.min(), middle.max())
+    rospy.loginfo("%s: %s voxels, box %s at %s, %.0f to %.0f", message.scan_id, message.full_size, message.size,
+                  message.offset, middle.min(), middle.max())
 
 
 rospy.init_node("volume_to_numpy", anonymous=True)

@@ -26,7 +26,8 @@ except ImportError as wrong:  # installed, but one of its dependencies is missin
     sys.exit(str(wrong))
 
 CHUNK = 1000  # number of episodes per folder
-DATA = {"2.1": "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet", "3.0": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"}
+DATA = {"2.1": "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet",
+        "3.0": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"}
 VIDEO = {"2.1": "videos/chunk-{episode_chunk:03d}/{video_key}/episode_{episode_index:06d}.mp4",
          "3.0": "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"}
 INDICES = ("frame_index", "episode_index", "index", "task_index")
@@ -40,14 +41,17 @@ def png(picture):
     # each line starts with its filter type: none
     lines = np.concatenate([np.zeros((height, 1), np.uint8), picture.reshape(height, -1)], axis=1)
     header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(lines.tobytes(), 6)) + chunk(b"IEND", b"")
+    return (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(lines.tobytes(), 6)) +
+            chunk(b"IEND", b""))
 
 
 def write_video(path, pictures, fps):
     os.makedirs(os.path.dirname(path), exist_ok=True)
     height, width = pictures.shape[1:3]
-    encoder = subprocess.Popen(["ffmpeg", "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", "%dx%d" % (width, height), "-r",
-                                str(fps), "-i", "-", "-c:v", "libx264", "-crf", "18", "-g", "2", "-pix_fmt", "yuv420p", path], stdin=subprocess.PIPE)
+    encoder = subprocess.Popen(["ffmpeg", "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s",
+                                "%dx%d" % (width, height), "-r",
+                                str(fps), "-i", "-", "-c:v", "libx264", "-crf", "18", "-g", "2", "-pix_fmt", "yuv420p",
+                                path], stdin=subprocess.PIPE)
     try:
         for picture in pictures:
             encoder.stdin.write(picture.tobytes())
@@ -108,7 +112,8 @@ def together(each):
     mean, std = (np.array([stats[name] for stats in each]) for name in ("mean", "std"))
     weight = (count / count.sum()).reshape([-1] + [1] * (mean.ndim - 1))
     middle = (weight * mean).sum(axis=0)
-    out = {"min": np.min([stats["min"] for stats in each], axis=0), "max": np.max([stats["max"] for stats in each], axis=0), "mean": middle,
+    out = {"min": np.min([stats["min"] for stats in each], axis=0),
+           "max": np.max([stats["max"] for stats in each], axis=0), "mean": middle,
            "std": np.sqrt((weight * (std ** 2 + (mean - middle) ** 2)).sum(axis=0))}
     return dict({name: value.tolist() for name, value in out.items()}, count=[int(count.sum())])
 
@@ -141,7 +146,8 @@ class Dataset:
     @staticmethod
     def where(episode):
         """Return the values for an episode's file names; every episode has a separate file in both layouts."""
-        return {"episode_chunk": episode // CHUNK, "episode_index": episode, "chunk_index": episode // CHUNK, "file_index": episode % CHUNK}
+        return {"episode_chunk": episode // CHUNK, "episode_index": episode, "chunk_index": episode // CHUNK,
+                "file_index": episode % CHUNK}
 
     def features(self):
         out = {}
@@ -152,7 +158,8 @@ class Dataset:
             if key in self.videos:
                 height, width, fps = each.shape[1], each.shape[2], self.columns["fps"]
                 out[key].update(dtype="video", info={
-                    "video.height": height, "video.width": width, "video.fps": fps, "video.channels": 3, "video.codec": "h264",
+                    "video.height": height, "video.width": width, "video.fps": fps, "video.channels": 3,
+                    "video.codec": "h264",
                     "video.pix_fmt": "yuv420p", "video.is_depth_map": False, "has_audio": False})
         out["timestamp"] = {"dtype": "float32", "shape": [1], "names": None}
         out.update({key: {"dtype": "int64", "shape": [1], "names": None} for key in INDICES})
@@ -162,7 +169,8 @@ class Dataset:
         """Write an episode's table and videos, and return its statistics."""
         length = rows.stop - rows.start
         number = np.arange(length)
-        values = {"observation.state": self.state[rows].astype(np.float32), "action": self.action[rows].astype(np.float32)}
+        values = {"observation.state": self.state[rows].astype(np.float32),
+                  "action": self.action[rows].astype(np.float32)}
         values.update({key: each[rows] for key, each in self.pictures.items()})
         values["timestamp"] = (number / self.columns["fps"]).astype(np.float32)
         values.update(zip(INDICES, (number, np.full(length, episode), number + rows.start, np.zeros(length, np.int64))))
@@ -177,7 +185,8 @@ class Dataset:
                 kinds[key] = {"_type": "Image"}
             elif array.ndim == 2:
                 columns[key] = pa.FixedSizeListArray.from_arrays(pa.array(array.ravel()), array.shape[1])
-                kinds[key] = {"feature": {"dtype": str(array.dtype), "_type": "Value"}, "length": array.shape[1], "_type": "Sequence"}
+                kinds[key] = {"feature": {"dtype": str(array.dtype), "_type": "Value"}, "length": array.shape[1],
+                              "_type": "Sequence"}
             else:
                 columns[key] = pa.array(array)
                 kinds[key] = {"dtype": str(array.dtype), "_type": "Value"}
@@ -196,14 +205,17 @@ class Dataset:
             rows = slice(int(bounds[episode]), int(bounds[episode + 1]))
             stats.append(self.write_episode(episode, rows))
             episodes.append({"episode_index": episode, "tasks": [self.task], "length": rows.stop - rows.start})
-        info = {"codebase_version": "v" + self.layout, "robot_type": "pliant", "total_episodes": count, "total_frames": len(self.episodes), "total_tasks": 1,
-                "chunks_size": CHUNK, "fps": self.columns["fps"], "splits": {"train": "0:%d" % count}, "data_path": DATA[self.layout],
+        info = {"codebase_version": "v" + self.layout, "robot_type": "pliant", "total_episodes": count,
+                "total_frames": len(self.episodes), "total_tasks": 1,
+                "chunks_size": CHUNK, "fps": self.columns["fps"], "splits": {"train": "0:%d" % count},
+                "data_path": DATA[self.layout],
                 "video_path": VIDEO[self.layout] if self.videos else None, "features": self.features()}
         if self.layout == "2.1":
             info.update(total_videos=count * len(self.videos), total_chunks=(count + CHUNK - 1) // CHUNK)
             self.write_lines("tasks", [{"task_index": 0, "task": self.task}])
             self.write_lines("episodes", episodes)
-            self.write_lines("episodes_stats", [{"episode_index": episode, "stats": each} for episode, each in enumerate(stats)])
+            self.write_lines("episodes_stats", [{"episode_index": episode, "stats": each}
+                                                for episode, each in enumerate(stats)])
         else:
             info.update(data_files_size_in_mb=100, video_files_size_in_mb=500)
             for feature in info["features"].values():
@@ -221,19 +233,25 @@ class Dataset:
         """Write the tables of layout 3.0: the tasks, in the index format of pandas, and one row per episode with the
         location of its data."""
         index = {"index_columns": ["__index_level_0__"], "column_indexes": [], "pandas_version": "2.0.0", "columns": [
-            {"name": None, "field_name": "__index_level_0__", "pandas_type": "unicode", "numpy_type": "object", "metadata": None},
-            {"name": "task_index", "field_name": "task_index", "pandas_type": "int64", "numpy_type": "int64", "metadata": None}]}
-        tasks = pa.table({"task_index": [0], "__index_level_0__": [self.task]}).replace_schema_metadata({"pandas": json.dumps(index)})
+            {"name": None, "field_name": "__index_level_0__", "pandas_type": "unicode", "numpy_type": "object",
+             "metadata": None},
+            {"name": "task_index", "field_name": "task_index", "pandas_type": "int64", "numpy_type": "int64",
+             "metadata": None}]}
+        tasks = pa.table({"task_index": [0], "__index_level_0__": [self.task]}).replace_schema_metadata(
+            {"pandas": json.dumps(index)})
         pa.parquet.write_table(tasks, self.path("meta/tasks.parquet"))
         for row, each in zip(episodes, stats):
             place = self.where(row["episode_index"])
             at = {"/chunk_index": place["chunk_index"], "/file_index": place["file_index"]}
             row.update({"data" + name: value for name, value in at.items()})
-            row.update(dataset_from_index=int(bounds[row["episode_index"]]), dataset_to_index=int(bounds[row["episode_index"] + 1]))
+            row.update(dataset_from_index=int(bounds[row["episode_index"]]),
+                       dataset_to_index=int(bounds[row["episode_index"] + 1]))
             for key in self.videos:
                 row.update({"videos/" + key + name: value for name, value in at.items()})
-                row.update({"videos/%s/from_timestamp" % key: 0.0, "videos/%s/to_timestamp" % key: row["length"] / self.columns["fps"]})
-            row.update({"stats/%s/%s" % (key, name): value for key, of_key in each.items() for name, value in of_key.items()})
+                row.update({"videos/%s/from_timestamp" % key: 0.0,
+                            "videos/%s/to_timestamp" % key: row["length"] / self.columns["fps"]})
+            row.update({"stats/%s/%s" % (key, name): value for key, of_key in each.items()
+                        for name, value in of_key.items()})
             row.update({"meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0})
         pa.parquet.write_table(pa.Table.from_pylist(episodes), self.path("meta/episodes/chunk-000/file-000.parquet"))
         with open(self.path("meta/stats.json"), "w") as file:
@@ -245,6 +263,7 @@ if __name__ == "__main__":
     parser.add_argument("arrays", help="folder of pliant_bag --export numpy")
     parser.add_argument("dataset", help="folder to make")
     parser.add_argument("--task", default="tissue", help="what was done, in words")
-    parser.add_argument("--layout", choices=sorted(DATA), default="2.1", help="2.1: LeRobot before 0.4; 3.0: from then on")
+    parser.add_argument("--layout", choices=sorted(DATA), default="2.1",
+                        help="2.1: LeRobot before 0.4; 3.0: from then on")
     arguments = parser.parse_args()
     Dataset(arguments.arrays, arguments.dataset, arguments.task, arguments.layout).write()

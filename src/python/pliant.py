@@ -1,7 +1,8 @@
 """Python interface of Pliant: simulate a scan as tissue that can be pulled, grasped and cut.
 
     import pliant
-    sim = pliant.Sim("scene.yaml", scan="ct.nii.gz")     # or pliant.Sim(options={"solver/iterations": 8}): the built-in phantom
+    # For the built-in phantom: pliant.Sim(options={"solver/iterations": 8})
+    sim = pliant.Sim("scene.yaml", scan="ct.nii.gz")
     forceps = sim.tool("forceps")
     forceps.grasp(point)                                 # at rest, LPS [m]
     forceps.move(point + [0, -0.01, 0])
@@ -32,7 +33,8 @@ else:
 
 Error = _c.Error
 
-__all__ = ["Error", "Model", "Sim", "Tool", "Volume", "Displacement", "Cut", "Contacts", "Proxy", "Picture", "look_at", "options", "version"]
+__all__ = ["Error", "Model", "Sim", "Tool", "Volume", "Displacement", "Cut", "Contacts", "Proxy", "Picture", "look_at",
+           "options", "version"]
 
 
 def version():
@@ -40,14 +42,16 @@ def version():
 
 
 class _OptionInfo(ctypes.Structure):
-    _fields_ = [(name, ctypes.c_char_p) for name in ("group", "name", "kind", "default", "range", "unit", "text")] + [("low", ctypes.c_double), ("high", ctypes.c_double)]
+    _fields_ = ([(name, ctypes.c_char_p) for name in ("group", "name", "kind", "default", "range", "unit", "text")] +
+                [("low", ctypes.c_double), ("high", ctypes.c_double)])
 
 
 def options():
     """Return every option of a scene: {"solver/iterations": {"kind", "default", "range", "unit", "text"}}."""
     count = ctypes.c_size_t()
     table = ctypes.cast(_c.library.pliant_scene_options(ctypes.byref(count)), ctypes.POINTER(_OptionInfo))
-    return {"%s/%s" % (info.group.decode(), info.name.decode()): {key: getattr(info, key).decode() for key in ("kind", "default", "range", "unit", "text")}
+    return {"%s/%s" % (info.group.decode(), info.name.decode()):
+            {key: getattr(info, key).decode() for key in ("kind", "default", "range", "unit", "text")}
             for info in table[:count.value]}
 
 
@@ -81,7 +85,8 @@ class Model:
         if shapes:
             _c.library.pliant_scene_for_shapes(self._scene.address)
         _c.call("scene_check", self._scene.address)
-        self._scan, labels, materials = (_c.Struct(of) for of in ("pliant_volume", "pliant_labels", "pliant_material_table"))
+        self._scan, labels, materials = (_c.Struct(of)
+                                         for of in ("pliant_volume", "pliant_labels", "pliant_material_table"))
         raised, model = [], ctypes.c_void_p()
 
         def ask(fraction, stage, user):
@@ -92,7 +97,8 @@ class Model:
                 return False
         report = _c.Progress.function_type(ask) if progress else None
         try:
-            _c.call("inputs_read", self._scene.address, os.fsencode(scan), self._scan.address, labels.address, materials.address)
+            _c.call("inputs_read", self._scene.address, os.fsencode(scan), self._scan.address, labels.address,
+                    materials.address)
             _c.call("model_build", self._scene.address, self._scan.address, labels.address, materials.address,
                   _c.Progress(ctypes.cast(report, ctypes.c_void_p) if report else None, None), ctypes.byref(model))
         except BaseException:
@@ -126,7 +132,8 @@ class Model:
         """Names of the materials; Sim.materials contains indices into this list."""
         table = _c.Struct("pliant_material_table", _c.library.pliant_model_get_materials(self._model))
         size = _c.library.pliant_layout_size(b"pliant_material")
-        return [_c.Struct("pliant_material", table["materials"] + size * m)["name"] for m in range(table["num_materials"])]
+        return [_c.Struct("pliant_material", table["materials"] + size * m)["name"]
+                for m in range(table["num_materials"])]
 
     @property
     def scan(self):
@@ -175,7 +182,8 @@ def _all_while_open(of):
         if name.startswith("_") or name in ("close", "model"):
             continue
         if isinstance(member, property):
-            setattr(of, name, property(_while_open(member.fget), _while_open(member.fset) if member.fset else None, None, member.__doc__))
+            setattr(of, name, property(_while_open(member.fget), _while_open(member.fset) if member.fset else None,
+                                       None, member.__doc__))
         elif callable(member):
             setattr(of, name, _while_open(member))
     return of
@@ -197,9 +205,11 @@ class Volume:
 
 def _volume_at(address):
     told = _c.Struct("pliant_volume", address)
-    values = _c.array(told["voxels"], {1: "B", 2: "h", 3: "f"}[told["encoding"]], *(int(n) for n in told["geometry.size"][::-1]))
+    values = _c.array(told["voxels"], {1: "B", 2: "h", 3: "f"}[told["encoding"]],
+                      *(int(n) for n in told["geometry.size"][::-1]))
     direction = told["geometry.direction"].reshape(3, 3)
-    return Volume(values, told["geometry.origin"], told["geometry.spacing"], direction, told["slope"], told["intercept"], told["background"])
+    return Volume(values, told["geometry.origin"], told["geometry.spacing"], direction, told["slope"],
+                  told["intercept"], told["background"])
 
 
 class Displacement:
@@ -229,7 +239,8 @@ class Cut:
     """Result of a cut: area at rest [m^2], number of links between voxels, number of tissue pieces after the cut."""
 
     def __init__(self, report):
-        self.area, self.links, self.touched, self.pieces = report["area"], report["num_links"], report["touched"], report["pieces"]
+        self.area, self.links, self.touched, self.pieces = (report["area"], report["num_links"], report["touched"],
+                                                            report["pieces"])
 
 
 class Contacts:
@@ -292,7 +303,8 @@ def _camera(K, T, size, near, far):
     if K.shape != (3, 3) or T.shape not in ((3, 4), (4, 4)):
         raise ValueError("expected K of shape (3, 3) and T of (4, 4), not %s and %s" % (K.shape, T.shape))
     camera["width"], camera["height"] = size
-    for name, value in (("fx", K[0, 0]), ("fy", K[1, 1]), ("cx", K[0, 2]), ("cy", K[1, 2]), ("pose", T[:3]), ("near", near), ("far", far)):
+    for name, value in (("fx", K[0, 0]), ("fy", K[1, 1]), ("cx", K[0, 2]), ("cy", K[1, 2]), ("pose", T[:3]),
+                        ("near", near), ("far", far)):
         camera[name] = value
     return camera
 
@@ -341,7 +353,8 @@ class Sim:
         return self.copy()
 
     def __reduce__(self):
-        raise Error(_c.ARGUMENT, "a Sim cannot be pickled: copy() makes another one in this process; pass on the scene and the scan to another process")
+        raise Error(_c.ARGUMENT, "a Sim cannot be pickled: copy() makes another one in this process; pass on the scene "
+                    "and the scan to another process")
 
     # STEPS
     def step(self):
@@ -381,7 +394,8 @@ class Sim:
         forces = np.zeros((self._body()["fine.num_nodes"], 3))
         _c.library.pliant_data_get_contact_forces(self._data, forces.ctypes.data)
         _c.call("mesh_save", path, self.model._model, _c.library.pliant_data_get_body(self._data),
-                _c.library.pliant_data_get_positions(self._data, None), forces.ctypes.data, 1e-3 if unit == "mm" else 1.0)
+                _c.library.pliant_data_get_positions(self._data, None), forces.ctypes.data,
+                1e-3 if unit == "mm" else 1.0)
 
     def restore(self, saved):
         """Become a copy of another simulation of the same Model, including its tools. Raises Error for another
@@ -471,7 +485,8 @@ class Sim:
         """Statistics of the last step, by the names of pliant_statistics. ended is a number; ended_text is the
         reason why the step ended early."""
         told = _c.Struct("pliant_statistics", _c.library.pliant_data_get_statistics(self._data))
-        return dict({name: told[name] for name in told.fields}, ended_text=_c.library.pliant_step_end_text(told["ended"]).decode())
+        return dict({name: told[name] for name in told.fields},
+                    ended_text=_c.library.pliant_step_end_text(told["ended"]).decode())
 
     @property
     def error(self):
@@ -505,7 +520,8 @@ class Sim:
             target, warp = _c.Struct("pliant_geometry"), ctypes.c_void_p()
             _c.call("warp_target", scan, None, 0, 0.0, 2 ** 62, target.address)
             threads = self.model._scene["solver.threads"] or os.cpu_count()
-            _c.call("warp_create", scan, body + _c.layout["pliant_body"]["fine"][1], target.address, threads, ctypes.byref(warp))
+            _c.call("warp_create", scan, body + _c.layout["pliant_body"]["fine"][1], target.address, threads,
+                    ctypes.byref(warp))
             try:
                 _c.call("warp_set_body", warp, body)
             except Error:
@@ -543,7 +559,8 @@ class Sim:
             view = ctypes.c_void_p()
             _c.call("view_create", self.model._model, None, ctypes.byref(view))
             held.view = view.value
-        _c.call("view_set", held.view, _c.library.pliant_data_get_body(self._data), _c.library.pliant_data_get_positions(self._data, None), None)
+        _c.call("view_set", held.view, _c.library.pliant_data_get_body(self._data),
+                _c.library.pliant_data_get_positions(self._data, None), None)
         return held.view
 
     def render(self, K, T, size=(640, 480), near=0.0, far=0.0, **style):
@@ -566,18 +583,21 @@ class Sim:
         if "colours" in style:
             colours = np.asarray(style.pop("colours"), np.float64)
             if colours.ndim != 2 or colours.shape[1] != 4 or not 0 < len(colours) <= 16:
-                raise ValueError("colours: expected 1 to 16 rows of (value, r, g, b), not an array of shape %s" % (colours.shape,))
+                raise ValueError("colours: expected 1 to 16 rows of (value, r, g, b), not an array of shape %s" %
+                                 (colours.shape,))
             of["num_colours"] = len(colours)
             of["colours"] = np.concatenate([colours.ravel(), np.zeros(64 - colours.size)])
         for name, value in style.items():
             if name not in self.styles:
                 raise ValueError("style %r: one of shown, colours, %s" % (name, ", ".join(self.styles)))
             of[name] = value
-        image["rgb"], image["depth"], image["label"] = (array.ctypes.data for array in (picture.rgb, picture.depth, picture.label))
+        image["rgb"], image["depth"], image["label"] = (array.ctypes.data
+                                                        for array in (picture.rgb, picture.depth, picture.label))
         _c.call("view_render", self._view(), camera.address, of.address, image.address)
         return picture
 
-    def radiograph(self, isocentre, primary=0.0, secondary=0.0, size=(512, 512), pixel=0.001, source_to_isocentre=0.8, source_to_detector=1.2,
+    def radiograph(self, isocentre, primary=0.0, secondary=0.0, size=(512, 512), pixel=0.001, source_to_isocentre=0.8,
+                   source_to_detector=1.2,
                    water=20.59):
         """Return the (height, width) line integrals of attenuation that a C-arm around a point [m] projects; its
         detector measures exp(-integral).
@@ -585,8 +605,10 @@ class Sim:
         water: attenuation of water [1/m], by default at 60 keV."""
         width, height = _whole(size)
         arm, camera = _c.Struct("pliant_c_arm"), _c.Struct("pliant_camera")
-        for name, value in (("isocentre", isocentre), ("source_to_isocentre", source_to_isocentre), ("source_to_detector", source_to_detector),
-                            ("primary_angle", primary), ("secondary_angle", secondary), ("width", width), ("height", height), ("pixel", pixel)):
+        for name, value in (("isocentre", isocentre), ("source_to_isocentre", source_to_isocentre),
+                            ("source_to_detector", source_to_detector),
+                            ("primary_angle", primary), ("secondary_angle", secondary), ("width", width),
+                            ("height", height), ("pixel", pixel)):
             arm[name] = value
         _c.call("c_arm_camera", arm.address, camera.address)
         out = np.zeros((height, width), np.float32)
@@ -644,7 +666,8 @@ class Tool:
     @property
     def _index(self):
         if self._name not in self._sim._tools:
-            raise Error(_c.ARGUMENT, "the restored state has no tool %s: sim.tool(%r) adds it" % (self._name, self._name))
+            raise Error(_c.ARGUMENT, "the restored state has no tool %s: sim.tool(%r) adds it" %
+                        (self._name, self._name))
         return self._sim._tools[self._name]
 
     def _get(self):

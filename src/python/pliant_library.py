@@ -66,40 +66,57 @@ def call(name, *arguments):
 for _result, _name, *_arguments in (
         (_text, "version"), (_text, "last_error"), (_pointer, "layout_fields", _pointer), (_size, "layout_size", _text),
         (None, "set_log", _pointer, _pointer),
-        (None, "scene_defaults", _pointer), (_int, "scene_read", _text, _pointer), (_int, "scene_set", _pointer, _text, _text),
+        (None, "scene_defaults", _pointer), (_int, "scene_read", _text, _pointer),
+        (_int, "scene_set", _pointer, _text, _text),
         (_int, "scene_check", _pointer), (_pointer, "scene_options", _pointer),
         (_int, "inputs_read", _pointer, _text, _pointer, _pointer, _pointer),
-        (_int, "model_build", _pointer, _pointer, _pointer, _pointer, Progress, _pointer), (None, "model_free", _pointer),
-        (_pointer, "model_get_scan", _pointer), (_pointer, "model_get_drawn", _pointer), (_pointer, "model_get_materials", _pointer), (_pointer, "model_get_scene", _pointer),
+        (_int, "model_build", _pointer, _pointer, _pointer, _pointer, Progress, _pointer),
+        (None, "model_free", _pointer),
+        (_pointer, "model_get_scan", _pointer), (_pointer, "model_get_drawn", _pointer),
+        (_pointer, "model_get_materials", _pointer), (_pointer, "model_get_scene", _pointer),
         (None, "material_table_free", _pointer), (None, "labels_free", _pointer), (None, "volume_free", _pointer),
-        (_int, "data_create", _pointer, _pointer), (None, "data_free", _pointer), (_int, "data_reset", _pointer, _pointer),
+        (_int, "data_create", _pointer, _pointer), (None, "data_free", _pointer),
+        (_int, "data_reset", _pointer, _pointer),
         (_int, "data_copy", _pointer, _pointer, _pointer), (_int, "data_take", _pointer, _pointer, _pointer),
-        (_int, "step", _pointer, _pointer), (_pointer, "data_get_body", _pointer), (_pointer, "data_get_positions", _pointer, _pointer),
-        (_pointer, "data_get_statistics", _pointer), (_text, "data_get_backend", _pointer), (_text, "step_end_text", ctypes.c_int32), (None, "data_get_gravity", _pointer, _pointer),
+        (_int, "step", _pointer, _pointer), (_pointer, "data_get_body", _pointer),
+        (_pointer, "data_get_positions", _pointer, _pointer),
+        (_pointer, "data_get_statistics", _pointer), (_text, "data_get_backend", _pointer),
+        (_text, "step_end_text", ctypes.c_int32), (None, "data_get_gravity", _pointer, _pointer),
         (_int, "data_set_gravity", _pointer, _pointer), (_int, "data_set_positions", _pointer, _pointer, _pointer),
         (_int, "data_set_limits", _pointer, _int, _double), (_int, "data_get_inverted", _pointer),
         (_int, "data_get_scalar", _pointer, _pointer, _int, _pointer),
         (ctypes.c_int32, "data_get_contacts", _pointer, ctypes.c_int32, _pointer),
-        (_int, "data_cut", _pointer, _pointer, ctypes.c_int32, _pointer, _pointer, _pointer), (_int, "data_undo_cut", _pointer, _pointer),
+        (_int, "data_cut", _pointer, _pointer, ctypes.c_int32, _pointer, _pointer, _pointer),
+        (_int, "data_undo_cut", _pointer, _pointer),
         (_int, "tool_add", _pointer, _pointer, _text, _pointer), (_int, "tool_get", _pointer, _int, _pointer),
-        (_int, "tool_set_pose", _pointer, _int, _pointer, _pointer), (_int, "tool_grasp", _pointer, _pointer, _int, _pointer),
-        (None, "tool_release", _pointer, _int), (None, "tool_lost", _pointer, _int), (_int, "tool_set_drive", _pointer, _int, _int, _pointer),
+        (_int, "tool_set_pose", _pointer, _int, _pointer, _pointer),
+        (_int, "tool_grasp", _pointer, _pointer, _int, _pointer),
+        (None, "tool_release", _pointer, _int), (None, "tool_lost", _pointer, _int),
+        (_int, "tool_set_drive", _pointer, _int, _int, _pointer),
         (_int, "tool_set_spring", _pointer, _int, _double, _double), (_int, "tool_set_radius", _pointer, _int, _double),
         (_int, "tool_set_mass", _pointer, _int, _double), (_int, "blade_find", _text, _pointer, _pointer),
-        (_int, "tool_set_blade", _pointer, _int, _pointer, _pointer), (_int, "tool_set_cutting", _pointer, _int, ctypes.c_bool),
-        (_int, "tool_shape_find", _text, _pointer), (_int, "tool_shape_read", _text, _pointer), (None, "tool_shape_free", _pointer),
-        (None, "tool_shape_move", _pointer, _pointer), (_int, "tool_set_shape", _pointer, _int, _pointer), (_int, "tool_set_jaw", _pointer, _int, _double),
+        (_int, "tool_set_blade", _pointer, _int, _pointer, _pointer),
+        (_int, "tool_set_cutting", _pointer, _int, ctypes.c_bool),
+        (_int, "tool_shape_find", _text, _pointer), (_int, "tool_shape_read", _text, _pointer),
+        (None, "tool_shape_free", _pointer),
+        (None, "tool_shape_move", _pointer, _pointer), (_int, "tool_set_shape", _pointer, _int, _pointer),
+        (_int, "tool_set_jaw", _pointer, _int, _double),
         (None, "scene_for_shapes", _pointer), (_double, "tool_clearance", _pointer, _pointer, _int),
         (_int, "warp_target", _pointer, _pointer, ctypes.c_int32, _double, _size, _pointer),
         (_int, "warp_create", _pointer, _pointer, _pointer, _int, _pointer), (None, "warp_free", _pointer),
-        (_int, "warp_set_body", _pointer, _pointer), (_int, "warp_update", _pointer, _pointer), (_pointer, "warp_volume", _pointer),
-        (None, "camera_of_view", ctypes.c_int32, ctypes.c_int32, _double, _pointer), (_int, "camera_look_at", _pointer, _pointer, _pointer, _pointer),
+        (_int, "warp_set_body", _pointer, _pointer), (_int, "warp_update", _pointer, _pointer),
+        (_pointer, "warp_volume", _pointer),
+        (None, "camera_of_view", ctypes.c_int32, ctypes.c_int32, _double, _pointer),
+        (_int, "camera_look_at", _pointer, _pointer, _pointer, _pointer),
         (_int, "c_arm_camera", _pointer, _pointer), (_int, "style_defaults", _pointer, _pointer),
         (_int, "view_create", _pointer, _pointer, _pointer), (None, "view_free", _pointer),
-        (_int, "view_set", _pointer, _pointer, _pointer, _pointer), (_int, "view_render", _pointer, _pointer, _pointer, _pointer),
+        (_int, "view_set", _pointer, _pointer, _pointer, _pointer),
+        (_int, "view_render", _pointer, _pointer, _pointer, _pointer),
         (_int, "view_radiograph", _pointer, _pointer, _double, _pointer),
-        (_int, "volume_write", _text, _pointer), (_int, "mesh_save", _text, _pointer, _pointer, _pointer, _pointer, _double),
-        (None, "data_get_contact_forces", _pointer, _pointer), (_int, "displacement_create", _pointer, _pointer, _pointer, _int, _pointer, _pointer),
+        (_int, "volume_write", _text, _pointer),
+        (_int, "mesh_save", _text, _pointer, _pointer, _pointer, _pointer, _double),
+        (None, "data_get_contact_forces", _pointer, _pointer),
+        (_int, "displacement_create", _pointer, _pointer, _pointer, _int, _pointer, _pointer),
         (_int, "displacement_write", _text, _pointer), (None, "displacement_free", _pointer),
         (_pointer, "body_retain", _pointer), (None, "body_release", _pointer)):
     declare(_result, _name, *_arguments)
@@ -130,7 +147,8 @@ class Struct:
         kind, offset, count = self.fields[name]
         if kind == "s":
             return ctypes.string_at(self.address + offset).decode(errors="replace")
-        values = struct.unpack("@%d%s" % (count, kind), ctypes.string_at(self.address + offset, count * struct.calcsize("@" + kind)))
+        values = struct.unpack("@%d%s" % (count, kind),
+                               ctypes.string_at(self.address + offset, count * struct.calcsize("@" + kind)))
         return values[0] if count == 1 else np.array(values)
 
     def __setitem__(self, name, value):
@@ -138,7 +156,8 @@ class Struct:
         values = np.ravel(value).tolist()
         if len(values) != count:
             raise ValueError("%s: expected %d numbers, not %d" % (name, count, len(values)))
-        ctypes.memmove(self.address + offset, struct.pack("@%d%s" % (count, kind), *values), count * struct.calcsize("@" + kind))
+        ctypes.memmove(self.address + offset, struct.pack("@%d%s" % (count, kind), *values),
+                       count * struct.calcsize("@" + kind))
 
 
 def array(address, kind, *shape):
@@ -153,8 +172,11 @@ def records(of, count):
     """Allocate structs of the library as a numpy array whose fields have their names."""
     fields = layout[of]
     kinds = {"d": "f8", "i": "i4", "?": "?"}
-    return np.zeros(count, {"names": list(fields), "formats": [(kinds[kind], (n,)) if n > 1 else kinds[kind] for kind, _, n in fields.values()],
-                            "offsets": [offset for _, offset, _ in fields.values()], "itemsize": library.pliant_layout_size(of.encode())})
+    return np.zeros(count,
+                    {"names": list(fields),
+                     "formats": [(kinds[kind], (n,)) if n > 1 else kinds[kind] for kind, _, n in fields.values()],
+                     "offsets": [offset for _, offset, _ in fields.values()],
+                     "itemsize": library.pliant_layout_size(of.encode())})
 
 
 def numbers(values, *shape):
@@ -167,7 +189,8 @@ def numbers(values, *shape):
 
 _levels = (logging.DEBUG, logging.INFO, logging.WARNING, logging.ERROR)
 _log_type = ctypes.CFUNCTYPE(None, _int, _text, _pointer)
-_log = _log_type(lambda level, message, user: logging.getLogger("pliant").log(_levels[level], message.decode(errors="replace")))
+_log = _log_type(lambda level, message, user: logging.getLogger("pliant").log(
+    _levels[level], message.decode(errors="replace")))
 # the library keeps this pointer, so the callback must stay alive
 library.pliant_set_log(ctypes.cast(_log, _pointer), None)
 atexit.register(library.pliant_set_log, None, None)  # no logging into an interpreter that has exited

@@ -43,12 +43,15 @@ def temporary_folder():
 def build_library(folder):
     """Compile the library alone. Return its path."""
     if not shutil.which("cmake"):
-        raise SystemExit("cmake is missing; on Debian and Ubuntu: (. %s/launch/install && pliant_install core)" % SOURCE)
-    options = ["-DPLIANT_ROS=OFF", "-DPLIANT_RVIZ=OFF", "-DPLIANT_TESTS=OFF", *shlex.split(os.environ.get("CMAKE_ARGS", ""))]
+        raise SystemExit("cmake is missing; on Debian and Ubuntu: (. %s/launch/install && pliant_install core)" %
+                         SOURCE)
+    options = ["-DPLIANT_ROS=OFF", "-DPLIANT_RVIZ=OFF", "-DPLIANT_TESTS=OFF",
+               *shlex.split(os.environ.get("CMAKE_ARGS", ""))]
     if shutil.which("ninja"):
         options += ["-G", "Ninja"]
     subprocess.run(["cmake", "-S", str(SOURCE), "-B", str(folder), *options], check=True)
-    subprocess.run(["cmake", "--build", str(folder), "--target", "pliant", "--parallel", str(os.cpu_count() or 1)], check=True)
+    subprocess.run(["cmake", "--build", str(folder), "--target", "pliant", "--parallel", str(os.cpu_count() or 1)],
+                   check=True)
     return next(path for path in folder.rglob("libpliant.so*") if not path.is_symlink())
 
 
@@ -64,7 +67,8 @@ class Build(build):
         for source, target in MODULES.items():
             shutil.copyfile(HERE / source, package / target)
         given = os.environ.get("PLIANT_LIBRARY")
-        library = pathlib.Path(given).resolve() if given else build_library(pathlib.Path(self.build_temp).resolve() / "cmake")
+        library = (pathlib.Path(given).resolve() if given
+                   else build_library(pathlib.Path(self.build_temp).resolve() / "cmake"))
         shutil.copyfile(library, package / "libpliant.so")
 
 

@@ -68,7 +68,8 @@ def label_log(axis, name, limits):
     """Use plain numbers on a logarithmic axis, also where it spans less than a decade."""
     axis.set_major_formatter(matplotlib.ticker.FuncFormatter(lambda v, _: "%g" % v))
     few = limits[1] < 10 * limits[0]
-    axis.set_minor_formatter(matplotlib.ticker.FuncFormatter(lambda v, _: "%g" % v) if few else matplotlib.ticker.NullFormatter())
+    axis.set_minor_formatter(matplotlib.ticker.FuncFormatter(lambda v, _: "%g" % v) if few
+                             else matplotlib.ticker.NullFormatter())
     axis.set_label_text(name)
 
 
@@ -79,14 +80,16 @@ def worst_of_points(rows, column):
         time, error = number(row, "solver_median_ms"), number(row, column)
         if math.isfinite(time) and math.isfinite(error) and time > 0 and error > 0:
             groups.setdefault((method_of(row), row["ratio"], row["budget"]), []).append((time, error))
-    return {key: (float(np.median([t for t, _ in values])), max(e for _, e in values)) for key, values in groups.items()}
+    return {key: (float(np.median([t for t, _ in values])), max(e for _, e in values))
+            for key, values in groups.items()}
 
 
 def mark_choice(axis, choice, entries):
     """Mark the budget and the chosen point."""
     axis.axvline(number(choice, "budget_ms"), color="grey", linewidth=1, linestyle=":", zorder=0)
     method = method_of(choice)
-    taken = [point for key, point in entries.items() if key[:2] == (method, choice["ratio"]) and int(key[2]) <= int(choice["budget"])]
+    taken = [point for key, point in entries.items() if key[:2] == (method, choice["ratio"])
+             and int(key[2]) <= int(choice["budget"])]
     if taken:
         axis.plot(*taken[-1], "*", markersize=20, markerfacecolor="none", color="black")
 
@@ -109,7 +112,8 @@ def draw_tradeoff(folder, rows, column, against, name, choice=None):
                 own = sorted((t, e, key[2]) for key, (t, e) in entries.items() if key[:2] == (method, ratio))
                 if not own:
                     continue
-                axis.plot([t for t, _, _ in own], [e for _, e, _ in own], marker[ratio], color=colour[method], markersize=6, alpha=0.9)
+                axis.plot([t for t, _, _ in own], [e for _, e, _ in own], marker[ratio], color=colour[method],
+                          markersize=6, alpha=0.9)
                 for time, error, budget in own:
                     if error > HIGHEST:
                         continue
@@ -124,22 +128,27 @@ def draw_tradeoff(folder, rows, column, against, name, choice=None):
                 axis.plot(time, HIGHEST, "2", color=colour[key[0]], markersize=9, clip_on=False)
         front = pareto(list(entries.values()))
         if front:
-            axis.step([t for t, _ in front], [e for _, e in front], where="post", color="black", linewidth=1, linestyle="--", zorder=0)
-            axis.plot([t for t, _ in front], [e for _, e in front], "o", markersize=12, markerfacecolor="none", color="black")
+            axis.step([t for t, _ in front], [e for _, e in front], where="post", color="black", linewidth=1,
+                      linestyle="--", zorder=0)
+            axis.plot([t for t, _ in front], [e for _, e in front], "o", markersize=12, markerfacecolor="none",
+                      color="black")
         if choice:
             mark_choice(axis, choice, entries)
         axis.set_title(case)
         label_log(axis.xaxis, "time per frame, without the volume: median [ms]", axis.get_xlim())
-        which = {"max": "largest error", "p95": "95th percentile of the error", "rms": "rms error"}[column.split("_")[-2]]
+        which = {"max": "largest error", "p95": "95th percentile of the error",
+                 "rms": "rms error"}[column.split("_")[-2]]
         label_log(axis.yaxis, which + ", worst frame\n[% of the largest displacement]", axis.get_ylim())
         axis.grid(True, which="both", alpha=0.25)
     for axis in list(axes.flat)[len(cases):]:
         axis.set_visible(False)
     handles = [plt.Line2D([], [], marker="o", linestyle="", color=colour[m], label=m) for m in methods]
     handles += [plt.Line2D([], [], marker=marker[r], linestyle="", color="grey", label="ratio " + r) for r in ratios]
-    handles.append(plt.Line2D([], [], marker="o", linestyle="--", markerfacecolor="none", markersize=10, color="black", label="Pareto front"))
+    handles.append(plt.Line2D([], [], marker="o", linestyle="--", markerfacecolor="none", markersize=10, color="black",
+                              label="Pareto front"))
     if choice:
-        handles.append(plt.Line2D([], [], marker="*", linestyle=":", markerfacecolor="none", markersize=14, color="black", label="taken, budget"))
+        handles.append(plt.Line2D([], [], marker="*", linestyle=":", markerfacecolor="none", markersize=14,
+                                  color="black", label="taken, budget"))
     figure.legend(handles=handles, loc="lower center", ncol=3 * columns, fontsize=9)
     figure.suptitle("Error against %s\n(numbers: iterations a step; ∞: until converged)" % against, fontsize=11)
     figure.tight_layout(rect=(0, 0.06 + 0.04 / lines, 1, 1 - 0.07 / lines))
@@ -166,12 +175,14 @@ def draw_histograms(folder, rows):
             share = 100 * counts / counts.sum()
             edges = [number(r, "low_mm") for r in own] + [number(own[-1], "high_mm")]
             edges[-1] = edges[-2] + (edges[1] - edges[0])  # the last bin contains all larger values
-            axis.step(edges, np.append(share, share[-1]), where="post", color=colour[method], linewidth=1.5, label=method)
+            axis.step(edges, np.append(share, share[-1]), where="post", color=colour[method], linewidth=1.5,
+                      label=method)
             reached = max(reached, edges[int(np.flatnonzero(share > 0.02).max()) + 1])
         axis.set_xlim(0, reached or 1)
         axis.set_yscale("log")
         axis.set_ylim(0.01, 120)
-        axis.set_title("%s, ratio %s (last bin: all beyond)" % (" ".join(filter(None, group[:2])), group[2]), fontsize=10)
+        axis.set_title("%s, ratio %s (last bin: all beyond)" % (" ".join(filter(None, group[:2])), group[2]),
+                       fontsize=10)
         label_log(axis.yaxis, "share of the voxels of tissue [%]", axis.get_ylim())
         axis.set_xlabel("error [mm]")
         axis.grid(True, alpha=0.25)
@@ -194,7 +205,8 @@ def draw_slices(folder, rows):
         # the colour scale fits the median method; larger errors saturate
         tops = sorted(float(np.percentile(e[e >= 0], 99.5)) for e in errors.values() if (e >= 0).any())
         top = max(min(tops[len(tops) // 2], largest), 1e-3) if tops else 1
-        figure, axes = plt.subplots(len(methods), 3, figsize=(12, 3.4 * len(methods) + 0.5), squeeze=False, constrained_layout=True)
+        figure, axes = plt.subplots(len(methods), 3, figsize=(12, 3.4 * len(methods) + 0.5), squeeze=False,
+                                    constrained_layout=True)
         scale = plt.cm.ScalarMappable(norm=plt.Normalize(0, top), cmap="inferno")
         scale.set_array([])
         for line, method in enumerate(methods):
@@ -221,13 +233,16 @@ def draw_slices(folder, rows):
 def draw_stages(folder, rows):
     if not rows:
         return
-    names = [{"nothing": "nothing left out", "everything": "all left out"}.get(row["left_out"], "without " + row["left_out"]) for row in rows]
+    names = [{"nothing": "nothing left out",
+              "everything": "all left out"}.get(row["left_out"], "without " + row["left_out"]) for row in rows]
     figure, axes = plt.subplots(1, 2, figsize=(11, 0.45 * len(rows) + 1.6), sharey=True)
-    for axis, column, unit in zip(axes, ("frame_median_ms", "held_mb"), ("frame, median [ms]", "memory held beside the model [MB]")):
+    for axis, column, unit in zip(axes, ("frame_median_ms", "held_mb"),
+                                  ("frame, median [ms]", "memory held beside the model [MB]")):
         values = [number(row, column) for row in rows]
         axis.barh(range(len(rows)), values, color=["#555555"] + ["#4c78a8"] * (len(rows) - 1))
         for y, value in enumerate(values):
-            axis.annotate("%.3g" % value, (value, y), xytext=(3, 0), textcoords="offset points", va="center", fontsize=8)
+            axis.annotate("%.3g" % value, (value, y), xytext=(3, 0), textcoords="offset points", va="center",
+                          fontsize=8)
         axis.set_xlim(0, 1.15 * max(values))
         axis.set_xlabel(unit)
     axes[0].set_yticks(range(len(rows)))
@@ -249,13 +264,17 @@ def draw_validation(folder, rows):
         axis.plot(number(row, "max_mm"), y, "|", color="#555555", markersize=12)
         spread, deviation = number(row, "spread_mm"), number(row, "deviation_mm")
         axis.plot([spread], [y], "o", color="#e45756", label="spread of the measurement" if y == 0 else None)
-        axis.plot([deviation], [y], "D", color="#f58518", markersize=5, label="deviation told with it" if y == 0 else None)
-        axis.annotate("%.2f mm of %.1f (%.0f %%)" % (number(row, "rms_mm"), number(row, "moved_rms_mm"), number(row, "percent")),
-                      (np.nanmax([number(row, "max_mm"), spread, deviation]), y), xytext=(8, 0), textcoords="offset points", va="center", fontsize=8)
+        axis.plot([deviation], [y], "D", color="#f58518", markersize=5,
+                  label="deviation told with it" if y == 0 else None)
+        axis.annotate("%.2f mm of %.1f (%.0f %%)" % (number(row, "rms_mm"), number(row, "moved_rms_mm"),
+                                                     number(row, "percent")),
+                      (np.nanmax([number(row, "max_mm"), spread, deviation]), y), xytext=(8, 0),
+                      textcoords="offset points", va="center", fontsize=8)
     axis.set_yticks(range(len(rows)))
     axis.set_yticklabels(["%s, %s: %s" % (row["body"], row["state"], row["role"]) for row in rows], fontsize=8)
     axis.invert_yaxis()
-    axis.set_xlim(0, 1.6 * max(max(number(row, "max_mm") for row in rows), max(np.nan_to_num(number(row, "deviation_mm")) for row in rows)))
+    axis.set_xlim(0, 1.6 * max(max(number(row, "max_mm") for row in rows),
+                               max(np.nan_to_num(number(row, "deviation_mm")) for row in rows)))
     axis.set_xlabel("simulated from measured: root mean square (bar) and largest (tick) [mm]")
     axis.legend(loc="upper right", bbox_to_anchor=(1, -0.18), ncol=2, fontsize=8)
     fits = in_order("%s: %s" % (row["body"], row["fitted"]) for row in rows)
