@@ -32,7 +32,8 @@ class Docker(unittest.TestCase):
             self.assertIn(function + "()", install)
 
     def test_a_command_runs_in_the_environment(self):
-        told = subprocess.run([str(FOLDER / "enter"), "bash", "-c", "echo $PATH; exit 7"], stdout=subprocess.PIPE, universal_newlines=True)
+        told = subprocess.run([str(FOLDER / "enter"), "bash", "-c", "echo $PATH; exit 7"], stdout=subprocess.PIPE,
+                              universal_newlines=True)
         self.assertEqual(told.returncode, 7)
         self.assertIn("build/devel/bin", told.stdout)
 

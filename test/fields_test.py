@@ -35,7 +35,8 @@ SIZE = "96x70x72"
 # Pull the front of the liver by 2 cm. A blade cuts the belly near it.
 PULL = """
 tools:
-  - {name: grasper, drive: rigid, grasp: [-0.054, -0.063, 0.063], motion: [{time: 0.0, offset: [0, 0, 0]}, {time: 0.3, offset: [0, -0.02, 0]}]}
+  - {name: grasper, drive: rigid, grasp: [-0.054, -0.063, 0.063],
+     motion: [{time: 0.0, offset: [0, 0, 0]}, {time: 0.3, offset: [0, -0.02, 0]}]}
 """
 CUT_TOO = """  - name: knife
     blade: {from: [0, 0, -0.08], to: [0, 0, 0.08]}
@@ -70,14 +71,17 @@ def write_segmentation(path, like, layers):
     header = ["NRRD0004", "type: unsigned char", "dimension: 4", "space: left-posterior-superior",
               "sizes: %d %s" % (len(layers), " ".join(str(size) for size in (high - low)[::-1])),
               "space directions: none " + " ".join(vectors), "kinds: list domain domain domain", "encoding: gzip",
-              "space origin: (%s)" % ",".join("%.17g" % value for value in like.TransformIndexToPhysicalPoint([int(n) for n in low[::-1]])),
+              "space origin: (%s)" % ",".join("%.17g" % value
+                                              for value in like.TransformIndexToPhysicalPoint(
+                                                  [int(n) for n in low[::-1]])),
               "Segmentation_MasterRepresentation:=Binary labelmap",
               "Segmentation_ReferenceImageExtentOffset:=" + " ".join(str(n) for n in low[::-1])]
     number = 0
     for layer, segments in enumerate(layers):
         for value, (name, mask) in enumerate(segments, 1):
             voxels[..., layer][mask[box]] = value
-            entries = {"ID": "Segment_%d" % (number + 1), "LabelValue": value, "Layer": layer, "Name": name, "Color": "0.5 0.5 0.5"}
+            entries = {"ID": "Segment_%d" % (number + 1), "LabelValue": value, "Layer": layer, "Name": name,
+                       "Color": "0.5 0.5 0.5"}
             header += ["Segment%d_%s:=%s" % (number, key, entry) for key, entry in entries.items()]
             number += 1
     path.write_bytes(("\n".join(header) + "\n\n").encode() + gzip.compress(voxels.tobytes()))
@@ -86,7 +90,8 @@ def write_segmentation(path, like, layers):
 def resample(scan, field, like):
     """Resample the scan through a displacement field with ITK."""
     transform = sitk.DisplacementFieldTransform(sitk.Cast(field, sitk.sitkVectorFloat64))
-    return sitk.GetArrayFromImage(sitk.Resample(sitk.Cast(scan, sitk.sitkFloat64), like, transform, sitk.sitkLinear, -1000.0, sitk.sitkFloat64))
+    return sitk.GetArrayFromImage(sitk.Resample(sitk.Cast(scan, sitk.sitkFloat64), like, transform, sitk.sitkLinear,
+                                                -1000.0, sitk.sitkFloat64))
 
 
 def change_per_voxel(values):
@@ -94,7 +99,8 @@ def change_per_voxel(values):
     change = np.zeros(values.shape)
     for axis in range(3):
         step = np.abs(np.diff(values, axis=axis))
-        ends = np.concatenate([np.zeros_like(np.take(step, [0], axis)), step, np.zeros_like(np.take(step, [0], axis))], axis)
+        ends = np.concatenate([np.zeros_like(np.take(step, [0], axis)), step, np.zeros_like(np.take(step, [0], axis))],
+                              axis)
         count = values.shape[axis]
         change += np.maximum(np.take(ends, range(count), axis), np.take(ends, range(1, count + 1), axis))
     return change
@@ -102,7 +108,8 @@ def change_per_voxel(values):
 
 def volume_of(points, cells):
     """Return the volume of tetrahedra, and of hexahedra as five tetrahedra each."""
-    parts = {"tetra": [(0, 1, 2, 3)], "hexahedron": [(0, 1, 3, 4), (1, 2, 3, 6), (1, 4, 5, 6), (3, 4, 6, 7), (1, 3, 4, 6)]}
+    parts = {"tetra": [(0, 1, 2, 3)], "hexahedron": [(0, 1, 3, 4), (1, 2, 3, 6), (1, 4, 5, 6), (3, 4, 6, 7),
+                                                     (1, 3, 4, 6)]}
     total = 0.0
     for block in cells:
         for part in parts[block.type]:
@@ -119,7 +126,8 @@ class Fields(unittest.TestCase):
         (cls.folder / "none.yaml").write_text(PULL)
         for kind in ("sever", "subdivide"):
             (cls.folder / (kind + ".yaml")).write_text(PULL + CUT_TOO)
-        subprocess.run([PHANTOM, "--size", SIZE, "--out", str(cls.folder / "phantom.nii.gz")], check=True, stdout=subprocess.DEVNULL)
+        subprocess.run([PHANTOM, "--size", SIZE, "--out", str(cls.folder / "phantom.nii.gz")], check=True,
+                       stdout=subprocess.DEVNULL)
         cls.scan, cls.scan_values = read(cls.folder / "phantom.nii.gz")
 
     @classmethod
@@ -130,7 +138,8 @@ class Fields(unittest.TestCase):
         scene = self.folder / (name + ".yaml")
         scene.write_text(SCENE % (cut, element) + more)
         out = self.folder / name
-        run = subprocess.run([DEFORM, str(scene), "--scan", str(self.folder / "phantom.nii.gz"), "--tools", str(self.folder / (cut + ".yaml")),
+        run = subprocess.run([DEFORM, str(scene), "--scan", str(self.folder / "phantom.nii.gz"), "--tools",
+                              str(self.folder / (cut + ".yaml")),
                               "--steps", "20", "--out", str(out), *arguments],
                              stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, universal_newlines=True)
         self.assertEqual(run.returncode, 0, run.stderr)
@@ -148,12 +157,14 @@ class Fields(unittest.TestCase):
         found = resample(self.scan, field, deformed)
         inside = mask == TISSUE
         self.assertGreater(inside.sum(), 0.9 * (mask != NO_TISSUE).sum())
-        self.assertGreater((np.linalg.norm(vectors[inside], axis=1) > 5).sum(), 1000, "the pull moves more than a thousand voxels by 5 mm")
+        self.assertGreater((np.linalg.norm(vectors[inside], axis=1) > 5).sum(), 1000,
+                           "the pull moves more than a thousand voxels by 5 mm")
         # A tenth of a voxel, and rounding to whole Hounsfield units.
         allowed = 0.1 * change_per_voxel(found) + 1
         worst = np.abs(found - wanted)[inside] / allowed[inside]
         self.assertLessEqual(worst.max(), 1)
-        self.assertEqual(np.ptp(wanted[mask == NO_TISSUE]), 0, "where there is no tissue, the deformed volume has one value")
+        self.assertEqual(np.ptp(wanted[mask == NO_TISSUE]), 0, "where there is no tissue, the deformed volume has one "
+                         "value")
         return mask
 
     def test_itk_resamples_the_scan_into_the_deformed_volume(self):
@@ -173,7 +184,8 @@ class Fields(unittest.TestCase):
         """Three layers name the materials, a tool pulls the liver, and a blade cuts. ITK and meshio read the
         results."""
         scan = self.folder / "phantom.nii.gz"
-        subprocess.run([PHANTOM, "--size", SIZE, "--out", str(scan), "--labels", str(self.folder / "labels.nii.gz")], check=True,
+        subprocess.run([PHANTOM, "--size", SIZE, "--out", str(scan), "--labels", str(self.folder / "labels.nii.gz")],
+                       check=True,
                        stdout=subprocess.DEVNULL)
         labels = read(self.folder / "labels.nii.gz")[1]
         inner = np.zeros(labels.shape, bool)
@@ -188,8 +200,10 @@ class Fields(unittest.TestCase):
 
         self.assertRegex(self.log, r"its voxel \(0, 0, 0\) is voxel \([1-9]\d*, [1-9]\d*, [1-9]\d*\) of the scan")
         self.assertIn("the later one wins in %d voxels: TUMOUR over Liver" % (labels == 5).sum(), self.log)
-        for material, segment, voxels in (("liver", "Liver", labels == 4), ("tumour", "TUMOUR", labels == 5), ("spleen", "spleen", labels == 8),
-                                          ("vessel", "Vessel", np.isin(labels, (9, 10))), ("bone", "bone", np.isin(labels, (11, 12, 13))),
+        for material, segment, voxels in (("liver", "Liver", labels == 4), ("tumour", "TUMOUR", labels == 5),
+                                          ("spleen", "spleen", labels == 8),
+                                          ("vessel", "Vessel", np.isin(labels, (9, 10))),
+                                          ("bone", "bone", np.isin(labels, (11, 12, 13))),
                                           ("kidney", "kidney", np.isin(labels, (6, 7)))):
             self.assertRegex(self.log, r'material %s: .*segment "%s" %d\b' % (material, segment, voxels.sum()))
 
@@ -247,7 +261,8 @@ class Fields(unittest.TestCase):
                 for name, size in (("stress", 9), ("strain", 9)):
                     self.assertEqual({data.shape[1] for data in mesh.cell_data[name]}, {size})
                 for name in ("material", "fragment", "piece", "von_mises", "material_fraction"):
-                    self.assertEqual([len(data) for data in mesh.cell_data[name]], [len(block.data) for block in mesh.cells])
+                    self.assertEqual([len(data) for data in mesh.cell_data[name]],
+                                     [len(block.data) for block in mesh.cells])
                 self.assertGreater(max(data.max() for data in mesh.cell_data["fragment"]), 0)
                 self.assertGreater(mesh.point_data["fixed"].sum(), 0)
 
@@ -259,7 +274,8 @@ class Fields(unittest.TestCase):
         region = np.array([numbers[name] for name in names], np.int32)
         rest, tets = given.point_data["rest_position"], given.cells_dict["tetra"]
         gmsh = meshio.Mesh(1000 * rest, [("tetra", tets)], field_data={"Soft Tissue": np.array([1, 3])},
-                           cell_data={key: [np.ones(len(tets), np.int32)] for key in ("gmsh:physical", "gmsh:geometrical")})
+                           cell_data={key: [np.ones(len(tets), np.int32)]
+                                      for key in ("gmsh:physical", "gmsh:geometrical")})
         material = meshio.Mesh(1000 * rest, [("tetra", tets)], cell_data={"material": [given.cell_data["material"][0]]})
         files = {"text.msh": lambda path: meshio.write(path, gmsh, file_format="gmsh", binary=False),
                  "binary.msh": lambda path: meshio.write(path, gmsh, file_format="gmsh", binary=True),
@@ -269,8 +285,10 @@ class Fields(unittest.TestCase):
         for name, write in files.items():
             with self.subTest(name):
                 write(self.folder / name)
-                made = self.deform("made_" + name, "--vtk", "--no-volume", "--set", "mesh/file=%s" % (self.folder / name), "--set", "mesh/unit=0.001", "--set",
-                                   "mesh/keep_air=true", cut="none", more="fixed: {boxes: [{low: [-1, -1, -1], high: [1, 1, -0.14]}]}\n")
+                made = self.deform("made_" + name, "--vtk", "--no-volume", "--set",
+                                   "mesh/file=%s" % (self.folder / name), "--set", "mesh/unit=0.001", "--set",
+                                   "mesh/keep_air=true", cut="none", more="fixed: {boxes: [{low: [-1, -1, -1], high: "
+                                   "[1, 1, -0.14]}]}\n")
                 mesh = meshio.read(made / "mesh.vtu")
                 found = np.loadtxt(made / "elements.csv", delimiter=",", skiprows=1, usecols=4, dtype=str)
                 soft = name.endswith("msh")  # the .msh file has one region only
@@ -283,7 +301,8 @@ class Fields(unittest.TestCase):
     def test_stress_is_that_of_the_tables(self):
         out = self.deform("stress", "--vtk", "--no-volume", "--scalars", "von_mises,principal_stress", cut="none")
         mesh = meshio.read(out / "mesh.vtu")
-        table = np.genfromtxt(out / "elements.csv", delimiter=",", names=True, usecols=("von_mises_pa", "principal_stress_pa"))
+        table = np.genfromtxt(out / "elements.csv", delimiter=",", names=True,
+                              usecols=("von_mises_pa", "principal_stress_pa"))
         stress = mesh.cell_data["stress"][0].reshape(-1, 3, 3)
         np.testing.assert_allclose(mesh.cell_data["von_mises"][0], table["von_mises_pa"], rtol=1e-3, atol=0.1)
         largest = np.linalg.eigvalsh(stress)[:, 2]
@@ -300,7 +319,8 @@ class Fields(unittest.TestCase):
         out = self.deform("series", "--vtk", "--no-volume", "--every", "10", "--unit", "mm")
         for name, ending in (("mesh", "vtu"), ("surface", "vtp")):
             listed = xml.etree.ElementTree.parse(out / (name + ".pvd")).findall(".//DataSet")
-            self.assertEqual([entry.get("file") for entry in listed], ["%s_0000%d.%s" % (name, step, ending) for step in (10, 20)])
+            self.assertEqual([entry.get("file") for entry in listed],
+                             ["%s_0000%d.%s" % (name, step, ending) for step in (10, 20)])
             self.assertAlmostEqual(float(listed[1].get("timestep")), 2 * float(listed[0].get("timestep")))
             for entry in listed:
                 self.assertTrue((out / entry.get("file")).exists())

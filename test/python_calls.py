@@ -17,7 +17,8 @@ import numpy as np
 import pliant
 
 SMALL = {"mesh/coarse_cells": [5, 4, 4], "mesh/ratio": 1, "solver/threads": 1, "solver/iterations": 3}
-MODELS = [dict(SMALL, **more) for more in ({}, {"cut/kind": "sever"}, {"cut/kind": "subdivide"}, {"solver/kind": "tled", "cut/kind": "sever", "element/kind": "linear"},
+MODELS = [dict(SMALL, **more) for more in ({}, {"cut/kind": "sever"}, {"cut/kind": "subdivide"},
+                                           {"solver/kind": "tled", "cut/kind": "sever", "element/kind": "linear"},
                                            {"model/method": "averaged", "mesh/ratio": 2, "cut/kind": "sever"})]
 LIVER = np.array([-0.08, -0.06, 0.09])
 SKIP = {"model", "styles", "drives"}
@@ -35,8 +36,10 @@ class Calls:
         return values[self.random.randint(len(values))]
 
     def wrong(self):
-        return self.pick([None, "text", b"bytes", -1, 0, 10 ** 30, np.nan, np.inf, [], [[]], {}, object(), np.zeros((0, 3)), np.full(3, np.nan), np.zeros((2, 2)),
-                          [1, 2], ["a", "b", "c"], 1j, lambda: 0, pliant, self.pick(self.sims), self.pick(self.tools), np.zeros(3, object), slice(3)])
+        return self.pick([None, "text", b"bytes", -1, 0, 10 ** 30, np.nan, np.inf, [], [[]], {}, object(),
+                          np.zeros((0, 3)), np.full(3, np.nan), np.zeros((2, 2)),
+                          [1, 2], ["a", "b", "c"], 1j, lambda: 0, pliant, self.pick(self.sims), self.pick(self.tools),
+                          np.zeros(3, object), slice(3)])
 
     def point(self):
         return LIVER + self.random.uniform(-0.05, 0.05, 3) * self.pick([0, 0.2, 1, 100])
@@ -45,12 +48,19 @@ class Calls:
         """Return valid arguments of a function; about half of them are in its range."""
         sim, number = self.pick(self.sims), self.pick([0.0, 0.01, 1.0, 50.0, -1.0, 1e300, np.nan])
         camera = np.eye(3) * [20, 20, 1], pliant.look_at(LIVER + [0.01, -0.2, 0], LIVER), (8, 6)
-        return {"move": (self.point(), self.pick([None, [0, 0, 0, 1], [0, 0, 0, 0], self.random.normal(size=4)])), "grasp": (self.pick([None, self.point()]),),
-                "displacement": (self.pick(["resample", "tissue", "itk"]),), "drive": (self.pick(["spring", "rigid", "force", "glue"]), self.pick([None, self.point()])), "spring": (number, number), "radius": (number,),
+        return {"move": (self.point(), self.pick([None, [0, 0, 0, 1], [0, 0, 0, 0], self.random.normal(size=4)])),
+                "grasp": (self.pick([None, self.point()]),),
+                "displacement": (self.pick(["resample", "tissue", "itk"]),),
+                "drive": (self.pick(["spring", "rigid", "force", "glue"]), self.pick([None, self.point()])),
+                "spring": (number, number), "radius": (number,),
                 "blade": self.pick([("scalpel",), ("spoon",), (None, self.random.uniform(-0.01, 0.01, (2, 3)))]),
-                "shape": (self.pick(["probe", "spoon", None, "none.yaml"]), self.point()), "jaw": (number,), "cutting": (self.pick([True, False]),),
-                "cut": ([self.point(), self.point()], [0, 0.1, 0.01]), "restore": (sim,), "limits": (self.pick([1, 3, 0, -5]), number), "scalar": (self.pick(["von_mises", "volume_ratio", "contact_force"]),),
-                "tool": (self.pick(["forceps", "knife", "a" * 60, "x\0y"]),), "wrench": ("knife",), "render": camera, "radiograph": (self.point(), 0.1, 0.2, (8, 6)),
+                "shape": (self.pick(["probe", "spoon", None, "none.yaml"]), self.point()), "jaw": (number,),
+                "cutting": (self.pick([True, False]),),
+                "cut": ([self.point(), self.point()], [0, 0.1, 0.01]), "restore": (sim,),
+                "limits": (self.pick([1, 3, 0, -5]), number),
+                "scalar": (self.pick(["von_mises", "volume_ratio", "contact_force"]),),
+                "tool": (self.pick(["forceps", "knife", "a" * 60, "x\0y"]),), "wrench": ("knife",), "render": camera,
+                "radiograph": (self.point(), 0.1, 0.2, (8, 6)),
                 "nodes": None, "gravity": None}.get(name, ())
 
     def value(self, sim, name):
@@ -74,9 +84,11 @@ class Calls:
             gc.collect()
             return
         if kind == 2:
-            return self.pick([pliant.Sim, pliant.Model, pliant.Tool, pliant.Volume, pliant.Cut, pliant.Contacts, pliant.Picture, pliant.look_at])(*[self.wrong() for _ in range(3)])
+            return self.pick([pliant.Sim, pliant.Model, pliant.Tool, pliant.Volume, pliant.Cut, pliant.Contacts,
+                              pliant.Picture, pliant.look_at])(*[self.wrong() for _ in range(3)])
         of = self.pick(self.sims if kind < 11 else self.tools)
-        name = self.pick([name for name in vars(type(of)) if not name.startswith("_") and name not in SKIP and name != "close"])
+        name = self.pick([name for name in vars(type(of)) if not name.startswith("_") and name not in SKIP
+                          and name != "close"])
         if isinstance(vars(type(of))[name], property):
             if name in ("nodes", "gravity") and kind % 2:
                 setattr(of, name, self.value(of, name) if self.random.randint(3) else self.wrong())
@@ -85,7 +97,8 @@ class Calls:
         else:
             arguments = list(self.right(name))
             if self.random.randint(4) == 0:
-                arguments = [self.wrong() if self.random.randint(2) else each for each in arguments] + [self.wrong()] * (self.random.randint(4) == 0)
+                arguments = [self.wrong() if self.random.randint(2) else each
+                             for each in arguments] + [self.wrong()] * (self.random.randint(4) == 0)
             out = getattr(of, name)(*arguments)
         if isinstance(out, pliant.Tool):
             self.tools[self.random.randint(len(self.tools))] = out

@@ -19,7 +19,8 @@ sys.path[:0] = [os.path.join(HERE, "..", "src", folder) for folder in ("python",
 import numpy as np
 import pliant
 
-SMALL = {"mesh/coarse_cells": [5, 4, 4], "mesh/ratio": 1, "solver/threads": 1, "solver/iterations": 4, "solver/refresh_interval": 0}
+SMALL = {"mesh/coarse_cells": [5, 4, 4], "mesh/ratio": 1, "solver/threads": 1, "solver/iterations": 4,
+         "solver/refresh_interval": 0}
 SCAN = "phantom:48x36x36"
 LIVER = np.array([-0.08, -0.06, 0.09])
 
@@ -48,7 +49,8 @@ class Python(unittest.TestCase):
         self.assertGreater(-tool.force[1], 0.01)  # it pulls the tissue to the front
         state, moved = tool.state, np.linalg.norm(sim.nodes - sim.rest, axis=1)
         # the force of a spring
-        np.testing.assert_allclose(tool.force, state["stiffness"] * (state["tip"] - state["held_point"]), rtol=1e-6, atol=1e-9)
+        np.testing.assert_allclose(tool.force, state["stiffness"] * (state["tip"] - state["held_point"]), rtol=1e-6,
+                                   atol=1e-9)
         self.assertGreater(moved.max(), 0.003)
         self.assertTrue((moved[sim.fixed] == 0).all())
         self.assertLess(sim.error, 1e-3)
@@ -101,7 +103,8 @@ class Python(unittest.TestCase):
         k, j, i = (grid[tissue] for grid in np.meshgrid(*(np.arange(n) for n in tissue.shape), indexing="ij"))
         index = np.rint(np.stack([i, j, k], 1) + back.vectors[tissue] @ back.direction / back.spacing).astype(int)
         index = np.clip(index, 0, np.array(tissue.shape[::-1]) - 1)
-        apart = np.abs(sim.model.scan.values[index[:, 2], index[:, 1], index[:, 0]].astype(float) - volume.values[tissue])
+        apart = np.abs(sim.model.scan.values[index[:, 2], index[:, 1], index[:, 0]].astype(float) -
+                       volume.values[tissue])
         self.assertLess(np.median(apart), 10)
         self.assertGreater(np.linalg.norm(forth.vectors, axis=-1).max(), 0.005)
         with self.assertRaises(ValueError):
@@ -110,11 +113,13 @@ class Python(unittest.TestCase):
             back.save(os.path.join(folder, "u.nii.gz"))
             for name in ("mesh.vtu", "surface.vtp", "surface.ply", "deformed.nii.gz"):
                 self.assertIsNone(sim.save(os.path.join(folder, name), unit="mm"))
-            self.assertEqual(sorted(os.listdir(folder)), ["deformed.nii.gz", "mesh.vtu", "surface.ply", "surface.vtp", "u.nii.gz", "u_mask.nii.gz"])
+            self.assertEqual(sorted(os.listdir(folder)), ["deformed.nii.gz", "mesh.vtu", "surface.ply", "surface.vtp",
+                                                          "u.nii.gz", "u_mask.nii.gz"])
             header = pathlib.Path(folder, "mesh.vtu").read_bytes()[:3000].decode(errors="replace")
             self.assertIn('NumberOfPoints="%d"' % len(sim.nodes), header)
             self.assertIn("millimetres", header)
-            for path, unit, error in (("mesh.stl", "m", pliant.Error), ("mesh.vtu", "inch", ValueError), ("none/mesh.vtu", "m", pliant.Error)):
+            for path, unit, error in (("mesh.stl", "m", pliant.Error), ("mesh.vtu", "inch", ValueError),
+                                      ("none/mesh.vtu", "m", pliant.Error)):
                 with self.assertRaises(error):
                     sim.save(os.path.join(folder, path), unit=unit)
 
@@ -234,7 +239,9 @@ class Python(unittest.TestCase):
             sim.render(np.eye(2), T, size)
 
     def test_a_shape_presses_and_is_felt(self):
-        model = pliant.Model(scan=SCAN, options=dict(SMALL, **{"mesh/coarse_cells": [10, 8, 8], "solver/iterations": 30}), shapes=True)
+        model = pliant.Model(scan=SCAN,
+                             options=dict(SMALL, **{"mesh/coarse_cells": [10, 8, 8], "solver/iterations": 30}),
+                             shapes=True)
         sim = pliant.Sim(model=model)
         for other in ({"shapes": True}, {"scene": "other.yaml"}, {"options": SMALL}):
             with self.assertRaisesRegex(ValueError, "of the model"):
@@ -251,7 +258,8 @@ class Python(unittest.TestCase):
         self.assertEqual((len(told), len(other.contacts)), (len(all_told), 0))
         self.assertTrue((told.tools == told.tools[0]).all() and (told.parts == 0).all() and not told.tissue.any())
         np.testing.assert_allclose(np.linalg.norm(told.normals, axis=1), 1, atol=1e-12)
-        self.assertTrue((told.areas > 0).all() and (told.normals[:, 1] > 0).all() and (np.abs(told.depths) < 1e-4).all())
+        self.assertTrue((told.areas > 0).all() and (told.normals[:, 1] > 0).all()
+                        and (np.abs(told.depths) < 1e-4).all())
         self.assertEqual(len(told), sim.statistics["contacts"])
         self.assertAlmostEqual(max(told.depths.max(), 0), sim.statistics["penetration"], delta=1e-9)
         self.assertGreater(probe.force[1], 0.05)  # into the tissue
@@ -268,7 +276,8 @@ class Python(unittest.TestCase):
         held, told = probe.state, probe.contacts
         self.assertGreater(len(told), 0)
         np.testing.assert_allclose(probe.force, told.forces.sum(axis=0) + [0.1, 0, 0], rtol=1e-12)
-        torque = np.cross(told.points - held["proxy_tip"], told.forces).sum(axis=0) + np.cross(held["held_point"] - held["proxy_tip"], [0.1, 0, 0])
+        torque = (np.cross(told.points - held["proxy_tip"], told.forces).sum(axis=0) +
+                  np.cross(held["held_point"] - held["proxy_tip"], [0.1, 0, 0]))
         np.testing.assert_allclose(probe.wrench[3:], torque, rtol=1e-9)
         probe.release()
         probe.shape(None)
@@ -282,7 +291,8 @@ class Python(unittest.TestCase):
 
     def test_a_proxy_stays_behind_at_the_force_limit(self):
         limit = 0.02  # [N]
-        sim = pliant.Sim(scan=SCAN, options=dict(SMALL, **{"mesh/coarse_cells": [10, 8, 8], "solver/iterations": 30, "contact/max_force": limit}), shapes=True)
+        sim = pliant.Sim(scan=SCAN, options=dict(SMALL, **{"mesh/coarse_cells": [10, 8, 8], "solver/iterations": 30,
+                                                           "contact/max_force": limit}), shapes=True)
         probe, bare = sim.tool("probe"), sim.tool("bare")
         probe.shape("probe")
         # the rod points along y
@@ -290,7 +300,8 @@ class Python(unittest.TestCase):
         bare.move(skin + [0, -0.05, 0])
         probe.move(skin + [0, -0.01, 0], inwards)
         sim.step()
-        self.assertEqual((sim.statistics["legs"], sim.statistics["ended"], sim.statistics["ended_text"]), (1, 0, "every proxy is at its tool"))
+        self.assertEqual((sim.statistics["legs"], sim.statistics["ended"], sim.statistics["ended_text"]),
+                         (1, 0, "every proxy is at its tool"))
         self.assertFalse(probe.saturated)
         np.testing.assert_array_equal(probe.proxy_error, np.zeros(3))
         for step in range(20):
@@ -315,8 +326,11 @@ class Python(unittest.TestCase):
         with tempfile.TemporaryDirectory() as folder:
             path = os.path.join(folder, "jaw.yaml")
             with open(path, "w") as file:
-                file.write("joint: [0, 0, -0.1]\naxis: [1, 0, 0]\nparts: [{kind: sphere, moves: jaw_minus, from: [0, 0, 0], radius: 0.004}]\n")
-            sim = pliant.Sim(scan=SCAN, options=dict(SMALL, **{"mesh/coarse_cells": [10, 8, 8], "solver/iterations": 30}), shapes=True)
+                file.write("joint: [0, 0, -0.1]\naxis: [1, 0, 0]\n"
+                           "parts: [{kind: sphere, moves: jaw_minus, from: [0, 0, 0], radius: 0.004}]\n")
+            sim = pliant.Sim(scan=SCAN,
+                             options=dict(SMALL, **{"mesh/coarse_cells": [10, 8, 8], "solver/iterations": 30}),
+                             shapes=True)
             jaw = sim.tool("jaw")
             jaw.shape(path, offset=(0, 0.001, 0))
             other = os.path.join(folder, "jaw.yml")
@@ -355,8 +369,10 @@ class Python(unittest.TestCase):
     def test_a_tour(self):
         with tempfile.TemporaryDirectory() as folder:
             paths = os.path.join(HERE, "..", "src", "python") + os.pathsep + os.environ.get("PYTHONPATH", "")
-            told = subprocess.run([sys.executable, os.path.join(HERE, "..", "src", "examples", "tour.py"), "phantom:60x44x46", folder],
-                                  env=dict(os.environ, PYTHONPATH=paths), stdout=subprocess.PIPE, universal_newlines=True, timeout=300)
+            told = subprocess.run([sys.executable, os.path.join(HERE, "..", "src", "examples", "tour.py"),
+                                   "phantom:60x44x46", folder],
+                                  env=dict(os.environ, PYTHONPATH=paths), stdout=subprocess.PIPE,
+                                  universal_newlines=True, timeout=300)
             self.assertEqual(told.returncode, 0)
             for words in ("pulled by 20 mm", "cut [1-9]", "the nodes as they were: True", "10 mm along .* N"):
                 self.assertRegex(told.stdout, words)
@@ -374,8 +390,10 @@ class Python(unittest.TestCase):
         sim.close()
         sim.close()
         self.assertIs(sim.model, self.cuts)
-        calls = {"limits": (4, 1e-3), "restore": (other,), "scalar": ("von_mises",), "cut": ([LIVER, LIVER + 0.01], [0, 0.05, 0]), "move": (LIVER,), "drive": ("spring",),
-                 "spring": (100.0,), "radius": (0.01,), "blade": ("scalpel",), "shape": ("probe",), "jaw": (0.1,), "radiograph": (LIVER,),
+        calls = {"limits": (4, 1e-3), "restore": (other,), "scalar": ("von_mises",),
+                 "cut": ([LIVER, LIVER + 0.01], [0, 0.05, 0]), "move": (LIVER,), "drive": ("spring",),
+                 "spring": (100.0,), "radius": (0.01,), "blade": ("scalpel",), "shape": ("probe",), "jaw": (0.1,),
+                 "radiograph": (LIVER,),
                  "render": (np.eye(3) * [100, 100, 1], pliant.look_at(LIVER + [0, -0.2, 0], LIVER))}
         tested = 0
         for of, names in ((sim, vars(pliant.Sim)), (tool, vars(pliant.Tool))):
@@ -422,10 +440,14 @@ class Python(unittest.TestCase):
         sim.cut([LIVER + [-0.05, -0.07, 0], LIVER + [0.05, -0.07, 0]], [0, 0.06, 0])
         sim.step()
         before, severed = sim.nodes, dict(SMALL, **{"cut/kind": "sever"})
-        for scan, options, named in ((SCAN, SMALL, "cut/kind differs"), (SCAN, dict(SMALL, **{"cut/kind": "subdivide"}), "cut/kind differs"),
+        for scan, options, named in ((SCAN, SMALL, "cut/kind differs"),
+                                     (SCAN, dict(SMALL, **{"cut/kind": "subdivide"}), "cut/kind differs"),
                                      (SCAN, dict(severed, **{"solver/kind": "tled"}), "solver/kind differs"),
-                                     (SCAN, dict(severed, **{"model/method": "averaged", "mesh/ratio": 2}), "mesh/ratio differs.*model/method differs|model/method differs.*mesh/ratio differs"),
-                                     ("phantom:48x38x36", severed, "of the same options"), (SCAN, severed, "of the same options")):
+                                     (SCAN, dict(severed, **{"model/method": "averaged", "mesh/ratio": 2}),
+                                      "mesh/ratio differs.*model/method differs|model/method differs.*mesh/ratio "
+                                      "differs"),
+                                     ("phantom:48x38x36", severed, "of the same options"),
+                                     (SCAN, severed, "of the same options")):
             other = pliant.Sim(scan=scan, options=options)
             if "cut/kind" in options:
                 other.cut([LIVER + [-0.05, -0.07, 0], LIVER + [0.05, -0.07, 0]], [0, 0.06, 0])
@@ -485,7 +507,8 @@ class Python(unittest.TestCase):
             sim.step()
         again = pickle.loads(pickle.dumps(raised.exception))
         self.assertEqual([str(again), again.status], [str(raised.exception), -1])
-        self.assertTrue(np.array_equal(pickle.loads(pickle.dumps(copies[0].volume())).values, copies[0].volume().values))
+        self.assertTrue(np.array_equal(pickle.loads(pickle.dumps(copies[0].volume())).values,
+                                       copies[0].volume().values))
 
     def test_a_failed_grasp_leaves_a_tool_without_a_pose(self):
         sim = pliant.Sim(model=self.model)
@@ -532,7 +555,8 @@ class Python(unittest.TestCase):
             np.testing.assert_array_equal(after[name], before[name])
 
     def test_random_calls_raise_and_never_crash(self):
-        told = subprocess.run([sys.executable, os.path.join(HERE, "python_calls.py"), "1", "1500"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+        told = subprocess.run([sys.executable, os.path.join(HERE, "python_calls.py"), "1", "1500"],
+                              stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
                               universal_newlines=True, timeout=300)
         self.assertEqual(told.returncode, 0, told.stdout[-4000:])
         self.assertRegex(told.stdout, r"1500 calls, [1-9]\d+ raised, [1-9]\d+ returned")
@@ -558,16 +582,21 @@ class Python(unittest.TestCase):
     @unittest.skipUnless(os.environ.get("PLIANT_PACKAGES"), "there is no ROS in this build")
     def test_it_is_found_beside_the_messages(self):
         paths = os.environ["PLIANT_PACKAGES"] + os.pathsep + os.environ.get("PYTHONPATH", "")
-        told = subprocess.run([sys.executable, "-c", "import pliant, pliant.msg; print(pliant.version(), pliant.msg.MeshState.__name__)"],
-                              env=dict(os.environ, PYTHONPATH=paths, PLIANT_LIBRARY=""), stdout=subprocess.PIPE, universal_newlines=True)
+        told = subprocess.run([sys.executable, "-c", "import pliant, pliant.msg; print(pliant.version(), "
+                               "pliant.msg.MeshState.__name__)"],
+                              env=dict(os.environ, PYTHONPATH=paths, PLIANT_LIBRARY=""), stdout=subprocess.PIPE,
+                              universal_newlines=True)
         self.assertEqual(told.stdout.split(), [pliant.version(), "MeshState"])
 
     @unittest.skipUnless(os.environ.get("PLIANT_PACKAGES"), "there is no ROS in this build")
     def test_messages_need_neither_numpy_nor_the_library(self):
         paths = os.environ["PLIANT_PACKAGES"] + os.pathsep + os.environ.get("PYTHONPATH", "")
-        told = subprocess.run([sys.executable, "-c", "import sys; sys.modules['numpy'] = None; import pliant; from pliant import msg, srv; from pliant.msg import SimState; "
-                               "print(SimState.__name__, msg.Step.__name__, 'pliant.simulation' in sys.modules); pliant.Sim"],
-                              env=dict(os.environ, PYTHONPATH=paths, PLIANT_LIBRARY=""), stdout=subprocess.PIPE, stderr=subprocess.PIPE, universal_newlines=True)
+        told = subprocess.run([sys.executable, "-c", "import sys; sys.modules['numpy'] = None; import pliant; from "
+                               "pliant import msg, srv; from pliant.msg import SimState; "
+                               "print(SimState.__name__, msg.Step.__name__, 'pliant.simulation' in sys.modules); "
+                               "pliant.Sim"],
+                              env=dict(os.environ, PYTHONPATH=paths, PLIANT_LIBRARY=""), stdout=subprocess.PIPE,
+                              stderr=subprocess.PIPE, universal_newlines=True)
         self.assertEqual(told.stdout.split(), ["SimState", "Step", "False"])
         self.assertIn("numpy", told.stderr)
 

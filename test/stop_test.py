@@ -57,17 +57,21 @@ class Stop(unittest.TestCase):
         self.stop(signal.SIGTERM, 0.3, ["pliant_deform", "--scan", "phantom:700x600x500", "--out", self.out])
 
     def test_between_steps(self):
-        self.stop(signal.SIGTERM, 1.5, ["pliant_deform", "--scan", "phantom:40x28x34", "--steps", "100000000", "--no-volume", "--out", self.out] + SMALL)
+        self.stop(signal.SIGTERM, 1.5, ["pliant_deform", "--scan", "phantom:40x28x34", "--steps", "100000000",
+                                        "--no-volume", "--out", self.out] + SMALL)
 
     def test_a_report(self):
-        self.stop(signal.SIGTERM, 1.5, ["pliant_report", "--scan", "phantom:60x44x46", "--no-pictures", "--out", self.out])
-        self.stop(signal.SIGINT, 1.5, ["pliant_report", "--stability", "--case", "long_run", "--steps", "1000000", "--no-pictures", "--out", self.out])
+        self.stop(signal.SIGTERM, 1.5, ["pliant_report", "--scan", "phantom:60x44x46", "--no-pictures", "--out",
+                                        self.out])
+        self.stop(signal.SIGINT, 1.5, ["pliant_report", "--stability", "--case", "long_run", "--steps", "1000000",
+                                       "--no-pictures", "--out", self.out])
 
     def test_a_fit(self):
         markers = os.path.join(self.out, "markers.csv")
         with open(markers, "w") as file:
             file.writelines("1,%g,%g,%g,0.001,0.002,0.003\n" % (-0.08 + 0.001 * n, -0.06, 0.09) for n in range(12))
-        self.stop(signal.SIGTERM, 1.5, ["pliant_fit", "--scan", "phantom:120x90x80", "--markers", markers, "--materials", "soft_tissue", "--out", self.out] + LARGE)
+        self.stop(signal.SIGTERM, 1.5, ["pliant_fit", "--scan", "phantom:120x90x80", "--markers", markers,
+                                        "--materials", "soft_tissue", "--out", self.out] + LARGE)
 
     def test_a_segmentation(self):
         self.stop(signal.SIGTERM, 1, ["pliant_segment", "--scan", "phantom:400x300x300", "--out", self.out])

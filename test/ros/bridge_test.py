@@ -74,7 +74,8 @@ class BridgeList(unittest.TestCase):
         rospy.wait_for_message("/tissue/timing", rospy.AnyMsg, 60)
         listed = yaml.safe_load((SOURCE / "launch/ros2_bridge.yaml").read_text())
         # the node subscribes to any type; the master has a type once there is a publisher
-        publishers = [rospy.Publisher(topic["topic"], roslib.message.get_message_class(ros1_name(topic["type"])), queue_size=1)
+        publishers = [rospy.Publisher(topic["topic"], roslib.message.get_message_class(ros1_name(topic["type"])),
+                                      queue_size=1)
                       for topic in listed["topics"] if topic["topic"].endswith(("/measured_cp", "/measured_js"))]
         self.assertEqual(len(publishers), 2)
         end = time.time() + 20
@@ -84,7 +85,8 @@ class BridgeList(unittest.TestCase):
         types = dict(rosgraph.Master("/bridge_test").getTopicTypes())
         self.assertEqual({topic["topic"]: types.get(topic["topic"]) for topic in listed["topics"]},
                          {topic["topic"]: ros1_name(topic["type"]) for topic in listed["topics"]})
-        self.assertEqual({service["service"]: rosservice.get_service_type(service["service"]) for service in listed["services_1_to_2"]},
+        self.assertEqual({service["service"]: rosservice.get_service_type(service["service"])
+                          for service in listed["services_1_to_2"]},
                          {service["service"]: ros1_name(service["type"]) for service in listed["services_1_to_2"]})
         for kind, entries in (("msg", listed["topics"]), ("srv", listed["services_1_to_2"])):
             self.assertEqual({entry["type"].split("/")[1] for entry in entries}, {kind})
@@ -94,7 +96,8 @@ class Ros2Package(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         cls.room = tempfile.TemporaryDirectory()
-        done = subprocess.run([str(SOURCE / "launch/ros2_messages"), cls.room.name], check=True, stdout=subprocess.PIPE, universal_newlines=True)
+        done = subprocess.run([str(SOURCE / "launch/ros2_messages"), cls.room.name], check=True, stdout=subprocess.PIPE,
+                              universal_newlines=True)
         cls.printed = done.stdout
         cls.package = pathlib.Path(cls.room.name) / "pliant_msgs"
 
@@ -108,7 +111,8 @@ class Ros2Package(unittest.TestCase):
     def test_the_rule_maps_the_package(self):
         manifest = xml.etree.ElementTree.parse(self.package / "package.xml").getroot()
         self.assertEqual(manifest.findtext("name"), "pliant_msgs")
-        self.assertEqual(manifest.findtext("version"), xml.etree.ElementTree.parse(SOURCE / "package.xml").getroot().findtext("version"))
+        self.assertEqual(manifest.findtext("version"),
+                         xml.etree.ElementTree.parse(SOURCE / "package.xml").getroot().findtext("version"))
         self.assertEqual(manifest.findtext("member_of_group"), "rosidl_interface_packages")
         rules = manifest.find("export/ros1_bridge").get("mapping_rules")
         self.assertIn("FILES %s DESTINATION" % rules, (self.package / "CMakeLists.txt").read_text())
@@ -128,7 +132,8 @@ class Ros2Package(unittest.TestCase):
         for name in ros1:
             path, context = str(SOURCE / "msg" / (name + ".msg")), genmsg.MsgContext.create_default()
             spec = genmsg.msg_loader.load_msg_from_file(context, path, "pliant/" + name)
-            tree = rosidl_parser.parser.parse_idl_file(idl.IdlLocator(self.package.parent, pathlib.Path("pliant_msgs/msg/%s.idl" % name)))
+            tree = rosidl_parser.parser.parse_idl_file(idl.IdlLocator(self.package.parent,
+                                                                      pathlib.Path("pliant_msgs/msg/%s.idl" % name)))
             message, = tree.content.get_elements_of_type(idl.Message)
             self.assertEqual([(member.name,) + idl_type_of(member.type) for member in message.structure.members],
                              [(field.name,) + ros2_type_of(field) for field in spec.parsed_fields()], name)
@@ -147,7 +152,8 @@ class Ros2Package(unittest.TestCase):
                 left_out.append(name)
                 continue
             read = rosidl_adapter.parser.parse_service_file("pliant_msgs", str(self.package / "srv" / (name + ".srv")))
-            self.assertEqual([[(str(field.type), field.name) for field in part.fields] for part in (read.request, read.response)],
+            self.assertEqual([[(str(field.type), field.name) for field in part.fields]
+                              for part in (read.request, read.response)],
                              fields, name)
         self.assertEqual(sorted(ros2 + left_out), ros1)
         self.assertEqual(re.findall(r"^(\w+) is left out", self.printed, re.MULTILINE), left_out)

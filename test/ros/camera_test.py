@@ -66,7 +66,8 @@ class CameraTest(unittest.TestCase):
         place = POINT + [0, -AWAY, 0]
         # optical: x to the patient's left, y to the feet, z to the back: a quarter turn about x; AMBF: x to the front,
         # y left, z to the head
-        cls.frames.sendTransform([transform("front_optical", place, (-HALF, 0, 0, HALF)), transform("scope", place, (0, 0, -HALF, HALF))])
+        cls.frames.sendTransform([transform("front_optical", place, (-HALF, 0, 0, HALF)),
+                                  transform("scope", place, (0, 0, -HALF, HALF))])
         cls.pictures = None
         cls.diagnostics = rospy.Subscriber("/diagnostics", DiagnosticArray, cls.count)
         cls.tool = Tool("grasper", "tissue")
@@ -112,7 +113,8 @@ class CameraTest(unittest.TestCase):
             ("image_raw", Image), ("depth/image_rect", Image), ("label/image_raw", Image), ("points", PointCloud2)))
         self.assertEqual(self.names[picked(POINT, (0, -1, 0), -1e9).material], "organ")
         before = pixels_of(wait_for(lambda: depth.message, "depth"))
-        picture, tissue = pixels_of(wait_for(lambda: image.message, "a picture")), pixels_of(wait_for(lambda: label.message, "labels"))
+        picture, tissue = (pixels_of(wait_for(lambda: image.message, "a picture")),
+                           pixels_of(wait_for(lambda: label.message, "labels")))
         self.assertEqual(image.message.header.frame_id, "front_optical")
         middle = before[60, 80]
         self.assertTrue(0.1 < middle < AWAY)  # the abdominal wall lies in front of the liver
@@ -122,7 +124,8 @@ class CameraTest(unittest.TestCase):
         self.assertAlmostEqual(middle, there.distance, delta=1e-3)
         self.assertTrue(((tissue > 0) == numpy.isfinite(before)).mean() > 0.98)
         place, colours = points_of(wait_for(lambda: points.message, "points"))
-        numpy.testing.assert_allclose(place[60, 80], [0.5 / 138.56 * place[60, 80, 2], 0.5 / 138.56 * place[60, 80, 2], place[60, 80, 2]], atol=1e-4)
+        numpy.testing.assert_allclose(place[60, 80], [0.5 / 138.56 * place[60, 80, 2], 0.5 / 138.56 * place[60, 80, 2],
+                                                      place[60, 80, 2]], atol=1e-4)
         self.assertAlmostEqual(place[60, 80, 2], middle, delta=1e-3)
         self.assertTrue((colours[60, 80] == picture[60, 80]).all())
 
@@ -131,7 +134,8 @@ class CameraTest(unittest.TestCase):
         self.tool.appear(wall)
         self.tool.take_hold(contact)
         self.tool.position = list(wall - [0, 0.02, 0])
-        nearer = wait_for(lambda: (lambda now: now if before[60, 80] - now[60, 80] > 0.008 else None)(pixels_of(depth.message)), "the wall to come nearer")
+        nearer = wait_for(lambda: (lambda now: now if before[60, 80] - now[60, 80] > 0.008
+                                   else None)(pixels_of(depth.message)), "the wall to come nearer")
         moved = numpy.where(numpy.isfinite(before) & numpy.isfinite(nearer), before - nearer, 0)
         self.assertLess(moved[60, 80], 0.03)
         # at the point, and not at the side
@@ -140,8 +144,10 @@ class CameraTest(unittest.TestCase):
             latest.close()
 
     def test_two_eyes_see_bone_through_the_wall(self):
-        left, right, cloud = Latest("scope/left/depth/image_rect", Image), Latest("scope/right/depth/image_rect", Image), Latest("scope/left/points", PointCloud2)
-        a, b = pixels_of(wait_for(lambda: left.message, "a left eye")), pixels_of(wait_for(lambda: right.message, "a right eye"))
+        left, right, cloud = (Latest("scope/left/depth/image_rect", Image),
+                              Latest("scope/right/depth/image_rect", Image), Latest("scope/left/points", PointCloud2))
+        a, b = (pixels_of(wait_for(lambda: left.message, "a left eye")),
+                pixels_of(wait_for(lambda: right.message, "a right eye")))
         self.assertGreater(numpy.isfinite(a).mean(), 0.02)
         self.assertGreater(numpy.nanmin(a), 0.15)
         self.assertTrue((numpy.nan_to_num(a) != numpy.nan_to_num(b)).any())
@@ -151,15 +157,19 @@ class CameraTest(unittest.TestCase):
         row, column = numpy.argwhere(seen)[0]
         z = -place[row, column, 0]
         focal = 40 / numpy.tan(numpy.radians(25))
-        numpy.testing.assert_allclose(place[row, column, 1:], [(column - 39.5) / focal * z, -(row - 29.5) / focal * z], atol=1e-5)
+        numpy.testing.assert_allclose(place[row, column, 1:], [(column - 39.5) / focal * z, -(row - 29.5) / focal * z],
+                                      atol=1e-5)
         for latest in (left, right, cloud):
             latest.close()
 
     def test_disparity_of_two_eyes_is_what_depth_and_calibration_tell(self):
         stamps = {"left": [], "right": []}
-        watched = [rospy.Subscriber("/tissue/scope/%s/image_raw" % side, Image, lambda message, side=side: stamps[side].append(message.header.stamp)) for side in stamps]
+        watched = [rospy.Subscriber("/tissue/scope/%s/image_raw" % side, Image,
+                                    lambda message, side=side: stamps[side].append(message.header.stamp))
+                   for side in stamps]
         pictures = [Latest("scope/%s/image_raw" % side, Image) for side in ("left", "right")]
-        depths, info = [Latest("scope/%s/depth/image_rect" % side, Image) for side in ("left", "right")], Latest("scope/right/camera_info", CameraInfo)
+        depths, info = ([Latest("scope/%s/depth/image_rect" % side, Image) for side in ("left", "right")],
+                        Latest("scope/right/camera_info", CameraInfo))
         for latest in pictures + depths + [info]:
             self.addCleanup(latest.close)
         for each in watched:

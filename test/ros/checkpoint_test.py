@@ -65,7 +65,8 @@ class CheckpointTest(unittest.TestCase):
         change = rospy.ServiceProxy(NAMESPACE + "sim/set_parameters", Reconfigure)
         change(Config(doubles=[DoubleParameter("gravity_z", -1.5)]))
         corners = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]
-        placed = call("register", Register, Header(frame_id="world"), [Point(*p) for p in corners], [Point(x, y, z + 0.25) for x, y, z in corners], 0)
+        placed = call("register", Register, Header(frame_id="world"), [Point(*p) for p in corners],
+                      [Point(x, y, z + 0.25) for x, y, z in corners], 0)
         self.assertTrue(placed.success, placed.message)
         front, materials = node.front(), node.info.message.material_names
         line = [Point(front[0] + 0.03, front[1] - 0.1, front[2] + dz) for dz in (-0.03, 0.03)]
@@ -87,7 +88,8 @@ class CheckpointTest(unittest.TestCase):
         seconds = self.runs_again(killed)
         print("back after %.2f s (asked: 5): %s" % (seconds, node.state.message.message))
         self.assertRegex(node.state.message.message, "went on from .*session.checkpoint.* 1 cuts, grasper was holding")
-        wait_for(lambda: node.topology.message.header.stamp > killed and len(node.topology.message.cut_end) == 1, "the topology with its cut")
+        wait_for(lambda: node.topology.message.header.stamp > killed and len(node.topology.message.cut_end) == 1,
+                 "the topology with its cut")
         self.assertGreater(node.topology.message.revision, topology.revision)
         self.assertEqual(node.topology.message.severed, topology.severed)
         self.assertEqual(node.info.since(killed).material_names, materials)
@@ -96,7 +98,8 @@ class CheckpointTest(unittest.TestCase):
         after = self.nodes()
         print("nodes differ by %.2e m at most" % numpy.abs(after - before).max())
         self.assertLess(numpy.abs(after - before).max(), 2e-5)
-        wait_for(lambda: abs(force.fresh().wrench.force.y - pulled) < 0.01 * abs(pulled), "the force, which rises over 0.2 s")
+        wait_for(lambda: abs(force.fresh().wrench.force.y - pulled) < 0.01 * abs(pulled),
+                 "the force, which rises over 0.2 s")
         self.assertEqual(self.session.since(killed).gravity[2], -1.5)
         frames = tf2_ros.Buffer()
         tf2_ros.TransformListener(frames)
@@ -108,7 +111,8 @@ class CheckpointTest(unittest.TestCase):
         wait_for(lambda: not node.contact.fresh().grasped, "the tool to let go")
 
     def test_3_an_instrument_that_is_exchanged_has_another_shape(self):
-        step, tool_type = Latest("step", Step), rospy.Publisher(NAMESPACE + "grasper/tool_type", String, queue_size=1, latch=True)
+        step, tool_type = (Latest("step", Step), rospy.Publisher(NAMESPACE + "grasper/tool_type", String, queue_size=1,
+                                                                 latch=True))
         self.assertEqual(len(step.fresh().tools[0].shape), 0)
         before = []
         for name in ("LARGE_NEEDLE_DRIVER:400006", "PERMANENT_CAUTERY_HOOK:400183"):
@@ -126,13 +130,15 @@ class CheckpointTest(unittest.TestCase):
         killed = self.kill()
         self.runs_again(killed)
         told = self.session.since(killed)
-        self.assertEqual([told.mesh_rate, told.gravity[2]], [20, -1.5], "what it is started with holds, and what was set live")
+        self.assertEqual([told.mesh_rate, told.gravity[2]], [20, -1.5],
+                         "what it is started with holds, and what was set live")
         self.assertIn("went on from", self.node.state.message.message)
         frames = tf2_ros.Buffer()
         tf2_ros.TransformListener(frames)
 
         def height():
-            return frames.can_transform("world", "tissue", rospy.Time(0)) and frames.lookup_transform("world", "tissue", rospy.Time(0)).transform.translation.z
+            return (frames.can_transform("world", "tissue", rospy.Time(0))
+                    and frames.lookup_transform("world", "tissue", rospy.Time(0)).transform.translation.z)
         wait_for(lambda: height() == 0.5, "the new pose")
 
     def test_2_what_does_not_fit_is_refused_and_kept(self):

@@ -41,7 +41,8 @@ class ClockTest(unittest.TestCase):
         self.clock = rospy.Publisher("/clock", Clock, queue_size=1)
         diagnostics = Latest("/diagnostics", DiagnosticArray)
         stands_still = re.compile("time stands still.*/clock")
-        wait_for(lambda: diagnostics.message and any(stands_still.search(status.message) for status in diagnostics.message.status),
+        wait_for(lambda: diagnostics.message and any(stands_still.search(status.message)
+                                                     for status in diagnostics.message.status),
                  "a word on the clock that nobody sends")
         diagnostics.close()
         threading.Thread(target=self.run_clock, daemon=True).start()
@@ -90,7 +91,8 @@ class ClockTest(unittest.TestCase):
         wait_for(lambda: not node.contact.message.grasped, "the arm to be gone")
         self.assertEqual(rospy.get_time(), before, "time stands still")
         diagnostics = Latest("/diagnostics", DiagnosticArray)
-        wait_for(lambda: diagnostics.message and any("time stands still, and no pose" in status.message for status in diagnostics.message.status), "the reason")
+        wait_for(lambda: diagnostics.message and any("time stands still, and no pose" in status.message
+                                                     for status in diagnostics.message.status), "the reason")
         step = node.mesh.fresh().step
         wait_for(lambda: node.mesh.message.step > step + 10, "steps by the machine's clock")
 

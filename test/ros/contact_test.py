@@ -38,7 +38,8 @@ OPEN, CLOSED = 0.7, 0.2  # [rad]: on the tissue, and below jaw_close
 def write_tongue(path):
     """Write a tongue of one tissue as a MetaImage."""
     with open(path, "wb") as file:
-        file.write(("ObjectType = Image\nNDims = 3\nDimSize = %d %d %d\nElementSpacing = %g %g %g\nOffset = %g %g %g\nBinaryData = True\n"
+        file.write(("ObjectType = Image\nNDims = 3\nDimSize = %d %d %d\nElementSpacing = %g %g %g\nOffset = %g %g %g\n"
+                    "BinaryData = True\n"
                     "BinaryDataByteOrderMSB = False\nElementType = MET_SHORT\nElementDataFile = LOCAL\n" %
                     (VOXELS + SPACING + tuple(0.5 * each for each in SPACING))).encode())
         file.write(numpy.full(VOXELS[::-1], 100, "<i2").tobytes())
@@ -79,7 +80,8 @@ class Arm:
 
     def way(self, begin, end, steps, angles=(OPEN, OPEN)):
         for share in numpy.linspace(0, 1, steps + 1)[1:]:
-            self.go((1 - share) * numpy.asarray(begin) + share * numpy.asarray(end), (1 - share) * angles[0] + share * angles[1])
+            self.go((1 - share) * numpy.asarray(begin) + share * numpy.asarray(end), (1 - share) * angles[0] + share *
+                    angles[1])
 
 
 class Pairs:
@@ -87,15 +89,18 @@ class Pairs:
 
     def __init__(self, tool):
         self.wrenches, self.all = {}, []
-        self.subscribers = [rospy.Subscriber(NAMESPACE + tool + "/contact", ContactState, self.all.append, queue_size=100),
-                            rospy.Subscriber(NAMESPACE + tool + "/measured_cf", WrenchStamped, self.take, queue_size=100)]
+        self.subscribers = [rospy.Subscriber(NAMESPACE + tool + "/contact", ContactState, self.all.append,
+                                             queue_size=100),
+                            rospy.Subscriber(NAMESPACE + tool + "/measured_cf", WrenchStamped, self.take,
+                                             queue_size=100)]
 
     def take(self, message):
         force, torque = message.wrench.force, message.wrench.torque
         self.wrenches[message.header.stamp] = numpy.array([force.x, force.y, force.z, torque.x, torque.y, torque.z])
 
     def told(self):
-        return [(contact, self.wrenches[contact.header.stamp]) for contact in list(self.all) if contact.header.stamp in self.wrenches]
+        return [(contact, self.wrenches[contact.header.stamp]) for contact in list(self.all)
+                if contact.header.stamp in self.wrenches]
 
     def close(self):
         for subscriber in self.subscribers:
@@ -127,7 +132,8 @@ class ContactTest(unittest.TestCase):
         for name, text in (("materials.yaml", MATERIALS), ("scene.yaml", SCENE), ("params.yaml", PARAMS)):
             with open(folder + "/" + name, "w") as file:
                 file.write(text)
-        cls.live = Launch("crtk.launch", arms="PSM1 PSM2", scan=folder + "/tongue.mha", scan_root=folder, scene=folder + "/scene.yaml",
+        cls.live = Launch("crtk.launch", arms="PSM1 PSM2", scan=folder + "/tongue.mha", scan_root=folder,
+                          scene=folder + "/scene.yaml",
                           params=folder + "/params.yaml", shape="tool_type", grasp="auto", slip="0")
         try:
             cls.node, cls.steps = Node("PSM1"), Latest("step", Step)
@@ -171,12 +177,14 @@ class ContactTest(unittest.TestCase):
 
         def agrees(contact, wrench):
             told = pressed(contact, row(contact.proxy.position))
-            return numpy.allclose(told[:3], wrench[:3], rtol=1e-9, atol=1e-12) and numpy.allclose(told[3:], wrench[3:], rtol=1e-9, atol=1e-14)
+            return (numpy.allclose(told[:3], wrench[:3], rtol=1e-9, atol=1e-12)
+                    and numpy.allclose(told[3:], wrench[3:], rtol=1e-9, atol=1e-14))
 
         def risen():
             """Return five consecutive pairs with contact and equal forces: the filtered force rises over 0.2 s."""
             last = pairs.told()[-5:]
-            return len(last) == 5 and all(contact.points and agrees(contact, wrench) for contact, wrench in last) and last
+            return (len(last) == 5 and all(contact.points and agrees(contact, wrench) for contact, wrench in last)
+                    and last)
         for contact, wrench in wait_for(risen, "contacts whose forces are those that are felt"):
             self.assertTrue(contact.present and not contact.grasped)
             self.assertEqual({len(contact.normals), len(contact.forces), len(contact.areas)}, {len(contact.points)})
@@ -191,7 +199,8 @@ class ContactTest(unittest.TestCase):
 
     def diagnosed(self, name):
         """Return the last (status, values) of the diagnostics with this name."""
-        found = [each for each in self.diagnostics.message.status if each.name.endswith(": " + name)] if self.diagnostics.message else []
+        found = ([each for each in self.diagnostics.message.status if each.name.endswith(": " + name)]
+                 if self.diagnostics.message else [])
         return found and (found[0], {each.key: each.value for each in found[0].values})
 
     def load(self, *options):
@@ -202,7 +211,8 @@ class ContactTest(unittest.TestCase):
         """Load the scan with these limits of group contact, press the top of the tongue with the probe, and stay
         there. Return the probe's contact after 0.5 s."""
         self.load(*("contact/%s=%g" % each for each in limits.items()))
-        self.addCleanup(lambda: self.load(*("contact/%s=%g" % (name, {"max_force": 20, "coupling_stiffness": 1e6}[name]) for name in limits)))
+        self.addCleanup(lambda: self.load(*("contact/%s=%g" % (name, {"max_force": 20, "coupling_stiffness": 1e6}[name])
+                                            for name in limits)))
         self.addCleanup(lambda: self.probe.way(TOP - [0, 0, deep], TOP + [0, 0, 0.08], 8))
         self.probe.way(TOP + [0, 0, 0.01], TOP - [0, 0, deep], 10)
         contacts = Latest("PSM2/contact", ContactState)
@@ -237,16 +247,19 @@ class ContactTest(unittest.TestCase):
             shown.setdefault(marker.ns, []).append(marker)
         solid, ghost = shown["PSM2/proxy"], shown["PSM2/measured"]
         self.assertEqual({each.color.a for each in solid + ghost}, {0.25, 1})
-        self.assertTrue(all(each.color.a == 1 for each in solid) and all(each.action == Marker.ADD for each in solid + ghost))
+        self.assertTrue(all(each.color.a == 1 for each in solid)
+                        and all(each.action == Marker.ADD for each in solid + ghost))
         apart = row(ghost[-1].pose.position) - row(solid[-1].pose.position)
         numpy.testing.assert_allclose(apart, error, rtol=0, atol=1e-3)
 
         def warns():  # once per second; the first one may belong to an earlier step
             found = self.diagnosed("tool PSM2")
-            return found and "force limit" in found[0].message and abs(float(found[1]["proxy error [mm]"]) - 1e3 * numpy.linalg.norm(error)) < 0.1 and found
+            return (found and "force limit" in found[0].message
+                    and abs(float(found[1]["proxy error [mm]"]) - 1e3 * numpy.linalg.norm(error)) < 0.1 and found)
         status, values = wait_for(warns, "a warning of the force limit with the error that the contact has")
         self.assertEqual((status.level, values["force limit reached"]), (DiagnosticStatus.WARN, "True"))
-        solver = wait_for(lambda: self.diagnosed("solver") and int(self.diagnosed("solver")[1]["steps in the last second that ended early"]) > 0 and
+        solver = wait_for(lambda: self.diagnosed("solver")
+                          and int(self.diagnosed("solver")[1]["steps in the last second that ended early"]) > 0 and
                           self.diagnosed("solver")[1], "steps that ended early")
         self.assertIn("contact/max_force", solver["reason of the last step that ended early"])
         self.assertGreaterEqual(int(solver["legs"]), 1)
@@ -292,7 +305,8 @@ class ContactTest(unittest.TestCase):
         self.assertEqual((contact.grasped, contact.held_nodes), (False, 0))
         self.assertGreater(pressed(contact, up)[2], 0.01)
         lifted = self.lifted()
-        print("lifted by %.2f mm, %.2f before, with %.3f N at %d points" % (1e3 * lifted, 1e3 * before, pressed(contact, up)[2], len(contact.points)))
+        print("lifted by %.2f mm, %.2f before, with %.3f N at %d points" %
+              (1e3 * lifted, 1e3 * before, pressed(contact, up)[2], len(contact.points)))
         self.assertGreater(lifted, before + 0.0015)
         away = place + [0, 0, 0.02]
         self.forceps.way(up, away, 34, (CLOSED, CLOSED))
@@ -310,7 +324,8 @@ class ContactTest(unittest.TestCase):
 
         def warns():
             found = self.diagnosed("tool PSM1")
-            return found and "force limit" in found[0].message and abs(float(found[1]["jaw error [rad]"]) - contact.jaw_error) < 0.02
+            return (found and "force limit" in found[0].message
+                    and abs(float(found[1]["jaw error [rad]"]) - contact.jaw_error) < 0.02)
         wait_for(warns, "a warning of the force limit with the error that the contact has")
         self.leave(place, CLOSED)
 

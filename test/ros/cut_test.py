@@ -57,7 +57,8 @@ class CutTest(unittest.TestCase):
         shutil.rmtree(cls.folder, ignore_errors=True)
         os.makedirs(cls.folder)
         cls.topologies, cls.states = [], []
-        cls.node_topology = rospy.Subscriber(NAMESPACE + "mesh/topology", MeshTopology, cls.topologies.append, buff_size=1 << 26)
+        cls.node_topology = rospy.Subscriber(NAMESPACE + "mesh/topology", MeshTopology, cls.topologies.append,
+                                             buff_size=1 << 26)
         cls.node_state = rospy.Subscriber(NAMESPACE + "mesh/state", MeshState, cls.states.append, buff_size=1 << 26)
         cls.state, cls.cut, cls.by_service = Latest("step", Step), Latest("knife/cut", Cut), Latest("cut", Cut)
         cls.blade = rospy.Publisher(NAMESPACE + "knife/blade", Bool, queue_size=1, latch=True)
@@ -81,11 +82,13 @@ class CutTest(unittest.TestCase):
     def wait_for_revision(self, revision):
         """Wait for this revision. Return its topology, which must be the last one."""
         wait_for(lambda: self.revision() == revision, "revision %d" % revision)
-        return wait_for(lambda: self.topologies[-1] if self.topologies[-1].revision == revision else None, "its topology")
+        return wait_for(lambda: self.topologies[-1] if self.topologies[-1].revision == revision else None,
+                        "its topology")
 
     def appear(self, position):
         self.tool.position, self.tool.is_on = list(position), True
-        wait_for(lambda: self.tool.pose.get_num_connections() and self.blade.get_num_connections(), "the node to listen")
+        wait_for(lambda: self.tool.pose.get_num_connections() and self.blade.get_num_connections(),
+                 "the node to listen")
         wait_for(lambda: self.state.fresh().tools[0].present, "the knife to be there")
 
     def stroke(self, until=1.02):
@@ -113,7 +116,8 @@ class CutTest(unittest.TestCase):
         """Collect the published force of the knife meanwhile: rows of x, y, z [N]."""
         forces = []
         subscriber = rospy.Subscriber(NAMESPACE + "knife/measured_cf", WrenchStamped,
-                                      lambda message: forces.append([message.wrench.force.x, message.wrench.force.y, message.wrench.force.z]))
+                                      lambda message: forces.append([message.wrench.force.x, message.wrench.force.y,
+                                                                     message.wrench.force.z]))
         wait_for(lambda: forces, "knife/measured_cf")
         try:
             yield forces
@@ -155,7 +159,8 @@ class CutTest(unittest.TestCase):
         self.assertEqual(self.first.first_cut, len(self.first.triangles) // 3)
         self.assertGreater(len(topology.triangles) // 3, topology.first_cut, "faces of the cut")
         self.assertLess(max(topology.triangles), len(topology.rest_parent) + len(topology.vertex_tetrahedron))
-        cut = wait_for(lambda: self.cut.message if self.cut.message.revision == topology.revision and not self.cut.message.cutting else None, "knife/cut")
+        cut = wait_for(lambda: self.cut.message if self.cut.message.revision == topology.revision
+                       and not self.cut.message.cutting else None, "knife/cut")
         self.assertEqual(cut.stroke, told + 1)
         width, depth = self.high[0] - self.low[0], self.high[1] - self.low[1]
         self.assertGreater(cut.severed_area, 0.4 * width * depth)
@@ -166,7 +171,8 @@ class CutTest(unittest.TestCase):
             self.assertIn(message.revision, known)
             self.assertEqual(len(message.nodes), len(known[message.revision].rest_nodes))
             self.assertLessEqual(known[message.revision].header.stamp, message.header.stamp)
-        self.assertGreater(len(set(message.revision for message in self.states[begin:])), 2, "the topology changes while states stream")
+        self.assertGreater(len(set(message.revision for message in self.states[begin:])), 2,
+                           "the topology changes while states stream")
 
     def test_undo_and_reset(self):
         half = self.stroke(0.5)
@@ -185,10 +191,12 @@ class CutTest(unittest.TestCase):
         self.assertEqual(self.by_service.message.revision, self.first.revision)
 
     def cut_line(self, frame="world"):
-        ends = [[self.low[0] - 0.02, self.low[1] - 0.02, self.height], [self.high[0] + 0.02, self.low[1] - 0.02, self.height]]
+        ends = [[self.low[0] - 0.02, self.low[1] - 0.02, self.height],
+                [self.high[0] + 0.02, self.low[1] - 0.02, self.height]]
         depth = self.high[1] - self.low[1] + 0.04
         if frame == "world":
-            return call("cut", CutLine, Header(frame_id=frame), [Point(*to_world(end)) for end in ends], Vector3(-depth, 0, 0))
+            return call("cut", CutLine, Header(frame_id=frame), [Point(*to_world(end)) for end in ends],
+                        Vector3(-depth, 0, 0))
         return call("cut", CutLine, Header(frame_id=frame), [Point(*end) for end in ends], Vector3(0, depth, 0))
 
     def test_the_service_cuts_in_any_frame(self):
@@ -207,7 +215,8 @@ class CutTest(unittest.TestCase):
             answer = call("cut", CutLine, Header(frame_id="tissue"), line, depth)
             self.assertFalse(answer.success)
             self.assertIn("no area", answer.message)
-        for frame, points in (("nowhere", [Point(), Point(x=1)]), ("tissue", [Point()]), ("tissue", [Point(x=float("nan")), Point()])):
+        for frame, points in (("nowhere", [Point(), Point(x=1)]), ("tissue", [Point()]),
+                              ("tissue", [Point(x=float("nan")), Point()])):
             answer = call("cut", CutLine, Header(frame_id=frame), points, Vector3(z=1))
             self.assertFalse(answer.success)
             self.assertTrue(answer.message)
@@ -220,7 +229,8 @@ class CutTest(unittest.TestCase):
             before = self.topologies[-1].revision
             answer = call("load_scan", LoadScan, "phantom:72x48x60", "", list(options))
             self.assertTrue(answer.success, answer.message)
-            type(self).first = wait_for(lambda: self.topologies[-1] if self.topologies[-1].revision > before else None, "the mesh", SECONDS)
+            type(self).first = wait_for(lambda: self.topologies[-1] if self.topologies[-1].revision > before else None,
+                                        "the mesh", SECONDS)
         try:
             load(options)
             yield
@@ -248,13 +258,16 @@ class CutTest(unittest.TestCase):
 
     def test_what_switches_the_blade(self):
         def load(trigger):
-            answer = call("load_scan", LoadScan, "phantom:72x48x60", "", ["mesh/coarse_cells=6 5 5", "cut/trigger=" + trigger])
+            answer = call("load_scan", LoadScan, "phantom:72x48x60", "",
+                          ["mesh/coarse_cells=6 5 5", "cut/trigger=" + trigger])
             self.assertTrue(answer.success, answer.message)
             wait_for(lambda: not self.state.fresh().tools[0].present, "the knife to be away")
         with self.loaded("cut/trigger=energy", "mesh/coarse_cells=6 5 5"):
-            self.parts_while(lambda: self.energy.publish(Joy(buttons=[1])), lambda: self.energy.publish(Joy(buttons=[0])), "the pedal")
+            self.parts_while(lambda: self.energy.publish(Joy(buttons=[1])),
+                             lambda: self.energy.publish(Joy(buttons=[0])), "the pedal")
             load("jaw")
-            self.parts_while(lambda: setattr(self.tool, "closed", True), lambda: setattr(self.tool, "closed", False), "the jaw")
+            self.parts_while(lambda: setattr(self.tool, "closed", True), lambda: setattr(self.tool, "closed", False),
+                             "the jaw")
             load("always")
             self.appear([self.low[0] - 0.01, 0, self.height])  # without pedal, jaw and command
             self.assertTrue(self.state.fresh().tools[0].cuts)
@@ -285,11 +298,13 @@ class CutTest(unittest.TestCase):
             """Return whether marker and points have the nodes and triangles of this topology."""
             wait_for(lambda: len(shown["mesh/marker"].fresh().points) == len(topology.triangles), "mesh/marker")
             wait_for(lambda: shown["mesh/points"].fresh().width == len(topology.rest_parent), "mesh/points")
-        shown = {topic: Latest(topic, kind) for topic, kind in (("mesh/marker", Marker), ("mesh/points", PointCloud2), ("volume/slice/sagittal", Image))}
+        shown = {topic: Latest(topic, kind) for topic, kind in (("mesh/marker", Marker), ("mesh/points", PointCloud2),
+                                                                ("volume/slice/sagittal", Image))}
         grasper, contact = Tool("grasper", "tissue"), Latest("grasper/contact", ContactState)
         self.addCleanup(lambda: [latest.close() for latest in list(shown.values()) + [contact]])
         self.addCleanup(grasper.reset)
-        whole, slice_of_whole = saved("whole.nii.gz"), wait_for(lambda: shown["volume/slice/sagittal"].message and pixels(), "the slice")
+        whole, slice_of_whole = (saved("whole.nii.gz"),
+                                 wait_for(lambda: shown["volume/slice/sagittal"].message and pixels(), "the slice"))
         follows(self.first)
         answer = self.cut_line()
         self.assertTrue(answer.success, answer.message)
@@ -314,9 +329,11 @@ class CutTest(unittest.TestCase):
 
     def run_bag(self, kind, *arguments):
         scene = ["--scan", "phantom:72x48x60"]
-        for option in ("mesh/coarse_cells=12 9 10", "mesh/ratio=1", "cut/kind=" + kind, "cut/resistance=0", "material/file=" + rospy.get_param(NAMESPACE + "sim/material/file")):
+        for option in ("mesh/coarse_cells=12 9 10", "mesh/ratio=1", "cut/kind=" + kind, "cut/resistance=0",
+                       "material/file=" + rospy.get_param(NAMESPACE + "sim/material/file")):
             scene += ["--set", option]
-        done = subprocess.run(["pliant_bag", self.folder + "/session.bag"] + scene + list(arguments), stdout=subprocess.PIPE,
+        done = subprocess.run(["pliant_bag", self.folder + "/session.bag"] + scene + list(arguments),
+                              stdout=subprocess.PIPE,
                               stderr=subprocess.PIPE, universal_newlines=True, timeout=4 * SECONDS)
         self.assertEqual(done.returncode, 0, done.stderr)
         return done.stdout
@@ -330,7 +347,8 @@ class CutTest(unittest.TestCase):
             self.assertEqual(len(topology.severed), 0)
             self.assertEqual(len(topology.tetrahedron_parent), len(topology.material) - len(self.first.material))
             self.assertEqual(len(topology.between_share), len(topology.rest_parent) - len(self.first.rest_parent))
-            self.assertGreater(sum(0 < share < 1 for share in topology.between_share), 0.3 * len(topology.between_share), "nodes on edges")
+            self.assertGreater(sum(0 < share < 1 for share in topology.between_share),
+                               0.3 * len(topology.between_share), "nodes on edges")
             self.assertEqual(len(large_pieces(topology)), 2)
             self.assertTrue(call("undo_cut", Trigger).success)
             self.assertTrue(call("undo_cut", Trigger).success)
@@ -356,7 +374,8 @@ class CutTest(unittest.TestCase):
         # immediately
         with rosbag.Bag(self.folder + "/session.bag") as bag:
             start = bag.get_start_time()
-            steps = [(when.to_sec() - start, message.header.stamp) for _, message, when in bag.read_messages(NAMESPACE + "step")]
+            steps = [(when.to_sec() - start, message.header.stamp)
+                     for _, message, when in bag.read_messages(NAMESPACE + "step")]
             states = [(when.to_sec() - start, message.header.stamp, message.revision)
                       for _, message, when in bag.read_messages(NAMESPACE + "mesh/state")]
         self.assertGreater(len(set(revision for _, _, revision in states)), 5)
@@ -366,10 +385,12 @@ class CutTest(unittest.TestCase):
             millisecond."""
             state, step = ([entry for entry in entries if entry[0] <= time][-1] for entries in (states, steps))
             return state[1] == step[1] and not any(time < entry[0] < time + 1e-3 for entry in states + steps)
-        last = next(time for time in (when + 1e-3 for when, _, _ in reversed(states[len(states) // 2:-1])) if is_settled(time))
+        last = next(time for time in (when + 1e-3 for when, _, _ in reversed(states[len(states) // 2:-1]))
+                    if is_settled(time))
         at = ["--at", "%.6f" % last]
         self.run_bag(kind, *at, "--surfaces", "--out", self.folder + "/states")
-        said = self.run_bag(kind, *at, "--simulate", "--out", self.folder + "/again", "--cuts", self.folder + "/cuts.csv")
+        said = self.run_bag(kind, *at, "--simulate", "--out", self.folder + "/again", "--cuts",
+                            self.folder + "/cuts.csv")
         self.assertIn("each as recorded, to the bit", said)
         with open(self.folder + "/cuts.csv") as file:
             rows = list(csv.DictReader(file))
@@ -377,9 +398,11 @@ class CutTest(unittest.TestCase):
         self.assertGreater(max(float(row["severed_area_m2"]) for row in rows), 0)
         surface, = [name for name in os.listdir(self.folder + "/states") if name.endswith(".ply")]
         with open(os.path.join(self.folder, "states", surface)) as file:
-            self.assertTrue(any(line.startswith("3 ") and line.endswith(" 1\n") for line in file), "faces that cuts have made")
+            self.assertTrue(any(line.startswith("3 ") and line.endswith(" 1\n") for line in file),
+                            "faces that cuts have made")
         name = os.listdir(self.folder + "/again")[0]
-        numpy.testing.assert_array_equal(nifti_voxels(self.folder + "/states/" + name), nifti_voxels(self.folder + "/again/" + name))
+        numpy.testing.assert_array_equal(nifti_voxels(self.folder + "/states/" + name),
+                                         nifti_voxels(self.folder + "/again/" + name))
         for folder in ("states", "again"):
             shutil.rmtree(os.path.join(self.folder, folder))
         return topology

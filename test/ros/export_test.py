@@ -38,7 +38,8 @@ def picture_time(n):
 
 
 def tool(name, t, present=True):
-    return ToolInput(name=name, present=present, tip=[t, 2 * t, -t], rotation=[0, 0.6, 0, 0.8], jaw=0.1 * t, closed=t > 1, cuts=t < 0.5)
+    return ToolInput(name=name, present=present, tip=[t, 2 * t, -t], rotation=[0, 0.6, 0, 0.8], jaw=0.1 * t,
+                     closed=t > 1, cuts=t < 0.5)
 
 
 def picture(t, colours):
@@ -61,8 +62,10 @@ class Export(unittest.TestCase):
             for n in range(200):  # after a reset at 1.5 s the other tool is absent
                 t, first = step_time(n), n < 130
                 tools = [tool("grasper", t), tool("/PSM1", t, first)]
-                write("/tissue/step", t, Step(step=n if first else n - 130, sequence=(n if first else n - 130) + 1, tools=tools))
-                write("/tissue/grasper/body/measured_cf", t, WrenchStamped(wrench=Wrench(Vector3(t, 0, 5), Vector3(0, -t, 1))))
+                write("/tissue/step", t, Step(step=n if first else n - 130, sequence=(n if first else n - 130) + 1,
+                                              tools=tools))
+                write("/tissue/grasper/body/measured_cf", t,
+                      WrenchStamped(wrench=Wrench(Vector3(t, 0, 5), Vector3(0, -t, 1))))
                 if n % 3 == 0:
                     write("/PSM1/body/measured_cf", t, WrenchStamped(wrench=Wrench(Vector3(0, n, 0), Vector3())))
                     write("/tissue/grasper/contact", t, ContactState(tool="grasper", touching=True, grasped=n > 60))
@@ -78,16 +81,19 @@ class Export(unittest.TestCase):
 
     def run_bag(self, *arguments):
         environment = dict(os.environ, PATH=os.path.dirname(sys.executable) + ":" + os.environ["PATH"])
-        done = subprocess.run(["pliant_bag", self.bag] + list(arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, universal_newlines=True,
+        done = subprocess.run(["pliant_bag", self.bag] + list(arguments), stdout=subprocess.PIPE,
+                              stderr=subprocess.PIPE, universal_newlines=True,
                               env=environment, timeout=60)
         return done.returncode, done.stdout, done.stderr
 
     def assert_arrays(self, folder):
         array = {name[:-4]: np.load(folder + "/" + name) for name in os.listdir(folder) if name.endswith(".npy")}
-        self.assertEqual(sorted(array), ["action", "episodes", "image_eye_left", "image_eye_left_label", "index_eye_left", "index_eye_left_label", "state", "steps", "times"])
+        self.assertEqual(sorted(array), ["action", "episodes", "image_eye_left", "image_eye_left_label",
+                                         "index_eye_left", "index_eye_left_label", "state", "steps", "times"])
         with open(folder + "/columns.json") as file:
             columns = json.load(file)
-        self.assertEqual(columns["state"], [name + "/" + each for name in ("grasper", "/PSM1") for each in MOTION + SENSE])
+        self.assertEqual(columns["state"], [name + "/" + each for name in ("grasper", "/PSM1")
+                                            for each in MOTION + SENSE])
         self.assertEqual(columns["action"], [name + "/" + each for name in ("grasper", "/PSM1") for each in MOTION])
         # from the first picture to the last step before the reset, and from there to the end
         times = np.concatenate([0.315 + 0.1 * np.arange(12), 1.5 + 0.1 * np.arange(7)])
@@ -108,10 +114,12 @@ class Export(unittest.TestCase):
             self.assertEqual(len(array["image_" + name]), array["index_" + name].max() + 1)
             self.assertEqual(len(np.unique(array["image_" + name], axis=0)), len(array["image_" + name]))
         for row, t in enumerate(times):
-            seen = np.arange(72).reshape(4, 6, 3) + 10 * (np.searchsorted([picture_time(n) for n in range(20)], t + 1e-6) - 1)
+            seen = np.arange(72).reshape(4, 6,
+                                         3) + 10 * (np.searchsorted([picture_time(n) for n in range(20)], t + 1e-6) - 1)
             # red first
             np.testing.assert_array_equal(array["image_eye_left"][array["index_eye_left"][row]], seen[:, :, ::-1])
-            np.testing.assert_array_equal(array["image_eye_left_label"][array["index_eye_left_label"][row]], seen.reshape(-1)[:24].reshape(4, 6))
+            np.testing.assert_array_equal(array["image_eye_left_label"][array["index_eye_left_label"][row]],
+                                          seen.reshape(-1)[:24].reshape(4, 6))
         return array
 
     def test_arrays_are_the_bag(self):
@@ -124,7 +132,8 @@ class Export(unittest.TestCase):
         folder = self.folder + "/often"
         code, _, errors = self.run_bag("--export", "numpy", "--rate", "200", "--out", folder)
         self.assertEqual(code, 0, errors)
-        times, pictures, index = (np.load(folder + "/%s.npy" % name) for name in ("times", "image_eye_left", "index_eye_left"))
+        times, pictures, index = (np.load(folder + "/%s.npy" % name)
+                                  for name in ("times", "image_eye_left", "index_eye_left"))
         self.assertGreater(len(times), 300)
         self.assertEqual([len(pictures), len(index)], [19, len(times)])  # the last of 20 is after the last step
         newest = np.searchsorted([picture_time(n) for n in range(20)], times + 1e-6) - 1
@@ -132,7 +141,8 @@ class Export(unittest.TestCase):
 
     def test_lerobot_has_its_layout_or_says_what_is_missing(self):
         folder = self.folder + "/dataset"
-        code, said, errors = self.run_bag("--export", "lerobot", "--rate", str(RATE), "--task", "retract", "--out", folder)
+        code, said, errors = self.run_bag("--export", "lerobot", "--rate", str(RATE), "--task", "retract", "--out",
+                                          folder)
         array = self.assert_arrays(folder + "/numpy")
         if not has_pyarrow:
             self.assertEqual(code, 1, said)
@@ -141,20 +151,24 @@ class Export(unittest.TestCase):
         self.assertEqual(code, 0, errors)
         with open(folder + "/meta/info.json") as file:
             info = json.load(file)
-        self.assertEqual([info[key] for key in ("codebase_version", "fps", "total_episodes", "total_frames")], ["v2.1", RATE, 2, 19])
+        self.assertEqual([info[key] for key in ("codebase_version", "fps", "total_episodes", "total_frames")],
+                         ["v2.1", RATE, 2, 19])
         lines = {}
         for name in ("episodes", "episodes_stats", "tasks"):
             with open(folder + "/meta/%s.jsonl" % name) as file:
                 lines[name] = [json.loads(line) for line in file]
-        self.assertEqual(lines["episodes"], [{"episode_index": e, "tasks": ["retract"], "length": n} for e, n in ((0, 12), (1, 7))])
+        self.assertEqual(lines["episodes"], [{"episode_index": e, "tasks": ["retract"], "length": n}
+                                             for e, n in ((0, 12), (1, 7))])
         self.assertEqual(lines["tasks"], [{"task_index": 0, "task": "retract"}])
         key, begin = "observation.images.eye_left", 0
         for episode, length in enumerate((12, 7)):
             where = {"episode_chunk": 0, "episode_index": episode, "video_key": key}
             table = pyarrow.parquet.read_table(folder + "/" + info["data_path"].format(**where)).to_pydict()
             rows = slice(begin, begin + length)
-            np.testing.assert_array_equal(np.array(table["observation.state"], np.float32), array["state"][rows].astype(np.float32))
-            np.testing.assert_array_equal(np.array(table["action"], np.float32), array["action"][rows].astype(np.float32))
+            np.testing.assert_array_equal(np.array(table["observation.state"], np.float32),
+                                          array["state"][rows].astype(np.float32))
+            np.testing.assert_array_equal(np.array(table["action"], np.float32),
+                                          array["action"][rows].astype(np.float32))
             np.testing.assert_allclose(table["timestamp"], np.arange(length) / RATE, atol=1e-6)
             self.assertEqual(table["index"], list(range(begin, begin + length)))
             self.assertEqual([set(table["episode_index"]), set(table["task_index"])], [{episode}, {0}])
@@ -181,8 +195,10 @@ class Export(unittest.TestCase):
 
     def test_what_is_wrong_is_told(self):
         out = ["--out", self.folder + "/none"]
-        for code, words, arguments in ((2, "numpy or lerobot", ["--export", "csv"] + out), (2, "--out", ["--export", "numpy"]),
-                                       (2, "--rate", ["--export", "numpy", "--rate", "0.5"] + out), (2, "--at", ["--export", "numpy", "--at", "1"] + out),
+        for code, words, arguments in ((2, "numpy or lerobot", ["--export", "csv"] + out),
+                                       (2, "--out", ["--export", "numpy"]),
+                                       (2, "--rate", ["--export", "numpy", "--rate", "0.5"] + out),
+                                       (2, "--at", ["--export", "numpy", "--at", "1"] + out),
                                        (1, "--ns", ["--export", "numpy", "--ns", "other"] + out)):
             found, _, errors = self.run_bag(*arguments)
             self.assertEqual(found, code, errors)

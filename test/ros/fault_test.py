@@ -111,7 +111,8 @@ class FaultTest(unittest.TestCase):
         tool.appear(self.node.front())
         wait_for(lambda: self.node.contact.fresh().present, "the tool")
         seen = []
-        watch = rospy.Subscriber("/tissue/grasper/contact", type(self.node.contact.message), lambda message: seen.append(message.present))
+        watch = rospy.Subscriber("/tissue/grasper/contact", type(self.node.contact.message),
+                                 lambda message: seen.append(message.present))
         wait_for(lambda: len(seen) > 30, "contact messages")
         watch.unregister()
         self.assertTrue(all(seen), "it comes and goes")
@@ -119,7 +120,8 @@ class FaultTest(unittest.TestCase):
         camera.shutdown()  # while the poses continue
         wait_for(lambda: not self.node.contact.fresh().present, "the tool to be gone")
         self.assertFalse(self.node.contact.fresh().grasped)
-        wait_for(lambda: "has no transform" in self.diagnosis("tool grasper"), "the frame of which nothing more is heard")
+        wait_for(lambda: "has no transform" in self.diagnosis("tool grasper"),
+                 "the frame of which nothing more is heard")
 
     def test_a_short_gap_keeps_the_hold_and_a_long_one_says_why_it_is_lost(self):
         self.load_small()
@@ -204,8 +206,10 @@ class FaultTest(unittest.TestCase):
             boxes[:] = [wait_for(volume.copy, "the whole volume")]
             first = volume.sequence
             ask.publish()
-            return wait_for(lambda: volume.since_whole == 0 and volume.sequence > first and volume.copy(), "the whole volume again")
-        wait_for(lambda: numpy.array_equal(whole_again(), boxes[0]), "what is put together to be the whole, small changes, too")
+            return wait_for(lambda: volume.since_whole == 0 and volume.sequence > first and volume.copy(),
+                            "the whole volume again")
+        wait_for(lambda: numpy.array_equal(whole_again(), boxes[0]),
+                 "what is put together to be the whole, small changes, too")
 
     def test_diagnostics_tell_why_there_is_no_tool(self):
         self.load_small()
@@ -251,7 +255,8 @@ class FaultTest(unittest.TestCase):
         self.assertTrue(answer.success, answer.message)
         answer = self.node.set_materials("materials:\n  - {name: air, young_modulus: 10, poisson_ratio: 0, "
                       "density: 1.2, empty: true, range: [-1.0e+9, -900]}\n  - {name: jelly, young_modulus: 3000, "
-                      "poisson_ratio: 0.4, density: 1000, range: [-900, 200]}\n  - {name: stone, young_modulus: 1.0e+6, "
+                      "poisson_ratio: 0.4, density: 1000, range: [-900, 200]}\n"
+                      "  - {name: stone, young_modulus: 1.0e+6, "
                       "poisson_ratio: 0.3, density: 1000, fixed: true, range: [200, 1.0e+9]}\n")
         self.assertTrue(answer.success, answer.message)
         names = ["air", "jelly", "stone"]
@@ -288,7 +293,8 @@ class FaultTest(unittest.TestCase):
             free.bind(("127.0.0.1", 0))
             port = free.getsockname()[1]
         uri = "http://127.0.0.1:%d" % port
-        master, environment = rosgraph.Master("/fault_test", uri), dict(os.environ, ROS_MASTER_URI=uri, ROSCONSOLE_STDOUT_LINE_BUFFERED="1")
+        master, environment = (rosgraph.Master("/fault_test", uri),
+                               dict(os.environ, ROS_MASTER_URI=uri, ROSCONSOLE_STDOUT_LINE_BUFFERED="1"))
         said = tempfile.TemporaryFile("w+")
         self.addCleanup(said.close)
 
@@ -316,11 +322,13 @@ class FaultTest(unittest.TestCase):
             state = answers(master.getSystemState)
             return state and [set(name for name, nodes in kind if "/tissue/sim" in nodes) for kind in state]
         first = start_master()
-        node = start(roslib.packages.find_node("pliant", "pliant_node")[0], "__ns:=/tissue", "__name:=sim", "_scan/path:=" + SMALL, "_tools:=grasper")
+        node = start(roslib.packages.find_node("pliant", "pliant_node")[0], "__ns:=/tissue", "__name:=sim",
+                     "_scan/path:=" + SMALL, "_tools:=grasper")
         wait_for(lambda: known() and "/diagnostics" in known()[0], "the node")
         wait_for(lambda: "/tissue/load_scan" in known()[2], "its services")
         setting = "config: {doubles: [{name: slice_axial, value: 0.25}]}"
-        subprocess.check_call(["rosservice", "call", "/tissue/sim/set_parameters", setting], env=environment, stdout=subprocess.DEVNULL, timeout=60)
+        subprocess.check_call(["rosservice", "call", "/tissue/sim/set_parameters", setting], env=environment,
+                              stdout=subprocess.DEVNULL, timeout=60)
         wait_for(lambda: answers(lambda: master.getParam("/tissue/sim/slice/axial")) == 0.25, "what was set live")
         time.sleep(1.2)  # the watch checks once per second
         before = known()
@@ -330,7 +338,8 @@ class FaultTest(unittest.TestCase):
         wait_for(lambda: known() == before, "the same topics and services")
         wait_for(lambda: answers(lambda: master.getParam("/tissue/sim/slice/axial")) == 0.25, "what was set live")
         self.assertEqual(master.getParam("/tissue/sim/scan/path"), SMALL)
-        told = subprocess.run(["rostopic", "echo", "-n", "1", "/diagnostics"], env=environment, stdout=subprocess.PIPE, universal_newlines=True, timeout=60)
+        told = subprocess.run(["rostopic", "echo", "-n", "1", "/diagnostics"], env=environment, stdout=subprocess.PIPE,
+                              universal_newlines=True, timeout=60)
         self.assertRegex(told.stdout, 'key: "registered again"\n *value: "1"')
         self.assertNotRegex(told.stdout, 'key: "steps in the last second"\n *value: "0"')
         self.assertIsNone(node.poll())
@@ -340,15 +349,18 @@ class FaultTest(unittest.TestCase):
     def test_wrong_parameters_end_the_node(self):
         for name, value, named in (("solver/itterations", 3, "solver/iterations"), ("mesh/ratio", 99, "mesh/ratio"),
                                    ("tools", "a a", "twice"), ("scene", "/nowhere/scene.yaml", "/nowhere/scene.yaml")):
-            ended = subprocess.run(self.wrong_node(name, value), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=60, universal_newlines=True)
+            ended = subprocess.run(self.wrong_node(name, value), stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+                                   timeout=60, universal_newlines=True)
             self.assertEqual(ended.returncode, 1, name)
             self.assertIn(named, ended.stdout)
 
     def test_a_node_that_loads_or_steps_ends_within_a_second(self):
         rospy.set_param("/ending/sim/mesh", {"coarse_cells": [24, 20, 20], "ratio": 2})
-        command = [roslib.packages.find_node("pliant", "pliant_node")[0], "__ns:=/ending", "__name:=sim", "_solver/preconditioner:=direct"]
+        command = [roslib.packages.find_node("pliant", "pliant_node")[0], "__ns:=/ending", "__name:=sim",
+                   "_solver/preconditioner:=direct"]
         state = Latest("/ending/state", SimState)
-        for number, scan, wanted in ((signal.SIGINT, "phantom:120x90x80", SimState.LOADING), (signal.SIGTERM, "phantom:120x90x80", SimState.LOADING),
+        for number, scan, wanted in ((signal.SIGINT, "phantom:120x90x80", SimState.LOADING),
+                                     (signal.SIGTERM, "phantom:120x90x80", SimState.LOADING),
                                      (signal.SIGTERM, SMALL, SimState.RUNNING)):
             if wanted == SimState.RUNNING:
                 rospy.delete_param("/ending/sim/mesh")
@@ -369,15 +381,19 @@ class FaultTest(unittest.TestCase):
         folder = tempfile.mkdtemp()
         self.addCleanup(shutil.rmtree, folder)
         with open(folder + "/hand_eye.json", "w") as file:
-            file.write('{"base-frame": {"reference-frame": "camera", "transform": [[0, -1, 0, 0.1], [1, 0, 0, -0.02], [0, 0, 1, 0.2], [0, 0, 0, 1]]}}')
-        command = [roslib.packages.find_node("pliant", "pliant_node")[0], "__ns:=/placed", "__name:=sim", "_scan/path:=" + SMALL, "_parent_frame:=camera",
-                   "_tissue_frame:=placed_tissue", "_registration:=" + folder + "/pose.yaml", "_hand_eye:=PSM1_base=" + folder + "/hand_eye.json"]
+            file.write('{"base-frame": {"reference-frame": "camera", "transform": [[0, -1, 0, 0.1], [1, 0, 0, -0.02], '
+                       '[0, 0, 1, 0.2], [0, 0, 0, 1]]}}')
+        command = [roslib.packages.find_node("pliant", "pliant_node")[0], "__ns:=/placed", "__name:=sim",
+                   "_scan/path:=" + SMALL, "_parent_frame:=camera",
+                   "_tissue_frame:=placed_tissue", "_registration:=" + folder + "/pose.yaml",
+                   "_hand_eye:=PSM1_base=" + folder + "/hand_eye.json"]
         frames = tf2_ros.Buffer()
         tf2_ros.TransformListener(frames)
 
         def height():
             found = frames.can_transform("PSM1_base", "placed_tissue", rospy.Time(0))
-            return found and round(frames.lookup_transform("PSM1_base", "placed_tissue", rospy.Time(0)).transform.translation.z, 9)
+            return (found and round(frames.lookup_transform("PSM1_base", "placed_tissue",
+                                                            rospy.Time(0)).transform.translation.z, 9))
 
         def start():
             node = subprocess.Popen(command)
@@ -388,7 +404,8 @@ class FaultTest(unittest.TestCase):
         wait_for(lambda: height() == -0.2, "the frames")
         corners = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]
         def register(room, tissue=corners):
-            return rospy.ServiceProxy("/placed/register", Register)(Header(frame_id="PSM1_base"), [Point(*p) for p in tissue], room, 0)
+            return rospy.ServiceProxy("/placed/register", Register)(Header(frame_id="PSM1_base"),
+                                                                    [Point(*p) for p in tissue], room, 0)
         rospy.wait_for_service("/placed/register", 30)
         collinear = register([Point(x + y, 0, 0) for x, y, _ in corners])
         self.assertFalse(collinear.success)
@@ -435,7 +452,8 @@ class FaultTest(unittest.TestCase):
         of the nodelet."""
         state = Latest("/held/state", SimState)
         self.addCleanup(state.close)
-        manager = subprocess.Popen([roslib.packages.find_node("nodelet", "nodelet")[0], "standalone", "pliant/tissue", "__ns:=/held", "__name:=sim",
+        manager = subprocess.Popen([roslib.packages.find_node("nodelet", "nodelet")[0], "standalone", "pliant/tissue",
+                                    "__ns:=/held", "__name:=sim",
                                     "_hand_eye:=PSM1_base=/nowhere/PSM1.json"])
         self.addCleanup(manager.wait)
         self.addCleanup(manager.kill)

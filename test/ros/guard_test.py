@@ -24,12 +24,15 @@ class Guarded(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         rospy.init_node("guard_test")
-        cls.received, cls.silent, cls.wrong, cls.absolute, cls.said, cls.levels, cls.playing = [], [], [], [], {}, {}, True
+        cls.received, cls.silent, cls.wrong, cls.absolute, cls.said, cls.levels, cls.playing = (
+            [], [], [], [], {}, {}, True)
         publish = lambda name, kind, latch=False: rospy.Publisher(name, kind, queue_size=1, latch=latch)
-        cls.pose, cls.wrench = publish("/tissue/PSM1/measured_cp", PoseStamped), publish("/tissue/PSM1/measured_cf", WrenchStamped)
+        cls.pose, cls.wrench = (publish("/tissue/PSM1/measured_cp", PoseStamped),
+                                publish("/tissue/PSM1/measured_cf", WrenchStamped))
         cls.timing, cls.state = publish("/tissue/timing", StepTiming), publish("/tissue/state", SimState, True)
         cls.following = publish("/MTMR_PSM1/following", Bool, True)
-        rospy.Subscriber("/MTMR/body/servo_cf", WrenchStamped, lambda message: cls.received.append((time.time(), message)))
+        rospy.Subscriber("/MTMR/body/servo_cf", WrenchStamped,
+                         lambda message: cls.received.append((time.time(), message)))
         rospy.Subscriber("/silent/servo_cf", WrenchStamped, cls.silent.append)
         rospy.Subscriber("/wrong/servo_cf", WrenchStamped, cls.wrong.append)
         rospy.Subscriber("/MTMR/body/set_cf_orientation_absolute", Bool, cls.absolute.append)
@@ -97,11 +100,13 @@ class Guarded(unittest.TestCase):
     def first_message(self):
         """Return the first message on a separate connection."""
         address = rosgraph.Master("/guard_test").lookupNode("/tissue/guard")
-        code, text, (_, host, port) = xmlrpc.client.ServerProxy(address).requestTopic("/console", "/MTMR/body/servo_cf", [["TCPROS"]])
+        code, text, (_, host, port) = xmlrpc.client.ServerProxy(address).requestTopic(
+            "/console", "/MTMR/body/servo_cf", [["TCPROS"]])
         self.assertEqual(code, 1, text)
         link = socket.create_connection((host, port), timeout=10)
         self.addCleanup(link.close)
-        fields = ["callerid=/console", "topic=/MTMR/body/servo_cf", "type=" + WrenchStamped._type, "md5sum=" + WrenchStamped._md5sum]
+        fields = ["callerid=/console", "topic=/MTMR/body/servo_cf", "type=" + WrenchStamped._type,
+                  "md5sum=" + WrenchStamped._md5sum]
         header = b"".join(struct.pack("<I", len(field)) + field.encode() for field in fields)
         link.sendall(struct.pack("<I", len(header)) + header)
         stream = link.makefile("rb")
@@ -122,7 +127,8 @@ class Guarded(unittest.TestCase):
 
     def test_4_a_guard_that_is_stopped_says_zero_last(self):
         self.wait(lambda: self.feels(1), "a force")
-        before, after = self.next_guard(lambda: subprocess.check_call(["rosnode", "kill", "/tissue/guard"], stdout=subprocess.DEVNULL))
+        before, after = self.next_guard(lambda: subprocess.check_call(["rosnode", "kill", "/tissue/guard"],
+                                                                      stdout=subprocess.DEVNULL))
         self.assertEqual(before[-1][1].wrench.force.z, 0)
         self.assertEqual(after[0][1].wrench.force.z, 0)
         self.wait(lambda: self.feels(1), "the force again")
@@ -133,7 +139,8 @@ class Guarded(unittest.TestCase):
         ends()
 
         def change():  # a change of the publisher restarts the message counter
-            return [i for i in range(max(begin, 1), len(self.received)) if self.received[i][1].header.seq < self.received[i - 1][1].header.seq]
+            return [i for i in range(max(begin, 1), len(self.received)) if self.received[i][1].header.seq <
+                    self.received[i - 1][1].header.seq]
         self.wait(change, "the next guard")
         return self.received[:change()[0]], self.received[change()[0]:]
 

@@ -130,10 +130,13 @@ class HostileTest(unittest.TestCase):
         grasper.is_on = knife.is_on = False
         message, nan, inf = PoseStamped(), float("nan"), float("inf")
         message.header.frame_id = "tissue"
-        for position, turn in (((nan, 0, 0), (0, 0, 0, 1)), ((0, 0, -inf), (0, 0, 0, 1)), (front, (nan, 0, 0, 1)), (front, (0, 0, 0, nan)),
-                               (front, (nan, nan, nan, nan)), (front, (0, inf, 0, 1)), (front, (0, 0, 0, 0)), (front, (1e200, 0, 0, 1e200)), ((nan, nan, nan), (nan, nan, nan, nan))):
+        for position, turn in (((nan, 0, 0), (0, 0, 0, 1)), ((0, 0, -inf), (0, 0, 0, 1)), (front, (nan, 0, 0, 1)),
+                               (front, (0, 0, 0, nan)),
+                               (front, (nan, nan, nan, nan)), (front, (0, inf, 0, 1)), (front, (0, 0, 0, 0)),
+                               (front, (1e200, 0, 0, 1e200)), ((nan, nan, nan), (nan, nan, nan, nan))):
             message.pose.position.x, message.pose.position.y, message.pose.position.z = position
-            message.pose.orientation.x, message.pose.orientation.y, message.pose.orientation.z, message.pose.orientation.w = turn
+            (message.pose.orientation.x, message.pose.orientation.y, message.pose.orientation.z,
+             message.pose.orientation.w) = turn
             for _ in range(3):
                 message.header.stamp = rospy.Time.now()
                 grasper.pose.publish(message)
@@ -175,7 +178,8 @@ class HostileTest(unittest.TestCase):
 
     def test_a_checkpoint_that_cannot_be_written_is_told(self):
         diagnostics = Latest("/diagnostics", DiagnosticArray)
-        wait_for(lambda: diagnostics.message and any("no checkpoint" in status.message and "/nowhere/at/all" in status.message
+        wait_for(lambda: diagnostics.message and any("no checkpoint" in status.message
+                                                     and "/nowhere/at/all" in status.message
                                                      for status in diagnostics.message.status), "diagnostics to tell")
         diagnostics.close()
         self.goes_on()
@@ -190,12 +194,16 @@ class HostileTest(unittest.TestCase):
             self.skipTest("this user may not mount a small disk here")
         said = {}
         diagnostics = rospy.Subscriber("/diagnostics", DiagnosticArray,
-                                       lambda message: said.update({status.name.split(": ")[-1]: status.message for status in message.status}))
-        recorder = subprocess.Popen(alone + ["sh", "-c", "trap : INT; " + small + " && roslaunch pliant record.launch bag:=%s/disk/full.bag min_space:=1; cp %s/disk/* %s" % (folder, folder, folder)],
+                                       lambda message: said.update({status.name.split(": ")[-1]: status.message
+                                                                    for status in message.status}))
+        recorder = subprocess.Popen(alone + ["sh", "-c", "trap : INT; " + small + " && roslaunch pliant record.launch "
+                                             "bag:=%s/disk/full.bag min_space:=1; cp %s/disk/* %s" %
+                                             (folder, folder, folder)],
                                     start_new_session=True)
         self.addCleanup(recorder.wait)
         self.addCleanup(lambda: recorder.poll() is None and os.killpg(recorder.pid, signal.SIGINT))
-        wait_for(lambda: said.get("recording") == "recording" or "nearly" in said.get("recording", ""), "diagnostics to tell that it is recorded")
+        wait_for(lambda: said.get("recording") == "recording" or "nearly" in said.get("recording", ""),
+                 "diagnostics to tell that it is recorded")
         pedal = rospy.Publisher("/some/energy", Joy, queue_size=1)
         wait_for(pedal.get_num_connections, "the recorder")
         self.step.fresh()

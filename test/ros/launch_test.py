@@ -16,10 +16,13 @@ import roslaunch.xmlloader
 
 SOURCE = os.path.realpath(sys.argv.pop(1)) if len(sys.argv) > 1 else ""
 FILES = sorted(glob.glob(SOURCE + "/launch/*.launch"))
-DOCUMENTS = sorted(glob.glob(SOURCE + "/README.md") + glob.glob(SOURCE + "/*/README.md") + glob.glob(SOURCE + "/*/*/README.md"))
+DOCUMENTS = sorted(glob.glob(SOURCE + "/README.md") + glob.glob(SOURCE + "/*/README.md") +
+                   glob.glob(SOURCE + "/*/*/README.md"))
 REQUIRED = {"replay.launch": ["bag:=/data/a.bag"], "report.launch": ["out:=/tmp/report"], "crtk.launch": ["arms:=PSM1"]}
-MORE = {"tissue.launch": [["rviz:=true"], ["rviz:=true", "drag:=true"], ["arm:=PSM1"], ["nodelet:=true"], ["rviz:=true", "arm:=PSM1"],
-                          ["tools:=", "labels:=/a.nii", "step:=0.02", "mesh_rate:=1", "volume_rate:=1", "slice_rate:=1"]],
+MORE = {"tissue.launch": [["rviz:=true"], ["rviz:=true", "drag:=true"], ["arm:=PSM1"], ["nodelet:=true"],
+                          ["rviz:=true", "arm:=PSM1"],
+                          ["tools:=", "labels:=/a.nii", "step:=0.02", "mesh_rate:=1", "volume_rate:=1",
+                           "slice_rate:=1"]],
         "dvrk.launch": [["arm:=PSM3", "haptic:=true"]],
         "record.launch": [["bag:=/data/a.bag", "split:=true"], ["cameras:=true"]],
         "scripted.launch": [["rviz:=true"]],
@@ -27,16 +30,21 @@ MORE = {"tissue.launch": [["rviz:=true"], ["rviz:=true", "drag:=true"], ["arm:=P
 
 
 # values of arguments for which a text is unsuitable (a switch is inverted), and arguments that they require
-VALUES = {"pose": "1 2 3 0 0 0 1", "tool_max_age": "0.125", "arms": "one two three", "arm": "PSM2", "respawn": "true", "described": "false"}
-VALUES.update({name: "7" for name in ("max_force", "gain", "slip", "step", "mesh_rate", "volume_rate", "slice_rate", "rate", "start", "min_space", "robot_rate")})
-WITH = {"drag": ["rviz:=true"], "rviz_config": ["rviz:=true"], "manager": ["nodelet:=true"], "start_manager": ["nodelet:=true"]}
+VALUES = {"pose": "1 2 3 0 0 0 1", "tool_max_age": "0.125", "arms": "one two three", "arm": "PSM2", "respawn": "true",
+          "described": "false"}
+VALUES.update({name: "7" for name in ("max_force", "gain", "slip", "step", "mesh_rate", "volume_rate", "slice_rate",
+                                      "rate", "start", "min_space", "robot_rate")})
+WITH = {"drag": ["rviz:=true"], "rviz_config": ["rviz:=true"], "manager": ["nodelet:=true"],
+        "start_manager": ["nodelet:=true"]}
 WITH.update({"robot_frame": ["sim_robot:=true"], "robot_rate": ["sim_robot:=true"]})
-WITH.update({name: ["haptic:=true"] for name in ("hand", "following", "needs_following", "gain", "max_force", "mtm", "teleop")})
+WITH.update({name: ["haptic:=true"] for name in ("hand", "following", "needs_following", "gain", "max_force", "mtm",
+                                                 "teleop")})
 
 
 def everything(config):
     """Return the actions of roslaunch, as text."""
-    nodes = sorted(repr((n.package, n.type, n.name, n.namespace, n.args, sorted(n.remap_args), n.respawn, sorted(n.env_args))) for n in config.nodes)
+    nodes = sorted(repr((n.package, n.type, n.name, n.namespace, n.args, sorted(n.remap_args), n.respawn,
+                         sorted(n.env_args))) for n in config.nodes)
     return nodes + sorted("%s = %r" % (path, param.value) for path, param in config.params.items())
 
 
@@ -92,18 +100,22 @@ class LaunchTest(unittest.TestCase):
             name = os.path.basename(path)
             given = {line.split(":=")[0]: line for line in REQUIRED.get(name, [])}
             for argument, default in sorted(declared(path).items()):
-                value = {"true": "false", "false": "true", "$(arg nodelet)": "false"}.get(default) or VALUES.get(argument, "another")
+                value = ({"true": "false", "false": "true", "$(arg nodelet)": "false"}.get(default)
+                         or VALUES.get(argument, "another"))
                 context = [line for key, line in given.items() if key != argument] + WITH.get(argument, [])
-                with self.subTest(file=name, argument=argument), tempfile.NamedTemporaryFile("w", suffix=".yaml") as params:
+                with self.subTest(file=name, argument=argument), tempfile.NamedTemporaryFile(
+                        "w", suffix=".yaml") as params:
                     params.write("solver: {iterations: 4}\n")
                     params.flush()
-                    other = load(path, context + ["%s:=%s" % (argument, params.name if argument == "params" else value)])
+                    other = load(path,
+                                 context + ["%s:=%s" % (argument, params.name if argument == "params" else value)])
                     before = load(path, context + [line for key, line in given.items() if key == argument])
                     self.assertNotEqual(everything(before), everything(other))
 
     def test_arguments_arrive(self):
         path = SOURCE + "/launch/"
-        node = load(path + "report.launch", ["scan:=a.nii", "scene:=b.yaml", "out:=/c", "options:=full labels=5,20"]).nodes[0]
+        node = load(path + "report.launch", ["scan:=a.nii", "scene:=b.yaml", "out:=/c",
+                                             "options:=full labels=5,20"]).nodes[0]
         self.assertEqual(node.args.split(), "b.yaml --scan a.nii --out /c --full --labels=5,20".split())
         params = load(path + "tissue.launch", ["tools:=PSM1", "parent_frame:=PSM1_base"]).params
         self.assertEqual(params["/tissue/sim/parent_frame"].value, "PSM1_base")
@@ -112,7 +124,8 @@ class LaunchTest(unittest.TestCase):
     def test_browsers_get_standard_types_alone(self):
         config = load(SOURCE + "/launch/tissue.launch", ["web:=true", "ns:=liver"])
         nodes = {node.name: node for node in config.nodes}
-        self.assertEqual((nodes["rosbridge_websocket"].package, nodes["rosapi"].package), ("rosbridge_server", "rosapi"))
+        self.assertEqual((nodes["rosbridge_websocket"].package, nodes["rosapi"].package),
+                         ("rosbridge_server", "rosapi"))
         topics = config.params["/liver/rosbridge_websocket/topics_glob"].value
         for topic in ("slice/*", "mesh/points", "mesh/marker", "*/measured_cf"):
             self.assertIn(topic, topics)
@@ -120,7 +133,8 @@ class LaunchTest(unittest.TestCase):
             self.assertRegex(topic, "^/(tf|tf_static|diagnostics|liver/.+)$")
             # Pliant's own message types are excluded
             self.assertNotIn(topic, ("/liver/volume", "/liver/*", "/liver/mesh/*"))
-        self.assertNotIn("rosbridge_websocket", [node.name for node in load(SOURCE + "/launch/tissue.launch", []).nodes])
+        self.assertNotIn("rosbridge_websocket",
+                         [node.name for node in load(SOURCE + "/launch/tissue.launch", []).nodes])
 
     def test_a_fourth_arm_is_refused(self):
         for name in ("crtk.launch", "dvrk.launch", "raven.launch", "ambf.launch"):
@@ -163,15 +177,19 @@ class LaunchTest(unittest.TestCase):
         self.assertTrue(nodes["force_guard"].respawn, "one that was killed is followed by one that begins with zeros")
         self.assertEqual(params["/tissue/force_guard/tool"], "PSM2")
 
-        topics, params, nodes = self.robot("crtk.launch", "arms:=hand", "prefix:=/lab", "haptic:=true", "hand:=/left/body", "following:=/teleop/on")
+        topics, params, nodes = self.robot("crtk.launch", "arms:=hand", "prefix:=/lab", "haptic:=true",
+                                           "hand:=/left/body", "following:=/teleop/on")
         guard = dict(nodes["force_guard"].remap_args)
-        self.assertEqual([guard[name] for name in ("hand/measured_cp", "following", "servo_cf", "set_cf_orientation_absolute")],
-                         ["/lab/hand/measured_cp", "/teleop/on", "/left/body/servo_cf", "/left/body/set_cf_orientation_absolute"])
+        self.assertEqual([guard[name] for name in ("hand/measured_cp", "following", "servo_cf",
+                                                   "set_cf_orientation_absolute")],
+                         ["/lab/hand/measured_cp", "/teleop/on", "/left/body/servo_cf",
+                          "/left/body/set_cf_orientation_absolute"])
         self.assertEqual([topics["hand/" + name] for name in ("operating_state", "tool_type", "energy")],
                          ["/lab/hand/operating_state", "/lab/hand/tool_type", "/footpedals/coag"])
         topics, params, _ = self.robot("raven.launch")
         self.assertEqual(topics["arm1/measured_cp"], "/arm1/measured_cp")
-        self.assertEqual([topics["arm%d/jaw/measured_js" % a] for a in (1, 2)], ["/grasp1/measured_js", "/grasp2/measured_js"])
+        self.assertEqual([topics["arm%d/jaw/measured_js" % a] for a in (1, 2)],
+                         ["/grasp1/measured_js", "/grasp2/measured_js"])
         topics, params, _ = self.robot("ambf.launch", "arms:=psm1 psm2 psm3")
         self.assertEqual(topics["psm3/measured_cp"], "/CRTK/psm3/measured_cp")
         self.assertEqual(topics["psm2/jaw/measured_js"], "/CRTK/psm2/jaw/servo_jp")
@@ -187,7 +205,8 @@ class LaunchTest(unittest.TestCase):
         recorded = load(SOURCE + "/launch/record.launch", recorder).nodes[0].args.split(" -e ")[1].strip()
         inputs = ["measured_cp", "jaw/measured_js", "energy", "blade", "tool_type", "operating_state"]
         names = [tool + "/" + name for tool in params["/tissue/sim/tools"].split() for name in inputs]
-        found = [topics.get(name, "/tissue/" + name) for name in names] + [dict(nodes["force_guard"].remap_args)["following"]]
+        found = ([topics.get(name, "/tissue/" + name) for name in names] +
+                 [dict(nodes["force_guard"].remap_args)["following"]])
         for topic in found:
             with self.subTest(robot=robot, topic=topic):
                 self.assertRegex(topic, "^(?:%s)$" % recorded)
@@ -197,9 +216,11 @@ class LaunchTest(unittest.TestCase):
     def test_what_robots_send_is_recorded(self):
         self.assertIn("/footpedals/coag", self.assert_recorded(["dvrk.launch", "arms:=PSM1 PSM2"], []))
         self.assertIn("/grasp2/measured_js", self.assert_recorded(["raven.launch", "following:=/teleop/following"], []))
-        self.assertIn("/CRTK/psm1/jaw/servo_jp", self.assert_recorded(["ambf.launch", "following:=/teleop/following"], []))
+        self.assertIn("/CRTK/psm1/jaw/servo_jp",
+                      self.assert_recorded(["ambf.launch", "following:=/teleop/following"], []))
         others = ["energy:=/pedals/4", "jaws:=/hands/left", "following:=/leads"]
-        self.assertIn("/hands/left", self.assert_recorded(["crtk.launch", "arms:=left", "prefix:=/lab"] + others, others))
+        self.assertIn("/hands/left", self.assert_recorded(["crtk.launch", "arms:=left", "prefix:=/lab"] + others,
+                                                          others))
 
 
 if __name__ == "__main__":

@@ -50,7 +50,8 @@ def is_sent(node, topic, reader):
 
 def resident_bytes(node):
     """Return the resident memory of a node."""
-    code, text, process = xmlrpc.client.ServerProxy(rosgraph.Master("/node_client").lookupNode(NAMESPACE + node)).getPid("/node_client")
+    code, text, process = xmlrpc.client.ServerProxy(rosgraph.Master("/node_client").lookupNode(
+        NAMESPACE + node)).getPid("/node_client")
     assert code == 1, text
     with open("/proc/%d/statm" % process) as file:
         return int(file.read().split()[1]) * resource.getpagesize()
@@ -74,7 +75,8 @@ class Launch:
         self.output = tempfile.TemporaryFile("w+", errors="replace")
         # otherwise roslaunch's output to a file would appear only at its end
         unbuffered = dict(os.environ, PYTHONUNBUFFERED="1")
-        self.process = subprocess.Popen(command, start_new_session=True, stdout=self.output, stderr=subprocess.STDOUT, env=unbuffered)
+        self.process = subprocess.Popen(command, start_new_session=True, stdout=self.output, stderr=subprocess.STDOUT,
+                                        env=unbuffered)
 
     def said(self):
         size = os.fstat(self.output.fileno()).st_size
@@ -186,7 +188,8 @@ class WholeVolume:
         self.subscribe()
 
     def subscribe(self):
-        self.voxels, self.sequence, self.since_whole, self.is_lost, self.bytes, self.message = None, None, 0, False, 0, None
+        self.voxels, self.sequence, self.since_whole, self.is_lost, self.bytes, self.message = (
+            None, None, 0, False, 0, None)
         self.subscriber = rospy.Subscriber(NAMESPACE + "volume", Volume, self.take, buff_size=1 << 27)
 
     def take(self, message):

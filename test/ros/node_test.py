@@ -25,7 +25,8 @@ from std_msgs.msg import Empty
 from std_srvs.srv import SetBool, Trigger
 
 sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
-from node_client import NAMESPACE, TIMEOUT, Latest, Node, Tool, WholeVolume, call, nifti_voxels, resident_bytes, wait_for  # noqa: E402
+from node_client import (NAMESPACE, TIMEOUT, Latest, Node, Tool, WholeVolume, call,  # noqa: E402
+                         nifti_voxels, resident_bytes, wait_for)
 
 ORIGIN = numpy.array([0.5, 0.25, 1.0])  # pose of the tissue in world, as in node.test
 
@@ -87,7 +88,8 @@ class NodeTest(unittest.TestCase):
         """Grasp at the skin, which lies inside the border of the elements."""
         point = self.node.front()
         self.tool.appear(to_frame(point))
-        contact = wait_for(lambda: self.node.contact.message if self.node.contact.fresh().present else None, "the tool to be there")
+        contact = wait_for(lambda: self.node.contact.message if self.node.contact.fresh().present else None,
+                           "the tool to be there")
         if not contact.touching:
             point = point + [0, contact.clearance + 0.001, 0]
             self.tool.position = list(to_frame(point))
@@ -150,7 +152,8 @@ class NodeTest(unittest.TestCase):
         self.pull(to_world)
         wrench = self.force.fresh()
         self.assertEqual(wrench.header.frame_id, "world")
-        body, spatial = Latest("grasper/body/measured_cf", WrenchStamped), Latest("grasper/spatial/measured_cf", WrenchStamped)
+        body, spatial = (Latest("grasper/body/measured_cf", WrenchStamped),
+                         Latest("grasper/spatial/measured_cf", WrenchStamped))
         self.addCleanup(body.close)
         self.addCleanup(spatial.close)
         wait_for(lambda: body.message and spatial.message, "forces in the other frames")
@@ -296,7 +299,8 @@ for line in sys.stdin:
 
         def told(name, key):
             """Return a value of the newest diagnostics [bytes]."""
-            values = {value.key: value.value for status in diagnostics.message.status if status.name.endswith(": " + name) for value in status.values}
+            values = {value.key: value.value for status in diagnostics.message.status
+                      if status.name.endswith(": " + name) for value in status.values}
             return 1e6 * float(values.get(key, 0))
 
         def memory_of_node():
@@ -308,7 +312,8 @@ for line in sys.stdin:
         wait_for(lambda: diagnostics.message and told("backend", "memory in use [MB]"), "diagnostics")
         pull_to_and_fro(2)
         before = memory_of_node()
-        slow = subprocess.Popen([sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, universal_newlines=True,
+        slow = subprocess.Popen([sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                                universal_newlines=True,
                                 cwd=os.path.dirname(os.path.abspath(__file__)))
         self.addCleanup(slow.stdout.close)
         self.addCleanup(slow.stdin.close)
@@ -354,12 +359,14 @@ for line in sys.stdin:
             ask.publish()
             time.sleep(0.01)
         wait_for(lambda: volume.sequence > first and volume.since_whole == 0, "the whole volume again")
-        self.assertLessEqual(volume.sequence, first + 3 + int(time.time() - began), "asked in a loop, sent once a second")
+        self.assertLessEqual(volume.sequence, first + 3 + int(time.time() - began),
+                             "asked in a loop, sent once a second")
 
     def test_preview_and_placed_slices(self):
         size = wait_for(self.whole_volume().copy, "the whole volume").shape
         preview = Latest("volume/preview", Volume)
-        self.assertEqual(tuple(reversed(wait_for(lambda: preview.message, "the preview").size)), tuple((n - 1) // 4 + 1 for n in size))
+        self.assertEqual(tuple(reversed(wait_for(lambda: preview.message, "the preview").size)),
+                         tuple((n - 1) // 4 + 1 for n in size))
         first = preview.message.sequence
         self.pull()
         wait_for(lambda: preview.message.sequence > first, "the preview to follow")
@@ -393,7 +400,8 @@ for line in sys.stdin:
         self.assertEqual(message.failed, 0)
         timing.close()
         stamps = []
-        states = rospy.Subscriber(NAMESPACE + "mesh/state", MeshState, lambda state: stamps.append(state.header.stamp.to_sec()))
+        states = rospy.Subscriber(NAMESPACE + "mesh/state", MeshState,
+                                  lambda state: stamps.append(state.header.stamp.to_sec()))
         wait_for(lambda: stamps and stamps[-1] - stamps[0] > 2, "mesh states of two seconds")
         states.unregister()
         self.assertLess((len(stamps) - 1) / (stamps[-1] - stamps[0]), 36, "mesh states are limited to 30 a second")
@@ -403,7 +411,8 @@ for line in sys.stdin:
         change = rospy.ServiceProxy(NAMESPACE + "sim/set_parameters", Reconfigure)
         change(Config(doubles=[DoubleParameter("gravity_y", 9.81)]))
         wait_for(lambda: self.node.displacement() > 1e-4, "the tissue to sag")
-        wait_for(lambda: rospy.get_param(NAMESPACE + "sim/model/gravity", None) == [0, 9.81, 0], "gravity on the parameter server")
+        wait_for(lambda: rospy.get_param(NAMESPACE + "sim/model/gravity", None) == [0, 9.81, 0],
+                 "gravity on the parameter server")
         self.assertFalse(rospy.has_param(NAMESPACE + "sim/slice/axial"), "nobody has set it: the next scene may")
         answer = change(Config(doubles=[DoubleParameter("gravity_y", 0.0), DoubleParameter("gravity_x", float("nan"))]))
         values = {number.name: number.value for number in answer.config.doubles}
@@ -466,7 +475,8 @@ for line in sys.stdin:
         info = self.node.info.message
         self.pull()
         answers = []
-        large = threading.Thread(target=lambda: answers.append(call("load_scan", LoadScan, "phantom:400x400x400", "", [])))
+        large = threading.Thread(target=lambda: answers.append(call("load_scan", LoadScan, "phantom:400x400x400", "",
+                                                                    [])))
         large.start()
         wait_for(lambda: self.node.state.message.is_busy, "the load to begin")
         refused = call("load_scan", LoadScan, "phantom", "", [])
@@ -530,10 +540,12 @@ for line in sys.stdin:
         timing = Latest("timing", StepTiming)
         self.assertEqual(self.node.state.message.choice, "")
         self.assertTrue(math.isnan(self.node.state.message.choice_error))
-        options = ["mesh/coarse_cells=3 3 3", "solver/step=0.01", "choose/budget_ms=1000", "choose/ratio=false", "choose/coarse_cells=false", "choose/iterations=false"]
+        options = ["mesh/coarse_cells=3 3 3", "solver/step=0.01", "choose/budget_ms=1000", "choose/ratio=false",
+                   "choose/coarse_cells=false", "choose/iterations=false"]
         answer = self.node.load("phantom:48x40x40", options=options)
         self.assertTrue(answer.success, answer.message)
-        state = wait_for(lambda: self.node.state.message if self.node.state.message.choice else None, "the choice in state")
+        state = wait_for(lambda: self.node.state.message if self.node.state.message.choice else None,
+                         "the choice in state")
         self.assertIn("model/method=fine mesh/coarse_cells=3,3,3 mesh/ratio=2", state.choice)
         self.assertGreater(state.choice_seconds, 0)
         self.assertLess(state.choice_error, 0.05)
@@ -621,7 +633,8 @@ for line in sys.stdin:
         wait_for(lambda: not self.force_now().any(), "no force")
         self.assertEqual(self.node.mesh.fresh().step, step)
         told = []
-        watch = rospy.Subscriber(NAMESPACE + "grasper/measured_cf", WrenchStamped, lambda message: told.append(abs(message.wrench.force.y)))
+        watch = rospy.Subscriber(NAMESPACE + "grasper/measured_cf", WrenchStamped,
+                                 lambda message: told.append(abs(message.wrench.force.y)))
         for _ in range(5):  # a busy machine may not have computed a step while the force rose
             del told[:]
             self.assertTrue(call("pause", SetBool, False).success)

@@ -92,7 +92,8 @@ class ReplayTest(unittest.TestCase):
         # requested
         with open(cls.folder + "/params.yaml", "w") as file:
             file.write("volume_threshold: 0\n")
-        live = Launch("scripted.launch", scan=SCAN, scene=cls.scene, path=cls.folder + "/path.yaml", params=cls.folder + "/params.yaml")
+        live = Launch("scripted.launch", scan=SCAN, scene=cls.scene, path=cls.folder + "/path.yaml",
+                      params=cls.folder + "/params.yaml")
         state, volumes = Latest("state", SimState), Checksums()
         recorder = None
         try:

@@ -88,11 +88,13 @@ class RerunTest(unittest.TestCase):
         begin, is_cut = step.fresh().sequence, False
         while step.message.sequence < begin + TURNS:
             if not is_cut and step.message.sequence > begin + TURNS // 3:
-                answer = call("cut", CutLine, Header(frame_id="tissue"), [Point(0.02, -0.2, 0.05), Point(0.2, -0.2, 0.05)], Vector3(0, 0.25, 0))
+                answer = call("cut", CutLine, Header(frame_id="tissue"),
+                              [Point(0.02, -0.2, 0.05), Point(0.2, -0.2, 0.05)], Vector3(0, 0.25, 0))
                 assert answer.success and answer.severed_area > 1e-3, answer
                 is_cut = True
             angle = 0.03 * (step.message.sequence - begin)
-            tool.position = list(front + [0.05 * math.sin(angle), -0.05 * math.sin(0.5 * angle) ** 2, 0.02 * math.sin(2 * angle)])
+            tool.position = list(front + [0.05 * math.sin(angle), -0.05 * math.sin(0.5 * angle) ** 2,
+                                          0.02 * math.sin(2 * angle)])
             if step.message.sequence > begin + TURNS // 2:
                 change(Config(doubles=[DoubleParameter("gravity_z", 15 * math.sin(angle))]))
             time.sleep(0.01)
@@ -111,7 +113,8 @@ class RerunTest(unittest.TestCase):
         path = self.folder + "/" + name
         with rosbag.Bag(self.bag) as source, rosbag.Bag(path, "w") as out:
             begun = False
-            for topic, message, when in source.read_messages([NAMESPACE + name for name in ("session", "mesh/topology", "step")]):
+            for topic, message, when in source.read_messages([NAMESPACE + name
+                                                              for name in ("session", "mesh/topology", "step")]):
                 if topic == NAMESPACE + "step":
                     begun = begun or message.sequence == 1
                     if not begun or message.sequence > turns:
@@ -122,8 +125,10 @@ class RerunTest(unittest.TestCase):
         return path
 
     def test_what_is_told_to_stop_ends_within_a_second(self):
-        for number, words in ((signal.SIGTERM, ["--simulate"]), (signal.SIGINT, ["--every", "0.01", "--out", self.folder + "/stopped"])):
-            process = subprocess.Popen(["pliant_bag", self.bag, "--scan", SCAN, "--scene", self.scene] + words, stderr=subprocess.PIPE, universal_newlines=True)
+        for number, words in ((signal.SIGTERM, ["--simulate"]),
+                              (signal.SIGINT, ["--every", "0.01", "--out", self.folder + "/stopped"])):
+            process = subprocess.Popen(["pliant_bag", self.bag, "--scan", SCAN, "--scene", self.scene] + words,
+                                       stderr=subprocess.PIPE, universal_newlines=True)
             self.addCleanup(process.wait)
             self.addCleanup(process.kill)
             while not re.search("steps|volumes", process.stderr.readline()):
@@ -161,7 +166,8 @@ class RerunTest(unittest.TestCase):
         self.assertIn("not as recorded, from step", errors)
 
     def test_a_gap_is_told(self):
-        code, _, errors = self.simulate(self.rewritten("gap.bag", lambda step: None if step.sequence == 40 else step, 50))
+        code, _, errors = self.simulate(self.rewritten("gap.bag", lambda step: None if step.sequence == 40 else step,
+                                                       50))
         self.assertEqual(code, 1)
         self.assertIn("after turn 39 the recording goes on with turn 41", errors)
 
@@ -180,7 +186,8 @@ class RerunTest(unittest.TestCase):
     def test_replay_simulates_faster_than_live(self):
         launch = Launch("replay.launch", bag=self.bag, scan=SCAN, scene=self.scene, rate="4", simulate="true")
         try:
-            wait_for(lambda: "play-" in launch.said() and "finished cleanly" in launch.said(), "the end of the bag", 2 * SECONDS)
+            wait_for(lambda: "play-" in launch.said() and "finished cleanly" in launch.said(), "the end of the bag",
+                     2 * SECONDS)
         finally:
             launch.stop()
         self.assertIn("each as recorded, to the bit", launch.said())
@@ -192,7 +199,8 @@ class RerunTest(unittest.TestCase):
             start, times = bag.get_start_time(), {}
             for topic, message, when in bag.read_messages([NAMESPACE + "step", NAMESPACE + "mesh/state"]):
                 times.setdefault(topic, []).append((when.to_sec() - start, message))
-            cut = min(when.to_sec() - start for _, message, when in bag.read_messages(NAMESPACE + "mesh/topology") if message.severed)
+            cut = min(when.to_sec() - start for _, message, when in bag.read_messages(NAMESPACE + "mesh/topology")
+                      if message.severed)
         self.assertTrue(any(step.cuts for _, step in times[NAMESPACE + "step"]))
         after = [(when, message) for when, message in times[NAMESPACE + "mesh/state"] if when > cut + 0.2]
         self.assertGreater(len(after), 3, "states after the cut")
@@ -201,35 +209,41 @@ class RerunTest(unittest.TestCase):
         # in the middle of the longest time between two steps, rounded first, so that player and replay agree on the set
         # of steps
         low, high = after[len(after) // 4][0], after[-1 - len(after) // 4][0]
-        length, middle = max((next_one - one, 0.5 * (one + next_one)) for one, next_one in zip(steps, steps[1:]) if low < one and next_one < high)
+        length, middle = max((next_one - one, 0.5 * (one + next_one)) for one, next_one in zip(steps, steps[1:])
+                             if low < one and next_one < high)
         self.assertGreater(length, 0.01, "time between two steps")
         begin = round(middle, 4)
         before = sum(when < begin for when in steps)
         for simulate in ("true", "false"):
             launch = Launch("replay.launch", bag=self.bag, scan=SCAN, rate="2", simulate=simulate, start="%.4f" % begin)
             try:
-                wait_for(lambda: "play-" in launch.said() and "finished cleanly" in launch.said(), "the end of the bag", 2 * SECONDS)
+                wait_for(lambda: "play-" in launch.said() and "finished cleanly" in launch.said(), "the end of the bag",
+                         2 * SECONDS)
             finally:
                 launch.stop()
             # messages pending at the end of playback may be lost
-            shown, dropped = (int(number) for number in re.search(r"(\d+) states shown, (\d+) dropped", launch.said()).groups())
+            shown, dropped = (int(number) for number in re.search(r"(\d+) states shown, (\d+) dropped",
+                                                                  launch.said()).groups())
             self.assertGreater(shown, 0)
             self.assertEqual(dropped, 0)
             if simulate == "true":
-                made = int(re.search(r"(\d+) turns computed again, each as recorded, to the bit", launch.said()).group(1))
+                made = int(re.search(r"(\d+) turns computed again, each as recorded, to the bit",
+                                     launch.said()).group(1))
                 self.assertEqual(made, before + shown)
 
     def test_arrays_of_the_last_episode(self):
         code, _, errors = self.run_bag(self.bag, "--export", "numpy", "--rate", "50", "--out", self.folder + "/arrays")
         self.assertEqual(code, 0, errors)
-        state, action, steps, episodes = (np.load("%s/arrays/%s.npy" % (self.folder, name)) for name in ("state", "action", "steps", "episodes"))
+        state, action, steps, episodes = (np.load("%s/arrays/%s.npy" % (self.folder, name))
+                                          for name in ("state", "action", "steps", "episodes"))
         rows = episodes == episodes[-1]
         begin = max(i for i, step in enumerate(self.steps) if step.sequence == 1)
         tools = {step.step: step.tools[0] for step in self.steps[begin:]}
         self.assertGreater(np.count_nonzero(rows), 50)
         for number, now in zip(steps[rows], state[rows]):
             told = tools[number]
-            self.assertEqual(list(now[:9]), list(told.tip) + list(told.rotation) + [told.jaw, told.closed] if told.present else [0] * 9)
+            self.assertEqual(list(now[:9]), list(told.tip) + list(told.rotation) + [told.jaw, told.closed]
+                             if told.present else [0] * 9)
         np.testing.assert_array_equal(action[rows][:-1], state[rows][1:, :10])
         holds = (state[rows][:, 10:13] == 1).all(axis=1)
         self.assertGreater(np.count_nonzero(holds), 10)

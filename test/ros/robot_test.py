@@ -21,7 +21,8 @@ from visualization_msgs.msg import InteractiveMarkerFeedback
 sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
 from node_client import Latest, Node, call, wait_for  # noqa: E402
 
-BEHIND = {"silent": "old", "invalid": "stamp 0", "frozen": "old", "nan": "finite", "unknown_frame": "nowhere", "ahead": "ahead", "behind": "old",
+BEHIND = {"silent": "old", "invalid": "stamp 0", "frozen": "old", "nan": "finite", "unknown_frame": "nowhere",
+          "ahead": "ahead", "behind": "old",
           "disabled": "the arm is DISABLED", "not_homed": "the arm is not homed"}
 
 
@@ -66,9 +67,11 @@ class RobotTest(unittest.TestCase):
         cls.diagnostics = Latest("/diagnostics", DiagnosticArray)
         cls.pose = Latest("/PSM1/measured_cp", PoseStamped)
         cls.forces = []
-        rospy.Subscriber("/tissue/PSM1/measured_cf", WrenchStamped, lambda message: cls.forces.append(message.wrench.force), queue_size=100)
+        rospy.Subscriber("/tissue/PSM1/measured_cf", WrenchStamped,
+                         lambda message: cls.forces.append(message.wrench.force), queue_size=100)
         publish = lambda topic, kind: rospy.Publisher("/PSM1/" + topic, kind, queue_size=1, latch=True)
-        cls.servo, cls.jaw, cls.fault = publish("servo_cp", PoseStamped), publish("jaw/servo_jp", JointState), publish("fault", String)
+        cls.servo, cls.jaw, cls.fault = (publish("servo_cp", PoseStamped), publish("jaw/servo_jp", JointState),
+                                         publish("fault", String))
         cls.node.wait_until_running()
         wait_for(lambda: cls.node.contact.fresh().present, "the arm", 60)
 
@@ -108,7 +111,8 @@ class RobotTest(unittest.TestCase):
             self.fault.publish(fault)
             wait_for(lambda: not self.node.contact.fresh().present, "no tool: " + fault)
             wait_for(lambda: words in self.why(), "the reason %r" % words)
-            wait_for(lambda: (self.forces[-1].x, self.forces[-1].y, self.forces[-1].z) == (0, 0, 0), "no force: " + fault)
+            wait_for(lambda: (self.forces[-1].x, self.forces[-1].y, self.forces[-1].z) == (0, 0, 0),
+                     "no force: " + fault)
         self.take_hold()
 
     def test_an_arm_that_pauses_keeps_what_it_holds(self):
@@ -148,20 +152,24 @@ class RobotTest(unittest.TestCase):
     def test_a_robot_without_one_by_keyboard_and_by_the_marker(self):
         keys, terminal = pty.openpty()
         self.addCleanup(os.close, keys)
-        command = [roslib.packages.find_node("pliant", "sim_robot")[0], "__name:=other", "_arms:=PSM3", "_camera:=ECM", "_setup:=0.05 0 0", "_keyboard:=true"]
+        command = [roslib.packages.find_node("pliant", "sim_robot")[0], "__name:=other", "_arms:=PSM3", "_camera:=ECM",
+                   "_setup:=0.05 0 0", "_keyboard:=true"]
         robot = subprocess.Popen(command, stdin=terminal)
         os.close(terminal)
         rospy.set_param("/marker/start", [0, 0, -0.1])
-        marker = subprocess.Popen([roslib.packages.find_node("pliant", "marker_tool")[0], "__name:=marker", "_tool:=PSM3", "_frame:=PSM3_base",
+        marker = subprocess.Popen([roslib.packages.find_node("pliant", "marker_tool")[0], "__name:=marker",
+                                   "_tool:=PSM3", "_frame:=PSM3_base",
                                    "PSM3/measured_cp:=/PSM3/servo_cp", "PSM3/jaw/measured_js:=/PSM3/jaw/servo_jp"])
         pose, local, jaws, state = (Latest("/PSM3/" + topic, kind) for topic, kind in (
-            ("measured_cp", PoseStamped), ("local/measured_cp", PoseStamped), ("jaw/measured_js", JointState), ("operating_state", rospy.AnyMsg)))
+            ("measured_cp", PoseStamped), ("local/measured_cp", PoseStamped), ("jaw/measured_js", JointState),
+            ("operating_state", rospy.AnyMsg)))
         for process in (robot, marker):
             self.addCleanup(process.wait)
             self.addCleanup(process.kill)
         # dragged to its final position: the marker sends it repeatedly
         drag = rospy.Publisher("/PSM3/drag/feedback", InteractiveMarkerFeedback, queue_size=1)
-        wait_for(lambda: drag.get_num_connections() and pose.message and local.message and state.message, "the robot and its marker")
+        wait_for(lambda: drag.get_num_connections() and pose.message and local.message and state.message,
+                 "the robot and its marker")
         feedback = InteractiveMarkerFeedback(marker_name="PSM3", event_type=InteractiveMarkerFeedback.POSE_UPDATE)
         feedback.header.frame_id = "PSM3_base"
         feedback.pose = in_arm((0.02, 0.01, 0.15)).pose
@@ -193,11 +201,13 @@ class RobotTest(unittest.TestCase):
         self.assertLess(answer.error, 1e-9)
         self.assertAlmostEqual(answer.pose.position.x, 0.01)
         self.assertAlmostEqual(answer.pose.position.z, -0.2)
-        answer = call("register", Register, Header(frame_id="PSM1_base"), [Point(*p) for p in landmarks[:2]], room[:2], 0)
+        answer = call("register", Register, Header(frame_id="PSM1_base"), [Point(*p) for p in landmarks[:2]], room[:2],
+                      0)
         self.assertFalse(answer.success)
         self.assertIn("three", answer.message)
         back = [Point(x, y, z - 0.2) for x, y, z in landmarks]
-        self.assertTrue(call("register", Register, Header(frame_id="PSM1_base"), [Point(*p) for p in landmarks], back, 0).success)
+        self.assertTrue(call("register", Register, Header(frame_id="PSM1_base"), [Point(*p) for p in landmarks], back,
+                             0).success)
 
 
 if __name__ == "__main__":

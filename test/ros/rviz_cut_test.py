@@ -61,13 +61,16 @@ class Severed(unittest.TestCase):
         cls.stage = rviz_stage.Stage(rviz_stage.config(SIGHTS["slices"], VIEW, fixed_frame="front"), 760, 560)
         cls.stage.__enter__()
         launch = os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "..", "launch")
-        cls.stage.start([rviz_stage.program("pliant_node"), "__ns:=tissue", "_scan/path:=phantom:96x80x72", "_scene:=" + launch + "/scenes/cut_hang.yaml",
-                         "_warp/margin:=0.05", "_parent_frame:=front", "_tissue_pose:=0 0 0 -0.70710678 0 0 0.70710678"], "node")
+        cls.stage.start([rviz_stage.program("pliant_node"), "__ns:=tissue", "_scan/path:=phantom:96x80x72",
+                         "_scene:=" + launch + "/scenes/cut_hang.yaml",
+                         "_warp/margin:=0.05", "_parent_frame:=front",
+                         "_tissue_pose:=0 0 0 -0.70710678 0 0 0.70710678"], "node")
         rospy.init_node("rviz_cut_test", disable_signals=True)
         cls.whole = cls.state = None  # stamp of the last whole volume, and last state
         cls.resend = rospy.Publisher("tissue/volume/resend", Empty, queue_size=1)
         cls.subscribers = [rospy.Subscriber("tissue/volume", Volume, cls.take_volume, buff_size=1 << 27),
-                           rospy.Subscriber("tissue/mesh/state", MeshState, lambda m: setattr(cls, "state", m), buff_size=1 << 24)]
+                           rospy.Subscriber("tissue/mesh/state", MeshState, lambda m: setattr(cls, "state", m),
+                                            buff_size=1 << 24)]
 
     @classmethod
     def tearDownClass(cls):
@@ -78,7 +81,8 @@ class Severed(unittest.TestCase):
     @classmethod
     def take_volume(cls, message):
         """Take a whole volume, or a box of changes."""
-        box = message.slope * numpy.frombuffer(message.data, numpy.int16).reshape(message.size[::-1]) + message.intercept
+        box = message.slope * numpy.frombuffer(message.data,
+                                               numpy.int16).reshape(message.size[::-1]) + message.intercept
         if list(message.size) == list(message.full_size):
             o, s = message.origin.position, message.spacing
             cls.origin, cls.spacing = numpy.array([o.x, o.y, o.z]), numpy.array([s.x, s.y, s.z])
@@ -133,7 +137,8 @@ class Severed(unittest.TestCase):
             self.stage.agrees(agrees)
         finally:
             if "PLIANT_TEST_PICTURE" in os.environ:
-                self.stage.picture("%s.%s.%s.png" % (os.environ["PLIANT_TEST_PICTURE"], name, "cut" if is_open else "whole"))
+                self.stage.picture("%s.%s.%s.png" % (os.environ["PLIANT_TEST_PICTURE"], name,
+                                                     "cut" if is_open else "whole"))
 
     def test_an_open_cut_is_seen(self):
         self.stage.wait(lambda: self.whole and self.state, what="the volume")
@@ -142,7 +147,8 @@ class Severed(unittest.TestCase):
         for name in SIGHTS:
             self.assert_seen(name, False)
         first = numpy.array(self.state.nodes).reshape(-1, 3)
-        cut = self.call("cut", CutLine, Header(frame_id="tissue"), [Point(*point) for point in LINE], Vector3(0, 0.3, 0))
+        cut = self.call("cut", CutLine, Header(frame_id="tissue"), [Point(*point) for point in LINE],
+                        Vector3(0, 0.3, 0))
         self.assertGreater(cut.severed_area, 1e-3)
         self.call("pause", SetBool, False)
 

@@ -91,7 +91,8 @@ def rotation(q):
                         [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]])
 
 
-def volume(voxels, spacing, origin, orientation=(0, 0, 0, 1), frame="stage", sequence=1, flipped=False, offset=None, full=None, since=0):
+def volume(voxels, spacing, origin, orientation=(0, 0, 0, 1), frame="stage", sequence=1, flipped=False, offset=None,
+           full=None, since=0):
     """Return voxels[k, j, i] of uint8, int16 or float32 as a message."""
     message = Volume()
     message.header.frame_id = frame
@@ -126,7 +127,8 @@ class Pictures(unittest.TestCase):
         displays += volume_display("away") + CUT_AWAY + volume_display("hollow", "Isosurface") + CUT_AWAY
         displays += volume_display("surface", "Isosurface") + volume_display("large", memory=1)
         displays += MESH % dict(name="mesh")
-        view = {"Class": "rviz/TopDownOrtho", "Scale": 380, "X": 1.5 * X_STEP, "Y": X_STEP, "Angle": 0, "Near Clip Distance": 0.01}
+        view = {"Class": "rviz/TopDownOrtho", "Scale": 380, "X": 1.5 * X_STEP, "Y": X_STEP, "Angle": 0,
+                "Near Clip Distance": 0.01}
         cls.stage = rviz_stage.Stage(rviz_stage.config(displays, view, fixed_frame="stage"), 640, 560)
         cls.stage.__enter__()
         rospy.init_node("rviz_pictures_test", disable_signals=True)
@@ -209,7 +211,8 @@ class Pictures(unittest.TestCase):
         if not mask.any():
             return None, mask
         rows, columns = numpy.argwhere(mask).T
-        edges = numpy.array([[x0 + columns.min(), y0 + rows.max() + 1], [x0 + columns.max() + 1, y0 + rows.min()]]) - 0.5
+        edges = (numpy.array([[x0 + columns.min(), y0 + rows.max() + 1], [x0 + columns.max() + 1, y0 + rows.min()]]) -
+                 0.5)
         return self.map.place(edges), mask
 
     def assert_box(self, picture, column, row, low, high, pixels=2):
@@ -239,7 +242,8 @@ class Pictures(unittest.TestCase):
         self.marker(12, at + [0.0, 0.085, -0.10], [0.02, 0.04, 0.01], [0, 0, 1])  # behind, and half outside
 
         def check(picture):
-            front, behind, beside = (self.colour(picture, at + offset) for offset in ([-0.03, 0, 0], [0.03, 0, 0], [0, 0.095, 0]))
+            front, behind, beside = (self.colour(picture, at + offset)
+                                     for offset in ([-0.03, 0, 0], [0.03, 0, 0], [0, 0.095, 0]))
             self.assertGreater(front[1], 100)
             self.assertLess(max(front[0], front[2]), 40, "the marker in front hides the volume")
             self.assertGreater(behind.min(), 150, "the volume hides the marker behind it")
@@ -270,7 +274,8 @@ class Pictures(unittest.TestCase):
         self.transform("clip_frame", at, [0, 0, 0, 1])
         self.publish("clipped/volume", volume(voxels, [0.005] * 3, [-0.075, -0.075, 0], frame="clip_frame"))
         half = 0.0025  # the volume extends half a voxel beyond its outermost centres
-        self.stage.agrees(lambda picture: self.assert_box(picture, 3, 0, at[:2] + [0.02, -0.075 - half], at[:2] + [0.07 + half, 0.07 + half]))
+        self.stage.agrees(lambda picture: self.assert_box(picture, 3, 0, at[:2] + [0.02, -0.075 - half],
+                                                          at[:2] + [0.07 + half, 0.07 + half]))
 
     def test_the_clip_box_cuts(self):
         voxels = numpy.full((10, 30, 30), 255, numpy.uint8)
@@ -302,7 +307,8 @@ class Pictures(unittest.TestCase):
         self.stage.wait_for(lambda p: self.grey(p, at) > 20, what="the volume")
         before = self.stage.still().astype(int)
         brick = numpy.full((16, 16, 16), 255, numpy.int16)
-        self.publish("bricks/volume", volume(brick, [spacing] * 3, origin, sequence=2, offset=[16, 16, 16], full=[48, 48, 32]))
+        self.publish("bricks/volume", volume(brick, [spacing] * 3, origin, sequence=2, offset=[16, 16, 16],
+                                             full=[48, 48, 32]))
         middle = origin + numpy.array([23.5, 23.5, 0]) * spacing
         x, y, width, height = self.stage.window()  # without the status bar with the frame rate
         # interpolation extends one voxel beyond the brick
@@ -334,7 +340,8 @@ class Pictures(unittest.TestCase):
         publisher.publish(volume(voxels, [0.002] * 3, origin, sequence=2))
         time.sleep(4)
         self.assertEqual(len(connected), 1, "nothing was lost")
-        publisher.publish(volume(voxels[:2, :2, :2], [0.002] * 3, origin, sequence=4, offset=[1, 1, 1], full=[8, 8, 8], since=3))
+        publisher.publish(volume(voxels[:2, :2, :2], [0.002] * 3, origin, sequence=4, offset=[1, 1, 1], full=[8, 8, 8],
+                                 since=3))
         self.stage.wait(lambda: len(connected) == 2, what="the display that subscribes anew")
         # a reset, which rviz also does when time jumps back, discards everything; it must be sent again. The button is
         # at the lower left.
@@ -347,7 +354,8 @@ class Pictures(unittest.TestCase):
         axes = rotation(q) @ numpy.diag([1, 1, -1.0 if flipped else 1])
         at = spot(1, 1)
         origin = at - axes @ (spacing * (size - 1) / 2)
-        self.publish("oblique/volume", volume(numpy.full(size[::-1], 255, numpy.float32), spacing, origin, q, flipped=flipped))
+        self.publish("oblique/volume", volume(numpy.full(size[::-1], 255, numpy.float32), spacing, origin, q,
+                                              flipped=flipped))
         # its box as a mesh, in a frame one spot further along y
         corners = numpy.array([[c & 1, c >> 1 & 1, c >> 2] for c in range(8)]) * size - 0.5
         nodes = origin + (corners * spacing) @ axes.T
@@ -426,9 +434,12 @@ class Pictures(unittest.TestCase):
         def outside(m): m.offset = [1, 0, 0]
         def huge(m): m.full_size = m.size = [2 ** 32 - 1] * 3
         def empty(m): m.full_size = m.size = [0, 0, 0]
-        cases = [(set_size, "does not match the data"), (cut_data, "does not match the data"), (no_data, "does not match the data"),
-                 (zero_spacing, "spacing"), (nan_spacing, "spacing"), (nan_pose, "pose"), (zero_quaternion, "quaternion"),
-                 (encoding, "unknown encoding 9"), (outside, "leaves the volume"), (huge, "does not match the data"), (empty, "empty")]
+        cases = [(set_size, "does not match the data"), (cut_data, "does not match the data"),
+                 (no_data, "does not match the data"),
+                 (zero_spacing, "spacing"), (nan_spacing, "spacing"), (nan_pose, "pose"),
+                 (zero_quaternion, "quaternion"),
+                 (encoding, "unknown encoding 9"), (outside, "leaves the volume"), (huge, "does not match the data"),
+                 (empty, "empty")]
         def tells(reason):
             self.stage.wait(lambda: any(reason in line for line in self.log), what="the reason: " + reason)
         for number, (change, reason) in enumerate(cases):
@@ -448,7 +459,8 @@ class Pictures(unittest.TestCase):
         voxels[:, 32:96, 32:64] = 255
         self.publish("large/volume", volume(voxels, [0.001] * 3, at - 0.064))
         # every second voxel: edges to within one of them
-        self.stage.agrees(lambda picture: self.assert_box(picture, 3, 2, at[:2] + [-0.0325, -0.0325], at[:2] + [-0.0005, 0.0315], pixels=2.5))
+        self.stage.agrees(lambda picture: self.assert_box(picture, 3, 2, at[:2] + [-0.0325, -0.0325],
+                                                          at[:2] + [-0.0005, 0.0315], pixels=2.5))
 
     def test_a_marker_inside_gets_the_mouse(self):
         at = spot(2, 2)
@@ -463,7 +475,8 @@ class Pictures(unittest.TestCase):
         box = Marker(type=Marker.CUBE)
         box.scale.x = box.scale.y = box.scale.z = 0.03
         box.color.r = box.color.a = 1
-        control = InteractiveMarkerControl(name="press", interaction_mode=InteractiveMarkerControl.BUTTON, always_visible=True)
+        control = InteractiveMarkerControl(name="press", interaction_mode=InteractiveMarkerControl.BUTTON,
+                                           always_visible=True)
         control.markers.append(box)
         handle.controls.append(control)
         server.insert(handle, lambda feedback: got.append(feedback.event_type))

@@ -47,9 +47,11 @@ class Pull(unittest.TestCase):
     @classmethod
     def begin(cls):
         view = {"Class": "rviz/TopDownOrtho", "Scale": 700, "X": 0, "Y": 0, "Angle": 0, "Near Clip Distance": 0.01}
-        cls.stage = rviz_stage.Stage(rviz_stage.config(DISPLAYS, view, fixed_frame="front", tools=TOOL), 760, 560, tells_rows=True)
+        cls.stage = rviz_stage.Stage(rviz_stage.config(DISPLAYS, view, fixed_frame="front", tools=TOOL), 760, 560,
+                                     tells_rows=True)
         cls.stage.__enter__()
-        cls.stage.start([rviz_stage.program("pliant_node"), "__ns:=tissue", "_registration:=" + cls.stage.folder + "/registration.yaml"] + PARAMETERS, "node")
+        cls.stage.start([rviz_stage.program("pliant_node"), "__ns:=tissue", "_registration:=" + cls.stage.folder +
+                         "/registration.yaml"] + PARAMETERS, "node")
         rospy.init_node("rviz_pull_test", disable_signals=True)
         cls.poses, cls.jaws = [], []
         cls.contact = cls.state = cls.rest = None
@@ -62,7 +64,8 @@ class Pull(unittest.TestCase):
             rospy.Subscriber("tissue/mouse/contact", ContactState, lambda m: setattr(cls, "contact", m)),
             rospy.Subscriber("tissue/mesh/state", MeshState, take_state)]
         cls.calibrate()
-        cls.stage.wait(lambda: all(s.get_num_connections() > 0 for s in cls.subscribers), what="the topics of tool and tissue")
+        cls.stage.wait(lambda: all(s.get_num_connections() > 0 for s in cls.subscribers),
+                       what="the topics of tool and tissue")
         cls.stage.wait(lambda: cls.state is not None and cls.contact is not None, what="the simulation")
         cls.rest = cls.state
 
@@ -83,7 +86,8 @@ class Pull(unittest.TestCase):
         message.scale.x = message.scale.y = message.scale.z = 0.02
         message.points = [Point(x, y, 0) for x, y in places]
         cls.markers.publish(message)
-        seen = cls.stage.wait_for(lambda p: len(rviz_stage.magenta_centres(p)) == 3 and cls.is_skin(p).sum() > 2000, 120,
+        seen = cls.stage.wait_for(lambda p: len(rviz_stage.magenta_centres(p)) == 3 and cls.is_skin(p).sum() > 2000,
+                                  120,
                                   "three magenta markers and the phantom's skin")
         cls.map = rviz_stage.Map(places, seen)
 
@@ -117,7 +121,8 @@ class Pull(unittest.TestCase):
                 point = self.contact.held_point
                 return self.map.pixel(front([point.x, point.y, point.z]))
             way = numpy.linalg.norm(end - start)
-            wait(lambda: self.contact.grasped and numpy.linalg.norm(held() - end) < 0.15 * way, what="the tissue under the cursor")
+            wait(lambda: self.contact.grasped and numpy.linalg.norm(held() - end) < 0.15 * way,
+                 what="the tissue under the cursor")
             wait(lambda: abs(self.seen_at(self.poses[-1]) - end).max() < 1.5, what="the tip under the cursor")
             wait(lambda: self.moved().max() > 0.8 * way / self.map.scale, what="the mesh that follows")
             # most of the body stays
@@ -212,7 +217,8 @@ class Seen(unittest.TestCase):
 
     @classmethod
     def load(cls, sides, more="", scalar=""):
-        text = rviz_stage.config(LOOK % (sides, "  Scalar: %s\n" % scalar if scalar else "") + more, cls.view, fixed_frame="front", tools=TOOLS)
+        text = rviz_stage.config(LOOK % (sides, "  Scalar: %s\n" % scalar if scalar else "") + more, cls.view,
+                                 fixed_frame="front", tools=TOOLS)
         text = text.replace("Panels: []\n", PANELS).replace("Hide Left Dock: true", "Hide Left Dock: false")
         cls.stage.load(text)
 
@@ -243,7 +249,8 @@ class Seen(unittest.TestCase):
             fits(picture)
             rows, columns = numpy.argwhere((picture.min(axis=2) > 200) & (without.max(axis=2) < 40)).T
             height, width = picture.shape[:2]
-            for there, name in ((columns < 0.3 * width, "right"), (columns > 0.5 * width, "left"), (rows < 0.4 * height, "superior"), (rows > 0.6 * height, "inferior")):
+            for there, name in ((columns < 0.3 * width, "right"), (columns > 0.5 * width, "left"),
+                                (rows < 0.4 * height, "superior"), (rows > 0.6 * height, "inferior")):
                 self.assertGreater(there.sum(), 15, "white letters on the side that is " + name)
         self.stage.agrees(lettered)
         if "PLIANT_TEST_PICTURE" in os.environ:
@@ -265,14 +272,16 @@ class Seen(unittest.TestCase):
             return
         o, s = message.origin.position, message.spacing
         self.origin, self.spacing = numpy.array([o.x, o.y, o.z]), numpy.array([s.x, s.y, s.z])
-        self.volume = message.slope * numpy.frombuffer(message.data, numpy.int16).reshape(message.size[::-1]) + message.intercept
+        self.volume = message.slope * numpy.frombuffer(message.data,
+                                                       numpy.int16).reshape(message.size[::-1]) + message.intercept
 
     def liver(self):
         """Return a pixel inside the visible liver: dark red, in a wide patch."""
         view = self.stage.view(self.stage.still()).astype(float)
         red = (view[:, :, 0] > 60) & (view[:, :, 0] > 1.7 * view[:, :, 1]) & (view[:, :, 0] < 190)
         x, y, width, height = self.stage.window()
-        best = max(((red[j - 8:j + 9, i - 8:i + 9].mean(), i, j) for j in range(20, height - 20, 4) for i in range(20, width - 20, 4)))
+        best = max(((red[j - 8:j + 9, i - 8:i + 9].mean(), i, j) for j in range(20, height - 20, 4)
+                    for i in range(20, width - 20, 4)))
         self.assertGreater(best[0], 0.6, "the liver is seen")
         return numpy.array([x + best[1], y + best[2]])
 
@@ -287,7 +296,8 @@ class Seen(unittest.TestCase):
             self.stage.mouse("mousemove", *at, "mousedown", 1)
             self.stage.wait(lambda: Pull.contact.grasped, what="the grasp")
             held = Pull.contact.held_point
-            self.assertGreater(self.value_at([held.x, held.y, held.z]), 60, "not the skin, which lies before it and is faint")
+            self.assertGreater(self.value_at([held.x, held.y, held.z]), 60,
+                               "not the skin, which lies before it and is faint")
         finally:
             self.stage.mouse("mouseup", 1)
             reader.unregister()
@@ -327,7 +337,8 @@ class Seen(unittest.TestCase):
         at, *_, opacity = [float(number) for number in points.split(";")[1].split(",")]
         self.assertAlmostEqual(at, 0.17, delta=0.03)
         self.assertLess(opacity, 0.002)
-        self.stage.wait_for(lambda p: (abs(self.stage.view(p).astype(int) - self.stage.view(before)).max(axis=2) > 10).mean() > 0.02,
+        self.stage.wait_for(lambda p: (abs(self.stage.view(p).astype(int) - self.stage.view(before)).max(axis=2) >
+                                       10).mean() > 0.02,
                             what="the picture without skin")
 
     def test_4_a_click_tells_the_material_and_a_number_changes_it(self):
@@ -351,7 +362,8 @@ class Seen(unittest.TestCase):
         clicked = self.stage.wait(click, what="the material")
         self.assertIn(clicked, ("organ", "soft_tissue"), "the one that is seen")
         chosen = [material for material in before if material["name"] == clicked][0]
-        for row, key in (("Young's Modulus", "young_modulus"), ("Poisson Ratio", "poisson_ratio"), ("Density", "density")):
+        for row, key in (("Young's Modulus", "young_modulus"), ("Poisson Ratio", "poisson_ratio"),
+                         ("Density", "density")):
             self.assertAlmostEqual(float(told(row)), chosen[key], delta=1e-5 * chosen[key])
         place, _ = self.stage.rows()["Material/Young's Modulus"]
         self.stage.mouse("mousemove", *place, "click", "--repeat", 2, "--delay", 60, 1)
@@ -359,21 +371,25 @@ class Seen(unittest.TestCase):
         self.stage.mouse("key", "Return")
         self.stage.wait(lambda: "12345" in session[-1].materials, what="the material in the simulation")
         after = yaml.safe_load(session[-1].materials)["materials"]
-        self.assertEqual([(a, b) for a, b in zip(after, before) if a != b], [(dict(chosen, young_modulus=12345), chosen)])
+        self.assertEqual([(a, b) for a, b in zip(after, before) if a != b],
+                         [(dict(chosen, young_modulus=12345), chosen)])
         self.stage.wait(lambda: told("Young's Modulus") == "12345", what="the number in the panel")
         reader.unregister()
 
     def test_5_the_tissue_is_dragged_to_where_it_lies(self):
-        self.stage.start([rviz_stage.program("registration_marker"), "__ns:=tissue", "_parent_frame:=front"], "registration")
+        self.stage.start([rviz_stage.program("registration_marker"), "__ns:=tissue", "_parent_frame:=front"],
+                         "registration")
         self.view.update({"Scale": 500, "X": 0, "Y": 0})
-        text = rviz_stage.config(LOOK.replace("Enabled: true", "Enabled: false", 2) % ("false", ""), self.view, fixed_frame="front")
+        text = rviz_stage.config(LOOK.replace("Enabled: true", "Enabled: false", 2) % ("false", ""), self.view,
+                                 fixed_frame="front")
         self.stage.load(text)
         frames = tf2_ros.Buffer()
         listener = tf2_ros.TransformListener(frames)
 
         def place():
             at = frames.lookup_transform("front", "tissue", rospy.Time(0)).transform
-            return numpy.array([at.translation.x, at.translation.y, at.translation.z, at.rotation.x, at.rotation.y, at.rotation.z, at.rotation.w])
+            return numpy.array([at.translation.x, at.translation.y, at.translation.z, at.rotation.x, at.rotation.y,
+                                at.rotation.z, at.rotation.w])
         self.stage.wait(lambda: frames.can_transform("front", "tissue", rospy.Time(0)), what="where it lies")
         before = place()
 

@@ -53,7 +53,8 @@ def config(displays, view, fixed_frame="tissue", background="0; 0; 0", tools="",
             "  Enabled: true\n  Global Options:\n    Background Color: %s\n    Default Light: true\n" % background +
             "    Fixed Frame: %s\n    Frame Rate: %d\n  Name: root\n  Tools:\n" % (fixed_frame, rate) + tool_text +
             "  Value: true\n  Views:\n    Current:\n" + view_text + "    Saved: ~\n"
-            "Window Geometry:\n  Hide Left Dock: true\n  Hide Right Dock: true\n  Width: %d\n  Height: %d\n  X: 0\n  Y: 0\n")
+            "Window Geometry:\n  Hide Left Dock: true\n  Hide Right Dock: true\n  Width: %d\n  Height: %d\n  X: 0\n"
+            "  Y: 0\n")
 
 
 def magenta_centres(picture):
@@ -76,7 +77,8 @@ class Map:
     right and upper left."""
 
     def __init__(self, places, picture):
-        self.matrix = numpy.linalg.solve(numpy.column_stack([places, numpy.ones(3)]), numpy.array(magenta_centres(picture)))
+        self.matrix = numpy.linalg.solve(numpy.column_stack([places, numpy.ones(3)]),
+                                         numpy.array(magenta_centres(picture)))
         self.scale = abs(self.matrix[0, 0])  # pixels per metre
 
     def pixel(self, point):
@@ -119,7 +121,8 @@ class Stage:
             time.sleep(0.05)
         # the server chooses a free display and prints its number
         reader, writer = os.pipe()
-        self.start(["Xvfb", "-displayfd", str(writer), "-screen", "0", "%dx%dx24" % (self.width, self.height), "-nolisten", "tcp",
+        self.start(["Xvfb", "-displayfd", str(writer), "-screen", "0", "%dx%dx24" % (self.width, self.height),
+                    "-nolisten", "tcp",
                     "-fbdir", self.folder], "screen", pass_fds=[writer])
         os.close(writer)
         with os.fdopen(reader) as answer:
@@ -140,7 +143,8 @@ class Stage:
 
     def start(self, command, name, pass_fds=()):
         out = open(os.path.join(self.folder, name + ".log"), "wb")
-        process = subprocess.Popen(command, stdout=out, stderr=subprocess.STDOUT, start_new_session=True, pass_fds=pass_fds)
+        process = subprocess.Popen(command, stdout=out, stderr=subprocess.STDOUT, start_new_session=True,
+                                   pass_fds=pass_fds)
         out.close()
         self.processes[name] = process
 
@@ -242,7 +246,8 @@ class Stage:
         import std_msgs.msg
         kind = type("SendFilePath", (), dict(_type="rviz/SendFilePath", _md5sum="*", _request_class=std_msgs.msg.String,
                                              _response_class=std_msgs.msg.Bool))
-        name = self.wait(lambda: next((each for each in rosservice.get_service_list() if each.endswith(service)), None), what="rviz's service " + service)
+        name = self.wait(lambda: next((each for each in rosservice.get_service_list() if each.endswith(service)), None),
+                         what="rviz's service " + service)
         if not rospy.ServiceProxy(name, kind)(path).data:
             raise RuntimeError("rviz refused " + path)
 

@@ -62,13 +62,16 @@ def cast(labels, voxels, body, camera, size, focal, centre):
     of the camera."""
     def volume_of(array):
         volume = library.Struct("pliant_volume")
-        for name, value in (("geometry.size", array.shape[::-1]), ("geometry.spacing", [VOXEL] * 3), ("geometry.direction", numpy.eye(3)),
-                            ("geometry.origin", [-VOXEL * (EDGE - 1) / 2] * 3), ("encoding", 1), ("slope", 1), ("voxels", array.ctypes.data)):
+        for name, value in (("geometry.size", array.shape[::-1]), ("geometry.spacing", [VOXEL] * 3),
+                            ("geometry.direction", numpy.eye(3)),
+                            ("geometry.origin", [-VOXEL * (EDGE - 1) / 2] * 3), ("encoding", 1), ("slope", 1),
+                            ("voxels", array.ctypes.data)):
             volume[name] = value
         return volume
     seen = numpy.zeros(size[::-1], numpy.uint8)
     K = [[focal, 0, centre[0]], [0, focal, centre[1]], [0, 0, 1]]
-    at, image, style = pliant._camera(K, numpy.linalg.inv(body) @ camera, size, 0, 0), library.Struct("pliant_image"), library.Struct("pliant_style")
+    at, image, style = (pliant._camera(K, numpy.linalg.inv(body) @ camera, size, 0, 0), library.Struct("pliant_image"),
+                        library.Struct("pliant_style"))
     scan, of = volume_of(voxels), volume_of(labels)
     library.call("style_defaults", scan.address, style.address)
     style["threshold"] = 76
@@ -107,7 +110,8 @@ class Views(unittest.TestCase):
 
     def test_every_side_is_seen_as_the_ray_caster_sees_it(self):
         view = {"Class": "rviz/Orbit", "Distance": DISTANCE, "Pitch": 0, "Yaw": 0, "Near Clip Distance": 0.01}
-        display = pictures.volume_display("marked").replace("  Window: 127\n", "  Window: 255\n").replace("  Level: 191.5\n", "  Level: 127.5\n").replace(": 96\n", ": 192\n")
+        display = (pictures.volume_display("marked").replace("  Window: 127\n", "  Window: 255\n")
+                   .replace("  Level: 191.5\n", "  Level: 127.5\n").replace(": 96\n", ": 192\n"))
         text = rviz_stage.config(display + '  Points: "%s"\n' % transfer() + CAMERA, view, fixed_frame="stage")
         text = text.replace("  Hide Left Dock: true", "  Camera:\n    collapsed: false\n  Hide Left Dock: false")
         with rviz_stage.Stage(text, 800, 420) as stage:
@@ -134,11 +138,14 @@ class Views(unittest.TestCase):
                 image = Image(width=320, height=240, encoding="rgb8", step=960, data=b"\0\0\x64" * 320 * 240)
                 image.header.frame_id, image.header.stamp = "camera", rospy.Time.now()
                 images.publish(image)
-                infos.publish(CameraInfo(header=image.header, width=320, height=240, K=[300, 0, 160, 0, 300, 120, 0, 0, 1], D=[0] * 5,
-                                         R=[1, 0, 0, 0, 1, 0, 0, 0, 1], P=[300, 0, 160, 0, 0, 300, 120, 0, 0, 0, 1, 0], distortion_model="plumb_bob"))
+                infos.publish(CameraInfo(header=image.header, width=320, height=240,
+                                         K=[300, 0, 160, 0, 300, 120, 0, 0, 1], D=[0] * 5,
+                                         R=[1, 0, 0, 0, 1, 0, 0, 0, 1], P=[300, 0, 160, 0, 0, 300, 120, 0, 0, 0, 1, 0],
+                                         distortion_model="plumb_bob"))
 
             quarter = numpy.pi / 2
-            turns = [([0, 0, 1], 0), ([0, 0, 1], quarter), ([0, 0, 1], 2 * quarter), ([0, 0, 1], -quarter), ([0, 1, 0], quarter), ([0, 1, 0], -quarter),
+            turns = [([0, 0, 1], 0), ([0, 0, 1], quarter), ([0, 0, 1], 2 * quarter), ([0, 0, 1], -quarter),
+                     ([0, 1, 0], quarter), ([0, 1, 0], -quarter),
                      ([1, 2, -0.7], 1.1)]
             self.told = set()
             for number, (axis, angle) in enumerate(turns):
@@ -149,7 +156,8 @@ class Views(unittest.TestCase):
 
                 def expected(camera, size, focal):
                     if size not in cached:
-                        cached[size] = cast(labels, voxels, body, camera, size, focal, (size[0] / 2 - 0.5, size[1] / 2 - 0.5))
+                        cached[size] = cast(labels, voxels, body, camera, size, focal,
+                                            (size[0] / 2 - 0.5, size[1] / 2 - 0.5))
                     return cached[size]
 
                 def check(picture):
@@ -157,14 +165,16 @@ class Views(unittest.TestCase):
                     x, y, width, height = stage.window()
                     focal = 0.5 * height / numpy.tan(numpy.pi / 8)
                     wanted = expected(main, (width, height), focal)
-                    self.compare(picture[y:y + height, x:x + width], wanted, (0, 0, 0), focal * VOXEL / DISTANCE, "main view, turn %d" % number)
+                    self.compare(picture[y:y + height, x:x + width], wanted, (0, 0, 0), focal * VOXEL / DISTANCE,
+                                 "main view, turn %d" % number)
                     dock = picture[:, :x]
                     blue = numpy.argwhere((abs(dock.astype(int) - [0, 0, 100]) < 12).all(axis=2))
                     self.assertGreater(len(blue), 2000, "the camera's image")
                     (top, left), (bottom, right) = blue.min(axis=0), blue.max(axis=0) + 1
                     scale = (right - left) / 320
                     wanted = expected(below, (int(right - left), int(bottom - top)), 300 * scale)
-                    self.compare(dock[top:bottom, left:right], wanted, (0, 0, 100), 300 * scale * VOXEL / DISTANCE, "camera, turn %d" % number)
+                    self.compare(dock[top:bottom, left:right], wanted, (0, 0, 100), 300 * scale * VOXEL / DISTANCE,
+                                 "camera, turn %d" % number)
                 stage.agrees(check, 30)
                 if "PLIANT_TEST_PICTURE" in os.environ:
                     stage.picture("%s.%d.png" % (os.environ["PLIANT_TEST_PICTURE"], number))

@@ -58,7 +58,8 @@ class SessionTest(unittest.TestCase):
         # requested
         with open(cls.folder + "/params.yaml", "w") as file:
             file.write("volume_threshold: 0\n")
-        live = Launch("tissue.launch", scan=FIRST, scene=cls.folder + "/scene.yaml", params=cls.folder + "/params.yaml", tool_max_age="1", parent_frame="")
+        live = Launch("tissue.launch", scan=FIRST, scene=cls.folder + "/scene.yaml", params=cls.folder + "/params.yaml",
+                      tool_max_age="1", parent_frame="")
         volumes, recorder = Checksums(), None
         try:
             cls.node, cls.tool, cls.step = Node(), Tool("grasper", "tissue"), Latest("step", Step)
@@ -89,12 +90,14 @@ class SessionTest(unittest.TestCase):
         cls.pull()
         answer = node.set_materials(cls.materials.replace("name: liver", "name: jelly"))
         assert answer.success, answer.message
-        rospy.ServiceProxy(NAMESPACE + "sim/set_parameters", Reconfigure)(Config(doubles=[DoubleParameter("gravity_y", 2.5)]))
+        rospy.ServiceProxy(NAMESPACE + "sim/set_parameters",
+                           Reconfigure)(Config(doubles=[DoubleParameter("gravity_y", 2.5)]))
         cls.pull()
         answer = node.load(SECOND, options=["model/method=fine"])
         assert answer.success, answer.message
         x, y, z = node.front()
-        cut = call("cut", CutLine, Header(frame_id="tissue"), [Point(x, y - 0.1, z - 0.04), Point(x, y - 0.1, z + 0.04)], Vector3(0, 0.12, 0))
+        cut = call("cut", CutLine, Header(frame_id="tissue"),
+                   [Point(x, y - 0.1, z - 0.04), Point(x, y - 0.1, z + 0.04)], Vector3(0, 0.12, 0))
         assert cut.success and cut.severed_area > 1e-4, cut.message
         cls.pull()
 
@@ -129,7 +132,8 @@ class SessionTest(unittest.TestCase):
             volumes = Checksums()
             launch = Launch("replay.launch", bag=self.bag, scan=FIRST, rate="10", sim_time="false")
             try:
-                wait_for(lambda: volumes.all() and max(stamp for stamp, _ in volumes.all()) >= self.live[-1][0], "the end of the replay", SECONDS / 3)
+                wait_for(lambda: volumes.all() and max(stamp for stamp, _ in volumes.all()) >= self.live[-1][0],
+                         "the end of the replay", SECONDS / 3)
                 break
             except AssertionError:
                 if last:
@@ -151,12 +155,14 @@ class SessionTest(unittest.TestCase):
         self.assertGreater(len(set(crc for _, crc in self.live)), 20)
 
     def run_bag(self, *arguments):
-        done = subprocess.run(["pliant_bag", self.bag] + list(arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, universal_newlines=True,
+        done = subprocess.run(["pliant_bag", self.bag] + list(arguments), stdout=subprocess.PIPE,
+                              stderr=subprocess.PIPE, universal_newlines=True,
                               timeout=SECONDS)
         return done.returncode, done.stdout, done.stderr
 
     def test_it_is_computed_again(self):
-        code, said, errors = self.run_bag("--scan", FIRST, "--simulate", "--every", "0.5", "--out", self.folder + "/volumes")
+        code, said, errors = self.run_bag("--scan", FIRST, "--simulate", "--every", "0.5", "--out",
+                                          self.folder + "/volumes")
         self.assertEqual(code, 0, errors)
         self.assertIn("each as recorded, to the bit", said)
         self.assertNotIn("before the first reset", said.split("turns computed")[0])
@@ -165,7 +171,8 @@ class SessionTest(unittest.TestCase):
     def test_volumes_come_from_each_of_its_models(self):
         code, said, errors = self.run_bag("--scan", FIRST, "--every", "0.5", "--out", self.folder + "/recorded")
         self.assertEqual(code, 0, errors)
-        sizes = set(os.path.getsize(self.folder + "/recorded/" + name) for name in os.listdir(self.folder + "/recorded"))
+        sizes = set(os.path.getsize(self.folder + "/recorded/" + name)
+                    for name in os.listdir(self.folder + "/recorded"))
         self.assertGreater(len(sizes), 3)
 
 
