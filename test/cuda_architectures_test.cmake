@@ -50,4 +50,6 @@ if(NOT messages MATCHES "70.*older CUDA Toolkit")
 endif()
 
 pliant_architecture_flags("75-real;86;87-virtual" flags)
-expect("flags of nvcc" "${flags}" " -gencode=arch=compute_75,code=sm_75 -gencode=arch=compute_86,code=sm_86 -gencode=arch=compute_86,code=compute_86 -gencode=arch=compute_87,code=compute_87")
+string(CONCAT expected " -gencode=arch=compute_75,code=sm_75 -gencode=arch=compute_86,code=sm_86"
+  " -gencode=arch=compute_86,code=compute_86 -gencode=arch=compute_87,code=compute_87")
+expect("flags of nvcc" "${flags}" "${expected}")

@@ -1,6 +1,7 @@
 # Is there a CUDA compiler, and anything to compile?
 #
-# out: PLIANT_WITH_CUDA (boolean), PLIANT_CUDA_REPORT (a line), pliant_cuda_sources, CMAKE_CUDA_ARCHITECTURES (overridable)
+# out: PLIANT_WITH_CUDA (boolean), PLIANT_CUDA_REPORT (a line), pliant_cuda_sources,
+#      CMAKE_CUDA_ARCHITECTURES (overridable)
 set(PLIANT_WITH_CUDA FALSE)
 file(GLOB pliant_cuda_sources CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/cuda/*/*.cu ${PROJECT_SOURCE_DIR}/cuda/fem/*/*.cu)
 if(PLIANT_CUDA STREQUAL OFF)

@@ -1,5 +1,5 @@
-# Which GPU architectures kernels are compiled for, as CMAKE_CUDA_ARCHITECTURES names them: N-real is machine code, N-virtual is PTX, which a driver
-# compiles for newer GPUs when a program starts, N is both.
+# Choose the GPU architectures that kernels are compiled for, as CMAKE_CUDA_ARCHITECTURES names them. N-real is machine
+# code. N-virtual is PTX, which a driver compiles for newer GPUs when a program starts. N is both.
 #
 # known: output of nvcc --list-gpu-arch
 # gpus:  compute capabilities of this machine's GPUs without the dot (80;120); empty: for any machine
@@ -31,9 +31,14 @@ function(pliant_choose_architectures known gpus out messages)
         endif()
       endforeach()
       if(ptx EQUAL 0)
-        list(APPEND said "nvcc does not compile for this machine's GPU of compute capability ${architecture} (tenths): it is too old; use an older CUDA Toolkit")
+        string(CONCAT text "nvcc does not compile for this machine's GPU of compute capability ${architecture} "
+          "(tenths): it is too old; use an older CUDA Toolkit")
+        list(APPEND said "${text}")
       else()
-        list(APPEND said "nvcc does not know this machine's GPU of compute capability ${architecture} (tenths): it gets PTX of ${ptx}, which the driver compiles at the first start; use a newer CUDA Toolkit to avoid that")
+        string(CONCAT text "nvcc does not know this machine's GPU of compute capability ${architecture} (tenths): "
+          "it gets PTX of ${ptx}, which the driver compiles at the first start; "
+          "use a newer CUDA Toolkit to avoid that")
+        list(APPEND said "${text}")
         list(APPEND chosen ${ptx}-virtual)
       endif()
     endif()

@@ -35,11 +35,14 @@ if(NOT PLIANT_MSGS_ONLY)
   install(DIRECTORY launch/ DESTINATION ${PLIANT_SHARE_DIR}/launch USE_SOURCE_PERMISSIONS
           FILES_MATCHING PATTERN "*.launch" PATTERN "*.yaml" PATTERN "*.rviz" PATTERN "*.py")
 endif()
-# pliant.py and what it stands on: where ROS is, a module of the messages' package, whose first file imports it once it is asked for
+# Install pliant.py and its library. With ROS it is a module of the messages' package, which imports it on first use.
 if(PLIANT_WITH_ROS AND NOT PLIANT_MSGS_ONLY)
-  configure_file(src/python/package.py ${CATKIN_DEVEL_PREFIX}/${CATKIN_GLOBAL_PYTHON_DESTINATION}/pliant/__init__.py COPYONLY)
-  configure_file(src/python/pliant.py ${CATKIN_DEVEL_PREFIX}/${CATKIN_GLOBAL_PYTHON_DESTINATION}/pliant/simulation.py COPYONLY)
-  configure_file(src/python/pliant_library.py ${CATKIN_DEVEL_PREFIX}/${CATKIN_GLOBAL_PYTHON_DESTINATION}/pliant/pliant_library.py COPYONLY)
+  configure_file(src/python/package.py ${CATKIN_DEVEL_PREFIX}/${CATKIN_GLOBAL_PYTHON_DESTINATION}/pliant/__init__.py
+    COPYONLY)
+  configure_file(src/python/pliant.py ${CATKIN_DEVEL_PREFIX}/${CATKIN_GLOBAL_PYTHON_DESTINATION}/pliant/simulation.py
+    COPYONLY)
+  configure_file(src/python/pliant_library.py
+    ${CATKIN_DEVEL_PREFIX}/${CATKIN_GLOBAL_PYTHON_DESTINATION}/pliant/pliant_library.py COPYONLY)
   install(FILES src/python/package.py DESTINATION ${CATKIN_GLOBAL_PYTHON_DESTINATION}/pliant RENAME __init__.py)
   install(FILES src/python/pliant.py DESTINATION ${CATKIN_GLOBAL_PYTHON_DESTINATION}/pliant RENAME simulation.py)
   install(FILES src/python/pliant_library.py DESTINATION ${CATKIN_GLOBAL_PYTHON_DESTINATION}/pliant)

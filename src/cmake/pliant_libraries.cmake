@@ -26,5 +26,6 @@ find_package(ITK QUIET COMPONENTS ${pliant_itk_components})
 list(REMOVE_ITEM ITK_INCLUDE_DIRS /usr/include)
 unset(CMAKE_MESSAGE_LOG_LEVEL)
 if(NOT ITK_FOUND)
-  message(FATAL_ERROR "ITK 4.13 or 5 not found: apt-get install libinsighttoolkit5-dev (Ubuntu 20.04: libinsighttoolkit4-dev)")
+  message(FATAL_ERROR
+    "ITK 4.13 or 5 not found: apt-get install libinsighttoolkit5-dev (Ubuntu 20.04: libinsighttoolkit4-dev)")
 endif()

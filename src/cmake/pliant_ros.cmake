@@ -36,11 +36,12 @@ function(pliant_apt_name component out)
   set(${out} ${name} PARENT_SCOPE)
 endfunction()
 
-# ROS lives in the system's python; another one that comes first on the PATH does not know catkin. Two names, because some
-# of ROS looks for the one and some for the other.
+# ROS is installed for the system's Python. Another Python that comes first on the PATH does not find catkin.
+# There are two names of variables, because parts of ROS use either.
 if(NOT PLIANT_ROS STREQUAL OFF)
   if(NOT PYTHON_EXECUTABLE AND EXISTS /usr/bin/python3)
-    execute_process(COMMAND /usr/bin/python3 -c "import catkin_pkg" RESULT_VARIABLE no_catkin_pkg OUTPUT_QUIET ERROR_QUIET)
+    execute_process(COMMAND /usr/bin/python3 -c "import catkin_pkg" RESULT_VARIABLE no_catkin_pkg
+      OUTPUT_QUIET ERROR_QUIET)
     if(no_catkin_pkg EQUAL 0)
       set(PYTHON_EXECUTABLE /usr/bin/python3 CACHE FILEPATH "the python that ROS is installed for")
     endif()

@@ -13,7 +13,8 @@ add_executable(rviz_rows ${CMAKE_CURRENT_LIST_DIR}/rviz_rows.cpp)
 target_compile_options(rviz_rows PRIVATE -Wall -Wextra)
 target_include_directories(rviz_rows SYSTEM PRIVATE ${catkin_INCLUDE_DIRS} ${rviz_INCLUDE_DIRS})
 target_link_libraries(rviz_rows PRIVATE ${catkin_LIBRARIES} ${rviz_LIBRARIES} Qt5::Widgets)
-set_target_properties(rviz_rows PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CATKIN_DEVEL_PREFIX}/${CATKIN_PACKAGE_BIN_DESTINATION})
+set_target_properties(rviz_rows PROPERTIES
+  RUNTIME_OUTPUT_DIRECTORY ${CATKIN_DEVEL_PREFIX}/${CATKIN_PACKAGE_BIN_DESTINATION})
 
 # exit code 77: skipped, with the reason
 foreach(name rviz_pictures_test rviz_views_test rviz_pull_test rviz_cut_test)
