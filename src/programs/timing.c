@@ -41,10 +41,9 @@ pliant_status timing_start(const char *folder, step_times *out)
     for (int stage = 0; stage < PLIANT_NUM_STEP_STAGES; ++stage)
         fprintf(times.steps, ",%s_s", pliant_step_stage_name(stage));
     fputs(",cull_s,rasterize_s,step_s,inverted,legs,advanced,proxy_error_m,ended\n", times.steps);
-    fputs(
-        "step,tool,force_x_n,force_y_n,force_z_n,held_x_m,held_y_m,held_z_m,contact_x_n,contact_y_n,contact_z_n,"
-        "contact_torque_x_nm,contact_torque_y_nm,contact_torque_z_nm\n",
-        times.tools);
+    fputs("step,tool,force_x_n,force_y_n,force_z_n,held_x_m,held_y_m,held_z_m,contact_x_n,contact_y_n,contact_z_n,"
+          "contact_torque_x_nm,contact_torque_y_nm,contact_torque_z_nm\n",
+          times.tools);
     *out = times;
     return PLIANT_OK;
 }
@@ -168,15 +167,14 @@ void timing_warn(const step_times *times, const pliant_model *model, const plian
     const pliant_scene *scene = pliant_model_get_scene(model);
     bool schur = scene->model.method == PLIANT_SCHUR;
     if (statistics->not_converged > 0)
-        pliant_log(
-            PLIANT_LOG_WARNING,
-            "%llu of %zu steps did not converge%s: nodes may be up to %.2g mm off, "
-            "solver/tolerance is %.2g of the displacement; %s",
-            (unsigned long long)statistics->not_converged, times->num_steps,
-            times->last_converged ? " (the last one did)" : ", nor did the last one", 1e3 * times->worst_error,
-            scene->solver.tolerance,
-            schur ? "schur may be too soft for the load: averaged is not"
-                  : "more of solver/iterations or a smaller solver/step bring them closer");
+        pliant_log(PLIANT_LOG_WARNING,
+                   "%llu of %zu steps did not converge%s: nodes may be up to %.2g mm off, "
+                   "solver/tolerance is %.2g of the displacement; %s",
+                   (unsigned long long)statistics->not_converged, times->num_steps,
+                   times->last_converged ? " (the last one did)" : ", nor did the last one", 1e3 * times->worst_error,
+                   scene->solver.tolerance,
+                   schur ? "schur may be too soft for the load: averaged is not"
+                         : "more of solver/iterations or a smaller solver/step bring them closer");
     if (times->most_inverted > 0)
         pliant_log(
             PLIANT_LOG_WARNING,

@@ -186,14 +186,13 @@ void report_markers_warn(int32_t num_markers, const pliant_marker *markers, cons
 {
     const double most = 9;
     if (!(found->misfit > most)) return;
-    pliant_log(
-        PLIANT_LOG_WARNING,
-        "the fit leaves markers %.3g mm off (root mean square), %.3g times their deviation: "
-        "do not trust these moduli%s",
-        1e3 * found->rms, sqrt(found->misfit),
-        look_like_positions(num_markers, markers)
-            ? "; moved_x, moved_y and moved_z look like positions: give displacements, "
-              "which are the deformed minus the rest position"
-            : "; check the markers (displacements in metres, LPS), the loads and what is fixed, "
-              "or give the deviation that the measurement has");
+    pliant_log(PLIANT_LOG_WARNING,
+               "the fit leaves markers %.3g mm off (root mean square), %.3g times their deviation: "
+               "do not trust these moduli%s",
+               1e3 * found->rms, sqrt(found->misfit),
+               look_like_positions(num_markers, markers)
+                   ? "; moved_x, moved_y and moved_z look like positions: give displacements, "
+                     "which are the deformed minus the rest position"
+                   : "; check the markers (displacements in metres, LPS), the loads and what is fixed, "
+                     "or give the deviation that the measurement has");
 }

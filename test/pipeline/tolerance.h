@@ -68,10 +68,9 @@ inline double worst_error(const pliant_model *model, const double point[3], cons
         pliant_data_free(data);
     }
     EXPECT_GT(converged, 0.8 * frames);
-    std::printf(
-        "drive %d: %d of %d frames converged, worst error %.3f %% of the displacement, "
-        "told %.2f to %.2f times as much\n",
-        drive, converged, frames, 100 * worst, least, most);
+    std::printf("drive %d: %d of %d frames converged, worst error %.3f %% of the displacement, "
+                "told %.2f to %.2f times as much\n",
+                drive, converged, frames, 100 * worst, least, most);
     return worst;
 }
 

@@ -112,19 +112,17 @@ static pliant_status check_header(size_t size, const void *bytes, const pliant_b
     memcpy(&head, bytes, sizeof head);
     head.version[sizeof head.version - 1] = 0;
     if (head.format != FORMAT || head.scalars != sizeof(pliant_state))
-        return pliant_fail(
-            PLIANT_ERROR_FORMAT,
-            "the simulation state was written by Pliant %s in format %u (%u bytes); Pliant %s "
-            "reads format %d (%zu bytes): read it with the version that wrote it",
-            head.version, head.format, head.scalars, PLIANT_VERSION, FORMAT, sizeof(pliant_state));
+        return pliant_fail(PLIANT_ERROR_FORMAT,
+                           "the simulation state was written by Pliant %s in format %u (%u bytes); Pliant %s "
+                           "reads format %d (%zu bytes): read it with the version that wrote it",
+                           head.version, head.format, head.scalars, PLIANT_VERSION, FORMAT, sizeof(pliant_state));
     if (head.bytes != size - sizeof head ||
         head.checksum != add_sum(no_sum, (const char *)bytes + sizeof head, size - sizeof head))
         return pliant_fail(PLIANT_ERROR_FORMAT, "the simulation state is damaged: %zu bytes", size);
     if (head.mesh != mesh_sum(body))
-        return pliant_fail(
-            PLIANT_ERROR_FORMAT,
-            "the simulation state is of another mesh: build the model from the scene, "
-            "the scan and the cuts that it was saved with");
+        return pliant_fail(PLIANT_ERROR_FORMAT,
+                           "the simulation state is of another mesh: build the model from the scene, "
+                           "the scan and the cuts that it was saved with");
     return PLIANT_OK;
 }
 

@@ -149,11 +149,10 @@ static void tell_missing(const pliant_data *data)
 {
     const uint32_t missing = data->background.prescribed & ~data->background.taken;
     if (missing)
-        pliant_log(
-            PLIANT_LOG_WARNING,
-            "step %llu: what it was to take (pliant_data_set_background: %u) was not under way: "
-            "another run than the recorded one",
-            (unsigned long long)data->statistics.step, (unsigned)missing);
+        pliant_log(PLIANT_LOG_WARNING,
+                   "step %llu: what it was to take (pliant_data_set_background: %u) was not under way: "
+                   "another run than the recorded one",
+                   (unsigned long long)data->statistics.step, (unsigned)missing);
 }
 
 pliant_status pliant_step(const pliant_model *model, pliant_data *data)
