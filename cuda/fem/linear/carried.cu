@@ -207,8 +207,8 @@ static pliant_status invert(const gpu_system *gpu, int32_t pivots, int32_t tiles
     const unsigned rows = 3 * (unsigned)(carried->inner + carried->outer);
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(sweep->d_tiles, 0, bytes, stream)));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(sweep->d_failed, 0, sizes[2], stream)));
-    assemble_kernel < < <(unsigned)carried->inner, gpu->macros.count> 0 ? MACRO_ENTRIES : ENTRIES, 0,
-        stream >>> (*gpu, *carried, matrix);
+    const int threads = gpu->macros.count > 0 ? MACRO_ENTRIES : ENTRIES;
+    assemble_kernel<<<(unsigned)carried->inner, threads, 0, stream>>>(*gpu, *carried, matrix);
     CUDA_TRY(CUDA_LAUNCHED("assemble_kernel"));
     pad_kernel<<<1, SWEEP, 0, stream>>>(matrix);
     CUDA_TRY(CUDA_LAUNCHED("pad_kernel"));
