@@ -184,43 +184,6 @@ TEST(SweptPieces, AStepInPartsThatFailsIsUndone)
     }
 }
 
-// The state at the beginning of a step determines the piece's motion, for a flying, rotating piece and for a pulled
-// one.
-TEST(SweptPieces, GoOnFromWhatIsKept)
-{
-    Sweeps sweeps;
-    const Way on = through_the_piece(sweeps.at(29));
-    for (const bool is_held : {false, true}) {
-        GrippedPiece piece(on, is_held);
-        Sheet &sheet = *piece.sheet;
-        for (int step = 0; step < on.steps() + 1; step++) {
-            piece.move_tools(step);
-            ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
-        }
-        sheet.move(piece.tool, 0, 0.3, 0); // out of its path
-        pliant_data *reference = nullptr;
-        pliant_falling_kept *kept = nullptr;
-        ASSERT_EQ(pliant_data_copy(sheet.model, sheet.data, &reference), PLIANT_OK);
-        ASSERT_EQ(pliant_falling_keep(sheet.data->falling, &kept), PLIANT_OK);
-        for (int step = 0; step < 3; step++) ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
-        const double gone = piece.way();
-        pliant_falling_back(kept, sheet.data->falling);
-        pliant_falling_stay(sheet.data->falling, sheet.data->positions);
-        pliant_falling_kept_free(kept);
-        for (pliant_data *data : {sheet.data, reference})
-            for (int step = 0; step < 3; step++) ASSERT_GE(pliant_step(sheet.model, data), 0);
-        const pliant_pieces *pieces = sheet.data->body->pieces;
-        for (int32_t i = 0; i < pieces->start[1]; i++)
-            // a copy is equal up to rounding
-            for (int d = 0; d < 3; d++)
-                EXPECT_NEAR(sheet.data->positions[3 * pieces->node[i] + d],
-                            reference->positions[3 * pieces->node[i] + d], 1e-9);
-        EXPECT_GT(gone, 0.01);
-        EXPECT_NEAR(piece.way(), gone, 1e-9);
-        pliant_data_free(reference);
-    }
-}
-
 TEST(SweptPieces, ArePlayedBackToTheBit)
 {
     int parts = 1;

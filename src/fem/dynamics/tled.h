@@ -215,13 +215,6 @@ static inline int32_t pliant_tled_part_steps(const pliant_tled *tled)
     const int32_t left = tled->substeps - tled->made;
     return tled->part > 0 && tled->part < left ? tled->part : left;
 }
-static inline bool pliant_tled_in_parts(const pliant_tled *tled)
-{
-    return pliant_tled_part_steps(tled) < tled->substeps;
-}
-/* Restore displacements, increments and relaxed stress from the start of the last frame or part, which ended without
- * error. */
-void pliant_tled_back(pliant_tled *tled);
 /* Set the positions at zero velocity. Fixed nodes do not move. */
 void pliant_tled_set_positions(pliant_tled *tled, const double *positions);
 /* Run one frame or a part of it: sub-steps, or dynamic relaxation. NUMERIC keeps the state before it. Tool forces are

@@ -218,18 +218,6 @@ static void keep(pliant_tled *tled, bool back)
                blocks * sizeof *tled->memory);
 }
 
-void pliant_tled_back(pliant_tled *tled)
-{
-    double *const u = tled->u, *const d = tled->d;
-    float(*const memory)[6 * PLIANT_PRONY_TERMS][LANES] = tled->memory;
-    tled->u = tled->kept_u;
-    tled->d = tled->kept_d;
-    tled->memory = tled->kept_memory;
-    tled->kept_u = u;
-    tled->kept_d = d;
-    tled->kept_memory = memory;
-}
-
 void pliant_tled_set_positions(pliant_tled *tled, const double *positions)
 {
     const pliant_tled_system *system = tled->system;

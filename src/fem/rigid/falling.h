@@ -57,13 +57,12 @@ void pliant_falling_stay(const pliant_falling *falling, double *positions);
 /* Set the positions of the pieces' nodes, with zero velocity. */
 void pliant_falling_set_positions(pliant_falling *falling, const double *positions);
 
-/* ---- Implemented in kept.c: the state at the start of a step of quasi-static solvers. *kept: NULL at first. Errors:
- * MEMORY. */
+/* ---- Implemented in kept.c: positions and velocities at the start of a leg of quasi-static solvers. *kept: NULL at
+ * first. Errors: MEMORY. */
 typedef struct pliant_falling_kept pliant_falling_kept;
 pliant_status pliant_falling_keep(const pliant_falling *falling, pliant_falling_kept **kept);
-void pliant_falling_back(const pliant_falling_kept *kept, pliant_falling *falling); /* for the same body */
-/* Reduce a step's motion to a fraction: positions move along chords, with the pieces' shapes preserved, and velocities
- * are interpolated. */
+/* Reduce the motion since then to a fraction, for the same body: positions move along chords, with the pieces' shapes
+ * preserved, and velocities are interpolated. */
 void pliant_falling_partway(const pliant_falling_kept *from, double share, pliant_falling *falling);
 void pliant_falling_kept_free(pliant_falling_kept *kept);                           /* Nullable */
 

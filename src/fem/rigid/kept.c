@@ -1,4 +1,4 @@
-/* State of the pieces at the start of a step, for rollback. */
+/* Motion of the pieces in a leg, reduced to a fraction of it. */
 #include "base/fail.h"
 #include "fem/element/rotation.h"
 #include "fem/rigid/pieces.h"
@@ -8,58 +8,32 @@
 #include <string.h>
 
 struct pliant_falling_kept {
-    size_t bytes;
-    char *all;       /* (bytes) pieces, positions, joints */
-    grip grips[MOST_GRIPS];
-    int num_grips;
-    double gravity[3];
-    bool told;
+    int32_t num_pieces, num_nodes; /* capacities */
+    piece *pieces;                 /* (num_pieces) */
+    double *x;                     /* (num_nodes x 3) [m] */
 };
-
-typedef struct part { void *at; size_t bytes; } part;
-
-/* List the parts of the stored state.
- * @return Number of bytes. */
-static size_t list(const pliant_falling *falling, part out[3])
-{
-    const pliant_pieces *pieces = falling->body->pieces;
-    out[0] = (part){falling->pieces, (size_t)pieces->count * sizeof *falling->pieces};
-    out[1] = (part){falling->x, 3 * (size_t)pieces->start[pieces->count] * sizeof *falling->x};
-    out[2] = (part){falling->joint_at, (size_t)pieces->num_joints * sizeof *falling->joint_at};
-    return out[0].bytes + out[1].bytes + out[2].bytes;
-}
 
 pliant_status pliant_falling_keep(const pliant_falling *falling, pliant_falling_kept **out)
 {
-    if (!*out && !(*out = pliant_calloc(1, sizeof **out))) return pliant_fail_memory("the pieces that have come off");
-    pliant_falling_kept *kept = *out;
-    part parts[3];
-    const size_t bytes = list(falling, parts);
-    if (bytes > kept->bytes) {
-        char *all = pliant_resize(kept->all, bytes, 1);
-        if (!all) return pliant_fail_memory("the pieces that have come off");
-        kept->all = all;
-        kept->bytes = bytes;
+    const pliant_pieces *pieces = falling->body->pieces;
+    const int32_t count = pieces->count, nodes = pieces->start[count];
+    pliant_falling_kept *kept = *out ? *out : (*out = pliant_calloc(1, sizeof **out));
+    if (!kept) return pliant_fail_memory("the pieces that have come off");
+    if (count > kept->num_pieces) {
+        piece *made = pliant_resize(kept->pieces, (size_t)count, sizeof *made);
+        if (!made) return pliant_fail_memory("the pieces that have come off");
+        kept->pieces = made;
+        kept->num_pieces = count;
     }
-    char *to = kept->all;
-    for (int p = 0; p < 3; to += parts[p++].bytes) memcpy(to, parts[p].at, parts[p].bytes);
-    memcpy(kept->grips, falling->grips, sizeof kept->grips);
-    memcpy(kept->gravity, falling->gravity, sizeof kept->gravity);
-    kept->num_grips = falling->num_grips;
-    kept->told = falling->told;
+    if (nodes > kept->num_nodes) {
+        double *made = pliant_resize(kept->x, (size_t)nodes, 3 * sizeof *made);
+        if (!made) return pliant_fail_memory("the pieces that have come off");
+        kept->x = made;
+        kept->num_nodes = nodes;
+    }
+    memcpy(kept->pieces, falling->pieces, (size_t)count * sizeof *kept->pieces);
+    memcpy(kept->x, falling->x, 3 * (size_t)nodes * sizeof *kept->x);
     return PLIANT_OK;
-}
-
-void pliant_falling_back(const pliant_falling_kept *kept, pliant_falling *falling)
-{
-    part parts[3];
-    const char *from = kept->all;
-    (void)list(falling, parts);
-    for (int p = 0; p < 3; from += parts[p++].bytes) memcpy(parts[p].at, from, parts[p].bytes);
-    memcpy(falling->grips, kept->grips, sizeof falling->grips);
-    memcpy(falling->gravity, kept->gravity, sizeof falling->gravity);
-    falling->num_grips = kept->num_grips;
-    falling->told = kept->told;
 }
 
 /* Compute the rotation between two sets of node positions about their means (Kabsch 1976), and the means. */
@@ -91,12 +65,11 @@ static void angle_of(const double r[9], double out[3])
 void pliant_falling_partway(const pliant_falling_kept *kept, double share, pliant_falling *falling)
 {
     const pliant_pieces *pieces = falling->body->pieces;
-    const piece *before = (const piece *)kept->all;
-    const double *from = (const double *)(kept->all + (size_t)pieces->count * sizeof *before),
-                 still[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+    const piece *before = kept->pieces;
+    const double still[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
     for (int32_t p = 0; p < pieces->count; p++) {
         const int32_t first = pieces->start[p], count = pieces->start[p + 1] - first;
-        const double *x = from + 3 * (size_t)first;
+        const double *x = kept->x + 3 * (size_t)first;
         double *to = falling->x + 3 * (size_t)first, rotation[9], means[6], angle[3], centre[3];
         if (count == 0) continue;
         rotation_of(count, x, to, rotation, means);
@@ -122,6 +95,8 @@ void pliant_falling_partway(const pliant_falling_kept *kept, double share, plian
 
 void pliant_falling_kept_free(pliant_falling_kept *kept)
 {
-    if (kept) pliant_free(kept->all);
+    if (!kept) return;
+    pliant_free(kept->pieces);
+    pliant_free(kept->x);
     pliant_free(kept);
 }
