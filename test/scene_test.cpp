@@ -176,7 +176,7 @@ TEST(scene, errors_name_file_line_field_value_and_range)
             {"line 2", "mesh/coarse_cells", "'0'", "1 .. 256"});
     refused("mesh:\n  keep_air: perhaps\n", PLIANT_ERROR_SCENE, {"line 2", "mesh/keep_air", "perhaps", "true | false"});
     refused("model:\n  method: exact\n", PLIANT_ERROR_SCENE,
-            {"line 2", "exact", "fine | coarse | schur | averaged | calibrated | lod"});
+            {"line 2", "exact", "fine | coarse | schur | averaged | lod"});
     refused("model:\n  gravity: [0, 0, nan]\n", PLIANT_ERROR_SCENE, {"line 2", "model/gravity", "nan"});
     refused("model:\n  gravity: [0, 0, 1e5]\n", PLIANT_ERROR_SCENE, {"line 2", "100000", "-10000 .. 10000"});
     refused("solver:\n  tolerance: 0\n", PLIANT_ERROR_SCENE, {"line 2", "solver/tolerance", "1e-12 .. 1"});
@@ -380,7 +380,6 @@ TEST(scene, auto_elements_are_what_the_scene_can_have)
         {{{"contact/self", "true"}}, "contact/self"},
         {{{"tled/nodal_pressure", "true"}}, nullptr}, // the corotational solver ignores it
         {{{"model/method", "schur"}}, nullptr},
-        {{{"model/method", "calibrated"}}, nullptr},
         {{{"model/method", "lod"}}, nullptr},
         {{{"model/method", "coarse"}, {"model/patch", "0.05"}}, nullptr},
         {{{"cut/kind", "subdivide"}}, "cut/kind"},

@@ -16,7 +16,7 @@ extern "C" {
 /* X(name in C, name in YAML) */
 #define PLIANT_METHOD_LIST(X) \
     X(PLIANT_FINE, fine) X(PLIANT_COARSE, coarse) X(PLIANT_SCHUR, schur) X(PLIANT_AVERAGED, averaged) \
-    X(PLIANT_CALIBRATED, calibrated) X(PLIANT_LOD, lod)
+    X(PLIANT_LOD, lod)
 #define PLIANT_TOUCH_LIST(X) X(PLIANT_TOUCH_OVERLAP, overlap) X(PLIANT_TOUCH_FACE, face)
 #define PLIANT_BACKEND_LIST(X) X(PLIANT_AUTO, auto) X(PLIANT_CPU, cpu) X(PLIANT_CUDA, cuda)
 #define PLIANT_PRECONDITIONER_LIST(X)                                                             \

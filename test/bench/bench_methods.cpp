@@ -199,7 +199,6 @@ int main(int argc, char **argv)
                    {"coarse", PLIANT_COARSE, PLIANT_TOUCH_OVERLAP, false, nullptr},
                    {"schur", PLIANT_SCHUR, PLIANT_TOUCH_OVERLAP, false, nullptr},
                    {"schur_face", PLIANT_SCHUR, PLIANT_TOUCH_FACE, false, nullptr},
-                   {"calibrated", PLIANT_CALIBRATED, PLIANT_TOUCH_OVERLAP, false, nullptr},
                    {"averaged", PLIANT_AVERAGED, PLIANT_TOUCH_OVERLAP, false, nullptr},
                    {"lod", PLIANT_LOD, PLIANT_TOUCH_OVERLAP, false, nullptr}};
     bool named = false;

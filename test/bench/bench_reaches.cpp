@@ -63,7 +63,7 @@ void fine(Inputs &inputs, const std::vector<Frames> &exact, double budget, doubl
 void coarse(Inputs &inputs, const std::vector<Frames> &exact)
 {
     for (double patch : {0.0, 0.05})
-        for (const char *method : {"coarse", "schur", "averaged", "calibrated", "lod"}) {
+        for (const char *method : {"coarse", "schur", "averaged", "lod"}) {
             check(pliant_scene_set(&inputs.scene, "model/method", method));
             inputs.scene.model.patch = patch;
             pliant_model *model = build(inputs, patch > 0 ? 6 : 100, patch > 0 ? 1e-3 : 1e-4, 0);

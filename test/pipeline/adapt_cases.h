@@ -63,7 +63,6 @@ const Case schur_hexahedra{"schur_hexahedra", [](pliant_scene &scene) {
                                coarse(scene, PLIANT_SCHUR);
                                scene.element.kind = PLIANT_HEXAHEDRA;
                            }};
-const Case calibrated{"calibrated", [](pliant_scene &scene) { coarse(scene, PLIANT_CALIBRATED); }};
 const Case lod{"lod", [](pliant_scene &scene) { coarse(scene, PLIANT_LOD); }};
 const Case patch{"patch", [](pliant_scene &scene) {
                      coarse(scene, PLIANT_AVERAGED);

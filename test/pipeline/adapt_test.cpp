@@ -35,7 +35,7 @@ TEST_P(EveryMethod, ARevisionOfTheSameTopologyChangesNoBits)
 }
 INSTANTIATE_TEST_SUITE_P(Methods, EveryMethod,
                          testing::Values(direct, multigrid, hexahedra, averaged_hexahedra, coarse_hexahedra, plain,
-                                         schur, averaged, calibrated, lod, patch, octree, dynamic, cubes, relaxed),
+                                         schur, averaged, lod, patch, octree, dynamic, cubes, relaxed),
                          name_of);
 
 // ---- a real change
@@ -276,7 +276,7 @@ TEST_P(EveryStroke, WhileItMoves)
 }
 INSTANTIATE_TEST_SUITE_P(Methods, EveryFragment,
                          testing::Values(direct, multigrid, hexahedra, averaged_hexahedra, coarse_hexahedra, plain,
-                                         schur, averaged, calibrated, patch, dynamic, cubes, relaxed),
+                                         schur, averaged, patch, dynamic, cubes, relaxed),
                          name_of);
 
 // A sagging bar is cut half through in one step. The first step after the cut must be near the equilibrium, which is
@@ -443,11 +443,11 @@ TEST_P(EveryReplay, OfALiveRunThatIsCut)
 INSTANTIATE_TEST_SUITE_P(Methods, EveryReplay, testing::Values(direct, multigrid, hexahedra, averaged, patch), name_of);
 INSTANTIATE_TEST_SUITE_P(Methods, EveryStroke,
                          testing::Values(direct, multigrid, hexahedra, averaged_hexahedra, plain, schur, averaged,
-                                         calibrated, relaxed),
+                                         relaxed),
                          name_of);
 INSTANTIATE_TEST_SUITE_P(Methods, EveryDivisible,
                          testing::Values(direct, multigrid, hexahedra, averaged_hexahedra, coarse_hexahedra, plain,
-                                         schur, schur_hexahedra, averaged, calibrated, patch, patch_hexahedra, octree,
+                                         schur, schur_hexahedra, averaged, patch, patch_hexahedra, octree,
                                          octree_hexahedra, dynamic, cubes, relaxed),
                          name_of);
 

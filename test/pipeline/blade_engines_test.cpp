@@ -167,9 +167,7 @@ INSTANTIATE_TEST_SUITE_P(
                                for (int32_t &cells : scene.mesh.coarse_cells) cells /= 2;
                            }},
                     coarse("coarse", PLIANT_COARSE), coarse("averaged", PLIANT_AVERAGED), coarse("schur", PLIANT_SCHUR),
-                    coarse("calibrated", PLIANT_CALIBRATED), coarse("patched", PLIANT_AVERAGED, 0.012),
-                    coarse("patched_coarse", PLIANT_COARSE, 0.012),
-                    coarse("patched_calibrated", PLIANT_CALIBRATED, 0.012),
+                    coarse("patched", PLIANT_AVERAGED, 0.012), coarse("patched_coarse", PLIANT_COARSE, 0.012),
                     coarse("patched_bone_surface", PLIANT_AVERAGED, 0.012, true),
                     dynamic("neo_hookean", PLIANT_LAW_NEO_HOOKEAN, PLIANT_HEXAHEDRA),
                     dynamic("compressible", PLIANT_LAW_COMPRESSIBLE, PLIANT_HEXAHEDRA),

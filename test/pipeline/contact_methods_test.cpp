@@ -49,7 +49,6 @@ TEST(ContactMethods, LayersSlideByAllThatCanBeCut)
         {"fine", {}}, {"hexahedra", {"element/kind=hexahedra"}},
         {"coarse", {"model/method=coarse", "mesh/coarse_cells=4 2 2", "mesh/ratio=2"}},
         {"averaged", {"model/method=averaged", "mesh/coarse_cells=4 2 2", "mesh/ratio=2"}},
-        {"calibrated", {"model/method=calibrated", "mesh/coarse_cells=4 2 2", "mesh/ratio=2"}},
         {"schur", {"model/method=schur", "mesh/coarse_cells=4 2 2", "mesh/ratio=2"}},
         {"averaged, patch", {"model/method=averaged", "mesh/coarse_cells=4 2 2", "mesh/ratio=2", "model/patch=0.02"}},
         {"octree", {"mesh/kind=octree", "mesh/coarse_cells=4 2 2", "mesh/ratio=1", "mesh/depth=1"}},

@@ -438,7 +438,6 @@ TEST(ContactSolver, AToolsForceIsTheReactionByEveryMethod)
     const Row rows[] = {
         {"hexahedra", 1e-6, [](pliant_scene &scene) { scene.element.kind = PLIANT_HEXAHEDRA; }, 0},
         {"averaged", 1e-6, coarse(PLIANT_AVERAGED, 0), 0},
-        {"calibrated", 1e-6, coarse(PLIANT_CALIBRATED, 0), 0},
         {"averaged with a patch", 0.03, coarse(PLIANT_AVERAGED, 0.03), 20},
         {"octree", 1e-6, [](pliant_scene &scene) {
              scene.mesh.kind = PLIANT_OCTREE;

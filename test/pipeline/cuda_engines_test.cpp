@@ -199,7 +199,7 @@ TEST_P(EveryEngine, IsCutAsOnTheCpu)
 }
 INSTANTIATE_TEST_SUITE_P(Cuda, EveryEngine,
                          testing::Values(direct, multigrid, hexahedra, averaged, averaged_hexahedra, plain,
-                                         coarse_hexahedra, schur, schur_hexahedra, calibrated, patch, patch_hexahedra,
+                                         coarse_hexahedra, schur, schur_hexahedra, patch, patch_hexahedra,
                                          octree, octree_hexahedra, bone, hexahedra_on_bone, tough, subdivided, dynamic,
                                          cubes, octree_dynamic, subdivided_dynamic, relaxed),
                          name_of);

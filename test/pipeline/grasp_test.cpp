@@ -105,7 +105,7 @@ TEST(Press, EveryMethodPressesBesideFine)
     const double side = 0.2, box[3] = {side, side, side}, radius = 0.03;
     const struct { pliant_method method; const char *name; double low, high; } rows[] = {
         {PLIANT_FINE, "fine", 1, 1}, {PLIANT_COARSE, "coarse", 1.8, 2.2}, {PLIANT_AVERAGED, "averaged", 1.4, 1.7},
-        {PLIANT_CALIBRATED, "calibrated", 1.4, 1.8}, {PLIANT_SCHUR, "schur", 0.3, 0.5}, {PLIANT_LOD, "lod", 1.8, 2.2}};
+        {PLIANT_SCHUR, "schur", 0.3, 0.5}, {PLIANT_LOD, "lod", 1.8, 2.2}};
     double fine = 0;
     for (const auto &row : rows) {
         Body block(size, box, {{4000, 0.45, 1000, false}, {30000, 0.3, 1000, false}},

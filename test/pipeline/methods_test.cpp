@@ -5,8 +5,7 @@
 
 namespace {
 
-const pliant_method methods[] = {PLIANT_FINE,     PLIANT_COARSE,     PLIANT_SCHUR,
-                                 PLIANT_AVERAGED, PLIANT_CALIBRATED, PLIANT_LOD};
+const pliant_method methods[] = {PLIANT_FINE, PLIANT_COARSE, PLIANT_SCHUR, PLIANT_AVERAGED, PLIANT_LOD};
 
 // Return the material 0: air, 1: tissue, 2: bone; random patches of 3^3 voxels from a hash, the lower third solid.
 int speckle(int i, int j, int k, unsigned seed)

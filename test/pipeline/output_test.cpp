@@ -149,7 +149,7 @@ TEST_F(Output, UpsamplingKeepsRigidMotion)
     Eigen::Matrix<double, 3, 3, Eigen::RowMajor> a =
         Eigen::AngleAxisd(0.8, Eigen::Vector3d(0, 1, 0)).toRotationMatrix();
     const double b[3] = {0.02, 0.03, -0.01};
-    for (pliant_method method : {PLIANT_COARSE, PLIANT_AVERAGED, PLIANT_SCHUR, PLIANT_CALIBRATED, PLIANT_LOD}) {
+    for (pliant_method method : {PLIANT_COARSE, PLIANT_AVERAGED, PLIANT_SCHUR, PLIANT_LOD}) {
         Body coarse(size, box, {{6000, 0.2, 1000, false}});
         coarse.scene.model.method = method;
         coarse.cells(3, 3, 3, 3);

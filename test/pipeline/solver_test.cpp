@@ -512,7 +512,7 @@ TEST(Solver, SeveralToolsAndGravity)
 
 TEST(Solver, FailingAllocationsNeverLeak)
 {
-    for (pliant_method method : {PLIANT_FINE, PLIANT_COARSE, PLIANT_AVERAGED, PLIANT_SCHUR, PLIANT_CALIBRATED}) {
+    for (pliant_method method : {PLIANT_FINE, PLIANT_COARSE, PLIANT_AVERAGED, PLIANT_SCHUR}) {
         Body body(size, box, two, stripes);
         prepare(body, method);
         body.scene.solver.threads = 1;

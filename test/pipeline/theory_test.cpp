@@ -69,7 +69,7 @@ TEST(Theory, ToolForceBalancesTheSupport)
 {
     const int size[3] = {16, 16, 16};
     const double box[3] = {0.1, 0.1, 0.1};
-    for (pliant_method method : {PLIANT_FINE, PLIANT_COARSE, PLIANT_AVERAGED, PLIANT_CALIBRATED, PLIANT_LOD}) {
+    for (pliant_method method : {PLIANT_FINE, PLIANT_COARSE, PLIANT_AVERAGED, PLIANT_LOD}) {
         Body body(size, box, {{5000, 0.3, 1000, false}});
         body.scene.model.method = method;
         body.scene.grasp.radius = 0.01;
@@ -134,7 +134,7 @@ TEST(Theory, GravityEnergyOfTheFineMeshIsPreserved)
     const int size[3] = {24, 24, 24};
     const double box[3] = {0.12, 0.12, 0.12}, g[3] = {1, -2, 9.81};
     for (pliant_method method :
-         {PLIANT_FINE, PLIANT_COARSE, PLIANT_AVERAGED, PLIANT_SCHUR, PLIANT_CALIBRATED, PLIANT_LOD}) {
+         {PLIANT_FINE, PLIANT_COARSE, PLIANT_AVERAGED, PLIANT_SCHUR, PLIANT_LOD}) {
         Body body(size, box, {{5000, 0.4, 900, false}, {20000, 0.4, 1800, false}},
                   [](int i, int j, int k) { return (i / 5 + j / 3 + k / 4) % 2; });
         body.scene.model.method = method;

@@ -279,7 +279,7 @@ TEST(OlderBags, HaveStepsThatAreReadAndOtherMessagesAreRefused)
 }
 INSTANTIATE_TEST_SUITE_P(Recording, EveryEngine,
                          testing::Values(direct, multigrid, hexahedra, averaged, averaged_hexahedra, plain,
-                                         coarse_hexahedra, schur, schur_hexahedra, calibrated, patch, patch_hexahedra,
+                                         coarse_hexahedra, schur, schur_hexahedra, patch, patch_hexahedra,
                                          octree, octree_hexahedra, tough, subdivided, dynamic, cubes, octree_dynamic,
                                          relaxed),
                          [](const testing::TestParamInfo<Case> &info) { return std::string(info.param.name); });

@@ -51,27 +51,3 @@ bool pliant_submesh_condense(pliant_submesh *submesh, int corners, const int32_t
         for (int j = 0; j < i; j++) out[n * i + j] = out[n * j + i] = 0.5 * (out[n * i + j] + out[n * j + i]);
     return good;
 }
-
-pliant_tet_material pliant_submesh_reference(const pliant_submesh *submesh)
-{
-    double total = 0, nu = 0;
-    for (int32_t t = 0; t < submesh->num_tets; t++) {
-        const pliant_tet_material *material = submesh->material + submesh->tets[t];
-        double weight = material->tissue + 1e-3; /* a submesh's tetrahedra have similar volumes; air: see NUMERICS.md */
-        total += weight;
-        nu += weight * material->lambda / (2 * (material->lambda + material->mu));
-    }
-    nu /= total;
-    return (pliant_tet_material){.lambda = nu / ((1 + nu) * (1 - 2 * nu)), .mu = 0.5 / (1 + nu)};
-}
-
-bool pliant_submesh_condense_both(pliant_submesh *submesh, int corners, const int32_t *corner,
-                                  const pliant_tet_material *reference, double *out, double *of_reference)
-{
-    double *shape = submesh->work + 9 * (size_t)corners * (size_t)submesh->num_nodes;
-    if (!pliant_submesh_condense(submesh, corners, corner, out, shape)) return false;
-    pliant_submesh_assemble(submesh, reference);
-    const bool good = pliant_submesh_condense(submesh, corners, corner, of_reference, shape);
-    pliant_submesh_assemble(submesh, NULL);
-    return good;
-}

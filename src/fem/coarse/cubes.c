@@ -15,7 +15,6 @@
  * rotate. */
 #include "base/fail.h"
 #include "base/threads.h"
-#include "fem/coarse/calibrate.h"
 #include "fem/coarse/cubes.h"
 #include "base/dense.h"
 #include "base/memory.h"
@@ -220,34 +219,11 @@ static pliant_status place_nodes(const pliant_cube_work *work, const pliant_subm
     return PLIANT_OK;
 }
 
-/* Condense on the corners and calibrate to the hexahedron of homogeneous tissue (calibrate.h). Return the rank of the
- * root, or 0 if this is impossible. */
-static int32_t calibrate(const pliant_cube_work *work, pliant_submesh *submesh, int32_t element, double *root)
-{
-    const pliant_mesh *coarse = work->system->mesh;
-    const pliant_tet_material reference = pliant_submesh_reference(submesh),
-                              same[5] = {reference, reference, reference, reference, reference};
-    pliant_cube cube = {.tet = {0, 1, 2, 3, 4}};
-    pliant_cube_shape shape;
-    int32_t corner[CORNERS];
-    double condensed[UNKNOWNS * UNKNOWNS], of_reference[UNKNOWNS * UNKNOWNS], truth[UNKNOWNS * UNKNOWNS],
-        k[UNKNOWNS * UNKNOWNS];
-    memcpy(cube.node, work->system->macros->own + CORNERS * (size_t)element, sizeof cube.node);
-    for (int v = 0; v < CORNERS; v++) corner[v] = pliant_submesh_corner(submesh, cube.node[v]);
-    pliant_cube_integrate(coarse, &cube, pliant_cell_parity(coarse, work->system->macros->cell[element]), &shape);
-    const double bulk = pliant_cube_deviatoric(&shape, &cube, same, truth);
-    for (int i = 0; i < UNKNOWNS; i++)
-        for (int j = 0; j < UNKNOWNS; j++) truth[UNKNOWNS * i + j] += bulk * shape.mean[i] * shape.mean[j];
-    if (!pliant_submesh_condense_both(submesh, CORNERS, corner, &reference, condensed, of_reference)) return 0;
-    return pliant_calibrate_cube(truth, condensed, of_reference, k) ? pliant_dense_root(UNKNOWNS, k, root) : 0;
-}
-
 static pliant_status make_cube(pliant_cube_work *work, pliant_submesh *submesh, pliant_cube_room *room, int32_t element)
 {
     pliant_macros *macros = work->system->macros;
     double root[UNKNOWNS * UNKNOWNS], k[UNKNOWNS * UNKNOWNS];
-    int32_t rank = work->calibrated && !macros->grounded[element] ? calibrate(work, submesh, element, root) : 0;
-    if (rank == 0 && !macros->grounded[element]) rank = condense(submesh, room, root);
+    int32_t rank = macros->grounded[element] ? 0 : condense(submesh, room, root);
     if (rank > 0) return pliant_cube_keep_root(macros, element, UNKNOWNS, rank, root);
     for (int32_t n = 0; macros->grounded[element] && n < submesh->num_nodes; n++)
         if (work->fixed[submesh->node[n]])
@@ -442,7 +418,6 @@ pliant_status pliant_homogenize_cubes(pliant_system *system, const pliant_scene 
     const bool schur = scene->model.method == PLIANT_SCHUR;
     const pliant_touch touch = schur ? scene->model.touch : PLIANT_TOUCH_OVERLAP;
     pliant_cube_work work = {.system = system,
-                             .calibrated = scene->model.method == PLIANT_CALIBRATED,
                              .material = fine_material,
                              .fixed = fine_fixed};
     pliant_status status = find_elements(&work, coarse_of_fine);

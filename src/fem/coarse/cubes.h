@@ -19,7 +19,6 @@ typedef struct pliant_cube_work {
     int32_t *cube_of_tet;            /* (fine tetrahedra) or -1 */
     pliant_cube_shape *shapes;       /* (2) by parity */
     pliant_submesh_lists lists;      /* fine tetrahedra by element */
-    bool calibrated;                 /* calibrate where possible */
     pliant_shapes *schur;            /* Nullable: (elements) shape functions; method schur only */
     int32_t linear;                  /* number of disconnected elements */
 } pliant_cube_work;

@@ -1,7 +1,6 @@
 /* A 12 x 12 stiffness for every coarse tetrahedron, computed from its fine submesh.
  * - schur: [H] 1 to 7, as published. It is too soft and fails the patch test, since point loads carry the element
  *   (NUMERICS.md).
- * - calibrated: the same, corrected to the exact stiffness of homogeneous material (calibrate.c).
  * - averaged: the averages of gradient and displacement constrain the submesh (NUMERICS.md). It passes the patch test
  *   and stays bounded under refinement of the fine mesh.
  *
@@ -9,7 +8,6 @@
  * null space, so corotation would be wrong (NUMERICS.md). */
 #include "base/fail.h"
 #include "base/threads.h"
-#include "fem/coarse/calibrate.h"
 #include "base/dense.h"
 #include "fem/coarse/shapes.h"
 #include "base/memory.h"
@@ -221,24 +219,11 @@ pliant_status pliant_schur_tet(pliant_submesh *submesh, int32_t tet, double out[
                        tet);
 }
 
-/* Compute K' = V B' (S C S) B from the condensed K and the condensed stiffness of the reference. */
-static bool calibrated_stiffness(pliant_submesh *submesh, int32_t tet, double out[144])
-{
-    double condensed[144], of_reference[144], gradients[12];
-    int32_t corner[4];
-    const pliant_tet_material reference = pliant_submesh_reference(submesh);
-    find_corners(submesh, tet, corner);
-    const bool good = pliant_submesh_condense_both(submesh, 4, corner, &reference, condensed, of_reference);
-    double volume = pliant_mesh_gradients(submesh->coarse, tet, gradients);
-    return good && pliant_calibrate(gradients, volume, &reference, condensed, of_reference, out);
-}
-
 typedef struct homogenization {
     pliant_system *system;
     const pliant_submesh_lists *lists;
-    pliant_shapes *shapes; /* Nullable: calibrated, averaged */
-    bool calibrated;
-    int32_t galerkin;   /* coarse tetrahedra with a disconnected submesh: linear interpolation instead */
+    pliant_shapes *shapes; /* Nullable: averaged */
+    int32_t galerkin;      /* coarse tetrahedra with a disconnected submesh: linear interpolation instead */
 } homogenization;
 
 pliant_status pliant_averaged_tet(pliant_submesh *submesh, int32_t tet, bool grounded, double out[144], bool *linear)
@@ -267,8 +252,7 @@ static pliant_status homogenize_one(homogenization *work, pliant_submesh *submes
         return status == PLIANT_OK ? pliant_schur_tet(submesh, tet, out, work->shapes[tet].shape) : status;
     }
     bool linear;
-    if (work->calibrated && !fixed && calibrated_stiffness(submesh, tet, out) && is_semidefinite(out)) return PLIANT_OK;
-    status = pliant_averaged_tet(submesh, tet, fixed || work->calibrated, out, &linear);
+    status = pliant_averaged_tet(submesh, tet, fixed, out, &linear);
     if (status == PLIANT_OK && linear && !fixed) {
 #pragma omp atomic
         work->galerkin++;
@@ -339,7 +323,7 @@ pliant_status pliant_homogenize(pliant_system *system, const pliant_scene *scene
     const bool schur = scene->model.method == PLIANT_SCHUR;
     const pliant_touch touch = schur ? scene->model.touch : PLIANT_TOUCH_OVERLAP;
     pliant_submesh_lists lists = {0};
-    homogenization work = {.system = system, .lists = &lists, .calibrated = scene->model.method == PLIANT_CALIBRATED};
+    homogenization work = {.system = system, .lists = &lists};
     pliant_status status = pliant_submesh_list(fine, coarse_of_fine, count, touch, &lists);
     if (status == PLIANT_OK) status = make_room(&work, schur);
     if (status == PLIANT_OK) status = homogenize_all(&work, fine_fixed, fine_material, progress);

@@ -119,6 +119,54 @@ static pliant_status make_room(pliant_submesh *submesh)
     return submesh->room ? PLIANT_OK : pliant_fail_memory("a submesh");
 }
 
+const pliant_cube_shape *pliant_submesh_shape(const pliant_submesh *submesh, const pliant_cube *cube,
+                                              pliant_cube_shape *room)
+{
+    const pliant_mesh *fine = submesh->fine;
+    int parity = pliant_cell_parity(fine, fine->lattice_of_tet[cube->tet[0]] / 5);
+    if (fine->num_moved == 0) return submesh->shapes + parity;
+    pliant_cube_integrate(fine, cube, parity, room);
+    return room;
+}
+
+static void assemble_cube(pliant_submesh *submesh, const pliant_cube *cube)
+{
+    const size_t size = 3 * (size_t)submesh->num_nodes;
+    double k[576];
+    pliant_cube_shape room;
+    const pliant_cube_shape *shape = pliant_submesh_shape(submesh, cube, &room);
+    double bulk = pliant_cube_deviatoric(shape, cube, submesh->material, k);
+    for (int a = 0; a < 24; a++)
+        for (int b = 0; b < 24; b++) {
+            size_t row = 3 * (size_t)submesh->local_of[cube->node[a / 3]] + (size_t)(a % 3);
+            submesh->stiffness[size * row + 3 * (size_t)submesh->local_of[cube->node[b / 3]] + (size_t)(b % 3)] +=
+                k[24 * a + b] + bulk * shape->mean[a] * shape->mean[b];
+        }
+}
+
+static void assemble(pliant_submesh *submesh)
+{
+    const pliant_mesh *fine = submesh->fine;
+    size_t size = 3 * (size_t)submesh->num_nodes;
+    memset(submesh->stiffness, 0, size * size * sizeof *submesh->stiffness);
+    for (int32_t t = 0; t < submesh->num_tets; t++) {
+        const int32_t *nodes = fine->tets + 4 * submesh->tets[t];
+        double element[144];
+        if (submesh->cubes && submesh->cube_of_tet[submesh->tets[t]] >= 0) {
+            const pliant_cube *cube = submesh->cubes + submesh->cube_of_tet[submesh->tets[t]];
+            if (cube->tet[0] == submesh->tets[t]) assemble_cube(submesh, cube);
+            continue;
+        }
+        pliant_tet_stiffness(fine, submesh->tets[t], submesh->material + submesh->tets[t], element);
+        for (int a = 0; a < 12; a++)
+            for (int b = 0; b < 12; b++) {
+                size_t row = 3 * (size_t)submesh->local_of[nodes[a / 3]] + (size_t)(a % 3);
+                submesh->stiffness[size * row + 3 * (size_t)submesh->local_of[nodes[b / 3]] + (size_t)(b % 3)] +=
+                    element[12 * a + b];
+            }
+    }
+}
+
 pliant_status pliant_submesh_load(pliant_submesh *submesh, int32_t num_tets, const int32_t *tets)
 {
     const pliant_mesh *fine = submesh->fine;
@@ -134,63 +182,8 @@ pliant_status pliant_submesh_load(pliant_submesh *submesh, int32_t num_tets, con
             submesh->node[submesh->num_nodes++] = node;
         }
     pliant_status status = make_room(submesh);
-    if (status == PLIANT_OK) pliant_submesh_assemble(submesh, NULL);
+    if (status == PLIANT_OK) assemble(submesh);
     return status;
-}
-
-const pliant_cube_shape *pliant_submesh_shape(const pliant_submesh *submesh, const pliant_cube *cube,
-                                              pliant_cube_shape *room)
-{
-    const pliant_mesh *fine = submesh->fine;
-    int parity = pliant_cell_parity(fine, fine->lattice_of_tet[cube->tet[0]] / 5);
-    if (fine->num_moved == 0) return submesh->shapes + parity;
-    pliant_cube_integrate(fine, cube, parity, room);
-    return room;
-}
-
-static void assemble_cube(pliant_submesh *submesh, const pliant_cube *cube, const pliant_tet_material *everywhere)
-{
-    const size_t size = 3 * (size_t)submesh->num_nodes;
-    double k[576];
-    pliant_cube_shape room;
-    pliant_tet_material same[5];
-    pliant_cube alone = *cube;
-    for (int slot = 0; everywhere && slot < 5; slot++) {
-        same[slot] = *everywhere;
-        alone.tet[slot] = slot;
-    }
-    const pliant_cube_shape *shape = pliant_submesh_shape(submesh, cube, &room);
-    double bulk = pliant_cube_deviatoric(shape, &alone, everywhere ? same : submesh->material, k);
-    for (int a = 0; a < 24; a++)
-        for (int b = 0; b < 24; b++) {
-            size_t row = 3 * (size_t)submesh->local_of[cube->node[a / 3]] + (size_t)(a % 3);
-            submesh->stiffness[size * row + 3 * (size_t)submesh->local_of[cube->node[b / 3]] + (size_t)(b % 3)] +=
-                k[24 * a + b] + bulk * shape->mean[a] * shape->mean[b];
-        }
-}
-
-void pliant_submesh_assemble(pliant_submesh *submesh, const pliant_tet_material *everywhere)
-{
-    const pliant_mesh *fine = submesh->fine;
-    size_t size = 3 * (size_t)submesh->num_nodes;
-    memset(submesh->stiffness, 0, size * size * sizeof *submesh->stiffness);
-    for (int32_t t = 0; t < submesh->num_tets; t++) {
-        const int32_t *nodes = fine->tets + 4 * submesh->tets[t];
-        const pliant_tet_material *material = everywhere ? everywhere : submesh->material + submesh->tets[t];
-        double element[144];
-        if (submesh->cubes && submesh->cube_of_tet[submesh->tets[t]] >= 0) {
-            const pliant_cube *cube = submesh->cubes + submesh->cube_of_tet[submesh->tets[t]];
-            if (cube->tet[0] == submesh->tets[t]) assemble_cube(submesh, cube, everywhere);
-            continue;
-        }
-        pliant_tet_stiffness(fine, submesh->tets[t], material, element);
-        for (int a = 0; a < 12; a++)
-            for (int b = 0; b < 12; b++) {
-                size_t row = 3 * (size_t)submesh->local_of[nodes[a / 3]] + (size_t)(a % 3);
-                submesh->stiffness[size * row + 3 * (size_t)submesh->local_of[nodes[b / 3]] + (size_t)(b % 3)] +=
-                    element[12 * a + b];
-            }
-    }
 }
 
 int32_t pliant_submesh_corner(const pliant_submesh *submesh, int32_t coarse_node)

@@ -52,8 +52,6 @@ void pliant_submesh_free(pliant_submesh *submesh);
 
 /* Load nodes and stiffness of one coarse tetrahedron's list. Errors: MEMORY. */
 pliant_status pliant_submesh_load(pliant_submesh *submesh, int32_t num_tets, const int32_t *tets);
-/* Assemble the stiffness again, with one material everywhere. NULL: with the fine materials. */
-void pliant_submesh_assemble(pliant_submesh *submesh, const pliant_tet_material *everywhere);
 /* Return the submesh number of the node at a coarse node; -1 if the submesh has no node there. */
 int32_t pliant_submesh_corner(const pliant_submesh *submesh, int32_t coarse_node);
 /* Return the shape of a hexahedron of the submesh. `room`: memory for a shape of a moved hexahedron. */
@@ -70,13 +68,6 @@ bool pliant_submesh_has_fixed(const pliant_submesh *submesh);
  * @param shape    (num_nodes x 3 x n).
  * @return False if a corner is missing, or if the remaining submesh is disconnected. */
 bool pliant_submesh_condense(pliant_submesh *submesh, int corners, const int32_t *corner, double *out, double *shape);
-/* Return the reference material for calibration: Young's modulus 1, and the mean Poisson's ratio of the submesh's
- * tissue. */
-pliant_tet_material pliant_submesh_reference(const pliant_submesh *submesh);
-/* Compute the Schur complement for the submesh's material (out) and for the reference material (of_reference), both (n
- * x n). Other arguments are as above, with 2 n columns of work. */
-bool pliant_submesh_condense_both(pliant_submesh *submesh, int corners, const int32_t *corner,
-                                  const pliant_tet_material *reference, double *out, double *of_reference);
 
 /* ---- Implemented in homogenize.c. */
 /* Factor the stiffness, with a stiff term on its six rigid modes, into square. For loads without resultant the solution

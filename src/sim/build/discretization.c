@@ -14,7 +14,7 @@
 
 #include <string.h>
 
-static_assert(PLIANT_COUNT_OF(PLIANT_METHOD_LIST) == 6 && PLIANT_COUNT_OF(PLIANT_ELEMENT_LIST) == 3,
+static_assert(PLIANT_COUNT_OF(PLIANT_METHOD_LIST) == 5 && PLIANT_COUNT_OF(PLIANT_ELEMENT_LIST) == 3,
               "a new method or element needs its systems in this file");
 
 static void free_discretization(pliant_discretization *made)

@@ -45,7 +45,7 @@ typedef struct builder {
 /* Return whether elements are condensed on the corners of every coarse tetrahedron, so that all corners must exist. */
 static bool needs_corners(const pliant_model *model)
 {
-    return model->scene.model.method == PLIANT_SCHUR || model->scene.model.method == PLIANT_CALIBRATED;
+    return model->scene.model.method == PLIANT_SCHUR;
 }
 
 static bool is_coarse(const pliant_model *model) { return model->scene.model.method != PLIANT_FINE; }
@@ -396,7 +396,7 @@ void pliant_gravity_warning(const pliant_scene *scene, const double gravity[3])
             PLIANT_LOG_WARNING,
             "model/method: schur is far too soft for model/gravity: tissue sags 10 to 15 times as far as on the fine "
             "mesh (an abdominal CT, 9.81 m/s^2), tears and turns inside out, and steps do not converge; "
-            "averaged or calibrated are meant for it");
+            "averaged is meant for it");
     else
         pliant_log(
             PLIANT_LOG_WARNING,
