@@ -66,8 +66,10 @@ std::string millimetres(double metres)
 bool spans_a_plane(const Eigen::Matrix3Xd &points)
 {
     const Eigen::Matrix3Xd spread = points.colwise() - points.rowwise().mean().eval();
-    const Eigen::Vector3d widths = Eigen::JacobiSVD<Eigen::Matrix3Xd>(spread).singularValues();
-    return widths[0] > 0 && widths[1] > LEAST_WIDTH * widths[0];
+    const Eigen::Matrix3d covariance = spread * spread.transpose();
+    const Eigen::Vector3d squares =
+        Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(covariance, Eigen::EigenvaluesOnly).eigenvalues();
+    return squares[2] > 0 && squares[1] > LEAST_WIDTH * LEAST_WIDTH * squares[2];
 }
 
 } // namespace
