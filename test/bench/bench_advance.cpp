@@ -16,6 +16,8 @@
 namespace
 {
 
+const pliant_contact_settings settings = pliant_contact_settings_default();
+
 // CPU time of all threads of this process [s]
 double now()
 {
@@ -162,8 +164,6 @@ void measure_self(int across, double gap, double way, int threads)
 }
 
 } // namespace
-
-static const pliant_contact_settings settings = pliant_contact_settings_default();
 
 int main(int argc, char **argv)
 {
