@@ -53,27 +53,28 @@ TEST(Methods, RealScansAsTheyAreLoaded)
     struct stat status;
     if (stat((folder + "/abdomen/ct.nii.gz").c_str(), &status) != 0)
         GTEST_SKIP() << "the shared test data is not at " PLIANT_TEST_DATA;
-    for (const char *name : {"/abdomen/ct.nii.gz", "/thorax/ct.mha"})
-        for (int cells : {7, 8}) {
-            pliant_scene scene;
-            pliant_scene_defaults(&scene);
-            for (int &n : scene.mesh.coarse_cells) n = cells;
-            pliant_volume scan{};
-            pliant_labels labels{};
-            pliant_material_table table{};
-            ASSERT_EQ(pliant_inputs_read(&scene, (folder + name).c_str(), &scan, &labels, &table), PLIANT_OK)
-                << pliant_last_error();
-            for (pliant_method method : methods) {
-                if (method == PLIANT_LOD && cells > 7) continue; // takes seconds
-                scene.model.method = method;
-                pliant_model *model = nullptr;
-                EXPECT_EQ(pliant_model_build(&scene, &scan, nullptr, &table, {nullptr, nullptr}, &model), PLIANT_OK)
-                    << name << " method " << method << " cells " << cells << ": " << pliant_last_error();
-                pliant_model_free(model);
-            }
-            pliant_volume_free(&scan);
-            pliant_material_table_free(&table);
+    for (const auto &scanned : {std::make_pair("/abdomen/ct.nii.gz", 7), std::make_pair("/thorax/ct.mha", 8)}) {
+        const char *name = scanned.first;
+        const int cells = scanned.second;
+        pliant_scene scene;
+        pliant_scene_defaults(&scene);
+        for (int &n : scene.mesh.coarse_cells) n = cells;
+        pliant_volume scan{};
+        pliant_labels labels{};
+        pliant_material_table table{};
+        ASSERT_EQ(pliant_inputs_read(&scene, (folder + name).c_str(), &scan, &labels, &table), PLIANT_OK)
+            << pliant_last_error();
+        for (pliant_method method : methods) {
+            if (method == PLIANT_LOD && cells > 7) continue; // takes seconds
+            scene.model.method = method;
+            pliant_model *model = nullptr;
+            EXPECT_EQ(pliant_model_build(&scene, &scan, nullptr, &table, {nullptr, nullptr}, &model), PLIANT_OK)
+                << name << " method " << method << " cells " << cells << ": " << pliant_last_error();
+            pliant_model_free(model);
         }
+        pliant_volume_free(&scan);
+        pliant_material_table_free(&table);
+    }
 }
 
 } // namespace
