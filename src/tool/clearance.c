@@ -75,7 +75,7 @@ static pliant_status set_body(const pliant_model *model, const pliant_data *data
     const pliant_body *surface = data->body;
     if (clearance->revision == data->body->revision) return PLIANT_OK;
     free_lists(clearance);
-    if (model->scene.cut.kind != PLIANT_CUT_SUBDIVIDE) { /* same surface as contact (sim/step/contact.c) */
+    if (model->scene.cut.kind != PLIANT_CUT_SUBDIVIDE) { /* same surface as contact (sim/step/contact_surface.c) */
         const pliant_outside_voxels voxels = {.load = model->body,
                                               .geometry = &model->scan->geometry,
                                               .material_of_voxel = model->material_of_voxel,

@@ -65,6 +65,43 @@ pliant_status pliant_tool_set_pose(pliant_data *data, int tool, const double tip
     return PLIANT_OK;
 }
 
+pliant_status pliant_tool_set_shape(pliant_data *data, int index, const pliant_tool_shape *shape)
+{
+    char reason[160];
+    bool turns = false;
+    pliant_status status = check_tool(data, index);
+    if (status != PLIANT_OK) return status;
+    pliant_tool *tool = data->tools + index;
+    if (shape->num_parts < 0 || shape->num_parts > PLIANT_MAX_PARTS)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: its shape has %d parts; up to %d are possible", tool->name,
+                           shape->num_parts, PLIANT_MAX_PARTS);
+    for (int32_t p = 0; p < shape->num_parts; p++) {
+        turns = turns || shape->part[p].frame != PLIANT_FRAME_TIP;
+        if (pliant_part_check(shape->part + p, true, reason, sizeof reason))
+            return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: part %d of its shape: %s", tool->name, p + 1, reason);
+    }
+    double axis = 0;
+    for (int d = 0; d < 3; d++) axis += shape->axis[d] * shape->axis[d] + 0 * shape->joint[d];
+    if (turns && !(axis > 0 && isfinite(axis)))
+        return pliant_fail(PLIANT_ERROR_ARGUMENT,
+                           "tool %s: the joint of its jaws needs a point and an axis that is not 0", tool->name);
+    pliant_tool_shape_retain(shape);
+    pliant_tool_shape_free(&tool->shape);
+    tool->shape = *shape;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_tool_set_jaw(pliant_data *data, int index, double angle)
+{
+    pliant_status status = check_tool(data, index);
+    if (status != PLIANT_OK) return status;
+    pliant_tool *tool = data->tools + index;
+    if (!isfinite(angle))
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: the angle of its jaw is not finite", tool->name);
+    tool->jaw = angle;
+    return PLIANT_OK;
+}
+
 void pliant_tool_forget(pliant_tool *tool)
 {
     pliant_tool_drop(tool);

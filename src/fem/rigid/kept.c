@@ -18,16 +18,16 @@ pliant_status pliant_falling_keep(const pliant_falling *falling, pliant_falling_
     const pliant_pieces *pieces = falling->body->pieces;
     const int32_t count = pieces->count, nodes = pieces->start[count];
     pliant_falling_kept *kept = *out ? *out : (*out = pliant_calloc(1, sizeof **out));
-    if (!kept) return pliant_fail_memory("the pieces that have come off");
+    if (!kept) return pliant_fail_memory("detached pieces");
     if (count > kept->num_pieces) {
         piece *made = pliant_resize(kept->pieces, (size_t)count, sizeof *made);
-        if (!made) return pliant_fail_memory("the pieces that have come off");
+        if (!made) return pliant_fail_memory("detached pieces");
         kept->pieces = made;
         kept->num_pieces = count;
     }
     if (nodes > kept->num_nodes) {
         double *made = pliant_resize(kept->x, (size_t)nodes, 3 * sizeof *made);
-        if (!made) return pliant_fail_memory("the pieces that have come off");
+        if (!made) return pliant_fail_memory("detached pieces");
         kept->x = made;
         kept->num_nodes = nodes;
     }

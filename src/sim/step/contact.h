@@ -70,13 +70,6 @@ void pliant_contact_mark_pieces(pliant_data *data);
  * [N, N m]. */
 void pliant_contact_wrench(const pliant_data *data, int tool, double force[3], double torque[3]);
 
-/* Compute the compliance that rigid pieces under a tool add to its coupling. For translations it is the compliance
- * of a cube of the piece's volume V, 1 / (E V^(1/3)) [m/N]. For the jaws it follows from the levers of the points
- * [rad/(N m)]. 0: the tool is on no piece.
- * @param pressing use the points that have carried a force; otherwise the points that overlap */
-void pliant_contact_gives(const pliant_data *data, int tool, bool pressing, const double joint[3], const double axis[3],
-                          double out[2]);
-
 #ifdef __cplusplus
 }
 #endif

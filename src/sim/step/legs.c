@@ -103,7 +103,7 @@ static void begin_leg(pliant_data *data)
         leg->begin = pliant_tool_proxy(data->tools + t);
         pliant_proxy_find_load(data, t, &leg->begin, &leg->before);
         pliant_tool_joint(data->tools + t, &leg->begin, joint, axis);
-        pliant_contact_gives(data, t, true, joint, axis, leg->gives);
+        pliant_proxy_compliance(data, t, true, joint, axis, leg->gives);
     }
 }
 

@@ -2,6 +2,7 @@
 
 #include "base/rotate.h"
 #include "contact/shapes/tool_shape.h"
+#include "fem/rigid/falling.h"
 
 #include <math.h>
 #include <string.h>
@@ -197,4 +198,47 @@ double pliant_proxy_limit(const pliant_model *model, pliant_tool *tool, const pl
     tool->proxy.saturated = force > nearly * most || torque > nearly * grip;
     return fmin(until(sqrt(dot(before->wrench, before->wrench)), force, over * most),
                 until(fabs(before->jaw), torque, over * grip));
+}
+
+/* ---- compliance of pieces under a tool */
+
+/* Return whether the gap of a point is closed. */
+static bool overlaps(const pliant_data *data, const pliant_contact_point *point)
+{
+    double gap = 0;
+    for (int d = 0; d < 3; d++) {
+        double x = 0;
+        for (int32_t k = 0; k < point->count; k++)
+            x += point->weight[k] * data->positions[3 * (size_t)point->node[k] + (size_t)d];
+        gap += point->normal[d] * (x - point->place[d]);
+    }
+    return gap <= 0;
+}
+
+void pliant_proxy_compliance(const pliant_data *data, int t, bool pressing, const double joint[3],
+                             const double axis[3], double out[2])
+{
+    const pliant_touch_pieces *pieces = data->falling ? pliant_falling_touch_pieces(data->falling) : NULL;
+    double sum = 0, levers = 0;
+    int32_t count = 0;
+    out[0] = out[1] = 0;
+    for (int32_t n = 0; pieces && n < data->contacts.count; n++) {
+        const pliant_contact_point *point = data->contacts.point + n;
+        if (point->kind != PLIANT_OBSTACLE_TOOL || point->tool != t || pieces->of_node[point->node[0]] < 0 ||
+            !(pressing ? point->begun : overlaps(data, point)))
+            continue;
+        double along = 0, square = 0;
+        for (int d = 0; d < 3; d++) {
+            square += (point->place[d] - joint[d]) * (point->place[d] - joint[d]);
+            along += (point->place[d] - joint[d]) * axis[d];
+        }
+        const pliant_touch_piece *piece = pieces->piece + pieces->of_node[point->node[0]];
+        if (!(piece->young * piece->size > 0)) continue;
+        count++;
+        sum += 1 / (piece->young * piece->size);
+        if (point->jaw) levers += 0.25 * (square - along * along);
+    }
+    if (count == 0) return;
+    out[0] = sum / count;
+    if (levers > 0) out[1] = sum / levers;
 }

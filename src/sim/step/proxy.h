@@ -39,7 +39,7 @@ void pliant_proxy_find_load(const pliant_data *data, int tool, const pliant_tool
  * is softened, so that its load stays below the limit. The limits are contact/max_force at the tip, the same force
  * at the tool's farthest point, and contact/grip_torque.
  * @param goal desired pose at the end of the leg
- * @param gives additional compliance for rigid pieces under the tool (pliant_contact_gives)
+ * @param gives additional compliance for rigid pieces under the tool (pliant_proxy_compliance)
  * @param ahead out: the pose at the linearization point; @param axis out: unit axis of the jaws at that pose */
 void pliant_proxy_couple(const pliant_model *model, const pliant_tool *tool, const pliant_tool_pose *begin,
                          const pliant_tool_pose *goal, const pliant_proxy_load *before, const double gives[2],
@@ -52,6 +52,12 @@ pliant_tool_pose pliant_proxy_yield(const pliant_tool *tool, const pliant_tool_p
  * saturated. */
 double pliant_proxy_limit(const pliant_model *model, pliant_tool *tool, const pliant_proxy_load *before,
                           const pliant_proxy_load *after);
+/* Compute the compliance that rigid pieces under a tool add to its coupling. For translations it is the compliance
+ * of a cube of the piece's volume V, 1 / (E V^(1/3)) [m/N]. For the jaws it follows from the levers of the points
+ * [rad/(N m)]. 0: the tool is on no piece.
+ * @param pressing use the points that have carried a force; otherwise the points that overlap */
+void pliant_proxy_compliance(const pliant_data *data, int tool, bool pressing, const double joint[3],
+                             const double axis[3], double out[2]);
 
 #ifdef __cplusplus
 }

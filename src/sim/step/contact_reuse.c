@@ -1,0 +1,122 @@
+/* Reuse of contact points while little moves. */
+#include "base/fail.h"
+#include "base/memory.h"
+#include "fem/patch/patch.h"
+#include "sim/step/contact_search.h"
+
+#include <math.h>
+#include <string.h>
+
+/* Identify a part and the number of nodes that its tool holds, because held nodes have no contact points. */
+static uint64_t key_of(const pliant_moving_part *part)
+{
+    return (uint64_t)part->num_held << 32 | (uint64_t)part->kind << 24 | (uint64_t)(part->tool + 1) << 16 |
+           (uint64_t)part->index;
+}
+
+/* Return whether points can be reused: only in quasi-static steps without plane constraints, detached pieces,
+ * contact of tissue on tissue, or patches. */
+static bool is_simple(const pliant_model *model, const pliant_data *data)
+{
+    return data->solver && !data->legs->planes && !data->falling && !pliant_contact_touches_itself(model) &&
+           pliant_patch_serves(data) == 0;
+}
+
+static bool reserve_found(pliant_contact_search *search, int32_t nodes)
+{
+    if (nodes > search->room_found) {
+        double *at = pliant_resize(search->found_at, (size_t)nodes, 3 * sizeof *at);
+        if (!at) return false;
+        search->found_at = at;
+        search->room_found = nodes;
+    }
+    search->found_nodes = nodes;
+    return true;
+}
+
+pliant_status pliant_contact_copy_found(const pliant_contact_search *from, pliant_contact_search *to)
+{
+    if (!from->found) return PLIANT_OK;
+    if (!reserve_found(to, from->found_nodes)) return pliant_fail_memory("contacts");
+    memcpy(to->found_at, from->found_at, 3 * (size_t)from->found_nodes * sizeof *to->found_at);
+    memcpy(to->found_key, from->found_key, sizeof to->found_key);
+    memcpy(to->found_pose, from->found_pose, sizeof to->found_pose);
+    to->found_revision = from->found_revision;
+    to->found_parts = from->found_parts;
+    to->found = true;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_contact_keep_found(const pliant_model *model, pliant_data *data, const pliant_body *body)
+{
+    pliant_contact_search *search = data->contact_search;
+    const int32_t nodes = body->fine.num_nodes;
+    search->found = is_simple(model, data);
+    if (!search->found) return PLIANT_OK;
+    search->found = false;
+    if (!reserve_found(search, nodes)) return pliant_fail_memory("contacts");
+    search->found = true;
+    memcpy(search->found_at, search->surface, 3 * (size_t)nodes * sizeof *search->surface);
+    search->found_revision = data->body->revision;
+    search->found_parts = search->num_parts;
+    for (int32_t p = 0; p < search->num_parts; p++) search->found_key[p] = key_of(search->part + p);
+    for (int t = 0; t < data->num_tools; t++) search->found_pose[t] = data->legs->tool[t].ahead;
+    return PLIANT_OK;
+}
+
+/* Move a point that lies on its part's surface with the part. Return false if it lies deeper: recovery moves such
+ * points out gradually, so they are found again. */
+static bool move_point(const pliant_contact_search *search, pliant_contact_point *point)
+{
+    const double exact = 1e-3; /* of the guard depth */
+    for (int32_t p = 0; p < search->num_parts; p++) {
+        const pliant_moving_part *part = search->part + p;
+        double local[3], normal[3], end[3], outwards[3];
+        if (part->kind != point->kind || part->index != point->part ||
+            (part->kind == PLIANT_OBSTACLE_TOOL && part->tool != point->tool))
+            continue;
+        pliant_pose_from(&part->begin, point->place, local);
+        const pliant_part core = pliant_part_core(part->part, part->guard);
+        if (fabs(pliant_part_distance(&core, local, outwards) - part->guard) > exact * part->guard) return false;
+        pliant_pose_turn_back(&part->begin, point->normal, normal);
+        pliant_pose_turn(&part->end, normal, point->normal);
+        pliant_pose_to(&part->end, local, end);
+        for (int d = 0; d < 3; d++) {
+            point->drift[d] = end[d] - point->place[d];
+            point->place[d] = end[d];
+        }
+        return true;
+    }
+    return false;
+}
+
+pliant_status pliant_contact_reuse(const pliant_model *model, pliant_data *data, const pliant_body *body, bool *stays)
+{
+    pliant_contact_search *search = data->contact_search;
+    double most = model->contact.search_margin;
+    *stays = search->found && is_simple(model, data) && search->found_revision == data->body->revision &&
+             search->found_parts == search->num_parts;
+    for (int32_t p = 0; p < search->num_parts && *stays; p++) {
+        const pliant_moving_part *part = search->part + p;
+        *stays = search->found_key[p] == key_of(part);
+        most = fmin(most, model->contact.reuse_motion * part->guard);
+    }
+    for (int32_t p = 0; p < search->num_parts && *stays; p++) {
+        const pliant_moving_part *part = search->part + p;
+        if (part->kind == PLIANT_OBSTACLE_TOOL)
+            *stays = pliant_part_way(part->shape, part->part, search->found_pose + part->tool, &part->to) <= most;
+    }
+    for (int32_t n = 0; n < body->fine.num_nodes && *stays; n++) {
+        const double *a = search->found_at + 3 * (size_t)n, *b = search->surface + 3 * (size_t)n;
+        *stays = (a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]) + (a[2] - b[2]) * (a[2] - b[2]) <=
+                 most * most;
+    }
+    pliant_status status = *stays ? pliant_contacts_copy(&data->contacts, &search->made) : PLIANT_OK;
+    while (*stays && search->made.count > 0 &&
+           search->made.point[search->made.count - 1].kind == PLIANT_OBSTACLE_ELEMENT)
+        search->made.count--; /* points of the volume bound are found again in every leg */
+    for (int32_t n = 0; n < search->made.count && *stays && status == PLIANT_OK; n++)
+        *stays = move_point(search, search->made.point + n);
+    if (!*stays) search->made.count = 0;
+    return status;
+}

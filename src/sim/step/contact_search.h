@@ -1,0 +1,76 @@
+/* The contact points of a simulation: data that the files of the contact stage share. */
+#ifndef PLIANT_SIM_CONTACT_SEARCH_H
+#define PLIANT_SIM_CONTACT_SEARCH_H
+
+#include "contact/detect/outside.h"
+#include "contact/detect/tissue.h"
+#include "contact/shapes/solid.h"
+#include "sim/step/contact.h"
+#include "sim/step/legs.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum { PLIANT_CONTACT_PARTS = PLIANT_MAX_TOOLS * PLIANT_MAX_PARTS + 2 * PLIANT_MAX_FIXED + PLIANT_MAX_PARTS };
+
+struct pliant_contact_search {
+    pliant_contact_settings settings;
+    pliant_finder *finder;
+    pliant_tissue tissue; /* contact/self: tissue on tissue */
+    pliant_outside outside;
+    pliant_contacts made; /* buffer: the points of the previous leg while this leg's points are in use */
+    int32_t num_parts;
+    pliant_moving_part part[PLIANT_CONTACT_PARTS];
+    pliant_advance_part advance_part[PLIANT_CONTACT_PARTS];
+    pliant_part obstacle[2 * PLIANT_MAX_FIXED];
+    pliant_advance *advance; /* Nullable buffer */
+    int32_t room_surface;
+    double *surface;        /* (room_surface x 3) positions of the surface's nodes at the start of the leg [m] */
+    double low[3], high[3]; /* bounding box of the surface [m] */
+    /* REUSE OF POINTS: the configuration in which the points were found */
+    bool found;
+    uint64_t found_revision; /* of the topology */
+    int32_t found_parts, found_nodes, room_found;
+    uint64_t found_key[PLIANT_CONTACT_PARTS];
+    pliant_tool_pose found_pose[PLIANT_MAX_TOOLS];
+    double *found_at;   /* (room_found x 3) positions of the surface's nodes [m] */
+    int32_t room_nodes; /* for contact/response: paper */
+    uint8_t *overlaps;  /* (room_nodes) */
+    double *place;      /* (room_nodes x 3) */
+};
+
+/* Create the search at its first use. Errors: MEMORY. */
+pliant_status pliant_contact_search_create(const pliant_contact_settings *settings, pliant_contact_search **out);
+bool pliant_contact_touches_itself(const pliant_model *model);
+/* Contact happens at the boundary of the tissue within the elements. When cuts subdivide elements, the elements'
+ * faces are that boundary. */
+bool pliant_contact_is_within_elements(const pliant_model *model);
+/* Return the guard depth of a part. A distance field's error reduces the guard zone, so the guard depth is increased
+ * until a fraction of the zone remains (settings.guard_left). */
+double pliant_contact_guard(const pliant_model *model, const pliant_data *data, const pliant_part *part);
+
+/* ---- contact_surface.c */
+/* Choose the surface for collision detection. Errors: MEMORY.
+ * @param body, positions out: its topology and its positions */
+pliant_status pliant_contact_surface(const pliant_model *model, pliant_data *data, const pliant_body **body,
+                                     const double **positions);
+/* Save the surface at the start of the leg, and compute its bounding box. Errors: MEMORY. */
+pliant_status pliant_contact_keep_surface(pliant_contact_search *search, const pliant_body *body,
+                                          const double *positions);
+
+/* ---- contact_reuse.c */
+/* Save the configuration in which the points are found. Errors: MEMORY. */
+pliant_status pliant_contact_keep_found(const pliant_model *model, pliant_data *data, const pliant_body *body);
+/* Copy that configuration. Errors: MEMORY. */
+pliant_status pliant_contact_copy_found(const pliant_contact_search *from, pliant_contact_search *to);
+/* Reuse the points of the previous search if nothing has moved farther than settings.reuse_motion since then, and no
+ * tool is to. They are written to search->made. Errors: MEMORY.
+ * @param stays out: whether the points are reused */
+pliant_status pliant_contact_reuse(const pliant_model *model, pliant_data *data, const pliant_body *body, bool *stays);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,175 @@
+/* The surface that contact uses, and the largest fraction of a leg that is free of penetration. */
+#include "base/fail.h"
+#include "base/memory.h"
+#include "sim/step/contact_search.h"
+#include "tool/clearance.h"
+
+#include <math.h>
+#include <string.h>
+
+pliant_status pliant_contact_surface(const pliant_model *model, pliant_data *data, const pliant_body **body,
+                                     const double **positions)
+{
+    pliant_outside *outside = &data->contact_search->outside;
+    *body = data->body;
+    *positions = data->positions;
+    if (!pliant_contact_is_within_elements(model)) return PLIANT_OK;
+    const pliant_outside_voxels voxels = {.load = model->body,
+                                          .geometry = &model->scan->geometry,
+                                          .material_of_voxel = model->material_of_voxel,
+                                          .materials = &model->materials,
+                                          .touches_itself = pliant_contact_touches_itself(model),
+                                          .threads = data->discretization->system->num_threads};
+    pliant_status status = pliant_outside_set_body(outside, &voxels, data->body);
+    if (status != PLIANT_OK) return status;
+    pliant_outside_place(outside, data->positions);
+    *body = &outside->view;
+    *positions = outside->positions;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_contact_keep_surface(pliant_contact_search *search, const pliant_body *body,
+                                          const double *positions)
+{
+    const int32_t nodes = body->fine.num_nodes;
+    if (nodes > search->room_surface) {
+        double *surface = pliant_resize(search->surface, (size_t)nodes, 3 * sizeof *surface);
+        if (!surface) return pliant_fail_memory("contacts");
+        search->surface = surface;
+        search->room_surface = nodes;
+    }
+    memcpy(search->surface, positions, 3 * (size_t)nodes * sizeof *positions);
+    for (int d = 0; d < 3; d++) {
+        search->low[d] = INFINITY;
+        search->high[d] = -INFINITY;
+    }
+    for (int32_t c = 0; c < 3 * body->num_triangles; c++)
+        for (int d = 0; d < 3; d++) {
+            const double x = positions[3 * (size_t)body->triangles[c] + (size_t)d];
+            search->low[d] = fmin(search->low[d], x);
+            search->high[d] = fmax(search->high[d], x);
+        }
+    return PLIANT_OK;
+}
+
+/* ---- largest free fraction of a leg */
+
+static pliant_status find_room(pliant_contact_search *search)
+{
+    return search->advance ? PLIANT_OK : pliant_advance_create(&search->settings, &search->advance);
+}
+
+pliant_status pliant_contact_advance(const pliant_model *model, pliant_data *data, double share,
+                                     pliant_advance_result *out)
+{
+    pliant_contact_search *search = data->contact_search;
+    const pliant_body *body = NULL;
+    const double *positions = NULL;
+    pliant_status status = find_room(search);
+    for (int32_t p = 0; p < search->num_parts; p++) {
+        const pliant_leg_tool *leg =
+            search->part[p].kind == PLIANT_OBSTACLE_TOOL ? data->legs->tool + search->part[p].tool : NULL;
+        if (leg)
+            search->advance_part[p].to = share < 1 ? pliant_pose_partway(&leg->begin, &leg->goal, share) : leg->goal;
+    }
+    if (status == PLIANT_OK) status = pliant_contact_surface(model, data, &body, &positions);
+    if (status != PLIANT_OK) return status;
+    return pliant_advance_find(search->advance, body->num_triangles, body->triangles, search->surface, positions,
+                               search->num_parts, search->advance_part, data->discretization->system->num_threads, out);
+}
+
+static const pliant_moving_part *find_part(const pliant_contact_search *search, const pliant_contact_point *point)
+{
+    for (int32_t p = 0; p < search->num_parts; p++)
+        if (search->part[p].kind == PLIANT_OBSTACLE_TOOL && search->part[p].tool == point->tool &&
+            search->part[p].index == point->part)
+            return search->part + p;
+    return NULL;
+}
+
+void pliant_contact_follow_proxies(pliant_data *data)
+{
+    for (int32_t n = 0; n < data->contacts.count; n++) {
+        pliant_contact_point *point = data->contacts.point + n;
+        const pliant_moving_part *part =
+            point->kind == PLIANT_OBSTACLE_TOOL ? find_part(data->contact_search, point) : NULL;
+        if (!part) continue;
+        const pliant_tool *tool = data->tools + point->tool;
+        const pliant_tool_pose proxy = pliant_tool_proxy(tool);
+        pliant_pose now;
+        double local[3];
+        pliant_part_pose(&tool->shape, part->part->frame, proxy.tip, proxy.rotation, proxy.jaw, &now);
+        pliant_pose_from(&part->end, point->place, local);
+        pliant_pose_to(&now, local, point->place); /* the normal stays: the force lies in the cone around it */
+    }
+}
+
+/* Return whether the whole tool is inside tissue. Tested are the centers of its parts and the ends of capsules. */
+static bool is_inside_at(const pliant_model *model, const pliant_data *data, const pliant_tool *tool,
+                         const pliant_tool_pose *at)
+{
+    bool inside = true;
+    for (int32_t p = 0; p < tool->shape.num_parts && inside; p++) {
+        const pliant_part *part = tool->shape.part + p;
+        double local[3][3], x[3];
+        pliant_pose pose;
+        pliant_part_pose(&tool->shape, part->frame, at->tip, at->rotation, at->jaw, &pose);
+        pliant_part_centre(part, local[0]);
+        memcpy(local[1], part->from, sizeof local[1]);
+        memcpy(local[2], part->to, sizeof local[2]);
+        for (int n = 0; n < (part->kind == PLIANT_PART_CAPSULE ? 3 : 1) && inside; n++) {
+            pliant_pose_to(&pose, local[n], x);
+            inside = pliant_clearance_of(model, data, x) < 0;
+        }
+    }
+    return inside;
+}
+
+pliant_status pliant_contact_is_free(const pliant_model *model, pliant_data *data, int index,
+                                     const pliant_tool_pose *pose, bool *is_free, bool *is_inside)
+{
+    pliant_status status = pliant_contact_search_create(&model->contact, &data->contact_search);
+    if (status != PLIANT_OK) return status;
+    pliant_contact_search *search = data->contact_search;
+    const pliant_tool *tool = data->tools + index;
+    const pliant_body *body = NULL;
+    const double *positions = NULL;
+    pliant_advance_part part[PLIANT_MAX_PARTS];
+    int32_t count = 0;
+    for (int32_t p = 0; p < tool->shape.num_parts; p++)
+        part[count++] = (pliant_advance_part){.part = tool->shape.part + p,
+                                              .shape = &tool->shape,
+                                              .from = *pose,
+                                              .to = *pose,
+                                              .guard = pliant_contact_guard(model, data, tool->shape.part + p),
+                                              .num_held = pliant_tool_grips(tool) ? tool->num_held : 0,
+                                              .held = tool->held};
+    pliant_advance_audit_result found;
+    status = find_room(search);
+    if (status == PLIANT_OK) status = pliant_contact_surface(model, data, &body, &positions);
+    if (status == PLIANT_OK)
+        status = pliant_advance_audit(search->advance, body->num_triangles, body->triangles, positions, count, part,
+                                      data->discretization->system->num_threads, &found);
+    if (status != PLIANT_OK) return status;
+    *is_free = found.least > 0;
+    *is_inside = is_inside_at(model, data, tool, pose);
+    return PLIANT_OK;
+}
+
+bool pliant_contact_comes_near(pliant_data *data, const pliant_tool *tool, const pliant_tool_pose *from,
+                               const pliant_tool_pose *to)
+{
+    const pliant_contact_search *search = data->contact_search;
+    bool near = false;
+    for (int32_t p = 0; search && p < tool->shape.num_parts && !near; p++) {
+        const pliant_part *part = tool->shape.part + p;
+        const double way = pliant_part_way(&tool->shape, part, from, to) + data->model->contact.search_margin;
+        double low[3], high[3];
+        pliant_pose pose;
+        pliant_part_pose(&tool->shape, part->frame, from->tip, from->rotation, from->jaw, &pose);
+        pliant_part_box(part, &pose, low, high);
+        near = true;
+        for (int d = 0; d < 3; d++) near = near && low[d] - way <= search->high[d] && high[d] + way >= search->low[d];
+    }
+    return near;
+}
