@@ -320,10 +320,9 @@ TEST_F(Path, RefusesShapesThatAreNone)
         text.replace(text.find(from), from.size(), to);
         return text;
     };
-    refuses(
-        with("LARGE_NEEDLE_DRIVER_400006", "large_needle"),
-        "line 2: tool 1 'driver': shape/name: there is no instrument 'large_needle': those of the dVRK are known, "
-        "by name or code (large_needle_driver");
+    refuses(with("LARGE_NEEDLE_DRIVER_400006", "large_needle"),
+            "line 2: tool 1 'driver': shape/name: there is no instrument 'large_needle': use probe, camera, or a dVRK "
+            "instrument by name or code (large_needle_driver");
     refuses(with("LARGE_NEEDLE_DRIVER_400006", "large_needle_driver_x"), "there is no instrument");
     refuses(with("jaw: 0.8", "jaw: wide"), "poses/jaw: 'wide' is not a number");
     refuses(with("kind: box", "kind: cone"),

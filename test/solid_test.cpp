@@ -430,7 +430,7 @@ TEST_F(SolidFile, WhatIsNoStlIsRefused)
     refuses(text.substr(0, text.find("vertex") + 20), "line 4: 'vertex' needs three numbers");
     bad = text;
     bad.replace(bad.find("vertex") + 7, 1, "x");
-    refuses(bad, "line 4: 'vertex' needs three numbers, and 'x");
+    refuses(bad, "line 4: 'vertex' needs three numbers; 'x");
     bad = text;
     bad.erase(bad.find("   vertex"), bad.find("\n", bad.find("   vertex")) - bad.find("   vertex"));
     refuses(bad, "line 8: a facet needs 3 corners");
@@ -442,7 +442,7 @@ TEST_F(SolidFile, WhatHasNoSizeIsRefused)
     refuses(binary_stl(corner(), 0.001), "is 20 m large; is it in millimetres (unit: mm)?");
     refuses(binary_stl(corner(), 1), "is 2e-05 m large; is it in metres (unit: m)?", 0.001);
     const double from[3] = {0, 0, 0}, thin[3] = {0.02, 0.02, 0.0001};
-    refuses(binary_stl(block(from, thin), 1), "is too thin for a field with points every 0.6 mm");
+    refuses(binary_stl(block(from, thin), 1), "is too thin for a distance field with a resolution of 0.6 mm");
     Surface flat;
     for (int n = 0; n < 4; n++) flat.add(0.01 * (n & 1), 0.01 * (n >> 1), 0);
     flat.triangles = {0, 1, 2, 1, 3, 2, 0, 2, 1, 1, 2, 3};
@@ -453,7 +453,7 @@ TEST_F(SolidFile, WhatHasNoSizeIsRefused)
     pliant_solid_options options{};
     options.resolution = 1e-5;
     EXPECT_EQ(corner().make(options, &solid), PLIANT_ERROR_FORMAT);
-    EXPECT_NE(std::string(pliant_last_error()).find("solid: a field with points every 0.01 mm would take"),
+    EXPECT_NE(std::string(pliant_last_error()).find("solid: a distance field with a resolution of 0.01 mm needs"),
               std::string::npos)
         << pliant_last_error();
     options.convex = true;

@@ -122,9 +122,8 @@ extern "C" pliant_status pliant_cuda_allocate(size_t bytes, const char *what, vo
         size_t free_bytes = 0, total = 0;
         cudaGetLastError();
         cudaMemGetInfo(&free_bytes, &total);
-        return pliant_fail(PLIANT_ERROR_MEMORY,
-                           "the GPU has no room for %s: %.1f MB are wanted, %.1f of %.1f MB are free", what,
-                           1e-6 * (double)bytes, 1e-6 * (double)free_bytes, 1e-6 * (double)total);
+        return pliant_fail(PLIANT_ERROR_MEMORY, "not enough GPU memory for %s: %.1f MB needed, %.1f of %.1f MB free",
+                           what, 1e-6 * (double)bytes, 1e-6 * (double)free_bytes, 1e-6 * (double)total);
     }
     CUDA_TRY(pliant_cuda_status(error, what));
     *out = block;
@@ -305,7 +304,7 @@ extern "C" bool pliant_cuda_probe(pliant_cuda_device *out, char *reason, size_t 
     }
     cudaGetLastError();
     if (best.index < 0 || cudaSetDevice(best.index) != cudaSuccess) {
-        snprintf(reason, reason_size, "%s", error != cudaSuccess ? cudaGetErrorString(error) : "there is no device");
+        snprintf(reason, reason_size, "%s", error != cudaSuccess ? cudaGetErrorString(error) : "no CUDA device found");
         return false;
     }
     chosen = best.index;

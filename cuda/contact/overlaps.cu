@@ -255,9 +255,10 @@ static pliant_status make_room(gpu_overlaps *overlaps, const number counts[CELLS
 {
     view *v = &overlaps->v;
     if (counts[ENTRIES] > INT32_MAX || counts[PAIRS] > INT32_MAX)
-        return pliant_fail(PLIANT_ERROR_MEMORY,
-                           "tetrahedra that overlap: %llu places in the grid and %llu pairs are too many",
-                           counts[ENTRIES], counts[PAIRS]);
+        return pliant_fail(
+            PLIANT_ERROR_MEMORY,
+            "collision detection: %llu grid entries and %llu pairs of tetrahedra are too many for the GPU",
+            counts[ENTRIES], counts[PAIRS]);
     CUDA_TRY(pliant_cuda_ensure((size_t)counts[ENTRIES] * sizeof *v->entries, true, "cells of tetrahedra",
                                 (void **)&v->entries, &overlaps->entries_bytes));
     CUDA_TRY(pliant_cuda_ensure((size_t)counts[PAIRS] * sizeof *v->pairs, true, "pairs of tetrahedra",

@@ -264,7 +264,7 @@ pliant_status search(void **state, pliant_tissue *tissue, const double *position
 {
     if (!*state) {
         gpu_tissue *made = static_cast<gpu_tissue *>(pliant_calloc(1, sizeof *made));
-        if (!made) return pliant_fail(PLIANT_ERROR_MEMORY, "out of memory: contacts of tissue with tissue");
+        if (!made) return pliant_fail(PLIANT_ERROR_MEMORY, "out of memory: the self-contacts of the tissue");
         *state = made;
         CUDA_TRY(create(made));
     }

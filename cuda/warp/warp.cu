@@ -74,7 +74,8 @@ static pliant_status upload_source(pliant_cuda_warp *gpu)
     void *d_voxels = nullptr, *d_source = nullptr;
     const size_t bytes = (size_t)source->count * pliant_cuda_source_bytes(source->encoding);
     if (source->count >= most_voxels)
-        return pliant_fail(PLIANT_ERROR_MEMORY, "%lld voxels are too many for the GPU's warp: it takes fewer than %d",
+        return pliant_fail(PLIANT_ERROR_MEMORY,
+                           "%lld voxels are too many for the deformed volume on the GPU: it must have fewer than %d",
                            (long long)source->count, most_voxels);
     CUDA_TRY(pliant_cuda_allocate(bytes, "the scan", &d_source));
     gpu->raster.d_source = d_source;
@@ -144,9 +145,10 @@ static pliant_status fill_body(const pliant_warp_parts *parts, const known_body 
     const pliant_parts *cut = parts->parts;
     const size_t guests = cut ? (size_t)cut->num_guests : 0, elements = tets + guests;
     if (elements >= (size_t)most_tets)
-        return pliant_fail(PLIANT_ERROR_MEMORY,
-                           "%zu tetrahedra are too many for the GPU's warp: it takes fewer than %d", elements,
-                           most_tets);
+        return pliant_fail(
+            PLIANT_ERROR_MEMORY,
+            "%zu tetrahedra are too many for the deformed volume on the GPU: the mesh must have fewer than %d",
+            elements, most_tets);
     raster->num_tets = (int32_t)tets;
     raster->num_elements = (int32_t)elements;
     uint8_t *d_setup = static_cast<uint8_t *>(raster->d_setup);

@@ -44,7 +44,7 @@ pliant_status pliant_backend_create(const pliant_model *model, pliant_data *data
 bool pliant_backend_fall_back(const pliant_model *model, pliant_data *data, pliant_status status)
 {
     if (data->backend->on_host || (status != PLIANT_ERROR_UNAVAILABLE && status != PLIANT_ERROR_MEMORY)) return false;
-    pliant_log(PLIANT_LOG_WARNING, "backend: %s; the CPU goes on from the last good state", pliant_last_error());
+    pliant_log(PLIANT_LOG_WARNING, "backend: %s; the CPU continues from the last good state", pliant_last_error());
     const pliant_host_solver *kind = data->backend->kind;
     if (data->backend->download) data->backend->download(model, data);
     data->backend->free(data);
@@ -63,7 +63,7 @@ void pliant_backend_follow(const pliant_model *model, pliant_data *data, const p
     if (backend->follow && backend->follow(model, data, before, map, &possible) == PLIANT_OK && possible) return;
     backend->free(data);
     if (backend->create(model, data) == PLIANT_OK) return;
-    pliant_log(PLIANT_LOG_WARNING, "backend: %s; the CPU goes on with the new body", pliant_last_error());
+    pliant_log(PLIANT_LOG_WARNING, "backend: %s; the CPU continues with the new mesh topology", pliant_last_error());
     data->backend = backend->kind->cpu;
     if (data->warp) pliant_warp_fall_back(data->warp);
 }

@@ -81,7 +81,8 @@ const pliant_backend pliant_tled_backend = {
 pliant_status pliant_data_get_dynamics(const pliant_model *model, const pliant_data *data, pliant_dynamics *out)
 {
     (void)model;
-    if (!data->tled) return pliant_fail(PLIANT_ERROR_ARGUMENT, "solver/kind is not tled: there is no dynamics");
+    if (!data->tled)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "there is no explicit dynamics: solver/kind is not tled");
     const pliant_tled_system *system = data->tled->system;
     pliant_dynamics told = {.edge_bound = system->edge_bound, .eigenvalue_bound = system->eigenvalue_bound,
                             .time_step = data->tled->time_step, .substeps = data->tled->substeps};

@@ -62,7 +62,7 @@ static pliant_status find_state(cut_work *work)
     bool good = cut_sparse_create(work->voxels->num_tets, &work->state);
     for (int32_t i = 0; cuts && i < cuts->num_tets && good; i++)
         good = cut_sparse_set(&work->state, cuts->tet[i], -i - 1);
-    return good ? PLIANT_OK : pliant_fail_memory("what a blade touches");
+    return good ? PLIANT_OK : pliant_fail_memory("the elements near the blade");
 }
 
 /* Append the links and bridges that this cut severs to the log of earlier cuts. */
@@ -75,7 +75,7 @@ static pliant_status write_down(cut_work *work)
     next->stroke = pliant_calloc((size_t)before + 1, 2 * sizeof *next->stroke);
     next->severed =
         pliant_calloc((size_t)old + (size_t)work->num_links + (size_t)work->num_bridges, sizeof *next->severed);
-    if (!next->cut_end || !next->stroke || !next->severed) return pliant_fail_memory("what is cut");
+    if (!next->cut_end || !next->stroke || !next->severed) return pliant_fail_memory("the severed links and bridges");
     if (before > 0) memcpy(next->cut_end, cuts->cut_end, (size_t)before * sizeof *next->cut_end);
     if (before > 0) memcpy(next->stroke, cuts->stroke, (size_t)before * 2 * sizeof *next->stroke);
     memcpy(next->stroke + 2 * before, work->stroke, sizeof work->stroke);
@@ -187,7 +187,7 @@ static void free_work(cut_work *work)
 
 static pliant_status refuse_whole(void)
 {
-    return pliant_fail(PLIANT_ERROR_ARGUMENT, "this body has no voxels to cut: set cut/kind to sever in the scene");
+    return pliant_fail(PLIANT_ERROR_ARGUMENT, "the mesh has no voxels to cut: set cut/kind to sever in the scene");
 }
 
 pliant_status pliant_body_cut(const pliant_body *body, uint64_t revision, const double *positions,
@@ -235,13 +235,13 @@ static pliant_status take_severed(cut_work *work, int32_t count, const uint32_t 
 {
     work->link = pliant_calloc((size_t)count, sizeof *work->link);
     work->bridge = pliant_calloc((size_t)count, sizeof *work->bridge);
-    if (!work->link || !work->bridge) return pliant_fail_memory("what is cut");
+    if (!work->link || !work->bridge) return pliant_fail_memory("the severed links and bridges");
     for (int32_t i = 0; i < count; i++) {
         const bool bridge = severed[i] % 4 == 3,
                    ascending = i == 0 || severed[i] > severed[i - 1] || (bridge && severed[i - 1] % 4 != 3);
         if (!ascending || (!bridge && work->num_bridges > 0) || !is_there(work->voxels, work->cuts, severed[i]))
             return pliant_fail(PLIANT_ERROR_ARGUMENT,
-                               "%u is no link or bridge that this body has: the cut is another scan's or mesh's",
+                               "%u is not a link or bridge of this mesh: the cut belongs to another scan or mesh",
                                (unsigned)severed[i]);
         if (bridge) work->bridge[work->num_bridges++] = (int32_t)(severed[i] / 4);
         else work->link[work->num_links++] = severed[i];
@@ -253,7 +253,7 @@ pliant_status pliant_body_sever(const pliant_body *body, uint64_t revision, int3
                                 pliant_body **out)
 {
     if (!body->voxels) return refuse_whole();
-    if (count < 1) return pliant_fail(PLIANT_ERROR_ARGUMENT, "a cut severs something: no link and no bridge is named");
+    if (count < 1) return pliant_fail(PLIANT_ERROR_ARGUMENT, "the cut names no link and no bridge: name at least one");
     cut_work work = {.body = body, .voxels = body->voxels, .cuts = body->cuts};
     pliant_body *next = NULL;
     pliant_status status = find_state(&work);

@@ -100,5 +100,5 @@ pliant_status pliant_cut_keep_dust(cut_work *work, bool *changed)
     pliant_free(all.voxels);
     pliant_free(all.least);
     pliant_free(all.lost);
-    return good ? PLIANT_OK : pliant_fail_memory("what a blade leaves");
+    return good ? PLIANT_OK : pliant_fail_memory("the small fragments of a cut");
 }

@@ -104,7 +104,7 @@ static pliant_status gather_joins(const cut_work *work, pliant_cuts *next)
     next->join = pliant_calloc((size_t)work->num_edges + (size_t)before + 1, 2 * sizeof *next->join);
     if (!next->join || !made) {
         pliant_free(made);
-        return pliant_fail_memory("what fragments are joined to");
+        return pliant_fail_memory("the links between fragments");
     }
     for (int32_t e = 0; e < work->num_edges; e++) {
         const int32_t a = cut_number(work, work->edge[e].end[0]), b = cut_number(work, work->edge[e].end[1]);

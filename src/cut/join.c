@@ -8,7 +8,7 @@
 
 #include <string.h>
 
-static pliant_status no_memory(void) { return pliant_fail_memory("what fragments are joined to"); }
+static pliant_status no_memory(void) { return pliant_fail_memory("the links between fragments"); }
 
 /* ---- hash table of edges */
 

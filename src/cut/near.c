@@ -111,7 +111,7 @@ pliant_status pliant_cut_near(const pliant_body *body, const double *positions, 
     const int32_t load = body->voxels->num_tets;
     node_groups groups = {.mesh = mesh, .load = body->node_parent};
     uint8_t *near = *out = pliant_calloc((size_t)mesh->num_tets, 1);
-    if (!near) return pliant_fail_memory("what a blade touches");
+    if (!near) return pliant_fail_memory("the elements near the blade");
     if (!mesh->tet_of_lattice || !mesh->lattice_of_node) { /* the leaves of an octree have no lattice */
         memset(near, 1, (size_t)mesh->num_tets);
         return PLIANT_OK;
@@ -120,7 +120,7 @@ pliant_status pliant_cut_near(const pliant_body *body, const double *positions, 
     for (int d = 0; d < 3; d++) groups.count[d] = mesh->cells[d] / GROUP + 1;
     groups.box =
         pliant_calloc((size_t)groups.count[0] * (size_t)groups.count[1] * (size_t)groups.count[2], sizeof *groups.box);
-    if (!groups.box) return pliant_fail_memory("what a blade touches");
+    if (!groups.box) return pliant_fail_memory("the elements near the blade");
     find_boxes(&groups, body->voxels->num_nodes, positions);
     int32_t at[3];
     for (at[2] = 0; at[2] < groups.count[2]; at[2]++)

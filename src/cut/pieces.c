@@ -10,7 +10,7 @@ pliant_status pliant_cut_count_pieces(const pliant_body *body, int32_t *pieces)
     const pliant_mesh *fine = &body->fine;
     int32_t *piece = pliant_calloc((size_t)fine->num_nodes, sizeof *piece);
     uint8_t *counted = pliant_calloc((size_t)fine->num_nodes, 1);
-    pliant_status status = piece && counted ? PLIANT_OK : pliant_fail_memory("the pieces of a body");
+    pliant_status status = piece && counted ? PLIANT_OK : pliant_fail_memory("the pieces of the mesh");
     if (status != PLIANT_OK) goto done;
     for (int32_t n = 0; n < fine->num_nodes; n++) piece[n] = n;
     for (int32_t j = 0; body->pieces && j < body->pieces->num_joints + body->pieces->num_inner; j++)

@@ -147,10 +147,10 @@ pliant_status pliant_cut_add_link(cut_work *work, uint32_t link, double area)
     if (work->num_links == work->link_room) {
         const int32_t room = work->link_room > 0 ? 2 * work->link_room : 1024;
         uint32_t *links = pliant_resize(work->link, (size_t)room, sizeof *links);
-        if (!links) return pliant_fail_memory("the links that a blade severs");
+        if (!links) return pliant_fail_memory("the severed links");
         work->link = links;
         double *areas = pliant_resize(work->link_area, (size_t)room, sizeof *areas);
-        if (!areas) return pliant_fail_memory("the links that a blade severs");
+        if (!areas) return pliant_fail_memory("the severed links");
         work->link_area = areas;
         work->link_room = room;
     }
@@ -164,7 +164,7 @@ static pliant_status add_bridge(cut_work *work, int32_t bridge)
     if (work->num_bridges == work->bridge_room) {
         const int32_t room = work->bridge_room > 0 ? 2 * work->bridge_room : 64;
         int32_t *longer = pliant_resize(work->bridge, (size_t)room, sizeof *longer);
-        if (!longer) return pliant_fail_memory("the bridges that a blade severs");
+        if (!longer) return pliant_fail_memory("the severed bridges");
         work->bridge = longer;
         work->bridge_room = room;
     }
@@ -396,7 +396,7 @@ pliant_status pliant_cut_sort_severed(cut_work *work)
 {
     if (work->num_links > 0) {
         severed *all = pliant_calloc((size_t)work->num_links, sizeof *all);
-        if (!all) return pliant_fail_memory("the links that a blade severs");
+        if (!all) return pliant_fail_memory("the severed links");
         for (int32_t i = 0; i < work->num_links; i++) all[i] = (severed){work->link[i], work->link_area[i]};
         qsort(all, (size_t)work->num_links, sizeof *all, by_link);
         int32_t count = 0;

@@ -61,7 +61,7 @@ static pliant_status list_near(const cut_splitting *work, edge_list *list)
         if (list->count + 6 > list->room) {
             const int32_t room = 2 * list->room + 256;
             edge *longer = pliant_resize(list->edges, (size_t)room, sizeof *longer);
-            if (!longer) return pliant_fail_memory("the edges that a blade cuts");
+            if (!longer) return pliant_fail_memory("the edges that the blade cuts");
             list->edges = longer;
             list->room = room;
         }

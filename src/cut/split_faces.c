@@ -81,7 +81,7 @@ static pliant_status list_faces(const cut_splitting *work, face_list *list)
             if (list->count == list->room) {
                 const int32_t room = 2 * list->room + 64;
                 face *longer = pliant_resize(list->faces, (size_t)room, sizeof *longer);
-                if (!longer) return pliant_fail_memory("the faces that a blade parts");
+                if (!longer) return pliant_fail_memory("the faces that the blade splits");
                 list->faces = longer;
                 list->room = room;
             }
@@ -126,7 +126,7 @@ static pliant_status sever(cut_splitting *work, face_list *list)
     }
     pliant_free(group);
     pliant_free(held);
-    return good ? PLIANT_OK : pliant_fail_memory("the faces that a blade parts");
+    return good ? PLIANT_OK : pliant_fail_memory("the faces that the blade splits");
 }
 
 /* Group the corners around a node.
@@ -169,7 +169,7 @@ static pliant_status split_node(cut_splitting *work, int32_t node, int32_t **roo
     if (!severed) return PLIANT_OK;
     if (2 * count > *room_size) {
         int32_t *longer = pliant_resize(*room, 4 * (size_t)count, sizeof *longer);
-        if (!longer) return pliant_fail_memory("the nodes that a blade parts");
+        if (!longer) return pliant_fail_memory("the nodes that the blade splits");
         *room = longer;
         *room_size = 4 * count;
     }

@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-static pliant_status no_memory(void) { return pliant_fail_memory("what a blade cuts"); }
+static pliant_status no_memory(void) { return pliant_fail_memory("the split elements"); }
 
 static bool make_node_room(cut_splitting *work, int32_t room)
 {

@@ -39,7 +39,7 @@ pliant_status pliant_cut_strip(const pliant_cut_sweep *sweep, const double aside
     *out = (cut_strip){0};
     if (sweep->count < 2) return PLIANT_OK;
     if (!(out->triangles = pliant_calloc(2 * ((size_t)sweep->count - 1), sizeof *out->triangles)))
-        return pliant_fail_memory("the sweep of a blade");
+        return pliant_fail_memory("the swept surface of the blade");
     for (int32_t i = 0; i + 1 < sweep->count; i++) {
         add_triangle(out, aside, sweep->from + 3 * i, sweep->from + 3 * (i + 1), sweep->to + 3 * i);
         add_triangle(out, aside, sweep->from + 3 * (i + 1), sweep->to + 3 * (i + 1), sweep->to + 3 * i);

@@ -6,7 +6,7 @@
 
 #include <string.h>
 
-static pliant_status no_memory(void) { return pliant_fail_memory("what a blade cuts"); }
+static pliant_status no_memory(void) { return pliant_fail_memory("the subdivided elements"); }
 
 /* ---- strokes */
 

@@ -8,7 +8,7 @@
 
 #include <string.h>
 
-static pliant_status no_memory(void) { return pliant_fail_memory("what a blade touches"); }
+static pliant_status no_memory(void) { return pliant_fail_memory("the elements near the blade"); }
 
 /* ---- severed links */
 

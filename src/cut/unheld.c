@@ -17,7 +17,7 @@ typedef struct unheld {
     int32_t *bridge;           /* bridges of touched tetrahedra to sever in addition */
 } unheld;
 
-static pliant_status no_memory(void) { return pliant_fail_memory("what a blade leaves"); }
+static pliant_status no_memory(void) { return pliant_fail_memory("the fragments that no fixed node holds"); }
 
 static bool have_node_in_common(const cut_work *work, int32_t a, int32_t b)
 {

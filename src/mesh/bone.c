@@ -250,7 +250,7 @@ pliant_status pliant_mesh_bone(const pliant_geometry *geometry, const uint8_t *f
         for (int32_t n = 0; n < mesh->num_nodes; n++) crossing += any_crosses(&work, n);
         pliant_log(
             PLIANT_LOG_INFO,
-            "mesh: %d nodes were moved onto the surface of what is fixed; %d nodes have edges that still cross it",
+            "mesh: %d nodes were moved onto the surface of the fixed tissue; %d nodes have edges that still cross it",
             moved, crossing);
         mesh->num_moved = moved;
         mesh->place_of_node = work.place;

@@ -13,7 +13,7 @@ pliant_status pliant_body_points(const pliant_model *model, int32_t *count, doub
     uint8_t *body = pliant_calloc((size_t)fine->num_nodes, 1);
     double *points = NULL;
     int32_t number = 0;
-    if (!body) return pliant_fail_memory("the points of the body");
+    if (!body) return pliant_fail_memory("the points of the mesh");
     for (int32_t t = 0; t < fine->num_tets; t++)
         if (model->body->fine_material[t].tissue > 0)
             for (int v = 0; v < 4; v++) body[fine->tets[4 * t + v]] = 1;
@@ -22,7 +22,7 @@ pliant_status pliant_body_points(const pliant_model *model, int32_t *count, doub
         number > 0 ? PLIANT_OK : pliant_fail(PLIANT_ERROR_SCENE, "the body holds no tissue: nothing can be compared");
     if (status == PLIANT_OK) {
         points = pliant_calloc((size_t)number, 3 * sizeof *points);
-        if (!points) status = pliant_fail_memory("the points of the body");
+        if (!points) status = pliant_fail_memory("the points of the mesh");
     }
     if (status == PLIANT_OK) {
         int32_t next = 0;
@@ -63,7 +63,7 @@ pliant_status pliant_points_create(const pliant_mesh *mesh, int32_t count, const
     points.found = pliant_calloc((size_t)count, 1);
     if (!points.nodes || !points.weights || !points.found) {
         pliant_points_free(&points);
-        return pliant_fail_memory("the points of the body");
+        return pliant_fail_memory("the points of the mesh");
     }
     for (int32_t p = 0; p < count; p++) {
         double barycentric[4];

@@ -122,11 +122,11 @@ static pliant_status ladder_create(const pliant_report_input *input, const plian
         status = build(input, &scene, progress, &all->model[l]);
     }
     all->use = status >= 0 ? pliant_calloc((size_t)all->count, 1) : NULL;
-    if (status >= 0 && !all->use) status = pliant_fail_memory("the points of the body");
+    if (status >= 0 && !all->use) status = pliant_fail_memory("the points of the mesh");
     for (int l = 0; status >= 0 && l < LEVELS; l++) {
         status = pliant_points_create(&all->model[l]->body->fine, all->count, all->rest, &all->points[l]);
         if (status >= 0 && !(all->at[l] = pliant_calloc((size_t)all->count, 3 * sizeof **all->at)))
-            status = pliant_fail_memory("the points of the body");
+            status = pliant_fail_memory("the points of the mesh");
     }
     for (int32_t p = 0; status >= 0 && p < all->count; p++)
         all->use[p] = all->points[0].found[p] && all->points[1].found[p] && all->points[2].found[p];

@@ -353,7 +353,7 @@ pliant_status pliant_blade_hold(const pliant_body *body, pliant_tool *tool)
         pliant_free(all);
         pliant_free(held);
         pliant_free(weight);
-        return pliant_fail_memory("what a blade drags along");
+        return pliant_fail_memory("the nodes that the blade drags");
     }
     for (int32_t p = 0; p < edge->count; p++)
         for (int v = 0; v < 4 && edge->tet[p] >= 0; v++)

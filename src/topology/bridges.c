@@ -22,7 +22,7 @@ static pliant_status add_bridge(bridges *work, const int32_t pair[2])
     if (work->count == work->room) {
         int32_t room = work->room > 0 ? 2 * work->room : 256;
         int32_t *longer = pliant_resize(work->pair, (size_t)room, 2 * sizeof *longer);
-        if (!longer) return pliant_fail_memory("the voxels of a body");
+        if (!longer) return pliant_fail_memory("the voxels of the mesh");
         work->pair = longer;
         work->room = room;
     }
@@ -289,7 +289,7 @@ static pliant_status list_beside(pliant_voxels *voxels)
     const int32_t first = voxels->bridge_start[voxels->num_tets], ends = 2 * (voxels->num_bridges - first);
     int32_t *start = voxels->beside_start = pliant_calloc((size_t)voxels->num_tets + 2, sizeof *start);
     voxels->beside = pliant_calloc((size_t)ends + 1, sizeof *voxels->beside);
-    if (!start || !voxels->beside) return pliant_fail_memory("the voxels of a body");
+    if (!start || !voxels->beside) return pliant_fail_memory("the voxels of the mesh");
     for (int32_t e = 0; e < ends; e++) start[voxels->owner[voxels->bridge[2 * first + e]] + 2]++;
     for (int32_t t = 0; t < voxels->num_tets; t++) start[t + 2] += start[t + 1];
     for (int32_t e = 0; e < ends; e++)
@@ -314,7 +314,7 @@ pliant_status pliant_bridges_build(const pliant_mesh *fine, pliant_voxels *voxel
     run *runs = pliant_calloc((size_t)threads * most, sizeof *runs);
     work.place = pliant_calloc(most, 3 * sizeof *work.place);
     pliant_status status =
-        part && parts && linked && runs && work.place ? PLIANT_OK : pliant_fail_memory("the voxels of a body");
+        part && parts && linked && runs && work.place ? PLIANT_OK : pliant_fail_memory("the voxels of the mesh");
     if (status == PLIANT_OK) count_parts(voxels, threads, most, runs, part, parts);
     if (status == PLIANT_OK) status = bridge_within(&work, parts, part);
     if (status == PLIANT_OK) status = bridge_faces(&work, threads, linked);

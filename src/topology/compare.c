@@ -73,7 +73,7 @@ static pliant_status list_sources(int32_t count, int32_t before, const int32_t *
                                   int32_t **out)
 {
     int32_t *list = *out = pliant_room((size_t)count, sizeof *list);
-    if (!list) return pliant_fail_memory("what became of the body before");
+    if (!list) return pliant_fail_memory("the map from the previous mesh topology");
     const int32_t known = next ? before : 0;
     for (int32_t i = 0; i < known; i++) list[i] = i;
     for (int32_t i = known; i < count; i++) {
@@ -81,7 +81,8 @@ static pliant_status list_sources(int32_t count, int32_t before, const int32_t *
                     (!rest || memcmp(rest_before + 3 * (size_t)i, rest + 3 * (size_t)i, 3 * sizeof *rest) == 0);
         list[i] = kept ? i : source && i >= before ? source[i - before] : parent_of(to_parent, i);
         if (list[i] < 0 || list[i] >= before)
-            return pliant_fail(PLIANT_ERROR_ARGUMENT, "these two bodies are not of one mesh");
+            return pliant_fail(PLIANT_ERROR_ARGUMENT,
+                               "the two bodies have different meshes: pass two topologies of the same model");
     }
     return PLIANT_OK;
 }
@@ -91,7 +92,7 @@ static pliant_status list_between(const pliant_body *from, const pliant_body *to
 {
     const int32_t load = to->subdivision->load_nodes;
     if (!(map->between = pliant_calloc((size_t)to->fine.num_nodes, sizeof *map->between)))
-        return pliant_fail_memory("what became of the body before");
+        return pliant_fail_memory("the map from the previous mesh topology");
     for (int32_t n = 0; n < to->fine.num_nodes; n++) {
         const bool kept = n < load || (n < from->fine.num_nodes && map->node[n] == n);
         map->between[n] = kept ? (pliant_between){.end = {-1, -1}} : to->subdivision->between[n - load];

@@ -95,7 +95,7 @@ static bool copy(const void *from, size_t count, size_t size, void *to)
 pliant_status pliant_cuts_copy(const pliant_cuts *from, pliant_cuts **out)
 {
     pliant_cuts *to = pliant_calloc(1, sizeof *to);
-    if (!to) return pliant_fail_memory("the cuts of a body");
+    if (!to) return pliant_fail_memory("the cuts of the mesh");
     to->num_links = from->num_links;
     to->num_bridges = from->num_bridges;
     to->num_tets = from->num_tets;
@@ -117,7 +117,7 @@ pliant_status pliant_cuts_copy(const pliant_cuts *from, pliant_cuts **out)
         !copy(from->chip, (size_t)from->num_chips, 2 * one, &to->chip) ||
         !copy(from->join, (size_t)from->num_joins, 2 * one, &to->join)) {
         pliant_cuts_free(to);
-        return pliant_fail_memory("the cuts of a body");
+        return pliant_fail_memory("the cuts of the mesh");
     }
     *out = to;
     return PLIANT_OK;

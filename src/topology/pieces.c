@@ -33,13 +33,13 @@ void pliant_pieces_free(pliant_pieces *pieces)
 static pliant_status create(int32_t count, int32_t nodes, int32_t joints, pliant_pieces **out)
 {
     pliant_pieces *made = pliant_calloc(1, sizeof *made);
-    if (!made) return pliant_fail_memory("the pieces of the body");
+    if (!made) return pliant_fail_memory("the pieces of the mesh");
     made->start = pliant_calloc((size_t)count + 1, sizeof *made->start);
     made->node = pliant_calloc((size_t)nodes, sizeof *made->node);
     made->joint = pliant_calloc((size_t)joints + 1, 2 * sizeof *made->joint);
     if (!made->start || !made->node || !made->joint) {
         pliant_pieces_free(made);
-        return pliant_fail_memory("the pieces of the body");
+        return pliant_fail_memory("the pieces of the mesh");
     }
     made->count = count;
     *out = made;
@@ -67,7 +67,7 @@ static pliant_status take_joints(search *work, const pliant_division *division)
                            : division->joint ? division->num_joints
                                              : before->num_joints + before->num_inner;
     work->joint = pliant_calloc((size_t)joints + 1, 2 * sizeof *work->joint);
-    if (!work->joint) return pliant_fail_memory("the pieces of the body");
+    if (!work->joint) return pliant_fail_memory("the pieces of the mesh");
     work->num_joints = joints;
     for (int32_t v = 0; v < 2 * joints && division->joint; v++) work->joint[v] = division->joint[v];
     for (int32_t v = 0; v < 2 * joints && !division->joint; v++)
@@ -202,7 +202,7 @@ static pliant_status list_pieces(const search *work, int32_t *part)
     made->start[0] = 0;
     if (!next->has_inertia) list_joints(work, part, made);
     if (count > (next->pieces ? next->pieces->count : 0))
-        pliant_log(PLIANT_LOG_INFO, "revision %llu: %d pieces have come off; they fall",
+        pliant_log(PLIANT_LOG_INFO, "revision %llu: %d pieces are detached and fall",
                    (unsigned long long)next->revision, count);
     pliant_pieces_free(next->pieces);
     next->pieces = made;
@@ -262,7 +262,7 @@ static pliant_status find_again(search *work, const pliant_division *division, b
     *done = false;
     if (!next->pieces || next->has_inertia || !division->same_pieces) return PLIANT_OK;
     int32_t *part = pliant_room((size_t)next->fine.num_nodes, sizeof *part);
-    if (!part) return pliant_fail_memory("the pieces of the body");
+    if (!part) return pliant_fail_memory("the pieces of the mesh");
     pliant_status status = PLIANT_OK;
     take_before(next, part);
     if ((*done = stay(work, division, part))) {
@@ -286,7 +286,7 @@ static pliant_status find(search *work)
     if (!next->has_inertia) status = part_hinges(work);
     if (status != PLIANT_OK) return status;
     int32_t nodes = next->fine.num_nodes, *part = pliant_calloc((size_t)nodes, sizeof *part);
-    if (!part) return pliant_fail_memory("the pieces of the body");
+    if (!part) return pliant_fail_memory("the pieces of the mesh");
     join_nodes(work, part);
     status = list_pieces(work, part);
     if (status == PLIANT_OK && !next->has_inertia) fix_nodes(next, part);
@@ -303,14 +303,14 @@ static pliant_status find_anew(search *work)
     work->copy = pliant_calloc(nodes, sizeof *work->copy);
     work->hinge = pliant_calloc(nodes, sizeof *work->hinge);
     const bool good = work->loose && work->in_loose && work->in_firm && work->copy && work->hinge;
-    return good ? find(work) : pliant_fail_memory("the pieces of the body");
+    return good ? find(work) : pliant_fail_memory("the pieces of the mesh");
 }
 
 pliant_status pliant_body_find_pieces(pliant_body *next, const pliant_division *division, bool *anew)
 {
     search work = {.next = next, .fixed = pliant_calloc((size_t)next->fine.num_nodes, 1)};
     bool done = false;
-    pliant_status status = work.fixed ? take_joints(&work, division) : pliant_fail_memory("the pieces of the body");
+    pliant_status status = work.fixed ? take_joints(&work, division) : pliant_fail_memory("the pieces of the mesh");
     if (status == PLIANT_OK) status = find_again(&work, division, &done);
     if (status == PLIANT_OK && !done) status = find_anew(&work);
     *anew = !done;

@@ -7,7 +7,7 @@
 
 enum { FIRST_SLOTS = 1024 };
 
-pliant_status pliant_surface_no_memory(void) { return pliant_fail_memory("the surface of what is cut"); }
+pliant_status pliant_surface_no_memory(void) { return pliant_fail_memory("the surface of the cut mesh"); }
 
 void *pliant_surface_add(surface_list *list)
 {

@@ -68,7 +68,7 @@ static pliant_status list_owned(pliant_voxels *voxels)
         }
     for (int32_t t = 0; t < voxels->num_tets; t++) start[t + 1] += start[t];
     if (!(voxels->voxel = pliant_calloc((size_t)owned + 1, sizeof *voxels->voxel)))
-        return pliant_fail_memory("the voxels of a body");
+        return pliant_fail_memory("the voxels of the mesh");
     /* fill from the back: start[t + 1] then is the first index of tetrahedron t, which is shifted below */
     for (int32_t v = count - 1; v >= 0; v--)
         if (voxels->owner[v] >= 0) voxels->voxel[--start[voxels->owner[v] + 1]] = v;
@@ -86,7 +86,7 @@ static pliant_status list_materials(const uint8_t *material_of_voxel, const plia
     voxels->of_material = pliant_calloc(table->num_materials, sizeof *voxels->of_material);
     voxels->fixed_material = pliant_calloc(table->num_materials, 1);
     if (!voxels->material || !voxels->of_material || !voxels->fixed_material)
-        return pliant_fail_memory("the voxels of a body");
+        return pliant_fail_memory("the voxels of the mesh");
     for (int32_t v = 0; v < owned; v++) voxels->material[v] = material_of_voxel[voxels->voxel[v]];
     for (uint32_t m = 0; m < table->num_materials; m++) {
         pliant_material_of_voxel(table, (uint8_t)m, voxels->of_material + m);
@@ -101,7 +101,7 @@ static pliant_status list_around(const pliant_mesh *fine, pliant_voxels *voxels)
     int32_t *start = voxels->around_start = pliant_calloc((size_t)nodes + 2, sizeof *start);
     voxels->around = pliant_calloc((size_t)corners, sizeof *voxels->around);
     voxels->across = pliant_calloc((size_t)corners, sizeof *voxels->across);
-    if (!start || !voxels->around || !voxels->across) return pliant_fail_memory("the voxels of a body");
+    if (!start || !voxels->around || !voxels->across) return pliant_fail_memory("the voxels of the mesh");
     for (int32_t v = 0; v < corners; v++) start[fine->tets[v] + 2]++;
     for (int32_t n = 0; n < nodes; n++) start[n + 2] += start[n + 1];
     for (int32_t v = 0; v < corners; v++) voxels->around[start[fine->tets[v] + 1]++] = v;
@@ -121,7 +121,7 @@ static pliant_status create(const pliant_body *body, const pliant_geometry *geom
     voxels->load = pliant_calloc((size_t)fine->num_tets, sizeof *voxels->load);
     bool good = voxels->owner && voxels->start && voxels->bridge_start && voxels->load;
     if (good) memcpy(voxels->load, body->fine_material, (size_t)fine->num_tets * sizeof *voxels->load);
-    pliant_status status = good ? find_owners(fine, voxels) : pliant_fail_memory("the voxels of a body");
+    pliant_status status = good ? find_owners(fine, voxels) : pliant_fail_memory("the voxels of the mesh");
     if (status == PLIANT_OK) status = list_owned(voxels);
     if (status == PLIANT_OK) status = list_materials(material_of_voxel, table, voxels);
     if (status == PLIANT_OK) status = list_around(fine, voxels);
@@ -139,7 +139,7 @@ pliant_status pliant_voxels_create(const pliant_body *body, const pliant_geometr
     if (voxels) voxels->holders = pliant_calloc(1, sizeof *voxels->holders);
     if (!voxels || !voxels->holders) {
         pliant_free(voxels);
-        return pliant_fail_memory("the voxels of a body");
+        return pliant_fail_memory("the voxels of the mesh");
     }
     atomic_init(&voxels->holders->count, 1);
     pliant_status status = create(body, geometry, material_of_voxel, table, voxels);

@@ -238,7 +238,7 @@ TEST(CudaFailure, AFullGpuIsToldWithFigures)
     pliant_warp *other = nullptr;
     ASSERT_EQ(pliant_warp_create(&warps.scan, &warps.mesh, &geometry, 2, &other), PLIANT_OK);
     EXPECT_EQ(pliant_warp_backend(other, PLIANT_CUDA), PLIANT_ERROR_MEMORY);
-    EXPECT_NE(std::string(pliant_last_error()).find("MB are wanted"), std::string::npos) << pliant_last_error();
+    EXPECT_NE(std::string(pliant_last_error()).find("MB needed"), std::string::npos) << pliant_last_error();
     EXPECT_EQ(pliant_warp_backend(other, PLIANT_AUTO), PLIANT_OK) << pliant_last_error();
     EXPECT_EQ(pliant_warp_accelerated(other), nullptr);
     warps.update_and_compare(warps.wave(0.004, 0, 1), "what was made before goes on");

@@ -283,7 +283,7 @@ TEST_F(ConvertBodies, AreFoundAgainFromTheirTopologies)
     wrong = topology(*cut);
     wrong.severed[0] = 0xffffffffu;
     EXPECT_FALSE(body_of(*loaded, wrong, &bodies, &why));
-    EXPECT_NE(why.find("no link or bridge"), std::string::npos) << why;
+    EXPECT_NE(why.find("is not a link or bridge of this mesh"), std::string::npos) << why;
     wrong = topology(*cut);
     wrong.cut_end[0] = 0;
     EXPECT_FALSE(body_of(*loaded, wrong, &bodies, &why));

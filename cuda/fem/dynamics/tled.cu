@@ -506,10 +506,11 @@ extern "C" pliant_status pliant_cuda_tled_run(void *with, pliant_tled *tled, pli
     for (int t = 0; t < num_tools; t++)
         if (tools[t].holding && tools[t].mass > 0)
             return pliant_fail(PLIANT_ERROR_UNAVAILABLE,
-                               "tool %s has a mass, which explicit dynamics swings on the CPU alone", tools[t].name);
+                               "tool %s has a mass: explicit dynamics supports tool mass only on the CPU",
+                               tools[t].name);
     if (tled->slowing.tissue)
         return pliant_fail(PLIANT_ERROR_UNAVAILABLE,
-                           "what overlaps in every sub-step (contact/delay false) is looked for by the CPU alone");
+                           "contact/delay is false: collision detection in every sub-step runs only on the CPU");
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     if (gpu->stale) CUDA_TRY(send_state(gpu, tled));
     gpu->stale = true; /* until this frame is complete and valid */

@@ -201,7 +201,7 @@ extern "C" pliant_status pliant_cuda_preconditioner_time(pliant_cuda_solver *gpu
     const pliant_status status = pliant_cuda_preconditioner_make(gpu, solver, nullptr, &another);
     pliant_fail_quietly(false);
     pliant_cuda_preconditioner_free(&another);
-    return status == PLIANT_ERROR_UNAVAILABLE ? pliant_fail(status, "the GPU failed as a preconditioner was made")
+    return status == PLIANT_ERROR_UNAVAILABLE ? pliant_fail(status, "computing the preconditioner on the GPU failed")
                                               : PLIANT_OK;
 }
 
@@ -231,8 +231,9 @@ static pliant_status make_now(pliant_cuda_solver *gpu, const pliant_solver *solv
     }
     pliant_cuda_preconditioner_free(&other);
     if (!*made)
-        return status == PLIANT_ERROR_UNAVAILABLE ? pliant_fail(status, "the GPU failed as a preconditioner was made")
-                                                  : PLIANT_OK;
+        return status == PLIANT_ERROR_UNAVAILABLE
+                   ? pliant_fail(status, "computing the preconditioner on the GPU failed")
+                   : PLIANT_OK;
     gpu->of_state = at != nullptr;
     gpu->in_use.number++;
     pliant_cuda_answers_forget(&gpu->touches.answers);

@@ -231,7 +231,7 @@ static pliant_status run(pliant_cuda_solver *gpu, const gpu_step *step)
         CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
         if (gpu->h_state->done) return PLIANT_OK;
     }
-    return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "the GPU failed: the solver did not come to an end");
+    return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "the GPU failed: the solver did not finish");
 }
 
 /* Set the step's inputs from the host's limits and the known quantities of the first state. opened: out: evaluations of

@@ -271,7 +271,7 @@ static pliant_status run_with_host(pliant_cuda_solver *gpu, pliant_solver *solve
         CUDA_TRY(find_forces(gpu, solver->touches));
         CUDA_TRY(pliant_cuda_solver_judge(gpu));
     }
-    return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "the GPU failed: the solver did not come to an end");
+    return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "the GPU failed: the solver did not finish");
 }
 
 /* Copy back forces and motions of the step's final state. */
@@ -306,7 +306,7 @@ static pliant_status run_on_gpu(pliant_cuda_solver *gpu, pliant_solver *solver, 
         memcpy(solver->touches->taken.motion, h_taken + numbers, numbers * sizeof *h_taken);
         return PLIANT_OK;
     }
-    return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "the GPU failed: the solver did not come to an end");
+    return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "the GPU failed: the solver did not finish");
 }
 
 extern "C" pliant_status pliant_cuda_touches_run(pliant_cuda_solver *gpu, pliant_solver *solver, const gpu_step *step)

@@ -128,7 +128,7 @@ static pliant_status tell_nodes(const finding *on, pliant_contacts *out)
         for (int32_t k = 0; k < tissue->count[n]; k++) {
             const pliant_skin *skin = tissue->skin + list[k].skin;
             pliant_contact_point *point = append(out);
-            if (!point) return pliant_fail_memory("contacts of tissue with tissue");
+            if (!point) return pliant_fail_memory("the self-contacts of the tissue");
             point->feature = (uint64_t)PLIANT_TISSUE_NODE << 56 | (uint64_t)tissue->node[n] << 2 | (uint64_t)k;
             point->node[0] = tissue->node[n];
             point->weight[0] = 1;
@@ -230,7 +230,7 @@ static pliant_status cross_edges(const finding *on, int32_t a, int i, int32_t b,
         pliant_tissue_is_fixed(&on->view, node[2]) && pliant_tissue_is_fixed(&on->view, node[3]))
         return PLIANT_OK;
     pliant_contact_point *point = append(out);
-    if (!point) return pliant_fail_memory("contacts of tissue with tissue");
+    if (!point) return pliant_fail_memory("the self-contacts of the tissue");
     const double weight[4] = {1 - s, s, t - 1, -t};
     const uint64_t first = edge_number(tissue, a, i), second = edge_number(tissue, b, j);
     /* the edge with the lower number is the first side, in any order of the search */
@@ -295,7 +295,7 @@ static pliant_status tell_faces(const finding *on, pliant_contacts *out)
         tissue->slid[f] = 0;
         if (piece >= 0 && piece == pliant_tissue_piece_of(&on->view, tets[4 * (size_t)tet[1]])) continue;
         pliant_contact_point *point = append(out);
-        if (!point) return pliant_fail_memory("contacts of tissue with tissue");
+        if (!point) return pliant_fail_memory("the self-contacts of the tissue");
         point->feature = (uint64_t)PLIANT_TISSUE_CUT << 56 | (uint64_t)tissue->face[f].tet[0] << 28 |
                          (uint64_t)tissue->face[f].tet[1];
         point->friction = rule->friction;

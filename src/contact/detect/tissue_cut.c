@@ -390,7 +390,7 @@ pliant_status pliant_cut_slid_points(const pliant_body *body, int32_t num_faces,
     slot *slots = pliant_calloc((size_t)num_faces, 2 * sizeof *slots);
     /* sides that already have a point, as the other side of a slid side */
     uint8_t *has_point = pliant_calloc((size_t)num_faces, 2);
-    pliant_status status = slots && has_point ? PLIANT_OK : pliant_fail_memory("contacts of tissue with tissue");
+    pliant_status status = slots && has_point ? PLIANT_OK : pliant_fail_memory("the self-contacts of the tissue");
     if (status != PLIANT_OK) {
         pliant_free(slots);
         pliant_free(has_point);

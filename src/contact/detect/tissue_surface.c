@@ -44,7 +44,7 @@ bool pliant_tissue_searched(pliant_tissue *tissue, const double *positions, cons
 {
     if (!tissue->searcher) return false;
     if (tissue->searcher->search(&tissue->searcher_state, tissue, positions, rule) == PLIANT_OK) return true;
-    pliant_log(PLIANT_LOG_WARNING, "the search for tissue that touches tissue goes on without a GPU: %s",
+    pliant_log(PLIANT_LOG_WARNING, "collision detection between tissue and tissue continues on the CPU: %s",
                pliant_last_error());
     const pliant_tissue_searcher *failed = tissue->searcher;
     pliant_tissue_set_searcher(tissue, NULL);
@@ -58,7 +58,7 @@ void pliant_tissue_forget(pliant_tissue *tissue)
     tissue->has_place = false;
 }
 
-static pliant_status no_memory(void) { return pliant_fail_memory("contacts of tissue with tissue"); }
+static pliant_status no_memory(void) { return pliant_fail_memory("the self-contacts of the tissue"); }
 
 /* ---- tetrahedra that take part */
 
@@ -251,7 +251,7 @@ pliant_status pliant_tissue_set_body(pliant_tissue *tissue, const pliant_body *b
     }
     if (status == PLIANT_OK) status = pliant_cut_faces(body, &next.face, &next.num_faces);
     if (status == PLIANT_OK && next.num_faces > 0 && !(next.slid = pliant_calloc((size_t)next.num_faces, 1)))
-        status = pliant_fail_memory("contacts of tissue with tissue");
+        status = pliant_fail_memory("the self-contacts of the tissue");
     if (status != PLIANT_OK) {
         free_surface(&next);
         return status;

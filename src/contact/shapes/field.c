@@ -113,7 +113,8 @@ static pliant_status place_grid(pliant_solid *solid, double resolution, const ch
     if (!(points <= most_points))
         return pliant_fail(
             PLIANT_ERROR_FORMAT,
-            "%s: a field with points every %.3g mm would take %.3g MiB, and 64 are possible: resolution %.3g mm fits",
+            "%s: a distance field with a resolution of %.3g mm needs %.3g MiB; the limit is 64: use a resolution of "
+            "%.3g mm",
             name, 1e3 * cell, points * sizeof(float) / (1 << 20), 1e3 * 1.1 * cbrt(room / most_points));
     solid->cell = cell;
     for (int d = 0; d < 3; d++) {
@@ -212,7 +213,8 @@ pliant_status pliant_solid_make_field(pliant_solid *solid, double resolution, co
     if (!(solid->depth > thinnest * solid->cell))
         return pliant_fail(
             PLIANT_ERROR_FORMAT,
-            "%s: is too thin for a field with points every %.3g mm: a finer resolution may do, or a radius around it",
+            "%s: is too thin for a distance field with a resolution of %.3g mm: use a finer resolution, or a radius "
+            "around it",
             name, 1e3 * solid->cell);
     return PLIANT_OK;
 }

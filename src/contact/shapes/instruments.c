@@ -173,8 +173,8 @@ pliant_status pliant_tool_shape_find(const char *name, pliant_tool_shape *out)
     if (is_named(name, "camera")) make_rod(0.006, 0.37, &shape);
     if (shape.num_parts == 0)
         return pliant_fail(PLIANT_ERROR_ARGUMENT,
-                           "there is no instrument '%.48s': those of the dVRK are known, by name or code "
-                           "(large_needle_driver, LARGE_NEEDLE_DRIVER:400006, 400006), and probe and camera",
+                           "there is no instrument '%.48s': use probe, camera, or a dVRK instrument by name or code "
+                           "(large_needle_driver, LARGE_NEEDLE_DRIVER:400006, 400006)",
                            name);
     *out = shape;
     return PLIANT_OK;

@@ -86,7 +86,7 @@ static pliant_status read_corner(text_reader *reader, double out[3])
 {
     for (int d = 0; d < 3; d++)
         if (!next_word(reader) || !pliant_parse_real(reader->word, &out[d]))
-            return pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: 'vertex' needs three numbers, and '%s' is none",
+            return pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: 'vertex' needs three numbers; '%s' is not a number",
                                reader->path, reader->line, reader->word);
     return PLIANT_OK;
 }
@@ -102,7 +102,7 @@ static pliant_status read_text(const char *path, const char *text, int32_t *coun
     while (next_word(&reader)) {
         const bool ends_facet = !strcmp(reader.word, "endfacet");
         if (open && (!strcmp(reader.word, "facet") || !strcmp(reader.word, "endsolid")))
-            return pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: the facet before has no 'endfacet'", path,
+            return pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: the previous facet has no 'endfacet'", path,
                                reader.line);
         if (!strcmp(reader.word, "facet")) {
             corners = 0;

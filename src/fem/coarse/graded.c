@@ -20,7 +20,7 @@ enum { LAYERS = 3 }; /* layers of fine cubes at a cut: the cut cubes, and adjace
 
 bool pliant_body_is_cut(const pliant_body *body) { return body->node_parent || body->tet_parent; }
 
-static pliant_status no_memory(void) { return pliant_fail_memory("the elements beside a cut"); }
+static pliant_status no_memory(void) { return pliant_fail_memory("the elements near a cut"); }
 
 static size_t count_cells(const pliant_mesh *mesh)
 {

@@ -22,7 +22,7 @@ typedef struct fine_elements {
     uint8_t *done;
 } fine_elements;
 
-static pliant_status no_memory(void) { return pliant_fail_memory("the elements beside a cut"); }
+static pliant_status no_memory(void) { return pliant_fail_memory("the elements near a cut"); }
 
 /* Copy elements [from, to) of another system to elements e and following. The first function copies gradients, the
  * second all other data; start[e] must be set. Roots are shared. */

@@ -8,7 +8,7 @@
 #include <math.h>
 #include <string.h>
 
-static pliant_status no_memory(void) { return pliant_fail_memory("how nodes follow beside a cut"); }
+static pliant_status no_memory(void) { return pliant_fail_memory("the interpolation weights of nodes near a cut"); }
 
 static bool is_cube(const pliant_macros *macros, int32_t element)
 {

@@ -158,7 +158,7 @@ static pliant_status list_regions(pliant_cut_regions *work)
     work->scale = pliant_calloc(count + 1, sizeof *work->scale);
     work->free = pliant_calloc(count + 1, 1);
     if (!work->node_start || !work->element_start || !work->gained || !work->scale || !work->free)
-        return pliant_fail_memory("what a cut leaves as it is");
+        return pliant_fail_memory("the elements that a cut does not change");
     for (int32_t n = 0; n < nodes; n++)
         if (work->part[n] >= 0) work->node_start[work->part[n] + 2]++;
     for (int32_t i = 0; i < elements; i++) {
@@ -169,7 +169,7 @@ static pliant_status list_regions(pliant_cut_regions *work)
     sum_starts(work->element_start, work->count);
     work->node = pliant_calloc((size_t)work->node_start[work->count + 1] + 1, sizeof *work->node);
     work->element = pliant_calloc((size_t)work->element_start[work->count + 1] + 1, sizeof *work->element);
-    if (!work->node || !work->element) return pliant_fail_memory("what a cut leaves as it is");
+    if (!work->node || !work->element) return pliant_fail_memory("the elements that a cut does not change");
     for (int32_t n = 0; n < nodes; n++)
         if (work->part[n] >= 0) work->node[work->node_start[work->part[n] + 1]++] = n;
     for (int32_t i = 0; i < elements; i++) {
@@ -190,7 +190,7 @@ static pliant_status allocate(pliant_cut_regions *work, const pliant_body *body)
     work->step = pliant_calloc(nodes, 3 * sizeof *work->step);
     return work->cell && work->near && work->part && work->component && work->force && work->step
                ? PLIANT_OK
-               : pliant_fail_memory("what a cut leaves as it is");
+               : pliant_fail_memory("the elements that a cut does not change");
 }
 
 pliant_status pliant_cut_regions_find(pliant_cut_regions *work, const pliant_body *before, const pliant_body *body)
@@ -199,7 +199,7 @@ pliant_status pliant_cut_regions_find(pliant_cut_regions *work, const pliant_bod
     const int32_t nodes = body->fine.num_nodes;
     pliant_status status = allocate(work, body);
     uint8_t *held = status == PLIANT_OK ? pliant_calloc((size_t)nodes, 1) : NULL;
-    if (status == PLIANT_OK && !held) status = pliant_fail_memory("what a cut leaves as it is");
+    if (status == PLIANT_OK && !held) status = pliant_fail_memory("the elements that a cut does not change");
     if (status != PLIANT_OK) return status;
     for (int32_t i = 0; i < changes->num_touched; i++)
         work->cell[pliant_cell_of_tet(&body->fine, changes->touched[i])] = 1;

@@ -234,7 +234,7 @@ pliant_status pliant_data_scalar(const pliant_model *model, const pliant_body *b
     const pliant_mesh *mesh = &body->fine;
     if (scalar == PLIANT_SCALAR_CONTACT_FORCE)
         return pliant_fail(PLIANT_ERROR_ARGUMENT,
-                           "contact_force is of a simulation, not of positions: pliant_data_get_scalar tells it");
+                           "contact_force needs a simulation, not only positions: use pliant_data_get_scalar");
     view look = {.scene = &model->scene, .mesh = mesh, .positions = positions};
     double *sum = pliant_calloc((size_t)mesh->num_nodes, 2 * sizeof *sum);
     pliant_status status = sum ? PLIANT_OK : pliant_fail_memory("the scalar");

@@ -6,7 +6,7 @@
 
 #include <string.h>
 
-static pliant_status no_memory(void) { return pliant_fail_memory("what a cut has opened"); }
+static pliant_status no_memory(void) { return pliant_fail_memory("the equations of the elements near a cut"); }
 
 void pliant_subdomain_free(pliant_subdomain *subdomain)
 {

@@ -50,7 +50,7 @@ static pliant_status allocate(pliant_falling *falling)
                    falling->home && falling->piece_of && falling->place && falling->of_node && falling->touch &&
                    falling->joint_at && falling->arms && falling->near_walls
                ? PLIANT_OK
-               : pliant_fail_memory("the pieces that have come off");
+               : pliant_fail_memory("the detached pieces");
 }
 
 /* Set the bounds of the drawn volume: the body at rest plus a margin (warp/margin). */
@@ -184,7 +184,7 @@ pliant_status pliant_falling_create(const pliant_scene *scene, const pliant_body
     *out = NULL;
     if (!body->pieces) return PLIANT_OK;
     pliant_falling *falling = pliant_calloc(1, sizeof *falling);
-    if (!falling) return pliant_fail_memory("the pieces that have come off");
+    if (!falling) return pliant_fail_memory("the detached pieces");
     falling->body = body;
     falling->whole = falling->step = scene->solver.step;
     falling->num_walls = pliant_tled_walls(scene, falling->walls);
@@ -359,8 +359,7 @@ static void stop(pliant_falling *falling, int32_t p)
     if (!falling->told)
         pliant_log(
             PLIANT_LOG_WARNING,
-            "a piece that has come off has left the volume that is drawn (warp/margin), and stops there; "
-            "ground/ could hold it");
+            "a detached piece has left the deformed volume and stops there; increase warp/margin, or set ground/");
     falling->told = true;
 }
 

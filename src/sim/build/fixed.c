@@ -107,7 +107,7 @@ pliant_status pliant_fixed_surface(pliant_model *model)
     bool by_material = !model->scene.material.deformable_bone,
          by_region = model->scene.fixed.num_boxes + model->scene.fixed.num_planes > 0;
     uint8_t *fixed = pliant_calloc(voxels, 1);
-    if (!fixed) return pliant_fail_memory("the surface of what is fixed");
+    if (!fixed) return pliant_fail_memory("the surface of the fixed tissue");
 #pragma omp parallel for schedule(static)
     for (size_t v = 0; v < voxels; v++) {
         double world[3], index[3] = {(double)(v % columns), (double)(v / columns % rows), (double)(v / columns / rows)};

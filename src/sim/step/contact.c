@@ -177,7 +177,7 @@ static pliant_status find_slowed(const pliant_model *model, pliant_data *data, p
         if (overlaps) search->overlaps = overlaps;
         double *place = pliant_resize(search->place, (size_t)mesh->num_nodes, 3 * sizeof *place);
         if (place) search->place = place;
-        if (!overlaps || !place) return pliant_fail_memory("contacts of tissue with tissue");
+        if (!overlaps || !place) return pliant_fail_memory("the self-contacts of the tissue");
         search->room_nodes = mesh->num_nodes;
     }
     pliant_status status = pliant_tissue_overlapping(&search->tissue, data->positions, search->overlaps);

@@ -13,7 +13,7 @@ static pliant_status make_room(pliant_data *data, int32_t most)
 {
     pliant_undo *undo = &data->undo;
     if (most == 0 || undo->body || (undo->body = pliant_calloc((size_t)most, sizeof *undo->body))) return PLIANT_OK;
-    return pliant_fail_memory("what a cut can be undone by");
+    return pliant_fail_memory("the topologies for undoing cuts");
 }
 
 /* Keep a topology from before a stroke, or release it if there is already one for this stroke. */
@@ -26,8 +26,7 @@ static void keep(pliant_data *data, int32_t most, const pliant_body *body, int t
     }
     if (undo->count == most) {
         if (!undo->told)
-            pliant_log(PLIANT_LOG_INFO, "the last %d strokes can be undone (cut/undo), those before no longer",
-                       (int)most);
+            pliant_log(PLIANT_LOG_INFO, "only the last %d cuts can be undone; raise cut/undo for more", (int)most);
         undo->told = true;
         pliant_body_release(undo->body[0]);
         memmove(undo->body, undo->body + 1, (size_t)--undo->count * sizeof *undo->body);
