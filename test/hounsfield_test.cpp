@@ -146,6 +146,41 @@ TEST(Hounsfield, InputsAskForATable)
     EXPECT_EQ(pliant_memory_in_use(), in_use);
 }
 
+/* Explicit dynamics cannot move a material without density. The error names the file, the material and the remedy. Bone
+ * that is fixed and air may have none, and without inertia all may. */
+TEST(Hounsfield, ExplicitDynamicsNeedsDensity)
+{
+    temporary_folder folder;
+    const std::string file = folder / "light.yaml";
+    std::ofstream(file) << "materials:\n"
+                           "  - {name: air, young_modulus: 10, poisson_ratio: 0, density: 0, empty: true, "
+                           "range: [-1.0e+9, -300]}\n"
+                           "  - {name: flesh, young_modulus: 5000, poisson_ratio: 0.4, density: 0, "
+                           "range: [-300, 300]}\n"
+                           "  - {name: bone, young_modulus: 1.0e+7, poisson_ratio: 0.3, density: 0, fixed: true, "
+                           "range: [300, 1.0e+9]}\n";
+    pliant_scene scene;
+    pliant_scene_defaults(&scene);
+    scene.solver.kind = PLIANT_TLED;
+    std::snprintf(scene.material.file, sizeof scene.material.file, "%s", file.c_str());
+    pliant_volume scan = {};
+    pliant_labels labels = {};
+    pliant_material_table table = {};
+    EXPECT_EQ(pliant_inputs_read(&scene, "phantom:24x16x20", &scan, &labels, &table), PLIANT_ERROR_SCENE);
+    for (const std::string &part : {file, std::string("'flesh'"), std::string("density is 0"), std::string("set its")})
+        EXPECT_NE(std::string(pliant_last_error()).find(part), std::string::npos) << pliant_last_error();
+    EXPECT_EQ(scan.voxels, nullptr);
+    for (int quiet = 0; quiet < 2; quiet++) {
+        scene.tled.quasi_static = quiet == 0;
+        scene.solver.kind = quiet == 0 ? PLIANT_TLED : PLIANT_COROTATIONAL;
+        EXPECT_EQ(pliant_inputs_read(&scene, "phantom:24x16x20", &scan, &labels, &table), PLIANT_OK)
+            << pliant_last_error();
+        pliant_volume_free(&scan);
+        pliant_labels_free(&labels);
+        pliant_material_table_free(&table);
+    }
+}
+
 TEST(Percentiles, OfSmallAndLargeVolumes)
 {
     for (int side : {20, 120}) { /* a scan of 120^3 voxels is sampled */

@@ -24,7 +24,7 @@ typedef struct pliant_material {
     char name[48];
     double young_modulus; /**< > 0 [Pa] */
     double poisson_ratio; /**< in [0, 0.5) */
-    double density;       /**< >= 0 [kg/m^3] */
+    double density;       /**< >= 0; tissue that moves in explicit dynamics needs > 0 [kg/m^3] */
     double toughness;     /**< fracture toughness: work per severed area, >= 0 [J/m^2] */
     bool fixed;           /**< nodes inside it do not move (bone) */
     bool empty;           /**< not tissue (air): tetrahedra without any other material are left out */

@@ -43,8 +43,8 @@ typedef struct pliant_model pliant_model; /**< opaque; pliant_model_get_* return
  *  @param labels    Out: without voxels if the scene names no labels. Free with pliant_labels_free.
  *  @param materials Out: free with pliant_material_table_free.
  *  @return Errors: as of pliant_volume_read, pliant_labels_read, pliant_segment and pliant_material_table_read;
- *          MATERIAL (the built-in table is for Hounsfield units, and the scan has other values). Outputs are then
- *          unchanged. */
+ *          MATERIAL (the built-in table is for Hounsfield units, and the scan has other values); SCENE (also tissue
+ *          without density in explicit dynamics). Outputs are then unchanged. */
 PLIANT_API pliant_status pliant_inputs_read(const pliant_scene *scene, const char *scan_path, pliant_volume *scan,
                                             pliant_labels *labels, pliant_material_table *materials);
 

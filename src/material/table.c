@@ -223,6 +223,21 @@ pliant_status pliant_material_table_check(const pliant_material_table *table)
     return check(table, &from);
 }
 
+pliant_status pliant_material_table_check_inertia(const pliant_material_table *table, const pliant_scene *scene,
+                                                  const char *name)
+{
+    if (scene->solver.kind != PLIANT_TLED || scene->tled.quasi_static) return PLIANT_OK;
+    for (uint32_t i = 0; i < table->num_materials; ++i) {
+        const pliant_material *m = table->materials + i;
+        if (m->density > 0 || m->fixed || m->empty) continue;
+        return pliant_fail(PLIANT_ERROR_SCENE,
+                           "%s: material %u '%s': density is %g kg/m^3, and solver/kind: tled cannot move tissue "
+                           "without mass; set its density (about 1000), or set tled/quasi_static to true",
+                           name, i + 1, m->name, m->density);
+    }
+    return PLIANT_OK;
+}
+
 pliant_status pliant_material_table_parse(const char *yaml, const char *name_for_messages, pliant_material_table *out)
 {
     origin from = {name_for_messages, yaml};

@@ -474,7 +474,8 @@ static pliant_status check(const pliant_scene *scene, const pliant_material_tabl
     if (status == PLIANT_OK && scene->material.slides[0] && scene->cut.kind != PLIANT_CUT_SEVER)
         status = pliant_fail(PLIANT_ERROR_SCENE, "material/slides parts the voxels of the scan: set cut/kind to sever");
     if (status == PLIANT_OK && scene->cut.kind == PLIANT_CUT_SUBDIVIDE) status = check_subdivide(scene);
-    return status == PLIANT_OK ? pliant_material_table_check(materials) : status;
+    if (status == PLIANT_OK) status = pliant_material_table_check(materials);
+    return status == PLIANT_OK ? pliant_material_table_check_inertia(materials, scene, "material table") : status;
 }
 
 pliant_status pliant_model_build(const pliant_scene *scene, const pliant_volume *scan, const pliant_labels *labels,
