@@ -266,6 +266,50 @@ TEST_P(EveryKind, StableBelowTheBoundAndCaughtAboveIt)
     }
 }
 
+// A free soft cube falls and spins at many times its speed of sound. Its sub-steps stay as they are, since only strain
+// rates count. With sub-steps above the bound the same cube diverges, which is caught.
+TEST_P(EveryKind, MovesRigidlyAtAnySpeedAndDivergenceIsStillCaught)
+{
+    for (double safety : {0.9, 1.5}) {
+        Bar bar(3, 3, 0.06, {300, 0.3, 1000, false}, false);
+        bar.scene.ground.normal[2] = 1;
+        bar.scene.ground.point[2] = -900; // a free body needs a ground
+        bar.scene.model.gravity[2] = -9.81;
+        bar.scene.tled.safety = safety;
+        ASSERT_EQ(bar.build(), PLIANT_OK) << pliant_last_error();
+        pliant_dynamics bounds;
+        ASSERT_EQ(pliant_data_get_dynamics(bar.model, bar.data, &bounds), PLIANT_OK);
+        bar.scene.solver.step = 8 * safety * std::fmin(bounds.edge_bound, bounds.eigenvalue_bound);
+        ASSERT_EQ(bar.build(), PLIANT_OK) << pliant_last_error();
+        pliant_tled &tled = *bar.data->tled;
+        const pliant_mesh &mesh = bar.model->body->fine;
+        ASSERT_GT(tled.time_step, 0.99 * safety * std::fmin(bounds.edge_bound, bounds.eigenvalue_bound));
+        const double speed[3] = {20, 5, -30}, turn = 2, middle = 0.03;
+        ASSERT_GT(30 * tled.time_step, 3 * 0.02); // of three cells
+        for (int32_t n = 0; n < mesh.num_nodes; n++)
+            for (int d = 0; d < 3; d++)
+                tled.d[3 * n + d] = tled.time_step * (speed[d] + (d == 0 ? -turn * (mesh.rest[3 * n + 1] - middle)
+                                                                  : d == 1 ? turn * (mesh.rest[3 * n] - middle)
+                                                                           : 0));
+        const int32_t substeps = tled.substeps;
+        pliant_status status = PLIANT_OK;
+        int frames = 0;
+        for (; frames < 20 && status == PLIANT_OK; frames++) status = pliant_step(bar.model, bar.data);
+        if (safety > 1) {
+            EXPECT_EQ(status, PLIANT_ERROR_NUMERIC);
+            continue;
+        }
+        ASSERT_EQ(status, PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(tled.halvings, 0);
+        EXPECT_EQ(tled.substeps, substeps);
+        const double time = frames * substeps * tled.time_step, fall = 0.5 * 9.81 * time * (time + tled.time_step);
+        double moved[3] = {0, 0, 0};
+        for (int32_t n = 0; n < mesh.num_nodes; n++)
+            for (int d = 0; d < 3; d++) moved[d] += tled.u[3 * n + d] / mesh.num_nodes;
+        for (int d = 0; d < 3; d++) EXPECT_NEAR(moved[d], speed[d] * time - (d == 2 ? fall : 0), 1e-4);
+    }
+}
+
 // A frame whose sub-step is too long is rolled back and run again with halved sub-steps. The result has the same bits
 // as the result of a body whose sub-steps were halved before the frame. Velocities stay the same.
 TEST_P(EveryKind, AFrameThatIsRolledBackLeavesNothingBehind)
@@ -295,20 +339,25 @@ TEST_P(EveryKind, AFrameThatIsRolledBackLeavesNothingBehind)
         shear(0, 2) = 0.05;
         put(bar, shear); // the rollback must keep the relaxed stress
         ASSERT_EQ(pliant_step(bar.model, bar.data), PLIANT_OK) << pliant_last_error();
-        // at a speed of 0.6 of an edge per sub-step: half of an edge is the limit
-        const double fast = 0.006, speed = fast / tled.time_step;
-        for (int32_t n = 0; n < mesh.num_nodes; n++) tled.d[3 * n + 1] = fast;
+        // Only the upper half moves, by 0.6 of an edge per sub-step: half of an edge is the limit of relative motion.
+        const double *mass = bar.model->body->node_mass, fast = 0.006;
+        double speed = 0, whole = 0, start = 0;
+        for (int32_t n = 0; n < mesh.num_nodes; n++) {
+            tled.d[3 * n + 1] = mesh.rest[3 * n + 2] > 0.021 ? fast : 0;
+            speed += mass[n] * tled.d[3 * n + 1] / tled.time_step;
+            start += mass[n] * tled.u[3 * n + 1];
+            whole += mass[n];
+        }
+        speed /= whole;
         if (halved) {
             tled.substeps *= 2;
             tled.time_step *= 0.5;
             for (int32_t n = 0; n < 3 * mesh.num_nodes; n++) tled.d[n] *= 0.5;
         }
-        double start = 0;
-        for (int32_t n = 0; n < mesh.num_nodes; n++) start += tled.u[3 * n + 1] / mesh.num_nodes;
         ASSERT_EQ(pliant_step(bar.model, bar.data), PLIANT_OK) << pliant_last_error();
         EXPECT_EQ(tled.halvings, 1 - halved);
-        mean[halved] = -start;
-        for (int32_t n = 0; n < mesh.num_nodes; n++) mean[halved] += tled.u[3 * n + 1] / mesh.num_nodes;
+        mean[halved] = -start / whole;
+        for (int32_t n = 0; n < mesh.num_nodes; n++) mean[halved] += mass[n] / whole * tled.u[3 * n + 1];
         EXPECT_NEAR(mean[halved], speed * 4e-3, 0.02 * speed * 4e-3);
         u[halved].assign(tled.u, tled.u + 3 * mesh.num_nodes);
         d[halved].assign(tled.d, tled.d + 3 * mesh.num_nodes);
@@ -592,6 +641,17 @@ TEST(Tled, RefusesWhatItCannotDo)
     bar.scene.tled.prony_share[0] = bar.scene.tled.prony_share[1] = 0.5;
     EXPECT_EQ(bar.build(), PLIANT_ERROR_SCENE);
     bar.scene.tled.prony_share[0] = bar.scene.tled.prony_share[1] = 0;
+    bar.table.materials[0].density = 0; // a node without mass would not move
+    EXPECT_EQ(bar.build(), PLIANT_ERROR_SCENE);
+    for (const char *part : {"material table", "density is 0", "set its density"})
+        EXPECT_NE(std::string(pliant_last_error()).find(part), std::string::npos) << pliant_last_error();
+    bar.scene.tled.quasi_static = true;
+    EXPECT_EQ(bar.build(), PLIANT_OK) << pliant_last_error();
+    bar.scene.tled.quasi_static = false;
+    bar.scene.solver.kind = PLIANT_COROTATIONAL;
+    EXPECT_EQ(bar.build(), PLIANT_OK) << pliant_last_error();
+    bar.scene.solver.kind = PLIANT_TLED;
+    bar.table.materials[0].density = 1000;
     bar.scene.tled.nodal_pressure = kind_of_bars == PLIANT_LINEAR;
     bar.scene.tled.law = PLIANT_LAW_SAINT_VENANT_KIRCHHOFF;
     EXPECT_EQ(bar.build(), PLIANT_ERROR_SCENE);

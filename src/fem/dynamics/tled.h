@@ -114,7 +114,7 @@ struct pliant_tled {
     /* Sub-steps after this part in which a tool that holds, and has jumped, still reaches its target. */
     int32_t later[PLIANT_MAX_TOOLS];
     bool firm;                              /* true: a sub-step that is too long fails instead of being halved */
-    /* Number of halvings of the initial sub-step, after nodes moved too fast for it. */
+    /* Number of halvings of the initial sub-step, after elements strained too fast for it. */
     int32_t halvings;
     double time_step;                       /* [s] */
     double gravity[3];
@@ -230,10 +230,10 @@ double pliant_tled_relative(const pliant_tled *tled, double residual, double loa
  * when all nodes reverse direction. With two sub-steps it is the last value, with one sub-step it is unknown (0). */
 double pliant_tled_frame_error(const pliant_tled *tled, double before, double last);
 
-/* Result of a frame's sub-steps. sound: no node moved faster than sound; otherwise the state is unchanged. */
+/* Result of a frame's sub-steps. sound: no element strained faster than sound; otherwise the state is unchanged. */
 typedef struct pliant_tled_frame { int32_t steps; double residual, error; bool sound, settled; } pliant_tled_frame;
-/* Runs a frame. Displacements, increments, memory, targets and quotient continue from frame to frame. The tools
- * accumulate the forces of the sub-steps. After an error the state is unchanged. */
+/* Runs a frame. Displacements, increments, memory, targets and quotient continue from frame to frame. The tools sum the
+ * forces. After an error the state is unchanged. `sound` may be false where nodes only moved faster than sound. */
 typedef pliant_status (*pliant_tled_runner)(void *with, pliant_tled *tled, pliant_tool *tools, int num_tools,
                                             pliant_tled_frame *out);
 /* Do the same as pliant_tled_step with another runner than the CPU's. Its errors are returned. */
