@@ -91,7 +91,7 @@ TEST_F(Segment, TellsThePieceAtAPoint)
     EXPECT_EQ(run("--scan phantom:48x40x40 --out " + in("s") + " --at 0,0,5"), 1);
     EXPECT_NE(err_.find("--at 0,0,5 lies outside of the scan"), std::string::npos) << err_;
     EXPECT_EQ(run("--out x --at 0,0"), 2);
-    EXPECT_NE(err_.find("--at 0,0: X,Y,Z is wanted"), std::string::npos) << err_;
+    EXPECT_NE(err_.find("--at 0,0: expected X,Y,Z"), std::string::npos) << err_;
 }
 
 } // namespace

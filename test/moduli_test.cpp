@@ -541,7 +541,7 @@ TEST(Validation, WhatIsNoMeasurementIsPassedOver)
     setrlimit(RLIMIT_NOFILE, &before);
     pliant_set_log(nullptr, nullptr);
     EXPECT_EQ(status, PLIANT_ERROR_FILE);
-    EXPECT_NE(std::string(pliant_last_error()).find("nothing measured"), std::string::npos) << pliant_last_error();
+    EXPECT_NE(std::string(pliant_last_error()).find("no measurements found"), std::string::npos) << pliant_last_error();
     EXPECT_NE(logged.find("/closed: "), std::string::npos) << logged;
     EXPECT_EQ(std::system(("rm -r " + std::string(folder)).c_str()), 0);
 }

@@ -13,7 +13,7 @@ static bool change(pliant_scene *scene, const char *text)
     char name[128];
     const char *equals = strchr(text, '=');
     if (!equals || (size_t)(equals - text) >= sizeof name) {
-        fprintf(stderr, "--set %s: OPTION=VALUE is wanted\n", text);
+        fprintf(stderr, "--set %s: expected OPTION=VALUE\n", text);
         return false;
     }
     memcpy(name, text, (size_t)(equals - text));
@@ -30,7 +30,7 @@ bool command_line_scene(int argc, char **argv, const struct option *options, int
 {
     *exit_code = EXIT_USAGE;
     if (argc - optind > 1) {
-        fprintf(stderr, "%s: one scene is enough\n", argv[optind + 1]);
+        fprintf(stderr, "%s: give one scene file only\n", argv[optind + 1]);
         return false;
     }
     if (argc - optind == 1 && pliant_scene_read(argv[optind], scene) < 0) {

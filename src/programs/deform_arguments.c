@@ -120,7 +120,7 @@ static bool read_count(const char *name, const char *text, long *out)
     char *end;
     long value = strtol(text, &end, 10);
     if (*text == '\0' || *end != '\0' || value < 1) {
-        fprintf(stderr, "%s %s: a whole number of at least 1 is wanted\n", name, text);
+        fprintf(stderr, "%s %s: expected a whole number of at least 1\n", name, text);
         return false;
     }
     *out = value;
@@ -147,7 +147,7 @@ static int read_names(const char *option, const char *text, const char *const *n
         for (int n = 0; n < count; n++)
             if (out[n] == found) found = num_names;
         if (found == num_names) {
-            fprintf(stderr, "%s %s: '%.*s' is none of", option, text, (int)length, at);
+            fprintf(stderr, "%s %s: '%.*s' is not one of", option, text, (int)length, at);
             for (int n = skipped; n < num_names; n++) fprintf(stderr, " %s", names[n]);
             fputs(", or is named twice\n", stderr);
             return 0;
@@ -179,7 +179,7 @@ static bool read_seen(const char *text, double *out)
     char *end;
     *out = strtod(text, &end);
     if (*text && !*end && isfinite(*out)) return true;
-    fprintf(stderr, "--seen %s: a voxel's value is wanted\n", text);
+    fprintf(stderr, "--seen %s: expected the value of a voxel\n", text);
     return false;
 }
 
@@ -203,7 +203,7 @@ static bool read_field(const char *option, const char *text, const char **out)
             return true;
         }
     }
-    fprintf(stderr, "%s %s: its ending tells no format; use .nii.gz, .nii, .nrrd or .mha\n", option, text);
+    fprintf(stderr, "%s %s: unknown file extension; use .nii.gz, .nii, .nrrd or .mha\n", option, text);
     return false;
 }
 
@@ -281,14 +281,14 @@ bool deform_arguments_read(int argc, char **argv, deform_arguments *out, int *ex
             fputs(help, stdout);
             *exit_code = EXIT_OK;
             return false;
-        default: fputs("pliant_deform --help tells more\n", stderr); return false;
+        default: fputs("see pliant_deform --help\n", stderr); return false;
         }
     if (!out->folder) {
-        fputs("--out DIR is missing; pliant_deform --help tells more\n", stderr);
+        fputs("--out DIR is missing; see pliant_deform --help\n", stderr);
         return false;
     }
     if (!out->volume && (out->pictures || isfinite(out->seen))) {
-        fprintf(stderr, "%s needs the volume: leave --no-volume out\n", out->pictures ? "--pictures" : "--seen");
+        fprintf(stderr, "%s needs the volume: remove --no-volume\n", out->pictures ? "--pictures" : "--seen");
         return false;
     }
     if (!check_fields(out) || !command_line_scene(argc, argv, options, SET, &out->scene, exit_code)) return false;

@@ -71,5 +71,6 @@ pliant_status deform_probes_end(deform_probes *probes)
     probes->file = NULL;
     if (!file) return PLIANT_OK;
     int failed = ferror(file) | fclose(file);
-    return failed ? pliant_fail(PLIANT_ERROR_FILE, "probes.csv was not written whole: %s", strerror(errno)) : PLIANT_OK;
+    return failed ? pliant_fail(PLIANT_ERROR_FILE, "probes.csv could not be written completely: %s", strerror(errno))
+                  : PLIANT_OK;
 }

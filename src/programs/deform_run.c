@@ -62,8 +62,8 @@ static pliant_status ask_for_volume(deform_run *run)
     if (pull > margin)
         pliant_log(
             PLIANT_LOG_WARNING,
-            "a tool pulls by %g m, the deformed volume has %g m of room around the tissue at rest: what is pulled "
-            "further than that is cut off; warp/margin gives it more",
+            "a tool pulls by %g m, but the margin around the tissue at rest is %g m: tissue outside the deformed "
+            "volume is cut off; increase warp/margin",
             pull, margin);
     pliant_status status =
         pliant_warp_target(&run->inputs->scan.geometry, mesh->rest, mesh->num_nodes, margin, SIZE_MAX, &target);

@@ -144,7 +144,8 @@ pliant_status deform_tools_end(deform_tools *tools, const pliant_data *data, dou
     for (int n = 0; n < pliant_data_get_num_tools(data); ++n) print_stroke(tools, data, n, time);
     int failed = ferror(tools->cuts) | fclose(tools->cuts);
     tools->cuts = NULL;
-    return failed ? pliant_fail(PLIANT_ERROR_FILE, "cuts.csv was not written whole: %s", strerror(errno)) : PLIANT_OK;
+    return failed ? pliant_fail(PLIANT_ERROR_FILE, "cuts.csv could not be written completely: %s", strerror(errno))
+                  : PLIANT_OK;
 }
 
 static void add_point(const double *point, double share, double out[3])

@@ -24,7 +24,8 @@ bool deform_view_read_camera(const char *text, pliant_camera *out)
         const bool steep = from[0] == at[0] && from[1] == at[1];
         if (pliant_camera_look_at(out, from, at, up[steep]) == PLIANT_OK) return true;
     }
-    fprintf(stderr, "--camera %s: X,Y,Z:X,Y,Z[:DEGREES] is wanted: from where, at what [m, LPS], the field of view\n",
+    fprintf(stderr,
+            "--camera %s: expected X,Y,Z:X,Y,Z[:DEGREES], the position, the target [m, LPS] and the field of view\n",
             text);
     return false;
 }
@@ -34,7 +35,7 @@ bool deform_view_read_arm(const char *text, double angles[2])
     char beyond;
     if (sscanf(text, "%lf,%lf%c", angles, angles + 1, &beyond) == 2 && isfinite(angles[0]) && isfinite(angles[1]))
         return true;
-    fprintf(stderr, "--radiograph %s: PRIMARY,SECONDARY is wanted [degrees]\n", text);
+    fprintf(stderr, "--radiograph %s: expected PRIMARY,SECONDARY [degrees]\n", text);
     return false;
 }
 

@@ -64,7 +64,7 @@ typedef struct fit_arguments {
 
 static bool wrong(const char *message)
 {
-    fprintf(stderr, "%s; pliant_fit --help tells more\n", message);
+    fprintf(stderr, "%s; see pliant_fit --help\n", message);
     return false;
 }
 
@@ -100,7 +100,7 @@ static bool read_arguments(int argc, char **argv, fit_arguments *out, int *exit_
             break;
         case DEVIATION:
             out->deviation = strtod(optarg, &end);
-            if (*end || !(out->deviation > 0)) return wrong("--deviation: a number above 0 is wanted, in metres");
+            if (*end || !(out->deviation > 0)) return wrong("--deviation: expected a number above 0, in metres");
             break;
         case HELP:
             fputs(help, stdout);

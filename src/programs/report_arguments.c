@@ -154,7 +154,7 @@ static bool read_list(const char *option, const char *text, long low, long high,
         char *end;
         long value = strtol(at, &end, 10);
         if (end == at || value < low || value > high || *count == most || (*end && *end != ','))
-            return wrong(option, text, "whole numbers in range are wanted, with commas in between");
+            return wrong(option, text, "expected whole numbers in range, separated by commas");
         out[(*count)++] = (int32_t)value;
         at = end;
         if (!*end) return true;
@@ -165,7 +165,7 @@ static bool read_vector(const char *option, const char *text, double out[3])
 {
     char rest;
     if (sscanf(text, "%lf,%lf,%lf%c", &out[0], &out[1], &out[2], &rest) == 3) return true;
-    return wrong(option, text, "three numbers in metres are wanted, as 0.01,-0.1,0.05");
+    return wrong(option, text, "expected three numbers in metres, such as 0.01,-0.1,0.05");
 }
 
 static bool read_methods(const char *text, uint32_t *out)
@@ -198,14 +198,14 @@ static bool read_names(char *text, report_arguments *out)
 static bool read_vary(const char *text, pliant_sweep *out)
 {
     const char *equals = strchr(text, '=');
-    if (!equals || (size_t)(equals - text) >= sizeof out->option) return wrong("--vary", text, "OPTION=A,B is wanted");
+    if (!equals || (size_t)(equals - text) >= sizeof out->option) return wrong("--vary", text, "expected OPTION=A,B");
     memcpy(out->option, text, (size_t)(equals - text));
     out->option[equals - text] = '\0';
     out->num_values = 0;
     for (const char *at = equals + 1;; at++) {
         size_t length = strcspn(at, ",");
         if (length == 0 || length >= sizeof out->values[0] || out->num_values == PLIANT_MAX_VARIED)
-            return wrong("--vary", text, "at most eight short values are wanted");
+            return wrong("--vary", text, "expected at most eight short values");
         memcpy(out->values[out->num_values], at, length);
         out->values[out->num_values++][length] = '\0';
         at += length;
@@ -249,7 +249,7 @@ static bool read_number(const char *option, const char *text, double low, double
 {
     char *end;
     *out = strtod(text, &end);
-    return (end != text && !*end && *out >= low && *out <= high) || wrong(option, text, "a number in range is wanted");
+    return (end != text && !*end && *out >= low && *out <= high) || wrong(option, text, "expected a number in range");
 }
 
 static bool read_one(int code, report_arguments *out)
@@ -313,7 +313,7 @@ static bool read_one(int code, report_arguments *out)
         char rest;
         if (sscanf(optarg, "%" SCNd32 "/%" SCNd32 "%c", &sweep->shard, &sweep->shards, &rest) != 2 ||
             sweep->shards < 1 || sweep->shard < 1 || sweep->shard > sweep->shards)
-            return wrong("--shard", optarg, "a part and how many there are is wanted, as 2/8");
+            return wrong("--shard", optarg, "expected a part and the number of parts, such as 2/8");
         break;
     }
     case MERGE:
@@ -356,7 +356,7 @@ bool report_arguments_read(int argc, char **argv, report_arguments *out, int *ex
     if (!out->do_sweep && !out->do_truth && !out->do_left_out && !out->do_stability && !out->num_measured &&
         !out->num_parts)
         out->do_sweep = out->do_truth = out->do_left_out = out->do_stability = true;
-    if (!out->folder) return wrong("--out", "DIR", "is missing; pliant_report --help tells more");
+    if (!out->folder) return wrong("--out", "DIR", "is missing; see pliant_report --help");
     if (!out->scan && (out->do_sweep || out->do_truth || out->do_left_out))
         return wrong("--scan", "PATH", "is missing: only --stability needs no scan");
     return true;

@@ -16,7 +16,7 @@ pliant_status report_plot(const char *folder, const char *setup, bool *drawn)
     if (!file) return pliant_fail(PLIANT_ERROR_FILE, "%s: %s", path, strerror(errno));
     bool failed = fwrite(report_plot_script, 1, report_plot_script_size, file) != report_plot_script_size;
     failed |= fclose(file) != 0;
-    if (failed) return pliant_fail(PLIANT_ERROR_FILE, "%s was not written whole: %s", path, strerror(errno));
+    if (failed) return pliant_fail(PLIANT_ERROR_FILE, "%s could not be written completely: %s", path, strerror(errno));
     const char *python = python_find("matplotlib");
     if (python) {
         const char *draw[] = {python, path, folder, setup, NULL};

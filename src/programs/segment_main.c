@@ -48,7 +48,7 @@ static bool read_point(const char *text, segment_arguments *out)
     double *at = out->point;
     out->has_point = sscanf(text, "%lf,%lf,%lf%c", at, at + 1, at + 2, &beyond) == 3;
     for (int d = 0; d < 3; d++) out->has_point = out->has_point && isfinite(at[d]);
-    if (!out->has_point) fprintf(stderr, "--at %s: X,Y,Z is wanted [m, LPS]\n", text);
+    if (!out->has_point) fprintf(stderr, "--at %s: expected X,Y,Z [m, LPS]\n", text);
     return out->has_point;
 }
 

@@ -25,7 +25,8 @@ static pliant_status open_table(const char *folder, const char *name, FILE **out
 static pliant_status close_table(FILE *file, const char *name)
 {
     int failed = ferror(file) | fclose(file);
-    return failed ? pliant_fail(PLIANT_ERROR_FILE, "%s was not written whole: %s", name, strerror(errno)) : PLIANT_OK;
+    return failed ? pliant_fail(PLIANT_ERROR_FILE, "%s could not be written completely: %s", name, strerror(errno))
+                  : PLIANT_OK;
 }
 
 pliant_status timing_start(const char *folder, step_times *out)
@@ -173,17 +174,17 @@ void timing_warn(const step_times *times, const pliant_model *model, const plian
                    (unsigned long long)statistics->not_converged, times->num_steps,
                    times->last_converged ? " (the last one did)" : ", nor did the last one", 1e3 * times->worst_error,
                    scene->solver.tolerance,
-                   schur ? "schur may be too soft for the load: averaged is not"
-                         : "more of solver/iterations or a smaller solver/step bring them closer");
+                   schur ? "schur may be too soft for the load: use averaged"
+                         : "increase solver/iterations or reduce solver/step");
     if (times->most_inverted > 0)
         pliant_log(
             PLIANT_LOG_WARNING,
-            "elements were turned inside out in %zu of %zu steps, up to %d of %d at once, %d at the end: what lies "
-            "there is not to be relied on; %s",
+            "elements were inverted in %zu of %zu steps, up to %d of %d at once, %d at the end: do not rely on the "
+            "result there; %s",
             times->inverted_steps, times->num_steps, (int)times->most_inverted,
             (int)pliant_data_get_body(data)->fine.num_tets, (int)pliant_data_get_inverted(data),
-            schur ? "schur may be too soft for the load: averaged is not"
-                  : "the load may be more than the tissue can take, or come in fewer steps than it needs");
+            schur ? "schur may be too soft for the load: use averaged"
+                  : "the load may be too large, or needs more steps");
 }
 
 void timing_print_build(const pliant_model *model, FILE *file)

@@ -138,8 +138,8 @@ static pliant_status try_all(choice_state *state)
         break;
     }
     if (status >= 0 && state->late)
-        pliant_log(PLIANT_LOG_WARNING, "choose: %d of %d candidates were tried in choose/seconds: %g", state->index,
-                   state->count, ground->input->scene->choose.seconds);
+        pliant_log(PLIANT_LOG_WARNING, "choose: only %d of %d candidates were measured within choose/seconds (%g)",
+                   state->index, state->count, ground->input->scene->choose.seconds);
     return status;
 }
 
@@ -197,7 +197,7 @@ static void warn(const pliant_scene *scene, const choice_point *point, const pli
     const char *phase = choice_phase_text(point->worst[scene->choose.measure]);
     if (!choice->within_budget)
         pliant_log(PLIANT_LOG_WARNING,
-                   "choose/budget_ms: nothing that was tried keeps to %g ms; the quickest takes %.3g ms, with an error "
+                   "choose/budget_ms: no candidate takes at most %g ms; the quickest takes %.3g ms, with an error "
                    "of %.3g %% (%s%s)",
                    scene->choose.budget_ms, 1e3 * choice->seconds, 100 * choice->error, phase, later);
     else if (scene->choose.max_error > 0 && choice->error > scene->choose.max_error)
@@ -223,7 +223,7 @@ static pliant_status take(const choice_state *state, pliant_choice *out)
     if (!point) point = choice_quickest(state->points, state->num_points);
     if (!point)
         return pliant_fail(state->late ? PLIANT_ERROR_CANCELLED : PLIANT_ERROR_NUMERIC,
-                           "choose: nothing that was tried could be measured");
+                           "choose: no candidate could be measured");
     pliant_status status = choice_scene(scene, &point->candidate, &choice.scene);
     if (status < 0) return status;
     choice.scene.solver.iterations = point->iterations;
@@ -321,8 +321,8 @@ pliant_status pliant_choose(const pliant_report_input *input, pliant_report_tabl
     if (status >= 0) status = try_all(state);
     if (status >= 0) status = take(state, out);
     if (status < 0 && !state->cancelled) {
-        pliant_log(PLIANT_LOG_WARNING, "choose: the scene's own settings stay, with an error that is not known: %s",
-                   state->late ? "choose/seconds were over before anything was measured" : pliant_last_error());
+        pliant_log(PLIANT_LOG_WARNING, "choose: the settings of the scene are used and their error is unknown: %s",
+                   state->late ? "choose/seconds ended before the first measurement" : pliant_last_error());
         *out = (pliant_choice){.scene = *input->scene};
         status = PLIANT_OK;
     }

@@ -190,9 +190,7 @@ pliant_status pliant_dynamics_run(const pliant_report_input *input, const pliant
     pulled_run run = {0};
     time_error time;
     if (scene.solver.kind != PLIANT_TLED)
-        return pliant_fail(
-            PLIANT_ERROR_SCENE,
-            "solver/kind: figures of explicit dynamics are those of tled, not of the corotational solver");
+        return pliant_fail(PLIANT_ERROR_SCENE, "figures of explicit dynamics need solver/kind tled, not corotational");
     if (sweep->num_points < 1)
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "figures of explicit dynamics need a point to pull at");
     pliant_report_setup(input, sweep, setup);

@@ -171,7 +171,7 @@ static pliant_status measure(pliant_model *model, const pliant_sweep *sweep, sta
     for (int run = 0; status >= 0 && run < ROUNDS * NUM_CONFIGURATIONS; run++) {
         int n = run % NUM_CONFIGURATIONS;
         char doing[64];
-        snprintf(doing, sizeof doing, "what was left out, round %d of %d", run / NUM_CONFIGURATIONS + 1, ROUNDS);
+        snprintf(doing, sizeof doing, "runs with parts left out, round %d of %d", run / NUM_CONFIGURATIONS + 1, ROUNDS);
         if (!pliant_report_progress(progress, (double)run / (ROUNDS * NUM_CONFIGURATIONS), doing))
             status = pliant_fail(PLIANT_ERROR_CANCELLED, "the report was stopped; what is done is kept");
         if (status >= 0) status = run_parts(model, sweep, &target, configuration_parts(n), times);
@@ -196,7 +196,7 @@ pliant_status pliant_left_out_run(const pliant_report_input *input, const pliant
     bool missing = false;
     double whole[2], own[2];
     pliant_model *model = NULL;
-    if (sweep->num_points < 1) return pliant_fail(PLIANT_ERROR_ARGUMENT, "what was left out needs a point to pull at");
+    if (sweep->num_points < 1) return pliant_fail(PLIANT_ERROR_ARGUMENT, "--left-out needs a point to pull at");
     pliant_report_setup(input, sweep, setup);
     for (int n = 0; n < NUM_CONFIGURATIONS; n++) {
         key(setup, n, &row);

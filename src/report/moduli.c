@@ -243,9 +243,11 @@ static pliant_status jacobian(fitting *fit, const double *logs, const double *r,
         if (status < 0) return status;
         for (int32_t n = 0; n < rows; n++) columns[(size_t)p * (size_t)rows + (size_t)n] = (other[n] - r[n]) / step;
         if (square(rows, columns + (size_t)p * (size_t)rows) == 0)
-            return pliant_fail(PLIANT_ERROR_NUMERIC,
-                               "material %s moves no marker: nothing measured says how stiff it is",
-                               fit->table.materials[fit->material[p]].name);
+            return pliant_fail(
+                PLIANT_ERROR_NUMERIC,
+                "material %s moves no marker: the measurements do not determine its stiffness; do not fit it, or add "
+                "markers",
+                fit->table.materials[fit->material[p]].name);
     }
     return PLIANT_OK;
 }
@@ -323,8 +325,8 @@ static pliant_status tell(const fitting *fit, const double *logs, const double *
     if (!invert(fit->count, a))
         return pliant_fail(
             PLIANT_ERROR_NUMERIC,
-            "what is measured does not tell the materials apart: fit fewer of them, "
-            "or measure in other places or under other loads");
+            "the measurements do not distinguish the materials: fit fewer materials, or measure at other points or "
+            "under other loads");
     out->count = fit->count;
     out->misfit = square(rows, r) / freedom;
     for (int32_t m = 0; m < fit->data->num_markers; m++)
@@ -348,7 +350,8 @@ static pliant_status begin(fitting *fit, int32_t count, const char *const *names
     if (data->num_loads < 1 || 3 * data->num_markers <= count)
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "%d markers are too few for %d moduli", data->num_markers, count);
     if (fit->input->scene->solver.kind == PLIANT_TLED && !fit->input->scene->tled.quasi_static)
-        return pliant_fail(PLIANT_ERROR_SCENE, "what is measured at rest is fitted at rest: set tled/quasi_static");
+        return pliant_fail(PLIANT_ERROR_SCENE,
+                           "markers are measured at rest, but the solver is dynamic: set tled/quasi_static");
     for (int32_t m = 0; m < data->num_markers; m++)
         if (!(data->markers[m].deviation > 0) || data->markers[m].load < 0 || data->markers[m].load >= data->num_loads)
             return pliant_fail(PLIANT_ERROR_ARGUMENT,

@@ -19,7 +19,7 @@ pliant_status pliant_body_points(const pliant_model *model, int32_t *count, doub
             for (int v = 0; v < 4; v++) body[fine->tets[4 * t + v]] = 1;
     for (int32_t n = 0; n < fine->num_nodes; n++) number += body[n];
     pliant_status status =
-        number > 0 ? PLIANT_OK : pliant_fail(PLIANT_ERROR_SCENE, "the body holds no tissue: nothing can be compared");
+        number > 0 ? PLIANT_OK : pliant_fail(PLIANT_ERROR_SCENE, "the mesh has no tissue: there is nothing to compare");
     if (status == PLIANT_OK) {
         points = pliant_calloc((size_t)number, 3 * sizeof *points);
         if (!points) status = pliant_fail_memory("the points of the mesh");

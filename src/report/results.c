@@ -269,7 +269,8 @@ pliant_status pliant_results_write(const pliant_results *results, const char *pa
     write_rows(results, file);
     bool failed = ferror(file);
     failed |= fclose(file) != 0;
-    return failed ? pliant_fail(PLIANT_ERROR_FILE, "%s was not written whole: %s", path, strerror(errno)) : PLIANT_OK;
+    return failed ? pliant_fail(PLIANT_ERROR_FILE, "%s could not be written completely: %s", path, strerror(errno))
+                  : PLIANT_OK;
 }
 
 size_t pliant_results_rows(const pliant_results *results) { return results->rows; }

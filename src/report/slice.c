@@ -77,5 +77,6 @@ pliant_status report_write_npy(const char *path, const int32_t size[2], const fl
     fwrite(values, sizeof *values, (size_t)size[0] * (size_t)size[1], file);
     bool failed = ferror(file);
     failed |= fclose(file) != 0;
-    return failed ? pliant_fail(PLIANT_ERROR_FILE, "%s was not written whole: %s", path, strerror(errno)) : PLIANT_OK;
+    return failed ? pliant_fail(PLIANT_ERROR_FILE, "%s could not be written completely: %s", path, strerror(errno))
+                  : PLIANT_OK;
 }

@@ -111,7 +111,7 @@ static pliant_status keep_energy(stability_trial *trial, const void *argument)
              (long long)trial->iterations);
     if (status >= 0 && !(drift < most_drift)) {
         trial->unsettled = true;
-        snprintf(trial->message, sizeof trial->message, "its energy drifts by %.2g %%; %g is wanted", 100 * drift,
+        snprintf(trial->message, sizeof trial->message, "its energy drifts by %.2g %%; the limit is %g %%", 100 * drift,
                  100 * most_drift);
     }
     return status;
@@ -227,7 +227,7 @@ static pliant_status show(stability_trial *trial, const void *argument)
     size_t wrong = 0, count = pliant_geometry_voxels(&scan->geometry);
     for (size_t v = 0; v < count; v++)
         wrong += ((const uint8_t *)scan->voxels)[v] != ((const uint8_t *)shown->voxels)[v];
-    snprintf(trial->figure, sizeof trial->figure, "%zu of %zu voxels are not the scan's at rest", wrong, count);
+    snprintf(trial->figure, sizeof trial->figure, "%zu of %zu voxels differ from the scan at rest", wrong, count);
     if ((double)wrong > most_wrong * (double)count) trial->wrong_rest = true;
     return status;
 }

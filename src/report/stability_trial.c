@@ -165,7 +165,7 @@ pliant_status trial_grasp(stability_trial *trial, pliant_drive drive, double fro
         best = n;
     }
     if (best < 0)
-        return trial_called(trial, pliant_fail(PLIANT_ERROR_SCENE, "nothing moves: there is nothing to take hold of"));
+        return trial_called(trial, pliant_fail(PLIANT_ERROR_SCENE, "all nodes are fixed: there is no node to grasp"));
     const double *rest = fine->rest + 3 * best;
     pliant_status status = pliant_tool_add(model, trial->data, "trial", &tool);
     if (status >= 0) status = pliant_tool_set_pose(trial->data, tool, rest, NULL);
@@ -201,7 +201,7 @@ static pliant_verdict judge(stability_trial *trial, int64_t growth)
 {
     char text[256];
     if (growth != 0 && !trial->broken) {
-        snprintf(trial->message, sizeof trial->message, "%lld bytes were not given back", (long long)growth);
+        snprintf(trial->message, sizeof trial->message, "%lld bytes were not freed", (long long)growth);
         trial->broken = true;
     }
     if (trial->broken) return PLIANT_VERDICT_BROKEN;

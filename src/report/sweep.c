@@ -64,16 +64,16 @@ static pliant_status check(const pliant_sweep *sweep)
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "a sweep needs a method, a ratio, a budget and a frame");
     if (sweep->cases >> CASE_force & 1 && !(sweep->cases >> CASE_displacement & 1))
         return pliant_fail(PLIANT_ERROR_ARGUMENT,
-                           "a sweep of forces needs the displacement too: it says how large they are");
+                           "a sweep of forces also needs a displacement, from which it computes the force");
     for (int r = 0; r < sweep->num_ratios; r++)
         if (sweep->ratios[r] < 1 || sweep->ratios[r] > 8)
-            return pliant_fail(PLIANT_ERROR_ARGUMENT, "ratio %d: 1 to 8 is wanted", sweep->ratios[r]);
+            return pliant_fail(PLIANT_ERROR_ARGUMENT, "ratio is %d; use 1 to 8", sweep->ratios[r]);
     for (int b = 0; b < sweep->num_iterations; b++)
         if (sweep->iterations[b] < 0)
-            return pliant_fail(PLIANT_ERROR_ARGUMENT, "a budget of %d iterations: 0 or more is wanted",
+            return pliant_fail(PLIANT_ERROR_ARGUMENT, "the budget is %d iterations; use 0 or more",
                                sweep->iterations[b]);
     if (sweep->shards != 0 && (sweep->shard < 1 || sweep->shard > sweep->shards))
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "part %d of %d: 1 to %d is wanted", sweep->shard, sweep->shards,
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "part is %d of %d; use 1 to %d", sweep->shard, sweep->shards,
                            sweep->shards);
     return PLIANT_OK;
 }

@@ -106,7 +106,8 @@ pliant_status sweep_kept_write(const sweep_state *state, const sweep_kept *kept,
         (!reference->last || fwrite(reference->last, sizeof(double), (size_t)header.last, file) == (size_t)header.last);
     good = (fclose(file) == 0) && good;
     if (good && rename(part, path) == 0) return PLIANT_OK;
-    pliant_status status = pliant_fail(PLIANT_ERROR_FILE, "%s was not written whole: %s", path, strerror(errno));
+    pliant_status status =
+        pliant_fail(PLIANT_ERROR_FILE, "%s could not be written completely: %s", path, strerror(errno));
     remove(part);
     return status;
 }

@@ -338,6 +338,6 @@ pliant_status pliant_report_json(const char *folder, const char *setup, const pl
     bool failed = ferror(file);
     failed |= fclose(file) != 0;
     if (status == PLIANT_OK && failed)
-        status = pliant_fail(PLIANT_ERROR_FILE, "%s was not written whole: %s", path, strerror(errno));
+        status = pliant_fail(PLIANT_ERROR_FILE, "%s could not be written completely: %s", path, strerror(errno));
     return status;
 }

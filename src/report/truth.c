@@ -98,8 +98,8 @@ static pliant_status choose_levels(const pliant_report_input *input, double limi
     }
     return pliant_fail(
         PLIANT_ERROR_SCENE,
-        "the error of the mesh is seen from three resolutions: none with half the cells can be had (mesh/coarse_cells "
-        "times mesh/ratio must be even), and %.0f tetrahedra are too few for a mesh of twice the resolution (--twice)",
+        "the error of the mesh needs three resolutions. Half the resolution needs an even mesh/coarse_cells times "
+        "mesh/ratio; twice the resolution needs a limit above %.0f tetrahedra (--twice)",
         limit);
 }
 
@@ -196,7 +196,7 @@ pliant_status pliant_truth_run(const pliant_report_input *input, const pliant_sw
                 !input->scene->mesh.file[0]
             ? PLIANT_OK
             : pliant_fail(PLIANT_ERROR_SCENE,
-                          "the error of the mesh is estimated for the corotational solver on a lattice alone");
+                          "the error of the mesh is estimated only for solver/kind corotational and mesh/kind lattice");
     ours.cases &= 1u << CASE_displacement | 1u << CASE_force | 1u << CASE_sag;
     ours.frames = RAMP;
     ground->input = input;

@@ -150,14 +150,14 @@ static pliant_status read_beam_lines(const char *path, int32_t *count, beam_line
         for (int w = 0; w < WANTED; w++) good = good && column[w] < num_cells;
         for (int d = 0; good && d < 3; d++) good = cells_number(cells[column[PLACE + d]], &one.at[d]);
         if (!good) {
-            status = pliant_fail(
-                PLIANT_ERROR_FORMAT,
-                "%s: line %d: a recording, a marker, a state and three coordinates in metres are wanted", path, at);
+            status = pliant_fail(PLIANT_ERROR_FORMAT,
+                                 "%s: line %d: expected a recording, a marker, a state and three coordinates in metres",
+                                 path, at);
             break;
         }
         if (strncmp(cells[column[MARKER]], "Base", 4) == 0) continue; /* on the clamp */
         if (strcmp(cells[column[STATE]], "rest") != 0 && strcmp(cells[column[STATE]], "end") != 0) {
-            pliant_log(PLIANT_LOG_WARNING, "%s: line %d: state %s is left out: of rest and end alone the load is known",
+            pliant_log(PLIANT_LOG_WARNING, "%s: line %d: state %s is ignored: the load is known only for rest and end",
                        path, at, cells[column[STATE]]);
             continue;
         }
@@ -222,8 +222,8 @@ static pliant_status read_beam(const char *path, measured_body *out)
             if (status >= 0 && fmax(fabs(marker.offset[d]), fabs(marker.moved[d])) > beam_size[0])
                 status = pliant_fail(
                     PLIANT_ERROR_FORMAT,
-                    "%s: line %d: marker %s is farther from the beam than that is long: metres in its frame are "
-                    "wanted, from the clamp at x -0.1 to the tip at 0",
+                    "%s: line %d: marker %s is farther from the beam than its length; use metres in the frame of the "
+                    "beam, with the clamp at x -0.1 and the tip at 0",
                     path, fabs(marker.offset[d]) > beam_size[0] ? rest->line : end->line, end->marker);
         }
         if (status >= 0) status = add_marker(out, &room, &marker);
@@ -328,8 +328,8 @@ static pliant_status read_beads(FILE *file, const char *path, double edge, measu
         if (beads[s] < FEWEST)
             return pliant_fail(
                 PLIANT_ERROR_FORMAT,
-                "%s: %d beads at %g %%: lines with three coordinates in mm below 'no strain' and below each state are "
-                "wanted",
+                "%s: %d beads at %g %% are too few; give lines with three coordinates in mm below 'no strain' and "
+                "below each state",
                 path, beads[s], 100 * strain[s]);
     for (int d = 0; d < 3; d++) {
         centre[d] /= lines;
@@ -337,8 +337,8 @@ static pliant_status read_beads(FILE *file, const char *path, double edge, measu
     }
     if (span > edge || span < 0.05 * edge)
         return pliant_fail(PLIANT_ERROR_FORMAT,
-                           "%s: at rest beads are up to %g mm apart: coordinates in mm in a cube of %g mm are wanted",
-                           path, 1e3 * span, 1e3 * edge);
+                           "%s: at rest, beads are up to %g mm apart; give coordinates in mm in a cube of %g mm", path,
+                           1e3 * span, 1e3 * edge);
     return PLIANT_OK;
 }
 
@@ -398,7 +398,7 @@ static pliant_status read_scene_folder(const char *folder, const char *scan, mea
     if (status >= 0) status = hash_file(path, &out->bytes);
     for (int32_t m = 0; status >= 0 && m < out->num_markers; m++) {
         if (out->markers[m].load < 0 || out->markers[m].load >= MOST_STATES)
-            return pliant_fail(PLIANT_ERROR_FORMAT, "%s: marker %d: load %d: 1 to %d are wanted", path, m + 1,
+            return pliant_fail(PLIANT_ERROR_FORMAT, "%s: marker %d: load is %d; use 1 to %d", path, m + 1,
                                out->markers[m].load + 1, MOST_STATES);
         while (out->num_states <= out->markers[m].load) {
             snprintf(out->state[out->num_states], sizeof out->state[0], "load %d", out->num_states + 1);
@@ -448,7 +448,7 @@ static pliant_status look_in(const char *folder, bool deeper, int32_t *count, me
     bool has_scene = false;
     pliant_status status = PLIANT_OK;
     DIR *opened = opendir(folder);
-    if (!opened && !deeper) pliant_log(PLIANT_LOG_WARNING, "%s: %s: it is left out", folder, strerror(errno));
+    if (!opened && !deeper) pliant_log(PLIANT_LOG_WARNING, "%s: %s: the folder is skipped", folder, strerror(errno));
     if (!opened) return deeper ? pliant_fail(PLIANT_ERROR_FILE, "%s: %s", folder, strerror(errno)) : PLIANT_OK;
     snprintf(scene.path, sizeof scene.path, "%s", folder);
     for (struct dirent *entry; status >= 0;) {
@@ -489,9 +489,8 @@ pliant_status measured_bodies_find(const char *folder, int32_t *count, measured_
     if (status >= 0 && *count == 0)
         status = pliant_fail(
             PLIANT_ERROR_FILE,
-            "%s: nothing measured is known here: a table of the beam (gravity_markers.csv) or of the cube "
-            "(truthcube*.csv), or scene.yaml with scan.* and markers.csv are wanted; "
-            "pliant/report.h tells what is in them",
+            "%s: no measurements found; expected gravity_markers.csv (beam), truthcube*.csv (cube), or scene.yaml with "
+            "scan.* and markers.csv; pliant/report.h describes them",
             folder);
     if (status >= 0) {
         qsort(*out, (size_t)*count, sizeof **out, by_path);

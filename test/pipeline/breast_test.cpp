@@ -366,7 +366,7 @@ TEST_F(Breast, AHomogenizedOneHangsToTheFront)
               0)
         << err_;
     EXPECT_EQ(err_.find("converge"), std::string::npos) << err_;
-    EXPECT_EQ(err_.find("inside out"), std::string::npos) << err_;
+    EXPECT_EQ(err_.find("elements were inverted"), std::string::npos) << err_;
     const Nodes prone(in("prone/nodes.csv"));
     double farthest = 0, farthest_at_the_wall = 0;
     for (size_t n = 0; n < prone.count(); n++) {

@@ -51,7 +51,7 @@ void NpyFile::close()
 {
     const bool unwritten = std::fclose(file_) != 0;
     file_ = nullptr;
-    if (unwritten) throw Failure(PLIANT_ERROR_FILE, path_ + ": it could not be written whole");
+    if (unwritten) throw Failure(PLIANT_ERROR_FILE, path_ + ": it could not be written completely");
 }
 
 } // namespace pliant_ros

@@ -37,7 +37,7 @@ void Table::close()
     const bool wrong = std::ferror(file_) != 0;
     const bool unwritten = std::fclose(file_) != 0;
     file_ = nullptr;
-    if (wrong || unwritten) throw Failure(PLIANT_ERROR_FILE, path_ + ": it could not be written whole");
+    if (wrong || unwritten) throw Failure(PLIANT_ERROR_FILE, path_ + ": it could not be written completely");
 }
 
 StepsTable::StepsTable(const std::string &path) : Table(path, heading_of_steps()) {}
