@@ -144,19 +144,19 @@ extern "C" {
             "12 sweeps with inertia: 1858 legs instead of 1755 in 80 steps",                                           \
             "12 sweeps with inertia: 1599 legs")                                                                       \
     SETTING(double, soft_begin, 0.75, "force limit",                                                                   \
-            "Load above which a coupling softens.",                                                                    \
+            "Load above which a coupling is softer at the start of a leg (c in NUMERICS.md).",                         \
             "Couplings keep their stiffness in normal use (NUMERICS.md).",                                             \
             "soft: the same",                                                                                          \
-            "the coupling never softens: soft: 2.1 N, 8 of 60 steps do not converge")                                  \
+            "where c stays: the coupling never softens: soft: 2.1 N, 8 of 60 steps do not converge")                   \
     SETTING(double, soft_width, 0.2, "force limit",                                                                    \
             "Range of loads over which it softens until it keeps the limit.",                                          \
             "The load settles inside the range (NUMERICS.md).",                                                        \
-            "soft: 119 evaluations instead of 120",                                                                    \
-            "soft: 0.95 N, 2 of 60 steps do not converge")                                                             \
+            "where c stays: soft: 119 evaluations instead of 120",                                                     \
+            "where c stays: soft: 0.95 N, 2 of 60 steps do not converge")                                              \
     SETTING(double, force_overshoot, 1.02, "force limit",                                                              \
             "Load at which a leg ends early.",                                                                         \
             "2 %: above it a force limit counts as violated.",                                                         \
-            "at 0.51: soft: 67 legs, 2 of 60 steps do not converge",                                                   \
+            "where c stays, at 0.51: soft: 67 legs, 2 of 60 steps do not converge",                                    \
             "soft: the same")                                                                                          \
     /* ---- tissue on tissue (detect/tissue.c, tissue_cut.c, tissue_rules.h) */                                        \
     SETTING(double, self_margin, 0.25, "shortest edge",                                                                \

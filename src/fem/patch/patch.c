@@ -446,7 +446,11 @@ pliant_status pliant_patch_step(pliant_data *data)
         statistics->patched = pliant_patch_serves(data);
         return PLIANT_OK;
     }
-    patch->proxies = (pliant_touch_pieces){.proxy = data->bodies ? data->bodies->proxy : NULL};
+    patch->proxies = (pliant_touch_pieces){0};
+    if (data->bodies) {
+        patch->proxies.proxy = data->bodies->proxy;
+        patch->proxies.limit = data->bodies->limit;
+    }
     pliant_status status = pliant_solver_touch(solver, &patch->inside, &patch->proxies, solver->now.x);
     if (status == PLIANT_OK) status = pliant_solver_step(solver, &own);
     if (status < 0) {

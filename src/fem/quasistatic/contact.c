@@ -224,6 +224,7 @@ pliant_status pliant_solver_touch(pliant_solver *solver, pliant_contacts *points
     touches->points = points;
     touches->pieces = pieces;
     touches->count = touches->num_weights = touches->num_arms = touches->num_moving = 0;
+    memset(touches->yields, 0, sizeof touches->yields);
     if (!points) return PLIANT_OK;
     status = make_room(touches, points->count);
     for (int32_t p = 0; p < points->count && status == PLIANT_OK; p++) {
@@ -456,6 +457,8 @@ bool pliant_touches_find(pliant_touches *touches, int num_tools, const double *m
     memset(touches->force + points, 0, 3 * (size_t)num_tools * sizeof *touches->force);
     pliant_cones_solve(touches->count + num_tools, matrix, touches->friction, touches->motion, touches->force,
                        touches->sweeps);
+    /* a GPU has its own copies of A and of the couplings */
+    if (matrix == touches->matrix) pliant_touches_keep_limits(touches, num_tools);
     memcpy(touches->found.force, touches->force, points * sizeof *touches->force);
     memcpy(touches->found.motion, touches->motion, points * sizeof *touches->motion);
     bool changed = false;

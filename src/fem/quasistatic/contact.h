@@ -24,13 +24,21 @@ extern "C" {
 
 typedef struct pliant_iterate pliant_iterate;
 
+/* Maximum load of a coupling between proxy and target: of its force, of its torque, or of the torque of its jaws. */
+typedef struct pliant_touch_limit {
+    double load;           /* [N] or [N m] */
+    double compliance;     /* of the coupling below this load [m/N] or [rad/(N m)] */
+    double axis[3];        /* unit axis of the jaws; unused for the others */
+} pliant_touch_limit;
+
 /* Rigid bodies with contact points: detached pieces and proxies of tools. */
 typedef struct pliant_touch_pieces {
     const int32_t *of_node; /* Nullable: (fine nodes) piece of each node; -1: none */
     const pliant_touch_piece *piece;
     /* Nullable: (PLIANT_MAX_TOOLS x 2): for each tool, its motion about the tip and its jaws' motion about their
-     * joint */
-    const pliant_touch_piece *proxy;
+     * joint. The solver on the CPU changes their compliance, so that each load stays at its limit. */
+    pliant_touch_piece *proxy;
+    const pliant_touch_limit *limit; /* (PLIANT_MAX_TOOLS x 3) */
 } pliant_touch_pieces;
 
 /* Forces and motions of all points from one evaluation. */
@@ -59,6 +67,8 @@ struct pliant_touches {
     int32_t *arm_start;    /* (room + 1) */
     pliant_touch_arm *arm; /* (room_arms) */
     int32_t *moving;       /* (num_moving) bodies of the points: a piece's number, or -1 minus a proxy's number */
+    /* (PLIANT_MAX_TOOLS x 3) compliance of the tissue against each coupling, estimated in this leg; 0: unknown */
+    double yields[3 * PLIANT_MAX_TOOLS];
     /* FORCES */
     pliant_touch_forces taken, found; /* of the step's state; of the last evaluation */
     double *change;        /* (room x 3) dl of the last evaluation */
@@ -125,6 +135,10 @@ const pliant_touch_piece *pliant_touches_moving(const pliant_touches *touches, i
 double pliant_touches_give_way(const pliant_touches *touches, int32_t point);
 /* Add the block of A of two points by their common rigid bodies to out, in their frames. */
 void pliant_touches_answer_pieces(const pliant_touches *touches, int32_t a, int32_t b, double out[9]);
+/* Keep the loads of all couplings within their limits. A coupling at its limit has the compliance at which its load is
+ * the limit, so it pulls with a constant force. Otherwise it has its own compliance. The function updates A and the
+ * forces of the last cone solve. */
+void pliant_touches_keep_limits(pliant_touches *touches, int num_tools);
 /* Add the motion of the points by the rigid bodies under these forces (in the points' frames) to motion (count x
  * 3). bare: without the points' own compliance */
 void pliant_touches_move_pieces(const pliant_touches *touches, const double *force, bool bare, double *motion);

@@ -3,8 +3,10 @@
 
 #include "base/fail.h"
 #include "base/memory.h"
+#include "contact/solve/cones.h"
 
 #include <math.h>
+#include <string.h>
 #include <string.h>
 
 /* Return the index of a body in touches->moving. < 0: out of memory */
@@ -136,5 +138,115 @@ void pliant_touches_move_pieces(const pliant_touches *touches, const double *for
     for (int32_t c = 0; c < touches->count && !bare; c++) {
         const double itself = pliant_touches_give_way(touches, c);
         for (int r = 0; r < 3; r++) motion[3 * (size_t)c + (size_t)r] += itself * force[3 * (size_t)c + (size_t)r];
+    }
+}
+
+/* ---- limits of couplings */
+
+/* One coupling that has a limit: columns of the proxy's motion that it resists. */
+typedef struct coupling {
+    int32_t moving, first, columns; /* columns: 1 for jaws, which turn about their axis */
+    const double *axis;
+    pliant_touch_piece *piece;
+    double load, compliance, before[2]; /* before: load and compliance of the previous pass; load 0: none */
+} coupling;
+
+/* Compute the motion of a point along the coupling's columns (3 x 3, row by row). */
+static void find_columns(const pliant_touches *touches, int32_t c, const coupling *of, double out[9])
+{
+    double rows[18];
+    memset(out, 0, 9 * sizeof *out);
+    for (int32_t a = touches->arm_start[c]; a < touches->arm_start[c + 1]; a++) {
+        if (touches->arm[a].moving != of->moving) continue;
+        pliant_arm_rows(touches->arm + a, touches->frame + 9 * (size_t)c, rows);
+        for (int r = 0; r < 3; r++)
+            for (int d = 0; d < 3; d++)
+                out[3 * r + (of->columns == 3 ? d : 0)] +=
+                    rows[6 * r + of->first + d] * (of->columns == 3 ? 1 : of->axis[d]);
+    }
+}
+
+/* Compute the load of a coupling under the forces of the last cone solve. Return its magnitude. */
+static double find_load(const pliant_touches *touches, const double *columns, double load[3])
+{
+    memset(load, 0, 3 * sizeof *load);
+    for (int32_t c = 0; c < touches->count; c++)
+        for (int i = 0; i < 9; i++) load[i % 3] += columns[9 * (size_t)c + (size_t)i] * touches->force[3 * c + i / 3];
+    return sqrt(load[0] * load[0] + load[1] * load[1] + load[2] * load[2]);
+}
+
+/* Add a compliance to a coupling, to A, and to the motions under the present forces. */
+static void soften(pliant_touches *touches, int num_tools, coupling *of, const double *columns, const double load[3],
+                   double by)
+{
+    const size_t row = 3 * (size_t)(touches->count + num_tools);
+    for (int r = 0; r < 3; r++)
+        for (int c = 0; c < 3; c++)
+            of->piece->answer[6 * (of->first + r) + of->first + c] +=
+                by * (of->columns == 3 ? r == c : of->axis[r] * of->axis[c]);
+    for (size_t a = 0; a < 3 * (size_t)touches->count; a++) {
+        const double *mine = columns + 3 * a;
+        touches->motion[a] += by * (mine[0] * load[0] + mine[1] * load[1] + mine[2] * load[2]);
+        for (size_t b = 0; b < 3 * (size_t)touches->count; b++) {
+            const double *other = columns + 3 * b;
+            touches->matrix[a * row + b] += by * (mine[0] * other[0] + mine[1] * other[1] + mine[2] * other[2]);
+        }
+    }
+}
+
+/* Adapt the compliance of a coupling to its limit. The compliances of coupling and tissue together, times the load,
+ * give the distance to the target, which is constant. Return whether the compliance changes. */
+static bool keep_limit(pliant_touches *touches, int num_tools, const pliant_touch_limit *limit, coupling *of,
+                       double *yields)
+{
+    const double nearly = 1e-6;
+    double *columns = touches->sweeps, load[3]; /* a buffer of the cone solver */
+    for (int32_t c = 0; c < touches->count; c++) find_columns(touches, c, of, columns + 9 * (size_t)c);
+    of->load = find_load(touches, columns, load);
+    const bool is_soft = of->compliance > limit->compliance * (1 + nearly);
+    if (of->load <= limit->load * (1 + nearly) && (!is_soft || of->load >= limit->load * (1 - nearly))) return false;
+    const double found = (of->load * of->compliance - of->before[0] * of->before[1]) / (of->before[0] - of->load);
+    if (of->before[0] > 0 && isfinite(found) && found > 0) *yields = found;
+    const double wanted =
+        fmax(limit->compliance, (of->compliance + *yields) * of->load / limit->load - *yields);
+    if (!isfinite(wanted) || wanted == of->compliance) return false;
+    of->before[0] = of->load;
+    of->before[1] = of->compliance;
+    soften(touches, num_tools, of, columns, load, wanted - of->compliance);
+    of->compliance = wanted;
+    return true;
+}
+
+static coupling coupling_of(const pliant_touches *touches, int32_t moving, int kind, const pliant_touch_limit *limit)
+{
+    coupling of = {.moving = moving, .first = kind == 0 ? 0 : 3, .columns = kind == 2 ? 1 : 3, .axis = limit->axis};
+    of.piece = touches->pieces->proxy + (-1 - touches->moving[moving]);
+    const double *answer = of.piece->answer + 7 * of.first;
+    of.compliance = kind == 2 ? answer[0] + answer[7] + answer[14] : answer[0];
+    return of;
+}
+
+void pliant_touches_keep_limits(pliant_touches *touches, int num_tools)
+{
+    enum { MOST = 8 };
+    coupling of[3 * PLIANT_MAX_TOOLS];
+    int index[3 * PLIANT_MAX_TOOLS], count = 0;
+    for (int32_t m = 0; touches->pieces && touches->pieces->limit && m < touches->num_moving; m++) {
+        const int body = -1 - touches->moving[m];
+        if (body < 0) continue;
+        for (int kind = body % 2 ? 2 : 0; kind < (body % 2 ? 3 : 2); kind++) {
+            index[count] = 3 * (body / 2) + kind;
+            of[count] = coupling_of(touches, m, kind, touches->pieces->limit + index[count]);
+            count++;
+        }
+    }
+    for (int pass = 0; pass < MOST; pass++) {
+        bool changed = false;
+        for (int n = 0; n < count; n++)
+            changed |= keep_limit(touches, num_tools, touches->pieces->limit + index[n], of + n,
+                                  touches->yields + index[n]);
+        if (!changed) return;
+        pliant_cones_solve(touches->count + num_tools, touches->matrix, touches->friction, touches->motion,
+                           touches->force, touches->sweeps);
     }
 }

@@ -215,13 +215,17 @@ static pliant_status find_tissue(const pliant_model *model, pliant_data *data, d
 static void soften_by_pieces(pliant_data *data, const pliant_leg_tool *leg, int t)
 {
     pliant_touch_piece *couple = data->legs->proxy + 2 * t;
+    pliant_touch_limit *limit = data->legs->limit + 3 * t;
+    const double *axis = limit[2].axis;
     double gives[2];
-    pliant_proxy_compliance(data, t, false, couple[1].centre, leg->axis, gives);
+    pliant_proxy_compliance(data, t, false, couple[1].centre, axis, gives);
     if (!(gives[0] > 0)) return;
+    limit[0].compliance += gives[0] - leg->gives[0];
+    limit[2].compliance += gives[1] - leg->gives[1];
     for (int d = 0; d < 3; d++) couple[0].answer[7 * d] += gives[0] - leg->gives[0];
     for (int r = 0; r < 3; r++)
         for (int c = 0; c < 3; c++)
-            couple[1].answer[6 * (3 + r) + 3 + c] += (gives[1] - leg->gives[1]) * leg->axis[r] * leg->axis[c];
+            couple[1].answer[6 * (3 + r) + 3 + c] += (gives[1] - leg->gives[1]) * axis[r] * axis[c];
 }
 
 /* Publish the rigid pieces and proxies that the solver may need. */
@@ -229,7 +233,7 @@ static void set_bodies(pliant_data *data)
 {
     pliant_legs *legs = data->legs;
     const pliant_touch_pieces *pieces = data->falling ? pliant_falling_touch_pieces(data->falling) : NULL;
-    legs->bodies = (pliant_touch_pieces){.proxy = legs->proxy};
+    legs->bodies = (pliant_touch_pieces){.proxy = legs->proxy, .limit = legs->limit};
     if (pieces) {
         legs->bodies.of_node = pieces->of_node;
         legs->bodies.piece = pieces->piece;

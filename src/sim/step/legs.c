@@ -125,9 +125,9 @@ static double share_of(const pliant_model *model, pliant_data *data, int t, bool
     double way = pliant_tool_way(tool, &leg->begin, &leg->measured);
     if (way > most && expected) {
         pliant_touch_piece couple[2];
+        pliant_touch_limit limit[3];
         pliant_tool_pose ahead;
-        double axis[3];
-        pliant_proxy_couple(model, tool, &leg->begin, &leg->measured, &leg->before, leg->gives, &ahead, couple, axis);
+        pliant_proxy_couple(model, tool, &leg->begin, &leg->measured, &leg->before, leg->gives, &ahead, couple, limit);
         way = pliant_tool_way(tool, &leg->begin, &ahead);
     }
     return way > most && pliant_contact_comes_near(data, tool, &leg->begin, &leg->measured) ? most / way : 1;
@@ -175,7 +175,7 @@ static void set_goals(const pliant_model *model, pliant_data *data, double share
             dynamic ? share * limit_speed(model, data, tool, leg, share) : fmin(share, share_of(model, data, t, false));
         leg->goal = pliant_pose_partway(&leg->begin, &leg->measured, own);
         pliant_proxy_couple(model, tool, &leg->begin, &leg->goal, &leg->before, leg->gives, &leg->ahead,
-                            data->legs->proxy + 2 * t, leg->axis);
+                            data->legs->proxy + 2 * t, data->legs->limit + 3 * t);
         if (data->tled) leg->goal = leg->ahead;
         memcpy(tool->tip, leg->ahead.tip, sizeof tool->tip);
         memcpy(tool->rotation, leg->ahead.rotation, sizeof tool->rotation);

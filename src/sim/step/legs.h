@@ -33,7 +33,6 @@ typedef struct pliant_leg_tool {
     pliant_tool_pose measured;     /* target pose */
     /* proxy poses in this leg: at its start; predicted at its end; desired, and after the solve the solved one */
     pliant_tool_pose begin, ahead, goal;
-    double axis[3];                /* unit axis of the jaws */
     double gives[2];               /* pliant_proxy_compliance with the contact points of the previous leg */
     double target[3];              /* grasp target at the target pose [m] */
     pliant_proxy_load before;      /* load on the proxy at the start of the leg */
@@ -42,6 +41,7 @@ typedef struct pliant_leg_tool {
 struct pliant_legs {
     pliant_leg_tool tool[PLIANT_MAX_TOOLS];
     pliant_touch_piece proxy[2 * PLIANT_MAX_TOOLS];
+    pliant_touch_limit limit[3 * PLIANT_MAX_TOOLS]; /* of each proxy's force, torque, and jaws */
     pliant_touch_pieces bodies;    /* rigid pieces and proxies */
     bool blocked;                  /* the previous leg was blocked */
     bool planes; /* a leg of this step, or the last leg of the previous one, was blocked: use plane constraints */

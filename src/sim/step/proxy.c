@@ -155,7 +155,7 @@ static void turn_between(const double from[4], const double to[4], double turn[3
 
 void pliant_proxy_couple(const pliant_model *model, const pliant_tool *tool, const pliant_tool_pose *begin,
                          const pliant_tool_pose *goal, const pliant_proxy_load *before, const double gives[2],
-                         pliant_tool_pose *ahead, pliant_touch_piece out[2], double axis[3])
+                         pliant_tool_pose *ahead, pliant_touch_piece out[2], pliant_touch_limit limit[3])
 {
     const pliant_scene *scene = &model->scene;
     const double most = scene->contact.max_force, lever = most * fmax(reach_of(tool), 1e-3),
@@ -168,6 +168,10 @@ void pliant_proxy_couple(const pliant_model *model, const pliant_tool *tool, con
     const double jaw = comply(&model->contact, turn_stiffness, fabs(goal->jaw - begin->jaw),
                               fmax(fabs(before->jaw), pulls[2]), scene->contact.grip_torque) +
                        gives[1];
+    double *axis = limit[2].axis;
+    limit[0] = (pliant_touch_limit){.load = most, .compliance = 1 / scene->contact.coupling_stiffness + gives[0]};
+    limit[1] = (pliant_touch_limit){.load = lever, .compliance = 1 / turn_stiffness};
+    limit[2] = (pliant_touch_limit){.load = scene->contact.grip_torque, .compliance = 1 / turn_stiffness + gives[1]};
     memset(out, 0, 2 * sizeof *out);
     for (int k = 0; k < 6; k++) out[0].answer[7 * k] = k < 3 ? shift + gives[0] : turn;
     pliant_tool_joint(tool, goal, out[1].centre, axis);

@@ -7,7 +7,7 @@
 
 #include "contact/advance/advance.h"
 #include "contact/shapes/shapes.h"
-#include "fem/quasistatic/piece_rules.h"
+#include "fem/quasistatic/contact.h"
 #include "state/data.h"
 
 #ifdef __cplusplus
@@ -40,10 +40,11 @@ void pliant_proxy_find_load(const pliant_data *data, int tool, const pliant_tool
  * at the tool's farthest point, and contact/grip_torque.
  * @param goal desired pose at the end of the leg
  * @param gives additional compliance for rigid pieces under the tool (pliant_proxy_compliance)
- * @param ahead out: the pose at the linearization point; @param axis out: unit axis of the jaws at that pose */
+ * @param ahead out: the pose at the linearization point
+ * @param limit out: limits of force, torque, and jaws, which the solver on the CPU keeps exactly */
 void pliant_proxy_couple(const pliant_model *model, const pliant_tool *tool, const pliant_tool_pose *begin,
                          const pliant_tool_pose *goal, const pliant_proxy_load *before, const double gives[2],
-                         pliant_tool_pose *ahead, pliant_touch_piece out[2], double axis[3]);
+                         pliant_tool_pose *ahead, pliant_touch_piece out[2], pliant_touch_limit limit[3]);
 /* Return the pose that the coupling yields to under a load.
  * @param from pose at the linearization point */
 pliant_tool_pose pliant_proxy_yield(const pliant_tool *tool, const pliant_tool_pose *from,
