@@ -376,7 +376,7 @@ TEST_F(ConvertBodies, AreFoundAgainWhereCutsSubdivide)
     wrong = topology(*twice);
     wrong.tetrahedron_parent.pop_back();
     EXPECT_FALSE(body_of(*other, wrong, &bodies, &why));
-    EXPECT_NE(why.find("no parts of those at load"), std::string::npos) << why;
+    EXPECT_NE(why.find("do not subdivide the mesh at load"), std::string::npos) << why;
 }
 
 TEST_F(ConvertModel, StateWithoutScalar)

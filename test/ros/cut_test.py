@@ -391,7 +391,7 @@ class CutTest(unittest.TestCase):
         self.run_bag(kind, *at, "--surfaces", "--out", self.folder + "/states")
         said = self.run_bag(kind, *at, "--simulate", "--out", self.folder + "/again", "--cuts",
                             self.folder + "/cuts.csv")
-        self.assertIn("each as recorded, to the bit", said)
+        self.assertIn("each bitwise equal to the recording", said)
         with open(self.folder + "/cuts.csv") as file:
             rows = list(csv.DictReader(file))
         self.assertEqual(set(row["tool"] for row in rows), {"knife", ""})

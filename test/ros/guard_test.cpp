@@ -212,7 +212,7 @@ const Closing closings[] = {
     {"NoNumber", [](Bench &bench) { bench.push[1] = nan; }, "finite"},
     {"Infinite", [](Bench &bench) { bench.push[2] = INFINITY; }, "finite"},
     {"Error", [](Bench &bench) { bench.errors = false, bench.guard.error(bench.now, 0.01); }, "error is too large"},
-    {"ErrorNotKnown", [](Bench &bench) { bench.errors = false, bench.guard.error(bench.now, 0); }, "does not tell"},
+    {"ErrorNotKnown", [](Bench &bench) { bench.errors = false, bench.guard.error(bench.now, 0); }, "does not report"},
     {"ErrorNoNumber", [](Bench &bench) { bench.errors = false, bench.guard.error(bench.now, nan); },
      "error is too large"},
 };
@@ -225,7 +225,7 @@ TEST(Guard, IsClosedWhereTheErrorIsNoLongerTold)
     bench.open();
     bench.errors = false;
     EXPECT_EQ(size_of(bench.turns(bench.settings.error_timeout + 2 * tick)), 0);
-    EXPECT_NE(bench.guard.why(bench.now).find("does not tell"), std::string::npos);
+    EXPECT_NE(bench.guard.why(bench.now).find("does not report"), std::string::npos);
 }
 
 TEST(Guard, DoesNotAskForAnErrorWhereAnyWillDo)

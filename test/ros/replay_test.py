@@ -220,9 +220,9 @@ class ReplayTest(unittest.TestCase):
         for code, words, arguments in (
                 (2, "--scan", [self.bag, "--at", "1"] + out),
                 (2, "--at", [self.bag, "--scan", SCAN] + out),
-                (2, "seconds are wanted", [self.bag, "--scan", SCAN, "--at", "1,x"] + out),
+                (2, "expected seconds", [self.bag, "--scan", SCAN, "--at", "1,x"] + out),
                 (1, "choose times in there", [self.bag, "--scan", SCAN, "--scene", self.scene, "--at", "1000"] + out),
-                (1, "not those of the recording",
+                (1, "differ from those of the recording",
                  [self.bag, "--scan", "phantom:64x48x56", "--scene", self.scene, "--at", "2"] + out),
                 (1, "--ns", [self.bag, "--scan", SCAN, "--ns", "other", "--at", "2"] + out),
                 (1, "none.bag", [self.folder + "/none.bag", "--scan", SCAN, "--at", "2"] + out)):

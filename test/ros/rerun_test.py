@@ -151,7 +151,7 @@ class RerunTest(unittest.TestCase):
         self.assertGreater(len([step for step in self.steps if step.background]), 3, "factors came in")
         code, said, errors = self.simulate(self.bag)
         self.assertEqual(code, 0, errors)
-        self.assertIn("each as recorded, to the bit", said)
+        self.assertIn("each bitwise equal to the recording", said)
 
     def test_it_matters_when_it_arrives(self):
         before, first = [0], [step.sequence for step in self.steps].index(1)
@@ -163,13 +163,13 @@ class RerunTest(unittest.TestCase):
             return step
         code, _, errors = self.simulate(self.rewritten("late.bag", later, arrived[3] + 10))
         self.assertEqual(code, 1)
-        self.assertIn("not as recorded, from step", errors)
+        self.assertIn("differ from the recording, from step", errors)
 
     def test_a_gap_is_told(self):
         code, _, errors = self.simulate(self.rewritten("gap.bag", lambda step: None if step.sequence == 40 else step,
                                                        50))
         self.assertEqual(code, 1)
-        self.assertIn("after turn 39 the recording goes on with turn 41", errors)
+        self.assertIn("after sequence number 39 the recording continues with 41", errors)
 
     def test_another_tool_motion_differs(self):
         first = [step.sequence for step in self.steps].index(1)
@@ -181,7 +181,7 @@ class RerunTest(unittest.TestCase):
             return step
         code, _, errors = self.simulate(self.rewritten("shifted.bag", shifted, grasp + 30))
         self.assertEqual(code, 1)
-        self.assertIn("not as recorded, from step", errors)
+        self.assertIn("differ from the recording, from step", errors)
 
     def test_replay_simulates_faster_than_live(self):
         launch = Launch("replay.launch", bag=self.bag, scan=SCAN, scene=self.scene, rate="4", simulate="true")
@@ -190,7 +190,7 @@ class RerunTest(unittest.TestCase):
                      2 * SECONDS)
         finally:
             launch.stop()
-        self.assertIn("each as recorded, to the bit", launch.said())
+        self.assertIn("each bitwise equal to the recording", launch.said())
 
     def test_replay_goes_on_from_any_point(self):
         """Start after the cut: the replay recomputes the steps from the reset on, and shows states with the topology
@@ -227,7 +227,7 @@ class RerunTest(unittest.TestCase):
             self.assertGreater(shown, 0)
             self.assertEqual(dropped, 0)
             if simulate == "true":
-                made = int(re.search(r"(\d+) turns computed again, each as recorded, to the bit",
+                made = int(re.search(r"(\d+) steps recomputed, each bitwise equal to the recording",
                                      launch.said()).group(1))
                 self.assertEqual(made, before + shown)
 

@@ -164,9 +164,9 @@ class SessionTest(unittest.TestCase):
         code, said, errors = self.run_bag("--scan", FIRST, "--simulate", "--every", "0.5", "--out",
                                           self.folder + "/volumes")
         self.assertEqual(code, 0, errors)
-        self.assertIn("each as recorded, to the bit", said)
-        self.assertNotIn("before the first reset", said.split("turns computed")[0])
-        self.assertGreater(int(said.split(" turns")[0]), 100)
+        self.assertIn("each bitwise equal to the recording", said)
+        self.assertNotIn("before the first reset", said.split("steps recomputed")[0])
+        self.assertGreater(int(said.split(" steps")[0]), 100)
 
     def test_volumes_come_from_each_of_its_models(self):
         code, said, errors = self.run_bag("--scan", FIRST, "--every", "0.5", "--out", self.folder + "/recorded")

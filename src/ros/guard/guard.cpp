@@ -38,7 +38,7 @@ void Guard::fault(const std::string &why)
 
 std::string Guard::why(double now) const
 {
-    if (shut_) return "it is shutting down";
+    if (shut_) return "the node is shutting down";
     if (!fault_.empty()) return fault_;
     if (!settings_.enabled) return "~haptic is false";
     if (settings_.needs_following && !following_) return "the teleoperation does not follow";
@@ -47,7 +47,7 @@ std::string Guard::why(double now) const
     if (!(now - wrench_at_ <= settings_.timeout)) return "no force from the simulation";
     if (!finite_) return "the force is not finite";
     if (std::isinf(settings_.largest_error)) return "";
-    if (!(now - error_at_ <= settings_.error_timeout) || error_ == 0) return "the simulation does not tell its error";
+    if (!(now - error_at_ <= settings_.error_timeout) || error_ == 0) return "the simulation does not report its error";
     if (!(error_ <= settings_.largest_error)) return "the simulation's error is too large";
     return "";
 }

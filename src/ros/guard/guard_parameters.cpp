@@ -47,7 +47,7 @@ void check_tool(const std::string &name)
 {
     std::string why;
     if (name.empty() || !ros::names::validate(name, why))
-        refuse("tool", "must be the name of the tool whose forces are to be felt, such as PSM1");
+        refuse("tool", "must be the name of the tool whose force is displayed, such as PSM1");
 }
 
 void read_one(const std::string &name, XmlRpcValue &value, const std::vector<Number> &numbers, GuardParameters *out)
@@ -63,7 +63,7 @@ void read_one(const std::string &name, XmlRpcValue &value, const std::vector<Num
     else if (name == "needs_following") out->settings.needs_following = read_switch(name, value);
     else if (name == "max_error") {
         const double most = read_number(name, value);
-        if (std::isnan(most)) refuse(name, "must be a number; below 0: any error will do");
+        if (std::isnan(most)) refuse(name, "must be a number; below 0: any error is accepted");
         out->settings.largest_error = most < 0 ? INFINITY : most;
     } else if (name != "diagnostic_period") { /* diagnostic_period belongs to diagnostic_updater */
         std::string known = "tool haptic needs_following max_error";

@@ -62,22 +62,24 @@ void Diagnostics::solver(diagnostic_updater::DiagnosticStatusWrapper &status)
     const double slowest = health.busy_for > slow_after ? health.busy_for : was_slow ? health.last_slow : 0;
     uint8_t state = state_->state();
     bool failed = state == SimState::FAULT;
-    if (!health.is_loaded) status.summary(DiagnosticStatus::WARN, failed ? "nothing could be loaded" : "loading");
+    if (!health.is_loaded)
+        status.summary(DiagnosticStatus::WARN, failed ? "loading failed" : "loading");
     else if (failed) status.summary(DiagnosticStatus::ERROR, "the last step failed; see the topic state");
     else if (slowest > 0)
-        status.summaryf(DiagnosticStatus::ERROR, "a step takes %.1f s, more than %.1f s; forces stand still", slowest,
+        status.summaryf(DiagnosticStatus::ERROR, "a step takes %.1f s, more than %.1f s; forces do not change", slowest,
                         slow_after);
     else if (health.is_paused) status.summary(DiagnosticStatus::OK, "paused");
-    else if (health.inverted > 0) status.summary(DiagnosticStatus::WARN, "tetrahedra are turned inside out");
+    else if (health.inverted > 0)
+        status.summary(DiagnosticStatus::WARN, "tetrahedra are inverted");
     else if (missed > 0) status.summary(DiagnosticStatus::WARN, "deadlines missed in the last second");
     else status.summary(DiagnosticStatus::OK, "running");
     status.add("steps in the last second", health.rate);
-    status.add("wanted period [ms]", 1e3 * health.period);
+    status.add("requested period [ms]", 1e3 * health.period);
     status.add("p50 [ms]", 1e3 * health.p50);
     status.add("p99 [ms]", 1e3 * health.p99);
     status.add("missed deadlines in the last second", missed);
     status.add("steps above 500 ms", health.slow);
-    status.add("present step [ms]", 1e3 * health.busy_for);
+    status.add("current step [ms]", 1e3 * health.busy_for);
     status.add("missed deadlines", health.missed);
     status.add("inverted elements", health.inverted);
     status.add("iterations", health.iterations);
@@ -144,7 +146,7 @@ void Diagnostics::master(diagnostic_updater::DiagnosticStatusWrapper &status)
 
 void Diagnostics::output(diagnostic_updater::DiagnosticStatusWrapper &status)
 {
-    status.summary(DiagnosticStatus::OK, "what is wanted is published");
+    status.summary(DiagnosticStatus::OK, "the subscribed outputs are published");
     for (const std::string &problem : {mesh_output_->problem(), volume_output_->problem(), camera_output_->problem(),
                                        displacement_output_->problem(), keeper_->problem()})
         if (!problem.empty()) status.mergeSummary(DiagnosticStatus::ERROR, problem);

@@ -88,7 +88,7 @@ bool fit_rigid(const std::vector<geometry_msgs::Point> &from, const std::vector<
         return false;
     }
     if (!spans_a_plane(a) || !spans_a_plane(b)) {
-        *why = "the points lie on a line: the tissue could be turned about it; take one that is off it";
+        *why = "the points lie on a line, so the rotation about it is unknown; add a point off the line";
         return false;
     }
     const Eigen::Matrix4d fitted = Eigen::umeyama(a, b, false);
@@ -221,7 +221,7 @@ Registration::Registration(ros::NodeHandle handle, const Parameters &parameters,
         if (!registration_from_text(text, parameters.parent_frame, &pose, &why))
             throw std::runtime_error("~registration: " + parameters.registration + ": " + why);
         stored_ = true;
-        ROS_INFO("the tissue lies where %s says", parameters.registration.c_str());
+        ROS_INFO("the tissue pose is read from %s", parameters.registration.c_str());
     }
     place(pose);
     server_ = handle.advertiseService("register", &Registration::by_points, this);
@@ -268,8 +268,8 @@ void Registration::place_arms()
         transform.child_frame_id = word.substr(0, sign);
         transform.transform = transform_message(pose);
         send(transform);
-        ROS_INFO("%s lies in %s as %s says", transform.child_frame_id.c_str(), transform.header.frame_id.c_str(),
-                 path.c_str());
+        ROS_INFO("the pose of %s in %s is read from %s", transform.child_frame_id.c_str(),
+                 transform.header.frame_id.c_str(), path.c_str());
     }
 }
 
@@ -319,8 +319,8 @@ bool Registration::by_points(pliant::Register::Request &request, pliant::Registe
         place(pose);
         response.pose = pose_message();
         char told[160];
-        std::snprintf(told, sizeof told, "%zu pairs, %.2f mm off in the mean (root mean square), %.2f mm at most",
-                      errors.size(), 1e3 * response.error, 1e3 * response.largest);
+        std::snprintf(told, sizeof told, "%zu pairs, root mean square error %.2f mm, maximum %.2f mm", errors.size(),
+                      1e3 * response.error, 1e3 * response.largest);
         response.message = told + store(pose);
         response.success = true;
     } catch (const std::exception &failed) {

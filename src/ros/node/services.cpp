@@ -148,7 +148,7 @@ std::string Services::go_on(const Saved &saved)
 {
     if (!is_begun_alike(saved.rest))
         throw Failure(PLIANT_ERROR_ARGUMENT,
-                      "it is of a node that was started with another scan or scene (" + saved.rest.start_scan + ")");
+                      "it belongs to a node with another scan or scene (" + saved.rest.start_scan + ")");
     const Session &session = saved.session;
     std::shared_ptr<Loaded> next = build_session(session, Shelf().find(session), work_.progress());
     check_target(*next);
@@ -232,8 +232,7 @@ bool Services::load_scan(LoadScan::Request &request, LoadScan::Response &respons
         check(pliant_scene_set(&scene, "material/labels", labels.c_str()));
         for (const std::string &option : asked.options) {
             size_t sign = option.find('=');
-            if (sign == std::string::npos)
-                throw Failure(PLIANT_ERROR_ARGUMENT, option + ": options are group/name=value");
+            if (sign == std::string::npos) throw Failure(PLIANT_ERROR_ARGUMENT, option + ": expected group/name=value");
             std::string name = option.substr(0, sign), value = option.substr(sign + 1);
             for (const char *of_file : {"material/file", "material/labels", "mesh/file", "contact/obstacles"})
                 if (name == of_file && !value.empty()) value = allowed(value);

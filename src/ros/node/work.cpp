@@ -33,7 +33,7 @@ bool Work::run(const std::string &name, std::string *message, std::function<std:
         std::unique_lock<std::mutex> hold(job->lock);
         job->changed.wait(hold, [&] { return job->is_done || job->is_cancelled; });
         good = job->is_done && job->is_good;
-        *message = job->is_done ? job->message : name + ": cancelled; what ran before goes on";
+        *message = job->is_done ? job->message : name + ": cancelled; the previous simulation continues";
     }
     state_->end(good, *message);
     if (good) ROS_INFO("%s", message->c_str());

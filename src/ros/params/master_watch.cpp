@@ -110,8 +110,8 @@ void MasterWatch::look()
     XmlRpcValue process, address;
     if (!ask("getPid", {}, &process)) {
         if (problem_.get().empty())
-            ROS_WARN("the master does not answer: links that are there go on, nobody new is found");
-        problem_.set("the master does not answer: links that are there go on, nobody new is found");
+            ROS_WARN("the master does not answer: existing connections continue, new nodes are not found");
+        problem_.set("the master does not answer: existing connections continue, new nodes are not found");
         return;
     }
     const int now = process; /* in a container, a restarted master often has the same process ID */
@@ -120,11 +120,11 @@ void MasterWatch::look()
         master_ = NOBODY;
         if (!register_again()) {
             problem_.set(
-                "the master was started anew, and has not taken all topics, services and parameters of this node yet");
+                "the master was restarted and has not yet registered all topics, services and parameters of this node");
             return;
         }
         ++returns_;
-        ROS_WARN("the master was started anew: topics, services and parameters of this node are registered again");
+        ROS_WARN("the master was restarted: topics, services and parameters of this node are registered again");
         if (came_back_) came_back_();
     } else if (looks_++ % LOOKS_PER_LIST == 0) {
         const std::vector<std::string> services = registered_services();

@@ -121,7 +121,8 @@ void check_name(const std::string &of, const std::string &what, const std::strin
                 std::isalpha(static_cast<unsigned char>(name[0])) &&
                 std::all_of(name.begin(), name.end(), [](unsigned char c) { return std::isalnum(c) || c == '_'; });
     if (!good)
-        refuse("~" + of + ": \"" + name + "\" is no name of a " + what + ": 47 letters, digits and _, a letter first");
+        refuse("~" + of + ": \"" + name + "\" is not a valid name of a " + what +
+               ": use at most 47 letters, digits and _, with a letter first");
 }
 
 /* Read a list, or text such as "PSM1 PSM2" from a launch argument. */
@@ -274,13 +275,13 @@ void read_camera(const std::string &name, XmlRpcValue &value, Parameters *out)
     for (CameraParameters &camera : out->cameras) {
         if (camera.name != name) continue;
         if (value.getType() != XmlRpcValue::TypeStruct)
-            refuse("~camera/" + name + " must hold frame, width, height, field_of_view or the like");
+            refuse("~camera/" + name + " must hold parameters such as frame, width, height or field_of_view");
         for (auto &entry : value)
             read_camera_entry("camera/" + name + "/" + entry.first, entry.first, entry.second, &camera);
         if (camera.far > 0 && camera.far <= camera.near)
             refuse("~camera/" + name + ": far must be more than near, or 0");
         if (camera.frame.empty() || camera.frame[0] == '/')
-            refuse("~camera/" + name + "/frame: tf2 wants a name without a leading slash");
+            refuse("~camera/" + name + "/frame: tf2 does not accept a leading slash; remove it");
         return;
     }
     refuse("~camera/" + name + ": no camera of this name is in ~cameras");
@@ -323,7 +324,7 @@ std::string read_hand_eye(const std::string &name, XmlRpcValue &value)
         const size_t sign = word.find('=');
         if (sign == std::string::npos || sign == 0 || sign + 1 == word.size())
             refuse("~" + name + ": " + word +
-                   ": FRAME=FILE is wanted, such as PSM1_base=/data/PSM1-registration-open-cv.json");
+                   ": expected FRAME=FILE, such as PSM1_base=/data/PSM1-registration-open-cv.json");
     }
     return out;
 }
@@ -420,9 +421,11 @@ void check_region(const Parameters &parameters)
 void check_frames(const Parameters &parameters)
 {
     for (const std::string *frame : {&parameters.tissue_frame, &parameters.parent_frame})
-        if (!frame->empty() && (*frame)[0] == '/') refuse("frame " + *frame + ": tf2 wants no leading slash");
+        if (!frame->empty() && (*frame)[0] == '/')
+            refuse("frame " + *frame + ": tf2 does not accept a leading slash; remove it");
     if (parameters.tissue_frame.empty()) refuse("~tissue_frame is empty");
-    if (parameters.parent_frame == parameters.tissue_frame) refuse("~parent_frame and ~tissue_frame are the same");
+    if (parameters.parent_frame == parameters.tissue_frame)
+        refuse("~parent_frame and ~tissue_frame are the same; use two names");
 }
 
 } // namespace

@@ -126,8 +126,8 @@ void Extraction::load(uint32_t revision)
         loaded_ = build(arguments_.scene, scan, materials.table, console_progress());
     } else {
         if (after == sessions_.begin())
-            throw Failure(PLIANT_ERROR_FORMAT, arguments_.bag + ": what revision " + std::to_string(revision) +
-                                                   " was made from is not in it");
+            throw Failure(PLIANT_ERROR_FORMAT, arguments_.bag + ": the topology from which revision " +
+                                                   std::to_string(revision) + " was made is not in the bag");
         const Session &session = std::prev(after)->second;
         load_ = session.load;
         loaded_ = build_session(session, shelf_->find(session), console_progress());
@@ -243,7 +243,7 @@ void Extraction::write_simulated(const std::vector<double> &times, rosbag::View 
     console_progress_end();
     if (rerun_->made() == 0)
         throw Failure(PLIANT_ERROR_FORMAT,
-                      arguments_.bag + ": no load and no reset in it: there is nothing to begin with");
+                      arguments_.bag + ": the bag has no load and no reset, so the simulation cannot start");
     if (rerun_->differing() > 0) throw Failure(PLIANT_ERROR_NUMERIC, rerun_->summary());
 }
 

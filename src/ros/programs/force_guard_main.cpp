@@ -92,14 +92,14 @@ pliant_ros::GuardParameters parameters_of(const ros::NodeHandle &own, std::strin
     if (!ros::param::get(own.getNamespace(), tree)) tree = XmlRpc::XmlRpcValue();
     pliant_ros::GuardParameters parameters;
     if (!pliant_ros::read_guard_parameters(tree, &parameters, why))
-        ROS_FATAL(
-            "%s. No force passes: set it right (rosparam set, or the launch file), and end this node for another one",
-            why->c_str());
+        ROS_FATAL("%s. No force passes: correct the parameter (rosparam set, or the launch file) and restart this node",
+                  why->c_str());
     else {
         if (parameters.settings.largest > 10)
-            ROS_WARN("~max_force: %g N is more than hand controllers are made for", parameters.settings.largest);
+            ROS_WARN("~max_force: %g N exceeds the rated force of common hand controllers; use 10 or less",
+                     parameters.settings.largest);
         if (parameters.settings.timeout > 0.05)
-            ROS_WARN("~timeout: a hand feels the last force for up to %g s after poses or forces have ended",
+            ROS_WARN("~timeout: the last force stays for up to %g s after poses or forces have ended; use 0.05 or less",
                      parameters.settings.timeout);
     }
     return parameters;

@@ -61,7 +61,7 @@ int main(int argc, char **argv)
     const std::string prefix = own.param<std::string>("prefix", "");
     const double least = own.param("min_space", 1000.0);
     if (prefix.empty()) {
-        ROS_FATAL("~prefix: what the names of the bags begin with, such as /data/session");
+        ROS_FATAL("~prefix is empty: set the prefix of the bag names, such as /data/session");
         return 1;
     }
     bool was_open = false;

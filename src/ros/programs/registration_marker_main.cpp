@@ -123,7 +123,7 @@ private:
             call.request.room.push_back(tf2::toMsg(Eigen::Vector3d(pose_ * beside)));
         }
         if (!service_.call(call))
-            ROS_WARN("registration marker: there is no answer from the service %s", service_.getService().c_str());
+            ROS_WARN("registration marker: the service %s does not answer", service_.getService().c_str());
         else if (!call.response.success) ROS_WARN("registration marker: %s", call.response.message.c_str());
     }
 

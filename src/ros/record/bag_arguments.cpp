@@ -73,7 +73,7 @@ const struct option options[] = {
 
 bool refuse(const std::string &message)
 {
-    std::fprintf(stderr, "%s; pliant_bag --help tells more\n", message.c_str());
+    std::fprintf(stderr, "%s; see pliant_bag --help\n", message.c_str());
     return false;
 }
 
@@ -96,7 +96,7 @@ bool read_rate(const std::string &text, int *out)
     char *end;
     const long rate = std::strtol(text.c_str(), &end, 10);
     if (text.empty() || *end || rate < 1 || rate > 1000)
-        return refuse("--rate " + text + ": a whole number from 1 to 1000 is wanted");
+        return refuse("--rate " + text + ": expected a whole number from 1 to 1000");
     *out = static_cast<int>(rate);
     return true;
 }
@@ -105,7 +105,7 @@ bool read_rate(const std::string &text, int *out)
 bool set_option(const std::string &text, pliant_scene *scene)
 {
     size_t sign = text.find('=');
-    if (sign == std::string::npos) return refuse("--set " + text + ": OPTION=VALUE is wanted");
+    if (sign == std::string::npos) return refuse("--set " + text + ": expected OPTION=VALUE");
     if (pliant_scene_set(scene, text.substr(0, sign).c_str(), text.substr(sign + 1).c_str()) < 0)
         return refuse("--set " + text + ": " + pliant_last_error());
     return true;
@@ -131,17 +131,17 @@ bool is_complete(const BagArguments &arguments)
     if (arguments.bag.empty()) return refuse("the name of a bag is missing");
     if (!arguments.exported.empty()) {
         if (arguments.exported != "numpy" && arguments.exported != "lerobot")
-            return refuse("--export " + arguments.exported + ": numpy or lerobot is wanted");
+            return refuse("--export " + arguments.exported + ": expected numpy or lerobot");
         if (arguments.folder.empty()) return refuse("--out DIR is missing");
         if (!arguments.times.empty() || arguments.every > 0 || arguments.simulate)
-            return refuse("--export goes without --at, --every and --simulate");
+            return refuse("--export excludes --at, --every and --simulate");
         return true;
     }
     if (!volumes && !arguments.simulate && !(arguments.steps.empty() && arguments.cuts.empty())) return true;
     if (arguments.scan.empty()) return refuse("--scan PATH is missing: a bag holds no voxels");
     if (!volumes && arguments.simulate) return true;
     if (arguments.folder.empty()) return refuse("--out DIR is missing");
-    if (arguments.times.empty() == (arguments.every == 0)) return refuse("one of --at and --every is wanted");
+    if (arguments.times.empty() == (arguments.every == 0)) return refuse("give either --at or --every");
     return true;
 }
 
@@ -160,11 +160,11 @@ bool read_bag_arguments(int argc, char **argv, BagArguments *out, int *exit_code
         case SET: sets.push_back(optarg); break;
         case AT:
             if (!read_times(optarg, &read.times))
-                return refuse(std::string("--at ") + optarg + ": seconds are wanted, as 1.0,2.5");
+                return refuse(std::string("--at ") + optarg + ": expected seconds, such as 1.0,2.5");
             break;
         case EVERY:
             if (!read_times(optarg, &read.times) || read.times.size() != 1 || !(read.times[0] > 0))
-                return refuse(std::string("--every ") + optarg + ": seconds above 0 are wanted, and no --at");
+                return refuse(std::string("--every ") + optarg + ": expected seconds above 0, and no --at");
             read.every = read.times[0];
             read.times.clear();
             break;
@@ -184,9 +184,9 @@ bool read_bag_arguments(int argc, char **argv, BagArguments *out, int *exit_code
             std::fputs(help, stdout);
             *exit_code = EXIT_OK;
             return false;
-        default: std::fputs("pliant_bag --help tells more\n", stderr); return false;
+        default: std::fputs("see pliant_bag --help\n", stderr); return false;
         }
-    if (argc - optind > 1) return refuse(std::string(argv[optind + 1]) + ": one bag is enough");
+    if (argc - optind > 1) return refuse(std::string(argv[optind + 1]) + ": give one bag only");
     if (optind < argc) read.bag = argv[optind];
     read.described = scene.empty() && sets.empty();
     if (!is_complete(read) || !read_scene(scene, sets, &read.scene, exit_code)) return false;

@@ -44,7 +44,7 @@ template <class Message> Message only(rosbag::View *view, const std::string &pat
             throw Failure(failed.status, path + ": " + failed.what());
         }
     }
-    throw Failure(PLIANT_ERROR_FORMAT, path + ": there is no " + type + " in it: it is no checkpoint");
+    throw Failure(PLIANT_ERROR_FORMAT, path + ": it has no message of type " + type + ", so it is not a checkpoint");
 }
 
 } // namespace

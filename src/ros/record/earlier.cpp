@@ -69,8 +69,8 @@ void check_steps(const std::vector<std::string> &bags, const std::string &topic)
                 throw Failure(
                     PLIANT_ERROR_FORMAT,
                     path +
-                        ": its steps are of another version of Pliant: show it without simulate, "
-                        "or compute it again with pliant_bag --simulate");
+                        ": another version of Pliant recorded its steps: replay it without simulate, or recompute it "
+                        "with pliant_bag --simulate");
     }
 }
 

@@ -275,8 +275,7 @@ void Export::write_pictures(const Pictures &pictures) const
         const bool same =
             image.width == pictures.width && image.height == pictures.height && image.encoding == pictures.encoding;
         if (!same || image.step < line || image.data.size() < size_t(image.step) * image.height)
-            throw Failure(PLIANT_ERROR_FORMAT,
-                          pictures.topic + ": a picture is of another size or encoding than the first");
+            throw Failure(PLIANT_ERROR_FORMAT, pictures.topic + ": the size or encoding of the pictures changes");
         for (size_t y = 0; y < image.height; ++y) std::copy_n(&image.data[y * image.step], line, &picture[y * line]);
         if (pictures.encoding == "bgr8")
             for (size_t i = 0; i < picture.size(); i += 3) std::swap(picture[i], picture[i + 2]);

@@ -39,7 +39,7 @@ bool sever(const MeshTopology &recorded, uint64_t *last_revision, std::shared_pt
         const uint32_t begin = cut > 0 ? recorded.cut_end[cut - 1] : 0, end = recorded.cut_end[cut];
         pliant_body *made = nullptr;
         if (end <= begin || end > recorded.severed.size()) {
-            pliant_fail(PLIANT_ERROR_FORMAT, "its cut_end does not ascend within severed");
+            pliant_fail(PLIANT_ERROR_FORMAT, "its cut_end is not ascending, or exceeds the length of severed");
             return false;
         }
         if (pliant_body_sever(body->get(), ++*last_revision, static_cast<int32_t>(end - begin),
@@ -63,7 +63,7 @@ bool subdivide(const MeshTopology &recorded, uint64_t *last_revision, std::share
     for (uint32_t parent : recorded.tetrahedron_parent) good = good && parent < tets;
     for (uint32_t node : recorded.tetrahedra) good = good && node < recorded.rest_nodes.size() / 3;
     if (!good) {
-        pliant_fail(PLIANT_ERROR_FORMAT, "its nodes and tetrahedra are no parts of those at load");
+        pliant_fail(PLIANT_ERROR_FORMAT, "its nodes and tetrahedra do not subdivide the mesh at load");
         return false;
     }
     std::vector<int32_t> source(recorded.tetrahedron_parent.begin(), recorded.tetrahedron_parent.end());
@@ -100,7 +100,7 @@ bool has_mesh(const pliant_mesh &mesh, const MeshTopology &recorded, std::string
         *why = "the tetrahedra of the recording join other nodes: " + same_scene;
     } else if (!std::equal(recorded.rest_nodes.begin(), recorded.rest_nodes.end(), mesh.rest,
                            [](float a, double b) { return a == static_cast<float>(b); })) {
-        *why = "the nodes of the recording rest elsewhere: " + same_scene;
+        *why = "the nodes of the recording have other rest positions: " + same_scene;
     } else {
         return true;
     }
@@ -121,7 +121,7 @@ std::shared_ptr<const pliant_body> body_of(const Loaded &loaded, const MeshTopol
                "\": name that scan";
     } else if (recorded.scan_checksum != loaded.scan->checksum) {
         *why = "the voxels of \"" + recorded.scan_id +
-               "\" are not those of the recording: same name, but another scan or size";
+               "\" differ from those of the recording: the name is equal, but the scan or its size is not";
     } else if (!sever(recorded, &bodies->last_revision, &body) || !subdivide(recorded, &bodies->last_revision, &body)) {
         *why = std::string("the recording's mesh was cut, but this one cannot be: ") + pliant_last_error() + "; " +
                same_scene;
@@ -141,7 +141,7 @@ std::shared_ptr<const Snapshot> snapshot_of(std::shared_ptr<const Loaded> loaded
         throw Failure(PLIANT_ERROR_FORMAT, step + " has " + std::to_string(state.nodes.size() / 3) +
                                                " nodes, its topology " + std::to_string(wanted / 3));
     if (!std::all_of(state.nodes.begin(), state.nodes.end(), [](float x) { return std::isfinite(x); }))
-        throw Failure(PLIANT_ERROR_FORMAT, step + " has a node that is nowhere (not finite)");
+        throw Failure(PLIANT_ERROR_FORMAT, step + " has a node whose position is not finite");
     auto out = std::make_shared<Snapshot>();
     out->loaded = std::move(loaded);
     out->body = std::move(body);

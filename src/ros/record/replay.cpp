@@ -101,14 +101,14 @@ void Replay::catch_up()
     if (known != bodies_.end() && known->second.body) make_again(earlier.steps);
     else
         ROS_ERROR(
-            "replay: the steps before the start are not made again, as their model is not here; "
-            "the next reset is waited for");
+            "replay: the steps before the start are not recomputed, because their model is missing; replay continues "
+            "at the next reset");
 }
 
 void Replay::make_again(const std::vector<pliant::StepConstPtr> &steps)
 {
     Clock::time_point told = Clock::now();
-    ROS_INFO("replay: the %zu turns before the start are made again", steps.size());
+    ROS_INFO("replay: the %zu steps before the start are recomputed", steps.size());
     try {
         for (size_t s = 0; s < steps.size() && playing_.goes_on(); ++s) {
             if (!rerun_->take(*steps[s])) return;
@@ -138,7 +138,7 @@ void Replay::watch_for_the_loop(ros::Time stamp)
     try {
         catch_up();
     } catch (const std::runtime_error &broken) {
-        ROS_ERROR("replay: what is before the start could not be read: %s", broken.what());
+        ROS_ERROR("replay: the messages before the start could not be read: %s", broken.what());
     }
 }
 
@@ -210,7 +210,7 @@ void Replay::begin_session(const Session &session)
     } catch (const Failure &failed) {
         before_ = loaded_;
         loaded_.reset();
-        ROS_ERROR("replay: what was loaded from revision %u on is not shown: %s", session_.load, failed.what());
+        ROS_ERROR("replay: the model from revision %u on is not shown: %s", session_.load, failed.what());
     }
     for (const pliant::MeshTopologyConstPtr &topology : recent_)
         if (is_of(session_, *topology) && !is_to_come(*topology)) fit(*topology);
@@ -274,7 +274,7 @@ void Replay::fit(const MeshTopology &topology)
     const bool is_news = known == bodies_.end() || !known->second.body != !body ||
                          (body && !pliant_body_same(body.get(), known->second.body.get()));
     bodies_[topology.revision] = Known{loaded_, body};
-    if (is_news && body) ROS_INFO("replay: revision %u of the mesh is known here", topology.revision);
+    if (is_news && body) ROS_INFO("replay: revision %u of the mesh is available", topology.revision);
     if (is_news && !body) ROS_ERROR("replay: revision %u is not shown: %s", topology.revision, why.c_str());
 }
 

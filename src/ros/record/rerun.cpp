@@ -26,9 +26,9 @@ bool Rerun::take(const Step &recorded)
     }
     if (recorded.sequence != 1 && (recorded.sequence != last_.sequence + 1 || recorded.load != last_.load)) {
         begun_ = false;
-        throw Failure(PLIANT_ERROR_FORMAT, "after turn " + std::to_string(last_.sequence) +
-                                               " the recording goes on with turn " + std::to_string(recorded.sequence) +
-                                               ": what is between is not in it; the next reset is waited for");
+        throw Failure(PLIANT_ERROR_FORMAT, "after sequence number " + std::to_string(last_.sequence) +
+                                               " the recording continues with " + std::to_string(recorded.sequence) +
+                                               ": the steps between are missing; replay continues at the next reset");
     }
     const uint32_t recorded_before = last_.revision;
     const uint64_t before = pliant_data_get_body(data_.get())->revision;
@@ -61,9 +61,9 @@ std::shared_ptr<const Snapshot> Rerun::snapshot() const
 
 std::string Rerun::summary() const
 {
-    std::string text = std::to_string(made_) + " turns computed again, ";
-    text += differing_ == 0 ? "each as recorded, to the bit"
-                            : std::to_string(differing_) + " of them not as recorded, from step " +
+    std::string text = std::to_string(made_) + " steps recomputed, ";
+    text += differing_ == 0 ? "each bitwise equal to the recording"
+                            : std::to_string(differing_) + " of them differ from the recording, from step " +
                                   std::to_string(first_differing_) + " on";
     if (skipped_ > 0) text += "; " + std::to_string(skipped_) + " before the first reset in the recording";
     return text;

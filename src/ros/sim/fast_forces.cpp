@@ -35,8 +35,8 @@ FastForces::FastForces(ros::NodeHandle handle, const Parameters &parameters, Too
     thread_ = std::thread(&FastForces::run, this);
     if (!make_urgent(thread_.native_handle())) {
         ROS_INFO(
-            "~wrench_rate: answers come when the system finds time: "
-            "this user may start no real-time threads (limits.conf: rtprio)");
+            "~wrench_rate: forces may be late, because this user may not start real-time threads (limits.conf: "
+            "rtprio)");
         return;
     }
     answers_hands() = true;

@@ -115,7 +115,7 @@ std::shared_ptr<const Scan> Shelf::find(const Session &session)
     std::vector<std::string> maps{""};
     if (!session.labels.empty() && (maps = places(labels_, session.labels)).empty())
         throw Failure(PLIANT_ERROR_FILE,
-                      "the label map of the recording, " + session.labels + ", is not here: name where it is");
+                      "the label map of the recording, " + session.labels + ", was not found: give its path");
     std::string seen;
     for (const std::string &path : scans)
         for (const std::string &map : maps) {
@@ -129,9 +129,9 @@ std::shared_ptr<const Scan> Shelf::find(const Session &session)
         }
     const std::string recorded = "\"" + session.scan_id + "\" (" + session.scan + ")";
     if (seen.empty())
-        throw Failure(PLIANT_ERROR_FILE, "the scan of the recording, " + recorded + ", is not here: name where it is");
-    throw Failure(PLIANT_ERROR_FORMAT, "the voxels of " + seen + " are not those of the recording, which is of " +
-                                           recorded + ": name that scan");
+        throw Failure(PLIANT_ERROR_FILE, "the scan of the recording, " + recorded + ", was not found: give its path");
+    throw Failure(PLIANT_ERROR_FORMAT, "the voxels of " + seen + " differ from those of the recording, which uses " +
+                                           recorded + ": give the path of that scan");
 }
 
 std::shared_ptr<Loaded> build_session(const Session &session, std::shared_ptr<const Scan> scan,

@@ -115,7 +115,7 @@ void Simulation::tell_who_holds_nothing(const pliant_scene &scene) const
         const ToolParameters &tool = tools_->parameters(i);
         if (tool.grasps && !tool.shape_follows && pliant_tool_shape_holds(&scene, &tool.shape) &&
             !pliant_tool_shape_has_jaws(&tool.shape))
-            ROS_WARN("tool %s holds nothing: grasp/kind is contact, and its shape (~tool/%s/shape) has no jaws",
+            ROS_WARN("tool %s cannot grasp: grasp/kind is contact, but its shape (~tool/%s/shape) has no jaws",
                      tool.name.c_str(), tool.name.c_str());
     }
 }
@@ -274,7 +274,7 @@ void Simulation::report_failure(const std::exception &failed)
     }
     try {
         state_->set(SimState::FAULT, failed.what());
-        ROS_ERROR_THROTTLE(5, "a step broke off: %s", failed.what());
+        ROS_ERROR_THROTTLE(5, "a step failed: %s", failed.what());
     } catch (const std::exception &) {
         /* no memory to publish the message, so the last published state stays */
     }
@@ -286,7 +286,7 @@ bool Simulation::jumped_back(const ros::Time &now)
 {
     const bool jumped = now < last_time_;
     if (jumped) {
-        ROS_WARN("time went back by %.3f s: tools are forgotten", seconds_between(now, last_time_));
+        ROS_WARN("time jumped back by %.3f s: the poses of all tools are discarded", seconds_between(now, last_time_));
         tools_->clear();
     }
     last_time_ = now;
@@ -313,8 +313,8 @@ void Simulation::take_tools(const ros::Time &now, bool forgotten, Step *out)
         const bool loses = !sample.present || (sample.jaw == JAW_UNKNOWN && tools_->parameters(i).grasps);
         const bool is_awaited = std::find(lost_.begin(), lost_.end(), tools_->name(i)) != lost_.end();
         if (loses && !is_awaited && tool_state(*data_, static_cast<int>(i)).holding)
-            ROS_WARN("tool %s lets go of what it holds: %s", tools_->name(i).c_str(),
-                     forgotten ? "time went back" : sample.why.c_str());
+            ROS_WARN("tool %s releases its grasp: %s", tools_->name(i).c_str(),
+                     forgotten ? "time jumped back" : sample.why.c_str());
         ToolInput &input = out->tools[i];
         input.present = sample.present;
         input.jaw = sample.angle;

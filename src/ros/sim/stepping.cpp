@@ -107,13 +107,13 @@ void read_shape(const ToolInput &input, Shape *out)
 {
     pliant_tool_shape &shape = *out;
     if (input.shape.size() > PLIANT_MAX_PARTS)
-        throw Failure(PLIANT_ERROR_ARGUMENT, "tool " + input.name + " of " + std::to_string(input.shape.size()) +
-                                                 " parts: " + std::to_string(PLIANT_MAX_PARTS) + " are possible");
+        throw Failure(PLIANT_ERROR_ARGUMENT, "tool " + input.name + " has " + std::to_string(input.shape.size()) +
+                                                 " parts; use at most " + std::to_string(PLIANT_MAX_PARTS));
     for (const pliant::ToolPart &message : input.shape) {
         const bool solid = message.kind == pliant::ToolPart::SOLID;
         if ((message.kind > pliant::ToolPart::BOX && !solid) || message.moves > pliant::ToolPart::JAW_MINUS)
             throw Failure(PLIANT_ERROR_ARGUMENT,
-                          "tool " + input.name + ": a part of no known kind, or that moves with nothing known");
+                          "tool " + input.name + ": a part has an unknown kind, or moves with an unknown frame");
         pliant_part &part = shape.part[shape.num_parts++];
         part.kind = static_cast<pliant_part_kind>(message.kind);
         part.frame = static_cast<pliant_part_frame>(message.moves);
@@ -161,8 +161,8 @@ void make_cut(const pliant_model &model, pliant_data *data, const CutInput &cut,
 pliant_status make_step(const pliant_model &model, pliant_data *data, pliant_background_kind kind, const Step &step)
 {
     if (static_cast<int>(step.tools.size()) != pliant_data_get_num_tools(data))
-        throw Failure(PLIANT_ERROR_ARGUMENT, "a step of " + std::to_string(step.tools.size()) +
-                                                 " tools, where the simulation has " +
+        throw Failure(PLIANT_ERROR_ARGUMENT, "the step has " + std::to_string(step.tools.size()) +
+                                                 " tools, but the simulation has " +
                                                  std::to_string(pliant_data_get_num_tools(data)));
     apply_settings(step, data);
     for (size_t i = 0; i < step.tools.size(); ++i) {

@@ -83,8 +83,10 @@ void Tools::take_type(Tool *tool, const std::string &type)
     tool->type = type;
     tool->shape = shape;
     tool->exchanged = true;
-    if (known) ROS_INFO("tool %s: the instrument is %s now", tool->parameters.name.c_str(), type.c_str());
-    else ROS_WARN("tool %s touches nothing: %s", tool->parameters.name.c_str(), pliant_last_error());
+    if (known)
+        ROS_INFO("tool %s: the instrument is %s", tool->parameters.name.c_str(), type.c_str());
+    else
+        ROS_WARN("tool %s has no shape for contact: %s", tool->parameters.name.c_str(), pliant_last_error());
 }
 
 bool Tools::exchanged(size_t index, pliant_tool_shape *shape)
