@@ -56,6 +56,12 @@ elseif(NOT PLIANT_WITH_ROS)
   install(FILES src/python/pliant.py src/python/pliant_library.py DESTINATION ${PLIANT_LIB_DIR}/python3/dist-packages)
 endif()
 install(FILES LICENSE README.md DESTINATION ${PLIANT_SHARE_DIR})
+# documents and pictures at their paths in the source tree, so that links between them also work after installation
+file(GLOB_RECURSE documents RELATIVE ${PROJECT_SOURCE_DIR} src/*.md launch/*.md launch/*.png)
+foreach(document ${documents})
+  get_filename_component(folder ${document} DIRECTORY)
+  install(FILES ${document} DESTINATION ${PLIANT_SHARE_DIR}/${folder})
+endforeach()
 # plugins that are not installed are not named: in place of the package.xml that catkin has installed
 if(PLIANT_WITH_ROS AND NOT PLIANT_WITH_RVIZ)
   file(READ package.xml package)
