@@ -107,13 +107,12 @@ TEST_F(Path, RefusesWrongFilesWithFileLineAndField)
 TEST_F(Path, ForcesAreNewtonsAndOffsetsMetres)
 {
     const std::string start = "tools:\n  - name: a\n    grasp: [0, 0, 0]\n", force = "    drive: force\n";
-    refuses(
-        start + force + "    motion: [{time: 0.5, offset: [0, -0.03, 0]}]\n",
-        "line 2: tool 1 'a': motion: drive: force needs a force [N] at every time, as in {time: 0.5, "
-        "force: [0, -5, 0]}, in place of offset");
+    refuses(start + force + "    motion: [{time: 0.5, offset: [0, -0.03, 0]}]\n",
+            "line 2: tool 1 'a': motion: drive: force needs a force [N] at every time, as in {time: 0.5, "
+            "force: [0, -5, 0]} instead of offset");
     refuses(start + force + "    motion: [{time: 0, force: [0, 0, 0]}, {time: 1}]\n", "{time: 1, force: [0, -5, 0]}");
     refuses(start + force + "    motion: [{time: 0, force: [0, 0, 0], offset: [0, 0, 0]}]\n",
-            "motion/offset: a tool of drive: force has a force alone");
+            "motion/offset: a tool of drive: force has only a force");
     refuses(start + "    motion: [{time: 0, force: [0, 0, 0]}]\n", "motion/force: only a tool of drive: force has one");
     refuses(start + "    motion: [{time: 0}]\n", "motion: an offset [m] is missing");
     refuses(start + force + "    motion: [{time: 0, force: [0, x, 0]}]\n", "motion/force: 'x' is not a number");
@@ -269,9 +268,9 @@ TEST_F(Path, RefusesBladesThatCannotCut)
     refuses(with("{name: scissors}", "{from: [0, 0, 0]}"), "blade: needs a name");
     refuses(with("    blade: {from: [0, 0, -0.03], to: [0, 0, 0]}\n", ""), "cut: needs a blade");
     refuses(with("[0, 0, 2, 0]", "[0, 0, 0, 0]"), "poses/rotation: is no rotation");
-    refuses(with("time: 2,", "time: 0,"), "poses/time: 0 s must be at least 0 and more than the one before");
-    refuses(with("from: 1.5", "from: 0.8"), "cut: 0.8 s to 3 s must begin after 0 and after the one before");
-    refuses(with("time: 4", "time: 0.5"), "cut 2: cuts/time: 0.5 s must be at least 0 and more than the one before");
+    refuses(with("time: 2,", "time: 0,"), "poses/time: 0 s must be at least 0 and more than the previous time");
+    refuses(with("from: 1.5", "from: 0.8"), "cut: 0.8 s to 3 s must begin after 0 and after the previous cut");
+    refuses(with("time: 4", "time: 0.5"), "cut 2: cuts/time: 0.5 s must be at least 0 and more than the previous time");
     refuses(with("[0.02, 0.01, 0]", "[0.02, x, 0]"), "cuts/points: 'x' is not a number");
     refuses(with("    cut: [", "    grasp: [0, 0, 0]\n    cut: ["), "a tool with poses has no grasp");
     refuses("tools: [{name: a, grasp: [0, 0, 0]}]", "a tool needs grasp and motion, or poses");
@@ -398,10 +397,11 @@ TEST_F(Path, PartsMayBeSolids)
     refuses(with("unit: mm", "unit: inch"), "line 2: tool 1 'own': shape/parts/unit: 'inch' is neither m nor mm");
     refuses(with("unit: mm", "unit: m"), "is 20 m large; is it in millimetres (unit: mm)?");
     refuses(with("file: ", "file: no/"), "cannot be opened");
-    refuses(with("file: ", "to: [0, 0, 0], file: "), "shape/parts/to: a mesh has the place of its origin alone, from");
+    refuses(with("file: ", "to: [0, 0, 0], file: "),
+            "shape/parts/to: a mesh has only the position of its origin, from");
     refuses(with("kind: convex", "kind: mesh"), "shape/parts: a mesh needs a file (STL)");
     refuses(with("kind: convex", "kind: sphere"),
-            "shape/parts: file, unit, resolution, rpy and points are of kinds convex and mesh, not of a sphere");
+            "shape/parts: file, unit, resolution, rpy and points belong to kinds convex and mesh, not to a sphere");
     refuses(with("[0, 0, 0.01]]", "[0.01, 0.01, 0]]"), "its points: its points lie in a plane");
     refuses(with(", [0, 0, 0.01]]", "]"), "points");
     std::ofstream(stl, std::ios::binary) << binary_stl(corner(), 0.001).substr(0, 500);

@@ -244,7 +244,7 @@ class Python(unittest.TestCase):
                              shapes=True)
         sim = pliant.Sim(model=model)
         for other in ({"shapes": True}, {"scene": "other.yaml"}, {"options": SMALL}):
-            with self.assertRaisesRegex(ValueError, "of the model"):
+            with self.assertRaisesRegex(ValueError, "pass them to Model"):
                 pliant.Sim(model=model, **other)
         self.assertEqual(len(sim.contacts), 0)
         other, probe = sim.tool("other"), sim.tool("probe")

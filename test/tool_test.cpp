@@ -75,11 +75,11 @@ TEST_F(Tool, GraspingWhatIsFixedSaysSo)
     ASSERT_EQ(grasp(0.05, 0.06, 0.09), PLIANT_OK) << pliant_last_error();
     EXPECT_EQ(said, "");
     ASSERT_EQ(grasp(0.05, 0.06, 0.02), PLIANT_OK) << pliant_last_error();
-    EXPECT_NE(said.find("tool hook holds nothing but what is fixed"), std::string::npos) << said;
+    EXPECT_NE(said.find("tool hook: 100 % of the grasped tissue"), std::string::npos) << said;
     EXPECT_NE(said.find("(0.0500 0.0600 0.0200) m"), std::string::npos) << said;
     body.data->tools[tool].radius = 0;
     ASSERT_EQ(grasp(0.05, 0.06, 0.05), PLIANT_OK) << pliant_last_error();
-    EXPECT_NE(said.find("tool hook holds to 50 % what is fixed"), std::string::npos) << said;
+    EXPECT_NE(said.find("tool hook: 50 % of the grasped tissue"), std::string::npos) << said;
 }
 
 TEST_F(Tool, WhereThereIsNoTissueItSaysWhereThereIs)

@@ -125,12 +125,12 @@ TEST(Write, RefusesWithoutLeavingAFile)
     volume_holder volume;
     pliant_volume empty = {};
     ASSERT_EQ(pliant_volume_create(&geometry, PLIANT_INT16, &volume), PLIANT_OK);
-    struct { std::string path; pliant_status status; const char *word; } cases[] = {
-        {folder / "scan.jpg", PLIANT_ERROR_ARGUMENT, ".nii.gz"},
-        {folder / ".nii", PLIANT_ERROR_ARGUMENT, "ending"},
-        {folder / "none/scan.nii", PLIANT_ERROR_FILE, "No such file or directory"},
-        {"/proc/scan.nrrd", PLIANT_ERROR_FILE, "/proc/scan.nrrd"},
-        {"", PLIANT_ERROR_ARGUMENT, "no path"}};
+    struct { std::string path; pliant_status status; const char *word;
+    } cases[] = {{folder / "scan.jpg", PLIANT_ERROR_ARGUMENT, ".nii.gz"},
+                 {folder / ".nii", PLIANT_ERROR_ARGUMENT, "extension"},
+                 {folder / "none/scan.nii", PLIANT_ERROR_FILE, "No such file or directory"},
+                 {"/proc/scan.nrrd", PLIANT_ERROR_FILE, "/proc/scan.nrrd"},
+                 {"", PLIANT_ERROR_ARGUMENT, "no path"}};
     for (const auto &one : cases) {
         EXPECT_EQ(pliant_volume_write(one.path.c_str(), &volume), one.status);
         EXPECT_NE(std::strstr(pliant_last_error(), one.word), nullptr) << pliant_last_error();

@@ -105,7 +105,7 @@ static pliant_status read_format(msh_reader *reader)
 {
     const char *path = reader->text->path;
     if (!find_section(reader, "$MeshFormat"))
-        return pliant_fail(PLIANT_ERROR_FORMAT, "%s: has no section $MeshFormat: it is no file of Gmsh", path);
+        return pliant_fail(PLIANT_ERROR_FORMAT, "%s: has no section $MeshFormat: it is not a Gmsh file", path);
     const double version = read_real(reader);
     const int64_t kind = read_whole(reader, 4), size = read_whole(reader, 4);
     if (reader->failed) return damaged(reader, "$MeshFormat");

@@ -125,7 +125,8 @@ class Model:
         return self
 
     def __reduce__(self):
-        raise Error(_c.ARGUMENT, "a Model cannot be pickled: pass on what it was built from, and build it there")
+        raise Error(_c.ARGUMENT,
+                    "a Model cannot be pickled: pass its scene, scan and options, and build it again there")
 
     @property
     def materials(self):
@@ -320,7 +321,7 @@ class Sim:
 
     def __init__(self, scene=None, scan="phantom", options=None, model=None, progress=None, shapes=False):
         if model is not None and (scene is not None or options or shapes):
-            raise ValueError("scene, options and shapes are those of the model: give them to Model(...)")
+            raise ValueError("the model sets scene, options and shapes: pass them to Model(...)")
         if model is not None and not isinstance(model, Model):
             raise TypeError("model: expected a Model, not %s" % type(model).__name__)
         if model is None:
@@ -666,7 +667,7 @@ class Tool:
     @property
     def _index(self):
         if self._name not in self._sim._tools:
-            raise Error(_c.ARGUMENT, "the restored state has no tool %s: sim.tool(%r) adds it" %
+            raise Error(_c.ARGUMENT, "the restored state has no tool %s: add it with sim.tool(%r)" %
                         (self._name, self._name))
         return self._sim._tools[self._name]
 

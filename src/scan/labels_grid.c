@@ -179,15 +179,15 @@ static void report(const pliant_geometry *labels, const pliant_geometry *scan, c
                    const difference *off, const tally *count)
 {
     if (off->corner > same_grid)
-        pliant_log(PLIANT_LOG_WARNING,
-                   "the label map (%d x %d x %d voxels of %.6g x %.6g x %.6g mm) lies on another grid than the scan "
-                   "(%d x %d x %d voxels of %.6g x %.6g x %.6g mm): spacing differs by %.3g %%, axes by %.3g degrees, "
-                   "corners by up to %.3g voxels; every voxel of the scan takes the nearest label: look whether the "
-                   "labels fit the scan",
-                   labels->size[0], labels->size[1], labels->size[2], 1e3 * labels->spacing[0],
-                   1e3 * labels->spacing[1], 1e3 * labels->spacing[2], scan->size[0], scan->size[1], scan->size[2],
-                   1e3 * scan->spacing[0], 1e3 * scan->spacing[1], 1e3 * scan->spacing[2], shown(100.0 * off->spacing),
-                   shown(off->angle * 57.29577951308232), off->corner);
+        pliant_log(
+            PLIANT_LOG_WARNING,
+            "the label map (%d x %d x %d voxels of %.6g x %.6g x %.6g mm) lies on another grid than the scan (%d x %d "
+            "x %d voxels of %.6g x %.6g x %.6g mm). Its spacing differs by %.3g %%, axes by %.3g degrees, corners by "
+            "up to %.3g voxels. Every voxel of the scan takes the nearest label; check that the labels fit the scan",
+            labels->size[0], labels->size[1], labels->size[2], 1e3 * labels->spacing[0], 1e3 * labels->spacing[1],
+            1e3 * labels->spacing[2], scan->size[0], scan->size[1], scan->size[2], 1e3 * scan->spacing[0],
+            1e3 * scan->spacing[1], 1e3 * scan->spacing[2], shown(100.0 * off->spacing),
+            shown(off->angle * 57.29577951308232), off->corner);
     else if (count->covered < pliant_geometry_voxels(scan))
         pliant_log(PLIANT_LOG_INFO,
                    "the label map covers %zu of the %zu voxels of the scan; its voxel (0, 0, 0) is voxel (%.0f, %.0f, "

@@ -169,7 +169,7 @@ pliant_status pliant_phantom(const int32_t size[3], uint32_t seed, pliant_volume
         goto end;
     }
     if (!phantom_anatomy_make(anatomy)) {
-        status = pliant_fail(PLIANT_ERROR_ARGUMENT, "phantom: more tubes than there is room for");
+        status = pliant_fail(PLIANT_ERROR_ARGUMENT, "phantom: too many tubes; use fewer");
         goto end;
     }
     status = pliant_volume_create(&geometry, PLIANT_INT16, &volume);

@@ -385,11 +385,10 @@ size_t frames_of(const std::string &path, const dicom_file &file)
     if (!(told >= 1.0) || told != std::floor(told))
         fail(PLIANT_ERROR_FORMAT, "%s: NumberOfFrames is %g", path.c_str(), told);
     if (grouped == 0 && told > 1.0)
-        fail(
-            PLIANT_ERROR_FORMAT,
-            "%s: %.0f frames in one DICOM file, and no functional groups that tell their places: export it as enhanced "
-            "CT or MR, as a series of single images, or as NIfTI",
-            path.c_str(), told);
+        fail(PLIANT_ERROR_FORMAT,
+             "%s: %.0f frames in one DICOM file, but no functional groups with their positions. Export it as enhanced "
+             "CT or MR, as single images, or as NIfTI",
+             path.c_str(), told);
     if (grouped > 0 && told != static_cast<double>(grouped))
         fail(PLIANT_ERROR_FORMAT, "%s: NumberOfFrames is %.0f, but its PerFrameFunctionalGroupsSequence has %zu items",
              path.c_str(), told, grouped);

@@ -108,7 +108,8 @@ std::vector<std::vector<dicom_file::part>> parts_of_frames(const std::string &pa
     }
     if (file.offset_table.length != 4 * frames)
         fail(PLIANT_ERROR_FORMAT,
-             "%s: %zu frames in %zu compressed fragments, and no table of offsets that tells which are whose",
+             "%s: %zu frames in %zu compressed fragments, but no table of offsets, so the fragments of a frame are "
+             "unknown",
              path.c_str(), frames, file.fragments.size());
     const std::string table = file_part(path, file.offset_table);
     const uint64_t first = file.offset_table.offset + file.offset_table.length, item_head = 8;
@@ -124,7 +125,7 @@ std::vector<std::vector<dicom_file::part>> parts_of_frames(const std::string &pa
         parts.back().push_back(fragment);
     }
     if (parts.size() != frames)
-        fail(PLIANT_ERROR_FORMAT, "%s: the table of offsets of the compressed pixels does not meet %zu frames",
+        fail(PLIANT_ERROR_FORMAT, "%s: the table of offsets of the compressed pixels does not match %zu frames",
              path.c_str(), frames);
     return parts;
 }

@@ -208,10 +208,11 @@ void check_pixdim(const std::string &path, const double pixdim[3], const grid &g
     for (int d = 0; d < 3; d++) {
         const double length = std::fabs(pixdim[d]), spacing = grid.spacing[d];
         if (length > 0.0 && std::isfinite(length) && std::fabs(spacing - length) > 0.01 * length)
-            fail(PLIANT_ERROR_FORMAT,
-                 "%s: the header contradicts itself: voxel spacing %g mm in pixdim[%d], %g mm in the sform: correct "
-                 "the one that is wrong",
-                 path.c_str(), pixdim[d], d + 1, spacing);
+            fail(
+                PLIANT_ERROR_FORMAT,
+                "%s: the header contradicts itself: voxel spacing %g mm in pixdim[%d], %g mm in the sform: correct the "
+                "wrong value",
+                path.c_str(), pixdim[d], d + 1, spacing);
         if (!(pixdim[d] > 0.0) || !std::isfinite(length))
             pliant_log(PLIANT_LOG_WARNING, "%s: voxel spacing pixdim[%d] is %g mm; the %g mm of the sform are taken",
                        path.c_str(), d + 1, pixdim[d], spacing);

@@ -258,7 +258,8 @@ void locate_data(const nrrd_header &header, double data_bytes, nrrd_data *data)
     data->compressed = encoding == "gzip" || encoding == "gz";
     if (encoding != "raw" && !data->compressed)
         fail(PLIANT_ERROR_FORMAT,
-             "%s: encoding: %.40s is not supported; raw and gzip are: write it anew, for example with unu save -e gzip",
+             "%s: encoding: %.40s is not supported; raw and gzip are: write the file again, for example with unu save "
+             "-e gzip",
              path, encoding.c_str());
     if (name.compare(0, 4, "LIST") == 0 || name.find('%') != std::string::npos)
         fail(PLIANT_ERROR_FORMAT,

@@ -123,8 +123,8 @@ public:
             const auto added = of_value_.insert({layer << 16 | segments[n].value, n + 1});
             if (!added.second)
                 fail(PLIANT_ERROR_FORMAT,
-                     "%s: segments \"%s\" and \"%s\" have the same LabelValue %d in layer %zu: write it anew with 3D "
-                     "Slicer, which gives every segment of a layer a value of its own",
+                     "%s: segments \"%s\" and \"%s\" have the same LabelValue %d in layer %zu. Write the file again "
+                     "with 3D Slicer, which gives each segment of a layer its own value",
                      path_.c_str(), segments[added.first->second - 1].name, segments[n].name, segments[n].value, layer);
         }
         header.type = component::uint16;
@@ -174,11 +174,10 @@ private:
         if (value >= 0.0 && value <= UINT16_MAX && std::fabs(number - value) <= 1e-3) return static_cast<size_t>(value);
         const size_t nx = static_cast<size_t>(header.geometry.size[0]),
                      ny = static_cast<size_t>(header.geometry.size[1]);
-        fail(
-            PLIANT_ERROR_FORMAT,
-            "%s: voxel (%zu, %zu, %zu) is %.9g: a segmentation holds whole numbers from 0 to 65535; write it anew with "
-            "3D Slicer",
-            path_.c_str(), voxel % nx, voxel / nx % ny, voxel / (nx * ny), number);
+        fail(PLIANT_ERROR_FORMAT,
+             "%s: voxel (%zu, %zu, %zu) is %.9g: a segmentation holds whole numbers from 0 to 65535; write the file "
+             "again with 3D Slicer",
+             path_.c_str(), voxel % nx, voxel / nx % ny, voxel / (nx * ny), number);
     }
 
     template <class Number> void paint(uint16_t *voxels)

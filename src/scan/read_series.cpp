@@ -50,7 +50,7 @@ std::string difference(const dicom_slice &slice, const dicom_slice &other)
                  slice.pixels.rows, name, other.pixels.columns, other.pixels.rows);
     for (size_t d = 0; d < 6 && !*text; d++)
         if (std::fabs(slice.orientation[d] - other.orientation[d]) > 1e-3)
-            snprintf(text, sizeof text, "ImageOrientationPatient differs from that of %.200s of the same series", name);
+            snprintf(text, sizeof text, "ImageOrientationPatient differs from %.200s of the same series", name);
     for (size_t d = 0; d < 2 && !*text; d++)
         if (std::fabs(slice.spacing[d] - other.spacing[d]) > 1e-3 * std::fabs(other.spacing[d]))
             snprintf(text, sizeof text, "PixelSpacing %g x %g mm, but %.200s of the same series has %g x %g",
@@ -121,8 +121,8 @@ std::string keep_stack(const std::string &folder, std::vector<dicom_slice> *slic
     if (named > MOST_NAMES) text += "; and " + std::to_string(named - MOST_NAMES) + " more";
     if (2 * stack.size() <= candidates.size())
         fail(PLIANT_ERROR_FORMAT,
-             "%s: images of several sizes or orientations, no kind of which is the larger part: move those that are "
-             "not meant to another folder: %s",
+             "%s: images of several sizes or orientations, and none is the majority. Move the images of other scans to "
+             "another folder: %s",
              folder.c_str(), text.c_str());
     if (num_left_out)
         pliant_log(PLIANT_LOG_WARNING,
@@ -462,8 +462,8 @@ public:
         fill(padding, voxels);
         pliant_log(
             PLIANT_LOG_INFO,
-            "%s: MONOCHROME1, intensities without a unit: inverted (smallest + largest - value), "
-            "so that what is shown bright has large values",
+            "%s: MONOCHROME1, intensities without a unit: inverted (smallest + largest - value), so that bright voxels "
+            "have large values",
             slices_.front().path.c_str());
     }
 

@@ -24,7 +24,7 @@ static pliant_status check(const pliant_volume *scan, const pliant_segment_optio
 {
     size_t voxels = pliant_geometry_voxels(&scan->geometry);
     if (!scan->voxels || voxels == 0 || voxels > INT32_MAX)
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "segmentation: a volume of 1 to %d voxels is wanted", INT32_MAX);
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "segmentation: expected a volume of 1 to %d voxels", INT32_MAX);
     if (options->classes < 0 || options->classes > PLIANT_MAX_CLASSES || options->most_classes < 1 ||
         options->most_classes > PLIANT_MAX_CLASSES)
         return pliant_fail(PLIANT_ERROR_ARGUMENT,
@@ -367,7 +367,7 @@ pliant_status pliant_segment(const pliant_volume *scan, const pliant_segment_opt
     pliant_segmentation_free(&made);
     if (options->backend == PLIANT_CUDA || (status != PLIANT_ERROR_UNAVAILABLE && status != PLIANT_ERROR_MEMORY))
         return status;
-    pliant_log(PLIANT_LOG_WARNING, "the CPU segments: %s", pliant_last_error());
+    pliant_log(PLIANT_LOG_WARNING, "GPU segmentation failed (%s); using the CPU", pliant_last_error());
     return segment_on_cpu(scan, options, out);
 }
 

@@ -223,7 +223,7 @@ static pliant_status write_image(const char *path, file_format format, const ima
 
     int file = pliant_open_beside(path, temporary);
     if (file < 0)
-        return pliant_fail(PLIANT_ERROR_FILE, "%s: cannot be written: no file can be made beside it: %s", path,
+        return pliant_fail(PLIANT_ERROR_FILE, "%s: cannot be written: no file can be created in its folder: %s", path,
                            strerror(errno));
     size_t header_size = nifti ? nifti_header(image, header) : text_header(image, format, (char *)header);
     size_t data_size = pliant_geometry_voxels(image->geometry) * types[image->type].size * (image->is_vector ? 3 : 1);
@@ -245,8 +245,7 @@ static pliant_status check_target(const char *path, const void *voxels, file_for
     if (!voxels) return pliant_fail(PLIANT_ERROR_ARGUMENT, "%s: the volume to write has no voxels", path);
     *format = format_of(path);
     if (*format == FORMAT_NONE)
-        return pliant_fail(PLIANT_ERROR_ARGUMENT,
-                           "%s: its ending tells no format; .nii, .nii.gz, .nrrd and .mha are known", path);
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "%s: unknown file extension; use .nii, .nii.gz, .nrrd or .mha", path);
     return PLIANT_OK;
 }
 

@@ -37,7 +37,7 @@ pliant_status pliant_scene_set(pliant_scene *scene, const char *path, const char
     const char *words[3] = {value, "", ""};
     int number = 1;
     const pliant_option *option = pliant_option_find(path);
-    if (!option) return pliant_fail(PLIANT_ERROR_SCENE, "%s: is no option of a scene", path);
+    if (!option) return pliant_fail(PLIANT_ERROR_SCENE, "%s: is not an option of a scene", path);
     if (option->kind == PLIANT_OPTION_INT3 || option->kind == PLIANT_OPTION_REAL3) {
         if (strlen(value) >= sizeof text)
             return pliant_fail(PLIANT_ERROR_SCENE, "%s: '%.32s ...' is longer than %zu characters; use three numbers",
@@ -148,8 +148,7 @@ pliant_status pliant_scene_check(const pliant_scene *scene)
         (scene->solver.kind != PLIANT_TLED || scene->tled.quasi_static))
         return pliant_fail(
             PLIANT_ERROR_SCENE,
-            "contact/response: paper pushes against motion, and is of explicit dynamics alone: solver/kind tled, "
-            "without tled/quasi_static");
+            "contact/response: paper needs explicit dynamics; set solver/kind: tled and tled/quasi_static: false");
     pliant_status status = check_regions(&scene->fixed, "fixed");
     return status == PLIANT_OK ? check_regions(&scene->obstacles, "obstacles") : status;
 }

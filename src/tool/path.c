@@ -179,7 +179,7 @@ static bool check_time(const char *field, double time, bool after, double before
 {
     if (is_of_a_clock(field, time, reason)) return false;
     if (time >= 0.0 && (!after || time > before)) return true;
-    snprintf(reason, REASON_SIZE, "%s: %g s must be at least 0 and more than the one before", field, time);
+    snprintf(reason, REASON_SIZE, "%s: %g s must be at least 0 and more than the previous time", field, time);
     return false;
 }
 
@@ -205,11 +205,11 @@ static const char *value_of(const text_key *key, bool gravity, bool by_force, ch
     if (by_force && !key->force)
         snprintf(reason, REASON_SIZE,
                  "motion: drive: force needs a force [N] at every time, as in {time: %.32s, force: [0, -5, 0]}%s",
-                 key->time, key->offset ? ", in place of offset" : "");
+                 key->time, key->offset ? " instead of offset" : "");
     else if (!by_force && key->force)
         snprintf(reason, REASON_SIZE, "motion/force: only a tool of drive: force has one; others have an offset [m]");
     else if (by_force && key->offset)
-        snprintf(reason, REASON_SIZE, "motion/offset: a tool of drive: force has a force alone");
+        snprintf(reason, REASON_SIZE, "motion/offset: a tool of drive: force has only a force");
     else if (!by_force && !key->offset)
         snprintf(reason, REASON_SIZE, "motion: an offset [m] is missing, as in {time: %.32s, offset: [0, -0.03, 0]}",
                  key->time);
@@ -327,7 +327,7 @@ static bool read_spans(const text_tool *text, pliant_path_tool *out, char reason
             return false;
         if (is_of_a_clock("cut/from", span->from, reason)) return false;
         if (span->from >= 0 && span->to > span->from && (n == 0 || span->from > span[-1].to)) continue;
-        snprintf(reason, REASON_SIZE, "cut: %g s to %g s must begin after 0 and after the one before, and end later",
+        snprintf(reason, REASON_SIZE, "cut: %g s to %g s must begin after 0 and after the previous cut, and end later",
                  span->from, span->to);
         return false;
     }
@@ -339,7 +339,7 @@ static bool read_posed(const text_tool *text, const char *file, pliant_path_tool
 {
     if (text->grasp || text->motion || text->drive || text->release) {
         snprintf(reason, REASON_SIZE,
-                 "poses: a tool with poses has no grasp, motion, drive or release; those are of one that holds tissue");
+                 "poses: a tool with poses has no grasp, motion, drive or release; only a tool that grasps has these");
         return false;
     }
     if (text->cut && !text->blade) {

@@ -132,13 +132,13 @@ static bool read_part(const pliant_part_text *text, const char *beside, pliant_p
         snprintf(reason, size, "shape/parts/moves: '%.64s' is neither tip, jaw_plus nor jaw_minus", text->moves);
     else if (!is_solid && told_solid)
         snprintf(reason, size,
-                 "shape/parts: file, unit, resolution, rpy and points are of kinds convex and mesh, not of a %s",
+                 "shape/parts: file, unit, resolution, rpy and points belong to kinds convex and mesh, not to a %s",
                  kinds[kind]);
     else if (!is_solid && !text->from) snprintf(reason, size, "shape/parts: a %s needs from", kinds[kind]);
     else if (is_solid ? text->to != NULL : !text->to != (kind == PLIANT_PART_SPHERE))
         snprintf(reason, size,
-                 kind == PLIANT_PART_SPHERE ? "shape/parts/to: a sphere has its centre alone, from"
-                 : is_solid                 ? "shape/parts/to: a %s has the place of its origin alone, from"
+                 kind == PLIANT_PART_SPHERE ? "shape/parts/to: a sphere has only its centre, from"
+                 : is_solid                 ? "shape/parts/to: a %s has only the position of its origin, from"
                                             : "shape/parts: a %s needs from and to",
                  kinds[kind]);
     else if (!text->radius && (kind == PLIANT_PART_SPHERE || kind == PLIANT_PART_CAPSULE))

@@ -32,7 +32,8 @@ pliant_status pliant_tool_add(const pliant_model *model, pliant_data *data, cons
                            "tool %.20s...: its name has %zu characters, at most %zu are possible", name, strlen(name),
                            sizeof data->tools->name - 1);
     if (data->num_tools == PLIANT_MAX_TOOLS)
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "no room for tool %s: there are %d already", name, PLIANT_MAX_TOOLS);
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s cannot be added: the maximum is %d tools", name,
+                           PLIANT_MAX_TOOLS);
     pliant_tool *tool = data->tools + data->num_tools;
     memset(tool, 0, sizeof *tool);
     snprintf(tool->name, sizeof tool->name, "%s", name);
@@ -57,7 +58,7 @@ pliant_status pliant_tool_set_pose(pliant_data *data, int tool, const double tip
     if (!(size > 0) || !isfinite(size))
         return pliant_fail(
             PLIANT_ERROR_ARGUMENT,
-            "the rotation of tool %s is (%g %g %g %g), no quaternion x y z w of a rotation; (0 0 0 1) turns nothing",
+            "the rotation of tool %s is (%g %g %g %g), not a rotation quaternion x y z w; the identity is (0 0 0 1)",
             data->tools[tool].name, rotation[0], rotation[1], rotation[2], rotation[3]);
     memcpy(data->tools[tool].tip, tip, sizeof data->tools[tool].tip);
     memcpy(data->tools[tool].rotation, rotation, sizeof data->tools[tool].rotation);
@@ -328,13 +329,11 @@ static void tell_what_is_fixed(const pliant_data *data, const pliant_tool *tool)
         if (data->body->fine_fixed[tool->held[h]]) fixed += tool->weight[h];
     if (fixed < 0.25) return;
     const double *at = tool->held_point;
-    char part[24] = "nothing but";
-    if (fixed < 0.999) snprintf(part, sizeof part, "to %.0f %%", 100 * fixed);
     pliant_log(
         PLIANT_LOG_WARNING,
-        "tool %s holds %s what is fixed (bone, or a region in the scene's fixed) at (%.4f %.4f %.4f) m: what is fixed "
-        "stays where it is; grasp soft tissue, or set material/deformable_bone",
-        tool->name, part, at[0], at[1], at[2]);
+        "tool %s: %.0f %% of the grasped tissue at (%.4f %.4f %.4f) m is fixed (bone, or a region of fixed:) and does "
+        "not move; grasp soft tissue, or set material/deformable_bone",
+        tool->name, 100 * fixed, at[0], at[1], at[2]);
 }
 
 pliant_status pliant_tool_grasp(const pliant_model *model, pliant_data *data, int index, const double rest[3])

@@ -59,7 +59,7 @@ static pliant_status check(const pliant_warp *warp, const pliant_body *body)
     if (memcmp(mesh->cells, warp->mesh->cells, sizeof mesh->cells) != 0 ||
         memcmp(mesh->corner, warp->mesh->corner, sizeof mesh->corner) != 0)
         return pliant_fail(PLIANT_ERROR_ARGUMENT,
-                           "a body of another load cannot take the place of the one that is drawn");
+                           "a mesh topology of another model cannot replace the current one of the deformed volume");
     if (is_next(warp, body)) return PLIANT_OK;
     for (int32_t v = 0; v < 4 * mesh->num_tets; v++)
         if (mesh->tets[v] < 0 || mesh->tets[v] >= mesh->num_nodes)

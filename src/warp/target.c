@@ -42,14 +42,16 @@ pliant_status pliant_warp_target(const pliant_geometry *scan, const double *poin
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "the scan of a warp target has no voxels or no spacing");
     double before[3], behind[3], size[3], voxels = 1;
     if (!find_growth(scan, points, num_points, margin, before, behind))
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "the points that a warp target is to hold must be finite, "
-                                                  "and the margin around them finite and not negative");
+        return pliant_fail(
+            PLIANT_ERROR_ARGUMENT,
+            "the points of a warp target must be finite, and the margin around them finite and not negative");
     for (int d = 0; d < 3; d++) voxels *= size[d] = before[d] + scan->size[d] + behind[d];
     if (!(voxels <= (double)max_voxels) || !(fmax(size[0], fmax(size[1], size[2])) <= INT32_MAX))
-        return pliant_fail(PLIANT_ERROR_ARGUMENT,
-                           "the warp target would have %.0f x %.0f x %.0f voxels, more than can be held: "
-                           "a smaller margin or a coarser scan is needed",
-                           size[0], size[1], size[2]);
+        return pliant_fail(
+            PLIANT_ERROR_ARGUMENT,
+            "the warp target would have %.0f x %.0f x %.0f voxels, which is too many: use a smaller margin or a "
+            "coarser scan",
+            size[0], size[1], size[2]);
     pliant_geometry target = *scan;
     pliant_geometry_to_world(scan, (const double[3]){-before[0], -before[1], -before[2]}, target.origin);
     for (int d = 0; d < 3; d++) target.size[d] = (int32_t)size[d];

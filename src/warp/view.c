@@ -83,8 +83,7 @@ pliant_status pliant_view_set(pliant_view *view, const pliant_body *body, const 
             return pliant_fail(PLIANT_ERROR_ARGUMENT, "the position of node %zu is not finite; the view stays as it is",
                                v / 3);
     if (drawn && !pliant_geometry_equal(&view->target, pliant_warp_geometry(drawn)))
-        return pliant_fail(PLIANT_ERROR_ARGUMENT,
-                           "the volume that a view is to see must be drawn on the view's own grid");
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "the deformed volume of a view must have the grid of the view");
     if (nodes > view->room) {
         double *longer = pliant_calloc(nodes + nodes / 4, 3 * sizeof *longer);
         if (!longer) return pliant_fail_memory("a view");
@@ -177,7 +176,7 @@ static bool draw_there(const pliant_warp *values, const pliant_warp *labels, con
     if (!values->accelerated || !values->device->see || (labels && !labels->accelerated)) return false;
     if (values->device->see(values->accelerated, labels ? labels->accelerated : NULL, scene, out) == PLIANT_OK)
         return true;
-    pliant_log(PLIANT_LOG_WARNING, "the CPU draws pictures: %s", pliant_last_error());
+    pliant_log(PLIANT_LOG_WARNING, "GPU rendering failed (%s); using the CPU", pliant_last_error());
     return false;
 }
 

@@ -119,10 +119,11 @@ pliant_status pliant_warp_create(const pliant_volume *scan, const pliant_mesh *m
         pliant_warp_use(warp, RASTER_PORTABLE);
 
     if (!pliant_raster_grid(target, mesh, &warp->grid)) {
-        status = pliant_fail(PLIANT_ERROR_ARGUMENT,
-                             "the warp target is too large or its voxels are too small for the mesh: the target "
-                             "and four tetrahedra on each side may span %d voxels along an axis",
-                             1 << (SPAN_BITS - FRACTION_BITS_MIN));
+        status = pliant_fail(
+            PLIANT_ERROR_ARGUMENT,
+            "the warp target is too large, or its voxels are too small. The target and four tetrahedra on each side "
+            "may span at most %d voxels along an axis",
+            1 << (SPAN_BITS - FRACTION_BITS_MIN));
         goto failed;
     }
     int64_t bricks = (int64_t)warp->grid.bricks[0] * warp->grid.bricks[1] * warp->grid.bricks[2];
@@ -477,7 +478,7 @@ pliant_status pliant_warp_fit(pliant_warp *warp, int32_t step)
 pliant_status pliant_warp_nearest(pliant_warp *warp)
 {
     if (warp->volume.encoding != PLIANT_UINT8 || warp->fit)
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "a warp takes nearest voxels of labels: of 8 bits, and not by a fit");
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "a warp of labels needs 8-bit voxels and no warp/fit");
     if (warp->accelerated) warp->device->free(warp->accelerated);
     warp->accelerated = NULL;
     warp->source.nearest = true;
@@ -508,7 +509,8 @@ pliant_status pliant_warp_backend(pliant_warp *warp, pliant_backend_choice choic
         status = device->create(&parts, &accelerated);
         if (status != PLIANT_OK && choice != PLIANT_AUTO) return status;
         if (status != PLIANT_OK)
-            pliant_log(PLIANT_LOG_WARNING, "the deformed volume is drawn by the CPU: %s", pliant_last_error());
+            pliant_log(PLIANT_LOG_WARNING, "the deformed volume cannot use the GPU (%s); using the CPU",
+                       pliant_last_error());
     }
     if (warp->accelerated) warp->device->free(warp->accelerated);
     warp->device = device;
@@ -522,7 +524,8 @@ void *pliant_warp_accelerated(const pliant_warp *warp) { return warp->accelerate
 void pliant_warp_fall_back(pliant_warp *warp)
 {
     if (!warp->accelerated) return;
-    pliant_log(PLIANT_LOG_WARNING, "the deformed volume is drawn by the CPU from now on: %s", pliant_last_error());
+    pliant_log(PLIANT_LOG_WARNING, "computing the deformed volume on the GPU failed (%s); using the CPU",
+               pliant_last_error());
     warp->device->free(warp->accelerated);
     warp->accelerated = NULL;
     warp->drawn = false;
@@ -532,7 +535,7 @@ const pliant_volume *pliant_warp_volume(const pliant_warp *warp)
 {
     /* If a lost GPU cannot deliver the volume, the last fetched one is returned; the next update draws everything. */
     if (warp->accelerated && warp->device->fetch(warp->accelerated) != PLIANT_OK)
-        pliant_log(PLIANT_LOG_WARNING, "the deformed volume is an older one: %s", pliant_last_error());
+        pliant_log(PLIANT_LOG_WARNING, "the deformed volume is not up to date: %s", pliant_last_error());
     return &warp->volume;
 }
 
@@ -543,7 +546,7 @@ bool pliant_warp_cross(const pliant_warp *warp, const march_ray *ray, int64_t fi
 {
     if (!warp->accelerated || !warp->device->cross) return false;
     if (warp->device->cross(warp->accelerated, ray, first, out) == PLIANT_OK) return true;
-    pliant_log(PLIANT_LOG_WARNING, "the CPU picks: %s", pliant_last_error());
+    pliant_log(PLIANT_LOG_WARNING, "GPU picking failed (%s); using the CPU", pliant_last_error());
     return false;
 }
 

@@ -347,7 +347,7 @@ TEST_P(State, OfOtherBytesIsRefused)
                   PLIANT_ERROR_FORMAT);
         EXPECT_NE(std::string(pliant_last_error()).find(why), std::string::npos) << pliant_last_error();
     };
-    refused({good.begin(), good.begin() + 7}, "no simulation state");
+    refused({good.begin(), good.begin() + 7}, "are not a simulation state");
     refused({good.begin(), good.end() - 1}, "damaged");
     std::vector<char> bad = good;
     bad[good.size() / 2] ^= 1;

@@ -191,7 +191,8 @@ pliant_status pliant_tled_system_create(const pliant_scene *scene, const pliant_
     }
     system->num_blocks = (num_own(system) + LANES - 1) / LANES;
     if ((double)pliant_tled_force_count(system) > INT32_MAX) {
-        status = pliant_fail(PLIANT_ERROR_SCENE, "%d tetrahedra are more than tled can number", mesh->num_tets);
+        status = pliant_fail(PLIANT_ERROR_SCENE, "%d tetrahedra are too many for tled; use fewer mesh/coarse_cells",
+                             mesh->num_tets);
         goto failed;
     }
     if ((status = allocate(system)) != PLIANT_OK) goto failed;
@@ -301,8 +302,8 @@ pliant_status pliant_tled_create(const pliant_scene *scene, const pliant_tled_sy
     } else if (!(count <= most)) {
         status = pliant_fail(
             PLIANT_ERROR_SCENE,
-            "tled: the stiffest or lightest element allows steps of %.3g s, so solver/step (%g s) would take %.3g of "
-            "them, more than %.0f: fix bone, take a coarser mesh, or tled/quasi_static",
+            "tled: the stiffest or lightest element allows sub-steps of %.3g s. So solver/step (%g s) needs %.3g "
+            "sub-steps, more than %.0f. Fix bone, use a coarser mesh, or set tled/quasi_static",
             fmin(system->edge_bound, system->eigenvalue_bound), tled->frame, count, most);
     } else {
         tled->substeps = (int32_t)fmax(count, 1);

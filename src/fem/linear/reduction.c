@@ -110,7 +110,7 @@ static pliant_status schur_complement(const pliant_basis *basis, pliant_reductio
             schur[k * count + m] = 0.5 * (schur[k * count + m] + schur[m * count + k]) + whole;
         }
     if (pliant_dense_cholesky((int32_t)count, schur)) return PLIANT_OK;
-    return pliant_fail(PLIANT_ERROR_NUMERIC, "the stiffness around the hold is not positive definite");
+    return pliant_fail(PLIANT_ERROR_NUMERIC, "the stiffness near the grasp is not positive definite");
 }
 
 pliant_status pliant_reduction_numeric(const pliant_basis *basis, const pliant_tangent *tangents,

@@ -25,7 +25,7 @@ pliant_status pliant_external_check(const pliant_scene *scene)
         other = "solver/preconditioner: multigrid needs a lattice; set auto or direct";
     else if (scene->mesh.bone_surface) other = "mesh/bone_surface: the nodes of a file stay where they are; set false";
     else if (scene->cut.kind != PLIANT_CUT_NONE) other = "cut/kind: cuts need a lattice; set none";
-    return other ? pliant_fail(PLIANT_ERROR_SCENE, "mesh/file does not go with %s, or leave mesh/file empty", other)
+    return other ? pliant_fail(PLIANT_ERROR_SCENE, "mesh/file conflicts with %s, or leave mesh/file empty", other)
                  : PLIANT_OK;
 }
 

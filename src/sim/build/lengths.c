@@ -81,8 +81,8 @@ void pliant_model_set_lengths(pliant_model *model)
     if (by_body && (scale != 1 || (!asked && scene->warp.margin != margin)))
         pliant_log(
             PLIANT_LOG_INFO,
-            "lengths that are auto follow from the body's size, %.4g mm (cube root of the tissue's volume): "
-            "warp/margin %.3g mm, grasp/radius %.3g mm, cut/drag %.3g mm",
+            "lengths set to auto are scaled with the tissue, %.4g mm (cube root of its volume): warp/margin %.3g mm, "
+            "grasp/radius %.3g mm, cut/drag %.3g mm",
             1e3 * size, 1e3 * scene->warp.margin, 1e3 * scene->grasp.radius, 1e3 * scene->cut.drag);
     const double growth = asked ? growth_of(model, scene->warp.margin, &target) : 1;
     if (!(growth > most_growth) || !isfinite(growth)) return;
@@ -90,7 +90,7 @@ void pliant_model_set_lengths(pliant_model *model)
     if (bytes > least_announced)
         pliant_log(
             PLIANT_LOG_WARNING,
-            "warp/margin %g m makes the deformed volume %d x %d x %d voxels, %.0f times the scan: that takes %.3g GB "
-            "or more; auto, or a smaller margin, keeps it small",
+            "warp/margin %g m makes the deformed volume %d x %d x %d voxels, %.0f times the scan: it needs %.3g GB or "
+            "more; use auto or a smaller margin",
             scene->warp.margin, target.size[0], target.size[1], target.size[2], growth, 1e-9 * bytes);
 }

@@ -28,12 +28,11 @@ pliant_status pliant_data_set_background(pliant_data *data, pliant_background_ki
                            PLIANT_TAKES_PATCH_FACTOR | PLIANT_TAKES_PATCH_HISTORY;
     if (kind != PLIANT_BACKGROUND_PLANNED && kind != PLIANT_BACKGROUND_LIVE && kind != PLIANT_BACKGROUND_PRESCRIBED)
         return pliant_fail(PLIANT_ERROR_ARGUMENT,
-                           "background results are put to use as planned, live or as prescribed (0, 1, 2), not %d",
+                           "the kind of background results is %d; use planned, live or prescribed (0, 1, 2)",
                            (int)kind);
     if ((prescribed & ~known) || (prescribed && kind != PLIANT_BACKGROUND_PRESCRIBED))
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "%u is nothing that a step could be told to take%s",
-                           (unsigned)prescribed,
-                           kind == PLIANT_BACKGROUND_PRESCRIBED ? "" : ": only PLIANT_BACKGROUND_PRESCRIBED tells it");
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "%u is not a set of background results%s", (unsigned)prescribed,
+                           kind == PLIANT_BACKGROUND_PRESCRIBED ? "" : ": only PLIANT_BACKGROUND_PRESCRIBED uses it");
     data->background.kind = kind;
     data->background.prescribed = prescribed;
     return PLIANT_OK;

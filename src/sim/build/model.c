@@ -394,16 +394,15 @@ void pliant_gravity_warning(const pliant_scene *scene, const double gravity[3])
     if (method == PLIANT_SCHUR)
         pliant_log(
             PLIANT_LOG_WARNING,
-            "model/method: schur is far too soft for model/gravity: tissue sags 10 to 15 times as far as on the fine "
-            "mesh (an abdominal CT, 9.81 m/s^2), tears and turns inside out, and steps do not converge; "
-            "averaged is meant for it");
+            "model/method: schur is far too soft for model/gravity. Tissue sags 10 to 15 times more than on the fine "
+            "mesh, elements invert, and steps do not converge; use averaged");
     else
         pliant_log(
             PLIANT_LOG_WARNING,
-            "model/method: under model/gravity, %s is off by tens of percent of how far tissue sags (coarse models of "
-            "an abdominal CT while gravity turns: 38 to 60 %%), and %s; fine has no such error",
+            "model/method: under model/gravity, the displacement of %s has an error of 38 to 60 %% (coarse models of "
+            "an abdominal CT), and %s; fine has no such error",
             methods[method],
-            scene->model.patch > 0 ? "model/patch mends only what is around a hold" : "nothing mends that");
+            scene->model.patch > 0 ? "model/patch corrects it only near a grasp" : "nothing corrects it");
 }
 
 /* Warn about options that the scene's solver ignores. */
@@ -412,14 +411,14 @@ static void warn_of_unused(const pliant_scene *scene)
     char names[512];
     if (scene->solver.kind == PLIANT_TLED) return;
     if (pliant_scene_changed(scene, (const char *const[]){"tled", NULL}, names, sizeof names))
-        pliant_log(PLIANT_LOG_WARNING,
-                   "%s: only solver/kind: tled has these; this scene's is corotational, and goes without", names);
+        pliant_log(PLIANT_LOG_WARNING, "%s: used only by solver/kind: tled; the corotational solver ignores them",
+                   names);
     if (scene->cut.kind == PLIANT_CUT_NONE &&
         pliant_scene_changed(scene, (const char *const[]){"ground", NULL}, names, sizeof names))
         pliant_log(
             PLIANT_LOG_WARNING,
-            "%s: beside solver/kind: corotational only pieces that a cut has taken off feel the ground, and with "
-            "cut/kind: none nothing comes off; obstacles hold tissue off",
+            "%s: with solver/kind: corotational, only detached pieces touch the ground, and cut/kind: none detaches "
+            "no piece; use obstacles",
             names);
 }
 
@@ -440,9 +439,8 @@ static pliant_status check_subdivide(const pliant_scene *scene)
     const char *other = NULL;
     if (scene->model.method != PLIANT_FINE) other = "model/method: coarse elements hold whole tetrahedra; set fine";
     else if (scene->mesh.kind != PLIANT_LATTICE) other = "mesh/kind: octree; set lattice";
-    return other
-               ? pliant_fail(PLIANT_ERROR_SCENE, "cut/kind: subdivide does not go with %s, or cut/kind to sever", other)
-               : PLIANT_OK;
+    return other ? pliant_fail(PLIANT_ERROR_SCENE, "cut/kind: subdivide conflicts with %s, or cut/kind to sever", other)
+                 : PLIANT_OK;
 }
 
 /* Refuse options that conflict. */
@@ -472,7 +470,7 @@ static pliant_status check(const pliant_scene *scene, const pliant_material_tabl
     if (status == PLIANT_OK) status = pliant_external_check(scene);
     if (status == PLIANT_OK) status = pliant_scene_check_elements(scene);
     if (status == PLIANT_OK && scene->material.slides[0] && scene->cut.kind != PLIANT_CUT_SEVER)
-        status = pliant_fail(PLIANT_ERROR_SCENE, "material/slides parts the voxels of the scan: set cut/kind to sever");
+        status = pliant_fail(PLIANT_ERROR_SCENE, "material/slides separates voxels of the scan: set cut/kind to sever");
     if (status == PLIANT_OK && scene->cut.kind == PLIANT_CUT_SUBDIVIDE) status = check_subdivide(scene);
     if (status == PLIANT_OK) status = pliant_material_table_check(materials);
     return status == PLIANT_OK ? pliant_material_table_check_inertia(materials, scene, "material table") : status;

@@ -81,9 +81,10 @@ pliant_status pliant_model_part_slides(pliant_model *model)
     pliant_body_release(model->body);
     model->body = next;
     if (next->pieces && !next->has_inertia)
-        pliant_log(PLIANT_LOG_WARNING,
-                   "material/slides: %d pieces hang on nothing that is fixed any more; "
-                   "beside a quasi-static solver they fall as rigid bodies",
-                   next->pieces->count);
+        pliant_log(
+            PLIANT_LOG_WARNING,
+            "material/slides: %d pieces are not connected to fixed nodes; with a quasi-static solver they fall as "
+            "rigid bodies",
+            next->pieces->count);
     return PLIANT_OK;
 }

@@ -199,7 +199,7 @@ static pliant_status solve(const pliant_model *model, pliant_data *data)
     const pliant_backend *backend = data->backend;
     pliant_solver *solver = data->solver;
     if (data->contacts.count > 0 && !backend->on_host && (!backend->touches || searches_on_the_way(model)))
-        return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "tissue is near something, and that contact is the CPU's");
+        return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "tissue is near a contact surface, which only the CPU handles");
     const double start = solver ? solver->clock(solver->clock_user) : 0;
     const pliant_status status = backend->solve(model, data);
     if (solver) solver->spent += solver->clock(solver->clock_user) - start;

@@ -108,7 +108,7 @@ static pliant_status check_header(size_t size, const void *bytes, const pliant_b
 {
     header head;
     if (size < sizeof head || memcmp(bytes, magic, sizeof magic) != 0)
-        return pliant_fail(PLIANT_ERROR_FORMAT, "these %zu bytes are no simulation state", size);
+        return pliant_fail(PLIANT_ERROR_FORMAT, "the %zu bytes are not a simulation state", size);
     memcpy(&head, bytes, sizeof head);
     head.version[sizeof head.version - 1] = 0;
     if (head.format != FORMAT || head.scalars != sizeof(pliant_state))
@@ -120,9 +120,10 @@ static pliant_status check_header(size_t size, const void *bytes, const pliant_b
         head.checksum != add_sum(no_sum, (const char *)bytes + sizeof head, size - sizeof head))
         return pliant_fail(PLIANT_ERROR_FORMAT, "the simulation state is damaged: %zu bytes", size);
     if (head.mesh != mesh_sum(body))
-        return pliant_fail(PLIANT_ERROR_FORMAT,
-                           "the simulation state is of another mesh: build the model from the scene, "
-                           "the scan and the cuts that it was saved with");
+        return pliant_fail(
+            PLIANT_ERROR_FORMAT,
+            "the simulation state belongs to another mesh: build the model from the scene, the scan and the cuts that "
+            "it was saved with");
     return PLIANT_OK;
 }
 
@@ -141,7 +142,7 @@ static pliant_status read_arrays(const char *from, size_t left, const pliant_sta
 {
 #define READ_ARRAY(type, name) \
     if (scalars->name.count > left / sizeof *out->name.at) \
-        return pliant_fail(PLIANT_ERROR_FORMAT, "the simulation state is cut short"); \
+        return pliant_fail(PLIANT_ERROR_FORMAT, "the simulation state is truncated"); \
     if (scalars->name.count > 0 && !(out->name.at = pliant_calloc(scalars->name.count, sizeof *out->name.at))) \
         return pliant_fail_memory("the simulation state"); \
     out->name.count = out->name.room = scalars->name.count; \
@@ -151,7 +152,8 @@ static pliant_status read_arrays(const char *from, size_t left, const pliant_sta
     const int32_t points = scalars->contact[0].points.count;
     if (points < 0 || (size_t)points != left / sizeof(pliant_contact_point) || left % sizeof(pliant_contact_point) != 0)
         return pliant_fail(PLIANT_ERROR_FORMAT,
-                           "the simulation state has %zu bytes of contact points, where there are %d", left, points);
+                           "the simulation state has %zu bytes of contact points, but should have %d points", left,
+                           points);
     pliant_status status = pliant_contacts_reserve(&out->contact[0].points, points);
     if (status != PLIANT_OK) return status;
     out->contact[0].points.count = points;
@@ -259,7 +261,7 @@ static pliant_status read_state(const pliant_model *model, const pliant_data *da
 {
     const char *from = bytes + sizeof(header) + sizeof *out;
     if (size < sizeof(header) + sizeof *out)
-        return pliant_fail(PLIANT_ERROR_FORMAT, "the simulation state is cut short");
+        return pliant_fail(PLIANT_ERROR_FORMAT, "the simulation state is truncated");
     pliant_state *scalars = pliant_calloc(1, sizeof *scalars);
     if (!scalars) return pliant_fail_memory("the simulation state");
     memcpy(scalars, bytes + sizeof(header), sizeof *scalars);
@@ -275,7 +277,7 @@ static pliant_status read_state(const pliant_model *model, const pliant_data *da
         scalars->undo.count == 0 ? read_arrays(from, size - (size_t)(from - bytes), scalars, out) : PLIANT_ERROR_FORMAT;
     pliant_free(scalars);
     if (status == PLIANT_OK && !is_sound(out, body))
-        status = pliant_fail(PLIANT_ERROR_FORMAT, "the simulation state names nodes or tools that are not there");
+        status = pliant_fail(PLIANT_ERROR_FORMAT, "the simulation state refers to nodes or tools that do not exist");
     if (status != PLIANT_OK) out->num_tools = 0; /* the state retains nothing yet */
     if (status != PLIANT_OK) return status;
     if (!has_same_tools(out, data)) drop_tools(out, data);

@@ -98,7 +98,8 @@ static pliant_status put_all(const pliant_model *model, const pliant_state *stat
     if (!pliant_state_arrays((pliant_state *)state, made, true, PLIANT_STATE_COMPARE))
         return pliant_fail(
             PLIANT_ERROR_FORMAT,
-            "the simulation state is of another solver or mesh: build the model from the scene that it was saved with");
+            "the simulation state belongs to another solver or mesh: build the model from the scene that it was saved "
+            "with");
     pliant_state_put(state, made);
     if (made->solver) made->backend->kind->limits(made, state->iterations, state->tolerance);
     status = put_tools(state, made);

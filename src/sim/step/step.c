@@ -150,8 +150,8 @@ static void tell_missing(const pliant_data *data)
     const uint32_t missing = data->background.prescribed & ~data->background.taken;
     if (missing)
         pliant_log(PLIANT_LOG_WARNING,
-                   "step %llu: what it was to take (pliant_data_set_background: %u) was not under way: "
-                   "another run than the recorded one",
+                   "step %llu: the prescribed background results (pliant_data_set_background: %u) are missing: the run "
+                   "differs from the recorded run",
                    (unsigned long long)data->statistics.step, (unsigned)missing);
 }
 
