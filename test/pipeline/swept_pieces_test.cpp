@@ -1,7 +1,7 @@
 // No tool tunnels at 1 m/s through a detached piece, which is rigid with quasi-static solvers and is pushed along.
 #include "sweeps.h"
 
-#include "fem/rigid/falling.h"
+#include "fem/rigid/pieces.h"
 #include "base/memory.h"
 
 #include <algorithm>
@@ -44,6 +44,11 @@ struct Piece {
         deepest = std::max(deepest, sheet->deepest_of_surface(tool));
         inside = std::max(inside, sheet->middles_inside(tool));
         parts = std::max(parts, sheet->data->statistics.legs);
+        const pliant_pieces *pieces = sheet->data->body->pieces;
+        for (int32_t i = 0; i < pieces->start[pieces->count]; i++)
+            for (int d = 0; d < 3; d++)
+                ASSERT_EQ(sheet->data->positions[3 * pieces->node[i] + d], sheet->data->falling->x[3 * i + d])
+                    << "a node of a piece is apart from the piece";
     }
     double way() const
     {

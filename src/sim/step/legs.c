@@ -229,7 +229,8 @@ static pliant_status patch(const pliant_model *model, pliant_data *data)
         const bool anew = pliant_falling_step(data);
         for (int t = 0; t < data->num_tools; t++) pliant_tool_report(data, t, NULL);
         if (anew && (status = pliant_backend_restart(model, data)) < 0) return status;
-    }
+    } else if (data->falling) /* the upsampling has set the pieces' nodes to their home positions */
+        pliant_falling_stay(data->falling, data->positions);
     return status;
 }
 
