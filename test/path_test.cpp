@@ -267,7 +267,7 @@ TEST_F(Path, RefusesBladesThatCannotCut)
     refuses(with("{name: scissors}", "{name: hook, from: [0, 0, 0], to: [0, 0, 1e-2]}"), "blade: needs a name");
     refuses(with("{name: scissors}", "{from: [0, 0, 0]}"), "blade: needs a name");
     refuses(with("    blade: {from: [0, 0, -0.03], to: [0, 0, 0]}\n", ""), "cut: needs a blade");
-    refuses(with("[0, 0, 2, 0]", "[0, 0, 0, 0]"), "poses/rotation: is no rotation");
+    refuses(with("[0, 0, 2, 0]", "[0, 0, 0, 0]"), "poses/rotation: is not a rotation");
     refuses(with("time: 2,", "time: 0,"), "poses/time: 0 s must be at least 0 and more than the previous time");
     refuses(with("from: 1.5", "from: 0.8"), "cut: 0.8 s to 3 s must begin after 0 and after the previous cut");
     refuses(with("time: 4", "time: 0.5"), "cut 2: cuts/time: 0.5 s must be at least 0 and more than the previous time");

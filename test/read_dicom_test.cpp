@@ -172,7 +172,7 @@ TEST(DicomRefused, StacksThatAreNoRegularGrid)
                   [](int n, dicom_file *f) {
                       if (n == 3) f->position = "-10\\-20\\34";
                   },
-                  {"at the same place", "time points"}},
+                  {"at the same position", "time points"}},
                  {"an image twice",
                   [](int n, dicom_file *f) {
                       if (n == 3) {

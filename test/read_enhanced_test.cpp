@@ -285,7 +285,7 @@ TEST(EnhancedRefused, WhatIsNoVolume)
         {"no spacing", [](enhanced_file *f) { f->spacing = ""; }, {"scan.dcm frame 1", "no PixelSpacing"}},
         {"two at one place",
          [](enhanced_file *f) { f->frames[2].position = f->frames[1].position; },
-         {"frame 2", "frame 3", "same place", "time points"}},
+         {"frame 2", "frame 3", "same position", "time points"}},
         {"another stack",
          [](enhanced_file *f) { f->frames[1].orientation = "0\\1\\0\\1\\0\\0"; },
          {"frame 2", "ImageOrientationPatient differs"}},

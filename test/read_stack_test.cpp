@@ -283,7 +283,7 @@ TEST(Padding, AValueOfTheImageItselfIsLeftAsItIs)
     log_catcher log;
     ASSERT_EQ(pliant_volume_read(folder.path().c_str(), nullptr, 0, &scan), PLIANT_OK) << pliant_last_error();
     EXPECT_EQ(scan.at(1, 1, 1), 40);
-    expect_words(log.warnings(), {"PixelPaddingValue", "left as they are"});
+    expect_words(log.warnings(), {"PixelPaddingValue", "not changed"});
 }
 
 /* Dark padding of an MR keeps its value. Bright padding gets the darkest value. */
@@ -339,7 +339,7 @@ TEST(Rescale, ACtWithoutItIsWarnedOfAndNoCtForTheBuiltInTable)
     ASSERT_EQ(pliant_volume_read(folder.path().c_str(), nullptr, 0, &right), PLIANT_OK) << pliant_last_error();
     EXPECT_EQ(pliant_material_default_check(&right.volume), PLIANT_OK) << pliant_last_error();
     save_series(folder, 3, [&](int n, dicom_file *f) { change(n == 1 ? 1 : -1, f); });
-    expect_refused(folder.path(), PLIANT_ERROR_FORMAT, {"some images", "RescaleIntercept", "others none"});
+    expect_refused(folder.path(), PLIANT_ERROR_FORMAT, {"some images", "RescaleIntercept", "others have none"});
 }
 
 TEST(Objects, AreRefusedByNameWithARemedy)

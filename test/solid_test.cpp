@@ -398,16 +398,14 @@ TEST_F(SolidFile, WhatIsOpenIsRefusedWithThePlace)
 {
     Surface shape = corner();
     shape.triangles.resize(shape.triangles.size() - 3);
-    refuses(
-        binary_stl(shape, 0.001),
-        "is not closed: 3 of its 30 edges have a triangle on one side alone, the first from (0, 0, 8) to (6, 20, 8); "
-        "fill its holes",
-        0.001);
+    refuses(binary_stl(shape, 0.001),
+            "is not closed: 3 of its 30 edges have only one triangle, the first from (0, 0, 8) to (6, 20, 8); "
+            "fill its holes",
+            0.001);
     ASSERT_EQ(read(binary_stl(shape, 0.001), 0.001, true), PLIANT_OK) << "its hull";
     shape = corner();
     std::swap(shape.triangles[0], shape.triangles[1]);
-    refuses(binary_stl(shape, 1),
-            "3 of its 30 edges have triangles that are turned inside out to each other, the first from (");
+    refuses(binary_stl(shape, 1), "3 of its 30 edges have triangles with opposite orientation, the first from (");
 }
 
 TEST_F(SolidFile, WhatIsNoStlIsRefused)
@@ -458,7 +456,8 @@ TEST_F(SolidFile, WhatHasNoSizeIsRefused)
         << pliant_last_error();
     options.convex = true;
     EXPECT_EQ(flat.make(options, &solid), PLIANT_ERROR_FORMAT);
-    EXPECT_STREQ(pliant_last_error(), "solid: its points lie in a plane: a solid needs four that do not");
+    EXPECT_STREQ(pliant_last_error(),
+                 "solid: its points lie in a plane: a solid needs four points that are not coplanar");
 }
 
 TEST_F(SolidFile, EveryAllocationMayFail)

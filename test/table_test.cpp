@@ -107,7 +107,7 @@ TEST(table, errors_name_file_line_field_and_what_is_right)
     expect_words(refusal(with("labels: [5, 7]", "segments: [left lobe, Left_Lobe]")),
                  {"line 8", "segments: 'Left_Lobe' is named twice", "'liver'"});
     expect_words(refusal(with("labels: [5, 7]", "segments: [Bone]")),
-                 {"bone", "name: it is also a segment of 'liver'"});
+                 {"bone", "name: it is also the name of a segment of 'liver'"});
     expect_words(refusal(with("labels: [5, 7]", "segments: [AIR]")),
                  {"line 8", "segments: 'AIR' is named twice, also by 'air'"});
     expect_words(refusal(with("labels: [5, 7]", "segments: ['']")), {"line 8", "segments: ''", "1 to 47 characters"});

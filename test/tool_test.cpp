@@ -45,7 +45,7 @@ TEST_F(Tool, ANameThatIsTooLongIsRefusedAndNotAddedAgain)
     ASSERT_EQ(pliant_tool_add(body.model, body.data, longest.c_str(), &again), PLIANT_OK);
     EXPECT_EQ(first, again);
     EXPECT_EQ(pliant_tool_add(body.model, body.data, longer.c_str(), &again), PLIANT_ERROR_ARGUMENT);
-    EXPECT_NE(std::string(pliant_last_error()).find("48 characters, at most 47"), std::string::npos)
+    EXPECT_NE(std::string(pliant_last_error()).find("48 characters; use at most 47"), std::string::npos)
         << pliant_last_error();
     EXPECT_EQ(body.data->num_tools, 1);
 }

@@ -164,7 +164,7 @@ static bool names_segment(const pliant_material *m, const char *name, char *reas
 {
     for (uint32_t i = 0; i < m->num_segments; ++i)
         if (pliant_same_name(m->segments[i], name)) {
-            snprintf(reason, size, "name: it is also a segment of '%s'", m->name);
+            snprintf(reason, size, "name: it is also the name of a segment of '%s'", m->name);
             return true;
         }
     return false;
@@ -174,7 +174,7 @@ static bool names_segment(const pliant_material *m, const char *name, char *reas
 static bool check_pair(const pliant_material *a, const pliant_material *b, char *reason, size_t size)
 {
     if (a != b && strcmp(a->name, b->name) == 0) {
-        snprintf(reason, size, "name: another material has it too");
+        snprintf(reason, size, "name: another material has the same name");
         return false;
     }
     if (a != b && a->num_range && b->num_range && a->range[0] < b->range[1] && b->range[0] < a->range[1]) {

@@ -133,7 +133,8 @@ static pliant_status number_tets(pliant_mesh *mesh, const uint8_t *keep, int32_t
     int32_t count = 0;
     for (int32_t t = 0; t < lattice_tets; t++) mesh->tet_of_lattice[t] = !keep || keep[t] ? count++ : -1;
     if (count == 0)
-        return pliant_fail(PLIANT_ERROR_SCENE, "no tetrahedron holds tissue: the scan is empty for these materials");
+        return pliant_fail(PLIANT_ERROR_SCENE,
+                           "the mesh has no tetrahedra: no voxel of the scan has a tissue of these materials");
     mesh->num_tets = count;
     mesh->tets = pliant_calloc((size_t)count, 4 * sizeof *mesh->tets);
     mesh->lattice_of_tet = pliant_calloc((size_t)count, sizeof *mesh->lattice_of_tet);

@@ -221,7 +221,8 @@ static pliant_status cut_leaves(octree_builder *build)
     }
     if (build->failed) return pliant_fail_memory("the tetrahedra");
     if (mesh->num_tets == 0)
-        return pliant_fail(PLIANT_ERROR_SCENE, "no tetrahedron holds tissue: the scan is empty for these materials");
+        return pliant_fail(PLIANT_ERROR_SCENE,
+                           "the mesh has no tetrahedra: no voxel of the scan has a tissue of these materials");
     return PLIANT_OK;
 }
 

@@ -131,8 +131,8 @@ static pliant_status write(const fit_arguments *arguments, const pliant_moduli *
         for (int q = 0; q < found->count; ++q) fprintf(file, ",%.4g", found->correlation[p][q]);
         fputc('\n', file);
     }
-    printf("off by %.3g mm (root mean square), %.3g of what the deviations say; %d passes\n", 1e3 * found->rms,
-           found->misfit, found->passes);
+    printf("root mean square error %.3g mm, misfit %.3g (1: as the deviations predict); %d iterations\n",
+           1e3 * found->rms, found->misfit, found->passes);
     int failed = ferror(file) | fclose(file);
     return failed ? pliant_fail(PLIANT_ERROR_FILE, "%s: %s", path, strerror(errno)) : PLIANT_OK;
 }
@@ -166,7 +166,7 @@ int main(int argc, char **argv)
         status = pliant_moduli_fit(&input, &data, arguments.num_names, arguments.names, console_progress(), &found);
     console_progress_end();
     if (status == PLIANT_NOT_CONVERGED)
-        pliant_log(PLIANT_LOG_WARNING, "the fit has not converged: these are the best moduli that were found");
+        pliant_log(PLIANT_LOG_WARNING, "the fit has not converged: the moduli are the best found");
     if (status >= 0) status = write(&arguments, &found);
     for (int n = 0; n < num_loads; ++n) pliant_path_free(&loads[n]);
     pliant_free(markers);

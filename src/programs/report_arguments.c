@@ -263,7 +263,7 @@ static bool read_one(int code, report_arguments *out)
     case SWEEP: out->do_sweep = true; break;
     case TRUTH: out->do_truth = true; break;
     case VALIDATE:
-        if (out->num_measured == MOST_MEASURED) return wrong("--validate", optarg, "that is one folder too many");
+        if (out->num_measured == MOST_MEASURED) return wrong("--validate", optarg, "there are too many folders");
         out->measured[out->num_measured++] = optarg;
         break;
     case MATERIALS: good = read_names(optarg, out); break;
@@ -287,7 +287,7 @@ static bool read_one(int code, report_arguments *out)
         break;
     case VARY: good = read_vary(optarg, sweep); break;
     case AT:
-        if (sweep->num_points == PLIANT_MAX_PULLS) return wrong("--at", optarg, "that is one point too many");
+        if (sweep->num_points == PLIANT_MAX_PULLS) return wrong("--at", optarg, "there are too many points");
         good = read_vector("--at", optarg, sweep->points[sweep->num_points].rest);
         if (good)
             snprintf(sweep->points[sweep->num_points].name, sizeof sweep->points->name, "point %d",
@@ -317,7 +317,7 @@ static bool read_one(int code, report_arguments *out)
         break;
     }
     case MERGE:
-        if (out->num_parts == MOST_PARTS) return wrong("--merge", optarg, "that is one folder too many");
+        if (out->num_parts == MOST_PARTS) return wrong("--merge", optarg, "there are too many folders");
         out->parts[out->num_parts++] = optarg;
         break;
     case NO_WARP: sweep->warp = false; break;

@@ -21,7 +21,7 @@ pliant_status report_plot(const char *folder, const char *setup, bool *drawn)
     if (python) {
         const char *draw[] = {python, path, folder, setup, NULL};
         *drawn = python_run(draw) == 0;
-        if (!*drawn) pliant_log(PLIANT_LOG_WARNING, "%s failed: no pictures, or not all", path);
+        if (!*drawn) pliant_log(PLIANT_LOG_WARNING, "%s failed: pictures are missing", path);
         return PLIANT_OK;
     }
     pliant_log(

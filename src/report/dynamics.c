@@ -52,7 +52,7 @@ static pliant_status pulled_frame(pulled_run *run, const pliant_sweep *sweep, in
     double tip[3];
     pliant_status status = PLIANT_OK;
     if (!pliant_report_progress(progress, (double)frame / frames_of(sweep), "explicit dynamics"))
-        return pliant_fail(PLIANT_ERROR_CANCELLED, "the report was stopped; what is done is kept");
+        return pliant_fail(PLIANT_ERROR_CANCELLED, "the report was stopped; finished rows are kept");
     if (frame == sweep->frames) pliant_tool_lost(run->data, run->tool);
     for (int d = 0; d < 3; d++) tip[d] = run->from[d] + sweep->pull[d] * (frame + 1.0) / sweep->frames;
     if (frame < sweep->frames) status = pliant_tool_set_pose(run->data, run->tool, tip, NULL);

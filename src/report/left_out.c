@@ -173,7 +173,7 @@ static pliant_status measure(pliant_model *model, const pliant_sweep *sweep, sta
         char doing[64];
         snprintf(doing, sizeof doing, "runs with parts left out, round %d of %d", run / NUM_CONFIGURATIONS + 1, ROUNDS);
         if (!pliant_report_progress(progress, (double)run / (ROUNDS * NUM_CONFIGURATIONS), doing))
-            status = pliant_fail(PLIANT_ERROR_CANCELLED, "the report was stopped; what is done is kept");
+            status = pliant_fail(PLIANT_ERROR_CANCELLED, "the report was stopped; finished rows are kept");
         if (status >= 0) status = run_parts(model, sweep, &target, configuration_parts(n), times);
         if (status >= 0 && run < NUM_CONFIGURATIONS) best[n] = *times;
         else if (status >= 0) {

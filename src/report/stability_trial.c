@@ -301,7 +301,7 @@ static pliant_status try_method(stability_trial *trial, stability_treatment trea
     if (status >= 0) treatment(trial, argument);
     if (!trial->cancelled) return tell(trial);
     free_trial(trial);
-    return pliant_fail(PLIANT_ERROR_CANCELLED, "the report was stopped; what is done is kept");
+    return pliant_fail(PLIANT_ERROR_CANCELLED, "the report was stopped; finished rows are kept");
 }
 
 pliant_status stability_try(stability_context *context, const char *parameter, const pliant_report_input *input,

@@ -174,7 +174,7 @@ static pliant_status begin(sweep_state *state, const char *format, ...)
     va_end(arguments);
     return pass_progress(0, "", state)
                ? PLIANT_OK
-               : pliant_fail(PLIANT_ERROR_CANCELLED, "the report was stopped; what is done is kept");
+               : pliant_fail(PLIANT_ERROR_CANCELLED, "the report was stopped; finished rows are kept");
 }
 
 static pliant_status build(sweep_state *state, const pliant_scene *scene, pliant_model **out, size_t *peak)

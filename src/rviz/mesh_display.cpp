@@ -254,7 +254,7 @@ void MeshDisplay::report_state(MeshShape::Result result, uint32_t revision)
     std::string reason;
     if (result == MeshShape::NO_TOPOLOGY) reason = "no topology yet";
     else if (result == MeshShape::OTHER_REVISION)
-        reason = "revision " + std::to_string(revision) + " is not that of the topology (" +
+        reason = "revision " + std::to_string(revision) + " differs from the revision of the topology (" +
                  std::to_string(mesh_.topology().revision) + ")";
     else if (result == MeshShape::WRONG_SIZE) reason = "the number of nodes or of scalars does not match the topology";
     else if (result == MeshShape::NOT_FINITE) reason = "nodes hold NaN or infinite numbers";

@@ -227,7 +227,7 @@ series_map read_folder(const std::string &folder)
         std::vector<dicom_slice> slices;
         std::string object;
         if (file_size(path) == 0)
-            pliant_log(PLIANT_LOG_WARNING, "%s: is empty and was left out: if it was a slice, copy it again",
+            pliant_log(PLIANT_LOG_WARNING, "%s: is empty and was ignored: if it was a slice, copy it again",
                        path.c_str());
         else if (!read_slices(path, &slices, &object))
             ignored++;
@@ -238,7 +238,7 @@ series_map read_folder(const std::string &folder)
         fail(PLIANT_ERROR_FORMAT, "%s: no DICOM image in this folder (%zu files, none of them one)%s%s", folder.c_str(),
              files.size(), has_folders ? "; its subfolders are not searched" : "", other.c_str());
     if (ignored)
-        pliant_log(PLIANT_LOG_INFO, "%s: %zu files are no DICOM images and were left out", folder.c_str(), ignored);
+        pliant_log(PLIANT_LOG_INFO, "%s: %zu files are not DICOM images and were ignored", folder.c_str(), ignored);
     return series;
 }
 

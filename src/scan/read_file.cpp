@@ -281,8 +281,7 @@ void check_sizes(const std::string &path, const std::vector<int64_t> &size)
         if (size[d] > 1)
             fail(
                 PLIANT_ERROR_FORMAT,
-                "%s: %zu dimensions (%s), one 3-D volume is needed: write one time point or channel to a file of its "
-                "own",
+                "%s: %zu dimensions (%s), one 3-D volume is needed: write one time point or channel to a separate file",
                 path.c_str(), size.size(), text.c_str());
     if (size.size() < 3)
         fail(PLIANT_ERROR_FORMAT, "%s: a 2-D image (%s), a 3-D volume is needed", path.c_str(), text.c_str());

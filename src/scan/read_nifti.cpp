@@ -182,7 +182,8 @@ void affine_from_qform(const std::string &path, const fields &header, double uni
            d = header.real(header.at().quatern, 2);
     double rest = 1.0 - (b * b + c * c + d * d), a = std::sqrt(std::fmax(rest, 0.0));
     if (!(rest > -1e-3))
-        fail(PLIANT_ERROR_FORMAT, "%s: the quaternion (%g, %g, %g) of the qform is no rotation", path.c_str(), b, c, d);
+        fail(PLIANT_ERROR_FORMAT, "%s: the quaternion (%g, %g, %g) of the qform is not a rotation", path.c_str(), b, c,
+             d);
     double norm = std::sqrt(a * a + b * b + c * c + d * d); /* 1, except for rounding errors of a half turn */
     a /= norm;
     b /= norm;
@@ -284,7 +285,7 @@ std::string image_file(const std::string &path)
     base.resize(base.size() - 4);
     for (const char *ending : {".img", ".img.gz", ".IMG", ".IMG.gz"})
         if (open_file(base + ending)) return base + ending;
-    fail(PLIANT_ERROR_FILE, "%s: its voxels should be in %s.img or %s.img.gz, neither is there", path.c_str(),
+    fail(PLIANT_ERROR_FILE, "%s: its voxels should be in %s.img or %s.img.gz, but neither file exists", path.c_str(),
          base.c_str(), base.c_str());
 }
 

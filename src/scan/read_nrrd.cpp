@@ -124,11 +124,10 @@ void space_signs(const nrrd_header &header, double sign[3])
 [[noreturn]] void refuse_channels(const nrrd_header &header, double count, const std::string &kind)
 {
     if (kind.empty() || kind == "domain" || kind == "space" || kind == "time" || kind == "list")
-        fail(
-            PLIANT_ERROR_FORMAT,
-            "%s: 4 dimensions (sizes: %.80s), one 3-D volume is needed: "
-            "write one time point or channel to a file of its own",
-            header.path.c_str(), header.text("sizes").c_str());
+        fail(PLIANT_ERROR_FORMAT,
+             "%s: 4 dimensions (sizes: %.80s), one 3-D volume is needed: write one time point or channel to a separate "
+             "file",
+             header.path.c_str(), header.text("sizes").c_str());
     fail(PLIANT_ERROR_FORMAT, "%s: %.0f values per voxel (%.40s); one is needed", header.path.c_str(), count,
          kind.c_str());
 }

@@ -126,7 +126,7 @@ std::string keep_stack(const std::string &folder, std::vector<dicom_slice> *slic
              folder.c_str(), text.c_str());
     if (num_left_out)
         pliant_log(PLIANT_LOG_WARNING,
-                   "%s: %zu images of the series lie in no stack with the other %zu and were left out: %s",
+                   "%s: %zu images of the series do not fit the stack of the other %zu and were ignored: %s",
                    folder.c_str(), num_left_out, stack.size(), text.c_str());
     *slices = std::move(kept);
     return text;
@@ -142,8 +142,8 @@ void check_alike(const std::vector<dicom_slice> &slices)
                  slice.path.c_str());
         if (slice.pixels.has_rescale != first.pixels.has_rescale)
             fail(PLIANT_ERROR_FORMAT,
-                 "%s: some images of the series have a RescaleIntercept, others none: add it to all, as their scanner "
-                 "wrote it",
+                 "%s: some images of the series have a RescaleIntercept, others have none: add it to all, as their "
+                 "scanner wrote it",
                  slice.path.c_str());
     }
 }
@@ -157,11 +157,10 @@ void check_duplicates(const std::string &folder, const std::vector<dicom_slice> 
         if (!a.instance.empty() && a.instance == b.instance)
             fail(PLIANT_ERROR_FORMAT, "%s: %s and %s are the same image twice", folder.c_str(), a.name.c_str(),
                  b.name.c_str());
-        fail(
-            PLIANT_ERROR_FORMAT,
-            "%s: %s and %s are at the same place (%g mm along the stack): several time points, echoes or a duplicate; "
-            "one 3-D volume is needed",
-            folder.c_str(), a.name.c_str(), b.name.c_str(), a.along);
+        fail(PLIANT_ERROR_FORMAT,
+             "%s: %s and %s are at the same position (%g mm along the stack): several time points, echoes or a "
+             "duplicate; one 3-D volume is needed",
+             folder.c_str(), a.name.c_str(), b.name.c_str(), a.along);
     }
 }
 
@@ -479,15 +478,17 @@ private:
         if (count == 0) return;
         const double air = -1024.0;
         if (fill_padding_any(header, padding, is_hounsfield() ? air : HUGE_VAL, voxels))
-            pliant_log(PLIANT_LOG_INFO,
-                       "%s: PixelPaddingValue: %zu voxels outside the image are taken for air, or for the smallest "
-                       "value that is not padding",
-                       slices_.front().path.c_str(), count);
+            pliant_log(
+                PLIANT_LOG_INFO,
+                "%s: PixelPaddingValue: %zu voxels outside the image are treated as air, or as the smallest value that "
+                "is not padding",
+                slices_.front().path.c_str(), count);
         else
-            pliant_log(PLIANT_LOG_WARNING,
-                       "%s: PixelPaddingValue is a value of the image itself, since %zu voxels have it but no corner: "
-                       "they are left as they are",
-                       slices_.front().path.c_str(), count);
+            pliant_log(
+                PLIANT_LOG_WARNING,
+                "%s: PixelPaddingValue is also a value of the image: %zu voxels have it, but no corner; they are not "
+                "changed",
+                slices_.front().path.c_str(), count);
     }
 };
 

@@ -291,7 +291,7 @@ static bool read_poses(const text_tool *text, pliant_path_tool *out, char reason
         double size = 0;
         for (int d = 0; d < 4; ++d) size += pose->rotation[d] * pose->rotation[d];
         if (size == 0) {
-            snprintf(reason, REASON_SIZE, "poses/rotation: is no rotation; [0, 0, 0, 1] turns nothing");
+            snprintf(reason, REASON_SIZE, "poses/rotation: is not a rotation; the identity is [0, 0, 0, 1]");
             return false;
         }
         for (int d = 0; d < 4; ++d) pose->rotation[d] /= sqrt(size);
@@ -434,7 +434,7 @@ static pliant_status convert(const text_path *text, const char *yaml, const char
         bool good = read_tool(&text->tools[n], name, &out->tools[n], reason);
         for (uint32_t k = 0; good && k < n; ++k)
             if (strcmp(out->tools[k].name, out->tools[n].name) == 0) {
-                snprintf(reason, sizeof reason, "name: another tool has it too");
+                snprintf(reason, sizeof reason, "name: another tool has the same name");
                 good = false;
             }
         if (good) continue;

@@ -28,9 +28,8 @@ pliant_status pliant_tool_add(const pliant_model *model, pliant_data *data, cons
             return PLIANT_OK;
         }
     if (strlen(name) >= sizeof data->tools->name)
-        return pliant_fail(PLIANT_ERROR_ARGUMENT,
-                           "tool %.20s...: its name has %zu characters, at most %zu are possible", name, strlen(name),
-                           sizeof data->tools->name - 1);
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %.20s...: its name has %zu characters; use at most %zu", name,
+                           strlen(name), sizeof data->tools->name - 1);
     if (data->num_tools == PLIANT_MAX_TOOLS)
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s cannot be added: the maximum is %d tools", name,
                            PLIANT_MAX_TOOLS);
@@ -402,11 +401,11 @@ void pliant_tool_slip(const pliant_scene *scene, pliant_data *data, int index)
     length = sqrt(length);
     if (length <= most) return;
     if (tool->slipped == 0)
-        pliant_log(PLIANT_LOG_INFO, "tool %s: its grip slips at %g N (grasp/slip)", tool->name, scene->grasp.slip);
+        pliant_log(PLIANT_LOG_INFO, "tool %s: its grasp slips at %g N (grasp/slip)", tool->name, scene->grasp.slip);
     tool->slipped += length - most;
     for (int d = 0; d < 3; d++) tool->grip[d] += (1 - most / length) * way[d];
     if (tool->slipped <= 2 * tool->grasped_radius) return;
-    pliant_log(PLIANT_LOG_WARNING, "tool %s: the tissue has slipped out of its grip (grasp/slip)", tool->name);
+    pliant_log(PLIANT_LOG_WARNING, "tool %s: the tissue has slipped out of its grasp (grasp/slip)", tool->name);
     pliant_tool_forget(tool);
 }
 

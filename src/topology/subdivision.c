@@ -8,7 +8,7 @@
 #include <math.h>
 #include <string.h>
 
-static pliant_status no_memory(void) { return pliant_fail_memory("what cuts subdivide"); }
+static pliant_status no_memory(void) { return pliant_fail_memory("the subdivision of the mesh"); }
 
 pliant_status pliant_subdivision_create(const pliant_mesh *fine, double snap, pliant_subdivision **out)
 {

@@ -325,7 +325,7 @@ pliant_status pliant_parts_create(const pliant_body *body, const pliant_geometry
     *out = NULL;
     if (!body->cuts || !body->voxels) return PLIANT_OK;
     if (memcmp(body->voxels->geometry.size, scan->size, sizeof scan->size) != 0)
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "the voxels of the mesh topology differ from those of the scan");
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "the voxels of the mesh topology differ from the voxels of the scan");
     const size_t tets = (size_t)body->voxels->num_tets;
     parts_work all = {.body = body,
                       .before = before && body_before && body_before->voxels == body->voxels ? before : NULL,

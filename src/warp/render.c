@@ -20,15 +20,15 @@ static pliant_status check_camera(const pliant_camera *camera)
     enum { MOST_PIXELS = 1 << 15 };
     const double numbers[] = {camera->fx, camera->fy, camera->cx, camera->cy, camera->near, camera->far};
     if (camera->width < 1 || camera->height < 1 || camera->width > MOST_PIXELS || camera->height > MOST_PIXELS)
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "a camera of %d x %d pixels: 1 to %d each are possible",
-                           camera->width, camera->height, MOST_PIXELS);
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "a camera has %d x %d pixels; use 1 to %d each", camera->width,
+                           camera->height, MOST_PIXELS);
     if (!all_finite(6, numbers) || !all_finite(12, camera->pose))
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "a camera's fx, fy, cx, cy, near, far and pose must be finite");
     const double least = 1e-3, most = 1e9; /* [pixels] */
     if (!(fabs(camera->fx) >= least && fabs(camera->fx) <= most && fabs(camera->fy) >= least &&
           fabs(camera->fy) <= most))
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "a camera's fx and fy of %g and %g pixels: %g to %g are possible",
-                           camera->fx, camera->fy, least, most);
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "a camera's fx and fy are %g and %g pixels; use %g to %g", camera->fx,
+                           camera->fy, least, most);
     for (int a = 0; a < 3; a++)
         for (int b = a; b < 3; b++) {
             double product = 0;

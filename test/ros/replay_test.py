@@ -222,7 +222,7 @@ class ReplayTest(unittest.TestCase):
                 (2, "--at", [self.bag, "--scan", SCAN] + out),
                 (2, "expected seconds", [self.bag, "--scan", SCAN, "--at", "1,x"] + out),
                 (1, "choose times in there", [self.bag, "--scan", SCAN, "--scene", self.scene, "--at", "1000"] + out),
-                (1, "differ from those of the recording",
+                (1, "differ from the voxels of the recording",
                  [self.bag, "--scan", "phantom:64x48x56", "--scene", self.scene, "--at", "2"] + out),
                 (1, "--ns", [self.bag, "--scan", SCAN, "--ns", "other", "--at", "2"] + out),
                 (1, "none.bag", [self.folder + "/none.bag", "--scan", SCAN, "--at", "2"] + out)):

@@ -217,7 +217,8 @@ pliant_status pliant_hull_find(int32_t num_points, const double *points, const c
         of->next = next;
         if (num_points < 4 || !begin(of, num_points))
             status =
-                pliant_fail(PLIANT_ERROR_FORMAT, "%s: its points lie in a plane: a solid needs four that do not", name);
+                pliant_fail(PLIANT_ERROR_FORMAT,
+                            "%s: its points lie in a plane: a solid needs four points that are not coplanar", name);
         else if (!add_points(of, num_points))
             status = pliant_fail(PLIANT_ERROR_FORMAT,
                                  "%s: its convex hull has more than %d triangles; as a mesh it may have %d", name,

@@ -152,7 +152,7 @@ const char *pliant_part_check(const pliant_part *part, bool of_tool, char *reaso
     for (int d = 0; d < 3; d++) {
         const bool has_end = part->kind != PLIANT_PART_SPHERE && part->kind != PLIANT_PART_SOLID;
         if (!(fabs(part->from[d]) <= most) || (has_end && !(fabs(part->to[d]) <= most)))
-            return complain(reason, size, "its numbers must be finite, and metres: at most 10");
+            return complain(reason, size, "its numbers must be finite and at most 10 m; use metres");
     }
     if (part->kind == PLIANT_PART_HALF_SPACE) {
         if (of_tool)

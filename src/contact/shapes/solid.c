@@ -160,15 +160,13 @@ static pliant_status complain(const surface *of, const half_edge *edge, int32_t 
     if (open)
         return pliant_fail(
             PLIANT_ERROR_FORMAT,
-            "%s: is not closed: %d of its %d edges have a triangle on one side alone, "
-            "the first from (%.6g, %.6g, %.6g) to (%.6g, %.6g, %.6g); fill its holes, or take its convex hull (kind: "
-            "convex)",
+            "%s: is not closed: %d of its %d edges have only one triangle, the first from (%.6g, %.6g, %.6g) to (%.6g, "
+            "%.6g, %.6g); fill its holes, or take its convex hull (kind: convex)",
             of->name, bad, edges, a[0], a[1], a[2], b[0], b[1], b[2]);
     return pliant_fail(
         PLIANT_ERROR_FORMAT,
-        "%s: %d of its %d edges have triangles that are turned inside out to each other, "
-        "the first from (%.6g, %.6g, %.6g) to (%.6g, %.6g, %.6g); "
-        "corners must go round counter-clockwise as seen from outside, everywhere",
+        "%s: %d of its %d edges have triangles with opposite orientation, the first from (%.6g, %.6g, %.6g) to (%.6g, "
+        "%.6g, %.6g); corners must go round counter-clockwise as seen from outside, everywhere",
         of->name, bad, edges, a[0], a[1], a[2], b[0], b[1], b[2]);
 }
 
@@ -350,9 +348,10 @@ pliant_status pliant_solid_create(int32_t num_points, const double *points, int3
     if (status != PLIANT_OK) return status;
     if (num_points < 4 || num_points > 3 * PLIANT_SOLID_TRIANGLES || num_triangles > PLIANT_SOLID_TRIANGLES ||
         (num_triangles < 4 && !options->convex))
-        return pliant_fail(PLIANT_ERROR_ARGUMENT,
-                           "%s: %d points and %d triangles are no solid: 4 are needed, and %d triangles possible", name,
-                           num_points, num_triangles, PLIANT_SOLID_TRIANGLES);
+        return pliant_fail(
+            PLIANT_ERROR_ARGUMENT,
+            "%s: %d points and %d triangles are not a solid: use at least 4 points and at most %d triangles", name,
+            num_points, num_triangles, PLIANT_SOLID_TRIANGLES);
     if (options->convex) num_triangles = 0;
     for (int32_t c = 0; c < 3 * num_triangles; c++)
         if (triangles[c] < 0 || triangles[c] >= num_points)

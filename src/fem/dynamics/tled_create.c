@@ -57,7 +57,7 @@ static pliant_status set_options(pliant_tled_system *system, const pliant_scene 
                            shares);
     if (system->nodal_pressure && system->law == PLIANT_LAW_SAINT_VENANT_KIRCHHOFF)
         return pliant_fail(PLIANT_ERROR_SCENE,
-                           "tled/nodal_pressure: saint_venant_kirchhoff has no pressure of its own; take another law");
+                           "tled/nodal_pressure: saint_venant_kirchhoff has no separate pressure; take another law");
     system->num_walls = pliant_tled_walls(scene, system->walls);
     system->friction = scene->ground.friction;
     system->restitution = scene->ground.restitution;

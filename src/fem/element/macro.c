@@ -218,9 +218,9 @@ pliant_status pliant_macro_find_pattern(pliant_system *system)
             if (pass == 1) memcpy(pattern->row + count, rows, (size_t)height * sizeof *rows);
             count += height;
             if (9 * count > INT32_MAX) {
-                status = pliant_fail(PLIANT_ERROR_SCENE,
-                                     "the matrix has too many entries: use fewer mesh/coarse_cells, or with lod fewer "
-                                     "model/lod_layers");
+                status = pliant_fail(
+                    PLIANT_ERROR_SCENE,
+                    "the matrix has too many entries: reduce mesh/coarse_cells, or model/lod_layers with lod");
                 goto done;
             }
             pattern->start[column + 1] = (int32_t)count;

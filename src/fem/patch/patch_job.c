@@ -118,8 +118,8 @@ static pliant_status check_memory(const pliant_patch *patch)
     if (bytes <= share * available) return PLIANT_OK;
     return pliant_fail(
         PLIANT_ERROR_MEMORY,
-        "a patch around these holds needs %.0f MB, more than half of the %.0f MB that the machine has free",
-        bytes / 1e6, available / 1e6);
+        "a patch around the grasps needs %.0f MB, more than half of the %.0f MB that the machine has free", bytes / 1e6,
+        available / 1e6);
 }
 
 /* Create the patch's preconditioner. After a cut, carry over the preconditioner from load time. */

@@ -79,7 +79,7 @@ bool fit_rigid(const std::vector<geometry_msgs::Point> &from, const std::vector<
 {
     if (from.size() != to.size() || from.size() < 3) {
         *why = std::to_string(from.size()) + " points of the tissue and " + std::to_string(to.size()) +
-               " of the room: three pairs or more are needed";
+               " of the room; use the same number, and at least three pairs";
         return false;
     }
     const Eigen::Matrix3Xd a = matrix_of(from), b = matrix_of(to);
@@ -170,7 +170,7 @@ bool registration_from_text(const std::string &text, const std::string &parent_f
     const size_t begin = frame + std::string("parent_frame: ").size();
     const std::string named = text.substr(begin, text.find('\n', begin) - begin);
     if (named != parent_frame) {
-        *why = "it is of the parent frame " + named + ", not of " + parent_frame;
+        *why = "it belongs to the parent frame " + named + ", not of " + parent_frame;
         return false;
     }
     return rigid_from_message(read, out, why);
@@ -197,7 +197,7 @@ bool hand_eye_from_text(const std::string &text, std::string *frame, Rigid *out,
     if (!read.allFinite() || (read.row(3) - Eigen::RowVector4d(0, 0, 0, 1)).norm() > 1e-9) return false;
     const Eigen::Matrix3d turn = read.topLeftCorner<3, 3>();
     if ((turn * turn.transpose() - Eigen::Matrix3d::Identity()).norm() > 1e-2 || turn.determinant() < 0) {
-        *why = "the first three columns of its transform are no rotation";
+        *why = "the first three columns of its transform are not a rotation";
         return false;
     }
     Eigen::Map<Eigen::Quaterniond>(out->rotation) = Eigen::Quaterniond(turn).normalized();

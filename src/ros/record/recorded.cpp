@@ -117,11 +117,11 @@ std::shared_ptr<const pliant_body> body_of(const Loaded &loaded, const MeshTopol
     bodies->last_revision = std::max(bodies->last_revision, body->revision);
     if (near && !near->subdivision && begins(*near, recorded)) body = near;
     if (!is_id_of(recorded.scan_id, *loaded.scan)) {
-        *why = "the recording is of scan \"" + recorded.scan_id + "\", the one here is \"" + loaded.scan->volume.id +
-               "\": name that scan";
+        *why = "the recording is of scan \"" + recorded.scan_id + "\", but the loaded scan is \"" +
+               loaded.scan->volume.id + "\": name that scan";
     } else if (recorded.scan_checksum != loaded.scan->checksum) {
         *why = "the voxels of \"" + recorded.scan_id +
-               "\" differ from those of the recording: the name is equal, but the scan or its size is not";
+               "\" differ from the voxels of the recording: the name is equal, but the scan or its size is not";
     } else if (!sever(recorded, &bodies->last_revision, &body) || !subdivide(recorded, &bodies->last_revision, &body)) {
         *why = std::string("the recording's mesh was cut, but this one cannot be: ") + pliant_last_error() + "; " +
                same_scene;

@@ -130,8 +130,9 @@ std::shared_ptr<const Scan> Shelf::find(const Session &session)
     const std::string recorded = "\"" + session.scan_id + "\" (" + session.scan + ")";
     if (seen.empty())
         throw Failure(PLIANT_ERROR_FILE, "the scan of the recording, " + recorded + ", was not found: give its path");
-    throw Failure(PLIANT_ERROR_FORMAT, "the voxels of " + seen + " differ from those of the recording, which uses " +
-                                           recorded + ": give the path of that scan");
+    throw Failure(PLIANT_ERROR_FORMAT, "the voxels of " + seen +
+                                           " differ from the voxels of the recording, which uses " + recorded +
+                                           ": give the path of the recorded scan");
 }
 
 std::shared_ptr<Loaded> build_session(const Session &session, std::shared_ptr<const Scan> scan,

@@ -113,9 +113,10 @@ pliant_status pliant_tool_set_spring(pliant_data *data, int tool, double stiffne
     pliant_status status = check(data, tool);
     if (status != PLIANT_OK) return status;
     if (!(stiffness > 0) || !(damping >= 0) || stiffness > 1e12 || damping > 1e9)
-        return pliant_fail(PLIANT_ERROR_ARGUMENT,
-                           "a spring of %g N/m and %g N s/m: above 0 up to 1e12, and 0 to 1e9 are possible", stiffness,
-                           damping);
+        return pliant_fail(
+            PLIANT_ERROR_ARGUMENT,
+            "a spring has %g N/m and %g N s/m; use a stiffness above 0 up to 1e12, and a damping from 0 to 1e9",
+            stiffness, damping);
     data->tools[tool].stiffness = stiffness;
     data->tools[tool].damping = damping;
     return PLIANT_OK;
@@ -126,7 +127,7 @@ pliant_status pliant_tool_set_radius(pliant_data *data, int tool, double radius)
     pliant_status status = check(data, tool);
     if (status != PLIANT_OK) return status;
     if (!(radius >= 0) || radius > 1)
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "a grasped blob of radius %g m: 0 to 1 are possible", radius);
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "the radius of the grasp is %g m; use 0 to 1", radius);
     data->tools[tool].radius = radius;
     return PLIANT_OK;
 }

@@ -36,7 +36,7 @@ pliant_status pliant_discretizing_begin(const pliant_scene *scene, const pliant_
 {
     *out = (pliant_discretizing){.scene = scene, .progress = progress};
     pliant_discretization *made = pliant_calloc(1, sizeof *made);
-    if (!made) return pliant_fail_memory("what is solved");
+    if (!made) return pliant_fail_memory("the equations");
     made->holders = pliant_calloc(1, sizeof *made->holders);
     made->system = pliant_calloc(1, sizeof *made->system);
     size_t coarse_nodes = (size_t)body->coarse.num_nodes;
@@ -48,7 +48,7 @@ pliant_status pliant_discretizing_begin(const pliant_scene *scene, const pliant_
         pliant_free(made);
         pliant_free(out->solved_fixed);
         out->solved_fixed = NULL;
-        return pliant_fail_memory("what is solved");
+        return pliant_fail_memory("the equations");
     }
     atomic_init(&made->holders->count, 1);
     made->holders->free = free_discretization;
@@ -88,8 +88,11 @@ static pliant_status hold_homogenized(pliant_discretizing *work)
     for (int32_t n = 0; status == PLIANT_OK && n < coarse->num_nodes; n++)
         if (held[n] && !stands[n]) work->solved_fixed[n] = 1;
     if (status == PLIANT_OK && pieces > 0)
-        pliant_log(PLIANT_LOG_WARNING,
-                   "%d pieces of the coarse mesh hang on fewer than three nodes; they are held where they are", pieces);
+        pliant_log(
+            PLIANT_LOG_WARNING,
+            "%d pieces of the coarse mesh are attached to fewer than three fixed nodes; they are fixed at their rest "
+            "position",
+            pieces);
     pliant_free(held);
     pliant_free(stands);
     pliant_free(loose);
@@ -114,7 +117,7 @@ static pliant_status homogenize_octree(pliant_discretizing *work)
 {
     const pliant_body *body = work->made->body;
     const size_t nodes = (size_t)body->fine.num_nodes;
-    if (!(work->solved_fixed = pliant_calloc(nodes, 1))) return pliant_fail_memory("what is solved");
+    if (!(work->solved_fixed = pliant_calloc(nodes, 1))) return pliant_fail_memory("the equations");
     memcpy(work->solved_fixed, body->fine_fixed, nodes);
     const pliant_kept *kept = work->kept;
     return pliant_system_octree_hexahedra(work->made->system, body->fine_material, kept ? kept->before->system : NULL,
@@ -159,7 +162,7 @@ static pliant_status set_coarse_apart(pliant_discretizing *work)
     pliant_discretization *made = work->made;
     const pliant_body *parted = made->body;
     pliant_system *system = pliant_calloc(1, sizeof *system);
-    if (!system) return pliant_fail_memory("what is solved");
+    if (!system) return pliant_fail_memory("the equations");
     *system = *made->system;
     made->body = parted->lender ? parted->lender : parted; /* the separated topology retains it */
     made->system->mesh = &made->body->coarse;
@@ -395,7 +398,7 @@ pliant_status pliant_discretization_next(const pliant_scene *scene, const pliant
         kept.fine = kept_by_list(was, body);
     else
         kept.fine = find_kept(was, body, map->node);
-    if (!kept.fine) status = pliant_fail_memory("what is solved");
+    if (!kept.fine) status = pliant_fail_memory("the equations");
     work.kept = &kept;
     if (status == PLIANT_OK) status = run_stages(&work);
     if (status == PLIANT_OK) {

@@ -204,7 +204,7 @@ static pliant_status hold_coarse(builder *build)
             if (node >= 0) body->coarse_fixed[node] = 1;
         }
         pliant_log(PLIANT_LOG_WARNING,
-                   "coarse: fewer than three of its nodes lie in what is fixed; the nearest ones are fixed instead");
+                   "coarse: fewer than three coarse nodes lie in fixed tissue; the nearest nodes are fixed instead");
         status = pliant_mesh_hold(coarse, PLIANT_FIXED_AT_REST, true, body->coarse_fixed, loose, &pieces);
     }
     pliant_free(loose);
@@ -306,9 +306,10 @@ static pliant_status fix(builder *build)
             body->fine_material[t].lambda *= PLIANT_LOOSE_STIFFNESS;
             body->fine_material[t].mu *= PLIANT_LOOSE_STIFFNESS;
         }
-        pliant_log(PLIANT_LOG_WARNING,
-                   "%d pieces (%d of %d tetrahedra) hang on nothing that is fixed; they are held where they are",
-                   body->num_held_pieces, count, fine->num_tets);
+        pliant_log(
+            PLIANT_LOG_WARNING,
+            "%d pieces (%d of %d tetrahedra) are not attached to fixed nodes; they are fixed at their rest position",
+            body->num_held_pieces, count, fine->num_tets);
     }
     return is_coarse(model) ? fix_coarse(build) : PLIANT_OK;
 }
