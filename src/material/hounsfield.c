@@ -40,12 +40,13 @@ static pliant_status ask_for_table(const pliant_volume *scan, const char *reason
     return pliant_fail(
         PLIANT_ERROR_MATERIAL,
         "%s: %s; the built-in materials are ranges of Hounsfield units (CT). Name a table for it: material: {file: "
-        "mine.yaml}, with ranges of its intensities (1st to 99th percentile: %.4g to %.4g), such as\nmaterials:\n  - "
-        "{name: air, young_modulus: 10, poisson_ratio: 0, density: 1.2, empty: true, range: [-1e9, %.4g]}\n  - {name: "
-        "tissue, young_modulus: 5000, poisson_ratio: 0.45, density: 1050, range: [%.4g, 1e9]}\nor with the labels of a "
-        "label map (material/labels). Use fixed regions of the scene instead of bone (fixed: boxes, planes). "
-        "pliant_segment shows the intensities of the tissues. If these are Hounsfield units nevertheless, name "
-        "launch/materials/abdomen_ct.yaml",
+        "mine.yaml}, with ranges of its intensities (1st to 99th percentile: %.4g to %.4g), such as\n"
+        "materials:\n"
+        "  - {name: air, young_modulus: 10, poisson_ratio: 0, density: 1.2, empty: true, range: [-1e9, %.4g]}\n"
+        "  - {name: tissue, young_modulus: 5000, poisson_ratio: 0.45, density: 1050, range: [%.4g, 1e9]}\n"
+        "or with the labels of a label map (material/labels). Use fixed regions of the scene instead of bone (fixed: "
+        "boxes, planes). pliant_segment shows the intensities of the tissues. If these are Hounsfield units "
+        "nevertheless, name launch/materials/abdomen_ct.yaml",
         scan->id[0] ? scan->id : "the scan", reason, value[1], value[PERCENTILES - 2], air, air);
 }
 

@@ -237,7 +237,7 @@ def draw_stages(folder, rows):
               "everything": "all left out"}.get(row["left_out"], "without " + row["left_out"]) for row in rows]
     figure, axes = plt.subplots(1, 2, figsize=(11, 0.45 * len(rows) + 1.6), sharey=True)
     for axis, column, unit in zip(axes, ("frame_median_ms", "held_mb"),
-                                  ("frame, median [ms]", "memory held beside the model [MB]")):
+                                  ("frame, median [ms]", "memory in addition to the model [MB]")):
         values = [number(row, column) for row in rows]
         axis.barh(range(len(rows)), values, color=["#555555"] + ["#4c78a8"] * (len(rows) - 1))
         for y, value in enumerate(values):
@@ -248,7 +248,7 @@ def draw_stages(folder, rows):
     axes[0].set_yticks(range(len(rows)))
     axes[0].set_yticklabels(names)
     axes[0].invert_yaxis()
-    figure.suptitle("What was left out")
+    figure.suptitle("Parts left out")
     figure.tight_layout(rect=(0, 0, 1, 0.94))
     figure.savefig(os.path.join(folder, "stages.png"), dpi=110)
     plt.close(figure)
@@ -265,7 +265,7 @@ def draw_validation(folder, rows):
         spread, deviation = number(row, "spread_mm"), number(row, "deviation_mm")
         axis.plot([spread], [y], "o", color="#e45756", label="spread of the measurement" if y == 0 else None)
         axis.plot([deviation], [y], "D", color="#f58518", markersize=5,
-                  label="deviation told with it" if y == 0 else None)
+                  label="reported deviation" if y == 0 else None)
         axis.annotate("%.2f mm of %.1f (%.0f %%)" % (number(row, "rms_mm"), number(row, "moved_rms_mm"),
                                                      number(row, "percent")),
                       (np.nanmax([number(row, "max_mm"), spread, deviation]), y), xytext=(8, 0),

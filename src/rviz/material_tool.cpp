@@ -152,7 +152,7 @@ void MaterialTool::take_answer()
     if (!picker_.take(&answer, &problem)) return;
     Table now(materials_);
     if (problem.isEmpty() && answer.material >= now.table.num_materials)
-        problem = "The node has not told its materials yet.";
+        problem = "The node has not published its materials yet.";
     if (!problem.isEmpty()) {
         setStatus(problem);
         return;

@@ -93,7 +93,7 @@ void MeshDisplay::make_properties()
     colour_by_->addOption("Displacement", BY_DISPLACEMENT);
     scalar_ = new rviz::EnumProperty(
         "Scalar", "none",
-        "The number that the node tells of each mesh node. Chosen here, it is so for all that listen.", this,
+        "The scalar that the node publishes for each mesh node. The choice applies to all subscribers.", this,
         SLOT(change_scalar()));
     for (const char *name : SCALARS) scalar_->addOption(name);
     scalar_->setShouldBeSaved(false); /* not saved: it is the node's setting */

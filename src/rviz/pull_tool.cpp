@@ -37,7 +37,7 @@ PullTool::~PullTool()
 void PullTool::onInitialize()
 {
     setName("Pull");
-    setDescription("Left button: take hold of the visible tissue and pull it; the wheel moves it towards you or away. "
+    setDescription("Left button: grasp the visible tissue and pull it; the wheel moves it towards you or away. "
                    "Alt: turn the view.");
     namespace_ = new rviz::StringProperty("Namespace", "", "Of the tissue's topics and services; empty: as rviz's own.",
                                           getPropertyContainer(), SLOT(connect_topics()), this);
@@ -85,7 +85,7 @@ void PullTool::activate()
 {
     active_ = true;
     connect_topics();
-    setStatus("Take hold of the tissue with the left button.");
+    setStatus("Grasp the tissue with the left button.");
 }
 
 void PullTool::deactivate()

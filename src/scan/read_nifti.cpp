@@ -228,7 +228,7 @@ void read_grid(const std::string &path, const fields &header, grid *grid)
     const layout &at = header.at();
     int64_t dimensions = header.dim(0);
     if (dimensions < 1 || dimensions > 7)
-        fail(PLIANT_ERROR_FORMAT, "%s: broken NIfTI header: dim[0] is %lld, it must be 1 to 7", path.c_str(),
+        fail(PLIANT_ERROR_FORMAT, "%s: damaged NIfTI header: dim[0] is %lld, it must be 1 to 7", path.c_str(),
              static_cast<long long>(dimensions));
     for (int64_t d = 1; d <= dimensions; d++) grid->size.push_back(header.dim(static_cast<size_t>(d)));
 
@@ -370,11 +370,10 @@ std::unique_ptr<image_source> open_nifti(const std::string &path)
     bool swap = false;
     int version = version_of(bytes, &swap);
     if (version == -1)
-        fail(
-            PLIANT_ERROR_FORMAT,
-            "%s: an Analyze 7.5 header or a broken NIfTI one (no NIfTI magic): its orientation is not known; "
-            "convert it to NIfTI",
-            path.c_str());
+        fail(PLIANT_ERROR_FORMAT,
+             "%s: an Analyze 7.5 header or a damaged NIfTI header (no NIfTI magic): its orientation is unknown; "
+             "convert it to NIfTI",
+             path.c_str());
     size_t header_size = version == 2 ? SIZE_2 : SIZE_1;
     if (version == 0 || bytes.size() < header_size)
         fail(PLIANT_ERROR_FORMAT, "%s: not a NIfTI file, or its header is truncated (%zu bytes)", path.c_str(),

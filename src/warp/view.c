@@ -80,8 +80,8 @@ pliant_status pliant_view_set(pliant_view *view, const pliant_body *body, const 
     const size_t nodes = (size_t)body->fine.num_nodes;
     for (size_t v = 0; v < 3 * nodes; v++)
         if (!isfinite(positions[v]))
-            return pliant_fail(PLIANT_ERROR_ARGUMENT, "the position of node %zu is not finite; the view stays as it is",
-                               v / 3);
+            return pliant_fail(PLIANT_ERROR_ARGUMENT,
+                               "the position of node %zu is not finite; the view does not change", v / 3);
     if (drawn && !pliant_geometry_equal(&view->target, pliant_warp_geometry(drawn)))
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "the deformed volume of a view must have the grid of the view");
     if (nodes > view->room) {

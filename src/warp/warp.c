@@ -403,7 +403,7 @@ pliant_status pliant_warp_update(pliant_warp *warp, const double *positions)
     for (int32_t v = 0; v < 3 * warp->mesh->num_nodes; v++)
         if (!isfinite(positions[v]))
             return pliant_fail(PLIANT_ERROR_ARGUMENT,
-                               "the position of node %d is not finite; the deformed volume stays as it is", v / 3);
+                               "the position of node %d is not finite; the deformed volume does not change", v / 3);
     tell_cut_off(warp, positions);
     if (warp->accelerated) {
         if (warp->device->update(warp->accelerated, positions) == PLIANT_OK) return PLIANT_OK;

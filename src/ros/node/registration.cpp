@@ -117,7 +117,7 @@ std::string refusal_of_fit(const std::vector<geometry_msgs::Point> &tissue,
     Eigen::Matrix3Xd a = matrix_of(tissue), b = matrix_of(room);
     const double ratio = radius_of(b) / radius_of(a), largest = std::max(radius_of(a), radius_of(b));
     if (rms <= limit && largest <= MAX_RADIUS) return "";
-    std::string text = "refused, the tissue stays where it was: root mean square error " + millimetres(rms) +
+    std::string text = "refused, the tissue pose does not change: root mean square error " + millimetres(rms) +
                        ", limit " + millimetres(limit) + " (max_error).";
     const char *unit = unit_of(std::max(ratio, 1 / ratio));
     if (unit)

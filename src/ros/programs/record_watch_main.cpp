@@ -77,8 +77,9 @@ int main(int argc, char **argv)
         if (known && free < least)
             status.summary(
                 DiagnosticStatus::ERROR,
-                "the disk is full: nothing more is recorded; what there is stays (rosbag reindex makes a bag of a "
-                ".active that was left)");
+                "the disk is full: recording has stopped; recorded messages are kept (repair a remaining .active file "
+                "with "
+                "rosbag reindex)");
         else if (!bag.open)
             status.summary(was_open ? DiagnosticStatus::ERROR : DiagnosticStatus::WARN,
                            was_open ? "the recorder has ended" : "nothing is recorded yet");

@@ -36,7 +36,7 @@ const char help[] =
     "  --surfaces         with every volume the surface and its cut faces too, DIR/surface_SSSS.SSS.ply\n"
     "  --simulate         make every step again from what the tools did, from the first load or reset in the bag on; "
     "volumes come from\n"
-    "                     there. Fails where positions are not those of the recording, to the bit\n"
+    "                     there. Fails where positions differ bitwise from the recording\n"
     "  --steps FILE       table (CSV) of every step: time, seconds by stage, "
     "what was put to use of work in the background\n"
     "  --cuts FILE        table (CSV) of what blades and the services cut: time, tool, stroke, severed area, revision, "
@@ -48,14 +48,14 @@ const char help[] =
     "Python with numpy and pyarrow writes it;\n"
     "                     pictures become mp4 where ffmpeg is installed, png where not\n"
     "  --rate HZ          rows of that a second (default: 30)\n"
-    "  --task TEXT        what LeRobot is told was done (default: tissue)\n"
+    "  --task TEXT        description of the task for LeRobot (default: tissue)\n"
     "  --ns NAME          namespace that was recorded (default: tissue)\n"
     "  --quiet            no progress, warnings and errors only\n"
     "  --help             print this and end\n"
     "\n"
     "Every volume is that of the newest state recorded by its time: DIR/deformed_SSSS.SSS.nii.gz, named by that time.\n"
     "\n"
-    "Exit codes: 0 done, 1 failed, 2 wrong usage, 130 stopped by Ctrl-C (what was written so far stays).\n";
+    "Exit codes: 0 done, 1 failed, 2 wrong usage, 130 stopped by Ctrl-C (written files are kept).\n";
 
 enum { SCAN = 256, SCENE, SET, AT, EVERY, OUT, SURFACES, SIMULATE, STEPS, CUTS, EXPORT, RATE, TASK, NAME, QUIET, HELP };
 

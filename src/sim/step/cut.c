@@ -50,7 +50,7 @@ static double reach_of(const knife *work) { return fmax(work->model->scene.cut.d
 static void tell_failure(const knife *work)
 {
     if (!work->tool->blade.failed)
-        pliant_log(PLIANT_LOG_WARNING, "tool %s does not cut: %s; the tissue stays as it is", work->tool->name,
+        pliant_log(PLIANT_LOG_WARNING, "tool %s does not cut: %s; the tissue does not change", work->tool->name,
                    pliant_last_error());
     work->tool->blade.failed = true;
 }
