@@ -1,6 +1,7 @@
 #include "contact/solve/cones.h"
 
 #include "base/dense.h"
+#include "base/lanes.h"
 
 #include <string.h>
 
@@ -75,8 +76,8 @@ static int32_t sweep_mixed(const pliant_team *team, const pliant_cones *on, doub
     }
 }
 
-int32_t pliant_cones_solve(int32_t count, const double *matrix, const double *friction, double *motion, double *force,
-                           double *room)
+PLIANT_VECTORIZED int32_t pliant_cones_solve(int32_t count, const double *matrix, const double *friction,
+                                             double *motion, double *force, double *room)
 {
     const size_t row = 3 * (size_t)count;
     const pliant_team team = {.size = 1};
