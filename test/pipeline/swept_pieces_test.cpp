@@ -66,8 +66,7 @@ Way through_the_piece(Way on)
     return on;
 }
 
-// A free piece, hit anywhere. PLIANT_SWEEPS: number of sweeps, default 60; with more, some tunnel:
-// src/contact/NUMERICS.md.
+// A free piece, hit anywhere. PLIANT_SWEEPS: number of sweeps, default 60.
 TEST(SweptPieces, NothingIsSweptThroughAPiece)
 {
     Sweeps sweeps;
