@@ -8,7 +8,7 @@
 #include <string.h>
 #include <sys/stat.h>
 
-static bool change(pliant_scene *scene, const char *text)
+bool command_line_set(pliant_scene *scene, const char *text)
 {
     char name[128];
     const char *equals = strchr(text, '=');
@@ -40,7 +40,7 @@ bool command_line_scene(int argc, char **argv, const struct option *options, int
     }
     optind = 1;
     for (int code; (code = getopt_long(argc, argv, "", options, NULL)) != -1;)
-        if (code == set && !change(scene, optarg)) return false;
+        if (code == set && !command_line_set(scene, optarg)) return false;
     if (pliant_scene_check(scene) >= 0) return true;
     fprintf(stderr, "%s\n", pliant_last_error());
     return false;

@@ -12,6 +12,9 @@ extern "C" {
 
 enum { EXIT_OK = 0, EXIT_FAILED = 1, EXIT_USAGE = 2, EXIT_STOPPED = 130 };
 
+/* Set an option of a scene from the value of --set, group/name=value. Return false after a message on stderr. */
+bool command_line_set(pliant_scene *scene, const char *text);
+
 /* Read the scene: first the scene file, if given, then every --set group/name=value, in any order on the command line.
  * Call it after getopt_long has processed all arguments; it processes them again from the start.
  * @param options, set the program's options, and the value of its --set

@@ -1,6 +1,6 @@
 #include "ros/record/bag_arguments.h"
 
-#include "programs/command_line.h" /* exit codes */
+#include "programs/command_line.h"
 #include "pliant/status.h"
 
 #include <algorithm>
@@ -101,16 +101,6 @@ bool read_rate(const std::string &text, int *out)
     return true;
 }
 
-/* Set an option from "group/name=value". */
-bool set_option(const std::string &text, pliant_scene *scene)
-{
-    size_t sign = text.find('=');
-    if (sign == std::string::npos) return refuse("--set " + text + ": expected OPTION=VALUE");
-    if (pliant_scene_set(scene, text.substr(0, sign).c_str(), text.substr(sign + 1).c_str()) < 0)
-        return refuse("--set " + text + ": " + pliant_last_error());
-    return true;
-}
-
 /* Read the scene file first, then apply --set, in any order on the command line. */
 bool read_scene(const std::string &file, const std::vector<std::string> &sets, pliant_scene *out, int *exit_code)
 {
@@ -121,7 +111,7 @@ bool read_scene(const std::string &file, const std::vector<std::string> &sets, p
         return false;
     }
     for (const std::string &set : sets)
-        if (!set_option(set, out)) return false;
+        if (!command_line_set(out, set.c_str())) return false;
     return pliant_scene_check(out) >= 0 || refuse(pliant_last_error());
 }
 
