@@ -350,4 +350,35 @@ TEST(ContactTheory, TwoToolsLiftByFrictionAndSlip)
     }
 }
 
+// Two boxes squeeze a block with the same force limit, and lift it. Both couplings then carry the same load, so that
+// each limit depends on the other tool. Each step converges, and no force exceeds its limit.
+TEST(ContactTheory, TwoToolsKeepTheirForceLimits)
+{
+    Block block(4, 8, 0.02, {{young, 0.3, 1000, false}, {young / 10, 0.3, 1000, false}},
+                [](int, int, int k) { return k < 2 ? 1 : 0; });
+    const double limit = 0.05;
+    block.scene.contact.friction = 0.4;
+    block.scene.contact.max_force = limit;
+    block.scene.solver.tolerance = 1e-3;
+    block.fix_below();
+    ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
+    const int left = add_tool(block, "left", box(-0.01, -0.012, -0.012, 0, 0.012, 0.012)),
+              right = add_tool(block, "right", box(0, -0.012, -0.012, 0.01, 0.012, 0.012));
+    double largest = 0, last = 0;
+    for (int s = 1; s <= 24; s++) {
+        const double closed = 1e-4 * std::min(s, 10), up = 2e-5 * std::max(s - 10, 0);
+        place(block, left, closed, block.edge / 2, 0.03 + up);
+        place(block, right, block.edge - closed, block.edge / 2, 0.03 + up);
+        EXPECT_EQ(pliant_step(block.model, block.data), PLIANT_OK) << "step " << s;
+        for (int tool : {left, right}) {
+            const Force force = felt(block, tool);
+            last = std::sqrt(force.by[0] * force.by[0] + force.by[1] * force.by[1] + force.by[2] * force.by[2]);
+            largest = std::max(largest, last);
+        }
+    }
+    std::printf("largest force / limit %.5f, last %.5f\n", largest / limit, last / limit);
+    EXPECT_LT(largest, 1.0005 * limit);
+    EXPECT_NEAR(last, limit, 0.0005 * limit);
+}
+
 } // namespace

@@ -148,7 +148,7 @@ typedef struct coupling {
     int32_t moving, first, columns; /* columns: 1 for jaws, which turn about their axis */
     const double *axis;
     pliant_touch_piece *piece;
-    double load, compliance, before[2]; /* before: load and compliance of the previous pass; load 0: none */
+    double load, compliance, before[2]; /* before: load and compliance at the last change */
 } coupling;
 
 /* Compute the motion of a point along the coupling's columns (3 x 3, row by row). */
@@ -194,27 +194,35 @@ static void soften(pliant_touches *touches, int num_tools, coupling *of, const d
     }
 }
 
-/* Adapt the compliance of a coupling to its limit. The compliances of coupling and tissue together, times the load,
- * give the distance to the target, which is constant. Return whether the compliance changes. */
-static bool keep_limit(pliant_touches *touches, int num_tools, const pliant_touch_limit *limit, coupling *of,
-                       double *yields)
+/* Return the error of a coupling's load relative to its limit; 0: the coupling is below its limit, with its own
+ * compliance. */
+static double measure(const pliant_touches *touches, const pliant_touch_limit *limit, coupling *of)
 {
-    const double nearly = 1e-6;
+    const double rounding = 1e-12;
     double *columns = touches->sweeps, load[3]; /* a buffer of the cone solver */
     for (int32_t c = 0; c < touches->count; c++) find_columns(touches, c, of, columns + 9 * (size_t)c);
     of->load = find_load(touches, columns, load);
-    const bool is_soft = of->compliance > limit->compliance * (1 + nearly);
-    if (of->load <= limit->load * (1 + nearly) && (!is_soft || of->load >= limit->load * (1 - nearly))) return false;
+    const double error = of->load / limit->load - 1;
+    return error > 0 || of->compliance > limit->compliance * (1 + rounding) ? fabs(error) : 0;
+}
+
+/* Adapt the compliance of a coupling to its limit. The compliances of coupling and tissue together, times the load,
+ * give the distance to the target, which is constant.
+ * @param again this coupling alone has changed since its last call */
+static void keep_limit(pliant_touches *touches, int num_tools, const pliant_touch_limit *limit, coupling *of,
+                       bool again, double *yields)
+{
+    double *columns = touches->sweeps, load[3]; /* a buffer of the cone solver */
+    for (int32_t c = 0; c < touches->count; c++) find_columns(touches, c, of, columns + 9 * (size_t)c);
+    of->load = find_load(touches, columns, load);
     const double found = (of->load * of->compliance - of->before[0] * of->before[1]) / (of->before[0] - of->load);
-    if (of->before[0] > 0 && isfinite(found) && found > 0) *yields = found;
-    const double wanted =
-        fmax(limit->compliance, (of->compliance + *yields) * of->load / limit->load - *yields);
-    if (!isfinite(wanted) || wanted == of->compliance) return false;
+    if (again && isfinite(found) && found > 0) *yields = found;
+    const double wanted = fmax(limit->compliance, (of->compliance + *yields) * of->load / limit->load - *yields);
     of->before[0] = of->load;
     of->before[1] = of->compliance;
+    if (!isfinite(wanted)) return;
     soften(touches, num_tools, of, columns, load, wanted - of->compliance);
     of->compliance = wanted;
-    return true;
 }
 
 static coupling coupling_of(const pliant_touches *touches, int32_t moving, int kind, const pliant_touch_limit *limit)
@@ -226,6 +234,7 @@ static coupling coupling_of(const pliant_touches *touches, int32_t moving, int k
     return of;
 }
 
+/* One coupling changes at a time, because couplings of tools that press against each other have the same load. */
 void pliant_touches_keep_limits(pliant_touches *touches, int num_tools)
 {
     enum { MOST = 8 };
@@ -240,12 +249,19 @@ void pliant_touches_keep_limits(pliant_touches *touches, int num_tools)
             count++;
         }
     }
-    for (int pass = 0; pass < MOST; pass++) {
-        bool changed = false;
-        for (int n = 0; n < count; n++)
-            changed |= keep_limit(touches, num_tools, touches->pieces->limit + index[n], of + n,
-                                  touches->yields + index[n]);
-        if (!changed) return;
+    for (int pass = 0, last = -1; pass < MOST; pass++) {
+        const double nearly = 1e-6;
+        double most = nearly;
+        int worst = -1;
+        for (int n = 0; n < count; n++) {
+            const double error = measure(touches, touches->pieces->limit + index[n], of + n);
+            if (error > most) worst = n;
+            if (error > most) most = error;
+        }
+        if (worst < 0) return;
+        keep_limit(touches, num_tools, touches->pieces->limit + index[worst], of + worst, worst == last,
+                   touches->yields + index[worst]);
+        last = worst;
         pliant_cones_solve(touches->count + num_tools, touches->matrix, touches->friction, touches->motion,
                            touches->force, touches->sweeps);
     }
