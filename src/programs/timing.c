@@ -179,7 +179,7 @@ void timing_warn(const step_times *times, const pliant_model *model, const plian
     if (times->most_inverted > 0)
         pliant_log(
             PLIANT_LOG_WARNING,
-            "elements were inverted in %zu of %zu steps, up to %d of %d at once, %d at the end: do not rely on the "
+            "elements were inverted in %zu of %zu steps, up to %d of %d at once, %d at the end. Do not rely on the "
             "result there; %s",
             times->inverted_steps, times->num_steps, (int)times->most_inverted,
             (int)pliant_data_get_body(data)->fine.num_tets, (int)pliant_data_get_inverted(data),
