@@ -3,6 +3,7 @@
 
 #include "backend/dynamics.h"
 #include "fem/dynamics/tled.h"
+#include "thrown.h"
 
 namespace {
 
@@ -122,6 +123,13 @@ TEST(ContactTled, EnergyNeverGrowsAndForceIsTheChangeOfMomentum)
     }
     EXPECT_LT(energy, 0.85 * begun);
     EXPECT_GT(most, 0.1);
+}
+
+TEST(ContactTled, CubesThrownAtTheGroundGainNoEnergy)
+{
+    for (const Throw &with : all_throws(8, {10e3}))
+        if (with.target == Target::Ground)
+            EXPECT_LT(energy_ratio(with), 1.001) << name_of(with) << ", throw " << with.seed;
 }
 
 // Dynamic relaxation under a plate converges to the analytic force of a bar. Without the plate the cube returns to

@@ -1,0 +1,33 @@
+// Energy of thrown cubes of tissue in explicit dynamics without damping, at the default size of sub-steps. Friction and
+// collisions reduce the sum of kinetic, elastic and gravity energy.
+//
+// Usage:
+//   bench_energy [seeds]     default: 200 for each kind of throw
+#include "../thrown.h"
+#include "figure.h"
+
+#include <cstdlib>
+
+int main(int argc, char **argv)
+{
+    const unsigned seeds = argc > 1 ? static_cast<unsigned>(std::atoi(argv[1])) : 200;
+    double most = 1;
+    int count = 0, above = 0, all = 0, gain = 0;
+    unsigned worst = 0;
+    for (const Throw &with : all_throws(seeds, {3e3, 10e3})) {
+        const double ratio = energy_ratio(with);
+        if (ratio > most) worst = with.seed;
+        most = std::fmax(most, ratio);
+        above += ratio > 1.001;
+        all++;
+        gain += ratio > 1.001;
+        if (with.seed + 1 < seeds) continue;
+        std::printf("%s: maximum energy %.4f of the initial energy (throw %u), above 1.001 in %d of %u throws\n",
+                    name_of(with).c_str(), most, worst, above, seeds);
+        most = 1, above = 0, worst = 0;
+        count++;
+    }
+    std::printf("%d kinds of throws, %d throws, %d above 1.001\n", count, all, gain);
+    figure("throws that gain energy", gain, "");
+    return 0;
+}
