@@ -76,8 +76,8 @@ static int32_t sweep_mixed(const pliant_team *team, const pliant_cones *on, doub
     }
 }
 
-PLIANT_VECTORIZED int32_t pliant_cones_solve(int32_t count, const double *matrix, const double *friction,
-                                             double *motion, double *force, double *room)
+PLIANT_VECTORIZED static int32_t solve(int32_t count, const double *matrix, const double *friction, double *motion,
+                                       double *force, double *room)
 {
     const size_t row = 3 * (size_t)count;
     const pliant_team team = {.size = 1};
@@ -96,4 +96,10 @@ PLIANT_VECTORIZED int32_t pliant_cones_solve(int32_t count, const double *matrix
     on.list = list;
     const int32_t found = pliant_cones_find(&team, &on);
     return found >= 0 ? found : sweep_mixed(&team, &on, rest) - found - 1;
+}
+
+int32_t pliant_cones_solve(int32_t count, const double *matrix, const double *friction, double *motion, double *force,
+                           double *room)
+{
+    return solve(count, matrix, friction, motion, force, room);
 }
