@@ -91,7 +91,11 @@ TEST(table, errors_name_file_line_field_and_what_is_right)
                  {"t.yaml", "line 8", "liver", "young_modulus", "6 kPa", "not a number"});
     expect_words(refusal(with("6.0e+3", "-1")), {"line 8", "liver", "young_modulus", "(0, 1e12]"});
     expect_words(refusal(with("6.0e+3", "nan")), {"line 8", "young_modulus", "nan"});
-    expect_words(refusal(with("0.45", "0.5")), {"line 8", "poisson_ratio", "[0, 0.5)"});
+    expect_words(refusal(with("0.45", "0.5")), {"line 8", "poisson_ratio", "[0, 0.4999]"});
+    expect_words(refusal(with("0.45", "0.49991")), {"t.yaml", "line 8", "poisson_ratio: 0.49991", "[0, 0.4999]"});
+    expect_words(refusal(with("0.45", "-0.1")), {"line 8", "poisson_ratio: -0.1", "[0, 0.4999]"});
+    Table t;
+    EXPECT_EQ(pliant_material_table_parse(with("0.45", "0.4999").c_str(), "t.yaml", &t), PLIANT_OK);
     expect_words(refusal(with("1060", "-3")), {"line 8", "density"});
     expect_words(refusal(with("187", "-187")), {"line 8", "toughness: -187 J/m^2 is not in [0, 1e9]"});
     expect_words(refusal(with("187", "tough")), {"line 8", "toughness", "is not a number"});

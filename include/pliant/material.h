@@ -23,7 +23,7 @@ enum {
 typedef struct pliant_material {
     char name[48];
     double young_modulus; /**< > 0 [Pa] */
-    double poisson_ratio; /**< in [0, 0.5) */
+    double poisson_ratio; /**< in [0, 0.4999] */
     double density;       /**< >= 0; tissue that moves in explicit dynamics needs > 0 [kg/m^3] */
     double toughness;     /**< fracture toughness: work per severed area, >= 0 [J/m^2] */
     bool fixed;           /**< nodes inside it do not move (bone) */

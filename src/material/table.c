@@ -126,6 +126,9 @@ static bool read_material(const text_material *text, pliant_material *out, char 
     return true;
 }
 
+/* Elements are tested up to this value (verification_test). */
+static const double max_poisson_ratio = 0.4999;
+
 /* Check a material alone, and describe an error in reason. */
 static bool check_material(const pliant_material *m, char *reason, size_t size)
 {
@@ -134,8 +137,8 @@ static bool check_material(const pliant_material *m, char *reason, size_t size)
         snprintf(reason, size, "name: must have 1 to %zu characters", sizeof m->name - 1);
     else if (!(m->young_modulus > 0 && m->young_modulus <= 1e12))
         snprintf(reason, size, "young_modulus: %g Pa is not in (0, 1e12]", m->young_modulus);
-    else if (!(m->poisson_ratio >= 0 && m->poisson_ratio < 0.5))
-        snprintf(reason, size, "poisson_ratio: %g is not in [0, 0.5)", m->poisson_ratio);
+    else if (!(m->poisson_ratio >= 0 && m->poisson_ratio <= max_poisson_ratio))
+        snprintf(reason, size, "poisson_ratio: %.9g is not in [0, %g]", m->poisson_ratio, max_poisson_ratio);
     else if (!(m->density >= 0 && m->density <= 1e5))
         snprintf(reason, size, "density: %g kg/m^3 is not in [0, 1e5]", m->density);
     else if (!(m->toughness >= 0 && m->toughness <= 1e9))
