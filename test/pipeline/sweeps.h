@@ -267,8 +267,7 @@ inline int count_swept_through(int otherwise, Mode mode)
         "deepest %.3f mm\n",
         first, count, count - first - held, held, through, turned, 1e3 * deepest);
     std::fflush(stdout);
-    const bool keeps_volumes =
-        mode.element == PLIANT_LINEAR && !mode.dynamic && mode.method == PLIANT_FINE && mode.beside == Beside::Nothing;
+    const bool keeps_volumes = !mode.dynamic && mode.method == PLIANT_FINE && mode.beside == Beside::Nothing;
     if (keeps_volumes) EXPECT_EQ(turned, 0);
     return through;
 }

@@ -75,8 +75,7 @@ TEST(Swept, NothingIsSweptThroughACoarseSheetNorBesidePatchesAndPieces)
     }
 }
 
-// The first 28 sweeps at 2 m/s, the maximum speed for following tools, and sweeps through a sheet of hexahedra. Later
-// sweeps include tunneling: src/contact/NUMERICS.md.
+// The first 28 sweeps at 2 m/s, the maximum speed for following tools, and sweeps through a sheet of hexahedra.
 TEST(Swept, TheFirstAreNotSweptThroughAtTwoMetresASecondNorThroughHexahedra)
 {
     Sweeps sweeps;
@@ -87,6 +86,7 @@ TEST(Swept, TheFirstAreNotSweptThroughAtTwoMetresASecondNorThroughHexahedra)
         const Swept fast = sweep(on);
         EXPECT_FALSE(is_through(fast, on)) << n << ": carried " << fast.carried << ", " << fast.inside
                                            << " points inside, " << fast.deepest << " deep";
+        EXPECT_EQ(hexahedra.turned, 0) << n;
         EXPECT_FALSE(is_through(hexahedra, on)) << n << ": carried " << hexahedra.carried << ", " << hexahedra.inside
                                                 << " points inside, " << hexahedra.deepest << " deep";
     }

@@ -123,6 +123,22 @@ pliant_status pliant_volume_find(const pliant_contact_settings *settings, const 
     return PLIANT_OK;
 }
 
+double pliant_volume_lacking(const pliant_contact_settings *settings, const pliant_mesh *mesh, const double *positions,
+                             const pliant_contacts *points)
+{
+    double most = 0;
+    for (int32_t p = 0; p < points->count; p++) {
+        if (points->point[p].kind != PLIANT_OBSTACLE_ELEMENT) continue;
+        const int32_t element = (int32_t)(points->point[p].feature >> 2);
+        const int32_t *tet = mesh->tets + 4 * (size_t)element;
+        const double stop = settings->volume_stop * volume_of(tet, mesh->rest);
+        pliant_contact_point now;
+        set_point(element, tet, positions, stop, &now);
+        most = fmax(most, dot(now.normal, now.place) * (1 - volume_of(tet, positions) / stop));
+    }
+    return most;
+}
+
 /* ---- bound */
 
 /* Compute the Bernstein coefficients of the volume along a leg, which bound it from below and above. They are

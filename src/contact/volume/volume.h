@@ -29,6 +29,11 @@ pliant_status pliant_volume_find(const pliant_contact_settings *settings, const 
 /* Compute the gradient of the gap of such a point for each of its nodes. positions: (nodes x 3) [m] */
 void pliant_volume_gradient(const pliant_contact_point *point, const double *positions, double out[4][3]);
 
+/* Return the largest penetration depth of such points at other positions [m]. It is above 0 if the volume, which is not
+ * linear in the positions, is smaller than the points foresaw. */
+double pliant_volume_lacking(const pliant_contact_settings *settings, const pliant_mesh *mesh, const double *positions,
+                             const pliant_contacts *points);
+
 /* Shorten the motion of nodes so that no element becomes too small during the leg. The limit is
  * max(min(advance_keep V, volume_stop V_rest), min(volume_stop V_rest / 2, V)), where V is the element's volume at the
  * start. All nodes move along straight lines in the same time. Elements that are inverted at the start are exempt.

@@ -265,8 +265,7 @@ const int32_t *pliant_contact_pieces(const pliant_data *data)
 
 bool pliant_contact_keeps_volumes(const pliant_data *data)
 {
-    const bool is_linear = data->model->scene.element.kind != PLIANT_HEXAHEDRA;
-    return data->solver && is_linear && pliant_solves_fine(data->solver->system) && pliant_patch_serves(data) == 0;
+    return data->solver && pliant_solves_fine(data->solver->system) && pliant_patch_serves(data) == 0;
 }
 
 pliant_status pliant_contact_stage(const pliant_model *model, pliant_data *data)

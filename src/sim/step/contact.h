@@ -33,8 +33,8 @@ bool pliant_contact_comes_near(pliant_data *data, const pliant_tool *tool, const
                                const pliant_tool_pose *to);
 /* Return the rigid piece of each fine node, or -1. NULL: there are no rigid pieces. */
 const int32_t *pliant_contact_pieces(const pliant_data *data);
-/* Return whether the volume bound applies (contact/volume/volume.h): to linear tetrahedra of the fine mesh that the
- * solver moves without a patch. */
+/* Return whether the volume bound applies (contact/volume/volume.h): to tetrahedra, and to the five tetrahedra of each
+ * hexahedron, of a fine mesh that the solver moves without a patch. */
 bool pliant_contact_keeps_volumes(const pliant_data *data);
 /* Discard all contact points. */
 void pliant_contact_forget(pliant_data *data);

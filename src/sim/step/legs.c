@@ -286,23 +286,30 @@ static bool is_of_piece(const pliant_data *data, int32_t node)
     return data->falling && pliant_falling_home(data->falling, node);
 }
 
+/* Return the largest distance of a node in this leg [m]. */
+static double farthest_of(const pliant_data *data)
+{
+    double farthest = 0;
+    for (int32_t n = 0; n < data->body->fine.num_nodes; n++) {
+        const double *from = data->legs->positions + 3 * (size_t)n, *to = data->positions + 3 * (size_t)n;
+        const double square = (to[0] - from[0]) * (to[0] - from[0]) + (to[1] - from[1]) * (to[1] - from[1]) +
+                              (to[2] - from[2]) * (to[2] - from[2]);
+        if (square > farthest && !is_of_piece(data, n)) farthest = square;
+    }
+    return sqrt(farthest);
+}
+
 /* Return the fraction of the leg at which the farthest node has moved by twice the maximum distance of a tool. After
  * a blocked leg the solver makes a linear step. Its result can be inaccurate for large motions, so the motion is
  * scaled. */
 static double bound(const pliant_data *data)
 {
     const double most = 2 * most_of(data);
-    double farthest = 0;
     bool touches = false;
     for (int32_t p = 0; p < data->contacts.count && !touches; p++)
         touches = !is_of_piece(data, data->contacts.point[p].node[0]);
-    for (int32_t n = 0; touches && n < data->body->fine.num_nodes; n++) {
-        const double *from = data->legs->positions + 3 * (size_t)n, *to = data->positions + 3 * (size_t)n;
-        const double square = (to[0] - from[0]) * (to[0] - from[0]) + (to[1] - from[1]) * (to[1] - from[1]) +
-                              (to[2] - from[2]) * (to[2] - from[2]);
-        if (square > farthest && !is_of_piece(data, n)) farthest = square;
-    }
-    return farthest > most * most ? most / sqrt(farthest) : 1;
+    const double farthest = touches ? farthest_of(data) : 0;
+    return farthest > most ? most / farthest : 1;
 }
 
 /* Explicit dynamics: a leg is mostly blocked by a tool that pushes tissue faster than the tissue can move away.
@@ -346,6 +353,7 @@ static pliant_status go_partway(const pliant_model *model, pliant_data *data, do
  * of all nodes alike, because the linear model that made it holds for small motions only. */
 static pliant_status keep_volumes(const pliant_model *model, pliant_data *data, double *share)
 {
+    data->legs->shortened = false;
     if (!pliant_contact_keeps_volumes(data)) return PLIANT_OK;
     if (!data->legs->blocked) return pliant_legs_keep_volumes(model, data);
     *share = fmin(*share, pliant_volume_advance(&model->contact, &data->body->fine, data->legs->positions,
@@ -363,7 +371,9 @@ static pliant_status go(const pliant_model *model, pliant_data *data, double *sh
     if (status == PLIANT_OK && is_dynamic(data)) status = hold_tools(model, data, &found);
     if (status < 0) return status;
     *share = fmin(*share, found.t);
+    const double farthest = *share < 1 ? farthest_of(data) : 0;
     if (*share < 1) status = go_partway(model, data, share);
+    pliant_legs_add_lost(data, (1 - *share) * farthest);
     for (int t = 0; t < data->num_tools && status >= 0; t++) {
         const pliant_tool_pose end = pliant_pose_partway(&data->legs->tool[t].begin, &data->legs->tool[t].goal, *share);
         pliant_tool_set_proxy(data->tools + t, &end);
@@ -422,8 +432,9 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
     budget->blocked = gone < PLIANT_ADVANCE_LITTLE ? budget->blocked + 1 : 0;
     statistics->legs++;
     statistics->advanced = gone;
-    /* a linear step is followed by a leg that checks its result */
-    *done = share == 1 && gone == 1 && !data->legs->blocked;
+    /* A linear step is followed by a leg that checks its result. A leg that the volume bound shortened is
+     * followed by a leg whose contact points hold the small elements open. */
+    *done = share == 1 && gone == 1 && !data->legs->blocked && !data->legs->shortened;
     if (is_dynamic(data)) { /* time passes also in a blocked leg */
         budget->left = 1 - (double)data->tled->made / data->tled->substeps;
         *done = data->tled->made == 0;

@@ -44,6 +44,7 @@ struct pliant_legs {
     pliant_touch_limit limit[3 * PLIANT_MAX_TOOLS]; /* of each proxy's force, torque, and jaws */
     pliant_touch_pieces bodies;    /* rigid pieces and proxies */
     bool blocked;                  /* the previous leg was blocked */
+    bool shortened;                /* the volume bound shortened this leg: contact points have to follow */
     bool planes; /* a leg of this step, or the last leg of the previous one, was blocked: use plane constraints */
     /* STATE AT THE START OF THE LEG: the leg ends between this state and the solved one */
     int32_t room_nodes, room_solved, room_shares;
@@ -76,6 +77,9 @@ pliant_status pliant_legs_keep_points(pliant_data *data);
 pliant_status pliant_legs_go_partway(const pliant_model *model, pliant_data *data, double share);
 /* Shorten the motion of single nodes so that no element inverts (contact/volume/volume.h). */
 pliant_status pliant_legs_keep_volumes(const pliant_model *model, pliant_data *data);
+/* Add a distance to the error estimate that nodes lose because the leg is shortened [m]. The solver's estimate is for
+ * the end of the leg. */
+void pliant_legs_add_lost(pliant_data *data, double lost);
 /* Explicit dynamics: add the contact forces of a leg to the mean forces of the step. share: the leg's fraction of the
  * step. Errors: MEMORY. */
 pliant_status pliant_legs_add_forces(pliant_data *data, double share);

@@ -126,6 +126,15 @@ pliant_status pliant_legs_go_partway(const pliant_model *model, pliant_data *dat
     return status;
 }
 
+/* No secant explains the lost motion, so it counts as an unexplained step does (fem/quasistatic/estimate.c). */
+void pliant_legs_add_lost(pliant_data *data, double lost)
+{
+    if (!data->solver) return;
+    const double error = pliant_anderson_error(pliant_anderson_unexplained(&data->solver->rules) * lost);
+    data->statistics.error += error;
+    data->solver->rules.told += error; /* the next step reports it as error_before */
+}
+
 pliant_status pliant_legs_keep_volumes(const pliant_model *model, pliant_data *data)
 {
     pliant_legs *legs = data->legs;
@@ -153,7 +162,9 @@ pliant_status pliant_legs_keep_volumes(const pliant_model *model, pliant_data *d
     (void)pliant_solver_touch(solver, NULL, NULL, NULL);
     pliant_solver_moved(solver);
     solver->even = even;
-    data->statistics.error += farthest; /* the solver's error estimate is for the positions before this correction */
+    legs->shortened = true;
+    pliant_legs_add_lost(
+        data, farthest + pliant_volume_lacking(&model->contact, mesh, data->positions, &data->contacts));
     return pliant_backend_move(model, data);
 }
 
