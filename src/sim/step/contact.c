@@ -29,19 +29,6 @@ static double stays(const pliant_model *model, const pliant_data *data)
     return data->body->has_inertia ? exp(-seconds_of(model, data) / model->contact.recovery_time) : 0;
 }
 
-/* The core of a distance field is enlarged by the field's error (contact/advance). */
-static double off_of(const pliant_part *part)
-{
-    return part->kind == PLIANT_PART_SOLID && !part->solid->convex ? part->solid->error : 0;
-}
-
-double pliant_contact_guard(const pliant_model *model, const pliant_data *data, const pliant_part *part)
-{
-    const double *cell = data->body->fine.cell_size,
-                 guard = pliant_advance_guard(&model->contact, part, fmin(fmin(cell[0], cell[1]), cell[2]));
-    return fmax(guard, off_of(part) + (1 - model->contact.advance_stop) * guard);
-}
-
 static void add_part(const pliant_model *model, const pliant_data *data, int t, int32_t p)
 {
     pliant_contact_search *search = data->contact_search;
@@ -58,7 +45,7 @@ static void add_part(const pliant_model *model, const pliant_data *data, int t, 
         .index = p,
         .friction = model->scene.contact.friction,
         .guard = pliant_contact_guard(model, data, part),
-        .off = off_of(part),
+        .off = pliant_contact_core_offset(part),
         .margin = model->contact.search_margin + way,
         .shape = &tool->shape,
         .from = *begin,
@@ -94,7 +81,7 @@ static void add_obstacle(const pliant_model *model, const pliant_data *data, con
                                                              .begin = still,
                                                              .end = still,
                                                              .guard = guard,
-                                                             .off = off_of(part),
+                                                             .off = pliant_contact_core_offset(part),
                                                              .margin = model->contact.search_margin,
                                                              .recovery = recovered(model, data),
                                                              .stays = stays(model, data)};
@@ -117,11 +104,6 @@ static void gather_parts(const pliant_model *model, pliant_data *data)
 }
 
 /* ---- the stage */
-
-bool pliant_contact_touches_itself(const pliant_model *model)
-{
-    return model->scene.contact.self || model->scene.material.slides[0];
-}
 
 bool pliant_contact_is_idle(const pliant_model *model, const pliant_data *data)
 {
@@ -146,23 +128,6 @@ static void carry(const pliant_data *data, const pliant_contacts *before, int32_
             there = there && before->point[b].node[k] < data->body->fine.num_nodes;
         if (there) pliant_contact_carry(before->point + b, data->positions, now->point + n);
     }
-}
-
-pliant_status pliant_contact_search_create(const pliant_contact_settings *settings, pliant_contact_search **out)
-{
-    if (*out) return PLIANT_OK;
-    pliant_contact_search *search = pliant_calloc(1, sizeof *search);
-    if (!search) return pliant_fail_memory("contacts");
-    search->settings = *settings;
-    pliant_status status = pliant_finder_create(settings, &search->finder);
-    if (status == PLIANT_OK) *out = search;
-    else pliant_free(search);
-    return status;
-}
-
-bool pliant_contact_is_within_elements(const pliant_model *model)
-{
-    return model->scene.cut.kind != PLIANT_CUT_SUBDIVIDE;
 }
 
 /* contact/response: paper. Without delay, every node of the surface's tetrahedra gets a point, and each sub-step

@@ -40,12 +40,16 @@ struct pliant_contact_search {
     double *place;      /* (room_nodes x 3) */
 };
 
+/* ---- contact_search.c */
 /* Create the search at its first use. Errors: MEMORY. */
 pliant_status pliant_contact_search_create(const pliant_contact_settings *settings, pliant_contact_search **out);
-bool pliant_contact_touches_itself(const pliant_model *model);
 /* Contact happens at the boundary of the tissue within the elements. When cuts subdivide elements, the elements'
  * faces are that boundary. */
 bool pliant_contact_is_within_elements(const pliant_model *model);
+/* Return whether the scene lets tissue touch tissue. */
+bool pliant_contact_touches_itself(const pliant_model *model);
+/* Return the distance by which the core of a part is enlarged: the error of a distance field (contact/advance) [m]. */
+double pliant_contact_core_offset(const pliant_part *part);
 /* Return the guard depth of a part. A distance field's error reduces the guard zone, so the guard depth is increased
  * until a fraction of the zone remains (settings.guard_left). */
 double pliant_contact_guard(const pliant_model *model, const pliant_data *data, const pliant_part *part);
