@@ -72,7 +72,7 @@ struct Scene {
     pliant_advance_result find(int threads = 1)
     {
         pliant_advance_result out{};
-        EXPECT_EQ(pliant_advance_find(with.room, sheet.num_triangles(), sheet.triangles.data(), sheet.from.data(),
+        EXPECT_EQ(pliant_advance_find(with.capacity, sheet.num_triangles(), sheet.triangles.data(), sheet.from.data(),
                                       sheet.to.data(), static_cast<int32_t>(parts.size()), parts.data(), threads, &out),
                   PLIANT_OK);
         return out;
@@ -80,7 +80,7 @@ struct Scene {
     pliant_advance_audit_result audit()
     {
         pliant_advance_audit_result out{};
-        EXPECT_EQ(pliant_advance_audit(with.room, sheet.num_triangles(), sheet.triangles.data(), sheet.from.data(),
+        EXPECT_EQ(pliant_advance_audit(with.capacity, sheet.num_triangles(), sheet.triangles.data(), sheet.from.data(),
                                        static_cast<int32_t>(parts.size()), parts.data(), 1, &out),
                   PLIANT_OK);
         return out;
@@ -173,9 +173,9 @@ TEST(AdvanceSurface, AChainOfLegsNeverLetsACoreIn)
             const pliant_advance_audit_result audit = on.audit();
             ASSERT_EQ(audit.crossings, 0) << "scene " << scene << " leg " << n << " part " << audit.crossing_part
                                           << " triangle " << audit.crossing_triangle;
-            ASSERT_GT(audit.least, 0.02 * 2e-4 * 0.999) << "scene " << scene << " leg " << n;
-            if (std::isfinite(found.least) && audit.least < 1e-4)
-                EXPECT_NEAR(found.least, audit.least, 1e-3 * audit.least);
+            ASSERT_GT(audit.minimum, 0.02 * 2e-4 * 0.999) << "scene " << scene << " leg " << n;
+            if (std::isfinite(found.minimum) && audit.minimum < 1e-4)
+                EXPECT_NEAR(found.minimum, audit.minimum, 1e-3 * audit.minimum);
             moved += found.t > 1e-3;
             blocked += found.t < 1;
         }
@@ -192,7 +192,7 @@ TEST(AdvanceSurface, PartsThatMoveWithTheTissueAreNotSlowed)
         Scene on;
         const double rest = shape.part[0].kind == PLIANT_PART_BOX ? 0 : shape.part[0].radius;
         on.add(shape, {0, 0, rest - 1e-4});
-        ASSERT_NEAR(on.audit().least, 1e-4, 1e-9);
+        ASSERT_NEAR(on.audit().minimum, 1e-4, 1e-9);
         const double by[3] = {0.02, -0.03, 0.05};
         double turned[4];
         turn({0.6, 0, 0.8}, 0.06, turned);
@@ -206,7 +206,7 @@ TEST(AdvanceSurface, PartsThatMoveWithTheTissueAreNotSlowed)
         std::copy(turned, turned + 4, on.parts[0].to.rotation);
         const pliant_advance_result found = on.find();
         EXPECT_EQ(found.t, 1) << "kind " << shape.part[0].kind;
-        EXPECT_NEAR(found.least, 1e-4, 2e-6);
+        EXPECT_NEAR(found.minimum, 1e-4, 2e-6);
     }
 }
 
@@ -220,7 +220,7 @@ TEST(AdvanceSurface, SlidingIsNotSlowed)
         turn({0, 0, 1}, 0.8, on.parts[0].to.rotation);
         const pliant_advance_result found = on.find();
         EXPECT_EQ(found.t, 1) << "kind " << shape.part[0].kind;
-        EXPECT_GT(found.least, 1.5e-4 - 1e-9);
+        EXPECT_GT(found.minimum, 1.5e-4 - 1e-9);
         EXPECT_LT(found.distances, 60 * (found.pairs + 1));
     }
 }
@@ -234,7 +234,7 @@ TEST(AdvanceSurface, APartStopsAboveTheTissue)
     const double height = 0.01 - 0.02 * found.t - (2e-3 - 2e-4); // height of the core
     EXPECT_NEAR(height, 0.5 * 2e-4, 0.02 * 2e-4);
     EXPECT_GT(height, 0.5 * 2e-4);
-    EXPECT_NEAR(found.least, height, 1e-9);
+    EXPECT_NEAR(found.minimum, height, 1e-9);
     EXPECT_EQ(found.part, 0);
     EXPECT_GE(found.triangle, 0);
 }
@@ -244,7 +244,7 @@ TEST(AdvanceSurface, OverlapsStopTheLegUnlessReleased)
     Scene on;
     on.add(ball(2e-3), {0, 0, 0});
     on.parts[0].to.tip[2] = 0.003;
-    EXPECT_LT(on.audit().least, 0);
+    EXPECT_LT(on.audit().minimum, 0);
     EXPECT_GT(on.audit().crossings, 0);
     EXPECT_EQ(on.find().t, 0);
     on.parts[0].released = true;
@@ -307,7 +307,7 @@ TEST(AdvanceSurface, ThreadsDoNotChangeTheResult)
         EXPECT_EQ(one.triangle, two.triangle);
         EXPECT_EQ(one.pairs, two.pairs);
         EXPECT_EQ(one.distances, two.distances);
-        EXPECT_EQ(one.least, two.least);
+        EXPECT_EQ(one.minimum, two.minimum);
     }
 }
 
@@ -321,16 +321,16 @@ struct Layers {
     pliant_advance_self_result find(int threads = 1)
     {
         pliant_advance_self_result out{};
-        EXPECT_EQ(pliant_advance_find_self(with.room, sheet.num_triangles(), sheet.triangles.data(), sheet.from.data(),
-                                           sheet.to.data(), &self, threads, &out),
+        EXPECT_EQ(pliant_advance_find_self(with.capacity, sheet.num_triangles(), sheet.triangles.data(),
+                                           sheet.from.data(), sheet.to.data(), &self, threads, &out),
                   PLIANT_OK);
         return out;
     }
     pliant_advance_self_audit audit()
     {
         pliant_advance_self_audit out{};
-        EXPECT_EQ(pliant_advance_audit_self(with.room, sheet.num_triangles(), sheet.triangles.data(), sheet.from.data(),
-                                            &self, 1, &out),
+        EXPECT_EQ(pliant_advance_audit_self(with.capacity, sheet.num_triangles(), sheet.triangles.data(),
+                                            sheet.from.data(), &self, 1, &out),
                   PLIANT_OK);
         return out;
     }
@@ -347,7 +347,7 @@ TEST(AdvanceSelf, LayersStopBeforeEachOther)
     EXPECT_NEAR(0.003 - 0.006 * found.t, 0.5 * 1e-4, 1e-6);
     EXPECT_EQ(found.node[0] < below, found.node[3] >= below);
     on.sheet.advance(found.t);
-    EXPECT_NEAR(on.audit().least, 0.5 * 1e-4, 1e-6);
+    EXPECT_NEAR(on.audit().minimum, 0.5 * 1e-4, 1e-6);
     EXPECT_EQ(on.audit().crossings, 0);
     on.sheet.move([](double x[3]) { // move both sheets together, and also relative to each other
         x[0] += x[2] < -0.002 ? 0.1 : 0.09;
@@ -399,7 +399,7 @@ TEST(AdvanceSelf, ACrumpledSheetNeverPassesThroughItself)
             on.sheet.advance(found.t);
             const pliant_advance_self_audit audit = on.audit();
             ASSERT_EQ(audit.crossings, 0) << "scene " << scene << " leg " << n;
-            ASSERT_GT(audit.least, 0.02 * 1e-4 * 0.999) << "scene " << scene << " leg " << n;
+            ASSERT_GT(audit.minimum, 0.02 * 1e-4 * 0.999) << "scene " << scene << " leg " << n;
             blocked += found.t < 1;
             moved += found.t > 1e-3;
         }
@@ -422,7 +422,7 @@ TEST(AdvanceSurface, EveryAllocationMayFail)
 {
     for (bool self : {false, true})
         for (int n = 0; n < 40; n++) {
-            pliant_advance *room = nullptr;
+            pliant_advance *capacity = nullptr;
             Sheet sheet;
             sheet.add(9, 0.05, -3e-5);
             const pliant_tool_shape shape = ball(2e-3);
@@ -439,12 +439,12 @@ TEST(AdvanceSurface, EveryAllocationMayFail)
             pliant_advance_self_result of_self{};
             out.t = of_self.t = -5;
             pliant_memory_fail_after(n);
-            pliant_status status = pliant_advance_create(nullptr, &room);
+            pliant_status status = pliant_advance_create(nullptr, &capacity);
             if (status == PLIANT_OK && !self)
-                status = pliant_advance_find(room, sheet.num_triangles(), sheet.triangles.data(), sheet.from.data(),
+                status = pliant_advance_find(capacity, sheet.num_triangles(), sheet.triangles.data(), sheet.from.data(),
                                              sheet.to.data(), 1, &part, 1, &out);
             if (status == PLIANT_OK && self)
-                status = pliant_advance_find_self(room, sheet.num_triangles(), sheet.triangles.data(),
+                status = pliant_advance_find_self(capacity, sheet.num_triangles(), sheet.triangles.data(),
                                                   sheet.from.data(), sheet.to.data(), &how, 1, &of_self);
             pliant_memory_fail_after(-1);
             if (status != PLIANT_OK) {
@@ -452,17 +452,17 @@ TEST(AdvanceSurface, EveryAllocationMayFail)
                 EXPECT_EQ(out.t, -5);
                 EXPECT_EQ(of_self.t, -5);
             }
-            if (room) { // it works again after the failure
-                EXPECT_EQ(pliant_advance_find(room, sheet.num_triangles(), sheet.triangles.data(), sheet.from.data(),
-                                              sheet.to.data(), 1, &part, 1, &out),
+            if (capacity) { // it works again after the failure
+                EXPECT_EQ(pliant_advance_find(capacity, sheet.num_triangles(), sheet.triangles.data(),
+                                              sheet.from.data(), sheet.to.data(), 1, &part, 1, &out),
                           PLIANT_OK);
-                EXPECT_EQ(pliant_advance_find_self(room, sheet.num_triangles(), sheet.triangles.data(),
+                EXPECT_EQ(pliant_advance_find_self(capacity, sheet.num_triangles(), sheet.triangles.data(),
                                                    sheet.from.data(), sheet.to.data(), &how, 1, &of_self),
                           PLIANT_OK);
                 EXPECT_EQ(out.t, 1);
                 EXPECT_EQ(of_self.t, 1);
             }
-            pliant_advance_free(room);
+            pliant_advance_free(capacity);
             if (status == PLIANT_OK) {
                 EXPECT_GT(n, self ? 7 : 4);
                 break;

@@ -77,7 +77,7 @@ struct Leg {
     {
         const pliant_pose at = pose(t);
         const Corners world = corners(t);
-        double local[3][3], best[2] = {1.0 / 3, 1.0 / 3}, least = INFINITY;
+        double local[3][3], best[2] = {1.0 / 3, 1.0 / 3}, minimum = INFINITY;
         for (int c = 0; c < 3; c++) pliant_pose_from(&at, world[c].data(), local[c]);
         const auto look = [&](double u, double v) {
             double p[3];
@@ -88,8 +88,8 @@ struct Leg {
             v /= over;
             for (int d = 0; d < 3; d++) p[d] = (1 - u - v) * local[0][d] + u * local[1][d] + v * local[2][d];
             const double one = point_distance(p);
-            if (!(one < least)) return;
-            least = one;
+            if (!(one < minimum)) return;
+            minimum = one;
             best[0] = u;
             best[1] = v;
         };
@@ -104,7 +104,7 @@ struct Leg {
             for (int i = -2; i <= 2; i++)
                 for (int j = -2; j <= 2; j++) look(middle[0] + 0.5 * i * size, middle[1] + 0.5 * j * size);
         }
-        return least;
+        return minimum;
     }
     // the same by two nested ternary searches: slow, but accurate along edges of the part
     double sharp_distance(double t) const
@@ -124,19 +124,19 @@ struct Leg {
     }
     template <typename Function> static double lowest(const Function &of)
     {
-        double low = 0, high = 1, least = std::min(of(0), of(1));
+        double low = 0, high = 1, minimum = std::min(of(0), of(1));
         for (int round = 0; round < 50; round++) {
             const double a = low + (high - low) / 3, b = high - (high - low) / 3, at_a = of(a), at_b = of(b);
-            least = std::min(least, std::min(at_a, at_b));
+            minimum = std::min(minimum, std::min(at_a, at_b));
             (at_a < at_b ? high : low) = at_a < at_b ? b : a;
         }
-        return least;
+        return minimum;
     }
     pliant_advance_result find(const Advance &with, int threads = 1) const
     {
         static const int32_t triangle[3] = {0, 1, 2};
         pliant_advance_result out{};
-        EXPECT_EQ(pliant_advance_find(with.room, 1, triangle, from[0].data(), to[0].data(), 1, &leg, threads, &out),
+        EXPECT_EQ(pliant_advance_find(with.capacity, 1, triangle, from[0].data(), to[0].data(), 1, &leg, threads, &out),
                   PLIANT_OK);
         return out;
     }
@@ -224,8 +224,8 @@ void choose_triangle(Random &random, Leg &out)
     pliant_part_centre(&out.part, local);
     if (out.part.kind == PLIANT_PART_HALF_SPACE) std::copy(out.part.from, out.part.from + 3, local);
     if (out.part.kind == PLIANT_PART_CAPSULE) {
-        const double share = random(-0.1, 1.1);
-        for (int d = 0; d < 3; d++) local[d] = out.part.from[d] + share * (out.part.to[d] - out.part.from[d]);
+        const double fraction = random(-0.1, 1.1);
+        for (int d = 0; d < 3; d++) local[d] = out.part.from[d] + fraction * (out.part.to[d] - out.part.from[d]);
     }
     pliant_pose_to(&start, local, middle);
     for (auto &corner : out.from) {
@@ -347,10 +347,10 @@ TEST_P(AdvanceKind, FindsTheSmallestDistance)
         leg.to = leg.from;
         const pliant_advance_result found = leg.find(advance);
         const double first = leg.sharp_distance(0);
-        if (!std::isfinite(found.least) || first <= 0) continue;
+        if (!std::isfinite(found.minimum) || first <= 0) continue;
         near++;
-        EXPECT_LT(found.least, first * (1 + 1e-6) + 1e-12) << "triangle " << n;
-        EXPECT_GT(found.least, std::min(first, leg.distance(0)) * 0.998 - 1e-10) << "triangle " << n;
+        EXPECT_LT(found.minimum, first * (1 + 1e-6) + 1e-12) << "triangle " << n;
+        EXPECT_GT(found.minimum, std::min(first, leg.distance(0)) * 0.998 - 1e-10) << "triangle " << n;
     }
     EXPECT_GT(near, GetParam() == PLIANT_PART_SOLID ? 20 : 100);
 }

@@ -26,9 +26,9 @@ TEST(Anderson, EnergyBelowZeroIsNoMerit)
 struct Rules : pliant_anderson {
     Rules() : pliant_anderson()
     {
-        most_evaluations = 100;
+        max_evaluations = 100;
         depth = 6;
-        room = PLIANT_MAX_HISTORY;
+        capacity = PLIANT_MAX_HISTORY;
         limits_secants = 1;
         tolerance = 1e-3;
         smallest_displacement = 0.1;
@@ -39,7 +39,7 @@ struct Rules : pliant_anderson {
     {
         pliant_anderson_judge(this, state_merit, 0, time ? INT32_MAX : 0);
         if (next != PLIANT_NEXT_PREVIOUS && next != PLIANT_NEXT_REST && next != PLIANT_NEXT_DESCENT)
-            pliant_anderson_settle(this, mixed, 1, made, 1);
+            pliant_anderson_finish_proposal(this, mixed, 1, made, 1);
     }
 };
 
@@ -119,10 +119,10 @@ TEST(Anderson, TheOldestSecantsGiveWay)
 {
     Rules rules;
     rules.last_evaluations = 6;
-    for (int n = 0; n < 30; n++) EXPECT_LT(pliant_anderson_place(&rules), 9);
+    for (int n = 0; n < 30; n++) EXPECT_LT(pliant_anderson_free_slot(&rules), 9);
     EXPECT_EQ(pliant_anderson_secants(&rules), 9);
     rules.last_evaluations = 2;
-    pliant_anderson_place(&rules);
+    pliant_anderson_free_slot(&rules);
     EXPECT_EQ(pliant_anderson_secants(&rules), 6);
     for (uint64_t number : rules.number) EXPECT_TRUE(number == 0 || number > 25) << number;
 }

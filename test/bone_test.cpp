@@ -212,7 +212,7 @@ TEST(Bone, NearlyAllEdgesEndOnTheSurface)
             }
     EXPECT_LE(100 * crossing.size(), edges.size());
     // the voxelized ball differs from the ball by at most half the diagonal of a voxel
-    double sum = 0, most = 0;
+    double sum = 0, maximum = 0;
     int count = 0;
     for (int32_t n = 0; n < mesh.num_nodes; n++) {
         if (mesh.place_of_node[n] != PLIANT_BONE_SURFACE) continue;
@@ -220,12 +220,12 @@ TEST(Bone, NearlyAllEdgesEndOnTheSurface)
         pliant_geometry_to_index(&bone.geometry, mesh.rest + 3 * n, index);
         for (int d = 0; d < 3; d++) apart += (index[d] - centre[d]) * (index[d] - centre[d]);
         apart = std::fabs(std::sqrt(apart) - radius);
-        most = std::max(most, apart);
+        maximum = std::max(maximum, apart);
         sum += apart * apart;
         count++;
     }
-    std::printf("%d nodes on a ball: rms %.2f voxels from it, at most %.2f\n", count, std::sqrt(sum / count), most);
-    EXPECT_LT(most, 0.87);
+    std::printf("%d nodes on a ball: rms %.2f voxels from it, at most %.2f\n", count, std::sqrt(sum / count), maximum);
+    EXPECT_LT(maximum, 0.87);
     EXPECT_LT(std::sqrt(sum / count), 0.5);
 }
 

@@ -48,7 +48,7 @@ struct Bar {
                   PLIANT_OK);
         pliant_preconditioner *base = nullptr;
         EXPECT_EQ(pliant_preconditioner_clone(body->model->system->preconditioner, 1, &base), PLIANT_OK);
-        pliant_preconditioner_hand_over(carried, &base);
+        pliant_preconditioner_take_base(carried, &base);
         std::vector<pliant_tangent> tangents(static_cast<size_t>(system().num_blocks));
         pliant_system_tangents(&system(), system().mesh->rest, PLIANT_TWIST_EXACT, tangents.data());
         values.resize(static_cast<size_t>(system().pattern.num_values));
@@ -149,7 +149,7 @@ TEST(Carried, IsExactWhereNothingIsOpened)
     const std::vector<double> a = noise(3 * same.size(), 1);
     std::vector<double> b(a.size()), c(a.size());
     ASSERT_EQ(pliant_preconditioner_solve(base, 1, a.data(), b.data()), PLIANT_OK);
-    pliant_preconditioner_hand_over(carried, &base);
+    pliant_preconditioner_take_base(carried, &base);
     EXPECT_EQ(base, nullptr);
     ASSERT_EQ(pliant_preconditioner_solve(carried, 1, a.data(), c.data()), PLIANT_OK);
     EXPECT_EQ(b, c);
@@ -225,7 +225,7 @@ TEST(Carried, ALaterCutOfCoarseHexahedraOpensNothingBesideAnEarlierOne)
     pliant_carried_layout layout;
     ASSERT_EQ(pliant_carried_layout_create(&before, &layout), PLIANT_OK);
     std::vector<uint8_t> opened(static_cast<size_t>(now.num_free), 0);
-    ASSERT_EQ(pliant_carried_opened(&now, &layout, source.data(), opened.data()), PLIANT_OK);
+    ASSERT_EQ(pliant_carried_mark_opened(&now, &layout, source.data(), opened.data()), PLIANT_OK);
     pliant_carried_layout_free(&layout);
     int count = 0;
     for (int32_t f = 0; f < now.num_free; f++) {

@@ -104,14 +104,14 @@ TEST_F(Choice, TakesTheMostAccurateOfAllThatWasTried)
     EXPECT_TRUE(choice.within_budget);
     EXPECT_GE(choice.tried, 15);
     std::map<std::string, double> all = errors();
-    double least = INFINITY, most = 0;
+    double minimum = INFINITY, maximum = 0;
     for (const auto &each : all) {
-        least = std::fmin(least, each.second);
-        most = std::fmax(most, each.second);
+        minimum = std::fmin(minimum, each.second);
+        maximum = std::fmax(maximum, each.second);
     }
-    EXPECT_GT(most, 10 * least);
+    EXPECT_GT(maximum, 10 * minimum);
     EXPECT_GT(choice.left_out, 0);
-    EXPECT_LE(100 * (choice.error + choice.left_out), 1.05 * (least + 100 * choice.left_out) + 1e-6);
+    EXPECT_LE(100 * (choice.error + choice.left_out), 1.05 * (minimum + 100 * choice.left_out) + 1e-6);
     EXPECT_EQ(choice.mesh, choice.left_out) << "the finest that was tried";
     EXPECT_STREQ(pliant_results_cell(tables.choice, 0, pliant_results_column(tables.choice, "larger")), "mesh");
     EXPECT_EQ(choice.error, choice.p95);
@@ -318,7 +318,7 @@ TEST(ChoiceOfPoints, NothingIsTakenThatLessWorkBetters)
     others[2].candidate.by = {PLIANT_AVERAGED, PLIANT_TOUCH_OVERLAP, 0.05};
     others[3].on_host = false;
     EXPECT_EQ(choice_best(others, 4, PLIANT_MEASURE_P95, 0, 8e-3), others);
-    EXPECT_EQ(choice_quickest(others, 4), others);
+    EXPECT_EQ(choice_fastest(others, 4), others);
 }
 
 TEST(ChoiceOfPoints, TheWorstFrameFirstThenWhatComesLaterThenTime)

@@ -179,25 +179,25 @@ TEST_F(Classify, labels_without_voxels_are_none)
 }
 
 /* Return the fraction of voxels of each material, for a whole table and a whole scan. */
-static std::vector<double> shares(const char *table_file, const pliant_volume &scan, const pliant_labels *labels,
-                                  std::vector<std::string> *names)
+static std::vector<double> fractions(const char *table_file, const pliant_volume &scan, const pliant_labels *labels,
+                                     std::vector<std::string> *names)
 {
     pliant_material_table table = {};
     std::string path = std::string(PLIANT_SOURCE_DIR "/launch/materials/") + table_file;
     EXPECT_EQ(pliant_material_table_read(path.c_str(), &table), PLIANT_OK) << pliant_last_error();
     std::vector<uint8_t> material(pliant_geometry_voxels(&scan.geometry));
     EXPECT_EQ(pliant_material_classify(&table, &scan, labels, material.data()), PLIANT_OK) << pliant_last_error();
-    std::vector<double> share(table.num_materials);
-    for (uint8_t m : material) share.at(m) += 1.0 / static_cast<double>(material.size());
+    std::vector<double> fraction(table.num_materials);
+    for (uint8_t m : material) fraction.at(m) += 1.0 / static_cast<double>(material.size());
     for (uint32_t m = 0; m < table.num_materials; ++m) names->push_back(table.materials[m].name);
     pliant_material_table_free(&table);
-    return share;
+    return fraction;
 }
 
-static double share_of(const char *name, const std::vector<double> &share, const std::vector<std::string> &names)
+static double share_of(const char *name, const std::vector<double> &fraction, const std::vector<std::string> &names)
 {
-    for (size_t m = 0; m < share.size(); ++m)
-        if (names[m] == name) return share[m];
+    for (size_t m = 0; m < fraction.size(); ++m)
+        if (names[m] == name) return fraction[m];
     ADD_FAILURE() << name;
     return 0;
 }
@@ -213,7 +213,7 @@ TEST(classify, an_abdomen_ct_with_and_without_its_labels)
         << pliant_last_error();
 
     std::vector<std::string> names;
-    std::vector<double> by_label = shares("totalsegmentator.yaml", scan, &labels, &names);
+    std::vector<double> by_label = fractions("totalsegmentator.yaml", scan, &labels, &names);
     const double voxels = static_cast<double>(pliant_geometry_voxels(&scan.geometry));
     /* The expected fractions come from the label map: liver 5, spleen 1, lungs 10, 11 and 14. Hips 77 and 78 are
      * bones. */
@@ -225,7 +225,7 @@ TEST(classify, an_abdomen_ct_with_and_without_its_labels)
     EXPECT_GT(share_of("fat", by_label, names), 0.15);
 
     names.clear();
-    std::vector<double> by_range = shares("abdomen_ct.yaml", scan, nullptr, &names);
+    std::vector<double> by_range = fractions("abdomen_ct.yaml", scan, nullptr, &names);
     EXPECT_GT(share_of("bone", by_range, names), 0.005);
     EXPECT_LT(share_of("bone", by_range, names), 0.06);
     EXPECT_GT(share_of("fat", by_range, names), 0.15);
@@ -241,8 +241,8 @@ TEST(classify, the_phantom_with_and_without_its_labels)
     const int32_t size[3] = {100, 80, 60};
     ASSERT_EQ(pliant_phantom(size, 1, &scan, &labels), PLIANT_OK);
     std::vector<std::string> names;
-    std::vector<double> by_label = shares("phantom.yaml", scan, &labels, &names);
-    std::vector<double> by_range = shares("phantom.yaml", scan, nullptr, &names);
+    std::vector<double> by_label = fractions("phantom.yaml", scan, &labels, &names);
+    std::vector<double> by_range = fractions("phantom.yaml", scan, nullptr, &names);
     EXPECT_NEAR(share_of("air", by_label, names), share_of("air", by_range, names), 0.02);
     EXPECT_NEAR(share_of("fat", by_label, names), share_of("fat", by_range, names), 0.05);
     /* discs and marrow are darker than the range of bone */

@@ -1,6 +1,6 @@
 // Collision detection between moving parts and the surface of the tissue. Contact points stop the tissue in front of a
 // part, and carry the contact area.
-#include "contact/detect/find.h"
+#include "contact/detect/part_contacts.h"
 #include "pipeline/body.h"
 #include "base/memory.h"
 #include "solids.h"
@@ -59,15 +59,15 @@ struct Sheet : Body {
         fix_plane(0.001, 0, 0, 1, 0, 0);
         cells(across, across, 1, 1);
         EXPECT_EQ(build(), PLIANT_OK) << pliant_last_error();
-        EXPECT_EQ(pliant_finder_create(nullptr, &finder), PLIANT_OK);
+        EXPECT_EQ(pliant_contact_detector_create(nullptr, &detector), PLIANT_OK);
     }
-    ~Sheet() { pliant_finder_free(finder); }
+    ~Sheet() { pliant_contact_detector_free(detector); }
     pliant_status find(const pliant_moving_part *part, Found &found, int count = 1)
     {
         found.contacts.count = 0;
-        return pliant_contact_find(finder, data->body, data->positions, nullptr, false, count, part, &found.contacts);
+        return pliant_contact_find(detector, data->body, data->positions, nullptr, false, count, part, &found.contacts);
     }
-    pliant_finder *finder = nullptr;
+    pliant_contact_detector *detector = nullptr;
 
 private:
     static constexpr int size[3] = {20, 20, 2};

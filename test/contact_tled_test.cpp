@@ -64,7 +64,7 @@ TEST(ContactTled, ABlockOnASlope)
         cube.scene.tled.stiffness_damping = 0.005;
         cube.scene.model.gravity[2] = -press;
         ASSERT_EQ(cube.build(), PLIANT_OK) << pliant_last_error();
-        Toucher toucher(cube.data->body);
+        NodeContacts toucher(cube.data->body);
         toucher.obstacles.push_back(floor_of(friction));
         auto run = [&](double time) {
             for (double t = 0; t < time; t += cube.scene.solver.step)
@@ -83,7 +83,7 @@ TEST(ContactTled, ABlockOnASlope)
         const uint64_t first = cube.data->statistics.step;
         run(0.5);
         cube.momentum(end);
-        Toucher::force(cube.data, force);
+        NodeContacts::force(cube.data, force);
         const double time = (cube.data->statistics.step - first) * cube.scene.solver.step;
         if (slope < friction) { EXPECT_NEAR(cube.foot(), from, 1e-6);
         } else
@@ -99,7 +99,7 @@ TEST(ContactTled, EnergyNeverGrowsAndForceIsTheChangeOfMomentum)
 {
     Cube cube;
     ASSERT_EQ(cube.build(), PLIANT_OK) << pliant_last_error();
-    Toucher toucher(cube.data->body);
+    NodeContacts toucher(cube.data->body);
     toucher.obstacles.push_back(floor_of(0.5));
     toucher.obstacles.push_back({Obstacle::SPHERE, {0.06, 0.02, 0.02}, {0, 0, 0}, 0.01, 0.5, {0, 0, 0}, 0});
     toucher.obstacles[0].place[2] = -0.005;
@@ -107,14 +107,14 @@ TEST(ContactTled, EnergyNeverGrowsAndForceIsTheChangeOfMomentum)
         const double speed[3] = {0.3, 0.02, -0.4};
         for (int d = 0; d < 3; d++) cube.data->tled->d[3 * n + d] = speed[d] * cube.data->tled->time_step;
     }
-    double energy = cube.energy(), begun = energy, most = 0;
+    double energy = cube.energy(), begun = energy, maximum = 0;
     for (int s = 0; s < 60; s++) {
         double before[3], after[3], force[3];
         cube.momentum(before);
         ASSERT_GE(toucher.step(cube.model, cube.data), 0) << pliant_last_error();
         cube.momentum(after);
-        Toucher::force(cube.data, force);
-        most = std::fmax(most, force[2]);
+        NodeContacts::force(cube.data, force);
+        maximum = std::fmax(maximum, force[2]);
         for (int d = 0; d < 3; d++)
             EXPECT_NEAR(after[d] - before[d], force[d] * cube.scene.solver.step, 1e-4 * Cube::mass);
         const double now = cube.energy();
@@ -122,7 +122,7 @@ TEST(ContactTled, EnergyNeverGrowsAndForceIsTheChangeOfMomentum)
         energy = now;
     }
     EXPECT_LT(energy, 0.85 * begun);
-    EXPECT_GT(most, 0.1);
+    EXPECT_GT(maximum, 0.1);
 }
 
 TEST(ContactTled, CubesThrownAtTheGroundGainNoEnergy)
@@ -143,12 +143,12 @@ TEST(ContactTled, RelaxesUnderAPlate)
     cube.scene.solver.tolerance = 1e-5;
     cube.fix_plane(0, 0, 1e-4, 0, 0, 1);
     ASSERT_EQ(cube.build(), PLIANT_OK) << pliant_last_error();
-    Toucher toucher(cube.data->body);
+    NodeContacts toucher(cube.data->body);
     toucher.obstacles.push_back({Obstacle::HALF_SPACE, {0, 0, Cube::edge}, {0, 0, -1}, 0, 0.2, {0, 0, 0}, 0});
     toucher.obstacles[0].move(0, 0, -depth);
     ASSERT_EQ(toucher.settle(cube.model, cube.data), PLIANT_OK);
     double force[3];
-    Toucher::force(cube.data, force);
+    NodeContacts::force(cube.data, force);
     EXPECT_NEAR(-force[2], young * Cube::edge * depth, 0.01 * young * Cube::edge * depth);
     EXPECT_LT(std::hypot(force[0], force[1]), 1e-3 * -force[2]);
     toucher.obstacles[0].move(0, 0, 2 * depth);

@@ -51,12 +51,12 @@ struct Obstacle {
 };
 
 // Contact points at the surface nodes within reach of an obstacle.
-class Toucher {
+class NodeContacts {
 public:
     std::vector<Obstacle> obstacles;
     double reach = 0.01;
 
-    explicit Toucher(const pliant_body *body) : body_(body), area_(static_cast<size_t>(body->fine.num_nodes))
+    explicit NodeContacts(const pliant_body *body) : body_(body), area_(static_cast<size_t>(body->fine.num_nodes))
     {
         for (int32_t t = 0; t < body->num_triangles; t++) {
             const int32_t *n = body->triangles + 3 * t;
@@ -96,11 +96,11 @@ public:
         for (auto &point : points)
             for (int32_t p = 0; p < data->contacts.count; p++)
                 if (data->contacts.point[p].feature == point.feature)
-                    pliant_contact_carry(data->contacts.point + p, data->positions, &point);
+                    pliant_contact_warm_start(data->contacts.point + p, data->positions, &point);
         pliant_free(data->contacts.point);
         data->contacts.point =
             static_cast<pliant_contact_point *>(pliant_calloc(points.size() + 1, sizeof *data->contacts.point));
-        data->contacts.count = data->contacts.room = static_cast<int32_t>(points.size());
+        data->contacts.count = data->contacts.capacity = static_cast<int32_t>(points.size());
         for (size_t p = 0; p < points.size(); p++) data->contacts.point[p] = points[p];
     }
     // Run the stages of a step with these contacts instead of the tools' contacts.

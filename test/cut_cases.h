@@ -148,9 +148,9 @@ private:
         }
         point();
     }
-    // Let a neighbour carry fragments of up to `most` voxels that do not fill their tetrahedron. The empty fragment
+    // Let a neighbour carry fragments of up to `maximum` voxels that do not fill their tetrahedron. The empty fragment
     // remains.
-    void adopt(int32_t most)
+    void adopt(int32_t maximum)
     {
         const pliant_voxels &voxels = *body.voxels;
         for (size_t c = 0; c < tet.size(); c++)
@@ -158,7 +158,7 @@ private:
                 std::vector<int32_t> own;
                 for (int32_t n = voxel_start[c]; n < voxel_start[c + 1]; n++)
                     if (voxel_fragment[size_t(n)] == fragment[size_t(f)]) own.push_back(n);
-                if (own.empty() || int32_t(own.size()) > most) continue;
+                if (own.empty() || int32_t(own.size()) > maximum) continue;
                 int32_t by = -1;
                 for (int32_t n : own)
                     for (int d = 0; d < 3; d++)

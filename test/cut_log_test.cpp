@@ -7,7 +7,7 @@ namespace {
 const int size[3] = {30, 20, 20};
 const double box[3] = {0.15, 0.1, 0.1};
 
-std::unique_ptr<Cuttable> cut_block(int cuts)
+std::unique_ptr<CutState> cut_block(int cuts)
 {
     std::unique_ptr<Body> body(new Body(size, box, {{4000, 0.4, 1000, false}, {20000, 0.3, 1200, false}},
                                         [](int i, int j, int k) { return (i / 5 + j / 4 + k / 3) % 2; }));
@@ -15,7 +15,7 @@ std::unique_ptr<Cuttable> cut_block(int cuts)
     body->cells(13, 9, 11, 1);
     body->scene.cut.kind = PLIANT_CUT_SEVER;
     EXPECT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
-    std::unique_ptr<Cuttable> block(new Cuttable(std::move(body)));
+    std::unique_ptr<CutState> block(new CutState(std::move(body)));
     std::mt19937 random(7);
     std::uniform_real_distribution<double> unit(-1, 1);
     const pliant_voxels &voxels = *block->now->voxels;

@@ -71,7 +71,7 @@ struct Split {
     bool cut_plane(const double point[3], const double normal[3])
     {
         std::vector<double> from, to;
-        Cuttable::plane(point, normal, 10, from, to);
+        CutState::plane(point, normal, 10, from, to);
         return cut(from, to);
     }
 };
@@ -96,13 +96,13 @@ double area_of(const pliant_mesh &mesh, const int32_t *triangles, int32_t first,
 // If two neighbours split a face differently, the unshared area would be larger.
 void expect_sound(const pliant_body &body, double opened)
 {
-    double gradients[12], volume = 0, least = 1;
+    double gradients[12], volume = 0, minimum = 1;
     for (int32_t t = 0; t < body.fine.num_tets; t++) {
         const double one = pliant_mesh_gradients(&body.fine, t, gradients);
-        least = std::fmin(least, one);
+        minimum = std::fmin(minimum, one);
         volume += one;
     }
-    EXPECT_GE(least, (1 - 1e-9) * body.subdivision->least_volume);
+    EXPECT_GE(minimum, (1 - 1e-9) * body.subdivision->min_volume);
     EXPECT_NEAR(volume, 0.2 * 0.1 * 0.1, 1e-12 * volume);
     EXPECT_NEAR(area_of(body.fine, body.triangles, 0, body.num_triangles), surface + 2 * opened, 1e-9 * surface);
     pliant_surface *seen = nullptr;
@@ -116,7 +116,7 @@ void expect_sound(const pliant_body &body, double opened)
 // over all edges with an appended node
 double shortest_edge(const pliant_body &body)
 {
-    double least = 1;
+    double minimum = 1;
     for (int32_t t = 0; t < body.fine.num_tets; t++)
         for (int a = 0; a < 4; a++)
             for (int b = 0; b < a; b++) {
@@ -125,9 +125,9 @@ double shortest_edge(const pliant_body &body)
                     squares += std::pow(body.fine.rest[3 * body.fine.tets[4 * t + a] + d] -
                                             body.fine.rest[3 * body.fine.tets[4 * t + b] + d],
                                         2);
-                least = std::fmin(least, std::sqrt(squares));
+                minimum = std::fmin(minimum, std::sqrt(squares));
             }
-    return least;
+    return minimum;
 }
 
 TEST(Subdivide, APlaneMakesTwoPiecesThatAddUp)
@@ -157,7 +157,7 @@ TEST(Subdivide, APlaneMakesTwoPiecesThatAddUp)
             at->second = {{std::fmin(at->second[0], side), std::fmax(at->second[1], side)}};
         }
         for (const auto &one : reach)
-            EXPECT_LT(std::fmin(-one.second[0], one.second[1]), 1.3 * block.now->subdivision->least_edge);
+            EXPECT_LT(std::fmin(-one.second[0], one.second[1]), 1.3 * block.now->subdivision->min_edge);
         block.cut_plane(point, normal);
         EXPECT_LT(block.report.area, 0.06 * section) << "again: nothing is left but what was snapped";
     }
@@ -182,15 +182,15 @@ TEST(Subdivide, NodesOnEdgesAreFixedBetweenFixedOnesAlone)
     const int32_t before = block.now->fine.num_nodes;
     ASSERT_TRUE(block.cut_plane(point, normal));
     EXPECT_EQ(block.report.pieces, 2) << "the fixed plane holds both";
-    int fixed = 0, beside = 0;
+    int fixed = 0, adjacent = 0;
     for (int32_t n = before; n < block.now->fine.num_nodes; n++) {
         const double x = block.now->fine.rest[3 * n];
         EXPECT_EQ(block.now->fine_fixed[n] == PLIANT_MOVES, x > 1e-6) << x;
         fixed += x <= 1e-6;
-        beside += x > 1e-6 && x < 0.0249;
+        adjacent += x > 1e-6 && x < 0.0249;
     }
     EXPECT_GT(fixed, 3);
-    EXPECT_GT(beside, 3);
+    EXPECT_GT(adjacent, 3);
 }
 
 // A cut keeps nodes, edges and faces in the blade's plane. It splits only the tetrahedra that the plane passes through.
@@ -209,7 +209,7 @@ TEST(Subdivide, PlanesWhereEverythingIsOnThem)
             Split block(uniform());
             const int32_t tets = block.now->fine.num_tets;
             std::vector<double> from, to;
-            Cuttable::plane(one.point, one.normal, half, from, to);
+            CutState::plane(one.point, one.normal, half, from, to);
             const bool parts = one.normal[0] > 0;
             const double area =
                 parts ? 0.01 * std::sqrt(1 + std::pow(one.normal[1], 2) + std::pow(one.normal[2], 2)) : 0;
@@ -285,12 +285,13 @@ TEST(Subdivide, ThePatchTestHolds)
     for (int32_t t = 0; t < now.fine.num_tets; t++)
         for (int m = 0; m < 12; m++) sum[3 * now.fine.tets[4 * t + m / 3] + m % 3] += blocks[t / LANES][m][t % LANES];
     std::set<int32_t> outside(now.triangles, now.triangles + 3 * now.num_triangles);
-    double most = 0, inside = 0;
+    double maximum = 0, inside = 0;
     for (int32_t n = 0; n < now.fine.num_nodes; n++)
         for (int d = 0; d < 3; d++)
-            (outside.count(n) ? most : inside) = std::fmax(outside.count(n) ? most : inside, std::fabs(sum[3 * n + d]));
-    EXPECT_GT(most, 1e-4);
-    EXPECT_LT(inside, 1e-5 * most); // single precision
+            (outside.count(n) ? maximum : inside) =
+                std::fmax(outside.count(n) ? maximum : inside, std::fabs(sum[3 * n + d]));
+    EXPECT_GT(maximum, 1e-4);
+    EXPECT_LT(inside, 1e-5 * maximum); // single precision
 }
 
 void random_strokes(Split &block, int strokes)
@@ -332,7 +333,7 @@ TEST(Subdivide, FiftyRandomStrokesLeaveASoundMesh)
                   }); };
     Split block(small()), again(small());
     random_strokes(block, 50);
-    EXPECT_GE(shortest_edge(*block.now), 0.1 * block.now->subdivision->least_edge);
+    EXPECT_GE(shortest_edge(*block.now), 0.1 * block.now->subdivision->min_edge);
     EXPECT_GT(block.now->fine.num_tets, 1000);
     random_strokes(again, 50);
     EXPECT_TRUE(pliant_body_same(block.now, again.now)) << "the same strokes, other bits";

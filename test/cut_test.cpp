@@ -10,7 +10,7 @@ namespace {
 const int size[3] = {40, 20, 20};
 const double box[3] = {0.2, 0.1, 0.1};
 
-std::unique_ptr<Cuttable> bar(const std::function<void(pliant_scene &)> &set = [](pliant_scene &) {})
+std::unique_ptr<CutState> bar(const std::function<void(pliant_scene &)> &set = [](pliant_scene &) {})
 {
     std::unique_ptr<Body> body(new Body(size, box, {{4000, 0.4, 1000, false}, {20000, 0.3, 1200, false}},
                                         [](int i, int j, int k) { return (i / 5 + j / 4 + k / 3) % 2; }));
@@ -19,7 +19,7 @@ std::unique_ptr<Cuttable> bar(const std::function<void(pliant_scene &)> &set = [
     body->scene.cut.kind = PLIANT_CUT_SEVER;
     set(body->scene);
     EXPECT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
-    return std::unique_ptr<Cuttable>(new Cuttable(std::move(body)));
+    return std::unique_ptr<CutState>(new CutState(std::move(body)));
 }
 
 // Check that the fragments of each tetrahedron sum to its stiffness and density. Chips count by volume for the
@@ -154,7 +154,7 @@ TEST(Cut, NoTetrahedronNearABladeIsLeftOut)
         }
         const double reach = 0.3 * (1 + unit(random)), slack = 1e-6;
         uint8_t *may = nullptr;
-        ASSERT_EQ(pliant_cut_near(block->now, positions.data(), &strip, reach, slack, &may), PLIANT_OK);
+        ASSERT_EQ(pliant_cut_find_near_tets(block->now, positions.data(), &strip, reach, slack, &may), PLIANT_OK);
         for (int32_t t = 0; t < mesh.num_tets; t++) {
             bool is = true;
             for (int d = 0; d < 3; d++) {
@@ -257,7 +257,7 @@ TEST(Cut, PlanesWhereEverythingIsOnThem)
         for (double size : {10.0, 1e6}) {
             auto block = bar();
             std::vector<double> from, to;
-            Cuttable::plane(one.point, one.normal, size, from, to);
+            CutState::plane(one.point, one.normal, size, from, to);
             EXPECT_EQ(block->cut(from, to), one.pieces == 2)
                 << one.normal[0] << one.normal[1] << one.normal[2] << " " << one.point[0];
             EXPECT_EQ(num_pieces(*block->now), one.pieces)
@@ -298,7 +298,7 @@ TEST(Cut, AreaIsSharedByTheMaterialsOnBothSides)
         body->cells(8, 4, 4, 1);
         body->scene.cut.kind = PLIANT_CUT_SEVER;
         ASSERT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
-        Cuttable block(std::move(body));
+        CutState block(std::move(body));
         const double point[3] = {at, 0.05, 0.05}, normal[3] = {1, 0, 0};
         ASSERT_TRUE(block.cut_plane(point, normal, 1));
         EXPECT_NEAR(block.report.area_of[0], at < 0.1 ? 0.01 : at > 0.1 ? 0 : 0.005, 1e-9) << at;
@@ -456,9 +456,9 @@ void expect_same(const pliant_body &a, const pliant_body &b)
 TEST(Cut, TheSameBitsAgainWithOneThreadOrTwo)
 {
     const double point[3] = {0.1, 0.05, 0.05}, normals[2][3] = {{1, 0.3, 0.2}, {0.2, 1, 0.1}};
-    std::unique_ptr<Cuttable> one = bar([](pliant_scene &scene) { scene.solver.threads = 1; }),
+    std::unique_ptr<CutState> one = bar([](pliant_scene &scene) { scene.solver.threads = 1; }),
                               two = bar([](pliant_scene &scene) { scene.solver.threads = 2; });
-    for (Cuttable *each : {one.get(), two.get()})
+    for (CutState *each : {one.get(), two.get()})
         for (const auto &normal : normals) ASSERT_TRUE(each->cut_plane(point, normal));
     expect_same(*one->now, *two->now);
     // undo and redo
@@ -481,7 +481,7 @@ TEST(Cut, WithoutMemoryTheBodyBeforeStays)
     const double point[3] = {0.1, 0.05, 0.05}, normals[2][3] = {{1, 0.3, 0.2}, {0.2, 1, 0.1}};
     ASSERT_TRUE(block->cut_plane(point, normals[0]));
     std::vector<double> from, to;
-    Cuttable::plane(point, normals[1], 10, from, to);
+    CutState::plane(point, normals[1], 10, from, to);
     const pliant_cut_sweep sweep{2, from.data(), to.data(), nullptr};
     const size_t before = pliant_memory_in_use();
     int64_t n = 0;
@@ -568,7 +568,7 @@ TEST(Cut, AHingeIsCut)
     two->cells(4, 4, 2, 1);
     two->scene.cut.kind = PLIANT_CUT_SEVER;
     ASSERT_EQ(two->build(), PLIANT_OK) << pliant_last_error();
-    Cuttable blocks(std::move(two));
+    CutState blocks(std::move(two));
     EXPECT_EQ(num_pieces(*blocks.now), 1);
     const double middle[3] = {0.1, 0.1, 0.05}, elsewhere[3] = {0.05, 0.05, 0.077}, across[3] = {1, 1, 0},
                  flat[3] = {0, 0, 1};
@@ -582,7 +582,7 @@ TEST(Cut, AHingeIsCut)
 }
 
 // Cut large parts of the bar into small pieces: chips of chips, pieces connected by one node, pieces of pieces.
-std::unique_ptr<Cuttable> shred(unsigned seed, int strokes, const std::function<bool(const Cuttable &)> &goes_on)
+std::unique_ptr<CutState> shred(unsigned seed, int strokes, const std::function<bool(const CutState &)> &goes_on)
 {
     std::mt19937 random(seed);
     std::uniform_real_distribution<double> unit(-1, 1);
@@ -598,12 +598,12 @@ std::unique_ptr<Cuttable> shred(unsigned seed, int strokes, const std::function<
 
 TEST(Cut, UntilLittleHangsTogether)
 {
-    int most_joints = 0, most_inner = 0;
+    int max_joints = 0, max_inner = 0;
     for (unsigned seed : {1u, 3u, 11u}) {
-        auto block = shred(seed, seed == 11 ? 23 : 14, [&](const Cuttable &now) {
+        auto block = shred(seed, seed == 11 ? 23 : 14, [&](const CutState &now) {
             EXPECT_EQ(mismatches(*now.now), 0) << "seed " << seed;
-            most_joints = std::max(most_joints, now.now->pieces ? now.now->pieces->num_joints : 0);
-            most_inner = std::max(most_inner, now.now->pieces ? now.now->pieces->num_inner : 0);
+            max_joints = std::max(max_joints, now.now->pieces ? now.now->pieces->num_joints : 0);
+            max_inner = std::max(max_inner, now.now->pieces ? now.now->pieces->num_inner : 0);
             return true;
         });
         EXPECT_EQ(mismatches(*block->now), 0) << "seed " << seed;
@@ -625,8 +625,8 @@ TEST(Cut, UntilLittleHangsTogether)
         EXPECT_TRUE(pliant_body_same(body, block->now)) << "seed " << seed;
         pliant_body_release(body);
     }
-    EXPECT_GT(most_joints, 0);
-    EXPECT_GT(most_inner, 0);
+    EXPECT_GT(max_joints, 0);
+    EXPECT_GT(max_inner, 0);
 }
 
 // A cut of a piece that one or two nodes connect: all links from its voxels to others are severed, and the joint is
@@ -639,7 +639,7 @@ TEST(Cut, WhatAPieceHangsOnIsCut)
             if (body.pieces->joint[2 * j] != body.pieces->joint[2 * j + 1]) found = body.pieces->joint[2 * j];
         return found;
     };
-    auto block = shred(3, 30, [&](const Cuttable &now) { return hangs(*now.now) < 0; });
+    auto block = shred(3, 30, [&](const CutState &now) { return hangs(*now.now) < 0; });
     const pliant_body &now = *block->now;
     const int32_t node = hangs(now);
     ASSERT_GE(node, 0);
@@ -719,12 +719,12 @@ TEST(Cut, ABladeThroughTissueThatMovesLeaksNowhere)
             std::vector<double> by(3 * points);
             for (int p = 0; p < points; p++) // in air, points move with the nearest tissue
                 if (tet[p] < 0) {
-                    double least = INFINITY;
+                    double minimum = INFINITY;
                     for (int32_t n = 0; n < block->now->fine.num_nodes; n++) {
                         double apart = 0;
                         for (int d = 0; d < 3; d++) apart += std::pow(was[3 * n + d] - from[3 * p + d], 2);
-                        if (apart >= least) continue;
-                        least = apart;
+                        if (apart >= minimum) continue;
+                        minimum = apart;
                         for (int d = 0; d < 3; d++) by[3 * p + d] = block->positions[3 * n + d] - was[3 * n + d];
                     }
                 }

@@ -51,7 +51,7 @@ double side_of(const vector3 &at, const vector3 &through, const vector3 &normal)
 
 TEST(cut_warp, at_rest_is_the_scan_bit_for_bit)
 {
-    int guests = 0, chips = 0, fragments = 0;
+    int carried_tets = 0, chips = 0, fragments = 0;
     for (int turned = 0; turned < 3; turned++)
         for (pliant_encoding encoding : encodings) {
             Scene scene(encoding, turned);
@@ -67,12 +67,12 @@ TEST(cut_warp, at_rest_is_the_scan_bit_for_bit)
                     auto warp = scene.draw(cut, scene.geometry, rest_of(cut.body.fine));
                     ASSERT_TRUE(bytes_of(*scene.scan) == bytes_of(*pliant_warp_volume(warp.get())))
                         << encoding << ", axes " << turned << ", " << normal[0];
-                    guests += warp->parts->num_guests;
+                    carried_tets += warp->parts->num_carried_tets;
                     chips += cut.chips;
                 }
         }
     EXPECT_GT(fragments, 3000); // the cases have many fragments
-    EXPECT_GT(guests, 1000);
+    EXPECT_GT(carried_tets, 1000);
     EXPECT_GT(chips, 100);
 }
 
@@ -147,7 +147,7 @@ Counts compare_sides(const Scene &scene, const pliant_volume &out, const Sides &
             const vector3 at = sides.back(index, above);
             bool in = true, far_in = true;
             int32_t low[3];
-            double part[3], weights = 0, sum = 0, least = 1e30, most = -1e30;
+            double part[3], weights = 0, sum = 0, minimum = 1e30, maximum = -1e30;
             for (int d = 0; d < 3; d++) {
                 in = in && at[size_t(d)] > -0.5 - 1e-3 && at[size_t(d)] < size[d] - 0.5 + 1e-3;
                 far_in = far_in && at[size_t(d)] > -0.5 + 1e-3 && at[size_t(d)] < size[d] - 0.5 - 1e-3;
@@ -167,13 +167,13 @@ Counts compare_sides(const Scene &scene, const pliant_volume &out, const Sides &
                                                                                size_t(size[1]) * size_t(corner[2])));
                 weights += weight;
                 sum += weight * value;
-                least = std::min(least, value);
-                most = std::max(most, value);
+                minimum = std::min(minimum, value);
+                maximum = std::max(maximum, value);
             }
             if (weights < 0.5 - doubt) continue;
             possible = true;
             sure = sure || (far_in && weights > 0.5 + doubt);
-            fits = fits || std::abs(stored(out, v) - sum / weights) < 1.5 + 2e-4 * (most - least);
+            fits = fits || std::abs(stored(out, v) - sum / weights) < 1.5 + 2e-4 * (maximum - minimum);
         }
         const bool none = stored(out, v) == scene.scan->background;
         if (fits || (none && !possible)) counts.right++;
@@ -411,13 +411,14 @@ TEST(cut_warp, a_fit_does_not_reach_across)
 bool same_parts(const pliant_parts &a, const pliant_parts &b)
 {
     auto same = [](const void *p, const void *q, size_t bytes) { return bytes == 0 || std::memcmp(p, q, bytes) == 0; };
-    if (a.num_boxes != b.num_boxes || a.live != b.live || a.num_guests != b.num_guests ||
+    if (a.num_boxes != b.num_boxes || a.live != b.live || a.num_carried_tets != b.num_carried_tets ||
         a.view.num_elements != b.view.num_elements)
         return false;
-    for (int32_t g = 0; g < a.num_guests; g++)
-        if (a.guests[g].host != b.guests[g].host || a.guests[g].carrier != b.guests[g].carrier ||
-            !same(a.guests[g].blend, b.guests[g].blend, sizeof a.guests[g].blend) ||
-            !same(a.guests[g].rest, b.guests[g].rest, sizeof a.guests[g].rest))
+    for (int32_t g = 0; g < a.num_carried_tets; g++)
+        if (a.carried_tets[g].host != b.carried_tets[g].host ||
+            a.carried_tets[g].carrier != b.carried_tets[g].carrier ||
+            !same(a.carried_tets[g].blend, b.carried_tets[g].blend, sizeof a.carried_tets[g].blend) ||
+            !same(a.carried_tets[g].rest, b.carried_tets[g].rest, sizeof a.carried_tets[g].rest))
             return false;
     for (int32_t n = 0; n < a.num_boxes; n++) { // the offset of a box's labels in the pool may differ
         const part_box &p = a.view.boxes[n], &q = b.view.boxes[n];

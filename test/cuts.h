@@ -13,19 +13,19 @@
 #include <set>
 
 // A body at load with its voxels, and its current cut body.
-struct Cuttable {
+struct CutState {
     std::unique_ptr<Body> body;
     const pliant_body *now = nullptr;
     std::vector<double> positions;
     pliant_cut_report report{};
 
-    explicit Cuttable(std::unique_ptr<Body> made) : body(std::move(made)), now(pliant_body_retain(body->model->body))
+    explicit CutState(std::unique_ptr<Body> made) : body(std::move(made)), now(pliant_body_retain(body->model->body))
     {
         rest();
     }
-    Cuttable(const Cuttable &) = delete;
-    Cuttable &operator=(const Cuttable &) = delete;
-    ~Cuttable() { pliant_body_release(now); }
+    CutState(const CutState &) = delete;
+    CutState &operator=(const CutState &) = delete;
+    ~CutState() { pliant_body_release(now); }
 
     const pliant_body &load() const { return *body->model->body; }
     void rest() { positions.assign(now->fine.rest, now->fine.rest + 3 * now->fine.num_nodes); }
@@ -61,11 +61,11 @@ struct Cuttable {
                       std::vector<double> &to)
     {
         double u[3], v[3], length = std::sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
-        int least = 0;
+        int minimum = 0;
         for (int d = 1; d < 3; d++)
-            if (std::fabs(normal[d]) < std::fabs(normal[least])) least = d;
+            if (std::fabs(normal[d]) < std::fabs(normal[minimum])) minimum = d;
         double n[3], e[3] = {0, 0, 0};
-        e[least] = 1;
+        e[minimum] = 1;
         for (int d = 0; d < 3; d++) n[d] = normal[d] / length;
         for (int d = 0; d < 3; d++) u[d] = n[(d + 1) % 3] * e[(d + 2) % 3] - n[(d + 2) % 3] * e[(d + 1) % 3];
         double ul = std::sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2]);

@@ -1,6 +1,6 @@
 // No leg makes an element smaller than its least volume: random motions of a mesh against samples of the same motions.
 #include "contact/volume/volume.h"
-#include "contact/detect/find.h"
+#include "contact/detect/part_contacts.h"
 #include "base/memory.h"
 
 #include <gtest/gtest.h>
@@ -54,24 +54,24 @@ struct Leg {
     }
     double ratio(int32_t t, const std::vector<double> &x) const { return volume(t, x) / std::fabs(volume(t, rest)); }
     // where nodes are after a fraction of the leg, each of which goes its share of its way
-    std::vector<double> at(double time, const std::vector<double> &share) const
+    std::vector<double> at(double time, const std::vector<double> &fraction) const
     {
         std::vector<double> x = from;
-        for (size_t i = 0; i < x.size(); i++) x[i] += time * share[i / 3] * (to[i] - from[i]);
+        for (size_t i = 0; i < x.size(); i++) x[i] += time * fraction[i / 3] * (to[i] - from[i]);
         return x;
     }
-    void shake(std::mt19937 &random, std::vector<double> &x, double most) const
+    void shake(std::mt19937 &random, std::vector<double> &x, double maximum) const
     {
-        std::uniform_real_distribution<double> of(-most, most);
+        std::uniform_real_distribution<double> of(-maximum, maximum);
         for (double &value : x) value += of(random);
     }
 };
 
-void expect_kept(const Leg &leg, const std::vector<double> &share, int number)
+void expect_kept(const Leg &leg, const std::vector<double> &fraction, int number)
 {
     const pliant_contact_settings settings = pliant_contact_settings_default();
     for (int n = 0; n <= 40; n++) {
-        const std::vector<double> x = leg.at(n / 40.0, share);
+        const std::vector<double> x = leg.at(n / 40.0, fraction);
         for (int32_t t = 0; t < leg.mesh.num_tets; t++) {
             const double begin = leg.ratio(t, leg.from);
             if (begin > 0)
@@ -91,12 +91,12 @@ TEST(Volume, NoElementInvertsInALeg)
         leg.shake(random, leg.from, 0.003);
         leg.to = leg.from;
         leg.shake(random, leg.to, number % 2 ? 0.02 : 0.004);
-        std::vector<double> share(leg.mesh.num_nodes);
+        std::vector<double> fraction(leg.mesh.num_nodes);
         const int32_t count =
-            pliant_volume_hold_back(&settings, &leg.mesh, leg.from.data(), leg.to.data(), nullptr, share.data());
+            pliant_volume_bound_motion(&settings, &leg.mesh, leg.from.data(), leg.to.data(), nullptr, fraction.data());
         limited += count > 0;
-        EXPECT_EQ(count == 0, *std::min_element(share.begin(), share.end()) == 1);
-        expect_kept(leg, share, number);
+        EXPECT_EQ(count == 0, *std::min_element(fraction.begin(), fraction.end()) == 1);
+        expect_kept(leg, fraction, number);
         const double time = pliant_volume_advance(&settings, &leg.mesh, leg.from.data(), leg.to.data(), nullptr);
         expect_kept(leg, std::vector<double>(leg.mesh.num_nodes, time), number);
         EXPECT_EQ(count == 0, time == 1);
@@ -109,8 +109,9 @@ TEST(Volume, ALegThatMovesEverythingTogetherIsNotShortened)
     const pliant_contact_settings settings = pliant_contact_settings_default();
     Leg leg(2);
     for (size_t i = 0; i < leg.to.size(); i++) leg.to[i] += 0.3;
-    std::vector<double> share(leg.mesh.num_nodes);
-    EXPECT_EQ(pliant_volume_hold_back(&settings, &leg.mesh, leg.from.data(), leg.to.data(), nullptr, share.data()), 0);
+    std::vector<double> fraction(leg.mesh.num_nodes);
+    EXPECT_EQ(
+        pliant_volume_bound_motion(&settings, &leg.mesh, leg.from.data(), leg.to.data(), nullptr, fraction.data()), 0);
     EXPECT_EQ(pliant_volume_advance(&settings, &leg.mesh, leg.from.data(), leg.to.data(), nullptr), 1);
 }
 

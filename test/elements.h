@@ -93,11 +93,11 @@ inline void expect_rigid_modes(const Elements &elements, const std::vector<int32
 {
     const size_t size = 3 * nodes.size();
     const std::vector<double> values = eigenvalues(stiffness);
-    const double most = values.back();
-    ASSERT_GT(most, 0) << what;
-    ASSERT_GT(values.front(), -rounding * most) << what << ": not positive semidefinite";
-    ASSERT_LT(values[size - rank - 1], rounding * most) << what;
-    ASSERT_GT(values[size - rank], 1e3 * rounding * most) << what << ": moves without force";
+    const double maximum = values.back();
+    ASSERT_GT(maximum, 0) << what;
+    ASSERT_GT(values.front(), -rounding * maximum) << what << ": not positive semidefinite";
+    ASSERT_LT(values[size - rank - 1], rounding * maximum) << what;
+    ASSERT_GT(values[size - rank], 1e3 * rounding * maximum) << what << ": moves without force";
     double middle[3] = {0, 0, 0}, reach = 0;
     for (int32_t n : nodes)
         for (int d = 0; d < 3; d++) middle[d] += elements.rest(n)[d] / static_cast<double>(nodes.size());
@@ -117,7 +117,8 @@ inline void expect_rigid_modes(const Elements &elements, const std::vector<int32
         for (size_t i = 0; i < size; i++) {
             double force = 0;
             for (size_t j = 0; j < size; j++) force += stiffness[size * i + j] * moved[j];
-            ASSERT_LT(std::fabs(force), 1e-6 * most) << what << ", mode " << mode; // square roots in single precision
+            ASSERT_LT(std::fabs(force), 1e-6 * maximum)
+                << what << ", mode " << mode; // square roots in single precision
         }
     }
 }

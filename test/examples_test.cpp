@@ -10,14 +10,14 @@
 
 namespace {
 
-struct Said {
+struct ProgramResult {
     int code;
     std::string text;
 };
 
-Said run(const std::string &arguments)
+ProgramResult run(const std::string &arguments)
 {
-    Said said{-1, ""};
+    ProgramResult said{-1, ""};
     FILE *output = popen((PLIANT_EXAMPLES "/example_" + arguments).c_str(), "r");
     if (!output) return said;
     char line[512];
@@ -43,7 +43,7 @@ std::vector<std::string> sources()
 
 TEST(Examples, PullAPoint)
 {
-    const Said said = run("pull_a_point");
+    const ProgramResult said = run("pull_a_point");
     double moved = 0, force = 0;
     EXPECT_EQ(said.code, 0);
     ASSERT_EQ(std::sscanf(said.text.c_str(), "the held point moved %lf mm, and pulls back with %lf N", &moved, &force),
@@ -57,7 +57,7 @@ TEST(Examples, PullAPoint)
 
 TEST(Examples, CutAPlane)
 {
-    const Said said = run("cut_a_plane");
+    const ProgramResult said = run("cut_a_plane");
     double plane = 0, knife = 0, force = 0;
     int pieces = 0;
     EXPECT_EQ(said.code, 0);
@@ -74,7 +74,7 @@ TEST(Examples, CutAPlane)
 
 TEST(Examples, ReadForces)
 {
-    const Said said = run("read_forces");
+    const ProgramResult said = run("read_forces");
     EXPECT_EQ(said.code, 0);
     double before = 0;
     size_t rows = 0;
@@ -100,7 +100,7 @@ TEST(Examples, SaveVolume)
 
 TEST(Examples, TwoSimulations)
 {
-    const Said said = run("two_simulations");
+    const ProgramResult said = run("two_simulations");
     double first = 0, second = 0;
     EXPECT_EQ(said.code, 0);
     ASSERT_EQ(
@@ -112,7 +112,7 @@ TEST(Examples, TwoSimulations)
 
 TEST(Examples, ChangeMaterials)
 {
-    const Said said = run("change_materials");
+    const ProgramResult said = run("change_materials");
     double before = 0, after = 0;
     EXPECT_EQ(said.code, 0);
     ASSERT_EQ(
@@ -124,7 +124,7 @@ TEST(Examples, ChangeMaterials)
 
 TEST(Examples, ErrorAgainstTime)
 {
-    const Said said = run("error_against_time");
+    const ProgramResult said = run("error_against_time");
     double error[4] = {0}, time;
     EXPECT_EQ(said.code, 0);
     ASSERT_EQ(std::sscanf(said.text.c_str(),

@@ -1,5 +1,5 @@
 // Tests of direct factors: the ordering, refused matrices, operation counts and partial solves.
-#include "fem/linear/halves.h"
+#include "fem/linear/half_solve.h"
 #include "fem/system.h"
 #include "pliant/pliant.h"
 
@@ -137,7 +137,7 @@ TEST(Factor, SolvesInTwoParts)
     ASSERT_EQ(pliant_factor_solve(factor, 1, right.data(), whole.data()), PLIANT_OK);
     ASSERT_EQ(pliant_factor_solve(factor, 1, both.data(), sum.data()), PLIANT_OK);
     pliant_factor_begin(factor, right.data(), part.data());
-    std::vector<pliant_half> halves(nodes.size());
+    std::vector<pliant_half_solve> halves(nodes.size());
     // half solves do not change the partial solve
     for (size_t n = 0; n < nodes.size(); n++) ASSERT_EQ(pliant_factor_half(factor, nodes[n], &halves[n]), PLIANT_OK);
     pliant_factor_end(factor, more.data(), out.data());
@@ -170,7 +170,7 @@ TEST(Factor, SolvesInTwoParts)
                 EXPECT_NEAR(block[3 * r + d], inverse[static_cast<size_t>(3 * nodes[n] + r)], 1e-15);
         }
     }
-    for (pliant_half &half : halves) pliant_half_free(&half);
+    for (pliant_half_solve &half : halves) pliant_half_solve_free(&half);
     pliant_factor_free(factor);
 }
 

@@ -191,7 +191,7 @@ TEST(Fit, DrawsNoTissueBesideTheBody)
             pliant_warp_free(warp);
         }
         const int *n = target.size;
-        int beside = 0, missing = 0, inside = 0;
+        int adjacent = 0, missing = 0, inside = 0;
         for (int k = 2; k < n[2] - 2; k++)
             for (int j = 2; j < n[1] - 2; j++)
                 for (int i = 2; i < n[0] - 2; i++) {
@@ -204,11 +204,11 @@ TEST(Fit, DrawsNoTissueBesideTheBody)
                         all &= is;
                     }
                     bool is = drawn[1][size_t(i + n[0] * (j + n[1] * k))] == 100;
-                    beside += is && !any;
+                    adjacent += is && !any;
                     missing += !is && all;
                     inside += all;
                 }
-        EXPECT_EQ(beside, 0) << step;
+        EXPECT_EQ(adjacent, 0) << step;
         EXPECT_EQ(missing, 0) << step << ", of " << inside;
     }
 }

@@ -112,10 +112,11 @@ TEST_P(Grid, NestsAtEveryRatio)
             pliant_mesh_gradients(&coarse, holder, g);
             for (int v = 0; v < 4; v++)
                 for (int c = 0; c < 4; c++) {
-                    double share = c == 0;
+                    double fraction = c == 0;
                     for (int d = 0; d < 3; d++)
-                        share += g[3 * c + d] * (mesh.rest[3 * mesh.tets[4 * t + v] + d] - coarse.rest[3 * n[0] + d]);
-                    ASSERT_GT(share, -1e-9) << "ratio " << ratio;
+                        fraction +=
+                            g[3 * c + d] * (mesh.rest[3 * mesh.tets[4 * t + v] + d] - coarse.rest[3 * n[0] + d]);
+                    ASSERT_GT(fraction, -1e-9) << "ratio " << ratio;
                 }
         }
     }
@@ -182,10 +183,11 @@ TEST_P(Grid, LoosePiecesAreHeld)
     make(4, 5, 3, keep.data());
     std::vector<uint8_t> fixed(mesh.num_nodes), loose(mesh.num_tets);
     int32_t pieces = -1;
-    EXPECT_EQ(pliant_mesh_hold(&mesh, 1, true, fixed.data(), loose.data(), &pieces), PLIANT_ERROR_SCENE);
+    EXPECT_EQ(pliant_mesh_fix_loose_pieces(&mesh, 1, true, fixed.data(), loose.data(), &pieces), PLIANT_ERROR_SCENE);
     for (int32_t n = 0; n < mesh.num_nodes; n++) fixed[n] = mesh.lattice_of_node[n] % 5 == 0; // the plane a = 0
     std::vector<uint8_t> before = fixed;
-    ASSERT_EQ(pliant_mesh_hold(&mesh, 1, true, fixed.data(), loose.data(), &pieces), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_mesh_fix_loose_pieces(&mesh, 1, true, fixed.data(), loose.data(), &pieces), PLIANT_OK)
+        << pliant_last_error();
     EXPECT_EQ(pieces, 1);
     for (int32_t t = 0; t < mesh.num_tets; t++) EXPECT_EQ(loose[t], mesh.lattice_of_tet[t] / 5 % 4 == 3);
     for (int32_t n = 0; n < mesh.num_nodes; n++) EXPECT_EQ(fixed[n], before[n] || mesh.lattice_of_node[n] % 5 >= 3);

@@ -154,7 +154,7 @@ TEST(Homogenize, TheWeightOfACornerIsTheDerivativeOfAPosition)
     for (int m = 0; m < 12; m++) rest[m] = unit(random), x[m] = unit(random);
     const auto position = [&] {
         pliant_shaped_frame frame;
-        pliant_shaped_place(x, rest, gradients, f, &frame);
+        pliant_shaped_find_frame(x, rest, gradients, f, &frame);
         std::copy(turn.data(), turn.data() + 9, frame.rotation);
         Eigen::Vector3d out;
         pliant_shaped_position(&frame, x, rest, shape.data(), node, out.data());
@@ -199,12 +199,12 @@ TEST(Homogenize, SharesAreInverseDistances)
                                             fine.rest[3 * n + 2] - center[2]);
             distance.push_back(std::fmax(apart, 1e-3 * fine.cell_size[0])); // a node may be at a centre
             sum += 1 / distance.back();
-            whole += upsample.entry_share[e];
+            whole += upsample.entry_weight[e];
         }
         if (distance.empty()) continue;
         EXPECT_NEAR(whole, 1, 1e-12);
         for (size_t e = 0; e < distance.size(); e++) {
-            EXPECT_NEAR(upsample.entry_share[static_cast<size_t>(upsample.start[n]) + e], 1 / distance[e] / sum, 1e-12)
+            EXPECT_NEAR(upsample.entry_weight[static_cast<size_t>(upsample.start[n]) + e], 1 / distance[e] / sum, 1e-12)
                 << "node " << n;
             shared += std::fabs(distance[e] - distance[0]) > 1e-3;
         }

@@ -1,5 +1,5 @@
 // Tests of the library's memory blocks, and of large blocks that are kept for reuse.
-#include "base/room.h"
+#include "base/buffer.h"
 #include "base/memory.h"
 
 #include <gtest/gtest.h>
@@ -19,8 +19,8 @@ const size_t LARGE = size_t{1} << 20;
 
 struct Keeping {
     int64_t bytes;
-    explicit Keeping(int64_t limit) : bytes(limit) { pliant_memory_keep(bytes); }
-    ~Keeping() { pliant_memory_keep(-bytes); }
+    explicit Keeping(int64_t limit) : bytes(limit) { pliant_memory_change_reserve(bytes); }
+    ~Keeping() { pliant_memory_change_reserve(-bytes); }
 };
 
 bool is(const void *block, int value, size_t bytes)
@@ -40,16 +40,16 @@ TEST(Memory, WhatWasFreedIsGivenAgainCleared)
     std::memset(block, 7, LARGE);
     pliant_free(block);
     EXPECT_EQ(pliant_memory_in_use(), before) << "what is kept is not in use";
-    EXPECT_GE(pliant_memory_kept(), LARGE);
+    EXPECT_GE(pliant_memory_reserved(), LARGE);
     void *again = pliant_calloc(LARGE, 1);
     EXPECT_EQ(again, block);
-    EXPECT_EQ(pliant_memory_kept(), 0u);
+    EXPECT_EQ(pliant_memory_reserved(), 0u);
     EXPECT_TRUE(is(again, 0, LARGE));
     EXPECT_EQ(pliant_memory_in_use(), before + LARGE);
     pliant_free(again);
-    void *room = pliant_room(LARGE, 1);
-    EXPECT_EQ(room, block);
-    pliant_free(room);
+    void *capacity = pliant_malloc(LARGE, 1);
+    EXPECT_EQ(capacity, block);
+    pliant_free(capacity);
 }
 
 // A device locks whole pages of a block, so no other block may lie on these pages.
@@ -64,9 +64,9 @@ TEST(Memory, ABlockOfPagesIsAlone)
     std::vector<void *> blocks;
     for (size_t bytes : {size_t{1}, page - 64, page, page + 1, 3 * page - 1, LARGE + 1}) {
         blocks.push_back(pliant_calloc(100, 1));
-        void *block = pliant_pages(bytes, 1);
+        void *block = pliant_calloc_pages(bytes, 1);
         ASSERT_NE(block, nullptr);
-        EXPECT_TRUE(pliant_has_pages(block));
+        EXPECT_TRUE(pliant_is_on_own_pages(block));
         EXPECT_TRUE(is(block, 0, bytes));
         std::memset(block, 7, bytes);
         EXPECT_EQ(uintptr_t(block) % page, 0u);
@@ -75,14 +75,14 @@ TEST(Memory, ABlockOfPagesIsAlone)
     }
     for (int b = 0; b < 200; b++) blocks.push_back(pliant_calloc(200 + 61 * size_t(b), 1));
     for (void *block : blocks) {
-        if (pliant_has_pages(block)) continue;
+        if (pliant_is_on_own_pages(block)) continue;
         const uintptr_t of = (uintptr_t(block) - 64) / page; // with the header in front of the block
         for (const auto &pages : alone) EXPECT_FALSE(of >= pages.first && of < pages.first + pages.second);
     }
     for (void *block : blocks) pliant_free(block);
     EXPECT_EQ(pliant_memory_in_use(), before);
     pliant_memory_fail_after(0);
-    EXPECT_EQ(pliant_pages(10, 1), nullptr);
+    EXPECT_EQ(pliant_calloc_pages(10, 1), nullptr);
     pliant_memory_fail_after(-1);
 }
 
@@ -93,21 +93,21 @@ TEST(Memory, NoMoreIsKeptThanWasSaid)
         Keeping keeping(4 * int64_t(LARGE));
         for (int b = 0; b < 8; b++) blocks.push_back(pliant_calloc(LARGE, 1));
         for (void *block : blocks) pliant_free(block);
-        EXPECT_LE(pliant_memory_kept(), 4 * LARGE);
-        EXPECT_GE(pliant_memory_kept(), 3 * LARGE);
+        EXPECT_LE(pliant_memory_reserved(), 4 * LARGE);
+        EXPECT_GE(pliant_memory_reserved(), 3 * LARGE);
         pliant_free(pliant_calloc(3 * LARGE, 1)); // more than half of the limit
-        EXPECT_GE(pliant_memory_kept(), 3 * LARGE) << "one that is too large takes no other's place";
+        EXPECT_GE(pliant_memory_reserved(), 3 * LARGE) << "one that is too large takes no other's place";
     }
-    EXPECT_EQ(pliant_memory_kept(), 0u);
+    EXPECT_EQ(pliant_memory_reserved(), 0u);
     pliant_free(pliant_calloc(LARGE, 1));
-    EXPECT_EQ(pliant_memory_kept(), 0u) << "nothing is, unless somebody says so";
+    EXPECT_EQ(pliant_memory_reserved(), 0u) << "nothing is, unless somebody says so";
 }
 
 TEST(Memory, WhatIsLongerKeepsItsBeginningAndIsClearBehindIt)
 {
     Keeping keeping(16 * int64_t(LARGE));
     const size_t before = pliant_memory_in_use();
-    auto *block = static_cast<char *>(pliant_room(LARGE, 1));
+    auto *block = static_cast<char *>(pliant_malloc(LARGE, 1));
     std::memset(block, 5, LARGE);
     for (size_t bytes : {LARGE + 100, LARGE + 1000, LARGE - 50, 2 * LARGE, LARGE, size_t{100}, size_t{5000}}) {
         block = static_cast<char *>(pliant_resize(block, bytes, 1));
@@ -139,7 +139,7 @@ TEST(Memory, WhatFollowsAnArrayIsThatArray)
     for (int round = 0; round < 300; round++) {
         const size_t of = random() % arrays.size(), count = arrays[of].wanted.size(),
                      kept = random() % 4 ? count : count - random() % 3000, more = random() % 3 ? 0 : random() % 2000;
-        Array next{static_cast<int *>(pliant_next_of(arrays[of].block, kept, kept + more, sizeof(int))),
+        Array next{static_cast<int *>(pliant_next_version(arrays[of].block, kept, kept + more, sizeof(int))),
                    arrays[of].wanted};
         ASSERT_NE(next.block, nullptr);
         next.wanted.resize(kept);
@@ -148,7 +148,7 @@ TEST(Memory, WhatFollowsAnArrayIsThatArray)
             const size_t place = random() % next.wanted.size(),
                          run = std::min<size_t>(random() % 40, next.wanted.size() - place);
             for (size_t n = place; n < place + run; n++) next.block[n] = next.wanted[n] = int(random());
-            pliant_writes(next.block, place, run, sizeof(int));
+            pliant_mark_written(next.block, place, run, sizeof(int));
         }
         if (round % 5 == 0) { /* new entries may be written without a report, and removed entries are gone */
             const size_t was = next.wanted.size(), is = round % 10 ? was + random() % 1500 : was - random() % 1500;
@@ -187,12 +187,12 @@ TEST(Memory, WhatIsFollowedIsNotReadAgain)
 {
     Keeping keeping(64 * int64_t(LARGE));
     auto *at_load = static_cast<char *>(pliant_calloc(LARGE, 1));
-    auto *next = static_cast<char *>(pliant_next_of(at_load, LARGE, LARGE, 1));
+    auto *next = static_cast<char *>(pliant_next_version(at_load, LARGE, LARGE, 1));
     ASSERT_NE(next, nullptr);
     size_t from = 0, to = 0;
     next[100] = 1;
     EXPECT_FALSE(pliant_next_difference(next, at_load, LARGE, &from, &to));
-    pliant_writes(next, 100, 1, 1);
+    pliant_mark_written(next, 100, 1, 1);
     ASSERT_TRUE(pliant_next_difference(next, at_load, LARGE, &from, &to));
     EXPECT_LE(from, 100u);
     EXPECT_GT(to, 100u);
@@ -200,7 +200,7 @@ TEST(Memory, WhatIsFollowedIsNotReadAgain)
     next[LARGE - 1] = 1;
     pliant_free(next);
     /* it reuses the memory: reported writes are reset to the source */
-    next = static_cast<char *>(pliant_next_of(at_load, LARGE, LARGE, 1));
+    next = static_cast<char *>(pliant_next_version(at_load, LARGE, LARGE, 1));
     ASSERT_NE(next, nullptr);
     EXPECT_EQ(next[100], 0);
     EXPECT_EQ(next[LARGE - 1], 1);
@@ -216,13 +216,13 @@ TEST(Memory, ABlockOfSeveralHoldersGoesWithTheLast)
         void *block = pliant_calloc(bytes, 1);
         ASSERT_NE(block, nullptr);
         const size_t one = pliant_memory_in_use();
-        EXPECT_EQ(pliant_share(block), block);
+        EXPECT_EQ(pliant_retain_block(block), block);
         EXPECT_EQ(pliant_memory_in_use(), one) << "it is there once";
         std::vector<std::thread> holders;
         for (int h = 0; h < 4; h++) {
-            pliant_share(block);
+            pliant_retain_block(block);
             holders.emplace_back([block] {
-                for (int i = 0; i < 10000; i++) pliant_free(pliant_share(block));
+                for (int i = 0; i < 10000; i++) pliant_free(pliant_retain_block(block));
                 pliant_free(block);
             });
         }
@@ -237,15 +237,15 @@ TEST(Memory, ABlockOfSeveralHoldersGoesWithTheLast)
         pliant_free(again);
         EXPECT_EQ(pliant_memory_in_use(), before) << "whoever has it next is alone";
     }
-    EXPECT_EQ(pliant_share(nullptr), nullptr);
+    EXPECT_EQ(pliant_retain_block(nullptr), nullptr);
 }
 
 TEST(Memory, CopiesAreWholeAndNothingIsSomething)
 {
     const double values[3] = {1, 2, 3};
-    auto *copy = static_cast<double *>(pliant_copy_of(values, 3, sizeof *values));
+    auto *copy = static_cast<double *>(pliant_copy_block(values, 3, sizeof *values));
     EXPECT_EQ(std::memcmp(copy, values, sizeof values), 0);
-    auto *one = static_cast<double *>(pliant_copy_of(nullptr, 0, sizeof *values));
+    auto *one = static_cast<double *>(pliant_copy_block(nullptr, 0, sizeof *values));
     ASSERT_NE(one, nullptr);
     EXPECT_EQ(*one, 0);
     pliant_free(copy);

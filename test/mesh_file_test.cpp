@@ -205,14 +205,14 @@ void expect_same_sag(Block &lattice, Block &file)
 {
     const auto wanted = settled(lattice), found = settled(file);
     ASSERT_EQ(found.size(), wanted.size());
-    double apart = 0, most = 0;
+    double apart = 0, maximum = 0;
     for (const auto &node : wanted) {
         ASSERT_TRUE(found.count(node.first));
-        most = std::max(most, std::fabs(node.second[2] - 1e-6 * std::get<2>(node.first)));
+        maximum = std::max(maximum, std::fabs(node.second[2] - 1e-6 * std::get<2>(node.first)));
         for (int d = 0; d < 3; d++) apart = std::max(apart, std::fabs(found.at(node.first)[d] - node.second[d]));
     }
-    EXPECT_GT(most, 1e-3);
-    EXPECT_LT(apart, 1e-6 * most + 1e-9);
+    EXPECT_GT(maximum, 1e-3);
+    EXPECT_LT(apart, 1e-6 * maximum + 1e-9);
 }
 
 void use(Block *block, const std::string &path, double unit)

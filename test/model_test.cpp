@@ -73,14 +73,14 @@ TEST(Model, EmptyMaterialsAreHiddenWhereAsked)
         ASSERT_EQ(pliant_data_set_warp(body.model, body.data, &target), PLIANT_OK) << pliant_last_error();
         ASSERT_EQ(pliant_step(body.model, body.data), PLIANT_OK) << pliant_last_error();
         const pliant_volume *drawn = pliant_warp_volume(pliant_data_get_warp(body.data));
-        int beside = 0; // empty voxels that elements with tissue draw
+        int adjacent = 0; // empty voxels that elements with tissue draw
         for (size_t v = 0; v < 8 * 8 * 8; v++) {
             const uint8_t seen = static_cast<uint8_t *>(drawn->voxels)[v],
                           own = static_cast<uint8_t *>(body.scan.voxels)[v];
             if (own) ASSERT_EQ(seen, own) << v;
-            else if (seen != 200) beside++;
+            else if (seen != 200) adjacent++;
         }
-        EXPECT_EQ(beside > 0, !hide) << beside;
+        EXPECT_EQ(adjacent > 0, !hide) << adjacent;
     }
 }
 

@@ -181,15 +181,15 @@ TEST(Octree, NeighboursDifferByOneLevelAtMost)
         for (int32_t b = 0; b < cells[1]; b++)
             for (int32_t a = 0; a < cells[0]; a++)
                 for (int n = 0; n < 27; n++) {
-                    int32_t step[3] = {n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1}, at[3] = {a, b, c}, beside[3];
+                    int32_t step[3] = {n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1}, at[3] = {a, b, c}, adjacent[3];
                     bool inside = true;
                     for (int d = 0; d < 3; d++) {
-                        beside[d] = at[d] + step[d];
-                        inside = inside && beside[d] >= 0 && beside[d] < cells[d];
+                        adjacent[d] = at[d] + step[d];
+                        inside = inside && adjacent[d] >= 0 && adjacent[d] < cells[d];
                     }
                     if (!inside || (step[0] && step[1] && step[2])) continue;
                     int own = tree.level[tree.leaf_of_cell[pliant_octree_flat(&tree, 5, at)]];
-                    int other = tree.level[tree.leaf_of_cell[pliant_octree_flat(&tree, 5, beside)]];
+                    int other = tree.level[tree.leaf_of_cell[pliant_octree_flat(&tree, 5, adjacent)]];
                     ASSERT_LE(std::abs(own - other), 1);
                 }
     pliant_octree_free(&tree);

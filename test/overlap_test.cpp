@@ -172,26 +172,26 @@ TEST(Overlap, OfNumbersThatAreNone)
 TEST(Overlap, CellsAreWideNoLongerThanTheyHaveToBe)
 {
     gpu_cells cells = {0.01, 1, 1};
-    EXPECT_EQ(gpu_cells_most(&cells), 16u);
-    EXPECT_FALSE(gpu_cells_follow(&cells, 16, 900, 1000));
+    EXPECT_EQ(gpu_cells_max(&cells), 16u);
+    EXPECT_FALSE(gpu_cells_update(&cells, 16, 900, 1000));
     EXPECT_EQ(gpu_cells_coarser(&cells), 1);
-    EXPECT_TRUE(gpu_cells_follow(&cells, 4000, 900, 1000)); // a node moves far away
-    EXPECT_GE(gpu_cells_most(&cells), 4000u);
-    EXPECT_FALSE(gpu_cells_follow(&cells, 4000, 10, 1000));
-    EXPECT_FALSE(gpu_cells_follow(&cells, 5000, 10, 1000)) << "it may go on a little";
-    EXPECT_FALSE(gpu_cells_follow(&cells, 0, 10, 1000)); // and returns
+    EXPECT_TRUE(gpu_cells_update(&cells, 4000, 900, 1000)); // a node moves far away
+    EXPECT_GE(gpu_cells_max(&cells), 4000u);
+    EXPECT_FALSE(gpu_cells_update(&cells, 4000, 10, 1000));
+    EXPECT_FALSE(gpu_cells_update(&cells, 5000, 10, 1000)) << "it may go on a little";
+    EXPECT_FALSE(gpu_cells_update(&cells, 0, 10, 1000)); // and returns
     EXPECT_EQ(gpu_cells_coarser(&cells), 1);
-    EXPECT_TRUE(gpu_cells_follow(&cells, 0, 5000, 1000)); // the whole mesh grows
-    EXPECT_TRUE(gpu_cells_follow(&cells, 0, 1200, 1000));
-    EXPECT_FALSE(gpu_cells_follow(&cells, 0, 300, 1000));
+    EXPECT_TRUE(gpu_cells_update(&cells, 0, 5000, 1000)); // the whole mesh grows
+    EXPECT_TRUE(gpu_cells_update(&cells, 0, 1200, 1000));
+    EXPECT_FALSE(gpu_cells_update(&cells, 0, 300, 1000));
     EXPECT_EQ(gpu_cells_coarser(&cells), 4);
-    EXPECT_FALSE(gpu_cells_follow(&cells, 0, 60, 1000)); // and shrinks again
+    EXPECT_FALSE(gpu_cells_update(&cells, 0, 60, 1000)); // and shrinks again
     EXPECT_EQ(gpu_cells_coarser(&cells), 2);
-    EXPECT_FALSE(gpu_cells_follow(&cells, 0, 60, 1000));
+    EXPECT_FALSE(gpu_cells_update(&cells, 0, 60, 1000));
     EXPECT_EQ(gpu_cells_coarser(&cells), 1);
-    EXPECT_TRUE(gpu_cells_follow(&cells, std::numeric_limits<unsigned long long>::max(), 0, 1000));
+    EXPECT_TRUE(gpu_cells_update(&cells, std::numeric_limits<unsigned long long>::max(), 0, 1000));
     // the counter has this upper limit
-    EXPECT_FALSE(gpu_cells_follow(&cells, static_cast<unsigned long long>(GPU_MOST_FINE_CELLS), 10, 1000));
+    EXPECT_FALSE(gpu_cells_update(&cells, static_cast<unsigned long long>(GPU_MAX_FINE_CELLS), 10, 1000));
 }
 
 } // namespace

@@ -384,9 +384,9 @@ TEST_F(Path, PartsMayBeSolids)
     EXPECT_NEAR(mesh.volume, (0.02 * 0.006 + 0.014 * 0.006) * 0.008, 1e-12);
     EXPECT_DOUBLE_EQ(mesh.resolution, 0.001);
     EXPECT_TRUE(hull.convex);
-    double least = 0;
-    for (int c = 0; c < 3 * hull.num_points; c++) least = std::min(least, hull.points[c]);
-    EXPECT_NEAR(least, -0.01, 1e-12) << "turned about z by half a turn";
+    double minimum = 0;
+    for (int c = 0; c < 3 * hull.num_points; c++) minimum = std::min(minimum, hull.points[c]);
+    EXPECT_NEAR(minimum, -0.01, 1e-12) << "turned about z by half a turn";
     pliant_path_free(&path_);
     EXPECT_EQ(pliant_memory_in_use(), before);
     auto with = [&](const std::string &from, const std::string &to) {

@@ -355,7 +355,7 @@ class Python(unittest.TestCase):
         import gym_environment
         rewards = []
         for seed in (1, 1, 2):
-            world = gym_environment.Retraction(model=self.model, most_steps=20)
+            world = gym_environment.Retraction(model=self.model, max_steps=20)
             seen, _ = world.reset(seed=seed)
             self.assertEqual(seen.shape, (9,))
             for _ in range(5):

@@ -67,9 +67,9 @@ TEST(SharedData, AbdomenAndThorax)
             EXPECT_NEAR(one.volume->geometry.origin[d], 1e-3 * one.origin[d], 1e-8);
         }
     }
-    uint16_t most = 0;
-    for (size_t n = 0; n < pliant_geometry_voxels(&labels.geometry); n++) most = std::max(most, labels.voxels[n]);
-    EXPECT_EQ(most, 117);
+    uint16_t maximum = 0;
+    for (size_t n = 0; n < pliant_geometry_voxels(&labels.geometry); n++) maximum = std::max(maximum, labels.voxels[n]);
+    EXPECT_EQ(maximum, 117);
     pliant_labels_free(&labels);
 }
 

@@ -28,7 +28,7 @@ const char *const OPTIONS = "src/scene/README.md";
 
 struct Document {
     const char *path;
-    size_t most_lines;
+    size_t max_lines;
 };
 const std::vector<Document> DOCUMENTS = {
     {"README.md", 200},
@@ -180,7 +180,7 @@ TEST(Readme, DocumentsAreShort)
         size_t lines = 0;
         for (std::string line; std::getline(stream, line);) lines++;
         EXPECT_GT(lines, 0u) << document.path;
-        EXPECT_LE(lines, document.most_lines) << document.path;
+        EXPECT_LE(lines, document.max_lines) << document.path;
     }
 }
 

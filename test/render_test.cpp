@@ -114,13 +114,13 @@ TEST(Render, BallHasItsOutlineDepthAndLabels)
                          b = ray[0] * from[0] + ray[1] * from[1] + ray[2] * from[2];
             const double under = b * b - a * (length(from) * length(from) - radius * radius),
                          depth = (-b - std::sqrt(under)) / a;
-            const double beside = std::sqrt(std::max(length(from) * length(from) - b * b / a, 0.0)) - radius;
-            if (std::abs(beside) < 0.0001) { // closer than a tenth of a voxel: either result is valid
+            const double adjacent = std::sqrt(std::max(length(from) * length(from) - b * b / a, 0.0)) - radius;
+            if (std::abs(adjacent) < 0.0001) { // closer than a tenth of a voxel: either result is valid
                 outline++;
                 continue;
             }
-            ASSERT_EQ(std::isfinite(seen.depth[pixel]), beside < 0) << column << " " << row;
-            if (beside > 0) {
+            ASSERT_EQ(std::isfinite(seen.depth[pixel]), adjacent < 0) << column << " " << row;
+            if (adjacent > 0) {
                 EXPECT_EQ(seen.label[pixel], 0);
                 EXPECT_EQ(seen.rgb[3 * pixel], 0);
                 continue;
@@ -225,16 +225,16 @@ TEST(Radiograph, BoxAndBallOfWater)
             ASSERT_EQ(pliant_radiograph(ball.get(), &camera, 20, 2, of_ball.data()), PLIANT_OK);
             // the central ray leaves the box through the face that is most perpendicular to it
             const vector3 ray = ray_of(camera, 20, 20);
-            const double most = std::max({std::abs(ray[0]), std::abs(ray[1]), std::abs(ray[2])}) / length(ray),
+            const double maximum = std::max({std::abs(ray[0]), std::abs(ray[1]), std::abs(ray[2])}) / length(ray),
                          edge = half;
-            EXPECT_NEAR(of_box[20 * 41 + 20], 20 * 2 * edge / most, 0.005) << primary << " " << secondary;
+            EXPECT_NEAR(of_box[20 * 41 + 20], 20 * 2 * edge / maximum, 0.005) << primary << " " << secondary;
             for (int pixel : {20 * 41 + 20, 14 * 41 + 20, 22 * 41 + 27, 12 * 41 + 14}) {
                 const vector3 through = ray_of(camera, pixel % 41, pixel / 41);
                 const double along =
                     (through[0] * camera.pose[3] + through[1] * camera.pose[7] + through[2] * camera.pose[11]) /
                     length(through);
-                const double beside = 0.8 * 0.8 - along * along,
-                             chord = beside < radius * radius ? 2 * std::sqrt(radius * radius - beside) : 0;
+                const double adjacent = 0.8 * 0.8 - along * along,
+                             chord = adjacent < radius * radius ? 2 * std::sqrt(radius * radius - adjacent) : 0;
                 EXPECT_NEAR(of_ball[pixel], 1.5 * 20 * chord, 0.01) << primary << " " << secondary << " " << pixel;
             }
         }
@@ -456,8 +456,8 @@ std::vector<int32_t> parts_of(const pliant_mesh &mesh)
         changed = false;
         for (int32_t t = 0; t < mesh.num_tets; t++) {
             const int32_t *nodes = mesh.tets + 4 * t;
-            const int32_t least = std::min({part[nodes[0]], part[nodes[1]], part[nodes[2]], part[nodes[3]]});
-            for (int v = 0; v < 4; v++) changed = changed || part[nodes[v]] != least, part[nodes[v]] = least;
+            const int32_t minimum = std::min({part[nodes[0]], part[nodes[1]], part[nodes[2]], part[nodes[3]]});
+            for (int v = 0; v < 4; v++) changed = changed || part[nodes[v]] != minimum, part[nodes[v]] = minimum;
         }
     }
     return part;

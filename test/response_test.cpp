@@ -113,14 +113,14 @@ TEST_F(Response, SpaceHasTheStiffnessOfTheWholeMesh)
 {
     const std::vector<double> x = rest();
     std::vector<double> modes = modes_at(x);
-    pliant_foothold foothold{static_cast<int32_t>(nodes.size()), nodes.data(), weights.data(), {0.1, 0.1, 0.19}};
+    pliant_footprint footprint{static_cast<int32_t>(nodes.size()), nodes.data(), weights.data(), {0.1, 0.1, 0.19}};
     const double *const block = modes.data();
     pliant_linearized linearized{};
     pliant_basis *basis = nullptr;
     ASSERT_EQ(pliant_linearized_create(fine, x.data(), &linearized), PLIANT_OK);
-    ASSERT_EQ(pliant_basis_create(fine, &linearized, body.model->body->fine_fixed, 0.04, 1, &foothold, 1, &block, 2,
-                                  &basis),
-              PLIANT_OK)
+    ASSERT_EQ(
+        pliant_basis_create(fine, &linearized, body.model->body->fine_fixed, 0.04, 1, &footprint, 1, &block, 2, &basis),
+        PLIANT_OK)
         << pliant_last_error();
     EXPECT_EQ(basis->num_modes, PLIANT_RESPONSE_MODES);
     EXPECT_GT(basis->num_own, 10);
@@ -134,10 +134,10 @@ TEST_F(Response, SpaceHasTheStiffnessOfTheWholeMesh)
     // For a small displacement E q, the projected forces of the near part and of the far part equal the forces of the
     // whole mesh.
     std::vector<double> near(x.size()), small(3 * static_cast<size_t>(basis->mesh.num_nodes)), forces(n);
-    std::vector<double> whole(unknowns), product(unknowns), room(unknowns);
+    std::vector<double> whole(unknowns), product(unknowns), capacity(unknowns);
     for (int m = 0; m < basis->num_modes; m++)
         for (size_t i = 0; i < unknowns; i++) whole[i] += (m % 2 ? -1 : 1) * 1e-7 * basis->whole[unknowns * m + i];
-    pliant_linearized_product(&linearized, whole.data(), room.data(), product.data());
+    pliant_linearized_product(&linearized, whole.data(), capacity.data(), product.data());
     std::vector<double> blocks(12 * LANES * static_cast<size_t>(basis->system.num_blocks));
     std::memcpy(small.data(), basis->mesh.rest, small.size() * sizeof(double));
     for (size_t f = 0; f < n / 3; f++)
@@ -201,15 +201,15 @@ TEST_F(Response, SpaceHasTheStiffnessOfTheWholeMesh)
     for (size_t h = 0; h < nodes.size(); h++)
         load[3 * static_cast<size_t>(basis->system.free_of_node[basis->near_node[nodes[h]]]) + 2] += weights[h];
     ASSERT_EQ(pliant_preconditioner_solve(basis->system.preconditioner, 1, load.data(), answer.data()), PLIANT_OK);
-    double off = 0, most = 0;
+    double off = 0, maximum = 0;
     for (size_t f = 0; f < n / 3; f++)
         for (int d = 0; d < 3; d++) {
             int32_t node = basis->fine_node[basis->system.node_of_free[f]];
             double z = modes[2 * unknowns + 3 * static_cast<size_t>(fine->free_of_node[node]) + d];
             off = std::fmax(off, std::fabs(answer[3 * f + d] - z));
-            most = std::fmax(most, std::fabs(z));
+            maximum = std::fmax(maximum, std::fabs(z));
         }
-    EXPECT_LT(off, 1e-3 * most);
+    EXPECT_LT(off, 1e-3 * maximum);
     pliant_basis_free(basis);
     pliant_linearized_free(&linearized);
 }
@@ -220,15 +220,15 @@ TEST_F(Response, WhatASpaceTakesIsForetold)
     const double radius = 0.15;
     const std::vector<double> x = rest(), modes = modes_at(x);
     const double *const block = modes.data();
-    pliant_foothold foothold{static_cast<int32_t>(nodes.size()), nodes.data(), weights.data(), {0.1, 0.1, 0.19}};
+    pliant_footprint footprint{static_cast<int32_t>(nodes.size()), nodes.data(), weights.data(), {0.1, 0.1, 0.19}};
     pliant_linearized linearized{};
     pliant_basis *basis = nullptr;
     ASSERT_EQ(pliant_linearized_create(fine, x.data(), &linearized), PLIANT_OK);
-    ASSERT_EQ(pliant_basis_create(fine, &linearized, body.model->body->fine_fixed, radius, 1, &foothold, 1, &block, 2,
+    ASSERT_EQ(pliant_basis_create(fine, &linearized, body.model->body->fine_fixed, radius, 1, &footprint, 1, &block, 2,
                                   &basis),
               PLIANT_OK)
         << pliant_last_error();
-    pliant_basis_size size = pliant_basis_measure(fine, radius, 1, &foothold, 1), none = size;
+    pliant_basis_size size = pliant_basis_measure(fine, radius, 1, &footprint, 1), none = size;
     EXPECT_EQ(size.own, basis->num_own);
     EXPECT_LE(size.near, basis->system.num_free);
     EXPECT_GT(size.near, 2 * size.own / 3);
@@ -252,7 +252,7 @@ TEST_F(Response, EndsWhenItIsNoLongerWanted)
     const std::vector<double> x = rest();
     std::vector<double> modes = modes_at(x), out(modes.size());
     const double *const block = modes.data();
-    pliant_foothold foothold{static_cast<int32_t>(nodes.size()), nodes.data(), weights.data(), {0.1, 0.1, 0.19}};
+    pliant_footprint footprint{static_cast<int32_t>(nodes.size()), nodes.data(), weights.data(), {0.1, 0.1, 0.19}};
     pliant_linearized linearized{};
     ASSERT_EQ(pliant_linearized_create(fine, x.data(), &linearized), PLIANT_OK);
     int left = 0;
@@ -265,11 +265,11 @@ TEST_F(Response, EndsWhenItIsNoLongerWanted)
                                         nodes.data(), weights.data(), out.data()),
                   PLIANT_ERROR_CANCELLED);
         left = calls;
-        EXPECT_EQ(pliant_response_crossed(&linearized, fine->preconditioner, modes.data(), modes.data(), out.data()),
+        EXPECT_EQ(pliant_response_pair_modes(&linearized, fine->preconditioner, modes.data(), modes.data(), out.data()),
                   PLIANT_ERROR_CANCELLED);
         left = calls;
-        EXPECT_EQ(pliant_basis_create(fine, &linearized, body.model->body->fine_fixed, 0.04, 1, &foothold, 1, &block, 2,
-                                      &basis),
+        EXPECT_EQ(pliant_basis_create(fine, &linearized, body.model->body->fine_fixed, 0.04, 1, &footprint, 1, &block,
+                                      2, &basis),
                   PLIANT_ERROR_CANCELLED);
         EXPECT_EQ(basis, nullptr);
         EXPECT_EQ(pliant_memory_in_use(), bytes);

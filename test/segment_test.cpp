@@ -86,7 +86,7 @@ TEST(Segment, TheCriterionIsBic)
         options.most_classes = 2;
         pliant_segment_class classes[PLIANT_MAX_CLASSES];
         double criterion = 0;
-        EXPECT_EQ(segment_best(&histogram, &options, &fits, classes, &criterion), gain > penalty ? 2 : 1);
+        EXPECT_EQ(segment_choose_mixture(&histogram, &options, &fits, classes, &criterion), gain > penalty ? 2 : 1);
         EXPECT_NEAR(criterion, gain > penalty ? 600 - 200 * gain + 5 * std::log(100.0) : by_hand, 1e-9);
     }
 }
@@ -302,8 +302,8 @@ TEST(Segment, OrgansOfThePhantom)
     options.smallest = 1e-6;
     Found found;
     ASSERT_EQ(pliant_segment(&scan, &options, &found), PLIANT_OK);
-    const std::map<int, double> least{{0, 0.95}, {2, 0.85}, {3, 0.7}, {4, 0.9}};
-    for (auto &entry : least)
+    const std::map<int, double> minimum{{0, 0.95}, {2, 0.85}, {3, 0.7}, {4, 0.9}};
+    for (auto &entry : minimum)
         EXPECT_GT(dice(found, truth.voxels, entry.first), entry.second) << pliant_phantom_label_name(entry.first);
     pliant_volume_free(&scan);
     pliant_labels_free(&truth);

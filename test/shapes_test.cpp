@@ -47,7 +47,7 @@ double apart(const double *a, const double *b)
 // Return the distance by its definition: to samples of the part's core, minus the part's radius.
 double outside_of(const pliant_part &part, const double *p)
 {
-    double least = INFINITY;
+    double minimum = INFINITY;
     const int n = part.kind == PLIANT_PART_CAPSULE ? 4000 : 0;
     for (int s = 0; s <= n; s++) {
         double at[3];
@@ -56,9 +56,9 @@ double outside_of(const pliant_part &part, const double *p)
             if (n) at[d] += (part.to[d] - part.from[d]) * s / n;
             if (part.kind == PLIANT_PART_BOX) at[d] = std::fmin(std::fmax(p[d], part.from[d]), part.to[d]);
         }
-        least = std::fmin(least, apart(p, at));
+        minimum = std::fmin(minimum, apart(p, at));
     }
-    return least - part.radius;
+    return minimum - part.radius;
 }
 
 TEST(Shapes, DistancesOutsideAreThoseToTheNearestPoint)
@@ -140,7 +140,7 @@ TEST(Shapes, WhatIsInsideLeavesAlongADirection)
             for (double &v : direction) v /= size;
             if (pliant_part_distance(&part, p.data(), normal) >= 0) continue;
             found++;
-            pliant_part_leave(&part, p.data(), direction.data(), out);
+            pliant_part_exit_point(&part, p.data(), direction.data(), out);
             EXPECT_NEAR(pliant_part_distance(&part, out, normal), 0, 1e-6);
             double way = 0, off = 0;
             for (int d = 0; d < 3; d++) way += (out[d] - p[d]) * direction[d];
@@ -157,16 +157,16 @@ TEST(Shapes, TheNearestPointOfAnEdgeIsThatOfManySamples)
         for (int n = 0; n < 400; n++) {
             const Point a = random.point(0.03), b = random.point(0.03);
             double at[2][3] = {{a[0], a[1], a[2]}, {b[0], b[1], b[2]}}, weight[2], normal[3], there[3],
-                   least = INFINITY;
+                   minimum = INFINITY;
             const double found = pliant_edge_minimum(&part, at, 1, weight, normal);
             for (int s = 0; s <= 1000; s++) {
                 const double w = s / 1000.0,
                              p[3] = {a[0] + w * (b[0] - a[0]), a[1] + w * (b[1] - a[1]), a[2] + w * (b[2] - a[2])};
-                least = std::fmin(least, pliant_part_distance(&part, p, there));
+                minimum = std::fmin(minimum, pliant_part_distance(&part, p, there));
             }
             const double size = apart(at[0], at[1]);
-            EXPECT_LT(found, least + 2e-4 * size);
-            EXPECT_GT(found, least - 1e-3 * size); // the minimum may lie between two samples
+            EXPECT_LT(found, minimum + 2e-4 * size);
+            EXPECT_GT(found, minimum - 1e-3 * size); // the minimum may lie between two samples
             EXPECT_NEAR(weight[0] + weight[1], 1, 1e-12);
             double p[3];
             for (int d = 0; d < 3; d++) p[d] = weight[0] * at[0][d] + weight[1] * at[1][d];
@@ -185,16 +185,16 @@ TEST(Shapes, TheNearestPointOfATriangleIsThatOfManySamples)
         for (int n = 0; n < 300; n++) {
             const Point a = random.point(0.03), b = random.point(0.03), c = random.point(0.03);
             double at[3][3] = {{a[0], a[1], a[2]}, {b[0], b[1], b[2]}, {c[0], c[1], c[2]}}, weight[3], normal[3],
-                   there[3], p[3], least = INFINITY;
+                   there[3], p[3], minimum = INFINITY;
             const double found = pliant_face_minimum(&part, at, 1, weight, normal);
             for (int s = 0; s <= 100; s++)
                 for (int t = 0; s + t <= 100; t++) {
                     for (int d = 0; d < 3; d++) p[d] = (s * at[0][d] + t * at[1][d] + (100 - s - t) * at[2][d]) / 100;
-                    least = std::fmin(least, pliant_part_distance(&part, p, there));
+                    minimum = std::fmin(minimum, pliant_part_distance(&part, p, there));
                 }
             const double size = std::fmax(apart(at[0], at[1]), std::fmax(apart(at[1], at[2]), apart(at[2], at[0])));
-            worst = std::fmax(worst, (found - least) / size);
-            EXPECT_GT(found, least - 0.012 * size);
+            worst = std::fmax(worst, (found - minimum) / size);
+            EXPECT_GT(found, minimum - 0.012 * size);
             EXPECT_GE(std::fmin(weight[0], std::fmin(weight[1], weight[2])), 0);
             for (int d = 0; d < 3; d++) p[d] = weight[0] * at[0][d] + weight[1] * at[1][d] + weight[2] * at[2][d];
             EXPECT_NEAR(pliant_part_distance(&part, p, there), found, 1e-12);
@@ -261,7 +261,7 @@ TEST(Shapes, ABoxAroundAPartHoldsItsPoints)
         pliant_pose pose;
         const double tip[3] = {0.1, 0.2, 0.3}, rotation[4] = {0.3, -0.5, 0.2, 0.8};
         pliant_part_pose(&shape, PLIANT_FRAME_TIP, tip, rotation, 0, &pose);
-        double low[3], high[3], least[3] = {1, 1, 1}, most[3] = {-1, -1, -1};
+        double low[3], high[3], minimum[3] = {1, 1, 1}, maximum[3] = {-1, -1, -1};
         pliant_part_box(&part, &pose, low, high);
         for (int n = 0; n < 100000; n++) {
             const Point p = random.point(0.04);
@@ -270,15 +270,15 @@ TEST(Shapes, ABoxAroundAPartHoldsItsPoints)
             for (int d = 0; d < 3; d++) foot[d] = p[d] - distance * normal[d];
             pliant_pose_to(&pose, foot, at);
             for (int d = 0; d < 3; d++) {
-                least[d] = std::fmin(least[d], at[d]);
-                most[d] = std::fmax(most[d], at[d]);
+                minimum[d] = std::fmin(minimum[d], at[d]);
+                maximum[d] = std::fmax(maximum[d], at[d]);
             }
         }
         for (int d = 0; d < 3; d++) {
-            EXPECT_GE(least[d], low[d] - 1e-12);
-            EXPECT_LE(most[d], high[d] + 1e-12);
-            EXPECT_NEAR(least[d], low[d], 1e-3);
-            EXPECT_NEAR(most[d], high[d], 1e-3);
+            EXPECT_GE(minimum[d], low[d] - 1e-12);
+            EXPECT_LE(maximum[d], high[d] + 1e-12);
+            EXPECT_NEAR(minimum[d], low[d], 1e-3);
+            EXPECT_NEAR(maximum[d], high[d], 1e-3);
         }
     }
 }
@@ -293,14 +293,14 @@ TEST(Shapes, InstrumentsHaveTheirTipsAtTheOrigin)
           "probe", "camera"}) {
         pliant_tool_shape shape;
         ASSERT_EQ(pliant_tool_shape_find(name, &shape), PLIANT_OK) << pliant_last_error();
-        double foremost = -1, tips[3][2] = {}, least = 1;
+        double foremost = -1, tips[3][2] = {}, minimum = 1;
         const double tip[3] = {0, 0, 0}, rotation[4] = {0, 0, 0, 1};
         for (int32_t p = 0; p < shape.num_parts; p++) {
             char reason[160];
             const pliant_part &part = shape.part[p];
             EXPECT_EQ(pliant_part_check(&part, true, reason, sizeof reason), nullptr) << reason;
             double normal[3];
-            least = std::fmin(least, std::fabs(pliant_part_distance(&part, tip, normal)));
+            minimum = std::fmin(minimum, std::fabs(pliant_part_distance(&part, tip, normal)));
             foremost = std::fmax(foremost, std::fmax(part.from[2], part.to[2]) + part.radius);
             for (int open = 0; open < 2; open++) {
                 pliant_pose pose;
@@ -311,7 +311,7 @@ TEST(Shapes, InstrumentsHaveTheirTipsAtTheOrigin)
             }
         }
         EXPECT_LT(foremost, 0.001) << name;
-        EXPECT_LT(least, 0.002) << name;
+        EXPECT_LT(minimum, 0.002) << name;
         EXPECT_LE(tips[PLIANT_FRAME_JAW_PLUS][0], tips[PLIANT_FRAME_JAW_MINUS][0]) << name;
         if (tips[PLIANT_FRAME_JAW_PLUS][0] != 0) {
             EXPECT_NEAR(tips[1][1] - tips[1][0], tips[2][0] - tips[2][1], 1e-12) << "alike " << name;

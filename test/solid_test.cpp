@@ -279,7 +279,7 @@ TEST(Solid, TheNearestPointsAreThoseOfManySamples)
         const pliant_part part = part_of(solid, 2e-4);
         double worst_edge = 0, worst_face = 0;
         for (int n = 0; n < 150; n++) {
-            double at[3][3], weight[3], normal[3], there[3], edge_least = INFINITY, face_least = INFINITY;
+            double at[3][3], weight[3], normal[3], there[3], min_edge = INFINITY, min_face = INFINITY;
             for (auto &p : at)
                 for (double &v : p) v = random(-0.01, 0.025);
             for (int s = 0; s <= 60; s++)
@@ -287,8 +287,8 @@ TEST(Solid, TheNearestPointsAreThoseOfManySamples)
                     double p[3];
                     for (int d = 0; d < 3; d++) p[d] = ((60 - s - t) * at[0][d] + s * at[1][d] + t * at[2][d]) / 60;
                     const double distance = pliant_part_distance(&part, p, there);
-                    face_least = std::min(face_least, distance);
-                    if (t == 0) edge_least = std::min(edge_least, distance);
+                    min_face = std::min(min_face, distance);
+                    if (t == 0) min_edge = std::min(min_edge, distance);
                 }
             const double edge = pliant_edge_minimum(&part, at, 1, weight, normal);
             ASSERT_NEAR(weight[0] + weight[1], 1, 1e-12);
@@ -298,8 +298,8 @@ TEST(Solid, TheNearestPointsAreThoseOfManySamples)
             double p[3];
             for (int d = 0; d < 3; d++) p[d] = weight[0] * at[0][d] + weight[1] * at[1][d] + weight[2] * at[2][d];
             ASSERT_NEAR(pliant_part_distance(&part, p, there), face, 1e-12);
-            worst_edge = std::max(worst_edge, edge - edge_least);
-            worst_face = std::max(worst_face, face - face_least);
+            worst_edge = std::max(worst_edge, edge - min_edge);
+            worst_face = std::max(worst_face, face - min_face);
             const double bound = pliant_face_minimum(&part, at, 0.001, weight, normal);
             ASSERT_LE(bound, face + 1e-12);
         }
@@ -386,11 +386,11 @@ TEST_F(SolidFile, RollPitchAndYawTurnIt)
     ASSERT_EQ(shape.make(options, &solid), PLIANT_OK);
     pliant_solid_surface of;
     pliant_solid_get_surface(solid, &of);
-    double most[3] = {-1, -1, -1};
-    for (int c = 0; c < 3 * of.num_points; c++) most[c % 3] = std::max(most[c % 3], of.points[c]);
-    EXPECT_NEAR(most[0], 0.008, 1e-15) << "z, that is -y, and so x";
-    EXPECT_NEAR(most[1], 0.02, 1e-15);
-    EXPECT_NEAR(most[2], 0.02, 1e-15);
+    double maximum[3] = {-1, -1, -1};
+    for (int c = 0; c < 3 * of.num_points; c++) maximum[c % 3] = std::max(maximum[c % 3], of.points[c]);
+    EXPECT_NEAR(maximum[0], 0.008, 1e-15) << "z, that is -y, and so x";
+    EXPECT_NEAR(maximum[1], 0.02, 1e-15);
+    EXPECT_NEAR(maximum[2], 0.02, 1e-15);
     pliant_solid_release(solid);
 }
 

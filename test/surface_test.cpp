@@ -28,7 +28,7 @@ struct Surface {
     }
 };
 
-std::unique_ptr<Cuttable> block(
+std::unique_ptr<CutState> block(
     int a, int b, int c, int cell, std::function<int(int, int, int)> material = [](int, int, int) { return 0; })
 {
     const int size[3] = {a, b, c};
@@ -40,7 +40,7 @@ std::unique_ptr<Cuttable> block(
     body->scene.cut.kind = PLIANT_CUT_SEVER;
     body->fix_plane(1e-9, 0, 0, 1, 0, 0);
     EXPECT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
-    return std::make_unique<Cuttable>(std::move(body));
+    return std::make_unique<CutState>(std::move(body));
 }
 
 // Count edges whose two directions have different numbers of triangles.
@@ -195,8 +195,8 @@ TEST(Surface, FollowsFromBodyToBody)
         const pliant_surface &now = *surfaces.back()->made;
         expect_bound(now);
         ASSERT_EQ(open_edges(now), 0) << "stroke " << stroke;
-        Surface anew(all->now);
-        expect_same(now, *anew.made);
+        Surface rebuilt(all->now);
+        expect_same(now, *rebuilt.made);
         double area, volume;
         measure(now, surfaces.back()->places(all->now->fine.rest), 0, &area, &volume);
         double whole = 0;

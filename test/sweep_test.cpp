@@ -252,7 +252,7 @@ TEST_F(Sweep, TheErrorOfTimeIntegrationIsWhatMuchShorterSubStepsShow)
             double tip[3];
             for (int d = 0; d < 3; d++) tip[d] = from[d] + sweep.pull[d] * (frame + 1) / 6;
             if (frame < 6) ASSERT_EQ(pliant_tool_set_pose(body.data, tool, tip, nullptr), PLIANT_OK);
-            if (frame == 6) pliant_tool_lost(body.data, tool);
+            if (frame == 6) pliant_tool_remove_pose(body.data, tool);
             ASSERT_EQ(pliant_step(body.model, body.data), PLIANT_OK);
             positions[finer].insert(positions[finer].end(), body.data->positions,
                                     body.data->positions + 3 * mesh.num_nodes);

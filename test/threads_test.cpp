@@ -53,14 +53,14 @@ struct Block : Body {
 
 struct Asked {
     std::set<int> threads;
-    int most = 0; // number of reports before cancellation
+    int maximum = 0; // number of reports before cancellation
 };
 
 bool ask(double, const char *, void *user)
 {
     Asked *asked = static_cast<Asked *>(user);
     if (omp_get_level() == 0) asked->threads.insert(omp_get_max_threads());
-    return asked->most-- != 0;
+    return asked->maximum-- != 0;
 }
 
 } // namespace
@@ -70,10 +70,10 @@ TEST(Threads, LoopsInBetweenHaveTheScenesNumber)
     pliant_scene scene;
     pliant_scene_defaults(&scene);
     const int machine = omp_get_max_threads();
-    EXPECT_EQ(pliant_threads_of(scene.solver.threads), machine);
+    EXPECT_EQ(pliant_threads_or_cores(scene.solver.threads), machine);
     for (int wanted : {1, 3}) {
         scene.solver.threads = wanted;
-        EXPECT_EQ(pliant_threads_of(scene.solver.threads), wanted);
+        EXPECT_EQ(pliant_threads_or_cores(scene.solver.threads), wanted);
         const int before = pliant_threads_begin(scene.solver.threads);
         EXPECT_EQ(threads_of_a_region(), wanted);
         pliant_threads_end(before);
@@ -96,7 +96,7 @@ TEST(Threads, AModelIsBuiltByTheScenesNumberAndIsTheSame)
                 block.scene.mesh.depth = 2;
                 const int before = omp_get_max_threads();
                 Asked asked;
-                asked.most = -1;
+                asked.maximum = -1;
                 pliant_model *model = nullptr;
                 ASSERT_EQ(pliant_model_build(&block.scene, &block.scan, nullptr, &block.table, {ask, &asked}, &model),
                           PLIANT_OK)
@@ -159,11 +159,11 @@ TEST(Threads, WhatOneOfThemMetIsHandedOn)
 #pragma omp for schedule(dynamic, 1)
         for (int n = 0; n < work.count; n++) {
             if (status == PLIANT_OK && n == 17) status = pliant_fail(PLIANT_ERROR_NUMERIC, "number %d is odd", n);
-            if (status == PLIANT_OK) status = pliant_work_done(&work);
+            if (status == PLIANT_OK) status = pliant_work_finish_item(&work);
         }
-        pliant_work_leave(&work, status);
+        pliant_work_finish_thread(&work, status);
     }
-    EXPECT_EQ(pliant_work_outcome(&work), PLIANT_ERROR_NUMERIC);
+    EXPECT_EQ(pliant_work_result(&work), PLIANT_ERROR_NUMERIC);
     EXPECT_STREQ(pliant_last_error(), "number 17 is odd");
     EXPECT_LT(work.done, work.count);
 }
@@ -172,12 +172,12 @@ TEST(Threads, HomogenizationIsCancelledWhereItsProgressIsRefused)
 {
     // 5 coarse tetrahedra in each of 4 x 4 x 4 cells. After the reports of earlier stages, a report follows after each
     // 64 of them.
-    for (int most : {6, 7}) {
+    for (int maximum : {6, 7}) {
         Block block(2);
         block.cells(4, 4, 4, 2);
         block.scene.model.method = PLIANT_AVERAGED;
         Asked asked;
-        asked.most = most;
+        asked.maximum = maximum;
         pliant_model *model = nullptr;
         EXPECT_EQ(pliant_model_build(&block.scene, &block.scan, nullptr, &block.table, {ask, &asked}, &model),
                   PLIANT_ERROR_CANCELLED);

@@ -156,12 +156,12 @@ inline double energy_ratio(const Throw &with)
 {
     ThrownCube cube(with);
     const double first = cube.energy();
-    double most = 1;
+    double maximum = 1;
     for (int s = 0; s < 40; s++) {
         EXPECT_GE(pliant_step(cube.model, cube.data), 0) << pliant_last_error();
-        most = std::fmax(most, cube.energy() / first);
+        maximum = std::fmax(maximum, cube.energy() / first);
     }
-    return most;
+    return maximum;
 }
 
 // Return all kinds of throws, with this many seeds for each.

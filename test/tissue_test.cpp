@@ -148,7 +148,7 @@ TEST(Tissue, NothingTouchesAtRest)
     blocks.find();
     EXPECT_EQ(blocks.contacts.count, 0);
     EXPECT_EQ(blocks.tissue.num_overlaps, 0);
-    pliant_tissue_forget(&blocks.tissue);
+    pliant_tissue_discard(&blocks.tissue);
     blocks.map(0, [](double *x) { // far from rest, without folding
         x[1] += 0.6 * x[0];
         x[0] *= 0.7;
@@ -298,8 +298,8 @@ TEST(Tissue, AStripFoldedOntoItselfTouchesWhereItsHalvesMeet)
     // pressed together except for the bend, with a penetration of a twentieth of an element
     for (size_t n = 0; n < strip.block_of.size(); n++) {
         double *x = strip.positions.data() + 3 * n;
-        const double share = std::min(std::max((8 * h - x[0]) / (6 * h), 0.0), 1.0);
-        x[2] -= (x[2] > 0 ? 1 : -1) * share * (inner + 0.025 * h);
+        const double fraction = std::min(std::max((8 * h - x[0]) / (6 * h), 0.0), 1.0);
+        x[2] -= (x[2] > 0 ? 1 : -1) * fraction * (inner + 0.025 * h);
     }
     strip.find();
     check_points(strip.contacts, strip.positions);
@@ -331,7 +331,7 @@ std::unique_ptr<Body> bar()
 }
 
 // Return which nodes are connected with the highest node.
-std::vector<bool> beyond(const Cuttable &cut)
+std::vector<bool> beyond(const CutState &cut)
 {
     const pliant_body &body = *cut.now;
     std::vector<bool> out(static_cast<size_t>(body.fine.num_nodes), false);
@@ -353,7 +353,7 @@ TEST(Tissue, SidesOfACutTouchWhereTheyWereOne)
 {
     const double h = 0.01, point[3] = {0.02, 0.02, 0.0437}; // inside a layer of tetrahedra
     for (const std::array<double, 3> &normal : {std::array<double, 3>{0, 0, 1}, std::array<double, 3>{0.3, 0, 1}}) {
-        Cuttable cut(bar());
+        CutState cut(bar());
         ASSERT_TRUE(cut.cut_plane(point, normal.data()));
         ASSERT_EQ(cut.report.pieces, 2);
         const std::vector<bool> up = beyond(cut);
@@ -394,7 +394,7 @@ TEST(Tissue, SidesOfACutTouchWhereTheyWereOne)
 
 TEST(Tissue, FailsWithoutMemory)
 {
-    Cuttable cut(bar());
+    CutState cut(bar());
     const double point[3] = {0.02, 0.02, 0.0437}, normal[3] = {0, 0, 1};
     ASSERT_TRUE(cut.cut_plane(point, normal));
     const size_t before = pliant_memory_in_use();

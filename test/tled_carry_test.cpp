@@ -89,7 +89,7 @@ struct Swinging : Body {
         const double point[3] = {box[0] * (0.5 + 0.5 * unit(random)), box[1] * (0.5 + 0.5 * unit(random)),
                                  box[2] * (0.55 + 0.35 * unit(random))};
         std::vector<double> from, to;
-        Cuttable::plane(point, normal, half, from, to);
+        CutState::plane(point, normal, half, from, to);
         const pliant_cut_sweep sweep{2, from.data(), to.data(), nullptr};
         EXPECT_EQ(pliant_body_cut(data->body, data->last_revision + 1, data->positions, &sweep, next, nullptr),
                   PLIANT_OK)
@@ -218,7 +218,7 @@ TEST_P(EveryLaw, FragmentsTakeNoMomentumNoEnergyAndNoSubSteps)
     const pliant_dynamics start = bar.dynamics();
     std::mt19937 random(3);
     int taken = 0, without_chips = 0;
-    double least = INFINITY;
+    double minimum = INFINITY;
     for (int stroke = 0; stroke < 15; stroke++) {
         pliant_body *next = nullptr;
         if (!bar.stroke(random, 0.012, &next)) continue;
@@ -252,7 +252,7 @@ TEST_P(EveryLaw, FragmentsTakeNoMomentumNoEnergyAndNoSubSteps)
         ASSERT_EQ(pliant_tled_find_bounds(&alone, &own), PLIANT_OK);
         EXPECT_GE(own.eigenvalue_bound, start.eigenvalue_bound * (1 - 1e-12));
         EXPECT_GE(own.edge_bound, start.edge_bound * (1 - 1e-12));
-        least = std::fmin(least, own.eigenvalue_bound);
+        minimum = std::fmin(minimum, own.eigenvalue_bound);
         bar.swing(2);
     }
     EXPECT_GT(taken, 5);
@@ -262,7 +262,7 @@ TEST_P(EveryLaw, FragmentsTakeNoMomentumNoEnergyAndNoSubSteps)
     load.voxels = nullptr;
     pliant_tled_system whole = *bar.model->tled;
     ASSERT_EQ(pliant_tled_find_bounds(&load, &whole), PLIANT_OK);
-    EXPECT_LT(least, whole.eigenvalue_bound);
+    EXPECT_LT(minimum, whole.eigenvalue_bound);
 }
 
 // The same blades with subdivision. New nodes move with their edges, and smaller tetrahedra inherit the relaxed stress.
@@ -378,7 +378,7 @@ struct Pieces : Swinging {
         for (double height : {lower, upper}) {
             const double point[3] = {0.04, 0.04, height}, normal[3] = {0.1, 0, 1};
             std::vector<double> from, to;
-            Cuttable::plane(point, normal, 1, from, to);
+            CutState::plane(point, normal, 1, from, to);
             const pliant_cut_sweep sweep{2, from.data(), to.data(), nullptr};
             pliant_body *next = nullptr;
             ASSERT_EQ(pliant_body_cut(data->body, data->last_revision + 1, data->positions, &sweep, &next, nullptr),
@@ -482,7 +482,7 @@ TEST(TledCarry, CutsElsewhereLeaveAFallingPieceAsItIs)
                                      0.05 + 0.03 * unit(random)},
                          normal[3] = {unit(random), unit(random), 1};
             std::vector<double> from, to;
-            Cuttable::plane(point, normal, 0.03, from, to);
+            CutState::plane(point, normal, 0.03, from, to);
             const pliant_cut_sweep sweep{2, from.data(), to.data(), nullptr};
             pliant_body *next = nullptr;
             ASSERT_EQ(pliant_body_cut(bar.data->body, bar.data->last_revision + 1, bar.data->positions, &sweep, &next,

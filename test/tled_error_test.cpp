@@ -40,7 +40,7 @@ struct Bar : Body {
     }
     void lead(int f, bool release)
     {
-        if (tool >= 0 && release && f == 15) pliant_tool_lost(data, tool);
+        if (tool >= 0 && release && f == 15) pliant_tool_remove_pose(data, tool);
         if (tool >= 0 && !(release && f >= 15)) {
             const double tip[3] = {0.015 + 4e-4 * std::fmin(f + 1, 20), 0.015, 0.055};
             EXPECT_EQ(pliant_tool_set_pose(data, tool, tip, nullptr), PLIANT_OK);
@@ -103,7 +103,7 @@ void take(const Bar &from, const Bar &to)
 // Errors of a frame from the same state: the estimate, the estimate with half of the sub-step, and the true error. The
 // true error is 4/3 of the difference of the two frames (Richardson extrapolation).
 struct Errors {
-    double told, told_of_half, truth;
+    double told, estimate_of_half, truth;
 };
 
 std::vector<Errors> run(Scene kind, double frame, double safety)
@@ -163,7 +163,7 @@ TEST(TledError, FallsWithTheSquareOfTheSubStep)
 {
     for (Scene kind : {Scene::SWING, Scene::DAMPED, Scene::RELEASE, Scene::SOFT}) {
         double sum = 0;
-        for (const Errors &error : run(kind, 0.01, 0.3)) sum += std::log2(error.told / error.told_of_half);
+        for (const Errors &error : run(kind, 0.01, 0.3)) sum += std::log2(error.told / error.estimate_of_half);
         EXPECT_NEAR(sum / 40, 2, 0.1) << static_cast<int>(kind);
     }
 }

@@ -119,10 +119,9 @@ TEST_F(Tool, ALoadBeyondDoublePrecisionNamesWhatMayBeWrong)
 TEST(ToolOnAFace, APointIsHeldOnEverySide)
 {
     const int voxels[3] = {20, 20, 20};
-    const double room[3] = {0.1, 0.1, 0.1};
-    Body air(voxels, room, {{4000, 0.45, 1000, false}, {1, 0.3, 1, true}}, [](int i, int j, int k) {
-        return i >= 4 && i < 16 && j >= 4 && j < 16 && k >= 4 && k < 16 ? 0 : 1;
-    });
+    const double capacity[3] = {0.1, 0.1, 0.1};
+    Body air(voxels, capacity, {{4000, 0.45, 1000, false}, {1, 0.3, 1, true}},
+             [](int i, int j, int k) { return i >= 4 && i < 16 && j >= 4 && j < 16 && k >= 4 && k < 16 ? 0 : 1; });
     air.cells(10, 10, 10, 1);
     air.fix_plane(0, 0, 0.02, 0, 0, 1);
     air.scene.grasp.radius = 0;
@@ -159,18 +158,18 @@ TEST(Slip, AGripGivesWayAtItsForceAndIsLostOnceItHasSlippedOut)
         ASSERT_EQ(pliant_tool_add(stiff.model, stiff.data, "forceps", &tool), PLIANT_OK);
         ASSERT_EQ(pliant_tool_grasp(stiff.model, stiff.data, tool, held), PLIANT_OK);
         pliant_tool_state state;
-        double most = 0;
+        double maximum = 0;
         int steps = 0;
         for (bool holding = true; holding && steps < 200; ++steps) {
             const double tip[3] = {0.06, 0.06, 0.11 + 0.0005 * steps};
             ASSERT_EQ(pliant_tool_set_pose(stiff.data, tool, tip, nullptr), PLIANT_OK);
             ASSERT_GE(pliant_step(stiff.model, stiff.data), 0) << pliant_last_error();
             ASSERT_EQ(pliant_tool_get(stiff.data, tool, &state), PLIANT_OK);
-            most = std::max(most, std::fabs(state.force[2]));
+            maximum = std::max(maximum, std::fabs(state.force[2]));
             holding = state.holding;
         }
-        EXPECT_LT(most, 0.55); // the held point springs back slightly within a step
-        EXPECT_GT(most, 0.3);
+        EXPECT_LT(maximum, 0.55); // the held point springs back slightly within a step
+        EXPECT_GT(maximum, 0.3);
         EXPECT_GT(steps, 20); // 12 mm, the width of the grasped region, in steps of 0.5 mm
         EXPECT_LT(steps, 60);
         EXPECT_EQ(state.force[2], 0);
@@ -222,7 +221,7 @@ struct Pulled : Body {
     double off()
     {
         pliant_tool_linear linear{};
-        double measured[36] = {}, most = 0, difference = 0, here[6];
+        double measured[36] = {}, maximum = 0, difference = 0, here[6];
         wrench_at(tip, here);
         EXPECT_EQ(pliant_tool_linearize(data, tool, &linear), PLIANT_OK);
         EXPECT_TRUE(linear.known);
@@ -237,11 +236,11 @@ struct Pulled : Body {
             for (int a = 0; a < 6; a++) measured[6 * a + d] = (plus[a] - minus[a]) / (2 * step);
         }
         for (int m = 0; m < 36; m++) {
-            most = std::fmax(most, std::fabs(measured[m]));
+            maximum = std::fmax(maximum, std::fabs(measured[m]));
             difference = std::fmax(difference, std::fabs(measured[m] - linear.stiffness[m]));
             EXPECT_EQ(linear.stiffness[m], linear.stiffness[m % 6 * 6 + m / 6]);
         }
-        return difference / most;
+        return difference / maximum;
     }
 };
 

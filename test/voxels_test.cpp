@@ -202,7 +202,7 @@ TEST_F(Voxels, FragmentsAreWhatSeveredLinksLeave)
     make(4, 3, 5);
     std::mt19937 random(7);
     // a plane, then random single links
-    int32_t most = 0;
+    int32_t maximum = 0;
     for (int trial = 0; trial < 4; trial++) {
         const double normal[3] = {0.3 + trial, 1.0, -0.7},
                      offset = 0.5 * ((0.3 + trial) * size[0] + size[1] - 0.7 * size[2]) + 0.3;
@@ -220,10 +220,10 @@ TEST_F(Voxels, FragmentsAreWhatSeveredLinksLeave)
         for (int32_t t = 0; t < voxels->num_tets; t++) {
             std::vector<int> here = fragments(t);
             ASSERT_EQ(here, parts(t, true)) << "trial " << trial << ", tetrahedron " << t;
-            if (!here.empty()) most = std::max(most, *std::max_element(here.begin(), here.end()) + 1);
+            if (!here.empty()) maximum = std::max(maximum, *std::max_element(here.begin(), here.end()) + 1);
         }
     }
-    EXPECT_GT(most, 3);
+    EXPECT_GT(maximum, 3);
 }
 
 TEST_F(Voxels, AreSharedByBodiesEachWithItsCuts)
@@ -283,7 +283,7 @@ TEST_F(Voxels, HingesHaveBridges)
         for (int end = 0; end < 2; end++) {
             int32_t tet = voxels->owner[end ? to : from];
             for (int32_t e = voxels->beside_start[tet]; e < voxels->beside_start[tet + 1]; e++)
-                listed[end] = listed[end] || voxels->beside[e] == b;
+                listed[end] = listed[end] || voxels->adjacent[e] == b;
         }
         EXPECT_TRUE(listed[0] && listed[1]);
         hinges++;

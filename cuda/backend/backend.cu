@@ -2,7 +2,7 @@
 #include "backend/backend.h"
 #include "cuda/base/check.h"
 #include "base/fail.h"
-#include "base/room.h"
+#include "base/buffer.h"
 #include "cuda/base/device.h"
 #include "fem/quasistatic/solver.h"
 #include "base/memory.h"
@@ -22,7 +22,7 @@ struct cuda_data {
     double *page_locked[2];      /* these two arrays, page-locked if possible; they may be swapped */
     /* replaces them if cuts are possible: page-locked, with capacity for more nodes; its contents are copied */
     double *landing;
-    size_t landing_room;         /* [bytes] */
+    size_t landing_capacity;         /* [bytes] */
     bool brought;                /* the host has this step's positions already */
     bool moved;                  /* the host has changed its positions after the device */
 };
@@ -51,18 +51,18 @@ static void destroy(pliant_data *data)
 static pliant_status make_landing(const pliant_data *data, cuda_data *state)
 {
     const size_t bytes = 3 * (size_t)data->body->fine.num_nodes * sizeof *state->landing;
-    if (state->landing && bytes <= state->landing_room) return PLIANT_OK;
+    if (state->landing && bytes <= state->landing_capacity) return PLIANT_OK;
     pliant_cuda_release_host(state->landing);
     state->landing = nullptr;
-    state->landing_room = bytes + bytes / 4;
-    return pliant_cuda_allocate_host(state->landing_room, "the simulation state",
+    state->landing_capacity = bytes + bytes / 4;
+    return pliant_cuda_allocate_host(state->landing_capacity, "the simulation state",
                                      reinterpret_cast<void **>(&state->landing));
 }
 
 static pliant_status lock_positions(const pliant_data *data, cuda_data *state)
 {
     const size_t count = 3 * (size_t)data->body->fine.num_nodes;
-    state->arriving = static_cast<double *>(pliant_pages(count, sizeof *state->arriving));
+    state->arriving = static_cast<double *>(pliant_calloc_pages(count, sizeof *state->arriving));
     if (!state->arriving) return pliant_fail_memory("the simulation state");
     double *const blocks[2] = {state->arriving, data->positions};
     for (int b = 0; b < 2; b++)
@@ -73,9 +73,9 @@ static pliant_status lock_positions(const pliant_data *data, cuda_data *state)
 static pliant_status fill(const pliant_model *model, const pliant_data *data, cuda_data *state)
 {
     const bool grows = model->scene.cut.kind != PLIANT_CUT_NONE;
-    int least = 0, greatest = 0;
+    int minimum = 0, greatest = 0;
     CUDA_TRY(pliant_cuda_current_device(&state->device));
-    CUDA_TRY(CUDA_CALL(cudaDeviceGetStreamPriorityRange(&least, &greatest)));
+    CUDA_TRY(CUDA_CALL(cudaDeviceGetStreamPriorityRange(&minimum, &greatest)));
     CUDA_TRY(CUDA_CALL(cudaStreamCreateWithPriority(&state->stream, cudaStreamNonBlocking, greatest)));
     CUDA_TRY(grows ? make_landing(data, state) : lock_positions(data, state));
     return pliant_cuda_solver_create(data->solver, model->scene.solver.preconditioner, grows, state->device,
@@ -112,7 +112,7 @@ static pliant_status follow(const pliant_model *model, pliant_data *data, const 
 static pliant_status restart(const pliant_model *model, pliant_data *data)
 {
     (void)model;
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) data->solver->handles[t].response_of = 0;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) data->solver->grasps[t].response_of = 0;
     return pliant_cuda_solver_restart(state_of(data)->solver, data->solver);
 }
 
@@ -135,7 +135,7 @@ static pliant_status solve(const pliant_model *model, pliant_data *data)
     data->solver->background = &data->background;
     pliant_cuda_section_begin("solve");
     if (data->contacts.count > 0) download(model, data);
-    pliant_status status = pliant_push(data);
+    pliant_status status = pliant_set_contact_points(data);
     if (status == PLIANT_OK)
         status = pliant_cuda_solver_step(state_of(data)->solver, data->solver, data->gravity, &data->statistics);
     pliant_cuda_section_end();
@@ -165,7 +165,7 @@ static void take(pliant_data *data, const double *h_solved)
     }
     if (h_solved)
         memcpy(data->solver->now.x, h_solved, 3 * (size_t)data->solver->system->mesh->num_nodes * sizeof *h_solved);
-    pliant_pull_report(data);
+    pliant_report_grasps(data);
 }
 
 static pliant_status bring(const pliant_model *, pliant_data *data)
@@ -181,16 +181,16 @@ static pliant_status bring(const pliant_model *, pliant_data *data)
 }
 
 /* Upsample. The host solves patches and moves detached pieces, so it then needs the fine nodes' positions. */
-static pliant_status hand_over(const pliant_model *model, pliant_data *data)
+static pliant_status transfer_ownership(const pliant_model *model, pliant_data *data)
 {
     CUDA_TRY(enqueue_upsample(data));
-    return pliant_host_moves(data) ? bring(model, data) : PLIANT_OK;
+    return pliant_host_moves_nodes(data) ? bring(model, data) : PLIANT_OK;
 }
 
 static pliant_status upsample(const pliant_model *model, pliant_data *data)
 {
     pliant_cuda_section_begin("upsample");
-    pliant_status status = hand_over(model, data);
+    pliant_status status = transfer_ownership(model, data);
     pliant_cuda_section_end();
     return status;
 }
@@ -202,7 +202,7 @@ static pliant_status finish(pliant_data *data)
     pliant_cuda_warp *warp = data->warp ? static_cast<pliant_cuda_warp *>(pliant_warp_accelerated(data->warp)) : NULL;
     const double *h_solved = NULL;
     if (!state->brought) CUDA_TRY(pliant_cuda_solver_download(state->solver, &h_solved));
-    else if (warp && (state->moved || data->falling || data->statistics.patched > 0))
+    else if (warp && (state->moved || data->rigid_pieces || data->statistics.patched > 0))
         CUDA_TRY(pliant_cuda_solver_place(state->solver, data->positions));
     if (warp) CUDA_TRY(pliant_cuda_warp_enqueue(warp, state->d_positions, state->stream));
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(state->stream)));
@@ -226,7 +226,7 @@ static constexpr pliant_backend table()
     pliant_backend made{};
     made.name = "cuda";
     made.kind = &pliant_corotational;
-    made.touches = true;
+    made.handles_contacts = true;
     made.probe = pliant_cuda_text;
     made.searcher = &pliant_cuda_tissue_searcher;
     made.create = create;

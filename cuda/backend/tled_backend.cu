@@ -50,7 +50,7 @@ static pliant_status draw(const pliant_data *data)
     if (!on_gpu) return data->warp ? pliant_warp_update(data->warp, data->positions) : PLIANT_OK;
     const double *d_positions = pliant_cuda_tled_positions(state_of(data));
     cudaStream_t stream = pliant_cuda_tled_stream(state_of(data));
-    if (pliant_host_moves(data)) CUDA_TRY(pliant_cuda_tled_set_positions(state_of(data), data->positions));
+    if (pliant_host_moves_nodes(data)) CUDA_TRY(pliant_cuda_tled_set_positions(state_of(data), data->positions));
     CUDA_TRY(pliant_cuda_warp_enqueue(on_gpu, d_positions, stream));
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(stream)));
     return pliant_cuda_warp_finish(on_gpu, d_positions, stream);
@@ -70,7 +70,7 @@ static constexpr pliant_backend table()
     pliant_backend made{};
     made.name = "cuda";
     made.kind = &pliant_explicit;
-    made.solves_on_host = made.touches = true;
+    made.solves_on_host = made.handles_contacts = true;
     made.probe = pliant_cuda_text;
     made.searcher = &pliant_cuda_tissue_searcher;
     made.create = create;

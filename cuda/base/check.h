@@ -37,11 +37,11 @@ bool pliant_cuda_fails_now(void);
 pliant_status pliant_cuda_allocate(size_t bytes, const char *what, void **out);
 /* Ensure a capacity of `bytes` at *d_block, whose present capacity is `*room`. A block that is too small is replaced by
  * a new one with undefined content. grows: allocate a quarter more than requested. */
-pliant_status pliant_cuda_ensure(size_t bytes, bool grows, const char *what, void **d_block, size_t *room);
+pliant_status pliant_cuda_ensure(size_t bytes, bool grows, const char *what, void **d_block, size_t *capacity);
 /* Allocate page-locked host memory, zeroed. */
 pliant_status pliant_cuda_allocate_host(size_t bytes, const char *what, void **out);
-/* Lock the pages of a host block (pliant_pages); unlock them before the block is freed. Return false if this fails;
- * copies are then only slower. */
+/* Lock the pages of a host block (pliant_calloc_pages); unlock them before the block is freed. Return false if this
+ * fails; copies are then only slower. */
 bool pliant_cuda_lock_pages(void *h_block, size_t bytes);
 void pliant_cuda_unlock_pages(void *h_block);
 void pliant_cuda_release(void *d_block);      /* Nullable */

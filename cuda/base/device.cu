@@ -1,6 +1,6 @@
 #include "cuda/base/check.h"
 #include "base/fail.h"
-#include "base/room.h"
+#include "base/buffer.h"
 #include "cuda/base/device.h"
 #include "base/memory.h"
 
@@ -36,7 +36,7 @@ struct retired { void *block; bool of_host; };
 
 static std::mutex retired_lock;
 static retired *retired_blocks;
-static size_t num_retired, retired_room;
+static size_t num_retired, retired_capacity;
 static int num_background; /* protected by the lock */
 static thread_local bool in_background;
 
@@ -45,16 +45,16 @@ static thread_local bool in_background;
 static thread_local cudaMemPool_t background_pool;
 static thread_local cudaStream_t background_stream;
 static void **pooled; /* (num_pooled) blocks of pools, protected by the lock */
-static size_t num_pooled, pooled_room;
+static size_t num_pooled, pooled_capacity;
 
 static bool note_pooled(void *block)
 {
     std::lock_guard<std::mutex> lock(retired_lock);
-    if (num_pooled == pooled_room) {
-        void *longer = pliant_resize(pooled, 2 * pooled_room + 64, sizeof *pooled);
+    if (num_pooled == pooled_capacity) {
+        void *longer = pliant_resize(pooled, 2 * pooled_capacity + 64, sizeof *pooled);
         if (!longer) return false;
         pooled = static_cast<void **>(longer);
-        pooled_room = 2 * pooled_room + 64;
+        pooled_capacity = 2 * pooled_capacity + 64;
     }
     pooled[num_pooled++] = block;
     return true;
@@ -71,7 +71,7 @@ static bool forget_pooled(const void *block)
     if (num_pooled > 0) return true;
     pliant_free(pooled);
     pooled = nullptr;
-    pooled_room = 0;
+    pooled_capacity = 0;
     return true;
 }
 
@@ -130,15 +130,16 @@ extern "C" pliant_status pliant_cuda_allocate(size_t bytes, const char *what, vo
     return PLIANT_OK;
 }
 
-extern "C" pliant_status pliant_cuda_ensure(size_t bytes, bool grows, const char *what, void **d_block, size_t *room)
+extern "C" pliant_status pliant_cuda_ensure(size_t bytes, bool grows, const char *what, void **d_block,
+                                            size_t *capacity)
 {
-    if (*d_block && bytes <= *room) return PLIANT_OK;
+    if (*d_block && bytes <= *capacity) return PLIANT_OK;
     const size_t more = grows ? bytes + bytes / 4 : bytes;
     void *longer;
     CUDA_TRY(pliant_cuda_allocate(more, what, &longer));
     pliant_cuda_release(*d_block);
     *d_block = longer;
-    *room = more;
+    *capacity = more;
     return PLIANT_OK;
 }
 
@@ -160,7 +161,7 @@ extern "C" pliant_status pliant_cuda_allocate_host(size_t bytes, const char *wha
 /* The block must be alone on its pages: CUDA refuses copies of other blocks on a locked page. */
 extern "C" bool pliant_cuda_lock_pages(void *h_block, size_t bytes)
 {
-    if (!pliant_has_pages(h_block)) return false;
+    if (!pliant_is_on_own_pages(h_block)) return false;
     const bool locked = cudaHostRegister(h_block, bytes, cudaHostRegisterDefault) == cudaSuccess;
     cudaGetLastError();
     return locked;
@@ -174,7 +175,7 @@ extern "C" void pliant_cuda_unlock_pages(void *h_block)
 /* ---- Release. cudaFree waits for all work of the device, and no thread may wait for background work. */
 
 /* Free a block. A failure means that the device is lost, which other calls report. */
-static void give_back(const retired &of)
+static void return_to_system(const retired &of)
 {
     const bool of_pool = !of.of_host && forget_pooled(of.block);
     const bool in_order = of_pool && background_pool;
@@ -188,12 +189,12 @@ static bool retire(const retired &of)
 {
     std::lock_guard<std::mutex> lock(retired_lock);
     if (num_background == 0 || in_background) return false;
-    if (num_retired == retired_room) {
-        const size_t more = 2 * retired_room + 16;
+    if (num_retired == retired_capacity) {
+        const size_t more = 2 * retired_capacity + 16;
         void *longer = pliant_resize(retired_blocks, more, sizeof *retired_blocks);
         if (!longer) return false;
         retired_blocks = static_cast<retired *>(longer);
-        retired_room = more;
+        retired_capacity = more;
     }
     retired_blocks[num_retired++] = of;
     return true;
@@ -202,7 +203,7 @@ static bool retire(const retired &of)
 static void release(void *block, bool of_host)
 {
     const retired of = {block, of_host};
-    if (block && !retire(of)) give_back(of);
+    if (block && !retire(of)) return_to_system(of);
 }
 
 extern "C" void pliant_cuda_background_begin(void)
@@ -224,10 +225,10 @@ extern "C" void pliant_cuda_background_end(void)
             blocks = retired_blocks;
             count = num_retired;
             retired_blocks = nullptr;
-            num_retired = retired_room = 0;
+            num_retired = retired_capacity = 0;
         }
     }
-    for (size_t n = 0; n < count; n++) give_back(blocks[n]);
+    for (size_t n = 0; n < count; n++) return_to_system(blocks[n]);
     pliant_free(blocks);
 }
 

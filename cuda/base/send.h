@@ -2,11 +2,11 @@
 #ifndef PLIANT_CUDA_SEND_H
 #define PLIANT_CUDA_SEND_H
 
-#include "base/room.h"
+#include "base/buffer.h"
 #include "cuda/base/check.h"
 
 /* Send the differences. d_out holds the first bytes of h_before (bytes_before), limited to the size of h_now (bytes).
- * Both host arrays are complete blocks of the library (base/room.h). Errors: UNAVAILABLE. */
+ * Both host arrays are complete blocks of the library (base/buffer.h). Errors: UNAVAILABLE. */
 static inline pliant_status pliant_cuda_send_differences(const void *h_now, size_t bytes, const void *h_before,
                                                          size_t bytes_before, void *d_out, cudaStream_t stream)
 {

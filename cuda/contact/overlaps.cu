@@ -33,9 +33,9 @@ struct cells {
         if (!isfinite(sum)) return;
         const double side = v.now->side,
                      widest = fmax(box.high[0] - box.low[0], fmax(box.high[1] - box.low[1], box.high[2] - box.low[2]));
-        const number wide_as = (number)fmin(ceil(widest / v.now->fine), GPU_MOST_FINE_CELLS);
-        if (wide_as > GPU_MOST_CELLS) atomicMax(v.counts + CELLS, wide_as);
-        if (wide_as > v.now->most) return;
+        const number wide_as = (number)fmin(ceil(widest / v.now->fine), GPU_MAX_FINE_CELLS);
+        if (wide_as > GPU_MAX_CELLS) atomicMax(v.counts + CELLS, wide_as);
+        if (wide_as > v.now->maximum) return;
         count = 1;
         for (int d = 0; d < 3; d++) {
             low[d] = cell_of(side, box.low[d]);
@@ -167,7 +167,7 @@ __device__ void test(const view &v, const desk &on, waiting &left, int count)
     number first = 0;
     if (lane == 0 && all != 0) first = atomicAdd(v.counts + PAIRS, (number)__popc(all));
     first = __shfl_sync(0xffffffffu, first, 0) + (number)__popc(all & ((1u << lane) - 1));
-    if (is && first < v.room[PAIRS])
+    if (is && first < v.capacity[PAIRS])
         v.pairs[first] = make_int2(min(v.tet[pair.x], v.tet[pair.y]), max(v.tet[pair.x], v.tet[pair.y]));
     __syncwarp();
 }
@@ -251,7 +251,7 @@ void gpu_overlaps_free(gpu_overlaps *overlaps)
 }
 
 /* Grow the buffers to these numbers. */
-static pliant_status make_room(gpu_overlaps *overlaps, const number counts[CELLS])
+static pliant_status reserve_capacity(gpu_overlaps *overlaps, const number counts[CELLS])
 {
     view *v = &overlaps->v;
     if (counts[ENTRIES] > INT32_MAX || counts[PAIRS] > INT32_MAX)
@@ -263,8 +263,8 @@ static pliant_status make_room(gpu_overlaps *overlaps, const number counts[CELLS
                                 (void **)&v->entries, &overlaps->entries_bytes));
     CUDA_TRY(pliant_cuda_ensure((size_t)counts[PAIRS] * sizeof *v->pairs, true, "pairs of tetrahedra",
                                 (void **)&v->pairs, &overlaps->pairs_bytes));
-    v->room[ENTRIES] = std::min<size_t>(overlaps->entries_bytes / sizeof *v->entries, INT32_MAX);
-    v->room[PAIRS] = std::min<size_t>(overlaps->pairs_bytes / sizeof *v->pairs, INT32_MAX);
+    v->capacity[ENTRIES] = std::min<size_t>(overlaps->entries_bytes / sizeof *v->entries, INT32_MAX);
+    v->capacity[PAIRS] = std::min<size_t>(overlaps->pairs_bytes / sizeof *v->pairs, INT32_MAX);
     return PLIANT_OK;
 }
 
@@ -299,7 +299,7 @@ static pliant_status prepare(gpu_overlaps *overlaps, int32_t num_tets, const int
     CUDA_TRY(pliant_cuda_allocate(sizeof *overlaps->d_now, "pairs of tetrahedra", (void **)&overlaps->d_now));
     CUDA_TRY(pliant_cuda_allocate_host(sizeof *overlaps->h_now, "pairs of tetrahedra", (void **)&overlaps->h_now));
     v->now = overlaps->d_now;
-    return make_room(overlaps, counts);
+    return reserve_capacity(overlaps, counts);
 }
 
 pliant_status gpu_overlaps_create(int32_t num_tets, const int32_t *tets, int32_t count, const int32_t *tet, double side,
@@ -359,16 +359,17 @@ pliant_status gpu_overlaps_find(gpu_overlaps *overlaps, const double *d_position
     if (overlaps->v.count == 0) return PLIANT_OK;
     for (bool again = true; again;) { /* entries and pairs are counted also if they do not fit */
         /* maximum number of entries in the grid */
-        const number *h_counts = overlaps->h_counts, most = 64 * (number)overlaps->v.count + 1024;
+        const number *h_counts = overlaps->h_counts, maximum = 64 * (number)overlaps->v.count + 1024;
         gpu_cells *cells = &overlaps->cells;
-        *overlaps->h_now = {cells->side * gpu_cells_coarser(cells), cells->side, margin, gpu_cells_most(cells)};
+        *overlaps->h_now = {cells->side * gpu_cells_coarser(cells), cells->side, margin, gpu_cells_max(cells)};
         CUDA_TRY(record(overlaps, stream));
         CUDA_TRY(CUDA_CALL(cudaGraphLaunch(overlaps->graph, stream)));
         if (more) CUDA_TRY(more(context, overlaps));
         CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(stream)));
-        const bool coarser = gpu_cells_follow(cells, h_counts[CELLS], h_counts[ENTRIES], most);
-        again = coarser || h_counts[ENTRIES] > overlaps->v.room[ENTRIES] || h_counts[PAIRS] > overlaps->v.room[PAIRS];
-        if (again && !coarser) CUDA_TRY(make_room(overlaps, h_counts));
+        const bool coarser = gpu_cells_update(cells, h_counts[CELLS], h_counts[ENTRIES], maximum);
+        again = coarser || h_counts[ENTRIES] > overlaps->v.capacity[ENTRIES] ||
+                h_counts[PAIRS] > overlaps->v.capacity[PAIRS];
+        if (again && !coarser) CUDA_TRY(reserve_capacity(overlaps, h_counts));
     }
     overlaps->found = *count = (int32_t)overlaps->h_counts[PAIRS];
     return PLIANT_OK;

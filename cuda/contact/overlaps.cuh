@@ -21,7 +21,7 @@ typedef unsigned long long number;
 struct step {
     double side, fine; /* side of the cells; side at creation */
     double margin;     /* enlarges boxes on every side */
-    number most;       /* maximum number of fine cells along an axis that a box may cover */
+    number maximum;       /* maximum number of fine cells along an axis that a box may cover */
 };
 
 /* Data of the kernels. */
@@ -37,7 +37,7 @@ struct view {
     int32_t *next;       /* (table + 1) position of the next new entry */
     entry *entries;
     int2 *pairs;
-    number room[CELLS];
+    number capacity[CELLS];
 };
 
 static __device__ __forceinline__ int32_t cell_of(double side, double x)
@@ -61,7 +61,7 @@ static __device__ __forceinline__ unsigned long long key_of(int32_t a, int32_t b
  * repeated with larger buffers. */
 static __device__ __forceinline__ bool are_whole(const view &v)
 {
-    return v.counts[ENTRIES] <= v.room[ENTRIES] && v.counts[CELLS] <= v.now->most;
+    return v.counts[ENTRIES] <= v.capacity[ENTRIES] && v.counts[CELLS] <= v.now->maximum;
 }
 
 } // namespace overlaps

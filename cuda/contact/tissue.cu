@@ -16,7 +16,7 @@ namespace {
 enum { THREADS = 64 };
 
 /* Contacts of one node. */
-struct found { int32_t index, count; pliant_touching touching[PLIANT_TOUCHINGS]; };
+struct found { int32_t index, count; pliant_node_contact node_contacts[PLIANT_MAX_NODE_CONTACTS]; };
 
 struct gpu_tissue {
     int device;
@@ -29,7 +29,7 @@ struct gpu_tissue {
     size_t positions_bytes, last_bytes, normals_bytes;
     double *d_positions, (*d_normal)[3], *h_normal;
     int32_t *d_last, *d_count, *d_num_found, *h_num_found;
-    pliant_touching *d_touching;
+    pliant_node_contact *d_touching;
     found *d_found, *h_found;  /* (num_nodes) */
     void *of_body[12];         /* buffers of the device */
     int32_t num_blocks;
@@ -46,7 +46,7 @@ __global__ void __launch_bounds__(THREADS) normal_kernel(pliant_tissue_view on, 
 /* Test the triangles of all tetrahedra whose boxes contain a node, in the CPU's order. */
 __device__ void look_around(const pliant_tissue_view &on, const overlaps::view &v, int32_t index)
 {
-    const double *point = pliant_tissue_place_of(&on, on.node[index]), side = v.now->side;
+    const double *point = pliant_tissue_position(&on, on.node[index]), side = v.now->side;
     if (!isfinite(point[0] + point[1] + point[2])) return;
     const int32_t cell[3] = {overlaps::cell_of(side, point[0]), overlaps::cell_of(side, point[1]),
                              overlaps::cell_of(side, point[2])};
@@ -80,7 +80,7 @@ __global__ void __launch_bounds__(THREADS)
     out->index = index;
     out->count = on.count[index];
     for (int32_t k = 0; k < out->count; k++)
-        out->touching[k] = on.touching[PLIANT_TOUCHINGS * (size_t)index + (size_t)k];
+        out->node_contacts[k] = on.node_contacts[PLIANT_MAX_NODE_CONTACTS * (size_t)index + (size_t)k];
 }
 
 /* ---- topology */
@@ -162,7 +162,7 @@ pliant_status set_body(gpu_tissue *gpu, pliant_tissue *tissue)
     CUDA_TRY(pliant_cuda_allocate(gpu->last_bytes, "the surface", (void **)&gpu->d_last));
     CUDA_TRY(pliant_cuda_allocate(gpu->normals_bytes, "the surface", (void **)&gpu->d_normal));
     CUDA_TRY(pliant_cuda_allocate(nodes * sizeof *gpu->d_count, "the surface", (void **)&gpu->d_count));
-    CUDA_TRY(pliant_cuda_allocate(PLIANT_TOUCHINGS * nodes * sizeof *gpu->d_touching, "the surface",
+    CUDA_TRY(pliant_cuda_allocate(PLIANT_MAX_NODE_CONTACTS * nodes * sizeof *gpu->d_touching, "the surface",
                                   (void **)&gpu->d_touching));
     CUDA_TRY(pliant_cuda_allocate(sizeof *gpu->d_num_found, "the surface", (void **)&gpu->d_num_found));
     CUDA_TRY(pliant_cuda_allocate(nodes * sizeof *gpu->d_found, "the surface", (void **)&gpu->d_found));
@@ -173,7 +173,7 @@ pliant_status set_body(gpu_tissue *gpu, pliant_tissue *tissue)
     view.last = gpu->d_last;
     view.normal = gpu->d_normal;
     view.count = gpu->d_count;
-    view.touching = gpu->d_touching;
+    view.node_contacts = gpu->d_touching;
     gpu->view = view;
     gpu->num_nodes = tissue->num_nodes;
     gpu->num_skins = tissue->num_skins;
@@ -214,8 +214,8 @@ pliant_status take(gpu_tissue *gpu, pliant_tissue *tissue)
     for (size_t n = 0; n < count; n++) {
         const found *one = gpu->h_found + n;
         tissue->count[one->index] = one->count;
-        memcpy(tissue->touching + PLIANT_TOUCHINGS * (size_t)one->index, one->touching,
-               (size_t)one->count * sizeof *one->touching);
+        memcpy(tissue->node_contacts + PLIANT_MAX_NODE_CONTACTS * (size_t)one->index, one->node_contacts,
+               (size_t)one->count * sizeof *one->node_contacts);
     }
     return PLIANT_OK;
 }

@@ -15,7 +15,7 @@ extern "C" {
 enum { GATHER_SUMS = 2, SINGLE_SUMS = 5, DOT_SUMS = SINGLE_SUMS + 2 * PLIANT_MAX_HISTORY };
 enum { GPU_ROWS = PLIANT_MAX_ROWS, GPU_HISTORY = PLIANT_MAX_HISTORY, GPU_TOOLS = PLIANT_MAX_TOOLS };
 
-/* A tool's effect on the unknowns in this step (struct pliant_handle). Pointers are device pointers. */
+/* A tool's effect on the unknowns in this step (struct pliant_grasp_constraint). Pointers are device pointers. */
 typedef struct gpu_tool {
     int32_t active, spring, count;
     const int32_t *d_unknown;  /* (count) */
@@ -27,15 +27,16 @@ typedef struct gpu_tool {
 /* Inputs of a step, written by the host. */
 typedef struct gpu_step {
     gpu_tool tools[GPU_TOOLS];
-    int32_t touches;           /* there are contacts (touch.h) */
+    int32_t has_contacts;           /* there are contacts (touch.h) */
     int32_t restart, forget;   /* restart: no quantity of the state is known; forget: the secants are invalid */
     int32_t known, seen; /* pliant_known of the first state; the preconditioner is unchanged since its evaluation */
     int32_t is_cycle;          /* the preconditioner is a V-cycle */
-    int32_t most_evaluations, depth, room;
-    pliant_even_limit limit;   /* one more evaluation if the first one needs no work */
+    int32_t max_evaluations, depth, capacity;
+    pliant_evaluation_limit limit;   /* one more evaluation if the first one needs no work */
     double tolerance, smallest_displacement, smallest_scale;
-    /* The state is the end of the Newton step after a cut (open.cu). The other buffer holds the state before it. */
-    int32_t opened;
+    /* The state is the end of the Newton step after a cut (newton_after_cut.cu). The other buffer holds the state
+     * before it. */
+    int32_t after_newton;
     double sound_merit, previous_force[GPU_ROWS]; /* of the state before the Newton step */
 } gpu_step;
 
@@ -46,11 +47,11 @@ typedef struct gpu_state {
     int32_t done, iterations;
     int32_t ending;            /* after a blind step: its end is being evaluated */
     int32_t evaluated;         /* d_element_force and d_left belong to the final state of the step */
-    int32_t went_back;         /* the state from before the previous blind step was restored */
+    int32_t restored_previous;         /* the state from before the previous blind step was restored */
     int32_t took;              /* the last evaluated state became the present state */
     pliant_anderson rules;     /* as on the CPU */
     double scale[2], residual_force[2], force[2][GPU_ROWS], step_force[2][GPU_ROWS];
-    double told_scale, told_residual_force; /* of the last accepted evaluation */
+    double accepted_scale, accepted_residual_force; /* of the last accepted evaluation */
     /* Springs: rows of S = c I + W Z, only for tools with springs. */
     int32_t rows, row_of[GPU_ROWS]; /* 3 tool + axis */
     int32_t singular;
@@ -65,7 +66,7 @@ typedef struct gpu_state {
      * previous step. */
     unsigned long long largest[4];
     unsigned long long blocks; /* number of blocks that have added their maxima */
-    /* pliant_posterior */
+    /* pliant_final_state */
     int32_t last_target;       /* buffer of the last evaluation */
     int32_t seen;              /* the first state of this step was evaluated by the previous step, for its loads */
     int32_t skips;             /* the preconditioner has no work */
@@ -86,7 +87,7 @@ typedef struct gpu_history {
 
 /* Arrays of the iteration. Pointers are device pointers; n = 3 num_free. */
 typedef struct gpu_iteration {
-    int32_t num_free, num_nodes, room;
+    int32_t num_free, num_nodes, capacity;
     const int32_t *d_node_of_free; /* (num_free) */
     const double *d_rest;      /* (3 num_nodes) */
     gpu_state *d_state;
@@ -97,7 +98,7 @@ typedef struct gpu_iteration {
     double *d_past_step, *d_past_residual; /* (n) final step and residual of the previous step */
     double *d_load, *d_extra;  /* (n) gravity; the tools' forces */
     double *d_touch;           /* (n) contact forces */
-    double *d_secant_x, *d_secant_step, *d_secant_residual; /* (`room` x n) */
+    double *d_secant_x, *d_secant_step, *d_secant_residual; /* (`capacity` x n) */
     double *d_element_force;   /* (num_tets x 4 x 4), three numbers and padding; or (corners of macro-elements x 4) */
     double *d_rotations;       /* (num_tets or macro-elements x 16) contributions to the nodes' axes, nine numbers and
                                 * padding */

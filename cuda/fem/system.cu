@@ -14,7 +14,7 @@ struct passage {
     const pliant_system *now, *before;
     cudaStream_t stream;
     gpu_system *gpu;
-    gpu_system_room *room;
+    gpu_system_capacity *capacity;
     const pliant_body_changes *changes; /* Nullable: if the fine mesh is solved, all changed tetrahedra are in this
                                          * list */
 };
@@ -38,8 +38,8 @@ static pliant_status send(const passage &work, int array, const T *h_now, size_t
         return PLIANT_OK;
     }
     void *d_block = *d_out;
-    const bool held = *d_out && work.room->bytes[array] >= count * sizeof(T);
-    CUDA_TRY(pliant_cuda_ensure(count * sizeof(T), work.room->grows, what, &d_block, work.room->bytes + array));
+    const bool held = *d_out && work.capacity->bytes[array] >= count * sizeof(T);
+    CUDA_TRY(pliant_cuda_ensure(count * sizeof(T), work.capacity->grows, what, &d_block, work.capacity->bytes + array));
     *d_out = static_cast<T *>(d_block);
     if (held && h_before)
         return pliant_cuda_send_differences(h_now, count * sizeof(T), h_before, count_before * sizeof(T), *d_out,
@@ -69,16 +69,16 @@ static pliant_status send_numbers(const passage &work, const int32_t *which, int
 {
     if (count == 0) return PLIANT_OK;
     const size_t each = (size_t)rows * (size_t)lanes,
-                 most = PASSAGE / (each * sizeof(double) + sizeof(int32_t)) / 2 * 2;
-    double *h_packed =
-        static_cast<double *>(pliant_calloc((size_t)count < most ? (size_t)count : most, each * sizeof *h_packed));
+                 maximum = PASSAGE / (each * sizeof(double) + sizeof(int32_t)) / 2 * 2;
+    double *h_packed = static_cast<double *>(
+        pliant_calloc((size_t)count < maximum ? (size_t)count : maximum, each * sizeof *h_packed));
     if (!h_packed) return pliant_fail_memory("the elements");
     pliant_status status = PLIANT_OK;
     for (size_t done = 0, here; done < (size_t)count && status == PLIANT_OK; done += here) {
-        here = (size_t)count - done < most ? (size_t)count - done : most;
+        here = (size_t)count - done < maximum ? (size_t)count - done : maximum;
         for (size_t n = 0; n < here; n++)
             memcpy(h_packed + each * n, from + each * (size_t)which[done + n], each * sizeof *from);
-        double *d_numbers = static_cast<double *>(work.room->d_passage);
+        double *d_numbers = static_cast<double *>(work.capacity->d_passage);
         int32_t *d_which = reinterpret_cast<int32_t *>(d_numbers + each * here);
         const packet sent = {(int32_t)here, rows, lanes, work.gpu->tet_stride, d_which, d_numbers};
         status = CUDA_CALL(
@@ -130,9 +130,9 @@ static pliant_status send_elements(const passage &work, int array, const void *n
                   count_before = work.before ? work.before->mesh->num_tets / lanes : 0;
     const size_t bytes = (size_t)rows * (size_t)work.gpu->tet_stride * sizeof(double);
     void *d_block = *d_out;
-    const bool held = *d_out && work.room->bytes[array] >= bytes;
+    const bool held = *d_out && work.capacity->bytes[array] >= bytes;
     /* The stride includes reserved capacity. */
-    CUDA_TRY(pliant_cuda_ensure(bytes, false, "the elements", &d_block, work.room->bytes + array));
+    CUDA_TRY(pliant_cuda_ensure(bytes, false, "the elements", &d_block, work.capacity->bytes + array));
     *d_out = static_cast<double *>(d_block);
     int32_t *which = static_cast<int32_t *>(pliant_calloc((size_t)count, sizeof *which));
     if (!which) return pliant_fail_memory("the elements");
@@ -190,7 +190,7 @@ static pliant_status send_upsampling(const passage &work)
     CUDA_TRY(send(work, ENTRY_ELEMENT, up->entry_element, entries, was->entry_element, entries_was, what,
                   &gpu->d_entry_element));
     CUDA_TRY(
-        send(work, ENTRY_SHARE, up->entry_share, entries, was->entry_share, entries_was, what, &gpu->d_entry_share));
+        send(work, ENTRY_SHARE, up->entry_weight, entries, was->entry_weight, entries_was, what, &gpu->d_entry_weight));
     return send(work, ENTRY_SHAPE, up->entry_shape, 9 * corners * entries, was->entry_shape,
                 9 * corners_was * entries_was, what, &gpu->d_entry_shape);
 }
@@ -220,7 +220,7 @@ static pliant_status send_all(const passage &work)
     gpu->num_free = now->num_free;
     gpu->num_fine = now->fine->num_nodes;
     if (gpu->num_tets > gpu->tet_stride)
-        gpu->tet_stride = work.room->grows ? gpu->num_tets + gpu->num_tets / 4 : gpu->num_tets;
+        gpu->tet_stride = work.capacity->grows ? gpu->num_tets + gpu->num_tets / 4 : gpu->num_tets;
     CUDA_TRY(send(work, REST, mesh->rest, 3 * (size_t)mesh->num_nodes, mesh_was->rest, 3 * (size_t)mesh_was->num_nodes,
                   what, &gpu->d_rest));
     CUDA_TRY(send(work, NODE_OF_FREE, now->node_of_free, free_nodes, was->node_of_free, free_was, what,
@@ -235,7 +235,8 @@ static pliant_status send_all(const passage &work)
                       3 * (size_t)fine_was->num_nodes, "the upsampling", &gpu->d_fine_rest));
     if (now->macros) {
         release_tets(gpu);
-        CUDA_TRY(pliant_cuda_macros_set(now->macros, work.room->grows, work.stream, work.room->macros, &gpu->macros));
+        CUDA_TRY(pliant_cuda_macros_set(now->macros, work.capacity->grows, work.stream, work.capacity->macros,
+                                        &gpu->macros));
         return now->upsample && !now->macros->fine_start ? send_upsampling(work) : PLIANT_OK;
     }
     CUDA_TRY(
@@ -249,39 +250,39 @@ static pliant_status send_all(const passage &work)
 }
 
 extern "C" pliant_status pliant_cuda_system_create(const pliant_system *system, cudaStream_t stream, gpu_system *out,
-                                                   gpu_system_room *room)
+                                                   gpu_system_capacity *capacity)
 {
     gpu_system made = {};
-    pliant_status status = pliant_cuda_allocate(PASSAGE, "the elements", &room->d_passage);
-    if (status == PLIANT_OK) status = send_all({system, nullptr, stream, &made, room, nullptr});
+    pliant_status status = pliant_cuda_allocate(PASSAGE, "the elements", &capacity->d_passage);
+    if (status == PLIANT_OK) status = send_all({system, nullptr, stream, &made, capacity, nullptr});
     if (status == PLIANT_OK) status = CUDA_CALL(cudaStreamSynchronize(stream));
     if (status != PLIANT_OK) {
-        pliant_cuda_system_free(&made, room);
+        pliant_cuda_system_free(&made, capacity);
         return status;
     }
-    if (!room->grows) {
-        pliant_cuda_release(room->d_passage);
-        room->d_passage = nullptr;
+    if (!capacity->grows) {
+        pliant_cuda_release(capacity->d_passage);
+        capacity->d_passage = nullptr;
     }
     *out = made;
     return PLIANT_OK;
 }
 
 extern "C" pliant_status pliant_cuda_system_follow(const pliant_system *system, const pliant_system *before,
-                                                   cudaStream_t stream, gpu_system *gpu, gpu_system_room *room)
+                                                   cudaStream_t stream, gpu_system *gpu, gpu_system_capacity *capacity)
 {
-    return send_all({system, before, stream, gpu, room, changes_of(system, before)});
+    return send_all({system, before, stream, gpu, capacity, changes_of(system, before)});
 }
 
-extern "C" void pliant_cuda_system_free(gpu_system *system, gpu_system_room *room)
+extern "C" void pliant_cuda_system_free(gpu_system *system, gpu_system_capacity *capacity)
 {
     void *blocks[] = {system->d_tets,        system->d_rest,        system->d_gradients,     system->d_lame,
                       system->d_stiffness,   system->d_grounded,    system->d_node_of_free,  system->d_corner_start,
                       system->d_corner_end,  system->d_corner,      system->d_fine_rest,     system->d_upsample_node,
-                      system->d_weights,     system->d_entry_start, system->d_entry_element, system->d_entry_share,
-                      system->d_entry_shape, system->d_still,       room->d_passage};
+                      system->d_weights,     system->d_entry_start, system->d_entry_element, system->d_entry_weight,
+                      system->d_entry_shape, system->d_still,       capacity->d_passage};
     for (void *block : blocks) pliant_cuda_release(block);
     pliant_cuda_macros_free(&system->macros);
     memset(system, 0, sizeof *system);
-    memset(room, 0, sizeof *room);
+    memset(capacity, 0, sizeof *capacity);
 }

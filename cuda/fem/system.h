@@ -28,7 +28,7 @@ typedef struct gpu_system {
     int32_t *d_upsample_node;  /* (num_fine x corners); NULL: homogenized shape functions or macro-elements */
     double *d_weights;         /* (num_fine x corners) */
     int32_t *d_entry_start, *d_entry_element;
-    double *d_entry_share, *d_entry_shape;
+    double *d_entry_weight, *d_entry_shape;
     uint8_t *d_still;          /* Nullable */
     gpu_macros macros;         /* replace the tetrahedra */
 } gpu_system;
@@ -36,20 +36,20 @@ typedef struct gpu_system {
 enum { SYSTEM_ARRAYS = 18 };
 
 /* Capacities of the arrays. */
-typedef struct gpu_system_room {
+typedef struct gpu_system_capacity {
     bool grows;                /* reserve memory for elements that cuts will add */
     size_t bytes[SYSTEM_ARRAYS], macros[MACRO_ARRAYS];
     void *d_passage;           /* buffer for the transfer of elements */
-} gpu_system_room;
+} gpu_system_capacity;
 
-/* Create the system on the GPU. `room`: zeroed, except for `grows`. Errors: MEMORY, UNAVAILABLE. */
+/* Create the system on the GPU. `capacity`: zeroed, except for `grows`. Errors: MEMORY, UNAVAILABLE. */
 pliant_status pliant_cuda_system_create(const pliant_system *system, cudaStream_t stream, gpu_system *out,
-                                        gpu_system_room *room);
+                                        gpu_system_capacity *capacity);
 /* Update the system after a cut. Only changed data is sent, except for macro-elements. After an error the
  * content is undefined. */
 pliant_status pliant_cuda_system_follow(const pliant_system *system, const pliant_system *before, cudaStream_t stream,
-                                        gpu_system *gpu, gpu_system_room *room);
-void pliant_cuda_system_free(gpu_system *system, gpu_system_room *room);
+                                        gpu_system *gpu, gpu_system_capacity *capacity);
+void pliant_cuda_system_free(gpu_system *system, gpu_system_capacity *capacity);
 
 #ifdef __cplusplus
 }

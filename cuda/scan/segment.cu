@@ -32,25 +32,25 @@ struct arena {
     }
 };
 
-static void place_all(gpu_segment *gpu, size_t source_bytes, arena *room)
+static void place_all(gpu_segment *gpu, size_t source_bytes, arena *capacity)
 {
     const size_t voxels = (size_t)gpu->voxels;
     char *d_source = NULL;
-    room->place(&d_source, source_bytes);
+    capacity->place(&d_source, source_bytes);
     gpu->d_source = d_source;
-    room->place(&gpu->d_raw, voxels);
-    room->place(&gpu->d_bins, voxels);
-    room->place(&gpu->d_classes, voxels);
-    room->place(&gpu->d_wave, voxels);
-    room->place(&gpu->d_parent, voxels);
-    room->place(&gpu->d_piece, voxels);
-    room->place(&gpu->d_key, voxels);
-    room->place(&gpu->d_block_count, voxels / SEGMENT_NUMBERED + 2);
-    room->place(&gpu->d_range, 1);
-    room->place(&gpu->d_fine, SEGMENT_FINE_BINS);
-    room->place(&gpu->d_count, SEGMENT_BINS);
-    room->place(&gpu->d_logs, SEGMENT_BINS * PLIANT_MAX_CLASSES);
-    room->place(&gpu->d_left, 1);
+    capacity->place(&gpu->d_raw, voxels);
+    capacity->place(&gpu->d_bins, voxels);
+    capacity->place(&gpu->d_classes, voxels);
+    capacity->place(&gpu->d_wave, voxels);
+    capacity->place(&gpu->d_parent, voxels);
+    capacity->place(&gpu->d_piece, voxels);
+    capacity->place(&gpu->d_key, voxels);
+    capacity->place(&gpu->d_block_count, voxels / SEGMENT_NUMBERED + 2);
+    capacity->place(&gpu->d_range, 1);
+    capacity->place(&gpu->d_fine, SEGMENT_FINE_BINS);
+    capacity->place(&gpu->d_count, SEGMENT_BINS);
+    capacity->place(&gpu->d_logs, SEGMENT_BINS * PLIANT_MAX_CLASSES);
+    capacity->place(&gpu->d_left, 1);
 }
 
 static pliant_status begin(segmenting *work, const pliant_volume *scan)
@@ -65,11 +65,11 @@ static pliant_status begin(segmenting *work, const pliant_volume *scan)
     gpu->slope = scan->slope;
     gpu->intercept = scan->intercept;
     const size_t bytes = (size_t)gpu->voxels * pliant_encoding_size(scan->encoding);
-    arena room = {};
-    place_all(gpu, bytes, &room);
-    CUDA_TRY(pliant_cuda_allocate(room.used, "the segmentation", &work->d_arena));
-    room = {static_cast<char *>(work->d_arena), 0};
-    place_all(gpu, bytes, &room);
+    arena capacity = {};
+    place_all(gpu, bytes, &capacity);
+    CUDA_TRY(pliant_cuda_allocate(capacity.used, "the segmentation", &work->d_arena));
+    capacity = {static_cast<char *>(work->d_arena), 0};
+    place_all(gpu, bytes, &capacity);
     return CUDA_CALL(
         cudaMemcpyAsync(const_cast<void *>(gpu->d_source), scan->voxels, bytes, cudaMemcpyHostToDevice, work->stream));
 }
@@ -91,28 +91,28 @@ static pliant_status count_values(segmenting *work, const pliant_volume *scan)
     CUDA_TRY(fetch(work, &range, gpu->d_range, sizeof range));
     if (range.infinite)
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "segmentation: %s holds values that are not finite", scan->id);
-    const double least = pliant_cuda_segment_float(range.least), most = pliant_cuda_segment_float(range.most);
-    CUDA_TRY(pliant_cuda_segment_fine(gpu, least, most > least ? (SEGMENT_FINE_BINS - 1) / (most - least) : 0,
-                                      work->stream));
+    const double minimum = pliant_cuda_segment_float(range.minimum), maximum = pliant_cuda_segment_float(range.maximum);
+    CUDA_TRY(pliant_cuda_segment_fine(
+        gpu, minimum, maximum > minimum ? (SEGMENT_FINE_BINS - 1) / (maximum - minimum) : 0, work->stream));
     CUDA_TRY(fetch(work, work->fine, gpu->d_fine, sizeof work->fine));
-    segment_set_bins(scan, least, most, work->fine, histogram);
+    segment_set_bins(scan, minimum, maximum, work->fine, histogram);
     CUDA_TRY(pliant_cuda_segment_raw(gpu, histogram, work->stream));
     CUDA_TRY(fetch(work, work->count, gpu->d_count, sizeof work->count));
     for (int bin = 0; bin < SEGMENT_BINS; bin++) differences[bin] = (int64_t)work->count[bin];
     segment_set_noise(differences, histogram);
-    CUDA_TRY(pliant_cuda_segment_smooth(gpu, segment_reach(histogram), work->stream));
+    CUDA_TRY(pliant_cuda_segment_smooth(gpu, segment_max_noise_step(histogram), work->stream));
     CUDA_TRY(fetch(work, work->count, gpu->d_count, sizeof work->count));
     for (int bin = 0; bin < SEGMENT_BINS; bin++) {
         histogram->count[bin] = 0.25 * (double)work->count[bin];
         histogram->total += histogram->count[bin];
     }
     /* Integer multiples of this quantum, summed over all voxels, stay below 2^62. */
-    work->quantum = ldexp(1, ilogb(fmax(fmax(fabs(least), fabs(most)), 1e-30)) + 1 - 30);
+    work->quantum = ldexp(1, ilogb(fmax(fmax(fabs(minimum), fabs(maximum)), 1e-30)) + 1 - 30);
     return PLIANT_OK;
 }
 
 /* Absorb specks on the CPU if some voxels are too deep inside for the keys. */
-static pliant_status absorb_on_cpu(segmenting *work, double least, int32_t count)
+static pliant_status absorb_on_cpu(segmenting *work, double minimum, int32_t count)
 {
     const gpu_segment *gpu = &work->gpu;
     const size_t voxels = (size_t)gpu->voxels;
@@ -121,7 +121,7 @@ static pliant_status absorb_on_cpu(segmenting *work, double least, int32_t count
     pliant_status status = classes && piece ? PLIANT_OK : pliant_fail_memory("the specks");
     if (status == PLIANT_OK) status = fetch(work, classes, gpu->d_classes, voxels);
     if (status == PLIANT_OK) status = fetch(work, piece, gpu->d_piece, voxels * sizeof *piece);
-    if (status == PLIANT_OK) status = segment_absorb(gpu->size, piece, count, least, classes);
+    if (status == PLIANT_OK) status = segment_absorb(gpu->size, piece, count, minimum, classes);
     if (status == PLIANT_OK)
         status = CUDA_CALL(cudaMemcpyAsync(gpu->d_classes, classes, voxels, cudaMemcpyHostToDevice, work->stream));
     if (status == PLIANT_OK) status = CUDA_CALL(cudaStreamSynchronize(work->stream));
@@ -144,10 +144,11 @@ static pliant_status absorb(segmenting *work, const pliant_volume *scan, const p
                             int32_t *count)
 {
     const gpu_segment *gpu = &work->gpu;
-    const double *spacing = scan->geometry.spacing, least = options->smallest / (spacing[0] * spacing[1] * spacing[2]);
+    const double *spacing = scan->geometry.spacing,
+                 minimum = options->smallest / (spacing[0] * spacing[1] * spacing[2]);
     int32_t waiting, left;
     CUDA_TRY(piece_count(work, count));
-    CUDA_TRY(pliant_cuda_segment_wait(gpu, least, work->stream));
+    CUDA_TRY(pliant_cuda_segment_wait(gpu, minimum, work->stream));
     CUDA_TRY(fetch(work, &waiting, gpu->d_left, sizeof waiting));
     if (waiting == 0 || waiting == gpu->voxels) return PLIANT_OK;
     CUDA_TRY(CUDA_CALL(
@@ -157,7 +158,7 @@ static pliant_status absorb(segmenting *work, const pliant_volume *scan, const p
     if (left > 0) {
         CUDA_TRY(CUDA_CALL(
             cudaMemcpyAsync(gpu->d_classes, gpu->d_raw, (size_t)gpu->voxels, cudaMemcpyDeviceToDevice, work->stream)));
-        CUDA_TRY(absorb_on_cpu(work, least, *count));
+        CUDA_TRY(absorb_on_cpu(work, minimum, *count));
     }
     return piece_count(work, count);
 }
@@ -204,8 +205,8 @@ static pliant_status run(segmenting *work, const pliant_volume *scan, const plia
     int32_t count;
     CUDA_TRY(begin(work, scan));
     CUDA_TRY(count_values(work, scan));
-    CUDA_TRY(pliant_cuda_segment_fit(&work->histogram, segment_most_classes(options), work->stream, &work->fits));
-    out->num_classes = segment_best(&work->histogram, options, &work->fits, out->classes, &out->criterion);
+    CUDA_TRY(pliant_cuda_segment_fit(&work->histogram, segment_max_classes(options), work->stream, &work->fits));
+    out->num_classes = segment_choose_mixture(&work->histogram, options, &work->fits, out->classes, &out->criterion);
     segment_log_densities(&work->histogram, out->classes, out->num_classes, work->logs);
     CUDA_TRY(
         CUDA_CALL(cudaMemcpyAsync(gpu->d_logs, work->logs, sizeof work->logs, cudaMemcpyHostToDevice, work->stream)));

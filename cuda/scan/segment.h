@@ -13,7 +13,7 @@ extern "C" {
 #endif
 
 enum {
-    SEGMENT_MOST_WAVES = 11 /* keys have 3 bits per wave */,
+    SEGMENT_MAX_WAVES = 11 /* keys have 3 bits per wave */,
     SEGMENT_NUMBERED = 1024 /* voxels numbered by a block */
 };
 
@@ -21,7 +21,7 @@ enum {
 typedef struct gpu_tally { unsigned long long voxels, at[3]; long long value; int32_t class_index; } gpu_tally;
 
 /* Range of the values, as unsigned integers in the order of the floats. */
-typedef struct gpu_range { uint32_t least, most, infinite; } gpu_range;
+typedef struct gpu_range { uint32_t minimum, maximum, infinite; } gpu_range;
 
 /* Device arrays, (voxels) unless a size is given. */
 typedef struct gpu_segment {
@@ -44,13 +44,13 @@ typedef struct gpu_segment {
 /* ---- Implemented in segment_values.cu; all functions enqueue work. */
 pliant_status pliant_cuda_segment_range(const gpu_segment *segment, cudaStream_t stream);
 float pliant_cuda_segment_float(uint32_t ordered); /* a value of gpu_range */
-pliant_status pliant_cuda_segment_fine(const gpu_segment *segment, double least, double scale, cudaStream_t stream);
+pliant_status pliant_cuda_segment_fine(const gpu_segment *segment, double minimum, double scale, cudaStream_t stream);
 pliant_status pliant_cuda_segment_raw(const gpu_segment *segment, const segment_histogram *histogram,
                                       cudaStream_t stream);
 pliant_status pliant_cuda_segment_smooth(const gpu_segment *segment, int reach, cudaStream_t stream);
 
 /* ---- Implemented in segment_mixture.cu; waits for the result. Errors: MEMORY, UNAVAILABLE. */
-pliant_status pliant_cuda_segment_fit(const segment_histogram *histogram, int most, cudaStream_t stream,
+pliant_status pliant_cuda_segment_fit(const segment_histogram *histogram, int maximum, cudaStream_t stream,
                                       segment_fits *out);
 
 /* ---- Implemented in segment_pieces.cu; all functions enqueue work. */
@@ -58,8 +58,8 @@ pliant_status pliant_cuda_segment_agree(const gpu_segment *segment, int count, f
 /* Compute d_piece, and the number of pieces at the end of d_block_count. */
 pliant_status pliant_cuda_segment_connect(const gpu_segment *segment, cudaStream_t stream);
 /* Count the remaining voxels in *d_left: first all voxels of small pieces (wait), then voxels too deep inside one for
- * SEGMENT_MOST_WAVES (absorb). */
-pliant_status pliant_cuda_segment_wait(const gpu_segment *segment, double least, cudaStream_t stream);
+ * SEGMENT_MAX_WAVES (absorb). */
+pliant_status pliant_cuda_segment_wait(const gpu_segment *segment, double minimum, cudaStream_t stream);
 pliant_status pliant_cuda_segment_absorb(const gpu_segment *segment, cudaStream_t stream);
 pliant_status pliant_cuda_segment_tally(const gpu_segment *segment, double quantum, gpu_tally *d_tallies, int32_t count,
                                         cudaStream_t stream);

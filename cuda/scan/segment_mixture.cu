@@ -58,10 +58,10 @@ static __device__ void sum_bins(const double *counts, const double *values, int 
 #pragma unroll
         for (int k = 0; k < PLIANT_MAX_CLASSES; k++) {
             if (k >= classes) break;
-            const double share = scale * part[k], apart = values[b] - work->classes[k].mean;
-            sums[k][0] += share;
-            sums[k][1] += share * apart;
-            sums[k][2] += share * apart * apart;
+            const double fraction = scale * part[k], apart = values[b] - work->classes[k].mean;
+            sums[k][0] += fraction;
+            sums[k][1] += fraction * apart;
+            sums[k][2] += fraction * apart * apart;
         }
     }
 #pragma unroll
@@ -169,13 +169,13 @@ __global__ void __launch_bounds__(THREADS) final_kernel(mixture *d_mixture, int 
     if (threadIdx.x == 0) d_mixture->fits.likelihood[count - 1] = likelihood;
 }
 
-static pliant_status enqueue(mixture *d_mixture, const segment_histogram *histogram, int most, cudaStream_t stream,
+static pliant_status enqueue(mixture *d_mixture, const segment_histogram *histogram, int maximum, cudaStream_t stream,
                              segment_fits *out)
 {
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(d_mixture, 0, sizeof *d_mixture, stream)));
     CUDA_TRY(CUDA_CALL(
         cudaMemcpyAsync(&d_mixture->histogram, histogram, sizeof *histogram, cudaMemcpyHostToDevice, stream)));
-    for (int count = 1; count <= most; count++) {
+    for (int count = 1; count <= maximum; count++) {
         if (count > 1) {
             trial_kernel<<<(unsigned)count - 1, THREADS, 0, stream>>>(d_mixture, count - 1);
             CUDA_TRY(CUDA_LAUNCHED("the trials of the mixture"));
@@ -187,12 +187,12 @@ static pliant_status enqueue(mixture *d_mixture, const segment_histogram *histog
     return CUDA_CALL(cudaStreamSynchronize(stream));
 }
 
-extern "C" pliant_status pliant_cuda_segment_fit(const segment_histogram *histogram, int most, cudaStream_t stream,
+extern "C" pliant_status pliant_cuda_segment_fit(const segment_histogram *histogram, int maximum, cudaStream_t stream,
                                                  segment_fits *out)
 {
     mixture *d_mixture;
     CUDA_TRY(pliant_cuda_allocate(sizeof *d_mixture, "the mixture", reinterpret_cast<void **>(&d_mixture)));
-    pliant_status status = enqueue(d_mixture, histogram, most, stream, out);
+    pliant_status status = enqueue(d_mixture, histogram, maximum, stream, out);
     pliant_cuda_release(d_mixture);
     return status;
 }

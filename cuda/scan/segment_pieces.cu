@@ -200,16 +200,16 @@ __global__ void members_kernel(const gpu_segment segment, int32_t *d_members)
     else if (threadIdx.x % 32 == 0) atomicAdd(d_members + piece, __popc(all));
 }
 
-__global__ void wait_kernel(const gpu_segment segment, const int32_t *d_members, double least)
+__global__ void wait_kernel(const gpu_segment segment, const int32_t *d_members, double minimum)
 {
     const int32_t v = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x);
-    const bool waits = v < segment.voxels && d_members[segment.d_piece[v]] < least;
+    const bool waits = v < segment.voxels && d_members[segment.d_piece[v]] < minimum;
     if (v < segment.voxels) segment.d_wave[v] = waits ? 255 : 0;
     const unsigned waiting = __ballot_sync(0xffffffffu, waits);
     if (threadIdx.x % 32 == 0 && waiting) atomicAdd(segment.d_left, __popc(waiting));
 }
 
-extern "C" pliant_status pliant_cuda_segment_wait(const gpu_segment *segment, double least, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_segment_wait(const gpu_segment *segment, double minimum, cudaStream_t stream)
 {
     const unsigned blocks = blocks_of(segment, SEGMENT_THREADS);
     int32_t *d_members = reinterpret_cast<int32_t *>(segment->d_key);
@@ -217,7 +217,7 @@ extern "C" pliant_status pliant_cuda_segment_wait(const gpu_segment *segment, do
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(segment->d_left, 0, sizeof *segment->d_left, stream)));
     members_kernel<<<blocks, SEGMENT_THREADS, 0, stream>>>(*segment, d_members);
     CUDA_TRY(CUDA_LAUNCHED("the sizes of the pieces"));
-    wait_kernel<<<blocks, SEGMENT_THREADS, 0, stream>>>(*segment, d_members, least);
+    wait_kernel<<<blocks, SEGMENT_THREADS, 0, stream>>>(*segment, d_members, minimum);
     return CUDA_LAUNCHED("the specks");
 }
 
@@ -262,7 +262,7 @@ extern "C" pliant_status pliant_cuda_segment_absorb(const gpu_segment *segment, 
     const unsigned blocks = blocks_of(segment, SEGMENT_THREADS);
     CUDA_TRY(
         CUDA_CALL(cudaMemsetAsync(segment->d_parent, 0, (size_t)segment->voxels * sizeof *segment->d_parent, stream)));
-    for (int wave = 1; wave <= SEGMENT_MOST_WAVES; wave++) {
+    for (int wave = 1; wave <= SEGMENT_MAX_WAVES; wave++) {
         wave_kernel<<<blocks, SEGMENT_THREADS, 0, stream>>>(*segment, wave);
         CUDA_TRY(CUDA_LAUNCHED("the specks"));
         wave_end_kernel<<<blocks, SEGMENT_THREADS, 0, stream>>>(*segment, wave);

@@ -2,7 +2,7 @@
 #ifndef PLIANT_CUDA_SEGMENT_VALUE_CUH
 #define PLIANT_CUDA_SEGMENT_VALUE_CUH
 
-#include "scan/stored.h"
+#include "scan/stored_value.h"
 #include "cuda/scan/segment.h"
 
 static __device__ __forceinline__ float value_of(const gpu_segment &segment, int32_t v)

@@ -18,30 +18,30 @@ extern "C" float pliant_cuda_segment_float(uint32_t number)
 
 __global__ void range_kernel(const gpu_segment segment)
 {
-    uint32_t least = 0xffffffffu, most = 0;
+    uint32_t minimum = 0xffffffffu, maximum = 0;
     bool infinite = false;
     for (int32_t v = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x); v < segment.voxels;
          v += (int32_t)(gridDim.x * blockDim.x)) {
         const float value = value_of(segment, v);
         infinite |= !isfinite(value);
-        least = min(least, ordered(value));
-        most = max(most, ordered(value));
+        minimum = min(minimum, ordered(value));
+        maximum = max(maximum, ordered(value));
     }
     for (int step = 16; step > 0; step /= 2) {
-        least = min(least, __shfl_xor_sync(0xffffffffu, least, step));
-        most = max(most, __shfl_xor_sync(0xffffffffu, most, step));
+        minimum = min(minimum, __shfl_xor_sync(0xffffffffu, minimum, step));
+        maximum = max(maximum, __shfl_xor_sync(0xffffffffu, maximum, step));
     }
     if (infinite) segment.d_range->infinite = 1;
     if (threadIdx.x % 32 != 0) return;
-    atomicMin(&segment.d_range->least, least);
-    atomicMax(&segment.d_range->most, most);
+    atomicMin(&segment.d_range->minimum, minimum);
+    atomicMax(&segment.d_range->maximum, maximum);
 }
 
-__global__ void fine_kernel(const gpu_segment segment, double least, double scale)
+__global__ void fine_kernel(const gpu_segment segment, double minimum, double scale)
 {
     for (int32_t v = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x); v < segment.voxels;
          v += (int32_t)(gridDim.x * blockDim.x))
-        atomicAdd(segment.d_fine + (int32_t)(((double)value_of(segment, v) - least) * scale), 1u);
+        atomicAdd(segment.d_fine + (int32_t)(((double)value_of(segment, v) - minimum) * scale), 1u);
 }
 
 static __device__ void flush_counts(const uint32_t *count, unsigned long long *d_count)
@@ -93,7 +93,7 @@ __global__ void __launch_bounds__(SEGMENT_THREADS) smooth_kernel(const gpu_segme
                     }
             const int bin = (2 * sum + alike) / (2 * alike);
             segment.d_bins[v] = (uint16_t)bin;
-            atomicAdd(count + bin, alike >= SEGMENT_ALIKE ? 4u : 1u);
+            atomicAdd(count + bin, alike >= SEGMENT_MIN_ALIKE_NEIGHBOURS ? 4u : 1u);
         }
     flush_counts(count, segment.d_count);
 }
@@ -101,16 +101,16 @@ __global__ void __launch_bounds__(SEGMENT_THREADS) smooth_kernel(const gpu_segme
 extern "C" pliant_status pliant_cuda_segment_range(const gpu_segment *segment, cudaStream_t stream)
 {
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(segment->d_range, 0, sizeof *segment->d_range, stream)));
-    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(&segment->d_range->least, 0xff, sizeof segment->d_range->least, stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(&segment->d_range->minimum, 0xff, sizeof segment->d_range->minimum, stream)));
     range_kernel<<<SEGMENT_BLOCKS, SEGMENT_THREADS, 0, stream>>>(*segment);
     return CUDA_LAUNCHED("the range of the values");
 }
 
-extern "C" pliant_status pliant_cuda_segment_fine(const gpu_segment *segment, double least, double scale,
+extern "C" pliant_status pliant_cuda_segment_fine(const gpu_segment *segment, double minimum, double scale,
                                                   cudaStream_t stream)
 {
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(segment->d_fine, 0, SEGMENT_FINE_BINS * sizeof *segment->d_fine, stream)));
-    fine_kernel<<<SEGMENT_BLOCKS, SEGMENT_THREADS, 0, stream>>>(*segment, least, scale);
+    fine_kernel<<<SEGMENT_BLOCKS, SEGMENT_THREADS, 0, stream>>>(*segment, minimum, scale);
     return CUDA_LAUNCHED("the counts of the values");
 }
 

@@ -36,7 +36,7 @@ static __device__ __forceinline__ void visit_many(const gpu_raster &raster, int 
                     end[d] = begin[d] + BRICK - 1;
                 }
                 bool cuts = true; /* same rule as pliant_raster_cuts */
-                for (int p = 0; p < 4; p++) cuts = cuts && gpu_most_in(planes[p], begin, end) >= 0;
+                for (int p = 0; p < 4; p++) cuts = cuts && gpu_max_corner(planes[p], begin, end) >= 0;
                 if (cuts) visit(at[0] + raster.grid.bricks[0] * (at[1] + raster.grid.bricks[1] * at[2]), -1);
             }
 }
@@ -78,16 +78,16 @@ static __device__ __forceinline__ bool find_box(const raster_grid &grid, const i
 {
     bool any = true;
     for (int d = 0; d < 3; d++) {
-        int least = fixed[0][d], most = least;
+        int minimum = fixed[0][d], maximum = minimum;
         for (int n = 1; n < 4; n++) {
-            least = min(least, fixed[n][d]);
-            most = max(most, fixed[n][d]);
+            minimum = min(minimum, fixed[n][d]);
+            maximum = max(maximum, fixed[n][d]);
         }
-        least = max(-(-least >> grid.fraction_bits), 0);
-        most = min(most >> grid.fraction_bits, grid.target.size[d] - 1);
-        any = any && least <= most;
-        low[d] = (short)least;
-        high[d] = (short)most;
+        minimum = max(-(-minimum >> grid.fraction_bits), 0);
+        maximum = min(maximum >> grid.fraction_bits, grid.target.size[d] - 1);
+        any = any && minimum <= maximum;
+        low[d] = (short)minimum;
+        high[d] = (short)maximum;
     }
     return any;
 }
@@ -147,12 +147,13 @@ static __device__ __forceinline__ void find_corner(const gpu_raster &raster, con
                                                    int *mine, double *rest)
 {
     if (GUESTS && t >= raster.num_tets) {
-        const part_guest &guest = raster.d_guests[t - raster.num_tets];
+        const part_carried_tet &carried_tet = raster.d_guests[t - raster.num_tets];
         const double *nodes[4];
         double corner[3];
-        for (int n = 0; n < 4; n++) nodes[n] = d_positions + 3 * (size_t)raster.d_tets[4 * (size_t)guest.carrier + n];
-        part_guest_corner(guest.blend[v], nodes, corner);
-        for (int d = 0; d < 3; d++) rest[d] = guest.rest[v][d];
+        for (int n = 0; n < 4; n++)
+            nodes[n] = d_positions + 3 * (size_t)raster.d_tets[4 * (size_t)carried_tet.carrier + n];
+        part_carried_tet_corner(carried_tet.blend[v], nodes, corner);
+        for (int d = 0; d < 3; d++) rest[d] = carried_tet.rest[v][d];
         gpu_fix(raster.grid, raster.reciprocal, corner, mine);
         return;
     }
@@ -234,7 +235,7 @@ extern "C" pliant_status pliant_cuda_cull(const gpu_raster *raster, const double
 /* ---- change to another body */
 
 /* Set the corners to a position that no node has, so that the next update sets up the element. */
-static __device__ void set_anew(gpu_raster now, int e)
+static __device__ void set_up_rebuilt(gpu_raster now, int e)
 {
     gpu_tet &out = static_cast<gpu_tet *>(now.d_setup)[e];
     out.bricks = 0;
@@ -249,17 +250,17 @@ static __global__ void carry_kernel(gpu_raster before, gpu_raster now, int commo
     if (e >= now.num_elements) return;
     const int from = e < common ? e : d_from[e - common];
     if (from < 0) {
-        set_anew(now, e);
+        set_up_rebuilt(now, e);
         return;
     }
     static_cast<gpu_tet *>(now.d_setup)[e] = static_cast<const gpu_tet *>(before.d_setup)[from];
     for (int n = 0; n < 12; n++) now.d_fixed[12 * (size_t)e + n] = before.d_fixed[12 * (size_t)from + n];
 }
 
-static __global__ void anew_kernel(gpu_raster now, int count, const int32_t *__restrict__ d_anew)
+static __global__ void rebuild_kernel(gpu_raster now, int count, const int32_t *__restrict__ d_rebuilt)
 {
     const int i = (int)(blockIdx.x * THREADS + threadIdx.x);
-    if (i < count) set_anew(now, d_anew[i]);
+    if (i < count) set_up_rebuilt(now, d_rebuilt[i]);
 }
 
 /* four threads per element */
@@ -276,18 +277,19 @@ static __global__ void leave_kernel(gpu_raster before, int count, const int32_t 
 }
 
 extern "C" pliant_status pliant_cuda_carry_elements(const gpu_raster *before, const gpu_raster *now, int32_t common,
-                                                    const int32_t *d_from, int32_t num_anew, const int32_t *d_anew,
-                                                    cudaStream_t stream)
+                                                    const int32_t *d_from, int32_t num_rebuilt,
+                                                    const int32_t *d_rebuilt, cudaStream_t stream)
 {
     carry_kernel<<<(unsigned)((now->num_elements + THREADS - 1) / THREADS), THREADS, 0, stream>>>(*before, *now, common,
                                                                                                   d_from);
     CUDA_TRY(CUDA_LAUNCHED("carry_kernel"));
-    if (num_anew == 0) return PLIANT_OK;
-    anew_kernel<<<(unsigned)((num_anew + THREADS - 1) / THREADS), THREADS, 0, stream>>>(*now, num_anew, d_anew);
-    return CUDA_LAUNCHED("anew_kernel");
+    if (num_rebuilt == 0) return PLIANT_OK;
+    rebuild_kernel<<<(unsigned)((num_rebuilt + THREADS - 1) / THREADS), THREADS, 0, stream>>>(*now, num_rebuilt,
+                                                                                              d_rebuilt);
+    return CUDA_LAUNCHED("rebuild_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_leave_bricks(const gpu_raster *before, int32_t num_gone, const int32_t *d_gone,
+extern "C" pliant_status pliant_cuda_mark_removed(const gpu_raster *before, int32_t num_gone, const int32_t *d_gone,
                                                   cudaStream_t stream)
 {
     if (num_gone == 0) return PLIANT_OK;

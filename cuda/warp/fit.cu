@@ -20,17 +20,17 @@ struct pliant_cuda_fit {
 
 /* ---- sort nodes into bins, by one block; for some thousand nodes each stage takes one or two microseconds */
 
-static __device__ double extreme(double value, bool most, double *scratch)
+static __device__ double extreme(double value, bool maximum, double *scratch)
 {
     __syncthreads();
     for (int step = 16; step > 0; step /= 2) {
         const double other = __shfl_xor_sync(0xffffffffu, value, step);
-        value = most ? fmax(value, other) : fmin(value, other);
+        value = maximum ? fmax(value, other) : fmin(value, other);
     }
     if (threadIdx.x % 32 == 0) scratch[threadIdx.x / 32] = value;
     __syncthreads();
     value = scratch[0];
-    for (int w = 1; w < SORT_THREADS / 32; w++) value = most ? fmax(value, scratch[w]) : fmin(value, scratch[w]);
+    for (int w = 1; w < SORT_THREADS / 32; w++) value = maximum ? fmax(value, scratch[w]) : fmin(value, scratch[w]);
     return value;
 }
 
@@ -110,7 +110,7 @@ __global__ void __launch_bounds__(TET_THREADS) cover_kernel(const fit_view *d_vi
     fit_tet tet;
     int32_t first[2], last[2];
     if (t >= d_view->num_tets || !fit_covers(d_view, (int32_t)t, true) || !fit_tet_at(d_view, (int32_t)t, &tet)) return;
-    if (lane == 0) fit_want(d_view, &tet, 0, d_view->size[2]);
+    if (lane == 0) fit_mark_needed_points(d_view, &tet, 0, d_view->size[2]);
     if (!fit_covers(d_view, (int32_t)t, false)) return;
     for (int d = 0; d < 2; d++)
         if (!fit_range(tet.low[d + 1], tet.high[d + 1], d_view->target.size[d + 1], first + d, last + d)) return;
@@ -180,7 +180,7 @@ static size_t lattice_points(const fit_view *view)
 static pliant_status fill(pliant_cuda_fit *fit, const fit_view *parts, const double *rest, const raster_source *source,
                           cudaStream_t stream)
 {
-    const size_t edge = (size_t)FIT_MOST_BINS + 2, nodes = (size_t)parts->num_nodes, most_bins = edge * edge * edge;
+    const size_t edge = (size_t)FIT_MAX_BINS + 2, nodes = (size_t)parts->num_nodes, max_bins = edge * edge * edge;
     const size_t points = lattice_points(parts),
                  scan = (size_t)parts->scan_size[0] * (size_t)parts->scan_size[1] * (size_t)parts->scan_size[2];
     double *d_rest;
@@ -197,8 +197,8 @@ static pliant_status fill(pliant_cuda_fit *fit, const fit_view *parts, const dou
     CUDA_TRY(allocate(3 * nodes, &view->at));
     CUDA_TRY(allocate(6 * nodes, &view->sorted));
     CUDA_TRY(allocate(nodes, &view->bin_node));
-    CUDA_TRY(allocate(most_bins + 1, &view->bin_start));
-    CUDA_TRY(allocate(most_bins, &fit->d_cursor));
+    CUDA_TRY(allocate(max_bins + 1, &view->bin_start));
+    CUDA_TRY(allocate(max_bins, &fit->d_cursor));
     CUDA_TRY(pliant_cuda_upload(source->voxels, (size_t)source->count * pliant_encoding_size(source->encoding),
                                 "the scan", stream, &fit->d_voxels));
     fit->source.voxels = fit->d_voxels;

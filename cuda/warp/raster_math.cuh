@@ -1,6 +1,6 @@
 /* Set up tetrahedra for rasterization with the same operations in the same order as src/warp/fixed_point.c and
- * owners.h. The results are bitwise identical, so the GPU's volume equals the CPU's. (This file is compiled without
- * fused multiply-adds.)
+ * voxel_owners.h. The results are bitwise identical, so the GPU's volume equals the CPU's. (This file is compiled
+ * without fused multiply-adds.)
  *
  * Four threads set up one tetrahedron: thread v handles node v and plane v, and threads 0 to 2 also handle axis v of
  * the map. */
@@ -144,11 +144,11 @@ static __device__ __forceinline__ exact_plane gpu_exact_plane(const gpu_corners 
 }
 
 /* same as most_in, over the voxels of a box */
-static __device__ __forceinline__ long long gpu_most_in(const exact_plane &plane, const int *low, const int *high)
+static __device__ __forceinline__ long long gpu_max_corner(const exact_plane &plane, const int *low, const int *high)
 {
-    long long most = plane.value;
-    for (int d = 0; d < 3; d++) most += plane.normal[d] * (plane.normal[d] > 0 ? high[d] : low[d]);
-    return most;
+    long long maximum = plane.value;
+    for (int d = 0; d < 3; d++) maximum += plane.normal[d] * (plane.normal[d] > 0 ? high[d] : low[d]);
+    return maximum;
 }
 
 /* Compute the inward normals, before the sign change for a mirrored target, and the volume. Plane v contains the other

@@ -1,6 +1,6 @@
 /* Draw the voxels of a brick with one block: find the owner of each voxel, then its value. */
 #include "cuda/base/check.h"
-#include "cuda/warp/owners.cuh"
+#include "cuda/warp/voxel_owners.cuh"
 
 #if defined(__CUDA_ARCH__) && __CUDA_ARCH__ < 800
 enum { BLOCKS = 4 }; /* minimum number of resident blocks per multiprocessor: full occupancy with few register spills */
@@ -34,7 +34,7 @@ static __device__ __forceinline__ void fill_slot(const double (*map)[4], const i
 }
 
 /* Voxels without owner fetch the scan's first voxel, so that all threads follow the same path. */
-static __device__ __forceinline__ void fill_nobody(const limits &limit, slot &out)
+static __device__ __forceinline__ void fill_without_owner(const limits &limit, slot &out)
 {
     for (int d = 0; d < 3; d++) {
         out.origin[d] = limit.low[d];
@@ -126,7 +126,7 @@ static __device__ __forceinline__ void write_voxels(const gpu_raster &raster, co
         }
 #pragma unroll
         for (int n = 0; n < AT_ONCE; n++) {
-            Voxel value = name[n] != NOBODY ? value_in(cells[n]) : background_of(raster, Voxel());
+            Voxel value = name[n] != NO_OWNER ? value_in(cells[n]) : background_of(raster, Voxel());
             if (PARTS && k + n * SLICES < end && brick.copies[name[n]] == PARTED)
                 draw_masked(raster, brick.id[name[n]], origin[0] + i, origin[1] + j, origin[2] + k + n * SLICES,
                             &value);
@@ -172,9 +172,9 @@ static __device__ __forceinline__ void write_part(const gpu_raster &raster, cons
         brick.copies[thread] = box.kind == RASTER_COPY ? COPIES : 0;
         if (PARTS && raster.parts.elements[brick.id[thread]].box >= 0) brick.copies[thread] |= PARTED;
         if (!box.inner) brick.inner = 0;
-    } else if (thread == NOBODY) {
-        fill_nobody(brick.limit, brick.slots[NOBODY]);
-        brick.copies[NOBODY] = 0;
+    } else if (thread == NO_OWNER) {
+        fill_without_owner(brick.limit, brick.slots[NO_OWNER]);
+        brick.copies[NO_OWNER] = 0;
     }
     __syncthreads();
     if (brick.inner) write_voxels<Voxel, true, SIZE, PARTS>(raster, where, origin, brick);

@@ -26,7 +26,7 @@ typedef struct gpu_raster {
     raster_source background;
     int32_t num_tets, num_elements, num_bricks; /* elements: tetrahedra followed by guests */
     const int32_t *d_tets;           /* (num_tets x 4) */
-    const part_guest *d_guests;      /* (num_elements - num_tets) */
+    const part_carried_tet *d_guests;      /* (num_elements - num_tets) */
     part_view parts;                 /* elements NULL: no cuts */
     uint8_t *d_parted;               /* (num_bricks) whether an element at a cut touches the brick; 0 between updates */
     const uint8_t *d_zone;           /* (num_elements) for a fit, 0: not drawn by its own map; NULL: all are */
@@ -64,10 +64,10 @@ pliant_status pliant_cuda_find_owners(const gpu_raster *raster, int32_t *d_owner
 
 /* Carry the elements and their drawn state over to another body. The lists are those in pliant_warp_changes. */
 pliant_status pliant_cuda_carry_elements(const gpu_raster *before, const gpu_raster *now, int32_t common,
-                                         const int32_t *d_from, int32_t num_anew, const int32_t *d_anew,
+                                         const int32_t *d_from, int32_t num_rebuilt, const int32_t *d_rebuilt,
                                          cudaStream_t stream);
 /* Mark the bricks of removed elements as dirty. */
-pliant_status pliant_cuda_leave_bricks(const gpu_raster *before, int32_t num_gone, const int32_t *d_gone,
+pliant_status pliant_cuda_mark_removed(const gpu_raster *before, int32_t num_gone, const int32_t *d_gone,
                                        cudaStream_t stream);
 
 #ifdef __cplusplus

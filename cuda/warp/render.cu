@@ -63,7 +63,7 @@ static size_t place(const render_output &wanted, size_t pixels, uint8_t *block, 
     return bytes;
 }
 
-static pliant_status make_room(gpu_pictures *pictures, size_t bricks, size_t bytes)
+static pliant_status reserve_capacity(gpu_pictures *pictures, size_t bricks, size_t bytes)
 {
     void *d_bricks = pictures->d_bricks, *h_pixels = nullptr;
     CUDA_TRY(pliant_cuda_ensure(bricks * sizeof(float), false, "pictures", &d_bricks, &pictures->brick_bytes));
@@ -77,8 +77,8 @@ static pliant_status make_room(gpu_pictures *pictures, size_t bricks, size_t byt
     return PLIANT_OK;
 }
 
-extern "C" pliant_status pliant_cuda_see(gpu_pictures *pictures, const render_scene *given, const render_output *out,
-                                         cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_render(gpu_pictures *pictures, const render_scene *given, const render_output *out,
+                                            cudaStream_t stream)
 {
     const size_t pixels = (size_t)given->width * (size_t)given->height,
                  bricks = (size_t)given->bricks[0] * (size_t)given->bricks[1] * (size_t)given->bricks[2];
@@ -86,7 +86,7 @@ extern "C" pliant_status pliant_cuda_see(gpu_pictures *pictures, const render_sc
     render_output d_out, h_out;
     const size_t bytes = place(*out, pixels, nullptr, &d_out);
     if (bytes == 0) return PLIANT_OK;
-    CUDA_TRY(make_room(pictures, bricks, bytes));
+    CUDA_TRY(reserve_capacity(pictures, bricks, bytes));
     place(*out, pixels, static_cast<uint8_t *>(pictures->d_pixels), &d_out);
     place(*out, pixels, static_cast<uint8_t *>(pictures->h_pixels), &h_out);
     scene.brick_high = pictures->d_bricks;

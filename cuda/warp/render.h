@@ -23,8 +23,8 @@ typedef struct gpu_pictures {
  * scene: with device voxels and labels
  * out: host memory, complete when this function returns
  * Errors: MEMORY, UNAVAILABLE. */
-pliant_status pliant_cuda_see(gpu_pictures *pictures, const render_scene *scene, const render_output *out,
-                              cudaStream_t stream);
+pliant_status pliant_cuda_render(gpu_pictures *pictures, const render_scene *scene, const render_output *out,
+                                 cudaStream_t stream);
 void pliant_cuda_pictures_free(gpu_pictures *pictures);
 
 #ifdef __cplusplus

@@ -16,7 +16,7 @@ enum { BEGUN, CULLED, DRAWN, NUM_MARKS };
 
 /* Arrays that depend on the body, and their capacities. */
 enum { TETS, REST, FIXED, SETUP, GUESTS, ELEMENTS, BOXES, LABELS, PARTED, POSITIONS, BODY_ARRAYS };
-struct body_room { bool grows; size_t bytes[BODY_ARRAYS]; };
+struct body_capacity { bool grows; size_t bytes[BODY_ARRAYS]; };
 
 struct cuda_next;
 
@@ -25,7 +25,7 @@ struct pliant_cuda_warp {
     int device;
     cudaStream_t stream;       /* for updates from the host and copies to it */
     gpu_raster raster;
-    body_room room;
+    body_capacity capacity;
     cuda_next *spare;          /* Nullable: arrays of the previous body, for reuse by the next one */
     pliant_cuda_fit *fit;      /* NULL: rasterize */
     double *d_positions;       /* (num_nodes x 3) positions of updates from the host */
@@ -42,7 +42,7 @@ struct pliant_cuda_warp {
 };
 
 /* 32 bits index voxels of the scan with a margin for sums; 24 bits of an owner's key index tetrahedra */
-static const int most_voxels = 1 << 30, most_tets = 1 << 24;
+static const int max_voxels = 1 << 30, max_tets = 1 << 24;
 /* initial candidates per brick; only very crowded bricks have more */
 static const int32_t first_capacity = 192;
 
@@ -51,19 +51,20 @@ template <class T> static pliant_status allocate(size_t count, T **d_out)
     return pliant_cuda_allocate(count * sizeof(T), "the deformed volume", reinterpret_cast<void **>(d_out));
 }
 
-template <class T> static pliant_status room_for(size_t count, int array, body_room *room, T **d_out)
+template <class T> static pliant_status capacity_for(size_t count, int array, body_capacity *capacity, T **d_out)
 {
     void *d_block = const_cast<void *>(static_cast<const void *>(*d_out));
-    CUDA_TRY(pliant_cuda_ensure(count * sizeof(T), room->grows, "the mesh to draw", &d_block, room->bytes + array));
+    CUDA_TRY(
+        pliant_cuda_ensure(count * sizeof(T), capacity->grows, "the mesh to draw", &d_block, capacity->bytes + array));
     *d_out = static_cast<T *>(d_block);
     return PLIANT_OK;
 }
 
 template <class T>
-static pliant_status send(const T *h_from, size_t count, int array, cudaStream_t stream, body_room *room,
+static pliant_status send(const T *h_from, size_t count, int array, cudaStream_t stream, body_capacity *capacity,
                           const T **d_out)
 {
-    CUDA_TRY(room_for(count, array, room, d_out));
+    CUDA_TRY(capacity_for(count, array, capacity, d_out));
     return CUDA_CALL(
         cudaMemcpyAsync(const_cast<T *>(*d_out), h_from, count * sizeof(T), cudaMemcpyHostToDevice, stream));
 }
@@ -73,10 +74,10 @@ static pliant_status upload_source(pliant_cuda_warp *gpu)
     const raster_source *source = gpu->parts.source;
     void *d_voxels = nullptr, *d_source = nullptr;
     const size_t bytes = (size_t)source->count * pliant_cuda_source_bytes(source->encoding);
-    if (source->count >= most_voxels)
+    if (source->count >= max_voxels)
         return pliant_fail(PLIANT_ERROR_MEMORY,
                            "%lld voxels are too many for the deformed volume on the GPU: it must have fewer than %d",
-                           (long long)source->count, most_voxels);
+                           (long long)source->count, max_voxels);
     CUDA_TRY(pliant_cuda_allocate(bytes, "the scan", &d_source));
     gpu->raster.d_source = d_source;
     CUDA_TRY(pliant_cuda_upload(source->voxels, (size_t)source->count * pliant_encoding_size(source->encoding),
@@ -98,10 +99,10 @@ struct known_body {
  * h_before: NULL: no element has changed */
 template <class T>
 static pliant_status send_next(const T *h_from, size_t count, const T *d_before, const T *h_before, size_t before,
-                               int array, cudaStream_t stream, body_room *room, const T **d_out)
+                               int array, cudaStream_t stream, body_capacity *capacity, const T **d_out)
 {
     const size_t same = before < count ? before : count;
-    CUDA_TRY(room_for(count, array, room, d_out));
+    CUDA_TRY(capacity_for(count, array, capacity, d_out));
     T *d_to = const_cast<T *>(*d_out);
     if (same > 0)
         CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(d_to, d_before, same * sizeof(T), cudaMemcpyDeviceToDevice, stream)));
@@ -113,20 +114,21 @@ static pliant_status send_next(const T *h_from, size_t count, const T *d_before,
 }
 
 /* Send the corners of elements. For elements of both bodies, only the changed ones are sent. */
-static pliant_status send_tets(const pliant_mesh *mesh, const known_body *known, cudaStream_t stream, body_room *room,
-                               const int32_t **d_out)
+static pliant_status send_tets(const pliant_mesh *mesh, const known_body *known, cudaStream_t stream,
+                               body_capacity *capacity, const int32_t **d_out)
 {
     enum { NEAR = 256 }; /* changed ranges with a smaller gap are sent together */
     const size_t count = 4 * (size_t)mesh->num_tets;
-    if (!known) return send(mesh->tets, count, TETS, stream, room, d_out);
+    if (!known) return send(mesh->tets, count, TETS, stream, capacity, d_out);
     const pliant_warp_changes *changes = known->changes;
     CUDA_TRY(send_next<int32_t>(mesh->tets, count, known->raster->d_tets, nullptr, 4 * (size_t)changes->common, TETS,
-                                stream, room, d_out));
+                                stream, capacity, d_out));
     int32_t *d_to = const_cast<int32_t *>(*d_out);
-    for (int32_t first = 0, last; first < changes->num_anew; first = last) {
-        for (last = first + 1; last < changes->num_anew && changes->anew[last] - changes->anew[last - 1] < NEAR;)
+    for (int32_t first = 0, last; first < changes->num_rebuilt; first = last) {
+        for (last = first + 1;
+             last < changes->num_rebuilt && changes->rebuilt[last] - changes->rebuilt[last - 1] < NEAR;)
             last++;
-        const size_t from = 4 * (size_t)changes->anew[first], to = 4 * ((size_t)changes->anew[last - 1] + 1);
+        const size_t from = 4 * (size_t)changes->rebuilt[first], to = 4 * ((size_t)changes->rebuilt[last - 1] + 1);
         CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(d_to + from, mesh->tets + from, (to - from) * sizeof *d_to,
                                            cudaMemcpyHostToDevice, stream)));
     }
@@ -136,27 +138,27 @@ static pliant_status send_tets(const pliant_mesh *mesh, const known_body *known,
 /* Send everything that depends on the body.
  * known: Nullable */
 static pliant_status fill_body(const pliant_warp_parts *parts, const known_body *known, cudaStream_t stream,
-                               gpu_raster *raster, body_room *room)
+                               gpu_raster *raster, body_capacity *capacity)
 {
     const gpu_raster *here = known ? known->raster : raster;
     const pliant_parts *cut_here = known && here->parts.elements ? known->parts->parts : nullptr;
     const size_t tets = (size_t)parts->mesh->num_tets, nodes = (size_t)parts->mesh->num_nodes,
                  bricks = (size_t)raster->num_bricks;
     const pliant_parts *cut = parts->parts;
-    const size_t guests = cut ? (size_t)cut->num_guests : 0, elements = tets + guests;
-    if (elements >= (size_t)most_tets)
+    const size_t carried_tets = cut ? (size_t)cut->num_carried_tets : 0, elements = tets + carried_tets;
+    if (elements >= (size_t)max_tets)
         return pliant_fail(
             PLIANT_ERROR_MEMORY,
             "%zu tetrahedra are too many for the deformed volume on the GPU: the mesh must have fewer than %d",
-            elements, most_tets);
+            elements, max_tets);
     raster->num_tets = (int32_t)tets;
     raster->num_elements = (int32_t)elements;
     uint8_t *d_setup = static_cast<uint8_t *>(raster->d_setup);
-    CUDA_TRY(send_tets(parts->mesh, known, stream, room, &raster->d_tets));
-    CUDA_TRY(send_next<double>(parts->rest, 3 * nodes, here->d_rest, nullptr, known ? 3 * (size_t)parts->rest_known : 0,
-                               REST, stream, room, &raster->d_rest));
-    CUDA_TRY(room_for(12 * elements, FIXED, room, &raster->d_fixed));
-    CUDA_TRY(room_for(elements * pliant_cuda_setup_bytes(), SETUP, room, &d_setup));
+    CUDA_TRY(send_tets(parts->mesh, known, stream, capacity, &raster->d_tets));
+    CUDA_TRY(send_next<double>(parts->rest, 3 * nodes, here->d_rest, nullptr,
+                               known ? 3 * (size_t)parts->num_same_rest : 0, REST, stream, capacity, &raster->d_rest));
+    CUDA_TRY(capacity_for(12 * elements, FIXED, capacity, &raster->d_fixed));
+    CUDA_TRY(capacity_for(elements * pliant_cuda_setup_bytes(), SETUP, capacity, &d_setup));
     raster->d_setup = d_setup;
     /* elements that are not drawn are carried over, too */
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_setup, 0, elements * pliant_cuda_setup_bytes(), stream)));
@@ -170,18 +172,18 @@ static pliant_status fill_body(const pliant_warp_parts *parts, const known_body 
     }
     memcpy(raster->parts.scan_size, cut->view.scan_size, sizeof raster->parts.scan_size);
     raster->parts.num_elements = cut->view.num_elements;
-    if (guests > 0) CUDA_TRY(send(cut->guests, guests, GUESTS, stream, room, &raster->d_guests));
+    if (carried_tets > 0) CUDA_TRY(send(cut->carried_tets, carried_tets, GUESTS, stream, capacity, &raster->d_guests));
     CUDA_TRY(send_next(cut->view.elements, elements, here->parts.elements, cut_here ? cut_here->view.elements : nullptr,
-                       cut_here ? (size_t)cut_here->view.num_elements : 0, ELEMENTS, stream, room,
+                       cut_here ? (size_t)cut_here->view.num_elements : 0, ELEMENTS, stream, capacity,
                        &raster->parts.elements));
     if (cut->num_boxes > 0)
-        CUDA_TRY(send(cut->view.boxes, (size_t)cut->num_boxes, BOXES, stream, room, &raster->parts.boxes));
+        CUDA_TRY(send(cut->view.boxes, (size_t)cut->num_boxes, BOXES, stream, capacity, &raster->parts.boxes));
     /* of the same pool, in which later labels follow the earlier ones */
     const size_t labels_here = cut_here && cut_here->pool == cut->pool ? (size_t)cut_here->num_labels : 0;
     if (cut->num_labels > 0)
         CUDA_TRY(send_next<uint16_t>(cut->view.labels, (size_t)cut->num_labels, here->parts.labels, nullptr,
-                                     labels_here, LABELS, stream, room, &raster->parts.labels));
-    CUDA_TRY(room_for(bricks, PARTED, room, &raster->d_parted));
+                                     labels_here, LABELS, stream, capacity, &raster->parts.labels));
+    CUDA_TRY(capacity_for(bricks, PARTED, capacity, &raster->d_parted));
     return CUDA_CALL(cudaMemsetAsync(raster->d_parted, 0, bricks, stream));
 }
 
@@ -214,7 +216,7 @@ static pliant_status fill_lists(pliant_cuda_warp *gpu)
 static pliant_status fill_raster(pliant_cuda_warp *gpu)
 {
     if (!gpu->parts.fit) CUDA_TRY(upload_source(gpu));
-    CUDA_TRY(fill_body(&gpu->parts, nullptr, gpu->stream, &gpu->raster, &gpu->room));
+    CUDA_TRY(fill_body(&gpu->parts, nullptr, gpu->stream, &gpu->raster, &gpu->capacity));
     return fill_lists(gpu);
 }
 
@@ -224,8 +226,8 @@ static pliant_status fill(pliant_cuda_warp *gpu)
     gpu_raster *raster = &gpu->raster;
     const size_t nodes = (size_t)parts->mesh->num_nodes, bricks = (size_t)raster->num_bricks;
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
-    int least = 0, greatest = 0;
-    CUDA_TRY(CUDA_CALL(cudaDeviceGetStreamPriorityRange(&least, &greatest)));
+    int minimum = 0, greatest = 0;
+    CUDA_TRY(CUDA_CALL(cudaDeviceGetStreamPriorityRange(&minimum, &greatest)));
     CUDA_TRY(CUDA_CALL(cudaStreamCreateWithPriority(&gpu->stream, cudaStreamNonBlocking, greatest)));
     for (cudaEvent_t &mark : gpu->marks) CUDA_TRY(CUDA_CALL(cudaEventCreate(&mark)));
     if (parts->fit) CUDA_TRY(pliant_cuda_fit_create(parts->fit, parts->rest, parts->source, gpu->stream, &gpu->fit));
@@ -233,7 +235,7 @@ static pliant_status fill(pliant_cuda_warp *gpu)
     CUDA_TRY(pliant_cuda_allocate(gpu->volume_bytes, "the deformed volume", &raster->d_volume));
     CUDA_TRY(allocate(bricks, &raster->d_changed));
     CUDA_TRY(allocate(1, &raster->d_longest));
-    CUDA_TRY(room_for(3 * nodes, POSITIONS, &gpu->room, &gpu->d_positions));
+    CUDA_TRY(capacity_for(3 * nodes, POSITIONS, &gpu->capacity, &gpu->d_positions));
     CUDA_TRY(allocate(1, &gpu->d_crossing));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_longest, 0, sizeof *raster->d_longest, gpu->stream)));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->d_crossing, 0, sizeof *gpu->d_crossing, gpu->stream)));
@@ -426,7 +428,7 @@ static pliant_status see(pliant_cuda_warp *gpu, const pliant_cuda_warp *labels, 
     scene.voxels = gpu->raster.d_volume;
     scene.labels = labels ? static_cast<const uint8_t *>(labels->raster.d_volume) : nullptr;
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
-    return pliant_cuda_see(&gpu->pictures, &scene, out, gpu->stream);
+    return pliant_cuda_render(&gpu->pictures, &scene, out, gpu->stream);
 }
 
 /* ---- change to another body */
@@ -435,11 +437,11 @@ struct cuda_next {
     pliant_cuda_warp *of;
     pliant_warp_parts parts;
     gpu_raster raster;         /* data that depends on the body */
-    body_room room;
+    body_capacity capacity;
     double *d_positions;
     pliant_cuda_fit *fit;
-    int32_t *d_gone, *d_from, *d_anew;
-    size_t gone_room, from_room, anew_room;
+    int32_t *d_gone, *d_from, *d_rebuilt;
+    size_t gone_capacity, from_capacity, rebuilt_capacity;
     int32_t num_gone;
 };
 
@@ -450,7 +452,7 @@ static void free_next(cuda_next *next)
     pliant_cuda_release(next->d_positions);
     pliant_cuda_release(next->d_gone);
     pliant_cuda_release(next->d_from);
-    pliant_cuda_release(next->d_anew);
+    pliant_cuda_release(next->d_rebuilt);
     pliant_free(next);
 }
 
@@ -464,10 +466,11 @@ static void drop_next(cuda_next *next)
     else next->of->spare = next;
 }
 
-static pliant_status send_list(const int32_t *h_from, int32_t count, cudaStream_t stream, int32_t **d_out, size_t *room)
+static pliant_status send_list(const int32_t *h_from, int32_t count, cudaStream_t stream, int32_t **d_out,
+                               size_t *capacity)
 {
     void *d_block = *d_out;
-    CUDA_TRY(pliant_cuda_ensure(((size_t)count + 1) * sizeof *h_from, true, "the mesh to draw", &d_block, room));
+    CUDA_TRY(pliant_cuda_ensure(((size_t)count + 1) * sizeof *h_from, true, "the mesh to draw", &d_block, capacity));
     *d_out = static_cast<int32_t *>(d_block);
     return count == 0 ? PLIANT_OK
                       : CUDA_CALL(cudaMemcpyAsync(d_block, h_from, (size_t)count * sizeof *h_from,
@@ -478,26 +481,27 @@ static pliant_status send_list(const int32_t *h_from, int32_t count, cudaStream_
 static pliant_status carry(pliant_cuda_warp *gpu, const pliant_warp_changes *changes, cuda_next *next)
 {
     const known_body known = {&gpu->raster, &gpu->parts, changes};
-    CUDA_TRY(fill_body(&next->parts, &known, gpu->stream, &next->raster, &next->room));
-    CUDA_TRY(send_list(changes->gone, changes->num_gone, gpu->stream, &next->d_gone, &next->gone_room));
-    CUDA_TRY(send_list(changes->from, changes->now - changes->common, gpu->stream, &next->d_from, &next->from_room));
-    CUDA_TRY(send_list(changes->anew, changes->num_anew, gpu->stream, &next->d_anew, &next->anew_room));
+    CUDA_TRY(fill_body(&next->parts, &known, gpu->stream, &next->raster, &next->capacity));
+    CUDA_TRY(send_list(changes->gone, changes->num_gone, gpu->stream, &next->d_gone, &next->gone_capacity));
+    CUDA_TRY(
+        send_list(changes->from, changes->now - changes->common, gpu->stream, &next->d_from, &next->from_capacity));
+    CUDA_TRY(send_list(changes->rebuilt, changes->num_rebuilt, gpu->stream, &next->d_rebuilt, &next->rebuilt_capacity));
     next->num_gone = changes->num_gone;
-    CUDA_TRY(pliant_cuda_carry_elements(&gpu->raster, &next->raster, changes->common, next->d_from, changes->num_anew,
-                                        next->d_anew, gpu->stream));
+    CUDA_TRY(pliant_cuda_carry_elements(&gpu->raster, &next->raster, changes->common, next->d_from,
+                                        changes->num_rebuilt, next->d_rebuilt, gpu->stream));
     return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
 }
 
 static pliant_status fill_next(pliant_cuda_warp *gpu, const pliant_warp_changes *changes, cuda_next *next)
 {
     const pliant_warp_parts *parts = &next->parts;
-    CUDA_TRY(room_for(3 * (size_t)parts->mesh->num_nodes, POSITIONS, &next->room, &next->d_positions));
+    CUDA_TRY(capacity_for(3 * (size_t)parts->mesh->num_nodes, POSITIONS, &next->capacity, &next->d_positions));
     if (!parts->fit) return carry(gpu, changes, next);
     CUDA_TRY(pliant_cuda_fit_create(parts->fit, parts->rest, parts->source, gpu->stream, &next->fit));
     if (!parts->parts) return PLIANT_OK;
     CUDA_TRY(fill_lists(gpu));
     /* every update sets up all elements */
-    CUDA_TRY(fill_body(parts, nullptr, gpu->stream, &next->raster, &next->room));
+    CUDA_TRY(fill_body(parts, nullptr, gpu->stream, &next->raster, &next->capacity));
     return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
 }
 
@@ -510,7 +514,7 @@ static pliant_status prepare_next(pliant_cuda_warp *gpu, const pliant_warp_parts
     gpu->spare = nullptr;
     next->of = gpu;
     next->parts = *parts;
-    next->room.grows = true;
+    next->capacity.grows = true;
     next->raster.num_bricks = gpu->raster.num_bricks;
     pliant_status status = fill_next(gpu, changes, next);
     if (status != PLIANT_OK) {
@@ -534,7 +538,7 @@ static void take_next(pliant_cuda_warp *gpu, cuda_next *next)
 {
     gpu_raster *old = &gpu->raster, *now = &next->raster;
     if (gpu->drawn && !gpu->fit &&
-        (pliant_cuda_leave_bricks(old, next->num_gone, next->d_gone, gpu->stream) != PLIANT_OK ||
+        (pliant_cuda_mark_removed(old, next->num_gone, next->d_gone, gpu->stream) != PLIANT_OK ||
          CUDA_CALL(cudaStreamSynchronize(gpu->stream)) != PLIANT_OK))
         gpu->drawn = false;
     gpu->parts = next->parts;
@@ -547,7 +551,7 @@ static void take_next(pliant_cuda_warp *gpu, cuda_next *next)
     exchange(&old->d_guests, &now->d_guests);
     exchange(&old->d_parted, &now->d_parted);
     exchange(&old->parts, &now->parts);
-    exchange(&gpu->room, &next->room);
+    exchange(&gpu->capacity, &next->capacity);
     exchange(&gpu->d_positions, &next->d_positions);
     exchange(&gpu->fit, &next->fit);
 }

@@ -31,7 +31,7 @@ typedef struct pliant_body_changes {
 
 /** Whether a node is solved for. Nodes of detached pieces are fixed at their current position for a quasi-static
  *  solver. */
-typedef enum pliant_fixing { PLIANT_MOVES, PLIANT_FIXED_AT_REST, PLIANT_FIXED_WHERE_IT_WAS } pliant_fixing;
+typedef enum pliant_fixing { PLIANT_MOVES, PLIANT_FIXED_AT_REST, PLIANT_FIXED_AT_POSITION } pliant_fixing;
 
 /** Topology of the tissue. All arrays belong to the body. */
 typedef struct pliant_body {

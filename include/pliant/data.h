@@ -105,7 +105,7 @@ typedef struct pliant_statistics {
     int32_t ended;              /**< pliant_step_end: why the step ended before the proxies reached their tools */
     int32_t contacts;           /**< number of contact points */
     double penetration;         /**< largest penetration depth [m] */
-    int32_t falling;            /**< number of moving detached pieces */
+    int32_t rigid_pieces;            /**< number of moving detached pieces */
     int32_t patched;            /**< number of tools with a patch (model/patch) */
     int32_t patch_waiting;      /**< number of tools whose patch is not ready */
     int32_t patch_iterations;   /**< evaluations of patches */
@@ -276,7 +276,7 @@ PLIANT_API pliant_status pliant_tool_set_pose(pliant_data *data, int tool, const
 /** Remove the pose of a tool. The tool releases its tissue.
  *  @param data The simulation.
  *  @param tool Number of the tool. */
-PLIANT_API void pliant_tool_lost(pliant_data *data, int tool);
+PLIANT_API void pliant_tool_remove_pose(pliant_data *data, int tool);
 
 /** Grasp a blob of tissue around the tip at its current position.
  *  @param model The model of the simulation.

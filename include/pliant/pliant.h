@@ -41,8 +41,8 @@
  *  - Set loads and limits (data.h): pliant_data_set_gravity, _get_gravity, _set_limits, _set_positions.
  *  - Results of a step (data.h): pliant_data_get_positions, _get_body, _get_statistics, _get_scalar, _get_inverted,
  *    _get_backend; pliant_step_end_text.
- *  - Tools and grasps (data.h): pliant_tool_add, _get, _set_pose, _lost, _grasp, _release, _set_drive, _set_spring,
- *    _set_radius, _set_mass, _clearance; pliant_data_get_num_tools.
+ *  - Tools and grasps (data.h): pliant_tool_add, _get, _set_pose, _remove_pose, _grasp, _release, _set_drive,
+ *    _set_spring, _set_radius, _set_mass, _clearance; pliant_data_get_num_tools.
  *  - Cuts (data.h, cut.h): pliant_tool_set_blade, _set_cutting; pliant_blade_find; pliant_data_cut, _undo_cut.
  *  - Contact of instruments (contact.h): pliant_tool_shape_find, _read, _move, _free; pliant_tool_set_shape, _set_jaw;
  *    pliant_data_get_contacts, _get_contact_forces.

@@ -68,7 +68,7 @@ PLIANT_API pliant_status pliant_c_arm_camera(const pliant_c_arm *arm, pliant_cam
 /* ---- STYLE */
 
 enum {
-    PLIANT_MOST_COLOURS = 16, /**< maximum number of colours of a style */
+    PLIANT_MAX_COLOURS = 16, /**< maximum number of colours of a style */
     PLIANT_NUM_LABELS = 256   /**< number of labels of a style */
 };
 
@@ -85,7 +85,7 @@ typedef struct pliant_style {
     float threshold;                   /**< value of the surface, with slope and intercept */
     uint8_t shown[PLIANT_NUM_LABELS];  /**< 1: the label is shown. Labels of a view are numbers of materials, plus 1 */
     int32_t num_colours;               /**< of colours */
-    pliant_colour colours[PLIANT_MOST_COLOURS]; /**< transfer function by ascending value, with linear interpolation and
+    pliant_colour colours[PLIANT_MAX_COLOURS]; /**< transfer function by ascending value, with linear interpolation and
                                                  *   constant ends */
     float beneath;                     /**< largest depth below the surface of the values that colour it [m] */
     float ambient, diffuse, specular;  /**< weights of a light at the camera */

@@ -42,10 +42,10 @@ typedef struct pliant_pull_point {
  *  @param input      The scene with its inputs.
  *  @param labels     (num_labels) Nullable: label ids.
  *  @param num_labels Number of labels.
- *  @param most       Maximum number of points.
- *  @param out        (most) Out: the points.
+ *  @param maximum       Maximum number of points.
+ *  @param out        (maximum) Out: the points.
  *  @return The number of points. */
-PLIANT_API int pliant_pull_points(const pliant_report_input *input, const int32_t *labels, int num_labels, int most,
+PLIANT_API int pliant_pull_points(const pliant_report_input *input, const int32_t *labels, int num_labels, int maximum,
                                   pliant_pull_point *out);
 
 /* ---- TABLES */
@@ -108,7 +108,7 @@ typedef struct pliant_sweep {
                                *   mesh */
     double reference_tolerance; /**< tolerance of the references; ten times this value on the mesh with twice the
                                  *   resolution */
-    double most_ms;           /**< time of a median frame above which larger budgets are skipped [ms]; 0: none is
+    double max_ms;           /**< time of a median frame above which larger budgets are skipped [ms]; 0: none is
                                *   skipped */
     int32_t repeats;          /**< number of equal runs; the shortest time of each frame counts */
     bool before_patch;        /**< with model/patch: also run pulls that begin before the patch is ready, as separate

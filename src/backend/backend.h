@@ -27,7 +27,8 @@ typedef struct pliant_host_solver {
     /* Sets data's positions as well. */
     void (*set_positions)(const pliant_model *model, pliant_data *data, const double *positions);
     void (*limits)(pliant_data *data, int iterations, double tolerance);
-    void (*fell_back)(pliant_data *data); /* called after another backend failed: discards its results. Nullable */
+    void (*discard_results)(
+        pliant_data *data);           /* called after another backend failed: discards its results. Nullable */
     const pliant_backend *cpu, *cuda; /* backends that run its steps; cuda is NULL in a build without CUDA */
 } pliant_host_solver;
 extern const pliant_host_solver pliant_corotational, pliant_explicit;
@@ -39,7 +40,7 @@ struct pliant_backend {
     bool on_host;
     /* The result of a solve is in host memory when it ends, so it is not repeated if a later stage fails. */
     bool solves_on_host;
-    bool touches; /* its solve handles contacts, like the host's solvers */
+    bool handles_contacts; /* its solve handles contacts, like the host's solvers */
     pliant_probe probe;
     const pliant_tissue_searcher *searcher; /* collision detection between tissue and tissue; Nullable: on the CPU */
 
@@ -75,17 +76,17 @@ pliant_status pliant_cpu_warp(const pliant_model *model, pliant_data *data);
 pliant_status pliant_tled_upsample(const pliant_model *model, pliant_data *data);
 
 /* Set the grasp constraint and target of a tool before the corotational solve. Errors: MEMORY. */
-pliant_status pliant_pull(const pliant_model *model, pliant_data *data, int tool);
+pliant_status pliant_set_grasp_constraint(const pliant_model *model, pliant_data *data, int tool);
 /* Return the leader of a tool. Rigid tools that hold one point (state/shared_hold.h) share one constraint and its
  * force, which belong to the first of them. Any other tool is its own leader. */
-int pliant_pull_leader(const pliant_data *data, int tool);
+int pliant_grasp_leader(const pliant_data *data, int tool);
 /* List the tools that share the constraint of a leader, the leader first.
  * @return Their number. */
-int pliant_pull_members(const pliant_data *data, int leader, int member[PLIANT_MAX_TOOLS]);
+int pliant_grasp_members(const pliant_data *data, int leader, int member[PLIANT_MAX_TOOLS]);
 /* Set the contact points before the solve, if the host's solver has the positions. Errors: MEMORY. */
-pliant_status pliant_push(pliant_data *data);
+pliant_status pliant_set_contact_points(pliant_data *data);
 /* Report every tool's held point and force after a solve. */
-void pliant_pull_report(pliant_data *data);
+void pliant_report_grasps(pliant_data *data);
 
 #ifdef PLIANT_WITH_CUDA
 extern const pliant_backend pliant_cuda_backend, pliant_cuda_tled_backend;
@@ -93,7 +94,7 @@ extern const pliant_backend pliant_cuda_backend, pliant_cuda_tled_backend;
 
 /* Return whether the host moves nodes after the solve. Another backend must then copy its result to the host before,
  * and read the moved nodes afterwards. */
-static inline bool pliant_host_moves(const pliant_data *data) { return data->patch || data->falling; }
+static inline bool pliant_host_moves_nodes(const pliant_data *data) { return data->patch || data->rigid_pieces; }
 
 const pliant_host_solver *pliant_host_solver_of(const pliant_model *model);
 

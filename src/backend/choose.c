@@ -49,7 +49,7 @@ bool pliant_backend_fall_back(const pliant_model *model, pliant_data *data, plia
     if (data->backend->download) data->backend->download(model, data);
     data->backend->free(data);
     data->backend = kind->cpu;
-    if (kind->fell_back) kind->fell_back(data);
+    if (kind->discard_results) kind->discard_results(data);
     if (data->warp) pliant_warp_fall_back(data->warp);
     return true;
 }
@@ -68,20 +68,20 @@ void pliant_backend_follow(const pliant_model *model, pliant_data *data, const p
     if (data->warp) pliant_warp_fall_back(data->warp);
 }
 
-static pliant_status or_the_cpu(const pliant_model *model, pliant_data *data, pliant_status status)
+static pliant_status fall_back_to_cpu(const pliant_model *model, pliant_data *data, pliant_status status)
 {
     return status < 0 && pliant_backend_fall_back(model, data, status) ? PLIANT_OK : status;
 }
 
 pliant_status pliant_backend_restart(const pliant_model *model, pliant_data *data)
 {
-    return or_the_cpu(model, data, data->backend->restart(model, data));
+    return fall_back_to_cpu(model, data, data->backend->restart(model, data));
 }
 
 pliant_status pliant_backend_move(const pliant_model *model, pliant_data *data)
 {
     const pliant_backend *backend = data->backend;
-    return or_the_cpu(model, data, backend->move ? backend->move(model, data) : backend->restart(model, data));
+    return fall_back_to_cpu(model, data, backend->move ? backend->move(model, data) : backend->restart(model, data));
 }
 
 const char *pliant_data_get_backend(const pliant_data *data) { return data->backend->name; }

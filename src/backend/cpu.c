@@ -1,7 +1,7 @@
 /* Stages of the corotational solver on the CPU, and the parts that other backends leave to the host. */
 #include "backend/backend.h"
 #include "base/fail.h"
-#include "fem/rigid/falling.h"
+#include "fem/rigid/rigid_pieces.h"
 #include "fem/patch/patch.h"
 
 #include <stdio.h>
@@ -19,19 +19,19 @@ pliant_status pliant_cpu_nothing(const pliant_model *model, pliant_data *data)
     return PLIANT_OK;
 }
 
-pliant_status pliant_push(pliant_data *data)
+pliant_status pliant_set_contact_points(pliant_data *data)
 {
     pliant_contacts *points;
-    pliant_status status = pliant_patch_divide(data, &points);
+    pliant_status status = pliant_patch_select_coarse_points(data, &points);
     if (status != PLIANT_OK) return status;
-    return pliant_solver_touch(data->solver, points, data->bodies, data->positions);
+    return pliant_solver_set_contacts(data->solver, points, data->bodies, data->positions);
 }
 
 static pliant_status solve(const pliant_model *model, pliant_data *data)
 {
     (void)model;
     data->solver->background = &data->background;
-    pliant_status status = pliant_push(data);
+    pliant_status status = pliant_set_contact_points(data);
     if (status != PLIANT_OK) return status;
     return pliant_solver_step(data->solver, &data->statistics);
 }
@@ -40,7 +40,7 @@ static pliant_status upsample(const pliant_model *model, pliant_data *data)
 {
     (void)model;
     pliant_upsample_positions(data->solver->system, data->solver->now.x, data->positions);
-    pliant_pull_report(data);
+    pliant_report_grasps(data);
     return PLIANT_OK;
 }
 
@@ -61,7 +61,7 @@ static pliant_status create(const pliant_model *model, pliant_data *data)
 
 bool pliant_positions_are_state(const pliant_data *data)
 {
-    return data->solver && !data->backend->on_host && !data->falling &&
+    return data->solver && !data->backend->on_host && !data->rigid_pieces &&
            data->solver->system->mesh == data->solver->system->fine;
 }
 
@@ -92,7 +92,7 @@ static pliant_status interact(const pliant_model *model, pliant_data *data)
     for (int t = 0; t < data->num_tools; t++) {
         bool begins = data->tools[t].holding && !data->tools[t].attached; /* starts from the present state */
         if (begins && data->backend->download) data->backend->download(model, data);
-        if ((status = pliant_pull(model, data, t)) != PLIANT_OK) return status;
+        if ((status = pliant_set_grasp_constraint(model, data, t)) != PLIANT_OK) return status;
     }
     return PLIANT_OK;
 }
@@ -106,22 +106,22 @@ static void set_positions(const pliant_model *model, pliant_data *data, const do
         const int32_t node = system->node_of_free[f], fine = pliant_fine_of_solved(system, data->body, node);
         if (fine >= 0) memcpy(solver->now.x + 3 * node, positions + 3 * fine, 3 * sizeof *positions);
     }
-    pliant_solver_moved(solver);
+    pliant_solver_reset_after_move(solver);
     pliant_upsample_positions(system, solver->now.x, data->positions);
-    if (data->patch) pliant_patch_flatten(data->patch);
+    if (data->patch) pliant_patch_clear_displacement(data->patch);
 }
 
 static void limits(pliant_data *data, int iterations, double tolerance)
 {
-    data->solver->rules.most_evaluations = iterations;
+    data->solver->rules.max_evaluations = iterations;
     data->solver->rules.tolerance = tolerance;
-    data->solver->asked.converged = false; /* it may not have converged with the new limits */
+    data->solver->previous.converged = false; /* it may not have converged with the new limits */
 }
 
-static void fell_back(pliant_data *data)
+static void discard_results(pliant_data *data)
 {
-    pliant_solver_forget(data->solver);
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) data->solver->handles[t].response_of = 0;
+    pliant_solver_drop_history(data->solver);
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) data->solver->grasps[t].response_of = 0;
 }
 
 const pliant_host_solver pliant_corotational = {
@@ -131,7 +131,7 @@ const pliant_host_solver pliant_corotational = {
     .interact = interact,
     .set_positions = set_positions,
     .limits = limits,
-    .fell_back = fell_back,
+    .discard_results = discard_results,
     .cpu = &pliant_cpu_backend,
     .cuda = PLIANT_ON_GPU(pliant_cuda_backend),
 };

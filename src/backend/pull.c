@@ -8,24 +8,24 @@
 
 /* ---- Rigid tools at one point (state/shared_hold.h). */
 
-static bool share_a_point(const pliant_data *data, int a, int b)
+static bool hold_same_point(const pliant_data *data, int a, int b)
 {
-    return pliant_hold_one_point(&data->body->fine, data->tools + a, data->tools + b) &&
+    return pliant_holds_coincide(&data->body->fine, data->tools + a, data->tools + b) &&
            pliant_patch_solver(data, a) == pliant_patch_solver(data, b);
 }
 
-int pliant_pull_leader(const pliant_data *data, int index)
+int pliant_grasp_leader(const pliant_data *data, int index)
 {
     for (int t = 0; t < index; t++)
-        if (share_a_point(data, t, index) && pliant_pull_leader(data, t) == t) return t;
+        if (hold_same_point(data, t, index) && pliant_grasp_leader(data, t) == t) return t;
     return index;
 }
 
-int pliant_pull_members(const pliant_data *data, int leader, int member[PLIANT_MAX_TOOLS])
+int pliant_grasp_members(const pliant_data *data, int leader, int member[PLIANT_MAX_TOOLS])
 {
     int count = 0;
     for (int t = leader; t < data->num_tools; t++)
-        if (pliant_pull_leader(data, t) == leader) member[count++] = t;
+        if (pliant_grasp_leader(data, t) == leader) member[count++] = t;
     return count;
 }
 
@@ -33,7 +33,7 @@ int pliant_pull_members(const pliant_data *data, int leader, int member[PLIANT_M
 static void share_target(const pliant_data *data, int leader, double target[3])
 {
     int member[PLIANT_MAX_TOOLS];
-    const int count = pliant_pull_members(data, leader, member);
+    const int count = pliant_grasp_members(data, leader, member);
     const double *held = data->tools[leader].held_point,
                  own[3] = {target[0] - held[0], target[1] - held[1], target[2] - held[2]};
     for (int m = 1; m < count; m++) {
@@ -47,7 +47,7 @@ static void share_target(const pliant_data *data, int leader, double target[3])
 /* Set the target of a spring k and a parallel damper b over a step h. The law k (p - y) + b ((p - p0) - (y - y0)) / h =
  * l is a spring of stiffness k + b / h towards (k p + b (p - p0 + y0) / h) / (k + b / h). The weight of the tool's mass
  * shifts the target. */
-static void aim(const pliant_tool *tool, double step, const double gravity[3], pliant_handle *handle)
+static void aim(const pliant_tool *tool, double step, const double gravity[3], pliant_grasp_constraint *handle)
 {
     double damper = pliant_tool_drive(tool) == PLIANT_DRIVE_SPRING ? pliant_tool_damping(tool) / step : 0;
     double stiffness = pliant_tool_stiffness(tool), whole = stiffness + damper;
@@ -60,21 +60,21 @@ static void aim(const pliant_tool *tool, double step, const double gravity[3], p
     handle->compliance = pliant_tool_drive(tool) == PLIANT_DRIVE_RIGID ? 0 : 1 / whole;
 }
 
-pliant_status pliant_pull(const pliant_model *model, pliant_data *data, int index)
+pliant_status pliant_set_grasp_constraint(const pliant_model *model, pliant_data *data, int index)
 {
     pliant_tool *tool = data->tools + index;
     pliant_solver *solver = pliant_patch_solver(data, index);
-    pliant_handle *handle = solver->handles + index;
-    const int leader = pliant_pull_leader(data, index);
+    pliant_grasp_constraint *handle = solver->grasps + index;
+    const int leader = pliant_grasp_leader(data, index);
     if (!tool->holding || leader != index) {
-        if (handle->active) pliant_solver_release(solver, index);
+        if (handle->active) pliant_solver_remove_grasp(solver, index);
         for (int d = 0; d < 3; d++) tool->last_target[d] = tool->tip[d] - tool->grip[d];
         tool->attached = tool->holding;
         return PLIANT_OK;
     }
     /* Weights through homogenized shape functions rotate with the elements, so they are recomputed in every step. */
     bool turning = solver == data->solver && pliant_upsample_turns(solver->system);
-    if (!tool->attached && handle->active) pliant_solver_release(solver, index); /* a new hold */
+    if (!tool->attached && handle->active) pliant_solver_remove_grasp(solver, index); /* a new hold */
     if (!tool->attached || !handle->active || turning) {
         pliant_status status = pliant_patch_hold(data, index);
         if (status != PLIANT_OK) return status;
@@ -83,7 +83,7 @@ pliant_status pliant_pull(const pliant_model *model, pliant_data *data, int inde
         tool->attached = true;
     }
     bool by_force = pliant_tool_drive(tool) == PLIANT_DRIVE_FORCE;
-    if (handle->by_force != by_force) pliant_solver_forget(solver);
+    if (handle->by_force != by_force) pliant_solver_drop_history(solver);
     handle->by_force = by_force;
     for (int d = 0; by_force && d < 3; d++) handle->force[d] = tool->driving_force[d] + tool->mass * data->gravity[d];
     if (!by_force) aim(tool, model->scene.solver.step, data->gravity, handle);
@@ -92,14 +92,14 @@ pliant_status pliant_pull(const pliant_model *model, pliant_data *data, int inde
     return PLIANT_OK;
 }
 
-void pliant_pull_report(pliant_data *data)
+void pliant_report_grasps(pliant_data *data)
 {
     for (int t = 0; t < data->num_tools; t++) {
         int member[PLIANT_MAX_TOOLS];
-        const int leader = pliant_pull_leader(data, t), count = pliant_pull_members(data, leader, member);
+        const int leader = pliant_grasp_leader(data, t), count = pliant_grasp_members(data, leader, member);
         double force[3];
         for (int d = 0; data->solver && d < 3; d++)
-            force[d] = pliant_patch_solver(data, leader)->handles[leader].force[d] / count;
+            force[d] = pliant_patch_solver(data, leader)->grasps[leader].force[d] / count;
         pliant_tool_report(data, t, data->solver ? force : NULL);
     }
 }

@@ -19,7 +19,7 @@ pliant_status pliant_tled_upsample(const pliant_model *model, pliant_data *data)
     (void)model;
     for (int32_t n = 0; n < 3 * data->body->fine.num_nodes; n++)
         data->positions[n] = data->body->fine.rest[n] + data->tled->u[n];
-    pliant_pull_report(data);
+    pliant_report_grasps(data);
     return PLIANT_OK;
 }
 
@@ -84,14 +84,14 @@ pliant_status pliant_data_get_dynamics(const pliant_model *model, const pliant_d
     if (!data->tled)
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "there is no explicit dynamics: solver/kind is not tled");
     const pliant_tled_system *system = data->tled->system;
-    pliant_dynamics told = {.edge_bound = system->edge_bound, .eigenvalue_bound = system->eigenvalue_bound,
+    pliant_dynamics dynamics = {.edge_bound = system->edge_bound, .eigenvalue_bound = system->eigenvalue_bound,
                             .time_step = data->tled->time_step, .substeps = data->tled->substeps};
-    pliant_tled_energies(data->tled, data->body->fine_material, &told.kinetic_energy, &told.strain_energy,
-                         &told.kept_energy);
+    pliant_tled_energies(data->tled, data->body->fine_material, &dynamics.kinetic_energy, &dynamics.strain_energy,
+                         &dynamics.kept_energy);
     if (system->quasi_static) {
-        told.kinetic_energy = 0;
-        told.kept_energy = told.strain_energy;
+        dynamics.kinetic_energy = 0;
+        dynamics.kept_energy = dynamics.strain_energy;
     }
-    *out = told;
+    *out = dynamics;
     return PLIANT_OK;
 }

@@ -14,7 +14,7 @@ typedef struct pliant_account pliant_account;
 /* Open an account. It exists until it is closed by all holders and its last block is freed. NULL: out of memory. */
 pliant_account *pliant_account_open(void);
 /* Add a holder to an account. Nullable */
-pliant_account *pliant_account_share(pliant_account *of);
+pliant_account *pliant_account_retain(pliant_account *of);
 void pliant_account_close(pliant_account *of); /* Nullable */
 /* Use an account for the calling thread's allocations. NULL, the initial state: no account. Return the previous
  * account. */

@@ -74,13 +74,13 @@ bool pliant_dense_solve(int32_t n, double *a, int32_t columns, double *right)
 int32_t pliant_dense_root(int32_t n, const double *a, double *root)
 {
     const double rounding = 1e-13;
-    double *left = root + (int64_t)(n - 1) * n, most = 0;
-    for (int32_t i = 0; i < n; i++) most = fmax(most, left[i] = a[(int64_t)i * (n + 1)]);
+    double *left = root + (int64_t)(n - 1) * n, maximum = 0;
+    for (int32_t i = 0; i < n; i++) maximum = fmax(maximum, left[i] = a[(int64_t)i * (n + 1)]);
     for (int32_t rank = 0; rank < n; rank++) {
         int32_t pivot = 0;
         for (int32_t i = 1; i < n; i++)
             if (left[i] > left[pivot]) pivot = i;
-        if (!(left[pivot] > rounding * most)) return rank;
+        if (!(left[pivot] > rounding * maximum)) return rank;
         double *row = root + (int64_t)rank * n, scale = sqrt(left[pivot]);
         if (rank + 1 == n) { /* the last row replaces the remaining diagonal, which has one nonzero entry */
             for (int32_t i = 0; i < n; i++) row[i] = i == pivot ? scale : 0;

@@ -35,7 +35,7 @@ double pliant_free_memory(void)
     return fmin(available, fmax(limit - used + fmax(cache, 0.0), 0.0));
 }
 
-pliant_status pliant_memory_suffices(double bytes, const char *what)
+pliant_status pliant_memory_check(double bytes, const char *what)
 {
     if (bytes < SMALL) return PLIANT_OK;
     double available = pliant_free_memory();

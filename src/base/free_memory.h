@@ -13,7 +13,7 @@ double pliant_free_memory(void);
 
 /* Check whether `bytes` fit in the free memory. Small amounts always fit. Errors: MEMORY, with `what` and both
  * figures. */
-pliant_status pliant_memory_suffices(double bytes, const char *what);
+pliant_status pliant_memory_check(double bytes, const char *what);
 
 #ifdef __cplusplus
 }

@@ -1,7 +1,7 @@
 #include "base/memory.h"
 
 #include "base/account.h"
-#include "base/room.h"
+#include "base/buffer.h"
 
 #include <pthread.h>
 #include <stdatomic.h>
@@ -17,7 +17,7 @@ enum { ALIGNMENT = 64 };
 typedef struct header {
     void *base;   /* address returned by the system */
     size_t bytes; /* requested size */
-    size_t room;  /* capacity */
+    size_t capacity;  /* capacity */
     bool pages;   /* no other block is on its pages */
     /* Nullable: (pieces of the capacity) stamps of an array with versions. Pieces with equal stamps at the same offset
      * have equal content. */
@@ -38,7 +38,7 @@ static const size_t large = 1 << 18;
 /* The same for versions of arrays, which are compared in pieces. */
 static const size_t large_series = 1 << 14;
 
-enum { MOST_KEPT = 128, PIECE = 4096 };
+enum { MAX_KEPT = 128, PIECE = 4096 };
 
 /* Minimum size for large pages, if the system has them. */
 static const size_t huge = 1 << 22;
@@ -49,7 +49,7 @@ static struct {
     int64_t limit; /* [bytes] */
     size_t bytes;
     int count;
-    header *block[MOST_KEPT];
+    header *block[MAX_KEPT];
 } kept = {.lock = PTHREAD_MUTEX_INITIALIZER};
 
 static atomic_size_t in_use, peak;
@@ -59,7 +59,7 @@ static _Thread_local pliant_account *account; /* Nullable: account of the thread
 static atomic_uint_least64_t last_stamp;
 static atomic_llong calls_left = -1;
 
-static int fails_now(void)
+static int must_fail(void)
 {
     long long left = atomic_load(&calls_left);
     while (left >= 0)
@@ -87,7 +87,7 @@ static void enter(header *block, size_t bytes)
 {
     block->bytes = bytes;
     atomic_store_explicit(&block->others, 0, memory_order_relaxed);
-    block->account = pliant_account_share(account);
+    block->account = pliant_account_retain(account);
     count(block, bytes);
 }
 
@@ -97,7 +97,7 @@ static size_t pieces_of(size_t bytes) { return (bytes + PIECE - 1) / PIECE; }
 
 static uint64_t new_stamp(void) { return atomic_fetch_add(&last_stamp, 1) + 1; }
 
-static void give_back(header *block)
+static void return_to_system(header *block)
 {
     free(block->stamp);
     free(block->base);
@@ -107,7 +107,7 @@ static void give_back(header *block)
 
 /* Return the capacity for a size. Large blocks have few sizes, so that they can be reused. With a memory checker,
  * capacities are exact, so that writes behind a block are detected. */
-static size_t room_for(size_t bytes, bool series)
+static size_t capacity_for(size_t bytes, bool series)
 {
     size_t step = 1;
 #ifdef __SANITIZE_ADDRESS__
@@ -118,22 +118,22 @@ static size_t room_for(size_t bytes, bool series)
     return (bytes + step - 1) / step * step;
 }
 
-static header *remove_kept(int place)
+static header *remove_reserved(int place)
 {
     header *block = kept.block[place];
-    kept.bytes -= block->room;
+    kept.bytes -= block->capacity;
     kept.count--;
     memmove(kept.block + place, kept.block + place + 1, (size_t)(kept.count - place) * sizeof *kept.block);
     return block;
 }
 
-static header *take_kept(size_t room)
+static header *take_reserved(size_t capacity)
 {
     header *found = NULL;
-    if (room < large || apart) return NULL;
+    if (capacity < large || apart) return NULL;
     pthread_mutex_lock(&kept.lock);
     for (int b = kept.count - 1; b >= 0 && !found; b--)
-        if (kept.block[b]->room == room && !kept.block[b]->stamp) found = remove_kept(b);
+        if (kept.block[b]->capacity == capacity && !kept.block[b]->stamp) found = remove_reserved(b);
     pthread_mutex_unlock(&kept.lock);
     return found;
 }
@@ -146,21 +146,22 @@ static size_t count_alike(const header *a, const header *b, size_t pieces)
 }
 
 /* Take the fitting block that has the most content in common with another one. other: Nullable */
-static header *take_alike(const header *other, size_t room)
+static header *take_alike(const header *other, size_t capacity)
 {
     int best = -1;
-    size_t most = 0;
+    size_t maximum = 0;
     pthread_mutex_lock(&kept.lock);
     for (int b = kept.count - 1; b >= 0; b--) {
-        if (kept.block[b]->room != room || !kept.block[b]->stamp) continue;
-        const size_t alike = other && other->stamp
-                                 ? count_alike(other, kept.block[b], pieces_of(room < other->room ? room : other->room))
-                                 : 0;
-        if (best >= 0 && alike <= most) continue;
+        if (kept.block[b]->capacity != capacity || !kept.block[b]->stamp) continue;
+        const size_t alike =
+            other && other->stamp
+                ? count_alike(other, kept.block[b], pieces_of(capacity < other->capacity ? capacity : other->capacity))
+                : 0;
+        if (best >= 0 && alike <= maximum) continue;
         best = b;
-        most = alike;
+        maximum = alike;
     }
-    header *found = best < 0 ? NULL : remove_kept(best);
+    header *found = best < 0 ? NULL : remove_reserved(best);
     pthread_mutex_unlock(&kept.lock);
     return found;
 }
@@ -168,37 +169,37 @@ static header *take_alike(const header *other, size_t room)
 /* Free the oldest blocks first. */
 static void release_above(int64_t bytes, int blocks)
 {
-    while (kept.count > 0 && ((int64_t)kept.bytes > bytes || kept.count > blocks)) give_back(remove_kept(0));
+    while (kept.count > 0 && ((int64_t)kept.bytes > bytes || kept.count > blocks)) return_to_system(remove_reserved(0));
 }
 
 static bool keep(header *block)
 {
     /* The first version of an array may have an unusual size. */
-    const bool fits = block->room == room_for(block->room, block->stamp != NULL);
-    if (!fits || block->room < (block->stamp ? large_series : large) || (apart && !block->stamp)) return false;
+    const bool fits = block->capacity == capacity_for(block->capacity, block->stamp != NULL);
+    if (!fits || block->capacity < (block->stamp ? large_series : large) || (apart && !block->stamp)) return false;
     pthread_mutex_lock(&kept.lock);
-    const bool keeps = (int64_t)block->room <= kept.limit / 2;
+    const bool keeps = (int64_t)block->capacity <= kept.limit / 2;
     if (keeps) {
-        release_above(kept.limit - (int64_t)block->room, MOST_KEPT - 1);
+        release_above(kept.limit - (int64_t)block->capacity, MAX_KEPT - 1);
         kept.block[kept.count++] = block;
-        kept.bytes += block->room;
+        kept.bytes += block->capacity;
     }
     pthread_mutex_unlock(&kept.lock);
     return keeps;
 }
 
-void pliant_memory_keep(int64_t bytes)
+void pliant_memory_change_reserve(int64_t bytes)
 {
     pthread_mutex_lock(&kept.lock);
     kept.limit += bytes;
-    release_above(kept.limit, MOST_KEPT);
+    release_above(kept.limit, MAX_KEPT);
     pthread_mutex_unlock(&kept.lock);
 }
 
-void pliant_memory_apart(void) { apart = true; }
-int64_t pliant_memory_taken(void) { return taken; }
+void pliant_memory_set_background(void) { apart = true; }
+int64_t pliant_memory_thread_bytes(void) { return taken; }
 
-size_t pliant_memory_kept(void)
+size_t pliant_memory_reserved(void)
 {
     pthread_mutex_lock(&kept.lock);
     const size_t bytes = kept.bytes;
@@ -209,14 +210,14 @@ size_t pliant_memory_kept(void)
 /* ---- Blocks. */
 
 /* Allocate a block whose header precedes an aligned address. */
-static header *from_system(size_t room, size_t alignment)
+static header *from_system(size_t capacity, size_t alignment)
 {
-    char *base = calloc(room + ALIGNMENT + alignment, 1); /* calloc skips pages that are already clear */
+    char *base = calloc(capacity + ALIGNMENT + alignment, 1); /* calloc skips pages that are already clear */
     if (!base) return NULL;
     char *aligned = base + ALIGNMENT + (alignment - ((uintptr_t)base + ALIGNMENT) % alignment) % alignment;
     header *block = header_of(aligned);
     block->base = base;
-    block->room = room;
+    block->capacity = capacity;
     return block;
 }
 
@@ -225,9 +226,10 @@ static header *from_system(size_t room, size_t alignment)
 static void find_pages(const header *block, bool written)
 {
     const uintptr_t page = (uintptr_t)sysconf(_SC_PAGESIZE), begin = ((uintptr_t)block->base + page - 1) / page * page;
-    const uintptr_t end = ((uintptr_t)block + ALIGNMENT + block->room) / page * page;
+    const uintptr_t end = ((uintptr_t)block + ALIGNMENT + block->capacity) / page * page;
     if (begin >= end) return;
-    if (block->room >= huge) madvise((void *)begin, end - begin, MADV_HUGEPAGE); /* advice that the system may ignore */
+    if (block->capacity >= huge)
+        madvise((void *)begin, end - begin, MADV_HUGEPAGE); /* advice that the system may ignore */
 #ifdef MADV_POPULATE_WRITE
     if (written) madvise((void *)begin, end - begin, MADV_POPULATE_WRITE);
 #else
@@ -237,17 +239,17 @@ static void find_pages(const header *block, bool written)
 
 static bool may_be(size_t number, size_t size)
 {
-    return number > 0 && size > 0 && number <= (SIZE_MAX / 2 - 2 * ALIGNMENT) / size && !fails_now();
+    return number > 0 && size > 0 && number <= (SIZE_MAX / 2 - 2 * ALIGNMENT) / size && !must_fail();
 }
 
 static void *allocate(size_t bytes, bool clear)
 {
-    const size_t room = room_for(bytes, false);
-    header *block = take_kept(room);
+    const size_t capacity = capacity_for(bytes, false);
+    header *block = take_reserved(capacity);
     if (block && clear) memset((char *)block + ALIGNMENT, 0, bytes);
     if (!block) {
-        if (!(block = from_system(room, ALIGNMENT))) return NULL;
-        if (room >= large) find_pages(block, !clear);
+        if (!(block = from_system(capacity, ALIGNMENT))) return NULL;
+        if (capacity >= large) find_pages(block, !clear);
     }
     enter(block, bytes);
     return (char *)block + ALIGNMENT;
@@ -255,7 +257,7 @@ static void *allocate(size_t bytes, bool clear)
 
 void *pliant_calloc(size_t number, size_t size) { return may_be(number, size) ? allocate(number * size, true) : NULL; }
 
-void *pliant_pages(size_t number, size_t size)
+void *pliant_calloc_pages(size_t number, size_t size)
 {
 #ifdef __SANITIZE_ADDRESS__
     return pliant_calloc(number, size); /* exact size, so that writes behind it are detected */
@@ -269,21 +271,21 @@ void *pliant_pages(size_t number, size_t size)
     return (char *)block + ALIGNMENT;
 }
 
-bool pliant_has_pages(const void *block) { return ((const header *)((const char *)block - ALIGNMENT))->pages; }
+bool pliant_is_on_own_pages(const void *block) { return ((const header *)((const char *)block - ALIGNMENT))->pages; }
 
-void *pliant_room(size_t number, size_t size) { return may_be(number, size) ? allocate(number * size, false) : NULL; }
+void *pliant_malloc(size_t number, size_t size) { return may_be(number, size) ? allocate(number * size, false) : NULL; }
 
-void *pliant_copy_of(const void *from, size_t number, size_t size)
+void *pliant_copy_block(const void *from, size_t number, size_t size)
 {
     if (number == 0) return pliant_calloc(1, size);
-    void *made = pliant_room(number, size);
+    void *made = pliant_malloc(number, size);
     if (made) memcpy(made, from, number * size);
     return made;
 }
 
 /* ---- Versions of an array. */
 
-static void stamp_anew(header *block, size_t from, size_t to)
+static void stamp_new_versions(header *block, size_t from, size_t to)
 {
     const uint64_t stamp = new_stamp();
     for (size_t p = from / PIECE; p < pieces_of(to); p++) block->stamp[p] = stamp;
@@ -291,12 +293,13 @@ static void stamp_anew(header *block, size_t from, size_t to)
 
 /* Stamp the first version of an array, such as an array from load time, which other threads may read. Later versions
  * then share its stamps. Without memory for stamps, the content is copied once more. */
-static void stamp_first(header *block)
+static void create_stamps(header *block)
 {
-    uint64_t *none = NULL,
-             *made = block->stamp || block->bytes < large_series ? NULL : calloc(pieces_of(block->room), sizeof *made);
+    uint64_t *none = NULL, *made = block->stamp || block->bytes < large_series
+                                       ? NULL
+                                       : calloc(pieces_of(block->capacity), sizeof *made);
     if (!made) return;
-    for (size_t p = 0; p < pieces_of(block->room); p++) made[p] = new_stamp();
+    for (size_t p = 0; p < pieces_of(block->capacity); p++) made[p] = new_stamp();
     if (!atomic_compare_exchange_strong(&block->stamp, &none, made)) free(made);
 }
 
@@ -315,21 +318,21 @@ static void follow(header *block, const header *from, size_t kept_bytes)
     }
     if (block->bytes == kept_bytes) return;
     memset(to + kept_bytes, 0, block->bytes - kept_bytes);
-    stamp_anew(block, kept_bytes, block->bytes);
+    stamp_new_versions(block, kept_bytes, block->bytes);
 }
 
 static void *next_of(header *from, size_t kept_bytes, size_t bytes)
 {
-    const size_t room = room_for(bytes, true);
-    stamp_first(from);
-    header *block = take_alike(from, room);
+    const size_t capacity = capacity_for(bytes, true);
+    create_stamps(from);
+    header *block = take_alike(from, capacity);
     if (!block) {
-        if (!(block = from_system(room, ALIGNMENT))) return NULL;
-        if (fails_now() || !(block->stamp = calloc(pieces_of(room), sizeof *block->stamp))) {
-            give_back(block);
+        if (!(block = from_system(capacity, ALIGNMENT))) return NULL;
+        if (must_fail() || !(block->stamp = calloc(pieces_of(capacity), sizeof *block->stamp))) {
+            return_to_system(block);
             return NULL;
         }
-        if (room >= large_series) find_pages(block, true);
+        if (capacity >= large_series) find_pages(block, true);
     }
     block->bytes = bytes;
     follow(block, from, kept_bytes);
@@ -337,16 +340,16 @@ static void *next_of(header *from, size_t kept_bytes, size_t bytes)
     return (char *)block + ALIGNMENT;
 }
 
-void *pliant_next_of(const void *from, size_t kept_elements, size_t number, size_t size)
+void *pliant_next_version(const void *from, size_t kept_elements, size_t number, size_t size)
 {
     if (number == 0) return pliant_calloc(1, size);
     return may_be(number, size) ? next_of(header_of(from), kept_elements * size, number * size) : NULL;
 }
 
-void pliant_writes(void *array, size_t first, size_t number, size_t size)
+void pliant_mark_written(void *array, size_t first, size_t number, size_t size)
 {
     header *block = header_of(array);
-    if (block->stamp && number > 0) stamp_anew(block, first * size, (first + number) * size);
+    if (block->stamp && number > 0) stamp_new_versions(block, first * size, (first + number) * size);
 }
 
 bool pliant_next_difference(const void *now, const void *before, size_t bytes, size_t *from, size_t *to)
@@ -371,15 +374,16 @@ bool pliant_next_difference(const void *now, const void *before, size_t bytes, s
 /* Change the size within the capacity. Return false if the capacity is too small. */
 static bool stretch(header *block, size_t bytes)
 {
-    if (block->room < (block->stamp ? large_series : large) || room_for(bytes, block->stamp != NULL) != block->room)
+    if (block->capacity < (block->stamp ? large_series : large) ||
+        capacity_for(bytes, block->stamp != NULL) != block->capacity)
         return false;
     if (bytes > block->bytes) {
         memset((char *)block + ALIGNMENT + block->bytes, 0, bytes - block->bytes);
-        if (block->stamp) stamp_anew(block, block->bytes, bytes);
+        if (block->stamp) stamp_new_versions(block, block->bytes, bytes);
         count(block, bytes - block->bytes);
     } else {
         uncount(block, block->bytes - bytes);
-        if (block->stamp) stamp_anew(block, bytes, bytes);
+        if (block->stamp) stamp_new_versions(block, bytes, bytes);
     }
     block->bytes = bytes;
     return true;
@@ -412,7 +416,7 @@ bool pliant_grow(void *array, size_t number, size_t size)
     return true;
 }
 
-void *pliant_share(void *block)
+void *pliant_retain_block(void *block)
 {
     if (block) atomic_fetch_add_explicit(&header_of(block)->others, 1, memory_order_relaxed);
     return block;
@@ -432,7 +436,7 @@ void pliant_free(void *block)
     if (!is_last(own)) return;
     pliant_account *of = own->account;
     uncount(own, own->bytes);
-    if (!keep(own)) give_back(own);
+    if (!keep(own)) return_to_system(own);
     pliant_account_close(of);
 }
 
@@ -448,10 +452,10 @@ pliant_account *pliant_account_open(void)
     pliant_account *before = pliant_account_use(NULL), *made = pliant_calloc(1, sizeof *made);
     pliant_account_use(before);
     if (made) atomic_store(&made->bytes, sizeof *made);
-    return pliant_account_share(made);
+    return pliant_account_retain(made);
 }
 
-pliant_account *pliant_account_share(pliant_account *of)
+pliant_account *pliant_account_retain(pliant_account *of)
 {
     if (of) atomic_fetch_add(&of->holders, 1);
     return of;

@@ -8,7 +8,7 @@
 #include <string.h>
 #include <unistd.h>
 
-int pliant_open_beside(const char *target, char temporary[PATH_MAX])
+int pliant_open_temporary(const char *target, char temporary[PATH_MAX])
 {
     static atomic_uint counter;
     const char *slash = strrchr(target, '/');

@@ -10,7 +10,7 @@ extern "C" {
 
 /* Create an empty file in the target's folder with a unique name, open for writing. Return its descriptor, or -1 with
  * errno. temporary: out: its name; the caller renames it to the target, or unlinks it. */
-int pliant_open_beside(const char *target, char temporary[PATH_MAX]);
+int pliant_open_temporary(const char *target, char temporary[PATH_MAX]);
 
 #ifdef __cplusplus
 }

@@ -9,18 +9,18 @@
 #include <stdio.h>
 #include <sys/resource.h>
 
-int pliant_threads_of(int wanted) { return wanted > 0 ? wanted : omp_get_max_threads(); }
+int pliant_threads_or_cores(int wanted) { return wanted > 0 ? wanted : omp_get_max_threads(); }
 
 int pliant_threads_begin(int wanted)
 {
     int before = omp_get_max_threads();
-    omp_set_num_threads(pliant_threads_of(wanted));
+    omp_set_num_threads(pliant_threads_or_cores(wanted));
     return before;
 }
 
 void pliant_threads_end(int before) { omp_set_num_threads(before); }
 
-void pliant_threads_step_back(void)
+void pliant_threads_lower_priority(void)
 {
 #ifdef __linux__
     const int nicer = 5; /* a higher value would delay background work on a busy machine until steps wait for it */
@@ -32,7 +32,7 @@ void pliant_threads_step_back(void)
 #endif
 }
 
-pliant_status pliant_work_done(pliant_work *work)
+pliant_status pliant_work_finish_item(pliant_work *work)
 {
     int32_t now;
     bool wanted = true;
@@ -46,7 +46,7 @@ pliant_status pliant_work_done(pliant_work *work)
     return wanted ? PLIANT_OK : PLIANT_ERROR_CANCELLED;
 }
 
-void pliant_work_leave(pliant_work *work, pliant_status status)
+void pliant_work_finish_thread(pliant_work *work, pliant_status status)
 {
 #pragma omp critical(pliant_work_worst)
     if (status < work->worst) {
@@ -55,7 +55,7 @@ void pliant_work_leave(pliant_work *work, pliant_status status)
     }
 }
 
-pliant_status pliant_work_outcome(const pliant_work *work)
+pliant_status pliant_work_result(const pliant_work *work)
 {
     if (work->worst == PLIANT_OK) return PLIANT_OK;
     if (work->worst == PLIANT_ERROR_CANCELLED) return pliant_fail(work->worst, "%s was cancelled", work->what);

@@ -9,7 +9,7 @@ extern "C" {
 #endif
 
 /* Return the requested number of threads; 0: the number of cores. */
-int pliant_threads_of(int wanted);
+int pliant_threads_or_cores(int wanted);
 
 /* Set the number of threads for parallel loops without an explicit number, such as loops over voxels. It affects the
  * calling thread. begin returns the number that end restores. */
@@ -17,7 +17,7 @@ int pliant_threads_begin(int wanted);
 void pliant_threads_end(int before);
 
 /* Lower the priority of the calling thread, which prepares later steps, below the threads of the present step. */
-void pliant_threads_step_back(void);
+void pliant_threads_lower_priority(void);
 
 /* Work items that threads take one after the other: number of finished items, and the worst error of any thread. */
 typedef struct pliant_work {
@@ -32,11 +32,11 @@ typedef struct pliant_work {
 } pliant_work;
 
 /* Record a finished item, from any thread. Return CANCELLED if the work shall stop. */
-pliant_status pliant_work_done(pliant_work *work);
+pliant_status pliant_work_finish_item(pliant_work *work);
 /* Call this from every thread after its last item. */
-void pliant_work_leave(pliant_work *work, pliant_status status);
+void pliant_work_finish_thread(pliant_work *work, pliant_status status);
 /* Return the result, in the thread that has waited for all others. */
-pliant_status pliant_work_outcome(const pliant_work *work);
+pliant_status pliant_work_result(const pliant_work *work);
 
 #ifdef __cplusplus
 }

@@ -72,7 +72,7 @@ pliant_status pliant_vtk_write(const char *path, bool is_surface, const char *co
                                const vtk_array *arrays, int num_arrays)
 {
     char temporary[PATH_MAX];
-    const int descriptor = pliant_open_beside(path, temporary);
+    const int descriptor = pliant_open_temporary(path, temporary);
     if (descriptor < 0)
         return pliant_fail(PLIANT_ERROR_FILE, "%s: cannot be written: no file can be created in its folder: %s", path,
                            strerror(errno));

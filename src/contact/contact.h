@@ -1,6 +1,6 @@
 /* Contact points of tissue with instruments, ground and tissue.
  *
- * Collision detection (find.h: rigid parts; tissue.h: tissue on tissue) writes contact points. The solvers
+ * Collision detection (part_contacts.h: rigid parts; tissue.h: tissue on tissue) writes contact points. The solvers
  * (fem/quasistatic, fem/dynamics) read only these points. The conditions at a contact point are:
  *     g(x) = n'(sum_k w_k x_k - p),   g >= 0,   l_n >= 0,   g l_n = 0   (Signorini),   |l_t| <= mu l_n   (Coulomb)
  * g is the gap. The weights w belong to fine nodes. They describe a point of the surface (sum 1). For tissue on
@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-/* worst case: a corner of a surface inside cubes and three others, four nodes each (outside.h) */
+/* worst case: a corner of a surface inside cubes and three others, four nodes each (contact_surface.h) */
 enum { PLIANT_CONTACT_NODES = 16 };
 
 /* The obstacle of a contact point. */
@@ -53,7 +53,7 @@ typedef struct pliant_contact_point {
 
 /* All contact points of a step, sorted by feature. */
 typedef struct pliant_contacts {
-    int32_t count, room;
+    int32_t count, capacity;
     pliant_contact_point *point;
 } pliant_contacts;
 
@@ -62,7 +62,7 @@ typedef struct pliant_contacts {
  * @param recovery maximum reduction of the penetration depth in the step [m]
  * @param stays fraction of the penetration depth that remains at least; with inertia, a sudden removal would add
  *   energy */
-PLIANT_INLINE double pliant_contact_left(double gap, double recovery, double stays)
+PLIANT_INLINE double pliant_contact_permitted_gap(double gap, double recovery, double stays)
 {
     return fmin(fmin(gap + recovery, gap * stays), 0.0);
 }
@@ -70,8 +70,8 @@ PLIANT_INLINE double pliant_contact_left(double gap, double recovery, double sta
 /* Copy force and anchor from the previous point of the same feature. The anchor moves with the obstacle. A change
  * of the weights is not counted as slip.
  * @param positions (fine nodes x 3) at the start of the step [m] */
-PLIANT_INLINE void pliant_contact_carry(const pliant_contact_point *before, const double *positions,
-                                        pliant_contact_point *now)
+PLIANT_INLINE void pliant_contact_warm_start(const pliant_contact_point *before, const double *positions,
+                                             pliant_contact_point *now)
 {
     for (int d = 0; d < 3; d++) {
         double moved = before->place[d] + now->drift[d] - now->place[d];

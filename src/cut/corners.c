@@ -22,11 +22,11 @@ typedef struct splitting {
     int32_t *own;        /* (num_fragments x 4) nodes of the fragments' corners */
     /* (num_moved x 2) 4 tetrahedron + corner, and its new node, for corners of untouched tetrahedra */
     int32_t *moved;
-    int32_t num_moved, moved_room;
-    int32_t copies, copy_room;
+    int32_t num_moved, moved_capacity;
+    int32_t copies, copy_capacity;
     element *around;     /* elements around the current node */
-    int32_t *part, count, room;
-    uint8_t *holds;      /* (room) per part: whether one of its voxels is adjacent to the node */
+    int32_t *part, count, capacity;
+    uint8_t *holds;      /* (capacity) per part: whether one of its voxels is adjacent to the node */
     /* (tetrahedra and fragments) connected component, by faces, of the elements around touched tetrahedra; -1: other
      * elements */
     int32_t *region;
@@ -42,7 +42,7 @@ static bool joined_at_load(const cut_work *work, int32_t s, int32_t t)
     const pliant_voxels *voxels = work->voxels;
     if (cut_share_face(work, s, t)) return true;
     for (int32_t e = voxels->beside_start[s]; e < voxels->beside_start[s + 1]; e++) {
-        const int32_t *ends = voxels->bridge + 2 * voxels->beside[e];
+        const int32_t *ends = voxels->bridge + 2 * voxels->adjacent[e];
         if (voxels->owner[ends[0]] == t || voxels->owner[ends[1]] == t) return true;
     }
     return false;
@@ -91,18 +91,18 @@ static bool joined(const cut_work *work, int32_t a, int32_t b)
 
 static pliant_status add_element(splitting *split, int32_t end, int32_t corner)
 {
-    if (split->count == split->room) {
-        const int32_t room = split->room > 0 ? 2 * split->room : 128;
-        element *around = pliant_resize(split->around, (size_t)room, sizeof *around);
+    if (split->count == split->capacity) {
+        const int32_t capacity = split->capacity > 0 ? 2 * split->capacity : 128;
+        element *around = pliant_resize(split->around, (size_t)capacity, sizeof *around);
         if (!around) return no_memory();
         split->around = around;
-        int32_t *part = pliant_resize(split->part, (size_t)room, sizeof *part);
+        int32_t *part = pliant_resize(split->part, (size_t)capacity, sizeof *part);
         if (!part) return no_memory();
         split->part = part;
-        uint8_t *holds = pliant_resize(split->holds, (size_t)room, 1);
+        uint8_t *holds = pliant_resize(split->holds, (size_t)capacity, 1);
         if (!holds) return no_memory();
         split->holds = holds;
-        split->room = room;
+        split->capacity = capacity;
     }
     split->around[split->count++] = (element){end, corner};
     if (split->region[end] < 0) {
@@ -125,7 +125,7 @@ static pliant_status find_around(splitting *split, int32_t node)
             if (tets[4 * (size_t)tet + corner] == node) status = add_element(split, tet, corner);
         } else if (state > 0) {
             for (int32_t f = work->first[state - 1]; f < work->first[state] && status == PLIANT_OK; f++)
-                if (work->fragment[f].into < 0 && tets[4 * (size_t)work->fragment[f].source + corner] == node)
+                if (work->fragment[f].receiver < 0 && tets[4 * (size_t)work->fragment[f].source + corner] == node)
                     status = add_element(split, work->body->fine.num_tets + f, corner);
         } else {
             for (int32_t f = work->cuts->start[-state - 1]; f < work->cuts->start[-state] && status == PLIANT_OK; f++)
@@ -138,7 +138,7 @@ static pliant_status find_around(splitting *split, int32_t node)
 
 /* Find the parts with a voxel adjacent to the node. A copy of a fixed node is fixed only for such a part, so that a
  * soft-tissue fragment is not attached to a node inside bone. */
-static void find_holds(splitting *split, int32_t node)
+static void find_adjacent_parts(splitting *split, int32_t node)
 {
     const cut_work *work = split->work;
     const pliant_geometry *geometry = &work->voxels->geometry;
@@ -155,7 +155,7 @@ static void find_holds(splitting *split, int32_t node)
             for (int32_t i = low[0]; i <= high[0]; i++) {
                 const int32_t voxel = i + geometry->size[0] * (j + geometry->size[1] * k);
                 if (work->voxels->owner[voxel] < 0) continue;
-                const int32_t end = cut_final(work, pliant_cut_end_of(work, voxel));
+                const int32_t end = cut_receiver(work, pliant_cut_end_of(work, voxel));
                 for (int32_t e = 0; e < split->count; e++)
                     if (split->around[e].end == end) split->holds[first_of(split->part, e)] = 1;
             }
@@ -168,12 +168,12 @@ static pliant_status move_corner(splitting *split, const element *one, int32_t n
         split->own[4 * (one->end - tets) + one->corner] = node;
         return PLIANT_OK;
     }
-    if (split->num_moved == split->moved_room) {
-        const int32_t room = split->moved_room > 0 ? 2 * split->moved_room : 128;
-        int32_t *longer = pliant_resize(split->moved, (size_t)room, 2 * sizeof *longer);
+    if (split->num_moved == split->moved_capacity) {
+        const int32_t capacity = split->moved_capacity > 0 ? 2 * split->moved_capacity : 128;
+        int32_t *longer = pliant_resize(split->moved, (size_t)capacity, 2 * sizeof *longer);
         if (!longer) return no_memory();
         split->moved = longer;
-        split->moved_room = room;
+        split->moved_capacity = capacity;
     }
     split->moved[2 * split->num_moved] = 4 * one->end + one->corner;
     split->moved[2 * split->num_moved++ + 1] = node;
@@ -183,12 +183,12 @@ static pliant_status move_corner(splitting *split, const element *one, int32_t n
 static pliant_status add_copy(splitting *split, uint8_t fixed)
 {
     cut_work *work = split->work;
-    if (split->copies == split->copy_room) {
-        const int32_t room = split->copy_room > 0 ? 2 * split->copy_room : 64;
-        uint8_t *longer = pliant_resize(work->copy_fixed, (size_t)room, 1);
+    if (split->copies == split->copy_capacity) {
+        const int32_t capacity = split->copy_capacity > 0 ? 2 * split->copy_capacity : 64;
+        uint8_t *longer = pliant_resize(work->copy_fixed, (size_t)capacity, 1);
         if (!longer) return no_memory();
         work->copy_fixed = longer;
-        split->copy_room = room;
+        split->copy_capacity = capacity;
     }
     work->copy_fixed[split->copies++] = fixed;
     return PLIANT_OK;
@@ -233,7 +233,7 @@ static pliant_status split_node(splitting *split, int32_t node)
     int32_t keeps = 0;
     bool any = false;
     if (fixed == PLIANT_FIXED_AT_REST) {
-        find_holds(split, node);
+        find_adjacent_parts(split, node);
         for (int32_t i = 0; i < split->count && !any; i++)
             if (part[i] == i && split->holds[i]) {
                 keeps = i;
@@ -295,7 +295,7 @@ static pliant_status number(splitting *split)
     work->num_tets = tets;
     for (int32_t f = 0; f < work->num_fragments; f++) {
         cut_fragment *one = work->fragment + f;
-        if (one->into < 0) one->number = one->stays ? one->source : work->num_tets++;
+        if (one->receiver < 0) one->number = one->stays ? one->source : work->num_tets++;
     }
     work->num_nodes = work->body->fine.num_nodes + split->copies;
     pliant_status status = list_changed(split);
@@ -310,7 +310,7 @@ static pliant_status number(splitting *split)
         work->corners[4 * cut_row(work, split->moved[2 * m] / 4) + split->moved[2 * m] % 4] = split->moved[2 * m + 1];
     for (int32_t f = 0; f < work->num_fragments; f++) {
         const cut_fragment *one = work->fragment + f;
-        if (one->into >= 0) continue;
+        if (one->receiver >= 0) continue;
         memcpy(work->corners + 4 * (size_t)cut_row(work, one->number), split->own + 4 * f, 4 * sizeof *split->own);
         if (one->number >= tets) work->tet_source[one->number - tets] = one->source;
     }
@@ -321,12 +321,12 @@ static pliant_status number(splitting *split)
 
 static pliant_status add_joint(cut_work *work, const element *own, const element *other)
 {
-    if (work->num_joints == work->joint_room) {
-        const int32_t room = work->joint_room > 0 ? 2 * work->joint_room : 64;
-        int32_t *longer = pliant_resize(work->joint, (size_t)room, 2 * sizeof *longer);
+    if (work->num_joints == work->joint_capacity) {
+        const int32_t capacity = work->joint_capacity > 0 ? 2 * work->joint_capacity : 64;
+        int32_t *longer = pliant_resize(work->joint, (size_t)capacity, 2 * sizeof *longer);
         if (!longer) return no_memory();
         work->joint = longer;
-        work->joint_room = room;
+        work->joint_capacity = capacity;
     }
     work->joint[2 * work->num_joints] = 4 * cut_number(work, own->end) + own->corner;
     work->joint[2 * work->num_joints++ + 1] = 4 * cut_number(work, other->end) + other->corner;
@@ -336,7 +336,7 @@ static pliant_status add_joint(cut_work *work, const element *own, const element
 /* List the nodes that joints keep together, as pairs (root, node) in ascending order. Return the number of pairs.
  * part: (fine.num_nodes) buffer
  * hung: output, (2 joints x 2) */
-static int32_t list_hung(const pliant_body *body, int32_t *part, int32_t *hung)
+static int32_t list_jointed_nodes(const pliant_body *body, int32_t *part, int32_t *hung)
 {
     const int32_t *joint = body->pieces->joint, joints = body->pieces->num_joints + body->pieces->num_inner;
     for (int32_t n = 0; n < body->fine.num_nodes; n++) part[n] = n;
@@ -349,7 +349,7 @@ static int32_t list_hung(const pliant_body *body, int32_t *part, int32_t *hung)
 }
 
 /* Add joints between corners that are still joined around nodes that joints have kept together. */
-static pliant_status keep_together(splitting *split, int32_t count, const int32_t *hung)
+static pliant_status keep_nodes_joined(splitting *split, int32_t count, const int32_t *hung)
 {
     cut_work *work = split->work;
     pliant_status status = PLIANT_OK;
@@ -395,10 +395,10 @@ static pliant_status keep_joints(splitting *split)
     /* an empty list also needs memory, because NULL means that joints are unchanged */
     split->work->joint = pliant_calloc(1, 2 * sizeof *split->work->joint);
     pliant_status status = part && hung && split->work->joint ? PLIANT_OK : no_memory();
-    const int32_t count = status == PLIANT_OK ? list_hung(body, part, hung) : 0;
+    const int32_t count = status == PLIANT_OK ? list_jointed_nodes(body, part, hung) : 0;
     for (int32_t i = 0, next; i < count && status == PLIANT_OK; i = next) {
         for (next = i; next < count && hung[2 * next] == hung[2 * i];) next++;
-        status = keep_together(split, next - i, hung + 2 * i);
+        status = keep_nodes_joined(split, next - i, hung + 2 * i);
     }
     for (int32_t j = 0; j < pieces->num_joints && status == PLIANT_OK; j++)
         if (pieces->joint[2 * j] == pieces->joint[2 * j + 1]) status = keep_fixed(split, pieces->joint[2 * j]);
@@ -416,7 +416,7 @@ pliant_status pliant_cut_corners(cut_work *work)
     if (split.region) memset(split.region, 0xff, ends * sizeof *split.region);
     pliant_status status = split.own && split.region ? split_nodes(&split) : no_memory();
     if (status == PLIANT_OK) {
-        work->in_one = split.regions == 1;
+        work->is_still_connected = split.regions == 1;
         status = number(&split);
         if (status == PLIANT_OK) status = keep_joints(&split);
     }

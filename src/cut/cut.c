@@ -16,7 +16,7 @@ static uint8_t material_of(const cut_work *work, int32_t voxel)
     return voxels->material[voxels->start[tet] + pliant_voxel_in(voxels, tet, voxel)];
 }
 
-static void tell_severed(const cut_work *work, const pliant_cut_sweep *sweep, pliant_cut_report *report)
+static void report_severed_links(const cut_work *work, const pliant_cut_sweep *sweep, pliant_cut_report *report)
 {
     const pliant_voxels *voxels = work->voxels;
     report->num_links = work->num_links;
@@ -47,7 +47,7 @@ static pliant_status divide(cut_work *work, uint64_t revision, pliant_body **out
                                       .copy_fixed = work->copy_fixed,
                                       .num_touched = work->num_touched,
                                       .touched = work->touched,
-                                      .same_pieces = work->in_one,
+                                      .same_pieces = work->is_still_connected,
                                       .num_joints = work->num_joints,
                                       .joint = work->joint,
                                       .cuts = work->next};
@@ -66,7 +66,7 @@ static pliant_status find_state(cut_work *work)
 }
 
 /* Append the links and bridges that this cut severs to the log of earlier cuts. */
-static pliant_status write_down(cut_work *work)
+static pliant_status append_to_cut_log(cut_work *work)
 {
     const pliant_cuts *cuts = work->cuts;
     pliant_cuts *next = work->next;
@@ -93,7 +93,7 @@ static void forget(cut_work *work)
 {
     void *blocks[] = {work->touched,       work->start,      work->first,    work->voxel,   work->part,
                       work->fragment,      work->edge,       work->table,    work->changed, work->corners,
-                      work->tet_source,    work->copy_fixed, work->material, work->place,   work->doubtful,
+                      work->tet_source,    work->copy_fixed, work->material, work->place,   work->is_near_severed_link,
                       work->links.severed, work->joint};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     cut_sparse_free(&work->state);
@@ -104,8 +104,8 @@ static void forget(cut_work *work)
                        .positions = work->positions,
                        .num_links = work->num_links,
                        .num_bridges = work->num_bridges,
-                       .link_room = work->link_room,
-                       .bridge_room = work->bridge_room,
+                       .link_capacity = work->link_capacity,
+                       .bridge_capacity = work->bridge_capacity,
                        .link = work->link,
                        .link_area = work->link_area,
                        .bridge = work->bridge};
@@ -114,13 +114,13 @@ static void forget(cut_work *work)
 static pliant_status find_corners(cut_work *work)
 {
     for (bool again = true; again;) {
-        pliant_status status = pliant_cut_give_chips(work);
+        pliant_status status = pliant_cut_assign_chips(work);
         if (status == PLIANT_OK) status = pliant_cut_corners(work);
-        if (status == PLIANT_OK) status = pliant_cut_part_unheld(work, &again);
+        if (status == PLIANT_OK) status = pliant_cut_sever_unrepresentable(work, &again);
         if (status != PLIANT_OK || !again) return status;
         forget(work);
         status = find_state(work);
-        if (status == PLIANT_OK) status = pliant_cut_touch(work);
+        if (status == PLIANT_OK) status = pliant_cut_find_touched(work);
         if (status == PLIANT_OK) status = pliant_cut_find_edges(work);
         if (status != PLIANT_OK) return status;
     }
@@ -133,11 +133,11 @@ static pliant_status make_next(cut_work *work, uint64_t revision, pliant_body **
     pliant_status status = find_corners(work);
     if (status == PLIANT_OK) status = pliant_cut_materials(work);
     if (status == PLIANT_OK) status = pliant_cut_gather(work);
-    if (status == PLIANT_OK) status = write_down(work);
+    if (status == PLIANT_OK) status = append_to_cut_log(work);
     if (status == PLIANT_OK) status = divide(work, revision, out);
     if (status != PLIANT_OK) return status;
     /* the next body is not shared yet, so its cuts may still be written */
-    if (work->in_one && work->cuts) (*out)->cuts->num_pieces = work->cuts->num_pieces;
+    if (work->is_still_connected && work->cuts) (*out)->cuts->num_pieces = work->cuts->num_pieces;
     else status = pliant_cut_count_pieces(*out, &(*out)->cuts->num_pieces);
     if (status == PLIANT_OK) return PLIANT_OK;
     pliant_body_release(*out);
@@ -149,7 +149,7 @@ static pliant_status make_next(cut_work *work, uint64_t revision, pliant_body **
 static pliant_status find_fragments(cut_work *work)
 {
     for (bool again = true; again;) {
-        pliant_status status = pliant_cut_touch(work);
+        pliant_status status = pliant_cut_find_touched(work);
         if (status == PLIANT_OK) status = pliant_cut_find_edges(work);
         if (status == PLIANT_OK) status = pliant_cut_keep_dust(work, &again);
         if (status != PLIANT_OK) return status;
@@ -168,9 +168,9 @@ static pliant_status cut(cut_work *work, uint64_t revision, const pliant_cut_swe
     if (status == PLIANT_OK) status = pliant_cut_sever(work, sweep);
     if (status == PLIANT_OK && sweep->stroke > 0) status = pliant_cut_close_seam(work);
     if (status != PLIANT_OK || (work->num_links == 0 && work->num_bridges == 0)) return status;
-    status = out ? find_fragments(work) : pliant_cut_touch(work);
+    status = out ? find_fragments(work) : pliant_cut_find_touched(work);
     if (status != PLIANT_OK || (work->num_links == 0 && work->num_bridges == 0)) return status;
-    tell_severed(work, sweep, report);
+    report_severed_links(work, sweep, report);
     report->touched = work->num_touched;
     if (out) status = make_next(work, revision, out);
     if (status == PLIANT_OK && out) report->pieces = (*out)->cuts->num_pieces;
@@ -185,7 +185,7 @@ static void free_work(cut_work *work)
     pliant_free(work->bridge);
 }
 
-static pliant_status refuse_whole(void)
+static pliant_status fail_without_voxels(void)
 {
     return pliant_fail(PLIANT_ERROR_ARGUMENT, "the mesh has no voxels to cut: set cut/kind to sever in the scene");
 }
@@ -193,7 +193,7 @@ static pliant_status refuse_whole(void)
 pliant_status pliant_body_cut(const pliant_body *body, uint64_t revision, const double *positions,
                               const pliant_cut_sweep *sweep, pliant_body **out, pliant_cut_report *report)
 {
-    if (!pliant_body_may_be_cut(body)) return refuse_whole();
+    if (!pliant_body_is_cuttable(body)) return fail_without_voxels();
     cut_work work = {.body = body,
                      .voxels = body->voxels,
                      .cuts = body->cuts,
@@ -227,11 +227,11 @@ static bool is_there(const pliant_voxels *voxels, const pliant_cuts *cuts, uint3
     pliant_place_of(voxels, (int32_t)number, at);
     if (at[axis] + 1 >= size[axis]) return false;
     if (voxels->owner[number] < 0 || voxels->owner[number + pliant_stride_of(voxels, axis)] < 0) return false;
-    const int32_t first = cuts ? pliant_lower(cuts->link, cuts->num_links, code) : 0;
+    const int32_t first = cuts ? pliant_lower_bound(cuts->link, cuts->num_links, code) : 0;
     return !cuts || first == cuts->num_links || cuts->link[first] != code;
 }
 
-static pliant_status take_severed(cut_work *work, int32_t count, const uint32_t *severed)
+static pliant_status split_severed_links(cut_work *work, int32_t count, const uint32_t *severed)
 {
     work->link = pliant_calloc((size_t)count, sizeof *work->link);
     work->bridge = pliant_calloc((size_t)count, sizeof *work->bridge);
@@ -252,13 +252,13 @@ static pliant_status take_severed(cut_work *work, int32_t count, const uint32_t 
 pliant_status pliant_body_sever(const pliant_body *body, uint64_t revision, int32_t count, const uint32_t *severed,
                                 pliant_body **out)
 {
-    if (!body->voxels) return refuse_whole();
+    if (!body->voxels) return fail_without_voxels();
     if (count < 1) return pliant_fail(PLIANT_ERROR_ARGUMENT, "the cut names no link and no bridge: name at least one");
     cut_work work = {.body = body, .voxels = body->voxels, .cuts = body->cuts};
     pliant_body *next = NULL;
     pliant_status status = find_state(&work);
-    if (status == PLIANT_OK) status = take_severed(&work, count, severed);
-    if (status == PLIANT_OK) status = pliant_cut_touch(&work);
+    if (status == PLIANT_OK) status = split_severed_links(&work, count, severed);
+    if (status == PLIANT_OK) status = pliant_cut_find_touched(&work);
     if (status == PLIANT_OK) status = pliant_cut_find_edges(&work);
     if (status == PLIANT_OK) status = make_next(&work, revision, &next);
     free_work(&work);

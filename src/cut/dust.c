@@ -12,7 +12,7 @@ typedef struct dust {
     int32_t *group;  /* (fragments + 1) connected component; the first entry represents all untouched tetrahedra */
     int32_t *voxels; /* (fragments + 1) voxels per component */
     /* (fragments + 1) minimum number of voxels; a smaller component is dust, and so is a single voxel */
-    int32_t *least;
+    int32_t *minimum;
     int32_t *lost;   /* (fragments + 1) newly severed links to each other component */
 } dust;
 
@@ -33,10 +33,10 @@ static void find_groups(const dust *all)
     }
     for (int32_t f = 0; f < work->num_fragments; f++) {
         const int32_t group = group_of(all, tets + f), tet = work->fragment[f].tet;
-        const int32_t least =
-            (int32_t)(CUT_LEAST_SHARE * (work->voxels->start[tet + 1] - work->voxels->start[tet])) + 2;
+        const int32_t minimum =
+            (int32_t)(CUT_MIN_FRACTION * (work->voxels->start[tet + 1] - work->voxels->start[tet])) + 2;
         all->voxels[group] += work->fragment[f].voxels;
-        if (least > all->least[group]) all->least[group] = least;
+        if (minimum > all->minimum[group]) all->minimum[group] = minimum;
     }
 }
 
@@ -51,26 +51,26 @@ static void ends_of(const dust *all, int32_t link, int32_t group[2])
 }
 
 /* Return the component to which the most links are newly severed; -1: none. */
-static int32_t most_lost(const dust *all, int32_t group)
+static int32_t find_most_severed_component(const dust *all, int32_t group)
 {
-    int32_t most = -1, ends[2];
+    int32_t maximum = -1, ends[2];
     memset(all->lost, 0, ((size_t)all->work->num_fragments + 1) * sizeof *all->lost);
     for (int32_t l = 0; l < all->work->num_links; l++) {
         ends_of(all, l, ends);
         if (ends[0] == ends[1] || (ends[0] != group && ends[1] != group)) continue;
         const int32_t other = ends[0] == group ? ends[1] : ends[0];
         all->lost[other]++;
-        if (most < 0 || all->lost[other] > all->lost[most]) most = other;
+        if (maximum < 0 || all->lost[other] > all->lost[maximum]) maximum = other;
     }
-    return most;
+    return maximum;
 }
 
 /* Restore the links between a component and the component to which it has lost the most links. Return whether there
  * were any. */
-static bool take_back(const dust *all, int32_t group)
+static bool restore_links(const dust *all, int32_t group)
 {
     cut_work *work = all->work;
-    const int32_t to = most_lost(all, group);
+    const int32_t to = find_most_severed_component(all, group);
     int32_t kept = 0, ends[2];
     if (to < 0) return false;
     for (int32_t l = 0; l < work->num_links; l++) {
@@ -90,15 +90,15 @@ pliant_status pliant_cut_keep_dust(cut_work *work, bool *changed)
     *changed = false;
     all.group = pliant_calloc(count, sizeof *all.group);
     all.voxels = pliant_calloc(count, sizeof *all.voxels);
-    all.least = pliant_calloc(count, sizeof *all.least);
+    all.minimum = pliant_calloc(count, sizeof *all.minimum);
     all.lost = pliant_calloc(count, sizeof *all.lost);
-    const bool good = all.group && all.voxels && all.least && all.lost;
+    const bool good = all.group && all.voxels && all.minimum && all.lost;
     if (good) find_groups(&all);
     for (int32_t g = 1; good && g <= work->num_fragments; g++)
-        if (all.group[g] == g && all.voxels[g] < all.least[g] && take_back(&all, g)) *changed = true;
+        if (all.group[g] == g && all.voxels[g] < all.minimum[g] && restore_links(&all, g)) *changed = true;
     pliant_free(all.group);
     pliant_free(all.voxels);
-    pliant_free(all.least);
+    pliant_free(all.minimum);
     pliant_free(all.lost);
     return good ? PLIANT_OK : pliant_fail_memory("the small fragments of a cut");
 }

@@ -39,7 +39,7 @@ static void add_tet(const cut_work *work, int32_t touched, pliant_cuts *next, in
     next->tet[n] = tet;
     next->fragment[at++] = tet;
     for (int32_t f = work->first[touched]; f < work->first[touched + 1]; f++)
-        if (work->fragment[f].into < 0 && work->fragment[f].number != tet)
+        if (work->fragment[f].receiver < 0 && work->fragment[f].number != tet)
             next->fragment[at++] = work->fragment[f].number;
     next->start[n + 1] = at;
     qsort(next->fragment + next->start[n], (size_t)(at - next->start[n]), sizeof *next->fragment, by_number);
@@ -86,7 +86,7 @@ static pliant_status gather_chips(const cut_work *work, pliant_cuts *next)
         if (cut_state(work, cuts->chip[2 * c]) <= 0)
             memcpy(next->chip + 2 * next->num_chips++, cuts->chip + 2 * c, 2 * sizeof *next->chip);
     for (int32_t f = 0; f < work->num_fragments; f++) {
-        const int32_t end = cut_final(work, tets + f);
+        const int32_t end = cut_receiver(work, tets + f);
         if (cut_tet_of(work, end) == work->fragment[f].tet) continue;
         next->chip[2 * next->num_chips] = work->fragment[f].tet;
         next->chip[2 * next->num_chips++ + 1] = cut_number(work, end);

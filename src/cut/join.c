@@ -51,7 +51,7 @@ static pliant_status grow(cut_work *work)
     work->table = table;
     work->table_size = size;
     work->edge = edge;
-    work->edge_room = size / 2;
+    work->edge_capacity = size / 2;
     for (int32_t e = 0; e < work->num_edges; e++)
         work->table[slot_of(work, work->edge[e].end[0], work->edge[e].end[1])] = e + 1;
     return PLIANT_OK;
@@ -60,7 +60,7 @@ static pliant_status grow(cut_work *work)
 static pliant_status add_edge(cut_work *work, int32_t a, int32_t b, int32_t weight)
 {
     if (a == b) return PLIANT_OK;
-    if (work->num_edges == work->edge_room) {
+    if (work->num_edges == work->edge_capacity) {
         pliant_status status = grow(work);
         if (status != PLIANT_OK) return status;
     }
@@ -88,8 +88,8 @@ int32_t pliant_cut_end_of(const cut_work *work, int32_t voxel)
 typedef struct neighbour {
     int8_t step[3];
     bool is_diagonal;
-    ptrdiff_t place, place_by[2];
-    int32_t voxel, voxel_by[2];
+    ptrdiff_t place, via_place[2];
+    int32_t voxel, via_voxel[2];
 } neighbour;
 
 static void find_neighbours(const cut_work *work, neighbour out[18])
@@ -102,27 +102,27 @@ static void find_neighbours(const cut_work *work, neighbour out[18])
         int ways = 0;
         *one = (neighbour){.voxel = 0};
         for (int d = 0; d < 3; d++) {
-            const int step = n < 9 ? pliant_behind[n][d] : -pliant_behind[n - 9][d];
+            const int step = n < 9 ? pliant_later_neighbours[n][d] : -pliant_later_neighbours[n - 9][d];
             one->step[d] = (int8_t)step;
             one->place += step * stride[d];
             one->voxel += step * voxels[d];
             if (step == 0) continue;
-            one->place_by[ways] = step * stride[d];
-            one->voxel_by[ways++] = step * voxels[d];
+            one->via_place[ways] = step * stride[d];
+            one->via_voxel[ways++] = step * voxels[d];
         }
         one->is_diagonal = ways == 2;
     }
 }
 
 /* Return pliant_joined for an existing neighbour.
- * doubtful: whether links near the voxel may be severed */
+ * is_near_severed_link: whether links near the voxel may be severed */
 static bool is_joined(const cut_work *work, const neighbour *to, const int32_t *place, int32_t voxel,
-                      const int32_t at[3], bool doubtful)
+                      const int32_t at[3], bool is_near_severed_link)
 {
-    if (doubtful) return pliant_joined(&work->links, voxel, at, to->step);
+    if (is_near_severed_link) return pliant_joined(&work->links, voxel, at, to->step);
     if (!to->is_diagonal) return true;
     for (int way = 0; way < 2; way++)
-        if (place[to->place_by[way]] || work->voxels->owner[voxel + to->voxel_by[way]] >= 0) return true;
+        if (place[to->via_place[way]] || work->voxels->owner[voxel + to->via_voxel[way]] >= 0) return true;
     return false;
 }
 
@@ -136,7 +136,7 @@ static pliant_status add_edges_of(cut_work *work, const neighbour around[18], in
                         (size_t)links->size[0] * ((size_t)(at[1] - links->low[1]) +
                                                   (size_t)links->size[1] * (size_t)(at[2] - links->low[2]));
     const int32_t *place = work->place + here;
-    const bool doubtful = work->doubtful[here];
+    const bool is_near_severed_link = work->is_near_severed_link[here];
     bool inside = true;
     pliant_status status = PLIANT_OK;
     for (int d = 0; d < 3; d++) inside = inside && at[d] > 0 && at[d] + 1 < size[d];
@@ -145,7 +145,8 @@ static pliant_status add_edges_of(cut_work *work, const neighbour around[18], in
         const int32_t touched = place[to->place];
         if (touched && (n >= 9 || work->part[touched - 1] == part)) continue;
         const int32_t other = inside ? voxel + to->voxel : pliant_step_to(voxels, voxel, at, to->step);
-        if (other < 0 || (!touched && voxels->owner[other] < 0) || !is_joined(work, to, place, voxel, at, doubtful))
+        if (other < 0 || (!touched && voxels->owner[other] < 0) ||
+            !is_joined(work, to, place, voxel, at, is_near_severed_link))
             continue;
         status =
             add_edge(work, tets + part, touched ? tets + work->part[touched - 1] : pliant_cut_end_of(work, other), 1);
@@ -167,7 +168,7 @@ pliant_status pliant_cut_find_edges(cut_work *work)
     for (int32_t t = 0; t < work->num_touched; t++) {
         const int32_t tet = work->touched[t];
         for (int32_t e = voxels->beside_start[tet]; e < voxels->beside_start[tet + 1] && status == PLIANT_OK; e++) {
-            const int32_t bridge = voxels->beside[e], *ends = voxels->bridge + 2 * bridge;
+            const int32_t bridge = voxels->adjacent[e], *ends = voxels->bridge + 2 * bridge;
             const int32_t other = voxels->owner[ends[voxels->owner[ends[0]] == tet]];
             if ((cut_state(work, other) > 0 && other < tet) || pliant_bridge_severed(work->next, bridge)) continue;
             status = add_edge(work, pliant_cut_end_of(work, ends[0]), pliant_cut_end_of(work, ends[1]), 1);
@@ -209,16 +210,16 @@ static void find_groups(chips *all)
         all->voxels[g] = 0;
     }
     for (int32_t e = 0; e < work->num_edges; e++) {
-        const int32_t a = cut_final(work, work->edge[e].end[0]), b = cut_final(work, work->edge[e].end[1]);
+        const int32_t a = cut_receiver(work, work->edge[e].end[0]), b = cut_receiver(work, work->edge[e].end[1]);
         if (a != b && holds(work, a, b)) join(all->group, a < tets ? 0 : a - tets + 1, b < tets ? 0 : b - tets + 1);
     }
     for (int32_t f = 0; f < work->num_fragments; f++) {
-        if (work->fragment[f].into < 0) all->voxels[group_of(all, tets + f)] += work->fragment[f].voxels;
+        if (work->fragment[f].receiver < 0) all->voxels[group_of(all, tets + f)] += work->fragment[f].voxels;
         all->best[f] = -1;
         all->weight[f] = 0;
     }
     for (int32_t e = 0; e < work->num_edges; e++) {
-        const int32_t ends[2] = {cut_final(work, work->edge[e].end[0]), cut_final(work, work->edge[e].end[1])};
+        const int32_t ends[2] = {cut_receiver(work, work->edge[e].end[0]), cut_receiver(work, work->edge[e].end[1])};
         if (ends[0] == ends[1] || group_of(all, ends[0]) == group_of(all, ends[1])) continue;
         for (int v = 0; v < 2; v++) {
             const int32_t f = ends[v] - tets, other = ends[1 - v], weight = work->edge[e].weight;
@@ -231,7 +232,7 @@ static void find_groups(chips *all)
 
 /* Assign the fragments of components smaller than a tetrahedron that no face, but links connect to another component.
  * The smallest components come first. */
-static pliant_status give_chips(chips *all)
+static pliant_status assign_component_chips(chips *all)
 {
     cut_work *work = all->work;
     const int32_t tets = work->body->fine.num_tets;
@@ -241,77 +242,78 @@ static pliant_status give_chips(chips *all)
         for (int32_t f = 0; f < work->num_fragments; f++) {
             const cut_fragment *one = work->fragment + f;
             const int32_t group = group_of(all, tets + f);
-            if (one->into >= 0 || one->stays || all->best[f] < 0 || group == 0) continue;
+            if (one->receiver >= 0 || one->stays || all->best[f] < 0 || group == 0) continue;
             const int32_t to = group_of(all, all->best[f]);
             if (all->voxels[group] > work->voxels->start[one->tet + 1] - work->voxels->start[one->tet]) continue;
             /* the other component is smaller and goes first */
             if (to != 0 && all->voxels[to] < all->voxels[group]) continue;
             if (chosen >= 0) {
-                const int32_t least = all->voxels[group_of(all, tets + chosen)];
-                if (all->voxels[group] > least ||
-                    (all->voxels[group] == least && one->voxels >= work->fragment[chosen].voxels))
+                const int32_t minimum = all->voxels[group_of(all, tets + chosen)];
+                if (all->voxels[group] > minimum ||
+                    (all->voxels[group] == minimum && one->voxels >= work->fragment[chosen].voxels))
                     continue;
             }
             chosen = f;
         }
         if (chosen < 0) return PLIANT_OK;
-        work->fragment[chosen].into = all->best[chosen];
+        work->fragment[chosen].receiver = all->best[chosen];
     }
 }
 
 /* Assign fragments of few voxels to their heaviest neighbour if all their other neighbours are connected to it as
  * well. */
-static void give_small(chips *all)
+static void assign_small_fragments(chips *all)
 {
     cut_work *work = all->work;
     const int32_t tets = work->body->fine.num_tets;
     for (int32_t f = 0; f < work->num_fragments; f++) {
         cut_fragment *one = work->fragment + f;
         const int32_t whole = work->voxels->start[one->tet + 1] - work->voxels->start[one->tet];
-        if (one->into >= 0 || one->stays || one->voxels >= CUT_LEAST_SHARE * whole) continue;
-        int32_t best = -1, most = 0;
+        if (one->receiver >= 0 || one->stays || one->voxels >= CUT_MIN_FRACTION * whole) continue;
+        int32_t best = -1, maximum = 0;
         for (int32_t e = 0; e < work->num_edges; e++) {
-            const int32_t a = cut_final(work, work->edge[e].end[0]), b = cut_final(work, work->edge[e].end[1]);
+            const int32_t a = cut_receiver(work, work->edge[e].end[0]), b = cut_receiver(work, work->edge[e].end[1]);
             if (a == b || (a != tets + f && b != tets + f)) continue;
             const int32_t other = a == tets + f ? b : a;
-            if (work->edge[e].weight < most || (work->edge[e].weight == most && other > best)) continue;
+            if (work->edge[e].weight < maximum || (work->edge[e].weight == maximum && other > best)) continue;
             best = other;
-            most = work->edge[e].weight;
+            maximum = work->edge[e].weight;
         }
         bool needed = best < 0;
         for (int32_t e = 0; e < work->num_edges && !needed; e++) {
-            const int32_t a = cut_final(work, work->edge[e].end[0]), b = cut_final(work, work->edge[e].end[1]);
+            const int32_t a = cut_receiver(work, work->edge[e].end[0]), b = cut_receiver(work, work->edge[e].end[1]);
             if (a == b || (a != tets + f && b != tets + f)) continue;
             const int32_t other = a == tets + f ? b : a;
             needed = other != best && !(pliant_cut_edge(work, best, other) && holds(work, best, other));
         }
-        if (!needed) one->into = best;
+        if (!needed) one->receiver = best;
     }
 }
 
 /* Return the element that shares the heaviest edge with a chip; -1: none.
  * on_chips: also consider other chips that moved with fragments of other tetrahedra
  * host: consider only elements that moved with the same fragment before the cut */
-static int32_t most_hung(const cut_work *work, int32_t f, bool on_chips, bool host)
+static int32_t find_heaviest_neighbour(const cut_work *work, int32_t f, bool on_chips, bool host)
 {
     const int32_t tets = work->body->fine.num_tets;
-    int32_t best = -1, most = 0;
+    int32_t best = -1, maximum = 0;
     for (int32_t e = 0; e < work->num_edges; e++) {
         const int32_t *end = work->edge[e].end;
         if (end[0] != tets + f && end[1] != tets + f) continue;
-        const int32_t other = cut_final(work, end[0] == tets + f ? end[1] : end[0]), weight = work->edge[e].weight;
-        const bool chip = other >= tets && work->fragment[other - tets].came_back;
-        if (other == tets + f || (chip && !on_chips) || weight < most || (weight == most && other > best)) continue;
+        const int32_t other = cut_receiver(work, end[0] == tets + f ? end[1] : end[0]), weight = work->edge[e].weight;
+        const bool chip = other >= tets && work->fragment[other - tets].was_chip;
+        if (other == tets + f || (chip && !on_chips) || weight < maximum || (weight == maximum && other > best))
+            continue;
         if (host && (other < tets ? other : work->fragment[other - tets].host) != work->fragment[f].host) continue;
         best = other;
-        most = weight;
+        maximum = weight;
     }
     return best;
 }
 
 /* Assign the chips of earlier cuts again. A chip stays with its previous fragment if they are still joined, even
  * through other chips, because the nodes of its tetrahedron may be far away. */
-static void give_again(cut_work *work)
+static void reassign_chips(cut_work *work)
 {
     static const struct { bool chips, host; } passes[3] = {{false, true}, {false, false}, {true, false}};
     for (int pass = 0; pass < 3; pass++)
@@ -319,28 +321,29 @@ static void give_again(cut_work *work)
             more = false;
             for (int32_t f = 0; f < work->num_fragments; f++) {
                 cut_fragment *one = work->fragment + f;
-                const int32_t to =
-                    one->came_back && one->into < 0 ? most_hung(work, f, passes[pass].chips, passes[pass].host) : -1;
+                const int32_t to = one->was_chip && one->receiver < 0
+                                       ? find_heaviest_neighbour(work, f, passes[pass].chips, passes[pass].host)
+                                       : -1;
                 if (to < 0) continue;
-                one->into = to;
+                one->receiver = to;
                 more = true;
             }
         }
 }
 
 /* Add the edges of each assigned chip to the element that received it. */
-static pliant_status hand_on(cut_work *work)
+static pliant_status transfer_edges(cut_work *work)
 {
     const int32_t count = work->num_edges;
     pliant_status status = PLIANT_OK;
     for (int32_t e = 0; e < count && status == PLIANT_OK; e++) {
-        const int32_t *end = work->edge[e].end, a = cut_final(work, end[0]), b = cut_final(work, end[1]);
+        const int32_t *end = work->edge[e].end, a = cut_receiver(work, end[0]), b = cut_receiver(work, end[1]);
         if (a != end[0] || b != end[1]) status = add_edge(work, a, b, work->edge[e].weight);
     }
     return status;
 }
 
-pliant_status pliant_cut_give_chips(cut_work *work)
+pliant_status pliant_cut_assign_chips(cut_work *work)
 {
     chips all = {.work = work};
     const size_t count = (size_t)work->num_fragments + 1;
@@ -348,11 +351,12 @@ pliant_status pliant_cut_give_chips(cut_work *work)
     all.voxels = pliant_calloc(count, sizeof *all.voxels);
     all.best = pliant_calloc(count, sizeof *all.best);
     all.weight = pliant_calloc(count, sizeof *all.weight);
-    give_again(work);
-    pliant_status status = all.group && all.voxels && all.best && all.weight ? give_chips(&all) : no_memory();
+    reassign_chips(work);
+    pliant_status status =
+        all.group && all.voxels && all.best && all.weight ? assign_component_chips(&all) : no_memory();
     if (status == PLIANT_OK) {
-        give_small(&all);
-        status = hand_on(work);
+        assign_small_fragments(&all);
+        status = transfer_edges(work);
     }
     pliant_free(all.group);
     pliant_free(all.voxels);

@@ -48,7 +48,7 @@ static bool is_there(const pliant_body *body, int32_t fragment, const double bar
     }
     if (!cuts || low == cuts->num_tets || cuts->tet[low] != tet || cuts->start[low + 1] - cuts->start[low] == 1)
         return true;
-    double rest[3] = {0}, index[3], most = -1;
+    double rest[3] = {0}, index[3], maximum = -1;
     for (int v = 0; v < 4; v++)
         for (int d = 0; d < 3; d++)
             rest[d] += barycentric[v] * body->fine.rest[3 * (size_t)body->fine.tets[4 * (size_t)fragment + v] + d];
@@ -56,8 +56,8 @@ static bool is_there(const pliant_body *body, int32_t fragment, const double bar
     int32_t first = -1;
     for (int32_t f = cuts->start[low]; f < cuts->start[low + 1]; f++) {
         const double weight = weight_of(body, cuts->fragment[f], index);
-        if (weight <= most) continue;
-        most = weight;
+        if (weight <= maximum) continue;
+        maximum = weight;
         first = cuts->fragment[f];
     }
     return first == fragment;
@@ -84,8 +84,8 @@ static bool inside(const pliant_mesh *mesh, const double *positions, int32_t tet
 
 /* Compute the bounding box of a tetrahedron. Return false if it does not overlap the box from least to most. The test
  * of the first axis comes first because it rejects most tetrahedra. */
-static bool is_between(const pliant_mesh *mesh, const double *positions, int32_t tet, const double least[3],
-                       const double most[3], double low[3], double high[3])
+static bool is_between(const pliant_mesh *mesh, const double *positions, int32_t tet, const double minimum[3],
+                       const double maximum[3], double low[3], double high[3])
 {
     const int32_t *nodes = mesh->tets + 4 * (size_t)tet;
     for (int d = 0; d < 3; d++) {
@@ -98,7 +98,7 @@ static bool is_between(const pliant_mesh *mesh, const double *positions, int32_t
         const double slack = tolerance * (high[d] - low[d]);
         low[d] -= slack;
         high[d] += slack;
-        if (!(low[d] <= most[d] && high[d] >= least[d])) return false;
+        if (!(low[d] <= maximum[d] && high[d] >= minimum[d])) return false;
     }
     return true;
 }
@@ -112,7 +112,7 @@ static uint8_t *find_near(const pliant_body *body, const double *positions, cons
     if (!body->voxels || !body->fine.tet_of_lattice || !body->fine.lattice_of_node) return NULL;
     memcpy(box.low, low, sizeof box.low);
     memcpy(box.high, high, sizeof box.high);
-    if (pliant_cut_near(body, positions, &box, tolerance, 0, &near) == PLIANT_OK) return near;
+    if (pliant_cut_find_near_tets(body, positions, &box, tolerance, 0, &near) == PLIANT_OK) return near;
     pliant_free(near);
     return NULL;
 }

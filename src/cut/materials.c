@@ -16,7 +16,7 @@ typedef struct sums {
 } sums;
 
 /* Sum over the voxels of a touched tetrahedron that belong to element `end`; end < 0: all voxels. */
-static void add_up(const cut_work *work, int32_t touched, int32_t end, sums *out)
+static void sum_voxels(const cut_work *work, int32_t touched, int32_t end, sums *out)
 {
     const pliant_voxels *voxels = work->voxels;
     const int32_t tet = work->touched[touched], count = work->start[touched + 1] - work->start[touched],
@@ -26,7 +26,7 @@ static void add_up(const cut_work *work, int32_t touched, int32_t end, sums *out
     const bool leaves_out = work->body->fine.num_moved > 0 && voxels->load[tet].num_voxels < (uint32_t)count;
     memset(out, 0, sizeof *out);
     for (int32_t v = 0; v < count; v++) {
-        if (end >= 0 && cut_final(work, tets + work->part[work->start[touched] + v]) != end) continue;
+        if (end >= 0 && cut_receiver(work, tets + work->part[work->start[touched] + v]) != end) continue;
         out->voxels++;
         if (leaves_out && voxels->fixed_material[material[v]]) continue;
         out->count[material[v]]++;
@@ -41,7 +41,7 @@ static void add_up(const cut_work *work, int32_t touched, int32_t end, sums *out
 }
 
 /* Return part / whole, or the fraction of voxels if whole is zero. */
-static double share(double part, double whole, const sums *own, const sums *all)
+static double fraction(double part, double whole, const sums *own, const sums *all)
 {
     return whole > 0 ? part / whole : (double)own->voxels / all->voxels;
 }
@@ -52,15 +52,15 @@ static void share_material(const cut_work *work, int32_t tet, const sums *own, c
     const pliant_tet_material *load = work->voxels->load + tet;
     *out = *load;
     if (own->voxels == all->voxels) return;
-    out->lambda *= share(own->lambda, all->lambda, own, all);
-    out->mu *= share(own->mu, all->mu, own, all);
-    out->density *= share(own->density, all->density, own, all);
-    out->tissue *= (float)share(own->tissue, all->tissue, own, all);
+    out->lambda *= fraction(own->lambda, all->lambda, own, all);
+    out->mu *= fraction(own->mu, all->mu, own, all);
+    out->density *= fraction(own->density, all->density, own, all);
+    out->tissue *= (float)fraction(own->tissue, all->tissue, own, all);
     out->num_voxels = (uint32_t)own->voxels;
-    uint32_t most = 0;
+    uint32_t maximum = 0;
     for (int32_t m = 0; m < work->voxels->num_materials; m++) {
-        if (own->count[m] <= most) continue;
-        most = own->count[m];
+        if (own->count[m] <= maximum) continue;
+        maximum = own->count[m];
         out->material = (uint16_t)m;
     }
 }
@@ -86,15 +86,15 @@ pliant_status pliant_cut_materials(cut_work *work)
         for (int32_t t = 0; t < work->num_touched; t++) {
             const int32_t tet = work->touched[t];
             sums all, own;
-            add_up(work, t, -1, &all);
+            sum_voxels(work, t, -1, &all);
             for (int32_t f = work->first[t]; f < work->first[t + 1]; f++) {
-                const int32_t end = cut_final(work, tets + f), with = cut_tet_of(work, end);
+                const int32_t end = cut_receiver(work, tets + f), with = cut_tet_of(work, end);
                 bool first = (with != tet) == (pass == 1);
-                for (int32_t g = work->first[t]; g < f && first; g++) first = cut_final(work, tets + g) != end;
+                for (int32_t g = work->first[t]; g < f && first; g++) first = cut_receiver(work, tets + g) != end;
                 if (!first) continue;
                 pliant_tet_material made;
                 double gradients[12];
-                add_up(work, t, end, &own);
+                sum_voxels(work, t, end, &own);
                 share_material(work, tet, &own, &all, &made);
                 pliant_tet_material *out = work->material + cut_row(work, cut_number(work, end));
                 if (pass == 0) *out = made;

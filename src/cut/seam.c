@@ -22,7 +22,7 @@ static uint32_t link_from(const pliant_voxels *voxels, int32_t voxel, int axis, 
 
 static bool is_new(const seam *all, uint32_t link)
 {
-    const int32_t found = pliant_lower(all->work->link, all->num_links, link);
+    const int32_t found = pliant_lower_bound(all->work->link, all->num_links, link);
     return found < all->num_links && all->work->link[found] == link;
 }
 
@@ -34,23 +34,23 @@ static bool is_severed(const seam *all, int32_t voxel, const int32_t at[3], int 
            is_new(all, link_from(all->work->voxels, voxel, axis, way));
 }
 
-static bool is_of(const pliant_cuts *cuts, int32_t cut, uint32_t link)
+static bool is_severed_by_cut(const pliant_cuts *cuts, int32_t cut, uint32_t link)
 {
     const int32_t begin = cut > 0 ? cuts->cut_end[cut - 1] : 0;
     int32_t links = cuts->cut_end[cut] - begin;
     while (links > 0 && cuts->severed[begin + links - 1] % 4 == 3) links--; /* skip the bridges */
-    const int32_t found = pliant_lower(cuts->severed + begin, links, link);
+    const int32_t found = pliant_lower_bound(cuts->severed + begin, links, link);
     return found < links && cuts->severed[begin + found] == link;
 }
 
 /* Return whether an earlier sweep of this stroke severed a link. Other blades may have cut in between. */
-static bool is_of_stroke(const seam *all, uint32_t link)
+static bool is_severed_by_stroke(const seam *all, uint32_t link)
 {
     const pliant_cuts *cuts = all->work->cuts;
     const uint32_t *now = all->work->stroke;
     for (int32_t i = cuts ? cuts->num_cuts - 1 : -1; i >= 0; i--) {
         const uint32_t *then = cuts->stroke + 2 * i;
-        if (then[0] == now[0] && then[1] == now[1] && is_of(cuts, i, link)) return true;
+        if (then[0] == now[0] && then[1] == now[1] && is_severed_by_cut(cuts, i, link)) return true;
         /* an earlier stroke of the same blade */
         if (then[0] == now[0] && then[1] > 0 && then[1] < now[1]) return false;
     }
@@ -61,7 +61,7 @@ static bool is_of_stroke(const seam *all, uint32_t link)
  * opposite direction is intact. Consider an adjacent voxel perpendicular to the axis. The two voxels
  * lie on opposite sides under two conditions: an earlier sweep of the stroke has severed its link in the opposite
  * direction, and its link in direction `beyond` is intact. The link between the two voxels is then severed. */
-static pliant_status part_beside(const seam *all, int32_t voxel, const int32_t at[3], int axis, int beyond)
+static pliant_status sever_missed_links(const seam *all, int32_t voxel, const int32_t at[3], int axis, int beyond)
 {
     const pliant_voxels *voxels = all->work->voxels;
     pliant_status status = PLIANT_OK;
@@ -74,7 +74,7 @@ static pliant_status part_beside(const seam *all, int32_t voxel, const int32_t a
         if (!is_owned(voxels, voxel, at, across, way) || is_severed(all, voxel, at, across, way)) continue;
         if (!is_owned(voxels, other, there, axis, -beyond) || is_severed(all, other, there, axis, beyond)) continue;
         if (!is_severed(all, other, there, axis, -beyond) ||
-            !is_of_stroke(all, link_from(voxels, other, axis, -beyond)))
+            !is_severed_by_stroke(all, link_from(voxels, other, axis, -beyond)))
             continue;
         status = pliant_cut_add_link(all->work, link_from(voxels, voxel, across, way), 0);
     }
@@ -91,9 +91,10 @@ pliant_status pliant_cut_close_seam(cut_work *work)
         const int32_t voxel = (int32_t)(work->link[i] / 4);
         int32_t at[3];
         pliant_place_of(work->voxels, voxel, at);
-        status = part_beside(&all, voxel, at, axis, 1);
+        status = sever_missed_links(&all, voxel, at, axis, 1);
         at[axis]++;
-        if (status == PLIANT_OK) status = part_beside(&all, voxel + pliant_stride_of(work->voxels, axis), at, axis, -1);
+        if (status == PLIANT_OK)
+            status = sever_missed_links(&all, voxel + pliant_stride_of(work->voxels, axis), at, axis, -1);
     }
     return status == PLIANT_OK && work->num_links > all.num_links ? pliant_cut_sort_severed(work) : status;
 }

@@ -32,7 +32,7 @@ typedef struct severing {
     double rest_of_index[9]; /* voxel axes times spacing */
     double slack;            /* [m] */
     double reach;            /* two voxels in a stretched tetrahedron, as a fraction of its extent */
-    double handed;           /* handedness of the scan: 1 or -1 */
+    double scan_handedness;           /* handedness of the scan: 1 or -1 */
     cut_strip strip;
     int32_t *near;           /* triangles near the current fragment */
     int32_t num_near;
@@ -41,13 +41,13 @@ typedef struct severing {
     double slab[5];
     double between[2];       /* the same triangles lie between these two values, according to the fragment's map */
     cut_sparse map_of;       /* per fine tetrahedron: 1 + index into maps */
-    int32_t num_maps, map_room;
+    int32_t num_maps, map_capacity;
     voxel_map *maps;
 } severing;
 
 /* The strip is shifted by less than 1/50 voxel, along no axis or diagonal. Voxel centres exactly on a blade, up to
  * rounding and the tolerance of the tissue's positions, then all lie on the same side. */
-static const double tie[3] = {-1. / 64, -0.7549 / 64, -0.5698 / 64};
+static const double tie_breaking_shift[3] = {-1. / 64, -0.7549 / 64, -0.5698 / 64};
 
 /* ---- maps */
 
@@ -76,12 +76,12 @@ static const voxel_map *map_of(severing *cut, int32_t tet)
 {
     const int32_t known = cut_sparse_get(&cut->map_of, tet);
     if (known > 0) return cut->maps + known - 1;
-    if (cut->num_maps == cut->map_room) {
-        const int32_t room = cut->map_room > 0 ? 2 * cut->map_room : 256;
-        voxel_map *longer = pliant_resize(cut->maps, (size_t)room, sizeof *longer);
+    if (cut->num_maps == cut->map_capacity) {
+        const int32_t capacity = cut->map_capacity > 0 ? 2 * cut->map_capacity : 256;
+        voxel_map *longer = pliant_resize(cut->maps, (size_t)capacity, sizeof *longer);
         if (!longer) return NULL;
         cut->maps = longer;
-        cut->map_room = room;
+        cut->map_capacity = capacity;
     }
     if (!cut_sparse_set(&cut->map_of, tet, cut->num_maps + 1)) return NULL;
     find_map(cut, tet, cut->maps + cut->num_maps);
@@ -98,15 +98,15 @@ static void place_in(const voxel_map *map, const int32_t at[3], double out[3])
 /* ---- intersection test */
 
 /* Return whether two boxes are disjoint. */
-static inline bool are_apart(const double low[3], const double high[3], const double other_low[3],
-                             const double other_high[3])
+static inline bool boxes_are_disjoint(const double low[3], const double high[3], const double other_low[3],
+                                      const double other_high[3])
 {
     return low[0] > other_high[0] || high[0] < other_low[0] || low[1] > other_high[1] || high[1] < other_low[1] ||
            low[2] > other_high[2] || high[2] < other_low[2];
 }
 
 /* Return the triangle that separates two points, or NULL. */
-static const cut_triangle *parted(const severing *cut, const double a[3], const double b[3])
+static const cut_triangle *find_separating_triangle(const severing *cut, const double a[3], const double b[3])
 {
     double low[3], high[3];
     for (int d = 0; d < 3; d++) {
@@ -115,10 +115,10 @@ static const cut_triangle *parted(const severing *cut, const double a[3], const 
     }
     for (int32_t first = 0; first < cut->num_near; first += RUN) {
         const triangle_run *run = cut->run + first / RUN;
-        if (are_apart(run->low, run->high, low, high)) continue;
+        if (boxes_are_disjoint(run->low, run->high, low, high)) continue;
         for (int32_t n = first; n < cut->num_near && n < first + RUN; n++) {
             const cut_triangle *one = cut->strip.triangles + cut->near[n];
-            if (!are_apart(one->low, one->high, low, high) &&
+            if (!boxes_are_disjoint(one->low, one->high, low, high) &&
                 pliant_passes_through(a, b, one->corner, one->normal, cut->slack))
                 return one;
         }
@@ -144,15 +144,15 @@ static double area_of(const severing *cut, const voxel_map *map, const double no
 
 pliant_status pliant_cut_add_link(cut_work *work, uint32_t link, double area)
 {
-    if (work->num_links == work->link_room) {
-        const int32_t room = work->link_room > 0 ? 2 * work->link_room : 1024;
-        uint32_t *links = pliant_resize(work->link, (size_t)room, sizeof *links);
+    if (work->num_links == work->link_capacity) {
+        const int32_t capacity = work->link_capacity > 0 ? 2 * work->link_capacity : 1024;
+        uint32_t *links = pliant_resize(work->link, (size_t)capacity, sizeof *links);
         if (!links) return pliant_fail_memory("the severed links");
         work->link = links;
-        double *areas = pliant_resize(work->link_area, (size_t)room, sizeof *areas);
+        double *areas = pliant_resize(work->link_area, (size_t)capacity, sizeof *areas);
         if (!areas) return pliant_fail_memory("the severed links");
         work->link_area = areas;
-        work->link_room = room;
+        work->link_capacity = capacity;
     }
     work->link[work->num_links] = link;
     work->link_area[work->num_links++] = area;
@@ -161,12 +161,12 @@ pliant_status pliant_cut_add_link(cut_work *work, uint32_t link, double area)
 
 static pliant_status add_bridge(cut_work *work, int32_t bridge)
 {
-    if (work->num_bridges == work->bridge_room) {
-        const int32_t room = work->bridge_room > 0 ? 2 * work->bridge_room : 64;
-        int32_t *longer = pliant_resize(work->bridge, (size_t)room, sizeof *longer);
+    if (work->num_bridges == work->bridge_capacity) {
+        const int32_t capacity = work->bridge_capacity > 0 ? 2 * work->bridge_capacity : 64;
+        int32_t *longer = pliant_resize(work->bridge, (size_t)capacity, sizeof *longer);
         if (!longer) return pliant_fail_memory("the severed bridges");
         work->bridge = longer;
-        work->bridge_room = room;
+        work->bridge_capacity = capacity;
     }
     work->bridge[work->num_bridges++] = bridge;
     return PLIANT_OK;
@@ -207,7 +207,7 @@ static pliant_status try_link(severing *cut, int32_t tet, int32_t voxel, const i
     place_in(from, at, a);
     place_in(to, there, b);
     /* both orders of the points give the same floating-point result */
-    const cut_triangle *one = way > 0 ? parted(cut, a, b) : parted(cut, b, a);
+    const cut_triangle *one = way > 0 ? find_separating_triangle(cut, a, b) : find_separating_triangle(cut, b, a);
     if (!one) return PLIANT_OK;
     const pliant_links links = {.voxels = voxels, .cuts = work->cuts};
     const int32_t lower = way > 0 ? voxel : other;
@@ -232,8 +232,9 @@ static pliant_status try_bridge(severing *cut, int32_t bridge)
         pliant_place_of(work->voxels, voxel, place);
         place_in(map[end], place, at[end]);
     }
-    return parted(cut, at[0], at[1]) && !pliant_bridge_severed(work->cuts, bridge) ? add_bridge(work, bridge)
-                                                                                   : PLIANT_OK;
+    return find_separating_triangle(cut, at[0], at[1]) && !pliant_bridge_severed(work->cuts, bridge)
+               ? add_bridge(work, bridge)
+               : PLIANT_OK;
 }
 
 /* ---- candidates */
@@ -246,7 +247,7 @@ static bool find_near(severing *cut, double low[3], double high[3])
     cut->num_near = 0;
     for (int32_t t = 0; t < cut->strip.count; t++) {
         const cut_triangle *one = cut->strip.triangles + t;
-        if (are_apart(one->low, one->high, low, high)) continue;
+        if (boxes_are_disjoint(one->low, one->high, low, high)) continue;
         triangle_run *run = cut->run + cut->num_near / RUN;
         if (cut->num_near % RUN == 0)
             *run = (triangle_run){{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
@@ -266,8 +267,8 @@ static bool find_near(severing *cut, double low[3], double high[3])
 }
 
 /* Map a box back to voxel indices, enlarged by two voxels. Return all voxels where the map is singular or inverted. */
-static void map_back(const voxel_map *map, double handed, const double low[3], const double high[3], double from[3],
-                     double to[3])
+static void map_box_to_index(const voxel_map *map, double scan_handedness, const double low[3], const double high[3],
+                             double from[3], double to[3])
 {
     const double *m = map->axes;
     const double minors[9] = {m[4] * m[8] - m[5] * m[7], m[2] * m[7] - m[1] * m[8], m[1] * m[5] - m[2] * m[4],
@@ -286,7 +287,7 @@ static void map_back(const voxel_map *map, double handed, const double low[3], c
             from[r] = lesser(from[r], at - 2);
             to[r] = greater(to[r], at + 2);
         }
-        if (!(handed * determinant > 1e-3 * lengths) || !(from[r] <= to[r])) {
+        if (!(scan_handedness * determinant > 1e-3 * lengths) || !(from[r] <= to[r])) {
             from[r] = -INFINITY;
             to[r] = INFINITY;
         }
@@ -346,7 +347,7 @@ static pliant_status try_voxels(severing *cut, int32_t tet, int32_t owner, const
     for (int32_t b = voxels->bridge_start[owner]; b < voxels->bridge_start[owner + 1] && status == PLIANT_OK; b++)
         status = try_bridge(cut, b);
     for (int32_t b = voxels->beside_start[owner]; b < voxels->beside_start[owner + 1] && status == PLIANT_OK; b++)
-        status = try_bridge(cut, voxels->beside[b]);
+        status = try_bridge(cut, voxels->adjacent[b]);
     return status;
 }
 
@@ -371,7 +372,7 @@ static pliant_status try_fragment(severing *cut, int32_t tet)
         high[d] += more;
     }
     if (!find_near(cut, low, high)) return PLIANT_OK;
-    map_back(map, cut->handed, low, high, from, to);
+    map_box_to_index(map, cut->scan_handedness, low, high, from, to);
     find_slab(cut, map);
     pliant_status status = try_voxels(cut, tet, cut_parent(work, tet), from, to);
     for (int32_t c = 0; work->cuts && c < work->cuts->num_chips && status == PLIANT_OK; c++)
@@ -417,12 +418,13 @@ pliant_status pliant_cut_sever(cut_work *work, const pliant_cut_sweep *sweep)
     const pliant_geometry *geometry = &work->voxels->geometry;
     const double spacing = lesser(geometry->spacing[0], lesser(geometry->spacing[1], geometry->spacing[2]));
     severing cut = {.work = work, .slack = 1e-9 * spacing};
-    const double aside[3] = {tie[0] * spacing, tie[1] * spacing, tie[2] * spacing};
+    const double aside[3] = {tie_breaking_shift[0] * spacing, tie_breaking_shift[1] * spacing,
+                             tie_breaking_shift[2] * spacing};
     for (int r = 0; r < 3; r++)
         for (int c = 0; c < 3; c++)
             cut.rest_of_index[3 * r + c] = geometry->direction[3 * r + c] * geometry->spacing[c];
     const double *cell = work->body->fine.cell_size; /* for an octree, the size of its smallest leaves */
-    cut.handed = pliant_determinant(geometry->direction) < 0 ? -1 : 1;
+    cut.scan_handedness = pliant_determinant(geometry->direction) < 0 ? -1 : 1;
     /* the minimum height of the lattice's tetrahedra is 0.58 of a cube's side, and less next to bone */
     cut.reach = (work->body->fine.num_moved > 0 ? 8 : 4) *
                 greater(geometry->spacing[0], greater(geometry->spacing[1], geometry->spacing[2])) /
@@ -435,7 +437,7 @@ pliant_status pliant_cut_sever(cut_work *work, const pliant_cut_sweep *sweep)
         if (!cut_sparse_create(work->body->fine.num_tets, &cut.map_of) || !cut.near || !cut.run)
             status = pliant_fail_memory("the maps of fragments");
         if (status == PLIANT_OK)
-            status = pliant_cut_near(work->body, work->positions, &cut.strip, cut.reach, cut.slack, &may);
+            status = pliant_cut_find_near_tets(work->body, work->positions, &cut.strip, cut.reach, cut.slack, &may);
         const size_t tets = (size_t)work->body->fine.num_tets;
         for (const uint8_t *at = may; status == PLIANT_OK && (at = memchr(at, 1, tets - (size_t)(at - may))); at++)
             status = try_fragment(&cut, (int32_t)(at - may));

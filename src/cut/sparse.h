@@ -16,8 +16,8 @@ enum { CUT_RUN = 256 };
 
 typedef struct cut_sparse {
     int32_t *place;    /* (runs) index of each run in number, in units of runs; 0: the common run of zeros */
-    int32_t *number;   /* (room x CUT_RUN) */
-    int32_t runs, room;
+    int32_t *number;   /* (capacity x CUT_RUN) */
+    int32_t runs, capacity;
 } cut_sparse;
 
 /* Create an array for tetrahedra below count. Return false if memory is exhausted; the array must be freed
@@ -27,7 +27,7 @@ static inline bool cut_sparse_create(int32_t count, cut_sparse *sparse)
     sparse->place = (int32_t *)pliant_calloc((size_t)count / CUT_RUN + 1, sizeof *sparse->place);
     sparse->number = (int32_t *)pliant_calloc(4 * CUT_RUN, sizeof *sparse->number);
     sparse->runs = 1;
-    sparse->room = 4;
+    sparse->capacity = 4;
     return sparse->place && sparse->number;
 }
 
@@ -47,11 +47,12 @@ static inline int32_t cut_sparse_get(const cut_sparse *sparse, int32_t tet)
 static inline bool cut_sparse_set(cut_sparse *sparse, int32_t tet, int32_t number)
 {
     int32_t *place = sparse->place + tet / CUT_RUN;
-    if (*place == 0 && sparse->runs == sparse->room) {
-        int32_t *longer = (int32_t *)pliant_resize(sparse->number, 2 * (size_t)sparse->room * CUT_RUN, sizeof *longer);
+    if (*place == 0 && sparse->runs == sparse->capacity) {
+        int32_t *longer =
+            (int32_t *)pliant_resize(sparse->number, 2 * (size_t)sparse->capacity * CUT_RUN, sizeof *longer);
         if (!longer) return false;
         sparse->number = longer;
-        sparse->room *= 2;
+        sparse->capacity *= 2;
     }
     if (*place == 0) *place = sparse->runs++;
     sparse->number[CUT_RUN * (size_t)*place + (size_t)(tet % CUT_RUN)] = number;

@@ -16,12 +16,12 @@ static const int ends_of[6][2] = {{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}
 
 typedef struct edge {
     int32_t end[2]; /* node numbers, ascending */
-    double share;   /* position of the intersection as a fraction of the edge */
+    double fraction;   /* position of the intersection as a fraction of the edge */
     double length;  /* rest length [m] */
 } edge;
 
 typedef struct edge_list {
-    int32_t count, room;
+    int32_t count, capacity;
     edge *edges;
 } edge_list;
 
@@ -58,12 +58,12 @@ static pliant_status list_near(const cut_splitting *work, edge_list *list)
         for (int32_t n = 0; n < strip->count && !near; n++)
             near = boxes_meet(low, high, strip->triangles[n].low, strip->triangles[n].high);
         if (!near) continue;
-        if (list->count + 6 > list->room) {
-            const int32_t room = 2 * list->room + 256;
-            edge *longer = pliant_resize(list->edges, (size_t)room, sizeof *longer);
+        if (list->count + 6 > list->capacity) {
+            const int32_t capacity = 2 * list->capacity + 256;
+            edge *longer = pliant_resize(list->edges, (size_t)capacity, sizeof *longer);
             if (!longer) return pliant_fail_memory("the edges that the blade cuts");
             list->edges = longer;
-            list->room = room;
+            list->capacity = capacity;
         }
         for (int e = 0; e < 6; e++) {
             const int32_t a = nodes[ends_of[e][0]], b = nodes[ends_of[e][1]];
@@ -104,8 +104,8 @@ static bool is_crossed(const cut_splitting *work, edge *one)
             from += triangle->normal[d] * (a[d] - triangle->corner[d]);
             to += triangle->normal[d] * (b[d] - triangle->corner[d]);
         }
-        const double share = fmin(fmax(from / (from - to), 0), 1);
-        if (passes++ == 0 || share < one->share) one->share = share;
+        const double fraction = fmin(fmax(from / (from - to), 0), 1);
+        if (passes++ == 0 || fraction < one->fraction) one->fraction = fraction;
     }
     return passes % 2 == 1;
 }
@@ -133,11 +133,11 @@ static void find_crossed(const cut_splitting *work, edge_list *list)
 /* Mark ends of edges that the blade passes within a tolerance as nodes on the blade. */
 static void snap(cut_splitting *work, const edge_list *list)
 {
-    const double least = work->body->subdivision->least_edge;
+    const double minimum = work->body->subdivision->min_edge;
     for (int32_t e = 0; e < list->count; e++) {
         const edge *one = list->edges + e;
-        const int nearer = one->share > 0.5;
-        if ((nearer ? 1 - one->share : one->share) * one->length < least) work->on[one->end[nearer]] = 1;
+        const int nearer = one->fraction > 0.5;
+        if ((nearer ? 1 - one->fraction : one->fraction) * one->length < minimum) work->on[one->end[nearer]] = 1;
     }
 }
 
@@ -159,15 +159,15 @@ static bool parts_are_large(const cut_splitting *work, const edge *one, const do
             for (int v = 0; v < 4; v++)
                 corner[v] = nodes[v] == one->end[end] ? middle : work->rest + 3 * (size_t)nodes[v];
             if (!(pliant_split_volume(corner[0], corner[1], corner[2], corner[3]) >=
-                  work->body->subdivision->least_volume))
+                  work->body->subdivision->min_volume))
                 return false;
         }
     return true;
 }
 
-static uint8_t fixed_between(uint8_t a, uint8_t b)
+static uint8_t fixing_of_middle(uint8_t a, uint8_t b)
 {
-    return a == PLIANT_MOVES || b == PLIANT_MOVES ? PLIANT_MOVES : a == b ? a : PLIANT_FIXED_WHERE_IT_WAS;
+    return a == PLIANT_MOVES || b == PLIANT_MOVES ? PLIANT_MOVES : a == b ? a : PLIANT_FIXED_AT_POSITION;
 }
 
 /* Bisect an edge. The first part of each tetrahedron keeps its number; the second part is appended. */
@@ -177,7 +177,7 @@ static pliant_status bisect(cut_splitting *work, const edge *one)
     double middle[3];
     for (int d = 0; d < 3; d++) {
         const double *from = work->rest + 3 * (size_t)a, *to = work->rest + 3 * (size_t)b;
-        middle[d] = from[d] + one->share * (to[d] - from[d]);
+        middle[d] = from[d] + one->fraction * (to[d] - from[d]);
     }
     pliant_status status = pliant_split_around(work, a);
     if (status != PLIANT_OK) return status;
@@ -186,12 +186,12 @@ static pliant_status bisect(cut_splitting *work, const edge *one)
         if (corner_of(work, work->around[i] / 4, b) >= 0) work->around[count++] = work->around[i] / 4;
     work->num_around = count;
     if (!parts_are_large(work, one, middle)) {
-        work->on[one->end[one->share > 0.5]] = 1;
+        work->on[one->end[one->fraction > 0.5]] = 1;
         return PLIANT_OK;
     }
     const int32_t node = work->num_nodes;
-    status = pliant_split_add_node(work, (pliant_between){{a, b}, one->share},
-                                   fixed_between(work->fixed[a], work->fixed[b]));
+    status = pliant_split_add_node(work, (pliant_between){{a, b}, one->fraction},
+                                   fixing_of_middle(work->fixed[a], work->fixed[b]));
     if (status == PLIANT_OK) work->on[node] = 1;
     for (int32_t i = 0; i < count && status == PLIANT_OK; i++) {
         const int32_t tet = work->around[i];

@@ -18,11 +18,11 @@ typedef struct face {
 } face;
 
 typedef struct face_list {
-    int32_t count, room;
+    int32_t count, capacity;
     face *faces;
 } face_list;
 
-static int num_on(const cut_splitting *work, int32_t tet)
+static int count_nodes_on_stroke(const cut_splitting *work, int32_t tet)
 {
     int count = 0;
     for (int v = 0; v < 4; v++) count += work->on[work->corners[4 * (size_t)tet + v]];
@@ -73,20 +73,20 @@ static double area_of(const cut_splitting *work, int32_t tet, int corner)
 static pliant_status list_faces(const cut_splitting *work, face_list *list)
 {
     for (int32_t t = 0; t < work->num_tets; t++) {
-        const int count = num_on(work, t);
+        const int count = count_nodes_on_stroke(work, t);
         for (int c = 0; c < 4 && count >= 3; c++) {
             if (count - work->on[work->corners[4 * (size_t)t + c]] < 3) continue;
             const int32_t other = across(work, t, c);
             if (other / 4 <= t) continue; /* no neighbour, or listed from the other side */
-            if (list->count == list->room) {
-                const int32_t room = 2 * list->room + 64;
-                face *longer = pliant_resize(list->faces, (size_t)room, sizeof *longer);
+            if (list->count == list->capacity) {
+                const int32_t capacity = 2 * list->capacity + 64;
+                face *longer = pliant_resize(list->faces, (size_t)capacity, sizeof *longer);
                 if (!longer) return pliant_fail_memory("the faces that the blade splits");
                 list->faces = longer;
-                list->room = room;
+                list->capacity = capacity;
             }
-            list->faces[list->count++] =
-                (face){{4 * t + c, other}, area_of(work, t, c), count == 4 || num_on(work, other / 4) == 4};
+            list->faces[list->count++] = (face){
+                {4 * t + c, other}, area_of(work, t, c), count == 4 || count_nodes_on_stroke(work, other / 4) == 4};
         }
     }
     return PLIANT_OK;
@@ -108,7 +108,7 @@ static pliant_status sever(cut_splitting *work, face_list *list)
     bool good = group && held;
     for (int32_t t = 0; good && t < work->num_tets; t++) {
         group[t] = t;
-        held[t] = num_on(work, t) < 4;
+        held[t] = count_nodes_on_stroke(work, t) < 4;
     }
     qsort(list->faces, (size_t)list->count, sizeof *list->faces, by_area);
     for (int32_t f = 0; good && f < list->count; f++) {
@@ -158,7 +158,7 @@ static int32_t find_parts(const cut_splitting *work, int32_t *part, int32_t *who
     return parts;
 }
 
-static pliant_status split_node(cut_splitting *work, int32_t node, int32_t **room, int32_t *room_size)
+static pliant_status split_node(cut_splitting *work, int32_t node, int32_t **capacity, int32_t *room_size)
 {
     bool severed = false;
     pliant_status status = pliant_split_around(work, node);
@@ -168,12 +168,12 @@ static pliant_status split_node(cut_splitting *work, int32_t node, int32_t **roo
         for (int c = 0; c < 4; c++) severed = severed || work->severed[4 * (work->around[i] / 4) + c];
     if (!severed) return PLIANT_OK;
     if (2 * count > *room_size) {
-        int32_t *longer = pliant_resize(*room, 4 * (size_t)count, sizeof *longer);
+        int32_t *longer = pliant_resize(*capacity, 4 * (size_t)count, sizeof *longer);
         if (!longer) return pliant_fail_memory("the nodes that the blade splits");
-        *room = longer;
+        *capacity = longer;
         *room_size = 4 * count;
     }
-    int32_t *part = *room, *whole = *room + count;
+    int32_t *part = *capacity, *whole = *capacity + count;
     if (find_parts(work, part, whole) == 1) return PLIANT_OK;
     for (int32_t i = 1; i < count && status == PLIANT_OK; i++) { /* the first part keeps the node */
         if (part[i] != i) continue;
@@ -187,8 +187,8 @@ static pliant_status split_node(cut_splitting *work, int32_t node, int32_t **roo
 }
 
 /* Report the area of the faces that the tetrahedra no longer share. */
-static void tell_opened(const cut_splitting *work, const face_list *list, const pliant_cut_sweep *sweep,
-                        pliant_cut_report *report)
+static void report_separated_faces(const cut_splitting *work, const face_list *list, const pliant_cut_sweep *sweep,
+                                   pliant_cut_report *report)
 {
     for (int32_t f = 0; f < list->count; f++) {
         const int32_t *side = list->faces[f].side, *a = work->corners + 4 * (size_t)(side[0] / 4),
@@ -206,16 +206,16 @@ static void tell_opened(const cut_splitting *work, const face_list *list, const 
 pliant_status pliant_split_faces(cut_splitting *work, const pliant_cut_sweep *sweep, pliant_cut_report *report)
 {
     face_list list = {0};
-    int32_t *room = NULL, room_size = 0;
+    int32_t *capacity = NULL, room_size = 0;
     const int32_t nodes = work->num_nodes;
     pliant_status status = list_faces(work, &list);
     if (status == PLIANT_OK && list.count > 0) {
         status = sever(work, &list);
         for (int32_t n = 0; n < nodes && status == PLIANT_OK; n++)
-            if (work->on[n]) status = split_node(work, n, &room, &room_size);
-        if (status == PLIANT_OK) tell_opened(work, &list, sweep, report);
+            if (work->on[n]) status = split_node(work, n, &capacity, &room_size);
+        if (status == PLIANT_OK) report_separated_faces(work, &list, sweep, report);
     }
     pliant_free(list.faces);
-    pliant_free(room);
+    pliant_free(capacity);
     return status;
 }

@@ -2,7 +2,7 @@
 #include "cut/subdivide.h"
 
 #include "base/fail.h"
-#include "base/room.h"
+#include "base/buffer.h"
 #include "base/memory.h"
 
 #include <stdlib.h>
@@ -10,24 +10,24 @@
 
 static pliant_status no_memory(void) { return pliant_fail_memory("the split elements"); }
 
-static bool make_node_room(cut_splitting *work, int32_t room)
+static bool grow_nodes(cut_splitting *work, int32_t capacity)
 {
-    const size_t count = (size_t)room;
+    const size_t count = (size_t)capacity;
     bool good = pliant_grow(&work->rest, count, 3 * sizeof *work->rest) &&
                 pliant_grow(&work->between, count, sizeof *work->between) && pliant_grow(&work->fixed, count, 1) &&
                 pliant_grow(&work->on, count, 1) && pliant_grow(&work->first, count, sizeof *work->first);
-    if (good) work->node_room = room;
+    if (good) work->node_room = capacity;
     return good;
 }
 
-static bool make_tet_room(cut_splitting *work, int32_t room)
+static bool grow_tets(cut_splitting *work, int32_t capacity)
 {
-    const size_t count = (size_t)room;
+    const size_t count = (size_t)capacity;
     bool good = pliant_grow(&work->corners, count, 4 * sizeof *work->corners) &&
                 pliant_grow(&work->next, count, 4 * sizeof *work->next) &&
                 pliant_grow(&work->source, count, sizeof *work->source) &&
                 pliant_grow(&work->severed, count, 4 * sizeof *work->severed);
-    if (good) work->tet_room = room;
+    if (good) work->tet_capacity = capacity;
     return good;
 }
 
@@ -38,9 +38,9 @@ pliant_status pliant_split_begin(const pliant_body *body, const double *position
     const size_t nodes = (size_t)fine->num_nodes, tets = (size_t)fine->num_tets;
     *out = (cut_splitting){
         .body = body, .positions = positions, .strip = strip, .num_nodes = fine->num_nodes, .num_tets = fine->num_tets};
-    out->slack = 1e-9 * body->subdivision->least_edge;
-    if (!make_node_room(out, fine->num_nodes + fine->num_nodes / 4 + 64) ||
-        !make_tet_room(out, fine->num_tets + fine->num_tets / 4 + 64))
+    out->slack = 1e-9 * body->subdivision->min_edge;
+    if (!grow_nodes(out, fine->num_nodes + fine->num_nodes / 4 + 64) ||
+        !grow_tets(out, fine->num_tets + fine->num_tets / 4 + 64))
         return no_memory();
     memcpy(out->rest, fine->rest, 3 * nodes * sizeof *out->rest);
     memcpy(out->fixed, body->fine_fixed, nodes);
@@ -66,9 +66,9 @@ void pliant_split_end(cut_splitting *work)
 pliant_status pliant_split_add_node(cut_splitting *work, pliant_between between, uint8_t fixed)
 {
     const int32_t node = work->num_nodes;
-    if (node == work->node_room && !make_node_room(work, 2 * node)) return no_memory();
+    if (node == work->node_room && !grow_nodes(work, 2 * node)) return no_memory();
     const double *a = work->rest + 3 * (size_t)between.end[0], *b = work->rest + 3 * (size_t)between.end[1];
-    for (int d = 0; d < 3; d++) work->rest[3 * (size_t)node + d] = a[d] + between.share * (b[d] - a[d]);
+    for (int d = 0; d < 3; d++) work->rest[3 * (size_t)node + d] = a[d] + between.fraction * (b[d] - a[d]);
     work->between[node] = between;
     work->fixed[node] = fixed;
     work->on[node] = 0;
@@ -87,7 +87,7 @@ static void link_corner(cut_splitting *work, int32_t corner)
 pliant_status pliant_split_add_tet(cut_splitting *work, const int32_t nodes[4], int32_t source)
 {
     const int32_t tet = work->num_tets;
-    if (tet == work->tet_room && !make_tet_room(work, 2 * tet)) return no_memory();
+    if (tet == work->tet_capacity && !grow_tets(work, 2 * tet)) return no_memory();
     work->source[tet] = source;
     memset(work->severed + 4 * (size_t)tet, 0, 4 * sizeof *work->severed);
     memcpy(work->corners + 4 * (size_t)tet, nodes, 4 * sizeof *nodes);
@@ -116,10 +116,10 @@ pliant_status pliant_split_around(cut_splitting *work, int32_t node)
 {
     work->num_around = 0;
     for (int32_t at = work->first[node]; at >= 0; at = work->next[at]) {
-        if (work->num_around == work->around_room) {
-            if (!pliant_grow(&work->around, 2 * (size_t)work->around_room + 64, sizeof *work->around))
+        if (work->num_around == work->around_capacity) {
+            if (!pliant_grow(&work->around, 2 * (size_t)work->around_capacity + 64, sizeof *work->around))
                 return no_memory();
-            work->around_room = 2 * work->around_room + 64;
+            work->around_capacity = 2 * work->around_capacity + 64;
         }
         work->around[work->num_around++] = at;
     }

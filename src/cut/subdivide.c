@@ -10,24 +10,24 @@ static pliant_status no_memory(void) { return pliant_fail_memory("the subdivided
 
 /* ---- strokes */
 
-static bool goes_on(const pliant_cut_mark *mark, const pliant_cut_sweep *sweep)
+static bool continues_stroke(const pliant_cut_mark *mark, const pliant_cut_sweep *sweep)
 {
     return sweep->stroke > 0 && mark->blade == sweep->blade && mark->stroke == sweep->stroke;
 }
 
-static void recall_marks(cut_splitting *work, const pliant_cut_sweep *sweep)
+static void restore_marks(cut_splitting *work, const pliant_cut_sweep *sweep)
 {
     const pliant_subdivision *subdivision = work->body->subdivision;
     for (int32_t m = 0; m < subdivision->num_marks; m++)
-        if (goes_on(subdivision->mark + m, sweep)) work->on[subdivision->mark[m].node] = 1;
+        if (continues_stroke(subdivision->mark + m, sweep)) work->on[subdivision->mark[m].node] = 1;
 }
 
 /* Return whether the stroke marks nodes that were not marked before. */
-static bool any_new_mark(const cut_splitting *work, const pliant_cut_sweep *sweep)
+static bool has_new_mark(const cut_splitting *work, const pliant_cut_sweep *sweep)
 {
     int32_t before = 0, now = 0;
     for (int32_t m = 0; m < work->body->subdivision->num_marks; m++)
-        before += goes_on(work->body->subdivision->mark + m, sweep);
+        before += continues_stroke(work->body->subdivision->mark + m, sweep);
     for (int32_t n = 0; n < work->num_nodes; n++) now += work->on[n];
     return sweep->stroke > 0 && now > before;
 }
@@ -89,14 +89,14 @@ static pliant_status subdivide(cut_splitting *work, uint64_t revision, const pli
                                pliant_cut_report *report)
 {
     const pliant_mesh *fine = &work->body->fine;
-    recall_marks(work, sweep);
+    restore_marks(work, sweep);
     pliant_status status = pliant_split_edges(work);
     if (status == PLIANT_OK) status = pliant_split_faces(work, sweep, report);
     if (status != PLIANT_OK) return status;
     for (int32_t t = 0; t < fine->num_tets; t++)
         report->touched +=
             memcmp(fine->tets + 4 * (size_t)t, work->corners + 4 * (size_t)t, 4 * sizeof *fine->tets) != 0;
-    if (!out || (work->num_nodes == fine->num_nodes && !any_new_mark(work, sweep))) return PLIANT_OK;
+    if (!out || (work->num_nodes == fine->num_nodes && !has_new_mark(work, sweep))) return PLIANT_OK;
     return make_next(work, revision, sweep, out, &report->pieces);
 }
 

@@ -20,14 +20,14 @@ typedef struct cut_splitting {
     uint8_t *fixed;                /* (num_nodes) pliant_fixing */
     uint8_t *on;                   /* (num_nodes) whether the stroke passes through the node */
     int32_t *first;                /* (num_nodes) a corner of the node, 4 tetrahedron + corner; -1: none */
-    int32_t num_tets, tet_room;
+    int32_t num_tets, tet_capacity;
     int32_t *corners;              /* (num_tets x 4) nodes */
     int32_t *next;                 /* (num_tets x 4) next corner of the same node */
     int32_t *source;               /* (num_tets) source tetrahedron of the body */
     /* (num_tets x 4) for the face opposite each corner: 0, or 1 + the corner on its other side if the face is
      * severed */
     int32_t *severed;
-    int32_t num_around, around_room;
+    int32_t num_around, around_capacity;
     int32_t *around;               /* (num_around) buffer for corners or tetrahedra */
 } cut_splitting;
 

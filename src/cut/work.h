@@ -26,7 +26,7 @@ typedef struct cut_strip {
 
 /* A fragment with a smaller fraction of its tetrahedron's voxels is a chip unless it connects other elements. A
  * component without connections below this fraction is dust. */
-#define CUT_LEAST_SHARE 0.03
+#define CUT_MIN_FRACTION 0.03
 
 /* Connected voxels of a touched tetrahedron. */
 typedef struct cut_fragment {
@@ -34,9 +34,9 @@ typedef struct cut_fragment {
     int32_t source;   /* fine tetrahedron of the previous body that contains it */
     int32_t voxels;
     int32_t host;     /* element with which it moved before the cut: source, or a fragment of another tetrahedron */
-    bool came_back;   /* whether it is a chip that moved with a fragment of another tetrahedron */
+    bool was_chip;   /* whether it is a chip that moved with a fragment of another tetrahedron */
     bool stays;       /* whether it keeps the number of its source */
-    int32_t into;     /* element that received its voxels: a fragment or an untouched tetrahedron; -1: none */
+    int32_t receiver;     /* element that received its voxels: a fragment or an untouched tetrahedron; -1: none */
     int32_t number;   /* number in the next body's fine tetrahedra */
 } cut_fragment;
 
@@ -53,26 +53,26 @@ typedef struct cut_work {
     const double *positions;
     uint32_t stroke[2];              /* blade and stroke of the sweep; 0 0: no stroke */
     /* ---- sever.c: newly severed links and bridges, ascending */
-    int32_t num_links, num_bridges, link_room, bridge_room;
+    int32_t num_links, num_bridges, link_capacity, bridge_capacity;
     uint32_t *link;
     double *link_area;               /* area at rest [m^2] */
     int32_t *bridge;
-    /* ---- touch.c */
+    /* ---- find_touched.c */
     pliant_cuts *next;               /* all severed links after the cut; gather.c adds the rest */
     /* per initial tetrahedron: > 0: 1 + index of a touched one; < 0: -1 - index in cuts; 0: neither (cut_state) */
     cut_sparse state;
-    int32_t num_touched, touched_room, *touched; /* tetrahedra of the initial mesh, ascending */
+    int32_t num_touched, touched_capacity, *touched; /* tetrahedra of the initial mesh, ascending */
     int32_t *start;                  /* (num_touched + 1) first index into voxel and part */
     int32_t *first;                  /* (num_touched + 1) first fragment of each */
     int32_t *voxel, *part;           /* voxels of touched tetrahedra, and their fragments */
     pliant_links links;              /* table of severed links around the touched tetrahedra */
     int32_t *place;                  /* (box of links) 1 + index into voxel; 0: no touched tetrahedron owns the voxel */
     /* (box of links) whether a link of the voxel, or of one of its 26 neighbours, is severed */
-    uint8_t *doubtful;
+    uint8_t *is_near_severed_link;
     int32_t num_fragments;
     cut_fragment *fragment;
     /* ---- join.c */
-    int32_t num_edges, edge_room, table_size;
+    int32_t num_edges, edge_capacity, table_size;
     cut_edge *edge;
     int32_t *table;                  /* hash table: 1 + edge */
     /* ---- corners.c */
@@ -81,9 +81,9 @@ typedef struct cut_work {
     int32_t *corners;                /* (num_changed and appended tetrahedra x 4) nodes */
     int32_t *tet_source;             /* (appended tetrahedra) */
     uint8_t *copy_fixed;             /* (appended nodes) */
-    int32_t num_joints, joint_room;
+    int32_t num_joints, joint_capacity;
     int32_t *joint;                  /* (num_joints x 2) as in pliant_division */
-    bool in_one;                     /* the surroundings of the touched tetrahedra are still connected by faces */
+    bool is_still_connected;         /* the surroundings of the touched tetrahedra are still connected by faces */
     /* ---- materials.c */
     pliant_tet_material *material;   /* (num_changed and appended tetrahedra) */
 } cut_work;
@@ -103,16 +103,16 @@ static inline int32_t cut_tet_of(const cut_work *work, int32_t end)
 }
 /* Return the element that finally received a fragment's voxels: itself, another fragment, or an untouched
  * tetrahedron. */
-static inline int32_t cut_final(const cut_work *work, int32_t end)
+static inline int32_t cut_receiver(const cut_work *work, int32_t end)
 {
-    while (end >= work->body->fine.num_tets && work->fragment[end - work->body->fine.num_tets].into >= 0)
-        end = work->fragment[end - work->body->fine.num_tets].into;
+    while (end >= work->body->fine.num_tets && work->fragment[end - work->body->fine.num_tets].receiver >= 0)
+        end = work->fragment[end - work->body->fine.num_tets].receiver;
     return end;
 }
 /* Return the number of an element in the next body's fine tetrahedra. */
 static inline int32_t cut_number(const cut_work *work, int32_t end)
 {
-    end = cut_final(work, end);
+    end = cut_receiver(work, end);
     return end < work->body->fine.num_tets ? end : work->fragment[end - work->body->fine.num_tets].number;
 }
 /* Return the row of a tetrahedron of the next body in corners; -1: unchanged. */
@@ -145,12 +145,12 @@ pliant_status pliant_cut_subdivide(const pliant_body *body, uint64_t revision, c
 /* cut.c: count the pieces with tissue; common nodes or joints connect tetrahedra to a piece. */
 pliant_status pliant_cut_count_pieces(const pliant_body *body, int32_t *pieces);
 
-/* near.c: find the tetrahedra that a strip may touch. Each tetrahedron's box grows by `reach` times its extent plus
- * slack [m].
+/* find_near_tets.c: find the tetrahedra that a strip may touch. Each tetrahedron's box grows by `reach` times its
+ * extent plus slack [m].
  * out: (fine.num_tets) 1: may touch; owned by the caller, also after an error
  * Errors: MEMORY. */
-pliant_status pliant_cut_near(const pliant_body *body, const double *positions, const cut_strip *strip, double reach,
-                              double slack, uint8_t **out);
+pliant_status pliant_cut_find_near_tets(const pliant_body *body, const double *positions, const cut_strip *strip,
+                                        double reach, double slack, uint8_t **out);
 /* Find the links and bridges that the sweep severs. */
 pliant_status pliant_cut_sever(cut_work *work, const pliant_cut_sweep *sweep);
 /* Append a newly severed link.
@@ -161,13 +161,13 @@ pliant_status pliant_cut_close_seam(cut_work *work);
 /* Sort the newly severed links and bridges, and remove duplicates. */
 pliant_status pliant_cut_sort_severed(cut_work *work);
 /* Find the tetrahedra that own an end of a severed link, and their fragments. */
-pliant_status pliant_cut_touch(cut_work *work);
+pliant_status pliant_cut_find_touched(cut_work *work);
 /* Find the edges between elements. */
 pliant_status pliant_cut_find_edges(cut_work *work);
 /* Restore newly severed links of components of a few voxels. If *changed, touch and find_edges must run again. */
 pliant_status pliant_cut_keep_dust(cut_work *work, bool *changed);
 /* Assign chips to the elements that they move with. */
-pliant_status pliant_cut_give_chips(cut_work *work);
+pliant_status pliant_cut_assign_chips(cut_work *work);
 /* Return the element of a voxel that has an owner. */
 int32_t pliant_cut_end_of(const cut_work *work, int32_t voxel);
 /* Return the weight of the edge between two elements; 0: none. */
@@ -175,7 +175,7 @@ int32_t pliant_cut_edge(const cut_work *work, int32_t a, int32_t b);
 /* Assign nodes to corners, and number tetrahedra and nodes. */
 pliant_status pliant_cut_corners(cut_work *work);
 /* Sever links between elements that no node connects. If *changed, all stages must run again. */
-pliant_status pliant_cut_part_unheld(cut_work *work, bool *changed);
+pliant_status pliant_cut_sever_unrepresentable(cut_work *work, bool *changed);
 pliant_status pliant_cut_materials(cut_work *work);
 /* Store the fragments and joins in work->next. */
 pliant_status pliant_cut_gather(cut_work *work);

@@ -27,9 +27,9 @@ class Retraction(Base):
     metadata = {"render_modes": ["rgb_array"], "render_fps": 50}
     render_mode = "rgb_array"
 
-    def __init__(self, scene=None, scan="phantom:80x58x60", options=None, model=None, most_steps=100):
+    def __init__(self, scene=None, scan="phantom:80x58x60", options=None, model=None, max_steps=100):
         self.model = model or pliant.Model(scene, scan, options)  # several environments may share one model
-        self.sim, self.most_steps = pliant.Sim(model=self.model), most_steps
+        self.sim, self.max_steps = pliant.Sim(model=self.model), max_steps
         self.tool = self.sim.tool("forceps")
         if Box:
             self.action_space = Box(-1, 1, (3,), np.float32)
@@ -61,7 +61,7 @@ class Retraction(Base):
         reached = bool(distance < REACHED)
         reward = -distance / FARTHEST - FORCE_PRICE * np.linalg.norm(state["force"]) + reached
         told = {"distance": distance, "force": state["force"], "error": self.sim.error, "converged": converged}
-        return self._observe(), float(reward), reached, self.steps >= self.most_steps, told
+        return self._observe(), float(reward), reached, self.steps >= self.max_steps, told
 
     def render(self):
         """Return a slice of the deformed scan through the grasped point, grey from -200 to 300 Hounsfield units."""

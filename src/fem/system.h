@@ -43,7 +43,7 @@ typedef struct pliant_upsample {
     /* Homogenized shape functions ([H] 5 to 7): a fine node follows every coarse element whose submesh contains it. */
     int32_t *start;           /* (fine nodes + 1) into the entries; NULL: use the weights above */
     int32_t *entry_element;   /* (entries) coarse tetrahedron, or macro-element */
-    double *entry_share;      /* (entries) inverse-distance weight, sum 1 per node */
+    double *entry_weight;      /* (entries) inverse-distance weight, sum 1 per node */
     double *entry_shape;      /* (entries x 9 corners) N, 3 x 3 times the element's corners, row-major */
     const uint8_t *still;     /* Nullable: (fine nodes) nodes marked PLIANT_FIXED_AT_REST keep their rest position */
 } pliant_upsample;
@@ -219,7 +219,7 @@ typedef struct pliant_kept {
 /* Free everything that the system owns except its preconditioner, and zero the struct. */
 void pliant_system_clear(pliant_system *system);
 /* Return the first index >= from that is not kept, or `count` if all are kept. */
-int32_t pliant_next_not_kept(const uint8_t *kept, int32_t count, int32_t from);
+int32_t pliant_next_changed(const uint8_t *kept, int32_t count, int32_t from);
 /* Build isotropic linear tetrahedra ([H] 2.1).
  * @param before, kept  Nullable: a system whose kept elements are copied. */
 pliant_status pliant_system_elements(pliant_system *system, const pliant_tet_material *material,
@@ -247,7 +247,7 @@ pliant_status pliant_system_number_next(pliant_system *system, const uint8_t *fi
                                         const uint8_t *kept);
 /* Return whether the unknowns have the same numbers in both systems. Systems that were numbered after `before` are not
  * read. */
-bool pliant_numbered_alike(const pliant_system *system, const pliant_system *before);
+bool pliant_has_same_numbers(const pliant_system *system, const pliant_system *before);
 /* Compute system->mean_diagonal, which rotations of elements do not change.
  * @param before, kept  Nullable: a system whose kept contributions are copied.
  * Errors: MEMORY. */
@@ -267,14 +267,14 @@ void pliant_system_assemble_block(const pliant_system *system, const pliant_tang
 void pliant_system_element(const pliant_system *system, const pliant_tangent *tangents, int32_t element,
                            double *stiffness);
 
-/* ---- Implemented in part.c. */
+/* ---- Implemented in extract.c. */
 /* Copy some elements of a system into a new system without unknowns, on a mesh of their nodes.
  * @param element  (count) elements of the whole system.
  * @param place    (nodes of the whole system) number in the new mesh, or -1.
  * @param mesh     In: num_nodes; out: cells, cell_size, rest and, for tetrahedra, tets.
  * Errors: MEMORY; the caller then frees the partial result. */
-pliant_status pliant_system_take(const pliant_system *whole, int32_t count, const int32_t *element,
-                                 const int32_t *place, pliant_mesh *mesh, pliant_system *out);
+pliant_status pliant_system_extract(const pliant_system *whole, int32_t count, const int32_t *element,
+                                    const int32_t *place, pliant_mesh *mesh, pliant_system *out);
 
 /* ---- Implemented in hexahedra.c. Replaces pliant_system_elements. */
 /* Build a hexahedron for every complete lattice cube and every complete fragment of a cube, and tetrahedra for the
@@ -397,21 +397,22 @@ pliant_status pliant_factor_clone(const pliant_factor *factor, pliant_factor **o
 pliant_status pliant_factor_numeric(pliant_factor *factor, double *values);
 /* Solve for (columns x 3 num_columns) right sides. `right` and `out` may be the same array. Errors: MEMORY. */
 pliant_status pliant_factor_solve(pliant_factor *factor, int32_t columns, const double *right, double *out);
-/* Prepare a solve in two halves (panels.h), at the given nodes or at nodes whose half solves are stored (halves.h).
+/* Prepare a solve in two halves (panels.h), at the given nodes or at nodes whose half solves are stored (half_solve.h).
  * @param possible  Out: the factor has panels; if false, the functions below must not be called.
  * Errors: MEMORY. */
 pliant_status pliant_factor_reach(pliant_factor *factor, int32_t count, const int32_t *nodes, bool *possible);
 void pliant_factor_begin(pliant_factor *factor, const double *right, double *out);
 void pliant_factor_end(pliant_factor *factor, const double *more, double *out);
-typedef struct pliant_half pliant_half;
+typedef struct pliant_half_solve pliant_half_solve;
 /* Call after pliant_factor_reach. Errors: MEMORY. */
-pliant_status pliant_factor_half(pliant_factor *factor, int32_t node, pliant_half *out);
-void pliant_factor_half_product(const pliant_factor *factor, const pliant_half *a, const pliant_half *b, double out[9]);
+pliant_status pliant_factor_half(pliant_factor *factor, int32_t node, pliant_half_solve *out);
+void pliant_factor_half_product(const pliant_factor *factor, const pliant_half_solve *a, const pliant_half_solve *b,
+                                double out[9]);
 void pliant_factor_begin_half(pliant_factor *factor, const double *right);
 /* The solution at the half's node. */
-void pliant_factor_half_answer(const pliant_factor *factor, const pliant_half *half, double out[3]);
+void pliant_factor_half_answer(const pliant_factor *factor, const pliant_half_solve *half, double out[3]);
 /* Add a force at the half's node to the right side. */
-void pliant_factor_half_add(pliant_factor *factor, const pliant_half *half, const double force[3]);
+void pliant_factor_half_add(pliant_factor *factor, const pliant_half_solve *half, const double force[3]);
 void pliant_factor_end_half(pliant_factor *factor, double *out);
 double pliant_factor_condition(pliant_factor *factor);
 /* Return the floating-point operations of a numeric factorization, counted by the analysis; 0 for clones. */
@@ -440,23 +441,23 @@ void pliant_preconditioner_threads(pliant_preconditioner *preconditioner, int nu
  * @param of         Discretization that contains of_base.
  * @param of_base    System of the base.
  * @param source     (num_free) unknown in of_base, or -1; this function takes ownership, also on an error.
- * @param positions  (num_nodes x 3) [m]; NULL: pliant_preconditioner_mend corrects the preconditioner later.
+ * @param positions  (num_nodes x 3) [m]; NULL: pliant_preconditioner_correct corrects the preconditioner later.
  * @param axes       Nullable: (num_free x 9) current axes of the nodes. */
 pliant_status pliant_preconditioner_carry(const pliant_system *system, const pliant_discretization *of,
                                           const pliant_system *of_base, int32_t *source, const double *positions,
                                           const double *axes, pliant_preconditioner **out);
 /* Correct a carried preconditioner that was created without positions. Call it before the first solve. Other
  * preconditioners are unchanged. Errors: MEMORY, NUMERIC. */
-pliant_status pliant_preconditioner_mend(pliant_preconditioner *preconditioner, const double *positions,
-                                         const double *axes);
+pliant_status pliant_preconditioner_correct(pliant_preconditioner *preconditioner, const double *positions,
+                                            const double *axes);
 /* Sets *base to NULL. */
-void pliant_preconditioner_hand_over(pliant_preconditioner *carried, pliant_preconditioner **base);
+void pliant_preconditioner_take_base(pliant_preconditioner *carried, pliant_preconditioner **base);
 /* Return the address of a carried preconditioner's base pointer; NULL: it is not carried. */
 pliant_preconditioner **pliant_preconditioner_base(pliant_preconditioner *preconditioner);
 /* Return the discretization of a carried preconditioner's base, and the source map; NULL: it is not carried. */
 const pliant_discretization *pliant_preconditioner_source(const pliant_preconditioner *preconditioner,
                                                           const int32_t **source);
-bool pliant_preconditioner_layered(const pliant_preconditioner *preconditioner); /* true for a multigrid */
+bool pliant_preconditioner_is_multigrid(const pliant_preconditioner *preconditioner); /* true for a multigrid */
 /* As pliant_factor_order; 0: it has no factor. */
 int32_t pliant_preconditioner_order(const pliant_preconditioner *preconditioner, int32_t *order);
 /* Compute the values at these tangents (num_blocks). Errors: NUMERIC, MEMORY; the previous values are lost then. */
@@ -466,7 +467,7 @@ pliant_status pliant_preconditioner_solve(pliant_preconditioner *preconditioner,
                                           double *out);
 pliant_factor *pliant_preconditioner_factor(pliant_preconditioner *preconditioner); /* NULL: it has no factor */
 /* Return whether a matrix that is not positive definite causes an error. A multigrid does not detect such a matrix. */
-bool pliant_preconditioner_refuses(const pliant_preconditioner *preconditioner);
+bool pliant_preconditioner_can_fail(const pliant_preconditioner *preconditioner);
 double pliant_preconditioner_condition(pliant_preconditioner *preconditioner); /* 0: unknown */
 double pliant_preconditioner_operations(const pliant_preconditioner *preconditioner); /* of one refresh */
 double pliant_preconditioner_apply_operations(const pliant_preconditioner *preconditioner); /* of one application */

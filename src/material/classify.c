@@ -82,11 +82,11 @@ typedef struct listing {
 
 static void add(listing *list, const char *item, uint64_t voxels)
 {
-    const size_t more = sizeof " and 65535 more", room = sizeof list->text - more - list->used;
+    const size_t more = sizeof " and 65535 more", capacity = sizeof list->text - more - list->used;
     if (list->items++ > list->listed || list->listed == MAX_LISTED) return;
-    const int length = snprintf(list->text + list->used, room, "%s%s: %llu voxels", list->items > 1 ? ", " : "", item,
-                                (unsigned long long)voxels);
-    if ((size_t)length < room) {
+    const int length = snprintf(list->text + list->used, capacity, "%s%s: %llu voxels", list->items > 1 ? ", " : "",
+                                item, (unsigned long long)voxels);
+    if ((size_t)length < capacity) {
         list->used += (size_t)length;
         ++list->listed;
     }

@@ -28,9 +28,9 @@ static double air_threshold(const double value[PERCENTILES])
 static const double darkest_soft_tissue = -20;
 /* Tissue and metal are below this value [HU]. Unsigned or converted padding has values such as 32767 and 64511. */
 static const double brightest_metal = 31000;
-static const double least_part = 1e-3;
+static const double min_fraction = 1e-3;
 
-static pliant_status ask_for_table(const pliant_volume *scan, const char *reason)
+static pliant_status fail_without_table(const pliant_volume *scan, const char *reason)
 {
     double percent[PERCENTILES], value[PERCENTILES];
     for (int n = 0; n < PERCENTILES; n++) percent[n] = n;
@@ -53,21 +53,22 @@ static pliant_status ask_for_table(const pliant_volume *scan, const char *reason
 pliant_status pliant_material_default_check(const pliant_volume *scan)
 {
     const bool says_ct = scan->modality == PLIANT_MODALITY_CT;
-    if (scan->modality == PLIANT_MODALITY_MR) return ask_for_table(scan, "its header says MR");
+    if (scan->modality == PLIANT_MODALITY_MR) return fail_without_table(scan, "its header says MR");
     if (scan->modality == PLIANT_MODALITY_OTHER)
-        return ask_for_table(scan, "its header names another modality than CT");
+        return fail_without_table(scan, "its header names another modality than CT");
     ptrdiff_t voxels = (ptrdiff_t)pliant_geometry_voxels(&scan->geometry), dark = 0, bright = 0;
 #pragma omp parallel for schedule(static) reduction(+ : dark, bright)
     for (ptrdiff_t v = 0; v < voxels; v++) {
         dark += pliant_volume_value(scan, (size_t)v) < darkest_soft_tissue;
         bright += pliant_volume_value(scan, (size_t)v) > brightest_metal;
     }
-    if ((double)bright >= least_part * (double)voxels)
-        return ask_for_table(scan, "one voxel in a thousand or more is above 31000, which is padding outside the image "
-                                   "and would become bone: give "
-                                   "these voxels the value of air (-1024), or name them by PixelPaddingValue");
-    if ((double)dark >= least_part * (double)voxels) return PLIANT_OK;
-    return ask_for_table(
+    if ((double)bright >= min_fraction * (double)voxels)
+        return fail_without_table(scan,
+                                  "one voxel in a thousand or more is above 31000, which is padding outside the image "
+                                  "and would become bone: give "
+                                  "these voxels the value of air (-1024), or name them by PixelPaddingValue");
+    if ((double)dark >= min_fraction * (double)voxels) return PLIANT_OK;
+    return fail_without_table(
         scan,
         says_ct
             ? "its header says CT, but fewer than one voxel in a thousand is below -20, as air and fat are: "

@@ -36,10 +36,10 @@ static void add_material(pliant_text_out *text, const pliant_material *material)
     pliant_text_add(text, material->num_segments > 0 ? "]}\n" : "}\n");
 }
 
-size_t pliant_material_table_text(const pliant_material_table *table, size_t room, char *out)
+size_t pliant_material_table_text(const pliant_material_table *table, size_t capacity, char *out)
 {
-    pliant_text_out text = {out, room, 0};
-    if (room > 0) out[0] = '\0';
+    pliant_text_out text = {out, capacity, 0};
+    if (capacity > 0) out[0] = '\0';
     pliant_text_add(&text, "materials:\n");
     for (uint32_t m = 0; m < table->num_materials; ++m) add_material(&text, table->materials + m);
     return text.length;

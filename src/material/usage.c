@@ -17,9 +17,9 @@ typedef struct line {
 
 static void add(line *out, const char *item)
 {
-    const size_t room = sizeof out->text - out->used;
-    const int length = snprintf(out->text + out->used, room, "%s%s", out->used ? ", " : "", item);
-    if ((size_t)length < room) {
+    const size_t capacity = sizeof out->text - out->used;
+    const int length = snprintf(out->text + out->used, capacity, "%s%s", out->used ? ", " : "", item);
+    if ((size_t)length < capacity) {
         out->used += (size_t)length;
         return;
     }

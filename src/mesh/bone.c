@@ -30,7 +30,7 @@ typedef struct bone_work {
     double (*at)[3], (*target)[3];
     double *apart;             /* (nodes) squared distance to the target; INFINITY: the node stays */
     uint8_t *held;             /* (nodes) nonzero: next to a left-out tetrahedron */
-    uint8_t *place;            /* (nodes) pliant_bone_place */
+    uint8_t *place;            /* (nodes) pliant_bone_side */
     struct candidate { double apart; int32_t node; } *candidates;
 } bone_work;
 

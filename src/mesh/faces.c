@@ -22,7 +22,7 @@ static void sorted_face(const int32_t *nodes, int face, int32_t out[3])
 
 /* Return whether the corners of a face, seen from outside, are in cyclic ascending order. It is true for one of two
  * tetrahedra with a common face. */
-static bool runs_up(const int32_t *nodes, int face)
+static bool has_ascending_corners(const int32_t *nodes, int face)
 {
     const int32_t a = nodes[pliant_face_corners[face][0]], b = nodes[pliant_face_corners[face][1]],
                   c = nodes[pliant_face_corners[face][2]];
@@ -31,7 +31,7 @@ static bool runs_up(const int32_t *nodes, int face)
 
 /* Return whether two tetrahedra on one side of a face are fragments of one tetrahedron. Their fourth nodes then have
  * the same lattice position. */
-static bool fragments_of_one(const pliant_mesh *mesh, int32_t a, int32_t b)
+static bool are_fragments_of_one_tet(const pliant_mesh *mesh, int32_t a, int32_t b)
 {
     return mesh->lattice_of_node[mesh->tets[a]] == mesh->lattice_of_node[mesh->tets[b]];
 }
@@ -49,10 +49,11 @@ static pliant_status pair_faces(const pliant_mesh *mesh, const listed_face *face
         for (int32_t b = a + 1; b < count; b++) {
             if (faces[b].second != faces[a].second || faces[b].third != faces[a].third) continue;
             const int32_t one = faces[a].face, other = faces[b].face;
-            if (runs_up(mesh->tets + 4 * (one / 4), one % 4) != runs_up(mesh->tets + 4 * (other / 4), other % 4)) {
+            if (has_ascending_corners(mesh->tets + 4 * (one / 4), one % 4) !=
+                has_ascending_corners(mesh->tets + 4 * (other / 4), other % 4)) {
                 if (neighbours[one] < 0) neighbours[one] = other / 4;
                 if (neighbours[other] < 0) neighbours[other] = one / 4;
-            } else if (!fragments_of_one(mesh, one, other)) {
+            } else if (!are_fragments_of_one_tet(mesh, one, other)) {
                 return pliant_fail(PLIANT_ERROR_FORMAT, "tetrahedra %d and %d are on one side of the face %d %d %d",
                                    one / 4, other / 4, smallest, faces[a].second, faces[a].third);
             }
@@ -134,14 +135,14 @@ static int32_t label_pieces(const pliant_mesh *mesh, const int32_t *neighbours, 
 }
 
 /* Fixed support of a piece so far: up to three points that span a triangle. */
-typedef struct footing {
+typedef struct piece_support {
     int count;
     const double *point[3];
-    bool firm, fresh;   /* supported; became supported in this sweep */
+    bool is_supported, fresh;   /* supported; became supported in this sweep */
     int32_t tets;
-} footing;
+} piece_support;
 
-static void stand_on(footing *foot, const double *point, double length)
+static void add_support_point(piece_support *foot, const double *point, double length)
 {
     if (foot->count == 3) return;
     if (foot->count == 0) {
@@ -163,32 +164,32 @@ static void stand_on(footing *foot, const double *point, double length)
 
 /* Run one sweep: fixed nodes and nodes of supported pieces support other pieces. Return whether a piece became
  * supported. */
-static bool find_footing(const pliant_mesh *mesh, const int32_t *piece, uint8_t *firm_node, footing *feet,
-                         int32_t pieces)
+static bool find_supports(const pliant_mesh *mesh, const int32_t *piece, uint8_t *firm_node, piece_support *feet,
+                          int32_t pieces)
 {
     double length = mesh->cell_size[0] + mesh->cell_size[1] + mesh->cell_size[2];
     for (int32_t t = 0; t < mesh->num_tets; t++)
         for (int v = 0; feet[piece[t]].count < 3 && v < 4; v++) {
             const int32_t node = mesh->tets[4 * (size_t)t + (size_t)v];
-            if (firm_node[node]) stand_on(feet + piece[t], mesh->rest + 3 * (size_t)node, length);
+            if (firm_node[node]) add_support_point(feet + piece[t], mesh->rest + 3 * (size_t)node, length);
         }
     bool changed = false;
     for (int32_t p = 0; p < pieces; p++) {
-        feet[p].fresh = !feet[p].firm && feet[p].count == 3;
-        if (feet[p].fresh) changed = feet[p].firm = true;
+        feet[p].fresh = !feet[p].is_supported && feet[p].count == 3;
+        if (feet[p].fresh) changed = feet[p].is_supported = true;
     }
     for (int32_t t = 0; changed && t < mesh->num_tets; t++)
         for (int v = 0; feet[piece[t]].fresh && v < 4; v++) firm_node[mesh->tets[4 * (size_t)t + (size_t)v]] = 1;
     return changed;
 }
 
-pliant_status pliant_mesh_hold_of(const pliant_mesh *mesh, const int32_t *neighbours, uint8_t how, bool whole,
-                                  uint8_t *fixed, uint8_t *loose, int32_t *pieces)
+pliant_status pliant_mesh_fix_loose_with_neighbours(const pliant_mesh *mesh, const int32_t *neighbours, uint8_t how,
+                                                    bool whole, uint8_t *fixed, uint8_t *loose, int32_t *pieces)
 {
     size_t tets = (size_t)mesh->num_tets;
     int32_t *piece = pliant_calloc(tets, sizeof *piece);
     uint8_t *firm_node = pliant_calloc((size_t)mesh->num_nodes, 1);
-    footing *feet = NULL;
+    piece_support *feet = NULL;
     pliant_status status = PLIANT_OK;
     if (!piece || !firm_node) {
         status = pliant_fail_memory("the pieces of the mesh");
@@ -201,12 +202,12 @@ pliant_status pliant_mesh_hold_of(const pliant_mesh *mesh, const int32_t *neighb
     }
     for (int32_t t = 0; t < mesh->num_tets; t++) feet[piece[t]].tets++;
     memcpy(firm_node, fixed, (size_t)mesh->num_nodes);
-    while (find_footing(mesh, piece, firm_node, feet, count)) {}
+    while (find_supports(mesh, piece, firm_node, feet, count)) {}
     for (int32_t p = 0; p < count; p++) {
         if (feet[p].tets > feet[largest].tets) largest = p;
-        num_loose += !feet[p].firm;
+        num_loose += !feet[p].is_supported;
     }
-    if (whole && !feet[largest].firm) {
+    if (whole && !feet[largest].is_supported) {
         status = pliant_fail(
             PLIANT_ERROR_SCENE,
             "nothing holds the largest piece of tissue (%d of %d tetrahedra): it needs three fixed nodes that are not "
@@ -214,7 +215,7 @@ pliant_status pliant_mesh_hold_of(const pliant_mesh *mesh, const int32_t *neighb
             feet[largest].tets, mesh->num_tets);
         goto done;
     }
-    for (int32_t t = 0; t < mesh->num_tets; t++) loose[t] = !feet[piece[t]].firm;
+    for (int32_t t = 0; t < mesh->num_tets; t++) loose[t] = !feet[piece[t]].is_supported;
     for (int32_t v = 0; v < 4 * mesh->num_tets; v++)
         if (loose[v / 4] && !firm_node[mesh->tets[v]]) fixed[mesh->tets[v]] = how;
     *pieces = num_loose;
@@ -225,13 +226,14 @@ done:
     return status;
 }
 
-pliant_status pliant_mesh_hold(const pliant_mesh *mesh, uint8_t how, bool whole, uint8_t *fixed, uint8_t *loose,
-                               int32_t *pieces)
+pliant_status pliant_mesh_fix_loose_pieces(const pliant_mesh *mesh, uint8_t how, bool whole, uint8_t *fixed,
+                                           uint8_t *loose, int32_t *pieces)
 {
     int32_t *neighbours = pliant_calloc((size_t)mesh->num_tets, 4 * sizeof *neighbours);
     if (!neighbours) return pliant_fail_memory("the pieces of the mesh");
     pliant_status status = pliant_mesh_neighbours(mesh, neighbours);
-    if (status == PLIANT_OK) status = pliant_mesh_hold_of(mesh, neighbours, how, whole, fixed, loose, pieces);
+    if (status == PLIANT_OK)
+        status = pliant_mesh_fix_loose_with_neighbours(mesh, neighbours, how, whole, fixed, loose, pieces);
     pliant_free(neighbours);
     return status;
 }

@@ -19,9 +19,9 @@ static inline void pliant_face_triangle(const pliant_mesh *mesh, int32_t face, i
 {
     for (int v = 0; v < 3; v++) out[v] = mesh->tets[4 * (size_t)(face / 4) + (size_t)pliant_face_corners[face % 4][v]];
 }
-/* Do the same as pliant_mesh_hold. */
-pliant_status pliant_mesh_hold_of(const pliant_mesh *mesh, const int32_t *neighbours, uint8_t how, bool whole,
-                                  uint8_t *fixed, uint8_t *loose, int32_t *pieces);
+/* Do the same as pliant_mesh_fix_loose_pieces. */
+pliant_status pliant_mesh_fix_loose_with_neighbours(const pliant_mesh *mesh, const int32_t *neighbours, uint8_t how,
+                                                    bool whole, uint8_t *fixed, uint8_t *loose, int32_t *pieces);
 
 #ifdef __cplusplus
 }

@@ -56,8 +56,8 @@ static int32_t locate_in_cell(const pliant_mesh *mesh, int32_t cell, const doubl
 
 /* Search the neighbouring cells for a point on a cell's face, within rounding of the scan's geometry. It may belong to
  * a tetrahedron there if the tetrahedra in the point's cell are left out. */
-static int32_t locate_across(const pliant_mesh *mesh, const int32_t cell[3], const double local[3],
-                             const double world[3], double barycentric[4])
+static int32_t locate_across_cell_face(const pliant_mesh *mesh, const int32_t cell[3], const double local[3],
+                                       const double world[3], double barycentric[4])
 {
     int step[3];
     for (int d = 0; d < 3; d++) step[d] = local[d] <= face_tolerance ? -1 : local[d] >= 1 - face_tolerance ? 1 : 0;
@@ -71,16 +71,16 @@ static int32_t locate_across(const pliant_mesh *mesh, const int32_t cell[3], con
         for (int slot = 0; there && slot < 5; slot++) {
             int32_t tet = mesh->tet_of_lattice[5 * (at[0] + mesh->cells[0] * (at[1] + mesh->cells[1] * at[2])) + slot];
             if (tet < 0 || !coordinates_in(mesh, mesh->rest, tet, world, barycentric)) continue;
-            double least = fmin(fmin(barycentric[0], barycentric[1]), fmin(barycentric[2], barycentric[3]));
-            if (least >= -4 * face_tolerance) return tet;
+            double minimum = fmin(fmin(barycentric[0], barycentric[1]), fmin(barycentric[2], barycentric[3]));
+            if (minimum >= -4 * face_tolerance) return tet;
         }
     }
     return -1;
 }
 
 /* Search the surrounding cells. Tetrahedra with moved nodes extend only into adjacent cells. */
-static int32_t locate_beside(const pliant_mesh *mesh, const int32_t cell[3], const double world[3],
-                             double barycentric[4])
+static int32_t locate_in_adjacent_cells(const pliant_mesh *mesh, const int32_t cell[3], const double world[3],
+                                        double barycentric[4])
 {
     for (int n = 0; n < 27; n++) {
         int32_t at[3] = {cell[0] + n % 3 - 1, cell[1] + n / 3 % 3 - 1, cell[2] + n / 9 - 1};
@@ -111,7 +111,7 @@ int32_t pliant_mesh_locate(const pliant_mesh *mesh, const double world[3], doubl
     int32_t flat = cell[0] + mesh->cells[0] * (cell[1] + mesh->cells[1] * cell[2]);
     if (mesh->num_moved > 0) {
         int32_t own = locate_in_cell(mesh, flat, world, barycentric);
-        return own >= 0 ? own : locate_beside(mesh, cell, world, barycentric);
+        return own >= 0 ? own : locate_in_adjacent_cells(mesh, cell, world, barycentric);
     }
     if (mesh->num_leaves > 0) return locate_in_cell(mesh, flat, world, barycentric);
     int slot = pliant_mesh_slot_of((cell[0] + cell[1] + cell[2]) & 1, local);
@@ -122,7 +122,7 @@ int32_t pliant_mesh_locate(const pliant_mesh *mesh, const double world[3], doubl
     }
     /* The tetrahedron at the point is left out, but the point may be on its face with an existing one. */
     tet = locate_in_cell(mesh, flat, world, barycentric);
-    return tet >= 0 ? tet : locate_across(mesh, cell, local, world, barycentric);
+    return tet >= 0 ? tet : locate_across_cell_face(mesh, cell, local, world, barycentric);
 }
 
 int32_t pliant_mesh_locate_deformed(const pliant_mesh *mesh, const double *positions, const double world[3],

@@ -29,7 +29,7 @@ pliant_status pliant_mesh_octree(const pliant_geometry *geometry, const int32_t 
                                  const pliant_material_table *table, pliant_mesh *out, pliant_tet_material **materials);
 
 /* Where a node is, seen from what is fixed. */
-typedef enum pliant_bone_place { PLIANT_BONE_OUTSIDE, PLIANT_BONE_INSIDE, PLIANT_BONE_SURFACE } pliant_bone_place;
+typedef enum pliant_bone_side { PLIANT_BONE_OUTSIDE, PLIANT_BONE_INSIDE, PLIANT_BONE_SURFACE } pliant_bone_side;
 /* Minimum quality of a tetrahedron with a moved node, in a lattice of cubes. The quality is its volume divided by the
  *  volume of a regular tetrahedron with the same root mean square edge. Unmoved tetrahedra have 1 and 0.77. */
 #define PLIANT_BONE_QUALITY 0.25
@@ -102,8 +102,8 @@ pliant_status pliant_mesh_neighbours(const pliant_mesh *mesh, int32_t *neighbour
  *  @param how   nodes of loose pieces become this in fixed
  *  @param whole refuse where nothing holds the largest piece
  *  Errors: SCENE when refused; MEMORY. */
-pliant_status pliant_mesh_hold(const pliant_mesh *mesh, uint8_t how, bool whole, uint8_t *fixed, uint8_t *loose,
-                               int32_t *pieces);
+pliant_status pliant_mesh_fix_loose_pieces(const pliant_mesh *mesh, uint8_t how, bool whole, uint8_t *fixed,
+                                           uint8_t *loose, int32_t *pieces);
 
 /* Outer faces, oriented outwards. *triangles is (count x 3), freed with pliant_free. Errors: MEMORY, FORMAT. */
 pliant_status pliant_mesh_surface(const pliant_mesh *mesh, int32_t **triangles, int32_t *count);

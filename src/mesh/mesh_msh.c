@@ -47,11 +47,11 @@ static int64_t read_size(msh_reader *reader)
     return reader->failed ? 0 : value;
 }
 
-/* Read a count of items that each occupy at least `least` bytes of the file. */
-static int64_t read_count(msh_reader *reader, size_t least)
+/* Read a count of items that each occupy at least `minimum` bytes of the file. */
+static int64_t read_count(msh_reader *reader, size_t minimum)
 {
     const int64_t count = read_size(reader);
-    if ((uint64_t)count > (reader->text->size - reader->at) / least + 1) reader->failed = true;
+    if ((uint64_t)count > (reader->text->size - reader->at) / minimum + 1) reader->failed = true;
     return reader->failed ? 0 : count;
 }
 

@@ -110,7 +110,7 @@ static pliant_status split_by_material(pliant_octree *tree, double purity, const
 }
 
 /* Remove the splits of cubes whose ancestors are not split. A cube that is pure as a whole stays whole. */
-static void drop_orphans(pliant_octree *tree)
+static void remove_orphan_splits(pliant_octree *tree)
 {
     int32_t at[3];
     for (int32_t level = 1; level < tree->depth; level++)
@@ -140,9 +140,9 @@ static void balance(pliant_octree *tree)
                         for (int d = 0; d < 3; d++) {
                             step[d] = (d == 0 ? n % 3 : d == 1 ? n / 3 % 3 : n / 9) - 1;
                             away += step[d] != 0;
-                            int32_t beside = at[d] + step[d];
-                            inside = inside && beside >= 0 && beside < tree->cells[level][d];
-                            parent[d] = beside / 2;
+                            int32_t adjacent = at[d] + step[d];
+                            inside = inside && adjacent >= 0 && adjacent < tree->cells[level][d];
+                            parent[d] = adjacent / 2;
                         }
                         if (inside && away < 3) tree->split[level - 1][pliant_octree_flat(tree, level - 1, parent)] = 1;
                     }
@@ -204,7 +204,7 @@ pliant_status pliant_octree_create(const int32_t roots[3], int32_t depth, double
     }
     if (status == PLIANT_OK) status = split_by_material(&tree, purity, geometry, material_of_voxel);
     if (status == PLIANT_OK) {
-        drop_orphans(&tree);
+        remove_orphan_splits(&tree);
         balance(&tree);
         status = number_leaves(&tree);
     }

@@ -43,23 +43,23 @@ static void sum_leaf(octree_builder *build, int32_t leaf)
     const int32_t *origin = tree->origin[leaf], size = size_of(tree, leaf);
     pliant_tet_material sum = {0}, any = build->cell_material[5 * pliant_octree_flat(tree, tree->depth, origin)];
     double weight = 0, tissue = 0;
-    uint32_t most = 0;
+    uint32_t maximum = 0;
     for (int32_t c = origin[2]; c < origin[2] + size; c++)
         for (int32_t b = origin[1]; b < origin[1] + size; b++)
             for (int32_t a = origin[0]; a < origin[0] + size; a++)
                 for (int slot = 0; slot < 5; slot++) {
                     const pliant_tet_material *part =
                         build->cell_material + 5 * pliant_octree_flat(tree, tree->depth, (int32_t[3]){a, b, c}) + slot;
-                    double share = part->num_voxels;
-                    sum.lambda += share * part->lambda;
-                    sum.mu += share * part->mu;
-                    sum.density += share * part->density;
-                    tissue += share * part->tissue;
+                    double fraction = part->num_voxels;
+                    sum.lambda += fraction * part->lambda;
+                    sum.mu += fraction * part->mu;
+                    sum.density += fraction * part->density;
+                    tissue += fraction * part->tissue;
                     sum.num_voxels += part->num_voxels;
-                    weight += share;
+                    weight += fraction;
                     /* In a pure leaf nearly all are equal. */
-                    if (part->num_voxels > most) {
-                        most = part->num_voxels;
+                    if (part->num_voxels > maximum) {
+                        maximum = part->num_voxels;
                         sum.material = part->material;
                     }
                 }
@@ -129,7 +129,7 @@ static bool has_corner(const octree_builder *build, int32_t leaf, const int32_t 
     return build->corner[node_at(build->tree, at)];
 }
 
-static bool smaller_beside(const octree_builder *build, int32_t leaf)
+static bool has_smaller_neighbour(const octree_builder *build, int32_t leaf)
 {
     if (size_of(build->tree, leaf) == 1) return false;
     for (int n = 0; n < 27; n++) {
@@ -213,7 +213,7 @@ static pliant_status cut_leaves(octree_builder *build)
     if (!mesh->leaf_start) return pliant_fail_memory("the leaves");
     for (int32_t leaf = 0; leaf < tree->num_leaves; leaf++) {
         if (build->kept[leaf]) {
-            if (!smaller_beside(build, leaf)) cut_in_five(build, leaf);
+            if (!has_smaller_neighbour(build, leaf)) cut_in_five(build, leaf);
             else
                 for (int face = 0; face < 6; face++) cut_face(build, leaf, face / 2, face % 2);
         }

@@ -9,16 +9,16 @@
 #include <string.h>
 #include <unistd.h>
 
-static volatile sig_atomic_t stop_asked;
+static volatile sig_atomic_t stop_requested;
 static pliant_log_level lowest;
 static bool terminal, line_open;
 static char last_stage[64];
 static int last_percent;
 
-static void ask_stop(int number)
+static void request_stop(int number)
 {
     (void)number;
-    stop_asked = 1;
+    stop_requested = 1;
 }
 
 static void print_log(pliant_log_level level, const char *message, void *user)
@@ -36,7 +36,7 @@ static void print_log(pliant_log_level level, const char *message, void *user)
 
 void console_start(pliant_log_level quietest)
 {
-    stop_on_signals(ask_stop);
+    stop_on_signals(request_stop);
     lowest = quietest;
     if (quietest > PLIANT_LOG_INFO && !freopen("/dev/null", "w", stdout))
         fputs("/dev/null cannot be opened: tables are printed\n", stderr);
@@ -44,7 +44,7 @@ void console_start(pliant_log_level quietest)
     pliant_set_log(print_log, NULL);
 }
 
-bool console_stop_asked(void) { return stop_asked != 0; }
+bool console_stop_requested(void) { return stop_requested != 0; }
 
 static bool show_progress(double fraction, const char *stage, void *user)
 {
@@ -58,7 +58,7 @@ static bool show_progress(double fraction, const char *stage, void *user)
         last_percent = percent;
         snprintf(last_stage, sizeof last_stage, "%s", stage);
     }
-    return !stop_asked;
+    return !stop_requested;
 }
 
 pliant_progress console_progress(void)

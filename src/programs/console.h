@@ -12,7 +12,7 @@ extern "C" {
  * (stop.h). With a level above INFO nothing is written to stdout. */
 void console_start(pliant_log_level quietest);
 
-bool console_stop_asked(void);
+bool console_stop_requested(void);
 
 /* Return a callback that writes progress to stderr: one updated line on a terminal, otherwise one line per stage and
  * quarter. It cancels after a stop request. */

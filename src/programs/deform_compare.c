@@ -101,7 +101,7 @@ pliant_status deform_compare(const deform_arguments *arguments, const deform_inp
     int done = 0;
     const pliant_element_kind elements = pliant_scene_element_kind(&arguments->scene, &why);
     if (why) pliant_log(PLIANT_LOG_INFO, "element/kind: auto is linear for all that is compared; %s", why);
-    for (; status >= 0 && done < arguments->num_compared && !console_stop_asked(); ++done) {
+    for (; status >= 0 && done < arguments->num_compared && !console_stop_requested(); ++done) {
         deform_run *run = &runs[done];
         *run =
             (deform_run){.arguments = arguments, .inputs = inputs, .scene = arguments->scene, .folder = folders[done]};
@@ -111,10 +111,10 @@ pliant_status deform_compare(const deform_arguments *arguments, const deform_inp
         snprintf(folders[done], sizeof folders[done], "%s/%s", arguments->folder,
                  deform_method_name(arguments->compared[done]));
         printf("\n%s\n", deform_method_name(arguments->compared[done]));
-        status = deform_run_do(run);
+        status = deform_run_execute(run);
     }
-    if (status >= 0 && !console_stop_asked()) status = write_table(arguments, runs);
-    if (status >= 0 && !console_stop_asked() && arguments->pictures) status = write_row(arguments, inputs, runs);
+    if (status >= 0 && !console_stop_requested()) status = write_table(arguments, runs);
+    if (status >= 0 && !console_stop_requested() && arguments->pictures) status = write_row(arguments, inputs, runs);
     while (done-- > 0) deform_run_free(&runs[done]);
     return status;
 }

@@ -11,19 +11,19 @@
 #include <string.h>
 #include <strings.h>
 
-enum { PATH_ROOM = 4096 };
+enum { PATH_CAPACITY = 4096 };
 
 /* Insert a number before the extension of a name. A name without a folder is placed in the run's folder. If several
  * methods are compared, a name with a folder also gets the name of the method. */
-static void path_of(const deform_run *run, const char *name, const char *number, char path[PATH_ROOM])
+static void path_of(const deform_run *run, const char *name, const char *number, char path[PATH_CAPACITY])
 {
     const bool has_folder = strchr(name, '/'), is_one_of_many = has_folder && run->arguments->num_compared > 0;
     const char *dot = strrchr(name, '.');
     size_t stem = dot ? (size_t)(dot - name) : strlen(name);
     if (stem >= 4 && strcasecmp(name + stem - 4, ".nii.gz") == 0) stem -= 4;
     const char *method = is_one_of_many ? deform_method_name(run->scene.model.method) : "";
-    snprintf(path, PATH_ROOM, "%s%s%.*s%s%s%s%s", has_folder ? "" : run->folder, has_folder ? "" : "/", (int)stem, name,
-             is_one_of_many ? "_" : "", method, number, name + stem);
+    snprintf(path, PATH_CAPACITY, "%s%s%.*s%s%s%s%s", has_folder ? "" : run->folder, has_folder ? "" : "/", (int)stem,
+             name, is_one_of_many ? "_" : "", method, number, name + stem);
 }
 
 static pliant_status write_displacement(const deform_run *run, const char *name, const char *number,
@@ -31,7 +31,7 @@ static pliant_status write_displacement(const deform_run *run, const char *name,
 {
     const pliant_warp *warp = pliant_data_get_warp(run->data);
     pliant_displacement field;
-    char path[PATH_ROOM];
+    char path[PATH_CAPACITY];
     if (!name) return PLIANT_OK;
     pliant_status status = pliant_displacement_create(
         run->model, pliant_data_get_body(run->data), pliant_data_get_positions(run->data, NULL), sense,
@@ -46,7 +46,7 @@ static pliant_status write_displacement(const deform_run *run, const char *name,
 /* List the files of all steps so far. */
 static pliant_status write_series(const deform_run *run, const char *name, const char *ending, long last)
 {
-    char path[PATH_ROOM];
+    char path[PATH_CAPACITY];
     snprintf(path, sizeof path, "%s/%s.pvd", run->folder, name);
     FILE *file = fopen(path, "w");
     if (!file) return pliant_fail(PLIANT_ERROR_FILE, "%s: %s", path, strerror(errno));
@@ -70,7 +70,7 @@ static pliant_status write_vtk(const deform_run *run, const char *number, long s
     pliant_status status = force ? PLIANT_OK : pliant_fail_memory("a file of the mesh");
     if (status >= 0) pliant_data_get_contact_forces(run->data, force);
     for (size_t f = 0; status >= 0 && f < sizeof files / sizeof *files; f++) {
-        char path[PATH_ROOM];
+        char path[PATH_CAPACITY];
         snprintf(path, sizeof path, "%s/%s%s.%s", run->folder, files[f].name, number, files[f].ending);
         status = pliant_mesh_save(path, run->model, body, pliant_data_get_positions(run->data, NULL), force,
                                   run->arguments->unit);

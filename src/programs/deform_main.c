@@ -21,10 +21,10 @@ int main(int argc, char **argv)
     } else if (status >= 0) {
         deform_run run = {
             .arguments = &arguments, .inputs = &inputs, .scene = arguments.scene, .folder = arguments.folder};
-        status = deform_run_do(&run);
+        status = deform_run_execute(&run);
         deform_run_free(&run);
     }
     deform_inputs_free(&inputs);
-    if (console_stop_asked()) return EXIT_STOPPED;
+    if (console_stop_requested()) return EXIT_STOPPED;
     return status < 0 ? EXIT_FAILED : EXIT_OK;
 }

@@ -11,7 +11,7 @@
 
 #include <math.h>
 
-enum { MOST_SETTLING_STEPS = 200 };
+enum { MAX_SETTLING_STEPS = 200 };
 
 pliant_status deform_inputs_read(const deform_arguments *arguments, deform_inputs *out)
 {
@@ -76,8 +76,8 @@ static pliant_status step_through(deform_run *run)
     const pliant_path *path = &run->inputs->path;
     double dt = run->scene.solver.step;
     long moving = (long)ceil(pliant_path_end(path) / dt), asked = arguments->steps;
-    long last = asked ? asked : moving + MOST_SETTLING_STEPS;
-    for (long step = 1; step <= last && !console_stop_asked(); ++step) {
+    long last = asked ? asked : moving + MAX_SETTLING_STEPS;
+    for (long step = 1; step <= last && !console_stop_requested(); ++step) {
         double gravity[3];
         pliant_status status = deform_tools_move(&run->tools, run->model, run->data, step, (double)step * dt);
         if (status >= 0 && pliant_path_gravity(path, (double)step * dt, gravity))
@@ -89,7 +89,7 @@ static pliant_status step_through(deform_run *run)
         if (status >= 0) status = deform_probes_add(&run->probes, path, run->data, (double)step * dt);
         if (stepped < 0) return stepped;
         if (status < 0) return status;
-        deform_tools_tell(&run->tools, run->data, step, (double)step * dt);
+        deform_tools_report(&run->tools, run->data, step, (double)step * dt);
         if (arguments->every && step % arguments->every == 0) {
             status = deform_write(run, step);
             if (status < 0) return status;
@@ -115,7 +115,7 @@ static void warn_of_gravity(const deform_run *run)
 }
 
 /* Print position, mass and fixed part of the tissue. These numbers reveal a wrong unit or a missed region. */
-static void print_body(const pliant_model *model)
+static void print_tissue_summary(const pliant_model *model)
 {
     const pliant_body *body = pliant_model_get_body(model);
     double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY}, mass = 0.0;
@@ -149,7 +149,7 @@ static pliant_status prepare(deform_run *run)
         pliant_model_build(&run->scene, input.scan, input.labels, input.materials, console_progress(), &run->model);
     console_progress_end();
     if (status < 0) return status;
-    print_body(run->model);
+    print_tissue_summary(run->model);
     timing_print_build(run->model, stdout);
     status = timing_write_build(run->folder, run->model);
     if (status >= 0) status = pliant_data_create(run->model, &run->data);
@@ -161,7 +161,7 @@ static pliant_status prepare(deform_run *run)
     return status;
 }
 
-pliant_status deform_run_do(deform_run *run)
+pliant_status deform_run_execute(deform_run *run)
 {
     pliant_status status = prepare(run);
     if (status >= 0) {

@@ -37,7 +37,7 @@ void deform_inputs_free(deform_inputs *inputs);
 
 /* Build the model, compute the steps and write the results. If a step fails, the results of the steps before it are
  * written. The run keeps the last state; always free it with deform_run_free. */
-pliant_status deform_run_do(deform_run *run);
+pliant_status deform_run_execute(deform_run *run);
 void deform_run_free(deform_run *run);
 
 #ifdef __cplusplus

@@ -127,7 +127,7 @@ pliant_status deform_tools_move(deform_tools *tools, const pliant_model *model, 
     return status;
 }
 
-void deform_tools_tell(deform_tools *tools, const pliant_data *data, long step, double time)
+void deform_tools_report(deform_tools *tools, const pliant_data *data, long step, double time)
 {
     for (int n = 0; n < pliant_data_get_num_tools(data); ++n) {
         pliant_tool_state state;
@@ -148,9 +148,9 @@ pliant_status deform_tools_end(deform_tools *tools, const pliant_data *data, dou
                   : PLIANT_OK;
 }
 
-static void add_point(const double *point, double share, double out[3])
+static void add_point(const double *point, double fraction, double out[3])
 {
-    for (int d = 0; d < 3; ++d) out[d] += share * point[d];
+    for (int d = 0; d < 3; ++d) out[d] += fraction * point[d];
 }
 
 bool deform_tools_point(const pliant_path *path, double point[3])

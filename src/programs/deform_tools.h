@@ -29,7 +29,7 @@ pliant_status deform_tools_begin(const pliant_path *path, const char *folder, co
 pliant_status deform_tools_move(deform_tools *tools, const pliant_model *model, pliant_data *data, long step,
                                 double time);
 /* Write what this step has cut to cuts.csv, and to stdout at the end of a stroke. */
-void deform_tools_tell(deform_tools *tools, const pliant_data *data, long step, double time);
+void deform_tools_report(deform_tools *tools, const pliant_data *data, long step, double time);
 /* Close the file. Errors: FILE. */
 pliant_status deform_tools_end(deform_tools *tools, const pliant_data *data, double time);
 

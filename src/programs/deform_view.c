@@ -56,11 +56,11 @@ static pliant_status write_camera(const deform_run *run, pliant_view *view, cons
 static pliant_status write_film(const char *path, const float *integral)
 {
     uint8_t *rgb = pliant_calloc((size_t)FILM * FILM, 3);
-    float most = 0;
+    float maximum = 0;
     if (!rgb) return pliant_fail_memory("a picture");
-    for (size_t n = 0; n < (size_t)FILM * FILM; n++) most = fmaxf(most, integral[n]);
+    for (size_t n = 0; n < (size_t)FILM * FILM; n++) maximum = fmaxf(maximum, integral[n]);
     for (size_t n = 0; n < (size_t)FILM * FILM; n++)
-        memset(rgb + 3 * n, most > 0 ? (int)(255 * integral[n] / most + 0.5f) : 0, 3);
+        memset(rgb + 3 * n, maximum > 0 ? (int)(255 * integral[n] / maximum + 0.5f) : 0, 3);
     pliant_status status = picture_png(path, rgb, FILM, FILM);
     pliant_free(rgb);
     return status;

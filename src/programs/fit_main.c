@@ -43,7 +43,7 @@ static const char help[] =
     "\n"
     "Exit codes: 0 done, 1 failed, 2 wrong usage, 130 stopped by Ctrl-C.\n";
 
-enum { SCAN = 256, MARKERS, MATERIALS, LOAD, DEVIATION, OUT, SET, QUIET, HELP, MOST_LOADS = 16 };
+enum { SCAN = 256, MARKERS, MATERIALS, LOAD, DEVIATION, OUT, SET, QUIET, HELP, MAX_LOADS = 16 };
 
 static const struct option options[] = {
     {"scan", required_argument, NULL, SCAN},           {"markers", required_argument, NULL, MARKERS},
@@ -57,7 +57,7 @@ static const double usual_deviation = 5e-4; /* standard deviation for a patient 
 
 typedef struct fit_arguments {
     pliant_scene scene;
-    const char *scan, *markers, *folder, *loads[MOST_LOADS], *names[PLIANT_MAX_MODULI];
+    const char *scan, *markers, *folder, *loads[MAX_LOADS], *names[PLIANT_MAX_MODULI];
     int num_loads, num_names;
     double deviation; /* 0: the default */
     bool quiet;
@@ -96,7 +96,7 @@ static bool read_arguments(int argc, char **argv, fit_arguments *out, int *exit_
             if (!read_names(optarg, out)) return false;
             break;
         case LOAD:
-            if (out->num_loads == MOST_LOADS) return wrong("--load: there are too many");
+            if (out->num_loads == MAX_LOADS) return wrong("--load: there are too many");
             out->loads[out->num_loads++] = optarg;
             break;
         case DEVIATION:
@@ -147,7 +147,7 @@ int main(int argc, char **argv)
     pliant_volume scan = {0};
     pliant_labels labels = {0};
     pliant_material_table materials = {0};
-    pliant_path loads[MOST_LOADS] = {{0}};
+    pliant_path loads[MAX_LOADS] = {{0}};
     pliant_marker *markers = NULL;
     pliant_moduli found;
     pliant_moduli_data data = {.num_loads = arguments.num_loads > 0 ? arguments.num_loads : 1,
@@ -174,6 +174,6 @@ int main(int argc, char **argv)
     pliant_material_table_free(&materials);
     pliant_labels_free(&labels);
     pliant_volume_free(&scan);
-    if (console_stop_asked()) return EXIT_STOPPED;
+    if (console_stop_requested()) return EXIT_STOPPED;
     return status < 0 ? EXIT_FAILED : EXIT_OK;
 }

@@ -8,7 +8,7 @@
 extern "C" {
 #endif
 
-enum { PICTURE_PIXELS = 480, PICTURE_PLANES = 3, PICTURE_MOST_VOLUMES = 8 };
+enum { PICTURE_PIXELS = 480, PICTURE_PLANES = 3, PICTURE_MAX_VOLUMES = 8 };
 
 /* World axes of a picture to the right and downwards; upwards: the vertical axis is inverted (superior is up). */
 typedef struct picture_plane {
@@ -47,8 +47,8 @@ pliant_status picture_write(const char *folder, const char *suffix, const pliant
 /* The same slice of several volumes. */
 typedef struct picture_row {
     int num_volumes;
-    const pliant_volume *volumes[PICTURE_MOST_VOLUMES];
-    double marks[PICTURE_MOST_VOLUMES][3]; /* positions of crosses, LPS [m] */
+    const pliant_volume *volumes[PICTURE_MAX_VOLUMES];
+    double marks[PICTURE_MAX_VOLUMES][3]; /* positions of crosses, LPS [m] */
     double point[3];                       /* point on all planes */
     double low, high;                      /* values shown as black and white */
 } picture_row;

@@ -148,13 +148,13 @@ static bool wrong(const char *option, const char *text, const char *wanted)
 }
 
 /* Read a list "1,2,0". */
-static bool read_list(const char *option, const char *text, long low, long high, int32_t *out, int *count, int most)
+static bool read_list(const char *option, const char *text, long low, long high, int32_t *out, int *count, int maximum)
 {
     *count = 0;
     for (const char *at = text;; at++) {
         char *end;
         long value = strtol(at, &end, 10);
-        if (end == at || value < low || value > high || *count == most || (*end && *end != ','))
+        if (end == at || value < low || value > high || *count == maximum || (*end && *end != ','))
             return wrong(option, text, "expected whole numbers in range, separated by commas");
         out[(*count)++] = (int32_t)value;
         at = end;
@@ -214,7 +214,7 @@ static bool read_vary(const char *text, pliant_sweep *out)
     }
 }
 
-static void set_full(report_arguments *out)
+static void set_full_sweep(report_arguments *out)
 {
     static const int32_t budgets[] = {1, 2, 3, 4, 6, 12, 0};
     out->sweep.num_ratios = out->sweep.num_iterations = 0;
@@ -241,7 +241,7 @@ static bool read_scene(int argc, char **argv, report_arguments *out, int *exit_c
     pliant_sweep_defaults(&out->scene, &out->sweep);
     pliant_stability_defaults(&out->stability);
     out->num_points = 1;
-    if (full) set_full(out);
+    if (full) set_full_sweep(out);
     optind = 1;
     return true;
 }
@@ -264,7 +264,7 @@ static bool read_one(int code, report_arguments *out)
     case SWEEP: out->do_sweep = true; break;
     case TRUTH: out->do_truth = true; break;
     case VALIDATE:
-        if (out->num_measured == MOST_MEASURED) return wrong("--validate", optarg, "there are too many folders");
+        if (out->num_measured == MAX_MEASURED) return wrong("--validate", optarg, "there are too many folders");
         out->measured[out->num_measured++] = optarg;
         break;
     case MATERIALS: good = read_names(optarg, out); break;
@@ -318,7 +318,7 @@ static bool read_one(int code, report_arguments *out)
         break;
     }
     case MERGE:
-        if (out->num_parts == MOST_PARTS) return wrong("--merge", optarg, "there are too many folders");
+        if (out->num_parts == MAX_PARTS) return wrong("--merge", optarg, "there are too many folders");
         out->parts[out->num_parts++] = optarg;
         break;
     case NO_WARP: sweep->warp = false; break;
@@ -330,7 +330,7 @@ static bool read_one(int code, report_arguments *out)
 }
 
 /* Remove the arguments __name:=... and __log:=... that roslaunch adds. Return the remaining count. */
-static int drop_ros(int argc, char **argv)
+static int remove_roslaunch_arguments(int argc, char **argv)
 {
     int kept = 1;
     for (int a = 1; a < argc; a++)
@@ -344,7 +344,7 @@ bool report_arguments_read(int argc, char **argv, report_arguments *out, int *ex
     pliant_scene_defaults(&out->scene);
     out->pictures = true;
     *exit_code = EXIT_OK;
-    argc = drop_ros(argc, argv);
+    argc = remove_roslaunch_arguments(argc, argv);
     for (int a = 1; a < argc; a++) {
         if (strcmp(argv[a], "--help") == 0) return fputs(help, stdout), false;
         if (strcmp(argv[a], "--cases") != 0) continue;

@@ -8,15 +8,15 @@
 extern "C" {
 #endif
 
-enum { MOST_MEASURED = 16, MOST_PARTS = 256 };
+enum { MAX_MEASURED = 16, MAX_PARTS = 256 };
 
 typedef struct report_arguments {
     pliant_scene scene;           /* from the scene file and --set */
     const char *scan;             /* Nullable: only the stability tests, on a block */
     const char *folder;
-    const char *measured[MOST_MEASURED]; /* folders with measurements for validation */
+    const char *measured[MAX_MEASURED]; /* folders with measurements for validation */
     const char *names[PLIANT_MAX_MODULI];
-    const char *parts[MOST_PARTS];       /* folders whose rows are merged */
+    const char *parts[MAX_PARTS];       /* folders whose rows are merged */
     int num_measured, num_names, num_parts;
     pliant_sweep sweep;           /* including the points given with --at */
     int32_t labels[PLIANT_MAX_PULLS];

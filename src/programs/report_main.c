@@ -250,7 +250,7 @@ int main(int argc, char **argv)
     console_start(arguments.quiet ? PLIANT_LOG_WARNING : PLIANT_LOG_INFO);
     pliant_set_log(print_warning, NULL);
     pliant_status status = run(&program);
-    bool stopped = console_stop_asked();
+    bool stopped = console_stop_requested();
     if (program.tables.sweep && (status >= 0 || status == PLIANT_ERROR_SCENE || stopped)) {
         pliant_status finished = finish(&program);
         if (status >= 0) status = finished;

@@ -14,7 +14,7 @@
 #include <stdio.h>
 #include <string.h>
 
-enum { MOST_SHOWN = 30 };
+enum { MAX_SHOWN = 30 };
 
 static const char help[] =
     "Usage: pliant_segment [SCENE] [--scan PATH] --out DIR [--set segment/OPTION=VALUE]\n"
@@ -115,11 +115,11 @@ static void print(const pliant_segmentation *found, double seconds)
 {
     printf("%d classes, %d pieces in %.2f s, BIC %.6g\n%5s %5s %10s %10s\n", (int)found->num_classes,
            (int)found->num_pieces, seconds, found->criterion, "label", "class", "mean", "ml");
-    for (int32_t p = 0; p < found->num_pieces && p < MOST_SHOWN; p++)
+    for (int32_t p = 0; p < found->num_pieces && p < MAX_SHOWN; p++)
         printf("%5d %5d %10.1f %10.1f\n", (int)p + 1, (int)found->pieces[p].class_index, found->pieces[p].mean,
                1e6 * found->pieces[p].volume);
-    if (found->num_pieces > MOST_SHOWN)
-        printf("and %d smaller ones, in pieces.csv\n", (int)found->num_pieces - MOST_SHOWN);
+    if (found->num_pieces > MAX_SHOWN)
+        printf("and %d smaller ones, in pieces.csv\n", (int)found->num_pieces - MAX_SHOWN);
 }
 
 /* Set the point for pictures: --at, or the centre of the scan. Errors: ARGUMENT (outside the scan). */

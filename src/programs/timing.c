@@ -49,7 +49,7 @@ pliant_status timing_start(const char *folder, step_times *out)
     return PLIANT_OK;
 }
 
-static bool make_room(step_times *times)
+static bool reserve_capacity(step_times *times)
 {
     if (times->num_steps < times->capacity) return true;
     size_t capacity = times->capacity ? 2 * times->capacity : 256;
@@ -64,7 +64,7 @@ pliant_status timing_add(step_times *times, const pliant_data *data, pliant_stat
 {
     const pliant_statistics *statistics = pliant_data_get_statistics(data);
     const int32_t inverted = pliant_data_get_inverted(data);
-    if (!make_room(times)) return pliant_fail_memory("the times of the steps");
+    if (!reserve_capacity(times)) return pliant_fail_memory("the times of the steps");
     double *row = times->seconds + COLUMNS * times->num_steps++;
     memcpy(row, statistics->seconds, sizeof statistics->seconds);
     row[CULL] = row[RASTERIZE] = 0.0;
@@ -76,7 +76,7 @@ pliant_status timing_add(step_times *times, const pliant_data *data, pliant_stat
     if (status == PLIANT_NOT_CONVERGED && statistics->error > times->worst_error)
         times->worst_error = statistics->error;
     times->inverted_steps += inverted > 0;
-    if (inverted > times->most_inverted) times->most_inverted = inverted;
+    if (inverted > times->max_inverted) times->max_inverted = inverted;
 
     fprintf(times->steps, "%zu,%d,%d,%.6g,%.6g", times->num_steps, (int)status, (int)statistics->iterations,
             statistics->residual, statistics->residual_force);
@@ -176,12 +176,12 @@ void timing_warn(const step_times *times, const pliant_model *model, const plian
                    scene->solver.tolerance,
                    schur ? "schur may be too soft for the load: use averaged"
                          : "increase solver/iterations or reduce solver/step");
-    if (times->most_inverted > 0)
+    if (times->max_inverted > 0)
         pliant_log(
             PLIANT_LOG_WARNING,
             "elements were inverted in %zu of %zu steps, up to %d of %d at once, %d at the end. Do not rely on the "
             "result there; %s",
-            times->inverted_steps, times->num_steps, (int)times->most_inverted,
+            times->inverted_steps, times->num_steps, (int)times->max_inverted,
             (int)pliant_data_get_body(data)->fine.num_tets, (int)pliant_data_get_inverted(data),
             schur ? "schur may be too soft for the load: use averaged"
                   : "the load may be too large, or needs more steps");

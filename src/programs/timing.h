@@ -20,7 +20,7 @@ typedef struct step_times {
     bool last_converged;
     double worst_error;        /* maximum error estimate of steps that did not converge [m] */
     size_t inverted_steps;     /* number of steps with inverted elements, and maximum number of inverted elements */
-    int32_t most_inverted;
+    int32_t max_inverted;
 } step_times;
 
 /* Create folder/steps.csv and tools.csv with their header lines. Errors: FILE. */

@@ -406,7 +406,7 @@ class Sim:
         with saved._held.lock:
             if saved._data is None:
                 raise Error(_c.ARGUMENT, "restore: the saved simulation is closed")
-            _c.call("data_take", self.model._model, self._data, saved._data)
+            _c.call("data_move", self.model._model, self._data, saved._data)
             self._tools = dict(saved._tools)
 
     def limits(self, iterations, tolerance):
@@ -700,7 +700,7 @@ class Tool:
 
     def remove(self):
         """Remove the tool: it releases the tissue and has no pose."""
-        _c.library.pliant_tool_lost(self._sim._data, self._index)
+        _c.library.pliant_tool_remove_pose(self._sim._data, self._index)
 
     def drive(self, kind, force=None):
         """Set how the present grasp is driven: spring: a damped spring to the tip; rigid: the grasped point follows

@@ -12,7 +12,7 @@
 #include <string.h>
 #include <time.h>
 
-enum { MOST_ITERATIONS = 100, SETTLING_STEPS = 60, SETTLING_ITERATIONS = 20, MOST_RELAXATION = 20000 };
+enum { MAX_ITERATIONS = 100, SETTLING_STEPS = 60, SETTLING_ITERATIONS = 20, MAX_RELAXATION = 20000 };
 static const double standard_gravity = 9.80665;
 static const double relaxation_tolerance = 1e-4; /* elements in single precision have a residual of one third of it */
 
@@ -41,8 +41,8 @@ pliant_status report_target(const pliant_model *model, pliant_geometry *out)
 
 static pliant_status set_limits(pliant_data *data, report_limits limits)
 {
-    int most = data->solver ? MOST_ITERATIONS : MOST_RELAXATION;
-    return pliant_data_set_limits(data, limits.iterations > 0 ? limits.iterations : most, limits.tolerance);
+    int maximum = data->solver ? MAX_ITERATIONS : MAX_RELAXATION;
+    return pliant_data_set_limits(data, limits.iterations > 0 ? limits.iterations : maximum, limits.tolerance);
 }
 
 /* part: 0 at the start, 1 at the end */
@@ -71,7 +71,7 @@ static pliant_status settle(const pliant_model *model, pliant_data *data, double
 {
     pliant_solver *solver = data->solver;
     if (!solver) { /* tled, with dynamic relaxation */
-        pliant_status relaxed = pliant_data_set_limits(data, MOST_RELAXATION, fmax(tolerance, relaxation_tolerance));
+        pliant_status relaxed = pliant_data_set_limits(data, MAX_RELAXATION, fmax(tolerance, relaxation_tolerance));
         return relaxed < 0 ? relaxed : pliant_step(model, data);
     }
     int32_t interval = solver->refresh_interval, delay = solver->refresh_delay;
@@ -124,7 +124,7 @@ static pliant_status begin(const pliant_model *model, const report_case *load, r
 static pliant_status step_frame(const pliant_model *model, pliant_data *data, report_limits limits)
 {
     pliant_status status = pliant_step(model, data);
-    if (!limits.tight || status != PLIANT_NOT_CONVERGED) return status;
+    if (!limits.iterates_to_tolerance || status != PLIANT_NOT_CONVERGED) return status;
     status = settle(model, data, limits.tolerance, limits.progress);
     return status < 0 ? status : set_limits(data, limits);
 }
@@ -183,12 +183,12 @@ pliant_status report_case_run(const pliant_model *model, const report_case *load
         clock = pliant_seconds() - clock;
         ran = thread_seconds() - ran;
         clocked += clock;
-        run.own_share += ran;
-        double share =
+        run.cpu_time_fraction += ran;
+        double fraction =
             limits.own_time && clock > ran && strcmp(pliant_data_get_backend(run.data), "cpu") == 0 ? ran / clock : 1;
         const pliant_statistics *statistics = &run.data->statistics;
         for (int s = 0; s < PLIANT_NUM_STEP_STAGES; s++)
-            run.seconds[s * load->frames + f] = share * statistics->seconds[s];
+            run.seconds[s * load->frames + f] = fraction * statistics->seconds[s];
         run.residual[f] = statistics->residual;
         run.iterations[f] = statistics->iterations;
         pliant_points_move(points, run.data->positions, run.positions + 3 * (size_t)f * (size_t)points->count);
@@ -198,7 +198,7 @@ pliant_status report_case_run(const pliant_model *model, const report_case *load
         return status;
     }
     run.statistics = run.data->statistics;
-    run.own_share /= clocked;
+    run.cpu_time_fraction /= clocked;
     if (report_case_pulls(load->kind)) {
         memcpy(run.force, run.data->tools[0].force, sizeof run.force);
         memcpy(run.held_point, run.data->tools[0].held_point, sizeof run.held_point);

@@ -33,7 +33,8 @@ typedef struct report_limits {
     double tolerance;
     /* frame period, which gives background work its time as in a running simulation; 0: no waiting [s] */
     double period;
-    bool tight;         /* iterate each frame until the tolerance is met, without a limit: for reference solutions */
+    /* iterate each frame until the tolerance is met, without a limit: for reference solutions */
+    bool iterates_to_tolerance;
     bool before_patch;  /* start the pull immediately after the grasp; otherwise when the patch is available */
     /* measure the CPU time of the stepping thread instead of wall time, so that other programs do not count */
     bool own_time;
@@ -44,7 +45,7 @@ typedef struct report_run {
     int32_t frames, points;
     double *positions; /* (frames x points x 3) positions of the points */
     double *seconds;   /* (PLIANT_NUM_STEP_STAGES x frames) */
-    double own_share;  /* fraction of the frames' time that the stepping thread was running */
+    double cpu_time_fraction;  /* fraction of the frames' time that the stepping thread was running */
     double *residual;  /* (frames) */
     int32_t *iterations;
     pliant_statistics statistics; /* at the end */

@@ -24,7 +24,7 @@ typedef struct choice_state {
     pliant_sweep settings;
     pliant_progress progress; /* the caller's callback */
     double start, end;        /* [s] */
-    bool cancelled, late;
+    bool cancelled, is_out_of_time;
     int index, count; /* index and number of the current candidate */
     choice_candidate candidates[CHOICE_CANDIDATES];
     choice_point points[CHOICE_CANDIDATES * CHOICE_BUDGETS];
@@ -42,12 +42,12 @@ static bool pass_progress(double fraction, const char *stage, void *user)
     choice_state *state = user;
     char text[200];
     (void)fraction;
-    state->late = state->late || pliant_seconds() > state->end;
+    state->is_out_of_time = state->is_out_of_time || pliant_seconds() > state->end;
     snprintf(text, sizeof text, "choosing settings, %s", stage);
     /* several threads may call this, and the caller's request is passed on only once */
     state->cancelled =
         state->cancelled || !pliant_report_progress(state->progress, (double)state->index / (state->count + 1), text);
-    return !state->cancelled && !state->late;
+    return !state->cancelled && !state->is_out_of_time;
 }
 
 static void log_points(const choice_state *state, int from)
@@ -61,7 +61,7 @@ static void log_points(const choice_state *state, int from)
                    100 * point->error[measure], choice_phase_text(point->worst[measure]), 100 * point->later[measure],
                    1e3 * point->seconds, choice_describe(&point->candidate, scene, text), (int)point->iterations);
     }
-    if (from == state->num_points && !state->late)
+    if (from == state->num_points && !state->is_out_of_time)
         pliant_log(PLIANT_LOG_WARNING, "choose: dropped %s",
                    choice_describe(state->candidates + state->index, scene, text));
 }
@@ -78,8 +78,8 @@ static pliant_status try_candidate(choice_state *state)
     choice_name_variant(candidate, ground->input->scene, state->sweep.variant);
     status = sweep_run_model(&state->sweep, candidate->by.method, candidate->by.touch);
     if (status == PLIANT_ERROR_CANCELLED && state->cancelled) return status;
-    state->num_points += choice_gather(ground, candidate, first, state->points + from);
-    state->dropped += from == state->num_points && !state->late;
+    state->num_points += choice_collect_points(ground, candidate, first, state->points + from);
+    state->dropped += from == state->num_points && !state->is_out_of_time;
     log_points(state, from);
     return PLIANT_OK; /* unavailable candidates, and candidates after the time limit, are dropped */
 }
@@ -98,7 +98,7 @@ static pliant_status find_backend(const pliant_model *model, pliant_backend_choi
 static pliant_status make_reference(choice_state *state)
 {
     sweep_ground *ground = &state->sweep.ground;
-    const uint8_t all[MOST_CASES] = {1, 1, 1};
+    const uint8_t all[MAX_CASES] = {1, 1, 1};
     ground->scene = *ground->input->scene;
     ground->scene.element.kind = pliant_scene_element_kind(&ground->scene, NULL);
     ground->reference = ground->scene;
@@ -111,8 +111,8 @@ static pliant_status make_reference(choice_state *state)
     state->end = state->start + ground->input->scene->choose.seconds;
     if (status < 0 && !state->cancelled && twice) {
         pliant_log(PLIANT_LOG_WARNING, "choose: nothing is measured against a mesh of twice the resolution: %s",
-                   state->late ? "it takes too long" : pliant_last_error());
-        state->late = false;
+                   state->is_out_of_time ? "it takes too long" : pliant_last_error());
+        state->is_out_of_time = false;
         sweep_free_ground(ground);
         ground->reference.mesh.ratio = ground->input->scene->mesh.ratio;
         sweep_list_cases(ground);
@@ -133,11 +133,11 @@ static pliant_status try_all(choice_state *state)
     for (state->index = 0; status >= 0 && state->index < state->count; state->index++) {
         const int known = state->num_points;
         status = try_candidate(state);
-        if (!state->late) continue;
+        if (!state->is_out_of_time) continue;
         state->index += state->num_points > known; /* the candidate was measured partially */
         break;
     }
-    if (status >= 0 && state->late)
+    if (status >= 0 && state->is_out_of_time)
         pliant_log(PLIANT_LOG_WARNING, "choose: only %d of %d candidates were measured within choose/seconds (%g)",
                    state->index, state->count, ground->input->scene->choose.seconds);
     return status;
@@ -150,7 +150,7 @@ static bool mesh_is_larger(const pliant_choice *choice)
     return choice->mesh > choice->error + choice->left_out - choice->mesh;
 }
 
-static pliant_status tell(const choice_state *state, const choice_point *point, const pliant_choice *choice)
+static pliant_status write_result_row(const choice_state *state, const choice_point *point, const pliant_choice *choice)
 {
     const pliant_scene *scene = state->sweep.ground.input->scene;
     char variant[CHOICE_VARIANT];
@@ -220,9 +220,9 @@ static pliant_status take(const choice_state *state, pliant_choice *out)
                             .tried = state->index,
                             .dropped = state->dropped,
                             .reference_tetrahedra = state->sweep.ground.fine->body->fine.num_tets};
-    if (!point) point = choice_quickest(state->points, state->num_points);
+    if (!point) point = choice_fastest(state->points, state->num_points);
     if (!point)
-        return pliant_fail(state->late ? PLIANT_ERROR_CANCELLED : PLIANT_ERROR_NUMERIC,
+        return pliant_fail(state->is_out_of_time ? PLIANT_ERROR_CANCELLED : PLIANT_ERROR_NUMERIC,
                            "choose: no candidate could be measured");
     pliant_status status = choice_scene(scene, &point->candidate, &choice.scene);
     if (status < 0) return status;
@@ -241,7 +241,7 @@ static pliant_status take(const choice_state *state, pliant_choice *out)
     choice_describe(&point->candidate, scene, choice.options);
     size_t used = strlen(choice.options);
     snprintf(choice.options + used, sizeof choice.options - used, " solver/iterations=%d", (int)point->iterations);
-    status = tell(state, point, &choice);
+    status = write_result_row(state, point, &choice);
     if (status < 0) return status;
     warn(scene, point, &choice);
     pliant_log(PLIANT_LOG_INFO,
@@ -281,7 +281,7 @@ static void prepare(const pliant_report_input *input, pliant_report_tables *tabl
     (void)pliant_length_scale(input->scan, input->labels, input->materials, &scale);
     for (int d = 0; d < 3; d++) settings->pull[d] *= scale * (double)FRAMES / 30; /* at the same speed */
     settings->reference_tolerance = fmin(reference_tolerance, 0.1 * scene->solver.tolerance);
-    settings->most_ms = scene->choose.budget_ms;
+    settings->max_ms = scene->choose.budget_ms;
     settings->paced = true;
     settings->own_time = true;
     settings->repeats = REPEATS;
@@ -322,7 +322,7 @@ pliant_status pliant_choose(const pliant_report_input *input, pliant_report_tabl
     if (status >= 0) status = take(state, out);
     if (status < 0 && !state->cancelled) {
         pliant_log(PLIANT_LOG_WARNING, "choose: the settings of the scene are used and their error is unknown: %s",
-                   state->late ? "choose/seconds ended before the first measurement" : pliant_last_error());
+                   state->is_out_of_time ? "choose/seconds ended before the first measurement" : pliant_last_error());
         *out = (pliant_choice){.scene = *input->scene};
         status = PLIANT_OK;
     }

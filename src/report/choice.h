@@ -84,8 +84,8 @@ const char *choice_touch_name(const choice_candidate *candidate); /* "" except f
 /* Collect the points of a candidate from its rows of the sweep's table, starting at `first`: for each budget the
  * maximum over the cases. A converged case needs no larger budget.
  * @return number of points, at most CHOICE_BUDGETS */
-int choice_gather(const sweep_ground *ground, const choice_candidate *candidate, size_t first,
-                  choice_point out[CHOICE_BUDGETS]);
+int choice_collect_points(const sweep_ground *ground, const choice_candidate *candidate, size_t first,
+                          choice_point out[CHOICE_BUDGETS]);
 /* Return the median step time of a point. It is the minimum of the point's measurement and the measurements of points
  * with at least as much work. Less work cannot take longer, so a longer measurement was disturbed by other programs. */
 double choice_seconds(const choice_point *points, int count, const choice_point *of);
@@ -100,8 +100,8 @@ double choice_reference_error(const choice_point *points, int count, int32_t res
  * error, so that no iterations are spent below it. Points whose maximum errors are equal within a factor of two are
  * compared by their later errors. Among points within 5 % of the best, the fastest is taken. */
 const choice_point *choice_best(const choice_point *points, int count, pliant_measure measure, double left_out,
-                                double most_seconds);
-const choice_point *choice_quickest(const choice_point *points, int count); /* NULL: the list is empty */
+                                double max_seconds);
+const choice_point *choice_fastest(const choice_point *points, int count); /* NULL: the list is empty */
 
 #ifdef __cplusplus
 }

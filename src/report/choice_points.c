@@ -5,8 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double alike_at_worst = 2; /* factor within which maximum errors count as equal */
-static const double alike = 1.05;       /* factor within which later errors count as equal */
+static const double equal_max_error_ratio = 2; /* factor within which maximum errors count as equal */
+static const double equal_settled_error_ratio = 1.05;       /* factor within which later errors count as equal */
 
 #define COLUMN(name, yaml) #yaml "_percent",
 static const char *const error_columns[NUM_MEASURES] = {PLIANT_MEASURE_LIST(COLUMN)}; /* columns of a sweep */
@@ -95,8 +95,8 @@ static bool gather_point(const sweep_ground *ground, size_t first, choice_point 
     return true;
 }
 
-int choice_gather(const sweep_ground *ground, const choice_candidate *candidate, size_t first,
-                  choice_point out[CHOICE_BUDGETS])
+int choice_collect_points(const sweep_ground *ground, const choice_candidate *candidate, size_t first,
+                          choice_point out[CHOICE_BUDGETS])
 {
     int count = 0;
     for (int b = 0; b < ground->sweep->num_iterations; b++) {
@@ -120,7 +120,7 @@ static bool is_patched(const choice_point *point)
 
 /* Return whether a does at least the work of b per step: as many evaluations, meshes at least as large, and no patch or
  * lod elements that only b has. */
-static bool does_as_much(const choice_point *a, const choice_point *b)
+static bool needs_at_least_work_of(const choice_point *a, const choice_point *b)
 {
     bool lod = b->candidate.by.method == PLIANT_LOD && a->candidate.by.method != PLIANT_LOD;
     bool patch = is_patched(b) && !is_patched(a);
@@ -130,49 +130,50 @@ static bool does_as_much(const choice_point *a, const choice_point *b)
 
 double choice_seconds(const choice_point *points, int count, const choice_point *of)
 {
-    double least = of->seconds;
+    double minimum = of->seconds;
     for (int p = 0; p < count; p++)
-        if (does_as_much(points + p, of)) least = fmin(least, points[p].seconds);
-    return least;
+        if (needs_at_least_work_of(points + p, of)) minimum = fmin(minimum, points[p].seconds);
+    return minimum;
 }
 
 double choice_mesh_error(const choice_point *points, int count, int32_t resolution, pliant_measure measure)
 {
-    double least = NAN;
+    double minimum = NAN;
     for (int p = 0; p < count; p++) {
         const choice_candidate *by = &points[p].candidate;
         if (by->by.method == PLIANT_FINE && by->mesh.cells_factor * by->mesh.ratio == resolution)
-            least = fmin(least, points[p].error[measure]);
+            minimum = fmin(minimum, points[p].error[measure]);
     }
-    return least;
+    return minimum;
 }
 
 double choice_reference_error(const choice_point *points, int count, int32_t resolution, pliant_measure measure)
 {
     const double half = choice_mesh_error(points, count, resolution / 2, measure),
                  quarter = choice_mesh_error(points, count, resolution / 4, measure);
-    const double theory = 2, least = 0.2; /* orders of convergence */
+    const double theory = 2, minimum = 0.2; /* orders of convergence */
     if (resolution % 4 != 0 || !(half > 0) || !(quarter > 0)) return 0;
-    const double seen = quarter > half ? log2(quarter / half - 1) : least;
-    return half / (exp2(0.5 * (fmin(fmax(seen, least), theory) + theory)) - 1);
+    const double seen = quarter > half ? log2(quarter / half - 1) : minimum;
+    return half / (exp2(0.5 * (fmin(fmax(seen, minimum), theory) + theory)) - 1);
 }
 
 const choice_point *choice_best(const choice_point *points, int count, pliant_measure measure, double left_out,
-                                double most_seconds)
+                                double max_seconds)
 {
     const choice_point *best = NULL;
-    double least = INFINITY, least_later = INFINITY, best_seconds = INFINITY;
+    double minimum = INFINITY, min_later = INFINITY, best_seconds = INFINITY;
     for (int p = 0; p < count; p++)
-        if (choice_seconds(points, count, points + p) <= most_seconds) least = fmin(least, points[p].error[measure]);
+        if (choice_seconds(points, count, points + p) <= max_seconds) minimum = fmin(minimum, points[p].error[measure]);
     for (int pass = 0; pass < 2; pass++)
         for (int p = 0; p < count; p++) {
             const choice_point *point = points + p;
             double seconds = choice_seconds(points, count, point), later = point->later[measure];
-            if (seconds > most_seconds || point->error[measure] + left_out > alike_at_worst * (least + left_out))
+            if (seconds > max_seconds ||
+                point->error[measure] + left_out > equal_max_error_ratio * (minimum + left_out))
                 continue;
             if (pass == 0)
-                least_later = fmin(least_later, later);
-            else if (later + left_out > alike * (least_later + left_out))
+                min_later = fmin(min_later, later);
+            else if (later + left_out > equal_settled_error_ratio * (min_later + left_out))
                 continue;
             else if (seconds < best_seconds ||
                      (seconds == best_seconds && point->error[measure] < best->error[measure])) {
@@ -183,7 +184,7 @@ const choice_point *choice_best(const choice_point *points, int count, pliant_me
     return best;
 }
 
-const choice_point *choice_quickest(const choice_point *points, int count)
+const choice_point *choice_fastest(const choice_point *points, int count)
 {
     const choice_point *best = count > 0 ? points : NULL;
     for (int p = 1; p < count; p++)

@@ -53,7 +53,7 @@ static pliant_status pulled_frame(pulled_run *run, const pliant_sweep *sweep, in
     pliant_status status = PLIANT_OK;
     if (!pliant_report_progress(progress, (double)frame / frames_of(sweep), "explicit dynamics"))
         return pliant_fail(PLIANT_ERROR_CANCELLED, "the report was stopped; finished rows are kept");
-    if (frame == sweep->frames) pliant_tool_lost(run->data, run->tool);
+    if (frame == sweep->frames) pliant_tool_remove_pose(run->data, run->tool);
     for (int d = 0; d < 3; d++) tip[d] = run->from[d] + sweep->pull[d] * (frame + 1.0) / sweep->frames;
     if (frame < sweep->frames) status = pliant_tool_set_pose(run->data, run->tool, tip, NULL);
     double start = pliant_seconds();
@@ -142,8 +142,8 @@ static pliant_status measure_time_error(const pliant_report_input *input, const 
     return status;
 }
 
-static pliant_status tell(const pulled_run *run, const pliant_sweep *sweep, double *seconds, double drift,
-                          time_error time, report_row *row)
+static pliant_status write_result_row(const pulled_run *run, const pliant_sweep *sweep, double *seconds, double drift,
+                                      time_error time, report_row *row)
 {
     const pliant_model *model = run->model;
     const pliant_data *data = run->data;
@@ -164,7 +164,7 @@ static pliant_status tell(const pulled_run *run, const pliant_sweep *sweep, doub
     row_integer(row, model->body->fine.num_nodes);
     row_text(row, laws[model->scene.tled.law]);
     row_text(row, pliant_data_get_backend(data));
-    row_integer(row, pliant_threads_of(model->scene.solver.threads));
+    row_integer(row, pliant_threads_or_cores(model->scene.solver.threads));
     row_number(row, 1e6 * dynamics.edge_bound);
     row_number(row, 1e6 * dynamics.eigenvalue_bound);
     row_number(row, 1e6 * dynamics.time_step);
@@ -196,7 +196,7 @@ pliant_status pliant_dynamics_run(const pliant_report_input *input, const pliant
     pliant_report_setup(input, sweep, setup);
     row_clear(&row);
     row_text(&row, setup);
-    if (row_known(&row, tables->dynamics)) return PLIANT_OK;
+    if (row_is_stored(&row, tables->dynamics)) return PLIANT_OK;
     scene.tled.quasi_static = false;
     pliant_status status = pulled_create(input, &scene, sweep, progress, &run);
     if (status >= 0 && !(seconds = pliant_calloc((size_t)frames_of(sweep), sizeof *seconds)))
@@ -205,7 +205,7 @@ pliant_status pliant_dynamics_run(const pliant_report_input *input, const pliant
         status = pulled_frame(&run, sweep, f, seconds + f, progress);
     if (status >= 0) status = measure_drift(input, sweep, &drift, progress);
     if (status >= 0) status = measure_time_error(input, &scene, sweep, &time, progress);
-    if (status >= 0) status = tell(&run, sweep, seconds, drift, time, &row);
+    if (status >= 0) status = write_result_row(&run, sweep, seconds, drift, time, &row);
     /* the failure is a result, too */
     if (status < 0 && status != PLIANT_ERROR_CANCELLED && status != PLIANT_ERROR_MEMORY) {
         row_text(&row, pliant_status_text(status));

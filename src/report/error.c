@@ -30,7 +30,7 @@ pliant_status pliant_error_between(int32_t count, const uint8_t *use, const doub
     double *distance = pliant_calloc((size_t)count, sizeof *distance);
     if (!distance) return pliant_fail_memory("the errors of the points");
     pliant_error error = {.worst = -1};
-    double most = -1;
+    double maximum = -1;
     int32_t number = 0;
     for (int32_t p = 0; p < count; p++) {
         if (use && !use[p]) continue;
@@ -45,8 +45,8 @@ pliant_status pliant_error_between(int32_t count, const uint8_t *use, const doub
         }
         error.largest = fmax(error.largest, sqrt(moved));
         distance[number++] = sqrt(apart);
-        if (apart > most) {
-            most = apart;
+        if (apart > maximum) {
+            maximum = apart;
             error.worst = p;
         }
     }

@@ -70,12 +70,12 @@ static bool contains(const char *text, const char *word)
     return false;
 }
 
-static int organ_fronts(const pliant_report_input *input, front_voxels *voxels, int most, pliant_pull_point *out)
+static int organ_fronts(const pliant_report_input *input, front_voxels *voxels, int maximum, pliant_pull_point *out)
 {
     static const char *const organs[][2] = {{"liver", "liver"}, {"colon", "bowel"}, {"kidney", "kidney"}};
     int found = 0;
     for (size_t o = 0; o < sizeof organs / sizeof *organs; o++)
-        for (uint32_t m = 0; found < most && m < input->materials->num_materials; m++) {
+        for (uint32_t m = 0; found < maximum && m < input->materials->num_materials; m++) {
             const char *name = input->materials->materials[m].name;
             voxels->wanted = (int32_t)m;
             if (input->materials->materials[m].fixed || input->materials->materials[m].empty) continue;
@@ -118,7 +118,7 @@ static size_t body_columns(const pliant_report_input *input, const uint8_t *mate
 
 /* Choose the column nearest to the centre, then repeatedly the column farthest from the chosen ones, within the central
  * two thirds of the body. */
-static int body_fronts(const pliant_report_input *input, const uint8_t *materials, double scale, int most,
+static int body_fronts(const pliant_report_input *input, const uint8_t *materials, double scale, int maximum,
                        pliant_pull_point *out)
 {
     const pliant_geometry *g = &input->scan->geometry;
@@ -133,7 +133,7 @@ static int body_fronts(const pliant_report_input *input, const uint8_t *material
     for (size_t c = 0; c < count; c++)
         for (int d = 0; d < 3; d++) reach[d] = fmax(reach[d], fabs(columns[c].world[d] - middle[d]));
     int found = 0;
-    for (; found < most; found++) {
+    for (; found < maximum; found++) {
         double best = -INFINITY;
         size_t taken = count;
         for (size_t c = 0; c < count; c++) {
@@ -153,7 +153,7 @@ static int body_fronts(const pliant_report_input *input, const uint8_t *material
     return found;
 }
 
-int pliant_pull_points(const pliant_report_input *input, const int32_t *labels, int num_labels, int most,
+int pliant_pull_points(const pliant_report_input *input, const int32_t *labels, int num_labels, int maximum,
                        pliant_pull_point *out)
 {
     size_t voxels = pliant_geometry_voxels(&input->scan->geometry);
@@ -169,15 +169,15 @@ int pliant_pull_points(const pliant_report_input *input, const int32_t *labels, 
     if (num_labels > 0) {
         if (!input->labels) goto done;
         kind.labels = input->labels->voxels;
-        for (int n = 0; n < num_labels && found < most; n++) {
+        for (int n = 0; n < num_labels && found < maximum; n++) {
             kind.wanted = labels[n];
             if (find_front(&kind, out[found].rest))
                 snprintf(out[found++].name, sizeof out->name, "label %d", (int)labels[n]);
         }
         goto done;
     }
-    found = organ_fronts(input, &kind, most, out);
-    if (found == 0) found = body_fronts(input, materials, kind.scale, most, out);
+    found = organ_fronts(input, &kind, maximum, out);
+    if (found == 0) found = body_fronts(input, materials, kind.scale, maximum, out);
 done:
     pliant_free(materials);
     return found;

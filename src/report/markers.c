@@ -12,8 +12,8 @@
 #include <string.h>
 #include <strings.h>
 
-enum { LINE = 4096, MOST_CELLS = 8, FEWEST_CELLS = 7 };
-static const char *const columns[MOST_CELLS] = {"load", "x", "y", "z", "moved_x", "moved_y", "moved_z", "deviation"};
+enum { LINE = 4096, MAX_CELLS = 8, MIN_CELLS = 7 };
+static const char *const columns[MAX_CELLS] = {"load", "x", "y", "z", "moved_x", "moved_y", "moved_z", "deviation"};
 /* maximum of a position, displacement or deviation; a larger value is probably in millimetres [m] */
 static const double longest = 10;
 
@@ -21,15 +21,15 @@ static const double longest = 10;
 static const char *read_marker(int count, char *const *cells, double deviation, pliant_marker *out, char *reason,
                                size_t size)
 {
-    double value[MOST_CELLS] = {[MOST_CELLS - 1] = deviation};
-    if (count < FEWEST_CELLS || count > MOST_CELLS) {
+    double value[MAX_CELLS] = {[MAX_CELLS - 1] = deviation};
+    if (count < MIN_CELLS || count > MAX_CELLS) {
         snprintf(reason, size,
                  "it has %s%d cells; write load,x,y,z,moved_x,moved_y,moved_z and, if known, the deviation",
-                 count > MOST_CELLS ? "more than " : "", count > MOST_CELLS ? MOST_CELLS : count);
+                 count > MAX_CELLS ? "more than " : "", count > MAX_CELLS ? MAX_CELLS : count);
         return reason;
     }
     for (int c = 0; c < count; c++) {
-        if (c == MOST_CELLS - 1 && cells[c][0] == '\0') continue; /* a separator at the end of the line */
+        if (c == MAX_CELLS - 1 && cells[c][0] == '\0') continue; /* a separator at the end of the line */
         if (!cells_number(cells[c], &value[c])) {
             snprintf(reason, size,
                      "%s is '%.40s', not a finite number; correct it, or delete the line of a lost marker", columns[c],
@@ -49,23 +49,23 @@ static const char *read_marker(int count, char *const *cells, double deviation, 
         snprintf(reason, size, "load is %g; use a whole number from 1", value[0]);
         return reason;
     }
-    if (!(value[MOST_CELLS - 1] > 0)) {
-        snprintf(reason, size, "deviation is %g; use a number above 0 [m]", value[MOST_CELLS - 1]);
+    if (!(value[MAX_CELLS - 1] > 0)) {
+        snprintf(reason, size, "deviation is %g; use a number above 0 [m]", value[MAX_CELLS - 1]);
         return reason;
     }
-    *out = (pliant_marker){.load = (int32_t)value[0] - 1, .deviation = value[MOST_CELLS - 1]};
+    *out = (pliant_marker){.load = (int32_t)value[0] - 1, .deviation = value[MAX_CELLS - 1]};
     memcpy(out->rest, value + 1, sizeof out->rest);
     memcpy(out->moved, value + 4, sizeof out->moved);
     return NULL;
 }
 
-static pliant_status add(const pliant_marker *marker, int32_t *room, int32_t *count, pliant_marker **markers)
+static pliant_status add(const pliant_marker *marker, int32_t *capacity, int32_t *count, pliant_marker **markers)
 {
-    if (*count == *room) {
-        pliant_marker *larger = pliant_resize(*markers, 2 * (size_t)*room + 16, sizeof *larger);
+    if (*count == *capacity) {
+        pliant_marker *larger = pliant_resize(*markers, 2 * (size_t)*capacity + 16, sizeof *larger);
         if (!larger) return pliant_fail_memory("the markers");
         *markers = larger;
-        *room = 2 * *room + 16;
+        *capacity = 2 * *capacity + 16;
     }
     (*markers)[(*count)++] = *marker;
     return PLIANT_OK;
@@ -73,8 +73,8 @@ static pliant_status add(const pliant_marker *marker, int32_t *room, int32_t *co
 
 static pliant_status read_lines(FILE *file, const char *path, double deviation, int32_t *count, pliant_marker **markers)
 {
-    char line[LINE], reason[256], *cells[MOST_CELLS + 1], separator = 0;
-    int32_t room = 0, at = 0;
+    char line[LINE], reason[256], *cells[MAX_CELLS + 1], separator = 0;
+    int32_t capacity = 0, at = 0;
     pliant_status status = PLIANT_OK;
     while (status >= 0 && fgets(line, sizeof line, file)) {
         const char *text = cells_text(line);
@@ -84,13 +84,13 @@ static pliant_status read_lines(FILE *file, const char *path, double deviation, 
         if (text[strspn(text, " ,;\t\r\n")] == '\0' || text[0] == '#') continue;
         const bool first = separator == 0;
         if (first) separator = cells_separator(line);
-        const int num_cells = cells_split(line, separator, MOST_CELLS + 1, cells);
+        const int num_cells = cells_split(line, separator, MAX_CELLS + 1, cells);
         if (first && strncasecmp(cells[0], "load", 4) == 0) continue;
         pliant_marker one;
         if (read_marker(num_cells, cells, deviation, &one, reason, sizeof reason))
             return pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: %s", path, at, reason);
         one.line = at;
-        status = add(&one, &room, count, markers);
+        status = add(&one, &capacity, count, markers);
     }
     return status;
 }
@@ -184,8 +184,8 @@ static bool look_like_positions(int32_t num_markers, const pliant_marker *marker
 
 void report_markers_warn(int32_t num_markers, const pliant_marker *markers, const pliant_moduli *found)
 {
-    const double most = 9;
-    if (!(found->misfit > most)) return;
+    const double maximum = 9;
+    if (!(found->misfit > maximum)) return;
     pliant_log(PLIANT_LOG_WARNING,
                "the fit leaves markers %.3g mm off (root mean square), %.3g times their deviation: "
                "do not trust these moduli%s",

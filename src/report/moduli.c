@@ -11,8 +11,8 @@
 #include <string.h>
 
 enum {
-    MOST_PASSES = 30,
-    MOST_TRIES = 8,
+    MAX_FIT_PASSES = 30,
+    MAX_TRIES = 8,
     RAMP = 10 /* steps in which tools reach where a load ends */,
     SETTLING_STEPS = 200,
     SETTLING_ITERATIONS = 100
@@ -46,7 +46,7 @@ static pliant_status hold(const pliant_model *model, pliant_data *data, const pl
     return status;
 }
 
-static pliant_status drive(pliant_data *data, const pliant_path *path, double time)
+static pliant_status move_path_tools(pliant_data *data, const pliant_path *path, double time)
 {
     double gravity[3];
     pliant_status status =
@@ -70,7 +70,7 @@ static pliant_status settle(const pliant_model *model, pliant_data *data, const 
     pliant_status status = pliant_data_set_limits(data, iterations, tolerance);
     if (status >= 0 && path) status = hold(model, data, path);
     for (int s = 1; status >= 0 && path && s <= RAMP; s++) {
-        status = drive(data, path, pliant_path_end(path) * s / RAMP);
+        status = move_path_tools(data, path, pliant_path_end(path) * s / RAMP);
         if (status >= 0) status = pliant_step(model, data);
     }
     for (int s = 0; status >= 0 && s < SETTLING_STEPS; s++)
@@ -80,11 +80,11 @@ static pliant_status settle(const pliant_model *model, pliant_data *data, const 
 
 /* Points followed for a marker: its tissue point; at a distance from the tissue, two more, which give the local
  * rotation. */
-enum { FOLLOWED = 3 };
+enum { POINTS_PER_MARKER = 3 };
 
 /* Compute the followed points: the tissue point, a point inwards by the length of the offset, and a third one to a
  * side. */
-static void beside(const pliant_marker *marker, double sign, int axis, double out[3 * FOLLOWED])
+static void adjacent(const pliant_marker *marker, double sign, int axis, double out[3 * POINTS_PER_MARKER])
 {
     const double far = sqrt(marker->offset[0] * marker->offset[0] + marker->offset[1] * marker->offset[1] +
                             marker->offset[2] * marker->offset[2]);
@@ -96,17 +96,17 @@ static void beside(const pliant_marker *marker, double sign, int axis, double ou
 }
 
 /* Choose the followed points. The side is along the axis most perpendicular to the offset, where there is tissue. */
-static pliant_status place(const pliant_mesh *mesh, const pliant_marker *marker, double out[3 * FOLLOWED])
+static pliant_status place(const pliant_mesh *mesh, const pliant_marker *marker, double out[3 * POINTS_PER_MARKER])
 {
     int axis = 0;
     for (int d = 1; d < 3; d++)
         if (fabs(marker->offset[d]) < fabs(marker->offset[axis])) axis = d;
     for (int side = 0; side < 2; side++) {
         pliant_points trial;
-        beside(marker, side ? -1 : 1, axis, out);
-        pliant_status status = pliant_points_create(mesh, FOLLOWED, out, &trial);
+        adjacent(marker, side ? -1 : 1, axis, out);
+        pliant_status status = pliant_points_create(mesh, POINTS_PER_MARKER, out, &trial);
         if (status < 0) return status;
-        const bool all = trial.num_found == FOLLOWED;
+        const bool all = trial.num_found == POINTS_PER_MARKER;
         pliant_points_free(&trial);
         if (all) break;
     }
@@ -131,8 +131,8 @@ static void frame(const double *a, double out[9])
 
 /* Compute the displacement of a marker's centre: the displacement of its tissue point, with the offset rotated like the
  * tissue. */
-static void displacement(const pliant_marker *marker, const double rest[3 * FOLLOWED], const double now[3 * FOLLOWED],
-                         double out[3])
+static void displacement(const pliant_marker *marker, const double rest[3 * POINTS_PER_MARKER],
+                         const double now[3 * POINTS_PER_MARKER], double out[3])
 {
     double before[9], after[9];
     for (int d = 0; d < 3; d++) out[d] = now[d] - rest[d];
@@ -151,16 +151,16 @@ pliant_status report_markers_move(const pliant_model *model, const pliant_path *
 {
     pliant_data *simulation = NULL;
     pliant_points points = {0};
-    const size_t room = FOLLOWED * 3 * (size_t)num_markers;
-    double *rest = pliant_calloc(room, sizeof *rest), *now = pliant_calloc(room, sizeof *now);
+    const size_t capacity = POINTS_PER_MARKER * 3 * (size_t)num_markers;
+    double *rest = pliant_calloc(capacity, sizeof *rest), *now = pliant_calloc(capacity, sizeof *now);
     pliant_status status = rest && now ? pliant_data_create(model, &simulation) : pliant_fail_memory("the markers");
     for (int32_t m = 0; status >= 0 && m < num_markers; m++)
-        status = place(&model->body->fine, markers + m, rest + 3 * FOLLOWED * m);
-    if (status >= 0) status = pliant_points_create(&model->body->fine, FOLLOWED * num_markers, rest, &points);
+        status = place(&model->body->fine, markers + m, rest + 3 * POINTS_PER_MARKER * m);
+    if (status >= 0) status = pliant_points_create(&model->body->fine, POINTS_PER_MARKER * num_markers, rest, &points);
     for (int32_t m = 0; status >= 0 && m < num_markers; m++)
-        for (int f = 0; status >= 0 && f < FOLLOWED; f++)
-            if (!points.found[FOLLOWED * m + f]) {
-                const double *at = rest + 3 * (FOLLOWED * m + f);
+        for (int f = 0; status >= 0 && f < POINTS_PER_MARKER; f++)
+            if (!points.found[POINTS_PER_MARKER * m + f]) {
+                const double *at = rest + 3 * (POINTS_PER_MARKER * m + f);
                 status = pliant_fail(PLIANT_ERROR_ARGUMENT, "marker %d: there is no tissue at (%.4f %.4f %.4f) m",
                                      m + 1, at[0], at[1], at[2]);
             }
@@ -170,7 +170,7 @@ pliant_status report_markers_move(const pliant_model *model, const pliant_path *
     if (status >= 0) pliant_points_move(&points, simulation->positions, now);
     for (int32_t m = 0; status >= 0 && m < num_markers; m++)
         if (markers[m].load == state)
-            displacement(markers + m, rest + 3 * FOLLOWED * m, now + 3 * FOLLOWED * m, moved + 3 * m);
+            displacement(markers + m, rest + 3 * POINTS_PER_MARKER * m, now + 3 * POINTS_PER_MARKER * m, moved + 3 * m);
     pliant_points_free(&points);
     pliant_data_free(simulation);
     pliant_free(rest);
@@ -271,9 +271,9 @@ static void normal_equations(const fitting *fit, const double *columns, const do
 /* Return whether these moduli are in the range of a material table, with a margin for finite differences. */
 static bool are_moduli(int count, const double *logs)
 {
-    const double least = 1e-3, most = 9e11; /* [Pa] */
+    const double minimum = 1e-3, maximum = 9e11; /* [Pa] */
     bool good = true;
-    for (int p = 0; p < count; p++) good = good && logs[p] >= log(least) && logs[p] <= log(most);
+    for (int p = 0; p < count; p++) good = good && logs[p] >= log(minimum) && logs[p] <= log(maximum);
     return good;
 }
 
@@ -285,15 +285,16 @@ static pliant_status pass(fitting *fit, double *logs, double *r, double *other, 
     const int32_t rows = 3 * fit->data->num_markers;
     const double before = square(rows, r);
     pliant_status status = jacobian(fit, logs, r, other, columns);
-    for (int tries = 0; status >= 0 && tries < MOST_TRIES; tries++, *damping *= 10) {
-        double a[PLIANT_MAX_MODULI][PLIANT_MAX_MODULI], g[PLIANT_MAX_MODULI], next[PLIANT_MAX_MODULI] = {0}, most = 0;
+    for (int tries = 0; status >= 0 && tries < MAX_TRIES; tries++, *damping *= 10) {
+        double a[PLIANT_MAX_MODULI][PLIANT_MAX_MODULI], g[PLIANT_MAX_MODULI], next[PLIANT_MAX_MODULI] = {0},
+                                                                              maximum = 0;
         normal_equations(fit, columns, r, *damping, a, g);
         if (!invert(fit->count, a)) continue;
         for (int i = 0; i < fit->count; i++) {
             double step = 0;
             for (int j = 0; j < fit->count; j++) step -= a[i][j] * g[j];
             next[i] = logs[i] + fmin(fmax(step, -longest), longest);
-            most = fmax(most, fabs(next[i] - logs[i]));
+            maximum = fmax(maximum, fabs(next[i] - logs[i]));
         }
         if (!are_moduli(fit->count, next)) continue;
         status = residuals(fit, next, other);
@@ -301,7 +302,7 @@ static pliant_status pass(fitting *fit, double *logs, double *r, double *other, 
         memcpy(logs, next, sizeof next);
         memcpy(r, other, (size_t)rows * sizeof *r);
         *damping *= 0.1;
-        *done = most < enough;
+        *done = maximum < enough;
         return PLIANT_OK;
     }
     *done = true;
@@ -310,14 +311,14 @@ static pliant_status pass(fitting *fit, double *logs, double *r, double *other, 
 
 /* Return the two-sided 95 % quantile of Student's distribution by its expansion in 1 / freedom (Abramowitz and Stegun
  * 26.7.5). */
-static double student(double freedom)
+static double student_quantile(double freedom)
 {
     const double x = 1.959964, x3 = x * x * x, x5 = x3 * x * x;
     return x + (x3 + x) / (4 * freedom) + (5 * x5 + 16 * x3 + 3 * x) / (96 * freedom * freedom);
 }
 
-static pliant_status tell(const fitting *fit, const double *logs, const double *r, const double *columns,
-                          pliant_moduli *out)
+static pliant_status write_result_row(const fitting *fit, const double *logs, const double *r, const double *columns,
+                                      pliant_moduli *out)
 {
     const int32_t rows = 3 * fit->data->num_markers, freedom = rows - fit->count;
     double a[PLIANT_MAX_MODULI][PLIANT_MAX_MODULI], g[PLIANT_MAX_MODULI], sum = 0;
@@ -333,7 +334,7 @@ static pliant_status tell(const fitting *fit, const double *logs, const double *
         for (int d = 0; d < 3; d++) sum += pow(r[3 * m + d] * fit->data->markers[m].deviation, 2);
     out->rms = sqrt(sum / fit->data->num_markers);
     for (int32_t p = 0; p < fit->count; p++) {
-        const double deviation = sqrt(a[p][p] * fmax(out->misfit, 1)), wide = student(freedom) * deviation;
+        const double deviation = sqrt(a[p][p] * fmax(out->misfit, 1)), wide = student_quantile(freedom) * deviation;
         out->young[p] = exp(logs[p]);
         out->low[p] = exp(logs[p] - wide);
         out->high[p] = exp(logs[p] + wide);
@@ -388,12 +389,12 @@ pliant_status pliant_moduli_fit(const pliant_report_input *input, const pliant_m
         if (!r || !other || !columns) status = pliant_fail_memory("the fit");
     }
     if (status >= 0) status = residuals(&fit, logs, r);
-    while (status >= 0 && !done && told.passes < MOST_PASSES) {
+    while (status >= 0 && !done && told.passes < MAX_FIT_PASSES) {
         status = pass(&fit, logs, r, other, columns, &damping, &done);
         told.passes++;
     }
     if (status >= 0) status = jacobian(&fit, logs, r, other, columns);
-    if (status >= 0) status = tell(&fit, logs, r, columns, &told);
+    if (status >= 0) status = write_result_row(&fit, logs, r, columns, &told);
     pliant_free(r);
     pliant_free(other);
     pliant_free(columns);

@@ -12,13 +12,13 @@ void row_clear(report_row *row) { row->used = 0, row->count = 0; }
 
 void row_text(report_row *row, const char *text)
 {
-    if (row->count == ROW_CELLS || row->used == ROW_ROOM) return;
-    size_t length = strlen(text), room = ROW_ROOM - row->used - 1;
+    if (row->count == ROW_CELLS || row->used == ROW_CAPACITY) return;
+    size_t length = strlen(text), capacity = ROW_CAPACITY - row->used - 1;
     if (length > ROW_TEXT) length = ROW_TEXT;
-    if (length > room) length = room;
+    if (length > capacity) length = capacity;
     row->start[row->count++] = row->used;
-    for (size_t c = 0; c < length; c++) row->room[row->used++] = text[c] == '\n' || text[c] == '\r' ? ' ' : text[c];
-    row->room[row->used++] = '\0';
+    for (size_t c = 0; c < length; c++) row->capacity[row->used++] = text[c] == '\n' || text[c] == '\r' ? ' ' : text[c];
+    row->capacity[row->used++] = '\0';
 }
 
 void row_number(report_row *row, double value)
@@ -40,7 +40,7 @@ void row_empty(report_row *row, int count)
     while (count-- > 0) row_text(row, "");
 }
 
-void row_back(report_row *row, int count)
+void row_truncate(report_row *row, int count)
 {
     if (count >= row->count) return;
     row->used = row->start[count];
@@ -49,10 +49,10 @@ void row_back(report_row *row, int count)
 
 static void list_cells(const report_row *row, const char *cells[ROW_CELLS])
 {
-    for (int c = 0; c < ROW_CELLS; c++) cells[c] = c < row->count ? row->room + row->start[c] : "";
+    for (int c = 0; c < ROW_CELLS; c++) cells[c] = c < row->count ? row->capacity + row->start[c] : "";
 }
 
-bool row_known(const report_row *row, const pliant_results *results)
+bool row_is_stored(const report_row *row, const pliant_results *results)
 {
     const char *cells[ROW_CELLS];
     list_cells(row, cells);

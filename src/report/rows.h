@@ -8,11 +8,11 @@
 extern "C" {
 #endif
 
-enum { ROW_CELLS = 96, ROW_TEXT = 1024, ROW_ROOM = 8192 };
+enum { ROW_CELLS = 96, ROW_TEXT = 1024, ROW_CAPACITY = 8192 };
 
 /* A row under construction, key cells first. Copies of a row that contains only the key serve for many rows. */
 typedef struct report_row {
-    char room[ROW_ROOM];
+    char capacity[ROW_CAPACITY];
     size_t used;
     size_t start[ROW_CELLS];
     int count;
@@ -25,8 +25,8 @@ void row_number(report_row *row, double value); /* six digits; empty if it is no
 void row_integer(report_row *row, int64_t value);
 void row_empty(report_row *row, int count);
 /* Remove the cells from `count` on. */
-void row_back(report_row *row, int count);
-bool row_known(const report_row *row, const pliant_results *results);
+void row_truncate(report_row *row, int count);
+bool row_is_stored(const report_row *row, const pliant_results *results);
 /* Append the row to a table. Missing cells at the end stay empty. */
 /* Errors: ARGUMENT if there are more cells than columns. */
 pliant_status row_add(const report_row *row, pliant_results *results);

@@ -15,11 +15,11 @@ static void nearest_axes(const pliant_geometry *geometry, int axis_of[3])
     bool used[3] = {false, false, false}, done[3] = {false, false, false};
     for (int round = 0; round < 3; round++) {
         int world = 0, voxel = 0;
-        double most = -1;
+        double maximum = -1;
         for (int w = 0; w < 3; w++)
             for (int v = 0; v < 3; v++)
-                if (!done[w] && !used[v] && fabs(geometry->direction[3 * w + v]) > most) {
-                    most = fabs(geometry->direction[3 * w + v]);
+                if (!done[w] && !used[v] && fabs(geometry->direction[3 * w + v]) > maximum) {
+                    maximum = fabs(geometry->direction[3 * w + v]);
                     world = w;
                     voxel = v;
                 }

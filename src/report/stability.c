@@ -48,7 +48,7 @@ pliant_status pliant_stability_run(const pliant_report_input *input, const plian
         status = block_create_default(&block);
         context.input = &block.input;
     }
-    if (status >= 0 && !input) trial_as_asked(&context, &block.scene); /* a different setup */
+    if (status >= 0 && !input) trial_use_requested_tled(&context, &block.scene); /* a different setup */
     if (status >= 0) pliant_report_setup(context.input, NULL, context.setup);
     for (int c = 0; status >= 0 && c < NUM_CASES; c++) {
         if (options->only && strcmp(options->only, cases[c].name) != 0) continue;

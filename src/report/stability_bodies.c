@@ -20,7 +20,7 @@ pliant_status stability_contrast(stability_context *context)
         body.materials[BLOCK_SOFT].young_modulus = 500;
         body.materials[BLOCK_SOFT].density = body.materials[BLOCK_HARD].density = 100;
         body.materials[BLOCK_HARD].young_modulus = contrasts[c] * body.materials[BLOCK_SOFT].young_modulus;
-        status = stability_try(context, text, &body.input, trial_workout, NULL);
+        status = stability_try(context, text, &body.input, trial_sag_and_pull, NULL);
     }
     block_free(&body);
     return status;
@@ -35,7 +35,7 @@ pliant_status stability_poisson(stability_context *context)
         char text[32];
         snprintf(text, sizeof text, "%g", ratios[r]);
         body.materials[BLOCK_SOFT].poisson_ratio = body.materials[BLOCK_HARD].poisson_ratio = ratios[r];
-        status = stability_try(context, text, &body.input, trial_workout, NULL);
+        status = stability_try(context, text, &body.input, trial_sag_and_pull, NULL);
     }
     block_free(&body);
     return status;
@@ -51,7 +51,7 @@ pliant_status stability_anisotropic(stability_context *context)
     for (size_t b = 0; status >= 0 && b < sizeof boxes / sizeof *boxes; b++) {
         block_body body;
         status = block_create(default_size, boxes[b].box, NULL, &body);
-        if (status >= 0) status = stability_try(context, boxes[b].name, &body.input, trial_workout, NULL);
+        if (status >= 0) status = stability_try(context, boxes[b].name, &body.input, trial_sag_and_pull, NULL);
         block_free(&body);
     }
     return status;
@@ -64,10 +64,10 @@ pliant_status stability_thin(stability_context *context)
     block_body body;
     pliant_status status = block_create(size, box, NULL, &body);
     if (status < 0) return status;
-    status = stability_try(context, "one voxel, six cells", &body.input, trial_workout, NULL);
+    status = stability_try(context, "one voxel, six cells", &body.input, trial_sag_and_pull, NULL);
     body.scene.mesh.coarse_cells[2] = 1;
     body.scene.mesh.ratio = 1;
-    if (status >= 0) status = stability_try(context, "one voxel, one cell", &body.input, trial_workout, NULL);
+    if (status >= 0) status = stability_try(context, "one voxel, one cell", &body.input, trial_sag_and_pull, NULL);
     block_free(&body);
     return status;
 }
@@ -90,7 +90,7 @@ pliant_status stability_empty(stability_context *context)
         status = block_create(default_size, default_box, scans[s].paint, &body);
         body.scene.mesh.keep_air = scans[s].keep_air;
         body.scene.material.deformable_bone = scans[s].deformable;
-        if (status >= 0) status = stability_try(context, scans[s].name, &body.input, trial_workout, NULL);
+        if (status >= 0) status = stability_try(context, scans[s].name, &body.input, trial_sag_and_pull, NULL);
         block_free(&body);
     }
     return status;
@@ -118,9 +118,9 @@ pliant_status stability_single_tetrahedron(stability_context *context)
     for (int v = 0; v < 4; v++) up += corners[v] >> 2 & 1;
     body.scene.fixed.planes[0] =
         (pliant_fixed_plane){{0, 0, up > 1 ? default_box[2] - 1e-9 : 1e-9}, {0, 0, up > 1 ? -1 : 1}};
-    status = stability_try(context, "one face fixed", &body.input, trial_workout, NULL);
+    status = stability_try(context, "one face fixed", &body.input, trial_sag_and_pull, NULL);
     body.scene.fixed.num_planes = 0;
-    if (status >= 0) status = stability_try(context, "nothing fixed", &body.input, trial_workout, NULL);
+    if (status >= 0) status = stability_try(context, "nothing fixed", &body.input, trial_sag_and_pull, NULL);
     block_free(&body);
     return status;
 }
@@ -143,17 +143,17 @@ pliant_status stability_pieces(stability_context *context)
 {
     block_body body;
     pliant_status status = block_create(default_size, default_box, two_slabs, &body);
-    if (status >= 0) status = stability_try(context, "one of two floats", &body.input, trial_workout, NULL);
+    if (status >= 0) status = stability_try(context, "one of two floats", &body.input, trial_sag_and_pull, NULL);
     body.scene.fixed.num_planes = 0;
-    if (status >= 0) status = stability_try(context, "nothing fixed", &body.input, trial_workout, NULL);
+    if (status >= 0) status = stability_try(context, "nothing fixed", &body.input, trial_sag_and_pull, NULL);
     block_free(&body);
     if (status < 0) return status;
     status = block_create(default_size, default_box, two_bars, &body);
-    if (status >= 0) status = stability_try(context, "joined by an edge", &body.input, trial_workout, NULL);
+    if (status >= 0) status = stability_try(context, "joined by an edge", &body.input, trial_sag_and_pull, NULL);
     body.scene.fixed.boxes[0] = (pliant_fixed_box){{-1, -1, -1}, {1e-9, 1e-9, 1e-9}};
     body.scene.fixed.num_planes = 0;
     body.scene.fixed.num_boxes = 1;
-    if (status >= 0) status = stability_try(context, "one node fixed", &body.input, trial_workout, NULL);
+    if (status >= 0) status = stability_try(context, "one node fixed", &body.input, trial_sag_and_pull, NULL);
     block_free(&body);
     return status;
 }

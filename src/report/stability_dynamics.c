@@ -49,11 +49,11 @@ static pliant_status swing(stability_trial *trial, const void *argument)
 {
     static const double aside[3] = {0, -2, 0};
     const bool stable = *(const double *)argument < 1;
-    const int64_t most = stable ? 100 : 3;
+    const int64_t maximum = stable ? 100 : 3;
     pliant_dynamics dynamics;
-    pliant_status status = trial_called(trial, pliant_data_set_gravity(trial->data, aside));
-    if (status >= 0) status = trial_called(trial, pliant_data_get_dynamics(trial->model, trial->data, &dynamics));
-    while (status >= 0 && trial->steps < most) status = trial_step(trial);
+    pliant_status status = trial_check_status(trial, pliant_data_set_gravity(trial->data, aside));
+    if (status >= 0) status = trial_check_status(trial, pliant_data_get_dynamics(trial->model, trial->data, &dynamics));
+    while (status >= 0 && trial->steps < maximum) status = trial_step(trial);
     if (status == PLIANT_ERROR_CANCELLED) return status;
     snprintf(trial->figure, sizeof trial->figure,
              "bounds %.4g us (edge) and %.4g us (eigenvalue), step %.4g us; %s after %lld sub-steps",
@@ -89,16 +89,16 @@ pliant_status stability_time_step(stability_context *context)
 
 static pliant_status keep_energy(stability_trial *trial, const void *argument)
 {
-    const double most_drift = 1e-3;
+    const double max_drift = 1e-3;
     const pliant_mesh *fine = &trial->model->body->fine;
     pliant_dynamics dynamics;
     double first = 0, drift = 0, *positions = pliant_calloc((size_t)fine->num_nodes, 3 * sizeof *positions);
     (void)argument;
-    if (!positions) return trial_called(trial, pliant_fail_memory("a bent state"));
+    if (!positions) return trial_check_status(trial, pliant_fail_memory("a bent state"));
     for (int32_t i = 0; i < 3 * fine->num_nodes; i++) positions[i] = fine->rest[i];
     for (int32_t n = 0; n < fine->num_nodes; n++)
         positions[3 * n + 1] += 0.05 * fine->rest[3 * n] * fine->rest[3 * n] / trial->size;
-    pliant_status status = trial_called(trial, pliant_data_set_positions(trial->model, trial->data, positions));
+    pliant_status status = trial_check_status(trial, pliant_data_set_positions(trial->model, trial->data, positions));
     pliant_free(positions);
     while (status >= 0 && trial->iterations < trial->context->options->long_steps) {
         status = trial_step(trial);
@@ -109,10 +109,10 @@ static pliant_status keep_energy(stability_trial *trial, const void *argument)
     }
     snprintf(trial->figure, sizeof trial->figure, "%.3g J, drift %.2g %% over %lld sub-steps", first, 100 * drift,
              (long long)trial->iterations);
-    if (status >= 0 && !(drift < most_drift)) {
-        trial->unsettled = true;
+    if (status >= 0 && !(drift < max_drift)) {
+        trial->is_unsettled = true;
         snprintf(trial->message, sizeof trial->message, "its energy drifts by %.2g %%; the limit is %g %%", 100 * drift,
-                 100 * most_drift);
+                 100 * max_drift);
     }
     return status;
 }
@@ -190,7 +190,7 @@ pliant_status stability_dynamic_octree(stability_context *context)
     pliant_status status = block_create_default(&body);
     body.scene.mesh.kind = PLIANT_OCTREE;
     body.scene.mesh.depth = 2;
-    if (status >= 0) status = try_body(context, "cells of three sizes", &body, trial_workout);
+    if (status >= 0) status = try_body(context, "cells of three sizes", &body, trial_sag_and_pull);
     block_free(&body);
     return status;
 }
@@ -210,7 +210,7 @@ pliant_status stability_dynamic_bone_surface(stability_context *context)
     block_body body;
     pliant_status status = block_create(size, box, bone_ball, &body);
     body.scene.mesh.bone_surface = true;
-    if (status >= 0) status = try_body(context, "around a ball of bone", &body, trial_workout);
+    if (status >= 0) status = try_body(context, "around a ball of bone", &body, trial_sag_and_pull);
     block_free(&body);
     return status;
 }
@@ -218,17 +218,17 @@ pliant_status stability_dynamic_bone_surface(stability_context *context)
 /* Check that the deformed volume comes from a smooth map in every frame, and equals the scan at rest. */
 static pliant_status show(stability_trial *trial, const void *argument)
 {
-    const double most_wrong = 0.01;
+    const double max_wrong = 0.01;
     const pliant_volume *scan = trial->input->scan;
-    pliant_status status = trial_called(trial, pliant_data_set_warp(trial->model, trial->data, &scan->geometry));
-    if (status >= 0) status = trial_workout(trial, argument);
+    pliant_status status = trial_check_status(trial, pliant_data_set_warp(trial->model, trial->data, &scan->geometry));
+    if (status >= 0) status = trial_sag_and_pull(trial, argument);
     if (status < 0 || trial->cancelled) return status;
     const pliant_volume *shown = pliant_warp_volume(trial->data->warp);
     size_t wrong = 0, count = pliant_geometry_voxels(&scan->geometry);
     for (size_t v = 0; v < count; v++)
         wrong += ((const uint8_t *)scan->voxels)[v] != ((const uint8_t *)shown->voxels)[v];
     snprintf(trial->figure, sizeof trial->figure, "%zu of %zu voxels differ from the scan at rest", wrong, count);
-    if ((double)wrong > most_wrong * (double)count) trial->wrong_rest = true;
+    if ((double)wrong > max_wrong * (double)count) trial->has_wrong_rest = true;
     return status;
 }
 

@@ -20,7 +20,7 @@ static pliant_status move_to(stability_trial *trial, const double from[3], const
 {
     double tip[3];
     for (int d = 0; d < 3; d++) tip[d] = from[d] + distance * direction[d];
-    pliant_status status = trial_called(trial, pliant_tool_set_pose(trial->data, 0, tip, NULL));
+    pliant_status status = trial_check_status(trial, pliant_tool_set_pose(trial->data, 0, tip, NULL));
     return status < 0 ? status : trial_step(trial);
 }
 
@@ -40,7 +40,7 @@ static pliant_status try_each(stability_context *context, const double *numbers,
 /* ---- pull: to a multiple of the body's size in 30 steps, then release */
 
 typedef struct pull_argument { double sizes; pliant_drive drive; } pull_argument;
-static const double aslant[3] = {0.48, -0.8, 0.36};
+static const double oblique_direction[3] = {0.48, -0.8, 0.36};
 
 static pliant_status pull(stability_trial *trial, const void *argument)
 {
@@ -48,7 +48,7 @@ static pliant_status pull(stability_trial *trial, const void *argument)
     double from[3];
     pliant_status status = trial_grasp(trial, pull->drive, from);
     for (int step = 1; status >= 0 && step <= 30; step++)
-        status = move_to(trial, from, aslant, pull->sizes * trial->size * step / 30);
+        status = move_to(trial, from, oblique_direction, pull->sizes * trial->size * step / 30);
     if (status < 0) return status;
     int32_t settled = trial_settle(trial);
     double force = 0;
@@ -56,7 +56,7 @@ static pliant_status pull(stability_trial *trial, const void *argument)
     snprintf(trial->figure, sizeof trial->figure, "%s in %d steps more at the end of the pull, %.4g N",
              settled < 0 ? "not settled" : "settled", settled < 0 ? trial->context->options->settle_steps : settled,
              sqrt(force));
-    return trial->last < 0 ? trial->last : trial_let_go(trial);
+    return trial->last < 0 ? trial->last : trial_release_tools(trial);
 }
 
 pliant_status stability_pull(stability_context *context)
@@ -85,7 +85,7 @@ pliant_status trial_teleport(stability_trial *trial, const void *argument)
         for (int d = 0; d < 3; d++) direction[d] = 2 * next_random(&random) - 1;
         status = move_to(trial, from, direction, trial->size);
     }
-    return status < 0 ? status : trial_let_go(trial);
+    return status < 0 ? status : trial_release_tools(trial);
 }
 
 pliant_status stability_teleport(stability_context *context)
@@ -100,12 +100,12 @@ pliant_status stability_teleport(stability_context *context)
 static pliant_status heavy(stability_trial *trial, const void *argument)
 {
     double gravity[3] = {0, -9.80665 * *(const double *)argument, 0};
-    pliant_status status = trial_called(trial, pliant_data_set_gravity(trial->data, gravity));
+    pliant_status status = trial_check_status(trial, pliant_data_set_gravity(trial->data, gravity));
     if (status < 0) return status;
     int32_t settled = trial_settle(trial);
     snprintf(trial->figure, sizeof trial->figure, "%s in %d steps, %.4g mm", settled < 0 ? "not settled" : "settled",
              settled < 0 ? trial->context->options->settle_steps : settled, 1e3 * trial->largest);
-    return trial->last < 0 ? trial->last : trial_let_go(trial);
+    return trial->last < 0 ? trial->last : trial_release_tools(trial);
 }
 
 pliant_status stability_gravity(stability_context *context)
@@ -122,13 +122,13 @@ pliant_status trial_spring(stability_trial *trial, const void *argument)
     pliant_status status = trial_grasp(trial, PLIANT_DRIVE_SPRING, from);
     if (status < 0) return status;
     trial->data->tools[0].stiffness = *(const double *)argument;
-    status = move_to(trial, from, aslant, 0.1 * trial->size);
+    status = move_to(trial, from, oblique_direction, 0.1 * trial->size);
     if (status >= 0) trial_settle(trial);
     double follows = 0;
-    for (int d = 0; d < 3; d++) follows += aslant[d] * (trial->data->tools[0].held_point[d] - from[d]);
+    for (int d = 0; d < 3; d++) follows += oblique_direction[d] * (trial->data->tools[0].held_point[d] - from[d]);
     snprintf(trial->figure, sizeof trial->figure, "the held point follows by %.4g of the way",
              follows / (0.1 * trial->size));
-    return trial->last < 0 ? trial->last : trial_let_go(trial);
+    return trial->last < 0 ? trial->last : trial_release_tools(trial);
 }
 
 pliant_status stability_spring(stability_context *context)
@@ -168,12 +168,12 @@ static pliant_status twist(stability_trial *trial, const void *argument)
         point[2] = 2 * middle[2] - point[2];
         if (status >= 0) status = pliant_tool_set_pose(trial->data, tool, point, NULL);
     }
-    if (trial_called(trial, status) < 0) return status;
+    if (trial_check_status(trial, status) < 0) return status;
     int32_t settled = trial_settle(trial);
     snprintf(trial->figure, sizeof trial->figure, "%s in %d steps, %d inverted",
              settled < 0 ? "not settled" : "settled", settled < 0 ? trial->context->options->settle_steps : settled,
              pliant_mesh_inverted(fine, trial->data->positions));
-    return trial->last < 0 ? trial->last : trial_let_go(trial);
+    return trial->last < 0 ? trial->last : trial_release_tools(trial);
 }
 
 /* rotate all free nodes about the body's axis by 180 degrees, then release */
@@ -182,13 +182,13 @@ static pliant_status turned(stability_trial *trial, const void *argument)
     const pliant_mesh *fine = &trial->model->body->fine;
     double *positions = pliant_calloc((size_t)fine->num_nodes, 3 * sizeof *positions), middle[3] = {0, 0, 0};
     (void)argument;
-    if (!positions) return trial_called(trial, pliant_fail_memory("a turned state"));
+    if (!positions) return trial_check_status(trial, pliant_fail_memory("a turned state"));
     for (int32_t i = 0; i < 3 * fine->num_nodes; i++) middle[i % 3] += fine->rest[i] / fine->num_nodes;
     for (int32_t i = 0; i < 3 * fine->num_nodes; i++)
         positions[i] = i % 3 ? 2 * middle[i % 3] - fine->rest[i] : fine->rest[i];
-    pliant_status status = trial_called(trial, pliant_data_set_positions(trial->model, trial->data, positions));
+    pliant_status status = trial_check_status(trial, pliant_data_set_positions(trial->model, trial->data, positions));
     pliant_free(positions);
-    return status < 0 ? status : trial_let_go(trial);
+    return status < 0 ? status : trial_release_tools(trial);
 }
 
 pliant_status stability_half_turn(stability_context *context)
@@ -213,21 +213,21 @@ pliant_status trial_not_finite(stability_trial *trial, const void *argument)
     pliant_status status = trial_grasp(trial, PLIANT_DRIVE_RIGID, from);
     if (status < 0) return status;
     for (int b = 0; b < 2; b++) {
-        refused += trial_called(trial, pliant_tool_set_pose(trial->data, 0, bad[b], NULL)) < 0;
-        refused += trial_called(trial, pliant_tool_grasp(trial->model, trial->data, 0, bad[b])) < 0;
-        refused += trial_called(trial, pliant_tool_set_drive(trial->data, 0, PLIANT_DRIVE_FORCE, bad[b])) < 0;
-        refused += trial_called(trial, pliant_data_set_gravity(trial->data, bad[b])) < 0;
-        refused +=
-            trial_called(trial, pliant_data_set_positions(trial->model, trial->data, (const double[3]){NAN, 0, 0})) < 0;
+        refused += trial_check_status(trial, pliant_tool_set_pose(trial->data, 0, bad[b], NULL)) < 0;
+        refused += trial_check_status(trial, pliant_tool_grasp(trial->model, trial->data, 0, bad[b])) < 0;
+        refused += trial_check_status(trial, pliant_tool_set_drive(trial->data, 0, PLIANT_DRIVE_FORCE, bad[b])) < 0;
+        refused += trial_check_status(trial, pliant_data_set_gravity(trial->data, bad[b])) < 0;
+        refused += trial_check_status(
+                       trial, pliant_data_set_positions(trial->model, trial->data, (const double[3]){NAN, 0, 0})) < 0;
         trial_step(trial);
     }
     /* finite, but the square overflows in double precision */
     const double huge[3] = {1e200, 0, 0};
-    if (trial_called(trial, pliant_tool_set_pose(trial->data, 0, huge, NULL)) >= 0) trial_step(trial);
-    trial_called(trial, pliant_tool_set_pose(trial->data, 0, from, NULL));
-    trial_called(trial, pliant_tool_set_drive(trial->data, 0, PLIANT_DRIVE_FORCE, nothing));
+    if (trial_check_status(trial, pliant_tool_set_pose(trial->data, 0, huge, NULL)) >= 0) trial_step(trial);
+    trial_check_status(trial, pliant_tool_set_pose(trial->data, 0, from, NULL));
+    trial_check_status(trial, pliant_tool_set_drive(trial->data, 0, PLIANT_DRIVE_FORCE, nothing));
     snprintf(trial->figure, sizeof trial->figure, "%d of 10 calls refused", refused);
-    return trial_let_go(trial);
+    return trial_release_tools(trial);
 }
 
 pliant_status stability_not_finite(stability_context *context)

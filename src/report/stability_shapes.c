@@ -12,20 +12,21 @@
 /* Function that computes positions from the rest positions. */
 typedef struct shape { void (*make)(const pliant_model *model, double part, double *positions); double part; } shape;
 
-static pliant_status start_from(stability_trial *trial, const void *argument)
+static pliant_status start_from_shape(stability_trial *trial, const void *argument)
 {
     const shape *from = argument;
     const pliant_mesh *fine = &trial->model->body->fine;
     double *positions = pliant_calloc((size_t)fine->num_nodes, 3 * sizeof *positions);
-    if (!positions) return trial_called(trial, pliant_fail_memory("a shape"));
+    if (!positions) return trial_check_status(trial, pliant_fail_memory("a shape"));
     memcpy(positions, fine->rest, 3 * (size_t)fine->num_nodes * sizeof *positions);
     from->make(trial->model, from->part, positions);
-    pliant_status status = trial_called(trial, pliant_data_set_positions(trial->model, trial->data, positions));
+    pliant_status status = trial_check_status(trial, pliant_data_set_positions(trial->model, trial->data, positions));
     pliant_free(positions);
     if (status < 0) return status;
-    trial->inverted_most = pliant_mesh_inverted(fine, trial->data->positions);
-    snprintf(trial->figure, sizeof trial->figure, "%d of %d inverted at first", trial->inverted_most, fine->num_tets);
-    return trial_let_go(trial);
+    trial->max_inverted_elements = pliant_mesh_inverted(fine, trial->data->positions);
+    snprintf(trial->figure, sizeof trial->figure, "%d of %d inverted at first", trial->max_inverted_elements,
+             fine->num_tets);
+    return trial_release_tools(trial);
 }
 
 /* Find a free node of a tetrahedron in the middle of the mesh. */
@@ -95,11 +96,11 @@ static void mirror(const pliant_model *model, double part, double *positions)
     for (int32_t n = 0; n < fine->num_nodes; n++) positions[3 * n] = middle - part * (fine->rest[3 * n] - middle);
 }
 
-static pliant_status on_block(stability_context *context, const char *parameter, const shape *from)
+static pliant_status run_on_block(stability_context *context, const char *parameter, const shape *from)
 {
     block_body body;
     pliant_status status = block_create_default(&body);
-    if (status >= 0) status = stability_try(context, parameter, &body.input, start_from, from);
+    if (status >= 0) status = stability_try(context, parameter, &body.input, start_from_shape, from);
     block_free(&body);
     return status;
 }
@@ -107,35 +108,35 @@ static pliant_status on_block(stability_context *context, const char *parameter,
 pliant_status stability_flat(stability_context *context)
 {
     const shape flat = {squash, 1};
-    return on_block(context, "one element", &flat);
+    return run_on_block(context, "one element", &flat);
 }
 
 pliant_status stability_inverted(stability_context *context)
 {
     const shape one = {squash, 2}, far = {squash, 20}, all = {mirror, 1};
-    pliant_status status = on_block(context, "one element, by its height", &one);
-    if (status >= 0) status = on_block(context, "one element, by 19 heights", &far);
-    return status < 0 ? status : on_block(context, "the whole body, mirrored", &all);
+    pliant_status status = run_on_block(context, "one element, by its height", &one);
+    if (status >= 0) status = run_on_block(context, "one element, by 19 heights", &far);
+    return status < 0 ? status : run_on_block(context, "the whole body, mirrored", &all);
 }
 
 pliant_status stability_scrambled(stability_context *context)
 {
     const shape slightly = {scramble, 0.2}, wholly = {scramble, 1};
-    pliant_status status = on_block(context, "by a fifth", &slightly);
-    return status < 0 ? status : on_block(context, "wholly", &wholly);
+    pliant_status status = run_on_block(context, "by a fifth", &slightly);
+    return status < 0 ? status : run_on_block(context, "wholly", &wholly);
 }
 
 pliant_status stability_plane(stability_context *context)
 {
     const shape plane = {collapse, 1}, line = {collapse, 2};
-    pliant_status status = on_block(context, "onto a plane", &plane);
-    return status < 0 ? status : on_block(context, "onto a line", &line);
+    pliant_status status = run_on_block(context, "onto a plane", &plane);
+    return status < 0 ? status : run_on_block(context, "onto a line", &line);
 }
 
 pliant_status stability_point(stability_context *context)
 {
     const shape point = {collapse, 3};
-    return on_block(context, "onto a point", &point);
+    return run_on_block(context, "onto a point", &point);
 }
 
 /* ---- long run: a circular pull; the same phase of every round must give the same result */
@@ -144,12 +145,12 @@ enum { ROUND = 100, SKIPPED = 3 }; /* steps per round; rounds to skip before mea
 
 static double farthest(const double *a, const double *b, int32_t count)
 {
-    double most = 0;
-    for (int32_t i = 0; i < count; i++) most = fmax(most, fabs(a[i] - b[i]));
-    return most;
+    double maximum = 0;
+    for (int32_t i = 0; i < count; i++) maximum = fmax(maximum, fabs(a[i] - b[i]));
+    return maximum;
 }
 
-static pliant_status go_round(stability_trial *trial, const void *argument)
+static pliant_status run_circular_path(stability_trial *trial, const void *argument)
 {
     int64_t steps = *(const int64_t *)argument;
     int32_t count = 3 * trial->model->body->fine.num_nodes;
@@ -157,12 +158,12 @@ static pliant_status go_round(stability_trial *trial, const void *argument)
     size_t bytes = 0;
     /* minimum over the rounds, because data allocated once, such as a background factorization, are no leak */
     int64_t growth = INT64_MAX;
-    if (!first) return trial_called(trial, pliant_fail_memory("the first round"));
+    if (!first) return trial_check_status(trial, pliant_fail_memory("the first round"));
     pliant_status status = trial_grasp(trial, PLIANT_DRIVE_SPRING, from);
     for (int64_t step = 0; status >= 0 && step < steps; step++) {
         double angle = 6.28318530717958647693 * (double)(step % ROUND) / ROUND, r = 0.05 * trial->size;
         double tip[3] = {from[0] + r * sin(angle), from[1] + r * (1 - cos(angle)), from[2] + 0.5 * r * sin(2 * angle)};
-        status = trial_called(trial, pliant_tool_set_pose(trial->data, 0, tip, NULL));
+        status = trial_check_status(trial, pliant_tool_set_pose(trial->data, 0, tip, NULL));
         if (status >= 0) status = trial_step(trial);
         if (step % ROUND != 0 || step / ROUND < SKIPPED) continue;
         const size_t now = pliant_memory_in_use();
@@ -179,7 +180,7 @@ static pliant_status go_round(stability_trial *trial, const void *argument)
         trial->broken = true;
         snprintf(trial->message, sizeof trial->message, "the body drifts or memory grows: %s", trial->figure);
     }
-    return status < 0 ? status : trial_let_go(trial);
+    return status < 0 ? status : trial_release_tools(trial);
 }
 
 pliant_status stability_long_run(stability_context *context)
@@ -192,7 +193,8 @@ pliant_status stability_long_run(stability_context *context)
     for (int d = 0; d < 3; d++) body.scene.mesh.coarse_cells[d] = 1;
     body.scene.mesh.ratio = 2;
     snprintf(text, sizeof text, "%lld steps", (long long)context->options->long_steps);
-    if (status >= 0) status = stability_try(context, text, &body.input, go_round, &context->options->long_steps);
+    if (status >= 0)
+        status = stability_try(context, text, &body.input, run_circular_path, &context->options->long_steps);
     block_free(&body);
     return status;
 }

@@ -35,47 +35,47 @@ static bool finite_positions(const stability_trial *trial)
 }
 
 /* maximum distance from rest [m] */
-static double off_rest(const stability_trial *trial)
+static double max_distance_from_rest(const stability_trial *trial)
 {
     const pliant_mesh *fine = &trial->model->body->fine;
-    double most = 0;
+    double maximum = 0;
     for (int32_t n = 0; n < fine->num_nodes; n++) {
         double squares = 0;
         for (int i = 3 * n; i < 3 * n + 3; i++) squares += pow(trial->data->positions[i] - fine->rest[i], 2);
-        most = fmax(most, squares);
+        maximum = fmax(maximum, squares);
     }
-    return sqrt(most);
+    return sqrt(maximum);
 }
 
-static void say(stability_trial *trial, const char *message)
+static void set_trial_message(stability_trial *trial, const char *message)
 {
     if (!trial->message[0]) snprintf(trial->message, sizeof trial->message, "%s", message);
 }
 
-pliant_status trial_called(stability_trial *trial, pliant_status status)
+pliant_status trial_check_status(stability_trial *trial, pliant_status status)
 {
     trial->last = status;
     if (status < 0) {
         trial->refused++;
-        say(trial, pliant_last_error());
+        set_trial_message(trial, pliant_last_error());
     }
     return status;
 }
 
-static bool goes_on(stability_trial *trial)
+static bool check_progress(stability_trial *trial)
 {
     stability_context *context = trial->context;
-    if (!pliant_report_progress(context->progress, (double)context->index / context->count, trial->doing))
+    if (!pliant_report_progress(context->progress, (double)context->index / context->count, trial->activity))
         trial->cancelled = true;
     return !trial->cancelled;
 }
 
 pliant_status trial_step(stability_trial *trial)
 {
-    if (trial->steps % 32 == 0 && !goes_on(trial)) return PLIANT_ERROR_CANCELLED;
+    if (trial->steps % 32 == 0 && !check_progress(trial)) return PLIANT_ERROR_CANCELLED;
     size_t size = 3 * (size_t)trial->model->body->fine.num_nodes * sizeof *trial->kept;
     memcpy(trial->kept, trial->data->positions, size);
-    pliant_status status = trial_called(trial, pliant_step(trial->model, trial->data));
+    pliant_status status = trial_check_status(trial, pliant_step(trial->model, trial->data));
     trial->steps++;
     trial->iterations += trial->data->statistics.iterations;
     if (!finite_positions(trial)) {
@@ -90,8 +90,8 @@ pliant_status trial_step(stability_trial *trial)
                  (long long)trial->steps);
     }
     int32_t inverted = pliant_mesh_inverted(&trial->model->body->fine, trial->data->positions);
-    if (inverted > trial->inverted_most) trial->inverted_most = inverted;
-    trial->largest = fmax(trial->largest, off_rest(trial));
+    if (inverted > trial->max_inverted_elements) trial->max_inverted_elements = inverted;
+    trial->largest = fmax(trial->largest, max_distance_from_rest(trial));
     return status;
 }
 
@@ -102,12 +102,12 @@ static bool has_inertia(const pliant_scene *scene)
 
 /* Return whether the body is at rest: the kinetic energy stays nearly zero for some frames. At a turning point it is
  * zero only briefly. */
-static bool came_to_rest(stability_trial *trial)
+static bool has_come_to_rest(stability_trial *trial)
 {
     enum { STEPS = 3 };
     const double moving = 1e-7;
     pliant_dynamics dynamics;
-    if (trial_called(trial, pliant_data_get_dynamics(trial->model, trial->data, &dynamics)) < 0) return false;
+    if (trial_check_status(trial, pliant_data_get_dynamics(trial->model, trial->data, &dynamics)) < 0) return false;
     trial->energy = fmax(trial->energy, dynamics.kinetic_energy + dynamics.strain_energy);
     trial->still = dynamics.kinetic_energy <= moving * trial->energy ? trial->still + 1 : 0;
     return trial->still >= STEPS;
@@ -117,30 +117,30 @@ int32_t trial_settle(stability_trial *trial)
 {
     char text[128];
     const bool swings = has_inertia(&trial->model->scene);
-    const int32_t most = trial->context->options->settle_steps;
+    const int32_t maximum = trial->context->options->settle_steps;
     trial->still = 0;
-    for (int32_t step = 1; step <= most; step++) {
+    for (int32_t step = 1; step <= maximum; step++) {
         pliant_status status = trial_step(trial);
         if (status < 0) return -1;
-        if (swings ? came_to_rest(trial) : status == PLIANT_OK) return step;
+        if (swings ? has_come_to_rest(trial) : status == PLIANT_OK) return step;
     }
-    trial->unsettled = true;
-    if (swings) snprintf(text, sizeof text, "did not come to rest in %d steps", (int)most);
+    trial->is_unsettled = true;
+    if (swings) snprintf(text, sizeof text, "did not come to rest in %d steps", (int)maximum);
     else
-        snprintf(text, sizeof text, "did not settle in %d steps, residual %.2g", (int)most,
+        snprintf(text, sizeof text, "did not settle in %d steps, residual %.2g", (int)maximum,
                  trial->data->statistics.residual);
-    say(trial, text);
+    set_trial_message(trial, text);
     return -1;
 }
 
-pliant_status trial_let_go(stability_trial *trial)
+pliant_status trial_release_tools(stability_trial *trial)
 {
     static const double none[3] = {0, 0, 0};
-    for (int t = 0; t < trial->data->num_tools; t++) pliant_tool_lost(trial->data, t);
-    pliant_status status = trial_called(trial, pliant_data_set_gravity(trial->data, none));
+    for (int t = 0; t < trial->data->num_tools; t++) pliant_tool_remove_pose(trial->data, t);
+    pliant_status status = trial_check_status(trial, pliant_data_set_gravity(trial->data, none));
     if (status < 0) return status;
     trial->steps_to_rest = trial_settle(trial);
-    if (trial->steps_to_rest >= 0 && off_rest(trial) > 0.01 * trial->size) trial->wrong_rest = true;
+    if (trial->steps_to_rest >= 0 && max_distance_from_rest(trial) > 0.01 * trial->size) trial->has_wrong_rest = true;
     return trial->last;
 }
 
@@ -165,32 +165,33 @@ pliant_status trial_grasp(stability_trial *trial, pliant_drive drive, double fro
         best = n;
     }
     if (best < 0)
-        return trial_called(trial, pliant_fail(PLIANT_ERROR_SCENE, "all nodes are fixed: there is no node to grasp"));
+        return trial_check_status(trial,
+                                  pliant_fail(PLIANT_ERROR_SCENE, "all nodes are fixed: there is no node to grasp"));
     const double *rest = fine->rest + 3 * best;
     pliant_status status = pliant_tool_add(model, trial->data, "trial", &tool);
     if (status >= 0) status = pliant_tool_set_pose(trial->data, tool, rest, NULL);
     if (status >= 0) status = pliant_tool_grasp(model, trial->data, tool, rest);
     if (status >= 0) status = pliant_tool_set_drive(trial->data, tool, drive, NULL);
     if (status >= 0) memcpy(from, trial->data->tools[tool].tip, 3 * sizeof *from);
-    return trial_called(trial, status);
+    return trial_check_status(trial, status);
 }
 
-pliant_status trial_workout(stability_trial *trial, const void *argument)
+pliant_status trial_sag_and_pull(stability_trial *trial, const void *argument)
 {
     static const double down[3] = {0, -9.80665, 0};
     double from[3], tip[3];
     (void)argument;
-    pliant_status status = trial_called(trial, pliant_data_set_gravity(trial->data, down));
+    pliant_status status = trial_check_status(trial, pliant_data_set_gravity(trial->data, down));
     if (status >= 0) trial_settle(trial);
-    double sag = 1e3 * off_rest(trial);
+    double sag = 1e3 * max_distance_from_rest(trial);
     if (trial->last >= 0) status = trial_grasp(trial, PLIANT_DRIVE_RIGID, from);
     for (int step = 1; trial->last >= 0 && step <= 10; step++) {
         for (int d = 0; d < 3; d++) tip[d] = from[d] + 0.1 * trial->size * step / 10 * (d == 1 ? 0.8 : 0.4242640687);
-        status = trial_called(trial, pliant_tool_set_pose(trial->data, 0, tip, NULL));
+        status = trial_check_status(trial, pliant_tool_set_pose(trial->data, 0, tip, NULL));
         if (status >= 0) status = trial_step(trial);
     }
     if (trial->last >= 0) trial_settle(trial);
-    if (trial->last >= 0) status = trial_let_go(trial);
+    if (trial->last >= 0) status = trial_release_tools(trial);
     snprintf(trial->figure, sizeof trial->figure, "sags %.4g mm under 1 g", sag);
     return status;
 }
@@ -207,17 +208,17 @@ static pliant_verdict judge(stability_trial *trial, int64_t growth)
     if (trial->broken) return PLIANT_VERDICT_BROKEN;
     if (trial->last < 0) return PLIANT_VERDICT_REFUSED;
     int32_t inverted = trial->data ? pliant_mesh_inverted(&trial->model->body->fine, trial->data->positions) : 0;
-    if (trial->unsettled || trial->last > 0) {
+    if (trial->is_unsettled || trial->last > 0) {
         snprintf(text, sizeof text, "%s; residual %.2g after %lld steps, %d inverted",
                  pliant_status_text(PLIANT_NOT_CONVERGED), trial->data->statistics.residual, (long long)trial->steps,
                  inverted);
-        say(trial, text);
+        set_trial_message(trial, text);
         return PLIANT_VERDICT_DEGRADED;
     }
-    if (trial->wrong_rest) {
+    if (trial->has_wrong_rest) {
         snprintf(text, sizeof text, "in equilibrium, but %.3g mm off rest with %d tetrahedra inverted",
-                 1e3 * off_rest(trial), inverted);
-        say(trial, text);
+                 1e3 * max_distance_from_rest(trial), inverted);
+        set_trial_message(trial, text);
         return PLIANT_VERDICT_DEGRADED;
     }
     return trial->refused > 0 ? PLIANT_VERDICT_REFUSED : PLIANT_VERDICT_CONVERGED;
@@ -233,12 +234,12 @@ static void free_trial(stability_trial *trial)
     trial->kept = NULL;
 }
 
-static pliant_status tell(stability_trial *trial)
+static pliant_status write_result_row(stability_trial *trial)
 {
     report_row *row = &trial->row;
     const pliant_data *data = trial->data;
     bool ran = data && trial->steps > 0;
-    double residual = ran ? data->statistics.residual : NAN, off = data ? 1e3 * off_rest(trial) : NAN;
+    double residual = ran ? data->statistics.residual : NAN, off = data ? 1e3 * max_distance_from_rest(trial) : NAN;
     int32_t inverted = data ? pliant_mesh_inverted(&trial->model->body->fine, data->positions) : 0;
     int64_t unconverged = data ? (int64_t)data->statistics.not_converged : 0;
     pliant_verdict verdict = judge(trial, 0);
@@ -255,7 +256,7 @@ static pliant_status tell(stability_trial *trial)
     row_number(row, residual);
     row_number(row, data ? 1e3 * trial->largest : NAN);
     row_number(row, off);
-    row_integer(row, trial->inverted_most);
+    row_integer(row, trial->max_inverted_elements);
     row_integer(row, inverted);
     row_integer(row, unconverged);
     row_integer(row, trial->refused);
@@ -264,7 +265,7 @@ static pliant_status tell(stability_trial *trial)
     return row_add(row, trial->context->tables->stability);
 }
 
-void trial_as_asked(const stability_context *context, pliant_scene *scene)
+void trial_use_requested_tled(const stability_context *context, pliant_scene *scene)
 {
     const pliant_scene *asked = context->options->scene;
     if (!asked || asked->solver.kind != PLIANT_TLED || context->dynamic) return;
@@ -278,14 +279,14 @@ static pliant_status try_method(stability_trial *trial, stability_treatment trea
     const pliant_report_input *input = trial->input;
     pliant_scene scene = *input->scene;
     scene.model.method = trial->method;
-    trial_as_asked(trial->context, &scene);
+    trial_use_requested_tled(trial->context, &scene);
     trial->start = pliant_seconds();
     trial->bytes_before = pliant_memory_in_use();
     trial->steps_to_rest = -2;
     pliant_progress silent = {NULL, NULL};
-    pliant_status status = trial_called(
+    pliant_status status = trial_check_status(
         trial, pliant_model_build(&scene, input->scan, input->labels, input->materials, silent, &trial->model));
-    if (status < 0) return tell(trial);
+    if (status < 0) return write_result_row(trial);
     const pliant_mesh *fine = &trial->model->body->fine;
     for (int d = 0; d < 3; d++) {
         double low = INFINITY, high = -INFINITY;
@@ -295,11 +296,11 @@ static pliant_status try_method(stability_trial *trial, stability_treatment trea
         }
         trial->size = fmax(trial->size, high - low);
     }
-    status = trial_called(trial, pliant_data_create(trial->model, &trial->data));
+    status = trial_check_status(trial, pliant_data_create(trial->model, &trial->data));
     trial->kept = pliant_calloc((size_t)fine->num_nodes, 3 * sizeof *trial->kept);
-    if (status >= 0 && !trial->kept) status = trial_called(trial, pliant_fail_memory("the state before a step"));
+    if (status >= 0 && !trial->kept) status = trial_check_status(trial, pliant_fail_memory("the state before a step"));
     if (status >= 0) treatment(trial, argument);
-    if (!trial->cancelled) return tell(trial);
+    if (!trial->cancelled) return write_result_row(trial);
     free_trial(trial);
     return pliant_fail(PLIANT_ERROR_CANCELLED, "the report was stopped; finished rows are kept");
 }
@@ -321,8 +322,9 @@ pliant_status stability_try(stability_context *context, const char *parameter, c
         row_text(&trial->row, context->name);
         row_text(&trial->row, parameter);
         row_text(&trial->row, method_names[m]);
-        snprintf(trial->doing, sizeof trial->doing, "stability: %s %s, %s", context->name, parameter, method_names[m]);
-        if (!row_known(&trial->row, context->tables->stability)) status = try_method(trial, treatment, argument);
+        snprintf(trial->activity, sizeof trial->activity, "stability: %s %s, %s", context->name, parameter,
+                 method_names[m]);
+        if (!row_is_stored(&trial->row, context->tables->stability)) status = try_method(trial, treatment, argument);
         pliant_free(trial);
         if (status < 0) return status;
     }

@@ -34,15 +34,15 @@ typedef struct stability_trial {
     int64_t steps;
     int64_t iterations;
     int32_t steps_to_rest;    /* -1: did not come to rest, -2: not tested */
-    int32_t inverted_most;
+    int32_t max_inverted_elements;
     int64_t refused;
     double largest;           /* maximum displacement [m] */
     double energy;            /* maximum energy of explicit dynamics while settling [J] */
     int32_t still;            /* consecutive frames without motion */
     pliant_status last;       /* status of the last step or call */
-    bool broken, wrong_rest, unsettled;
+    bool broken, has_wrong_rest, is_unsettled;
     bool cancelled;           /* there is no verdict */
-    char doing[128];          /* text for the progress */
+    char activity[128];          /* text for the progress */
     char message[ROW_TEXT];
     char figure[128];
 } stability_trial;
@@ -58,7 +58,7 @@ pliant_status stability_try(stability_context *context, const char *parameter, c
 
 /* Use dynamic relaxation for explicit dynamics, so that bodies come to rest. Cases about inertia use their own
  * bodies. */
-void trial_as_asked(const stability_context *context, pliant_scene *scene);
+void trial_use_requested_tled(const stability_context *context, pliant_scene *scene);
 
 /* Compute one step. Check that positions are finite, and that a rejected step keeps them. */
 pliant_status trial_step(stability_trial *trial);
@@ -66,14 +66,14 @@ pliant_status trial_step(stability_trial *trial);
  * number of steps, or -1. */
 int32_t trial_settle(stability_trial *trial);
 /* Remove tools and gravity, and settle. Record whether the body returns to its rest shape. */
-pliant_status trial_let_go(stability_trial *trial);
+pliant_status trial_release_tools(stability_trial *trial);
 /* Record the status of a call other than a step. */
-pliant_status trial_called(stability_trial *trial, pliant_status status);
+pliant_status trial_check_status(stability_trial *trial, pliant_status status);
 /* Grasp the free node farthest from the fixed ones.
  * from: output; position of the tip */
 pliant_status trial_grasp(stability_trial *trial, pliant_drive drive, double from[3]);
 /* Apply gravity, pull by a tenth of the body's size, and release. For cases about the body itself. */
-pliant_status trial_workout(stability_trial *trial, const void *argument);
+pliant_status trial_sag_and_pull(stability_trial *trial, const void *argument);
 
 #ifdef __cplusplus
 }

@@ -96,7 +96,7 @@ static void model_key(const sweep_state *state, int method, int touch, bool befo
 /* @param row with MODEL_KEYS cells */
 static void run_key(const sweep_ground *ground, int index, int budget, report_row *row)
 {
-    row_back(row, MODEL_KEYS);
+    row_truncate(row, MODEL_KEYS);
     if (ground->sweep->iterations[budget] > 0) row_integer(row, ground->sweep->iterations[budget]);
     else row_text(row, "converged");
     row_text(row, report_case_name(ground->cases[index].kind));
@@ -127,11 +127,11 @@ static int count_missing(const sweep_state *state, int method, int touch, uint8_
     model_key(state, method, touch, false, &row);
     size_t rows = pliant_results_rows(ground->tables->builds);
     int status = pliant_results_column(ground->tables->builds, "status");
-    bool built = row_known(&row, ground->tables->builds);
+    bool built = row_is_stored(&row, ground->tables->builds);
     for (size_t r = 0; built && r < rows; r++) { /* a rejected model has no runs */
         int same = 0;
         while (same < MODEL_KEYS &&
-               strcmp(pliant_results_cell(ground->tables->builds, r, same), row.room + row.start[same]) == 0)
+               strcmp(pliant_results_cell(ground->tables->builds, r, same), row.capacity + row.start[same]) == 0)
             same++;
         if (same == MODEL_KEYS && strcmp(pliant_results_cell(ground->tables->builds, r, status), "refused") == 0)
             return 0;
@@ -139,7 +139,7 @@ static int count_missing(const sweep_state *state, int method, int touch, uint8_
     for (int c = 0; c < ground->num_cases; c++)
         for (int b = 0; b < ground->sweep->num_iterations; b++) {
             run_key(ground, c, b, &row);
-            if (row_known(&row, ground->tables->sweep)) continue;
+            if (row_is_stored(&row, ground->tables->sweep)) continue;
             count++;
             if (missing) missing[c] = 1;
         }
@@ -162,7 +162,7 @@ static bool pass_progress(double fraction, const char *stage, void *user)
     double done = state->total > 0 ? (double)state->done / state->total : 0;
     (void)fraction;
     (void)stage;
-    return pliant_report_progress(state->progress, fmin(done, 1), state->doing);
+    return pliant_report_progress(state->progress, fmin(done, 1), state->activity);
 }
 
 static pliant_status begin(sweep_state *state, const char *format, ...) PLIANT_PRINTF(2, 3);
@@ -170,7 +170,7 @@ static pliant_status begin(sweep_state *state, const char *format, ...)
 {
     va_list arguments;
     va_start(arguments, format);
-    vsnprintf(state->doing, sizeof state->doing, format, arguments);
+    vsnprintf(state->activity, sizeof state->activity, format, arguments);
     va_end(arguments);
     return pass_progress(0, "", state)
                ? PLIANT_OK
@@ -218,7 +218,7 @@ static pliant_status run_reference(sweep_state *state, pliant_model *model, cons
                                    double tolerance, bool keep_last, sweep_reference *out)
 {
     pliant_backend_choice backend = model->scene.solver.backend;
-    report_limits limits = {.tolerance = tolerance, .tight = true, .progress = {pass_progress, state}};
+    report_limits limits = {.tolerance = tolerance, .iterates_to_tolerance = true, .progress = {pass_progress, state}};
     model->scene.solver.backend = PLIANT_CPU; /* the reference for all backends */
     pliant_status status = report_case_run(model, state->ground.cases + index, limits, points, NULL, &out->run);
     model->scene.solver.backend = backend;
@@ -234,18 +234,18 @@ static pliant_status run_reference(sweep_state *state, pliant_model *model, cons
 }
 
 /* Read a reference solution from the folder, or compute and store it.
- * @param doing text for the progress */
+ * @param activity text for the progress */
 static pliant_status find_reference(sweep_state *state, pliant_model *model, const pliant_points *points, int index,
-                                    double tolerance, bool keep_last, const char *doing, sweep_reference *out)
+                                    double tolerance, bool keep_last, const char *activity, sweep_reference *out)
 {
     const sweep_ground *ground = &state->ground;
-    const sweep_kept kept = {index, model->body->fine.num_nodes, points->count, tolerance, keep_last};
-    pliant_status status = sweep_kept_read(state, &kept, out);
+    const sweep_reference_key kept = {index, model->body->fine.num_nodes, points->count, tolerance, keep_last};
+    pliant_status status = sweep_reference_read(state, &kept, out);
     if (status >= 0 && !out->there) {
-        status = begin(state, "ratio %d: %s, %s %s", model->scene.mesh.ratio, doing,
+        status = begin(state, "ratio %d: %s, %s %s", model->scene.mesh.ratio, activity,
                        report_case_name(ground->cases[index].kind), ground->point_names[index]);
         if (status >= 0) status = run_reference(state, model, points, index, tolerance, keep_last, out);
-        if (status >= 0) status = sweep_kept_write(state, &kept, out);
+        if (status >= 0) status = sweep_reference_write(state, &kept, out);
     }
     for (int32_t f = 0; status >= 0 && f < out->run.frames; f++) {
         pliant_error error;
@@ -320,7 +320,7 @@ pliant_status sweep_prepare(sweep_state *state, const uint8_t *missing)
 
 void sweep_free_ground(sweep_ground *ground)
 {
-    for (int c = 0; c < MOST_CASES; c++) {
+    for (int c = 0; c < MAX_CASES; c++) {
         report_run_free(&ground->same[c].run);
         report_run_free(&ground->twice[c].run);
         pliant_free(ground->same[c].last);
@@ -377,7 +377,7 @@ static pliant_status run_one(sweep_state *state, const pliant_model *model, cons
     const pliant_geometry *target = sweep->warp ? &ground->target : NULL;
     pliant_status status = report_case_run(model, ground->cases + index, limits, points, target, &run);
     /* other programs affect the caches even if the CPU time is measured */
-    bool again = !sweep->own_time || run.own_share < quiet;
+    bool again = !sweep->own_time || run.cpu_time_fraction < quiet;
     for (int32_t n = 1; status >= 0 && again && n < sweep->repeats; n++)
         status = repeat(model, ground->cases + index, limits, points, target, &run);
     if (status < 0) report_run_free(&run);
@@ -389,8 +389,8 @@ static pliant_status run_one(sweep_state *state, const pliant_model *model, cons
     }
     /* voxel errors are defined for rasterized volumes only */
     bool voxels = sweep->warp && ground->scene.warp.kind == PLIANT_RASTERIZE && budget == best_budget(sweep);
-    sweep_told told = {ground, model, points, index, &run, voxels};
-    status = sweep_tell(&told, row);
+    sweep_result told = {ground, model, points, index, &run, voxels};
+    status = sweep_write_rows(&told, row);
     report_run_free(&run);
     return status;
 }
@@ -407,15 +407,15 @@ static bool enough(const sweep_ground *ground)
 {
     const pliant_results *table = ground->tables->sweep;
     size_t row = pliant_results_rows(table) - 1;
-    if (!(ground->sweep->most_ms > 0)) return false;
+    if (!(ground->sweep->max_ms > 0)) return false;
     const char *status = pliant_results_cell(table, row, pliant_results_column(table, "status"));
     const char *time = pliant_results_cell(table, row, pliant_results_column(table, "solver_median_ms"));
-    return strcmp(status, "ok") == 0 || !time[0] || strtod(time, NULL) > ground->sweep->most_ms;
+    return strcmp(status, "ok") == 0 || !time[0] || strtod(time, NULL) > ground->sweep->max_ms;
 }
 
 bool sweep_runs_before_patch(const sweep_ground *ground, report_case_kind kind)
 {
-    return ground->sweep->before_patch && pliant_patch_asked(&ground->scene) && report_case_pulls(kind);
+    return ground->sweep->before_patch && pliant_patch_is_enabled(&ground->scene) && report_case_pulls(kind);
 }
 
 /* Run every case and budget that is not in the table. */
@@ -431,10 +431,10 @@ static pliant_status run_cases(sweep_state *state, const pliant_model *model, co
         if (before_patch && !sweep_runs_before_patch(ground, ground->cases[c].kind)) continue;
         for (int b = 0; status >= 0 && b < ground->sweep->num_iterations; b++) {
             run_key(ground, c, b, &row);
-            if (row_known(&row, ground->tables->sweep)) continue;
+            if (row_is_stored(&row, ground->tables->sweep)) continue;
             status = begin(state, "ratio %d: %s %s, %s %s, budget %s", ground->scene.mesh.ratio, method_names[method],
                            touch_name, report_case_name(ground->cases[c].kind), ground->point_names[c],
-                           row.room + row.start[MODEL_KEYS]);
+                           row.capacity + row.start[MODEL_KEYS]);
             if (status >= 0) status = run_one(state, model, points, c, b, before_patch, &row);
             state->done++;
             if (status >= 0 && enough(ground)) break;
@@ -465,9 +465,9 @@ pliant_status sweep_run_model(sweep_state *state, int method, int touch)
     if (status == PLIANT_ERROR_CANCELLED) return status;
     if (status < 0) { /* this method is not available here */
         state->done += ground->num_cases * ground->sweep->num_iterations;
-        return sweep_tell_build(NULL, pliant_last_error(), 0, &row, ground->tables->builds);
+        return sweep_write_build_row(NULL, pliant_last_error(), 0, &row, ground->tables->builds);
     }
-    status = sweep_tell_build(used, NULL, peak, &row, ground->tables->builds);
+    status = sweep_write_build_row(used, NULL, peak, &row, ground->tables->builds);
     if (status >= 0) status = pliant_points_create(&used->body->fine, ground->count, ground->rest, &points);
     if (status >= 0) status = run_cases(state, used, &points, method, touch, false);
     if (status >= 0) status = run_cases(state, used, &points, method, touch, true);
@@ -479,7 +479,7 @@ pliant_status sweep_run_model(sweep_state *state, int method, int touch)
 /* Run one ratio and variant. */
 static pliant_status run_ground(sweep_state *state)
 {
-    uint8_t missing[MOST_CASES] = {0};
+    uint8_t missing[MAX_CASES] = {0};
     sweep_list_cases(&state->ground);
     if (each_missing(state, missing) == 0) return PLIANT_OK;
     pliant_status status = sweep_prepare(state, missing);

@@ -10,7 +10,7 @@
 extern "C" {
 #endif
 
-enum { MOST_CASES = 3 * PLIANT_MAX_PULLS + 2 };
+enum { MAX_CASES = 3 * PLIANT_MAX_PULLS + 2 };
 
 /* Suffix of the variant for rows whose pull began before the patch was available. */
 #define SWEEP_BEFORE_PATCH "before its patch"
@@ -32,27 +32,27 @@ typedef struct sweep_ground {
     pliant_scene scene;          /* scene of the runs, with the ratio and the varied option */
     pliant_scene reference;      /* scene whose fine mesh gives the reference */
     pliant_geometry target;      /* grid of the deformed volume */
-    report_case cases[MOST_CASES];
-    const char *point_names[MOST_CASES];
+    report_case cases[MAX_CASES];
+    const char *point_names[MAX_CASES];
     int num_cases;
     int32_t count;               /* number of points */
     double *rest;                /* (count x 3) rest positions of the points */
     pliant_model *fine;          /* model of the reference */
     size_t fine_peak;            /* maximum memory during its build [bytes] */
-    sweep_reference same[MOST_CASES], twice[MOST_CASES];
+    sweep_reference same[MAX_CASES], twice[MAX_CASES];
     pliant_points twice_points;
     int32_t twice_tets;          /* 0: not computed */
 } sweep_ground;
 
 /* A run to be written to the tables. */
-typedef struct sweep_told {
+typedef struct sweep_result {
     const sweep_ground *ground;
     const pliant_model *model;
     const pliant_points *points;
     int index;                   /* index of the case */
     const report_run *run;
     bool voxels;                 /* whether to compute per-voxel errors */
-} sweep_told;
+} sweep_result;
 
 /* A running sweep. */
 typedef struct sweep_state {
@@ -60,7 +60,7 @@ typedef struct sweep_state {
     pliant_progress progress;
     char setup[9];
     char variant[112];
-    char doing[160];
+    char activity[160];
     int grounds; /* number of ratios and variants before this one */
     int done, total;
 } sweep_state;
@@ -78,28 +78,29 @@ void sweep_free_ground(sweep_ground *ground);
  * model or a run are written to the tables. Errors: MEMORY, CANCELLED, FILE. */
 pliant_status sweep_run_model(sweep_state *state, int method, int touch);
 
-/* ---- sweep_kept.c: reference solutions stored in the folder. Identification of a reference: */
-typedef struct sweep_kept {
+/* ---- sweep_reference_key.c: reference solutions stored in the folder. Identification of a reference: */
+typedef struct sweep_reference_key {
     int index;             /* index of the case */
     int32_t nodes, points; /* nodes of its mesh, and number of points */
     double tolerance;
-    bool with_last;
-} sweep_kept;
+    bool has_last_state;
+} sweep_reference_key;
 /* out->there: whether it was found. Errors: MEMORY. */
-pliant_status sweep_kept_read(const sweep_state *state, const sweep_kept *kept, sweep_reference *out);
+pliant_status sweep_reference_read(const sweep_state *state, const sweep_reference_key *kept, sweep_reference *out);
 /* A reference that is too large is not stored. Errors: FILE. */
-pliant_status sweep_kept_write(const sweep_state *state, const sweep_kept *kept, const sweep_reference *reference);
+pliant_status sweep_reference_write(const sweep_state *state, const sweep_reference_key *kept,
+                                    const sweep_reference *reference);
 
 /* Write the rows of the frames, the voxels and the sweep, in this order; the last one marks the run as complete.
  * @param key row with the RUN_KEYS cells of the run; cells are added */
-pliant_status sweep_tell(const sweep_told *told, report_row *key);
+pliant_status sweep_write_rows(const sweep_result *told, report_row *key);
 /* Write the histogram and the slices. *summary: statistics over the voxels; zero without a deformed volume. */
-pliant_status sweep_tell_voxels(const sweep_told *told, report_row *key, pliant_error *summary);
+pliant_status sweep_write_voxel_rows(const sweep_result *told, report_row *key, pliant_error *summary);
 /* Write the row of a model.
  * @param message NULL: the model was built; otherwise the error
  * @param key MODEL_KEYS cells */
-pliant_status sweep_tell_build(const pliant_model *model, const char *message, size_t peak, report_row *key,
-                               pliant_results *builds);
+pliant_status sweep_write_build_row(const pliant_model *model, const char *message, size_t peak, report_row *key,
+                                    pliant_results *builds);
 
 #ifdef __cplusplus
 }

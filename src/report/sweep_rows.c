@@ -19,7 +19,7 @@ typedef struct worst_frames {
 
 static double ratio_of(double part, double whole) { return whole > 0 ? part / whole : NAN; }
 
-static pliant_status compare_frame(const sweep_told *told, const sweep_reference *reference, const uint8_t *use,
+static pliant_status compare_frame(const sweep_result *told, const sweep_reference *reference, const uint8_t *use,
                                    int32_t frame, pliant_error *out)
 {
     size_t at = 3 * (size_t)frame * (size_t)told->run->points;
@@ -27,7 +27,7 @@ static pliant_status compare_frame(const sweep_told *told, const sweep_reference
                                 told->run->positions + at, out);
 }
 
-static pliant_status compare_frames(const sweep_told *told, const sweep_reference *reference, const uint8_t *use,
+static pliant_status compare_frames(const sweep_result *told, const sweep_reference *reference, const uint8_t *use,
                                     worst_frames *out)
 {
     memset(out, 0, sizeof *out);
@@ -46,7 +46,7 @@ static pliant_status compare_frames(const sweep_told *told, const sweep_referenc
     return PLIANT_OK;
 }
 
-static pliant_status tell_frames(const sweep_told *told, const sweep_reference *reference, report_row *key)
+static pliant_status write_frame_rows(const sweep_result *told, const sweep_reference *reference, report_row *key)
 {
     const report_run *run = told->run;
     for (int32_t f = 0; f < run->frames; f++) {
@@ -54,7 +54,7 @@ static pliant_status tell_frames(const sweep_told *told, const sweep_reference *
         pliant_status status = compare_frame(told, reference, told->points->found, f, &error);
         if (status < 0) return status;
         row_integer(key, f + 1);
-        bool known = row_known(key, told->ground->tables->frames);
+        bool known = row_is_stored(key, told->ground->tables->frames);
         row_integer(key, run->iterations[f]);
         row_number(key, run->residual[f]);
         row_number(key, mm * error.largest);
@@ -64,7 +64,7 @@ static pliant_status tell_frames(const sweep_told *told, const sweep_reference *
         row_number(key, percent * ratio_of(error.max, error.largest));
         for (int s = 0; s < PLIANT_NUM_STEP_STAGES; s++) row_number(key, ms * run->seconds[s * run->frames + f]);
         if (!known) status = row_add(key, told->ground->tables->frames);
-        row_back(key, RUN_KEYS);
+        row_truncate(key, RUN_KEYS);
         if (status < 0) return status;
     }
     return PLIANT_OK;
@@ -125,7 +125,7 @@ static void add_errors(const worst_frames *frames, report_row *row)
     row_number(row, percent * ratio_of(worst->p95, worst->largest));
 }
 
-static pliant_status add_twice(const sweep_told *told, report_row *row)
+static pliant_status add_twice(const sweep_result *told, report_row *row)
 {
     const sweep_ground *ground = told->ground;
     const sweep_reference *twice = ground->twice + told->index;
@@ -144,7 +144,7 @@ static pliant_status add_twice(const sweep_told *told, report_row *row)
     return status;
 }
 
-static double held_by(const pliant_model *model, double *seconds)
+static double sum_build_bytes(const pliant_model *model, double *seconds)
 {
     double bytes = 0;
     *seconds = 0;
@@ -155,7 +155,7 @@ static double held_by(const pliant_model *model, double *seconds)
     return bytes;
 }
 
-pliant_status sweep_tell(const sweep_told *told, report_row *row)
+pliant_status sweep_write_rows(const sweep_result *told, report_row *row)
 {
     const sweep_ground *ground = told->ground;
     const sweep_reference *same = ground->same + told->index;
@@ -163,17 +163,17 @@ pliant_status sweep_tell(const sweep_told *told, report_row *row)
     worst_frames frames;
     pliant_error voxels = {.worst = -1};
     pliant_status status = compare_frames(told, same, told->points->found, &frames);
-    if (status >= 0) status = tell_frames(told, same, row);
-    if (status >= 0 && told->voxels) status = sweep_tell_voxels(told, row, &voxels);
+    if (status >= 0) status = write_frame_rows(told, same, row);
+    if (status >= 0 && told->voxels) status = sweep_write_voxel_rows(told, row, &voxels);
     if (status < 0) return status;
-    double seconds, held = held_by(told->model, &seconds);
+    double seconds, held = sum_build_bytes(told->model, &seconds);
     row_text(row, run->statistics.not_converged > 0 ? "not converged" : "ok");
     row_text(row, "");
     row_integer(row, run->frames);
     row_integer(row, told->model->body->fine.num_tets);
     row_integer(row, told->model->system->mesh->num_tets);
     row_text(row, pliant_data_get_backend(run->data));
-    row_integer(row, pliant_threads_of(ground->scene.solver.threads));
+    row_integer(row, pliant_threads_or_cores(ground->scene.solver.threads));
     row_number(row, seconds);
     row_number(row, mb * held);
     row_number(row, mb * (double)run->bytes);
@@ -198,20 +198,20 @@ pliant_status sweep_tell(const sweep_told *told, report_row *row)
     return row_add(row, ground->tables->sweep);
 }
 
-pliant_status sweep_tell_build(const pliant_model *model, const char *message, size_t peak, report_row *row,
-                               pliant_results *builds)
+pliant_status sweep_write_build_row(const pliant_model *model, const char *message, size_t peak, report_row *row,
+                                    pliant_results *builds)
 {
-    if (row_known(row, builds)) return PLIANT_OK;
+    if (row_is_stored(row, builds)) return PLIANT_OK;
     row_text(row, message ? "refused" : "ok");
     row_text(row, message ? message : "");
     if (!message) {
-        double seconds, held = held_by(model, &seconds);
+        double seconds, held = sum_build_bytes(model, &seconds);
         row_integer(row, model->body->fine.num_tets);
         row_integer(row, model->body->fine.num_nodes);
         row_integer(row, model->body->coarse.num_tets);
         row_integer(row, model->body->num_held_pieces);
         row_number(row, model->condition_estimate);
-        row_integer(row, pliant_threads_of(model->scene.solver.threads));
+        row_integer(row, pliant_threads_or_cores(model->scene.solver.threads));
         row_number(row, seconds);
         row_number(row, mb * held);
         row_number(row, mb * (double)peak);
@@ -221,6 +221,6 @@ pliant_status sweep_tell_build(const pliant_model *model, const char *message, s
         }
     }
     pliant_status status = row_add(row, builds);
-    row_back(row, MODEL_KEYS);
+    row_truncate(row, MODEL_KEYS);
     return status;
 }

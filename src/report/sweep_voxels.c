@@ -12,8 +12,8 @@
 enum { BINS = 40 };
 static const double mm = 1e3;
 
-static pliant_status tell_histogram(const sweep_told *told, const pliant_volume *error, report_row *key,
-                                    pliant_error *summary)
+static pliant_status write_histogram_rows(const sweep_result *told, const pliant_volume *error, report_row *key,
+                                          pliant_error *summary)
 {
     uint64_t counts[BINS];
     double width = told->ground->same[told->index].largest / BINS;
@@ -21,12 +21,12 @@ static pliant_status tell_histogram(const sweep_told *told, const pliant_volume 
     pliant_status status = pliant_error_histogram(error, BINS, width > 0 ? width : 1e-3, counts, summary);
     for (int b = 0; status >= 0 && b < BINS; b++) {
         row_integer(key, b);
-        bool known = row_known(key, table);
+        bool known = row_is_stored(key, table);
         row_number(key, mm * width * b);
         row_number(key, b == BINS - 1 ? mm * fmax(summary->max, width * BINS) : mm * width * (b + 1));
         row_integer(key, (int64_t)counts[b]);
         if (!known) status = row_add(key, table);
-        row_back(key, RUN_KEYS);
+        row_truncate(key, RUN_KEYS);
     }
     return status;
 }
@@ -36,7 +36,7 @@ static void name_of(const report_row *key, char *out, size_t size)
 {
     size_t used = 0;
     for (int c = 1; c < RUN_KEYS; c++) {
-        const char *text = key->room + key->start[c];
+        const char *text = key->capacity + key->start[c];
         if (!*text) continue;
         if (used && used + 1 < size) out[used++] = '_';
         for (; *text && used + 1 < size; text++) out[used++] = isalnum((unsigned char)*text) ? *text : '-';
@@ -60,7 +60,7 @@ static pliant_status write_plane(const pliant_volume *volume, int axis, const do
 }
 
 /* Choose the slice position: the grasped point, or the centre of the body, clamped to the volume. */
-static void cut_point(const sweep_told *told, const pliant_geometry *geometry, double out[3])
+static void cut_point(const sweep_result *told, const pliant_geometry *geometry, double out[3])
 {
     const double *last = told->run->positions + 3 * (size_t)(told->run->frames - 1) * (size_t)told->run->points;
     double index[3];
@@ -72,7 +72,7 @@ static void cut_point(const sweep_told *told, const pliant_geometry *geometry, d
     pliant_geometry_to_world(geometry, index, out);
 }
 
-static pliant_status tell_slices(const sweep_told *told, const pliant_volume *error, report_row *key)
+static pliant_status write_slice_rows(const sweep_result *told, const pliant_volume *error, report_row *key)
 {
     static const char *const planes[3] = {"sagittal", "coronal", "axial"};
     pliant_results *table = told->ground->tables->slices;
@@ -89,20 +89,20 @@ static pliant_status tell_slices(const sweep_told *told, const pliant_volume *er
                                  spacing);
         if (status < 0) return status;
         row_text(key, planes[axis]);
-        bool known = row_known(key, table);
+        bool known = row_is_stored(key, table);
         row_number(key, mm * spacing[0]);
         row_number(key, mm * spacing[1]);
         row_number(key, mm * told->ground->same[told->index].largest);
         row_text(key, error_file);
         row_text(key, image_file);
         if (!known) status = row_add(key, table);
-        row_back(key, RUN_KEYS);
+        row_truncate(key, RUN_KEYS);
         if (status < 0) return status;
     }
     return PLIANT_OK;
 }
 
-pliant_status sweep_tell_voxels(const sweep_told *told, report_row *key, pliant_error *summary)
+pliant_status sweep_write_voxel_rows(const sweep_result *told, report_row *key, pliant_error *summary)
 {
     const sweep_ground *ground = told->ground;
     pliant_volume error;
@@ -111,8 +111,8 @@ pliant_status sweep_tell_voxels(const sweep_told *told, report_row *key, pliant_
     pliant_status status = pliant_error_voxels(told->model, told->run->data->positions, &ground->fine->body->fine,
                                                ground->same[told->index].last, &ground->target, &error);
     if (status < 0) return status;
-    status = tell_histogram(told, &error, key, summary);
-    if (status >= 0) status = tell_slices(told, &error, key);
+    status = write_histogram_rows(told, &error, key, summary);
+    if (status >= 0) status = write_slice_rows(told, &error, key);
     pliant_volume_free(&error);
     return status;
 }

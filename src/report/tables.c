@@ -311,7 +311,7 @@ static void write_machine(FILE *file, const pliant_scene *scene)
         PLIANT_BACKEND_LIST(BACKEND_NAME)
 #undef BACKEND_NAME
     };
-    fprintf(file, "\"threads\": %d,\n\"backend_asked_for\": \"%s\"", pliant_threads_of(scene->solver.threads),
+    fprintf(file, "\"threads\": %d,\n\"backend_asked_for\": \"%s\"", pliant_threads_or_cores(scene->solver.threads),
             backends[scene->solver.backend]);
 }
 

@@ -39,10 +39,10 @@ static double mean_square(int32_t count, const uint8_t *use, const double *a, co
 double pliant_extrapolate(int32_t count, const uint8_t *use, const double *coarse, const double *middle,
                           const double *fine, double *out)
 {
-    const double least = 0.2, most = 2 * theory;
+    const double minimum = 0.2, maximum = 2 * theory;
     const double before = mean_square(count, use, middle, coarse), last = mean_square(count, use, fine, middle);
     const double seen = last > 0 && before > 0 ? 0.5 * log2(before / last) : theory;
-    const double order = 0.5 * (fmin(fmax(seen, least), most) + theory), part = 1 / (exp2(order) - 1);
+    const double order = 0.5 * (fmin(fmax(seen, minimum), maximum) + theory), part = 1 / (exp2(order) - 1);
     for (int32_t n = 0; n < 3 * count; n++) out[n] = fine[n] + part * (fine[n] - middle[n]);
     return seen;
 }
@@ -149,7 +149,7 @@ static pliant_status solve(const pliant_model *model, const report_case *load, r
 
 static double percent(double part, double whole) { return whole > 0 ? 100 * part / whole : 0; }
 
-static void tell(const ladder *all, const pliant_truth *truth, report_row *row)
+static void write_result_row(const ladder *all, const pliant_truth *truth, report_row *row)
 {
     char tets[96];
     const double mesh = percent(truth->mesh.p95, truth->mesh.largest),
@@ -215,14 +215,15 @@ pliant_status pliant_truth_run(const pliant_report_input *input, const pliant_sw
         report_case load = ground->cases[c];
         report_row row;
         pliant_truth truth = {.order = 0};
-        const report_limits tight = {.tolerance = sweep->reference_tolerance, .tight = true, .progress = progress};
+        const report_limits iterates_to_tolerance = {
+            .tolerance = sweep->reference_tolerance, .iterates_to_tolerance = true, .progress = progress};
         const report_limits own = {.iterations = input->scene->solver.iterations,
                                    .tolerance = input->scene->solver.tolerance,
                                    .progress = progress};
         for (int n = 0; status >= 0 && n < LEVELS; n++) { /* its own mesh first, which determines the forces */
             const int l = n == 0 ? all.own : n <= all.own ? n - 1 : n;
             const bool measures = l == all.own && load.kind == CASE_displacement && c + 1 < ground->num_cases;
-            status = solve(all.model[l], &load, tight, &all.points[l], all.at[l],
+            status = solve(all.model[l], &load, iterates_to_tolerance, &all.points[l], all.at[l],
                            measures ? ground->cases[c + 1].force : NULL);
         }
         load.frames = sweep->frames;
@@ -236,8 +237,8 @@ pliant_status pliant_truth_run(const pliant_report_input *input, const pliant_sw
         row_text(&row, setup);
         row_text(&row, report_case_name(load.kind));
         row_text(&row, ground->point_names[c]);
-        const bool known = tables && row_known(&row, tables->truth);
-        tell(&all, &truth, &row);
+        const bool known = tables && row_is_stored(&row, tables->truth);
+        write_result_row(&all, &truth, &row);
         if (status >= 0 && tables && !known) status = row_add(&row, tables->truth);
         if (truth.mesh.p95 / fmax(truth.mesh.largest, 1e-12) >= worst->mesh.p95 / fmax(worst->mesh.largest, 1e-12))
             *worst = truth;

@@ -12,12 +12,12 @@
 #include <stdio.h>
 #include <string.h>
 
-enum { MANY = 200 /* markers that a smooth field can be told from */, DEGREE = 4, RIGID = 6 };
+enum { MIN_MARKERS_FOR_FIELD = 200 /* markers that a smooth field can be told from */, DEGREE = 4, RIGID = 6 };
 
 /* Remove the least-squares fit by columns from the values, with Gram-Schmidt orthogonalization.
  * @param columns (terms x rows), overwritten
  * @param values (rows) */
-static void take_out(int32_t rows, int32_t terms, double *columns, double *values)
+static void subtract_fit(int32_t rows, int32_t terms, double *columns, double *values)
 {
     for (int32_t t = 0; t < terms; t++) {
         double *column = columns + (size_t)t * (size_t)rows, square = 0, before = 0;
@@ -39,7 +39,7 @@ static void take_out(int32_t rows, int32_t terms, double *columns, double *value
 
 /* Remove small rigid motions from the displacements of one state.
  * @param values (count x 3) */
-static pliant_status take_out_rigid(int32_t count, const pliant_marker *const *markers, double *values)
+static pliant_status subtract_rigid_motion(int32_t count, const pliant_marker *const *markers, double *values)
 {
     double *columns = pliant_calloc((size_t)count, 3 * RIGID * sizeof *columns);
     if (!columns) return pliant_fail_memory("the markers");
@@ -50,7 +50,7 @@ static pliant_status take_out_rigid(int32_t count, const pliant_marker *const *m
             turn[(d + 1) % 3] = -markers[m]->rest[(d + 2) % 3];
             turn[(d + 2) % 3] = markers[m]->rest[(d + 1) % 3];
         }
-    take_out(3 * count, RIGID, columns, values);
+    subtract_fit(3 * count, RIGID, columns, values);
     pliant_free(columns);
     return PLIANT_OK;
 }
@@ -125,7 +125,7 @@ static double spread_of_field(int32_t count, const pliant_marker *const *markers
                         columns[(size_t)t * (size_t)count + (size_t)m] = pow(x[0], a) * pow(x[1], b) * pow(x[2], c);
                     }
         for (int32_t m = 0; m < count; m++) values[m] = markers[m]->moved[d];
-        take_out(count, terms, columns, values);
+        subtract_fit(count, terms, columns, values);
         for (int32_t m = 0; m < count; m++) sum += values[m] * values[m];
     }
     const double spread = columns && values ? sqrt(sum / (count - terms)) : NAN;
@@ -161,8 +161,8 @@ static pliant_status compare(const measured_body *body, const pliant_model *mode
                 apart[3 * m + d] = moved[3 * (markers[m] - body->markers) + d] - markers[m]->moved[d];
             }
     }
-    if (status >= 0 && body->free_motion) status = take_out_rigid(out->count, markers, measured);
-    if (status >= 0 && body->free_motion) status = take_out_rigid(out->count, markers, apart);
+    if (status >= 0 && body->free_motion) status = subtract_rigid_motion(out->count, markers, measured);
+    if (status >= 0 && body->free_motion) status = subtract_rigid_motion(out->count, markers, apart);
     if (status >= 0 && out->count > 0) {
         out->moved = root_mean_square(out->count, measured);
         out->rms = root_mean_square(out->count, apart);
@@ -172,7 +172,7 @@ static pliant_status compare(const measured_body *body, const pliant_model *mode
             out->deviation = fmax(out->deviation, markers[m]->deviation);
         }
         if (body->recordings) out->spread = spread_of_recordings(body, out->count, markers);
-        else if (out->count >= MANY) out->spread = spread_of_field(out->count, markers);
+        else if (out->count >= MIN_MARKERS_FOR_FIELD) out->spread = spread_of_field(out->count, markers);
     }
     pliant_free((void *)markers);
     pliant_free(moved);
@@ -240,15 +240,15 @@ static pliant_status with_poisson(measured_body *body, double poisson, double *e
  * - nu), which resolves nearly incompressible materials. */
 static pliant_status fit_poisson(measured_body *body, pliant_progress progress, char text[256])
 {
-    const double golden = 0.5 * (sqrt(5) - 1), least = log(0.0005), most = log(0.2);
-    double low = least, high = most, at[2] = {high - golden * (high - low), low + golden * (high - low)},
+    const double golden = 0.5 * (sqrt(5) - 1), minimum = log(0.0005), maximum = log(0.2);
+    double low = minimum, high = maximum, at[2] = {high - golden * (high - low), low + golden * (high - low)},
            error[2] = {0, 0};
-    enum { NARROWED = 9 };
+    enum { GOLDEN_SECTION_STEPS = 9 };
     pliant_status status = with_poisson(body, 0.5 - exp(at[0]), &error[0]);
     if (status >= 0) status = with_poisson(body, 0.5 - exp(at[1]), &error[1]);
-    for (int n = 0; status >= 0 && n < NARROWED; n++) {
+    for (int n = 0; status >= 0 && n < GOLDEN_SECTION_STEPS; n++) {
         const int kept = error[1] < error[0];
-        if (!pliant_report_progress(progress, (n + 1.0) / (NARROWED + 1), "Poisson's ratio"))
+        if (!pliant_report_progress(progress, (n + 1.0) / (GOLDEN_SECTION_STEPS + 1), "Poisson's ratio"))
             return pliant_fail(PLIANT_ERROR_CANCELLED, "the fit was stopped");
         if (kept) low = at[0];
         else high = at[1];
@@ -259,15 +259,15 @@ static pliant_status fit_poisson(measured_body *body, pliant_progress progress, 
     }
     const double found = 0.5 - exp(at[error[1] < error[0]]);
     body->materials.materials[0].poisson_ratio = found;
-    const char *where = at[0] - least < 0.1 ? " or more" : most - at[1] < 0.1 ? " or less" : "";
+    const char *where = at[0] - minimum < 0.1 ? " or more" : maximum - at[1] < 0.1 ? " or less" : "";
     snprintf(text, 256, "Poisson's ratio %.4f%s", found, where);
     return status;
 }
 
 /* ---- rows */
 
-static void tell(const measured_body *body, int32_t state, const char *fitted, const state_error *error, double seconds,
-                 report_row *row)
+static void write_result_row(const measured_body *body, int32_t state, const char *fitted, const state_error *error,
+                             double seconds, report_row *row)
 {
     row_text(row, "ok");
     row_text(row, "");
@@ -316,8 +316,8 @@ static pliant_status validate(const measured_source *source, int32_t count, cons
         row_text(&row, setup);
         row_text(&row, body.name);
         row_text(&row, body.state[s]);
-        if (row_known(&row, tables->validation)) continue;
-        tell(&body, s, fitted, &error, pliant_seconds() - start, &row);
+        if (row_is_stored(&row, tables->validation)) continue;
+        write_result_row(&body, s, fitted, &error, pliant_seconds() - start, &row);
         status = row_add(&row, tables->validation);
     }
     pliant_model_free(model);

@@ -8,7 +8,7 @@
 extern "C" {
 #endif
 
-enum { MOST_STATES = 64 };
+enum { MAX_STATES = 64 };
 
 /* A measured table, or a folder with the user's scene. */
 typedef struct measured_source {
@@ -23,8 +23,8 @@ typedef struct measured_body {
     pliant_labels labels;
     pliant_material_table materials;
     int32_t num_states;
-    char state[MOST_STATES][48];
-    pliant_path load[MOST_STATES]; /* load of each state */
+    char state[MAX_STATES][48];
+    pliant_path load[MAX_STATES]; /* load of each state */
     bool loaded;                   /* false: the scene's gravity is the only load */
     int32_t fitted;                /* state used for the fit; all others are predicted */
     bool fits_poisson;             /* only displacements are prescribed, so moduli have no effect */

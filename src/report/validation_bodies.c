@@ -18,7 +18,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-enum { MOST_CELLS = 3 * (MOST_STATES + 2), LINE = 8192 };
+enum { MAX_CELLS = 3 * (MAX_STATES + 2), LINE = 8192 };
 
 void measured_body_free(measured_body *body)
 {
@@ -83,13 +83,13 @@ static pliant_status make_silicone(const silicone *what, measured_body *out)
     return PLIANT_OK;
 }
 
-static pliant_status add_marker(measured_body *body, int32_t *room, const pliant_marker *marker)
+static pliant_status add_marker(measured_body *body, int32_t *capacity, const pliant_marker *marker)
 {
-    if (body->num_markers == *room) {
-        pliant_marker *larger = pliant_resize(body->markers, 2 * (size_t)*room + 64, sizeof *larger);
+    if (body->num_markers == *capacity) {
+        pliant_marker *larger = pliant_resize(body->markers, 2 * (size_t)*capacity + 64, sizeof *larger);
         if (!larger) return pliant_fail_memory("the markers");
         body->markers = larger;
-        *room = 2 * *room + 64;
+        *capacity = 2 * *capacity + 64;
     }
     body->markers[body->num_markers++] = *marker;
     return PLIANT_OK;
@@ -120,8 +120,8 @@ static pliant_status read_beam_lines(const char *path, int32_t *count, beam_line
     enum { RECORDING, MARKER, STATE, PLACE, WANTED = PLACE + 3 };
     static const char *const wanted[WANTED] = {"recording", "marker", "state", "beam_x", "beam_y", "beam_z"};
     int column[WANTED], at = 0;
-    char line[LINE], *cells[MOST_CELLS], separator = ',';
-    int32_t room = 0;
+    char line[LINE], *cells[MAX_CELLS], separator = ',';
+    int32_t capacity = 0;
     pliant_status status = PLIANT_OK;
     FILE *file = fopen(path, "r");
     if (!file) return pliant_fail(PLIANT_ERROR_FILE, "%s: %s", path, strerror(errno));
@@ -133,7 +133,7 @@ static pliant_status read_beam_lines(const char *path, int32_t *count, beam_line
         const char *text = cells_text(line);
         if (text[0] == '#' || text[strspn(text, " ,;\t\r\n")] == '\0') continue;
         if (header) separator = cells_separator(line);
-        const int num_cells = cells_split(line, separator, MOST_CELLS, cells);
+        const int num_cells = cells_split(line, separator, MAX_CELLS, cells);
         if (header) {
             for (int w = 0; w < WANTED; w++) {
                 column[w] = -1;
@@ -167,14 +167,14 @@ static pliant_status read_beam_lines(const char *path, int32_t *count, beam_line
         one.end = strcmp(cells[column[STATE]], "end") == 0;
         one.at[0] += beam_size[0];
         one.line = at;
-        if (*count == room) {
-            beam_line *larger = pliant_resize(*out, 2 * (size_t)room + 64, sizeof *larger);
+        if (*count == capacity) {
+            beam_line *larger = pliant_resize(*out, 2 * (size_t)capacity + 64, sizeof *larger);
             if (!larger) {
                 status = pliant_fail_memory("the markers");
                 break;
             }
             *out = larger;
-            room = 2 * room + 64;
+            capacity = 2 * capacity + 64;
         }
         (*out)[(*count)++] = one;
     }
@@ -186,7 +186,7 @@ static int32_t state_of(measured_body *body, const char *name)
 {
     for (int32_t s = 0; s < body->num_states; s++)
         if (strncmp(body->state[s], name, sizeof body->state[s] - 1) == 0) return s;
-    if (body->num_states == MOST_STATES) return -1;
+    if (body->num_states == MAX_STATES) return -1;
     snprintf(body->state[body->num_states], sizeof body->state[0], "%s", name);
     return body->num_states++;
 }
@@ -194,7 +194,7 @@ static int32_t state_of(measured_body *body, const char *name)
 static pliant_status read_beam(const char *path, measured_body *out)
 {
     const silicone dragon_skin = {{beam_size[0], beam_size[1], beam_size[2]}, 150e3, 0.499, 1070, {20, 6, 6}, 0};
-    int32_t count = 0, room = 0;
+    int32_t count = 0, capacity = 0;
     beam_line *lines = NULL;
     snprintf(out->name, sizeof out->name, "silicone beam");
     pliant_status status = make_silicone(&dragon_skin, out);
@@ -212,7 +212,7 @@ static pliant_status read_beam(const char *path, measured_body *out)
         pliant_marker marker = {.load = state_of(out, end->recording),
                                 .deviation = 1e-3 /* the tip was held before, to within that */};
         if (marker.load < 0) {
-            status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: more than %d recordings", path, MOST_STATES);
+            status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: more than %d recordings", path, MAX_STATES);
             break;
         }
         for (int d = 0; d < 3; d++) {
@@ -226,7 +226,7 @@ static pliant_status read_beam(const char *path, measured_body *out)
                     "beam, with the clamp at x -0.1 and the tip at 0",
                     path, fabs(marker.offset[d]) > beam_size[0] ? rest->line : end->line, end->marker);
         }
-        if (status >= 0) status = add_marker(out, &room, &marker);
+        if (status >= 0) status = add_marker(out, &capacity, &marker);
     }
     pliant_free(lines);
     if (status >= 0 && out->num_markers == 0)
@@ -258,7 +258,7 @@ static pliant_status press(double edge, double plate, double shortened, pliant_p
 }
 
 /* Find the columns in the header: 'no strain' (-1: missing), and 'N% strain' where each compression begins. */
-static int cube_columns(int count, char *const cells[], double strain[MOST_STATES], int column[MOST_STATES], int *rest)
+static int cube_columns(int count, char *const cells[], double strain[MAX_STATES], int column[MAX_STATES], int *rest)
 {
     int states = 0;
     *rest = -1;
@@ -267,7 +267,7 @@ static int cube_columns(int count, char *const cells[], double strain[MOST_STATE
         const double percent = strtod(cells[c], &end);
         if (has(cells[c], "no strain") || (end != cells[c] && percent == 0 && has(end, "strain"))) *rest = c;
         else if (end != cells[c] && strchr(end, '%') && has(end, "strain") && percent > 0 && percent < 90 &&
-                 states < MOST_STATES) {
+                 states < MAX_STATES) {
             strain[states] = 0.01 * percent;
             column[states++] = c;
         }
@@ -284,17 +284,17 @@ static bool three_numbers(int count, char *const cells[], int first, double out[
 
 /* Read a bead from each line with a rest position; it counts in the states in which it was found. */
 static pliant_status read_beads(FILE *file, const char *path, double edge, measured_body *out,
-                                double strain[MOST_STATES], double centre[3])
+                                double strain[MAX_STATES], double centre[3])
 {
-    enum { FEWEST = 4 /* they move and turn as one as well: more numbers than six are wanted */ };
+    enum { MIN_BEADS = 4 /* they move and turn as one as well: more numbers than six are wanted */ };
     double low[3], high[3], span = 0;
-    char line[LINE], *cells[MOST_CELLS], separator = ',';
-    int column[MOST_STATES], rest = -1, beads[MOST_STATES] = {0}, lines = 0;
-    int32_t room = 0;
+    char line[LINE], *cells[MAX_CELLS], separator = ',';
+    int column[MAX_STATES], rest = -1, beads[MAX_STATES] = {0}, lines = 0;
+    int32_t capacity = 0;
     for (int d = 0; d < 3; d++) centre[d] = 0, low[d] = INFINITY, high[d] = -INFINITY;
     while (fgets(line, sizeof line, file)) {
         if (out->num_states == 0) separator = cells_separator(line);
-        const int count = cells_split(line, separator, MOST_CELLS, cells);
+        const int count = cells_split(line, separator, MAX_CELLS, cells);
         pliant_marker bead = {.deviation = 5e-4};
         double at[3], moved[3];
         if (out->num_states == 0) {
@@ -313,7 +313,7 @@ static pliant_status read_beads(FILE *file, const char *path, double edge, measu
             if (!three_numbers(count, cells, column[s], moved)) continue;
             bead.load = s;
             for (int d = 0; d < 3; d++) bead.moved[d] = 1e-3 * (moved[d] - at[d]);
-            pliant_status status = add_marker(out, &room, &bead);
+            pliant_status status = add_marker(out, &capacity, &bead);
             if (status < 0) return status;
             beads[s]++;
         }
@@ -325,7 +325,7 @@ static pliant_status read_beads(FILE *file, const char *path, double edge, measu
             "in mm",
             path);
     for (int s = 0; s < out->num_states; s++)
-        if (beads[s] < FEWEST)
+        if (beads[s] < MIN_BEADS)
             return pliant_fail(
                 PLIANT_ERROR_FORMAT,
                 "%s: %d beads at %g %% are too few; give lines with three coordinates in mm below 'no strain' and "
@@ -347,7 +347,7 @@ static pliant_status read_cube(const char *path, measured_body *out)
     enum { CELLS = 12 };
     const double edge = 0.08, plate = edge / CELLS;
     const silicone cube = {{edge, edge, edge + plate}, 15.3e3, 0.499, 980, {CELLS, CELLS, CELLS + 1}, 1};
-    double centre[3], strain[MOST_STATES];
+    double centre[3], strain[MAX_STATES];
     snprintf(out->name, sizeof out->name, "Truth Cube");
     pliant_status status = make_silicone(&cube, out);
     out->scene.fixed.planes[out->scene.fixed.num_planes++] = (pliant_fixed_plane){{0, 0, 1e-6}, {0, 0, 1}};
@@ -397,9 +397,9 @@ static pliant_status read_scene_folder(const char *folder, const char *scan, mea
     if (status >= 0) status = pliant_markers_read(path, 5e-4, &out->num_markers, &out->markers);
     if (status >= 0) status = hash_file(path, &out->bytes);
     for (int32_t m = 0; status >= 0 && m < out->num_markers; m++) {
-        if (out->markers[m].load < 0 || out->markers[m].load >= MOST_STATES)
+        if (out->markers[m].load < 0 || out->markers[m].load >= MAX_STATES)
             return pliant_fail(PLIANT_ERROR_FORMAT, "%s: marker %d: load is %d; use 1 to %d", path, m + 1,
-                               out->markers[m].load + 1, MOST_STATES);
+                               out->markers[m].load + 1, MAX_STATES);
         while (out->num_states <= out->markers[m].load) {
             snprintf(out->state[out->num_states], sizeof out->state[0], "load %d", out->num_states + 1);
             out->num_states++;
@@ -420,9 +420,9 @@ static pliant_status read_scene_folder(const char *folder, const char *scan, mea
 static bool is_table(const char *name, const char *path, measured_source *out)
 {
     const size_t length = strlen(name);
-    char line[LINE], *cells[MOST_CELLS];
-    double strain[MOST_STATES];
-    int column[MOST_STATES], rest;
+    char line[LINE], *cells[MAX_CELLS];
+    double strain[MAX_STATES];
+    int column[MAX_STATES], rest;
     bool found = false;
     if (length < 4 || strcasecmp(name + length - 4, ".csv") != 0 || strcmp(name, "markers.csv") == 0) return false;
     out->kind = strncmp(name, "truthcube", 9) == 0 ? MEASURED_CUBE : MEASURED_BEAM;
@@ -431,7 +431,7 @@ static bool is_table(const char *name, const char *path, measured_source *out)
     for (int n = 0; file && !found && n < 50 && fgets(line, sizeof line, file); n++) {
         if (cells_text(line)[0] == '#') continue;
         if (strstr(line, "beam_x")) out->kind = MEASURED_BEAM, found = true;
-        else if (cube_columns(cells_split(line, cells_separator(line), MOST_CELLS, cells), cells, strain, column,
+        else if (cube_columns(cells_split(line, cells_separator(line), MAX_CELLS, cells), cells, strain, column,
                               &rest) > 0 &&
                  rest >= 0)
             out->kind = MEASURED_CUBE, found = true;
@@ -441,7 +441,7 @@ static bool is_table(const char *name, const char *path, measured_source *out)
 }
 
 /* deeper: also search subfolders, skipping unreadable ones */
-static pliant_status look_in(const char *folder, bool deeper, int32_t *count, measured_source **out)
+static pliant_status find_tables_in(const char *folder, bool deeper, int32_t *count, measured_source **out)
 {
     const int32_t before = *count;
     measured_source scene = {.kind = MEASURED_SCENE}, one = {.kind = MEASURED_BEAM};
@@ -470,7 +470,7 @@ static pliant_status look_in(const char *folder, bool deeper, int32_t *count, me
         struct stat what;
         snprintf(one.path, sizeof one.path, "%s/%s", folder, entry->d_name);
         if (entry->d_name[0] != '.' && stat(one.path, &what) == 0 && S_ISDIR(what.st_mode))
-            status = look_in(one.path, false, count, out);
+            status = find_tables_in(one.path, false, count, out);
     }
     closedir(opened);
     return status;
@@ -485,7 +485,7 @@ pliant_status measured_bodies_find(const char *folder, int32_t *count, measured_
 {
     *count = 0;
     *out = NULL;
-    pliant_status status = look_in(folder, true, count, out);
+    pliant_status status = find_tables_in(folder, true, count, out);
     if (status >= 0 && *count == 0)
         status = pliant_fail(
             PLIANT_ERROR_FILE,

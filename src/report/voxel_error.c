@@ -118,7 +118,7 @@ pliant_status pliant_error_voxels(const pliant_model *model, const double *posit
     voxel_job job = {model, positions, reference_mesh, reference, target, voxels, drawn};
     /* the lowest tetrahedron wins in each slab, independently of the number of threads */
     enum { SLAB = 8 };
-    const int threads = pliant_threads_of(model->scene.solver.threads);
+    const int threads = pliant_threads_or_cores(model->scene.solver.threads);
     int32_t slabs = (target->size[2] + SLAB - 1) / SLAB;
 #pragma omp parallel for schedule(dynamic) num_threads(threads)
     for (int32_t s = 0; s < slabs; s++)

@@ -119,7 +119,7 @@ void MaterialTool::receive_session(const pliant::Session::ConstPtr &message)
 int MaterialTool::processMouseEvent(rviz::ViewportMouseEvent &event)
 {
     if (event.leftDown() && !event.alt()) {
-        if (!picker_.asks()) picker_.ask(context_, ray_of(event), topic("pick"), threshold_->getFloat());
+        if (!picker_.is_waiting()) picker_.ask(context_, ray_of(event), topic("pick"), threshold_->getFloat());
         return Render;
     }
     /* pass only rotation and zoom to the view: with other events it would overwrite the status text */

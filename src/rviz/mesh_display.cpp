@@ -47,7 +47,7 @@ static const char *const SCALARS[] = {
 #undef SCALAR_NAME
 };
 
-struct MeshDisplay::Wish {
+struct MeshDisplay::ScalarRequest {
     dynamic_reconfigure::Reconfigure service;
     std::string name, scalar;
     bool reached = false;
@@ -275,9 +275,9 @@ void MeshDisplay::follow_range()
     if (!mesh_.scalar_range(&low, &high)) return;
     if (scalar_name_ == "volume_ratio") {
         // symmetric around 1, which means no compression
-        float most = std::max(std::fabs(high - 1), std::fabs(low - 1));
-        low = 1 - most;
-        high = 1 + most;
+        float maximum = std::max(std::fabs(high - 1), std::fabs(low - 1));
+        low = 1 - maximum;
+        high = 1 + maximum;
     }
     low_ = !range_known_ || low < low_ ? low : low_ + 0.05f * (low - low_);
     high_ = !range_known_ || high > high_ ? high : high_ + 0.05f * (high - high_);
@@ -309,16 +309,16 @@ void MeshDisplay::change_colour()
 // Show the scalar that the node publishes, except while a request for another one is pending.
 void MeshDisplay::follow_scalar()
 {
-    if (wish_ && wish_->answered) {
-        const bool granted =
-            last_->scalar_name == wish_->scalar || (wish_->scalar == SCALARS[0] && last_->scalar_name.empty());
-        if (!wish_->reached)
+    if (scalar_request_ && scalar_request_->answered) {
+        const bool granted = last_->scalar_name == scalar_request_->scalar ||
+                             (scalar_request_->scalar == SCALARS[0] && last_->scalar_name.empty());
+        if (!scalar_request_->reached)
             setStatusStd(rviz::StatusProperty::Error, "Scalar",
-                         "no answer from " + wish_->name + ": see the property Node");
-        const bool refused = ros::WallTime::now() - wish_->answered_at > ros::WallDuration(PATIENCE);
-        if (granted || refused || !wish_->reached) wish_.reset();
+                         "no answer from " + scalar_request_->name + ": see the property Node");
+        const bool refused = ros::WallTime::now() - scalar_request_->answered_at > ros::WallDuration(PATIENCE);
+        if (granted || refused || !scalar_request_->reached) scalar_request_.reset();
     }
-    if (wish_) return;
+    if (scalar_request_) return;
     following_ = true;
     scalar_->setStdString(last_->scalar_name.empty() ? SCALARS[0] : last_->scalar_name);
     following_ = false;
@@ -330,14 +330,14 @@ void MeshDisplay::change_scalar()
     deleteStatus("Scalar");
     /* the node's services have the same namespace as the mesh topics */
     const std::string topic = state_topic_->getTopicStd(), space = topic.substr(0, topic.rfind("mesh/state"));
-    wish_ = std::make_shared<Wish>();
-    wish_->name = space + node_->getStdString() + "/set_parameters";
-    wish_->scalar = scalar_->getStdString();
+    scalar_request_ = std::make_shared<ScalarRequest>();
+    scalar_request_->name = space + node_->getStdString() + "/set_parameters";
+    scalar_request_->scalar = scalar_->getStdString();
     dynamic_reconfigure::StrParameter choice;
     choice.name = "scalar";
-    choice.value = wish_->scalar;
-    wish_->service.request.config.strs.push_back(choice);
-    std::shared_ptr<Wish> wish = wish_;
+    choice.value = scalar_request_->scalar;
+    scalar_request_->service.request.config.strs.push_back(choice);
+    std::shared_ptr<ScalarRequest> wish = scalar_request_;
     std::thread([wish] {
         wish->reached = call_service(wish->name, &wish->service);
         wish->answered_at = ros::WallTime::now();

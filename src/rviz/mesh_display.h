@@ -71,13 +71,13 @@ private:
     Rgb scalar_colour(double t) const;
     bool coloured_by_scalar() const;
 
-    struct Wish; // a request to the node, sent in a separate thread
+    struct ScalarRequest; // a request to the node, sent in a separate thread
 
     ros::Subscriber topology_subscriber_, state_subscriber_;
     MeshShape mesh_;
     pliant::MeshState::ConstPtr early_; // a state whose topology has not arrived yet
     pliant::MeshState::ConstPtr last_;  // last shown state
-    std::shared_ptr<Wish> wish_;
+    std::shared_ptr<ScalarRequest> scalar_request_;
     std::string frame_, scalar_name_;
     bool changed_ = false, bar_changed_ = false, range_known_ = false, following_ = false;
     uint64_t dropped_ = 0, states_ = 0;

@@ -138,15 +138,15 @@ float MeshShape::scalar_of(uint32_t node) const
 
 bool MeshShape::scalar_range(float *low, float *high) const
 {
-    float least = std::numeric_limits<float>::max(), most = std::numeric_limits<float>::lowest();
+    float minimum = std::numeric_limits<float>::max(), maximum = std::numeric_limits<float>::lowest();
     for (float x : scalar_)
         if (std::isfinite(x)) {
-            least = std::min(least, x);
-            most = std::max(most, x);
+            minimum = std::min(minimum, x);
+            maximum = std::max(maximum, x);
         }
-    if (least > most) return false;
-    *low = least;
-    *high = most;
+    if (minimum > maximum) return false;
+    *low = minimum;
+    *high = maximum;
     return true;
 }
 

@@ -45,7 +45,7 @@ void MouseRobot::move(const std::array<double, 3> &target)
     target_ = target;
 }
 
-void MouseRobot::hear(bool present, bool grasped)
+void MouseRobot::set_tool_state(bool present, bool grasped)
 {
     present_ = present;
     grasped_ = grasped;

@@ -33,7 +33,7 @@ public:
     void move(const std::array<double, 3> &target);
     // Set the node's report: it sees the tool; the tool has grasped tissue. Without a report the robot proceeds by
     // time.
-    void hear(bool present, bool grasped);
+    void set_tool_state(bool present, bool grasped);
     // Open the jaw. Shortly after, the poses end and the tool becomes absent.
     void release();
     bool holding() const { return holding_; }

@@ -19,10 +19,10 @@ namespace pliant_rviz {
 // maximum distance from the seen point to the nearest tissue; a cut or pull may be one frame old [m]
 static const double REACH = 0.01;
 
-struct Picker::Question {
+struct Picker::PickRequest {
     pliant::Pick service;
     std::string name;
-    bool is_seen = true;    // whether the ray meets anything visible
+    bool hits_visible_part = true;    // whether the ray meets anything visible
     bool reached = false;   // whether the service exists
     std::atomic<bool> answered{false};
 };
@@ -52,9 +52,9 @@ std::vector<VolumeDisplay *> volume_displays(rviz::DisplayContext *context)
 
 void Picker::ask(rviz::DisplayContext *context, const Ogre::Ray &ray, const std::string &service, double threshold)
 {
-    question_ = std::make_shared<Question>();
-    question_->name = service;
-    pliant::Pick::Request &request = question_->service.request;
+    pick_request_ = std::make_shared<PickRequest>();
+    pick_request_->name = service;
+    pliant::Pick::Request &request = pick_request_->service.request;
     request.header.frame_id = context->getFixedFrame().toStdString();
     request.origin.x = ray.getOrigin().x;
     request.origin.y = ray.getOrigin().y;
@@ -71,8 +71,8 @@ void Picker::ask(rviz::DisplayContext *context, const Ogre::Ray &ray, const std:
             nearest = distance;
     }
     if (shown && nearest == std::numeric_limits<double>::infinity()) {
-        question_->is_seen = false;
-        question_->answered = true;
+        pick_request_->hits_visible_part = false;
+        pick_request_->answered = true;
         return;
     }
     if (shown) {
@@ -80,7 +80,7 @@ void Picker::ask(rviz::DisplayContext *context, const Ogre::Ray &ray, const std:
         request.near = nearest;
         request.far = nearest + REACH;
     }
-    std::shared_ptr<Question> question = question_;
+    std::shared_ptr<PickRequest> question = pick_request_;
     std::thread([question] {
         question->reached = call_service(question->name, &question->service);
         question->answered = true;
@@ -89,12 +89,12 @@ void Picker::ask(rviz::DisplayContext *context, const Ogre::Ray &ray, const std:
 
 bool Picker::take(pliant::Pick::Response *answer, QString *problem)
 {
-    if (!question_ || !question_->answered) return false;
-    std::shared_ptr<Question> question = question_;
-    question_.reset();
+    if (!pick_request_ || !pick_request_->answered) return false;
+    std::shared_ptr<PickRequest> question = pick_request_;
+    pick_request_.reset();
     *answer = question->service.response;
     *problem = "";
-    if (!question->is_seen) *problem = "Nothing is seen here.";
+    if (!question->hits_visible_part) *problem = "Nothing is seen here.";
     else if (!question->reached)
         *problem = QString::fromStdString("There is no answer from the service " + question->name + ".");
     else if (!answer->success)

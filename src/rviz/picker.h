@@ -32,15 +32,15 @@ public:
     // counts.
     // @param threshold surface threshold, used if no volume is shown
     void ask(rviz::DisplayContext *context, const Ogre::Ray &ray, const std::string &service, double threshold);
-    bool asks() const { return bool(question_); }
-    void forget() { question_.reset(); }
+    bool is_waiting() const { return bool(pick_request_); }
+    void forget() { pick_request_.reset(); }
     // Return true once the answer is available; the question then ends.
     // problem: empty if there is tissue
     bool take(pliant::Pick::Response *answer, QString *problem);
 
 private:
-    struct Question;
-    std::shared_ptr<Question> question_;
+    struct PickRequest;
+    std::shared_ptr<PickRequest> pick_request_;
 };
 
 } // namespace pliant_rviz

@@ -105,7 +105,7 @@ void PullTool::take_answer()
         return;
     }
     picked_ = tip_ = held_ = Ogre::Vector3(float(answer.point.x), float(answer.point.y), float(answer.point.z));
-    knows_held_ = gripped_ = false;
+    has_held_point_ = gripped_ = false;
     robot_.connect(topic(tool_name_->getStdString()), context_->getFixedFrame().toStdString());
     robot_.grasp({{picked_.x, picked_.y, picked_.z}});
     setStatus(
@@ -135,11 +135,11 @@ void PullTool::drag(rviz::ViewportMouseEvent &event)
 
 int PullTool::processMouseEvent(rviz::ViewportMouseEvent &event)
 {
-    if (event.leftDown() && !event.alt() && !robot_.holding() && !picker_.asks() && connected_) {
+    if (event.leftDown() && !event.alt() && !robot_.holding() && !picker_.is_waiting() && connected_) {
         picker_.ask(context_, ray_of(event), topic("pick"), threshold_->getFloat());
         return Render;
     }
-    if (event.leftUp() && (robot_.holding() || picker_.asks())) {
+    if (event.leftUp() && (robot_.holding() || picker_.is_waiting())) {
         let_go();
         return Render;
     }
@@ -147,7 +147,7 @@ int PullTool::processMouseEvent(rviz::ViewportMouseEvent &event)
         drag(event);
         return Render;
     }
-    if (!picker_.asks() && context_->getViewManager()->getCurrent())
+    if (!picker_.is_waiting() && context_->getViewManager()->getCurrent())
         context_->getViewManager()->getCurrent()->handleMouseEvent(event);
     return 0;
 }
@@ -155,7 +155,7 @@ int PullTool::processMouseEvent(rviz::ViewportMouseEvent &event)
 void PullTool::receive_contact(const pliant::ContactState::ConstPtr &message)
 {
     if (!robot_.holding()) return;
-    robot_.hear(message->present, message->grasped);
+    robot_.set_tool_state(message->present, message->grasped);
     if (gripped_ && !message->grasped) {
         let_go();
         setStatus("The grip was lost: the node did not hear from the tool in time (~tool_max_age).");
@@ -164,7 +164,7 @@ void PullTool::receive_contact(const pliant::ContactState::ConstPtr &message)
     if (!message->grasped) return;
     Ogre::Vector3 position;
     Ogre::Quaternion orientation;
-    knows_held_ =
+    has_held_point_ =
         context_->getFrameManager()->getTransform(message->header.frame_id, ros::Time(), position, orientation);
     held_ = position + orientation * Ogre::Vector3(float(message->held_point.x), float(message->held_point.y),
                                                    float(message->held_point.z));
@@ -184,7 +184,7 @@ void PullTool::draw()
     const Ogre::ColourValue yellow(1.0f, 0.85f, 0.1f);
     mark_->clear();
     mark_->begin(mark_material_->getName(), Ogre::RenderOperation::OT_LINE_LIST, RESOURCE_GROUP);
-    for (const Ogre::Vector3 &end : {knows_held_ ? held_ : picked_, tip_}) {
+    for (const Ogre::Vector3 &end : {has_held_point_ ? held_ : picked_, tip_}) {
         mark_->position(end);
         mark_->colour(yellow);
     }

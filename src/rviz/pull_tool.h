@@ -54,7 +54,7 @@ private:
     MouseRobot robot_;
     ros::Subscriber contact_;
     Ogre::Vector3 picked_, tip_, held_, view_direction_;
-    bool knows_held_ = false, gripped_ = false, active_ = false, connected_ = false;
+    bool has_held_point_ = false, gripped_ = false, active_ = false, connected_ = false;
 
     // line from the grasped point to the tip, and a disc at the tip; drawn over everything
     Ogre::ManualObject *mark_ = nullptr;

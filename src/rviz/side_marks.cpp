@@ -1,6 +1,6 @@
 #include "rviz/side_marks.h"
 
-#include "rviz/patient.h"
+#include "rviz/side_letters.h"
 
 #include <OgreSceneNode.h>
 

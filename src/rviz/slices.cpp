@@ -47,10 +47,10 @@ std::vector<Vector> slice(const Bounds &box, const std::vector<Plane> &planes, c
         middle[d] = 0.5 * (box.low[d] + box.high[d]);
         radius += std::fabs(box.high[d] - box.low[d]);
     }
-    int least = 0;
+    int minimum = 0;
     for (int d = 1; d < 3; d++)
-        if (std::fabs(direction[d]) < std::fabs(direction[least])) least = d;
-    u[least] = 1;
+        if (std::fabs(direction[d]) < std::fabs(direction[minimum])) minimum = d;
+    u[minimum] = 1;
     double along = dot(u, direction);
     for (int d = 0; d < 3; d++) u[d] -= along * direction[d];
     double length = std::sqrt(dot(u, u));
@@ -79,15 +79,15 @@ std::vector<Vector> slice(const Bounds &box, const std::vector<Plane> &planes, c
 }
 
 Slices make_slices(const Bounds &box, const std::vector<Plane> &planes, const Vector &direction, double spacing,
-                   size_t most)
+                   size_t maximum)
 {
     Slices out;
     if (box.empty() || !(spacing > 0)) return out;
     double low, high;
     range_along(box, direction, &low, &high);
     double first = std::ceil(low / spacing), last = std::floor(high / spacing);
-    // if the spacing gives more than `most` slices, draw the nearest ones
-    last = std::min(last, first + double(most) - 1);
+    // if the spacing gives more than `maximum` slices, draw the nearest ones
+    last = std::min(last, first + double(maximum) - 1);
     for (double n = last; n >= first; n--) {
         std::vector<Vector> polygon = slice(box, planes, direction, n * spacing);
         if (polygon.empty()) continue;

@@ -38,9 +38,9 @@ std::vector<Vector> slice(const Bounds &box, const std::vector<Plane> &planes, c
 
 // Return slices of the box at integer multiples of the spacing along the view direction, the farthest first. Multiples
 // count from the coordinate origin, so that slices stay in place when the box changes.
-// @param most maximum number of slices; choose the spacing accordingly
+// @param maximum maximum number of slices; choose the spacing accordingly
 Slices make_slices(const Bounds &box, const std::vector<Plane> &planes, const Vector &direction, double spacing,
-                   size_t most);
+                   size_t maximum);
 
 // Return the part [near, far] of origin + t * direction, t >= 0, inside the box and the planes; false: none.
 bool clip_ray(const Bounds &box, const std::vector<Plane> &planes, const Vector &origin, const Vector &direction,

@@ -63,12 +63,12 @@ double TransferCurve::opacity_of(const QPointF &place) const
 int TransferCurve::point_at(const QPointF &place) const
 {
     int nearest = -1;
-    double least = REACH;
+    double minimum = REACH;
     for (size_t n = 0; n < function_.points.size(); n++) {
         const QPointF from = place_of(function_.points[n]) - place;
         const double distance = std::hypot(from.x(), from.y());
-        if (distance < least) {
-            least = distance;
+        if (distance < minimum) {
+            minimum = distance;
             nearest = int(n);
         }
     }

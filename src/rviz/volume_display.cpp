@@ -37,7 +37,7 @@ static const float STILL_AFTER = 0.4f;
 // time between two requests [s]
 static const float ASK_EVERY = 2;
 // maximum time of a frame while something moves, and minimum number of slices to reach it [s]
-static const double FRAME_TIME = 0.1, FEWEST_SLICES = 32;
+static const double FRAME_TIME = 0.1, MIN_SLICES = 32;
 
 VolumeDisplay::VolumeDisplay() { make_properties(); }
 
@@ -324,7 +324,7 @@ void VolumeDisplay::change_fit()
 
 void VolumeDisplay::change_look()
 {
-    look_changed_ = true;
+    has_appearance_changed_ = true;
     if (context_) context_->queueRender();
 }
 
@@ -357,7 +357,7 @@ void VolumeDisplay::upload()
         }
         received_.starts = false;
         window_wanted_ = window_wanted_ || automatic_->getBool();
-        look_changed_ = is_new_ = true;
+        has_appearance_changed_ = is_new_ = true;
     }
     if (!visual_->has_texture()) return;
     if (received_.changed) {
@@ -397,7 +397,7 @@ bool VolumeDisplay::place()
         volume_orientation_ = Ogre::Quaternion(float(q[3]), float(q[0]), float(q[1]), float(q[2]));
         volume_orientation_.normalise();
         // the clip plane is given in the frame, the look in the volume's axes
-        if (volume_position_ != old_position || volume_orientation_ != old_orientation) look_changed_ = true;
+        if (volume_position_ != old_position || volume_orientation_ != old_orientation) has_appearance_changed_ = true;
     }
     Ogre::Vector3 position;
     Ogre::Quaternion orientation;
@@ -416,7 +416,7 @@ bool VolumeDisplay::place()
 
 void VolumeDisplay::set_look(unsigned slices)
 {
-    Look look;
+    VolumeAppearance look;
     look.isosurface = mode_->getOptionInt() == ISOSURFACE;
     look.transfer = transfer_;
     look.low = low();
@@ -460,11 +460,11 @@ bool VolumeDisplay::is_moving()
 // Adapt the number of slices to the duration of the last frame.
 unsigned VolumeDisplay::slices_while_moving(float wall_dt)
 {
-    double most = std::min(slices_moving_->getInt(), slices_->getInt());
-    if (moving_slices_ == 0) moving_slices_ = most;
+    double maximum = std::min(slices_moving_->getInt(), slices_->getInt());
+    if (moving_slices_ == 0) moving_slices_ = maximum;
     if (drawn_moving_ && wall_dt > FRAME_TIME) moving_slices_ *= std::max(0.5, FRAME_TIME / wall_dt);
     if (drawn_moving_ && wall_dt < 0.6 * FRAME_TIME) moving_slices_ *= 1.1;
-    moving_slices_ = std::min(std::max(moving_slices_, FEWEST_SLICES), most);
+    moving_slices_ = std::min(std::max(moving_slices_, MIN_SLICES), maximum);
     return unsigned(moving_slices_);
 }
 
@@ -477,12 +477,12 @@ void VolumeDisplay::update(float wall_dt, float)
     bool moving = is_moving(), placed = visual_->has_texture() && place();
     unsigned slices = moving ? slices_while_moving(wall_dt) : unsigned(slices_->getInt());
     drawn_moving_ = moving;
-    if (look_changed_ || slices != visual_->look().slices) set_look(slices);
-    if (look_changed_) show_bar();
-    if (look_changed_ || uploaded_) find_visible();
+    if (has_appearance_changed_ || slices != visual_->look().slices) set_look(slices);
+    if (has_appearance_changed_) show_bar();
+    if (has_appearance_changed_ || uploaded_) find_visible();
     if (placed) show_sides();
     else sides_->hide();
-    look_changed_ = uploaded_ = false;
+    has_appearance_changed_ = uploaded_ = false;
     if (placed && (is_new_ || fit_wanted_)) turn_view_to_it();
     if (placed) visual_->draw(context_->getViewManager()->getCurrent()->getCamera());
     report();
@@ -523,7 +523,7 @@ void VolumeDisplay::show_sides()
 
 void VolumeDisplay::show_bar()
 {
-    const Look &look = visual_->look();
+    const VolumeAppearance &look = visual_->look();
     bool shown = bar_shown_->getBool() && visual_->has_texture();
     if (shown) {
         bool grey = look.isosurface;

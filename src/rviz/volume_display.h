@@ -107,8 +107,8 @@ private:
     std::unique_ptr<ColourBar> bar_;
     std::unique_ptr<SideMarks> sides_;
     std::string texture_error_, logged_;
-    bool look_changed_ = true, window_wanted_ = false, loading_ = false, whole_wanted_ = false, uploaded_ = false,
-         is_new_ = false, fit_wanted_ = false;
+    bool has_appearance_changed_ = true, window_wanted_ = false, loading_ = false, whole_wanted_ = false,
+         uploaded_ = false, is_new_ = false, fit_wanted_ = false;
     bool drawn_moving_ = false;
     double moving_slices_ = 0; // number of slices that this machine draws in time
     Ogre::Vector3 camera_position_ = Ogre::Vector3::ZERO, volume_position_ = Ogre::Vector3::ZERO;

@@ -173,15 +173,15 @@ void VolumeImage::range_of(const VolumeView &view, float &low, float &high)
         return;
     }
     if (encoding_ == INT16) {
-        int16_t least = std::numeric_limits<int16_t>::max(), most = std::numeric_limits<int16_t>::min();
+        int16_t minimum = std::numeric_limits<int16_t>::max(), maximum = std::numeric_limits<int16_t>::min();
         for (size_t n = 0; n < count; n++) {
             int16_t stored;
             std::memcpy(&stored, view.data + 2 * n, 2);
-            least = std::min(least, stored);
-            most = std::max(most, stored);
+            minimum = std::min(minimum, stored);
+            maximum = std::max(maximum, stored);
         }
-        low = least;
-        high = most;
+        low = minimum;
+        high = maximum;
         return;
     }
     low = std::numeric_limits<float>::max();
@@ -337,12 +337,12 @@ std::vector<double> VolumeImage::histogram(double low, double high, size_t bins)
         const size_t first = std::min(size_t(place), below.size() - 1), second = std::min(first + 1, below.size() - 1);
         return below[first] + (place - double(first)) * (below[second] - below[first]);
     };
-    double most = 0;
+    double maximum = 0;
     for (size_t n = 0; n < bins; n++) {
         const double step = (high - low) / double(bins), from = low + step * double(n);
-        most = std::max(most, out[n] = std::fabs(below_value(from + step) - below_value(from)));
+        maximum = std::max(maximum, out[n] = std::fabs(below_value(from + step) - below_value(from)));
     }
-    for (double &each : out) each = most > 0 ? std::sqrt(each / most) : 0;
+    for (double &each : out) each = maximum > 0 ? std::sqrt(each / maximum) : 0;
     return out;
 }
 
@@ -370,17 +370,17 @@ void VolumeImage::change(const Box &texels)
     changes_.push_back(texels);
 }
 
-bool VolumeImage::next_change(size_t most_bytes, Box &out)
+bool VolumeImage::next_change(size_t max_bytes, Box &out)
 {
     if (changes_.empty()) return false;
     Box &box = changes_.front();
     size_t texel_bytes = size_t(bits_ / 8), layer = texel_bytes * box.size[0] * box.size[1];
     out = box;
-    if (layer * box.size[2] > most_bytes) {
+    if (layer * box.size[2] > max_bytes) {
         // whole layers, or whole rows of one layer
-        uint32_t rows = uint32_t(std::max<size_t>(1, most_bytes / (texel_bytes * box.size[0])));
-        if (layer <= most_bytes) {
-            out.size[2] = uint32_t(most_bytes / layer);
+        uint32_t rows = uint32_t(std::max<size_t>(1, max_bytes / (texel_bytes * box.size[0])));
+        if (layer <= max_bytes) {
+            out.size[2] = uint32_t(max_bytes / layer);
         } else if (rows < box.size[1]) {
             Box rest = box;
             out.size[2] = 1;

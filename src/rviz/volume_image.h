@@ -82,7 +82,7 @@ public:
     // Copy the texels of a box, i fastest, without padding.
     void copy(const Box &box, std::vector<uint8_t> &out) const;
     // Return the next box to upload, at most this many bytes but at least one row; false: none.
-    bool next_change(size_t most_bytes, Box &out);
+    bool next_change(size_t max_bytes, Box &out);
     bool has_changes() const { return !changes_.empty(); }
 
     // Return the smallest box of texels that contains everything visible; size 0: nothing is visible.

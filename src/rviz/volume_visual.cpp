@@ -1,7 +1,7 @@
 #include "rviz/volume_visual.h"
 
 #include "rviz/material.h"
-#include "rviz/seen.h"
+#include "rviz/visible_depth.h"
 #include "rviz/shaders.h"
 
 #include <OgreCamera.h>
@@ -29,7 +29,7 @@ VolumeVisual::VolumeVisual(Ogre::SceneManager *manager, Ogre::SceneNode *parent)
     object_->setDynamic(true);
     node_->attachObject(object_);
     node_->setVisible(false);
-    look_.transfer = presets().front();
+    appearance_.transfer = presets().front();
     manager_->addListener(this);
 
     table_ = make_texture(name + "/table", TABLE_SIZE, 1, 1, Ogre::PF_SHORT_RGBA);
@@ -118,9 +118,9 @@ void VolumeVisual::set_pose(const Ogre::Vector3 &position, const Ogre::Quaternio
     node_->setOrientation(orientation);
 }
 
-void VolumeVisual::set_look(const Look &look)
+void VolumeVisual::set_look(const VolumeAppearance &look)
 {
-    look_ = look;
+    appearance_ = look;
     make_table();
 }
 
@@ -133,7 +133,8 @@ void VolumeVisual::set_visible(bool visible)
 void VolumeVisual::make_table()
 {
     // opacities refer to 1/256 of the diagonal
-    Table table = pliant_rviz::make_table(look_.transfer, look_.opacity, 256.0 / std::max(look_.slices, 1u));
+    Table table =
+        pliant_rviz::make_table(appearance_.transfer, appearance_.opacity, 256.0 / std::max(appearance_.slices, 1u));
     Ogre::PixelBox pixels(TABLE_SIZE, 1, 1, Ogre::PF_SHORT_RGBA, table.data());
     table_->getBuffer()->blitFromMemory(pixels);
 }
@@ -143,14 +144,14 @@ void VolumeVisual::find_visible(const VolumeImage &image)
     value_scale_ = image.value_scale();
     value_offset_ = image.value_offset();
     double at_0 = value_offset_, at_1 = value_offset_ + value_scale_;
-    if (look_.isosurface) {
+    if (appearance_.isosurface) {
         std::vector<bool> drawn(4096);
         double step = std::fabs(value_scale_) / 4095;
         for (size_t n = 0; n < drawn.size(); n++)
-            drawn[n] = at_0 + value_scale_ * double(n) / 4095 + step >= look_.surface;
+            drawn[n] = at_0 + value_scale_ * double(n) / 4095 + step >= appearance_.surface;
         visible_ = image.visible_box(drawn);
     } else {
-        visible_ = image.visible_box(drawn_values(look_.transfer, look_.low, look_.high, at_0, at_1));
+        visible_ = image.visible_box(drawn_values(appearance_.transfer, appearance_.low, appearance_.high, at_0, at_1));
     }
 }
 
@@ -217,7 +218,7 @@ Bounds VolumeVisual::between(const std::array<double, 3> &low, const std::array<
 
 Bounds VolumeVisual::clipped() const
 {
-    Bounds bounds = bounds_of(visible_), kept = between(look_.clip_low, look_.clip_high);
+    Bounds bounds = bounds_of(visible_), kept = between(appearance_.clip_low, appearance_.clip_high);
     for (size_t d = 0; d < 3; d++) {
         bounds.low[d] = std::max(bounds.low[d], kept.low[d]);
         bounds.high[d] = std::min(bounds.high[d], kept.high[d]);
@@ -234,8 +235,8 @@ void VolumeVisual::draw(const Ogre::Camera *camera)
     }
     Ogre::Vector3 direction = node_->_getDerivedOrientation().Inverse() * camera->getDerivedDirection();
     direction.normalise();
-    set_numbers(pass_of(look_.isosurface ? surface_material_ : slice_material_), camera);
-    if (look_.isosurface) draw_hull();
+    set_numbers(pass_of(appearance_.isosurface ? surface_material_ : slice_material_), camera);
+    if (appearance_.isosurface) draw_hull();
     else draw_slices(vector_of(direction));
 }
 
@@ -246,15 +247,15 @@ void VolumeVisual::preFindVisibleObjects(Ogre::SceneManager *, Ogre::SceneManage
     if (!drawn_ || !camera) return;
     Ogre::Vector3 direction = node_->_getDerivedOrientation().Inverse() * camera->getDerivedDirection();
     direction.normalise();
-    set_numbers(pass_of(look_.isosurface ? surface_material_ : slice_material_), camera);
-    if (!look_.isosurface && vector_of(direction) != facing_) draw_slices(vector_of(direction));
+    set_numbers(pass_of(appearance_.isosurface ? surface_material_ : slice_material_), camera);
+    if (!appearance_.isosurface && vector_of(direction) != facing_) draw_slices(vector_of(direction));
 }
 
 void VolumeVisual::draw_slices(const Vector &direction)
 {
     facing_ = direction;
-    double spacing = diagonal() / std::max(look_.slices, 1u);
-    Slices slices = make_slices(clipped(), look_.planes, direction, spacing, look_.slices + 2);
+    double spacing = diagonal() / std::max(appearance_.slices, 1u);
+    Slices slices = make_slices(clipped(), appearance_.planes, direction, spacing, appearance_.slices + 2);
     slices_drawn_ = slices.count;
     if (slices.count == 0) {
         set_visible(false);
@@ -304,41 +305,41 @@ void VolumeVisual::set_numbers(Ogre::Pass *pass, const Ogre::Camera *camera)
     bool perspective = camera->getProjectionType() == Ogre::PT_PERSPECTIVE;
     Ogre::Vector3 eye = perspective ? turn * (camera->getDerivedPosition() - node_->_getDerivedPosition())
                                     : turn * camera->getDerivedDirection();
-    double width = std::max(look_.high - look_.low, 1e-9);
+    double width = std::max(appearance_.high - appearance_.low, 1e-9);
     Ogre::GpuProgramParametersSharedPtr numbers = pass->getFragmentProgramParameters();
     numbers->setNamedConstant("scale", scale);
     numbers->setNamedConstant("offset", offset);
     numbers->setNamedConstant("spacing", spacing);
-    numbers->setNamedConstant("window",
-                              Ogre::Vector4(float(value_scale_ / width), float((value_offset_ - look_.low) / width),
-                                            float(transparent_up_to(look_.transfer)), 0));
+    numbers->setNamedConstant("window", Ogre::Vector4(float(value_scale_ / width),
+                                                      float((value_offset_ - appearance_.low) / width),
+                                                      float(transparent_up_to(appearance_.transfer)), 0));
     numbers->setNamedConstant("eye", Ogre::Vector4(eye.x, eye.y, eye.z, perspective ? 1.0f : 0.0f));
-    Bounds away = between(look_.away_low, look_.away_high);
+    Bounds away = between(appearance_.away_low, appearance_.away_high);
     numbers->setNamedConstant("away_low", Ogre::Vector3(float(away.low[0]), float(away.low[1]), float(away.low[2])));
     numbers->setNamedConstant("away_high",
                               Ogre::Vector3(float(away.high[0]), float(away.high[1]), float(away.high[2])));
-    if (!look_.isosurface) {
+    if (!appearance_.isosurface) {
         numbers->setNamedConstant("step_i", step);
-        numbers->setNamedConstant("shading", float(look_.shading));
-        numbers->setNamedConstant("apart", float(diagonal() / std::max(look_.slices, 1u)));
+        numbers->setNamedConstant("shading", float(appearance_.shading));
+        numbers->setNamedConstant("apart", float(diagonal() / std::max(appearance_.slices, 1u)));
         return;
     }
     Bounds box = clipped();
-    double stride = diagonal() / std::max(look_.slices, 1u);
+    double stride = diagonal() / std::max(appearance_.slices, 1u);
     Ogre::Vector4 plane(0, 0, 0, -1);
-    if (!look_.planes.empty()) {
-        const Plane &first = look_.planes.front();
+    if (!appearance_.planes.empty()) {
+        const Plane &first = appearance_.planes.front();
         plane =
             Ogre::Vector4(float(first.normal[0]), float(first.normal[1]), float(first.normal[2]), float(first.offset));
     }
     numbers->setNamedConstant("low", Ogre::Vector3(float(box.low[0]), float(box.low[1]), float(box.low[2])));
     numbers->setNamedConstant("high", Ogre::Vector3(float(box.high[0]), float(box.high[1]), float(box.high[2])));
     numbers->setNamedConstant("plane", plane);
-    numbers->setNamedConstant("colour", look_.surface_colour);
-    numbers->setNamedConstant("threshold", float((look_.surface - value_offset_) / value_scale_));
+    numbers->setNamedConstant("colour", appearance_.surface_colour);
+    numbers->setNamedConstant("threshold", float((appearance_.surface - value_offset_) / value_scale_));
     numbers->setNamedConstant("direction_of_values", value_scale_ < 0 ? -1.0f : 1.0f);
     numbers->setNamedConstant("stride", float(stride));
-    numbers->setNamedConstant("steps", float(look_.slices + 2));
+    numbers->setNamedConstant("steps", float(appearance_.slices + 2));
     numbers->setNamedConstant("nearest", float(camera->getNearClipDistance()));
 }
 
@@ -349,8 +350,8 @@ bool VolumeVisual::see(const VolumeImage &image, const Ogre::Vector3 &origin, co
     Ogre::Quaternion turn = node_->_getDerivedOrientation().Inverse();
     const Vector from = vector_of(turn * (origin - node_->_getDerivedPosition())), along = vector_of(turn * direction);
     Part part;
-    if (!clip_ray(clipped(), look_.planes, from, along, &part.near, &part.far)) return false;
-    const std::vector<Part> parts = outside(between(look_.away_low, look_.away_high), from, along, part);
+    if (!clip_ray(clipped(), appearance_.planes, from, along, &part.near, &part.far)) return false;
+    const std::vector<Part> parts = outside(between(appearance_.away_low, appearance_.away_high), from, along, part);
     auto value_at = [&](double t) {
         std::array<double, 3> texel;
         for (size_t d = 0; d < 3; d++) texel[d] = (from[d] + t * along[d]) / (sign_[d] * spacing_[d] * stride_);
@@ -358,17 +359,18 @@ bool VolumeVisual::see(const VolumeImage &image, const Ogre::Vector3 &origin, co
     };
     // four steps per 1/256 of the diagonal, the unit of opacities
     const double step = diagonal() / 1024;
-    const bool found = look_.isosurface
-                           ? find_surface(
-                                 parts, step, [&](double t) { return value_at(t) - look_.surface; }, distance)
-                           : find_seen(
-                                 parts, step,
-                                 [&](double t) {
-                                     const double place =
-                                         (value_at(t) - look_.low) / std::max(look_.high - look_.low, 1e-9);
-                                     return opacity_over(look_.opacity * colour_at(look_.transfer, place).a, 0.25);
-                                 },
-                                 distance);
+    const bool found =
+        appearance_.isosurface
+            ? find_surface(
+                  parts, step, [&](double t) { return value_at(t) - appearance_.surface; }, distance)
+            : find_visible_depth(
+                  parts, step,
+                  [&](double t) {
+                      const double place =
+                          (value_at(t) - appearance_.low) / std::max(appearance_.high - appearance_.low, 1e-9);
+                      return opacity_over(appearance_.opacity * colour_at(appearance_.transfer, place).a, 0.25);
+                  },
+                  distance);
     if (found) *value = value_at(*distance);
     return found;
 }

@@ -31,7 +31,7 @@ class SceneNode;
 namespace pliant_rviz {
 
 // Appearance; values in the unit of the volume (CT: Hounsfield units).
-struct Look {
+struct VolumeAppearance {
     bool isosurface = false;
     Preset transfer;
     double low = 0, high = 1; // limits of the window
@@ -62,8 +62,8 @@ public:
 
     void set_grid(const std::array<double, 3> &spacing, bool flipped);
     void set_pose(const Ogre::Vector3 &position, const Ogre::Quaternion &orientation);
-    void set_look(const Look &look);
-    const Look &look() const { return look_; }
+    void set_look(const VolumeAppearance &look);
+    const VolumeAppearance &look() const { return appearance_; }
     // Find the texels outside which nothing is visible; call after the image's content or the look has changed.
     void find_visible(const VolumeImage &image);
     void set_visible(bool visible);
@@ -110,7 +110,7 @@ private:
     std::array<double, 3> spacing_{{1, 1, 1}};
     double sign_[3] = {1, 1, 1};
     Box visible_;
-    Look look_;
+    VolumeAppearance appearance_;
     size_t slices_drawn_ = 0;
     bool drawn_ = false;   // whether something is visible
     Vector facing_{{0, 0, 0}}; // view direction for which the slices were computed

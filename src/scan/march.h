@@ -4,7 +4,7 @@
 #ifndef PLIANT_SCAN_MARCH_H
 #define PLIANT_SCAN_MARCH_H
 
-#include "scan/stored.h"
+#include "scan/stored_value.h"
 
 #include <math.h>
 
@@ -15,7 +15,7 @@ typedef struct march_ray {
     double enter, leave;   /* range of the ray inside the volume's box, and between near and far [m] */
     double stride;         /* half a voxel [m] */
     double threshold;
-    int64_t most;          /* index of the last sample */
+    int64_t maximum;          /* index of the last sample */
 } march_ray;
 
 /* Voxel array of a volume and the conversion of its values (pliant_volume). */
@@ -66,7 +66,7 @@ PLIANT_INLINE double march_at(const march_ray *ray, int64_t sample)
 /* Return whether a sample exists. The last sample is the first one at the ray's end, and there is at least one. */
 PLIANT_INLINE bool march_has(const march_ray *ray, int64_t sample)
 {
-    return sample == 0 || (sample <= ray->most && march_at(ray, sample - 1) < ray->leave);
+    return sample == 0 || (sample <= ray->maximum && march_at(ray, sample - 1) < ray->leave);
 }
 
 /* Return whether the value is at or above the threshold. NaN is below every threshold. */

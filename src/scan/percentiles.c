@@ -6,7 +6,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-enum { MOST_SAMPLES = 1 << 20 };
+enum { MAX_PERCENTILE_SAMPLES = 1 << 20 };
 
 static int compare(const void *a, const void *b)
 {
@@ -17,7 +17,7 @@ static int compare(const void *a, const void *b)
 pliant_status pliant_volume_percentiles(const pliant_volume *volume, int count, const double *percent, double *value)
 {
     size_t voxels = pliant_geometry_voxels(&volume->geometry);
-    size_t stride = (voxels / MOST_SAMPLES) | 1; /* odd, so that not every row has the same columns */
+    size_t stride = (voxels / MAX_PERCENTILE_SAMPLES) | 1; /* odd, so that not every row has the same columns */
     float *sample = pliant_calloc(voxels / stride + 1, sizeof *sample);
     if (!sample) return pliant_fail_memory("the percentiles of a volume");
     size_t taken = 0;

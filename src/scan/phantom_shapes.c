@@ -96,7 +96,7 @@ float phantom_ellipsoid_distance(const phantom_ellipsoid *e, float x, float y, f
 
 bool phantom_add_tube(phantom_tubes *list, phantom_point a, phantom_point b, float radius_a, float radius_b)
 {
-    if (list->number == list->room) return false;
+    if (list->number == list->capacity) return false;
     float r = radius_a > radius_b ? radius_a : radius_b;
     list->tubes[list->number++] = (phantom_tube){
         .a = a, .b = b, .radius_a = radius_a, .radius_b = radius_b, .level = NO_GAS,

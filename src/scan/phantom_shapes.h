@@ -20,7 +20,7 @@ typedef struct phantom_tube {
 
 typedef struct phantom_tubes {
     phantom_tube *tubes;
-    int number, room;
+    int number, capacity;
 } phantom_tubes;
 
 /* A point of a chain of tubes, and the radius there. */

@@ -17,12 +17,12 @@ void check_memory(const std::string &path, const image_header &header, bool labe
 {
     double per_voxel = static_cast<double>(component_size(header.type));
     double needed = voxel_count(header.geometry) * (per_voxel + conversion_bytes(header, labels));
-    double most = memory_limit ? static_cast<double>(memory_limit) : pliant_free_memory();
-    if (needed > most || needed > static_cast<double>(SIZE_MAX / 2))
+    double maximum = memory_limit ? static_cast<double>(memory_limit) : pliant_free_memory();
+    if (needed > maximum || needed > static_cast<double>(SIZE_MAX / 2))
         fail(PLIANT_ERROR_MEMORY,
              "%s: %d x %d x %d voxels need %.0f MB to be read, %s %.0f MB: resample or crop it first", path.c_str(),
              header.geometry.size[0], header.geometry.size[1], header.geometry.size[2], needed / 1e6,
-             memory_limit ? "the limit is" : "the machine has free", most / 1e6);
+             memory_limit ? "the limit is" : "the machine has free", maximum / 1e6);
 }
 
 std::unique_ptr<image_source> open_source(const std::string &path, const char *series, bool labels)
@@ -130,7 +130,7 @@ pliant_labels read_labels(const std::string &path, size_t memory_limit)
 }
 
 /* No exception crosses the C boundary. */
-template <class Action> pliant_status guarded(const char *path, Action action)
+template <class Action> pliant_status catch_exceptions(const char *path, Action action)
 {
     if (!path) return pliant_fail(PLIANT_ERROR_ARGUMENT, "reading a scan: no path given");
     try {
@@ -151,10 +151,10 @@ template <class Action> pliant_status guarded(const char *path, Action action)
 
 pliant_status pliant_volume_read(const char *path, const char *series, size_t memory_limit, pliant_volume *out)
 {
-    return guarded(path, [&] { *out = read_volume(path, series, memory_limit); });
+    return catch_exceptions(path, [&] { *out = read_volume(path, series, memory_limit); });
 }
 
 pliant_status pliant_labels_read(const char *path, size_t memory_limit, pliant_labels *out)
 {
-    return guarded(path, [&] { *out = read_labels(path, memory_limit); });
+    return catch_exceptions(path, [&] { *out = read_labels(path, memory_limit); });
 }

@@ -115,9 +115,9 @@ template <class To> void *convert(const image_header &header, owned_voxels *raw,
 
 double conversion_bytes(const image_header &header, bool labels)
 {
-    double most = 0.0;
+    double maximum = 0.0;
     auto may_become = [&](size_t size) {
-        if (size != component_size(header.type)) most = std::fmax(most, static_cast<double>(size));
+        if (size != component_size(header.type)) maximum = std::fmax(maximum, static_cast<double>(size));
     };
     bool narrow = is_unscaled(header) && values_are_whole(header);
     if (labels) {
@@ -129,7 +129,7 @@ double conversion_bytes(const image_header &header, bool labels)
         if (!narrow || header.type != component::uint8) may_become(sizeof(int16_t));
         if (!narrow || (component_size(header.type) != 1 && header.type != component::int16)) may_become(sizeof(float));
     }
-    return most;
+    return maximum;
 }
 
 converted convert_values(const std::string &path, const image_header &header, void **voxels)

@@ -58,14 +58,14 @@ bool is_colour(const dicom_file &file)
 /* Fail with the remedy if the file contains no readable pixels. */
 void check_readable(const std::string &path, const dicom_file &file)
 {
-    const std::string object = refused_object(file.text(CLASS));
+    const std::string object = unsupported_object(file.text(CLASS));
     if (!object.empty()) fail(PLIANT_ERROR_FORMAT, "%s: is %s", path.c_str(), object.c_str());
     if (!file.has_pixels)
         fail(PLIANT_ERROR_FORMAT,
              "%s: its pixels are %s, which are not supported: store whole numbers with RescaleSlope and "
              "RescaleIntercept, or convert it to NIfTI",
              path.c_str(), file.has(FLOAT_PIXELS) ? "FloatPixelData (7fe0,0008)" : "DoubleFloatPixelData (7fe0,0009)");
-    const std::string compression = file.compressed ? refused_compression(file.transfer_syntax) : "";
+    const std::string compression = file.compressed ? unsupported_compression(file.transfer_syntax) : "";
     if (!compression.empty()) fail(PLIANT_ERROR_FORMAT, "%s: %s", path.c_str(), compression.c_str());
     if (is_colour(file))
         fail(PLIANT_ERROR_FORMAT, "%s: a colour image (%s); one value per voxel is needed: take it out of the folder",
@@ -118,7 +118,7 @@ dicom_pixels stored_pixels(const std::string &path, const dicom_file &file)
 /* Return whether the values must be inverted. With MONOCHROME1 low values are displayed bright. Values with a unit
  * (Hounsfield, activity, counts) keep their meaning. Other values are intensities, which are expected to be large where
  * bright. */
-bool is_turned_round(const dicom_file &file, size_t frame)
+bool has_inverted_values(const dicom_file &file, size_t frame)
 {
     std::string modality = file.text(MODALITY), unit = file.text_of_frame(frame, RESCALE_TYPE);
     return file.text(PHOTOMETRIC) == "MONOCHROME1" && modality != "CT" && modality != "PT" && modality != "NM" &&
@@ -144,7 +144,7 @@ void fill_slice(const dicom_file &file, size_t frame, const std::vector<dicom_fi
     pixels.intercept = number_of(place, file, frame, INTERCEPT, "RescaleIntercept", 0.0);
     pixels.has_rescale = !file.text_of_frame(frame, INTERCEPT).empty();
     if (pixels.slope == 0.0) fail(PLIANT_ERROR_FORMAT, "%s: RescaleSlope is 0", place.c_str());
-    slice->inverted = is_turned_round(file, frame);
+    slice->inverted = has_inverted_values(file, frame);
     slice->position = numbers_of_frame(place, file, frame, POSITION, 3, "ImagePositionPatient");
     slice->orientation = numbers_of_frame(place, file, frame, ORIENTATION, 6, "ImageOrientationPatient");
     slice->spacing = numbers_of_frame(place, file, frame, PIXEL_SPACING, 2, "PixelSpacing");
@@ -155,7 +155,7 @@ bool is_picture(const dicom_file &file)
 {
     const std::string frames = file.text(FRAMES);
     const bool is_film = file.frames.empty() && !frames.empty() && frames != "1";
-    return !refused_object(file.text(CLASS)).empty() || (file.has_pixels && (is_colour(file) || is_film));
+    return !unsupported_object(file.text(CLASS)).empty() || (file.has_pixels && (is_colour(file) || is_film));
 }
 
 /* Append the image of a file, or its frames, to slices. Return false if the file is no DICOM image (a report, an index,
@@ -166,7 +166,7 @@ bool read_slices(const std::string &path, std::vector<dicom_slice> *slices, std:
     dicom_file file;
     if (!read_dicom_file(path, &file) || file.text(MEDIA_CLASS) == index_class) return false;
     if (!file.has_pixels && !file.has(FLOAT_PIXELS) && !file.has(DOUBLE_PIXELS)) {
-        *object = refused_object(file.text(CLASS));
+        *object = unsupported_object(file.text(CLASS));
         if (object->empty() && (!file.has(CLASS) || file.has(ROWS) || is_image_class(file.text(CLASS))))
             fail(PLIANT_ERROR_FORMAT, "%s: truncated DICOM file: an image without PixelData", path.c_str());
         return false;

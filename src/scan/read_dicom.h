@@ -95,10 +95,10 @@ void read_dicom_pixels(dicom_bytes *bytes, const dicom_pixels &pixels, void *out
 void decompress_jpeg(const std::string &path, const dicom_pixels &pixels, const std::string &image, void *out);
 
 /* Return the reason why pixels of a transfer syntax cannot be decompressed, with the remedy; "" if they can. */
-std::string refused_compression(const std::string &transfer_syntax);
+std::string unsupported_compression(const std::string &transfer_syntax);
 /* Return the description of an object without a readable image, by its SOP class, with the remedy; "" for all other
  * classes. */
-std::string refused_object(const std::string &sop_class);
+std::string unsupported_object(const std::string &sop_class);
 
 /* Return whether a SOP class is a segmentation: SEG or label map segmentation. */
 bool is_segmentation_object(const std::string &sop_class);

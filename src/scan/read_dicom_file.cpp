@@ -127,13 +127,13 @@ private:
 
     std::string bytes(uint64_t offset, uint64_t count)
     {
-        const uint64_t most = 1 << 16; /* maximum length of a request */
+        const uint64_t maximum = 1 << 16; /* maximum length of a request */
         if (count > size_ || offset > size_ - count) truncated();
         if (offset < window_at_ || offset + count > window_at_ + window_.size()) {
             window_.erase(0, static_cast<size_t>(std::min<uint64_t>(offset - window_at_, window_.size())));
             const size_t kept = window_.size(); /* a second read would inflate again from the start */
             window_at_ = offset;
-            window_.resize(static_cast<size_t>(std::min(most, size_ - offset)));
+            window_.resize(static_cast<size_t>(std::min(maximum, size_ - offset)));
             bytes_.read(offset + kept, &window_[kept], window_.size() - kept, "the header");
         }
         return window_.substr(static_cast<size_t>(offset - window_at_), static_cast<size_t>(count));
@@ -174,13 +174,13 @@ private:
      * here. */
     void begin_deflated()
     {
-        const uint64_t most = uint64_t(16) << 30;
+        const uint64_t maximum = uint64_t(16) << 30;
         byte_stream stream(path_, at_, byte_stream::packing::raw_deflate);
         std::vector<char> block(1 << 18);
         uint64_t length = 0;
-        for (size_t got = block.size(); got == block.size() && length <= most; length += got)
+        for (size_t got = block.size(); got == block.size() && length <= maximum; length += got)
             got = stream.read(block.data(), block.size());
-        if (length > most) damaged("more than 16 GiB of deflated data");
+        if (length > maximum) damaged("more than 16 GiB of deflated data");
         stream.finish();
         out_->deflated_from = at_;
         size_ = at_ + length;
@@ -292,9 +292,9 @@ private:
 
     void functional_groups(const element &e, bool with_type, std::vector<dicom_file::elements> *out)
     {
-        const size_t most_frames = 100000;
+        const size_t max_frames = 100000;
         auto another = [&] {
-            if (out->size() == most_frames) damaged("more than 100000 frames or segments");
+            if (out->size() == max_frames) damaged("more than 100000 frames or segments");
             out->emplace_back();
         };
         auto value = [&](const element &one, uint64_t) {

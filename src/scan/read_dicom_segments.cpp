@@ -198,7 +198,7 @@ private:
 
     void place(double step, const dicom_file &file)
     {
-        const double most_slices = 100000;
+        const double max_slices = 100000;
         const size_t lowest = static_cast<size_t>(std::min_element(along_.begin(), along_.end()) - along_.begin());
         double last = 0.0;
         whole.spacing[2] = step;
@@ -209,7 +209,7 @@ private:
             for (int d = 0; d < 3; d++)
                 aside = std::max(
                     aside, std::fabs(positions_[f][static_cast<size_t>(d)] - whole.origin[d] - k * step * normal_[d]));
-            if (!(aside <= 0.1 * std::min(step, std::min(whole.spacing[0], whole.spacing[1]))) || !(k < most_slices))
+            if (!(aside <= 0.1 * std::min(step, std::min(whole.spacing[0], whole.spacing[1]))) || !(k < max_slices))
                 fail(
                     PLIANT_ERROR_FORMAT,
                     "%s: frame %zu of the DICOM segmentation (SEG) lies %g mm from the grid of the others "
@@ -315,7 +315,7 @@ private:
         if (pixels_.bits_stored < 1 || pixels_.bits_stored > pixels_.bits_allocated)
             fail(PLIANT_ERROR_FORMAT, "%s: %d bits stored in %d", path_.c_str(), pixels_.bits_stored,
                  pixels_.bits_allocated);
-        const std::string compression = file_.compressed ? refused_compression(file_.transfer_syntax) : "";
+        const std::string compression = file_.compressed ? unsupported_compression(file_.transfer_syntax) : "";
         if (!compression.empty()) fail(PLIANT_ERROR_FORMAT, "%s: %s", path_.c_str(), compression.c_str());
         if (is_bits_ && file_.compressed)
             fail(PLIANT_ERROR_FORMAT,

@@ -33,7 +33,7 @@ namespace {
 /* A path that may be read during the lifetime of this object. */
 class opening {
 public:
-    explicit opening(const std::string &path) : there_(pliant_opening_begin(path.c_str(), &opening_))
+    explicit opening(const std::string &path) : is_opened_(pliant_opening_begin(path.c_str(), &opening_))
     {
         if (opening_.refused) fail(PLIANT_ERROR_FILE, "%s: may not be read: %s", path.c_str(), opening_.refused);
     }
@@ -41,11 +41,11 @@ public:
     opening(const opening &) = delete;
     opening &operator=(const opening &) = delete;
     /* Null: the file is missing, see errno. */
-    const char *name() const { return there_ ? opening_.name : nullptr; }
+    const char *name() const { return is_opened_ ? opening_.name : nullptr; }
 
 private:
     pliant_opening opening_;
-    bool there_;
+    bool is_opened_;
 };
 
 } // namespace
@@ -176,11 +176,11 @@ size_t byte_stream::inflate_some(unsigned char *buffer, size_t wanted)
             stream.avail_in = static_cast<uInt>(file_.gcount());
             if (stream.avail_in == 0) break;
         }
-        uInt room = static_cast<uInt>(std::min(wanted - got, size_t(1) << 30));
+        uInt capacity = static_cast<uInt>(std::min(wanted - got, size_t(1) << 30));
         stream.next_out = buffer + got;
-        stream.avail_out = room;
+        stream.avail_out = capacity;
         int result = inflate(&stream, Z_NO_FLUSH);
-        got += room - stream.avail_out;
+        got += capacity - stream.avail_out;
         if (result == Z_STREAM_END) {
             /* A gzip file may continue with another member; other trailing bytes are ignored. */
             if (stream.avail_in == 0 && file_.peek() != std::ifstream::traits_type::eof()) {

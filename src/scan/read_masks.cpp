@@ -55,7 +55,7 @@ public:
             voxels_holder raw, mask;
             const std::unique_ptr<image_source> source = open(files_[n]);
             const size_t bytes = component_size(source->header.type) + sizeof(uint16_t);
-            if (pliant_memory_suffices(static_cast<double>(count * bytes), "a mask") != PLIANT_OK ||
+            if (pliant_memory_check(static_cast<double>(count * bytes), "a mask") != PLIANT_OK ||
                 !(raw.voxels = pliant_calloc(count, component_size(source->header.type))))
                 fail(PLIANT_ERROR_MEMORY, "%s: out of memory for a mask", files_[n].c_str());
             source->read(raw.voxels);

@@ -25,12 +25,12 @@ void cross(const double *a, const double *b, double *out)
     out[2] = a[0] * b[1] - a[1] * b[0];
 }
 
-const size_t MOST_NAMES = 8; /* in a message */
+const size_t MAX_NAMES = 8; /* in a message */
 
 std::string place_of(const dicom_slice &slice) { return folder_of(slice.path) + slice.name; }
 
 /* Return the name of a missing property that a slice needs; "" if all exist. */
-std::string lack_of(const dicom_slice &slice)
+std::string missing_property(const dicom_slice &slice)
 {
     if (!slice.problem.empty()) return slice.problem;
     if (slice.position.empty())
@@ -75,9 +75,9 @@ std::vector<std::vector<size_t>> groups_of(const std::vector<dicom_slice> &slice
     return groups;
 }
 
-std::string why_left_out(const dicom_slice &slice, const dicom_slice &kept)
+std::string reason_to_omit(const dicom_slice &slice, const dicom_slice &kept)
 {
-    const std::string lack = lack_of(slice);
+    const std::string lack = missing_property(slice);
     if (!lack.empty()) return lack;
     return place_of(slice) + ": " + (slice.is_scout ? "a scout (ImageType says LOCALIZER)" : difference(slice, kept));
 }
@@ -90,9 +90,9 @@ std::string keep_stack(const std::string &folder, std::vector<dicom_slice> *slic
     for (size_t n = 0; n < slices->size(); n++) {
         const dicom_slice &slice = (*slices)[n];
         if (!slice.problem.empty() && !slice.is_picture) fail(PLIANT_ERROR_FORMAT, "%s", slice.problem.c_str());
-        if (lack_of(slice).empty()) placed.push_back(n);
+        if (missing_property(slice).empty()) placed.push_back(n);
     }
-    if (placed.empty()) fail(PLIANT_ERROR_FORMAT, "%s", lack_of(slices->front()).c_str());
+    if (placed.empty()) fail(PLIANT_ERROR_FORMAT, "%s", missing_property(slices->front()).c_str());
     for (size_t n : placed)
         if (!(*slices)[n].is_scout) candidates.push_back(n);
     if (candidates.empty()) candidates = placed;
@@ -113,12 +113,12 @@ std::string keep_stack(const std::string &folder, std::vector<dicom_slice> *slic
     }
     for (size_t n = 0; n < slices->size(); n++) {
         if (is_kept[n]) continue;
-        const std::string why = why_left_out((*slices)[n], kept.front());
+        const std::string why = reason_to_omit((*slices)[n], kept.front());
         if (files.count((*slices)[n].path))
             fail(PLIANT_ERROR_FORMAT, "%s", why.c_str()); /* its file also contains slices of the stack */
-        if (named++ < MOST_NAMES) text += (text.empty() ? "" : "; ") + why;
+        if (named++ < MAX_NAMES) text += (text.empty() ? "" : "; ") + why;
     }
-    if (named > MOST_NAMES) text += "; and " + std::to_string(named - MOST_NAMES) + " more";
+    if (named > MAX_NAMES) text += "; and " + std::to_string(named - MAX_NAMES) + " more";
     if (2 * stack.size() <= candidates.size())
         fail(PLIANT_ERROR_FORMAT,
              "%s: images of several sizes or orientations, and none is the majority. Move the images of other scans to "
@@ -199,7 +199,7 @@ void check_missing(const std::string &folder, const std::vector<dicom_slice> &so
 }
 
 /* Return the distance of a slice from the line through `from` along the normal [mm]. */
-double sideways(const dicom_slice &slice, const double from[3], const double normal[3])
+double distance_from_line(const dicom_slice &slice, const double from[3], const double normal[3])
 {
     double offset[3], square = 0.0;
     for (size_t d = 0; d < 3; d++) offset[d] = slice.position[d] - from[d];
@@ -223,7 +223,7 @@ regular check_steps(const std::string &folder, const std::vector<dicom_slice> &s
     for (size_t n = 1; n < sorted.size(); n++) gaps.push_back(sorted[n].along - sorted[n - 1].along);
     std::vector<double> ordered = gaps;
     std::sort(ordered.begin(), ordered.end());
-    double usual = ordered[(ordered.size() - 1) / 2], off = 0.0, beside = 0.0;
+    double usual = ordered[(ordered.size() - 1) / 2], off = 0.0, adjacent = 0.0;
     bool irregular = false;
 
     for (size_t n = 0; n < sorted.size(); n++) {
@@ -238,8 +238,8 @@ regular check_steps(const std::string &folder, const std::vector<dicom_slice> &s
              "to one spacing first",
              folder.c_str(), ordered.front(), ordered.back(), off);
     for (const dicom_slice &slice : sorted) {
-        const double from_first = sideways(slice, first.position.data(), normal),
-                     from_line = sideways(slice, fitted.first, normal);
+        const double from_first = distance_from_line(slice, first.position.data(), normal),
+                     from_line = distance_from_line(slice, fitted.first, normal);
         if (from_first <= 0.1 * pixel) continue;
         if (from_line > std::min(rounding, 0.25 * pixel))
             fail(PLIANT_ERROR_FORMAT,
@@ -248,14 +248,14 @@ regular check_steps(const std::string &folder, const std::vector<dicom_slice> &s
                  "with right angles first",
                  folder.c_str(), slice.name.c_str(), from_first, first.name.c_str(),
                  std::atan2(from_first, std::fabs(slice.along - first.along)) * 180.0 / PI);
-        beside = std::max(beside, from_line);
+        adjacent = std::max(adjacent, from_line);
     }
-    if (!irregular && beside == 0.0) return line;
+    if (!irregular && adjacent == 0.0) return line;
     pliant_log(
         PLIANT_LOG_WARNING,
         "%s: the positions of slices are rounded: up to %.3g mm from a regular grid along the stack, %.3g mm sideways; "
         "taken as %.6g mm apart",
-        folder.c_str(), off, beside, fitted.step);
+        folder.c_str(), off, adjacent, fitted.step);
     return fitted;
 }
 
@@ -360,9 +360,9 @@ bool fill_padding(const image_header &header, const padding &padding, double dar
     if (!std::isfinite(dark)) return true; /* all is padding */
     const double exact = (dark - header.intercept) / header.slope,
                  stored = std::is_integral<Number>::value ? std::round(exact) : exact;
-    const double least = static_cast<double>(std::numeric_limits<Number>::lowest());
-    const Number fill =
-        static_cast<Number>(std::min(std::max(stored, least), static_cast<double>(std::numeric_limits<Number>::max())));
+    const double minimum = static_cast<double>(std::numeric_limits<Number>::lowest());
+    const Number fill = static_cast<Number>(
+        std::min(std::max(stored, minimum), static_cast<double>(std::numeric_limits<Number>::max())));
     for (size_t n = 0; n < padding.is_padded.size(); n++)
         if (padding.is_padded[n] && (header.modality == PLIANT_MODALITY_CT || value(v[n]) > dark)) v[n] = fill;
     return true;
@@ -382,7 +382,7 @@ bool fill_padding_any(const image_header &header, const padding &padding, double
 }
 
 /* Replace value by smallest + largest - value: bright and dark are exchanged, the range stays. */
-template <class Number> void turn_round(void *values, size_t count)
+template <class Number> void invert_values(void *values, size_t count)
 {
     Number *v = static_cast<Number *>(values);
     using wide = typename std::conditional<std::is_integral<Number>::value, int64_t, double>::type;
@@ -390,16 +390,16 @@ template <class Number> void turn_round(void *values, size_t count)
     for (size_t n = 0; n < count; n++) v[n] = static_cast<Number>(ends - static_cast<wide>(v[n]));
 }
 
-void turn_round_any(component type, void *values, size_t count)
+void invert_values_any(component type, void *values, size_t count)
 {
     switch (type) {
-    case component::uint8: return turn_round<uint8_t>(values, count);
-    case component::int8: return turn_round<int8_t>(values, count);
-    case component::uint16: return turn_round<uint16_t>(values, count);
-    case component::int16: return turn_round<int16_t>(values, count);
-    case component::uint32: return turn_round<uint32_t>(values, count);
-    case component::int32: return turn_round<int32_t>(values, count);
-    case component::float64: return turn_round<double>(values, count);
+    case component::uint8: return invert_values<uint8_t>(values, count);
+    case component::int8: return invert_values<int8_t>(values, count);
+    case component::uint16: return invert_values<uint16_t>(values, count);
+    case component::int16: return invert_values<int16_t>(values, count);
+    case component::uint32: return invert_values<uint32_t>(values, count);
+    case component::int32: return invert_values<int32_t>(values, count);
+    case component::float64: return invert_values<double>(values, count);
     default: return;
     }
 }
@@ -418,7 +418,7 @@ public:
         for (const dicom_slice &slice : slices_) {
             const dicom_pixels &one = slice.pixels;
             if (one.type() != first.type() || one.slope != first.slope || one.intercept != first.intercept)
-                alike_ = false;
+                slices_match_ = false;
             if (one.slope != std::floor(one.slope) || one.intercept != std::floor(one.intercept))
                 header.whole_numbers = false;
         }
@@ -427,7 +427,7 @@ public:
                        "%s: a CT without RescaleIntercept (0028,1052): its values may not be Hounsfield units (its "
                        "scanner wrote -1024, as a rule)",
                        slices_.front().path.c_str());
-        if (alike_) return;
+        if (slices_match_) return;
         header.type = component::float64;
         header.slope = 1.0;
         header.intercept = 0.0;
@@ -444,7 +444,7 @@ public:
         for (const dicom_slice &slice : slices_) {
             const dicom_pixels &pixels = slice.pixels;
             if (!bytes || bytes->path() != slice.path) bytes.reset(new dicom_bytes(slice.path, pixels.deflated_from));
-            if (alike_) {
+            if (slices_match_) {
                 read_dicom_pixels(bytes.get(), pixels, to, &of_slice);
             } else {
                 stored.resize(pixels.count() * component_size(pixels.type()));
@@ -457,7 +457,7 @@ public:
         }
         fill(padding, voxels);
         if (!slices_.front().inverted) return;
-        turn_round_any(header.type, voxels, pliant_geometry_voxels(&header.geometry));
+        invert_values_any(header.type, voxels, pliant_geometry_voxels(&header.geometry));
         fill(padding, voxels);
         pliant_log(
             PLIANT_LOG_INFO,
@@ -468,7 +468,7 @@ public:
 
 private:
     std::vector<dicom_slice> slices_;
-    bool alike_ = true;
+    bool slices_match_ = true;
 
     bool is_hounsfield() const { return header.modality == PLIANT_MODALITY_CT && slices_.front().pixels.has_rescale; }
 

@@ -40,17 +40,18 @@ static pliant_status check(const pliant_volume *scan, const pliant_segment_optio
 /* Set the bins between the outermost thousandths of the values, so that extreme values do not widen them. Stored
  * integers span at least a bin each: narrower bins would be empty between the values. In a volume with few integers,
  * such as a mask, each integer is a spike. */
-void segment_set_bins(const pliant_volume *scan, double least, double most, const uint32_t *count,
+void segment_set_bins(const pliant_volume *scan, double lowest, double top, const uint32_t *count,
                       segment_histogram *histogram)
 {
-    const double scale = most > least ? (SEGMENT_FINE_BINS - 1) / (most - least) : 0,
+    const double scale = top > lowest ? (SEGMENT_FINE_BINS - 1) / (top - lowest) : 0,
                  outside = 1e-3 * (double)pliant_geometry_voxels(&scan->geometry);
     int32_t first = 0, last = SEGMENT_FINE_BINS - 1;
     for (double sum = 0; first < last && (sum += count[first]) <= outside; first++) {}
     for (double sum = 0; last > first && (sum += count[last]) <= outside; last--) {}
-    double low = scale > 0 ? least + first / scale : least, high = scale > 0 ? least + (last + 1) / scale : least + 1;
+    double low = scale > 0 ? lowest + first / scale : lowest,
+           high = scale > 0 ? lowest + (last + 1) / scale : lowest + 1;
     double step = scan->encoding == PLIANT_FLOAT32 ? 0 : fabs(scan->slope), width = (high - low) / SEGMENT_BINS;
-    if (most - least < SEGMENT_FEW_STEPS * step) step = 0;
+    if (top - lowest < SEGMENT_FEW_STEPS * step) step = 0;
     histogram->width = step > 0 ? step * fmax(ceil(width / step - 1e-9), 1) : width;
     histogram->low = step > 0 ? low - 0.5 * step : low;
 }
@@ -58,22 +59,22 @@ void segment_set_bins(const pliant_volume *scan, double least, double most, cons
 static pliant_status find_bins(const pliant_volume *scan, int num_threads, segment_histogram *histogram)
 {
     ptrdiff_t voxels = (ptrdiff_t)pliant_geometry_voxels(&scan->geometry);
-    double least = INFINITY, most = -INFINITY;
+    double lowest = INFINITY, top = -INFINITY;
     bool finite = true;
-#pragma omp parallel for num_threads(num_threads) reduction(min : least) reduction(max : most) reduction(&& : finite)
+#pragma omp parallel for num_threads(num_threads) reduction(min : lowest) reduction(max : top) reduction(&& : finite)
     for (ptrdiff_t v = 0; v < voxels; v++) {
         double value = pliant_volume_value(scan, (size_t)v);
         finite = finite && isfinite(value);
-        least = fmin(least, value);
-        most = fmax(most, value);
+        lowest = fmin(lowest, value);
+        top = fmax(top, value);
     }
     if (!finite)
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "segmentation: %s holds values that are not finite", scan->id);
     uint32_t *count = pliant_calloc(SEGMENT_FINE_BINS, sizeof *count);
     if (!count) return pliant_fail_memory("the histogram");
-    double scale = most > least ? (SEGMENT_FINE_BINS - 1) / (most - least) : 0;
-    for (ptrdiff_t v = 0; v < voxels; v++) count[(int32_t)((pliant_volume_value(scan, (size_t)v) - least) * scale)]++;
-    segment_set_bins(scan, least, most, count, histogram);
+    double scale = top > lowest ? (SEGMENT_FINE_BINS - 1) / (top - lowest) : 0;
+    for (ptrdiff_t v = 0; v < voxels; v++) count[(int32_t)((pliant_volume_value(scan, (size_t)v) - lowest) * scale)]++;
+    segment_set_bins(scan, lowest, top, count, histogram);
     pliant_free(count);
     return PLIANT_OK;
 }
@@ -94,7 +95,10 @@ void segment_set_noise(const int64_t count[SEGMENT_BINS], segment_histogram *his
     histogram->noise = fmax(median, 0.5) * histogram->width / (0.6745 * 1.41421356);
 }
 
-int segment_reach(const segment_histogram *histogram) { return (int)ceil(2.5 * histogram->noise / histogram->width); }
+int segment_max_noise_step(const segment_histogram *histogram)
+{
+    return (int)ceil(2.5 * histogram->noise / histogram->width);
+}
 
 static void find_noise(segment_histogram *histogram, const uint16_t *bins, ptrdiff_t voxels)
 {
@@ -113,7 +117,7 @@ static void smooth(const pliant_volume *scan, int num_threads, segment_histogram
                    uint16_t *bins, uint8_t *counted)
 {
     const int32_t *size = scan->geometry.size;
-    const int reach = segment_reach(histogram);
+    const int reach = segment_max_noise_step(histogram);
 #pragma omp parallel for num_threads(num_threads) schedule(static)
     for (int32_t k = 0; k < size[2]; k++)
         for (int32_t j = 0; j < size[1]; j++)
@@ -131,7 +135,7 @@ static void smooth(const pliant_volume *scan, int num_threads, segment_histogram
                             alike += near;
                         }
                 bins[v] = (uint16_t)((2 * sum + alike) / (2 * alike));
-                counted[v] = alike >= SEGMENT_ALIKE;
+                counted[v] = alike >= SEGMENT_MIN_ALIKE_NEIGHBOURS;
             }
     memset(histogram->count, 0, sizeof histogram->count);
     histogram->total = 0;
@@ -164,8 +168,8 @@ static pliant_status count_values(const pliant_volume *scan, int num_threads, se
     return status;
 }
 
-static void most_likely(const uint16_t *bins, ptrdiff_t voxels, const float *logs, int count, int num_threads,
-                        uint8_t *classes)
+static void assign_most_likely_class(const uint16_t *bins, ptrdiff_t voxels, const float *logs, int count,
+                                     int num_threads, uint8_t *classes)
 {
     uint8_t of_bin[SEGMENT_BINS];
     for (int bin = 0; bin < SEGMENT_BINS; bin++) {
@@ -188,7 +192,7 @@ typedef struct field {
 } field;
 
 /* Choose the best class of a voxel given its six neighbours. Return whether it has changed. */
-static bool improve(const field *f, int32_t i, int32_t j, int32_t k)
+static bool choose_best_class(const field *f, int32_t i, int32_t j, int32_t k)
 {
     const int32_t row = f->size[0], slice = f->size[0] * f->size[1];
     const size_t v = (size_t)i + (size_t)row * (size_t)j + (size_t)slice * (size_t)k;
@@ -225,7 +229,7 @@ static bool improve(const field *f, int32_t i, int32_t j, int32_t k)
 
 /* Run iterated conditional modes (Besag 1986) of a Potts field, on one colour of a chessboard after the other. Voxels
  * of one colour are independent, so their order has no effect. */
-static void agree(const field *f, int num_threads)
+static void run_conditional_modes(const field *f, int num_threads)
 {
     for (int sweep = 0; sweep < SEGMENT_SWEEPS; sweep++) {
         int64_t changed = 0;
@@ -233,7 +237,8 @@ static void agree(const field *f, int num_threads)
 #pragma omp parallel for num_threads(num_threads) reduction(+ : changed) schedule(static)
             for (int32_t k = 0; k < f->size[2]; k++)
                 for (int32_t j = 0; j < f->size[1]; j++)
-                    for (int32_t i = (j + k + colour) & 1; i < f->size[0]; i += 2) changed += improve(f, i, j, k);
+                    for (int32_t i = (j + k + colour) & 1; i < f->size[0]; i += 2)
+                        changed += choose_best_class(f, i, j, k);
         }
         if (changed == 0) break;
     }
@@ -319,19 +324,19 @@ static pliant_status segment_on_cpu(const pliant_volume *scan, const pliant_segm
                                ? count_values(scan, options->num_threads, histogram, bins)
                                : pliant_fail_memory("the segmentation");
     if (status != PLIANT_OK) goto done;
-    segment_fit(histogram, segment_most_classes(options), fits);
-    made.num_classes = segment_best(histogram, options, fits, made.classes, &made.criterion);
+    segment_fit(histogram, segment_max_classes(options), fits);
+    made.num_classes = segment_choose_mixture(histogram, options, fits, made.classes, &made.criterion);
     segment_log_densities(histogram, made.classes, made.num_classes, logs);
-    most_likely(bins, (ptrdiff_t)voxels, logs, made.num_classes, options->num_threads, classes);
+    assign_most_likely_class(bins, (ptrdiff_t)voxels, logs, made.num_classes, options->num_threads, classes);
     field f = {size, bins, logs, made.num_classes, (float)options->coherence, classes};
-    agree(&f, options->num_threads);
+    run_conditional_modes(&f, options->num_threads);
     pliant_free(bins);
     bins = NULL;
     piece = pliant_calloc(voxels, sizeof *piece);
     status = piece ? segment_connect(size, classes, piece, &count) : pliant_fail_memory("the pieces");
-    double least =
+    double lowest =
         options->smallest / (scan->geometry.spacing[0] * scan->geometry.spacing[1] * scan->geometry.spacing[2]);
-    if (status == PLIANT_OK) status = segment_absorb(size, piece, count, least, classes);
+    if (status == PLIANT_OK) status = segment_absorb(size, piece, count, lowest, classes);
     if (status == PLIANT_OK) status = segment_connect(size, classes, piece, &count);
     if (status == PLIANT_OK) status = tell(scan, classes, piece, count, &made);
 done:
@@ -353,7 +358,7 @@ pliant_status pliant_segment(const pliant_volume *scan, const pliant_segment_opt
     bool use;
     pliant_segment_options with_threads = *wanted;
     const pliant_segment_options *options = &with_threads;
-    with_threads.num_threads = pliant_threads_of(wanted->num_threads);
+    with_threads.num_threads = pliant_threads_or_cores(wanted->num_threads);
     pliant_status status = check(scan, wanted);
     if (status == PLIANT_OK) status = pliant_gpu_choose(options->backend, device ? device->probe : NULL, text, &use);
     if (status != PLIANT_OK) return status;

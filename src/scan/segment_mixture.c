@@ -51,10 +51,10 @@ static double maximize(const segment_histogram *histogram, pliant_segment_class 
             double value = value_of(histogram, bin);
             now += histogram->count[bin] * responsibilities(classes, count, value, part);
             for (int k = 0; k < count; k++) {
-                double share = histogram->count[bin] * part[k], apart = value - classes[k].mean;
-                sums[k][0] += share;
-                sums[k][1] += share * apart;
-                sums[k][2] += share * apart * apart;
+                double fraction = histogram->count[bin] * part[k], apart = value - classes[k].mean;
+                sums[k][0] += fraction;
+                sums[k][1] += fraction * apart;
+                sums[k][2] += fraction * apart * apart;
             }
         }
         for (int k = 0; k < count; k++) {
@@ -126,29 +126,29 @@ static double grow(const segment_histogram *histogram, const segment_histogram *
     return maximize(histogram, classes, count + 1, FINAL_PASSES);
 }
 
-void segment_fit(const segment_histogram *histogram, int most, segment_fits *out)
+void segment_fit(const segment_histogram *histogram, int maximum, segment_fits *out)
 {
     pliant_segment_class classes[PLIANT_MAX_CLASSES] = {{.weight = 1, .mean = value_of(histogram, SEGMENT_BINS / 2),
                                                          .deviation = 0.25 * SEGMENT_BINS * histogram->width}};
     segment_histogram coarse;
     coarsen(histogram, &coarse);
-    for (int count = 1; count <= most; count++) {
+    for (int count = 1; count <= maximum; count++) {
         out->likelihood[count - 1] =
             count == 1 ? maximize(histogram, classes, 1, FINAL_PASSES) : grow(histogram, &coarse, classes, count - 1);
         memcpy(out->classes[count - 1], classes, sizeof classes);
     }
 }
 
-int segment_most_classes(const pliant_segment_options *options)
+int segment_max_classes(const pliant_segment_options *options)
 {
     return options->classes > 0 ? options->classes : options->most_classes;
 }
 
-int segment_best(const segment_histogram *histogram, const pliant_segment_options *options, const segment_fits *fits,
-                 pliant_segment_class *out, double *criterion)
+int segment_choose_mixture(const segment_histogram *histogram, const pliant_segment_options *options,
+                           const segment_fits *fits, pliant_segment_class *out, double *criterion)
 {
     int best = 0;
-    for (int count = 1; count <= segment_most_classes(options); count++) {
+    for (int count = 1; count <= segment_max_classes(options); count++) {
         double now = criterion_of(histogram, fits->likelihood[count - 1], count);
         if (best > 0 && options->classes == 0 && now >= *criterion) continue;
         *criterion = now;

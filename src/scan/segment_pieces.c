@@ -50,7 +50,7 @@ pliant_status segment_connect(const int32_t size[3], const uint8_t *class_of_vox
     return PLIANT_OK;
 }
 
-pliant_status segment_absorb(const int32_t size[3], const int32_t *piece, int32_t count, double least,
+pliant_status segment_absorb(const int32_t size[3], const int32_t *piece, int32_t count, double minimum,
                              uint8_t *class_of_voxel)
 {
     const int32_t step[3] = {1, size[0], size[0] * size[1]}, voxels = size[0] * size[1] * size[2];
@@ -61,7 +61,7 @@ pliant_status segment_absorb(const int32_t size[3], const int32_t *piece, int32_
     if (status != PLIANT_OK) goto done;
     int32_t waiting = 0, end = 0;
     for (int32_t v = 0; v < voxels; v++) members[piece[v]]++;
-    for (int32_t v = 0; v < voxels; v++) waiting += waits[v] = members[piece[v]] < least;
+    for (int32_t v = 0; v < voxels; v++) waiting += waits[v] = members[piece[v]] < minimum;
     if (waiting == 0 || waiting == voxels) goto done;
     /* First absorb voxels adjacent to remaining pieces, then voxels adjacent to those, and so on. */
     for (int32_t next = -1; next < end; next++)

@@ -2,9 +2,9 @@
 
 #include "base/fail.h"
 #include "base/free_memory.h"
-#include "base/room.h"
+#include "base/buffer.h"
 #include "base/memory.h"
-#include "scan/stored.h"
+#include "scan/stored_value.h"
 
 #include <float.h>
 #include <math.h>
@@ -113,8 +113,8 @@ pliant_status pliant_volume_create(const pliant_geometry *geometry, pliant_encod
     char what[80];
     snprintf(what, sizeof what, "a volume of %d x %d x %d voxels", geometry->size[0], geometry->size[1],
              geometry->size[2]);
-    if ((status = pliant_memory_suffices((double)count * (double)size, what)) != PLIANT_OK) return status;
-    void *voxels = pliant_pages(count, size);
+    if ((status = pliant_memory_check((double)count * (double)size, what)) != PLIANT_OK) return status;
+    void *voxels = pliant_calloc_pages(count, size);
     if (!voxels) return pliant_fail_memory("the voxels of a volume");
     pliant_volume volume = {.geometry = *geometry, .encoding = encoding, .slope = 1.0f, .voxels = voxels};
     *out = volume;
@@ -137,7 +137,7 @@ pliant_status pliant_labels_create(const pliant_geometry *geometry, pliant_label
     char what[80];
     snprintf(what, sizeof what, "a label map of %d x %d x %d voxels", geometry->size[0], geometry->size[1],
              geometry->size[2]);
-    if ((status = pliant_memory_suffices((double)count * sizeof(uint16_t), what)) != PLIANT_OK) return status;
+    if ((status = pliant_memory_check((double)count * sizeof(uint16_t), what)) != PLIANT_OK) return status;
     uint16_t *voxels = pliant_calloc(count, sizeof *voxels);
     if (!voxels) return pliant_fail_memory("the voxels of a label map");
     pliant_labels labels = {.geometry = *geometry, .voxels = voxels};

@@ -221,7 +221,7 @@ static pliant_status write_image(const char *path, file_format format, const ima
     if (stat(path, &status) == 0 && S_ISDIR(status.st_mode))
         return pliant_fail(PLIANT_ERROR_FILE, "%s: cannot be written: it is a folder", path);
 
-    int file = pliant_open_beside(path, temporary);
+    int file = pliant_open_temporary(path, temporary);
     if (file < 0)
         return pliant_fail(PLIANT_ERROR_FILE, "%s: cannot be written: no file can be created in its folder: %s", path,
                            strerror(errno));

@@ -243,8 +243,8 @@ static const char *read_word(const pliant_option *option, const char *word, int 
 }
 
 /* Write "'7' is 1 value; use three whole numbers in 1 .. 256 cells, as [7, 7, 7]" to reason. */
-static const char *not_as_many(const pliant_option *option, const char *const *words, int number, char *reason,
-                               size_t size)
+static const char *describe_wrong_count(const pliant_option *option, const char *const *words, int number, char *reason,
+                                        size_t size)
 {
     char given[TEXT_SIZE] = "";
     const bool integer = option->kind == PLIANT_OPTION_INT3;
@@ -267,7 +267,7 @@ const char *pliant_option_read(const pliant_option *option, const char *const *w
 {
     /* work on a copy, so that an error in a later word changes nothing */
     pliant_scene trial = *scene;
-    if (number != words_of(option)) return not_as_many(option, words, number, reason, size);
+    if (number != words_of(option)) return describe_wrong_count(option, words, number, reason, size);
     for (int k = 0; k < number; ++k)
         if (read_word(option, words[k], k, (char *)&trial + option->offset, reason, size)) return reason;
     if (pliant_option_check(option, &trial, reason, size)) return reason;

@@ -10,9 +10,9 @@ extern "C" {
 #endif
 
 /* Write all options as YAML. pliant_scene_parse makes a bitwise identical scene from it.
- *   @param out Nullable if room is 0; truncated to the capacity `room`, with a terminating 0
+ *   @param out Nullable if room is 0; truncated to the capacity `capacity`, with a terminating 0
  * Return the length of the whole text, like snprintf. */
-PLIANT_INTERNAL size_t pliant_scene_text(const pliant_scene *scene, size_t room, char *out);
+PLIANT_INTERNAL size_t pliant_scene_text(const pliant_scene *scene, size_t capacity, char *out);
 
 /* Return the element kind of a scene: element/kind, or the resolved value of auto. The scene of a model
  * (pliant_model_get_scene) has the resolved value.

@@ -60,12 +60,12 @@ static void add_regions(pliant_text_out *text, const char *name, const pliant_re
         add_pair(text, "point: ", regions->planes[p].point, ", normal: ", regions->planes[p].normal);
 }
 
-size_t pliant_scene_text(const pliant_scene *scene, size_t room, char *out)
+size_t pliant_scene_text(const pliant_scene *scene, size_t capacity, char *out)
 {
-    pliant_text_out text = {out, room, 0};
+    pliant_text_out text = {out, capacity, 0};
     size_t count;
     const pliant_option *options = pliant_option_table(&count);
-    if (room > 0) out[0] = '\0';
+    if (capacity > 0) out[0] = '\0';
     for (size_t i = 0; i < count; ++i) {
         if (i == 0 || strcmp(options[i].group, options[i - 1].group) != 0) {
             pliant_text_add(&text, options[i].group);

@@ -12,16 +12,16 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MESSAGE_SIZE = 512, PATH_DEPTH = 8, KEY_SIZE = 64, MOST_TEXT = 64 << 20 };
+enum { MESSAGE_SIZE = 512, PATH_DEPTH = 8, KEY_SIZE = 64, MAX_TEXT = 64 << 20 };
 
 /* libcyaml's messages about one failure: the first line is the reason; the others give the location, innermost
  * first. */
-typedef struct complaint {
+typedef struct yaml_failure {
     char reason[MESSAGE_SIZE];
     char where[PATH_DEPTH][KEY_SIZE]; /* names of mapping fields, innermost first */
     int depth;
     int line; /* 0: unknown */
-} complaint;
+} yaml_failure;
 
 /* Skip the byte order mark that some editors write before UTF-8. */
 static void skip_byte_order_mark(char *text, size_t size)
@@ -35,26 +35,26 @@ pliant_status pliant_text_read(const char *path, char **out)
 {
     pliant_status status = PLIANT_OK;
     char *text = NULL;
-    size_t size = 0, room = 4096;
+    size_t size = 0, capacity = 4096;
     pliant_opening opening;
     FILE *file = pliant_opening_begin(path, &opening) ? fopen(opening.name, "rb") : NULL;
     pliant_opening_end(&opening);
     if (opening.refused) return pliant_fail(PLIANT_ERROR_FILE, "%s: may not be read: %s", path, opening.refused);
     if (!file) return pliant_fail(PLIANT_ERROR_FILE, "%s: cannot be opened: %s", path, strerror(errno));
     do {
-        char *larger = pliant_resize(text, room + 1, 1);
+        char *larger = pliant_resize(text, capacity + 1, 1);
         if (!larger) {
             status = pliant_fail_memory(path);
             goto end;
         }
         text = larger;
-        size += fread(text + size, 1, room - size, file);
-        room *= 2;
-    } while (size == room / 2 && size < MOST_TEXT);
-    if (size >= MOST_TEXT) {
+        size += fread(text + size, 1, capacity - size, file);
+        capacity *= 2;
+    } while (size == capacity / 2 && size < MAX_TEXT);
+    if (size >= MAX_TEXT) {
         status = pliant_fail(PLIANT_ERROR_FORMAT,
                              "%s: does not end within %d MiB: no text file of options, materials or tool paths", path,
-                             MOST_TEXT >> 20);
+                             MAX_TEXT >> 20);
     } else if (ferror(file)) {
         status = pliant_fail(PLIANT_ERROR_FILE, "%s: cannot be read: %s", path, strerror(errno));
     } else if (memchr(text, 0, size)) {
@@ -82,7 +82,7 @@ static void *resize(void *context, void *block, size_t size)
 
 static void listen(cyaml_log_t level, void *context, const char *format, va_list arguments)
 {
-    complaint *c = context;
+    yaml_failure *c = context;
     char text[MESSAGE_SIZE];
     if (level < CYAML_LOG_ERROR) return;
     vsnprintf(text, sizeof text, format, arguments);
@@ -103,7 +103,7 @@ static void listen(cyaml_log_t level, void *context, const char *format, va_list
 }
 
 /* Return the schema value at the location of the failure; NULL: unknown. */
-static const cyaml_schema_value_t *value_at(const complaint *c, const cyaml_schema_value_t *value)
+static const cyaml_schema_value_t *value_at(const yaml_failure *c, const cyaml_schema_value_t *value)
 {
     for (int level = c->depth; level > 0; --level) {
         while (value->type == CYAML_SEQUENCE || value->type == CYAML_SEQUENCE_FIXED) value = value->sequence.entry;
@@ -117,7 +117,7 @@ static const cyaml_schema_value_t *value_at(const complaint *c, const cyaml_sche
 }
 
 /* List the keys that the mapping at the location may have; "" if it is not a mapping. */
-static void list_keys(const complaint *c, const cyaml_schema_value_t *value, char *out, size_t size)
+static void list_keys(const yaml_failure *c, const cyaml_schema_value_t *value, char *out, size_t size)
 {
     size_t used = 0;
     out[0] = 0;
@@ -143,7 +143,8 @@ static void describe(const cyaml_schema_value_t *value, char *out, size_t size)
 
 /* Translate libcyaml's message about the type or length of a value: " is '7'; use a list ...". Return false for another
  * message. */
-static bool say_kind(const complaint *c, const char *text, const cyaml_schema_value_t *schema, char *out, size_t size)
+static bool describe_wrong_type(const yaml_failure *c, const char *text, const cyaml_schema_value_t *schema, char *out,
+                                size_t size)
 {
     static const char expecting[] = "Expecting ", few[] = "Insufficient entries (", many[] = "Excessive entries (";
     const cyaml_schema_value_t *value = value_at(c, schema);
@@ -174,7 +175,8 @@ static bool say_kind(const complaint *c, const char *text, const cyaml_schema_va
                     given, use) > 0;
 }
 
-static pliant_status explain(complaint *c, const char *text, const char *name, const cyaml_schema_value_t *schema)
+static pliant_status fail_with_yaml_message(yaml_failure *c, const char *text, const char *name,
+                                            const cyaml_schema_value_t *schema)
 {
     static const char unknown[] = "Unexpected key: ";
     char line[32] = "", keys[MESSAGE_SIZE] = "", place[MESSAGE_SIZE] = "", kind[2 * MESSAGE_SIZE];
@@ -188,14 +190,14 @@ static pliant_status explain(complaint *c, const char *text, const char *name, c
     if (c->line) snprintf(line, sizeof line, "line %d: ", c->line);
     for (int level = c->depth - 1; level >= 0 && used < sizeof place; --level)
         used += (size_t)snprintf(place + used, sizeof place - used, "%s%s", used ? "/" : "", c->where[level]);
-    if (say_kind(c, text, schema, kind, sizeof kind))
+    if (describe_wrong_type(c, text, schema, kind, sizeof kind))
         return pliant_fail(PLIANT_ERROR_FORMAT, "%s: %s%s%s", name, line, place, kind);
     return pliant_fail(PLIANT_ERROR_FORMAT, "%s: %s%s%s%s%s", name, line, c->reason, used ? " in " : "", place, keys);
 }
 
 pliant_status pliant_yaml_load(const char *text, const char *name, const cyaml_schema_value_t *schema, void **out)
 {
-    complaint c = {.depth = 0};
+    yaml_failure c = {.depth = 0};
     cyaml_config_t config = {
         .log_fn = listen, .log_ctx = &c, .mem_fn = resize, .log_level = CYAML_LOG_ERROR, .flags = CYAML_CFG_DEFAULT};
     cyaml_data_t *data = NULL;
@@ -203,7 +205,7 @@ pliant_status pliant_yaml_load(const char *text, const char *name, const cyaml_s
     if (error == CYAML_ERR_OOM) return pliant_fail_memory(name);
     if (error != CYAML_OK) {
         if (!c.reason[0]) snprintf(c.reason, sizeof c.reason, "%s", cyaml_strerror(error));
-        return explain(&c, text, name, schema);
+        return fail_with_yaml_message(&c, text, name, schema);
     }
     *out = data;
     return PLIANT_OK;

@@ -27,7 +27,7 @@ bool pliant_parse_bool(const char *text, bool *out); /* true yes on 1, false no 
 /* Output buffer. Text is written up to its capacity; the length counts all text. */
 typedef struct pliant_text_out {
     char *out; /* Nullable */
-    size_t room, length;
+    size_t capacity, length;
 } pliant_text_out;
 void pliant_text_add(pliant_text_out *text, const char *words);
 /* with the minimum number of digits that reproduces the number */

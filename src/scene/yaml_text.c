@@ -7,7 +7,7 @@
 
 static void add_char(pliant_text_out *text, char c)
 {
-    if (text->length + 1 < text->room) {
+    if (text->length + 1 < text->capacity) {
         text->out[text->length] = c;
         text->out[text->length + 1] = '\0';
     }

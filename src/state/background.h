@@ -21,12 +21,12 @@ typedef enum pliant_background_kind {
 } pliant_background_kind;
 /* What a step may take. */
 typedef enum pliant_background_result {
-    PLIANT_TAKES_FACTOR = 1,         /* a new factor; what the solver learned is now fitted to it */
-    PLIANT_TAKES_HISTORY = 2,        /* and goes with it */
-    PLIANT_TAKES_PATCH = 4,          /* a patch */
-    PLIANT_TAKES_PATCH_END = 8,      /* one that no hold is left of has ended */
-    PLIANT_TAKES_PATCH_FACTOR = 16,  /* as the first two, of the patch in use */
-    PLIANT_TAKES_PATCH_HISTORY = 32
+    PLIANT_RESULT_FACTOR = 1,         /* a new factor; what the solver learned is now fitted to it */
+    PLIANT_RESULT_HISTORY = 2,        /* and goes with it */
+    PLIANT_RESULT_PATCH = 4,          /* a patch */
+    PLIANT_RESULT_PATCH_END = 8,      /* one that no hold is left of has ended */
+    PLIANT_RESULT_PATCH_FACTOR = 16,  /* as the first two, of the patch in use */
+    PLIANT_RESULT_PATCH_HISTORY = 32
 } pliant_background_result;
 typedef struct pliant_background {
     pliant_background_kind kind;

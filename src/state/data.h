@@ -20,7 +20,7 @@ typedef struct pliant_edge {
     double *weight;        /* (count x 4) barycentric */
     /* (count) For a point outside of the tissue: the node that carries it. -1: use the nearest point in tissue, if
      * any. */
-    int32_t *beside;
+    int32_t *adjacent;
     double *apart;         /* (count x 3) offset of the point from that node [m] */
     double reach;          /* maximum distance of this node [m] */
     double *now, *swept;   /* (count x 3) work arrays: present position of the blade, and start or end of the swept
@@ -32,7 +32,7 @@ typedef struct pliant_blade {
     double from[3], to[3]; /* ends of its edge in the tool's frame [m]; equal: no blade */
     bool cutting;
     /* STROKE: from the first cut until the blade is lifted, lost or jumps. */
-    bool under_way, failed; /* failed: and the failure was logged */
+    bool is_in_stroke, failed; /* failed: and the failure was logged */
     uint64_t stroke;       /* number of strokes so far */
     pliant_edge edge;      /* during a stroke */
     double tip[3], rotation[4]; /* pose of the tool at the last motion of the edge */
@@ -115,7 +115,7 @@ typedef struct pliant_undo {
     int32_t count;
     int tool;                 /* tool of the last cut; -1: pliant_data_cut */
     uint64_t stroke;
-    bool told;                /* that the limit is reached was logged */
+    bool reported;                /* that the limit is reached was logged */
 } pliant_undo;
 
 /* Work arrays of collision detection, and sides of parts (src/sim/step/contact.c). */
@@ -130,7 +130,7 @@ typedef struct pliant_solver pliant_solver; /* iteration history, factors, backg
 
 typedef struct pliant_patch pliant_patch; /* local fine solutions around grasps (src/fem) */
 
-typedef struct pliant_falling pliant_falling; /* motion of detached pieces (src/fem/rigid) */
+typedef struct pliant_rigid_pieces pliant_rigid_pieces; /* motion of detached pieces (src/fem/rigid) */
 
 typedef struct pliant_tled pliant_tled; /* displacements, increments, sub-steps of explicit dynamics (src/fem) */
 
@@ -150,7 +150,7 @@ struct pliant_data {
 
     /* CUT. */
     pliant_undo undo;
-    size_t keeps;             /* freed memory kept for the next cut (base/room.h) [bytes] */
+    size_t keeps;             /* freed memory kept for the next cut (base/buffer.h) [bytes] */
     /* INTERACT. */
     pliant_tool tools[PLIANT_MAX_TOOLS];
     int32_t num_tools;
@@ -158,8 +158,8 @@ struct pliant_data {
     /* CONTACT, SOLVE. */
     pliant_contact_search *contact_search; /* Nullable: no contact was possible yet */
     pliant_contacts contacts; /* of this step: points from collision detection, forces from the solver */
-    double share;             /* fraction of the step's time in the present leg (sim/step/legs.h) */
-    const struct pliant_touch_pieces *bodies; /* Nullable: rigid bodies in contact in the present leg */
+    double fraction;             /* fraction of the step's time in the present leg (sim/step/legs.h) */
+    const struct pliant_contact_bodies *bodies; /* Nullable: rigid bodies in contact in the present leg */
     pliant_legs *legs;        /* Nullable: state at the start of a leg, and work arrays */
     /* SOLVE. */
     pliant_solver *solver;    /* NULL with solver/kind tled */
@@ -167,7 +167,7 @@ struct pliant_data {
     /* PATCH. */
     pliant_patch *patch;      /* Nullable: model/patch */
     /* PATCH, at its end. */
-    pliant_falling *falling;  /* Nullable: no piece is detached */
+    pliant_rigid_pieces *rigid_pieces;  /* Nullable: no piece is detached */
     /* UPSAMPLE, PATCH. */
     double *positions;        /* (body->fine.num_nodes x 3) LPS [m]; written by every step */
     /* ROLLBACK of a failed step. */

@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-static void held_at_rest(const pliant_mesh *fine, const pliant_tool *tool, double out[3])
+static void held_point_at_rest(const pliant_mesh *fine, const pliant_tool *tool, double out[3])
 {
     memset(out, 0, 3 * sizeof *out);
     for (int32_t h = 0; h < tool->num_held; h++)
@@ -12,13 +12,13 @@ static void held_at_rest(const pliant_mesh *fine, const pliant_tool *tool, doubl
 
 static bool is_rigid(const pliant_tool *tool) { return tool->holding && pliant_tool_drive(tool) == PLIANT_DRIVE_RIGID; }
 
-bool pliant_hold_one_point(const pliant_mesh *fine, const pliant_tool *a, const pliant_tool *b)
+bool pliant_holds_coincide(const pliant_mesh *fine, const pliant_tool *a, const pliant_tool *b)
 {
     const double closer = 0.25 * fmin(fine->cell_size[0], fmin(fine->cell_size[1], fine->cell_size[2]));
     double at[2][3], apart = 0;
     if (!is_rigid(a) || !is_rigid(b)) return false;
-    held_at_rest(fine, a, at[0]);
-    held_at_rest(fine, b, at[1]);
+    held_point_at_rest(fine, a, at[0]);
+    held_point_at_rest(fine, b, at[1]);
     for (int d = 0; d < 3; d++) apart += (at[0][d] - at[1][d]) * (at[0][d] - at[1][d]);
     return apart < closer * closer;
 }

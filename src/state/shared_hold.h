@@ -12,7 +12,7 @@ extern "C" {
 /* Return whether both tools are rigid and their held points at rest are closer than a quarter of a cube's shortest
  * edge. Displacements are linear within an element, so such points cannot separate. Two constraints would exert
  * opposite forces that grow as 1 / distance. */
-bool pliant_hold_one_point(const pliant_mesh *fine, const pliant_tool *a, const pliant_tool *b);
+bool pliant_holds_coincide(const pliant_mesh *fine, const pliant_tool *a, const pliant_tool *b);
 
 #ifdef __cplusplus
 }

@@ -10,7 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MOST_POINTS = 4096 };
+enum { MAX_POINTS = 4096 };
 
 /* ---- named blades, with common sizes of endoscopic instruments */
 
@@ -45,7 +45,7 @@ bool pliant_blade_has_pose(const pliant_blade *blade)
     return q[0] != 0 || q[1] != 0 || q[2] != 0 || q[3] != 0;
 }
 
-bool pliant_blade_is_there(const pliant_blade *blade)
+bool pliant_blade_exists(const pliant_blade *blade)
 {
     return memcmp(blade->from, blade->to, sizeof blade->from) != 0;
 }
@@ -68,7 +68,7 @@ pliant_status pliant_tool_set_blade(pliant_data *data, int index, const double f
     if (!(length <= 1))
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: its blade is %g m long; up to 1 m are possible", tool->name,
                            length);
-    pliant_blade_end(tool);
+    pliant_blade_end_stroke(tool);
     memcpy(tool->blade.from, wanted.from, sizeof wanted.from);
     memcpy(tool->blade.to, wanted.to, sizeof wanted.to);
     if (length == 0) tool->blade.cutting = false;
@@ -86,13 +86,13 @@ pliant_status pliant_tool_set_cutting(pliant_data *data, int index, bool on)
     pliant_tool *tool = NULL;
     pliant_status status = find_tool(data, index, &tool);
     if (status != PLIANT_OK) return status;
-    if (on && !pliant_body_may_be_cut(data->body))
+    if (on && !pliant_body_is_cuttable(data->body))
         return pliant_fail(PLIANT_ERROR_ARGUMENT,
                            "tool %s: this scene does not cut: set cut/kind to sever and build the model again",
                            tool->name);
-    if (on && !pliant_blade_is_there(&tool->blade))
+    if (on && !pliant_blade_exists(&tool->blade))
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s has no blade (pliant_tool_set_blade)", tool->name);
-    if (!on) pliant_blade_end(tool);
+    if (!on) pliant_blade_end_stroke(tool);
     if (on && !tool->blade.cutting && tool->present) take_pose(tool);
     tool->blade.cutting = on;
     return PLIANT_OK;
@@ -105,7 +105,7 @@ static void free_edge(pliant_edge *edge)
     pliant_free(edge->place);
     pliant_free(edge->tet);
     pliant_free(edge->weight);
-    pliant_free(edge->beside);
+    pliant_free(edge->adjacent);
     pliant_free(edge->apart);
     pliant_free(edge->now);
     pliant_free(edge->swept);
@@ -120,11 +120,11 @@ pliant_status pliant_edge_create(int32_t count, double reach, pliant_edge *edge)
     edge->place = pliant_calloc(points, 3 * sizeof *edge->place);
     edge->tet = pliant_calloc(points, sizeof *edge->tet);
     edge->weight = pliant_calloc(points, 4 * sizeof *edge->weight);
-    edge->beside = pliant_calloc(points, sizeof *edge->beside);
+    edge->adjacent = pliant_calloc(points, sizeof *edge->adjacent);
     edge->apart = pliant_calloc(points, 3 * sizeof *edge->apart);
     edge->now = pliant_calloc(points, 3 * sizeof *edge->now);
     edge->swept = pliant_calloc(points, 3 * sizeof *edge->swept);
-    if (edge->place && edge->tet && edge->weight && edge->beside && edge->apart && edge->now && edge->swept)
+    if (edge->place && edge->tet && edge->weight && edge->adjacent && edge->apart && edge->now && edge->swept)
         return PLIANT_OK;
     free_edge(edge);
     return pliant_fail_memory("the edge of a blade");
@@ -160,7 +160,7 @@ static bool measure_along(const pliant_edge *edge, double spacing, double *squar
 
 /* For each edge point outside tissue, find the nearest mesh node, unless an edge point in tissue is nearer. The point
  * moves with that node, so that tissue cannot move past it undetected. */
-static void find_beside(const pliant_data *data, pliant_edge *edge)
+static void find_carrier_nodes(const pliant_data *data, pliant_edge *edge)
 {
     const double *first = edge->now, *last = edge->now + 3 * (edge->count - 1);
     /* used as a buffer until the offsets are written below */
@@ -172,7 +172,7 @@ static void find_beside(const pliant_data *data, pliant_edge *edge)
         high[d] = fmax(first[d], last[d]) + edge->reach;
     }
     spacing = sqrt(spacing);
-    for (int32_t p = 0; p < edge->count; p++) edge->beside[p] = -1;
+    for (int32_t p = 0; p < edge->count; p++) edge->adjacent[p] = -1;
     if (!measure_along(edge, spacing, squares)) return;
     for (int32_t n = 0; n < data->body->fine.num_nodes; n++) {
         const double *x = data->positions + 3 * (size_t)n;
@@ -189,49 +189,49 @@ static void find_beside(const pliant_data *data, pliant_edge *edge)
             const double apart = aside + pow((p - at) * spacing, 2);
             if (edge->tet[p] >= 0 || apart >= squares[p]) continue;
             squares[p] = apart;
-            edge->beside[p] = n;
+            edge->adjacent[p] = n;
         }
     }
     for (int32_t p = 0; p < edge->count; p++)
-        for (int d = 0; d < 3 && edge->beside[p] >= 0; d++)
-            edge->apart[3 * p + d] = edge->place[3 * p + d] - data->positions[3 * edge->beside[p] + d];
+        for (int d = 0; d < 3 && edge->adjacent[p] >= 0; d++)
+            edge->apart[3 * p + d] = edge->place[3 * p + d] - data->positions[3 * edge->adjacent[p] + d];
 }
 
-void pliant_blade_settle(const pliant_data *data, pliant_edge *edge)
+void pliant_blade_set_edge(const pliant_data *data, pliant_edge *edge)
 {
     memcpy(edge->place, edge->now, 3 * (size_t)edge->count * sizeof *edge->place);
     pliant_body_locate_points(data->body, data->positions, edge->count, edge->place, edge->tet, edge->weight);
-    find_beside(data, edge);
+    find_carrier_nodes(data, edge);
 }
 
-pliant_status pliant_blade_begin(pliant_data *data, int index, double spacing, double reach)
+pliant_status pliant_blade_begin_stroke(pliant_data *data, int index, double spacing, double reach)
 {
     pliant_tool *tool = data->tools + index;
     pliant_blade *blade = &tool->blade;
     pliant_status status = pliant_edge_create(
-        (int32_t)fmin(fmax(ceil(pliant_blade_length(blade) / spacing), 1), MOST_POINTS - 1) + 1, reach, &blade->edge);
+        (int32_t)fmin(fmax(ceil(pliant_blade_length(blade) / spacing), 1), MAX_POINTS - 1) + 1, reach, &blade->edge);
     if (status != PLIANT_OK) return status;
     pliant_blade_points(blade, tool->tip, tool->rotation, blade->edge.now);
-    pliant_blade_settle(data, &blade->edge);
+    pliant_blade_set_edge(data, &blade->edge);
     take_pose(tool);
-    blade->under_way = true;
+    blade->is_in_stroke = true;
     blade->stroke++;
     return PLIANT_OK;
 }
 
-void pliant_blade_end(pliant_tool *tool)
+void pliant_blade_end_stroke(pliant_tool *tool)
 {
     pliant_blade *blade = &tool->blade;
-    pliant_blade_loosen(tool);
+    pliant_blade_release(tool);
     free_edge(&blade->edge);
-    blade->under_way = blade->failed = false;
+    blade->is_in_stroke = blade->failed = false;
     memset(blade->rotation, 0, sizeof blade->rotation); /* the blade has no previous pose */
     blade->engaged_length = 0;
 }
 
 void pliant_blade_reset(pliant_tool *tool)
 {
-    pliant_blade_end(tool);
+    pliant_blade_end_stroke(tool);
     tool->blade.stroke = 0;
     tool->blade.severed_area = 0;
     tool->blade.pieces = 0;
@@ -249,7 +249,7 @@ static void place_of(const pliant_mesh *mesh, const double *positions, const pli
 
 /* Move edge points outside tissue with their nearest edge point in tissue, so that no surface edge or link passes
  * between the two. */
-static void follow_beside(const pliant_edge *edge, int32_t p, const double from[3])
+static void move_with_carrier(const pliant_edge *edge, int32_t p, const double from[3])
 {
     const double *to = edge->place + 3 * p;
     for (int way = -1; way <= 1; way += 2) {
@@ -259,35 +259,35 @@ static void follow_beside(const pliant_edge *edge, int32_t p, const double from[
         for (; end != last; end += way) {
             /* the next point in tissue is nearer, or as near */
             if (up_to_next && (last - end) * way < (end - p) * way + (way > 0)) break;
-            if (edge->beside[end] >= 0) continue;
+            if (edge->adjacent[end] >= 0) continue;
             for (int d = 0; d < 3; d++) edge->place[3 * end + d] += to[d] - from[d];
         }
     }
 }
 
-void pliant_blade_follow(const pliant_data *data, pliant_edge *edge)
+void pliant_blade_move_with_tissue(const pliant_data *data, pliant_edge *edge)
 {
     for (int32_t p = 0; p < edge->count; p++) {
         double from[3];
-        for (int d = 0; d < 3 && edge->tet[p] < 0 && edge->beside[p] >= 0; d++)
-            edge->place[3 * p + d] = data->positions[3 * edge->beside[p] + d] + edge->apart[3 * p + d];
+        for (int d = 0; d < 3 && edge->tet[p] < 0 && edge->adjacent[p] >= 0; d++)
+            edge->place[3 * p + d] = data->positions[3 * edge->adjacent[p] + d] + edge->apart[3 * p + d];
         if (edge->tet[p] < 0) continue;
         memcpy(from, edge->place + 3 * p, sizeof from);
         place_of(&data->body->fine, data->positions, edge, p, edge->place + 3 * p);
-        follow_beside(edge, p, from);
+        move_with_carrier(edge, p, from);
     }
 }
 
-pliant_status pliant_blade_carry(pliant_blade *blade, const pliant_blade *from, const pliant_data *data,
-                                 const pliant_body *next, const double *positions)
+pliant_status pliant_blade_transfer(pliant_blade *blade, const pliant_blade *from, const pliant_data *data,
+                                    const pliant_body *next, const double *positions)
 {
     *blade = *from;
     memset(&blade->edge, 0, sizeof blade->edge);
-    if (!from->under_way) return PLIANT_OK;
+    if (!from->is_in_stroke) return PLIANT_OK;
     pliant_edge *edge = &blade->edge;
     pliant_status status = pliant_edge_create(from->edge.count, from->edge.reach, edge);
     if (status != PLIANT_OK) {
-        blade->under_way = blade->drags = false;
+        blade->is_in_stroke = blade->drags = false;
         return status;
     }
     memcpy(edge->place, from->edge.place, 3 * (size_t)edge->count * sizeof *edge->place);
@@ -298,12 +298,12 @@ pliant_status pliant_blade_carry(pliant_blade *blade, const pliant_blade *from, 
     memcpy(edge->apart, from->edge.apart, 3 * (size_t)edge->count * sizeof *edge->apart);
     for (int32_t p = 0; p < edge->count; p++) {
         if (from->edge.tet[p] < 0) edge->tet[p] = -1;
-        edge->beside[p] = from->edge.beside[p] < next->fine.num_nodes ? from->edge.beside[p] : -1;
+        edge->adjacent[p] = from->edge.adjacent[p] < next->fine.num_nodes ? from->edge.adjacent[p] : -1;
     }
     return PLIANT_OK;
 }
 
-void pliant_blade_touch(const pliant_data *data, pliant_edge *edge, double spacing)
+void pliant_blade_move_to_tissue(const pliant_data *data, pliant_edge *edge, double spacing)
 {
     for (int32_t p = 0; p < edge->count; p++) {
         double *place = edge->place + 3 * p, from[3], way[3];
@@ -317,7 +317,7 @@ void pliant_blade_touch(const pliant_data *data, pliant_edge *edge, double spaci
             if (pliant_body_locate(data->body, data->positions, place, &tet, edge->weight + 4 * p)) edge->tet[p] = tet;
         }
     }
-    find_beside(data, edge);
+    find_carrier_nodes(data, edge);
 }
 
 int32_t pliant_blade_num_inside(const pliant_edge *edge)
@@ -364,7 +364,7 @@ pliant_status pliant_blade_hold(const pliant_body *body, pliant_tool *tool)
         weight[nodes - 1] += all[n].weight;
     }
     pliant_free(all);
-    pliant_tool_drop(tool);
+    pliant_tool_remove_grasp(tool);
     tool->held = held;
     tool->weight = weight;
     tool->num_held = nodes;
@@ -372,10 +372,10 @@ pliant_status pliant_blade_hold(const pliant_body *body, pliant_tool *tool)
     return PLIANT_OK;
 }
 
-void pliant_blade_loosen(pliant_tool *tool)
+void pliant_blade_release(pliant_tool *tool)
 {
     pliant_blade *blade = &tool->blade;
-    if (blade->drags) pliant_tool_drop(tool);
+    if (blade->drags) pliant_tool_remove_grasp(tool);
     else if (!tool->holding) memset(tool->force, 0, sizeof tool->force);
     blade->slips = blade->passes = false;
     blade->work = 0;
@@ -385,7 +385,7 @@ void pliant_blade_loosen(pliant_tool *tool)
     memset(blade->force, 0, sizeof blade->force);
 }
 
-void pliant_blade_feel(pliant_tool *tool)
+void pliant_blade_update_force(pliant_tool *tool)
 {
     const pliant_blade *blade = &tool->blade;
     const double *drawn = blade->drawn, size = sqrt(drawn[0] * drawn[0] + drawn[1] * drawn[1] + drawn[2] * drawn[2]);

@@ -11,32 +11,32 @@ extern "C" {
 /* Allocate an edge with `count` points, zeroed. *edge is overwritten; it is empty on errors. Errors: MEMORY. */
 pliant_status pliant_edge_create(int32_t count, double reach, pliant_edge *edge);
 
-bool pliant_blade_is_there(const pliant_blade *blade);
+bool pliant_blade_exists(const pliant_blade *blade);
 double pliant_blade_length(const pliant_blade *blade); /* [m] */
 /* Begin a stroke with the edge at the tool's current position. Points are at most `spacing` [m] apart, and follow
  * tissue at most `reach` [m] away. Errors: MEMORY (no stroke has begun). */
-pliant_status pliant_blade_begin(pliant_data *data, int tool, double spacing, double reach);
+pliant_status pliant_blade_begin_stroke(pliant_data *data, int tool, double spacing, double reach);
 /* Return whether the blade has a previous pose: the pose of the last step, or the tool's pose when the blade was
  * switched on. */
 bool pliant_blade_has_pose(const pliant_blade *blade);
 /* End the stroke; the blade stays. */
-void pliant_blade_end(pliant_tool *tool);
+void pliant_blade_end_stroke(pliant_tool *tool);
 /* End the stroke and clear the record of its cuts. */
 void pliant_blade_reset(pliant_tool *tool);
 /* Copy a blade to the next body at these positions, including the tissue that its points follow. Errors: MEMORY;
- * pliant_blade_end is needed then, too. */
-pliant_status pliant_blade_carry(pliant_blade *blade, const pliant_blade *from, const pliant_data *data,
-                                 const pliant_body *next, const double *positions);
+ * pliant_blade_end_stroke is needed then, too. */
+pliant_status pliant_blade_transfer(pliant_blade *blade, const pliant_blade *from, const pliant_data *data,
+                                    const pliant_body *next, const double *positions);
 
 /* Compute the points of a tool's edge at a pose.
  * @param out (edge.count x 3) */
 void pliant_blade_points(const pliant_blade *blade, const double tip[3], const double rotation[4], double *out);
 /* Move the points in tissue, and near tissue, to the tissue's current position. */
-void pliant_blade_follow(const pliant_data *data, pliant_edge *edge);
+void pliant_blade_move_with_tissue(const pliant_data *data, pliant_edge *edge);
 /* Move the edge to `now`, and find the tissue that its points follow. */
-void pliant_blade_settle(const pliant_data *data, pliant_edge *edge);
+void pliant_blade_set_edge(const pliant_data *data, pliant_edge *edge);
 /* Move the points outside tissue towards `now` until they enter tissue, which is tested every `spacing` [m]. */
-void pliant_blade_touch(const pliant_data *data, pliant_edge *edge, double spacing);
+void pliant_blade_move_to_tissue(const pliant_data *data, pliant_edge *edge, double spacing);
 int32_t pliant_blade_num_inside(const pliant_edge *edge);
 
 /* Return the midpoint of the edge.
@@ -45,9 +45,9 @@ void pliant_blade_middle(const pliant_edge *edge, const double *points, double o
 /* Constrain the tool to the tissue at the edge, with equal weights. Errors: MEMORY. */
 pliant_status pliant_blade_hold(const pliant_body *body, pliant_tool *tool);
 /* Remove this constraint and set the force to zero. */
-void pliant_blade_loosen(pliant_tool *tool);
+void pliant_blade_release(pliant_tool *tool);
 /* Compute the blade's force after the solve; it is at least the spring's force. */
-void pliant_blade_feel(pliant_tool *tool);
+void pliant_blade_update_force(pliant_tool *tool);
 
 #ifdef __cplusplus
 }

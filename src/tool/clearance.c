@@ -2,7 +2,7 @@
 
 #include "base/account.h"
 #include "base/fail.h"
-#include "contact/detect/outside.h"
+#include "contact/detect/contact_surface.h"
 #include "contact/shapes/solid.h"
 #include "fem/system.h"
 #include "base/memory.h"
@@ -12,7 +12,7 @@
 #include <string.h>
 
 struct pliant_clearance {
-    pliant_outside outside;    /* empty if contact uses the elements' own faces */
+    pliant_contact_surface outside;    /* empty if contact uses the elements' own faces */
     uint64_t revision;         /* of the body of the lists; 0: none */
     int32_t num_corners, num_triangles;
     int32_t *corner;           /* (num_corners) surface nodes, ascending */
@@ -36,7 +36,7 @@ void pliant_clearance_free(pliant_clearance *clearance)
 {
     if (!clearance) return;
     free_lists(clearance);
-    pliant_outside_free(&clearance->outside);
+    pliant_contact_surface_free(&clearance->outside);
     pliant_free(clearance);
 }
 
@@ -76,14 +76,14 @@ static pliant_status set_body(const pliant_model *model, const pliant_data *data
     if (clearance->revision == data->body->revision) return PLIANT_OK;
     free_lists(clearance);
     if (model->scene.cut.kind != PLIANT_CUT_SUBDIVIDE) { /* same surface as contact (sim/step/contact_surface.c) */
-        const pliant_outside_voxels voxels = {.load = model->body,
+        const pliant_contact_surface_voxels voxels = {.load = model->body,
                                               .geometry = &model->scan->geometry,
                                               .material_of_voxel = model->material_of_voxel,
                                               .materials = &model->materials,
-                                              .touches_itself =
+                                              .has_self_contact =
                                                   model->scene.contact.self || model->scene.material.slides[0],
                                               .threads = data->discretization->system->num_threads};
-        const pliant_status status = pliant_outside_set_body(&clearance->outside, &voxels, data->body);
+        const pliant_status status = pliant_contact_surface_set_body(&clearance->outside, &voxels, data->body);
         if (status != PLIANT_OK) return status;
         surface = &clearance->outside.view;
     }
@@ -96,8 +96,8 @@ static pliant_status set_body(const pliant_model *model, const pliant_data *data
 
 static double min3(double a, double b, double c)
 {
-    const double least = a < b ? a : b;
-    return least < c ? least : c;
+    const double minimum = a < b ? a : b;
+    return minimum < c ? minimum : c;
 }
 
 /* Return the squared distance to the triangle's bounding box, a lower bound of the distance to the triangle. */
@@ -172,8 +172,8 @@ double pliant_clearance_of(const pliant_model *model, const pliant_data *data, c
     const bool moves = clearance->outside.revision == data->body->revision;
     for (int32_t c = 0; c < clearance->num_corners; c++)
         if (moves)
-            pliant_outside_corner(&clearance->outside, clearance->corner[c], data->positions,
-                                  clearance->place + 3 * (size_t)c);
+            pliant_contact_surface_corner(&clearance->outside, clearance->corner[c], data->positions,
+                                          clearance->place + 3 * (size_t)c);
         else
             memcpy(clearance->place + 3 * (size_t)c, data->positions + 3 * (size_t)clearance->corner[c],
                    3 * sizeof *data->positions);

@@ -1,5 +1,5 @@
-/* Signed distance of a point to the surface that contact uses (contact/detect/outside.h), at the positions of the last
- * step. */
+/* Signed distance of a point to the surface that contact uses (contact/detect/contact_surface.h), at the positions of
+ * the last step. */
 #ifndef PLIANT_TOOL_CLEARANCE_H
 #define PLIANT_TOOL_CLEARANCE_H
 

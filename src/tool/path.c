@@ -12,7 +12,7 @@
 #include <stdio.h>
 #include <string.h>
 
-enum { MOST_KEYS = 1000000, REASON_SIZE = 512 };
+enum { MAX_KEYS = 1000000, REASON_SIZE = 512 };
 
 /* The document as text, before its numbers are read. */
 typedef struct text_key {
@@ -103,7 +103,7 @@ static const cyaml_schema_value_t span_value = {CYAML_VALUE_MAPPING(CYAML_FLAG_D
 static const cyaml_schema_value_t point_value = {CYAML_VALUE_SEQUENCE_FIXED(CYAML_FLAG_POINTER, char *, &word, 3)};
 static const cyaml_schema_field_t cut_fields[] = {
     CYAML_FIELD_STRING_PTR("time", CYAML_FLAG_POINTER, text_cut, time, 0, CYAML_UNLIMITED),
-    CYAML_FIELD_SEQUENCE_COUNT("points", CYAML_FLAG_POINTER, text_cut, points, num_points, &point_value, 2, MOST_KEYS),
+    CYAML_FIELD_SEQUENCE_COUNT("points", CYAML_FLAG_POINTER, text_cut, points, num_points, &point_value, 2, MAX_KEYS),
     CYAML_FIELD_SEQUENCE_FIXED("depth", CYAML_FLAG_POINTER, text_cut, depth, &word, 3),
     CYAML_FIELD_END,
 };
@@ -115,13 +115,13 @@ static const cyaml_schema_field_t tool_fields[] = {
     CYAML_FIELD_STRING_PTR("mass", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, mass, 0, CYAML_UNLIMITED),
     CYAML_FIELD_SEQUENCE_FIXED("grasp", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, grasp, &word, 3),
     CYAML_FIELD_SEQUENCE_COUNT("motion", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, motion, num_motion,
-                               &key_value, 1, MOST_KEYS),
+                               &key_value, 1, MAX_KEYS),
     CYAML_FIELD_MAPPING_PTR("blade", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, blade, blade_fields),
     CYAML_FIELD_MAPPING_PTR("shape", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, shape, pliant_shape_fields),
     CYAML_FIELD_SEQUENCE_COUNT("poses", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, poses, num_poses,
-                               &pose_value, 1, MOST_KEYS),
+                               &pose_value, 1, MAX_KEYS),
     CYAML_FIELD_SEQUENCE_COUNT("cut", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_tool, cut, num_cut, &span_value, 1,
-                               MOST_KEYS),
+                               MAX_KEYS),
     CYAML_FIELD_END,
 };
 static const cyaml_schema_value_t tool_value = {CYAML_VALUE_MAPPING(CYAML_FLAG_DEFAULT, text_tool, tool_fields)};
@@ -135,11 +135,11 @@ static const cyaml_schema_field_t path_fields[] = {
     CYAML_FIELD_SEQUENCE_COUNT("tools", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_path, tools, num_tools,
                                &tool_value, 1, PLIANT_MAX_TOOLS),
     CYAML_FIELD_SEQUENCE_COUNT("cuts", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_path, cuts, num_cuts, &cut_value,
-                               1, MOST_KEYS),
+                               1, MAX_KEYS),
     CYAML_FIELD_SEQUENCE_COUNT("gravity", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_path, gravity, num_gravity,
-                               &gravity_value, 1, MOST_KEYS),
+                               &gravity_value, 1, MAX_KEYS),
     CYAML_FIELD_SEQUENCE_COUNT("probes", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_path, probes, num_probes,
-                               &probe_value, 1, MOST_KEYS),
+                               &probe_value, 1, MAX_KEYS),
     CYAML_FIELD_END,
 };
 static const cyaml_schema_value_t path_value = {CYAML_VALUE_MAPPING(CYAML_FLAG_POINTER, text_path, path_fields)};
@@ -163,7 +163,7 @@ static bool read_numbers(const char *field, char **text, int count, double *out,
  * since 1970. */
 static const double latest = 1e8; /* three years [s] */
 
-static bool is_of_a_clock(const char *field, double time, char reason[REASON_SIZE])
+static bool is_unix_time(const char *field, double time, char reason[REASON_SIZE])
 {
     if (!(time >= latest)) return false;
     snprintf(
@@ -177,7 +177,7 @@ static bool is_of_a_clock(const char *field, double time, char reason[REASON_SIZ
 /* Check a time, or write "time: must be ..." to reason. */
 static bool check_time(const char *field, double time, bool after, double before, char reason[REASON_SIZE])
 {
-    if (is_of_a_clock(field, time, reason)) return false;
+    if (is_unix_time(field, time, reason)) return false;
     if (time >= 0.0 && (!after || time > before)) return true;
     snprintf(reason, REASON_SIZE, "%s: %g s must be at least 0 and more than the previous time", field, time);
     return false;
@@ -325,7 +325,7 @@ static bool read_spans(const text_tool *text, pliant_path_tool *out, char reason
         if (!read_number("cut/from", text->cut[n].from, &span->from, reason) ||
             !read_number("cut/to", text->cut[n].to, &span->to, reason))
             return false;
-        if (is_of_a_clock("cut/from", span->from, reason)) return false;
+        if (is_unix_time("cut/from", span->from, reason)) return false;
         if (span->from >= 0 && span->to > span->from && (n == 0 || span->from > span[-1].to)) continue;
         snprintf(reason, REASON_SIZE, "cut: %g s to %g s must begin after 0 and after the previous cut, and end later",
                  span->from, span->to);
@@ -386,7 +386,7 @@ static bool read_tool(const text_tool *text, const char *file, pliant_path_tool 
     for (int d = 0; d < 3; ++d)
         if (!read_number("grasp", text->grasp[d], &out->grasp[d], reason)) return false;
     if (text->release && (!read_number("release", text->release, &out->release, reason) ||
-                          is_of_a_clock("release", out->release, reason)))
+                          is_unix_time("release", out->release, reason)))
         return false;
     if (text->release && out->release <= 0.0) {
         snprintf(reason, REASON_SIZE, "release: %g s must be more than 0", out->release);

@@ -36,10 +36,10 @@ static bool enter_box(const pliant_geometry *geometry, const double origin[3], c
     ray->stride = 0.5 / sqrt(voxels_a_metre);
     /* upper bound, because the diagonal is shorter than the sum of the edges; rounding errors from far away are
      * corrected */
-    ray->most = 2;
+    ray->maximum = 2;
     for (int d = 0; d < 3; d++) {
         ray->size[d] = geometry->size[d];
-        ray->most += 2 * (int64_t)geometry->size[d];
+        ray->maximum += 2 * (int64_t)geometry->size[d];
     }
     return ray->enter <= ray->leave;
 }

@@ -102,31 +102,31 @@ pliant_status pliant_tool_set_jaw(pliant_data *data, int index, double angle)
     return PLIANT_OK;
 }
 
-void pliant_tool_forget(pliant_tool *tool)
+void pliant_tool_reset_grasp(pliant_tool *tool)
 {
-    pliant_tool_drop(tool);
+    pliant_tool_remove_grasp(tool);
     memset(tool->driving_force, 0, sizeof tool->driving_force);
     tool->drive = PLIANT_DRIVE_SPRING;
 }
 
 void pliant_tool_free(pliant_tool *tool)
 {
-    pliant_blade_end(tool);
-    pliant_tool_drop(tool);
+    pliant_blade_end_stroke(tool);
+    pliant_tool_remove_grasp(tool);
     pliant_tool_shape_free(&tool->shape);
 }
 
 void pliant_tool_release(pliant_data *data, int tool)
 {
     if (check_tool(data, tool) != PLIANT_OK) return;
-    pliant_tool_forget(data->tools + tool);
+    pliant_tool_reset_grasp(data->tools + tool);
 }
 
-void pliant_tool_lost(pliant_data *data, int tool)
+void pliant_tool_remove_pose(pliant_data *data, int tool)
 {
     if (check_tool(data, tool) != PLIANT_OK) return;
-    pliant_tool_forget(data->tools + tool);
-    pliant_blade_end(data->tools + tool);
+    pliant_tool_reset_grasp(data->tools + tool);
+    pliant_blade_end_stroke(data->tools + tool);
     data->tools[tool].present = false;
 }
 
@@ -160,7 +160,7 @@ pliant_status pliant_tool_set_mass(pliant_data *data, int tool, double mass)
 /* ---- grasp */
 
 /* points along the diameter of the blob, and in its bounding box */
-enum { BLOB_POINTS = 9, MOST_POINTS = BLOB_POINTS * BLOB_POINTS * BLOB_POINTS };
+enum { BLOB_POINTS = 9, MAX_POINTS = BLOB_POINTS * BLOB_POINTS * BLOB_POINTS };
 
 /* Return whether an initial tetrahedron has fragments or has given voxels to another one. */
 static bool is_cut(const pliant_cuts *cuts, int32_t tet)
@@ -177,8 +177,8 @@ static bool is_cut(const pliant_cuts *cuts, int32_t tet)
 /* tetrahedra and weights of rest points */
 typedef struct rest_points {
     int32_t count;
-    double at[3 * MOST_POINTS], weight[4 * MOST_POINTS];
-    int32_t tet[MOST_POINTS];   /* -1: no tissue at the point */
+    double at[3 * MAX_POINTS], weight[4 * MAX_POINTS];
+    int32_t tet[MAX_POINTS];   /* -1: no tissue at the point */
 } rest_points;
 
 /* Find the tetrahedra at rest points. In cut tetrahedra, the fragments are searched in the whole mesh, once for all
@@ -186,7 +186,7 @@ typedef struct rest_points {
 static void find_tets(const pliant_body *body, rest_points *points)
 {
     rest_points open = {0};
-    int32_t place[MOST_POINTS];
+    int32_t place[MAX_POINTS];
     for (int32_t p = 0; p < points->count; p++) {
         int32_t tet = points->tet[p] = pliant_mesh_locate(&body->fine, points->at + 3 * p, points->weight + 4 * p);
         /* possibly in an appended tetrahedron */
@@ -220,7 +220,7 @@ static void list_points(const double centre[3], double radius, rest_points *out)
 {
     out->count = radius > 0 ? 0 : 1;
     memcpy(out->at, centre, 3 * sizeof *centre);
-    for (int n = 0; radius > 0 && n < MOST_POINTS; n++) {
+    for (int n = 0; radius > 0 && n < MAX_POINTS; n++) {
         const int at[3] = {n % BLOB_POINTS, n / BLOB_POINTS % BLOB_POINTS, n / BLOB_POINTS / BLOB_POINTS};
         double unit[3];
         for (int d = 0; d < 3; d++) unit[d] = 2.0 * at[d] / (BLOB_POINTS - 1) - 1;
@@ -254,7 +254,7 @@ static pliant_status fail_no_tissue(const pliant_mesh *mesh, const char *name, c
 
 /* List the nodes of a blob, ascending, with their weights. */
 static pliant_status list_held(const pliant_body *body, const pliant_tool *tool, const double centre[3], double radius,
-                               int32_t *num_held, int32_t **nodes, double **shares)
+                               int32_t *num_held, int32_t **nodes, double **fractions)
 {
     const pliant_mesh *mesh = &body->fine;
     double *weights = pliant_calloc((size_t)mesh->num_nodes, sizeof *weights), total = 0;
@@ -282,7 +282,7 @@ static pliant_status list_held(const pliant_body *body, const pliant_tool *tool,
             weight[(*num_held)++] = weights[n] / total;
         }
         *nodes = held;
-        *shares = weight;
+        *fractions = weight;
     } else {
         pliant_free(held);
         pliant_free(weight);
@@ -291,8 +291,8 @@ static pliant_status list_held(const pliant_body *body, const pliant_tool *tool,
     return status;
 }
 
-pliant_status pliant_tool_carry(pliant_tool *tool, const pliant_tool *from, const pliant_data *data,
-                                const pliant_body *next, const double *positions)
+pliant_status pliant_tool_transfer(pliant_tool *tool, const pliant_tool *from, const pliant_data *data,
+                                   const pliant_body *next, const double *positions)
 {
     *tool = *from;
     pliant_tool_shape_retain(&tool->shape);
@@ -300,13 +300,13 @@ pliant_status pliant_tool_carry(pliant_tool *tool, const pliant_tool *from, cons
     tool->weight = NULL;
     tool->num_held = 0;
     tool->holding = tool->attached = false;
-    pliant_status status = pliant_blade_carry(&tool->blade, &from->blade, data, next, positions);
+    pliant_status status = pliant_blade_transfer(&tool->blade, &from->blade, data, next, positions);
     if (status != PLIANT_OK || !from->holding) return status;
     if (!from->blade.drags)
         status =
             list_held(next, from, from->grasped, from->grasped_radius, &tool->num_held, &tool->held, &tool->weight);
     else if (pliant_blade_num_inside(&tool->blade.edge) > 0) status = pliant_blade_hold(next, tool);
-    else pliant_blade_loosen(tool);
+    else pliant_blade_release(tool);
     tool->holding = tool->num_held > 0;
     tool->attached = tool->holding && from->attached;
     memcpy(tool->force, from->force, sizeof tool->force);
@@ -321,7 +321,7 @@ static void find_held_point(const pliant_data *data, pliant_tool *tool)
 }
 
 /* Warn if fixed tissue is grasped, because it cannot move and the force grows without bound. */
-static void tell_what_is_fixed(const pliant_data *data, const pliant_tool *tool)
+static void log_fixed_regions(const pliant_data *data, const pliant_tool *tool)
 {
     double fixed = 0;
     for (int32_t h = 0; h < tool->num_held; h++)
@@ -364,7 +364,7 @@ pliant_status pliant_tool_grasp(const pliant_model *model, pliant_data *data, in
     status = list_held(data->body, tool, centre, tool->radius, &count, &held, &weight);
     pliant_account_use(before);
     if (status != PLIANT_OK) return status;
-    pliant_tool_forget(tool);
+    pliant_tool_reset_grasp(tool);
     tool->num_held = count;
     tool->held = held;
     tool->weight = weight;
@@ -380,7 +380,7 @@ pliant_status pliant_tool_grasp(const pliant_model *model, pliant_data *data, in
     tool->holding = true;
     tool->slipped = 0;
     tool->hold++;
-    tell_what_is_fixed(data, tool);
+    log_fixed_regions(data, tool);
     return PLIANT_OK;
 }
 
@@ -392,21 +392,21 @@ void pliant_tool_slip(const pliant_scene *scene, pliant_data *data, int index)
 {
     pliant_tool *tool = data->tools + index;
     if (!(scene->grasp.slip > 0) || !pliant_tool_grips(tool) || tool->drive != PLIANT_DRIVE_SPRING) return;
-    const double most = scene->grasp.slip / (tool->stiffness + tool->damping / scene->solver.step);
+    const double maximum = scene->grasp.slip / (tool->stiffness + tool->damping / scene->solver.step);
     double way[3], length = 0;
     for (int d = 0; d < 3; d++) {
         way[d] = tool->tip[d] - tool->grip[d] - tool->held_point[d];
         length += way[d] * way[d];
     }
     length = sqrt(length);
-    if (length <= most) return;
+    if (length <= maximum) return;
     if (tool->slipped == 0)
         pliant_log(PLIANT_LOG_INFO, "tool %s: its grasp slips at %g N (grasp/slip)", tool->name, scene->grasp.slip);
-    tool->slipped += length - most;
-    for (int d = 0; d < 3; d++) tool->grip[d] += (1 - most / length) * way[d];
+    tool->slipped += length - maximum;
+    for (int d = 0; d < 3; d++) tool->grip[d] += (1 - maximum / length) * way[d];
     if (tool->slipped <= 2 * tool->grasped_radius) return;
     pliant_log(PLIANT_LOG_WARNING, "tool %s: the tissue has slipped out of its grasp (grasp/slip)", tool->name);
-    pliant_tool_forget(tool);
+    pliant_tool_reset_grasp(tool);
 }
 
 void pliant_tool_report(pliant_data *data, int index, const double *force)
@@ -418,5 +418,5 @@ void pliant_tool_report(pliant_data *data, int index, const double *force)
     }
     find_held_point(data, tool);
     if (force) memcpy(tool->force, force, sizeof tool->force);
-    pliant_blade_feel(tool);
+    pliant_blade_update_force(tool);
 }

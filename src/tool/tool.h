@@ -16,13 +16,13 @@ extern "C" {
 void pliant_tool_report(pliant_data *data, int tool, const double *force);
 /* Copy a tool to the next body at these positions. It grasps the tissue at the same rest point. Errors: MEMORY,
  * ARGUMENT (no tissue there); free both. */
-pliant_status pliant_tool_carry(pliant_tool *tool, const pliant_tool *from, const pliant_data *data,
-                                const pliant_body *next, const double *positions);
+pliant_status pliant_tool_transfer(pliant_tool *tool, const pliant_tool *from, const pliant_data *data,
+                                   const pliant_body *next, const double *positions);
 /* Before a step: let a spring slip so that its force does not exceed grasp/slip. A grasp that has slipped too far is
  * released. */
 void pliant_tool_slip(const pliant_scene *scene, pliant_data *data, int tool);
 /* Remove the grasp; the solver is updated in the next step. */
-static inline void pliant_tool_drop(pliant_tool *tool)
+static inline void pliant_tool_remove_grasp(pliant_tool *tool)
 {
     pliant_free(tool->held);
     pliant_free(tool->weight);
@@ -33,7 +33,7 @@ static inline void pliant_tool_drop(pliant_tool *tool)
     memset(tool->force, 0, sizeof tool->force);
 }
 /* Remove the grasp, and use the spring drive again. */
-void pliant_tool_forget(pliant_tool *tool);
+void pliant_tool_reset_grasp(pliant_tool *tool);
 /* Free all data of a tool. */
 void pliant_tool_free(pliant_tool *tool);
 

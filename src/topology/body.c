@@ -1,7 +1,7 @@
 #include "topology/divide.h"
 
 #include "base/fail.h"
-#include "base/room.h"
+#include "base/buffer.h"
 #include "base/memory.h"
 #include "mesh/mesh.h"
 
@@ -78,7 +78,7 @@ void pliant_body_release(const pliant_body *body)
         free_body((pliant_body *)body);
 }
 
-bool pliant_body_may_be_cut(const pliant_body *body) { return body->voxels || body->subdivision; }
+bool pliant_body_is_cuttable(const pliant_body *body) { return body->voxels || body->subdivision; }
 
 /* copies an array (Nullable) and stores the new pointer at `to`; false: out of memory */
 typedef bool (*copying)(const void *from, size_t count, size_t size, void *to);
@@ -87,16 +87,16 @@ typedef bool (*copying)(const void *from, size_t count, size_t size, void *to);
 static bool copy(const void *from, size_t count, size_t size, void *to)
 {
     if (!from) return true;
-    void *made = pliant_copy_of(from, count, size);
+    void *made = pliant_copy_block(from, count, size);
     if (made) memcpy(to, &made, sizeof made);
     return made != NULL;
 }
 
-/* Copy an array of which a cut changes a few elements, with change tracking (room.h). */
+/* Copy an array of which a cut changes a few elements, with change tracking (buffer.h). */
 static bool follow(const void *from, size_t count, size_t size, void *to)
 {
     if (!from) return true;
-    void *made = pliant_next_of(from, count, count, size);
+    void *made = pliant_next_version(from, count, count, size);
     if (made) memcpy(to, &made, sizeof made);
     return made != NULL;
 }

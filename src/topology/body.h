@@ -30,7 +30,7 @@ struct pliant_voxels {
     int32_t num_bridges;
     int32_t *bridge;           /* (num_bridges x 2) voxels; bridges within a tetrahedron first, by tetrahedron */
     int32_t *bridge_start;     /* (num_tets + 1) index into the bridges within tetrahedra */
-    int32_t *beside_start, *beside; /* (num_tets + 1), the other bridges of every tetrahedron, ascending */
+    int32_t *beside_start, *adjacent; /* (num_tets + 1), the other bridges of every tetrahedron, ascending */
     int32_t *across;           /* (num_tets x 4) the tetrahedron across each face at load (pliant_mesh_neighbours) */
     /* (num_nodes + 1), (4 x num_tets) for each node the corners of tetrahedra at load: 4 tetrahedron + corner */
     int32_t *around_start, *around;
@@ -76,7 +76,7 @@ struct pliant_cuts {
  * state. Both ends have lower numbers. For a copy: twice its source, and 0. */
 typedef struct pliant_between {
     int32_t end[2];
-    double share;
+    double fraction;
 } pliant_between;
 
 /* A node on the path of a blade's stroke that may continue. */
@@ -89,8 +89,8 @@ typedef struct pliant_cut_mark {
  * interior. */
 struct pliant_subdivision {
     int32_t load_nodes;        /* nodes at load */
-    double least_edge;         /* a cut nearer to a node than this cuts the node, not the edge [m] */
-    double least_volume;       /* minimum volume of a tetrahedron that a cut makes [m^3] */
+    double min_edge;         /* a cut nearer to a node than this cuts the node, not the edge [m] */
+    double min_volume;       /* minimum volume of a tetrahedron that a cut makes [m^3] */
     pliant_between *between;   /* (fine.num_nodes - load_nodes) of the nodes appended since load; NULL: none */
     int32_t num_marks;
     pliant_cut_mark *mark;     /* (num_marks) the last stroke of every blade */
@@ -118,7 +118,7 @@ pliant_status pliant_body_create(uint64_t revision, pliant_body **out);
 pliant_status pliant_body_next(const pliant_body *body, uint64_t revision, pliant_body **out);
 
 /* Return whether a scene may cut this body. */
-bool pliant_body_may_be_cut(const pliant_body *body);
+bool pliant_body_is_cuttable(const pliant_body *body);
 
 /* The effect of a cut on the fine mesh. Elements keep their shape, except with subdivision. Copies of a node have its
  * position. */

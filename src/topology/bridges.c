@@ -12,19 +12,19 @@
 typedef struct bridges {
     pliant_voxels *voxels;
     const double *spacing;
-    int32_t count, room;
+    int32_t count, capacity;
     int32_t *pair;             /* (count x 2) voxels */
     int32_t *place;            /* (maximum number of voxels of a tetrahedron x 3) buffer */
 } bridges;
 
 static pliant_status add_bridge(bridges *work, const int32_t pair[2])
 {
-    if (work->count == work->room) {
-        int32_t room = work->room > 0 ? 2 * work->room : 256;
-        int32_t *longer = pliant_resize(work->pair, (size_t)room, 2 * sizeof *longer);
+    if (work->count == work->capacity) {
+        int32_t capacity = work->capacity > 0 ? 2 * work->capacity : 256;
+        int32_t *longer = pliant_resize(work->pair, (size_t)capacity, 2 * sizeof *longer);
         if (!longer) return pliant_fail_memory("the voxels of the mesh");
         work->pair = longer;
-        work->room = room;
+        work->capacity = capacity;
     }
     memcpy(work->pair + 2 * work->count++, pair, 2 * sizeof *pair);
     return PLIANT_OK;
@@ -36,7 +36,7 @@ static void closest(const bridges *work, int32_t tet, int32_t other, const int32
 {
     const pliant_voxels *voxels = work->voxels;
     const int32_t first = voxels->start[other];
-    double least = -1;
+    double minimum = -1;
     for (int32_t b = first; b < voxels->start[other + 1]; b++)
         pliant_place_of(voxels, voxels->voxel[b], work->place + 3 * (b - first));
     for (int32_t a = voxels->start[tet]; a < voxels->start[tet + 1]; a++) {
@@ -49,8 +49,8 @@ static void closest(const bridges *work, int32_t tet, int32_t other, const int32
             double squares = 0;
             for (int d = 0; d < 3; d++)
                 squares += (to[d] - from[d]) * (to[d] - from[d]) * work->spacing[d] * work->spacing[d];
-            if (least >= 0 && squares >= least) continue;
-            least = squares;
+            if (minimum >= 0 && squares >= minimum) continue;
+            minimum = squares;
             pair[0] = voxels->voxel[a];
             pair[1] = voxels->voxel[b];
         }
@@ -65,7 +65,7 @@ typedef struct run {
 } run;
 
 /* rows with lower indices to which a run may be joined: offsets in j and k, and the range of diagonals in i */
-static const int8_t rows_behind[4][3] = {{1, 0, 1}, {-1, 1, 0}, {0, 1, 1}, {1, 1, 0}};
+static const int8_t lower_rows[4][3] = {{1, 0, 1}, {-1, 1, 0}, {0, 1, 1}, {1, 1, 0}};
 
 static int32_t list_runs(const pliant_voxels *voxels, int32_t tet, run *runs)
 {
@@ -112,7 +112,7 @@ static int32_t count_parts_of(const pliant_voxels *voxels, int32_t tet, run *run
     for (int32_t r = 0; r < count && parts > 1; r++)
         for (int b = 0; b < 4; b++) {
             const run *one = runs + r;
-            const int32_t j = one->j + rows_behind[b][0], k = one->k + rows_behind[b][1], more = rows_behind[b][2];
+            const int32_t j = one->j + lower_rows[b][0], k = one->k + lower_rows[b][1], more = lower_rows[b][2];
             if (j < 0 || j >= size[1] || k >= size[2]) continue;
             const int32_t to = one->i + size[0] * (j + size[1] * k), length = one->last - one->first;
             const int32_t low = one->i > 0 ? to - more : to,
@@ -120,7 +120,7 @@ static int32_t count_parts_of(const pliant_voxels *voxels, int32_t tet, run *run
             while (from[b] < count && runs[from[b]].last < low) from[b]++;
             for (int32_t other = from[b]; other < count && runs[other].first <= high; other++) {
                 if (first_of(part, r) == first_of(part, other) ||
-                    !runs_joined(&links, one, runs + other, to, rows_behind[b]))
+                    !runs_joined(&links, one, runs + other, to, lower_rows[b]))
                     continue;
                 join(part, r, other);
                 parts--;
@@ -130,12 +130,13 @@ static int32_t count_parts_of(const pliant_voxels *voxels, int32_t tet, run *run
 }
 
 /* runs, part: buffers (threads x maximum number of voxels of a tetrahedron) */
-static void count_parts(const pliant_voxels *voxels, int threads, size_t most, run *runs, int32_t *part, int32_t *parts)
+static void count_parts(const pliant_voxels *voxels, int threads, size_t maximum, run *runs, int32_t *part,
+                        int32_t *parts)
 {
 #pragma omp parallel for schedule(dynamic, 64) num_threads(threads)
     for (int32_t tet = 0; tet < voxels->num_tets; tet++) {
-        const size_t room = most * (size_t)omp_get_thread_num();
-        parts[tet] = count_parts_of(voxels, tet, runs + room, part + room);
+        const size_t capacity = maximum * (size_t)omp_get_thread_num();
+        parts[tet] = count_parts_of(voxels, tet, runs + capacity, part + capacity);
     }
 }
 
@@ -164,7 +165,7 @@ static pliant_status bridge_within(bridges *work, const int32_t *parts, int32_t 
     return status;
 }
 
-static int face_to(const pliant_voxels *voxels, int32_t tet, int32_t other)
+static int face_towards(const pliant_voxels *voxels, int32_t tet, int32_t other)
 {
     for (int c = 0; c < 4; c++)
         if (voxels->across[4 * (size_t)tet + c] == other) return c;
@@ -182,10 +183,10 @@ static void find_linked(const pliant_voxels *voxels, int threads, uint8_t *linke
         for (int32_t v = size[0] * size[1] * k; v < size[0] * size[1] * (k + 1); v++) {
             int32_t at[3] = {-1, 0, 0};
             for (int n = 0; n < 9 && owner[v] >= 0; n++) {
-                const int8_t *step = pliant_behind[n];
+                const int8_t *step = pliant_later_neighbours[n];
                 const int64_t w = v + step[0] + (int64_t)size[0] * (step[1] + (int64_t)size[1] * step[2]);
                 if (w >= (int64_t)size[0] * size[1] * size[2] || owner[w] < 0 || owner[w] == owner[v]) continue;
-                const int face = face_to(voxels, owner[v], owner[w]);
+                const int face = face_towards(voxels, owner[v], owner[w]);
                 uint8_t known = 1;
                 if (face < 0) continue;
 #pragma omp atomic read
@@ -193,7 +194,7 @@ static void find_linked(const pliant_voxels *voxels, int threads, uint8_t *linke
                 if (known) continue;
                 if (at[0] < 0) pliant_place_of(voxels, v, at);
                 if (pliant_step_to(voxels, v, at, step) < 0 || !pliant_joined(&links, v, at, step)) continue;
-                const int back = face_to(voxels, owner[w], owner[v]);
+                const int back = face_towards(voxels, owner[w], owner[v]);
 #pragma omp atomic write
                 linked[4 * (size_t)owner[v] + (size_t)face] = 1;
                 if (back < 0) continue;
@@ -224,7 +225,7 @@ static pliant_status bridge_faces(bridges *work, int threads, uint8_t *linked)
 
 /* Group the corners around a node that faces with this node connect.
  * part: (corners around the node) */
-static void fan_of(const pliant_mesh *fine, const pliant_voxels *voxels, int32_t node, int32_t *part)
+static void group_corners_around(const pliant_mesh *fine, const pliant_voxels *voxels, int32_t node, int32_t *part)
 {
     const int32_t *corner = voxels->around + voxels->around_start[node];
     const int32_t count = voxels->around_start[node + 1] - voxels->around_start[node];
@@ -240,7 +241,7 @@ static void fan_of(const pliant_mesh *fine, const pliant_voxels *voxels, int32_t
 
 /* Replace *voxel by the tetrahedron's voxel nearest to a point, if it is nearer than *least.
  * index: point in voxel indices */
-static void nearer(const bridges *work, int32_t tet, const double index[3], double *least, int32_t *voxel)
+static void nearer(const bridges *work, int32_t tet, const double index[3], double *minimum, int32_t *voxel)
 {
     const pliant_voxels *voxels = work->voxels;
     for (int32_t v = voxels->start[tet]; v < voxels->start[tet + 1]; v++) {
@@ -249,8 +250,8 @@ static void nearer(const bridges *work, int32_t tet, const double index[3], doub
         pliant_place_of(voxels, voxels->voxel[v], at);
         for (int d = 0; d < 3; d++)
             squares += (at[d] - index[d]) * (at[d] - index[d]) * work->spacing[d] * work->spacing[d];
-        if (*voxel >= 0 && squares >= *least) continue;
-        *least = squares;
+        if (*voxel >= 0 && squares >= *minimum) continue;
+        *minimum = squares;
         *voxel = voxels->voxel[v];
     }
 }
@@ -266,16 +267,16 @@ static pliant_status bridge_hinges(bridges *work, const pliant_mesh *fine, int32
         const int32_t count = voxels->around_start[node + 1] - voxels->around_start[node];
         int32_t pair[2] = {-1, -1}, fans = 0;
         double index[3];
-        fan_of(fine, voxels, node, part);
+        group_corners_around(fine, voxels, node, part);
         for (int32_t i = 0; i < count; i++) fans += part[i] == i;
         if (fans < 2) continue;
         pliant_geometry_to_index(&voxels->geometry, fine->rest + 3 * node, index);
         for (int32_t i = 0; i < count && status == PLIANT_OK; i++) {
             if (part[i] != i) continue; /* not the first corner of a fan */
-            double least = 0;
+            double minimum = 0;
             int32_t voxel = -1;
             for (int32_t j = i; j < count; j++)
-                if (first_of(part, j) == i) nearer(work, corner[j] / 4, index, &least, &voxel);
+                if (first_of(part, j) == i) nearer(work, corner[j] / 4, index, &minimum, &voxel);
             pair[pair[0] >= 0] = voxel;
             if (pair[0] >= 0 && pair[1] >= 0) status = add_bridge(work, pair);
         }
@@ -288,34 +289,34 @@ static pliant_status list_beside(pliant_voxels *voxels)
 {
     const int32_t first = voxels->bridge_start[voxels->num_tets], ends = 2 * (voxels->num_bridges - first);
     int32_t *start = voxels->beside_start = pliant_calloc((size_t)voxels->num_tets + 2, sizeof *start);
-    voxels->beside = pliant_calloc((size_t)ends + 1, sizeof *voxels->beside);
-    if (!start || !voxels->beside) return pliant_fail_memory("the voxels of the mesh");
+    voxels->adjacent = pliant_calloc((size_t)ends + 1, sizeof *voxels->adjacent);
+    if (!start || !voxels->adjacent) return pliant_fail_memory("the voxels of the mesh");
     for (int32_t e = 0; e < ends; e++) start[voxels->owner[voxels->bridge[2 * first + e]] + 2]++;
     for (int32_t t = 0; t < voxels->num_tets; t++) start[t + 2] += start[t + 1];
     for (int32_t e = 0; e < ends; e++)
-        voxels->beside[start[voxels->owner[voxels->bridge[2 * first + e]] + 1]++] = first + e / 2;
+        voxels->adjacent[start[voxels->owner[voxels->bridge[2 * first + e]] + 1]++] = first + e / 2;
     return PLIANT_OK;
 }
 
 pliant_status pliant_bridges_build(const pliant_mesh *fine, pliant_voxels *voxels)
 {
     bridges work = {.voxels = voxels, .spacing = voxels->geometry.spacing};
-    size_t most = 1;
+    size_t maximum = 1;
     for (int32_t t = 0; t < voxels->num_tets; t++)
-        if ((size_t)(voxels->start[t + 1] - voxels->start[t]) > most)
-            most = (size_t)(voxels->start[t + 1] - voxels->start[t]);
+        if ((size_t)(voxels->start[t + 1] - voxels->start[t]) > maximum)
+            maximum = (size_t)(voxels->start[t + 1] - voxels->start[t]);
     for (int32_t n = 0; n < voxels->num_nodes; n++)
-        if ((size_t)(voxels->around_start[n + 1] - voxels->around_start[n]) > most)
-            most = (size_t)(voxels->around_start[n + 1] - voxels->around_start[n]);
+        if ((size_t)(voxels->around_start[n + 1] - voxels->around_start[n]) > maximum)
+            maximum = (size_t)(voxels->around_start[n + 1] - voxels->around_start[n]);
     const int threads = omp_get_max_threads();
-    int32_t *part = pliant_calloc((size_t)threads * most, sizeof *part),
+    int32_t *part = pliant_calloc((size_t)threads * maximum, sizeof *part),
             *parts = pliant_calloc((size_t)voxels->num_tets + 1, sizeof *parts);
     uint8_t *linked = pliant_calloc((size_t)voxels->num_tets, 4);
-    run *runs = pliant_calloc((size_t)threads * most, sizeof *runs);
-    work.place = pliant_calloc(most, 3 * sizeof *work.place);
+    run *runs = pliant_calloc((size_t)threads * maximum, sizeof *runs);
+    work.place = pliant_calloc(maximum, 3 * sizeof *work.place);
     pliant_status status =
         part && parts && linked && runs && work.place ? PLIANT_OK : pliant_fail_memory("the voxels of the mesh");
-    if (status == PLIANT_OK) count_parts(voxels, threads, most, runs, part, parts);
+    if (status == PLIANT_OK) count_parts(voxels, threads, maximum, runs, part, parts);
     if (status == PLIANT_OK) status = bridge_within(&work, parts, part);
     if (status == PLIANT_OK) status = bridge_faces(&work, threads, linked);
     if (status == PLIANT_OK) status = bridge_hinges(&work, fine, part);

@@ -1,6 +1,6 @@
 /* Compare two bodies, and map the elements of one to the other. */
 #include "base/fail.h"
-#include "base/room.h"
+#include "base/buffer.h"
 #include "topology/body.h"
 #include "base/memory.h"
 
@@ -72,7 +72,7 @@ static pliant_status list_sources(int32_t count, int32_t before, const int32_t *
                                   const int32_t *source, const double *rest_before, const double *rest, bool next,
                                   int32_t **out)
 {
-    int32_t *list = *out = pliant_room((size_t)count, sizeof *list);
+    int32_t *list = *out = pliant_malloc((size_t)count, sizeof *list);
     if (!list) return pliant_fail_memory("the map from the previous mesh topology");
     const int32_t known = next ? before : 0;
     for (int32_t i = 0; i < known; i++) list[i] = i;
@@ -111,7 +111,7 @@ void pliant_body_map_vectors(const pliant_body_map *map, const double *from, dou
                 continue;
             }
             const double a = out[3 * (size_t)between->end[0] + d], b = out[3 * (size_t)between->end[1] + d];
-            out[3 * (size_t)n + d] = a + between->share * (b - a);
+            out[3 * (size_t)n + d] = a + between->fraction * (b - a);
         }
     }
 }

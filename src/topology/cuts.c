@@ -1,7 +1,7 @@
 /* Severed links and the resulting fragments. Each body has its own copy, except of the fragment of each voxel, which
  * bodies share because most of it stays equal. */
 #include "base/fail.h"
-#include "base/room.h"
+#include "base/buffer.h"
 #include "topology/links.h"
 #include "base/memory.h"
 
@@ -15,7 +15,7 @@ enum { SPARE_VOXELS = 1 << 17 };
 struct pliant_cuts_pool {
     atomic_int holders;
     atomic_size_t used;
-    size_t room;
+    size_t capacity;
     int32_t *voxel;
 };
 
@@ -38,7 +38,7 @@ static void hold(struct pliant_cuts_pool *pool, pliant_cuts *cuts)
 static bool take(struct pliant_cuts_pool *pool, size_t more, int32_t *first)
 {
     size_t used = atomic_load(&pool->used);
-    while (more <= pool->room - used)
+    while (more <= pool->capacity - used)
         if (atomic_compare_exchange_weak(&pool->used, &used, used + more)) {
             *first = (int32_t)used;
             return true;
@@ -52,15 +52,15 @@ pliant_status pliant_cuts_room(const pliant_cuts *cuts, size_t kept, size_t more
         hold(cuts->pool, next);
         return PLIANT_OK;
     }
-    const size_t room = kept + more + (kept + more) / 8 + SPARE_VOXELS;
+    const size_t capacity = kept + more + (kept + more) / 8 + SPARE_VOXELS;
     struct pliant_cuts_pool *pool = pliant_calloc(1, sizeof *pool);
-    if (!pool || room > INT32_MAX || !(pool->voxel = pliant_calloc(room, sizeof *pool->voxel))) {
+    if (!pool || capacity > INT32_MAX || !(pool->voxel = pliant_calloc(capacity, sizeof *pool->voxel))) {
         pliant_free(pool);
         return pliant_fail_memory("the fragments");
     }
     atomic_init(&pool->holders, 1);
     atomic_init(&pool->used, kept + more);
-    pool->room = room;
+    pool->capacity = capacity;
     next->pool = pool;
     next->voxel_fragment = pool->voxel;
     *first = 0;
@@ -87,7 +87,7 @@ void pliant_cuts_free(pliant_cuts *cuts)
 
 static bool copy(const void *from, size_t count, size_t size, void *to)
 {
-    void *made = pliant_copy_of(from, count, size);
+    void *made = pliant_copy_block(from, count, size);
     if (made) memcpy(to, &made, sizeof made);
     return made != NULL;
 }

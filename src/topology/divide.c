@@ -4,7 +4,7 @@
 #include "topology/parts.h"
 
 #include "base/fail.h"
-#include "base/room.h"
+#include "base/buffer.h"
 #include "mesh/faces.h"
 #include "base/memory.h"
 #include "mesh/mesh.h"
@@ -81,12 +81,12 @@ static pliant_status find_nearest(const pliant_body *body, const pliant_division
     for (int32_t v = 0; v < 4 * division->num_tets; v++) source[division->corners[v]] = division->corners[v];
     for (int32_t n = body->fine.num_nodes; n < nodes; n++) {
         const pliant_between *between = division->between + (n - body->fine.num_nodes);
-        bool good = source[n] >= 0 && between->share >= 0 && between->share <= 1;
+        bool good = source[n] >= 0 && between->fraction >= 0 && between->fraction <= 1;
         for (int end = 0; end < 2; end++) good = good && between->end[end] >= 0 && between->end[end] < n;
         if (!good)
             return pliant_fail(PLIANT_ERROR_ARGUMENT,
                                "node %d of a division lies between none that are there, or has no corner", n);
-        source[n] = between->end[between->share > 0.5];
+        source[n] = between->end[between->fraction > 0.5];
     }
     return PLIANT_OK;
 }
@@ -145,16 +145,16 @@ static bool differs(const pliant_body *body, const pliant_body *next, int32_t te
  * all: consider every tetrahedron; false: only the tetrahedra in the division's list */
 static pliant_status list_touched(const pliant_body *body, const pliant_division *division, bool all, pliant_body *next)
 {
-    const int32_t tets = body->fine.num_tets, most = division->num_touched + (all ? tets : division->num_changed);
-    int32_t *touched = pliant_calloc((size_t)most + 1, sizeof *touched), count = 0;
+    const int32_t tets = body->fine.num_tets, maximum = division->num_touched + (all ? tets : division->num_changed);
+    int32_t *touched = pliant_calloc((size_t)maximum + 1, sizeof *touched), count = 0;
     if (!touched) return pliant_fail_memory("the next body");
     for (int32_t i = 0; i < division->num_touched; i++) touched[count++] = division->touched[i];
-    for (int32_t i = 0; i < most - division->num_touched; i++) {
+    for (int32_t i = 0; i < maximum - division->num_touched; i++) {
         const int32_t tet = all ? i : division->changed[i];
         if (differs(body, next, tet)) touched[count++] = tet;
     }
     count = sort_once(touched, count);
-    if (count > 0 && !(next->changes.touched = pliant_copy_of(touched, (size_t)count, sizeof *touched))) {
+    if (count > 0 && !(next->changes.touched = pliant_copy_block(touched, (size_t)count, sizeof *touched))) {
         pliant_free(touched);
         return pliant_fail_memory("the next body");
     }
@@ -191,8 +191,8 @@ static int32_t list_nodes(const pliant_body *body, const pliant_body *next, int3
 
 /* Recompute the mass of a node from the fragments of voxels around it. The initial tetrahedra around the node give the
  * candidates. */
-static pliant_status renew_mass(const pliant_body *next, const pliant_cuts *cuts, int32_t node, int32_t **room,
-                                int32_t *most)
+static pliant_status renew_mass(const pliant_body *next, const pliant_cuts *cuts, int32_t node, int32_t **capacity,
+                                int32_t *maximum)
 {
     const pliant_voxels *voxels = next->voxels;
     const int32_t load = next->node_parent ? next->node_parent[node] : node;
@@ -202,45 +202,45 @@ static pliant_status renew_mass(const pliant_body *next, const pliant_cuts *cuts
                       at = place_of(cuts->tet, cuts->num_tets, tet);
         const int32_t *fragment = at < 0 ? &tet : cuts->fragment + cuts->start[at],
                       fragments = at < 0 ? 1 : cuts->start[at + 1] - cuts->start[at];
-        if (count + fragments > *most) {
-            int32_t *longer = pliant_resize(*room, 2 * (size_t)(count + fragments), sizeof *longer);
+        if (count + fragments > *maximum) {
+            int32_t *longer = pliant_resize(*capacity, 2 * (size_t)(count + fragments), sizeof *longer);
             if (!longer) return pliant_fail_memory("the next body");
-            *room = longer;
-            *most = 2 * (count + fragments);
+            *capacity = longer;
+            *maximum = 2 * (count + fragments);
         }
         for (int32_t f = 0; f < fragments; f++)
-            if (next->fine.tets[4 * (size_t)fragment[f] + corner] == node) (*room)[count++] = fragment[f];
+            if (next->fine.tets[4 * (size_t)fragment[f] + corner] == node) (*capacity)[count++] = fragment[f];
     }
-    count = sort_once(*room, count);
+    count = sort_once(*capacity, count);
     next->node_mass[node] = 0;
-    for (int32_t i = 0; i < count; i++) next->node_mass[node] += share_of_mass(next, (*room)[i]);
-    pliant_writes(next->node_mass, (size_t)node, 1, sizeof *next->node_mass);
+    for (int32_t i = 0; i < count; i++) next->node_mass[node] += share_of_mass(next, (*capacity)[i]);
+    pliant_mark_written(next->node_mass, (size_t)node, 1, sizeof *next->node_mass);
     return PLIANT_OK;
 }
 
 static pliant_status renew_masses(const pliant_body *body, const pliant_cuts *cuts, pliant_body *next)
 {
     const pliant_mesh *fine = &next->fine;
-    int32_t *nodes, *room = NULL, most = 0;
+    int32_t *nodes, *capacity = NULL, maximum = 0;
     const int32_t count = list_nodes(body, next, &nodes);
     pliant_status status = count < 0 ? pliant_fail_memory("the next body") : PLIANT_OK;
     if (cuts && next->voxels) {
         for (int32_t i = 0; i < count && status == PLIANT_OK; i++)
-            status = renew_mass(next, cuts, nodes[i], &room, &most);
+            status = renew_mass(next, cuts, nodes[i], &capacity, &maximum);
     } else if (count > 0) {
         uint8_t *changed = pliant_calloc((size_t)fine->num_nodes, 1);
         if (!changed) status = pliant_fail_memory("the next body");
         for (int32_t i = 0; changed && i < count; i++) {
             changed[nodes[i]] = 1;
             next->node_mass[nodes[i]] = 0;
-            pliant_writes(next->node_mass, (size_t)nodes[i], 1, sizeof *next->node_mass);
+            pliant_mark_written(next->node_mass, (size_t)nodes[i], 1, sizeof *next->node_mass);
         }
         for (int32_t v = 0; changed && v < 4 * fine->num_tets; v++)
             if (changed[fine->tets[v]]) next->node_mass[fine->tets[v]] += share_of_mass(next, v / 4);
         pliant_free(changed);
     }
     pliant_free(nodes);
-    pliant_free(room);
+    pliant_free(capacity);
     return status;
 }
 
@@ -252,7 +252,7 @@ static void place_nodes(const pliant_division *division, int32_t before, pliant_
         const pliant_between *between = next->subdivision->between + (n - next->subdivision->load_nodes);
         next->subdivision->between[n - next->subdivision->load_nodes] = division->between[n - before];
         const double *a = rest + 3 * (size_t)between->end[0], *b = rest + 3 * (size_t)between->end[1];
-        for (int d = 0; d < 3; d++) rest[3 * (size_t)n + (size_t)d] = a[d] + between->share * (b[d] - a[d]);
+        for (int d = 0; d < 3; d++) rest[3 * (size_t)n + (size_t)d] = a[d] + between->fraction * (b[d] - a[d]);
     }
 }
 
@@ -269,10 +269,10 @@ static pliant_status divide(const pliant_body *body, const pliant_division *divi
     for (int32_t r = 0; r < count_rows(body, division); r++) {
         const int32_t tet = tet_of_row(body, division, r);
         memcpy(next->fine.tets + 4 * (size_t)tet, division->corners + 4 * (size_t)r, 4 * sizeof *division->corners);
-        pliant_writes(next->fine.tets, 4 * (size_t)tet, 4, sizeof *division->corners);
+        pliant_mark_written(next->fine.tets, 4 * (size_t)tet, 4, sizeof *division->corners);
         if (!division->material) continue;
         next->fine_material[tet] = division->material[r];
-        pliant_writes(next->fine_material, (size_t)tet, 1, sizeof *division->material);
+        pliant_mark_written(next->fine_material, (size_t)tet, 1, sizeof *division->material);
     }
     body_faces other = {false, 0, 0, NULL};
     const bool pieces = body->pieces || !division->same_pieces;

@@ -10,7 +10,7 @@ extern "C" {
 
 /* ---- body.c: copy a body, except the neighbours across faces and the surface, which follow from the new corners.
  * Without with_cuts, the caller provides the cuts, and reports where it writes to the fine mesh, its parents and its
- * materials (base/room.h). */
+ * materials (base/buffer.h). */
 pliant_status pliant_body_begin(const pliant_body *body, uint64_t revision, bool with_cuts, pliant_body **out);
 
 /* ---- append.c: extend a list of count elements by copies of the elements in source (appended). */
@@ -21,11 +21,11 @@ pliant_status pliant_body_append_parents(int32_t **parent, int32_t count, int32_
 /* Append copies of fine nodes to a body. */
 pliant_status pliant_body_append_nodes(pliant_body *next, int32_t appended, const int32_t *source);
 
-/* ---- across.c */
+/* ---- face_neighbours.c */
 /* Faces, as 4 tetrahedron + opposite corner, whose neighbour has changed. If not known, the list is not available. */
 typedef struct body_faces {
     bool known;
-    int32_t count, room, *face;
+    int32_t count, capacity, *face;
 } body_faces;
 /* Update next->across from next->changes.
  * cuts: cuts of next if its fragments consist of voxels, otherwise NULL
@@ -49,8 +49,8 @@ pliant_status pliant_subdivision_append(pliant_subdivision *subdivision, int32_t
 /* Find the pieces of next that nothing fixed holds any more; its topology must be complete. Their nodes become fixed,
  * and they get copies of the nodes that they share with other tissue.
  * next->changes: must list all other changes
- * anew: output; whether nodes may have been copied */
-pliant_status pliant_body_find_pieces(pliant_body *next, const pliant_division *division, bool *anew);
+ * rebuilt: output; whether nodes may have been copied */
+pliant_status pliant_body_find_pieces(pliant_body *next, const pliant_division *division, bool *rebuilt);
 pliant_status pliant_pieces_copy(const pliant_pieces *pieces, pliant_pieces **out);
 void pliant_pieces_free(pliant_pieces *pieces); /* Nullable */
 

@@ -19,7 +19,7 @@ typedef struct pliant_links {
 } pliant_links;
 
 /* half of the 18 neighbours of a voxel: those with a higher index */
-static const int8_t pliant_behind[9][3] = {{1, 0, 0},  {-1, 1, 0}, {0, 1, 0}, {1, 1, 0}, {0, -1, 1},
+static const int8_t pliant_later_neighbours[9][3] = {{1, 0, 0},  {-1, 1, 0}, {0, 1, 0}, {1, 1, 0}, {0, -1, 1},
                                            {-1, 0, 1}, {0, 0, 1},  {1, 0, 1}, {0, 1, 1}};
 
 static inline void pliant_place_of(const pliant_voxels *voxels, int32_t voxel, int32_t at[3])
@@ -57,7 +57,7 @@ static inline int32_t pliant_step_to(const pliant_voxels *voxels, int32_t voxel,
 }
 
 /* Return the index of the first of sorted numbers that is not below `number`. */
-static inline int32_t pliant_lower(const uint32_t *sorted, int32_t count, uint32_t number)
+static inline int32_t pliant_lower_bound(const uint32_t *sorted, int32_t count, uint32_t number)
 {
     int32_t low = 0, high = count;
     while (low < high) {
@@ -105,7 +105,7 @@ static inline bool pliant_link_severed(const pliant_links *links, int32_t voxel,
     }
     if (!links->cuts) return false;
     const uint32_t link = 4 * (uint32_t)voxel + (uint32_t)axis;
-    const int32_t found = pliant_lower(links->cuts->link, links->cuts->num_links, link);
+    const int32_t found = pliant_lower_bound(links->cuts->link, links->cuts->num_links, link);
     return found < links->cuts->num_links && links->cuts->link[found] == link;
 }
 

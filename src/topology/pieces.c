@@ -4,7 +4,7 @@
 
 #include "base/fail.h"
 #include "base/pairs.h"
-#include "base/room.h"
+#include "base/buffer.h"
 #include "mesh/faces.h"
 #include "base/memory.h"
 
@@ -16,7 +16,7 @@ typedef struct search {
     int32_t num_joints, *joint;
     /* (nodes) fixing without earlier pieces; (tetrahedra) whether it belongs to a piece */
     uint8_t *fixed, *loose;
-    uint8_t *in_loose, *in_firm;   /* (nodes) whether a loose, and a held tetrahedron has the node */
+    uint8_t *in_loose_tet, *in_held_tet;   /* (nodes) whether a loose, and a held tetrahedron has the node */
     int32_t *copy;                 /* (nodes) copy for the piece of a node that it shares with other tissue; -1: none */
     int32_t num_hinges, *hinge;    /* shared nodes */
 } search;
@@ -81,11 +81,11 @@ static int32_t node_of(const search *work, int32_t joint, int end)
 }
 
 /* Release earlier pieces, so that they are found again together with parts that have detached from them. */
-static void forget_before(const search *work)
+static void release_previous_pieces(const search *work)
 {
     const pliant_body *next = work->next;
     for (int32_t n = 0; n < next->fine.num_nodes; n++)
-        work->fixed[n] = next->fine_fixed[n] == PLIANT_FIXED_WHERE_IT_WAS ? PLIANT_MOVES : next->fine_fixed[n];
+        work->fixed[n] = next->fine_fixed[n] == PLIANT_FIXED_AT_POSITION ? PLIANT_MOVES : next->fine_fixed[n];
     for (int32_t j = 0; j < work->num_joints; j++)
         if (node_of(work, j, 0) == node_of(work, j, 1)) work->fixed[node_of(work, j, 0)] = PLIANT_FIXED_AT_REST;
 }
@@ -94,7 +94,7 @@ static void mark_nodes(const search *work)
 {
     const pliant_mesh *fine = &work->next->fine;
     for (int32_t v = 0; v < 4 * fine->num_tets; v++)
-        (work->loose[v / 4] ? work->in_loose : work->in_firm)[fine->tets[v]] = 1;
+        (work->loose[v / 4] ? work->in_loose_tet : work->in_held_tet)[fine->tets[v]] = 1;
 }
 
 /* Copy the nodes between a piece and other tissue. The other tissue keeps the nodes; the piece gets the copies. */
@@ -104,7 +104,7 @@ static pliant_status part_hinges(search *work)
     const int32_t nodes = fine->num_nodes;
     for (int32_t n = 0; n < nodes; n++) {
         work->copy[n] = -1;
-        if (!work->in_loose[n] || !work->in_firm[n]) continue;
+        if (!work->in_loose_tet[n] || !work->in_held_tet[n]) continue;
         work->copy[n] = nodes + work->num_hinges;
         work->hinge[work->num_hinges++] = n;
     }
@@ -112,7 +112,7 @@ static pliant_status part_hinges(search *work)
     for (int32_t v = 0; status == PLIANT_OK && v < 4 * fine->num_tets; v++)
         if (work->loose[v / 4] && work->copy[fine->tets[v]] >= 0) {
             fine->tets[v] = work->copy[fine->tets[v]];
-            pliant_writes(fine->tets, (size_t)v, 1, sizeof *fine->tets);
+            pliant_mark_written(fine->tets, (size_t)v, 1, sizeof *fine->tets);
         }
     return status;
 }
@@ -120,7 +120,7 @@ static pliant_status part_hinges(search *work)
 /* Return whether a node moves with its piece alone. In explicit dynamics nodes are not copied, so it may not. */
 static bool is_own(const search *work, int32_t node)
 {
-    return !work->next->has_inertia || (!work->in_firm[node] && work->fixed[node] != PLIANT_FIXED_AT_REST);
+    return !work->next->has_inertia || (!work->in_held_tet[node] && work->fixed[node] != PLIANT_FIXED_AT_REST);
 }
 
 /* Group the nodes of pieces; pieces that touch each other form one group.
@@ -218,7 +218,7 @@ static void fix_nodes(pliant_body *next, const int32_t *part)
     int32_t lightest = -1;
     bool moves = false;
     for (int32_t n = 0; n < nodes; n++) {
-        if (part[n] >= 0) next->fine_fixed[n] = PLIANT_FIXED_WHERE_IT_WAS;
+        if (part[n] >= 0) next->fine_fixed[n] = PLIANT_FIXED_AT_POSITION;
         moves = moves || next->fine_fixed[n] == PLIANT_MOVES;
         if (part[n] >= 0 && (lightest < 0 || next->node_mass[n] < next->node_mass[lightest])) lightest = n;
     }
@@ -226,8 +226,8 @@ static void fix_nodes(pliant_body *next, const int32_t *part)
 }
 
 /* Return whether the pieces keep their nodes. The cut may not touch any of their nodes.
- * of: as from take_before */
-static bool stay(const search *work, const pliant_division *division, const int32_t *of)
+ * of: as from find_previous_pieces */
+static bool pieces_keep_nodes(const search *work, const pliant_division *division, const int32_t *of)
 {
     const pliant_body *next = work->next;
     const pliant_body_changes *changes = &next->changes;
@@ -245,7 +245,7 @@ static bool stay(const search *work, const pliant_division *division, const int3
 
 /* Find the piece of each node from the previous pieces, which share no node with other tissue.
  * of: output, (nodes) first node of the node's piece; -1: none */
-static void take_before(const pliant_body *next, int32_t *of)
+static void find_previous_pieces(const pliant_body *next, int32_t *of)
 {
     const pliant_pieces *pieces = next->pieces;
     memset(of, 0xff, (size_t)next->fine.num_nodes * sizeof *of);
@@ -261,12 +261,12 @@ static pliant_status find_again(search *work, const pliant_division *division, b
     pliant_body *next = work->next;
     *done = false;
     if (!next->pieces || next->has_inertia || !division->same_pieces) return PLIANT_OK;
-    int32_t *part = pliant_room((size_t)next->fine.num_nodes, sizeof *part);
+    int32_t *part = pliant_malloc((size_t)next->fine.num_nodes, sizeof *part);
     if (!part) return pliant_fail_memory("the pieces of the mesh");
     pliant_status status = PLIANT_OK;
-    take_before(next, part);
-    if ((*done = stay(work, division, part))) {
-        forget_before(work);
+    find_previous_pieces(next, part);
+    if ((*done = pieces_keep_nodes(work, division, part))) {
+        release_previous_pieces(work);
         status = list_pieces(work, part);
         if (status == PLIANT_OK) fix_nodes(next, part);
     }
@@ -278,9 +278,9 @@ static pliant_status find(search *work)
 {
     pliant_body *next = work->next;
     int32_t pieces = 0;
-    forget_before(work);
-    pliant_status status = pliant_mesh_hold_of(&next->fine, next->across, PLIANT_FIXED_WHERE_IT_WAS, false, work->fixed,
-                                               work->loose, &pieces);
+    release_previous_pieces(work);
+    pliant_status status = pliant_mesh_fix_loose_with_neighbours(&next->fine, next->across, PLIANT_FIXED_AT_POSITION,
+                                                                 false, work->fixed, work->loose, &pieces);
     if (status != PLIANT_OK || pieces == 0) return status;
     mark_nodes(work);
     if (!next->has_inertia) status = part_hinges(work);
@@ -294,27 +294,27 @@ static pliant_status find(search *work)
     return status;
 }
 
-static pliant_status find_anew(search *work)
+static pliant_status find_all_pieces(search *work)
 {
     const size_t nodes = (size_t)work->next->fine.num_nodes, tets = (size_t)work->next->fine.num_tets;
     work->loose = pliant_calloc(tets, 1);
-    work->in_loose = pliant_calloc(nodes, 1);
-    work->in_firm = pliant_calloc(nodes, 1);
+    work->in_loose_tet = pliant_calloc(nodes, 1);
+    work->in_held_tet = pliant_calloc(nodes, 1);
     work->copy = pliant_calloc(nodes, sizeof *work->copy);
     work->hinge = pliant_calloc(nodes, sizeof *work->hinge);
-    const bool good = work->loose && work->in_loose && work->in_firm && work->copy && work->hinge;
+    const bool good = work->loose && work->in_loose_tet && work->in_held_tet && work->copy && work->hinge;
     return good ? find(work) : pliant_fail_memory("the pieces of the mesh");
 }
 
-pliant_status pliant_body_find_pieces(pliant_body *next, const pliant_division *division, bool *anew)
+pliant_status pliant_body_find_pieces(pliant_body *next, const pliant_division *division, bool *rebuilt)
 {
     search work = {.next = next, .fixed = pliant_calloc((size_t)next->fine.num_nodes, 1)};
     bool done = false;
     pliant_status status = work.fixed ? take_joints(&work, division) : pliant_fail_memory("the pieces of the mesh");
     if (status == PLIANT_OK) status = find_again(&work, division, &done);
-    if (status == PLIANT_OK && !done) status = find_anew(&work);
-    *anew = !done;
-    void *blocks[] = {work.joint, work.fixed, work.loose, work.in_loose, work.in_firm, work.copy, work.hinge};
+    if (status == PLIANT_OK && !done) status = find_all_pieces(&work);
+    *rebuilt = !done;
+    void *blocks[] = {work.joint, work.fixed, work.loose, work.in_loose_tet, work.in_held_tet, work.copy, work.hinge};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     return status;
 }

@@ -27,8 +27,8 @@ pliant_status pliant_subdivision_create(const pliant_mesh *fine, double snap, pl
     pliant_subdivision *made = pliant_calloc(1, sizeof *made);
     if (!made) return no_memory();
     made->load_nodes = fine->num_nodes;
-    made->least_edge = snap * edge;
-    made->least_volume = snap * snap * snap * volume;
+    made->min_edge = snap * edge;
+    made->min_volume = snap * snap * snap * volume;
     *out = made;
     return PLIANT_OK;
 }

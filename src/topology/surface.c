@@ -24,7 +24,7 @@ typedef struct surface_work {
     int32_t *cut_of;               /* (initial tetrahedra) index in the cuts; -1: not cut */
     /* (initial nodes) whether a tetrahedron of the node differs from before; whether one is split or has copied
      * nodes */
-    uint8_t *near_other, *near_split;
+    uint8_t *near_changed, *near_split;
     surface_block **block;         /* (initial tetrahedra) */
     uint8_t *is_new;               /* (initial tetrahedra) whether the block is new */
     surface_maker maker;
@@ -97,13 +97,13 @@ static void mark_by_copies(const surface_work *work, const pliant_body *with)
         for (int32_t a = voxels->around_start[parent]; a < voxels->around_start[parent + 1]; a++) {
             const size_t first = 4 * (size_t)(voxels->around[a] / 4);
             if (memcmp(old + first, now + first, 4 * sizeof *now) != 0)
-                mark_nodes(work, voxels->around[a] / 4, work->near_other);
+                mark_nodes(work, voxels->around[a] / 4, work->near_changed);
         }
     }
 }
 
 /* Mark the nodes of tetrahedra that differ from before. */
-static void mark_others(const surface_work *work)
+static void mark_changed_nodes(const surface_work *work)
 {
     const pliant_body *old = work->before->body, *now = work->body;
     const int32_t olds = old->cuts ? old->cuts->num_tets : 0;
@@ -111,7 +111,7 @@ static void mark_others(const surface_work *work)
         const bool in_old = o < olds && (n == now->cuts->num_tets || old->cuts->tet[o] <= now->cuts->tet[n]);
         const bool in_now = n < now->cuts->num_tets && (o == olds || now->cuts->tet[n] <= old->cuts->tet[o]);
         const int32_t host = in_old ? old->cuts->tet[o] : now->cuts->tet[n];
-        if (differs(old, now, host, in_old ? o : -1, in_now ? n : -1)) mark_nodes(work, host, work->near_other);
+        if (differs(old, now, host, in_old ? o : -1, in_now ? n : -1)) mark_nodes(work, host, work->near_changed);
         o += in_old;
         n += in_now;
     }
@@ -140,7 +140,7 @@ static pliant_status find_blocks(surface_work *work, int32_t *count)
     const pliant_voxels *voxels = work->body->voxels;
     const pliant_cuts *cuts = work->body->cuts;
     pliant_status status = PLIANT_OK;
-    if (work->before) mark_others(work);
+    if (work->before) mark_changed_nodes(work);
     for (int32_t n = 0; n < cuts->num_tets; n++)
         if (pliant_surface_is_split(&work->maker, cuts->tet[n])) mark_nodes(work, cuts->tet[n], work->near_split);
     for (int32_t n = voxels->num_nodes; n < work->body->fine.num_nodes; n++)
@@ -148,7 +148,7 @@ static pliant_status find_blocks(surface_work *work, int32_t *count)
     for (int32_t t = 0; t < voxels->num_tets && status == PLIANT_OK; t++) {
         if (!has_marked(work, t, work->near_split)) continue;
         surface_block *kept =
-            work->before && !has_marked(work, t, work->near_other) ? find_block(work->before, t) : NULL;
+            work->before && !has_marked(work, t, work->near_changed) ? find_block(work->before, t) : NULL;
         (*count)++;
         if (kept) {
             atomic_fetch_add_explicit(&kept->holders, 1, memory_order_relaxed);
@@ -195,7 +195,7 @@ static int32_t number_of(surface_map *all, const surface_vertex *vertex, uint8_t
         surface->material[number] = vertex->material;
         memcpy(surface->weight + 4 * (size_t)number, vertex->weight, sizeof vertex->weight);
         is_lattice[number] = 1;
-        for (int v = 0; v < 4; v++) is_lattice[number] &= vertex->key.weight[v] % SURFACE_SHARE == 0;
+        for (int v = 0; v < 4; v++) is_lattice[number] &= vertex->key.weight[v] % SURFACE_WEIGHT_DIVISOR == 0;
         surface->num_vertices++;
     }
     return surface->body->fine.num_nodes + number;
@@ -273,14 +273,15 @@ static pliant_status create_cut(surface_work *work, pliant_surface *surface)
     const pliant_voxels *voxels = work->body->voxels;
     const pliant_mesh *mesh = &work->body->fine;
     int32_t count = 0;
-    double most = INFINITY;
-    for (int d = 0; d < 3; d++) most = fmin(most, mesh->cell_size[d] / voxels->geometry.spacing[d] / voxels_of_part);
+    double maximum = INFINITY;
+    for (int d = 0; d < 3; d++)
+        maximum = fmin(maximum, mesh->cell_size[d] / voxels->geometry.spacing[d] / voxels_of_part);
     work->maker = (surface_maker){.body = work->body,
                                   .voxels = voxels,
                                   .cuts = work->body->cuts,
                                   .cut_of = work->cut_of,
                                   .block = work->block,
-                                  .parts = (int)fmin(fmax(most, 1), SURFACE_MOST_PARTS),
+                                  .parts = (int)fmin(fmax(maximum, 1), SURFACE_MAX_PARTS),
                                   .where.size = sizeof(double),
                                   .near.size = sizeof(surface_sample),
                                   .made.size = sizeof(surface_vertex),
@@ -300,7 +301,7 @@ static void free_work(surface_work *work)
     pliant_surface_map_free(&work->maker.crossings);
     pliant_surface_map_free(&work->maker.vertices);
     void *blocks[] = {work->cut_of,
-                      work->near_other,
+                      work->near_changed,
                       work->near_split,
                       work->block,
                       work->is_new,
@@ -338,12 +339,12 @@ pliant_status pliant_surface_create(const pliant_body *body, const pliant_surfac
         const bool follows = before && before->kept && before->body->voxels == body->voxels;
         surface_work work = {.body = body, .before = follows ? before : NULL};
         work.cut_of = pliant_calloc(tets, sizeof *work.cut_of);
-        work.near_other = pliant_calloc(nodes, 1);
+        work.near_changed = pliant_calloc(nodes, 1);
         work.near_split = pliant_calloc(nodes, 1);
         work.block = pliant_calloc(tets, sizeof(surface_block *));
         work.is_new = pliant_calloc(tets, 1);
         surface->kept = pliant_calloc(1, sizeof *surface->kept);
-        status = work.cut_of && work.near_other && work.near_split && work.block && work.is_new && surface->kept
+        status = work.cut_of && work.near_changed && work.near_split && work.block && work.is_new && surface->kept
                      ? create_cut(&work, surface)
                      : pliant_surface_no_memory();
         free_work(&work);

@@ -19,11 +19,11 @@ extern "C" {
 #endif
 
 enum {
-    SURFACE_MOST_PARTS = 4,    /* maximum number of parts per edge */
-    SURFACE_LATTICE = (SURFACE_MOST_PARTS + 1) * (SURFACE_MOST_PARTS + 1) * (SURFACE_MOST_PARTS + 1),
-    /* weights in keys are multiples of 1 / (SURFACE_SHARE n), which represents points and the centres of edges and
-     * triangles */
-    SURFACE_SHARE = 12
+    SURFACE_MAX_PARTS = 4, /* maximum number of parts per edge */
+    SURFACE_LATTICE = (SURFACE_MAX_PARTS + 1) * (SURFACE_MAX_PARTS + 1) * (SURFACE_MAX_PARTS + 1),
+    /* weights in keys are multiples of 1 / (SURFACE_WEIGHT_DIVISOR n), which represents points and the centres of edges
+     * and triangles */
+    SURFACE_WEIGHT_DIVISOR = 12
 };
 
 /* A lattice point or a centre: nodes with their weights, ascending, padded with zeros. With nodes of the initial mesh
@@ -32,14 +32,14 @@ typedef struct surface_key { int32_t node[4], weight[4]; } surface_key;
 
 /* Keys in order of insertion. */
 typedef struct surface_map {
-    int32_t count, room, num_slots;
+    int32_t count, capacity, num_slots;
     surface_key *key;          /* (count) */
     int32_t *slot;             /* (num_slots) 1 + number of the key; 0: free */
 } surface_map;
 
 /* Point of a small tetrahedron in a host: its key weights and its actual position, both in barycentric coordinates of
  * the host. */
-typedef struct surface_point { int32_t weight[4]; double share[4]; } surface_point;
+typedef struct surface_point { int32_t weight[4]; double fraction[4]; } surface_point;
 
 typedef struct surface_vertex {
     surface_key key;           /* by current nodes */
@@ -62,7 +62,7 @@ typedef struct surface_block {
 /* A voxel near a lattice edge [m along the scan's axes], on the first side of the crossing (1) or the second (-1). */
 typedef struct surface_sample { double at[3], side; } surface_sample;
 
-typedef struct surface_list { void *at; size_t count, room, size; } surface_list;
+typedef struct surface_list { void *at; size_t count, capacity, size; } surface_list;
 
 typedef struct surface_maker {
     const pliant_body *body;
@@ -104,7 +104,7 @@ static inline int32_t pliant_surface_load_node(const surface_maker *maker, int32
 static inline int32_t pliant_surface_place(const int32_t at[4])
 {
     const int32_t x[3] = {at[1] + at[2] + at[3], at[2] + at[3], at[3]};
-    return x[0] + (SURFACE_MOST_PARTS + 1) * (x[1] + (SURFACE_MOST_PARTS + 1) * x[2]);
+    return x[0] + (SURFACE_MAX_PARTS + 1) * (x[1] + (SURFACE_MAX_PARTS + 1) * x[2]);
 }
 
 /* Return the initial nodes of a host. */
@@ -121,7 +121,7 @@ double pliant_surface_crossing(surface_maker *maker, int32_t host, const int32_t
 /* Return whether a host around an edge is split. */
 bool pliant_surface_is_refined(const surface_maker *maker, int32_t a, int32_t b);
 /* Return the material of a fragment's voxel nearest to a point. */
-uint16_t pliant_surface_material(const surface_maker *maker, int32_t host, int32_t fragment, const double share[4]);
+uint16_t pliant_surface_material(const surface_maker *maker, int32_t host, int32_t fragment, const double fraction[4]);
 
 /* ---- surface_block.c */
 

@@ -22,17 +22,17 @@ typedef struct parting { surface_point from, to; int left, right; } parting;
 
 static void mean_of(const surface_point *const *points, int count, surface_point *out)
 {
-    memset(out->share, 0, sizeof out->share);
+    memset(out->fraction, 0, sizeof out->fraction);
     for (int n = 0; n < count; n++)
-        for (int v = 0; v < 4; v++) out->share[v] += points[n]->share[v] / count;
+        for (int v = 0; v < 4; v++) out->fraction[v] += points[n]->fraction[v] / count;
 }
 
 static surface_point corner_point(const surface_maker *maker, const int32_t at[4])
 {
     surface_point out;
     for (int v = 0; v < 4; v++) {
-        out.weight[v] = SURFACE_SHARE * at[v];
-        out.share[v] = (double)at[v] / maker->parts;
+        out.weight[v] = SURFACE_WEIGHT_DIVISOR * at[v];
+        out.fraction[v] = (double)at[v] / maker->parts;
     }
     return out;
 }
@@ -41,8 +41,8 @@ static surface_point crossing_point(const surface_maker *maker, const int32_t a[
 {
     surface_point out;
     for (int v = 0; v < 4; v++) {
-        out.weight[v] = SURFACE_SHARE / 2 * (a[v] + b[v]);
-        out.share[v] = (a[v] + along * (b[v] - a[v])) / maker->parts;
+        out.weight[v] = SURFACE_WEIGHT_DIVISOR / 2 * (a[v] + b[v]);
+        out.fraction[v] = (a[v] + along * (b[v] - a[v])) / maker->parts;
     }
     return out;
 }
@@ -59,7 +59,8 @@ static surface_point middle_of_face(const surface_maker *maker, const small_tet 
     for (int e = 0; e < 3; e++) edge[e] = crossing_of(maker, tet, corner[e], corner[(e + 1) % 3]);
     mean_of((const surface_point *[]){edge, edge + 1, edge + 2}, 3, &out);
     for (int v = 0; v < 4; v++)
-        out.weight[v] = SURFACE_SHARE / 3 * (tet->at[corner[0]][v] + tet->at[corner[1]][v] + tet->at[corner[2]][v]);
+        out.weight[v] =
+            SURFACE_WEIGHT_DIVISOR / 3 * (tet->at[corner[0]][v] + tet->at[corner[1]][v] + tet->at[corner[2]][v]);
     return out;
 }
 
@@ -77,7 +78,7 @@ static surface_point middle_of_tet(const surface_maker *maker, const small_tet *
         }
     mean_of(crossed, count, &out);
     for (int v = 0; v < 4; v++)
-        out.weight[v] = SURFACE_SHARE / 4 * (tet->at[0][v] + tet->at[1][v] + tet->at[2][v] + tet->at[3][v]);
+        out.weight[v] = SURFACE_WEIGHT_DIVISOR / 4 * (tet->at[0][v] + tet->at[1][v] + tet->at[2][v] + tet->at[3][v]);
     return out;
 }
 
@@ -93,9 +94,9 @@ static int32_t add_vertex(surface_maker *maker, int32_t host, int32_t fragment, 
     surface_vertex *added = pliant_surface_add(&maker->made);
     if (!added) return -1;
     vertex.tet = fragment;
-    memcpy(vertex.weight, point->share, sizeof vertex.weight);
+    memcpy(vertex.weight, point->fraction, sizeof vertex.weight);
     /* a node may belong to several materials, so it has none */
-    vertex.material = vertex.key.weight[1] == 0 ? 0 : pliant_surface_material(maker, host, fragment, point->share);
+    vertex.material = vertex.key.weight[1] == 0 ? 0 : pliant_surface_material(maker, host, fragment, point->fraction);
     *added = vertex;
     return number;
 }
@@ -187,7 +188,7 @@ static const surface_block *split_block(const surface_maker *maker, int32_t host
 }
 
 /* Return whether two fragments have the same nodes on a face. */
-static bool holds_together(const surface_maker *maker, const host_face *face, int32_t own, int32_t other)
+static bool have_same_face_nodes(const surface_maker *maker, const host_face *face, int32_t own, int32_t other)
 {
     const int32_t *tets = maker->body->fine.tets;
     for (int v = 0; v < 4; v++)
@@ -209,7 +210,7 @@ static bool add_piece(surface_maker *maker, const host_face *face, int32_t fragm
     for (int v = 0; v < 4; v++)
         if (v != face->opposite) there[face->corner[v]] = at[v];
     const int32_t across = other ? other->label[pliant_surface_place(there)] : face->other;
-    if (holds_together(maker, face, fragment, across)) return true;
+    if (have_same_face_nodes(maker, face, fragment, across)) return true;
     if (!add_polygon(maker, CUT, face->host, fragment, point, count, false)) return false;
     if (other) return true;
     surface_point turned[4];
@@ -218,7 +219,7 @@ static bool add_piece(surface_maker *maker, const host_face *face, int32_t fragm
         for (int v = 0; v < 4; v++) {
             if (v == face->opposite) continue;
             turned[n].weight[face->corner[v]] = point[n].weight[v];
-            turned[n].share[face->corner[v]] = point[n].share[v];
+            turned[n].fraction[face->corner[v]] = point[n].fraction[v];
         }
     }
     return add_polygon(maker, CUT, face->other, face->other, turned, count, true);
@@ -327,12 +328,12 @@ static int points_along(surface_maker *maker, int32_t host, int a, int b, surfac
 static bool fill_whole(surface_maker *maker, const surface_block *block)
 {
     for (int v = 0; v < 4; v++) {
-        surface_point around[6 * SURFACE_MOST_PARTS + 1], middle = {{0}, {0}};
+        surface_point around[6 * SURFACE_MAX_PARTS + 1], middle = {{0}, {0}};
         host_face face;
         int count = 0;
         find_face(maker, block->host, v, &face);
         if (face.other >= 0 &&
-            (split_block(maker, face.other) || holds_together(maker, &face, block->host, face.other)))
+            (split_block(maker, face.other) || have_same_face_nodes(maker, &face, block->host, face.other)))
             continue;
         const int list = face.other < 0 ? OUTSIDE : CUT;
         for (int e = 0; e < 3; e++) {
@@ -340,8 +341,8 @@ static bool fill_whole(surface_maker *maker, const surface_block *block)
                                           pliant_face_corners[v][(e + 1) % 3], around + count);
             if (more < 0) return false;
             count += more;
-            middle.weight[pliant_face_corners[v][e]] = SURFACE_SHARE / 3 * maker->parts;
-            middle.share[pliant_face_corners[v][e]] = 1.0 / 3;
+            middle.weight[pliant_face_corners[v][e]] = SURFACE_WEIGHT_DIVISOR / 3 * maker->parts;
+            middle.fraction[pliant_face_corners[v][e]] = 1.0 / 3;
         }
         around[count] = around[0];
         if (count == 3 && !add_polygon(maker, list, block->host, block->host, around, 3, false)) return false;

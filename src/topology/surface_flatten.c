@@ -54,14 +54,14 @@ static bool find_tips(const pliant_surface *surface, const uint8_t *is_lattice, 
     return true;
 }
 
-static double least_of(const double weight[4]) { return fmin(fmin(weight[0], weight[1]), fmin(weight[2], weight[3])); }
+static double min_of(const double weight[4]) { return fmin(fmin(weight[0], weight[1]), fmin(weight[2], weight[3])); }
 
 /* Return the fragment with a node that contains a point, or the nearest one. */
 static int32_t find_holder(const surface_maker *maker, int32_t node, const double place[3])
 {
     const int32_t parent = pliant_surface_load_node(maker, node);
     int32_t best = -1;
-    double most = -INFINITY, weight[4];
+    double maximum = -INFINITY, weight[4];
     for (int32_t a = maker->voxels->around_start[parent]; a < maker->voxels->around_start[parent + 1]; a++) {
         const int32_t host = maker->voxels->around[a] / 4, corner = maker->voxels->around[a] % 4,
                       cut = maker->cut_of[host];
@@ -70,8 +70,8 @@ static int32_t find_holder(const surface_maker *maker, int32_t node, const doubl
             const int32_t tet = cut < 0 ? host : maker->cuts->fragment[maker->cuts->start[cut] + f];
             if (maker->body->fine.tets[4 * (size_t)tet + (size_t)corner] != node) continue;
             pliant_mesh_barycentric(&maker->body->fine, tet, place, weight);
-            if (!(least_of(weight) > most)) continue;
-            most = least_of(weight);
+            if (!(min_of(weight) > maximum)) continue;
+            maximum = min_of(weight);
             best = tet;
         }
     }

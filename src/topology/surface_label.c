@@ -6,23 +6,23 @@
 #include <string.h>
 
 /* Maximum search distance around a point [voxels]. If no voxel is found, all voxels of the tetrahedron are searched. */
-enum { MOST_AWAY = 3 };
+enum { MAX_DISTANCE = 3 };
 /* Number of sample points on an edge, and number of plane fits. The plane separates the voxels within this distance
  * [voxels]. */
 enum { PLACES = 8, FITS = 2 };
 static const double around = 2.5;
 /* minimum distance of a crossing from an end, as a fraction of the edge */
-static const double least_share = 0.05;
+static const double min_share = 0.05;
 
 /* Voxels of a search: in all tetrahedra with `count` given initial nodes, or in a host's fragments with given current
  * nodes. */
-typedef struct surface_question {
+typedef struct surface_search {
     int32_t host;              /* -1: any tetrahedron with the nodes */
     int count;
     int32_t node[4];
     int corner[4];             /* corners of the host */
     int32_t fragment;          /* only this fragment of the host; -1: any with the nodes */
-} surface_question;
+} surface_search;
 
 void pliant_surface_corners(const surface_maker *maker, int32_t host, int32_t out[4])
 {
@@ -83,7 +83,7 @@ static int32_t fragment_of(const surface_maker *maker, int32_t voxel)
     return (maker->body->tet_parent ? maker->body->tet_parent[fragment] : fragment) == host ? fragment : -1;
 }
 
-static bool is_asked(const surface_maker *maker, const surface_question *question, int32_t voxel)
+static bool is_in_search(const surface_maker *maker, const surface_search *question, int32_t voxel)
 {
     const int32_t host = maker->voxels->owner[voxel];
     if (host < 0 ||
@@ -97,7 +97,7 @@ static bool is_asked(const surface_maker *maker, const surface_question *questio
     return true;
 }
 
-static double square_to(const surface_maker *maker, const int32_t at[3], const double index[3])
+static double squared_distance_to(const surface_maker *maker, const int32_t at[3], const double index[3])
 {
     double sum = 0;
     for (int d = 0; d < 3; d++) {
@@ -108,14 +108,14 @@ static double square_to(const surface_maker *maker, const int32_t at[3], const d
 }
 
 /* Return the nearest voxel of the search around a point, the first one at a tie; -1: none within the distance. */
-static int32_t nearest_around(const surface_maker *maker, const surface_question *question, const double index[3])
+static int32_t nearest_around(const surface_maker *maker, const surface_search *question, const double index[3])
 {
     const pliant_geometry *geometry = &maker->voxels->geometry;
-    const double least = fmin(fmin(geometry->spacing[0], geometry->spacing[1]), geometry->spacing[2]);
+    const double minimum = fmin(fmin(geometry->spacing[0], geometry->spacing[1]), geometry->spacing[2]);
     int32_t best = -1, middle[3], at[3];
     double square = INFINITY;
     for (int d = 0; d < 3; d++) middle[d] = (int32_t)fmin(fmax(floor(index[d] + 0.5), 0), geometry->size[d] - 1);
-    for (int away = 1; away <= MOST_AWAY && !(square <= away * away * least * least); away++) {
+    for (int away = 1; away <= MAX_DISTANCE && !(square <= away * away * minimum * minimum); away++) {
         int32_t low[3], high[3];
         for (int d = 0; d < 3; d++) {
             low[d] = middle[d] > away ? middle[d] - away : 0;
@@ -124,10 +124,10 @@ static int32_t nearest_around(const surface_maker *maker, const surface_question
         for (at[2] = low[2]; at[2] <= high[2]; at[2]++)
             for (at[1] = low[1]; at[1] <= high[1]; at[1]++)
                 for (at[0] = low[0]; at[0] <= high[0]; at[0]++) {
-                    const double here = square_to(maker, at, index);
+                    const double here = squared_distance_to(maker, at, index);
                     const int32_t voxel = at[0] + geometry->size[0] * (at[1] + geometry->size[1] * at[2]);
                     if ((here > square || (here == square && voxel >= best)) && best >= 0) continue;
-                    if (!is_asked(maker, question, voxel)) continue;
+                    if (!is_in_search(maker, question, voxel)) continue;
                     best = voxel;
                     square = here;
                 }
@@ -136,7 +136,7 @@ static int32_t nearest_around(const surface_maker *maker, const surface_question
 }
 
 /* Return the nearest voxel of the search among all voxels of a host. */
-static int32_t nearest_of_host(const surface_maker *maker, const surface_question *question, const double index[3])
+static int32_t nearest_of_host(const surface_maker *maker, const surface_search *question, const double index[3])
 {
     int32_t best = nearest_around(maker, question, index);
     double square = INFINITY;
@@ -144,8 +144,8 @@ static int32_t nearest_of_host(const surface_maker *maker, const surface_questio
     for (int32_t v = maker->voxels->start[question->host]; v < maker->voxels->start[question->host + 1]; v++) {
         int32_t at[3];
         pliant_place_of(maker->voxels, maker->voxels->voxel[v], at);
-        const double here = square_to(maker, at, index);
-        if (!(here < square) || !is_asked(maker, question, maker->voxels->voxel[v])) continue;
+        const double here = squared_distance_to(maker, at, index);
+        if (!(here < square) || !is_in_search(maker, question, maker->voxels->voxel[v])) continue;
         square = here;
         best = maker->voxels->voxel[v];
     }
@@ -157,7 +157,7 @@ static int32_t nearest_of_host(const surface_maker *maker, const surface_questio
 static void find_place(const surface_maker *maker, const surface_key *key, double index[3])
 {
     double world[3] = {0, 0, 0};
-    const double whole = SURFACE_SHARE * maker->parts;
+    const double whole = SURFACE_WEIGHT_DIVISOR * maker->parts;
     for (int v = 0; v < 4 && key->weight[v] > 0; v++)
         for (int d = 0; d < 3; d++)
             world[d] += key->weight[v] / whole * maker->body->fine.rest[3 * (size_t)key->node[v] + (size_t)d];
@@ -171,7 +171,7 @@ static void find_place(const surface_maker *maker, const surface_key *key, doubl
 static int32_t label_of(const surface_maker *maker, int32_t host, const surface_key *key)
 {
     double index[3];
-    surface_question question = {.host = -1, .fragment = -1};
+    surface_search question = {.host = -1, .fragment = -1};
     for (; question.count < 4 && key->weight[question.count] > 0; question.count++)
         question.node[question.count] = key->node[question.count];
     find_place(maker, key, index);
@@ -187,7 +187,7 @@ static int32_t label_of(const surface_maker *maker, int32_t host, const surface_
         voxel = nearest_of_host(maker, &question, index);
     }
     if (voxel < 0) { /* no fragment has these nodes */
-        question = (surface_question){.host = host, .fragment = -1};
+        question = (surface_search){.host = host, .fragment = -1};
         voxel = nearest_of_host(maker, &question, index);
     }
     return voxel < 0 ? host : first_alike(maker, host, fragment_of(maker, voxel));
@@ -202,8 +202,8 @@ void pliant_surface_find_labels(const surface_maker *maker, int32_t host, int32_
         for (x[1] = 0; x[1] <= x[0]; x[1]++)
             for (x[2] = 0; x[2] <= x[1]; x[2]++) {
                 const int32_t at[4] = {parts - x[0], x[0] - x[1], x[1] - x[2], x[2]};
-                const int32_t weight[4] = {SURFACE_SHARE * at[0], SURFACE_SHARE * at[1], SURFACE_SHARE * at[2],
-                                           SURFACE_SHARE * at[3]};
+                const int32_t weight[4] = {SURFACE_WEIGHT_DIVISOR * at[0], SURFACE_WEIGHT_DIVISOR * at[1],
+                                           SURFACE_WEIGHT_DIVISOR * at[2], SURFACE_WEIGHT_DIVISOR * at[3]};
                 surface_key key;
                 pliant_surface_key_of(corner, weight, &key);
                 out[pliant_surface_place(at)] = label_of(maker, host, &key);
@@ -243,21 +243,21 @@ static bool add_samples(surface_maker *maker, int32_t host, const int32_t label[
 
 /* Return the initial estimate of the crossing: the fraction of sample points whose nearest voxel is on the first
  * side. */
-static double first_guess(const surface_list *near, const double from[3], const double to[3])
+static double estimate_crossing(const surface_list *near, const double from[3], const double to[3])
 {
     const surface_sample *sample = near->at;
     double first = 0;
     for (int n = 0; n < PLACES; n++) {
         const double t = (n + 0.5) / PLACES;
-        double least = INFINITY, side = 0;
+        double minimum = INFINITY, side = 0;
         for (size_t s = 0; s < near->count; s++) {
             double square = 0;
             for (int d = 0; d < 3; d++) {
                 const double way = sample[s].at[d] - from[d] - t * (to[d] - from[d]);
                 square += way * way;
             }
-            if (!(square < least)) continue;
-            least = square;
+            if (!(square < minimum)) continue;
+            minimum = square;
             side = sample[s].side;
         }
         first += (side == 0 ? 0.5 : side > 0) / PLACES;
@@ -338,7 +338,7 @@ static double find_crossing(surface_maker *maker, const surface_key end[2])
         for (int e = 0; e < 2; e++) {
             int32_t at[4] = {0, 0, 0, 0};
             for (int v = 0; v < 4 && end[e].weight[v] > 0; v++)
-                at[corner_with(maker, host, end[e].node[v])] = end[e].weight[v] / SURFACE_SHARE;
+                at[corner_with(maker, host, end[e].node[v])] = end[e].weight[v] / SURFACE_WEIGHT_DIVISOR;
             label[e] = maker->block[host]->label[pliant_surface_place(at)];
         }
         if (label[0] == label[1]) continue;
@@ -346,13 +346,13 @@ static double find_crossing(surface_maker *maker, const surface_key end[2])
         if (!add_samples(maker, host, label, place[0], place[1], reach)) return NAN;
     }
     if (!crossed) return -1;
-    double t = first_guess(&maker->near, place[0], place[1]);
-    const double most = reach / sqrt(length);
+    double t = estimate_crossing(&maker->near, place[0], place[1]);
+    const double maximum = reach / sqrt(length);
     for (int n = 0; n < FITS; n++) {
         const double better = fit(&maker->near, place[0], place[1], t, reach);
-        if (fabs(better - t) <= most) t = better;
+        if (fabs(better - t) <= maximum) t = better;
     }
-    return fmin(fmax(t, least_share), 1 - least_share);
+    return fmin(fmax(t, min_share), 1 - min_share);
 }
 
 double pliant_surface_crossing(surface_maker *maker, int32_t host, const int32_t a[4], const int32_t b[4])
@@ -361,9 +361,9 @@ double pliant_surface_crossing(surface_maker *maker, int32_t host, const int32_t
     surface_key key, end[2];
     pliant_surface_corners(maker, host, corner);
     for (int v = 0; v < 4; v++) {
-        weight[0][v] = SURFACE_SHARE * a[v];
-        weight[1][v] = SURFACE_SHARE * b[v];
-        weight[2][v] = SURFACE_SHARE / 2 * (a[v] + b[v]);
+        weight[0][v] = SURFACE_WEIGHT_DIVISOR * a[v];
+        weight[1][v] = SURFACE_WEIGHT_DIVISOR * b[v];
+        weight[2][v] = SURFACE_WEIGHT_DIVISOR / 2 * (a[v] + b[v]);
     }
     pliant_surface_key_of(corner, weight[2], &key);
     pliant_surface_key_of(corner, weight[0], end);
@@ -390,13 +390,13 @@ bool pliant_surface_is_refined(const surface_maker *maker, int32_t a, int32_t b)
     return false;
 }
 
-uint16_t pliant_surface_material(const surface_maker *maker, int32_t host, int32_t fragment, const double share[4])
+uint16_t pliant_surface_material(const surface_maker *maker, int32_t host, int32_t fragment, const double fraction[4])
 {
-    const surface_question question = {.host = host, .fragment = fragment};
+    const surface_search question = {.host = host, .fragment = fragment};
     double world[3] = {0, 0, 0}, index[3];
     for (int v = 0; v < 4; v++)
         for (int d = 0; d < 3; d++)
-            world[d] += share[v] * maker->body->fine.rest[3 * (size_t)nodes_of(maker, fragment)[v] + (size_t)d];
+            world[d] += fraction[v] * maker->body->fine.rest[3 * (size_t)nodes_of(maker, fragment)[v] + (size_t)d];
     pliant_geometry_to_index(&maker->voxels->geometry, world, index);
     const int32_t voxel = nearest_around(maker, &question, index);
     if (voxel < 0) return maker->body->fine_material[fragment].material;

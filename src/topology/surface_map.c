@@ -11,12 +11,12 @@ pliant_status pliant_surface_no_memory(void) { return pliant_fail_memory("the su
 
 void *pliant_surface_add(surface_list *list)
 {
-    if (list->count == list->room) {
-        const size_t room = list->room > 0 ? 2 * list->room : 64;
-        void *longer = list->at ? pliant_resize(list->at, room, list->size) : pliant_calloc(room, list->size);
+    if (list->count == list->capacity) {
+        const size_t capacity = list->capacity > 0 ? 2 * list->capacity : 64;
+        void *longer = list->at ? pliant_resize(list->at, capacity, list->size) : pliant_calloc(capacity, list->size);
         if (!longer) return NULL;
         list->at = longer;
-        list->room = room;
+        list->capacity = capacity;
     }
     return (char *)list->at + list->count++ * list->size;
 }
@@ -68,14 +68,14 @@ static bool grow(surface_map *map)
     pliant_free(map->slot);
     map->slot = slot;
     map->num_slots = slots;
-    map->room = slots / 2;
+    map->capacity = slots / 2;
     for (int32_t n = 0; n < map->count; n++) put(map, n);
     return true;
 }
 
 int32_t pliant_surface_number(surface_map *map, const surface_key *key)
 {
-    if (map->count == map->room && !grow(map)) return -1;
+    if (map->count == map->capacity && !grow(map)) return -1;
     uint32_t at = hash_of(key) & (uint32_t)(map->num_slots - 1);
     for (; map->slot[at]; at = (at + 1) & (uint32_t)(map->num_slots - 1))
         if (memcmp(map->key + map->slot[at] - 1, key, sizeof *key) == 0) return map->slot[at] - 1;

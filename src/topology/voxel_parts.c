@@ -27,8 +27,9 @@ int32_t pliant_voxels_parts(const pliant_voxels *voxels, const pliant_cuts *cuts
     for (int32_t i = 0; i < count; i++) {
         pliant_place_of(voxels, list[i], at);
         for (int n = 0; n < 9; n++) {
-            int32_t other = pliant_step_to(voxels, list[i], at, pliant_behind[n]);
-            if (other < 0 || voxels->owner[other] != tet || !pliant_joined(&links, list[i], at, pliant_behind[n]))
+            int32_t other = pliant_step_to(voxels, list[i], at, pliant_later_neighbours[n]);
+            if (other < 0 || voxels->owner[other] != tet ||
+                !pliant_joined(&links, list[i], at, pliant_later_neighbours[n]))
                 continue;
             join(part, i, pliant_voxel_in(voxels, tet, other));
         }

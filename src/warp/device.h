@@ -26,14 +26,14 @@ typedef struct pliant_warp_parts {
     const fit_view *fit;         /* NULL: rasterize */
     const pliant_parts *parts;   /* NULL: no cuts */
     /* for a next body: number of nodes with the same rest position as in the previous body */
-    int32_t rest_known;
+    int32_t num_same_rest;
 } pliant_warp_parts;
 
 /* Correspondence of elements (parts.h) between two bodies. */
 typedef struct pliant_warp_changes {
     int32_t before, now;         /* number of elements */
-    int32_t common;              /* number of tetrahedra in both bodies; only those in `anew` have changed */
-    int32_t num_anew, *anew;     /* tetrahedra to redraw, ascending */
+    int32_t common;              /* number of tetrahedra in both bodies; only those in `rebuilt` have changed */
+    int32_t num_rebuilt, *rebuilt;     /* tetrahedra to redraw, ascending */
     int32_t *from;               /* (now - common) previous element of each other element; -1: redraw */
     /* previous elements, ascending, that the new body does not have; their region is redrawn */
     int32_t num_gone, *gone;

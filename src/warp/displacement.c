@@ -31,7 +31,7 @@ static pliant_status allocate(const pliant_geometry *grid, pliant_displacement *
 {
     const size_t count = pliant_geometry_voxels(grid);
     pliant_status status =
-        pliant_memory_suffices((double)count * (3.0 * sizeof *out->vectors + 1), "the displacement field");
+        pliant_memory_check((double)count * (3.0 * sizeof *out->vectors + 1), "the displacement field");
     if (status != PLIANT_OK) return status;
     *out = (pliant_displacement){
         .geometry = *grid, .vectors = pliant_calloc(count, 3 * sizeof *out->vectors), .mask = pliant_calloc(count, 1)};
@@ -57,7 +57,7 @@ static pliant_status find_rest_index(const pliant_model *model, const pliant_bod
 {
     pliant_warp *warp;
     pliant_status status = pliant_warp_create(index_of_voxel, &body->fine, &out->geometry,
-                                              pliant_threads_of(model->scene.solver.threads), &warp);
+                                              pliant_threads_or_cores(model->scene.solver.threads), &warp);
     if (status != PLIANT_OK) return status;
     if (body->cuts) status = pliant_warp_set_body(warp, body);
     if (status == PLIANT_OK && model->scene.warp.kind == PLIANT_FIT)
@@ -246,7 +246,7 @@ static pliant_status fill(const pliant_model *model, const pliant_body *body, co
      * nearest voxel of the scan. */
     const double near_field = 1, near_rest = 1.5;
     const pliant_geometry *scan = &model->scan->geometry;
-    const int num_threads = pliant_threads_of(model->scene.solver.threads);
+    const int num_threads = pliant_threads_or_cores(model->scene.solver.threads);
     const bool resample = sense == PLIANT_DISPLACEMENT_RESAMPLE;
     pliant_surface *surface = NULL;
     const pliant_geometry *at_rest = resample ? scan : &out->geometry;

@@ -78,7 +78,7 @@ static pliant_status allocate(const pliant_mesh *mesh, const fit_view *from, con
     view->tissue = pliant_calloc(scan, 1);
     view->at = pliant_calloc((size_t)mesh->num_nodes, 3 * sizeof *view->at);
     view->bin_node = pliant_calloc((size_t)mesh->num_nodes, sizeof *view->bin_node);
-    view->bin_start = pliant_calloc(fit_most_bins(view) + 1, sizeof *view->bin_start);
+    view->bin_start = pliant_calloc(fit_max_bins(view) + 1, sizeof *view->bin_start);
     view->sorted = pliant_calloc((size_t)mesh->num_nodes, 6 * sizeof *view->sorted);
     if (!view->map || !view->wanted || !view->covered || !view->tissue || !view->at || !view->sorted ||
         !view->bin_node || !view->bin_start) {
@@ -112,9 +112,9 @@ static void find_near(const pliant_body *body, const pliant_parts *parts, uint8_
     for (uint8_t edges = 1; edges <= ZONE_EDGES; edges++)
         for (int32_t t = 0; t < mesh->num_tets; t++) {
             const int32_t *node = mesh->tets + 4 * (size_t)t;
-            bool beside = false;
-            for (int v = 0; v < 4; v++) beside = beside || (near[node[v]] > 0 && near[node[v]] <= edges);
-            for (int v = 0; v < 4 && beside; v++)
+            bool adjacent = false;
+            for (int v = 0; v < 4; v++) adjacent = adjacent || (near[node[v]] > 0 && near[node[v]] <= edges);
+            for (int v = 0; v < 4 && adjacent; v++)
                 if (near[node[v]] == 0) near[node[v]] = (uint8_t)(edges + 1);
         }
     for (int32_t n = 0; n < mesh->num_nodes; n++) near[n] = near[n] > 0;
@@ -206,11 +206,12 @@ FIT_VECTORIZED static void cover(const fit_view *view, int32_t begin, int32_t en
         fit_tet tet;
         int32_t first[3], last[3];
         if (!fit_covers(view, t, true) || !fit_tet_at(view, t, &tet)) continue;
-        fit_want(view, &tet, want_begin, want_end);
+        fit_mark_needed_points(view, &tet, want_begin, want_end);
         if (!fit_covers(view, t, false)) continue;
-        bool beside = true;
-        for (int d = 1; d < 3; d++) beside = beside && fit_range(tet.low[d], tet.high[d], size[d], first + d, last + d);
-        if (!beside) continue;
+        bool adjacent = true;
+        for (int d = 1; d < 3; d++)
+            adjacent = adjacent && fit_range(tet.low[d], tet.high[d], size[d], first + d, last + d);
+        if (!adjacent) continue;
         for (int32_t k = first[2] > begin ? first[2] : begin; k <= last[2] && k < end; k++)
             for (int32_t j = first[1]; j <= last[1]; j++) fit_cover_row(view, &tet, j, k);
     }

@@ -14,7 +14,7 @@ enum {
     FIT_TERMS = 10,
     FIT_PADDED = 12, /* a multiple of the vector length */
     FIT_LINEAR = 4,
-    FIT_ENOUGH = 16, /* minimum number of nodes for the 10 terms */
+    FIT_MIN_NODES = 16, /* minimum number of nodes for the 10 terms */
     FIT_ATTEMPTS = 2,
     FIT_DRAWN = 2
 };
@@ -23,10 +23,10 @@ enum {
  * interior point then contains about 60 nodes. */
 #define FIT_EDGES_OF_DEVIATION 0.9
 #define FIT_CUT_OFF 2.8
-#define FIT_MOST_BINS 128.0 /* along each axis */
+#define FIT_MAX_BINS 128.0 /* along each axis */
 /* Voxels are drawn up to this distance around the tetrahedra [voxels]. Farther away the extrapolated polynomials can
  * turn back into the tissue. */
-#define FIT_AROUND 1.0
+#define FIT_MARGIN 1.0
 
 /* Data of a fit; pointers are valid where it runs (CPU or GPU). */
 typedef struct fit_view {
@@ -105,7 +105,7 @@ PLIANT_INLINE int32_t fit_set_bins(fit_view *fit, const double low[3], const dou
         const double end = fit->target.size[d] * fit->target.spacing[d] + reach;
         fit->low[d] = fmin(fmax(low[d], -reach), end);
         length[d] = fmax(fmin(high[d], end) - fit->low[d], 0.0);
-        fit->width = fmax(fit->width, length[d] / FIT_MOST_BINS);
+        fit->width = fmax(fit->width, length[d] / FIT_MAX_BINS);
     }
     for (int d = 0; d < 3; d++) {
         fit->bins[d] = (int32_t)(length[d] / fit->width) + 1;
@@ -114,7 +114,7 @@ PLIANT_INLINE int32_t fit_set_bins(fit_view *fit, const double low[3], const dou
     return (int32_t)count;
 }
 
-/* A deformed tetrahedron in target voxels: its bounding box and planes, extended by FIT_AROUND. Inside every plane
+/* A deformed tetrahedron in target voxels: its bounding box and planes, extended by FIT_MARGIN. Inside every plane
  * normal . voxel + value >= 0. */
 typedef struct fit_tet {
     double low[3], high[3], normal[4][3], value[4];
@@ -128,8 +128,8 @@ PLIANT_INLINE bool fit_tet_at(const fit_view *fit, int32_t tet, fit_tet *out)
     for (int v = 0; v < 4; v++)
         for (int d = 0; d < 3; d++) at[v][d] = fit->at[3 * (size_t)node[v] + (size_t)d] / fit->target.spacing[d];
     for (int d = 0; d < 3; d++) {
-        out->low[d] = fmin(fmin(at[0][d], at[1][d]), fmin(at[2][d], at[3][d])) - FIT_AROUND;
-        out->high[d] = fmax(fmax(at[0][d], at[1][d]), fmax(at[2][d], at[3][d])) + FIT_AROUND;
+        out->low[d] = fmin(fmin(at[0][d], at[1][d]), fmin(at[2][d], at[3][d])) - FIT_MARGIN;
+        out->high[d] = fmax(fmax(at[0][d], at[1][d]), fmax(at[2][d], at[3][d])) + FIT_MARGIN;
     }
     PLIANT_UNROLL for (int v = 0; v < 4; v++) { /* the plane through the other three nodes */
         const double *a = at[(v + 1) % 4], *b = at[(v + 2) % 4], *c = at[(v + 3) % 4], *own = at[v];
@@ -145,7 +145,7 @@ PLIANT_INLINE bool fit_tet_at(const fit_view *fit, int32_t tet, fit_tet *out)
         }
         const double length = side > 0 ? sqrt(square) : -sqrt(square);
         if (!(side != 0) || !(square > 0) || !(square < INFINITY)) return false;
-        out->value[v] = FIT_AROUND;
+        out->value[v] = FIT_MARGIN;
         for (int d = 0; d < 3; d++) {
             out->normal[v][d] = normal[d] / length;
             out->value[v] -= out->normal[v][d] * a[d];
@@ -165,7 +165,7 @@ PLIANT_INLINE bool fit_range(double low, double high, int32_t size, int32_t *fir
 
 /* Mark the lattice points of the cells that a tetrahedron's box touches, in slices begin to end. Several threads may
  * write the same value. */
-PLIANT_INLINE void fit_want(const fit_view *fit, const fit_tet *tet, int32_t begin, int32_t end)
+PLIANT_INLINE void fit_mark_needed_points(const fit_view *fit, const fit_tet *tet, int32_t begin, int32_t end)
 {
     int32_t first[3], last[3];
     for (int d = 0; d < 3; d++)
@@ -195,12 +195,12 @@ PLIANT_INLINE void fit_cover_row(const fit_view *fit, const fit_tet *tet, int32_
 }
 
 /* Return an upper bound of the result of fit_set_bins. */
-PLIANT_INLINE size_t fit_most_bins(const fit_view *fit)
+PLIANT_INLINE size_t fit_max_bins(const fit_view *fit)
 {
     const double width = FIT_CUT_OFF * fit->deviation, reach = width * (1 << (FIT_ATTEMPTS - 1));
     size_t count = 1;
     for (int d = 0; d < 3; d++)
-        count *= (size_t)fmin((fit->target.size[d] * fit->target.spacing[d] + 2 * reach) / width, FIT_MOST_BINS) + 2;
+        count *= (size_t)fmin((fit->target.size[d] * fit->target.spacing[d] + 2 * reach) / width, FIT_MAX_BINS) + 2;
     return count;
 }
 
@@ -300,7 +300,7 @@ PLIANT_INLINE void fit_point(const fit_view *fit, const int32_t lattice[3], floa
     for (int d = 0; d < 3; d++) p[d] = (double)lattice[d] * fit->step * fit->target.spacing[d];
     for (int attempt = 0; attempt < FIT_ATTEMPTS; attempt++, deviation *= 2) {
         fit_gather(fit, p, deviation, &equations);
-        if (equations.nodes >= FIT_ENOUGH && fit_solve(&equations, FIT_TERMS, value)) {
+        if (equations.nodes >= FIT_MIN_NODES && fit_solve(&equations, FIT_TERMS, value)) {
             for (int d = 0; d < 3; d++) out[d] = (float)value[d];
             return;
         }

@@ -114,20 +114,20 @@ static bool round_map(const raster_grid *grid, const raster_source *source, cons
 }
 
 /* Return the maximum of a plane's value in a brick. */
-static int64_t most_in(const raster_tet *tet, int plane, const int32_t brick[3])
+static int64_t max_in_brick(const raster_tet *tet, int plane, const int32_t brick[3])
 {
-    int64_t most = tet->value[plane];
+    int64_t maximum = tet->value[plane];
     for (int d = 0; d < 3; d++) {
         int64_t n = (int64_t)tet->normal[d][plane];
-        most += n * (brick[d] * BRICK) + (n > 0 ? n * (BRICK - 1) : 0);
+        maximum += n * (brick[d] * BRICK) + (n > 0 ? n * (BRICK - 1) : 0);
     }
-    return most;
+    return maximum;
 }
 
 bool pliant_raster_cuts(const raster_tet *tet, const int32_t brick[3])
 {
     for (int plane = 0; plane < 4; plane++)
-        if (most_in(tet, plane, brick) < 0) return false;
+        if (max_in_brick(tet, plane, brick) < 0) return false;
     return true;
 }
 
@@ -137,17 +137,17 @@ static void find_bricks(raster_tet *tet)
     if (!raster_range(tet, low, high)) return;
     int64_t first[4], step[3][4]; /* maximum in the first brick, and its change from brick to brick */
     for (int plane = 0; plane < 4; plane++) {
-        first[plane] = most_in(tet, plane, low);
+        first[plane] = max_in_brick(tet, plane, low);
         for (int d = 0; d < 3; d++) step[d][plane] = BRICK * (int64_t)tet->normal[d][plane];
     }
     for (at[2] = 0; at[2] <= high[2] - low[2]; at[2]++)
         for (at[1] = 0; at[1] <= high[1] - low[1]; at[1]++) {
-            int64_t most[4];
-            for (int p = 0; p < 4; p++) most[p] = first[p] + at[1] * step[1][p] + at[2] * step[2][p];
+            int64_t maximum[4];
+            for (int p = 0; p < 4; p++) maximum[p] = first[p] + at[1] * step[1][p] + at[2] * step[2][p];
             for (at[0] = 0; at[0] <= high[0] - low[0]; at[0]++) {
-                if ((most[0] | most[1] | most[2] | most[3]) >= 0) /* all are non-negative */
+                if ((maximum[0] | maximum[1] | maximum[2] | maximum[3]) >= 0) /* all are non-negative */
                     tet->bricks |= (uint64_t)1 << (at[0] + MASK_EDGE * (at[1] + MASK_EDGE * at[2]));
-                for (int p = 0; p < 4; p++) most[p] += step[0][p];
+                for (int p = 0; p < 4; p++) maximum[p] += step[0][p];
             }
         }
 }
@@ -220,9 +220,9 @@ void pliant_raster_tet(const raster_grid *grid, const raster_source *source, con
     }
     out->small = true;
     for (int v = 0; v < 4; v++) {
-        double most = fabs((double)out->value[v]);
-        for (int d = 0; d < 3; d++) most += fabs(out->normal[d][v]) * grid->target.size[d];
-        out->small &= most < 0x1p51;
+        double maximum = fabs((double)out->value[v]);
+        for (int d = 0; d < 3; d++) maximum += fabs(out->normal[d][v]) * grid->target.size[d];
+        out->small &= maximum < 0x1p51;
     }
     find_bricks(out);
 }

@@ -33,9 +33,9 @@ static void mark_triangle(double corner[3][3], double distance, const int32_t si
         for (int d = 0; d < 3; d++) longest = fmax(longest, fabs(corner[v][d] - corner[(v + 1) % 3][d]));
     /* a triangle outside the grid marks nothing */
     for (int d = 0; d < 3; d++) {
-        const double least = fmin(corner[0][d], fmin(corner[1][d], corner[2][d])),
-                     most = fmax(corner[0][d], fmax(corner[1][d], corner[2][d]));
-        if (!(most >= -distance && least <= size[d] - 1 + distance)) return;
+        const double minimum = fmin(corner[0][d], fmin(corner[1][d], corner[2][d])),
+                     maximum = fmax(corner[0][d], fmax(corner[1][d], corner[2][d]));
+        if (!(maximum >= -distance && minimum <= size[d] - 1 + distance)) return;
     }
     const int parts = (int)fmin(ceil(longest / sample_distance), 4096) + 1;
     for (int a = 0; a <= parts; a++)

@@ -18,7 +18,7 @@
 
 /* flag in a label: all corners of the cell that begins here have the same label */
 #define PART_UNIFORM 0x8000u
-#define PART_MOST_LABELS 0x8000
+#define PART_MAX_LABELS 0x8000
 
 /* Voxels around a tetrahedron: all corners of the scan's cells that it touches. */
 typedef struct part_box {
@@ -140,13 +140,13 @@ PLIANT_INLINE double part_nearest(const part_view *view, part_element element, c
                                   const double values[8])
 {
     uint16_t label[8];
-    double most = -1, nearest = 0;
+    double maximum = -1, nearest = 0;
     const part_box *box = &view->boxes[element.box];
     part_labels(view, box, part_first(box, cell), label);
     PLIANT_UNROLL for (int c = 0; c < 8; c++) {
         const double weight = part_weight(cell, c);
-        if (label[c] != element.label || !(weight > most)) continue;
-        most = weight;
+        if (label[c] != element.label || !(weight > maximum)) continue;
+        maximum = weight;
         nearest = values[c];
     }
     return nearest;

@@ -1,6 +1,6 @@
 /* Label the voxels around every tetrahedron at a cut. */
 #include "base/fail.h"
-#include "base/room.h"
+#include "base/buffer.h"
 #include "base/threads.h"
 #include "topology/parts.h"
 #include "base/memory.h"
@@ -9,7 +9,7 @@
 #include <omp.h>
 
 /* minimum number of tetrahedra per thread */
-enum { LEAST_BOXES = 8 };
+enum { MIN_TETS_PER_THREAD = 8 };
 
 typedef struct parts_work {
     const pliant_body *body;
@@ -18,9 +18,9 @@ typedef struct parts_work {
     const pliant_body *body_before;
     int32_t *cut_of;               /* (initial tetrahedra) index in the cuts; -1: not cut */
     part_changes changes;
-    int32_t num_other, other_room, *other; /* see parts.h */
-    int32_t num_anew, *anew;       /* initial tetrahedra in `other` with a new box, ascending */
-    part_made *made;               /* (num_anew) */
+    int32_t num_other, other_capacity, *other; /* see parts.h */
+    int32_t num_rebuilt, *rebuilt;       /* initial tetrahedra in `other` with a new box, ascending */
+    part_made *made;               /* (num_rebuilt) */
     int num_makers;
     part_maker *makers;
 } parts_work;
@@ -44,9 +44,9 @@ static bool has_voxels(const parts_work *all, int32_t tet)
 
 static bool add_other(parts_work *all, int32_t tet)
 {
-    if (all->num_other == all->other_room) {
-        if (!pliant_grow(&all->other, 2 * (size_t)all->other_room + 1024, sizeof *all->other)) return false;
-        all->other_room = 2 * all->other_room + 1024;
+    if (all->num_other == all->other_capacity) {
+        if (!pliant_grow(&all->other, 2 * (size_t)all->other_capacity + 1024, sizeof *all->other)) return false;
+        all->other_capacity = 2 * all->other_capacity + 1024;
     }
     all->other[all->num_other++] = tet;
     return true;
@@ -107,37 +107,37 @@ static bool list_near(parts_work *all)
 static bool plan(parts_work *all)
 {
     const bool good = all->before ? list_other(all) : list_near(all);
-    if (!good || !(all->anew = pliant_calloc((size_t)all->num_other + 1, sizeof *all->anew))) return false;
+    if (!good || !(all->rebuilt = pliant_calloc((size_t)all->num_other + 1, sizeof *all->rebuilt))) return false;
     for (int32_t i = 0; i < all->num_other; i++)
-        if (is_near(all, all->other[i])) all->anew[all->num_anew++] = all->other[i];
+        if (is_near(all, all->other[i])) all->rebuilt[all->num_rebuilt++] = all->other[i];
     return true;
 }
 
 static pliant_status make_boxes(parts_work *all)
 {
     pliant_work work = {.what = "the parts of the deformed volume"};
-    const int fair = 1 + all->num_anew / LEAST_BOXES;
+    const int fair = 1 + all->num_rebuilt / MIN_TETS_PER_THREAD;
 #pragma omp parallel num_threads(fair < all->num_makers ? fair : all->num_makers)
     {
         const int maker = omp_get_thread_num();
         pliant_status status = PLIANT_OK;
 #pragma omp for schedule(dynamic, 2)
-        for (int32_t n = 0; n < all->num_anew; n++) {
-            const int32_t tet = all->anew[n];
+        for (int32_t n = 0; n < all->num_rebuilt; n++) {
+            const int32_t tet = all->rebuilt[n];
             all->made[n].maker = -1;
             if (status == PLIANT_OK)
                 status = pliant_parts_make_box(all->makers + maker, tet, &all->hosts->box[tet], maker, all->made + n);
         }
-        pliant_work_leave(&work, status);
+        pliant_work_finish_thread(&work, status);
     }
-    return pliant_work_outcome(&work);
+    return pliant_work_result(&work);
 }
 
 static void set_element(part_element *elements, int32_t at, int32_t box, int32_t label)
 {
     if (elements[at].box == box && elements[at].label == label) return;
     elements[at] = (part_element){box, label};
-    pliant_writes(elements, (size_t)at, 1, sizeof *elements);
+    pliant_mark_written(elements, (size_t)at, 1, sizeof *elements);
 }
 
 /* Return the fragments of an initial tetrahedron.
@@ -156,28 +156,29 @@ static void set_elements(const parts_work *all, pliant_parts *parts, part_elemen
     const int32_t tets = all->body->fine.num_tets, *list;
     const int32_t known = all->before ? all->body_before->fine.num_tets : 0;
     for (int32_t t = known; t < tets; t++) elements[t] = (part_element){-1, 0};
-    for (int32_t g = 0; g < parts->num_guests; g++) elements[tets + g] = (part_element){-1, 0};
+    for (int32_t g = 0; g < parts->num_carried_tets; g++) elements[tets + g] = (part_element){-1, 0};
     for (int32_t i = 0; all->before && i < all->num_other; i++) {
         const int32_t count = fragments_of(all->body_before->cuts, all->other + i, &list);
         for (int32_t f = 0; f < count; f++)
             if (list[f] < tets) set_element(elements, list[f], -1, 0);
     }
-    int32_t guest = 0;
+    int32_t carried_tet = 0;
     for (int32_t b = 0; b < parts->num_boxes; b++) {
         const int32_t *carrier = parts->carrier + parts->carrier_start[b],
                       count = fragments_of(all->body->cuts, parts->host + b, &list);
         for (int32_t f = 0; f < count; f++) set_element(elements, list[f], b, f);
-        for (int32_t label = 0; guest < parts->guest_start[b + 1]; label++)
-            if (carrier[label] == parts->guests[guest].carrier) elements[tets + guest++] = (part_element){b, label};
+        for (int32_t label = 0; carried_tet < parts->carried_tet_start[b + 1]; label++)
+            if (carrier[label] == parts->carried_tets[carried_tet].carrier)
+                elements[tets + carried_tet++] = (part_element){b, label};
     }
     parts->view.elements = elements;
-    parts->view.num_elements = tets + parts->num_guests;
+    parts->view.num_elements = tets + parts->num_carried_tets;
 }
 
-/* Append a box with its carriers and guests. */
+/* Append a box with its carriers and carried_tets. */
 static void add_box(pliant_parts *parts, part_box *boxes, const part_box *box, int32_t host, bool by_node,
-                    int32_t taken, const int32_t *carrier, int32_t num_carriers, const part_guest *guest,
-                    int32_t num_guests)
+                    int32_t taken, const int32_t *carrier, int32_t num_carriers, const part_carried_tet *carried_tet,
+                    int32_t num_carried_tets)
 {
     const int32_t b = parts->num_boxes++;
     boxes[b] = *box;
@@ -185,10 +186,12 @@ static void add_box(pliant_parts *parts, part_box *boxes, const part_box *box, i
     parts->by_node[b] = by_node;
     parts->taken[b] = taken;
     memcpy(parts->carrier + parts->carrier_start[b], carrier, (size_t)num_carriers * sizeof *carrier);
-    if (num_guests > 0) memcpy(parts->guests + parts->guest_start[b], guest, (size_t)num_guests * sizeof *guest);
+    if (num_carried_tets > 0)
+        memcpy(parts->carried_tets + parts->carried_tet_start[b], carried_tet,
+               (size_t)num_carried_tets * sizeof *carried_tet);
     parts->carrier_start[b + 1] = parts->carrier_start[b] + num_carriers;
-    parts->guest_start[b + 1] = parts->guest_start[b] + num_guests;
-    parts->num_guests = parts->guest_start[b + 1];
+    parts->carried_tet_start[b + 1] = parts->carried_tet_start[b] + num_carried_tets;
+    parts->num_carried_tets = parts->carried_tet_start[b + 1];
 }
 
 static void add_kept(pliant_parts *parts, part_box *boxes, const pliant_parts *from, int32_t old)
@@ -202,23 +205,24 @@ static void add_kept(pliant_parts *parts, part_box *boxes, const pliant_parts *f
     }
     parts->live += (size_t)part_count(&box);
     add_box(parts, boxes, &box, from->host[old], from->by_node[old], old, from->carrier + from->carrier_start[old],
-            from->carrier_start[old + 1] - from->carrier_start[old], from->guests + from->guest_start[old],
-            from->guest_start[old + 1] - from->guest_start[old]);
+            from->carrier_start[old + 1] - from->carrier_start[old], from->carried_tets + from->carried_tet_start[old],
+            from->carried_tet_start[old + 1] - from->carried_tet_start[old]);
 }
 
 static void add_made(pliant_parts *parts, part_box *boxes, const parts_work *all, int32_t n)
 {
     const part_made *made = all->made + n;
     const part_maker *by = all->makers + made->maker;
-    part_box box = all->hosts->box[all->anew[n]];
+    part_box box = all->hosts->box[all->rebuilt[n]];
     box.first = (int32_t)parts->pool->used;
     memcpy(parts->pool->at + box.first, (const uint16_t *)by->labels.at + made->labels,
            (size_t)made->num_labels * sizeof *parts->pool->at);
     parts->pool->used += (size_t)made->num_labels;
     parts->live += (size_t)made->num_labels;
-    add_box(parts, boxes, &box, all->anew[n], made->by_node, -1, (const int32_t *)by->carriers.at + made->carriers,
-            made->num_carriers, by->guests.at ? (const part_guest *)by->guests.at + made->guests : NULL,
-            made->num_guests);
+    add_box(parts, boxes, &box, all->rebuilt[n], made->by_node, -1, (const int32_t *)by->carriers.at + made->carriers,
+            made->num_carriers,
+            by->carried_tets.at ? (const part_carried_tet *)by->carried_tets.at + made->carried_tets : NULL,
+            made->num_carried_tets);
 }
 
 /* Return whether a host is in `other`. Hosts must be queried in ascending order.
@@ -233,36 +237,36 @@ static bool is_other(const parts_work *all, int32_t host, int32_t *next)
 static pliant_status make_lists(const parts_work *all, pliant_parts *parts, part_box **boxes, part_element **elements)
 {
     const pliant_parts *from = all->before;
-    size_t count = 0, carriers = 0, guests = 0, more = 0, live = 0;
+    size_t count = 0, carriers = 0, carried_tets = 0, more = 0, live = 0;
     for (int32_t old = 0, other = 0; from && old < from->num_boxes; old++) {
         if (is_other(all, from->host[old], &other)) continue;
         count++;
         carriers += (size_t)(from->carrier_start[old + 1] - from->carrier_start[old]);
-        guests += (size_t)(from->guest_start[old + 1] - from->guest_start[old]);
+        carried_tets += (size_t)(from->carried_tet_start[old + 1] - from->carried_tet_start[old]);
         live += (size_t)part_count(&from->view.boxes[old]);
     }
-    for (int32_t n = 0; n < all->num_anew; n++) {
+    for (int32_t n = 0; n < all->num_rebuilt; n++) {
         if (all->made[n].maker < 0) continue;
         count++;
         carriers += (size_t)all->made[n].num_carriers;
-        guests += (size_t)all->made[n].num_guests;
+        carried_tets += (size_t)all->made[n].num_carried_tets;
         more += (size_t)all->made[n].num_labels;
     }
     parts->view.boxes = *boxes = pliant_calloc(count + 1, sizeof **boxes);
     const size_t tets = (size_t)all->body->fine.num_tets, known = from ? (size_t)all->body_before->fine.num_tets : 0;
-    *elements = from
-                    ? pliant_next_of(from->view.elements, known < tets ? known : tets, tets + guests, sizeof **elements)
-                    : pliant_room(tets + guests, sizeof **elements);
+    *elements = from ? pliant_next_version(from->view.elements, known < tets ? known : tets, tets + carried_tets,
+                                           sizeof **elements)
+                     : pliant_malloc(tets + carried_tets, sizeof **elements);
     parts->view.elements = *elements;
     parts->host = pliant_calloc(count + 1, sizeof *parts->host);
     parts->by_node = pliant_calloc(count + 1, sizeof *parts->by_node);
     parts->taken = pliant_calloc(count + 1, sizeof *parts->taken);
     parts->carrier_start = pliant_calloc(count + 1, sizeof *parts->carrier_start);
-    parts->guest_start = pliant_calloc(count + 1, sizeof *parts->guest_start);
+    parts->carried_tet_start = pliant_calloc(count + 1, sizeof *parts->carried_tet_start);
     parts->carrier = pliant_calloc(carriers + 1, sizeof *parts->carrier);
-    parts->guests = pliant_calloc(guests + 1, sizeof *parts->guests);
+    parts->carried_tets = pliant_calloc(carried_tets + 1, sizeof *parts->carried_tets);
     if (!*boxes || !*elements || !parts->host || !parts->by_node || !parts->taken || !parts->carrier_start ||
-        !parts->guest_start || !parts->carrier || !parts->guests)
+        !parts->carried_tet_start || !parts->carrier || !parts->carried_tets)
         return pliant_parts_no_memory();
     return pliant_part_pool_find(from, live, more, &parts->pool);
 }
@@ -275,11 +279,11 @@ static pliant_status gather(const parts_work *all, pliant_parts *parts)
     if (status != PLIANT_OK) return status;
     memcpy(parts->view.scan_size, all->body->voxels->geometry.size, sizeof parts->view.scan_size);
     const int32_t olds = all->before ? all->before->num_boxes : 0;
-    for (int32_t n = 0, old = 0, other = 0; n < all->num_anew || old < olds;) {
+    for (int32_t n = 0, old = 0, other = 0; n < all->num_rebuilt || old < olds;) {
         const int32_t host = old < olds ? all->before->host[old] : INT32_MAX;
-        if (n < all->num_anew && all->anew[n] <= host) {
+        if (n < all->num_rebuilt && all->rebuilt[n] <= host) {
             if (all->made[n].maker >= 0) add_made(parts, boxes, all, n);
-            old += all->anew[n++] == host;
+            old += all->rebuilt[n++] == host;
         } else {
             if (!is_other(all, host, &other)) add_kept(parts, boxes, all->before, old);
             old++;
@@ -302,7 +306,7 @@ static pliant_status create(parts_work *all, pliant_parts *parts)
     if (all->before) status = pliant_parts_compare(all->makers, all->body_before, all->hosts, &all->changes);
     if (status != PLIANT_OK) return status;
     const bool planned = plan(all);
-    if (planned) all->made = pliant_calloc((size_t)all->num_anew + 1, sizeof *all->made);
+    if (planned) all->made = pliant_calloc((size_t)all->num_rebuilt + 1, sizeof *all->made);
     status = all->made ? make_boxes(all) : pliant_parts_no_memory();
     if (status == PLIANT_OK) status = gather(all, parts);
     parts->num_other = all->num_other;
@@ -315,7 +319,7 @@ static void free_maker(part_maker *maker)
 {
     void *blocks[] = {maker->label,       maker->queue,     maker->carried,  maker->step,
                       maker->severed,     maker->touched,   maker->wanted,   maker->wall,
-                      maker->carriers.at, maker->labels.at, maker->guests.at};
+                      maker->carriers.at, maker->labels.at, maker->carried_tets.at};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
 }
 
@@ -332,7 +336,7 @@ pliant_status pliant_parts_create(const pliant_body *body, const pliant_geometry
                       .hosts = hosts,
                       .body_before = body_before,
                       .num_makers = num_threads};
-    all.cut_of = pliant_room(tets, sizeof *all.cut_of);
+    all.cut_of = pliant_malloc(tets, sizeof *all.cut_of);
     all.makers = pliant_calloc((size_t)num_threads, sizeof *all.makers);
     pliant_parts *parts = pliant_calloc(1, sizeof *parts);
     pliant_status status = all.cut_of && all.makers && parts ? PLIANT_OK : pliant_parts_no_memory();
@@ -347,12 +351,12 @@ pliant_status pliant_parts_create(const pliant_body *body, const pliant_geometry
                                          .cut_of = all.cut_of,
                                          .carriers.size = sizeof(int32_t),
                                          .labels.size = sizeof(uint16_t),
-                                         .guests.size = sizeof(part_guest)};
+                                         .carried_tets.size = sizeof(part_carried_tet)};
         status = create(&all, parts);
     }
     for (int m = 0; all.makers && m < num_threads; m++) free_maker(all.makers + m);
     pliant_part_changes_free(&all.changes);
-    void *blocks[] = {all.cut_of, all.other, all.anew, all.made, all.makers};
+    void *blocks[] = {all.cut_of, all.other, all.rebuilt, all.made, all.makers};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     if (status != PLIANT_OK) {
         pliant_parts_free(parts);
@@ -393,8 +397,8 @@ void pliant_parts_free(pliant_parts *parts)
     pliant_free(parts->other);
     pliant_free(parts->carrier_start);
     pliant_free(parts->carrier);
-    pliant_free(parts->guest_start);
-    pliant_free(parts->guests);
+    pliant_free(parts->carried_tet_start);
+    pliant_free(parts->carried_tets);
     pliant_free(parts);
 }
 

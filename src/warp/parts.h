@@ -1,4 +1,4 @@
-/* Data of a warp for cut bodies: voxel labels (part.h) and guests. */
+/* Data of a warp for cut bodies: voxel labels (part.h) and carried_tets. */
 #ifndef PLIANT_WARP_PARTS_H
 #define PLIANT_WARP_PARTS_H
 
@@ -11,17 +11,17 @@ extern "C" {
 
 /* Part of an initial tetrahedron that moves with a tetrahedron which is no fragment of it: a chip, or a corner beyond a
  * cut without a voxel centre. It is drawn as an additional tetrahedron that follows its carrier. */
-typedef struct part_guest {
+typedef struct part_carried_tet {
     int32_t host, carrier;
     /* its corners as combinations of the carrier's corners, slightly outside the host's corners */
     double blend[4][4];
     double rest[4][3];    /* scan index of its corners */
-} part_guest;
+} part_carried_tet;
 
 /* Labels shared by the parts of successive bodies. New labels are appended, and kept labels do not move. */
 typedef struct part_pool {
     int32_t holders;
-    size_t room, used;
+    size_t capacity, used;
     uint16_t *at;
 } part_pool;
 
@@ -34,7 +34,7 @@ typedef struct part_hosts {
     int32_t cubes[3], *cube_start, *of_cube; /* (cubes + 1) start of each cube's list, which is ascending */
 } part_hosts;
 
-/* Parts of a body. Elements are the tetrahedra followed by the guests. */
+/* Parts of a body. Elements are the tetrahedra followed by the carried_tets. */
 typedef struct pliant_parts {
     part_view view;            /* its labels point to the pool */
     part_pool *pool;
@@ -48,9 +48,9 @@ typedef struct pliant_parts {
     /* initial tetrahedra, ascending, whose previous box was not reused or which have a new one */
     int32_t num_other, *other;
     int32_t *carrier_start, *carrier; /* (num_boxes + 1) by box and label: tetrahedron of each label */
-    int32_t num_guests;
-    int32_t *guest_start;      /* (num_boxes + 1) */
-    part_guest *guests;        /* sorted by box, then label */
+    int32_t num_carried_tets;
+    int32_t *carried_tet_start;      /* (num_boxes + 1) */
+    part_carried_tet *carried_tets;        /* sorted by box, then label */
 } pliant_parts;
 
 /* Compute the boxes of all initial tetrahedra, for all bodies with these voxels. The caller owns one reference. Errors:
@@ -73,7 +73,7 @@ void pliant_parts_free(pliant_parts *parts); /* Nullable */
 bool pliant_parts_same(const pliant_parts *before, int32_t box_before, const pliant_parts *now, int32_t box);
 
 /* Compute a corner of a guest from the positions of its carrier's nodes. */
-PLIANT_INLINE void part_guest_corner(const double blend[4], const double *const node[4], double out[3])
+PLIANT_INLINE void part_carried_tet_corner(const double blend[4], const double *const node[4], double out[3])
 {
     PLIANT_UNROLL for (int d = 0; d < 3; d++) out[d] =
         blend[0] * node[0][d] + blend[1] * node[1][d] + blend[2] * node[2][d] + blend[3] * node[3][d];

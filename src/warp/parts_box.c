@@ -10,7 +10,7 @@
 enum { STEPS = 3 };
 enum { NO_LABEL = -1, IN_QUEUE = -2 };
 /* number of cells along i that are processed together */
-enum { MOST_ROW = 64 };
+enum { MAX_ROW = 64 };
 
 static int32_t scan_voxel(const part_maker *work, int32_t local)
 {
@@ -43,12 +43,12 @@ static bool find_severed(part_maker *work)
     for (int32_t k = 0; k < box->size[2]; k++) {
         const int32_t slice = size[0] * (box->low[1] + size[1] * (box->low[2] + k));
         const uint32_t *link = work->cuts->link,
-                       *from = link + pliant_lower(link, work->cuts->num_links, 4 * (uint32_t)slice);
+                       *from = link + pliant_lower_bound(link, work->cuts->num_links, 4 * (uint32_t)slice);
         const uint32_t *end =
-            link + pliant_lower(link, work->cuts->num_links, 4 * (uint32_t)(slice + size[0] * box->size[1]));
+            link + pliant_lower_bound(link, work->cuts->num_links, 4 * (uint32_t)(slice + size[0] * box->size[1]));
         for (int32_t j = 0; j < box->size[1] && from < end; j++) {
             const uint32_t row = (uint32_t)(slice + size[0] * j + box->low[0]);
-            from += pliant_lower(from, (int32_t)(end - from), 4 * row);
+            from += pliant_lower_bound(from, (int32_t)(end - from), 4 * row);
             for (; from < end && *from / 4 < row + (uint32_t)box->size[0]; from++) {
                 work->severed[(int32_t)(*from / 4 - row) + box->size[0] * (j + box->size[1] * k)] |=
                     (uint8_t)(1 << *from % 4);
@@ -99,14 +99,15 @@ static bool list_fragments(part_maker *work)
  * pliant_parts_touches. */
 typedef struct cell_planes {
     const part_shape *at;
-    double most[4][MOST_ROW]; /* along a row */
+    double maximum[4][MAX_ROW]; /* along a row */
 } cell_planes;
 
 static void begin_rows(const part_shape *at, int32_t low, int32_t count, cell_planes *out)
 {
     out->at = at;
     for (int v = 0; v < 4; v++)
-        for (int32_t i = 0; i < count; i++) out->most[v][i] = at->value[v] + part_most(at->slope[v][0], low + i, 1);
+        for (int32_t i = 0; i < count; i++)
+            out->maximum[v][i] = at->value[v] + part_max_on_interval(at->slope[v][0], low + i, 1);
 }
 
 /* Find the cells of a row that the tetrahedron touches, bitwise identical to pliant_parts_touches for each cell. The
@@ -116,10 +117,10 @@ static int32_t touch_row(const cell_planes *planes, const int32_t low[3], int32_
 {
     int32_t first = 0, end = count;
     for (int v = 0; v < 4 && first < end; v++) {
-        const double *most = planes->most[v], along = part_most(planes->at->slope[v][1], low[1], 1),
-                     down = part_most(planes->at->slope[v][2], low[2], 1);
-        while (first < end && most[first] + along + down < -PART_GROWTH) first++;
-        while (first < end && most[end - 1] + along + down < -PART_GROWTH) end--;
+        const double *maximum = planes->maximum[v], along = part_max_on_interval(planes->at->slope[v][1], low[1], 1),
+                     down = part_max_on_interval(planes->at->slope[v][2], low[2], 1);
+        while (first < end && maximum[first] + along + down < -PART_GROWTH) first++;
+        while (first < end && maximum[end - 1] + along + down < -PART_GROWTH) end--;
     }
     *begin = first;
     return end;
@@ -133,8 +134,8 @@ static void find_touched(part_maker *work)
                               size[2] > 1 ? size[2] - 1 : 1};
     cell_planes planes;
     memset(work->touched, 0, (size_t)work->count);
-    for (int32_t from = 0; from < cells[0]; from += MOST_ROW) {
-        const int32_t count = cells[0] - from < MOST_ROW ? cells[0] - from : MOST_ROW;
+    for (int32_t from = 0; from < cells[0]; from += MAX_ROW) {
+        const int32_t count = cells[0] - from < MAX_ROW ? cells[0] - from : MAX_ROW;
         begin_rows(&work->at, work->box.low[0] + from, count, &planes);
         for (int32_t k = 0; k < cells[2]; k++)
             for (int32_t j = 0; j < cells[1]; j++) {
@@ -242,13 +243,13 @@ static int32_t label_by_node(const part_maker *work, int32_t local)
 {
     const int32_t *tets = work->body->fine.tets, voxel = scan_voxel(work, local), by = carrier_of(work, voxel);
     int32_t at[3], corner = 0;
-    double most = -INFINITY;
+    double maximum = -INFINITY;
     pliant_place_of(work->voxels, voxel, at);
     for (int v = 0; v < 4; v++) {
         double weight = work->at.value[v];
         for (int d = 0; d < 3; d++) weight += work->at.slope[v][d] * at[d];
-        if (weight > most) corner = v;
-        most = fmax(most, weight);
+        if (weight > maximum) corner = v;
+        maximum = fmax(maximum, weight);
     }
     const int32_t *fragment = (const int32_t *)work->carriers.at + work->first_carrier;
     for (int32_t label = 0; label < work->num_fragments; label++)
@@ -258,7 +259,7 @@ static int32_t label_by_node(const part_maker *work, int32_t local)
 }
 
 /* Queue the voxels without a label that are connected to a first one. Return their number. */
-static int32_t hang_together(part_maker *work, int32_t first)
+static int32_t queue_connected_voxels(part_maker *work, int32_t first)
 {
     const int32_t *size = work->box.size, stride[3] = {1, size[0], size[0] * size[1]};
     int32_t queued = 0;
@@ -280,9 +281,9 @@ static int32_t hang_together(part_maker *work, int32_t first)
 }
 
 /* Return the carrier of the majority of the queued voxels; the lowest one at a tie. */
-static int32_t most_of(const part_maker *work, int32_t queued)
+static int32_t majority_carrier(const part_maker *work, int32_t queued)
 {
-    int32_t best = -1, most = 0;
+    int32_t best = -1, maximum = 0;
     for (int32_t n = 0; n < queued; n++) work->carried[n] = carrier_of(work, scan_voxel(work, work->queue[n]));
     for (int32_t n = 0; n < queued; n++) {
         const int32_t carrier = work->carried[n];
@@ -293,9 +294,9 @@ static int32_t most_of(const part_maker *work, int32_t queued)
             same++;
             work->carried[m] = -1; /* counted */
         }
-        if (same > most || (same == most && carrier < best)) {
+        if (same > maximum || (same == maximum && carrier < best)) {
             best = carrier;
-            most = same;
+            maximum = same;
         }
     }
     return best;
@@ -324,7 +325,8 @@ static bool label_others(part_maker *work)
          at++) {
         const int32_t n = (int32_t)(at - work->wanted);
         if (work->label[n] >= 0) continue;
-        const int32_t together = hang_together(work, n), label = label_of(work, most_of(work, together));
+        const int32_t together = queue_connected_voxels(work, n),
+                      label = label_of(work, majority_carrier(work, together));
         if (label < 0) return false;
         for (int32_t m = 0; m < together; m++) work->label[work->queue[m]] = label;
     }
@@ -343,19 +345,19 @@ static bool label_others(part_maker *work)
 
 /* ---- a tetrahedron */
 
-static bool make_room(part_maker *work)
+static bool reserve_capacity(part_maker *work)
 {
     work->count = work->box.size[0] * work->box.size[1] * work->box.size[2];
-    if (work->count <= work->room) return true;
+    if (work->count <= work->capacity) return true;
     void **blocks[] = {(void **)&work->label,   (void **)&work->queue,   (void **)&work->carried, (void **)&work->step,
                        (void **)&work->severed, (void **)&work->touched, (void **)&work->wanted,  (void **)&work->wall};
     const size_t sizes[] = {sizeof *work->label, sizeof *work->queue, sizeof *work->carried, 1, 1, 1, 1, 1};
-    work->room = 0;
+    work->capacity = 0;
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) {
         pliant_free(*blocks[b]);
         if (!(*blocks[b] = pliant_calloc((size_t)work->count, sizes[b]))) return false;
     }
-    work->room = work->count;
+    work->capacity = work->count;
     return true;
 }
 
@@ -386,7 +388,7 @@ pliant_status pliant_parts_make_box(part_maker *work, int32_t tet, const part_bo
     work->tet = tet;
     work->by_node = false;
     work->box = *box;
-    if (!make_room(work)) return pliant_parts_no_memory();
+    if (!reserve_capacity(work)) return pliant_parts_no_memory();
     const bool severed = find_severed(work);
     if (!severed && work->cut_of[tet] < 0) return PLIANT_OK;
     pliant_parts_shape(work, tet, &work->at);
@@ -394,7 +396,7 @@ pliant_status pliant_parts_make_box(part_maker *work, int32_t tet, const part_bo
     find_touched(work);
     for (int32_t n = 0; n < work->count; n++) work->label[n] = NO_LABEL;
     *out = (part_made){.carriers = (int32_t)work->carriers.count,
-                       .guests = (int32_t)work->guests.count,
+                       .carried_tets = (int32_t)work->carried_tets.count,
                        .labels = work->labels.count,
                        .num_labels = work->count,
                        .maker = -1};
@@ -402,15 +404,15 @@ pliant_status pliant_parts_make_box(part_maker *work, int32_t tet, const part_bo
     find_walls(work);
     spread(work, queued, STEPS);
     if (!label_others(work)) return pliant_parts_no_memory();
-    if (work->num_carriers > PART_MOST_LABELS)
-        return pliant_fail(PLIANT_ERROR_MEMORY, "more than %d fragments meet in one tetrahedron", PART_MOST_LABELS);
+    if (work->num_carriers > PART_MAX_LABELS)
+        return pliant_fail(PLIANT_ERROR_MEMORY, "more than %d fragments meet in one tetrahedron", PART_MAX_LABELS);
     uint16_t *labels = pliant_parts_grow(&work->labels, (size_t)work->count);
     if (!labels) return pliant_parts_no_memory();
     write_labels(work, labels);
-    const pliant_status status = pliant_parts_add_guests(work);
+    const pliant_status status = pliant_parts_add_carried_tets(work);
     out->maker = maker;
     out->by_node = work->by_node;
     out->num_carriers = work->num_carriers;
-    out->num_guests = (int32_t)work->guests.count - out->guests;
+    out->num_carried_tets = (int32_t)work->carried_tets.count - out->carried_tets;
     return status;
 }

@@ -23,7 +23,7 @@ void pliant_part_hosts_release(part_hosts *hosts)
 
 /* Count, or list, the cubes of each box.
  * start: (cubes + 2) */
-static void go_through(part_hosts *hosts, const pliant_voxels *voxels, bool lists)
+static void visit_cubes(part_hosts *hosts, const pliant_voxels *voxels, bool lists)
 {
     int32_t at[3], low[3], high[3], *start = hosts->cube_start;
     for (int32_t t = 0; t < voxels->num_tets; t++) {
@@ -50,11 +50,11 @@ static bool fill_cubes(part_hosts *hosts, const pliant_voxels *voxels)
         cubes *= (size_t)hosts->cubes[d];
     }
     if (!(hosts->cube_start = pliant_calloc(cubes + 2, sizeof *hosts->cube_start))) return false;
-    go_through(hosts, voxels, false);
+    visit_cubes(hosts, voxels, false);
     for (size_t c = 0; c < cubes; c++) hosts->cube_start[c + 2] += hosts->cube_start[c + 1];
     if (!(hosts->of_cube = pliant_calloc((size_t)hosts->cube_start[cubes + 1] + 1, sizeof *hosts->of_cube)))
         return false;
-    go_through(hosts, voxels, true);
+    visit_cubes(hosts, voxels, true);
     return true;
 }
 
@@ -78,16 +78,16 @@ pliant_status pliant_part_hosts_create(const pliant_body *body, const pliant_geo
 
 pliant_status pliant_part_pool_find(const pliant_parts *before, size_t live, size_t more, part_pool **out)
 {
-    if (before && before->pool->used + more <= before->pool->room) {
+    if (before && before->pool->used + more <= before->pool->capacity) {
         before->pool->holders++;
         *out = before->pool;
         return PLIANT_OK;
     }
     part_pool *made = pliant_calloc(1, sizeof *made);
     if (!made) return pliant_parts_no_memory();
-    made->room = live + more + (live + more) / 8 + SPARE_LABELS;
+    made->capacity = live + more + (live + more) / 8 + SPARE_LABELS;
     made->holders = 1;
-    if (made->room <= INT32_MAX && (made->at = pliant_calloc(made->room, sizeof *made->at))) {
+    if (made->capacity <= INT32_MAX && (made->at = pliant_calloc(made->capacity, sizeof *made->at))) {
         *out = made;
         return PLIANT_OK;
     }

@@ -13,7 +13,7 @@ extern "C" {
 #endif
 
 /* A growing list; size: bytes per element. */
-typedef struct part_list { void *at; size_t count, room, size; } part_list;
+typedef struct part_list { void *at; size_t count, capacity, size; } part_list;
 
 /* An initial tetrahedron in scan indices: barycentric coordinate v is slope[v] . index + value[v]. */
 typedef struct part_shape { double corner[4][3], slope[4][3], value[4]; } part_shape;
@@ -22,9 +22,9 @@ typedef struct part_shape { double corner[4][3], slope[4][3], value[4]; } part_s
 typedef struct part_made {
     int32_t maker;                 /* -1: no box */
     bool by_node;                  /* see parts.h */
-    int32_t carriers, guests;
+    int32_t carriers, carried_tets;
     size_t labels;
-    int32_t num_carriers, num_guests, num_labels;
+    int32_t num_carriers, num_carried_tets, num_labels;
 } part_made;
 
 /* State of one thread. */
@@ -38,7 +38,7 @@ typedef struct part_maker {
     int32_t tet;
     part_shape at;
     part_box box;
-    int32_t count, room;           /* number of voxels in the box, and capacity */
+    int32_t count, capacity;           /* number of voxels in the box, and capacity */
     int32_t *label;                /* (count) -1: none yet */
     /* (count) number of links from a labelled voxel; severed links; corners of touched cells; needs a label from
      * another tetrahedron */
@@ -48,7 +48,7 @@ typedef struct part_maker {
     int32_t *queue, *carried;      /* (count) */
     int32_t num_carriers, num_fragments, first_carrier;
     bool by_node;                  /* see parts.h */
-    part_list carriers, labels, guests;
+    part_list carriers, labels, carried_tets;
 } part_maker;
 
 /* Differences between a body and the previous one, in regions of this number of voxels along each axis. */
@@ -60,12 +60,12 @@ typedef struct part_changes {
     int32_t num_listed, *listed;   /* initial tetrahedra whose list of fragments differs, ascending */
 } part_changes;
 
-/* Corners of guests are moved outwards by this fraction of the distance from the centre, so that rounding leaves no gap
- * to adjacent elements. */
+/* Corners of carried_tets are moved outwards by this fraction of the distance from the centre, so that rounding leaves
+ * no gap to adjacent elements. */
 #define PART_GROWTH (1.0 / 1024)
 
 /* Return the maximum of slope times index between low and low + size. */
-static inline double part_most(double slope, double low, double size)
+static inline double part_max_on_interval(double slope, double low, double size)
 {
     return slope * low + (slope > 0 ? slope * size : 0);
 }
@@ -94,21 +94,21 @@ static inline int32_t part_load_node(const part_maker *work, int32_t node)
     return work->body->node_parent ? work->body->node_parent[node] : node;
 }
 
-/* parts_room.c: reserve capacity; NULL: out of memory */
+/* parts_list.c: reserve capacity; NULL: out of memory */
 void *pliant_parts_grow(part_list *list, size_t more);
 pliant_status pliant_parts_no_memory(void);
 
 /* parts_box.c: compute the box of one tetrahedron; out->maker is unchanged if there is no box */
 pliant_status pliant_parts_make_box(part_maker *work, int32_t tet, const part_box *box, int32_t maker, part_made *out);
 
-/* parts_guests.c: a tetrahedron at rest, and the voxels around it */
+/* parts_neighbours.c: a tetrahedron at rest, and the voxels around it */
 void pliant_parts_shape(const part_maker *work, int32_t tet, part_shape *out);
 void pliant_parts_box(const part_maker *work, int32_t tet, part_box *out);
-/* Return whether a shape, extended as guests are, may touch a box, by its planes.
+/* Return whether a shape, extended as carried_tets are, may touch a box, by its planes.
  * low: lower corner of the box */
 bool pliant_parts_touches(const part_shape *at, const double low[3], const double size[3]);
-/* Add the guests of the current tetrahedron, by its labels. */
-pliant_status pliant_parts_add_guests(part_maker *work);
+/* Add the carried_tets of the current tetrahedron, by its labels. */
+pliant_status pliant_parts_add_carried_tets(part_maker *work);
 
 /* parts_labels.c: labels and boxes that bodies share */
 void pliant_part_pool_release(part_pool *pool); /* Nullable */
@@ -116,7 +116,7 @@ void pliant_part_pool_release(part_pool *pool); /* Nullable */
  * labels must be copied. */
 pliant_status pliant_part_pool_find(const pliant_parts *before, size_t live, size_t more, part_pool **out);
 
-/* parts_before.c: find the differences to another body
+/* parts_compare.c: find the differences to another body
  * out: owned by the caller */
 pliant_status pliant_parts_compare(const part_maker *work, const pliant_body *body_before, const part_hosts *hosts,
                                    part_changes *out);

@@ -2,7 +2,7 @@
  * one, with the same code for all inner loops. */
 #include "warp/sample.h"
 #include "warp/part_sample.h"
-#include "warp/owners.h"
+#include "warp/voxel_owners.h"
 
 #include <math.h>
 
@@ -16,8 +16,8 @@ static void find_index(const raster_tet *tet, const int32_t origin[3], int32_t i
 }
 
 /* Return the voxels of a row mask whose rest points belong to the element. */
-static uint32_t own_of(const part_view *parts, int32_t element, const raster_tet *tet, const int32_t origin[3],
-                       int32_t row, uint32_t mask, raster_brick *brick)
+static uint32_t find_owned_voxels(const part_view *parts, int32_t element, const raster_tet *tet,
+                                  const int32_t origin[3], int32_t row, uint32_t mask, raster_brick *brick)
 {
     uint32_t own = 0;
     for (uint32_t left = mask; left; left &= left - 1) {
@@ -49,7 +49,7 @@ int32_t pliant_raster_claim_part(const part_view *parts, int32_t element, const 
             owner_find_row(tet, corner, box, j, k, &first, &last);
             uint32_t mask = (uint32_t)ENTRY_MASK << first & (uint32_t)ENTRY_MASK >> (BRICK - 1 - last) &
                             ~(uint32_t)(*owned >> shift);
-            mask = own_of(parts, element, tet, origin, row, mask & ENTRY_MASK, brick);
+            mask = find_owned_voxels(parts, element, tet, origin, row, mask & ENTRY_MASK, brick);
             if (!mask) continue;
             *owned |= (uint64_t)mask << shift;
             brick->entry[brick->num_entries[row]++][row] = entry | mask;

@@ -7,11 +7,11 @@
 #define PLIANT_RENDER_RAY_H
 
 #include "pliant/render.h"
-#include "scan/stored.h"
+#include "scan/stored_value.h"
 
 #include <math.h>
 
-enum { RENDER_BRICK = 8, RENDER_HALVINGS = 12, RENDER_PEEKS = 8, RENDER_DEPTHS = 4 };
+enum { RENDER_BRICK = 8, RENDER_BISECTIONS = 12, RENDER_LABEL_SAMPLES = 8, RENDER_DEPTHS = 4 };
 
 /* Pointers are valid where it runs (CPU or GPU). */
 typedef struct render_scene {
@@ -191,7 +191,7 @@ PLIANT_INLINE bool render_find(const render_scene *scene, pliant_encoding encodi
             render_field(scene, encoding, by_label, at) >= scene->level) {
             float low = n > 0 ? (float)(n - 1) * ray->stride : s, high = s;
             *first = n == 0;
-            for (int h = 0; n > 0 && h < RENDER_HALVINGS; h++) {
+            for (int h = 0; n > 0 && h < RENDER_BISECTIONS; h++) {
                 const float middle = 0.5f * (low + high);
                 render_at(ray, middle, at);
                 if (render_field(scene, encoding, by_label, at) >= scene->level) high = middle;
@@ -236,8 +236,8 @@ PLIANT_INLINE void render_inward(const render_scene *scene, pliant_encoding enco
 
 /* Return the scan's value below the surface: the mean over several depths, since skin may be one voxel thin. Each
  * sample is at least the surface level. */
-PLIANT_INLINE float render_beneath(const render_scene *scene, pliant_encoding encoding, bool by_label,
-                                   const float at[3], const float inward[3], bool first)
+PLIANT_INLINE float render_value_below_surface(const render_scene *scene, pliant_encoding encoding, bool by_label,
+                                               const float at[3], const float inward[3], bool first)
 {
     float sum = 0.0f;
     for (int n = 1; n <= RENDER_DEPTHS; n++) {
@@ -274,7 +274,7 @@ PLIANT_INLINE void render_shade(const pliant_style *style, float cosine, float r
 /* Return the label of the nearest voxel, or of the next labelled voxel inwards. */
 PLIANT_INLINE uint8_t render_label(const render_scene *scene, bool by_label, const float at[3], const float inward[3])
 {
-    for (int n = 0; scene->labels && n < RENDER_PEEKS; n++) {
+    for (int n = 0; scene->labels && n < RENDER_LABEL_SAMPLES; n++) {
         size_t index = 0, pitch = 1;
         PLIANT_UNROLL for (int d = 0; d < 3; d++) {
             const float peek = at[d] + 0.25f * (float)n * inward[d];
@@ -313,7 +313,7 @@ PLIANT_INLINE void render_surface(const render_scene *scene, pliant_encoding enc
         }
         label = render_label(scene, by_label, at, peek);
         if (out->rgb) {
-            render_colour(&scene->style, render_beneath(scene, encoding, by_label, at, inward, first), rgb);
+            render_colour(&scene->style, render_value_below_surface(scene, encoding, by_label, at, inward, first), rgb);
             if (!first) render_shade(&scene->style, render_limit(cosine / ray.metres, 0.0f, 1.0f), rgb);
         }
     }

@@ -17,18 +17,18 @@ static bool all_finite(int count, const double *values)
 
 static pliant_status check_camera(const pliant_camera *camera)
 {
-    enum { MOST_PIXELS = 1 << 15 };
+    enum { MAX_PIXELS = 1 << 15 };
     const double numbers[] = {camera->fx, camera->fy, camera->cx, camera->cy, camera->near, camera->far};
-    if (camera->width < 1 || camera->height < 1 || camera->width > MOST_PIXELS || camera->height > MOST_PIXELS)
+    if (camera->width < 1 || camera->height < 1 || camera->width > MAX_PIXELS || camera->height > MAX_PIXELS)
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "a camera has %d x %d pixels; use 1 to %d each", camera->width,
-                           camera->height, MOST_PIXELS);
+                           camera->height, MAX_PIXELS);
     if (!all_finite(6, numbers) || !all_finite(12, camera->pose))
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "a camera's fx, fy, cx, cy, near, far and pose must be finite");
-    const double least = 1e-3, most = 1e9; /* [pixels] */
-    if (!(fabs(camera->fx) >= least && fabs(camera->fx) <= most && fabs(camera->fy) >= least &&
-          fabs(camera->fy) <= most))
+    const double minimum = 1e-3, maximum = 1e9; /* [pixels] */
+    if (!(fabs(camera->fx) >= minimum && fabs(camera->fx) <= maximum && fabs(camera->fy) >= minimum &&
+          fabs(camera->fy) <= maximum))
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "a camera's fx and fy are %g and %g pixels; use %g to %g", camera->fx,
-                           camera->fy, least, most);
+                           camera->fy, minimum, maximum);
     for (int a = 0; a < 3; a++)
         for (int b = a; b < 3; b++) {
             double product = 0;
@@ -43,7 +43,7 @@ static pliant_status check_camera(const pliant_camera *camera)
 
 static pliant_status check_style(const pliant_style *style)
 {
-    bool good = style->num_colours >= 1 && style->num_colours <= PLIANT_MOST_COLOURS && isfinite(style->threshold) &&
+    bool good = style->num_colours >= 1 && style->num_colours <= PLIANT_MAX_COLOURS && isfinite(style->threshold) &&
                 isfinite(style->beneath) && isfinite(style->ambient) && isfinite(style->diffuse) &&
                 isfinite(style->specular);
     for (int n = 0; good && n < style->num_colours; n++) {
@@ -53,7 +53,7 @@ static pliant_status check_style(const pliant_style *style)
     return good ? PLIANT_OK
                 : pliant_fail(PLIANT_ERROR_ARGUMENT,
                               "a style needs 1 to %d colours whose values ascend, and numbers that are finite",
-                              PLIANT_MOST_COLOURS);
+                              PLIANT_MAX_COLOURS);
 }
 
 pliant_status render_scene_of(const pliant_volume *volume, const pliant_camera *camera, const pliant_style *style,
@@ -105,7 +105,7 @@ void render_fill_bricks(const render_scene *scene, bool by_label, int num_thread
 {
     const ptrdiff_t count = (ptrdiff_t)render_num_bricks(scene);
     const int32_t *bricks = scene->bricks;
-#pragma omp parallel for num_threads(pliant_threads_of(num_threads)) schedule(static)
+#pragma omp parallel for num_threads(pliant_threads_or_cores(num_threads)) schedule(static)
     for (ptrdiff_t b = 0; b < count; b++) {
         const int32_t brick[3] = {(int32_t)(b % bricks[0]), (int32_t)(b / bricks[0] % bricks[1]),
                                   (int32_t)(b / bricks[0] / bricks[1])};
@@ -133,7 +133,7 @@ PLIANT_INLINE void draw_row(const render_scene *scene, pliant_encoding encoding,
 
 void render_draw(const render_scene *scene, const render_output *out, int num_threads)
 {
-#pragma omp parallel for num_threads(pliant_threads_of(num_threads)) schedule(dynamic, 4)
+#pragma omp parallel for num_threads(pliant_threads_or_cores(num_threads)) schedule(dynamic, 4)
     for (int32_t row = 0; row < scene->height; row++)
         switch (scene->encoding) {
         case PLIANT_UINT8: draw_row(scene, PLIANT_UINT8, row, out); break;

@@ -1,6 +1,6 @@
 /* Change a warp to another body without redrawing unchanged parts. */
 #include "base/fail.h"
-#include "base/room.h"
+#include "base/buffer.h"
 #include "topology/body.h"
 #include "topology/parts.h"
 #include "base/memory.h"
@@ -17,10 +17,10 @@ struct pliant_warp_next {
     int32_t load_nodes;        /* number of initial nodes, which are the same in all bodies */
     pliant_parts *parts;
     pliant_fit *fit;
-    size_t node_room, element_room, candidate_room;
+    size_t node_room, element_capacity, candidate_capacity;
     void *longer[NUM_ARRAYS];  /* larger arrays that replace the warp's; NULL: the capacity suffices */
-    int32_t *guest_fixed;      /* (guests x 12) */
-    raster_tet *guest_tets;    /* (guests) */
+    int32_t *carried_tet_fixed;      /* (carried_tets x 12) */
+    raster_tet *carried_tet_tets;    /* (carried_tets) */
     pliant_warp_changes changes;
     uint8_t *left;             /* (previous elements - common) 1: still exists */
     const pliant_warp_device *device;
@@ -29,7 +29,7 @@ struct pliant_warp_next {
 };
 
 /* a position that no node has */
-static const int32_t nowhere = INT32_MIN;
+static const int32_t no_position = INT32_MIN;
 
 void pliant_warp_next_free(pliant_warp_next *next)
 {
@@ -37,9 +37,9 @@ void pliant_warp_next_free(pliant_warp_next *next)
     pliant_parts_free(next->parts);
     pliant_fit_free(next->fit);
     for (int a = 0; a < NUM_ARRAYS; a++) pliant_free(next->longer[a]);
-    pliant_free(next->guest_fixed);
-    pliant_free(next->guest_tets);
-    pliant_free(next->changes.anew);
+    pliant_free(next->carried_tet_fixed);
+    pliant_free(next->carried_tet_tets);
+    pliant_free(next->changes.rebuilt);
     pliant_free(next->changes.from);
     pliant_free(next->changes.gone);
     pliant_free(next->left);
@@ -72,37 +72,37 @@ static pliant_status check(const pliant_warp *warp, const pliant_body *body)
 static void list_arrays(pliant_warp *warp, void **array[NUM_ARRAYS], size_t size[NUM_ARRAYS])
 {
     void **arrays[NUM_ARRAYS] = {(void **)&warp->rest,      (void **)&warp->fixed, (void **)&warp->next,
-                                 (void **)&warp->moved,     (void **)&warp->tets,  (void **)&warp->anew,
+                                 (void **)&warp->moved,     (void **)&warp->tets,  (void **)&warp->rebuilt,
                                  (void **)&warp->candidates};
     const size_t sizes[NUM_ARRAYS] = {3 * sizeof *warp->rest,  3 * sizeof *warp->fixed, 3 * sizeof *warp->next,
-                                      sizeof *warp->moved,     sizeof *warp->tets,      sizeof *warp->anew,
+                                      sizeof *warp->moved,     sizeof *warp->tets,      sizeof *warp->rebuilt,
                                       sizeof *warp->candidates};
     memcpy(array, arrays, sizeof arrays);
     memcpy(size, sizes, sizeof sizes);
 }
 
 /* Allocate larger arrays if the capacity for nodes or elements is too small. */
-static bool make_room(pliant_warp *warp, size_t nodes, size_t elements, pliant_warp_next *next)
+static bool reserve_capacity(pliant_warp *warp, size_t nodes, size_t elements, pliant_warp_next *next)
 {
     void **array[NUM_ARRAYS];
     size_t size[NUM_ARRAYS];
     list_arrays(warp, array, size);
     next->node_room = nodes > warp->node_room ? nodes + nodes / 4 : warp->node_room;
-    next->element_room = elements > warp->element_room ? elements + elements / 4 : warp->element_room;
-    next->candidate_room = elements > warp->capacity ? elements + elements / 4 : warp->capacity;
+    next->element_capacity = elements > warp->element_capacity ? elements + elements / 4 : warp->element_capacity;
+    next->candidate_capacity = elements > warp->capacity ? elements + elements / 4 : warp->capacity;
     for (int a = 0; a < NUM_ARRAYS; a++) {
-        const size_t room = a < NODE_ARRAYS                    ? next->node_room
-                            : a < NODE_ARRAYS + ELEMENT_ARRAYS ? next->element_room
-                                                               : next->candidate_room;
+        const size_t capacity = a < NODE_ARRAYS                    ? next->node_room
+                            : a < NODE_ARRAYS + ELEMENT_ARRAYS ? next->element_capacity
+                                                               : next->candidate_capacity;
         const size_t now = a < NODE_ARRAYS                    ? warp->node_room
-                           : a < NODE_ARRAYS + ELEMENT_ARRAYS ? warp->element_room
+                           : a < NODE_ARRAYS + ELEMENT_ARRAYS ? warp->element_capacity
                                                               : warp->capacity;
-        if (room > now && !(next->longer[a] = pliant_calloc(room, size[a]))) return false;
+        if (capacity > now && !(next->longer[a] = pliant_calloc(capacity, size[a]))) return false;
     }
     return true;
 }
 
-static void take_room(pliant_warp *warp, pliant_warp_next *next)
+static void take_capacity(pliant_warp *warp, pliant_warp_next *next)
 {
     void **array[NUM_ARRAYS];
     size_t size[NUM_ARRAYS];
@@ -116,8 +116,8 @@ static void take_room(pliant_warp *warp, pliant_warp_next *next)
         next->longer[a] = shorter;
     }
     warp->node_room = next->node_room;
-    warp->element_room = next->element_room;
-    warp->capacity = next->candidate_room;
+    warp->element_capacity = next->element_capacity;
+    warp->capacity = next->candidate_capacity;
 }
 
 /* Return the box of a host; parts Nullable. */
@@ -141,24 +141,26 @@ static bool differs(const pliant_warp *warp, const pliant_warp_next *next, int32
     return other || !pliant_parts_same(warp->parts, box_of(warp->parts, tet), next->parts, box_of(next->parts, tet));
 }
 
-/* Keep the drawn state of guests that both bodies have. */
-static void carry_guests(const pliant_warp *warp, pliant_warp_next *next)
+/* Keep the drawn state of carried_tets that both bodies have. */
+static void carry_carried_tets(const pliant_warp *warp, pliant_warp_next *next)
 {
     const pliant_parts *old = warp->parts, *now = next->parts;
     const pliant_warp_changes *changes = &next->changes;
     const int32_t before = warp->mesh->num_tets, first = next->mesh->num_tets;
     int32_t from = 0;
-    for (int32_t g = 0; now && g < now->num_guests; g++) {
-        const part_guest *guest = &now->guests[g];
-        for (int n = 0; n < 12; n++) next->guest_fixed[12 * g + n] = nowhere;
-        while (old && from < old->num_guests && old->guests[from].host < guest->host) from++;
-        for (int32_t o = from; old && o < old->num_guests && old->guests[o].host == guest->host; o++) {
-            const int32_t host = guest->host;
-            if (old->guests[o].carrier != guest->carrier ||
+    for (int32_t g = 0; now && g < now->num_carried_tets; g++) {
+        const part_carried_tet *carried_tet = &now->carried_tets[g];
+        for (int n = 0; n < 12; n++) next->carried_tet_fixed[12 * g + n] = no_position;
+        while (old && from < old->num_carried_tets && old->carried_tets[from].host < carried_tet->host) from++;
+        for (int32_t o = from; old && o < old->num_carried_tets && old->carried_tets[o].host == carried_tet->host;
+             o++) {
+            const int32_t host = carried_tet->host;
+            if (old->carried_tets[o].carrier != carried_tet->carrier ||
                 !pliant_parts_same(old, box_of(old, host), now, box_of(now, host)))
                 continue;
-            memcpy(next->guest_fixed + 12 * g, warp->guest_fixed + 12 * o, 12 * sizeof *next->guest_fixed);
-            next->guest_tets[g] = warp->tets[before + o];
+            memcpy(next->carried_tet_fixed + 12 * g, warp->carried_tet_fixed + 12 * o,
+                   12 * sizeof *next->carried_tet_fixed);
+            next->carried_tet_tets[g] = warp->tets[before + o];
             changes->from[first + g - changes->common] = before + o;
             next->left[before + o - changes->common] = 1;
         }
@@ -192,11 +194,11 @@ static int32_t *list_doubtful(const pliant_warp *warp, const pliant_warp_next *n
     const pliant_parts *parts = next->parts;
     const int32_t common = next->changes.common, hosts = parts ? parts->num_other : 0;
     const bool listed = is_next(warp, next->body) && (parts || !warp->parts);
-    size_t most = listed ? (size_t)changes->num_touched : (size_t)common;
+    size_t maximum = listed ? (size_t)changes->num_touched : (size_t)common;
     for (int32_t i = 0; listed && i < hosts; i++)
-        most +=
+        maximum +=
             (size_t)count_fragments(warp->body, parts->other[i]) + (size_t)count_fragments(next->body, parts->other[i]);
-    int32_t *list = pliant_room(most + 1, sizeof *list);
+    int32_t *list = pliant_malloc(maximum + 1, sizeof *list);
     *count = 0;
     for (int32_t t = 0; list && !listed && t < common; t++) list[(*count)++] = t;
     if (!list || !listed) return list;
@@ -213,16 +215,16 @@ static bool find_changes(const pliant_warp *warp, pliant_warp_next *next)
 {
     pliant_warp_changes *changes = &next->changes;
     const int32_t common = changes->common;
-    if (!(changes->anew = list_doubtful(warp, next, &changes->num_anew))) return false;
+    if (!(changes->rebuilt = list_doubtful(warp, next, &changes->num_rebuilt))) return false;
     int32_t kept = 0;
-    for (int32_t i = 0; i < changes->num_anew; i++)
-        if (differs(warp, next, changes->anew[i])) changes->anew[kept++] = changes->anew[i];
-    changes->num_anew = kept;
+    for (int32_t i = 0; i < changes->num_rebuilt; i++)
+        if (differs(warp, next, changes->rebuilt[i])) changes->rebuilt[kept++] = changes->rebuilt[i];
+    changes->num_rebuilt = kept;
     for (int32_t e = common; e < changes->now; e++) changes->from[e - common] = -1;
-    carry_guests(warp, next);
+    carry_carried_tets(warp, next);
     if (!(changes->gone = pliant_calloc((size_t)kept + (size_t)(changes->before - common) + 1, sizeof *changes->gone)))
         return false;
-    memcpy(changes->gone, changes->anew, (size_t)kept * sizeof *changes->gone);
+    memcpy(changes->gone, changes->rebuilt, (size_t)kept * sizeof *changes->gone);
     changes->num_gone = kept;
     for (int32_t e = common; e < changes->before; e++)
         if (!next->left[e - common]) changes->gone[changes->num_gone++] = e;
@@ -231,15 +233,15 @@ static bool find_changes(const pliant_warp *warp, pliant_warp_next *next)
 
 static bool allocate(const pliant_warp *warp, pliant_warp_next *next)
 {
-    const size_t guests = next->parts ? (size_t)next->parts->num_guests : 0,
-                 elements = (size_t)next->mesh->num_tets + guests;
+    const size_t carried_tets = next->parts ? (size_t)next->parts->num_carried_tets : 0,
+                 elements = (size_t)next->mesh->num_tets + carried_tets;
     const int32_t common = warp->mesh->num_tets < next->mesh->num_tets ? warp->mesh->num_tets : next->mesh->num_tets;
     next->changes = (pliant_warp_changes){.before = warp->num_elements, .now = (int32_t)elements, .common = common};
-    next->guest_fixed = pliant_calloc(guests + 1, 12 * sizeof *next->guest_fixed);
-    next->guest_tets = pliant_calloc(guests + 1, sizeof *next->guest_tets);
+    next->carried_tet_fixed = pliant_calloc(carried_tets + 1, 12 * sizeof *next->carried_tet_fixed);
+    next->carried_tet_tets = pliant_calloc(carried_tets + 1, sizeof *next->carried_tet_tets);
     next->changes.from = pliant_calloc(elements - (size_t)common + 1, sizeof *next->changes.from);
     next->left = pliant_calloc((size_t)(warp->num_elements - common) + 1, sizeof *next->left);
-    return next->guest_fixed && next->guest_tets && next->changes.from && next->left;
+    return next->carried_tet_fixed && next->carried_tet_tets && next->changes.from && next->left;
 }
 
 static void find_rest(const pliant_warp *warp, const pliant_mesh *mesh, int32_t node, double *rest)
@@ -251,7 +253,7 @@ static void find_rest(const pliant_warp *warp, const pliant_mesh *mesh, int32_t 
 static pliant_status prepare_device(pliant_warp *warp, pliant_warp_next *next)
 {
     const int32_t known = next->load_nodes < warp->mesh->num_nodes ? next->load_nodes : warp->mesh->num_nodes;
-    double *rest = pliant_room((size_t)next->mesh->num_nodes, 3 * sizeof *rest);
+    double *rest = pliant_malloc((size_t)next->mesh->num_nodes, 3 * sizeof *rest);
     if (!rest) return pliant_fail_memory("the warp");
     memcpy(rest, warp->rest, 3 * (size_t)known * sizeof *rest);
     for (int32_t n = known; n < next->mesh->num_nodes; n++) find_rest(warp, next->mesh, n, rest);
@@ -259,7 +261,7 @@ static pliant_status prepare_device(pliant_warp *warp, pliant_warp_next *next)
     parts.mesh = next->mesh;
     parts.rest = rest;
     parts.parts = next->parts;
-    parts.rest_known = known;
+    parts.num_same_rest = known;
     if (next->fit) parts.fit = pliant_fit_parts(next->fit);
     next->device = warp->device;
     next->device_lost =
@@ -286,8 +288,8 @@ pliant_status pliant_warp_prepare(pliant_warp *warp, const pliant_body *body, pl
     status =
         pliant_parts_create(body, &warp->scan, warp->body, warp->parts, warp->hosts, warp->num_threads, &next->parts);
     if (status == PLIANT_OK && warp->fit && !next->parts) status = pliant_parts_whole(body, &warp->scan, &next->parts);
-    if (status == PLIANT_OK &&
-        (!allocate(warp, next) || !make_room(warp, (size_t)body->fine.num_nodes, (size_t)next->changes.now, next)))
+    if (status == PLIANT_OK && (!allocate(warp, next) ||
+                                !reserve_capacity(warp, (size_t)body->fine.num_nodes, (size_t)next->changes.now, next)))
         status = pliant_fail_memory("the warp");
     if (status == PLIANT_OK && !find_changes(warp, next)) status = pliant_fail_memory("the warp");
     if (status == PLIANT_OK && warp->fit) status = prepare_fit(warp, next);
@@ -309,7 +311,7 @@ static void swap(void *a, void *b)
     memcpy(b, &one, sizeof one);
 }
 
-static void leave_device(pliant_warp *warp)
+static void switch_to_cpu(pliant_warp *warp)
 {
     pliant_warp_volume(warp); /* keep the last drawn volume, if available, until the next update */
     pliant_warp_fall_back(warp);
@@ -317,29 +319,29 @@ static void leave_device(pliant_warp *warp)
 
 void pliant_warp_take(pliant_warp *warp, pliant_warp_next *next)
 {
-    if (next->device_lost) leave_device(warp);
+    if (next->device_lost) switch_to_cpu(warp);
     const pliant_mesh *mesh = next->mesh;
-    const int32_t guests = next->changes.now - mesh->num_tets;
+    const int32_t carried_tets = next->changes.now - mesh->num_tets;
     const pliant_warp_changes *changes = &next->changes;
-    for (int32_t i = 0; i < changes->num_gone; i++) pliant_warp_leave_bricks(warp, changes->gone[i]);
-    take_room(warp, next);
+    for (int32_t i = 0; i < changes->num_gone; i++) pliant_warp_remove_from_bricks(warp, changes->gone[i]);
+    take_capacity(warp, next);
     for (int32_t n = next->load_nodes; n < mesh->num_nodes; n++) {
         if (!is_new(warp, next, n)) continue;
         find_rest(warp, mesh, n, warp->rest);
-        for (int d = 0; d < 3; d++) warp->fixed[3 * n + d] = nowhere;
+        for (int d = 0; d < 3; d++) warp->fixed[3 * n + d] = no_position;
     }
     /* in addition to elements already marked, if there was no update since */
-    for (int32_t i = 0; i < changes->num_anew; i++) warp->anew[changes->anew[i]] = 1;
+    for (int32_t i = 0; i < changes->num_rebuilt; i++) warp->rebuilt[changes->rebuilt[i]] = 1;
     for (int32_t e = changes->common; e < changes->now; e++)
-        warp->anew[e] = changes->from[e - changes->common] < 0 || (e < mesh->num_tets && warp->anew[e]);
+        warp->rebuilt[e] = changes->from[e - changes->common] < 0 || (e < mesh->num_tets && warp->rebuilt[e]);
     for (int32_t t = warp->mesh->num_tets; t < mesh->num_tets; t++) memset(&warp->tets[t], 0, sizeof warp->tets[t]);
-    memcpy(warp->tets + mesh->num_tets, next->guest_tets, (size_t)guests * sizeof *warp->tets);
+    memcpy(warp->tets + mesh->num_tets, next->carried_tet_tets, (size_t)carried_tets * sizeof *warp->tets);
     warp->mesh = mesh;
     warp->body = next->body;
     warp->num_elements = next->changes.now;
-    warp->adapted = true;
+    warp->has_new_body = true;
     swap(&warp->parts, &next->parts);
-    swap(&warp->guest_fixed, &next->guest_fixed);
+    swap(&warp->carried_tet_fixed, &next->carried_tet_fixed);
     if (next->fit) swap(&warp->fit, &next->fit);
     if (next->device_next) warp->device->take(warp->accelerated, next->device_next);
 }
@@ -352,10 +354,11 @@ pliant_status pliant_warp_expect_cuts(pliant_warp *warp, const pliant_body *body
         pliant_status status = pliant_part_hosts_create(body, &warp->scan, &warp->hosts);
         if (status != PLIANT_OK) return status;
     }
-    pliant_warp_next *room = pliant_calloc(1, sizeof *room);
-    const bool made = room && make_room(warp, (size_t)warp->mesh->num_nodes + 1, (size_t)warp->num_elements + 1, room);
-    if (made) take_room(warp, room);
-    pliant_warp_next_free(room);
+    pliant_warp_next *capacity = pliant_calloc(1, sizeof *capacity);
+    const bool made =
+        capacity && reserve_capacity(warp, (size_t)warp->mesh->num_nodes + 1, (size_t)warp->num_elements + 1, capacity);
+    if (made) take_capacity(warp, capacity);
+    pliant_warp_next_free(capacity);
     return made ? PLIANT_OK : pliant_fail_memory("the warp");
 }
 

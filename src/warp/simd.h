@@ -5,7 +5,7 @@
 #define PLIANT_WARP_SIMD_H
 
 #include "warp/sample.h"
-#include "warp/owners.h"
+#include "warp/voxel_owners.h"
 
 #include <immintrin.h>
 #include <string.h>

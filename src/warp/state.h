@@ -17,18 +17,18 @@ struct pliant_warp {
     pliant_volume volume;
     int num_threads;
     bool drawn;              /* whether there was an update */
-    bool adapted;            /* whether the body has changed since the last update */
-    bool told;               /* whether the message about clipped tissue was logged */
+    bool has_new_body;            /* whether the body has changed since the last update */
+    bool has_logged_clipping;               /* whether the message about clipped tissue was logged */
     double *rest;            /* (num_nodes x 3) continuous index in the scan */
     int32_t *fixed, *next;   /* (num_nodes x 3) fixed-point nodes of the last and of the next update */
     uint8_t *moved;          /* (num_nodes) */
     pliant_parts *parts;     /* NULL: no cuts */
     part_hosts *hosts;       /* Nullable: for later parts */
-    int32_t *guest_fixed;    /* (guests x 12) corners of guests in the last update */
+    int32_t *carried_tet_fixed;    /* (guests x 12) corners of guests in the last update */
     int32_t num_elements;    /* tetrahedra followed by guests */
     raster_tet *tets;        /* (num_elements) setup of the last update */
-    uint8_t *anew;           /* (num_elements) redraw in the next update although it did not move */
-    size_t node_room, element_room;
+    uint8_t *rebuilt;           /* (num_elements) redraw in the next update although it did not move */
+    size_t node_room, element_capacity;
     int32_t num_bricks;
     uint8_t *changed, *dirty; /* (num_bricks) of the last and of the next update */
     uint8_t *left;           /* (num_bricks) contained an element that was removed since the last update */
@@ -50,7 +50,7 @@ struct pliant_warp {
 raster_source pliant_warp_source(const pliant_volume *scan);
 
 /* warp.c: redraw the bricks that an element touched in the last update */
-void pliant_warp_leave_bricks(pliant_warp *warp, int32_t element);
+void pliant_warp_remove_from_bricks(pliant_warp *warp, int32_t element);
 
 pliant_warp_parts pliant_warp_device_parts(pliant_warp *warp);
 

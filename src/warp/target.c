@@ -17,8 +17,8 @@ static bool usable(const pliant_geometry *geometry)
 
 /* Compute the number of voxels to add before and behind along the scan's axes, so that the grid (edge to edge) contains
  * the points and a margin. Return false if a point is not finite. */
-static bool find_growth(const pliant_geometry *scan, const double *points, int32_t num_points, double margin,
-                        double before[3], double behind[3])
+static bool find_padding(const pliant_geometry *scan, const double *points, int32_t num_points, double margin,
+                         double before[3], double behind[3])
 {
     bool finite = isfinite(margin) && margin >= 0;
     for (int d = 0; d < 3; d++) before[d] = behind[d] = 0;
@@ -26,10 +26,10 @@ static bool find_growth(const pliant_geometry *scan, const double *points, int32
         double index[3];
         pliant_geometry_to_index(scan, points + 3 * (size_t)n, index);
         for (int d = 0; d < 3; d++) {
-            double room = margin / scan->spacing[d];
+            double capacity = margin / scan->spacing[d];
             finite = finite && isfinite(index[d]);
-            before[d] = fmax(before[d], ceil(-0.5 - (index[d] - room) - slack));
-            behind[d] = fmax(behind[d], ceil(index[d] + room - (scan->size[d] - 0.5) - slack));
+            before[d] = fmax(before[d], ceil(-0.5 - (index[d] - capacity) - slack));
+            behind[d] = fmax(behind[d], ceil(index[d] + capacity - (scan->size[d] - 0.5) - slack));
         }
     }
     return finite;
@@ -41,7 +41,7 @@ pliant_status pliant_warp_target(const pliant_geometry *scan, const double *poin
     if (!usable(scan))
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "the scan of a warp target has no voxels or no spacing");
     double before[3], behind[3], size[3], voxels = 1;
-    if (!find_growth(scan, points, num_points, margin, before, behind))
+    if (!find_padding(scan, points, num_points, margin, before, behind))
         return pliant_fail(
             PLIANT_ERROR_ARGUMENT,
             "the points of a warp target must be finite, and the margin around them finite and not negative");

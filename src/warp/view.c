@@ -1,7 +1,7 @@
 /* Render the tissue of a model: warp the volume and its labels when an image needs them. */
 #include "base/fail.h"
 #include "base/threads.h"
-#include "material/mixed.h"
+#include "material/partial_volume.h"
 #include "base/memory.h"
 #include "scan/volume.h"
 #include "warp/render.h"
@@ -27,13 +27,13 @@ struct pliant_view {
     const pliant_warp *drawn; /* Nullable: borrowed; used instead of values */
     const pliant_body *body; /* retained */
     double *positions;
-    size_t room;             /* capacity of positions, in nodes */
+    size_t capacity;             /* capacity of positions, in nodes */
     float *bricks;           /* NULL until the CPU needs them */
     enum { BRICKS_NONE, BRICKS_VALUES, BRICKS_LABELS } bricks_of;
     uint8_t shown[PLIANT_NUM_LABELS]; /* for BRICKS_LABELS: shown labels */
 };
 
-static int threads_of(const pliant_view *view) { return pliant_threads_of(view->model->scene.solver.threads); }
+static int threads_of(const pliant_view *view) { return pliant_threads_or_cores(view->model->scene.solver.threads); }
 
 static void free_warp(view_warp *of)
 {
@@ -84,12 +84,12 @@ pliant_status pliant_view_set(pliant_view *view, const pliant_body *body, const 
                                "the position of node %zu is not finite; the view does not change", v / 3);
     if (drawn && !pliant_geometry_equal(&view->target, pliant_warp_geometry(drawn)))
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "the deformed volume of a view must have the grid of the view");
-    if (nodes > view->room) {
+    if (nodes > view->capacity) {
         double *longer = pliant_calloc(nodes + nodes / 4, 3 * sizeof *longer);
         if (!longer) return pliant_fail_memory("a view");
         pliant_free(view->positions);
         view->positions = longer;
-        view->room = nodes + nodes / 4;
+        view->capacity = nodes + nodes / 4;
     }
     memcpy(view->positions, positions, 3 * nodes * sizeof *positions);
     pliant_body_retain(body);
@@ -116,8 +116,8 @@ static pliant_status find_materials(pliant_view *view)
             for (int32_t i = 0; i < size[0]; i++) {
                 const size_t v = (size_t)i + (size_t)size[0] * ((size_t)j + (size_t)size[1] * (size_t)k);
                 if (model->materials.materials[model->material_of_voxel[v]].empty) continue;
-                labels[v] = (uint8_t)(pliant_material_shown(&model->materials, size, model->material_of_voxel,
-                                                            (const int32_t[3]){i, j, k}) +
+                labels[v] = (uint8_t)(pliant_material_for_display(&model->materials, size, model->material_of_voxel,
+                                                                  (const int32_t[3]){i, j, k}) +
                                       1);
             }
     return PLIANT_OK;

@@ -19,8 +19,8 @@ void pliant_warp_free(pliant_warp *warp)
     pliant_fit_free(warp->fit);
     pliant_parts_free(warp->parts);
     pliant_part_hosts_release(warp->hosts);
-    void *blocks[] = {warp->rest,         warp->fixed, warp->next,       warp->moved,  warp->guest_fixed,
-                      warp->tets,         warp->anew,  warp->changed,    warp->dirty,  warp->left,
+    void *blocks[] = {warp->rest,         warp->fixed, warp->next,       warp->moved,  warp->carried_tet_fixed,
+                      warp->tets,         warp->rebuilt,  warp->changed,    warp->dirty,  warp->left,
                       warp->dirty_bricks, warp->end,   warp->candidates, warp->scratch};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     pliant_free(warp);
@@ -62,11 +62,11 @@ static pliant_status check(const pliant_volume *scan, const pliant_mesh *mesh, i
 static bool allocate(pliant_warp *warp)
 {
     size_t nodes = warp->node_room = (size_t)warp->mesh->num_nodes, bricks = (size_t)warp->num_bricks;
-    size_t elements = warp->element_room = warp->capacity = (size_t)warp->num_elements;
+    size_t elements = warp->element_capacity = warp->capacity = (size_t)warp->num_elements;
     return (warp->rest = pliant_calloc(nodes, 3 * sizeof *warp->rest)) &&
            (warp->fixed = pliant_calloc(nodes, 3 * sizeof *warp->fixed)) &&
            (warp->next = pliant_calloc(nodes, 3 * sizeof *warp->next)) && (warp->moved = pliant_calloc(nodes, 1)) &&
-           (warp->tets = pliant_calloc(elements, sizeof *warp->tets)) && (warp->anew = pliant_calloc(elements, 1)) &&
+           (warp->tets = pliant_calloc(elements, sizeof *warp->tets)) && (warp->rebuilt = pliant_calloc(elements, 1)) &&
            (warp->changed = pliant_calloc(bricks, 1)) && (warp->dirty = pliant_calloc(bricks, 1)) &&
            (warp->left = pliant_calloc(bricks, 1)) &&
            (warp->dirty_bricks = pliant_calloc(bricks, sizeof *warp->dirty_bricks)) &&
@@ -95,9 +95,8 @@ pliant_status pliant_warp_create(const pliant_volume *scan, const pliant_mesh *m
     pliant_status status = check(scan, mesh, num_threads);
     if (status != PLIANT_OK) return status;
     pliant_volume volume = {0};
-    status =
-        pliant_memory_suffices((double)pliant_geometry_voxels(target) * (double)pliant_encoding_size(scan->encoding),
-                               "the deformed volume (warp/margin)");
+    status = pliant_memory_check((double)pliant_geometry_voxels(target) * (double)pliant_encoding_size(scan->encoding),
+                                 "the deformed volume (warp/margin)");
     if (status == PLIANT_OK) status = pliant_volume_create(target, scan->encoding, &volume);
     if (status != PLIANT_OK) return status;
     pliant_warp *warp = pliant_calloc(1, sizeof *warp);
@@ -164,24 +163,25 @@ static int32_t fix_nodes(pliant_warp *warp, const double *positions)
     return num_moved;
 }
 
-/* Compute the guests' corners for the next update, and mark moved guests. Return their number. */
-static int32_t fix_guests(pliant_warp *warp, const double *positions)
+/* Compute the carried_tets' corners for the next update, and mark moved carried_tets. Return their number. */
+static int32_t fix_carried_tets(pliant_warp *warp, const double *positions)
 {
     int32_t num_moved = 0;
-    for (int32_t g = 0; warp->parts && g < warp->parts->num_guests; g++) {
-        const part_guest *guest = &warp->parts->guests[g];
+    for (int32_t g = 0; warp->parts && g < warp->parts->num_carried_tets; g++) {
+        const part_carried_tet *carried_tet = &warp->parts->carried_tets[g];
         const double *node[4];
         bool moved = false;
-        for (int v = 0; v < 4; v++) node[v] = positions + 3 * (size_t)warp->mesh->tets[4 * (size_t)guest->carrier + v];
+        for (int v = 0; v < 4; v++)
+            node[v] = positions + 3 * (size_t)warp->mesh->tets[4 * (size_t)carried_tet->carrier + v];
         for (int v = 0; v < 4; v++) {
-            int32_t *last = warp->guest_fixed + 12 * (size_t)g + 3 * v, next[3];
+            int32_t *last = warp->carried_tet_fixed + 12 * (size_t)g + 3 * v, next[3];
             double corner[3];
-            part_guest_corner(guest->blend[v], node, corner);
+            part_carried_tet_corner(carried_tet->blend[v], node, corner);
             pliant_raster_fix(&warp->grid, corner, next);
             moved = moved || memcmp(next, last, sizeof next) != 0;
             memcpy(last, next, sizeof next);
         }
-        if (moved) warp->anew[warp->mesh->num_tets + g] = 1;
+        if (moved) warp->rebuilt[warp->mesh->num_tets + g] = 1;
         num_moved += moved;
     }
     return num_moved;
@@ -189,7 +189,7 @@ static int32_t fix_guests(pliant_warp *warp, const double *positions)
 
 static bool tet_moved(const pliant_warp *warp, int32_t tet)
 {
-    if (warp->anew[tet]) return true;
+    if (warp->rebuilt[tet]) return true;
     if (tet >= warp->mesh->num_tets) return !warp->drawn;
     const int32_t *nodes = warp->mesh->tets + 4 * (size_t)tet;
     return warp->moved[nodes[0]] | warp->moved[nodes[1]] | warp->moved[nodes[2]] | warp->moved[nodes[3]];
@@ -197,12 +197,12 @@ static bool tet_moved(const pliant_warp *warp, int32_t tet)
 
 static void set_tet(pliant_warp *warp, const int32_t *fixed, int32_t t)
 {
-    const int32_t *corners[4], guest = t - warp->mesh->num_tets;
+    const int32_t *corners[4], carried_tet = t - warp->mesh->num_tets;
     const double *rest[4];
     for (int v = 0; v < 4; v++) {
-        size_t node = guest < 0 ? (size_t)warp->mesh->tets[4 * (size_t)t + v] : 0;
-        corners[v] = guest < 0 ? fixed + 3 * node : warp->guest_fixed + 12 * (size_t)guest + 3 * v;
-        rest[v] = guest < 0 ? warp->rest + 3 * node : warp->parts->guests[guest].rest[v];
+        size_t node = carried_tet < 0 ? (size_t)warp->mesh->tets[4 * (size_t)t + v] : 0;
+        corners[v] = carried_tet < 0 ? fixed + 3 * node : warp->carried_tet_fixed + 12 * (size_t)carried_tet + 3 * v;
+        rest[v] = carried_tet < 0 ? warp->rest + 3 * node : warp->parts->carried_tets[carried_tet].rest[v];
     }
     pliant_raster_tet(&warp->grid, &warp->source, corners, rest, &warp->tets[t]);
     warp->tets[t].parted = warp->parts && warp->parts->view.elements[t].box >= 0;
@@ -250,7 +250,10 @@ static void visit_bricks(pliant_warp *warp, int32_t t, visit what, size_t *end)
                     visit_brick(warp, t, at[0] + across * (at[1] + down * at[2]), what, end);
 }
 
-void pliant_warp_leave_bricks(pliant_warp *warp, int32_t element) { visit_bricks(warp, element, VISIT_LEAVE, NULL); }
+void pliant_warp_remove_from_bricks(pliant_warp *warp, int32_t element)
+{
+    visit_bricks(warp, element, VISIT_LEAVE, NULL);
+}
 
 /* Mark the tetrahedra that moved from the given nodes; bricks that they touched or touch become dirty. */
 static void move_tets(pliant_warp *warp, const int32_t *fixed)
@@ -261,7 +264,7 @@ static void move_tets(pliant_warp *warp, const int32_t *fixed)
         if (warp->drawn) visit_bricks(warp, t, VISIT_MARK, NULL);
         set_tet(warp, fixed, t);
         if (warp->drawn) visit_bricks(warp, t, VISIT_MARK, NULL);
-        warp->anew[t] = 0;
+        warp->rebuilt[t] = 0;
     }
 }
 
@@ -356,11 +359,11 @@ static void fit_bricks(pliant_warp *warp)
     }
 }
 
-static void fit_beside_cuts(pliant_warp *warp, const double *positions)
+static void fit_elements_at_cuts(pliant_warp *warp, const double *positions)
 {
     const uint8_t *zone = pliant_fit_zone(warp->fit);
     fix_nodes(warp, positions);
-    fix_guests(warp, positions);
+    fix_carried_tets(warp, positions);
 #pragma omp parallel for num_threads(warp->num_threads) schedule(static)
     for (int32_t t = 0; t < warp->num_elements; t++) {
         warp->tets[t].kind = RASTER_NOTHING;
@@ -377,24 +380,24 @@ static void fit_beside_cuts(pliant_warp *warp, const double *positions)
 }
 
 /* Log once if tissue is clipped by more than a voxel. The outermost nodes lie on the edge of a scan. */
-static void tell_cut_off(pliant_warp *warp, const double *positions)
+static void log_clipped_tissue(pliant_warp *warp, const double *positions)
 {
     const pliant_geometry *target = &warp->volume.geometry;
-    double most = 0;
-    for (int32_t n = 0; !warp->told && n < warp->mesh->num_nodes; n++) {
+    double maximum = 0;
+    for (int32_t n = 0; !warp->has_logged_clipping && n < warp->mesh->num_nodes; n++) {
         double index[3];
         pliant_geometry_to_index(target, positions + 3 * (size_t)n, index);
         for (int d = 0; d < 3; d++) {
             double beyond = fmax(-0.5 - index[d], index[d] - (target->size[d] - 0.5));
-            if (beyond > 1) most = fmax(most, beyond * target->spacing[d]);
+            if (beyond > 1) maximum = fmax(maximum, beyond * target->spacing[d]);
         }
     }
-    if (most == 0) return;
-    warp->told = true;
+    if (maximum == 0) return;
+    warp->has_logged_clipping = true;
     pliant_log(
         PLIANT_LOG_WARNING,
         "tissue is moved out of the deformed volume, by %.3g m, and cut off there; a larger warp/margin holds it",
-        most);
+        maximum);
 }
 
 pliant_status pliant_warp_update(pliant_warp *warp, const double *positions)
@@ -404,7 +407,7 @@ pliant_status pliant_warp_update(pliant_warp *warp, const double *positions)
         if (!isfinite(positions[v]))
             return pliant_fail(PLIANT_ERROR_ARGUMENT,
                                "the position of node %d is not finite; the deformed volume does not change", v / 3);
-    tell_cut_off(warp, positions);
+    log_clipped_tissue(warp, positions);
     if (warp->accelerated) {
         if (warp->device->update(warp->accelerated, positions) == PLIANT_OK) return PLIANT_OK;
         pliant_warp_fall_back(warp);
@@ -412,15 +415,15 @@ pliant_status pliant_warp_update(pliant_warp *warp, const double *positions)
     if (warp->fit) {
         pliant_fit_map(warp->fit, positions);
         double mapped = pliant_seconds();
-        if (pliant_fit_zone(warp->fit)) fit_beside_cuts(warp, positions);
+        if (pliant_fit_zone(warp->fit)) fit_elements_at_cuts(warp, positions);
         else pliant_fit_draw(warp->fit, &warp->source, warp->grid.bricks, warp->volume.voxels, warp->changed);
         warp->seconds[0] = mapped - start;
         warp->seconds[1] = pliant_seconds() - mapped;
         return PLIANT_OK;
     }
     int32_t num_moved = fix_nodes(warp, positions);
-    num_moved += fix_guests(warp, positions);
-    if (num_moved == 0 && !warp->adapted) {
+    num_moved += fix_carried_tets(warp, positions);
+    if (num_moved == 0 && !warp->has_new_body) {
         memset(warp->changed, 0, (size_t)warp->num_bricks);
         warp->seconds[0] = pliant_seconds() - start;
         warp->seconds[1] = 0;
@@ -429,8 +432,8 @@ pliant_status pliant_warp_update(pliant_warp *warp, const double *positions)
     /* bricks touched before and after */
     if (warp->drawn) memcpy(warp->dirty, warp->left, (size_t)warp->num_bricks);
     else memset(warp->dirty, 1, (size_t)warp->num_bricks);
-    if (warp->adapted) memset(warp->left, 0, (size_t)warp->num_bricks);
-    warp->adapted = false;
+    if (warp->has_new_body) memset(warp->left, 0, (size_t)warp->num_bricks);
+    warp->has_new_body = false;
     move_tets(warp, warp->next);
     count_candidates(warp);
     double drawn = 0;

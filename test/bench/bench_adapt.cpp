@@ -132,14 +132,14 @@ int bar(double depth, int argc, char **argv)
         }
         for (int s = 0; s < 30; s++) check(pliant_step(tight.model, tight.data));
         const size_t nodes = size_t(tight.data->body->fine.num_nodes);
-        whole = largest_apart(tight.data->positions, tight.data->body->fine.rest, nodes);
+        whole = largest_distance(tight.data->positions, tight.data->body->fine.rest, nodes);
         std::printf("%s, %d nodes new: %.2f %% before", choice == PLIANT_DIRECT ? "factor" : "V-cycle",
                     int(nodes) - fast.model->body->fine.num_nodes,
-                    100 * largest_apart(fast.data->positions, tight.data->positions, nodes) / whole);
+                    100 * largest_distance(fast.data->positions, tight.data->positions, nodes) / whole);
         for (int s = 0; s < 10; s++) {
             const double took = milliseconds([&] { check(pliant_step(fast.model, fast.data)); });
             if (s == 0) first = took;
-            std::printf(", %.3f", 100 * largest_apart(fast.data->positions, tight.data->positions, nodes) / whole);
+            std::printf(", %.3f", 100 * largest_distance(fast.data->positions, tight.data->positions, nodes) / whole);
         }
         std::printf("; on %s: set_body %.2f ms, first step %.2f ms, median of others %.2f ms\n",
                     pliant_data_get_backend(fast.data), set_body, first, quantile(usual, 0.5));
@@ -208,8 +208,8 @@ int main(int argc, char **argv)
         (stroke >= 0 && stroke < STROKES ? cut_ms : usual).push_back(step_ms.back());
         settle(model, tight);
         const size_t nodes = size_t(body->fine.num_nodes);
-        whole = std::max(whole, largest_apart(tight.data->positions, body->fine.rest, nodes));
-        const double error = 100 * largest_apart(fast.data->positions, tight.data->positions, nodes) / whole;
+        whole = std::max(whole, largest_distance(tight.data->positions, body->fine.rest, nodes));
+        const double error = 100 * largest_distance(fast.data->positions, tight.data->positions, nodes) / whole;
         if (stroke >= 0 && stroke < STROKES) first_error.push_back(error);
         std::printf("   %2d   %7.3f %%  step %6.2f ms of its thread  residual %.1e factors %llu\n",
                     fast.data->statistics.iterations, error, step_ms.back(), fast.data->statistics.residual,

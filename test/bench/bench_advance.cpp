@@ -48,16 +48,16 @@ struct Sheet {
 };
 
 // Move the tools so that their lowest core points have a height above the sheet.
-void place(const Sheet &sheet, std::vector<pliant_advance_part> &parts, pliant_advance *room, double gap)
+void place(const Sheet &sheet, std::vector<pliant_advance_part> &parts, pliant_advance *capacity, double gap)
 {
     double low = -0.02, high = 0.1;
     for (int round = 0; round < 40; round++) {
         const double z = 0.5 * (low + high);
         for (auto &each : parts) each.from.tip[2] = z;
         pliant_advance_audit_result found{};
-        pliant_advance_audit(room, static_cast<int32_t>(sheet.triangles.size() / 3), sheet.triangles.data(),
+        pliant_advance_audit(capacity, static_cast<int32_t>(sheet.triangles.size() / 3), sheet.triangles.data(),
                              sheet.from.data(), static_cast<int32_t>(parts.size()), parts.data(), 1, &found);
-        (found.least < gap || found.crossings > 0 ? low : high) = z;
+        (found.minimum < gap || found.crossings > 0 ? low : high) = z;
     }
     for (auto &each : parts) each.from.tip[2] = high;
 }
@@ -70,8 +70,8 @@ void measure(const char *name, const std::vector<pliant_tool_shape> &shapes, int
     std::mt19937 random(3);
     std::uniform_real_distribution<double> any(-1, 1);
     std::vector<double> times, pairs, distances, fractions;
-    pliant_advance *room = nullptr;
-    pliant_advance_create(nullptr, &room);
+    pliant_advance *capacity = nullptr;
+    pliant_advance_create(nullptr, &capacity);
     size_t num_parts = 0;
     for (int n = 0; n < 60; n++) {
         std::vector<pliant_advance_part> parts;
@@ -89,7 +89,7 @@ void measure(const char *name, const std::vector<pliant_tool_shape> &shapes, int
                 part.from = {{x, y, 0}, {std::sin(0.5 * tilt), 0, 0, std::cos(0.5 * tilt)}, jaw};
                 own.push_back(part);
             }
-            place(sheet, own, room, 1e-4);
+            place(sheet, own, capacity, 1e-4);
             for (auto &part : own) {
                 part.to = part.from;
                 for (int d = 0; d < 3; d++) part.to.tip[d] += way * to[d] / size;
@@ -105,17 +105,17 @@ void measure(const char *name, const std::vector<pliant_tool_shape> &shapes, int
         pliant_advance_result found{};
         const double begin = now();
         for (int round = 0; round < 3; round++)
-            pliant_advance_find(room, triangles, sheet.triangles.data(), sheet.from.data(), sheet.to.data(),
+            pliant_advance_find(capacity, triangles, sheet.triangles.data(), sheet.from.data(), sheet.to.data(),
                                 static_cast<int32_t>(parts.size()), parts.data(), threads, &found);
         times.push_back(1e6 * (now() - begin) / 3);
         pairs.push_back(found.pairs);
         distances.push_back(static_cast<double>(found.distances));
         fractions.push_back(found.t);
     }
-    pliant_advance_free(room);
-    const auto median = [](std::vector<double> &of, double share = 0.5) {
+    pliant_advance_free(capacity);
+    const auto median = [](std::vector<double> &of, double fraction = 0.5) {
         std::sort(of.begin(), of.end());
-        return of[static_cast<size_t>(share * static_cast<double>(of.size() - 1))];
+        return of[static_cast<size_t>(fraction * static_cast<double>(of.size() - 1))];
     };
     std::printf("%-16s %6d triangles %3zu parts, %4.1f mm %5.2f rad: median %7.1f us, 95 %% %7.1f, max %7.1f; pairs "
                 "%5.0f, distances %6.0f, t %.2f\n",

@@ -35,8 +35,8 @@ int main(int argc, char **argv)
         for (int kind = 0; kind < NUM_KINDS; kind++) {
             Frames stopped = run(model, at, Kind(kind), &references[DISPLACEMENT], true);
             Errors errors = print_errors(kind_names[kind], model, stopped, references[size_t(kind)]);
-            print_told("told", errors.ratio);
-            print_told("in hindsight", errors.before);
+            print_estimate_ratios("told", errors.ratio);
+            print_estimate_ratios("in hindsight", errors.before);
             std::printf("\n");
             if (iterations > 6) continue;
             told.insert(told.end(), errors.ratio.begin(), errors.ratio.end());
@@ -45,8 +45,8 @@ int main(int argc, char **argv)
         pliant_model_free(model);
     }
     std::printf("2 to 6 iterations");
-    print_told("told", told);
-    print_told("in hindsight", before);
+    print_estimate_ratios("told", told);
+    print_estimate_ratios("in hindsight", before);
     std::printf("\n");
     pliant_model_free(exact);
     return 0;

@@ -167,7 +167,7 @@ void by_parts(const pliant_model *model, pliant_data *data, double length, int c
     std::vector<double> took[NUM_PARTS];
     std::mt19937 random(5);
     rests = rests || std::strcmp(pliant_data_get_backend(data), "cpu") != 0;
-    if (rests) pliant_rehearse_cut(model, data);
+    if (rests) pliant_warm_up_cut(model, data);
     for (int c = 0; c < cuts; c++) {
         double points[6], depth[3];
         slit(data, length, random, points, depth);

@@ -77,15 +77,16 @@ int main(int argc, char **argv)
     };
     double evaluation[2] = {0, 0};
     for (const auto &part : parts) {
-        double least[2] = {1e9, 1e9};
+        double minimum[2] = {1e9, 1e9};
         for (int turn = 0; turn < 9; turn++)
             for (int kind = 0; kind < 2; kind++) {
                 const double begin = cpu_time();
                 part.run(sides[kind]);
-                least[kind] = std::min(least[kind], cpu_time() - begin);
+                minimum[kind] = std::min(minimum[kind], cpu_time() - begin);
             }
-        std::printf("%-10s %9.3f %9.3f ms  %.2f\n", part.name, 1e3 * least[0], 1e3 * least[1], least[1] / least[0]);
-        for (int kind = 0; kind < 2 && &part != parts + 3; kind++) evaluation[kind] += least[kind];
+        std::printf("%-10s %9.3f %9.3f ms  %.2f\n", part.name, 1e3 * minimum[0], 1e3 * minimum[1],
+                    minimum[1] / minimum[0]);
+        for (int kind = 0; kind < 2 && &part != parts + 3; kind++) evaluation[kind] += minimum[kind];
     }
     std::printf("%-10s %9.3f %9.3f ms  %.2f\n", "evaluation", 1e3 * evaluation[0], 1e3 * evaluation[1],
                 evaluation[1] / evaluation[0]);

@@ -11,20 +11,20 @@
 int main(int argc, char **argv)
 {
     const unsigned seeds = argc > 1 ? static_cast<unsigned>(std::atoi(argv[1])) : 200;
-    double most = 1;
+    double maximum = 1;
     int count = 0, above = 0, all = 0, gain = 0;
     unsigned worst = 0;
     for (const Throw &with : all_throws(seeds, {3e3, 10e3})) {
         const double ratio = energy_ratio(with);
-        if (ratio > most) worst = with.seed;
-        most = std::fmax(most, ratio);
+        if (ratio > maximum) worst = with.seed;
+        maximum = std::fmax(maximum, ratio);
         above += ratio > 1.001;
         all++;
         gain += ratio > 1.001;
         if (with.seed + 1 < seeds) continue;
         std::printf("%s: maximum energy %.4f of the initial energy (throw %u), above 1.001 in %d of %u throws\n",
-                    name_of(with).c_str(), most, worst, above, seeds);
-        most = 1, above = 0, worst = 0;
+                    name_of(with).c_str(), maximum, worst, above, seeds);
+        maximum = 1, above = 0, worst = 0;
         count++;
     }
     std::printf("%d kinds of throws, %d throws, %d above 1.001\n", count, all, gain);

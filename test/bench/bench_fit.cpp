@@ -100,7 +100,7 @@ int main(int argc, char **argv)
     std::printf("%d x %d x %d voxels, %d tetrahedra, 2 threads\n%-12s %12s %12s %14s %14s\n", size[0], size[1], size[2],
                 mesh.num_tets, "", "map [s]", "voxels [s]", "rms [voxels]", "max [voxels]");
     for (int step : {0, 16, 8, 4, 2, 1}) {
-        double squares = 0, most = 0, seconds[2] = {0, 0};
+        double squares = 0, maximum = 0, seconds[2] = {0, 0};
         size_t count = 0;
         std::vector<float> drawn[3];
         for (int d = 0; d < 3; d++) {
@@ -131,12 +131,12 @@ int main(int argc, char **argv)
             if (!inner) continue;
             for (int d = 0; d < 3; d++) square += std::pow(drawn[d][v] - index[d], 2);
             squares += square;
-            most = std::fmax(most, square);
+            maximum = std::fmax(maximum, square);
             count++;
         }
         char name[32];
         std::snprintf(name, sizeof name, step ? "fit, step %d" : "rasterize", step);
         std::printf("%-12s %12.4f %12.4f %14.4f %14.4f\n", name, seconds[0], seconds[1],
-                    std::sqrt(squares / double(count)), std::sqrt(most));
+                    std::sqrt(squares / double(count)), std::sqrt(maximum));
     }
 }

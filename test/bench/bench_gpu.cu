@@ -35,14 +35,14 @@
 
 namespace {
 
-void must(pliant_status status)
+void exit_on_error(pliant_status status)
 {
     if (status >= 0) return;
     std::fprintf(stderr, "bench_gpu: %s\n", pliant_last_error());
     std::exit(1);
 }
 
-void must(cudaError_t error)
+void exit_on_error(cudaError_t error)
 {
     if (error == cudaSuccess) return;
     std::fprintf(stderr, "bench_gpu: %s\n", cudaGetErrorString(error));
@@ -55,26 +55,26 @@ double median(std::vector<double> v)
     return v[v.size() / 2];
 }
 
-double percentile(std::vector<double> v, double share)
+double percentile(std::vector<double> v, double fraction)
 {
     std::sort(v.begin(), v.end());
-    return v[std::min(v.size() - 1, size_t(share * double(v.size())))];
+    return v[std::min(v.size() - 1, size_t(fraction * double(v.size())))];
 }
 
 // Return the median of many runs, each measured by events [ms].
 double time_events(int runs, cudaStream_t stream, const std::function<void()> &work)
 {
     cudaEvent_t begin, end;
-    must(cudaEventCreate(&begin));
-    must(cudaEventCreate(&end));
+    exit_on_error(cudaEventCreate(&begin));
+    exit_on_error(cudaEventCreate(&end));
     std::vector<double> ms;
     for (int run = 0; run < runs + 5; run++) {
-        must(cudaEventRecord(begin, stream));
+        exit_on_error(cudaEventRecord(begin, stream));
         work();
-        must(cudaEventRecord(end, stream));
-        must(cudaEventSynchronize(end));
+        exit_on_error(cudaEventRecord(end, stream));
+        exit_on_error(cudaEventSynchronize(end));
         float one;
-        must(cudaEventElapsedTime(&one, begin, end));
+        exit_on_error(cudaEventElapsedTime(&one, begin, end));
         if (run >= 5) ms.push_back(one);
     }
     cudaEventDestroy(begin);
@@ -100,10 +100,10 @@ limits measure_limits(const int32_t size[3], int runs)
     cudaTextureObject_t texture;
     short *d_out, *h_out;
     size_t count = size_t(size[0]) * size[1] * size[2];
-    must(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking));
+    exit_on_error(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking));
     cudaExtent extent = make_cudaExtent(size[0], size[1], size[2]);
     cudaChannelFormatDesc format = cudaCreateChannelDesc<short>();
-    must(cudaMalloc3DArray(&array, &format, extent));
+    exit_on_error(cudaMalloc3DArray(&array, &format, extent));
     std::vector<short> voxels(count);
     std::mt19937 random(1);
     for (short &v : voxels) v = short(random() % 2000) - 1000;
@@ -112,23 +112,23 @@ limits measure_limits(const int32_t size[3], int runs)
     copy.dstArray = array;
     copy.extent = extent;
     copy.kind = cudaMemcpyHostToDevice;
-    must(cudaMemcpy3DAsync(&copy, stream));
+    exit_on_error(cudaMemcpy3DAsync(&copy, stream));
     cudaResourceDesc resource = {};
     resource.resType = cudaResourceTypeArray;
     resource.res.array.array = array;
     cudaTextureDesc description = {};
     description.filterMode = cudaFilterModeLinear;
     description.readMode = cudaReadModeNormalizedFloat;
-    must(cudaCreateTextureObject(&texture, &resource, &description, nullptr));
-    must(cudaMalloc(&d_out, count * sizeof(short)));
-    must(cudaMallocHost(&h_out, count * sizeof(short)));
+    exit_on_error(cudaCreateTextureObject(&texture, &resource, &description, nullptr));
+    exit_on_error(cudaMalloc(&d_out, count * sizeof(short)));
+    exit_on_error(cudaMallocHost(&h_out, count * sizeof(short)));
     dim3 threads(32, 4, 2), blocks((size[0] + 31) / 32, (size[1] + 3) / 4, (size[2] + 1) / 2);
     limits result;
     result.sample = time_events(runs, stream, [&] {
         identity_kernel<<<blocks, threads, 0, stream>>>(texture, d_out, size[0], size[1], size[2]);
     });
     result.copy = time_events(runs, stream, [&] {
-        must(cudaMemcpyAsync(h_out, d_out, count * sizeof(short), cudaMemcpyDeviceToHost, stream));
+        exit_on_error(cudaMemcpyAsync(h_out, d_out, count * sizeof(short), cudaMemcpyDeviceToHost, stream));
     });
     cudaDestroyTextureObject(texture);
     cudaFreeArray(array);
@@ -151,9 +151,9 @@ void bench_pick(const pliant_warp *warp, const pliant_mesh *mesh, const double *
     for (int run = 0; run < runs; run++) {
         pliant_picked picked;
         double start = pliant_seconds();
-        must(pliant_pick_warped(warp, positions, &ray, 5000, &picked));
+        exit_on_error(pliant_pick_warped(warp, positions, &ray, 5000, &picked));
         double middle = pliant_seconds();
-        must(pliant_pick(volume, mesh, positions, &ray, 5000, &picked));
+        exit_on_error(pliant_pick(volume, mesh, positions, &ray, 5000, &picked));
         here.push_back(1e3 * (pliant_seconds() - middle));
         there.push_back(1e3 * (middle - start));
     }
@@ -169,13 +169,13 @@ void bench_warp(const int32_t size[3], const int32_t cells[3], int runs)
                                 {0, 0, 0},
                                 {0.384 / size[0], 0.24 / size[1], 0.244 / size[2]},
                                 {1, 0, 0, 0, 1, 0, 0, 0, 1}};
-    must(pliant_volume_create(&geometry, PLIANT_INT16, &scan));
+    exit_on_error(pliant_volume_create(&geometry, PLIANT_INT16, &scan));
     std::mt19937 random(1);
     for (size_t v = 0; v < pliant_geometry_voxels(&geometry); v++)
         static_cast<int16_t *>(scan.voxels)[v] = int16_t(int(random() % 2000) - 1000);
-    must(pliant_mesh_grid(&geometry, cells, nullptr, &mesh));
-    must(pliant_warp_create(&scan, &mesh, &geometry, 2, &warp));
-    must(pliant_warp_backend(warp, PLIANT_CUDA));
+    exit_on_error(pliant_mesh_grid(&geometry, cells, nullptr, &mesh));
+    exit_on_error(pliant_warp_create(&scan, &mesh, &geometry, 2, &warp));
+    exit_on_error(pliant_warp_backend(warp, PLIANT_CUDA));
     double extent[3];
     for (int d = 0; d < 3; d++) extent[d] = size[d] * geometry.spacing[d];
     std::vector<double> states[2];
@@ -190,7 +190,7 @@ void bench_warp(const int32_t size[3], const int32_t cells[3], int runs)
     std::vector<double> cull, rasterize, both, fetch;
     for (int run = 0; run < runs + 5; run++) {
         double c, r;
-        must(pliant_warp_update(warp, states[run % 2].data()));
+        exit_on_error(pliant_warp_update(warp, states[run % 2].data()));
         pliant_warp_seconds(warp, &c, &r);
         double start = pliant_seconds();
         if (run % 8 == 7) pliant_warp_volume(warp);
@@ -244,11 +244,11 @@ bool find_front(const pliant_model *model, double out[3])
 Run run(const pliant_model *model, pliant_data *data, const double at[3], pliant_drive drive, int frames, int budget,
         double tolerance, bool fetch)
 {
-    must(pliant_data_reset(model, data));
-    must(pliant_data_set_limits(data, budget, tolerance));
+    exit_on_error(pliant_data_reset(model, data));
+    exit_on_error(pliant_data_set_limits(data, budget, tolerance));
     int tool;
-    must(pliant_tool_add(model, data, "bench", &tool));
-    must(pliant_tool_grasp(model, data, tool, at));
+    exit_on_error(pliant_tool_add(model, data, "bench", &tool));
+    exit_on_error(pliant_tool_grasp(model, data, tool, at));
     double from[3];
     std::memcpy(from, data->tools[tool].tip, sizeof from);
     Run out = {};
@@ -256,11 +256,11 @@ Run run(const pliant_model *model, pliant_data *data, const double at[3], pliant
         double ahead = std::min(s, frames / 2) * 0.001, aside = std::max(0, s - frames / 2) * 0.001;
         double tip[3] = {from[0] + aside, from[1] - ahead, from[2] + 0.5 * aside},
                force[3] = {100 * aside, -200 * ahead, 0};
-        must(pliant_tool_set_drive(data, tool, drive, force));
-        must(pliant_tool_set_pose(data, tool, tip, nullptr));
+        exit_on_error(pliant_tool_set_drive(data, tool, drive, force));
+        exit_on_error(pliant_tool_set_pose(data, tool, tip, nullptr));
         double start = pliant_seconds();
         pliant_status status = pliant_step(model, data);
-        must(status);
+        exit_on_error(status);
         double stepped = pliant_seconds();
         if (fetch) pliant_warp_volume(data->warp);
         double end = pliant_seconds();
@@ -295,8 +295,8 @@ double worst_error(const Run &a, const Run &b)
 void set_option(pliant_scene *scene, const std::string &option)
 {
     size_t equals = option.find('=');
-    must(pliant_scene_set(scene, option.substr(0, equals).c_str(),
-                          equals == std::string::npos ? "" : option.substr(equals + 1).c_str()));
+    exit_on_error(pliant_scene_set(scene, option.substr(0, equals).c_str(),
+                                   equals == std::string::npos ? "" : option.substr(equals + 1).c_str()));
 }
 
 void bench_run(const char *scene_path, const char *scan_path, int frames, char **options, int num_options)
@@ -306,11 +306,11 @@ void bench_run(const char *scene_path, const char *scan_path, int frames, char *
     pliant_labels labels = {};
     pliant_material_table materials = {};
     pliant_model *model = nullptr;
-    must(pliant_scene_read(scene_path, &scene));
+    exit_on_error(pliant_scene_read(scene_path, &scene));
     scene.solver.backend = PLIANT_CUDA;
     for (int n = 0; n < num_options; n++) set_option(&scene, options[n]);
     double began = pliant_seconds();
-    must(pliant_inputs_read(&scene, scan_path, &scan, &labels, &materials));
+    exit_on_error(pliant_inputs_read(&scene, scan_path, &scan, &labels, &materials));
     std::printf("inputs in %.1f s\n", pliant_seconds() - began);
     const pliant_preconditioner_choice choices[] = {PLIANT_DIRECT, PLIANT_MULTIGRID};
     for (pliant_preconditioner_choice choice : choices) {
@@ -319,8 +319,8 @@ void bench_run(const char *scene_path, const char *scan_path, int frames, char *
         if (choice == PLIANT_DIRECT && cells > 14000) continue; // building its model takes minutes
         scene.solver.preconditioner = choice;
         double start = pliant_seconds();
-        must(pliant_model_build(&scene, &scan, labels.voxels ? &labels : nullptr, &materials, {nullptr, nullptr},
-                                &model));
+        exit_on_error(pliant_model_build(&scene, &scan, labels.voxels ? &labels : nullptr, &materials,
+                                         {nullptr, nullptr}, &model));
         double built = pliant_seconds(), at[3];
         if (!find_front(model, at)) {
             std::printf("no soft tissue at the front of %s\n", scan_path);
@@ -344,7 +344,7 @@ void bench_run(const char *scene_path, const char *scan_path, int frames, char *
             exact[d] = run(model, data, at, drives[d], frames, 200, 1e-7, false);
             for (int b = 0; b < 6; b++) forces[d][b] = run(model, data, at, drives[d], frames, budgets[b], 1e-3, false);
         }
-        must(pliant_data_set_warp(model, data, &model->scan->geometry));
+        exit_on_error(pliant_data_set_warp(model, data, &model->scan->geometry));
         for (int d = 0; d < 2; d++) {
             std::printf("  %s, largest %.1f mm, exact in %.1f evaluations a frame\n", d == 0 ? "displacement" : "force",
                         1e3 * exact[d].largest, exact[d].iterations);
@@ -401,21 +401,22 @@ void bench_cut(const char *scene_path, const char *scan_path, int frames, char *
     pliant_material_table materials = {};
     pliant_model *model = nullptr;
     pliant_data *data = nullptr;
-    must(pliant_scene_read(scene_path, &scene));
+    exit_on_error(pliant_scene_read(scene_path, &scene));
     scene.solver.backend = PLIANT_CUDA;
     scene.cut.kind = PLIANT_CUT_SEVER;
     scene.cut.resistance = 0;
     scene.model.gravity[2] = -2;
     for (int n = 0; n < num_options; n++) set_option(&scene, options[n]);
-    must(pliant_inputs_read(&scene, scan_path, &scan, &labels, &materials));
-    must(pliant_model_build(&scene, &scan, labels.voxels ? &labels : nullptr, &materials, {nullptr, nullptr}, &model));
-    must(pliant_data_create(model, &data));
-    must(pliant_data_set_warp(model, data, &model->scan->geometry));
+    exit_on_error(pliant_inputs_read(&scene, scan_path, &scan, &labels, &materials));
+    exit_on_error(
+        pliant_model_build(&scene, &scan, labels.voxels ? &labels : nullptr, &materials, {nullptr, nullptr}, &model));
+    exit_on_error(pliant_data_create(model, &data));
+    exit_on_error(pliant_data_set_warp(model, data, &model->scan->geometry));
     double at[3], from[3] = {-0.015, 0, 0}, to[3] = {0.015, 0, 0};
     int tool;
-    if (!find_front(model, at)) must(PLIANT_ERROR_ARGUMENT);
-    must(pliant_tool_add(model, data, "blade", &tool));
-    must(pliant_tool_set_blade(data, tool, from, to));
+    if (!find_front(model, at)) exit_on_error(PLIANT_ERROR_ARGUMENT);
+    exit_on_error(pliant_tool_add(model, data, "blade", &tool));
+    exit_on_error(pliant_tool_set_blade(data, tool, from, to));
     const pliant_background live = {PLIANT_BACKGROUND_LIVE, 0, 0};
     data->background = live;
     CutFrames cutting, other;
@@ -423,11 +424,11 @@ void bench_cut(const char *scene_path, const char *scan_path, int frames, char *
         const int stroke = f < 0 ? 0 : f / (STROKE + BETWEEN), place = f < 0 ? -1 : f % (STROKE + BETWEEN);
         const double tip[3] = {at[0] + 0.027 * (stroke % 4 - 1.5), at[1] - 0.02 + 0.002 * place,
                                at[2] + 0.02 * (stroke / 4 % 3)};
-        must(pliant_tool_set_pose(data, tool, tip, nullptr));
-        must(pliant_tool_set_cutting(data, tool, f >= 0 && place < STROKE));
+        exit_on_error(pliant_tool_set_pose(data, tool, tip, nullptr));
+        exit_on_error(pliant_tool_set_cutting(data, tool, f >= 0 && place < STROKE));
         const uint64_t revision = data->body->revision, factors = data->statistics.factors;
         const double start = pliant_seconds();
-        must(pliant_step(model, data));
+        exit_on_error(pliant_step(model, data));
         const double whole = 1e3 * (pliant_seconds() - start);
         CutFrames &frame = data->body->revision != revision ? cutting : other;
         if (std::getenv("VERBOSE"))

@@ -18,10 +18,10 @@ struct Times {
         solve.push_back(1e3 * data->statistics.seconds[PLIANT_STEP_solve]);
         points.push_back(data->contacts.count);
     }
-    static double at(std::vector<double> values, double share)
+    static double at(std::vector<double> values, double fraction)
     {
         std::sort(values.begin(), values.end());
-        return values[static_cast<size_t>(share * (values.size() - 1))];
+        return values[static_cast<size_t>(fraction * (values.size() - 1))];
     }
     void print(const char *what) const
     {

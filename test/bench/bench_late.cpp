@@ -80,9 +80,9 @@ void print_late(const pliant_model *model, Case which, const Late &run, const La
     std::vector<double> error, seconds(run.seconds.begin() + FIRST, run.seconds.end());
     double largest = 0;
     for (const auto &positions : exact.positions)
-        largest = std::max(largest, largest_apart(positions.data(), model->body->fine.rest, nodes));
+        largest = std::max(largest, largest_distance(positions.data(), model->body->fine.rest, nodes));
     for (size_t f = FIRST; f < FRAMES; f++)
-        error.push_back(100 * largest_apart(run.positions[f].data(), exact.positions[f].data(), nodes) / largest);
+        error.push_back(100 * largest_distance(run.positions[f].data(), exact.positions[f].data(), nodes) / largest);
     const double median = quantile(seconds, 0.5);
     std::printf(
         "  %-16s median %6.2f ms, 99 %% %4.2f x, worst %4.2f x, %ld of %zu above 2 x;  error median %.4f %%, "

@@ -126,7 +126,7 @@ bool front_of(const pliant_labels &labels, int label, double out[3])
 void compare(const char *name, const pliant_model *model, const Run &run, const Run &fine)
 {
     size_t nodes = fine.positions.size() / 3, count[2] = {0, 0};
-    double largest = 0, most[2] = {0, 0}, squares[2] = {0, 0};
+    double largest = 0, maximum[2] = {0, 0}, squares[2] = {0, 0};
     std::vector<char> body(nodes, 0);
     for (int32_t v = 0; v < 4 * model->body->fine.num_tets; v++)
         if (model->body->fine_material[v / 4].tissue >= 0.5) body[size_t(model->body->fine.tets[v])] = 1;
@@ -138,7 +138,7 @@ void compare(const char *name, const pliant_model *model, const Run &run, const 
         }
         largest = std::max(largest, std::sqrt(u));
         for (int all = body[n] ? 0 : 1; all < 2; all++) {
-            most[all] = std::max(most[all], std::sqrt(e));
+            maximum[all] = std::max(maximum[all], std::sqrt(e));
             squares[all] += e;
             count[all]++;
         }
@@ -146,8 +146,8 @@ void compare(const char *name, const pliant_model *model, const Run &run, const 
     std::printf(
         "%-26s body max %6.1f %%  rms %6.2f %%; all max %6.1f %%  rms %6.2f %%  (largest %.1f mm)  |F| %6.2f N  "
         "solve %6.2f ms, upsample %5.2f ms  %4.1f iterations  %d unconverged\n",
-        name, 100 * most[0] / largest, 100 * std::sqrt(squares[0] / double(count[0])) / largest,
-        100 * most[1] / largest, 100 * std::sqrt(squares[1] / double(count[1])) / largest, 1e3 * largest,
+        name, 100 * maximum[0] / largest, 100 * std::sqrt(squares[0] / double(count[0])) / largest,
+        100 * maximum[1] / largest, 100 * std::sqrt(squares[1] / double(count[1])) / largest, 1e3 * largest,
         std::sqrt(run.force[0] * run.force[0] + run.force[1] * run.force[1] + run.force[2] * run.force[2]),
         1e3 * median(run.solve), 1e3 * median(run.upsample), run.iterations, run.unconverged);
 }

@@ -21,7 +21,7 @@
 
 namespace {
 
-void must(pliant_status status)
+void exit_on_error(pliant_status status)
 {
     if (status >= 0) return;
     std::fprintf(stderr, "bench_overlaps: %s\n", pliant_last_error());
@@ -51,20 +51,20 @@ bool measure(int32_t cells, int runs)
         pliant_grid grid{};
         int32_t count = 0, expected = 0;
         const int32_t listed = static_cast<int32_t>(list->size());
-        must(gpu_overlaps_create(block.mesh.num_tets, block.mesh.tets, listed, list->data(),
-                                 1.3 * block.mesh.cell_size[0], stream, &overlaps));
+        exit_on_error(gpu_overlaps_create(block.mesh.num_tets, block.mesh.tets, listed, list->data(),
+                                          1.3 * block.mesh.cell_size[0], stream, &overlaps));
         std::vector<double> ms;
         for (int run = 0; run < runs; run++) {
             const double start = now();
-            must(gpu_overlaps_find(overlaps, d_positions, 0, stream, nullptr, nullptr, &count));
+            exit_on_error(gpu_overlaps_find(overlaps, d_positions, 0, stream, nullptr, nullptr, &count));
             if (run > 2) ms.push_back(now() - start);
         }
         std::sort(ms.begin(), ms.end());
-        must(pliant_grid_fill(&grid, listed, list->data(), block.mesh.tets, block.positions.data(), 0, 8));
-        must(pliant_grid_overlaps(&grid, block.mesh.tets, block.positions.data(), 8, &expected));
+        exit_on_error(pliant_grid_fill(&grid, listed, list->data(), block.mesh.tets, block.positions.data(), 0, 8));
+        exit_on_error(pliant_grid_overlaps(&grid, block.mesh.tets, block.positions.data(), 8, &expected));
         std::vector<int32_t> mine(2 * static_cast<size_t>(count));
         std::vector<std::pair<int32_t, int32_t>> truth;
-        must(gpu_overlaps_get_pairs(overlaps, stream, mine.data()));
+        exit_on_error(gpu_overlaps_get_pairs(overlaps, stream, mine.data()));
         for (const pliant_grid_pairs &found : grid.found)
             for (int32_t p = 0; p < found.count; p++) truth.emplace_back(found.pair[2 * p], found.pair[2 * p + 1]);
         std::sort(truth.begin(), truth.end());
@@ -92,7 +92,7 @@ bool measure_stage(int32_t cells, int runs)
 {
     Rolled block(cells, -0.1);
     pliant_body *body = nullptr;
-    must(pliant_body_create(1, &body));
+    exit_on_error(pliant_body_create(1, &body));
     body->fine = block.mesh;
     block.mesh = pliant_mesh{};
     double median[2];
@@ -102,12 +102,12 @@ bool measure_stage(int32_t cells, int runs)
         pliant_contacts found{};
         std::vector<double> ms;
         const pliant_tissue_rule rule = {0.25 * body->fine.cell_size[0], 1e-3, 0.3, 0};
-        must(pliant_tissue_set_body(&tissue, body, nullptr, 1));
+        exit_on_error(pliant_tissue_set_body(&tissue, body, nullptr, 1));
         pliant_tissue_set_searcher(&tissue, where ? &pliant_cuda_tissue_searcher : nullptr);
         for (int run = 0; run < (where ? runs : 7); run++) {
             const double start = now();
             found.count = 0;
-            must(pliant_tissue_find(&tissue, block.positions.data(), &rule, &found));
+            exit_on_error(pliant_tissue_find(&tissue, block.positions.data(), &rule, &found));
             if (run > 2) ms.push_back(now() - start);
         }
         std::sort(ms.begin(), ms.end());

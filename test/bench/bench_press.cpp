@@ -22,7 +22,7 @@ struct Run {
     // (frames x tools) forces on the tissue; forces solved tightly from the same state
     std::vector<std::array<double, 3>> force, own;
     double contact = 0, first = 0, solve = 0, deepest = 0, spent = 0;
-    int32_t evaluations = 0, most_contacts = 0, refused = 0;
+    int32_t evaluations = 0, max_contacts = 0, refused = 0;
 };
 
 // CPU time of this thread; other threads do background work
@@ -61,7 +61,7 @@ void append_forces(pliant_data *data, std::vector<std::array<double, 3>> *out)
 Run press(const pliant_model *model, const double middle[3], int iterations, double tolerance, int settle)
 {
     Run run;
-    pliant_data *data = nullptr, *beside = nullptr;
+    pliant_data *data = nullptr, *adjacent = nullptr;
     check(pliant_data_create(model, &data));
     check(pliant_data_set_limits(data, iterations, tolerance));
     pliant_tool_shape shape{};
@@ -91,10 +91,10 @@ Run press(const pliant_model *model, const double middle[3], int iterations, dou
             check(pliant_tool_set_pose(data, t, tip, nullptr));
         }
         if (settle == 0) {
-            check(beside ? pliant_data_take(model, beside, data) : pliant_data_copy(model, data, &beside));
-            check(pliant_data_set_limits(beside, 100, 1e-6));
-            check(pliant_step(model, beside));
-            append_forces(beside, &run.own);
+            check(adjacent ? pliant_data_move(model, adjacent, data) : pliant_data_copy(model, data, &adjacent));
+            check(pliant_data_set_limits(adjacent, 100, 1e-6));
+            check(pliant_step(model, adjacent));
+            append_forces(adjacent, &run.own);
         }
         const double begun = cpu();
         for (int s = 0; s <= settle; s++) {
@@ -108,12 +108,12 @@ Run press(const pliant_model *model, const double middle[3], int iterations, dou
         (frame > 0 ? run.contact : run.first) += told->seconds[PLIANT_STEP_contact];
         run.solve += told->seconds[PLIANT_STEP_solve];
         run.evaluations += told->iterations;
-        run.most_contacts = std::max(run.most_contacts, told->contacts);
+        run.max_contacts = std::max(run.max_contacts, told->contacts);
         run.deepest = std::max(run.deepest, told->penetration);
         run.refused = int32_t(told->rejected);
         append_forces(data, &run.force);
     }
-    pliant_data_free(beside);
+    pliant_data_free(adjacent);
     pliant_data_free(data);
     return run;
 }
@@ -122,13 +122,13 @@ double length(const std::array<double, 3> &f) { return std::sqrt(f[0] * f[0] + f
 
 // Return the errors in ascending order, of forces with at least a twentieth of the maximum; may be empty.
 std::vector<double> errors_of(const std::vector<std::array<double, 3>> &forces,
-                              const std::vector<std::array<double, 3>> &exact, double most)
+                              const std::vector<std::array<double, 3>> &exact, double maximum)
 {
     std::vector<double> errors;
     for (size_t f = 0; f < forces.size(); f++) {
         const std::array<double, 3> apart = {forces[f][0] - exact[f][0], forces[f][1] - exact[f][1],
                                              forces[f][2] - exact[f][2]};
-        if (length(exact[f]) > 0.05 * most) errors.push_back(100 * length(apart) / length(exact[f]));
+        if (length(exact[f]) > 0.05 * maximum) errors.push_back(100 * length(apart) / length(exact[f]));
     }
     std::sort(errors.begin(), errors.end());
     return errors;
@@ -170,15 +170,15 @@ int main(int argc, char **argv)
         pliant_data_free(data);
     }
     const Run exact = press(model, middle, 100, 1e-6, 10);
-    double most = 0;
-    for (const auto &f : exact.force) most = std::max(most, length(f));
-    std::printf("tightly: largest force of a tool %.3f N, deepest %.4f mm, up to %d contacts\n", most,
-                1e3 * exact.deepest, exact.most_contacts);
-    if (most == 0) std::printf("nothing is touched: no error to tell\n");
+    double maximum = 0;
+    for (const auto &f : exact.force) maximum = std::max(maximum, length(f));
+    std::printf("tightly: largest force of a tool %.3f N, deepest %.4f mm, up to %d contacts\n", maximum,
+                1e3 * exact.deepest, exact.max_contacts);
+    if (maximum == 0) std::printf("nothing is touched: no error to tell\n");
     for (int iterations : {3, 4, 6, 10}) {
         const Run run = press(model, middle, iterations, 1e-9, 0);
-        const std::vector<double> errors = errors_of(run.force, exact.force, most),
-                                  own = errors_of(run.force, run.own, most);
+        const std::vector<double> errors = errors_of(run.force, exact.force, maximum),
+                                  own = errors_of(run.force, run.own, maximum);
         std::printf(
             "%2d iterations: solve %.2f ms a frame (%.2f an evaluation), contact stage %.3f (the first frame's %.1f), "
             "CPU %.2f; deepest %.4f mm; force off by %.2f %% (median), %.2f (95 %%), %.2f (worst); "

@@ -17,7 +17,7 @@
 
 namespace {
 
-void must(pliant_status status)
+void exit_on_error(pliant_status status)
 {
     if (status >= 0) return;
     std::fprintf(stderr, "bench_render: %s\n", pliant_last_error());
@@ -62,7 +62,7 @@ int main(int argc, char **argv)
     pliant_material_table materials{};
     pliant_scene_defaults(&scene);
     scene.element.kind = PLIANT_LINEAR;
-    must(pliant_inputs_read(&scene, path.c_str(), &scan, &labels, &materials));
+    exit_on_error(pliant_inputs_read(&scene, path.c_str(), &scan, &labels, &materials));
     double middle[3] = {0, 0, 0};
     bool same = true;
     std::vector<Seen> first;
@@ -71,7 +71,8 @@ int main(int argc, char **argv)
         pliant_model *model = nullptr;
         pliant_scene own = scene;
         own.solver.backend = backend;
-        must(pliant_model_build(&own, &scan, labels.voxels ? &labels : nullptr, &materials, pliant_progress{}, &model));
+        exit_on_error(
+            pliant_model_build(&own, &scan, labels.voxels ? &labels : nullptr, &materials, pliant_progress{}, &model));
         const pliant_body *body = pliant_model_get_body(model);
         for (int d = 0; d < 3; d++) {
             middle[d] = 0;
@@ -79,10 +80,10 @@ int main(int argc, char **argv)
                 middle[d] += body->fine.rest[3 * n + d] / body->fine.num_nodes;
         }
         pliant_view *view = nullptr;
-        must(pliant_view_create(model, nullptr, &view));
-        must(pliant_view_set(view, body, moved(body->fine).data(), nullptr));
+        exit_on_error(pliant_view_create(model, nullptr, &view));
+        exit_on_error(pliant_view_set(view, body, moved(body->fine).data(), nullptr));
         pliant_style style;
-        must(pliant_style_defaults(&scan, &style));
+        exit_on_error(pliant_style_defaults(&scan, &style));
         const double up[3] = {0, 0, 1}, from[3][3] = {{0.1, -0.5, 0.1}, {0.55, -0.1, 0.05}, {0, -0.2, 0}};
         const int runs = backend == PLIANT_CUDA ? 50 : 3;
         size_t picture = 0;
@@ -97,21 +98,21 @@ int main(int argc, char **argv)
                 if (by_label) for (int label = 1; label < 4; label++) style.shown[label] = 0;
                 if (radiograph) {
                     const pliant_c_arm arm = {{middle[0], middle[1], middle[2]}, 0.8, 1.2, 0.3, 0.1, 640, 480, 0.001};
-                    must(pliant_c_arm_camera(&arm, &camera));
+                    exit_on_error(pliant_c_arm_camera(&arm, &camera));
                 } else {
                     const double place[3] = {middle[0] + from[side][0], middle[1] + from[side][1],
                                              middle[2] + from[side][2]};
                     pliant_camera_of_view(640, 480, side == 2 ? 1.2 : 0.9, &camera);
-                    must(pliant_camera_look_at(&camera, place, middle, up));
+                    exit_on_error(pliant_camera_look_at(&camera, place, middle, up));
                 }
                 seen.rgb.resize(radiograph ? 0 : 3 * 640 * 480), seen.label.resize(seen.rgb.size() / 3),
                     seen.depth.resize(seen.label.size());
                 seen.integral.resize(radiograph ? 640 * 480 : 0);
                 const pliant_image image = {seen.rgb.data(), seen.depth.data(), seen.label.data()};
                 const auto draw = [&] {
-                    must(radiograph
-                             ? pliant_view_radiograph(view, &camera, PLIANT_WATER_ATTENUATION, seen.integral.data())
-                             : pliant_view_render(view, &camera, &style, &image));
+                    exit_on_error(radiograph ? pliant_view_radiograph(view, &camera, PLIANT_WATER_ATTENUATION,
+                                                                      seen.integral.data())
+                                             : pliant_view_render(view, &camera, &style, &image));
                 };
                 draw();
                 seen.ms = median(runs, draw);

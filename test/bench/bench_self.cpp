@@ -39,7 +39,7 @@ double seconds()
 struct Figures {
     int steps = 0, crossed = 0, ended = 0, diverged = 0;
     int64_t evaluations = 0;
-    int32_t most = 0;
+    int32_t maximum = 0;
     double force = 0;
     std::vector<double> times;
 };
@@ -116,7 +116,7 @@ void run(Kind kind, int seed, bool dynamic, Figures &out)
         const int32_t crossed = crossings(body);
         out.steps++;
         out.crossed += crossed > 0;
-        out.most = std::max(out.most, crossed);
+        out.maximum = std::max(out.maximum, crossed);
         out.ended += body.data->statistics.ended != PLIANT_STEP_END_NONE;
         out.diverged += status != PLIANT_OK;
         out.evaluations += body.data->statistics.iterations;
@@ -140,7 +140,7 @@ int main(int count, char **given)
         std::sort(out.times.begin(), out.times.end());
         std::printf("%s: %d steps, %d crossed (at most %d edges), %d ended early, %d not converged, %.1f evaluations, "
                     "force %.5f N, time %.2f / %.1f ms\n",
-                    names[kind], out.steps, out.crossed, out.most, out.ended, out.diverged,
+                    names[kind], out.steps, out.crossed, out.maximum, out.ended, out.diverged,
                     double(out.evaluations) / out.steps, out.force / scenes, out.times[out.times.size() / 2],
                     out.times.back());
         std::fflush(stdout);

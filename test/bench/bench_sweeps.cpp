@@ -73,14 +73,14 @@ void sweep_and_rest(const Way &on, Outcome &out)
     const std::unique_ptr<Sheet> made = sheet_for(on, {});
     Sheet &sheet = *made;
     const int tool = sheet.add("tool", shape_of(on.part), on.from[0], on.from[1], on.from[2]);
-    bool meets_held = false;
+    bool path_meets_fixed_side = false;
     int inverted = 0;
     double worst = 0, after3 = 0, after25 = 0, low = 1e9, high = 0, sum = 0;
     std::vector<double> times;
     for (int step = 0; step <= on.steps() + REST; step++) {
         const int rest = step - on.steps();
         move(sheet, tool, on, step);
-        meets_held = meets_held || comes_by_what_is_held(sheet, tool, on, step);
+        path_meets_fixed_side = path_meets_fixed_side || path_crosses_fixed_side(sheet, tool, on, step);
         const double time = timed_step(sheet);
         inverted = std::max(inverted, sheet.turned());
         out.evaluations = std::max(out.evaluations, sheet.data->statistics.iterations);
@@ -91,17 +91,17 @@ void sweep_and_rest(const Way &on, Outcome &out)
         const double force = force_of(sheet);
         low = std::min(low, force), high = std::max(high, force), sum += force / (REST - 29);
     }
-    if (meets_held) return;
-    const Swept swept = {sheet.deepest_of_surface(tool),
+    if (path_meets_fixed_side) return;
+    const Swept swept = {sheet.max_surface_penetration(tool),
                          sheet.farthest(),
-                         sheet.middles_inside(tool),
+                         sheet.count_axis_points_inside(tool),
                          inverted,
                          sheet.data->statistics.proxy_error,
                          0,
                          0,
                          false};
     out.count++;
-    out.tunneled += is_through(swept, on);
+    out.tunneled += has_tunneled(swept, on);
     out.inverted += inverted > 0;
     out.after3.push_back(after3), out.after25.push_back(after25);
     if (sum > 1e-4) out.spread.push_back((high - low) / sum);

@@ -27,7 +27,7 @@ struct Setting {
     double step; // [s]
 };
 
-void must(pliant_status status)
+void exit_on_error(pliant_status status)
 {
     if (status >= 0) return;
     std::fprintf(stderr, "%s\n", pliant_last_error());
@@ -60,17 +60,17 @@ double seconds_a_step(const Choice &choice, const Setting &setting, double budge
     body.scene.tled.nodal_pressure = choice.nodal;
     body.scene.tled.quasi_static = choice.still;
     if (choice.viscous) body.scene.tled.prony_share[0] = 0.3;
-    must(body.build());
+    exit_on_error(body.build());
     if (choice.pulled) {
         int tool;
         const double at[3] = {0.5 * box[0], 0.5 * box[1], box[2] - 0.01};
-        must(pliant_tool_add(body.model, body.data, "pull", &tool));
-        must(pliant_tool_grasp(body.model, body.data, tool, at));
+        exit_on_error(pliant_tool_add(body.model, body.data, "pull", &tool));
+        exit_on_error(pliant_tool_grasp(body.model, body.data, tool, at));
     }
     *tets = body.model->body->fine.num_tets;
     double best = INFINITY, start = pliant_seconds();
     while (pliant_seconds() - start < budget) {
-        must(pliant_step(body.model, body.data));
+        exit_on_error(pliant_step(body.model, body.data));
         best = std::min(best, body.data->statistics.seconds[PLIANT_STEP_solve] / body.data->statistics.iterations);
     }
     *substeps = body.data->statistics.iterations;
@@ -116,14 +116,14 @@ void bench_gpu(double budget)
 void bench_frame()
 {
     for (const Choice &choice : choices) {
-        double least = INFINITY;
+        double minimum = INFINITY;
         for (int round = 0; round < 3; round++) {
             int tets, substeps;
             const double kernel = fixed_kernel_seconds();
-            least = std::min(least, seconds_a_step(choice, {{14, 14, 14}, 1, PLIANT_CPU, 0.2}, 0.3, &tets, &substeps) /
-                                        kernel);
+            minimum = std::min(
+                minimum, seconds_a_step(choice, {{14, 14, 14}, 1, PLIANT_CPU, 0.2}, 0.3, &tets, &substeps) / kernel);
         }
-        figure(std::string("sub-step, ") + choice.name, least, "fixed kernels");
+        figure(std::string("sub-step, ") + choice.name, minimum, "fixed kernels");
     }
 }
 

@@ -15,13 +15,13 @@ double cpu() { return double(std::clock()) / CLOCKS_PER_SEC; }
 
 int main(int argc, char **argv)
 {
-    const int most = argc > 1 ? std::atoi(argv[1]) : 12;
+    const int maximum = argc > 1 ? std::atoi(argv[1]) : 12;
     const double poisson[3] = {0.45, 0.49, 0.499}, converged[3] = {6.87e-3, 6.79e-3, 6.75e-3};
     std::printf("                nu   cells    nodes      sag   load [s]  settle [s]   evaluations\n");
     for (int n = 0; n < 3; n++)
         for (pliant_element_kind kind : {PLIANT_HEXAHEDRA, PLIANT_LINEAR})
             for (int across : {2, 3, 4, 6, 9, 12, 18, 24}) {
-                if (across > most || (kind == PLIANT_HEXAHEDRA && across > 6)) continue;
+                if (across > maximum || (kind == PLIANT_HEXAHEDRA && across > 6)) continue;
                 Beam beam(kind, poisson[n], across);
                 beam.scene.solver.threads = 1;
                 beam.scene.solver.iterations = 20;

@@ -22,7 +22,7 @@ inline double fixed_kernel_seconds()
 {
     const size_t small = 4096, large = size_t(8) << 20;
     static std::vector<float> a(large, 1.0f), b(large, 0.5f), c(large, 0.25f);
-    double least = 1e30;
+    double minimum = 1e30;
     for (int run = 0; run < 5; run++) {
         const auto start = std::chrono::steady_clock::now();
         for (int repeat = 0; repeat < 4000; repeat++)
@@ -30,9 +30,9 @@ inline double fixed_kernel_seconds()
         for (size_t i = 0; i < large; i++) a[i] = b[i] + 0.5f * c[i];
         volatile float keep = a[large / 2];
         (void)keep;
-        least = std::min(least, std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
+        minimum = std::min(minimum, std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
     }
-    return least;
+    return minimum;
 }
 
 #endif

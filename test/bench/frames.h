@@ -162,28 +162,28 @@ inline Frames run(const pliant_model *model, const double at[3], Kind kind, cons
     return out;
 }
 
-inline double largest_apart(const double *a, const double *b, size_t nodes)
+inline double largest_distance(const double *a, const double *b, size_t nodes)
 {
-    double most = 0;
+    double maximum = 0;
     for (size_t n = 0; n < 3 * nodes; n += 3)
-        most = std::max(most, std::hypot(std::hypot(a[n] - b[n], a[n + 1] - b[n + 1]), a[n + 2] - b[n + 2]));
-    return most;
+        maximum = std::max(maximum, std::hypot(std::hypot(a[n] - b[n], a[n + 1] - b[n + 1]), a[n + 2] - b[n + 2]));
+    return maximum;
 }
 
-inline double quantile(std::vector<double> values, double share)
+inline double quantile(std::vector<double> values, double fraction)
 {
     if (values.empty()) return NAN;
     std::sort(values.begin(), values.end());
-    return values[size_t(share * double(values.size() - 1))];
+    return values[size_t(fraction * double(values.size() - 1))];
 }
 
 inline Errors errors_of(const pliant_model *model, const Frames &run, const Frames &exact)
 {
     size_t nodes = size_t(model->body->fine.num_nodes);
-    double whole = largest_apart(exact.positions.back().data(), model->body->fine.rest, nodes);
+    double whole = largest_distance(exact.positions.back().data(), model->body->fine.rest, nodes);
     Errors out;
     for (size_t f = 0; f < exact.positions.size(); f++) {
-        double error = largest_apart(run.positions[f].data(), exact.positions[f].data(), nodes);
+        double error = largest_distance(run.positions[f].data(), exact.positions[f].data(), nodes);
         out.worst = std::max(out.worst, 100 * error / whole);
         if (error <= 1e-6) continue;
         out.ratio.push_back(run.told[f] / error);
@@ -193,7 +193,7 @@ inline Errors errors_of(const pliant_model *model, const Frames &run, const Fram
 }
 
 // Print the fraction of error estimates within a factor of three of the true errors.
-inline void print_told(const char *which, const std::vector<double> &ratio)
+inline void print_estimate_ratios(const char *which, const std::vector<double> &ratio)
 {
     const auto within = std::count_if(ratio.begin(), ratio.end(), [](double r) { return r > 1.0 / 3 && r < 3; });
     std::printf("   %s over true 5 to 95 %%: %.2f to %.2f, %.0f %% of %zu within 3", which, quantile(ratio, 0.05),

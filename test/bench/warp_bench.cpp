@@ -58,7 +58,7 @@ struct times {
     }
 };
 
-void must(pliant_status status)
+void exit_on_error(pliant_status status)
 {
     if (status >= 0) return;
     std::fprintf(stderr, "warp_bench: %s\n", pliant_last_error());
@@ -77,12 +77,12 @@ setup make_setup(const int32_t size[3], const int32_t cells[3])
     setup s = {};
     pliant_geometry geometry = {
         {size[0], size[1], size[2]}, {0, 0, 0}, {0.0015, 0.0015, 0.002}, {1, 0, 0, 0, 1, 0, 0, 0, 1}};
-    must(pliant_volume_create(&geometry, PLIANT_INT16, &s.scan));
+    exit_on_error(pliant_volume_create(&geometry, PLIANT_INT16, &s.scan));
     std::mt19937 random(1);
     for (size_t v = 0; v < pliant_geometry_voxels(&geometry); v++)
         static_cast<int16_t *>(s.scan.voxels)[v] = int16_t(int(random() % 2000) - 1000);
     s.scan.background = -1024;
-    must(pliant_mesh_grid(&geometry, cells, nullptr, &s.mesh));
+    exit_on_error(pliant_mesh_grid(&geometry, cells, nullptr, &s.mesh));
     for (int d = 0; d < 3; d++) s.extent[d] = size[d] * geometry.spacing[d];
     s.rest.assign(s.mesh.rest, s.mesh.rest + 3 * s.mesh.num_nodes);
     s.shifted = s.moved = s.moved_more = s.tenth = s.rest;
@@ -113,8 +113,8 @@ struct timed_warp {
                const std::vector<double> &to)
         : name(what), a(from), b(to), warp(nullptr)
     {
-        must(pliant_warp_create(&s.scan, &s.mesh, &s.scan.geometry, threads, &warp));
-        must(pliant_warp_update(warp, a.data()));
+        exit_on_error(pliant_warp_create(&s.scan, &s.mesh, &s.scan.geometry, threads, &warp));
+        exit_on_error(pliant_warp_update(warp, a.data()));
     }
     timed_warp(const timed_warp &) = delete;
     ~timed_warp() { pliant_warp_free(warp); }
@@ -122,7 +122,7 @@ struct timed_warp {
     void run()
     {
         const double *to = (total.wall.size() % 2 ? a : b).data();
-        total.run([&] { must(pliant_warp_update(warp, to)); });
+        total.run([&] { exit_on_error(pliant_warp_update(warp, to)); });
         double c, r;
         pliant_warp_seconds(warp, &c, &r);
         cull.push_back(1e3 * c);

@@ -108,7 +108,7 @@ inline std::unique_ptr<Body> make(const Case &each)
     return body;
 }
 
-inline void take_hold(Body &body)
+inline void grasp_at_two_points(Body &body)
 {
     const double points[2][3] = {{0.03, 0.08, 0.15}, {0.13, 0.08, 0.15}};
     for (int t = 0; t < 2; t++) {

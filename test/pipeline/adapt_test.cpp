@@ -13,8 +13,8 @@ std::string name_of(const testing::TestParamInfo<Case> &info) { return info.para
 TEST_P(EveryMethod, ARevisionOfTheSameTopologyChangesNoBits)
 {
     std::unique_ptr<Body> one = make(GetParam()), other = make(GetParam());
-    take_hold(*one);
-    take_hold(*other);
+    grasp_at_two_points(*one);
+    grasp_at_two_points(*other);
     const pliant_solver *solver = other->data->solver;
     for (int s = 0; s < 12; s++) {
         step(*one, 1);
@@ -53,8 +53,8 @@ void wait_for_background(const Body &body)
 TEST_P(EveryDivisible, WithoutMemoryTheBodyBeforeGoesOn)
 {
     std::unique_ptr<Body> one = make(GetParam()), other = make(GetParam());
-    take_hold(*one);
-    take_hold(*other);
+    grasp_at_two_points(*one);
+    grasp_at_two_points(*other);
     step(*one, 4);
     step(*other, 4);
     const pliant_body *next = divide(other->data->body, 2, split(*other->data->body, 0.08, 0.09));
@@ -81,7 +81,7 @@ TEST_P(EveryDivisible, WithoutMemoryTheBodyBeforeGoesOn)
     pliant_body_release(next);
 
     std::unique_ptr<Body> third = make(GetParam());
-    take_hold(*third);
+    grasp_at_two_points(*third);
     step(*third, 4);
     wait_for_background(*third);
     next = divide(third->data->body, 2, split(*third->data->body, 0.08, 0.09));
@@ -110,7 +110,7 @@ TEST_P(EveryDivisible, ACutBodyMovesAsOneThatWasMadeApart)
     ASSERT_EQ(pliant_data_set_body(apart->model, apart->data, next), PLIANT_OK) << pliant_last_error();
     pliant_body_release(next);
     for (Body *body : {apart.get(), whole.get()}) {
-        take_hold(*body);
+        grasp_at_two_points(*body);
         ASSERT_EQ(pliant_data_set_limits(body->data, 200, 1e-9), PLIANT_OK);
     }
     step(*whole, 3);
@@ -133,14 +133,14 @@ TEST_P(EveryDivisible, ACutBodyMovesAsOneThatWasMadeApart)
         return before;
     };
     std::vector<double> x = rest(*whole), y = rest(*apart);
-    double most = 0, opened = 0;
-    for (int32_t i = 0; i < 3 * mesh.num_nodes; i++) most = std::fmax(most, std::fabs(x[i] - y[i]));
+    double maximum = 0, is_after_cut = 0;
+    for (int32_t i = 0; i < 3 * mesh.num_nodes; i++) maximum = std::fmax(maximum, std::fabs(x[i] - y[i]));
     for (int32_t n = whole->model->body->fine.num_nodes; n < mesh.num_nodes; n++) {
         int32_t source = whole->data->body->node_parent[n];
-        opened = std::fmax(opened, std::fabs(x[3 * n + 1] - x[3 * source + 1]));
+        is_after_cut = std::fmax(is_after_cut, std::fabs(x[3 * n + 1] - x[3 * source + 1]));
     }
-    EXPECT_LT(most, 2e-6);
-    EXPECT_GT(opened, 1e-3); // the tools shear the halves along y, and the cut permits it
+    EXPECT_LT(maximum, 2e-6);
+    EXPECT_GT(is_after_cut, 1e-3); // the tools shear the halves along y, and the cut permits it
 }
 // ---- copied data away from a cut are bitwise identical to recomputed data
 
@@ -193,7 +193,7 @@ void expect_same(const pliant_system &a, const pliant_system &b)
     if (!a.upsample->start) return;
     const size_t entries = static_cast<size_t>(a.upsample->start[fine]);
     expect_same(a.upsample->entry_element, b.upsample->entry_element, entries, "entries' elements");
-    expect_same(a.upsample->entry_share, b.upsample->entry_share, entries, "shares");
+    expect_same(a.upsample->entry_weight, b.upsample->entry_weight, entries, "shares");
     expect_same(a.upsample->entry_shape, b.upsample->entry_shape, 9 * corners * entries, "shapes");
 }
 
@@ -211,10 +211,10 @@ TEST_P(EveryFragment, IncrementallyAsAnew)
     std::vector<const pliant_body *> bodies = {pliant_body_retain(body->model->body)};
     auto compare = [&](const pliant_body *next) {
         ASSERT_EQ(pliant_data_set_body(body->model, body->data, next), PLIANT_OK) << pliant_last_error();
-        const pliant_discretization *anew = nullptr, *made = body->data->discretization;
-        ASSERT_EQ(pliant_discretization_create(&body->scene, next, &anew), PLIANT_OK) << pliant_last_error();
-        if (!made->tled) expect_same(*made->system, *anew->system);
-        pliant_discretization_release(anew);
+        const pliant_discretization *rebuilt = nullptr, *made = body->data->discretization;
+        ASSERT_EQ(pliant_discretization_create(&body->scene, next, &rebuilt), PLIANT_OK) << pliant_last_error();
+        if (!made->tled) expect_same(*made->system, *rebuilt->system);
+        pliant_discretization_release(rebuilt);
     };
     for (double z : {0.11, 0.06}) { // two strokes through fragments of fine tetrahedra
         const pliant_body *before = bodies.back(),
@@ -239,7 +239,7 @@ TEST_P(EveryStroke, WhileItMoves)
 {
     std::unique_ptr<Body> moving = make(GetParam()), resting = make(GetParam());
     std::vector<int8_t> sides, other;
-    for (Body *body : {moving.get(), resting.get()}) take_hold(*body);
+    for (Body *body : {moving.get(), resting.get()}) grasp_at_two_points(*body);
     auto stroke = [&](Body &body, double z, std::vector<int8_t> &of) {
         const pliant_body *next = sever_plane(body.data->body, body.data->last_revision + 1, slanted, above(z), &of);
         ASSERT_TRUE(next) << pliant_last_error();
@@ -266,13 +266,13 @@ TEST_P(EveryStroke, WhileItMoves)
             for (size_t i = 0; i < count; i++) apart = std::fmax(apart, std::fabs(body->data->positions[i] - at[i]));
         }
     }
-    double most = 0, moved = 0;
+    double maximum = 0, moved = 0;
     for (size_t i = 0; i < count; i++) {
-        most = std::fmax(most, std::fabs(moving->data->positions[i] - resting->data->positions[i]));
+        maximum = std::fmax(maximum, std::fabs(moving->data->positions[i] - resting->data->positions[i]));
         moved = std::fmax(moved, std::fabs(moving->data->positions[i] - moving->data->body->fine.rest[i]));
     }
     EXPECT_GT(moved, 5e-3);
-    EXPECT_LT(most, 1e-3 * moved);
+    EXPECT_LT(maximum, 1e-3 * moved);
 }
 INSTANTIATE_TEST_SUITE_P(Methods, EveryFragment,
                          testing::Values(direct, multigrid, hexahedra, averaged_hexahedra, coarse_hexahedra, plain,
@@ -341,10 +341,11 @@ TEST_P(FirstStep, OfACutTurnsWhatHangsOnLess)
         pliant_body_release(next);
         const size_t nodes = static_cast<size_t>(body->data->body->fine.num_nodes);
         const auto apart = [&](const double *a, const double *b) {
-            double most = 0;
+            double maximum = 0;
             for (size_t n = 0; n < 3 * nodes; n += 3)
-                most = std::fmax(most, std::hypot(std::hypot(a[n] - b[n], a[n + 1] - b[n + 1]), a[n + 2] - b[n + 2]));
-            return most;
+                maximum =
+                    std::fmax(maximum, std::hypot(std::hypot(a[n] - b[n], a[n + 1] - b[n + 1]), a[n + 2] - b[n + 2]));
+            return maximum;
         };
         if (body == &tight) {
             for (int s = 0; s < 8; s++) ASSERT_GE(pliant_step(body->model, body->data), 0) << pliant_last_error();
@@ -389,7 +390,7 @@ TEST(FirstStepAfterACut, WithoutMemoryLeavesTheStateBefore)
     pliant_solver *solver = body.data->solver;
     const size_t count = 3 * static_cast<size_t>(solver->system->mesh->num_nodes);
     const std::vector<double> before(solver->now.x, solver->now.x + count);
-    solver->opened = true;
+    solver->is_after_cut = true;
     int failed = 0;
     for (int64_t n = 0;; n++) {
         pliant_memory_fail_after(n);
@@ -398,11 +399,11 @@ TEST(FirstStepAfterACut, WithoutMemoryLeavesTheStateBefore)
         if (status >= 0) break;
         ASSERT_EQ(status, PLIANT_ERROR_MEMORY) << "allocation " << n << ": " << pliant_last_error();
         ASSERT_TRUE(std::equal(before.begin(), before.end(), solver->now.x)) << "allocation " << n;
-        ASSERT_TRUE(solver->opened) << "allocation " << n;
+        ASSERT_TRUE(solver->is_after_cut) << "allocation " << n;
         failed++;
     }
     EXPECT_GT(failed, 3);
-    EXPECT_FALSE(solver->opened);
+    EXPECT_FALSE(solver->is_after_cut);
 }
 
 // The background results that a live run used while it was cut give bitwise identical results in a replay.
@@ -411,7 +412,7 @@ TEST_P(EveryReplay, OfALiveRunThatIsCut)
 {
     std::unique_ptr<Body> live = make(GetParam()), again = make(GetParam());
     std::vector<int8_t> sides[2];
-    for (Body *body : {live.get(), again.get()}) take_hold(*body);
+    for (Body *body : {live.get(), again.get()}) grasp_at_two_points(*body);
     ASSERT_EQ(pliant_data_set_background(live->data, PLIANT_BACKGROUND_LIVE, 0), PLIANT_OK);
     uint32_t all = 0;
     for (int s = 0; s < 40; s++) {
@@ -437,7 +438,7 @@ TEST_P(EveryReplay, OfALiveRunThatIsCut)
         ASSERT_EQ(state(*live), state(*again)) << "step " << s;
         std::this_thread::sleep_for(std::chrono::milliseconds(3));
     }
-    EXPECT_TRUE(all & PLIANT_TAKES_FACTOR);
+    EXPECT_TRUE(all & PLIANT_RESULT_FACTOR);
     EXPECT_GT(live->data->statistics.factors, 0u);
 }
 INSTANTIATE_TEST_SUITE_P(Methods, EveryReplay, testing::Values(direct, multigrid, hexahedra, averaged, patch), name_of);
@@ -471,7 +472,7 @@ TEST_P(EveryHalf, OfABodyInTwoIsABodyOfItsOwn)
         for (int s = 0; s < 60; s++) ASSERT_GE(pliant_step(body->model, body->data), 0) << pliant_last_error();
     }
     const pliant_mesh &mesh = half.model->body->fine, &all = whole->data->body->fine;
-    double most = 0, moved = 0;
+    double maximum = 0, moved = 0;
     for (int32_t n = 0; n < mesh.num_nodes; n++) {
         double barycentric[4], inside[3];
         for (int d = 0; d < 3; d++)
@@ -482,14 +483,14 @@ TEST_P(EveryHalf, OfABodyInTwoIsABodyOfItsOwn)
             int32_t node = all.tets[4 * tet + v];
             if (barycentric[v] < 0.99) continue;
             for (int d = 0; d < 3; d++) {
-                most =
-                    std::fmax(most, std::fabs(whole->data->positions[3 * node + d] - half.data->positions[3 * n + d]));
+                maximum = std::fmax(maximum,
+                                    std::fabs(whole->data->positions[3 * node + d] - half.data->positions[3 * n + d]));
                 moved = std::fmax(moved, std::fabs(half.data->positions[3 * n + d] - mesh.rest[3 * n + d]));
             }
         }
     }
     EXPECT_GT(moved, 1e-3);
-    EXPECT_LT(most, 1e-5 * moved + 1e-8);
+    EXPECT_LT(maximum, 1e-5 * moved + 1e-8);
 }
 // coarse methods use fine elements next to the cut
 INSTANTIATE_TEST_SUITE_P(Methods, EveryHalf, testing::Values(direct, multigrid, hexahedra, octree, relaxed), name_of);

@@ -136,12 +136,12 @@ TEST(Adapt, NodesOnBoneBesideRefinedCubes)
         EXPECT_EQ(grounded > 0, each != &averaged) << each->name; // elements with more than eight nodes
         ASSERT_EQ(pliant_data_set_limits(body.data, 200, 1e-9), PLIANT_OK);
         step(body, 20);
-        double most = 0;
+        double maximum = 0;
         const pliant_mesh &mesh = body.data->body->fine;
         for (int32_t i = 0; i < 3 * mesh.num_nodes; i++)
-            most = std::fmax(most, std::fabs(body.data->positions[i] - mesh.rest[i]));
-        EXPECT_GT(most, 1e-3) << each->name;
-        EXPECT_LT(most, 0.08) << each->name;
+            maximum = std::fmax(maximum, std::fabs(body.data->positions[i] - mesh.rest[i]));
+        EXPECT_GT(maximum, 1e-3) << each->name;
+        EXPECT_LT(maximum, 0.08) << each->name;
         EXPECT_LT(body.data->statistics.residual, 1e-6) << each->name;
     }
 }
@@ -149,7 +149,7 @@ TEST(Adapt, NodesOnBoneBesideRefinedCubes)
 TEST(Adapt, UndoTakesTheBodyBeforeAndResetTheFirst)
 {
     std::unique_ptr<Body> body = make(direct);
-    take_hold(*body);
+    grasp_at_two_points(*body);
     step(*body, 3);
     cut(*body, 0.08, 0.05);
     const pliant_body *first = pliant_body_retain(body->data->body);
@@ -167,8 +167,8 @@ TEST(Adapt, UndoTakesTheBodyBeforeAndResetTheFirst)
     EXPECT_EQ(body->data->body, body->model->body);
     // equal to a new simulation
     std::unique_ptr<Body> fresh = make(direct);
-    take_hold(*fresh);
-    take_hold(*body);
+    grasp_at_two_points(*fresh);
+    grasp_at_two_points(*body);
     for (int t = 0; t < 2; t++)
         ASSERT_EQ(pliant_tool_set_pose(body->data, t, fresh->data->tools[t].tip, nullptr), PLIANT_OK);
     for (int t = 0; t < 2; t++)
@@ -195,14 +195,14 @@ TEST_P(Undone, CutsAreSolvedForAsSoonAsCuts)
     body.scene.solver.iterations = 400;
     body.scene.solver.tolerance = 1e-8;
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
-    take_hold(body);
+    grasp_at_two_points(body);
     auto solve = [&](int count) {
-        int most = 0;
+        int maximum = 0;
         for (int s = 0; s < count; s++) {
             step(body, 1);
-            most = std::max(most, body.data->statistics.iterations);
+            maximum = std::max(maximum, body.data->statistics.iterations);
         }
-        return most;
+        return maximum;
     };
     int cuts = solve(3), undos = 0;
     for (double x : {0.081, 0.047}) {
@@ -235,7 +235,7 @@ TEST_P(UndoneAtOnce, LeavesThePositionsToTheBit)
                                                  if (scene.cut.kind == PLIANT_CUT_NONE)
                                                      scene.cut.kind = PLIANT_CUT_SEVER;
                                              }});
-    take_hold(*body);
+    grasp_at_two_points(*body);
     for (double x : {0.081, 0.047}) {
         step(*body, 3);
         const pliant_body *const was = pliant_body_retain(body->data->body);
@@ -283,7 +283,7 @@ TEST(Adapt, TwoSimulationsOfOneModelOnTwoThreads)
         pliant_data *second = nullptr;
         ASSERT_EQ(pliant_data_create(one->model, &second), PLIANT_OK);
         auto run = [](Body &body) {
-            take_hold(body);
+            grasp_at_two_points(body);
             step(body, 4);
             cut(body, 0.08, 0.09);
             step(body, 4);

@@ -59,9 +59,9 @@ Pulled pull(Body &body, int steps, pliant_background_kind kind, const std::vecto
                              body.data->positions + 3 * body.data->body->fine.num_nodes);
         if (pause > 0) std::this_thread::sleep_for(std::chrono::milliseconds(s * pause % 7));
         // on a busy machine, wait until the tested result arrives
-        const bool waits_for_patch = s == steps / 4 && body.data->patch && !(all & PLIANT_TAKES_PATCH);
+        const bool waits_for_patch = s == steps / 4 && body.data->patch && !(all & PLIANT_RESULT_PATCH);
         const bool waits_for_factor =
-                       s == steps - 1 && kind != PLIANT_BACKGROUND_PLANNED && !(all & PLIANT_TAKES_FACTOR),
+                       s == steps - 1 && kind != PLIANT_BACKGROUND_PLANNED && !(all & PLIANT_RESULT_FACTOR),
                    waits = waits_for_patch || waits_for_factor;
         if (waits_for_factor) body.data->solver->rules.rate = 1; // request a factor; a resting tool would not need one
         if (waits && pause > 0) std::this_thread::sleep_for(std::chrono::milliseconds(20));
@@ -89,8 +89,8 @@ TEST(Background, ALivePullIsRepeatedBitForBit)
         for (uint32_t taken : first.taken) all |= taken;
         EXPECT_EQ(second.taken, first.taken);
         EXPECT_TRUE(second.positions == first.positions);
-        EXPECT_TRUE(all & PLIANT_TAKES_FACTOR);
-        if (method == PLIANT_AVERAGED) EXPECT_TRUE(all & PLIANT_TAKES_PATCH);
+        EXPECT_TRUE(all & PLIANT_RESULT_FACTOR);
+        if (method == PLIANT_AVERAGED) EXPECT_TRUE(all & PLIANT_RESULT_PATCH);
     }
 }
 
@@ -140,7 +140,7 @@ TEST(Background, AFactorBringsTheResponsesOfSprings)
     ASSERT_EQ(pliant_tool_set_pose(body.data, tool, point, nullptr), PLIANT_OK);
     ASSERT_EQ(pliant_tool_grasp(body.model, body.data, tool, point), PLIANT_OK) << pliant_last_error();
     pliant_solver *solver = body.data->solver;
-    pliant_handle *handle = solver->handles + tool;
+    pliant_grasp_constraint *handle = solver->grasps + tool;
     for (int s = 0; s < 30; s++) {
         const double tip[3] = {0.06, 0.06 + 0.0005 * s, 0.11 + 0.001 * s};
         ASSERT_EQ(pliant_tool_set_pose(body.data, tool, tip, nullptr), PLIANT_OK);
@@ -156,7 +156,7 @@ TEST(Background, AFactorBringsTheResponsesOfSprings)
         ASSERT_EQ(handle->response_of, solver->in_use.number);
         const std::vector<double> response(handle->response, handle->response + 3 * pliant_solver_unknowns(solver));
         handle->response_of = 0;
-        ASSERT_EQ(pliant_solver_respond(solver), PLIANT_OK);
+        ASSERT_EQ(pliant_solver_find_responses(solver), PLIANT_OK);
         EXPECT_TRUE(std::equal(response.begin(), response.end(), handle->response));
     }
     EXPECT_GT(brought, 2);
@@ -166,7 +166,7 @@ TEST(Background, AFactorBringsTheResponsesOfSprings)
 // loads are excluded. A planned step ends when it has converged.
 TEST(Background, NoLiveStepIsFarLongerThanTheOthers)
 {
-    const int first = pliant_quasistatic().even_first, EASY = 2 * first, TIGHT = EASY + 8, SUDDEN = TIGHT + 1;
+    const int first = pliant_quasistatic().limit_first_steps, EASY = 2 * first, TIGHT = EASY + 8, SUDDEN = TIGHT + 1;
     for (pliant_background_kind kind : {PLIANT_BACKGROUND_PLANNED, PLIANT_BACKGROUND_LIVE}) {
         SCOPED_TRACE(kind);
         Body body(size, box, {{5000, 0.45, 1000, false}});
@@ -181,8 +181,8 @@ TEST(Background, NoLiveStepIsFarLongerThanTheOthers)
             ASSERT_EQ(pliant_data_set_background(body.data, kind, 0), PLIANT_OK) << pliant_last_error();
             ASSERT_EQ(pliant_data_set_limits(body.data, 20, s < EASY ? 1e-3 : 1e-9), PLIANT_OK);
             ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
-            int &most = s < EASY ? easy : s < TIGHT ? tight : sudden;
-            if (s >= first) most = std::max(most, body.data->statistics.iterations);
+            int &maximum = s < EASY ? easy : s < TIGHT ? tight : sudden;
+            if (s >= first) maximum = std::max(maximum, body.data->statistics.iterations);
         }
         if (kind == PLIANT_BACKGROUND_LIVE) EXPECT_LE(tight, 2 * easy);
         else EXPECT_GT(tight, 2 * easy);
@@ -195,11 +195,11 @@ TEST(Background, WhatCannotBeToldIsRefused)
     Body body(size, box, {{5000, 0.45, 1000, false}});
     prepare(body, PLIANT_FINE);
     ASSERT_EQ(body.build(), PLIANT_OK);
-    EXPECT_EQ(pliant_data_set_background(body.data, PLIANT_BACKGROUND_LIVE, PLIANT_TAKES_FACTOR),
+    EXPECT_EQ(pliant_data_set_background(body.data, PLIANT_BACKGROUND_LIVE, PLIANT_RESULT_FACTOR),
               PLIANT_ERROR_ARGUMENT);
     EXPECT_EQ(pliant_data_set_background(body.data, PLIANT_BACKGROUND_PRESCRIBED, 1u << 20), PLIANT_ERROR_ARGUMENT);
     EXPECT_EQ(pliant_data_set_background(body.data, pliant_background_kind(7), 0), PLIANT_ERROR_ARGUMENT);
-    EXPECT_EQ(pliant_data_set_background(body.data, PLIANT_BACKGROUND_PRESCRIBED, PLIANT_TAKES_FACTOR), PLIANT_OK);
+    EXPECT_EQ(pliant_data_set_background(body.data, PLIANT_BACKGROUND_PRESCRIBED, PLIANT_RESULT_FACTOR), PLIANT_OK);
     std::string said;
     pliant_set_log(
         [](pliant_log_level, const char *message, void *user) { *static_cast<std::string *>(user) += message; }, &said);

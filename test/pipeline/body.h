@@ -154,9 +154,9 @@ inline std::vector<double> affine(const pliant_mesh &mesh, const double a[9], co
 
 inline double largest(const std::vector<double> &v)
 {
-    double most = 0;
-    for (double x : v) most = std::fmax(most, std::fabs(x));
-    return most;
+    double maximum = 0;
+    for (double x : v) maximum = std::fmax(maximum, std::fabs(x));
+    return maximum;
 }
 
 #endif

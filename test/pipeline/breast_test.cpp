@@ -242,7 +242,7 @@ void Breast::expect_held_by_the_wall(const Nodes &nodes) const
 // divided by the bulk modulus. No element is inverted.
 void Breast::expect_volume(const Nodes &nodes, double gravity) const
 {
-    double change = 0, most = 0, height = 0;
+    double change = 0, maximum = 0, height = 0;
     for (size_t n = 0; n < nodes.count(); n++) height = std::fmax(height, wall - nodes.rest[3 * n + 1]);
     for (int32_t t = 0; t < model_->body->fine.num_tets; t++) {
         const pliant_tet_material &material = model_->body->fine_material[t];
@@ -254,12 +254,12 @@ void Breast::expect_volume(const Nodes &nodes, double gravity) const
         ASSERT_GT(ratio, 0.5) << t;
         if (material.tissue < 1) continue;
         change += volume * (ratio - 1);
-        most += volume * allowed;
+        maximum += volume * allowed;
         if (wall - nodes.rest[3 * model_->body->fine.tets[4 * t] + 1] > 0.2 * height)
             EXPECT_LT(std::fabs(ratio - 1), allowed) << t;
     }
-    EXPECT_GT(gravity > 0 ? -change : change, 0.1 * most);
-    EXPECT_LT(std::fabs(change), most);
+    EXPECT_GT(gravity > 0 ? -change : change, 0.1 * maximum);
+    EXPECT_LT(std::fabs(change), maximum);
 }
 
 // Return y of the centre of a volume's tissue [m].

@@ -99,10 +99,10 @@ private:
 
 double farthest(const std::vector<double> &a, const std::vector<double> &b)
 {
-    double most = 0;
+    double maximum = 0;
     for (size_t n = 0; n < a.size(); n += 3)
-        most = std::fmax(most, std::hypot(std::hypot(a[n] - b[n], a[n + 1] - b[n + 1]), a[n + 2] - b[n + 2]));
-    return most;
+        maximum = std::fmax(maximum, std::hypot(std::hypot(a[n] - b[n], a[n + 1] - b[n + 1]), a[n + 2] - b[n + 2]));
+    return maximum;
 }
 
 // Pull by a force that increases, rotates and reverses; return the positions of all frames.
@@ -123,15 +123,15 @@ std::vector<std::vector<double>> pull_by_force(Phantom &body, bool exact)
 }
 
 // Maximum error of a frame relative to the maximum displacement of all, and number of frames without progress.
-struct Judged {
+struct FrameErrors {
     double worst = 0;
     int frozen = 0, worst_frame = 0;
 };
 
-Judged judge(const Phantom &body, const std::vector<std::vector<double>> &now,
-             const std::vector<std::vector<double>> &right, std::vector<double> before)
+FrameErrors judge(const Phantom &body, const std::vector<std::vector<double>> &now,
+                  const std::vector<std::vector<double>> &right, std::vector<double> before)
 {
-    Judged out;
+    FrameErrors out;
     double whole = 0;
     const std::vector<double> first = before;
     for (const std::vector<double> &x : right) whole = std::fmax(whole, farthest(x, first));
@@ -156,7 +156,7 @@ TEST(Budget, NoFrameIsLostToARefusal)
          {std::vector<std::string>{}, {"solver/preconditioner", "multigrid"}, {"solver/refresh_interval", "0"}}) {
         Phantom body(false, options);
         const std::vector<double> rest = body.positions();
-        const Judged judged = judge(body, pull_by_force(body, false), right, rest);
+        const FrameErrors judged = judge(body, pull_by_force(body, false), right, rest);
         EXPECT_EQ(judged.frozen, 0);
         EXPECT_LT(judged.worst, 0.1);
     }
@@ -189,7 +189,7 @@ TEST(Budget, TheFirstFrameOfTurnedGravityMoves)
         }
         const double first = farthest(found[0], right[0]) / farthest(lying, right[0]);
         std::printf("%g to %g ms: first frame %.1f %% of what it should move\n", cost[0], cost[1], 100 * first);
-        const Judged judged = judge(body, found, right, before);
+        const FrameErrors judged = judge(body, found, right, before);
         EXPECT_EQ(judged.frozen, 0);
         EXPECT_LT(first, 0.25);
     }

@@ -84,7 +84,8 @@ TEST(ContactMethods, LodIsRefusedByWord)
 }
 
 // A ball is pressed into a block and dragged along it. Each frame has a few evaluations. The reference frame starts
-// from the same state and is solved to convergence. The error is the maximum over the nodes. told_test requires the
+// from the same state and is solved to convergence. The error is the maximum over the nodes. error_estimates_test
+// requires the
 // estimate within a factor of three in 95 % of frames. Here 3 of 192 frames are outside. One estimate is below a
 // third of the error: the volume bound holds many crushed hexahedra open, and a small change moves them far.
 TEST(ContactMethods, TheErrorThatIsToldWhileAToolPresses)
@@ -104,7 +105,7 @@ TEST(ContactMethods, TheErrorThatIsToldWhileAToolPresses)
                 block.scene.solver.tolerance = 1e-3;
                 ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
                 const int tool = block.add_ball(0.008);
-                double least = 1e9, most = 0;
+                double minimum = 1e9, maximum = 0;
                 for (int s = 0; s < 26; s++) {
                     const double tip[3] = {0.0303 + 0.0015 * std::max(0, s - 8), 0.0297,
                                            0.0385 - 0.001 * std::min(s, 8)};
@@ -126,10 +127,10 @@ TEST(ContactMethods, TheErrorThatIsToldWhileAToolPresses)
                     frames++;
                     within += ratio > 1.0 / 3 && ratio < 3;
                     below += ratio < 1.0 / 3;
-                    least = std::fmin(least, ratio), most = std::fmax(most, ratio);
+                    minimum = std::fmin(minimum, ratio), maximum = std::fmax(maximum, ratio);
                 }
                 std::printf("elements %d, friction %g, %d evaluations: told %.3g to %.3g of the error\n", kind,
-                            friction, iterations, least, most);
+                            friction, iterations, minimum, maximum);
             }
     EXPECT_GT(frames, 150);
     EXPECT_GE(within, 0.95 * frames);

@@ -18,21 +18,22 @@ Obstacle plate(double x, double y, double z, double nx, double ny, double nz, do
 // Newton steps and sweeps. The motions are combinations of `inner` waves: A = shares shares'.
 struct Cones {
     Cones(int points, int waves)
-        : count(points), rows(3 * points), inner(waves), shares(rows * inner), matrix(rows * rows),
+        : count(points), rows(3 * points), inner(waves), fractions(rows * inner), matrix(rows * rows),
           friction(points, 0.3), start(rows), force(rows)
     {
     }
     // Return the number of steps and sweeps.
     int32_t solve()
     {
-        std::vector<double> room(PLIANT_CONE_ROOM * rows + PLIANT_CONE_EQUATIONS);
+        std::vector<double> capacity(PLIANT_CONE_BUFFER * rows + PLIANT_CONE_EQUATIONS);
         for (int a = 0; a < rows; a++)
             for (int b = 0; b < rows; b++) {
                 matrix[a * rows + b] = 0;
-                for (int k = 0; k < inner; k++) matrix[a * rows + b] += shares[a * inner + k] * shares[b * inner + k];
+                for (int k = 0; k < inner; k++)
+                    matrix[a * rows + b] += fractions[a * inner + k] * fractions[b * inner + k];
             }
         motion = start;
-        return pliant_cones_solve(count, matrix.data(), friction.data(), motion.data(), force.data(), room.data());
+        return pliant_cones_solve(count, matrix.data(), friction.data(), motion.data(), force.data(), capacity.data());
     }
     void expect_right() const
     {
@@ -60,7 +61,7 @@ struct Cones {
         }
     }
     int count, rows, inner;
-    std::vector<double> shares, matrix, friction, start, force, motion;
+    std::vector<double> fractions, matrix, friction, start, force, motion;
 };
 
 TEST(Cones, AllAtOnceWhereWhoSlidesIsClear)
@@ -70,11 +71,11 @@ TEST(Cones, AllAtOnceWhereWhoSlidesIsClear)
     int32_t sweeps = 0;
     for (int trial = 0; trial < 20; trial++) {
         Cones cones(20, 70);
-        for (double &share : cones.shares) share = normal(random);
+        for (double &fraction : cones.fractions) fraction = normal(random);
         // the second point is a copy of the first
-        for (int i = 0; i < 3 * cones.inner; i++) cones.shares[3 * cones.inner + i] = cones.shares[i];
-        for (int i = 0; i < cones.rows * cones.inner; i++) cones.shares[i] *= std::exp(-0.025 * (i % cones.inner));
-        for (int p = 4; p < cones.count; p += 5) cones.friction[p] = PLIANT_CONE_HELD;
+        for (int i = 0; i < 3 * cones.inner; i++) cones.fractions[3 * cones.inner + i] = cones.fractions[i];
+        for (int i = 0; i < cones.rows * cones.inner; i++) cones.fractions[i] *= std::exp(-0.025 * (i % cones.inner));
+        for (int p = 4; p < cones.count; p += 5) cones.friction[p] = PLIANT_CONE_FIXED;
         for (double &v : cones.start) v = normal(random);
         for (int k = 0; k < 3; k++) cones.start[3 + k] = cones.start[k];
         sweeps += cones.solve();
@@ -112,7 +113,7 @@ TEST(Cones, PointsOfTheSameTriangles)
             const double along[3] = {any(random), any(random), any(random)};
             for (int r = 0; r < cones.rows; r++)
                 for (const auto &node : points[r / 3])
-                    cones.shares[r * cones.inner + k] +=
+                    cones.fractions[r * cones.inner + k] +=
                         node.second * along[r % 3] * fine *
                         std::cos(wave[0] * at[node.first][0] + wave[1] * at[node.first][1] + phase);
         }
@@ -138,7 +139,7 @@ TEST(ContactSolver, SphereOnAHalfSpaceAsHertz)
 {
     const double radius = 1;
     HalfSpace block(16);
-    Toucher toucher(block.data->body);
+    NodeContacts toucher(block.data->body);
     toucher.obstacles.push_back({Obstacle::SPHERE,
                                  {block.edge / 2, block.edge / 2, block.height + radius},
                                  {0, 0, 0},
@@ -156,7 +157,7 @@ TEST(ContactSolver, SphereOnAHalfSpaceAsHertz)
         before = depth;
         ASSERT_EQ(toucher.settle(block.model, block.data), PLIANT_OK);
         double force[3];
-        Toucher::force(block.data, force);
+        NodeContacts::force(block.data, force);
         EXPECT_NEAR(-force[2], hertz, 0.03 * hertz) << "a " << a;
         EXPECT_LT(std::hypot(force[0], force[1]), 1e-4 * hertz);
         EXPECT_LT(block.data->statistics.penetration, 1e-4 * depth);
@@ -172,7 +173,7 @@ TEST(ContactSolver, FlatPunchOnAHalfSpaceAsSneddon)
     double sum[5] = {};
     for (int n : {8, 12, 16, 20, 24}) {
         HalfSpace block(n);
-        Toucher toucher(block.data->body);
+        NodeContacts toucher(block.data->body);
         toucher.obstacles.push_back(
             {Obstacle::PUNCH, {block.edge / 2, block.edge / 2, block.height}, {0, 0, 0}, radius, 0, {0, 0, 0}, 0});
         toucher.reach = 0.001;
@@ -181,7 +182,7 @@ TEST(ContactSolver, FlatPunchOnAHalfSpaceAsSneddon)
         toucher.obstacles[0].move(0, 0, -depth);
         ASSERT_EQ(toucher.settle(block.model, block.data), PLIANT_OK);
         double force[3], area = 0;
-        Toucher::force(block.data, force);
+        NodeContacts::force(block.data, force);
         for (int32_t c = 0; c < block.data->contacts.count; c++) area += block.data->contacts.point[c].area;
         const double ratio = -force[2] / (slope * std::sqrt(area / M_PI)), size = block.edge / n / radius;
         EXPECT_LT(ratio, 1);
@@ -209,7 +210,7 @@ TEST(ContactSolver, SpherePressedAndMovedAsideAsCalculiX)
         block.scene.element.kind = PLIANT_HEXAHEDRA;
         block.fix_below();
         ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
-        Toucher toucher(block.data->body);
+        NodeContacts toucher(block.data->body);
         toucher.obstacles.push_back(
             {Obstacle::SPHERE, {block.edge / 2, block.edge / 2, block.height + 1}, {0, 0, 0}, 1, 0.3, {0, 0, 0}, 0});
         toucher.reach = 0.001;
@@ -217,7 +218,7 @@ TEST(ContactSolver, SpherePressedAndMovedAsideAsCalculiX)
             double force[3];
             toucher.obstacles[0].move(k < 2 ? 0 : 1e-5, 0, k < 2 ? -5e-5 : 0);
             ASSERT_EQ(toucher.settle(block.model, block.data), PLIANT_OK);
-            Toucher::force(block.data, force);
+            NodeContacts::force(block.data, force);
             if (k == 1) found[fine][0] = -force[2] / scale;
             if (k == 3) found[fine][1] = force[0] / scale;
         }
@@ -243,13 +244,13 @@ TEST(ContactSolver, PlateOnABarPressesEvenly)
             if (method != PLIANT_FINE) block.cells(2, 2, 2, 2);
             block.fix_below();
             ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
-            Toucher toucher(block.data->body);
+            NodeContacts toucher(block.data->body);
             const double depth = 0.004, expected = young * block.edge * block.edge * depth / block.height;
             toucher.obstacles.push_back(plate(0, 0, block.height, 0, 0, -1, 0.3));
             toucher.obstacles[0].move(0, 0, -depth);
             ASSERT_EQ(toucher.settle(block.model, block.data), PLIANT_OK) << "method " << method;
             double force[3], held[3];
-            Toucher::force(block.data, force);
+            NodeContacts::force(block.data, force);
             block.reaction(held);
             // other methods are stiffer at the fixed end
             const bool exact = method == PLIANT_FINE || method == PLIANT_COARSE;
@@ -275,7 +276,7 @@ TEST(ContactSolver, SticksAndSlidesAtMu)
     Block block(4, 4, 0.3);
     block.fix_below();
     ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
-    Toucher toucher(block.data->body);
+    NodeContacts toucher(block.data->body);
     const double friction = 0.3;
     toucher.obstacles.push_back(plate(0, 0, block.height, 0, 0, -1, friction));
     toucher.obstacles[0].move(0, 0, -0.006);
@@ -285,7 +286,7 @@ TEST(ContactSolver, SticksAndSlidesAtMu)
         toucher.obstacles[0].move(0.001, 0, 0);
         ASSERT_EQ(toucher.settle(block.model, block.data), PLIANT_OK) << s;
         double force[3];
-        Toucher::force(block.data, force);
+        NodeContacts::force(block.data, force);
         pulled.push_back(force[0] / -force[2]);
         for (int32_t p = 0; p < block.data->contacts.count; p++) {
             const double *f = block.data->contacts.point[p].force;
@@ -306,7 +307,7 @@ TEST(ContactSolver, JawsLiftByFrictionAndSlip)
                 [](int, int, int k) { return k < 2 ? 1 : 0; });
     block.fix_below();
     ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
-    Toucher toucher(block.data->body);
+    NodeContacts toucher(block.data->body);
     for (int side : {0, 1}) {
         toucher.obstacles.push_back(plate(side * block.edge, block.edge / 2, 0.03, side ? -1 : 1, 0, 0, friction));
         toucher.obstacles.back().radius = 0.012;
@@ -332,7 +333,7 @@ TEST(ContactSolver, JawsLiftByFrictionAndSlip)
     EXPECT_LT(top() - first, 20 * step);
     for (int side : {0, 1}) {
         double force[3];
-        Toucher::force(block.data, force, side);
+        NodeContacts::force(block.data, force, side);
         EXPECT_NEAR(force[2], friction * std::fabs(force[0]), 0.01 * force[2]);
     }
 }
@@ -389,7 +390,7 @@ TEST(ContactSolver, WrenchOfAToolIsTheReaction)
         EXPECT_NEAR(nodes[d], state.contact_force[d], 1e-9);
         EXPECT_NEAR(torque[d], state.contact_torque[d], 1e-12);
     }
-    pliant_tool_lost(data, tool);
+    pliant_tool_remove_pose(data, tool);
     ASSERT_GE(pliant_step(block.model, data), 0);
     EXPECT_EQ(data->statistics.contacts, 0);
     ASSERT_EQ(pliant_tool_get(data, tool, &state), PLIANT_OK);
@@ -525,7 +526,7 @@ TEST(ContactSolver, SameBits)
         block.scene.solver.refresh_interval = 3;
         block.fix_below();
         ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
-        Toucher toucher(block.data->body);
+        NodeContacts toucher(block.data->body);
         toucher.obstacles.push_back(
             {Obstacle::SPHERE, {0.06, 0.06, block.height + 0.06}, {0, 0, 0}, 0.06, 0.2, {0, 0, 0}, 0});
         for (int s = 0; s < 20; s++) {
@@ -550,20 +551,20 @@ TEST(ContactSolver, FailingAllocationsChangeNothing)
         Block block(4, 2, 0.3);
         block.fix_below();
         ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
-        Toucher toucher(block.data->body);
+        NodeContacts toucher(block.data->body);
         toucher.obstacles.push_back(plate(0, 0, block.height - 0.002, 0, 0, -1, 0.3));
         toucher.find(block.data);
         int failed = 0;
         for (int64_t after = 0; run == 1; after++) {
             pliant_memory_fail_after(after);
-            const pliant_status status = Toucher::solve(block.model, block.data);
+            const pliant_status status = NodeContacts::solve(block.model, block.data);
             pliant_memory_fail_after(-1);
             if (status != PLIANT_ERROR_MEMORY) break;
             failed++;
             for (int32_t i = 0; i < 3 * block.model->body->fine.num_nodes; i++)
                 ASSERT_EQ(block.data->positions[i], block.model->body->fine.rest[i]);
         }
-        if (run == 0) { ASSERT_EQ(Toucher::solve(block.model, block.data), PLIANT_OK); }
+        if (run == 0) { ASSERT_EQ(NodeContacts::solve(block.model, block.data), PLIANT_OK); }
         else EXPECT_GT(failed, 8);
         results[run].assign(block.data->positions, block.data->positions + 3 * block.model->body->fine.num_nodes);
     }
@@ -597,7 +598,7 @@ struct Pad : Body {
         at[2] += z;
         EXPECT_EQ(pliant_tool_set_pose(data, tool, at, nullptr), PLIANT_OK);
         EXPECT_GE(pliant_step(model, data), PLIANT_OK);
-        Toucher::force(data, force);
+        NodeContacts::force(data, force);
     }
 };
 

@@ -64,7 +64,7 @@ TEST(ContactStage, CostsNothingWhereNothingCanTouch)
     sheet.move(tool, 0.03, 0.03, 0.002);
     ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
     EXPECT_EQ(sheet.data->contact_search, nullptr);
-    EXPECT_EQ(sheet.data->contacts.room, 0);
+    EXPECT_EQ(sheet.data->contacts.capacity, 0);
 }
 
 // Jump into the sheet and out of it. A node more than half inside leaves on the other side or stays; it moves no
@@ -110,15 +110,15 @@ TEST(ContactStage, ASpinningToolStaysOutOfTheTissue)
     paddle.num_parts = 1;
     paddle.part[0] = {PLIANT_PART_BOX, PLIANT_FRAME_TIP, {-0.012, -0.01, -0.001}, {0.012, 0.01, 0.001}, 0, false};
     const int tool = sheet.add("paddle", paddle, 0.03, 0.03, 0.009); // its edge is 7 mm below the middle of the sheet
-    double most = 0;
+    double maximum = 0;
     for (int step = 0; step < 10; step++) {
         const double half = 0.5 * 2.1 * step, rotation[4] = {0, std::sin(half), 0, std::cos(half)};
         sheet.move(tool, 0.03, 0.03, 0.009, rotation);
         ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
         ASSERT_LT(sheet.farthest(), 0.05) << step;
-        most = std::fmax(most, sheet.farthest());
+        maximum = std::fmax(maximum, sheet.farthest());
     }
-    EXPECT_GT(most, 0.004);
+    EXPECT_GT(maximum, 0.004);
 }
 
 TEST(ContactStage, WhatIsNotFiniteIsRefusedAndChangesNothing)

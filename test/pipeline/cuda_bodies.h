@@ -58,9 +58,9 @@ inline void step(Body &body, const Case &c, int s, int steps)
 
 inline double farthest(const double *a, const double *b, int32_t nodes)
 {
-    double most = 0;
-    for (int32_t n = 0; n < 3 * nodes; n++) most = std::fmax(most, std::fabs(a[n] - b[n]));
-    return most;
+    double maximum = 0;
+    for (int32_t n = 0; n < 3 * nodes; n++) maximum = std::fmax(maximum, std::fabs(a[n] - b[n]));
+    return maximum;
 }
 
 inline double farthest(const Body &a, const Body &b)

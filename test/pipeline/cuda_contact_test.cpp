@@ -2,7 +2,7 @@
 // Skipped without a GPU.
 #include "cuda_contacts.h"
 #include "fem/dynamics/tled.h"
-#include "fem/rigid/pieces.h"
+#include "fem/rigid/rigid_pieces_data.h"
 #include "contact/solve/cone_rules.h"
 #include "sim/step/contact.h"
 #include "sim/step/legs.h"
@@ -30,7 +30,7 @@ TEST(CudaContact, MeetsTheCpu)
         Block cpu(c, PLIANT_CPU), gpu(c, PLIANT_CUDA), again(c, PLIANT_CPU);
         for (Block *body : {&cpu, &gpu, &again}) ASSERT_EQ(body->begin(), PLIANT_OK) << pliant_last_error();
         double force = 0, apart = 0, worst = 0, deep = 0, pulls = 0;
-        int32_t most = 0, unlike = 0, compared = 0;
+        int32_t maximum = 0, unlike = 0, compared = 0;
         for (int s = 1; s <= 11; s++) {
             for (Block *body : {&cpu, &gpu, &again}) {
                 body->move(s);
@@ -38,25 +38,25 @@ TEST(CudaContact, MeetsTheCpu)
             }
             for (auto *body : {&again, &gpu, &cpu})
                 ASSERT_EQ(pliant_legs_find(body->model, body->data), PLIANT_OK) << pliant_last_error();
-            take_over(cpu.data, gpu.model, gpu.data);
-            take_over_places(cpu.data, again.model, again.data);
+            copy_contacts(cpu.data, gpu.model, gpu.data);
+            copy_contact_places(cpu.data, again.model, again.data);
             const bool settles = solve(cpu.model, cpu.data) == PLIANT_OK,
                        there_too = solve(gpu.model, gpu.data) == PLIANT_OK;
             const bool settles_again = solve(again.model, again.data) == PLIANT_OK;
-            for (auto *body : {&again, &gpu, &cpu}) pliant_legs_arrive(body->data);
+            for (auto *body : {&again, &gpu, &cpu}) pliant_legs_set_goals_reached(body->data);
             ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
             const pliant_statistics &a = cpu.data->statistics, &b = gpu.data->statistics;
             if (!settles || !there_too || !settles_again) continue; // skip steps with alternating contact states
             const std::vector<double> here = forces_on_nodes(cpu.data), there = forces_on_nodes(gpu.data);
-            if (apart_of(here, forces_on_nodes(again.data)) > one_end * most_of(here)) continue;
+            if (max_difference(here, forces_on_nodes(again.data)) > one_end * max_distance_of(here)) continue;
             compared += a.contacts > 0;
-            most = std::max(most, b.contacts);
+            maximum = std::max(maximum, b.contacts);
             unlike += a.contacts != b.contacts;
             deep = std::fmax(deep, std::fabs(a.penetration - b.penetration));
             worst =
                 std::fmax(worst, farthest(cpu.data->positions, gpu.data->positions, cpu.model->body->fine.num_nodes));
-            force = std::fmax(force, most_of(here));
-            apart = std::fmax(apart, apart_of(here, there));
+            force = std::fmax(force, max_distance_of(here));
+            apart = std::fmax(apart, max_difference(here, there));
             for (int t = 0; t < cpu.data->num_tools; t++)
                 for (int d = 0; d < 3; d++)
                     pulls = std::fmax(pulls, std::fabs(cpu.data->tools[t].force[d] - gpu.data->tools[t].force[d]));
@@ -64,9 +64,9 @@ TEST(CudaContact, MeetsTheCpu)
         std::printf(
             "%-36s %2d steps, %3d contacts, a node's force %.1e of %.2g N apart, springs %.1e N, positions %.1e m, "
             "depths %.1e m\n",
-            c.name, compared, most, apart / force, force, pulls, worst, deep);
+            c.name, compared, maximum, apart / force, force, pulls, worst, deep);
         EXPECT_GE(compared, 2);
-        EXPECT_GT(most, 3);
+        EXPECT_GT(maximum, 3);
         EXPECT_GT(force, 0.002);
         EXPECT_LT(apart, c.bound * force);
         EXPECT_LT(worst, 1e-8);
@@ -135,24 +135,24 @@ TEST(CudaContact, AThinRodAtOneMetreASecondCarriesASheetAlong)
     for (const Run &run : {Run{PLIANT_CPU, PLIANT_DIRECT, 1, {0.0275, 0.0297, 0.0319}},
                            Run{PLIANT_CUDA, PLIANT_DIRECT, 1, {0.0275, 0.0297, 0.0319}},
                            Run{PLIANT_CUDA, PLIANT_MULTIGRID, 2, {0.0275}}}) {
-        int most = 0;
+        int maximum = 0;
         for (const double x : run.at) {
             SCOPED_TRACE(x);
             Sheet sheet(run.backend, run.preconditioner, run.finer, iterations);
             ASSERT_EQ(sheet.begin(), PLIANT_OK) << pliant_last_error();
             for (int s = 0; s < 6; s++) {
                 ASSERT_GE(sheet.step(s, x), 0) << pliant_last_error();
-                most = std::max(most, static_cast<int>(sheet.data->statistics.iterations));
+                maximum = std::max(maximum, static_cast<int>(sheet.data->statistics.iterations));
             }
             const double carried =
                 farthest(sheet.data->positions, sheet.model->body->fine.rest, sheet.model->body->fine.num_nodes);
             std::printf("%s, at %g: carried by %.2f mm, up to %d evaluations in a step\n",
-                        pliant_data_get_backend(sheet.data), x, 1e3 * carried, most);
+                        pliant_data_get_backend(sheet.data), x, 1e3 * carried, maximum);
             EXPECT_STREQ(pliant_data_get_backend(sheet.data), run.backend == PLIANT_CPU ? "cpu" : "cuda")
                 << pliant_last_error();
             EXPECT_GT(carried, 0.024);
         }
-        EXPECT_LE(most, iterations);
+        EXPECT_LE(maximum, iterations);
     }
 }
 
@@ -178,7 +178,7 @@ TEST(CudaContact, AThinRodCarriesASheetAlongBesideAPieceAndAPatch)
                         patch ? "patch" : "piece", 1e3 * carried);
             EXPECT_STREQ(pliant_data_get_backend(sheet.data), backend == PLIANT_CPU ? "cpu" : "cuda")
                 << pliant_last_error();
-            EXPECT_EQ(sheet.data->falling != nullptr, !patch);
+            EXPECT_EQ(sheet.data->rigid_pieces != nullptr, !patch);
             EXPECT_EQ(served > 0, patch);
             EXPECT_GT(carried, 0.024);
         }
@@ -279,7 +279,7 @@ TEST(CudaContact, ExplicitDynamicsMeetTheCpu)
         Fall cpu(run.blocks, run.self, run.still, PLIANT_CPU), gpu(run.blocks, run.self, run.still, PLIANT_CUDA),
             again(run.blocks, run.self, run.still, PLIANT_CUDA);
         double force = 0, apart = 0, worst = 0, first = 0;
-        int32_t most = 0;
+        int32_t maximum = 0;
         for (Fall *body : {&cpu, &gpu, &again}) {
             body->strikes = run.strikes;
             ASSERT_EQ(body->begin(), PLIANT_OK) << pliant_last_error();
@@ -291,7 +291,7 @@ TEST(CudaContact, ExplicitDynamicsMeetTheCpu)
             double here[3], there[3];
             forces_of(cpu.data, here);
             forces_of(gpu.data, there);
-            most = std::max(most, gpu.data->statistics.contacts);
+            maximum = std::max(maximum, gpu.data->statistics.contacts);
             ASSERT_EQ(gpu.data->statistics.legs, cpu.data->statistics.legs) << s;
             parts = std::max(parts, gpu.data->statistics.legs);
             for (int d = 0; d < 3; d++) {
@@ -305,8 +305,8 @@ TEST(CudaContact, ExplicitDynamicsMeetTheCpu)
         const double moved = farthest(cpu.data->positions, cpu.model->body->fine.rest, cpu.model->body->fine.num_nodes);
         std::printf(
             "%-30s %3d contacts, forces %.1e of %.2g N apart (%.1e in the first half), positions %.1e of %.1f mm\n",
-            run.name, most, apart / force, force, first, worst / moved, 1e3 * moved);
-        EXPECT_GT(most, 3);
+            run.name, maximum, apart / force, force, first, worst / moved, 1e3 * moved);
+        EXPECT_GT(maximum, 3);
         EXPECT_EQ(parts > 1, run.strikes);
         EXPECT_LT(apart, run.bound * force);
         EXPECT_LT(worst, run.bound * moved);
@@ -325,7 +325,7 @@ TEST(CudaContact, FindsWhatTheCpuFinds)
     std::mt19937 random(4);
     std::normal_distribution<double> normal;
     Searches searches;
-    int32_t most = 0;
+    int32_t maximum = 0;
     // blocks move onto and through each other and rotate; some nodes have invalid positions
     for (int s = 0; s < 40; s++) {
         std::vector<double> positions(body->fine.rest, body->fine.rest + 3 * body->fine.num_nodes);
@@ -341,9 +341,9 @@ TEST(CudaContact, FindsWhatTheCpuFinds)
         }
         if (s == 21) positions[30] = NAN;
         SCOPED_TRACE(s);
-        most = std::max(most, searches.compare(body, positions.data(), {0.0025, 1e-3, 0.3, 0}));
+        maximum = std::max(maximum, searches.compare(body, positions.data(), {0.0025, 1e-3, 0.3, 0}));
     }
-    EXPECT_GT(most, 50);
+    EXPECT_GT(maximum, 50);
 }
 
 // The approximate inverse is carried over a cut made while tools press. Then the new body's own inverse is installed,
@@ -380,21 +380,21 @@ TEST(CudaContact, MeetsTheCpuAfterACut)
             }
             for (auto *body : {&again, &gpu, &cpu})
                 ASSERT_EQ(pliant_legs_find(body->model, body->data), PLIANT_OK) << pliant_last_error();
-            take_over(cpu.data, gpu.model, gpu.data);
-            take_over_places(cpu.data, again.model, again.data);
+            copy_contacts(cpu.data, gpu.model, gpu.data);
+            copy_contact_places(cpu.data, again.model, again.data);
             if (s > 3 && s < 11) searches.compare(cpu.data->body, cpu.data->positions, {0.001, 1e-3, 0.3, 0});
             const bool settles = solve(cpu.model, cpu.data) == PLIANT_OK,
                        there_too = solve(gpu.model, gpu.data) == PLIANT_OK;
             const bool settles_again = solve(again.model, again.data) == PLIANT_OK;
-            for (auto *body : {&again, &gpu, &cpu}) pliant_legs_arrive(body->data);
+            for (auto *body : {&again, &gpu, &cpu}) pliant_legs_set_goals_reached(body->data);
             ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
             if (!settles || !there_too || !settles_again) continue;
             const std::vector<double> here = forces_on_nodes(cpu.data), there = forces_on_nodes(gpu.data);
-            if (apart_of(here, forces_on_nodes(again.data)) > one_end * most_of(here)) continue;
+            if (max_difference(here, forces_on_nodes(again.data)) > one_end * max_distance_of(here)) continue;
             compared++;
             carried += s >= 4 && gpu.data->statistics.factors == factors;
-            force = std::fmax(force, most_of(here));
-            apart = std::fmax(apart, apart_of(here, there));
+            force = std::fmax(force, max_distance_of(here));
+            apart = std::fmax(apart, max_difference(here, there));
         }
         std::printf("cut: %-32s %2d steps, %d of them carried over, a node's force %.1e of %.2g N apart\n",
                     cases[number].name, compared, carried, apart / force, force);
@@ -407,12 +407,12 @@ TEST(CudaContact, MeetsTheCpuAfterACut)
 }
 
 // Copy the motion of pieces, which the host computes.
-void take_over_pieces(const pliant_falling *from, pliant_falling *to)
+void copy_piece_contacts(const pliant_rigid_pieces *from, pliant_rigid_pieces *to)
 {
     const size_t count = static_cast<size_t>(from->body->pieces->count),
                  nodes = static_cast<size_t>(from->body->pieces->start[count]);
     std::copy(from->pieces, from->pieces + count, to->pieces);
-    std::copy(from->touch, from->touch + count, to->touch);
+    std::copy(from->contact_body, from->contact_body + count, to->contact_body);
     std::copy(from->x, from->x + 3 * nodes, to->x);
 }
 
@@ -435,12 +435,12 @@ TEST(CudaContact, PiecesThatTouchMeetTheCpu)
                 ASSERT_EQ(body->data->backend->kind->interact(body->model, body->data), PLIANT_OK);
             for (auto *body : {&gpu, &cpu})
                 ASSERT_EQ(pliant_legs_find(body->model, body->data), PLIANT_OK) << pliant_last_error();
-            take_over(cpu.data, gpu.model, gpu.data);
-            take_over_pieces(cpu.data->falling, gpu.data->falling);
+            copy_contacts(cpu.data, gpu.model, gpu.data);
+            copy_piece_contacts(cpu.data->rigid_pieces, gpu.data->rigid_pieces);
             const bool settles = solve(cpu.model, cpu.data) == PLIANT_OK,
                        there_too = solve(gpu.model, gpu.data) == PLIANT_OK;
-            for (Drop *body : {&cpu, &gpu}) pliant_falling_step(body->data);
-            for (auto *body : {&gpu, &cpu}) pliant_legs_arrive(body->data);
+            for (Drop *body : {&cpu, &gpu}) pliant_rigid_pieces_step(body->data);
+            for (auto *body : {&gpu, &cpu}) pliant_legs_set_goals_reached(body->data);
             ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
             if (!settles || !there_too) continue;
             compared += cpu.data->statistics.contacts > 0;
@@ -535,7 +535,7 @@ TEST(CudaContact, JawsHoldAsOnTheCpu)
                 gpu.data->statistics.contacts, 1e3 * cpu.lifted(), 1e3 * gpu.lifted(), cpu.force(), gpu.force(),
                 apart.positions, apart.moved);
     EXPECT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
-    EXPECT_GT(gpu.least_volume(), 0);
+    EXPECT_GT(gpu.min_volume(), 0);
     EXPECT_LT(gpu.deepest(), 2e-4);
     EXPECT_GT(gpu.lifted(), 0.001);
     EXPECT_NEAR(gpu.lifted(), cpu.lifted(), 0.05 * cpu.lifted());
@@ -620,7 +620,7 @@ TEST(CudaContact, EveryKernelOnce)
     flat.add("plate", PLIANT_PART_BOX, 0.03, 0.03, 0.02);
     for (int s = 1; s <= 3; s++) ASSERT_GE(flat.step(s), 0) << pliant_last_error();
     EXPECT_STREQ(pliant_data_get_backend(flat.data), "cuda") << pliant_last_error();
-    EXPECT_GT(3 * flat.data->statistics.contacts, PLIANT_CONE_TOGETHER);
+    EXPECT_GT(3 * flat.data->statistics.contacts, PLIANT_CONE_MAX_ROWS);
 }
 
 TEST(CudaContact, EveryKernelOnceOfTissueOnTissue)

@@ -6,7 +6,7 @@
 #include "../../cuda/contact/tissue.h"
 #include "body.h"
 #include "cuda_warps.h"
-#include "fem/rigid/falling.h"
+#include "fem/rigid/rigid_pieces.h"
 #include "base/memory.h"
 #include "tongue.h"
 
@@ -130,26 +130,26 @@ inline void forces_of(const pliant_data *data, double out[3])
 
 inline double farthest(const double *a, const double *b, int32_t nodes)
 {
-    double most = 0;
-    for (int32_t n = 0; n < 3 * nodes; n++) most = std::fmax(most, std::fabs(a[n] - b[n]));
-    return most;
+    double maximum = 0;
+    for (int32_t n = 0; n < 3 * nodes; n++) maximum = std::fmax(maximum, std::fabs(a[n] - b[n]));
+    return maximum;
 }
 
 // Copy the CPU's contact points and positions.
-inline void take_over(const pliant_data *from, const pliant_model *model, pliant_data *to)
+inline void copy_contacts(const pliant_data *from, const pliant_model *model, pliant_data *to)
 {
     const size_t count = static_cast<size_t>(from->contacts.count);
     ASSERT_EQ(pliant_data_set_positions(model, to, from->positions), PLIANT_OK);
     pliant_free(to->contacts.point);
     to->contacts.point = static_cast<pliant_contact_point *>(pliant_calloc(count + 1, sizeof *to->contacts.point));
-    to->contacts.count = to->contacts.room = from->contacts.count;
+    to->contacts.count = to->contacts.capacity = from->contacts.count;
     std::copy(from->contacts.point, from->contacts.point + count, to->contacts.point);
 }
 
 // Copy them without the forces, because friction with nearly dependent points has several solutions.
-inline void take_over_places(const pliant_data *from, const pliant_model *model, pliant_data *to)
+inline void copy_contact_places(const pliant_data *from, const pliant_model *model, pliant_data *to)
 {
-    take_over(from, model, to);
+    copy_contacts(from, model, to);
     for (int32_t p = 0; p < to->contacts.count; p++) std::fill_n(to->contacts.point[p].force, 3, 0.0);
 }
 
@@ -161,18 +161,18 @@ inline std::vector<double> forces_on_nodes(const pliant_data *data)
     return forces;
 }
 
-inline double most_of(const std::vector<double> &a)
+inline double max_distance_of(const std::vector<double> &a)
 {
-    double most = 0;
-    for (double v : a) most = std::fmax(most, std::fabs(v));
-    return most;
+    double maximum = 0;
+    for (double v : a) maximum = std::fmax(maximum, std::fabs(v));
+    return maximum;
 }
 
-inline double apart_of(const std::vector<double> &a, const std::vector<double> &b)
+inline double max_difference(const std::vector<double> &a, const std::vector<double> &b)
 {
-    double most = 0;
-    for (size_t n = 0; n < a.size(); n++) most = std::fmax(most, std::fabs(a[n] - b[n]));
-    return most;
+    double maximum = 0;
+    for (size_t n = 0; n < a.size(); n++) maximum = std::fmax(maximum, std::fabs(a[n] - b[n]));
+    return maximum;
 }
 
 // Differences between two runs.
@@ -182,8 +182,8 @@ struct Apart {
     {
         const int32_t nodes = a.data->body->fine.num_nodes;
         const std::vector<double> here = forces_on_nodes(a.data), there = forces_on_nodes(b.data);
-        force = std::fmax(force, most_of(here));
-        forces = std::fmax(forces, apart_of(here, there));
+        force = std::fmax(force, max_distance_of(here));
+        forces = std::fmax(forces, max_difference(here, there));
         positions = std::fmax(positions, farthest(a.data->positions, b.data->positions, nodes));
         moved = std::fmax(moved, farthest(a.data->positions, a.data->body->fine.rest, nodes));
         for (int32_t n = 0; n < 3 * nodes; n++) EXPECT_TRUE(std::isfinite(b.data->positions[n]));
@@ -247,11 +247,11 @@ struct Sheet : Body {
     // Return the maximum displacement of a node that belongs to no piece [m].
     double carried() const
     {
-        double most = 0;
+        double maximum = 0;
         for (int32_t n = 0; n < data->body->fine.num_nodes; n++)
-            for (int d = 0; d < 3 && !pliant_falling_has(data->falling, n); d++)
-                most = std::fmax(most, std::fabs(data->positions[3 * n + d] - data->body->fine.rest[3 * n + d]));
-        return most;
+            for (int d = 0; d < 3 && !pliant_rigid_pieces_contain(data->rigid_pieces, n); d++)
+                maximum = std::fmax(maximum, std::fabs(data->positions[3 * n + d] - data->body->fine.rest[3 * n + d]));
+        return maximum;
     }
     // Cut off a part of a free side, far from the rod.
     void cut_off()

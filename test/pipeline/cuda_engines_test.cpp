@@ -87,7 +87,7 @@ struct Runs {
     {
         int knife;
         const double from[3] = {0, -0.12, 0}, to[3] = {0, 0.12, 0};
-        take_hold(run);
+        grasp_at_two_points(run);
         ASSERT_EQ(pliant_tool_add(run.model, run.data, "knife", &knife), PLIANT_OK);
         ASSERT_EQ(knife, 2);
         ASSERT_EQ(pliant_tool_set_blade(run.data, knife, from, to), PLIANT_OK);
@@ -117,17 +117,17 @@ void step_of(Body &run, int s)
 // Return the maximum distance between nodes of two runs along an axis [m].
 double apart(const pliant_data *a, const pliant_data *b)
 {
-    double most = 0;
+    double maximum = 0;
     for (int32_t i = 0; i < 3 * a->body->fine.num_nodes; i++)
-        most = std::fmax(most, std::fabs(a->positions[i] - b->positions[i]));
-    return most;
+        maximum = std::fmax(maximum, std::fabs(a->positions[i] - b->positions[i]));
+    return maximum;
 }
 double moved(const pliant_data *a)
 {
-    double most = 0;
+    double maximum = 0;
     for (int32_t i = 0; i < 3 * a->body->fine.num_nodes; i++)
-        most = std::fmax(most, std::fabs(a->positions[i] - a->body->fine.rest[i]));
-    return most;
+        maximum = std::fmax(maximum, std::fabs(a->positions[i] - a->body->fine.rest[i]));
+    return maximum;
 }
 
 // in a subdividing cut, new nodes lie where the blade intersects edges, which depends on rounding
@@ -162,7 +162,7 @@ TEST_P(EveryEngine, IsCutAsOnTheCpu)
     const pliant_scene &scene = runs.body->scene;
     double worst = 0, far = 0, force = 0, forces = 0;
     // with cuts, and while they are undone; on CPU and GPU
-    int32_t most = 0, patched = 0, evaluations[2][2] = {{0, 0}, {0, 0}};
+    int32_t maximum = 0, patched = 0, evaluations[2][2] = {{0, 0}, {0, 0}};
     uint32_t taken = 0;
     for (int s = 0; s < STEPS; s++) {
         SCOPED_TRACE(s);
@@ -171,7 +171,7 @@ TEST_P(EveryEngine, IsCutAsOnTheCpu)
         ASSERT_TRUE(same_topology(cpu->body, gpu->body, scene.cut.kind))
             << cpu->body->fine.num_nodes << " and " << gpu->body->fine.num_nodes << " nodes";
         ASSERT_EQ(state(runs.of(1)), state(runs.of(2))) << "not the same bits again";
-        most = std::max(most, cpu->body->fine.num_nodes);
+        maximum = std::max(maximum, cpu->body->fine.num_nodes);
         patched = std::max(patched, gpu->statistics.patched);
         for (size_t run = 0; run < 2; run++)
             evaluations[s >= UNDO][run] = std::max(evaluations[s >= UNDO][run], runs.data[run]->statistics.iterations);
@@ -184,17 +184,16 @@ TEST_P(EveryEngine, IsCutAsOnTheCpu)
                 forces = std::fmax(forces, std::fabs(cpu->tools[t].force[d] - gpu->tools[t].force[d]));
             }
     }
-    std::printf(
-        "%-26s %4d nodes, %4d at most; positions %.1e of %4.1f mm, forces %.1e of %.2g N apart; "
-        "up to %d and %d evaluations, as cuts are undone %d and %d\n",
-        GetParam().name, load->fine.num_nodes, most, worst / far, 1e3 * far, forces / force, force, evaluations[0][0],
-        evaluations[0][1], evaluations[1][0], evaluations[1][1]);
-    EXPECT_GT(most, load->fine.num_nodes + 20);
+    std::printf("%-26s %4d nodes, %4d at most; positions %.1e of %4.1f mm, forces %.1e of %.2g N apart; "
+                "up to %d and %d evaluations, as cuts are undone %d and %d\n",
+                GetParam().name, load->fine.num_nodes, maximum, worst / far, 1e3 * far, forces / force, force,
+                evaluations[0][0], evaluations[0][1], evaluations[1][0], evaluations[1][1]);
+    EXPECT_GT(maximum, load->fine.num_nodes + 20);
     EXPECT_TRUE(pliant_body_same(gpu->body, load));
     EXPECT_LT(worst, bounds_of(scene).positions * far);
     EXPECT_LT(forces, bounds_of(scene).forces * force);
     if (scene.solver.kind == PLIANT_COROTATIONAL)
-        EXPECT_TRUE(taken & PLIANT_TAKES_FACTOR) << "the inverse was not carried over";
+        EXPECT_TRUE(taken & PLIANT_RESULT_FACTOR) << "the inverse was not carried over";
     if (scene.model.patch > 0) EXPECT_GT(patched, 0);
 }
 INSTANTIATE_TEST_SUITE_P(Cuda, EveryEngine,
@@ -231,7 +230,7 @@ TEST_P(EveryRecording, IsPlayedBackToTheBit)
         SCOPED_TRACE(s);
         live_and_again(runs, [s](Body &run) { step_of(run, s); }, &taken);
         // between two strokes, wait until the inverse is ready
-        while (s == SECOND - 1 && !(taken & PLIANT_TAKES_FACTOR) && !HasFatalFailure() &&
+        while (s == SECOND - 1 && !(taken & PLIANT_RESULT_FACTOR) && !HasFatalFailure() &&
                std::chrono::steady_clock::now() < until) {
             std::this_thread::sleep_for(std::chrono::milliseconds(5));
             live_and_again(
@@ -240,7 +239,7 @@ TEST_P(EveryRecording, IsPlayedBackToTheBit)
         if (HasFatalFailure()) return;
     }
     EXPECT_STREQ(pliant_data_get_backend(runs.data[0]), "cuda") << pliant_last_error();
-    EXPECT_TRUE(taken & PLIANT_TAKES_FACTOR);
+    EXPECT_TRUE(taken & PLIANT_RESULT_FACTOR);
 }
 INSTANTIATE_TEST_SUITE_P(Cuda, EveryRecording,
                          testing::Values(direct, multigrid, hexahedra, averaged, patch, octree, subdivided), name_of);

@@ -10,25 +10,25 @@
 namespace {
 
 // Log messages about a GPU that a simulation no longer uses.
-struct Told {
+struct GpuLossLog {
     int count = 0;
     std::string last;
-    Told()
+    GpuLossLog()
     {
         pliant_set_log([](pliant_log_level level, const char *message, void *user) {
-            Told *told = static_cast<Told *>(user);
+            GpuLossLog *told = static_cast<GpuLossLog *>(user);
             if (level < PLIANT_LOG_INFO || !std::strstr(message, "backend: ") || std::strstr(message, "backend: cuda"))
                 return;
             told->count++;
             told->last = message;
         }, this);
     }
-    ~Told() { pliant_set_log(nullptr, nullptr); }
+    ~GpuLossLog() { pliant_set_log(nullptr, nullptr); }
 };
 
 bool is_on_cpu(const Body &body) { return std::strcmp(pliant_data_get_backend(body.data), "cpu") == 0; }
 
-bool draws_what_the_cpu_draws(const Body &body)
+bool draws_same_as_cpu(const Body &body)
 {
     pliant_warp *warp = nullptr;
     EXPECT_EQ(pliant_warp_create(&body.scan, &body.model->body->fine, &body.scan.geometry, 2, &warp), PLIANT_OK);
@@ -48,7 +48,7 @@ void drop_data(Body &body)
 }
 
 // Among many similar later calls, only some fail.
-int64_t next_to_fail(int64_t call, int stride) { return call + stride + call / 40; }
+int64_t next_failing_call(int64_t call, int stride) { return call + stride + call / 40; }
 
 /* ---- whole runs; patch: radius, or 0 */
 
@@ -67,9 +67,9 @@ void fail_every_call(const Case &c, double patch, int stride)
     ASSERT_EQ(good.data->statistics.patched, patch > 0);
     ASSERT_EQ(body.build(), PLIANT_OK);
     drop_data(body);
-    Told told;
+    GpuLossLog told;
     int given_up = 0;
-    for (int64_t calls = 0, left = -1; left < 0; calls = next_to_fail(calls, stride)) {
+    for (int64_t calls = 0, left = -1; left < 0; calls = next_failing_call(calls, stride)) {
         ASSERT_LT(calls, 5000);
         SCOPED_TRACE(calls);
         told.count = 0;
@@ -83,7 +83,7 @@ void fail_every_call(const Case &c, double patch, int stride)
         EXPECT_EQ(told.count, is_on_cpu(body)) << told.last;
         given_up += is_on_cpu(body) || !pliant_warp_accelerated(body.data->warp);
         if (left >= 0)
-            EXPECT_TRUE(!is_on_cpu(body) && pliant_warp_accelerated(body.data->warp) && draws_what_the_cpu_draws(body))
+            EXPECT_TRUE(!is_on_cpu(body) && pliant_warp_accelerated(body.data->warp) && draws_same_as_cpu(body))
                 << told.last;
         drop_data(body);
     }
@@ -161,9 +161,9 @@ TEST(CudaFailure, AmidACutAndWhatIsMadeForIt)
         ASSERT_GT(there[CUT].size(), there[0].size());
         ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
         drop_data(body);
-        Told told;
+        GpuLossLog told;
         int given_up = 0;
-        for (int64_t calls = 0, left = -1; left < 0; calls = next_to_fail(calls, run.stride)) {
+        for (int64_t calls = 0, left = -1; left < 0; calls = next_failing_call(calls, run.stride)) {
             ASSERT_LT(calls, 10000);
             SCOPED_TRACE(calls);
             ASSERT_EQ(pliant_data_create(body.model, &body.data), PLIANT_OK) << pliant_last_error();
@@ -184,7 +184,7 @@ TEST(CudaFailure, AmidACutAndWhatIsMadeForIt)
             }
             left = pliant_cuda_fail_after(-1);
             EXPECT_EQ(told.count, is_on_cpu(body)) << told.last;
-            EXPECT_TRUE(draws_what_the_cpu_draws(body)) << told.last;
+            EXPECT_TRUE(draws_same_as_cpu(body)) << told.last;
             given_up += is_on_cpu(body);
             if (left >= 0) { // without a failure, the background result is installed
                 EXPECT_FALSE(is_on_cpu(body)) << told.last;
@@ -210,13 +210,13 @@ TEST(CudaFailure, AmidContact)
         cuda_contacts::Block body(c, PLIANT_AUTO, true);
         ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
         drop_data(body);
-        Told told;
+        GpuLossLog told;
         std::vector<double> there[2]; // result of the CPU if it runs from the first call on
         // in the second step, detection of an edge is sensitive: 1e-9 m in a node's position changes the CPU's result
         // by 2e-7 m
         const double bound[2] = {1e-5 * 12 * cuda_contacts::h, 1e-4 * 12 * cuda_contacts::h};
         int given_up = 0;
-        for (int64_t calls = 0, left = -1; left < 0; calls = next_to_fail(calls, c.spring ? 1 : 3)) {
+        for (int64_t calls = 0, left = -1; left < 0; calls = next_failing_call(calls, c.spring ? 1 : 3)) {
             ASSERT_LT(calls, 50000);
             SCOPED_TRACE(calls);
             ASSERT_EQ(pliant_data_create(body.model, &body.data), PLIANT_OK) << pliant_last_error();
@@ -254,8 +254,8 @@ TEST(CudaFailure, AmidLegsOfASweep)
         int given_up = 0;
         ASSERT_EQ(sheet.build(), PLIANT_OK) << pliant_last_error();
         drop_data(sheet);
-        Told told;
-        for (int64_t calls = 0, left = -1; left < 0; calls = next_to_fail(calls, 11)) {
+        GpuLossLog told;
+        for (int64_t calls = 0, left = -1; left < 0; calls = next_failing_call(calls, 11)) {
             ASSERT_LT(calls, 50000);
             SCOPED_TRACE(calls);
             ASSERT_EQ(pliant_data_create(sheet.model, &sheet.data), PLIANT_OK) << pliant_last_error();

@@ -49,20 +49,20 @@ TEST(CudaRun, MeetsTheCpu)
         ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda");
         ASSERT_EQ(pliant_data_set_warp(gpu.model, gpu.data, &gpu.scan.geometry), PLIANT_OK) << pliant_last_error();
         const int steps = 12;
-        double worst = 0, least_converged = 0;
+        double worst = 0, min_converged = 0;
         for (int s = 1; s <= steps; s++) {
             step(cpu, c, s, steps);
             step(gpu, c, s, steps);
             ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
             worst = std::fmax(worst, farthest(cpu, gpu));
-            least_converged =
-                std::fmax(least_converged, std::fmax(cpu.data->statistics.residual, gpu.data->statistics.residual));
+            min_converged =
+                std::fmax(min_converged, std::fmax(cpu.data->statistics.residual, gpu.data->statistics.residual));
             for (int t = 0; t < c.tools; t++)
                 for (int d = 0; d < 3; d++)
                     EXPECT_NEAR(cpu.data->tools[t].force[d], gpu.data->tools[t].force[d], 1e-5)
                         << "step " << s << ", tool " << t;
         }
-        EXPECT_LT(least_converged, 1e-7);
+        EXPECT_LT(min_converged, 1e-7);
         EXPECT_LT(worst, 1e-5 * box[0]);
         EXPECT_GT(farthest(gpu.data->positions, gpu.model->body->fine.rest, gpu.model->body->fine.num_nodes), 0.002);
         RecordProperty(("worst_" + std::to_string(number)).c_str(), std::to_string(worst / box[0]).c_str());
@@ -96,7 +96,7 @@ TEST(CudaRun, ErrorsMeetTheCpuAndTheTruth)
 {
     NEEDS_GPU();
     const pliant_drive drives[] = {PLIANT_DRIVE_RIGID, PLIANT_DRIVE_SPRING, PLIANT_DRIVE_FORCE};
-    int counted = 0, within = 0, judged = 0, within_before = 0;
+    int counted = 0, within = 0, judged = 0, within_next = 0;
     for (pliant_preconditioner_choice choice : {PLIANT_DIRECT, PLIANT_MULTIGRID})
         for (int load = 0; load < 4; load++) { // the last load is gravity alone, which rotates
             SCOPED_TRACE(load);
@@ -127,7 +127,7 @@ TEST(CudaRun, ErrorsMeetTheCpuAndTheTruth)
                     apart = std::fmax(apart, std::fabs(a.error_before - b.error_before) / a.error_before);
                 if (last_error > 1e-7) {
                     judged++;
-                    within_before += b.error_before > last_error / 3 && b.error_before < 3 * last_error;
+                    within_next += b.error_before > last_error / 3 && b.error_before < 3 * last_error;
                 }
                 double error = 0; // maximum error of a node
                 for (int32_t n = 0; n < 3 * gpu.model->body->fine.num_nodes; n += 3) {
@@ -143,11 +143,11 @@ TEST(CudaRun, ErrorsMeetTheCpuAndTheTruth)
                         load, apart);
             if (choice == PLIANT_DIRECT) EXPECT_LT(apart, 1e-3);
         }
-    std::printf("within a factor of 3 in %d of %d frames, a step later in %d of %d\n", within, counted, within_before,
+    std::printf("within a factor of 3 in %d of %d frames, a step later in %d of %d\n", within, counted, within_next,
                 judged);
     EXPECT_GT(counted, 100);
     EXPECT_GE(within, 0.9 * counted);
-    EXPECT_GE(within_before, 0.9 * judged);
+    EXPECT_GE(within_next, 0.9 * judged);
 }
 
 // The coarse model runs on the GPU, patches on the host with its fine nodes. The positions equal the CPU's positions.

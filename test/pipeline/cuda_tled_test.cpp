@@ -135,9 +135,9 @@ struct Cube : Body {
 
 double apart(const std::vector<double> &a, const double *b)
 {
-    double most = 0;
-    for (size_t n = 0; n < a.size(); n++) most = std::fmax(most, std::fabs(a[n] - b[n]));
-    return most;
+    double maximum = 0;
+    for (size_t n = 0; n < a.size(); n++) maximum = std::fmax(maximum, std::fabs(a[n] - b[n]));
+    return maximum;
 }
 
 TEST(CudaTled, MeetsTheCpu)

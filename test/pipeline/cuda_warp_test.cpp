@@ -251,7 +251,7 @@ TEST(CudaFailure, AFullGpuIsToldWithFigures)
 // Compare camera images and radiographs of a volume and labels drawn on the GPU with the CPU, bitwise; after a failure
 // the CPU continues.
 // cells: of the mesh along each axis, 0: default
-void compare_pictures(const int32_t size[3], int32_t cells, int width, int height, int least)
+void compare_pictures(const int32_t size[3], int32_t cells, int width, int height, int minimum)
 {
     const size_t pixels = static_cast<size_t>(width) * static_cast<size_t>(height);
     pliant_scene scene;
@@ -316,7 +316,7 @@ void compare_pictures(const int32_t size[3], int32_t cells, int width, int heigh
         pliant_data_free(data);
         pliant_model_free(model);
     }
-    EXPECT_GT(std::count_if(depth[0].begin(), depth[0].end(), [](float z) { return z > 0; }), least);
+    EXPECT_GT(std::count_if(depth[0].begin(), depth[0].end(), [](float z) { return z > 0; }), minimum);
     pliant_material_table_free(&materials);
     pliant_volume_free(&scan);
 }

@@ -70,7 +70,7 @@ void stroke_after_stroke(const pliant_model *model, int strokes, unsigned seed, 
     std::mt19937 random(seed);
     std::uniform_real_distribution<double> unit(-1, 1);
     const pliant_body &load = *model->body, *now = pliant_body_retain(&load);
-    int severed = 0, chips = 0, most = 0;
+    int severed = 0, chips = 0, maximum = 0;
     ASSERT_EQ(mismatches(load), 0) << "before any cut";
     for (int s = 0; s < strokes; s++) {
         Motion motion{{3 * unit(random), 3 * unit(random), 3 * unit(random), 3 * unit(random), 3 * unit(random),
@@ -111,7 +111,7 @@ void stroke_after_stroke(const pliant_model *model, int strokes, unsigned seed, 
         pliant_body_release(now);
         now = next;
         for (int32_t t = 0; t < now->cuts->num_tets; t++)
-            most = std::max(most, now->cuts->start[t + 1] - now->cuts->start[t]);
+            maximum = std::max(maximum, now->cuts->start[t + 1] - now->cuts->start[t]);
         chips += now->cuts->num_chips;
         const int wrong = s % 10 == 9 || s == strokes - 1 ? mismatches(*now) : 0;
         EXPECT_EQ(wrong, 0) << "stroke " << s;
@@ -126,7 +126,7 @@ void stroke_after_stroke(const pliant_model *model, int strokes, unsigned seed, 
     }
     expect_whole(load, *now);
     std::printf("links %d, chips %d, fragments in one %d, pieces %d, tetrahedra %d of %d, nodes %d of %d\n", severed,
-                now->cuts ? now->cuts->num_chips : 0, most, num_pieces(*now), now->fine.num_tets, load.fine.num_tets,
+                now->cuts ? now->cuts->num_chips : 0, maximum, num_pieces(*now), now->fine.num_tets, load.fine.num_tets,
                 now->fine.num_nodes, load.fine.num_nodes);
     EXPECT_GT(severed, 10000);
     EXPECT_GT(num_pieces(*now), strokes < 100 ? 1 : 10);

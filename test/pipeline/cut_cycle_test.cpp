@@ -135,7 +135,7 @@ TEST_P(EveryCycle, IsAsQuickAsBeforeTheCut)
         ASSERT_EQ(pliant_system_find_pattern(beam.system()), PLIANT_OK);
         const Cycle now(beam.system());
         ASSERT_EQ(now.system.graded != nullptr, GetParam().method != PLIANT_FINE);
-        ASSERT_TRUE(pliant_preconditioner_layered(now.preconditioner));
+        ASSERT_TRUE(pliant_preconditioner_is_multigrid(now.preconditioner));
         EXPECT_LE(2 * now.settle(1e-4), 3 * std::max(before, 6)) << deep << ", before " << before;
     }
 }
@@ -172,7 +172,7 @@ TEST_P(EveryCycle, ServesAfterACutAndChangesNoAnswer)
         const int before = beam->settle(pull);
         beam->cut(0.04);
         beam->renew();
-        ASSERT_EQ(pliant_preconditioner_layered(beam->body->data->solver->preconditioner), beam == &layered);
+        ASSERT_EQ(pliant_preconditioner_is_multigrid(beam->body->data->solver->preconditioner), beam == &layered);
         beam->settle(pull);
         beam->settle(0);
         const int after = beam->settle(pull);

@@ -189,7 +189,7 @@ void expect_no_energy(pliant_method method, pliant_element_kind kind, int cells,
         const double normal[3] = {unit(random), unit(random), 1},
                      point[3] = {0.04 + 0.04 * unit(random), 0.04 + 0.04 * unit(random), 0.12 + 0.1 * unit(random)};
         std::vector<double> from, to;
-        Cuttable::plane(point, normal, 0.024, from, to);
+        CutState::plane(point, normal, 0.024, from, to);
         const pliant_cut_sweep sweep{2, from.data(), to.data(), nullptr};
         pliant_body *next = nullptr;
         ASSERT_EQ(

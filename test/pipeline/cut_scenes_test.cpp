@@ -21,7 +21,7 @@ struct Demonstration {
     const char *scene, *path, *scan;
     int cells[3];
     double step, until; // [s]
-    double least, most; // bounds of the cut area [cm^2], from the scene's own mesh and steps
+    double minimum, maximum; // bounds of the cut area [cm^2], from the scene's own mesh and steps
     int pieces;         // final number
     double opens;       // minimum final distance of nodes that were one before the cut [m]
     double weak, strong; // bounds of the maximum tool force [N]
@@ -96,7 +96,7 @@ struct CutScenes : testing::TestWithParam<Demonstration> {
             ASSERT_EQ(deform_tools_move(&tools, model, data, step, time), PLIANT_OK) << pliant_last_error();
             if (pliant_path_gravity(&path, time, gravity)) ASSERT_EQ(pliant_data_set_gravity(data, gravity), PLIANT_OK);
             ASSERT_GE(pliant_step(model, data), 0) << time << " s: " << pliant_last_error();
-            deform_tools_tell(&tools, data, step, time);
+            deform_tools_report(&tools, data, step, time);
             for (int32_t n = 0; n < 3 * data->body->fine.num_nodes; n++)
                 ASSERT_TRUE(std::isfinite(data->positions[n])) << time << " s";
             for (int t = 0; t < data->num_tools; t++) {
@@ -129,13 +129,13 @@ struct CutScenes : testing::TestWithParam<Demonstration> {
         std::vector<uint8_t> tissue(static_cast<size_t>(body.fine.num_nodes));
         for (int32_t v = 0; v < 4 * body.fine.num_tets; v++)
             tissue[body.fine.tets[v]] |= body.fine_material[v / 4].tissue > 0;
-        double most = 0;
+        double maximum = 0;
         for (int32_t n = 0; n < body.fine.num_nodes && body.node_parent; n++) {
             const double *x = data->positions + 3 * n, *y = data->positions + 3 * body.node_parent[n];
             if (tissue[n] && tissue[body.node_parent[n]])
-                most = std::max(most, std::hypot(std::hypot(x[0] - y[0], x[1] - y[1]), x[2] - y[2]));
+                maximum = std::max(maximum, std::hypot(std::hypot(x[0] - y[0], x[1] - y[1]), x[2] - y[2]));
         }
-        return most;
+        return maximum;
     }
 };
 
@@ -148,8 +148,8 @@ TEST_P(CutScenes, PartTissueAlongTheirPaths)
     told(&area, &pieces);
     std::printf("%s: %d tetrahedra, %g cm^2, %d pieces, open by %g m, felt %g N\n", GetParam().path,
                 model->body->fine.num_tets, area, pieces, opening(), felt);
-    EXPECT_GE(area, GetParam().least);
-    EXPECT_LE(area, GetParam().most);
+    EXPECT_GE(area, GetParam().minimum);
+    EXPECT_LE(area, GetParam().maximum);
     EXPECT_EQ(pieces, GetParam().pieces);
     EXPECT_GE(opening(), GetParam().opens);
     EXPECT_LT(opening(), 0.2);

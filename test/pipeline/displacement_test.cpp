@@ -131,10 +131,10 @@ TEST(Displacement, IsZeroAtRest)
     for (pliant_displacement_sense sense : {PLIANT_DISPLACEMENT_RESAMPLE, PLIANT_DISPLACEMENT_TISSUE}) {
         Field field;
         beam.field(sense, &field);
-        double most = 0;
+        double maximum = 0;
         for (size_t n = 0; n < 3 * pliant_geometry_voxels(&field.geometry); n++)
-            most = std::max(most, std::fabs(static_cast<double>(field.vectors[n])));
-        EXPECT_LT(most, 1e-8);
+            maximum = std::max(maximum, std::fabs(static_cast<double>(field.vectors[n])));
+        EXPECT_LT(maximum, 1e-8);
         EXPECT_EQ(count_of(field, PLIANT_MASK_TISSUE), 48u * 24 * 24);
         EXPECT_EQ(count_of(field, PLIANT_MASK_CUT), 0u);
     }

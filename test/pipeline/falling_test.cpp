@@ -1,6 +1,6 @@
 // Detached pieces fall, land, and swing on tools. They do not affect the rest of the body.
 #include "hanging_bar.h"
-#include "fem/rigid/pieces.h"
+#include "fem/rigid/rigid_pieces_data.h"
 #include "base/memory.h"
 
 #include <algorithm>
@@ -34,7 +34,7 @@ TEST_P(EveryMethod, WhatComesOffFallsFreely)
     }
     for (int s = moving ? 2 : 1; s <= 30; s++) {
         step(*body, 1);
-        EXPECT_EQ(body->data->statistics.falling, 1);
+        EXPECT_EQ(body->data->statistics.rigid_pieces, 1);
         const double t = s * body->scene.solver.step, fallen = start - centre_of(*body, lower)[2];
         EXPECT_NEAR(fallen, 0.5 * g * t * t - speed * t, 0.01 * 0.5 * g * t * t) << s;
     }
@@ -61,9 +61,9 @@ TEST(Falling, APieceHasTheInertiaOfABrick)
     body->scene.model.gravity[2] = 0;
     ASSERT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
     cut(*body, 0.08);
-    ASSERT_TRUE(body->data->falling);
+    ASSERT_TRUE(body->data->rigid_pieces);
     pliant_rigid piece;
-    pliant_falling_rigid(body->data->falling, 0, &piece);
+    pliant_rigid_pieces_body(body->data->rigid_pieces, 0, &piece);
     EXPECT_NEAR(piece.mass, 0.128, 0.005 * 0.128);
     const double side[3] = {0.04, 0.04, 0.08}, cube = 0.01;
     for (int axis = 0; axis < 3; axis++) {
@@ -98,7 +98,7 @@ TEST_P(EveryMethod, ItLandsAndRests)
         for (int d = 0; d < 3; d++)
             moved = std::fmax(moved, std::fabs(body->data->positions[3 * n + d] - before[3 * n + d]));
     EXPECT_LE(moved, moving ? 1e-3 : 0);
-    if (!moving) EXPECT_EQ(body->data->statistics.falling, 0);
+    if (!moving) EXPECT_EQ(body->data->statistics.rigid_pieces, 0);
 }
 
 // The remaining part does not depend on the position of the piece.
@@ -151,7 +151,7 @@ TEST_P(EveryMethod, AToolPullsIt)
         step(*body, 2);
         cut(*body, 0.08);
         const std::vector<int32_t> lower = nodes_below(*body->data->body, 0.08);
-        double weight = 0, most = 0;
+        double weight = 0, maximum = 0;
         for (int32_t n : lower) weight += g * body->data->body->node_mass[n];
         for (int s = 0; s < 4 / body->scene.solver.step; s++) {
             const double shift = std::fmin(s * 5e-4, 0.05);
@@ -161,10 +161,10 @@ TEST_P(EveryMethod, AToolPullsIt)
             step(*body, 1);
             const pliant_tool &held = body->data->tools[0];
             for (int d = 0; d < 3 && stiffness != 50 && s > 60; d++) // before that it still springs back
-                most = std::fmax(most, std::fabs(held.held_point[d] - held.tip[d] + held.grip[d]));
+                maximum = std::fmax(maximum, std::fabs(held.held_point[d] - held.tip[d] + held.grip[d]));
         }
         const pliant_tool &held = body->data->tools[0];
-        if (!moving) EXPECT_LT(most, 2e-5) << stiffness;
+        if (!moving) EXPECT_LT(maximum, 2e-5) << stiffness;
         EXPECT_NEAR(held.held_point[0] - 0.02, 0.05, 2e-3) << stiffness;
         EXPECT_NEAR(held.force[2], weight, 0.05 * weight) << stiffness;
         if (stiffness == 50 && !moving)
@@ -192,21 +192,22 @@ TEST_P(EveryMethod, UndoMakesItWhole)
     EXPECT_EQ(body->data->body->pieces->count, 2);
     step(*body, 10);
     ASSERT_EQ(pliant_data_set_body(body->model, body->data, first), PLIANT_OK) << pliant_last_error();
-    EXPECT_FALSE(body->data->falling);
+    EXPECT_FALSE(body->data->rigid_pieces);
     std::vector<int32_t> lower; // the nodes on the plane belong to the upper half
     for (int32_t n : nodes_below(*first, 0.08))
         if (first->fine.rest[3 * n + 2] < 0.08 - 1e-6) lower.push_back(n);
-    double most = 0;
+    double maximum = 0;
     for (int32_t n : lower)
         for (int d = 0; d < 3; d++)
-            most = std::fmax(most, std::fabs(body->data->positions[3 * n + d] - before[3 * n + d]));
-    EXPECT_LT(most, 1e-12);
+            maximum = std::fmax(maximum, std::fabs(body->data->positions[3 * n + d] - before[3 * n + d]));
+    EXPECT_LT(maximum, 1e-12);
     step(*body, 3);
-    for (int32_t n : lower) most = std::fmax(most, std::fabs(body->data->positions[3 * n + 2] - before[3 * n + 2]));
-    EXPECT_LT(most, 5e-3);
+    for (int32_t n : lower)
+        maximum = std::fmax(maximum, std::fabs(body->data->positions[3 * n + 2] - before[3 * n + 2]));
+    EXPECT_LT(maximum, 5e-3);
     pliant_body_release(first);
     ASSERT_EQ(pliant_data_reset(body->model, body->data), PLIANT_OK);
-    EXPECT_FALSE(body->data->falling);
+    EXPECT_FALSE(body->data->rigid_pieces);
     EXPECT_EQ(std::memcmp(body->data->positions, body->data->body->fine.rest, 3 * sizeof(double) * lower.size()), 0);
 }
 
@@ -228,7 +229,7 @@ TEST_P(EveryMethod, OutOfSightItStops)
     step(*body, 200);
     pliant_set_log(nullptr, nullptr);
     EXPECT_EQ(told, 1);
-    EXPECT_EQ(body->data->statistics.falling, 0);
+    EXPECT_EQ(body->data->statistics.rigid_pieces, 0);
     const double there = lowest(*body, lower);
     EXPECT_LT(there, -0.05);
     EXPECT_GT(there, -0.3);
@@ -251,19 +252,19 @@ TEST(Falling, OnOneNodeOrTwoItSwings)
         ASSERT_EQ(now->pieces->num_joints, nodes);
         const std::vector<int32_t> lower = nodes_below(*now, 0.08), upper = nodes_below(*now, 0.08, false);
         // of the first and the last 2 s
-        double apart = 0, before = centre_of(*body, lower)[0], least = before, swing[2] = {0, 0};
+        double apart = 0, before = centre_of(*body, lower)[0], minimum = before, swing[2] = {0, 0};
         for (int s = 0; s < 600; s++) {
             step(*body, 1);
             for (int j = 0; j < nodes && s > 40; j++) // before that it also springs back
                 for (int d = 0; d < 3; d++)
                     apart = std::fmax(apart, std::fabs(body->data->positions[3 * now->pieces->joint[2 * j] + d] -
                                                        body->data->positions[3 * now->pieces->joint[2 * j + 1] + d]));
-            least = std::fmin(least, centre_of(*body, lower)[0]);
+            minimum = std::fmin(minimum, centre_of(*body, lower)[0]);
             if (s < 200 || s >= 400)
                 swing[s >= 400] = std::fmax(swing[s >= 400], std::fabs(centre_of(*body, lower)[0]));
         }
         EXPECT_LT(apart, nodes == 1 ? 1e-4 : 1e-3);
-        EXPECT_LT(least, -0.01) << nodes; // swings to the other side
+        EXPECT_LT(minimum, -0.01) << nodes; // swings to the other side
         EXPECT_LT(swing[1], 1.02 * swing[0]) << nodes; // no energy is added
         EXPECT_GT(swing[1], 0.9 * swing[0]) << nodes;  // and there is no air resistance
         // the remaining part moves as if it had no such nodes
@@ -296,11 +297,11 @@ TEST(Falling, WhatHangsOnAnEdgeAtLoadSwingsInExplicitDynamics)
         ASSERT_EQ(pliant_data_get_inverted(body.data), 0) << s;
     }
     const pliant_mesh &mesh = body.data->body->fine;
-    double most = 0;
+    double maximum = 0;
     for (int32_t n = 0; n < mesh.num_nodes; n++)
         if (mesh.rest[3 * n + 1] > 0.019)
-            most = std::fmax(most, std::fabs(body.data->positions[3 * n] - mesh.rest[3 * n]));
-    EXPECT_GT(most, 1e-3);
+            maximum = std::fmax(maximum, std::fabs(body.data->positions[3 * n] - mesh.rest[3 * n]));
+    EXPECT_GT(maximum, 1e-3);
 }
 
 // nothing remains to be solved
@@ -368,7 +369,7 @@ TEST(Falling, CutsElsewhereLeavePiecesAsTheyAre)
     // detach a piece, then cut slits into both parts, by height; the last cuts detach more
     const double heights[] = {0.07, 0.11, 0.13, 0.03, 0.12, 0.05, 0.10, 0.02, 0.14},
                  through[] = {0.1, 0.04, 0.035, 0.04, 0.045, 0.03, 0.1, 0.1, 0.04};
-    int most = 0, stayed = 0;
+    int maximum = 0, stayed = 0;
     for (int c = 0; c < 9; c++) {
         const double points[6] = {-0.01, -0.02, heights[c] + 0.004, 0.05, -0.02, heights[c] - 0.003},
                      depth[3] = {0, through[c], 0};
@@ -379,11 +380,11 @@ TEST(Falling, CutsElsewhereLeavePiecesAsTheyAre)
         const pliant_body *now = body->data->body;
         ASSERT_TRUE(now->pieces) << c;
         expect_as_searched(*now);
-        stayed += now->pieces->count == most;
-        most = now->pieces->count;
+        stayed += now->pieces->count == maximum;
+        maximum = now->pieces->count;
     }
     EXPECT_GE(stayed, 4);
-    EXPECT_GE(most, 2);
+    EXPECT_GE(maximum, 2);
 }
 
 TEST(Falling, WithoutMemoryTheBodyBeforeGoesOn)
@@ -474,7 +475,7 @@ TEST_P(EveryMethod, WhatABladeCutsOffFalls)
     EXPECT_GT(lowest(*body, lower), -0.05 - 1e-9);
     EXPECT_LT(lowest(*body, lower), -0.04);
     ASSERT_EQ(pliant_data_undo_cut(body->model, body->data), PLIANT_OK) << pliant_last_error();
-    EXPECT_FALSE(body->data->falling);
+    EXPECT_FALSE(body->data->rigid_pieces);
     step(*body, 3);
     std::vector<int32_t> all(static_cast<size_t>(body->data->body->fine.num_nodes));
     for (size_t n = 0; n < all.size(); n++) all[n] = static_cast<int32_t>(n);

@@ -41,17 +41,17 @@ inline Division divide_by_plane(const pliant_body &body, const Plane &plane,
     std::vector<std::array<int32_t, 2>> part(tets); // fragment on either side; both equal: not divided; -1: none
     sides.resize(static_cast<size_t>(tets));
     for (int32_t t = 0; t < tets; t++) {
-        double centre[3] = {0, 0, 0}, least = 1e9, most = -1e9, above = 0, all = 0;
+        double centre[3] = {0, 0, 0}, minimum = 1e9, maximum = -1e9, above = 0, all = 0;
         for (int v = 0; v < 4; v++) {
             const double *x = mesh.rest + 3 * mesh.tets[4 * t + v], s = plane.side(x);
-            least = std::min(least, s), most = std::max(most, s);
+            minimum = std::min(minimum, s), maximum = std::max(maximum, s);
             for (int d = 0; d < 3; d++) centre[d] += x[d] / 4;
         }
         const double edge = mesh.cell_size[0];
         part[t] = {t, t};
         if (sides[t] != 0) part[t][sides[t] > 0 ? 0 : 1] = -1;
         if (sides[t] != 0 || !reaches(centre)) continue;
-        if (most <= 0.02 * edge || least >= -0.02 * edge) { // on one side
+        if (maximum <= 0.02 * edge || minimum >= -0.02 * edge) { // on one side
             part[t][plane.side(centre) > 0 ? 0 : 1] = -1;
             continue;
         }
@@ -64,14 +64,14 @@ inline Division divide_by_plane(const pliant_body &body, const Plane &plane,
                     above += s > 0;
                     all += 1;
                 }
-        const double share = std::min(std::max(above / all, 0.03), 0.97);
+        const double fraction = std::min(std::max(above / all, 0.03), 0.97);
         part[t][1] = tets + static_cast<int32_t>(out.source.size());
         out.source.push_back(t);
         out.corners.insert(out.corners.end(), mesh.tets + 4 * t, mesh.tets + 4 * t + 4);
         out.material.push_back(out.material[t]);
         for (int f = 0; f < 2; f++) {
             pliant_tet_material &m = out.material[part[t][f]];
-            const double scale = f ? share : 1 - share;
+            const double scale = f ? fraction : 1 - fraction;
             m.lambda *= scale, m.mu *= scale, m.density *= scale, m.tissue *= scale;
         }
         out.cut++;

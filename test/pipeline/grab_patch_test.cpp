@@ -11,7 +11,7 @@
 namespace {
 
 const double side = 0.2;
-const double top[3] = {0.11, 0.1, 0.19}, beside[3] = {0.19, 0.06, 0.12};
+const double top[3] = {0.11, 0.1, 0.19}, adjacent[3] = {0.19, 0.06, 0.12};
 
 class Patched {
 public:
@@ -65,10 +65,10 @@ public:
 double apart(const std::vector<double> &a, const std::vector<double> &b)
 {
     EXPECT_EQ(a.size(), b.size());
-    double most = 0;
+    double maximum = 0;
     for (size_t n = 0; n < a.size(); n += 3)
-        most = std::fmax(most, std::hypot(std::hypot(a[n] - b[n], a[n + 1] - b[n + 1]), a[n + 2] - b[n + 2]));
-    return most;
+        maximum = std::fmax(maximum, std::hypot(std::hypot(a[n] - b[n], a[n + 1] - b[n + 1]), a[n + 2] - b[n + 2]));
+    return maximum;
 }
 
 // Pull by a vector and solve; also return the force in newtons.
@@ -152,7 +152,7 @@ TEST(GrabPatch, HoldingStillMovesNothingAndLettingGoFreesAll)
     const std::vector<double> before = patched.positions();
     for (int round = 0; round < 2; round++) {
         size_t bytes = pliant_memory_in_use();
-        int tool = patched.take("tool", round ? beside : top);
+        int tool = patched.take("tool", round ? adjacent : top);
         double from[3];
         std::memcpy(from, patched.body.data->tools[tool].tip, sizeof from);
         patched.wait(1);
@@ -180,13 +180,13 @@ TEST(GrabPatch, HoldingStillMovesNothingWhoeverComesOrGoes)
     ASSERT_GT(apart(before, patched.rest()), 1e-3);
     patched.take("first", top);
     patched.wait(1);
-    int second = patched.take("second", beside);
+    int second = patched.take("second", adjacent);
     patched.wait(2);
     ASSERT_EQ(patched.body.settle(), PLIANT_OK);
     EXPECT_LT(apart(patched.positions(), before), 1e-8);
     pliant_tool_release(patched.body.data, second);
     ASSERT_GE(pliant_step(patched.body.model, patched.body.data), 0);
-    second = patched.take("second", beside);
+    second = patched.take("second", adjacent);
     patched.wait(2);
     ASSERT_EQ(patched.body.settle(), PLIANT_OK);
     EXPECT_LT(apart(patched.positions(), before), 1e-8);
@@ -195,7 +195,7 @@ TEST(GrabPatch, HoldingStillMovesNothingWhoeverComesOrGoes)
 TEST(GrabPatch, AnotherToolComingBackDoesNotLetGoOfThePull)
 {
     Patched patched(PLIANT_AVERAGED, 0.04);
-    int first = patched.take("first", top), second = patched.take("second", beside);
+    int first = patched.take("first", top), second = patched.take("second", adjacent);
     double from[3];
     std::memcpy(from, patched.body.data->tools[first].tip, sizeof from);
     patched.wait(2);
@@ -208,7 +208,7 @@ TEST(GrabPatch, AnotherToolComingBackDoesNotLetGoOfThePull)
     ASSERT_GE(pliant_step(patched.body.model, patched.body.data), 0);
     ASSERT_EQ(patched.body.settle(), PLIANT_OK);
     const std::vector<double> before = patched.positions();
-    patched.take("second", beside); // grasps the tissue at its position
+    patched.take("second", adjacent); // grasps the tissue at its position
     // one evaluation alone does not move anything
     ASSERT_EQ(pliant_data_set_limits(patched.body.data, 1, 1e-3), PLIANT_OK);
     patched.wait(2);
@@ -254,7 +254,7 @@ TEST(GrabPatch, AFailedPatchTakesNothingFromThoseThereAre)
         const double force = data->tools[first].force[2];
         ASSERT_GT(force, 0.01);
         ASSERT_EQ(pliant_tool_add(body.model, data, "second", &second), PLIANT_OK);
-        ASSERT_EQ(pliant_tool_grasp(body.model, data, second, beside), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_grasp(body.model, data, second, adjacent), PLIANT_OK);
         pliant_memory_fail_after(calls);
         bool began = pliant_step(body.model, data) >= 0;
         for (int s = 0; began && s < 5 && data->statistics.patch_waiting > 0; s++)
@@ -268,7 +268,7 @@ TEST(GrabPatch, AFailedPatchTakesNothingFromThoseThereAre)
             EXPECT_NEAR(data->tools[first].force[2], force, 0.2 * force) << calls;
             pliant_tool_release(data, second);
             steps(1);
-            ASSERT_EQ(pliant_tool_grasp(body.model, data, second, beside), PLIANT_OK);
+            ASSERT_EQ(pliant_tool_grasp(body.model, data, second, adjacent), PLIANT_OK);
             for (int s = 0; s < 20 && data->statistics.patched != 2; s++) steps(1);
             EXPECT_EQ(data->statistics.patched, 2) << calls;
             EXPECT_NEAR(data->tools[first].force[2], force, 0.2 * force) << calls;
@@ -322,7 +322,7 @@ TEST(GrabPatch, LettingGoOfAllDoesNotWaitForThePatch)
     const std::vector<double> before = patched.positions();
     size_t bytes = 0;
     for (int round = 0; round < 20; round++) { // jobs are stopped at arbitrary points
-        patched.take("tool", round % 2 ? top : beside);
+        patched.take("tool", round % 2 ? top : adjacent);
         for (int s = 0; s < 1 + round % 3; s++) ASSERT_GE(pliant_step(patched.body.model, patched.body.data), 0);
         EXPECT_EQ(patched.body.data->statistics.patch_waiting, 1);
         ASSERT_EQ(pliant_data_reset(patched.body.model, patched.body.data), PLIANT_OK);
@@ -356,7 +356,7 @@ TEST(GrabPatch, AHoldDoesNotWaitForThePatchOfOneThatLetGo)
     pliant_tool_release(patched.body.data, tool);
     steps(1);
     EXPECT_EQ(statistics->patch_waiting, 0);
-    patched.take("tool", beside);
+    patched.take("tool", adjacent);
     const uint64_t taken = statistics->step;
     while (statistics->patched == 0 && statistics->step < 3 * delay) steps(1);
     EXPECT_EQ(statistics->step, taken + delay + 1);
@@ -372,7 +372,7 @@ TEST(GrabPatch, AHoldDoesNotWaitForThePatchOfOneThatLetGo)
     pliant_tool_release(patched.body.data, other);
     steps(1);
     const size_t bytes = pliant_memory_in_use();
-    patched.take("tool", beside);
+    patched.take("tool", adjacent);
     steps(1);
     pliant_tool_release(patched.body.data, tool);
     steps(int(delay) + 1);
@@ -414,7 +414,7 @@ TEST(GrabPatch, SeveralToolsOneAfterTheOther)
         run.pull(first, from, 1e-4, 0, 2e-4);
         ASSERT_EQ(run.body.settle(), PLIANT_OK);
         states[method == PLIANT_FINE].push_back(run.positions());
-        int second = run.take("second", beside); // while the first one pulls
+        int second = run.take("second", adjacent); // while the first one pulls
         std::memcpy(from_beside, run.body.data->tools[second].tip, sizeof from_beside);
         if (method != PLIANT_FINE) run.wait(2);
         run.pull(second, from_beside, 2e-4, 1e-4, 0);

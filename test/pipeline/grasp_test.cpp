@@ -10,7 +10,7 @@ namespace {
 
 // Close the jaws to an angle, pull up by 30 mm with 1 mm per step, open, and move away.
 struct Pulled {
-    double squeezed = 1, least = 1, lifted = 0, force = 0, deepest = 0, last_force = 0, left = 0;
+    double squeezed = 1, minimum = 1, lifted = 0, force = 0, deepest = 0, last_force = 0, left = 0;
     int32_t held = 0; // number of pressed points after a pull of 4 mm
 };
 
@@ -23,10 +23,10 @@ Pulled pull(double jaw, double friction)
     for (int s = 0; s < 4; s++) tongue.go(0.0225 - 0.0075 * s, 0.7);
     for (int s = 1; s <= 12; s++) tongue.go(0, 0.7 + (jaw - 0.7) * s / 12);
     for (int s = 0; s < 3; s++) tongue.go(0, jaw);
-    out.squeezed = tongue.least_volume();
+    out.squeezed = tongue.min_volume();
     for (int s = 1; s <= 30; s++) {
         tongue.go(0.001 * s, jaw);
-        out.least = std::fmin(out.least, tongue.least_volume());
+        out.minimum = std::fmin(out.minimum, tongue.min_volume());
         out.lifted = std::fmax(out.lifted, tongue.lifted());
         out.force = std::fmax(out.force, tongue.force());
         out.deepest = std::fmax(out.deepest, tongue.deepest());
@@ -49,9 +49,9 @@ TEST(Grasp, AStrongGripPullsAWeakOneSlips)
         std::printf(
             "squeezed to %.3f, least volume %.3f, lifted %.2f mm with %.3f N, %d points, %.3f mm deep, at last %.4f N, "
             "%.2g mm left\n",
-            each->squeezed, each->least, 1e3 * each->lifted, each->force, each->held, 1e3 * each->deepest,
+            each->squeezed, each->minimum, 1e3 * each->lifted, each->force, each->held, 1e3 * each->deepest,
             each->last_force, 1e3 * each->left);
-        EXPECT_GT(each->least, 0) << "an element is inside out";
+        EXPECT_GT(each->minimum, 0) << "an element is inside out";
         EXPECT_LT(each->deepest, 2e-4) << "a node is left in a jaw";
         EXPECT_GT(each->held, 2);
         EXPECT_LT(each->left, 1e-4) << "it is where it was";
@@ -80,7 +80,7 @@ TEST(Grasp, JawsCloseWithTheGripTorque)
         last = std::fabs(load.jaw);
         largest = std::fmax(largest, last);
         saturated += tongue.data->tools[tongue.tool].proxy.saturated;
-        EXPECT_GT(tongue.least_volume(), 0) << "step " << s;
+        EXPECT_GT(tongue.min_volume(), 0) << "step " << s;
     }
     std::printf("largest torque / limit %.4f, last %.4f, %d steps at the limit\n", largest / limit, last / limit,
                 saturated);
@@ -100,14 +100,14 @@ TEST(Grasp, JawsGripInExplicitDynamics)
             scene.tled.damping = 20;
         });
         const double jaw = strong ? 0.2 : 0.32;
-        double least = 1, deepest = 0;
+        double minimum = 1, deepest = 0;
         lifted[strong] = force[strong] = 0;
         tongue.go(0.03, 0.7);
         for (int s = 0; s < 4; s++) tongue.go(0.0225 - 0.0075 * s, 0.7);
         for (int s = 1; s <= 12; s++) tongue.go(0, 0.7 + (jaw - 0.7) * s / 12);
         for (int s = 1; s <= 12; s++) {
             tongue.go(0.001 * s, jaw);
-            least = std::fmin(least, tongue.least_volume());
+            minimum = std::fmin(minimum, tongue.min_volume());
             deepest = std::fmax(deepest, tongue.deepest());
             if (s <= 4)
                 lifted[strong] = std::fmax(lifted[strong], tongue.lifted()),
@@ -116,8 +116,8 @@ TEST(Grasp, JawsGripInExplicitDynamics)
         std::printf(
             "tled, %s: lifted %.2f mm with %.3f N, at last %.2f mm and %.4f N, least volume %.3f, %.3f mm deep\n",
             strong ? "strong" : "weak", 1e3 * lifted[strong], force[strong], 1e3 * tongue.lifted(), tongue.force(),
-            least, 1e3 * deepest);
-        EXPECT_GT(least, 0) << "an element is inside out";
+            minimum, 1e3 * deepest);
+        EXPECT_GT(minimum, 0) << "an element is inside out";
         EXPECT_LT(deepest, 5e-4);
     }
     EXPECT_GT(lifted[1], 0.002);

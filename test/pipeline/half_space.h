@@ -53,9 +53,9 @@ inline void circle_moves(double power, double force, double a, double nu, const 
                          turn = 2 * M_PI * (k + 0.5 * i) / around;
             const double from[2] = {x[0] - at * std::cos(turn), x[1] - at * std::sin(turn)}, z = x[2];
             const double r = std::hypot(std::hypot(from[0], from[1]), z),
-                         share = force / rings / around / (4 * M_PI * shear * r);
-            for (int d = 0; d < 2; d++) u[d] += share * from[d] * (z / r / r - (1 - 2 * nu) / (r + z));
-            u[2] += share * (2 * (1 - nu) + z * z / r / r);
+                         fraction = force / rings / around / (4 * M_PI * shear * r);
+            for (int d = 0; d < 2; d++) u[d] += fraction * from[d] * (z / r / r - (1 - 2 * nu) / (r + z));
+            u[2] += fraction * (2 * (1 - nu) + z * z / r / r);
         }
 }
 
@@ -82,7 +82,7 @@ struct HalfSpace : Block {
             circle_moves(power, force, a, nu, x, u);
             for (int d = 0; d < 3; d++) data->solver->now.x[3 * i + d] = rest[d] + (d < 2 ? u[d] : -u[d]);
         }
-        pliant_solver_moved(data->solver);
+        pliant_solver_reset_after_move(data->solver);
     }
     static constexpr double nu = 0.3;
 };

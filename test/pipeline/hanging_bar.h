@@ -148,9 +148,9 @@ inline std::vector<double> centre_of(const Body &body, const std::vector<int32_t
 }
 inline double lowest(const Body &body, const std::vector<int32_t> &nodes)
 {
-    double least = INFINITY;
-    for (int32_t n : nodes) least = std::fmin(least, body.data->positions[3 * n + 2]);
-    return least;
+    double minimum = INFINITY;
+    for (int32_t n : nodes) minimum = std::fmin(minimum, body.data->positions[3 * n + 2]);
+    return minimum;
 }
 
 #endif

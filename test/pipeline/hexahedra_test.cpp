@@ -78,14 +78,14 @@ TEST(Hexahedra, ScalarsAreOfCubes)
     std::vector<float> ratio(static_cast<size_t>(body->fine.num_tets)), stress(ratio.size());
     pliant_data_tet_scalar(beam.model, body, beam.data->positions, PLIANT_SCALAR_VOLUME_RATIO, ratio.data());
     pliant_data_tet_scalar(beam.model, body, beam.data->positions, PLIANT_SCALAR_VON_MISES, stress.data());
-    float most = 0;
+    float maximum = 0;
     for (size_t t = 0; t < ratio.size(); t++) {
         const auto first = static_cast<size_t>(body->fine.tet_of_lattice[body->fine.lattice_of_tet[t] / 5 * 5]);
         EXPECT_EQ(ratio[t], ratio[first]);
         EXPECT_EQ(stress[t], stress[first]);
-        most = std::fmax(most, std::fabs(ratio[t] - 1));
+        maximum = std::fmax(maximum, std::fabs(ratio[t] - 1));
     }
-    EXPECT_LT(most, 0.01f);
+    EXPECT_LT(maximum, 0.01f);
 }
 
 // Return the sag of the same beam in explicit dynamics, relaxed: one integration point per cube, with hourglass control
@@ -143,7 +143,7 @@ TEST(Hexahedra, AFreeExplicitCubeHasSixZeroModes)
     EXPECT_LT(values[5], 1e-4 * values[23]);
     const double lambda = 3000 * 0.45 / 1.45 / 0.1, mu = 3000 / 2.9, volume = box[0] * box[1] * box[2];
     // the softest twisting mode
-    EXPECT_NEAR(values[6], volume * mu * 8 * double(system->cubes->bending.least), 1e-2 * values[6]);
+    EXPECT_NEAR(values[6], volume * mu * 8 * double(system->cubes->bending.minimum), 1e-2 * values[6]);
     EXPECT_GT(values[6], 1e-3 * values[23]); // no other zero mode
     EXPECT_NEAR(values[23], volume * pliant_cube_largest_eigenvalue(box, lambda, mu), 1e-3 * values[23]);
     const double mass = 1000 * volume / 8; // mass of a corner; central differences are stable up to 2 / w
@@ -449,12 +449,12 @@ TEST(OctreeHexahedra, AreCut)
         if (which == 1) {
             const pliant_macros &macros = *system->macros;
             int tets = 0, hexahedra = 0, freed = 0;
-            std::vector<bool> beside(static_cast<size_t>(fine.num_nodes));
+            std::vector<bool> adjacent(static_cast<size_t>(fine.num_nodes));
             for (int32_t e = 0; e < macros.count; e++) {
                 (macros.start[e + 1] - macros.start[e] == 8 ? hexahedra : tets)++;
                 for (int32_t c = macros.start[e]; c < macros.start[e + 1]; c++) {
                     ASSERT_EQ(system->upsample->node[8 * macros.node[c]], macros.node[c]);
-                    if (macros.start[e + 1] - macros.start[e] == 4) beside[macros.node[c]] = true;
+                    if (macros.start[e + 1] - macros.start[e] == 4) adjacent[macros.node[c]] = true;
                 }
             }
             EXPECT_GT(tets, 50);
@@ -467,12 +467,13 @@ TEST(OctreeHexahedra, AreCut)
             EXPECT_GT(freed, 0);
             double a[9] = {1.02, 0.01, 0, 0.01, 0.97, 0.02, 0, 0.02, 1.01}, b[3] = {0.01, 0, 0}, inside = 0;
             std::vector<double> stretched = affine(fine, a, b), force(3 * static_cast<size_t>(system->num_free));
-            std::vector<double> room(static_cast<size_t>(system->num_blocks) * 12 * LANES);
-            pliant_system_element_forces(system, stretched.data(), reinterpret_cast<double(*)[12][LANES]>(room.data()));
-            pliant_system_gather(system, reinterpret_cast<double (*)[12][LANES]>(room.data()), force.data());
+            std::vector<double> capacity(static_cast<size_t>(system->num_blocks) * 12 * LANES);
+            pliant_system_element_forces(system, stretched.data(),
+                                         reinterpret_cast<double(*)[12][LANES]>(capacity.data()));
+            pliant_system_gather(system, reinterpret_cast<double (*)[12][LANES]>(capacity.data()), force.data());
             for (int32_t f = 0; f < system->num_free; f++) {
                 const int32_t n = system->node_of_free[f];
-                bool edge = beside[n]; // a tetrahedron distributes the forces of a face differently to its corners
+                bool edge = adjacent[n]; // a tetrahedron distributes the forces of a face differently to its corners
                 for (int d = 0; d < 3; d++)
                     edge = edge || fine.rest[3 * n + d] < 1e-9 || fine.rest[3 * n + d] > 0.08 - 1e-9;
                 for (int d = 0; d < 3 && !edge; d++) inside = std::fmax(inside, std::fabs(force[3 * f + d]));
@@ -515,11 +516,11 @@ TEST(OctreeHexahedra, AreExplicitToo)
         const pliant_tled_system *system = body.model->tled;
         pliant_tled *tled = body.data->tled;
         if (which == 1) {
-            std::vector<bool> beside(static_cast<size_t>(fine.num_nodes));
+            std::vector<bool> adjacent(static_cast<size_t>(fine.num_nodes));
             int sizes[9] = {0};
             for (int32_t c = 0; c < system->cubes->count; c++) sizes[system->cubes->size[c]]++;
             for (int32_t t = 0; t < system->cubes->num_tets; t++)
-                for (int v = 0; v < 4; v++) beside[fine.tets[4 * system->cubes->tet[t] + v]] = true;
+                for (int v = 0; v < 4; v++) adjacent[fine.tets[4 * system->cubes->tet[t] + v]] = true;
             EXPECT_GT(sizes[1], 50);
             EXPECT_GT(sizes[2] + sizes[4], 5);
             const double a[9] = {0.02, 0.01, 0, 0.01, -0.03, 0.02, 0, 0.02, 0.01};
@@ -529,7 +530,7 @@ TEST(OctreeHexahedra, AreExplicitToo)
             double inside = 0, all = 0;
             for (int32_t n = 0; n < fine.num_nodes; n++) {
                 double force[3] = {0, 0, 0};
-                bool edge = beside[n];
+                bool edge = adjacent[n];
                 for (int32_t c = system->corner_start[n]; c < system->corner_start[n + 1]; c++)
                     for (int d = 0; d < 3; d++) force[d] += tled->forces[system->corner[c] + d * LANES];
                 for (int d = 0; d < 3; d++)
@@ -556,7 +557,7 @@ TEST(OctreeHexahedra, AreExplicitToo)
 // its smallest cell size, and nearer than an octree of tetrahedra.
 TEST(OctreeHexahedra, GoWhereTheFineLatticeGoes)
 {
-    double sum[3], most = 0;
+    double sum[3], maximum = 0;
     std::map<int32_t, std::array<double, 3>> reference;
     for (int which = 0; which < 3; which++) { // fine lattice, octree, octree of tetrahedra
         Octree body(100);
@@ -575,7 +576,7 @@ TEST(OctreeHexahedra, GoWhereTheFineLatticeGoes)
             const double *x = body.data->positions + 3 * n;
             if (which == 0) {
                 reference[fine.lattice_of_node[n]] = {{x[0], x[1], x[2]}};
-                most = std::fmax(most, std::fabs(x[1] - fine.rest[3 * n + 1]));
+                maximum = std::fmax(maximum, std::fabs(x[1] - fine.rest[3 * n + 1]));
                 continue;
             }
             const std::array<double, 3> &at = reference[fine.lattice_of_node[n]];
@@ -585,8 +586,8 @@ TEST(OctreeHexahedra, GoWhereTheFineLatticeGoes)
     std::printf(
         "mean error against the fine lattice of hexahedra, of the largest way: octree of hexahedra %.2f %%, "
         "of tetrahedra %.2f %%\n",
-        100 * sum[1] / most, 100 * sum[2] / most);
-    EXPECT_LT(sum[1], 0.05 * most);
+        100 * sum[1] / maximum, 100 * sum[2] / maximum);
+    EXPECT_LT(sum[1], 0.05 * maximum);
     EXPECT_LT(sum[1], 0.5 * sum[2]);
 }
 

@@ -142,13 +142,13 @@ TEST_P(EveryKind, AStepThatGoesFarTakesToughnessTimesItsAreaToo)
 {
     if (GetParam().name == subdivided.name) return; // separates one triangle at a time, behind the blade
     for (double way : {0.001, 0.0015, 0.002, 0.003, 0.0045, 0.006}) {
-        double work = 0, area = 0, most = 0;
+        double work = 0, area = 0, maximum = 0;
         for (int n = 0; n < 4; n++) {
             Slab slab(GetParam());
             std::vector<double> forces;
             slab.stroke(0.0405, 0.034 + 0.25 * n * way, -0.012, way / slab.scene.solver.step, &forces, &work);
             area += slab.state().severed_area;
-            most = std::max(most, *std::max_element(forces.begin(), forces.end()));
+            maximum = std::max(maximum, *std::max_element(forces.begin(), forces.end()));
             EXPECT_EQ(slab.state().pieces, 2) << way;
             EXPECT_EQ(slab.said, "");
         }
@@ -156,10 +156,10 @@ TEST_P(EveryKind, AStepThatGoesFarTakesToughnessTimesItsAreaToo)
             std::printf(
                 "%.1f mm a step: area %.4f of the section's, work %.4f of toughness times area, "
                 "peak %.3f of toughness times width\n",
-                1e3 * way, area / (4 * width * height), work / (toughness * area), most / (toughness * width));
+                1e3 * way, area / (4 * width * height), work / (toughness * area), maximum / (toughness * width));
         EXPECT_NEAR(area, 4 * width * height, 0.01 * 4 * width * height) << way;
         EXPECT_NEAR(work, toughness * area, 0.06 * toughness * area) << way;
-        EXPECT_LT(most, 2.01 * toughness * width) << way;
+        EXPECT_LT(maximum, 2.01 * toughness * width) << way;
     }
 }
 
@@ -167,7 +167,7 @@ TEST_P(EveryKind, AStepThatGoesFarTakesToughnessTimesItsAreaToo)
 TEST_P(EveryKind, ABladeThatChangesItsSpeedTakesNoMore)
 {
     if (GetParam().name == subdivided.name) return;
-    double work = 0, area = 0, most = 0;
+    double work = 0, area = 0, maximum = 0;
     for (int n = 0; n < 4; n++) {
         Slab slab(GetParam());
         double force = 0, z = 0.034 + 0.0002 * n;
@@ -180,7 +180,7 @@ TEST_P(EveryKind, ABladeThatChangesItsSpeedTakesNoMore)
             slab.step();
             const double now = -slab.state().force[2];
             work += 0.5 * (force + now) * way;
-            most = std::max(most, now);
+            maximum = std::max(maximum, now);
             force = now;
         }
         area += slab.state().severed_area;
@@ -188,10 +188,10 @@ TEST_P(EveryKind, ABladeThatChangesItsSpeedTakesNoMore)
     }
     if (std::getenv("PLIANT_FIGURES"))
         std::printf("area %.4f, work %.4f of toughness times area, peak %.3f\n", area / (4 * width * height),
-                    work / (toughness * area), most / (toughness * width));
+                    work / (toughness * area), maximum / (toughness * width));
     EXPECT_NEAR(area, 4 * width * height, 0.01 * 4 * width * height);
     EXPECT_NEAR(work, toughness * area, 0.14 * toughness * area);
-    EXPECT_LT(most, 2.5 * toughness * width);
+    EXPECT_LT(maximum, 2.5 * toughness * width);
 }
 
 TEST_P(EveryKind, NothingIsCutThatABladeDoesNotSweep)
@@ -300,7 +300,7 @@ TEST(Knife, WhatJumpsOrIsLostCutsNothingOnItsWay)
     EXPECT_NE(slab.said.find("tool knife is too fast to cut: its blade moves 0.06 m in a step of 0.02 s (3 m/s)"),
               std::string::npos)
         << slab.said;
-    pliant_tool_lost(slab.data, slab.tool);
+    pliant_tool_remove_pose(slab.data, slab.tool);
     slab.step();
     slab.place(0.0405, 0.03);
     slab.step();
@@ -393,8 +393,8 @@ TEST(Knife, AToolHoldsTheSideThatItIsOn)
         for (int32_t n = 0; n < nodes; n++) {
             const double x = slab.data->body->fine.rest[3 * n];
             if (x > 0.035 && x < 0.055) continue;
-            double &most = moved[x > 0.0445];
-            most = std::max(most, std::fabs(slab.data->positions[3 * n] - before[3 * n]));
+            double &maximum = moved[x > 0.0445];
+            maximum = std::max(maximum, std::fabs(slab.data->positions[3 * n] - before[3 * n]));
         }
         EXPECT_GT(moved[side > 0], 1e-4);
         EXPECT_LT(moved[side < 0], 1e-6);

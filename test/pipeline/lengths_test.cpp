@@ -12,16 +12,16 @@
 
 namespace {
 
-struct Told {
+struct CapturedLog {
     std::string info, warning;
-    Told()
+    CapturedLog()
     {
         pliant_set_log([](pliant_log_level level, const char *text, void *user) {
-            auto *told = static_cast<Told *>(user);
+            auto *told = static_cast<CapturedLog *>(user);
             (level == PLIANT_LOG_WARNING ? told->warning : told->info) += std::string(text) + "\n";
         }, this);
     }
-    ~Told() { pliant_set_log(nullptr, nullptr); }
+    ~CapturedLog() { pliant_set_log(nullptr, nullptr); }
 };
 
 // A block of tissue with a length of `edge` [m], which fills its scan except for an eighth of air along i.
@@ -52,7 +52,7 @@ TEST(Lengths, ArePatientsFromAKidneyToAManAndInProportionForOthers)
         double edge, scale;
     } bodies[] = {{0.0013, 0.026}, {0.029, 0.58}, {0.051, 1}, {0.12, 1}, {0.4, 1}, {0.59, 1}, {1.5, 2.5}, {3, 5}};
     for (const auto &one : bodies) {
-        Told told;
+        CapturedLog told;
         Block body(one.edge);
         ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
         const pliant_scene &scene = body.model->scene;
@@ -77,7 +77,7 @@ TEST(Lengths, ArePatientsFromAKidneyToAManAndInProportionForOthers)
 TEST(Lengths, AThinBodyHasNoLargerVolumeEither)
 {
     for (const auto &box : {std::array<double, 3>{0.25, 0.25, 0.01}, {0.1, 0.03, 0.025}, {0.3, 0.02, 0.02}}) {
-        Told told;
+        CapturedLog told;
         Block body(box[0], box[1], box[2]);
         ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
         EXPECT_LE(body.growth(), 4);
@@ -88,7 +88,7 @@ TEST(Lengths, AThinBodyHasNoLargerVolumeEither)
 
 TEST(Lengths, WhatIsAskedForIsTaken)
 {
-    Told told;
+    CapturedLog told;
     Block body(0.0013);
     body.scene.warp.margin = 0.003;
     body.scene.grasp.radius = 0.006;

@@ -104,11 +104,11 @@ template <class T> void expect_same(const T *a, const T *b, size_t count, const 
 }
 
 // Compare incrementally updated lists with lists of all nodes and elements.
-void expect_as_anew(const pliant_scene &scene, const pliant_data &data)
+void expect_like_fresh_build(const pliant_scene &scene, const pliant_data &data)
 {
-    const pliant_discretization *anew = nullptr;
-    ASSERT_EQ(pliant_discretization_create(&scene, data.body, &anew), PLIANT_OK) << pliant_last_error();
-    const pliant_system &is = *data.discretization->system, &other = *anew->system;
+    const pliant_discretization *rebuilt = nullptr;
+    ASSERT_EQ(pliant_discretization_create(&scene, data.body, &rebuilt), PLIANT_OK) << pliant_last_error();
+    const pliant_system &is = *data.discretization->system, &other = *rebuilt->system;
     const size_t nodes = static_cast<size_t>(data.body->fine.num_nodes), unknowns = static_cast<size_t>(other.num_free);
     ASSERT_EQ(is.num_free, other.num_free);
     expect_same(is.free_of_node, other.free_of_node, nodes, "unknowns of nodes");
@@ -129,7 +129,7 @@ void expect_as_anew(const pliant_scene &scene, const pliant_data &data)
         ASSERT_EQ(solver.load[i], mass[0] * gravity[0] + mass[1] * gravity[1] + mass[2] * gravity[2])
             << "load of unknown " << i / 3;
     }
-    pliant_discretization_release(anew);
+    pliant_discretization_release(rebuilt);
 }
 
 // Positions of the next body: existing nodes keep theirs, and copies are at their source.
@@ -144,7 +144,7 @@ void expect_carried(const pliant_body &was, const std::vector<double> &x, const 
             ASSERT_EQ(data.positions[3 * n + d], x[3 * static_cast<size_t>(source) + static_cast<size_t>(d)])
                 << "node " << n;
     }
-    if (!data.falling)
+    if (!data.rigid_pieces)
         expect_same(data.solver->now.x, data.positions, 3 * static_cast<size_t>(is.fine.num_nodes),
                     "state of the solver");
 }
@@ -172,19 +172,19 @@ TEST_F(ManyCuts, FollowAsMadeAnew)
         } else {
             slit();
         }
-        if (!body.data->falling) expect_carried(*was, x, *body.data);
-        expect_as_anew(body.scene, *body.data);
+        if (!body.data->rigid_pieces) expect_carried(*was, x, *body.data);
+        expect_like_fresh_build(body.scene, *body.data);
         pliant_body_release(was);
         if (c % 7 == 6 && body.data->undo.count > 0) {
             ASSERT_EQ(pliant_data_undo_cut(body.model, body.data), PLIANT_OK);
-            expect_as_anew(body.scene, *body.data);
+            expect_like_fresh_build(body.scene, *body.data);
         }
         const double gravity[3] = {0, 0.05 * (c / 9), -0.5};
         ASSERT_EQ(pliant_data_set_gravity(body.data, gravity), PLIANT_OK);
         ASSERT_GE(pliant_step(body.model, body.data), 0);
         if (HasFatalFailure()) break;
     }
-    EXPECT_TRUE(first->falling && copy->falling);
+    EXPECT_TRUE(first->rigid_pieces && copy->rigid_pieces);
     body.data = first;
     pliant_data_free(copy);
 }
@@ -194,15 +194,15 @@ TEST_F(ManyCuts, AreDrawnAsByAWarpMadeAnew)
     for (int round = 0; round < 3; round++) {
         cuts(30);
         ASSERT_GE(pliant_step(body.model, body.data), 0);
-        pliant_warp *anew = nullptr;
-        ASSERT_EQ(pliant_warp_create(&body.scan, &body.model->body->fine, &body.scan.geometry, 2, &anew), PLIANT_OK);
-        ASSERT_EQ(pliant_warp_set_body(anew, body.model->body), PLIANT_OK);
-        ASSERT_EQ(pliant_warp_set_body(anew, body.data->body), PLIANT_OK);
-        ASSERT_EQ(pliant_warp_update(anew, body.data->positions), PLIANT_OK);
-        const pliant_volume *one = pliant_warp_volume(body.data->warp), *other = pliant_warp_volume(anew);
+        pliant_warp *rebuilt = nullptr;
+        ASSERT_EQ(pliant_warp_create(&body.scan, &body.model->body->fine, &body.scan.geometry, 2, &rebuilt), PLIANT_OK);
+        ASSERT_EQ(pliant_warp_set_body(rebuilt, body.model->body), PLIANT_OK);
+        ASSERT_EQ(pliant_warp_set_body(rebuilt, body.data->body), PLIANT_OK);
+        ASSERT_EQ(pliant_warp_update(rebuilt, body.data->positions), PLIANT_OK);
+        const pliant_volume *one = pliant_warp_volume(body.data->warp), *other = pliant_warp_volume(rebuilt);
         EXPECT_EQ(std::memcmp(one->voxels, other->voxels, pliant_geometry_voxels(&one->geometry)), 0)
             << "round " << round;
-        pliant_warp_free(anew);
+        pliant_warp_free(rebuilt);
     }
 }
 
@@ -268,7 +268,7 @@ TEST_P(EveryHolder, TellsItsOwnBytes)
     pliant_data *other = nullptr;
     ASSERT_EQ(pliant_data_create(body.model, &other), PLIANT_OK);
     std::atomic<bool> done{false};
-    std::thread beside([&] {
+    std::thread adjacent([&] {
         for (int n = 0; n < 3 || !done; n++) {
             slits(body, other, 3);
             EXPECT_EQ(pliant_data_reset(body.model, other), PLIANT_OK);
@@ -276,13 +276,13 @@ TEST_P(EveryHolder, TellsItsOwnBytes)
     });
     slits(body, body.data, 20);
     done = true;
-    beside.join();
+    adjacent.join();
     pliant_data_free(other);
     EXPECT_EQ(body.data->statistics.bytes, held());
     while (body.data->undo.count > 0) ASSERT_EQ(pliant_data_undo_cut(body.model, body.data), PLIANT_OK);
     EXPECT_EQ(body.data->statistics.bytes, held());
     ASSERT_EQ(pliant_data_copy(body.model, body.data, &other), PLIANT_OK);
-    EXPECT_EQ(pliant_data_take(body.model, body.data, other), PLIANT_OK);
+    EXPECT_EQ(pliant_data_move(body.model, body.data, other), PLIANT_OK);
     pliant_data_free(other);
     ASSERT_EQ(pliant_data_reset(body.model, body.data), PLIANT_OK);
     EXPECT_EQ(body.data->statistics.bytes, held());

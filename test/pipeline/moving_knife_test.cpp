@@ -8,7 +8,7 @@
 namespace {
 
 const int size[3] = {40, 12, 16};
-const double box[3] = {0.08, 0.024, 0.032}, middle[3] = {0.04, 0.012, 0.016}, most_speed = 0.2;
+const double box[3] = {0.08, 0.024, 0.032}, middle[3] = {0.04, 0.012, 0.016}, max_speed = 0.2;
 
 int number_from(const char *name, int otherwise)
 {
@@ -70,7 +70,7 @@ struct Bar : Body {
             ASSERT_EQ(pliant_data_set_gravity(data, gravity), PLIANT_OK);
             return;
         }
-        const double reach = 0.012, turn = most_speed / reach; // in a circle, and back and forth
+        const double reach = 0.012, turn = max_speed / reach; // in a circle, and back and forth
         const double tip[3] = {0.075 + 0.3 * reach * std::sin(0.7 * turn * time),
                                0.012 + reach * (std::cos(turn * time) - 1), 0.016 + reach * std::sin(turn * time)};
         ASSERT_EQ(pliant_tool_set_pose(data, forceps, tip, nullptr), PLIANT_OK);
@@ -84,10 +84,10 @@ struct Bar : Body {
             fastest = std::max(fastest, std::fabs(data->positions[n] - last[n]) / scene.solver.step);
     }
     // Move the blade along a fraction of its path.
-    void stroke(const Way &way, double share = 1)
+    void stroke(const Way &way, double fraction = 1)
     {
         const double reach = 0.06, step_way = way.speed * scene.solver.step;
-        const int along = 3 - way.across, steps = static_cast<int>(std::ceil(share * 2 * reach / step_way));
+        const int along = 3 - way.across, steps = static_cast<int>(std::ceil(fraction * 2 * reach / step_way));
         double from[3] = {-way.lean * reach, 0, 0}, to[3] = {way.lean * reach, 0, 0};
         from[along] = -reach;
         to[along] = reach;
@@ -149,20 +149,20 @@ INSTANTIATE_TEST_SUITE_P(MovingKnife, EveryResistance, testing::Values(0, 1));
 
 // ---- sweeps of a stroke through tissue at rest
 
-std::unique_ptr<Cuttable> bar_at_rest()
+std::unique_ptr<CutState> bar_at_rest()
 {
     auto body = std::make_unique<Body>(size, box, std::vector<Material>{{5500, 0.45, 1060, false}});
     body->cells(10, 3, 4, 1);
     body->scene.cut.kind = PLIANT_CUT_SEVER;
     body->fix_plane(1e-6, 0, 0, 1, 0, 0);
     EXPECT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
-    return std::make_unique<Cuttable>(std::move(body));
+    return std::make_unique<CutState>(std::move(body));
 }
 
-int num_cuts(const Cuttable &bar) { return bar.now->cuts ? bar.now->cuts->num_cuts : 0; }
+int num_cuts(const CutState &bar) { return bar.now->cuts ? bar.now->cuts->num_cuts : 0; }
 
 // Sweep along y, from one height to another at a position along x.
-void sweep(Cuttable &bar, const double x[2], const double z[2], double lean, uint32_t stroke, uint32_t blade = 0)
+void sweep(CutState &bar, const double x[2], const double z[2], double lean, uint32_t stroke, uint32_t blade = 0)
 {
     const double from[6] = {x[0] - lean, -0.01, z[0], x[0] + lean, 0.034, z[0]},
                  to[6] = {x[1] - lean, -0.01, z[1], x[1] + lean, 0.034, z[1]};
@@ -173,7 +173,7 @@ void sweep(Cuttable &bar, const double x[2], const double z[2], double lean, uin
     if (next) bar.take(next);
 }
 
-std::vector<uint32_t> links(const Cuttable &bar)
+std::vector<uint32_t> links(const CutState &bar)
 {
     return bar.now->cuts ? std::vector<uint32_t>(bar.now->cuts->link, bar.now->cuts->link + bar.now->cuts->num_links)
                          : std::vector<uint32_t>();

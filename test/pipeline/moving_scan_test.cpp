@@ -24,7 +24,7 @@ struct Engine {
 };
 void PrintTo(const Engine &engine, std::ostream *out) { *out << engine.name; }
 
-const double step_size = 0.02, most_speed = 0.2;
+const double step_size = 0.02, max_speed = 0.2;
 
 // The CT with a coarse mesh, fixed at its bones. Gravity rotates, and forceps move the grasped tissue in circles at up
 // to 0.2 m/s.
@@ -110,7 +110,7 @@ struct Scan {
     double step(const double tip[3])
     {
         const double gravity[3] = {0.4 * std::sin(11 * time), 0.4 * std::cos(13 * time), 0.3 * std::sin(7 * time)},
-                     reach = 0.015, angle = most_speed / reach * (time - phase);
+                     reach = 0.015, angle = max_speed / reach * (time - phase);
         const double around[3] = {held[0] + reach * std::sin(angle), held[1] + reach * (std::cos(angle) - 1),
                                   held[2] + 0.3 * reach * std::sin(0.7 * angle)};
         EXPECT_EQ(pliant_data_set_gravity(data, gravity), PLIANT_OK);
@@ -185,7 +185,7 @@ struct Scan {
         const int32_t *node = data->body->fine.tets + 4 * some_tet();
         const double normal[3] = {unit(), unit(), unit()};
         std::vector<double> from, to;
-        Cuttable::plane(data->positions + 3 * node[0], normal, 1, from, to);
+        CutState::plane(data->positions + 3 * node[0], normal, 1, from, to);
         const double depth[3] = {to[0] - from[0], to[1] - from[1], to[2] - from[2]};
         const int before = num_pieces(*data->body);
         ASSERT_EQ(pliant_data_cut(model, data, 2, from.data(), depth, nullptr), PLIANT_OK) << pliant_last_error();

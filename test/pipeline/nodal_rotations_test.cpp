@@ -123,17 +123,17 @@ TEST(Turn, ASpringThatComesBackIsFoundInTheAxesOfNow)
     ASSERT_EQ(pliant_tool_set_drive(body.data, tool, PLIANT_DRIVE_SPRING, none), PLIANT_OK);
     ASSERT_GE(pliant_step(body.model, body.data), 0);
     pliant_solver *solver = body.data->solver;
-    const pliant_handle *handle = solver->handles + tool;
+    const pliant_grasp_constraint *handle = solver->grasps + tool;
     const size_t n = 3 * static_cast<size_t>(body.model->system->num_free);
     std::vector<double> right(n), response(n);
     for (int d = 0; d < 3; d++) {
         const double unit[3] = {d == 0 ? 1. : 0, d == 1 ? 1. : 0, d == 2 ? 1. : 0};
         std::fill(right.begin(), right.end(), 0);
-        pliant_handle_pull(handle, unit, right.data());
+        pliant_grasp_add_pull(handle, unit, right.data());
         ASSERT_EQ(pliant_preconditioner_solve(solver->preconditioner, 1, right.data(), response.data()), PLIANT_OK);
-        const double most = largest(response);
+        const double maximum = largest(response);
         for (size_t i = 0; i < n; i++) response[i] -= handle->response[n * d + i];
-        EXPECT_LT(largest(response), 1e-9 * most);
+        EXPECT_LT(largest(response), 1e-9 * maximum);
     }
 }
 

@@ -40,8 +40,8 @@ double patch_error(pliant_method method)
         const double *x = mesh.rest + 3 * n;
         if (x[2] < 0.061) continue;
         for (int d = 0; d < 3; d++) {
-            double &most = on_boundary(x) ? outside : inside;
-            most = std::fmax(most, std::fabs(force[3 * n + d]));
+            double &maximum = on_boundary(x) ? outside : inside;
+            maximum = std::fmax(maximum, std::fabs(force[3 * n + d]));
         }
     }
     return inside / outside;
@@ -271,8 +271,8 @@ TEST(Patch, TangentIsTheDerivativeOfTheForce)
     std::vector<pliant_tangent> exact(static_cast<size_t>(system->num_blocks)), positive = exact;
     pliant_system_tangents(system, x.data(), PLIANT_TWIST_EXACT, exact.data());
     pliant_system_tangents(system, x.data(), PLIANT_TWIST_POSITIVE, positive.data());
-    std::vector<double> room(12 * LANES * static_cast<size_t>(system->num_blocks));
-    auto forces = reinterpret_cast<double (*)[12][LANES]>(room.data());
+    std::vector<double> capacity(12 * LANES * static_cast<size_t>(system->num_blocks));
+    auto forces = reinterpret_cast<double (*)[12][LANES]>(capacity.data());
     int indefinite = 0;
     for (int32_t t = 0; t < mesh.num_tets; t += 7) {
         Eigen::Matrix<double, 12, 12, Eigen::RowMajor> k, p, difference;

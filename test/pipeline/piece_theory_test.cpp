@@ -1,5 +1,5 @@
 // A detached piece against closed forms of a rigid body: slopes, a carried weight, a pendulum.
-#include "fem/rigid/pieces.h"
+#include "fem/rigid/rigid_pieces_data.h"
 #include "hanging_bar.h"
 
 #include <cstdio>
@@ -14,11 +14,11 @@ double weight_of(const Body &body, const std::vector<int32_t> &nodes)
 }
 
 // A piece that lies on a plane at z = -0.002. obstacle: the plane is an obstacle; otherwise it is the ground.
-struct Lying {
+struct PieceOnPlane {
     std::unique_ptr<Body> body;
     std::vector<int32_t> nodes;
 
-    Lying(bool obstacle, double friction)
+    PieceOnPlane(bool obstacle, double friction)
     {
         body = hang(direct, obstacle ? 1 : -0.002, friction);
         body->scene.contact.friction = friction;
@@ -42,7 +42,7 @@ TEST(PieceTheory, APieceSlidesDownASlopeByCoulombsLaw)
 {
     const double friction = 0.2, angle = M_PI / 6, faster = g * (std::sin(angle) - friction * std::cos(angle));
     for (bool obstacle : {false, true}) {
-        Lying lying(obstacle, friction);
+        PieceOnPlane lying(obstacle, friction);
         const double start = lying.along(), h = lying.body->scene.solver.step;
         lying.tilt(angle);
         const int steps = 100;
@@ -55,7 +55,7 @@ TEST(PieceTheory, APieceSlidesDownASlopeByCoulombsLaw)
         const double time = steps * h, speed = (now - before) / h;
         std::printf("%s: speed %.4f of %.4f m/s, way %.4f of %.4f m, velocity %.4f\n", obstacle ? "obstacle" : "ground",
                     speed, faster * (time - h / 2), now - start, faster * time * time / 2,
-                    lying.body->data->falling->pieces[0].velocity[0]);
+                    lying.body->data->rigid_pieces->pieces[0].velocity[0]);
         EXPECT_NEAR(speed, faster * (time - h / 2), 0.01 * faster * time);
         EXPECT_NEAR(now - start, faster * time * time / 2, 0.01 * faster * time * time / 2);
     }
@@ -66,7 +66,7 @@ TEST(PieceTheory, APieceThatLiesStaysWhereItIs)
     for (bool obstacle : {false, true})
         for (double slope : {0.0, 0.9}) {
             const double friction = 0.3;
-            Lying lying(obstacle, friction);
+            PieceOnPlane lying(obstacle, friction);
             lying.tilt(std::atan(slope * friction));
             step(*lying.body, 50);
             const std::vector<double> before(lying.body->data->positions,
@@ -149,7 +149,7 @@ TEST(PieceTheory, APendulumKeepsItsEnergy)
         for (int s = 0; s < 50; s++) carried.go(0, 0);
         pliant_rigid piece;
         const auto energy = [&] {
-            pliant_falling_rigid(carried.body->data->falling, 0, &piece);
+            pliant_rigid_pieces_body(carried.body->data->rigid_pieces, 0, &piece);
             double spin[3], sum = 0;
             pliant_rigid_spin(&piece, spin);
             for (int d = 0; d < 3; d++)
@@ -180,7 +180,7 @@ TEST(PieceTheory, APendulumKeepsItsEnergy)
 TEST(PieceTheory, AreasOfContactPointsAddUpToTheFootprint)
 {
     const double footprint = 0.04 * 0.04;
-    Lying lying(false, 0.3);
+    PieceOnPlane lying(false, 0.3);
     Body &body = *lying.body;
     std::vector<double> aside(body.data->positions, body.data->positions + 3 * body.data->body->fine.num_nodes);
     for (int32_t node : lying.nodes) aside[3 * static_cast<size_t>(node)] += 0.1;
@@ -207,7 +207,7 @@ TEST(PieceTheory, AreasOfContactPointsAddUpToTheFootprint)
 TEST(PieceTheory, APieceThatPlatesSqueezeStaysBetweenThem)
 {
     for (bool obstacle : {false, true}) {
-        Lying lying(obstacle, 0.5);
+        PieceOnPlane lying(obstacle, 0.5);
         Body &body = *lying.body;
         const std::vector<double> centre = centre_of(body, lying.nodes);
         int tool[2];
@@ -239,7 +239,7 @@ TEST(PieceTheory, APieceThatPlatesSqueezeStaysBetweenThem)
         const std::vector<double> after = centre_of(body, lying.nodes);
         std::printf("lifted by %g mm, moved by %g %g %g mm in 3 s, speed %g\n", 1e3 * (after[2] - centre[2]),
                     1e3 * (after[0] - before[0]), 1e3 * (after[1] - before[1]), 1e3 * (after[2] - before[2]),
-                    body.data->falling->pieces[0].velocity[2]);
+                    body.data->rigid_pieces->pieces[0].velocity[2]);
         EXPECT_NEAR(after[2] - centre[2], 0.008, 1e-3);
         for (int d = 0; d < 3; d++) EXPECT_NEAR(after[d], before[d], 1e-5);
     }

@@ -63,17 +63,17 @@ TEST(Rigid, KeepsMomentumAndEnergyInFlight)
     std::vector<double> arms;
     const double at_first = energy(body, gravity);
     const pliant_rigid_walls none{};
-    double most = 0;
+    double maximum = 0;
     for (int s = 0; s < 500; s++) {
         EXPECT_FALSE(pliant_rigid_step(&body, gravity, 0.02, 0, nullptr, &none));
         turn_inertia(body, arms);
         for (int d = 0; d < 3; d++) EXPECT_EQ(body.momentum[d], momentum[d]);
-        most = std::fmax(most, std::fabs(energy(body, gravity) - at_first));
+        maximum = std::fmax(maximum, std::fabs(energy(body, gravity) - at_first));
     }
     double turning = 0, spin[3];
     pliant_rigid_spin(&body, spin);
     for (int d = 0; d < 3; d++) turning += 0.5 * spin[d] * momentum[d];
-    EXPECT_LT(most, 1e-3 * turning);
+    EXPECT_LT(maximum, 1e-3 * turning);
     EXPECT_NEAR(body.centre[2], -0.5 * g * 100, 1e-9);
 }
 
@@ -129,17 +129,17 @@ TEST(Rigid, EnergyNeverRisesOnWalls)
             for (int d = 0; d < 3; d++)
                 arms.push_back((corner >> d & 1 ? 0.5 : -0.5) * (d == 0 ? 0.04 : d == 1 ? 0.06 : 0.1));
         double before = energy(body, gravity), gained = 0, deepest = 0;
-        bool touched = false;
+        bool is_near_wall = false;
         for (int s = 0; s < 300; s++) {
             const pliant_rigid_walls around = {walls, 2, 0.3, restitution, 8, arms.data()};
-            touched |= pliant_rigid_step(&body, gravity, 0.02, 0, nullptr, &around);
+            is_near_wall |= pliant_rigid_step(&body, gravity, 0.02, 0, nullptr, &around);
             turn_inertia(body, arms);
             for (int p = 0; p < 8; p++) deepest = std::fmin(deepest, body.centre[2] + arms[3 * p + 2]);
             const double now = energy(body, gravity);
             gained = std::fmax(gained, now - before);
             before = now;
         }
-        EXPECT_TRUE(touched);
+        EXPECT_TRUE(is_near_wall);
         EXPECT_LT(gained, 1e-3 * body.mass * g * 0.2) << restitution;
         EXPECT_GT(deepest, -1e-3);
         double speed = 0;

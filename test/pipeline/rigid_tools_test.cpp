@@ -30,9 +30,9 @@ std::vector<double> positions_of(const Body &body)
 
 double farthest(const std::vector<double> &a, const std::vector<double> &b)
 {
-    double most = 0;
-    for (size_t i = 0; i < a.size(); i++) most = std::fmax(most, std::fabs(a[i] - b[i]));
-    return most;
+    double maximum = 0;
+    for (size_t i = 0; i < a.size(); i++) maximum = std::fmax(maximum, std::fabs(a[i] - b[i]));
+    return maximum;
 }
 
 TEST_P(Rigid, ToolsAtOnePointShareItsForce)

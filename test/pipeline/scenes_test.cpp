@@ -1,6 +1,6 @@
 // Demonstration scenes: explicit dynamics on a small phantom whose liver hangs and falls; contact of organs, tools and
 // obstacles on a CT.
-#include "contact/detect/follow.h"
+#include "contact/detect/update_sides.h"
 #include "state/data.h"
 #include "pliant/pliant.h"
 #include "tool/path.h"
@@ -155,10 +155,10 @@ TEST(Scenes, OrgansAtRestDoNotPressThemselves)
         for (int step = 0; step < 2; step++)
             EXPECT_EQ(pliant_step(run.model, run.data), PLIANT_OK) << pliant_last_error();
         const pliant_mesh &mesh = run.data->body->fine;
-        double most = 0;
+        double maximum = 0;
         for (int32_t i = 0; i < 3 * mesh.num_nodes; i++)
-            most = std::max(most, std::fabs(run.data->positions[i] - mesh.rest[i]));
-        EXPECT_LT(most, 1e-9) << cells[0];
+            maximum = std::max(maximum, std::fabs(run.data->positions[i] - mesh.rest[i]));
+        EXPECT_LT(maximum, 1e-9) << cells[0];
     }
 }
 

@@ -1,7 +1,7 @@
 // Contact between tissue surfaces in the quasi-static solver: a cut bar carries pressure like a whole one and opens
 // under tension; layers slide.
 #include "body.h"
-#include "contact/detect/follow.h"
+#include "contact/detect/update_sides.h"
 
 #include <set>
 
@@ -183,11 +183,11 @@ struct Drop : Body {
     }
     double lowest(int p, int axis = 2) const
     {
-        double least = INFINITY;
+        double minimum = INFINITY;
         const pliant_pieces *pieces = data->body->pieces;
         for (int32_t i = pieces->start[p]; i < pieces->start[p + 1]; i++)
-            least = std::fmin(least, data->positions[3 * pieces->node[i] + axis]);
-        return least;
+            minimum = std::fmin(minimum, data->positions[3 * pieces->node[i] + axis]);
+        return minimum;
     }
     // Return the contact force on a piece, or on the tissue that does not fall (-1).
     double force(int p, int axis = 2) const
@@ -399,8 +399,8 @@ TEST(SelfContact, IsOffUnlessItIsAskedFor)
     EXPECT_EQ(positions[0], positions[1]);
 }
 
-// Where tissue ends within sliding elements, the corners of its surface are points of other elements (outside.h). The
-// sides of a cut stay the sides of the fragments, and touch at rest.
+// Where tissue ends within sliding elements, the corners of its surface are points of other elements
+// (contact_surface.h). The sides of a cut stay the sides of the fragments, and touch at rest.
 TEST(SelfContact, LayersThatEndWithinElementsMeetAtRest)
 {
     const int size[3] = {16, 16, 16};
@@ -419,7 +419,7 @@ TEST(SelfContact, LayersThatEndWithinElementsMeetAtRest)
             ASSERT_EQ(pliant_step(body.model, body.data), PLIANT_OK) << pliant_last_error();
         const pliant_mesh &fine = body.data->body->fine;
         int sides = 0;
-        double most = 0;
+        double maximum = 0;
         for (int32_t p = 0; p < body.data->contacts.count; p++) {
             const pliant_contact_point &point = body.data->contacts.point[p];
             const bool side = point.feature >> 56 == PLIANT_TISSUE_CUT;
@@ -431,9 +431,9 @@ TEST(SelfContact, LayersThatEndWithinElementsMeetAtRest)
             sides += side;
         }
         for (int32_t n = 0; n < 3 * fine.num_nodes; n++)
-            most = std::fmax(most, std::fabs(body.data->positions[n] - fine.rest[n]));
+            maximum = std::fmax(maximum, std::fabs(body.data->positions[n] - fine.rest[n]));
         EXPECT_GT(sides, 20);
-        EXPECT_LT(most, 1e-9);
+        EXPECT_LT(maximum, 1e-9);
     }
 }
 

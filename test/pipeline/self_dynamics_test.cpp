@@ -2,7 +2,7 @@
 #include "backend/dynamics.h"
 #include "body.h"
 #include "fem/dynamics/tled.h"
-#include "fem/dynamics/touch.h"
+#include "fem/dynamics/substep_contact.h"
 
 #include <algorithm>
 #include <array>
@@ -98,10 +98,11 @@ TEST(SelfDynamics, AStackOfFiveStays)
     const double top = pile.end(4, true);
     std::vector<double> before(pile.data->positions, pile.data->positions + 3 * pile.data->body->fine.num_nodes);
     pile.run(25);
-    double most = 0;
-    for (size_t i = 0; i < before.size(); i++) most = std::max(most, std::fabs(pile.data->positions[i] - before[i]));
+    double maximum = 0;
+    for (size_t i = 0; i < before.size(); i++)
+        maximum = std::max(maximum, std::fabs(pile.data->positions[i] - before[i]));
     EXPECT_LT(pile.worst_gap(), 0.01 * h);
-    EXPECT_LT(most, 0.01 * h);
+    EXPECT_LT(maximum, 0.01 * h);
     EXPECT_GT(top, 0.9 * 10 * h);
 }
 
@@ -153,8 +154,8 @@ TEST(SelfDynamics, CollisionsKeepMomentum)
 {
     for (double friction : {0.0, 0.5}) {
         Flight flight(friction);
-        double first[6], now[6], scale = 0, arm = 0, most = 0, touched = 0, energy = flight.energy(), start = energy,
-                                 gains = 0;
+        double first[6], now[6], scale = 0, arm = 0, maximum = 0, in_contact = 0, energy = flight.energy(),
+                                 start = energy, max_increase = 0;
         flight.momenta(first);
         for (int32_t n = 0; n < flight.data->body->fine.num_nodes; n++) scale += flight.data->body->node_mass[n] * 0.3;
         arm = scale * 3 * h;
@@ -164,24 +165,24 @@ TEST(SelfDynamics, CollisionsKeepMomentum)
             flight.momenta(now);
             for (int k = 0; k < 3; k++) lost = std::max(lost, std::fabs(now[k] - first[k]) / scale);
             for (int k = 0; k < 3; k++) turned = std::max(turned, std::fabs(now[3 + k] - first[3 + k]) / arm);
-            touched += flight.data->statistics.contacts;
+            in_contact += flight.data->statistics.contacts;
             const double e = flight.energy();
-            gains = std::max(gains, (e - energy) / start);
-            most = std::max(most, e / start);
+            max_increase = std::max(max_increase, (e - energy) / start);
+            maximum = std::max(maximum, e / start);
             energy = e;
         }
-        EXPECT_GT(touched, 10);
+        EXPECT_GT(in_contact, 10);
         EXPECT_LT(lost, 1e-7) << "elements' forces are floats: 5e-9";
         EXPECT_LT(turned, 2e-7);
-        EXPECT_LT(most, 1 + 1e-6);
-        EXPECT_LT(gains, 0.005);
+        EXPECT_LT(maximum, 1 + 1e-6);
+        EXPECT_LT(max_increase, 0.005);
     }
 }
 
 // Results of throwing the blocks: maximum energy, and maximum increase per frame,
 // relative to the initial energy.
 struct Thrown {
-    double most = 0, gains = 0;
+    double maximum = 0, max_increase = 0;
     int met = 0, deep = 0;
 
     // Set a speed, and an angular velocity [rad/s] about the common centre, of the upper block or the lower one.
@@ -205,17 +206,18 @@ struct Thrown {
     {
         const double start = flight->energy();
         double energy = start;
-        int touched = 0;
+        int in_contact = 0;
         for (int s = 0; s < 30; s++) {
             flight->run(1);
             const double now = flight->energy();
-            gains = std::max(gains, (now - energy) / start);
-            most = std::max(most, now / start);
+            max_increase = std::max(max_increase, (now - energy) / start);
+            maximum = std::max(maximum, now / start);
             energy = now;
-            touched += flight->data->statistics.contacts;
-            for (int32_t c = 0; c < flight->data->contacts.count; c++) deep += flight->data->tled->touch[c].deep > 1e-6;
+            in_contact += flight->data->statistics.contacts;
+            for (int32_t c = 0; c < flight->data->contacts.count; c++)
+                deep += flight->data->tled->contact[c].deep > 1e-6;
         }
-        met += touched > 0;
+        met += in_contact > 0;
     }
 };
 
@@ -239,8 +241,8 @@ TEST(SelfDynamics, CollisionsOfAnyKindGainNothing)
     }
     EXPECT_GT(thrown.met, 30);
     EXPECT_GT(thrown.deep, 30) << "some are";
-    EXPECT_LT(thrown.most, 1 + 1e-3);
-    EXPECT_LT(thrown.gains, 0.01);
+    EXPECT_LT(thrown.maximum, 1 + 1e-3);
+    EXPECT_LT(thrown.max_increase, 0.01);
 }
 
 // Against an obstacle, the limit of the gain comes from points that share nodes. Each point is corrected separately.
@@ -265,8 +267,8 @@ TEST(SelfDynamics, WhatIsThrownAtABoxGainsLittle)
     }
     EXPECT_GT(thrown.met, 50);
     EXPECT_GT(thrown.deep, 30) << "some are";
-    EXPECT_LT(thrown.most, 1.08);
-    EXPECT_LT(thrown.gains, 0.1);
+    EXPECT_LT(thrown.maximum, 1.08);
+    EXPECT_LT(thrown.max_increase, 0.1);
 }
 
 // A node and a triangle, or two edges, of any masses, meeting at any speed and angle: many sub-steps of contact without
@@ -274,7 +276,7 @@ TEST(SelfDynamics, WhatIsThrownAtABoxGainsLittle)
 struct FourNodes {
     double rest[12] = {0.3, 0.3, 1e-4, 0, 0, 0, 1, 0, 0, 0, 1, 0}, u[12], d[12], acceleration[12] = {}, inverse_mass[4];
     pliant_contact_point point = {};
-    pliant_tled_touch touch = {};
+    pliant_tled_contact contact = {};
 
     FourNodes(std::mt19937 &random, bool edges)
     {
@@ -291,14 +293,14 @@ struct FourNodes {
         point.count = 4;
         point.normal[2] = 1;
         for (int k = 0; k < 4; k++) point.node[k] = k;
-        touch.answer = 1;
+        contact.weighted_inverse_mass = 1;
     }
     void step(int s, int steps)
     {
-        const pliant_touch_nodes of = {rest, inverse_mass, u, d, acceleration};
+        const pliant_tled_contact_nodes of = {rest, inverse_mass, u, d, acceleration};
         for (int i = 0; i < 12; i++) u[i] += d[i];
-        const pliant_touch_time time = pliant_touch_time_of(false, 1, steps, s);
-        pliant_touch_press(&of, &time, &point, &touch);
+        const pliant_tled_contact_timing time = pliant_tled_contact_time(false, 1, steps, s);
+        pliant_tled_contact_correct(&of, &time, &point, &contact);
     }
     std::array<double, 6> momenta() const
     {
@@ -321,17 +323,17 @@ TEST(SelfDynamics, APointNeitherPushesNorTurnsTheWhole)
     for (int trial = 0; trial < 100; trial++) {
         FourNodes four(random, trial % 2);
         four.point.friction = trial % 3 * 0.4;
-        four.touch.deep = trial % 5 * 1e-3;
+        four.contact.deep = trial % 5 * 1e-3;
         const std::array<double, 6> first = four.momenta();
         for (int s = 0; s < steps; s++) {
             four.step(s, steps);
             const std::array<double, 6> now = four.momenta();
             for (int k = 0; k < 6; k++)
                 ASSERT_NEAR(now[k], first[k], 1e-14) << trial << " " << s << " " << k << ", of some 1e-2";
-            pressed += four.touch.pressed;
-            shifted += four.touch.owed[0] != 0;
+            pressed += four.contact.pressed;
+            shifted += four.contact.owed[0] != 0;
         }
-        EXPECT_EQ(four.touch.owed[2], 0) << "a frame owes the next one nothing";
+        EXPECT_EQ(four.contact.owed[2], 0) << "a frame owes the next one nothing";
     }
     EXPECT_GT(pressed, 1000);
     EXPECT_GT(shifted, 100);

@@ -43,7 +43,7 @@ struct Sheet : Body {
     // Return the maximum displacement of a node that belongs to no piece; NAN if a position is invalid.
     double farthest() const
     {
-        double most = 0;
+        double maximum = 0;
         const pliant_mesh &fine = data->body->fine;
         std::vector<char> off(static_cast<size_t>(fine.num_nodes));
         for (int32_t i = 0; data->body->pieces && i < data->body->pieces->start[data->body->pieces->count]; i++)
@@ -51,15 +51,15 @@ struct Sheet : Body {
         for (int32_t n = 0; n < 3 * fine.num_nodes; n++) {
             if (off[n / 3]) continue;
             if (!std::isfinite(data->positions[n])) return NAN;
-            most = std::fmax(most, std::fabs(data->positions[n] - fine.rest[n]));
+            maximum = std::fmax(maximum, std::fabs(data->positions[n] - fine.rest[n]));
         }
-        return most;
+        return maximum;
     }
     // Return the maximum penetration depth of a node in a tool.
     double deepest(int index) const
     {
         const pliant_tool &tool = data->tools[index];
-        double least = 0;
+        double minimum = 0;
         for (int32_t p = 0; p < tool.shape.num_parts; p++) {
             pliant_pose pose;
             pliant_part_pose(&tool.shape, tool.shape.part[p].frame, tool.proxy.tip, tool.proxy.rotation, tool.proxy.jaw,
@@ -67,19 +67,19 @@ struct Sheet : Body {
             for (int32_t n = 0; n < model->body->fine.num_nodes; n++) {
                 double local[3], normal[3];
                 pliant_pose_from(&pose, data->positions + 3 * n, local);
-                least = std::fmin(least, pliant_part_distance(&tool.shape.part[p], local, normal));
+                minimum = std::fmin(minimum, pliant_part_distance(&tool.shape.part[p], local, normal));
             }
         }
-        return -least;
+        return -minimum;
     }
 
     // Return the same for the surface triangles.
-    double deepest_of_surface(int index) const
+    double max_surface_penetration(int index) const
     {
         enum { PARTS = 16 };
         const pliant_tool &tool = data->tools[index];
         const pliant_body *body = data->body;
-        double least = 0;
+        double minimum = 0;
         pliant_pose pose;
         pliant_part_pose(&tool.shape, PLIANT_FRAME_TIP, tool.proxy.tip, tool.proxy.rotation, 0, &pose);
         for (int32_t t = 0; t < body->num_triangles; t++)
@@ -91,9 +91,9 @@ struct Sheet : Body {
                         at[c % 3] +=
                             weight[c / 3] * data->positions[3 * body->triangles[3 * t + c / 3] + c % 3] / PARTS;
                     pliant_pose_from(&pose, at, local);
-                    least = std::fmin(least, pliant_part_distance(&tool.shape.part[0], local, normal));
+                    minimum = std::fmin(minimum, pliant_part_distance(&tool.shape.part[0], local, normal));
                 }
-        return -least;
+        return -minimum;
     }
     // Return the number of inverted elements.
     int turned() const
@@ -113,7 +113,7 @@ struct Sheet : Body {
         return count;
     }
     // Return whether a tool with its tip at this position would intersect one of the two fixed sides.
-    bool is_in_what_is_held(int index, const double tip[3]) const
+    bool intersects_fixed_side(int index, const double tip[3]) const
     {
         const pliant_tool &tool = data->tools[index];
         const pliant_body *body = data->body;
@@ -129,7 +129,7 @@ struct Sheet : Body {
         return false;
     }
     // Return the number of points along the axis of a tool's only part that lie in tissue.
-    int middles_inside(int index) const
+    int count_axis_points_inside(int index) const
     {
         enum { POINTS = 200 };
         const pliant_tool &tool = data->tools[index];

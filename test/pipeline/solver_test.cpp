@@ -127,15 +127,15 @@ TEST(Solver, RefusalsGoOnFromStepToStep)
     body.fix_plane(0.001, 0, 0, 1, 0, 0);
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
     ASSERT_EQ(pliant_data_set_gravity(body.data, gravity), PLIANT_OK);
-    int most = 0;
+    int maximum = 0;
     for (int f = 0, same = 0, before = 0; f < 40; f++) {
         ASSERT_GE(pliant_step(body.model, body.data), 0);
         const int refused = body.data->solver->rules.refused;
         same = refused > 0 && refused == before ? same + 1 : 0;
-        most = std::max(most, same);
+        maximum = std::max(maximum, same);
         before = refused;
     }
-    EXPECT_LE(most, 1); // one trial per step without large secants
+    EXPECT_LE(maximum, 1); // one trial per step without large secants
 }
 
 // A long step that would have decreased the energy may no longer do so under other loads.
@@ -148,7 +148,7 @@ TEST(Solver, AStepThatNoLongerLeadsDownIsLeft)
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
     ASSERT_EQ(pliant_data_set_gravity(body.data, gravity), PLIANT_OK);
     ASSERT_EQ(body.settle(), PLIANT_OK);
-    body.data->solver->asked.converged = false;
+    body.data->solver->previous.converged = false;
     body.data->solver->rules.tolerance = 0; // down to rounding, where every trial is rejected eventually
     const uint64_t rejected = body.data->statistics.rejected;
     for (int f = 0; f < 3; f++) {
@@ -285,7 +285,7 @@ Frames frames(Body &body, Load load, bool settled, bool forgetful = false)
             EXPECT_EQ(pliant_tool_set_drive(body.data, tool, drives[load], force), PLIANT_OK);
             EXPECT_EQ(pliant_tool_set_pose(body.data, tool, tip, nullptr), PLIANT_OK);
         }
-        if (forgetful) body.data->solver->asked.kept = false;
+        if (forgetful) body.data->solver->previous.kept = false;
         EXPECT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
         if (settled) EXPECT_EQ(body.settle(), PLIANT_OK);
         out.before.push_back(body.data->statistics.error_before);
@@ -298,7 +298,7 @@ Frames frames(Body &body, Load load, bool settled, bool forgetful = false)
 // The error of a state is estimated by its own step, and again by the next one.
 TEST(Solver, TellsHowGoodItsStepsAre)
 {
-    int counted = 0, within = 0, judged = 0, within_before = 0;
+    int counted = 0, within = 0, judged = 0, within_next = 0;
     for (Load load : {MOVED, SPRUNG, FORCED, HEAVIER}) {
         Body exact(size, box, two, stripes);
         prepare(exact);
@@ -327,18 +327,18 @@ TEST(Solver, TellsHowGoodItsStepsAre)
                 within += at_once > 1 / 3.0 && at_once < 3;
                 if (f + 1 == stopped.before.size()) continue;
                 judged++;
-                within_before += before > 1 / 3.0 && before < 3;
+                within_next += before > 1 / 3.0 && before < 3;
             }
             EXPECT_EQ(pliant_data_reset(body.model, body.data), PLIANT_OK);
             EXPECT_GE(pliant_step(body.model, body.data), 0);
             EXPECT_EQ(body.data->statistics.error_before, 0) << "a reset has no step before it";
         }
     }
-    std::printf("within a factor of 3 in %d of %d frames, a step later in %d of %d\n", within, counted, within_before,
+    std::printf("within a factor of 3 in %d of %d frames, a step later in %d of %d\n", within, counted, within_next,
                 judged);
     EXPECT_GT(counted, 150);
     EXPECT_GE(within, 0.95 * counted);
-    EXPECT_GE(within_before, 0.95 * judged);
+    EXPECT_GE(within_next, 0.95 * judged);
 }
 
 // A step reuses the final evaluation of the previous step, with bitwise identical results to computing it.
@@ -502,7 +502,7 @@ TEST(Solver, SeveralToolsAndGravity)
     EXPECT_LT(body.data->tools[a].force[0], 0);
     EXPECT_GT(body.data->tools[b].force[0], 0);
     EXPECT_GT(body.data->tools[a].force[2], 0);
-    pliant_tool_lost(body.data, a);
+    pliant_tool_remove_pose(body.data, a);
     pliant_tool_release(body.data, b);
     ASSERT_EQ(pliant_data_set_gravity(body.data, body.model->scene.model.gravity), PLIANT_OK);
     ASSERT_EQ(body.settle(), PLIANT_OK);

@@ -70,16 +70,16 @@ TEST_P(EveryElement, IsPositiveSemidefiniteWithItsRigidModes)
     EXPECT_EQ(coarse > 3, !fine) << coarse;
     // Parts connected by faces, with nothing fixed; other connections are hinges. Parts solved together with coarse
     // elements are no detached pieces.
-    size_t most = 0;
+    size_t maximum = 0;
     const std::vector<std::vector<int32_t>> pieces = elements.pieces();
     for (const std::vector<int32_t> &piece : pieces) {
         const std::vector<int32_t> nodes = elements.nodes(piece);
         expect_rigid_modes(elements, nodes, elements.stiffness(piece), 3 * nodes.size() - 6,
                            "a piece of " + std::to_string(piece.size()) + " elements");
         if (HasFatalFailure()) return;
-        most = std::max(most, piece.size());
+        maximum = std::max(maximum, piece.size());
     }
-    EXPECT_GT(most, 100u);
+    EXPECT_GT(maximum, 100u);
     EXPECT_EQ(pieces.size() > 1, fine);
 }
 

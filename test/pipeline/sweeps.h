@@ -23,7 +23,7 @@ struct Mode {
     pliant_element_kind element = PLIANT_LINEAR;
     bool dynamic = false;
     pliant_method method = PLIANT_FINE;
-    Beside beside = Beside::Nothing;
+    Beside adjacent = Beside::Nothing;
     pliant_backend_choice backend = PLIANT_AUTO;
 };
 
@@ -47,14 +47,14 @@ struct Swept {
     int turned;              // maximum number of inverted elements in a step
     double proxy_error;      // of the tool, at the end [m]
     int32_t evaluations, legs; // maximum over the steps
-    bool meets_held;         // the path intersects a fixed side of the sheet, where tissue cannot yield
+    bool path_meets_fixed_side;         // the path intersects a fixed side of the sheet, where tissue cannot yield
 };
 
 inline void move(Sheet &sheet, int tool, const Way &on, int step)
 {
-    const double share = std::min(1.0, static_cast<double>(step) / on.steps());
-    sheet.move(tool, on.from[0] + share * on.way[0], on.from[1] + share * on.way[1], on.from[2] + share * on.way[2],
-               on.rotation);
+    const double fraction = std::min(1.0, static_cast<double>(step) / on.steps());
+    sheet.move(tool, on.from[0] + fraction * on.way[0], on.from[1] + fraction * on.way[1],
+               on.from[2] + fraction * on.way[2], on.rotation);
 }
 
 inline pliant_tool_shape shape_of(const pliant_part &part)
@@ -67,7 +67,7 @@ inline pliant_tool_shape shape_of(const pliant_part &part)
 
 // Check the path of a step in increments of a quarter of the tool's thickness. A fixed side of 4 mm may lie between the
 // poses of two steps.
-inline bool comes_by_what_is_held(const Sheet &sheet, int tool, const Way &on, int step)
+inline bool path_crosses_fixed_side(const Sheet &sheet, int tool, const Way &on, int step)
 {
     const int poses = static_cast<int>(std::ceil(on.stride() / (0.25 * pliant_part_depth(&on.part))));
     for (int n = 0; n <= poses; n++) {
@@ -75,7 +75,7 @@ inline bool comes_by_what_is_held(const Sheet &sheet, int tool, const Way &on, i
         for (int d = 0; d < 3; d++)
             tip[d] = on.from[d] +
                      std::min(1.0, std::max(0.0, step - 1 + static_cast<double>(n) / poses) / on.steps()) * on.way[d];
-        if (sheet.is_in_what_is_held(tool, tip)) return true;
+        if (sheet.intersects_fixed_side(tool, tip)) return true;
     }
     return false;
 }
@@ -112,13 +112,13 @@ inline std::unique_ptr<Sheet> sheet_for(const Way &on, const Mode &mode)
             scene.model.method = mode.method;
             scene.solver.backend = mode.backend;
             scene.mesh.ratio = mode.method == PLIANT_FINE ? 1 : 2;
-            if (mode.beside == Beside::Piece)
+            if (mode.adjacent == Beside::Piece)
                 scene.cut.kind = mode.method == PLIANT_FINE ? PLIANT_CUT_SUBDIVIDE : PLIANT_CUT_SEVER;
-            if (mode.beside == Beside::Patch) scene.model.patch = 0.012;
-            if (mode.beside == Beside::Piece) scene.warp.margin = 1;
+            if (mode.adjacent == Beside::Patch) scene.model.patch = 0.012;
+            if (mode.adjacent == Beside::Piece) scene.warp.margin = 1;
         });
-    if (mode.beside == Beside::Patch) press_a_corner(*made);
-    if (mode.beside == Beside::Piece) cut_off(*made);
+    if (mode.adjacent == Beside::Patch) press_a_corner(*made);
+    if (mode.adjacent == Beside::Piece) cut_off(*made);
     return made;
 }
 
@@ -127,13 +127,13 @@ inline Swept sweep(const Way &on, Mode mode = {})
     const std::unique_ptr<Sheet> made = sheet_for(on, mode);
     Sheet &sheet = *made;
     const int tool = sheet.add("tool", shape_of(on.part), on.from[0], on.from[1], on.from[2]);
-    bool meets_held = false;
+    bool path_meets_fixed_side = false;
     int32_t evaluations = 0, legs = 0;
     int turned = 0;
     EXPECT_EQ(pliant_data_set_background(sheet.data, mode.background, 0), PLIANT_OK);
     for (int step = 0; step < on.steps() + 4; step++) {
         move(sheet, tool, on, step);
-        meets_held = meets_held || comes_by_what_is_held(sheet, tool, on, step);
+        path_meets_fixed_side = path_meets_fixed_side || path_crosses_fixed_side(sheet, tool, on, step);
         EXPECT_GE(pliant_step(sheet.model, sheet.data), 0);
         evaluations = std::max(evaluations, sheet.data->statistics.iterations);
         legs = std::max(legs, sheet.data->statistics.legs);
@@ -145,14 +145,14 @@ inline Swept sweep(const Way &on, Mode mode = {})
                 1e3 * sheet.data->statistics.proxy_error, sheet.data->statistics.ended, sheet.data->statistics.contacts,
                 sheet.turned());
     }
-    return {sheet.deepest_of_surface(tool),
+    return {sheet.max_surface_penetration(tool),
             sheet.farthest(),
-            sheet.middles_inside(tool),
+            sheet.count_axis_points_inside(tool),
             turned,
             sheet.data->statistics.proxy_error,
             evaluations,
             legs,
-            meets_held};
+            path_meets_fixed_side};
 }
 
 inline int number_from(const char *name, int otherwise)
@@ -227,7 +227,7 @@ private:
 
 // Return whether the tool has tunneled or the result is invalid. These cases are: the tool is in tissue, the surface
 // reaches its axis, the sheet has moved less than the tool's proxy, or it has moved too far.
-inline bool is_through(const Swept &swept, const Way &on)
+inline bool has_tunneled(const Swept &swept, const Way &on)
 {
     return swept.inside > 0 || swept.deepest > 0.9 * pliant_part_depth(&on.part) ||
            swept.carried < 0.5 * (on.beyond - swept.proxy_error) || !(swept.carried < 0.1);
@@ -236,7 +236,7 @@ inline bool is_through(const Swept &swept, const Way &on)
 // Run PLIANT_SWEEPS sweeps (default: `otherwise`) starting at PLIANT_SWEEPS_FIRST, at PLIANT_SWEEPS_SPEED m/s. Print a
 // line for each sweep that tunnels, inverts elements or ends deep in tissue, and one at the end. Sweeps into a fixed
 // side do not count. Return the number of tunneling sweeps.
-inline int count_swept_through(int otherwise, Mode mode)
+inline int count_tunneled_sweeps(int otherwise, Mode mode)
 {
     const int count = number_from("PLIANT_SWEEPS", otherwise), first = number_from("PLIANT_SWEEPS_FIRST", 0);
     Sweeps sweeps;
@@ -247,17 +247,17 @@ inline int count_swept_through(int otherwise, Mode mode)
         if (n < first) continue;
         on.speed = number_from("PLIANT_SWEEPS_SPEED", 1);
         const Swept swept = sweep(on, mode);
-        const bool passes = is_through(swept, on);
+        const bool passes = has_tunneled(swept, on);
         if (passes || swept.deepest > 2e-4 || swept.turned > 0 || swept.proxy_error > 2e-4)
             std::printf(
                 "sweep %d: kind %d, %g mm beyond: carried %g mm, %d points inside, %g mm deep, %d elements inside out, "
                 "%g mm behind, %d evaluations, %d legs%s%s\n",
                 n, n % 7, 1e3 * on.beyond, 1e3 * swept.carried, swept.inside, 1e3 * swept.deepest, swept.turned,
                 1e3 * swept.proxy_error, swept.evaluations, swept.legs, passes ? ", through" : "",
-                swept.meets_held ? ", in what is held" : "");
+                swept.path_meets_fixed_side ? ", in what is held" : "");
         std::fflush(stdout);
-        held += swept.meets_held;
-        if (swept.meets_held) continue;
+        held += swept.path_meets_fixed_side;
+        if (swept.path_meets_fixed_side) continue;
         through += passes;
         turned += swept.turned > 0;
         deepest = std::fmax(deepest, swept.deepest);
@@ -267,7 +267,7 @@ inline int count_swept_through(int otherwise, Mode mode)
         "deepest %.3f mm\n",
         first, count, count - first - held, held, through, turned, 1e3 * deepest);
     std::fflush(stdout);
-    const bool keeps_volumes = !mode.dynamic && mode.method == PLIANT_FINE && mode.beside == Beside::Nothing;
+    const bool keeps_volumes = !mode.dynamic && mode.method == PLIANT_FINE && mode.adjacent == Beside::Nothing;
     if (keeps_volumes) EXPECT_EQ(turned, 0);
     return through;
 }

@@ -20,7 +20,7 @@ std::vector<double> positions_of(const Sheet &sheet, const pliant_data *data)
 // swept_test.
 TEST(SweptDynamics, NothingIsSweptThroughTheSheet)
 {
-    EXPECT_EQ(count_swept_through(140, dynamic), 0);
+    EXPECT_EQ(count_tunneled_sweeps(140, dynamic), 0);
 }
 
 // Regression sweeps among the first 10,000, in which the tool rests and tissue slides off its end.
@@ -29,7 +29,7 @@ TEST(SweptDynamics, ThoseThatOnceWentThroughDoNot)
     for (const int number : {2615, 2741, 2930, 3013, 8915, 8918, 8929, 9641}) {
         Sweeps sweeps;
         const Way on = sweeps.at(number);
-        EXPECT_FALSE(is_through(sweep(on, dynamic), on)) << number;
+        EXPECT_FALSE(has_tunneled(sweep(on, dynamic), on)) << number;
     }
 }
 
@@ -43,9 +43,9 @@ struct Dip {
     int steps() const { return on.steps() + 4; }
     pliant_status step(pliant_data *data, int number)
     {
-        const double share = std::min(1.0, static_cast<double>(number) / on.steps());
-        const double tip[3] = {on.from[0] + share * on.way[0], on.from[1] + share * on.way[1],
-                               on.from[2] + share * on.way[2]};
+        const double fraction = std::min(1.0, static_cast<double>(number) / on.steps());
+        const double tip[3] = {on.from[0] + fraction * on.way[0], on.from[1] + fraction * on.way[1],
+                               on.from[2] + fraction * on.way[2]};
         EXPECT_EQ(pliant_tool_set_pose(data, tool, tip, on.rotation), PLIANT_OK);
         return pliant_step(sheet.model, data);
     }

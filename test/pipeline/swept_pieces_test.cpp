@@ -1,7 +1,7 @@
 // No tool tunnels at 1 m/s through a detached piece, which is rigid with quasi-static solvers and is pushed along.
 #include "sweeps.h"
 
-#include "fem/rigid/pieces.h"
+#include "fem/rigid/rigid_pieces_data.h"
 #include "base/memory.h"
 
 #include <algorithm>
@@ -41,22 +41,23 @@ struct Piece {
     void step(int tool)
     {
         ASSERT_GE(pliant_step(sheet->model, sheet->data), 0) << pliant_last_error();
-        deepest = std::max(deepest, sheet->deepest_of_surface(tool));
-        inside = std::max(inside, sheet->middles_inside(tool));
+        deepest = std::max(deepest, sheet->max_surface_penetration(tool));
+        inside = std::max(inside, sheet->count_axis_points_inside(tool));
         parts = std::max(parts, sheet->data->statistics.legs);
         const pliant_pieces *pieces = sheet->data->body->pieces;
         for (int32_t i = 0; i < pieces->start[pieces->count]; i++)
             for (int d = 0; d < 3; d++)
-                ASSERT_EQ(sheet->data->positions[3 * pieces->node[i] + d], sheet->data->falling->x[3 * i + d])
+                ASSERT_EQ(sheet->data->positions[3 * pieces->node[i] + d], sheet->data->rigid_pieces->x[3 * i + d])
                     << "a node of a piece is apart from the piece";
     }
     double way() const
     {
-        double most = 0;
-        for (int d = 0; d < 3; d++) most = std::max(most, std::fabs(sheet->data->positions[3 * node + d] - before[d]));
-        return most;
+        double maximum = 0;
+        for (int d = 0; d < 3; d++)
+            maximum = std::max(maximum, std::fabs(sheet->data->positions[3 * node + d] - before[d]));
+        return maximum;
     }
-    bool is_through(const pliant_part &part) const { return inside > 0 || deepest > 0.9 * pliant_part_depth(&part); }
+    bool has_tunneled(const pliant_part &part) const { return inside > 0 || deepest > 0.9 * pliant_part_depth(&part); }
 };
 
 // Move a sweep of the sheet to the piece.
@@ -81,10 +82,10 @@ TEST(SweptPieces, NothingIsSweptThroughAPiece)
             move(*piece.sheet, tool, on, step);
             piece.step(tool);
         }
-        if (piece.is_through(on.part))
+        if (piece.has_tunneled(on.part))
             std::printf("sweep %d: kind %d: %d points inside, %g mm deep, up to %d parts, gone %g mm\n", n, n % 7,
                         piece.inside, 1e3 * piece.deepest, piece.parts, 1e3 * piece.way());
-        through += piece.is_through(on.part);
+        through += piece.has_tunneled(on.part);
         moved += piece.way() > 0.001;
     }
     std::printf("from %d to %d: %d through, %d moved\n", first, count, through, moved);
@@ -121,7 +122,8 @@ TEST(SweptPieces, UprightRodsPushAPieceAlongTheGround)
                         lowest = std::min(lowest, piece.sheet->data->positions[3 * pieces->node[i] + 2]);
                     EXPECT_GT(lowest, -1e-6) << step;
                 }
-                EXPECT_FALSE(piece.is_through(part)) << piece.inside << " points inside, " << piece.deepest << " deep";
+                EXPECT_FALSE(piece.has_tunneled(part))
+                    << piece.inside << " points inside, " << piece.deepest << " deep";
                 EXPECT_GT(piece.way(), 0.008);
             }
 }
@@ -174,9 +176,10 @@ TEST(SweptPieces, AStepInPartsThatFailsIsUndone)
                     EXPECT_EQ(before, positions_of(data)) << "step " << step << ", after " << calls << " allocations";
                     ASSERT_GE(pliant_step(sheet.model, data), 0);
                     const std::vector<double> after = positions_of(data);
-                    double most = 0;
-                    for (size_t i = 0; i < after.size(); i++) most = std::max(most, std::fabs(after[i] - wanted[i]));
-                    EXPECT_LT(most, 1e-6) << "step " << step << ", after " << calls << " allocations";
+                    double maximum = 0;
+                    for (size_t i = 0; i < after.size(); i++)
+                        maximum = std::max(maximum, std::fabs(after[i] - wanted[i]));
+                    EXPECT_LT(maximum, 1e-6) << "step " << step << ", after " << calls << " allocations";
                 }
                 pliant_data_free(data);
             }

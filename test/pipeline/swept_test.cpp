@@ -43,14 +43,14 @@ TEST(Swept, NothingIsSweptThroughTheSheet)
     const Mode mode = {static_cast<double>(number_from("PLIANT_SWEEPS_BUDGET", 0)),
                        number_from("PLIANT_SWEEPS_LIVE", 0) ? PLIANT_BACKGROUND_LIVE : PLIANT_BACKGROUND_PLANNED,
                        number_from("PLIANT_SWEEPS_HEXAHEDRA", 0) ? PLIANT_HEXAHEDRA : PLIANT_LINEAR};
-    EXPECT_EQ(count_swept_through(1000, mode), 0);
+    EXPECT_EQ(count_tunneled_sweeps(1000, mode), 0);
 }
 
 std::array<double, 3> at_end(const Way &on)
 {
     return {on.from[0] + on.way[0], on.from[1] + on.way[1], on.from[2] + on.way[2]};
 }
-Mode coarse(Beside beside) { return {0, PLIANT_BACKGROUND_PLANNED, PLIANT_LINEAR, false, PLIANT_AVERAGED, beside}; }
+Mode coarse(Beside adjacent) { return {0, PLIANT_BACKGROUND_PLANNED, PLIANT_LINEAR, false, PLIANT_AVERAGED, adjacent}; }
 Mode cut() { return {0, PLIANT_BACKGROUND_PLANNED, PLIANT_LINEAR, false, PLIANT_FINE, Beside::Piece}; }
 
 // With a homogenized method, next to a patch, and next to a detached piece: the first sweeps, and regression cases.
@@ -60,18 +60,18 @@ TEST(Swept, NothingIsSweptThroughACoarseSheetNorBesidePatchesAndPieces)
 {
     for (const Mode &mode : {coarse(Beside::Nothing), coarse(Beside::Patch), cut()}) {
         const int only = number_from("PLIANT_SWEEPS_BESIDE", -1); // only this one of the three
-        if (only >= 0 && static_cast<int>(mode.beside) != only) continue;
-        SCOPED_TRACE(testing::Message() << "method " << mode.method << ", beside " << static_cast<int>(mode.beside));
-        EXPECT_EQ(count_swept_through(2, mode), 0);
+        if (only >= 0 && static_cast<int>(mode.adjacent) != only) continue;
+        SCOPED_TRACE(testing::Message() << "method " << mode.method << ", beside " << static_cast<int>(mode.adjacent));
+        EXPECT_EQ(count_tunneled_sweeps(2, mode), 0);
     }
     Sweeps beside_a_patch, beside_a_piece;
     for (const int n : {0, 23, 51, 56}) {
         const Way on = beside_a_patch.at(n);
-        EXPECT_FALSE(is_through(sweep(on, coarse(Beside::Patch)), on)) << n;
+        EXPECT_FALSE(has_tunneled(sweep(on, coarse(Beside::Patch)), on)) << n;
     }
     for (const int n : {11, 14, 42, 68}) {
         const Way on = beside_a_piece.at(n);
-        EXPECT_FALSE(is_through(sweep(on, cut()), on)) << n;
+        EXPECT_FALSE(has_tunneled(sweep(on, cut()), on)) << n;
     }
 }
 
@@ -84,10 +84,10 @@ TEST(Swept, TheFirstAreNotSweptThroughAtTwoMetresASecondNorThroughHexahedra)
         const Swept hexahedra = sweep(on, {0, PLIANT_BACKGROUND_PLANNED, PLIANT_HEXAHEDRA});
         on.speed = 2;
         const Swept fast = sweep(on);
-        EXPECT_FALSE(is_through(fast, on)) << n << ": carried " << fast.carried << ", " << fast.inside
+        EXPECT_FALSE(has_tunneled(fast, on)) << n << ": carried " << fast.carried << ", " << fast.inside
                                            << " points inside, " << fast.deepest << " deep";
         EXPECT_EQ(hexahedra.turned, 0) << n;
-        EXPECT_FALSE(is_through(hexahedra, on)) << n << ": carried " << hexahedra.carried << ", " << hexahedra.inside
+        EXPECT_FALSE(has_tunneled(hexahedra, on)) << n << ": carried " << hexahedra.carried << ", " << hexahedra.inside
                                                 << " points inside, " << hexahedra.deepest << " deep";
     }
 }
@@ -100,7 +100,7 @@ TEST(Swept, AStepThatTissueGetsByInIsTakenInParts)
         const Way on = sweeps.at(n);
         for (const Mode mode : {Mode{}, Mode{0, PLIANT_BACKGROUND_PRESCRIBED}, Mode{10000}}) {
             const Swept swept = sweep(on, mode);
-            EXPECT_FALSE(is_through(swept, on))
+            EXPECT_FALSE(has_tunneled(swept, on))
                 << n << ": carried " << swept.carried << ", " << swept.inside << " points inside";
             EXPECT_EQ(swept.turned, 0) << n;
             EXPECT_LT(swept.deepest, 2e-4) << n;
@@ -119,7 +119,7 @@ TEST(Swept, ThoseThatOnceWentThroughDoNot)
         const Way on = sweeps.at(n);
         for (const pliant_background_kind background : {PLIANT_BACKGROUND_PLANNED, even}) {
             const Swept swept = sweep(on, {0, background});
-            EXPECT_FALSE(is_through(swept, on)) << n << ": carried " << swept.carried << ", " << swept.inside
+            EXPECT_FALSE(has_tunneled(swept, on)) << n << ": carried " << swept.carried << ", " << swept.inside
                                                 << " points inside, " << swept.deepest << " deep";
         }
     }
@@ -137,7 +137,7 @@ TEST(Swept, ThoseOfOtherNumbersThatOnceWentThroughDoNot)
             Mode mode{0, background};
             mode.backend = PLIANT_CPU;
             const Swept swept = sweep(on, mode);
-            EXPECT_FALSE(is_through(swept, on)) << n << ": carried " << swept.carried << ", " << swept.inside
+            EXPECT_FALSE(has_tunneled(swept, on)) << n << ": carried " << swept.carried << ", " << swept.inside
                                                 << " points inside, " << swept.deepest << " deep";
         }
     }
@@ -159,8 +159,8 @@ TEST(Swept, ATurnOfMoreThanOneRadianIsTakenInParts)
                     sheet.move(tool, 0.027, 0.031, 0.01 + radius, rotation);
                     ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
                 }
-                EXPECT_EQ(sheet.middles_inside(tool), 0) << radius << ' ' << angle << ' ' << end;
-                EXPECT_LT(sheet.deepest_of_surface(tool), 0.9 * radius) << radius << ' ' << angle << ' ' << end;
+                EXPECT_EQ(sheet.count_axis_points_inside(tool), 0) << radius << ' ' << angle << ' ' << end;
+                EXPECT_LT(sheet.max_surface_penetration(tool), 0.9 * radius) << radius << ' ' << angle << ' ' << end;
                 EXPECT_GT(sheet.farthest(), 0.008) << radius << ' ' << angle << ' ' << end;
                 EXPECT_EQ(sheet.turned(), 0) << radius << ' ' << angle << ' ' << end;
             }
@@ -184,7 +184,7 @@ TEST(Swept, WhatAToolDoesThatJumpsIsOfNoConcernToOthers)
                 ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
             }
             ended[run].assign(sheet.data->positions, sheet.data->positions + 3 * sheet.data->body->fine.num_nodes);
-            EXPECT_LT(sheet.deepest_of_surface(tool), 2e-4);
+            EXPECT_LT(sheet.max_surface_penetration(tool), 2e-4);
             EXPECT_GT(sheet.farthest(), 0.02);
         }
         EXPECT_EQ(ended[0], ended[1]) << x;
@@ -237,9 +237,9 @@ TEST(Swept, AStepInPartsThatFailsIsUndone)
 
 // A ball slides along the sheet with friction. A needle comes up next to it, so that a step has several legs.
 struct Slide {
-    Slide(double beside)
-        : beside(beside), ball_at(sheet.add("ball", ball(0.006), 0.02, 0.03, 0.0105)),
-          needle(sheet.add("needle", rod(0.0005), 0.036 + beside, 0.03, -0.012))
+    Slide(double adjacent)
+        : adjacent(adjacent), ball_at(sheet.add("ball", ball(0.006), 0.02, 0.03, 0.0105)),
+          needle(sheet.add("needle", rod(0.0005), 0.036 + adjacent, 0.03, -0.012))
     {
         EXPECT_EQ(pliant_data_set_limits(sheet.data, 300, 1e-7), PLIANT_OK);
         for (int step = 0; step < 10; step++)
@@ -247,24 +247,24 @@ struct Slide {
     }
     pliant_status go(pliant_data *data, double x, double z, double needle_z)
     {
-        const double tip[3] = {x, 0.03, z}, other[3] = {0.036 + beside, 0.03, needle_z};
+        const double tip[3] = {x, 0.03, z}, other[3] = {0.036 + adjacent, 0.03, needle_z};
         EXPECT_EQ(pliant_tool_set_pose(data, ball_at, tip, nullptr), PLIANT_OK);
         EXPECT_EQ(pliant_tool_set_pose(data, needle, other, nullptr), PLIANT_OK);
         return pliant_step(sheet.model, data);
     }
     pliant_status come_up(pliant_data *data) { return go(data, 0.0375, 0.0065, 0.008); }
     Sheet sheet{1, 0.2};
-    double beside;
+    double adjacent;
     int ball_at, needle;
 };
 
 // Friction forces are in their cones, also in a step of several legs, and on the cone where all points slide.
 TEST(Swept, AStepInLegsSlidesByCoulombsLaw)
 {
-    for (const double beside : {-0.012, -0.014}) { // nearer, the two tools pinch the sheet
-        Slide run(beside);
+    for (const double adjacent : {-0.012, -0.014}) { // nearer, the two tools pinch the sheet
+        Slide run(adjacent);
         ASSERT_GE(run.come_up(run.sheet.data), 0);
-        EXPECT_GT(run.sheet.data->statistics.legs, 1) << beside;
+        EXPECT_GT(run.sheet.data->statistics.legs, 1) << adjacent;
         for (int slid = 0; slid < 2; slid++) {
             double presses = 0, slides = 0;
             for (int32_t p = 0; p < run.sheet.data->contacts.count; p++) {
@@ -276,12 +276,12 @@ TEST(Swept, AStepInLegsSlidesByCoulombsLaw)
                 }
                 if (point.tool != run.ball_at) continue;
                 const double along = std::sqrt(std::fmax(0, all - normal * normal));
-                EXPECT_LE(along, 0.2 * normal * (1 + 1e-6) + 1e-9) << beside;
+                EXPECT_LE(along, 0.2 * normal * (1 + 1e-6) + 1e-9) << adjacent;
                 presses += normal;
                 slides += along;
             }
             EXPECT_GT(presses, 0.1);
-            if (slid == 1) EXPECT_NEAR(slides / presses, 0.2, 0.2e-3) << beside;
+            if (slid == 1) EXPECT_NEAR(slides / presses, 0.2, 0.2e-3) << adjacent;
             ASSERT_GE(run.go(run.sheet.data, 0.0390, 0.0065, 0.008), 0);
         }
     }

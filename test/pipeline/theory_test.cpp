@@ -151,7 +151,7 @@ TEST(Theory, GravityEnergyOfTheFineMeshIsPreserved)
         };
         pliant_solver_gravity(body.data->solver, g);
         std::vector<double> rest(system->mesh->rest, system->mesh->rest + 3 * system->mesh->num_nodes);
-        double worst = 0, most = 0;
+        double worst = 0, maximum = 0;
         for (int32_t f = 0; f < system->num_free; f += 7)
             for (int d = 0; d < 3; d++) {
                 std::vector<double> up = rest, down = rest;
@@ -159,9 +159,9 @@ TEST(Theory, GravityEnergyOfTheFineMeshIsPreserved)
                 down[3 * system->node_of_free[f] + d] -= 1e-5;
                 double force = body.data->solver->load[3 * f + d];
                 worst = std::fmax(worst, std::fabs(force + (energy(up) - energy(down)) / 2e-5));
-                most = std::fmax(most, std::fabs(force));
+                maximum = std::fmax(maximum, std::fabs(force));
             }
-        EXPECT_LT(worst, 1e-5 * most) << "method " << method;
+        EXPECT_LT(worst, 1e-5 * maximum) << "method " << method;
     }
 }
 

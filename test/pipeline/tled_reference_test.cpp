@@ -54,7 +54,7 @@ Rise cook(int n, bool plane_strain)
     double *rest = body.model->body->fine.rest;
     int32_t nodes = body.model->body->fine.num_nodes, corner = -1, middle = -1;
     std::vector<int32_t> right, held;
-    std::vector<double> share;
+    std::vector<double> fraction;
     for (int32_t v = 0; v < nodes; v++) {
         double s = rest[3 * v], t = rest[3 * v + 1];
         rest[3 * v] = 0.048 * s;
@@ -62,7 +62,7 @@ Rise cook(int n, bool plane_strain)
         if (plane_strain || rest[3 * v + 2] < 1e-9) held.push_back(v);
         if (s < 1 - 1e-9) continue;
         right.push_back(v);
-        share.push_back((t < 1e-9 || t > 1 - 1e-9 ? 0.25 : 0.5) / n);
+        fraction.push_back((t < 1e-9 || t > 1 - 1e-9 ? 0.25 : 0.5) / n);
         if (t > 1 - 1e-9) corner = v;
         if (std::fabs(t - 0.5) < 1e-9) middle = v;
     }
@@ -73,7 +73,7 @@ Rise cook(int n, bool plane_strain)
     tool.driving_force[1] = 1;
     tool.num_held = static_cast<int32_t>(right.size());
     tool.held = right.data();
-    tool.weight = share.data();
+    tool.weight = fraction.data();
     pliant_tled *tled = body.data->tled;
     double last = -1;
     // the test fixes sides in z, so their reaction stays in the residual; at rest nothing moves any more
@@ -147,7 +147,7 @@ TEST(Reference, TruthCubeBeadsLieWhereTheyWereMeasured)
     if (beads.empty()) GTEST_SKIP() << "reference/truthcube_uniaxial_positions.csv is not there";
     ASSERT_EQ(beads.size(), 343u);
     // maxima on this coarse mesh; 0.50, 0.65, 0.79 mm with cells of 5 mm
-    const double edge = 0.08, strains[4] = {0, 0.05, 0.125, 0.1825}, most[4] = {0, 0.6e-3, 0.8e-3, 1.1e-3};
+    const double edge = 0.08, strains[4] = {0, 0.05, 0.125, 0.1825}, maximum[4] = {0, 0.6e-3, 0.8e-3, 1.1e-3};
     Eigen::Vector3d centre = Eigen::Vector3d::Zero();
     for (const Bead &bead : beads) centre += bead.at[0] / 343;
     const int size[3] = {8, 8, 8};
@@ -197,7 +197,7 @@ TEST(Reference, TruthCubeBeadsLieWhereTheyWereMeasured)
         };
         std::printf("Truth Cube, %.2f %%: rms %.2f mm, of beads that move by rms %.2f mm\n", 100 * strains[state],
                     1e3 * rms(apart), 1e3 * rms(moved));
-        EXPECT_LT(rms(apart), most[state]);
+        EXPECT_LT(rms(apart), maximum[state]);
     }
 }
 

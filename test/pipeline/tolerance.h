@@ -6,10 +6,10 @@
 
 inline double apart(const std::vector<double> &a, const std::vector<double> &b)
 {
-    double most = 0;
+    double maximum = 0;
     for (size_t n = 0; n < a.size(); n += 3)
-        most = std::fmax(most, std::hypot(std::hypot(a[n] - b[n], a[n + 1] - b[n + 1]), a[n + 2] - b[n + 2]));
-    return most;
+        maximum = std::fmax(maximum, std::hypot(std::hypot(a[n] - b[n], a[n + 1] - b[n + 1]), a[n + 2] - b[n + 2]));
+    return maximum;
 }
 
 inline std::vector<double> positions(const pliant_data *data)
@@ -24,7 +24,7 @@ inline double worst_error(const pliant_model *model, const double point[3], cons
 {
     std::vector<std::vector<double>> right;
     std::vector<double> force;
-    double worst = 0, least = INFINITY, most = 0; // and ratio of the estimate to the true error
+    double worst = 0, minimum = INFINITY, maximum = 0; // and ratio of the estimate to the true error
     int converged = 0;
     for (bool exact : {true, false}) {
         pliant_data *data = nullptr;
@@ -62,15 +62,15 @@ inline double worst_error(const pliant_model *model, const double point[3], cons
                                            model->body->fine.rest + 3 * model->body->fine.num_nodes);
             const double error = apart(positions(data), right[f]);
             worst = std::fmax(worst, error / apart(right[f], rest));
-            least = std::fmin(least, data->statistics.error / error);
-            most = std::fmax(most, data->statistics.error / error);
+            minimum = std::fmin(minimum, data->statistics.error / error);
+            maximum = std::fmax(maximum, data->statistics.error / error);
         }
         pliant_data_free(data);
     }
     EXPECT_GT(converged, 0.8 * frames);
     std::printf("drive %d: %d of %d frames converged, worst error %.3f %% of the displacement, "
                 "told %.2f to %.2f times as much\n",
-                drive, converged, frames, 100 * worst, least, most);
+                drive, converged, frames, 100 * worst, minimum, maximum);
     return worst;
 }
 

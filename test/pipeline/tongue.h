@@ -41,10 +41,10 @@ struct Tongue : Body {
         for (int32_t n = 0; n < 3 * data->body->fine.num_nodes; n++) ASSERT_TRUE(std::isfinite(data->positions[n]));
     }
     // Return the minimum ratio of an element's volume to its rest volume.
-    double least_volume() const
+    double min_volume() const
     {
         const pliant_mesh &mesh = data->body->fine;
-        double least = INFINITY;
+        double minimum = INFINITY;
         for (int32_t t = 0; t < mesh.num_tets; t++) {
             double volume[2];
             for (int k = 0; k < 2; k++) {
@@ -57,24 +57,24 @@ struct Tongue : Body {
                             e[0][1] * (e[1][2] * e[2][0] - e[1][0] * e[2][2]) +
                             e[0][2] * (e[1][0] * e[2][1] - e[1][1] * e[2][0]);
             }
-            least = std::fmin(least, volume[1] / volume[0]);
+            minimum = std::fmin(minimum, volume[1] / volume[0]);
         }
-        return least;
+        return minimum;
     }
     // Return the maximum upward displacement of a node.
     double lifted() const
     {
-        double most = -1;
+        double maximum = -1;
         for (int32_t n = 0; n < data->body->fine.num_nodes; n++)
-            most = std::fmax(most, data->positions[3 * n + 2] - data->body->fine.rest[3 * n + 2]);
-        return most;
+            maximum = std::fmax(maximum, data->positions[3 * n + 2] - data->body->fine.rest[3 * n + 2]);
+        return maximum;
     }
     double farthest() const
     {
-        double most = 0;
+        double maximum = 0;
         for (int32_t n = 0; n < 3 * data->body->fine.num_nodes; n++)
-            most = std::fmax(most, std::fabs(data->positions[n] - data->body->fine.rest[n]));
-        return most;
+            maximum = std::fmax(maximum, std::fabs(data->positions[n] - data->body->fine.rest[n]));
+        return maximum;
     }
     double force() const
     {
@@ -86,17 +86,17 @@ struct Tongue : Body {
     double deepest() const
     {
         const pliant_tool &of = data->tools[tool];
-        double least = 0;
+        double minimum = 0;
         for (int32_t p = 0; p < of.shape.num_parts; p++) {
             pliant_pose pose;
             pliant_part_pose(&of.shape, of.shape.part[p].frame, of.tip, of.rotation, of.jaw, &pose);
             for (int32_t n = 0; n < data->body->fine.num_nodes; n++) {
                 double local[3], normal[3];
                 pliant_pose_from(&pose, data->positions + 3 * n, local);
-                least = std::fmin(least, pliant_part_distance(&of.shape.part[p], local, normal));
+                minimum = std::fmin(minimum, pliant_part_distance(&of.shape.part[p], local, normal));
             }
         }
-        return -least;
+        return -minimum;
     }
 };
 constexpr int Tongue::size[3];

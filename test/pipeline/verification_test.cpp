@@ -426,22 +426,22 @@ TEST(Verification, SphereAgainstEshelby)
             return outside || x[direction] < 1e-9;
         }, VectorXd::Zero(octant.unknowns()));
         const double beta = 2 * (4 - 5 * poisson) / (15 * (1 - poisson)), exact = far / (1 + beta * (contrast - 1));
-        double least = INFINITY, most = -INFINITY, sum = 0;
+        double minimum = INFINITY, maximum = -INFINITY, sum = 0;
         int count = 0;
         for (int e = 0; e < octant.elements().count; e++) {
             const double *last = octant.at(octant.global(e, 21) / 3);
             if (std::hypot(std::hypot(last[0], last[1]), last[2]) > radius) continue;
             const double value = octant.strain(e, u)[2] / exact;
-            least = std::min(least, value);
-            most = std::max(most, value);
+            minimum = std::min(minimum, value);
+            maximum = std::max(maximum, value);
             sum += value;
             count++;
         }
-        std::printf("sphere 1 : %g: strain inside %.2f to %.2f of Eshelby's, mean %.2f\n", contrast, least, most,
+        std::printf("sphere 1 : %g: strain inside %.2f to %.2f of Eshelby's, mean %.2f\n", contrast, minimum, maximum,
                     sum / count);
         EXPECT_NEAR(sum / count, 1, 0.2);
-        EXPECT_GT(least, 0.7);
-        EXPECT_LT(most, 1.4);
+        EXPECT_GT(minimum, 0.7);
+        EXPECT_LT(maximum, 1.4);
     }
 }
 
@@ -450,7 +450,7 @@ TEST(Verification, SphereAgainstEshelby)
 // A load at the end of a strip with a length of 20 times its thickness.
 TEST(Verification, AStripOneCellThinBends)
 {
-    const double most[2][2] = {{0.08, 0.1}, {0.04, 0.05}};
+    const double maximum[2][2] = {{0.08, 0.1}, {0.04, 0.05}};
     for (int across : {1, 2})
         for (double poisson : {0.0, 0.499}) {
             const int size[3] = {across, across, 20 * across};
@@ -464,7 +464,7 @@ TEST(Verification, AStripOneCellThinBends)
                          exact = load.sum() * std::pow(box[2], 3) / (3 * 1e5 * inertia);
             const double error = u[strip.unknowns() - 2] / exact - 1;
             std::printf("strip of %d cubes across, nu %g: %.1f %%\n", across, poisson, 100 * error);
-            EXPECT_LT(std::fabs(error), most[across - 1][poisson > 0]);
+            EXPECT_LT(std::fabs(error), maximum[across - 1][poisson > 0]);
         }
 }
 

@@ -230,7 +230,7 @@ struct ConvertBodies : ::testing::Test {
         topology_message(*surface_of(body, nullptr), &out);
         return out;
     }
-    std::shared_ptr<Loaded> loaded;
+    std::shared_ptr<LoadedModel> loaded;
     std::shared_ptr<const pliant_body> cut;
 };
 
@@ -301,7 +301,7 @@ TEST_F(ConvertBodies, AreFoundAgainFromTheirTopologies)
 
 TEST_F(ConvertBodies, AMomentIsReadAsItWasSaved)
 {
-    Moment moment;
+    ResumableState moment;
     moment.snapshot.loaded = loaded;
     moment.snapshot.body = cut;
     moment.snapshot.revision = revision_of(*loaded, cut->revision);
@@ -316,12 +316,12 @@ TEST_F(ConvertBodies, AMomentIsReadAsItWasSaved)
     moment.touching = {"probe"};
     moment.state = {1, 0, 255, 7};
     std::shared_ptr<const pliant_surface> surface;
-    Saved saved;
-    saved_message(moment, "tissue", &surface, &saved);
+    CheckpointContents saved;
+    make_checkpoint_contents(moment, "tissue", &surface, &saved);
     EXPECT_EQ(saved.state.header.frame_id, "tissue");
     const std::string path = testing::TempDir() + "convert_test_" + std::to_string(getpid()) + ".bag";
-    write_saved(path, "/tissue/", saved);
-    const Moment again = moment_of(read_saved(path), loaded);
+    write_checkpoint_file(path, "/tissue/", saved);
+    const ResumableState again = resumable_state_of(read_checkpoint_file(path), loaded);
     std::remove(path.c_str());
     EXPECT_TRUE(pliant_body_same(again.snapshot.body.get(), cut.get()));
     EXPECT_EQ(again.snapshot.revision, moment.snapshot.revision);
@@ -343,7 +343,7 @@ TEST_F(ConvertBodies, AreFoundAgainWhereCutsSubdivide)
 {
     pliant_scene scene = loaded->asked;
     scene.cut.kind = PLIANT_CUT_SUBDIVIDE;
-    const std::shared_ptr<Loaded> other =
+    const std::shared_ptr<LoadedModel> other =
         build(scene, loaded->scan, *pliant_model_get_materials(loaded->model), pliant_progress{nullptr, nullptr});
     const double from[] = {0.0096, -1, -1, 0.0096, 1, -1}, to[] = {0.0144, -1, 1, 0.0144, 1, 1};
     const pliant_cut_sweep sweep{2, from, to, nullptr, 1, 1};

@@ -115,10 +115,10 @@ protected:
 
     double largest_error() const
     {
-        double most = 0;
+        double maximum = 0;
         for (size_t v = 0; v < voxels(); ++v)
-            most = std::max(most, 0.5 * std::abs(stored(now_, v) - stored(viewer_, v)));
-        return most;
+            maximum = std::max(maximum, 0.5 * std::abs(stored(now_, v) - stored(viewer_, v)));
+        return maximum;
     }
 
     const int32_t size_[3] = {40, 24, 33}, count_[3] = {3, 2, 3};
@@ -147,12 +147,12 @@ TEST_P(Sent, StaysBelowTheThresholdInMotionAndIsExactAtRest)
     }
     EXPECT_GE(total, 15u + 17 * 2);  // the first brick in every second round, the others in two of them
     EXPECT_LE(total, 30u + 17 * 3);
-    EXPECT_TRUE(sent_.owes());
+    EXPECT_TRUE(sent_.has_unsent_bricks());
     EXPECT_GT(largest_error(), 0);
     EXPECT_GT(send(true, none), 0u);
     EXPECT_EQ(largest_error(), 0);
     EXPECT_EQ(send(true, none), 0u);
-    EXPECT_FALSE(sent_.owes());
+    EXPECT_FALSE(sent_.has_unsent_bricks());
 }
 
 TEST_P(Sent, WithoutAThresholdEveryChangeIsSent)
@@ -160,7 +160,7 @@ TEST_P(Sent, WithoutAThresholdEveryChangeIsSent)
     sent_.start(0, whole_);
     sent_.keep(volume_, whole_);
     EXPECT_EQ(send(false, std::vector<uint8_t>(18, 1)), 18u);
-    EXPECT_FALSE(sent_.owes());
+    EXPECT_FALSE(sent_.has_unsent_bricks());
 }
 
 TEST_P(Sent, NothingOutsideTheRegionIsSent)
@@ -311,9 +311,9 @@ TEST(Convert, MergedBoxesHoldAllThatChanged)
         for (uint32_t count = 1 + random(30); count > 0; --count)
             boxes.push_back(
                 {{random(12) * 16, random(9) * 16, random(7) * 16}, {1 + random(16), 1 + random(16), 1 + random(16)}});
-        for (size_t most : {1u, 8u}) {
-            const std::vector<Box> merged = merged_boxes(boxes, most);
-            ASSERT_LE(merged.size(), most);
+        for (size_t maximum : {1u, 8u}) {
+            const std::vector<Box> merged = merged_boxes(boxes, maximum);
+            ASSERT_LE(merged.size(), maximum);
             for (const Box &box : boxes)
                 ASSERT_TRUE(std::any_of(merged.begin(), merged.end(), [&box](const Box &all) {
                     const Box common = common_box(all, box);

@@ -2,10 +2,10 @@
 // bitwise identical. On a GPU if there is one. No master, no clock.
 #include "../pipeline/adapt_cases.h"
 #include "material/material.h"
-#include "ros/record/earlier.h"
+#include "ros/record/preceding_messages.h"
 #include "ros/record/message.h"
 #include "ros/record/rerun.h"
-#include "ros/sim/moment.h"
+#include "ros/sim/resumable_state.h"
 
 #include <rosbag/bag.h>
 #include <rosbag/view.h>
@@ -19,7 +19,7 @@
 namespace {
 
 using pliant_ros::CutInput;
-using pliant_ros::Loaded;
+using pliant_ros::LoadedModel;
 using pliant_ros::Rerun;
 using pliant_ros::Step;
 using pliant_ros::ToolInput;
@@ -31,13 +31,13 @@ const Case octree_dynamic{"tled_octree", [](pliant_scene &scene) {
                           }};
 const Case tough{"tough", [](pliant_scene &scene) { scene.cut.resistance = 1; }};
 
-enum { HOLD = 0, FIRST = 2, LINE = 9, UNDO = 14, STEPS = 20, MOST_WAITS = 1000 };
+enum { HOLD = 0, FIRST = 2, LINE = 9, UNDO = 14, STEPS = 20, MAX_WAITS = 1000 };
 
 // A block hangs from its floor and is pulled at two points. Its model is on a GPU if there is one, and uses the scan of
 // the body.
 struct Session {
     Body body;
-    std::shared_ptr<Loaded> loaded = std::make_shared<Loaded>();
+    std::shared_ptr<LoadedModel> loaded = std::make_shared<LoadedModel>();
     explicit Session(const Case &each)
         : body(size, box, {{4000, 0.4, 1000, false}, {20000, 0.4, 1200, false}},
                [](int i, int, int k) { return (i < 6 || i > 9) && k > 9; })
@@ -101,10 +101,10 @@ Step heard(int s)
 struct Recording {
     std::string path;
     uint64_t turns = 0;
-    int32_t nodes = 0, most = 0; // initial number, and maximum with cuts
+    int32_t nodes = 0, maximum = 0; // initial number, and maximum with cuts
     uint32_t taken = 0;
     std::string backend;
-    explicit Recording(const std::shared_ptr<const Loaded> &loaded)
+    explicit Recording(const std::shared_ptr<const LoadedModel> &loaded)
         : path(testing::TempDir() + "recording_test_" + std::to_string(getpid()) + ".bag")
     {
         const pliant_model &model = *loaded->model;
@@ -113,7 +113,7 @@ struct Recording {
         nodes = pliant_data_get_body(data.get())->fine.num_nodes;
         // also wait for the background on a busy machine
         const bool waits = pliant_model_get_scene(&model)->solver.kind == PLIANT_COROTATIONAL;
-        for (int s = 0; s < STEPS; s += s != UNDO - 1 || !waits || taken != 0 || turns > MOST_WAITS) {
+        for (int s = 0; s < STEPS; s += s != UNDO - 1 || !waits || taken != 0 || turns > MAX_WAITS) {
             Step step = heard(s);
             step.sequence = ++turns;
             if (turns == 1) pliant_ros::add_tools(model, data.get(), step.tools);
@@ -121,13 +121,13 @@ struct Recording {
                 pliant_cut_report report;
                 pliant_ros::make_cut(model, data.get(), cut, &report);
             }
-            pliant_ros::tell_outcome(pliant_ros::make_step(model, data.get(), PLIANT_BACKGROUND_LIVE, step), *data,
-                                     &step);
+            pliant_ros::set_step_outcome(pliant_ros::make_step(model, data.get(), PLIANT_BACKGROUND_LIVE, step), *data,
+                                         &step);
             EXPECT_GE(step.status, 0) << pliant_last_error();
             step.revision = pliant_ros::revision_of(*loaded, pliant_data_get_body(data.get())->revision);
             step.header.stamp = ros::Time(100 + 0.02 * static_cast<double>(turns));
             bag.write("/tissue/step", step.header.stamp, step);
-            most = std::max(most, pliant_data_get_body(data.get())->fine.num_nodes);
+            maximum = std::max(maximum, pliant_data_get_body(data.get())->fine.num_nodes);
             taken |= step.background;
             std::this_thread::sleep_for(std::chrono::milliseconds(s < UNDO ? 10 : 0));
         }
@@ -160,11 +160,11 @@ struct EveryEngine : testing::TestWithParam<Case> {};
 TEST_P(EveryEngine, IsMadeAgainFromItsBag)
 {
     const Session session(GetParam());
-    const std::shared_ptr<const Loaded> loaded = session.loaded;
+    const std::shared_ptr<const LoadedModel> loaded = session.loaded;
     ASSERT_TRUE(loaded->model);
     const Recording recording(loaded);
     EXPECT_EQ(recording.backend, has_gpu() ? "cuda" : "cpu");
-    EXPECT_GT(recording.most, recording.nodes + 20);
+    EXPECT_GT(recording.maximum, recording.nodes + 20);
     Rerun again(loaded);
     recording.replay(&again, [](Step *) {});
     EXPECT_EQ(again.made(), recording.turns);
@@ -179,7 +179,8 @@ TEST_P(EveryEngine, IsMadeAgainFromItsBag)
     const pliant_scene &scene = *pliant_model_get_scene(loaded->model);
     if (scene.solver.kind == PLIANT_COROTATIONAL) EXPECT_NE(recording.taken, 0u);
     std::printf("%-20s %s, %d to %d nodes, background results taken 0x%x: %s\n", GetParam().name,
-                recording.backend.c_str(), recording.nodes, recording.most, recording.taken, again.summary().c_str());
+                recording.backend.c_str(), recording.nodes, recording.maximum, recording.taken,
+                again.summary().c_str());
 }
 
 // Compute steps as the node does; return the positions after each.
@@ -208,8 +209,8 @@ TEST_P(SomeEngines, ContinueFromTheirCheckpoint)
     pliant_ros::Data data = pliant_ros::create_data(model);
     pliant_ros::add_tools(model, data.get(), heard(0).tools);
     turns(model, data.get(), 0, SAVED);
-    pliant_ros::Moment moment;
-    moment.snapshot.body = pliant_ros::share(pliant_data_get_body(data.get()));
+    pliant_ros::ResumableState moment;
+    moment.snapshot.body = pliant_ros::share_body(pliant_data_get_body(data.get()));
     pliant_ros::take_state(model, data.get(), &moment);
     EXPECT_EQ(moment.holding, (std::vector<std::string>{"left", "right"}));
     const std::vector<double> straight = turns(model, data.get(), SAVED, UNDO);
@@ -217,7 +218,7 @@ TEST_P(SomeEngines, ContinueFromTheirCheckpoint)
     for (std::vector<double> &seen : continued) {
         pliant_ros::Data other = pliant_ros::create_data(model);
         pliant_ros::add_tools(model, other.get(), heard(0).tools);
-        pliant_ros::put_back(moment, model, other.get());
+        pliant_ros::restore_state(moment, model, other.get());
         seen = turns(model, other.get(), SAVED, UNDO);
     }
     EXPECT_EQ(continued[0], continued[1]);

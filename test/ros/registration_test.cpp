@@ -70,10 +70,10 @@ TEST(Registration, MeasuredPairsAreToldHowFarTheyAreOff)
     std::string why;
     ASSERT_TRUE(fit_rigid(landmarks, moved(landmarks, 1e-3), &pose, &errors, &why)) << why;
     expect_there(pose, 2e-3, 0.03);
-    double most = 0;
-    for (double error : errors) most = std::max(most, error);
-    EXPECT_GT(most, 1e-4);
-    EXPECT_LT(most, 2e-3);
+    double maximum = 0;
+    for (double error : errors) maximum = std::max(maximum, error);
+    EXPECT_GT(maximum, 1e-4);
+    EXPECT_LT(maximum, 2e-3);
 }
 
 TEST(Registration, NeverTurnsTheTissueInsideOut)
@@ -85,11 +85,11 @@ TEST(Registration, NeverTurnsTheTissueInsideOut)
     std::string why;
     // still a rotation, and an error that indicates the mirror image
     ASSERT_TRUE(fit_rigid(landmarks, mirrored, &pose, &errors, &why));
-    double square = 0, most = 0;
+    double square = 0, maximum = 0;
     for (double q : pose.rotation) square += q * q;
-    for (double error : errors) most = std::max(most, error);
+    for (double error : errors) maximum = std::max(maximum, error);
     EXPECT_NEAR(square, 1, 1e-12);
-    EXPECT_GT(most, 0.01);
+    EXPECT_GT(maximum, 0.01);
 }
 
 std::string refusal(const Points &tissue, const Points &room, double max_error = 0)

@@ -210,22 +210,22 @@ TEST(VolumeImage, BoxesWaitForAWholeVolume)
 
 TEST(VolumeImage, UploadsInPiecesCoverEverythingOnce)
 {
-    for (size_t most : {size_t(1), size_t(100), size_t(512), size_t(5000), size_t(1) << 20}) {
+    for (size_t maximum : {size_t(1), size_t(100), size_t(512), size_t(5000), size_t(1) << 20}) {
         Source<int16_t> whole({{17, 9, 5}}, INT16);
         VolumeImage image;
         image.put(whole.view, TextureLimits());
         std::vector<int> seen(17 * 9 * 5);
         Box box;
         size_t rounds = 0;
-        while (image.next_change(most, box)) {
-            ASSERT_LE(2 * box.voxels(), std::max(most, size_t(2 * 17)));
+        while (image.next_change(maximum, box)) {
+            ASSERT_LE(2 * box.voxels(), std::max(maximum, size_t(2 * 17)));
             ASSERT_LT(rounds++, 1000u);
             for (uint32_t k = 0; k < box.size[2]; k++)
                 for (uint32_t j = 0; j < box.size[1]; j++)
                     for (uint32_t i = 0; i < box.size[0]; i++)
                         seen[box.offset[0] + i + 17 * (box.offset[1] + j + 9 * (box.offset[2] + k))]++;
         }
-        for (int count : seen) ASSERT_EQ(count, 1) << most;
+        for (int count : seen) ASSERT_EQ(count, 1) << maximum;
     }
 }
 

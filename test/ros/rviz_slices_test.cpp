@@ -1,6 +1,6 @@
 // Geometry of slices: areas, volumes and order against closed forms.
-#include "rviz/patient.h"
-#include "rviz/seen.h"
+#include "rviz/side_letters.h"
+#include "rviz/visible_depth.h"
 #include "rviz/slices.h"
 #include "rviz/transfer.h"
 
@@ -145,12 +145,15 @@ TEST(Seen, IsTheLayerThatGivesMostLight)
     };
     const double step = 0.0004; // a quarter of 1/256 of a diagonal of 0.41 m
     auto look = [&](const std::vector<Piece> &path, const std::vector<Part> &parts, double *at) {
-        return find_seen(parts, step, [&](double t) {
-            size_t n = 0;
-            while (n + 1 < path.size() && path[n].to < t) n++;
-            const double low = abdomen.level - 0.5 * abdomen.window;
-            return opacity_over(colour_at(abdomen, (path[n].value - low) / abdomen.window).a, 0.25);
-        }, at);
+        return find_visible_depth(
+            parts, step,
+            [&](double t) {
+                size_t n = 0;
+                while (n + 1 < path.size() && path[n].to < t) n++;
+                const double low = abdomen.level - 0.5 * abdomen.window;
+                return opacity_over(colour_at(abdomen, (path[n].value - low) / abdomen.window).a, 0.25);
+            },
+            at);
     };
     /* air, rim of the skin, skin, fat, liver */
     const std::vector<Piece> body = {{0.1, -1000}, {0.1015, -500}, {0.104, -20}, {0.125, -100}, {0.2, 105}};
@@ -177,7 +180,7 @@ TEST(Seen, IsTheLayerThatGivesMostLight)
 TEST(Seen, ASurfaceIsMetWhereItIs)
 {
     double at = 0;
-    const Along ball = [](double t) { return 0.01 - std::fabs(t - 0.05); };
+    const ValueAlongRay ball = [](double t) { return 0.01 - std::fabs(t - 0.05); };
     ASSERT_TRUE(find_surface({{0, 0.1}}, 0.003, ball, &at));
     EXPECT_NEAR(at, 0.04, 1e-5);
     ASSERT_TRUE(find_surface({{0.045, 0.1}}, 0.003, ball, &at));

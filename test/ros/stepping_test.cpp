@@ -44,22 +44,22 @@ TEST(Stepping, AJawThatClosesInARecordingTakesHoldThoughItsShapeHasJaws)
         ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
         ASSERT_TRUE(pliant_tool_shape_holds(&block.scene, &shape));
         Step step = turn(shape, closes);
-        uint32_t most_legs = 0;
+        uint32_t max_legs = 0;
         pliant_ros::add_tools(*block.model, block.data, step.tools);
         for (int s = 0; s < 3; s++) {
             const pliant_status status =
                 pliant_ros::make_step(*block.model, block.data, PLIANT_BACKGROUND_PLANNED, step);
             ASSERT_GE(status, 0) << pliant_last_error();
-            pliant_ros::tell_outcome(status, *block.data, &step);
+            pliant_ros::set_step_outcome(status, *block.data, &step);
             EXPECT_EQ(step.legs, static_cast<uint32_t>(pliant_data_get_statistics(block.data)->legs));
             EXPECT_EQ(step.evaluations, static_cast<uint32_t>(pliant_data_get_statistics(block.data)->iterations));
-            most_legs = std::max(most_legs, step.legs);
+            max_legs = std::max(max_legs, step.legs);
             step.tools[0].closes = false;
             step.tools[0].tip[2] += 0.002;
         }
         pliant_tool_state state;
         ASSERT_EQ(pliant_tool_get(block.data, 0, &state), PLIANT_OK);
-        EXPECT_GE(most_legs, 1u);
+        EXPECT_GE(max_legs, 1u);
         EXPECT_EQ(state.holding, closes);
         EXPECT_EQ(state.force[2] > 0.01, closes) << state.force[2];
     }

@@ -133,7 +133,7 @@ private:
     std::atomic<size_t> received_{0};
 };
 
-double share(std::vector<double> sorted, double part)
+double percentile(std::vector<double> sorted, double part)
 {
     return sorted.empty() ? 0 : sorted[std::min(sorted.size() - 1, static_cast<size_t>(part * sorted.size()))];
 }
@@ -189,35 +189,34 @@ TEST(Wrench, AHandAtOneKilohertz)
     for (const auto &answer : answers) late.push_back(1e3 * answer.second.seconds);
     std::sort(late.begin(), late.end());
     ASSERT_FALSE(late.empty());
-    printf(
-        "%zu poses, %zu answered, %zu forces in all; pose in to wrench out p50 %.3f ms, p99 %.3f, p99.9 %.3f, "
-        "worst %.3f\n",
-        way.size(), answers.size(), hand.received(), share(late, 0.5), share(late, 0.99), share(late, 0.999),
-        late.empty() ? 0 : late.back());
+    printf("%zu poses, %zu answered, %zu forces in all; pose in to wrench out p50 %.3f ms, p99 %.3f, p99.9 %.3f, "
+           "worst %.3f\n",
+           way.size(), answers.size(), hand.received(), percentile(late, 0.5), percentile(late, 0.99),
+           percentile(late, 0.999), late.empty() ? 0 : late.back());
     EXPECT_GT(answers.size(), 0.5 * way.size());
-    EXPECT_LT(share(late, 0.5), 5);
+    EXPECT_LT(percentile(late, 0.5), 5);
 
     // energy: a force acts until the next one is answered
-    double in = 0, out = 0, least = 0, most = 0, moves = 0, last_pull = 0;
+    double in = 0, out = 0, minimum = 0, maximum = 0, moves = 0, last_pull = 0;
     const Answer *last = nullptr;
     for (const auto &pose : way) {
         const auto found = answers.find(pose.first);
         if (last) {
             const double work = last->force[1] * -(pose.second - last_pull);
             (work > 0 ? in : out) += std::fabs(work);
-            least = std::min(least, in - out);
+            minimum = std::min(minimum, in - out);
         }
         last_pull = pose.second;
         if (found == answers.end()) continue;
         moves += last && found->second.force[1] != last->force[1];
         last = &found->second;
-        most = std::max(most, std::fabs(last->force[1]));
+        maximum = std::max(maximum, std::fabs(last->force[1]));
     }
-    printf("largest force %.2f N, energy in %.5f J, out %.5f J, least left %.2g J (%.3f %%)\n", most, in, out, least,
-           100 * least / in);
-    EXPECT_GT(most, 0.3);
+    printf("largest force %.2f N, energy in %.5f J, out %.5f J, least left %.2g J (%.3f %%)\n", maximum, in, out,
+           minimum, 100 * minimum / in);
+    EXPECT_GT(maximum, 0.3);
     EXPECT_GT(moves, 0.9 * answers.size()) << "forces of steps alone change 50 times a second";
-    if (late.back() < 20) EXPECT_GE(least, -0.01 * in); // with a longer delay the node cannot guarantee passivity
+    if (late.back() < 20) EXPECT_GE(minimum, -0.01 * in); // with a longer delay the node cannot guarantee passivity
     else printf("an answer took %.0f ms: energy was not judged\n", late.back());
     EXPECT_TRUE(keep(&hand, at, false, 5, [&] { return !hand.contact().grasped; }));
 }

@@ -46,7 +46,7 @@ static __device__ void shaped_position(const gpu_system &system, const double *d
     if (system.d_grounded && system.d_grounded[tet]) {
         pliant_shaped_ground(&frame);
     } else {
-        pliant_shaped_place(x, corner, gradients, f, &frame);
+        pliant_shaped_find_frame(x, corner, gradients, f, &frame);
         rotation_of(f, frame.rotation);
     }
     pliant_shaped_position(&frame, x, corner, shape, rest, out);
@@ -82,7 +82,7 @@ static __global__ void __launch_bounds__(THREADS)
             const double *shape = system.d_entry_shape + 9 * (size_t)system.corners * e;
             if (system.macros.count > 0) macro_position(system, x, system.d_entry_element[e], shape, rest, at);
             else shaped_position(system, x, system.d_entry_element[e], shape, rest, at);
-            for (int d = 0; d < 3; d++) sum[d] += system.d_entry_share[e] * (at[d] - rest[d]);
+            for (int d = 0; d < 3; d++) sum[d] += system.d_entry_weight[e] * (at[d] - rest[d]);
         }
     for (int d = 0; d < 3; d++) d_fine[3 * (size_t)n + d] = sum[d] + rest[d];
 }

@@ -4,7 +4,7 @@
 #include "base/fail.h"
 #include "base/memory.h"
 #include "fem/dynamics/tled_cubes.h"
-#include "cuda/fem/dynamics/tled_touch.h"
+#include "cuda/fem/dynamics/tled_contact.h"
 
 #include <algorithm>
 #include <climits>
@@ -28,7 +28,7 @@ struct pliant_cuda_tled {
     exchange *h_exchange, *d_exchange; /* page-locked */
     held_nodes h_held;                 /* page-locked; the last sent data */
     int32_t sent_held, sent_total, sent_near; /* of h_held */
-    gpu_touching touching;
+    gpu_tled_contacts sorted;
     cudaGraphExec_t graph;
     int32_t graph_steps;               /* sub-steps in the graph; 0: no graph */
     bool repeated, pulled;             /* repeated: it counts its sub-steps; pulled: it has kernels for tools */
@@ -229,7 +229,7 @@ extern "C" void pliant_cuda_tled_free(pliant_cuda_tled *gpu)
     for (const void *block : blocks) pliant_cuda_release(const_cast<void *>(block));
     release_held(it);
     free_held(&gpu->h_held);
-    pliant_cuda_touching_free(&gpu->touching, it);
+    pliant_cuda_tled_contacts_free(&gpu->sorted, it);
     pliant_cuda_release_host(gpu->h_exchange);
     if (gpu->graph) cudaGraphExecDestroy(gpu->graph);
     if (gpu->stream) cudaStreamDestroy(gpu->stream);
@@ -269,7 +269,7 @@ static pliant_status send_state(pliant_cuda_tled *gpu, const pliant_tled *tled)
     return PLIANT_OK;
 }
 
-static pliant_status make_room(pliant_cuda_tled *gpu, int32_t count)
+static pliant_status reserve_capacity(pliant_cuda_tled *gpu, int32_t count)
 {
     if (count <= gpu->h_held.capacity) return PLIANT_OK;
     const int32_t capacity = count + count / 2;
@@ -313,9 +313,9 @@ static pliant_status send_holds(pliant_cuda_tled *gpu, const pliant_tool *tools,
 {
     int32_t total = 0;
     held_nodes *held = &gpu->h_held;
-    const int32_t num_near = gpu->touching.num_near;
+    const int32_t num_near = gpu->sorted.num_near;
     for (int t = 0; t < num_tools; t++) total += tools[t].holding ? tools[t].num_held : 0;
-    CUDA_TRY(make_room(gpu, total + num_near));
+    CUDA_TRY(reserve_capacity(gpu, total + num_near));
     bool same = total == gpu->sent_total && num_near == gpu->sent_near;
     int32_t at = 0;
     for (int t = 0; t < num_tools; t++) {
@@ -330,11 +330,11 @@ static pliant_status send_holds(pliant_cuda_tled *gpu, const pliant_tool *tools,
         at += tools[t].num_held;
     }
     same =
-        same && (num_near == 0 || memcmp(held->near, gpu->touching.near, (size_t)num_near * sizeof *held->near) == 0);
+        same && (num_near == 0 || memcmp(held->near, gpu->sorted.near, (size_t)num_near * sizeof *held->near) == 0);
     if (!same) {
         std::copy(held->node, held->node + total, held->held);
-        std::copy(gpu->touching.near, gpu->touching.near + num_near, held->held + total);
-        std::copy(gpu->touching.near, gpu->touching.near + num_near, held->near);
+        std::copy(gpu->sorted.near, gpu->sorted.near + num_near, held->held + total);
+        std::copy(gpu->sorted.near, gpu->sorted.near + num_near, held->near);
         std::sort(held->held, held->held + total + num_near);
         gpu->sent_held = (int32_t)(std::unique(held->held, held->held + total + num_near) - held->held);
         gpu->sent_total = -1; /* invalid until the upload has succeeded */
@@ -351,14 +351,14 @@ static pliant_status send_holds(pliant_cuda_tled *gpu, const pliant_tool *tools,
 static pliant_status send_touching(pliant_cuda_tled *gpu, pliant_tled *tled, gpu_frame *frame)
 {
     bool moved = false;
-    CUDA_TRY(pliant_tled_touch_begin(tled));
-    const pliant_status status = pliant_cuda_touching_sort(tled, &gpu->touching, &gpu->gpu, &moved);
+    CUDA_TRY(pliant_tled_contacts_begin(tled));
+    const pliant_status status = pliant_cuda_tled_contacts_sort(tled, &gpu->sorted, &gpu->gpu, &moved);
     if (moved || status != PLIANT_OK) gpu->graph_steps = 0; /* it refers to the old buffers */
     CUDA_TRY(status);
-    frame->num_points = gpu->touching.num_points;
-    frame->num_levels = gpu->touching.num_levels;
-    frame->num_near = gpu->touching.num_near;
-    return pliant_cuda_touching_send(&gpu->touching, &gpu->gpu, gpu->stream);
+    frame->num_points = gpu->sorted.num_points;
+    frame->num_levels = gpu->sorted.num_levels;
+    frame->num_near = gpu->sorted.num_near;
+    return pliant_cuda_tled_contacts_send(&gpu->sorted, &gpu->gpu, gpu->stream);
 }
 
 static void set_tools(const pliant_tled *tled, const pliant_tool *tools, int num_tools, gpu_frame *frame)
@@ -376,7 +376,7 @@ static void set_tools(const pliant_tled *tled, const pliant_tool *tools, int num
         hold->stiffness = pliant_tool_stiffness(tool);
         hold->damping = pliant_tool_damping(tool);
         for (int s = 0; s <= t; s++)
-            if (tools[s].holding) frame->answer[t][s] = pliant_tled_answer(tled, tool, tools + s);
+            if (tools[s].holding) frame->answer[t][s] = pliant_tled_tool_compliance(tled, tool, tools + s);
         hold->load_share = frame->answer[t][t];
     }
 }
@@ -393,12 +393,12 @@ static void set_frame(const pliant_tled *tled, gpu_frame *frame)
     frame->damping = (float)system->stiffness_damping / (float)tled->time_step;
     frame->tolerance = tled->tolerance;
     frame->smallest_load = tled->smallest_load;
-    frame->substeps = pliant_tled_part_steps(tled);
+    frame->substeps = pliant_tled_part_substeps(tled);
     frame->made = tled->made;
     frame->whole = tled->substeps;
     for (int term = 0; term < system->num_prony; term++) {
         const float dt = (float)tled->time_step;
-        frame->prony_part[term] = dt / ((float)system->prony_time[term] + dt);
+        frame->prony_relaxed_fraction[term] = dt / ((float)system->prony_time[term] + dt);
         frame->prony_share[term] = (float)system->prony_share[term];
     }
 }
@@ -407,7 +407,7 @@ static pliant_status enqueue_substeps(const pliant_cuda_tled *gpu, int32_t count
 {
     for (int32_t number = 0; number < count; number++)
         CUDA_TRY(pliant_cuda_tled_substep(&gpu->gpu, number, pulled, gpu->stream));
-    return repeated ? pliant_cuda_tled_bump(&gpu->gpu, count, gpu->stream) : PLIANT_OK;
+    return repeated ? pliant_cuda_tled_advance_base(&gpu->gpu, count, gpu->stream) : PLIANT_OK;
 }
 
 /* Record `count` sub-steps as a graph, which needs only one launch. */
@@ -443,10 +443,11 @@ static pliant_status download_outcome(pliant_cuda_tled *gpu)
  * number of sub-steps. */
 static pliant_status enqueue_frame(pliant_cuda_tled *gpu, const pliant_tled *tled)
 {
-    const int32_t steps = pliant_tled_part_steps(tled), most = steps < tled->substeps ? part_graph : longest_graph;
-    const int32_t repeats = (steps + most - 1) / most,
-                  length = most == part_graph ? most : (steps + repeats - 1) / repeats;
-    const bool repeated = repeats > 1 || most == part_graph;
+    const int32_t steps = pliant_tled_part_substeps(tled),
+                  maximum = steps < tled->substeps ? part_graph : longest_graph;
+    const int32_t repeats = (steps + maximum - 1) / maximum,
+                  length = maximum == part_graph ? maximum : (steps + repeats - 1) / repeats;
+    const bool repeated = repeats > 1 || maximum == part_graph;
     CUDA_TRY(record(gpu, repeated ? length + length % 2 : length, repeated));
     for (int32_t r = 0; r < repeats; r++) CUDA_TRY(CUDA_CALL(cudaGraphLaunch(gpu->graph, gpu->stream)));
     return PLIANT_OK;
@@ -460,7 +461,7 @@ static pliant_status relax(pliant_cuda_tled *gpu, const pliant_tled *tled)
         CUDA_TRY(CUDA_CALL(cudaGraphLaunch(gpu->graph, gpu->stream)));
         CUDA_TRY(download_outcome(gpu));
         CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
-        if (outcome->settled || outcome->unsound < INT32_MAX) break;
+        if (outcome->settled || outcome->first_unstable_step < INT32_MAX) break;
     }
     return PLIANT_OK;
 }
@@ -477,7 +478,7 @@ static pliant_status download(pliant_cuda_tled *gpu, pliant_tled *tled)
     if (it->viscous)
         CUDA_TRY(CUDA_CALL(
             cudaMemcpyAsync(tled->kept_memory, it->d_packed_memory, memory, cudaMemcpyDeviceToHost, gpu->stream)));
-    CUDA_TRY(pliant_cuda_touching_download(&gpu->touching, it, gpu->stream));
+    CUDA_TRY(pliant_cuda_tled_contacts_download(&gpu->sorted, it, gpu->stream));
     CUDA_TRY(download_outcome(gpu));
     return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
 }
@@ -508,7 +509,7 @@ extern "C" pliant_status pliant_cuda_tled_run(void *with, pliant_tled *tled, pli
             return pliant_fail(PLIANT_ERROR_UNAVAILABLE,
                                "tool %s has a mass: explicit dynamics supports tool mass only on the CPU",
                                tools[t].name);
-    if (tled->slowing.tissue)
+    if (tled->overlap_damping.tissue)
         return pliant_fail(PLIANT_ERROR_UNAVAILABLE,
                            "contact/delay is false: collision detection in every sub-step runs only on the CPU");
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
@@ -520,7 +521,7 @@ extern "C" pliant_status pliant_cuda_tled_run(void *with, pliant_tled *tled, pli
     memcpy(outcome->passed_target, tled->passed_target, sizeof outcome->passed_target);
     outcome->passed_step = tled->passed_step;
     memcpy(outcome->quotient, tled->quotient, sizeof outcome->quotient);
-    outcome->unsound = INT32_MAX;
+    outcome->first_unstable_step = INT32_MAX;
     set_frame(tled, frame);
     set_tools(tled, tools, num_tools, frame);
     CUDA_TRY(send_touching(gpu, tled, frame));
@@ -529,10 +530,10 @@ extern "C" pliant_status pliant_cuda_tled_run(void *with, pliant_tled *tled, pli
                                        cudaMemcpyHostToDevice, gpu->stream)));
     CUDA_TRY(still ? relax(gpu, tled) : enqueue_frame(gpu, tled));
     CUDA_TRY(download(gpu, tled));
-    out->sound = outcome->unsound == INT32_MAX;
-    out->steps = still ? outcome->steps : pliant_tled_part_steps(tled);
-    if (!out->sound) {
-        out->steps = outcome->unsound + 1;
+    out->is_stable = outcome->first_unstable_step == INT32_MAX;
+    out->steps = still ? outcome->steps : pliant_tled_part_substeps(tled);
+    if (!out->is_stable) {
+        out->steps = outcome->first_unstable_step + 1;
         return PLIANT_OK;
     }
     out->settled = outcome->settled != 0;
@@ -543,7 +544,7 @@ extern "C" pliant_status pliant_cuda_tled_run(void *with, pliant_tled *tled, pli
         out->error =
             pliant_tled_frame_error(tled, outcome->sums[PLIANT_SUM_ERROR_BEFORE], outcome->sums[PLIANT_SUM_ERROR]);
     take(outcome, tled, tools, num_tools);
-    pliant_cuda_touching_take(&gpu->touching, tled);
+    pliant_cuda_tled_contacts_take(&gpu->sorted, tled);
     gpu->stale = false;
     return PLIANT_OK;
 }

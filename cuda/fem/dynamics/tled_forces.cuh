@@ -108,13 +108,13 @@ static __device__ __forceinline__ void relax(const gpu_tled &tled, int from, int
     float s[6], relaxed[6] = {0, 0, 0, 0, 0, 0};
     pliant_stress_at_rest(h, cofactor, p, s);
     for (int term = 0; term < tled.num_prony; term++) {
-        const float part = tled.d_frame->prony_part[term], share = tled.d_frame->prony_share[term];
+        const float part = tled.d_frame->prony_relaxed_fraction[term], fraction = tled.d_frame->prony_share[term];
         const size_t place = 8 * ((size_t)term * (size_t)tled.num_elements + (size_t)tet);
         const float *old = tled.d_memory[from] + place;
         float *next = tled.d_memory[1 - from] + place;
         for (int m = 0; m < 6; m++) {
             float y = old[m];
-            y += part * (share * s[m] - y);
+            y += part * (fraction * s[m] - y);
             relaxed[m] += y;
             if (keeps) next[m] = y;
         }

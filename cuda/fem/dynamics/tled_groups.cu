@@ -51,7 +51,7 @@ static int32_t element_of(const pliant_tled_system *system, int32_t corner, int3
     return (corner < tets ? 0 : system->num_blocks * LANES) + place / (numbers * LANES) * LANES + place % LANES;
 }
 
-static bool make_room(grouping *made)
+static bool reserve_capacity(grouping *made)
 {
     if (made->count < made->capacity) return true;
     const int32_t capacity = 2 * made->capacity + 64;
@@ -102,7 +102,7 @@ static pliant_status make(const pliant_tled_system *system, grouping *made)
                                node, own);
         if (made->count == 0 || j - made->group[made->count - 1] == GPU_GROUP_NODES ||
             elements + new_elements(system, made, node) > GPU_THREADS) {
-            if (!make_room(made)) return pliant_fail_memory("the groups of nodes");
+            if (!reserve_capacity(made)) return pliant_fail_memory("the groups of nodes");
             std::fill_n(made->element + (size_t)made->count * GPU_THREADS, (size_t)GPU_THREADS, -1);
             made->group[made->count++] = j;
             elements = 0;
@@ -143,10 +143,10 @@ extern "C" pliant_status pliant_cuda_tled_groups(const pliant_tled_system *syste
     const size_t nodes = (size_t)system->mesh->num_nodes, elements = (size_t)pliant_tled_blocks(system) * LANES,
                  corners = (size_t)system->corner_start[nodes];
     grouping made = {};
-    bool room = allocate(nodes, &made.places) && allocate(nodes + 1, &made.group) && allocate(nodes, &made.order) &&
+    bool capacity = allocate(nodes, &made.places) && allocate(nodes + 1, &made.group) && allocate(nodes, &made.order) &&
                 allocate(nodes + 2, &made.corner_start) && allocate(corners, &made.corner) &&
                 allocate(elements, &made.seen) && allocate(elements, &made.slot);
-    pliant_status status = room ? make(system, &made) : pliant_fail_memory("the groups of nodes");
+    pliant_status status = capacity ? make(system, &made) : pliant_fail_memory("the groups of nodes");
     if (status == PLIANT_OK) status = upload_all(system, &made, tled, stream);
     void *blocks[] = {made.places,       made.group,  made.order, made.element,
                       made.corner_start, made.corner, made.seen,  made.slot};

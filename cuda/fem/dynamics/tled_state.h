@@ -63,7 +63,7 @@ typedef struct gpu_hold {
 typedef struct gpu_frame {
     double gravity[3], time_step, reach;
     double factor, kept; /* d+ = factor / M (R - F) + kept d; dynamic relaxation computes them in every sub-step */
-    float prony_part[PLIANT_PRONY_TERMS], prony_share[PLIANT_PRONY_TERMS];
+    float prony_relaxed_fraction[PLIANT_PRONY_TERMS], prony_share[PLIANT_PRONY_TERMS];
     float damping;             /* proportional to stiffness, divided by the sub-step; 0: none */
     float gap;
     double tolerance, smallest_load; /* of dynamic relaxation */
@@ -84,7 +84,7 @@ typedef struct gpu_outcome {
     double tool_load, sums[PLIANT_NUM_SUMS], residual;
     int32_t base;              /* sub-steps before the present graph */
     int32_t steps;
-    int32_t unsound;           /* first sub-step in which a node moved faster than sound; INT32_MAX: none */
+    int32_t first_unstable_step;           /* first sub-step in which a node moved faster than sound; INT32_MAX: none */
     int32_t settled;
     uint32_t arrived;          /* number of finished blocks of a kernel */
 } gpu_outcome;
@@ -125,12 +125,12 @@ typedef struct gpu_tled {
     int32_t *d_held_node, *d_tool_node; /* nodes of any tool or contact, ascending; nodes of each tool */
     double *d_tool_weight;
     int32_t *d_near;           /* nodes of contacts */
-    int32_t room_points, room_near; /* capacity for contacts, and for their nodes */
-    size_t shared_bytes;       /* shared memory for contacts; 0: they are in d_near_room */
-    pliant_contact_point *d_point; /* sorted by levels; tled_touch.h */
-    pliant_tled_touch *d_touch;
+    int32_t point_capacity, near_capacity; /* capacity for contacts, and for their nodes */
+    size_t shared_bytes;       /* shared memory for contacts; 0: they are in d_near_buffer */
+    pliant_contact_point *d_point; /* sorted by levels; tled_contact.h */
+    pliant_tled_contact *d_touch;
     int32_t *d_level;
-    double *d_near_room;       /* (`room_near` x NEAR_NUMBERS) */
+    double *d_near_buffer;       /* (`near_capacity` x NEAR_NUMBERS) */
     double *d_positions, *d_packed_u; /* (num_nodes x 3) for other stages */
     float *d_packed_memory;    /* in the host's layout */
     int32_t num_walls;
@@ -143,19 +143,19 @@ typedef struct gpu_tled {
 pliant_status pliant_cuda_tled_groups(const pliant_tled_system *system, gpu_tled *tled, cudaStream_t stream);
 
 /* ---- Implemented in tled_step.cu. */
-static inline size_t pliant_cuda_touch_bytes(int32_t points, int32_t near)
+static inline size_t pliant_cuda_tled_contact_bytes(int32_t points, int32_t near)
 {
-    return (size_t)points * (sizeof(pliant_contact_point) + sizeof(pliant_tled_touch)) +
+    return (size_t)points * (sizeof(pliant_contact_point) + sizeof(pliant_tled_contact)) +
            (size_t)near * NEAR_NUMBERS * sizeof(double);
 }
 /* Keep the contacts in `bytes` of shared memory, if the kernel has that much available. */
-pliant_status pliant_cuda_tled_share(gpu_tled *tled, size_t bytes, size_t most);
+pliant_status pliant_cuda_tled_use_shared_memory(gpu_tled *tled, size_t bytes, size_t maximum);
 /* The following functions enqueue work. */
 /* Enqueue the sub-step with this number in its graph. The kernel checks whether it belongs to the frame. pulled: there
  * are held nodes or contacts. */
 pliant_status pliant_cuda_tled_substep(const gpu_tled *tled, int32_t number, bool pulled, cudaStream_t stream);
 /* Add the completed sub-steps to the base of the frame's later graphs. */
-pliant_status pliant_cuda_tled_bump(const gpu_tled *tled, int32_t steps, cudaStream_t stream);
+pliant_status pliant_cuda_tled_advance_base(const gpu_tled *tled, int32_t steps, cudaStream_t stream);
 /* Enqueue the sums of the last sub-step, and store the state for the next frame, also in the host's layout. */
 pliant_status pliant_cuda_tled_finish(const gpu_tled *tled, cudaStream_t stream);
 /* Unpack the host's state (d_packed_u, d_packed_memory) for the start of a frame. */

@@ -10,7 +10,7 @@
 static __device__ __forceinline__ bool is_idle(const gpu_tled &tled, int32_t step)
 {
     const gpu_outcome *outcome = tled.d_outcome;
-    return step >= tled.d_frame->substeps || (tled.still && (outcome->settled || outcome->unsound < step));
+    return step >= tled.d_frame->substeps || (tled.still && (outcome->settled || outcome->first_unstable_step < step));
 }
 
 /* Combine two values: maximum for errors, sum for others. */
@@ -49,15 +49,15 @@ static __device__ double total_of(const double *d_sums, int32_t blocks, int slot
 /* Return the maximum of one number over all blocks, likewise. */
 static __device__ double largest_of(const double *d_sums, int32_t blocks, int slot, double *scratch)
 {
-    double most = 0;
+    double maximum = 0;
     for (int32_t b = (int32_t)threadIdx.x; b < blocks; b += GPU_THREADS)
-        most = fmax(most, __ldcg(d_sums + (size_t)b * PLIANT_NUM_SUMS + slot));
-    for (int step = 16; step > 0; step /= 2) most = fmax(most, __shfl_xor_sync(0xffffffffu, most, step));
+        maximum = fmax(maximum, __ldcg(d_sums + (size_t)b * PLIANT_NUM_SUMS + slot));
+    for (int step = 16; step > 0; step /= 2) maximum = fmax(maximum, __shfl_xor_sync(0xffffffffu, maximum, step));
     __syncthreads();
-    if (threadIdx.x % 32 == 0) scratch[threadIdx.x / 32] = most;
+    if (threadIdx.x % 32 == 0) scratch[threadIdx.x / 32] = maximum;
     __syncthreads();
-    for (int w = 0; w < GPU_THREADS / 32; w++) most = fmax(most, scratch[w]);
-    return most;
+    for (int w = 0; w < GPU_THREADS / 32; w++) maximum = fmax(maximum, scratch[w]);
+    return maximum;
 }
 
 /* Dynamic relaxation: compute the damping. */
@@ -123,7 +123,7 @@ static __device__ __forceinline__ void keep_fixed(const gpu_tled &tled, const co
 }
 
 /* Exchange the three components of a node between neighbouring threads. Call it from all threads of a warp. */
-static __device__ __forceinline__ void share(double mine, int k, double all[3])
+static __device__ __forceinline__ void gather_components(double mine, int k, double all[3])
 {
     const int base = (int)threadIdx.x % 32 - k;
     for (int m = 0; m < 3; m++) all[m] = __shfl_sync(0xffffffffu, mine, base + m);
@@ -153,9 +153,9 @@ static __device__ __forceinline__ double move_component(const gpu_tled &tled, in
     at.d = at.factor * acceleration + at.kept * at.d;
     at.u += at.d;
     if (WALLS && tled.num_walls > 0) {
-        share(at.u, at.k, u);
-        share(at.d, at.k, d);
-        share(acceleration, at.k, a);
+        gather_components(at.u, at.k, u);
+        gather_components(at.d, at.k, d);
+        gather_components(acceleration, at.k, a);
         if (at.moves && at.node.held == 0) {
             collide(tled, tled.d_rest + 3 * (size_t)at.n, at.factor, u, d, a);
             at.u = pick(u, at.k);
@@ -163,11 +163,11 @@ static __device__ __forceinline__ double move_component(const gpu_tled &tled, in
             acceleration = pick(a, at.k);
         }
     }
-    share(at.d, at.k, d);
+    gather_components(at.d, at.k, d);
     if (!at.moves) return 0;
     if (at.node.held != 0) tled.d_acceleration[3 * (size_t)at.n + at.k] = acceleration;
     else if (at.k == 0 && !(d[0] * d[0] + d[1] * d[1] + d[2] * d[2] <= at.node.limit))
-        atomicMin(&tled.d_outcome->unsound, step);
+        atomicMin(&tled.d_outcome->first_unstable_step, step);
     d_d[3 * (size_t)at.n + at.k] = at.d;
     d_next[4 * (size_t)at.n + at.k] = at.u;
     return acceleration;
@@ -181,9 +181,9 @@ static __device__ __forceinline__ double error_of_component(const gpu_tled &tled
                                                             double acceleration, double older)
 {
     double u[3], d[3], changes[3];
-    share(at.d, at.k, d);
-    share(at.moves ? acceleration - (at.d - at.kept * older) / at.factor : 0, at.k, changes);
-    share(at.u, at.k, u);
+    gather_components(at.d, at.k, d);
+    gather_components(at.moves ? acceleration - (at.d - at.kept * older) / at.factor : 0, at.k, changes);
+    gather_components(at.u, at.k, u);
     if (!at.moves || at.node.held != 0 || at.k != 0) return 0;
     if (WALLS && pliant_substep_touches(tled.walls, tled.num_walls, tled.d_rest + 3 * (size_t)at.n, u)) return 0;
     const double change = sqrt(changes[0] * changes[0] + changes[1] * changes[1] + changes[2] * changes[2]);
@@ -262,9 +262,9 @@ __global__ void __launch_bounds__(GPU_THREADS) pull_kernel(const gpu_tled tled, 
     const int32_t step = tled.d_outcome->base + number, left = tled.d_frame->substeps - step, to = 1 - (number & 1);
     if (left <= 0) return;
     double residual;
-    const gpu_touch_room room = make_touch_room(tled, tled.shared_bytes > 0, touch_block);
-    if (pull_and_settle(tled, tled.d_frame->factor, left, step, tled.d_u[to], tled.d_d[to], &work, room, &residual))
-        atomicMin(&tled.d_outcome->unsound, step);
+    const gpu_contact_buffers capacity = make_contact_buffers(tled, tled.shared_bytes > 0, touch_block);
+    if (pull_and_settle(tled, tled.d_frame->factor, left, step, tled.d_u[to], tled.d_d[to], &work, capacity, &residual))
+        atomicMin(&tled.d_outcome->first_unstable_step, step);
     if (threadIdx.x == 0) tled.d_outcome->sums[PLIANT_SUM_RESIDUAL] = residual;
 }
 
@@ -284,7 +284,7 @@ __global__ void __launch_bounds__(GPU_THREADS) relax_kernel(const gpu_tled tled,
     if (is_idle(tled, step)) return;
     const double factor = outcome->factor, kept = outcome->kept;
     double residual = 0, held_residual = 0;
-    bool unsound = false;
+    bool first_unstable_step = false;
     if (n < tled.num_nodes && tled.d_nodes[n].inverse_mass != 0) {
         const gpu_node node = tled.d_nodes[n];
         double u[3], d[3], acceleration[3];
@@ -294,19 +294,19 @@ __global__ void __launch_bounds__(GPU_THREADS) relax_kernel(const gpu_tled tled,
             d[k] = factor * acceleration[k] + kept * tled.d_d[0][at];
             u[k] = tled.d_u[0][4 * (size_t)n + k] + d[k];
         }
-        if (node.held == 0) unsound = settle(tled, n, node, factor, u, d, acceleration, &residual);
+        if (node.held == 0) first_unstable_step = settle(tled, n, node, factor, u, d, acceleration, &residual);
         for (int k = 0; k < 3; k++) tled.d_d[0][3 * (size_t)n + k] = d[k];
         store_u(tled.d_u[0], n, u);
     }
     residual = block_sum(residual, work.scratch);
     if (threadIdx.x == 0) tled.d_sums[(size_t)blockIdx.x * PLIANT_NUM_SUMS + PLIANT_SUM_RESIDUAL] = residual;
-    if (unsound) atomicMin(&outcome->unsound, step);
+    if (first_unstable_step) atomicMin(&outcome->first_unstable_step, step);
     if (!is_last_block(outcome)) return;
     const gpu_frame *frame = tled.d_frame;
     if (frame->num_held > 0) {
-        const gpu_touch_room room = make_touch_room(tled, false, nullptr);
-        if (pull_and_settle(tled, factor, 1, step, tled.d_u[0], tled.d_d[0], &work, room, &held_residual))
-            atomicMin(&outcome->unsound, step);
+        const gpu_contact_buffers capacity = make_contact_buffers(tled, false, nullptr);
+        if (pull_and_settle(tled, factor, 1, step, tled.d_u[0], tled.d_d[0], &work, capacity, &held_residual))
+            atomicMin(&outcome->first_unstable_step, step);
     }
     const double total = total_of(tled.d_sums, (int32_t)gridDim.x, PLIANT_SUM_RESIDUAL, work.scratch) + held_residual;
     __syncthreads();
@@ -314,7 +314,7 @@ __global__ void __launch_bounds__(GPU_THREADS) relax_kernel(const gpu_tled tled,
     const double load = outcome->sums[PLIANT_SUM_LOAD] + (frame->num_held > 0 ? outcome->tool_load : 0);
     outcome->residual = pliant_substep_relative(frame->smallest_load, total, load);
     outcome->steps = step + 1;
-    outcome->settled = outcome->residual <= frame->tolerance && atomicAdd(&outcome->unsound, 0) > step;
+    outcome->settled = outcome->residual <= frame->tolerance && atomicAdd(&outcome->first_unstable_step, 0) > step;
 }
 
 /* Compute average nodal pressures, as pliant_tled_pressures. */
@@ -340,7 +340,7 @@ __global__ void __launch_bounds__(GPU_THREADS) pressure_kernel(const gpu_tled tl
     tled.d_pressure[n] = tled.d_node_modulus[n] * pliant_law_float_volume(tled.law, mean);
 }
 
-__global__ void bump_kernel(gpu_outcome *outcome, int32_t steps) { outcome->base += steps; }
+__global__ void advance_base_kernel(gpu_outcome *outcome, int32_t steps) { outcome->base += steps; }
 
 /* Return the index of a number of an element's memory in the host's layout. */
 static __device__ size_t host_place(int32_t element, int term, int m)
@@ -438,11 +438,11 @@ template <int LAW> static void launch(const gpu_tled *tled, int32_t number, cuda
     else launch<LAW, false>(tled, number, stream);
 }
 
-extern "C" pliant_status pliant_cuda_tled_share(gpu_tled *tled, size_t bytes, size_t most)
+extern "C" pliant_status pliant_cuda_tled_use_shared_memory(gpu_tled *tled, size_t bytes, size_t maximum)
 {
     cudaFuncAttributes kernel;
     CUDA_TRY(CUDA_CALL(cudaFuncGetAttributes(&kernel, pull_kernel)));
-    tled->shared_bytes = bytes + kernel.sharedSizeBytes <= most ? bytes : 0;
+    tled->shared_bytes = bytes + kernel.sharedSizeBytes <= maximum ? bytes : 0;
     /* A property of the kernel: another simulation may need more. */
     if (tled->shared_bytes <= (size_t)kernel.maxDynamicSharedSizeBytes) return PLIANT_OK;
     return CUDA_CALL(cudaFuncSetAttribute(pull_kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, (int)bytes));
@@ -470,9 +470,9 @@ extern "C" pliant_status pliant_cuda_tled_substep(const gpu_tled *tled, int32_t 
     return CUDA_LAUNCHED("dynamic relaxation");
 }
 
-extern "C" pliant_status pliant_cuda_tled_bump(const gpu_tled *tled, int32_t steps, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_tled_advance_base(const gpu_tled *tled, int32_t steps, cudaStream_t stream)
 {
-    bump_kernel<<<1, 1, 0, stream>>>(tled->d_outcome, steps);
+    advance_base_kernel<<<1, 1, 0, stream>>>(tled->d_outcome, steps);
     return CUDA_LAUNCHED("the count of sub-steps");
 }
 

@@ -3,7 +3,7 @@
 #ifndef PLIANT_CUDA_TLED_TOOLS_CUH
 #define PLIANT_CUDA_TLED_TOOLS_CUH
 
-#include "cuda/fem/dynamics/tled_touch.cuh"
+#include "cuda/fem/dynamics/tled_contact.cuh"
 
 /* Sum over a block in a tree. All threads get the same result. scratch: (GPU_THREADS / 32). */
 static __device__ double block_sum(double value, double *scratch)
@@ -190,10 +190,10 @@ static __device__ void pull(const gpu_tled &tled, double factor, int32_t parts, 
  * @param made  Sub-steps of this part of the frame before this one. */
 static __device__ __forceinline__ bool pull_and_settle(const gpu_tled &tled, double factor, int32_t parts, int32_t made,
                                                        double *d_u, double *d_d, gpu_tool_work *work,
-                                                       const gpu_touch_room &room, double *residual)
+                                                       const gpu_contact_buffers &capacity, double *residual)
 {
     double sum = 0;
-    bool unsound = false;
+    bool first_unstable_step = false;
     const double *from = reinterpret_cast<const double *>(tled.d_frame);
     for (size_t m = threadIdx.x; m < sizeof(gpu_frame) / sizeof *from; m += GPU_THREADS)
         reinterpret_cast<double *>(&work->frame)[m] = from[m];
@@ -201,7 +201,8 @@ static __device__ __forceinline__ bool pull_and_settle(const gpu_tled &tled, dou
     pull(tled, factor, parts, d_u, d_d, work);
     __syncthreads();
     if (work->frame.num_points > 0) {
-        const double load = block_sum(touch_all(tled, work->frame, factor, made, d_u, d_d, room), work->scratch);
+        const double load =
+            block_sum(correct_contacts(tled, work->frame, factor, made, d_u, d_d, capacity), work->scratch);
         if (threadIdx.x == 0) tled.d_outcome->tool_load += load;
     }
     for (int32_t h = (int32_t)threadIdx.x; h < work->frame.num_held; h += GPU_THREADS) {
@@ -214,7 +215,7 @@ static __device__ __forceinline__ bool pull_and_settle(const gpu_tled &tled, dou
             d[k] = __ldcg(d_d + 3 * (size_t)n + k);
             acceleration[k] = __ldcg(tled.d_acceleration + 3 * (size_t)n + k);
         }
-        unsound |= settle(tled, n, node, factor, u, d, acceleration, &mine);
+        first_unstable_step |= settle(tled, n, node, factor, u, d, acceleration, &mine);
         sum += mine;
         for (int k = 0; k < 3; k++) {
             d_u[4 * (size_t)n + k] = u[k];
@@ -222,7 +223,7 @@ static __device__ __forceinline__ bool pull_and_settle(const gpu_tled &tled, dou
         }
     }
     *residual = block_sum(sum, work->scratch);
-    return unsound;
+    return first_unstable_step;
 }
 
 #endif

@@ -34,12 +34,12 @@ enum {
     SHEAR
 };
 
-struct sending { bool grows; cudaStream_t stream; size_t *room; };
+struct sending { bool grows; cudaStream_t stream; size_t *capacity; };
 
-template <class T> static pliant_status room_for(const sending &to, int array, size_t count, T **d_out)
+template <class T> static pliant_status capacity_for(const sending &to, int array, size_t count, T **d_out)
 {
     void *d_block = *d_out;
-    CUDA_TRY(pliant_cuda_ensure(count * sizeof(T), to.grows, "the macro-elements", &d_block, to.room + array));
+    CUDA_TRY(pliant_cuda_ensure(count * sizeof(T), to.grows, "the macro-elements", &d_block, to.capacity + array));
     *d_out = static_cast<T *>(d_block);
     return PLIANT_OK;
 }
@@ -47,7 +47,7 @@ template <class T> static pliant_status room_for(const sending &to, int array, s
 template <class T> static pliant_status upload(const sending &to, int array, const T *h_from, size_t count, T **d_out)
 {
     if (count == 0) return PLIANT_OK;
-    CUDA_TRY(room_for(to, array, count, d_out));
+    CUDA_TRY(capacity_for(to, array, count, d_out));
     return CUDA_CALL(cudaMemcpyAsync(*d_out, h_from, count * sizeof(T), cudaMemcpyHostToDevice, to.stream));
 }
 
@@ -59,8 +59,8 @@ static pliant_status upload_roots(const pliant_macros *macros, const sending &to
         const int32_t unknowns = 3 * (macros->start[cube + 1] - macros->start[cube]), rank = macros->rank[cube];
         start.push_back((int64_t)root.size());
         root.insert(root.end(), macros->root[cube], macros->root[cube] + (size_t)rank * (size_t)unknowns);
-        if (unknowns > out->most_unknowns) out->most_unknowns = unknowns;
-        if (rank > out->most_rank) out->most_rank = rank;
+        if (unknowns > out->max_unknowns) out->max_unknowns = unknowns;
+        if (rank > out->max_rank) out->max_rank = rank;
     }
     CUDA_TRY(upload(to, ROOT_START, start.data(), start.size(), &out->d_root_start));
     CUDA_TRY(upload(to, ROOT, root.data(), root.size(), &out->d_root));
@@ -91,22 +91,22 @@ static pliant_status upload_followers(const pliant_macros *macros, const sending
 
 static size_t shared_bytes(const gpu_macros *macros)
 {
-    return ((size_t)macros->most_unknowns + (size_t)macros->most_rank) * sizeof(double);
+    return ((size_t)macros->max_unknowns + (size_t)macros->max_rank) * sizeof(double);
 }
 
 /* Return whether the cubes have few corners. One warp then handles a cube. */
-static bool is_small(const gpu_macros *macros) { return macros->most_unknowns <= WARP; }
+static bool is_small(const gpu_macros *macros) { return macros->max_unknowns <= WARP; }
 
 static __global__ void macro_force_kernel(gpu_system system, gpu_iteration iteration);
 
 extern "C" pliant_status pliant_cuda_macros_set(const pliant_macros *macros, bool grows, cudaStream_t stream,
-                                                size_t *room, gpu_macros *out)
+                                                size_t *capacity, gpu_macros *out)
 {
-    const sending to = {grows, stream, room};
+    const sending to = {grows, stream, capacity};
     const size_t count = (size_t)macros->count, corners = (size_t)macros->start[count];
     out->count = macros->count;
     out->corners = macros->start[count];
-    out->most_unknowns = out->most_rank = 0;
+    out->max_unknowns = out->max_rank = 0;
     CUDA_TRY(upload(to, START, macros->start, count + 1, &out->d_start));
     CUDA_TRY(upload(to, NODE, macros->node, corners, &out->d_node));
     CUDA_TRY(upload(to, HELD, macros->held, corners, &out->d_held));
@@ -116,7 +116,7 @@ extern "C" pliant_status pliant_cuda_macros_set(const pliant_macros *macros, boo
     CUDA_TRY(upload(to, RANK, macros->rank, count, &out->d_rank));
     CUDA_TRY(upload(to, SHEAR, macros->shear, macros->shear ? count : 0, &out->d_shear));
     CUDA_TRY(upload(to, CUBE_OF_CORNER, macros->cube_of_corner, corners, &out->d_cube_of_corner));
-    CUDA_TRY(room_for(to, FRAME, count, &out->d_frame));
+    CUDA_TRY(capacity_for(to, FRAME, count, &out->d_frame));
     try {
         CUDA_TRY(upload_roots(macros, to, out));
         CUDA_TRY(upload_followers(macros, to, out));
@@ -149,8 +149,8 @@ static __device__ void frame_of(const gpu_system &system, const double *x, int c
                                 pliant_macro_frame *out)
 {
     const gpu_macros &macros = system.macros;
-    pliant_macro_place(macros.d_own + 8 * (size_t)cube, macros.d_gradient + 24 * (size_t)cube, x, system.d_rest, f,
-                       out);
+    pliant_macro_find_frame(macros.d_own + 8 * (size_t)cube, macros.d_gradient + 24 * (size_t)cube, x, system.d_rest, f,
+                            out);
     if (macros.d_grounded[cube])
         for (int m = 0; m < 9; m++) out->rotation[m] = m % 4 == 0;
     else
@@ -208,7 +208,7 @@ static __global__ void __launch_bounds__(THREADS) macro_force_kernel(gpu_system 
     if (state.done || gpu_knows_forces(&state)) return;
     const gpu_macros &macros = system.macros;
     const int cube = (int)blockIdx.x, begin = macros.d_start[cube], count = macros.d_start[cube + 1] - begin;
-    double *q = shared, *row = shared + macros.most_unknowns;
+    double *q = shared, *row = shared + macros.max_unknowns;
     corners_in_frame(system, iteration.d_x[gpu_target(&state)], cube, q);
     apply_root(macros.d_root + macros.d_root_start[cube], macros.d_rank[cube], 3 * count, q, row);
     for (int c = (int)threadIdx.x; c < count; c += THREADS) {
@@ -326,7 +326,7 @@ extern "C" pliant_status pliant_cuda_macro_positions(const gpu_system *system, c
     /* Fixed nodes follow no cube and are at rest. */
     const size_t bytes = 3 * (size_t)system->num_fine * sizeof *d_fine;
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(d_fine, system->d_fine_rest, bytes, cudaMemcpyDeviceToDevice, stream)));
-    const size_t shared = (size_t)system->macros.most_unknowns * sizeof(double);
+    const size_t shared = (size_t)system->macros.max_unknowns * sizeof(double);
     CUDA_TRY(find_frames(system, iteration, false, stream));
     macro_position_kernel<<<(unsigned)system->macros.count, THREADS, shared, stream>>>(*system, *iteration, d_fine);
     return CUDA_LAUNCHED("macro_position_kernel");

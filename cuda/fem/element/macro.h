@@ -17,7 +17,7 @@ struct gpu_iteration;
 /* The arrays of struct pliant_macros; arrays per cube are concatenated. All pointers are device pointers. */
 typedef struct gpu_macros {
     int32_t count, corners;    /* 0: no macro-elements */
-    int32_t most_unknowns, most_rank; /* maxima over the cubes */
+    int32_t max_unknowns, max_rank; /* maxima over the cubes */
     int32_t *d_start, *d_node, *d_own, *d_rank, *d_cube_of_corner, *d_fine_start, *d_fine;
     uint8_t *d_held, *d_grounded;
     double *d_gradient, *d_shear; /* d_shear is NULL for homogenized elements */
@@ -31,9 +31,9 @@ typedef struct gpu_macros {
 
 enum { MACRO_ARRAYS = 17 };
 
-/* Create the macro-elements, or replace them after a cut. `room`: (MACRO_ARRAYS) capacity of the arrays in bytes.
+/* Create the macro-elements, or replace them after a cut. `capacity`: (MACRO_ARRAYS) capacity of the arrays in bytes.
  * Errors: MEMORY, UNAVAILABLE; the caller frees partial results. */
-pliant_status pliant_cuda_macros_set(const pliant_macros *macros, bool grows, cudaStream_t stream, size_t *room,
+pliant_status pliant_cuda_macros_set(const pliant_macros *macros, bool grows, cudaStream_t stream, size_t *capacity,
                                      gpu_macros *out);
 void pliant_cuda_macros_free(gpu_macros *macros);
 

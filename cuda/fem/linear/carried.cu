@@ -9,7 +9,7 @@
 
 enum { THREADS = 128, ENTRIES = 36, MACRO_ENTRIES = 72, WARP = 32, COLUMNS = 32, GROUPS = 8 };
 /* Maximum number of sweeps within the time of a frame. Beyond it, a new preconditioner is as fast. */
-enum { MOST_SWEEPS = 32, MOST_TILES = 72 };
+enum { MAX_SWEEPS = 32, MAX_TILES = 72 };
 /* Pivot threshold for parts attached by a hinge, as a fraction of the original diagonal. */
 static constexpr double hinge = 1e-6;
 
@@ -75,7 +75,7 @@ static pliant_status find_neighbours(const pliant_system *system, const pliant_c
     found->taker = numbers<int32_t>(count);
     if (!found->inner || !found->near || !found->place || !found->taker_start || !found->taker)
         return pliant_fail_memory("the preconditioner");
-    CUDA_TRY(pliant_carried_opened(system, base, source, found->inner));
+    CUDA_TRY(pliant_carried_mark_opened(system, base, source, found->inner));
     found->num_inner = pliant_subdomain_inner(system, PLIANT_CARRIED_RINGS, found->inner, found->near);
     find_outer(system, found);
     find_takers(system->num_free, base_free, source, found);
@@ -172,33 +172,33 @@ static __global__ void __launch_bounds__(THREADS) narrow_kernel(gpu_carried carr
 
 /* ---- Creation. */
 
-template <class T> static pliant_status room_for(size_t count, int array, gpu_carried_room *room, T **d_out)
+template <class T> static pliant_status capacity_for(size_t count, int array, gpu_carried_capacity *capacity, T **d_out)
 {
     void *d_block = *d_out;
-    CUDA_TRY(pliant_cuda_ensure(count * sizeof(T), true, "the preconditioner", &d_block, room->bytes + array));
+    CUDA_TRY(pliant_cuda_ensure(count * sizeof(T), true, "the preconditioner", &d_block, capacity->bytes + array));
     *d_out = static_cast<T *>(d_block);
     return PLIANT_OK;
 }
 
 template <class T>
-static pliant_status send(const T *h_from, size_t count, int array, cudaStream_t stream, gpu_carried_room *room,
+static pliant_status send(const T *h_from, size_t count, int array, cudaStream_t stream, gpu_carried_capacity *capacity,
                           T **d_out)
 {
-    CUDA_TRY(room_for(count, array, room, d_out));
+    CUDA_TRY(capacity_for(count, array, capacity, d_out));
     return CUDA_CALL(cudaMemcpyAsync(*d_out, h_from, count * sizeof(T), cudaMemcpyHostToDevice, stream));
 }
 
 static pliant_status invert(const gpu_system *gpu, int32_t pivots, int32_t tiles, cudaStream_t stream,
-                            gpu_carried *carried, gpu_carried_room *room)
+                            gpu_carried *carried, gpu_carried_capacity *capacity)
 {
-    gpu_sweep *sweep = &room->sweep;
+    gpu_sweep *sweep = &capacity->sweep;
     const size_t bytes = pliant_cuda_sweep_bytes(tiles);
-    void *blocks[] = {sweep->d_tiles, sweep->d_room, sweep->d_failed};
-    const size_t sizes[] = {bytes, pliant_cuda_sweep_room(tiles),
+    void *blocks[] = {sweep->d_tiles, sweep->d_buffer, sweep->d_failed};
+    const size_t sizes[] = {bytes, pliant_cuda_sweep_buffer_bytes(tiles),
                             ((size_t)SWEEP * (size_t)pivots + 1) * sizeof(double)};
     for (int b = 0; b < 3; b++) {
         pliant_status status =
-            pliant_cuda_ensure(sizes[b], true, "the preconditioner", blocks + b, room->sweep_room + b);
+            pliant_cuda_ensure(sizes[b], true, "the preconditioner", blocks + b, capacity->sweep_capacity + b);
         *sweep = {static_cast<double *>(blocks[0]), static_cast<double *>(blocks[1]), static_cast<int *>(blocks[2])};
         CUDA_TRY(status);
     }
@@ -219,39 +219,39 @@ static pliant_status invert(const gpu_system *gpu, int32_t pivots, int32_t tiles
 
 static pliant_status send_all(const pliant_system *system, const gpu_system *gpu, const neighbours &found,
                               const int32_t *h_source, cudaStream_t stream, gpu_carried *carried,
-                              gpu_carried_room *room)
+                              gpu_carried_capacity *capacity)
 {
     const size_t inner = 3 * (size_t)carried->inner, outer = 3 * (size_t)carried->outer,
                  free_nodes = (size_t)carried->num_free;
     const size_t padded = (size_t)pliant_cuda_inverse_padded(3 * carried->base_free);
-    CUDA_TRY(send(h_source, free_nodes, SOURCE, stream, room, &carried->d_source));
-    CUDA_TRY(
-        send(found.taker_start, (size_t)carried->base_free + 1, TAKER_START, stream, room, &carried->d_taker_start));
-    CUDA_TRY(send(found.taker, free_nodes, TAKER, stream, room, &carried->d_taker));
-    CUDA_TRY(send(found.place, (size_t)system->mesh->num_nodes, PLACE, stream, room, &carried->d_place));
-    CUDA_TRY(room_for(padded, RIGHT, room, &carried->d_right));
-    CUDA_TRY(room_for(padded, LEFT, room, &carried->d_left));
+    CUDA_TRY(send(h_source, free_nodes, SOURCE, stream, capacity, &carried->d_source));
+    CUDA_TRY(send(found.taker_start, (size_t)carried->base_free + 1, TAKER_START, stream, capacity,
+                  &carried->d_taker_start));
+    CUDA_TRY(send(found.taker, free_nodes, TAKER, stream, capacity, &carried->d_taker));
+    CUDA_TRY(send(found.place, (size_t)system->mesh->num_nodes, PLACE, stream, capacity, &carried->d_place));
+    CUDA_TRY(capacity_for(padded, RIGHT, capacity, &carried->d_right));
+    CUDA_TRY(capacity_for(padded, LEFT, capacity, &carried->d_left));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(carried->d_right, 0, padded * sizeof(float), stream)));
     if (carried->inner == 0) return PLIANT_OK;
-    CUDA_TRY(send(found.near, (size_t)found.num_near, NEAR, stream, room, &carried->d_near));
-    CUDA_TRY(room_for((inner + outer) * (size_t)carried->stride, ANSWER, room, &carried->d_answer));
-    CUDA_TRY(room_for(inner, FOUND, room, &carried->d_found));
-    CUDA_TRY(room_for(outer, PULL, room, &carried->d_pull));
+    CUDA_TRY(send(found.near, (size_t)found.num_near, NEAR, stream, capacity, &carried->d_near));
+    CUDA_TRY(capacity_for((inner + outer) * (size_t)carried->stride, ANSWER, capacity, &carried->d_answer));
+    CUDA_TRY(capacity_for(inner, FOUND, capacity, &carried->d_found));
+    CUDA_TRY(capacity_for(outer, PULL, capacity, &carried->d_pull));
     const int32_t pivots = (int32_t)((inner + SWEEP - 1) / SWEEP),
                   tiles = pivots + (int32_t)((outer + SWEEP - 1) / SWEEP);
-    return invert(gpu, pivots, tiles, stream, carried, room);
+    return invert(gpu, pivots, tiles, stream, carried, capacity);
 }
 
 extern "C" pliant_status pliant_cuda_carried_set(const pliant_system *system, const gpu_system *gpu,
                                                  const pliant_carried_layout *base, int32_t *h_source,
-                                                 cudaStream_t stream, gpu_carried *carried, gpu_carried_room *room,
-                                                 bool *possible)
+                                                 cudaStream_t stream, gpu_carried *carried,
+                                                 gpu_carried_capacity *capacity, bool *possible)
 {
     neighbours found = {};
     pliant_status status = find_neighbours(system, base, h_source, &found);
     const int32_t outer = found.num_near - found.num_inner, pivots = (3 * found.num_inner + SWEEP - 1) / SWEEP,
                   tiles = pivots + (3 * outer + SWEEP - 1) / SWEEP;
-    *possible = pivots <= MOST_SWEEPS && tiles <= MOST_TILES;
+    *possible = pivots <= MAX_SWEEPS && tiles <= MAX_TILES;
     if (status == PLIANT_OK && *possible) {
         carried->num_free = system->num_free;
         carried->base_free = base->num_free;
@@ -259,9 +259,9 @@ extern "C" pliant_status pliant_cuda_carried_set(const pliant_system *system, co
         carried->outer = outer;
         carried->stride = (3 * found.num_inner + WARP - 1) / WARP * WARP;
         carried->d_node_of_free = gpu->d_node_of_free;
-        pliant_free(room->h_source);
-        room->h_source = h_source;
-        status = send_all(system, gpu, found, h_source, stream, carried, room);
+        pliant_free(capacity->h_source);
+        capacity->h_source = h_source;
+        status = send_all(system, gpu, found, h_source, stream, carried, capacity);
     } else {
         pliant_free(h_source);
     }
@@ -269,23 +269,23 @@ extern "C" pliant_status pliant_cuda_carried_set(const pliant_system *system, co
     return status;
 }
 
-extern "C" void pliant_cuda_carried_clear(gpu_carried *carried, gpu_carried_room *room)
+extern "C" void pliant_cuda_carried_clear(gpu_carried *carried, gpu_carried_capacity *capacity)
 {
     carried->base_free = 0;
-    pliant_free(room->h_source);
-    room->h_source = nullptr;
+    pliant_free(capacity->h_source);
+    capacity->h_source = nullptr;
 }
 
-extern "C" void pliant_cuda_carried_free(gpu_carried *carried, gpu_carried_room *room)
+extern "C" void pliant_cuda_carried_free(gpu_carried *carried, gpu_carried_capacity *capacity)
 {
     void *blocks[] = {carried->d_source,   carried->d_taker_start, carried->d_taker,    carried->d_near,
                       carried->d_place,    carried->d_answer,      carried->d_found,    carried->d_pull,
-                      carried->d_right,    carried->d_left,        room->sweep.d_tiles, room->sweep.d_room,
-                      room->sweep.d_failed};
+                      carried->d_right,    carried->d_left,        capacity->sweep.d_tiles, capacity->sweep.d_buffer,
+                      capacity->sweep.d_failed};
     for (void *block : blocks) pliant_cuda_release(block);
-    pliant_free(room->h_source);
+    pliant_free(capacity->h_source);
     memset(carried, 0, sizeof *carried);
-    memset(room, 0, sizeof *room);
+    memset(capacity, 0, sizeof *capacity);
 }
 
 /* ---- In a step. */
@@ -384,7 +384,7 @@ extern "C" pliant_status pliant_cuda_carried_above(const gpu_carried *carried, c
     return CUDA_LAUNCHED("above_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_carried_load(void)
+extern "C" pliant_status pliant_cuda_carried_load_kernels(void)
 {
     const void *kernels[] = {
         reinterpret_cast<const void *>(assemble_kernel), reinterpret_cast<const void *>(pad_kernel),

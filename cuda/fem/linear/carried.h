@@ -32,12 +32,12 @@ typedef struct gpu_carried {
 } gpu_carried;
 
 /* Capacities and work arrays of a carried preconditioner. */
-typedef struct gpu_carried_room {
+typedef struct gpu_carried_capacity {
     size_t bytes[CARRIED_ARRAYS];
     gpu_sweep sweep;
-    size_t sweep_room[3];
+    size_t sweep_capacity[3];
     int32_t *h_source;            /* (num_free) on the host; NULL: no carried preconditioner */
-} gpu_carried_room;
+} gpu_carried_capacity;
 
 /* Carry over a preconditioner.
  * @param base      Layout of V's system.
@@ -46,14 +46,14 @@ typedef struct gpu_carried_room {
  * Errors: MEMORY, UNAVAILABLE. */
 pliant_status pliant_cuda_carried_set(const pliant_system *system, const gpu_system *gpu,
                                       const pliant_carried_layout *base, int32_t *h_source, cudaStream_t stream,
-                                      gpu_carried *carried, gpu_carried_room *room, bool *possible);
+                                      gpu_carried *carried, gpu_carried_capacity *capacity, bool *possible);
 /* Removes the carried preconditioner; arrays stay allocated. */
-void pliant_cuda_carried_clear(gpu_carried *carried, gpu_carried_room *room);
-void pliant_cuda_carried_free(gpu_carried *carried, gpu_carried_room *room);
+void pliant_cuda_carried_clear(gpu_carried *carried, gpu_carried_capacity *capacity);
+void pliant_cuda_carried_free(gpu_carried *carried, gpu_carried_capacity *capacity);
 
 /* Load the kernels in advance. CUDA loads a kernel at its first use and waits for all device work, which would make a
  * step wait for background work. */
-pliant_status pliant_cuda_carried_load(void);
+pliant_status pliant_cuda_carried_load_kernels(void);
 
 /* Apply the parts of a product before (below) and after (above) the base's d_left = V d_right. */
 pliant_status pliant_cuda_carried_below(const gpu_carried *carried, const int32_t *d_skip, const float *d_right,

@@ -66,7 +66,7 @@ struct workspace { gpu_sweep sweep; void *d_start, *d_row, *d_values; double *d_
 
 static void workspace_free(workspace *work)
 {
-    void *blocks[] = {work->sweep.d_tiles, work->sweep.d_room, work->sweep.d_failed, work->d_start,
+    void *blocks[] = {work->sweep.d_tiles, work->sweep.d_buffer, work->sweep.d_failed, work->d_start,
                       work->d_row,         work->d_values,     work->d_whole};
     for (void *block : blocks) pliant_cuda_release(block);
 }
@@ -91,8 +91,8 @@ static pliant_status invert(const pliant_pattern *pattern, const double *h_value
     const size_t bytes = pliant_cuda_sweep_bytes(sweeps);
     gpu_sweep *sweep = &work->sweep;
     CUDA_TRY(pliant_cuda_allocate(bytes, "the inverse", reinterpret_cast<void **>(&sweep->d_tiles)));
-    CUDA_TRY(
-        pliant_cuda_allocate(pliant_cuda_sweep_room(sweeps), "the inverse", reinterpret_cast<void **>(&sweep->d_room)));
+    CUDA_TRY(pliant_cuda_allocate(pliant_cuda_sweep_buffer_bytes(sweeps), "the inverse",
+                                  reinterpret_cast<void **>(&sweep->d_buffer)));
     CUDA_TRY(pliant_cuda_allocate(sizeof(int), "the inverse", reinterpret_cast<void **>(&sweep->d_failed)));
     CUDA_TRY(pliant_cuda_upload(pattern->start, ((size_t)pattern->num_columns + 1) * sizeof *pattern->start,
                                 "the matrix", stream, &work->d_start));
@@ -126,12 +126,12 @@ static pliant_status invert(const pliant_pattern *pattern, const double *h_value
 
 extern "C" int32_t pliant_cuda_inverse_padded(int32_t size) { return (size + TILE - 1) / TILE * TILE; }
 
-extern "C" size_t pliant_cuda_inverse_room(int32_t size, size_t *kept)
+extern "C" size_t pliant_cuda_inverse_memory(int32_t size, size_t *kept)
 {
     size_t padded = (size_t)pliant_cuda_inverse_padded(size), tiles = padded / TILE;
     *kept = triangle(tiles, 0) * TILE * TILE * sizeof(float) + tiles * padded * sizeof(float);
     return *kept + pliant_cuda_sweep_bytes((int32_t)(padded / SWEEP)) +
-           pliant_cuda_sweep_room((int32_t)(padded / SWEEP));
+           pliant_cuda_sweep_buffer_bytes((int32_t)(padded / SWEEP));
 }
 
 extern "C" pliant_status pliant_cuda_inverse_create(const pliant_pattern *pattern, const double *h_values, bool holds,

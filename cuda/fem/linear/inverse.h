@@ -16,18 +16,18 @@ enum { INVERSE_TILE = 128, INVERSE_SWEEP = 64 };
  * stored row by row (sweep.cu). */
 typedef struct gpu_sweep {
     double *d_tiles;      /* pliant_cuda_sweep_bytes */
-    double *d_room;       /* pliant_cuda_sweep_room */
+    double *d_buffer;       /* pliant_cuda_sweep_buffer_bytes */
     int *d_failed;        /* out: 1: not positive definite */
 } gpu_sweep;
 
 size_t pliant_cuda_sweep_bytes(int32_t tiles);
-size_t pliant_cuda_sweep_room(int32_t tiles);
+size_t pliant_cuda_sweep_buffer_bytes(int32_t tiles);
 /* Enqueue sweeps over the unknowns p of the first `pivots` tiles, overwriting the matrix: A_pp becomes -A_pp^-1, A_op
  * becomes A_op A_pp^-1. Columns beyond p are not used.
- * @param d_whole  Nullable: (SWEEP pivots) original diagonal. It replaces a pivot that is at most the fraction `share`
- *     of the original, instead of a failure.
+ * @param d_whole  Nullable: (SWEEP pivots) original diagonal. It replaces a pivot that is at most the fraction
+ *     `fraction` of the original, instead of a failure.
  * @param tiles    Number of tiles along each side. */
-pliant_status pliant_cuda_sweep(const gpu_sweep *sweep, const double *d_whole, double share, int32_t pivots,
+pliant_status pliant_cuda_sweep(const gpu_sweep *sweep, const double *d_whole, double fraction, int32_t pivots,
                                 int32_t tiles, cudaStream_t stream);
 
 typedef struct gpu_inverse {
@@ -39,7 +39,7 @@ typedef struct gpu_inverse {
 /* Return the number of unknowns, rounded up to complete tiles. */
 int32_t pliant_cuda_inverse_padded(int32_t size);
 /* Return the maximum memory during creation, and the permanent memory in `kept` [bytes]. */
-size_t pliant_cuda_inverse_room(int32_t size, size_t *kept);
+size_t pliant_cuda_inverse_memory(int32_t size, size_t *kept);
 /* Create the inverse. Errors: MEMORY, NUMERIC (not positive definite, only without `holds`), UNAVAILABLE.
  * @param h_values  Values of the pattern (pliant_system_assemble).
  * @param holds     Hold unknowns that move without force. They occur on a level above fragments, where several unknowns

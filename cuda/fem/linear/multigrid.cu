@@ -30,8 +30,8 @@ struct grid_level {
 enum { NUM_WIDE = 12 }; /* vectors processed at once for columns */
 
 /* Work arrays for several vectors, allocated at the first use. */
-struct wide_room {
-    float *d_room; /* memory of all arrays below; NULL: not used yet */
+struct wide_capacity {
+    float *d_buffer; /* memory of all arrays below; NULL: not used yet */
     grid_level level[PLIANT_MAX_LEVELS]; /* as for one vector, except for these arrays and the d_right of the first
                                           * level */
     gpu_inverse inverse;
@@ -42,7 +42,7 @@ struct gpu_multigrid {
     int num_levels; /* the last level is dense */
     grid_level level[PLIANT_MAX_LEVELS];
     gpu_inverse inverse;
-    wide_room wide;
+    wide_capacity wide;
     size_t bytes;
 };
 
@@ -58,7 +58,7 @@ static pliant_status upload(gpu_multigrid *multigrid, const T *h_from, size_t co
     return PLIANT_OK;
 }
 
-static pliant_status room(gpu_multigrid *multigrid, size_t count, cudaStream_t stream, float **d_out)
+static pliant_status allocate(gpu_multigrid *multigrid, size_t count, cudaStream_t stream, float **d_out)
 {
     void *block;
     CUDA_TRY(pliant_cuda_allocate(count * sizeof(float), "the multigrid", &block));
@@ -99,10 +99,10 @@ static pliant_status fill_level(gpu_multigrid *multigrid, const pliant_grid_leve
     CUDA_TRY(upload(multigrid, grid->weight, corners * n, stream, &level->d_weight));
     CUDA_TRY(upload(multigrid, grid->from_start, coarse + 1, stream, &level->d_from_start));
     CUDA_TRY(upload(multigrid, grid->from, (size_t)grid->from_start[coarse], stream, &level->d_from));
-    for (float *&d_x : level->d_x) CUDA_TRY(room(multigrid, 3 * n, stream, &d_x));
-    CUDA_TRY(room(multigrid, 3 * n, stream, &level->d_step));
-    CUDA_TRY(room(multigrid, 3 * n, stream, &level->d_residual));
-    return room(multigrid, 3 * n, stream, &level->d_right);
+    for (float *&d_x : level->d_x) CUDA_TRY(allocate(multigrid, 3 * n, stream, &d_x));
+    CUDA_TRY(allocate(multigrid, 3 * n, stream, &level->d_step));
+    CUDA_TRY(allocate(multigrid, 3 * n, stream, &level->d_residual));
+    return allocate(multigrid, 3 * n, stream, &level->d_right);
 }
 
 static pliant_status fill(gpu_multigrid *multigrid, const pliant_hierarchy *hierarchy, const pliant_multigrid *numbers,
@@ -116,10 +116,10 @@ static pliant_status fill(gpu_multigrid *multigrid, const pliant_hierarchy *hier
     size_t kept;
     CUDA_TRY(
         pliant_cuda_inverse_create(pattern, pliant_multigrid_coarsest(numbers), true, stream, &multigrid->inverse));
-    pliant_cuda_inverse_room(multigrid->inverse.size, &kept);
+    pliant_cuda_inverse_memory(multigrid->inverse.size, &kept);
     multigrid->bytes += kept;
-    CUDA_TRY(room(multigrid, padded, stream, &multigrid->level[last].d_right));
-    return room(multigrid, padded, stream, &multigrid->level[last].d_x[0]);
+    CUDA_TRY(allocate(multigrid, padded, stream, &multigrid->level[last].d_right));
+    return allocate(multigrid, padded, stream, &multigrid->level[last].d_x[0]);
 }
 
 /* Copy the values of the CPU's multigrid. */
@@ -182,7 +182,7 @@ extern "C" void pliant_cuda_multigrid_free(gpu_multigrid *multigrid)
                           level.d_step,       level.d_residual, level.d_right};
         for (void *block : blocks) pliant_cuda_release(block);
     }
-    pliant_cuda_release(multigrid->wide.d_room);
+    pliant_cuda_release(multigrid->wide.d_buffer);
     pliant_cuda_inverse_free(&multigrid->inverse);
     pliant_free(multigrid);
 }
@@ -361,12 +361,12 @@ extern "C" pliant_status pliant_cuda_multigrid_apply(const gpu_multigrid *multig
 /* Allocate the levels' arrays in one block. Many allocations during a step would take longer than the columns. */
 static pliant_status make_wide(gpu_multigrid *multigrid, cudaStream_t stream)
 {
-    wide_room *wide = &multigrid->wide;
+    wide_capacity *wide = &multigrid->wide;
     const int last = multigrid->num_levels - 1;
     const size_t parts = NUM_WIDE * pliant_cuda_inverse_parts(&multigrid->inverse);
     size_t numbers = parts;
-    float *d_room = nullptr;
-    if (wide->d_room) return PLIANT_OK;
+    float *d_buffer = nullptr;
+    if (wide->d_buffer) return PLIANT_OK;
     for (int l = 0; l <= last; l++) {
         grid_level *level = wide->level + l;
         *level = multigrid->level[l];
@@ -375,12 +375,12 @@ static pliant_status make_wide(gpu_multigrid *multigrid, cudaStream_t stream)
         numbers += (l == last ? 2 : 5) * NUM_WIDE * level->stride;
     }
     numbers += NUM_WIDE * wide->level[0].stride;
-    const pliant_status status = room(multigrid, numbers, stream, &d_room);
+    const pliant_status status = allocate(multigrid, numbers, stream, &d_buffer);
     if (status != PLIANT_OK) {
-        pliant_cuda_release(d_room);
+        pliant_cuda_release(d_buffer);
         return status;
     }
-    float *next = d_room; /* vectors that are read four numbers at a time come first */
+    float *next = d_buffer; /* vectors that are read four numbers at a time come first */
     for (int l = last; l >= 0; l--) {
         grid_level *level = wide->level + l;
         float **arrays[] = {&level->d_right, level->d_x, level->d_x + 1, &level->d_step, &level->d_residual};
@@ -389,7 +389,7 @@ static pliant_status make_wide(gpu_multigrid *multigrid, cudaStream_t stream)
     wide->inverse = multigrid->inverse;
     wide->inverse.d_parts = next;
     wide->d_out = next + parts;
-    wide->d_room = d_room;
+    wide->d_buffer = d_buffer;
     return PLIANT_OK;
 }
 
@@ -414,7 +414,7 @@ extern "C" pliant_status pliant_cuda_multigrid_columns(gpu_multigrid *multigrid,
                                                        size_t stride, float *d_column, cudaStream_t stream)
 {
     CUDA_TRY(make_wide(multigrid, stream));
-    const wide_room *wide = &multigrid->wide;
+    const wide_capacity *wide = &multigrid->wide;
     const grid_level &first = wide->level[0];
     for (int32_t done = 0; done < count; done += NUM_WIDE / 3) {
         const int32_t left = 3 * (count - done), many = left < NUM_WIDE ? left : NUM_WIDE;

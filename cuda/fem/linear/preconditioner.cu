@@ -10,7 +10,7 @@ enum { THREADS = 128 };
 /* Numbers of free nodes: maximum for which the dense inverse is faster than a V-cycle; maximum of a V-cycle's dense
  * level; maximum of an explicitly requested inverse. Creating an inverse in double precision takes at least 9 bytes x
  * unknowns^2. */
-enum { LARGEST_DENSE = 2000, COARSEST = 1600, LARGEST_ASKED = 16000 };
+enum { LARGEST_DENSE = 2000, COARSEST = 1600, LARGEST_REQUESTED = 16000 };
 
 /* The three columns of a block. A diagonal block begins at the diagonal (layout: src/fem/linear/pattern.c). */
 struct block_place { double *column[3]; };
@@ -48,7 +48,7 @@ static void turn_back(const pliant_pattern *pattern, const double *axes, double 
         }
 }
 
-static pliant_status create_inverse(const pliant_system *system, const gpu_state_made_at *at, pliant_twist twist,
+static pliant_status create_inverse(const pliant_system *system, const gpu_preconditioner_state *at, pliant_twist twist,
                                     cudaStream_t stream, gpu_preconditioner *out)
 {
     double *h_values = static_cast<double *>(pliant_calloc((size_t)system->pattern.num_values, sizeof(double)));
@@ -60,15 +60,15 @@ static pliant_status create_inverse(const pliant_system *system, const gpu_state
         pliant_system_assemble(system, h_tangents, h_values);
         if (at) turn_back(&system->pattern, at->axes, h_values);
         status = pliant_cuda_inverse_create(&system->pattern, h_values, false, stream, &out->inverse);
-        pliant_cuda_inverse_room(3 * system->num_free, &out->bytes);
+        pliant_cuda_inverse_memory(3 * system->num_free, &out->bytes);
     }
     pliant_free(h_values);
     pliant_free(h_tangents);
     return status;
 }
 
-static pliant_status create_multigrid(const pliant_system *system, const gpu_state_made_at *at, cudaStream_t stream,
-                                      gpu_preconditioner *out)
+static pliant_status create_multigrid(const pliant_system *system, const gpu_preconditioner_state *at,
+                                      cudaStream_t stream, gpu_preconditioner *out)
 {
     CUDA_TRY(pliant_cuda_multigrid_create(system, at ? at->x : system->mesh->rest,
                                           at ? PLIANT_TWIST_POSITIVE : PLIANT_TWIST_EXACT, COARSEST, stream,
@@ -85,7 +85,7 @@ static pliant_status create_multigrid(const pliant_system *system, const gpu_sta
 }
 
 static pliant_status create(const pliant_system *system, pliant_preconditioner_choice choice,
-                            const gpu_state_made_at *at, cudaStream_t stream, gpu_preconditioner *out)
+                            const gpu_preconditioner_state *at, cudaStream_t stream, gpu_preconditioner *out)
 {
     CUDA_TRY(pliant_carried_layout_create(system, &out->layout));
     const bool layered =
@@ -98,13 +98,13 @@ static pliant_status create(const pliant_system *system, pliant_preconditioner_c
         pliant_log(PLIANT_LOG_INFO,
                    "this lattice cannot be coarsened enough for multigrid on the GPU; its matrix is inverted");
     }
-    if (system->num_free > LARGEST_ASKED) {
-        size_t kept, most = pliant_cuda_inverse_room(3 * system->num_free, &kept);
+    if (system->num_free > LARGEST_REQUESTED) {
+        size_t kept, maximum = pliant_cuda_inverse_memory(3 * system->num_free, &kept);
         return pliant_fail(
             PLIANT_ERROR_MEMORY,
             "a dense inverse for %d nodes would take %.1f GB of the GPU while it is made; at most %d nodes, or cells "
             "that can be halved for multigrid",
-            system->num_free, 1e-9 * (double)most, LARGEST_ASKED);
+            system->num_free, 1e-9 * (double)maximum, LARGEST_REQUESTED);
     }
     pliant_status status = create_inverse(system, at, PLIANT_TWIST_EXACT, stream, out);
     return at && status == PLIANT_ERROR_NUMERIC ? create_inverse(system, at, PLIANT_TWIST_POSITIVE, stream, out)
@@ -113,7 +113,7 @@ static pliant_status create(const pliant_system *system, pliant_preconditioner_c
 
 extern "C" pliant_status pliant_cuda_preconditioner_create(const pliant_system *system,
                                                            pliant_preconditioner_choice choice,
-                                                           const gpu_state_made_at *at, cudaStream_t stream,
+                                                           const gpu_preconditioner_state *at, cudaStream_t stream,
                                                            gpu_preconditioner *out)
 {
     memset(out, 0, sizeof *out);
@@ -126,7 +126,7 @@ extern "C" void pliant_cuda_preconditioner_free(gpu_preconditioner *precondition
 {
     pliant_cuda_inverse_free(&preconditioner->inverse);
     pliant_cuda_multigrid_free(preconditioner->multigrid);
-    pliant_cuda_carried_free(&preconditioner->carried, &preconditioner->room);
+    pliant_cuda_carried_free(&preconditioner->carried, &preconditioner->capacity);
     pliant_cuda_release(preconditioner->d_axes);
     pliant_cuda_release(preconditioner->d_turned);
     pliant_carried_layout_free(&preconditioner->layout);

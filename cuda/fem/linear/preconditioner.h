@@ -21,21 +21,21 @@ typedef struct gpu_preconditioner {
     float *d_turned;          /* (num_free x 3, padded) work array for those axes */
     size_t bytes;
     gpu_carried carried;
-    gpu_carried_room room;
+    gpu_carried_capacity capacity;
 } gpu_preconditioner;
 
 /* A state for a preconditioner, on the host: nodes (x 3) and axes of the unknown nodes (x 9). A NULL pointer to it
  * means rest. */
-typedef struct gpu_state_made_at {
+typedef struct gpu_preconditioner_state {
     const double *x, *axes;
-} gpu_state_made_at;
+} gpu_preconditioner_state;
 
 /* Create the preconditioner.
  * @param choice  AUTO chooses the faster kind for the number of nodes.
  * @param at      Nullable: state. If the exact matrix is not positive definite there, only its positive part is used.
  * Errors: MEMORY (with figures), NUMERIC, UNAVAILABLE. The system must have its pattern. */
 pliant_status pliant_cuda_preconditioner_create(const pliant_system *system, pliant_preconditioner_choice choice,
-                                                const gpu_state_made_at *at, cudaStream_t stream,
+                                                const gpu_preconditioner_state *at, cudaStream_t stream,
                                                 gpu_preconditioner *out);
 void pliant_cuda_preconditioner_free(gpu_preconditioner *preconditioner);
 /* Compute d_left = M d_right of the iteration, unless the state says that there is no work. */

@@ -7,7 +7,7 @@ enum { THREADS = 256 };
  *     P = A_kk^-1, C = A_ik, B = C P;  A_ij -= B_i C_j',  A_ik = B,  A_kk = -P */
 
 static __global__ void __launch_bounds__(THREADS)
-    pivot_kernel(double *tile, const double *whole, double share, double *pivot, int *failed)
+    pivot_kernel(double *tile, const double *whole, double fraction, double *pivot, int *failed)
 {
     __shared__ double a[SWEEP][SWEEP], row[SWEEP], column[SWEEP];
     for (int n = (int)threadIdx.x; n < SWEEP_TILE; n += THREADS) a[n / SWEEP][n % SWEEP] = tile[n];
@@ -19,7 +19,7 @@ static __global__ void __launch_bounds__(THREADS)
         }
         __syncthreads();
         double d = row[p];
-        if (whole && !(d > share * whole[p])) {
+        if (whole && !(d > fraction * whole[p])) {
             d = whole[p] > 0 ? whole[p] : 1;
         } else if (!(d > 0)) {
             if (threadIdx.x == 0) *failed = 1;
@@ -105,19 +105,19 @@ extern "C" size_t pliant_cuda_sweep_bytes(int32_t tiles)
 {
     return triangle((size_t)tiles, 0) * SWEEP_TILE * sizeof(double);
 }
-extern "C" size_t pliant_cuda_sweep_room(int32_t tiles)
+extern "C" size_t pliant_cuda_sweep_buffer_bytes(int32_t tiles)
 {
     return (2 * (size_t)tiles + 1) * SWEEP_TILE * sizeof(double);
 }
 
-extern "C" pliant_status pliant_cuda_sweep(const gpu_sweep *sweep, const double *d_whole, double share, int32_t pivots,
-                                           int32_t tiles, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_sweep(const gpu_sweep *sweep, const double *d_whole, double fraction,
+                                           int32_t pivots, int32_t tiles, cudaStream_t stream)
 {
-    double *d_old = sweep->d_room, *d_panel = d_old + (size_t)SWEEP_TILE * (size_t)tiles,
+    double *d_old = sweep->d_buffer, *d_panel = d_old + (size_t)SWEEP_TILE * (size_t)tiles,
            *d_pivot = d_panel + (size_t)SWEEP_TILE * (size_t)tiles;
     for (int k = 0; k < pivots; k++) {
         pivot_kernel<<<1, THREADS, 0, stream>>>(sweep->d_tiles + SWEEP_TILE * triangle((size_t)k, (size_t)k),
-                                                d_whole ? d_whole + SWEEP * k : nullptr, share, d_pivot,
+                                                d_whole ? d_whole + SWEEP * k : nullptr, fraction, d_pivot,
                                                 sweep->d_failed);
         copy_panel_kernel<<<(unsigned)tiles, THREADS, 0, stream>>>(sweep->d_tiles, k, d_old);
         panel_kernel<<<(unsigned)tiles, THREADS, 0, stream>>>(sweep->d_tiles, k, d_pivot, d_old, d_panel);

@@ -23,7 +23,7 @@ static pliant_status size_with_axes(pliant_cuda_solver *gpu, const pliant_solver
     const int32_t count = gpu->system.num_free;
     const size_t axes = 9 * (size_t)count * sizeof(double), list = (size_t)count * sizeof *h_before;
     void *d_between = gpu->d_between;
-    pliant_status status = pliant_cuda_ensure(axes + list, true, "the solver", &d_between, &gpu->between_room);
+    pliant_status status = pliant_cuda_ensure(axes + list, true, "the solver", &d_between, &gpu->between_capacity);
     gpu->d_between = static_cast<double *>(d_between);
     CUDA_TRY(status);
     int32_t *d_before = reinterpret_cast<int32_t *>(gpu->d_between + 9 * (size_t)count);
@@ -40,13 +40,13 @@ static pliant_status carry(pliant_cuda_solver *gpu, const pliant_solver *solver,
                            bool *possible)
 {
     gpu_preconditioner *preconditioner = &gpu->preconditioner;
-    const int32_t *h_below = preconditioner->carried.base_free > 0 ? preconditioner->room.h_source : nullptr,
+    const int32_t *h_below = preconditioner->carried.base_free > 0 ? preconditioner->capacity.h_source : nullptr,
                   count = solver->system->num_free;
     int32_t *h_source = static_cast<int32_t *>(pliant_calloc((size_t)count, sizeof *h_source));
     if (!h_source) return pliant_fail_memory("the preconditioner");
     for (int32_t f = 0; f < count; f++) h_source[f] = h_before[f] >= 0 && h_below ? h_below[h_before[f]] : h_before[f];
     return pliant_cuda_carried_set(solver->system, &gpu->system, &preconditioner->layout, h_source, gpu->stream,
-                                   &preconditioner->carried, &preconditioner->room, possible);
+                                   &preconditioner->carried, &preconditioner->capacity, possible);
 }
 
 extern "C" pliant_status pliant_cuda_solver_follow(pliant_cuda_solver *gpu, const pliant_solver *solver,
@@ -63,13 +63,13 @@ extern "C" pliant_status pliant_cuda_solver_follow(pliant_cuda_solver *gpu, cons
         h_before[f] = was >= 0 ? before->system->free_of_node[was] : -1;
     }
     pliant_status status =
-        pliant_cuda_system_follow(system, before->system, gpu->stream, &gpu->system, &gpu->system_room);
+        pliant_cuda_system_follow(system, before->system, gpu->stream, &gpu->system, &gpu->system_capacity);
     if (status == PLIANT_OK) status = carry(gpu, solver, h_before, possible);
     if (status == PLIANT_OK && *possible) status = size_with_axes(gpu, solver, h_before);
     pliant_free(h_before);
     if (status != PLIANT_OK || !*possible) return status;
-    CUDA_TRY(pliant_cuda_renewal_follow(gpu, system->mesh->num_nodes, node));
-    pliant_cuda_answers_forget(&gpu->touches.answers);
+    CUDA_TRY(pliant_cuda_refresh_follow(gpu, system->mesh->num_nodes, node));
+    pliant_cuda_compliance_discard(&gpu->contacts.blocks);
     CUDA_TRY(pliant_cuda_solver_record(gpu));
     return pliant_cuda_solver_begin(gpu, solver);
 }

@@ -57,21 +57,21 @@ static __global__ void __launch_bounds__(THREADS) begin_kernel(gpu_iteration ite
                 if (step.tools[t].spring) row_of[rows++] = 3 * t + d;
             }
         state.step = step;
-        state.done = state.iterations = state.ending = state.took = state.went_back = 0;
+        state.done = state.iterations = state.ending = state.took = state.restored_previous = 0;
         state.seen = step.seen;
         state.skips = step.known == PLIANT_KNOWN_STEP;
         pliant_anderson &rules = state.rules;
         if (step.restart) pliant_anderson_reset(&rules);
-        if (step.forget) pliant_anderson_forget(&rules);
-        rules.most_evaluations = step.most_evaluations;
+        if (step.forget) pliant_anderson_drop_secants(&rules);
+        rules.max_evaluations = step.max_evaluations;
         rules.depth = step.depth;
-        rules.room = step.room;
+        rules.capacity = step.capacity;
         rules.limits_secants = 1;
         rules.tolerance = step.tolerance;
         rules.is_cycle = step.is_cycle;
-        rules.is_bounded = step.touches;
+        rules.is_bounded = step.has_contacts;
         rules.smallest_displacement = step.smallest_displacement;
-        if (step.opened) { /* as after a blind step */
+        if (step.after_newton) { /* as after a blind step */
             rules.blind = 1;
             rules.sound_merit = step.sound_merit;
             for (int r = 0; r < GPU_ROWS; r++) state.force[1 - now][r] = step.previous_force[r];
@@ -110,7 +110,7 @@ struct spring_share {
 
 /* Compute dl = S^-1 (e - W step0), one warp per tool. */
 static __device__ void find_spring_forces(const gpu_iteration &iteration, const gpu_state &state, int target,
-                                          spring_share &share)
+                                          spring_share &fraction)
 {
     const int thread = (int)threadIdx.x, lane = thread % 32, rows = state.rows;
     for (int row = thread / 32 * 3; row < rows; row += NODES / 32 * 3) {
@@ -130,30 +130,31 @@ static __device__ void find_spring_forces(const gpu_iteration &iteration, const 
         }
         for (int d = 0; d < 3; d++) {
             double y = tool.origin[d] + warp_sum(moved[d]);
-            if (lane == 0) share.right[row + d] = tool.target[d] - y - tool.compliance * state.force[target][3 * t + d];
+            if (lane == 0)
+                fraction.right[row + d] = tool.target[d] - y - tool.compliance * state.force[target][3 * t + d];
         }
     }
     __syncthreads();
     if (thread < rows) {
         double sum = 0;
-        for (int c = 0; c < rows; c++) sum += iteration.d_history->inverse[rows * thread + c] * share.right[c];
-        share.force[state.row_of[thread]] = sum;
+        for (int c = 0; c < rows; c++) sum += iteration.d_history->inverse[rows * thread + c] * fraction.right[c];
+        fraction.force[state.row_of[thread]] = sum;
     }
     __syncthreads();
 }
 
 /* Add the tools one after the other, since they may share nodes. */
-static __device__ void find_spring_pull(const gpu_state &state, int first_node, spring_share &share)
+static __device__ void find_spring_pull(const gpu_state &state, int first_node, spring_share &fraction)
 {
     for (int row = 0; row < state.rows; row += 3) {
         const gpu_tool &tool = state.step.tools[state.row_of[row] / 3];
-        const double *f = share.force + state.row_of[row];
+        const double *f = fraction.force + state.row_of[row];
         for (int h = (int)threadIdx.x; h < tool.count; h += NODES) {
             const int local = tool.d_unknown[h] - first_node;
             if (local < 0 || local >= NODES) continue;
             const double *block = tool.d_block + 9 * (size_t)h;
             for (int c = 0; c < 3; c++)
-                share.pull[local][c] += block[c] * f[0] + block[3 + c] * f[1] + block[6 + c] * f[2];
+                fraction.pull[local][c] += block[c] * f[0] + block[3 + c] * f[1] + block[6 + c] * f[2];
         }
         __syncthreads();
     }
@@ -179,7 +180,7 @@ static __device__ void take_residual(const gpu_iteration &iteration, const gpu_s
 }
 
 /* Compute step = left + T' Z dl at one node, and add T' W' dl to the residual. */
-static __device__ void finish_node(const gpu_iteration &iteration, const gpu_state &state, const spring_share &share,
+static __device__ void finish_node(const gpu_iteration &iteration, const gpu_state &state, const spring_share &fraction,
                                    int target, size_t node, double *step, double *residual)
 {
     const size_t n = 3 * (size_t)iteration.num_free, i = 3 * node;
@@ -187,9 +188,9 @@ static __device__ void finish_node(const gpu_iteration &iteration, const gpu_sta
     for (int row = 0; row < state.rows; row++) {
         int at = state.row_of[row];
         const double *z = state.step.tools[at / 3].d_response + n * (size_t)(at % 3) + i;
-        for (int d = 0; d < 3; d++) moved[d] += share.force[at] * z[d];
+        for (int d = 0; d < 3; d++) moved[d] += fraction.force[at] * z[d];
     }
-    for (int d = 0; d < 3; d++) pulled[d] = share.pull[threadIdx.x][d];
+    for (int d = 0; d < 3; d++) pulled[d] = fraction.pull[threadIdx.x][d];
     if (state.rows > 0) {
         turn_into(iteration, node, moved);
         turn_into(iteration, node, pulled);
@@ -206,7 +207,7 @@ static __device__ void finish_node(const gpu_iteration &iteration, const gpu_sta
 static __device__ void list_secants(const gpu_iteration &iteration, const gpu_state &state, int *used, int *count)
 {
     const int lane = (int)threadIdx.x % 32;
-    const bool is = lane < iteration.room && state.rules.number[lane] > 0;
+    const bool is = lane < iteration.capacity && state.rules.number[lane] > 0;
     const unsigned all = __ballot_sync(0xffffffff, is);
     if (is) used[__popc(all & ((1u << lane) - 1))] = lane;
     if (lane == 0) *count = __popc(all);
@@ -219,7 +220,7 @@ static __device__ void list_secants(const gpu_iteration &iteration, const gpu_st
 template <bool KNOWN>
 static __global__ void __launch_bounds__(NODES) complete_kernel(gpu_iteration iteration, int gather_blocks)
 {
-    __shared__ spring_share share;
+    __shared__ spring_share fraction;
     __shared__ double sums[NODES / 32][DOT_SUMS];
     __shared__ int used[GPU_HISTORY], num_used;
     gpu_state &state = *iteration.d_state;
@@ -227,22 +228,23 @@ static __global__ void __launch_bounds__(NODES) complete_kernel(gpu_iteration it
     const int thread = (int)threadIdx.x, warp = thread / 32, lane = thread % 32, target = gpu_target(&state),
               now = state.now;
     const bool looks_back = state.seen && state.iterations == 0;
-    const int node = (int)(blockIdx.x * NODES) + thread, num_sums = SINGLE_SUMS + (looks_back ? 2 : 1) * iteration.room;
+    const int node = (int)(blockIdx.x * NODES) + thread,
+              num_sums = SINGLE_SUMS + (looks_back ? 2 : 1) * iteration.capacity;
     const size_t n = 3 * (size_t)iteration.num_free, i = 3 * (size_t)node;
     const bool there = node < iteration.num_free;
     if (warp == 0) list_secants(iteration, state, used, &num_used);
     for (int s = lane; s < DOT_SUMS; s += 32) sums[warp][s] = 0;
-    for (int d = 0; d < 3; d++) share.pull[thread][d] = 0;
-    if (thread < GPU_ROWS) share.force[thread] = 0;
+    for (int d = 0; d < 3; d++) fraction.pull[thread][d] = 0;
+    if (thread < GPU_ROWS) fraction.force[thread] = 0;
     __syncthreads();
-    find_spring_forces(iteration, state, target, share);
-    find_spring_pull(state, node - thread, share);
-    if (blockIdx.x == 0 && thread < GPU_ROWS) state.step_force[target][thread] = share.force[thread];
+    find_spring_forces(iteration, state, target, fraction);
+    find_spring_pull(state, node - thread, fraction);
+    if (blockIdx.x == 0 && thread < GPU_ROWS) state.step_force[target][thread] = fraction.force[thread];
     double step[3] = {0, 0, 0}, residual[3] = {0, 0, 0}, past[3] = {0, 0, 0}, own = 0, by_now = 0, of_now = 0,
            of_past = 0;
     if (there) {
         take_residual<KNOWN>(iteration, state, target, i, residual, past);
-        finish_node(iteration, state, share, target, (size_t)node, step, residual);
+        finish_node(iteration, state, fraction, target, (size_t)node, step, residual);
         for (int d = 0; d < 3; d++) {
             own += step[d] * residual[d];
             of_past += step[d] * past[d];
@@ -272,7 +274,7 @@ static __global__ void __launch_bounds__(NODES) complete_kernel(gpu_iteration it
         if (lane == 0) sums[warp][SINGLE_SUMS + used[u]] = along;
         if (!looks_back) continue;
         const double then = warp_sum(secant[0] * past[0] + secant[1] * past[1] + secant[2] * past[2]);
-        if (lane == 0) sums[warp][SINGLE_SUMS + iteration.room + used[u]] = then;
+        if (lane == 0) sums[warp][SINGLE_SUMS + iteration.capacity + used[u]] = then;
     }
     __syncthreads();
     if (thread >= num_sums) return;
@@ -291,7 +293,7 @@ static __device__ void list_weights(const gpu_iteration &iteration, const gpu_st
 {
     const int lane = (int)threadIdx.x % 32;
     double own[3] = {0, 0, 0};
-    for (int k = 0; k < 3 && lane < iteration.room; k++) own[k] = state.weights[k][lane];
+    for (int k = 0; k < 3 && lane < iteration.capacity; k++) own[k] = state.weights[k][lane];
     const bool is = own[0] != 0 || own[1] != 0 || own[2] != 0;
     const unsigned all = __ballot_sync(0xffffffff, is);
     const int place = __popc(all & ((1u << lane) - 1));
@@ -323,7 +325,7 @@ static __device__ void propose_node(const gpu_iteration &iteration, const gpu_st
                 iteration.d_residual[to][i + d] - iteration.d_residual[from][i + d];
         }
     }
-    const double unexplained = pliant_anderson_unexplained(&rules);
+    const double unexplained = pliant_anderson_error_factor(&rules);
     for (int d = 0; d < 3; d++) {
         made[d] = iteration.d_step[now][i + d];
         left[d] = unexplained * made[d];
@@ -356,7 +358,7 @@ static __device__ void settle(gpu_state &state, pliant_anderson &rules)
     for (int m = 0; m < 4; m++) largest[m] = sqrt(__longlong_as_double((long long)atomicMax(&state.largest[m], 0ull)));
     if (!state.ending &&
         (rules.next == PLIANT_NEXT_TRIAL || rules.next == PLIANT_NEXT_BLIND || rules.next == PLIANT_NEXT_DONE))
-        pliant_anderson_settle(&rules, state.mixed, largest[0], rules.damping * largest[1], largest[2]);
+        pliant_anderson_finish_proposal(&rules, state.mixed, largest[0], rules.damping * largest[1], largest[2]);
     else if (state.ending && state.evaluated)
         rules.error = pliant_anderson_error(largest[0]);
     const bool done = state.ending || rules.next == PLIANT_NEXT_DONE;
@@ -367,7 +369,7 @@ static __device__ void settle(gpu_state &state, pliant_anderson &rules)
     }
     state.skips = 1;
     state.evaluated = state.evaluated && state.now == state.last_target;
-    pliant_anderson_tell(&rules, state.seen, largest[3]);
+    pliant_anderson_report_error(&rules, state.seen, largest[3]);
 }
 
 static __device__ void copy_rules(const pliant_anderson *from, pliant_anderson *to)
@@ -380,7 +382,7 @@ static __device__ void copy_rules(const pliant_anderson *from, pliant_anderson *
 /* Store the secant and compute the next iterate, one thread per node. */
 static __global__ void __launch_bounds__(NODES) propose_kernel(gpu_iteration iteration)
 {
-    __shared__ double most[4][NODES / 32];
+    __shared__ double maximum[4][NODES / 32];
     __shared__ weighted list;
     __shared__ pliant_anderson rules;
     __shared__ bool is_last;
@@ -409,13 +411,13 @@ static __global__ void __launch_bounds__(NODES) propose_kernel(gpu_iteration ite
     for (int m = 0; m < 4; m++) {
         /* NaN counts as infinite */
         const double largest = warp_largest(isfinite(squares[m]) ? squares[m] : INFINITY);
-        if (lane == 0) most[m][warp] = largest;
+        if (lane == 0) maximum[m][warp] = largest;
     }
     __syncthreads();
     if (threadIdx.x == 0) {
         for (int m = 0; m < 4; m++) {
-            double largest = most[m][0];
-            for (int w = 1; w < NODES / 32; w++) largest = fmax(largest, most[m][w]);
+            double largest = maximum[m][0];
+            for (int w = 1; w < NODES / 32; w++) largest = fmax(largest, maximum[m][w]);
             /* Independent of the order. */
             atomicMax(&state.largest[m], (unsigned long long)__double_as_longlong(largest));
         }

@@ -30,7 +30,7 @@ static __device__ double spring_energy(const gpu_state &state, const double *a, 
 /* Sum over blocks, one warp per sum, in a fixed order. Unused sums are undefined. */
 static __device__ void add_up(const gpu_iteration &iteration, int gather_blocks, int dot_blocks, decision &now)
 {
-    const int lane = (int)threadIdx.x % 32, num_dots = SINGLE_SUMS + 2 * iteration.room;
+    const int lane = (int)threadIdx.x % 32, num_dots = SINGLE_SUMS + 2 * iteration.capacity;
     const double *dots = iteration.d_sums + GATHER_SUMS * gather_blocks;
     for (int s = (int)threadIdx.x / 32; s < num_dots + GATHER_SUMS; s += DECIDERS / 32) {
         double sum = 0;
@@ -75,7 +75,7 @@ static __device__ double find_merit(decision &now, int target)
 }
 
 /* Accept or refuse the state and choose the next action, with anderson.h, as in solver.c. */
-static __device__ void judge(decision &now, int room)
+static __device__ void judge(decision &now, int capacity)
 {
     gpu_state &state = now.state;
     pliant_anderson &rules = state.rules;
@@ -83,13 +83,13 @@ static __device__ void judge(decision &now, int room)
     const int target = gpu_target(&state);
     const double merit = find_merit(now, target);
     const int32_t left =
-        pliant_even_remaining(&state.step.limit, rules.evaluations + 1, first ? merit : rules.first_merit);
-    const bool plain = !rules.mixes && state.rows == 0 && !state.step.touches &&
+        pliant_evaluations_left(&state.step.limit, rules.evaluations + 1, first ? merit : rules.first_merit);
+    const bool plain = !rules.mixes && state.rows == 0 && !state.step.has_contacts &&
                        (rules.next == PLIANT_NEXT_TRIAL || rules.next == PLIANT_NEXT_DESCENT);
     state.evaluated = 1;
     if (state.ending) state.evaluated = pliant_anderson_judge_end(&rules, merit);
     else pliant_anderson_judge(&rules, merit, plain ? now.sums[2] : 0.0, left);
-    if (rules.next == PLIANT_NEXT_PREVIOUS) state.went_back = 1;
+    if (rules.next == PLIANT_NEXT_PREVIOUS) state.restored_previous = 1;
     state.took = state.ending ? state.evaluated : rules.take || first;
     state.iterations = rules.evaluations;
     state.skips = 0;
@@ -100,12 +100,13 @@ static __device__ void judge(decision &now, int room)
         state.now = target;
         state.energy = now.sums[0];
         state.past_of_now = now.sums[4];
-        for (int a = 0; a < room; a++) state.along[a] = now.sums[SINGLE_SUMS + a];
+        for (int a = 0; a < capacity; a++) state.along[a] = now.sums[SINGLE_SUMS + a];
     }
-    for (int a = 0; first && state.seen && a < room; a++) state.past_along[a] = now.sums[SINGLE_SUMS + room + a];
+    for (int a = 0; first && state.seen && a < capacity; a++)
+        state.past_along[a] = now.sums[SINGLE_SUMS + capacity + a];
     if (!state.ending) {
-        state.told_scale = state.scale[state.now];
-        state.told_residual_force = state.residual_force[state.now];
+        state.accepted_scale = state.scale[state.now];
+        state.accepted_residual_force = state.residual_force[state.now];
     }
     for (int m = 0; m < 4; m++) state.largest[m] = 0;
     state.blocks = 0;
@@ -136,7 +137,8 @@ static __device__ bool find_weights(decision &now, int kind)
 {
     const gpu_state &state = now.state;
     const int h = (int)threadIdx.x % 32;
-    const bool asked = kind == TRIAL ? state.rules.mixes : kind == ESTIMATE || state.seen; /* the same for all lanes */
+    const bool previous =
+        kind == TRIAL ? state.rules.mixes : kind == ESTIMATE || state.seen; /* the same for all lanes */
     if (h < GPU_HISTORY) {
         const double *along = kind == PAST ? state.past_along : state.along,
                      *force = kind == PAST ? state.past_step_force : state.step_force[state.now];
@@ -144,8 +146,8 @@ static __device__ bool find_weights(decision &now, int kind)
         now.state.weights[kind][h] = 0;
     }
     __syncwarp();
-    return asked && pliant_secant_weights(h, 32, &state.rules, now.secants.gram, now.along[kind], kind != TRIAL,
-                                          now.equations + kind, now.state.weights[kind]);
+    return previous && pliant_secant_weights(h, 32, &state.rules, now.secants.gram, now.along[kind], kind != TRIAL,
+                                             now.equations + kind, now.state.weights[kind]);
 }
 
 /* Set a tool's force in the next iterate. A restored state has its force already. */
@@ -178,7 +180,7 @@ static __global__ void __launch_bounds__(DECIDERS)
     add_up(iteration, gather_blocks, dot_blocks, now);
     __syncthreads();
     if (now.state.done) return;
-    if (thread == 0) judge(now, iteration.room);
+    if (thread == 0) judge(now, iteration.capacity);
     __syncthreads();
     if (now.state.rules.keep >= 0) keep_springs(now, kept);
     __syncthreads();

@@ -3,7 +3,7 @@
 #include "cuda/base/check.h"
 #include "cuda/fem/element/forces.h"
 #include "cuda/fem/quasistatic/solver.h"
-#include "cuda/fem/quasistatic/touch_kernels.h"
+#include "cuda/fem/quasistatic/contact_kernels.h"
 
 static pliant_status enqueue_look(pliant_cuda_solver *gpu)
 {
@@ -27,15 +27,18 @@ static pliant_status enqueue(pliant_cuda_solver *gpu, bool known)
     return enqueue_judge(gpu, known);
 }
 
-extern "C" pliant_status pliant_cuda_solver_judge(const pliant_cuda_solver *gpu) { return enqueue_judge(gpu, false); }
+extern "C" pliant_status pliant_cuda_solver_evaluate_rest(const pliant_cuda_solver *gpu)
+{
+    return enqueue_judge(gpu, false);
+}
 
 static pliant_status enqueue_touching(pliant_cuda_solver *gpu)
 {
-    const gpu_touch_view *d_view = static_cast<const gpu_touch_view *>(gpu->touches.d_block[TOUCH_VIEW]);
-    CUDA_TRY(pliant_cuda_touch_load(d_view, &gpu->iteration, gpu->stream));
+    const gpu_contact_view *d_view = static_cast<const gpu_contact_view *>(gpu->contacts.d_block[CONTACT_VIEW]);
+    CUDA_TRY(pliant_cuda_contact_load(d_view, &gpu->iteration, gpu->stream));
     CUDA_TRY(enqueue_look(gpu));
-    CUDA_TRY(pliant_cuda_touch_cones(d_view, &gpu->iteration, gpu->touches.shared_room, gpu->stream));
-    CUDA_TRY(pliant_cuda_touch_push(d_view, &gpu->iteration, gpu->stream));
+    CUDA_TRY(pliant_cuda_contact_cones(d_view, &gpu->iteration, gpu->contacts.shared_capacity, gpu->stream));
+    CUDA_TRY(pliant_cuda_contact_push(d_view, &gpu->iteration, gpu->stream));
     return enqueue_judge(gpu, false);
 }
 
@@ -54,12 +57,12 @@ static pliant_status launch(pliant_cuda_solver *gpu, pliant_status (*enqueue_par
     return status == PLIANT_OK ? CUDA_CALL(cudaGraphLaunch(*part, gpu->stream)) : status;
 }
 
-extern "C" pliant_status pliant_cuda_solver_look(pliant_cuda_solver *gpu)
+extern "C" pliant_status pliant_cuda_solver_free_step(pliant_cuda_solver *gpu)
 {
     return gpu->preconditioner.multigrid ? launch(gpu, enqueue_look, &gpu->look) : enqueue_look(gpu);
 }
 
-extern "C" pliant_status pliant_cuda_solver_evaluate_touching(pliant_cuda_solver *gpu)
+extern "C" pliant_status pliant_cuda_solver_evaluate_contacts(pliant_cuda_solver *gpu)
 {
     return launch(gpu, enqueue_touching, &gpu->touching);
 }

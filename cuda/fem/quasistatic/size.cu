@@ -31,12 +31,12 @@ extern "C" pliant_status pliant_cuda_solver_size(pliant_cuda_solver *gpu, const 
     it->num_nodes = system->num_nodes;
     it->d_node_of_free = system->d_node_of_free;
     it->d_rest = system->d_rest;
-    it->room = solver->rules.room;
+    it->capacity = solver->rules.capacity;
     gpu->gather_blocks = pliant_cuda_gather_blocks(system);
-    const size_t history = n * (size_t)(it->room > 0 ? it->room : 1);
+    const size_t history = n * (size_t)(it->capacity > 0 ? it->capacity : 1);
     const size_t all_sums =
         (size_t)GATHER_SUMS * (size_t)gpu->gather_blocks + (size_t)DOT_SUMS * (size_t)pliant_cuda_dot_blocks(it);
-    const size_t sums = all_sums > GPU_ROWS * GPU_ROWS ? all_sums : GPU_ROWS * GPU_ROWS; /* open.cu */
+    const size_t sums = all_sums > GPU_ROWS * GPU_ROWS ? all_sums : GPU_ROWS * GPU_ROWS; /* newton_after_cut.cu */
     const sized_array arrays[] = {
         array_of(&it->d_state, 1, true),
         array_of(&it->d_history, 1, true),
@@ -67,14 +67,15 @@ extern "C" pliant_status pliant_cuda_solver_size(pliant_cuda_solver *gpu, const 
     static_assert(sizeof arrays / sizeof *arrays == SOLVER_ARRAYS, "room for each");
     for (int a = 0; a < SOLVER_ARRAYS - (system->d_fine_rest ? 0 : 1); a++) {
         const void *before = *arrays[a].d_block;
-        CUDA_TRY(pliant_cuda_ensure(arrays[a].bytes, gpu->system_room.grows, "the solver", arrays[a].d_block,
-                                    gpu->room + a));
+        CUDA_TRY(pliant_cuda_ensure(arrays[a].bytes, gpu->system_capacity.grows, "the solver", arrays[a].d_block,
+                                    gpu->capacity + a));
         if (before != *arrays[a].d_block || arrays[a].zeroed)
-            CUDA_TRY(CUDA_CALL(cudaMemsetAsync(*arrays[a].d_block, 0, gpu->room[a], gpu->stream)));
+            CUDA_TRY(CUDA_CALL(cudaMemsetAsync(*arrays[a].d_block, 0, gpu->capacity[a], gpu->stream)));
     }
-    if (!system->d_fine_rest || gpu->solved_room >= nodes * sizeof(double)) return PLIANT_OK;
+    if (!system->d_fine_rest || gpu->solved_capacity >= nodes * sizeof(double)) return PLIANT_OK;
     pliant_cuda_release_host(gpu->h_solved);
     gpu->h_solved = nullptr;
-    gpu->solved_room = (gpu->system_room.grows ? nodes + nodes / 4 : nodes) * sizeof(double);
-    return pliant_cuda_allocate_host(gpu->solved_room, "the solved nodes", reinterpret_cast<void **>(&gpu->h_solved));
+    gpu->solved_capacity = (gpu->system_capacity.grows ? nodes + nodes / 4 : nodes) * sizeof(double);
+    return pliant_cuda_allocate_host(gpu->solved_capacity, "the solved nodes",
+                                     reinterpret_cast<void **>(&gpu->h_solved));
 }

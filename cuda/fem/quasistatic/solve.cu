@@ -19,16 +19,16 @@ static pliant_status fill(pliant_cuda_solver *gpu, const pliant_solver *solver)
 {
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     if (solver->system->of) CUDA_TRY(pliant_system_find_pattern(solver->system->of->system));
-    CUDA_TRY(pliant_cuda_system_create(solver->system, gpu->stream, &gpu->system, &gpu->system_room));
+    CUDA_TRY(pliant_cuda_system_create(solver->system, gpu->stream, &gpu->system, &gpu->system_capacity));
     CUDA_TRY(pliant_cuda_preconditioner_make(gpu, solver, nullptr, &gpu->preconditioner));
     if (solver->budget > 0) CUDA_TRY(pliant_cuda_preconditioner_time(gpu, solver));
     CUDA_TRY(pliant_cuda_solver_size(gpu, solver));
     CUDA_TRY(pliant_cuda_allocate_host(sizeof(gpu_state), "the solver", reinterpret_cast<void **>(&gpu->h_state)));
     CUDA_TRY(pliant_cuda_solver_record(gpu));
-    if (gpu->system_room.grows) {
-        CUDA_TRY(pliant_cuda_carried_load());
-        CUDA_TRY(pliant_cuda_open_load());
-        CUDA_TRY(pliant_cuda_solver_open_room(gpu));
+    if (gpu->system_capacity.grows) {
+        CUDA_TRY(pliant_cuda_carried_load_kernels());
+        CUDA_TRY(pliant_cuda_newton_load_kernels());
+        CUDA_TRY(pliant_cuda_solver_newton_reserve(gpu));
     }
     return pliant_cuda_solver_restart(gpu, solver);
 }
@@ -42,7 +42,7 @@ extern "C" pliant_status pliant_cuda_solver_create(const pliant_solver *solver, 
     gpu->device = device;
     gpu->stream = stream;
     gpu->choice = choice;
-    gpu->system_room.grows = grows;
+    gpu->system_capacity.grows = grows;
     pliant_status status = fill(gpu, solver);
     if (status != PLIANT_OK) {
         pliant_cuda_solver_free(gpu);
@@ -55,11 +55,11 @@ extern "C" pliant_status pliant_cuda_solver_create(const pliant_solver *solver, 
 extern "C" void pliant_cuda_solver_free(pliant_cuda_solver *gpu)
 {
     if (!gpu) return;
-    pliant_cuda_renewal_free(gpu);
+    pliant_cuda_refresh_free(gpu);
     if (gpu->evaluation) cudaGraphExecDestroy(gpu->evaluation);
     if (gpu->look) cudaGraphExecDestroy(gpu->look);
     if (gpu->touching) cudaGraphExecDestroy(gpu->touching);
-    pliant_cuda_touches_free(&gpu->touches);
+    pliant_cuda_contacts_free(&gpu->contacts);
     gpu_iteration *it = &gpu->iteration;
     void *blocks[] = {it->d_state,           it->d_history,       it->d_x[0],          it->d_x[1],
                       it->d_step[0],         it->d_step[1],       it->d_residual[0],   it->d_residual[1],
@@ -76,9 +76,9 @@ extern "C" void pliant_cuda_solver_free(pliant_cuda_solver *gpu)
     }
     pliant_cuda_release_host(gpu->h_state);
     pliant_cuda_release_host(gpu->h_solved);
-    pliant_cuda_release_host(gpu->h_open);
+    pliant_cuda_release_host(gpu->h_newton);
     pliant_cuda_preconditioner_free(&gpu->preconditioner);
-    pliant_cuda_system_free(&gpu->system, &gpu->system_room);
+    pliant_cuda_system_free(&gpu->system, &gpu->system_capacity);
     pliant_free(gpu);
 }
 
@@ -100,10 +100,10 @@ extern "C" pliant_status pliant_cuda_solver_begin(pliant_cuda_solver *gpu, const
 extern "C" pliant_status pliant_cuda_solver_restart(pliant_cuda_solver *gpu, const pliant_solver *solver)
 {
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
-    CUDA_TRY(pliant_cuda_renew_at_rest(gpu, solver));
+    CUDA_TRY(pliant_cuda_refresh_at_rest(gpu, solver));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->iteration.d_state, 0, sizeof(gpu_state), gpu->stream)));
     CUDA_TRY(pliant_cuda_rotate(&gpu->system, &gpu->iteration, true, gpu->stream));
-    pliant_in_use_turned(&gpu->in_use);
+    pliant_preconditioner_use_rotated(&gpu->in_use);
     gpu->in_use.turned = false; /* restored to the rest axes */
     gpu->in_use.turned_at = 0;
     CUDA_TRY(pliant_cuda_solver_begin(gpu, solver));
@@ -114,7 +114,8 @@ extern "C" pliant_status pliant_cuda_solver_move(pliant_cuda_solver *gpu, const 
 {
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     gpu->in_use.evaluations =
-        pliant_quasistatic().rotation_interval; /* as pliant_solver_moved: the axes rotate in the next step */
+        pliant_quasistatic()
+            .rotation_interval; /* as pliant_solver_reset_after_move: the axes rotate in the next step */
     return pliant_cuda_solver_begin(gpu, solver);
 }
 
@@ -131,22 +132,22 @@ static pliant_status send_load(pliant_cuda_solver *gpu, const pliant_solver *sol
     return PLIANT_OK;
 }
 
-template <class T> static pliant_status ensure(const pliant_cuda_solver *gpu, size_t count, T **d_out, size_t *room)
+template <class T> static pliant_status ensure(const pliant_cuda_solver *gpu, size_t count, T **d_out, size_t *capacity)
 {
     void *d_block = *d_out;
-    CUDA_TRY(pliant_cuda_ensure(count * sizeof(T), gpu->system_room.grows, "the solver", &d_block, room));
+    CUDA_TRY(pliant_cuda_ensure(count * sizeof(T), gpu->system_capacity.grows, "the solver", &d_block, capacity));
     if (d_block == *d_out) return PLIANT_OK;
     *d_out = static_cast<T *>(d_block);
-    return CUDA_CALL(cudaMemsetAsync(d_block, 0, *room, gpu->stream));
+    return CUDA_CALL(cudaMemsetAsync(d_block, 0, *capacity, gpu->stream));
 }
 
 /* Send W of a tool that has grasped. */
-static pliant_status send_hold(pliant_cuda_solver *gpu, const pliant_handle *handle, gpu_tool_arrays *arrays)
+static pliant_status send_hold(pliant_cuda_solver *gpu, const pliant_grasp_constraint *handle, gpu_tool_arrays *arrays)
 {
-    const size_t most = (size_t)gpu->system.num_free, count = (size_t)handle->count;
-    CUDA_TRY(ensure(gpu, most, &arrays->d_unknown, &arrays->unknown_room));
-    CUDA_TRY(ensure(gpu, 9 * most, &arrays->d_block, &arrays->block_room));
-    CUDA_TRY(ensure(gpu, 9 * most, &arrays->d_response, &arrays->response_room));
+    const size_t maximum = (size_t)gpu->system.num_free, count = (size_t)handle->count;
+    CUDA_TRY(ensure(gpu, maximum, &arrays->d_unknown, &arrays->unknown_capacity));
+    CUDA_TRY(ensure(gpu, 9 * maximum, &arrays->d_block, &arrays->block_capacity));
+    CUDA_TRY(ensure(gpu, 9 * maximum, &arrays->d_response, &arrays->response_capacity));
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(arrays->d_unknown, handle->unknown, count * sizeof(int32_t),
                                        cudaMemcpyHostToDevice, gpu->stream)));
     return CUDA_CALL(cudaMemcpyAsync(arrays->d_block, handle->block, 9 * count * sizeof(double), cudaMemcpyHostToDevice,
@@ -159,7 +160,7 @@ static pliant_status send_tools(pliant_cuda_solver *gpu, pliant_solver *solver, 
 {
     bool fresh = false;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
-        pliant_handle *handle = solver->handles + t;
+        pliant_grasp_constraint *handle = solver->grasps + t;
         gpu_tool_arrays *arrays = gpu->tools + t;
         gpu_tool *tool = step->tools + t;
         memcpy(tool->force, handle->force, sizeof tool->force);
@@ -185,7 +186,7 @@ static pliant_status send_tools(pliant_cuda_solver *gpu, pliant_solver *solver, 
         handle->response_of = gpu->in_use.number;
     }
     /* Nodes that are not held any more must have no force. */
-    if (fresh || !solver->asked.kept)
+    if (fresh || !solver->previous.kept)
         CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->iteration.d_extra, 0, 3 * (size_t)gpu->system.num_free * sizeof(double),
                                            gpu->stream)));
     return PLIANT_OK;
@@ -194,10 +195,10 @@ static pliant_status send_tools(pliant_cuda_solver *gpu, pliant_solver *solver, 
 static pliant_status turn(pliant_cuda_solver *gpu, const pliant_solver *solver, pliant_statistics *statistics,
                           gpu_step *step)
 {
-    const pliant_axes axes = pliant_solver_axes(solver, &gpu->in_use, statistics->step);
+    const pliant_axes axes = pliant_solver_choose_axes(solver, &gpu->in_use, statistics->step);
     if (axes == PLIANT_AXES_STAY) return PLIANT_OK;
     CUDA_TRY(pliant_cuda_rotate(&gpu->system, &gpu->iteration, false, gpu->stream));
-    pliant_in_use_turned(&gpu->in_use);
+    pliant_preconditioner_use_rotated(&gpu->in_use);
     gpu->in_use.turned_at = statistics->step;
     if (axes == PLIANT_AXES_TURN) return PLIANT_OK;
     step->forget = 1;
@@ -209,8 +210,8 @@ static pliant_status turn(pliant_cuda_solver *gpu, const pliant_solver *solver, 
 static pliant_status turn_back(pliant_cuda_solver *gpu, pliant_solver *solver)
 {
     if (gpu->in_use.rough) return PLIANT_OK;
-    solver->asked.kept = false;
-    pliant_in_use_turned(&gpu->in_use);
+    solver->previous.kept = false;
+    pliant_preconditioner_use_rotated(&gpu->in_use);
     return pliant_cuda_rotate(&gpu->system, &gpu->iteration, false, gpu->stream);
 }
 
@@ -220,11 +221,11 @@ static pliant_status run(pliant_cuda_solver *gpu, const gpu_step *step)
     CUDA_TRY(pliant_cuda_solver_evaluate_first(gpu, step->known == PLIANT_KNOWN_STEP));
     /* Includes one evaluation each of: the state before a blind step, a descent, the rest state, and the step's end or
      * the trial that replaces it. */
-    const int32_t most = step->most_evaluations + 4;
+    const int32_t maximum = step->max_evaluations + 4;
     int32_t ahead = gpu->last_launches; /* a step needs about as many as the last one; superfluous launches do
                                          * nothing */
-    for (int32_t spent = 1; spent < most; ahead = 2) {
-        for (int32_t n = 1; n < ahead && spent < most; n++, spent++)
+    for (int32_t spent = 1; spent < maximum; ahead = 2) {
+        for (int32_t n = 1; n < ahead && spent < maximum; n++, spent++)
             CUDA_TRY(CUDA_CALL(cudaGraphLaunch(gpu->evaluation, gpu->stream)));
         CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->h_state, gpu->iteration.d_state, offsetof(gpu_state, rows),
                                            cudaMemcpyDeviceToHost, gpu->stream)));
@@ -234,40 +235,42 @@ static pliant_status run(pliant_cuda_solver *gpu, const gpu_step *step)
     return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "the GPU failed: the solver did not finish");
 }
 
-/* Set the step's inputs from the host's limits and the known quantities of the first state. opened: out: evaluations of
- * the Newton step after a cut. */
+/* Set the step's inputs from the host's limits and the known quantities of the first state. newton_evaluations: out:
+ * evaluations of the Newton step after a cut. */
 static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3],
-                             pliant_statistics *statistics, bool renewed, gpu_step *step, int32_t *opened)
+                             pliant_statistics *statistics, bool renewed, gpu_step *step, int32_t *newton_evaluations)
 {
     bool responded = false, seen = false;
     CUDA_TRY(send_load(gpu, solver, gravity));
     CUDA_TRY(turn(gpu, solver, statistics, step));
-    step->forget = step->forget || renewed || !solver->asked.kept;
+    step->forget = step->forget || renewed || !solver->previous.kept;
     CUDA_TRY(send_tools(gpu, solver, step, &responded));
     step->limit = pliant_solver_limit(solver);
-    CUDA_TRY(pliant_cuda_solver_open(gpu, solver, step, opened));
-    if (step->opened) CUDA_TRY(send_tools(gpu, solver, step, &responded)); /* forces and axes have changed */
+    CUDA_TRY(pliant_cuda_solver_newton_step(gpu, solver, step, newton_evaluations));
+    if (step->after_newton) CUDA_TRY(send_tools(gpu, solver, step, &responded)); /* forces and axes have changed */
     const pliant_anderson *limits = &solver->rules;
-    step->most_evaluations =
-        *opened > 0
-            ? pliant_solver_open_evaluations(solver, &step->limit, pliant_quasistatic().opened_share_gpu) - *opened
-            : limits->most_evaluations;
+    step->max_evaluations =
+        *newton_evaluations > 0
+            ? pliant_solver_newton_limit(solver, &step->limit, pliant_quasistatic().newton_evaluation_fraction_gpu) -
+                  *newton_evaluations
+            : limits->max_evaluations;
     step->depth = limits->depth;
-    step->room = limits->room;
+    step->capacity = limits->capacity;
     step->tolerance = limits->tolerance;
     step->smallest_displacement = limits->smallest_displacement;
     step->is_cycle = gpu->preconditioner.multigrid != nullptr;
     step->smallest_scale = solver->smallest_scale;
     step->restart = gpu->fresh;
-    step->known = pliant_solver_known(solver, &gpu->in_use, &seen);
+    step->known = pliant_solver_find_known(solver, &gpu->in_use, &seen);
     step->seen = seen;
     if (responded && step->known == PLIANT_KNOWN_STEP) step->known = PLIANT_KNOWN_FORCES;
-    step->touches = pliant_touches_any(solver->touches);
-    if (step->touches || gpu->touched)
+    step->has_contacts = pliant_contact_problem_has_points(solver->contacts);
+    if (step->has_contacts || gpu->had_contacts)
         CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->iteration.d_touch, 0, 3 * (size_t)gpu->system.num_free * sizeof(double),
                                            gpu->stream)));
-    gpu->touched = step->touches;
-    if (step->limit.evaluations < INT32_MAX) step->limit.evaluations += (step->known == PLIANT_KNOWN_STEP) - *opened;
+    gpu->had_contacts = step->has_contacts;
+    if (step->limit.evaluations < INT32_MAX)
+        step->limit.evaluations += (step->known == PLIANT_KNOWN_STEP) - *newton_evaluations;
     return PLIANT_OK;
 }
 
@@ -275,14 +278,14 @@ static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver, con
 static void tell(const pliant_cuda_solver *gpu, pliant_statistics *statistics)
 {
     const gpu_state *state = gpu->h_state;
-    statistics->residual = state->rules.merit / state->told_scale;
-    statistics->residual_force = state->told_residual_force;
+    statistics->residual = state->rules.merit / state->accepted_scale;
+    statistics->residual_force = state->accepted_residual_force;
     statistics->error = state->rules.error;
 }
 
 /* Number of evaluations of a step so far, and its first estimate of the previous step's error. */
 struct step_so_far {
-    int32_t opened;            /* of the Newton step after a cut, before the others */
+    int32_t newton_evaluations;            /* of the Newton step after a cut, before the others */
     int32_t solved, iterations;
     double error_before;
     double start;              /* [s] */
@@ -296,7 +299,7 @@ static void note(pliant_cuda_solver *gpu, pliant_solver *solver, const gpu_step 
     const gpu_state *state = gpu->h_state;
     const pliant_anderson *rules = &state->rules;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
-        memcpy(solver->handles[t].force, state->force[state->now] + 3 * t, sizeof solver->handles[t].force);
+        memcpy(solver->grasps[t].force, state->force[state->now] + 3 * t, sizeof solver->grasps[t].force);
     gpu->fresh = false;
     gpu->last_launches = rules->evaluations + state->ending;
     const int32_t solved = gpu->last_launches - (step->known == PLIANT_KNOWN_STEP);
@@ -311,7 +314,7 @@ static pliant_status run_any(pliant_cuda_solver *gpu, pliant_solver *solver, con
                              pliant_statistics *statistics, step_so_far *so_far)
 {
     const double start = solver->clock(solver->clock_user);
-    CUDA_TRY(step->touches ? pliant_cuda_touches_run(gpu, solver, step) : run(gpu, step));
+    CUDA_TRY(step->has_contacts ? pliant_cuda_contacts_run(gpu, solver, step) : run(gpu, step));
     so_far->seconds += solver->clock(solver->clock_user) - start;
     note(gpu, solver, step, statistics, so_far);
     return PLIANT_OK;
@@ -325,27 +328,28 @@ static pliant_status take_step(pliant_cuda_solver *gpu, pliant_solver *solver, c
     step_so_far so_far = {};
     so_far.start = solver->clock(solver->clock_user);
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
-    CUDA_TRY(pliant_cuda_renewal_step(gpu, solver, statistics, &renewed));
-    if (gpu->fresh) pliant_solver_forget(solver);
-    if (!renewed && pliant_solver_rests(solver)) {
+    CUDA_TRY(pliant_cuda_refresh_step(gpu, solver, statistics, &renewed));
+    if (gpu->fresh) pliant_solver_drop_history(solver);
+    if (!renewed && pliant_solver_is_idle(solver)) {
         statistics->iterations = 0;
         tell(gpu, statistics);
         statistics->error_before = statistics->error;
         return PLIANT_OK;
     }
-    CUDA_TRY(prepare(gpu, solver, gravity, statistics, renewed, &step, &so_far.opened));
+    CUDA_TRY(prepare(gpu, solver, gravity, statistics, renewed, &step, &so_far.newton_evaluations));
     CUDA_TRY(run_any(gpu, solver, &step, statistics, &so_far));
     const gpu_state *state = gpu->h_state;
     const pliant_anderson *rules = &state->rules;
     if (!isfinite(rules->merit)) return pliant_fail(PLIANT_ERROR_NUMERIC, PLIANT_LOAD_NOT_FINITE);
-    pliant_solver_ended(solver, &gpu->in_use, state->evaluated, rules, state->step_force[state->now]);
-    pliant_even_note(&solver->even, so_far.solved + so_far.opened, rules->first_merit);
-    if (step.opened && state->went_back) CUDA_TRY(turn_back(gpu, solver));
-    gpu->in_use.served_badly = gpu->in_use.served_badly || rules->rate > pliant_quasistatic().poor_rate;
-    statistics->iterations = so_far.opened + so_far.iterations;
+    pliant_solver_record_step(solver, &gpu->in_use, state->evaluated, rules, state->step_force[state->now]);
+    pliant_evaluations_record(&solver->evaluation_history, so_far.solved + so_far.newton_evaluations,
+                              rules->first_merit);
+    if (step.after_newton && state->restored_previous) CUDA_TRY(turn_back(gpu, solver));
+    gpu->in_use.converged_slowly = gpu->in_use.converged_slowly || rules->rate > pliant_quasistatic().poor_rate;
+    statistics->iterations = so_far.newton_evaluations + so_far.iterations;
     tell(gpu, statistics);
     statistics->error_before = so_far.error_before;
-    pliant_touches_tell(solver->touches, pliant_cuda_touches_moved(&gpu->touches), statistics);
+    pliant_contact_problem_report_motion(solver->contacts, pliant_cuda_contacts_motion(&gpu->contacts), statistics);
     return rules->converged ? PLIANT_OK : PLIANT_NOT_CONVERGED;
 }
 
@@ -354,13 +358,13 @@ static pliant_status take_step(pliant_cuda_solver *gpu, pliant_solver *solver, c
 extern "C" pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant_solver *solver,
                                                  const double gravity[3], pliant_statistics *statistics)
 {
-    const bool opened = solver->opened;
+    const bool was_after_cut = solver->is_after_cut;
     double force[PLIANT_MAX_TOOLS][3];
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(force[t], solver->handles[t].force, sizeof force[t]);
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(force[t], solver->grasps[t].force, sizeof force[t]);
     const pliant_status status = take_step(gpu, solver, gravity, statistics);
     if (status == PLIANT_OK || status == PLIANT_NOT_CONVERGED) return status;
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(solver->handles[t].force, force[t], sizeof force[t]);
-    solver->opened = opened;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(solver->grasps[t].force, force[t], sizeof force[t]);
+    solver->is_after_cut = was_after_cut;
     return status;
 }
 

@@ -6,7 +6,7 @@
 #include "cuda/fem/linear/preconditioner.h"
 #include "cuda/fem/quasistatic/solve.h"
 #include "cuda/fem/system.h"
-#include "cuda/fem/quasistatic/touch.h"
+#include "cuda/fem/quasistatic/contact.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -15,39 +15,39 @@ extern "C" {
 typedef struct gpu_tool_arrays {
     int32_t *d_unknown;
     double *d_block, *d_response;
-    size_t unknown_room, block_room, response_room; /* bytes */
+    size_t unknown_capacity, block_capacity, response_capacity; /* bytes */
 } gpu_tool_arrays;
 
 enum { SOLVER_ARRAYS = 25 };
 
-typedef struct gpu_renewal gpu_renewal;
+typedef struct gpu_refresh gpu_refresh;
 
 struct pliant_cuda_solver {
     int device;
     cudaStream_t stream; /* borrowed */
     pliant_preconditioner_choice choice;
     gpu_system system;
-    gpu_system_room system_room;
+    gpu_system_capacity system_capacity;
     gpu_preconditioner preconditioner;
     bool of_state;             /* the preconditioner belongs to a state other than rest */
-    gpu_renewal *renewal;      /* Nullable: the next preconditioner, in progress in the background */
+    gpu_refresh *refresh;      /* Nullable: the next preconditioner, in progress in the background */
     gpu_iteration iteration;
-    size_t room[SOLVER_ARRAYS]; /* capacity of its arrays, of d_fine and of d_solved, in bytes */
+    size_t capacity[SOLVER_ARRAYS]; /* capacity of its arrays, of d_fine and of d_solved, in bytes */
     double *d_between;         /* work array to carry over axes */
-    size_t between_room;
-    double *h_open;            /* page-locked: results of the step after a cut, if cuts are possible */
-    size_t open_room;          /* bytes */
+    size_t between_capacity;
+    double *h_newton;            /* page-locked: results of the step after a cut, if cuts are possible */
+    size_t newton_capacity;          /* bytes */
     int gather_blocks;
     cudaGraphExec_t evaluation, look, touching; /* look and touching are Nullable: not used yet */
     size_t kernels;            /* kernels in `evaluation` */
     int kind;                  /* kind of preconditioner in `evaluation` */
     gpu_state *h_state;        /* page-locked; its first part is copied from the device */
     double *d_fine, *d_solved, *h_solved;
-    size_t solved_room;        /* bytes of h_solved */
+    size_t solved_capacity;        /* bytes of h_solved */
     gpu_tool_arrays tools[PLIANT_MAX_TOOLS];
-    gpu_touches touches;
-    bool touched;              /* there was contact in the last step */
-    pliant_in_use in_use;
+    gpu_contacts contacts;
+    bool had_contacts;              /* there was contact in the last step */
+    pliant_preconditioner_use in_use;
     bool fresh;                /* the state was read from the host */
     double gravity[3];         /* gravity of d_load */
     bool loaded;
@@ -60,17 +60,17 @@ pliant_status pliant_cuda_solver_begin(pliant_cuda_solver *gpu, const pliant_sol
 /* ---- Implemented in size.cu: allocate the iteration's arrays for the present system. */
 pliant_status pliant_cuda_solver_size(pliant_cuda_solver *gpu, const pliant_solver *solver);
 
-/* ---- Implemented in open.cu: the first step after a cut. */
+/* ---- Implemented in newton_after_cut.cu: the first step after a cut. */
 /* Load the kernels in advance, as in carried.h. Errors: UNAVAILABLE. */
-pliant_status pliant_cuda_open_load(void);
+pliant_status pliant_cuda_newton_load_kernels(void);
 /* Allocate its arrays. Errors: MEMORY, UNAVAILABLE. */
-pliant_status pliant_cuda_solver_open_room(pliant_cuda_solver *gpu);
+pliant_status pliant_cuda_solver_newton_reserve(pliant_cuda_solver *gpu);
 /* Take the Newton step after a cut, before the first step of a fresh state with its load, tools and limit. It updates
  * positions, axes, tools' forces and `step`.
  * @param evaluations  Out: evaluations done; 0: no Newton step was taken.
  * Errors: MEMORY, UNAVAILABLE. */
-pliant_status pliant_cuda_solver_open(pliant_cuda_solver *gpu, pliant_solver *solver, gpu_step *step,
-                                      int32_t *evaluations);
+pliant_status pliant_cuda_solver_newton_step(pliant_cuda_solver *gpu, pliant_solver *solver, gpu_step *step,
+                                             int32_t *evaluations);
 
 /* ---- Implemented in evaluate.cu: the evaluation as a graph. */
 pliant_status pliant_cuda_solver_record(pliant_cuda_solver *gpu);
@@ -79,20 +79,20 @@ pliant_status pliant_cuda_solver_record(pliant_cuda_solver *gpu);
 pliant_status pliant_cuda_solver_evaluate_first(pliant_cuda_solver *gpu, bool known);
 /* Run half of an evaluation: up to the free step (look), or the rest (judge). In between, the host computes contact
  * forces. */
-pliant_status pliant_cuda_solver_look(pliant_cuda_solver *gpu);
-pliant_status pliant_cuda_solver_judge(const pliant_cuda_solver *gpu);
+pliant_status pliant_cuda_solver_free_step(pliant_cuda_solver *gpu);
+pliant_status pliant_cuda_solver_evaluate_rest(const pliant_cuda_solver *gpu);
 /* Run an evaluation whose contact forces are computed on the GPU. */
-pliant_status pliant_cuda_solver_evaluate_touching(pliant_cuda_solver *gpu);
+pliant_status pliant_cuda_solver_evaluate_contacts(pliant_cuda_solver *gpu);
 
-/* ---- Implemented in renew.cu: a new preconditioner that replaces a carried one, computed in the background. */
+/* ---- Implemented in refresh.cu: a new preconditioner that replaces a carried one, computed in the background. */
 /* At the start of a step, install a finished preconditioner (*renewed) and start the next one. Errors: MEMORY,
  * UNAVAILABLE. If no preconditioner can be computed, the old one stays. */
-pliant_status pliant_cuda_renewal_step(pliant_cuda_solver *gpu, const pliant_solver *solver,
+pliant_status pliant_cuda_refresh_step(pliant_cuda_solver *gpu, const pliant_solver *solver,
                                        pliant_statistics *statistics, bool *renewed);
 /* Create a preconditioner for the present system, wait for it, and measure the time. at: Nullable: state; NULL: rest.
  * Errors: MEMORY, NUMERIC, UNAVAILABLE; `out` may then hold a partial result. */
 pliant_status pliant_cuda_preconditioner_make(pliant_cuda_solver *gpu, const pliant_solver *solver,
-                                              const gpu_state_made_at *at, gpu_preconditioner *out);
+                                              const gpu_preconditioner_state *at, gpu_preconditioner *out);
 /* Measure the creation time again, since the first creation in a process includes loading kernels. Without memory the
  * first measurement stays. Errors: UNAVAILABLE. */
 pliant_status pliant_cuda_preconditioner_time(pliant_cuda_solver *gpu, const pliant_solver *solver);
@@ -100,11 +100,11 @@ pliant_status pliant_cuda_preconditioner_time(pliant_cuda_solver *gpu, const pli
  * preconditioner can be computed, or if the present one is carried over from before a cut. Errors: MEMORY,
  * UNAVAILABLE. */
 /* Replace a preconditioner of another state by one at rest. Errors: UNAVAILABLE. */
-pliant_status pliant_cuda_renew_at_rest(pliant_cuda_solver *gpu, const pliant_solver *solver);
+pliant_status pliant_cuda_refresh_at_rest(pliant_cuda_solver *gpu, const pliant_solver *solver);
 /* Keep background work across a cut: its result will belong to the earlier body. node: (nodes of the solved mesh) node
  * before the cut. Errors: MEMORY. */
-pliant_status pliant_cuda_renewal_follow(pliant_cuda_solver *gpu, int32_t num_nodes, const int32_t *node);
-void pliant_cuda_renewal_free(pliant_cuda_solver *gpu); /* waits for the background */
+pliant_status pliant_cuda_refresh_follow(pliant_cuda_solver *gpu, int32_t num_nodes, const int32_t *node);
+void pliant_cuda_refresh_free(pliant_cuda_solver *gpu); /* waits for the background */
 
 #ifdef __cplusplus
 }

@@ -90,9 +90,9 @@ struct Box {
 /** The smallest boxes (in voxels of the volume) around each connected group of changed bricks; one box where
  *  several would hold more voxels. Empty when nothing changed. */
 std::vector<Box> changed_boxes(const int32_t count[3], const uint8_t *changed, const int32_t size[3]);
-/** Merge boxes until at most `most` are left, each time the two whose union adds the fewest voxels. More than 128 boxes
- *  become one box. */
-std::vector<Box> merged_boxes(std::vector<Box> boxes, size_t most);
+/** Merge boxes until at most `maximum` are left, each time the two whose union adds the fewest voxels. More than 128
+ *  boxes become one box. */
+std::vector<Box> merged_boxes(std::vector<Box> boxes, size_t maximum);
 /** Return the intersection of two boxes. A size of 0 along an axis: it is empty. */
 Box common_box(const Box &a, const Box &b);
 /** Return the voxels with centres between two corners of a box in LPS [m], at least one voxel. For a rotated grid, it

@@ -2,7 +2,7 @@
 
 #include "base/fail.h"
 #include "base/threads.h"
-#include "contact/advance/near.h"
+#include "contact/advance/broad_phase.h"
 #include "base/memory.h"
 
 #include <math.h>
@@ -67,23 +67,23 @@ static int32_t rank_pairs(pliant_advance *advance)
     return count;
 }
 
-static double find_least(const pliant_advance *advance, const surface *of, double t, int num_threads,
-                         int64_t *distances)
+static double find_min_distance(const pliant_advance *advance, const surface *of, double t, int num_threads,
+                                int64_t *distances)
 {
-    double least = INFINITY;
+    double minimum = INFINITY;
     int64_t sum = 0;
-#pragma omp parallel for schedule(dynamic, 16) num_threads(num_threads) reduction(min : least) reduction(+ : sum)
+#pragma omp parallel for schedule(dynamic, 16) num_threads(num_threads) reduction(min : minimum) reduction(+ : sum)
     for (int32_t n = 0; n < advance->num_pairs; n++) {
         pliant_advance_pair *pair = advance->pair + n;
         const pliant_advance_triangle triangle = triangle_of(of, pair);
         int64_t own = 0;
         if (pair->exempt) continue;
-        least =
-            fmin(least, pliant_advance_pair_distance(advance->motion + pair->part, &triangle, t, pair->weight, &own));
+        minimum =
+            fmin(minimum, pliant_advance_pair_distance(advance->motion + pair->part, &triangle, t, pair->weight, &own));
         sum += own;
     }
     *distances += sum;
-    return least;
+    return minimum;
 }
 
 pliant_status pliant_advance_find(pliant_advance *advance, int32_t num_triangles, const int32_t *triangles,
@@ -91,11 +91,11 @@ pliant_status pliant_advance_find(pliant_advance *advance, int32_t num_triangles
                                   int num_threads, pliant_advance_result *out)
 {
     const surface of = {triangles, from, to};
-    const int threads = pliant_threads_of(num_threads);
+    const int threads = pliant_threads_or_cores(num_threads);
     double margin = 0;
     for (int32_t p = 0; p < count; p++) margin = fmax(margin, advance->settings.advance_stop * parts[p].guard);
     pliant_status status =
-        pliant_advance_near(advance, num_triangles, triangles, from, to, count, parts, margin, false, threads);
+        pliant_advance_broad_phase(advance, num_triangles, triangles, from, to, count, parts, margin, false, threads);
     if (status == PLIANT_OK) status = pliant_advance_reserve_ranks(advance, advance->num_pairs);
     if (status != PLIANT_OK) return status;
     *out = (pliant_advance_result){.t = 1, .part = -1, .triangle = -1, .pairs = advance->num_pairs};
@@ -113,6 +113,6 @@ pliant_status pliant_advance_find(pliant_advance *advance, int32_t num_triangles
         out->part = pair->part;
         out->triangle = pair->triangle;
     }
-    out->least = find_least(advance, &of, out->t, threads, &out->distances);
+    out->minimum = find_min_distance(advance, &of, out->t, threads, &out->distances);
     return PLIANT_OK;
 }

@@ -46,7 +46,7 @@ typedef struct pliant_advance_result {
     int32_t part, triangle; /* the pair that limits t; -1: none */
     int32_t pairs;          /* number of pairs after the broad phase */
     int64_t distances;      /* distances evaluated */
-    double least; /* smallest core distance of these pairs at t, without exempt ones; INFINITY: no pair is near [m] */
+    double minimum; /* smallest core distance of these pairs at t, without exempt ones; INFINITY: no pair is near [m] */
 } pliant_advance_result;
 
 /* Buffers that are kept from leg to leg. */
@@ -68,7 +68,7 @@ pliant_status pliant_advance_find(pliant_advance *advance, int32_t num_triangles
 
 typedef struct pliant_advance_audit_result {
     /* smallest core distance of all near pairs, without held and released ones; INFINITY: no pair is near [m] */
-    double least;
+    double minimum;
     int32_t part, triangle; /* its pair; -1: none */
     /* number of pairs in which an edge of the surface enters a core, or an edge or axis of a core enters a triangle */
     int32_t crossings;
@@ -108,7 +108,7 @@ pliant_status pliant_advance_find_self(pliant_advance *advance, int32_t num_tria
                                        int num_threads, pliant_advance_self_result *out);
 
 typedef struct pliant_advance_self_audit {
-    double least;      /* smallest distance of pairs nearer than the thickness; INFINITY: there is no such pair [m] */
+    double minimum;      /* smallest distance of pairs nearer than the thickness; INFINITY: there is no such pair [m] */
     int32_t crossings; /* number of edges that pass through triangles, by another algorithm than the distances */
     int32_t node[5];   /* edge and triangle of one crossing; -1: none */
 } pliant_advance_self_audit;

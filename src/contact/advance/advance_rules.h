@@ -35,14 +35,14 @@ PLIANT_INLINE double pliant_advance_limit(const pliant_contact_settings *setting
  * way. Rounding never leads beyond a bound of which 0.999 is taken. */
 enum { PLIANT_ADVANCE_ITERATIONS = 64 };
 #define PLIANT_ADVANCE_SAFETY 0.999
-#define PLIANT_ADVANCE_LITTLE 1e-3 /* fraction of the leg that is little progress */
+#define PLIANT_ADVANCE_MIN_PROGRESS 1e-3 /* fraction of the leg that is little progress */
 
 /* Whether a pair that gained a step, and is this distance above its limit, has come as far as it can. */
-PLIANT_INLINE bool pliant_advance_ends(int32_t iterations, double step, double distance, double limit)
+PLIANT_INLINE bool pliant_advance_is_finished(int32_t iterations, double step, double distance, double limit)
 {
-    const double least_step = 1e-7, near_limit = 0.02;
-    return iterations >= PLIANT_ADVANCE_ITERATIONS || step < least_step ||
-           (distance < near_limit * limit && step < PLIANT_ADVANCE_LITTLE);
+    const double min_step = 1e-7, near_limit = 0.02;
+    return iterations >= PLIANT_ADVANCE_ITERATIONS || step < min_step ||
+           (distance < near_limit * limit && step < PLIANT_ADVANCE_MIN_PROGRESS);
 }
 
 /* Return the largest s for which distance + rate s - bend s^2 / 2 is not negative anywhere in [0, s]; bend >= 0. */

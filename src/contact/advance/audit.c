@@ -1,6 +1,6 @@
 /* Check whether the surface and the cores overlap. The algorithms are independent of the advancement: ternary
  * search of a convex function on a segment, and signed volumes for segments that pass through triangles. */
-#include "contact/advance/near.h"
+#include "contact/advance/broad_phase.h"
 
 #include "base/threads.h"
 #include "contact/advance/advance_rules.h"
@@ -9,10 +9,10 @@
 #include <math.h>
 #include <string.h>
 
-static double distance_on(const pliant_part *core, const double end[2][3], double share)
+static double distance_on(const pliant_part *core, const double end[2][3], double fraction)
 {
     double point[3], normal[3];
-    for (int d = 0; d < 3; d++) point[d] = end[0][d] + share * (end[1][d] - end[0][d]);
+    for (int d = 0; d < 3; d++) point[d] = end[0][d] + fraction * (end[1][d] - end[0][d]);
     return pliant_part_distance(core, point, normal);
 }
 
@@ -20,22 +20,23 @@ static double distance_on(const pliant_part *core, const double end[2][3], doubl
  * cell size. */
 static bool enters(const pliant_part *core, const double end[2][3])
 {
-    enum { ROUNDS = 60, MOST_SAMPLES = 1000 };
-    const double grain = pliant_part_grain(core);
-    double low = 0, high = 1, length = 0, least = INFINITY;
+    enum { ROUNDS = 60, MAX_SAMPLES = 1000 };
+    const double grain = pliant_part_cell_size(core);
+    double low = 0, high = 1, length = 0, minimum = INFINITY;
     for (int d = 0; d < 3; d++) length += pow(end[1][d] - end[0][d], 2);
-    const int samples = grain > 0 ? 1 + (int)fmin(4 * sqrt(length) / grain, MOST_SAMPLES) : 0;
-    for (int n = 0; n <= samples && grain > 0; n++) least = fmin(least, distance_on(core, end, (double)n / samples));
+    const int samples = grain > 0 ? 1 + (int)fmin(4 * sqrt(length) / grain, MAX_SAMPLES) : 0;
+    for (int n = 0; n <= samples && grain > 0; n++)
+        minimum = fmin(minimum, distance_on(core, end, (double)n / samples));
     for (int round = 0; round < ROUNDS && grain == 0; round++) {
         const double a = low + (high - low) / 3, b = high - (high - low) / 3, at_a = distance_on(core, end, a),
                      at_b = distance_on(core, end, b);
-        least = fmin(least, fmin(at_a, at_b));
+        minimum = fmin(minimum, fmin(at_a, at_b));
         if (at_a < at_b)
             high = b;
         else
             low = a;
     }
-    return least < 0;
+    return minimum < 0;
 }
 
 /* Return whether the axis of a capsule, or an edge of a box, passes through a triangle. */
@@ -46,7 +47,7 @@ static bool passes_through(const pliant_part *core, const double corner[3][3])
     if (core->kind == PLIANT_PART_CAPSULE) {
         memcpy(end[0], core->from, sizeof end[0]);
         memcpy(end[1], core->to, sizeof end[1]);
-        return pliant_advance_passes(corner, (const double(*)[3])end);
+        return pliant_segment_crosses_triangle(corner, (const double(*)[3])end);
     }
     for (int edge = 0; edge < 12 && core->kind == PLIANT_PART_BOX && !crosses; edge++) {
         const int along = edge / 4;
@@ -55,7 +56,7 @@ static bool passes_through(const pliant_part *core, const double corner[3][3])
                 const int upper = d == along ? n : edge >> (d == (along + 1) % 3) & 1;
                 end[n][d] = upper ? core->to[d] : core->from[d];
             }
-        crosses = pliant_advance_passes(corner, (const double(*)[3])end);
+        crosses = pliant_segment_crosses_triangle(corner, (const double(*)[3])end);
     }
     return crosses;
 }
@@ -79,14 +80,14 @@ pliant_status pliant_advance_audit(pliant_advance *advance, int32_t num_triangle
                                    const double *positions, int32_t count, const pliant_advance_part *parts,
                                    int num_threads, pliant_advance_audit_result *out)
 {
-    const int threads = pliant_threads_of(num_threads);
+    const int threads = pliant_threads_or_cores(num_threads);
     double margin = 0;
     for (int32_t p = 0; p < count; p++) margin = fmax(margin, parts[p].guard);
-    const pliant_status status = pliant_advance_near(advance, num_triangles, triangles, positions, positions, count,
-                                                     parts, margin, true, threads);
+    const pliant_status status = pliant_advance_broad_phase(advance, num_triangles, triangles, positions, positions,
+                                                            count, parts, margin, true, threads);
     if (status != PLIANT_OK) return status;
     *out = (pliant_advance_audit_result){
-        .least = INFINITY, .part = -1, .triangle = -1, .crossing_part = -1, .crossing_triangle = -1};
+        .minimum = INFINITY, .part = -1, .triangle = -1, .crossing_part = -1, .crossing_triangle = -1};
 #pragma omp parallel for schedule(dynamic, 16) num_threads(threads)
     for (int32_t n = 0; n < advance->num_pairs; n++) {
         pliant_advance_pair *pair = advance->pair + n;
@@ -102,8 +103,8 @@ pliant_status pliant_advance_audit(pliant_advance *advance, int32_t num_triangle
     for (int32_t n = 0; n < advance->num_pairs; n++) {
         const pliant_advance_pair *pair = advance->pair + n;
         if (advance->motion[pair->part].leg->released) continue;
-        if (pair->limit < out->least) {
-            out->least = pair->limit;
+        if (pair->limit < out->minimum) {
+            out->minimum = pair->limit;
             out->part = pair->part;
             out->triangle = pair->triangle;
         }

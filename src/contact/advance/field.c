@@ -13,10 +13,10 @@
 
 enum {
     DEEPEST = 10,
-    MOST_HALVINGS = 16,
-    MOST_OPEN = 3 * DEEPEST + MOST_HALVINGS + 4,
-    MOST_PIECES = 20000,
-    MOST_ALONG = 5 /* points along an axis */
+    MAX_HALVINGS = 16,
+    MAX_OPEN = 3 * DEEPEST + MAX_HALVINGS + 4,
+    MAX_PIECES = 20000,
+    MAX_ALONG = 5 /* points along an axis */
 };
 static const double enough = 0.9;         /* fraction of the lowest distance found */
 static const double smallest = 1e-4;      /* fraction of a cell: smaller distances are not resolved */
@@ -84,7 +84,7 @@ static double by_way(const pliant_part *core, const region *of, double distance)
 
 /* List the coordinates of a box along an axis: its ends and the grid points between them, clipped to the grid.
  * Return 0 if there are too many, or if the box is outside the grid. */
-static int list_along(const pliant_part *core, const region *of, int d, double out[MOST_ALONG])
+static int list_along(const pliant_part *core, const region *of, int d, double out[MAX_ALONG])
 {
     const pliant_solid *solid = core->solid;
     const double origin = solid->origin[d] + core->from[d], last = origin + solid->cell * (solid->size[d] - 1);
@@ -93,7 +93,7 @@ static int list_along(const pliant_part *core, const region *of, int d, double o
     if (low > high) return 0;
     out[count++] = low;
     for (double k = floor((low - origin) / solid->cell) + 1; origin + solid->cell * k < high; k++) {
-        if (count == MOST_ALONG - 1) return 0;
+        if (count == MAX_ALONG - 1) return 0;
         out[count++] = origin + solid->cell * k;
     }
     if (high > low) out[count++] = high;
@@ -106,21 +106,21 @@ static double value_at(const pliant_part *core, const double p[3])
     const pliant_solid *solid = core->solid;
     const size_t stride[3] = {1, (size_t)solid->size[0], (size_t)solid->size[0] * (size_t)solid->size[1]};
     const float *value = solid->value;
-    double share[3];
+    double fraction[3];
     for (int d = 0; d < 3; d++) {
         const double at = (p[d] - core->from[d] - solid->origin[d]) / solid->cell;
         const int32_t last = solid->size[d] - 2, cell = at > 0 ? at < last ? (int32_t)at : last : 0;
-        share[d] = at - cell;
+        fraction[d] = at - cell;
         value += (size_t)cell * stride[d];
     }
     double plane[2];
     for (int k = 0; k < 2; k++) {
         const float *row = value + (k == 1 ? stride[2] : 0), *next = row + stride[1];
-        const double low = (double)row[0] + share[0] * ((double)row[1] - (double)row[0]);
-        const double high = (double)next[0] + share[0] * ((double)next[1] - (double)next[0]);
-        plane[k] = low + share[1] * (high - low);
+        const double low = (double)row[0] + fraction[0] * ((double)row[1] - (double)row[0]);
+        const double high = (double)next[0] + fraction[0] * ((double)next[1] - (double)next[0]);
+        plane[k] = low + fraction[1] * (high - low);
     }
-    return plane[0] + share[2] * (plane[1] - plane[0]) - core->radius;
+    return plane[0] + fraction[2] * (plane[1] - plane[0]) - core->radius;
 }
 
 /* Compute a plane below the distance: normal . (p - middle) + *height is at most the distance at each p of the box
@@ -128,7 +128,7 @@ static double value_at(const pliant_part *core, const double p[3])
 static bool lower_plane(const pliant_part *core, const region *of, const double normal[3], double *height,
                         int64_t *distances)
 {
-    double along[3][MOST_ALONG], p[3];
+    double along[3][MAX_ALONG], p[3];
     int count[3];
     for (int d = 0; d < 3; d++)
         if ((count[d] = list_along(core, of, d, along[d])) == 0) return false;
@@ -189,9 +189,9 @@ static int halve(const piece *of, piece *out)
 
 static const piece whole = {.weight = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, .begin = 0, .end = 1};
 
-double pliant_field_least(const pliant_part *core, const double corner[3][3], double far, int64_t *distances)
+double pliant_field_minimum(const pliant_part *core, const double corner[3][3], double far, int64_t *distances)
 {
-    piece stack[MOST_OPEN];
+    piece stack[MAX_OPEN];
     double lowest = INFINITY, bound = INFINITY;
     int depth = 0, pieces = 0;
     for (stack[depth++] = whole; depth > 0; pieces++) {
@@ -200,19 +200,19 @@ double pliant_field_least(const pliant_part *core, const double corner[3][3], do
         double normal[3], own[3], middle[3], height;
         for (int d = 0; d < 3; d++) middle[d] = (around.at[0][0][d] + around.at[0][1][d] + around.at[0][2][d]) / 3;
         const double distance = pliant_part_distance(core, around.middle, normal);
-        double least = by_way(core, &around, distance);
+        double minimum = by_way(core, &around, distance);
         *distances += 2;
         lowest = fmin(lowest, pliant_part_distance(core, middle, own));
         if (lowest <= 0) return lowest;
         const double wanted = fmin(enough * lowest - smallest * core->solid->cell, far);
-        if (least < wanted && lower_plane(core, &around, normal, &height, distances)) {
+        if (minimum < wanted && lower_plane(core, &around, normal, &height, distances)) {
             double by_plane = INFINITY;
             for (int k = 0; k < 3; k++)
                 by_plane = fmin(by_plane, height + height_of(normal, around.at[0][k], around.middle));
-            least = fmax(least, by_plane);
+            minimum = fmax(minimum, by_plane);
         }
-        if (least >= wanted || of.level == DEEPEST || pieces > MOST_PIECES)
-            bound = fmin(bound, least);
+        if (minimum >= wanted || of.level == DEEPEST || pieces > MAX_PIECES)
+            bound = fmin(bound, minimum);
         else
             depth += split(&of, stack + depth);
     }
@@ -272,11 +272,11 @@ static double look_at(const pliant_part *core, const region *around, double limi
     return reached;
 }
 
-double pliant_field_free(const pliant_advance_motion *motion, const pliant_advance_triangle *triangle, double t,
-                         double limit, int64_t *distances)
+double pliant_field_free_time(const pliant_advance_motion *motion, const pliant_advance_triangle *triangle, double t,
+                              double limit, int64_t *distances)
 {
     const double bend = bend_of(motion, triangle, t);
-    piece stack[MOST_OPEN];
+    piece stack[MAX_OPEN];
     double best = 1, corner[2][3][3], known[2] = {-1, -1};
     int depth = 0, pieces = 0;
     stack[depth] = whole;
@@ -293,8 +293,8 @@ double pliant_field_free(const pliant_advance_motion *motion, const pliant_advan
             region_of(&of, (const double(*)[3])corner[0], (const double(*)[3])corner[1], bend * way * way / 8);
         const double reached = look_at(&motion->core, &around, limit, distances), time = of.begin + reached * way;
         if (reached >= 1 || time >= best) continue;
-        const bool splits = of.level < DEEPEST, halves = of.halvings < MOST_HALVINGS;
-        if ((!splits && !halves) || pieces > MOST_PIECES ||
+        const bool splits = of.level < DEEPEST, halves = of.halvings < MAX_HALVINGS;
+        if ((!splits && !halves) || pieces > MAX_PIECES ||
             fmin(of.end, best) - time <= close_time * (time - t) + close_start)
             best = time;
         else

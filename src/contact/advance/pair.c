@@ -10,7 +10,7 @@
 #include "contact/advance/pair.h"
 
 #include "contact/advance/advance_rules.h"
-#include "contact/advance/cut.h"
+#include "contact/advance/distance_bound.h"
 #include "contact/shapes/solid.h"
 
 #include <math.h>
@@ -21,7 +21,7 @@ typedef struct moment {
     const pliant_advance_motion *motion;
     const pliant_advance_triangle *triangle;
     pliant_advance_state state;
-    pliant_cut cut;
+    pliant_distance_bound cut;
     double left; /* of the leg */
     double limit;
     double at[3][3];    /* corners */
@@ -49,14 +49,14 @@ static int look(moment *now, double t, double weight[3])
         for (int d = 0; d < 3; d++) now->at[c][d] = now->triangle->from[c][d] + t * now->triangle->rate[c][d];
         pliant_pose_from(&now->state.pose, now->at[c], local[c]);
     }
-    if (pliant_part_grain(&now->motion->core) > 0) {
+    if (pliant_part_cell_size(&now->motion->core) > 0) {
         int64_t distances = 0;
         const double far = 10 * now->motion->leg->guard; /* beyond this distance the limit is nearly constant */
-        now->cut =
-            (pliant_cut){.least = pliant_field_least(&now->motion->core, (const double(*)[3])local, far, &distances)};
+        now->cut = (pliant_distance_bound){
+            .minimum = pliant_field_minimum(&now->motion->core, (const double(*)[3])local, far, &distances)};
         return (int)distances;
     }
-    const int distances = pliant_cut_find(&now->motion->core, (const double(*)[3])local, weight, &now->cut);
+    const int distances = pliant_distance_bound_find(&now->motion->core, (const double(*)[3])local, weight, &now->cut);
     pliant_pose_turn(&now->state.pose, now->cut.normal, now->normal);
     pliant_pose_to(&now->state.pose, now->cut.point, now->point);
     pliant_advance_motion_velocity(now->motion, &now->state, now->point, now->velocity);
@@ -180,8 +180,8 @@ static double by_speed(const moment *now)
         fastest = fmax(fastest, pliant_advance_length(rate));
     }
     fastest += motion->speed;
-    if (pliant_part_grain(&motion->core) > 0) fastest *= PLIANT_FIELD_SLOPE;
-    return fastest > 0 ? fmin(now->left, (now->cut.least - now->limit) / fastest) : now->left;
+    if (pliant_part_cell_size(&motion->core) > 0) fastest *= PLIANT_FIELD_SLOPE;
+    return fastest > 0 ? fmin(now->left, (now->cut.minimum - now->limit) / fastest) : now->left;
 }
 
 /* ---- a leg */
@@ -191,7 +191,7 @@ double pliant_advance_pair_distance(const pliant_advance_motion *motion, const p
 {
     moment now = {.motion = motion, .triangle = triangle};
     *distances += look(&now, t, weight);
-    return now.cut.least;
+    return now.cut.minimum;
 }
 
 bool pliant_advance_pair_step(const pliant_contact_settings *settings, const pliant_advance_motion *motion,
@@ -200,23 +200,23 @@ bool pliant_advance_pair_step(const pliant_contact_settings *settings, const pli
     moment now = {.motion = motion, .triangle = triangle};
     *distances += look(&now, pair->t, pair->weight);
     if (pair->iterations == 0) {
-        if (!(now.cut.least > 0)) {
+        if (!(now.cut.minimum > 0)) {
             pair->exempt = motion->leg->released;
             pair->t = pair->exempt ? 1 : 0;
             return true;
         }
-        pair->limit = pliant_advance_limit(settings, motion->leg->guard, now.cut.least);
+        pair->limit = pliant_advance_limit(settings, motion->leg->guard, now.cut.minimum);
     }
     now.limit = pair->limit;
-    const double distance = now.cut.least - now.limit;
+    const double distance = now.cut.minimum - now.limit;
     if (distance < 0) return true;
     double step = by_speed(&now);
-    if (step < now.left && pliant_part_grain(&motion->core) > 0) {
+    if (step < now.left && pliant_part_cell_size(&motion->core) > 0) {
         const double before = pair->t;
-        pair->t = pliant_field_free(motion, triangle, before, now.limit, distances);
+        pair->t = pliant_field_free_time(motion, triangle, before, now.limit, distances);
         pair->iterations++;
         return pair->t >= 1 || pair->iterations >= PLIANT_ADVANCE_ITERATIONS ||
-               pair->t - before < PLIANT_ADVANCE_LITTLE;
+               pair->t - before < PLIANT_ADVANCE_MIN_PROGRESS;
     }
     if (step < now.left) step = fmax(step, turning_plane(&now));
     if (step < now.left) step = fmax(step, fixed_plane(&now));
@@ -226,5 +226,5 @@ bool pliant_advance_pair_step(const pliant_contact_settings *settings, const pli
     }
     pair->t += PLIANT_ADVANCE_SAFETY * step;
     pair->iterations++;
-    return pliant_advance_ends(pair->iterations, step, distance, now.limit);
+    return pliant_advance_is_finished(pair->iterations, step, distance, now.limit);
 }

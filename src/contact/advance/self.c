@@ -4,7 +4,7 @@
 #include "base/fail.h"
 #include "base/threads.h"
 #include "contact/advance/advance_rules.h"
-#include "contact/advance/near.h"
+#include "contact/advance/broad_phase.h"
 #include "base/memory.h"
 
 #include <math.h>
@@ -97,7 +97,7 @@ static void try_nodes(search *on, const int32_t *of, uint8_t owns, const int32_t
         const int32_t node[4] = {of[k], triangle[0], triangle[1], triangle[2]};
         if (!(owns & PLIANT_OWNS_NODE << k) || node[0] == node[1] || node[0] == node[2] || node[0] == node[3]) continue;
         const pliant_advance_box own = pliant_advance_box_of(1, node, on->from, on->to);
-        if (!pliant_advance_box_is_apart(&own, box, on->margin) && !is_released(on->self, node[0], node[1]))
+        if (!pliant_advance_boxes_separated(&own, box, on->margin) && !is_released(on->self, node[0], node[1]))
             add(on, node, false);
     }
 }
@@ -114,13 +114,14 @@ static void try_edges(search *on, const int32_t *of, uint8_t owns, const int32_t
         const int32_t edge[2] = {of[k], of[(k + 1) % 3]};
         if (!(owns & PLIANT_OWNS_EDGE << k)) continue;
         const pliant_advance_box own = pliant_advance_box_of(2, edge, on->from, on->to);
-        if (pliant_advance_box_is_apart(&own, box, on->margin)) continue;
+        if (pliant_advance_boxes_separated(&own, box, on->margin)) continue;
         for (int m = 0; m < 3; m++) {
             const int32_t node[4] = {edge[0], edge[1], other[m], other[(m + 1) % 3]};
             if (!(other_owns & PLIANT_OWNS_EDGE << m) || node[0] == node[2] || node[0] == node[3] ||
                 node[1] == node[2] || node[1] == node[3])
                 continue;
-            if (!pliant_advance_box_is_apart(&own, boxes + m, on->margin) && !is_released(on->self, node[0], node[2]))
+            if (!pliant_advance_boxes_separated(&own, boxes + m, on->margin) &&
+                !is_released(on->self, node[0], node[2]))
                 add(on, node, true);
         }
     }
@@ -138,7 +139,7 @@ static double volume(const double a[3], const double b[3], const double c[3], co
     return pliant_advance_dot(side, r);
 }
 
-bool pliant_advance_passes(const double corner[3][3], const double end[2][3])
+bool pliant_segment_crosses_triangle(const double corner[3][3], const double end[2][3])
 {
     const double below = volume(corner[0], corner[1], corner[2], end[0]),
                  above = volume(corner[0], corner[1], corner[2], end[1]);
@@ -158,11 +159,11 @@ static void try_crossing(search *on, const int32_t *of, uint8_t owns, const int3
     for (int c = 0; c < 3; c++) position_at(on, triangle[c], 0, corner[c]);
     for (int k = 0; k < 3; k++) {
         const int32_t edge[2] = {of[k], of[(k + 1) % 3]};
-        bool shares = false;
-        for (int c = 0; c < 3; c++) shares = shares || triangle[c] == edge[0] || triangle[c] == edge[1];
-        if (!(owns & PLIANT_OWNS_EDGE << k) || shares || is_released(on->self, edge[0], triangle[0])) continue;
+        bool fractions = false;
+        for (int c = 0; c < 3; c++) fractions = fractions || triangle[c] == edge[0] || triangle[c] == edge[1];
+        if (!(owns & PLIANT_OWNS_EDGE << k) || fractions || is_released(on->self, edge[0], triangle[0])) continue;
         for (int n = 0; n < 2; n++) position_at(on, edge[n], 0, end[n]);
-        if (!pliant_advance_passes((const double(*)[3])corner, (const double(*)[3])end)) continue;
+        if (!pliant_segment_crosses_triangle((const double(*)[3])corner, (const double(*)[3])end)) continue;
         if (out->crossings++ > 0) continue;
         memcpy(out->node, edge, sizeof edge);
         memcpy(out->node + 2, triangle, 3 * sizeof *triangle);
@@ -176,7 +177,7 @@ static void try_triangles(search *on, int32_t m, int32_t n, pliant_advance_self_
     const int32_t a = tree->order[m], b = tree->order[n], *one = tree->triangles + 3 * (size_t)a,
                   *other = tree->triangles + 3 * (size_t)b;
     const pliant_advance_box *boxes[2] = {tree->box + m, tree->box + n};
-    if (pliant_advance_box_is_apart(boxes[0], boxes[1], on->margin)) return;
+    if (pliant_advance_boxes_separated(boxes[0], boxes[1], on->margin)) return;
     if (audit) {
         try_crossing(on, one, tree->owns[a], other, audit);
         try_crossing(on, other, tree->owns[b], one, audit);
@@ -201,16 +202,17 @@ static void try_leaves(search *on, const couple *at, pliant_advance_self_audit *
 /* Visit all pairs of branches whose boxes are near, from the root down. */
 static pliant_status find_pairs(search *on, pliant_advance_self_audit *audit)
 {
-    enum { MOST_OPEN = 512 }; /* three for each level of both branches */
+    enum { MAX_OPEN = 512 }; /* three for each level of both branches */
     const pliant_advance_tree *tree = &on->advance->tree;
-    couple open[MOST_OPEN];
+    couple open[MAX_OPEN];
     int depth = 0;
     on->advance->num_self = 0;
     open[depth++] = (couple){0, 0};
     while (depth > 0 && !on->failed) {
         const couple at = open[--depth];
         const pliant_advance_branch *a = tree->branch + at.a, *b = tree->branch + at.b;
-        if (at.a != at.b && pliant_advance_box_is_apart(tree->around + at.a, tree->around + at.b, on->margin)) continue;
+        if (at.a != at.b && pliant_advance_boxes_separated(tree->around + at.a, tree->around + at.b, on->margin))
+            continue;
         if (a->child < 0 && b->child < 0)
             try_leaves(on, &at, audit);
         else if (at.a == at.b) {
@@ -314,7 +316,7 @@ static bool step(const search *on, pliant_advance_self_pair *pair, int64_t *dist
     }
     pair->t += PLIANT_ADVANCE_SAFETY * ahead;
     pair->iterations++;
-    return pliant_advance_ends(pair->iterations, ahead, now.distance - pair->limit, pair->limit);
+    return pliant_advance_is_finished(pair->iterations, ahead, now.distance - pair->limit, pair->limit);
 }
 
 /* ---- a leg */
@@ -328,7 +330,7 @@ pliant_status pliant_advance_find_self(pliant_advance *advance, int32_t num_tria
                  .to = to,
                  .self = self,
                  .margin = advance->settings.advance_stop * self->thickness};
-    const int threads = pliant_threads_of(num_threads);
+    const int threads = pliant_threads_or_cores(num_threads);
     pliant_advance_self_result result = {.t = 1, .node = {-1, -1, -1, -1}};
     advance->num_self = 0;
     pliant_status status =
@@ -363,7 +365,7 @@ pliant_status pliant_advance_audit_self(pliant_advance *advance, int32_t num_tri
                                         pliant_advance_self_audit *out)
 {
     search on = {.advance = advance, .from = positions, .to = positions, .self = self, .margin = self->thickness};
-    pliant_advance_self_audit audit = {.least = INFINITY, .node = {-1, -1, -1, -1, -1}};
+    pliant_advance_self_audit audit = {.minimum = INFINITY, .node = {-1, -1, -1, -1, -1}};
     (void)num_threads;
     advance->num_self = 0;
     pliant_status status =
@@ -374,7 +376,7 @@ pliant_status pliant_advance_audit_self(pliant_advance *advance, int32_t num_tri
     for (int32_t n = 0; n < advance->num_self; n++) {
         moment now;
         look(&on, advance->self + n, 0, &now);
-        audit.least = fmin(audit.least, now.distance);
+        audit.minimum = fmin(audit.minimum, now.distance);
     }
     *out = audit;
     return PLIANT_OK;

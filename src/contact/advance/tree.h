@@ -59,7 +59,8 @@ static inline pliant_advance_box pliant_advance_box_of(int count, const int32_t 
     return out;
 }
 
-static inline bool pliant_advance_box_is_apart(const pliant_advance_box *a, const pliant_advance_box *b, double margin)
+static inline bool pliant_advance_boxes_separated(const pliant_advance_box *a, const pliant_advance_box *b,
+                                                  double margin)
 {
     return (a->low[0] > b->high[0] + margin) | (b->low[0] > a->high[0] + margin) | (a->low[1] > b->high[1] + margin) |
            (b->low[1] > a->high[1] + margin) | (a->low[2] > b->high[2] + margin) | (b->low[2] > a->high[2] + margin);

@@ -18,17 +18,17 @@ void pliant_grid_free(pliant_grid *grid)
     memset(grid, 0, sizeof *grid);
 }
 
-static pliant_status make_room(void *list, int32_t *room, size_t count, size_t size)
+static pliant_status reserve_capacity(void *list, int32_t *capacity, size_t count, size_t size)
 {
     void *block;
-    if (count <= (size_t)*room) return PLIANT_OK;
+    if (count <= (size_t)*capacity) return PLIANT_OK;
     const size_t more = count + count / 2;
     void *larger = more <= INT32_MAX ? pliant_calloc(more, size) : NULL;
     if (!larger) return pliant_fail_memory("the grid of tetrahedra");
     memcpy(&block, list, sizeof block);
     pliant_free(block);
     memcpy(list, &larger, sizeof larger);
-    *room = (int32_t)more;
+    *capacity = (int32_t)more;
     return PLIANT_OK;
 }
 
@@ -63,7 +63,7 @@ static int is_sound(const pliant_grid_box *box)
 /* Choose cells as large as the mean box, or larger to limit their number. */
 static void choose_cells(pliant_grid *grid)
 {
-    const double most = 8.0 * grid->count + 64;
+    const double maximum = 8.0 * grid->count + 64;
     double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY}, sum = 0, sound = 0,
            cells = 1;
     for (int32_t i = 0; i < grid->count; i++) {
@@ -82,8 +82,8 @@ static void choose_cells(pliant_grid *grid)
     for (int again = 0; again < 200; again++) {
         cells = 1;
         for (int d = 0; d < 3; d++) cells *= sound > 0 ? floor((high[d] - low[d]) / grid->side) + 1 : 1;
-        if (cells <= most) break;
-        grid->side *= fmax(cbrt(cells / most), 1.01);
+        if (cells <= maximum) break;
+        grid->side *= fmax(cbrt(cells / maximum), 1.01);
     }
     for (int d = 0; d < 3; d++) {
         grid->low[d] = sound > 0 ? low[d] : 0;
@@ -132,19 +132,19 @@ pliant_status pliant_grid_fill(pliant_grid *grid, int32_t count, const int32_t *
                                const double *positions, double margin, int threads)
 {
     grid->count = 0;
-    pliant_status status = make_room(&grid->box, &grid->box_room, (size_t)count, sizeof *grid->box);
+    pliant_status status = reserve_capacity(&grid->box, &grid->box_capacity, (size_t)count, sizeof *grid->box);
     if (status != PLIANT_OK) return status;
     grid->count = count;
     grid->tet = tet;
     find_boxes(grid, tets, positions, margin, threads);
     choose_cells(grid);
     const size_t cells = (size_t)grid->cells[0] * (size_t)grid->cells[1] * (size_t)grid->cells[2];
-    status = make_room(&grid->start, &grid->start_room, cells + 1, sizeof *grid->start);
+    status = reserve_capacity(&grid->start, &grid->start_capacity, cells + 1, sizeof *grid->start);
     if (status == PLIANT_OK) {
         memset(grid->start, 0, (cells + 1) * sizeof *grid->start);
         for (int32_t i = 0; i < count; i++) each_cell(grid, i, 0);
         for (size_t c = 1; c <= cells; c++) grid->start[c] += grid->start[c - 1];
-        status = make_room(&grid->item, &grid->item_room, (size_t)grid->start[cells], sizeof *grid->item);
+        status = reserve_capacity(&grid->item, &grid->item_capacity, (size_t)grid->start[cells], sizeof *grid->item);
     }
     if (status != PLIANT_OK) {
         grid->count = 0;
@@ -223,7 +223,7 @@ static void take_pair(const pair_search *search, const int32_t at[3], int32_t i,
     const int32_t a = grid->tet[i], b = grid->tet[j];
     const int32_t *nodes = search->tets + 4 * (size_t)a, *others = search->tets + 4 * (size_t)b;
     if (share_a_node(nodes, others) || !overlap(search->positions, nodes, others)) return;
-    if (found->count < found->room) {
+    if (found->count < found->capacity) {
         found->pair[2 * found->count] = a < b ? a : b;
         found->pair[2 * found->count + 1] = a < b ? b : a;
     }
@@ -276,10 +276,11 @@ pliant_status pliant_grid_overlaps(pliant_grid *grid, const int32_t *tets, const
     for (int c = 0; c < PLIANT_GRID_CHUNKS; c++) search_chunk(&search, c);
     for (int c = 0; c < PLIANT_GRID_CHUNKS; c++) { /* repeat the groups whose buffer was too small */
         pliant_grid_pairs *found = grid->found + c;
-        if (found->count > found->room) {
-            pliant_status status = make_room(&found->pair, &found->room, 2 * (size_t)found->count, sizeof *found->pair);
+        if (found->count > found->capacity) {
+            pliant_status status =
+                reserve_capacity(&found->pair, &found->capacity, 2 * (size_t)found->count, sizeof *found->pair);
             if (status != PLIANT_OK) return status;
-            found->room /= 2;
+            found->capacity /= 2;
             search_chunk(&search, c);
         }
         *count += found->count;
@@ -291,10 +292,10 @@ pliant_status pliant_grid_take_pairs(pliant_grid *grid, int32_t count, int32_t *
 {
     pliant_grid_pairs *found = grid->found;
     for (int c = 0; c < PLIANT_GRID_CHUNKS; c++) grid->found[c].count = 0;
-    if (count > found->room) {
-        pliant_status status = make_room(&found->pair, &found->room, 2 * (size_t)count, sizeof *found->pair);
+    if (count > found->capacity) {
+        pliant_status status = reserve_capacity(&found->pair, &found->capacity, 2 * (size_t)count, sizeof *found->pair);
         if (status != PLIANT_OK) return status;
-        found->room /= 2;
+        found->capacity /= 2;
     }
     found->count = count;
     *pair = found->pair;

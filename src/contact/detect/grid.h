@@ -22,7 +22,7 @@ typedef struct pliant_grid_box {
 } pliant_grid_box;
 
 typedef struct pliant_grid_pairs {
-    int32_t count, room;
+    int32_t count, capacity;
     int32_t *pair;             /* (count x 2) */
 } pliant_grid_pairs;
 
@@ -35,7 +35,7 @@ typedef struct pliant_grid {
     pliant_grid_box *box;      /* (count) */
     int32_t *start;            /* (cells + 1) offsets into item */
     int32_t *item;             /* indices into tet, ascending in each cell */
-    int32_t box_room, start_room, item_room;
+    int32_t box_capacity, start_capacity, item_capacity;
     pliant_grid_pairs found[PLIANT_GRID_CHUNKS];
 } pliant_grid;
 

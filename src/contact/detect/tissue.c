@@ -2,7 +2,7 @@
 #include "contact/detect/tissue.h"
 
 #include "base/fail.h"
-#include "contact/detect/follow.h"
+#include "contact/detect/update_sides.h"
 #include "contact/detect/tissue_rules.h"
 #include "base/memory.h"
 
@@ -18,7 +18,7 @@ static void search_node(const finding *on, int32_t index)
 {
     pliant_tissue *tissue = on->tissue;
     const pliant_grid *grid = &tissue->grid;
-    const double *point = pliant_tissue_place_of(&on->view, tissue->node[index]);
+    const double *point = pliant_tissue_position(&on->view, tissue->node[index]);
     const int64_t cell = pliant_grid_cell(grid, point);
     tissue->count[index] = 0;
     for (int32_t k = cell < 0 ? 0 : grid->start[cell]; cell >= 0 && k < grid->start[cell + 1]; k++) {
@@ -38,13 +38,13 @@ static void search_node(const finding *on, int32_t index)
 static void try_deep(const finding *on, int32_t index, int32_t tet)
 {
     const pliant_tissue *tissue = on->tissue;
-    const double *point = pliant_tissue_place_of(&on->view, tissue->node[index]);
+    const double *point = pliant_tissue_position(&on->view, tissue->node[index]);
     const int32_t holder = pliant_tissue_walk(&on->view, tet, point);
     if (holder < 0 || pliant_tissue_is_near(&on->view, index, holder)) return;
-    pliant_touching best = {.skin = -1, .gap = -INFINITY};
+    pliant_node_contact best = {.skin = -1, .gap = -INFINITY};
     for (int32_t s = 0; s < tissue->num_skins; s++) {
-        pliant_touching one = {.skin = s};
-        if (!pliant_tissue_look_down(&on->view, s, point, one.weight, &one.gap) || !(one.gap < 0 && one.gap > best.gap))
+        pliant_node_contact one = {.skin = s};
+        if (!pliant_tissue_project(&on->view, s, point, one.weight, &one.gap) || !(one.gap < 0 && one.gap > best.gap))
             continue;
         if (one.weight[0] < -PLIANT_TISSUE_BORDER || one.weight[1] < -PLIANT_TISSUE_BORDER ||
             one.weight[2] < -PLIANT_TISSUE_BORDER)
@@ -53,7 +53,7 @@ static void try_deep(const finding *on, int32_t index, int32_t tet)
             pliant_tissue_walk(&on->view, tissue->skin[s].tet, point) == holder)
             best = one;
     }
-    if (best.skin >= 0) pliant_tissue_keep(&on->view, index, &best);
+    if (best.skin >= 0) pliant_tissue_add_contact(&on->view, index, &best);
 }
 
 static int32_t grid_index(const pliant_tissue *tissue, int32_t tet)
@@ -86,9 +86,9 @@ static void spread(const finding *on)
         for (int32_t n = 0; n < tissue->num_nodes; n++) {
             if (tissue->count[n] > 0) continue;
             for (int32_t a = tissue->around_start[n]; a < tissue->around_start[n + 1] && tissue->count[n] == 0; a++) {
-                const int32_t beside = tissue->index_of[tissue->around[a]];
-                const pliant_touching *one = tissue->touching + PLIANT_TOUCHINGS * (size_t)beside;
-                if (tissue->count[beside] > 0 && one->gap < -on->view.settings.edge_depth * tissue->shortest)
+                const int32_t adjacent = tissue->index_of[tissue->around[a]];
+                const pliant_node_contact *one = tissue->node_contacts + PLIANT_MAX_NODE_CONTACTS * (size_t)adjacent;
+                if (tissue->count[adjacent] > 0 && one->gap < -on->view.settings.edge_depth * tissue->shortest)
                     try_deep(on, n, tissue->skin[one->skin].tet);
             }
             more = more || tissue->count[n] > 0;
@@ -100,12 +100,12 @@ static void spread(const finding *on)
 
 static pliant_contact_point *append(pliant_contacts *out)
 {
-    if (out->count == out->room) {
-        const int32_t room = 2 * out->room + 64;
-        pliant_contact_point *more = pliant_resize(out->point, (size_t)room, sizeof *more);
+    if (out->count == out->capacity) {
+        const int32_t capacity = 2 * out->capacity + 64;
+        pliant_contact_point *more = pliant_resize(out->point, (size_t)capacity, sizeof *more);
         if (!more) return NULL;
         out->point = more;
-        out->room = room;
+        out->capacity = capacity;
     }
     pliant_contact_point *point = out->point + out->count++;
     *point = (pliant_contact_point){.kind = PLIANT_OBSTACLE_TISSUE, .tool = -1, .part = -1};
@@ -115,15 +115,15 @@ static pliant_contact_point *append(pliant_contacts *out)
 /* Set the point's position so that a step reduces the penetration depth gradually. */
 static void set_place(pliant_contact_point *point, double gap, const pliant_tissue_rule *rule)
 {
-    const double left = pliant_contact_left(gap, rule->recovery, rule->stays);
+    const double left = pliant_contact_permitted_gap(gap, rule->recovery, rule->stays);
     for (int d = 0; d < 3; d++) point->place[d] = left * point->normal[d];
 }
 
-static pliant_status tell_nodes(const finding *on, pliant_contacts *out)
+static pliant_status append_node_points(const finding *on, pliant_contacts *out)
 {
     pliant_tissue *tissue = on->tissue;
     for (int32_t n = 0; n < tissue->num_nodes; n++) {
-        const pliant_touching *list = tissue->touching + PLIANT_TOUCHINGS * (size_t)n;
+        const pliant_node_contact *list = tissue->node_contacts + PLIANT_MAX_NODE_CONTACTS * (size_t)n;
         tissue->last[n] = tissue->count[n] > 0 ? list[0].skin : -1;
         for (int32_t k = 0; k < tissue->count[n]; k++) {
             const pliant_skin *skin = tissue->skin + list[k].skin;
@@ -154,7 +154,8 @@ static bool touches_any(const finding *on, int32_t tet)
     const pliant_tissue *tissue = on->tissue;
     for (int v = 0; v < 4; v++) {
         const int32_t index = tissue->index_of[tissue->body->fine.tets[4 * (size_t)tet + (size_t)v]];
-        if (index >= 0 && tissue->count[index] > 0 && tissue->touching[PLIANT_TOUCHINGS * (size_t)index].gap < 0)
+        if (index >= 0 && tissue->count[index] > 0 &&
+            tissue->node_contacts[PLIANT_MAX_NODE_CONTACTS * (size_t)index].gap < 0)
             return true;
     }
     return false;
@@ -164,29 +165,29 @@ static bool touches_any(const finding *on, int32_t tet)
 static bool edge_normal(const finding *on, int32_t skin, int edge, double out[3])
 {
     const pliant_tissue *tissue = on->tissue;
-    const int32_t beside = tissue->skin[skin].beside[edge];
-    for (int d = 0; d < 3; d++) out[d] = tissue->normal[skin][d] + (beside >= 0 ? tissue->normal[beside][d] : 0);
-    return beside < 0 ||
-           pliant_tissue_dot(tissue->normal[skin], tissue->normal[beside]) < on->view.settings.flat_cosine;
+    const int32_t adjacent = tissue->skin[skin].adjacent[edge];
+    for (int d = 0; d < 3; d++) out[d] = tissue->normal[skin][d] + (adjacent >= 0 ? tissue->normal[adjacent][d] : 0);
+    return adjacent < 0 ||
+           pliant_tissue_dot(tissue->normal[skin], tissue->normal[adjacent]) < on->view.settings.flat_cosine;
 }
 
 /* Return whether a point, relative to the edge, is below both triangles. */
 static bool is_below(const pliant_tissue *tissue, int32_t skin, int edge, const double to[3])
 {
-    const int32_t beside = tissue->skin[skin].beside[edge];
+    const int32_t adjacent = tissue->skin[skin].adjacent[edge];
     return pliant_tissue_dot(to, tissue->normal[skin]) < 0 &&
-           (beside < 0 || pliant_tissue_dot(to, tissue->normal[beside]) < 0);
+           (adjacent < 0 || pliant_tissue_dot(to, tissue->normal[adjacent]) < 0);
 }
 
 /* Return the number of an edge: from its triangle with the lower number. */
 static uint64_t edge_number(const pliant_tissue *tissue, int32_t skin, int edge)
 {
-    const int32_t beside = tissue->skin[skin].beside[edge];
-    if (beside < 0 || beside > skin) return 3 * (uint64_t)skin + (uint64_t)edge;
+    const int32_t adjacent = tissue->skin[skin].adjacent[edge];
+    if (adjacent < 0 || adjacent > skin) return 3 * (uint64_t)skin + (uint64_t)edge;
     for (int k = 0; k < 3; k++)
-        if (tissue->skin[beside].beside[k] == skin &&
-            tissue->skin[beside].node[k] == tissue->skin[skin].node[(edge + 1) % 3])
-            return 3 * (uint64_t)beside + (uint64_t)k;
+        if (tissue->skin[adjacent].adjacent[k] == skin &&
+            tissue->skin[adjacent].node[k] == tissue->skin[skin].node[(edge + 1) % 3])
+            return 3 * (uint64_t)adjacent + (uint64_t)k;
     return 3 * (uint64_t)skin + (uint64_t)edge;
 }
 
@@ -196,9 +197,10 @@ static pliant_status cross_edges(const finding *on, int32_t a, int i, int32_t b,
     const int32_t *mine = tissue->skin[a].node, *other = tissue->skin[b].node;
     const int32_t node[4] = {mine[i], mine[(i + 1) % 3], other[j], other[(j + 1) % 3]};
     double u[3], w[3], to[3], normal[3], side[3], outwards[2][3];
-    pliant_tissue_between(pliant_tissue_place_of(&on->view, node[0]), pliant_tissue_place_of(&on->view, node[1]), u);
-    pliant_tissue_between(pliant_tissue_place_of(&on->view, node[2]), pliant_tissue_place_of(&on->view, node[3]), w);
-    pliant_tissue_between(pliant_tissue_place_of(&on->view, node[2]), pliant_tissue_place_of(&on->view, node[0]), to);
+    pliant_tissue_difference(pliant_tissue_position(&on->view, node[0]), pliant_tissue_position(&on->view, node[1]), u);
+    pliant_tissue_difference(pliant_tissue_position(&on->view, node[2]), pliant_tissue_position(&on->view, node[3]), w);
+    pliant_tissue_difference(pliant_tissue_position(&on->view, node[2]), pliant_tissue_position(&on->view, node[0]),
+                             to);
     pliant_tissue_cross(u, w, normal);
     const double square = pliant_tissue_dot(normal, normal);
     if (!(square > 1e-4 * pliant_tissue_dot(u, u) * pliant_tissue_dot(w, w))) return PLIANT_OK;
@@ -215,9 +217,9 @@ static pliant_status cross_edges(const finding *on, int32_t a, int i, int32_t b,
     double across[2][3];
     for (int d = 0; d < 3; d++) {
         across[0][d] =
-            pliant_tissue_place_of(&on->view, node[0])[d] + s * u[d] - pliant_tissue_place_of(&on->view, node[2])[d];
+            pliant_tissue_position(&on->view, node[0])[d] + s * u[d] - pliant_tissue_position(&on->view, node[2])[d];
         across[1][d] =
-            pliant_tissue_place_of(&on->view, node[2])[d] + t * w[d] - pliant_tissue_place_of(&on->view, node[0])[d];
+            pliant_tissue_position(&on->view, node[2])[d] + t * w[d] - pliant_tissue_position(&on->view, node[0])[d];
     }
     if (!is_below(tissue, b, j, across[0]) || !is_below(tissue, a, i, across[1])) return PLIANT_OK;
     if (!(gap < 0 && gap > -on->view.settings.edge_depth * tissue->shortest) ||
@@ -254,7 +256,7 @@ static int compare_points(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-static pliant_status tell_edges(const finding *on, pliant_contacts *out)
+static pliant_status append_edge_points(const finding *on, pliant_contacts *out)
 {
     const pliant_tissue *tissue = on->tissue;
     const int32_t first = out->count;
@@ -282,7 +284,7 @@ static pliant_status tell_edges(const finding *on, pliant_contacts *out)
 
 /* ---- all contact points */
 
-static pliant_status tell_faces(const finding *on, pliant_contacts *out)
+static pliant_status append_face_points(const finding *on, pliant_contacts *out)
 {
     const pliant_tissue *tissue = on->tissue;
     const pliant_tissue_rule *rule = &on->view.rule;
@@ -312,7 +314,7 @@ static pliant_status tell_faces(const finding *on, pliant_contacts *out)
  * Otherwise a step could end deep inside tissue. The limit is the shortest edge. */
 static double find_margin(const pliant_tissue *tissue, const double *positions, double margin)
 {
-    double mean[3] = {0, 0, 0}, most = 0;
+    double mean[3] = {0, 0, 0}, maximum = 0;
     if (!tissue->has_place) return margin;
     for (int pass = 0; pass < 2; pass++)
         for (int32_t n = 0; n < tissue->num_nodes; n++) {
@@ -323,9 +325,9 @@ static double find_margin(const pliant_tissue *tissue, const double *positions, 
                 if (!pass) mean[d] += way / tissue->num_nodes;
                 else square += (way - mean[d]) * (way - mean[d]);
             }
-            most = fmax(most, square);
+            maximum = fmax(maximum, square);
         }
-    return fmin(margin + 2 * sqrt(most), fmax(margin, tissue->shortest));
+    return fmin(margin + 2 * sqrt(maximum), fmax(margin, tissue->shortest));
 }
 
 static void keep_places(pliant_tissue *tissue, const double *positions)
@@ -378,7 +380,7 @@ pliant_tissue_view pliant_tissue_view_of(pliant_tissue *tissue, const double *po
         .last = tissue->last,
         .normal = tissue->normal,
         .count = tissue->count,
-        .touching = tissue->touching,
+        .node_contacts = tissue->node_contacts,
     };
 }
 
@@ -391,7 +393,7 @@ pliant_status pliant_tissue_find(pliant_tissue *tissue, const double *positions,
     if (!moving.settings) moving.settings = &defaults;
     const finding on = {.tissue = tissue, .view = pliant_tissue_view_of(tissue, positions, &moving)};
     const int32_t before_all = out->count;
-    pliant_status status = pliant_tissue_searched(tissue, positions, &moving) ? PLIANT_OK : search(&on);
+    pliant_status status = pliant_tissue_search_on_device(tissue, positions, &moving) ? PLIANT_OK : search(&on);
     if (status != PLIANT_OK) return status;
     for (int c = 0; c < PLIANT_GRID_CHUNKS; c++)
         for (int32_t p = 0; p < tissue->grid.found[c].count; p++) {
@@ -400,9 +402,9 @@ pliant_status pliant_tissue_find(pliant_tissue *tissue, const double *positions,
             try_pair(&on, pair[1], pair[0]);
         }
     if (tissue->num_overlaps > 0) spread(&on);
-    status = tell_nodes(&on, out);
-    if (status == PLIANT_OK) status = tell_edges(&on, out);
-    if (status == PLIANT_OK) status = tell_faces(&on, out);
+    status = append_node_points(&on, out);
+    if (status == PLIANT_OK) status = append_edge_points(&on, out);
+    if (status == PLIANT_OK) status = append_face_points(&on, out);
     if (status == PLIANT_OK) keep_places(tissue, positions);
     else out->count = before_all;
     return status;

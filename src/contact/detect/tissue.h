@@ -24,7 +24,7 @@ extern "C" {
 /* A triangle of the surface, oriented outwards, and its tetrahedron. */
 typedef struct pliant_skin {
     int32_t node[3], tet;
-    int32_t beside[3];         /* adjacent triangle across the edge from node[k] to node[k + 1]; -1: none */
+    int32_t adjacent[3];         /* adjacent triangle across the edge from node[k] to node[k + 1]; -1: none */
 } pliant_skin;
 
 /* The severed links between two fragments. */
@@ -38,8 +38,8 @@ typedef struct pliant_cut_face {
 
 /* Contact of a node with a triangle. deep: distance from the surface, enlarged if the node's own surface does not
  * face the triangle */
-typedef struct pliant_touching { int32_t skin; double weight[3], gap, deep; } pliant_touching;
-enum { PLIANT_TOUCHINGS = 3 /* maximum number for a node */ };
+typedef struct pliant_node_contact { int32_t skin; double weight[3], gap, deep; } pliant_node_contact;
+enum { PLIANT_MAX_NODE_CONTACTS = 3 /* maximum number for a node */ };
 
 /* Search on another device (GPU) by the same rules (tissue_rules.h). */
 typedef struct pliant_tissue pliant_tissue;
@@ -79,7 +79,7 @@ struct pliant_tissue {
     pliant_grid grid;
     double (*normal)[3];       /* (num_skins) */
     int32_t *count;            /* (num_nodes) number of triangles in contact */
-    pliant_touching *touching; /* (num_nodes x PLIANT_TOUCHINGS) smallest depth first */
+    pliant_node_contact *node_contacts; /* (num_nodes x PLIANT_MAX_NODE_CONTACTS) smallest depth first */
     int32_t *last;             /* (num_nodes) triangle of the previous contact; -1: none */
     bool has_place;
     double *place;             /* (num_nodes x 3) positions at the start of the previous step [m] */
@@ -95,7 +95,7 @@ void pliant_tissue_free(pliant_tissue *tissue); /* frees its contents */
  * all with tissue. Errors: MEMORY, FORMAT; nothing changes. */
 pliant_status pliant_tissue_set_body(pliant_tissue *tissue, const pliant_body *body, const uint8_t *solid, int threads);
 /* Discard the contacts of the previous step. */
-void pliant_tissue_forget(pliant_tissue *tissue);
+void pliant_tissue_discard(pliant_tissue *tissue);
 
 /* Copy the contacts of the previous step. Errors: MEMORY, FORMAT; nothing changes. */
 pliant_status pliant_tissue_copy(const pliant_tissue *from, pliant_tissue *to);
@@ -108,12 +108,12 @@ struct pliant_tissue_rule {
     double pieces_go;
     /* (nodes x 3) positions of the nodes, for the fragments of cuts; NULL: as the surface's corners [m] */
     const double *nodes;
-    double stays;              /* fraction of the penetration depth that remains (pliant_contact_left) */
+    double stays;              /* fraction of the penetration depth that remains (pliant_contact_permitted_gap) */
     const pliant_contact_settings *settings; /* Nullable: the defaults */
 };
 
 /* Find contact points and append them, sorted by feature. The top byte is PLIANT_TISSUE_NODE, _EDGE, _CUT or _SLID
- * (follow.h).
+ * (update_sides.h).
  * @param positions (nodes x 3) of the surface's corners at the start of the step [m]
  * Errors: MEMORY. */
 pliant_status pliant_tissue_find(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *given,
@@ -122,12 +122,12 @@ pliant_status pliant_tissue_find(pliant_tissue *tissue, const double *positions,
 /* Set the device that searches from now on; NULL: the CPU. */
 void pliant_tissue_set_searcher(pliant_tissue *tissue, const pliant_tissue_searcher *searcher);
 /* Search on the other device. Return whether it succeeded. rule: NULL: find pairs only */
-bool pliant_tissue_searched(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *rule);
+bool pliant_tissue_search_on_device(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *rule);
 
 /* ---- tissue_slowed.c */
 /* Find the nodes of overlapping tetrahedra. overlaps: (nodes) out. Errors: MEMORY. */
 pliant_status pliant_tissue_overlapping(pliant_tissue *tissue, const double *positions, uint8_t *overlaps);
-/* Append a point for each of these nodes that can move, ascending (follow.h). Errors: MEMORY. */
+/* Append a point for each of these nodes that can move, ascending (update_sides.h). Errors: MEMORY. */
 pliant_status pliant_tissue_find_slowed(const pliant_tissue *tissue, const uint8_t *overlaps, double punishment,
                                         pliant_contacts *out);
 

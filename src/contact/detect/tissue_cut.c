@@ -4,8 +4,8 @@
 #include "base/fail.h"
 #include "mesh/mesh.h"
 #include "topology/links.h"
-#include "contact/detect/find.h"
-#include "contact/detect/follow.h"
+#include "contact/detect/part_contacts.h"
+#include "contact/detect/update_sides.h"
 #include "base/memory.h"
 
 #include <math.h>
@@ -117,15 +117,15 @@ static bool find_face(const pliant_mesh *mesh, const int32_t tet[2], const patch
     double normal[3], along[2][3], square = 0;
     for (int d = 0; d < 3; d++) square += one->normal[d] * one->normal[d];
     if (!(square > 0)) return false;
-    int least = 0;
+    int minimum = 0;
     out->area = 0;
     for (int d = 0; d < 3; d++) {
         normal[d] = one->normal[d] / sqrt(square);
         out->area += normal[d] * one->own[d];
-        if (fabs(normal[d]) < fabs(normal[least])) least = d;
+        if (fabs(normal[d]) < fabs(normal[minimum])) minimum = d;
     }
     if (!(out->area > folded * one->area)) return false;
-    for (int d = 0; d < 3; d++) along[0][d] = (d == least) - normal[least] * normal[d];
+    for (int d = 0; d < 3; d++) along[0][d] = (d == minimum) - normal[minimum] * normal[d];
     for (int d = 0; d < 3; d++)
         along[1][d] = normal[(d + 1) % 3] * along[0][(d + 2) % 3] - normal[(d + 2) % 3] * along[0][(d + 1) % 3];
     for (int side = 0; side < 2; side++) {
@@ -313,7 +313,7 @@ static bool write_point(const pliant_body *body, const side *p, const side *q, m
     out->area = p->face->area;
     for (int d = 0; d < 3; d++) {
         out->normal[d] = met->normal[d];
-        out->place[d] = pliant_contact_left(met->gap, rule->recovery, rule->stays) * met->normal[d];
+        out->place[d] = pliant_contact_permitted_gap(met->gap, rule->recovery, rule->stays) * met->normal[d];
     }
     return kept > 0;
 }

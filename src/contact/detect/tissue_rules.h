@@ -12,7 +12,7 @@ extern "C" {
 #endif
 
 #define PLIANT_TISSUE_BORDER 1e-6 /* a weight below minus this value is outside the triangle or tetrahedron */
-enum { PLIANT_TISSUE_MOST_WAY = 64 /* maximum number of tetrahedra or triangles in a walk to a point */ };
+enum { PLIANT_TISSUE_MAX_WALK = 64 /* maximum number of tetrahedra or triangles in a walk to a point */ };
 
 /* Data of struct pliant_tissue and its topology that the search reads. */
 typedef struct pliant_tissue_view {
@@ -27,7 +27,7 @@ typedef struct pliant_tissue_view {
     const int32_t *skin_start, *node, *around_start, *around, *fan_start, *fan, *last;
     double (*normal)[3];
     int32_t *count;
-    pliant_touching *touching;
+    pliant_node_contact *node_contacts;
 } pliant_tissue_view;
 
 /* View of the host's data. */
@@ -44,12 +44,12 @@ PLIANT_INLINE void pliant_tissue_cross(const double a[3], const double b[3], dou
     for (int d = 0; d < 3; d++) out[d] = a[(d + 1) % 3] * b[(d + 2) % 3] - a[(d + 2) % 3] * b[(d + 1) % 3];
 }
 
-PLIANT_INLINE void pliant_tissue_between(const double *from, const double *to, double out[3])
+PLIANT_INLINE void pliant_tissue_difference(const double *from, const double *to, double out[3])
 {
     for (int d = 0; d < 3; d++) out[d] = to[d] - from[d];
 }
 
-PLIANT_INLINE const double *pliant_tissue_place_of(const pliant_tissue_view *on, int32_t node)
+PLIANT_INLINE const double *pliant_tissue_position(const pliant_tissue_view *on, int32_t node)
 {
     return on->positions + 3 * (size_t)node;
 }
@@ -61,8 +61,8 @@ PLIANT_INLINE void pliant_tissue_set_normal(const pliant_tissue_view *on, int32_
 {
     const int32_t *node = on->skin[skin].node;
     double a[3], b[3], *normal = on->normal[skin];
-    pliant_tissue_between(pliant_tissue_place_of(on, node[0]), pliant_tissue_place_of(on, node[1]), a);
-    pliant_tissue_between(pliant_tissue_place_of(on, node[0]), pliant_tissue_place_of(on, node[2]), b);
+    pliant_tissue_difference(pliant_tissue_position(on, node[0]), pliant_tissue_position(on, node[1]), a);
+    pliant_tissue_difference(pliant_tissue_position(on, node[0]), pliant_tissue_position(on, node[2]), b);
     pliant_tissue_cross(a, b, normal);
     const double length = sqrt(pliant_tissue_dot(normal, normal));
     for (int d = 0; d < 3; d++) normal[d] = length > 0 ? normal[d] / length : 0;
@@ -70,15 +70,15 @@ PLIANT_INLINE void pliant_tissue_set_normal(const pliant_tissue_view *on, int32_
 
 /* Compute the weights of the corners at the foot of a point, and its height. Return false if the triangle's area is
  * 0. */
-PLIANT_INLINE bool pliant_tissue_look_down(const pliant_tissue_view *on, int32_t skin, const double point[3],
-                                           double weight[3], double *gap)
+PLIANT_INLINE bool pliant_tissue_project(const pliant_tissue_view *on, int32_t skin, const double point[3],
+                                         double weight[3], double *gap)
 {
     const int32_t *node = on->skin[skin].node;
-    const double *normal = on->normal[skin], *corner = pliant_tissue_place_of(on, node[0]);
+    const double *normal = on->normal[skin], *corner = pliant_tissue_position(on, node[0]);
     double a[3], b[3], to[3], side[3];
-    pliant_tissue_between(corner, pliant_tissue_place_of(on, node[1]), a);
-    pliant_tissue_between(corner, pliant_tissue_place_of(on, node[2]), b);
-    pliant_tissue_between(corner, point, to);
+    pliant_tissue_difference(corner, pliant_tissue_position(on, node[1]), a);
+    pliant_tissue_difference(corner, pliant_tissue_position(on, node[2]), b);
+    pliant_tissue_difference(corner, point, to);
     pliant_tissue_cross(a, b, side);
     const double whole = pliant_tissue_dot(side, normal);
     if (!(whole > 0)) return false;
@@ -96,14 +96,14 @@ PLIANT_INLINE bool pliant_tissue_look_down(const pliant_tissue_view *on, int32_t
 /* Walk from a tetrahedron towards a point. Return the tetrahedron that contains it; -1: outside, or too far. */
 PLIANT_INLINE int32_t pliant_tissue_walk(const pliant_tissue_view *on, int32_t tet, const double point[3])
 {
-    for (int way = 0; way < PLIANT_TISSUE_MOST_WAY; way++) {
+    for (int way = 0; way < PLIANT_TISSUE_MAX_WALK; way++) {
         const int32_t *node = on->tets + 4 * (size_t)tet;
-        double edge[3][3], to[3], normal[3], weight[4], least = 0;
+        double edge[3][3], to[3], normal[3], weight[4], minimum = 0;
         int out = -1;
         for (int v = 0; v < 3; v++)
-            pliant_tissue_between(pliant_tissue_place_of(on, node[0]), pliant_tissue_place_of(on, node[v + 1]),
-                                  edge[v]);
-        pliant_tissue_between(pliant_tissue_place_of(on, node[0]), point, to);
+            pliant_tissue_difference(pliant_tissue_position(on, node[0]), pliant_tissue_position(on, node[v + 1]),
+                                     edge[v]);
+        pliant_tissue_difference(pliant_tissue_position(on, node[0]), point, to);
         pliant_tissue_cross(edge[1], edge[2], normal);
         const double volume = pliant_tissue_dot(edge[0], normal);
         if (!(volume > 0)) return -1;
@@ -114,11 +114,11 @@ PLIANT_INLINE int32_t pliant_tissue_walk(const pliant_tissue_view *on, int32_t t
         weight[3] = pliant_tissue_dot(to, normal) / volume;
         weight[0] = 1 - weight[1] - weight[2] - weight[3];
         for (int v = 0; v < 4; v++)
-            if (weight[v] < least) {
-                least = weight[v];
+            if (weight[v] < minimum) {
+                minimum = weight[v];
                 out = v;
             }
-        if (!(least < -PLIANT_TISSUE_BORDER)) return tet;
+        if (!(minimum < -PLIANT_TISSUE_BORDER)) return tet;
         tet = on->across[4 * (size_t)tet + (size_t)out];
         if (tet < 0 || !on->apart[tet]) return -1;
     }
@@ -127,11 +127,11 @@ PLIANT_INLINE int32_t pliant_tissue_walk(const pliant_tissue_view *on, int32_t t
 
 /* Return whether two nodes are copies of one node and less than an edge apart. A cut through voxels has made such
  * copies, and the contact of its faces uses their links. */
-PLIANT_INLINE bool pliant_tissue_were_one(const pliant_tissue_view *on, int32_t a, int32_t b)
+PLIANT_INLINE bool pliant_tissue_are_copies(const pliant_tissue_view *on, int32_t a, int32_t b)
 {
     if (!on->node_parent || on->node_parent[a] != on->node_parent[b]) return false;
     double apart[3];
-    pliant_tissue_between(pliant_tissue_place_of(on, a), pliant_tissue_place_of(on, b), apart);
+    pliant_tissue_difference(pliant_tissue_position(on, a), pliant_tissue_position(on, b), apart);
     return pliant_tissue_dot(apart, apart) < on->shortest * on->shortest;
 }
 
@@ -140,7 +140,7 @@ PLIANT_INLINE bool pliant_tissue_has_node(const pliant_tissue_view *on, int32_t 
 {
     const int32_t *of = on->tets + 4 * (size_t)tet;
     for (int v = 0; v < 4; v++)
-        if (of[v] == node || pliant_tissue_were_one(on, of[v], node)) return true;
+        if (of[v] == node || pliant_tissue_are_copies(on, of[v], node)) return true;
     return false;
 }
 
@@ -192,25 +192,25 @@ PLIANT_INLINE bool pliant_tissue_faces(const pliant_tissue_view *on, int32_t ind
     return false;
 }
 
-PLIANT_INLINE bool pliant_tissue_before(const pliant_touching *a, const pliant_touching *b)
+PLIANT_INLINE bool pliant_node_contact_before(const pliant_node_contact *a, const pliant_node_contact *b)
 {
     return a->deep != b->deep ? a->deep < b->deep : a->skin < b->skin;
 }
 
 /* Add a contact to the node's list. Inside tissue, keep only the shortest direction out; it replaces all contacts
  * from outside. From outside, keep the nearest contact for each direction. */
-PLIANT_INLINE void pliant_tissue_keep(const pliant_tissue_view *on, int32_t index, pliant_touching *one)
+PLIANT_INLINE void pliant_tissue_add_contact(const pliant_tissue_view *on, int32_t index, pliant_node_contact *one)
 {
     /* walls of one of two blocks in flush contact lie at the border of the other */
-    const bool beside = !pliant_tissue_faces(on, index, one->skin);
-    pliant_touching *list = on->touching + PLIANT_TOUCHINGS * (size_t)index;
+    const bool adjacent = !pliant_tissue_faces(on, index, one->skin);
+    pliant_node_contact *list = on->node_contacts + PLIANT_MAX_NODE_CONTACTS * (size_t)index;
     int32_t count = on->count[index], at;
     /* height below which a node counts as inside */
     const double surface = 10 * PLIANT_TISSUE_BORDER * on->shortest;
     const bool inside = count > 0 && list[0].gap < surface;
-    one->deep = fabs(one->gap) + (beside ? on->rule.margin : 0.0);
-    if (beside && one->gap >= surface) return;
-    if (inside && (one->gap >= surface || !pliant_tissue_before(one, list))) return;
+    one->deep = fabs(one->gap) + (adjacent ? on->rule.margin : 0.0);
+    if (adjacent && one->gap >= surface) return;
+    if (inside && (one->gap >= surface || !pliant_node_contact_before(one, list))) return;
     if (inside || one->gap < surface) {
         list[0] = *one;
         on->count[index] = 1;
@@ -219,12 +219,13 @@ PLIANT_INLINE void pliant_tissue_keep(const pliant_tissue_view *on, int32_t inde
     for (int32_t n = 0; n < count; n++)
         /* both have the same direction: keep one */
         if (pliant_tissue_dot(on->normal[list[n].skin], on->normal[one->skin]) > on->settings.same_cosine) {
-            if (pliant_tissue_before(one, list + n)) list[n] = *one;
+            if (pliant_node_contact_before(one, list + n)) list[n] = *one;
             return;
         }
-    if (count < PLIANT_TOUCHINGS) on->count[index]++;
-    else if (!pliant_tissue_before(one, list + count - 1)) return;
-    for (at = on->count[index] - 1; at > 0 && pliant_tissue_before(one, list + at - 1); at--) list[at] = list[at - 1];
+    if (count < PLIANT_MAX_NODE_CONTACTS) on->count[index]++;
+    else if (!pliant_node_contact_before(one, list + count - 1)) return;
+    for (at = on->count[index] - 1; at > 0 && pliant_node_contact_before(one, list + at - 1); at--)
+        list[at] = list[at - 1];
     list[at] = *one;
 }
 
@@ -232,39 +233,39 @@ PLIANT_INLINE void pliant_tissue_keep(const pliant_tissue_view *on, int32_t inde
 PLIANT_INLINE void pliant_tissue_try_skin(const pliant_tissue_view *on, int32_t index, int32_t skin)
 {
     const int32_t node = on->node[index], tet = on->skin[skin].tet;
-    const double *point = pliant_tissue_place_of(on, node);
-    pliant_touching one;
+    const double *point = pliant_tissue_position(on, node);
+    pliant_node_contact one;
     one.skin = skin;
     one.deep = 0;
-    if (!pliant_tissue_look_down(on, skin, point, one.weight, &one.gap) ||
+    if (!pliant_tissue_project(on, skin, point, one.weight, &one.gap) ||
         !(one.gap <= pliant_tissue_margin_of(on, node, skin)))
         return;
-    const double least = fmin(one.weight[0], fmin(one.weight[1], one.weight[2]));
+    const double minimum = fmin(one.weight[0], fmin(one.weight[1], one.weight[2]));
     /* tolerance for the triangle of the previous contact, so that the contact does not change with every step */
     const double border = on->settings.self_border;
     const bool holds = on->last[index] == skin && one.gap > -border * on->shortest;
-    if (least < (holds ? -border : -PLIANT_TISSUE_BORDER)) return;
+    if (minimum < (holds ? -border : -PLIANT_TISSUE_BORDER)) return;
     if (pliant_tissue_is_near(on, index, tet) || !pliant_tissue_can_move(on, node, skin)) return;
     if (one.gap < 0) {
         const int32_t holder = pliant_tissue_walk(on, tet, point);
-        if (holder < 0 ? least >= -PLIANT_TISSUE_BORDER : pliant_tissue_is_near(on, index, holder)) return;
+        if (holder < 0 ? minimum >= -PLIANT_TISSUE_BORDER : pliant_tissue_is_near(on, index, holder)) return;
     }
-    pliant_tissue_keep(on, index, &one);
+    pliant_tissue_add_contact(on, index, &one);
 }
 
 /* Walk over adjacent triangles to the triangle below a point. */
-PLIANT_INLINE int32_t pliant_tissue_slide(const pliant_tissue_view *on, int32_t skin, const double point[3])
+PLIANT_INLINE int32_t pliant_tissue_walk_triangles(const pliant_tissue_view *on, int32_t skin, const double point[3])
 {
     double weight[3], gap;
-    for (int way = 0; way < PLIANT_TISSUE_MOST_WAY; way++) {
-        int least = 0;
-        if (!pliant_tissue_look_down(on, skin, point, weight, &gap)) return skin;
+    for (int way = 0; way < PLIANT_TISSUE_MAX_WALK; way++) {
+        int minimum = 0;
+        if (!pliant_tissue_project(on, skin, point, weight, &gap)) return skin;
         for (int v = 1; v < 3; v++)
-            if (weight[v] < weight[least]) least = v;
-        if (!(weight[least] < -PLIANT_TISSUE_BORDER)) return skin;
-        const int32_t beside = on->skin[skin].beside[(least + 1) % 3]; /* across the edge opposite that corner */
-        if (beside < 0) return skin;
-        skin = beside;
+            if (weight[v] < weight[minimum]) minimum = v;
+        if (!(weight[minimum] < -PLIANT_TISSUE_BORDER)) return skin;
+        const int32_t adjacent = on->skin[skin].adjacent[(minimum + 1) % 3]; /* across the edge opposite that corner */
+        if (adjacent < 0) return skin;
+        skin = adjacent;
     }
     return skin;
 }
@@ -273,8 +274,8 @@ PLIANT_INLINE int32_t pliant_tissue_slide(const pliant_tissue_view *on, int32_t 
 PLIANT_INLINE void pliant_tissue_try_last(const pliant_tissue_view *on, int32_t index)
 {
     if (on->last[index] >= 0 && on->count[index] == 0)
-        pliant_tissue_try_skin(on, index,
-                               pliant_tissue_slide(on, on->last[index], pliant_tissue_place_of(on, on->node[index])));
+        pliant_tissue_try_skin(
+            on, index, pliant_tissue_walk_triangles(on, on->last[index], pliant_tissue_position(on, on->node[index])));
 }
 
 PLIANT_INLINE bool pliant_tissue_is_in_box(const double point[3], const double low[3], const double high[3])

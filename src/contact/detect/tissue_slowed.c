@@ -2,15 +2,15 @@
 #include "contact/detect/tissue.h"
 
 #include "base/fail.h"
-#include "contact/detect/find.h"
-#include "contact/detect/follow.h"
+#include "contact/detect/part_contacts.h"
+#include "contact/detect/update_sides.h"
 
 #include <string.h>
 
 pliant_status pliant_tissue_overlapping(pliant_tissue *tissue, const double *positions, uint8_t *overlaps)
 {
     const pliant_mesh *mesh = &tissue->body->fine;
-    const bool searched = pliant_tissue_searched(tissue, positions, NULL);
+    const bool searched = pliant_tissue_search_on_device(tissue, positions, NULL);
     pliant_status status = searched ? PLIANT_OK
                                     : pliant_grid_fill(&tissue->grid, tissue->num_tets, tissue->tet, mesh->tets,
                                                        positions, 0, tissue->threads);

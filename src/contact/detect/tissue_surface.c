@@ -18,7 +18,7 @@ static void free_surface(pliant_tissue *tissue)
     void *blocks[] = {tissue->own_across, tissue->inside,   tissue->apart,    tissue->skin,         tissue->tet,
                       tissue->skin_start, tissue->node,     tissue->index_of, tissue->around_start, tissue->around,
                       tissue->fan_start,  tissue->fan,      tissue->area,     tissue->face,         tissue->normal,
-                      tissue->count,      tissue->touching, tissue->last,     tissue->place,        tissue->piece,
+                      tissue->count,      tissue->node_contacts, tissue->last,     tissue->place,        tissue->piece,
                       tissue->slid};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
 }
@@ -40,7 +40,7 @@ void pliant_tissue_set_searcher(pliant_tissue *tissue, const pliant_tissue_searc
     tissue->searcher_state = NULL;
 }
 
-bool pliant_tissue_searched(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *rule)
+bool pliant_tissue_search_on_device(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *rule)
 {
     if (!tissue->searcher) return false;
     if (tissue->searcher->search(&tissue->searcher_state, tissue, positions, rule) == PLIANT_OK) return true;
@@ -52,7 +52,7 @@ bool pliant_tissue_searched(pliant_tissue *tissue, const double *positions, cons
     return false;
 }
 
-void pliant_tissue_forget(pliant_tissue *tissue)
+void pliant_tissue_discard(pliant_tissue *tissue)
 {
     for (int32_t n = 0; n < tissue->num_nodes; n++) tissue->last[n] = -1;
     tissue->has_place = false;
@@ -109,7 +109,7 @@ static pliant_status find_skins(pliant_tissue *tissue)
                     skin->tet = t;
                     for (int v = 0; v < 3; v++) {
                         skin->node[v] = mesh->tets[4 * (size_t)t + (size_t)corners_of[c][v]];
-                        skin->beside[v] = -1;
+                        skin->adjacent[v] = -1;
                     }
                 }
                 tissue->num_skins++;
@@ -165,11 +165,11 @@ static pliant_status find_nodes(pliant_tissue *tissue)
     tissue->count = pliant_calloc(nodes, sizeof *tissue->count);
     tissue->last = pliant_calloc(nodes, sizeof *tissue->last);
     tissue->place = pliant_calloc(nodes, 3 * sizeof *tissue->place);
-    tissue->touching = pliant_calloc(PLIANT_TOUCHINGS * nodes, sizeof *tissue->touching);
+    tissue->node_contacts = pliant_calloc(PLIANT_MAX_NODE_CONTACTS * nodes, sizeof *tissue->node_contacts);
     if (!tissue->around_start || !tissue->fan_start || !tissue->fan || !tissue->area || !tissue->count ||
-        !tissue->last || !tissue->place || !tissue->touching)
+        !tissue->last || !tissue->place || !tissue->node_contacts)
         return no_memory();
-    pliant_tissue_forget(tissue);
+    pliant_tissue_discard(tissue);
     for (size_t i = 0; i < corners; i++) tissue->fan_start[tissue->index_of[tissue->skin[i / 3].node[i % 3]]]++;
     for (size_t n = 1; n <= nodes; n++) tissue->fan_start[n] += tissue->fan_start[n - 1];
     for (size_t i = corners; i-- > 0;)
@@ -214,8 +214,8 @@ static pliant_status find_sides(pliant_tissue *tissue)
         for (size_t i = 0; i < count; i++) {
             const bool again = i > 0 && edge[i].low == edge[i - 1].low && edge[i].high == edge[i - 1].high;
             if (again && !pass) {
-                int32_t *mine = tissue->skin[edge[i].skin / 3].beside + edge[i].skin % 3,
-                        *other = tissue->skin[edge[i - 1].skin / 3].beside + edge[i - 1].skin % 3;
+                int32_t *mine = tissue->skin[edge[i].skin / 3].adjacent + edge[i].skin % 3,
+                        *other = tissue->skin[edge[i - 1].skin / 3].adjacent + edge[i - 1].skin % 3;
                 if (*other < 0) {
                     *mine = edge[i - 1].skin / 3;
                     *other = edge[i].skin / 3;
@@ -269,7 +269,7 @@ pliant_status pliant_tissue_set_body(pliant_tissue *tissue, const pliant_body *b
 pliant_status pliant_tissue_copy(const pliant_tissue *from, pliant_tissue *to)
 {
     if (!from->body) {
-        pliant_tissue_forget(to);
+        pliant_tissue_discard(to);
         return PLIANT_OK;
     }
     pliant_status status = pliant_tissue_set_body(to, from->body, from->inside, from->threads);

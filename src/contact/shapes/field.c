@@ -10,7 +10,7 @@
 /* extent of the grid beyond the solid [m], which is more than the search distance of contacts at rest */
 static const double around = 0.0015;
 static const double finest = 1e-4;    /* minimum cell size by default [m] */
-static const double usual_points = 200000, most_points = 16777216; /* 64 MiB */
+static const double usual_points = 200000, max_points = 16777216; /* 64 MiB */
 static const double thinnest = 0.25;  /* required depth of the deepest point, as a fraction of a cell */
 static const double no_way = 0.2;     /* gradients shorter than this have no valid direction */
 
@@ -19,17 +19,17 @@ static const double no_way = 0.2;     /* gradients shorter than this have no val
 static double field_at(const pliant_solid *solid, const double p[3], double gradient[3])
 {
     size_t base = 0, stride[3] = {1, (size_t)solid->size[0], (size_t)solid->size[0] * (size_t)solid->size[1]};
-    double share[3], value = 0;
+    double fraction[3], value = 0;
     for (int d = 0; d < 3; d++) {
         const double at = (p[d] - solid->origin[d]) / solid->cell, cell = fmin(fmax(floor(at), 0), solid->size[d] - 2);
-        share[d] = at - cell;
+        fraction[d] = at - cell;
         base += (size_t)cell * stride[d];
         gradient[d] = 0;
     }
     for (int c = 0; c < 8; c++) {
         const double v = solid->value[base + (c & 1) * stride[0] + (c >> 1 & 1) * stride[1] + (c >> 2) * stride[2]];
-        const double w[3] = {c & 1 ? share[0] : 1 - share[0], c >> 1 & 1 ? share[1] : 1 - share[1],
-                             c >> 2 ? share[2] : 1 - share[2]};
+        const double w[3] = {c & 1 ? fraction[0] : 1 - fraction[0], c >> 1 & 1 ? fraction[1] : 1 - fraction[1],
+                             c >> 2 ? fraction[2] : 1 - fraction[2]};
         value += v * w[0] * w[1] * w[2];
         gradient[0] += (c & 1 ? v : -v) * w[1] * w[2];
         gradient[1] += (c >> 1 & 1 ? v : -v) * w[0] * w[2];
@@ -60,7 +60,7 @@ static double from_field(const pliant_solid *solid, const double p[3], double no
 /* Inside use the nearest plane; outside use the nearest triangle that faces the point. */
 static double from_faces(const pliant_solid *solid, const double p[3], double normal[3])
 {
-    double highest = -INFINITY, least = INFINITY, foot[3];
+    double highest = -INFINITY, minimum = INFINITY, foot[3];
     for (int32_t t = 0; t < solid->num_triangles; t++) {
         const double *plane = solid->plane[t], height = plane[0] * p[0] + plane[1] * p[1] + plane[2] * p[2] - plane[3];
         if (height > highest) {
@@ -72,16 +72,16 @@ static double from_faces(const pliant_solid *solid, const double p[3], double no
     for (int32_t t = 0; t < solid->num_triangles; t++) {
         const double *plane = solid->plane[t], height = plane[0] * p[0] + plane[1] * p[1] + plane[2] * p[2] - plane[3];
         const int32_t *node = solid->triangles + 3 * (size_t)t;
-        if (height <= 0 || height >= least) continue;
+        if (height <= 0 || height >= minimum) continue;
         pliant_triangle_nearest(solid->points + 3 * (size_t)node[0], solid->points + 3 * (size_t)node[1],
                                 solid->points + 3 * (size_t)node[2], p, foot);
         const double apart[3] = {p[0] - foot[0], p[1] - foot[1], p[2] - foot[2]};
         const double far = sqrt(apart[0] * apart[0] + apart[1] * apart[1] + apart[2] * apart[2]);
-        if (!(far < least)) continue;
-        least = far;
+        if (!(far < minimum)) continue;
+        minimum = far;
         for (int d = 0; d < 3 && far > 0; d++) normal[d] = apart[d] / far;
     }
-    return least;
+    return minimum;
 }
 
 double pliant_solid_distance(const pliant_solid *solid, const double p[3], double normal[3])
@@ -106,16 +106,16 @@ static void point_of(const pliant_solid *solid, size_t index, double out[3])
 
 static pliant_status place_grid(pliant_solid *solid, double resolution, const char *name)
 {
-    double room = 1, points = 1, cell = resolution;
-    for (int d = 0; d < 3; d++) room *= solid->high[d] - solid->low[d] + 2 * around;
-    if (cell == 0) cell = fmax(cbrt(room / usual_points), finest);
+    double capacity = 1, points = 1, cell = resolution;
+    for (int d = 0; d < 3; d++) capacity *= solid->high[d] - solid->low[d] + 2 * around;
+    if (cell == 0) cell = fmax(cbrt(capacity / usual_points), finest);
     for (int d = 0; d < 3; d++) points *= ceil((solid->high[d] - solid->low[d] + 2 * around) / cell) + 1;
-    if (!(points <= most_points))
+    if (!(points <= max_points))
         return pliant_fail(
             PLIANT_ERROR_FORMAT,
             "%s: a distance field with a resolution of %.3g mm needs %.3g MiB; the limit is 64: use a resolution of "
             "%.3g mm",
-            name, 1e3 * cell, points * sizeof(float) / (1 << 20), 1e3 * 1.1 * cbrt(room / most_points));
+            name, 1e3 * cell, points * sizeof(float) / (1 << 20), 1e3 * 1.1 * cbrt(capacity / max_points));
     solid->cell = cell;
     for (int d = 0; d < 3; d++) {
         const double width = solid->high[d] - solid->low[d] + 2 * around;
@@ -165,10 +165,10 @@ static pliant_status find_signs(pliant_solid *solid, const pliant_triangle_tree 
             for (int side = 0; side < 6; side++) {
                 const int d = side / 2;
                 if (side % 2 ? place[d] + 1 == (size_t)solid->size[d] : place[d] == 0) continue;
-                const size_t beside = side % 2 ? at + stride[d] : at - stride[d];
-                if (known[beside] || own + fabs((double)solid->value[beside]) <= 1.0001 * solid->cell) continue;
-                known[beside] = 1;
-                queue[last++] = (uint32_t)beside;
+                const size_t adjacent = side % 2 ? at + stride[d] : at - stride[d];
+                if (known[adjacent] || own + fabs((double)solid->value[adjacent]) <= 1.0001 * solid->cell) continue;
+                known[adjacent] = 1;
+                queue[last++] = (uint32_t)adjacent;
             }
             if (inside) solid->value[at] = -solid->value[at];
         }

@@ -27,7 +27,7 @@ typedef struct hull {
     const double *points;
     int32_t *next;            /* (points) next point in a list */
     int32_t count, horizon;
-    double least;
+    double minimum;
     facet face[ROOM];
     int32_t edge[3 * ROOM][2];
 } hull;
@@ -64,11 +64,11 @@ static double beyond(const hull *of, const int32_t *base, int count, int32_t poi
     }
     for (int k = 0; k < count - 1; k++) { /* Gram-Schmidt orthogonalization */
         if (k == 1) {
-            const double share = dot(along[1], along[0]) / dot(along[0], along[0]);
-            for (int d = 0; d < 3; d++) along[1][d] -= share * along[0][d];
+            const double fraction = dot(along[1], along[0]) / dot(along[0], along[0]);
+            for (int d = 0; d < 3; d++) along[1][d] -= fraction * along[0][d];
         }
-        const double share = dot(to, along[k]) / dot(along[k], along[k]);
-        for (int d = 0; d < 3; d++) to[d] -= share * along[k][d];
+        const double fraction = dot(to, along[k]) / dot(along[k], along[k]);
+        for (int d = 0; d < 3; d++) to[d] -= fraction * along[k][d];
     }
     return dot(to, to);
 }
@@ -78,16 +78,16 @@ static bool begin(hull *of, int32_t num_points)
 {
     int32_t base[4] = {0, 0, 0, 0};
     for (int k = 1; k < 4; k++) {
-        double most = -1;
+        double maximum = -1;
         for (int32_t p = 0; p < num_points; p++) {
             const double square = beyond(of, base, k, p);
-            if (square > most) {
-                most = square;
+            if (square > maximum) {
+                maximum = square;
                 base[k] = p;
             }
         }
-        if (k == 1) of->least = in_plane * sqrt(most);
-        if (!(most > of->least * of->least) || most == 0) return false;
+        if (k == 1) of->minimum = in_plane * sqrt(maximum);
+        if (!(maximum > of->minimum * of->minimum) || maximum == 0) return false;
     }
     add_face(of, base[0], base[1], base[2]);
     const bool above = dot(of->face[0].normal, place(of, base[3])) > of->face[0].along;
@@ -139,12 +139,12 @@ static void see(hull *of, int32_t point)
     of->horizon = 0;
     for (int32_t f = 0; f < of->count; f++) of->face[f].seen = false;
     for (int32_t f = 0; f < of->count; f++)
-        if (height_over(of, of->face + f, point) > of->least) leave_face(of, of->face + f);
+        if (height_over(of, of->face + f, point) > of->minimum) leave_face(of, of->face + f);
     for (bool more = true; more;) {
         more = false;
         for (int32_t f = 0; f < of->count; f++) {
             facet *face = of->face + f;
-            if (face->seen || !(height_over(of, face, point) > -of->least) || !borders(of, face)) continue;
+            if (face->seen || !(height_over(of, face, point) > -of->minimum) || !borders(of, face)) continue;
             leave_face(of, face);
             more = true;
         }
@@ -157,7 +157,7 @@ static void give(hull *of, int32_t from, int32_t point)
     for (int32_t f = from; f < of->count; f++) {
         facet *face = of->face + f;
         const double height = height_over(of, face, point);
-        if (!(height > of->least)) continue;
+        if (!(height > of->minimum)) continue;
         of->next[point] = face->first;
         face->first = point;
         if (face->furthest < 0 || height > face->height) {

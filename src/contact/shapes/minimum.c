@@ -16,13 +16,13 @@
 static const double exact = 1e-4; /* relative to an edge's length; also of a weight */
 
 static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-static double apart(const double *a, const double *b)
+static double distance_between(const double *a, const double *b)
 {
     return sqrt(pow(a[0] - b[0], 2) + pow(a[1] - b[1], 2) + pow(a[2] - b[2], 2));
 }
 
 /* Sample of a convex function on a line: position from 0 to 1, value, slope, and the part's normal there. */
-typedef struct sample { double share, value, slope, normal[3]; } sample;
+typedef struct sample { double position, value, slope, normal[3]; } sample;
 
 /* Bracket of the minimum: the slope is negative at low and positive at high. */
 typedef struct turn {
@@ -40,17 +40,17 @@ static turn turn_between(const sample *low, const sample *high, double tight)
 /* Choose the next position. Even steps use the intersection of the two tangents, which finds an edge of the part at
  * once. Odd steps use false position with the Illinois rule (Dowell and Jarratt, BIT 11:168, 1971), which suits
  * smooth parts. Return false if the tangents prove that no value is smaller by more than the tolerance. */
-static bool turn_goes_on(turn *of, double *share)
+static bool turn_goes_on(turn *of, double *position)
 {
-    enum { MOST_STEPS = 40 };
+    enum { MAX_STEPS = 40 };
     const sample *low = &of->low, *high = &of->high;
-    const double way = high->share - low->share,
+    const double way = high->position - low->position,
                  meet = (high->value - low->value - high->slope * way) / (low->slope - high->slope);
-    if (of->step == MOST_STEPS || fmin(low->value, high->value) - (low->value + low->slope * meet) <= of->tight)
+    if (of->step == MAX_STEPS || fmin(low->value, high->value) - (low->value + low->slope * meet) <= of->tight)
         return false;
     const double put = of->step++ % 2 ? -of->weight[0] * way / (of->weight[1] - of->weight[0]) : meet;
-    *share = low->share + (put > 0 && put < way ? put : 0.5 * way);
-    return *share > low->share && *share < high->share;
+    *position = low->position + (put > 0 && put < way ? put : 0.5 * way);
+    return *position > low->position && *position < high->position;
 }
 
 static void turn_take(turn *of, const sample *one)
@@ -81,12 +81,12 @@ typedef struct line {
     double bend, middle; /* value: the distance plus bend times the squared distance from the middle position [m] */
 } line;
 
-static sample look_on(const line *on, double share)
+static sample look_on(const line *on, double position)
 {
-    const double p[3] = {on->from[0] + share * on->along[0], on->from[1] + share * on->along[1],
-                         on->from[2] + share * on->along[2]},
-                 off = share - on->middle;
-    sample out = {.share = share};
+    const double p[3] = {on->from[0] + position * on->along[0], on->from[1] + position * on->along[1],
+                         on->from[2] + position * on->along[2]},
+                 off = position - on->middle;
+    sample out = {.position = position};
     out.value = pliant_part_distance(on->part, p, out.normal) + on->bend * off * off;
     out.slope = dot(out.normal, on->along) + 2 * on->bend * off;
     return out;
@@ -95,9 +95,9 @@ static sample look_on(const line *on, double share)
 static sample find_turn(const line *on, const sample *low, const sample *high, double tight)
 {
     turn between = turn_between(low, high, tight);
-    double share;
-    while (turn_goes_on(&between, &share)) {
-        const sample one = look_on(on, share);
+    double position;
+    while (turn_goes_on(&between, &position)) {
+        const sample one = look_on(on, position);
         turn_take(&between, &one);
     }
     return turn_end(&between);
@@ -106,8 +106,8 @@ static sample find_turn(const line *on, const sample *low, const sample *high, d
 /* Normalize a vector; a short one has no valid direction and becomes 0. */
 static void finish(double normal[3])
 {
-    const double least = 0.1, length = sqrt(dot(normal, normal));
-    for (int d = 0; d < 3; d++) normal[d] = length > least ? normal[d] / length : 0;
+    const double minimum = 0.1, length = sqrt(dot(normal, normal));
+    for (int d = 0; d < 3; d++) normal[d] = length > minimum ? normal[d] / length : 0;
 }
 
 static double bend_of(double length)
@@ -129,18 +129,19 @@ static double tight_of(double length)
 static sample descend(const pliant_part *part, const double at[2][3], double bend, double enough)
 {
     line on = {.part = part, .bend = bend, .middle = 0.5};
-    const double length = apart(at[0], at[1]);
+    const double length = distance_between(at[0], at[1]);
     for (int d = 0; d < 3; d++) {
         on.from[d] = at[0][d];
         on.along[d] = at[1][d] - at[0][d];
     }
     const sample low = look_on(&on, 0), high = look_on(&on, 1);
     /* the distance is Lipschitz continuous with constant 1 */
-    sample bound = {.share = -1, .value = 0.5 * (low.value + high.value - length) - bend};
+    sample bound = {.position = -1, .value = 0.5 * (low.value + high.value - length) - bend};
     if (bound.value > enough) return bound;
     if (low.slope < 0 && high.slope > 0) {
-        const sample least = find_turn(&on, &low, &high, tight_of(length));
-        if (least.share > 0 && least.share < 1 && least.value <= fmin(low.value, high.value)) return least;
+        const sample minimum = find_turn(&on, &low, &high, tight_of(length));
+        if (minimum.position > 0 && minimum.position < 1 && minimum.value <= fmin(low.value, high.value))
+            return minimum;
     }
     return high.value < low.value ? high : low;
 }
@@ -148,14 +149,14 @@ static sample descend(const pliant_part *part, const double at[2][3], double ben
 static double descend_edge(const pliant_part *part, const double at[2][3], double enough, double weight[2],
                            double normal[3])
 {
-    const double bend = bend_of(apart(at[0], at[1]));
-    const sample least = descend(part, at, bend, enough);
-    if (least.share < 0) return least.value;
-    weight[0] = 1 - least.share;
-    weight[1] = least.share;
-    memcpy(normal, least.normal, sizeof least.normal);
-    if (least.share > 0 && least.share < 1) finish(normal);
-    return least.value - bend * (least.share - 0.5) * (least.share - 0.5);
+    const double bend = bend_of(distance_between(at[0], at[1]));
+    const sample minimum = descend(part, at, bend, enough);
+    if (minimum.position < 0) return minimum.value;
+    weight[0] = 1 - minimum.position;
+    weight[1] = minimum.position;
+    memcpy(normal, minimum.normal, sizeof minimum.normal);
+    if (minimum.position > 0 && minimum.position < 1) finish(normal);
+    return minimum.value - bend * (minimum.position - 0.5) * (minimum.position - 0.5);
 }
 
 static void mix(const double at[3][3], const double weight[3], double out[3])
@@ -174,23 +175,23 @@ typedef struct lines {
 /* Find the minimum on one of the lines. Its slope across the lines follows from the envelope theorem: it is the
  * slope at the minimum.
  * @param share_along out: position on the line */
-static sample across(const lines *on, double share, double *share_along)
+static sample across(const lines *on, double position, double *share_along)
 {
     const double third = 1.0 / 3;
     double ends[2][3];
     for (int d = 0; d < 3; d++) {
-        ends[0][d] = on->at[0][d] + share * (on->at[2][d] - on->at[0][d]);
-        ends[1][d] = on->at[1][d] + share * (on->at[2][d] - on->at[1][d]);
+        ends[0][d] = on->at[0][d] + position * (on->at[2][d] - on->at[0][d]);
+        ends[1][d] = on->at[1][d] + position * (on->at[2][d] - on->at[1][d]);
     }
     sample out = descend(on->part, (const double(*)[3])ends, on->bend, INFINITY);
     double towards[2] = {0, 0}, slope;
     for (int k = 0; k < 2; k++)
         for (int d = 0; d < 3; d++) towards[k] += out.normal[d] * (on->at[2][d] - on->at[k][d]);
-    slope = share < 1 ? (1 - out.share) * towards[0] + out.share * towards[1] : fmax(towards[0], towards[1]);
-    *share_along = out.share;
-    out.share = share;
-    out.value += on->bend * (share - third) * (share - third);
-    out.slope = slope + 2 * on->bend * (share - third);
+    slope = position < 1 ? (1 - out.position) * towards[0] + out.position * towards[1] : fmax(towards[0], towards[1]);
+    *share_along = out.position;
+    out.position = position;
+    out.value += on->bend * (position - third) * (position - third);
+    out.slope = slope + 2 * on->bend * (position - third);
     return out;
 }
 
@@ -198,26 +199,26 @@ static sample across(const lines *on, double share, double *share_along)
  * works for distances with edges inside the part, where descent along the gradient stops too early. */
 static double search_lines(const pliant_part *part, const double at[3][3], double weight[3], double normal[3])
 {
-    const double length = apart(at[0], at[1]);
+    const double length = distance_between(at[0], at[1]);
     const lines on = {.part = part, .at = at, .bend = bend_of(length)};
-    double along[2], share, place[3], own[3];
+    double along[2], position, place[3], own[3];
     const sample low = across(&on, 0, along), high = across(&on, 1, along + 1);
-    sample least = low.slope >= 0 ? low : high;
+    sample minimum = low.slope >= 0 ? low : high;
     if (low.slope < 0 && high.slope > 0) {
         turn between = turn_between(&low, &high, tight_of(length));
-        while (turn_goes_on(&between, &share)) {
+        while (turn_goes_on(&between, &position)) {
             double here;
-            const sample one = across(&on, share, &here);
+            const sample one = across(&on, position, &here);
             along[one.slope > 0] = here;
             turn_take(&between, &one);
         }
-        least = turn_end(&between);
+        minimum = turn_end(&between);
         along[0] = between.low.value <= between.high.value ? along[0] : along[1];
     } else if (low.slope < 0) along[0] = along[1];
-    weight[0] = (1 - along[0]) * (1 - least.share);
-    weight[1] = along[0] * (1 - least.share);
-    weight[2] = least.share;
-    memcpy(normal, least.normal, sizeof least.normal);
+    weight[0] = (1 - along[0]) * (1 - minimum.position);
+    weight[1] = along[0] * (1 - minimum.position);
+    weight[2] = minimum.position;
+    memcpy(normal, minimum.normal, sizeof minimum.normal);
     mix(at, weight, place);
     return pliant_part_distance(part, place, own);
 }
@@ -245,7 +246,7 @@ static void turn_to_triangle(const double at[3][3], const double weight[3], doub
 /* Return whether the distance inside the part has edges, where the gradient gives no direction of descent. */
 static bool has_edges(const pliant_part *part)
 {
-    return part->kind == PLIANT_PART_BOX || (part->kind == PLIANT_PART_SOLID && pliant_part_grain(part) == 0);
+    return part->kind == PLIANT_PART_BOX || (part->kind == PLIANT_PART_SOLID && pliant_part_cell_size(part) == 0);
 }
 
 /* Find the minimum on a triangle by the pairwise Frank-Wolfe method. Weight moves from the corner with the highest
@@ -254,51 +255,53 @@ static bool has_edges(const pliant_part *part)
 static double descend_face(const pliant_part *part, const double at[3][3], double enough, double weight[3],
                            double normal[3])
 {
-    enum { MOST_STEPS = 12 };
+    enum { MAX_STEPS = 12 };
     line on = {.part = part};
     bool settled = false;
-    double share[3] = {1.0 / 3, 1.0 / 3, 1.0 / 3}, here[3], gradient[3];
-    mix(at, share, here);
+    double position[3] = {1.0 / 3, 1.0 / 3, 1.0 / 3}, here[3], gradient[3];
+    mix(at, position, here);
     double distance = pliant_part_distance(part, here, gradient);
-    const double size = fmax(fmax(apart(at[0], here), apart(at[1], here)), apart(at[2], here));
+    const double size =
+        fmax(fmax(distance_between(at[0], here), distance_between(at[1], here)), distance_between(at[2], here));
     if (distance - size > enough) return distance - size;
-    for (int step = 0; step < MOST_STEPS && !settled && !has_edges(part); step++) {
+    for (int step = 0; step < MAX_STEPS && !settled && !has_edges(part); step++) {
         double slope[3], mean = 0;
         int best = 0, worst = -1;
         for (int k = 0; k < 3; k++) {
             slope[k] = dot(gradient, at[k]);
-            mean += share[k] * slope[k];
+            mean += position[k] * slope[k];
             if (slope[k] < slope[best]) best = k;
-            if (share[k] > 0 && (worst < 0 || slope[k] > slope[worst])) worst = k;
+            if (position[k] > 0 && (worst < 0 || slope[k] > slope[worst])) worst = k;
         }
         settled = mean - slope[best] <= exact * size; /* for a convex distance, no value is smaller by more than this */
         if (settled || worst == best) break;
-        mix(at, share, on.from);
-        for (int d = 0; d < 3; d++) on.along[d] = share[worst] * (at[best][d] - at[worst][d]);
-        sample one = look_on(&on, 1), begin = {.value = distance, .slope = share[worst] * (slope[best] - slope[worst])};
+        mix(at, position, on.from);
+        for (int d = 0; d < 3; d++) on.along[d] = position[worst] * (at[best][d] - at[worst][d]);
+        sample one = look_on(&on, 1),
+               begin = {.value = distance, .slope = position[worst] * (slope[best] - slope[worst])};
         memcpy(begin.normal, gradient, sizeof gradient);
         if (one.slope > 0) one = find_turn(&on, &begin, &one, tight_of(size));
         distance = one.value;
         memcpy(gradient, one.normal, sizeof gradient);
-        share[best] += one.share * share[worst];
-        share[worst] = one.share == 1 ? 0 : share[worst] * (1 - one.share);
+        position[best] += one.position * position[worst];
+        position[worst] = one.position == 1 ? 0 : position[worst] * (1 - one.position);
     }
-    if (!settled) distance = search_lines(part, at, share, gradient);
-    memcpy(weight, share, sizeof share);
+    if (!settled) distance = search_lines(part, at, position, gradient);
+    memcpy(weight, position, sizeof position);
     memcpy(normal, gradient, sizeof gradient);
-    turn_to_triangle(at, share, normal);
+    turn_to_triangle(at, position, normal);
     return distance;
 }
 
 /* ---- parts that are not convex */
 
-enum { DEEPEST = 8 /* maximum number of subdivisions */, MOST_PIECES = 4 * DEEPEST };
+enum { DEEPEST = 8 /* maximum number of subdivisions */, MAX_PIECES = 4 * DEEPEST };
 static const double half = 0.5; /* stop when the lower bound is this fraction of the distance */
 
 /* A piece of an edge or triangle, by the weights of its corners. */
 typedef struct piece {
     double corner[3][3], middle[3], radius;
-    double distance, least; /* distance at its center, and lower bound in the piece */
+    double distance, minimum; /* distance at its center, and lower bound in the piece */
     int level;
 } piece;
 
@@ -320,10 +323,10 @@ static void look_at(const pliant_part *part, const double (*at)[3], int corners,
     place_at(at, corners, of->middle, place);
     for (int k = 0; k < corners; k++) {
         place_at(at, corners, of->corner[k], corner);
-        of->radius = fmax(of->radius, apart(corner, place));
+        of->radius = fmax(of->radius, distance_between(corner, place));
     }
     of->distance = pliant_part_distance(part, place, normal);
-    of->least = of->distance - PLIANT_FIELD_SLOPE * of->radius;
+    of->minimum = of->distance - PLIANT_FIELD_SLOPE * of->radius;
 }
 
 /* Split an edge into 2 pieces, or a triangle into 4. */
@@ -348,18 +351,18 @@ static int split(const piece *of, int corners, piece *out)
 }
 
 /* Find the piece with the smallest distance at its center. Subdivide down to the field's cells. If the distance is
- * above `enough` everywhere, best.least is a lower bound of at least half the distance. */
+ * above `enough` everywhere, best.minimum is a lower bound of at least half the distance. */
 static piece find_lowest(const pliant_part *part, const double (*at)[3], int corners, double enough)
 {
-    piece stack[MOST_PIECES], child[4], best = {.corner = {{1, 0, 0}, {0, 1, 0}, {0, 0, corners == 3}}};
-    const double grain = pliant_part_grain(part);
+    piece stack[MAX_PIECES], child[4], best = {.corner = {{1, 0, 0}, {0, 1, 0}, {0, 0, corners == 3}}};
+    const double grain = pliant_part_cell_size(part);
     double bound = INFINITY;
     int depth = 0;
     look_at(part, at, corners, &best);
     for (stack[depth++] = best; depth > 0;) {
         const piece of = stack[--depth];
-        if (of.least >= best.distance || of.least > fmax(enough, half * best.distance)) {
-            bound = fmin(bound, of.least);
+        if (of.minimum >= best.distance || of.minimum > fmax(enough, half * best.distance)) {
+            bound = fmin(bound, of.minimum);
             continue;
         }
         const int count = split(&of, corners, child);
@@ -367,10 +370,10 @@ static piece find_lowest(const pliant_part *part, const double (*at)[3], int cor
             look_at(part, at, corners, child + n);
             if (child[n].distance < best.distance) best = child[n];
             if (child[n].radius > grain && child[n].level < DEEPEST) stack[depth++] = child[n];
-            else bound = fmin(bound, fmin(child[n].distance, fmax(child[n].least, enough)));
+            else bound = fmin(bound, fmin(child[n].distance, fmax(child[n].minimum, enough)));
         }
     }
-    best.least = best.distance > enough ? fmin(bound, best.distance) : -INFINITY;
+    best.minimum = best.distance > enough ? fmin(bound, best.distance) : -INFINITY;
     return best;
 }
 
@@ -392,16 +395,16 @@ static double search(const pliant_part *part, const double (*at)[3], int corners
                      double normal[3])
 {
     piece best = find_lowest(part, at, corners, enough);
-    double place[3][3] = {{0}}, share[3];
-    if (best.least > enough) return best.least;
-    resize_to(2 * pliant_part_grain(part), corners, &best);
+    double place[3][3] = {{0}}, position[3];
+    if (best.minimum > enough) return best.minimum;
+    resize_to(2 * pliant_part_cell_size(part), corners, &best);
     for (int k = 0; k < corners; k++) place_at(at, corners, best.corner[k], place[k]);
-    const double least = corners == 2 ? descend_edge(part, (const double(*)[3])place, INFINITY, share, normal)
-                                      : descend_face(part, (const double(*)[3])place, INFINITY, share, normal);
+    const double minimum = corners == 2 ? descend_edge(part, (const double(*)[3])place, INFINITY, position, normal)
+                                      : descend_face(part, (const double(*)[3])place, INFINITY, position, normal);
     memset(weight, 0, (size_t)corners * sizeof *weight);
     for (int k = 0; k < corners; k++)
-        for (int v = 0; v < corners; v++) weight[v] += share[k] * best.corner[k][v];
-    if (least <= best.distance) return least;
+        for (int v = 0; v < corners; v++) weight[v] += position[k] * best.corner[k][v];
+    if (minimum <= best.distance) return minimum;
     memcpy(weight, best.middle, (size_t)corners * sizeof *weight);
     place_at(at, corners, best.middle, place[0]);
     return pliant_part_distance(part, place[0], normal);
@@ -416,8 +419,8 @@ static double nearest_on_edge(const pliant_part *ball, const double at[2][3], do
         along[d] = at[1][d] - at[0][d];
         to[d] = ball->from[d] - at[0][d];
     }
-    const double size = dot(along, along), share = size > 0 ? dot(to, along) / size : 0;
-    weight[1] = share > 0 ? (share < 1 ? share : 1) : 0;
+    const double size = dot(along, along), position = size > 0 ? dot(to, along) / size : 0;
+    weight[1] = position > 0 ? (position < 1 ? position : 1) : 0;
     weight[0] = 1 - weight[1];
     for (int d = 0; d < 3; d++) place[d] = weight[0] * at[0][d] + weight[1] * at[1][d];
     return pliant_part_distance(ball, place, normal);
@@ -437,7 +440,7 @@ double pliant_edge_minimum(const pliant_part *part, const double at[2][3], doubl
                            double normal[3])
 {
     if (part->kind == PLIANT_PART_SPHERE) return nearest_on_edge(part, at, weight, normal);
-    return pliant_part_grain(part) > 0 ? search(part, at, 2, enough, weight, normal)
+    return pliant_part_cell_size(part) > 0 ? search(part, at, 2, enough, weight, normal)
                                        : descend_edge(part, at, enough, weight, normal);
 }
 
@@ -445,6 +448,6 @@ double pliant_face_minimum(const pliant_part *part, const double at[3][3], doubl
                            double normal[3])
 {
     if (part->kind == PLIANT_PART_SPHERE) return nearest_on_face(part, at, weight, normal);
-    return pliant_part_grain(part) > 0 ? search(part, at, 3, enough, weight, normal)
+    return pliant_part_cell_size(part) > 0 ? search(part, at, 3, enough, weight, normal)
                                        : descend_face(part, at, enough, weight, normal);
 }

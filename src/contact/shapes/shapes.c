@@ -31,8 +31,8 @@ static double from_capsule(const pliant_part *part, const double p[3], double no
         along[d] = part->to[d] - part->from[d];
         apart[d] = p[d] - part->from[d];
     }
-    const double size = dot(along, along), share = size > 0 ? fmin(fmax(dot(apart, along) / size, 0), 1) : 0;
-    for (int d = 0; d < 3; d++) apart[d] -= share * along[d];
+    const double size = dot(along, along), fraction = size > 0 ? fmin(fmax(dot(apart, along) / size, 0), 1) : 0;
+    for (int d = 0; d < 3; d++) apart[d] -= fraction * along[d];
     return from_centre(apart, part->radius, normal);
 }
 
@@ -68,14 +68,14 @@ double pliant_part_distance(const pliant_part *part, const double p[3], double n
     return dot(apart, normal);
 }
 
-void pliant_part_leave(const pliant_part *part, const double p[3], const double direction[3], double out[3])
+void pliant_part_exit_point(const pliant_part *part, const double p[3], const double direction[3], double out[3])
 {
-    enum { MOST_STEPS = 64 };
+    enum { MAX_STEPS = 64 };
     double normal[3], distance = pliant_part_distance(part, p, normal);
     const double rounding = 1e-9;
     memcpy(out, p, 3 * sizeof *out);
     /* the remaining distance along the ray is at least the signed distance */
-    for (int step = 0; step < MOST_STEPS && distance < -rounding; step++) {
+    for (int step = 0; step < MAX_STEPS && distance < -rounding; step++) {
         for (int d = 0; d < 3; d++) out[d] -= distance * direction[d];
         distance = pliant_part_distance(part, out, normal);
     }
@@ -148,10 +148,10 @@ static const char *complain(char *reason, size_t size, const char *text)
 
 const char *pliant_part_check(const pliant_part *part, bool of_tool, char *reason, size_t size)
 {
-    const double most = 10; /* [m] */
+    const double maximum = 10; /* [m] */
     for (int d = 0; d < 3; d++) {
         const bool has_end = part->kind != PLIANT_PART_SPHERE && part->kind != PLIANT_PART_SOLID;
-        if (!(fabs(part->from[d]) <= most) || (has_end && !(fabs(part->to[d]) <= most)))
+        if (!(fabs(part->from[d]) <= maximum) || (has_end && !(fabs(part->to[d]) <= maximum)))
             return complain(reason, size, "its numbers must be finite and at most 10 m; use metres");
     }
     if (part->kind == PLIANT_PART_HALF_SPACE) {
@@ -168,7 +168,7 @@ const char *pliant_part_check(const pliant_part *part, bool of_tool, char *reaso
                 return reason;
             }
     if (part->kind == PLIANT_PART_SOLID && !part->solid) return complain(reason, size, "it has no solid");
-    if (!(part->radius >= 0 && part->radius <= most))
+    if (!(part->radius >= 0 && part->radius <= maximum))
         return complain(reason, size, "its radius must be between 0 and 10 m");
     /* independent of the field's resolution */
     const double depth = part->kind == PLIANT_PART_SOLID ? part->radius + part->solid->depth : pliant_part_depth(part);
@@ -216,7 +216,7 @@ void pliant_tool_shape_retain(const pliant_tool_shape *shape)
     for (int32_t p = 0; p < shape->num_parts; p++) pliant_solid_retain(shape->part[p].solid);
 }
 
-double pliant_part_grain(const pliant_part *part)
+double pliant_part_cell_size(const pliant_part *part)
 {
     return part->kind == PLIANT_PART_SOLID && !part->solid->convex ? part->solid->cell : 0;
 }

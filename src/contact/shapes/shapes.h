@@ -13,7 +13,7 @@ extern "C" {
  * @param normal out: the gradient, a unit vector; 0 0 0 where the shortest direction out is not unique */
 double pliant_part_distance(const pliant_part *part, const double p[3], double normal[3]);
 /* Compute the point at which a ray from inside leaves the part. direction: unit vector; out: in the part's frame */
-void pliant_part_leave(const pliant_part *part, const double p[3], const double direction[3], double out[3]);
+void pliant_part_exit_point(const pliant_part *part, const double p[3], const double direction[3], double out[3]);
 /* Return the depth of the part's deepest point [m]. */
 double pliant_part_depth(const pliant_part *part);
 /* Return the core: everything deeper than the guard depth below the surface. The guard depth is less than the
@@ -28,7 +28,7 @@ double pliant_part_reach(const pliant_part *part, const double from[3]);
 const char *pliant_part_check(const pliant_part *part, bool of_tool, char *reason, size_t size);
 
 /* Return the cell size of the distance field of a part that is not convex [m]; 0: the part is convex. */
-double pliant_part_grain(const pliant_part *part);
+double pliant_part_cell_size(const pliant_part *part);
 /* Retain the solids of a shape. */
 void pliant_tool_shape_retain(const pliant_tool_shape *shape);
 

@@ -44,7 +44,7 @@ void pliant_solid_release(const pliant_solid *solid)
 
 typedef struct weld {
     const surface *of;
-    double low[3], least;
+    double low[3], minimum;
     int32_t *head, *next, *same; /* hash table of cells, lists of points; the first point that each is merged with */
     uint32_t mask;
 } weld;
@@ -62,16 +62,16 @@ static int32_t find_same(const weld *on, int32_t point)
     int64_t low[3], high[3], cell[3];
     int32_t best = point;
     for (int d = 0; d < 3; d++) { /* cells of four times the distance */
-        low[d] = (int64_t)floor((p[d] - on->low[d] - on->least) / (4 * on->least));
-        high[d] = (int64_t)floor((p[d] - on->low[d] + on->least) / (4 * on->least));
+        low[d] = (int64_t)floor((p[d] - on->low[d] - on->minimum) / (4 * on->minimum));
+        high[d] = (int64_t)floor((p[d] - on->low[d] + on->minimum) / (4 * on->minimum));
     }
     for (cell[0] = low[0]; cell[0] <= high[0]; cell[0]++)
         for (cell[1] = low[1]; cell[1] <= high[1]; cell[1]++)
             for (cell[2] = low[2]; cell[2] <= high[2]; cell[2]++)
                 for (int32_t other = on->head[cell_key(cell, on->mask)]; other >= 0; other = on->next[other]) {
                     const double *q = on->of->points + 3 * (size_t)other;
-                    if (other < best && fabs(p[0] - q[0]) <= on->least && fabs(p[1] - q[1]) <= on->least &&
-                        fabs(p[2] - q[2]) <= on->least)
+                    if (other < best && fabs(p[0] - q[0]) <= on->minimum && fabs(p[1] - q[1]) <= on->minimum &&
+                        fabs(p[2] - q[2]) <= on->minimum)
                         best = other;
                 }
     return best;
@@ -81,7 +81,7 @@ static void keep_point(weld *on, int32_t point)
 {
     int64_t cell[3];
     for (int d = 0; d < 3; d++)
-        cell[d] = (int64_t)floor((on->of->points[3 * (size_t)point + (size_t)d] - on->low[d]) / (4 * on->least));
+        cell[d] = (int64_t)floor((on->of->points[3 * (size_t)point + (size_t)d] - on->low[d]) / (4 * on->minimum));
     int32_t *head = on->head + cell_key(cell, on->mask);
     on->next[point] = *head;
     *head = point;
@@ -105,7 +105,7 @@ static void join(surface *of, const int32_t *same)
 
 static pliant_status join_points(surface *of, double size, const double low[3])
 {
-    weld on = {.of = of, .least = one_point * size};
+    weld on = {.of = of, .minimum = one_point * size};
     uint32_t slots = 16;
     while (slots < 2 * (uint32_t)of->num_points) slots *= 2;
     on.mask = slots - 1;

@@ -36,14 +36,14 @@ typedef struct pliant_triangle_soup {
 /* Read an STL file. The caller frees points with pliant_free. Errors name the file: FILE, FORMAT, MEMORY. */
 pliant_status pliant_stl_read(const char *path, pliant_triangle_soup *out);
 
-/* ---- nearest.c: tree of boxes around triangles */
+/* ---- triangle_tree.c: tree of boxes around triangles */
 typedef struct pliant_triangle_tree pliant_triangle_tree;
 /* Build the tree; it borrows points and triangles. Errors: MEMORY. */
 pliant_status pliant_triangle_tree_create(const double *points, int32_t count, const int32_t *triangles,
                                           pliant_triangle_tree **out);
 void pliant_triangle_tree_free(pliant_triangle_tree *tree); /* Nullable */
-/* Return the distance of a point from the nearest triangle, or `most` if it is larger. */
-double pliant_triangle_tree_distance(const pliant_triangle_tree *tree, const double p[3], double most);
+/* Return the distance of a point from the nearest triangle, or `maximum` if it is larger. */
+double pliant_triangle_tree_distance(const pliant_triangle_tree *tree, const double p[3], double maximum);
 /* Return the winding number of the surface around a point: 1 inside, 0 outside. */
 double pliant_triangle_tree_winding(const pliant_triangle_tree *tree, const double p[3]);
 /* Compute the point of a triangle nearest to p. */

@@ -12,12 +12,12 @@
 #include <stdio.h>
 #include <string.h>
 
-enum { HEADER = 84, RECORD = 50, MOST_BYTES = 320 << 20 };
+enum { HEADER = 84, RECORD = 50, MAX_BYTES = 320 << 20 };
 
 /* Read a whole file and append a 0. */
 static pliant_status read_bytes(const char *path, uint8_t **out, size_t *size)
 {
-    size_t room = 1 << 16, length = 0;
+    size_t capacity = 1 << 16, length = 0;
     uint8_t *bytes = NULL;
     pliant_status status = PLIANT_OK;
     pliant_opening opening;
@@ -25,17 +25,17 @@ static pliant_status read_bytes(const char *path, uint8_t **out, size_t *size)
     pliant_opening_end(&opening);
     if (opening.refused) return pliant_fail(PLIANT_ERROR_FILE, "%s: may not be read: %s", path, opening.refused);
     if (!file) return pliant_fail(PLIANT_ERROR_FILE, "%s: cannot be opened: %s", path, strerror(errno));
-    for (bool more = true; more && status == PLIANT_OK; room *= 2) {
-        uint8_t *larger = pliant_resize(bytes, room + 1, 1);
+    for (bool more = true; more && status == PLIANT_OK; capacity *= 2) {
+        uint8_t *larger = pliant_resize(bytes, capacity + 1, 1);
         if (!larger) {
             status = pliant_fail_memory(path);
             break;
         }
         bytes = larger;
-        length += fread(bytes + length, 1, room - length, file);
-        more = length == room;
-        if (length > MOST_BYTES)
-            status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: is longer than %d MiB", path, MOST_BYTES >> 20);
+        length += fread(bytes + length, 1, capacity - length, file);
+        more = length == capacity;
+        if (length > MAX_BYTES)
+            status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: is longer than %d MiB", path, MAX_BYTES >> 20);
         else if (ferror(file)) status = pliant_fail(PLIANT_ERROR_FILE, "%s: cannot be read: %s", path, strerror(errno));
     }
     fclose(file);

@@ -19,16 +19,16 @@ extern "C" {
 #endif
 
 enum {
-    PLIANT_CONE_TOGETHER = 192 /* maximum number of rows of points in contact */,
-    PLIANT_CONE_EQUATIONS = PLIANT_CONE_TOGETHER * (PLIANT_CONE_TOGETHER + 1)
+    PLIANT_CONE_MAX_ROWS = 192 /* maximum number of rows of points in contact */,
+    PLIANT_CONE_EQUATIONS = PLIANT_CONE_MAX_ROWS * (PLIANT_CONE_MAX_ROWS + 1)
 };
-#define PLIANT_CONE_HELD (-1.0) /* instead of mu: any force, v = 0 */
+#define PLIANT_CONE_FIXED (-1.0) /* instead of mu: any force, v = 0 */
 
 /* Regularization: this fraction is added to a point's own block of A for changes of the forces. Points of one
  * triangle are almost linearly dependent, so their individual forces are not determined. Without the term, such
  * problems converge only to 4e-6 of the forces. The term acts on changes only, so it does not alter a converged
  * solution (proximal point method: Rockafellar, SIAM J. Control Optim. 14:877, 1976). */
-#define PLIANT_CONE_GIVES 1e-6
+#define PLIANT_CONE_REGULARIZATION 1e-6
 
 /* Threads that solve one problem together; each takes its part of every loop. */
 typedef struct pliant_team { int rank, size; double *sums; } pliant_team; /* sums: (warps) buffer of the GPU */
@@ -71,7 +71,7 @@ typedef struct pliant_cone_point {
 typedef struct pliant_cones {
     int32_t count;
     const double *matrix;      /* A, (3 count x 3 count) */
-    const double *friction;    /* (count) mu, or PLIANT_CONE_HELD */
+    const double *friction;    /* (count) mu, or PLIANT_CONE_FIXED */
     double *motion, *force;    /* (3 count) */
     /* BUFFERS */
     pliant_cone_point *point;  /* (count) */
@@ -82,9 +82,9 @@ typedef struct pliant_cones {
 
 /* s divided by the point's stiffness. A value of 10 finds a reducing step far more often than 1, which sweeps use
  * (src/contact/NUMERICS.md). */
-#define PLIANT_CONE_TIMES 10.0
+#define PLIANT_CONE_STEP_FACTOR 10.0
 /* Relative change of the forces at which sweeps and useless steps end; limit of their number. */
-#define PLIANT_CONE_ENOUGH 1e-7
+#define PLIANT_CONE_TOLERANCE 1e-7
 enum { PLIANT_CONE_SWEEPS = 200 };
 
 /* Compute each point's own stiffness along the normal and the tangents. */
@@ -102,21 +102,21 @@ PLIANT_INLINE void pliant_cones_begin(const pliant_team *team, const pliant_cone
 }
 
 /* Compute f - times v of a point before the projection. Return the normal part. z: tangential part */
-PLIANT_INLINE double pliant_cone_trial(const pliant_cone_point *point, double times, const double v[3],
-                                       const double f[3], double z[2])
+PLIANT_INLINE double pliant_cone_unprojected(const pliant_cone_point *point, double times, const double v[3],
+                                             const double f[3], double z[2])
 {
     for (int k = 0; k < 2; k++) z[k] = f[1 + k] - times * point->soft[1] * v[1 + k];
     return f[0] - times * point->soft[0] * v[0];
 }
 
 /* Compute the change of f by the projection: P(f - times v) - f. */
-PLIANT_INLINE void pliant_cone_lacks(const pliant_cone_point *point, double friction, double times, const double v[3],
-                                     const double f[3], double out[3])
+PLIANT_INLINE void pliant_cone_projection_change(const pliant_cone_point *point, double friction, double times,
+                                                 const double v[3], const double f[3], double out[3])
 {
     double z[2];
-    const double normal = fmax(pliant_cone_trial(point, times, v, f, z), 0.0), most = friction * normal,
+    const double normal = fmax(pliant_cone_unprojected(point, times, v, f, z), 0.0), maximum = friction * normal,
                  length = sqrt(z[0] * z[0] + z[1] * z[1]);
-    const double part = length > most ? most / length : 1.0;
+    const double part = length > maximum ? maximum / length : 1.0;
     out[0] = normal - f[0];
     for (int k = 0; k < 2; k++) out[1 + k] = part * z[k] - f[1 + k];
 }
@@ -138,14 +138,14 @@ PLIANT_INLINE double pliant_cones_residual(const pliant_team *team, const pliant
         if (on->friction[p] < 0)
             for (int k = 0; k < 3; k++) out[k] = v[k] * on->point[p].soft[k > 0];
         else
-            pliant_cone_lacks(on->point + p, on->friction[p], PLIANT_CONE_TIMES, v, f, out);
+            pliant_cone_projection_change(on->point + p, on->friction[p], PLIANT_CONE_STEP_FACTOR, v, f, out);
         sum += out[0] * out[0] + out[1] * out[1] + out[2] * out[2];
     }
     return pliant_team_sum(team, sum);
 }
 
 /* Compute moved = A change. */
-PLIANT_INLINE void pliant_cones_move(const pliant_team *team, const pliant_cones *on)
+PLIANT_INLINE void pliant_cones_find_motion(const pliant_team *team, const pliant_cones *on)
 {
     const size_t row = 3 * (size_t)on->count;
 #ifdef __CUDACC__
@@ -176,14 +176,14 @@ PLIANT_INLINE void pliant_cones_move(const pliant_team *team, const pliant_cones
 /* ---- a step of Newton's method */
 
 /* Classify a point as open, sticking or sliding. */
-PLIANT_INLINE void pliant_cone_look(const pliant_cones *on, int32_t p)
+PLIANT_INLINE void pliant_cone_classify(const pliant_cones *on, int32_t p)
 {
     pliant_cone_point *point = on->point + p;
     const double *v = on->motion + 3 * (size_t)p, *f = on->force + 3 * (size_t)p, friction = on->friction[p];
     double z[2];
     point->kind = PLIANT_CONE_STICKS;
     if (friction < 0) return;
-    const double normal = pliant_cone_trial(point, PLIANT_CONE_TIMES, v, f, z),
+    const double normal = pliant_cone_unprojected(point, PLIANT_CONE_STEP_FACTOR, v, f, z),
                  length = sqrt(z[0] * z[0] + z[1] * z[1]);
     if (!(normal > 0)) point->kind = PLIANT_CONE_OPEN;
     if (!(normal > 0) || !(length > friction * normal)) return;
@@ -194,12 +194,12 @@ PLIANT_INLINE void pliant_cone_look(const pliant_cones *on, int32_t p)
 
 /* Classify all points. Open points lose their force; *opens: at least one had a force. List all others and return
  * their number. */
-PLIANT_INLINE int32_t pliant_cones_look(const pliant_team *team, const pliant_cones *on, bool *opens)
+PLIANT_INLINE int32_t pliant_cones_classify(const pliant_team *team, const pliant_cones *on, bool *opens)
 {
     const double many = 65536; /* more than the number of points */
     double own = 0;
     for (int32_t p = team->rank; p < on->count; p += team->size) {
-        pliant_cone_look(on, p);
+        pliant_cone_classify(on, p);
         const bool open = on->point[p].kind == PLIANT_CONE_OPEN;
         for (size_t i = 3 * (size_t)p; i < 3 * (size_t)p + 3; i++) {
             on->change[i] = open ? -on->force[i] : 0;
@@ -222,7 +222,7 @@ PLIANT_INLINE int32_t pliant_cones_look(const pliant_team *team, const pliant_co
  * @param own the block is on the diagonal */
 PLIANT_INLINE void pliant_cone_slide_rows(const pliant_cone_point *of, double friction, bool own, double block[9])
 {
-    const double *s = of->along, part = of->keeps * PLIANT_CONE_TIMES * of->soft[1];
+    const double *s = of->along, part = of->keeps * PLIANT_CONE_STEP_FACTOR * of->soft[1];
     const double across[2][2] = {{1 - s[0] * s[0], -s[0] * s[1]}, {-s[0] * s[1], 1 - s[1] * s[1]}};
     for (int c = 0; c < 3; c++) {
         const double a[2] = {block[3 + c], block[6 + c]};
@@ -235,12 +235,12 @@ PLIANT_INLINE void pliant_cone_slide_rows(const pliant_cone_point *of, double fr
 }
 
 /* Compute the right side of a point's rows, including the motion by the changes of open points. */
-PLIANT_INLINE void pliant_cone_set_right(const pliant_cones *on, int32_t p, double right[3])
+PLIANT_INLINE void pliant_cone_right_side(const pliant_cones *on, int32_t p, double right[3])
 {
     const pliant_cone_point *of = on->point + p;
     const double *v = on->motion + 3 * (size_t)p, *f = on->force + 3 * (size_t)p, *moved = on->moved + 3 * (size_t)p,
                  *s = of->along;
-    const double part = of->keeps * PLIANT_CONE_TIMES * of->soft[1];
+    const double part = of->keeps * PLIANT_CONE_STEP_FACTOR * of->soft[1];
     for (int k = 0; k < 3; k++) right[k] = -v[k] - moved[k];
     if (of->kind != PLIANT_CONE_SLIDES) return;
     const double across[2][2] = {{1 - s[0] * s[0], -s[0] * s[1]}, {-s[0] * s[1], 1 - s[1] * s[1]}};
@@ -270,7 +270,7 @@ PLIANT_INLINE void pliant_cones_set_equations(const pliant_team *team, const pli
         point->size = 1;
         for (int r = 0; r < 3; r++)
             point->size *= fmax(fmax(fabs(block[3 * r]), fabs(block[3 * r + 1])), fabs(block[3 * r + 2]));
-        pliant_cone_set_right(on, p, right);
+        pliant_cone_right_side(on, p, right);
         for (int r = 0; r < 3; r++) on->equations[(3 * (size_t)i + (size_t)r) * width + width - 1] = right[r];
     }
     pliant_team_wait();
@@ -280,7 +280,7 @@ PLIANT_INLINE void pliant_cones_set_equations(const pliant_team *team, const pli
  * force stays. */
 PLIANT_INLINE void pliant_cone_invert(const double *m, size_t width, double size, double out[9])
 {
-    const double least = 1e-13, *a = m, *b = a + width, *c = b + width;
+    const double minimum = 1e-13, *a = m, *b = a + width, *c = b + width;
     out[0] = b[1] * c[2] - b[2] * c[1];
     out[1] = a[2] * c[1] - a[1] * c[2];
     out[2] = a[1] * b[2] - a[2] * b[1];
@@ -291,7 +291,7 @@ PLIANT_INLINE void pliant_cone_invert(const double *m, size_t width, double size
     out[7] = a[1] * c[0] - a[0] * c[1];
     out[8] = a[0] * b[1] - a[1] * b[0];
     const double whole = a[0] * out[0] + a[1] * out[3] + a[2] * out[6],
-                 by = fabs(whole) > least * size ? 1 / whole : 0.0;
+                 by = fabs(whole) > minimum * size ? 1 / whole : 0.0;
     for (int i = 0; i < 9; i++) out[i] *= by;
 }
 
@@ -336,17 +336,17 @@ PLIANT_INLINE void pliant_cones_eliminate(const pliant_team *team, const pliant_
 PLIANT_INLINE bool pliant_cones_newton(const pliant_team *team, const pliant_cones *on, double damping)
 {
     bool opens;
-    const int32_t points = pliant_cones_look(team, on, &opens);
-    if (3 * points > PLIANT_CONE_TOGETHER) return false;
-    if (opens) pliant_cones_move(team, on);
+    const int32_t points = pliant_cones_classify(team, on, &opens);
+    if (3 * points > PLIANT_CONE_MAX_ROWS) return false;
+    if (opens) pliant_cones_find_motion(team, on);
     pliant_cones_set_equations(team, on, points, damping);
     pliant_cones_eliminate(team, on, points);
-    pliant_cones_move(team, on);
+    pliant_cones_find_motion(team, on);
     return true;
 }
 
 /* Take a step: add `length` times change and moved to forces and motions. */
-PLIANT_INLINE void pliant_cones_take(const pliant_team *team, const pliant_cones *on, double length)
+PLIANT_INLINE void pliant_cones_apply_step(const pliant_team *team, const pliant_cones *on, double length)
 {
     for (size_t i = (size_t)team->rank; i < 3 * (size_t)on->count; i += (size_t)team->size) {
         on->force[i] += length * on->change[i];
@@ -357,7 +357,7 @@ PLIANT_INLINE void pliant_cones_take(const pliant_team *team, const pliant_cones
 
 /* Line search: take the first step length that reduces the squared residual to half, or else the best one. Return
  * false, and take no step, if there is no sufficient reduction. left: squared residual, in and out */
-PLIANT_INLINE bool pliant_cones_search(const pliant_team *team, const pliant_cones *on, double *left)
+PLIANT_INLINE bool pliant_cones_line_search(const pliant_team *team, const pliant_cones *on, double *left)
 {
     const double shortest = 0.01, well = 0.5, any = 0.9;
     double best = INFINITY, of = 0;
@@ -368,7 +368,7 @@ PLIANT_INLINE bool pliant_cones_search(const pliant_team *team, const pliant_con
         of = length;
     }
     if (!(best < any * *left)) return false;
-    pliant_cones_take(team, on, of);
+    pliant_cones_apply_step(team, on, of);
     *left = best;
     return true;
 }
@@ -376,22 +376,23 @@ PLIANT_INLINE bool pliant_cones_search(const pliant_team *team, const pliant_con
 /* ---- sweeps */
 
 /* Compute the change of a point's force in a sweep. */
-PLIANT_INLINE void pliant_cone_slide(const pliant_cones *on, int32_t p, double change[3])
+PLIANT_INLINE void pliant_cone_sweep_point(const pliant_cones *on, int32_t p, double change[3])
 {
     const size_t row = 3 * (size_t)on->count;
     const pliant_cone_point *point = on->point + p;
     const double *n = on->matrix + 3 * (size_t)p * (row + 1), *v = on->motion + 3 * (size_t)p,
                  *f = on->force + 3 * (size_t)p;
-    const double normal = fmax(f[0] - v[0] * point->soft[0], 0.0), most = on->friction[p] * normal;
+    const double normal = fmax(f[0] - v[0] * point->soft[0], 0.0), maximum = on->friction[p] * normal;
     double along[2];
     change[0] = normal - f[0];
     for (int k = 0; k < 2; k++) along[k] = f[1 + k] - (v[1 + k] + n[1 + k] * change[0]) * point->soft[1];
-    const double length = sqrt(along[0] * along[0] + along[1] * along[1]), part = length > most ? most / length : 1.0;
+    const double length = sqrt(along[0] * along[0] + along[1] * along[1]),
+                 part = length > maximum ? maximum / length : 1.0;
     for (int k = 0; k < 2; k++) change[1 + k] = part * along[k] - f[1 + k];
 }
 
 /* Compute the change of a held point's force, for v = 0. */
-PLIANT_INLINE void pliant_cone_hold(const pliant_cones *on, int32_t p, double change[3])
+PLIANT_INLINE void pliant_cone_sweep_fixed_point(const pliant_cones *on, int32_t p, double change[3])
 {
     const size_t row = 3 * (size_t)on->count;
     const double *v = on->motion + 3 * (size_t)p;
@@ -409,9 +410,9 @@ PLIANT_INLINE double pliant_cones_sweep(const pliant_team *team, const pliant_co
     for (int32_t p = 0; p < on->count; p++) {
         double change[3], *f = on->force + 3 * (size_t)p;
         const double *a = on->matrix + 3 * (size_t)p * row, *b = a + row, *c = b + row;
-        if (on->friction[p] < 0) pliant_cone_hold(on, p, change);
+        if (on->friction[p] < 0) pliant_cone_sweep_fixed_point(on, p, change);
         else if (f[0] == 0 && f[1] == 0 && f[2] == 0 && on->motion[3 * (size_t)p] >= 0) continue; /* open */
-        else pliant_cone_slide(on, p, change);
+        else pliant_cone_sweep_point(on, p, change);
         const double square = change[0] * change[0] + change[1] * change[1] + change[2] * change[2];
         if (square == 0) continue;
         sum += square;
@@ -427,17 +428,18 @@ PLIANT_INLINE double pliant_cones_sweep(const pliant_team *team, const pliant_co
 /* ---- solver */
 
 /* Project all forces onto their cones. At convergence this changes them only slightly. */
-PLIANT_INLINE void pliant_cones_end(const pliant_team *team, const pliant_cones *on)
+PLIANT_INLINE void pliant_cones_project(const pliant_team *team, const pliant_cones *on)
 {
     for (int32_t p = team->rank; p < on->count; p += team->size) {
         const size_t i = 3 * (size_t)p;
         for (int k = 0; k < 3; k++) on->change[i + (size_t)k] = 0;
         if (on->friction[p] >= 0)
-            pliant_cone_lacks(on->point + p, on->friction[p], 1.0, on->motion + i, on->force + i, on->change + i);
+            pliant_cone_projection_change(on->point + p, on->friction[p], 1.0, on->motion + i, on->force + i,
+                                          on->change + i);
     }
     pliant_team_wait();
-    pliant_cones_move(team, on);
-    pliant_cones_take(team, on, 1.0);
+    pliant_cones_find_motion(team, on);
+    pliant_cones_apply_step(team, on, 1.0);
 }
 
 /* Make a Newton step. If it does not reduce the residual, repeat it with more and more damping (Levenberg, Quart.
@@ -453,13 +455,13 @@ PLIANT_INLINE bool pliant_cones_step(const pliant_team *team, const pliant_cones
     for (int d = 0; d < 3 && !*leads; d++) {
         if (!pliant_cones_newton(team, on, damping[d])) return false;
         ++*steps;
-        *leads = pliant_cones_search(team, on, left);
+        *leads = pliant_cones_line_search(team, on, left);
     }
     return true;
 }
 
 /* Return f'f. */
-PLIANT_INLINE double pliant_cones_size(const pliant_team *team, const pliant_cones *on)
+PLIANT_INLINE double pliant_cones_squared_force(const pliant_team *team, const pliant_cones *on)
 {
     double own = 0;
     for (size_t i = (size_t)team->rank; i < 3 * (size_t)on->count; i += (size_t)team->size)
@@ -470,20 +472,20 @@ PLIANT_INLINE double pliant_cones_size(const pliant_team *team, const pliant_con
 /* Solve from given forces and motions. Far from the solution, sweeps come first, because a full Newton step often
  * selects wrong open points there. Return the number of steps and sweeps. A negative result means too many points
  * for Newton's method: minus the number of sweeps, minus 1. */
-PLIANT_INLINE int32_t pliant_cones_find(const pliant_team *team, const pliant_cones *on)
+PLIANT_INLINE int32_t pliant_cones_run(const pliant_team *team, const pliant_cones *on)
 {
     /* relative residuals; enough: accepted if no step reduces it further */
-    const double wanted = 1e-9, enough = PLIANT_CONE_ENOUGH, far = 1e-3;
-    const int32_t most_steps = 60, most_sweeps = PLIANT_CONE_SWEEPS, most_at_once = 32, first_sweeps = 3;
+    const double wanted = 1e-9, enough = PLIANT_CONE_TOLERANCE, far = 1e-3;
+    const int32_t max_steps = 60, max_sweeps = PLIANT_CONE_SWEEPS, max_at_once = 32, first_sweeps = 3;
     int32_t steps = 0, sweeps = 0, at_once = 1;
     pliant_cones_begin(team, on);
     double left = pliant_cones_residual(team, on, 0.0);
-    if (left > far * far * pliant_cones_size(team, on)) {
+    if (left > far * far * pliant_cones_squared_force(team, on)) {
         for (; sweeps < first_sweeps; sweeps++) pliant_cones_sweep(team, on);
         left = pliant_cones_residual(team, on, 0.0);
     }
-    while (steps < most_steps && sweeps < most_sweeps) {
-        const double size = pliant_cones_size(team, on);
+    while (steps < max_steps && sweeps < max_sweeps) {
+        const double size = pliant_cones_squared_force(team, on);
         bool ends = left <= wanted * wanted * size;
         if (!ends) {
             bool leads;
@@ -492,10 +494,10 @@ PLIANT_INLINE int32_t pliant_cones_find(const pliant_team *team, const pliant_co
             ends = left <= enough * enough * size;
         }
         if (ends) {
-            pliant_cones_end(team, on);
+            pliant_cones_project(team, on);
             return steps + sweeps;
         }
-        if (at_once < most_at_once) at_once *= 2;
+        if (at_once < max_at_once) at_once *= 2;
         for (int32_t n = 0; n < at_once; n++, sweeps++) pliant_cones_sweep(team, on);
         left = pliant_cones_residual(team, on, 0.0);
     }

@@ -52,14 +52,15 @@ static void mix(const shown *history, size_t row, const double *change, double *
 }
 
 /* Sweep with acceleration. The last operation is a sweep, so all forces are in their cones.
- * @param room (4 + 3 HISTORY) x rows: buffer */
-static int32_t sweep_mixed(const pliant_team *team, const pliant_cones *on, double *room)
+ * @param buffer (4 + 3 HISTORY) x rows: buffer */
+static int32_t sweep_mixed(const pliant_team *team, const pliant_cones *on, double *buffer)
 {
-    const double enough = PLIANT_CONE_ENOUGH; /* change by a sweep divided by the largest one */
+    const double enough = PLIANT_CONE_TOLERANCE; /* change by a sweep divided by the largest one */
     const size_t row = 3 * (size_t)on->count;
-    double *begun = room, *before[3] = {room + row, room + 2 * row, room + 3 * row}, largest = 0, last = INFINITY;
+    double *begun = buffer, *before[3] = {buffer + row, buffer + 2 * row, buffer + 3 * row}, largest = 0,
+           last = INFINITY;
     shown history = {
-        .moved = room + 4 * row, .force = room + (4 + HISTORY) * row, .motion = room + (4 + 2 * HISTORY) * row};
+        .moved = buffer + 4 * row, .force = buffer + (4 + HISTORY) * row, .motion = buffer + (4 + 2 * HISTORY) * row};
     for (int32_t made = 1;; made++) {
         memcpy(begun, on->force, row * sizeof *begun);
         const double square = pliant_cones_sweep(team, on);
@@ -77,29 +78,29 @@ static int32_t sweep_mixed(const pliant_team *team, const pliant_cones *on, doub
 }
 
 PLIANT_VECTORIZED static int32_t solve(int32_t count, const double *matrix, const double *friction, double *motion,
-                                       double *force, double *room)
+                                       double *force, double *buffer)
 {
     const size_t row = 3 * (size_t)count;
     const pliant_team team = {.size = 1};
     _Static_assert(sizeof(pliant_cone_point) <= 9 * sizeof(double), "three rows of room a point");
-    double *rest = room + 6 * row;
+    double *rest = buffer + 6 * row;
     pliant_cones on = {.count = count,
                        .matrix = matrix,
                        .friction = friction,
                        .motion = motion,
                        .force = force,
-                       .change = room,
-                       .moved = room + row,
-                       .equations = rest + (PLIANT_CONE_ROOM - 6) * row};
-    void *points = room + 2 * row, *list = room + 5 * row;
+                       .change = buffer,
+                       .moved = buffer + row,
+                       .equations = rest + (PLIANT_CONE_BUFFER - 6) * row};
+    void *points = buffer + 2 * row, *list = buffer + 5 * row;
     on.point = points;
     on.list = list;
-    const int32_t found = pliant_cones_find(&team, &on);
+    const int32_t found = pliant_cones_run(&team, &on);
     return found >= 0 ? found : sweep_mixed(&team, &on, rest) - found - 1;
 }
 
 int32_t pliant_cones_solve(int32_t count, const double *matrix, const double *friction, double *motion, double *force,
-                           double *room)
+                           double *buffer)
 {
-    return solve(count, matrix, friction, motion, force, room);
+    return solve(count, matrix, friction, motion, force, buffer);
 }

@@ -1,8 +1,8 @@
 #include "contact/volume/volume.h"
 
 #include "base/threads.h"
-#include "contact/detect/find.h"
-#include "contact/detect/follow.h"
+#include "contact/detect/part_contacts.h"
+#include "contact/detect/update_sides.h"
 
 #include <string.h>
 
@@ -69,17 +69,17 @@ static void set_point(int32_t element, const int32_t tet[4], const double *posit
     }
     const double length = sqrt(largest); /* twice the area of the face */
     const int *corner = face[top];
-    double u[3], w[3], to[3], part[3], share[2];
+    double u[3], w[3], to[3], part[3], fraction[2];
     subtract(positions + 3 * (size_t)tet[corner[1]], positions + 3 * (size_t)tet[corner[0]], u);
     subtract(positions + 3 * (size_t)tet[corner[2]], positions + 3 * (size_t)tet[corner[0]], w);
     subtract(positions + 3 * (size_t)tet[top], positions + 3 * (size_t)tet[corner[0]], to);
     cross(to, w, part);
-    share[0] = dot(best, part) / largest;
+    fraction[0] = dot(best, part) / largest;
     cross(u, to, part);
-    share[1] = dot(best, part) / largest;
+    fraction[1] = dot(best, part) / largest;
     *out = (pliant_contact_point){.kind = PLIANT_OBSTACLE_ELEMENT, .tool = -1, .part = -1, .count = 4};
     out->feature = (uint64_t)PLIANT_ELEMENT_VOLUME << 56 | (uint64_t)(uint32_t)element << 2 | (uint64_t)top;
-    const double weight[4] = {1, share[0] + share[1] - 1, -share[0], -share[1]};
+    const double weight[4] = {1, fraction[0] + fraction[1] - 1, -fraction[0], -fraction[1]};
     out->node[0] = tet[top];
     for (int k = 0; k < 3; k++) out->node[k + 1] = tet[corner[k]];
     memcpy(out->weight, weight, sizeof weight);
@@ -126,7 +126,7 @@ pliant_status pliant_volume_find(const pliant_contact_settings *settings, const 
 double pliant_volume_lacking(const pliant_contact_settings *settings, const pliant_mesh *mesh, const double *positions,
                              const pliant_contacts *points)
 {
-    double most = 0;
+    double maximum = 0;
     for (int32_t p = 0; p < points->count; p++) {
         if (points->point[p].kind != PLIANT_OBSTACLE_ELEMENT) continue;
         const int32_t element = (int32_t)(points->point[p].feature >> 2);
@@ -134,9 +134,9 @@ double pliant_volume_lacking(const pliant_contact_settings *settings, const plia
         const double stop = settings->volume_stop * volume_of(tet, mesh->rest);
         pliant_contact_point now;
         set_point(element, tet, positions, stop, &now);
-        most = fmax(most, dot(now.normal, now.place) * (1 - volume_of(tet, positions) / stop));
+        maximum = fmax(maximum, dot(now.normal, now.place) * (1 - volume_of(tet, positions) / stop));
     }
-    return most;
+    return maximum;
 }
 
 /* ---- bound */
@@ -179,58 +179,58 @@ static double limit_of(const pliant_contact_settings *settings, double rest, dou
 double pliant_volume_advance(const pliant_contact_settings *settings, const pliant_mesh *mesh, const double *from,
                              const double *to, const int32_t *piece_of_node)
 {
-    double least = 1;
+    double minimum = 1;
     for (int32_t t = 0; t < mesh->num_tets; t++) {
         const int32_t *tet = mesh->tets + 4 * (size_t)t;
         double coefficient[4];
         if (is_of_piece(tet, piece_of_node)) continue;
         find_coefficients(tet, from, to, coefficient);
         const double limit = limit_of(settings, volume_of(tet, mesh->rest), coefficient[0]);
-        if (coefficient[0] > 0) least = fmin(least, find_time(coefficient, limit, LEVELS));
+        if (coefficient[0] > 0) minimum = fmin(minimum, find_time(coefficient, limit, LEVELS));
     }
-    return least;
+    return minimum;
 }
 
 /* Compute the positions of an element's nodes after their fractions of the leg. */
-static void place(const int32_t tet[4], const double *from, const double *to, const double *share, double out[4][3])
+static void place(const int32_t tet[4], const double *from, const double *to, const double *fraction, double out[4][3])
 {
     for (int k = 0; k < 4; k++)
         for (int d = 0; d < 3; d++) {
             const size_t i = 3 * (size_t)tet[k] + (size_t)d;
-            out[k][d] = from[i] + share[tet[k]] * (to[i] - from[i]);
+            out[k][d] = from[i] + fraction[tet[k]] * (to[i] - from[i]);
         }
 }
 
 /* Shorten the motion of an element's nodes until it keeps its volume. Return whether it was too small. */
 static bool hold_back(const pliant_contact_settings *settings, const int32_t tet[4], const double *rest,
                       const double *from,
-                      const double *to, double *share)
+                      const double *to, double *fraction)
 {
     static const int32_t own[4] = {0, 1, 2, 3};
     double begin[4][3], end[4][3], coefficient[4];
     for (int k = 0; k < 4; k++) memcpy(begin[k], from + 3 * (size_t)tet[k], sizeof begin[k]);
-    place(tet, from, to, share, end);
+    place(tet, from, to, fraction, end);
     find_coefficients(own, &begin[0][0], &end[0][0], coefficient);
     if (!(coefficient[0] > 0)) return false; /* inverted at the start */
     const double time = find_time(coefficient, limit_of(settings, volume_of(tet, rest), coefficient[0]), LEVELS);
-    for (int k = 0; k < 4; k++) share[tet[k]] *= time;
+    for (int k = 0; k < 4; k++) fraction[tet[k]] *= time;
     return time < 1;
 }
 
-int32_t pliant_volume_hold_back(const pliant_contact_settings *settings, const pliant_mesh *mesh, const double *from,
-                                const double *to, const int32_t *piece_of_node, double *share)
+int32_t pliant_volume_bound_motion(const pliant_contact_settings *settings, const pliant_mesh *mesh, const double *from,
+                                   const double *to, const int32_t *piece_of_node, double *fraction)
 {
     enum { MOST = 16 };
     int32_t first = 0, count = 1;
-    for (int32_t n = 0; n < mesh->num_nodes; n++) share[n] = 1;
+    for (int32_t n = 0; n < mesh->num_nodes; n++) fraction[n] = 1;
     for (int pass = 0; pass < MOST && count > 0; pass++) {
         count = 0;
         for (int32_t t = 0; t < mesh->num_tets; t++) {
             const int32_t *tet = mesh->tets + 4 * (size_t)t;
-            if (!is_of_piece(tet, piece_of_node)) count += hold_back(settings, tet, mesh->rest, from, to, share);
+            if (!is_of_piece(tet, piece_of_node)) count += hold_back(settings, tet, mesh->rest, from, to, fraction);
         }
         if (pass == 0) first = count;
     }
-    for (int32_t n = 0; n < mesh->num_nodes && count > 0; n++) share[n] = 0;
+    for (int32_t n = 0; n < mesh->num_nodes && count > 0; n++) fraction[n] = 0;
     return first;
 }

@@ -39,10 +39,10 @@ double pliant_volume_lacking(const pliant_contact_settings *settings, const plia
  * start. All nodes move along straight lines in the same time. Elements that are inverted at the start are exempt.
  * @param from, to (nodes x 3) positions at both ends of the leg [m]
  * @param piece_of_node as above
- * @param share (nodes) out: fraction of its motion that each node may make
+ * @param fraction (nodes) out: fraction of its motion that each node may make
  * @return number of elements that would have been too small; 0: all fractions are 1 */
-int32_t pliant_volume_hold_back(const pliant_contact_settings *settings, const pliant_mesh *mesh, const double *from,
-                                const double *to, const int32_t *piece_of_node, double *share);
+int32_t pliant_volume_bound_motion(const pliant_contact_settings *settings, const pliant_mesh *mesh, const double *from,
+                                   const double *to, const int32_t *piece_of_node, double *fraction);
 
 /* Return the largest fraction of a leg in which no element becomes smaller than that limit, if all nodes make the
  * same fraction of their motion. Parameters as above. */

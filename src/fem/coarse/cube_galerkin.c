@@ -27,7 +27,7 @@ static void add_galerkin(const double *k, int n, const int32_t *local_of, const 
         }
 }
 
-void pliant_cube_galerkin(const pliant_submesh *submesh, const pliant_cube_room *room, double *out)
+void pliant_cube_galerkin(const pliant_submesh *submesh, const pliant_cube_buffers *buffers, double *out)
 {
     double change[UNKNOWNS] = {0}, whole = 0, bulk = 0, k[UNKNOWNS * UNKNOWNS];
     int32_t local_of[CORNERS];
@@ -43,14 +43,14 @@ void pliant_cube_galerkin(const pliant_submesh *submesh, const pliant_cube_room 
             bulk += pliant_cube_deviatoric(shape, cube, submesh->material, k);
             for (int slot = 0; slot < 5; slot++) volume += shape->volume[slot];
             for (int v = 0; v < CORNERS; v++) local_of[v] = submesh->local_of[cube->node[v]];
-            add_galerkin(k, CORNERS, local_of, shape->mean, volume, room->weights, out, change);
+            add_galerkin(k, CORNERS, local_of, shape->mean, volume, buffers->weights, out, change);
         } else if (alone) {
             const pliant_tet_material *material = submesh->material + tet;
             volume = pliant_mesh_gradients(submesh->fine, tet, gradients);
             bulk += volume * (material->lambda + 2.0 / 3 * material->mu);
             pliant_element_stiffness(gradients, -2.0 / 3 * volume * material->mu, volume * material->mu, k);
             for (int v = 0; v < 4; v++) local_of[v] = submesh->local_of[submesh->fine->tets[4 * tet + v]];
-            add_galerkin(k, 4, local_of, gradients, volume, room->weights, out, change);
+            add_galerkin(k, 4, local_of, gradients, volume, buffers->weights, out, change);
         }
         whole += volume;
     }

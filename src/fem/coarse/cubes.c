@@ -75,18 +75,18 @@ static void add_loads(const pliant_mesh *coarse, const double y[3], double weigh
  * (NUMERICS.md). */
 static double share_of(const pliant_tet_material *material) { return material->tissue + 1e-3; }
 
-static void cube_loads(const pliant_submesh *submesh, const pliant_cube_room *room, const pliant_cube *cube,
+static void cube_loads(const pliant_submesh *submesh, const pliant_cube_buffers *buffers, const pliant_cube *cube,
                        double *phi)
 {
     const double inset = 0.5 - 0.5 / sqrt(3);
-    double x[CORNERS][3], share = 0;
+    double x[CORNERS][3], fraction = 0;
     int32_t local_of[CORNERS];
     for (int v = 0; v < CORNERS; v++) {
         memcpy(x[v], submesh->fine->rest + 3 * cube->node[v], sizeof x[v]);
         local_of[v] = submesh->local_of[cube->node[v]];
     }
     for (int slot = 0; slot < 5; slot++)
-        share += (slot == 0 ? 2.0 : 1.0) / 6 * share_of(submesh->material + cube->tet[slot]);
+        fraction += (slot == 0 ? 2.0 : 1.0) / 6 * share_of(submesh->material + cube->tet[slot]);
     for (int p = 0; p < CORNERS; p++) {
         double at[3], y[3] = {0, 0, 0}, gradient[CORNERS][3];
         for (int d = 0; d < 3; d++) at[d] = p >> d & 1 ? 1 - inset : inset;
@@ -94,13 +94,13 @@ static void cube_loads(const pliant_submesh *submesh, const pliant_cube_room *ro
         for (int v = 0; v < CORNERS; v++) {
             double shape = 1;
             for (int d = 0; d < 3; d++) shape *= v >> d & 1 ? at[d] : 1 - at[d];
-            for (int d = 0; d < 3; d++) y[d] += shape * room->local[3 * local_of[v] + d];
+            for (int d = 0; d < 3; d++) y[d] += shape * buffers->local[3 * local_of[v] + d];
         }
-        add_loads(submesh->coarse, y, share * volume, CORNERS, gradient, local_of, phi);
+        add_loads(submesh->coarse, y, fraction * volume, CORNERS, gradient, local_of, phi);
     }
 }
 
-static void tet_loads(const pliant_submesh *submesh, const pliant_cube_room *room, int32_t tet, double *phi)
+static void tet_loads(const pliant_submesh *submesh, const pliant_cube_buffers *buffers, int32_t tet, double *phi)
 {
     const double far = 0.5854101966249685, near = 0.1381966011250105; /* exact for squares */
     double flat[12], gradient[4][3], volume = pliant_mesh_gradients(submesh->fine, tet, flat);
@@ -110,19 +110,19 @@ static void tet_loads(const pliant_submesh *submesh, const pliant_cube_room *roo
     for (int p = 0; p < 4; p++) {
         double y[3] = {0, 0, 0};
         for (int v = 0; v < 4; v++)
-            for (int d = 0; d < 3; d++) y[d] += (v == p ? far : near) * room->local[3 * local_of[v] + d];
+            for (int d = 0; d < 3; d++) y[d] += (v == p ? far : near) * buffers->local[3 * local_of[v] + d];
         add_loads(submesh->coarse, y, 0.25 * volume * share_of(submesh->material + tet), 4, gradient, local_of, phi);
     }
 }
 
-static void all_loads(const pliant_submesh *submesh, const pliant_cube_room *room, double *phi)
+static void all_loads(const pliant_submesh *submesh, const pliant_cube_buffers *buffers, double *phi)
 {
     memset(phi, 0, 3 * MODES * (size_t)submesh->num_nodes * sizeof *phi);
     for (int32_t t = 0; t < submesh->num_tets; t++) {
         bool alone;
         const pliant_cube *cube = pliant_cube_at(submesh, submesh->tets[t], &alone);
-        if (cube) cube_loads(submesh, room, cube, phi);
-        else if (alone) tet_loads(submesh, room, submesh->tets[t], phi);
+        if (cube) cube_loads(submesh, buffers, cube, phi);
+        else if (alone) tet_loads(submesh, buffers, submesh->tets[t], phi);
     }
 }
 
@@ -131,14 +131,14 @@ static void all_loads(const pliant_submesh *submesh, const pliant_cube_room *roo
 /* Compute the root of g' h^-1 g for a well-conditioned h: L^-1 g with h = L L'. */
 static bool root_by_factor(const double h[MODES * MODES], const double g[MODES * UNKNOWNS], double *root)
 {
-    const double least = 1e-6; /* squared pivot divided by the largest diagonal entry */
-    double l[MODES * MODES], most = 0;
+    const double minimum = 1e-6; /* squared pivot divided by the largest diagonal entry */
+    double l[MODES * MODES], maximum = 0;
     memcpy(l, h, sizeof l);
-    for (int m = 0; m < MODES; m++) most = fmax(most, h[(MODES + 1) * m]);
+    for (int m = 0; m < MODES; m++) maximum = fmax(maximum, h[(MODES + 1) * m]);
     if (!pliant_dense_cholesky(MODES, l)) return false;
     for (int m = 0; m < MODES; m++) {
         const double pivot = l[(MODES + 1) * m];
-        if (!(pivot * pivot > least * most)) return false;
+        if (!(pivot * pivot > minimum * maximum)) return false;
         for (int i = 0; i < UNKNOWNS; i++) {
             double sum = g[UNKNOWNS * m + i];
             for (int n = 0; n < m; n++) sum -= l[MODES * m + n] * root[UNKNOWNS * n + i];
@@ -153,12 +153,12 @@ static bool root_by_factor(const double h[MODES * MODES], const double g[MODES *
  * overwritten. */
 static int32_t root_by_eigenvalues(double h[MODES * MODES], const double g[MODES * UNKNOWNS], double *root)
 {
-    double values[MODES], vectors[MODES * MODES], most = 0;
+    double values[MODES], vectors[MODES * MODES], maximum = 0;
     pliant_dense_symmetric_eigen(MODES, h, values, vectors);
-    for (int m = 0; m < MODES; m++) most = fmax(most, values[m]);
+    for (int m = 0; m < MODES; m++) maximum = fmax(maximum, values[m]);
     int32_t rank = 0;
     for (int m = 0; m < MODES; m++) {
-        if (!(values[m] > 1e-10 * most)) continue;
+        if (!(values[m] > 1e-10 * maximum)) continue;
         double *row = root + UNKNOWNS * rank++;
         for (int i = 0; i < UNKNOWNS; i++) {
             row[i] = 0;
@@ -172,12 +172,12 @@ static int32_t root_by_eigenvalues(double h[MODES * MODES], const double g[MODES
 
 /* Compute the root of K_c (at most 18 rows of 24). Return its number of rows, or 0 if the fine elements are
  * disconnected. */
-static int32_t condense(pliant_submesh *submesh, const pliant_cube_room *room, double *root)
+static int32_t condense(pliant_submesh *submesh, const pliant_cube_buffers *buffers, double *root)
 {
     const int32_t size = 3 * submesh->num_nodes;
     double *phi = submesh->work, *z = phi + (size_t)size * MODES, *modes = z + (size_t)size * MODES;
     double h[MODES * MODES] = {0}, g[MODES * UNKNOWNS] = {0};
-    all_loads(submesh, room, phi);
+    all_loads(submesh, buffers, phi);
     if (!pliant_submesh_factor(submesh, modes)) return 0;
     memcpy(z, phi, (size_t)size * MODES * sizeof *z);
     pliant_dense_cholesky_solve(size, submesh->square, MODES, z);
@@ -186,7 +186,7 @@ static int32_t condense(pliant_submesh *submesh, const pliant_cube_room *room, d
             const double p = phi[(size_t)i * MODES + (size_t)m];
             for (int n = 0; n < MODES; n++) h[MODES * m + n] += p * z[(size_t)i * MODES + (size_t)n];
             for (int v = 0; v < CORNERS; v++)
-                g[UNKNOWNS * m + 3 * v + i % 3] += p * room->weights[CORNERS * (size_t)(i / 3) + (size_t)v];
+                g[UNKNOWNS * m + 3 * v + i % 3] += p * buffers->weights[CORNERS * (size_t)(i / 3) + (size_t)v];
         }
     for (int m = 0; m < MODES; m++)
         for (int n = 0; n < m; n++) h[MODES * m + n] = h[MODES * n + m] = 0.5 * (h[MODES * m + n] + h[MODES * n + m]);
@@ -196,19 +196,19 @@ static int32_t condense(pliant_submesh *submesh, const pliant_cube_room *room, d
 /* ---- One element. */
 
 static pliant_status place_nodes(const pliant_cube_work *work, const pliant_submesh *submesh, int32_t element,
-                                 pliant_cube_room *room)
+                                 pliant_cube_buffers *buffers)
 {
-    if (submesh->num_nodes > room->nodes) {
-        room->nodes = 0;
-        pliant_free(room->weights);
-        pliant_free(room->local);
-        room->weights = pliant_calloc((size_t)submesh->num_nodes, CORNERS * sizeof *room->weights);
-        room->local = pliant_calloc((size_t)submesh->num_nodes, 3 * sizeof *room->local);
-        if (!room->weights || !room->local) return pliant_fail_memory("the coarse hexahedra");
-        room->nodes = submesh->num_nodes;
+    if (submesh->num_nodes > buffers->nodes) {
+        buffers->nodes = 0;
+        pliant_free(buffers->weights);
+        pliant_free(buffers->local);
+        buffers->weights = pliant_calloc((size_t)submesh->num_nodes, CORNERS * sizeof *buffers->weights);
+        buffers->local = pliant_calloc((size_t)submesh->num_nodes, 3 * sizeof *buffers->local);
+        if (!buffers->weights || !buffers->local) return pliant_fail_memory("the coarse hexahedra");
+        buffers->nodes = submesh->num_nodes;
     }
     for (int32_t n = 0; n < submesh->num_nodes; n++) {
-        double *weights = room->weights + CORNERS * (size_t)n, *y = room->local + 3 * (size_t)n;
+        double *weights = buffers->weights + CORNERS * (size_t)n, *y = buffers->local + 3 * (size_t)n;
         pliant_trilinear_weights(work->system, work->system->macros->cell[element],
                                  submesh->fine->rest + 3 * submesh->node[n], weights);
         for (int d = 0; d < 3; d++) {
@@ -219,16 +219,17 @@ static pliant_status place_nodes(const pliant_cube_work *work, const pliant_subm
     return PLIANT_OK;
 }
 
-static pliant_status make_cube(pliant_cube_work *work, pliant_submesh *submesh, pliant_cube_room *room, int32_t element)
+static pliant_status make_cube(pliant_cube_work *work, pliant_submesh *submesh, pliant_cube_buffers *buffers,
+                               int32_t element)
 {
     pliant_macros *macros = work->system->macros;
     double root[UNKNOWNS * UNKNOWNS], k[UNKNOWNS * UNKNOWNS];
-    int32_t rank = macros->grounded[element] ? 0 : condense(submesh, room, root);
+    int32_t rank = macros->grounded[element] ? 0 : condense(submesh, buffers, root);
     if (rank > 0) return pliant_cube_keep_root(macros, element, UNKNOWNS, rank, root);
     for (int32_t n = 0; macros->grounded[element] && n < submesh->num_nodes; n++)
         if (work->fixed[submesh->node[n]])
-            memset(room->weights + CORNERS * (size_t)n, 0, CORNERS * sizeof *room->weights);
-    pliant_cube_galerkin(submesh, room, k);
+            memset(buffers->weights + CORNERS * (size_t)n, 0, CORNERS * sizeof *buffers->weights);
+    pliant_cube_galerkin(submesh, buffers, k);
     rank = pliant_dense_root(UNKNOWNS, k, root);
     if (!macros->grounded[element]) {
 #pragma omp atomic
@@ -252,7 +253,7 @@ static pliant_status make_tet(pliant_cube_work *work, pliant_submesh *submesh, i
     return pliant_cube_keep_root(macros, element, 12, pliant_dense_root(12, k, root), root);
 }
 
-static pliant_status make_element(pliant_cube_work *work, pliant_submesh *submesh, pliant_cube_room *room,
+static pliant_status make_element(pliant_cube_work *work, pliant_submesh *submesh, pliant_cube_buffers *buffers,
                                   int32_t element)
 {
     const pliant_submesh_lists *lists = &work->lists;
@@ -269,10 +270,10 @@ static pliant_status make_element(pliant_cube_work *work, pliant_submesh *submes
         macros->shear[element] += pliant_mesh_gradients(submesh->fine, list[t], gradients) * work->material[list[t]].mu;
     }
     pliant_status status = pliant_submesh_load(submesh, count, list);
-    if (status == PLIANT_OK && whole) status = place_nodes(work, submesh, element, room);
+    if (status == PLIANT_OK && whole) status = place_nodes(work, submesh, element, buffers);
     if (status != PLIANT_OK) return status;
-    if (work->schur) return pliant_cubes_schur(work, submesh, room, element);
-    return whole ? make_cube(work, submesh, room, element) : make_tet(work, submesh, element);
+    if (work->schur) return pliant_cubes_schur(work, submesh, buffers, element);
+    return whole ? make_cube(work, submesh, buffers, element) : make_tet(work, submesh, element);
 }
 
 static pliant_status make_all(pliant_cube_work *work, pliant_progress progress)
@@ -287,20 +288,20 @@ static pliant_status make_all(pliant_cube_work *work, pliant_progress progress)
 #pragma omp parallel num_threads(system->num_threads)
     {
         pliant_submesh *submesh = NULL;
-        pliant_cube_room room = {NULL, NULL, 0};
+        pliant_cube_buffers buffers = {NULL, NULL, 0};
         pliant_status status = pliant_submesh_create(system->fine, system->mesh, work->fixed, work->material,
                                                      work->lists.largest, &submesh);
 #pragma omp for schedule(dynamic, 2)
         for (int32_t element = 0; element < all.count; element++) {
-            if (status == PLIANT_OK) status = make_element(work, submesh, &room, element);
-            if (status == PLIANT_OK) status = pliant_work_done(&all);
+            if (status == PLIANT_OK) status = make_element(work, submesh, &buffers, element);
+            if (status == PLIANT_OK) status = pliant_work_finish_item(&all);
         }
         pliant_submesh_free(submesh);
-        pliant_free(room.weights);
-        pliant_free(room.local);
-        pliant_work_leave(&all, status);
+        pliant_free(buffers.weights);
+        pliant_free(buffers.local);
+        pliant_work_finish_thread(&all, status);
     }
-    return pliant_work_outcome(&all);
+    return pliant_work_result(&all);
 }
 
 /* ---- Fixed nodes. */
@@ -333,13 +334,13 @@ static pliant_status ground(pliant_macros *macros)
     for (int32_t e = 0; e < macros->count; e++)
         for (int32_t m = 0; m < 3 * macros->rank[e] * (macros->start[e + 1] - macros->start[e]); m++)
             sum += (double)macros->root[e][m] * macros->root[e][m];
-    const double share = part * sum / (3.0 * macros->start[macros->count]);
+    const double fraction = part * sum / (3.0 * macros->start[macros->count]);
     for (int32_t e = 0; e < macros->count; e++) {
         if (!macros->grounded[e]) continue;
         const int32_t n = 3 * (macros->start[e + 1] - macros->start[e]);
         for (int32_t i = 0; i < n; i++)
             for (int32_t j = 0; j < n; j++) {
-                k[n * i + j] = i == j ? share : 0;
+                k[n * i + j] = i == j ? fraction : 0;
                 for (int32_t m = 0; m < macros->rank[e]; m++)
                     k[n * i + j] += (double)macros->root[e][n * m + i] * macros->root[e][n * m + j];
             }

@@ -24,11 +24,11 @@ typedef struct pliant_cube_work {
 } pliant_cube_work;
 
 /* Work arrays of one thread, in addition to its submesh. */
-typedef struct pliant_cube_room {
+typedef struct pliant_cube_buffers {
     double *weights;  /* (nodes x 8) P */
     double *local;    /* (nodes x 3) in [-1, 1] along the lattice */
     int32_t nodes;
-} pliant_cube_room;
+} pliant_cube_buffers;
 
 /* Return the hexahedron of a fine tetrahedron for the first of its five tetrahedra, and NULL for the others. *alone:
  * the tetrahedron is in no hexahedron. */
@@ -40,9 +40,9 @@ static inline const pliant_cube *pliant_cube_at(const pliant_submesh *submesh, i
 }
 
 /* ---- Implemented in cube_galerkin.c. */
-/* Compute P'KP of the submesh with the weights in `room`, with one change of volume for the whole cube. out: (24 x
+/* Compute P'KP of the submesh with the weights in `buffers`, with one change of volume for the whole cube. out: (24 x
  * 24). */
-void pliant_cube_galerkin(const pliant_submesh *submesh, const pliant_cube_room *room, double *out);
+void pliant_cube_galerkin(const pliant_submesh *submesh, const pliant_cube_buffers *buffers, double *out);
 /* Errors: MEMORY. */
 pliant_status pliant_cube_keep_root(pliant_macros *macros, int32_t element, int32_t unknowns, int32_t rank,
                                     const double *root);
@@ -51,8 +51,8 @@ pliant_status pliant_cube_keep_root(pliant_macros *macros, int32_t element, int3
 /* List the fine elements of each coarse element, and flag elements with fixed nodes. Lists of hexahedra contain
  * complete fine hexahedra. Errors: MEMORY. */
 pliant_status pliant_cubes_schur_begin(pliant_cube_work *work, pliant_touch touch);
-/* Condense one element. Its submesh is loaded, and for a hexahedron `room` is filled. Errors: MEMORY, NUMERIC. */
-pliant_status pliant_cubes_schur(pliant_cube_work *work, pliant_submesh *submesh, pliant_cube_room *room,
+/* Condense one element. Its submesh is loaded, and for a hexahedron `buffers` is filled. Errors: MEMORY, NUMERIC. */
+pliant_status pliant_cubes_schur(pliant_cube_work *work, pliant_submesh *submesh, pliant_cube_buffers *buffers,
                                  int32_t element);
 
 #ifdef __cplusplus

@@ -41,9 +41,9 @@ static int32_t complete(const pliant_cube_work *work, int32_t element, int32_t *
 
 static pliant_status complete_all(pliant_cube_work *work)
 {
-    const int32_t elements = work->system->macros->count, most = 5 * work->lists.start[elements];
+    const int32_t elements = work->system->macros->count, maximum = 5 * work->lists.start[elements];
     pliant_submesh_lists lists = {.start = pliant_calloc((size_t)elements + 1, sizeof *lists.start),
-                                  .tets = pliant_calloc((size_t)most, sizeof *lists.tets)};
+                                  .tets = pliant_calloc((size_t)maximum, sizeof *lists.tets)};
     int32_t *seen = pliant_calloc((size_t)work->system->fine->num_tets, sizeof *seen);
     const bool good = lists.start && lists.tets && seen;
     for (int32_t e = 0; good && e < elements; e++) {
@@ -76,18 +76,18 @@ pliant_status pliant_cubes_schur_begin(pliant_cube_work *work, pliant_touch touc
     return status;
 }
 
-/* Make nodes follow the corners with the weights in `room`. */
-static void linear_shapes(const pliant_submesh *submesh, const pliant_cube_room *room, double *shape)
+/* Make nodes follow the corners with the weights in `buffers`. */
+static void linear_shapes(const pliant_submesh *submesh, const pliant_cube_buffers *buffers, double *shape)
 {
     for (int32_t n = 0; n < submesh->num_nodes; n++)
         for (int i = 0; i < 3; i++)
             for (int m = 0; m < UNKNOWNS; m++)
                 shape[3 * UNKNOWNS * (size_t)n + (size_t)(UNKNOWNS * i + m)] =
-                    m % 3 == i ? room->weights[CORNERS * (size_t)n + (size_t)(m / 3)] : 0;
+                    m % 3 == i ? buffers->weights[CORNERS * (size_t)n + (size_t)(m / 3)] : 0;
 }
 
-static void condense_cube(pliant_cube_work *work, pliant_submesh *submesh, pliant_cube_room *room, int32_t element,
-                          double *k)
+static void condense_cube(pliant_cube_work *work, pliant_submesh *submesh, pliant_cube_buffers *buffers,
+                          int32_t element, double *k)
 {
     double *shape = work->schur[element].shape;
     int32_t corner[CORNERS];
@@ -99,21 +99,21 @@ static void condense_cube(pliant_cube_work *work, pliant_submesh *submesh, plian
     if (whole && pliant_submesh_condense(submesh, CORNERS, corner, k, shape)) return;
     for (int32_t n = 0; n < submesh->num_nodes; n++)
         if (work->fixed[submesh->node[n]])
-            memset(room->weights + CORNERS * (size_t)n, 0, CORNERS * sizeof *room->weights);
-    linear_shapes(submesh, room, shape);
-    pliant_cube_galerkin(submesh, room, k);
+            memset(buffers->weights + CORNERS * (size_t)n, 0, CORNERS * sizeof *buffers->weights);
+    linear_shapes(submesh, buffers, shape);
+    pliant_cube_galerkin(submesh, buffers, k);
 #pragma omp atomic
     work->linear++;
 }
 
-pliant_status pliant_cubes_schur(pliant_cube_work *work, pliant_submesh *submesh, pliant_cube_room *room,
+pliant_status pliant_cubes_schur(pliant_cube_work *work, pliant_submesh *submesh, pliant_cube_buffers *buffers,
                                  int32_t element)
 {
     const bool whole = is_cube(work, element);
     const int32_t unknowns = whole ? UNKNOWNS : 12;
     double k[UNKNOWNS * UNKNOWNS], root[UNKNOWNS * UNKNOWNS];
     pliant_status status = pliant_shapes_of(submesh, whole ? CORNERS : 4, work->schur + element);
-    if (status == PLIANT_OK && whole) condense_cube(work, submesh, room, element, k);
+    if (status == PLIANT_OK && whole) condense_cube(work, submesh, buffers, element, k);
     else if (status == PLIANT_OK)
         status = pliant_schur_tet(submesh, work->tet_of_element[element], k, work->schur[element].shape);
     if (status != PLIANT_OK) return status;

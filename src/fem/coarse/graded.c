@@ -9,7 +9,7 @@
  *
  * After a further cut, everything far from the new cut is copied from the earlier system. */
 #include "base/fail.h"
-#include "base/room.h"
+#include "base/buffer.h"
 #include "fem/coarse/graded.h"
 #include "fem/element/hexahedra.h"
 #include "base/memory.h"
@@ -113,7 +113,7 @@ static void mark(cell_list *list, int32_t cell)
 
 static pliant_status list_create(const pliant_mesh *mesh, cell_list *out)
 {
-    *out = (cell_list){.cell = pliant_room(count_cells(mesh), sizeof *out->cell),
+    *out = (cell_list){.cell = pliant_malloc(count_cells(mesh), sizeof *out->cell),
                        .marked = pliant_calloc(count_cells(mesh), 1)};
     memcpy(out->cells, mesh->cells, sizeof out->cells);
     return out->cell && out->marked ? PLIANT_OK : no_memory();
@@ -170,9 +170,9 @@ static void mark_cut(const grading *work, cell_list *list)
 static void refine_pieces(const grading *work)
 {
     const uint8_t *fixed = work->body->fine_fixed;
-    if (!memchr(fixed, PLIANT_FIXED_WHERE_IT_WAS, (size_t)work->fine->num_nodes)) return;
+    if (!memchr(fixed, PLIANT_FIXED_AT_POSITION, (size_t)work->fine->num_nodes)) return;
     for (int32_t v = 0; v < 4 * work->fine->num_tets; v++)
-        if (fixed[work->fine->tets[v]] == PLIANT_FIXED_WHERE_IT_WAS)
+        if (fixed[work->fine->tets[v]] == PLIANT_FIXED_AT_POSITION)
             work->graded->refined[graded_cell_of(work, v / 4)] = 1;
 }
 
@@ -205,9 +205,9 @@ static pliant_status list_tets(grading *work)
     uint8_t *where = pliant_calloc((size_t)coarse->num_tets, 1);
     cell_list list;
     pliant_status status = list_create(coarse, &list);
-    work->tet = pliant_room((size_t)fine->num_tets, sizeof *work->tet);
-    work->beside = pliant_room((size_t)fine->num_tets, sizeof *work->beside);
-    if (!where || !work->tet || !work->beside) status = no_memory();
+    work->tet = pliant_malloc((size_t)fine->num_tets, sizeof *work->tet);
+    work->adjacent = pliant_malloc((size_t)fine->num_tets, sizeof *work->adjacent);
+    if (!where || !work->tet || !work->adjacent) status = no_memory();
     if (status == PLIANT_OK) {
         for (int32_t cell = 0; cell < (int32_t)count_cells(coarse); cell++)
             if (refined[cell]) mark(&list, cell);
@@ -219,7 +219,7 @@ static pliant_status list_tets(grading *work)
         for (int32_t t = 0; t < fine->num_tets; t++) {
             const uint8_t here = where[coarse_of_fine[t]];
             if (here == REFINED) work->tet[work->num_tets++] = t;
-            if (here == BESIDE) work->beside[work->num_beside++] = t;
+            if (here == BESIDE) work->adjacent[work->num_adjacent++] = t;
         }
     }
     list_free(&list);
@@ -239,11 +239,11 @@ static pliant_status make_rest(grading *work)
     const size_t before = work->before ? (size_t)work->before->mesh->num_nodes : first,
                  same = before < nodes ? before : nodes;
     const size_t load = work->before ? (size_t)work->base->fine->num_nodes : 0, number = (size_t)fine->num_nodes - load;
-    mesh->rest =
-        pliant_next_of(work->before ? work->before->mesh->rest : coarse->rest, 3 * same, 3 * nodes, sizeof *mesh->rest);
+    mesh->rest = pliant_next_version(work->before ? work->before->mesh->rest : coarse->rest, 3 * same, 3 * nodes,
+                                     sizeof *mesh->rest);
     if (!mesh->rest) return no_memory();
     if (number > 0) memcpy(mesh->rest + 3 * (first + load), fine->rest + 3 * load, 3 * number * sizeof *mesh->rest);
-    pliant_writes(mesh->rest, 3 * (first + load), 3 * number, sizeof *mesh->rest);
+    pliant_mark_written(mesh->rest, 3 * (first + load), 3 * number, sizeof *mesh->rest);
     return PLIANT_OK;
 }
 
@@ -262,7 +262,7 @@ static pliant_status make_mesh(grading *work)
     mesh->num_nodes = coarse->num_nodes + fine->num_nodes;
     graded->used = pliant_calloc((size_t)coarse->num_nodes, 1);
     graded->refined = pliant_calloc(count_cells(coarse), 1);
-    graded->within = pliant_room((size_t)fine->num_nodes, sizeof *graded->within);
+    graded->within = pliant_malloc((size_t)fine->num_nodes, sizeof *graded->within);
     graded->in_refined = pliant_calloc((size_t)fine->num_nodes, 1);
     return graded->used && graded->refined && graded->within && graded->in_refined ? make_rest(work) : no_memory();
 }
@@ -317,7 +317,7 @@ pliant_status pliant_system_graded(pliant_system *system, const pliant_system *b
     }
     if (status == PLIANT_OK) status = pliant_graded_upsample(&work);
     if (status == PLIANT_OK) status = find_fixed(&work, fixed);
-    void *blocks[] = {work.tet, work.beside, work.now, work.alike, work.free, work.point};
+    void *blocks[] = {work.tet, work.adjacent, work.now, work.alike, work.free, work.point};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     return status;
 }

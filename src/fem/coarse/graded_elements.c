@@ -1,7 +1,7 @@
 /* Elements of a graded system (graded.c): the remaining coarse elements, then fine hexahedra, then fine tetrahedra.
  * Unchanged elements are copied from the system before the cut. */
 #include "base/fail.h"
-#include "base/room.h"
+#include "base/buffer.h"
 #include "fem/coarse/graded.h"
 #include "fem/element/hexahedra.h"
 #include "base/memory.h"
@@ -127,7 +127,7 @@ static int drop_fixed(const grading *work, int n, int count, int32_t *list, doub
 
 /* Replace the corners of an element by the nodes that they follow. Gradient and root are still in terms of the
  * corners. */
-static pliant_status lead(const grading *work, const int32_t *node, int n, int32_t e)
+static pliant_status add_corners(const grading *work, const int32_t *node, int n, int32_t e)
 {
     pliant_macros *macros = work->system->macros;
     double c[CORNERS][CORNERS * CORNERS] = {{0}}, gradient[3 * CORNERS] = {0};
@@ -217,7 +217,7 @@ static void share_before(grading *work, int32_t from, int32_t to)
     memcpy(work->system->trace + e, before->trace + from, (size_t)(to - from) * sizeof *before->trace);
     memcpy(work->graded->tet + e - work->graded->num_base, before->graded->tet + from - before->graded->num_base,
            (size_t)(to - from) * sizeof *work->graded->tet);
-    for (int32_t i = from; i < to; i++) pliant_share(before->macros->root[i]);
+    for (int32_t i = from; i < to; i++) pliant_retain_block(before->macros->root[i]);
 }
 
 /* Collect consecutive earlier elements, and copy a completed range at once. from, to: the range so far; was: 1 + the
@@ -249,7 +249,7 @@ static pliant_status add_cube(fine_elements *fine, const pliant_cube *cube)
     const int32_t e = begin_element(work, cube->tet[0], -1 - cube->tet[0]);
     pliant_status status =
         pliant_macros_add_hexahedron(work->body->fine_material, cube, shape_of(fine, cube), macros, e);
-    return status == PLIANT_OK ? lead(work, cube->node, CORNERS, e) : status;
+    return status == PLIANT_OK ? add_corners(work, cube->node, CORNERS, e) : status;
 }
 
 static pliant_status add_cubes(fine_elements *fine, const pliant_cube *cubes, int32_t count)
@@ -276,7 +276,7 @@ static pliant_status add_tet(fine_elements *fine, int32_t tet)
     if (is_fixed(work, node, 4)) return PLIANT_OK;
     const int32_t e = begin_element(work, tet, tet);
     pliant_status status = pliant_macros_add_tet(work->fine, work->body->fine_material, tet, macros, e);
-    return status == PLIANT_OK ? lead(work, node, 4, e) : status;
+    return status == PLIANT_OK ? add_corners(work, node, 4, e) : status;
 }
 
 /* Add the tetrahedra that are in no hexahedron. */
@@ -317,8 +317,8 @@ static pliant_status add_fine(grading *work)
     pliant_cube *cubes = NULL;
     int32_t num_cubes = 0;
     fine_elements fine = {.work = work,
-                          .was = pliant_room(tets, sizeof *fine.was),
-                          .done = pliant_room(tets, 1),
+                          .was = pliant_malloc(tets, sizeof *fine.was),
+                          .done = pliant_malloc(tets, 1),
                           .shape = pliant_calloc(2, sizeof *fine.shape)};
     pliant_status status = fine.was && fine.done && fine.shape ? PLIANT_OK : no_memory();
     if (status == PLIANT_OK) list_before(&fine);
@@ -372,14 +372,14 @@ static void find_used(grading *work)
 pliant_status pliant_graded_elements(grading *work)
 {
     pliant_system *system = work->system;
-    const size_t most = (size_t)work->elements->count, tets = (size_t)work->num_tets,
+    const size_t maximum = (size_t)work->elements->count, tets = (size_t)work->num_tets,
                  points = work->point ? 4 * tets : 0;
-    const size_t count = most + tets + points,
-                 corners = (size_t)work->elements->start[most] + 4 * CORNERS * tets + points;
+    const size_t count = maximum + tets + points,
+                 corners = (size_t)work->elements->start[maximum] + 4 * CORNERS * tets + points;
     if (!(system->macros = pliant_calloc(1, sizeof *system->macros))) return no_memory();
-    pliant_status status = pliant_macros_room(system->macros, count, corners);
+    pliant_status status = pliant_macros_reserve_entries(system->macros, count, corners);
     if (status != PLIANT_OK) return status;
-    system->trace = pliant_room(count, sizeof *system->trace);
+    system->trace = pliant_malloc(count, sizeof *system->trace);
     work->graded->tet = pliant_calloc(tets + 1, sizeof *work->graded->tet);
     if (!system->trace || !work->graded->tet) return no_memory();
     add_base(work);

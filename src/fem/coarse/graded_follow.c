@@ -1,6 +1,6 @@
 /* Upsampling of a graded system (graded.c). */
 #include "base/fail.h"
-#include "base/room.h"
+#include "base/buffer.h"
 #include "fem/coarse/graded.h"
 #include "base/memory.h"
 #include "mesh/mesh.h"
@@ -68,8 +68,8 @@ static pliant_status follow_linearly(grading *work, pliant_upsample *upsample)
     const size_t corners = (size_t)load->corners, nodes = (size_t)work->fine->num_nodes;
     const size_t before = (size_t)(work->before ? work->before : work->base)->fine->num_nodes,
                  both = corners * (before < nodes ? before : nodes);
-    upsample->node = pliant_next_of(was->node, both, corners * nodes, sizeof *upsample->node);
-    upsample->weights = pliant_next_of(was->weights, both, corners * nodes, sizeof *upsample->weights);
+    upsample->node = pliant_next_version(was->node, both, corners * nodes, sizeof *upsample->node);
+    upsample->weights = pliant_next_version(was->weights, both, corners * nodes, sizeof *upsample->weights);
     if (!upsample->node || !upsample->weights) return no_memory();
     for (size_t n = 0; n < nodes; n++) {
         if (follows_as_listed(work, (int32_t)n)) continue;
@@ -86,8 +86,8 @@ static pliant_status follow_linearly(grading *work, pliant_upsample *upsample)
                 weights[v] = v < (size_t)of.count ? of.weight[v] : 0;
             }
         }
-        pliant_writes(upsample->node, corners * n, corners, sizeof *node);
-        pliant_writes(upsample->weights, corners * n, corners, sizeof *weights);
+        pliant_mark_written(upsample->node, corners * n, corners, sizeof *node);
+        pliant_mark_written(upsample->weights, corners * n, corners, sizeof *weights);
     }
     return PLIANT_OK;
 }
@@ -98,14 +98,14 @@ static pliant_status follow_shapes(grading *work, pliant_upsample *upsample)
     const pliant_upsample *was = work->base->upsample;
     const size_t each = 9 * (size_t)was->corners;
     const int32_t nodes = work->fine->num_nodes;
-    size_t most = (size_t)nodes;
+    size_t maximum = (size_t)nodes;
     for (int32_t n = 0; n < nodes; n++)
-        most += (size_t)(was->start[node_of_base(work, (size_t)n) + 1] - was->start[node_of_base(work, (size_t)n)]);
+        maximum += (size_t)(was->start[node_of_base(work, (size_t)n) + 1] - was->start[node_of_base(work, (size_t)n)]);
     upsample->start = pliant_calloc((size_t)nodes + 1, sizeof *upsample->start);
-    upsample->entry_element = pliant_calloc(most, sizeof *upsample->entry_element);
-    upsample->entry_share = pliant_calloc(most, sizeof *upsample->entry_share);
-    upsample->entry_shape = pliant_calloc(most, each * sizeof *upsample->entry_shape);
-    if (!upsample->start || !upsample->entry_element || !upsample->entry_share || !upsample->entry_shape)
+    upsample->entry_element = pliant_calloc(maximum, sizeof *upsample->entry_element);
+    upsample->entry_weight = pliant_calloc(maximum, sizeof *upsample->entry_weight);
+    upsample->entry_shape = pliant_calloc(maximum, each * sizeof *upsample->entry_shape);
+    if (!upsample->start || !upsample->entry_element || !upsample->entry_weight || !upsample->entry_shape)
         return no_memory();
     for (int32_t n = 0; n < nodes; n++) {
         const size_t load = node_of_base(work, (size_t)n);
@@ -115,14 +115,14 @@ static pliant_status follow_shapes(grading *work, pliant_upsample *upsample)
         for (int32_t e = was->start[load]; work->point[n] < 0 && e < was->start[load + 1]; e++) {
             if (work->now[was->entry_element[e]] < 0) continue;
             upsample->entry_element[at] = work->now[was->entry_element[e]];
-            sum += upsample->entry_share[at] = was->entry_share[e];
+            sum += upsample->entry_weight[at] = was->entry_weight[e];
             memcpy(upsample->entry_shape + each * (size_t)at++, was->entry_shape + each * (size_t)e,
                    each * sizeof(double));
         }
-        for (int32_t e = begin; e < at; e++) upsample->entry_share[e] /= sum;
+        for (int32_t e = begin; e < at; e++) upsample->entry_weight[e] /= sum;
         if (work->point[n] >= 0) {
             upsample->entry_element[at] = work->point[n];
-            upsample->entry_share[at] = 1;
+            upsample->entry_weight[at] = 1;
             for (size_t m = 0; m < 9; m += 4) upsample->entry_shape[each * (size_t)at + m] = 1;
             at++;
         }
@@ -159,8 +159,8 @@ void pliant_graded_followers(grading *work)
     memset(graded->within, 0xff, (size_t)work->fine->num_nodes * sizeof *graded->within);
     for (int32_t i = 0; i < 4 * work->num_tets; i++)
         graded->in_refined[tets[4 * (size_t)work->tet[i / 4] + (size_t)(i % 4)]] = 1;
-    for (int32_t i = 0; i < 4 * work->num_beside; i++) {
-        const int32_t tet = work->beside[i / 4], node = tets[4 * (size_t)tet + (size_t)(i % 4)];
+    for (int32_t i = 0; i < 4 * work->num_adjacent; i++) {
+        const int32_t tet = work->adjacent[i / 4], node = tets[4 * (size_t)tet + (size_t)(i % 4)];
         if (graded->in_refined[node] && graded->within[node] < 0) graded->within[node] = tet;
     }
     if (work->alike) find_alike(work);

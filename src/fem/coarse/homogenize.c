@@ -75,11 +75,11 @@ static void average_rows(const pliant_submesh *submesh, int32_t tet, double *phi
     pliant_mesh_gradients(coarse, tet, g);
     memset(a, 0, 144 * sizeof *a);
     for (int v = 0; v < 4; v++) {
-        double share = v == 0;
-        for (int d = 0; d < 3; d++) share += g[3 * v + d] * (centre[d] - coarse->rest[3 * nodes[0] + d]);
+        double fraction = v == 0;
+        for (int d = 0; d < 3; d++) fraction += g[3 * v + d] * (centre[d] - coarse->rest[3 * nodes[0] + d]);
         for (int r = 0; r < 3; r++) {
             for (int c = 0; c < 3; c++) a[12 * (3 * r + c) + 3 * v + r] = g[3 * v + c];
-            a[12 * (9 + r) + 3 * v + r] = share;
+            a[12 * (9 + r) + 3 * v + r] = fraction;
         }
     }
 }
@@ -272,9 +272,9 @@ static void ground(pliant_system *system)
         for (size_t i = 0; i < 12; i++) system->raw_diagonal[12 * c + i] = system->stiffness[144 * c + 13 * i];
     for (size_t c = 0; c < (size_t)count; c++)
         for (int i = 0; i < 12; i++) sum += system->stiffness[144 * c + 13 * i];
-    double share = ground_stiffness * sum / (12.0 * count);
+    double fraction = ground_stiffness * sum / (12.0 * count);
     for (size_t c = 0; c < (size_t)count; c++)
-        for (int i = 0; system->grounded[c] && i < 12; i++) system->stiffness[144 * c + 13 * i] += share;
+        for (int i = 0; system->grounded[c] && i < 12; i++) system->stiffness[144 * c + 13 * i] += fraction;
 }
 
 static pliant_status homogenize_all(homogenization *work, const uint8_t *fine_fixed,
@@ -295,15 +295,15 @@ static pliant_status homogenize_all(homogenization *work, const uint8_t *fine_fi
 #pragma omp for schedule(dynamic, 8)
         for (int32_t tet = 0; tet < all.count; tet++) {
             if (status == PLIANT_OK) status = homogenize_one(work, submesh, tet);
-            if (status == PLIANT_OK) status = pliant_work_done(&all);
+            if (status == PLIANT_OK) status = pliant_work_finish_item(&all);
         }
         pliant_submesh_free(submesh);
-        pliant_work_leave(&all, status);
+        pliant_work_finish_thread(&all, status);
     }
-    return pliant_work_outcome(&all);
+    return pliant_work_result(&all);
 }
 
-static pliant_status make_room(homogenization *work, bool schur)
+static pliant_status reserve_capacity(homogenization *work, bool schur)
 {
     pliant_system *system = work->system;
     const size_t count = (size_t)system->mesh->num_tets;
@@ -325,7 +325,7 @@ pliant_status pliant_homogenize(pliant_system *system, const pliant_scene *scene
     pliant_submesh_lists lists = {0};
     homogenization work = {.system = system, .lists = &lists};
     pliant_status status = pliant_submesh_list(fine, coarse_of_fine, count, touch, &lists);
-    if (status == PLIANT_OK) status = make_room(&work, schur);
+    if (status == PLIANT_OK) status = reserve_capacity(&work, schur);
     if (status == PLIANT_OK) status = homogenize_all(&work, fine_fixed, fine_material, progress);
     if (status == PLIANT_OK) {
         if (!schur) ground(system);

@@ -1,7 +1,7 @@
 #include "fem/coarse/lod.h"
 
 #include "base/fail.h"
-#include "base/room.h"
+#include "base/buffer.h"
 #include "base/threads.h"
 #include "fem/coarse/lod_corrector.h"
 #include "fem/coarse/lod_macro.h"
@@ -39,8 +39,8 @@ pliant_status pliant_lod_ground(pliant_system *system, bool hexahedra, const uin
     if (!cell || !system->grounded) status = pliant_fail_memory("the coarse elements");
     const lod_builder lod = {.system = system};
     for (int32_t v = 0; status == PLIANT_OK && v < 4 * fine->num_tets; v++) {
-        int32_t node = fine->tets[v], nodes[LOD_LEANS];
-        double weights[LOD_LEANS];
+        int32_t node = fine->tets[v], nodes[LOD_MAX_WEIGHTS];
+        double weights[LOD_MAX_WEIGHTS];
         if (!fine_fixed[node]) continue;
         int leans = lod_interpolation(&lod, node, nodes, weights);
         for (int c = 0; c < leans; c++)
@@ -55,13 +55,13 @@ pliant_status pliant_lod_ground(pliant_system *system, bool hexahedra, const uin
 /* Build hexahedra with lambda limited to a Poisson's ratio of 0.43. The excess goes to lod->bulk. */
 static pliant_status make_hexahedra(lod_builder *lod)
 {
-    const double most = 6; /* maximum lambda / mu */
+    const double maximum = 6; /* maximum lambda / mu */
     const pliant_mesh *fine = lod->system->fine;
-    pliant_tet_material *material = pliant_copy_of(lod->material, (size_t)fine->num_tets, sizeof *material);
+    pliant_tet_material *material = pliant_copy_block(lod->material, (size_t)fine->num_tets, sizeof *material);
     int32_t *element = NULL;
     pliant_status status = material ? PLIANT_OK : pliant_fail_memory("the fine mesh");
     for (int32_t t = 0; material && t < fine->num_tets; t++)
-        material[t].lambda = fmin(material[t].lambda, most * material[t].mu);
+        material[t].lambda = fmin(material[t].lambda, maximum * material[t].mu);
     if (status == PLIANT_OK) status = pliant_system_hexahedra(&lod->whole, material, NULL, NULL);
     if (status == PLIANT_OK) status = pliant_hexahedra_of_tets(fine, lod->whole.macros, &element);
     if (status == PLIANT_OK && !(lod->bulk = pliant_calloc((size_t)lod->whole.macros->count, sizeof *lod->bulk)))
@@ -101,8 +101,8 @@ static pliant_status assemble_fine(lod_builder *lod)
     if (!(lod->values = pliant_calloc((size_t)whole->pattern.num_values, sizeof *lod->values)))
         return pliant_fail_memory("the stiffness of the fine mesh");
     pliant_system_assemble(whole, lod->at_rest, lod->values);
-    const double share = 1e-6; /* fraction of a coarse node's stiffness, which grows with the cube */
-    lod->support = share * lod->ratio * whole->mean_diagonal;
+    const double fraction = 1e-6; /* fraction of a coarse node's stiffness, which grows with the cube */
+    lod->support = fraction * lod->ratio * whole->mean_diagonal;
     return PLIANT_OK;
 }
 
@@ -176,7 +176,7 @@ static pliant_status check_cost(const lod_builder *lod, const pliant_scene *scen
 
 /* ---- The computation, cube by cube. */
 
-typedef pliant_status (*lod_work)(lod_builder *lod, lod_room *room, int32_t cube);
+typedef pliant_status (*lod_work)(lod_builder *lod, lod_buffers *buffers, int32_t cube);
 
 static pliant_status for_every_cube(lod_builder *lod, lod_work work, pliant_progress progress, double begin, double end)
 {
@@ -189,17 +189,17 @@ static pliant_status for_every_cube(lod_builder *lod, lod_work work, pliant_prog
                        .interval = 1};
 #pragma omp parallel num_threads(lod->system->num_threads)
     {
-        lod_room room = {0};
-        pliant_status status = lod_room_create(lod, &room);
+        lod_buffers buffers = {0};
+        pliant_status status = lod_buffers_create(lod, &buffers);
 #pragma omp for schedule(dynamic, 1)
         for (int32_t cube = 0; cube < lod->count; cube++) {
-            if (status == PLIANT_OK) status = work(lod, &room, cube);
-            if (status == PLIANT_OK) status = pliant_work_done(&all);
+            if (status == PLIANT_OK) status = work(lod, &buffers, cube);
+            if (status == PLIANT_OK) status = pliant_work_finish_item(&all);
         }
-        lod_room_free(&room);
-        pliant_work_leave(&all, status);
+        lod_buffers_free(&buffers);
+        pliant_work_finish_thread(&all, status);
     }
-    return pliant_work_outcome(&all);
+    return pliant_work_result(&all);
 }
 
 static void builder_free(lod_builder *lod)
@@ -221,19 +221,19 @@ pliant_status pliant_lod(pliant_system *system, const pliant_scene *scene, const
     lod_builder lod = {.system = system, .fine_fixed = fine_fixed, .coarse_fixed = coarse_fixed, .material = material,
                        .layers = scene->model.lod_layers, .ratio = system->fine->cells[0] / system->mesh->cells[0]};
     const double correctors_share = 0.9; /* of the time */
-    lod_room room = {0};
+    lod_buffers buffers = {0};
     pliant_status status = make_fine(&lod, scene->element.kind == PLIANT_HEXAHEDRA);
     if (status == PLIANT_OK) status = lod_list_cubes(&lod);
     if (status == PLIANT_OK) status = lod_measure_fine(&lod);
     if (status == PLIANT_OK) status = pliant_system_unknowns(&lod.whole, fine_fixed);
-    if (status == PLIANT_OK) status = lod_room_create(&lod, &room);
-    for (int32_t cube = 0; status == PLIANT_OK && cube < lod.count; cube++) status = lod_size(&lod, &room, cube);
+    if (status == PLIANT_OK) status = lod_buffers_create(&lod, &buffers);
+    for (int32_t cube = 0; status == PLIANT_OK && cube < lod.count; cube++) status = lod_size(&lod, &buffers, cube);
     if (status == PLIANT_OK) status = check_cost(&lod, scene);
     if (status == PLIANT_OK) status = assemble_fine(&lod);
     if (status == PLIANT_OK) status = for_every_cube(&lod, lod_correct, progress, 0, correctors_share);
     if (status == PLIANT_OK) status = lod_macros_create(&lod);
     if (status == PLIANT_OK) status = for_every_cube(&lod, lod_macro, progress, correctors_share, 1);
-    lod_room_free(&room);
+    lod_buffers_free(&buffers);
     builder_free(&lod);
     return status;
 }

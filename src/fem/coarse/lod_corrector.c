@@ -14,8 +14,8 @@ typedef struct patch_problem {
                                          * volume */
     int32_t *node;             /* (count) in the numbering of lod->whole, ascending */
     int32_t *mean;             /* (num_means) coarse nodes */
-    int32_t *lean;             /* (count x LOD_LEANS) means to which a node contributes, or -1 */
-    double *weight;            /* (count x LOD_LEANS) m_i lambda_j(x_i) [kg] */
+    int32_t *lean;             /* (count x LOD_MAX_WEIGHTS) means to which a node contributes, or -1 */
+    double *weight;            /* (count x LOD_MAX_WEIGHTS) m_i lambda_j(x_i) [kg] */
     pliant_pattern pattern;    /* of the patch */
     double *values;
     double *bulk;              /* (num_bulk x 3 count) B, scaled to the energy 1/2 |B'Q|^2 */
@@ -31,7 +31,7 @@ static void patch_free(patch_problem *patch)
 }
 
 /* List the free fine nodes in the box of the patch without adjacent tetrahedra outside of it. */
-static void find_nodes(const lod_builder *lod, lod_room *room, const int32_t low[3], const int32_t side[3],
+static void find_nodes(const lod_builder *lod, lod_buffers *buffers, const int32_t low[3], const int32_t side[3],
                        patch_problem *patch)
 {
     const pliant_mesh *fine = lod->system->fine;
@@ -45,55 +45,55 @@ static void find_nodes(const lod_builder *lod, lod_room *room, const int32_t low
         bool inside = true;
         for (int d = 0; d < 3; d++) inside = inside && reach[d] >= low[d] && (reach[3 + d] + 1 - low[d]) * r < side[d];
         if (!inside) continue;
-        room->local[lod->whole.free_of_node[n]] = patch->count;
+        buffers->local[lod->whole.free_of_node[n]] = patch->count;
         patch->node[patch->count++] = lod->whole.free_of_node[n];
     }
 }
 
 /* List the free coarse nodes that interpolate these fine nodes. */
-static void find_means(const lod_builder *lod, lod_room *room, patch_problem *patch)
+static void find_means(const lod_builder *lod, lod_buffers *buffers, patch_problem *patch)
 {
     for (int32_t i = 0; i < patch->count; i++) {
-        int32_t fine_node = lod->whole.node_of_free[patch->node[i]], nodes[LOD_LEANS];
-        double weights[LOD_LEANS];
+        int32_t fine_node = lod->whole.node_of_free[patch->node[i]], nodes[LOD_MAX_WEIGHTS];
+        double weights[LOD_MAX_WEIGHTS];
         int leans = lod_interpolation(lod, fine_node, nodes, weights);
-        for (int v = 0; v < LOD_LEANS; v++) {
+        for (int v = 0; v < LOD_MAX_WEIGHTS; v++) {
             bool counts = v < leans && !lod->coarse_fixed[nodes[v]];
-            patch->lean[LOD_LEANS * i + v] = -1;
+            patch->lean[LOD_MAX_WEIGHTS * i + v] = -1;
             if (!counts) continue;
-            if (room->slot[nodes[v]] < 0) {
-                room->slot[nodes[v]] = patch->num_means;
+            if (buffers->slot[nodes[v]] < 0) {
+                buffers->slot[nodes[v]] = patch->num_means;
                 patch->mean[patch->num_means++] = nodes[v];
             }
-            patch->lean[LOD_LEANS * i + v] = room->slot[nodes[v]];
-            patch->weight[LOD_LEANS * i + v] = weights[v] * lod->mass[fine_node];
+            patch->lean[LOD_MAX_WEIGHTS * i + v] = buffers->slot[nodes[v]];
+            patch->weight[LOD_MAX_WEIGHTS * i + v] = weights[v] * lod->mass[fine_node];
         }
     }
 }
 
-static void leave(lod_room *room, const patch_problem *patch)
+static void leave(lod_buffers *buffers, const patch_problem *patch)
 {
-    for (int32_t i = 0; i < patch->count; i++) room->local[patch->node[i]] = -1;
-    for (int32_t j = 0; j < patch->num_means; j++) room->slot[patch->mean[j]] = -1;
+    for (int32_t i = 0; i < patch->count; i++) buffers->local[patch->node[i]] = -1;
+    for (int32_t j = 0; j < patch->num_means; j++) buffers->slot[patch->mean[j]] = -1;
 }
 
-static pliant_status number(const lod_builder *lod, lod_room *room, int32_t cube, patch_problem *patch)
+static pliant_status number(const lod_builder *lod, lod_buffers *buffers, int32_t cube, patch_problem *patch)
 {
     int32_t low[3], high[3], side[3];
-    size_t most = 1, means = 1;
+    size_t maximum = 1, means = 1;
     lod_patch(lod, cube, low, high);
     for (int d = 0; d < 3; d++) {
         side[d] = (high[d] - low[d] + 1) * lod->ratio + 1;
-        most *= (size_t)side[d];
+        maximum *= (size_t)side[d];
         means *= (size_t)(high[d] - low[d] + 2);
     }
-    patch->node = pliant_calloc(most, sizeof *patch->node);
+    patch->node = pliant_calloc(maximum, sizeof *patch->node);
     patch->mean = pliant_calloc(means, sizeof *patch->mean);
-    patch->lean = pliant_calloc(most, LOD_LEANS * sizeof *patch->lean);
-    patch->weight = pliant_calloc(most, LOD_LEANS * sizeof *patch->weight);
+    patch->lean = pliant_calloc(maximum, LOD_MAX_WEIGHTS * sizeof *patch->lean);
+    patch->weight = pliant_calloc(maximum, LOD_MAX_WEIGHTS * sizeof *patch->weight);
     if (!patch->node || !patch->mean || !patch->lean || !patch->weight) return pliant_fail_memory("a corrector");
-    find_nodes(lod, room, low, side, patch);
-    find_means(lod, room, patch);
+    find_nodes(lod, buffers, low, side, patch);
+    find_means(lod, buffers, patch);
     return PLIANT_OK;
 }
 
@@ -108,7 +108,7 @@ static void columns_of(const pliant_pattern *pattern, double *values, int32_t co
 
 /* Extract the patch's part of the matrix. A small amount is added to the diagonal, for pieces that are attached only at
  * an edge within the patch. */
-static pliant_status take_matrix(const lod_builder *lod, const lod_room *room, patch_problem *patch)
+static pliant_status take_matrix(const lod_builder *lod, const lod_buffers *buffers, patch_problem *patch)
 {
     const double supported = 1e-10;
     const pliant_pattern *whole = &lod->whole.pattern;
@@ -119,7 +119,7 @@ static pliant_status take_matrix(const lod_builder *lod, const lod_room *room, p
     for (int32_t c = 0; c < patch->count; c++) {
         own->start[c + 1] = own->start[c];
         for (int32_t b = whole->start[patch->node[c]]; b < whole->start[patch->node[c] + 1]; b++)
-            own->start[c + 1] += room->local[whole->row[b]] >= 0;
+            own->start[c + 1] += buffers->local[whole->row[b]] >= 0;
     }
     own->num_blocks = own->start[patch->count];
     own->num_values = 9 * (int64_t)own->num_blocks - 3 * (int64_t)patch->count;
@@ -132,7 +132,7 @@ static pliant_status take_matrix(const lod_builder *lod, const lod_room *room, p
         columns_of(whole, lod->values, column, from);
         columns_of(own, patch->values, c, to);
         for (int32_t b = whole->start[column]; b < whole->start[column + 1]; b++) {
-            int32_t row = room->local[whole->row[b]], in = b - whole->start[column], out = next - own->start[c];
+            int32_t row = buffers->local[whole->row[b]], in = b - whole->start[column], out = next - own->start[c];
             if (row < 0) continue;
             own->row[next++] = row;
             for (int d = 0; d < 3; d++)
@@ -144,7 +144,7 @@ static pliant_status take_matrix(const lod_builder *lod, const lod_room *room, p
 }
 
 /* Compute K_C P by column of the cube's corners: g (24 x 3 count). */
-static void load_of_cube(const lod_builder *lod, const lod_room *room, int32_t cube, const patch_problem *patch,
+static void load_of_cube(const lod_builder *lod, const lod_buffers *buffers, int32_t cube, const patch_problem *patch,
                          double *g)
 {
     const size_t size = 3 * (size_t)patch->count;
@@ -153,18 +153,18 @@ static void load_of_cube(const lod_builder *lod, const lod_room *room, int32_t c
         double k[PLIANT_ELEMENT_UNKNOWNS * PLIANT_ELEMENT_UNKNOWNS];
         const int corners = lod_element(lod, lod->elements[e], &of_element, k), n = 3 * corners;
         for (int b = 0; b < corners; b++) {
-            int32_t nodes[LOD_LEANS];
-            double weights[LOD_LEANS];
+            int32_t nodes[LOD_MAX_WEIGHTS];
+            double weights[LOD_MAX_WEIGHTS];
             if (lod->grounded[cube] && lod->fine_fixed[of_element[b]]) continue;
             int leans = lod_interpolation(lod, of_element[b], nodes, weights);
             for (int v = 0; v < leans; v++) {
                 int corner = lod_corner(lod, cube, nodes[v]);
                 for (int a = 0; a < corners; a++) {
                     int32_t unknown = lod->whole.free_of_node[of_element[a]];
-                    if (unknown < 0 || room->local[unknown] < 0) continue;
+                    if (unknown < 0 || buffers->local[unknown] < 0) continue;
                     for (int c = 0; c < 3; c++)
                         for (int d = 0; d < 3; d++)
-                            g[size * (size_t)(3 * corner + c) + 3 * (size_t)room->local[unknown] + (size_t)d] +=
+                            g[size * (size_t)(3 * corner + c) + 3 * (size_t)buffers->local[unknown] + (size_t)d] +=
                                 weights[v] * k[n * (3 * a + d) + 3 * b + c];
                 }
             }
@@ -177,7 +177,8 @@ static int32_t held_of(const patch_problem *patch) { return 3 * patch->num_means
 /* Compute the weighted mean change of volume of a cube (lod.h), and return its weight.
  * @param b  Out: (3 count) for the patch's nodes.
  * @param p  Out: (24) for the corners' interpolation. */
-static double change_of_cube(const lod_builder *lod, const lod_room *room, int32_t cube, double *b, double p[COLUMNS])
+static double change_of_cube(const lod_builder *lod, const lod_buffers *buffers, int32_t cube, double *b,
+                             double p[COLUMNS])
 {
     double whole = 0;
     memset(p, 0, COLUMNS * sizeof *p);
@@ -188,9 +189,9 @@ static double change_of_cube(const lod_builder *lod, const lod_room *room, int32
         whole += weight;
         for (int a = 0; a < corners; a++) {
             const int32_t unknown = lod->whole.free_of_node[of_element[a]],
-                          local = unknown < 0 ? -1 : room->local[unknown];
-            int32_t nodes[LOD_LEANS];
-            double weights[LOD_LEANS];
+                          local = unknown < 0 ? -1 : buffers->local[unknown];
+            int32_t nodes[LOD_MAX_WEIGHTS];
+            double weights[LOD_MAX_WEIGHTS];
             for (int d = 0; d < 3 && local >= 0; d++) b[3 * (size_t)local + (size_t)d] += weight * gradient[3 * a + d];
             if (lod->grounded[cube] && lod->fine_fixed[of_element[a]]) continue;
             const int leans = lod_interpolation(lod, of_element[a], nodes, weights);
@@ -203,7 +204,7 @@ static double change_of_cube(const lod_builder *lod, const lod_room *room, int32
 }
 
 /* Fill B, scaled, and add the cube's own part to G. */
-static pliant_status fill_bulk(const lod_builder *lod, const lod_room *room, int32_t cube, patch_problem *patch,
+static pliant_status fill_bulk(const lod_builder *lod, const lod_buffers *buffers, int32_t cube, patch_problem *patch,
                                double *g)
 {
     const size_t size = 3 * (size_t)patch->count;
@@ -213,7 +214,7 @@ static pliant_status fill_bulk(const lod_builder *lod, const lod_room *room, int
         return pliant_fail_memory("a corrector");
     for (int c = 0; c < cubes; c++) {
         double *b = patch->bulk + size * (size_t)patch->num_bulk, p[COLUMNS];
-        const double whole = change_of_cube(lod, room, near[c], b, p);
+        const double whole = change_of_cube(lod, buffers, near[c], b, p);
         if (!(whole > 0)) continue;
         for (size_t n = 0; n < size; n++) b[n] /= sqrt(whole);
         for (size_t i = 0; near[c] == cube && i < COLUMNS; i++)
@@ -227,9 +228,9 @@ static pliant_status fill_bulk(const lod_builder *lod, const lod_room *room, int
 static void fill_means(const patch_problem *patch, double *phi)
 {
     size_t size = 3 * (size_t)patch->count;
-    for (int32_t i = 0; i < LOD_LEANS * patch->count; i++)
+    for (int32_t i = 0; i < LOD_MAX_WEIGHTS * patch->count; i++)
         for (int32_t d = 0; d < 3 && patch->lean[i] >= 0; d++)
-            phi[size * (size_t)(3 * patch->lean[i] + d) + (size_t)(3 * (i / LOD_LEANS) + d)] = patch->weight[i];
+            phi[size * (size_t)(3 * patch->lean[i] + d) + (size_t)(3 * (i / LOD_MAX_WEIGHTS) + d)] = patch->weight[i];
 }
 
 /* Compute out (held x columns) = [Phi, B]' of columns (columns x 3 count). */
@@ -237,10 +238,10 @@ static void take_held(const patch_problem *patch, int32_t columns, const double 
 {
     const size_t size = 3 * (size_t)patch->count;
     for (int32_t c = 0; c < columns; c++, from += size) {
-        for (int32_t i = 0; i < LOD_LEANS * patch->count; i++)
+        for (int32_t i = 0; i < LOD_MAX_WEIGHTS * patch->count; i++)
             for (int32_t d = 0; d < 3 && patch->lean[i] >= 0; d++)
                 out[(size_t)(3 * patch->lean[i] + d) * (size_t)columns + (size_t)c] +=
-                    patch->weight[i] * from[3 * (i / LOD_LEANS) + d];
+                    patch->weight[i] * from[3 * (i / LOD_MAX_WEIGHTS) + d];
         for (int32_t k = 0; k < patch->num_bulk; k++) {
             double *to = out + (size_t)(3 * patch->num_means + k) * (size_t)columns + (size_t)c;
             for (size_t n = 0; n < size; n++) *to += patch->bulk[size * (size_t)k + n] * from[n];
@@ -286,17 +287,17 @@ static pliant_status hold_means(patch_problem *patch)
     return PLIANT_OK;
 }
 
-static pliant_status solve(const lod_builder *lod, const lod_room *room, int32_t cube, patch_problem *patch)
+static pliant_status solve(const lod_builder *lod, const lod_buffers *buffers, int32_t cube, patch_problem *patch)
 {
     size_t size = 3 * (size_t)patch->count;
     int32_t near[PLIANT_MAX_NEAR];
-    const size_t most = COLUMNS + 3 * (size_t)patch->num_means + (size_t)(lod->bulk ? lod_near(lod, cube, near) : 0);
+    const size_t maximum = COLUMNS + 3 * (size_t)patch->num_means + (size_t)(lod->bulk ? lod_near(lod, cube, near) : 0);
     pliant_factor *factor = NULL;
-    pliant_status status = take_matrix(lod, room, patch);
+    pliant_status status = take_matrix(lod, buffers, patch);
     if (status != PLIANT_OK) return status;
-    if (!(patch->z = pliant_calloc(most, size * sizeof *patch->z))) return pliant_fail_memory("a corrector");
-    load_of_cube(lod, room, cube, patch, patch->z);
-    if ((status = fill_bulk(lod, room, cube, patch, patch->z)) != PLIANT_OK) return status;
+    if (!(patch->z = pliant_calloc(maximum, size * sizeof *patch->z))) return pliant_fail_memory("a corrector");
+    load_of_cube(lod, buffers, cube, patch, patch->z);
+    if ((status = fill_bulk(lod, buffers, cube, patch, patch->z)) != PLIANT_OK) return status;
     const int32_t columns = COLUMNS + held_of(patch);
     fill_means(patch, patch->z + COLUMNS * size);
     if (patch->num_bulk > 0)
@@ -325,24 +326,24 @@ static pliant_status keep(const lod_builder *lod, const patch_problem *patch, lo
     return PLIANT_OK;
 }
 
-pliant_status lod_correct(lod_builder *lod, lod_room *room, int32_t cube)
+pliant_status lod_correct(lod_builder *lod, lod_buffers *buffers, int32_t cube)
 {
     patch_problem patch = {0};
-    pliant_status status = number(lod, room, cube, &patch);
-    if (status == PLIANT_OK && patch.count > 0) status = solve(lod, room, cube, &patch);
+    pliant_status status = number(lod, buffers, cube, &patch);
+    if (status == PLIANT_OK && patch.count > 0) status = solve(lod, buffers, cube, &patch);
     if (status == PLIANT_OK && patch.count > 0) status = keep(lod, &patch, lod->correctors + cube);
-    leave(room, &patch);
+    leave(buffers, &patch);
     patch_free(&patch);
     return status;
 }
 
-pliant_status lod_size(lod_builder *lod, lod_room *room, int32_t cube)
+pliant_status lod_size(lod_builder *lod, lod_buffers *buffers, int32_t cube)
 {
     patch_problem patch = {0};
-    pliant_status status = number(lod, room, cube, &patch);
+    pliant_status status = number(lod, buffers, cube, &patch);
     lod->patch_nodes[cube] = patch.count;
     lod->patch_means[cube] = patch.num_means;
-    leave(room, &patch);
+    leave(buffers, &patch);
     patch_free(&patch);
     return status;
 }

@@ -41,7 +41,8 @@ int lod_near(const lod_builder *lod, int32_t cube, int32_t near[PLIANT_MAX_NEAR]
     return count;
 }
 
-int lod_interpolation(const lod_builder *lod, int32_t fine_node, int32_t nodes[LOD_LEANS], double weights[LOD_LEANS])
+int lod_interpolation(const lod_builder *lod, int32_t fine_node, int32_t nodes[LOD_MAX_WEIGHTS],
+                      double weights[LOD_MAX_WEIGHTS])
 {
     const pliant_upsample *upsample = lod->system->upsample;
     const size_t first = (size_t)upsample->corners * (size_t)fine_node;
@@ -62,7 +63,7 @@ int lod_corner(const lod_builder *lod, int32_t cube, int32_t node)
     return -1;
 }
 
-pliant_status lod_room_create(const lod_builder *lod, lod_room *out)
+pliant_status lod_buffers_create(const lod_builder *lod, lod_buffers *out)
 {
     size_t fine = (size_t)lod->system->fine->num_nodes, coarse = 2 * (size_t)lod->system->mesh->num_nodes;
     out->local = pliant_calloc(fine, sizeof *out->local);
@@ -73,10 +74,10 @@ pliant_status lod_room_create(const lod_builder *lod, lod_room *out)
     return PLIANT_OK;
 }
 
-void lod_room_free(lod_room *room)
+void lod_buffers_free(lod_buffers *buffers)
 {
-    pliant_free(room->local);
-    pliant_free(room->slot);
+    pliant_free(buffers->local);
+    pliant_free(buffers->slot);
 }
 
 int lod_element(const lod_builder *lod, int32_t element, const int32_t **nodes,

@@ -49,20 +49,21 @@ void lod_patch(const lod_builder *lod, int32_t cube, int32_t low[3], int32_t hig
 enum { PLIANT_MAX_NEAR = (2 * PLIANT_MAX_LAYERS + 1) * (2 * PLIANT_MAX_LAYERS + 1) * (2 * PLIANT_MAX_LAYERS + 1) };
 int lod_near(const lod_builder *lod, int32_t cube, int32_t near[PLIANT_MAX_NEAR]);
 /* Compute P of a fine node: nodes and weights. Return their number. */
-enum { LOD_LEANS = 8 };
-int lod_interpolation(const lod_builder *lod, int32_t fine_node, int32_t nodes[LOD_LEANS], double weights[LOD_LEANS]);
+enum { LOD_MAX_WEIGHTS = 8 };
+int lod_interpolation(const lod_builder *lod, int32_t fine_node, int32_t nodes[LOD_MAX_WEIGHTS],
+                      double weights[LOD_MAX_WEIGHTS]);
 /* Return the number of nodes of a fine element, its nodes, and its stiffness at rest. */
 int lod_element(const lod_builder *lod, int32_t element, const int32_t **nodes,
                 double stiffness[PLIANT_ELEMENT_UNKNOWNS * PLIANT_ELEMENT_UNKNOWNS]);
 /* Return the corner of the cube at which a node is, or -1. */
 int lod_corner(const lod_builder *lod, int32_t cube, int32_t node);
 
-typedef struct lod_room { /* Work arrays of one thread; all entries are -1 between two cubes. */
+typedef struct lod_buffers { /* Work arrays of one thread; all entries are -1 between two cubes. */
     int32_t *local;  /* (fine nodes) index in the current problem, or -1 */
     int32_t *slot;   /* (coarse nodes x 2) the same for coarse nodes */
-} lod_room;
-pliant_status lod_room_create(const lod_builder *lod, lod_room *out);
-void lod_room_free(lod_room *room);
+} lod_buffers;
+pliant_status lod_buffers_create(const lod_builder *lod, lod_buffers *out);
+void lod_buffers_free(lod_buffers *buffers);
 
 /* List the cubes, their elements, corner nodes and grounded flags, and allocate the other arrays. Errors: MEMORY. */
 pliant_status lod_list_cubes(lod_builder *lod);

@@ -10,7 +10,7 @@
 
 /* List the corners of a macro-element, each once: the nodes of the cubes within k, as in fem/system.h. Their indices
  * stay in the slots of the work arrays. */
-static int32_t list_corners(const lod_builder *lod, lod_room *room, int32_t cube, int32_t *node, uint8_t *held)
+static int32_t list_corners(const lod_builder *lod, lod_buffers *buffers, int32_t cube, int32_t *node, uint8_t *held)
 {
     int32_t near[PLIANT_MAX_NEAR], count = 0;
     int cubes = lod_near(lod, cube, near);
@@ -18,8 +18,8 @@ static int32_t list_corners(const lod_builder *lod, lod_room *room, int32_t cube
         bool holds = lod->grounded[cube] || lod->grounded[near[c]];
         for (int v = 0; v < 8; v++) {
             int32_t own = lod->own[8 * near[c] + v];
-            if (own < 0 || (holds && lod->coarse_fixed[own]) || room->slot[2 * own + holds] >= 0) continue;
-            room->slot[2 * own + holds] = count;
+            if (own < 0 || (holds && lod->coarse_fixed[own]) || buffers->slot[2 * own + holds] >= 0) continue;
+            buffers->slot[2 * own + holds] = count;
             node[count] = own;
             held[count++] = holds;
         }
@@ -27,9 +27,9 @@ static int32_t list_corners(const lod_builder *lod, lod_room *room, int32_t cube
     return count;
 }
 
-static void leave_corners(lod_room *room, int32_t count, const int32_t *node, const uint8_t *held)
+static void leave_corners(lod_buffers *buffers, int32_t count, const int32_t *node, const uint8_t *held)
 {
-    for (int32_t c = 0; c < count; c++) room->slot[2 * node[c] + held[c]] = -1;
+    for (int32_t c = 0; c < count; c++) buffers->slot[2 * node[c] + held[c]] = -1;
 }
 
 /* Fit F = sum of x_v g_v' to the cube's nodes by least squares: g_v = (sum of Y Y')^-1 Y_v, Y = X - C. */
@@ -96,17 +96,17 @@ pliant_status lod_macros_create(lod_builder *lod)
     pliant_system *system = lod->system;
     pliant_macros *macros = system->macros = pliant_calloc(1, sizeof *macros);
     if (!macros) return pliant_fail_memory("the macro-elements");
-    lod_room room = {0};
+    lod_buffers buffers = {0};
     int32_t node[PLIANT_MAX_CORNERS];
     uint8_t held[PLIANT_MAX_CORNERS];
     macros->count = lod->count;
     pliant_status status = allocate(lod, macros);
-    if (status == PLIANT_OK) status = lod_room_create(lod, &room);
+    if (status == PLIANT_OK) status = lod_buffers_create(lod, &buffers);
     for (int pass = 0; pass < 2 && status == PLIANT_OK; pass++) {
         int32_t total = 0;
         for (int32_t cube = 0; cube < lod->count; cube++) {
-            int32_t count = list_corners(lod, &room, cube, node, held);
-            leave_corners(&room, count, node, held);
+            int32_t count = list_corners(lod, &buffers, cube, node, held);
+            leave_corners(&buffers, count, node, held);
             macros->start[cube] = total;
             if (pass == 1) {
                 memcpy(macros->node + total, node, (size_t)count * sizeof *node);
@@ -120,7 +120,7 @@ pliant_status lod_macros_create(lod_builder *lod)
         macros->held = pliant_calloc((size_t)total, sizeof *macros->held);
         if (!macros->node || !macros->held) status = pliant_fail_memory("the macro-elements");
     }
-    lod_room_free(&room);
+    lod_buffers_free(&buffers);
     if (status != PLIANT_OK) return status;
     memcpy(macros->grounded, lod->grounded, (size_t)lod->count * sizeof *macros->grounded);
     memcpy(macros->own, lod->own, 8 * (size_t)lod->count * sizeof *macros->own);
@@ -148,18 +148,18 @@ static void work_free(cube_work *work)
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
 }
 
-static pliant_status work_create(const lod_builder *lod, lod_room *room, int32_t cube, cube_work *work)
+static pliant_status work_create(const lod_builder *lod, lod_buffers *buffers, int32_t cube, cube_work *work)
 {
     const pliant_macros *macros = lod->system->macros;
     work->num_corners = macros->start[cube + 1] - macros->start[cube];
-    size_t most = PLIANT_ELEMENT_UNKNOWNS / 3 * (size_t)(lod->element_start[cube + 1] - lod->element_start[cube]);
-    if (!(work->node = pliant_calloc(most, sizeof *work->node))) return pliant_fail_memory("a macro-element");
+    size_t maximum = PLIANT_ELEMENT_UNKNOWNS / 3 * (size_t)(lod->element_start[cube + 1] - lod->element_start[cube]);
+    if (!(work->node = pliant_calloc(maximum, sizeof *work->node))) return pliant_fail_memory("a macro-element");
     for (int32_t e = lod->element_start[cube]; e < lod->element_start[cube + 1]; e++) {
         const int32_t *nodes;
         const int corners = lod_element(lod, lod->elements[e], &nodes, NULL);
         for (int v = 0; v < corners; v++) {
-            if (room->local[nodes[v]] >= 0) continue;
-            room->local[nodes[v]] = work->num_nodes;
+            if (buffers->local[nodes[v]] >= 0) continue;
+            buffers->local[nodes[v]] = work->num_nodes;
             work->node[work->num_nodes++] = nodes[v];
         }
     }
@@ -173,17 +173,17 @@ static pliant_status work_create(const lod_builder *lod, lod_room *room, int32_t
 }
 
 /* Compute N = P - sum of Q over the cubes within k. */
-static void fill_shape(const lod_builder *lod, const lod_room *room, int32_t cube, cube_work *work)
+static void fill_shape(const lod_builder *lod, const lod_buffers *buffers, int32_t cube, cube_work *work)
 {
     size_t columns = 3 * (size_t)work->num_corners;
     bool grounded = lod->grounded[cube];
     for (int32_t i = 0; i < work->num_nodes; i++) {
-        int32_t nodes[LOD_LEANS];
-        double weights[LOD_LEANS];
+        int32_t nodes[LOD_MAX_WEIGHTS];
+        double weights[LOD_MAX_WEIGHTS];
         if (grounded && lod->fine_fixed[work->node[i]]) continue;
         int leans = lod_interpolation(lod, work->node[i], nodes, weights);
         for (int v = 0; v < leans; v++) {
-            int32_t corner = room->slot[2 * nodes[v] + grounded];
+            int32_t corner = buffers->slot[2 * nodes[v] + grounded];
             for (size_t d = 0; d < 3 && corner >= 0; d++)
                 work->shape[(3 * (size_t)i + d) * columns + 3 * (size_t)corner + d] += weights[v];
         }
@@ -194,9 +194,9 @@ static void fill_shape(const lod_builder *lod, const lod_room *room, int32_t cub
         const lod_corrector *corrector = lod->correctors + near[c];
         bool held = grounded || lod->grounded[near[c]];
         for (int32_t i = 0; i < corrector->count; i++) {
-            int32_t row = room->local[corrector->node[i]];
+            int32_t row = buffers->local[corrector->node[i]];
             for (int32_t v = 0; v < 8 && row >= 0; v++) {
-                int32_t own = lod->own[8 * near[c] + v], corner = own < 0 ? -1 : room->slot[2 * own + held];
+                int32_t own = lod->own[8 * near[c] + v], corner = own < 0 ? -1 : buffers->slot[2 * own + held];
                 for (size_t m = 0; m < 9 && corner >= 0; m++)
                     work->shape[(3 * (size_t)row + m / 3) * columns + 3 * (size_t)corner + m % 3] -=
                         corrector->value[24 * (3 * (size_t)i + m / 3) + 3 * (size_t)v + m % 3];
@@ -206,7 +206,7 @@ static void fill_shape(const lod_builder *lod, const lod_room *room, int32_t cub
 }
 
 /* K_C N */
-static void fill_force(const lod_builder *lod, const lod_room *room, int32_t cube, cube_work *work)
+static void fill_force(const lod_builder *lod, const lod_buffers *buffers, int32_t cube, cube_work *work)
 {
     const size_t columns = 3 * (size_t)work->num_corners;
     for (int32_t e = lod->element_start[cube]; e < lod->element_start[cube + 1]; e++) {
@@ -215,15 +215,16 @@ static void fill_force(const lod_builder *lod, const lod_room *room, int32_t cub
         const int n = 3 * lod_element(lod, lod->elements[e], &nodes, k);
         for (int a = 0; a < n; a++)
             for (int b = 0; b < n; b++) {
-                double *to = work->force + columns * (3 * (size_t)room->local[nodes[a / 3]] + (size_t)(a % 3));
-                const double *from = work->shape + columns * (3 * (size_t)room->local[nodes[b / 3]] + (size_t)(b % 3));
+                double *to = work->force + columns * (3 * (size_t)buffers->local[nodes[a / 3]] + (size_t)(a % 3));
+                const double *from =
+                    work->shape + columns * (3 * (size_t)buffers->local[nodes[b / 3]] + (size_t)(b % 3));
                 for (size_t c = 0; c < columns; c++) to[c] += k[n * a + b] * from[c];
             }
     }
 }
 
 /* Add the resistance to the cube's mean change of volume. row: work array with one number per column. */
-static void add_bulk(const lod_builder *lod, const lod_room *room, int32_t cube, cube_work *work, double *row)
+static void add_bulk(const lod_builder *lod, const lod_buffers *buffers, int32_t cube, cube_work *work, double *row)
 {
     const size_t columns = 3 * (size_t)work->num_corners;
     double whole = 0;
@@ -234,7 +235,7 @@ static void add_bulk(const lod_builder *lod, const lod_room *room, int32_t cube,
         const int n = 3 * lod_element(lod, element, &nodes, NULL);
         whole += lod->bulk[element];
         for (int a = 0; a < n; a++) {
-            const double *from = work->shape + columns * (3 * (size_t)room->local[nodes[a / 3]] + (size_t)(a % 3));
+            const double *from = work->shape + columns * (3 * (size_t)buffers->local[nodes[a / 3]] + (size_t)(a % 3));
             for (size_t c = 0; c < columns; c++) row[c] += lod->bulk[element] * gradient[a] * from[c];
         }
     }
@@ -267,12 +268,12 @@ static const double smallest_shape = 1e-4;
 
 static bool counts(const double *shape, size_t columns, size_t corner)
 {
-    double most = 0;
-    for (size_t m = 0; m < 9; m++) most = fmax(most, fabs(shape[m / 3 * columns + 3 * corner + m % 3]));
-    return most > smallest_shape;
+    double maximum = 0;
+    for (size_t m = 0; m < 9; m++) maximum = fmax(maximum, fabs(shape[m / 3 * columns + 3 * corner + m % 3]));
+    return maximum > smallest_shape;
 }
 
-static pliant_status keep_shape(const lod_builder *lod, const lod_room *room, int32_t cube, const cube_work *work)
+static pliant_status keep_shape(const lod_builder *lod, const lod_buffers *buffers, int32_t cube, const cube_work *work)
 {
     pliant_macros *macros = lod->system->macros;
     size_t columns = 3 * (size_t)work->num_corners, total = 0,
@@ -283,7 +284,7 @@ static pliant_status keep_shape(const lod_builder *lod, const lod_room *room, in
         return pliant_fail_memory("a macro-element");
     if (columns == 0) return PLIANT_OK;
     for (size_t i = 0; i < count; i++) {
-        const double *shape = work->shape + 3 * columns * (size_t)room->local[nodes[i]];
+        const double *shape = work->shape + 3 * columns * (size_t)buffers->local[nodes[i]];
         for (size_t c = 0; c < (size_t)work->num_corners; c++) total += counts(shape, columns, c);
         macros->entry_start[cube][i + 1] = (int32_t)total;
     }
@@ -293,7 +294,7 @@ static pliant_status keep_shape(const lod_builder *lod, const lod_room *room, in
     if (!macros->entry_corner[cube] || !macros->entry_shape[cube]) return pliant_fail_memory("a macro-element");
     size_t at = 0;
     for (size_t i = 0; i < count; i++) {
-        const double *shape = work->shape + 3 * columns * (size_t)room->local[nodes[i]];
+        const double *shape = work->shape + 3 * columns * (size_t)buffers->local[nodes[i]];
         for (size_t c = 0; c < (size_t)work->num_corners; c++) {
             if (!counts(shape, columns, c)) continue;
             macros->entry_corner[cube][at] = (uint16_t)c;
@@ -318,24 +319,24 @@ static pliant_status keep_root(const lod_builder *lod, int32_t cube, cube_work *
     return PLIANT_OK;
 }
 
-pliant_status lod_macro(lod_builder *lod, lod_room *room, int32_t cube)
+pliant_status lod_macro(lod_builder *lod, lod_buffers *buffers, int32_t cube)
 {
     cube_work work = {0};
     const pliant_macros *macros = lod->system->macros;
     int32_t first = macros->start[cube];
-    pliant_status status = work_create(lod, room, cube, &work);
+    pliant_status status = work_create(lod, buffers, cube, &work);
     if (status == PLIANT_OK && work.num_corners > 0) {
         for (int32_t c = 0; c < work.num_corners; c++)
-            room->slot[2 * macros->node[first + c] + macros->held[first + c]] = c;
-        fill_shape(lod, room, cube, &work);
-        fill_force(lod, room, cube, &work);
+            buffers->slot[2 * macros->node[first + c] + macros->held[first + c]] = c;
+        fill_shape(lod, buffers, cube, &work);
+        fill_force(lod, buffers, cube, &work);
         fill_matrix(lod, cube, &work);
-        if (lod->bulk) add_bulk(lod, room, cube, &work, work.root);
-        leave_corners(room, work.num_corners, macros->node + first, macros->held + first);
+        if (lod->bulk) add_bulk(lod, buffers, cube, &work, work.root);
+        leave_corners(buffers, work.num_corners, macros->node + first, macros->held + first);
         status = keep_root(lod, cube, &work);
     }
-    if (status == PLIANT_OK) status = keep_shape(lod, room, cube, &work);
-    for (int32_t i = 0; i < work.num_nodes; i++) room->local[work.node[i]] = -1;
+    if (status == PLIANT_OK) status = keep_shape(lod, buffers, cube, &work);
+    for (int32_t i = 0; i < work.num_nodes; i++) buffers->local[work.node[i]] = -1;
     work_free(&work);
     return status;
 }

@@ -11,7 +11,7 @@ extern "C" {
 /* Create system->macros with corners, frames, and the fine nodes that follow each. Errors: MEMORY. */
 pliant_status lod_macros_create(lod_builder *lod);
 /* Compute the matrix of a cube and the shape functions of its fine nodes. Errors: MEMORY. */
-pliant_status lod_macro(lod_builder *lod, lod_room *room, int32_t cube);
+pliant_status lod_macro(lod_builder *lod, lod_buffers *buffers, int32_t cube);
 
 #ifdef __cplusplus
 }

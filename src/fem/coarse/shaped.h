@@ -15,8 +15,8 @@
 typedef struct pliant_shaped_frame { double rotation[9], centre[3], rest_centre[3]; } pliant_shaped_frame;
 
 /* Compute the frame without its rotation. f: out: F = sum of x_v g_v', from which the caller computes the rotation. */
-PLIANT_INLINE void pliant_shaped_place(const double x[12], const double rest[12], const double gradients[12],
-                                       double f[9], pliant_shaped_frame *out)
+PLIANT_INLINE void pliant_shaped_find_frame(const double x[12], const double rest[12], const double gradients[12],
+                                            double f[9], pliant_shaped_frame *out)
 {
     for (int d = 0; d < 3; d++) out->centre[d] = out->rest_centre[d] = 0;
     for (int m = 0; m < 9; m++) f[m] = 0;

@@ -42,7 +42,7 @@ static void centre_of(const pliant_system *system, int32_t element, double centr
         for (int d = 0; d < 3; d++) centre[d] += system->mesh->rest[3 * node[v] + d] / corners;
 }
 
-static pliant_status make_room(pliant_system *system, int corners, const pliant_shapes *lists, int32_t elements)
+static pliant_status reserve_capacity(pliant_system *system, int corners, const pliant_shapes *lists, int32_t elements)
 {
     const size_t nodes = (size_t)system->fine->num_nodes;
     pliant_upsample *upsample = system->upsample = pliant_calloc(1, sizeof *upsample);
@@ -53,9 +53,9 @@ static pliant_status make_room(pliant_system *system, int corners, const pliant_
     for (size_t n = 0; n < nodes; n++) upsample->start[n + 2] += upsample->start[n + 1];
     const size_t total = (size_t)upsample->start[nodes + 1];
     upsample->entry_element = pliant_calloc(total, sizeof *upsample->entry_element);
-    upsample->entry_share = pliant_calloc(total, sizeof *upsample->entry_share);
+    upsample->entry_weight = pliant_calloc(total, sizeof *upsample->entry_weight);
     upsample->entry_shape = pliant_calloc(total, 9 * (size_t)corners * sizeof *upsample->entry_shape);
-    return upsample->entry_element && upsample->entry_share && upsample->entry_shape ? PLIANT_OK : no_memory();
+    return upsample->entry_element && upsample->entry_weight && upsample->entry_shape ? PLIANT_OK : no_memory();
 }
 
 /* The weights are inverse distances to the centroids. A node may be at a centroid, so the distance is clamped. */
@@ -64,7 +64,7 @@ pliant_status pliant_shapes_sort(pliant_system *system, int corners, const plian
     const pliant_mesh *fine = system->fine;
     const int32_t elements = pliant_element_count(system);
     const size_t each = 9 * (size_t)corners;
-    pliant_status status = make_room(system, corners, lists, elements);
+    pliant_status status = reserve_capacity(system, corners, lists, elements);
     if (status != PLIANT_OK) return status;
     pliant_upsample *upsample = system->upsample;
     const double nearest = 1e-3 * fine->cell_size[0];
@@ -77,14 +77,14 @@ pliant_status pliant_shapes_sort(pliant_system *system, int corners, const plian
             const double *x = fine->rest + 3 * node;
             double apart = hypot(hypot(x[0] - centre[0], x[1] - centre[1]), x[2] - centre[2]);
             upsample->entry_element[at] = c;
-            upsample->entry_share[at] = 1 / fmax(apart, nearest);
+            upsample->entry_weight[at] = 1 / fmax(apart, nearest);
             memcpy(upsample->entry_shape + each * (size_t)at, lists[c].shape + own * (size_t)e, own * sizeof(double));
         }
     }
     for (int32_t n = 0; n < fine->num_nodes; n++) {
         double sum = 0;
-        for (int32_t e = upsample->start[n]; e < upsample->start[n + 1]; e++) sum += upsample->entry_share[e];
-        for (int32_t e = upsample->start[n]; e < upsample->start[n + 1]; e++) upsample->entry_share[e] /= sum;
+        for (int32_t e = upsample->start[n]; e < upsample->start[n + 1]; e++) sum += upsample->entry_weight[e];
+        for (int32_t e = upsample->start[n]; e < upsample->start[n + 1]; e++) upsample->entry_weight[e] /= sum;
     }
     return PLIANT_OK;
 }

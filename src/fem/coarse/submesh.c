@@ -72,18 +72,18 @@ done:
 }
 
 pliant_status pliant_submesh_create(const pliant_mesh *fine, const pliant_mesh *coarse, const uint8_t *fixed,
-                                    const pliant_tet_material *material, int32_t most_tets, pliant_submesh **out)
+                                    const pliant_tet_material *material, int32_t max_tets, pliant_submesh **out)
 {
     pliant_submesh *submesh = pliant_calloc(1, sizeof *submesh);
     if (!submesh) return pliant_fail_memory("a submesh");
-    int32_t most = 4 * most_tets < fine->num_nodes ? 4 * most_tets : fine->num_nodes;
+    int32_t maximum = 4 * max_tets < fine->num_nodes ? 4 * max_tets : fine->num_nodes;
     submesh->fine = fine;
     submesh->coarse = coarse;
     submesh->fixed = fixed;
     submesh->material = material;
-    submesh->node = pliant_calloc((size_t)most, sizeof *submesh->node);
+    submesh->node = pliant_calloc((size_t)maximum, sizeof *submesh->node);
     submesh->local_of = pliant_calloc((size_t)fine->num_nodes, sizeof *submesh->local_of);
-    submesh->slot = pliant_calloc((size_t)most, sizeof *submesh->slot);
+    submesh->slot = pliant_calloc((size_t)maximum, sizeof *submesh->slot);
     if (!submesh->node || !submesh->local_of || !submesh->slot) {
         pliant_submesh_free(submesh);
         return pliant_fail_memory("a submesh");
@@ -105,9 +105,9 @@ void pliant_submesh_free(pliant_submesh *submesh)
     pliant_free(submesh);
 }
 
-static pliant_status make_room(pliant_submesh *submesh)
+static pliant_status reserve_capacity(pliant_submesh *submesh)
 {
-    if (submesh->num_nodes <= submesh->room) return PLIANT_OK;
+    if (submesh->num_nodes <= submesh->capacity) return PLIANT_OK;
     size_t size = 3 * (size_t)submesh->num_nodes;
     pliant_free(submesh->stiffness);
     pliant_free(submesh->work);
@@ -115,26 +115,26 @@ static pliant_status make_room(pliant_submesh *submesh)
     submesh->stiffness = pliant_calloc(size * size, sizeof *submesh->stiffness);
     submesh->work = pliant_calloc(size * PLIANT_SUBMESH_COLUMNS, sizeof *submesh->work);
     submesh->square = pliant_calloc(size * size, sizeof *submesh->square);
-    submesh->room = submesh->stiffness && submesh->work && submesh->square ? submesh->num_nodes : 0;
-    return submesh->room ? PLIANT_OK : pliant_fail_memory("a submesh");
+    submesh->capacity = submesh->stiffness && submesh->work && submesh->square ? submesh->num_nodes : 0;
+    return submesh->capacity ? PLIANT_OK : pliant_fail_memory("a submesh");
 }
 
 const pliant_cube_shape *pliant_submesh_shape(const pliant_submesh *submesh, const pliant_cube *cube,
-                                              pliant_cube_shape *room)
+                                              pliant_cube_shape *capacity)
 {
     const pliant_mesh *fine = submesh->fine;
     int parity = pliant_cell_parity(fine, fine->lattice_of_tet[cube->tet[0]] / 5);
     if (fine->num_moved == 0) return submesh->shapes + parity;
-    pliant_cube_integrate(fine, cube, parity, room);
-    return room;
+    pliant_cube_integrate(fine, cube, parity, capacity);
+    return capacity;
 }
 
 static void assemble_cube(pliant_submesh *submesh, const pliant_cube *cube)
 {
     const size_t size = 3 * (size_t)submesh->num_nodes;
     double k[576];
-    pliant_cube_shape room;
-    const pliant_cube_shape *shape = pliant_submesh_shape(submesh, cube, &room);
+    pliant_cube_shape capacity;
+    const pliant_cube_shape *shape = pliant_submesh_shape(submesh, cube, &capacity);
     double bulk = pliant_cube_deviatoric(shape, cube, submesh->material, k);
     for (int a = 0; a < 24; a++)
         for (int b = 0; b < 24; b++) {
@@ -181,7 +181,7 @@ pliant_status pliant_submesh_load(pliant_submesh *submesh, int32_t num_tets, con
             submesh->local_of[node] = submesh->num_nodes;
             submesh->node[submesh->num_nodes++] = node;
         }
-    pliant_status status = make_room(submesh);
+    pliant_status status = reserve_capacity(submesh);
     if (status == PLIANT_OK) assemble(submesh);
     return status;
 }

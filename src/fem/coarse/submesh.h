@@ -30,7 +30,7 @@ typedef struct pliant_submesh {
     const uint8_t *fixed;                /* (fine nodes) */
     const pliant_tet_material *material; /* (fine tetrahedra) */
     /* Work arrays of one thread, which grow as needed. */
-    int32_t room, num_nodes, num_tets;   /* `room`: capacity of the dense arrays in nodes */
+    int32_t capacity, num_nodes, num_tets;   /* `capacity`: capacity of the dense arrays in nodes */
     int32_t *node;       /* (num_nodes) fine node */
     int32_t *local_of;   /* (fine nodes) or -1 */
     int32_t *slot;       /* (num_nodes) work array for a second numbering */
@@ -42,21 +42,21 @@ typedef struct pliant_submesh {
     /* (2) by parity of the cell. For meshes with moved nodes: memory for one shape, computed for each hexahedron. */
     const pliant_cube_shape *shapes;
     double *stiffness;   /* (3 num_nodes x 3 num_nodes) */
-    double *work;        /* (3 `room` x PLIANT_SUBMESH_COLUMNS) work array */
-    double *square;      /* (3 `room` x 3 `room`) work array */
+    double *work;        /* (3 `capacity` x PLIANT_SUBMESH_COLUMNS) work array */
+    double *square;      /* (3 `capacity` x 3 `capacity`) work array */
 } pliant_submesh;
 
 pliant_status pliant_submesh_create(const pliant_mesh *fine, const pliant_mesh *coarse, const uint8_t *fixed,
-                                    const pliant_tet_material *material, int32_t most_tets, pliant_submesh **out);
+                                    const pliant_tet_material *material, int32_t max_tets, pliant_submesh **out);
 void pliant_submesh_free(pliant_submesh *submesh);
 
 /* Load nodes and stiffness of one coarse tetrahedron's list. Errors: MEMORY. */
 pliant_status pliant_submesh_load(pliant_submesh *submesh, int32_t num_tets, const int32_t *tets);
 /* Return the submesh number of the node at a coarse node; -1 if the submesh has no node there. */
 int32_t pliant_submesh_corner(const pliant_submesh *submesh, int32_t coarse_node);
-/* Return the shape of a hexahedron of the submesh. `room`: memory for a shape of a moved hexahedron. */
+/* Return the shape of a hexahedron of the submesh. `capacity`: memory for a shape of a moved hexahedron. */
 const pliant_cube_shape *pliant_submesh_shape(const pliant_submesh *submesh, const pliant_cube *cube,
-                                              pliant_cube_shape *room);
+                                              pliant_cube_shape *capacity);
 bool pliant_submesh_has_fixed(const pliant_submesh *submesh);
 
 /* ---- Implemented in condense.c. */

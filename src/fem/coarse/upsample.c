@@ -132,7 +132,7 @@ static void frame_of(const pliant_system *system, const double *solved, int32_t 
         pliant_shaped_ground(&out->frame);
         return;
     }
-    pliant_shaped_place(out->x, out->rest, gradients, f, &out->frame);
+    pliant_shaped_find_frame(out->x, out->rest, gradients, f, &out->frame);
     pliant_rotation_signed_svd(f, out->frame.rotation);
 }
 
@@ -140,8 +140,8 @@ static void macro_frame_of(const pliant_system *system, const double *solved, in
 {
     const pliant_macros *macros = system->macros;
     double f[9];
-    pliant_macro_place(macros->own + 8 * (size_t)element, macros->gradient + 24 * (size_t)element, solved,
-                       system->mesh->rest, f, out);
+    pliant_macro_find_frame(macros->own + 8 * (size_t)element, macros->gradient + 24 * (size_t)element, solved,
+                            system->mesh->rest, f, out);
     for (int m = 0; m < 9 && macros->grounded[element]; m++) f[m] = m % 4 == 0;
     pliant_rotation_signed_svd(f, out->rotation);
 }
@@ -222,7 +222,7 @@ void pliant_upsample_positions(const pliant_system *system, const double *solved
             for (int32_t e = upsample->start[n]; e < upsample->start[n + 1]; e++) {
                 double x[3];
                 entry_position(system, solved, e, rest, x);
-                for (int d = 0; d < 3; d++) sum[d] += upsample->entry_share[e] * (x[d] - rest[d]);
+                for (int d = 0; d < 3; d++) sum[d] += upsample->entry_weight[e] * (x[d] - rest[d]);
             }
             for (int d = 0; d < 3; d++) sum[d] += rest[d];
         }
@@ -295,7 +295,7 @@ void pliant_upsample_weights(const pliant_system *system, const double *solved, 
                 entry_rotation(system, solved, e, rotation);
                 for (int32_t c = begin; c < end; c++) {
                     pliant_shaped_weight(rotation, shape, end - begin, c - begin, turned);
-                    add_block(system, pliant_element_nodes(system)[c], weights[h] * upsample->entry_share[e], turned,
+                    add_block(system, pliant_element_nodes(system)[c], weights[h] * upsample->entry_weight[e], turned,
                               dense);
                 }
             }

@@ -27,7 +27,7 @@ typedef struct pliant_cube_bending {
     float edge[3];      /* 1 / h_a [1/m] */
     float bending;      /* 8/3 / 64 */
     float torsion;      /* t 4/3 / 64 */
-    float least;        /* factor of |w_k|^2 / 2, divided by V mu [1/m^2] */
+    float minimum;        /* factor of |w_k|^2 / 2, divided by V mu [1/m^2] */
     float twist;        /* factor of |w|^2 / 2 of the mode xyz [1/m^2] */
 } pliant_cube_bending;
 
@@ -35,7 +35,7 @@ typedef struct pliant_cube_bending {
 #define PLIANT_DEFINE_CUBE_BENDING(real, name) \
     PLIANT_INLINE void name(const pliant_cube_bending *cube, real contraction, const real y[9], real q[9]) \
     { \
-        for (int m = 0; m < 9; m++) q[m] = -(real)cube->least * y[m]; \
+        for (int m = 0; m < 9; m++) q[m] = -(real)cube->minimum * y[m]; \
         PLIANT_UNROLL for (int b = 0; b < 3; b++) \
         { \
             const int a = (b + 1) % 3, k = (b + 2) % 3; \
@@ -85,7 +85,7 @@ PLIANT_INLINE void pliant_cube_bend(const pliant_cube_bending *cube, float finer
         for (int r = 0; r < 3; r++) {
             const float kept = w->across[3 * k + r] + (change ? damped * change->across[3 * k + r] : 0);
             out->across[3 * k + r] =
-                shear * (cube->least * kept + q[3 * k] * f[r] + q[3 * k + 1] * f[3 + r] + q[3 * k + 2] * f[6 + r]);
+                shear * (cube->minimum * kept + q[3 * k] * f[r] + q[3 * k + 1] * f[3 + r] + q[3 * k + 2] * f[6 + r]);
             out->along[3 * k + r] = shear * (0.25f * cube->edge[k] * finer) *
                                     (q[k] * w->across[r] + q[3 + k] * w->across[3 + r] + q[6 + k] * w->across[6 + r]);
         }

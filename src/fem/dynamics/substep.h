@@ -37,10 +37,10 @@ PLIANT_INLINE double pliant_substep_relative(double smallest_load, double residu
  * @param pace  State: sums of stiffness and inertia, k, inertia of the last increment. */
 PLIANT_INLINE double pliant_substep_frequency(double pace[4], double stiffness, double inertia)
 {
-    const double forget = 0.95, most = 1.8 /* of the critical 2 */, shortest = 10;
+    const double forget = 0.95, maximum = 1.8 /* of the critical 2 */, shortest = 10;
     pace[0] = forget * pace[0] + stiffness;
     pace[1] = forget * pace[1] + inertia;
-    const double square = pace[1] > 0 ? pace[0] / pace[1] : 0, seen = sqrt(fmin(fmax(square, 0.0), most * most));
+    const double square = pace[1] > 0 ? pace[0] / pace[1] : 0, seen = sqrt(fmin(fmax(square, 0.0), maximum * maximum));
     pace[2] = pace[2] >= shortest && inertia < pace[3] ? 1 : pace[2] + 1;
     pace[3] = inertia;
     return fmin(seen, 3 / (2 * pace[2] + 1));
@@ -192,20 +192,20 @@ PLIANT_INLINE bool pliant_substep_press(const double normal[3], double friction,
     double into = 0, speed = 0, left = 0, along[3];
     if (gap >= 0) return false;
     for (int k = 0; k < 3; k++) into -= normal[k] * moved[k];
-    const double stop = fmin(fmax(into, 0.0), -gap), most = friction * stop;
+    const double stop = fmin(fmax(into, 0.0), -gap), maximum = friction * stop;
     for (int k = 0; k < 3; k++) {
         along[k] = moved[k] + into * normal[k];
         speed += along[k] * along[k];
     }
     speed = sqrt(speed);
-    const double kept = speed > most ? most / speed : 1;
+    const double kept = speed > maximum ? maximum / speed : 1;
     for (int k = 0; k < 3; k++) {
         push[k] = stop * normal[k] - kept * along[k];
         slip[k] -= kept * along[k];
         left += slip[k] * slip[k];
     }
     left = sqrt(left);
-    const double room = fmax(most - kept * speed, 0.0), back = left > room ? room / left : 1;
+    const double capacity = fmax(maximum - kept * speed, 0.0), back = left > capacity ? capacity / left : 1;
     for (int k = 0; k < 3; k++) {
         shift[k] = (-gap - stop) * normal[k] - back * slip[k];
         slip[k] -= back * slip[k];

@@ -21,7 +21,7 @@
 #include "fem/element/law.h"
 #include "base/lanes.h"
 #include "contact/detect/tissue.h"
-#include "fem/dynamics/touch.h"
+#include "fem/dynamics/substep_contact.h"
 #include "state/data.h"
 #include "topology/body.h"
 
@@ -43,12 +43,12 @@ typedef enum pliant_tled_sum {
 
 /* Duration of sub-steps with one thread and with all threads. On a machine with other load, a barrier waits for threads
  * without a core. Results are the same with both. */
-typedef struct pliant_pace {
+typedef struct pliant_thread_choice {
     double seconds[2];                      /* of a sub-step, in the last burst with one thread [0] and with all [1] */
     int quicker;
     bool trying;                            /* the last burst used the slower alternative */
     int32_t wait, left;                     /* bursts until the next trial of the slower alternative */
-} pliant_pace;
+} pliant_thread_choice;
 
 typedef struct pliant_tled_cubes pliant_tled_cubes;
 
@@ -95,12 +95,12 @@ struct pliant_tled_system {
 };
 
 /* Data of contact/response paper without contact/delay: every sub-step detects overlaps. */
-typedef struct pliant_tled_slowing {
+typedef struct pliant_tled_overlap_damping {
     pliant_tissue *tissue;                  /* Nullable: not used */
     uint8_t *overlaps;                      /* (num_nodes) */
     double *place;                          /* (num_nodes x 3) work array [m] */
     pliant_status status;                   /* status of the detection */
-} pliant_tled_slowing;
+} pliant_tled_overlap_damping;
 
 struct pliant_tled {
     const pliant_tled_system *system;
@@ -113,7 +113,7 @@ struct pliant_tled {
     int32_t made, part;
     /* Sub-steps after this part in which a tool that holds, and has jumped, still reaches its target. */
     int32_t later[PLIANT_MAX_TOOLS];
-    bool firm;                              /* true: a sub-step that is too long fails instead of being halved */
+    bool keeps_substep; /* true: a sub-step that is too long fails instead of being halved */
     /* Number of halvings of the initial sub-step, after elements strained too fast for it. */
     int32_t halvings;
     double time_step;                       /* [s] */
@@ -136,14 +136,14 @@ struct pliant_tled {
     /* Duration of the last sub-step [s]. */
     double passed_step, kept_passed[PLIANT_MAX_TOOLS][3], kept_passed_target[PLIANT_MAX_TOOLS][3];
     double quotient[4];                     /* dynamic relaxation: state of pliant_substep_frequency */
-    pliant_pace pace;                       /* thread count of the bursts */
+    pliant_thread_choice pace;                       /* thread count of the bursts */
     /* Dynamic relaxation: reference load for the residual where there is no load; as PLIANT_SUM_LOAD. */
     double smallest_load;
     pliant_contacts *contacts;              /* Nullable: borrowed, for a frame */
-    pliant_tled_touch *touch;               /* (room_touch) state of these contacts */
-    int32_t room_touch;
-    uint8_t *touched;                       /* Nullable: (num_nodes) nonzero: node of a contact */
-    pliant_tled_slowing slowing;            /* borrowed, for a frame */
+    pliant_tled_contact *contact;               /* (contact_capacity) state of these contacts */
+    int32_t contact_capacity;
+    uint8_t *in_contact;                       /* Nullable: (num_nodes) nonzero: node of a contact */
+    pliant_tled_overlap_damping overlap_damping;            /* borrowed, for a frame */
     double reach;                           /* maximum motion of a held point per sub-step [m] */
 
     /* WORK ARRAYS */
@@ -185,8 +185,8 @@ void pliant_tled_limits(pliant_tled *tled, int32_t steps, double tolerance);
 /* Set the position of a node, at zero velocity. */
 void pliant_tled_place(pliant_tled *tled, int32_t node, const double position[3]);
 /* Allocate own_inverse_mass (may_stop), and fix nodes permanently (stop). Errors: MEMORY. */
-pliant_status pliant_tled_may_stop(pliant_tled *tled);
-void pliant_tled_stop(pliant_tled *tled, int32_t count, const int32_t *nodes);
+pliant_status pliant_tled_allow_stop(pliant_tled *tled);
+void pliant_tled_fix_nodes(pliant_tled *tled, int32_t count, const int32_t *nodes);
 
 /* ---- Implemented in tled_carry.c. */
 /* Copy the state from before a cut: displacements, velocities, relaxed stress, limits. Tools are not copied. */
@@ -210,7 +210,7 @@ void pliant_tled_pressures(pliant_tled *tled);
 
 /* ---- Implemented in tled_step.c. */
 /* Return the number of sub-steps in this part of the frame. */
-static inline int32_t pliant_tled_part_steps(const pliant_tled *tled)
+static inline int32_t pliant_tled_part_substeps(const pliant_tled *tled)
 {
     const int32_t left = tled->substeps - tled->made;
     return tled->part > 0 && tled->part < left ? tled->part : left;
@@ -230,10 +230,10 @@ double pliant_tled_relative(const pliant_tled *tled, double residual, double loa
  * when all nodes reverse direction. With two sub-steps it is the last value, with one sub-step it is unknown (0). */
 double pliant_tled_frame_error(const pliant_tled *tled, double before, double last);
 
-/* Result of a frame's sub-steps. sound: no element strained faster than sound; otherwise the state is unchanged. */
-typedef struct pliant_tled_frame { int32_t steps; double residual, error; bool sound, settled; } pliant_tled_frame;
+/* Result of a frame's sub-steps. is_stable: no element strained faster than sound; otherwise the state is unchanged. */
+typedef struct pliant_tled_frame { int32_t steps; double residual, error; bool is_stable, settled; } pliant_tled_frame;
 /* Runs a frame. Displacements, increments, memory, targets and quotient continue from frame to frame. The tools sum the
- * forces. After an error the state is unchanged. `sound` may be false where nodes only moved faster than sound. */
+ * forces. After an error the state is unchanged. `is_stable` may be false where nodes only moved faster than sound. */
 typedef pliant_status (*pliant_tled_runner)(void *with, pliant_tled *tled, pliant_tool *tools, int num_tools,
                                             pliant_tled_frame *out);
 /* Do the same as pliant_tled_step with another runner than the CPU's. Its errors are returned. */
@@ -248,19 +248,19 @@ pliant_status pliant_tled_step_by(pliant_tled_runner runner, void *with, pliant_
 double pliant_tled_pull(pliant_tled *tled, pliant_tool *tools, int num_tools, double factor, int32_t parts);
 /* Return the displacement of the point that a holds per unit force at b's nodes, divided by the factor of
  * pliant_tled_pull [1/kg]. */
-double pliant_tled_answer(const pliant_tled *tled, const pliant_tool *a, const pliant_tool *b);
+double pliant_tled_tool_compliance(const pliant_tled *tled, const pliant_tool *a, const pliant_tool *b);
 /* Move nodes behind walls back to the walls. */
 void pliant_tled_collide(pliant_tled *tled, double factor, int32_t first, int32_t end);
 
 /* ---- Implemented in tled_contact.c. */
 static inline bool pliant_tled_touches(const pliant_tled *tled) { return tled->contacts && tled->contacts->count > 0; }
-pliant_status pliant_tled_touch_begin(pliant_tled *tled); /* for a frame. Errors: MEMORY */
+pliant_status pliant_tled_contacts_begin(pliant_tled *tled); /* for a frame. Errors: MEMORY */
 /* Apply all contacts after a sub-step and the tools' forces. made: sub-steps of this part of the frame before this one.
  * Return their load, as pliant_tled_pull. */
-double pliant_tled_touch_all(pliant_tled *tled, double factor, int32_t made);
+double pliant_tled_contacts_correct(pliant_tled *tled, double factor, int32_t made);
 /* Write the mean forces to the contact points. */
-void pliant_tled_touch_end(pliant_tled *tled, int32_t steps, pliant_statistics *statistics);
-void pliant_tled_touch_free(pliant_tled *tled);
+void pliant_tled_contacts_end(pliant_tled *tled, int32_t steps, pliant_statistics *statistics);
+void pliant_tled_contacts_free(pliant_tled *tled);
 
 /* Prepare the tools for a frame. A tool that has just grasped starts from the tissue's position. */
 void pliant_tled_interact(pliant_tled *tled, const double gravity[3], pliant_tool *tools, int num_tools);

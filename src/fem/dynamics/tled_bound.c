@@ -12,14 +12,14 @@
 
 double pliant_tled_shortest_edge(const pliant_mesh *mesh, const int32_t *nodes)
 {
-    double least = INFINITY;
+    double minimum = INFINITY;
     for (int a = 0; a < 4; a++)
         for (int b = 0; b < a; b++) {
             double sum = 0;
             for (int d = 0; d < 3; d++) sum += pow(mesh->rest[3 * nodes[a] + d] - mesh->rest[3 * nodes[b] + d], 2);
-            least = fmin(least, sqrt(sum));
+            minimum = fmin(minimum, sqrt(sum));
         }
-    return least;
+    return minimum;
 }
 
 /* Return the stable step. An oscillation of frequency w, with the shear part w_s damped by b w_s^2 times the velocity

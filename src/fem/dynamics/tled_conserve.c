@@ -48,7 +48,7 @@ static void find_centre(const pliant_cut_regions *work, int32_t region, double c
     for (int32_t i = work->node_start[region]; i < work->node_start[region + 1]; i++) {
         const int32_t n = work->node[i];
         double x[3];
-        if (!pliant_cut_moves(tled, n)) continue;
+        if (!pliant_cut_node_is_free(tled, n)) continue;
         arm_of(tled, n, origin, x);
         mass += tled->system->node_mass[n];
         for (int d = 0; d < 3; d++) centre[d] += tled->system->node_mass[n] * x[d];
@@ -64,7 +64,7 @@ static motion find_motion(const pliant_cut_regions *work, int32_t region, const 
     for (int32_t i = work->node_start[region]; i < work->node_start[region + 1]; i++) {
         const int32_t n = work->node[i];
         double r[3], v[3], square = 0, far = 0;
-        if (!pliant_cut_moves(tled, n)) continue;
+        if (!pliant_cut_node_is_free(tled, n)) continue;
         const double m = tled->system->node_mass[n];
         arm_of(tled, n, centre, r);
         for (int d = 0; d < 3; d++) {
@@ -119,17 +119,17 @@ static rigid_motion rigid_of(const motion *of)
 
 /* Replace vectors v by kept v + share (a + w x r). */
 static void change(const pliant_cut_regions *work, int32_t region, double *vector, const rigid_motion *rigid,
-                   double kept, double share)
+                   double kept, double fraction)
 {
     for (int32_t i = work->node_start[region]; i < work->node_start[region + 1]; i++) {
         const int32_t n = work->node[i];
         const double *w = rigid->w;
         double r[3];
-        if (!pliant_cut_moves(work->now.tled, n)) continue;
+        if (!pliant_cut_node_is_free(work->now.tled, n)) continue;
         arm_of(work->now.tled, n, rigid->centre, r);
         for (int d = 0; d < 3; d++) {
             const double at = rigid->a[d] + w[(d + 1) % 3] * r[(d + 2) % 3] - w[(d + 2) % 3] * r[(d + 1) % 3];
-            vector[3 * (size_t)n + d] = kept * vector[3 * (size_t)n + d] + share * at;
+            vector[3 * (size_t)n + d] = kept * vector[3 * (size_t)n + d] + fraction * at;
         }
     }
 }
@@ -231,9 +231,9 @@ static double find_step(const pliant_cut_regions *work, int32_t region)
     double slope = 0;
     for (int32_t i = work->node_start[region]; i < work->node_start[region + 1]; i++) {
         const int32_t n = work->node[i];
-        free = free && pliant_cut_moves(tled, n);
+        free = free && pliant_cut_node_is_free(tled, n);
         for (int d = 0; d < 3; d++)
-            work->step[3 * (size_t)n + d] = work->near[n] && pliant_cut_moves(tled, n)
+            work->step[3 * (size_t)n + d] = work->near[n] && pliant_cut_node_is_free(tled, n)
                                                 ? work->force[3 * (size_t)n + d] / tled->system->node_mass[n]
                                                 : 0;
     }

@@ -1,6 +1,6 @@
 /* Constant data of TLED: gradients, moduli, masses, gather lists, the largest stable time step. */
 #include "base/fail.h"
-#include "base/room.h"
+#include "base/buffer.h"
 #include "base/threads.h"
 #include "fem/dynamics/tled_cubes.h"
 #include "base/memory.h"
@@ -37,9 +37,9 @@ int pliant_tled_walls(const pliant_scene *scene, pliant_wall walls[PLIANT_MAX_WA
 
 static pliant_status set_options(pliant_tled_system *system, const pliant_scene *scene)
 {
-    double shares = 0;
+    double fractions = 0;
     system->law = scene->tled.law;
-    system->num_threads = pliant_threads_of(scene->solver.threads);
+    system->num_threads = pliant_threads_or_cores(scene->solver.threads);
     system->nodal_pressure = scene->tled.nodal_pressure;
     system->quasi_static = scene->tled.quasi_static;
     system->damping = scene->tled.damping;
@@ -50,11 +50,11 @@ static pliant_status set_options(pliant_tled_system *system, const pliant_scene 
             system->prony_share[system->num_prony] = scene->tled.prony_share[d];
             system->prony_time[system->num_prony++] = scene->tled.prony_time[d];
         }
-        shares += scene->tled.prony_share[d];
+        fractions += scene->tled.prony_share[d];
     }
-    if (shares >= 1)
+    if (fractions >= 1)
         return pliant_fail(PLIANT_ERROR_SCENE, "tled/prony_share: the parts that relax add up to %g; less than 1 must",
-                           shares);
+                           fractions);
     if (system->nodal_pressure && system->law == PLIANT_LAW_SAINT_VENANT_KIRCHHOFF)
         return pliant_fail(PLIANT_ERROR_SCENE,
                            "tled/nodal_pressure: saint_venant_kirchhoff has no separate pressure; take another law");
@@ -235,10 +235,10 @@ static pliant_status allocate_state(pliant_tled *tled)
 {
     const pliant_tled_system *system = tled->system;
     size_t nodes = (size_t)system->mesh->num_nodes, blocks = (size_t)pliant_tled_blocks(system);
-    tled->u = pliant_pages(nodes, 3 * sizeof *tled->u);
-    tled->d = pliant_pages(nodes, 3 * sizeof *tled->d);
-    tled->kept_u = pliant_pages(nodes, 3 * sizeof *tled->kept_u);
-    tled->kept_d = pliant_pages(nodes, 3 * sizeof *tled->kept_d);
+    tled->u = pliant_calloc_pages(nodes, 3 * sizeof *tled->u);
+    tled->d = pliant_calloc_pages(nodes, 3 * sizeof *tled->d);
+    tled->kept_u = pliant_calloc_pages(nodes, 3 * sizeof *tled->kept_u);
+    tled->kept_d = pliant_calloc_pages(nodes, 3 * sizeof *tled->kept_d);
     tled->acceleration = pliant_calloc(nodes, 3 * sizeof *tled->acceleration);
     tled->forces = pliant_calloc(pliant_tled_force_count(system), sizeof *tled->forces);
     tled->sums = pliant_calloc((nodes + PLIANT_CHUNK - 1) / PLIANT_CHUNK, sizeof *tled->sums);
@@ -247,8 +247,8 @@ static pliant_status allocate_state(pliant_tled *tled)
                 tled->sums && tled->limit;
     if (good && system->quasi_static) good = (tled->own = pliant_calloc(nodes, 3 * sizeof *tled->own)) != NULL;
     if (good && system->num_prony > 0) {
-        tled->memory = pliant_pages(blocks, sizeof *tled->memory);
-        tled->kept_memory = pliant_pages(blocks, sizeof *tled->kept_memory);
+        tled->memory = pliant_calloc_pages(blocks, sizeof *tled->memory);
+        tled->kept_memory = pliant_calloc_pages(blocks, sizeof *tled->kept_memory);
         good = tled->memory && tled->kept_memory;
     }
     if (good && system->nodal_pressure) {
@@ -285,13 +285,13 @@ static void set_smallest_load(pliant_tled *tled)
 
 pliant_status pliant_tled_create(const pliant_scene *scene, const pliant_tled_system *system, pliant_tled **out)
 {
-    const double most = 1e5;
+    const double maximum = 1e5;
     pliant_tled *tled = pliant_calloc(1, sizeof *tled);
     if (!tled) return pliant_fail_memory("the state of the dynamics");
     tled->system = system;
     tled->inverse_mass = system->inverse_mass;
     tled->frame = scene->solver.step;
-    tled->pace = (pliant_pace){.quicker = 1, .wait = 32};
+    tled->pace = (pliant_thread_choice){.quicker = 1, .wait = 32};
     tled->relaxation_steps = scene->tled.relaxation_steps;
     tled->tolerance = scene->solver.tolerance;
     pliant_status status = PLIANT_OK;
@@ -299,12 +299,12 @@ pliant_status pliant_tled_create(const pliant_scene *scene, const pliant_tled_sy
     if (system->quasi_static) {
         tled->substeps = tled->relaxation_steps;
         tled->time_step = 1;
-    } else if (!(count <= most)) {
+    } else if (!(count <= maximum)) {
         status = pliant_fail(
             PLIANT_ERROR_SCENE,
             "tled: the stiffest or lightest element allows sub-steps of %.3g s. So solver/step (%g s) needs %.3g "
             "sub-steps, more than %.0f. Fix bone, use a coarser mesh, or set tled/quasi_static",
-            fmin(system->edge_bound, system->eigenvalue_bound), tled->frame, count, most);
+            fmin(system->edge_bound, system->eigenvalue_bound), tled->frame, count, maximum);
     } else {
         tled->substeps = (int32_t)fmax(count, 1);
         tled->time_step = tled->frame / tled->substeps;
@@ -360,7 +360,7 @@ void pliant_tled_place(pliant_tled *tled, int32_t node, const double position[3]
     }
 }
 
-pliant_status pliant_tled_may_stop(pliant_tled *tled)
+pliant_status pliant_tled_allow_stop(pliant_tled *tled)
 {
     const size_t bytes = (size_t)tled->system->mesh->num_nodes * sizeof *tled->own_inverse_mass;
     if (!(tled->own_inverse_mass = pliant_calloc(1, bytes))) return pliant_fail_memory("the state of the dynamics");
@@ -368,7 +368,7 @@ pliant_status pliant_tled_may_stop(pliant_tled *tled)
     return PLIANT_OK;
 }
 
-void pliant_tled_stop(pliant_tled *tled, int32_t count, const int32_t *nodes)
+void pliant_tled_fix_nodes(pliant_tled *tled, int32_t count, const int32_t *nodes)
 {
     for (int32_t i = 0; i < count; i++) {
         tled->own_inverse_mass[nodes[i]] = 0;
@@ -389,6 +389,6 @@ void pliant_tled_free(pliant_tled *tled)
                       tled->limit,    tled->acceleration,
                       tled->own,      tled->own_inverse_mass};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
-    pliant_tled_touch_free(tled);
+    pliant_tled_contacts_free(tled);
     pliant_free(tled);
 }

@@ -51,7 +51,7 @@ static void fill_bending(const pliant_mesh *mesh, double prony, pliant_cube_bend
     }
     out->bending = (float)(left * 8 / 3);
     out->torsion = (float)(left * square_bar * 4 / 3);
-    out->least = (float)(left * fmin(torsion[0], fmin(torsion[1], torsion[2])));
+    out->minimum = (float)(left * fmin(torsion[0], fmin(torsion[1], torsion[2])));
     out->twist = (float)(left * twist_of(mesh->cell_size));
 }
 

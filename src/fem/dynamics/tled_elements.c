@@ -33,11 +33,12 @@ PLIANT_INLINE void relax_block(const pliant_tled_system *system, float dt, float
         for (int m = 0; m < 6; m++) stress[m][l] = s[m];
     }
     for (int term = 0; term < system->num_prony; term++) {
-        float part = pliant_prony_part(dt, (float)system->prony_time[term]), share = (float)system->prony_share[term];
+        float part = pliant_prony_relaxed_fraction(dt, (float)system->prony_time[term]),
+              fraction = (float)system->prony_share[term];
         for (int m = 0; m < 6; m++)
             for (int l = 0; l < LANES; l++) {
                 float *y = &memory[6 * term + m][l];
-                *y += part * (share * stress[m][l] - *y);
+                *y += part * (fraction * stress[m][l] - *y);
                 relaxed[m][l] += *y;
             }
     }

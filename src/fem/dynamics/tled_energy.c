@@ -58,7 +58,7 @@ static double bending_energy(const pliant_tled_cubes *cubes, int32_t index, doub
         energy += 0.5 * force[7][r] * w[7][r];
         for (int k = 0; k < 3; k++) {
             const int mode = 7 ^ 1 << k;
-            force[mode][r] = (double)bending->least * w[mode][r];
+            force[mode][r] = (double)bending->minimum * w[mode][r];
             energy += 0.5 * force[mode][r] * w[mode][r];
             for (int a = 0; a < 3; a++) force[mode][r] += q[3 * k + a] * f[3 * a + r];
             force[1 << k][r] = 0;

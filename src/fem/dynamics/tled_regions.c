@@ -108,7 +108,7 @@ static void join_free(pliant_cut_regions *work, uint8_t *held)
     const int32_t nodes = work->now.tled->system->mesh->num_nodes;
     for (int32_t n = 0; n < nodes; n++) {
         work->component[n] = first_of(work->component, n);
-        if (!pliant_cut_moves(work->now.tled, n)) held[work->component[n]] |= 1;
+        if (!pliant_cut_node_is_free(work->now.tled, n)) held[work->component[n]] |= 1;
         if (work->near[n]) held[work->component[n]] |= 2;
     }
     for (int32_t n = 0; n < nodes; n++) {

@@ -37,7 +37,7 @@ void pliant_cut_regions_free(pliant_cut_regions *work);
 /* Join all sets of nodes that share an element of the system. part: union-find array; -1: in no set. */
 void pliant_cut_join_elements(int32_t *part, const pliant_tled_system *system);
 
-static inline bool pliant_cut_moves(const pliant_tled *tled, int32_t node)
+static inline bool pliant_cut_node_is_free(const pliant_tled *tled, int32_t node)
 {
     return node < tled->system->mesh->num_nodes && tled->inverse_mass[node] > 0;
 }

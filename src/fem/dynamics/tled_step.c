@@ -7,7 +7,7 @@
 #include <string.h>
 
 enum {
-    MOST_HALVINGS = 3 /* in a frame */,
+    MAX_HALVINGS = 3 /* in a frame */,
     ALL_HALVINGS = 10,
     BURST = 64,
     TRIAL = 8 /* sub-steps by the same number of threads */
@@ -33,10 +33,10 @@ static bool is_held(const pliant_tool *tools, int num_tools, int32_t node)
     return false;
 }
 
-/* Return the error of time integration at a node, or `least` if that is larger or the error is unknown. The
+/* Return the error of time integration at a node, or `minimum` if that is larger or the error is unknown. The
  * acceleration of the sub-step before must still be stored. */
 static double error_at(const pliant_tled *tled, const pliant_tool *tools, int num_tools, int32_t node,
-                       const double acceleration[3], double least)
+                       const double acceleration[3], double minimum)
 {
     const pliant_tled_system *system = tled->system;
     const size_t at = 3 * (size_t)node;
@@ -48,9 +48,9 @@ static double error_at(const pliant_tled *tled, const pliant_tool *tools, int nu
     }
     const double error =
         pliant_substep_error(tled->substeps * tled->time_step, tled->time_step, sqrt(change), sqrt(increment));
-    if (!(error > least) || is_held(tools, num_tools, node) || (pliant_tled_touches(tled) && tled->touched[node]))
-        return least;
-    return pliant_substep_touches(system->walls, system->num_walls, system->mesh->rest + at, tled->u + at) ? least
+    if (!(error > minimum) || is_held(tools, num_tools, node) || (pliant_tled_touches(tled) && tled->in_contact[node]))
+        return minimum;
+    return pliant_substep_touches(system->walls, system->num_walls, system->mesh->rest + at, tled->u + at) ? minimum
                                                                                                            : error;
 }
 
@@ -59,7 +59,7 @@ static double error_at(const pliant_tled *tled, const pliant_tool *tools, int nu
 static void accelerate(pliant_tled *tled, const pliant_tool *tools, int num_tools, int32_t left, int32_t chunk)
 {
     const pliant_tled_system *system = tled->system;
-    const bool told = left <= 2 && !system->quasi_static;
+    const bool reports_error = left <= 2 && !system->quasi_static;
     double load = 0, inertia = 0, stiffness = 0, error = 0;
     for (int32_t n = chunk * PLIANT_CHUNK; n < end_of(tled, chunk); n++) {
         double inverse = tled->inverse_mass[n], sum[3] = {0, 0, 0}, now[3];
@@ -71,7 +71,7 @@ static void accelerate(pliant_tled *tled, const pliant_tool *tools, int num_tool
             sum[2] += force[2 * LANES];
         }
         for (int k = 0; k < 3; k++) now[k] = inverse * (system->node_mass[n] * tled->gravity[k] - sum[k]);
-        if (told) error = error_at(tled, tools, num_tools, n, now, error);
+        if (reports_error) error = error_at(tled, tools, num_tools, n, now, error);
         for (int k = 0; k < 3; k++) {
             size_t at = 3 * (size_t)n + (size_t)k;
             double weight = system->node_mass[n] * tled->gravity[k], acceleration = now[k];
@@ -86,7 +86,7 @@ static void accelerate(pliant_tled *tled, const pliant_tool *tools, int num_tool
     tled->sums[chunk][PLIANT_SUM_LOAD] = load;
     tled->sums[chunk][PLIANT_SUM_STIFFNESS] = stiffness;
     tled->sums[chunk][PLIANT_SUM_INERTIA] = inertia;
-    if (told) tled->sums[chunk][left == 1 ? PLIANT_SUM_ERROR : PLIANT_SUM_ERROR_BEFORE] = error;
+    if (reports_error) tled->sums[chunk][left == 1 ? PLIANT_SUM_ERROR : PLIANT_SUM_ERROR_BEFORE] = error;
 }
 
 static void advance(pliant_tled *tled, pliant_tled_scheme rule, int32_t chunk)
@@ -195,12 +195,12 @@ static bool any_strains_fast(const pliant_tled *tled, int *shared)
 static pliant_tled_frame run(pliant_tled *tled, pliant_tool *tools, int num_tools, bool held, int32_t first,
                              int32_t end, double *tool_load, int *fast)
 {
-    const int32_t part = pliant_tled_part_steps(tled), frame = tled->substeps - tled->made;
+    const int32_t part = pliant_tled_part_substeps(tled), frame = tled->substeps - tled->made;
     const pliant_tled_system *system = tled->system;
     const int32_t chunks = (system->mesh->num_nodes + PLIANT_CHUNK - 1) / PLIANT_CHUNK;
     const bool still = system->quasi_static, acted = held || pliant_tled_touches(tled);
     pliant_tled_scheme rule = pliant_tled_scheme_of(tled->time_step, system->damping);
-    pliant_tled_frame result = {.sound = true, .steps = first};
+    pliant_tled_frame result = {.is_stable = true, .steps = first};
     double total[PLIANT_NUM_SUMS],
         quotient[4] = {tled->quotient[0], tled->quotient[1], tled->quotient[2], tled->quotient[3]};
     while (result.steps < end && !result.settled) {
@@ -223,7 +223,8 @@ static pliant_tled_frame run(pliant_tled *tled, pliant_tool *tools, int num_tool
             {
                 *tool_load =
                     held ? pliant_tled_pull(tled, tools, num_tools, rule.factor, still ? 1 : part - result.steps) : 0;
-                if (pliant_tled_touches(tled)) *tool_load += pliant_tled_touch_all(tled, rule.factor, result.steps);
+                if (pliant_tled_touches(tled))
+                    *tool_load += pliant_tled_contacts_correct(tled, rule.factor, result.steps);
             }
 #pragma omp for schedule(static)
             for (int32_t chunk = 0; chunk < chunks; chunk++) settle(tled, rule, chunk);
@@ -233,8 +234,9 @@ static pliant_tled_frame run(pliant_tled *tled, pliant_tool *tools, int num_tool
         result.residual = pliant_tled_relative(tled, total[PLIANT_SUM_RESIDUAL], total[PLIANT_SUM_LOAD] + *tool_load);
         if (!still)
             result.error = pliant_tled_frame_error(tled, total[PLIANT_SUM_ERROR_BEFORE], total[PLIANT_SUM_ERROR]);
-        result.sound = total[PLIANT_SUM_LARGEST] <= (still ? INFINITY : 1) || (!still && !any_strains_fast(tled, fast));
-        if (!result.sound) break;
+        result.is_stable =
+            total[PLIANT_SUM_LARGEST] <= (still ? INFINITY : 1) || (!still && !any_strains_fast(tled, fast));
+        if (!result.is_stable) break;
         result.settled = still && result.residual <= tled->tolerance;
     }
 #pragma omp barrier /* until all threads have read the quotient of the last frame */
@@ -272,7 +274,7 @@ void pliant_tled_set_positions(pliant_tled *tled, const double *positions)
 static int choose_pace(pliant_tled *tled)
 {
     const int32_t shortest = 32, longest = 512;
-    pliant_pace *pace = &tled->pace;
+    pliant_thread_choice *pace = &tled->pace;
     if (tled->system->num_threads == 1) return 0;
     if (pace->seconds[1] == 0) return 1;
     if (pace->left > 0) {
@@ -299,15 +301,16 @@ static pliant_status run_frame(void *with, pliant_tled *tled, pliant_tool *tools
     int fast = 0;
     double tool_load = 0;
     for (int t = 0; t < num_tools; t++) held = held || tools[t].holding;
-    pliant_status status = pliant_tled_touch_begin(tled);
+    pliant_status status = pliant_tled_contacts_begin(tled);
     if (status != PLIANT_OK) return status;
     keep(tled, false);
-    const int32_t part = pliant_tled_part_steps(tled);
-    pliant_tled_frame done = {.sound = true};
-    while (tled->slowing.status == PLIANT_OK && done.sound && !done.settled && done.steps < part) {
+    const int32_t part = pliant_tled_part_substeps(tled);
+    pliant_tled_frame done = {.is_stable = true};
+    while (tled->overlap_damping.status == PLIANT_OK && done.is_stable && !done.settled && done.steps < part) {
         const int all = choose_pace(tled);
         const bool trial = tled->pace.trying || tled->pace.seconds[all] == 0;
-        const int32_t first = done.steps, most = trial ? TRIAL : BURST, end = part - first > most ? first + most : part;
+        const int32_t first = done.steps, maximum = trial ? TRIAL : BURST,
+                      end = part - first > maximum ? first + maximum : part;
         const double start = pliant_seconds();
 #pragma omp parallel num_threads(all ? tled->system->num_threads : 1)
         {
@@ -318,8 +321,8 @@ static pliant_status run_frame(void *with, pliant_tled *tled, pliant_tool *tools
         tled->pace.seconds[all] = (pliant_seconds() - start) / (done.steps - first);
     }
     *out = done;
-    if (!out->sound || tled->slowing.status != PLIANT_OK) keep(tled, true);
-    return tled->slowing.status;
+    if (!out->is_stable || tled->overlap_damping.status != PLIANT_OK) keep(tled, true);
+    return tled->overlap_damping.status;
 }
 
 static void halve(pliant_tled *tled)
@@ -354,7 +357,7 @@ static void end_part(pliant_tled *tled, const pliant_tled_frame *frame, pliant_t
         for (int k = 0; k < 3; k++)
             tools[t].force[k] =
                 (tools[t].force[k] + tled->made * (tled->made > 0 ? kept[t][k] : 0)) / (tled->made + frame->steps);
-    pliant_tled_touch_end(tled, frame->steps, statistics);
+    pliant_tled_contacts_end(tled, frame->steps, statistics);
     tled->made =
         tled->made + frame->steps < tled->substeps && !tled->system->quasi_static ? tled->made + frame->steps : 0;
 }
@@ -370,20 +373,20 @@ pliant_status pliant_tled_step_by(pliant_tled_runner runner, void *with, pliant_
         pliant_tled_frame frame = {0};
         for (int t = 0; t < num_tools; t++) memset(tools[t].force, 0, sizeof tools[t].force);
         status = runner(with, tled, tools, num_tools, &frame);
-        if (status == PLIANT_OK && !frame.sound && runner != run_frame && !system->quasi_static) {
+        if (status == PLIANT_OK && !frame.is_stable && runner != run_frame && !system->quasi_static) {
             /* Another runner reports every fast node; only the CPU tests the elements. */
             for (int t = 0; t < num_tools; t++) memset(tools[t].force, 0, sizeof tools[t].force);
             status = run_frame(NULL, tled, tools, num_tools, &frame);
         }
         if (status != PLIANT_OK) break;
         statistics->iterations = frame.steps;
-        if (frame.sound) {
+        if (frame.is_stable) {
             end_part(tled, &frame, tools, num_tools, kept_forces, statistics);
             return !system->quasi_static || frame.settled ? PLIANT_OK : PLIANT_NOT_CONVERGED;
         }
         if (system->quasi_static) pliant_tled_stop_motion(tled);
-        if (system->quasi_static || tled->firm ||
-            tled->time_step > fmin(system->edge_bound, system->eigenvalue_bound) || halvings == MOST_HALVINGS ||
+        if (system->quasi_static || tled->keeps_substep ||
+            tled->time_step > fmin(system->edge_bound, system->eigenvalue_bound) || halvings == MAX_HALVINGS ||
             tled->halvings >= ALL_HALVINGS) {
             status = diverged(tled, frame.steps);
         } else {

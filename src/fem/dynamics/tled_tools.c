@@ -60,7 +60,7 @@ static double load_of(const pliant_tled *tled, const pliant_tool *tool, const do
     return sum * (force[0] * force[0] + force[1] * force[1] + force[2] * force[2]);
 }
 
-double pliant_tled_answer(const pliant_tled *tled, const pliant_tool *a, const pliant_tool *b)
+double pliant_tled_tool_compliance(const pliant_tled *tled, const pliant_tool *a, const pliant_tool *b)
 {
     double sum = 0;
     for (int32_t i = 0, j = 0; i < a->num_held && j < b->num_held;) {
@@ -108,8 +108,8 @@ static double set_gap(pliant_tled *tled, const pliant_tool *tool, int index, int
 }
 
 /* Give each member its part of the force. */
-static void tell_force(const pliant_tled *tled, pliant_tool *tools, const int *pull_of, int num_tools, int pulled,
-                       int members, const double force[3])
+static void report_force(const pliant_tled *tled, pliant_tool *tools, const int *pull_of, int num_tools, int pulled,
+                         int members, const double force[3])
 {
     const double part[3] = {force[0] / members, force[1] / members, force[2] / members};
     for (int t = 0; t < num_tools; t++)
@@ -135,13 +135,13 @@ double pliant_tled_pull(pliant_tled *tled, pliant_tool *tools, int num_tools, do
             continue;
         }
         for (int p = 0; p < count && pull_of[t] < 0; p++)
-            if (pliant_hold_one_point(tled->system->mesh, pulls[p].tool, tool)) pull_of[t] = p;
+            if (pliant_holds_coincide(tled->system->mesh, pulls[p].tool, tool)) pull_of[t] = p;
         if (pull_of[t] < 0) pulls[pull_of[t] = count++] = (pull){.tool = tool, .index = t};
         pulls[pull_of[t]].members++;
     }
     for (int i = 0; i < count; i++) {
         const pliant_tool *tool = pulls[i].tool;
-        for (int j = 0; j <= i; j++) matrix[i][j] = factor * pliant_tled_answer(tled, tool, pulls[j].tool);
+        for (int j = 0; j <= i; j++) matrix[i][j] = factor * pliant_tled_tool_compliance(tled, tool, pulls[j].tool);
         const double answer = matrix[i][i];
         memset(force[i], 0, sizeof force[i]);
         for (int t = 0; t < num_tools; t++) {
@@ -157,7 +157,7 @@ double pliant_tled_pull(pliant_tled *tled, pliant_tool *tools, int num_tools, do
     for (int i = 0; i < count; i++) {
         push(tled, pulls[i].tool, force[i], factor);
         load += load_of(tled, pulls[i].tool, force[i]);
-        tell_force(tled, tools, pull_of, num_tools, i, pulls[i].members, force[i]);
+        report_force(tled, tools, pull_of, num_tools, i, pulls[i].members, force[i]);
     }
     return load;
 }

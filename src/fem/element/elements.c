@@ -1,5 +1,5 @@
 #include "base/fail.h"
-#include "base/room.h"
+#include "base/buffer.h"
 #include "fem/element/deformation.h"
 #include "fem/element/rotation.h"
 #include "fem/system.h"
@@ -43,23 +43,23 @@ static pliant_status make_next(pliant_system *system, const pliant_tet_material 
     const int32_t tets = system->mesh->num_tets,
                   blocks = before->num_blocks < system->num_blocks ? before->num_blocks : system->num_blocks;
     const size_t count = (size_t)system->num_blocks, same = (size_t)blocks;
-    system->gradients = pliant_next_of(before->gradients, same, count, sizeof *system->gradients);
-    system->lame = pliant_next_of(before->lame, same, count, sizeof *system->lame);
+    system->gradients = pliant_next_version(before->gradients, same, count, sizeof *system->gradients);
+    system->lame = pliant_next_version(before->lame, same, count, sizeof *system->lame);
     /* For homogenized elements it has another meaning. */
     const bool fill_before = before->grounded && !before->stiffness;
     if (fill_before)
-        system->grounded = pliant_next_of(before->grounded, same * LANES, count * LANES, sizeof *system->grounded);
+        system->grounded = pliant_next_version(before->grounded, same * LANES, count * LANES, sizeof *system->grounded);
     if (!system->gradients || !system->lame || (fill_before && !system->grounded))
         return pliant_fail_memory("the elements");
     bool any = false;
-    for (int32_t e = pliant_next_not_kept(kept, tets, 0), last = -1; e < LANES * system->num_blocks;
-         e = e < tets ? pliant_next_not_kept(kept, tets, e + 1) : e + 1) {
+    for (int32_t e = pliant_next_changed(kept, tets, 0), last = -1; e < LANES * system->num_blocks;
+         e = e < tets ? pliant_next_changed(kept, tets, e + 1) : e + 1) {
         if (e / LANES > last) {
             last = e / LANES;
-            pliant_writes(system->gradients, (size_t)last, 1, sizeof *system->gradients);
-            pliant_writes(system->lame, (size_t)last, 1, sizeof *system->lame);
+            pliant_mark_written(system->gradients, (size_t)last, 1, sizeof *system->gradients);
+            pliant_mark_written(system->lame, (size_t)last, 1, sizeof *system->lame);
             if (system->grounded)
-                pliant_writes(system->grounded, (size_t)e / LANES * LANES, LANES, sizeof *system->grounded);
+                pliant_mark_written(system->grounded, (size_t)e / LANES * LANES, LANES, sizeof *system->grounded);
         }
         make_element(system, material, e);
         if (system->grounded) system->grounded[e] = e < tets && fills(material + e);
@@ -68,7 +68,7 @@ static pliant_status make_next(pliant_system *system, const pliant_tet_material 
     return any ? fill(system, material) : PLIANT_OK;
 }
 
-int32_t pliant_next_not_kept(const uint8_t *kept, int32_t count, int32_t from)
+int32_t pliant_next_changed(const uint8_t *kept, int32_t count, int32_t from)
 {
     const uint8_t *found = from < count ? memchr(kept + from, 0, (size_t)(count - from)) : NULL;
     return found ? (int32_t)(found - kept) : count;
@@ -80,8 +80,8 @@ pliant_status pliant_system_elements(pliant_system *system, const pliant_tet_mat
     const pliant_mesh *mesh = system->mesh;
     system->num_blocks = (mesh->num_tets + LANES - 1) / LANES;
     if (kept) return make_next(system, material, before, kept);
-    system->gradients = pliant_room((size_t)system->num_blocks, sizeof *system->gradients);
-    system->lame = pliant_room((size_t)system->num_blocks, sizeof *system->lame);
+    system->gradients = pliant_malloc((size_t)system->num_blocks, sizeof *system->gradients);
+    system->lame = pliant_malloc((size_t)system->num_blocks, sizeof *system->lame);
     if (!system->gradients || !system->lame) return pliant_fail_memory("the elements");
     pliant_status status = fill(system, material);
     if (status != PLIANT_OK) return status;
@@ -181,7 +181,8 @@ void pliant_system_element_forces(const pliant_system *system, const double *pos
  * in addition to the warped stiffness R K R' (twist modes of Smith, de Goes, Kim 2019, Analytic eigensystems, 4.2). */
 static void twist_of(const double f[9], const double r[9], double lambda, double mu, pliant_twist part, double out[6])
 {
-    const double least = 0.2; /* lower bound for eigenvalues of tr(S) I - S, which are sums of two stretches; only flat
+    const double minimum =
+        0.2; /* lower bound for eigenvalues of tr(S) I - S, which are sums of two stretches; only flat
                                * elements are below it */
     double s[9], m[6], values[3], vectors[9], d[6], trace, norm = 0;
     for (int a = 0; a < 3; a++)
@@ -194,7 +195,8 @@ static void twist_of(const double f[9], const double r[9], double lambda, double
                           m[4] * m[5] - m[0] * m[3], m[3] * m[5] - m[1] * m[4], m[3] * m[4] - m[2] * m[5]};
     double determinant = m[0] * cofactor[0] + m[5] * cofactor[5] + m[4] * cofactor[4];
     for (int k = 0; k < 6; k++) norm += (k < 3 ? 1 : 2) * cofactor[k] * cofactor[k];
-    bool regular = trace > 0 && cofactor[0] > 0 && determinant > 0 && norm * least * least < determinant * determinant;
+    bool regular =
+        trace > 0 && cofactor[0] > 0 && determinant > 0 && norm * minimum * minimum < determinant * determinant;
     if (regular && part == PLIANT_TWIST_EXACT) {
         for (int k = 0; k < 6; k++) d[k] = (k < 3 ? 2 * mu : 0) + factor * cofactor[k] / determinant;
     } else {
@@ -202,7 +204,7 @@ static void twist_of(const double f[9], const double r[9], double lambda, double
         pliant_symmetric_eigen(full, values, vectors);
         memset(d, 0, sizeof d);
         for (int k = 0; k < 3; k++) {
-            double c = 2 * mu + factor / fmax(values[k], least);
+            double c = 2 * mu + factor / fmax(values[k], minimum);
             if (part == PLIANT_TWIST_POSITIVE) c = fmax(c, 0);
             const double v[3] = {vectors[k], vectors[3 + k], vectors[6 + k]};
             d[0] += c * v[0] * v[0], d[1] += c * v[1] * v[1], d[2] += c * v[2] * v[2];
@@ -272,7 +274,7 @@ static void free_upsample(pliant_upsample *upsample)
     pliant_free(upsample->weights);
     pliant_free(upsample->start);
     pliant_free(upsample->entry_element);
-    pliant_free(upsample->entry_share);
+    pliant_free(upsample->entry_weight);
     pliant_free(upsample->entry_shape);
     pliant_free(upsample);
 }

@@ -12,7 +12,7 @@
  * Next to a cut, parts of cubes are hexahedra as well, with their part of the material (hexahedra_cells.c). All other
  * fragments stay tetrahedra. */
 #include "base/fail.h"
-#include "base/room.h"
+#include "base/buffer.h"
 #include "fem/element/hexahedra.h"
 #include "base/dense.h"
 #include "fem/system.h"
@@ -196,16 +196,16 @@ void pliant_cube_integrate(const pliant_mesh *mesh, const pliant_cube *cube, int
 void pliant_cube_moduli(const pliant_cube *cube, const double volume[5], const pliant_tet_material *material,
                         double lambda[5], double mu[5])
 {
-    const double least = cube->part ? 0 : filler;
-    double least_mu = 0, least_lambda = 0, whole = 0;
+    const double minimum = cube->part ? 0 : filler;
+    double min_mu = 0, min_lambda = 0, whole = 0;
     for (int slot = 0; slot < 5; slot++) {
         whole += volume[slot];
-        least_mu += least * volume[slot] * material[cube->tet[slot]].mu;
-        least_lambda += least * volume[slot] * material[cube->tet[slot]].lambda;
+        min_mu += minimum * volume[slot] * material[cube->tet[slot]].mu;
+        min_lambda += minimum * volume[slot] * material[cube->tet[slot]].lambda;
     }
     for (int slot = 0; slot < 5; slot++) {
-        mu[slot] = fmax(material[cube->tet[slot]].mu, least_mu / whole);
-        lambda[slot] = fmax(material[cube->tet[slot]].lambda, least_lambda / whole);
+        mu[slot] = fmax(material[cube->tet[slot]].mu, min_mu / whole);
+        lambda[slot] = fmax(material[cube->tet[slot]].lambda, min_lambda / whole);
     }
 }
 
@@ -297,8 +297,8 @@ pliant_status pliant_macros_add_tet(const pliant_mesh *mesh, const pliant_tet_ma
     return pliant_macros_keep(macros, element, 12, k);
 }
 
-static pliant_status take_room(pliant_macros *macros, size_t count, size_t corners,
-                               void *(*take)(size_t count, size_t size))
+static pliant_status take_capacity(pliant_macros *macros, size_t count, size_t corners,
+                                   void *(*take)(size_t count, size_t size))
 {
     bool good =
         (macros->start = take(count + 1, sizeof *macros->start)) &&
@@ -313,12 +313,12 @@ static pliant_status take_room(pliant_macros *macros, size_t count, size_t corne
 
 pliant_status pliant_macros_allocate(pliant_macros *macros, size_t count, size_t corners)
 {
-    return take_room(macros, count, corners, pliant_calloc);
+    return take_capacity(macros, count, corners, pliant_calloc);
 }
 
-pliant_status pliant_macros_room(pliant_macros *macros, size_t count, size_t corners)
+pliant_status pliant_macros_reserve_entries(pliant_macros *macros, size_t count, size_t corners)
 {
-    pliant_status status = take_room(macros, count, corners, pliant_room);
+    pliant_status status = take_capacity(macros, count, corners, pliant_malloc);
     macros->count = 0;
     if (status == PLIANT_OK) macros->start[0] = 0;
     return status;
@@ -362,7 +362,7 @@ static int32_t find_earlier(const earlier_cubes *earlier, int32_t cell, const pl
 void pliant_macros_share_root(const pliant_macros *from, int32_t was, pliant_macros *macros, int32_t element)
 {
     macros->rank[element] = from->rank[was];
-    macros->root[element] = pliant_share(from->root[was]);
+    macros->root[element] = pliant_retain_block(from->root[was]);
 }
 
 static void copy_hexahedron(const pliant_macros *from, int32_t was, const pliant_cube *cube, pliant_macros *macros,

@@ -73,7 +73,7 @@ double pliant_cube_deviatoric(const pliant_cube_shape *shape, const pliant_cube 
 pliant_status pliant_macros_allocate(pliant_macros *macros, size_t count, size_t corners);
 /* Allocate the same without initializing the memory. The count is zero, and a function that adds an element writes all
  * its data. Errors: MEMORY. */
-pliant_status pliant_macros_room(pliant_macros *macros, size_t count, size_t corners);
+pliant_status pliant_macros_reserve_entries(pliant_macros *macros, size_t count, size_t corners);
 /* Return the number of lane blocks that hold the elements' forces (four corners per lane) and rotations (one per
  * lane). */
 int32_t pliant_macros_blocks(size_t count, size_t corners);

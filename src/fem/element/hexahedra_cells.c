@@ -1,7 +1,7 @@
 /* Finds the tetrahedra of a lattice that form hexahedra: the five tetrahedra of a cube that meet at eight nodes, or
  * five fragments next to a cut that do so. */
 #include "base/fail.h"
-#include "base/room.h"
+#include "base/buffer.h"
 #include "fem/element/hexahedra.h"
 #include "base/memory.h"
 
@@ -99,8 +99,8 @@ static bool is_part(const pliant_cell_lists *lists, int32_t cell, int32_t middle
     cube.part = true;
     if (mesh->lattice_of_tet[middle] % 5 != 0 || !add_to_cube(mesh, cell, middle, &cube)) return false;
     for (int32_t t = lists->first[cell]; t >= 0; t = lists->next[t]) {
-        const bool beside = mesh->lattice_of_tet[t] % 5 != 0 && shared_nodes(mesh, middle, t) == 3;
-        fragments += beside && pliant_cube_among(lists, count, t) < 0 && add_to_cube(mesh, cell, t, &cube);
+        const bool adjacent = mesh->lattice_of_tet[t] % 5 != 0 && shared_nodes(mesh, middle, t) == 3;
+        fragments += adjacent && pliant_cube_among(lists, count, t) < 0 && add_to_cube(mesh, cell, t, &cube);
     }
     if (fragments == 5) lists->cube[count] = cube;
     return fragments == 5;
@@ -116,15 +116,15 @@ pliant_status pliant_cell_lists_make(const pliant_mesh *mesh, const int32_t *amo
                                      pliant_cell_lists *out)
 {
     const size_t cells = pliant_count_cells(mesh);
-    int32_t most = 0;
+    int32_t maximum = 0;
     *out = (pliant_cell_lists){.mesh = mesh, .cells = (int32_t)cells};
     out->first = pliant_calloc(cells, sizeof *out->first);
     out->count = pliant_calloc(cells, sizeof *out->count);
-    out->next = pliant_room((size_t)mesh->num_tets, sizeof *out->next);
+    out->next = pliant_malloc((size_t)mesh->num_tets, sizeof *out->next);
     if (!out->first || !out->next || !out->count) return pliant_fail_memory("the hexahedra");
     list_tets(mesh, among, tets, out->cells, out->first, out->next, out->count);
-    for (int32_t cell = 0; cell < out->cells; cell++) most = out->count[cell] > most ? out->count[cell] : most;
-    out->cube = pliant_calloc((size_t)most / 5 + 1, sizeof *out->cube);
+    for (int32_t cell = 0; cell < out->cells; cell++) maximum = out->count[cell] > maximum ? out->count[cell] : maximum;
+    out->cube = pliant_calloc((size_t)maximum / 5 + 1, sizeof *out->cube);
     return out->cube ? PLIANT_OK : pliant_fail_memory("the hexahedra");
 }
 

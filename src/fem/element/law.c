@@ -16,10 +16,10 @@ static void cofactor_of(const double f[9], double c[9])
  * J. */
 static double logarithm(double ratio)
 {
-    const double least = PLIANT_SMALLEST_RATIO;
-    if (ratio > least) return log(ratio);
-    double below = (ratio - least) / least;
-    return log(least) + below - 0.5 * below * below;
+    const double minimum = PLIANT_SMALLEST_RATIO;
+    if (ratio > minimum) return log(ratio);
+    double below = (ratio - minimum) / minimum;
+    return log(minimum) + below - 0.5 * below * below;
 }
 
 static double saint_venant_kirchhoff(double lambda, double mu, const double f[9], double stress[9])

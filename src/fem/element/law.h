@@ -34,9 +34,9 @@ static_assert(
 #define PLIANT_DEFINE_LAW_TERMS(real, name) \
     PLIANT_INLINE real name##_reciprocal(real ratio) \
     { \
-        const real least = (real)PLIANT_SMALLEST_RATIO; \
-        real below = (2 * least - ratio) / (least * least), kept = ratio > least ? ratio : least; \
-        return ratio > least ? 1 / kept : below; \
+        const real minimum = (real)PLIANT_SMALLEST_RATIO; \
+        real below = (2 * minimum - ratio) / (minimum * minimum), kept = ratio > minimum ? ratio : minimum; \
+        return ratio > minimum ? 1 / kept : below; \
     } \
     /* J^(-1/3) by Newton's method from below, starting at the larger tangent of its inverse at 1 and 8 */ \
     PLIANT_INLINE real name##_root(real ratio) \
@@ -49,10 +49,10 @@ static_assert(
     /* J^(-2/3) and its derivative */ \
     PLIANT_INLINE void name##_power(real ratio, real *power, real *slope) \
     { \
-        const real least = (real)PLIANT_SMALLEST_RATIO; \
-        real kept = ratio > least ? ratio : least, root = name##_root(kept); \
+        const real minimum = (real)PLIANT_SMALLEST_RATIO; \
+        real kept = ratio > minimum ? ratio : minimum, root = name##_root(kept); \
         *slope = -(real)(2.0 / 3) * root * root / kept; \
-        *power = root * root + (ratio > least ? 0 : *slope * (ratio - least)); \
+        *power = root * root + (ratio > minimum ? 0 : *slope * (ratio - minimum)); \
     } \
     /* volume term for a modulus of 1 */ \
     PLIANT_INLINE real name##_volume(pliant_law law, real change) \
@@ -63,7 +63,7 @@ static_assert(
     /* trace: I1 - 3; change: J - 1 */ \
     PLIANT_INLINE void name##_terms(pliant_law law, real mu, real trace, real change, real *a, real *shear) \
     { \
-        const real least = (real)PLIANT_SMALLEST_RATIO; \
+        const real minimum = (real)PLIANT_SMALLEST_RATIO; \
         real ratio = 1 + change, inverse = name##_reciprocal(ratio); \
         if (law == PLIANT_LAW_COMPRESSIBLE) { \
             real power, slope; \
@@ -71,10 +71,10 @@ static_assert(
             *a = mu * power; \
             real near = power * (change - trace * (real)(1.0 / 3)) * inverse; \
             real below = power + (real)0.5 * slope * (3 + trace); \
-            *shear = mu * (ratio > least ? near : below); \
+            *shear = mu * (ratio > minimum ? near : below); \
         } else { \
             *a = mu; \
-            *shear = mu * (ratio > least ? change * inverse : 1 - inverse); \
+            *shear = mu * (ratio > minimum ? change * inverse : 1 - inverse); \
         } \
     }
 PLIANT_DEFINE_LAW_TERMS(double, pliant_law_double)

@@ -1,6 +1,6 @@
 /* Macro-elements in a step: forces, rotations, matrix, and upsampling of the fine nodes. */
 #include "base/fail.h"
-#include "base/room.h"
+#include "base/buffer.h"
 #include "fem/element/macro_element.h"
 #include "fem/element/rotation.h"
 #include "fem/system.h"
@@ -27,8 +27,8 @@ static void frames_of(const pliant_system *system, const double *x, int32_t firs
         int32_t cube = first + l;
         double one[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
         if (cube < macros->count)
-            pliant_macro_place(macros->own + 8 * (size_t)cube, macros->gradient + 24 * (size_t)cube, x, rest_of(system),
-                               one, out + l);
+            pliant_macro_find_frame(macros->own + 8 * (size_t)cube, macros->gradient + 24 * (size_t)cube, x,
+                                    rest_of(system), one, out + l);
         for (int m = 0; m < 9; m++) f[m][l] = cube >= macros->count || macros->grounded[cube] ? m % 4 == 0 : one[m];
     }
     rotations_of(f, r);
@@ -184,9 +184,9 @@ pliant_status pliant_macro_number(pliant_system *system)
     const bool known = macros->cube_of_corner != NULL;
     const int threads = system->num_threads < 2 ? system->num_threads : 2;
     system->corner_start = pliant_calloc(nodes + 2, sizeof *system->corner_start);
-    system->corner_end = pliant_room(nodes, sizeof *system->corner_end);
-    system->corner = pliant_room(corners, sizeof *system->corner);
-    if (!known) macros->cube_of_corner = pliant_room(corners, sizeof *macros->cube_of_corner);
+    system->corner_end = pliant_malloc(nodes, sizeof *system->corner_end);
+    system->corner = pliant_malloc(corners, sizeof *system->corner);
+    if (!known) macros->cube_of_corner = pliant_malloc(corners, sizeof *macros->cube_of_corner);
     if (!system->corner_start || !system->corner_end || !system->corner || !macros->cube_of_corner)
         return pliant_fail_memory("the unknowns");
 #pragma omp parallel sections num_threads(threads)

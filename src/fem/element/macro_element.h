@@ -14,8 +14,8 @@ typedef struct pliant_macro_frame { double rotation[9], centre[3], rest_centre[3
  * @param own       (8) nodes of the cube, or -1.
  * @param gradient  (8 x 3) g.
  * @param x, rest   Positions of all nodes. */
-PLIANT_INLINE void pliant_macro_place(const int32_t *own, const double *gradient, const double *x, const double *rest,
-                                      double f[9], pliant_macro_frame *out)
+PLIANT_INLINE void pliant_macro_find_frame(const int32_t *own, const double *gradient, const double *x,
+                                           const double *rest, double f[9], pliant_macro_frame *out)
 {
     int count = 0;
     for (int m = 0; m < 9; m++) f[m] = 0;
@@ -26,8 +26,8 @@ PLIANT_INLINE void pliant_macro_place(const int32_t *own, const double *gradient
             out->centre[r] += x[3 * own[v] + r];
             out->rest_centre[r] += rest[3 * own[v] + r];
         }
-    const double share = 1.0 / count;
-    for (int d = 0; d < 3; d++) out->centre[d] *= share, out->rest_centre[d] *= share;
+    const double fraction = 1.0 / count;
+    for (int d = 0; d < 3; d++) out->centre[d] *= fraction, out->rest_centre[d] *= fraction;
     for (int v = 0; v < 8; v++)
         for (int r = 0; r < 3 && own[v] >= 0; r++)
             for (int c = 0; c < 3; c++) f[3 * r + c] += (x[3 * own[v] + r] - out->centre[r]) * gradient[3 * v + c];

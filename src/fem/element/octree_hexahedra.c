@@ -303,7 +303,7 @@ static void end(leaves *work)
 }
 
 /* Allocate the arrays for `choose`. */
-static pliant_status make_room_for_followers(leaves *work, pliant_upsample *upsample)
+static pliant_status reserve_followers(leaves *work, pliant_upsample *upsample)
 {
     const size_t nodes = (size_t)work->mesh->num_nodes;
     work->upsample = upsample;
@@ -314,14 +314,14 @@ static pliant_status make_room_for_followers(leaves *work, pliant_upsample *upsa
     return good ? PLIANT_OK : pliant_fail_memory("the hexahedra");
 }
 
-static pliant_status make_room(leaves *work)
+static pliant_status reserve_capacity(leaves *work)
 {
     pliant_system *system = work->system;
     bool good = (system->upsample = pliant_calloc(1, sizeof *system->upsample)) &&
                 (work->shape = pliant_calloc(2 * (PLIANT_MAX_DEPTH + 1), sizeof *work->shape)) &&
                 (work->element = pliant_calloc((size_t)work->mesh->num_leaves, sizeof *work->element)) &&
                 (system->macros = pliant_calloc(1, sizeof *system->macros));
-    return good ? make_room_for_followers(work, system->upsample) : pliant_fail_memory("the hexahedra");
+    return good ? reserve_followers(work, system->upsample) : pliant_fail_memory("the hexahedra");
 }
 
 static pliant_status allocate_elements(leaves *work)
@@ -345,7 +345,7 @@ pliant_status pliant_system_octree_hexahedra(pliant_system *system, const pliant
     leaves work = {
         .mesh = system->mesh, .system = system, .earlier = before && kept ? before->macros : NULL, .kept = kept};
     pliant_status status = begin(&work);
-    if (status == PLIANT_OK) status = make_room(&work);
+    if (status == PLIANT_OK) status = reserve_capacity(&work);
     if (status == PLIANT_OK) {
         choose(&work);
         hold_followers(&work, fixed);
@@ -381,7 +381,7 @@ pliant_status pliant_octree_corners_find(const pliant_mesh *mesh, int32_t (**out
     pliant_upsample upsample = {0};
     *out = pliant_calloc((size_t)mesh->num_leaves, sizeof **out);
     pliant_status status = *out ? begin(&work) : pliant_fail_memory("the hexahedra");
-    if (status == PLIANT_OK) status = make_room_for_followers(&work, &upsample);
+    if (status == PLIANT_OK) status = reserve_followers(&work, &upsample);
     if (status == PLIANT_OK) choose(&work);
     for (int32_t leaf = 0; status == PLIANT_OK && leaf < mesh->num_leaves; leaf++)
         for (int v = 0; v < CORNERS; v++) (*out)[leaf][v] = work.whole[leaf] ? work.node[leaf][place_of_corner(v)] : -1;

@@ -86,8 +86,8 @@ static double von_mises(const double stress[6])
  * Here V is the rest volume: the ratio of density to rest density, times the rest volume. */
 static double mass_change(double volume, double ratio)
 {
-    const double least = 1e-3; /* flat and inverted elements have no ratio */
-    return volume / fmax(ratio, least);
+    const double minimum = 1e-3; /* flat and inverted elements have no ratio */
+    return volume / fmax(ratio, minimum);
 }
 
 /* Compute F of the element that contains a tetrahedron, and return its volume. */
@@ -108,7 +108,7 @@ static double element_deformation(const view *look, int32_t tet, double f[9])
 
 /* Minimum fraction of tissue in an element. Below it, the empty part contributes significantly to the element's
  * moduli. */
-static const double least_part = 0.01;
+static const double min_part = 0.01;
 
 /* Compute stress and energy density of the scene's elements. In explicit dynamics the stress is in world axes,
  * otherwise in the element's axes. */
@@ -123,7 +123,7 @@ static double respond(const pliant_scene *scene, const double f[9], const pliant
 /* Return the fraction of the tissue's moduli that an element has: it may hold air, or be a fragment. */
 static double tissue_part(const pliant_tet_material *material)
 {
-    return material->tissue > 0 ? fmax(material->tissue, least_part) : 1;
+    return material->tissue > 0 ? fmax(material->tissue, min_part) : 1;
 }
 
 static_assert(PLIANT_COUNT_OF(PLIANT_SCALAR_LIST) == 7, "a new scalar needs its value in measure()");

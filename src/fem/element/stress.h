@@ -78,7 +78,7 @@ PLIANT_INLINE void pliant_saint_venant_kirchhoff_stress(const float h[9], float 
  * approaches its share of the instantaneous stress:
  *     Y_i+ = (tau_i Y_i + dt share_i S) / (tau_i + dt) = Y_i + part (share_i S - Y_i)
  * The acting stress is S minus the sum of all Y_i. S is the shear part. */
-PLIANT_INLINE float pliant_prony_part(float dt, float tau) { return dt / (tau + dt); }
+PLIANT_INLINE float pliant_prony_relaxed_fraction(float dt, float tau) { return dt / (tau + dt); }
 
 /* Compute S = F^-1 P: xx yy zz xy xz yz. */
 PLIANT_INLINE void pliant_stress_at_rest(const float h[9], const float cofactor[9], const float p[9], float s[6])

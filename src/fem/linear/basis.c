@@ -80,8 +80,8 @@ typedef struct basis_builder {
     const pliant_system *fine;
     pliant_linearized *linearized;
     pliant_basis *basis;
-    int32_t num_footholds;
-    const pliant_foothold *footholds;
+    int32_t num_footprints;
+    const pliant_footprint *footprints;
     int32_t num_near, *near_element; /* elements of the fine system, ascending */
     uint8_t *still;                /* (near nodes) */
     uint8_t *is_own;               /* (near unknowns) */
@@ -90,11 +90,11 @@ typedef struct basis_builder {
     pliant_tangent *tangents;
 } basis_builder;
 
-static bool within(int32_t num_footholds, const pliant_foothold *footholds, const double *rest, double radius)
+static bool within(int32_t num_footprints, const pliant_footprint *footprints, const double *rest, double radius)
 {
-    for (int32_t t = 0; t < num_footholds; t++) {
+    for (int32_t t = 0; t < num_footprints; t++) {
         double squares = 0;
-        for (int d = 0; d < 3; d++) squares += pow(rest[d] - footholds[t].centre[d], 2);
+        for (int d = 0; d < 3; d++) squares += pow(rest[d] - footprints[t].centre[d], 2);
         if (squares <= radius * radius) return true;
     }
     return false;
@@ -117,10 +117,10 @@ static pliant_status near_elements(basis_builder *build, double radius)
         pliant_free(close);
         return pliant_fail_memory("a patch");
     }
-    for (int32_t t = 0; t < build->num_footholds; t++)
-        for (int32_t h = 0; h < build->footholds[t].count; h++) close[build->footholds[t].nodes[h]] = 1;
+    for (int32_t t = 0; t < build->num_footprints; t++)
+        for (int32_t h = 0; h < build->footprints[t].count; h++) close[build->footprints[t].nodes[h]] = 1;
     for (int32_t n = 0; n < mesh->num_nodes; n++)
-        close[n] = close[n] || within(build->num_footholds, build->footholds, mesh->rest + 3 * n, 2 * radius);
+        close[n] = close[n] || within(build->num_footprints, build->footprints, mesh->rest + 3 * n, 2 * radius);
     for (int32_t e = 0; e < pliant_element_count(fine); e++) {
         const int32_t begin = pliant_element_begin(fine, e), end = pliant_element_begin(fine, e + 1);
         bool near = false;
@@ -148,8 +148,8 @@ static pliant_status near_system(basis_builder *build, const uint8_t *fixed)
         build->still[n] = fixed[basis->fine_node[n]];
         memcpy(build->near_x + 3 * n, build->linearized->x + 3 * basis->fine_node[n], 3 * sizeof *build->near_x);
     }
-    pliant_status status =
-        pliant_system_take(build->fine, build->num_near, build->near_element, basis->near_node, &basis->mesh, system);
+    pliant_status status = pliant_system_extract(build->fine, build->num_near, build->near_element, basis->near_node,
+                                                 &basis->mesh, system);
     if (status == PLIANT_OK) status = pliant_system_unknowns(system, build->still);
     if (status == PLIANT_OK) status = pliant_linearized_create(system, build->near_x, &build->near);
     if (status == PLIANT_OK) status = pliant_system_find_mean_diagonal(system, NULL, NULL);
@@ -167,7 +167,7 @@ static pliant_status own_nodes(basis_builder *build, double radius)
     if (!build->is_own || !basis->own) return pliant_fail_memory("a patch");
     for (int32_t f = 0; f < system->num_free; f++) {
         int32_t node = system->node_of_free[f];
-        build->is_own[f] = within(build->num_footholds, build->footholds, basis->mesh.rest + 3 * node, radius);
+        build->is_own[f] = within(build->num_footprints, build->footprints, basis->mesh.rest + 3 * node, radius);
         if (build->is_own[f]) basis->own[basis->num_own++] = f;
         else build->still[node] = 1;
     }
@@ -190,13 +190,13 @@ static pliant_status orthonormal_modes(basis_builder *build, int32_t num_blocks,
     const double dependent = 1e-6;
     pliant_basis *basis = build->basis;
     size_t n = 3 * (size_t)basis->system.num_free, all = 3 * (size_t)build->fine->num_free;
-    size_t most = PLIANT_RESPONSE_MODES * (size_t)num_blocks;
-    basis->modes = pliant_calloc(n * most, sizeof *basis->modes);
-    basis->outer = pliant_calloc(n * most, sizeof *basis->outer);
-    basis->whole = pliant_calloc(all * most, sizeof *basis->whole);
+    size_t maximum = PLIANT_RESPONSE_MODES * (size_t)num_blocks;
+    basis->modes = pliant_calloc(n * maximum, sizeof *basis->modes);
+    basis->outer = pliant_calloc(n * maximum, sizeof *basis->outer);
+    basis->whole = pliant_calloc(all * maximum, sizeof *basis->whole);
     if (!basis->modes || !basis->outer || !basis->whole) return pliant_fail_memory("a patch");
-    for (size_t k = 0; k < most; k++) {
-        pliant_status status = pliant_linearized_go_on(build->linearized);
+    for (size_t k = 0; k < maximum; k++) {
+        pliant_status status = pliant_linearized_check_cancel(build->linearized);
         if (status != PLIANT_OK) return status;
         double *mode = basis->modes + n * (size_t)basis->num_modes,
                *outer = basis->outer + n * (size_t)basis->num_modes;
@@ -239,14 +239,14 @@ static pliant_status far_stiffness(basis_builder *build)
     if (count == 0) return PLIANT_OK;
     basis->far = pliant_calloc(count * count, sizeof *basis->far);
     basis->amplitude = pliant_calloc(count, sizeof *basis->amplitude);
-    double *room = pliant_calloc(all, sizeof *room), *product = pliant_calloc(all, sizeof *product);
+    double *capacity = pliant_calloc(all, sizeof *capacity), *product = pliant_calloc(all, sizeof *product);
     pliant_status status =
-        basis->far && basis->amplitude && room && product ? PLIANT_OK : pliant_fail_memory("a patch");
+        basis->far && basis->amplitude && capacity && product ? PLIANT_OK : pliant_fail_memory("a patch");
     for (size_t l = 0; status == PLIANT_OK && l < count; l++) {
-        if ((status = pliant_linearized_go_on(build->linearized)) != PLIANT_OK) break;
-        pliant_linearized_product(build->linearized, basis->whole + all * l, room, product);
+        if ((status = pliant_linearized_check_cancel(build->linearized)) != PLIANT_OK) break;
+        pliant_linearized_product(build->linearized, basis->whole + all * l, capacity, product);
         for (size_t k = 0; k < count; k++) basis->far[k * count + l] = pliant_dot(all, basis->whole + all * k, product);
-        pliant_linearized_product(&build->near, basis->modes + n * l, room, product);
+        pliant_linearized_product(&build->near, basis->modes + n * l, capacity, product);
         for (size_t k = 0; k < count; k++) basis->far[k * count + l] -= pliant_dot(n, basis->modes + n * k, product);
     }
     for (size_t k = 0; status == PLIANT_OK && k < count; k++)
@@ -254,7 +254,7 @@ static pliant_status far_stiffness(basis_builder *build)
             double mean = 0.5 * (basis->far[k * count + l] + basis->far[l * count + k]);
             basis->far[k * count + l] = basis->far[l * count + k] = mean;
         }
-    pliant_free(room);
+    pliant_free(capacity);
     pliant_free(product);
     return status;
 }
@@ -284,13 +284,16 @@ static void builder_clear(basis_builder *build)
 }
 
 pliant_status pliant_basis_create(const pliant_system *fine, pliant_linearized *linearized, const uint8_t *fixed,
-                                  double radius, int32_t num_footholds, const pliant_foothold *footholds,
+                                  double radius, int32_t num_footprints, const pliant_footprint *footprints,
                                   int32_t num_blocks, const double *const *blocks, int num_threads, pliant_basis **out)
 {
     pliant_basis *basis = pliant_calloc(1, sizeof *basis);
     if (!basis) return pliant_fail_memory("a patch");
-    basis_builder build = {
-        .fine = fine, .linearized = linearized, .basis = basis, .num_footholds = num_footholds, .footholds = footholds};
+    basis_builder build = {.fine = fine,
+                           .linearized = linearized,
+                           .basis = basis,
+                           .num_footprints = num_footprints,
+                           .footprints = footprints};
     pliant_status status = near_elements(&build, radius);
     if (status == PLIANT_OK) status = near_system(&build, fixed);
     if (status == PLIANT_OK) status = own_nodes(&build, radius);
@@ -308,14 +311,14 @@ pliant_status pliant_basis_create(const pliant_system *fine, pliant_linearized *
     return PLIANT_OK;
 }
 
-pliant_basis_size pliant_basis_measure(const pliant_system *fine, double radius, int32_t num_footholds,
-                                       const pliant_foothold *footholds, int32_t num_blocks)
+pliant_basis_size pliant_basis_measure(const pliant_system *fine, double radius, int32_t num_footprints,
+                                       const pliant_footprint *footprints, int32_t num_blocks)
 {
     pliant_basis_size size = {.blocks = num_blocks};
     for (int32_t f = 0; f < fine->num_free; f++) {
         const double *rest = fine->mesh->rest + 3 * fine->node_of_free[f];
-        size.near += within(num_footholds, footholds, rest, 2 * radius);
-        size.own += within(num_footholds, footholds, rest, radius);
+        size.near += within(num_footprints, footprints, rest, 2 * radius);
+        size.own += within(num_footprints, footprints, rest, radius);
     }
     return size;
 }

@@ -53,12 +53,12 @@ typedef struct pliant_reduction {
 } pliant_reduction;
 
 /* The footprint of a tool: the nodes that it holds or presses. */
-typedef struct pliant_foothold {
+typedef struct pliant_footprint {
     int32_t count;
     int32_t *nodes;           /* (count) fine nodes */
     double *weights;          /* (count) sum 1 */
     double centre[3];         /* at rest */
-} pliant_foothold;
+} pliant_footprint;
 
 /* Create a basis around the footprints. Errors: MEMORY, NUMERIC, SCENE (no node around the footprints can move),
  * CANCELLED.
@@ -69,7 +69,7 @@ typedef struct pliant_foothold {
  * @param blocks      (num_blocks) blocks of nine modes (9 x 3 fine free nodes), response.h.
  * @param num_threads Threads of the steps. */
 pliant_status pliant_basis_create(const pliant_system *fine, pliant_linearized *linearized, const uint8_t *fixed,
-                                  double radius, int32_t num_footholds, const pliant_foothold *footholds,
+                                  double radius, int32_t num_footprints, const pliant_footprint *footprints,
                                   int32_t num_blocks, const double *const *blocks, int num_threads, pliant_basis **out);
 void pliant_basis_free(pliant_basis *basis); /* Nullable */
 
@@ -79,8 +79,8 @@ typedef struct pliant_basis_size {
     int32_t own, near;
     int32_t blocks;           /* blocks of nine modes */
 } pliant_basis_size;
-pliant_basis_size pliant_basis_measure(const pliant_system *fine, double radius, int32_t num_footholds,
-                                       const pliant_foothold *footholds, int32_t num_blocks);
+pliant_basis_size pliant_basis_measure(const pliant_system *fine, double radius, int32_t num_footprints,
+                                       const pliant_footprint *footprints, int32_t num_blocks);
 /* Return the floating-point operations of creating a basis with its first reduction, and the bytes of its fields and
  * factors. */
 double pliant_basis_operations(const pliant_system *fine, pliant_basis_size size);

@@ -1,7 +1,7 @@
 #include "fem/linear/carried.h"
 
 #include "base/fail.h"
-#include "base/room.h"
+#include "base/buffer.h"
 #include "base/memory.h"
 #include "state/discretization.h"
 
@@ -74,7 +74,7 @@ pliant_status pliant_carried_layout_create(const pliant_system *system, pliant_c
     const int32_t *cells = system->fine->cells;
     const bool cubes = has_fine_cells(system);
     *out = (pliant_carried_layout){.num_free = system->num_free};
-    out->place = pliant_room((size_t)system->num_free, sizeof *out->place);
+    out->place = pliant_malloc((size_t)system->num_free, sizeof *out->place);
     if (cubes) out->cube = pliant_calloc((size_t)cells[0] * (size_t)cells[1] * (size_t)cells[2], 1);
     if (!out->place || (cubes && !out->cube)) return pliant_fail_memory("the preconditioner");
     for (int32_t f = 0; f < system->num_free; f++) out->place[f] = place_of(system, system->node_of_free[f]);
@@ -143,8 +143,8 @@ static pliant_status open_divided(const pliant_system *system, const uint8_t *cu
     return PLIANT_OK;
 }
 
-pliant_status pliant_carried_opened(const pliant_system *system, const pliant_carried_layout *base,
-                                    const int32_t *source, uint8_t *opened)
+pliant_status pliant_carried_mark_opened(const pliant_system *system, const pliant_carried_layout *base,
+                                         const int32_t *source, uint8_t *opened)
 {
     bool lost = false;
     pliant_status status = open_copies(system->num_free, base->num_free, source, opened, &lost);
@@ -153,15 +153,15 @@ pliant_status pliant_carried_opened(const pliant_system *system, const pliant_ca
     return status;
 }
 
-pliant_status pliant_carried_mend(const pliant_system *system, const double *positions, const double *axes,
-                                  pliant_carried *carried)
+pliant_status pliant_carried_correct(const pliant_system *system, const double *positions, const double *axes,
+                                     pliant_carried *carried)
 {
     if (carried->mended) return PLIANT_OK;
     pliant_carried_layout base;
     uint8_t *opened = pliant_calloc((size_t)carried->num_free, 1);
     pliant_status status = pliant_carried_layout_create(carried->system, &base);
     if (status == PLIANT_OK)
-        status = opened ? pliant_carried_opened(system, &base, carried->source, opened)
+        status = opened ? pliant_carried_mark_opened(system, &base, carried->source, opened)
                         : pliant_fail_memory("the preconditioner");
     if (status == PLIANT_OK)
         status = pliant_subdomain_create(system, opened, PLIANT_CARRIED_RINGS, positions, axes, &carried->near);
@@ -185,14 +185,14 @@ pliant_status pliant_carried_create(const pliant_system *system, const pliant_di
     carried->source = source;
     carried->num_free = system->num_free;
     carried->base_free = of_base->num_free;
-    carried->rest = pliant_room((size_t)carried->num_free, 3 * sizeof *carried->rest); /* written by every solve */
-    carried->all = pliant_room((size_t)carried->num_free, 3 * sizeof *carried->all);
-    carried->right = pliant_room((size_t)carried->base_free, 3 * sizeof *carried->right);
-    carried->left = pliant_room((size_t)carried->base_free, 3 * sizeof *carried->left);
+    carried->rest = pliant_malloc((size_t)carried->num_free, 3 * sizeof *carried->rest); /* written by every solve */
+    carried->all = pliant_malloc((size_t)carried->num_free, 3 * sizeof *carried->all);
+    carried->right = pliant_malloc((size_t)carried->base_free, 3 * sizeof *carried->right);
+    carried->left = pliant_malloc((size_t)carried->base_free, 3 * sizeof *carried->left);
     pliant_status status = PLIANT_OK;
     if (!carried->rest || !carried->all || !carried->right || !carried->left)
         status = pliant_fail_memory("the preconditioner");
-    if (status == PLIANT_OK && positions) status = pliant_carried_mend(system, positions, axes, carried);
+    if (status == PLIANT_OK && positions) status = pliant_carried_correct(system, positions, axes, carried);
     if (status != PLIANT_OK) {
         pliant_carried_free(carried);
         return status;

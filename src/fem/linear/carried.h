@@ -19,7 +19,7 @@ extern "C" {
 enum { PLIANT_CARRIED_RINGS = 1 };
 
 typedef struct pliant_carried {
-    pliant_preconditioner *base;      /* V; NULL until pliant_preconditioner_hand_over */
+    pliant_preconditioner *base;      /* V; NULL until pliant_preconditioner_take_base */
     const pliant_discretization *of;  /* discretization of the base; retained */
     const pliant_system *system;      /* system of the base, part of `of` */
     int32_t num_free, base_free;      /* unknowns after and before the cut */
@@ -46,16 +46,16 @@ void pliant_carried_layout_free(pliant_carried_layout *layout);
  * @param opened  Out: (num_free) nonzero where the source is shared or missing, where another unknown of the base has
  *     gone (after an undone cut), and at corners of hexahedra that were split into parts or tetrahedra, or restored.
  * Errors: MEMORY. */
-pliant_status pliant_carried_opened(const pliant_system *system, const pliant_carried_layout *base,
-                                    const int32_t *source, uint8_t *opened);
+pliant_status pliant_carried_mark_opened(const pliant_system *system, const pliant_carried_layout *base,
+                                         const int32_t *source, uint8_t *opened);
 /* Create a carried preconditioner. It takes ownership of source, also on an error. The base is handed over later.
- * positions: NULL: pliant_carried_mend computes S later. Errors: MEMORY, NUMERIC. */
+ * positions: NULL: pliant_carried_correct computes S later. Errors: MEMORY, NUMERIC. */
 pliant_status pliant_carried_create(const pliant_system *system, const pliant_discretization *of,
                                     const pliant_system *of_base, int32_t *source, const double *positions,
                                     const double *axes, pliant_carried **out);
 /* Compute S around the opened unknowns if it is missing. Call it before the first solve. Errors: MEMORY, NUMERIC. */
-pliant_status pliant_carried_mend(const pliant_system *system, const double *positions, const double *axes,
-                                  pliant_carried *carried);
+pliant_status pliant_carried_correct(const pliant_system *system, const double *positions, const double *axes,
+                                     pliant_carried *carried);
 void pliant_carried_free(pliant_carried *carried); /* Nullable; does not free the base */
 /* Apply M^-1 in two parts. `restrict` computes S right and P' E' right. The owner of the base then sets left = V right.
  * `extend` computes out = all + E P left. Errors: MEMORY. */

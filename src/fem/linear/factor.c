@@ -1,5 +1,5 @@
 #include "base/fail.h"
-#include "fem/linear/halves.h"
+#include "fem/linear/half_solve.h"
 #include "fem/system.h"
 #include "base/memory.h"
 
@@ -325,27 +325,28 @@ void pliant_factor_end_half(pliant_factor *factor, double *out)
     pliant_panels_end_half(&factor->panels, &supernodes, factor->size, out);
 }
 
-pliant_status pliant_factor_half(pliant_factor *factor, int32_t node, pliant_half *out)
+pliant_status pliant_factor_half(pliant_factor *factor, int32_t node, pliant_half_solve *out)
 {
     pliant_supernodes supernodes = supernodes_of(factor);
-    return pliant_half_find(&factor->panels, &supernodes, &factor->reach, node, out);
+    return pliant_half_solve_compute(&factor->panels, &supernodes, &factor->reach, node, out);
 }
 
-void pliant_factor_half_product(const pliant_factor *factor, const pliant_half *a, const pliant_half *b, double out[9])
+void pliant_factor_half_product(const pliant_factor *factor, const pliant_half_solve *a, const pliant_half_solve *b,
+                                double out[9])
 {
-    pliant_half_product(&factor->reach, a, b, out);
+    pliant_half_solve_product(&factor->reach, a, b, out);
 }
 
-void pliant_factor_half_answer(const pliant_factor *factor, const pliant_half *half, double out[3])
-{
-    pliant_supernodes supernodes = supernodes_of(factor);
-    pliant_half_answer(&supernodes, &factor->reach, half, factor->panels.x, out);
-}
-
-void pliant_factor_half_add(pliant_factor *factor, const pliant_half *half, const double force[3])
+void pliant_factor_half_answer(const pliant_factor *factor, const pliant_half_solve *half, double out[3])
 {
     pliant_supernodes supernodes = supernodes_of(factor);
-    pliant_half_add(&supernodes, &factor->reach, half, force, factor->panels.x);
+    pliant_half_solve_displacement(&supernodes, &factor->reach, half, factor->panels.x, out);
+}
+
+void pliant_factor_half_add(pliant_factor *factor, const pliant_half_solve *half, const double force[3])
+{
+    pliant_supernodes supernodes = supernodes_of(factor);
+    pliant_half_solve_add_force(&supernodes, &factor->reach, half, force, factor->panels.x);
 }
 
 double pliant_factor_condition(pliant_factor *factor)

@@ -94,7 +94,7 @@ static void find_holders(const pliant_system *fine, const pliant_grid_level *lev
             const int32_t node = corner_of(fine, e, v);
             /* Next to a cut, an element's corners may belong to an adjacent cube. */
             if (fine->graded &&
-                (level->parent[e] < 0 || !pliant_level_weights(fine, next, node, level->parent[e], weights)))
+                (level->parent[e] < 0 || !pliant_coarse_weights(fine, next, node, level->parent[e], weights)))
                 continue;
             holder[node] = level->parent[e];
         }
@@ -120,7 +120,7 @@ static pliant_status transfer(const pliant_system *fine, pliant_grid_level *leve
     for (size_t f = 0; f < count; f++) {
         int32_t node = fine->node_of_free[f];
         double weights[8];
-        pliant_level_weights(fine, &next->system, node, holder[node], weights);
+        pliant_coarse_weights(fine, &next->system, node, holder[node], weights);
         for (int v = 0; v < level->corners; v++) {
             size_t at = corners * f + (size_t)v;
             level->to[at] = corner_of(&next->system, holder[node], v);

@@ -40,8 +40,8 @@ static inline int32_t pliant_level_elements(const pliant_system *system)
 /* ---- Implemented in interpolation.c. */
 /* Compute the weights of a finer node in a coarse element: out (corners). Return false, with zero weights, if the node
  * is outside of the cube. */
-bool pliant_level_weights(const pliant_system *fine, const pliant_system *coarse, int32_t node, int32_t element,
-                          double *out);
+bool pliant_coarse_weights(const pliant_system *fine, const pliant_system *coarse, int32_t node, int32_t element,
+                           double *out);
 /* Return the cube of the coarser lattice that contains a cell of the finer lattice. */
 int32_t pliant_coarse_cell(const pliant_mesh *fine, const pliant_mesh *coarse, int32_t cell);
 

@@ -12,8 +12,8 @@ int32_t pliant_coarse_cell(const pliant_mesh *fine, const pliant_mesh *coarse, i
     return i / factor + coarse->cells[0] * (j / factor + coarse->cells[1] * (k / factor));
 }
 
-bool pliant_level_weights(const pliant_system *fine, const pliant_system *coarse, int32_t node, int32_t element,
-                          double *out)
+bool pliant_coarse_weights(const pliant_system *fine, const pliant_system *coarse, int32_t node, int32_t element,
+                           double *out)
 {
     const pliant_mesh *mesh = fine->mesh;
     if (!coarse->macros) {

@@ -11,7 +11,7 @@
 /* SMOOTHING_STEPS: Chebyshev steps before and after; test/bench/bench_budget compares them. */
 enum { SMOOTHING_STEPS = 2, POWER_STEPS = 12 };
 /* Maximum number of corners of an element of the finest level, next to a cut (coarse/graded.c). */
-enum { MOST_CORNERS = 64 };
+enum { MAX_CORNERS = 64 };
 /* spectrum_share: fraction of the spectrum that the smoother leaves to coarser levels. */
 static const double spectrum_share = 0.12, spectrum_margin = 1.1;
 
@@ -121,19 +121,19 @@ static void galerkin(const pliant_grid_level *grid, const level_values *fine, co
     memset(out, 0, 144 * sizeof *out);
     for (int32_t c = grid->child_start[tet]; c < grid->child_start[tet + 1]; c++) {
         int32_t child = grid->child[c];
-        double k[144], share[4][4];
+        double k[144], fraction[4][4];
         pliant_system_element(system, tangents, child, k);
         for (int v = 0; v < 4; v++) {
             int32_t node = system->mesh->tets[4 * child + v];
-            memset(share[v], 0, sizeof share[v]);
-            if (system->free_of_node[node] >= 0) pliant_level_weights(system, &grid[1].system, node, tet, share[v]);
+            memset(fraction[v], 0, sizeof fraction[v]);
+            if (system->free_of_node[node] >= 0) pliant_coarse_weights(system, &grid[1].system, node, tet, fraction[v]);
         }
         for (int v = 0; v < 4; v++)
             for (int a = 0; a < 4; a++) {
-                if (share[v][a] == 0) continue;
+                if (fraction[v][a] == 0) continue;
                 for (int u = 0; u < 4; u++)
                     for (int b = 0; b < 4; b++) {
-                        double weight = share[v][a] * share[u][b];
+                        double weight = fraction[v][a] * fraction[u][b];
                         if (weight == 0) continue;
                         for (int r = 0; r < 3; r++)
                             for (int s = 0; s < 3; s++)
@@ -163,11 +163,11 @@ static void galerkin_cube(const pliant_grid_level *grid, const level_values *fin
         const int32_t child = grid->child[c], begin = pliant_element_begin(system, child),
                       count = pliant_element_begin(system, child + 1) - begin;
         const int32_t *node = pliant_element_nodes(system) + begin;
-        double share[MOST_CORNERS][8], k[MOST_CORNERS * 9], half[8 * 9], whole[144];
+        double fraction[MAX_CORNERS][8], k[MAX_CORNERS * 9], half[8 * 9], whole[144];
         for (int v = 0; v < count; v++) {
-            memset(share[v], 0, sizeof share[v]);
+            memset(fraction[v], 0, sizeof fraction[v]);
             if (system->free_of_node[node[v]] >= 0)
-                pliant_level_weights(system, &grid[1].system, node[v], cube, share[v]);
+                pliant_coarse_weights(system, &grid[1].system, node[v], cube, fraction[v]);
         }
         if (!system->macros) pliant_system_element(system, tangents, child, whole);
         for (int v = 0; v < count; v++) {
@@ -176,11 +176,11 @@ static void galerkin_cube(const pliant_grid_level *grid, const level_values *fin
             memset(half, 0, sizeof half);
             for (int u = 0; u < count; u++)
                 for (int b = 0; b < 8; b++)
-                    for (int m = 0; share[u][b] != 0 && m < 9; m++) half[9 * b + m] += share[u][b] * k[9 * u + m];
+                    for (int m = 0; fraction[u][b] != 0 && m < 9; m++) half[9 * b + m] += fraction[u][b] * k[9 * u + m];
             for (int a = 0; a < 8; a++)
-                for (int b = 0; share[v][a] != 0 && b < 8; b++)
+                for (int b = 0; fraction[v][a] != 0 && b < 8; b++)
                     for (int m = 0; m < 9; m++)
-                        out[24 * (3 * a + m % 3) + 3 * b + m / 3] += share[v][a] * half[9 * b + m];
+                        out[24 * (3 * a + m % 3) + 3 * b + m / 3] += fraction[v][a] * half[9 * b + m];
         }
     }
 }
@@ -230,7 +230,7 @@ static void fill_row(const pliant_grid_level *grid, level_values *level, const p
     memset(blocks, 0, 9 * count * sizeof *blocks);
     for (int32_t e = system->corner_start[row]; e < system->corner_end[row]; e++) {
         int32_t corner = system->corner[e], cube = macros->cube_of_corner[corner], begin = macros->start[cube];
-        double k[MOST_CORNERS * 9];
+        double k[MAX_CORNERS * 9];
         pliant_macro_column(system, tangents, corner, k);
         for (int32_t v = 0; v < macros->start[cube + 1] - begin; v++) {
             int32_t column = system->free_of_node[macros->node[begin + v]];

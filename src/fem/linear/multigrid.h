@@ -27,7 +27,7 @@ pliant_status pliant_hierarchy_create(const pliant_system *system, bool fragment
 pliant_hierarchy *pliant_hierarchy_retain(pliant_hierarchy *hierarchy); /* adds a reference, from any thread */
 void pliant_hierarchy_free(pliant_hierarchy *hierarchy); /* removes a reference; Nullable */
 /* Mark unknowns at the position of another unknown: opened (num_free). Errors: MEMORY. */
-pliant_status pliant_hierarchy_opened(const pliant_hierarchy *hierarchy, uint8_t *opened);
+pliant_status pliant_hierarchy_mark_copies(const pliant_hierarchy *hierarchy, uint8_t *opened);
 double pliant_hierarchy_operations(const pliant_hierarchy *hierarchy); /* of a refresh, approximately */
 
 pliant_status pliant_multigrid_create(const pliant_hierarchy *hierarchy, int num_threads, pliant_multigrid **out);

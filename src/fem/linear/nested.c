@@ -120,7 +120,8 @@ static void share_corners(const pliant_system *fine, const pliant_grid_level *le
         for (int32_t c = fine->corner_start[f]; c < fine->corner_end[f]; c++) {
             const int32_t element = level->parent[pliant_element_of_corner(fine, fine->corner[c])];
             double weights[CORNERS];
-            if (element == first || !pliant_level_weights(fine, &next->system, fine->node_of_free[f], element, weights))
+            if (element == first ||
+                !pliant_coarse_weights(fine, &next->system, fine->node_of_free[f], element, weights))
                 continue;
             if (first < 0) first = element;
             for (int v = 0; element != first && v < CORNERS; v++)
@@ -187,7 +188,7 @@ pliant_status pliant_nested_elements(const pliant_system *fine, const int32_t ce
     return status;
 }
 
-pliant_status pliant_hierarchy_opened(const pliant_hierarchy *hierarchy, uint8_t *opened)
+pliant_status pliant_hierarchy_mark_copies(const pliant_hierarchy *hierarchy, uint8_t *opened)
 {
     const pliant_system *system = &hierarchy->level[0].system;
     const pliant_mesh *mesh = system->mesh;

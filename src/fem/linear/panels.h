@@ -54,7 +54,7 @@ void pliant_panels_begin(pliant_panels *panels, const pliant_supernodes *of, pli
 void pliant_panels_end(pliant_panels *panels, const pliant_supernodes *of, pliant_reach *reach, int32_t size,
                        const double *more, double *out);
 /* Solve in two parts for half solves. Between the parts, x holds L^-1 right in elimination order, and callers add to it
- * (halves.h). */
+ * (half_solve.h). */
 void pliant_panels_begin_half(pliant_panels *panels, const pliant_supernodes *of, int32_t size, const double *right);
 void pliant_panels_end_half(pliant_panels *panels, const pliant_supernodes *of, int32_t size, double *out);
 /* Apply L^-1 of one supernode to x, and update the rows below it. */

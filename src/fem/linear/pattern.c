@@ -79,10 +79,10 @@ pliant_status pliant_system_find_pattern(pliant_system *system)
     if (system->pattern.start) return PLIANT_OK;
     if (system->macros) return pliant_macro_find_pattern(system);
     pliant_status status = PLIANT_OK;
-    size_t most = 10 * (size_t)system->mesh->num_tets;
-    if (most > INT32_MAX / 16)
+    size_t maximum = 10 * (size_t)system->mesh->num_tets;
+    if (maximum > INT32_MAX / 16)
         return pliant_fail(PLIANT_ERROR_SCENE, "%d tetrahedra are too many for the matrix", system->mesh->num_tets);
-    pair *pairs = pliant_calloc(most, sizeof *pairs), *sorted = pliant_calloc(most, sizeof *sorted);
+    pair *pairs = pliant_calloc(maximum, sizeof *pairs), *sorted = pliant_calloc(maximum, sizeof *sorted);
     int32_t *start = pliant_calloc((size_t)system->num_free + 1, sizeof *start);
     if (!pairs || !sorted || !start) {
         status = pliant_fail_memory("the pattern of the matrix");

@@ -69,8 +69,8 @@ static pliant_status create_near(pliant_preconditioner *preconditioner)
     if (!has_fragments(system)) return PLIANT_OK;
     int32_t rings = 0;
     uint8_t *opened = pliant_calloc((size_t)system->num_free, 1);
-    pliant_status status =
-        opened ? pliant_hierarchy_opened(preconditioner->hierarchy, opened) : pliant_fail_memory("the preconditioner");
+    pliant_status status = opened ? pliant_hierarchy_mark_copies(preconditioner->hierarchy, opened)
+                                  : pliant_fail_memory("the preconditioner");
     if (status == PLIANT_OK) status = find_rings(system, opened, &rings);
     if (status == PLIANT_OK && rings > 0)
         status = pliant_subdomain_create(system, opened, rings, NULL, NULL, &preconditioner->near);
@@ -81,7 +81,7 @@ static pliant_status create_near(pliant_preconditioner *preconditioner)
     return preconditioner->rest && preconditioner->left ? status : pliant_fail_memory("the preconditioner");
 }
 
-static pliant_status create_layered(pliant_preconditioner *preconditioner)
+static pliant_status create_multigrid(pliant_preconditioner *preconditioner)
 {
     const pliant_system *system = &preconditioner->system;
     pliant_status status = pliant_hierarchy_create(
@@ -104,7 +104,7 @@ pliant_status pliant_preconditioner_create(const pliant_system *system, pliant_p
     pliant_status status = PLIANT_OK;
     int32_t largest = system->macros ? LARGEST_DIRECT_HEXAHEDRA : LARGEST_DIRECT;
     bool layered = choice == PLIANT_MULTIGRID || (choice == PLIANT_PRECONDITIONER_AUTO && system->num_free > largest);
-    if (layered) status = create_layered(preconditioner);
+    if (layered) status = create_multigrid(preconditioner);
     if (status == PLIANT_OK && !preconditioner->hierarchy) status = create_direct(preconditioner, order);
     if (status != PLIANT_OK) {
         pliant_preconditioner_free(preconditioner);
@@ -190,14 +190,14 @@ pliant_status pliant_preconditioner_carry(const pliant_system *system, const pli
     return PLIANT_OK;
 }
 
-pliant_status pliant_preconditioner_mend(pliant_preconditioner *preconditioner, const double *positions,
-                                         const double *axes)
+pliant_status pliant_preconditioner_correct(pliant_preconditioner *preconditioner, const double *positions,
+                                            const double *axes)
 {
     if (!preconditioner->carried) return PLIANT_OK;
-    return pliant_carried_mend(&preconditioner->system, positions, axes, preconditioner->carried);
+    return pliant_carried_correct(&preconditioner->system, positions, axes, preconditioner->carried);
 }
 
-void pliant_preconditioner_hand_over(pliant_preconditioner *carried, pliant_preconditioner **base)
+void pliant_preconditioner_take_base(pliant_preconditioner *carried, pliant_preconditioner **base)
 {
     carried->carried->base = *base;
     *base = NULL;
@@ -215,7 +215,7 @@ const pliant_discretization *pliant_preconditioner_source(const pliant_precondit
     return preconditioner->carried ? preconditioner->carried->of : NULL;
 }
 
-bool pliant_preconditioner_layered(const pliant_preconditioner *preconditioner)
+bool pliant_preconditioner_is_multigrid(const pliant_preconditioner *preconditioner)
 {
     return preconditioner->hierarchy != NULL;
 }
@@ -246,7 +246,7 @@ static pliant_status solve_carried(pliant_carried *carried, const double *right,
 }
 
 /* Apply S + E V E', E = I - S K. */
-static pliant_status solve_layered(pliant_preconditioner *preconditioner, const double *right, double *out)
+static pliant_status solve_multigrid(pliant_preconditioner *preconditioner, const double *right, double *out)
 {
     if (!preconditioner->near) return pliant_multigrid_solve(preconditioner->multigrid, right, out);
     const size_t n = 3 * (size_t)preconditioner->system.num_free;
@@ -271,7 +271,7 @@ pliant_status pliant_preconditioner_solve(pliant_preconditioner *preconditioner,
         pliant_status status = preconditioner->basis
                                    ? pliant_reduction_solve(preconditioner->basis, preconditioner->reduction, from, to)
                                : preconditioner->carried ? solve_carried(preconditioner->carried, from, to)
-                                                         : solve_layered(preconditioner, from, to);
+                                                         : solve_multigrid(preconditioner, from, to);
         if (status != PLIANT_OK) return status;
     }
     return PLIANT_OK;
@@ -279,7 +279,7 @@ pliant_status pliant_preconditioner_solve(pliant_preconditioner *preconditioner,
 
 pliant_factor *pliant_preconditioner_factor(pliant_preconditioner *preconditioner) { return preconditioner->factor; }
 
-bool pliant_preconditioner_refuses(const pliant_preconditioner *preconditioner)
+bool pliant_preconditioner_can_fail(const pliant_preconditioner *preconditioner)
 {
     return !preconditioner->multigrid && !preconditioner->carried;
 }

@@ -9,9 +9,9 @@
 
 static double largest(size_t n, const double *v)
 {
-    double most = 0;
-    for (size_t i = 0; i < n; i++) most = fmax(most, fabs(v[i]));
-    return most;
+    double maximum = 0;
+    for (size_t i = 0; i < n; i++) maximum = fmax(maximum, fabs(v[i]));
+    return maximum;
 }
 
 pliant_status pliant_linearized_create(const pliant_system *system, const double *x, pliant_linearized *out)
@@ -35,7 +35,7 @@ void pliant_linearized_free(pliant_linearized *linearized)
     memset(linearized, 0, sizeof *linearized);
 }
 
-pliant_status pliant_linearized_go_on(const pliant_linearized *linearized)
+pliant_status pliant_linearized_check_cancel(const pliant_linearized *linearized)
 {
     return pliant_report_progress(linearized->progress, 0, "patch") ? PLIANT_OK : PLIANT_ERROR_CANCELLED;
 }
@@ -50,28 +50,28 @@ void pliant_linearized_forces(pliant_linearized *linearized, const double *u, do
     pliant_system_gather(system, linearized->element_forces, out);
 }
 
-/* Return the largest displacement in a difference quotient. share: as a fraction of a cell's shortest edge. */
-static double step_of(const pliant_system *system, double share)
+/* Return the largest displacement in a difference quotient. fraction: as a fraction of a cell's shortest edge. */
+static double step_of(const pliant_system *system, double fraction)
 {
     const double *size = system->mesh->cell_size;
-    return share * fmin(size[0], fmin(size[1], size[2]));
+    return fraction * fmin(size[0], fmin(size[1], size[2]));
 }
 
 /* Use a central difference: its error is of second order, and no matrix is stored. */
-void pliant_linearized_product(pliant_linearized *linearized, const double *v, double *room, double *out)
+void pliant_linearized_product(pliant_linearized *linearized, const double *v, double *buffers, double *out)
 {
     size_t n = 3 * (size_t)linearized->system.num_free;
-    double most = largest(n, v);
-    if (!(most > 0)) {
+    double maximum = largest(n, v);
+    if (!(maximum > 0)) {
         memset(out, 0, n * sizeof *out);
         return;
     }
-    double step = step_of(&linearized->system, 1e-5) / most;
-    for (size_t i = 0; i < n; i++) room[i] = step * v[i];
-    pliant_linearized_forces(linearized, room, out);
-    for (size_t i = 0; i < n; i++) room[i] = -step * v[i];
-    double *minus = room; /* the displacement is read before the forces are written */
-    pliant_linearized_forces(linearized, room, minus);
+    double step = step_of(&linearized->system, 1e-5) / maximum;
+    for (size_t i = 0; i < n; i++) buffers[i] = step * v[i];
+    pliant_linearized_forces(linearized, buffers, out);
+    for (size_t i = 0; i < n; i++) buffers[i] = -step * v[i];
+    double *minus = buffers; /* the displacement is read before the forces are written */
+    pliant_linearized_forces(linearized, buffers, minus);
     for (size_t i = 0; i < n; i++) out[i] = (out[i] - minus[i]) / (2 * step);
 }
 
@@ -83,19 +83,19 @@ static pliant_status solve(pliant_linearized *linearized, pliant_preconditioner 
     enum { MOST = 60 };
     const double tolerance = 1e-4, direct = 1e-6;
     size_t n = 3 * (size_t)linearized->system.num_free;
-    double *r = work, *z = r + n, *p = z + n, *q = p + n, *room = q + n;
+    double *r = work, *z = r + n, *p = z + n, *q = p + n, *buffers = q + n;
     memcpy(r, right, n * sizeof *r);
     memset(v, 0, n * sizeof *v);
     double size = sqrt(pliant_dot(n, r, r)), first = 0, before = 0;
     for (int k = 0; k < MOST && size > 0; k++) {
-        pliant_status status = pliant_linearized_go_on(linearized);
+        pliant_status status = pliant_linearized_check_cancel(linearized);
         if (status == PLIANT_OK) status = pliant_preconditioner_solve(preconditioner, 1, r, z);
         if (status != PLIANT_OK) return status;
         double now = pliant_dot(n, r, z);
         if (k == 0) first = now;
         if (!(now > tolerance * tolerance * first)) break;
         for (size_t i = 0; i < n; i++) p[i] = z[i] + (k > 0 ? now / before * p[i] : 0);
-        pliant_linearized_product(linearized, p, room, q);
+        pliant_linearized_product(linearized, p, buffers, q);
         double curvature = pliant_dot(n, p, q);
         if (!(curvature > 0)) {
             if (k == 0) memcpy(v, z, n * sizeof *v);
@@ -125,34 +125,35 @@ static void second_derivative(pliant_linearized *linearized, const double *a, co
     }
 }
 
-typedef struct solve_room {
+typedef struct solve_buffers {
     double *work, *right; /* (5 x n), (n) */
-} solve_room;
+} solve_buffers;
 
-static pliant_status room_create(size_t n, solve_room *out)
+static pliant_status buffers_create(size_t n, solve_buffers *out)
 {
     out->work = pliant_calloc(n, 5 * sizeof *out->work);
     out->right = pliant_calloc(n, sizeof *out->right);
     return out->work && out->right ? PLIANT_OK : pliant_fail_memory("the response of the fine mesh");
 }
 
-static void room_free(solve_room *room)
+static void buffers_free(solve_buffers *buffers)
 {
-    pliant_free(room->work);
-    pliant_free(room->right);
+    pliant_free(buffers->work);
+    pliant_free(buffers->right);
 }
 
-/* Compute -K^-1 f''(a, b), whose largest displacement is limited to `most`. */
+/* Compute -K^-1 f''(a, b), whose largest displacement is limited to `maximum`. */
 static pliant_status derivative(pliant_linearized *linearized, pliant_preconditioner *preconditioner,
-                                const solve_room *room, const double *a, const double *b, double most, double *out)
+                                const solve_buffers *buffers, const double *a, const double *b, double maximum,
+                                double *out)
 {
     size_t n = 3 * (size_t)linearized->system.num_free;
-    memset(room->right, 0, n * sizeof *room->right);
-    if (most > 0)
-        second_derivative(linearized, a, b, step_of(&linearized->system, 0.01) / most, room->work, room->work + n,
-                          room->right);
-    for (size_t m = 0; m < n; m++) room->right[m] = -room->right[m];
-    return solve(linearized, preconditioner, room->right, room->work, out);
+    memset(buffers->right, 0, n * sizeof *buffers->right);
+    if (maximum > 0)
+        second_derivative(linearized, a, b, step_of(&linearized->system, 0.01) / maximum, buffers->work,
+                          buffers->work + n, buffers->right);
+    for (size_t m = 0; m < n; m++) buffers->right[m] = -buffers->right[m];
+    return solve(linearized, preconditioner, buffers->right, buffers->work, out);
 }
 
 pliant_status pliant_response_modes(pliant_linearized *linearized, pliant_preconditioner *preconditioner, int32_t count,
@@ -160,38 +161,38 @@ pliant_status pliant_response_modes(pliant_linearized *linearized, pliant_precon
 {
     const pliant_system *system = &linearized->system;
     size_t n = 3 * (size_t)system->num_free, next = 3;
-    solve_room room = {0};
-    double most = 0;
-    pliant_status status = room_create(n, &room);
+    solve_buffers buffers = {0};
+    double maximum = 0;
+    pliant_status status = buffers_create(n, &buffers);
     for (int d = 0; d < 3 && status == PLIANT_OK; d++) {
-        memset(room.right, 0, n * sizeof *room.right);
+        memset(buffers.right, 0, n * sizeof *buffers.right);
         for (int32_t h = 0; h < count; h++) {
             int32_t unknown = system->free_of_node[nodes[h]];
-            if (unknown >= 0) room.right[3 * unknown + d] += weights[h];
+            if (unknown >= 0) buffers.right[3 * unknown + d] += weights[h];
         }
-        status = solve(linearized, preconditioner, room.right, room.work, modes + n * (size_t)d);
-        most = fmax(most, largest(n, modes + n * (size_t)d));
+        status = solve(linearized, preconditioner, buffers.right, buffers.work, modes + n * (size_t)d);
+        maximum = fmax(maximum, largest(n, modes + n * (size_t)d));
     }
     for (size_t i = 0; i < 3; i++)
         for (size_t j = i; j < 3 && status == PLIANT_OK; j++)
-            status =
-                derivative(linearized, preconditioner, &room, modes + n * i, modes + n * j, most, modes + n * next++);
-    room_free(&room);
+            status = derivative(linearized, preconditioner, &buffers, modes + n * i, modes + n * j, maximum,
+                                modes + n * next++);
+    buffers_free(&buffers);
     return status;
 }
 
-pliant_status pliant_response_crossed(pliant_linearized *linearized, pliant_preconditioner *preconditioner,
-                                      const double *first, const double *second, double *out)
+pliant_status pliant_response_pair_modes(pliant_linearized *linearized, pliant_preconditioner *preconditioner,
+                                         const double *first, const double *second, double *out)
 {
     size_t n = 3 * (size_t)linearized->system.num_free;
-    solve_room room = {0};
-    double most = fmax(largest(3 * n, first), largest(3 * n, second));
-    pliant_status status = room_create(n, &room);
+    solve_buffers buffers = {0};
+    double maximum = fmax(largest(3 * n, first), largest(3 * n, second));
+    pliant_status status = buffers_create(n, &buffers);
     for (size_t i = 0; i < 3; i++)
         for (size_t j = 0; j < 3 && status == PLIANT_OK; j++)
-            status = derivative(linearized, preconditioner, &room, first + n * i, second + n * j, most,
+            status = derivative(linearized, preconditioner, &buffers, first + n * i, second + n * j, maximum,
                                 out + n * (3 * i + j));
-    room_free(&room);
+    buffers_free(&buffers);
     return status;
 }
 
@@ -209,7 +210,7 @@ double pliant_response_operations(const pliant_system *system, const pliant_prec
     /* Products per solve with the factor at rest, which is exact at rest. The count of a multigrid includes its
      * cycles. */
     const double moved = 1e-4; /* of a cell */
-    bool direct = pliant_preconditioner_refuses(preconditioner), rests = true;
+    bool direct = pliant_preconditioner_can_fail(preconditioner), rests = true;
     for (int32_t v = 0; v < 3 * system->mesh->num_nodes && rests; v++)
         rests = fabs(positions[v] - system->mesh->rest[v]) <= moved * system->mesh->cell_size[0];
     const double usual = !direct ? 8 : rests ? 1 : 5;

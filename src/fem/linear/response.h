@@ -24,11 +24,11 @@ typedef struct pliant_linearized {
 pliant_status pliant_linearized_create(const pliant_system *system, const double *x, pliant_linearized *out);
 void pliant_linearized_free(pliant_linearized *linearized);
 /* Return CANCELLED, without a message, if the callback requests it. */
-pliant_status pliant_linearized_go_on(const pliant_linearized *linearized);
+pliant_status pliant_linearized_check_cancel(const pliant_linearized *linearized);
 /* Compute elastic forces at x + u. u, out: (3 num_free). */
 void pliant_linearized_forces(pliant_linearized *linearized, const double *u, double *out);
-/* Compute K v with the tangent stiffness K at x. `room`: (3 num_free) work array. */
-void pliant_linearized_product(pliant_linearized *linearized, const double *v, double *room, double *out);
+/* Compute K v with the tangent stiffness K at x. `buffers`: (3 num_free) work array. */
+void pliant_linearized_product(pliant_linearized *linearized, const double *v, double *buffers, double *out);
 
 /* Compute the nine response modes of a footprint: z_d = K^-1 W' e_d for the three directions, and -K^-1 f''(z_i, z_j)
  * for i <= j. f'' is the second derivative of the elastic forces (modal derivatives: Barbic and James 2005, 4). The
@@ -42,8 +42,8 @@ pliant_status pliant_response_modes(pliant_linearized *linearized, pliant_precon
 
 /* Compute -K^-1 f''(z_i, z_j), with z_i of one footprint and z_j of another: the interaction of two tools. out: (9 x 3
  * num_free). */
-pliant_status pliant_response_crossed(pliant_linearized *linearized, pliant_preconditioner *preconditioner,
-                                      const double *first, const double *second, double *out);
+pliant_status pliant_response_pair_modes(pliant_linearized *linearized, pliant_preconditioner *preconditioner,
+                                         const double *first, const double *second, double *out);
 
 /* Return floating-point operations: of the elastic forces of the whole mesh, and of nine modes of either kind at these
  * positions (num_nodes x 3). The estimate assumes a typical number of products per solve. */

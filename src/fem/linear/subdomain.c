@@ -1,7 +1,7 @@
 #include "fem/linear/subdomain.h"
 
 #include "base/fail.h"
-#include "base/room.h"
+#include "base/buffer.h"
 #include "base/memory.h"
 
 #include <string.h>
@@ -79,10 +79,10 @@ static pliant_status find_elements(builder *build)
     pliant_subdomain *made = build->made;
     pliant_mesh *mesh = &made->mesh;
     const size_t whole_nodes = (size_t)whole->mesh->num_nodes;
-    size_t corners = 0, most = 0;
+    size_t corners = 0, maximum = 0;
     for (int32_t i = 0; i < build->count; i++)
-        most += (size_t)(whole->corner_end[build->list[i]] - whole->corner_start[build->list[i]]);
-    made->element = pliant_calloc(most, sizeof *made->element);
+        maximum += (size_t)(whole->corner_end[build->list[i]] - whole->corner_start[build->list[i]]);
+    made->element = pliant_calloc(maximum, sizeof *made->element);
     build->node = pliant_calloc(whole_nodes, sizeof *build->node);
     if (!made->element || !build->node) return no_memory();
     memset(build->node, 0xff, whole_nodes * sizeof *build->node);
@@ -128,16 +128,16 @@ static pliant_status factorize(pliant_subdomain *made)
             const int64_t first = 9 * (int64_t)pattern->start[column] - 3 * (int64_t)column;
             const int32_t height = pattern->start[column + 1] - pattern->start[column];
             const int64_t at[3] = {first, first + 3 * height, first + 6 * height - 1};
-            double most = 0;
-            for (int d = 0; d < 3; d++) most = made->values[at[d]] > most ? made->values[at[d]] : most;
-            for (int d = 0; d < 3; d++) made->values[at[d]] += part * most;
+            double maximum = 0;
+            for (int d = 0; d < 3; d++) maximum = made->values[at[d]] > maximum ? made->values[at[d]] : maximum;
+            for (int d = 0; d < 3; d++) made->values[at[d]] += part * maximum;
         }
         status = pliant_factor_numeric(made->factor, made->values);
     }
     return status;
 }
 
-static pliant_status find_room(const builder *build, const double *axes)
+static pliant_status reserve_search(const builder *build, const double *axes)
 {
     pliant_subdomain *made = build->made;
     const pliant_system *system = &made->system;
@@ -147,7 +147,7 @@ static pliant_status find_room(const builder *build, const double *axes)
     made->x = pliant_calloc(nodes, 3 * sizeof *made->x);
     made->y = pliant_calloc(nodes, 3 * sizeof *made->y);
     made->inner = pliant_calloc((size_t)system->num_free, 3 * sizeof *made->inner);
-    if (tets) made->stiffness = pliant_room((size_t)made->num_elements, 144 * sizeof *made->stiffness);
+    if (tets) made->stiffness = pliant_malloc((size_t)made->num_elements, 144 * sizeof *made->stiffness);
     made->values = pliant_calloc((size_t)system->pattern.num_values, sizeof *made->values);
     if (axes) made->axes = pliant_calloc(nodes, 9 * sizeof *made->axes);
     if (!made->tangents || !made->x || !made->y || !made->inner || (tets && !made->stiffness) || !made->values ||
@@ -212,10 +212,10 @@ pliant_status pliant_subdomain_create(const pliant_system *system, const uint8_t
         if (!(build.made = pliant_calloc(1, sizeof *build.made))) status = no_memory();
         if (status == PLIANT_OK) status = find_elements(&build);
         if (status == PLIANT_OK)
-            status = pliant_system_take(system, build.made->num_elements, build.made->element, build.node,
-                                        &build.made->mesh, &build.made->system);
+            status = pliant_system_extract(system, build.made->num_elements, build.made->element, build.node,
+                                           &build.made->mesh, &build.made->system);
         if (status == PLIANT_OK) status = number_inner(&build);
-        if (status == PLIANT_OK) status = find_room(&build, axes);
+        if (status == PLIANT_OK) status = reserve_search(&build, axes);
         if (status == PLIANT_OK && positions) status = find_numbers_at(&build, positions);
     }
     void *blocks[] = {build.inner, build.list, build.is_here, build.node};

@@ -1,6 +1,6 @@
 /* Numbering of free nodes, gather lists of element forces, and contributions to the matrix's diagonal. */
 #include "base/fail.h"
-#include "base/room.h"
+#include "base/buffer.h"
 #include "fem/system.h"
 #include "base/memory.h"
 
@@ -22,9 +22,9 @@ static pliant_status number_free(pliant_system *system, const uint8_t *fixed, co
     const pliant_mesh *mesh = system->mesh;
     const bool same = same_fixed(mesh, fixed, before);
     const size_t nodes = (size_t)mesh->num_nodes, known = same ? (size_t)before->mesh->num_nodes : 0;
-    system->free_of_node = same ? pliant_next_of(before->free_of_node, known, nodes, sizeof *system->free_of_node)
+    system->free_of_node = same ? pliant_next_version(before->free_of_node, known, nodes, sizeof *system->free_of_node)
                                 : pliant_calloc(nodes, sizeof *system->free_of_node);
-    system->node_of_free = same ? pliant_next_of(before->node_of_free, known, nodes, sizeof *system->node_of_free)
+    system->node_of_free = same ? pliant_next_version(before->node_of_free, known, nodes, sizeof *system->node_of_free)
                                 : pliant_calloc(nodes, sizeof *system->node_of_free);
     if (!system->free_of_node || !system->node_of_free) return pliant_fail_memory("the unknowns");
     system->num_free = same ? before->num_free : 0;
@@ -33,9 +33,9 @@ static pliant_status number_free(pliant_system *system, const uint8_t *fixed, co
         if (!fixed[n]) system->node_of_free[system->num_free++] = n;
     }
     if (same) {
-        pliant_writes(system->free_of_node, known, nodes - known, sizeof *system->free_of_node);
-        pliant_writes(system->node_of_free, (size_t)before->num_free, (size_t)(system->num_free - before->num_free),
-                      sizeof *system->node_of_free);
+        pliant_mark_written(system->free_of_node, known, nodes - known, sizeof *system->free_of_node);
+        pliant_mark_written(system->node_of_free, (size_t)before->num_free,
+                            (size_t)(system->num_free - before->num_free), sizeof *system->node_of_free);
     }
     if (system->num_free == 0) return pliant_fail(PLIANT_ERROR_SCENE, "every node is fixed: nothing can move");
     return PLIANT_OK;
@@ -77,7 +77,7 @@ static int by_unknown(const void *a, const void *b)
     return i->corner < j->corner ? -1 : i->corner > j->corner;
 }
 
-bool pliant_numbered_alike(const pliant_system *system, const pliant_system *before)
+bool pliant_has_same_numbers(const pliant_system *system, const pliant_system *before)
 {
     const size_t bytes = (size_t)before->mesh->num_nodes * sizeof *before->free_of_node;
     if (system->num_free < before->num_free || system->mesh->num_nodes < before->mesh->num_nodes) return false;
@@ -98,7 +98,7 @@ typedef struct relist {
 static int32_t count_not_kept(const uint8_t *kept, int32_t tets)
 {
     int32_t count = 0;
-    for (int32_t t = pliant_next_not_kept(kept, tets, 0); t < tets; t = pliant_next_not_kept(kept, tets, t + 1))
+    for (int32_t t = pliant_next_changed(kept, tets, 0); t < tets; t = pliant_next_changed(kept, tets, t + 1))
         count++;
     return count;
 }
@@ -108,8 +108,8 @@ static int32_t list_places(const pliant_system *system, const pliant_system *bef
 {
     const pliant_mesh *mesh = system->mesh;
     int32_t count = 0;
-    for (int32_t t = pliant_next_not_kept(kept, mesh->num_tets, 0); t < mesh->num_tets;
-         t = pliant_next_not_kept(kept, mesh->num_tets, t + 1))
+    for (int32_t t = pliant_next_changed(kept, mesh->num_tets, 0); t < mesh->num_tets;
+         t = pliant_next_changed(kept, mesh->num_tets, t + 1))
         for (int32_t v = 4 * t; v < 4 * t + 4; v++) {
             const int32_t now = system->free_of_node[mesh->tets[v]],
                           was = t < before->mesh->num_tets ? before->free_of_node[before->mesh->tets[v]] : -1;
@@ -177,9 +177,9 @@ static void fill_lists(pliant_system *system, const pliant_system *before, const
         system->corner_start[n] = first;
         system->corner_end[n] = first + list[i].length;
         merge(before, kept, list + i, now, system->corner + first);
-        pliant_writes(system->corner, (size_t)first, (size_t)list[i].length, sizeof *system->corner);
-        pliant_writes(system->corner_start, n, 1, sizeof *system->corner_start);
-        pliant_writes(system->corner_end, n, 1, sizeof *system->corner_end);
+        pliant_mark_written(system->corner, (size_t)first, (size_t)list[i].length, sizeof *system->corner);
+        pliant_mark_written(system->corner_start, n, 1, sizeof *system->corner_start);
+        pliant_mark_written(system->corner_end, n, 1, sizeof *system->corner_end);
     }
 }
 
@@ -188,9 +188,9 @@ static void fill_lists(pliant_system *system, const pliant_system *before, const
 static pliant_status list_corners_next(pliant_system *system, const pliant_system *before, const uint8_t *kept,
                                        bool *done)
 {
-    const size_t anew = 8 * (size_t)count_not_kept(kept, system->mesh->num_tets) + 1;
-    place *now = pliant_calloc(anew, sizeof *now);
-    relist *list = pliant_calloc(anew, sizeof *list);
+    const size_t rebuilt = 8 * (size_t)count_not_kept(kept, system->mesh->num_tets) + 1;
+    place *now = pliant_calloc(rebuilt, sizeof *now);
+    relist *list = pliant_calloc(rebuilt, sizeof *list);
     pliant_status status = now && list ? PLIANT_OK : pliant_fail_memory("the unknowns");
     if (status == PLIANT_OK) {
         int32_t more;
@@ -200,10 +200,10 @@ static pliant_status list_corners_next(pliant_system *system, const pliant_syste
         *done = corners + (size_t)more <= 8 * (size_t)system->mesh->num_tets;
         if (*done) {
             system->num_corners = before->num_corners + more;
-            system->corner_start = pliant_next_of(before->corner_start, was, is, sizeof *system->corner_start);
-            system->corner_end = pliant_next_of(before->corner_end, was, is, sizeof *system->corner_end);
+            system->corner_start = pliant_next_version(before->corner_start, was, is, sizeof *system->corner_start);
+            system->corner_end = pliant_next_version(before->corner_end, was, is, sizeof *system->corner_end);
             system->corner =
-                pliant_next_of(before->corner, corners, (size_t)system->num_corners, sizeof *system->corner);
+                pliant_next_version(before->corner, corners, (size_t)system->num_corners, sizeof *system->corner);
             if (system->corner_start && system->corner_end && system->corner)
                 fill_lists(system, before, kept, now, list, count);
             else status = pliant_fail_memory("the unknowns");
@@ -222,7 +222,7 @@ pliant_status pliant_system_number_next(pliant_system *system, const uint8_t *fi
     if (status != PLIANT_OK) return status;
     bool done = false;
     if (kept && !before->macros && system->mesh->num_tets >= before->mesh->num_tets &&
-        pliant_numbered_alike(system, before))
+        pliant_has_same_numbers(system, before))
         status = list_corners_next(system, before, kept, &done);
     return status == PLIANT_OK && !done ? list_corners(system) : status;
 }
@@ -261,13 +261,13 @@ static bool follow_traces(pliant_system *system, const pliant_system *before, co
     const int32_t tets = system->mesh->num_tets, were = before->mesh->num_tets,
                   same = (tets < were ? tets : were) / LANES;
     if (!(system->trace =
-              pliant_next_of(before->trace, (size_t)same, (size_t)system->num_blocks, sizeof *system->trace)))
+              pliant_next_version(before->trace, (size_t)same, (size_t)system->num_blocks, sizeof *system->trace)))
         return false;
-    for (int32_t t = pliant_next_not_kept(kept, tets, 0); t < LANES * same;) {
+    for (int32_t t = pliant_next_changed(kept, tets, 0); t < LANES * same;) {
         const int32_t block = t / LANES;
         system->trace[block] = trace_of_block(system, block);
-        pliant_writes(system->trace, (size_t)block, 1, sizeof *system->trace);
-        t = pliant_next_not_kept(kept, tets, LANES * (block + 1));
+        pliant_mark_written(system->trace, (size_t)block, 1, sizeof *system->trace);
+        t = pliant_next_changed(kept, tets, LANES * (block + 1));
     }
     for (int32_t block = same; block < system->num_blocks; block++)
         system->trace[block] = trace_of_block(system, block);
@@ -276,7 +276,7 @@ static bool follow_traces(pliant_system *system, const pliant_system *before, co
 
 static bool find_traces(pliant_system *system)
 {
-    if (!(system->trace = pliant_room((size_t)system->num_blocks, sizeof *system->trace))) return false;
+    if (!(system->trace = pliant_malloc((size_t)system->num_blocks, sizeof *system->trace))) return false;
     for (int32_t block = 0; block < system->num_blocks; block++) system->trace[block] = trace_of_block(system, block);
     return true;
 }

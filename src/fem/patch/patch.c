@@ -94,15 +94,15 @@ static bool serves(const pliant_data *data, int tool)
     return patch && patch->basis && patch->serves[tool] && patch_still_held(data, tool, patch->holds[tool].hold);
 }
 
-int pliant_patch_serves(const pliant_data *data)
+int pliant_patch_count_tools(const pliant_data *data)
 {
     int count = 0;
     for (int t = 0; t < data->num_tools; t++) count += serves(data, t);
     return count;
 }
 
-static pliant_status room_create(const pliant_discretization *discretization, const pliant_basis *basis,
-                                 patch_room *out)
+static pliant_status buffers_create(const pliant_discretization *discretization, const pliant_basis *basis,
+                                    patch_buffers *out)
 {
     out->element_forces = pliant_calloc((size_t)basis->system.num_blocks, sizeof *out->element_forces);
     out->positions = pliant_calloc((size_t)discretization->body->fine.num_nodes, 3 * sizeof *out->positions);
@@ -110,12 +110,12 @@ static pliant_status room_create(const pliant_discretization *discretization, co
     return out->element_forces && out->positions && out->coarse ? PLIANT_OK : pliant_fail_memory("a patch");
 }
 
-static void room_free(patch_room *room)
+static void buffers_free(patch_buffers *buffers)
 {
-    pliant_free(room->element_forces);
-    pliant_free(room->positions);
-    pliant_free(room->coarse);
-    memset(room, 0, sizeof *room);
+    pliant_free(buffers->element_forces);
+    pliant_free(buffers->positions);
+    pliant_free(buffers->coarse);
+    memset(buffers, 0, sizeof *buffers);
 }
 
 /* Drop the basis. Tools that pulled at it have no hold until they are attached again. */
@@ -125,7 +125,7 @@ static void basis_drop(pliant_patch *patch, pliant_data *data)
         if (patch->serves[t]) data->tools[t].attached = false;
     pliant_solver_free(patch->solver);
     pliant_basis_free(patch->basis);
-    room_free(&patch->room);
+    buffers_free(&patch->buffers);
     patch->solver = NULL;
     patch->basis = NULL;
     memset(patch->serves, 0, sizeof patch->serves);
@@ -157,7 +157,7 @@ static bool is_busy(const pliant_patch *patch)
            (patch->solver && pliant_refresh_is_busy(patch->solver));
 }
 
-void pliant_patch_succeed(pliant_patch *patch, pliant_patch *before)
+void pliant_patch_replace(pliant_patch *patch, pliant_patch *before)
 {
     atomic_store(&before->stop, true);
     patch->before = before;
@@ -186,12 +186,13 @@ static void near_positions(const pliant_basis *basis, const double *fine, double
         memcpy(out + 3 * v, fine + 3 * basis->fine_node[v], 3 * sizeof *out);
 }
 
-/* Start the patch at these positions: project their displacement from the coarse model's base onto the basis. `room`:
+/* Start the patch at these positions: project their displacement from the coarse model's base onto the basis.
+ * `buffers`:
  * (3 fine nodes). */
-static void start_at(const pliant_data *data, pliant_basis *basis, double *room, double *x)
+static void start_at(const pliant_data *data, pliant_basis *basis, double *buffers, double *x)
 {
-    pliant_upsample_positions(data->solver->system, data->solver->now.x, room);
-    near_positions(basis, room, basis->mesh.rest);
+    pliant_upsample_positions(data->solver->system, data->solver->now.x, buffers);
+    near_positions(basis, buffers, basis->mesh.rest);
     near_positions(basis, data->positions, x);
     pliant_basis_project(basis, x);
 }
@@ -234,14 +235,14 @@ static pliant_status deliver(pliant_patch *patch, pliant_data *data)
     if (job->in_thread) pthread_join(job->thread, NULL);
     job->in_thread = false;
     if (job->status == PLIANT_OK) {
-        patch_room room = {0};
-        pliant_status status = room_create(patch->discretization, job->basis, &room);
+        patch_buffers buffers = {0};
+        pliant_status status = buffers_create(patch->discretization, job->basis, &buffers);
         if (status != PLIANT_OK) {
-            room_free(&room);
+            buffers_free(&buffers);
             return status; /* delivered in the next step */
         }
         take_over(patch, data);
-        patch->room = room;
+        patch->buffers = buffers;
     } else {
         pliant_log(PLIANT_LOG_WARNING, "no patch could be made; the tools pull at the coarse model: %s", job->message);
     }
@@ -259,7 +260,7 @@ static pliant_status deliver(pliant_patch *patch, pliant_data *data)
         }
         patch->serves[t] = patch->basis && patch_still_held(data, t, patch->holds[t].hold);
         if (!patch->serves[t]) continue;
-        pliant_solver_release(data->solver, t); /* released from the coarse model */
+        pliant_solver_remove_grasp(data->solver, t); /* released from the coarse model */
         data->tools[t].attached = false;
     }
     for (int t = 0; job->status == PLIANT_OK && t < PLIANT_MAX_TOOLS; t++)
@@ -284,17 +285,17 @@ static bool waits(const pliant_data *data, int tool)
 static void keep(pliant_patch *patch, const pliant_data *data)
 {
     const pliant_discretization *discretization = patch->discretization;
-    memcpy(patch->room.positions, data->positions,
+    memcpy(patch->buffers.positions, data->positions,
            3 * (size_t)discretization->body->fine.num_nodes * sizeof *data->positions);
-    memcpy(patch->room.coarse, data->solver->now.x,
+    memcpy(patch->buffers.coarse, data->solver->now.x,
            3 * (size_t)discretization->system->mesh->num_nodes * sizeof *data->solver->now.x);
     for (int t = 0; t < data->num_tools; t++)
-        memcpy(patch->room.force + 3 * t, data->tools[t].force, sizeof data->tools[t].force);
+        memcpy(patch->buffers.force + 3 * t, data->tools[t].force, sizeof data->tools[t].force);
 }
 
 static bool arrives(pliant_patch *patch, pliant_data *data, uint32_t result, bool due)
 {
-    return pliant_background_arrives(&data->background, result, atomic_load(&patch->finished), due);
+    return pliant_background_installs(&data->background, result, atomic_load(&patch->finished), due);
 }
 
 pliant_status pliant_patch_begin(pliant_data *data)
@@ -304,7 +305,7 @@ pliant_status pliant_patch_begin(pliant_data *data)
     patch_find_presses(data);
     bool abandoned = is_abandoned(patch, data);
     if (abandoned) atomic_store(&patch->stop, true); /* the thread ends later; no step waits for it */
-    else if (patch->job.running && arrives(patch, data, PLIANT_TAKES_PATCH, data->statistics.step >= patch->job.due)) {
+    else if (patch->job.running && arrives(patch, data, PLIANT_RESULT_PATCH, data->statistics.step >= patch->job.due)) {
         pliant_status status = deliver(patch, data);
         if (status != PLIANT_OK) return status;
     }
@@ -312,7 +313,7 @@ pliant_status pliant_patch_begin(pliant_data *data)
     for (int t = 0; t < data->num_tools; t++) {
         bool held = patch_still_held(data, t, patch->holds[t].hold);
         if (patch->serves[t] && !held) { /* the others continue in the same basis */
-            pliant_solver_release(patch->solver, t);
+            pliant_solver_remove_grasp(patch->solver, t);
             patch->serves[t] = false;
         }
         if (!held && !patch->job.running) forget_hold(patch, t);
@@ -321,7 +322,7 @@ pliant_status pliant_patch_begin(pliant_data *data)
     }
     if (patch->basis && !used) basis_drop(patch, data);
     if (patch->basis) keep(patch, data);
-    if (abandoned && arrives(patch, data, PLIANT_TAKES_PATCH_END, wanted || data->statistics.step >= patch->job.due))
+    if (abandoned && arrives(patch, data, PLIANT_RESULT_PATCH_END, wanted || data->statistics.step >= patch->job.due))
         patch_job_clear(patch);
     return wanted && !patch->job.running ? patch_job_start(patch, data) : PLIANT_OK;
 }
@@ -337,15 +338,15 @@ pliant_status pliant_patch_hold(pliant_data *data, int index)
 {
     const pliant_tool *tool = data->tools + index;
     if (!serves(data, index))
-        return pliant_solver_hold(data->solver, index, tool->num_held, tool->held, tool->weight, data->positions);
+        return pliant_solver_add_grasp(data->solver, index, tool->num_held, tool->held, tool->weight, data->positions);
     pliant_patch *patch = data->patch;
     int32_t *nodes = pliant_calloc((size_t)tool->num_held, sizeof *nodes);
     if (!nodes) return pliant_fail_memory("a tool's hold");
     for (int32_t h = 0; h < tool->num_held; h++) nodes[h] = patch->basis->near_node[tool->held[h]];
     pliant_status status =
-        pliant_solver_hold(patch->solver, index, tool->num_held, nodes, tool->weight, patch->solver->now.x);
+        pliant_solver_add_grasp(patch->solver, index, tool->num_held, nodes, tool->weight, patch->solver->now.x);
     pliant_free(nodes);
-    if (status == PLIANT_OK) memcpy(patch->solver->handles[index].force, tool->force, sizeof tool->force);
+    if (status == PLIANT_OK) memcpy(patch->solver->grasps[index].force, tool->force, sizeof tool->force);
     return status;
 }
 
@@ -367,58 +368,58 @@ static void follow(pliant_patch *patch, const double *base)
     move(basis, solver->trial.x, solver->now.x);
     if (solver->rules.blind) move(basis, solver->trial.x, solver->previous_x);
     memcpy(basis->mesh.rest, solver->trial.x, bytes);
-    pliant_system_element_forces(&basis->system, basis->mesh.rest, patch->room.element_forces);
-    pliant_system_gather(&basis->system, patch->room.element_forces, solver->load);
+    pliant_system_element_forces(&basis->system, basis->mesh.rest, patch->buffers.element_forces);
+    pliant_system_gather(&basis->system, patch->buffers.element_forces, solver->load);
     solver->loaded = true;
 }
 
 /* Return the largest distance of a node between two states. */
-static double largest_apart(int32_t nodes, const double *a, const double *b)
+static double largest_distance(int32_t nodes, const double *a, const double *b)
 {
-    double most = 0;
+    double maximum = 0;
     for (int32_t n = 0; n < nodes; n++) {
         double squares = 0;
         for (int d = 0; d < 3; d++) squares += (a[3 * n + d] - b[3 * n + d]) * (a[3 * n + d] - b[3 * n + d]);
-        most = fmax(most, squares);
+        maximum = fmax(maximum, squares);
     }
-    return sqrt(most);
+    return sqrt(maximum);
 }
 
 static void restart(pliant_solver *solver)
 {
-    pliant_solver_moved(solver);
+    pliant_solver_reset_after_move(solver);
 }
 
 /* Restore the coarse model and the patch from before this step. */
 static void undo(pliant_patch *patch, pliant_data *data)
 {
     const pliant_discretization *discretization = patch->discretization;
-    patch_room *room = &patch->room;
-    memcpy(data->positions, room->positions,
+    patch_buffers *buffers = &patch->buffers;
+    memcpy(data->positions, buffers->positions,
            3 * (size_t)discretization->body->fine.num_nodes * sizeof *data->positions);
-    memcpy(data->solver->now.x, room->coarse,
-           3 * (size_t)discretization->system->mesh->num_nodes * sizeof *room->coarse);
-    start_at(data, patch->basis, room->positions, patch->solver->now.x);
+    memcpy(data->solver->now.x, buffers->coarse,
+           3 * (size_t)discretization->system->mesh->num_nodes * sizeof *buffers->coarse);
+    start_at(data, patch->basis, buffers->positions, patch->solver->now.x);
     patch->solver->loaded = false; /* the load belongs to the base */
     restart(data->solver);
     restart(patch->solver);
     for (int t = 0; t < data->num_tools; t++)
-        memcpy(pliant_patch_solver(data, t)->handles[t].force, room->force + 3 * t, sizeof data->tools[t].force);
+        memcpy(pliant_patch_solver(data, t)->grasps[t].force, buffers->force + 3 * t, sizeof data->tools[t].force);
 }
 
-void pliant_patch_moved(pliant_data *data, const double *begun)
+void pliant_patch_follow_move(pliant_data *data, const double *begun)
 {
     pliant_patch *patch = data->patch;
-    double *room = patch->room.positions;
-    start_at(data, patch->basis, room, patch->solver->now.x);
-    const pliant_even even = patch->solver->even;
+    double *buffers = patch->buffers.positions;
+    start_at(data, patch->basis, buffers, patch->solver->now.x);
+    const pliant_evaluation_history evaluation_history = patch->solver->evaluation_history;
     patch->solver->loaded = false;
     restart(patch->solver);
-    patch->solver->even = even;
-    memcpy(room, begun, 3 * (size_t)data->body->fine.num_nodes * sizeof *room);
+    patch->solver->evaluation_history = evaluation_history;
+    memcpy(buffers, begun, 3 * (size_t)data->body->fine.num_nodes * sizeof *buffers);
 }
 
-void pliant_patch_rest(pliant_data *data, bool rests)
+void pliant_patch_suspend(pliant_data *data, bool rests)
 {
     if (data->patch) data->patch->rests = rests;
 }
@@ -433,25 +434,25 @@ pliant_status pliant_patch_step(pliant_data *data)
     if (!patch->basis) return PLIANT_OK;
     pliant_basis *basis = patch->basis;
     pliant_solver *solver = patch->solver;
-    solver->rules.most_evaluations = data->solver->rules.most_evaluations;
+    solver->rules.max_evaluations = data->solver->rules.max_evaluations;
     solver->rules.tolerance = data->solver->rules.tolerance;
     solver->background = &data->background;
-    solver->takes_factor = PLIANT_TAKES_PATCH_FACTOR;
-    solver->takes_history = PLIANT_TAKES_PATCH_HISTORY;
+    solver->takes_factor = PLIANT_RESULT_PATCH_FACTOR;
+    solver->takes_history = PLIANT_RESULT_PATCH_HISTORY;
     if (data->solver->budget > 0) solver->budget = fmax(pliant_solver_time_left(data->solver), 1e-9);
     follow(patch, data->positions);
     if (patch->rests) {
         pliant_basis_positions(basis, patch->discretization->fine_system, data->positions, solver->now.x,
                                data->positions);
-        statistics->patched = pliant_patch_serves(data);
+        statistics->patched = pliant_patch_count_tools(data);
         return PLIANT_OK;
     }
-    patch->proxies = (pliant_touch_pieces){0};
+    patch->proxies = (pliant_contact_bodies){0};
     if (data->bodies) {
         patch->proxies.proxy = data->bodies->proxy;
         patch->proxies.limit = data->bodies->limit;
     }
-    pliant_status status = pliant_solver_touch(solver, &patch->inside, &patch->proxies, solver->now.x);
+    pliant_status status = pliant_solver_set_contacts(solver, &patch->inside, &patch->proxies, solver->now.x);
     if (status == PLIANT_OK) status = pliant_solver_step(solver, &own);
     if (status < 0) {
         undo(patch, data);
@@ -462,10 +463,10 @@ pliant_status pliant_patch_step(pliant_data *data)
     for (int32_t p = 0; p < data->contacts.count; p++) statistics->contacts += data->contacts.point[p].begun;
     statistics->penetration = fmax(patch->outside.count > 0 ? statistics->penetration : 0, own.penetration);
     pliant_basis_positions(basis, patch->discretization->fine_system, data->positions, solver->now.x, data->positions);
-    statistics->patched = pliant_patch_serves(data);
+    statistics->patched = pliant_patch_count_tools(data);
     statistics->patch_iterations = own.iterations;
     statistics->patch_residual = own.residual;
-    statistics->patch_moved = largest_apart(basis->mesh.num_nodes, solver->now.x, basis->mesh.rest);
+    statistics->patch_moved = largest_distance(basis->mesh.num_nodes, solver->now.x, basis->mesh.rest);
     statistics->iterations += own.iterations;
     statistics->residual = fmax(statistics->residual, own.residual);
     statistics->residual_force = fmax(statistics->residual_force, own.residual_force);
@@ -476,7 +477,7 @@ pliant_status pliant_patch_step(pliant_data *data)
     return status;
 }
 
-void pliant_patch_flatten(pliant_patch *patch)
+void pliant_patch_clear_displacement(pliant_patch *patch)
 {
     if (!patch->basis) return;
     memcpy(patch->solver->now.x, patch->basis->mesh.rest,

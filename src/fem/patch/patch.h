@@ -18,7 +18,7 @@ extern "C" {
 #endif
 
 /* Return whether a scene uses patches: model/patch above 0, and a coarse method. */
-static inline bool pliant_patch_asked(const pliant_scene *scene)
+static inline bool pliant_patch_is_enabled(const pliant_scene *scene)
 {
     return scene->model.patch > 0 && scene->model.method != PLIANT_FINE;
 }
@@ -37,9 +37,9 @@ pliant_status pliant_patch_create(const pliant_scene *scene, const pliant_discre
                                   pliant_patch **out);
 void pliant_patch_free(pliant_patch *patch); /* Nullable */
 /* Replace the patches from before a cut. If threads still work for them, a later step frees them without waiting. */
-void pliant_patch_succeed(pliant_patch *patch, pliant_patch *before);
+void pliant_patch_replace(pliant_patch *patch, pliant_patch *before);
 /* Select the step's contact points that the coarse model must handle; all: data->contacts. Errors: MEMORY. */
-pliant_status pliant_patch_divide(pliant_data *data, pliant_contacts **coarse);
+pliant_status pliant_patch_select_coarse_points(pliant_data *data, pliant_contacts **coarse);
 /* Remove all grasps and displacements. */
 void pliant_patch_reset(pliant_patch *patch);
 
@@ -47,23 +47,23 @@ void pliant_patch_reset(pliant_patch *patch);
  * data->positions are the result of the last step. Errors: MEMORY; the state is unchanged. */
 pliant_status pliant_patch_begin(pliant_data *data);
 /* Return the number of tools that patches serve in this step. Call it after pliant_patch_begin. */
-int pliant_patch_serves(const pliant_data *data);
+int pliant_patch_count_tools(const pliant_data *data);
 /* Return the solver that a tool pulls at. */
 pliant_solver *pliant_patch_solver(const pliant_data *data, int tool);
-/* Do the same as pliant_solver_hold, for the solver of pliant_patch_solver. */
+/* Do the same as pliant_solver_add_grasp, for the solver of pliant_patch_solver. */
 pliant_status pliant_patch_hold(pliant_data *data, int tool);
 /* Suspend the patch from the next leg on. It then moves with the coarse model, which has all contact points. Use it if
  * a patch solve would shorten the leg. */
-void pliant_patch_rest(pliant_data *data, bool rests);
+void pliant_patch_suspend(pliant_data *data, bool rests);
 /* Run the patch stage of a step. data->positions are the coarse model's fine node positions on entry, and the patch's
  * on return. The tools' reports (pliant_tool_report) are updated. Errors: NOT_CONVERGED, NUMERIC, MEMORY as in
  * pliant_solver_step. After a failure, the coarse model's part of the step is rolled back as well. */
 pliant_status pliant_patch_step(pliant_data *data);
 /* Move the patch after nodes and coarse model were moved during a step. begun: data->positions at the start of the
  * step. */
-void pliant_patch_moved(pliant_data *data, const double *begun);
+void pliant_patch_follow_move(pliant_data *data, const double *begun);
 /* Set the displacement to zero: the nodes move to the coarse model's positions. */
-void pliant_patch_flatten(pliant_patch *patch);
+void pliant_patch_clear_displacement(pliant_patch *patch);
 
 #ifdef __cplusplus
 }

@@ -2,7 +2,7 @@
  * holds. Its force distribution at the time of the request replaces a grasp's weights. The patch handles contact points
  * whose nodes it moves freely. All other points act on the coarse model. */
 #include "base/fail.h"
-#include "contact/detect/find.h"
+#include "contact/detect/part_contacts.h"
 #include "fem/patch/patch_job.h"
 #include "base/memory.h"
 
@@ -72,15 +72,15 @@ void patch_find_presses(pliant_data *data)
 pliant_status patch_press_copy(const pliant_data *data, int tool, patch_hold *out)
 {
     const pliant_patch *patch = data->patch;
-    pliant_foothold foothold = {.count = 0};
-    int32_t room = 0;
+    pliant_footprint footprint = {.count = 0};
+    int32_t buffers = 0;
     double sum = 0;
-    for (int32_t p = 0; p < data->contacts.count; p++) room += data->contacts.point[p].count;
-    foothold.nodes = pliant_calloc((size_t)room + 1, sizeof *foothold.nodes);
-    foothold.weights = pliant_calloc((size_t)room + 1, sizeof *foothold.weights);
-    if (!foothold.nodes || !foothold.weights) {
-        pliant_free(foothold.nodes);
-        pliant_free(foothold.weights);
+    for (int32_t p = 0; p < data->contacts.count; p++) buffers += data->contacts.point[p].count;
+    footprint.nodes = pliant_calloc((size_t)buffers + 1, sizeof *footprint.nodes);
+    footprint.weights = pliant_calloc((size_t)buffers + 1, sizeof *footprint.weights);
+    if (!footprint.nodes || !footprint.weights) {
+        pliant_free(footprint.nodes);
+        pliant_free(footprint.weights);
         return pliant_fail_memory("a patch");
     }
     for (int32_t p = 0; p < data->contacts.count; p++) {
@@ -89,15 +89,15 @@ pliant_status patch_press_copy(const pliant_data *data, int tool, patch_hold *ou
         if (point->kind != PLIANT_OBSTACLE_TOOL || point->tool != tool || !(force > 0)) continue;
         for (int32_t k = 0; k < point->count; k++) {
             int32_t h = 0;
-            while (h < foothold.count && foothold.nodes[h] != point->node[k]) h++;
-            if (h == foothold.count) foothold.nodes[foothold.count++] = point->node[k];
-            foothold.weights[h] += force * point->weight[k];
+            while (h < footprint.count && footprint.nodes[h] != point->node[k]) h++;
+            if (h == footprint.count) footprint.nodes[footprint.count++] = point->node[k];
+            footprint.weights[h] += force * point->weight[k];
             sum += force * point->weight[k];
         }
     }
-    for (int32_t h = 0; h < foothold.count; h++) foothold.weights[h] /= sum;
-    memcpy(foothold.centre, patch->press[tool].centre, sizeof foothold.centre);
-    *out = (patch_hold){.hold = patch->press[tool].hold, .foothold = foothold};
+    for (int32_t h = 0; h < footprint.count; h++) footprint.weights[h] /= sum;
+    memcpy(footprint.centre, patch->press[tool].centre, sizeof footprint.centre);
+    *out = (patch_hold){.hold = patch->press[tool].hold, .footprint = footprint};
     return PLIANT_OK;
 }
 
@@ -109,11 +109,11 @@ static pliant_status reserve(pliant_patch *patch, const pliant_data *data)
     pliant_status status = pliant_contacts_reserve(&patch->inside, count);
     if (status == PLIANT_OK) status = pliant_contacts_reserve(&patch->outside, count);
     if (status != PLIANT_OK) return status;
-    if (count > patch->room_of) {
+    if (count > patch->point_capacity) {
         int32_t *of = pliant_resize(patch->point_of, 2 * (size_t)count, sizeof *of);
         if (!of) return pliant_fail_memory("a patch");
         patch->point_of = of;
-        patch->room_of = 2 * count;
+        patch->point_capacity = 2 * count;
     }
     if (!patch->own && !(patch->own = pliant_calloc((size_t)nodes, 1))) return pliant_fail_memory("a patch");
     memset(patch->own, 0, (size_t)nodes);
@@ -130,7 +130,7 @@ static bool is_inside(const pliant_patch *patch, const pliant_contact_point *poi
     return true;
 }
 
-pliant_status pliant_patch_divide(pliant_data *data, pliant_contacts **coarse)
+pliant_status pliant_patch_select_coarse_points(pliant_data *data, pliant_contacts **coarse)
 {
     pliant_patch *patch = data->patch;
     *coarse = &data->contacts;

@@ -1,7 +1,7 @@
 /* Background computation of a patch: the missing responses, and the basis. */
 #include "base/fail.h"
 #include "base/free_memory.h"
-#include "base/room.h"
+#include "base/buffer.h"
 #include "base/threads.h"
 #include "fem/patch/patch_job.h"
 #include "base/memory.h"
@@ -10,19 +10,19 @@
 #include <stdio.h>
 #include <string.h>
 
-static int32_t list_footholds(const patch_job *job, pliant_foothold out[PLIANT_MAX_TOOLS])
+static int32_t list_footprints(const patch_job *job, pliant_footprint out[PLIANT_MAX_TOOLS])
 {
     int32_t count = 0;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
-        if (job->holds[t].hold) out[count++] = job->holds[t].foothold;
+        if (job->holds[t].hold) out[count++] = job->holds[t].footprint;
     return count;
 }
 
 static pliant_basis_size size_of(const pliant_patch *patch, int32_t blocks)
 {
-    pliant_foothold footholds[PLIANT_MAX_TOOLS];
-    int32_t count = list_footholds(&patch->job, footholds);
-    return pliant_basis_measure(patch->discretization->fine_system, patch->scene->model.patch, count, footholds,
+    pliant_footprint footprints[PLIANT_MAX_TOOLS];
+    int32_t count = list_footprints(&patch->job, footprints);
+    return pliant_basis_measure(patch->discretization->fine_system, patch->scene->model.patch, count, footprints,
                                 blocks);
 }
 
@@ -49,26 +49,26 @@ static int32_t delay_of(const pliant_patch *patch, int missing, int all)
 
 void patch_hold_free(patch_hold *hold)
 {
-    pliant_free(hold->foothold.nodes);
-    pliant_free(hold->foothold.weights);
+    pliant_free(hold->footprint.nodes);
+    pliant_free(hold->footprint.weights);
     memset(hold, 0, sizeof *hold);
 }
 
 static pliant_status hold_copy(const pliant_mesh *fine, const pliant_tool *tool, patch_hold *out)
 {
-    pliant_foothold foothold = {.count = tool->num_held};
-    foothold.nodes = pliant_calloc((size_t)tool->num_held, sizeof *foothold.nodes);
-    foothold.weights = pliant_calloc((size_t)tool->num_held, sizeof *foothold.weights);
-    if (!foothold.nodes || !foothold.weights) {
-        pliant_free(foothold.nodes);
-        pliant_free(foothold.weights);
+    pliant_footprint footprint = {.count = tool->num_held};
+    footprint.nodes = pliant_calloc((size_t)tool->num_held, sizeof *footprint.nodes);
+    footprint.weights = pliant_calloc((size_t)tool->num_held, sizeof *footprint.weights);
+    if (!footprint.nodes || !footprint.weights) {
+        pliant_free(footprint.nodes);
+        pliant_free(footprint.weights);
         return pliant_fail_memory("a patch");
     }
-    memcpy(foothold.nodes, tool->held, (size_t)tool->num_held * sizeof *foothold.nodes);
-    memcpy(foothold.weights, tool->weight, (size_t)tool->num_held * sizeof *foothold.weights);
+    memcpy(footprint.nodes, tool->held, (size_t)tool->num_held * sizeof *footprint.nodes);
+    memcpy(footprint.weights, tool->weight, (size_t)tool->num_held * sizeof *footprint.weights);
     for (int32_t h = 0; h < tool->num_held; h++)
-        for (int d = 0; d < 3; d++) foothold.centre[d] += tool->weight[h] * fine->rest[3 * tool->held[h] + d];
-    *out = (patch_hold){.hold = tool->hold, .foothold = foothold};
+        for (int d = 0; d < 3; d++) footprint.centre[d] += tool->weight[h] * fine->rest[3 * tool->held[h] + d];
+    *out = (patch_hold){.hold = tool->hold, .footprint = footprint};
     return PLIANT_OK;
 }
 
@@ -77,14 +77,15 @@ static pliant_status hold_copy(const pliant_mesh *fine, const pliant_tool *tool,
 static pliant_status make_block(pliant_patch *patch, pliant_linearized *linearized, int t, int u)
 {
     patch_job *job = &patch->job;
-    const pliant_foothold *foothold = &job->holds[t].foothold;
+    const pliant_footprint *footprint = &job->holds[t].footprint;
     double *block = pliant_calloc((size_t)linearized->system.num_free, 3 * PLIANT_RESPONSE_MODES * sizeof *block);
     if (!block) return pliant_fail_memory("a patch");
     job->blocks[t][u] = block;
     if (t != u)
-        return pliant_response_crossed(linearized, patch->preconditioner, job->blocks[t][t], job->blocks[u][u], block);
-    return pliant_response_modes(linearized, patch->preconditioner, foothold->count, foothold->nodes, foothold->weights,
-                                 block);
+        return pliant_response_pair_modes(linearized, patch->preconditioner, job->blocks[t][t], job->blocks[u][u],
+                                          block);
+    return pliant_response_modes(linearized, patch->preconditioner, footprint->count, footprint->nodes,
+                                 footprint->weights, block);
 }
 
 /* Compute the blocks of single holds first, since the pairs depend on them. */
@@ -108,14 +109,14 @@ static bool still_wanted(double fraction, const char *stage, void *user)
  * memory. */
 static pliant_status check_memory(const pliant_patch *patch)
 {
-    const double share = 0.5;
+    const double fraction = 0.5;
     const patch_job *job = &patch->job;
     int32_t blocks = 0;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
         for (int u = t; u < PLIANT_MAX_TOOLS; u++) blocks += 2 * job->wanted[t][u] + (job->blocks[t][u] != NULL);
     double bytes = pliant_basis_bytes(patch->discretization->fine_system, size_of(patch, blocks)),
            available = pliant_free_memory();
-    if (bytes <= share * available) return PLIANT_OK;
+    if (bytes <= fraction * available) return PLIANT_OK;
     return pliant_fail(
         PLIANT_ERROR_MEMORY,
         "a patch around the grasps needs %.0f MB, more than half of the %.0f MB that the machine has free", bytes / 1e6,
@@ -142,7 +143,7 @@ static pliant_status make_preconditioner(pliant_patch *patch)
     status = source
                  ? pliant_preconditioner_carry(fine, first, first->fine_system, source, fine->mesh->rest, NULL, &made)
                  : pliant_fail_memory("a patch");
-    if (status == PLIANT_OK) pliant_preconditioner_hand_over(made, &base);
+    if (status == PLIANT_OK) pliant_preconditioner_take_base(made, &base);
     pliant_preconditioner_free(base);
     patch->preconditioner = made;
     return status;
@@ -150,14 +151,14 @@ static pliant_status make_preconditioner(pliant_patch *patch)
 
 static pliant_status make_basis(pliant_patch *patch)
 {
-    enum { MOST_BLOCKS = PLIANT_MAX_TOOLS * (PLIANT_MAX_TOOLS + 1) / 2 };
+    enum { MAX_BLOCKS = PLIANT_MAX_TOOLS * (PLIANT_MAX_TOOLS + 1) / 2 };
     patch_job *job = &patch->job;
     const pliant_system *fine = patch->discretization->fine_system;
     const pliant_body *body = patch->discretization->body;
     pliant_linearized linearized = {0};
-    pliant_foothold footholds[PLIANT_MAX_TOOLS];
-    const double *blocks[MOST_BLOCKS];
-    int32_t count = list_footholds(job, footholds), num_blocks = 0;
+    pliant_footprint footprints[PLIANT_MAX_TOOLS];
+    const double *blocks[MAX_BLOCKS];
+    int32_t count = list_footprints(job, footprints), num_blocks = 0;
     pliant_status status = check_memory(patch);
     if (status == PLIANT_OK && !patch->preconditioner) status = make_preconditioner(patch);
     if (status == PLIANT_OK) status = pliant_linearized_create(fine, job->x, &linearized);
@@ -167,7 +168,7 @@ static pliant_status make_basis(pliant_patch *patch)
         for (int u = t; u < PLIANT_MAX_TOOLS; u++)
             if (job->blocks[t][u]) blocks[num_blocks++] = job->blocks[t][u];
     if (status == PLIANT_OK)
-        status = pliant_basis_create(fine, &linearized, body->fine_fixed, patch->scene->model.patch, count, footholds,
+        status = pliant_basis_create(fine, &linearized, body->fine_fixed, patch->scene->model.patch, count, footprints,
                                      num_blocks, blocks, patch->discretization->system->num_threads, &job->basis);
     if (status == PLIANT_OK) status = pliant_solver_create(patch->scene, &job->basis->system, &job->solver);
     pliant_linearized_free(&linearized);
@@ -183,8 +184,8 @@ static void run_job(pliant_patch *patch)
 
 static void *in_background(void *argument)
 {
-    pliant_threads_step_back();
-    pliant_memory_apart();
+    pliant_threads_lower_priority();
+    pliant_memory_set_background();
     pliant_patch *patch = argument;
     pliant_account_use(patch->job.account);
     run_job(patch);
@@ -219,7 +220,7 @@ bool patch_is_refused(const pliant_patch *patch, const pliant_data *data, int to
 static bool touch(const patch_hold *a, const patch_hold *b, double radius)
 {
     double squares = 0;
-    for (int d = 0; d < 3; d++) squares += pow(a->foothold.centre[d] - b->foothold.centre[d], 2);
+    for (int d = 0; d < 3; d++) squares += pow(a->footprint.centre[d] - b->footprint.centre[d], 2);
     return squares <= 16 * radius * radius;
 }
 

@@ -11,7 +11,7 @@
 /* A grasp or press, and its footprint. */
 typedef struct patch_hold {
     uint64_t hold;            /* pliant_tool.hold; 0: none */
-    pliant_foothold foothold;
+    pliant_footprint footprint;
 } patch_hold;
 
 /* Responses to the footprints: to a single one at [t][t], to a pair at [t][u], t < u (response.h). NULL: unknown, or
@@ -36,11 +36,11 @@ typedef struct patch_job {
 } patch_job;
 
 /* Work arrays of a step with a basis. */
-typedef struct patch_room {
+typedef struct patch_buffers {
     double (*element_forces)[12][LANES]; /* element forces of the near elements at the base */
     double *positions, *coarse;          /* (3 fine nodes), (3 coarse nodes) state before the step, for rollback */
     double force[PLIANT_MAX_ROWS];       /* tool forces before the step */
-} patch_room;
+} patch_buffers;
 
 /* State of a tool that presses with its shape (patch_contact.c). */
 typedef struct patch_press {
@@ -64,13 +64,14 @@ struct pliant_patch {
     uint64_t refused_until[PLIANT_MAX_TOOLS]; /* step */
     pliant_basis *basis;      /* Nullable */
     pliant_solver *solver;    /* of it */
-    patch_room room;
+    patch_buffers buffers;
     patch_press press[PLIANT_MAX_TOOLS];
     uint64_t num_presses;     /* number of presses so far */
     bool rests;               /* it moves with the coarse model, which has all contact points */
-    pliant_touch_pieces proxies;     /* proxies of tools, which move by their couplings */
+    pliant_contact_bodies proxies;     /* proxies of tools, which move by their couplings */
     pliant_contacts inside, outside; /* contact points of the step: on the near part's nodes, and on the coarse model */
-    int32_t room_of, *point_of; /* (room_of) index of each point in `outside`, or -1 - index in `inside` */
+    int32_t point_capacity,
+        *point_of;            /* (point_capacity) index of each point in `outside`, or -1 - index in `inside` */
     uint8_t *own;             /* (fine nodes) nonzero: an own node of the patch */
 };
 

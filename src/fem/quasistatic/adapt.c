@@ -1,6 +1,6 @@
 /* Transfers a solver across a cut. */
 #include "base/fail.h"
-#include "base/room.h"
+#include "base/buffer.h"
 #include "fem/element/hexahedra.h"
 #include "fem/quasistatic/solver.h"
 #include "base/memory.h"
@@ -9,14 +9,14 @@
 
 static void carry_limits(pliant_solver *solver, const pliant_solver *from)
 {
-    solver->rules.most_evaluations = from->rules.most_evaluations;
+    solver->rules.max_evaluations = from->rules.max_evaluations;
     solver->rules.tolerance = from->rules.tolerance;
     solver->rules.log_contraction = from->rules.log_contraction;
     solver->refresh_delay = from->refresh_delay;
     solver->convert_delay = from->convert_delay;
     solver->budget = from->budget;
     solver->evaluation_seconds = from->evaluation_seconds;
-    solver->even = from->even;
+    solver->evaluation_history = from->evaluation_history;
     solver->clock = from->clock;
     solver->clock_user = from->clock_user;
 }
@@ -90,7 +90,7 @@ static pliant_status carry_before_by_cell(const pliant_system *system, const pli
 /* Return the earlier unknown of each unknown: (num_free); -1: none. NULL: out of memory. */
 static int32_t *unknowns_before(const pliant_system *system, const pliant_system *before, const int32_t *node)
 {
-    int32_t *source = pliant_room((size_t)system->num_free, sizeof *source);
+    int32_t *source = pliant_malloc((size_t)system->num_free, sizeof *source);
     for (int32_t f = 0; source && f < system->num_free; f++) {
         const int32_t was = node[system->node_of_free[f]];
         source[f] = was >= 0 ? before->free_of_node[was] : -1;
@@ -131,15 +131,15 @@ static int32_t *sources_of(const pliant_system *system, const pliant_solver *fro
     const int32_t *below;
     pliant_preconditioner_source(from->preconditioner, &below);
     const bool alike =
-        system->mesh == system->fine && same == before->mesh->num_nodes && pliant_numbered_alike(system, before);
+        system->mesh == system->fine && same == before->mesh->num_nodes && pliant_has_same_numbers(system, before);
     const int32_t known = alike && below ? before->num_free : 0;
-    int32_t *source = known > 0 ? pliant_next_of(below, (size_t)known, (size_t)system->num_free, sizeof *source)
-                                : pliant_room((size_t)system->num_free, sizeof *source);
+    int32_t *source = known > 0 ? pliant_next_version(below, (size_t)known, (size_t)system->num_free, sizeof *source)
+                                : pliant_malloc((size_t)system->num_free, sizeof *source);
     for (int32_t f = known; source && f < system->num_free; f++) {
         const int32_t was = node[system->node_of_free[f]], unknown = was >= 0 ? before->free_of_node[was] : -1;
         source[f] = unknown >= 0 && below ? below[unknown] : unknown;
     }
-    if (source) pliant_writes(source, (size_t)known, (size_t)(system->num_free - known), sizeof *source);
+    if (source) pliant_mark_written(source, (size_t)known, (size_t)(system->num_free - known), sizeof *source);
     return source;
 }
 
@@ -176,7 +176,7 @@ pliant_status pliant_solver_follow(const pliant_scene *scene, const pliant_syste
         status = pliant_solved_positions(system, from->system, map, from->now.x, solver->now.x);
     if (status == PLIANT_OK) status = carry(solver, from, node, map, rests);
     pliant_free(own);
-    solver->opened = true;
+    solver->is_after_cut = true;
     if (status != PLIANT_OK) {
         pliant_solver_free(solver);
         return status;
@@ -189,18 +189,18 @@ void pliant_solver_take_over(pliant_solver *solver, pliant_solver *from)
 {
     if (!pliant_preconditioner_base(solver->preconditioner)) return;
     pliant_preconditioner **base = pliant_preconditioner_base(from->preconditioner);
-    pliant_preconditioner_hand_over(solver->preconditioner, base ? base : &from->preconditioner);
+    pliant_preconditioner_take_base(solver->preconditioner, base ? base : &from->preconditioner);
     pliant_refresh_take(solver, from);
 }
 
-pliant_status pliant_solver_carry_hold(pliant_solver *solver, const pliant_solver *from, int tool, int32_t count,
-                                       const int32_t *nodes, const double *weights, const double *fine_positions,
-                                       const double force[3])
+pliant_status pliant_solver_carry_grasp(pliant_solver *solver, const pliant_solver *from, int tool, int32_t count,
+                                        const int32_t *nodes, const double *weights, const double *fine_positions,
+                                        const double force[3])
 {
-    pliant_status status = pliant_solver_hold(solver, tool, count, nodes, weights, fine_positions);
+    pliant_status status = pliant_solver_add_grasp(solver, tool, count, nodes, weights, fine_positions);
     if (status != PLIANT_OK) return status;
-    pliant_handle *handle = solver->handles + tool;
-    const pliant_handle *before = from->handles + tool;
+    pliant_grasp_constraint *handle = solver->grasps + tool;
+    const pliant_grasp_constraint *before = from->grasps + tool;
     handle->by_force = before->by_force;
     handle->compliance = before->compliance;
     memcpy(handle->target, before->target, sizeof handle->target);

@@ -39,9 +39,9 @@ typedef enum pliant_anderson_next {
 
 typedef struct pliant_anderson {
     /* Limits of a step. */
-    int32_t most_evaluations;
+    int32_t max_evaluations;
     int32_t depth;             /* minimum number of secants to keep; 0: none */
-    int32_t room;              /* maximum number of secants to keep */
+    int32_t capacity;              /* maximum number of secants to keep */
     int32_t limits_secants;    /* after refusals, very large secants are left out */
     double tolerance;          /* error at which a step ends, as a fraction of the largest displacement */
     double smallest_displacement; /* lower bound of the largest displacement in this fraction [m] */
@@ -64,7 +64,7 @@ typedef struct pliant_anderson {
     double descent;            /* largest damping of a plain step that lowered the potential energy; 0: none */
     /* Logarithm of the merit ratio per evaluation, smoothed over steps: a lower bound of the remaining error. */
     double log_contraction;
-    double told;               /* reported error of the last step [m] */
+    double reported_error;               /* reported error of the last step [m] */
     uint64_t num_secants;      /* number of secants so far */
     uint64_t number[PLIANT_MAX_HISTORY]; /* number of the secant in each slot, from 1; 0: empty */
 
@@ -111,17 +111,17 @@ PLIANT_INLINE double pliant_anderson_merit(double energy, double scale)
  *   8                      18        up to 1.5 %
  *   4                      6         1 %
  *   4                      9         2 % */
-PLIANT_INLINE int32_t pliant_anderson_depth(int32_t least, int32_t evaluations)
+PLIANT_INLINE int32_t pliant_anderson_depth(int32_t minimum, int32_t evaluations)
 {
-    if (least == 0) return 0;
+    if (minimum == 0) return 0;
     int32_t wanted = evaluations >= PLIANT_MAX_HISTORY
                          ? PLIANT_MAX_HISTORY
                          : (int32_t)(pliant_quasistatic().secants_per_evaluation * evaluations + 0.5);
-    wanted = wanted > least ? wanted : least;
+    wanted = wanted > minimum ? wanted : minimum;
     return wanted < PLIANT_MAX_HISTORY ? wanted : PLIANT_MAX_HISTORY;
 }
 
-PLIANT_INLINE void pliant_anderson_forget(pliant_anderson *rules)
+PLIANT_INLINE void pliant_anderson_drop_secants(pliant_anderson *rules)
 {
     for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) rules->number[h] = 0;
 }
@@ -134,18 +134,18 @@ PLIANT_INLINE int32_t pliant_anderson_secants(const pliant_anderson *rules)
 }
 
 /* Return a slot for the next secant. The oldest secants are dropped when all slots are in use. */
-PLIANT_INLINE int32_t pliant_anderson_place(pliant_anderson *rules)
+PLIANT_INLINE int32_t pliant_anderson_free_slot(pliant_anderson *rules)
 {
-    int32_t most = pliant_anderson_depth(rules->depth, rules->last_evaluations), count = pliant_anderson_secants(rules),
-            empty = -1;
-    if (most > rules->room) most = rules->room;
-    for (; count >= most; count--) {
+    int32_t maximum = pliant_anderson_depth(rules->depth, rules->last_evaluations),
+            count = pliant_anderson_secants(rules), empty = -1;
+    if (maximum > rules->capacity) maximum = rules->capacity;
+    for (; count >= maximum; count--) {
         int32_t oldest = -1;
-        for (int32_t h = 0; h < rules->room; h++)
+        for (int32_t h = 0; h < rules->capacity; h++)
             if (rules->number[h] > 0 && (oldest < 0 || rules->number[h] < rules->number[oldest])) oldest = h;
         rules->number[oldest] = 0;
     }
-    for (int32_t h = rules->room - 1; h >= 0; h--)
+    for (int32_t h = rules->capacity - 1; h >= 0; h--)
         if (rules->number[h] == 0) empty = h;
     rules->number[empty] = ++rules->num_secants;
     return empty;
@@ -171,7 +171,7 @@ PLIANT_INLINE double pliant_anderson_noise(const pliant_anderson *rules, int32_t
  * slowly. It is not below the smoothed ratio of the merits. The corrections form a geometric series (Aitken), with the
  * sum 1 / (1
  * - c). */
-PLIANT_INLINE double pliant_anderson_unexplained(const pliant_anderson *rules)
+PLIANT_INLINE double pliant_anderson_error_factor(const pliant_anderson *rules)
 {
     const pliant_quasistatic_settings settings = pliant_quasistatic();
     const double expected = rules->is_cycle ? settings.cycle_contraction : settings.factor_contraction;
@@ -194,10 +194,10 @@ PLIANT_INLINE int32_t pliant_anderson_iterations(const pliant_anderson *rules)
 /* Report the error of the previous step.
  * @param seen  The end of the previous step was evaluated with the present preconditioner.
  * @param left  Remaining motion at that state, with the present secants [m]. */
-PLIANT_INLINE void pliant_anderson_tell(pliant_anderson *rules, bool seen, double left)
+PLIANT_INLINE void pliant_anderson_report_error(pliant_anderson *rules, bool seen, double left)
 {
-    rules->error_before = seen ? pliant_anderson_error(left) : rules->told;
-    rules->told = rules->error;
+    rules->error_before = seen ? pliant_anderson_error(left) : rules->reported_error;
+    rules->reported_error = rules->error;
 }
 
 /* Reset to the rest state without history. The limits stay. */
@@ -205,17 +205,17 @@ PLIANT_INLINE void pliant_anderson_reset(pliant_anderson *rules)
 {
     rules->refused = rules->limited = rules->slow = rules->blind = rules->refused_any = rules->last_evaluations = 0;
     rules->sound_merit = rules->rate = rules->descent = 0;
-    rules->error = rules->error_before = rules->told = 0;
+    rules->error = rules->error_before = rules->reported_error = 0;
     rules->log_contraction = log(pliant_quasistatic().expected_contraction);
     rules->next = PLIANT_NEXT_DONE;
-    pliant_anderson_forget(rules);
+    pliant_anderson_drop_secants(rules);
 }
 
 /* Reset after the state was changed by the caller. */
-PLIANT_INLINE void pliant_anderson_moved(pliant_anderson *rules)
+PLIANT_INLINE void pliant_anderson_reset_after_move(pliant_anderson *rules)
 {
     rules->refused = rules->limited = rules->slow = rules->blind = 0;
-    pliant_anderson_forget(rules);
+    pliant_anderson_drop_secants(rules);
 }
 
 PLIANT_INLINE void pliant_anderson_begin(pliant_anderson *rules)
@@ -240,9 +240,9 @@ PLIANT_INLINE void pliant_anderson_first(pliant_anderson *rules, bool sound)
 PLIANT_INLINE void pliant_anderson_judge_trial(pliant_anderson *rules, double merit, bool falls)
 {
     if (merit < rules->merit) {
-        const double weight = pliant_quasistatic().contraction_weight, least = 1e-3;
+        const double weight = pliant_quasistatic().contraction_weight, minimum = 1e-3;
         if (rules->accepted)
-            rules->log_contraction += weight * (log(fmax(merit / rules->merit, least)) - rules->log_contraction);
+            rules->log_contraction += weight * (log(fmax(merit / rules->merit, minimum)) - rules->log_contraction);
         rules->keep = isfinite(merit) && rules->depth > 0 ? 0 : -1;
         rules->take = rules->accepted = 1;
         rules->before = rules->merit;
@@ -338,8 +338,8 @@ PLIANT_INLINE void pliant_anderson_judge(pliant_anderson *rules, double merit, d
     rules->take = rules->forget = 0;
     rules->keep = -1;
     if (pliant_anderson_judge_state(rules, merit, falls)) return;
-    if (rules->keep == 0) rules->keep = pliant_anderson_place(rules);
-    if (rules->forget) pliant_anderson_forget(rules);
+    if (rules->keep == 0) rules->keep = pliant_anderson_free_slot(rules);
+    if (rules->forget) pliant_anderson_drop_secants(rules);
     if (rules->refused >= pliant_quasistatic().max_refused && rules->descent > 0) {
         /* The merit has a minimum here that is no equilibrium, next to a state that the tissue leaves by snapping. The
          * potential energy still decreases. */
@@ -349,7 +349,7 @@ PLIANT_INLINE void pliant_anderson_judge(pliant_anderson *rules, double merit, d
         return;
     }
     pliant_anderson_propose(rules);
-    const int32_t iterations = rules->most_evaluations + 1 - rules->evaluations,
+    const int32_t iterations = rules->max_evaluations + 1 - rules->evaluations,
                   left = iterations < affordable ? iterations : affordable;
     const bool goes_on =
         rules->accepted ? rules->refused == 0 && rules->merit < went_well * rules->before : isfinite(rules->merit);
@@ -367,8 +367,8 @@ PLIANT_INLINE void pliant_anderson_judge(pliant_anderson *rules, double merit, d
  * @param mixed  Weights of secants were found.
  * @param left   Largest remaining motion of a node, from the secants and the residual [m].
  * @param made   Largest motion of a node by the proposal [m]. */
-PLIANT_INLINE void pliant_anderson_settle(pliant_anderson *rules, bool mixed, double left, double made,
-                                          double displacement)
+PLIANT_INLINE void pliant_anderson_finish_proposal(pliant_anderson *rules, bool mixed, double left, double made,
+                                                   double displacement)
 {
     const double foreseen = pliant_quasistatic().expected_contraction;
     /* Rounding has made the secants' products inconsistent; no step can use them. */
@@ -382,7 +382,7 @@ PLIANT_INLINE void pliant_anderson_settle(pliant_anderson *rules, bool mixed, do
         if (rules->next == PLIANT_NEXT_TRIAL) pliant_anderson_finish(rules);
         rules->next = PLIANT_NEXT_DONE;
     }
-    if (rules->forget) pliant_anderson_forget(rules);
+    if (rules->forget) pliant_anderson_drop_secants(rules);
     const bool ends = rules->next == PLIANT_NEXT_BLIND,
                doubted = !rules->accepted && !(rules->refused == 0 && rules->mixes);
     if (ends && !(made <= rules->smallest_displacement * (doubted && !rules->is_bounded
@@ -407,7 +407,7 @@ PLIANT_INLINE bool pliant_anderson_judge_end(pliant_anderson *rules, double meri
     const bool good = isfinite(merit);
     rules->take = 1;
     rules->forget = 0;
-    rules->keep = good && rules->depth > 0 ? pliant_anderson_place(rules) : -1;
+    rules->keep = good && rules->depth > 0 ? pliant_anderson_free_slot(rules) : -1;
     return good;
 }
 

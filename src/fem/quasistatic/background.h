@@ -16,7 +16,7 @@ static inline bool pliant_background_is_live(const pliant_background *background
  * @param background  Nullable: planned.
  * @param finished    The result is ready.
  * @param due         This is the planned step. */
-static inline bool pliant_background_arrives(pliant_background *background, uint32_t result, bool finished, bool due)
+static inline bool pliant_background_installs(pliant_background *background, uint32_t result, bool finished, bool due)
 {
     const pliant_background_kind kind = background ? background->kind : PLIANT_BACKGROUND_PLANNED;
     const bool arrives = kind == PLIANT_BACKGROUND_LIVE         ? finished

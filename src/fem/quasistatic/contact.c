@@ -11,66 +11,66 @@
 
 /* ---- creation and destruction */
 
-static void free_points(pliant_touches *touches)
+static void free_points(pliant_contact_problem *contacts)
 {
-    pliant_free(touches->point);
-    pliant_free(touches->frame);
-    pliant_free(touches->goal);
-    pliant_free(touches->start);
-    pliant_free(touches->arm_start);
-    pliant_free(touches->friction);
-    pliant_free(touches->taken.force);
-    pliant_free(touches->taken.motion);
-    pliant_free(touches->found.force);
-    pliant_free(touches->found.motion);
-    pliant_free(touches->change);
+    pliant_free(contacts->point);
+    pliant_free(contacts->frame);
+    pliant_free(contacts->goal);
+    pliant_free(contacts->start);
+    pliant_free(contacts->arm_start);
+    pliant_free(contacts->friction);
+    pliant_free(contacts->taken.force);
+    pliant_free(contacts->taken.motion);
+    pliant_free(contacts->found.force);
+    pliant_free(contacts->found.motion);
+    pliant_free(contacts->change);
 }
 
-void pliant_touches_free(pliant_touches *touches)
+void pliant_contact_problem_free(pliant_contact_problem *contacts)
 {
-    if (!touches) return;
-    free_points(touches);
-    pliant_answers_free(&touches->answers);
-    pliant_free(touches->unknown);
-    pliant_free(touches->arm);
-    pliant_free(touches->moving);
-    pliant_free(touches->block);
-    pliant_free(touches->turned);
-    pliant_free(touches->touched);
-    pliant_free(touches->seen);
-    pliant_free(touches->matrix);
-    pliant_free(touches->motion);
-    pliant_free(touches->force);
-    pliant_free(touches->sweeps);
-    pliant_free(touches->step);
-    pliant_free(touches);
+    if (!contacts) return;
+    free_points(contacts);
+    pliant_compliance_free(&contacts->blocks);
+    pliant_free(contacts->unknown);
+    pliant_free(contacts->arm);
+    pliant_free(contacts->moving);
+    pliant_free(contacts->block);
+    pliant_free(contacts->turned);
+    pliant_free(contacts->moved_unknowns);
+    pliant_free(contacts->seen);
+    pliant_free(contacts->matrix);
+    pliant_free(contacts->motion);
+    pliant_free(contacts->force);
+    pliant_free(contacts->sweeps);
+    pliant_free(contacts->step);
+    pliant_free(contacts);
 }
 
 static pliant_status create(pliant_solver *solver)
 {
     const size_t nodes = (size_t)solver->system->num_free;
-    pliant_touches *touches = pliant_calloc(1, sizeof *touches);
-    if (!touches) return pliant_fail_memory("contact");
-    pliant_status status = pliant_answers_create(solver->system->num_free, &touches->answers);
-    touches->touched = pliant_calloc(nodes, sizeof *touches->touched);
-    touches->seen = pliant_calloc(nodes, 1);
-    touches->step = pliant_calloc(nodes, 3 * sizeof *touches->step);
-    if (status == PLIANT_OK && !(touches->touched && touches->seen && touches->step))
+    pliant_contact_problem *contacts = pliant_calloc(1, sizeof *contacts);
+    if (!contacts) return pliant_fail_memory("contact");
+    pliant_status status = pliant_compliance_create(solver->system->num_free, &contacts->blocks);
+    contacts->moved_unknowns = pliant_calloc(nodes, sizeof *contacts->moved_unknowns);
+    contacts->seen = pliant_calloc(nodes, 1);
+    contacts->step = pliant_calloc(nodes, 3 * sizeof *contacts->step);
+    if (status == PLIANT_OK && !(contacts->moved_unknowns && contacts->seen && contacts->step))
         status = pliant_fail_memory("contact");
     if (status != PLIANT_OK) {
-        pliant_touches_free(touches);
+        pliant_contact_problem_free(contacts);
         return status;
     }
-    solver->touches = touches;
+    solver->contacts = contacts;
     return PLIANT_OK;
 }
 
-static pliant_status make_room(pliant_touches *touches, int32_t count)
+static pliant_status reserve_capacity(pliant_contact_problem *contacts, int32_t count)
 {
-    const int32_t least = 32, room = 2 * count > least ? 2 * count : least;
-    const size_t size = (size_t)room;
-    if (count <= touches->room) return PLIANT_OK;
-    pliant_touches made = {.room = room};
+    const int32_t minimum = 32, capacity = 2 * count > minimum ? 2 * count : minimum;
+    const size_t size = (size_t)capacity;
+    if (count <= contacts->capacity) return PLIANT_OK;
+    pliant_contact_problem made = {.capacity = capacity};
     made.point = pliant_calloc(size, sizeof *made.point);
     made.frame = pliant_calloc(size, 9 * sizeof *made.frame);
     made.goal = pliant_calloc(size, 3 * sizeof *made.goal);
@@ -87,44 +87,44 @@ static pliant_status make_room(pliant_touches *touches, int32_t count)
         free_points(&made);
         return pliant_fail_memory("contact");
     }
-    free_points(touches);
-    touches->room = room;
-    touches->point = made.point;
-    touches->frame = made.frame;
-    touches->goal = made.goal;
-    touches->start = made.start;
-    touches->arm_start = made.arm_start;
-    touches->friction = made.friction;
-    touches->taken = made.taken;
-    touches->found = made.found;
-    touches->change = made.change;
+    free_points(contacts);
+    contacts->capacity = capacity;
+    contacts->point = made.point;
+    contacts->frame = made.frame;
+    contacts->goal = made.goal;
+    contacts->start = made.start;
+    contacts->arm_start = made.arm_start;
+    contacts->friction = made.friction;
+    contacts->taken = made.taken;
+    contacts->found = made.found;
+    contacts->change = made.change;
     return PLIANT_OK;
 }
 
 /* ---- contact points of a step */
 
-static pliant_status add_weight(pliant_touches *touches, int32_t unknown, const double block[9])
+static pliant_status add_weight(pliant_contact_problem *contacts, int32_t unknown, const double block[9])
 {
-    if (touches->num_weights == touches->room_weights) {
-        const size_t room = 2 * (size_t)touches->room_weights + 64;
-        int32_t *list = pliant_resize(touches->unknown, room, sizeof *list);
-        if (list) touches->unknown = list;
-        double *blocks = pliant_resize(touches->block, room, 9 * sizeof *blocks);
-        if (blocks) touches->block = blocks;
-        double *turned = pliant_resize(touches->turned, room, 9 * sizeof *turned);
-        if (turned) touches->turned = turned;
+    if (contacts->num_weights == contacts->weight_capacity) {
+        const size_t capacity = 2 * (size_t)contacts->weight_capacity + 64;
+        int32_t *list = pliant_resize(contacts->unknown, capacity, sizeof *list);
+        if (list) contacts->unknown = list;
+        double *blocks = pliant_resize(contacts->block, capacity, 9 * sizeof *blocks);
+        if (blocks) contacts->block = blocks;
+        double *turned = pliant_resize(contacts->turned, capacity, 9 * sizeof *turned);
+        if (turned) contacts->turned = turned;
         if (!list || !blocks || !turned) return pliant_fail_memory("contact");
-        touches->room_weights = (int32_t)room;
+        contacts->weight_capacity = (int32_t)capacity;
     }
-    touches->unknown[touches->num_weights] = unknown;
-    memcpy(touches->block + 9 * (size_t)touches->num_weights++, block, 9 * sizeof *block);
+    contacts->unknown[contacts->num_weights] = unknown;
+    memcpy(contacts->block + 9 * (size_t)contacts->num_weights++, block, 9 * sizeof *block);
     return PLIANT_OK;
 }
 
 static pliant_status add_weights(pliant_solver *solver, const pliant_contact_point *point, const double *fine_positions)
 {
     const pliant_system *system = solver->system;
-    pliant_touches *touches = solver->touches;
+    pliant_contact_problem *contacts = solver->contacts;
     double *dense = solver->dense_weights;
     pliant_status status = PLIANT_OK;
     if (pliant_solves_fine(system)) {
@@ -136,7 +136,7 @@ static pliant_status add_weights(pliant_solver *solver, const pliant_contact_poi
             double block[9] = {w, 0, 0, 0, w, 0, 0, 0, w};
             for (int m = 0; m < 9 && keeps_volume; m++) block[m] += n[m / 3] * (gradient[k][m % 3] - w * n[m % 3]);
             const int32_t unknown = system->free_of_node[point->node[k]];
-            if (unknown >= 0 && (w != 0 || keeps_volume)) status = add_weight(touches, unknown, block);
+            if (unknown >= 0 && (w != 0 || keeps_volume)) status = add_weight(contacts, unknown, block);
         }
         return status;
     }
@@ -145,7 +145,7 @@ static pliant_status add_weights(pliant_solver *solver, const pliant_contact_poi
     for (int32_t f = 0; f < system->num_free && status == PLIANT_OK; f++)
         for (int m = 0; m < 9; m++)
             if (dense[9 * (size_t)f + (size_t)m] != 0) {
-                status = add_weight(touches, f, dense + 9 * (size_t)f);
+                status = add_weight(contacts, f, dense + 9 * (size_t)f);
                 break;
             }
     return status;
@@ -153,12 +153,12 @@ static pliant_status add_weights(pliant_solver *solver, const pliant_contact_poi
 
 static void set_frame(const double normal[3], double frame[9])
 {
-    const int least = fabs(normal[0]) < fabs(normal[1]) ? (fabs(normal[0]) < fabs(normal[2]) ? 0 : 2)
+    const int minimum = fabs(normal[0]) < fabs(normal[1]) ? (fabs(normal[0]) < fabs(normal[2]) ? 0 : 2)
                                                         : (fabs(normal[1]) < fabs(normal[2]) ? 1 : 2);
     double *n = frame, *t = frame + 3, *s = frame + 6, length = 0;
     memcpy(n, normal, 3 * sizeof *n);
     for (int d = 0; d < 3; d++) {
-        t[d] = (d == least) - normal[least] * normal[d];
+        t[d] = (d == minimum) - normal[minimum] * normal[d];
         length += t[d] * t[d];
     }
     length = sqrt(length);
@@ -167,13 +167,13 @@ static void set_frame(const double normal[3], double frame[9])
 }
 
 /* Compute W x of a point. x: (nodes of the solved mesh x 3) */
-static void moved_point(const pliant_system *system, const pliant_touches *touches, int32_t c, const double *x,
+static void moved_point(const pliant_system *system, const pliant_contact_problem *contacts, int32_t c, const double *x,
                         double out[3])
 {
     memset(out, 0, 3 * sizeof *out);
-    for (int32_t w = touches->start[c]; w < touches->start[c + 1]; w++) {
-        const double *block = touches->block + 9 * (size_t)w,
-                     *at = x + 3 * (size_t)system->node_of_free[touches->unknown[w]];
+    for (int32_t w = contacts->start[c]; w < contacts->start[c + 1]; w++) {
+        const double *block = contacts->block + 9 * (size_t)w,
+                     *at = x + 3 * (size_t)system->node_of_free[contacts->unknown[w]];
         for (int r = 0; r < 3; r++)
             out[r] += block[3 * r] * at[0] + block[3 * r + 1] * at[1] + block[3 * r + 2] * at[2];
     }
@@ -193,58 +193,59 @@ static void from_frame(const double frame[9], const double v[3], double out[3])
  * current cone. */
 static void set_point(const pliant_solver *solver, pliant_contact_point *point, int32_t c, const double *fine_positions)
 {
-    pliant_touches *touches = solver->touches;
-    const double *frame = touches->frame + 9 * (size_t)c;
-    double y[3] = {0, 0, 0}, bend[3] = {0, 0, 0}, moved[3], *force = touches->taken.force + 3 * (size_t)c;
+    pliant_contact_problem *contacts = solver->contacts;
+    const double *frame = contacts->frame + 9 * (size_t)c;
+    double y[3] = {0, 0, 0}, bend[3] = {0, 0, 0}, moved[3], *force = contacts->taken.force + 3 * (size_t)c;
     for (int32_t k = 0; k < point->count; k++)
         for (int d = 0; d < 3; d++) y[d] += point->weight[k] * fine_positions[3 * (size_t)point->node[k] + (size_t)d];
     for (int d = 0; d < 3 && !point->begun; d++) point->anchor[d] = y[d] + point->drift[d] - point->place[d];
-    moved_point(solver->system, touches, c, solver->now.x, moved);
-    pliant_touches_bend(touches, c, bend);
+    moved_point(solver->system, contacts, c, solver->now.x, moved);
+    pliant_contact_problem_rotation_part(contacts, c, bend);
     double across = 0;
     for (int d = 0; d < 3; d++) across += frame[d] * point->anchor[d];
     for (int d = 0; d < 3; d++)
-        touches->goal[3 * (size_t)c + (size_t)d] =
+        contacts->goal[3 * (size_t)c + (size_t)d] =
             point->place[d] + point->anchor[d] - across * frame[d] - (y[d] + bend[d] - moved[d]);
     into_frame(frame, point->force, force);
-    const double slide = sqrt(force[1] * force[1] + force[2] * force[2]), most = point->friction * fmax(force[0], 0);
-    for (int k = 1; k < 3 && slide > most; k++) force[k] *= most / slide;
+    const double slide = sqrt(force[1] * force[1] + force[2] * force[2]), maximum = point->friction * fmax(force[0], 0);
+    for (int k = 1; k < 3 && slide > maximum; k++) force[k] *= maximum / slide;
     force[0] = fmax(force[0], 0);
-    touches->friction[c] = point->friction;
-    memset(touches->taken.motion + 3 * (size_t)c, 0, 3 * sizeof *touches->taken.motion);
+    contacts->friction[c] = point->friction;
+    memset(contacts->taken.motion + 3 * (size_t)c, 0, 3 * sizeof *contacts->taken.motion);
 }
 
-pliant_status pliant_solver_touch(pliant_solver *solver, pliant_contacts *points, const pliant_touch_pieces *pieces,
-                                  const double *fine_positions)
+pliant_status pliant_solver_set_contacts(pliant_solver *solver, pliant_contacts *points,
+                                         const pliant_contact_bodies *pieces, const double *fine_positions)
 {
-    if ((!points || points->count == 0) && !solver->touches) return PLIANT_OK;
-    pliant_status status = solver->touches ? PLIANT_OK : create(solver);
+    if ((!points || points->count == 0) && !solver->contacts) return PLIANT_OK;
+    pliant_status status = solver->contacts ? PLIANT_OK : create(solver);
     if (status != PLIANT_OK) return status;
-    pliant_touches *touches = solver->touches;
-    touches->points = points;
-    touches->pieces = pieces;
-    touches->count = touches->num_weights = touches->num_arms = touches->num_moving = 0;
-    memset(touches->yields, 0, sizeof touches->yields);
+    pliant_contact_problem *contacts = solver->contacts;
+    contacts->points = points;
+    contacts->pieces = pieces;
+    contacts->count = contacts->num_weights = contacts->num_arms = contacts->num_moving = 0;
+    memset(contacts->yields, 0, sizeof contacts->yields);
     if (!points) return PLIANT_OK;
-    status = make_room(touches, points->count);
+    status = reserve_capacity(contacts, points->count);
     for (int32_t p = 0; p < points->count && status == PLIANT_OK; p++) {
-        const int32_t c = touches->count;
-        touches->start[c] = touches->num_weights;
-        touches->arm_start[c] = touches->num_arms;
+        const int32_t c = contacts->count;
+        contacts->start[c] = contacts->num_weights;
+        contacts->arm_start[c] = contacts->num_arms;
         status = add_weights(solver, points->point + p, fine_positions);
-        if (status == PLIANT_OK && pieces) status = pliant_touches_add_arms(touches, points->point + p, fine_positions);
+        if (status == PLIANT_OK && pieces)
+            status = pliant_contact_problem_add_arms(contacts, points->point + p, fine_positions);
         /* fixed */
         if (status != PLIANT_OK ||
-            (touches->num_weights == touches->start[c] && touches->num_arms == touches->arm_start[c]))
+            (contacts->num_weights == contacts->start[c] && contacts->num_arms == contacts->arm_start[c]))
             continue;
-        touches->start[c + 1] = touches->num_weights;
-        touches->arm_start[c + 1] = touches->num_arms;
-        touches->point[c] = p;
-        set_frame(points->point[p].normal, touches->frame + 9 * (size_t)c);
+        contacts->start[c + 1] = contacts->num_weights;
+        contacts->arm_start[c + 1] = contacts->num_arms;
+        contacts->point[c] = p;
+        set_frame(points->point[p].normal, contacts->frame + 9 * (size_t)c);
         set_point(solver, points->point + p, c, fine_positions);
-        touches->count++;
+        contacts->count++;
     }
-    if (status != PLIANT_OK) touches->count = 0;
+    if (status != PLIANT_OK) contacts->count = 0;
     return status;
 }
 
@@ -252,56 +253,57 @@ pliant_status pliant_solver_touch(pliant_solver *solver, pliant_contacts *points
 
 static void turn(pliant_solver *solver)
 {
-    pliant_touches *touches = solver->touches;
-    for (int32_t c = 0; c < touches->count; c++)
-        for (int32_t w = touches->start[c]; w < touches->start[c + 1]; w++) {
-            const double *frame = touches->frame + 9 * (size_t)c, *block = touches->block + 9 * (size_t)w;
-            double *turned = touches->turned + 9 * (size_t)w;
+    pliant_contact_problem *contacts = solver->contacts;
+    for (int32_t c = 0; c < contacts->count; c++)
+        for (int32_t w = contacts->start[c]; w < contacts->start[c + 1]; w++) {
+            const double *frame = contacts->frame + 9 * (size_t)c, *block = contacts->block + 9 * (size_t)w;
+            double *turned = contacts->turned + 9 * (size_t)w;
             for (int r = 0; r < 3; r++) {
                 for (int d = 0; d < 3; d++)
                     turned[3 * r + d] =
                         frame[3 * r] * block[d] + frame[3 * r + 1] * block[3 + d] + frame[3 * r + 2] * block[6 + d];
-                pliant_into_node_axes(solver->rotations, touches->unknown[w], turned + 3 * r);
+                pliant_into_node_axes(solver->rotations, contacts->unknown[w], turned + 3 * r);
             }
         }
 }
 
-void pliant_touches_apply(const pliant_touches *touches, int32_t c, const double *v, double out[3])
+void pliant_contact_problem_apply(const pliant_contact_problem *contacts, int32_t c, const double *v, double out[3])
 {
-    for (int32_t w = touches->start[c]; w < touches->start[c + 1]; w++) {
-        const double *block = touches->turned + 9 * (size_t)w, *at = v + 3 * (size_t)touches->unknown[w];
+    for (int32_t w = contacts->start[c]; w < contacts->start[c + 1]; w++) {
+        const double *block = contacts->turned + 9 * (size_t)w, *at = v + 3 * (size_t)contacts->unknown[w];
         for (int r = 0; r < 3; r++)
             out[r] += block[3 * r] * at[0] + block[3 * r + 1] * at[1] + block[3 * r + 2] * at[2];
     }
 }
 
-void pliant_touches_pull(const pliant_touches *touches, const double *force, double *v)
+void pliant_contact_problem_add_forces(const pliant_contact_problem *contacts, const double *force, double *v)
 {
-    for (int32_t c = 0; c < touches->count; c++) {
+    for (int32_t c = 0; c < contacts->count; c++) {
         const double *f = force + 3 * (size_t)c;
-        for (int32_t w = touches->start[c]; w < touches->start[c + 1]; w++) {
-            const double *block = touches->turned + 9 * (size_t)w;
-            double *at = v + 3 * (size_t)touches->unknown[w];
+        for (int32_t w = contacts->start[c]; w < contacts->start[c + 1]; w++) {
+            const double *block = contacts->turned + 9 * (size_t)w;
+            double *at = v + 3 * (size_t)contacts->unknown[w];
             for (int k = 0; k < 3; k++) at[k] += block[k] * f[0] + block[3 + k] * f[1] + block[6 + k] * f[2];
         }
     }
 }
 
 /* Compute the block of A of two points. */
-static void answer_of(const pliant_touches *touches, int32_t a, int32_t b, double out[9])
+static void compliance_of(const pliant_contact_problem *contacts, int32_t a, int32_t b, double out[9])
 {
     memset(out, 0, 9 * sizeof *out);
-    for (int32_t v = touches->start[a]; v < touches->start[a + 1]; v++) {
+    for (int32_t v = contacts->start[a]; v < contacts->start[a + 1]; v++) {
         double moved[9] = {0}; /* motion of the unknown of v by unit forces at b */
-        for (int32_t w = touches->start[b]; w < touches->start[b + 1]; w++) {
-            const double *answer = pliant_answer(&touches->answers, touches->unknown[v], touches->unknown[w]),
-                         *block = touches->turned + 9 * (size_t)w;
+        for (int32_t w = contacts->start[b]; w < contacts->start[b + 1]; w++) {
+            const double *compliance =
+                             pliant_compliance_block(&contacts->blocks, contacts->unknown[v], contacts->unknown[w]),
+                         *block = contacts->turned + 9 * (size_t)w;
             for (int r = 0; r < 3; r++)
                 for (int c = 0; c < 3; c++)
-                    moved[3 * r + c] += answer[3 * r] * block[3 * c] + answer[3 * r + 1] * block[3 * c + 1] +
-                                        answer[3 * r + 2] * block[3 * c + 2];
+                    moved[3 * r + c] += compliance[3 * r] * block[3 * c] + compliance[3 * r + 1] * block[3 * c + 1] +
+                                        compliance[3 * r + 2] * block[3 * c + 2];
         }
-        const double *block = touches->turned + 9 * (size_t)v;
+        const double *block = contacts->turned + 9 * (size_t)v;
         for (int r = 0; r < 3; r++)
             for (int c = 0; c < 3; c++)
                 out[3 * r + c] +=
@@ -309,47 +311,47 @@ static void answer_of(const pliant_touches *touches, int32_t a, int32_t b, doubl
     }
 }
 
-int pliant_touches_springs(const pliant_solver *solver, int index[PLIANT_MAX_TOOLS])
+int pliant_contact_problem_list_springs(const pliant_solver *solver, int index[PLIANT_MAX_TOOLS])
 {
     int count = 0;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
-        if (pliant_handle_is_spring(solver->handles + t)) index[count++] = t;
+        if (pliant_grasp_is_spring(solver->grasps + t)) index[count++] = t;
     return count;
 }
 
 /* Set the blocks of the tools' springs, whose responses are whole vectors. */
 static void set_springs(const pliant_solver *solver, const int *tool, int num_tools, size_t row)
 {
-    pliant_touches *touches = solver->touches;
-    const size_t n = pliant_solver_unknowns(solver), points = 3 * (size_t)touches->count;
+    pliant_contact_problem *contacts = solver->contacts;
+    const size_t n = pliant_solver_unknowns(solver), points = 3 * (size_t)contacts->count;
     for (size_t t = 0; t < (size_t)num_tools; t++)
         for (size_t d = 0; d < 3; d++) {
-            const double *response = solver->handles[tool[t]].response + n * d;
-            for (int32_t c = 0; c < touches->count; c++) {
+            const double *response = solver->grasps[tool[t]].response + n * d;
+            for (int32_t c = 0; c < contacts->count; c++) {
                 double moved[3] = {0, 0, 0};
-                pliant_touches_apply(touches, c, response, moved);
+                pliant_contact_problem_apply(contacts, c, response, moved);
                 for (size_t r = 0; r < 3; r++)
-                    touches->matrix[(3 * (size_t)c + r) * row + points + 3 * t + d] =
-                        touches->matrix[(points + 3 * t + d) * row + 3 * (size_t)c + r] = moved[r];
+                    contacts->matrix[(3 * (size_t)c + r) * row + points + 3 * t + d] =
+                        contacts->matrix[(points + 3 * t + d) * row + 3 * (size_t)c + r] = moved[r];
             }
             for (size_t b = 0; b < (size_t)num_tools; b++) {
                 double moved[3] = {0, 0, 0};
-                pliant_handle_apply(solver->handles + tool[b], response, moved);
+                pliant_grasp_apply(solver->grasps + tool[b], response, moved);
                 for (size_t r = 0; r < 3; r++)
-                    touches->matrix[(points + 3 * b + r) * row + points + 3 * t + d] =
-                        moved[r] + (b == t && r == d ? solver->handles[tool[t]].compliance : 0);
+                    contacts->matrix[(points + 3 * b + r) * row + points + 3 * t + d] =
+                        moved[r] + (b == t && r == d ? solver->grasps[tool[t]].compliance : 0);
             }
         }
 }
 
-pliant_status pliant_touches_make_matrix(pliant_touches *touches, int num_tools)
+pliant_status pliant_contact_problem_size_matrix(pliant_contact_problem *contacts, int num_tools)
 {
-    const size_t row = 3 * (size_t)(touches->count + num_tools), room = 2 * row;
-    for (int t = 0; t < num_tools; t++) touches->friction[touches->count + t] = PLIANT_CONE_HELD;
-    if (row <= touches->room_matrix) return PLIANT_OK;
-    double *matrix = pliant_calloc(room, room * sizeof *matrix), *motion = pliant_calloc(room, sizeof *motion),
-           *force = pliant_calloc(room, sizeof *force);
-    double *sweeps = pliant_calloc(room * PLIANT_CONE_ROOM + PLIANT_CONE_EQUATIONS, sizeof *sweeps);
+    const size_t row = 3 * (size_t)(contacts->count + num_tools), capacity = 2 * row;
+    for (int t = 0; t < num_tools; t++) contacts->friction[contacts->count + t] = PLIANT_CONE_FIXED;
+    if (row <= contacts->matrix_capacity) return PLIANT_OK;
+    double *matrix = pliant_calloc(capacity, capacity * sizeof *matrix),
+           *motion = pliant_calloc(capacity, sizeof *motion), *force = pliant_calloc(capacity, sizeof *force);
+    double *sweeps = pliant_calloc(capacity * PLIANT_CONE_BUFFER + PLIANT_CONE_EQUATIONS, sizeof *sweeps);
     if (!matrix || !motion || !force || !sweeps) {
         pliant_free(matrix);
         pliant_free(motion);
@@ -357,65 +359,66 @@ pliant_status pliant_touches_make_matrix(pliant_touches *touches, int num_tools)
         pliant_free(sweeps);
         return pliant_fail_memory("contact");
     }
-    pliant_free(touches->matrix);
-    pliant_free(touches->motion);
-    pliant_free(touches->force);
-    pliant_free(touches->sweeps);
-    touches->matrix = matrix;
-    touches->motion = motion;
-    touches->force = force;
-    touches->sweeps = sweeps;
-    touches->room_matrix = room;
+    pliant_free(contacts->matrix);
+    pliant_free(contacts->motion);
+    pliant_free(contacts->force);
+    pliant_free(contacts->sweeps);
+    contacts->matrix = matrix;
+    contacts->motion = motion;
+    contacts->force = force;
+    contacts->sweeps = sweeps;
+    contacts->matrix_capacity = capacity;
     return PLIANT_OK;
 }
 
-pliant_status pliant_touches_respond(pliant_solver *solver)
+pliant_status pliant_contact_problem_find_matrix(pliant_solver *solver)
 {
-    pliant_touches *touches = solver->touches;
-    if (!pliant_touches_any(touches)) return PLIANT_OK;
+    pliant_contact_problem *contacts = solver->contacts;
+    if (!pliant_contact_problem_has_points(contacts)) return PLIANT_OK;
     turn(solver);
-    int32_t num_touched = 0;
-    for (int32_t w = 0; w < touches->num_weights; w++) {
-        if (touches->seen[touches->unknown[w]]) continue;
-        touches->seen[touches->unknown[w]] = 1;
-        touches->touched[num_touched++] = touches->unknown[w];
+    int32_t num_moved_unknowns = 0;
+    for (int32_t w = 0; w < contacts->num_weights; w++) {
+        if (contacts->seen[contacts->unknown[w]]) continue;
+        contacts->seen[contacts->unknown[w]] = 1;
+        contacts->moved_unknowns[num_moved_unknowns++] = contacts->unknown[w];
     }
     int tool[PLIANT_MAX_TOOLS];
-    const int num_tools = pliant_touches_springs(solver, tool);
-    const int32_t num_answers = num_touched;
+    const int num_tools = pliant_contact_problem_list_springs(solver, tool);
+    const int32_t num_answers = num_moved_unknowns;
     for (int t = 0; t < num_tools; t++)
-        for (int32_t h = 0; h < solver->handles[tool[t]].count; h++) {
-            const int32_t unknown = solver->handles[tool[t]].unknown[h];
-            if (!touches->seen[unknown]) touches->touched[num_touched++] = unknown;
-            touches->seen[unknown] = 1;
+        for (int32_t h = 0; h < solver->grasps[tool[t]].count; h++) {
+            const int32_t unknown = solver->grasps[tool[t]].unknown[h];
+            if (!contacts->seen[unknown]) contacts->moved_unknowns[num_moved_unknowns++] = unknown;
+            contacts->seen[unknown] = 1;
         }
-    for (int32_t i = 0; i < num_touched; i++) touches->seen[touches->touched[i]] = 0;
+    for (int32_t i = 0; i < num_moved_unknowns; i++) contacts->seen[contacts->moved_unknowns[i]] = 0;
     bool splits = false;
     pliant_factor *factor = pliant_preconditioner_factor(solver->preconditioner);
-    pliant_status status = factor ? pliant_factor_reach(factor, num_touched, touches->touched, &splits) : PLIANT_OK;
-    touches->factor = status == PLIANT_OK && splits ? factor : NULL;
-    touches->by_halves = touches->factor && num_tools == 0;
-    touches->num_touched = num_answers;
+    pliant_status status =
+        factor ? pliant_factor_reach(factor, num_moved_unknowns, contacts->moved_unknowns, &splits) : PLIANT_OK;
+    contacts->factor = status == PLIANT_OK && splits ? factor : NULL;
+    contacts->by_halves = contacts->factor && num_tools == 0;
+    contacts->num_moved_unknowns = num_answers;
     if (status != PLIANT_OK) return status;
     /* a preconditioner that is carried over from the previous topology changes in every step */
-    if (touches->of_factor != solver->factors || pliant_preconditioner_base(solver->preconditioner))
-        pliant_answers_forget(&touches->answers);
-    touches->of_factor = solver->factors;
-    status =
-        pliant_answers_find(&touches->answers, solver->preconditioner, touches->factor, num_answers, touches->touched);
+    if (contacts->of_factor != solver->factors || pliant_preconditioner_base(solver->preconditioner))
+        pliant_compliance_discard(&contacts->blocks);
+    contacts->of_factor = solver->factors;
+    status = pliant_compliance_compute(&contacts->blocks, solver->preconditioner, contacts->factor, num_answers,
+                                       contacts->moved_unknowns);
     if (status != PLIANT_OK) return status;
-    const size_t row = 3 * (size_t)(touches->count + num_tools);
-    if ((status = pliant_touches_make_matrix(touches, num_tools)) != PLIANT_OK) return status;
-    for (int32_t a = 0; a < touches->count; a++)
+    const size_t row = 3 * (size_t)(contacts->count + num_tools);
+    if ((status = pliant_contact_problem_size_matrix(contacts, num_tools)) != PLIANT_OK) return status;
+    for (int32_t a = 0; a < contacts->count; a++)
         for (int32_t b = 0; b <= a; b++) {
             double block[9];
-            answer_of(touches, a, b, block);
-            if (touches->pieces) pliant_touches_answer_pieces(touches, a, b, block);
-            for (int d = 0; a == b && d < 3; d++) block[4 * d] *= 1 + PLIANT_CONE_GIVES;
+            compliance_of(contacts, a, b, block);
+            if (contacts->pieces) pliant_contact_problem_add_bodies(contacts, a, b, block);
+            for (int d = 0; a == b && d < 3; d++) block[4 * d] *= 1 + PLIANT_CONE_REGULARIZATION;
             for (size_t r = 0; r < 3; r++)
                 for (size_t c = 0; c < 3; c++)
-                    touches->matrix[(3 * (size_t)a + r) * row + 3 * (size_t)b + c] =
-                        touches->matrix[(3 * (size_t)b + c) * row + 3 * (size_t)a + r] = block[3 * r + c];
+                    contacts->matrix[(3 * (size_t)a + r) * row + 3 * (size_t)b + c] =
+                        contacts->matrix[(3 * (size_t)b + c) * row + 3 * (size_t)a + r] = block[3 * r + c];
         }
     set_springs(solver, tool, num_tools, row);
     return PLIANT_OK;
@@ -423,113 +426,116 @@ pliant_status pliant_touches_respond(pliant_solver *solver)
 
 /* ---- evaluations */
 
-void pliant_touches_load(const pliant_touches *touches, double *residual)
+void pliant_contact_problem_add_load(const pliant_contact_problem *contacts, double *residual)
 {
-    for (int32_t c = 0; c < touches->count; c++) {
+    for (int32_t c = 0; c < contacts->count; c++) {
         double force[3];
-        from_frame(touches->frame + 9 * (size_t)c, touches->taken.force + 3 * (size_t)c, force);
-        for (int32_t w = touches->start[c]; w < touches->start[c + 1]; w++) {
-            const double *block = touches->block + 9 * (size_t)w;
-            double *at = residual + 3 * (size_t)touches->unknown[w];
+        from_frame(contacts->frame + 9 * (size_t)c, contacts->taken.force + 3 * (size_t)c, force);
+        for (int32_t w = contacts->start[c]; w < contacts->start[c + 1]; w++) {
+            const double *block = contacts->block + 9 * (size_t)w;
+            double *at = residual + 3 * (size_t)contacts->unknown[w];
             for (int k = 0; k < 3; k++)
                 at[k] += block[k] * force[0] + block[3 + k] * force[1] + block[6 + k] * force[2];
         }
     }
 }
 
-pliant_status pliant_touches_begin(pliant_solver *solver, pliant_iterate *at)
+pliant_status pliant_contact_problem_free_step(pliant_solver *solver, pliant_iterate *at)
 {
-    if (!solver->touches->factor)
+    if (!solver->contacts->factor)
         return pliant_preconditioner_solve(solver->preconditioner, 1, at->residual, at->free_step);
-    const pliant_touches *touches = solver->touches;
-    if (touches->by_halves) pliant_factor_begin_half(touches->factor, at->residual);
-    else pliant_factor_begin(touches->factor, at->residual, at->free_step);
-    for (int32_t i = 0; i < touches->num_touched && touches->by_halves; i++)
-        pliant_factor_half_answer(touches->factor, pliant_answer_half(&touches->answers, touches->touched[i]),
-                                  at->free_step + 3 * (size_t)touches->touched[i]);
+    const pliant_contact_problem *contacts = solver->contacts;
+    if (contacts->by_halves) pliant_factor_begin_half(contacts->factor, at->residual);
+    else pliant_factor_begin(contacts->factor, at->residual, at->free_step);
+    for (int32_t i = 0; i < contacts->num_moved_unknowns && contacts->by_halves; i++)
+        pliant_factor_half_answer(contacts->factor,
+                                  pliant_compliance_half_solve(&contacts->blocks, contacts->moved_unknowns[i]),
+                                  at->free_step + 3 * (size_t)contacts->moved_unknowns[i]);
     return PLIANT_OK;
 }
 
-bool pliant_touches_find(pliant_touches *touches, int num_tools, const double *matrix)
+bool pliant_contact_problem_solve(pliant_contact_problem *contacts, int num_tools, const double *matrix)
 {
-    const size_t points = 3 * (size_t)touches->count;
-    memcpy(touches->force, touches->taken.force, points * sizeof *touches->force);
-    memset(touches->force + points, 0, 3 * (size_t)num_tools * sizeof *touches->force);
-    pliant_cones_solve(touches->count + num_tools, matrix, touches->friction, touches->motion, touches->force,
-                       touches->sweeps);
+    const size_t points = 3 * (size_t)contacts->count;
+    memcpy(contacts->force, contacts->taken.force, points * sizeof *contacts->force);
+    memset(contacts->force + points, 0, 3 * (size_t)num_tools * sizeof *contacts->force);
+    pliant_cones_solve(contacts->count + num_tools, matrix, contacts->friction, contacts->motion, contacts->force,
+                       contacts->sweeps);
     /* a GPU has its own copies of A and of the couplings */
-    if (matrix == touches->matrix) pliant_touches_keep_limits(touches, num_tools);
-    memcpy(touches->found.force, touches->force, points * sizeof *touches->force);
-    memcpy(touches->found.motion, touches->motion, points * sizeof *touches->motion);
+    if (matrix == contacts->matrix) pliant_touches_keep_limits(contacts, num_tools);
+    memcpy(contacts->found.force, contacts->force, points * sizeof *contacts->force);
+    memcpy(contacts->found.motion, contacts->motion, points * sizeof *contacts->motion);
     bool changed = false;
     for (size_t i = 0; i < points; i++) {
-        touches->change[i] = touches->force[i] - touches->taken.force[i];
-        changed = changed || touches->change[i] != 0;
+        contacts->change[i] = contacts->force[i] - contacts->taken.force[i];
+        changed = changed || contacts->change[i] != 0;
     }
     return changed;
 }
 
-pliant_status pliant_touches_step(pliant_solver *solver, pliant_iterate *at)
+pliant_status pliant_contact_problem_step(pliant_solver *solver, pliant_iterate *at)
 {
-    pliant_touches *touches = solver->touches;
+    pliant_contact_problem *contacts = solver->contacts;
     int tool[PLIANT_MAX_TOOLS];
-    const int num_tools = pliant_touches_springs(solver, tool);
-    const size_t points = 3 * (size_t)touches->count, n = pliant_solver_unknowns(solver);
-    for (int32_t c = 0; c < touches->count; c++) {
-        double y[3], *motion = touches->motion + 3 * (size_t)c;
-        moved_point(solver->system, touches, c, at->x, y);
-        for (int d = 0; d < 3; d++) y[d] -= touches->goal[3 * (size_t)c + (size_t)d];
-        into_frame(touches->frame + 9 * (size_t)c, y, motion);
-        pliant_touches_apply(touches, c, at->free_step, motion);
+    const int num_tools = pliant_contact_problem_list_springs(solver, tool);
+    const size_t points = 3 * (size_t)contacts->count, n = pliant_solver_unknowns(solver);
+    for (int32_t c = 0; c < contacts->count; c++) {
+        double y[3], *motion = contacts->motion + 3 * (size_t)c;
+        moved_point(solver->system, contacts, c, at->x, y);
+        for (int d = 0; d < 3; d++) y[d] -= contacts->goal[3 * (size_t)c + (size_t)d];
+        into_frame(contacts->frame + 9 * (size_t)c, y, motion);
+        pliant_contact_problem_apply(contacts, c, at->free_step, motion);
     }
-    if (touches->pieces) pliant_touches_move_pieces(touches, touches->taken.force, false, touches->motion);
+    if (contacts->pieces) pliant_contact_problem_move_bodies(contacts, contacts->taken.force, false, contacts->motion);
     for (int t = 0; t < num_tools; t++)
-        pliant_handle_gap(solver, tool[t], at, touches->motion + points + 3 * (size_t)t);
-    const bool changed = pliant_touches_find(touches, num_tools, touches->matrix);
-    if (!changed && !touches->factor) return PLIANT_OK;
-    memset(touches->step, 0, n * sizeof *touches->step);
-    pliant_touches_pull(touches, touches->change, touches->step);
-    pliant_touches_pull(touches, touches->change, at->residual);
-    for (int32_t i = 0; i < touches->num_touched && touches->by_halves; i++)
-        pliant_factor_half_add(touches->factor, pliant_answer_half(&touches->answers, touches->touched[i]),
-                               touches->step + 3 * (size_t)touches->touched[i]);
-    if (touches->by_halves) pliant_factor_end_half(touches->factor, at->step);
-    else if (touches->factor) pliant_factor_end(touches->factor, touches->step, at->step);
-    if (touches->factor) return PLIANT_OK;
-    pliant_status status = pliant_preconditioner_solve(solver->preconditioner, 1, touches->step, touches->step);
-    for (size_t i = 0; i < n; i++) at->step[i] += touches->step[i];
+        pliant_grasp_gap(solver, tool[t], at, contacts->motion + points + 3 * (size_t)t);
+    const bool changed = pliant_contact_problem_solve(contacts, num_tools, contacts->matrix);
+    if (!changed && !contacts->factor) return PLIANT_OK;
+    memset(contacts->step, 0, n * sizeof *contacts->step);
+    pliant_contact_problem_add_forces(contacts, contacts->change, contacts->step);
+    pliant_contact_problem_add_forces(contacts, contacts->change, at->residual);
+    for (int32_t i = 0; i < contacts->num_moved_unknowns && contacts->by_halves; i++)
+        pliant_factor_half_add(contacts->factor,
+                               pliant_compliance_half_solve(&contacts->blocks, contacts->moved_unknowns[i]),
+                               contacts->step + 3 * (size_t)contacts->moved_unknowns[i]);
+    if (contacts->by_halves) pliant_factor_end_half(contacts->factor, at->step);
+    else if (contacts->factor) pliant_factor_end(contacts->factor, contacts->step, at->step);
+    if (contacts->factor) return PLIANT_OK;
+    pliant_status status = pliant_preconditioner_solve(solver->preconditioner, 1, contacts->step, contacts->step);
+    for (size_t i = 0; i < n; i++) at->step[i] += contacts->step[i];
     return status;
 }
 
-void pliant_touches_take(pliant_touches *touches)
+void pliant_contact_problem_accept(pliant_contact_problem *contacts)
 {
-    const pliant_touch_forces swap = touches->taken;
-    touches->taken = touches->found;
-    touches->found = swap;
+    const pliant_contact_forces swap = contacts->taken;
+    contacts->taken = contacts->found;
+    contacts->found = swap;
 }
 
-static double depth_of(const pliant_touches *touches, int32_t c, const double *moved)
+static double depth_of(const pliant_contact_problem *contacts, int32_t c, const double *moved)
 {
-    const double *frame = touches->frame + 9 * (size_t)c, *goal = touches->goal + 3 * (size_t)c;
+    const double *frame = contacts->frame + 9 * (size_t)c, *goal = contacts->goal + 3 * (size_t)c;
     return -(frame[0] * (moved[0] - goal[0]) + frame[1] * (moved[1] - goal[1]) + frame[2] * (moved[2] - goal[2]));
 }
 
-void pliant_touches_tell(pliant_touches *touches, const double *moved, pliant_statistics *statistics)
+void pliant_contact_problem_report_motion(pliant_contact_problem *contacts, const double *moved,
+                                          pliant_statistics *statistics)
 {
     statistics->contacts = 0;
     statistics->penetration = 0;
-    for (int32_t p = 0; touches && touches->points && p < touches->points->count; p++) {
-        pliant_contact_point *point = touches->points->point + p;
+    for (int32_t p = 0; contacts && contacts->points && p < contacts->points->count; p++) {
+        pliant_contact_point *point = contacts->points->point + p;
         memset(point->force, 0, sizeof point->force);
         point->begun = false;
     }
-    for (int32_t c = 0; touches && c < touches->count; c++) {
-        pliant_contact_point *point = touches->points->point + touches->point[c];
-        const double *frame = touches->frame + 9 * (size_t)c, *force = touches->taken.force + 3 * (size_t)c,
-                     *motion = touches->taken.motion + 3 * (size_t)c;
+    for (int32_t c = 0; contacts && c < contacts->count; c++) {
+        pliant_contact_point *point = contacts->points->point + contacts->point[c];
+        const double *frame = contacts->frame + 9 * (size_t)c, *force = contacts->taken.force + 3 * (size_t)c,
+                     *motion = contacts->taken.motion + 3 * (size_t)c;
         const bool touches_something = point->kind != PLIANT_OBSTACLE_ELEMENT;
         if (touches_something)
-            statistics->penetration = fmax(statistics->penetration, depth_of(touches, c, moved + 3 * (size_t)c));
+            statistics->penetration = fmax(statistics->penetration, depth_of(contacts, c, moved + 3 * (size_t)c));
         from_frame(frame, force, point->force);
         point->begun = force[0] > 0;
         statistics->contacts += point->begun && touches_something;
@@ -541,24 +547,24 @@ void pliant_touches_tell(pliant_touches *touches, const double *moved, pliant_st
 /* Compute W x of all points at the solver's state. */
 static void find_moved(const pliant_solver *solver)
 {
-    pliant_touches *touches = solver->touches;
-    const int32_t count = touches->count;
+    pliant_contact_problem *contacts = solver->contacts;
+    const int32_t count = contacts->count;
     for (int32_t c = 0; c < count; c++)
-        moved_point(solver->system, touches, c, solver->now.x, touches->motion + 3 * (size_t)c);
-    if (count > 0 && touches->pieces) {
-        memset(touches->found.motion, 0, 3 * (size_t)count * sizeof(double));
-        pliant_touches_move_pieces(touches, touches->taken.force, true, touches->found.motion);
+        moved_point(solver->system, contacts, c, solver->now.x, contacts->motion + 3 * (size_t)c);
+    if (count > 0 && contacts->pieces) {
+        memset(contacts->found.motion, 0, 3 * (size_t)count * sizeof(double));
+        pliant_contact_problem_move_bodies(contacts, contacts->taken.force, true, contacts->found.motion);
         for (int32_t c = 0; c < count; c++) {
             double by[3];
-            from_frame(touches->frame + 9 * (size_t)c, touches->found.motion + 3 * (size_t)c, by);
-            for (int d = 0; d < 3; d++) touches->motion[3 * (size_t)c + (size_t)d] += by[d];
+            from_frame(contacts->frame + 9 * (size_t)c, contacts->found.motion + 3 * (size_t)c, by);
+            for (int d = 0; d < 3; d++) contacts->motion[3 * (size_t)c + (size_t)d] += by[d];
         }
     }
 }
 
-void pliant_touches_report(pliant_solver *solver, pliant_statistics *statistics)
+void pliant_contact_problem_report(pliant_solver *solver, pliant_statistics *statistics)
 {
-    pliant_touches *touches = solver->touches;
-    if (touches) find_moved(solver);
-    pliant_touches_tell(touches, touches ? touches->motion : NULL, statistics);
+    pliant_contact_problem *contacts = solver->contacts;
+    if (contacts) find_moved(solver);
+    pliant_contact_problem_report_motion(contacts, contacts ? contacts->motion : NULL, statistics);
 }

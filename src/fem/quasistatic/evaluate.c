@@ -74,24 +74,25 @@ pliant_status pliant_solver_evaluate(pliant_solver *solver, pliant_known known, 
     if (known == PLIANT_KNOWN_NOTHING) pliant_solver_elastic_forces(solver, at);
     memcpy(at->residual, solver->load, bytes);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
-        if (solver->handles[t].active)
-            pliant_handle_load(solver->handles + t,
-                               solver->handles[t].by_force ? solver->handles[t].force : at->force + 3 * t,
-                               at->residual);
-    if (pliant_touches_any(solver->touches)) pliant_touches_load(solver->touches, at->residual);
+        if (solver->grasps[t].active)
+            pliant_grasp_add_load(solver->grasps + t,
+                                  solver->grasps[t].by_force ? solver->grasps[t].force : at->force + 3 * t,
+                                  at->residual);
+    if (pliant_contact_problem_has_points(solver->contacts))
+        pliant_contact_problem_add_load(solver->contacts, at->residual);
     find_residual(solver, at);
     at->merit = INFINITY;
     const bool sensible = isfinite(at->scale) && at->displacement <= pliant_quasistatic().max_displacement *
                                                                          solver->rules.smallest_displacement;
     if (!sensible) return PLIANT_OK; /* an invalid state is never accepted */
-    const bool touches = pliant_touches_any(solver->touches);
+    const bool contacts = pliant_contact_problem_has_points(solver->contacts);
     pliant_status status = known == PLIANT_KNOWN_STEP ? PLIANT_OK
-                           : touches
-                               ? pliant_touches_begin(solver, at)
+                           : contacts
+                               ? pliant_contact_problem_free_step(solver, at)
                                : pliant_preconditioner_solve(solver->preconditioner, 1, at->residual, at->free_step);
     if (status != PLIANT_OK) return status;
     memcpy(at->step, at->free_step, bytes);
-    if (touches && (status = pliant_touches_step(solver, at)) != PLIANT_OK) return status;
+    if (contacts && (status = pliant_contact_problem_step(solver, at)) != PLIANT_OK) return status;
     if (!pliant_solver_step_tools(solver, at)) return PLIANT_OK;
     const double energy = pliant_solver_product(solver, at->step, at->residual) +
                           pliant_solver_spring_energy(solver, at->step_force, at->step_force);

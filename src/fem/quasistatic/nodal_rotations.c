@@ -1,7 +1,7 @@
 #include "fem/quasistatic/nodal_rotations.h"
 
 #include "base/fail.h"
-#include "base/room.h"
+#include "base/buffer.h"
 #include "fem/element/macro_element.h"
 #include "fem/element/deformation.h"
 #include "fem/element/rotation.h"
@@ -16,9 +16,9 @@ pliant_status pliant_nodal_rotations_create(const pliant_system *system, pliant_
     pliant_nodal_rotations *rotations = pliant_calloc(1, sizeof *rotations);
     if (rotations) {
         /* Written by refer and by update. */
-        rotations->rotation = pliant_room((size_t)system->num_free, 9 * sizeof *rotations->rotation);
-        rotations->before = pliant_room((size_t)system->num_blocks, sizeof *rotations->before);
-        rotations->product = pliant_room((size_t)system->num_blocks, sizeof *rotations->product);
+        rotations->rotation = pliant_malloc((size_t)system->num_free, 9 * sizeof *rotations->rotation);
+        rotations->before = pliant_malloc((size_t)system->num_blocks, sizeof *rotations->before);
+        rotations->product = pliant_malloc((size_t)system->num_blocks, sizeof *rotations->product);
     }
     if (!rotations || !rotations->rotation || !rotations->before || !rotations->product) {
         pliant_nodal_rotations_free(rotations);
@@ -76,8 +76,8 @@ static void deformation_of_macro(const pliant_system *system, int32_t element, c
 {
     const pliant_macros *macros = system->macros;
     pliant_macro_frame frame;
-    pliant_macro_place(macros->own + 8 * (size_t)element, macros->gradient + 24 * (size_t)element, positions,
-                       system->mesh->rest, f, &frame);
+    pliant_macro_find_frame(macros->own + 8 * (size_t)element, macros->gradient + 24 * (size_t)element, positions,
+                            system->mesh->rest, f, &frame);
 }
 
 static void keep_macros_before(const pliant_system *system, const double *positions, pliant_nodal_rotations *rotations)

@@ -9,7 +9,7 @@
  * copied nodes next to their sources. A factor still in progress for the earlier body is used as the base of the
  * carried preconditioner (carried.h). The thread reads retained data. In live use no step waits for the thread. */
 #include "base/fail.h"
-#include "base/room.h"
+#include "base/buffer.h"
 #include "base/threads.h"
 #include "base/dense.h"
 #include "fem/quasistatic/background.h"
@@ -50,7 +50,7 @@ struct pliant_refresh {
     uint64_t number[PLIANT_MAX_HISTORY]; /* secant numbers, as in the rules */
     pliant_secant history[PLIANT_MAX_HISTORY];
     double gram[PLIANT_MAX_HISTORY * PLIANT_MAX_HISTORY];
-    pliant_handle handles[PLIANT_MAX_TOOLS]; /* copies of the springs; empty for other tools */
+    pliant_grasp_constraint grasps[PLIANT_MAX_TOOLS]; /* copies of the springs; empty for other tools */
 };
 
 /* Do the initial work in the thread; after a cut it includes the symbolic analysis. */
@@ -79,7 +79,7 @@ static void make_factor(pliant_refresh *refresh)
     /* Use the exact tangent if it is positive definite, as it is near a stable state. If no factor can be computed, the
      * old one stays. */
     pliant_fail_quietly(true);
-    int first = pliant_preconditioner_refuses(refresh->preconditioner) ? PLIANT_TWIST_EXACT : PLIANT_TWIST_POSITIVE;
+    int first = pliant_preconditioner_can_fail(refresh->preconditioner) ? PLIANT_TWIST_EXACT : PLIANT_TWIST_POSITIVE;
     for (int twist = first; twist <= PLIANT_TWIST_POSITIVE; twist++) {
         pliant_system_tangents(&refresh->system, refresh->x, (pliant_twist)twist, refresh->tangents);
         refresh->status = pliant_preconditioner_numeric(refresh->preconditioner, refresh->tangents);
@@ -97,9 +97,9 @@ static void convert_history(pliant_refresh *refresh)
     const size_t unknowns = 3 * (size_t)num_free;
     pliant_nodal_rotations_update(&refresh->system, refresh->now, refresh->rotations);
     for (int t = 0; t < PLIANT_MAX_TOOLS && refresh->status == PLIANT_OK; t++) {
-        if (!refresh->handles[t].active) continue;
-        pliant_handle_turn(refresh->handles + t, refresh->rotations);
-        refresh->status = pliant_handle_respond(refresh->handles + t, unknowns, refresh->preconditioner);
+        if (!refresh->grasps[t].active) continue;
+        pliant_grasp_rotate(refresh->grasps + t, refresh->rotations);
+        refresh->status = pliant_grasp_find_response(refresh->grasps + t, unknowns, refresh->preconditioner);
     }
     for (int32_t h = 0; h < PLIANT_MAX_HISTORY && refresh->status == PLIANT_OK; h++) {
         if (refresh->number[h] == 0) continue;
@@ -157,8 +157,8 @@ static pliant_status refresh_create(pliant_solver *solver)
     refresh->now = pliant_calloc(nodes, 3 * sizeof *refresh->now);
     pliant_status status = refresh->x && refresh->now ? PLIANT_OK : pliant_fail_memory("the background factorization");
     if (status == PLIANT_OK) status = pliant_nodal_rotations_create(system, &refresh->rotations);
-    if (status == PLIANT_OK) status = pliant_secants_create(system, solver->rules.room, refresh->history);
-    if (base) refresh->layered = pliant_preconditioner_layered(*base);
+    if (status == PLIANT_OK) status = pliant_secants_create(system, solver->rules.capacity, refresh->history);
+    if (base) refresh->layered = pliant_preconditioner_is_multigrid(*base);
     if (status == PLIANT_OK && base && !refresh->layered && !system->graded)
         status = order_after(solver, *base, refresh);
     if (status != PLIANT_OK) pliant_refresh_free(solver);
@@ -168,8 +168,8 @@ static pliant_status refresh_create(pliant_solver *solver)
 static void *in_background(void *argument)
 {
     pliant_refresh *refresh = argument;
-    pliant_threads_step_back();
-    pliant_memory_apart();
+    pliant_threads_lower_priority();
+    pliant_memory_set_background();
     pliant_account_use(refresh->account);
     refresh->work(refresh);
     atomic_store(&refresh->finished, true);
@@ -205,9 +205,9 @@ static pliant_status copy_history(pliant_solver *solver, bool springs, pliant_re
     if (!springs) memcpy(refresh->number, solver->rules.number, sizeof refresh->number);
     solver->forgotten = false;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
-        pliant_handle_free(refresh->handles + t);
-        if (!pliant_handle_is_spring(solver->handles + t)) continue;
-        pliant_status status = pliant_handle_copy(solver->handles + t, refresh->handles + t);
+        pliant_grasp_free(refresh->grasps + t);
+        if (!pliant_grasp_is_spring(solver->grasps + t)) continue;
+        pliant_status status = pliant_grasp_copy(solver->grasps + t, refresh->grasps + t);
         if (status != PLIANT_OK) return status;
     }
     for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) {
@@ -231,8 +231,8 @@ static pliant_status copy_history(pliant_solver *solver, bool springs, pliant_re
 static void take_responses(pliant_solver *solver)
 {
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
-        pliant_handle *found = solver->refresh->handles + t, *handle = solver->handles + t;
-        if (!found->active || !pliant_handle_is_spring(handle) || !pliant_handle_same_hold(found, handle)) continue;
+        pliant_grasp_constraint *found = solver->refresh->grasps + t, *handle = solver->grasps + t;
+        if (!found->active || !pliant_grasp_is_spring(handle) || !pliant_grasp_is_same(found, handle)) continue;
         double *response = handle->response;
         handle->response = found->response;
         handle->response_of = solver->in_use.number;
@@ -240,7 +240,7 @@ static void take_responses(pliant_solver *solver)
     }
 }
 
-static void put_in(pliant_solver *solver, pliant_statistics *statistics)
+static void install_factor(pliant_solver *solver, pliant_statistics *statistics)
 {
     pliant_refresh *refresh = solver->refresh;
     pliant_preconditioner *old = solver->preconditioner;
@@ -256,16 +256,16 @@ static void put_in(pliant_solver *solver, pliant_statistics *statistics)
     pliant_nodal_rotations *axes = solver->rotations;
     solver->rotations = refresh->rotations;
     refresh->rotations = axes;
-    pliant_solver_turned(solver);
+    pliant_solver_rotate_grasps(solver);
     solver->factors++;
     solver->in_use.number++;
     statistics->factors++;
     if (refresh->converting) take_responses(solver);
     bool converted = refresh->converting && !solver->forgotten;
     refresh->converting = false;
-    bool kept = solver->asked.kept; /* the evaluated state stays valid */
-    pliant_solver_forget(solver);
-    solver->asked.kept = kept;
+    bool kept = solver->previous.kept; /* the evaluated state stays valid */
+    pliant_solver_drop_history(solver);
+    solver->previous.kept = kept;
     if (!converted) return;
     for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) {
         if (refresh->number[h] == 0) continue;
@@ -278,7 +278,7 @@ static void put_in(pliant_solver *solver, pliant_statistics *statistics)
 }
 
 /* Install a factor from before the cut as the base of the carried preconditioner. */
-static pliant_status put_below(pliant_solver *solver, pliant_statistics *statistics)
+static pliant_status install_below_carried(pliant_solver *solver, pliant_statistics *statistics)
 {
     const pliant_system *system = solver->system;
     pliant_refresh *refresh = solver->refresh;
@@ -303,15 +303,15 @@ static pliant_status put_below(pliant_solver *solver, pliant_statistics *statist
     pliant_status status = pliant_preconditioner_carry(system, refresh->of, refresh->of->system, source, solver->now.x,
                                                        solver->rotations ? solver->rotations->rotation : NULL, &made);
     if (status != PLIANT_OK) return status;
-    pliant_preconditioner_hand_over(made, &refresh->preconditioner);
+    pliant_preconditioner_take_base(made, &refresh->preconditioner);
     pliant_preconditioner_threads(made, system->num_threads);
     refresh->discarded = solver->preconditioner;
     solver->preconditioner = made;
-    pliant_solver_turned(solver);
+    pliant_solver_rotate_grasps(solver);
     solver->factors++;
     solver->in_use.number++;
     statistics->factors++;
-    pliant_solver_forget(solver);
+    pliant_solver_drop_history(solver);
     return PLIANT_OK;
 }
 
@@ -319,7 +319,7 @@ static void deliver(pliant_solver *solver, uint64_t step, pliant_statistics *sta
 {
     pliant_refresh *refresh = solver->refresh;
     join(refresh);
-    if (refresh->status == PLIANT_OK && refresh->source) refresh->status = put_below(solver, statistics);
+    if (refresh->status == PLIANT_OK && refresh->source) refresh->status = install_below_carried(solver, statistics);
     if (refresh->status != PLIANT_OK) pliant_log(PLIANT_LOG_DEBUG, "a new factor could not be made; the old one stays");
     if (refresh->source) {
         pliant_refresh_free(solver); /* the next one belongs to the present body */
@@ -331,14 +331,14 @@ static void deliver(pliant_solver *solver, uint64_t step, pliant_statistics *sta
     }
     bool springs = false, responses = false;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
-        if (!pliant_handle_is_spring(solver->handles + t)) continue;
+        if (!pliant_grasp_is_spring(solver->grasps + t)) continue;
         springs = true;
-        responses = responses || solver->handles[t].response_of == solver->in_use.number;
+        responses = responses || solver->grasps[t].response_of == solver->in_use.number;
     }
     /* Secants that led to a refusal are dropped. */
     const bool learned = !springs && pliant_anderson_secants(&solver->rules) > 0 && !solver->rules.refused_any;
     if (refresh->converting || !(learned || (responses && pliant_background_is_live(solver->background)))) {
-        put_in(solver, statistics);
+        install_factor(solver, statistics);
         return;
     }
     if ((refresh->status = copy_history(solver, springs, refresh)) != PLIANT_OK) return;
@@ -355,8 +355,8 @@ pliant_status pliant_refresh_step(pliant_solver *solver, pliant_statistics *stat
     pliant_refresh *refresh = solver->refresh;
     if (refresh && refresh->running) {
         const uint32_t result = refresh->converting ? solver->takes_history : solver->takes_factor;
-        if (pliant_background_arrives(solver->background, result, atomic_load(&refresh->finished),
-                                      step >= refresh->due))
+        if (pliant_background_installs(solver->background, result, atomic_load(&refresh->finished),
+                                       step >= refresh->due))
             deliver(solver, step, statistics);
     }
     if (!solver->refresh) {
@@ -412,7 +412,7 @@ void pliant_refresh_free(pliant_solver *solver)
     pliant_preconditioner_free(refresh->discarded);
     pliant_nodal_rotations_free(refresh->rotations);
     pliant_secants_free(refresh->history);
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) pliant_handle_free(refresh->handles + t);
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) pliant_grasp_free(refresh->grasps + t);
     pliant_free(refresh->x);
     pliant_free(refresh->now);
     pliant_free(refresh->tangents);

@@ -8,9 +8,9 @@
 #include "fem/quasistatic/anderson.h"
 
 #ifdef __CUDACC__
-#define PLIANT_LANES_MEET() __syncwarp()
+#define PLIANT_LANES_SYNC() __syncwarp()
 #else
-#define PLIANT_LANES_MEET() ((void)0)
+#define PLIANT_LANES_SYNC() ((void)0)
 #endif
 
 enum { PLIANT_EQUATIONS_ROW = PLIANT_MAX_HISTORY + 1 }; /* an odd number avoids bank conflicts on the GPU */
@@ -31,12 +31,12 @@ PLIANT_INLINE int32_t pliant_secant_choose(int32_t lane, int32_t lanes, const pl
     for (int32_t h = lane; h < PLIANT_MAX_HISTORY; h += lanes)
         equations->scale[h] =
             rules->number[h] > 0 ? pliant_anderson_scale(gram[h * PLIANT_MAX_HISTORY + h], largest) : 0.0;
-    PLIANT_LANES_MEET();
+    PLIANT_LANES_SYNC();
     for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) {
         if (equations->scale[h] > 0 && h % lanes == lane) equations->used[count] = h;
         count += equations->scale[h] > 0;
     }
-    PLIANT_LANES_MEET();
+    PLIANT_LANES_SYNC();
     return count;
 }
 
@@ -53,7 +53,7 @@ PLIANT_INLINE void pliant_secant_fill(int32_t lane, int32_t lanes, const pliant_
             a == b ? 1 + noise * noise
                    : gram[first * PLIANT_MAX_HISTORY + second] * equations->scale[first] * equations->scale[second];
     }
-    PLIANT_LANES_MEET();
+    PLIANT_LANES_SYNC();
 }
 
 /* Solve by Cholesky, column by column (Golub and Van Loan, 4.2). Return false if rounding has made the matrix
@@ -68,24 +68,24 @@ PLIANT_INLINE bool pliant_secant_solve(int32_t lane, int32_t lanes, int32_t coun
             if (r > c) matrix[r][c] = left;
             else equations->diagonal[c] = left > 1e-14 * matrix[c][c] ? sqrt(left) : 0.0;
         }
-        PLIANT_LANES_MEET();
+        PLIANT_LANES_SYNC();
         if (!(equations->diagonal[c] > 0)) return false; /* the same for all lanes */
         for (int32_t r = lane; r < count; r += lanes)
             if (r > c) matrix[r][c] /= equations->diagonal[c];
-        PLIANT_LANES_MEET();
+        PLIANT_LANES_SYNC();
     }
     for (int32_t c = 0; c < count; c++) {
         if (c % lanes == lane) right[c] /= equations->diagonal[c];
-        PLIANT_LANES_MEET();
+        PLIANT_LANES_SYNC();
         for (int32_t r = lane; r < count; r += lanes)
             if (r > c) right[r] -= matrix[r][c] * right[c];
-        PLIANT_LANES_MEET();
+        PLIANT_LANES_SYNC();
     }
     for (int32_t c = count - 1; c >= 0; c--) {
         if (c % lanes == lane) right[c] /= equations->diagonal[c];
-        PLIANT_LANES_MEET();
+        PLIANT_LANES_SYNC();
         for (int32_t r = lane; r < c; r += lanes) right[r] -= matrix[c][r] * right[c];
-        PLIANT_LANES_MEET();
+        PLIANT_LANES_SYNC();
     }
     return true;
 }

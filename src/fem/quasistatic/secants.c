@@ -1,7 +1,7 @@
 /* History of Anderson's method: secants, their weights, and proposals. */
 #include "base/fail.h"
 #include "base/lanes.h"
-#include "base/room.h"
+#include "base/buffer.h"
 #include "fem/quasistatic/secant_equations.h"
 #include "fem/quasistatic/solver.h"
 #include "base/memory.h"
@@ -13,9 +13,9 @@ pliant_status pliant_secants_create(const pliant_system *system, int32_t count, 
     size_t n = 3 * (size_t)system->num_free;
     for (int32_t h = 0; h < count; h++) {
         pliant_secant *secant = secants + h;
-        secant->x = pliant_room(n, sizeof *secant->x); /* written by pliant_solver_remember */
-        secant->step = pliant_room(n, sizeof *secant->step);
-        secant->residual = pliant_room(n, sizeof *secant->residual);
+        secant->x = pliant_malloc(n, sizeof *secant->x); /* written by pliant_solver_store_secant */
+        secant->step = pliant_malloc(n, sizeof *secant->step);
+        secant->residual = pliant_malloc(n, sizeof *secant->residual);
         if (!secant->x || !secant->step || !secant->residual) return pliant_fail_memory("the solver's history");
     }
     return PLIANT_OK;
@@ -30,16 +30,17 @@ void pliant_secants_free(pliant_secant secants[PLIANT_MAX_HISTORY])
     }
 }
 
-void pliant_solver_moved(pliant_solver *solver)
+void pliant_solver_reset_after_move(pliant_solver *solver)
 {
-    pliant_solver_forget(solver);
-    pliant_anderson_moved(&solver->rules);
-    pliant_even_restart(&solver->even);
+    pliant_solver_drop_history(solver);
+    pliant_anderson_reset_after_move(&solver->rules);
+    pliant_evaluations_clear(&solver->evaluation_history);
     solver->in_use.evaluations = pliant_quasistatic().rotation_interval; /* the axes rotate in the next step */
-    solver->opened = false;
+    solver->is_after_cut = false;
 }
 
-void pliant_solver_remember(pliant_solver *solver, int32_t place, const pliant_iterate *from, const pliant_iterate *to)
+void pliant_solver_store_secant(pliant_solver *solver, int32_t place, const pliant_iterate *from,
+                                const pliant_iterate *to)
 {
     pliant_secant *secant = solver->history + place;
     const pliant_system *system = solver->system;
@@ -124,7 +125,7 @@ double pliant_secants_error(const pliant_solver *solver, const pliant_iterate *a
     pliant_secants_along(solver, at, along);
     pliant_secants_mix(solver, along, true, weights);
     const pliant_system *system = solver->system;
-    const double unexplained = pliant_anderson_unexplained(&solver->rules);
+    const double unexplained = pliant_anderson_error_factor(&solver->rules);
 #pragma omp parallel for schedule(static) num_threads(system->num_threads) \
     reduction(max \
               : largest) if (system->num_free >= PLIANT_NODES_FOR_THREADS)
@@ -160,19 +161,19 @@ bool pliant_solver_propose(pliant_solver *solver, double *left, double *made)
         mixed = rules->mixes && pliant_secants_mix(solver, along, false, weights);
         pliant_secants_mix(solver, along, true, likely);
     }
-    const double unexplained = pliant_anderson_unexplained(rules);
-    double most_left = 0, most_made = 0;
+    const double unexplained = pliant_anderson_error_factor(rules);
+    double max_left = 0, max_made = 0;
     memcpy(x, at->x, 3 * (size_t)system->mesh->num_nodes * sizeof *x);
 #pragma omp parallel for schedule(static) num_threads(system->num_threads) \
     reduction(max \
-              : most_left, most_made) if (system->num_free >= PLIANT_NODES_FOR_THREADS)
+              : max_left, max_made) if (system->num_free >= PLIANT_NODES_FOR_THREADS)
     for (int32_t first = 0; first < system->num_free; first += PART_NODES) {
         const int32_t nodes = nodes_of_part(system, first);
         double step[PART], estimate[PART];
         combine(solver->history, weights, 1, at->step, 3 * (size_t)first, 3 * (size_t)nodes, step);
         combine(solver->history, likely, unexplained, at->step, 3 * (size_t)first, 3 * (size_t)nodes, estimate);
-        most_left = fmax(most_left, longest_of(estimate, nodes));
-        most_made = fmax(most_made, longest_of(step, nodes));
+        max_left = fmax(max_left, longest_of(estimate, nodes));
+        max_made = fmax(max_made, longest_of(step, nodes));
         for (int32_t n = 0; n < nodes; n++) {
             pliant_from_node_axes(solver->rotations, first + n, step + 3 * n);
             for (int d = 0; d < 3; d++)
@@ -180,7 +181,7 @@ bool pliant_solver_propose(pliant_solver *solver, double *left, double *made)
         }
     }
     propose_forces(solver, weights);
-    *left = sqrt(most_left);
-    *made = rules->damping * sqrt(most_made);
+    *left = sqrt(max_left);
+    *made = rules->damping * sqrt(max_made);
     return mixed;
 }

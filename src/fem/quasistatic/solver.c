@@ -19,7 +19,7 @@ typedef struct step_time {
     double start, begun; /* start of the step, and of its first complete evaluation [s] */
     int32_t whole;       /* evaluations that included the forces */
     int32_t solved;      /* evaluations that applied the preconditioner */
-    pliant_even_limit limit;
+    pliant_evaluation_limit limit;
 } step_time;
 
 double pliant_solver_time_left(const pliant_solver *solver) { return solver->budget - solver->spent; }
@@ -29,7 +29,7 @@ bool pliant_solver_has_time(const pliant_solver *solver)
     return !(solver->budget > 0) || pliant_solver_time_left(solver) > 0;
 }
 
-int32_t pliant_solver_affordable(const pliant_solver *solver, double start, double now, double each)
+int32_t pliant_solver_evaluations_in_time(const pliant_solver *solver, double start, double now, double each)
 {
     const double left = start + pliant_solver_time_left(solver) - now;
     return solver->budget > 0 && each > 0 && left < 1e6 * each ? (int32_t)fmax(left / each, 0) : INT32_MAX;
@@ -38,24 +38,25 @@ int32_t pliant_solver_affordable(const pliant_solver *solver, double start, doub
 /* Return the number of further evaluations that fit in the budget, or in the limit of even steps. */
 static int32_t affordable(const pliant_solver *solver, const step_time *time, double first_merit)
 {
-    if (!(solver->budget > 0)) return pliant_even_remaining(&time->limit, time->solved, first_merit);
+    if (!(solver->budget > 0)) return pliant_evaluations_left(&time->limit, time->solved, first_merit);
     const double now = solver->clock(solver->clock_user),
                  each = time->whole > 0 ? (now - time->begun) / time->whole : solver->evaluation_seconds;
-    return pliant_solver_affordable(solver, time->start, now, each);
+    return pliant_solver_evaluations_in_time(solver, time->start, now, each);
 }
 
 /* Return the slope of the potential energy along the trial's step, at its end. Return 0 with springs or contacts, which
  * are not part of the potential energy. */
 static double slope_of(const pliant_solver *solver)
 {
-    if (pliant_touches_any(solver->touches)) return 0;
+    if (pliant_contact_problem_has_points(solver->contacts)) return 0;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
-        if (pliant_handle_is_spring(solver->handles + t)) return 0;
+        if (pliant_grasp_is_spring(solver->grasps + t)) return 0;
     return pliant_solver_product(solver, solver->now.step, solver->trial.residual);
 }
 
 /* Set the state; fixed nodes keep their positions. */
-static void go_to(const pliant_system *system, pliant_iterate *at, const double *x, const double force[PLIANT_MAX_ROWS])
+static void set_state(const pliant_system *system, pliant_iterate *at, const double *x,
+                      const double force[PLIANT_MAX_ROWS])
 {
     for (int32_t f = 0; f < system->num_free; f++)
         memcpy(at->x + 3 * (size_t)system->node_of_free[f], x + 3 * (size_t)system->node_of_free[f], 3 * sizeof *x);
@@ -80,15 +81,15 @@ static void prepare_next(pliant_solver *solver)
     pliant_anderson *rules = &solver->rules;
     double left, made;
     if (rules->next == PLIANT_NEXT_PREVIOUS) {
-        go_to(solver->system, &solver->trial, solver->previous_x, solver->previous_force);
+        set_state(solver->system, &solver->trial, solver->previous_x, solver->previous_force);
     } else if (rules->next == PLIANT_NEXT_REST) {
-        go_to(solver->system, &solver->trial, solver->system->mesh->rest, NULL);
+        set_state(solver->system, &solver->trial, solver->system->mesh->rest, NULL);
     } else {
         const bool mixed = pliant_solver_propose(solver, &left, &made);
         if (rules->next != PLIANT_NEXT_DESCENT)
-            pliant_anderson_settle(rules, mixed, left, made, solver->now.displacement);
+            pliant_anderson_finish_proposal(rules, mixed, left, made, solver->now.displacement);
     }
-    if (rules->forget) pliant_solver_forget(solver);
+    if (rules->forget) pliant_solver_drop_history(solver);
     if (rules->next == PLIANT_NEXT_BLIND) take_blind_step(solver);
 }
 
@@ -109,11 +110,12 @@ static pliant_status iterate(pliant_solver *solver, pliant_known known, step_tim
             plain && !(at->merit < solver->now.merit && rules->next == PLIANT_NEXT_TRIAL) ? slope_of(solver) : 0;
         pliant_anderson_judge(rules, at->merit, slope,
                               affordable(solver, time, first ? at->merit : rules->first_merit));
-        if (rules->keep >= 0) pliant_solver_remember(solver, rules->keep, &solver->now, &solver->trial);
+        if (rules->keep >= 0) pliant_solver_store_secant(solver, rules->keep, &solver->now, &solver->trial);
         if (rules->take) swap_iterates(solver);
-        if (pliant_touches_any(solver->touches) && (first || rules->take)) pliant_touches_take(solver->touches);
-        if (rules->forget) pliant_solver_forget(solver);
-        if (rules->next == PLIANT_NEXT_PREVIOUS && (status = pliant_solver_open_back(solver)) != PLIANT_OK)
+        if (pliant_contact_problem_has_points(solver->contacts) && (first || rules->take))
+            pliant_contact_problem_accept(solver->contacts);
+        if (rules->forget) pliant_solver_drop_history(solver);
+        if (rules->next == PLIANT_NEXT_PREVIOUS && (status = pliant_solver_newton_rollback(solver)) != PLIANT_OK)
             return status;
         prepare_next(solver);
     } while (rules->next != PLIANT_NEXT_DONE && rules->next != PLIANT_NEXT_BLIND);
@@ -130,16 +132,16 @@ static bool evaluate_end(pliant_solver *solver)
     memcpy(solver->now.force, solver->previous_force, sizeof solver->now.force);
     bool good = pliant_solver_evaluate(solver, PLIANT_KNOWN_NOTHING, &solver->trial) == PLIANT_OK;
     good = pliant_anderson_judge_end(&solver->rules, good ? solver->trial.merit : INFINITY);
-    if (solver->rules.keep >= 0) pliant_solver_remember(solver, solver->rules.keep, &solver->now, &solver->trial);
+    if (solver->rules.keep >= 0) pliant_solver_store_secant(solver, solver->rules.keep, &solver->now, &solver->trial);
     swap_iterates(solver);
-    if (good && pliant_touches_any(solver->touches)) pliant_touches_take(solver->touches);
+    if (good && pliant_contact_problem_has_points(solver->contacts)) pliant_contact_problem_accept(solver->contacts);
     if (good) solver->rules.error = pliant_anderson_error(pliant_secants_error(solver, &solver->now));
     return good;
 }
 
-/* Evaluate the final state of the step (estimate.c), and report the error of the step before. Around a patch, more
+/* Evaluate the final state of the step (final_state.c), and report the error of the step before. Around a patch, more
  * inputs than the loads change, so the next step cannot use this evaluation. */
-static void look_at_end(pliant_solver *solver, step_time *time)
+static void evaluate_final_state(pliant_solver *solver, step_time *time)
 {
     const bool blind = solver->rules.next == PLIANT_NEXT_BLIND, seen = solver->posterior.seen;
     const bool evaluates = blind && affordable(solver, time, solver->rules.first_merit) > 0;
@@ -148,69 +150,69 @@ static void look_at_end(pliant_solver *solver, step_time *time)
     time->solved += evaluates;
     if (solver->budget > 0 && time->whole > 0)
         solver->evaluation_seconds = (solver->clock(solver->clock_user) - time->begun) / time->whole;
-    pliant_anderson_tell(&solver->rules, seen, seen ? pliant_secants_error(solver, &solver->posterior.at) : 0);
+    pliant_anderson_report_error(&solver->rules, seen, seen ? pliant_secants_error(solver, &solver->posterior.at) : 0);
     const bool keeps = evaluated && !solver->system->basis;
-    pliant_solver_ended(solver, &solver->in_use, keeps, &solver->rules, solver->now.step_force);
-    if (keeps) pliant_posterior_keep(solver);
+    pliant_solver_record_step(solver, &solver->in_use, keeps, &solver->rules, solver->now.step_force);
+    if (keeps) pliant_final_state_store(solver);
 }
 
 /* Rotate the axes before a step. If the preconditioner converges slowly, a new one follows or none; the secants are
  * therefore kept. */
-static void turn_on(pliant_solver *solver, uint64_t step)
+static void rotate_axes(pliant_solver *solver, uint64_t step)
 {
     if (!solver->rotations) return;
     solver->in_use.turned = solver->rotations->turned;
     solver->in_use.renews = true;
-    if (pliant_solver_axes(solver, &solver->in_use, step) == PLIANT_AXES_STAY) return;
+    if (pliant_solver_choose_axes(solver, &solver->in_use, step) == PLIANT_AXES_STAY) return;
     pliant_nodal_rotations_update(solver->system, solver->now.x, solver->rotations);
-    pliant_solver_turned(solver);
-    pliant_in_use_turned(&solver->in_use);
+    pliant_solver_rotate_grasps(solver);
+    pliant_preconditioner_use_rotated(&solver->in_use);
 }
 
 /* Allocate the arrays of a solver that takes over from another backend. */
 static pliant_status begin(pliant_solver *solver)
 {
-    if (solver->awake) return PLIANT_OK;
-    pliant_status status = pliant_solver_wake(solver);
+    if (solver->has_step_arrays) return PLIANT_OK;
+    pliant_status status = pliant_solver_allocate_step(solver);
     if (status == PLIANT_OK)
         pliant_nodal_rotations_refer(solver->system, solver->system->mesh->rest, solver->rotations);
     return status;
 }
 
-pliant_even_limit pliant_solver_limit(const pliant_solver *solver)
+pliant_evaluation_limit pliant_solver_limit(const pliant_solver *solver)
 {
-    return pliant_even_next(&solver->even, pliant_background_is_live(solver->background));
+    return pliant_evaluations_limit(&solver->evaluation_history, pliant_background_is_live(solver->background));
 }
 
 /* Return the evaluation limit of the first step after a cut, within the time budget. */
 static int32_t first_evaluations(const pliant_solver *solver, const step_time *time)
 {
-    const pliant_even_limit none = {INT32_MAX, 0};
-    const int32_t part = pliant_quasistatic().opened_share;
-    if (!(solver->budget > 0)) return pliant_solver_open_evaluations(solver, &time->limit, part);
+    const pliant_evaluation_limit none = {INT32_MAX, 0};
+    const int32_t part = pliant_quasistatic().newton_evaluation_fraction;
+    if (!(solver->budget > 0)) return pliant_solver_newton_limit(solver, &time->limit, part);
     const int32_t possible = affordable(solver, time, INFINITY),
-                  allowed = pliant_solver_open_evaluations(solver, &none, part);
+                  allowed = pliant_solver_newton_limit(solver, &none, part);
     return possible < allowed ? possible : allowed;
 }
 
 static pliant_status iterate_from_newton(pliant_solver *solver, step_time *time, int32_t *evaluations)
 {
-    const int32_t most = solver->rules.most_evaluations, allowed = first_evaluations(solver, time);
+    const int32_t maximum = solver->rules.max_evaluations, allowed = first_evaluations(solver, time);
     bool settled;
-    pliant_status status = pliant_solver_open(solver, allowed, evaluations, &settled);
-    if (*evaluations > 0) solver->rules.most_evaluations = allowed - *evaluations;
+    pliant_status status = pliant_solver_newton_step(solver, allowed, evaluations, &settled);
+    if (*evaluations > 0) solver->rules.max_evaluations = allowed - *evaluations;
     time->solved += *evaluations + settled;
     time->whole += *evaluations;
-    const pliant_known known = pliant_solver_known(solver, &solver->in_use, &solver->posterior.seen);
+    const pliant_known known = pliant_solver_find_known(solver, &solver->in_use, &solver->posterior.seen);
     if (status == PLIANT_OK) status = iterate(solver, settled ? PLIANT_KNOWN_STEP : known, time);
-    solver->rules.most_evaluations = most;
+    solver->rules.max_evaluations = maximum;
     *evaluations += pliant_anderson_iterations(&solver->rules);
     return status;
 }
 
 /* Report the residual of the last judged state. A step without work reports the residual of the previous step, since a
  * patch may have reported its own residual in between. */
-static void tell_residual(const pliant_solver *solver, pliant_statistics *statistics)
+static void report_residual(const pliant_solver *solver, pliant_statistics *statistics)
 {
     statistics->residual = solver->rules.merit / solver->now.scale;
     statistics->residual_force = 0;
@@ -224,42 +226,42 @@ pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *stati
 {
     pliant_status status = begin(solver);
     if (status == PLIANT_OK) status = pliant_refresh_step(solver, statistics);
-    if (status == PLIANT_OK && pliant_solver_rests(solver)) {
+    if (status == PLIANT_OK && pliant_solver_is_idle(solver)) {
         statistics->iterations = 0;
-        tell_residual(solver, statistics);
+        report_residual(solver, statistics);
         statistics->error = statistics->error_before = solver->rules.error;
         return PLIANT_OK;
     }
-    if (status == PLIANT_OK) turn_on(solver, statistics->step);
+    if (status == PLIANT_OK) rotate_axes(solver, statistics->step);
     if (status == PLIANT_OK)
-        status = pliant_preconditioner_mend(solver->preconditioner, solver->now.x,
-                                            solver->rotations && solver->rotations->turned ? solver->rotations->rotation
-                                                                                           : NULL);
+        status = pliant_preconditioner_correct(
+            solver->preconditioner, solver->now.x,
+            solver->rotations && solver->rotations->turned ? solver->rotations->rotation : NULL);
     /* The corrected preconditioner gives other steps. */
-    if (pliant_preconditioner_base(solver->preconditioner)) solver->asked.number = 0;
-    if (status == PLIANT_OK) status = pliant_solver_respond(solver);
-    if (status == PLIANT_OK) status = pliant_touches_respond(solver);
+    if (pliant_preconditioner_base(solver->preconditioner)) solver->previous.number = 0;
+    if (status == PLIANT_OK) status = pliant_solver_find_responses(solver);
+    if (status == PLIANT_OK) status = pliant_contact_problem_find_matrix(solver);
     if (status != PLIANT_OK) return status;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
-        pliant_handle *handle = solver->handles + t;
+        pliant_grasp_constraint *handle = solver->grasps + t;
         /* All its nodes are fixed. */
         if (!handle->by_force && handle->count == 0) memset(handle->force, 0, sizeof handle->force);
         memcpy(solver->now.force + 3 * t, handle->force, 3 * sizeof(double));
     }
     step_time time = {.start = solver->clock(solver->clock_user), .limit = pliant_solver_limit(solver)};
     time.begun = time.start;
-    solver->rules.is_bounded = pliant_touches_any(solver->touches);
-    solver->rules.is_cycle = !pliant_preconditioner_refuses(solver->preconditioner);
+    solver->rules.is_bounded = pliant_contact_problem_has_points(solver->contacts);
+    solver->rules.is_cycle = !pliant_preconditioner_can_fail(solver->preconditioner);
     status = iterate_from_newton(solver, &time, &statistics->iterations);
     statistics->rejected += (uint64_t)solver->rules.rejected;
     if (status != PLIANT_OK) return status;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
-        memcpy(solver->handles[t].force, solver->now.force + 3 * t, 3 * sizeof(double));
+        memcpy(solver->grasps[t].force, solver->now.force + 3 * t, 3 * sizeof(double));
     if (!isfinite(solver->rules.merit)) return pliant_fail(PLIANT_ERROR_NUMERIC, PLIANT_LOAD_NOT_FINITE);
-    tell_residual(solver, statistics);
-    look_at_end(solver, &time);
-    pliant_even_note(&solver->even, time.solved, solver->rules.first_merit);
-    pliant_touches_report(solver, statistics);
+    report_residual(solver, statistics);
+    evaluate_final_state(solver, &time);
+    pliant_evaluations_record(&solver->evaluation_history, time.solved, solver->rules.first_merit);
+    pliant_contact_problem_report(solver, statistics);
     statistics->error = solver->rules.error;
     statistics->error_before = solver->rules.error_before;
     return solver->rules.converged ? PLIANT_OK : PLIANT_NOT_CONVERGED;

@@ -17,7 +17,7 @@
 
 #include "fem/quasistatic/anderson.h"
 #include "fem/quasistatic/contact.h"
-#include "fem/quasistatic/even.h"
+#include "fem/quasistatic/evaluation_limit.h"
 #include "fem/quasistatic/nodal_rotations.h"
 #include "fem/system.h"
 #include "state/background.h"
@@ -28,7 +28,7 @@ extern "C" {
 #endif
 
 /* The effect of one tool on the unknowns. */
-typedef struct pliant_handle {
+typedef struct pliant_grasp_constraint {
     bool active;
     bool by_force;         /* true: a prescribed force, without a spring */
     double force[3];       /* force on the tissue: prescribed, or the unknown l [N] */
@@ -40,8 +40,8 @@ typedef struct pliant_handle {
     double *turned;        /* (count x 9) dy/dx with x in the nodes' axes; equal to block if no axis is rotated */
     double origin[3];      /* y = origin + W x */
     double *response;      /* Z: (3 x 3 num_free), column by column; NULL: not computed yet */
-    uint64_t response_of;  /* pliant_in_use.number for which Z was computed; 0: not computed */
-} pliant_handle;
+    uint64_t response_of;  /* pliant_preconditioner_use.number for which Z was computed; 0: not computed */
+} pliant_grasp_constraint;
 
 typedef struct pliant_refresh pliant_refresh; /* the background factorizer (refresh.c) */
 
@@ -68,36 +68,36 @@ typedef struct pliant_secant { /* Differences of two iterates. */
     double force[PLIANT_MAX_ROWS], step_force[PLIANT_MAX_ROWS];
 } pliant_secant;
 
-/* The final state of the previous step (estimate.c). */
-typedef struct pliant_posterior {
+/* The final state of the previous step (final_state.c). */
+typedef struct pliant_final_state {
     /* At the start of this step, the previous final state was evaluated with the preconditioner in use. */
     bool seen;
     pliant_iterate at;          /* its step, residual and step_force; other fields are unused */
-} pliant_posterior;
+} pliant_final_state;
 
-/* The preconditioner and the axes in which it is applied. Each backend that runs steps has one (begin.c). */
-typedef struct pliant_in_use {
+/* The preconditioner and the axes in which it is applied. Each backend that runs steps has one (step_start.c). */
+typedef struct pliant_preconditioner_use {
     /* Identifies a pair of factor and axes, from 1. It changes with every new factor and every rotation of the axes.
      * Responses and evaluated final states are valid for one number. */
     uint64_t number;
     bool turned;                /* the axes differ from the axes in which the preconditioner was computed */
     bool rough;                 /* rotations are inaccurate, as for homogenized elements */
     bool renews;                /* when it converges slowly, a new preconditioner is due soon */
-    bool served_badly;          /* it has converged slowly since the last rotation of the axes */
+    bool converged_slowly;          /* it has converged slowly since the last rotation of the axes */
     uint64_t turned_at;         /* step of the last rotation */
     int64_t evaluations;        /* evaluations since then, counting only evaluations with work */
-} pliant_in_use;
+} pliant_preconditioner_use;
 
-/* Inputs and outcome of the previous step (begin.c). */
-typedef struct pliant_asked {
+/* Inputs and outcome of the previous step (step_start.c). */
+typedef struct pliant_previous_step {
     /* There was a previous step, and only the inputs in this struct can have changed since. */
     bool kept;
     bool evaluated;             /* the forces and the preconditioned step of its final state are available */
-    bool converged, touched;    /* touched: there were contacts */
-    uint64_t number;            /* pliant_in_use.number of the final state's evaluation; 0: do not reuse it */
+    bool converged, had_contacts;    /* had_contacts: there were contacts */
+    uint64_t number; /* pliant_preconditioner_use.number of the final state's evaluation; 0: do not reuse it */
     double gravity[3], force[PLIANT_MAX_ROWS];
     double target[PLIANT_MAX_ROWS], compliance[PLIANT_MAX_TOOLS];
-} pliant_asked;
+} pliant_previous_step;
 
 /* Quantities that are known before a state is evaluated. */
 typedef enum pliant_known { PLIANT_KNOWN_NOTHING, PLIANT_KNOWN_FORCES, PLIANT_KNOWN_STEP } pliant_known;
@@ -119,38 +119,38 @@ struct pliant_solver {
 
     pliant_preconditioner *preconditioner; /* in use; called "factor" below */
     uint64_t factors;           /* number of factors installed so far; 1: the factor at rest */
-    pliant_in_use in_use;       /* unused if a backend keeps its own */
-    pliant_asked asked;
+    pliant_preconditioner_use in_use;       /* unused if a backend keeps its own */
+    pliant_previous_step previous;
     /* The arrays for a step are allocated. These are all fields below except load, now.x, dense_weights and handles. */
-    bool awake;
+    bool has_step_arrays;
     pliant_nodal_rotations *rotations;          /* Nullable: the axes in which the preconditioner is applied */
-    bool opened;                /* the next step is the first step after a cut */
-    bool opened_axes;           /* the axes follow the Newton step, which has not been judged yet */
+    bool is_after_cut;                /* the next step is the first step after a cut */
+    bool newton_axes;           /* the axes follow the Newton step, which has not been judged yet */
     pliant_refresh *refresh;    /* Nullable */
     /* The history was dropped after the background work began. The converted history will be discarded. */
     bool forgotten;
     pliant_background *background; /* Nullable; borrowed: decides when background results are installed */
     uint32_t takes_factor, takes_history; /* flags of the factor and of the history in it */
-    pliant_even even;           /* evaluations per step in live use */
+    pliant_evaluation_history evaluation_history;           /* evaluations per step in live use */
 
     double *load;               /* (3 num_free) gravity [N] */
     double gravity[3];          /* gravity of the load [m/s^2] */
     bool loaded;
-    pliant_handle handles[PLIANT_MAX_TOOLS];
-    pliant_touches *touches;    /* Nullable: there was no contact yet */
+    pliant_grasp_constraint grasps[PLIANT_MAX_TOOLS];
+    pliant_contact_problem *contacts;    /* Nullable: there was no contact yet */
 
     pliant_iterate now, trial;
     double *previous_x, previous_force[PLIANT_MAX_ROWS]; /* (3 num_nodes) state before a blind step */
     pliant_secant history[PLIANT_MAX_HISTORY];
     double gram[PLIANT_MAX_HISTORY * PLIANT_MAX_HISTORY]; /* energy products of the secants' steps */
-    pliant_posterior posterior;
+    pliant_final_state posterior;
     double (*element_forces)[12][LANES];
     /* Work array (9 num_free) to build W; NULL if the fine mesh is the solved mesh. */
     double *dense_weights;
 };
 
-/* Return the evaluation limit of the next step (even.h). */
-pliant_even_limit pliant_solver_limit(const pliant_solver *solver);
+/* Return the evaluation limit of the next step (evaluation_limit.h). */
+pliant_evaluation_limit pliant_solver_limit(const pliant_solver *solver);
 
 /* Create a solver with the limits and intervals of the scene. Scene and system are borrowed. */
 pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_system *system, pliant_solver **out);
@@ -159,7 +159,7 @@ pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_syste
 pliant_status pliant_solver_create_without(const pliant_scene *scene, const pliant_system *system, bool rests,
                                            pliant_solver **out);
 /* Allocate the arrays for a step if they are missing. The axes then have no reference positions. Errors: MEMORY. */
-pliant_status pliant_solver_wake(pliant_solver *solver);
+pliant_status pliant_solver_allocate_step(pliant_solver *solver);
 /* Compute the load from the gravity of the solver before the cut. Only the masses of changed nodes differ. Errors:
  * MEMORY. */
 pliant_status pliant_solver_carry_load(pliant_solver *solver, const pliant_solver *from);
@@ -170,16 +170,16 @@ pliant_status pliant_solver_reset(pliant_solver *solver);
 void pliant_solver_gravity(pliant_solver *solver, const double gravity[3]);
 /* Attach the tool's spring to fine nodes with weights (sum 1). fine_positions give the initial position of y. Errors:
  * MEMORY. */
-pliant_status pliant_solver_hold(pliant_solver *solver, int tool, int32_t count, const int32_t *nodes,
-                                 const double *weights, const double *fine_positions);
-void pliant_solver_release(pliant_solver *solver, int tool);
+pliant_status pliant_solver_add_grasp(pliant_solver *solver, int tool, int32_t count, const int32_t *nodes,
+                                      const double *weights, const double *fine_positions);
+void pliant_solver_remove_grasp(pliant_solver *solver, int tool);
 /* Update the tools' weights after the axes have rotated. */
-void pliant_solver_turned(pliant_solver *solver);
+void pliant_solver_rotate_grasps(pliant_solver *solver);
 
 /* Drop the history. Call it when old secants are no longer valid. */
-void pliant_solver_forget(pliant_solver *solver);
+void pliant_solver_drop_history(pliant_solver *solver);
 /* Call this after the state was changed by the caller. */
-void pliant_solver_moved(pliant_solver *solver);
+void pliant_solver_reset_after_move(pliant_solver *solver);
 static inline size_t pliant_solver_unknowns(const pliant_solver *solver)
 {
     return 3 * (size_t)solver->system->num_free;
@@ -191,7 +191,7 @@ double pliant_solver_time_left(const pliant_solver *solver);
 bool pliant_solver_has_time(const pliant_solver *solver);
 /* Return the number of evaluations of `each` seconds that fit in the budget between `now` and its end. Return INT32_MAX
  * without a budget, or if `each` is unknown (0). */
-int32_t pliant_solver_affordable(const pliant_solver *solver, double start, double now, double each);
+int32_t pliant_solver_evaluations_in_time(const pliant_solver *solver, double start, double now, double each);
 /* Run one step from the present state. NOT_CONVERGED keeps the best iterate; NUMERIC keeps the old state. */
 pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *statistics);
 
@@ -203,48 +203,49 @@ void pliant_solver_elastic_forces(pliant_solver *solver, pliant_iterate *at);
 /* Compute residual, step and merit of a state from the known quantities. Errors: MEMORY. */
 pliant_status pliant_solver_evaluate(pliant_solver *solver, pliant_known known, pliant_iterate *at);
 
-/* ---- Implemented in opened.c. */
+/* ---- Implemented in newton_after_cut.c. */
 /* Take a Newton step before the first step after a cut.
- * @param most         Maximum number of evaluations.
+ * @param maximum         Maximum number of evaluations.
  * @param evaluations  Out: evaluations done; 0 if this is no such step, or if the cut has released no tissue.
  * @param settled      Out: the cut has released no tissue, and the present state is evaluated.
  * Errors: MEMORY, NUMERIC. */
-pliant_status pliant_solver_open(pliant_solver *solver, int32_t most, int32_t *evaluations, bool *settled);
+pliant_status pliant_solver_newton_step(pliant_solver *solver, int32_t maximum, int32_t *evaluations, bool *settled);
 /* Restore the axes of the state before the Newton step, after that step was rejected. Errors: MEMORY, NUMERIC. */
-pliant_status pliant_solver_open_back(pliant_solver *solver);
+pliant_status pliant_solver_newton_rollback(pliant_solver *solver);
 /* Return the evaluation limit of the first step after a cut. The limit exceeds a normal step's limit by the fraction 1
  * / part. In live use it is at most twice the median, unless the normal limit is higher. */
-int32_t pliant_solver_open_evaluations(const pliant_solver *solver, const pliant_even_limit *limit, int32_t part);
+int32_t pliant_solver_newton_limit(const pliant_solver *solver, const pliant_evaluation_limit *limit, int32_t part);
 
-/* ---- Implemented in handle.c. */
-static inline bool pliant_handle_is_spring(const pliant_handle *handle)
+/* ---- Implemented in grasp_constraint.c. */
+static inline bool pliant_grasp_is_spring(const pliant_grasp_constraint *handle)
 {
     return handle->active && !handle->by_force && handle->count > 0;
 }
 /* Add W v to out. v is in the nodes' axes. */
-void pliant_handle_apply(const pliant_handle *handle, const double *v, double out[3]);
+void pliant_grasp_apply(const pliant_grasp_constraint *handle, const double *v, double out[3]);
 /* Compute target - y - c l of a spring. */
-void pliant_handle_stretch(const pliant_solver *solver, int tool, const pliant_iterate *at, double out[3]);
+void pliant_grasp_stretch(const pliant_solver *solver, int tool, const pliant_iterate *at, double out[3]);
 /* Compute W (x + free step) + c l - target of a spring. */
-void pliant_handle_gap(const pliant_solver *solver, int tool, const pliant_iterate *at, double out[3]);
+void pliant_grasp_gap(const pliant_solver *solver, int tool, const pliant_iterate *at, double out[3]);
 /* Add W' f to v: `pull` in the nodes' axes, `load` in world axes. */
-void pliant_handle_pull(const pliant_handle *handle, const double force[3], double *v);
-void pliant_handle_load(const pliant_handle *handle, const double force[3], double *v);
+void pliant_grasp_add_pull(const pliant_grasp_constraint *handle, const double force[3], double *v);
+void pliant_grasp_add_load(const pliant_grasp_constraint *handle, const double force[3], double *v);
 /* Convert the tool's weights to the nodes' axes. */
-void pliant_handle_turn(pliant_handle *handle, const pliant_nodal_rotations *rotations);
+void pliant_grasp_rotate(pliant_grasp_constraint *handle, const pliant_nodal_rotations *rotations);
 /* Compute Z of a spring with this preconditioner. Errors: MEMORY, NUMERIC. */
-pliant_status pliant_handle_respond(pliant_handle *handle, size_t unknowns, pliant_preconditioner *preconditioner);
+pliant_status pliant_grasp_find_response(pliant_grasp_constraint *handle, size_t unknowns,
+                                         pliant_preconditioner *preconditioner);
 /* Copy a handle without Z. *out is freed first, and empty after an error. Errors: MEMORY. */
-pliant_status pliant_handle_copy(const pliant_handle *handle, pliant_handle *out);
-bool pliant_handle_same_hold(const pliant_handle *a, const pliant_handle *b);
-void pliant_handle_free(pliant_handle *handle); /* leaves it empty */
+pliant_status pliant_grasp_copy(const pliant_grasp_constraint *handle, pliant_grasp_constraint *out);
+bool pliant_grasp_is_same(const pliant_grasp_constraint *a, const pliant_grasp_constraint *b);
+void pliant_grasp_free(pliant_grasp_constraint *handle); /* leaves it empty */
 /* Compute Z of all springs whose Z belongs to another factor. */
-pliant_status pliant_solver_respond(pliant_solver *solver);
+pliant_status pliant_solver_find_responses(pliant_solver *solver);
 /* List the tools that hold by springs and return their number. matrix: S of their rows. */
 int pliant_solver_springs(const pliant_solver *solver, int index[PLIANT_MAX_TOOLS],
                           double matrix[PLIANT_MAX_ROWS * PLIANT_MAX_ROWS]);
 /* Add Z force of one tool to the step. */
-void pliant_solver_respond_to(const pliant_solver *solver, int tool, const double force[3], double *step);
+void pliant_solver_add_response(const pliant_solver *solver, int tool, const double force[3], double *step);
 /* Compute dl = S^-1 (e - W g0), and the step with it: g = g0 + Z dl, K0 g = r + W' dl. Return false if S is
  * singular. */
 bool pliant_solver_step_tools(const pliant_solver *solver, pliant_iterate *at);
@@ -255,7 +256,8 @@ double pliant_solver_spring_energy(const pliant_solver *solver, const double *a,
 /* Allocate the arrays of `count` secants. After an error some may be allocated. Errors: MEMORY. */
 pliant_status pliant_secants_create(const pliant_system *system, int32_t count, pliant_secant *secants);
 void pliant_secants_free(pliant_secant secants[PLIANT_MAX_HISTORY]);
-void pliant_solver_remember(pliant_solver *solver, int32_t place, const pliant_iterate *from, const pliant_iterate *to);
+void pliant_solver_store_secant(pliant_solver *solver, int32_t place, const pliant_iterate *from,
+                                const pliant_iterate *to);
 /* Compute the products of the secants' steps with a residual. Return false if there are no secants. */
 bool pliant_secants_along(const pliant_solver *solver, const pliant_iterate *at, double along[PLIANT_MAX_HISTORY]);
 /* Compute the weights of the secants (secant_equations.h). */
@@ -282,33 +284,34 @@ pliant_status pliant_solver_follow(const pliant_scene *scene, const pliant_syste
  * call. */
 void pliant_solver_take_over(pliant_solver *solver, pliant_solver *from);
 /* Carry a tool's grasp over to fine nodes of the cut mesh, with its force. Errors: MEMORY. */
-pliant_status pliant_solver_carry_hold(pliant_solver *solver, const pliant_solver *from, int tool, int32_t count,
-                                       const int32_t *nodes, const double *weights, const double *fine_positions,
-                                       const double force[3]);
+pliant_status pliant_solver_carry_grasp(pliant_solver *solver, const pliant_solver *from, int tool, int32_t count,
+                                        const int32_t *nodes, const double *weights, const double *fine_positions,
+                                        const double force[3]);
 
-/* ---- Implemented in begin.c: the start of a step, for all backends. in_use: preconditioner of the backend that
+/* ---- Implemented in step_start.c: the start of a step, for all backends. in_use: preconditioner of the backend that
  * steps. */
 /* Return whether a step has nothing to do: the previous step has converged, and its inputs are unchanged. */
-bool pliant_solver_rests(const pliant_solver *solver);
+bool pliant_solver_is_idle(const pliant_solver *solver);
 /* Return whether the axes rotate with the tissue before the step. */
-pliant_axes pliant_solver_axes(const pliant_solver *solver, const pliant_in_use *in_use, uint64_t step);
+pliant_axes pliant_solver_choose_axes(const pliant_solver *solver, const pliant_preconditioner_use *in_use,
+                                      uint64_t step);
 /* Record that the axes have rotated. */
-void pliant_in_use_turned(pliant_in_use *in_use);
+void pliant_preconditioner_use_rotated(pliant_preconditioner_use *in_use);
 /* Return the known quantities of the step's first state. Call it after the tools' forces are set.
  * @param seen  Out: the previous final state was evaluated with the preconditioner in use. */
-pliant_known pliant_solver_known(pliant_solver *solver, const pliant_in_use *in_use, bool *seen);
+pliant_known pliant_solver_find_known(pliant_solver *solver, const pliant_preconditioner_use *in_use, bool *seen);
 /* Record the end of a step. The handles have the tools' forces.
  * @param evaluated   The final state is evaluated.
  * @param step_force  Change dl of the springs' forces in the final state. It is added to the springs' forces if the
  *     step ends with its first state. */
-void pliant_solver_ended(pliant_solver *solver, const pliant_in_use *in_use, bool evaluated,
-                         const pliant_anderson *rules, const double *step_force);
+void pliant_solver_record_step(pliant_solver *solver, const pliant_preconditioner_use *in_use, bool evaluated,
+                               const pliant_anderson *rules, const double *step_force);
 
-/* ---- Implemented in estimate.c: distance of nodes from their converged positions [m]. */
-pliant_status pliant_posterior_create(pliant_solver *solver);
-void pliant_posterior_free(pliant_solver *solver);
+/* ---- Implemented in final_state.c: distance of nodes from their converged positions [m]. */
+pliant_status pliant_final_state_create(pliant_solver *solver);
+void pliant_final_state_free(pliant_solver *solver);
 /* Store the evaluated quantities of the step's final state. */
-void pliant_posterior_keep(pliant_solver *solver);
+void pliant_final_state_store(pliant_solver *solver);
 
 /* ---- Implemented in refresh.c. */
 /* Start and install factors at fixed steps. After a failed factorization the old factor stays. */

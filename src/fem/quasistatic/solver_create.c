@@ -1,7 +1,7 @@
 /* Creation and destruction of a solver, and its load. */
 #include "base/fail.h"
 #include "base/clock.h"
-#include "base/room.h"
+#include "base/buffer.h"
 #include "fem/quasistatic/solver.h"
 #include "base/memory.h"
 
@@ -31,13 +31,13 @@ static void iterate_free(pliant_iterate *iterate)
     iterate->step = iterate->residual = iterate->elastic = iterate->free_step = NULL;
 }
 
-/* Free the arrays that pliant_solver_wake allocates. */
-static void free_room(pliant_solver *solver)
+/* Free the arrays that pliant_solver_allocate_step allocates. */
+static void free_buffers(pliant_solver *solver)
 {
     iterate_free(&solver->now);
     iterate_free(&solver->trial);
     pliant_free(solver->trial.x);
-    pliant_posterior_free(solver);
+    pliant_final_state_free(solver);
     pliant_nodal_rotations_free(solver->rotations);
     pliant_secants_free(solver->history);
     pliant_free(solver->previous_x);
@@ -46,28 +46,28 @@ static void free_room(pliant_solver *solver)
     solver->rotations = NULL;
     solver->element_forces = NULL;
     memset(&solver->posterior, 0, sizeof solver->posterior);
-    solver->asked.kept = false;
+    solver->previous.kept = false;
     memset(solver->history, 0, sizeof solver->history);
-    solver->awake = false;
+    solver->has_step_arrays = false;
 }
 
-pliant_status pliant_solver_wake(pliant_solver *solver)
+pliant_status pliant_solver_allocate_step(pliant_solver *solver)
 {
     const pliant_system *system = solver->system;
-    if (solver->awake) return PLIANT_OK;
+    if (solver->has_step_arrays) return PLIANT_OK;
     solver->previous_x = pliant_calloc((size_t)system->mesh->num_nodes, 3 * sizeof *solver->previous_x);
-    solver->element_forces = pliant_room((size_t)system->num_blocks, sizeof *solver->element_forces);
+    solver->element_forces = pliant_malloc((size_t)system->num_blocks, sizeof *solver->element_forces);
     pliant_status status = solver->previous_x && solver->element_forces ? PLIANT_OK : pliant_fail_memory("the solver");
     if (status == PLIANT_OK) status = iterate_create(system, &solver->now);
     if (status == PLIANT_OK) status = iterate_create(system, &solver->trial);
-    if (status == PLIANT_OK) status = pliant_secants_create(system, solver->rules.room, solver->history);
-    if (status == PLIANT_OK) status = pliant_posterior_create(solver);
+    if (status == PLIANT_OK) status = pliant_secants_create(system, solver->rules.capacity, solver->history);
+    if (status == PLIANT_OK) status = pliant_final_state_create(solver);
     if (status == PLIANT_OK) status = pliant_nodal_rotations_create(system, &solver->rotations);
     if (status != PLIANT_OK) {
-        free_room(solver);
+        free_buffers(solver);
         return status;
     }
-    solver->awake = true;
+    solver->has_step_arrays = true;
     return PLIANT_OK;
 }
 
@@ -86,7 +86,8 @@ static void set_delays(const pliant_scene *scene, pliant_solver *solver)
     if (solver->refresh_delay > 0 || !preconditioner) return; /* after a cut: as before it */
     solver->refresh_delay = 1 + steps_for(pliant_preconditioner_operations(preconditioner), scene->solver.step);
     solver->convert_delay +=
-        steps_for(solver->rules.room * pliant_preconditioner_apply_operations(preconditioner), scene->solver.step) - 1;
+        steps_for(solver->rules.capacity * pliant_preconditioner_apply_operations(preconditioner), scene->solver.step) -
+        1;
 }
 
 static double wall_clock(void *user)
@@ -102,16 +103,16 @@ pliant_status pliant_solver_create_without(const pliant_scene *scene, const plia
     if (!solver) return pliant_fail_memory("the solver");
     solver->system = system;
     pliant_anderson *rules = &solver->rules;
-    rules->most_evaluations = scene->solver.iterations;
+    rules->max_evaluations = scene->solver.iterations;
     rules->depth = scene->solver.history;
-    rules->room = pliant_anderson_depth(rules->depth, rules->most_evaluations);
+    rules->capacity = pliant_anderson_depth(rules->depth, rules->max_evaluations);
     /* Around a patch the merit can become meaningless; the plain step follows directly there. */
     rules->limits_secants = !system->basis;
     rules->tolerance = scene->solver.tolerance;
     solver->budget = 1e-3 * scene->solver.budget_ms;
     solver->clock = wall_clock;
-    solver->takes_factor = PLIANT_TAKES_FACTOR;
-    solver->takes_history = PLIANT_TAKES_HISTORY;
+    solver->takes_factor = PLIANT_RESULT_FACTOR;
+    solver->takes_history = PLIANT_RESULT_HISTORY;
     solver->refresh_interval = scene->solver.refresh_interval;
     set_delays(scene, solver);
     double length = 0;
@@ -120,12 +121,12 @@ pliant_status pliant_solver_create_without(const pliant_scene *scene, const plia
     rules->smallest_displacement = pliant_quasistatic().smallest_displacement * length;
     solver->smallest_scale = rules->smallest_displacement * sqrt(system->mean_diagonal);
     if (!pliant_solves_fine(system))
-        solver->dense_weights = pliant_room((size_t)system->num_free, 9 * sizeof *solver->dense_weights);
-    solver->now.x = pliant_room((size_t)system->mesh->num_nodes, 3 * sizeof *solver->now.x);
+        solver->dense_weights = pliant_malloc((size_t)system->num_free, 9 * sizeof *solver->dense_weights);
+    solver->now.x = pliant_malloc((size_t)system->mesh->num_nodes, 3 * sizeof *solver->now.x);
     pliant_status status = (solver->dense_weights || pliant_solves_fine(system)) && solver->now.x
                                ? PLIANT_OK
                                : pliant_fail_memory("the solver");
-    if (status == PLIANT_OK && !rests) status = pliant_solver_wake(solver);
+    if (status == PLIANT_OK && !rests) status = pliant_solver_allocate_step(solver);
     if (status != PLIANT_OK) {
         pliant_solver_free(solver);
         return status;
@@ -162,17 +163,17 @@ pliant_status pliant_solver_reset(pliant_solver *solver)
         solver->preconditioner = preconditioner;
     }
     pliant_refresh_free(solver);
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) pliant_solver_release(solver, t);
-    pliant_touches_free(solver->touches);
-    solver->touches = NULL;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) pliant_solver_remove_grasp(solver, t);
+    pliant_contact_problem_free(solver->contacts);
+    solver->contacts = NULL;
     solver->factors = 1;
     solver->in_use.number++;
     pliant_nodal_rotations_refer(solver->system, solver->system->mesh->rest, solver->rotations);
     solver->in_use.evaluations = 0;
-    solver->opened = false;
+    solver->is_after_cut = false;
     pliant_anderson_reset(&solver->rules);
-    pliant_even_restart(&solver->even);
-    pliant_solver_forget(solver);
+    pliant_evaluations_clear(&solver->evaluation_history);
+    pliant_solver_drop_history(solver);
     memcpy(solver->now.x, solver->system->mesh->rest,
            3 * (size_t)solver->system->mesh->num_nodes * sizeof *solver->now.x);
     memset(solver->now.force, 0, sizeof solver->now.force);
@@ -188,7 +189,7 @@ static void find_load(pliant_solver *solver, int32_t from, int32_t to)
             const double *mass = solver->system->gravity_mass + 9 * (size_t)f;
             solver->load[3 * f + d] = mass[d] * gravity[0] + mass[3 + d] * gravity[1] + mass[6 + d] * gravity[2];
         }
-    pliant_writes(solver->load, 3 * (size_t)from, 3 * (size_t)(to - from), sizeof *solver->load);
+    pliant_mark_written(solver->load, 3 * (size_t)from, 3 * (size_t)(to - from), sizeof *solver->load);
 }
 
 void pliant_solver_gravity(pliant_solver *solver, const double gravity[3])
@@ -204,9 +205,9 @@ pliant_status pliant_solver_carry_load(pliant_solver *solver, const pliant_solve
     const pliant_system *system = solver->system, *before = from->system;
     const int32_t both = system->num_free < before->num_free ? system->num_free : before->num_free;
     const size_t row = 9 * sizeof *system->gravity_mass;
-    solver->load =
-        from->loaded ? pliant_next_of(from->load, 3 * (size_t)both, 3 * (size_t)system->num_free, sizeof *solver->load)
-                     : pliant_calloc((size_t)system->num_free, 3 * sizeof *solver->load);
+    solver->load = from->loaded ? pliant_next_version(from->load, 3 * (size_t)both, 3 * (size_t)system->num_free,
+                                                      sizeof *solver->load)
+                                : pliant_calloc((size_t)system->num_free, 3 * sizeof *solver->load);
     if (!solver->load) return pliant_fail_memory("the solver");
     solver->loaded = from->loaded;
     memcpy(solver->gravity, from->gravity, sizeof solver->gravity);
@@ -222,9 +223,9 @@ void pliant_solver_free(pliant_solver *solver)
 {
     if (!solver) return;
     pliant_refresh_free(solver);
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) pliant_solver_release(solver, t);
-    free_room(solver);
-    pliant_touches_free(solver->touches);
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) pliant_solver_remove_grasp(solver, t);
+    free_buffers(solver);
+    pliant_contact_problem_free(solver->contacts);
     pliant_free(solver->now.x);
     pliant_free(solver->load);
     pliant_free(solver->dense_weights);

@@ -12,13 +12,13 @@
 #include <string.h>
 
 /* Rows of the step's matrix that belong to A, and their G. */
-typedef struct held_rows {
+typedef struct active_rows {
     int32_t count;
     int32_t *row;   /* of the whole matrix */
     double *motion; /* G (count x 6) */
-} held_rows;
+} active_rows;
 
-static void add_row(held_rows *rows, int32_t row, const double *motion)
+static void add_row(active_rows *rows, int32_t row, const double *motion)
 {
     rows->row[rows->count] = row;
     if (motion) memcpy(rows->motion + 6 * (size_t)rows->count, motion, 6 * sizeof *motion);
@@ -34,13 +34,13 @@ static void move_with_tool(const double direction[3], const double arm[3], doubl
         motion[3 + d] = arm[(d + 1) % 3] * direction[(d + 2) % 3] - arm[(d + 2) % 3] * direction[(d + 1) % 3];
 }
 
-static void list_points(const pliant_touches *touches, int tool, const double tip[3], held_rows *rows)
+static void list_points(const pliant_contact_problem *contacts, int tool, const double tip[3], active_rows *rows)
 {
-    for (int32_t c = 0; c < touches->count; c++) {
-        const pliant_contact_point *point = touches->points->point + touches->point[c];
-        const double *force = touches->taken.force + 3 * (size_t)c, *frame = touches->frame + 9 * (size_t)c;
+    for (int32_t c = 0; c < contacts->count; c++) {
+        const pliant_contact_point *point = contacts->points->point + contacts->point[c];
+        const double *force = contacts->taken.force + 3 * (size_t)c, *frame = contacts->frame + 9 * (size_t)c;
         if (!(force[0] > 0)) continue;
-        const bool sticks = hypot(force[1], force[2]) < (1 - 1e-6) * touches->friction[c] * force[0];
+        const bool sticks = hypot(force[1], force[2]) < (1 - 1e-6) * contacts->friction[c] * force[0];
         const bool moves = point->kind == PLIANT_OBSTACLE_TOOL && point->tool == tool;
         double arm[3];
         for (int d = 0; d < 3; d++) arm[d] = point->place[d] - tip[d];
@@ -53,7 +53,7 @@ static void list_points(const pliant_touches *touches, int tool, const double ti
 }
 
 /* List the rows of a spring, which acts at the tip. */
-static void list_spring(bool moves, int32_t row, held_rows *rows)
+static void list_spring(bool moves, int32_t row, active_rows *rows)
 {
     for (int d = 0; d < 3; d++) {
         const double motion[6] = {d == 0, d == 1, d == 2, 0, 0, 0};
@@ -69,16 +69,16 @@ static void fill_springs(const pliant_solver *solver, const int *tool, int count
         for (size_t b = 0; b < (size_t)count; b++)
             for (size_t d = 0; d < 3; d++) {
                 double moved[3] = {0, 0, 0};
-                pliant_handle_apply(solver->handles + tool[a], solver->handles[tool[b]].response + n * d, moved);
+                pliant_grasp_apply(solver->grasps + tool[a], solver->grasps[tool[b]].response + n * d, moved);
                 for (size_t r = 0; r < 3; r++)
                     matrix[(3 * a + r) * row + 3 * b + d] =
-                        moved[r] + (a == b && r == d ? solver->handles[tool[a]].compliance : 0);
+                        moved[r] + (a == b && r == d ? solver->grasps[tool[a]].compliance : 0);
             }
 }
 
 /* Compute G' A^-1 G. A small amount is added to A's diagonal, since contact points of one triangle can have dependent
  * rows. */
-static bool condense(const held_rows *rows, const double *whole, size_t width, double *matrix, double *right,
+static bool condense(const active_rows *rows, const double *whole, size_t width, double *matrix, double *right,
                      double stiffness[36])
 {
     const size_t count = (size_t)rows->count;
@@ -108,27 +108,28 @@ pliant_status pliant_solver_stiffness(const pliant_solver *solver, int tool, con
     memset(stiffness, 0, 36 * sizeof *stiffness);
     *known = true;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
-        if (!pliant_handle_is_spring(solver->handles + t)) continue;
+        if (!pliant_grasp_is_spring(solver->grasps + t)) continue;
         spring[num_springs++] = t;
-        if (solver->handles[t].response_of == 0) *known = false;
+        if (solver->grasps[t].response_of == 0) *known = false;
     }
-    const pliant_touches *touches = pliant_touches_any(solver->touches) ? solver->touches : NULL;
-    const size_t width = 3 * ((size_t)num_springs + (touches ? (size_t)touches->count : 0));
+    const pliant_contact_problem *contacts =
+        pliant_contact_problem_has_points(solver->contacts) ? solver->contacts : NULL;
+    const size_t width = 3 * ((size_t)num_springs + (contacts ? (size_t)contacts->count : 0));
     if (!*known || width == 0) return PLIANT_OK;
-    held_rows rows = {.row = pliant_calloc(width, sizeof *rows.row),
+    active_rows rows = {.row = pliant_calloc(width, sizeof *rows.row),
                       .motion = pliant_calloc(width, 6 * sizeof *rows.motion)};
-    double *whole = touches ? NULL : pliant_calloc(width, width * sizeof *whole);
+    double *whole = contacts ? NULL : pliant_calloc(width, width * sizeof *whole);
     double *matrix = pliant_calloc(width, width * sizeof *matrix), *right = pliant_calloc(width, 6 * sizeof *right);
-    pliant_status status = rows.row && rows.motion && matrix && right && (whole || touches)
+    pliant_status status = rows.row && rows.motion && matrix && right && (whole || contacts)
                                ? PLIANT_OK
                                : pliant_fail_memory("a tool's stiffness");
     if (status == PLIANT_OK) {
-        if (touches) list_points(touches, tool, tip, &rows);
+        if (contacts) list_points(contacts, tool, tip, &rows);
         else fill_springs(solver, spring, num_springs, whole);
         for (int s = 0; s < num_springs; s++)
             list_spring(spring[s] == tool, (int32_t)width - 3 * (num_springs - s), &rows);
         if (rows.count > 0)
-            *known = condense(&rows, touches ? touches->matrix : whole, width, matrix, right, stiffness);
+            *known = condense(&rows, contacts ? contacts->matrix : whole, width, matrix, right, stiffness);
     }
     pliant_free(rows.row);
     pliant_free(rows.motion);

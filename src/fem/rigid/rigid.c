@@ -6,9 +6,9 @@
 
 enum {
     DIRECTIONS = PLIANT_RIGID_DIRECTIONS,
-    MOST_CONTACTS = PLIANT_MAX_WALLS * (DIRECTIONS + 1),
+    MAX_CONTACTS = PLIANT_MAX_WALLS * (DIRECTIONS + 1),
     ITERATIONS = 30,
-    MOST_SUBSTEPS = 100
+    MAX_SUBSTEPS = 100
 };
 
 static const double identity[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
@@ -160,9 +160,9 @@ static void press(moving *now, contact *at, double friction)
         apply(a, direction, answered);
         for (int d = 0; d < 3; d++) at->along[d] -= speed / dot(direction, answered) * direction[d];
     }
-    const double size = sqrt(dot(at->along, at->along)), most = friction * at->normal_impulse;
+    const double size = sqrt(dot(at->along, at->along)), maximum = friction * at->normal_impulse;
     for (int d = 0; d < 3; d++) {
-        if (size > most) at->along[d] *= most / size;
+        if (size > maximum) at->along[d] *= maximum / size;
         impulse[d] = at->along[d] - kept[d];
     }
     push(now, at->arm, impulse);
@@ -176,18 +176,18 @@ void pliant_rigid_choose(const double normal[3], pliant_rigid_choice *choice)
     cross(normal, choice->side, choice->up);
     for (int k = 0; k <= DIRECTIONS; k++) {
         choice->chosen[k] = -1;
-        choice->most[k] = -INFINITY;
+        choice->maximum[k] = -INFINITY;
     }
 }
 
-void pliant_rigid_offer(pliant_rigid_choice *choice, int32_t point, const double arm[3], double gap)
+void pliant_rigid_consider(pliant_rigid_choice *choice, int32_t point, const double arm[3], double gap)
 {
     for (int k = 0; k <= DIRECTIONS; k++) {
         const double angle = 0.78539816339744831 * k,
                      far = k == DIRECTIONS ? -gap
                                            : cos(angle) * dot(choice->side, arm) + sin(angle) * dot(choice->up, arm);
-        if (far <= choice->most[k]) continue;
-        choice->most[k] = far;
+        if (far <= choice->maximum[k]) continue;
+        choice->maximum[k] = far;
         choice->chosen[k] = point;
     }
 }
@@ -221,7 +221,7 @@ static int find_contacts(const pliant_rigid *body, const moving *now, const doub
             velocity_at(now, arm, velocity);
             const double gap = dot(wall->normal, body->centre) + dot(wall->normal, arm) - wall->offset,
                          ahead = gap + step * dot(wall->normal, velocity);
-            if (ahead < 0) pliant_rigid_offer(&choice, p, arm, ahead);
+            if (ahead < 0) pliant_rigid_consider(&choice, p, arm, ahead);
         }
         const int num_chosen = pliant_rigid_chosen(&choice, chosen);
         for (int k = 0; k < num_chosen; k++) {
@@ -260,7 +260,7 @@ static bool substep(pliant_rigid *body, const double inverse[9], const double gr
 {
     moving now = {.inverse_mass = 1 / body->mass};
     spring springs[PLIANT_RIGID_PULLS];
-    contact contacts[MOST_CONTACTS];
+    contact contacts[MAX_CONTACTS];
     double angle[3];
     middle_of(body, inverse, step, &now);
     for (int d = 0; d < 3; d++) now.velocity[d] = body->velocity[d] + 0.5 * step * gravity[d];
@@ -328,21 +328,21 @@ bool pliant_rigid_step(pliant_rigid *body, const double gravity[3], double time,
 {
     const double longest = 2e-3, largest = 0.05; /* [s, rad] maximum of a sub-step: duration with contact; rotation */
     double inverse[9], spin[3];
-    bool touches = false;
+    bool has_touched = false;
     inverse_of(body, inverse);
     apply(inverse, body->momentum, spin);
     memcpy(body->rotation, identity, sizeof identity);
     for (int p = 0; p < num_pulls; p++) memset(pulls[p].impulse, 0, sizeof pulls[p].impulse);
     double parts = fmax(1, ceil(sqrt(dot(spin, spin)) * time / largest));
     if (num_pulls > 0 || around->num_points > 0) parts = fmax(parts, ceil(time / longest - 1e-9));
-    const int count = (int)fmin(parts, MOST_SUBSTEPS);
+    const int count = (int)fmin(parts, MAX_SUBSTEPS);
     /* A hanging body does not move. Its velocity is the velocity in the middle of sub-steps, where springs balance the
      * complete weight. */
     const double ahead = num_pulls > 0 ? 0.5 * time / count : 0;
     for (int d = 0; d < 3; d++) body->velocity[d] += ahead * gravity[d];
     for (int s = 0; s < count; s++)
-        touches |=
+        has_touched |=
             substep(body, inverse, gravity, time / count, (s + 1.0) / count, 1.0 / count, num_pulls, pulls, around);
     for (int d = 0; d < 3; d++) body->velocity[d] -= ahead * gravity[d];
-    return touches;
+    return has_touched;
 }

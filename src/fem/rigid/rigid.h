@@ -5,8 +5,8 @@
  * Integration, VII.5). Springs act at the end of a sub-step, which is stable for any stiffness. Walls apply impulses at
  * penetrating points, with Coulomb friction, by Gauss-Seidel iteration (Catto, Iterative dynamics with temporal
  * coherence, 2005). */
-#ifndef PLIANT_FEM_FALLING_RIGID_H
-#define PLIANT_FEM_FALLING_RIGID_H
+#ifndef PLIANT_FEM_RIGID_RIGID_H
+#define PLIANT_FEM_RIGID_RIGID_H
 
 #include "fem/dynamics/substep.h"
 
@@ -52,12 +52,12 @@ enum { PLIANT_RIGID_DIRECTIONS = 8 };
 /* Choice of contact points in front of a wall: the deepest or nearest point, and the extreme points along the wall.
  * These few points support a body as well as all points. */
 typedef struct pliant_rigid_choice {
-    double side[3], up[3], most[PLIANT_RIGID_DIRECTIONS + 1];
+    double side[3], up[3], maximum[PLIANT_RIGID_DIRECTIONS + 1];
     int32_t chosen[PLIANT_RIGID_DIRECTIONS + 1]; /* -1: none */
 } pliant_rigid_choice;
 void pliant_rigid_choose(const double normal[3], pliant_rigid_choice *choice);
 /* Add a candidate with this arm from the body's centre and this distance to the wall. */
-void pliant_rigid_offer(pliant_rigid_choice *choice, int32_t point, const double arm[3], double gap);
+void pliant_rigid_consider(pliant_rigid_choice *choice, int32_t point, const double arm[3], double gap);
 /* List the chosen points, each once.
  * @return Their number. */
 int pliant_rigid_chosen(const pliant_rigid_choice *choice, int32_t out[PLIANT_RIGID_DIRECTIONS + 1]);

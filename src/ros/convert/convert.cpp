@@ -275,7 +275,7 @@ void topology_message(const pliant_surface &surface, MeshTopology *out)
         for (size_t i = 0; i < added; ++i) {
             const pliant_between &between = body.subdivision->between[i];
             for (int32_t end : between.end) out->between.push_back(static_cast<uint32_t>(end));
-            out->between_share.push_back(between.share);
+            out->between_share.push_back(between.fraction);
         }
         for (size_t i = 0; body.tet_parent && i < tets; ++i) /* tetrahedra of the initial mesh are their own parents */
             if (static_cast<size_t>(body.tet_parent[i]) != i)

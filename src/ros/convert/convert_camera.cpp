@@ -35,8 +35,8 @@ void camera_info_message(const pliant_camera &camera, double baseline, sensor_ms
 
 bool camera_from_info(const sensor_msgs::CameraInfo &info, pliant_camera *camera)
 {
-    const uint32_t most = 8192; /* maximum image width and height, as for the parameters */
-    if (info.width < 1 || info.height < 1 || info.width > most || info.height > most) return false;
+    const uint32_t maximum = 8192; /* maximum image width and height, as for the parameters */
+    if (info.width < 1 || info.height < 1 || info.width > maximum || info.height > maximum) return false;
     if (!(info.P[0] > 1e-3 && info.P[0] < 1e9 && info.P[5] > 1e-3 && info.P[5] < 1e9) || !std::isfinite(info.P[2]) ||
         !std::isfinite(info.P[6]))
         return false;

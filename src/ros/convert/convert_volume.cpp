@@ -225,13 +225,13 @@ Box common_box(const Box &a, const Box &b)
     return common;
 }
 
-std::vector<Box> merged_boxes(std::vector<Box> boxes, size_t most)
+std::vector<Box> merged_boxes(std::vector<Box> boxes, size_t maximum)
 {
     if (boxes.size() > MAX_MERGED) {
         for (const Box &box : boxes) boxes[0] = box_around(boxes[0], box);
         boxes.resize(1);
     }
-    while (boxes.size() > most) {
+    while (boxes.size() > maximum) {
         size_t first = 0, second = 1, fewest = SIZE_MAX;
         for (size_t a = 0; a < boxes.size(); ++a)
             for (size_t b = a + 1; b < boxes.size(); ++b) {

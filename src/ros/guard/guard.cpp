@@ -64,20 +64,20 @@ void Guard::go(GuardState next, double now)
  * rate. */
 void Guard::filter(double elapsed)
 {
-    const double share = 1 - std::exp(-2 * M_PI * settings_.cutoff * elapsed);
+    const double fraction = 1 - std::exp(-2 * M_PI * settings_.cutoff * elapsed);
     double size = 0, goal[3], way = 0;
     for (int d = 0; d < 3; ++d) {
-        smooth_[d] += share * (wanted_[d] - smooth_[d]);
+        smooth_[d] += fraction * (wanted_[d] - smooth_[d]);
         size += smooth_[d] * smooth_[d];
     }
-    const double least = std::sqrt(size) > settings_.largest ? settings_.largest / std::sqrt(size) : 1;
+    const double minimum = std::sqrt(size) > settings_.largest ? settings_.largest / std::sqrt(size) : 1;
     for (int d = 0; d < 3; ++d) {
-        goal[d] = least * smooth_[d];
+        goal[d] = minimum * smooth_[d];
         way += (goal[d] - sent_[d]) * (goal[d] - sent_[d]);
     }
     const double reach = settings_.rate * elapsed, part = std::sqrt(way) > reach ? reach / std::sqrt(way) : 1;
     for (int d = 0; d < 3; ++d) sent_[d] += part * (goal[d] - sent_[d]);
-    clamped_ += least < 1 || part < 1;
+    clamped_ += minimum < 1 || part < 1;
 }
 
 Guard::Output Guard::update(double now)

@@ -62,9 +62,9 @@ void read_one(const std::string &name, XmlRpcValue &value, const std::vector<Num
     }
     else if (name == "needs_following") out->settings.needs_following = read_switch(name, value);
     else if (name == "max_error") {
-        const double most = read_number(name, value);
-        if (std::isnan(most)) refuse(name, "must be a number; below 0: any error is accepted");
-        out->settings.largest_error = most < 0 ? INFINITY : most;
+        const double maximum = read_number(name, value);
+        if (std::isnan(maximum)) refuse(name, "must be a number; below 0: any error is accepted");
+        out->settings.largest_error = maximum < 0 ? INFINITY : maximum;
     } else if (name != "diagnostic_period") { /* diagnostic_period belongs to diagnostic_updater */
         std::string known = "tool haptic needs_following max_error";
         for (const Number &number : numbers) {

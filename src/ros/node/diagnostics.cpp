@@ -26,10 +26,10 @@ std::string host_name()
 Diagnostics::Diagnostics(ros::NodeHandle handle, ros::NodeHandle private_handle, State *state, Simulation *simulation,
                          Tools *tools, const MeshOutput *mesh_output, const VolumeOutput *volume_output,
                          const CameraOutput *camera_output, const DisplacementOutput *displacement_output,
-                         const Keeper *keeper, const MasterWatch *master)
+                         const CheckpointWriter *checkpoint_writer, const RosMasterMonitor *master)
     : state_(state), simulation_(simulation), tools_(tools), mesh_output_(mesh_output), volume_output_(volume_output),
-      camera_output_(camera_output), displacement_output_(displacement_output), keeper_(keeper), master_(master),
-      updater_(handle, private_handle, private_handle.getNamespace())
+      camera_output_(camera_output), displacement_output_(displacement_output), checkpoint_writer_(checkpoint_writer),
+      master_(master), updater_(handle, private_handle, private_handle.getNamespace())
 {
     updater_.setHardwareID(host_name());
     updater_.add("solver", this, &Diagnostics::solver);
@@ -59,7 +59,7 @@ void Diagnostics::solver(diagnostic_updater::DiagnosticStatusWrapper &status)
     ended_before_ = health.ended_early;
     const bool was_slow = health.slow > 0 && health.slow != slow_before_;
     slow_before_ = health.slow;
-    const double slowest = health.busy_for > slow_after ? health.busy_for : was_slow ? health.last_slow : 0;
+    const double slowest = health.busy_for > slow_step_seconds ? health.busy_for : was_slow ? health.last_slow : 0;
     uint8_t state = state_->state();
     bool failed = state == SimState::FAULT;
     if (!health.is_loaded)
@@ -67,7 +67,7 @@ void Diagnostics::solver(diagnostic_updater::DiagnosticStatusWrapper &status)
     else if (failed) status.summary(DiagnosticStatus::ERROR, "the last step failed; see the topic state");
     else if (slowest > 0)
         status.summaryf(DiagnosticStatus::ERROR, "a step takes %.1f s, more than %.1f s; forces do not change", slowest,
-                        slow_after);
+                        slow_step_seconds);
     else if (health.is_paused) status.summary(DiagnosticStatus::OK, "paused");
     else if (health.inverted > 0)
         status.summary(DiagnosticStatus::WARN, "tetrahedra are inverted");
@@ -122,7 +122,7 @@ void Diagnostics::backend(diagnostic_updater::DiagnosticStatusWrapper &status)
     status.summary(DiagnosticStatus::OK, name ? name : "nothing is loaded");
     status.add("memory in use [MB]", 1e-6 * pliant_memory_in_use());
     status.add("peak [MB]", 1e-6 * pliant_memory_peak());
-    if (std::shared_ptr<const Loaded> loaded = simulation_->loaded()) {
+    if (std::shared_ptr<const LoadedModel> loaded = simulation_->loaded()) {
         status.add("threads", threads_of(*pliant_model_get_scene(loaded->model)));
         status.add("scan", loaded->scan->volume.id);
         status.add("elements", pliant_model_get_scene(loaded->model)->element.kind == PLIANT_HEXAHEDRA ? "hexahedra"
@@ -148,7 +148,7 @@ void Diagnostics::output(diagnostic_updater::DiagnosticStatusWrapper &status)
 {
     status.summary(DiagnosticStatus::OK, "the subscribed outputs are published");
     for (const std::string &problem : {mesh_output_->problem(), volume_output_->problem(), camera_output_->problem(),
-                                       displacement_output_->problem(), keeper_->problem()})
+                                       displacement_output_->problem(), checkpoint_writer_->problem()})
         if (!problem.empty()) status.mergeSummary(DiagnosticStatus::ERROR, problem);
     status.add("volumes held for slow subscribers [MB]",
                1e-6 * static_cast<double>(volume_output_->stream().held_bytes()));

@@ -1,10 +1,10 @@
 #include "pliant/ros/node.h"
 
 #include "ros/node/diagnostics.h"
-#include "ros/node/keeper.h"
+#include "ros/node/checkpoint_writer.h"
 #include "ros/node/registration.h"
 #include "ros/node/services.h"
-#include "ros/params/master_watch.h"
+#include "ros/params/ros_master_monitor.h"
 #include "ros/params/start.h"
 #include "ros/output/camera_output.h"
 #include "ros/output/volume_output.h"
@@ -26,12 +26,12 @@ struct Node::Parts {
           simulation(handle, parameters, &state, &live, &tools, &fast_forces, &snapshots),
           services(handle, parameters, &state, &live, &sessions, &simulation, &mesh_output, &volume_output,
                    &registration, frames),
-          keeper(handle, parameters, &simulation, &sessions, &services, &registration),
-          master(private_handle, [this] { live.store_again(); }),
+          checkpoint_writer(handle, parameters, &simulation, &sessions, &services, &registration),
+          master(private_handle, [this] { live.store_all_settings(); }),
           diagnostics(handle, private_handle, &state, &simulation, &tools, &mesh_output, &volume_output, &camera_output,
-                      &displacement_output, &keeper, &master)
+                      &displacement_output, &checkpoint_writer, &master)
     {
-        live.when_changed([this](const LiveSettings &settings) { sessions.set(settings); });
+        live.set_change_callback([this](const RuntimeSettings &settings) { sessions.set(settings); });
     }
 
     const Parameters parameters;
@@ -41,7 +41,7 @@ struct Node::Parts {
     Registration registration;
     State state;
     Sessions sessions;
-    Live live;
+    SettingsServer live;
     ros::CallbackQueue hands;
     Tools tools;
     FastForces fast_forces;
@@ -51,8 +51,8 @@ struct Node::Parts {
     DisplacementOutput displacement_output;
     Simulation simulation;
     Services services;
-    Keeper keeper;
-    MasterWatch master;
+    CheckpointWriter checkpoint_writer;
+    RosMasterMonitor master;
     Diagnostics diagnostics;
 };
 

@@ -1,6 +1,6 @@
 #include "pliant/ros/node.h"
 
-#include "ros/node/refused.h"
+#include "ros/node/faulted_node.h"
 
 #include <nodelet/nodelet.h>
 #include <pluginlib/class_list_macros.hpp>
@@ -14,12 +14,12 @@ class TissueNodelet : public nodelet::Nodelet {
             node_.reset(new Node(getMTNodeHandle(), getMTPrivateNodeHandle()));
         } catch (const std::exception &wrong) {
             NODELET_FATAL("%s", wrong.what());
-            refused_.reset(new Refused(getMTNodeHandle(), getMTPrivateNodeHandle(), wrong.what()));
+            faulted_node_.reset(new FaultedNode(getMTNodeHandle(), getMTPrivateNodeHandle(), wrong.what()));
         }
     }
 
     std::unique_ptr<Node> node_;
-    std::unique_ptr<Refused> refused_;
+    std::unique_ptr<FaultedNode> faulted_node_;
 };
 
 } // namespace pliant_ros

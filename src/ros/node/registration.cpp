@@ -22,7 +22,7 @@ namespace {
 
 /* Minimum ratio of the second to the first singular value of the centred points. Below it, the rotation about the first
  * direction is undetermined. */
-const double LEAST_WIDTH = 0.02;
+const double MIN_WIDTH = 0.02;
 
 Eigen::Matrix3Xd matrix_of(const std::vector<geometry_msgs::Point> &points)
 {
@@ -69,7 +69,7 @@ bool spans_a_plane(const Eigen::Matrix3Xd &points)
     const Eigen::Matrix3d covariance = spread * spread.transpose();
     const Eigen::Vector3d squares =
         Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(covariance, Eigen::EigenvaluesOnly).eigenvalues();
-    return squares[2] > 0 && squares[1] > LEAST_WIDTH * LEAST_WIDTH * squares[2];
+    return squares[2] > 0 && squares[1] > MIN_WIDTH * MIN_WIDTH * squares[2];
 }
 
 } // namespace

@@ -38,12 +38,12 @@ std::string size_text(const pliant_model &model)
 
 void Recomputed::take(const RecomputeHomogenization::Request &request)
 {
-    const uint32_t most = std::numeric_limits<int32_t>::max();
+    const uint32_t maximum = std::numeric_limits<int32_t>::max();
     if (!request.method.empty()) method = request.method;
     for (int d = 0; d < 3; ++d)
         if (request.coarse_cells[d] > 0)
-            coarse_cells[d] = static_cast<int32_t>(std::min(request.coarse_cells[d], most));
-    if (request.ratio > 0) ratio = static_cast<int32_t>(std::min(request.ratio, most));
+            coarse_cells[d] = static_cast<int32_t>(std::min(request.coarse_cells[d], maximum));
+    if (request.ratio > 0) ratio = static_cast<int32_t>(std::min(request.ratio, maximum));
 }
 
 void Recomputed::apply(pliant_scene *scene) const
@@ -60,8 +60,8 @@ void Recomputed::apply(pliant_scene *scene) const
     if (ratio > 0) scene->mesh.ratio = ratio;
 }
 
-Services::Services(ros::NodeHandle handle, const Parameters &parameters, State *state, Live *live, Sessions *sessions,
-                   Simulation *simulation, MeshOutput *mesh_output, VolumeOutput *volume_output,
+Services::Services(ros::NodeHandle handle, const Parameters &parameters, State *state, SettingsServer *live,
+                   Sessions *sessions, Simulation *simulation, MeshOutput *mesh_output, VolumeOutput *volume_output,
                    Registration *registration, std::shared_ptr<const tf2_ros::Buffer> frames)
     : parameters_(parameters), state_(state), work_(state), live_(live), sessions_(sessions), simulation_(simulation),
       mesh_output_(mesh_output), volume_output_(volume_output), registration_(registration), frames_(std::move(frames))
@@ -98,26 +98,26 @@ Services::~Services()
     servers_.clear();
 }
 
-std::shared_ptr<const Loaded> Services::current() const
+std::shared_ptr<const LoadedModel> Services::current() const
 {
-    std::shared_ptr<const Loaded> loaded = simulation_->loaded();
+    std::shared_ptr<const LoadedModel> loaded = simulation_->loaded();
     if (!loaded) throw Failure(PLIANT_ERROR_ARGUMENT, "nothing is loaded yet; load_scan comes first");
     return loaded;
 }
 
-void Services::put_in(const std::shared_ptr<Loaded> &next, bool takes_live)
+void Services::install_model(const std::shared_ptr<LoadedModel> &next, bool takes_live)
 {
     check_target(*next);
     work_.commit();
     simulation_->swap(next);
     if (takes_live || next->choice.made) live_->assign(*pliant_model_get_scene(next->model));
-    tell_of(*next);
+    publish_loaded_model(*next);
 }
 
-void Services::tell_of(const Loaded &next)
+void Services::publish_loaded_model(const LoadedModel &next)
 {
     sessions_->loaded(next, live_->get());
-    state_->chose(next.choice);
+    state_->set_choice(next.choice);
     mesh_output_->publish_model(next);
 }
 
@@ -133,7 +133,7 @@ void Services::keep(Checkpoint *out) const
     out->own_materials = materials_.table.num_materials > 0;
 }
 
-bool Services::is_begun_alike(const Checkpoint &rest) const
+bool Services::has_same_start_scene(const Checkpoint &rest) const
 {
     /* Parameters that may change at run time do not make a scene different. */
     pliant_scene then = scene_of(rest.start_scene);
@@ -144,15 +144,15 @@ bool Services::is_begun_alike(const Checkpoint &rest) const
 }
 
 /* Restore a checkpoint: cuts, positions, grasps, and settings. */
-std::string Services::go_on(const Saved &saved)
+std::string Services::go_on(const CheckpointContents &saved)
 {
-    if (!is_begun_alike(saved.rest))
+    if (!has_same_start_scene(saved.rest))
         throw Failure(PLIANT_ERROR_ARGUMENT,
                       "it belongs to a node with another scan or scene (" + saved.rest.start_scan + ")");
     const Session &session = saved.session;
-    std::shared_ptr<Loaded> next = build_session(session, Shelf().find(session), work_.progress());
+    std::shared_ptr<LoadedModel> next = build_session(session, RecordedScanFinder().find(session), work_.progress());
     check_target(*next);
-    const Moment moment = moment_of(saved, next);
+    const ResumableState moment = resumable_state_of(saved, next);
     pliant_scene live = *pliant_model_get_scene(next->model);
     apply_settings(session, &live);
     work_.commit();
@@ -160,7 +160,7 @@ std::string Services::go_on(const Saved &saved)
     live_->go_on(scene_of(saved.rest.start_scene), live);
     if (saved.rest.start_pose == pose_message(parameters_.tissue_pose))
         registration_->go_on(saved.rest.parent_frame, saved.rest.tissue_pose);
-    tell_of(*next);
+    publish_loaded_model(*next);
     std::lock_guard<std::mutex> locked(lock_);
     recomputed_.method = saved.rest.method;
     std::copy(saved.rest.coarse_cells.begin(), saved.rest.coarse_cells.end(), recomputed_.coarse_cells);
@@ -177,8 +177,8 @@ std::string Services::load_given()
 {
     Materials materials;
     std::shared_ptr<const Scan> scan = read_scan(parameters_.scene, parameters_.scan, &materials);
-    std::shared_ptr<Loaded> next = build_chosen(parameters_.scene, scan, materials.table, work_.progress());
-    put_in(next);
+    std::shared_ptr<LoadedModel> next = build_chosen(parameters_.scene, scan, materials.table, work_.progress());
+    install_model(next);
     return "loaded " + parameters_.scan + ": " + size_text(*next->model);
 }
 
@@ -192,7 +192,7 @@ void Services::load_first()
         *of_checkpoint = true;
         std::string why;
         try {
-            return go_on(read_saved(checkpoint));
+            return go_on(read_checkpoint_file(checkpoint));
         } catch (const Failure &failed) {
             if (failed.status == PLIANT_ERROR_CANCELLED) throw;
             why = failed.what();
@@ -242,8 +242,8 @@ bool Services::load_scan(LoadScan::Request &request, LoadScan::Response &respons
         check(pliant_scene_check(&scene));
         ConfinedReads confined(parameters_.scan_root, files_of(parameters_.scene));
         std::shared_ptr<const Scan> scan = read_scan(scene, path, &materials);
-        std::shared_ptr<Loaded> next = build_chosen(scene, scan, materials.table, work_.progress());
-        put_in(next, true);
+        std::shared_ptr<LoadedModel> next = build_chosen(scene, scan, materials.table, work_.progress());
+        install_model(next, true);
         call->response.scan_id = scan->volume.id;
         return "loaded " + asked.path + ": " + size_text(*next->model);
     });
@@ -264,7 +264,7 @@ bool Services::recompute(RecomputeHomogenization::Request &request, RecomputeHom
     const bool success = work_.run("recompute_homogenization", &message, [this, call] {
         RecomputeHomogenization::Response &told = call->response;
         const bool probe = call->request.probe;
-        std::shared_ptr<const Loaded> old = current();
+        std::shared_ptr<const LoadedModel> old = current();
         pliant_scene scene = old->asked;
         live_->apply(&scene);
         Recomputed asked;
@@ -272,7 +272,8 @@ bool Services::recompute(RecomputeHomogenization::Request &request, RecomputeHom
         asked.apply(&scene);
         check(pliant_scene_check(&scene));
         const pliant_material_table &materials = *pliant_model_get_materials(old->model);
-        std::shared_ptr<Loaded> next = build_chosen(scene, old->scan, materials, work_.progress(0, probe ? 0.2 : 1));
+        std::shared_ptr<LoadedModel> next =
+            build_chosen(scene, old->scan, materials, work_.progress(0, probe ? 0.2 : 1));
         pliant_choice measured = next->choice;
         std::string note;
         if (probe && !measured.made) {
@@ -289,7 +290,7 @@ bool Services::recompute(RecomputeHomogenization::Request &request, RecomputeHom
             told.error_rms = static_cast<float>(measured.rms);
         }
         choice_message(next->choice, &told);
-        put_in(next);
+        install_model(next);
         {
             std::lock_guard<std::mutex> hold(lock_);
             recomputed_.take(call->request);
@@ -311,14 +312,14 @@ bool Services::set_materials(SetMaterials::Request &request, SetMaterials::Respo
     double start = pliant_seconds();
     const std::string yaml = request.yaml;
     response.success = work_.run("set_materials", &response.message, [this, yaml] {
-        std::shared_ptr<const Loaded> old = current();
+        std::shared_ptr<const LoadedModel> old = current();
         Materials materials;
         check(pliant_material_table_parse(yaml.c_str(), "the request", &materials.table));
         check(pliant_material_table_check(&materials.table));
         pliant_scene scene = old->asked;
         live_->apply(&scene);
         check(pliant_material_table_check_inertia(&materials.table, &scene, "the request"));
-        put_in(build_chosen(scene, old->scan, materials.table, work_.progress()));
+        install_model(build_chosen(scene, old->scan, materials.table, work_.progress()));
         std::lock_guard<std::mutex> hold(lock_);
         std::swap(materials_.table, materials.table);
         return std::to_string(materials_.table.num_materials) + " materials are in use";
@@ -338,7 +339,7 @@ bool Services::save_volume(SaveVolume::Request &request, SaveVolume::Response &r
                 pliant_mesh_save(path.c_str(), now.loaded->model, now.body.get(), now.positions.data(), nullptr, 1.0));
             return "wrote " + path;
         }
-        Warped warped(now.loaded, now.body);
+        DeformedVolume warped(now.loaded, now.body);
         warped.update(now.positions);
         check(pliant_volume_write(path.c_str(), &warped.volume()));
         return "wrote " + path;
@@ -383,13 +384,13 @@ bool Services::pick(Pick::Request &request, Pick::Response &response)
         const Rigid to_tissue = tissue_from(request.header);
         pliant_ray ray = ray_from_message(request, to_tissue);
         pliant_picked picked{};
-        auto find = [&](const Warped &warped, const Snapshot &now) {
+        auto find = [&](const DeformedVolume &warped, const Snapshot &now) {
             picked = warped.pick(now.positions, ray, request.threshold);
             if (picked.hit) response.material = pliant_model_material_at(now.loaded->model, picked.rest);
         };
         if (!volume_output_->look(find)) {
             Snapshot now = simulation_->snapshot();
-            Warped warped(now.loaded, now.body);
+            DeformedVolume warped(now.loaded, now.body);
             warped.update(now.positions);
             find(warped, now);
         }

@@ -43,9 +43,9 @@ struct Recomputed {
  * unchanged. */
 class Services {
 public:
-    Services(ros::NodeHandle handle, const Parameters &parameters, State *state, Live *live, Sessions *sessions,
-             Simulation *simulation, MeshOutput *mesh_output, VolumeOutput *volume_output, Registration *registration,
-             std::shared_ptr<const tf2_ros::Buffer> frames);
+    Services(ros::NodeHandle handle, const Parameters &parameters, State *state, SettingsServer *live,
+             Sessions *sessions, Simulation *simulation, MeshOutput *mesh_output, VolumeOutput *volume_output,
+             Registration *registration, std::shared_ptr<const tf2_ros::Buffer> frames);
     ~Services();
 
     /* Store the start parameters and the settings that later loads keep, for a restarted node. Thread-safe. */
@@ -54,8 +54,8 @@ public:
 private:
     void load_first();
     std::string load_given();
-    std::string go_on(const Saved &saved);
-    bool is_begun_alike(const Checkpoint &rest) const;
+    std::string go_on(const CheckpointContents &saved);
+    bool has_same_start_scene(const Checkpoint &rest) const;
     bool load_scan(LoadScan::Request &request, LoadScan::Response &response);
     bool recompute(RecomputeHomogenization::Request &request, RecomputeHomogenization::Response &response);
     bool set_materials(SetMaterials::Request &request, SetMaterials::Response &response);
@@ -72,14 +72,14 @@ private:
 
     std::string allowed(const std::string &path) const;
     /* takes_live: also take the options that may change at run time */
-    void put_in(const std::shared_ptr<Loaded> &next, bool takes_live = false);
-    void tell_of(const Loaded &next);
-    std::shared_ptr<const Loaded> current() const;
+    void install_model(const std::shared_ptr<LoadedModel> &next, bool takes_live = false);
+    void publish_loaded_model(const LoadedModel &next);
+    std::shared_ptr<const LoadedModel> current() const;
 
     const Parameters parameters_;
     State *state_;
     Work work_;
-    Live *live_;
+    SettingsServer *live_;
     Sessions *sessions_;
     Simulation *simulation_;
     MeshOutput *mesh_output_;

@@ -47,7 +47,7 @@ void Work::run_here(const std::shared_ptr<Job> &job)
     bool good = false;
     std::string message;
     try {
-        if (!goes_on()) throw Failure(PLIANT_ERROR_CANCELLED, "cancelled");
+        if (!may_continue()) throw Failure(PLIANT_ERROR_CANCELLED, "cancelled");
         message = job->function();
         good = true;
     } catch (const std::bad_alloc &) {
@@ -63,7 +63,7 @@ void Work::run_here(const std::shared_ptr<Job> &job)
     job->changed.notify_all();
 }
 
-bool Work::goes_on() const
+bool Work::may_continue() const
 {
     if (stopping_) return false;
     std::lock_guard<std::mutex> hold(running_->lock);
@@ -101,7 +101,7 @@ pliant_progress Work::progress(double from, double to)
     progress_to_ = to;
     return pliant_progress{[](double fraction, const char *stage, void *user) {
                                Work *self = static_cast<Work *>(user);
-                               if (!self->goes_on()) return false;
+                               if (!self->may_continue()) return false;
                                self->state_->progress(self->progress_from_ +
                                                           (self->progress_to_ - self->progress_from_) * fraction,
                                                       stage);

@@ -2,7 +2,7 @@
 #ifndef PLIANT_ROS_NODE_WORK_H
 #define PLIANT_ROS_NODE_WORK_H
 
-#include "ros/sim/loaded.h"
+#include "ros/sim/loaded_model.h"
 #include "ros/sim/state.h"
 
 #include <atomic>
@@ -47,7 +47,7 @@ private:
     };
 
     void run_here(const std::shared_ptr<Job> &job);
-    bool goes_on() const;
+    bool may_continue() const;
 
     State *state_;
     std::atomic<bool> stopping_{false};

@@ -1,6 +1,6 @@
 #include "ros/output/camera_eye.h"
 
-#include "ros/sim/urgent.h"
+#include "ros/sim/realtime_priority.h"
 
 #include <sensor_msgs/image_encodings.h>
 
@@ -26,7 +26,7 @@ void send(ImagePublisher &publisher, const pliant_camera &camera, const std_msgs
     auto image = boost::make_shared<sensor_msgs::Image>();
     image->header = header;
     camera_image_message(camera, encoding, pixels, image.get());
-    publish_urgently(publisher, image);
+    publish_with_priority(publisher, image);
 }
 
 } // namespace
@@ -82,7 +82,7 @@ void CameraEye::publish_info(const ros::Time &stamp)
     depth_info_.publish(info);
 }
 
-void CameraEye::apply(const Loaded &loaded, pliant_style *style) const
+void CameraEye::apply(const LoadedModel &loaded, pliant_style *style) const
 {
     const pliant_material_table *materials = pliant_model_get_materials(loaded.model);
     if (std::isfinite(parameters_.threshold)) style->threshold = static_cast<float>(parameters_.threshold);
@@ -99,8 +99,8 @@ void CameraEye::apply(const Loaded &loaded, pliant_style *style) const
     }
 }
 
-void CameraEye::look(pliant_view *view, const Loaded &loaded, const Rigid &tissue_from_frame, const ros::Time &stamp,
-                     pliant_style style)
+void CameraEye::look(pliant_view *view, const LoadedModel &loaded, const Rigid &tissue_from_frame,
+                     const ros::Time &stamp, pliant_style style)
 {
     const CameraConvention convention = parameters_.ambf ? AMBF : OPTICAL;
     const bool points = points_.getNumSubscribers() > 0;
@@ -127,7 +127,7 @@ void CameraEye::look(pliant_view *view, const Loaded &loaded, const Rigid &tissu
     auto cloud = boost::make_shared<sensor_msgs::PointCloud2>();
     cloud->header = header;
     camera_points_message(seen, convention, rgb.data(), depth.data(), cloud.get());
-    publish_urgently(points_, cloud);
+    publish_with_priority(points_, cloud);
 }
 
 } // namespace pliant_ros

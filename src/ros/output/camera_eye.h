@@ -31,13 +31,13 @@ public:
     /* Render the subscribed images and publish them.
      * @param style defaults: pliant_style_defaults
      * Throws Failure. */
-    void look(pliant_view *view, const Loaded &loaded, const Rigid &tissue_from_frame, const ros::Time &stamp,
+    void look(pliant_view *view, const LoadedModel &loaded, const Rigid &tissue_from_frame, const ros::Time &stamp,
               pliant_style style);
 
 private:
     pliant_camera camera() const;
     void publish_info(const ros::Time &stamp);
-    void apply(const Loaded &loaded, pliant_style *style) const;
+    void apply(const LoadedModel &loaded, pliant_style *style) const;
 
     const CameraParameters parameters_;
     const double aside_; /* offset of the eye to the right of the frame [m] */

@@ -10,13 +10,13 @@ namespace pliant_ros {
 
 namespace {
 
-enum { POLL_MILLISECONDS = 100, NICER = 5 };
+enum { POLL_MILLISECONDS = 100, NICE_INCREMENT = 5 };
 
 } // namespace
 
 /* Renderer of the loaded model; empty without subscribers. */
 struct CameraOutput::View {
-    std::shared_ptr<const Loaded> loaded;
+    std::shared_ptr<const LoadedModel> loaded;
     std::shared_ptr<const Snapshot> shown;
     pliant_view *view = nullptr;
     pliant_style style{};
@@ -95,13 +95,13 @@ void CameraOutput::run()
 {
 #ifdef __linux__
     /* Lower the priority of this thread and its child threads, so that simulation steps run first. */
-    setpriority(PRIO_PROCESS, 0, NICER);
+    setpriority(PRIO_PROCESS, 0, NICE_INCREMENT);
 #endif
     Snapshots::Reader reader(snapshots_);
     std::shared_ptr<const Snapshot> newest;
     View view;
-    const std::chrono::milliseconds most(POLL_MILLISECONDS),
-        wait = std::min(most, std::chrono::milliseconds(1 + static_cast<int>(500 / std::max(fastest_, 1.0))));
+    const std::chrono::milliseconds maximum(POLL_MILLISECONDS),
+        wait = std::min(maximum, std::chrono::milliseconds(1 + static_cast<int>(500 / std::max(fastest_, 1.0))));
     while (!stopping_) {
         const bool wanted = std::any_of(cameras_.begin(), cameras_.end(),
                                         [](const std::unique_ptr<Camera> &camera) { return camera->is_wanted(); });
@@ -110,7 +110,7 @@ void CameraOutput::run()
             newest.reset();
             view.drop(); /* release the memory while there are no subscribers */
             problem_.set("");
-            std::this_thread::sleep_for(most);
+            std::this_thread::sleep_for(maximum);
             continue;
         }
         if (std::shared_ptr<const Snapshot> next = reader.wait(wait)) newest = next;

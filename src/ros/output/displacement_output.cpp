@@ -2,7 +2,7 @@
 
 #include "pliant/ros/convert.h"
 
-#include "ros/sim/urgent.h"
+#include "ros/sim/realtime_priority.h"
 
 #include <cmath>
 
@@ -78,7 +78,7 @@ void DisplacementOutput::publish(const Snapshot &snapshot)
     cloud->header.stamp = snapshot.stamp;
     cloud->header.frame_id = frame_;
     displacement_message(field, cloud.get());
-    publish_urgently(publisher_, cloud);
+    publish_with_priority(publisher_, cloud);
 }
 
 } // namespace pliant_ros

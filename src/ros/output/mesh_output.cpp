@@ -1,6 +1,6 @@
 #include "ros/output/mesh_output.h"
 
-#include "ros/sim/urgent.h"
+#include "ros/sim/realtime_priority.h"
 
 namespace pliant_ros {
 
@@ -14,7 +14,7 @@ enum {
 
 } // namespace
 
-MeshOutput::MeshOutput(ros::NodeHandle handle, const Parameters &parameters, Live *live, Snapshots *snapshots)
+MeshOutput::MeshOutput(ros::NodeHandle handle, const Parameters &parameters, SettingsServer *live, Snapshots *snapshots)
     : frame_(parameters.tissue_frame), live_(live), snapshots_(snapshots)
 {
     scan_info_ = handle.advertise<ScanInfo>("scan_info", 1, true);
@@ -39,7 +39,7 @@ std_msgs::Header MeshOutput::header(const ros::Time &stamp) const
     return out;
 }
 
-void MeshOutput::publish_model(const Loaded &loaded)
+void MeshOutput::publish_model(const LoadedModel &loaded)
 {
     std_msgs::Header now = header(ros::Time::now());
     auto info = boost::make_shared<ScanInfo>();
@@ -52,7 +52,7 @@ void MeshOutput::publish_model(const Loaded &loaded)
     publish_topology(loaded, *pliant_model_get_body(loaded.model), loaded.revision, now.stamp);
 }
 
-void MeshOutput::publish_topology(const Loaded &loaded, const pliant_body &body, uint32_t revision,
+void MeshOutput::publish_topology(const LoadedModel &loaded, const pliant_body &body, uint32_t revision,
                                   const ros::Time &stamp)
 {
     auto topology = boost::make_shared<MeshTopology>();
@@ -129,7 +129,7 @@ void MeshOutput::send_state(const Snapshot &snapshot, const boost::shared_ptr<Me
     state_loaded_ = snapshot.loaded.get();
     state_stamp_ = snapshot.stamp;
     state_step_ = snapshot.step;
-    publish_urgently(state_, state);
+    publish_with_priority(state_, state);
 }
 
 bool MeshOutput::publish_state(const Snapshot &snapshot)
@@ -165,13 +165,13 @@ void MeshOutput::publish(const Snapshot &snapshot)
         auto marker = boost::make_shared<visualization_msgs::Marker>();
         marker->header = state->header;
         marker_message(*surface, positions, state->scalar, marker.get());
-        publish_urgently(marker_, marker);
+        publish_with_priority(marker_, marker);
     }
     if (points_due) {
         auto points = boost::make_shared<sensor_msgs::PointCloud2>();
         points->header = state->header;
         points_message(*snapshot.body, positions, state->scalar, points.get());
-        publish_urgently(points_, points);
+        publish_with_priority(points_, points);
     }
 }
 

@@ -50,14 +50,14 @@ void SentVolume::start(double threshold, const Box &region)
     region_ = region;
     std::vector<uint8_t>().swap(sent_);
     waits_.clear();
-    owes_ = false;
+    has_unsent_bricks_ = false;
 }
 
 void SentVolume::select(const pliant_volume &volume, bool rests, std::vector<uint8_t> *bricks)
 {
     if (sent_.empty()) return;
     waits_.resize(bricks->size());
-    owes_ = false;
+    has_unsent_bricks_ = false;
     for (size_t brick = 0; brick < bricks->size(); ++brick) {
         if (rests && waits_[brick]) (*bricks)[brick] = 1;
         if ((*bricks)[brick]) {
@@ -66,7 +66,7 @@ void SentVolume::select(const pliant_volume &volume, bool rests, std::vector<uin
             (*bricks)[brick] = inside && differs(volume, box, rests ? 0 : threshold_);
             waits_[brick] = inside && !rests && !(*bricks)[brick];
         }
-        owes_ = owes_ || waits_[brick];
+        has_unsent_bricks_ = has_unsent_bricks_ || waits_[brick];
     }
 }
 

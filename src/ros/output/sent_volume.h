@@ -22,7 +22,7 @@ public:
      * bricks: input and output, one byte per brick */
     void select(const pliant_volume &volume, bool rests, std::vector<uint8_t> *bricks);
     /* Return whether bricks wait for the tissue to rest. */
-    bool owes() const { return owes_; }
+    bool has_unsent_bricks() const { return has_unsent_bricks_; }
     /* Record that this box was sent. */
     void keep(const pliant_volume &volume, const Box &box);
 
@@ -33,7 +33,7 @@ private:
     Box region_{};
     std::vector<uint8_t> sent_;  /* voxel values as sent; empty before the first box and without a threshold */
     std::vector<uint8_t> waits_; /* whether a brick waits, one byte per brick */
-    bool owes_ = false;
+    bool has_unsent_bricks_ = false;
 };
 
 } // namespace pliant_ros

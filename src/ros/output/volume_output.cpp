@@ -1,6 +1,6 @@
 #include "ros/output/volume_output.h"
 
-#include "ros/sim/urgent.h"
+#include "ros/sim/realtime_priority.h"
 
 #include <algorithm>
 
@@ -12,8 +12,8 @@ enum { POLL_MILLISECONDS = 100, SOON_MILLISECONDS = 2 /* where somebody is not r
 
 } // namespace
 
-VolumeOutput::VolumeOutput(ros::NodeHandle handle, const Parameters &parameters, Live *live, Snapshots *snapshots,
-                           MeshOutput *mesh_output)
+VolumeOutput::VolumeOutput(ros::NodeHandle handle, const Parameters &parameters, SettingsServer *live,
+                           Snapshots *snapshots, MeshOutput *mesh_output)
     : frame_(parameters.tissue_frame), stream_(handle, parameters, snapshots->keeps_all()), live_(live),
       snapshots_(snapshots), mesh_output_(mesh_output), preview_step_(static_cast<uint32_t>(parameters.preview_step))
 {
@@ -81,7 +81,7 @@ void VolumeOutput::drop()
     stream_.start();
 }
 
-bool VolumeOutput::look(const std::function<void(const Warped &, const Snapshot &)> &function)
+bool VolumeOutput::look(const std::function<void(const DeformedVolume &, const Snapshot &)> &function)
 {
     std::lock_guard<std::mutex> hold(lock_);
     if (warped_ && shown_now_) function(*warped_, *shown_now_);
@@ -92,7 +92,7 @@ void VolumeOutput::publish(const std::shared_ptr<const Snapshot> &newest)
 {
     const Snapshot &snapshot = *newest;
     std::lock_guard<std::mutex> hold(lock_);
-    LiveSettings settings = live_->get();
+    RuntimeSettings settings = live_->get();
     if (!(settings.warp_rate > 0)) return;
     bool is_new = !warped_ || warped_->loaded() != snapshot.loaded.get();
     bool changed = false;
@@ -101,7 +101,7 @@ void VolumeOutput::publish(const std::shared_ptr<const Snapshot> &newest)
         if (is_new) {
             shown_now_.reset();
             warped_.reset(); /* free its memory before the next volume is allocated */
-            warped_.reset(new Warped(snapshot.loaded, snapshot.body));
+            warped_.reset(new DeformedVolume(snapshot.loaded, snapshot.body));
             stream_.start();
         }
         warped_->set_body(snapshot.body);
@@ -139,11 +139,11 @@ void VolumeOutput::publish_preview(const Snapshot &snapshot, bool is_new)
     auto message = boost::make_shared<Volume>();
     describe(snapshot.stamp, &preview_sequence_, message.get());
     preview_message(warped_->volume(), stream_.region(), preview_step_, message.get());
-    publish_urgently(preview_, message);
+    publish_with_priority(preview_, message);
 }
 
 /* Publish the slices again if the volume or the slice position has changed, or if a new subscriber has connected. */
-void VolumeOutput::publish_slices(const ros::Time &stamp, const LiveSettings &settings, bool is_new)
+void VolumeOutput::publish_slices(const ros::Time &stamp, const RuntimeSettings &settings, bool is_new)
 {
     bool moved = !std::equal(shown_, shown_ + 3, settings.slice);
     if (is_new || moved) slices_fresh_ = true;
@@ -155,14 +155,14 @@ void VolumeOutput::publish_slices(const ros::Time &stamp, const LiveSettings &se
             auto placed = boost::make_shared<Volume>();
             describe(stamp, &placed_sequence_[plane], placed.get());
             placed_slice_message(warped_->volume(), static_cast<Plane>(plane), settings.slice[plane], placed.get());
-            publish_urgently(placed_[plane], placed);
+            publish_with_priority(placed_[plane], placed);
         }
         if (slices_[plane].getNumSubscribers() == 0) continue;
         auto image = boost::make_shared<sensor_msgs::Image>();
         image->header.stamp = stamp;
         image->header.frame_id = frame_;
         slice_message(warped_->volume(), static_cast<Plane>(plane), settings.slice[plane], image.get());
-        publish_urgently(slices_[plane], image);
+        publish_with_priority(slices_[plane], image);
     }
 }
 

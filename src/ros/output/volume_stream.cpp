@@ -1,7 +1,7 @@
 #include "ros/output/volume_stream.h"
 
 #include "ros/output/noise.h"
-#include "ros/sim/urgent.h"
+#include "ros/sim/realtime_priority.h"
 
 #include <ros/publication.h>
 #include <ros/topic_manager.h>
@@ -14,12 +14,12 @@ namespace pliant_ros {
 namespace {
 
 enum {
-    MOST_BOXES = 8,       /* maximum number of boxes per update */
+    MAX_BOXES = 8,       /* maximum number of boxes per update */
     REPLAY_QUEUE = 1024   /* large enough that no state of a replayed bag is lost */
 };
 const std::chrono::milliseconds patience(100);  /* maximum time for which a slow subscriber delays the others */
 /* a subscriber with a larger delay receives the whole volume as soon as it is ready */
-const std::chrono::seconds forgotten_after(60);
+const std::chrono::seconds whole_volume_after(60);
 const double resend_rate = 1;                   /* [Hz] */
 const std::chrono::milliseconds rests_after(200); /* time without any change after which small changes are sent, too */
 
@@ -56,16 +56,16 @@ VolumeStream::~VolumeStream()
 void VolumeStream::start()
 {
     whole_wanted_ = true;
-    is_behind_ = gap_ = false;
+    is_behind_ = has_missing_changes_ = false;
     clear_at_ = Clock::now();
     has_begun_ = false;
     forget_written();
     fresh_.clear();
-    unsure_.clear();
+    unconfirmed_bricks_.clear();
     pending_.clear();
 }
 
-bool VolumeStream::add(const Warped &warped)
+bool VolumeStream::add(const DeformedVolume &warped)
 {
     if (!has_begun_) {
         region_ = region_box(warped.target(), low_, high_);
@@ -78,7 +78,7 @@ bool VolumeStream::add(const Warped &warped)
     has_begun_ = true;
     const bool changed = warped.add_changed(&fresh_);
     if (changed) changed_at_ = Clock::now();
-    unsure_.resize(fresh_.size());
+    unconfirmed_bricks_.resize(fresh_.size());
     return changed;
 }
 
@@ -97,7 +97,7 @@ void VolumeStream::forget_written()
     held_bytes_ = bytes;
 }
 
-void VolumeStream::send(const Warped &warped, const Snapshot &snapshot)
+void VolumeStream::send(const DeformedVolume &warped, const Snapshot &snapshot)
 {
     forget_written();
     if (!wanted()) return;
@@ -108,19 +108,19 @@ void VolumeStream::send(const Warped &warped, const Snapshot &snapshot)
     const bool held = is_held();
     const Clock::time_point now = Clock::now();
     if (!held) {
-        if (gap_) whole_wanted_ = true;
-        gap_ = false;
+        if (has_missing_changes_) whole_wanted_ = true;
+        has_missing_changes_ = false;
         clear_at_ = now;
         base_ = sequence_;
     }
     rests_ = now - changed_at_ > rests_after;
-    is_behind_ = whole_wanted_ || !pending_.empty() || any(fresh_) || (rests_ && sent_.owes());
+    is_behind_ = whole_wanted_ || !pending_.empty() || any(fresh_) || (rests_ && sent_.has_unsent_bricks());
     if (!is_behind_ || (held && (!somebody_is_ready() || now - sent_at_ < patience))) return;
-    if (now - clear_at_ > forgotten_after) {
-        gap_ = true;
+    if (now - clear_at_ > whole_volume_after) {
+        has_missing_changes_ = true;
         clear_at_ = now;
         base_ = sequence_;
-        if (pending_.empty()) std::fill(unsure_.begin(), unsure_.end(), 0);
+        if (pending_.empty()) std::fill(unconfirmed_bricks_.begin(), unconfirmed_bricks_.end(), 0);
     }
     if (whole_wanted_.exchange(false)) send_whole(warped, snapshot, held);
     else send_changes(warped, snapshot, held);
@@ -128,23 +128,24 @@ void VolumeStream::send(const Warped &warped, const Snapshot &snapshot)
 }
 
 /* If no link holds an older message, every link writes this message at once, and no later message can replace it. */
-void VolumeStream::send_whole(const Warped &warped, const Snapshot &snapshot, bool held)
+void VolumeStream::send_whole(const DeformedVolume &warped, const Snapshot &snapshot, bool held)
 {
     publish(warped, snapshot, region_);
-    for (size_t i = 0; i < fresh_.size(); ++i) unsure_[i] = held && (unsure_[i] || fresh_[i]);
+    for (size_t i = 0; i < fresh_.size(); ++i) unconfirmed_bricks_[i] = held && (unconfirmed_bricks_[i] || fresh_[i]);
     std::fill(fresh_.begin(), fresh_.end(), 0);
     pending_.clear();
     if (!held) base_ = sequence_;
 }
 
-void VolumeStream::send_changes(const Warped &warped, const Snapshot &snapshot, bool held)
+void VolumeStream::send_changes(const DeformedVolume &warped, const Snapshot &snapshot, bool held)
 {
     if (held || pending_.empty()) {
         sent_.select(warped.volume(), rests_, &fresh_);
         if (pending_.empty() && !any(fresh_)) return;
-        for (size_t i = 0; i < fresh_.size(); ++i) unsure_[i] = fresh_[i] || (held && unsure_[i]);
+        for (size_t i = 0; i < fresh_.size(); ++i)
+            unconfirmed_bricks_[i] = fresh_[i] || (held && unconfirmed_bricks_[i]);
         std::fill(fresh_.begin(), fresh_.end(), 0);
-        pending_ = merged_boxes(changed_boxes_of(warped), held ? 1 : MOST_BOXES);
+        pending_ = merged_boxes(changed_boxes_of(warped), held ? 1 : MAX_BOXES);
     }
     while (!pending_.empty()) {
         publish(warped, snapshot, pending_.back());
@@ -155,9 +156,9 @@ void VolumeStream::send_changes(const Warped &warped, const Snapshot &snapshot, 
     }
 }
 
-std::vector<Box> VolumeStream::changed_boxes_of(const Warped &warped) const
+std::vector<Box> VolumeStream::changed_boxes_of(const DeformedVolume &warped) const
 {
-    std::vector<Box> boxes = warped.boxes_of(unsure_), inside;
+    std::vector<Box> boxes = warped.boxes_of(unconfirmed_bricks_), inside;
     for (const Box &box : boxes) {
         const Box common = common_box(box, region_);
         if (common.size[0] && common.size[1] && common.size[2]) inside.push_back(common);
@@ -165,7 +166,7 @@ std::vector<Box> VolumeStream::changed_boxes_of(const Warped &warped) const
     return inside;
 }
 
-void VolumeStream::publish(const Warped &warped, const Snapshot &snapshot, const Box &box)
+void VolumeStream::publish(const DeformedVolume &warped, const Snapshot &snapshot, const Box &box)
 {
     const pliant_volume &volume = warped.volume();
     auto message = boost::make_shared<Volume>();
@@ -179,7 +180,7 @@ void VolumeStream::publish(const Warped &warped, const Snapshot &snapshot, const
     sent_.keep(volume, box);
     sent_at_ = Clock::now();
     if (keeps_all_) {
-        publish_urgently(publisher_, message);
+        publish_with_priority(publisher_, message);
         return;
     }
     /* Publish in the same way as Publisher::publish, which does not report which messages the links still hold. */
@@ -201,7 +202,7 @@ void VolumeStream::publish(const Warped &warped, const Snapshot &snapshot, const
         return made;
     };
     if (over_links) serialize();
-    const Urgent urgent;
+    const PublishingPriority urgent;
     topics.publish(publisher_.getTopic(), serialize, serialized);
 }
 

@@ -7,7 +7,7 @@
 #define PLIANT_ROS_OUTPUT_VOLUME_STREAM_H
 
 #include "ros/output/sent_volume.h"
-#include "ros/output/warped.h"
+#include "ros/output/deformed_volume.h"
 #include "ros/params/params.h"
 #include "ros/sim/snapshot.h"
 
@@ -28,7 +28,7 @@ public:
     /* Start a new volume, or stop. The next message contains the whole volume. */
     void start();
     /* Add the changes of the volume's last update to the pending ones. Return false if nothing has changed. */
-    bool add(const Warped &warped);
+    bool add(const DeformedVolume &warped);
     /* Return the bound on the difference between subscribers' voxels and the deformed volume while the tissue moves
      * [values of the scan]. At rest the difference is zero. Thread-safe. */
     double bound() const { return bound_; }
@@ -40,16 +40,16 @@ public:
     /* Return whether changes are pending because a subscriber was not ready. */
     bool waits() const { return is_behind_; }
     /* Send the pending changes to ready subscribers. */
-    void send(const Warped &warped, const Snapshot &snapshot);
+    void send(const DeformedVolume &warped, const Snapshot &snapshot);
 
 private:
     bool is_held() const { return last_.use_count() > 1; }
     void forget_written();
     bool somebody_is_ready() const;
-    void send_whole(const Warped &warped, const Snapshot &snapshot, bool held);
-    void send_changes(const Warped &warped, const Snapshot &snapshot, bool held);
-    void publish(const Warped &warped, const Snapshot &snapshot, const Box &box);
-    std::vector<Box> changed_boxes_of(const Warped &warped) const;
+    void send_whole(const DeformedVolume &warped, const Snapshot &snapshot, bool held);
+    void send_changes(const DeformedVolume &warped, const Snapshot &snapshot, bool held);
+    void publish(const DeformedVolume &warped, const Snapshot &snapshot, const Box &box);
+    std::vector<Box> changed_boxes_of(const DeformedVolume &warped) const;
 
     const std::string frame_;
     const bool keeps_all_;
@@ -69,8 +69,8 @@ private:
     std::vector<std::pair<boost::shared_array<uint8_t>, size_t>> held_;
     std::atomic<size_t> held_bytes_{0};
     Clock::time_point sent_at_{}, clear_at_{}; /* time of the last message; last time at which no link held a message */
-    bool gap_ = false;                     /* whether a subscriber misses changes */
-    std::vector<uint8_t> fresh_, unsure_;  /* bricks changed but not sent; bricks changed since base_ */
+    bool has_missing_changes_ = false;                     /* whether a subscriber misses changes */
+    std::vector<uint8_t> fresh_, unconfirmed_bricks_;  /* bricks changed but not sent; bricks changed since base_ */
     std::vector<Box> pending_;             /* boxes of the last changes that are not sent yet */
     bool has_begun_ = false, rests_ = false;
     /* bound on the voxel difference while the tissue moves [values of the scan] */

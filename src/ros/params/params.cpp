@@ -154,11 +154,11 @@ void read_tools(XmlRpcValue &value, Parameters *out)
     }
 }
 
-void read_point(const std::string &name, XmlRpcValue &value, double out[3], double most = 1)
+void read_point(const std::string &name, XmlRpcValue &value, double out[3], double maximum = 1)
 {
     if (value.getType() != XmlRpcValue::TypeArray || value.size() != 3)
         refuse("~" + name + " must be three numbers [m]");
-    for (int d = 0; d < 3; ++d) out[d] = number(name, value[d], -most, most);
+    for (int d = 0; d < 3; ++d) out[d] = number(name, value[d], -maximum, maximum);
 }
 
 /* Read a blade's name, or its edge {from: [x, y, z], to: [x, y, z]}. */
@@ -247,11 +247,11 @@ void read_cameras(XmlRpcValue &value, Parameters *out)
 
 void read_camera_entry(const std::string &path, const std::string &name, XmlRpcValue &value, CameraParameters *camera)
 {
-    const int most_pixels = 8192;
+    const int max_pixels = 8192;
     if (name == "frame") camera->frame = text(path, value);
     else if (name == "info_url") camera->info_url = text(path, value);
-    else if (name == "width") camera->width = static_cast<int>(number(path, value, 1, most_pixels));
-    else if (name == "height") camera->height = static_cast<int>(number(path, value, 1, most_pixels));
+    else if (name == "width") camera->width = static_cast<int>(number(path, value, 1, max_pixels));
+    else if (name == "height") camera->height = static_cast<int>(number(path, value, 1, max_pixels));
     else if (name == "field_of_view") camera->field_of_view = number(path, value, 0.1, 170);
     else if (name == "rate") camera->rate = number(path, value, 0.01, 1000);
     else if (name == "near") camera->near = number(path, value, 0, 1e3);

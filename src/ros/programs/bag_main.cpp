@@ -7,7 +7,7 @@
 #include "ros/record/rerun.h"
 #include "ros/record/tables.h"
 #include "ros/sim/session.h"
-#include "ros/output/warped.h"
+#include "ros/output/deformed_volume.h"
 
 #include "programs/command_line.h" /* exit codes */
 #include "programs/console.h"
@@ -68,7 +68,7 @@ private:
     void write_lerobot(const std::string &arrays) const;
     double since_start(const ros::Time &time) const { return (time - start_).toSec(); }
     std::string topic(const char *name) const { return "/" + arguments_.name + "/" + name; }
-    Failure nothing_on(const char *name) const
+    Failure missing_topic_failure(const char *name) const
     {
         const std::string advice = " in it; --ns names the namespace that was recorded";
         return Failure(PLIANT_ERROR_FORMAT, arguments_.bag + ": no " + topic(name) + advice);
@@ -78,14 +78,14 @@ private:
     rosbag::Bag bag_;
     ros::Time start_, end_;
     std::map<uint32_t, Session> sessions_; /* by the revision at load; empty: the arguments define the model */
-    std::unique_ptr<Shelf> shelf_;
-    std::shared_ptr<const Loaded> loaded_;
+    std::unique_ptr<RecordedScanFinder> scan_finder_;
+    std::shared_ptr<const LoadedModel> loaded_;
     uint32_t load_ = 0; /* revision at load of loaded_, if there are sessions */
     /* reason why the mesh of a revision cannot be reproduced; empty: it can */
-    std::map<uint32_t, std::string> differs_;
+    std::map<uint32_t, std::string> mesh_mismatches_;
     std::map<uint32_t, std::shared_ptr<const pliant_body>> bodies_; /* by revision */
-    std::unique_ptr<Warped> warped_;
-    std::shared_ptr<const Loaded> warped_of_;
+    std::unique_ptr<DeformedVolume> warped_;
+    std::shared_ptr<const LoadedModel> deformed_volume_model_;
     std::shared_ptr<const pliant_surface> surface_;
     std::unique_ptr<Rerun> rerun_;
     int written_ = 0;
@@ -109,7 +109,7 @@ void Extraction::read_sessions()
         const Session::ConstPtr session = read_message<Session>(recorded);
         sessions_[session->load] = *session;
     }
-    shelf_.reset(new Shelf(arguments_.scan, arguments_.scene.material.labels));
+    scan_finder_.reset(new RecordedScanFinder(arguments_.scan, arguments_.scene.material.labels));
 }
 
 /* Load the model of a mesh revision, and discard the bodies of another model. */
@@ -118,7 +118,7 @@ void Extraction::load(uint32_t revision)
     auto after = sessions_.upper_bound(revision);
     if (loaded_ && (sessions_.empty() || (after != sessions_.begin() && std::prev(after)->first == load_))) return;
     bodies_.clear();
-    differs_.clear();
+    mesh_mismatches_.clear();
     surface_.reset();
     if (sessions_.empty()) {
         Materials materials;
@@ -130,7 +130,7 @@ void Extraction::load(uint32_t revision)
                                                    std::to_string(revision) + " was made is not in the bag");
         const Session &session = std::prev(after)->second;
         load_ = session.load;
-        loaded_ = build_session(session, shelf_->find(session), console_progress());
+        loaded_ = build_session(session, scan_finder_->find(session), console_progress());
     }
     console_progress_end();
     read_topologies(after == sessions_.end() ? std::numeric_limits<uint32_t>::max() : after->first);
@@ -152,9 +152,9 @@ void Extraction::read_topologies(uint32_t end)
         std::shared_ptr<const pliant_body> body = body_of(*loaded_, *topology, &bodies, &why);
         any |= body != nullptr;
         bodies_[topology->revision] = body;
-        differs_[topology->revision] = why;
+        mesh_mismatches_[topology->revision] = why;
     }
-    if (differs_.empty()) throw nothing_on("mesh/topology");
+    if (mesh_mismatches_.empty()) throw missing_topic_failure("mesh/topology");
     if (!any) throw Failure(PLIANT_ERROR_FORMAT, arguments_.bag + ": " + why);
 }
 
@@ -179,10 +179,10 @@ std::shared_ptr<const Snapshot> Extraction::snapshot(double time, const rosbag::
 {
     const MeshState::ConstPtr state = read_message<MeshState>(recorded);
     load(state->revision);
-    auto differs = differs_.find(state->revision);
+    auto differs = mesh_mismatches_.find(state->revision);
     char where[64];
     std::snprintf(where, sizeof where, "%.3f s: ", time);
-    if (differs == differs_.end())
+    if (differs == mesh_mismatches_.end())
         throw Failure(PLIANT_ERROR_FORMAT,
                       where + std::string("no topology of revision ") + std::to_string(state->revision));
     if (!differs->second.empty()) throw Failure(PLIANT_ERROR_FORMAT, where + differs->second);
@@ -191,8 +191,9 @@ std::shared_ptr<const Snapshot> Extraction::snapshot(double time, const rosbag::
 
 void Extraction::write(double time, const Snapshot &snapshot)
 {
-    if (!warped_ || warped_of_ != snapshot.loaded) warped_.reset(new Warped(snapshot.loaded, snapshot.body));
-    warped_of_ = snapshot.loaded;
+    if (!warped_ || deformed_volume_model_ != snapshot.loaded)
+        warped_.reset(new DeformedVolume(snapshot.loaded, snapshot.body));
+    deformed_volume_model_ = snapshot.loaded;
     warped_->set_body(snapshot.body);
     warped_->update(snapshot.positions);
     char name[64];
@@ -217,7 +218,7 @@ void Extraction::write_recorded(const std::vector<double> &times, rosbag::View *
     for (double time : times) {
         /* tolerance of one nanosecond, because times are written in decimals */
         for (; next != states->end() && since_start(next->getTime()) <= time + 1e-9; ++next) newest = next;
-        if (console_stop_asked()) throw Stopped();
+        if (console_stop_requested()) throw Stopped();
         write(time, *snapshot(time, *newest));
         console_progress().function(static_cast<double>(written_) / times.size(), "volumes", nullptr);
     }
@@ -231,7 +232,7 @@ void Extraction::write_simulated(const std::vector<double> &times, rosbag::View 
     std::shared_ptr<const Snapshot> newest;
     size_t done = 0;
     for (const rosbag::MessageInstance &recorded : *steps) {
-        if (console_stop_asked()) throw Stopped();
+        if (console_stop_requested()) throw Stopped();
         const Step::ConstPtr step = read_message<Step>(recorded);
         for (; time != times.end() && newest && since_start(recorded.getTime()) > *time + 1e-9; ++time)
             write(*time, *newest);
@@ -259,7 +260,7 @@ template <class Message, class Lines> void Extraction::write_table(rosbag::View 
 void Extraction::write_steps()
 {
     rosbag::View view(bag_, rosbag::TopicQuery(topic("step")));
-    if (view.size() == 0) throw nothing_on("step");
+    if (view.size() == 0) throw missing_topic_failure("step");
     StepsTable table(arguments_.steps);
     write_table<Step>(&view, &table);
 }
@@ -311,7 +312,7 @@ void Extraction::run()
     if (!volumes && !arguments_.simulate) return;
     const char *name = arguments_.simulate ? "step" : "mesh/state";
     rosbag::View wanted(bag_, rosbag::TopicQuery(topic(name)));
-    if (wanted.size() == 0) throw nothing_on(name);
+    if (wanted.size() == 0) throw missing_topic_failure(name);
     const std::vector<double> times = volumes ? times_of(&wanted) : std::vector<double>();
     read_sessions();
     if (volumes) make_folder(arguments_.folder);
@@ -354,6 +355,6 @@ int main(int argc, char **argv)
         console_progress_end();
         /* errors of the library are already printed */
         if (std::strcmp(failed.what(), pliant_last_error()) != 0) std::fprintf(stderr, "error: %s\n", failed.what());
-        return console_stop_asked() ? EXIT_STOPPED : EXIT_FAILED;
+        return console_stop_requested() ? EXIT_STOPPED : EXIT_FAILED;
     }
 }

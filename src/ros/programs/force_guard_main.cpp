@@ -12,7 +12,7 @@
  * diagnostics. It does not exit, because it would be restarted endlessly. */
 #include "pliant/ros/convert.h"
 #include "ros/guard/guard_parameters.h"
-#include "ros/params/master_watch.h"
+#include "ros/params/ros_master_monitor.h"
 
 #include <diagnostic_updater/diagnostic_updater.h>
 #include <geometry_msgs/PoseStamped.h>
@@ -138,7 +138,7 @@ int main(int argc, char **argv)
         yes.data = true;
         absolute.publish(yes);
     }
-    pliant_ros::MasterWatch master(own, nullptr);
+    pliant_ros::RosMasterMonitor master(own, nullptr);
     diagnostic_updater::Updater diagnostics;
     diagnostics.setHardwareID(parameters.tool.empty() ? "none" : parameters.tool);
     diagnostics.add("force guard", [&](diagnostic_updater::DiagnosticStatusWrapper &status) {

@@ -1,5 +1,5 @@
 #include "pliant/ros/node.h"
-#include "ros/node/refused.h"
+#include "ros/node/faulted_node.h"
 #include "ros/params/start.h"
 
 #include "programs/stop.h"
@@ -26,7 +26,7 @@ int main(int argc, char **argv)
     } catch (const pliant_ros::WrongParameter &wrong) {
         ROS_FATAL("%s", wrong.what());
         if (!own.param("respawn", false)) return 1;
-        const pliant_ros::Refused refused(handle, own, wrong.what());
+        const pliant_ros::FaultedNode refused(handle, own, wrong.what());
         ros::spin();
     } catch (const std::exception &failed) { /* for example a missing file, which may exist at the next start */
         ROS_FATAL("%s", failed.what());

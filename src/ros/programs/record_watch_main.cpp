@@ -59,7 +59,7 @@ int main(int argc, char **argv)
     ros::init(argc, argv, "record_watch");
     ros::NodeHandle handle, own("~");
     const std::string prefix = own.param<std::string>("prefix", "");
-    const double least = own.param("min_space", 1000.0);
+    const double minimum = own.param("min_space", 1000.0);
     if (prefix.empty()) {
         ROS_FATAL("~prefix is empty: set the prefix of the bag names, such as /data/session");
         return 1;
@@ -69,12 +69,14 @@ int main(int argc, char **argv)
     diagnostics.setHardwareID("none");
     diagnostics.add("recording", [&](diagnostic_updater::DiagnosticStatusWrapper &status) {
         const Bag bag = newest(prefix);
-        struct statvfs room;
+        struct statvfs file_system;
         const size_t slash = prefix.rfind('/');
-        const bool known = statvfs(slash == std::string::npos ? "." : prefix.substr(0, slash + 1).c_str(), &room) == 0;
+        const bool known =
+            statvfs(slash == std::string::npos ? "." : prefix.substr(0, slash + 1).c_str(), &file_system) == 0;
         const double free =
-            known ? static_cast<double>(room.f_bavail) * static_cast<double>(room.f_frsize) / megabyte : 0;
-        if (known && free < least)
+            known ? static_cast<double>(file_system.f_bavail) * static_cast<double>(file_system.f_frsize) / megabyte
+                  : 0;
+        if (known && free < minimum)
             status.summary(
                 DiagnosticStatus::ERROR,
                 "the disk is full: recording has stopped; recorded messages are kept (repair a remaining .active file "
@@ -83,7 +85,7 @@ int main(int argc, char **argv)
         else if (!bag.open)
             status.summary(was_open ? DiagnosticStatus::ERROR : DiagnosticStatus::WARN,
                            was_open ? "the recorder has ended" : "nothing is recorded yet");
-        else if (known && free < 5 * least) status.summary(DiagnosticStatus::WARN, "the disk is nearly full");
+        else if (known && free < 5 * minimum) status.summary(DiagnosticStatus::WARN, "the disk is nearly full");
         else status.summary(DiagnosticStatus::OK, "recording");
         was_open = was_open || bag.open;
         status.add("bag", bag.path);

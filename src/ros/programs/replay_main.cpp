@@ -16,11 +16,11 @@ namespace {
 volatile std::sig_atomic_t is_over = 0;
 void end(int) { is_over = 1; }
 
-pliant_ros::Playing playing_of(int argc, char **argv)
+pliant_ros::ReplaySettings playing_of(int argc, char **argv)
 {
     const std::string start = "start=";
-    pliant_ros::Playing out;
-    out.goes_on = [] { return ros::ok() && !is_over; };
+    pliant_ros::ReplaySettings out;
+    out.may_continue = [] { return ros::ok() && !is_over; };
     if (argc > 1) out.player = argv[1];
     for (int a = 2; a < argc; ++a) {
         const std::string word = argv[a];
@@ -34,7 +34,7 @@ pliant_ros::Playing playing_of(int argc, char **argv)
 }
 
 /* Reset /use_sim_time. The next node on this master would wait for a clock that nobody publishes. */
-void leave_the_clock()
+void reset_use_sim_time()
 {
     if (ros::ok() && ros::Time::isSimTime()) ros::param::set("/use_sim_time", false);
 }
@@ -45,19 +45,19 @@ int main(int argc, char **argv)
 {
     ros::init(argc, argv, "replay", ros::init_options::NoSigintHandler);
     stop_on_signals(end);
-    const pliant_ros::Playing playing = playing_of(argc, argv);
+    const pliant_ros::ReplaySettings playing = playing_of(argc, argv);
     int code = 0;
     try {
         pliant_ros::Replay replay(ros::NodeHandle(), ros::NodeHandle("~"), playing);
-        while (playing.goes_on()) ros::getGlobalCallbackQueue()->callAvailable(ros::WallDuration(0.1));
-        replay.tell();
-        leave_the_clock();
+        while (playing.may_continue()) ros::getGlobalCallbackQueue()->callAvailable(ros::WallDuration(0.1));
+        replay.print_summary();
+        reset_use_sim_time();
         ros::shutdown();
     } catch (const std::exception &wrong) {
         /* an interruption by the user is no failure */
-        if (playing.goes_on()) ROS_FATAL("%s", wrong.what());
-        code = playing.goes_on();
-        leave_the_clock();
+        if (playing.may_continue()) ROS_FATAL("%s", wrong.what());
+        code = playing.may_continue();
+        reset_use_sim_time();
     }
     return code;
 }

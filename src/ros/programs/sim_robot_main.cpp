@@ -85,11 +85,11 @@ public:
                 if (!message->position.empty() && std::isfinite(message->position[0])) jaw_goal_ = message->position[0];
             });
         state_ = handle.advertise<pliant_ros::OperatingState>(own + "operating_state", 1, true);
-        tell_state();
+        publish_operating_state();
         fault_in_ =
             handle.subscribe<std_msgs::String>(own + "fault", 1, [this](const std_msgs::StringConstPtr &message) {
                 fault_ = message->data;
-                tell_state();
+                publish_operating_state();
             });
         at_ = goal_ = Eigen::Translation3d(settings.tip) * Eigen::Quaterniond::Identity();
     }
@@ -159,7 +159,7 @@ private:
         return at == std::string::npos ? frame : frame.replace(at, 3, arm);
     }
 
-    void tell_state()
+    void publish_operating_state()
     {
         pliant_ros::OperatingState state;
         state.header.stamp = ros::Time::now();
@@ -202,8 +202,8 @@ private:
         const double part = way.norm() > settings_.speed * elapsed ? settings_.speed * elapsed / way.norm() : 1;
         const Eigen::Quaterniond now(at_.rotation()), then(goal_.rotation());
         const double angle = now.angularDistance(then),
-                     share = angle > turn_speed * elapsed ? turn_speed * elapsed / angle : 1;
-        at_ = Eigen::Translation3d(at_.translation() + part * way) * now.slerp(share, then);
+                     fraction = angle > turn_speed * elapsed ? turn_speed * elapsed / angle : 1;
+        at_ = Eigen::Translation3d(at_.translation() + part * way) * now.slerp(fraction, then);
         jaw_ += std::max(-jaw_speed * elapsed, std::min(jaw_speed * elapsed, jaw_goal_ - jaw_));
     }
 

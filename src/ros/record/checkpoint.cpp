@@ -49,8 +49,8 @@ template <class Message> Message only(rosbag::View *view, const std::string &pat
 
 } // namespace
 
-void saved_message(const Moment &moment, const std::string &frame, std::shared_ptr<const pliant_surface> *surface,
-                   Saved *out)
+void make_checkpoint_contents(const ResumableState &moment, const std::string &frame,
+                              std::shared_ptr<const pliant_surface> *surface, CheckpointContents *out)
 {
     const Snapshot &now = moment.snapshot;
     std_msgs::Header header;
@@ -74,20 +74,20 @@ void saved_message(const Moment &moment, const std::string &frame, std::shared_p
 }
 
 /* Check the free disk space before the file is opened, so that no incomplete bag is written. */
-static void check_room(const std::string &path, const Saved &saved)
+static void check_room(const std::string &path, const CheckpointContents &saved)
 {
     using ros::serialization::serializationLength;
     const double needed = 65536.0 + serializationLength(saved.session) + serializationLength(saved.topology) +
                           serializationLength(saved.state) + serializationLength(saved.rest);
     const size_t slash = path.rfind('/');
-    struct statvfs room;
+    struct statvfs file_system;
     /* opening the file gives a better error message */
-    if (statvfs(slash == std::string::npos ? "." : path.substr(0, slash + 1).c_str(), &room) != 0) return;
-    if (static_cast<double>(room.f_bavail) * static_cast<double>(room.f_frsize) < needed)
+    if (statvfs(slash == std::string::npos ? "." : path.substr(0, slash + 1).c_str(), &file_system) != 0) return;
+    if (static_cast<double>(file_system.f_bavail) * static_cast<double>(file_system.f_frsize) < needed)
         throw Failure(PLIANT_ERROR_FILE, path + ": the disk is full");
 }
 
-void write_saved(const std::string &path, const std::string &name, const Saved &saved)
+void write_checkpoint_file(const std::string &path, const std::string &name, const CheckpointContents &saved)
 {
     const std::string next = path + ".new";
     check_room(path, saved);
@@ -110,25 +110,25 @@ void write_saved(const std::string &path, const std::string &name, const Saved &
     if (std::rename(next.c_str(), path.c_str()) != 0) throw no_file(path, "cannot be replaced");
 }
 
-Saved read_saved(const std::string &path)
+CheckpointContents read_checkpoint_file(const std::string &path)
 {
     try {
         rosbag::Bag bag(path, rosbag::bagmode::Read);
         rosbag::View view(bag);
-        return Saved{only<Session>(&view, path), only<MeshTopology>(&view, path), only<MeshState>(&view, path),
-                     only<Checkpoint>(&view, path)};
+        return CheckpointContents{only<Session>(&view, path), only<MeshTopology>(&view, path),
+                                  only<MeshState>(&view, path), only<Checkpoint>(&view, path)};
     } catch (const rosbag::BagException &failed) {
         throw Failure(PLIANT_ERROR_FORMAT, path + ": " + failed.what());
     }
 }
 
-Moment moment_of(const Saved &saved, std::shared_ptr<const Loaded> loaded)
+ResumableState resumable_state_of(const CheckpointContents &saved, std::shared_ptr<const LoadedModel> loaded)
 {
     std::string why;
     Bodies bodies;
     std::shared_ptr<const pliant_body> body = body_of(*loaded, saved.topology, &bodies, &why);
     if (!body) throw Failure(PLIANT_ERROR_FORMAT, why);
-    Moment out;
+    ResumableState out;
     out.snapshot = *snapshot_of(std::move(loaded), body, saved.state);
     out.sequence = saved.rest.sequence;
     out.strokes = saved.rest.strokes;

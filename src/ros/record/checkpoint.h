@@ -4,7 +4,7 @@
 #ifndef PLIANT_ROS_RECORD_CHECKPOINT_H
 #define PLIANT_ROS_RECORD_CHECKPOINT_H
 
-#include "ros/sim/moment.h"
+#include "ros/sim/resumable_state.h"
 #include "ros/sim/session.h"
 
 #include "pliant/ros/convert.h"
@@ -15,7 +15,7 @@ namespace pliant_ros {
 
 using pliant::Checkpoint;
 
-struct Saved {
+struct CheckpointContents {
     Session session;
     MeshTopology topology;
     MeshState state;
@@ -26,16 +26,16 @@ struct Saved {
  * caller sets.
  * surface: input and output; last computed surface, which is reused
  * Throws Failure. */
-void saved_message(const Moment &moment, const std::string &frame, std::shared_ptr<const pliant_surface> *surface,
-                   Saved *out);
+void make_checkpoint_contents(const ResumableState &moment, const std::string &frame,
+                              std::shared_ptr<const pliant_surface> *surface, CheckpointContents *out);
 /* Replace the file atomically: if the process is killed, either the old or the new file exists completely.
  * name: namespace of the topics in the file, with a trailing slash
  * Throws Failure. */
-void write_saved(const std::string &path, const std::string &name, const Saved &saved);
+void write_checkpoint_file(const std::string &path, const std::string &name, const CheckpointContents &saved);
 /* Throws Failure if the file is no checkpoint or has another version. */
-Saved read_saved(const std::string &path);
+CheckpointContents read_checkpoint_file(const std::string &path);
 /* Return the moment for the model that was built from the saved session. Throws Failure if the mesh differs. */
-Moment moment_of(const Saved &saved, std::shared_ptr<const Loaded> loaded);
+ResumableState resumable_state_of(const CheckpointContents &saved, std::shared_ptr<const LoadedModel> loaded);
 
 } // namespace pliant_ros
 

@@ -2,7 +2,7 @@
 
 #include "ros/record/message.h"
 #include "ros/record/npy.h"
-#include "ros/sim/loaded.h"
+#include "ros/sim/loaded_model.h"
 
 #include <geometry_msgs/WrenchStamped.h>
 #include <pliant/ContactState.h>
@@ -30,13 +30,13 @@ const double SLACK = 1e-9; /* tolerance [s], because times are written in decima
 const char *const motion_columns[] = {"x", "y", "z", "qx", "qy", "qz", "qw", "jaw", "closed", "cutting"};
 const char *const sense_columns[] = {"present", "touching", "grasped",  "force_x", "force_y",
                                      "force_z", "torque_x", "torque_y", "torque_z"};
-const size_t MOTION = sizeof motion_columns / sizeof *motion_columns,
-             SENSE = sizeof sense_columns / sizeof *sense_columns;
+const size_t NUM_MOTION_COLUMNS = sizeof motion_columns / sizeof *motion_columns,
+             NUM_SENSE_COLUMNS = sizeof sense_columns / sizeof *sense_columns;
 
-using Motion = std::array<double, MOTION>;
+using Motion = std::array<double, NUM_MOTION_COLUMNS>;
 template <class Value> using Series = std::vector<std::pair<double, Value>>; /* ascending times [s] */
 
-struct Turn {
+struct RecordedStep {
     uint64_t step;
     bool begins; /* first step after a load or a reset */
     std::map<size_t, Motion> tools; /* present tools by index */
@@ -94,7 +94,7 @@ private:
     const std::string folder_;
     const ros::Time start_;
     std::vector<std::string> tools_;
-    Series<Turn> turns_;
+    Series<RecordedStep> turns_;
     std::vector<Series<std::array<double, 6>>> wrenches_; /* by tool */
     std::vector<Series<std::array<double, 2>>> contacts_; /* touching and grasped, by tool */
     std::vector<Pictures> pictures_;
@@ -113,7 +113,7 @@ template <class Message, class Take> void Export::read(const std::string &topic,
 void Export::read_turns()
 {
     read<pliant::Step>(root_ + "step", [this](double time, const pliant::Step &step) {
-        Turn turn{step.step, step.sequence == 1, {}};
+        RecordedStep turn{step.step, step.sequence == 1, {}};
         for (const pliant::ToolInput &tool : step.tools) {
             const size_t index = std::find(tools_.begin(), tools_.end(), tool.name) - tools_.begin();
             if (index == tools_.size()) tools_.push_back(tool.name);
@@ -209,8 +209,8 @@ void Export::write_rows() const
     const size_t rows = rows_.size(), tools = tools_.size();
     NpyFile times(folder_ + "/times.npy", "f8", {rows}), episodes(folder_ + "/episodes.npy", "i8", {rows}),
         steps(folder_ + "/steps.npy", "i8", {rows});
-    NpyFile state(folder_ + "/state.npy", "f8", {rows, tools * (MOTION + SENSE)}),
-        action(folder_ + "/action.npy", "f8", {rows, tools * MOTION});
+    NpyFile state(folder_ + "/state.npy", "f8", {rows, tools * (NUM_MOTION_COLUMNS + NUM_SENSE_COLUMNS)}),
+        action(folder_ + "/action.npy", "f8", {rows, tools * NUM_MOTION_COLUMNS});
     for (size_t r = 0; r < rows; ++r) {
         const Row &row = rows_[r], &next = r + 1 < rows && rows_[r + 1].episode == row.episode ? rows_[r + 1] : row;
         const int64_t step = static_cast<int64_t>(turns_[row.turn].second.step);
@@ -219,7 +219,7 @@ void Export::write_rows() const
         steps.append(&step, sizeof step);
         for (size_t t = 0; t < tools; ++t) {
             const Motion now = motion(row, t), then = motion(next, t);
-            std::array<double, SENSE> sense{};
+            std::array<double, NUM_SENSE_COLUMNS> sense{};
             if (turns_[row.turn].second.tools.count(t)) {
                 sense[0] = 1;
                 if (auto contact = newest(contacts_[t], row.time))

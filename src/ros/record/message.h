@@ -2,7 +2,7 @@
 #ifndef PLIANT_ROS_RECORD_MESSAGE_H
 #define PLIANT_ROS_RECORD_MESSAGE_H
 
-#include "ros/sim/loaded.h"
+#include "ros/sim/loaded_model.h"
 
 #include <pliant/Step.h>
 #include <rosbag/message_instance.h>

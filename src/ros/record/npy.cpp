@@ -1,6 +1,6 @@
 #include "ros/record/npy.h"
 
-#include "ros/sim/loaded.h"
+#include "ros/sim/loaded_model.h"
 
 #include <cerrno>
 #include <cstring>

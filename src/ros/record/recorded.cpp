@@ -109,10 +109,10 @@ bool has_mesh(const pliant_mesh &mesh, const MeshTopology &recorded, std::string
 
 } // namespace
 
-std::shared_ptr<const pliant_body> body_of(const Loaded &loaded, const MeshTopology &recorded, Bodies *bodies,
+std::shared_ptr<const pliant_body> body_of(const LoadedModel &loaded, const MeshTopology &recorded, Bodies *bodies,
                                            std::string *why)
 {
-    std::shared_ptr<const pliant_body> body = share(pliant_model_get_body(loaded.model));
+    std::shared_ptr<const pliant_body> body = share_body(pliant_model_get_body(loaded.model));
     const std::shared_ptr<const pliant_body> near = bodies->newest;
     bodies->last_revision = std::max(bodies->last_revision, body->revision);
     if (near && !near->subdivision && begins(*near, recorded)) body = near;
@@ -132,7 +132,7 @@ std::shared_ptr<const pliant_body> body_of(const Loaded &loaded, const MeshTopol
     return nullptr;
 }
 
-std::shared_ptr<const Snapshot> snapshot_of(std::shared_ptr<const Loaded> loaded,
+std::shared_ptr<const Snapshot> snapshot_of(std::shared_ptr<const LoadedModel> loaded,
                                             std::shared_ptr<const pliant_body> body, const MeshState &state)
 {
     size_t wanted = 3 * static_cast<size_t>(body->fine.num_nodes);

@@ -16,11 +16,11 @@ struct Bodies {
 
 /* Return the body of a recorded topology. It is derived from the loaded model's body by the recorded cuts, and becomes
  * bodies->newest. Return empty if the mesh is not bitwise identical; then *why names the difference and the remedy. */
-std::shared_ptr<const pliant_body> body_of(const Loaded &loaded, const MeshTopology &recorded, Bodies *bodies,
+std::shared_ptr<const pliant_body> body_of(const LoadedModel &loaded, const MeshTopology &recorded, Bodies *bodies,
                                            std::string *why);
 
 /* Return the positions of a recorded state as a snapshot. Throws Failure if there is not one finite point per node. */
-std::shared_ptr<const Snapshot> snapshot_of(std::shared_ptr<const Loaded> loaded,
+std::shared_ptr<const Snapshot> snapshot_of(std::shared_ptr<const LoadedModel> loaded,
                                             std::shared_ptr<const pliant_body> body, const MeshState &state);
 
 } // namespace pliant_ros

@@ -18,8 +18,8 @@ enum {
     PATIENCE_SECONDS = 2 /* for what topics bring in another order */,
     PLAYER_SECONDS = 60,
     CONNECTION_SECONDS = 20 /* the master may know of listeners and publishers that are gone */,
-    TELL_SECONDS = 5,
-    MOST_RECENT = 16 /* topologies */
+    LOG_SECONDS = 5,
+    MAX_RECENT = 16 /* topologies */
 };
 
 /* Return whether a topic has subscribers, according to the master. */
@@ -40,16 +40,16 @@ bool is_late(Clock::time_point arrival)
 }
 
 /* Return whether a topology belongs to the load that this session describes, or to a later one. */
-bool is_of(const Session &session, const MeshTopology &topology)
+bool belongs_to_session(const Session &session, const MeshTopology &topology)
 {
     return topology.revision >= session.load && topology.header.stamp >= session.header.stamp;
 }
 
 } // namespace
 
-Replay::Replay(ros::NodeHandle handle, ros::NodeHandle private_handle, const Playing &playing)
+Replay::Replay(ros::NodeHandle handle, ros::NodeHandle private_handle, const ReplaySettings &playing)
     : parameters_(parameters_of(private_handle)), playing_(playing), simulates_(playing.simulates),
-      shelf_(parameters_.scan, parameters_.scene.material.labels), live_(private_handle, parameters_),
+      scan_finder_(parameters_.scan, parameters_.scene.material.labels), live_(private_handle, parameters_),
       volume_output_(handle, parameters_, &live_, &snapshots_, nullptr)
 {
     log_to_rosconsole();
@@ -68,7 +68,7 @@ Replay::Replay(ros::NodeHandle handle, ros::NodeHandle private_handle, const Pla
     scan_info_ = handle.advertise<ScanInfo>("scan_info", 1, true);
     if (!parameters_.parent_frame.empty()) broadcaster_.sendTransform(tissue_transform(parameters_));
     load();
-    if (playing.start > 0) catch_up();
+    if (playing.start > 0) process_skipped_messages();
     if (!playing.player.empty()) start_player(handle.resolveName(playing.player), handle.resolveName("volume"));
 }
 
@@ -80,7 +80,7 @@ Replay::~Replay()
     steps_.shutdown();
 }
 
-void Replay::tell() const
+void Replay::print_summary() const
 {
     std::printf("replay: %lu states shown, %lu dropped\n", static_cast<unsigned long>(shown_),
                 static_cast<unsigned long>(dropped_));
@@ -89,30 +89,31 @@ void Replay::tell() const
 }
 
 /* Process the messages before the start time, which the player skips. */
-void Replay::catch_up()
+void Replay::process_skipped_messages()
 {
-    const Earlier earlier = read_earlier(playing_.bags, playing_.start, topics_, playing_.goes_on);
+    const PrecedingMessages earlier =
+        read_messages_before(playing_.bags, playing_.start, topics_, playing_.may_continue);
     if (described_ && earlier.session) begin_session(*earlier.session);
     for (const pliant::MeshTopologyConstPtr &topology : earlier.topologies)
         /* the session message may have been repeated in the meantime */
         if (!described_ || topology->revision >= session_.load) fit(*topology);
     if (!simulates_ || earlier.steps.empty() || earlier.steps.front()->sequence != 1) return;
     const auto known = bodies_.find(earlier.steps.front()->load);
-    if (known != bodies_.end() && known->second.body) make_again(earlier.steps);
+    if (known != bodies_.end() && known->second.body) recompute_steps(earlier.steps);
     else
         ROS_ERROR(
             "replay: the steps before the start are not recomputed, because their model is missing; replay continues "
             "at the next reset");
 }
 
-void Replay::make_again(const std::vector<pliant::StepConstPtr> &steps)
+void Replay::recompute_steps(const std::vector<pliant::StepConstPtr> &steps)
 {
     Clock::time_point told = Clock::now();
     ROS_INFO("replay: the %zu steps before the start are recomputed", steps.size());
     try {
-        for (size_t s = 0; s < steps.size() && playing_.goes_on(); ++s) {
+        for (size_t s = 0; s < steps.size() && playing_.may_continue(); ++s) {
             if (!rerun_->take(*steps[s])) return;
-            if (Clock::now() - told < std::chrono::seconds(TELL_SECONDS)) continue;
+            if (Clock::now() - told < std::chrono::seconds(LOG_SECONDS)) continue;
             told = Clock::now();
             ROS_INFO("replay: %zu of %zu", s + 1, steps.size());
         }
@@ -122,21 +123,22 @@ void Replay::make_again(const std::vector<pliant::StepConstPtr> &steps)
     }
 }
 
-pliant_progress Replay::while_it_goes_on()
+pliant_progress Replay::make_cancellable_progress()
 {
     return pliant_progress{
-        [](double, const char *, void *replay) { return static_cast<Replay *>(replay)->playing_.goes_on(); }, this};
+        [](double, const char *, void *replay) { return static_cast<Replay *>(replay)->playing_.may_continue(); },
+        this};
 }
 
 /* Detect that a player in a loop has restarted, and process the messages before its start time again. */
-void Replay::watch_for_the_loop(ros::Time stamp)
+void Replay::detect_player_restart(ros::Time stamp)
 {
     const bool begins_anew = stamp < newest_;
     newest_ = stamp;
     if (!begins_anew || playing_.start <= 0) return;
-    work_off();
+    process_waiting_messages();
     try {
-        catch_up();
+        process_skipped_messages();
     } catch (const std::runtime_error &broken) {
         ROS_ERROR("replay: the messages before the start could not be read: %s", broken.what());
     }
@@ -145,15 +147,15 @@ void Replay::watch_for_the_loop(ros::Time stamp)
 void Replay::load()
 {
     if (described_) {
-        put_in(build_session(session_, shelf_.find(session_), while_it_goes_on()));
+        install_model(build_session(session_, scan_finder_.find(session_), make_cancellable_progress()));
         return;
     }
     Materials materials;
     std::shared_ptr<const Scan> scan = read_scan(parameters_.scene, parameters_.scan, &materials);
-    put_in(build(parameters_.scene, scan, materials.table, while_it_goes_on()));
+    install_model(build(parameters_.scene, scan, materials.table, make_cancellable_progress()));
 }
 
-void Replay::put_in(std::shared_ptr<const Loaded> loaded)
+void Replay::install_model(std::shared_ptr<const LoadedModel> loaded)
 {
     before_ = loaded_;
     loaded_ = std::move(loaded);
@@ -181,22 +183,22 @@ void Replay::put_in(std::shared_ptr<const Loaded> loaded)
 
 void Replay::take_session(const pliant::SessionConstPtr &session)
 {
-    coming_.push_back(Coming{session, Clock::now()});
-    work_off();
+    waiting_sessions_.push_back(WaitingSession{session, Clock::now()});
+    process_waiting_messages();
 }
 
 /* Return whether the next session may begin. A different model begins only after all states of the previous one are
  * shown. States arrive in order, so the first state or step of the new load shows that. */
-bool Replay::may_begin(const Coming &next) const
+bool Replay::may_begin(const WaitingSession &next) const
 {
     const bool same = loaded_ && same_model(session_, *next.session), other_load = next.session->load != session_.load;
     if (same && (!other_load || !simulates_)) return true;
     return (!pending_.empty() && pending_.front().topology >= next.session->load) || is_late(next.arrival);
 }
 
-bool Replay::is_to_come(const MeshTopology &topology) const
+bool Replay::is_of_waiting_session(const MeshTopology &topology) const
 {
-    return !coming_.empty() && is_of(*coming_.front().session, topology);
+    return !waiting_sessions_.empty() && belongs_to_session(*waiting_sessions_.front().session, topology);
 }
 
 void Replay::begin_session(const Session &session)
@@ -205,7 +207,7 @@ void Replay::begin_session(const Session &session)
     session_ = session;
     if (same && !other_load) return;
     try {
-        if (!same) put_in(build_session(session_, shelf_.find(session_), while_it_goes_on()));
+        if (!same) install_model(build_session(session_, scan_finder_.find(session_), make_cancellable_progress()));
         else if (simulates_) rerun_->set_model(loaded_);
     } catch (const Failure &failed) {
         before_ = loaded_;
@@ -213,14 +215,14 @@ void Replay::begin_session(const Session &session)
         ROS_ERROR("replay: the model from revision %u on is not shown: %s", session_.load, failed.what());
     }
     for (const pliant::MeshTopologyConstPtr &topology : recent_)
-        if (is_of(session_, *topology) && !is_to_come(*topology)) fit(*topology);
+        if (belongs_to_session(session_, *topology) && !is_of_waiting_session(*topology)) fit(*topology);
     /* no message could be processed during the load, so its time does not count */
-    for (Pending &next : pending_) next.arrival = Clock::now();
-    for (Coming &next : coming_) next.arrival = Clock::now();
+    for (WaitingState &next : pending_) next.arrival = Clock::now();
+    for (WaitingSession &next : waiting_sessions_) next.arrival = Clock::now();
 }
 
 /* Return whether every subscription to a published topic has a connection, according to the master. */
-bool Replay::hears_all() const
+bool Replay::has_all_connections() const
 {
     ros::master::V_TopicInfo published;
     if (!ros::master::getTopics(published)) return false;
@@ -246,23 +248,23 @@ void Replay::start_player(const std::string &name, const std::string &volume)
     };
     const Clock::time_point begin = Clock::now(), end = begin + std::chrono::seconds(PLAYER_SECONDS);
     bool has_advertised = false;
-    while (playing_.goes_on() && Clock::now() < end) {
+    while (playing_.may_continue() && Clock::now() < end) {
         has_advertised = has_advertised || ask_to_pause(true);
         const bool is_late = Clock::now() > begin + std::chrono::seconds(CONNECTION_SECONDS),
                    is_heard = snapshots_.wanted() || !has_listener(volume);
-        if (has_advertised && (is_late || (is_heard && hears_all())) && ask_to_pause(false)) return;
+        if (has_advertised && (is_late || (is_heard && has_all_connections())) && ask_to_pause(false)) return;
         ros::WallDuration(0.05).sleep();
     }
-    if (playing_.goes_on())
+    if (playing_.may_continue())
         ROS_ERROR("replay: no player at %s after %d s; start the bag by hand", service.c_str(), PLAYER_SECONDS);
 }
 
 void Replay::take_topology(const pliant::MeshTopologyConstPtr &topology)
 {
     recent_.push_back(topology);
-    if (recent_.size() > MOST_RECENT) recent_.pop_front();
-    if (!is_to_come(*topology)) fit(*topology);
-    work_off();
+    if (recent_.size() > MAX_RECENT) recent_.pop_front();
+    if (!is_of_waiting_session(*topology)) fit(*topology);
+    process_waiting_messages();
 }
 
 void Replay::fit(const MeshTopology &topology)
@@ -273,27 +275,27 @@ void Replay::fit(const MeshTopology &topology)
     /* a bag in a loop repeats the message */
     const bool is_news = known == bodies_.end() || !known->second.body != !body ||
                          (body && !pliant_body_same(body.get(), known->second.body.get()));
-    bodies_[topology.revision] = Known{loaded_, body};
+    bodies_[topology.revision] = KnownBody{loaded_, body};
     if (is_news && body) ROS_INFO("replay: revision %u of the mesh is available", topology.revision);
     if (is_news && !body) ROS_ERROR("replay: revision %u is not shown: %s", topology.revision, why.c_str());
 }
 
 void Replay::take_state(const pliant::MeshStateConstPtr &state)
 {
-    watch_for_the_loop(state->header.stamp);
-    pending_.push_back(Pending{state->revision, state, nullptr, Clock::now()});
-    work_off();
+    detect_player_restart(state->header.stamp);
+    pending_.push_back(WaitingState{state->revision, state, nullptr, Clock::now()});
+    process_waiting_messages();
 }
 
 void Replay::take_step(const pliant::StepConstPtr &step)
 {
-    watch_for_the_loop(step->header.stamp);
-    pending_.push_back(Pending{step->load, nullptr, step, Clock::now()});
-    work_off();
+    detect_player_restart(step->header.stamp);
+    pending_.push_back(WaitingState{step->load, nullptr, step, Clock::now()});
+    process_waiting_messages();
 }
 
 /* Return whether a state waits for its topology, or a step for its session. */
-bool Replay::waits(const Pending &next) const
+bool Replay::waits(const WaitingState &next) const
 {
     const auto known = bodies_.find(next.topology);
     if (known == bodies_.end()) return true;
@@ -301,17 +303,17 @@ bool Replay::waits(const Pending &next) const
     return may_be_of_another || (described_ && next.step && next.step->load > session_.load);
 }
 
-void Replay::work_off()
+void Replay::process_waiting_messages()
 {
-    while (playing_.goes_on()) {
-        const bool is_next =
-            !pending_.empty() && (!waits(pending_.front()) || (coming_.empty() && is_late(pending_.front().arrival)));
+    while (playing_.may_continue()) {
+        const bool is_next = !pending_.empty() && (!waits(pending_.front()) ||
+                                                   (waiting_sessions_.empty() && is_late(pending_.front().arrival)));
         if (is_next) {
-            take_pending(pending_.front());
+            process_waiting_state(pending_.front());
             pending_.pop_front();
-        } else if (!coming_.empty() && may_begin(coming_.front())) {
-            const pliant::SessionConstPtr session = coming_.front().session;
-            coming_.pop_front();
+        } else if (!waiting_sessions_.empty() && may_begin(waiting_sessions_.front())) {
+            const pliant::SessionConstPtr session = waiting_sessions_.front().session;
+            waiting_sessions_.pop_front();
             begin_session(*session);
         } else {
             return;
@@ -319,7 +321,7 @@ void Replay::work_off()
     }
 }
 
-void Replay::take_pending(const Pending &next)
+void Replay::process_waiting_state(const WaitingState &next)
 {
     const auto known = bodies_.find(next.topology);
     if (known == bodies_.end()) {
@@ -338,7 +340,7 @@ void Replay::take_pending(const Pending &next)
     }
 }
 
-void Replay::show(const Pending &next, const Known &of)
+void Replay::show(const WaitingState &next, const KnownBody &of)
 {
     try {
         if (next.state) {

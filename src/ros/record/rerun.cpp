@@ -10,7 +10,7 @@ void Rerun::begin(const Step &first)
     begun_ = true;
 }
 
-void Rerun::set_model(std::shared_ptr<const Loaded> loaded)
+void Rerun::set_model(std::shared_ptr<const LoadedModel> loaded)
 {
     data_.reset(); /* the data refer to the model */
     begun_ = false;
@@ -38,7 +38,7 @@ bool Rerun::take(const Step &recorded)
         pliant_cut_report report;
         make_cut(*loaded_->model, data_.get(), cut, &report);
     }
-    tell_outcome(make_step(*loaded_->model, data_.get(), PLIANT_BACKGROUND_PRESCRIBED, recorded), *data_, &last_);
+    set_step_outcome(make_step(*loaded_->model, data_.get(), PLIANT_BACKGROUND_PRESCRIBED, recorded), *data_, &last_);
     ++made_;
     /* revisions are compared by change, because their numbers differ if bodies existed before the reset */
     const bool changed = pliant_data_get_body(data_.get())->revision != before;

@@ -10,10 +10,10 @@ namespace pliant_ros {
 class Rerun {
 public:
     /* Use the model of the recording (scan, scene, threads, backend). */
-    explicit Rerun(std::shared_ptr<const Loaded> loaded) : loaded_(std::move(loaded)) {}
+    explicit Rerun(std::shared_ptr<const LoadedModel> loaded) : loaded_(std::move(loaded)) {}
 
     /* Use another model from the next step that follows a load. */
-    void set_model(std::shared_ptr<const Loaded> loaded);
+    void set_model(std::shared_ptr<const LoadedModel> loaded);
     /* Compute the next step. Return false until a load or a reset was recorded, because a rerun starts there. Throws
      * Failure if messages are missing, and then waits for the next reset. */
     bool take(const Step &recorded);
@@ -28,7 +28,7 @@ public:
 private:
     void begin(const Step &first);
 
-    std::shared_ptr<const Loaded> loaded_;
+    std::shared_ptr<const LoadedModel> loaded_;
     Data data_;
     Step last_;
     bool begun_ = false;

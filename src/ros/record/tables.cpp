@@ -1,6 +1,6 @@
 #include "ros/record/tables.h"
 
-#include "ros/sim/loaded.h"
+#include "ros/sim/loaded_model.h"
 #include "sim/api/data.h"
 
 #include <cerrno>

@@ -33,16 +33,16 @@ FastForces::FastForces(ros::NodeHandle handle, const Parameters &parameters, Too
             ros::VoidConstPtr(), ros::TransportHints().tcpNoDelay());
     }
     thread_ = std::thread(&FastForces::run, this);
-    if (!make_urgent(thread_.native_handle())) {
+    if (!set_realtime_priority(thread_.native_handle())) {
         ROS_INFO(
             "~wrench_rate: forces may be late, because this user may not start real-time threads (limits.conf: "
             "rtprio)");
         return;
     }
-    answers_hands() = true;
+    computes_hand_forces() = true;
     /* raise the priority of roscpp's network thread as well; the call must come from that thread */
     networking_ = ros::PollManager::instance()->addPollThreadListener([this] {
-        if (!networking_raised_.exchange(true)) make_urgent(pthread_self());
+        if (!is_networking_raised_.exchange(true)) set_realtime_priority(pthread_self());
     });
 }
 

@@ -1,10 +1,11 @@
 /* Publish wrenches at the rate of a hand controller. A separate thread answers every pose immediately, and publishes at
- * ~wrench_rate if no pose arrives. The wrenches come from the linearization of the last step (between.h). Without
+ * ~wrench_rate if no pose arrives. The wrenches come from the linearization of the last step (wrench_predictor.h).
+ * Without
  * ~wrench_rate the thread does not exist. */
 #ifndef PLIANT_ROS_SIM_FAST_FORCES_H
 #define PLIANT_ROS_SIM_FAST_FORCES_H
 
-#include "ros/sim/between.h"
+#include "ros/sim/wrench_predictor.h"
 #include "ros/sim/tools.h"
 
 #include <ros/callback_queue.h>
@@ -36,14 +37,14 @@ private:
         std::string own_frame; /* frame of poses without a frame */
         pliant_tool_linear linear{}; /* used only by the simulation thread */
         InheritingMutex lock; /* guards the members below */
-        Between between;
+        WrenchPredictor between;
         PoseFilter filter;
         ToolSample sample{}; /* tool at the last step, with its most recent pose */
         Rigid tissue_from_frame;
         bool has_pose = false;
         Clock::time_point pose_at{}, frame_at{}, answered_at{};
         ros::Subscriber pose_in; /* declared last, so that it is destroyed first */
-        explicit Arm(double most) : between(most) {}
+        explicit Arm(double maximum) : between(maximum) {}
     };
 
     void run();
@@ -56,7 +57,7 @@ private:
     Tools *tools_;
     ros::CallbackQueue *queue_;
     std::vector<std::unique_ptr<Arm>> arms_;
-    std::atomic<bool> stopping_{false}, networking_raised_{false};
+    std::atomic<bool> stopping_{false}, is_networking_raised_{false};
     boost::signals2::connection networking_;
     std::thread thread_;
 };

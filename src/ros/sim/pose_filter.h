@@ -24,13 +24,13 @@ public:
         const double gap = 0.1, elapsed = stamp - stamp_; /* [s] */
         if (cutoff_ > 0 && elapsed <= 0 && elapsed > -gap && frame == frame_) return last_;
         const bool goes_on = cutoff_ > 0 && elapsed > 0 && elapsed < gap && frame == frame_;
-        const double share = goes_on ? 1 - std::exp(-2 * M_PI * cutoff_ * elapsed) : 1;
+        const double fraction = goes_on ? 1 - std::exp(-2 * M_PI * cutoff_ * elapsed) : 1;
         double dot = 0, square = 0;
         for (int i = 0; i < 4; ++i) dot += last_.rotation[i] * pose.rotation[i];
-        for (int d = 0; d < 3; ++d) last_.translation[d] += share * (pose.translation[d] - last_.translation[d]);
+        for (int d = 0; d < 3; ++d) last_.translation[d] += fraction * (pose.translation[d] - last_.translation[d]);
         for (int i = 0; i < 4; ++i) {
             /* consecutive orientations are close, so linear interpolation suffices */
-            last_.rotation[i] += share * ((dot < 0 ? -1 : 1) * pose.rotation[i] - last_.rotation[i]);
+            last_.rotation[i] += fraction * ((dot < 0 ? -1 : 1) * pose.rotation[i] - last_.rotation[i]);
             square += last_.rotation[i] * last_.rotation[i];
         }
         for (double &q : last_.rotation) q /= std::sqrt(square);

@@ -21,10 +21,10 @@ public:
         if (acts) acted_at_ = now;
         const double part = acts ? std::min((now - began_) / RISE, 1.0) : std::max(1 - (now - acted_at_) / FALL, 0.0);
         for (int i = 0; i < 6; ++i) wrench[i] = part * (acts ? wrench[i] : last_[i]);
-        if (acts) told(wrench);
+        if (acts) set_published(wrench);
     }
     /* Set a smaller published wrench, from which the force decays. */
-    void told(const double wrench[6]) { std::copy(wrench, wrench + 6, last_); }
+    void set_published(const double wrench[6]) { std::copy(wrench, wrench + 6, last_); }
 
 private:
     /* times to rise and decay [s]; the decay and a step of 20 ms end within 50 ms */

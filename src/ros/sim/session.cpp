@@ -52,7 +52,7 @@ pliant_scene scene_of(const std::string &text)
     return scene;
 }
 
-void session_message(const Loaded &loaded, Session *out)
+void session_message(const LoadedModel &loaded, Session *out)
 {
     out->load = loaded.revision;
     out->scan = loaded.scan->path;
@@ -65,7 +65,7 @@ void session_message(const Loaded &loaded, Session *out)
     out->materials = materials_text(*pliant_model_get_materials(loaded.model));
 }
 
-void settings_message(const LiveSettings &settings, Session *out)
+void settings_message(const RuntimeSettings &settings, Session *out)
 {
     std::copy(settings.gravity, settings.gravity + 3, out->gravity.begin());
     out->iterations = settings.iterations;
@@ -97,7 +97,7 @@ bool same_model(const Session &a, const Session &b)
            a.labels_checksum == b.labels_checksum;
 }
 
-std::vector<std::string> Shelf::places(const std::string &named, const std::string &recorded) const
+std::vector<std::string> RecordedScanFinder::places(const std::string &named, const std::string &recorded) const
 {
     std::vector<std::string> out;
     for (const std::string &place : {named, folder_of(named.empty() ? scan_ : named) + name_of(recorded), recorded})
@@ -106,7 +106,7 @@ std::vector<std::string> Shelf::places(const std::string &named, const std::stri
     return out;
 }
 
-std::shared_ptr<const Scan> Shelf::find(const Session &session)
+std::shared_ptr<const Scan> RecordedScanFinder::find(const Session &session)
 {
     if (last_ && fits(*last_, session)) return last_;
     last_.reset();
@@ -135,12 +135,12 @@ std::shared_ptr<const Scan> Shelf::find(const Session &session)
                                            ": give the path of the recorded scan");
 }
 
-std::shared_ptr<Loaded> build_session(const Session &session, std::shared_ptr<const Scan> scan,
-                                      pliant_progress progress)
+std::shared_ptr<LoadedModel> build_session(const Session &session, std::shared_ptr<const Scan> scan,
+                                           pliant_progress progress)
 {
     Materials materials;
     check(pliant_material_table_parse(session.materials.c_str(), "the recorded materials", &materials.table));
-    std::shared_ptr<Loaded> loaded = build(scene_of(session.scene), std::move(scan), materials.table, progress);
+    std::shared_ptr<LoadedModel> loaded = build(scene_of(session.scene), std::move(scan), materials.table, progress);
     loaded->asked = scene_of(session.asked);
     return loaded;
 }
@@ -151,7 +151,7 @@ Sessions::Sessions(ros::NodeHandle handle, const std::string &frame)
     current_.header.frame_id = frame;
 }
 
-void Sessions::loaded(const Loaded &loaded, const LiveSettings &settings)
+void Sessions::loaded(const LoadedModel &loaded, const RuntimeSettings &settings)
 {
     std::lock_guard<std::mutex> hold(lock_);
     session_message(loaded, &current_);
@@ -159,7 +159,7 @@ void Sessions::loaded(const Loaded &loaded, const LiveSettings &settings)
     publish();
 }
 
-void Sessions::set(const LiveSettings &settings)
+void Sessions::set(const RuntimeSettings &settings)
 {
     std::lock_guard<std::mutex> hold(lock_);
     settings_message(settings, &current_);

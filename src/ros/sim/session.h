@@ -2,8 +2,8 @@
 #ifndef PLIANT_ROS_SIM_SESSION_H
 #define PLIANT_ROS_SIM_SESSION_H
 
-#include "ros/sim/live.h"
-#include "ros/sim/loaded.h"
+#include "ros/sim/settings_server.h"
+#include "ros/sim/loaded_model.h"
 
 #include <pliant/Session.h>
 #include <ros/node_handle.h>
@@ -19,8 +19,8 @@ std::string scene_text(const pliant_scene &scene);
 /* Throws Failure. */
 pliant_scene scene_of(const std::string &text);
 /* Fill in a session from the scene at load; the caller sets the header. */
-void session_message(const Loaded &loaded, Session *out);
-void settings_message(const LiveSettings &settings, Session *out);
+void session_message(const LoadedModel &loaded, Session *out);
+void settings_message(const RuntimeSettings &settings, Session *out);
 /* Apply the settings of a session to a scene. */
 void apply_settings(const Session &session, pliant_scene *scene);
 /* Return whether both sessions describe the same model. */
@@ -28,10 +28,11 @@ bool same_model(const Session &a, const Session &b);
 
 /* Locations at which a recorded scan is searched: the path given by the user, the recorded file name in the same
  * folder, and the recorded path. */
-class Shelf {
+class RecordedScanFinder {
 public:
     /* scan, labels: paths given by the user; empty: the recorded paths are valid */
-    explicit Shelf(std::string scan = "", std::string labels = "") : scan_(std::move(scan)), labels_(std::move(labels))
+    explicit RecordedScanFinder(std::string scan = "", std::string labels = "")
+        : scan_(std::move(scan)), labels_(std::move(labels))
     {
     }
     /* Return the scan whose voxels and labels match a session. Throws Failure with the searched locations. */
@@ -45,15 +46,15 @@ private:
 };
 
 /* Throws Failure. */
-std::shared_ptr<Loaded> build_session(const Session &session, std::shared_ptr<const Scan> scan,
-                                      pliant_progress progress);
+std::shared_ptr<LoadedModel> build_session(const Session &session, std::shared_ptr<const Scan> scan,
+                                           pliant_progress progress);
 
 /* Publish the topic `session`. Thread-safe. */
 class Sessions {
 public:
     Sessions(ros::NodeHandle handle, const std::string &frame);
-    void loaded(const Loaded &loaded, const LiveSettings &settings);
-    void set(const LiveSettings &settings);
+    void loaded(const LoadedModel &loaded, const RuntimeSettings &settings);
+    void set(const RuntimeSettings &settings);
     /* Return the last published session. */
     Session now() const;
 

@@ -26,10 +26,10 @@ double percentile(const std::vector<double> &sorted, double fraction)
 
 } // namespace
 
-Simulation::Simulation(ros::NodeHandle handle, const Parameters &parameters, State *state, Live *live, Tools *tools,
-                       FastForces *fast_forces, Snapshots *snapshots)
+Simulation::Simulation(ros::NodeHandle handle, const Parameters &parameters, State *state, SettingsServer *live,
+                       Tools *tools, FastForces *fast_forces, Snapshots *snapshots)
     : frame_(parameters.tissue_frame), background_(parameters.background), state_(state), live_(live), tools_(tools),
-      fast_forces_(fast_forces), snapshots_(snapshots), samples_(tools->size()), acted_(samples_),
+      fast_forces_(fast_forces), snapshots_(snapshots), samples_(tools->size()), last_present_samples_(samples_),
       ramps_(tools->size()), was_open_(tools->size(), false), jaws_(tools->size())
 {
     timing_ = handle.advertise<StepTiming>("timing", 1);
@@ -48,7 +48,7 @@ Simulation::~Simulation()
     thread_.join();
 }
 
-void Simulation::at_boundary(std::function<void()> work)
+void Simulation::run_between_steps(std::function<void()> work)
 {
     std::future<void> done;
     {
@@ -65,7 +65,7 @@ void Simulation::at_boundary(std::function<void()> work)
     }
 }
 
-void Simulation::do_boundary_work()
+void Simulation::run_queued_functions()
 {
     std::deque<std::packaged_task<void()>> work;
     {
@@ -75,13 +75,13 @@ void Simulation::do_boundary_work()
     for (auto &task : work) task();
 }
 
-void Simulation::swap(std::shared_ptr<Loaded> next, const Moment *from)
+void Simulation::swap(std::shared_ptr<LoadedModel> next, const ResumableState *from)
 {
     Data data = create_data(*next->model);
     add_tools(*next->model, data.get(), tool_inputs());
-    if (from) put_back(*from, *next->model, data.get());
-    tell_who_holds_nothing(*pliant_model_get_scene(next->model));
-    at_boundary([&] {
+    if (from) restore_state(*from, *next->model, data.get());
+    warn_of_tools_that_cannot_grasp(*pliant_model_get_scene(next->model));
+    run_between_steps([&] {
         if (from) paused_ = from->paused;
         state_->set(paused_ ? SimState::PAUSED : SimState::READY, "");
         next->revision = current_ ? revision_of(*current_, pliant_data_get_last_revision(data_.get())) + 1
@@ -93,10 +93,10 @@ void Simulation::swap(std::shared_ptr<Loaded> next, const Moment *from)
         sequence_ = from ? from->sequence + 1 : 0;
         made_.clear();
         made_count_ = from ? from->strokes : made_count_;
-        lost_ = from ? from->holding : decltype(lost_)();
-        if (from) lost_.insert(lost_.end(), from->touching.begin(), from->touching.end());
-        lost_until_ = Clock::now() + std::chrono::seconds(HOLD_SECONDS);
-        anew_ = true;
+        missing_tools_ = from ? from->holding : decltype(missing_tools_)();
+        if (from) missing_tools_.insert(missing_tools_.end(), from->touching.begin(), from->touching.end());
+        missing_tools_until_ = Clock::now() + std::chrono::seconds(HOLD_SECONDS);
+        is_before_first_step_ = true;
         std::fill(was_open_.begin(), was_open_.end(), false); /* a closed jaw must open before it grasps again */
         std::lock_guard<std::mutex> hold(lock_);
         shown_ = current_;
@@ -109,7 +109,7 @@ void Simulation::swap(std::shared_ptr<Loaded> next, const Moment *from)
     data.reset(); /* the data refer to the model, which `next` keeps */
 }
 
-void Simulation::tell_who_holds_nothing(const pliant_scene &scene) const
+void Simulation::warn_of_tools_that_cannot_grasp(const pliant_scene &scene) const
 {
     for (size_t i = 0; i < tools_->size(); ++i) {
         const ToolParameters &tool = tools_->parameters(i);
@@ -120,7 +120,7 @@ void Simulation::tell_who_holds_nothing(const pliant_scene &scene) const
     }
 }
 
-std::shared_ptr<const Loaded> Simulation::loaded() const
+std::shared_ptr<const LoadedModel> Simulation::loaded() const
 {
     std::lock_guard<std::mutex> hold(lock_);
     return shown_;
@@ -129,17 +129,17 @@ std::shared_ptr<const Loaded> Simulation::loaded() const
 Snapshot Simulation::snapshot()
 {
     Snapshot out;
-    at_boundary([&] {
+    run_between_steps([&] {
         if (!current_) throw Failure(PLIANT_ERROR_ARGUMENT, "nothing is loaded");
         take_snapshot(current_, *data_, last_time_, live_->get().scalar, &out);
     });
     return out;
 }
 
-Moment Simulation::moment()
+ResumableState Simulation::moment()
 {
-    Moment out;
-    at_boundary([&] {
+    ResumableState out;
+    run_between_steps([&] {
         if (!current_) throw Failure(PLIANT_ERROR_ARGUMENT, "nothing is loaded");
         take_snapshot(current_, *data_, last_time_, live_->get().scalar, &out.snapshot);
         out.sequence = sequence_;
@@ -152,13 +152,13 @@ Moment Simulation::moment()
 
 void Simulation::reset()
 {
-    at_boundary([&] {
+    run_between_steps([&] {
         if (!current_) throw Failure(PLIANT_ERROR_ARGUMENT, "nothing is loaded");
         const uint32_t before = revision();
         check(pliant_data_reset(current_->model, data_.get()));
         sequence_ = 0;
         made_.clear();
-        lost_.clear();
+        missing_tools_.clear();
         if (revision() != before) publish_cut(CutInput(), pliant_cut_report{});
         made_.clear();
         std::fill(was_open_.begin(), was_open_.end(), false);
@@ -181,7 +181,7 @@ void Simulation::publish_cut(const CutInput &input, const pliant_cut_report &rep
 pliant_cut_report Simulation::cut(const CutInput &input, uint32_t *after)
 {
     pliant_cut_report report{};
-    at_boundary([&] {
+    run_between_steps([&] {
         if (!current_) throw Failure(PLIANT_ERROR_ARGUMENT, "nothing is loaded");
         make_cut(*current_->model, data_.get(), input, &report);
         made_.push_back(input);
@@ -194,7 +194,7 @@ pliant_cut_report Simulation::cut(const CutInput &input, uint32_t *after)
 
 void Simulation::pause(bool paused)
 {
-    at_boundary([&] {
+    run_between_steps([&] {
         if (!current_) throw Failure(PLIANT_ERROR_ARGUMENT, "nothing is loaded");
         paused_ = paused;
         state_->set(paused ? SimState::PAUSED : SimState::RUNNING, "");
@@ -218,7 +218,7 @@ void Simulation::run()
             }
         }
         begin_work();
-        do_boundary_work();
+        run_queued_functions();
         end_work();
         if (!current_ || Clock::now() < next) continue;
         begin_work();
@@ -226,10 +226,10 @@ void Simulation::run()
         std::chrono::duration<double> step_time(pliant_model_get_scene(current_->model)->solver.step);
         auto period = std::chrono::duration_cast<Clock::duration>(step_time);
         try {
-            turn(start);
-            broke_ = false;
+            run_step(start);
+            has_last_step_failed_ = false;
         } catch (const std::exception &failed) {
-            broke_ = true;
+            has_last_step_failed_ = true;
             report_failure(failed);
         }
         end_work();
@@ -238,7 +238,7 @@ void Simulation::run()
 }
 
 /* Compute one step. */
-void Simulation::turn(Clock::time_point start)
+void Simulation::run_step(Clock::time_point start)
 {
     ros::Time now = ros::Time::now();
     Step step;
@@ -248,13 +248,13 @@ void Simulation::turn(Clock::time_point start)
     step.paused = paused_;
     step.cuts.swap(made_);
     take_settings(&step);
-    take_tools(now, jumped_back(now), &step);
+    take_tools(now, has_time_jumped_back(now), &step);
     const bool waits = waits_for_tools(step);
     step.paused = waits || paused_;
     const pliant_status status = waits ? PLIANT_OK : make_step(*current_->model, data_.get(), background_, step);
     if (status < 0) state_->set(SimState::FAULT, pliant_last_error());
     /* after a failed step, the state is RUNNING only after a complete step */
-    else if (!broke_ && !step.paused) state_->set(SimState::RUNNING, "");
+    else if (!has_last_step_failed_ && !step.paused) state_->set(SimState::RUNNING, "");
     show(now);
     publish(now);
     publish_step(status, &step);
@@ -282,7 +282,7 @@ void Simulation::report_failure(const std::exception &failed)
 
 /* Return whether time has jumped back (a restarted bag, a simulator reset), which makes all earlier stamps invalid. All
  * tools are absent in this step. */
-bool Simulation::jumped_back(const ros::Time &now)
+bool Simulation::has_time_jumped_back(const ros::Time &now)
 {
     const bool jumped = now < last_time_;
     if (jumped) {
@@ -295,7 +295,7 @@ bool Simulation::jumped_back(const ros::Time &now)
 
 void Simulation::take_settings(Step *out) const
 {
-    const LiveSettings settings = live_->get();
+    const RuntimeSettings settings = live_->get();
     std::copy(settings.gravity, settings.gravity + 3, out->gravity.begin());
     out->iterations = settings.iterations;
     out->tolerance = settings.tolerance;
@@ -311,7 +311,8 @@ void Simulation::take_tools(const ros::Time &now, bool forgotten, Step *out)
         sample = tools_->sample(i, now);
         sample.present = sample.present && !forgotten;
         const bool loses = !sample.present || (sample.jaw == JAW_UNKNOWN && tools_->parameters(i).grasps);
-        const bool is_awaited = std::find(lost_.begin(), lost_.end(), tools_->name(i)) != lost_.end();
+        const bool is_awaited =
+            std::find(missing_tools_.begin(), missing_tools_.end(), tools_->name(i)) != missing_tools_.end();
         if (loses && !is_awaited && tool_state(*data_, static_cast<int>(i)).holding)
             ROS_WARN("tool %s releases its grasp: %s", tools_->name(i).c_str(),
                      forgotten ? "time jumped back" : sample.why.c_str());
@@ -323,21 +324,21 @@ void Simulation::take_tools(const ros::Time &now, bool forgotten, Step *out)
         pliant_tool_shape shape = tools_->parameters(i).shape;
         const bool news = tools_->exchanged(i, &shape);
         if (tools_->parameters(i).shape_follows) set_shape(shape, &input);
-        input.exchanged = tools_->parameters(i).shape_follows && (news || anew_);
+        input.exchanged = tools_->parameters(i).shape_follows && (news || is_before_first_step_);
         /* A jaw grasps when it closes. A tool that arrives closed pushes the tissue, and a tool that holds by contact
          * needs no grasp constraint. */
         input.closed = sample.present && sample.jaw == JAW_CLOSED && tools_->parameters(i).grasps;
         const bool holds_by_contact = pliant_tool_shape_holds(pliant_model_get_scene(current_->model), &shape);
         input.closes = input.closed && was_open_[i] && !holds_by_contact;
-        tell_of_missed_closing(i, holds_by_contact);
-        input.cuts = sample.present && cuts_now(i, sample);
+        log_missed_grasp(i, holds_by_contact);
+        input.cuts = sample.present && is_cutting_now(i, sample);
         was_open_[i] = sample.present && sample.jaw == JAW_OPEN;
     }
-    anew_ = false;
+    is_before_first_step_ = false;
 }
 
 /* Log once a second that jaws have closed without a grasp, until they open. */
-void Simulation::tell_of_missed_closing(size_t tool, bool holds_by_contact)
+void Simulation::log_missed_grasp(size_t tool, bool holds_by_contact)
 {
     if (!tools_->parameters(tool).grasps) return;
     JawWatch &jaw = jaws_[tool];
@@ -355,23 +356,23 @@ void Simulation::tell_of_missed_closing(size_t tool, bool holds_by_contact)
  * they are present with a known jaw angle, the simulation does not step. */
 bool Simulation::waits_for_tools(const Step &step)
 {
-    const bool is_late = Clock::now() >= lost_until_;
-    for (size_t i = 0; i < step.tools.size() && !lost_.empty(); ++i) {
+    const bool is_late = Clock::now() >= missing_tools_until_;
+    for (size_t i = 0; i < step.tools.size() && !missing_tools_.empty(); ++i) {
         const ToolInput &tool = step.tools[i];
-        const auto lost = std::find(lost_.begin(), lost_.end(), tool.name);
-        if (lost == lost_.end() || !tool.present) continue;
+        const auto lost = std::find(missing_tools_.begin(), missing_tools_.end(), tool.name);
+        if (lost == missing_tools_.end() || !tool.present) continue;
         const bool is_holding = tool_state(*data_, static_cast<int>(i)).holding,
                    is_unknown = samples_[i].jaw == JAW_UNKNOWN;
         if (is_holding && is_unknown && !is_late) continue;
         if (is_holding)
             ROS_WARN("tool %s %s", tool.name.c_str(),
                      tool.closed ? "is back and holds its grasp" : "is back with open jaws: its grasp is released");
-        lost_.erase(lost);
+        missing_tools_.erase(lost);
     }
-    if (lost_.empty() || !is_late) return !lost_.empty();
-    for (const std::string &name : lost_)
+    if (missing_tools_.empty() || !is_late) return !missing_tools_.empty();
+    for (const std::string &name : missing_tools_)
         ROS_WARN("tool %s is not back after %d s: its grasp is released", name.c_str(), HOLD_SECONDS);
-    lost_.clear();
+    missing_tools_.clear();
     return false;
 }
 
@@ -389,7 +390,7 @@ std::vector<ToolInput> Simulation::tool_inputs() const
     return out;
 }
 
-bool Simulation::cuts_now(size_t tool, const ToolSample &sample) const
+bool Simulation::is_cutting_now(size_t tool, const ToolSample &sample) const
 {
     const pliant_scene &scene = *pliant_model_get_scene(current_->model);
     if (scene.cut.kind == PLIANT_CUT_NONE || !tools_->parameters(tool).has_blade()) return false;
@@ -418,7 +419,7 @@ void Simulation::publish(const ros::Time &now)
         if (fast_forces_->is_on()) fast_forces_->frame(i, *data_, samples_[i], acts);
         else publish_force(i, tool, acts && samples_[i].present, now);
         tools_->publish_cut(i, *data_, revision(), now);
-        tools_->watch_proxy(i, tool);
+        tools_->store_proxy_state(i, tool);
         tools_->publish_contact(i, *current_->model, *data_, now);
     }
     publish_timing(now);
@@ -429,10 +430,10 @@ void Simulation::publish_force(size_t tool, const pliant_tool_state &state, bool
     double wrench[6];
     tool_wrench(state, wrench, wrench + 3);
     ramps_[tool].apply(std::chrono::duration<double>(Clock::now().time_since_epoch()).count(), acts, wrench);
-    if (acts) acted_[tool] = samples_[tool];
+    if (acts) last_present_samples_[tool] = samples_[tool];
     /* for an absent tool, the decaying force stays at the tool's last position */
     const bool falls = !acts && std::any_of(wrench, wrench + 6, [](double x) { return x != 0; });
-    tools_->publish_force(tool, falls ? acted_[tool] : samples_[tool], wrench, wrench + 3, now);
+    tools_->publish_force(tool, falls ? last_present_samples_[tool] : samples_[tool], wrench, wrench + 3, now);
 }
 
 void Simulation::publish_timing(const ros::Time &now)
@@ -448,7 +449,7 @@ void Simulation::publish_timing(const ros::Time &now)
     message.missed_deadlines = health.missed;
     choice_message(current_->choice, &message);
     message.inverted = static_cast<uint32_t>(pliant_data_get_inverted(data_.get()));
-    publish_urgently(timing_, message);
+    publish_with_priority(timing_, message);
 }
 
 void Simulation::publish_step(pliant_status status, Step *step)
@@ -456,8 +457,8 @@ void Simulation::publish_step(pliant_status status, Step *step)
     if (steps_.getNumSubscribers() == 0) return;
     step->load = current_->revision;
     step->revision = revision();
-    tell_outcome(status, *data_, step);
-    publish_urgently(steps_, *step);
+    set_step_outcome(status, *data_, step);
+    publish_with_priority(steps_, *step);
 }
 
 void Simulation::measure(double seconds)
@@ -498,7 +499,7 @@ void Simulation::end_work()
     std::lock_guard<std::mutex> hold(lock_);
     const double seconds = std::chrono::duration<double>(Clock::now() - busy_since_).count();
     busy_since_ = Clock::time_point();
-    if (!(seconds > slow_after)) return;
+    if (!(seconds > slow_step_seconds)) return;
     ++health_.slow;
     health_.last_slow = seconds;
 }

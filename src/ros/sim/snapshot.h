@@ -2,7 +2,7 @@
 #ifndef PLIANT_ROS_SIM_SNAPSHOT_H
 #define PLIANT_ROS_SIM_SNAPSHOT_H
 
-#include "ros/sim/loaded.h"
+#include "ros/sim/loaded_model.h"
 
 #include <ros/time.h>
 
@@ -40,7 +40,7 @@ private:
 };
 
 struct Snapshot {
-    std::shared_ptr<const Loaded> loaded;
+    std::shared_ptr<const LoadedModel> loaded;
     std::shared_ptr<const pliant_body> body; /* body at the time of the snapshot */
     std::vector<double> positions; /* (body's fine.num_nodes x 3) LPS [m], rounded to float as in MeshState */
     pliant_scalar scalar;          /* requested scalar field */
@@ -51,12 +51,12 @@ struct Snapshot {
 };
 
 /* Take a snapshot of a simulation. The revision is numbered within this load. */
-inline void take_snapshot(std::shared_ptr<const Loaded> loaded, const pliant_data &data, const ros::Time &stamp,
+inline void take_snapshot(std::shared_ptr<const LoadedModel> loaded, const pliant_data &data, const ros::Time &stamp,
                           pliant_scalar scalar, Snapshot *out)
 {
     const pliant_body *body = pliant_data_get_body(&data);
     const double *positions = pliant_data_get_positions(&data, nullptr);
-    out->body = share(body);
+    out->body = share_body(body);
     out->scalar = scalar;
     if (scalar == PLIANT_SCALAR_CONTACT_FORCE) {
         out->contact_force.resize(static_cast<size_t>(body->fine.num_nodes));

@@ -25,7 +25,7 @@ void State::publish()
 void State::set(uint8_t state, const std::string &message)
 {
     std::lock_guard<std::mutex> hold(lock_);
-    const std::string &shown = current_.is_busy ? current_.message : message.empty() ? stays_ : message;
+    const std::string &shown = current_.is_busy ? current_.message : message.empty() ? persistent_message_ : message;
     bool same = current_.state == state && current_.message == shown;
     current_.state = state;
     if (!same) current_.message = std::string(shown);
@@ -61,7 +61,7 @@ void State::progress(double fraction, const std::string &stage)
 void State::end(bool good, const std::string &message)
 {
     std::lock_guard<std::mutex> hold(lock_);
-    stays_ = good ? "" : message;
+    persistent_message_ = good ? "" : message;
     current_.is_busy = false;
     current_.progress = 0;
     current_.message = message;
@@ -71,11 +71,11 @@ void State::end(bool good, const std::string &message)
 void State::note(const std::string &message)
 {
     std::lock_guard<std::mutex> hold(lock_);
-    stays_ = current_.message = message;
+    persistent_message_ = current_.message = message;
     publish();
 }
 
-void State::chose(const pliant_choice &choice)
+void State::set_choice(const pliant_choice &choice)
 {
     std::lock_guard<std::mutex> hold(lock_);
     choice_message(choice, &current_);

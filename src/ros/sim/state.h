@@ -31,7 +31,7 @@ public:
     void note(const std::string &message);
 
     /* Set the automatically selected settings of the last loaded model. */
-    void chose(const pliant_choice &choice);
+    void set_choice(const pliant_choice &choice);
 
     uint8_t state() const;
 
@@ -41,7 +41,7 @@ private:
     mutable std::mutex lock_;
     ros::Publisher publisher_;
     SimState current_;
-    std::string work_, stays_;
+    std::string work_, persistent_message_;
 };
 
 } // namespace pliant_ros

@@ -21,7 +21,7 @@ void apply_settings(const Step &step, pliant_data *data)
 void apply_tool(const pliant_model &model, const ToolInput &input, pliant_data *data, int tool)
 {
     if (!input.present || pliant_tool_set_pose(data, tool, input.tip.data(), input.rotation.data()) < 0) {
-        if (tool_state(*data, tool).present) pliant_tool_lost(data, tool);
+        if (tool_state(*data, tool).present) pliant_tool_remove_pose(data, tool);
         return;
     }
     pliant_tool_set_jaw(data, tool, input.jaw);
@@ -174,7 +174,7 @@ pliant_status make_step(const pliant_model &model, pliant_data *data, pliant_bac
     return pliant_step(&model, data);
 }
 
-void tell_outcome(pliant_status status, const pliant_data &data, Step *out)
+void set_step_outcome(pliant_status status, const pliant_data &data, Step *out)
 {
     const pliant_statistics &statistics = *pliant_data_get_statistics(&data);
     out->status = status;

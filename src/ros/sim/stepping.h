@@ -2,7 +2,7 @@
 #ifndef PLIANT_ROS_SIM_STEPPING_H
 #define PLIANT_ROS_SIM_STEPPING_H
 
-#include "ros/sim/loaded.h"
+#include "ros/sim/loaded_model.h"
 #include "state/background.h"
 
 #include <pliant/Step.h>
@@ -26,7 +26,7 @@ void make_cut(const pliant_model &model, pliant_data *data, const CutInput &cut,
 pliant_status make_step(const pliant_model &model, pliant_data *data, pliant_background_kind kind, const Step &step);
 /* Store the result of a step in its message: background, status, step, checksum and duration. The caller sets tools,
  * settings, sequence and revisions. */
-void tell_outcome(pliant_status status, const pliant_data &data, Step *out);
+void set_step_outcome(pliant_status status, const pliant_data &data, Step *out);
 
 } // namespace pliant_ros
 

@@ -17,7 +17,7 @@ namespace {
 enum {
     CONTACT_RATE = 30 /* [Hz] */,
     CUT_QUEUE = 256 /* a recorder that is held up misses none */,
-    MOST_WAITING = 256 /* poses: a quarter of a second at 1 kHz */
+    MAX_WAITING = 256 /* poses: a quarter of a second at 1 kHz */
 };
 
 const double rest_seconds = 0.5; /* time without motion after which a tool rests */
@@ -43,11 +43,12 @@ Tools::Tools(ros::NodeHandle handle, const Parameters &parameters, std::shared_p
         tool->filter = PoseFilter(parameters.pose_filter);
         tool->counted_at = ros::WallTime::now();
         /* forces between steps arrive in bursts if the process is delayed */
-        const uint32_t room = parameters.wrench_rate > 0 ? 16 : 1;
-        tool->force_out = handle.advertise<geometry_msgs::WrenchStamped>(each.name + "/measured_cf", room);
-        tool->body_force_out = handle.advertise<geometry_msgs::WrenchStamped>(each.name + "/body/measured_cf", room);
+        const uint32_t queue_size = parameters.wrench_rate > 0 ? 16 : 1;
+        tool->force_out = handle.advertise<geometry_msgs::WrenchStamped>(each.name + "/measured_cf", queue_size);
+        tool->body_force_out =
+            handle.advertise<geometry_msgs::WrenchStamped>(each.name + "/body/measured_cf", queue_size);
         tool->spatial_force_out =
-            handle.advertise<geometry_msgs::WrenchStamped>(each.name + "/spatial/measured_cf", room);
+            handle.advertise<geometry_msgs::WrenchStamped>(each.name + "/spatial/measured_cf", queue_size);
         tool->contact_out = handle.advertise<ContactState>(each.name + "/contact", 1);
         tool->marker_out = handle.advertise<visualization_msgs::MarkerArray>(each.name + "/marker", 1);
         tool->pose_in = input.subscribe<topic_tools::ShapeShifter>(
@@ -141,7 +142,7 @@ void Tools::take_pose(Tool *tool, const topic_tools::ShapeShifter &message)
     tool->stamp = sent.header.stamp;
     tool->waiting.push_back({sent.header.stamp, sent.header.frame_id,
                              tool->filter.next(sent.header.stamp.toSec(), sent.header.frame_id, pose)});
-    if (tool->waiting.size() > MOST_WAITING) tool->waiting.pop_front();
+    if (tool->waiting.size() > MAX_WAITING) tool->waiting.pop_front();
 }
 
 void Tools::take_jaw(Tool *tool, const sensor_msgs::JointState &message)
@@ -163,7 +164,7 @@ bool Tools::is_fresh(const ros::Time &stamp, const ros::Time &now, bool held) co
     return age >= -max_age_ && age <= max_age_ + (held ? hold_ : 0);
 }
 
-double Tools::stood_still(const ros::SteadyTime &arrived) const
+double Tools::seconds_without_messages(const ros::SteadyTime &arrived) const
 {
     return (ros::SteadyTime::now() - std::max(arrived, now_since_)).toSec();
 }
@@ -213,7 +214,7 @@ void Tools::transform(Tool *tool)
 void Tools::update_jaw(Tool *tool, const ros::Time &now)
 {
     const bool fresh = tool->parameters.jaw_setpoint || (is_fresh(tool->jaw_stamp, now, tool->state == JAW_CLOSED) &&
-                                                         stood_still(tool->jaw_arrived) <= max_pause_);
+                                                         seconds_without_messages(tool->jaw_arrived) <= max_pause_);
     if (!tool->has_jaw || !fresh) tool->state = JAW_UNKNOWN;
     else if (tool->jaw < jaw_close_) tool->state = JAW_CLOSED;
     else if (tool->jaw > jaw_release_) tool->state = JAW_OPEN;
@@ -229,8 +230,8 @@ std::string Tools::reason(const Tool &tool, const ros::Time &now) const
     const double age = seconds_between(tool.stamp, now);
     if (age < -max_age_) return "its clock is " + milliseconds(-age) + " ahead, more than " + milliseconds(max_age_);
     if (age > max_age_) return "the newest pose is " + milliseconds(age) + " old, more than " + milliseconds(max_age_);
-    if (stood_still(tool.arrived) > max_pause_)
-        return "time stands still, and no pose has come for " + milliseconds(stood_still(tool.arrived)) +
+    if (seconds_without_messages(tool.arrived) > max_pause_)
+        return "time stands still, and no pose has come for " + milliseconds(seconds_without_messages(tool.arrived)) +
                ": /clock has stopped";
     if (!tool.untransformed.empty()) return "its pose has no transform: " + tool.untransformed;
     return "the newest pose that has a transform is " + milliseconds(seconds_between(tool.last_stamp, now)) +
@@ -248,7 +249,7 @@ ToolSample Tools::sample(size_t index, const ros::Time &now)
     std::lock_guard<InheritingMutex> hold(tool->lock);
     update_jaw(tool, now);
     ToolSample out;
-    const bool goes_on = stood_still(tool->arrived) <= max_pause_;
+    const bool goes_on = seconds_without_messages(tool->arrived) <= max_pause_;
     out.present = tool->present =
         tool->idle.empty() && tool->has_last && goes_on && is_fresh(tool->last_stamp, now, tool->present);
     if (!tool->present) out.why = tool->why = reason(*tool, now);
@@ -301,7 +302,7 @@ void Tools::publish_force(size_t index, const ToolSample &sample, const double f
     }
 }
 
-void Tools::watch_proxy(size_t index, const pliant_tool_state &state)
+void Tools::store_proxy_state(size_t index, const pliant_tool_state &state)
 {
     const double still = 1e-4; /* [m] */
     Tool &tool = *tools_[index];
@@ -329,7 +330,7 @@ void Tools::publish_contact(size_t index, const pliant_model &model, const plian
     contact.header.frame_id = tissue_frame_;
     const pliant_tool_state state = tool_state(data, static_cast<int>(index));
     contact_message(state, clearance, tool_contacts(data, static_cast<int>(index)), &contact);
-    if (contact_due) publish_urgently(tool.contact_out, contact);
+    if (contact_due) publish_with_priority(tool.contact_out, contact);
     if (!marker_due) return;
     visualization_msgs::MarkerArray markers;
     tool_markers_message(state, clearance, contact.header, &markers);
@@ -339,7 +340,7 @@ void Tools::publish_contact(size_t index, const pliant_model &model, const plian
         shape = tool.shape;
     }
     shape_markers_message(state, shape, contact.header, &markers);
-    publish_urgently(tool.marker_out, markers);
+    publish_with_priority(tool.marker_out, markers);
 }
 
 void Tools::publish_cut(size_t index, const pliant_data &data, uint32_t revision, const ros::Time &now)
@@ -354,7 +355,7 @@ void Tools::publish_cut(size_t index, const pliant_data &data, uint32_t revision
     cut_message(state, &sent);
     sent.revision = revision;
     sent.header.stamp = now;
-    publish_urgently(tool.cut_out, sent);
+    publish_with_priority(tool.cut_out, sent);
 }
 
 std::vector<ToolHealth> Tools::health(const ros::Time &now)

@@ -5,7 +5,7 @@
 #include "ros/params/params.h"
 #include "ros/sim/pose_filter.h"
 #include "ros/sim/snapshot.h"
-#include "ros/sim/urgent.h"
+#include "ros/sim/realtime_priority.h"
 
 #include <ros/callback_queue.h>
 #include <ros/node_handle.h>
@@ -80,7 +80,7 @@ public:
     void publish_force(size_t tool, const ToolSample &sample, const double force[3], const double torque[3],
                        const ros::Time &stamp);
     /* Store the proxy's state after a step, for diagnostics. */
-    void watch_proxy(size_t tool, const pliant_tool_state &state);
+    void store_proxy_state(size_t tool, const pliant_tool_state &state);
     /* Publish contact and markers, at most 30 times per second. */
     void publish_contact(size_t tool, const pliant_model &model, const pliant_data &data, const ros::Time &now);
 
@@ -128,7 +128,7 @@ private:
         ros::Time last_stamp;
         Rigid last_in_tissue, last_tissue_in_frame;
         std::string last_frame;
-        /* set by watch_proxy, under the lock */
+        /* set by store_proxy_state, under the lock */
         bool saturated = false;
         double proxy_error = 0, jaw_error = 0, rest_tip[3] = {0, 0, 0};
         ros::SteadyTime rests_since;
@@ -151,7 +151,7 @@ private:
     bool is_fresh(const ros::Time &stamp, const ros::Time &now, bool held) const;
     /* Return the time for which neither a message has arrived nor /clock has advanced [s]; 0 while /clock advances.
      * Without /clock no stamp becomes too old. */
-    double stood_still(const ros::SteadyTime &arrived) const;
+    double seconds_without_messages(const ros::SteadyTime &arrived) const;
     std::string reason(const Tool &tool, const ros::Time &now) const;
 
     const std::string tissue_frame_, parent_frame_;

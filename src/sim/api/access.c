@@ -1,7 +1,7 @@
 /* Queries of a model and a simulation. */
 #include "base/fail.h"
 #include "fem/element/scalar.h"
-#include "material/mixed.h"
+#include "material/partial_volume.h"
 #include "sim/api/data.h"
 #include "sim/build/model.h"
 #include "sim/step/contact.h"
@@ -23,7 +23,7 @@ uint8_t pliant_model_material_at(const pliant_model *model, const double rest[3]
     int32_t at[3];
     pliant_geometry_to_index(scan, rest, index);
     for (int d = 0; d < 3; d++) at[d] = (int32_t)lround(fmin(fmax(index[d], 0), scan->size[d] - 1));
-    return pliant_material_shown(&model->materials, scan->size, model->material_of_voxel, at);
+    return pliant_material_for_display(&model->materials, scan->size, model->material_of_voxel, at);
 }
 
 void pliant_model_get_statistics(const pliant_model *model, pliant_build_statistics *out)
@@ -63,7 +63,7 @@ static pliant_status check(const pliant_data *data, int tool)
 }
 
 /* Report the proxy of the last step. Before the first step, and without a shape, the proxy is at the target. */
-static void tell_proxy(const pliant_tool *from, pliant_tool_state *out)
+static void report_proxy(const pliant_tool *from, pliant_tool_state *out)
 {
     const bool stepped = from->proxy.known && from->shape.num_parts > 0;
     out->has_proxy = from->present && from->shape.num_parts > 0;
@@ -81,7 +81,7 @@ pliant_status pliant_tool_get(const pliant_data *data, int tool, pliant_tool_sta
     pliant_status status = check(data, tool);
     if (status != PLIANT_OK) return status;
     const pliant_tool *from = data->tools + tool;
-    pliant_tool_state told = {.present = from->present,
+    pliant_tool_state out_state = {.present = from->present,
                               .drive = from->drive,
                               .stiffness = from->stiffness,
                               .damping = from->damping,
@@ -95,16 +95,16 @@ pliant_status pliant_tool_get(const pliant_data *data, int tool, pliant_tool_sta
                               .severed_area = from->blade.severed_area,
                               .stroke = from->blade.stroke,
                               .pieces = from->blade.pieces};
-    memcpy(told.name, from->name, sizeof told.name);
-    memcpy(told.tip, from->tip, sizeof told.tip);
-    memcpy(told.rotation, from->rotation, sizeof told.rotation);
-    memcpy(told.driving_force, from->driving_force, sizeof told.driving_force);
-    memcpy(told.held_point, from->held_point, sizeof told.held_point);
-    memcpy(told.force, from->force, sizeof told.force);
-    pliant_contact_wrench(data, tool, told.contact_force, told.contact_torque);
-    tell_proxy(from, &told);
-    told.advanced = data->statistics.advanced;
-    *out = told;
+    memcpy(out_state.name, from->name, sizeof out_state.name);
+    memcpy(out_state.tip, from->tip, sizeof out_state.tip);
+    memcpy(out_state.rotation, from->rotation, sizeof out_state.rotation);
+    memcpy(out_state.driving_force, from->driving_force, sizeof out_state.driving_force);
+    memcpy(out_state.held_point, from->held_point, sizeof out_state.held_point);
+    memcpy(out_state.force, from->force, sizeof out_state.force);
+    pliant_contact_wrench(data, tool, out_state.contact_force, out_state.contact_torque);
+    report_proxy(from, &out_state);
+    out_state.advanced = data->statistics.advanced;
+    *out = out_state;
     return PLIANT_OK;
 }
 

@@ -31,25 +31,25 @@ static bool presses(const pliant_data *data, const pliant_contact_point *point)
     return point->force[0] != 0 || point->force[1] != 0 || point->force[2] != 0;
 }
 
-int32_t pliant_data_get_contacts(const pliant_data *data, int32_t room, pliant_contact *out)
+int32_t pliant_data_get_contacts(const pliant_data *data, int32_t capacity, pliant_contact *out)
 {
     int32_t count = 0;
     for (int32_t p = 0; p < data->contacts.count; p++) {
         const pliant_contact_point *point = data->contacts.point + p;
         if (!presses(data, point)) continue;
-        if (count++ >= room) continue;
-        pliant_contact *told = out + count - 1;
-        *told = (pliant_contact){
+        if (count++ >= capacity) continue;
+        pliant_contact *out_state = out + count - 1;
+        *out_state = (pliant_contact){
             .tool = point->kind == PLIANT_OBSTACLE_TOOL ? point->tool : -1, .part = point->part, .area = point->area};
-        told->tissue = point->kind == PLIANT_OBSTACLE_TISSUE;
-        place_of(data, point, told->place);
-        memcpy(told->normal, point->normal, sizeof told->normal);
-        memcpy(told->force, point->force, sizeof told->force);
+        out_state->tissue = point->kind == PLIANT_OBSTACLE_TISSUE;
+        place_of(data, point, out_state->place);
+        memcpy(out_state->normal, point->normal, sizeof out_state->normal);
+        memcpy(out_state->force, point->force, sizeof out_state->force);
         for (int d = 0; d < 3; d++) {
             double apart = -point->place[d];
             for (int32_t k = 0; k < point->count; k++)
                 apart += point->weight[k] * data->positions[3 * (size_t)point->node[k] + (size_t)d];
-            told->depth -= point->normal[d] * apart;
+            out_state->depth -= point->normal[d] * apart;
         }
     }
     return count;

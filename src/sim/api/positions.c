@@ -1,7 +1,7 @@
 /* Set positions from outside. */
 #include "backend/backend.h"
 #include "base/fail.h"
-#include "fem/rigid/falling.h"
+#include "fem/rigid/rigid_pieces.h"
 
 #include <math.h>
 #include <string.h>
@@ -12,10 +12,10 @@ pliant_status pliant_data_set_positions(const pliant_model *model, pliant_data *
         if (!isfinite(positions[n]))
             return pliant_fail(PLIANT_ERROR_ARGUMENT, "the position of node %d is not finite", n / 3);
     data->backend->kind->set_positions(model, data, positions);
-    if (data->falling) pliant_falling_set_positions(data->falling, positions);
+    if (data->rigid_pieces) pliant_rigid_pieces_set_positions(data->rigid_pieces, positions);
     for (int32_t n = 0; n < data->body->fine.num_nodes; n++)
-        if (pliant_falling_has(data->falling, n))
+        if (pliant_rigid_pieces_contain(data->rigid_pieces, n))
             memcpy(data->positions + 3 * n, positions + 3 * n, 3 * sizeof *positions);
-    pliant_pull_report(data);
+    pliant_report_grasps(data);
     return pliant_backend_restart(model, data);
 }

@@ -2,7 +2,7 @@
 
 #include "base/count.h"
 #include "base/fail.h"
-#include "base/room.h"
+#include "base/buffer.h"
 #include "base/threads.h"
 #include "fem/coarse/lod.h"
 #include "fem/dynamics/tled.h"
@@ -56,7 +56,7 @@ pliant_status pliant_discretizing_begin(const pliant_scene *scene, const pliant_
     made->body = pliant_body_retain(body);
     made->system->fine = &body->fine;
     made->system->mesh = is_coarse(scene) ? &body->coarse : &body->fine;
-    made->system->num_threads = pliant_threads_of(scene->solver.threads);
+    made->system->num_threads = pliant_threads_or_cores(scene->solver.threads);
     out->made = made;
     return PLIANT_OK;
 }
@@ -83,7 +83,7 @@ static pliant_status hold_homogenized(pliant_discretizing *work)
         for (int32_t v = 0; v < 4 * coarse->num_tets; v++)
             if (grounded[v / 4]) stands[coarse->tets[v]] = 1;
         memcpy(held, stands, (size_t)coarse->num_nodes);
-        status = pliant_mesh_hold(coarse, PLIANT_FIXED_AT_REST, true, held, loose, &pieces);
+        status = pliant_mesh_fix_loose_pieces(coarse, PLIANT_FIXED_AT_REST, true, held, loose, &pieces);
     }
     for (int32_t n = 0; status == PLIANT_OK && n < coarse->num_nodes; n++)
         if (held[n] && !stands[n]) work->solved_fixed[n] = 1;
@@ -157,7 +157,7 @@ static pliant_status homogenize_coarse(pliant_discretizing *work)
 
 /* Tissue that is separated at load: discretize the coarse mesh of the topology before the separation. Later
  * topologies use it. */
-static pliant_status set_coarse_apart(pliant_discretizing *work)
+static pliant_status separate_coarse(pliant_discretizing *work)
 {
     pliant_discretization *made = work->made;
     const pliant_body *parted = made->body;
@@ -184,7 +184,7 @@ static pliant_status homogenize_cut(pliant_discretizing *work)
             PLIANT_ERROR_SCENE,
             "model/method: lod interpolates within whole cubes of the lattice, which cannot be divided; take "
             "averaged or another one");
-    pliant_status status = before ? PLIANT_OK : set_coarse_apart(work);
+    pliant_status status = before ? PLIANT_OK : separate_coarse(work);
     if (before) made->first = pliant_discretization_retain(before->first ? before->first : before);
     if (status != PLIANT_OK) return status;
     const pliant_discretization *load = before ? made->first : made;
@@ -221,7 +221,7 @@ static void own_mass(pliant_discretization *made, const pliant_discretization *b
     const double mass = made->body->node_mass[n];
     if (f < was->num_free && was->node_of_free[f] == n && before->body->node_mass[n] == mass) return;
     for (int m = 0; m < 9; m++) system->gravity_mass[9 * (size_t)f + (size_t)m] = m % 4 == 0 ? mass : 0;
-    pliant_writes(system->gravity_mass, 9 * (size_t)f, 9, sizeof *system->gravity_mass);
+    pliant_mark_written(system->gravity_mass, 9 * (size_t)f, 9, sizeof *system->gravity_mass);
 }
 
 /* Set the mass matrices of all free nodes. */
@@ -230,10 +230,10 @@ static pliant_status own_masses(pliant_discretization *made, const pliant_discre
     pliant_system *system = made->system;
     const pliant_system *was = before->system;
     const int32_t both = was->num_free < system->num_free ? was->num_free : system->num_free;
-    system->gravity_mass =
-        pliant_next_of(was->gravity_mass, (size_t)both * 9, (size_t)system->num_free * 9, sizeof *system->gravity_mass);
+    system->gravity_mass = pliant_next_version(was->gravity_mass, (size_t)both * 9, (size_t)system->num_free * 9,
+                                               sizeof *system->gravity_mass);
     if (!system->gravity_mass) return pliant_fail_memory("the gravity-mass matrices");
-    if (!pliant_numbered_alike(system, was)) {
+    if (!pliant_has_same_numbers(system, was)) {
         for (int32_t f = 0; f < system->num_free; f++) own_mass(made, before, f);
         return PLIANT_OK;
     }
@@ -309,7 +309,7 @@ pliant_status pliant_discretizing_factorize(pliant_discretizing *work)
         pliant_status found =
             pliant_system_find_mean_diagonal(system, work->kept->before->system, kept_of_solved(work));
         if (found != PLIANT_OK) return found;
-        if (!pliant_patch_asked(work->scene)) return PLIANT_OK;
+        if (!pliant_patch_is_enabled(work->scene)) return PLIANT_OK;
         const pliant_discretization *before = work->kept->before;
         if (!made->first) made->first = pliant_discretization_retain(before->first ? before->first : before);
         return pliant_patch_next_system(work->scene, made->body, system->num_threads, work->kept, &made->fine_system);
@@ -321,7 +321,7 @@ pliant_status pliant_discretizing_factorize(pliant_discretizing *work)
     if (status == PLIANT_OK) status = pliant_preconditioner_numeric(system->preconditioner, tangents);
     if (status == PLIANT_OK) made->condition_estimate = pliant_preconditioner_condition(system->preconditioner);
     pliant_free(tangents);
-    if (status == PLIANT_OK && pliant_patch_asked(work->scene))
+    if (status == PLIANT_OK && pliant_patch_is_enabled(work->scene))
         status = pliant_patch_system(work->scene, made->body, system->num_threads, &made->fine_system);
     return status;
 }

@@ -47,7 +47,7 @@ static int material_of(const pliant_material_table *table, const mesh_file *file
 static pliant_status by_regions(const char *path, const pliant_material_table *table, const mesh_file *file,
                                 uint8_t *material)
 {
-    static const size_t room = 1024;
+    static const size_t capacity = 1024;
     struct { int64_t number; int material; } known[MAX_REGIONS];
     char missing[1024] = "", nearest[256];
     int count = 0;
@@ -61,13 +61,13 @@ static pliant_status by_regions(const char *path, const pliant_material_table *t
             const char *name;
             known[count].number = file->region[t];
             known[count].material = material_of(table, file, file->region[t], &name);
-            if (known[count++].material < 0 && strlen(missing) < room - 400) {
+            if (known[count++].material < 0 && strlen(missing) < capacity - 400) {
                 const size_t at = strlen(missing);
                 pliant_nearest_names(table, name, nearest, sizeof nearest);
                 if (name[0])
-                    snprintf(missing + at, room - at, "; %lld '%s' (nearest: %s)", (long long)file->region[t], name,
+                    snprintf(missing + at, capacity - at, "; %lld '%s' (nearest: %s)", (long long)file->region[t], name,
                              nearest);
-                else snprintf(missing + at, room - at, "; %lld", (long long)file->region[t]);
+                else snprintf(missing + at, capacity - at, "; %lld", (long long)file->region[t]);
             }
         }
         material[t] = (uint8_t)(known[n].material < 0 ? 0 : known[n].material);

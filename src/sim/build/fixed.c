@@ -52,7 +52,7 @@ bool pliant_fixed_node(const pliant_model *model, int32_t node)
 }
 
 /* A plane between nodes clamps tissue at the last nodes behind it, so warn about the distance. */
-static bool plane_tell(const pliant_mesh *mesh, const pliant_fixed_plane *plane, int number)
+static bool log_plane(const pliant_mesh *mesh, const pliant_fixed_plane *plane, int number)
 {
     double length = 0, last = -INFINITY, first = INFINITY, cell = 0, unit[3], behind[3], before[3];
     for (int d = 0; d < 3; d++) length += plane->normal[d] * plane->normal[d];
@@ -91,11 +91,11 @@ static bool plane_tell(const pliant_mesh *mesh, const pliant_fixed_plane *plane,
     return true;
 }
 
-int pliant_fixed_planes_tell(const pliant_model *model)
+int pliant_fixed_planes_log(const pliant_model *model)
 {
     int none = 0;
     for (uint32_t p = 0; p < model->scene.fixed.num_planes && !model->body->fine.place_of_node; p++)
-        if (!plane_tell(&model->body->fine, model->scene.fixed.planes + p, (int)p + 1) && none == 0) none = (int)p + 1;
+        if (!log_plane(&model->body->fine, model->scene.fixed.planes + p, (int)p + 1) && none == 0) none = (int)p + 1;
     return none;
 }
 

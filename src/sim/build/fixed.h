@@ -13,7 +13,7 @@ bool pliant_fixed_node(const pliant_model *model, int32_t node);
 
 /* Warn about planes of the scene that lie between nodes, with their distance to the nearest ones.
  * @return number of the first plane without fixed nodes, counted from 1; 0: there is none */
-int pliant_fixed_planes_tell(const pliant_model *model);
+int pliant_fixed_planes_log(const pliant_model *model);
 
 /* Move nodes of the fine mesh near fixed material onto its surface, as the voxels show it (mesh/bone_surface).
  * Errors: MEMORY, FORMAT. */

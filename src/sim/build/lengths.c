@@ -10,8 +10,8 @@
 
 static const double smallest_body = 0.05, largest_body = 0.6;        /* range of body sizes that need no scaling [m] */
 static const double radius = 0.006, drag = 0.003, margin = 0.03;     /* lengths for bodies of that range [m] */
-static const double most_growth = 4; /* maximum ratio of the deformed volume's voxels to the scan's */
-static const double least_announced = 1e6;                          /* a smaller volume needs no warning [bytes] */
+static const double max_growth = 4; /* maximum ratio of the deformed volume's voxels to the scan's */
+static const double min_announced = 1e6;                          /* a smaller volume needs no warning [bytes] */
 
 /* Return the cube root of the tissue's volume [m]. */
 static double size_of(const pliant_geometry *scan, const uint8_t *material_of_voxel,
@@ -51,16 +51,16 @@ static double growth_of(const pliant_model *model, double around, pliant_geometr
                                : INFINITY;
 }
 
-/* Return the largest margin up to `most` with which the deformed volume is not too large, in steps of a voxel. */
-static double margin_of(const pliant_model *model, double most)
+/* Return the largest margin up to `maximum` with which the deformed volume is not too large, in steps of a voxel. */
+static double margin_of(const pliant_model *model, double maximum)
 {
     const double *spacing = model->scan->geometry.spacing, voxel = fmin(spacing[0], fmin(spacing[1], spacing[2]));
     pliant_geometry target;
-    if (growth_of(model, most, &target) <= most_growth) return most;
-    double low = 0, high = floor(most / voxel);
+    if (growth_of(model, maximum, &target) <= max_growth) return maximum;
+    double low = 0, high = floor(maximum / voxel);
     while (high - low > 1) {
         const double middle = floor(0.5 * (low + high));
-        if (growth_of(model, middle * voxel, &target) <= most_growth) low = middle;
+        if (growth_of(model, middle * voxel, &target) <= max_growth) low = middle;
         else high = middle;
     }
     return low * voxel;
@@ -85,9 +85,9 @@ void pliant_model_set_lengths(pliant_model *model)
             "grasp/radius %.3g mm, cut/drag %.3g mm",
             1e3 * size, 1e3 * scene->warp.margin, 1e3 * scene->grasp.radius, 1e3 * scene->cut.drag);
     const double growth = asked ? growth_of(model, scene->warp.margin, &target) : 1;
-    if (!(growth > most_growth) || !isfinite(growth)) return;
+    if (!(growth > max_growth) || !isfinite(growth)) return;
     const double bytes = (double)pliant_geometry_voxels(&target) * (double)pliant_encoding_size(model->scan->encoding);
-    if (bytes > least_announced)
+    if (bytes > min_announced)
         pliant_log(
             PLIANT_LOG_WARNING,
             "warp/margin %g m makes the deformed volume %d x %d x %d voxels, %.0f times the scan: it needs %.3g GB or "

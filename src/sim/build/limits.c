@@ -24,8 +24,8 @@ size_t pliant_data_get_factor_bytes(const pliant_data *data)
 
 pliant_status pliant_data_set_background(pliant_data *data, pliant_background_kind kind, uint32_t prescribed)
 {
-    const uint32_t known = PLIANT_TAKES_FACTOR | PLIANT_TAKES_HISTORY | PLIANT_TAKES_PATCH | PLIANT_TAKES_PATCH_END |
-                           PLIANT_TAKES_PATCH_FACTOR | PLIANT_TAKES_PATCH_HISTORY;
+    const uint32_t known = PLIANT_RESULT_FACTOR | PLIANT_RESULT_HISTORY | PLIANT_RESULT_PATCH |
+                           PLIANT_RESULT_PATCH_END | PLIANT_RESULT_PATCH_FACTOR | PLIANT_RESULT_PATCH_HISTORY;
     if (kind != PLIANT_BACKGROUND_PLANNED && kind != PLIANT_BACKGROUND_LIVE && kind != PLIANT_BACKGROUND_PRESCRIBED)
         return pliant_fail(PLIANT_ERROR_ARGUMENT,
                            "the kind of background results is %d; use planned, live or prescribed (0, 1, 2)",

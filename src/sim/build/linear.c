@@ -12,7 +12,7 @@
 #include <string.h>
 
 /* shortest motion for a secant [m]: below it, changes of the force are solver errors */
-static const double least_motion = 1e-6;
+static const double min_motion = 1e-6;
 
 static void read_wrench(const pliant_data *data, int index, double wrench[6])
 {
@@ -54,7 +54,7 @@ static void correct(const pliant_tool_linear *before, pliant_tool_linear *now)
         rest[d] = now->wrench[d] - before->wrench[d];
         for (int e = 0; e < 3; e++) rest[d] -= now->stiffness[6 * d + e] * s[e];
     }
-    if (length > least_motion * least_motion) take_secant(s, rest, now->correction);
+    if (length > min_motion * min_motion) take_secant(s, rest, now->correction);
     for (int m = 0; m < 9; m++) whole[m] = now->stiffness[6 * (m / 3) + m % 3] + now->correction[m];
     pliant_dense_symmetric_eigen(3, whole, values, vectors);
     for (int i = 0; i < 3; i++)
@@ -77,10 +77,10 @@ pliant_status pliant_tool_linearize(const pliant_data *data, int index, pliant_t
     memcpy(now.rotation, stepped ? tool->proxy.rotation : tool->rotation, sizeof now.rotation);
     if (now.known) {
         read_wrench(data, index, now.wrench);
-        bool linear = data->solver && data->backend->on_host && !data->falling;
+        bool linear = data->solver && data->backend->on_host && !data->rigid_pieces;
         if (linear) {
             int member[PLIANT_MAX_TOOLS];
-            const int leader = pliant_pull_leader(data, index), count = pliant_pull_members(data, leader, member);
+            const int leader = pliant_grasp_leader(data, index), count = pliant_grasp_members(data, leader, member);
             pliant_status status =
                 pliant_solver_stiffness(pliant_patch_solver(data, leader), leader, now.tip, now.stiffness, &linear);
             if (status != PLIANT_OK) return status;
@@ -108,8 +108,8 @@ static void turn_between(const double from[4], const double to[4], double out[3]
     for (int d = 0; d < 3; d++) out[d] = scale * v[d];
 }
 
-void pliant_tool_linear_wrench(const pliant_tool_linear *at, const double tip[3], const double rotation[4], double most,
-                               double out[6])
+void pliant_tool_linear_wrench(const pliant_tool_linear *at, const double tip[3], const double rotation[4],
+                               double maximum, double out[6])
 {
     double motion[6], change[6], force = 0;
     for (int d = 0; d < 3; d++) motion[d] = tip[d] - at->tip[d];
@@ -120,6 +120,6 @@ void pliant_tool_linear_wrench(const pliant_tool_linear *at, const double tip[3]
     }
     for (int d = 0; d < 3; d++) force += change[d] * change[d];
     force = sqrt(force);
-    const double part = force > most ? most / force : 1;
+    const double part = force > maximum ? maximum / force : 1;
     for (int a = 0; a < 6; a++) out[a] = at->wrench[a] + part * change[a];
 }

@@ -36,9 +36,9 @@ typedef struct pliant_tool_linear {
 PLIANT_INTERNAL pliant_status pliant_tool_linearize(const pliant_data *data, int tool, pliant_tool_linear *at);
 
 /** Compute the wrench at another pose. Any thread may call this.
- * @param most limit of the change of the force [N], may be infinite; the torque is scaled by the same factor */
+ * @param maximum limit of the change of the force [N], may be infinite; the torque is scaled by the same factor */
 PLIANT_INTERNAL void pliant_tool_linear_wrench(const pliant_tool_linear *at, const double tip[3],
-                                               const double rotation[4], double most, double out[6]);
+                                               const double rotation[4], double maximum, double out[6]);
 
 #ifdef __cplusplus
 }

@@ -1,7 +1,7 @@
 /* Build the constant model from a scan and a scene, stage by stage. */
 #include "base/fail.h"
 #include "base/clock.h"
-#include "base/room.h"
+#include "base/buffer.h"
 #include "base/threads.h"
 #include "fem/dynamics/tled.h"
 #include "fem/system.h"
@@ -72,7 +72,7 @@ static pliant_status classify(builder *build)
 
 /* Keep fine tetrahedra with tissue. The paper's condensation needs every corner of a coarse tetrahedron in its
  * submesh. It therefore keeps all fine tetrahedra in a coarse tetrahedron with tissue. */
-static pliant_status cut_up(builder *build)
+static pliant_status cut_at_load(builder *build)
 {
     pliant_model *model = build->model;
     pliant_body *body = model->body;
@@ -133,7 +133,7 @@ static pliant_status mesh(builder *build)
 {
     pliant_model *model = build->model;
     pliant_body *body = model->body;
-    pliant_status status = cut_up(build);
+    pliant_status status = cut_at_load(build);
     if (status == PLIANT_OK && model->scene.mesh.bone_surface) status = pliant_fixed_surface(model);
     if (status == PLIANT_OK) pliant_model_set_lengths(model);
     return status == PLIANT_OK ? pliant_mesh_surface(&body->fine, &body->triangles, &body->num_triangles) : status;
@@ -192,7 +192,8 @@ static pliant_status hold_coarse(builder *build)
     int32_t pieces = 0, ratio = model->scene.mesh.ratio;
     if (!loose) return pliant_fail_memory("the fixed nodes");
     pliant_fail_quietly(true); /* the error is handled below */
-    pliant_status status = pliant_mesh_hold(coarse, PLIANT_FIXED_AT_REST, true, body->coarse_fixed, loose, &pieces);
+    pliant_status status =
+        pliant_mesh_fix_loose_pieces(coarse, PLIANT_FIXED_AT_REST, true, body->coarse_fixed, loose, &pieces);
     pliant_fail_quietly(false);
     if (status == PLIANT_ERROR_SCENE) {
         for (int32_t n = 0; n < fine->num_nodes; n++) {
@@ -205,7 +206,7 @@ static pliant_status hold_coarse(builder *build)
         }
         pliant_log(PLIANT_LOG_WARNING,
                    "coarse: fewer than three coarse nodes lie in fixed tissue; the nearest nodes are fixed instead");
-        status = pliant_mesh_hold(coarse, PLIANT_FIXED_AT_REST, true, body->coarse_fixed, loose, &pieces);
+        status = pliant_mesh_fix_loose_pieces(coarse, PLIANT_FIXED_AT_REST, true, body->coarse_fixed, loose, &pieces);
     }
     pliant_free(loose);
     return status;
@@ -250,8 +251,8 @@ static void release(builder *build, const uint8_t *fixed_before, const int32_t *
 
 /* Explicit dynamics: release pieces that are attached to the rest by a node or an edge, because inertia determines
  * their motion. Fixed at rest, the moving rest would invert them.
- * @param fixed_before (nodes) before pliant_mesh_hold */
-static pliant_status let_hang(builder *build, const uint8_t *fixed_before)
+ * @param fixed_before (nodes) before pliant_mesh_fix_loose_pieces */
+static pliant_status release_hanging(builder *build, const uint8_t *fixed_before)
 {
     pliant_body *body = build->model->body;
     const size_t tets = (size_t)body->fine.num_tets;
@@ -281,17 +282,17 @@ static pliant_status fix(builder *build)
     build->loose = pliant_calloc((size_t)fine->num_tets, 1);
     if (!body->fine_fixed || !build->loose) return pliant_fail_memory("the fixed nodes");
     for (int32_t n = 0; n < fine->num_nodes; n++) body->fine_fixed[n] = pliant_fixed_node(model, n);
-    const int holds_none = pliant_fixed_planes_tell(model);
+    const int holds_none = pliant_fixed_planes_log(model);
     body->has_inertia = model->scene.solver.kind == PLIANT_TLED && !model->scene.tled.quasi_static;
     pliant_wall walls[PLIANT_MAX_WALLS];
     /* a wall ends the fall */
     body->falls = model->scene.solver.kind == PLIANT_TLED && pliant_tled_walls(&model->scene, walls) > 0;
     if (body->falls) return PLIANT_OK;
-    uint8_t *fixed_before = pliant_copy_of(body->fine_fixed, (size_t)fine->num_nodes, 1);
+    uint8_t *fixed_before = pliant_copy_block(body->fine_fixed, (size_t)fine->num_nodes, 1);
     if (!fixed_before) return pliant_fail_memory("the fixed nodes");
-    pliant_status status =
-        pliant_mesh_hold(fine, PLIANT_FIXED_AT_REST, true, body->fine_fixed, build->loose, &body->num_held_pieces);
-    if (status == PLIANT_OK && body->has_inertia) status = let_hang(build, fixed_before);
+    pliant_status status = pliant_mesh_fix_loose_pieces(fine, PLIANT_FIXED_AT_REST, true, body->fine_fixed,
+                                                        build->loose, &body->num_held_pieces);
+    if (status == PLIANT_OK && body->has_inertia) status = release_hanging(build, fixed_before);
     pliant_free(fixed_before);
     if (status == PLIANT_ERROR_SCENE && holds_none > 0)
         return pliant_fail(
@@ -351,7 +352,7 @@ static size_t factor_bytes(const builder *build)
     return made && made->system ? pliant_preconditioner_bytes(made->system->preconditioner) : 0;
 }
 
-static void hand_over(builder *build)
+static void transfer_ownership(builder *build)
 {
     pliant_model *model = build->model;
     const pliant_discretization *made = model->discretization = build->discretizing.made;
@@ -380,7 +381,7 @@ static pliant_status run_stages(builder *build)
         model->build_seconds[stage] = pliant_seconds() - start;
         model->build_bytes[stage] = after > before ? after - before : 0;
     }
-    hand_over(build);
+    transfer_ownership(build);
     pliant_report_progress(build->progress, 1, "ready");
     return PLIANT_OK;
 }

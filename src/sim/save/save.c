@@ -25,11 +25,12 @@ typedef struct saved {
 static void describe(saved *what)
 {
     const pliant_material_table *table = &what->model->materials;
-    const size_t room = sizeof what->comment;
-    size_t at = (size_t)snprintf(
-        what->comment, room, "Pliant. Lengths: %s. Axes: LPS. Materials:", what->unit == 1 ? "metres" : "millimetres");
-    for (uint32_t m = 0; m < table->num_materials && at < room; m++)
-        at += (size_t)snprintf(what->comment + at, room - at, " %u %s%s", (unsigned)m, table->materials[m].name,
+    const size_t capacity = sizeof what->comment;
+    size_t at =
+        (size_t)snprintf(what->comment, capacity,
+                         "Pliant. Lengths: %s. Axes: LPS. Materials:", what->unit == 1 ? "metres" : "millimetres");
+    for (uint32_t m = 0; m < table->num_materials && at < capacity; m++)
+        at += (size_t)snprintf(what->comment + at, capacity - at, " %u %s%s", (unsigned)m, table->materials[m].name,
                                m + 1 < table->num_materials ? "," : ".");
     /* "--" is not allowed in an XML comment */
     for (char *two = what->comment; (two = strstr(two, "--"));) two[1] = ' ';

@@ -4,16 +4,16 @@
  * may move the array in memory, also when the cut fails later. */
 #include "backend/backend.h"
 #include "base/fail.h"
-#include "base/room.h"
+#include "base/buffer.h"
 #include "fem/dynamics/tled.h"
-#include "fem/rigid/falling.h"
+#include "fem/rigid/rigid_pieces.h"
 #include "fem/patch/patch.h"
 #include "fem/quasistatic/solver.h"
 #include "sim/api/data.h"
 #include "tool/tool.h"
 #include "base/memory.h"
 #include "sim/build/discretization.h"
-#include "sim/step/held.h"
+#include "sim/step/accounting.h"
 #include "warp/device.h"
 
 #include <string.h>
@@ -52,17 +52,18 @@ static pliant_status prepare_positions(const adaptation *work)
     pliant_data *data = work->data, *made = work->made;
     const int32_t nodes = made->body->fine.num_nodes;
     /* positions of added nodes are appended to the array */
-    const bool stay = work->map.num_same == data->discretization->body->fine.num_nodes && !data->falling;
+    const bool stay = work->map.num_same == data->discretization->body->fine.num_nodes && !data->rigid_pieces;
     if (stay && !pliant_grow(&data->positions, (size_t)nodes, 3 * sizeof *data->positions))
         return pliant_fail_memory("the simulation state");
     double *positions = made->positions = stay ? data->positions : pliant_calloc((size_t)nodes, 3 * sizeof *positions);
     if (!positions) return pliant_fail_memory("the simulation state");
     pliant_body_map_vectors(&work->map, data->positions, positions);
-    pliant_status status = pliant_falling_create(&work->model->scene, made->discretization->body, positions,
-                                                 data->falling, &work->map, &made->falling);
-    for (int32_t n = 0; status == PLIANT_OK && data->falling && n < nodes; n++) {
-        const double *home =
-            pliant_falling_has(made->falling, n) ? NULL : pliant_falling_home(data->falling, work->map.node[n]);
+    pliant_status status = pliant_rigid_pieces_create(&work->model->scene, made->discretization->body, positions,
+                                                      data->rigid_pieces, &work->map, &made->rigid_pieces);
+    for (int32_t n = 0; status == PLIANT_OK && data->rigid_pieces && n < nodes; n++) {
+        const double *home = pliant_rigid_pieces_contain(made->rigid_pieces, n)
+                                 ? NULL
+                                 : pliant_rigid_pieces_home(data->rigid_pieces, work->map.node[n]);
         if (home) memcpy(positions + 3 * n, home, 3 * sizeof *positions);
     }
     return status;
@@ -71,15 +72,15 @@ static pliant_status prepare_positions(const adaptation *work)
 static void swap_positions(const adaptation *work)
 {
     double *positions = work->data->positions;
-    pliant_falling *falling = work->data->falling;
+    pliant_rigid_pieces *rigid_pieces = work->data->rigid_pieces;
     work->data->positions = work->made->positions;
-    work->data->falling = work->made->falling;
+    work->data->rigid_pieces = work->made->rigid_pieces;
     work->made->positions = positions != work->data->positions ? positions : NULL;
-    work->made->falling = falling;
+    work->made->rigid_pieces = rigid_pieces;
 }
 
 /* After an error, shrink the array of positions to its previous size. */
-static void leave_positions(const adaptation *work)
+static void revert_positions(const adaptation *work)
 {
     if (!work->made->positions || work->made->positions != work->data->positions) return;
     work->made->positions = NULL;
@@ -92,20 +93,21 @@ static pliant_status prepare_state(const adaptation *work)
 {
     pliant_data *data = work->data, *made = work->made;
     if (data->backend->download && !pliant_positions_are_state(data)) data->backend->download(work->model, data);
-    const bool fine = data->falling && data->solver && data->solver->system->mesh == data->solver->system->fine;
+    const bool fine = data->rigid_pieces && data->solver && data->solver->system->mesh == data->solver->system->fine;
     /* downloaded positions include the motion of rigid pieces */
     for (int32_t n = 0; fine && n < data->discretization->body->fine.num_nodes; n++) {
-        const double *home = pliant_falling_home(data->falling, n);
+        const double *home = pliant_rigid_pieces_home(data->rigid_pieces, n);
         if (home) memcpy(data->solver->now.x + 3 * n, home, 3 * sizeof *home);
     }
     pliant_status status = data->backend->kind->follow(work->model, data, &work->map, made);
     for (int32_t n = 0; status == PLIANT_OK && made->tled && n < made->body->fine.num_nodes; n++) {
-        const double *home =
-            pliant_falling_has(made->falling, n) ? NULL : pliant_falling_home(data->falling, work->map.node[n]);
+        const double *home = pliant_rigid_pieces_contain(made->rigid_pieces, n)
+                                 ? NULL
+                                 : pliant_rigid_pieces_home(data->rigid_pieces, work->map.node[n]);
         if (home) pliant_tled_place(made->tled, n, home);
     }
-    return status == PLIANT_OK && made->tled && made->falling && made->body->has_inertia
-               ? pliant_tled_may_stop(made->tled)
+    return status == PLIANT_OK && made->tled && made->rigid_pieces && made->body->has_inertia
+               ? pliant_tled_allow_stop(made->tled)
                : status;
 }
 
@@ -123,7 +125,7 @@ static void swap_state(const adaptation *work)
     made->patch = patch;
     if (solver) pliant_solver_take_over(data->solver, solver);
     if (!data->patch || !patch) return;
-    pliant_patch_succeed(data->patch, patch);
+    pliant_patch_replace(data->patch, patch);
     made->patch = NULL;
 }
 
@@ -136,10 +138,10 @@ static pliant_status prepare_tools(const adaptation *work)
     for (int t = 0; t < data->num_tools && status == PLIANT_OK; t++) {
         pliant_tool *tool = made->tools + t;
         made->num_tools = t + 1; /* on an error this many tools are freed */
-        status = pliant_tool_carry(tool, data->tools + t, data, made->body, made->positions);
+        status = pliant_tool_transfer(tool, data->tools + t, data, made->body, made->positions);
         if (status == PLIANT_OK && made->solver && tool->holding && tool->attached)
-            status = pliant_solver_carry_hold(made->solver, data->solver, t, tool->num_held, tool->held, tool->weight,
-                                              made->positions, tool->force);
+            status = pliant_solver_carry_grasp(made->solver, data->solver, t, tool->num_held, tool->held, tool->weight,
+                                               made->positions, tool->force);
     }
     return status;
 }
@@ -196,11 +198,11 @@ static pliant_status prepare(adaptation *work)
 }
 
 /* Keep memory for the next topology, and as much again for the time when the old one is not yet freed. */
-static void keep_memory(pliant_data *data, int64_t taken)
+static void reserve_memory(pliant_data *data, int64_t taken)
 {
     const size_t bytes = taken > 0 ? (size_t)taken : 0;
     if (2 * bytes <= data->keeps) return;
-    pliant_memory_keep((int64_t)(2 * bytes - data->keeps));
+    pliant_memory_change_reserve((int64_t)(2 * bytes - data->keeps));
     data->keeps = 2 * bytes;
 }
 
@@ -211,8 +213,8 @@ pliant_status pliant_data_set_body(const pliant_model *model, pliant_data *data,
         take_body(data, body);
         return PLIANT_OK;
     }
-    const int64_t taken = pliant_memory_taken(); /* other threads allocate and free at the same time */
-    pliant_account *before = pliant_held_begin(data);
+    const int64_t taken = pliant_memory_thread_bytes(); /* other threads allocate and free at the same time */
+    pliant_account *before = pliant_accounting_begin(data);
     pliant_data *made = pliant_calloc(1, sizeof *made);
     if (!made) {
         pliant_account_use(before);
@@ -224,7 +226,7 @@ pliant_status pliant_data_set_body(const pliant_model *model, pliant_data *data,
     made->body = pliant_body_retain(body);
     pliant_status status = prepare(&work);
     if (status == PLIANT_OK) {
-        keep_memory(data, pliant_memory_taken() - taken);
+        reserve_memory(data, pliant_memory_thread_bytes() - taken);
         for (int a = 0; a < NUM_ADAPTERS; a++) adapters[a].swap(&work);
         take_body(data, body);
         pliant_warp_next_free(warp); /* it belongs to the warp, which may continue without its device */
@@ -233,8 +235,8 @@ pliant_status pliant_data_set_body(const pliant_model *model, pliant_data *data,
     }
     pliant_body_map_free(&work.map);
     pliant_warp_next_free(warp);
-    leave_positions(&work);
+    revert_positions(&work);
     pliant_data_free(made);
-    pliant_held_end(data, before);
+    pliant_accounting_end(data, before);
     return status;
 }

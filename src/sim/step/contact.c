@@ -6,7 +6,7 @@
 #include "fem/dynamics/tled.h"
 #include "fem/patch/patch.h"
 #include "fem/quasistatic/solver.h"
-#include "fem/rigid/falling.h"
+#include "fem/rigid/rigid_pieces.h"
 #include "sim/step/contact_search.h"
 
 #include <math.h>
@@ -16,10 +16,10 @@
 
 static double seconds_of(const pliant_model *model, const pliant_data *data)
 {
-    return model->scene.solver.step * data->share;
+    return model->scene.solver.step * data->fraction;
 }
 
-static double recovered(const pliant_model *model, const pliant_data *data)
+static double max_recovery(const pliant_model *model, const pliant_data *data)
 {
     return model->contact.recovery_speed * seconds_of(model, data);
 }
@@ -36,7 +36,7 @@ static void add_part(const pliant_model *model, const pliant_data *data, int t, 
     const pliant_part *part = tool->shape.part + p;
     const pliant_tool_pose *begin = &data->legs->tool[t].begin, *goal = &data->legs->tool[t].ahead;
     const int32_t num_held = pliant_tool_grips(tool) ? tool->num_held : 0;
-    const double way = pliant_part_way(&tool->shape, part, begin, goal);
+    const double way = pliant_part_max_motion(&tool->shape, part, begin, goal);
     pliant_moving_part *moving = search->part + search->num_parts;
     *moving = (pliant_moving_part){
         .part = part,
@@ -51,7 +51,7 @@ static void add_part(const pliant_model *model, const pliant_data *data, int t, 
         .from = *begin,
         .to = *goal,
         .way = way,
-        .recovery = recovered(model, data),
+        .recovery = max_recovery(model, data),
         .num_held = num_held,
         .held = tool->held,
     };
@@ -83,7 +83,7 @@ static void add_obstacle(const pliant_model *model, const pliant_data *data, con
                                                              .guard = guard,
                                                              .off = pliant_contact_core_offset(part),
                                                              .margin = model->contact.search_margin,
-                                                             .recovery = recovered(model, data),
+                                                             .recovery = max_recovery(model, data),
                                                              .stays = stays(model, data)};
 }
 
@@ -126,7 +126,7 @@ static void carry(const pliant_data *data, const pliant_contacts *before, int32_
         bool there = true; /* an undone cut may have removed the node */
         for (int32_t k = 0; k < before->point[b].count; k++)
             there = there && before->point[b].node[k] < data->body->fine.num_nodes;
-        if (there) pliant_contact_carry(before->point + b, data->positions, now->point + n);
+        if (there) pliant_contact_warm_start(before->point + b, data->positions, now->point + n);
     }
 }
 
@@ -137,13 +137,13 @@ static pliant_status find_slowed(const pliant_model *model, pliant_data *data, p
     pliant_contact_search *search = data->contact_search;
     const pliant_tissue *tissue = &search->tissue;
     const pliant_mesh *mesh = &data->body->fine;
-    if (mesh->num_nodes > search->room_nodes) {
+    if (mesh->num_nodes > search->node_capacity) {
         uint8_t *overlaps = pliant_resize(search->overlaps, (size_t)mesh->num_nodes, 1);
         if (overlaps) search->overlaps = overlaps;
         double *place = pliant_resize(search->place, (size_t)mesh->num_nodes, 3 * sizeof *place);
         if (place) search->place = place;
         if (!overlaps || !place) return pliant_fail_memory("the self-contacts of the tissue");
-        search->room_nodes = mesh->num_nodes;
+        search->node_capacity = mesh->num_nodes;
     }
     pliant_status status = pliant_tissue_overlapping(&search->tissue, data->positions, search->overlaps);
     for (int32_t t = 0; !model->scene.contact.delay && t < tissue->num_tets; t++)
@@ -151,8 +151,8 @@ static pliant_status find_slowed(const pliant_model *model, pliant_data *data, p
     if (status == PLIANT_OK)
         status = pliant_tissue_find_slowed(tissue, search->overlaps, model->scene.contact.punishment, out);
     if (status == PLIANT_OK && !model->scene.contact.delay)
-        data->tled->slowing =
-            (pliant_tled_slowing){.tissue = &search->tissue, .overlaps = search->overlaps, .place = search->place};
+        data->tled->overlap_damping = (pliant_tled_overlap_damping){
+            .tissue = &search->tissue, .overlaps = search->overlaps, .place = search->place};
     return status;
 }
 
@@ -160,11 +160,12 @@ static pliant_status find_slowed(const pliant_model *model, pliant_data *data, p
 static pliant_status find_tissue(const pliant_model *model, pliant_data *data, double pieces_go, pliant_contacts *out)
 {
     pliant_tissue *tissue = &data->contact_search->tissue;
-    const pliant_outside *outside = pliant_contact_is_within_elements(model) ? &data->contact_search->outside : NULL;
+    const pliant_contact_surface *outside =
+        pliant_contact_is_within_elements(model) ? &data->contact_search->outside : NULL;
     pliant_status status = pliant_tissue_set_body(tissue, data->body, outside ? outside->solid : NULL,
                                                   data->discretization->system->num_threads);
     const pliant_tissue_rule rule = {.margin = model->contact.self_margin * tissue->shortest,
-                                     .recovery = recovered(model, data),
+                                     .recovery = max_recovery(model, data),
                                      .friction = model->scene.contact.friction,
                                      .pieces_go = pieces_go,
                                      .nodes = data->positions,
@@ -177,32 +178,33 @@ static pliant_status find_tissue(const pliant_model *model, pliant_data *data, d
 }
 
 /* Replace the compliance from the previous leg's points by that from this leg's points, if there are any. */
-static void soften_by_pieces(pliant_data *data, const pliant_leg_tool *leg, int t)
+static void add_piece_compliance(pliant_data *data, const pliant_leg_tool *leg, int t)
 {
-    pliant_touch_piece *couple = data->legs->proxy + 2 * t;
+    pliant_contact_body *couple = data->legs->proxy + 2 * t;
     pliant_touch_limit *limit = data->legs->limit + 3 * t;
     const double *axis = limit[2].axis;
-    double gives[2];
-    pliant_proxy_compliance(data, t, false, couple[1].centre, axis, gives);
-    if (!(gives[0] > 0)) return;
-    limit[0].compliance += gives[0] - leg->gives[0];
-    limit[2].compliance += gives[1] - leg->gives[1];
-    for (int d = 0; d < 3; d++) couple[0].answer[7 * d] += gives[0] - leg->gives[0];
+    double piece_compliance[2];
+    pliant_proxy_compliance(data, t, false, couple[1].centre, axis, piece_compliance);
+    if (!(piece_compliance[0] > 0)) return;
+    limit[0].compliance += piece_compliance[0] - leg->piece_compliance[0];
+    limit[2].compliance += piece_compliance[1] - leg->piece_compliance[1];
+    for (int d = 0; d < 3; d++) couple[0].compliance[7 * d] += piece_compliance[0] - leg->piece_compliance[0];
     for (int r = 0; r < 3; r++)
         for (int c = 0; c < 3; c++)
-            couple[1].answer[6 * (3 + r) + 3 + c] += (gives[1] - leg->gives[1]) * axis[r] * axis[c];
+            couple[1].compliance[6 * (3 + r) + 3 + c] +=
+                (piece_compliance[1] - leg->piece_compliance[1]) * axis[r] * axis[c];
 }
 
 /* Publish the rigid pieces and proxies that the solver may need. */
 static void set_bodies(pliant_data *data)
 {
     pliant_legs *legs = data->legs;
-    const pliant_touch_pieces *pieces = data->falling ? pliant_falling_touch_pieces(data->falling) : NULL;
-    legs->bodies = (pliant_touch_pieces){.proxy = legs->proxy, .limit = legs->limit};
+    const pliant_contact_bodies *pieces = data->rigid_pieces ? pliant_rigid_pieces_bodies(data->rigid_pieces) : NULL;
+    legs->bodies = (pliant_contact_bodies){.proxy = legs->proxy, .limit = legs->limit};
     if (pieces) {
         legs->bodies.of_node = pieces->of_node;
         legs->bodies.piece = pieces->piece;
-        for (int t = 0; t < data->num_tools; t++) soften_by_pieces(data, legs->tool + t, t);
+        for (int t = 0; t < data->num_tools; t++) add_piece_compliance(data, legs->tool + t, t);
     }
     data->bodies = &legs->bodies;
 }
@@ -214,49 +216,49 @@ static pliant_status find_points(const pliant_model *model, pliant_data *data, c
     pliant_contact_search *search = data->contact_search;
     pliant_status status = pliant_contact_keep_found(model, data, body);
     if (status == PLIANT_OK)
-        status = pliant_contact_find(search->finder, body, positions, &data->contacts, data->legs->planes,
+        status = pliant_contact_find(search->detector, body, positions, &data->contacts, data->legs->planes,
                                      search->num_parts, search->part, &search->made);
     if (status == PLIANT_OK && pliant_contact_touches_itself(model))
         status = find_tissue(model, data, pieces_go, &search->made);
-    if (status == PLIANT_OK && body != data->body) pliant_outside_spread(&search->outside, &search->made);
-    if (status == PLIANT_OK && data->falling) status = pliant_falling_find_walls(data, &search->made);
+    if (status == PLIANT_OK && body != data->body) pliant_contact_surface_map_weights(&search->outside, &search->made);
+    if (status == PLIANT_OK && data->rigid_pieces) status = pliant_rigid_pieces_find_walls(data, &search->made);
     return status;
 }
 
 const int32_t *pliant_contact_pieces(const pliant_data *data)
 {
-    return data->falling ? pliant_falling_touch_pieces(data->falling)->of_node : NULL;
+    return data->rigid_pieces ? pliant_rigid_pieces_bodies(data->rigid_pieces)->of_node : NULL;
 }
 
-bool pliant_contact_keeps_volumes(const pliant_data *data)
+bool pliant_contact_bounds_volumes(const pliant_data *data)
 {
-    return data->solver && pliant_solves_fine(data->solver->system) && pliant_patch_serves(data) == 0;
+    return data->solver && pliant_solves_fine(data->solver->system) && pliant_patch_count_tools(data) == 0;
 }
 
-pliant_status pliant_contact_stage(const pliant_model *model, pliant_data *data)
+pliant_status pliant_contact_find_points(const pliant_model *model, pliant_data *data)
 {
     pliant_status status = pliant_contact_search_create(&model->contact, &data->contact_search);
     if (status != PLIANT_OK) return status;
     pliant_contact_search *search = data->contact_search;
     search->made.count = 0;
-    const double pieces_go = data->falling ? pliant_falling_foresee(data) : 0;
+    const double pieces_go = data->rigid_pieces ? pliant_rigid_pieces_predict(data) : 0;
     const pliant_body *body = NULL;
     const double *positions = NULL;
-    if (data->falling) pliant_contact_mark_pieces(data);
+    if (data->rigid_pieces) pliant_contact_mark_pieces(data);
     gather_parts(model, data);
-    status = pliant_contact_surface(model, data, &body, &positions);
+    status = pliant_contact_find_surface(model, data, &body, &positions);
     if (status == PLIANT_OK) status = pliant_contact_keep_surface(search, body, positions);
     bool stays = false;
     if (status == PLIANT_OK) status = pliant_contact_reuse(model, data, body, &stays);
     if (status == PLIANT_OK && !stays) status = find_points(model, data, body, positions, pieces_go);
     if (status != PLIANT_OK) return status;
     const int32_t first = stays ? search->made.count : 0;
-    if (pliant_contact_keeps_volumes(data))
+    if (pliant_contact_bounds_volumes(data))
         status = pliant_volume_find(&model->contact, &data->body->fine, data->positions, pliant_contact_pieces(data),
                                     &search->made);
     if (status != PLIANT_OK) return status;
     carry(data, &data->contacts, first, &search->made);
-    pliant_contacts_exchange(&data->contacts, &search->made);
+    pliant_contacts_swap(&data->contacts, &search->made);
     set_bodies(data);
     return PLIANT_OK;
 }
@@ -266,11 +268,11 @@ pliant_status pliant_contact_stage(const pliant_model *model, pliant_data *data)
 static void forget(pliant_contact_search *search)
 {
     if (!search) return;
-    pliant_tissue_forget(&search->tissue);
+    pliant_tissue_discard(&search->tissue);
     search->found = false;
 }
 
-void pliant_contact_forget(pliant_data *data)
+void pliant_contact_discard(pliant_data *data)
 {
     data->contacts.count = 0;
     forget(data->contact_search);
@@ -293,9 +295,9 @@ void pliant_contact_free(pliant_data *data)
     pliant_contact_search *search = data->contact_search;
     pliant_free(data->contacts.point);
     if (!search) return;
-    pliant_finder_free(search->finder);
+    pliant_contact_detector_free(search->detector);
     pliant_tissue_free(&search->tissue);
-    pliant_outside_free(&search->outside);
+    pliant_contact_surface_free(&search->outside);
     pliant_advance_free(search->advance);
     pliant_free(search->surface);
     pliant_free(search->found_at);

@@ -4,7 +4,7 @@
 #define PLIANT_SIM_CONTACT_H
 
 #include "contact/advance/advance.h"
-#include "contact/detect/find.h"
+#include "contact/detect/part_contacts.h"
 #include "state/data.h"
 
 #ifdef __cplusplus
@@ -15,12 +15,12 @@ extern "C" {
 bool pliant_contact_is_idle(const pliant_model *model, const pliant_data *data);
 /* Find the contact points of the leg that data->legs describes. Points that persist keep their forces and anchors.
  * Errors: MEMORY (the points stay unchanged). */
-pliant_status pliant_contact_stage(const pliant_model *model, pliant_data *data);
+pliant_status pliant_contact_find_points(const pliant_model *model, pliant_data *data);
 /* Find the largest fraction of a leg that is free of penetration. The leg goes from the surface at its start to
  * data->positions.
- * @param share fraction of the proxies' motion that belongs to these positions
+ * @param fraction fraction of the proxies' motion that belongs to these positions
  * Errors: MEMORY. */
-pliant_status pliant_contact_advance(const pliant_model *model, pliant_data *data, double share,
+pliant_status pliant_contact_advance(const pliant_model *model, pliant_data *data, double fraction,
                                      pliant_advance_result *out);
 /* Move the contact points of tools from the proxies' predicted poses to their poses after the leg. */
 void pliant_contact_follow_proxies(pliant_data *data);
@@ -29,15 +29,15 @@ pliant_status pliant_contact_is_free(const pliant_model *model, pliant_data *dat
                                      const pliant_tool_pose *pose, bool *is_free, bool *is_inside);
 /* Return whether a tool's motion comes near the bounding box of the surface, as it was at the last search for
  * contact points. */
-bool pliant_contact_comes_near(pliant_data *data, const pliant_tool *tool, const pliant_tool_pose *from,
-                               const pliant_tool_pose *to);
+bool pliant_contact_is_near(pliant_data *data, const pliant_tool *tool, const pliant_tool_pose *from,
+                            const pliant_tool_pose *to);
 /* Return the rigid piece of each fine node, or -1. NULL: there are no rigid pieces. */
 const int32_t *pliant_contact_pieces(const pliant_data *data);
 /* Return whether the volume bound applies (contact/volume/volume.h): to tetrahedra, and to the five tetrahedra of each
  * hexahedron, of a fine mesh that the solver moves without a patch. */
-bool pliant_contact_keeps_volumes(const pliant_data *data);
+bool pliant_contact_bounds_volumes(const pliant_data *data);
 /* Discard all contact points. */
-void pliant_contact_forget(pliant_data *data);
+void pliant_contact_discard(pliant_data *data);
 /* Copy the contact state to another simulation of the same topology. Errors: MEMORY. */
 pliant_status pliant_contact_copy(const pliant_data *from, pliant_data *to);
 void pliant_contact_free(pliant_data *data);
@@ -48,21 +48,22 @@ static inline int pliant_contact_compare(const void *a, const void *b)
     const uint64_t x = ((const pliant_contact_point *)a)->feature, y = ((const pliant_contact_point *)b)->feature;
     return (x > y) - (x < y);
 }
-static inline void pliant_contacts_exchange(pliant_contacts *a, pliant_contacts *b)
+static inline void pliant_contacts_swap(pliant_contacts *a, pliant_contacts *b)
 {
     const pliant_contacts swap = *a;
     *a = *b;
     *b = swap;
 }
 
-/* ---- contact_way.c */
+/* ---- contact_motion.c */
 /* Write the scene's boxes and planes as parts. Return their number. */
 int32_t pliant_contact_obstacles(const pliant_model *model, pliant_part out[2 * PLIANT_MAX_FIXED]);
 /* Return the largest motion in the rest of this step divided by the depth of the part. The motion is the sum of the
  * part's and of the nearby tissue's motion. Parts of tools far from tissue do not count.
  * @param increment (nodes x 3) motion of each node in one sub-step [m]
  * @param times number of sub-steps */
-double pliant_contact_deeps(const pliant_model *model, const pliant_data *data, const double *increment, int32_t times);
+double pliant_contact_max_motion_ratio(const pliant_model *model, const pliant_data *data, const double *increment,
+                                       int32_t times);
 /* Mark the detached pieces that can meet a tool with a shape in this leg, by their predicted motion. */
 void pliant_contact_mark_pieces(pliant_data *data);
 /* ---- contact_access.c

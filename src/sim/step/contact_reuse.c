@@ -18,17 +18,17 @@ static uint64_t key_of(const pliant_moving_part *part)
  * contact of tissue on tissue, or patches. */
 static bool is_simple(const pliant_model *model, const pliant_data *data)
 {
-    return data->solver && !data->legs->planes && !data->falling && !pliant_contact_touches_itself(model) &&
-           pliant_patch_serves(data) == 0;
+    return data->solver && !data->legs->planes && !data->rigid_pieces && !pliant_contact_touches_itself(model) &&
+           pliant_patch_count_tools(data) == 0;
 }
 
 static bool reserve_found(pliant_contact_search *search, int32_t nodes)
 {
-    if (nodes > search->room_found) {
+    if (nodes > search->found_capacity) {
         double *at = pliant_resize(search->found_at, (size_t)nodes, 3 * sizeof *at);
         if (!at) return false;
         search->found_at = at;
-        search->room_found = nodes;
+        search->found_capacity = nodes;
     }
     search->found_nodes = nodes;
     return true;
@@ -93,23 +93,24 @@ static bool move_point(const pliant_contact_search *search, pliant_contact_point
 pliant_status pliant_contact_reuse(const pliant_model *model, pliant_data *data, const pliant_body *body, bool *stays)
 {
     pliant_contact_search *search = data->contact_search;
-    double most = model->contact.search_margin;
+    double maximum = model->contact.search_margin;
     *stays = search->found && is_simple(model, data) && search->found_revision == data->body->revision &&
              search->found_parts == search->num_parts;
     for (int32_t p = 0; p < search->num_parts && *stays; p++) {
         const pliant_moving_part *part = search->part + p;
         *stays = search->found_key[p] == key_of(part);
-        most = fmin(most, model->contact.reuse_motion * part->guard);
+        maximum = fmin(maximum, model->contact.reuse_motion * part->guard);
     }
     for (int32_t p = 0; p < search->num_parts && *stays; p++) {
         const pliant_moving_part *part = search->part + p;
         if (part->kind == PLIANT_OBSTACLE_TOOL)
-            *stays = pliant_part_way(part->shape, part->part, search->found_pose + part->tool, &part->to) <= most;
+            *stays =
+                pliant_part_max_motion(part->shape, part->part, search->found_pose + part->tool, &part->to) <= maximum;
     }
     for (int32_t n = 0; n < body->fine.num_nodes && *stays; n++) {
         const double *a = search->found_at + 3 * (size_t)n, *b = search->surface + 3 * (size_t)n;
         *stays = (a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]) + (a[2] - b[2]) * (a[2] - b[2]) <=
-                 most * most;
+                 maximum * maximum;
     }
     pliant_status status = *stays ? pliant_contacts_copy(&data->contacts, &search->made) : PLIANT_OK;
     while (*stays && search->made.count > 0 &&

@@ -10,7 +10,7 @@ pliant_status pliant_contact_search_create(const pliant_contact_settings *settin
     pliant_contact_search *search = pliant_calloc(1, sizeof *search);
     if (!search) return pliant_fail_memory("contacts");
     search->settings = *settings;
-    pliant_status status = pliant_finder_create(settings, &search->finder);
+    pliant_status status = pliant_contact_detector_create(settings, &search->detector);
     if (status == PLIANT_OK) *out = search;
     else pliant_free(search);
     return status;

@@ -2,7 +2,7 @@
 #ifndef PLIANT_SIM_CONTACT_SEARCH_H
 #define PLIANT_SIM_CONTACT_SEARCH_H
 
-#include "contact/detect/outside.h"
+#include "contact/detect/contact_surface.h"
 #include "contact/detect/tissue.h"
 #include "contact/shapes/solid.h"
 #include "sim/step/contact.h"
@@ -16,28 +16,28 @@ enum { PLIANT_CONTACT_PARTS = PLIANT_MAX_TOOLS * PLIANT_MAX_PARTS + 2 * PLIANT_M
 
 struct pliant_contact_search {
     pliant_contact_settings settings;
-    pliant_finder *finder;
+    pliant_contact_detector *detector;
     pliant_tissue tissue; /* contact/self: tissue on tissue */
-    pliant_outside outside;
+    pliant_contact_surface outside;
     pliant_contacts made; /* buffer: the points of the previous leg while this leg's points are in use */
     int32_t num_parts;
     pliant_moving_part part[PLIANT_CONTACT_PARTS];
     pliant_advance_part advance_part[PLIANT_CONTACT_PARTS];
     pliant_part obstacle[2 * PLIANT_MAX_FIXED];
     pliant_advance *advance; /* Nullable buffer */
-    int32_t room_surface;
-    double *surface;        /* (room_surface x 3) positions of the surface's nodes at the start of the leg [m] */
+    int32_t surface_capacity;
+    double *surface;        /* (surface_capacity x 3) positions of the surface's nodes at the start of the leg [m] */
     double low[3], high[3]; /* bounding box of the surface [m] */
     /* REUSE OF POINTS: the configuration in which the points were found */
     bool found;
     uint64_t found_revision; /* of the topology */
-    int32_t found_parts, found_nodes, room_found;
+    int32_t found_parts, found_nodes, found_capacity;
     uint64_t found_key[PLIANT_CONTACT_PARTS];
     pliant_tool_pose found_pose[PLIANT_MAX_TOOLS];
-    double *found_at;   /* (room_found x 3) positions of the surface's nodes [m] */
-    int32_t room_nodes; /* for contact/response: paper */
-    uint8_t *overlaps;  /* (room_nodes) */
-    double *place;      /* (room_nodes x 3) */
+    double *found_at;   /* (found_capacity x 3) positions of the surface's nodes [m] */
+    int32_t node_capacity; /* for contact/response: paper */
+    uint8_t *overlaps;  /* (node_capacity) */
+    double *place;      /* (node_capacity x 3) */
 };
 
 /* ---- contact_search.c */
@@ -57,8 +57,8 @@ double pliant_contact_guard(const pliant_model *model, const pliant_data *data, 
 /* ---- contact_surface.c */
 /* Choose the surface for collision detection. Errors: MEMORY.
  * @param body, positions out: its topology and its positions */
-pliant_status pliant_contact_surface(const pliant_model *model, pliant_data *data, const pliant_body **body,
-                                     const double **positions);
+pliant_status pliant_contact_find_surface(const pliant_model *model, pliant_data *data, const pliant_body **body,
+                                          const double **positions);
 /* Save the surface at the start of the leg, and compute its bounding box. Errors: MEMORY. */
 pliant_status pliant_contact_keep_surface(pliant_contact_search *search, const pliant_body *body,
                                           const double *positions);

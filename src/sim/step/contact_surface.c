@@ -7,22 +7,22 @@
 #include <math.h>
 #include <string.h>
 
-pliant_status pliant_contact_surface(const pliant_model *model, pliant_data *data, const pliant_body **body,
-                                     const double **positions)
+pliant_status pliant_contact_find_surface(const pliant_model *model, pliant_data *data, const pliant_body **body,
+                                          const double **positions)
 {
-    pliant_outside *outside = &data->contact_search->outside;
+    pliant_contact_surface *outside = &data->contact_search->outside;
     *body = data->body;
     *positions = data->positions;
     if (!pliant_contact_is_within_elements(model)) return PLIANT_OK;
-    const pliant_outside_voxels voxels = {.load = model->body,
+    const pliant_contact_surface_voxels voxels = {.load = model->body,
                                           .geometry = &model->scan->geometry,
                                           .material_of_voxel = model->material_of_voxel,
                                           .materials = &model->materials,
-                                          .touches_itself = pliant_contact_touches_itself(model),
+                                          .has_self_contact = pliant_contact_touches_itself(model),
                                           .threads = data->discretization->system->num_threads};
-    pliant_status status = pliant_outside_set_body(outside, &voxels, data->body);
+    pliant_status status = pliant_contact_surface_set_body(outside, &voxels, data->body);
     if (status != PLIANT_OK) return status;
-    pliant_outside_place(outside, data->positions);
+    pliant_contact_surface_update(outside, data->positions);
     *body = &outside->view;
     *positions = outside->positions;
     return PLIANT_OK;
@@ -32,11 +32,11 @@ pliant_status pliant_contact_keep_surface(pliant_contact_search *search, const p
                                           const double *positions)
 {
     const int32_t nodes = body->fine.num_nodes;
-    if (nodes > search->room_surface) {
+    if (nodes > search->surface_capacity) {
         double *surface = pliant_resize(search->surface, (size_t)nodes, 3 * sizeof *surface);
         if (!surface) return pliant_fail_memory("contacts");
         search->surface = surface;
-        search->room_surface = nodes;
+        search->surface_capacity = nodes;
     }
     memcpy(search->surface, positions, 3 * (size_t)nodes * sizeof *positions);
     for (int d = 0; d < 3; d++) {
@@ -54,25 +54,26 @@ pliant_status pliant_contact_keep_surface(pliant_contact_search *search, const p
 
 /* ---- largest free fraction of a leg */
 
-static pliant_status find_room(pliant_contact_search *search)
+static pliant_status reserve_search(pliant_contact_search *search)
 {
     return search->advance ? PLIANT_OK : pliant_advance_create(&search->settings, &search->advance);
 }
 
-pliant_status pliant_contact_advance(const pliant_model *model, pliant_data *data, double share,
+pliant_status pliant_contact_advance(const pliant_model *model, pliant_data *data, double fraction,
                                      pliant_advance_result *out)
 {
     pliant_contact_search *search = data->contact_search;
     const pliant_body *body = NULL;
     const double *positions = NULL;
-    pliant_status status = find_room(search);
+    pliant_status status = reserve_search(search);
     for (int32_t p = 0; p < search->num_parts; p++) {
         const pliant_leg_tool *leg =
             search->part[p].kind == PLIANT_OBSTACLE_TOOL ? data->legs->tool + search->part[p].tool : NULL;
         if (leg)
-            search->advance_part[p].to = share < 1 ? pliant_pose_partway(&leg->begin, &leg->goal, share) : leg->goal;
+            search->advance_part[p].to =
+                fraction < 1 ? pliant_pose_interpolate(&leg->begin, &leg->goal, fraction) : leg->goal;
     }
-    if (status == PLIANT_OK) status = pliant_contact_surface(model, data, &body, &positions);
+    if (status == PLIANT_OK) status = pliant_contact_find_surface(model, data, &body, &positions);
     if (status != PLIANT_OK) return status;
     return pliant_advance_find(search->advance, body->num_triangles, body->triangles, search->surface, positions,
                                search->num_parts, search->advance_part, data->discretization->system->num_threads, out);
@@ -145,25 +146,25 @@ pliant_status pliant_contact_is_free(const pliant_model *model, pliant_data *dat
                                               .num_held = pliant_tool_grips(tool) ? tool->num_held : 0,
                                               .held = tool->held};
     pliant_advance_audit_result found;
-    status = find_room(search);
-    if (status == PLIANT_OK) status = pliant_contact_surface(model, data, &body, &positions);
+    status = reserve_search(search);
+    if (status == PLIANT_OK) status = pliant_contact_find_surface(model, data, &body, &positions);
     if (status == PLIANT_OK)
         status = pliant_advance_audit(search->advance, body->num_triangles, body->triangles, positions, count, part,
                                       data->discretization->system->num_threads, &found);
     if (status != PLIANT_OK) return status;
-    *is_free = found.least > 0;
+    *is_free = found.minimum > 0;
     *is_inside = is_inside_at(model, data, tool, pose);
     return PLIANT_OK;
 }
 
-bool pliant_contact_comes_near(pliant_data *data, const pliant_tool *tool, const pliant_tool_pose *from,
-                               const pliant_tool_pose *to)
+bool pliant_contact_is_near(pliant_data *data, const pliant_tool *tool, const pliant_tool_pose *from,
+                            const pliant_tool_pose *to)
 {
     const pliant_contact_search *search = data->contact_search;
     bool near = false;
     for (int32_t p = 0; search && p < tool->shape.num_parts && !near; p++) {
         const pliant_part *part = tool->shape.part + p;
-        const double way = pliant_part_way(&tool->shape, part, from, to) + data->model->contact.search_margin;
+        const double way = pliant_part_max_motion(&tool->shape, part, from, to) + data->model->contact.search_margin;
         double low[3], high[3];
         pliant_pose pose;
         pliant_part_pose(&tool->shape, part->frame, from->tip, from->rotation, from->jaw, &pose);

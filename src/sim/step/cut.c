@@ -19,19 +19,19 @@
 #include <math.h>
 #include <string.h>
 
-static const double swiftest = 0.5;    /* maximum speed of tissue that returns over a blade [m/s] */
+static const double max_return_speed = 0.5;    /* maximum speed of tissue that returns over a blade [m/s] */
 /* distance from the cut's end back to the sweep's start, so that no link between them is missed [voxels] */
-static const double backwards = 0.1;
-static const double stirs = 0.05;      /* distance from the cut's end below which a blade counts as at rest [voxels] */
-static const double chord = 0.25;      /* maximum chord error of the sweep of a turning blade [voxels] */
-static const double far_on = 0.3;      /* fraction of `drag`: above this distance per step no tissue is dragged */
+static const double overlap_distance = 0.1;
+static const double min_motion = 0.05; /* distance from the cut's end below which a blade counts as at rest [voxels] */
+static const double max_chord_error = 0.25;      /* maximum chord error of the sweep of a turning blade [voxels] */
+static const double long_motion = 0.3;      /* fraction of `drag`: above this distance per step no tissue is dragged */
 
 typedef struct knife {
     const pliant_model *model;
     pliant_data *data;
     int index;
     pliant_tool *tool;
-    double least, most; /* smallest and largest voxel edge [m] */
+    double min_edge, max_edge; /* smallest and largest voxel edge [m] */
     double ahead;       /* distance ahead of a blade in which tissue resists: a voxel or a tetrahedron [m] */
 } knife;
 
@@ -45,9 +45,9 @@ static double normalize(double v[3])
 }
 
 /* Return the distance that tissue is dragged before it is cut [m]. */
-static double reach_of(const knife *work) { return fmax(work->model->scene.cut.drag, work->most); }
+static double reach_of(const knife *work) { return fmax(work->model->scene.cut.drag, work->max_edge); }
 
-static void tell_failure(const knife *work)
+static void log_failure(const knife *work)
 {
     if (!work->tool->blade.failed)
         pliant_log(PLIANT_LOG_WARNING, "tool %s does not cut: %s; the tissue does not change", work->tool->name,
@@ -55,7 +55,7 @@ static void tell_failure(const knife *work)
     work->tool->blade.failed = true;
 }
 
-static double longest_way(const pliant_edge *edge)
+static double longest_distance(const pliant_edge *edge)
 {
     double longest = 0;
     for (int32_t p = 0; p < edge->count; p++) {
@@ -103,8 +103,8 @@ static bool part(const knife *work, const double *from, const double *to, pliant
                               .stroke = (uint32_t)work->tool->blade.stroke};
     memset(report, 0, sizeof *report);
     const uint64_t before = work->data->body->revision;
-    if (pliant_data_sever(work->model, work->data, work->index, &sweep, report) != PLIANT_OK) {
-        tell_failure(work);
+    if (pliant_data_cut_along_sweep(work->model, work->data, work->index, &sweep, report) != PLIANT_OK) {
+        log_failure(work);
         return false;
     }
     if (work->data->body->revision == before) return true;
@@ -114,32 +114,32 @@ static bool part(const knife *work, const double *from, const double *to, pliant
 }
 
 /* Cut the tissue from the cut's end to the blade. */
-static bool part_to_blade(const knife *work, pliant_cut_report *report)
+static bool cut_to_blade(const knife *work, pliant_cut_report *report)
 {
     pliant_blade *blade = &work->tool->blade;
     pliant_edge *edge = &blade->edge;
-    extend(blade, edge->place, -backwards * work->least, edge->swept);
+    extend(blade, edge->place, -overlap_distance * work->min_edge, edge->swept);
     return part(work, edge->swept, edge->now, report);
 }
 
 /* Set the cut's end to the blade, without resistance. */
-static void go_free(const knife *work)
+static void skip_to_blade(const knife *work)
 {
-    pliant_blade_loosen(work->tool);
-    pliant_blade_settle(work->data, &work->tool->blade.edge);
+    pliant_blade_release(work->tool);
+    pliant_blade_set_edge(work->data, &work->tool->blade.edge);
 }
 
-static void part_freely(const knife *work)
+static void cut_freely(const knife *work)
 {
     pliant_cut_report report;
-    if (part_to_blade(work, &report)) go_free(work);
+    if (cut_to_blade(work, &report)) skip_to_blade(work);
 }
 
 /* ---- resistance */
 
 /* Compute the force that cuts the tissue ahead of the blade over this width of the edge [N]; 0: no tissue is ahead.
  * Return false on an error. */
-static bool look_ahead(const knife *work, double width, double *force)
+static bool find_force_ahead(const knife *work, double width, double *force)
 {
     pliant_blade *blade = &work->tool->blade;
     pliant_edge *edge = &blade->edge;
@@ -153,7 +153,7 @@ static bool look_ahead(const knife *work, double width, double *force)
                               .stroke = (uint32_t)blade->stroke};
     if (pliant_body_cut(work->data->body, work->data->last_revision + 1, work->data->positions, &sweep, NULL,
                         &report) != PLIANT_OK) {
-        tell_failure(work);
+        log_failure(work);
         return false;
     }
     *force = report.area > 0 ? energy_of(work, &report) / report.area * width : 0;
@@ -162,20 +162,20 @@ static bool look_ahead(const knife *work, double width, double *force)
 
 /* Move the edge's points that are outside tissue with the blade until they enter tissue. Cut the tissue on their
  * path.
- * @param touches out: whether any point entered tissue
+ * @param has_entered out: whether any point entered tissue
  * Return false if the tissue could not be cut. */
-static bool touch(const knife *work, bool *touches)
+static bool touch(const knife *work, bool *has_entered)
 {
     pliant_blade *blade = &work->tool->blade;
     pliant_edge *edge = &blade->edge;
     const int32_t inside = pliant_blade_num_inside(edge);
     pliant_cut_report report;
     if (inside == edge->count) return true;
-    extend(blade, edge->place, -backwards * work->least, edge->swept);
+    extend(blade, edge->place, -overlap_distance * work->min_edge, edge->swept);
     for (int32_t p = 0; p < edge->count; p++)
         if (edge->tet[p] >= 0) memcpy(edge->swept + 3 * p, edge->place + 3 * p, 3 * sizeof *edge->swept);
-    pliant_blade_touch(work->data, edge, 0.5 * work->least);
-    *touches = pliant_blade_num_inside(edge) > inside;
+    pliant_blade_move_to_tissue(work->data, edge, 0.5 * work->min_edge);
+    *has_entered = pliant_blade_num_inside(edge) > inside;
     return part(work, edge->swept, edge->place, &report);
 }
 
@@ -201,15 +201,15 @@ static void draw(pliant_tool *tool)
     for (int d = 0; d < 3; d++) blade->drawn[d] = middle[d] - slide * along[d];
 }
 
-/* Update the spring from the dragged tissue to the blade. `anew`: attach it to the tissue that the edge is in. */
-static void drag(const knife *work, bool anew)
+/* Update the spring from the dragged tissue to the blade. `rebuilt`: attach it to the tissue that the edge is in. */
+static void drag(const knife *work, bool rebuilt)
 {
     pliant_tool *tool = work->tool;
     pliant_edge *edge = &tool->blade.edge;
     const int32_t inside = pliant_blade_num_inside(edge);
     double along[3], way[3] = {0, 0, 0}, held[3] = {0, 0, 0};
-    if ((anew || !tool->blade.drags) && pliant_blade_hold(work->data->body, tool) != PLIANT_OK) {
-        tell_failure(work);
+    if ((rebuilt || !tool->blade.drags) && pliant_blade_hold(work->data->body, tool) != PLIANT_OK) {
+        log_failure(work);
         return;
     }
     for (int d = 0; d < 3; d++) along[d] = edge->now[3 * (edge->count - 1) + d] - edge->now[d];
@@ -224,7 +224,7 @@ static void drag(const knife *work, bool anew)
 }
 
 /* Return the mean distance of the points in tissue from the blade. */
-static double mean_way(const pliant_edge *edge)
+static double mean_distance(const pliant_edge *edge)
 {
     double sum = 0;
     for (int32_t p = 0; p < edge->count; p++) {
@@ -238,13 +238,13 @@ static double mean_way(const pliant_edge *edge)
 
 /* Cut up to the blade and subtract the energy of the cut from the work. Subdivided tetrahedra are cut one triangle
  * at a time, behind the blade. For them the energy is computed from the swept distance. */
-static bool part_by_force(const knife *work, double reach)
+static bool cut_with_resistance(const knife *work, double reach)
 {
     pliant_cut_report report;
-    const double swept = 0.5 * work->tool->blade.stiffness * reach * mean_way(&work->tool->blade.edge);
-    if (!part_to_blade(work, &report)) return false;
+    const double swept = 0.5 * work->tool->blade.stiffness * reach * mean_distance(&work->tool->blade.edge);
+    if (!cut_to_blade(work, &report)) return false;
     work->tool->blade.work -= work->data->body->voxels ? energy_of(work, &report) : swept;
-    pliant_blade_settle(work->data, &work->tool->blade.edge);
+    pliant_blade_set_edge(work->data, &work->tool->blade.edge);
     return true;
 }
 
@@ -252,7 +252,7 @@ static bool part_by_force(const knife *work, double reach)
 static void slip(const knife *work, const double anchor[3])
 {
     pliant_blade *blade = &work->tool->blade;
-    pliant_tool_drop(work->tool);
+    pliant_tool_remove_grasp(work->tool);
     memcpy(blade->anchor, anchor, sizeof blade->anchor);
     blade->slips = true;
     draw(work->tool);
@@ -260,7 +260,7 @@ static void slip(const knife *work, const double anchor[3])
 
 /* Return whether released tissue still moves back: with inertia that takes more than a step. Then its points are away
  * from the blade's previous pose, which is `swept`. */
-static bool comes_back(const knife *work)
+static bool is_returning(const knife *work)
 {
     const pliant_edge *edge = &work->tool->blade.edge;
     const pliant_scene *scene = &work->model->scene;
@@ -271,12 +271,12 @@ static bool comes_back(const knife *work)
         for (int d = 0; d < 3; d++) way[d] = edge->place[3 * p + d] - edge->swept[3 * p + d];
         if (edge->tet[p] >= 0) farthest = fmax(farthest, dot3(way, way));
     }
-    return farthest > pow(chord * work->least, 2);
+    return farthest > pow(max_chord_error * work->min_edge, 2);
 }
 
 /* Return whether the blade moves so far in this step that steps cannot resolve a saw-tooth of length `drag`. `now`
  * is the blade at the end of the step. */
-static bool goes_far(const knife *work, const double last[3])
+static bool moves_far(const knife *work, const double last[3])
 {
     const pliant_edge *edge = &work->tool->blade.edge;
     double along[3], way[3];
@@ -285,7 +285,7 @@ static bool goes_far(const knife *work, const double last[3])
     pliant_blade_middle(edge, edge->now, way);
     for (int d = 0; d < 3; d++) way[d] -= last[d];
     const double slide = dot3(way, along);
-    return work->data->body->voxels && sqrt(fmax(dot3(way, way) - slide * slide, 0)) > far_on * reach_of(work);
+    return work->data->body->voxels && sqrt(fmax(dot3(way, way) - slide * slide, 0)) > long_motion * reach_of(work);
 }
 
 /* Make a step in which the blade moves far: unloaded tissue is cut up to the blade without drag. The blade's force
@@ -307,13 +307,13 @@ static void go_on(const knife *work, double force, const double last[3])
 /* Cut the tissue that was released. Return false if that failed or if tissue still moves back; then the blade does
  * nothing else in this step.
  * @param last middle of the edge in the last step */
-static bool catch_up(const knife *work, const double last[3])
+static bool cut_released(const knife *work, const double last[3])
 {
     pliant_blade *blade = &work->tool->blade;
-    const bool passed = blade->passes, back = !passed && comes_back(work);
+    const bool passed = blade->passes, back = !passed && is_returning(work);
     memset(blade->drawn, 0, sizeof blade->drawn);
     if (!passed) draw(work->tool);
-    if (!part_by_force(work, reach_of(work))) return false;
+    if (!cut_with_resistance(work, reach_of(work))) return false;
     blade->passes = false;
     memset(blade->parting, 0, sizeof blade->parting);
     if (passed || back) memcpy(blade->anchor, last, sizeof blade->anchor);
@@ -323,7 +323,7 @@ static bool catch_up(const knife *work, const double last[3])
 
 /* Move a blade against resistance: drag tissue, slip or cut.
  * @param last middle of the edge in the last step
- * @param far the blade moves far in this step (goes_far) */
+ * @param far the blade moves far in this step (moves_far) */
 static void press(const knife *work, const double last[3], bool far)
 {
     pliant_tool *tool = work->tool;
@@ -332,19 +332,19 @@ static void press(const knife *work, const double last[3], bool far)
     double force;
     if (blade->drags) draw(tool);
     else if (!blade->slips) memset(blade->drawn, 0, sizeof blade->drawn);
-    if (blade->slips && !catch_up(work, last)) return;
-    if (!look_ahead(work, pliant_blade_length(blade) / blade->edge.count, &force)) return;
-    bool anew = blade->slips;
-    if (force > 0 && !blade->drags && !touch(work, &anew)) return;
+    if (blade->slips && !cut_released(work, last)) return;
+    if (!find_force_ahead(work, pliant_blade_length(blade) / blade->edge.count, &force)) return;
+    bool rebuilt = blade->slips;
+    if (force > 0 && !blade->drags && !touch(work, &rebuilt)) return;
     const int32_t inside = pliant_blade_num_inside(&blade->edge);
     if (force == 0 || inside == 0) {
-        part_freely(work);
+        cut_freely(work);
         return;
     }
     force *= inside;
     if (far) {
         if (blade->drags) slip(work, last);
-        else if (blade->slips || part_by_force(work, reach)) go_on(work, force, last);
+        else if (blade->slips || cut_with_resistance(work, reach)) go_on(work, force, last);
         return;
     }
     if (!blade->drags && !blade->slips) memcpy(blade->anchor, last, sizeof blade->anchor);
@@ -354,7 +354,7 @@ static void press(const knife *work, const double last[3], bool far)
     const double way = sqrt(dot3(blade->drawn, blade->drawn));
     blade->stiffness = 2 * force / reach;
     if (blade->drags && way >= 0.5 * reach && (blade->work >= force * way || way >= 2 * reach)) slip(work, last);
-    else drag(work, anew);
+    else drag(work, rebuilt);
 }
 
 /* ---- a step */
@@ -368,7 +368,7 @@ static int32_t turns_of(const knife *work)
                  cosine = sizes > 0 ? fabs(dot3(a, b) + a[3] * b[3]) / sizes : 1;
     const double angle = 2 * acos(fmin(cosine, 1)),
                  radius = sqrt(fmax(dot3(blade->from, blade->from), dot3(blade->to, blade->to)));
-    const double off = chord * work->least;
+    const double off = max_chord_error * work->min_edge;
     if (radius <= off) return 1;
     return (int32_t)fmax(ceil(angle / (2 * acos(1 - off / radius))), 1);
 }
@@ -376,8 +376,8 @@ static int32_t turns_of(const knife *work)
 static void begin(const knife *work)
 {
     const double *cell = work->model->body->fine.cell_size;
-    const double reach = swiftest * work->model->scene.solver.step + fmax(cell[0], fmax(cell[1], cell[2]));
-    if (pliant_blade_begin(work->data, work->index, 0.5 * work->least, reach) != PLIANT_OK) tell_failure(work);
+    const double reach = max_return_speed * work->model->scene.solver.step + fmax(cell[0], fmax(cell[1], cell[2]));
+    if (pliant_blade_begin_stroke(work->data, work->index, 0.5 * work->min_edge, reach) != PLIANT_OK) log_failure(work);
 }
 
 /* Return the distance that the edge's faster end has moved since the blade's previous pose [m]. */
@@ -416,8 +416,8 @@ static void cut_with(const knife *work)
     pliant_tool *tool = work->tool;
     pliant_blade *blade = &tool->blade;
     const bool jumped = has_jumped(work);
-    if (jumped && blade->under_way) pliant_blade_end(tool);
-    if (!blade->under_way) {
+    if (jumped && blade->is_in_stroke) pliant_blade_end_stroke(tool);
+    if (!blade->is_in_stroke) {
         begin(work);
         blade->failed = blade->failed || jumped;
         return;
@@ -427,20 +427,20 @@ static void cut_with(const knife *work)
     pliant_blade_points(blade, blade->tip, blade->rotation, blade->edge.swept);
     pliant_blade_middle(&blade->edge, blade->edge.swept, last);
     pliant_blade_points(blade, tool->tip, tool->rotation, blade->edge.now);
-    const bool far = goes_far(work, last);
+    const bool far = moves_far(work, last);
     const int32_t turns = turns_of(work);
     for (int32_t k = 1; k <= turns; k++) {
-        double tip[3], rotation[4], share = (double)k / turns;
-        for (int d = 0; d < 3; d++) tip[d] = blade->tip[d] + share * (tool->tip[d] - blade->tip[d]);
-        pliant_rotation_between(blade->rotation, tool->rotation, share, rotation);
+        double tip[3], rotation[4], fraction = (double)k / turns;
+        for (int d = 0; d < 3; d++) tip[d] = blade->tip[d] + fraction * (tool->tip[d] - blade->tip[d]);
+        pliant_rotation_between(blade->rotation, tool->rotation, fraction, rotation);
         pliant_blade_points(blade, tip, rotation, blade->edge.now);
-        pliant_blade_follow(work->data, &blade->edge);
-        if (!blade->drags && longest_way(&blade->edge) <= stirs * work->least) {
+        pliant_blade_move_with_tissue(work->data, &blade->edge);
+        if (!blade->drags && longest_distance(&blade->edge) <= min_motion * work->min_edge) {
             memset(blade->parting, 0, sizeof blade->parting); /* at rest */
             continue;
         }
         if (work->model->scene.cut.resistance > 0 && !pliant_tool_grips(tool)) press(work, last, far);
-        else part_freely(work);
+        else cut_freely(work);
     }
     pliant_blade_middle(&blade->edge, blade->edge.now, middle);
     for (int d = 0; d < 3; d++) blade->moved[d] = blade->drags || blade->slips ? middle[d] - last[d] : 0;
@@ -449,7 +449,7 @@ static void cut_with(const knife *work)
     blade->engaged_length = pliant_blade_num_inside(&blade->edge) * pliant_blade_length(blade) / blade->edge.count;
 }
 
-static double ahead_of(const pliant_model *model)
+static double find_distance_ahead(const pliant_model *model)
 {
     const pliant_mesh *fine = &model->body->fine;
     const double *size = model->body->voxels ? model->scan->geometry.spacing : fine->cell_size;
@@ -466,9 +466,9 @@ pliant_status pliant_cut_stage(const pliant_model *model, pliant_data *data)
                             .data = data,
                             .index = t,
                             .tool = tool,
-                            .least = fmin(size[0], fmin(size[1], size[2])),
-                            .most = fmax(size[0], fmax(size[1], size[2])),
-                            .ahead = ahead_of(model)};
+                            .min_edge = fmin(size[0], fmin(size[1], size[2])),
+                            .max_edge = fmax(size[0], fmax(size[1], size[2])),
+                            .ahead = find_distance_ahead(model)};
         cut_with(&work);
     }
     return PLIANT_OK;

@@ -17,12 +17,12 @@ pliant_status pliant_cut_stage(const pliant_model *model, pliant_data *data);
  * changes nothing.
  * @param tool -1: for pliant_data_cut; @param report out
  * Errors: MEMORY, NUMERIC, SCENE, ARGUMENT. */
-pliant_status pliant_data_sever(const pliant_model *model, pliant_data *data, int tool, const pliant_cut_sweep *sweep,
-                                pliant_cut_report *report);
+pliant_status pliant_data_cut_along_sweep(const pliant_model *model, pliant_data *data, int tool,
+                                          const pliant_cut_sweep *sweep, pliant_cut_report *report);
 
-/* rehearse.c: make and discard cuts, so that the first real cut finds its memory, threads and kernels ready. Nothing
+/* warm_up.c: make and discard cuts, so that the first real cut finds its memory, threads and kernels ready. Nothing
  * else changes. Failures are ignored. */
-void pliant_rehearse_cut(const pliant_model *model, pliant_data *data);
+void pliant_warm_up_cut(const pliant_model *model, pliant_data *data);
 
 /* Discard all topologies for undo. */
 void pliant_undo_clear(pliant_data *data);

@@ -1,10 +1,10 @@
 /* Creation and destruction of a simulation. */
 #include "backend/backend.h"
 #include "base/fail.h"
-#include "base/room.h"
+#include "base/buffer.h"
 #include "fem/patch/patch.h"
 #include "fem/dynamics/tled.h"
-#include "fem/rigid/falling.h"
+#include "fem/rigid/rigid_pieces.h"
 #include "fem/quasistatic/solver.h"
 #include "tool/clearance.h"
 #include "tool/tool.h"
@@ -12,7 +12,7 @@
 #include "sim/step/contact.h"
 #include "sim/step/cut.h"
 #include "sim/build/discretization.h"
-#include "sim/step/held.h"
+#include "sim/step/accounting.h"
 #include "sim/step/state.h"
 #include "sim/step/legs.h"
 
@@ -33,8 +33,8 @@ static pliant_status fill(const pliant_model *model, pliant_data *data)
     data->discretization = pliant_discretization_retain(model->discretization);
     data->last_revision = data->body->revision;
     if (!(data->clearance = pliant_clearance_create())) return pliant_fail_memory("the simulation state");
-    data->share = 1;
-    data->positions = pliant_pages((size_t)data->body->fine.num_nodes, 3 * sizeof *data->positions);
+    data->fraction = 1;
+    data->positions = pliant_calloc_pages((size_t)data->body->fine.num_nodes, 3 * sizeof *data->positions);
     pliant_status status = data->positions ? pliant_host_solver_of(model)->create(model, data)
                                            : pliant_fail_memory("the simulation state");
     if (status != PLIANT_OK) return status;
@@ -49,7 +49,7 @@ pliant_status pliant_data_create_for(const pliant_model *model, pliant_account *
     pliant_data *data = pliant_calloc(1, sizeof *data);
     pliant_status status = data ? PLIANT_OK : pliant_fail_memory("the simulation state");
     if (status == PLIANT_OK) {
-        data->account = pliant_account_share(account);
+        data->account = pliant_account_retain(account);
         status = fill(model, data);
         data->statistics.bytes = pliant_account_bytes(account);
     }
@@ -78,7 +78,7 @@ void pliant_data_free(pliant_data *data)
     pliant_patch_free(data->patch);
     pliant_solver_free(data->solver);
     pliant_tled_free(data->tled);
-    pliant_falling_free(data->falling);
+    pliant_rigid_pieces_free(data->rigid_pieces);
     pliant_warp_free(data->warp);
     pliant_discretization_release(data->discretization);
     pliant_body_release(data->body);
@@ -87,7 +87,7 @@ void pliant_data_free(pliant_data *data)
     pliant_clearance_free(data->clearance);
     pliant_legs_free(data);
     pliant_free(data->positions);
-    pliant_memory_keep(-(int64_t)data->keeps);
+    pliant_memory_change_reserve(-(int64_t)data->keeps);
     pliant_free(data);
     pliant_account_close(account);
 }

@@ -52,20 +52,20 @@ static pliant_status place_proxy(const pliant_model *model, pliant_data *data, i
 }
 
 /* Return the grasp constraint of a tool, from its patch or from the model. */
-static pliant_handle *handle_of(const pliant_data *data, int tool)
+static pliant_grasp_constraint *grasp_constraint_of(const pliant_data *data, int tool)
 {
-    return data->solver ? pliant_patch_solver(data, tool)->handles + tool : NULL;
+    return data->solver ? pliant_patch_solver(data, tool)->grasps + tool : NULL;
 }
 
 /* Read the target poses, and place the proxies of new tools. */
 static pliant_status begin_step(const pliant_model *model, pliant_data *data)
 {
-    data->legs->told.count = 0;
+    data->legs->mean_points.count = 0;
     data->legs->planes = false;
     for (int t = 0; t < data->num_tools; t++) data->legs->tool[t].measured = pliant_tool_measured(data->tools + t);
     for (int t = 0; t < data->num_tools; t++) {
         pliant_leg_tool *leg = data->legs->tool + t;
-        const pliant_handle *handle = handle_of(data, t);
+        const pliant_grasp_constraint *handle = grasp_constraint_of(data, t);
         pliant_status status = place_proxy(model, data, t);
         if (status != PLIANT_OK) return status;
         if (handle) memcpy(leg->target, handle->target, sizeof leg->target);
@@ -89,7 +89,7 @@ static void end_step(pliant_data *data)
         for (int d = 0; d < 3; d++) square += (tool->tip[d] - tool->proxy.tip[d]) * (tool->tip[d] - tool->proxy.tip[d]);
         if (tool->present) statistics->proxy_error = fmax(statistics->proxy_error, sqrt(square));
     }
-    data->share = 1;
+    data->fraction = 1;
 }
 
 /* ---- goals of a leg */
@@ -103,12 +103,12 @@ static void begin_leg(pliant_data *data)
         leg->begin = pliant_tool_proxy(data->tools + t);
         pliant_proxy_find_load(data, t, &leg->begin, &leg->before);
         pliant_tool_joint(data->tools + t, &leg->begin, joint, axis);
-        pliant_proxy_compliance(data, t, true, joint, axis, leg->gives);
+        pliant_proxy_compliance(data, t, true, joint, axis, leg->piece_compliance);
     }
 }
 
 /* Return the largest distance of a tool near tissue in one leg [m]. */
-static double most_of(const pliant_data *data)
+static double max_distance_of(const pliant_data *data)
 {
     const double *cell = data->body->fine.cell_size;
     return data->model->contact.leg_distance * fmax(fmax(cell[0], cell[1]), cell[2]);
@@ -116,29 +116,30 @@ static double most_of(const pliant_data *data)
 
 /* Return the fraction of the tool's remaining motion that keeps its distance in this leg below the maximum.
  * @param expected use the distance that the coupling is predicted to allow, instead of the distance to the target */
-static double share_of(const pliant_model *model, pliant_data *data, int t, bool expected)
+static double fraction_of(const pliant_model *model, pliant_data *data, int t, bool expected)
 {
     const pliant_tool *tool = data->tools + t;
     const pliant_leg_tool *leg = data->legs->tool + t;
-    const double most = most_of(data);
+    const double maximum = max_distance_of(data);
     if (!tool->present || tool->shape.num_parts == 0) return 1;
-    double way = pliant_tool_way(tool, &leg->begin, &leg->measured);
-    if (way > most && expected) {
-        pliant_touch_piece couple[2];
+    double way = pliant_tool_max_motion(tool, &leg->begin, &leg->measured);
+    if (way > maximum && expected) {
+        pliant_contact_body couple[2];
         pliant_touch_limit limit[3];
         pliant_tool_pose ahead;
-        pliant_proxy_couple(model, tool, &leg->begin, &leg->measured, &leg->before, leg->gives, &ahead, couple, limit);
-        way = pliant_tool_way(tool, &leg->begin, &ahead);
+        pliant_proxy_linearize(model, tool, &leg->begin, &leg->measured, &leg->before, leg->piece_compliance, &ahead,
+                               couple, limit);
+        way = pliant_tool_max_motion(tool, &leg->begin, &ahead);
     }
-    return way > most && pliant_contact_comes_near(data, tool, &leg->begin, &leg->measured) ? most / way : 1;
+    return way > maximum && pliant_contact_is_near(data, tool, &leg->begin, &leg->measured) ? maximum / way : 1;
 }
 
 /* Return the fraction of the remaining motion for this leg: the smallest of all tools. */
-static double choose_share(const pliant_model *model, pliant_data *data)
+static double choose_fraction(const pliant_model *model, pliant_data *data)
 {
-    double share = 1;
-    for (int t = 0; t < data->num_tools; t++) share = fmin(share, share_of(model, data, t, true));
-    return share;
+    double fraction = 1;
+    for (int t = 0; t < data->num_tools; t++) fraction = fmin(fraction, fraction_of(model, data, t, true));
+    return fraction;
 }
 
 /* Explicit dynamics: choose the number of sub-steps that may use one set of contact points. Return their fraction
@@ -147,40 +148,42 @@ static double choose_part(const pliant_model *model, pliant_data *data)
 {
     pliant_tled *tled = data->tled;
     const int32_t left = tled->substeps - tled->made;
-    const double deeps = pliant_contact_deeps(model, data, tled->d, left), depths = model->contact.leg_of_part;
-    tled->part = deeps > depths ? (int32_t)fmax(floor(left * depths / deeps), 1) : left;
+    const double motion_ratio = pliant_contact_max_motion_ratio(model, data, tled->d, left),
+                 depths = model->contact.leg_of_part;
+    tled->part = motion_ratio > depths ? (int32_t)fmax(floor(left * depths / motion_ratio), 1) : left;
     return (double)tled->part / left;
 }
 
 /* Explicit dynamics: limit the speed at which a delayed proxy catches up to the maximum tool speed. Return a
  * fraction. */
 static double limit_speed(const pliant_model *model, const pliant_data *data, const pliant_tool *tool,
-                          const pliant_leg_tool *leg, double share)
+                          const pliant_leg_tool *leg, double fraction)
 {
-    const double most = model->contact.max_tool_speed * model->scene.solver.step * data->share;
-    const double way = tool->shape.num_parts > 0 ? share * pliant_tool_way(tool, &leg->begin, &leg->measured) : 0;
-    return way > most ? most / way : 1;
+    const double maximum = model->contact.max_tool_speed * model->scene.solver.step * data->fraction;
+    const double way =
+        tool->shape.num_parts > 0 ? fraction * pliant_tool_max_motion(tool, &leg->begin, &leg->measured) : 0;
+    return way > maximum ? maximum / way : 1;
 }
 
 /* Set the goals of all proxies for this leg, move the tools to the predicted poses, and move the grasp targets
  * along with the goals. */
-static void set_goals(const pliant_model *model, pliant_data *data, double share)
+static void set_goals(const pliant_model *model, pliant_data *data, double fraction)
 {
     const bool dynamic = is_dynamic(data);
     for (int t = 0; t < data->num_tools; t++) {
         pliant_tool *tool = data->tools + t;
         pliant_leg_tool *leg = data->legs->tool + t;
-        pliant_handle *handle = handle_of(data, t);
-        const double own =
-            dynamic ? share * limit_speed(model, data, tool, leg, share) : fmin(share, share_of(model, data, t, false));
-        leg->goal = pliant_pose_partway(&leg->begin, &leg->measured, own);
-        pliant_proxy_couple(model, tool, &leg->begin, &leg->goal, &leg->before, leg->gives, &leg->ahead,
-                            data->legs->proxy + 2 * t, data->legs->limit + 3 * t);
+        pliant_grasp_constraint *handle = grasp_constraint_of(data, t);
+        const double own = dynamic ? fraction * limit_speed(model, data, tool, leg, fraction)
+                                   : fmin(fraction, fraction_of(model, data, t, false));
+        leg->goal = pliant_pose_interpolate(&leg->begin, &leg->measured, own);
+        pliant_proxy_linearize(model, tool, &leg->begin, &leg->goal, &leg->before, leg->piece_compliance, &leg->ahead,
+                               data->legs->proxy + 2 * t, data->legs->limit + 3 * t);
         if (data->tled) leg->goal = leg->ahead;
         memcpy(tool->tip, leg->ahead.tip, sizeof tool->tip);
         memcpy(tool->rotation, leg->ahead.rotation, sizeof tool->rotation);
         tool->jaw = leg->ahead.jaw;
-        for (int d = 0; d < 3 && handle && pliant_handle_is_spring(handle); d++)
+        for (int d = 0; d < 3 && handle && pliant_grasp_is_spring(handle); d++)
             handle->target[d] = leg->target[d] + (leg->goal.tip[d] - leg->measured.tip[d]);
     }
 }
@@ -188,7 +191,7 @@ static void set_goals(const pliant_model *model, pliant_data *data, double share
 /* ---- a leg */
 
 /* contact/response: paper without delay detects overlaps in every sub-step */
-static bool searches_on_the_way(const pliant_model *model)
+static bool searches_in_substeps(const pliant_model *model)
 {
     return model->scene.contact.response == PLIANT_RESPONSE_PAPER && !model->scene.contact.delay;
 }
@@ -198,7 +201,7 @@ static pliant_status solve(const pliant_model *model, pliant_data *data)
 {
     const pliant_backend *backend = data->backend;
     pliant_solver *solver = data->solver;
-    if (data->contacts.count > 0 && !backend->on_host && (!backend->touches || searches_on_the_way(model)))
+    if (data->contacts.count > 0 && !backend->on_host && (!backend->handles_contacts || searches_in_substeps(model)))
         return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "tissue is near a contact surface, which only the CPU handles");
     const double start = solver ? solver->clock(solver->clock_user) : 0;
     const pliant_status status = backend->solve(model, data);
@@ -210,34 +213,34 @@ static pliant_status solve(const pliant_model *model, pliant_data *data)
 static pliant_status upsample(const pliant_model *model, pliant_data *data)
 {
     pliant_status status = data->backend->upsample(model, data);
-    const bool brings = !pliant_contact_is_idle(model, data) || pliant_host_moves(data);
+    const bool brings = !pliant_contact_is_idle(model, data) || pliant_host_moves_nodes(data);
     return status >= 0 && brings && data->backend->bring ? data->backend->bring(model, data) : status;
 }
 
 /* Patches and detached pieces: the CPU computes them with every backend. */
-static pliant_status patch(const pliant_model *model, pliant_data *data)
+static pliant_status run_patch_stage(const pliant_model *model, pliant_data *data)
 {
     pliant_status status = PLIANT_OK;
     if (data->patch) {
         const double start = data->solver->clock(data->solver->clock_user);
         status = pliant_patch_step(data);
         data->solver->spent += data->solver->clock(data->solver->clock_user) - start;
-        pliant_pull_report(data);
+        pliant_report_grasps(data);
         if (status < 0) return status;
     }
-    if (data->falling && data->share > 0) {
-        const bool anew = pliant_falling_step(data);
+    if (data->rigid_pieces && data->fraction > 0) {
+        const bool rebuilt = pliant_rigid_pieces_step(data);
         for (int t = 0; t < data->num_tools; t++) pliant_tool_report(data, t, NULL);
-        if (anew && (status = pliant_backend_restart(model, data)) < 0) return status;
-    } else if (data->falling) /* the upsampling has set the pieces' nodes to their home positions */
-        pliant_falling_stay(data->falling, data->positions);
+        if (rebuilt && (status = pliant_backend_restart(model, data)) < 0) return status;
+    } else if (data->rigid_pieces) /* the upsampling has set the pieces' nodes to their home positions */
+        pliant_rigid_pieces_hold(data->rigid_pieces, data->positions);
     return status;
 }
 
 /* Run the stages solve, upsample and patch. */
-static pliant_status lead(const pliant_model *model, pliant_data *data, pliant_status *caveat)
+static pliant_status run_stages(const pliant_model *model, pliant_data *data, pliant_status *caveat)
 {
-    pliant_status (*const functions[])(const pliant_model *, pliant_data *) = {solve, upsample, patch};
+    pliant_status (*const functions[])(const pliant_model *, pliant_data *) = {solve, upsample, run_patch_stage};
     *caveat = PLIANT_OK;
     for (int n = 0; n < 3; n++) {
         const pliant_status status = pliant_run_stage(model, data, PLIANT_STEP_solve + n, functions[n]);
@@ -248,15 +251,15 @@ static pliant_status lead(const pliant_model *model, pliant_data *data, pliant_s
 }
 
 /* A backend that fails leaves the host's state unchanged, so the CPU can repeat the stages. */
-static pliant_status lead_or_fall_back(const pliant_model *model, pliant_data *data, pliant_status *caveat)
+static pliant_status run_stages_or_fall_back(const pliant_model *model, pliant_data *data, pliant_status *caveat)
 {
-    const pliant_status status = lead(model, data, caveat);
-    return status < 0 && pliant_backend_fall_back(model, data, status) ? lead(model, data, caveat) : status;
+    const pliant_status status = run_stages(model, data, caveat);
+    return status < 0 && pliant_backend_fall_back(model, data, status) ? run_stages(model, data, caveat) : status;
 }
 
 /* After the first leg, accept no further background results, except in mode PLANNED. A replay prescribes the results
  * of a step as one set, so they must all be taken in its first leg. */
-static void take_no_more(pliant_data *data)
+static void freeze_background(pliant_data *data)
 {
     if (data->background.kind != PLIANT_BACKGROUND_PLANNED)
         data->background = (pliant_background){.kind = PLIANT_BACKGROUND_PRESCRIBED, .taken = data->background.taken};
@@ -264,26 +267,26 @@ static void take_no_more(pliant_data *data)
 
 /* Update the loads on all proxies. With TLED, return 1. Otherwise move the goals to where the couplings yield to the
  * new loads, and return the fraction of the leg at which the first coupling reaches its force limit. */
-static double yield(const pliant_model *model, pliant_data *data)
+static double update_loads(const pliant_model *model, pliant_data *data)
 {
-    double share = 1;
+    double fraction = 1;
     for (int t = 0; t < data->num_tools; t++) {
         pliant_tool *tool = data->tools + t;
         pliant_leg_tool *leg = data->legs->tool + t;
         pliant_proxy_load load;
         if (!tool->present || tool->shape.num_parts == 0) continue;
         pliant_proxy_find_load(data, t, &leg->ahead, &load);
-        const double limit = pliant_proxy_limit(model, tool, &leg->before, &load);
+        const double limit = pliant_proxy_fraction_to_limit(model, tool, &leg->before, &load);
         if (data->tled) continue;
-        leg->goal = pliant_proxy_yield(tool, &leg->ahead, data->legs->proxy + 2 * t, &load);
-        share = fmin(share, limit);
+        leg->goal = pliant_proxy_pose_under_load(tool, &leg->ahead, data->legs->proxy + 2 * t, &load);
+        fraction = fmin(fraction, limit);
     }
-    return share;
+    return fraction;
 }
 
 static bool is_of_piece(const pliant_data *data, int32_t node)
 {
-    return data->falling && pliant_falling_home(data->falling, node);
+    return data->rigid_pieces && pliant_rigid_pieces_home(data->rigid_pieces, node);
 }
 
 /* Return the largest distance of a node in this leg [m]. */
@@ -302,14 +305,14 @@ static double farthest_of(const pliant_data *data)
 /* Return the fraction of the leg at which the farthest node has moved by twice the maximum distance of a tool. After
  * a blocked leg the solver makes a linear step. Its result can be inaccurate for large motions, so the motion is
  * scaled. */
-static double bound(const pliant_data *data)
+static double bound_motion(const pliant_data *data)
 {
-    const double most = 2 * most_of(data);
-    bool touches = false;
-    for (int32_t p = 0; p < data->contacts.count && !touches; p++)
-        touches = !is_of_piece(data, data->contacts.point[p].node[0]);
-    const double farthest = touches ? farthest_of(data) : 0;
-    return farthest > most ? most / farthest : 1;
+    const double maximum = 2 * max_distance_of(data);
+    bool is_pressed = false;
+    for (int32_t p = 0; p < data->contacts.count && !is_pressed; p++)
+        is_pressed = !is_of_piece(data, data->contacts.point[p].node[0]);
+    const double farthest = is_pressed ? farthest_of(data) : 0;
+    return farthest > maximum ? maximum / farthest : 1;
 }
 
 /* Explicit dynamics: a leg is mostly blocked by a tool that pushes tissue faster than the tissue can move away.
@@ -321,10 +324,10 @@ static pliant_status hold_tools(const pliant_model *model, pliant_data *data, pl
     const double short_of = 0.99; /* fraction of the possible motion, which is known as a lower bound */
     pliant_status status = PLIANT_OK;
     for (int again = 0; again < MOST && out->t < 1 && status == PLIANT_OK; again++) {
-        const double share = again + 1 < MOST ? short_of * out->t : 0;
+        const double fraction = again + 1 < MOST ? short_of * out->t : 0;
         for (int t = 0; t < data->num_tools; t++) {
             pliant_leg_tool *leg = data->legs->tool + t;
-            leg->goal = pliant_pose_partway(&leg->begin, &leg->goal, share);
+            leg->goal = pliant_pose_interpolate(&leg->begin, &leg->goal, fraction);
         }
         status = pliant_contact_advance(model, data, 1, out);
     }
@@ -333,49 +336,50 @@ static pliant_status hold_tools(const pliant_model *model, pliant_data *data, pl
 
 /* Rigid pieces move on arcs, so at a fraction of the leg their nodes are not on the checked straight lines. Check
  * the state that was reached. If it is not free, halve the fraction up to three times, and then use 0. */
-static pliant_status go_partway(const pliant_model *model, pliant_data *data, double *share)
+static pliant_status apply_checked_fraction(const pliant_model *model, pliant_data *data, double *fraction)
 {
     enum { MOST = 4 };
     const double nearly = 1 - 1e-6; /* the rest of the leg is shorter than the distance that all pairs keep */
-    pliant_status status = pliant_legs_go_partway(model, data, *share);
-    for (int again = 0; again < MOST && data->falling && *share > 0 && status >= 0; again++) {
+    pliant_status status = pliant_legs_apply_fraction(model, data, *fraction);
+    for (int again = 0; again < MOST && data->rigid_pieces && *fraction > 0 && status >= 0; again++) {
         pliant_advance_result found;
-        status = pliant_contact_advance(model, data, *share, &found);
+        status = pliant_contact_advance(model, data, *fraction, &found);
         if (status < 0 || found.t >= nearly) break;
         const double less = again + 1 < MOST ? 0.5 : 0;
-        *share *= less;
-        status = pliant_legs_go_partway(model, data, less);
+        *fraction *= less;
+        status = pliant_legs_apply_fraction(model, data, less);
     }
     return status;
 }
 
 /* Apply the volume bound: shorten the motion of the nodes of small elements. After a blocked leg, shorten the motion
  * of all nodes alike, because the linear model that made it holds for small motions only. */
-static pliant_status keep_volumes(const pliant_model *model, pliant_data *data, double *share)
+static pliant_status keep_volumes(const pliant_model *model, pliant_data *data, double *fraction)
 {
     data->legs->shortened = false;
-    if (!pliant_contact_keeps_volumes(data)) return PLIANT_OK;
-    if (!data->legs->blocked) return pliant_legs_keep_volumes(model, data);
-    *share = fmin(*share, pliant_volume_advance(&model->contact, &data->body->fine, data->legs->positions,
+    if (!pliant_contact_bounds_volumes(data)) return PLIANT_OK;
+    if (!data->legs->blocked) return pliant_legs_bound_volumes(model, data);
+    *fraction = fmin(*fraction, pliant_volume_advance(&model->contact, &data->body->fine, data->legs->positions,
                                                 data->positions, pliant_contact_pieces(data)));
     return PLIANT_OK;
 }
 
 /* Move tissue and proxies to the largest permitted fraction of the leg. Then no surface is in a core. */
-static pliant_status go(const pliant_model *model, pliant_data *data, double *share)
+static pliant_status apply_leg(const pliant_model *model, pliant_data *data, double *fraction)
 {
     pliant_advance_result found;
-    *share = fmin(yield(model, data), data->solver && data->legs->blocked ? bound(data) : 1);
-    pliant_status status = keep_volumes(model, data, share);
+    *fraction = fmin(update_loads(model, data), data->solver && data->legs->blocked ? bound_motion(data) : 1);
+    pliant_status status = keep_volumes(model, data, fraction);
     if (status == PLIANT_OK) status = pliant_contact_advance(model, data, 1, &found);
     if (status == PLIANT_OK && is_dynamic(data)) status = hold_tools(model, data, &found);
     if (status < 0) return status;
-    *share = fmin(*share, found.t);
-    const double farthest = *share < 1 ? farthest_of(data) : 0;
-    if (*share < 1) status = go_partway(model, data, share);
-    pliant_legs_add_lost(data, (1 - *share) * farthest);
+    *fraction = fmin(*fraction, found.t);
+    const double farthest = *fraction < 1 ? farthest_of(data) : 0;
+    if (*fraction < 1) status = apply_checked_fraction(model, data, fraction);
+    pliant_legs_add_lost(data, (1 - *fraction) * farthest);
     for (int t = 0; t < data->num_tools && status >= 0; t++) {
-        const pliant_tool_pose end = pliant_pose_partway(&data->legs->tool[t].begin, &data->legs->tool[t].goal, *share);
+        const pliant_tool_pose end =
+            pliant_pose_interpolate(&data->legs->tool[t].begin, &data->legs->tool[t].goal, *fraction);
         pliant_tool_set_proxy(data->tools + t, &end);
     }
     pliant_contact_follow_proxies(data);
@@ -388,16 +392,16 @@ static pliant_status go(const pliant_model *model, pliant_data *data, double *sh
 typedef struct leg_budget {
     int32_t evaluations, /* limit for the step */
         spent /* at least 1 in each leg */, iterations;
-    double left, gone; /* fraction of the step that remains; fraction that the last leg made */
+    double left, completed; /* fraction of the step that remains; fraction that the last leg made */
     int blocked;       /* number of successive legs that made almost no progress */
     bool first;
 } leg_budget;
 
 /* Return the number of evaluations for this leg, in addition to the first one. After a blocked leg return 0: one
  * linear step, whose result is not checked, adds the plane constraints. */
-static int32_t choose_evaluations(const leg_budget *budget, double share)
+static int32_t choose_evaluations(const leg_budget *budget, double fraction)
 {
-    return budget->gone < 1 ? 0 : (int32_t)fmax(1, round(share * (budget->evaluations - budget->spent)));
+    return budget->completed < 1 ? 0 : (int32_t)fmax(1, round(fraction * (budget->evaluations - budget->spent)));
 }
 
 /* Make one leg: choose its length, find contact points, solve, and apply the free fraction. Then decide whether the
@@ -406,41 +410,41 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
                              bool *done)
 {
     pliant_statistics *statistics = &data->statistics;
-    const int32_t limit = data->solver ? data->solver->rules.most_evaluations : 0;
-    double gone = 1;
+    const int32_t limit = data->solver ? data->solver->rules.max_evaluations : 0;
+    double completed = 1;
     begin_leg(data);
-    const double share = is_dynamic(data) ? choose_part(model, data) : choose_share(model, data);
-    data->share = share * budget->left;
-    if (!budget->first) take_no_more(data);
-    set_goals(model, data, share);
-    data->legs->blocked = budget->gone < 1;
+    const double fraction = is_dynamic(data) ? choose_part(model, data) : choose_fraction(model, data);
+    data->fraction = fraction * budget->left;
+    if (!budget->first) freeze_background(data);
+    set_goals(model, data, fraction);
+    data->legs->blocked = budget->completed < 1;
     data->legs->planes = data->legs->planes || data->legs->blocked;
-    pliant_patch_rest(data, data->legs->blocked);
-    pliant_status status = pliant_legs_keep(model, data);
-    if (status == PLIANT_OK) status = pliant_run_stage(model, data, PLIANT_STEP_contact, pliant_contact_stage);
-    if (status == PLIANT_OK) status = pliant_legs_keep_points(data);
+    pliant_patch_suspend(data, data->legs->blocked);
+    pliant_status status = pliant_legs_save(model, data);
+    if (status == PLIANT_OK) status = pliant_run_stage(model, data, PLIANT_STEP_contact, pliant_contact_find_points);
+    if (status == PLIANT_OK) status = pliant_legs_save_points(data);
     if (status != PLIANT_OK) return status;
-    if (data->solver) data->solver->rules.most_evaluations = choose_evaluations(budget, share);
-    status = lead_or_fall_back(model, data, caveat);
-    if (data->solver) data->solver->rules.most_evaluations = limit;
-    if (status >= 0) status = go(model, data, &gone);
+    if (data->solver) data->solver->rules.max_evaluations = choose_evaluations(budget, fraction);
+    status = run_stages_or_fall_back(model, data, caveat);
+    if (data->solver) data->solver->rules.max_evaluations = limit;
+    if (status >= 0) status = apply_leg(model, data, &completed);
     if (status < 0) return status;
     budget->first = false;
     budget->spent += (int32_t)fmax(statistics->iterations, 1);
     budget->iterations += statistics->iterations;
-    budget->gone = gone;
-    budget->blocked = gone < PLIANT_ADVANCE_LITTLE ? budget->blocked + 1 : 0;
+    budget->completed = completed;
+    budget->blocked = completed < PLIANT_ADVANCE_MIN_PROGRESS ? budget->blocked + 1 : 0;
     statistics->legs++;
-    statistics->advanced = gone;
+    statistics->advanced = completed;
     /* A linear step is followed by a leg that checks its result. A leg that the volume bound shortened is
      * followed by a leg whose contact points hold the small elements open. */
-    *done = share == 1 && gone == 1 && !data->legs->blocked && !data->legs->shortened;
+    *done = fraction == 1 && completed == 1 && !data->legs->blocked && !data->legs->shortened;
     if (is_dynamic(data)) { /* time passes also in a blocked leg */
         budget->left = 1 - (double)data->tled->made / data->tled->substeps;
         *done = data->tled->made == 0;
-        return pliant_legs_add_forces(data, data->share);
+        return pliant_legs_add_forces(data, data->fraction);
     }
-    budget->left *= 1 - share * gone;
+    budget->left *= 1 - fraction * completed;
     if (!*done && budget->spent >= budget->evaluations) statistics->ended = PLIANT_STEP_END_BUDGET;
     else if (!*done && data->solver && !pliant_solver_has_time(data->solver)) statistics->ended = PLIANT_STEP_END_TIME;
     else if (budget->blocked == MAX_BLOCKED || statistics->legs == MAX_LEGS)
@@ -449,11 +453,13 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
     return PLIANT_OK;
 }
 
-/* Make all legs of a step. gone: fraction that the last leg of the previous step made */
-static pliant_status run_legs(const pliant_model *model, pliant_data *data, double gone, pliant_status *caveat)
+/* Make all legs of a step. completed: fraction that the last leg of the previous step made */
+static pliant_status run_legs(const pliant_model *model, pliant_data *data, double completed, pliant_status *caveat)
 {
-    leg_budget budget = {
-        .evaluations = data->solver ? data->solver->rules.most_evaluations : 0, .left = 1, .gone = gone, .first = true};
+    leg_budget budget = {.evaluations = data->solver ? data->solver->rules.max_evaluations : 0,
+                         .left = 1,
+                         .completed = completed,
+                         .first = true};
     const pliant_background background = data->background;
     bool done = false;
     if (!data->legs && !(data->legs = pliant_calloc(1, sizeof *data->legs))) return pliant_fail_memory("contacts");
@@ -462,7 +468,7 @@ static pliant_status run_legs(const pliant_model *model, pliant_data *data, doub
     while (status >= 0 && !done) status = run_leg(model, data, &budget, caveat, &done);
     data->background = (pliant_background){
         .kind = background.kind, .prescribed = background.prescribed, .taken = data->background.taken};
-    if (status >= 0) pliant_legs_tell_forces(data);
+    if (status >= 0) pliant_legs_publish_forces(data);
     data->statistics.iterations = budget.iterations;
     bool saturated = false;
     for (int t = 0; t < data->num_tools; t++)
@@ -479,10 +485,10 @@ pliant_status pliant_legs_find(const pliant_model *model, pliant_data *data)
     pliant_status status = begin_step(model, data);
     begin_leg(data);
     set_goals(model, data, 1);
-    return status == PLIANT_OK ? pliant_contact_stage(model, data) : status;
+    return status == PLIANT_OK ? pliant_contact_find_points(model, data) : status;
 }
 
-void pliant_legs_arrive(pliant_data *data)
+void pliant_legs_set_goals_reached(pliant_data *data)
 {
     for (int t = 0; t < data->num_tools; t++) pliant_tool_set_proxy(data->tools + t, &data->legs->tool[t].goal);
     end_step(data);
@@ -491,15 +497,15 @@ void pliant_legs_arrive(pliant_data *data)
 pliant_status pliant_legs_stage(const pliant_model *model, pliant_data *data, pliant_status *caveat)
 {
     pliant_statistics *statistics = &data->statistics;
-    const double gone = statistics->step > 0 ? statistics->advanced : 1;
+    const double completed = statistics->step > 0 ? statistics->advanced : 1;
     statistics->legs = 0;
     statistics->advanced = 1;
     statistics->proxy_error = 0;
     statistics->ended = PLIANT_STEP_END_NONE;
-    data->share = 1;
+    data->fraction = 1;
     if (data->solver) data->solver->spent = 0;
-    if (!pliant_contact_is_idle(model, data)) return run_legs(model, data, gone, caveat);
-    pliant_contact_forget(data);
+    if (!pliant_contact_is_idle(model, data)) return run_legs(model, data, completed, caveat);
+    pliant_contact_discard(data);
     data->bodies = NULL;
     if (data->tled) data->tled->made = data->tled->part = 0;
     statistics->legs = 1;
@@ -508,5 +514,5 @@ pliant_status pliant_legs_stage(const pliant_model *model, pliant_data *data, pl
         pliant_tool_set_proxy(data->tools + t, &measured);
         data->tools[t].proxy.known = data->tools[t].present;
     }
-    return lead_or_fall_back(model, data, caveat);
+    return run_stages_or_fall_back(model, data, caveat);
 }

@@ -3,8 +3,8 @@
  * Each tool has two poses. The target pose is measured. The proxy pose is simulated, and contact happens at the
  * proxy. A virtual coupling pulls the proxy towards the target (proxy.h). A leg is one straight motion of all nodes,
  * together with all proxies. It has five parts:
- * 1. Choose the distance of the proxies in this leg: about half an element near tissue (choose_share, set_goals).
- * 2. Find contact points between the tissue and the parts of tools (pliant_contact_stage).
+ * 1. Choose the distance of the proxies in this leg: about half an element near tissue (choose_fraction, set_goals).
+ * 2. Find contact points between the tissue and the parts of tools (pliant_contact_find_points).
  * 3. Solve for the new positions and the contact forces, upsample them, and solve the patches (lead).
  * 4. Compute the largest fraction of the leg at which no surface enters the core of a part (pliant_contact_advance).
  *    The core is the region deeper than the guard depth below the part's surface. Tissue may enter the zone above
@@ -19,9 +19,9 @@
 #ifndef PLIANT_SIM_LEGS_H
 #define PLIANT_SIM_LEGS_H
 
-#include "contact/detect/find.h"
+#include "contact/detect/part_contacts.h"
 #include "fem/quasistatic/contact.h"
-#include "fem/rigid/falling.h"
+#include "fem/rigid/rigid_pieces.h"
 #include "sim/step/proxy.h"
 
 #ifdef __cplusplus
@@ -33,28 +33,28 @@ typedef struct pliant_leg_tool {
     pliant_tool_pose measured;     /* target pose */
     /* proxy poses in this leg: at its start; predicted at its end; desired, and after the solve the solved one */
     pliant_tool_pose begin, ahead, goal;
-    double gives[2];               /* pliant_proxy_compliance with the contact points of the previous leg */
+    double piece_compliance[2];               /* pliant_proxy_compliance with the contact points of the previous leg */
     double target[3];              /* grasp target at the target pose [m] */
     pliant_proxy_load before;      /* load on the proxy at the start of the leg */
 } pliant_leg_tool;
 
 struct pliant_legs {
     pliant_leg_tool tool[PLIANT_MAX_TOOLS];
-    pliant_touch_piece proxy[2 * PLIANT_MAX_TOOLS];
+    pliant_contact_body proxy[2 * PLIANT_MAX_TOOLS];
     pliant_touch_limit limit[3 * PLIANT_MAX_TOOLS]; /* of each proxy's force, torque, and jaws */
-    pliant_touch_pieces bodies;    /* rigid pieces and proxies */
+    pliant_contact_bodies bodies;    /* rigid pieces and proxies */
     bool blocked;                  /* the previous leg was blocked */
     bool shortened;                /* the volume bound shortened this leg: contact points have to follow */
     bool planes; /* a leg of this step, or the last leg of the previous one, was blocked: use plane constraints */
     /* STATE AT THE START OF THE LEG: the leg ends between this state and the solved one */
-    int32_t room_nodes, room_solved, room_shares;
-    double *share;                 /* (nodes) fraction of its motion that each node makes under the volume bound */
+    int32_t node_capacity, solved_capacity, fraction_capacity;
+    double *fraction;                 /* (nodes) fraction of its motion that each node makes under the volume bound */
     double *positions, *solved;    /* (nodes x 3) of the fine mesh and of the solved mesh [m] */
     double force[PLIANT_MAX_TOOLS][3]; /* grasp forces [N] */
     pliant_contacts points;        /* with their forces and anchors */
-    pliant_falling_kept *falling;  /* Nullable */
+    pliant_rigid_pieces_saved *rigid_pieces;  /* Nullable */
     /* EXPLICIT DYNAMICS: contact points of the step with their mean forces, and a buffer */
-    pliant_contacts told, merged;
+    pliant_contacts mean_points, merged;
 };
 
 /* Run the stages contact, solve, upsample and patch.
@@ -65,26 +65,26 @@ void pliant_legs_free(pliant_data *data);
 /* For tests: find the contact points of a leg in which all proxies go to their targets. Errors: MEMORY. */
 pliant_status pliant_legs_find(const pliant_model *model, pliant_data *data);
 /* For tests: set the proxies to the goals of that leg, and end the step. */
-void pliant_legs_arrive(pliant_data *data);
+void pliant_legs_set_goals_reached(pliant_data *data);
 
-/* ---- legs_keep.c: save the start of a leg, and apply a fraction of the leg.
+/* ---- legs_state.c: save the start of a leg, and apply a fraction of the leg.
  * Errors: MEMORY; a backend that cannot continue from the new positions. */
 /* Save positions, grasp forces and pieces at the start of the leg. */
-pliant_status pliant_legs_keep(const pliant_model *model, pliant_data *data);
+pliant_status pliant_legs_save(const pliant_model *model, pliant_data *data);
 /* Save the contact points at the start of the leg. */
-pliant_status pliant_legs_keep_points(pliant_data *data);
+pliant_status pliant_legs_save_points(pliant_data *data);
 /* Move everything except the proxies to this fraction of the leg. */
-pliant_status pliant_legs_go_partway(const pliant_model *model, pliant_data *data, double share);
+pliant_status pliant_legs_apply_fraction(const pliant_model *model, pliant_data *data, double fraction);
 /* Shorten the motion of single nodes so that no element inverts (contact/volume/volume.h). */
-pliant_status pliant_legs_keep_volumes(const pliant_model *model, pliant_data *data);
+pliant_status pliant_legs_bound_volumes(const pliant_model *model, pliant_data *data);
 /* Add a distance to the error estimate that nodes lose because the leg is shortened [m]. The solver's estimate is for
  * the end of the leg. */
 void pliant_legs_add_lost(pliant_data *data, double lost);
-/* Explicit dynamics: add the contact forces of a leg to the mean forces of the step. share: the leg's fraction of the
- * step. Errors: MEMORY. */
-pliant_status pliant_legs_add_forces(pliant_data *data, double share);
+/* Explicit dynamics: add the contact forces of a leg to the mean forces of the step. fraction: the leg's fraction of
+ * the step. Errors: MEMORY. */
+pliant_status pliant_legs_add_forces(pliant_data *data, double fraction);
 /* Explicit dynamics: publish the mean forces of the step. */
-void pliant_legs_tell_forces(pliant_data *data);
+void pliant_legs_publish_forces(pliant_data *data);
 
 #ifdef __cplusplus
 }

@@ -2,7 +2,7 @@
 
 #include "base/rotate.h"
 #include "contact/shapes/tool_shape.h"
-#include "fem/rigid/falling.h"
+#include "fem/rigid/rigid_pieces.h"
 
 #include <math.h>
 #include <string.h>
@@ -39,26 +39,26 @@ void pliant_tool_set_proxy(pliant_tool *tool, const pliant_tool_pose *pose)
     tool->proxy.jaw = pose->jaw;
 }
 
-pliant_tool_pose pliant_pose_partway(const pliant_tool_pose *from, const pliant_tool_pose *to, double share)
+pliant_tool_pose pliant_pose_interpolate(const pliant_tool_pose *from, const pliant_tool_pose *to, double fraction)
 {
     pliant_tool_pose out;
-    pliant_tool_pose_between(from, to, share, &out);
+    pliant_tool_pose_between(from, to, fraction, &out);
     return out;
 }
 
-double pliant_part_way(const pliant_tool_shape *shape, const pliant_part *part, const pliant_tool_pose *from,
-                       const pliant_tool_pose *to)
+double pliant_part_max_motion(const pliant_tool_shape *shape, const pliant_part *part, const pliant_tool_pose *from,
+                              const pliant_tool_pose *to)
 {
     const double origin[3] = {0, 0, 0}, turn = part->frame == PLIANT_FRAME_TIP ? 0 : 0.5 * fabs(to->jaw - from->jaw);
     return distance(to->tip, from->tip) + turn * pliant_part_reach(part, shape->joint) +
            pliant_rotation_angle(from->rotation, to->rotation) * pliant_part_reach(part, origin);
 }
 
-double pliant_tool_way(const pliant_tool *tool, const pliant_tool_pose *from, const pliant_tool_pose *to)
+double pliant_tool_max_motion(const pliant_tool *tool, const pliant_tool_pose *from, const pliant_tool_pose *to)
 {
     double way = distance(to->tip, from->tip);
     for (int32_t p = 0; p < tool->shape.num_parts; p++)
-        way = fmax(way, pliant_part_way(&tool->shape, tool->shape.part + p, from, to));
+        way = fmax(way, pliant_part_max_motion(&tool->shape, tool->shape.part + p, from, to));
     return way;
 }
 
@@ -104,16 +104,16 @@ static void multiply(const double a[4], const double b[4], double out[4])
         out[d] = a[3] * b[d] + b[3] * a[d] + a[(d + 1) % 3] * b[(d + 2) % 3] - a[(d + 2) % 3] * b[(d + 1) % 3];
 }
 
-pliant_tool_pose pliant_proxy_yield(const pliant_tool *tool, const pliant_tool_pose *from,
-                                    const pliant_touch_piece couple[2], const pliant_proxy_load *load)
+pliant_tool_pose pliant_proxy_pose_under_load(const pliant_tool *tool, const pliant_tool_pose *from,
+                                              const pliant_contact_body couple[2], const pliant_proxy_load *load)
 {
     pliant_tool_pose out = *from;
     double moved[6], turn[4], jaw[6], torque[6] = {0}, joint[3], axis[3];
     pliant_tool_joint(tool, from, joint, axis);
     for (int d = 0; d < 3; d++) torque[3 + d] = axis[d] * load->jaw;
     for (int k = 0; k < 6; k++) {
-        moved[k] = pliant_piece_moves(couple, load->wrench, k);
-        jaw[k] = pliant_piece_moves(couple + 1, torque, k);
+        moved[k] = pliant_body_motion(couple, load->wrench, k);
+        jaw[k] = pliant_body_motion(couple + 1, torque, k);
     }
     for (int d = 0; d < 3; d++) out.tip[d] += moved[d];
     const double angle = sqrt(dot(moved + 3, moved + 3));
@@ -153,54 +153,57 @@ static void turn_between(const double from[4], const double to[4], double turn[3
     for (int d = 0; d < 3; d++) turn[d] = sine > 0 ? sign * q[d] * angle / sine : 0;
 }
 
-void pliant_proxy_couple(const pliant_model *model, const pliant_tool *tool, const pliant_tool_pose *begin,
-                         const pliant_tool_pose *goal, const pliant_proxy_load *before, const double gives[2],
-                         pliant_tool_pose *ahead, pliant_touch_piece out[2], pliant_touch_limit limit[3])
+void pliant_proxy_linearize(const pliant_model *model, const pliant_tool *tool, const pliant_tool_pose *begin,
+                            const pliant_tool_pose *goal, const pliant_proxy_load *before,
+                            const double piece_compliance[2], pliant_tool_pose *ahead, pliant_contact_body out[2],
+                            pliant_touch_limit limit[3])
 {
     const pliant_scene *scene = &model->scene;
-    const double most = scene->contact.max_force, lever = most * fmax(reach_of(tool), 1e-3),
+    const double maximum = scene->contact.max_force, lever = maximum * fmax(reach_of(tool), 1e-3),
                  turn_stiffness = scene->contact.coupling_stiffness_rotational;
     const double *wrench = before->wrench, *pulls = tool->proxy.pulls;
     const double shift = comply(&model->contact, scene->contact.coupling_stiffness, distance(begin->tip, goal->tip),
-                                fmax(sqrt(dot(wrench, wrench)), pulls[0]), most);
+                                fmax(sqrt(dot(wrench, wrench)), pulls[0]), maximum);
     const double turn = comply(&model->contact, turn_stiffness, pliant_rotation_angle(begin->rotation, goal->rotation),
                                fmax(sqrt(dot(wrench + 3, wrench + 3)), pulls[1]), lever);
     const double jaw = comply(&model->contact, turn_stiffness, fabs(goal->jaw - begin->jaw),
                               fmax(fabs(before->jaw), pulls[2]), scene->contact.grip_torque) +
-                       gives[1];
+                       piece_compliance[1];
     double *axis = limit[2].axis;
-    limit[0] = (pliant_touch_limit){.load = most, .compliance = 1 / scene->contact.coupling_stiffness + gives[0]};
+    limit[0] = (pliant_touch_limit){.load = maximum,
+                                    .compliance = 1 / scene->contact.coupling_stiffness + piece_compliance[0]};
     limit[1] = (pliant_touch_limit){.load = lever, .compliance = 1 / turn_stiffness};
-    limit[2] = (pliant_touch_limit){.load = scene->contact.grip_torque, .compliance = 1 / turn_stiffness + gives[1]};
+    limit[2] = (pliant_touch_limit){.load = scene->contact.grip_torque,
+                                    .compliance = 1 / turn_stiffness + piece_compliance[1]};
     memset(out, 0, 2 * sizeof *out);
-    for (int k = 0; k < 6; k++) out[0].answer[7 * k] = k < 3 ? shift + gives[0] : turn;
+    for (int k = 0; k < 6; k++) out[0].compliance[7 * k] = k < 3 ? shift + piece_compliance[0] : turn;
     pliant_tool_joint(tool, goal, out[1].centre, axis);
     for (int r = 0; r < 3; r++)
-        for (int c = 0; c < 3; c++) out[1].answer[6 * (3 + r) + 3 + c] = jaw * axis[r] * axis[c];
-    *ahead = pliant_proxy_yield(tool, goal, out, before);
+        for (int c = 0; c < 3; c++) out[1].compliance[6 * (3 + r) + 3 + c] = jaw * axis[r] * axis[c];
+    *ahead = pliant_proxy_pose_under_load(tool, goal, out, before);
     memcpy(out[0].centre, ahead->tip, sizeof out[0].centre);
     for (int d = 0; d < 3; d++) out[0].free[d] = goal->tip[d] - ahead->tip[d];
     turn_between(ahead->rotation, goal->rotation, out[0].free + 3);
     pliant_tool_joint(tool, ahead, out[1].centre, axis);
     for (int d = 0; d < 3; d++) out[1].free[3 + d] = axis[d] * (goal->jaw - ahead->jaw);
     for (int r = 0; r < 3; r++)
-        for (int c = 0; c < 3; c++) out[1].answer[6 * (3 + r) + 3 + c] = jaw * axis[r] * axis[c];
+        for (int c = 0; c < 3; c++) out[1].compliance[6 * (3 + r) + 3 + c] = jaw * axis[r] * axis[c];
 }
 
 /* Return the fraction of the change from a to b at which the limit is reached, or 1. */
 static double until(double a, double b, double limit) { return a < limit && b > limit ? (limit - a) / (b - a) : 1; }
 
-double pliant_proxy_limit(const pliant_model *model, pliant_tool *tool, const pliant_proxy_load *before,
-                          const pliant_proxy_load *after)
+double pliant_proxy_fraction_to_limit(const pliant_model *model, pliant_tool *tool, const pliant_proxy_load *before,
+                                      const pliant_proxy_load *after)
 {
     const double over = model->contact.force_overshoot, nearly = model->contact.soft_begin + model->contact.soft_width;
-    const double force = sqrt(dot(after->wrench, after->wrench)), most = model->scene.contact.max_force,
+    const double force = sqrt(dot(after->wrench, after->wrench)), maximum = model->scene.contact.max_force,
                  torque = fabs(after->jaw), grip = model->scene.contact.grip_torque;
     tool->proxy.pulls[0] = force;
     tool->proxy.pulls[1] = sqrt(dot(after->wrench + 3, after->wrench + 3));
     tool->proxy.pulls[2] = torque;
-    tool->proxy.saturated = force > nearly * most || torque > nearly * grip;
-    return fmin(until(sqrt(dot(before->wrench, before->wrench)), force, over * most),
+    tool->proxy.saturated = force > nearly * maximum || torque > nearly * grip;
+    return fmin(until(sqrt(dot(before->wrench, before->wrench)), force, over * maximum),
                 until(fabs(before->jaw), torque, over * grip));
 }
 
@@ -222,7 +225,7 @@ static bool overlaps(const pliant_data *data, const pliant_contact_point *point)
 void pliant_proxy_compliance(const pliant_data *data, int t, bool pressing, const double joint[3],
                              const double axis[3], double out[2])
 {
-    const pliant_touch_pieces *pieces = data->falling ? pliant_falling_touch_pieces(data->falling) : NULL;
+    const pliant_contact_bodies *pieces = data->rigid_pieces ? pliant_rigid_pieces_bodies(data->rigid_pieces) : NULL;
     double sum = 0, levers = 0;
     int32_t count = 0;
     out[0] = out[1] = 0;
@@ -236,7 +239,7 @@ void pliant_proxy_compliance(const pliant_data *data, int t, bool pressing, cons
             square += (point->place[d] - joint[d]) * (point->place[d] - joint[d]);
             along += (point->place[d] - joint[d]) * axis[d];
         }
-        const pliant_touch_piece *piece = pieces->piece + pieces->of_node[point->node[0]];
+        const pliant_contact_body *piece = pieces->piece + pieces->of_node[point->node[0]];
         if (!(piece->young * piece->size > 0)) continue;
         count++;
         sum += 1 / (piece->young * piece->size);

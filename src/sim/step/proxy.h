@@ -21,12 +21,12 @@ pliant_tool_pose pliant_tool_proxy(const pliant_tool *tool);
 /* Set the proxy pose. */
 void pliant_tool_set_proxy(pliant_tool *tool, const pliant_tool_pose *pose);
 /* Return the pose at a fraction of the motion between two poses. */
-pliant_tool_pose pliant_pose_partway(const pliant_tool_pose *from, const pliant_tool_pose *to, double share);
+pliant_tool_pose pliant_pose_interpolate(const pliant_tool_pose *from, const pliant_tool_pose *to, double fraction);
 /* Return an upper bound of the distance that any point of a part moves between two poses [m]. */
-double pliant_part_way(const pliant_tool_shape *shape, const pliant_part *part, const pliant_tool_pose *from,
-                       const pliant_tool_pose *to);
+double pliant_part_max_motion(const pliant_tool_shape *shape, const pliant_part *part, const pliant_tool_pose *from,
+                              const pliant_tool_pose *to);
 /* Return an upper bound of the distance that the tip and any point of the tool move between two poses [m]. */
-double pliant_tool_way(const pliant_tool *tool, const pliant_tool_pose *from, const pliant_tool_pose *to);
+double pliant_tool_max_motion(const pliant_tool *tool, const pliant_tool_pose *from, const pliant_tool_pose *to);
 
 /* Compute the joint of the jaws [m] and their unit axis at a pose. */
 void pliant_tool_joint(const pliant_tool *tool, const pliant_tool_pose *pose, double joint[3], double axis[3]);
@@ -39,20 +39,21 @@ void pliant_proxy_find_load(const pliant_data *data, int tool, const pliant_tool
  * is softened, so that its load stays below the limit. The limits are contact/max_force at the tip, the same force
  * at the tool's farthest point, and contact/grip_torque.
  * @param goal desired pose at the end of the leg
- * @param gives additional compliance for rigid pieces under the tool (pliant_proxy_compliance)
+ * @param piece_compliance additional compliance for rigid pieces under the tool (pliant_proxy_compliance)
  * @param ahead out: the pose at the linearization point
  * @param limit out: limits of force, torque, and jaws, which the solver on the CPU keeps exactly */
-void pliant_proxy_couple(const pliant_model *model, const pliant_tool *tool, const pliant_tool_pose *begin,
-                         const pliant_tool_pose *goal, const pliant_proxy_load *before, const double gives[2],
-                         pliant_tool_pose *ahead, pliant_touch_piece out[2], pliant_touch_limit limit[3]);
+void pliant_proxy_linearize(const pliant_model *model, const pliant_tool *tool, const pliant_tool_pose *begin,
+                            const pliant_tool_pose *goal, const pliant_proxy_load *before,
+                            const double piece_compliance[2], pliant_tool_pose *ahead, pliant_contact_body out[2],
+                            pliant_touch_limit limit[3]);
 /* Return the pose that the coupling yields to under a load.
  * @param from pose at the linearization point */
-pliant_tool_pose pliant_proxy_yield(const pliant_tool *tool, const pliant_tool_pose *from,
-                                    const pliant_touch_piece couple[2], const pliant_proxy_load *load);
+pliant_tool_pose pliant_proxy_pose_under_load(const pliant_tool *tool, const pliant_tool_pose *from,
+                                              const pliant_contact_body couple[2], const pliant_proxy_load *load);
 /* Return the fraction of a load's change at which the first limit is reached. Also set whether the proxy is
  * saturated. */
-double pliant_proxy_limit(const pliant_model *model, pliant_tool *tool, const pliant_proxy_load *before,
-                          const pliant_proxy_load *after);
+double pliant_proxy_fraction_to_limit(const pliant_model *model, pliant_tool *tool, const pliant_proxy_load *before,
+                                      const pliant_proxy_load *after);
 /* Compute the compliance that rigid pieces under a tool add to its coupling. For translations it is the compliance
  * of a cube of the piece's volume V, 1 / (E V^(1/3)) [m/N]. For the jaws it follows from the levers of the points
  * [rad/(N m)]. 0: the tool is on no piece.

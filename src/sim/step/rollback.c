@@ -3,7 +3,7 @@
 
 #include "backend/backend.h"
 #include "base/fail.h"
-#include "base/room.h"
+#include "base/buffer.h"
 #include "fem/patch/patch.h"
 #include "fem/quasistatic/solver.h"
 #include "base/memory.h"
@@ -11,12 +11,12 @@
 #include <string.h>
 
 /* Arrays of a grasp. A step frees them when the tissue slips out of the grasp. */
-typedef struct spare { int32_t room, *held; double *weight; } spare;
+typedef struct spare { int32_t capacity, *held; double *weight; } spare;
 
 struct pliant_rollback {
     pliant_state state;
     bool begun;       /* in this step */
-    bool opened;      /* the step was the first one after a cut (pliant_solver.opened) */
+    bool is_after_cut;      /* the step was the first one after a cut (pliant_solver.is_after_cut) */
     bool has_tissue;  /* the state contains the arrays of the tissue */
     spare spare[PLIANT_MAX_TOOLS];
 };
@@ -25,7 +25,7 @@ struct pliant_rollback {
  * nodes itself or contact needs their positions. */
 static bool may_change(const pliant_data *data)
 {
-    return data->backend->on_host || (data->solver && (pliant_host_moves(data) || data->contact_search));
+    return data->backend->on_host || (data->solver && (pliant_host_moves_nodes(data) || data->contact_search));
 }
 
 static bool reserve_spares(pliant_rollback *rollback, const pliant_data *data)
@@ -33,11 +33,11 @@ static bool reserve_spares(pliant_rollback *rollback, const pliant_data *data)
     for (int t = 0; t < data->num_tools; t++) {
         spare *of = rollback->spare + t;
         const int32_t count = data->tools[t].num_held;
-        if (count <= of->room) continue;
+        if (count <= of->capacity) continue;
         if (!pliant_grow(&of->held, (size_t)count, sizeof *of->held) ||
             !pliant_grow(&of->weight, (size_t)count, sizeof *of->weight))
             return false;
-        of->room = count;
+        of->capacity = count;
     }
     return true;
 }
@@ -49,7 +49,7 @@ pliant_status pliant_rollback_begin(const pliant_model *model, pliant_data *data
     pliant_rollback *rollback = data->rollback;
     rollback->begun = false;
     rollback->has_tissue = may_change(data);
-    rollback->opened = data->solver && data->solver->opened;
+    rollback->is_after_cut = data->solver && data->solver->is_after_cut;
     if (!reserve_spares(rollback, data)) return pliant_fail_memory("the rollback of a step");
     const pliant_state_parts parts = {.tissue = rollback->has_tissue};
     const pliant_status status = pliant_state_save_parts(model, data, &parts, &rollback->state);
@@ -72,15 +72,15 @@ static void undo_tool(pliant_rollback *rollback, pliant_data *data, int t)
         pliant_free(now.weight);
         tool->held = of->held;
         tool->weight = of->weight;
-        *of = (spare){.room = 0};
+        *of = (spare){.capacity = 0};
     }
-    pliant_state_grasp(&rollback->state, t, tool->held, tool->weight);
+    pliant_state_copy_grasp(&rollback->state, t, tool->held, tool->weight);
 }
 
 /* Restore a grasp force. All tools must be restored already. */
 static void undo_pull(const pliant_state *state, pliant_data *data, int t)
 {
-    pliant_handle *handle = pliant_patch_solver(data, t)->handles + t;
+    pliant_grasp_constraint *handle = pliant_patch_solver(data, t)->grasps + t;
     data->tools[t].attached = data->tools[t].attached && handle->active; /* otherwise the next step attaches it again */
     memcpy(handle->force, state->grasp_force[t], sizeof handle->force);
 }
@@ -97,12 +97,12 @@ void pliant_rollback_undo(const pliant_model *model, pliant_data *data)
     data->contact_search = state->contact[0].search;
     state->contact[0] = contact;
     data->statistics = state->statistics;
-    if (rollback->has_tissue) pliant_state_put(state, data);
+    if (rollback->has_tissue) pliant_state_restore_tissue(state, data);
     if (data->solver) {
-        data->solver->opened = rollback->opened;
-        (void)pliant_solver_touch(data->solver, NULL, NULL, NULL);
+        data->solver->is_after_cut = rollback->is_after_cut;
+        (void)pliant_solver_set_contacts(data->solver, NULL, NULL, NULL);
         for (int t = 0; t < data->num_tools; t++) undo_pull(state, data, t);
-        if (rollback->has_tissue && pliant_patch_serves(data) > 0) pliant_patch_moved(data, data->positions);
+        if (rollback->has_tissue && pliant_patch_count_tools(data) > 0) pliant_patch_follow_move(data, data->positions);
     }
     (void)pliant_backend_restart(model, data); /* if this fails, the CPU continues */
 }

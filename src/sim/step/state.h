@@ -4,7 +4,7 @@
 #ifndef PLIANT_SIM_STATE_H
 #define PLIANT_SIM_STATE_H
 
-#include "fem/rigid/pieces.h"
+#include "fem/rigid/rigid_pieces_data.h"
 #include "pliant/state.h"
 #include "state/background.h"
 #include "state/data.h"
@@ -18,26 +18,26 @@ extern "C" {
  * - solved nodes: nodes of the solved mesh
  * - blocks: LANES elements each (pliant_tled_blocks)
  * - held nodes, edge points: of all tools, one tool after the other */
-#define PLIANT_STATE_ARRAYS(X)                                                                                         \
-    X(double, positions)       /* (fine nodes x 3) LPS [m] */                                                          \
+#define PLIANT_STATE_ARRAYS(X) \
+    X(double, positions)       /* (fine nodes x 3) LPS [m] */ \
     X(double, solved)          /* quasi-static: (solved nodes x 3) solved positions; rigid pieces at their home [m] */ \
-    X(double, displacement)    /* explicit: (fine nodes x 3) from rest [m] */                                          \
-    X(double, increment)       /* explicit: (fine nodes x 3) in the last sub-step: velocity times time_step [m] */     \
-    X(float, relaxed)          /* Prony: (blocks x 6 PLIANT_PRONY_TERMS x LANES) relaxed stress times volume [N m] */  \
-    X(piece, pieces)           /* (pieces) velocity [m/s], angular momentum [kg m^2/s], rest and stop flags */         \
-    X(double, piece_positions) /* (piece nodes x 3) [m] */                                                             \
-    X(double, piece_home)      /* (piece nodes x 3) positions at the detachment [m] */                                 \
-    X(double, joints)          /* (joints x 3) positions of the pieces' joints in the last step [m] */                 \
-    X(grip, grips)             /* tools that grasp pieces */                                                           \
-    X(int32_t, held)           /* (held nodes) fine nodes of grasps */                                                 \
-    X(double, held_weight)     /* (held nodes) weights, sum 1 for each tool */                                         \
-    X(double, edge_place)      /* (edge points x 3) cut's end, for blades in a stroke [m] */                           \
-    X(int32_t, edge_tet)       /* (edge points) fine tetrahedron; -1: outside tissue */                                \
-    X(double, edge_weight)     /* (edge points x 4) barycentric coordinates */                                         \
-    X(int32_t, edge_beside)    /* (edge points) fine node that the point moves with; -1: none */                       \
-    X(double, edge_now)        /* (edge points x 3) positions of the blade [m] */                                      \
-    X(double, edge_apart)      /* (edge points x 3) offset from that node [m] */                                       \
-    X(const pliant_body *, undo)/* topologies before cuts, the latest last; each retained */
+    X(double, displacement)    /* explicit: (fine nodes x 3) from rest [m] */ \
+    X(double, increment)       /* explicit: (fine nodes x 3) in the last sub-step: velocity times time_step [m] */ \
+    X(float, relaxed)          /* Prony: (blocks x 6 PLIANT_PRONY_TERMS x LANES) relaxed stress times volume [N m] */ \
+    X(piece, pieces)           /* (pieces) velocity [m/s], angular momentum [kg m^2/s], rest and stop flags */ \
+    X(double, piece_positions) /* (piece nodes x 3) [m] */ \
+    X(double, piece_home)      /* (piece nodes x 3) positions at the detachment [m] */ \
+    X(double, joints)          /* (joints x 3) positions of the pieces' joints in the last step [m] */ \
+    X(grip, grips)             /* tools that grasp pieces */ \
+    X(int32_t, held)           /* (held nodes) fine nodes of grasps */ \
+    X(double, held_weight)     /* (held nodes) weights, sum 1 for each tool */ \
+    X(double, edge_place)      /* (edge points x 3) cut's end, for blades in a stroke [m] */ \
+    X(int32_t, edge_tet)       /* (edge points) fine tetrahedron; -1: outside tissue */ \
+    X(double, edge_weight)     /* (edge points x 4) barycentric coordinates */ \
+    X(int32_t, edge_adjacent)  /* (edge points) fine node that the point moves with; -1: none */ \
+    X(double, edge_now)        /* (edge points x 3) positions of the blade [m] */ \
+    X(double, edge_apart)      /* (edge points x 3) offset from that node [m] */ \
+    X(const pliant_body *, undo) /* topologies before cuts, the latest last; each retained */
 
 typedef struct pliant_state_contact {
     pliant_contacts points;        /* of the last step: forces [N], anchors [m], contact flags */
@@ -62,7 +62,7 @@ struct pliant_state {
     uint64_t last_revision;      /* highest revision of a topology so far */
     int undo_tool;               /* as in pliant_undo */
     uint64_t undo_stroke;
-    bool undo_told;
+    bool undo_reported;
     /* INPUT */
     double gravity[3];           /* LPS [m/s^2] */
     int iterations;              /* maximum number per step */
@@ -78,35 +78,35 @@ struct pliant_state {
     /* TISSUE */
     pliant_state_dynamics dynamics;
     double pieces_gravity[3];    /* gravity in the last step of rigid pieces [m/s^2] */
-    bool pieces_told;            /* the log has reported that a piece left the drawn volume */
+    bool pieces_reported;            /* the log has reported that a piece left the drawn volume */
     pliant_statistics statistics;
-#define PLIANT_STATE_ARRAY(type, name) struct { type *at; size_t count, room; } name;
+#define PLIANT_STATE_ARRAY(type, name) struct { type *at; size_t count, capacity; } name;
     PLIANT_STATE_ARRAYS(PLIANT_STATE_ARRAY)
 #undef PLIANT_STATE_ARRAY
 };
 
 /* ---- state_arrays.c: copies between a state and a simulation of the same topology */
-typedef enum pliant_state_way {
+typedef enum pliant_state_transfer {
     PLIANT_STATE_RESERVE,
     PLIANT_STATE_SAVE,
     PLIANT_STATE_COMPARE,
     PLIANT_STATE_RESTORE
-} pliant_state_way;
+} pliant_state_transfer;
 /* Transfer the arrays. RESERVE grows the state's arrays to the simulation's sizes and keeps their contents. SAVE
  * copies to the state. COMPARE compares sizes. RESTORE copies to the simulation, except arrays of tools. Return
  * false when RESERVE is out of memory, and when COMPARE finds another size. The caller handles the undo array.
  * @param tissue false: arrays of tools only */
-bool pliant_state_arrays(pliant_state *state, pliant_data *data, bool tissue, pliant_state_way way);
+bool pliant_state_arrays(pliant_state *state, pliant_data *data, bool tissue, pliant_state_transfer way);
 /* Grow the capacity for topologies to undo. Return false if out of memory. */
 bool pliant_state_reserve_undo(pliant_state *state, size_t count);
 /* Copy the arrays of a tool's grasp and blade from the state to arrays of the same sizes. */
-void pliant_state_grasp(const pliant_state *state, int tool, int32_t *held, double *weight);
-void pliant_state_edge(const pliant_state *state, int tool, pliant_edge *edge);
+void pliant_state_copy_grasp(const pliant_state *state, int tool, int32_t *held, double *weight);
+void pliant_state_copy_edge(const pliant_state *state, int tool, pliant_edge *edge);
 /* Restore the scalars and arrays of the tissue in a simulation of the state's topology. Then its backend must
  * restart. The caller restores tools and contacts. */
-void pliant_state_put(const pliant_state *state, pliant_data *data);
+void pliant_state_restore_tissue(const pliant_state *state, pliant_data *data);
 /* Save the scalars. The caller saves tools, contacts and topology. */
-void pliant_state_take(const pliant_data *data, bool tissue, pliant_state *state);
+void pliant_state_save_scalars(const pliant_data *data, bool tissue, pliant_state *state);
 
 /* ---- state_save.c */
 /* tissue: its arrays; topology: the current one and those to undo */

@@ -1,26 +1,26 @@
 #include "sim/step/state.h"
 
 #include "backend/backend.h"
-#include "base/room.h"
+#include "base/buffer.h"
 #include "fem/dynamics/tled.h"
 #include "fem/patch/patch.h"
 #include "fem/quasistatic/solver.h"
 
 #include <string.h>
 
-typedef struct transfer { pliant_state_way way; bool succeeds; } transfer;
+typedef struct transfer { pliant_state_transfer way; bool succeeds; } transfer;
 
-/* @param at, count, room the state's array, its size and its capacity; @param elements, number the simulation's
+/* @param at, count, capacity the state's array, its size and its capacity; @param elements, number the simulation's
  *   array and its size */
-static void move(transfer *work, void *at, size_t *count, size_t *room, size_t size, void *elements, size_t number)
+static void move(transfer *work, void *at, size_t *count, size_t *capacity, size_t size, void *elements, size_t number)
 {
     void *array; /* `at` points to a pointer of any type */
     memcpy(&array, at, sizeof array);
     switch (work->way) {
     case PLIANT_STATE_RESERVE:
-        if (number <= *room || !work->succeeds) return;
+        if (number <= *capacity || !work->succeeds) return;
         work->succeeds = pliant_grow(at, number, size);
-        if (work->succeeds) *room = number;
+        if (work->succeeds) *capacity = number;
         return;
     case PLIANT_STATE_SAVE:
         *count = number;
@@ -35,7 +35,7 @@ static void move(transfer *work, void *at, size_t *count, size_t *room, size_t s
     }
 }
 #define MOVE(name, elements, number) \
-    move(work, &state->name.at, &state->name.count, &state->name.room, sizeof *state->name.at, elements, \
+    move(work, &state->name.at, &state->name.count, &state->name.capacity, sizeof *state->name.at, elements, \
          (size_t)(number))
 
 static void move_dynamics(transfer *work, pliant_state *state, pliant_data *data)
@@ -50,16 +50,17 @@ static void move_dynamics(transfer *work, pliant_state *state, pliant_data *data
 
 static void move_pieces(transfer *work, pliant_state *state, pliant_data *data)
 {
-    pliant_falling *falling = data->falling;
-    const pliant_pieces *pieces = falling ? falling->body->pieces : NULL;
+    pliant_rigid_pieces *rigid_pieces = data->rigid_pieces;
+    const pliant_pieces *pieces = rigid_pieces ? rigid_pieces->body->pieces : NULL;
     const int32_t nodes = pieces ? 3 * pieces->start[pieces->count] : 0;
-    MOVE(pieces, falling ? falling->pieces : NULL, pieces ? pieces->count : 0);
-    MOVE(piece_positions, falling ? falling->x : NULL, nodes);
-    MOVE(piece_home, falling ? falling->home : NULL, nodes);
-    MOVE(joints, falling && pieces->num_joints > 0 ? falling->joint_at[0] : NULL, pieces ? 3 * pieces->num_joints : 0);
+    MOVE(pieces, rigid_pieces ? rigid_pieces->pieces : NULL, pieces ? pieces->count : 0);
+    MOVE(piece_positions, rigid_pieces ? rigid_pieces->x : NULL, nodes);
+    MOVE(piece_home, rigid_pieces ? rigid_pieces->home : NULL, nodes);
+    MOVE(joints, rigid_pieces && pieces->num_joints > 0 ? rigid_pieces->joint_at[0] : NULL,
+         pieces ? 3 * pieces->num_joints : 0);
     if (work->way == PLIANT_STATE_RESERVE || work->way == PLIANT_STATE_SAVE)
-        MOVE(grips, falling ? falling->grips : NULL, falling ? falling->num_grips : 0);
-    else if (falling && state->grips.count <= MOST_GRIPS) MOVE(grips, falling->grips, state->grips.count);
+        MOVE(grips, rigid_pieces ? rigid_pieces->grips : NULL, rigid_pieces ? rigid_pieces->num_grips : 0);
+    else if (rigid_pieces && state->grips.count <= MAX_GRIPS) MOVE(grips, rigid_pieces->grips, state->grips.count);
     else work->succeeds = work->succeeds && state->grips.count == 0;
 }
 
@@ -80,14 +81,14 @@ static void gather_tools(pliant_state *state, const pliant_data *data)
             memcpy(state->edge_now.at + 3 * p, edge->now, 3 * points * sizeof *edge->now);
             memcpy(state->edge_tet.at + p, edge->tet, points * sizeof *edge->tet);
             memcpy(state->edge_weight.at + 4 * p, edge->weight, 4 * points * sizeof *edge->weight);
-            memcpy(state->edge_beside.at + p, edge->beside, points * sizeof *edge->beside);
+            memcpy(state->edge_adjacent.at + p, edge->adjacent, points * sizeof *edge->adjacent);
             memcpy(state->edge_apart.at + 3 * p, edge->apart, 3 * points * sizeof *edge->apart);
         }
         h += held;
         p += points;
     }
     state->held.count = state->held_weight.count = h;
-    state->edge_tet.count = state->edge_beside.count = p;
+    state->edge_tet.count = state->edge_adjacent.count = p;
     state->edge_place.count = state->edge_now.count = state->edge_apart.count = 3 * p;
     state->edge_weight.count = 4 * p;
 }
@@ -105,7 +106,7 @@ static void reserve_tools(transfer *work, pliant_state *state, const pliant_data
     MOVE(edge_now, NULL, 3 * points);
     MOVE(edge_tet, NULL, points);
     MOVE(edge_weight, NULL, 4 * points);
-    MOVE(edge_beside, NULL, points);
+    MOVE(edge_adjacent, NULL, points);
     MOVE(edge_apart, NULL, 3 * points);
 }
 
@@ -118,7 +119,7 @@ static void move_tissue(transfer *work, pliant_state *state, pliant_data *data)
     move_pieces(work, state, data);
 }
 
-bool pliant_state_arrays(pliant_state *state, pliant_data *data, bool tissue, pliant_state_way way)
+bool pliant_state_arrays(pliant_state *state, pliant_data *data, bool tissue, pliant_state_transfer way)
 {
     transfer only = {.way = way, .succeeds = true}, *work = &only;
     if (tissue) move_tissue(work, state, data);
@@ -134,7 +135,7 @@ bool pliant_state_reserve_undo(pliant_state *state, size_t count)
     return only.succeeds;
 }
 
-void pliant_state_grasp(const pliant_state *state, int tool, int32_t *held, double *weight)
+void pliant_state_copy_grasp(const pliant_state *state, int tool, int32_t *held, double *weight)
 {
     size_t h = 0;
     const size_t count = (size_t)state->tools[tool].num_held;
@@ -144,7 +145,7 @@ void pliant_state_grasp(const pliant_state *state, int tool, int32_t *held, doub
     memcpy(weight, state->held_weight.at + h, count * sizeof *weight);
 }
 
-void pliant_state_edge(const pliant_state *state, int tool, pliant_edge *edge)
+void pliant_state_copy_edge(const pliant_state *state, int tool, pliant_edge *edge)
 {
     size_t p = 0;
     const size_t count = (size_t)state->tools[tool].blade.edge.count;
@@ -154,33 +155,33 @@ void pliant_state_edge(const pliant_state *state, int tool, pliant_edge *edge)
     memcpy(edge->now, state->edge_now.at + 3 * p, 3 * count * sizeof *edge->now);
     memcpy(edge->tet, state->edge_tet.at + p, count * sizeof *edge->tet);
     memcpy(edge->weight, state->edge_weight.at + 4 * p, 4 * count * sizeof *edge->weight);
-    memcpy(edge->beside, state->edge_beside.at + p, count * sizeof *edge->beside);
+    memcpy(edge->adjacent, state->edge_adjacent.at + p, count * sizeof *edge->adjacent);
     memcpy(edge->apart, state->edge_apart.at + 3 * p, 3 * count * sizeof *edge->apart);
 }
 
 /* ---- scalars */
 
 /* A solver of the fine mesh keeps the nodes of rigid pieces at their home positions. */
-static void keep_pieces_home(const pliant_falling *falling, const pliant_system *system, double *solved)
+static void set_pieces_home(const pliant_rigid_pieces *rigid_pieces, const pliant_system *system, double *solved)
 {
-    for (int32_t n = 0; falling && system->mesh == system->fine && n < system->mesh->num_nodes; n++) {
-        const double *home = pliant_falling_home(falling, n);
+    for (int32_t n = 0; rigid_pieces && system->mesh == system->fine && n < system->mesh->num_nodes; n++) {
+        const double *home = pliant_rigid_pieces_home(rigid_pieces, n);
         if (home) memcpy(solved + 3 * (size_t)n, home, 3 * sizeof *home);
     }
 }
 
-void pliant_state_take(const pliant_data *data, bool tissue, pliant_state *state)
+void pliant_state_save_scalars(const pliant_data *data, bool tissue, pliant_state *state)
 {
     const pliant_tled *tled = data->tled;
     memcpy(state->gravity, data->gravity, sizeof state->gravity);
     state->background = data->background.kind;
     state->statistics = data->statistics;
     for (int t = 0; data->solver && t < PLIANT_MAX_TOOLS; t++)
-        memcpy(state->grasp_force[t], pliant_patch_solver(data, t)->handles[t].force, sizeof state->grasp_force[t]);
+        memcpy(state->grasp_force[t], pliant_patch_solver(data, t)->grasps[t].force, sizeof state->grasp_force[t]);
     if (data->solver) {
-        state->iterations = data->solver->rules.most_evaluations;
+        state->iterations = data->solver->rules.max_evaluations;
         state->tolerance = data->solver->rules.tolerance;
-        if (tissue) keep_pieces_home(data->falling, data->solver->system, state->solved.at);
+        if (tissue) set_pieces_home(data->rigid_pieces, data->solver->system, state->solved.at);
     }
     if (tled) {
         pliant_state_dynamics *out = &state->dynamics;
@@ -195,9 +196,9 @@ void pliant_state_take(const pliant_data *data, bool tissue, pliant_state *state
         memcpy(out->passed_target, tled->passed_target, sizeof out->passed_target);
         memcpy(out->quotient, tled->quotient, sizeof out->quotient);
     }
-    if (data->falling) {
-        memcpy(state->pieces_gravity, data->falling->gravity, sizeof state->pieces_gravity);
-        state->pieces_told = data->falling->told;
+    if (data->rigid_pieces) {
+        memcpy(state->pieces_gravity, data->rigid_pieces->gravity, sizeof state->pieces_gravity);
+        state->pieces_reported = data->rigid_pieces->reported;
     }
 }
 
@@ -218,13 +219,13 @@ static void put_dynamics(const pliant_state *state, pliant_tled *tled)
 /* Stop the nodes of pieces that have left the volume. */
 static void stop_pieces(const pliant_state *state, pliant_data *data)
 {
-    const pliant_pieces *pieces = data->falling ? data->falling->body->pieces : NULL;
+    const pliant_pieces *pieces = data->rigid_pieces ? data->rigid_pieces->body->pieces : NULL;
     for (int32_t p = 0; pieces && data->tled->own_inverse_mass && p < pieces->count; p++)
-        if (state->pieces.at[p].gone)
-            pliant_tled_stop(data->tled, pieces->start[p + 1] - pieces->start[p], pieces->node + pieces->start[p]);
+        if (state->pieces.at[p].has_left_view)
+            pliant_tled_fix_nodes(data->tled, pieces->start[p + 1] - pieces->start[p], pieces->node + pieces->start[p]);
 }
 
-void pliant_state_put(const pliant_state *state, pliant_data *data)
+void pliant_state_restore_tissue(const pliant_state *state, pliant_data *data)
 {
     if (data->tled) stop_pieces(state, data);
     /* RESTORE does not write to the state */
@@ -232,9 +233,9 @@ void pliant_state_put(const pliant_state *state, pliant_data *data)
     memcpy(data->gravity, state->gravity, sizeof data->gravity);
     data->statistics = state->statistics;
     if (data->tled) put_dynamics(state, data->tled);
-    if (data->solver) pliant_solver_moved(data->solver);
-    if (!data->falling) return;
-    memcpy(data->falling->gravity, state->pieces_gravity, sizeof data->falling->gravity);
-    data->falling->num_grips = (int)state->grips.count;
-    data->falling->told = state->pieces_told;
+    if (data->solver) pliant_solver_reset_after_move(data->solver);
+    if (!data->rigid_pieces) return;
+    memcpy(data->rigid_pieces->gravity, state->pieces_gravity, sizeof data->rigid_pieces->gravity);
+    data->rigid_pieces->num_grips = (int)state->grips.count;
+    data->rigid_pieces->reported = state->pieces_reported;
 }

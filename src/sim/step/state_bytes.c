@@ -3,7 +3,7 @@
 #include "sim/step/state.h"
 
 #include "base/fail.h"
-#include "contact/detect/find.h"
+#include "contact/detect/part_contacts.h"
 #include "contact/shapes/shapes.h"
 #include "base/memory.h"
 #include "sim/step/contact.h"
@@ -145,7 +145,7 @@ static pliant_status read_arrays(const char *from, size_t left, const pliant_sta
         return pliant_fail(PLIANT_ERROR_FORMAT, "the simulation state is truncated"); \
     if (scalars->name.count > 0 && !(out->name.at = pliant_calloc(scalars->name.count, sizeof *out->name.at))) \
         return pliant_fail_memory("the simulation state"); \
-    out->name.count = out->name.room = scalars->name.count; \
+    out->name.count = out->name.capacity = scalars->name.count; \
     if (!get(&from, &left, sizeof *out->name.at, out->name.count, (void *)out->name.at)) return PLIANT_ERROR_FORMAT;
     PLIANT_STATE_ARRAYS(READ_ARRAY)
 #undef READ_ARRAY
@@ -208,11 +208,11 @@ static bool is_sound(const pliant_state *state, const pliant_body *body)
             state->grips.at[g].piece < 0 || state->grips.at[g].piece >= pieces)
             return false;
     return state->held.count == held && state->held_weight.count == held && state->edge_tet.count == points &&
-           state->edge_beside.count == points && state->edge_place.count == 3 * points &&
+           state->edge_adjacent.count == points && state->edge_place.count == 3 * points &&
            state->edge_now.count == 3 * points && state->edge_apart.count == 3 * points &&
            state->edge_weight.count == 4 * points && are_below(state->held.at, held, 0, nodes) &&
            are_below(state->edge_tet.at, points, -1, body->fine.num_tets) &&
-           are_below(state->edge_beside.at, points, -1, nodes) &&
+           are_below(state->edge_adjacent.at, points, -1, nodes) &&
            are_finite(state->positions.at, state->positions.count) &&
            are_finite(state->solved.at, state->solved.count) &&
            are_finite(state->displacement.at, state->displacement.count) &&
@@ -242,7 +242,7 @@ static void drop_tools(pliant_state *state, const pliant_data *data)
     points->count = left;
     state->grips.count = state->held.count = state->held_weight.count = 0;
     state->edge_place.count = state->edge_now.count = state->edge_apart.count = state->edge_weight.count =
-        state->edge_tet.count = state->edge_beside.count = 0;
+        state->edge_tet.count = state->edge_adjacent.count = 0;
     state->num_tools = data->num_tools;
     for (int t = 0; t < data->num_tools; t++) {
         pliant_tool *tool = state->tools + t;
@@ -252,7 +252,7 @@ static void drop_tools(pliant_state *state, const pliant_data *data)
         tool->num_held = 0;
         tool->holding = tool->attached = false;
         tool->blade.edge = (pliant_edge){.count = 0};
-        tool->blade.under_way = tool->blade.drags = false;
+        tool->blade.is_in_stroke = tool->blade.drags = false;
     }
 }
 

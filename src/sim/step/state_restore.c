@@ -4,13 +4,13 @@
 
 #include "backend/backend.h"
 #include "base/fail.h"
-#include "contact/detect/find.h"
+#include "contact/detect/part_contacts.h"
 #include "fem/quasistatic/solver.h"
 #include "base/memory.h"
 #include "scene/options.h"
 #include "sim/api/data.h"
 #include "sim/step/contact.h"
-#include "sim/step/held.h"
+#include "sim/step/accounting.h"
 #include "tool/blade.h"
 #include "tool/tool.h"
 #include "warp/device.h"
@@ -64,28 +64,28 @@ static pliant_status put_tools(const pliant_state *state, pliant_data *made)
         pliant_status status = put_tool(state, t, made);
         if (status != PLIANT_OK) return status;
         pliant_tool *tool = made->tools + t;
-        pliant_state_grasp(state, t, tool->held, tool->weight);
-        pliant_state_edge(state, t, &tool->blade.edge);
+        pliant_state_copy_grasp(state, t, tool->held, tool->weight);
+        pliant_state_copy_edge(state, t, &tool->blade.edge);
         if (!made->solver || !tool->holding || !tool->attached) continue;
-        status = pliant_solver_hold(made->solver, t, tool->num_held, tool->held, tool->weight, made->positions);
+        status = pliant_solver_add_grasp(made->solver, t, tool->num_held, tool->held, tool->weight, made->positions);
         if (status != PLIANT_OK) return status;
-        pliant_handle *handle = made->solver->handles + t;
+        pliant_grasp_constraint *handle = made->solver->grasps + t;
         handle->by_force = pliant_tool_drive(tool) == PLIANT_DRIVE_FORCE;
         memcpy(handle->force, state->grasp_force[t], sizeof handle->force);
     }
     return PLIANT_OK;
 }
 
-static pliant_status put_undo(const pliant_state *state, int32_t room, pliant_undo *to)
+static pliant_status put_undo(const pliant_state *state, int32_t capacity, pliant_undo *to)
 {
     if (state->undo.count == 0) return PLIANT_OK;
-    if (!(to->body = pliant_calloc((size_t)room, sizeof *to->body)))
+    if (!(to->body = pliant_calloc((size_t)capacity, sizeof *to->body)))
         return pliant_fail_memory("the topologies to undo");
     for (size_t b = 0; b < state->undo.count; b++) to->body[b] = pliant_body_retain(state->undo.at[b]);
     to->count = (int32_t)state->undo.count;
     to->tool = state->undo_tool;
     to->stroke = state->undo_stroke;
-    to->told = state->undo_told;
+    to->reported = state->undo_reported;
     return PLIANT_OK;
 }
 
@@ -100,7 +100,7 @@ static pliant_status put_all(const pliant_model *model, const pliant_state *stat
             PLIANT_ERROR_FORMAT,
             "the simulation state belongs to another solver or mesh: build the model from the scene that it was saved "
             "with");
-    pliant_state_put(state, made);
+    pliant_state_restore_tissue(state, made);
     if (made->solver) made->backend->kind->limits(made, state->iterations, state->tolerance);
     status = put_tools(state, made);
     if (status == PLIANT_OK) status = put_undo(state, model->scene.cut.undo, &made->undo);
@@ -120,9 +120,9 @@ static pliant_status make(const pliant_model *model, const pliant_state *state, 
     pliant_data *made = NULL;
     pliant_status status = pliant_data_create_for(model, account, &made);
     if (status != PLIANT_OK) return status;
-    pliant_account *before = pliant_held_begin(made);
+    pliant_account *before = pliant_accounting_begin(made);
     status = put_all(model, state, made);
-    pliant_held_end(made, before);
+    pliant_accounting_end(made, before);
     if (status >= 0) *out = made;
     else pliant_data_free(made);
     return status < 0 ? status : PLIANT_OK;
@@ -157,9 +157,9 @@ pliant_status pliant_state_restore(const pliant_model *model, pliant_data *data,
                            "the state is empty: save a simulation to it first (pliant_state_save)");
     if (check_model(model, data->model) != PLIANT_OK || check_model(model, state->model) != PLIANT_OK)
         return PLIANT_ERROR_ARGUMENT;
-    pliant_account *before = pliant_held_begin(data);
+    pliant_account *before = pliant_accounting_begin(data);
     const pliant_status status = restore(model, data, state);
-    pliant_held_end(data, before);
+    pliant_accounting_end(data, before);
     return status;
 }
 
@@ -178,7 +178,7 @@ pliant_status pliant_data_copy(const pliant_model *model, pliant_data *data, pli
     return status;
 }
 
-pliant_status pliant_data_take(const pliant_model *model, pliant_data *data, pliant_data *from)
+pliant_status pliant_data_move(const pliant_model *model, pliant_data *data, pliant_data *from)
 {
     pliant_state *state = NULL;
     if (check_model(model, from->model) != PLIANT_OK) return PLIANT_ERROR_ARGUMENT;

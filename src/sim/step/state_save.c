@@ -89,7 +89,7 @@ static void copy_undo(const pliant_undo *from, pliant_state *state)
     for (int32_t b = 0; b < from->count; b++) state->undo.at[b] = pliant_body_retain(from->body[b]);
     state->undo_tool = from->tool;
     state->undo_stroke = from->stroke;
-    state->undo_told = from->told;
+    state->undo_reported = from->reported;
 }
 
 static bool reserve(pliant_state *state, pliant_data *data, const pliant_state_parts *parts)
@@ -114,6 +114,6 @@ pliant_status pliant_state_save_parts(const pliant_model *model, pliant_data *da
     (void)pliant_state_arrays(state, data, parts->tissue, PLIANT_STATE_SAVE);
     copy_tools(data, state);
     if (parts->topology) copy_undo(&data->undo, state);
-    pliant_state_take(data, parts->tissue, state);
+    pliant_state_save_scalars(data, parts->tissue, state);
     return PLIANT_OK;
 }

@@ -3,14 +3,14 @@
 #include "base/fail.h"
 #include "fem/patch/patch.h"
 #include "fem/dynamics/tled.h"
-#include "fem/rigid/falling.h"
+#include "fem/rigid/rigid_pieces.h"
 #include "fem/quasistatic/solver.h"
 #include "sim/api/data.h"
 #include "tool/blade.h"
 #include "tool/tool.h"
 #include "sim/step/contact.h"
 #include "sim/step/cut.h"
-#include "sim/step/held.h"
+#include "sim/step/accounting.h"
 #include "sim/step/legs.h"
 #include "sim/step/stage.h"
 #include "sim/step/state.h"
@@ -48,12 +48,12 @@ static pliant_status reset(const pliant_model *model, pliant_data *data)
     if (status == PLIANT_OK) status = pliant_data_set_body(model, data, model->body);
     if (status != PLIANT_OK) return status;
     for (int t = 0; t < data->num_tools; t++) {
-        pliant_tool_forget(data->tools + t);
+        pliant_tool_reset_grasp(data->tools + t);
         pliant_blade_reset(data->tools + t);
         data->tools[t].proxy.known = false;
     }
     pliant_undo_clear(data);
-    pliant_contact_forget(data);
+    pliant_contact_discard(data);
     memcpy(data->positions, data->body->fine.rest, 3 * (size_t)data->body->fine.num_nodes * sizeof *data->positions);
     memcpy(data->gravity, model->scene.model.gravity, sizeof data->gravity);
     size_t bytes = data->statistics.bytes;
@@ -64,9 +64,9 @@ static pliant_status reset(const pliant_model *model, pliant_data *data)
 
 pliant_status pliant_data_reset(const pliant_model *model, pliant_data *data)
 {
-    pliant_account *before = pliant_held_begin(data);
+    pliant_account *before = pliant_accounting_begin(data);
     const pliant_status status = reset(model, data);
-    pliant_held_end(data, before);
+    pliant_accounting_end(data, before);
     return status;
 }
 
@@ -93,15 +93,15 @@ static pliant_status set_warp(const pliant_model *model, pliant_data *data, cons
     pliant_warp_free(data->warp);
     data->warp = warp;
     /* GPU steps are so short that the first cut would cause a visible delay */
-    if (warp && pliant_warp_accelerated(warp)) pliant_rehearse_cut(model, data);
+    if (warp && pliant_warp_accelerated(warp)) pliant_warm_up_cut(model, data);
     return PLIANT_OK;
 }
 
 pliant_status pliant_data_set_warp(const pliant_model *model, pliant_data *data, const pliant_geometry *target)
 {
-    pliant_account *before = pliant_held_begin(data);
+    pliant_account *before = pliant_accounting_begin(data);
     const pliant_status status = set_warp(model, data, target);
-    pliant_held_end(data, before);
+    pliant_accounting_end(data, before);
     return status;
 }
 
@@ -138,14 +138,14 @@ static pliant_status step(const pliant_model *model, pliant_data *data, pliant_s
     if (status < 0) return status;
     status = solve_and_draw(model, data, caveat);
     if (status < 0 && pliant_backend_fall_back(model, data, status)) {
-        const bool on_host = pliant_host_moves(data) || !pliant_contact_is_idle(model, data) || data->tled;
+        const bool on_host = pliant_host_moves_nodes(data) || !pliant_contact_is_idle(model, data) || data->tled;
         status = on_host ? pliant_run_stage(model, data, PLIANT_STEP_warp, data->backend->warp)
                          : solve_and_draw(model, data, caveat);
     }
     return status;
 }
 
-static void tell_missing(const pliant_data *data)
+static void log_missing(const pliant_data *data)
 {
     const uint32_t missing = data->background.prescribed & ~data->background.taken;
     if (missing)
@@ -157,18 +157,18 @@ static void tell_missing(const pliant_data *data)
 
 pliant_status pliant_step(const pliant_model *model, pliant_data *data)
 {
-    pliant_account *before = pliant_held_begin(data);
+    pliant_account *before = pliant_accounting_begin(data);
     pliant_status caveat = PLIANT_OK;
     const pliant_status status = step(model, data, &caveat);
     if (status < 0) {
         pliant_rollback_undo(model, data);
         data->statistics.failed++;
     } else {
-        tell_missing(data);
+        log_missing(data);
         data->background.prescribed = 0;
         data->statistics.step++;
         data->statistics.not_converged += caveat == PLIANT_NOT_CONVERGED;
     }
-    pliant_held_end(data, before);
+    pliant_accounting_end(data, before);
     return status < 0 ? status : caveat;
 }

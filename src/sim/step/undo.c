@@ -4,30 +4,31 @@
 #include "tool/blade.h"
 #include "base/memory.h"
 #include "sim/step/cut.h"
-#include "sim/step/held.h"
+#include "sim/step/accounting.h"
 
 #include <math.h>
 #include <string.h>
 
-static pliant_status make_room(pliant_data *data, int32_t most)
+static pliant_status reserve_capacity(pliant_data *data, int32_t maximum)
 {
     pliant_undo *undo = &data->undo;
-    if (most == 0 || undo->body || (undo->body = pliant_calloc((size_t)most, sizeof *undo->body))) return PLIANT_OK;
+    if (maximum == 0 || undo->body || (undo->body = pliant_calloc((size_t)maximum, sizeof *undo->body)))
+        return PLIANT_OK;
     return pliant_fail_memory("the topologies for undoing cuts");
 }
 
 /* Keep a topology from before a stroke, or release it if there is already one for this stroke. */
-static void keep(pliant_data *data, int32_t most, const pliant_body *body, int tool, uint64_t stroke)
+static void keep(pliant_data *data, int32_t maximum, const pliant_body *body, int tool, uint64_t stroke)
 {
     pliant_undo *undo = &data->undo;
-    if (most == 0 || (undo->count > 0 && tool >= 0 && undo->tool == tool && undo->stroke == stroke)) {
+    if (maximum == 0 || (undo->count > 0 && tool >= 0 && undo->tool == tool && undo->stroke == stroke)) {
         pliant_body_release(body);
         return;
     }
-    if (undo->count == most) {
-        if (!undo->told)
-            pliant_log(PLIANT_LOG_INFO, "only the last %d cuts can be undone; raise cut/undo for more", (int)most);
-        undo->told = true;
+    if (undo->count == maximum) {
+        if (!undo->reported)
+            pliant_log(PLIANT_LOG_INFO, "only the last %d cuts can be undone; raise cut/undo for more", (int)maximum);
+        undo->reported = true;
         pliant_body_release(undo->body[0]);
         memmove(undo->body, undo->body + 1, (size_t)--undo->count * sizeof *undo->body);
     }
@@ -42,23 +43,23 @@ static pliant_status sever(const pliant_model *model, pliant_data *data, int too
     pliant_body *next = NULL;
     pliant_status status = pliant_body_cut(data->body, data->last_revision + 1, data->positions, sweep, &next, report);
     if (status != PLIANT_OK || !next) return status;
-    const int32_t most = model->scene.cut.undo;
+    const int32_t maximum = model->scene.cut.undo;
     const pliant_body *before = pliant_body_retain(data->body);
-    status = make_room(data, most);
+    status = reserve_capacity(data, maximum);
     if (status == PLIANT_OK) status = pliant_data_set_body(model, data, next);
-    if (status == PLIANT_OK) keep(data, most, before, tool, tool < 0 ? 0 : data->tools[tool].blade.stroke);
+    if (status == PLIANT_OK) keep(data, maximum, before, tool, tool < 0 ? 0 : data->tools[tool].blade.stroke);
     else pliant_body_release(before);
     if (data->undo.count == 0) pliant_undo_clear(data);
     pliant_body_release(next);
     return status;
 }
 
-pliant_status pliant_data_sever(const pliant_model *model, pliant_data *data, int tool, const pliant_cut_sweep *sweep,
-                                pliant_cut_report *report)
+pliant_status pliant_data_cut_along_sweep(const pliant_model *model, pliant_data *data, int tool,
+                                          const pliant_cut_sweep *sweep, pliant_cut_report *report)
 {
-    pliant_account *before = pliant_held_begin(data);
+    pliant_account *before = pliant_accounting_begin(data);
     const pliant_status status = sever(model, data, tool, sweep, report);
-    pliant_held_end(data, before);
+    pliant_accounting_end(data, before);
     return status;
 }
 
@@ -97,7 +98,7 @@ static bool spans_area(int32_t count, const double *points, const double depth[3
 pliant_status pliant_data_cut(const pliant_model *model, pliant_data *data, int32_t count, const double *points,
                               const double depth[3], pliant_cut_report *report)
 {
-    if (!pliant_body_may_be_cut(data->body))
+    if (!pliant_body_is_cuttable(data->body))
         return pliant_fail(PLIANT_ERROR_SCENE,
                            "this scene does not cut: set cut/kind to sever and build the model again");
     bool good = count >= 2 && isfinite(depth[0]) && isfinite(depth[1]) && isfinite(depth[2]);
@@ -115,18 +116,18 @@ pliant_status pliant_data_cut(const pliant_model *model, pliant_data *data, int3
     const int32_t samples = sample_line(count, points, spacing, none, NULL);
     double *from = pliant_calloc((size_t)samples, 3 * sizeof *from),
            *to = pliant_calloc((size_t)samples, 3 * sizeof *to);
-    pliant_cut_report told = {0};
+    pliant_cut_report reported = {0};
     pliant_status status = from && to ? PLIANT_OK : pliant_fail_memory("a cut");
     if (status == PLIANT_OK) {
         sample_line(count, points, spacing, none, from);
         sample_line(count, points, spacing, depth, to);
         pliant_cut_sweep sweep = {
             .count = samples, .from = from, .to = to, .material_of_voxel = model->material_of_voxel};
-        status = pliant_data_sever(model, data, -1, &sweep, &told);
+        status = pliant_data_cut_along_sweep(model, data, -1, &sweep, &reported);
     }
     pliant_free(from);
     pliant_free(to);
-    if (status == PLIANT_OK && report) *report = told;
+    if (status == PLIANT_OK && report) *report = reported;
     return status;
 }
 
@@ -137,7 +138,7 @@ pliant_status pliant_data_undo_cut(const pliant_model *model, pliant_data *data)
     const pliant_body *before = undo->body[undo->count - 1];
     pliant_status status = pliant_data_set_body(model, data, before);
     if (status != PLIANT_OK) return status;
-    for (int t = 0; t < data->num_tools; t++) pliant_blade_end(data->tools + t);
+    for (int t = 0; t < data->num_tools; t++) pliant_blade_end_stroke(data->tools + t);
     pliant_body_release(before);
     data->statistics.bytes = pliant_account_bytes(data->account);
     undo->count--;

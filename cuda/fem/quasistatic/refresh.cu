@@ -1,0 +1,291 @@
+/* A preconditioner computed in the background, like the factors in src/fem/quasistatic/refresh.c. It is started in
+ * one step and installed a fixed number of steps later, or as in background.h. After a cut, work still in progress
+ * becomes the base of the carried preconditioner. Background preconditioners belong to the rest state. A
+ * preconditioner of the present state is computed during a step, which waits for it. If that one converges slowly
+ * later, one at rest follows. */
+#include "base/account.h"
+#include "base/fail.h"
+#include "base/buffer.h"
+#include "base/threads.h"
+#include "cuda/base/check.h"
+#include "cuda/fem/element/forces.h"
+#include "fem/quasistatic/background.h"
+#include "base/memory.h"
+#include "cuda/fem/quasistatic/solver.h"
+#include "state/discretization.h"
+
+#include <pthread.h>
+
+#include <atomic>
+#include <cstring>
+#include <new>
+
+struct gpu_refresh {
+    pthread_t thread;
+    bool running, in_thread;          /* in_thread: false: the thread could not be created */
+    std::atomic<bool> finished;
+    pliant_account *account;          /* account of the simulation */
+    uint64_t started, due;            /* steps */
+    int device;
+    pliant_preconditioner_choice choice;
+    cudaStream_t stream;              /* lower priority than the steps' stream */
+    cudaMemPool_t pool;               /* Nullable: memory pool of everything allocated here */
+    const pliant_discretization *of;  /* Nullable: retained: discretization of the result */
+    /* (nodes of the solved mesh) node of that discretization's mesh, -1: none; NULL: the meshes are equal. */
+    int32_t *source;
+    gpu_preconditioner made;          /* contains only a base */
+    gpu_preconditioner discarded;     /* freed by the thread */
+    pliant_status status;
+};
+
+/* Compute the preconditioner, in the thread. No other thread reads the pattern until it has finished. */
+static pliant_status make(gpu_refresh *refresh)
+{
+    CUDA_TRY(CUDA_CALL(cudaSetDevice(refresh->device)));
+    if (!refresh->stream) {
+        int minimum = 0, greatest = 0;
+        CUDA_TRY(CUDA_CALL(cudaDeviceGetStreamPriorityRange(&minimum, &greatest)));
+        CUDA_TRY(CUDA_CALL(cudaStreamCreateWithPriority(&refresh->stream, cudaStreamNonBlocking, minimum)));
+        refresh->pool = pliant_cuda_pool_create(refresh->device);
+    }
+    pliant_cuda_background_pool(refresh->pool, refresh->stream);
+    pliant_cuda_preconditioner_free(&refresh->discarded);
+    pliant_cuda_preconditioner_free(&refresh->made); /* left by a failed attempt */
+    CUDA_TRY(pliant_system_find_pattern(refresh->of->system));
+    pliant_system system = *refresh->of->system;
+    system.num_threads = 1;
+    CUDA_TRY(pliant_cuda_preconditioner_create(&system, refresh->choice, nullptr, refresh->stream, &refresh->made));
+    return CUDA_CALL(cudaStreamSynchronize(refresh->stream));
+}
+
+static void *in_background(void *argument)
+{
+    gpu_refresh *refresh = static_cast<gpu_refresh *>(argument);
+    pliant_threads_lower_priority();
+    pliant_memory_set_background();
+    pliant_account *const before = pliant_account_use(refresh->account);
+    pliant_fail_quietly(true);
+    pliant_cuda_background_begin();
+    refresh->status = make(refresh);
+    pliant_cuda_background_end();
+    pliant_fail_quietly(false);
+    pliant_account_use(before);
+    refresh->finished = true;
+    return nullptr;
+}
+
+static void join(gpu_refresh *refresh)
+{
+    if (refresh->running && refresh->in_thread) pthread_join(refresh->thread, nullptr);
+    refresh->running = false;
+}
+
+static void forget_body(gpu_refresh *refresh)
+{
+    pliant_discretization_release(refresh->of);
+    refresh->of = nullptr;
+    pliant_free(refresh->source);
+    refresh->source = nullptr;
+}
+
+static pliant_status start(pliant_cuda_solver *gpu, const pliant_solver *solver, uint64_t step)
+{
+    if (!gpu->refresh) {
+        void *block = pliant_calloc(1, sizeof(gpu_refresh));
+        if (!block) return pliant_fail_memory("the background preconditioner");
+        gpu->refresh = new (block) gpu_refresh();
+    }
+    gpu_refresh *refresh = gpu->refresh;
+    refresh->device = gpu->device;
+    refresh->choice = gpu->choice;
+    refresh->of = pliant_discretization_retain(solver->system->of);
+    refresh->started = step;
+    refresh->due = step + 2 * (uint64_t)solver->refresh_delay; /* as the CPU's first factor after a cut */
+    refresh->account = pliant_account_in_use();
+    refresh->running = true;
+    refresh->finished = false;
+    refresh->in_thread = pthread_create(&refresh->thread, nullptr, in_background, refresh) == 0;
+    if (!refresh->in_thread) in_background(refresh);
+    return PLIANT_OK;
+}
+
+static void exchange_bases(gpu_preconditioner *a, gpu_preconditioner *b)
+{
+    const gpu_preconditioner other = *a;
+    a->inverse = b->inverse;
+    a->multigrid = b->multigrid;
+    a->layout = b->layout;
+    a->d_axes = b->d_axes;
+    a->d_turned = b->d_turned;
+    a->bytes = b->bytes;
+    b->inverse = other.inverse;
+    b->multigrid = other.multigrid;
+    b->layout = other.layout;
+    b->d_axes = other.d_axes;
+    b->d_turned = other.d_turned;
+    b->bytes = other.bytes;
+}
+
+/* Install a preconditioner from before a cut as the base. possible: out: false: the cut has opened too much tissue
+ * since. */
+static pliant_status install_below_carried(pliant_cuda_solver *gpu, const pliant_system *system, bool *possible)
+{
+    const gpu_refresh *refresh = gpu->refresh;
+    int32_t *h_source = static_cast<int32_t *>(pliant_calloc((size_t)system->num_free, sizeof *h_source));
+    if (!h_source) return pliant_fail_memory("the preconditioner");
+    for (int32_t f = 0; f < system->num_free; f++) {
+        const int32_t was = refresh->source[system->node_of_free[f]];
+        h_source[f] = was >= 0 ? refresh->of->system->free_of_node[was] : -1;
+    }
+    gpu_preconditioner *now = &gpu->preconditioner;
+    return pliant_cuda_carried_set(system, &gpu->system, &refresh->made.layout, h_source, gpu->stream, &now->carried,
+                                   &now->capacity, possible);
+}
+
+static pliant_status deliver(pliant_cuda_solver *gpu, const pliant_solver *solver, pliant_statistics *statistics,
+                             bool *renewed)
+{
+    gpu_refresh *refresh = gpu->refresh;
+    gpu_preconditioner *now = &gpu->preconditioner;
+    bool possible = true;
+    join(refresh);
+    pliant_status status = PLIANT_OK;
+    if (refresh->status != PLIANT_OK) {
+        pliant_log(PLIANT_LOG_DEBUG, "a new preconditioner could not be made on the GPU; the old one stays");
+    } else {
+        if (refresh->source) status = install_below_carried(gpu, solver->system, &possible);
+        else pliant_cuda_carried_clear(&now->carried, &now->capacity);
+        if (possible) exchange_bases(now, &refresh->made);
+        exchange_bases(&refresh->discarded, &refresh->made);
+        *renewed = possible;
+        statistics->factors += possible;
+        gpu->of_state = gpu->of_state && !possible;
+    }
+    forget_body(refresh);
+    if (status != PLIANT_OK || !*renewed) return status;
+    gpu->in_use.number++;
+    pliant_cuda_compliance_discard(&gpu->contacts.blocks);
+    return pliant_cuda_solver_record(gpu);
+}
+
+extern "C" pliant_status pliant_cuda_refresh_step(pliant_cuda_solver *gpu, const pliant_solver *solver,
+                                                  pliant_statistics *statistics, bool *renewed)
+{
+    const gpu_refresh *refresh = gpu->refresh;
+    if (refresh && refresh->running &&
+        pliant_background_installs(solver->background, solver->takes_factor, refresh->finished,
+                                   statistics->step >= refresh->due))
+        CUDA_TRY(deliver(gpu, solver, statistics, renewed));
+    const bool again = gpu->fresh; /* after restored positions, a slow preconditioner may become good again, and the
+                                    * next one of the state would wait for one at rest */
+    const bool wanted =
+        gpu->preconditioner.carried.base_free > 0 || (gpu->of_state && gpu->in_use.converged_slowly && !again);
+    return wanted && !(refresh && refresh->running) ? start(gpu, solver, statistics->step) : PLIANT_OK;
+}
+
+/* ---- Immediate creation. */
+
+extern "C" pliant_status pliant_cuda_preconditioner_make(pliant_cuda_solver *gpu, const pliant_solver *solver,
+                                                         const gpu_preconditioner_state *at, gpu_preconditioner *out)
+{
+    const double start = solver->clock(solver->clock_user);
+    CUDA_TRY(pliant_cuda_preconditioner_create(solver->system, gpu->choice, at, gpu->stream, out));
+    CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
+    return PLIANT_OK;
+}
+
+extern "C" pliant_status pliant_cuda_preconditioner_time(pliant_cuda_solver *gpu, const pliant_solver *solver)
+{
+    gpu_preconditioner another = {};
+    pliant_fail_quietly(true);
+    const pliant_status status = pliant_cuda_preconditioner_make(gpu, solver, nullptr, &another);
+    pliant_fail_quietly(false);
+    pliant_cuda_preconditioner_free(&another);
+    return status == PLIANT_ERROR_UNAVAILABLE ? pliant_fail(status, "computing the preconditioner on the GPU failed")
+                                              : PLIANT_OK;
+}
+
+/* Discard the background work. */
+static void stop(pliant_cuda_solver *gpu)
+{
+    gpu_refresh *refresh = gpu->refresh;
+    if (!refresh || !refresh->running) return;
+    join(refresh);
+    forget_body(refresh);
+}
+
+/* Replace the present or carried preconditioner immediately. at: Nullable. If no preconditioner can be computed, the
+ * old one stays. */
+static pliant_status make_now(pliant_cuda_solver *gpu, const pliant_solver *solver, const gpu_preconditioner_state *at,
+                              bool *made)
+{
+    gpu_preconditioner other = {};
+    if (solver->system->of) CUDA_TRY(pliant_system_find_pattern(solver->system->of->system));
+    pliant_fail_quietly(true);
+    const pliant_status status = pliant_cuda_preconditioner_make(gpu, solver, at, &other);
+    pliant_fail_quietly(false);
+    *made = status == PLIANT_OK;
+    if (*made) {
+        pliant_cuda_carried_clear(&gpu->preconditioner.carried, &gpu->preconditioner.capacity);
+        exchange_bases(&gpu->preconditioner, &other);
+    }
+    pliant_cuda_preconditioner_free(&other);
+    if (!*made)
+        return status == PLIANT_ERROR_UNAVAILABLE
+                   ? pliant_fail(status, "computing the preconditioner on the GPU failed")
+                   : PLIANT_OK;
+    gpu->of_state = at != nullptr;
+    gpu->in_use.number++;
+    pliant_cuda_compliance_discard(&gpu->contacts.blocks);
+    return pliant_cuda_solver_record(gpu);
+}
+
+/* Copy the present state of the step to the host, with matching axes. Both arrays are allocated with pliant_calloc. */
+static pliant_status download_state(pliant_cuda_solver *gpu, double *x, double *axes)
+{
+    const gpu_iteration *it = &gpu->iteration;
+    if (!gpu->in_use.rough) {
+        CUDA_TRY(pliant_cuda_rotate(&gpu->system, it, false, gpu->stream));
+        pliant_preconditioner_use_rotated(&gpu->in_use);
+    }
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(x, it->d_x[gpu->h_state->now], 3 * (size_t)it->num_nodes * sizeof *x,
+                                       cudaMemcpyDeviceToHost, gpu->stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(axes, it->d_axes, 9 * (size_t)it->num_free * sizeof *axes,
+                                       cudaMemcpyDeviceToHost, gpu->stream)));
+    return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
+}
+
+extern "C" pliant_status pliant_cuda_refresh_at_rest(pliant_cuda_solver *gpu, const pliant_solver *solver)
+{
+    bool made;
+    if (!gpu->of_state || gpu->preconditioner.carried.base_free > 0) return PLIANT_OK;
+    stop(gpu);
+    return make_now(gpu, solver, nullptr, &made);
+}
+
+extern "C" pliant_status pliant_cuda_refresh_follow(pliant_cuda_solver *gpu, int32_t num_nodes, const int32_t *node)
+{
+    gpu_refresh *refresh = gpu->refresh;
+    if (!refresh || !refresh->running) return PLIANT_OK;
+    int32_t *source = static_cast<int32_t *>(pliant_calloc((size_t)num_nodes, sizeof *source));
+    if (!source) return pliant_fail_memory("the background preconditioner");
+    for (int32_t n = 0; n < num_nodes; n++)
+        source[n] = refresh->source && node[n] >= 0 ? refresh->source[node[n]] : node[n];
+    pliant_free(refresh->source);
+    refresh->source = source;
+    return PLIANT_OK;
+}
+
+extern "C" void pliant_cuda_refresh_free(pliant_cuda_solver *gpu)
+{
+    gpu_refresh *refresh = gpu->refresh;
+    if (!refresh) return;
+    join(refresh);
+    pliant_cuda_preconditioner_free(&refresh->made);
+    pliant_cuda_preconditioner_free(&refresh->discarded);
+    if (refresh->stream) cudaStreamDestroy(refresh->stream);
+    pliant_cuda_pool_destroy(refresh->pool);
+    forget_body(refresh);
+    pliant_free(refresh);
+    gpu->refresh = nullptr;
+}

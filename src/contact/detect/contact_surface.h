@@ -1,0 +1,58 @@
+/* The tissue's boundary within the mesh. The mesh ends up to one cube outside the tissue, and its outermost layer
+ * carries almost no load. Contact must happen at the tissue's boundary instead.
+ *
+ * The contact surface encloses the tetrahedra that are filled with tissue by at least half. Where no such
+ * tetrahedron is near, it encloses also those with less tissue. The surface's corners are moved along its normal to
+ * the boundary of the tissue in the voxels, by at most one cube. Corners between full or empty elements are not
+ * moved. A moved corner is a point of a tetrahedron: it moves with it, and contact forces act on that tetrahedron's
+ * nodes. With contact of tissue on tissue, corners are moved less where the surface would intersect itself at rest. */
+#ifndef PLIANT_CONTACT_CONTACT_SURFACE_H
+#define PLIANT_CONTACT_CONTACT_SURFACE_H
+
+#include "contact/contact.h"
+#include "pliant/material.h"
+#include "pliant/scan.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Voxels and the topology at load. */
+typedef struct pliant_contact_surface_voxels {
+    const pliant_body *load;
+    const pliant_geometry *geometry;
+    const uint8_t *material_of_voxel;
+    const pliant_material_table *materials;
+    bool has_self_contact;       /* there is contact of tissue on tissue */
+    int threads;
+} pliant_contact_surface_voxels;
+
+/* All zero: without a topology. */
+typedef struct pliant_contact_surface {
+    uint64_t revision;         /* of the topology; 0: none */
+    int32_t *tet_at_load;      /* (nodes at load) tetrahedron that contains the corner; -1: the corner is the node */
+    double (*weights)[4];        /* (nodes at load) barycentric coordinates in it */
+    uint8_t *solid_at_load;    /* (tetrahedra at load) whether the contact surface encloses it */
+    uint8_t *solid;            /* (tetrahedra) as solid_at_load */
+    int32_t *tet;              /* (nodes) as tet_at_load */
+    pliant_body view;          /* the topology with the triangles of the contact surface */
+    int32_t *triangles;
+    double *positions;         /* (nodes x 3) positions; for nodes of the surface, of their corners [m] */
+} pliant_contact_surface;
+
+void pliant_contact_surface_free(pliant_contact_surface *surface); /* frees its contents */
+/* Set the topology. Do nothing if it is the current one. Errors: MEMORY. */
+pliant_status pliant_contact_surface_set_body(pliant_contact_surface *surface,
+                                              const pliant_contact_surface_voxels *voxels, const pliant_body *body);
+/* Compute the position of a surface node's corner. positions: (nodes x 3) [m] */
+void pliant_contact_surface_corner(const pliant_contact_surface *surface, int32_t node, const double *positions,
+                                   double out[3]);
+/* Compute outside->positions from the positions of the nodes. */
+void pliant_contact_surface_update(pliant_contact_surface *surface, const double *positions);
+/* Replace the weights of corners by weights of nodes in contact points. */
+void pliant_contact_surface_map_weights(const pliant_contact_surface *surface, pliant_contacts *contacts);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,68 @@
+/* Buffers of the search for contacts, and lists of contact points. */
+#include "contact/detect/detector.h"
+
+#include "base/fail.h"
+#include "base/buffer.h"
+#include "base/memory.h"
+
+#include <string.h>
+
+pliant_status pliant_contact_detector_create(const pliant_contact_settings *settings, pliant_contact_detector **out)
+{
+    *out = pliant_calloc(1, sizeof **out);
+    if (!*out) return pliant_fail_memory("contacts");
+    (*out)->settings = settings ? *settings : pliant_contact_settings_default();
+    return PLIANT_OK;
+}
+
+void pliant_contact_detector_free(pliant_contact_detector *detector)
+{
+    if (!detector) return;
+    pliant_broad_free(&detector->broad);
+    pliant_free(detector->triangle);
+    pliant_free(detector->face);
+    pliant_free(detector->edge);
+    pliant_free(detector->node);
+    pliant_free(detector->edge_of);
+    pliant_free(detector->order);
+    pliant_free(detector->slot);
+    pliant_free(detector);
+}
+
+pliant_status pliant_contacts_reserve(pliant_contacts *contacts, int32_t capacity)
+{
+    if (capacity <= contacts->capacity) return PLIANT_OK;
+    capacity += capacity / 2;
+    if (!pliant_grow(&contacts->point, (size_t)capacity, sizeof *contacts->point))
+        return pliant_fail_memory("contacts");
+    contacts->capacity = capacity;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_contacts_copy(const pliant_contacts *from, pliant_contacts *to)
+{
+    pliant_status status = pliant_contacts_reserve(to, from->count);
+    if (status != PLIANT_OK) return status;
+    if (from->count > 0) memcpy(to->point, from->point, (size_t)from->count * sizeof *to->point);
+    to->count = from->count;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_contact_detector_reserve(pliant_contact_detector *detector, const pliant_body *body)
+{
+    const size_t triangles = (size_t)detector->broad.num_near, nodes = (size_t)body->fine.num_nodes;
+    if (body->fine.num_nodes > detector->node_capacity) {
+        if (!pliant_grow(&detector->slot, nodes, sizeof *detector->slot)) return pliant_fail_memory("contacts");
+        detector->node_capacity = body->fine.num_nodes;
+    }
+    if (detector->broad.num_near <= detector->triangle_capacity) return PLIANT_OK;
+    if (!pliant_grow(&detector->triangle, triangles, sizeof *detector->triangle) ||
+        !pliant_grow(&detector->face, triangles, sizeof *detector->face) ||
+        !pliant_grow(&detector->edge, 3 * triangles, sizeof *detector->edge) ||
+        !pliant_grow(&detector->node, 3 * triangles, sizeof *detector->node) ||
+        !pliant_grow(&detector->edge_of, 3 * triangles, sizeof *detector->edge_of) ||
+        !pliant_grow(&detector->order, 3 * triangles, sizeof *detector->order))
+        return pliant_fail_memory("contacts");
+    detector->triangle_capacity = detector->broad.num_near;
+    return PLIANT_OK;
+}

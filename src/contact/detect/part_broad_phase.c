@@ -1,0 +1,108 @@
+#include "contact/detect/part_broad_phase.h"
+
+#include "base/fail.h"
+#include "base/memory.h"
+
+#include <math.h>
+
+static pliant_status reserve_capacity(pliant_broad *broad, int32_t triangles)
+{
+    if (triangles <= broad->near_capacity && broad->near) return PLIANT_OK;
+    int32_t *near = pliant_resize(broad->near, (size_t)triangles + 1, sizeof *near);
+    if (near) broad->near = near;
+    pliant_ball *ball = pliant_resize(broad->ball, (size_t)triangles + 1, sizeof *ball);
+    if (ball) broad->ball = ball;
+    if (!near || !ball) return pliant_fail_memory("contacts");
+    broad->near_capacity = triangles;
+    return PLIANT_OK;
+}
+
+typedef struct box { double low[3], high[3]; } box;
+
+/* Return the box around a part's motion in the leg and its margin. */
+static box box_of(const pliant_moving_part *part)
+{
+    box around;
+    pliant_part_box(part->part, &part->begin, around.low, around.high);
+    for (int d = 0; d < 3; d++) {
+        around.low[d] -= part->margin + part->way;
+        around.high[d] += part->margin + part->way;
+    }
+    return around;
+}
+
+static pliant_ball ball_of(const double *positions, const int32_t *nodes)
+{
+    pliant_ball ball = {.radius = 0};
+    for (int d = 0; d < 3; d++)
+        ball.middle[d] = (positions[3 * (size_t)nodes[0] + (size_t)d] + positions[3 * (size_t)nodes[1] + (size_t)d] +
+                          positions[3 * (size_t)nodes[2] + (size_t)d]) /
+                         3;
+    for (int v = 0; v < 3; v++) {
+        const double *x = positions + 3 * (size_t)nodes[v];
+        double square = 0;
+        for (int d = 0; d < 3; d++) square += (x[d] - ball.middle[d]) * (x[d] - ball.middle[d]);
+        ball.radius = fmax(ball.radius, sqrt(square));
+    }
+    return ball;
+}
+
+static bool is_apart(const box *around, const double *positions, const int32_t *nodes)
+{
+    for (int d = 0; d < 3; d++) {
+        const double a = positions[3 * (size_t)nodes[0] + (size_t)d], b = positions[3 * (size_t)nodes[1] + (size_t)d],
+                     c = positions[3 * (size_t)nodes[2] + (size_t)d];
+        if ((a < around->low[d] && b < around->low[d] && c < around->low[d]) ||
+            (a > around->high[d] && b > around->high[d] && c > around->high[d]))
+            return true;
+    }
+    return false;
+}
+
+pliant_status pliant_broad_find_all(pliant_broad *broad, const pliant_body *body, const double *positions,
+                                    int32_t count, const pliant_moving_part *parts)
+{
+    pliant_status status = reserve_capacity(broad, body->num_triangles);
+    if (status != PLIANT_OK) return status;
+    box around = box_of(parts);
+    for (int32_t p = 1; p < count; p++) {
+        const box one = box_of(parts + p);
+        for (int d = 0; d < 3; d++) {
+            around.low[d] = fmin(around.low[d], one.low[d]);
+            around.high[d] = fmax(around.high[d], one.high[d]);
+        }
+    }
+    broad->num_near = 0;
+    for (int32_t t = 0; t < body->num_triangles; t++) {
+        const int32_t *nodes = body->triangles + 3 * (size_t)t;
+        if (is_apart(&around, positions, nodes)) continue;
+        broad->near[broad->num_near] = t;
+        broad->ball[broad->num_near++] = ball_of(positions, nodes);
+    }
+    return PLIANT_OK;
+}
+
+int32_t pliant_broad_find(const pliant_broad *broad, const pliant_moving_part *part, int32_t *out)
+{
+    const box around = box_of(part);
+    int32_t found = 0;
+    for (int32_t n = 0; n < broad->num_near; n++) {
+        const pliant_ball *ball = broad->ball + n;
+        double local[3], normal[3];
+        bool apart = false;
+        for (int d = 0; d < 3; d++)
+            apart = apart || ball->middle[d] + ball->radius < around.low[d] ||
+                    ball->middle[d] - ball->radius > around.high[d];
+        if (apart) continue;
+        pliant_pose_from(&part->begin, ball->middle, local);
+        if (pliant_part_distance(part->part, local, normal) <= ball->radius + part->margin + part->way)
+            out[found++] = broad->near[n];
+    }
+    return found;
+}
+
+void pliant_broad_free(pliant_broad *broad)
+{
+    pliant_free(broad->near);
+    pliant_free(broad->ball);
+}

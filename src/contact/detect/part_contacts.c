@@ -1,0 +1,483 @@
+/* Nearest points of rigid parts to nodes, edges and triangles of the tissue's surface. No tissue is in a part's
+ * core at the start of a leg. Therefore the nearest point of the core determines the side on which the tissue is,
+ * without memory of previous legs. */
+#include "contact/detect/detector.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* A part and the tissue around it, while they are searched. */
+typedef struct search {
+    pliant_contact_detector *detector;
+    const pliant_body *body;
+    const double *positions;
+    const pliant_contacts *before;
+    bool blocked;
+    const pliant_moving_part *part;
+    pliant_part core;
+    uint64_t part_key;
+    int32_t triangles, edges, nodes;
+} search;
+
+/* ---- features of the triangles near a part */
+
+enum { NODE_BITS = 26 /* bits per number in a key */ };
+enum feature_kind { A_NODE, AN_EDGE, A_FACE, A_PLANE };
+
+static uint64_t key_of(enum feature_kind kind, uint64_t a, uint64_t b)
+{
+    return (uint64_t)kind << (2 * NODE_BITS) | a << NODE_BITS | b;
+}
+
+static int compare_features(const void *a, const void *b)
+{
+    const uint64_t x = ((const pliant_feature *)a)->key, y = ((const pliant_feature *)b)->key;
+    return (x > y) - (x < y);
+}
+
+/* Sort keys and remove duplicates. Return the number of keys left. */
+static int32_t sort_keys(uint64_t *keys, int32_t count)
+{
+    int32_t left = 0;
+    if (count > 0) qsort(keys, (size_t)count, sizeof *keys, pliant_compare_keys);
+    for (int32_t k = 0; k < count; k++)
+        if (k == 0 || keys[k] != keys[k - 1]) keys[left++] = keys[k];
+    return left;
+}
+
+static uint64_t edge_key(int32_t a, int32_t b)
+{
+    return a < b ? key_of(AN_EDGE, (uint64_t)a, (uint64_t)b) : key_of(AN_EDGE, (uint64_t)b, (uint64_t)a);
+}
+
+static uint64_t face_key(int32_t triangle) { return key_of(A_FACE, (uint64_t)triangle, 0); }
+
+static void add(double sum[3], const double v[3])
+{
+    for (int d = 0; d < 3; d++) sum[d] += v[d];
+}
+
+/* Compute the triangle's normal times twice its area. */
+static void cross_of(const double *at, const int32_t *nodes, double out[3])
+{
+    double a[3], b[3];
+    for (int d = 0; d < 3; d++) {
+        a[d] = at[3 * nodes[1] + d] - at[3 * nodes[0] + d];
+        b[d] = at[3 * nodes[2] + d] - at[3 * nodes[0] + d];
+    }
+    for (int d = 0; d < 3; d++) out[d] = a[(d + 1) % 3] * b[(d + 2) % 3] - a[(d + 2) % 3] * b[(d + 1) % 3];
+}
+
+static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+static void gather(search *on)
+{
+    pliant_contact_detector *detector = on->detector;
+    uint64_t *order = detector->order;
+    for (int32_t t = 0; t < on->triangles; t++)
+        for (int v = 0; v < 3; v++) order[3 * t + v] = (uint64_t)on->body->triangles[3 * detector->triangle[t] + v];
+    on->nodes = sort_keys(order, 3 * on->triangles);
+    for (int32_t n = 0; n < on->nodes; n++) {
+        detector->node[n] = (pliant_feature){
+            .key = key_of(A_NODE, order[n], 0), .count = 1, .node = {(int32_t)order[n]}, .weight = {1}};
+        detector->slot[order[n]] = n;
+    }
+    for (int32_t t = 0; t < on->triangles; t++) {
+        const int32_t *nodes = on->body->triangles + 3 * detector->triangle[t];
+        detector->face[t] = (pliant_feature){
+            .key = face_key(detector->triangle[t]), .count = 3, .node = {nodes[0], nodes[1], nodes[2]}};
+        for (int v = 0; v < 3; v++) order[3 * t + v] = edge_key(nodes[v], nodes[(v + 1) % 3]);
+    }
+    on->edges = sort_keys(order, 3 * on->triangles);
+    for (int32_t e = 0; e < on->edges; e++) {
+        const uint64_t mask = ((uint64_t)1 << NODE_BITS) - 1;
+        detector->edge[e] = (pliant_feature){
+            .key = order[e], .count = 2, .node = {(int32_t)(order[e] >> NODE_BITS & mask), (int32_t)(order[e] & mask)}};
+    }
+    for (int32_t t = 0; t < on->triangles; t++) {
+        pliant_feature *face = detector->face + t;
+        cross_of(on->positions, face->node, face->outwards);
+        for (int v = 0; v < 3; v++) {
+            const uint64_t key = edge_key(face->node[v], face->node[(v + 1) % 3]);
+            const uint64_t *found = bsearch(&key, order, (size_t)on->edges, sizeof key, pliant_compare_keys);
+            detector->edge_of[3 * t + v] = (int32_t)(found - order);
+            add(detector->node[detector->slot[face->node[v]]].outwards, face->outwards);
+            add(detector->edge[found - order].outwards, face->outwards);
+        }
+    }
+}
+
+/* ---- nearest point of a part to a feature */
+
+static bool is_held(const pliant_moving_part *part, int32_t node)
+{
+    int32_t low = 0, high = part->num_held;
+    while (low < high) {
+        const int32_t middle = (low + high) / 2;
+        if (part->held[middle] < node) low = middle + 1;
+        else high = middle;
+    }
+    return low < part->num_held && part->held[low] == node;
+}
+
+/* Held features, and fixed tissue against fixed obstacles, have no contact. */
+static bool is_excluded(const search *on, const pliant_feature *of)
+{
+    bool held = true, fixed = on->part->kind != PLIANT_OBSTACLE_TOOL;
+    for (int32_t k = 0; k < of->count; k++) {
+        held = held && is_held(on->part, of->node[k]);
+        fixed = fixed && on->body->fine_fixed[of->node[k]] == PLIANT_FIXED_AT_REST;
+    }
+    return held || fixed;
+}
+
+/* Return the distance of a feature from the part's surface at a pose. normal: out of the core, in the part's frame */
+static double distance_of(const search *on, const pliant_pose *pose, pliant_feature *of, double enough,
+                          double normal[3])
+{
+    double local[3][3];
+    const double beyond = enough + on->part->guard;
+    for (int32_t k = 0; k < of->count; k++) pliant_pose_from(pose, on->positions + 3 * (size_t)of->node[k], local[k]);
+    const double distance = of->count == 1 ? pliant_part_distance(&on->core, local[0], normal)
+                            : of->count == 2
+                                ? pliant_edge_minimum(&on->core, (const double(*)[3])local, beyond, of->weight, normal)
+                                : pliant_face_minimum(&on->core, (const double(*)[3])local, beyond, of->weight, normal);
+    return distance - on->part->guard;
+}
+
+static void point_of(const search *on, const pliant_feature *of, double out[3])
+{
+    for (int d = 0; d < 3; d++) {
+        out[d] = 0;
+        for (int32_t k = 0; k < of->count; k++)
+            out[d] += of->weight[k] * on->positions[3 * (size_t)of->node[k] + (size_t)d];
+    }
+}
+
+static void pose_at(const pliant_moving_part *part, double fraction, pliant_pose *out)
+{
+    pliant_tool_pose between;
+    *out = fraction > 0 ? part->end : part->begin;
+    if (!(fraction > 0 && fraction < 1)) return;
+    pliant_tool_pose_between(&part->from, &part->to, fraction, &between);
+    pliant_part_pose(part->shape, part->part->frame, between.tip, between.rotation, between.jaw, out);
+}
+
+/* Find the first pose on the part's motion at which it meets the feature, by conservative advancement. The feature
+ * stays at its position. If they do not meet, use the end of the leg. Return the distance there, or more than the
+ * margin. */
+static double meet(const search *on, pliant_feature *of, pliant_pose *pose, double normal[3])
+{
+    enum { MOST = 64 };
+    const pliant_moving_part *part = on->part;
+    const double met = 0.01 * part->guard;
+    double fraction = part->way > 0 ? 0 : 1;
+    for (int step = 0;; step++) {
+        if (step == MOST) fraction = 1;
+        pose_at(part, fraction, pose);
+        const double distance = distance_of(on, pose, of, fraction < 1 ? met : part->margin, normal);
+        if (distance <= met || fraction >= 1) return distance;
+        fraction = fmin(fraction + distance / part->way, 1);
+    }
+}
+
+/* A part that slides along a feature or presses on it is on the same side of it at the end of the leg. Then use its
+ * nearest point at the end. */
+static void advance_to_end(const search *on, pliant_feature *of, pliant_pose *pose, double normal[3], double *distance)
+{
+    const pliant_moving_part *part = on->part;
+    pliant_feature there = *of;
+    double turned[3], first[3], last[3];
+    const double apart = distance_of(on, &part->end, &there, part->margin, turned);
+    pliant_pose_turn(pose, normal, first);
+    pliant_pose_turn(&part->end, turned, last);
+    if (!(apart <= part->margin) || !(dot(first, last) > on->detector->settings.same_cosine)) return;
+    *of = there;
+    *pose = part->end;
+    memcpy(normal, turned, 3 * sizeof *normal);
+    *distance = apart;
+}
+
+/* Move the part's nearest point and normal with the part to the end of the leg. A penetration depth at the start of
+ * the leg is reduced gradually. */
+static void carry_to_end(const search *on, pliant_feature *of, const double point[3], const double normal[3],
+                         const double place[3])
+{
+    const pliant_moving_part *part = on->part;
+    double before[3], world[3], gap = 0;
+    pliant_pose_turn(&part->end, normal, of->normal);
+    pliant_pose_to(&part->end, place, of->place);
+    pliant_pose_turn(&part->begin, normal, world);
+    pliant_pose_to(&part->begin, place, before);
+    for (int d = 0; d < 3; d++) gap += world[d] * (point[d] - before[d]);
+    const double waits = pliant_contact_permitted_gap(gap, part->recovery, part->stays);
+    of->gap = 0;
+    for (int d = 0; d < 3; d++) {
+        of->drift[d] = of->place[d] - before[d];
+        of->place[d] += waits * of->normal[d];
+        of->gap += of->normal[d] * (point[d] - of->place[d]);
+    }
+    of->is_in_contact = true;
+}
+
+/* Tissue at the center of a core has no distance gradient. Use the tissue's own normal as the direction out of the
+ * part. Return false if the normal is 0. */
+static bool orient_outwards(const search *on, const pliant_pose *pose, const pliant_feature *of, const double local[3],
+                            double normal[3], double place[3])
+{
+    const double area = sqrt(dot(of->outwards, of->outwards));
+    if (!(area > 0)) return false;
+    pliant_pose_turn_back(pose, of->outwards, normal);
+    for (int d = 0; d < 3; d++) normal[d] /= -area;
+    pliant_part_exit_point(on->part->part, local, normal, place);
+    return true;
+}
+
+static void look(const search *on, pliant_feature *of)
+{
+    const pliant_moving_part *part = on->part;
+    double normal[3], world[3], point[3], local[3], place[3];
+    pliant_pose pose;
+    of->gap = INFINITY;
+    if (is_excluded(on, of)) return;
+    double distance = meet(on, of, &pose, normal);
+    if (!(distance <= part->margin)) {
+        if (of->count == 1) of->gap = distance;
+        return;
+    }
+    if (part->way > 0) advance_to_end(on, of, &pose, normal, &distance);
+    point_of(on, of, point);
+    pliant_pose_from(&pose, point, local);
+    const bool nowhere = dot(normal, normal) < 0.5;
+    pliant_pose_turn(&pose, normal, world);
+    if (!nowhere &&
+        dot(world, of->outwards) > on->detector->settings.behind_cosine * sqrt(dot(of->outwards, of->outwards)))
+        return;
+    for (int d = 0; d < 3; d++) place[d] = local[d] - distance * normal[d];
+    if (nowhere && !orient_outwards(on, &pose, of, local, normal, place)) return;
+    carry_to_end(on, of, point, normal, place);
+}
+
+/* ---- features that get contact points */
+
+/* Return whether the feature had a contact force in the previous leg. */
+static bool has_pressed(const search *on, const pliant_feature *of)
+{
+    const uint64_t key = on->part_key << 56 | of->key;
+    const pliant_contacts *before = on->before;
+    int32_t low = 0, high = before ? before->count : 0;
+    while (low < high) {
+        const int32_t middle = (low + high) / 2;
+        if (before->point[middle].feature < key) low = middle + 1;
+        else high = middle;
+    }
+    return before && low < before->count && before->point[low].feature == key && before->point[low].begun;
+}
+
+/* Return the gap of an adjacent feature if its normal is nearly the same. Otherwise return INFINITY, because its
+ * contact point cannot replace this one. */
+static double gap_of(const search *on, const pliant_feature *border, const pliant_feature *of)
+{
+    return border->is_in_contact && dot(border->normal, of->normal) > on->detector->settings.same_cosine ? border->gap
+                                                                                                 : INFINITY;
+}
+
+/* An edge or triangle gets a point if it is deeper than its adjacent features by `sag`. An existing point stays
+ * until it is higher than these by `sag`. */
+static void keep_if_deeper(const search *on, pliant_feature *of, double gap, double size)
+{
+    const pliant_contact_settings *settings = &on->detector->settings;
+    const double left = on->part->guard - on->part->off;
+    const double sag = fmin(fmin(settings->sag_of_edge * size, settings->max_sag), settings->sag_of_guard * left);
+    of->is_in_contact = of->is_in_contact && of->gap < gap + (has_pressed(on, of) ? sag : -sag);
+    if (!of->is_in_contact) of->gap = INFINITY;
+}
+
+static void keep_deeper(const search *on)
+{
+    pliant_contact_detector *detector = on->detector;
+    for (int32_t e = 0; e < on->edges; e++) {
+        pliant_feature *edge = detector->edge + e;
+        const pliant_feature *ends[2] = {detector->node + detector->slot[edge->node[0]],
+                                         detector->node + detector->slot[edge->node[1]]};
+        const double *a = on->positions + 3 * (size_t)edge->node[0], *b = on->positions + 3 * (size_t)edge->node[1];
+        const double along[3] = {b[0] - a[0], b[1] - a[1], b[2] - a[2]};
+        if (edge->is_in_contact)
+            keep_if_deeper(on, edge, fmin(gap_of(on, ends[0], edge), gap_of(on, ends[1], edge)),
+                           sqrt(dot(along, along)));
+    }
+    for (int32_t t = 0; t < on->triangles; t++) {
+        pliant_feature *face = detector->face + t;
+        double gap = INFINITY;
+        if (!face->is_in_contact) continue;
+        for (int v = 0; v < 3; v++)
+            gap = fmin(gap, fmin(gap_of(on, detector->node + detector->slot[face->node[v]], face),
+                                 gap_of(on, detector->edge + detector->edge_of[3 * t + v], face)));
+        keep_if_deeper(on, face, gap, sqrt(sqrt(dot(face->outwards, face->outwards))));
+    }
+}
+
+/* Divide each triangle's area equally among its corners, and its edges and itself if they have contact. */
+static void share_areas(const search *on)
+{
+    pliant_contact_detector *detector = on->detector;
+    for (int32_t t = 0; t < on->triangles; t++) {
+        pliant_feature *face = detector->face + t, *of[7] = {face};
+        int count = face->is_in_contact;
+        double cross[3];
+        for (int v = 0; v < 3; v++) {
+            pliant_feature *edge = detector->edge + detector->edge_of[3 * t + v];
+            of[count] = edge;
+            count += edge->is_in_contact;
+        }
+        for (int v = 0; v < 3; v++) of[count++] = detector->node + detector->slot[face->node[v]];
+        cross_of(on->body->fine.rest, face->node, cross);
+        for (int n = 0; n < count; n++) of[n]->area += 0.5 * sqrt(dot(cross, cross)) / count;
+    }
+}
+
+/* ---- output */
+
+static int32_t jaw_of(const pliant_moving_part *part)
+{
+    const pliant_part_frame frame = part->part->frame;
+    return part->kind != PLIANT_OBSTACLE_TOOL ? 0
+           : frame == PLIANT_FRAME_JAW_PLUS   ? 1
+           : frame == PLIANT_FRAME_JAW_MINUS  ? -1
+                                              : 0;
+}
+
+static void write(const search *on, const pliant_feature *of, pliant_contact_point *out)
+{
+    *out = (pliant_contact_point){
+        .feature = on->part_key << 56 | of->key,
+        .kind = on->part->kind,
+        .tool = on->part->kind == PLIANT_OBSTACLE_TOOL ? on->part->tool : -1,
+        .part = on->part->index,
+        .count = of->count,
+        .area = of->area,
+        .friction = on->part->friction,
+        .jaw = jaw_of(on->part),
+    };
+    for (int32_t k = 0; k < of->count; k++) {
+        out->node[k] = of->node[k];
+        out->weight[k] = of->weight[k];
+    }
+    memcpy(out->normal, of->normal, sizeof of->normal);
+    memcpy(out->place, of->place, sizeof of->place);
+    memcpy(out->drift, of->drift, sizeof of->drift);
+}
+
+/* Keep and sort the features with contact. Return their number. */
+static int32_t compact(pliant_feature *features, int32_t count)
+{
+    int32_t left = 0;
+    for (int32_t n = 0; n < count; n++)
+        if (features[n].is_in_contact) features[left++] = features[n];
+    if (left > 0) qsort(features, (size_t)left, sizeof *features, compare_features);
+    return left;
+}
+
+/* Add a plane constraint: all corners of a triangle stay beyond the plane that separates it from the core. Such
+ * planes are a convex inner approximation of the free states, so the next leg passes the pair that blocked the last
+ * one. Far from the core the plane is slightly nearer to the core than the triangle. Near the core it is slightly
+ * farther, so that it pushes the triangle out. */
+static void write_plane(const search *on, const pliant_feature *face, double distance, int32_t triangle,
+                        const double normal[3], pliant_contacts *out)
+{
+    const pliant_moving_part *part = on->part;
+    const double step = on->detector->settings.plane_step, left = part->guard - part->off, core = distance + left,
+                 minimum = 0.5 * on->detector->settings.plane_distance * left;
+    /* offset of the plane from the triangle's nearest point */
+    const double away = (core < minimum ? core + step * left : (1 - step) * core) - core;
+    double point[3], local[3], place[3], before[3];
+    point_of(on, face, point);
+    pliant_pose_from(&part->begin, point, local);
+    for (int d = 0; d < 3; d++) place[d] = local[d] + away * normal[d];
+    pliant_pose_to(&part->begin, place, before);
+    for (int v = 0; v < 3; v++) {
+        pliant_contact_point *to = out->point + out->count++;
+        *to = (pliant_contact_point){.feature = on->part_key << 56 | key_of(A_PLANE, (uint64_t)triangle, (uint64_t)v),
+                                     .kind = part->kind,
+                                     .tool = part->kind == PLIANT_OBSTACLE_TOOL ? part->tool : -1,
+                                     .part = part->index,
+                                     .count = 1,
+                                     .node = {face->node[v]},
+                                     .weight = {1},
+                                     .jaw = jaw_of(part)};
+        pliant_pose_turn(&part->end, normal, to->normal);
+        pliant_pose_to(&part->end, place, to->place);
+        for (int d = 0; d < 3; d++) to->drift[d] = to->place[d] - before[d];
+    }
+}
+
+static void add_planes(const search *on, pliant_contacts *out)
+{
+    pliant_contact_detector *detector = on->detector;
+    for (int32_t t = 0; t < on->triangles; t++) {
+        const int32_t triangle = detector->triangle[t], *nodes = on->body->triangles + 3 * (size_t)triangle;
+        pliant_feature face = {.count = 3, .node = {nodes[0], nodes[1], nodes[2]}};
+        double normal[3];
+        if (is_excluded(on, &face)) continue;
+        const double left = on->part->guard - on->part->off,
+                     distance = distance_of(on, &on->part->begin, &face, 0, normal), core = distance + left;
+        if (core > detector->settings.plane_distance * left || !(core > 0) || dot(normal, normal) < 0.5) continue;
+        write_plane(on, &face, distance, triangle, normal, out);
+    }
+}
+
+/* Append the points of a part, sorted by feature. Planes are last because their kind is the highest. */
+static pliant_status append(search *on, pliant_contacts *out)
+{
+    pliant_contact_detector *detector = on->detector;
+    pliant_feature *const kinds[] = {detector->node, detector->edge, detector->face};
+    const int32_t counts[] = {compact(detector->node, on->nodes), compact(detector->edge, on->edges),
+                              compact(detector->face, on->triangles)};
+    const int32_t total = counts[0] + counts[1] + counts[2] + 3 * on->triangles;
+    pliant_status status = total > 0 ? pliant_contacts_reserve(out, out->count + total) : PLIANT_OK;
+    for (int kind = 0; kind < 3 && status == PLIANT_OK; kind++)
+        for (int32_t n = 0; n < counts[kind]; n++) write(on, kinds[kind] + n, out->point + out->count++);
+    if (status == PLIANT_OK && on->blocked) add_planes(on, out);
+    return status;
+}
+
+static void measure_all(search *on)
+{
+    pliant_contact_detector *detector = on->detector;
+    for (int32_t n = 0; n < on->nodes; n++) look(on, detector->node + n);
+    for (int32_t e = 0; e < on->edges; e++) look(on, detector->edge + e);
+    for (int32_t t = 0; t < on->triangles; t++) look(on, detector->face + t);
+    keep_deeper(on);
+    share_areas(on);
+}
+
+static uint64_t part_key_of(const pliant_moving_part *part)
+{
+    return part->kind == PLIANT_OBSTACLE_TOOL ? (uint64_t)(PLIANT_MAX_PARTS * part->tool + part->index)
+                                              : 128 + (uint64_t)part->index;
+}
+
+pliant_status pliant_contact_find(pliant_contact_detector *detector, const pliant_body *body, const double *positions,
+                                  const pliant_contacts *before, bool blocked, int32_t count,
+                                  const pliant_moving_part *parts, pliant_contacts *out)
+{
+    if (count == 0) return PLIANT_OK;
+    pliant_status status = pliant_broad_find_all(&detector->broad, body, positions, count, parts);
+    if (status == PLIANT_OK) status = pliant_contact_detector_reserve(detector, body);
+    for (int32_t p = 0; p < count && status == PLIANT_OK; p++) {
+        search on = {.detector = detector,
+                     .body = body,
+                     .positions = positions,
+                     .before = before,
+                     .blocked = blocked,
+                     .part = parts + p,
+                     .part_key = part_key_of(parts + p)};
+        on.core = pliant_part_core(on.part->part, on.part->guard);
+        on.triangles = pliant_broad_find(&detector->broad, on.part, detector->triangle);
+        gather(&on);
+        measure_all(&on);
+        status = append(&on, out);
+    }
+    return status;
+}

@@ -1,0 +1,39 @@
+/* Error estimate of a step: the largest distance of a node from its converged position [m].
+ *
+ * The mixed step of Anderson's method estimates the error of an evaluated state. Each evaluation leaves the fraction c
+ * of an error that no secant explains. The corrections are a geometric series (Aitken), so the unexplained part counts
+ * 1 / (1 - c) times (anderson.h).
+ *
+ * The final state of a step was usually reached blindly. The next step starts there, with other loads. Its elastic
+ * forces stay valid. So does the preconditioned step, if only the tools' targets have changed. The evaluation is
+ * therefore done at the end of a step instead of the start of the next one, and the step can report its final error. */
+#include "base/fail.h"
+#include "fem/quasistatic/solver.h"
+#include "base/memory.h"
+
+#include <math.h>
+#include <string.h>
+
+pliant_status pliant_final_state_create(pliant_solver *solver)
+{
+    size_t n = 3 * (size_t)solver->system->num_free;
+    pliant_final_state *posterior = &solver->posterior;
+    posterior->at.step = pliant_calloc(n, sizeof *posterior->at.step);
+    posterior->at.residual = pliant_calloc(n, sizeof *posterior->at.residual);
+    return posterior->at.step && posterior->at.residual ? PLIANT_OK : pliant_fail_memory("the solver");
+}
+
+void pliant_final_state_free(pliant_solver *solver)
+{
+    pliant_free(solver->posterior.at.step);
+    pliant_free(solver->posterior.at.residual);
+}
+
+void pliant_final_state_store(pliant_solver *solver)
+{
+    pliant_final_state *posterior = &solver->posterior;
+    const size_t bytes = pliant_solver_unknowns(solver) * sizeof(double);
+    memcpy(posterior->at.step, solver->now.step, bytes);
+    memcpy(posterior->at.residual, solver->now.residual, bytes);
+    memcpy(posterior->at.step_force, solver->now.step_force, sizeof posterior->at.step_force);
+}

@@ -1,0 +1,309 @@
+/* Grasps: rows of W, and the body's response to them. */
+#include "base/fail.h"
+#include "base/dense.h"
+#include "base/buffer.h"
+#include "fem/quasistatic/solver.h"
+#include "base/memory.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+void pliant_grasp_apply(const pliant_grasp_constraint *handle, const double *v, double out[3])
+{
+    for (int32_t h = 0; h < handle->count; h++) {
+        const double *block = handle->turned + 9 * h, *at = v + 3 * handle->unknown[h];
+        for (int r = 0; r < 3; r++)
+            out[r] += block[3 * r] * at[0] + block[3 * r + 1] * at[1] + block[3 * r + 2] * at[2];
+    }
+}
+
+static void add_by(const pliant_grasp_constraint *handle, const double *blocks, const double force[3], double *v)
+{
+    for (int32_t h = 0; h < handle->count; h++) {
+        const double *block = blocks + 9 * h;
+        double *at = v + 3 * handle->unknown[h];
+        for (int c = 0; c < 3; c++) at[c] += block[c] * force[0] + block[3 + c] * force[1] + block[6 + c] * force[2];
+    }
+}
+
+void pliant_grasp_add_pull(const pliant_grasp_constraint *handle, const double force[3], double *v)
+{
+    add_by(handle, handle->turned, force, v);
+}
+
+void pliant_grasp_add_load(const pliant_grasp_constraint *handle, const double force[3], double *v)
+{
+    add_by(handle, handle->block, force, v);
+}
+
+/* Compute y = origin + W x. x: all nodes of the solved mesh. */
+static void held_point(const pliant_solver *solver, const pliant_grasp_constraint *handle, const double *x,
+                       double out[3])
+{
+    memcpy(out, handle->origin, 3 * sizeof *out);
+    for (int32_t h = 0; h < handle->count; h++) {
+        const double *block = handle->block + 9 * h, *at = x + 3 * solver->system->node_of_free[handle->unknown[h]];
+        for (int r = 0; r < 3; r++)
+            out[r] += block[3 * r] * at[0] + block[3 * r + 1] * at[1] + block[3 * r + 2] * at[2];
+    }
+}
+
+static void free_arrays(pliant_grasp_constraint *handle)
+{
+    pliant_free(handle->unknown);
+    pliant_free(handle->block);
+    pliant_free(handle->turned);
+    pliant_free(handle->response);
+}
+
+/* Allocate the weights of a handle; the response is allocated on demand. */
+static pliant_status allocate(pliant_grasp_constraint *handle)
+{
+    handle->unknown = pliant_calloc((size_t)handle->count, sizeof *handle->unknown);
+    handle->block = pliant_calloc((size_t)handle->count, 9 * sizeof *handle->block);
+    handle->turned = pliant_calloc((size_t)handle->count, 9 * sizeof *handle->turned);
+    handle->response = NULL;
+    if (handle->unknown && handle->block && handle->turned) return PLIANT_OK;
+    free_arrays(handle);
+    return pliant_fail_memory("a tool's hold");
+}
+
+void pliant_grasp_free(pliant_grasp_constraint *handle)
+{
+    free_arrays(handle);
+    memset(handle, 0, sizeof *handle);
+}
+
+pliant_status pliant_grasp_copy(const pliant_grasp_constraint *handle, pliant_grasp_constraint *out)
+{
+    pliant_grasp_free(out);
+    pliant_grasp_constraint copy = *handle;
+    pliant_status status = allocate(&copy);
+    if (status != PLIANT_OK) return status;
+    memcpy(copy.unknown, handle->unknown, (size_t)handle->count * sizeof *copy.unknown);
+    memcpy(copy.block, handle->block, 9 * (size_t)handle->count * sizeof *copy.block);
+    *out = copy;
+    return PLIANT_OK;
+}
+
+bool pliant_grasp_is_same(const pliant_grasp_constraint *a, const pliant_grasp_constraint *b)
+{
+    return a->count == b->count && memcmp(a->unknown, b->unknown, (size_t)a->count * sizeof *a->unknown) == 0 &&
+           memcmp(a->block, b->block, 9 * (size_t)a->count * sizeof *a->block) == 0;
+}
+
+void pliant_solver_remove_grasp(pliant_solver *solver, int tool)
+{
+    pliant_grasp_free(solver->grasps + tool);
+    pliant_solver_drop_history(solver);
+}
+
+void pliant_grasp_rotate(pliant_grasp_constraint *handle, const pliant_nodal_rotations *rotations)
+{
+    if (handle->count == 0) return;
+    memcpy(handle->turned, handle->block, 9 * (size_t)handle->count * sizeof *handle->block);
+    for (int32_t row = 0; row < 3 * handle->count; row++)
+        pliant_into_node_axes(rotations, handle->unknown[row / 3], handle->turned + 3 * row);
+}
+
+void pliant_solver_rotate_grasps(pliant_solver *solver)
+{
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) pliant_grasp_rotate(solver->grasps + t, solver->rotations);
+}
+
+/* A held unknown, if the fine mesh is the solved mesh. Its weight is a multiple of the unit matrix. */
+typedef struct held_unknown {
+    int32_t unknown, order;
+    double weight;
+} held_unknown;
+
+static int by_unknown(const void *a, const void *b)
+{
+    const held_unknown *i = a, *j = b;
+    if (i->unknown != j->unknown) return i->unknown < j->unknown ? -1 : 1;
+    return i->order < j->order ? -1 : i->order > j->order;
+}
+
+static pliant_status hold_nodes(const pliant_system *system, int32_t count, const int32_t *nodes, const double *weights,
+                                pliant_grasp_constraint *handle)
+{
+    int32_t listed = 0, kept = 0;
+    held_unknown *list = pliant_calloc((size_t)count + 1, sizeof *list);
+    if (!list) return pliant_fail_memory("a tool's hold");
+    for (int32_t h = 0; h < count; h++)
+        if (system->free_of_node[nodes[h]] >= 0)
+            list[listed++] = (held_unknown){system->free_of_node[nodes[h]], h, weights[h]};
+    qsort(list, (size_t)listed, sizeof *list, by_unknown);
+    for (int32_t i = 0; i < listed;) {
+        held_unknown one = {list[i].unknown, 0, 0};
+        for (; i < listed && list[i].unknown == one.unknown; i++) one.weight += list[i].weight;
+        if (one.weight != 0) list[kept++] = one;
+    }
+    handle->count = kept;
+    pliant_status status = kept > 0 ? allocate(handle) : PLIANT_OK;
+    for (int32_t i = 0; i < kept && status == PLIANT_OK; i++) {
+        handle->unknown[i] = list[i].unknown;
+        for (int d = 0; d < 3; d++) handle->block[9 * (size_t)i + 4 * (size_t)d] = list[i].weight;
+    }
+    pliant_free(list);
+    return status;
+}
+
+/* Compute W for fine nodes that follow solved nodes. dense: (num_free x 9) work array. */
+static pliant_status hold_followers(const pliant_solver *solver, int32_t count, const int32_t *nodes,
+                                    const double *weights, double *dense, pliant_grasp_constraint *handle)
+{
+    const pliant_system *system = solver->system;
+    memset(dense, 0, 9 * (size_t)system->num_free * sizeof *dense);
+    pliant_upsample_weights(system, solver->now.x, count, nodes, weights, dense);
+    handle->count = 0;
+    for (int32_t n = 0; n < system->num_free; n++)
+        for (int m = 0; m < 9; m++)
+            if (dense[9 * n + m] != 0) {
+                handle->count++;
+                break;
+            }
+    pliant_status status = handle->count > 0 ? allocate(handle) : PLIANT_OK;
+    if (status != PLIANT_OK) return status;
+    int32_t next = 0;
+    for (int32_t n = 0; n < system->num_free; n++) {
+        bool used = false;
+        for (int m = 0; m < 9; m++) used = used || dense[9 * n + m] != 0;
+        if (!used) continue;
+        handle->unknown[next] = n;
+        memcpy(handle->block + 9 * next++, dense + 9 * n, 9 * sizeof *dense);
+    }
+    return PLIANT_OK;
+}
+
+pliant_status pliant_solver_add_grasp(pliant_solver *solver, int tool, int32_t count, const int32_t *nodes,
+                                      const double *weights, const double *fine_positions)
+{
+    pliant_grasp_constraint *old = solver->grasps + tool, handle = *old;
+    handle.unknown = NULL;
+    handle.block = handle.turned = handle.response = NULL;
+    pliant_status status = pliant_solves_fine(solver->system)
+                               ? hold_nodes(solver->system, count, nodes, weights, &handle)
+                               : hold_followers(solver, count, nodes, weights, solver->dense_weights, &handle);
+    if (status != PLIANT_OK) return status;
+    bool was_active = old->active;
+    free_arrays(old);
+    *old = handle;
+    old->active = true;
+    old->response_of = 0;
+    if (!was_active) {
+        memset(old->force, 0, sizeof old->force);
+        pliant_evaluations_clear(&solver->evaluation_history);
+    }
+    double y[3] = {0, 0, 0}, moved[3];
+    for (int32_t h = 0; h < count; h++)
+        for (int d = 0; d < 3; d++) y[d] += weights[h] * fine_positions[3 * nodes[h] + d];
+    memset(old->origin, 0, sizeof old->origin);
+    held_point(solver, old, solver->now.x, moved);
+    for (int d = 0; d < 3; d++) old->origin[d] = y[d] - moved[d];
+    pliant_solver_rotate_grasps(solver);
+    pliant_solver_drop_history(solver);
+    return PLIANT_OK;
+}
+
+pliant_status pliant_grasp_find_response(pliant_grasp_constraint *handle, size_t unknowns,
+                                         pliant_preconditioner *preconditioner)
+{
+    if (!handle->response && !(handle->response = pliant_malloc(3 * unknowns, sizeof *handle->response)))
+        return pliant_fail_memory("a tool's hold");
+    memset(handle->response, 0, 3 * unknowns * sizeof *handle->response);
+    for (int d = 0; d < 3; d++) {
+        double unit[3] = {d == 0, d == 1, d == 2};
+        pliant_grasp_add_pull(handle, unit, handle->response + unknowns * (size_t)d);
+    }
+    return pliant_preconditioner_solve(preconditioner, 3, handle->response, handle->response);
+}
+
+pliant_status pliant_solver_find_responses(pliant_solver *solver)
+{
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
+        pliant_grasp_constraint *handle = solver->grasps + t;
+        if (!pliant_grasp_is_spring(handle) || handle->response_of == solver->in_use.number) continue;
+        pliant_status status =
+            pliant_grasp_find_response(handle, pliant_solver_unknowns(solver), solver->preconditioner);
+        if (status != PLIANT_OK) return status;
+        handle->response_of = solver->in_use.number;
+    }
+    return PLIANT_OK;
+}
+
+void pliant_grasp_stretch(const pliant_solver *solver, int tool, const pliant_iterate *at, double out[3])
+{
+    const pliant_grasp_constraint *handle = solver->grasps + tool;
+    double y[3];
+    held_point(solver, handle, at->x, y);
+    for (int d = 0; d < 3; d++) out[d] = handle->target[d] - y[d] - handle->compliance * at->force[3 * tool + d];
+}
+
+void pliant_grasp_gap(const pliant_solver *solver, int tool, const pliant_iterate *at, double out[3])
+{
+    pliant_grasp_stretch(solver, tool, at, out);
+    for (int d = 0; d < 3; d++) out[d] = -out[d];
+    pliant_grasp_apply(solver->grasps + tool, at->free_step, out);
+}
+
+int pliant_solver_springs(const pliant_solver *solver, int index[PLIANT_MAX_TOOLS],
+                          double matrix[PLIANT_MAX_ROWS * PLIANT_MAX_ROWS])
+{
+    const size_t n = pliant_solver_unknowns(solver);
+    int count = 0;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
+        if (pliant_grasp_is_spring(solver->grasps + t)) index[count++] = t;
+    const int rows = 3 * count;
+    for (int a = 0; a < count; a++)
+        for (int b = 0; b < count; b++)
+            for (int d = 0; d < 3; d++) {
+                double column[3] = {0, 0, 0};
+                pliant_grasp_apply(solver->grasps + index[a], solver->grasps[index[b]].response + n * (size_t)d,
+                                   column);
+                for (int r = 0; r < 3; r++)
+                    matrix[(3 * a + r) * rows + 3 * b + d] =
+                        column[r] + (a == b && r == d ? solver->grasps[index[a]].compliance : 0);
+            }
+    return count;
+}
+
+void pliant_solver_add_response(const pliant_solver *solver, int tool, const double force[3], double *step)
+{
+    const size_t n = pliant_solver_unknowns(solver);
+    for (int d = 0; d < 3; d++) {
+        const double *z = solver->grasps[tool].response + n * (size_t)d;
+        for (size_t i = 0; i < n; i++) step[i] += force[d] * z[i];
+    }
+}
+
+bool pliant_solver_step_tools(const pliant_solver *solver, pliant_iterate *at)
+{
+    int index[PLIANT_MAX_TOOLS];
+    double s[PLIANT_MAX_ROWS * PLIANT_MAX_ROWS] = {0}, right[PLIANT_MAX_ROWS];
+    memset(at->step_force, 0, sizeof at->step_force);
+    const int count = pliant_solver_springs(solver, index, s);
+    if (count == 0) return true;
+    for (int a = 0; a < count; a++) {
+        double w[3] = {0, 0, 0};
+        pliant_grasp_stretch(solver, index[a], at, right + 3 * a);
+        pliant_grasp_apply(solver->grasps + index[a], at->step, w);
+        for (int d = 0; d < 3; d++) right[3 * a + d] -= w[d];
+    }
+    if (!pliant_dense_solve(3 * count, s, 1, right)) return false;
+    for (int a = 0; a < count; a++) {
+        memcpy(at->step_force + 3 * index[a], right + 3 * a, 3 * sizeof *right);
+        pliant_grasp_add_pull(solver->grasps + index[a], right + 3 * a, at->residual);
+        pliant_solver_add_response(solver, index[a], right + 3 * a, at->step);
+    }
+    return true;
+}
+
+double pliant_solver_spring_energy(const pliant_solver *solver, const double *a, const double *b)
+{
+    double sum = 0;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
+        if (pliant_grasp_is_spring(solver->grasps + t))
+            for (int d = 0; d < 3; d++) sum += solver->grasps[t].compliance * a[3 * t + d] * b[3 * t + d];
+    return sum;
+}

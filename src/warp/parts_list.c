@@ -1,0 +1,20 @@
+/* Growing lists for the computation of parts. */
+#include "warp/parts_maker.h"
+
+#include "base/fail.h"
+#include "base/memory.h"
+
+pliant_status pliant_parts_no_memory(void) { return pliant_fail_memory("the parts of the deformed volume"); }
+
+void *pliant_parts_grow(part_list *list, size_t more)
+{
+    if (list->count + more > list->capacity) {
+        size_t capacity = 2 * (list->count + more);
+        void *longer = pliant_resize(list->at, capacity, list->size);
+        if (!longer) return NULL;
+        list->at = longer;
+        list->capacity = capacity;
+    }
+    list->count += more;
+    return (char *)list->at + (list->count - more) * list->size;
+}
