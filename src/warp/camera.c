@@ -1,5 +1,6 @@
 /* Create cameras from their usual parameters, and choose the default appearance of a scan. */
 #include "base/fail.h"
+#include "base/vector3.h"
 #include "pliant/render.h"
 #include "scan/volume.h"
 
@@ -18,11 +19,6 @@ void pliant_camera_of_view(int32_t width, int32_t height, double field_of_view, 
                            .pose = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
 }
 
-static void cross(const double a[3], const double b[3], double out[3])
-{
-    for (int d = 0; d < 3; d++) out[d] = a[(d + 1) % 3] * b[(d + 2) % 3] - a[(d + 2) % 3] * b[(d + 1) % 3];
-}
-
 /* Normalize a vector; false for length zero. */
 static bool make_unit(double v[3])
 {
@@ -36,9 +32,9 @@ pliant_status pliant_camera_look_at(pliant_camera *camera, const double from[3],
     double ahead[3], right[3], down[3];
     for (int d = 0; d < 3; d++) ahead[d] = at[d] - from[d];
     bool good = make_unit(ahead);
-    cross(ahead, up, right);
+    pliant_cross3(ahead, up, right);
     good = good && make_unit(right);
-    cross(ahead, right, down);
+    pliant_cross3(ahead, right, down);
     if (!good)
         return pliant_fail(PLIANT_ERROR_ARGUMENT,
                            "a camera looks from one point at another, and up in its image is not along its view");

@@ -4,22 +4,10 @@
 #define PLIANT_CONTACT_ADVANCE_RULES_H
 
 #include "base/inline.h"
+#include "base/vector3.h"
 #include "contact/advance/advance.h"
 
 #include <math.h>
-
-PLIANT_INLINE double pliant_advance_dot(const double *a, const double *b)
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-PLIANT_INLINE double pliant_advance_length(const double *a) { return sqrt(pliant_advance_dot(a, a)); }
-
-PLIANT_INLINE void pliant_advance_cross(const double *a, const double *b, double *out)
-{
-    out[0] = a[1] * b[2] - a[2] * b[1];
-    out[1] = a[2] * b[0] - a[0] * b[2];
-    out[2] = a[0] * b[1] - a[1] * b[0];
-}
 
 /* Return the smallest distance that a pair may reach in a leg, from its distance at the start. A pair that stays
  * above this limit does not shorten the leg. */
@@ -65,8 +53,8 @@ PLIANT_INLINE void pliant_advance_segments(const double p[2][3], const double q[
         e[i] = q[1][i] - q[0][i];
         r[i] = p[0][i] - q[0][i];
     }
-    const double a = pliant_advance_dot(d, d), b = pliant_advance_dot(d, e), c = pliant_advance_dot(d, r);
-    const double ee = pliant_advance_dot(e, e), f = pliant_advance_dot(e, r), area = a * ee - b * b;
+    const double a = pliant_dot3(d, d), b = pliant_dot3(d, e), c = pliant_dot3(d, r);
+    const double ee = pliant_dot3(e, e), f = pliant_dot3(e, r), area = a * ee - b * b;
     *s = a > 0.0 ? (area > 1e-12 * a * ee ? fmin(fmax((b * f - c * ee) / area, 0.0), 1.0) : 0.5) : 0.0;
     *t = ee > 0.0 ? (b * *s + f) / ee : 0.0;
     if (ee > 0.0 && *t >= 0.0 && *t <= 1.0) return;
@@ -86,9 +74,9 @@ PLIANT_INLINE void pliant_advance_on_triangle(const double corner[3][3], const d
         bp[i] = p[i] - corner[1][i];
         cp[i] = p[i] - corner[2][i];
     }
-    const double d1 = pliant_advance_dot(ab, ap), d2 = pliant_advance_dot(ac, ap), d3 = pliant_advance_dot(ab, bp),
-                 d4 = pliant_advance_dot(ac, bp);
-    const double d5 = pliant_advance_dot(ab, cp), d6 = pliant_advance_dot(ac, cp);
+    const double d1 = pliant_dot3(ab, ap), d2 = pliant_dot3(ac, ap), d3 = pliant_dot3(ab, bp),
+                 d4 = pliant_dot3(ac, bp);
+    const double d5 = pliant_dot3(ab, cp), d6 = pliant_dot3(ac, cp);
     const double va = d3 * d6 - d5 * d4, vb = d5 * d2 - d1 * d6, vc = d1 * d4 - d3 * d2, whole = va + vb + vc;
     double b = 0.0, c = 0.0;
     if (d1 <= 0.0 && d2 <= 0.0)
@@ -141,7 +129,7 @@ PLIANT_INLINE void pliant_advance_near_segment(const double corner[3][3], const 
         }
         pliant_advance_mix(corner, trial, place);
         for (int i = 0; i < 3; i++) apart[i] = place[i] - end[0][i] - t * (end[1][i] - end[0][i]);
-        const double square = pliant_advance_dot(apart, apart);
+        const double square = pliant_dot3(apart, apart);
         if (!(square < best)) continue;
         best = square;
         for (int i = 0; i < 3; i++) weight[i] = trial[i];

@@ -81,7 +81,7 @@ static bool is_apart(const box *a, const double low[3], const double high[3], do
 /* Half-spaces have no box; a triangle is near if its box is near the plane. */
 static bool is_above(const box *a, const pliant_part *half_space, double margin)
 {
-    const double size = pliant_advance_length(half_space->to);
+    const double size = pliant_length3(half_space->to);
     double height = 0;
     for (int d = 0; d < 3; d++)
         height += half_space->to[d] / size * ((half_space->to[d] > 0 ? a->low[d] : a->high[d]) - half_space->from[d]);
@@ -106,7 +106,7 @@ static bool is_far_at(const pliant_advance_motion *motion, const pliant_advance_
     for (int c = 0; c < 3; c++) {
         double apart[3];
         for (int d = 0; d < 3; d++) apart[d] = corner[c][d] - middle[d];
-        square = pliant_advance_upper(square, pliant_advance_dot(apart, apart));
+        square = pliant_advance_upper(square, pliant_dot3(apart, apart));
     }
     pliant_pose_from(&motion->at[at].pose, middle, local);
     return pliant_part_distance(&motion->core, local, normal) - sqrt(square) - way > margin;
@@ -123,7 +123,7 @@ static bool stays_far(const pliant_advance_motion *motion, const int32_t node[3]
     for (int c = 0; c < 3; c++) {
         double rate[3];
         for (int d = 0; d < 3; d++) rate[d] = triangle.rate[c][d] - motion->tip_rate[d];
-        square = pliant_advance_upper(square, pliant_advance_dot(rate, rate));
+        square = pliant_advance_upper(square, pliant_dot3(rate, rate));
     }
     const double speed = sqrt(square) + motion->speed;
     if (is_far_at(motion, &triangle, 0, 0.5, 0.5 * speed, margin)) return true;

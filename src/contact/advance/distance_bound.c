@@ -36,7 +36,7 @@ static void try_mixture(const tangent *of, int count, const mixture *trial, mixt
         lowest = sum < lowest ? sum : lowest;
     }
     for (int k = 0; k < count; k++) {
-        const double sum = pliant_advance_dot(trial->corner, of[k].at);
+        const double sum = pliant_dot3(trial->corner, of[k].at);
         highest = sum > highest ? sum : highest;
     }
     if (lowest > best->lowest) {
@@ -97,8 +97,8 @@ static void try_three(const tangent *of, int count, const int row[3], mixture *b
             columns[n][d] = of[row[d]].at[n + 1] - of[row[d]].at[0];
             rows[n][d] = of[row[n + 1]].at[d] - of[row[0]].at[d];
         }
-    pliant_advance_cross(columns[0], columns[1], tangents);
-    pliant_advance_cross(rows[0], rows[1], corners);
+    pliant_cross3(columns[0], columns[1], tangents);
+    pliant_cross3(rows[0], rows[1], corners);
     if (!normalize(tangents) || !normalize(corners)) return;
     for (int d = 0; d < 3; d++) {
         trial.tangent[row[d]] = tangents[d];
@@ -131,7 +131,7 @@ static tangent tangent_at(const pliant_part *core, const double corner[3][3], co
     for (int c = 0; c < 3; c++) {
         double apart[3];
         for (int d = 0; d < 3; d++) apart[d] = corner[c][d] - out.point[d];
-        out.at[c] = out.value + pliant_advance_dot(out.normal, apart);
+        out.at[c] = out.value + pliant_dot3(out.normal, apart);
     }
     return out;
 }
@@ -159,7 +159,7 @@ static int begin_at(const pliant_part *core, const double corner[3][3], double w
  * because that body lies behind the plane. */
 static void tighten_bound(double radius, pliant_distance_bound *out)
 {
-    const double length = pliant_advance_length(out->normal);
+    const double length = pliant_length3(out->normal);
     if (!(out->minimum + radius > 0 && length > 0)) return;
     out->offset = (out->offset + radius) / length - radius;
     out->minimum = (out->minimum + radius) / length - radius;
@@ -183,12 +183,12 @@ static void mix_tangents(const tangent *of, int count, const double corner[3][3]
             apart[d] = out->point[d] - of[k].point[d];
             out->normal[d] += weight[k] * of[k].normal[d];
         }
-        out->offset += weight[k] * (of[k].value + pliant_advance_dot(of[k].normal, apart));
+        out->offset += weight[k] * (of[k].value + pliant_dot3(of[k].normal, apart));
     }
     for (int c = 0; c < 3; c++) {
         double apart[3];
         for (int d = 0; d < 3; d++) apart[d] = corner[c][d] - out->point[d];
-        out->at[c] = out->offset + pliant_advance_dot(out->normal, apart);
+        out->at[c] = out->offset + pliant_dot3(out->normal, apart);
         out->minimum = fmin(out->minimum, out->at[c]);
     }
     tighten_bound(radius, out);

@@ -60,7 +60,7 @@ static region region_of(const piece *of, const double begin[3][3], const double 
     for (int n = 0; n < 6; n++) {
         double apart[3];
         for (int d = 0; d < 3; d++) apart[d] = out.at[n / 3][n % 3][d] - out.middle[d];
-        out.radius = fmax(out.radius, pliant_advance_length(apart));
+        out.radius = fmax(out.radius, pliant_length3(apart));
     }
     out.radius += bulge;
     return out;
@@ -238,8 +238,8 @@ static double bend_of(const pliant_advance_motion *motion, const pliant_advance_
             from_tip[d] = at - state.tip[d];
             from_joint[d] = at - state.joint[d];
         }
-        const double fast = pliant_advance_length(rate), far = pliant_advance_length(from_tip) + left * fast;
-        const double in_tool = turn * far + fast, far_from_joint = pliant_advance_length(from_joint) + left * in_tool;
+        const double fast = pliant_length3(rate), far = pliant_length3(from_tip) + left * fast;
+        const double in_tool = turn * far + fast, far_from_joint = pliant_length3(from_joint) + left * in_tool;
         bend = fmax(bend, turn * (turn * far + 2 * fast) + jaw * (jaw * far_from_joint + 2 * in_tool));
     }
     return bend;

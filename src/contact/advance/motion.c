@@ -31,7 +31,7 @@ static pliant_part core_of(const pliant_part *part, double guard)
 {
     pliant_part core = *part;
     if (part->kind == PLIANT_PART_HALF_SPACE) {
-        const double size = pliant_advance_length(part->to);
+        const double size = pliant_length3(part->to);
         for (int d = 0; d < 3; d++) core.from[d] -= guard * part->to[d] / size;
         return core;
     }
@@ -54,10 +54,10 @@ static void find_turn(const double from[4], const double to[4], double out[3])
     double sizes = 0, w = 0, cross[3];
     for (int d = 0; d < 4; d++) w += from[d] * to[d];
     for (int d = 0; d < 4; d++) sizes += from[d] * from[d];
-    pliant_advance_cross(from, to, cross);
+    pliant_cross3(from, to, cross);
     /* vector part of to * conjugate(from) */
     for (int d = 0; d < 3; d++) out[d] = from[3] * to[d] - to[3] * from[d] + cross[d];
-    const double sine = pliant_advance_length(out), half = atan2(sine, fabs(w));
+    const double sine = pliant_length3(out), half = atan2(sine, fabs(w));
     const double scale = sizes > 0 && half > smallest ? copysign(2 * half / sine, w) : 0;
     for (int d = 0; d < 3; d++) out[d] *= scale;
 }
@@ -89,7 +89,7 @@ void pliant_advance_motion_init(const pliant_advance_part *leg, bool still, plia
     static const double origin[3] = {0, 0, 0};
     *out = (pliant_advance_motion){.leg = leg, .still = still || !leg->shape, .core = core_of(leg->part, leg->guard)};
     if (!out->still) {
-        const double size = pliant_advance_length(leg->shape->axis);
+        const double size = pliant_length3(leg->shape->axis);
         const double sign = leg->part->frame == PLIANT_FRAME_TIP || !(size > 0) ? 0
                             : leg->part->frame == PLIANT_FRAME_JAW_PLUS         ? 0.5
                                                                                 : -0.5;
@@ -98,11 +98,11 @@ void pliant_advance_motion_init(const pliant_advance_part *leg, bool still, plia
             out->axis[d] = size > 0 ? leg->shape->axis[d] / size : 0;
         }
         find_turn(leg->from.rotation, leg->to.rotation, out->turn_rate);
-        out->turn = pliant_advance_length(out->turn_rate);
+        out->turn = pliant_length3(out->turn_rate);
         out->jaw = sign * (leg->to.jaw - leg->from.jaw);
         out->jaw_reach = pliant_part_reach(&out->core, leg->shape->joint);
         out->reach = sign == 0 ? pliant_part_reach(&out->core, origin)
-                               : pliant_advance_length(leg->shape->joint) + out->jaw_reach;
+                               : pliant_length3(leg->shape->joint) + out->jaw_reach;
         out->bend =
             out->turn * out->turn * out->reach + fabs(out->jaw) * (2 * out->turn + fabs(out->jaw)) * out->jaw_reach;
     }
@@ -136,8 +136,8 @@ void pliant_advance_motion_velocity(const pliant_advance_motion *motion, const p
         from_tip[d] = x[d] - state->tip[d];
         from_joint[d] = x[d] - state->joint[d];
     }
-    pliant_advance_cross(motion->turn_rate, from_tip, by_tool);
-    pliant_advance_cross(state->axis, from_joint, by_jaw);
+    pliant_cross3(motion->turn_rate, from_tip, by_tool);
+    pliant_cross3(state->axis, from_joint, by_jaw);
     for (int d = 0; d < 3; d++) out[d] = motion->tip_rate[d] + by_tool[d] + motion->jaw * by_jaw[d];
 }
 
@@ -152,9 +152,9 @@ double pliant_advance_motion_bend(const pliant_advance_motion *motion, const pli
         from_tip[d] = x[d] - state->tip[d];
         from_joint[d] = x[d] - state->joint[d];
     }
-    pliant_advance_cross(motion->turn_rate, from_tip, side);
-    const double turn = motion->turn, joint = jaw > 0 ? pliant_advance_length(from_joint) : 0;
-    return turn * (pliant_advance_length(side) + turn * jaw * joint) + jaw * (2 * turn + jaw) * joint;
+    pliant_cross3(motion->turn_rate, from_tip, side);
+    const double turn = motion->turn, joint = jaw > 0 ? pliant_length3(from_joint) : 0;
+    return turn * (pliant_length3(side) + turn * jaw * joint) + jaw * (2 * turn + jaw) * joint;
 }
 
 void pliant_advance_motion_turn(const pliant_advance_motion *motion, const pliant_advance_state *state, double out[3])

@@ -76,18 +76,18 @@ static void find_turn(const moment *now, double out[3], double *speed, double *b
     *bend = *speed * *speed;
     if (motion->core.kind != PLIANT_PART_CAPSULE) return;
     for (int d = 0; d < 3; d++) local[d] = motion->core.to[d] - motion->core.from[d];
-    const double length = pliant_advance_length(local);
+    const double length = pliant_length3(local);
     if (!(length > 0)) return;
     for (int d = 0; d < 3; d++) local[d] /= length;
     pliant_pose_turn(&now->state.pose, local, axis);
-    const double roll = pliant_advance_dot(out, axis);
-    pliant_advance_cross(out, axis, side);
+    const double roll = pliant_dot3(out, axis);
+    pliant_cross3(out, axis, side);
     for (int d = 0; d < 3; d++) out[d] -= roll * axis[d];
     if (jaw > 0) { /* the roll is not constant: its rate, and the rate of the sum, are at most turn jaw */
         *bend = 2 * turn * jaw + 2 * *speed * *speed;
         return;
     }
-    *speed = pliant_advance_length(side);
+    *speed = pliant_length3(side);
     *bend = *speed * (fabs(roll) + *speed);
 }
 
@@ -98,15 +98,15 @@ static double turning_plane(const moment *now)
     const double accelerated = pliant_advance_motion_bend(now->motion, &now->state, now->point);
     double turn[3], normal_rate[3], speed, bend, step = now->left;
     find_turn(now, turn, &speed, &bend);
-    pliant_advance_cross(turn, now->normal, normal_rate);
+    pliant_cross3(turn, now->normal, normal_rate);
     for (int c = 0; c < 3; c++) {
         double apart[3], rate[3];
         for (int d = 0; d < 3; d++) {
             apart[d] = now->at[c][d] - now->point[d];
             rate[d] = now->triangle->rate[c][d] - now->velocity[d];
         }
-        const double slope = pliant_advance_dot(normal_rate, apart) + pliant_advance_dot(now->normal, rate);
-        const double length = pliant_advance_length(apart), fast = pliant_advance_length(rate);
+        const double slope = pliant_dot3(normal_rate, apart) + pliant_dot3(now->normal, rate);
+        const double length = pliant_length3(apart), fast = pliant_length3(rate);
         double within = now->left, reached = 0;
         for (int round = 0; round < 3 && reached < within && within > 0;
              round++) { /* the bound is sharper over a shorter time */
@@ -147,15 +147,15 @@ static void get_point(const pliant_part *core, int32_t k, double out[3])
 static double fixed_plane(const moment *now)
 {
     const pliant_part *core = &now->motion->core;
-    const double size = pliant_advance_length(now->normal);
+    const double size = pliant_length3(now->normal);
     const int32_t count = size > 0 ? count_points(core) : 0;
     double normal[3], height[3], rate[3], step = count > 0 ? now->left : 0;
     for (int d = 0; d < 3 && count > 0; d++) normal[d] = now->normal[d] / size;
     for (int c = 0; c < 3 && count > 0; c++) {
         double apart[3];
         for (int d = 0; d < 3; d++) apart[d] = now->at[c][d] - now->point[d];
-        height[c] = pliant_advance_dot(normal, apart) - core->radius - now->limit;
-        rate[c] = pliant_advance_dot(normal, now->triangle->rate[c]);
+        height[c] = pliant_dot3(normal, apart) - core->radius - now->limit;
+        rate[c] = pliant_dot3(normal, now->triangle->rate[c]);
     }
     for (int32_t k = 0; k < count && step > 0; k++) {
         double local[3], place[3], apart[3], velocity[3];
@@ -163,7 +163,7 @@ static double fixed_plane(const moment *now)
         pliant_pose_to(&now->state.pose, local, place);
         pliant_advance_motion_velocity(now->motion, &now->state, place, velocity);
         for (int d = 0; d < 3; d++) apart[d] = place[d] - now->point[d];
-        const double own = pliant_advance_dot(normal, apart), own_rate = pliant_advance_dot(normal, velocity);
+        const double own = pliant_dot3(normal, apart), own_rate = pliant_dot3(normal, velocity);
         const double bend = pliant_advance_motion_bend(now->motion, &now->state, place);
         for (int c = 0; c < 3; c++) step = fmin(step, pliant_advance_time(height[c] - own, rate[c] - own_rate, bend));
     }
@@ -177,7 +177,7 @@ static double by_speed(const moment *now)
     for (int c = 0; c < 3; c++) {
         double rate[3];
         for (int d = 0; d < 3; d++) rate[d] = now->triangle->rate[c][d] - motion->tip_rate[d];
-        fastest = fmax(fastest, pliant_advance_length(rate));
+        fastest = fmax(fastest, pliant_length3(rate));
     }
     fastest += motion->speed;
     if (pliant_part_cell_size(&motion->core) > 0) fastest *= PLIANT_FIELD_SLOPE;

@@ -54,12 +54,12 @@ static bool is_separated(const search *on, const int32_t node[4], int first)
         for (int c = 0; c < 4; c++) sums[c >= first] += x[0][c][d] + x[1][c][d];
         normal[d] = sums[0] / first - sums[1] / (4 - first);
     }
-    const double size = pliant_advance_length(normal);
+    const double size = pliant_length3(normal);
     bool separated = true;
     for (int n = 0; n < 2 && separated; n++) {
         double lowest = INFINITY, highest = -INFINITY;
         for (int c = 0; c < 4; c++) {
-            const double height = pliant_advance_dot(normal, x[n][c]);
+            const double height = pliant_dot3(normal, x[n][c]);
             if (c < first)
                 lowest = height < lowest ? height : lowest;
             else
@@ -135,8 +135,8 @@ static double volume(const double a[3], const double b[3], const double c[3], co
         q[i] = c[i] - a[i];
         r[i] = d[i] - a[i];
     }
-    pliant_advance_cross(p, q, side);
-    return pliant_advance_dot(side, r);
+    pliant_cross3(p, q, side);
+    return pliant_dot3(side, r);
 }
 
 bool pliant_segment_crosses_triangle(const double corner[3][3], const double end[2][3])
@@ -260,10 +260,10 @@ static void look(const search *on, const pliant_advance_self_pair *pair, double 
         pliant_advance_mix(x + 1, weight, foot);
         for (int d = 0; d < 3; d++) out->normal[d] = x[0][d] - foot[d];
     }
-    const double size = pliant_advance_length(out->normal), scale = size > 0 ? 1 / size : 0;
+    const double size = pliant_length3(out->normal), scale = size > 0 ? 1 / size : 0;
     for (int d = 0; d < 3; d++) out->normal[d] *= scale;
     for (int c = 0; c < 4; c++) {
-        out->height[c] = pliant_advance_dot(out->normal, x[c]);
+        out->height[c] = pliant_dot3(out->normal, x[c]);
         if (c < first)
             lowest = pliant_advance_lower(lowest, out->height[c]);
         else
@@ -280,7 +280,7 @@ static double step_of(const search *on, const pliant_advance_self_pair *pair, co
     for (int c = 0; c < 4; c++) {
         for (size_t d = 0; d < 3; d++)
             rate[c][d] = on->to[3 * (size_t)pair->node[c] + d] - on->from[3 * (size_t)pair->node[c] + d];
-        along[c] = pliant_advance_dot(now->normal, rate[c]);
+        along[c] = pliant_dot3(now->normal, rate[c]);
     }
     for (int a = 0; a < first; a++)
         for (int b = first; b < 4; b++) {
@@ -291,7 +291,7 @@ static double step_of(const search *on, const pliant_advance_self_pair *pair, co
     for (int c = 0; c < 4; c++) {
         double own[3];
         for (int d = 0; d < 3; d++) own[d] = rate[c][d] - mean[d];
-        fastest[c >= first] = pliant_advance_upper(fastest[c >= first], pliant_advance_dot(own, own));
+        fastest[c >= first] = pliant_advance_upper(fastest[c >= first], pliant_dot3(own, own));
     }
     const double speed = sqrt(fastest[0]) + sqrt(fastest[1]);
     return pliant_advance_upper(plane, speed > 0 ? (now->distance - pair->limit) / speed : INFINITY);

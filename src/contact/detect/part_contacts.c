@@ -2,6 +2,7 @@
  * core at the start of a leg. Therefore the nearest point of the core determines the side on which the tissue is,
  * without memory of previous legs. */
 #include "contact/detect/detector.h"
+#include "base/vector3.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -68,8 +69,6 @@ static void cross_of(const double *at, const int32_t *nodes, double out[3])
     }
     for (int d = 0; d < 3; d++) out[d] = a[(d + 1) % 3] * b[(d + 2) % 3] - a[(d + 2) % 3] * b[(d + 1) % 3];
 }
-
-static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
 static void gather(search *on)
 {
@@ -192,7 +191,7 @@ static void advance_to_end(const search *on, pliant_feature *of, pliant_pose *po
     const double apart = distance_of(on, &part->end, &there, part->margin, turned);
     pliant_pose_turn(pose, normal, first);
     pliant_pose_turn(&part->end, turned, last);
-    if (!(apart <= part->margin) || !(dot(first, last) > on->detector->settings.same_cosine)) return;
+    if (!(apart <= part->margin) || !(pliant_dot3(first, last) > on->detector->settings.same_cosine)) return;
     *of = there;
     *pose = part->end;
     memcpy(normal, turned, 3 * sizeof *normal);
@@ -226,7 +225,7 @@ static void carry_to_end(const search *on, pliant_feature *of, const double poin
 static bool orient_outwards(const search *on, const pliant_pose *pose, const pliant_feature *of, const double local[3],
                             double normal[3], double place[3])
 {
-    const double area = sqrt(dot(of->outwards, of->outwards));
+    const double area = pliant_length3(of->outwards);
     if (!(area > 0)) return false;
     pliant_pose_turn_back(pose, of->outwards, normal);
     for (int d = 0; d < 3; d++) normal[d] /= -area;
@@ -249,10 +248,10 @@ static void look(const search *on, pliant_feature *of)
     if (part->way > 0) advance_to_end(on, of, &pose, normal, &distance);
     point_of(on, of, point);
     pliant_pose_from(&pose, point, local);
-    const bool nowhere = dot(normal, normal) < 0.5;
+    const bool nowhere = pliant_dot3(normal, normal) < 0.5;
     pliant_pose_turn(&pose, normal, world);
     if (!nowhere &&
-        dot(world, of->outwards) > on->detector->settings.behind_cosine * sqrt(dot(of->outwards, of->outwards)))
+        pliant_dot3(world, of->outwards) > on->detector->settings.behind_cosine * pliant_length3(of->outwards))
         return;
     for (int d = 0; d < 3; d++) place[d] = local[d] - distance * normal[d];
     if (nowhere && !orient_outwards(on, &pose, of, local, normal, place)) return;
@@ -279,8 +278,9 @@ static bool has_pressed(const search *on, const pliant_feature *of)
  * contact point cannot replace this one. */
 static double gap_of(const search *on, const pliant_feature *border, const pliant_feature *of)
 {
-    return border->is_in_contact && dot(border->normal, of->normal) > on->detector->settings.same_cosine ? border->gap
-                                                                                                 : INFINITY;
+    return border->is_in_contact && pliant_dot3(border->normal, of->normal) > on->detector->settings.same_cosine
+               ? border->gap
+               : INFINITY;
 }
 
 /* An edge or triangle gets a point if it is deeper than its adjacent features by `sag`. An existing point stays
@@ -305,7 +305,7 @@ static void keep_deeper(const search *on)
         const double along[3] = {b[0] - a[0], b[1] - a[1], b[2] - a[2]};
         if (edge->is_in_contact)
             keep_if_deeper(on, edge, fmin(gap_of(on, ends[0], edge), gap_of(on, ends[1], edge)),
-                           sqrt(dot(along, along)));
+                           pliant_length3(along));
     }
     for (int32_t t = 0; t < on->triangles; t++) {
         pliant_feature *face = detector->face + t;
@@ -314,7 +314,7 @@ static void keep_deeper(const search *on)
         for (int v = 0; v < 3; v++)
             gap = fmin(gap, fmin(gap_of(on, detector->node + detector->slot[face->node[v]], face),
                                  gap_of(on, detector->edge + detector->edge_of[3 * t + v], face)));
-        keep_if_deeper(on, face, gap, sqrt(sqrt(dot(face->outwards, face->outwards))));
+        keep_if_deeper(on, face, gap, sqrt(pliant_length3(face->outwards)));
     }
 }
 
@@ -333,7 +333,7 @@ static void share_areas(const search *on)
         }
         for (int v = 0; v < 3; v++) of[count++] = detector->node + detector->slot[face->node[v]];
         cross_of(on->body->fine.rest, face->node, cross);
-        for (int n = 0; n < count; n++) of[n]->area += 0.5 * sqrt(dot(cross, cross)) / count;
+        for (int n = 0; n < count; n++) of[n]->area += 0.5 * pliant_length3(cross) / count;
     }
 }
 
@@ -422,7 +422,8 @@ static void add_planes(const search *on, pliant_contacts *out)
         if (is_excluded(on, &face)) continue;
         const double left = on->part->guard - on->part->off,
                      distance = distance_of(on, &on->part->begin, &face, 0, normal), core = distance + left;
-        if (core > detector->settings.plane_distance * left || !(core > 0) || dot(normal, normal) < 0.5) continue;
+        if (core > detector->settings.plane_distance * left || !(core > 0) || pliant_dot3(normal, normal) < 0.5)
+            continue;
         write_plane(on, &face, distance, triangle, normal, out);
     }
 }

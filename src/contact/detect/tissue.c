@@ -168,15 +168,15 @@ static bool edge_normal(const finding *on, int32_t skin, int edge, double out[3]
     const int32_t adjacent = tissue->skin[skin].adjacent[edge];
     for (int d = 0; d < 3; d++) out[d] = tissue->normal[skin][d] + (adjacent >= 0 ? tissue->normal[adjacent][d] : 0);
     return adjacent < 0 ||
-           pliant_tissue_dot(tissue->normal[skin], tissue->normal[adjacent]) < on->view.settings.flat_cosine;
+           pliant_dot3(tissue->normal[skin], tissue->normal[adjacent]) < on->view.settings.flat_cosine;
 }
 
 /* Return whether a point, relative to the edge, is below both triangles. */
 static bool is_below(const pliant_tissue *tissue, int32_t skin, int edge, const double to[3])
 {
     const int32_t adjacent = tissue->skin[skin].adjacent[edge];
-    return pliant_tissue_dot(to, tissue->normal[skin]) < 0 &&
-           (adjacent < 0 || pliant_tissue_dot(to, tissue->normal[adjacent]) < 0);
+    return pliant_dot3(to, tissue->normal[skin]) < 0 &&
+           (adjacent < 0 || pliant_dot3(to, tissue->normal[adjacent]) < 0);
 }
 
 /* Return the number of an edge: from its triangle with the lower number. */
@@ -201,19 +201,19 @@ static pliant_status cross_edges(const finding *on, int32_t a, int i, int32_t b,
     pliant_tissue_difference(pliant_tissue_position(&on->view, node[2]), pliant_tissue_position(&on->view, node[3]), w);
     pliant_tissue_difference(pliant_tissue_position(&on->view, node[2]), pliant_tissue_position(&on->view, node[0]),
                              to);
-    pliant_tissue_cross(u, w, normal);
-    const double square = pliant_tissue_dot(normal, normal);
-    if (!(square > 1e-4 * pliant_tissue_dot(u, u) * pliant_tissue_dot(w, w))) return PLIANT_OK;
-    pliant_tissue_cross(w, to, side);
+    pliant_cross3(u, w, normal);
+    const double square = pliant_dot3(normal, normal);
+    if (!(square > 1e-4 * pliant_dot3(u, u) * pliant_dot3(w, w))) return PLIANT_OK;
+    pliant_cross3(w, to, side);
     /* fraction of each edge at its nearest point to the other one */
-    const double s = pliant_tissue_dot(side, normal) / square;
-    pliant_tissue_cross(u, to, side);
-    const double t = pliant_tissue_dot(side, normal) / square;
+    const double s = pliant_dot3(side, normal) / square;
+    pliant_cross3(u, to, side);
+    const double t = pliant_dot3(side, normal) / square;
     if (!(s > 0 && s < 1 && t > 0 && t < 1)) return PLIANT_OK;
     if (!edge_normal(on, a, i, outwards[0]) || !edge_normal(on, b, j, outwards[1])) return PLIANT_OK;
-    const double sign = pliant_tissue_dot(normal, outwards[1]) > 0 ? 1 : -1;
+    const double sign = pliant_dot3(normal, outwards[1]) > 0 ? 1 : -1;
     for (int d = 0; d < 3; d++) normal[d] *= sign / sqrt(square);
-    const double gap = pliant_tissue_dot(to, normal);
+    const double gap = pliant_dot3(to, normal);
     double across[2][3];
     for (int d = 0; d < 3; d++) {
         across[0][d] =
@@ -223,7 +223,7 @@ static pliant_status cross_edges(const finding *on, int32_t a, int i, int32_t b,
     }
     if (!is_below(tissue, b, j, across[0]) || !is_below(tissue, a, i, across[1])) return PLIANT_OK;
     if (!(gap < 0 && gap > -on->view.settings.edge_depth * tissue->shortest) ||
-        !(pliant_tissue_dot(normal, outwards[0]) < 0) || !(pliant_tissue_dot(normal, outwards[1]) > 0))
+        !(pliant_dot3(normal, outwards[0]) < 0) || !(pliant_dot3(normal, outwards[1]) > 0))
         return PLIANT_OK;
     if (pliant_tissue_piece_of(&on->view, node[0]) >= 0 &&
         pliant_tissue_piece_of(&on->view, node[0]) == pliant_tissue_piece_of(&on->view, node[2]))
@@ -244,7 +244,7 @@ static pliant_status cross_edges(const finding *on, int32_t a, int i, int32_t b,
         point->weight[v] = turned ? -weight[(v + 2) % 4] : weight[v];
     }
     for (int d = 0; d < 3; d++) point->normal[d] = turned ? -normal[d] : normal[d];
-    point->area = 0.25 * (sqrt(pliant_tissue_dot(u, u) * pliant_tissue_dot(w, w)));
+    point->area = 0.25 * (sqrt(pliant_dot3(u, u) * pliant_dot3(w, w)));
     point->friction = on->view.rule.friction;
     set_place(point, gap, &on->view.rule);
     return PLIANT_OK;

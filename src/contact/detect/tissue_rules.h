@@ -3,6 +3,7 @@
 #define PLIANT_CONTACT_TISSUE_RULES_H
 
 #include "base/inline.h"
+#include "base/vector3.h"
 #include "contact/detect/tissue.h"
 
 #include <math.h>
@@ -34,16 +35,6 @@ typedef struct pliant_tissue_view {
 pliant_tissue_view pliant_tissue_view_of(pliant_tissue *tissue, const double *positions,
                                          const pliant_tissue_rule *rule);
 
-PLIANT_INLINE double pliant_tissue_dot(const double a[3], const double b[3])
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-PLIANT_INLINE void pliant_tissue_cross(const double a[3], const double b[3], double out[3])
-{
-    for (int d = 0; d < 3; d++) out[d] = a[(d + 1) % 3] * b[(d + 2) % 3] - a[(d + 2) % 3] * b[(d + 1) % 3];
-}
-
 PLIANT_INLINE void pliant_tissue_difference(const double *from, const double *to, double out[3])
 {
     for (int d = 0; d < 3; d++) out[d] = to[d] - from[d];
@@ -63,8 +54,8 @@ PLIANT_INLINE void pliant_tissue_set_normal(const pliant_tissue_view *on, int32_
     double a[3], b[3], *normal = on->normal[skin];
     pliant_tissue_difference(pliant_tissue_position(on, node[0]), pliant_tissue_position(on, node[1]), a);
     pliant_tissue_difference(pliant_tissue_position(on, node[0]), pliant_tissue_position(on, node[2]), b);
-    pliant_tissue_cross(a, b, normal);
-    const double length = sqrt(pliant_tissue_dot(normal, normal));
+    pliant_cross3(a, b, normal);
+    const double length = pliant_length3(normal);
     for (int d = 0; d < 3; d++) normal[d] = length > 0 ? normal[d] / length : 0;
 }
 
@@ -79,15 +70,15 @@ PLIANT_INLINE bool pliant_tissue_project(const pliant_tissue_view *on, int32_t s
     pliant_tissue_difference(corner, pliant_tissue_position(on, node[1]), a);
     pliant_tissue_difference(corner, pliant_tissue_position(on, node[2]), b);
     pliant_tissue_difference(corner, point, to);
-    pliant_tissue_cross(a, b, side);
-    const double whole = pliant_tissue_dot(side, normal);
+    pliant_cross3(a, b, side);
+    const double whole = pliant_dot3(side, normal);
     if (!(whole > 0)) return false;
-    pliant_tissue_cross(to, b, side);
-    weight[1] = pliant_tissue_dot(side, normal) / whole;
-    pliant_tissue_cross(a, to, side);
-    weight[2] = pliant_tissue_dot(side, normal) / whole;
+    pliant_cross3(to, b, side);
+    weight[1] = pliant_dot3(side, normal) / whole;
+    pliant_cross3(a, to, side);
+    weight[2] = pliant_dot3(side, normal) / whole;
     weight[0] = 1 - weight[1] - weight[2];
-    *gap = pliant_tissue_dot(to, normal);
+    *gap = pliant_dot3(to, normal);
     return true;
 }
 
@@ -104,14 +95,14 @@ PLIANT_INLINE int32_t pliant_tissue_walk(const pliant_tissue_view *on, int32_t t
             pliant_tissue_difference(pliant_tissue_position(on, node[0]), pliant_tissue_position(on, node[v + 1]),
                                      edge[v]);
         pliant_tissue_difference(pliant_tissue_position(on, node[0]), point, to);
-        pliant_tissue_cross(edge[1], edge[2], normal);
-        const double volume = pliant_tissue_dot(edge[0], normal);
+        pliant_cross3(edge[1], edge[2], normal);
+        const double volume = pliant_dot3(edge[0], normal);
         if (!(volume > 0)) return -1;
-        weight[1] = pliant_tissue_dot(to, normal) / volume;
-        pliant_tissue_cross(edge[2], edge[0], normal);
-        weight[2] = pliant_tissue_dot(to, normal) / volume;
-        pliant_tissue_cross(edge[0], edge[1], normal);
-        weight[3] = pliant_tissue_dot(to, normal) / volume;
+        weight[1] = pliant_dot3(to, normal) / volume;
+        pliant_cross3(edge[2], edge[0], normal);
+        weight[2] = pliant_dot3(to, normal) / volume;
+        pliant_cross3(edge[0], edge[1], normal);
+        weight[3] = pliant_dot3(to, normal) / volume;
         weight[0] = 1 - weight[1] - weight[2] - weight[3];
         for (int v = 0; v < 4; v++)
             if (weight[v] < minimum) {
@@ -132,7 +123,7 @@ PLIANT_INLINE bool pliant_tissue_are_copies(const pliant_tissue_view *on, int32_
     if (!on->node_parent || on->node_parent[a] != on->node_parent[b]) return false;
     double apart[3];
     pliant_tissue_difference(pliant_tissue_position(on, a), pliant_tissue_position(on, b), apart);
-    return pliant_tissue_dot(apart, apart) < on->shortest * on->shortest;
+    return pliant_dot3(apart, apart) < on->shortest * on->shortest;
 }
 
 /* Return whether a tetrahedron has a node, or a copy of it that a cut has separated. */
@@ -188,7 +179,7 @@ PLIANT_INLINE double pliant_tissue_margin_of(const pliant_tissue_view *on, int32
 PLIANT_INLINE bool pliant_tissue_faces(const pliant_tissue_view *on, int32_t index, int32_t skin)
 {
     for (int32_t k = on->fan_start[index]; k < on->fan_start[index + 1]; k++)
-        if (pliant_tissue_dot(on->normal[on->fan[k]], on->normal[skin]) < -on->settings.facing_cosine) return true;
+        if (pliant_dot3(on->normal[on->fan[k]], on->normal[skin]) < -on->settings.facing_cosine) return true;
     return false;
 }
 
@@ -218,7 +209,7 @@ PLIANT_INLINE void pliant_tissue_add_contact(const pliant_tissue_view *on, int32
     }
     for (int32_t n = 0; n < count; n++)
         /* both have the same direction: keep one */
-        if (pliant_tissue_dot(on->normal[list[n].skin], on->normal[one->skin]) > on->settings.same_cosine) {
+        if (pliant_dot3(on->normal[list[n].skin], on->normal[one->skin]) > on->settings.same_cosine) {
             if (pliant_node_contact_before(one, list + n)) list[n] = *one;
             return;
         }

@@ -7,6 +7,7 @@
 
 #include "base/fail.h"
 #include "base/memory.h"
+#include "base/vector3.h"
 
 #include <math.h>
 #include <string.h>
@@ -32,8 +33,6 @@ typedef struct hull {
     int32_t edge[3 * ROOM][2];
 } hull;
 
-static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-
 static const double *place(const hull *of, int32_t point) { return of->points + 3 * (size_t)point; }
 
 static bool add_face(hull *of, int32_t a, int32_t b, int32_t c)
@@ -47,9 +46,9 @@ static bool add_face(hull *of, int32_t a, int32_t b, int32_t c)
         w[d] = place(of, c)[d] - place(of, a)[d];
     }
     for (int d = 0; d < 3; d++) face->normal[d] = u[(d + 1) % 3] * w[(d + 2) % 3] - u[(d + 2) % 3] * w[(d + 1) % 3];
-    const double size = sqrt(dot(face->normal, face->normal));
+    const double size = pliant_length3(face->normal);
     for (int d = 0; d < 3; d++) face->normal[d] = size > 0 ? face->normal[d] / size : 0;
-    face->along = dot(face->normal, place(of, a));
+    face->along = pliant_dot3(face->normal, place(of, a));
     of->count++;
     return true;
 }
@@ -64,13 +63,13 @@ static double beyond(const hull *of, const int32_t *base, int count, int32_t poi
     }
     for (int k = 0; k < count - 1; k++) { /* Gram-Schmidt orthogonalization */
         if (k == 1) {
-            const double fraction = dot(along[1], along[0]) / dot(along[0], along[0]);
+            const double fraction = pliant_dot3(along[1], along[0]) / pliant_dot3(along[0], along[0]);
             for (int d = 0; d < 3; d++) along[1][d] -= fraction * along[0][d];
         }
-        const double fraction = dot(to, along[k]) / dot(along[k], along[k]);
+        const double fraction = pliant_dot3(to, along[k]) / pliant_dot3(along[k], along[k]);
         for (int d = 0; d < 3; d++) to[d] -= fraction * along[k][d];
     }
-    return dot(to, to);
+    return pliant_dot3(to, to);
 }
 
 /* Choose four points that are far from coplanar. Return false if there are no such points. */
@@ -90,7 +89,7 @@ static bool begin(hull *of, int32_t num_points)
         if (!(maximum > of->minimum * of->minimum) || maximum == 0) return false;
     }
     add_face(of, base[0], base[1], base[2]);
-    const bool above = dot(of->face[0].normal, place(of, base[3])) > of->face[0].along;
+    const bool above = pliant_dot3(of->face[0].normal, place(of, base[3])) > of->face[0].along;
     of->count = 0;
     const int32_t b = base[above ? 2 : 1], c = base[above ? 1 : 2];
     add_face(of, base[0], b, c);
@@ -114,7 +113,7 @@ static void leave_edge(hull *of, int32_t a, int32_t b)
 
 static double height_over(const hull *of, const facet *face, int32_t point)
 {
-    return dot(face->normal, place(of, point)) - face->along;
+    return pliant_dot3(face->normal, place(of, point)) - face->along;
 }
 
 static void leave_face(hull *of, facet *face)

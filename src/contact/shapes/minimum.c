@@ -8,6 +8,7 @@
  * constant of the distance (Piyavskii, USSR Comp. Math. Math. Phys. 12:57, 1972). For a ball the minimum is the
  * point nearest to its center. */
 #include "contact/shapes/shapes.h"
+#include "base/vector3.h"
 #include "contact/shapes/solid.h"
 
 #include <math.h>
@@ -15,7 +16,6 @@
 
 static const double exact = 1e-4; /* relative to an edge's length; also of a weight */
 
-static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 static double distance_between(const double *a, const double *b)
 {
     return sqrt(pow(a[0] - b[0], 2) + pow(a[1] - b[1], 2) + pow(a[2] - b[2], 2));
@@ -88,7 +88,7 @@ static sample look_on(const line *on, double position)
                  off = position - on->middle;
     sample out = {.position = position};
     out.value = pliant_part_distance(on->part, p, out.normal) + on->bend * off * off;
-    out.slope = dot(out.normal, on->along) + 2 * on->bend * off;
+    out.slope = pliant_dot3(out.normal, on->along) + 2 * on->bend * off;
     return out;
 }
 
@@ -106,7 +106,7 @@ static sample find_turn(const line *on, const sample *low, const sample *high, d
 /* Normalize a vector; a short one has no valid direction and becomes 0. */
 static void finish(double normal[3])
 {
-    const double minimum = 0.1, length = sqrt(dot(normal, normal));
+    const double minimum = 0.1, length = pliant_length3(normal);
     for (int d = 0; d < 3; d++) normal[d] = length > minimum ? normal[d] / length : 0;
 }
 
@@ -238,7 +238,7 @@ static void turn_to_triangle(const double at[3][3], const double weight[3], doub
         b[d] = at[2][d] - at[0][d];
     }
     for (int d = 0; d < 3; d++) own[d] = a[(d + 1) % 3] * b[(d + 2) % 3] - a[(d + 2) % 3] * b[(d + 1) % 3];
-    const double size = sqrt(dot(own, own)), along = size > 0 ? dot(own, normal) / size : 0;
+    const double size = pliant_length3(own), along = size > 0 ? pliant_dot3(own, normal) / size : 0;
     for (int d = 0; d < 3; d++) normal[d] = size > 0 ? along * own[d] / size : normal[d];
     finish(normal);
 }
@@ -268,7 +268,7 @@ static double descend_face(const pliant_part *part, const double at[3][3], doubl
         double slope[3], mean = 0;
         int best = 0, worst = -1;
         for (int k = 0; k < 3; k++) {
-            slope[k] = dot(gradient, at[k]);
+            slope[k] = pliant_dot3(gradient, at[k]);
             mean += position[k] * slope[k];
             if (slope[k] < slope[best]) best = k;
             if (position[k] > 0 && (worst < 0 || slope[k] > slope[worst])) worst = k;
@@ -419,7 +419,7 @@ static double nearest_on_edge(const pliant_part *ball, const double at[2][3], do
         along[d] = at[1][d] - at[0][d];
         to[d] = ball->from[d] - at[0][d];
     }
-    const double size = dot(along, along), position = size > 0 ? dot(to, along) / size : 0;
+    const double size = pliant_dot3(along, along), position = size > 0 ? pliant_dot3(to, along) / size : 0;
     weight[1] = position > 0 ? (position < 1 ? position : 1) : 0;
     weight[0] = 1 - weight[1];
     for (int d = 0; d < 3; d++) place[d] = weight[0] * at[0][d] + weight[1] * at[1][d];

@@ -1,6 +1,7 @@
 #include "contact/shapes/shapes.h"
 
 #include "base/rotate.h"
+#include "base/vector3.h"
 #include "contact/shapes/solid.h"
 #include "contact/shapes/tool_shape.h"
 
@@ -11,15 +12,12 @@
 
 static const double thinnest = 5e-5; /* minimum radius [m] */
 
-static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-static double length(const double *a) { return sqrt(dot(a, a)); }
-
 /* ---- distances */
 
 /* Distance from a point that is enlarged by a radius. */
 static double from_centre(const double apart[3], double radius, double normal[3])
 {
-    const double far = length(apart);
+    const double far = pliant_length3(apart);
     for (int d = 0; d < 3; d++) normal[d] = far > 0 ? apart[d] / far : 0;
     return far - radius;
 }
@@ -31,7 +29,8 @@ static double from_capsule(const pliant_part *part, const double p[3], double no
         along[d] = part->to[d] - part->from[d];
         apart[d] = p[d] - part->from[d];
     }
-    const double size = dot(along, along), fraction = size > 0 ? fmin(fmax(dot(apart, along) / size, 0), 1) : 0;
+    const double size = pliant_dot3(along, along),
+                 fraction = size > 0 ? fmin(fmax(pliant_dot3(apart, along) / size, 0), 1) : 0;
     for (int d = 0; d < 3; d++) apart[d] -= fraction * along[d];
     return from_centre(apart, part->radius, normal);
 }
@@ -63,9 +62,9 @@ double pliant_part_distance(const pliant_part *part, const double p[3], double n
     const double apart[3] = {p[0] - part->from[0], p[1] - part->from[1], p[2] - part->from[2]};
     if (part->kind == PLIANT_PART_SPHERE) return from_centre(apart, part->radius, normal);
     if (part->kind == PLIANT_PART_SOLID) return pliant_solid_distance(part->solid, apart, normal) - part->radius;
-    const double size = length(part->to);
+    const double size = pliant_length3(part->to);
     for (int d = 0; d < 3; d++) normal[d] = part->to[d] / size;
-    return dot(apart, normal);
+    return pliant_dot3(apart, normal);
 }
 
 void pliant_part_exit_point(const pliant_part *part, const double p[3], const double direction[3], double out[3])
@@ -96,7 +95,8 @@ double pliant_part_depth(const pliant_part *part)
 pliant_part pliant_part_core(const pliant_part *part, double guard)
 {
     pliant_part core = *part;
-    const double size = length(part->to), inwards = part->kind == PLIANT_PART_BOX ? fmax(guard - part->radius, 0) : 0;
+    const double size = pliant_length3(part->to),
+                 inwards = part->kind == PLIANT_PART_BOX ? fmax(guard - part->radius, 0) : 0;
     if (part->kind != PLIANT_PART_HALF_SPACE) core.radius = part->radius - guard + inwards;
     for (int d = 0; d < 3; d++) {
         core.from[d] += inwards - (part->kind == PLIANT_PART_HALF_SPACE ? guard * part->to[d] / size : 0);
@@ -159,7 +159,7 @@ const char *pliant_part_check(const pliant_part *part, bool of_tool, char *reaso
             return complain(
                 reason, size,
                 "a half-space is an obstacle of the scene; a tool's part is a sphere, capsule, box or solid");
-        return length(part->to) > 0 ? NULL : complain(reason, size, "its normal must not be zero");
+        return pliant_length3(part->to) > 0 ? NULL : complain(reason, size, "its normal must not be zero");
     }
     if (part->kind == PLIANT_PART_BOX)
         for (int d = 0; d < 3; d++)
@@ -225,7 +225,7 @@ double pliant_part_cell_size(const pliant_part *part)
 
 void pliant_pose_turn(const pliant_pose *pose, const double local[3], double out[3])
 {
-    for (int d = 0; d < 3; d++) out[d] = dot(pose->rotation + 3 * d, local);
+    for (int d = 0; d < 3; d++) out[d] = pliant_dot3(pose->rotation + 3 * d, local);
 }
 
 void pliant_pose_turn_back(const pliant_pose *pose, const double v[3], double out[3])
@@ -250,7 +250,7 @@ void pliant_part_pose(const pliant_tool_shape *shape, pliant_part_frame frame, c
                       const double rotation[4], double jaw, pliant_pose *out)
 {
     const double half = frame == PLIANT_FRAME_TIP ? 0 : frame == PLIANT_FRAME_JAW_PLUS ? 0.5 * jaw : -0.5 * jaw;
-    const double size = length(shape->axis), sine = size > 0 ? sin(0.5 * half) / size : 0;
+    const double size = pliant_length3(shape->axis), sine = size > 0 ? sin(0.5 * half) / size : 0;
     const double about[4] = {sine * shape->axis[0], sine * shape->axis[1], sine * shape->axis[2], cos(0.5 * half)};
     double joint[3], turned[3];
     for (int column = 0; column < 3; column++) {

@@ -7,6 +7,7 @@
 
 #include "base/fail.h"
 #include "base/memory.h"
+#include "base/vector3.h"
 
 #include <math.h>
 #include <string.h>
@@ -29,13 +30,6 @@ struct pliant_triangle_tree {
     double *middle; /* (triangles x 3), only during construction */
     tree_box *box;
 };
-
-static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-
-static void cross(const double *a, const double *b, double *out)
-{
-    for (int d = 0; d < 3; d++) out[d] = a[(d + 1) % 3] * b[(d + 2) % 3] - a[(d + 2) % 3] * b[(d + 1) % 3];
-}
 
 static const double *corner(const pliant_triangle_tree *tree, int32_t triangle, int k)
 {
@@ -61,8 +55,8 @@ static void fill_box(const pliant_triangle_tree *tree, tree_box *box)
             }
             for (int e = 0; e < 2; e++) edge[e][d] = corner(tree, t, e + 1)[d] - corner(tree, t, 0)[d];
         }
-        cross(edge[0], edge[1], normal);
-        const double size = sqrt(dot(normal, normal));
+        pliant_cross3(edge[0], edge[1], normal);
+        const double size = pliant_length3(normal);
         for (int d = 0; d < 3; d++) {
             box->area[d] += 0.5 * normal[d];
             box->middle[d] += size * tree->middle[3 * (size_t)t + (size_t)d];
@@ -172,8 +166,8 @@ void pliant_triangle_nearest_weights(const double a[3], const double b[3], const
         bp[d] = p[d] - b[d];
         cp[d] = p[d] - c[d];
     }
-    const double d1 = dot(ab, ap), d2 = dot(ac, ap), d3 = dot(ab, bp), d4 = dot(ac, bp), d5 = dot(ab, cp),
-                 d6 = dot(ac, cp);
+    const double d1 = pliant_dot3(ab, ap), d2 = pliant_dot3(ac, ap), d3 = pliant_dot3(ab, bp), d4 = pliant_dot3(ac, bp),
+                 d5 = pliant_dot3(ab, cp), d6 = pliant_dot3(ac, cp);
     const double of_c = d1 * d4 - d3 * d2, of_b = d5 * d2 - d1 * d6, of_a = d3 * d6 - d5 * d4,
                  whole = of_a + of_b + of_c;
     if (d1 <= 0 && d2 <= 0) v = w = 0;
@@ -249,11 +243,12 @@ static double solid_angle(const double *const corners[3], const double p[3])
     double to[3][3], length[3], normal[3];
     for (int k = 0; k < 3; k++) {
         for (int d = 0; d < 3; d++) to[k][d] = corners[k][d] - p[d];
-        length[k] = sqrt(dot(to[k], to[k]));
+        length[k] = pliant_length3(to[k]);
     }
-    cross(to[1], to[2], normal);
-    return 2 * atan2(dot(to[0], normal), length[0] * length[1] * length[2] + dot(to[0], to[1]) * length[2] +
-                                             dot(to[1], to[2]) * length[0] + dot(to[2], to[0]) * length[1]);
+    pliant_cross3(to[1], to[2], normal);
+    return 2 * atan2(pliant_dot3(to[0], normal),
+                     length[0] * length[1] * length[2] + pliant_dot3(to[0], to[1]) * length[2] +
+                         pliant_dot3(to[1], to[2]) * length[0] + pliant_dot3(to[2], to[0]) * length[1]);
 }
 
 double pliant_triangle_tree_winding(const pliant_triangle_tree *tree, const double p[3])
@@ -265,8 +260,8 @@ double pliant_triangle_tree_winding(const pliant_triangle_tree *tree, const doub
     while (depth > 0) {
         const tree_box *box = tree->box + stack[--depth];
         const double to[3] = {box->middle[0] - p[0], box->middle[1] - p[1], box->middle[2] - p[2]},
-                     apart = sqrt(dot(to, to));
-        if (apart > far * box->radius) sum += dot(box->area, to) / (apart * apart * apart);
+                     apart = pliant_length3(to);
+        if (apart > far * box->radius) sum += pliant_dot3(box->area, to) / (apart * apart * apart);
         else if (box->child >= 0) {
             stack[depth++] = box->child;
             stack[depth++] = box->child + 1;

@@ -1,33 +1,16 @@
 #include "contact/volume/volume.h"
 
 #include "base/threads.h"
+#include "base/vector3.h"
 #include "contact/detect/part_contacts.h"
 #include "contact/detect/update_sides.h"
 
 #include <string.h>
 
-static void subtract(const double *a, const double *b, double out[3])
-{
-    for (int d = 0; d < 3; d++) out[d] = a[d] - b[d];
-}
-
-static void cross(const double a[3], const double b[3], double out[3])
-{
-    for (int d = 0; d < 3; d++) out[d] = a[(d + 1) % 3] * b[(d + 2) % 3] - a[(d + 2) % 3] * b[(d + 1) % 3];
-}
-
-static double dot(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-
-static double triple(const double a[3], const double b[3], const double c[3])
-{
-    double normal[3];
-    cross(a, b, normal);
-    return dot(normal, c);
-}
-
 static void find_edges(const int32_t tet[4], const double *positions, double out[3][3])
 {
-    for (int k = 0; k < 3; k++) subtract(positions + 3 * (size_t)tet[k + 1], positions + 3 * (size_t)tet[0], out[k]);
+    for (int k = 0; k < 3; k++)
+        pliant_subtract3(positions + 3 * (size_t)tet[k + 1], positions + 3 * (size_t)tet[0], out[k]);
 }
 
 /* Return six times the volume. */
@@ -35,7 +18,7 @@ static double volume_of(const int32_t tet[4], const double *positions)
 {
     double edge[3][3];
     find_edges(tet, positions, edge);
-    return triple(edge[0], edge[1], edge[2]);
+    return pliant_triple3(edge[0], edge[1], edge[2]);
 }
 
 static bool is_of_piece(const int32_t tet[4], const int32_t *piece_of_node)
@@ -58,10 +41,10 @@ static void set_point(int32_t element, const int32_t tet[4], const double *posit
     for (int v = 0; v < 4; v++) {
         double u[3], w[3], normal[3];
         const double *origin = positions + 3 * (size_t)tet[face[v][0]];
-        subtract(positions + 3 * (size_t)tet[face[v][1]], origin, u);
-        subtract(positions + 3 * (size_t)tet[face[v][2]], origin, w);
-        cross(u, w, normal);
-        const double square = dot(normal, normal);
+        pliant_subtract3(positions + 3 * (size_t)tet[face[v][1]], origin, u);
+        pliant_subtract3(positions + 3 * (size_t)tet[face[v][2]], origin, w);
+        pliant_cross3(u, w, normal);
+        const double square = pliant_dot3(normal, normal);
         if (!(square > largest)) continue;
         largest = square;
         top = v;
@@ -70,13 +53,13 @@ static void set_point(int32_t element, const int32_t tet[4], const double *posit
     const double length = sqrt(largest); /* twice the area of the face */
     const int *corner = face[top];
     double u[3], w[3], to[3], part[3], fraction[2];
-    subtract(positions + 3 * (size_t)tet[corner[1]], positions + 3 * (size_t)tet[corner[0]], u);
-    subtract(positions + 3 * (size_t)tet[corner[2]], positions + 3 * (size_t)tet[corner[0]], w);
-    subtract(positions + 3 * (size_t)tet[top], positions + 3 * (size_t)tet[corner[0]], to);
-    cross(to, w, part);
-    fraction[0] = dot(best, part) / largest;
-    cross(u, to, part);
-    fraction[1] = dot(best, part) / largest;
+    pliant_subtract3(positions + 3 * (size_t)tet[corner[1]], positions + 3 * (size_t)tet[corner[0]], u);
+    pliant_subtract3(positions + 3 * (size_t)tet[corner[2]], positions + 3 * (size_t)tet[corner[0]], w);
+    pliant_subtract3(positions + 3 * (size_t)tet[top], positions + 3 * (size_t)tet[corner[0]], to);
+    pliant_cross3(to, w, part);
+    fraction[0] = pliant_dot3(best, part) / largest;
+    pliant_cross3(u, to, part);
+    fraction[1] = pliant_dot3(best, part) / largest;
     *out = (pliant_contact_point){.kind = PLIANT_OBSTACLE_ELEMENT, .tool = -1, .part = -1, .count = 4};
     out->feature = (uint64_t)PLIANT_ELEMENT_VOLUME << 56 | (uint64_t)(uint32_t)element << 2 | (uint64_t)top;
     const double weight[4] = {1, fraction[0] + fraction[1] - 1, -fraction[0], -fraction[1]};
@@ -93,13 +76,13 @@ void pliant_volume_gradient(const pliant_contact_point *point, const double *pos
 {
     double to[3], u[3], w[3];
     const double *origin = positions + 3 * (size_t)point->node[1];
-    subtract(positions + 3 * (size_t)point->node[0], origin, to);
-    subtract(positions + 3 * (size_t)point->node[2], origin, u);
-    subtract(positions + 3 * (size_t)point->node[3], origin, w);
-    cross(u, w, out[0]);
-    cross(w, to, out[2]);
-    cross(to, u, out[3]);
-    const double length = sqrt(dot(out[0], out[0]));
+    pliant_subtract3(positions + 3 * (size_t)point->node[0], origin, to);
+    pliant_subtract3(positions + 3 * (size_t)point->node[2], origin, u);
+    pliant_subtract3(positions + 3 * (size_t)point->node[3], origin, w);
+    pliant_cross3(u, w, out[0]);
+    pliant_cross3(w, to, out[2]);
+    pliant_cross3(to, u, out[3]);
+    const double length = pliant_length3(out[0]);
     for (int d = 0; d < 3; d++) {
         out[0][d] /= length;
         out[2][d] /= length;
@@ -134,7 +117,7 @@ double pliant_volume_lacking(const pliant_contact_settings *settings, const plia
         const double stop = settings->volume_stop * volume_of(tet, mesh->rest);
         pliant_contact_point now;
         set_point(element, tet, positions, stop, &now);
-        maximum = fmax(maximum, dot(now.normal, now.place) * (1 - volume_of(tet, positions) / stop));
+        maximum = fmax(maximum, pliant_dot3(now.normal, now.place) * (1 - volume_of(tet, positions) / stop));
     }
     return maximum;
 }
@@ -148,10 +131,12 @@ static void find_coefficients(const int32_t tet[4], const double *from, const do
     double a[3][3], b[3][3];
     find_edges(tet, from, a);
     find_edges(tet, to, b);
-    out[0] = triple(a[0], a[1], a[2]);
-    out[1] = (triple(b[0], a[1], a[2]) + triple(a[0], b[1], a[2]) + triple(a[0], a[1], b[2])) / 3;
-    out[2] = (triple(b[0], b[1], a[2]) + triple(b[0], a[1], b[2]) + triple(a[0], b[1], b[2])) / 3;
-    out[3] = triple(b[0], b[1], b[2]);
+    out[0] = pliant_triple3(a[0], a[1], a[2]);
+    out[1] =
+        (pliant_triple3(b[0], a[1], a[2]) + pliant_triple3(a[0], b[1], a[2]) + pliant_triple3(a[0], a[1], b[2])) / 3;
+    out[2] =
+        (pliant_triple3(b[0], b[1], a[2]) + pliant_triple3(b[0], a[1], b[2]) + pliant_triple3(a[0], b[1], b[2])) / 3;
+    out[3] = pliant_triple3(b[0], b[1], b[2]);
 }
 
 enum { LEVELS = 20 };

@@ -14,6 +14,7 @@
  *   not suffice, the component's velocities are reduced. */
 #include "base/dense.h"
 #include "base/fail.h"
+#include "base/vector3.h"
 #include "topology/parts.h"
 #include "fem/dynamics/tled_regions.h"
 
@@ -106,8 +107,6 @@ static void spin_of(const double inertia[9], const double spin[3], double w[3])
     }
 }
 
-static double norm_of(const double v[3]) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
-
 static rigid_motion rigid_of(const motion *of)
 {
     rigid_motion out;
@@ -183,8 +182,8 @@ static double keep_momentum(const pliant_cut_regions *work, int32_t region)
         missing.momentum[d] = before.momentum[d] - after.momentum[d];
         missing.spin[d] = before.spin[d] - after.spin[d];
     }
-    if (norm_of(missing.momentum) > 0.1 * rounding * before.size[0] ||
-        norm_of(missing.spin) > 0.1 * rounding * before.size[1]) {
+    if (pliant_length3(missing.momentum) > 0.1 * rounding * before.size[0] ||
+        pliant_length3(missing.spin) > 0.1 * rounding * before.size[1]) {
         const rigid_motion rigid = rigid_of(&missing);
         change(work, region, work->tled->d, &rigid, 1, work->tled->time_step);
         after = motion_of(work, region, &work->now, centre);

@@ -4,6 +4,7 @@
 #define PLIANT_FEM_ELEMENT_SIGNED_SVD_H
 
 #include "base/inline.h"
+#include "base/vector3.h"
 
 #include <math.h>
 
@@ -62,30 +63,12 @@ PLIANT_INLINE void pliant_sort_columns(const int p, const int q, double *size, d
     }
 }
 
-PLIANT_INLINE double pliant_normalize(double *v)
-{
-    const double length = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-    if (length > 0) {
-        v[0] /= length;
-        v[1] /= length;
-        v[2] /= length;
-    }
-    return length;
-}
-
-PLIANT_INLINE void pliant_cross(const double *a, const double *b, double *out)
-{
-    out[0] = a[1] * b[2] - a[2] * b[1];
-    out[1] = a[2] * b[0] - a[0] * b[2];
-    out[2] = a[0] * b[1] - a[1] * b[0];
-}
-
 PLIANT_INLINE void pliant_orthogonal_to(const double *v, double *out)
 {
     const double x = fabs(v[0]), y = fabs(v[1]), z = fabs(v[2]);
     const double axis[3] = {x <= y && x <= z ? 1.0 : 0.0, y < x && y <= z ? 1.0 : 0.0, z < x && z < y ? 1.0 : 0.0};
-    pliant_cross(v, axis, out);
-    pliant_normalize(out);
+    pliant_cross3(v, axis, out);
+    pliant_normalize3(out);
 }
 
 /* Compute R = U V' from F = U S V', with rotations U and V and the sign of det F on the smallest singular value (Irving
@@ -109,15 +92,15 @@ PLIANT_INLINE void pliant_signed_svd(const double *deformation, double *rotation
     pliant_sort_columns(0, 1, size, v);
     const double v0[3] = {v[0], v[3], v[6]}, v1[3] = {v[1], v[4], v[7]};
     double v2[3], u0[3], u1[3], u2[3];
-    pliant_cross(v0, v1, v2);
+    pliant_cross3(v0, v1, v2);
     for (int r = 0; r < 3; r++) {
         u0[r] = f[3 * r] * v0[0] + f[3 * r + 1] * v0[1] + f[3 * r + 2] * v0[2];
         u1[r] = f[3 * r] * v1[0] + f[3 * r + 1] * v1[1] + f[3 * r + 2] * v1[2];
     }
-    const double stretch = pliant_normalize(u0), along = u0[0] * u1[0] + u0[1] * u1[1] + u0[2] * u1[2];
+    const double stretch = pliant_normalize3(u0), along = u0[0] * u1[0] + u0[1] * u1[1] + u0[2] * u1[2];
     for (int d = 0; d < 3; d++) u1[d] -= along * u0[d];
-    if (pliant_normalize(u1) <= 1e-12 * stretch) pliant_orthogonal_to(u0, u1); /* collapsed to a line */
-    pliant_cross(u0, u1, u2);
+    if (pliant_normalize3(u1) <= 1e-12 * stretch) pliant_orthogonal_to(u0, u1); /* collapsed to a line */
+    pliant_cross3(u0, u1, u2);
     for (int r = 0; r < 3; r++)
         for (int c = 0; c < 3; c++) rotation[3 * r + c] = u0[r] * v0[c] + u1[r] * v1[c] + u2[r] * v2[c];
 }

@@ -5,6 +5,7 @@
 #include "contact/detect/part_contacts.h"
 #include "fem/patch/patch_job.h"
 #include "base/memory.h"
+#include "base/vector3.h"
 
 #include <math.h>
 #include <string.h>
@@ -23,8 +24,6 @@ bool patch_still_held(const pliant_data *data, int tool, uint64_t hold)
     return data->patch->press[tool].hold == hold || data->patch->press[tool].before == hold;
 }
 
-static double size_of(const double v[3]) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
-
 /* Find the rest position at which a tool presses.
  * @return Sum of its contact forces [N]; -1: it is near no tissue. */
 static double find_centre(const pliant_data *data, int tool, double centre[3])
@@ -34,7 +33,7 @@ static double find_centre(const pliant_data *data, int tool, double centre[3])
     for (int32_t p = 0; p < data->contacts.count; p++) {
         const pliant_contact_point *point = data->contacts.point + p;
         if (point->kind != PLIANT_OBSTACLE_TOOL || point->tool != tool) continue;
-        const double force = size_of(point->force);
+        const double force = pliant_length3(point->force);
         sum = fmax(sum, 0) + force;
         for (int32_t k = 0; k < point->count; k++)
             for (int d = 0; d < 3; d++)
@@ -60,7 +59,7 @@ void patch_find_presses(pliant_data *data)
         }
         if (!(force > 0)) continue;
         for (int d = 0; d < 3; d++) apart[d] = centre[d] - press->centre[d];
-        if (press->hold && size_of(apart) < farther * patch->scene->model.patch) continue;
+        if (press->hold && pliant_length3(apart) < farther * patch->scene->model.patch) continue;
         if (press->hold && patch->job.running) continue; /* one after the other */
         /* Until the patch for the new press is ready. */
         if (patch->serves[t] && press->hold) press->before = press->hold;
@@ -85,7 +84,7 @@ pliant_status patch_press_copy(const pliant_data *data, int tool, patch_hold *ou
     }
     for (int32_t p = 0; p < data->contacts.count; p++) {
         const pliant_contact_point *point = data->contacts.point + p;
-        const double force = size_of(point->force);
+        const double force = pliant_length3(point->force);
         if (point->kind != PLIANT_OBSTACLE_TOOL || point->tool != tool || !(force > 0)) continue;
         for (int32_t k = 0; k < point->count; k++) {
             int32_t h = 0;

@@ -4,6 +4,7 @@
 #include "contact/detect/part_contacts.h"
 #include "contact/detect/update_sides.h"
 #include "base/dense.h"
+#include "base/vector3.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -11,16 +12,11 @@
 
 /* ---- Implicit Euler of a rigid body: (M / h^2 + springs) q = M v / h + forces, with q = translation and rotation. */
 
-static void cross(const double a[3], const double b[3], double out[3])
-{
-    for (int d = 0; d < 3; d++) out[d] = a[(d + 1) % 3] * b[(d + 2) % 3] - a[(d + 2) % 3] * b[(d + 1) % 3];
-}
-
 /* Add the load of a force at an arm. */
 static void add_load(const double arm[3], const double force[3], double load[6])
 {
     double torque[3];
-    cross(arm, force, torque);
+    pliant_cross3(arm, force, torque);
     for (int d = 0; d < 3; d++) {
         load[d] += force[d];
         load[3 + d] += torque[d];
@@ -230,7 +226,7 @@ static double cross_length(const double *a, const double *b, const double *c, do
         u[d] = b[d] - a[d];
         w[d] = c[d] - a[d];
     }
-    cross(u, w, out);
+    pliant_cross3(u, w, out);
     return sqrt(out[0] * out[0] + out[1] * out[1] + out[2] * out[2]);
 }
 
@@ -394,7 +390,7 @@ void pliant_rigid_pieces_move_in_contact(const pliant_rigid_pieces *rigid_pieces
     for (int g = 0; g < num_pulls; g++) {
         double force[3], turned[3];
         const double stiffness = stiffness_of(pulls + g, body, step, force);
-        cross(moved + 3, pulls[g].arm, turned);
+        pliant_cross3(moved + 3, pulls[g].arm, turned);
         for (int d = 0; d < 3; d++) pulls[g].impulse[d] = step * (force[d] - stiffness * (moved[d] + turned[d]));
     }
     pliant_rigid_turn(moved + 3, still, body->rotation);

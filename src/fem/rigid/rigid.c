@@ -1,6 +1,7 @@
 #include "fem/rigid/rigid.h"
 
 #include "base/matrix.h"
+#include "base/vector3.h"
 
 #include <string.h>
 
@@ -15,16 +16,9 @@ static const double identity[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
 
 /* ---- Vectors and 3 x 3 matrices. */
 
-static double dot(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-
-static void cross(const double a[3], const double b[3], double out[3])
-{
-    for (int d = 0; d < 3; d++) out[d] = a[(d + 1) % 3] * b[(d + 2) % 3] - a[(d + 2) % 3] * b[(d + 1) % 3];
-}
-
 static void apply(const double m[9], const double v[3], double out[3])
 {
-    for (int r = 0; r < 3; r++) out[r] = dot(m + 3 * r, v);
+    for (int r = 0; r < 3; r++) out[r] = pliant_dot3(m + 3 * r, v);
 }
 
 /* Compute out = a b, or a b'. */
@@ -52,7 +46,7 @@ static void invert(const double m[9], double out[9])
 
 void pliant_rigid_turn(const double angle[3], const double m[9], double out[9])
 {
-    const double square = dot(angle, angle), size = sqrt(square);
+    const double square = pliant_dot3(angle, angle), size = sqrt(square);
     const double s = size > 1e-6 ? sin(size) / size : 1 - square / 6, c = size > 1e-6 ? (1 - cos(size)) / square : 0.5;
     const double k[9] = {0, -angle[2], angle[1], angle[2], 0, -angle[0], -angle[1], angle[0], 0};
     double squared[9], rotation[9];
@@ -76,14 +70,14 @@ typedef struct contact {
 
 static void velocity_at(const moving *now, const double arm[3], double out[3])
 {
-    cross(now->spin, arm, out);
+    pliant_cross3(now->spin, arm, out);
     for (int d = 0; d < 3; d++) out[d] += now->velocity[d];
 }
 
 static void push(moving *now, const double arm[3], const double impulse[3])
 {
     double torque[3], spin[3];
-    cross(arm, impulse, torque);
+    pliant_cross3(arm, impulse, torque);
     apply(now->inverse_inertia, torque, spin);
     for (int d = 0; d < 3; d++) {
         now->velocity[d] += now->inverse_mass * impulse[d];
@@ -97,9 +91,9 @@ static void answer(const moving *now, const double arm[3], double out[9])
     for (int c = 0; c < 3; c++) {
         const double unit[3] = {c == 0, c == 1, c == 2};
         double torque[3], spin[3], velocity[3];
-        cross(arm, unit, torque);
+        pliant_cross3(arm, unit, torque);
         apply(now->inverse_inertia, torque, spin);
-        cross(spin, arm, velocity);
+        pliant_cross3(spin, arm, velocity);
         for (int r = 0; r < 3; r++) out[3 * r + c] = velocity[r] + (r == c) * now->inverse_mass;
     }
 }
@@ -143,7 +137,7 @@ static void press(moving *now, contact *at, double friction)
     answer(now, at->arm, a);
     velocity_at(now, at->arm, velocity);
     apply(a, at->normal, answered);
-    double more = (at->towards - dot(velocity, at->normal)) / dot(at->normal, answered);
+    double more = (at->towards - pliant_dot3(velocity, at->normal)) / pliant_dot3(at->normal, answered);
     more = fmax(more, -at->normal_impulse);
     at->normal_impulse += more;
     for (int d = 0; d < 3; d++) impulse[d] = more * at->normal[d];
@@ -151,16 +145,16 @@ static void press(moving *now, contact *at, double friction)
 
     double direction[3], kept[3];
     velocity_at(now, at->arm, velocity);
-    const double normal = dot(velocity, at->normal);
+    const double normal = pliant_dot3(velocity, at->normal);
     for (int d = 0; d < 3; d++) velocity[d] -= normal * at->normal[d];
-    const double speed = sqrt(dot(velocity, velocity));
+    const double speed = pliant_length3(velocity);
     memcpy(kept, at->along, sizeof kept);
     for (int d = 0; d < 3 && speed > 0; d++) direction[d] = velocity[d] / speed;
     if (speed > 0) {
         apply(a, direction, answered);
-        for (int d = 0; d < 3; d++) at->along[d] -= speed / dot(direction, answered) * direction[d];
+        for (int d = 0; d < 3; d++) at->along[d] -= speed / pliant_dot3(direction, answered) * direction[d];
     }
-    const double size = sqrt(dot(at->along, at->along)), maximum = friction * at->normal_impulse;
+    const double size = pliant_length3(at->along), maximum = friction * at->normal_impulse;
     for (int d = 0; d < 3; d++) {
         if (size > maximum) at->along[d] *= maximum / size;
         impulse[d] = at->along[d] - kept[d];
@@ -172,8 +166,8 @@ void pliant_rigid_choose(const double normal[3], pliant_rigid_choice *choice)
 {
     double axis[3] = {0, 0, 0};
     axis[fabs(normal[0]) < 0.6 ? 0 : 1] = 1;
-    cross(normal, axis, choice->side);
-    cross(normal, choice->side, choice->up);
+    pliant_cross3(normal, axis, choice->side);
+    pliant_cross3(normal, choice->side, choice->up);
     for (int k = 0; k <= DIRECTIONS; k++) {
         choice->chosen[k] = -1;
         choice->maximum[k] = -INFINITY;
@@ -183,9 +177,10 @@ void pliant_rigid_choose(const double normal[3], pliant_rigid_choice *choice)
 void pliant_rigid_consider(pliant_rigid_choice *choice, int32_t point, const double arm[3], double gap)
 {
     for (int k = 0; k <= DIRECTIONS; k++) {
-        const double angle = 0.78539816339744831 * k,
-                     far = k == DIRECTIONS ? -gap
-                                           : cos(angle) * dot(choice->side, arm) + sin(angle) * dot(choice->up, arm);
+        const double angle = 0.78539816339744831 * k, far = k == DIRECTIONS
+                                                                ? -gap
+                                                                : cos(angle) * pliant_dot3(choice->side, arm) +
+                                                                      sin(angle) * pliant_dot3(choice->up, arm);
         if (far <= choice->maximum[k]) continue;
         choice->maximum[k] = far;
         choice->chosen[k] = point;
@@ -209,7 +204,7 @@ static int find_contacts(const pliant_rigid *body, const moving *now, const doub
 {
     int count = 0;
     /* [m/s] resting bodies have such speeds and must not bounce */
-    const double slow = 4 * step * sqrt(dot(gravity, gravity));
+    const double slow = 4 * step * pliant_length3(gravity);
     for (int w = 0; w < around->count; w++) {
         const pliant_wall *wall = around->walls + w;
         pliant_rigid_choice choice;
@@ -219,8 +214,8 @@ static int find_contacts(const pliant_rigid *body, const moving *now, const doub
             double arm[3], velocity[3];
             apply(body->rotation, around->arm + 3 * p, arm);
             velocity_at(now, arm, velocity);
-            const double gap = dot(wall->normal, body->centre) + dot(wall->normal, arm) - wall->offset,
-                         ahead = gap + step * dot(wall->normal, velocity);
+            const double gap = pliant_dot3(wall->normal, body->centre) + pliant_dot3(wall->normal, arm) - wall->offset,
+                         ahead = gap + step * pliant_dot3(wall->normal, velocity);
             if (ahead < 0) pliant_rigid_consider(&choice, p, arm, ahead);
         }
         const int num_chosen = pliant_rigid_chosen(&choice, chosen);
@@ -231,8 +226,9 @@ static int find_contacts(const pliant_rigid *body, const moving *now, const doub
             double velocity[3];
             apply(body->rotation, around->arm + 3 * chosen[k], at->arm);
             velocity_at(now, at->arm, velocity);
-            const double gap = dot(wall->normal, body->centre) + dot(wall->normal, at->arm) - wall->offset,
-                         speed = dot(wall->normal, velocity);
+            const double gap = pliant_dot3(wall->normal, body->centre) + pliant_dot3(wall->normal, at->arm) -
+                               wall->offset,
+                         speed = pliant_dot3(wall->normal, velocity);
             at->towards =
                 around->restitution > 0 && speed < -slow ? -around->restitution * speed : fmin(-gap / step, 0);
         }
@@ -333,7 +329,7 @@ bool pliant_rigid_step(pliant_rigid *body, const double gravity[3], double time,
     apply(inverse, body->momentum, spin);
     memcpy(body->rotation, identity, sizeof identity);
     for (int p = 0; p < num_pulls; p++) memset(pulls[p].impulse, 0, sizeof pulls[p].impulse);
-    double parts = fmax(1, ceil(sqrt(dot(spin, spin)) * time / largest));
+    double parts = fmax(1, ceil(pliant_length3(spin) * time / largest));
     if (num_pulls > 0 || around->num_points > 0) parts = fmax(parts, ceil(time / longest - 1e-9));
     const int count = (int)fmin(parts, MAX_SUBSTEPS);
     /* A hanging body does not move. Its velocity is the velocity in the middle of sub-steps, where springs balance the

@@ -1,15 +1,11 @@
 /* Distances that tools and tissue move in a step, and fixed obstacles. */
 #include "fem/rigid/rigid_pieces.h"
+#include "base/vector3.h"
 #include "sim/step/contact.h"
 #include "sim/step/legs.h"
 
 #include <math.h>
 #include <string.h>
-
-static double distance(const double *a, const double *b)
-{
-    return sqrt(pow(a[0] - b[0], 2) + pow(a[1] - b[1], 2) + pow(a[2] - b[2], 2));
-}
 
 /* Return whether a tool with a shape comes nearer to a point than `near` during the leg [m]. */
 static bool comes_near(const pliant_tool *tool, const pliant_leg_tool *leg, const double point[3], double near)
@@ -71,8 +67,9 @@ static double reach_of(const pliant_tool *tool)
     for (int32_t p = 0; p < tool->shape.num_parts; p++) {
         const pliant_part *part = tool->shape.part + p;
         const bool turns = part->frame != PLIANT_FRAME_TIP;
-        reach = fmax(reach, turns ? distance(tool->shape.joint, origin) + pliant_part_reach(part, tool->shape.joint)
-                                  : pliant_part_reach(part, origin));
+        reach =
+            fmax(reach, turns ? pliant_distance3(tool->shape.joint, origin) + pliant_part_reach(part, tool->shape.joint)
+                              : pliant_part_reach(part, origin));
     }
     return reach;
 }
@@ -97,7 +94,7 @@ static double find_motion_near(const pliant_data *data, const double *tip, doubl
         const double *x = data->positions + 3 * (size_t)n, *d = increment + 3 * (size_t)n,
                      way = times * sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
         if (any && !(way > maximum)) continue;
-        const double apart = distance(x, tip) - near - way;
+        const double apart = pliant_distance3(x, tip) - near - way;
         any = any || apart <= elements;
         if (way > maximum && apart <= 0) maximum = way;
     }

@@ -12,6 +12,7 @@
  * `drag` in one step, the tissue is cut at once, and only the mean force acts (go_on). */
 #include "base/fail.h"
 #include "base/rotate.h"
+#include "base/vector3.h"
 #include "tool/blade.h"
 #include "tool/tool.h"
 #include "sim/step/cut.h"
@@ -35,15 +36,6 @@ typedef struct knife {
     double ahead;       /* distance ahead of a blade in which tissue resists: a voxel or a tetrahedron [m] */
 } knife;
 
-static double dot3(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-
-static double normalize(double v[3])
-{
-    double length = sqrt(dot3(v, v));
-    for (int d = 0; d < 3 && length > 0; d++) v[d] /= length;
-    return length;
-}
-
 /* Return the distance that tissue is dragged before it is cut [m]. */
 static double reach_of(const knife *work) { return fmax(work->model->scene.cut.drag, work->max_edge); }
 
@@ -61,7 +53,7 @@ static double longest_distance(const pliant_edge *edge)
     for (int32_t p = 0; p < edge->count; p++) {
         double way[3] = {edge->now[3 * p] - edge->place[3 * p], edge->now[3 * p + 1] - edge->place[3 * p + 1],
                          edge->now[3 * p + 2] - edge->place[3 * p + 2]};
-        longest = fmax(longest, sqrt(dot3(way, way)));
+        longest = fmax(longest, pliant_length3(way));
     }
     return longest;
 }
@@ -72,11 +64,11 @@ static void extend(const pliant_blade *blade, const double *points, double by, d
 {
     const pliant_edge *edge = &blade->edge;
     double common[3] = {blade->drawn[0], blade->drawn[1], blade->drawn[2]};
-    const bool together = normalize(common) > 0;
+    const bool together = pliant_normalize3(common) > 0;
     for (int32_t p = 0; p < edge->count; p++) {
         double way[3];
         for (int d = 0; d < 3; d++) way[d] = together ? common[d] : edge->now[3 * p + d] - edge->place[3 * p + d];
-        normalize(way);
+        pliant_normalize3(way);
         for (int d = 0; d < 3; d++) out[3 * p + d] = points[3 * p + d] + by * way[d];
     }
 }
@@ -194,10 +186,10 @@ static void draw(pliant_tool *tool)
     const pliant_edge *edge = &blade->edge;
     double along[3], middle[3];
     for (int d = 0; d < 3; d++) along[d] = edge->now[3 * (edge->count - 1) + d] - edge->now[d];
-    normalize(along);
+    pliant_normalize3(along);
     pliant_blade_middle(edge, edge->now, middle);
     for (int d = 0; d < 3; d++) middle[d] -= blade->anchor[d];
-    const double slide = dot3(middle, along);
+    const double slide = pliant_dot3(middle, along);
     for (int d = 0; d < 3; d++) blade->drawn[d] = middle[d] - slide * along[d];
 }
 
@@ -213,13 +205,13 @@ static void drag(const knife *work, bool rebuilt)
         return;
     }
     for (int d = 0; d < 3; d++) along[d] = edge->now[3 * (edge->count - 1) + d] - edge->now[d];
-    normalize(along);
+    pliant_normalize3(along);
     for (int32_t p = 0; p < edge->count; p++)
         for (int d = 0; d < 3 && edge->tet[p] >= 0; d++) {
             held[d] += edge->place[3 * p + d] / inside;
             way[d] += (edge->now[3 * p + d] - edge->place[3 * p + d]) / inside;
         }
-    const double slide = dot3(way, along); /* the edge slides along itself without resistance */
+    const double slide = pliant_dot3(way, along); /* the edge slides along itself without resistance */
     for (int d = 0; d < 3; d++) tool->grip[d] = tool->tip[d] - (held[d] + way[d] - slide * along[d]);
 }
 
@@ -230,7 +222,7 @@ static double mean_distance(const pliant_edge *edge)
     for (int32_t p = 0; p < edge->count; p++) {
         double way[3];
         for (int d = 0; d < 3; d++) way[d] = edge->now[3 * p + d] - edge->place[3 * p + d];
-        sum += edge->tet[p] >= 0 ? sqrt(dot3(way, way)) : 0;
+        sum += edge->tet[p] >= 0 ? pliant_length3(way) : 0;
     }
     const int32_t inside = pliant_blade_num_inside(edge);
     return inside > 0 ? sum / inside : 0;
@@ -269,7 +261,7 @@ static bool is_returning(const knife *work)
     for (int32_t p = 0; p < edge->count; p++) {
         double way[3];
         for (int d = 0; d < 3; d++) way[d] = edge->place[3 * p + d] - edge->swept[3 * p + d];
-        if (edge->tet[p] >= 0) farthest = fmax(farthest, dot3(way, way));
+        if (edge->tet[p] >= 0) farthest = fmax(farthest, pliant_dot3(way, way));
     }
     return farthest > pow(max_chord_error * work->min_edge, 2);
 }
@@ -281,11 +273,12 @@ static bool moves_far(const knife *work, const double last[3])
     const pliant_edge *edge = &work->tool->blade.edge;
     double along[3], way[3];
     for (int d = 0; d < 3; d++) along[d] = edge->now[3 * (edge->count - 1) + d] - edge->now[d];
-    normalize(along);
+    pliant_normalize3(along);
     pliant_blade_middle(edge, edge->now, way);
     for (int d = 0; d < 3; d++) way[d] -= last[d];
-    const double slide = dot3(way, along);
-    return work->data->body->voxels && sqrt(fmax(dot3(way, way) - slide * slide, 0)) > long_motion * reach_of(work);
+    const double slide = pliant_dot3(way, along);
+    return work->data->body->voxels &&
+           sqrt(fmax(pliant_dot3(way, way) - slide * slide, 0)) > long_motion * reach_of(work);
 }
 
 /* Make a step in which the blade moves far: unloaded tissue is cut up to the blade without drag. The blade's force
@@ -297,8 +290,8 @@ static void go_on(const knife *work, double force, const double last[3])
     pliant_blade *blade = &tool->blade;
     memcpy(blade->anchor, last, sizeof blade->anchor);
     draw(tool);
-    const double way = sqrt(dot3(blade->drawn, blade->drawn)),
-                 before = way > 0 ? dot3(blade->force, blade->drawn) / way : 0;
+    const double way = pliant_length3(blade->drawn),
+                 before = way > 0 ? pliant_dot3(blade->force, blade->drawn) / way : 0;
     const double felt = way > 0 ? fmin(fmax(force - blade->work / way - 0.5 * (before + force), 0), 2 * force) : 0;
     blade->slips = blade->passes = true;
     for (int d = 0; d < 3; d++) blade->parting[d] = way > 0 ? felt * blade->drawn[d] / way : 0;
@@ -351,7 +344,7 @@ static void press(const knife *work, const double last[3], bool far)
     if (blade->slips) blade->work = fmin(fmax(blade->work, -0.5 * force * reach), 0.5 * force * reach);
     blade->slips = false;
     draw(tool);
-    const double way = sqrt(dot3(blade->drawn, blade->drawn));
+    const double way = pliant_length3(blade->drawn);
     blade->stiffness = 2 * force / reach;
     if (blade->drags && way >= 0.5 * reach && (blade->work >= force * way || way >= 2 * reach)) slip(work, last);
     else drag(work, rebuilt);
@@ -364,10 +357,10 @@ static int32_t turns_of(const knife *work)
 {
     const pliant_blade *blade = &work->tool->blade;
     const double *a = blade->rotation, *b = work->tool->rotation;
-    const double sizes = sqrt((dot3(a, a) + a[3] * a[3]) * (dot3(b, b) + b[3] * b[3])),
-                 cosine = sizes > 0 ? fabs(dot3(a, b) + a[3] * b[3]) / sizes : 1;
+    const double sizes = sqrt((pliant_dot3(a, a) + a[3] * a[3]) * (pliant_dot3(b, b) + b[3] * b[3])),
+                 cosine = sizes > 0 ? fabs(pliant_dot3(a, b) + a[3] * b[3]) / sizes : 1;
     const double angle = 2 * acos(fmin(cosine, 1)),
-                 radius = sqrt(fmax(dot3(blade->from, blade->from), dot3(blade->to, blade->to)));
+                 radius = sqrt(fmax(pliant_dot3(blade->from, blade->from), pliant_dot3(blade->to, blade->to)));
     const double off = max_chord_error * work->min_edge;
     if (radius <= off) return 1;
     return (int32_t)fmax(ceil(angle / (2 * acos(1 - off / radius))), 1);
@@ -390,7 +383,7 @@ static double way_of(const knife *work)
         pliant_rotate(blade->rotation, end ? blade->to : blade->from, before);
         pliant_rotate(work->tool->rotation, end ? blade->to : blade->from, now);
         for (int d = 0; d < 3; d++) way[d] = work->tool->tip[d] + now[d] - (blade->tip[d] + before[d]);
-        far = fmax(far, sqrt(dot3(way, way)));
+        far = fmax(far, pliant_length3(way));
     }
     return far;
 }

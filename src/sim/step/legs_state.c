@@ -6,6 +6,7 @@
 #include "fem/patch/patch.h"
 #include "fem/quasistatic/solver.h"
 #include "base/memory.h"
+#include "base/vector3.h"
 #include "sim/step/contact.h"
 #include "sim/step/legs.h"
 
@@ -67,11 +68,6 @@ pliant_status pliant_legs_save_points(pliant_data *data)
 static void mix(size_t count, const double *from, double fraction, double *to)
 {
     for (size_t i = 0; i < count; i++) to[i] = from[i] + fraction * (to[i] - from[i]);
-}
-
-static double distance(const double *a, const double *b)
-{
-    return sqrt((a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]) + (a[2] - b[2]) * (a[2] - b[2]));
 }
 
 static void mix_points(const pliant_contacts *from, double fraction, pliant_contacts *to)
@@ -155,8 +151,8 @@ pliant_status pliant_legs_bound_volumes(const pliant_model *model, pliant_data *
     double farthest = 0;
     for (int32_t n = 0; n < mesh->num_nodes; n++) {
         if (legs->fraction[n] == 1) continue;
-        farthest = fmax(farthest, (1 - legs->fraction[n]) *
-                                      distance(legs->positions + 3 * (size_t)n, data->positions + 3 * (size_t)n));
+        farthest = fmax(farthest, (1 - legs->fraction[n]) * pliant_distance3(legs->positions + 3 * (size_t)n,
+                                                                             data->positions + 3 * (size_t)n));
         mix(3, legs->positions + 3 * (size_t)n, legs->fraction[n], data->positions + 3 * (size_t)n);
         mix(3, legs->solved + 3 * (size_t)n, legs->fraction[n], solver->now.x + 3 * (size_t)n);
     }

@@ -1,18 +1,12 @@
 #include "sim/step/proxy.h"
 
 #include "base/rotate.h"
+#include "base/vector3.h"
 #include "contact/shapes/tool_shape.h"
 #include "fem/rigid/rigid_pieces.h"
 
 #include <math.h>
 #include <string.h>
-
-static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-static double distance(const double *a, const double *b)
-{
-    const double apart[3] = {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
-    return sqrt(dot(apart, apart));
-}
 
 /* ---- poses */
 
@@ -50,13 +44,13 @@ double pliant_part_max_motion(const pliant_tool_shape *shape, const pliant_part 
                               const pliant_tool_pose *to)
 {
     const double origin[3] = {0, 0, 0}, turn = part->frame == PLIANT_FRAME_TIP ? 0 : 0.5 * fabs(to->jaw - from->jaw);
-    return distance(to->tip, from->tip) + turn * pliant_part_reach(part, shape->joint) +
+    return pliant_distance3(to->tip, from->tip) + turn * pliant_part_reach(part, shape->joint) +
            pliant_rotation_angle(from->rotation, to->rotation) * pliant_part_reach(part, origin);
 }
 
 double pliant_tool_max_motion(const pliant_tool *tool, const pliant_tool_pose *from, const pliant_tool_pose *to)
 {
-    double way = distance(to->tip, from->tip);
+    double way = pliant_distance3(to->tip, from->tip);
     for (int32_t p = 0; p < tool->shape.num_parts; p++)
         way = fmax(way, pliant_part_max_motion(&tool->shape, tool->shape.part + p, from, to));
     return way;
@@ -66,7 +60,7 @@ double pliant_tool_max_motion(const pliant_tool *tool, const pliant_tool_pose *f
 
 void pliant_tool_joint(const pliant_tool *tool, const pliant_tool_pose *pose, double joint[3], double axis[3])
 {
-    const double size = sqrt(dot(tool->shape.axis, tool->shape.axis));
+    const double size = pliant_length3(tool->shape.axis);
     pliant_rotate(pose->rotation, tool->shape.joint, joint);
     pliant_rotate(pose->rotation, tool->shape.axis, axis);
     for (int d = 0; d < 3; d++) {
@@ -99,7 +93,7 @@ void pliant_proxy_find_load(const pliant_data *data, int index, const pliant_too
 /* Quaternion product: rotate by b, then by a. */
 static void multiply(const double a[4], const double b[4], double out[4])
 {
-    out[3] = a[3] * b[3] - dot(a, b);
+    out[3] = a[3] * b[3] - pliant_dot3(a, b);
     for (int d = 0; d < 3; d++)
         out[d] = a[3] * b[d] + b[3] * a[d] + a[(d + 1) % 3] * b[(d + 2) % 3] - a[(d + 2) % 3] * b[(d + 1) % 3];
 }
@@ -116,12 +110,12 @@ pliant_tool_pose pliant_proxy_pose_under_load(const pliant_tool *tool, const pli
         jaw[k] = pliant_body_motion(couple + 1, torque, k);
     }
     for (int d = 0; d < 3; d++) out.tip[d] += moved[d];
-    const double angle = sqrt(dot(moved + 3, moved + 3));
+    const double angle = pliant_length3(moved + 3);
     for (int d = 0; d < 3; d++) turn[d] = moved[3 + d] * (angle > 0 ? sin(0.5 * angle) / angle : 0.5);
     turn[3] = cos(0.5 * angle);
-    if (angle > 0 && dot(from->rotation, from->rotation) + from->rotation[3] * from->rotation[3] > 0)
+    if (angle > 0 && pliant_dot3(from->rotation, from->rotation) + from->rotation[3] * from->rotation[3] > 0)
         multiply(turn, from->rotation, out.rotation);
-    if (pliant_tool_shape_has_jaws(&tool->shape)) out.jaw += dot(axis, jaw + 3);
+    if (pliant_tool_shape_has_jaws(&tool->shape)) out.jaw += pliant_dot3(axis, jaw + 3);
     return out;
 }
 
@@ -149,7 +143,7 @@ static void turn_between(const double from[4], const double to[4], double turn[3
     const double back[4] = {-from[0], -from[1], -from[2], from[3]};
     double q[4];
     multiply(to, back, q);
-    const double sine = sqrt(dot(q, q)), sign = q[3] < 0 ? -1 : 1, angle = 2 * atan2(sine, sign * q[3]);
+    const double sine = pliant_length3(q), sign = q[3] < 0 ? -1 : 1, angle = 2 * atan2(sine, sign * q[3]);
     for (int d = 0; d < 3; d++) turn[d] = sine > 0 ? sign * q[d] * angle / sine : 0;
 }
 
@@ -162,10 +156,11 @@ void pliant_proxy_linearize(const pliant_model *model, const pliant_tool *tool, 
     const double maximum = scene->contact.max_force, lever = maximum * fmax(reach_of(tool), 1e-3),
                  turn_stiffness = scene->contact.coupling_stiffness_rotational;
     const double *wrench = before->wrench, *pulls = tool->proxy.pulls;
-    const double shift = comply(&model->contact, scene->contact.coupling_stiffness, distance(begin->tip, goal->tip),
-                                fmax(sqrt(dot(wrench, wrench)), pulls[0]), maximum);
+    const double shift =
+        comply(&model->contact, scene->contact.coupling_stiffness, pliant_distance3(begin->tip, goal->tip),
+               fmax(pliant_length3(wrench), pulls[0]), maximum);
     const double turn = comply(&model->contact, turn_stiffness, pliant_rotation_angle(begin->rotation, goal->rotation),
-                               fmax(sqrt(dot(wrench + 3, wrench + 3)), pulls[1]), lever);
+                               fmax(pliant_length3(wrench + 3), pulls[1]), lever);
     const double jaw = comply(&model->contact, turn_stiffness, fabs(goal->jaw - begin->jaw),
                               fmax(fabs(before->jaw), pulls[2]), scene->contact.grip_torque) +
                        piece_compliance[1];
@@ -197,13 +192,13 @@ double pliant_proxy_fraction_to_limit(const pliant_model *model, pliant_tool *to
                                       const pliant_proxy_load *after)
 {
     const double over = model->contact.force_overshoot, nearly = model->contact.soft_begin + model->contact.soft_width;
-    const double force = sqrt(dot(after->wrench, after->wrench)), maximum = model->scene.contact.max_force,
+    const double force = pliant_length3(after->wrench), maximum = model->scene.contact.max_force,
                  torque = fabs(after->jaw), grip = model->scene.contact.grip_torque;
     tool->proxy.pulls[0] = force;
-    tool->proxy.pulls[1] = sqrt(dot(after->wrench + 3, after->wrench + 3));
+    tool->proxy.pulls[1] = pliant_length3(after->wrench + 3);
     tool->proxy.pulls[2] = torque;
     tool->proxy.saturated = force > nearly * maximum || torque > nearly * grip;
-    return fmin(until(sqrt(dot(before->wrench, before->wrench)), force, over * maximum),
+    return fmin(until(pliant_length3(before->wrench), force, over * maximum),
                 until(fabs(before->jaw), torque, over * grip));
 }
 
