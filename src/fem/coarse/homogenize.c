@@ -234,7 +234,7 @@ pliant_status pliant_averaged_tet(pliant_submesh *submesh, int32_t tet, bool gro
     if (is_semidefinite(out)) return PLIANT_OK;
     return pliant_fail(PLIANT_ERROR_NUMERIC,
                        "the stiffness in coarse tetrahedron %d is not positive semidefinite; Young's moduli must "
-                       "be positive, and Poisson's ratios between -1 and 0.5",
+                       "be positive, and Poisson's ratios in [0, 0.4999]",
                        tet);
 }
 
