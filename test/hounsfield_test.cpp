@@ -170,6 +170,16 @@ TEST(Hounsfield, ExplicitDynamicsNeedsDensity)
     for (const std::string &part : {file, std::string("'flesh'"), std::string("density is 0"), std::string("set its")})
         EXPECT_NE(std::string(pliant_last_error()).find(part), std::string::npos) << pliant_last_error();
     EXPECT_EQ(scan.voxels, nullptr);
+    pliant_material_table light{};
+    ASSERT_EQ(pliant_material_table_read(file.c_str(), &light), PLIANT_OK);
+    light.materials[1].density = 1000;
+    EXPECT_EQ(pliant_material_table_check_inertia(&light, &scene, "t"), PLIANT_OK);
+    for (bool *moved : {&scene.material.deformable_bone, &scene.mesh.keep_air}) {
+        *moved = true;
+        EXPECT_EQ(pliant_material_table_check_inertia(&light, &scene, "t"), PLIANT_ERROR_SCENE);
+        *moved = false;
+    }
+    pliant_material_table_free(&light);
     for (int quiet = 0; quiet < 2; quiet++) {
         scene.tled.quasi_static = quiet == 0;
         scene.solver.kind = quiet == 0 ? PLIANT_TLED : PLIANT_COROTATIONAL;

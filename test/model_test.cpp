@@ -30,7 +30,7 @@ TEST(Model, CoarseMethodsUnderGravitySayHowFarTheyAreOff)
     for (pliant_method method : {PLIANT_COARSE, PLIANT_AVERAGED, PLIANT_LOD}) {
         std::string said = warnings_of(method, 9.81, 0);
         EXPECT_NE(said.find("model/gravity"), std::string::npos) << method;
-        EXPECT_NE(said.find("38 to 60 %"), std::string::npos) << said;
+        EXPECT_NE(said.find("tens of percent"), std::string::npos) << said;
         EXPECT_NE(said.find("nothing corrects it"), std::string::npos) << said;
         EXPECT_EQ(warnings_of(method, 0, 0), "");
     }

@@ -232,7 +232,8 @@ pliant_status pliant_material_table_check_inertia(const pliant_material_table *t
     if (scene->solver.kind != PLIANT_TLED || scene->tled.quasi_static) return PLIANT_OK;
     for (uint32_t i = 0; i < table->num_materials; ++i) {
         const pliant_material *m = table->materials + i;
-        if (m->density > 0 || m->fixed || m->empty) continue;
+        const bool moves = (!m->fixed || scene->material.deformable_bone) && (!m->empty || scene->mesh.keep_air);
+        if (m->density > 0 || !moves) continue;
         return pliant_fail(PLIANT_ERROR_SCENE,
                            "%s: material %u '%s': density is %g kg/m^3, and solver/kind: tled cannot move tissue "
                            "without mass; set its density (about 1000), or set tled/quasi_static to true",

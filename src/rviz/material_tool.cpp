@@ -70,7 +70,7 @@ void MaterialTool::onInitialize()
         return made;
     };
     young_modulus_ = number("Young's Modulus", "[Pa]");
-    poisson_ratio_ = number("Poisson Ratio", "0 to less than 0.5");
+    poisson_ratio_ = number("Poisson Ratio", "0 to 0.499");
     density_ = number("Density", "[kg/m3]");
     toughness_ = number("Toughness", "Work that it takes to part an area [J/m2].");
     fixed_ = new rviz::BoolProperty("Fixed", false, "Does not move, as bone.", all, SLOT(change_material()), this);

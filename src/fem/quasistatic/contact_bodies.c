@@ -7,9 +7,8 @@
 
 #include <math.h>
 #include <string.h>
-#include <string.h>
 
-/* Return the index of a body in touches->moving. < 0: out of memory */
+/* Return the index of a body in contacts->moving. < 0: out of memory */
 static int32_t find_moving(pliant_contact_problem *contacts, int32_t piece)
 {
     for (int32_t m = 0; m < contacts->num_moving; m++)
@@ -241,7 +240,6 @@ static coupling coupling_of(const pliant_contact_problem *contacts, int32_t movi
 /* One coupling changes at a time, because couplings of tools that press against each other have the same load. */
 void pliant_touches_keep_limits(pliant_contact_problem *contacts, int num_tools)
 {
-    enum { MOST = 8 };
     coupling of[3 * PLIANT_MAX_TOOLS];
     int index[3 * PLIANT_MAX_TOOLS], count = 0;
     for (int32_t m = 0; contacts->pieces && contacts->pieces->limit && m < contacts->num_moving; m++) {
@@ -253,7 +251,7 @@ void pliant_touches_keep_limits(pliant_contact_problem *contacts, int num_tools)
             count++;
         }
     }
-    for (int pass = 0, last = -1; pass < MOST; pass++) {
+    for (int pass = 0, last = -1; pass < 4 * count; pass++) {
         const double nearly = 1e-6;
         double maximum = nearly;
         int worst = -1;

@@ -401,8 +401,8 @@ void pliant_gravity_warning(const pliant_scene *scene, const double gravity[3])
     else
         pliant_log(
             PLIANT_LOG_WARNING,
-            "model/method: under model/gravity, the displacement of %s has an error of 38 to 60 %% (coarse models of "
-            "an abdominal CT), and %s; fine has no such error",
+            "model/method: under model/gravity, the displacement of %s has an error of tens of percent, "
+            "and %s; fine has no such error",
             methods[method],
             scene->model.patch > 0 ? "model/patch corrects it only near a grasp" : "nothing corrects it");
 }
