@@ -72,7 +72,7 @@ struct Scene {
     pliant_advance_result find(int threads = 1)
     {
         pliant_advance_result out{};
-        EXPECT_EQ(pliant_advance_find(with.capacity, sheet.num_triangles(), sheet.triangles.data(), sheet.from.data(),
+        EXPECT_EQ(pliant_advance_find(with.advance, sheet.num_triangles(), sheet.triangles.data(), sheet.from.data(),
                                       sheet.to.data(), static_cast<int32_t>(parts.size()), parts.data(), threads, &out),
                   PLIANT_OK);
         return out;
@@ -80,7 +80,7 @@ struct Scene {
     pliant_advance_audit_result audit()
     {
         pliant_advance_audit_result out{};
-        EXPECT_EQ(pliant_advance_audit(with.capacity, sheet.num_triangles(), sheet.triangles.data(), sheet.from.data(),
+        EXPECT_EQ(pliant_advance_audit(with.advance, sheet.num_triangles(), sheet.triangles.data(), sheet.from.data(),
                                        static_cast<int32_t>(parts.size()), parts.data(), 1, &out),
                   PLIANT_OK);
         return out;
@@ -321,7 +321,7 @@ struct Layers {
     pliant_advance_self_result find(int threads = 1)
     {
         pliant_advance_self_result out{};
-        EXPECT_EQ(pliant_advance_find_self(with.capacity, sheet.num_triangles(), sheet.triangles.data(),
+        EXPECT_EQ(pliant_advance_find_self(with.advance, sheet.num_triangles(), sheet.triangles.data(),
                                            sheet.from.data(), sheet.to.data(), &self, threads, &out),
                   PLIANT_OK);
         return out;
@@ -329,7 +329,7 @@ struct Layers {
     pliant_advance_self_audit audit()
     {
         pliant_advance_self_audit out{};
-        EXPECT_EQ(pliant_advance_audit_self(with.capacity, sheet.num_triangles(), sheet.triangles.data(),
+        EXPECT_EQ(pliant_advance_audit_self(with.advance, sheet.num_triangles(), sheet.triangles.data(),
                                             sheet.from.data(), &self, 1, &out),
                   PLIANT_OK);
         return out;
@@ -422,7 +422,7 @@ TEST(AdvanceSurface, EveryAllocationMayFail)
 {
     for (bool self : {false, true})
         for (int n = 0; n < 40; n++) {
-            pliant_advance *capacity = nullptr;
+            pliant_advance *advance = nullptr;
             Sheet sheet;
             sheet.add(9, 0.05, -3e-5);
             const pliant_tool_shape shape = ball(2e-3);
@@ -439,12 +439,12 @@ TEST(AdvanceSurface, EveryAllocationMayFail)
             pliant_advance_self_result of_self{};
             out.t = of_self.t = -5;
             pliant_memory_fail_after(n);
-            pliant_status status = pliant_advance_create(nullptr, &capacity);
+            pliant_status status = pliant_advance_create(nullptr, &advance);
             if (status == PLIANT_OK && !self)
-                status = pliant_advance_find(capacity, sheet.num_triangles(), sheet.triangles.data(), sheet.from.data(),
+                status = pliant_advance_find(advance, sheet.num_triangles(), sheet.triangles.data(), sheet.from.data(),
                                              sheet.to.data(), 1, &part, 1, &out);
             if (status == PLIANT_OK && self)
-                status = pliant_advance_find_self(capacity, sheet.num_triangles(), sheet.triangles.data(),
+                status = pliant_advance_find_self(advance, sheet.num_triangles(), sheet.triangles.data(),
                                                   sheet.from.data(), sheet.to.data(), &how, 1, &of_self);
             pliant_memory_fail_after(-1);
             if (status != PLIANT_OK) {
@@ -452,17 +452,17 @@ TEST(AdvanceSurface, EveryAllocationMayFail)
                 EXPECT_EQ(out.t, -5);
                 EXPECT_EQ(of_self.t, -5);
             }
-            if (capacity) { // it works again after the failure
-                EXPECT_EQ(pliant_advance_find(capacity, sheet.num_triangles(), sheet.triangles.data(),
+            if (advance) { // it works again after the failure
+                EXPECT_EQ(pliant_advance_find(advance, sheet.num_triangles(), sheet.triangles.data(),
                                               sheet.from.data(), sheet.to.data(), 1, &part, 1, &out),
                           PLIANT_OK);
-                EXPECT_EQ(pliant_advance_find_self(capacity, sheet.num_triangles(), sheet.triangles.data(),
+                EXPECT_EQ(pliant_advance_find_self(advance, sheet.num_triangles(), sheet.triangles.data(),
                                                    sheet.from.data(), sheet.to.data(), &how, 1, &of_self),
                           PLIANT_OK);
                 EXPECT_EQ(out.t, 1);
                 EXPECT_EQ(of_self.t, 1);
             }
-            pliant_advance_free(capacity);
+            pliant_advance_free(advance);
             if (status == PLIANT_OK) {
                 EXPECT_GT(n, self ? 7 : 4);
                 break;

@@ -136,7 +136,7 @@ struct Leg {
     {
         static const int32_t triangle[3] = {0, 1, 2};
         pliant_advance_result out{};
-        EXPECT_EQ(pliant_advance_find(with.capacity, 1, triangle, from[0].data(), to[0].data(), 1, &leg, threads, &out),
+        EXPECT_EQ(pliant_advance_find(with.advance, 1, triangle, from[0].data(), to[0].data(), 1, &leg, threads, &out),
                   PLIANT_OK);
         return out;
     }

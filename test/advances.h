@@ -15,9 +15,9 @@ using Corners = std::array<Vector, 3>;
 static const pliant_contact_settings settings = pliant_contact_settings_default();
 
 struct Advance {
-    pliant_advance *capacity = nullptr;
-    Advance() { EXPECT_EQ(pliant_advance_create(nullptr, &capacity), PLIANT_OK); }
-    ~Advance() { pliant_advance_free(capacity); }
+    pliant_advance *advance = nullptr;
+    Advance() { EXPECT_EQ(pliant_advance_create(nullptr, &advance), PLIANT_OK); }
+    ~Advance() { pliant_advance_free(advance); }
     Advance(const Advance &) = delete;
     Advance &operator=(const Advance &) = delete;
 };

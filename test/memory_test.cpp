@@ -47,9 +47,9 @@ TEST(Memory, WhatWasFreedIsGivenAgainCleared)
     EXPECT_TRUE(is(again, 0, LARGE));
     EXPECT_EQ(pliant_memory_in_use(), before + LARGE);
     pliant_free(again);
-    void *capacity = pliant_malloc(LARGE, 1);
-    EXPECT_EQ(capacity, block);
-    pliant_free(capacity);
+    void *back = pliant_malloc(LARGE, 1);
+    EXPECT_EQ(back, block);
+    pliant_free(back);
 }
 
 // A device locks whole pages of a block, so no other block may lie on these pages.

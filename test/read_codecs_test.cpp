@@ -1,6 +1,5 @@
 /* Compressed pixels of DICOM: numbers of few bits stored in many, damaged images, unsupported codecs. OpenJPEG, CharLS
- * and
- * libjpeg encoded the images: 4 x 3 numbers of 8 bits, or of 5. */
+ * and libjpeg encoded the images: 4 x 3 numbers of 8 bits, or of 5. */
 #include "scan_files.h"
 
 #include <cmath>

@@ -119,8 +119,8 @@ TEST_F(Tool, ALoadBeyondDoublePrecisionNamesWhatMayBeWrong)
 TEST(ToolOnAFace, APointIsHeldOnEverySide)
 {
     const int voxels[3] = {20, 20, 20};
-    const double capacity[3] = {0.1, 0.1, 0.1};
-    Body air(voxels, capacity, {{4000, 0.45, 1000, false}, {1, 0.3, 1, true}},
+    const double cell[3] = {0.1, 0.1, 0.1};
+    Body air(voxels, cell, {{4000, 0.45, 1000, false}, {1, 0.3, 1, true}},
              [](int i, int j, int k) { return i >= 4 && i < 16 && j >= 4 && j < 16 && k >= 4 && k < 16 ? 0 : 1; });
     air.cells(10, 10, 10, 1);
     air.fix_plane(0, 0, 0.02, 0, 0, 1);

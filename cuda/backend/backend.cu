@@ -73,10 +73,10 @@ static pliant_status lock_positions(const pliant_data *data, cuda_data *state)
 static pliant_status fill(const pliant_model *model, const pliant_data *data, cuda_data *state)
 {
     const bool grows = model->scene.cut.kind != PLIANT_CUT_NONE;
-    int minimum = 0, greatest = 0;
+    int lowest = 0, highest = 0;
     CUDA_TRY(pliant_cuda_current_device(&state->device));
-    CUDA_TRY(CUDA_CALL(cudaDeviceGetStreamPriorityRange(&minimum, &greatest)));
-    CUDA_TRY(CUDA_CALL(cudaStreamCreateWithPriority(&state->stream, cudaStreamNonBlocking, greatest)));
+    CUDA_TRY(CUDA_CALL(cudaDeviceGetStreamPriorityRange(&lowest, &highest)));
+    CUDA_TRY(CUDA_CALL(cudaStreamCreateWithPriority(&state->stream, cudaStreamNonBlocking, highest)));
     CUDA_TRY(grows ? make_landing(data, state) : lock_positions(data, state));
     return pliant_cuda_solver_create(data->solver, model->scene.solver.preconditioner, grows, state->device,
                                      state->stream, &state->solver);

@@ -35,8 +35,8 @@ bool pliant_cuda_fails_now(void);
 /* Allocate device memory, not zeroed. After a failure *out is unchanged. what: for the message. Errors: MEMORY, with
  * figures. */
 pliant_status pliant_cuda_allocate(size_t bytes, const char *what, void **out);
-/* Ensure a capacity of `bytes` at *d_block, whose present capacity is `*room`. A block that is too small is replaced by
- * a new one with undefined content. grows: allocate a quarter more than requested. */
+/* Ensure a capacity of `bytes` at *d_block, whose present capacity is *capacity. A block that is too small is replaced
+ * by a new one with undefined content. grows: allocate a quarter more than requested. */
 pliant_status pliant_cuda_ensure(size_t bytes, bool grows, const char *what, void **d_block, size_t *capacity);
 /* Allocate page-locked host memory, zeroed. */
 pliant_status pliant_cuda_allocate_host(size_t bytes, const char *what, void **out);

@@ -29,7 +29,7 @@ static inline unsigned long long gpu_cells_max(const gpu_cells *cells)
 
 /* Update the side after a search. Return true if the cells were enlarged and the search must be repeated.
  * @param widest number of cells of the initial side that the widest box covers, if it covers too many
- * @param entries number of entries in the grid; @param maximum its maximum */
+ * @param entries number of entries in the grid; @param maximum their limit */
 static inline bool gpu_cells_update(gpu_cells *cells, unsigned long long widest, unsigned long long entries,
                                     unsigned long long maximum)
 {

@@ -27,7 +27,7 @@ typedef struct gpu_tool {
 /* Inputs of a step, written by the host. */
 typedef struct gpu_step {
     gpu_tool tools[GPU_TOOLS];
-    int32_t has_contacts;           /* there are contacts (touch.h) */
+    int32_t has_contacts;           /* there are contacts (contact.h) */
     int32_t restart, forget;   /* restart: no quantity of the state is known; forget: the secants are invalid */
     int32_t known, seen; /* pliant_known of the first state; the preconditioner is unchanged since its evaluation */
     int32_t is_cycle;          /* the preconditioner is a V-cycle */

@@ -32,25 +32,25 @@ struct arena {
     }
 };
 
-static void place_all(gpu_segment *gpu, size_t source_bytes, arena *capacity)
+static void place_all(gpu_segment *gpu, size_t source_bytes, arena *memory)
 {
     const size_t voxels = (size_t)gpu->voxels;
     char *d_source = NULL;
-    capacity->place(&d_source, source_bytes);
+    memory->place(&d_source, source_bytes);
     gpu->d_source = d_source;
-    capacity->place(&gpu->d_raw, voxels);
-    capacity->place(&gpu->d_bins, voxels);
-    capacity->place(&gpu->d_classes, voxels);
-    capacity->place(&gpu->d_wave, voxels);
-    capacity->place(&gpu->d_parent, voxels);
-    capacity->place(&gpu->d_piece, voxels);
-    capacity->place(&gpu->d_key, voxels);
-    capacity->place(&gpu->d_block_count, voxels / SEGMENT_NUMBERED + 2);
-    capacity->place(&gpu->d_range, 1);
-    capacity->place(&gpu->d_fine, SEGMENT_FINE_BINS);
-    capacity->place(&gpu->d_count, SEGMENT_BINS);
-    capacity->place(&gpu->d_logs, SEGMENT_BINS * PLIANT_MAX_CLASSES);
-    capacity->place(&gpu->d_left, 1);
+    memory->place(&gpu->d_raw, voxels);
+    memory->place(&gpu->d_bins, voxels);
+    memory->place(&gpu->d_classes, voxels);
+    memory->place(&gpu->d_wave, voxels);
+    memory->place(&gpu->d_parent, voxels);
+    memory->place(&gpu->d_piece, voxels);
+    memory->place(&gpu->d_key, voxels);
+    memory->place(&gpu->d_block_count, voxels / SEGMENT_NUMBERED + 2);
+    memory->place(&gpu->d_range, 1);
+    memory->place(&gpu->d_fine, SEGMENT_FINE_BINS);
+    memory->place(&gpu->d_count, SEGMENT_BINS);
+    memory->place(&gpu->d_logs, SEGMENT_BINS * PLIANT_MAX_CLASSES);
+    memory->place(&gpu->d_left, 1);
 }
 
 static pliant_status begin(segmenting *work, const pliant_volume *scan)
@@ -65,11 +65,11 @@ static pliant_status begin(segmenting *work, const pliant_volume *scan)
     gpu->slope = scan->slope;
     gpu->intercept = scan->intercept;
     const size_t bytes = (size_t)gpu->voxels * pliant_encoding_size(scan->encoding);
-    arena capacity = {};
-    place_all(gpu, bytes, &capacity);
-    CUDA_TRY(pliant_cuda_allocate(capacity.used, "the segmentation", &work->d_arena));
-    capacity = {static_cast<char *>(work->d_arena), 0};
-    place_all(gpu, bytes, &capacity);
+    arena memory = {};
+    place_all(gpu, bytes, &memory);
+    CUDA_TRY(pliant_cuda_allocate(memory.used, "the segmentation", &work->d_arena));
+    memory = {static_cast<char *>(work->d_arena), 0};
+    place_all(gpu, bytes, &memory);
     return CUDA_CALL(
         cudaMemcpyAsync(const_cast<void *>(gpu->d_source), scan->voxels, bytes, cudaMemcpyHostToDevice, work->stream));
 }

@@ -141,13 +141,13 @@ static __device__ __forceinline__ void set_up(const gpu_raster &raster, const in
 }
 
 /* Return the deformed and the rest position of a thread's own corner.
- * GUESTS: there may be guests */
-template <bool GUESTS>
+ * CARRY: there may be carried tetrahedra */
+template <bool CARRY>
 static __device__ __forceinline__ void find_corner(const gpu_raster &raster, const double *d_positions, int t, int v,
                                                    int *mine, double *rest)
 {
-    if (GUESTS && t >= raster.num_tets) {
-        const part_carried_tet &carried_tet = raster.d_guests[t - raster.num_tets];
+    if (CARRY && t >= raster.num_tets) {
+        const part_carried_tet &carried_tet = raster.d_carried[t - raster.num_tets];
         const double *nodes[4];
         double corner[3];
         for (int n = 0; n < 4; n++)

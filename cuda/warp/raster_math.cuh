@@ -143,7 +143,7 @@ static __device__ __forceinline__ exact_plane gpu_exact_plane(const gpu_corners 
     return out;
 }
 
-/* same as most_in, over the voxels of a box */
+/* same as max_in_brick, over the voxels of a box */
 static __device__ __forceinline__ long long gpu_max_corner(const exact_plane &plane, const int *low, const int *high)
 {
     long long maximum = plane.value;

@@ -24,9 +24,9 @@ typedef struct gpu_raster {
     const void *d_source;
     /* only the background value and the interpolation mode are used; labels take the nearest voxel */
     raster_source background;
-    int32_t num_tets, num_elements, num_bricks; /* elements: tetrahedra followed by guests */
+    int32_t num_tets, num_elements, num_bricks; /* elements: tetrahedra followed by carried tetrahedra */
     const int32_t *d_tets;           /* (num_tets x 4) */
-    const part_carried_tet *d_guests;      /* (num_elements - num_tets) */
+    const part_carried_tet *d_carried;      /* (num_elements - num_tets) */
     part_view parts;                 /* elements NULL: no cuts */
     uint8_t *d_parted;               /* (num_bricks) whether an element at a cut touches the brick; 0 between updates */
     const uint8_t *d_zone;           /* (num_elements) for a fit, 0: not drawn by its own map; NULL: all are */

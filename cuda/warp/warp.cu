@@ -15,7 +15,7 @@
 enum { BEGUN, CULLED, DRAWN, NUM_MARKS };
 
 /* Arrays that depend on the body, and their capacities. */
-enum { TETS, REST, FIXED, SETUP, GUESTS, ELEMENTS, BOXES, LABELS, PARTED, POSITIONS, BODY_ARRAYS };
+enum { TETS, REST, FIXED, SETUP, CARRY, ELEMENTS, BOXES, LABELS, PARTED, POSITIONS, BODY_ARRAYS };
 struct body_capacity { bool grows; size_t bytes[BODY_ARRAYS]; };
 
 struct cuda_next;
@@ -172,7 +172,7 @@ static pliant_status fill_body(const pliant_warp_parts *parts, const known_body 
     }
     memcpy(raster->parts.scan_size, cut->view.scan_size, sizeof raster->parts.scan_size);
     raster->parts.num_elements = cut->view.num_elements;
-    if (carried_tets > 0) CUDA_TRY(send(cut->carried_tets, carried_tets, GUESTS, stream, capacity, &raster->d_guests));
+    if (carried_tets > 0) CUDA_TRY(send(cut->carried_tets, carried_tets, CARRY, stream, capacity, &raster->d_carried));
     CUDA_TRY(send_next(cut->view.elements, elements, here->parts.elements, cut_here ? cut_here->view.elements : nullptr,
                        cut_here ? (size_t)cut_here->view.num_elements : 0, ELEMENTS, stream, capacity,
                        &raster->parts.elements));
@@ -190,7 +190,7 @@ static pliant_status fill_body(const pliant_warp_parts *parts, const known_body 
 static void release_body(const gpu_raster *raster)
 {
     const void *blocks[] = {raster->d_tets,      raster->d_rest,       raster->d_fixed,
-                            raster->d_setup,     raster->d_guests,     raster->parts.elements,
+                            raster->d_setup,     raster->d_carried,     raster->parts.elements,
                             raster->parts.boxes, raster->parts.labels, raster->d_parted};
     for (const void *block : blocks) pliant_cuda_release(const_cast<void *>(block));
 }
@@ -226,9 +226,9 @@ static pliant_status fill(pliant_cuda_warp *gpu)
     gpu_raster *raster = &gpu->raster;
     const size_t nodes = (size_t)parts->mesh->num_nodes, bricks = (size_t)raster->num_bricks;
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
-    int minimum = 0, greatest = 0;
-    CUDA_TRY(CUDA_CALL(cudaDeviceGetStreamPriorityRange(&minimum, &greatest)));
-    CUDA_TRY(CUDA_CALL(cudaStreamCreateWithPriority(&gpu->stream, cudaStreamNonBlocking, greatest)));
+    int lowest = 0, highest = 0;
+    CUDA_TRY(CUDA_CALL(cudaDeviceGetStreamPriorityRange(&lowest, &highest)));
+    CUDA_TRY(CUDA_CALL(cudaStreamCreateWithPriority(&gpu->stream, cudaStreamNonBlocking, highest)));
     for (cudaEvent_t &mark : gpu->marks) CUDA_TRY(CUDA_CALL(cudaEventCreate(&mark)));
     if (parts->fit) CUDA_TRY(pliant_cuda_fit_create(parts->fit, parts->rest, parts->source, gpu->stream, &gpu->fit));
     if (!parts->fit || parts->parts) CUDA_TRY(fill_raster(gpu));
@@ -548,7 +548,7 @@ static void take_next(pliant_cuda_warp *gpu, cuda_next *next)
     exchange(&old->d_rest, &now->d_rest);
     exchange(&old->d_fixed, &now->d_fixed);
     exchange(&old->d_setup, &now->d_setup);
-    exchange(&old->d_guests, &now->d_guests);
+    exchange(&old->d_carried, &now->d_carried);
     exchange(&old->d_parted, &now->d_parted);
     exchange(&old->parts, &now->parts);
     exchange(&gpu->capacity, &next->capacity);

@@ -68,7 +68,7 @@ extern "C" {
             "Elements far below a tenth of their volume are beyond the range of the materials.",                       \
             "jaws: 204 evaluations, 1.32 N",                                                                           \
             "jaws: 187 evaluations, 1.40 N")                                                                           \
-    /* ---- contact points with rigid parts (detect/find.c) */                                                         \
+    /* ---- contact points with rigid parts (detect/part_contacts.c) */                                                \
     SETTING(double, search_margin, 1e-3, "m",                                                                          \
             "Distance from the swept part up to which tissue gets contact points.",                                    \
             "Tissue moves by less than this in most legs.",                                                            \

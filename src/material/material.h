@@ -32,7 +32,7 @@ PLIANT_INTERNAL pliant_status pliant_material_table_check_inertia(const pliant_m
 PLIANT_INTERNAL int pliant_material_of_segment(const pliant_material_table *table, const pliant_label_segment *segment);
 
 /* Write a table as YAML, for pliant_material_table_parse.
- * @param out (capacity) cut short at its end, with a final 0; Nullable if room is 0
+ * @param out (capacity) cut short at its end, with a final 0; Nullable if capacity is 0
  * @return length of the whole text, as of snprintf */
 PLIANT_INTERNAL size_t pliant_material_table_text(const pliant_material_table *table, size_t capacity, char *out);
 

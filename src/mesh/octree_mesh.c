@@ -50,13 +50,13 @@ static void sum_leaf(octree_builder *build, int32_t leaf)
                 for (int slot = 0; slot < 5; slot++) {
                     const pliant_tet_material *part =
                         build->cell_material + 5 * pliant_octree_flat(tree, tree->depth, (int32_t[3]){a, b, c}) + slot;
-                    double fraction = part->num_voxels;
-                    sum.lambda += fraction * part->lambda;
-                    sum.mu += fraction * part->mu;
-                    sum.density += fraction * part->density;
-                    tissue += fraction * part->tissue;
+                    double voxels = part->num_voxels;
+                    sum.lambda += voxels * part->lambda;
+                    sum.mu += voxels * part->mu;
+                    sum.density += voxels * part->density;
+                    tissue += voxels * part->tissue;
                     sum.num_voxels += part->num_voxels;
-                    weight += fraction;
+                    weight += voxels;
                     /* In a pure leaf nearly all are equal. */
                     if (part->num_voxels > maximum) {
                         maximum = part->num_voxels;

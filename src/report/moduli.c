@@ -84,7 +84,7 @@ enum { POINTS_PER_MARKER = 3 };
 
 /* Compute the followed points: the tissue point, a point inwards by the length of the offset, and a third one to a
  * side. */
-static void adjacent(const pliant_marker *marker, double sign, int axis, double out[3 * POINTS_PER_MARKER])
+static void find_followed_points(const pliant_marker *marker, double sign, int axis, double out[3 * POINTS_PER_MARKER])
 {
     const double far = sqrt(marker->offset[0] * marker->offset[0] + marker->offset[1] * marker->offset[1] +
                             marker->offset[2] * marker->offset[2]);
@@ -103,7 +103,7 @@ static pliant_status place(const pliant_mesh *mesh, const pliant_marker *marker,
         if (fabs(marker->offset[d]) < fabs(marker->offset[axis])) axis = d;
     for (int side = 0; side < 2; side++) {
         pliant_points trial;
-        adjacent(marker, side ? -1 : 1, axis, out);
+        find_followed_points(marker, side ? -1 : 1, axis, out);
         pliant_status status = pliant_points_create(mesh, POINTS_PER_MARKER, out, &trial);
         if (status < 0) return status;
         const bool all = trial.num_found == POINTS_PER_MARKER;

@@ -65,38 +65,38 @@ static bool put(reader *r, char c)
 /* Read the next row; no cells: the end. */
 static pliant_status read_row(reader *r)
 {
-    bool quoted = false, capacity = true, any = false;
+    bool quoted = false, good = true, any = false;
     int c;
     r->length = 0;
     r->cells = 0;
     r->complete = false;
-    while (capacity && !r->complete && (c = getc(r->file)) != EOF) {
+    while (good && !r->complete && (c = getc(r->file)) != EOF) {
         any = true;
         if (quoted && c == '"') {
             int next = getc(r->file);
             if (next == '"') {
-                capacity = put(r, '"');
+                good = put(r, '"');
             } else {
                 quoted = false;
                 ungetc(next, r->file);
             }
         } else if (quoted) {
-            capacity = put(r, (char)c);
+            good = put(r, (char)c);
         } else if (c == '"') {
             quoted = true;
         } else if (c == ',' || c == '\n') {
-            capacity = put(r, '\0');
+            good = put(r, '\0');
             r->cells++;
             r->complete = c == '\n';
         } else if (c != '\r') {
-            capacity = put(r, (char)c);
+            good = put(r, (char)c);
         }
     }
-    if (any && !r->complete && capacity) {
-        capacity = put(r, '\0');
+    if (any && !r->complete && good) {
+        good = put(r, '\0');
         r->cells++;
     }
-    return capacity ? PLIANT_OK : pliant_fail_memory("a table of results");
+    return good ? PLIANT_OK : pliant_fail_memory("a table of results");
 }
 
 static pliant_status keep_row(pliant_results *results, const char *const *cells)
@@ -230,9 +230,9 @@ pliant_status pliant_results_open(const char *path, const char *const *columns, 
     results->num_keys = num_keys;
     results->path = copy_text(path ? path : "");
     results->columns = pliant_calloc((size_t)num_columns, sizeof *results->columns);
-    bool capacity = results->path && results->columns;
-    for (int c = 0; capacity && c < num_columns; c++) capacity = (results->columns[c] = copy_text(columns[c])) != NULL;
-    pliant_status status = !capacity ? pliant_fail_memory("a table of results") : path ? open_file(results) : PLIANT_OK;
+    bool good = results->path && results->columns;
+    for (int c = 0; good && c < num_columns; c++) good = (results->columns[c] = copy_text(columns[c])) != NULL;
+    pliant_status status = !good ? pliant_fail_memory("a table of results") : path ? open_file(results) : PLIANT_OK;
     if (status != PLIANT_OK) {
         pliant_results_close(results);
         return status;

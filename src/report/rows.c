@@ -17,8 +17,8 @@ void row_text(report_row *row, const char *text)
     if (length > ROW_TEXT) length = ROW_TEXT;
     if (length > capacity) length = capacity;
     row->start[row->count++] = row->used;
-    for (size_t c = 0; c < length; c++) row->capacity[row->used++] = text[c] == '\n' || text[c] == '\r' ? ' ' : text[c];
-    row->capacity[row->used++] = '\0';
+    for (size_t c = 0; c < length; c++) row->text[row->used++] = text[c] == '\n' || text[c] == '\r' ? ' ' : text[c];
+    row->text[row->used++] = '\0';
 }
 
 void row_number(report_row *row, double value)
@@ -49,7 +49,7 @@ void row_truncate(report_row *row, int count)
 
 static void list_cells(const report_row *row, const char *cells[ROW_CELLS])
 {
-    for (int c = 0; c < ROW_CELLS; c++) cells[c] = c < row->count ? row->capacity + row->start[c] : "";
+    for (int c = 0; c < ROW_CELLS; c++) cells[c] = c < row->count ? row->text + row->start[c] : "";
 }
 
 bool row_is_stored(const report_row *row, const pliant_results *results)

@@ -12,7 +12,7 @@ enum { ROW_CELLS = 96, ROW_TEXT = 1024, ROW_CAPACITY = 8192 };
 
 /* A row under construction, key cells first. Copies of a row that contains only the key serve for many rows. */
 typedef struct report_row {
-    char capacity[ROW_CAPACITY];
+    char text[ROW_CAPACITY];
     size_t used;
     size_t start[ROW_CELLS];
     int count;

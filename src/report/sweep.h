@@ -78,7 +78,7 @@ void sweep_free_ground(sweep_ground *ground);
  * model or a run are written to the tables. Errors: MEMORY, CANCELLED, FILE. */
 pliant_status sweep_run_model(sweep_state *state, int method, int touch);
 
-/* ---- sweep_reference_key.c: reference solutions stored in the folder. Identification of a reference: */
+/* ---- sweep_reference_file.c: reference solutions stored in the folder. Identification of a reference: */
 typedef struct sweep_reference_key {
     int index;             /* index of the case */
     int32_t nodes, points; /* nodes of its mesh, and number of points */

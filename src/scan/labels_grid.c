@@ -60,11 +60,11 @@ static difference compare(const pliant_geometry *labels, const pliant_geometry *
     for (int a = 0; a < 3; a++) {
         along[a] = axis_along(to_scan, scan, a);
         if (labels->size[a] == 1) continue;
-        double adjacent = 0.0; /* of the axis, squared */
+        double across = 0.0; /* of the axis, squared */
         for (int d = 0; d < 3; d++)
-            if (d != along[a]) adjacent += pow(to_scan->step[a][d] * scan->spacing[d], 2);
+            if (d != along[a]) across += pow(to_scan->step[a][d] * scan->spacing[d], 2);
         const double part = fabs(to_scan->step[a][along[a]] * scan->spacing[along[a]]);
-        found.angle = fmax(found.angle, atan2(sqrt(adjacent), part));
+        found.angle = fmax(found.angle, atan2(sqrt(across), part));
         found.spacing = fmax(found.spacing, fabs(labels->spacing[a] / scan->spacing[along[a]] - 1.0));
     }
     for (int corner = 0; corner < 8; corner++) {

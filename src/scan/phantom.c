@@ -162,9 +162,9 @@ pliant_status pliant_phantom(const int32_t size[3], uint32_t seed, pliant_volume
     const int threads = omp_get_max_threads();
     phantom_anatomy *anatomy = pliant_calloc(1, sizeof *anatomy);
     rows = pliant_calloc((size_t)threads, sizeof *rows);
-    bool capacity = anatomy && rows;
-    for (int t = 0; capacity && t < threads; ++t) capacity = row_create(&rows[t], &geometry);
-    if (!capacity) {
+    bool good = anatomy && rows;
+    for (int t = 0; good && t < threads; ++t) good = row_create(&rows[t], &geometry);
+    if (!good) {
         status = pliant_fail_memory("the phantom's anatomy");
         goto end;
     }

@@ -223,7 +223,7 @@ regular check_steps(const std::string &folder, const std::vector<dicom_slice> &s
     for (size_t n = 1; n < sorted.size(); n++) gaps.push_back(sorted[n].along - sorted[n - 1].along);
     std::vector<double> ordered = gaps;
     std::sort(ordered.begin(), ordered.end());
-    double usual = ordered[(ordered.size() - 1) / 2], off = 0.0, adjacent = 0.0;
+    double usual = ordered[(ordered.size() - 1) / 2], off = 0.0, max_from_line = 0.0;
     bool irregular = false;
 
     for (size_t n = 0; n < sorted.size(); n++) {
@@ -248,14 +248,14 @@ regular check_steps(const std::string &folder, const std::vector<dicom_slice> &s
                  "with right angles first",
                  folder.c_str(), slice.name.c_str(), from_first, first.name.c_str(),
                  std::atan2(from_first, std::fabs(slice.along - first.along)) * 180.0 / PI);
-        adjacent = std::max(adjacent, from_line);
+        max_from_line = std::max(max_from_line, from_line);
     }
-    if (!irregular && adjacent == 0.0) return line;
+    if (!irregular && max_from_line == 0.0) return line;
     pliant_log(
         PLIANT_LOG_WARNING,
         "%s: the positions of slices are rounded: up to %.3g mm from a regular grid along the stack, %.3g mm sideways; "
         "taken as %.6g mm apart",
-        folder.c_str(), off, adjacent, fitted.step);
+        folder.c_str(), off, max_from_line, fitted.step);
     return fitted;
 }
 

@@ -10,7 +10,7 @@ extern "C" {
 #endif
 
 /* Write all options as YAML. pliant_scene_parse makes a bitwise identical scene from it.
- *   @param out Nullable if room is 0; truncated to the capacity `capacity`, with a terminating 0
+ *   @param out Nullable if capacity is 0; truncated to the capacity, with a terminating 0
  * Return the length of the whole text, like snprintf. */
 PLIANT_INTERNAL size_t pliant_scene_text(const pliant_scene *scene, size_t capacity, char *out);
 

@@ -105,7 +105,7 @@ static void free_edge(pliant_edge *edge)
     pliant_free(edge->place);
     pliant_free(edge->tet);
     pliant_free(edge->weight);
-    pliant_free(edge->adjacent);
+    pliant_free(edge->carrier);
     pliant_free(edge->apart);
     pliant_free(edge->now);
     pliant_free(edge->swept);
@@ -120,11 +120,11 @@ pliant_status pliant_edge_create(int32_t count, double reach, pliant_edge *edge)
     edge->place = pliant_calloc(points, 3 * sizeof *edge->place);
     edge->tet = pliant_calloc(points, sizeof *edge->tet);
     edge->weight = pliant_calloc(points, 4 * sizeof *edge->weight);
-    edge->adjacent = pliant_calloc(points, sizeof *edge->adjacent);
+    edge->carrier = pliant_calloc(points, sizeof *edge->carrier);
     edge->apart = pliant_calloc(points, 3 * sizeof *edge->apart);
     edge->now = pliant_calloc(points, 3 * sizeof *edge->now);
     edge->swept = pliant_calloc(points, 3 * sizeof *edge->swept);
-    if (edge->place && edge->tet && edge->weight && edge->adjacent && edge->apart && edge->now && edge->swept)
+    if (edge->place && edge->tet && edge->weight && edge->carrier && edge->apart && edge->now && edge->swept)
         return PLIANT_OK;
     free_edge(edge);
     return pliant_fail_memory("the edge of a blade");
@@ -172,7 +172,7 @@ static void find_carrier_nodes(const pliant_data *data, pliant_edge *edge)
         high[d] = fmax(first[d], last[d]) + edge->reach;
     }
     spacing = sqrt(spacing);
-    for (int32_t p = 0; p < edge->count; p++) edge->adjacent[p] = -1;
+    for (int32_t p = 0; p < edge->count; p++) edge->carrier[p] = -1;
     if (!measure_along(edge, spacing, squares)) return;
     for (int32_t n = 0; n < data->body->fine.num_nodes; n++) {
         const double *x = data->positions + 3 * (size_t)n;
@@ -189,12 +189,12 @@ static void find_carrier_nodes(const pliant_data *data, pliant_edge *edge)
             const double apart = aside + pow((p - at) * spacing, 2);
             if (edge->tet[p] >= 0 || apart >= squares[p]) continue;
             squares[p] = apart;
-            edge->adjacent[p] = n;
+            edge->carrier[p] = n;
         }
     }
     for (int32_t p = 0; p < edge->count; p++)
-        for (int d = 0; d < 3 && edge->adjacent[p] >= 0; d++)
-            edge->apart[3 * p + d] = edge->place[3 * p + d] - data->positions[3 * edge->adjacent[p] + d];
+        for (int d = 0; d < 3 && edge->carrier[p] >= 0; d++)
+            edge->apart[3 * p + d] = edge->place[3 * p + d] - data->positions[3 * edge->carrier[p] + d];
 }
 
 void pliant_blade_set_edge(const pliant_data *data, pliant_edge *edge)
@@ -259,7 +259,7 @@ static void move_with_carrier(const pliant_edge *edge, int32_t p, const double f
         for (; end != last; end += way) {
             /* the next point in tissue is nearer, or as near */
             if (up_to_next && (last - end) * way < (end - p) * way + (way > 0)) break;
-            if (edge->adjacent[end] >= 0) continue;
+            if (edge->carrier[end] >= 0) continue;
             for (int d = 0; d < 3; d++) edge->place[3 * end + d] += to[d] - from[d];
         }
     }
@@ -269,8 +269,8 @@ void pliant_blade_move_with_tissue(const pliant_data *data, pliant_edge *edge)
 {
     for (int32_t p = 0; p < edge->count; p++) {
         double from[3];
-        for (int d = 0; d < 3 && edge->tet[p] < 0 && edge->adjacent[p] >= 0; d++)
-            edge->place[3 * p + d] = data->positions[3 * edge->adjacent[p] + d] + edge->apart[3 * p + d];
+        for (int d = 0; d < 3 && edge->tet[p] < 0 && edge->carrier[p] >= 0; d++)
+            edge->place[3 * p + d] = data->positions[3 * edge->carrier[p] + d] + edge->apart[3 * p + d];
         if (edge->tet[p] < 0) continue;
         memcpy(from, edge->place + 3 * p, sizeof from);
         place_of(&data->body->fine, data->positions, edge, p, edge->place + 3 * p);
@@ -298,7 +298,7 @@ pliant_status pliant_blade_transfer(pliant_blade *blade, const pliant_blade *fro
     memcpy(edge->apart, from->edge.apart, 3 * (size_t)edge->count * sizeof *edge->apart);
     for (int32_t p = 0; p < edge->count; p++) {
         if (from->edge.tet[p] < 0) edge->tet[p] = -1;
-        edge->adjacent[p] = from->edge.adjacent[p] < next->fine.num_nodes ? from->edge.adjacent[p] : -1;
+        edge->carrier[p] = from->edge.carrier[p] < next->fine.num_nodes ? from->edge.carrier[p] : -1;
     }
     return PLIANT_OK;
 }

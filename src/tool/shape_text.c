@@ -65,16 +65,16 @@ static int choose(const char *text, const char *const *names, int count)
 }
 
 /* Build the path of a file. A relative path starts at the folder of another file.
- * @param adjacent that other file */
-static bool find_file(const char *file, const char *adjacent, char path[PATH_SIZE])
+ * @param base_file that other file */
+static bool find_file(const char *file, const char *base_file, char path[PATH_SIZE])
 {
-    const char *slash = strrchr(adjacent, '/');
-    const int folder = file[0] == '/' || !slash ? 0 : (int)(slash - adjacent) + 1,
-              length = snprintf(path, PATH_SIZE, "%.*s%s", folder, adjacent, file);
+    const char *slash = strrchr(base_file, '/');
+    const int folder = file[0] == '/' || !slash ? 0 : (int)(slash - base_file) + 1,
+              length = snprintf(path, PATH_SIZE, "%.*s%s", folder, base_file, file);
     return length > 0 && length < PATH_SIZE;
 }
 
-static bool read_solid(const pliant_part_text *text, const char *adjacent, pliant_part *out, char *reason, size_t size)
+static bool read_solid(const pliant_part_text *text, const char *base_file, pliant_part *out, char *reason, size_t size)
 {
     static const char *const units[] = {"m", "mm"};
     const int unit = choose(text->unit, units, 2);
@@ -100,7 +100,7 @@ static bool read_solid(const pliant_part_text *text, const char *adjacent, plian
         return false;
     for (uint32_t p = 0; p < text->num_points; p++)
         if (!read_vector("parts/points", text->points[p], point + 3 * p, reason, size)) return false;
-    if (text->file && !find_file(text->file, adjacent, path)) {
+    if (text->file && !find_file(text->file, base_file, path)) {
         snprintf(reason, size, "shape/parts/file: the whole path is longer than %d characters", PATH_SIZE - 1);
         return false;
     }
@@ -113,7 +113,7 @@ static bool read_solid(const pliant_part_text *text, const char *adjacent, plian
     return status == PLIANT_OK;
 }
 
-static bool read_part(const pliant_part_text *text, const char *adjacent, pliant_part *out, char *reason, size_t size)
+static bool read_part(const pliant_part_text *text, const char *base_file, pliant_part *out, char *reason, size_t size)
 {
     static const char *const kinds[] = {"sphere", "capsule", "box", "convex", "mesh"}, *const frames[] = {"tip",
                                                                                                           "jaw_plus",
@@ -151,19 +151,19 @@ static bool read_part(const pliant_part_text *text, const char *adjacent, pliant
         return read_vector("parts/from", text->from, out->from, reason, size) &&
                read_vector("parts/to", text->to, out->to, reason, size) &&
                (!text->radius || read_number("parts/radius", text->radius, &out->radius, reason, size)) &&
-               (!is_solid || read_solid(text, adjacent, out, reason, size));
+               (!is_solid || read_solid(text, base_file, out, reason, size));
     }
     return false;
 }
 
-static bool read_parts(const pliant_shape_text *text, const char *adjacent, pliant_tool_shape *out, char *reason,
+static bool read_parts(const pliant_shape_text *text, const char *base_file, pliant_tool_shape *out, char *reason,
                        size_t size)
 {
     char why[160];
     bool turns = false;
     out->num_parts = (int32_t)text->num_parts;
     for (uint32_t p = 0; p < text->num_parts; p++) {
-        if (!read_part(text->parts + p, adjacent, out->part + p, reason, size)) return false;
+        if (!read_part(text->parts + p, base_file, out->part + p, reason, size)) return false;
         turns = turns || out->part[p].frame != PLIANT_FRAME_TIP;
         if (!pliant_part_check(out->part + p, true, why, sizeof why)) continue;
         snprintf(reason, size, "shape/parts: number %u: %s", p + 1, why);
@@ -178,7 +178,7 @@ static bool read_parts(const pliant_shape_text *text, const char *adjacent, plia
            read_vector("axis", text->axis, out->axis, reason, size);
 }
 
-bool pliant_shape_from_text(const pliant_shape_text *text, const char *adjacent, pliant_tool_shape *out, char *reason,
+bool pliant_shape_from_text(const pliant_shape_text *text, const char *base_file, pliant_tool_shape *out, char *reason,
                             size_t size)
 {
     pliant_tool_shape shape = {.num_parts = 0};
@@ -194,7 +194,7 @@ bool pliant_shape_from_text(const pliant_shape_text *text, const char *adjacent,
         snprintf(reason, size, "shape/name: %.230s", pliant_last_error());
         return false;
     }
-    if ((!text->name && !read_parts(text, adjacent, &shape, reason, size)) ||
+    if ((!text->name && !read_parts(text, base_file, &shape, reason, size)) ||
         !read_vector("offset", text->offset, offset, reason, size)) {
         pliant_tool_shape_free(&shape);
         return false;

@@ -20,9 +20,9 @@ typedef struct pliant_shape_text {
 
 extern const cyaml_schema_field_t pliant_shape_fields[];
 
-/* Build a shape. Relative paths start at the folder of the file `adjacent`. Free with pliant_tool_shape_free. Return
+/* Build a shape. Relative paths start at the folder of the file `base_file`. Free with pliant_tool_shape_free. Return
  * false with "shape/FIELD: error" in reason; an empty reason means that memory is exhausted. */
-bool pliant_shape_from_text(const pliant_shape_text *text, const char *adjacent, pliant_tool_shape *out, char *reason,
+bool pliant_shape_from_text(const pliant_shape_text *text, const char *base_file, pliant_tool_shape *out, char *reason,
                             size_t size);
 
 #endif

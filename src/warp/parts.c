@@ -149,7 +149,7 @@ static int32_t fragments_of(const pliant_cuts *cuts, const int32_t *tet, const i
     return at < 0 ? 1 : cuts->start[at + 1] - cuts->start[at];
 }
 
-/* Set the box and label of each element. Guests follow the tetrahedra.
+/* Set the box and label of each element. Carried tetrahedra follow the tetrahedra.
  * elements: input: previous elements; the rest is undefined */
 static void set_elements(const parts_work *all, pliant_parts *parts, part_element *elements)
 {
@@ -175,7 +175,7 @@ static void set_elements(const parts_work *all, pliant_parts *parts, part_elemen
     parts->view.num_elements = tets + parts->num_carried_tets;
 }
 
-/* Append a box with its carriers and carried_tets. */
+/* Append a box with its carriers and carried tetrahedra. */
 static void add_box(pliant_parts *parts, part_box *boxes, const part_box *box, int32_t host, bool by_node,
                     int32_t taken, const int32_t *carrier, int32_t num_carriers, const part_carried_tet *carried_tet,
                     int32_t num_carried_tets)

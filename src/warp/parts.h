@@ -1,4 +1,4 @@
-/* Data of a warp for cut bodies: voxel labels (part.h) and carried_tets. */
+/* Data of a warp for cut bodies: voxel labels (part.h) and carried tetrahedra. */
 #ifndef PLIANT_WARP_PARTS_H
 #define PLIANT_WARP_PARTS_H
 
@@ -34,7 +34,7 @@ typedef struct part_hosts {
     int32_t cubes[3], *cube_start, *of_cube; /* (cubes + 1) start of each cube's list, which is ascending */
 } part_hosts;
 
-/* Parts of a body. Elements are the tetrahedra followed by the carried_tets. */
+/* Parts of a body. Elements are the tetrahedra followed by the carried tetrahedra. */
 typedef struct pliant_parts {
     part_view view;            /* its labels point to the pool */
     part_pool *pool;
@@ -72,7 +72,7 @@ void pliant_parts_free(pliant_parts *parts); /* Nullable */
 /* Return whether a box is the same in the parts of two bodies. Both parts are Nullable; box -1: no box. */
 bool pliant_parts_same(const pliant_parts *before, int32_t box_before, const pliant_parts *now, int32_t box);
 
-/* Compute a corner of a guest from the positions of its carrier's nodes. */
+/* Compute a corner of a carried tetrahedron from the positions of its carrier's nodes. */
 PLIANT_INLINE void part_carried_tet_corner(const double blend[4], const double *const node[4], double out[3])
 {
     PLIANT_UNROLL for (int d = 0; d < 3; d++) out[d] =

@@ -60,8 +60,8 @@ typedef struct part_changes {
     int32_t num_listed, *listed;   /* initial tetrahedra whose list of fragments differs, ascending */
 } part_changes;
 
-/* Corners of carried_tets are moved outwards by this fraction of the distance from the centre, so that rounding leaves
- * no gap to adjacent elements. */
+/* Corners of carried tetrahedra are moved outwards by this fraction of the distance from the centre, so that rounding
+ * leaves no gap to adjacent elements. */
 #define PART_GROWTH (1.0 / 1024)
 
 /* Return the maximum of slope times index between low and low + size. */
@@ -104,10 +104,10 @@ pliant_status pliant_parts_make_box(part_maker *work, int32_t tet, const part_bo
 /* parts_neighbours.c: a tetrahedron at rest, and the voxels around it */
 void pliant_parts_shape(const part_maker *work, int32_t tet, part_shape *out);
 void pliant_parts_box(const part_maker *work, int32_t tet, part_box *out);
-/* Return whether a shape, extended as carried_tets are, may touch a box, by its planes.
+/* Return whether a shape, extended as carried tetrahedra are, may touch a box, by its planes.
  * low: lower corner of the box */
 bool pliant_parts_touches(const part_shape *at, const double low[3], const double size[3]);
-/* Add the carried_tets of the current tetrahedron, by its labels. */
+/* Add the carried tetrahedra of the current tetrahedron, by its labels. */
 pliant_status pliant_parts_add_carried_tets(part_maker *work);
 
 /* parts_labels.c: labels and boxes that bodies share */

@@ -1,4 +1,4 @@
-/* Find the carried_tets of a tetrahedron, and how they follow their carriers. */
+/* Find the carried tetrahedra of a tetrahedron, and how they follow their carriers. */
 #include "base/memory.h"
 #include "warp/parts_maker.h"
 
@@ -6,7 +6,7 @@
 
 /* subdivisions of a cell along each axis, to test whether a carrier has a part of it */
 enum { PIECES = 4 };
-/* boxes extend this far around their tetrahedra [voxels], at least to the extent of carried_tets */
+/* boxes extend this far around their tetrahedra [voxels], at least to the extent of carried tetrahedra */
 static const double around = 0.02;
 
 /* ---- positions */
@@ -40,7 +40,7 @@ void pliant_parts_shape(const part_maker *work, int32_t tet, part_shape *out)
     }
 }
 
-/* Return whether a shape, extended as carried_tets are, may touch a box, by its planes.
+/* Return whether a shape, extended as carried tetrahedra are, may touch a box, by its planes.
  * low: lower corner of the box */
 bool pliant_parts_touches(const part_shape *at, const double low[3], const double size[3])
 {
@@ -69,7 +69,7 @@ void pliant_parts_box(const part_maker *work, int32_t tet, part_box *out)
     }
 }
 
-/* ---- carried_tets */
+/* ---- carried tetrahedra */
 
 /* Return whether a label may have a part of a cell within the tetrahedron. */
 static bool has_part(const part_maker *work, const int32_t at[3], const int32_t label[8], int32_t wanted)

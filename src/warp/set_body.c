@@ -141,7 +141,7 @@ static bool differs(const pliant_warp *warp, const pliant_warp_next *next, int32
     return other || !pliant_parts_same(warp->parts, box_of(warp->parts, tet), next->parts, box_of(next->parts, tet));
 }
 
-/* Keep the drawn state of carried_tets that both bodies have. */
+/* Keep the drawn state of carried tetrahedra that both bodies have. */
 static void carry_carried_tets(const pliant_warp *warp, pliant_warp_next *next)
 {
     const pliant_parts *old = warp->parts, *now = next->parts;
@@ -354,11 +354,11 @@ pliant_status pliant_warp_expect_cuts(pliant_warp *warp, const pliant_body *body
         pliant_status status = pliant_part_hosts_create(body, &warp->scan, &warp->hosts);
         if (status != PLIANT_OK) return status;
     }
-    pliant_warp_next *capacity = pliant_calloc(1, sizeof *capacity);
+    pliant_warp_next *larger = pliant_calloc(1, sizeof *larger);
     const bool made =
-        capacity && reserve_capacity(warp, (size_t)warp->mesh->num_nodes + 1, (size_t)warp->num_elements + 1, capacity);
-    if (made) take_capacity(warp, capacity);
-    pliant_warp_next_free(capacity);
+        larger && reserve_capacity(warp, (size_t)warp->mesh->num_nodes + 1, (size_t)warp->num_elements + 1, larger);
+    if (made) take_capacity(warp, larger);
+    pliant_warp_next_free(larger);
     return made ? PLIANT_OK : pliant_fail_memory("the warp");
 }
 

@@ -24,8 +24,8 @@ struct pliant_warp {
     uint8_t *moved;          /* (num_nodes) */
     pliant_parts *parts;     /* NULL: no cuts */
     part_hosts *hosts;       /* Nullable: for later parts */
-    int32_t *carried_tet_fixed;    /* (guests x 12) corners of guests in the last update */
-    int32_t num_elements;    /* tetrahedra followed by guests */
+    int32_t *carried_tet_fixed;    /* (num_carried_tets x 12) their corners in the last update */
+    int32_t num_elements;    /* tetrahedra followed by carried tetrahedra */
     raster_tet *tets;        /* (num_elements) setup of the last update */
     uint8_t *rebuilt;           /* (num_elements) redraw in the next update although it did not move */
     size_t node_room, element_capacity;

@@ -26,10 +26,10 @@ static bool find_padding(const pliant_geometry *scan, const double *points, int3
         double index[3];
         pliant_geometry_to_index(scan, points + 3 * (size_t)n, index);
         for (int d = 0; d < 3; d++) {
-            double capacity = margin / scan->spacing[d];
+            double extent = margin / scan->spacing[d];
             finite = finite && isfinite(index[d]);
-            before[d] = fmax(before[d], ceil(-0.5 - (index[d] - capacity) - slack));
-            behind[d] = fmax(behind[d], ceil(index[d] + capacity - (scan->size[d] - 0.5) - slack));
+            before[d] = fmax(before[d], ceil(-0.5 - (index[d] - extent) - slack));
+            behind[d] = fmax(behind[d], ceil(index[d] + extent - (scan->size[d] - 0.5) - slack));
         }
     }
     return finite;

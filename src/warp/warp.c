@@ -163,7 +163,7 @@ static int32_t fix_nodes(pliant_warp *warp, const double *positions)
     return num_moved;
 }
 
-/* Compute the carried_tets' corners for the next update, and mark moved carried_tets. Return their number. */
+/* Compute the corners of carried tetrahedra for the next update. Mark moved ones, and return their number. */
 static int32_t fix_carried_tets(pliant_warp *warp, const double *positions)
 {
     int32_t num_moved = 0;

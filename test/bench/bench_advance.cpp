@@ -48,14 +48,14 @@ struct Sheet {
 };
 
 // Move the tools so that their lowest core points have a height above the sheet.
-void place(const Sheet &sheet, std::vector<pliant_advance_part> &parts, pliant_advance *capacity, double gap)
+void place(const Sheet &sheet, std::vector<pliant_advance_part> &parts, pliant_advance *advance, double gap)
 {
     double low = -0.02, high = 0.1;
     for (int round = 0; round < 40; round++) {
         const double z = 0.5 * (low + high);
         for (auto &each : parts) each.from.tip[2] = z;
         pliant_advance_audit_result found{};
-        pliant_advance_audit(capacity, static_cast<int32_t>(sheet.triangles.size() / 3), sheet.triangles.data(),
+        pliant_advance_audit(advance, static_cast<int32_t>(sheet.triangles.size() / 3), sheet.triangles.data(),
                              sheet.from.data(), static_cast<int32_t>(parts.size()), parts.data(), 1, &found);
         (found.minimum < gap || found.crossings > 0 ? low : high) = z;
     }
@@ -70,8 +70,8 @@ void measure(const char *name, const std::vector<pliant_tool_shape> &shapes, int
     std::mt19937 random(3);
     std::uniform_real_distribution<double> any(-1, 1);
     std::vector<double> times, pairs, distances, fractions;
-    pliant_advance *capacity = nullptr;
-    pliant_advance_create(nullptr, &capacity);
+    pliant_advance *advance = nullptr;
+    pliant_advance_create(nullptr, &advance);
     size_t num_parts = 0;
     for (int n = 0; n < 60; n++) {
         std::vector<pliant_advance_part> parts;
@@ -89,7 +89,7 @@ void measure(const char *name, const std::vector<pliant_tool_shape> &shapes, int
                 part.from = {{x, y, 0}, {std::sin(0.5 * tilt), 0, 0, std::cos(0.5 * tilt)}, jaw};
                 own.push_back(part);
             }
-            place(sheet, own, capacity, 1e-4);
+            place(sheet, own, advance, 1e-4);
             for (auto &part : own) {
                 part.to = part.from;
                 for (int d = 0; d < 3; d++) part.to.tip[d] += way * to[d] / size;
@@ -105,14 +105,14 @@ void measure(const char *name, const std::vector<pliant_tool_shape> &shapes, int
         pliant_advance_result found{};
         const double begin = now();
         for (int round = 0; round < 3; round++)
-            pliant_advance_find(capacity, triangles, sheet.triangles.data(), sheet.from.data(), sheet.to.data(),
+            pliant_advance_find(advance, triangles, sheet.triangles.data(), sheet.from.data(), sheet.to.data(),
                                 static_cast<int32_t>(parts.size()), parts.data(), threads, &found);
         times.push_back(1e6 * (now() - begin) / 3);
         pairs.push_back(found.pairs);
         distances.push_back(static_cast<double>(found.distances));
         fractions.push_back(found.t);
     }
-    pliant_advance_free(capacity);
+    pliant_advance_free(advance);
     const auto median = [](std::vector<double> &of, double fraction = 0.5) {
         std::sort(of.begin(), of.end());
         return of[static_cast<size_t>(fraction * static_cast<double>(of.size() - 1))];

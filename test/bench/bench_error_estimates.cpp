@@ -1,9 +1,9 @@
-// Compare the error estimate of a step with the true error, on the bodies and loads of ../pipeline/told.h. The result
+// Compare the error estimate of a step with the true error, on the bodies and loads of error_estimates.h. The result
 // is the fraction of frames within a factor of three.
 //
 // Usage:
 //   bench_error_estimates [SCENE or all] [group/name=value ...]     with -v: each frame outside this factor
-#include "../pipeline/told.h"
+#include "../pipeline/error_estimates.h"
 
 int main(int argc, char **argv)
 {

@@ -85,9 +85,8 @@ TEST(ContactMethods, LodIsRefusedByWord)
 
 // A ball is pressed into a block and dragged along it. Each frame has a few evaluations. The reference frame starts
 // from the same state and is solved to convergence. The error is the maximum over the nodes. error_estimates_test
-// requires the
-// estimate within a factor of three in 95 % of frames. Here 3 of 192 frames are outside. One estimate is below a
-// third of the error: the volume bound holds many crushed hexahedra open, and a small change moves them far.
+// requires the estimate within a factor of three in 95 % of frames. Here 3 of 192 frames are outside. One estimate is
+// below a third of the error: the volume bound holds many crushed hexahedra open, and a small change moves them far.
 TEST(ContactMethods, TheErrorThatIsToldWhileAToolPresses)
 {
     int frames = 0, within = 0, below = 0;

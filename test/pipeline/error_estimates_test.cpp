@@ -23,17 +23,17 @@ void expect_within(double fraction, const char *name, std::vector<size_t> loads,
 }
 
 // Under springs that stretch the body, and weight, with a factor or a V-cycle that is never recomputed.
-TEST(Told, WithAFactorOfRest) { expect_within(0.95, "parity", {0, 1, 2, 3}, {PLIANT_DIRECT, PLIANT_MULTIGRID}, 2); }
+TEST(Error, WithAFactorOfRest) { expect_within(0.95, "parity", {0, 1, 2, 3}, {PLIANT_DIRECT, PLIANT_MULTIGRID}, 2); }
 
 // The V-cycle's lattices glue both sides of a cut, which causes slowly converging errors.
-TEST(Told, AfterACut) { expect_within(0.9, "cut", {1, 3}, {PLIANT_DIRECT, PLIANT_MULTIGRID}, 3); }
+TEST(Error, AfterACut) { expect_within(0.9, "cut", {1, 3}, {PLIANT_DIRECT, PLIANT_MULTIGRID}, 3); }
 
-TEST(Told, OfHexahedra) { expect_within(0.95, "hexahedra", {1}, {PLIANT_DIRECT, PLIANT_MULTIGRID}, 2); }
+TEST(Error, OfHexahedra) { expect_within(0.95, "hexahedra", {1}, {PLIANT_DIRECT, PLIANT_MULTIGRID}, 2); }
 
 // The end of a step is evaluated within its time, also if loads change.
-TEST(Told, WithinABudget) { expect_within(0.9, "budget", {0, 3}, {PLIANT_DIRECT}, 3); }
+TEST(Error, WithinABudget) { expect_within(0.9, "budget", {0, 3}, {PLIANT_DIRECT}, 3); }
 
 // The evaluation around a patch at the end of a step cannot be reused by the next step, but is done nevertheless.
-TEST(Told, AroundAPatch) { expect_within(0.9, "patch", {0}, {PLIANT_DIRECT}, 2); }
+TEST(Error, AroundAPatch) { expect_within(0.9, "patch", {0}, {PLIANT_DIRECT}, 2); }
 
 } // namespace

@@ -143,10 +143,10 @@ extern "C" pliant_status pliant_cuda_tled_groups(const pliant_tled_system *syste
     const size_t nodes = (size_t)system->mesh->num_nodes, elements = (size_t)pliant_tled_blocks(system) * LANES,
                  corners = (size_t)system->corner_start[nodes];
     grouping made = {};
-    bool capacity = allocate(nodes, &made.places) && allocate(nodes + 1, &made.group) && allocate(nodes, &made.order) &&
+    bool good = allocate(nodes, &made.places) && allocate(nodes + 1, &made.group) && allocate(nodes, &made.order) &&
                 allocate(nodes + 2, &made.corner_start) && allocate(corners, &made.corner) &&
                 allocate(elements, &made.seen) && allocate(elements, &made.slot);
-    pliant_status status = capacity ? make(system, &made) : pliant_fail_memory("the groups of nodes");
+    pliant_status status = good ? make(system, &made) : pliant_fail_memory("the groups of nodes");
     if (status == PLIANT_OK) status = upload_all(system, &made, tled, stream);
     void *blocks[] = {made.places,       made.group,  made.order, made.element,
                       made.corner_start, made.corner, made.seen,  made.slot};

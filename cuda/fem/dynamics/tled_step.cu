@@ -262,8 +262,8 @@ __global__ void __launch_bounds__(GPU_THREADS) pull_kernel(const gpu_tled tled, 
     const int32_t step = tled.d_outcome->base + number, left = tled.d_frame->substeps - step, to = 1 - (number & 1);
     if (left <= 0) return;
     double residual;
-    const gpu_contact_buffers capacity = make_contact_buffers(tled, tled.shared_bytes > 0, touch_block);
-    if (pull_and_settle(tled, tled.d_frame->factor, left, step, tled.d_u[to], tled.d_d[to], &work, capacity, &residual))
+    const gpu_contact_buffers buffers = make_contact_buffers(tled, tled.shared_bytes > 0, touch_block);
+    if (pull_and_settle(tled, tled.d_frame->factor, left, step, tled.d_u[to], tled.d_d[to], &work, buffers, &residual))
         atomicMin(&tled.d_outcome->first_unstable_step, step);
     if (threadIdx.x == 0) tled.d_outcome->sums[PLIANT_SUM_RESIDUAL] = residual;
 }
@@ -304,8 +304,8 @@ __global__ void __launch_bounds__(GPU_THREADS) relax_kernel(const gpu_tled tled,
     if (!is_last_block(outcome)) return;
     const gpu_frame *frame = tled.d_frame;
     if (frame->num_held > 0) {
-        const gpu_contact_buffers capacity = make_contact_buffers(tled, false, nullptr);
-        if (pull_and_settle(tled, factor, 1, step, tled.d_u[0], tled.d_d[0], &work, capacity, &held_residual))
+        const gpu_contact_buffers buffers = make_contact_buffers(tled, false, nullptr);
+        if (pull_and_settle(tled, factor, 1, step, tled.d_u[0], tled.d_d[0], &work, buffers, &held_residual))
             atomicMin(&outcome->first_unstable_step, step);
     }
     const double total = total_of(tled.d_sums, (int32_t)gridDim.x, PLIANT_SUM_RESIDUAL, work.scratch) + held_residual;

@@ -31,7 +31,7 @@ typedef struct gpu_macros {
 
 enum { MACRO_ARRAYS = 17 };
 
-/* Create the macro-elements, or replace them after a cut. `capacity`: (MACRO_ARRAYS) capacity of the arrays in bytes.
+/* Create the macro-elements, or replace them after a cut. `capacity`: (MACRO_ARRAYS) of the arrays, in bytes.
  * Errors: MEMORY, UNAVAILABLE; the caller frees partial results. */
 pliant_status pliant_cuda_macros_set(const pliant_macros *macros, bool grows, cudaStream_t stream, size_t *capacity,
                                      gpu_macros *out);

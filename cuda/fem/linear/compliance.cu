@@ -36,7 +36,7 @@ static pliant_status set_size(gpu_compliance_columns *blocks, int32_t num_free)
     if (blocks->num_free == num_free) return PLIANT_OK;
     pliant_cuda_compliance_free(blocks);
     if (!(blocks->slot = static_cast<int32_t *>(pliant_calloc((size_t)num_free, sizeof *blocks->slot))))
-        return pliant_fail_memory("answers to contact");
+        return pliant_fail_memory("contact compliance");
     std::fill(blocks->slot, blocks->slot + num_free, -1);
     blocks->num_free = num_free;
     blocks->stride = (size_t)pliant_cuda_inverse_padded(3 * num_free);
@@ -54,14 +54,14 @@ static pliant_status reserve_capacity(gpu_compliance_columns *blocks, int32_t co
     made.asked = static_cast<uint64_t *>(pliant_calloc(slots, sizeof *made.asked));
     made.d_column = NULL;
     made.d_which = made.h_which = NULL;
-    pliant_status status = made.unknown && made.asked ? PLIANT_OK : pliant_fail_memory("answers to contact");
+    pliant_status status = made.unknown && made.asked ? PLIANT_OK : pliant_fail_memory("contact compliance");
     if (status == PLIANT_OK)
-        status = pliant_cuda_allocate(slots * column, "answers to contact", reinterpret_cast<void **>(&made.d_column));
+        status = pliant_cuda_allocate(slots * column, "contact compliance", reinterpret_cast<void **>(&made.d_column));
     if (status == PLIANT_OK)
-        status = pliant_cuda_allocate(2 * slots * sizeof *made.d_which, "answers to contact",
+        status = pliant_cuda_allocate(2 * slots * sizeof *made.d_which, "contact compliance",
                                       reinterpret_cast<void **>(&made.d_which));
     if (status == PLIANT_OK)
-        status = pliant_cuda_allocate_host(2 * slots * sizeof *made.h_which, "answers to contact",
+        status = pliant_cuda_allocate_host(2 * slots * sizeof *made.h_which, "contact compliance",
                                            reinterpret_cast<void **>(&made.h_which));
     if (status == PLIANT_OK && blocks->capacity > 0) {
         status = CUDA_CALL(cudaMemcpyAsync(made.d_column, blocks->d_column, (size_t)blocks->capacity * column,

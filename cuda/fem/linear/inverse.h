@@ -24,8 +24,8 @@ size_t pliant_cuda_sweep_bytes(int32_t tiles);
 size_t pliant_cuda_sweep_buffer_bytes(int32_t tiles);
 /* Enqueue sweeps over the unknowns p of the first `pivots` tiles, overwriting the matrix: A_pp becomes -A_pp^-1, A_op
  * becomes A_op A_pp^-1. Columns beyond p are not used.
- * @param d_whole  Nullable: (SWEEP pivots) original diagonal. It replaces a pivot that is at most the fraction
- *     `fraction` of the original, instead of a failure.
+ * @param d_whole  Nullable: (SWEEP pivots) original diagonal. It replaces a pivot that is at most
+ *     `fraction` times the original, instead of a failure.
  * @param tiles    Number of tiles along each side. */
 pliant_status pliant_cuda_sweep(const gpu_sweep *sweep, const double *d_whole, double fraction, int32_t pivots,
                                 int32_t tiles, cudaStream_t stream);

@@ -110,7 +110,7 @@ struct spring_share {
 
 /* Compute dl = S^-1 (e - W step0), one warp per tool. */
 static __device__ void find_spring_forces(const gpu_iteration &iteration, const gpu_state &state, int target,
-                                          spring_share &fraction)
+                                          spring_share &share)
 {
     const int thread = (int)threadIdx.x, lane = thread % 32, rows = state.rows;
     for (int row = thread / 32 * 3; row < rows; row += NODES / 32 * 3) {
@@ -131,30 +131,30 @@ static __device__ void find_spring_forces(const gpu_iteration &iteration, const 
         for (int d = 0; d < 3; d++) {
             double y = tool.origin[d] + warp_sum(moved[d]);
             if (lane == 0)
-                fraction.right[row + d] = tool.target[d] - y - tool.compliance * state.force[target][3 * t + d];
+                share.right[row + d] = tool.target[d] - y - tool.compliance * state.force[target][3 * t + d];
         }
     }
     __syncthreads();
     if (thread < rows) {
         double sum = 0;
-        for (int c = 0; c < rows; c++) sum += iteration.d_history->inverse[rows * thread + c] * fraction.right[c];
-        fraction.force[state.row_of[thread]] = sum;
+        for (int c = 0; c < rows; c++) sum += iteration.d_history->inverse[rows * thread + c] * share.right[c];
+        share.force[state.row_of[thread]] = sum;
     }
     __syncthreads();
 }
 
 /* Add the tools one after the other, since they may share nodes. */
-static __device__ void find_spring_pull(const gpu_state &state, int first_node, spring_share &fraction)
+static __device__ void find_spring_pull(const gpu_state &state, int first_node, spring_share &share)
 {
     for (int row = 0; row < state.rows; row += 3) {
         const gpu_tool &tool = state.step.tools[state.row_of[row] / 3];
-        const double *f = fraction.force + state.row_of[row];
+        const double *f = share.force + state.row_of[row];
         for (int h = (int)threadIdx.x; h < tool.count; h += NODES) {
             const int local = tool.d_unknown[h] - first_node;
             if (local < 0 || local >= NODES) continue;
             const double *block = tool.d_block + 9 * (size_t)h;
             for (int c = 0; c < 3; c++)
-                fraction.pull[local][c] += block[c] * f[0] + block[3 + c] * f[1] + block[6 + c] * f[2];
+                share.pull[local][c] += block[c] * f[0] + block[3 + c] * f[1] + block[6 + c] * f[2];
         }
         __syncthreads();
     }
@@ -180,7 +180,7 @@ static __device__ void take_residual(const gpu_iteration &iteration, const gpu_s
 }
 
 /* Compute step = left + T' Z dl at one node, and add T' W' dl to the residual. */
-static __device__ void finish_node(const gpu_iteration &iteration, const gpu_state &state, const spring_share &fraction,
+static __device__ void finish_node(const gpu_iteration &iteration, const gpu_state &state, const spring_share &share,
                                    int target, size_t node, double *step, double *residual)
 {
     const size_t n = 3 * (size_t)iteration.num_free, i = 3 * node;
@@ -188,9 +188,9 @@ static __device__ void finish_node(const gpu_iteration &iteration, const gpu_sta
     for (int row = 0; row < state.rows; row++) {
         int at = state.row_of[row];
         const double *z = state.step.tools[at / 3].d_response + n * (size_t)(at % 3) + i;
-        for (int d = 0; d < 3; d++) moved[d] += fraction.force[at] * z[d];
+        for (int d = 0; d < 3; d++) moved[d] += share.force[at] * z[d];
     }
-    for (int d = 0; d < 3; d++) pulled[d] = fraction.pull[threadIdx.x][d];
+    for (int d = 0; d < 3; d++) pulled[d] = share.pull[threadIdx.x][d];
     if (state.rows > 0) {
         turn_into(iteration, node, moved);
         turn_into(iteration, node, pulled);
@@ -220,7 +220,7 @@ static __device__ void list_secants(const gpu_iteration &iteration, const gpu_st
 template <bool KNOWN>
 static __global__ void __launch_bounds__(NODES) complete_kernel(gpu_iteration iteration, int gather_blocks)
 {
-    __shared__ spring_share fraction;
+    __shared__ spring_share share;
     __shared__ double sums[NODES / 32][DOT_SUMS];
     __shared__ int used[GPU_HISTORY], num_used;
     gpu_state &state = *iteration.d_state;
@@ -234,17 +234,17 @@ static __global__ void __launch_bounds__(NODES) complete_kernel(gpu_iteration it
     const bool there = node < iteration.num_free;
     if (warp == 0) list_secants(iteration, state, used, &num_used);
     for (int s = lane; s < DOT_SUMS; s += 32) sums[warp][s] = 0;
-    for (int d = 0; d < 3; d++) fraction.pull[thread][d] = 0;
-    if (thread < GPU_ROWS) fraction.force[thread] = 0;
+    for (int d = 0; d < 3; d++) share.pull[thread][d] = 0;
+    if (thread < GPU_ROWS) share.force[thread] = 0;
     __syncthreads();
-    find_spring_forces(iteration, state, target, fraction);
-    find_spring_pull(state, node - thread, fraction);
-    if (blockIdx.x == 0 && thread < GPU_ROWS) state.step_force[target][thread] = fraction.force[thread];
+    find_spring_forces(iteration, state, target, share);
+    find_spring_pull(state, node - thread, share);
+    if (blockIdx.x == 0 && thread < GPU_ROWS) state.step_force[target][thread] = share.force[thread];
     double step[3] = {0, 0, 0}, residual[3] = {0, 0, 0}, past[3] = {0, 0, 0}, own = 0, by_now = 0, of_now = 0,
            of_past = 0;
     if (there) {
         take_residual<KNOWN>(iteration, state, target, i, residual, past);
-        finish_node(iteration, state, fraction, target, (size_t)node, step, residual);
+        finish_node(iteration, state, share, target, (size_t)node, step, residual);
         for (int d = 0; d < 3; d++) {
             own += step[d] * residual[d];
             of_past += step[d] * past[d];

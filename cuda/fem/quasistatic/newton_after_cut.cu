@@ -1,7 +1,6 @@
 /* The first step after a cut on the GPU, as in src/fem/quasistatic/newton_after_cut.c. Vectors stay on the GPU; the
- * host decides
- * from a few numbers. The state must be fresh: it is in the first buffer, without known quantities, and no step is
- * running. With contact points there is no Newton step. */
+ * host decides from a few numbers. The state must be fresh: it is in the first buffer, without known quantities, and no
+ * step is running. With contact points there is no Newton step. */
 #include "cuda/fem/quasistatic/axes.cuh"
 #include "cuda/base/check.h"
 #include "base/dense.h"
@@ -388,7 +387,7 @@ static pliant_status find_forces(const opening *work, double *d_x)
     return pliant_cuda_forces(&work->gpu->system, &it, work->gpu->stream);
 }
 
-/* Compute pulled = K along and along . pulled, from a difference over the fraction `fraction` of along. */
+/* Compute pulled = K along and along . pulled, from a difference over `fraction` times along. */
 static pliant_status multiply(const opening *work, double fraction, double *curvature)
 {
     const pliant_cuda_solver *gpu = work->gpu;

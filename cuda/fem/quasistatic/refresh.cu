@@ -43,8 +43,8 @@ static pliant_status make(gpu_refresh *refresh)
 {
     CUDA_TRY(CUDA_CALL(cudaSetDevice(refresh->device)));
     if (!refresh->stream) {
-        int minimum = 0, greatest = 0;
-        CUDA_TRY(CUDA_CALL(cudaDeviceGetStreamPriorityRange(&minimum, &greatest)));
+        int lowest = 0, highest = 0;
+        CUDA_TRY(CUDA_CALL(cudaDeviceGetStreamPriorityRange(&lowest, &highest)));
         CUDA_TRY(CUDA_CALL(cudaStreamCreateWithPriority(&refresh->stream, cudaStreamNonBlocking, minimum)));
         refresh->pool = pliant_cuda_pool_create(refresh->device);
     }

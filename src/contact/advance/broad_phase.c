@@ -206,9 +206,9 @@ static bool is_beside(const reach *of, const int32_t node[3], const double *from
 
 static bool is_near(const reach *of, const int32_t node[3], const double *from, const double *to, box *own)
 {
-    const bool adjacent = is_beside(of, node, from, to, of->axis[0]) || is_beside(of, node, from, to, of->axis[1]) ||
+    const bool separated = is_beside(of, node, from, to, of->axis[0]) || is_beside(of, node, from, to, of->axis[1]) ||
                         is_beside(of, node, from, to, of->axis[2]);
-    bool near = !adjacent;
+    bool near = !separated;
     if (near) *own = pliant_advance_box_of(3, node, from, to);
     for (int32_t p = 0; p < of->count && !near; p++) {
         if (of->advance->motion[p].core.kind != PLIANT_PART_HALF_SPACE) continue;

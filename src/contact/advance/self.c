@@ -159,9 +159,9 @@ static void try_crossing(search *on, const int32_t *of, uint8_t owns, const int3
     for (int c = 0; c < 3; c++) position_at(on, triangle[c], 0, corner[c]);
     for (int k = 0; k < 3; k++) {
         const int32_t edge[2] = {of[k], of[(k + 1) % 3]};
-        bool fractions = false;
-        for (int c = 0; c < 3; c++) fractions = fractions || triangle[c] == edge[0] || triangle[c] == edge[1];
-        if (!(owns & PLIANT_OWNS_EDGE << k) || fractions || is_released(on->self, edge[0], triangle[0])) continue;
+        bool shares_node = false;
+        for (int c = 0; c < 3; c++) shares_node = shares_node || triangle[c] == edge[0] || triangle[c] == edge[1];
+        if (!(owns & PLIANT_OWNS_EDGE << k) || shares_node || is_released(on->self, edge[0], triangle[0])) continue;
         for (int n = 0; n < 2; n++) position_at(on, edge[n], 0, end[n]);
         if (!pliant_segment_crosses_triangle((const double(*)[3])corner, (const double(*)[3])end)) continue;
         if (out->crossings++ > 0) continue;

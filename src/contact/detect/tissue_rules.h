@@ -193,14 +193,14 @@ PLIANT_INLINE bool pliant_node_contact_before(const pliant_node_contact *a, cons
 PLIANT_INLINE void pliant_tissue_add_contact(const pliant_tissue_view *on, int32_t index, pliant_node_contact *one)
 {
     /* walls of one of two blocks in flush contact lie at the border of the other */
-    const bool adjacent = !pliant_tissue_faces(on, index, one->skin);
+    const bool is_beside = !pliant_tissue_faces(on, index, one->skin);
     pliant_node_contact *list = on->node_contacts + PLIANT_MAX_NODE_CONTACTS * (size_t)index;
     int32_t count = on->count[index], at;
     /* height below which a node counts as inside */
     const double surface = 10 * PLIANT_TISSUE_BORDER * on->shortest;
     const bool inside = count > 0 && list[0].gap < surface;
-    one->deep = fabs(one->gap) + (adjacent ? on->rule.margin : 0.0);
-    if (adjacent && one->gap >= surface) return;
+    one->deep = fabs(one->gap) + (is_beside ? on->rule.margin : 0.0);
+    if (is_beside && one->gap >= surface) return;
     if (inside && (one->gap >= surface || !pliant_node_contact_before(one, list))) return;
     if (inside || one->gap < surface) {
         list[0] = *one;

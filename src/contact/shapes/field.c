@@ -106,16 +106,16 @@ static void point_of(const pliant_solid *solid, size_t index, double out[3])
 
 static pliant_status place_grid(pliant_solid *solid, double resolution, const char *name)
 {
-    double capacity = 1, points = 1, cell = resolution;
-    for (int d = 0; d < 3; d++) capacity *= solid->high[d] - solid->low[d] + 2 * around;
-    if (cell == 0) cell = fmax(cbrt(capacity / usual_points), finest);
+    double volume = 1, points = 1, cell = resolution;
+    for (int d = 0; d < 3; d++) volume *= solid->high[d] - solid->low[d] + 2 * around;
+    if (cell == 0) cell = fmax(cbrt(volume / usual_points), finest);
     for (int d = 0; d < 3; d++) points *= ceil((solid->high[d] - solid->low[d] + 2 * around) / cell) + 1;
     if (!(points <= max_points))
         return pliant_fail(
             PLIANT_ERROR_FORMAT,
             "%s: a distance field with a resolution of %.3g mm needs %.3g MiB; the limit is 64: use a resolution of "
             "%.3g mm",
-            name, 1e3 * cell, points * sizeof(float) / (1 << 20), 1e3 * 1.1 * cbrt(capacity / max_points));
+            name, 1e3 * cell, points * sizeof(float) / (1 << 20), 1e3 * 1.1 * cbrt(volume / max_points));
     solid->cell = cell;
     for (int d = 0; d < 3; d++) {
         const double width = solid->high[d] - solid->low[d] + 2 * around;

@@ -28,7 +28,7 @@ typedef struct hull {
     const double *points;
     int32_t *next;            /* (points) next point in a list */
     int32_t count, horizon;
-    double minimum;
+    double tolerance;
     facet face[ROOM];
     int32_t edge[3 * ROOM][2];
 } hull;
@@ -85,8 +85,8 @@ static bool begin(hull *of, int32_t num_points)
                 base[k] = p;
             }
         }
-        if (k == 1) of->minimum = in_plane * sqrt(maximum);
-        if (!(maximum > of->minimum * of->minimum) || maximum == 0) return false;
+        if (k == 1) of->tolerance = in_plane * sqrt(maximum);
+        if (!(maximum > of->tolerance * of->tolerance) || maximum == 0) return false;
     }
     add_face(of, base[0], base[1], base[2]);
     const bool above = pliant_dot3(of->face[0].normal, place(of, base[3])) > of->face[0].along;
@@ -138,12 +138,12 @@ static void see(hull *of, int32_t point)
     of->horizon = 0;
     for (int32_t f = 0; f < of->count; f++) of->face[f].seen = false;
     for (int32_t f = 0; f < of->count; f++)
-        if (height_over(of, of->face + f, point) > of->minimum) leave_face(of, of->face + f);
+        if (height_over(of, of->face + f, point) > of->tolerance) leave_face(of, of->face + f);
     for (bool more = true; more;) {
         more = false;
         for (int32_t f = 0; f < of->count; f++) {
             facet *face = of->face + f;
-            if (face->seen || !(height_over(of, face, point) > -of->minimum) || !borders(of, face)) continue;
+            if (face->seen || !(height_over(of, face, point) > -of->tolerance) || !borders(of, face)) continue;
             leave_face(of, face);
             more = true;
         }
@@ -156,7 +156,7 @@ static void give(hull *of, int32_t from, int32_t point)
     for (int32_t f = from; f < of->count; f++) {
         facet *face = of->face + f;
         const double height = height_over(of, face, point);
-        if (!(height > of->minimum)) continue;
+        if (!(height > of->tolerance)) continue;
         of->next[point] = face->first;
         face->first = point;
         if (face->furthest < 0 || height > face->height) {

@@ -52,7 +52,7 @@ static void mix(const shown *history, size_t row, const double *change, double *
 }
 
 /* Sweep with acceleration. The last operation is a sweep, so all forces are in their cones.
- * @param buffer (4 + 3 HISTORY) x rows: buffer */
+ * @param buffer (4 + 3 HISTORY) x rows: work array */
 static int32_t sweep_mixed(const pliant_team *team, const pliant_cones *on, double *buffer)
 {
     const double enough = PLIANT_CONE_TOLERANCE; /* change by a sweep divided by the largest one */

@@ -120,21 +120,21 @@ static pliant_status reserve_capacity(pliant_submesh *submesh)
 }
 
 const pliant_cube_shape *pliant_submesh_shape(const pliant_submesh *submesh, const pliant_cube *cube,
-                                              pliant_cube_shape *capacity)
+                                              pliant_cube_shape *buffer)
 {
     const pliant_mesh *fine = submesh->fine;
     int parity = pliant_cell_parity(fine, fine->lattice_of_tet[cube->tet[0]] / 5);
     if (fine->num_moved == 0) return submesh->shapes + parity;
-    pliant_cube_integrate(fine, cube, parity, capacity);
-    return capacity;
+    pliant_cube_integrate(fine, cube, parity, buffer);
+    return buffer;
 }
 
 static void assemble_cube(pliant_submesh *submesh, const pliant_cube *cube)
 {
     const size_t size = 3 * (size_t)submesh->num_nodes;
     double k[576];
-    pliant_cube_shape capacity;
-    const pliant_cube_shape *shape = pliant_submesh_shape(submesh, cube, &capacity);
+    pliant_cube_shape buffer;
+    const pliant_cube_shape *shape = pliant_submesh_shape(submesh, cube, &buffer);
     double bulk = pliant_cube_deviatoric(shape, cube, submesh->material, k);
     for (int a = 0; a < 24; a++)
         for (int b = 0; b < 24; b++) {

@@ -30,7 +30,7 @@ typedef struct pliant_submesh {
     const uint8_t *fixed;                /* (fine nodes) */
     const pliant_tet_material *material; /* (fine tetrahedra) */
     /* Work arrays of one thread, which grow as needed. */
-    int32_t capacity, num_nodes, num_tets;   /* `capacity`: capacity of the dense arrays in nodes */
+    int32_t capacity, num_nodes, num_tets;   /* `capacity`: of the dense arrays, in nodes */
     int32_t *node;       /* (num_nodes) fine node */
     int32_t *local_of;   /* (fine nodes) or -1 */
     int32_t *slot;       /* (num_nodes) work array for a second numbering */
@@ -54,9 +54,9 @@ void pliant_submesh_free(pliant_submesh *submesh);
 pliant_status pliant_submesh_load(pliant_submesh *submesh, int32_t num_tets, const int32_t *tets);
 /* Return the submesh number of the node at a coarse node; -1 if the submesh has no node there. */
 int32_t pliant_submesh_corner(const pliant_submesh *submesh, int32_t coarse_node);
-/* Return the shape of a hexahedron of the submesh. `capacity`: memory for a shape of a moved hexahedron. */
+/* Return the shape of a hexahedron of the submesh. `buffer`: memory for the shape of a moved hexahedron. */
 const pliant_cube_shape *pliant_submesh_shape(const pliant_submesh *submesh, const pliant_cube *cube,
-                                              pliant_cube_shape *capacity);
+                                              pliant_cube_shape *buffer);
 bool pliant_submesh_has_fixed(const pliant_submesh *submesh);
 
 /* ---- Implemented in condense.c. */

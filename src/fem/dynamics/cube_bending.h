@@ -31,7 +31,7 @@ typedef struct pliant_cube_bending {
     float twist;        /* factor of |w|^2 / 2 of the mode xyz [1/m^2] */
 } pliant_cube_bending;
 
-/* Compute q = d/dy of (W - least sum |w_k|^2 / 2) / (V mu). y and q: index 3 k + a, y = f_a . w_k. contraction: c. */
+/* Compute q = d/dy of (W - minimum sum |w_k|^2 / 2) / (V mu). y and q: index 3 k + a, y = f_a . w_k. contraction: c. */
 #define PLIANT_DEFINE_CUBE_BENDING(real, name) \
     PLIANT_INLINE void name(const pliant_cube_bending *cube, real contraction, const real y[9], real q[9]) \
     { \

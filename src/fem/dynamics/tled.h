@@ -184,7 +184,7 @@ int pliant_tled_walls(const pliant_scene *scene, pliant_wall walls[PLIANT_MAX_WA
 void pliant_tled_limits(pliant_tled *tled, int32_t steps, double tolerance);
 /* Set the position of a node, at zero velocity. */
 void pliant_tled_place(pliant_tled *tled, int32_t node, const double position[3]);
-/* Allocate own_inverse_mass (may_stop), and fix nodes permanently (stop). Errors: MEMORY. */
+/* Allocate own_inverse_mass (allow_stop), and fix nodes permanently (fix_nodes). Errors: MEMORY. */
 pliant_status pliant_tled_allow_stop(pliant_tled *tled);
 void pliant_tled_fix_nodes(pliant_tled *tled, int32_t count, const int32_t *nodes);
 

@@ -43,8 +43,8 @@ void pliant_tled_carry(pliant_tled *tled, const pliant_tled *from, const pliant_
         int32_t to = place_of(system, t), source = place_of(from->system, map->tet[t]);
         /* A fragment gets the part that its stiffness has. */
         const float now = shear_at(system, to), was = shear_at(from->system, source),
-                    fraction = now == was || !(was > 0) ? 1 : now / was;
+                    ratio = now == was || !(was > 0) ? 1 : now / was;
         for (int m = 0; m < 6 * PLIANT_PRONY_TERMS; m++)
-            tled->memory[to / LANES][m][to % LANES] = fraction * from->memory[source / LANES][m][source % LANES];
+            tled->memory[to / LANES][m][to % LANES] = ratio * from->memory[source / LANES][m][source % LANES];
     }
 }

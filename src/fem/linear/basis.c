@@ -239,14 +239,14 @@ static pliant_status far_stiffness(basis_builder *build)
     if (count == 0) return PLIANT_OK;
     basis->far = pliant_calloc(count * count, sizeof *basis->far);
     basis->amplitude = pliant_calloc(count, sizeof *basis->amplitude);
-    double *capacity = pliant_calloc(all, sizeof *capacity), *product = pliant_calloc(all, sizeof *product);
+    double *buffers = pliant_calloc(all, sizeof *buffers), *product = pliant_calloc(all, sizeof *product);
     pliant_status status =
-        basis->far && basis->amplitude && capacity && product ? PLIANT_OK : pliant_fail_memory("a patch");
+        basis->far && basis->amplitude && buffers && product ? PLIANT_OK : pliant_fail_memory("a patch");
     for (size_t l = 0; status == PLIANT_OK && l < count; l++) {
         if ((status = pliant_linearized_check_cancel(build->linearized)) != PLIANT_OK) break;
-        pliant_linearized_product(build->linearized, basis->whole + all * l, capacity, product);
+        pliant_linearized_product(build->linearized, basis->whole + all * l, buffers, product);
         for (size_t k = 0; k < count; k++) basis->far[k * count + l] = pliant_dot(all, basis->whole + all * k, product);
-        pliant_linearized_product(&build->near, basis->modes + n * l, capacity, product);
+        pliant_linearized_product(&build->near, basis->modes + n * l, buffers, product);
         for (size_t k = 0; k < count; k++) basis->far[k * count + l] -= pliant_dot(n, basis->modes + n * k, product);
     }
     for (size_t k = 0; status == PLIANT_OK && k < count; k++)
@@ -254,7 +254,7 @@ static pliant_status far_stiffness(basis_builder *build)
             double mean = 0.5 * (basis->far[k * count + l] + basis->far[l * count + k]);
             basis->far[k * count + l] = basis->far[l * count + k] = mean;
         }
-    pliant_free(capacity);
+    pliant_free(buffers);
     pliant_free(product);
     return status;
 }

@@ -23,7 +23,7 @@ pliant_status pliant_compliance_create(int32_t num_free, pliant_compliance_block
     blocks.column = pliant_calloc((size_t)num_free, 9 * sizeof *blocks.column);
     if (!blocks.slot || !blocks.column) {
         pliant_compliance_free(&blocks);
-        return pliant_fail_memory("answers to contact");
+        return pliant_fail_memory("contact compliance");
     }
     for (int32_t f = 0; f < num_free; f++) blocks.slot[f] = -1;
     *out = blocks;
@@ -41,7 +41,7 @@ static pliant_status reserve_capacity(pliant_compliance_blocks *blocks, int32_t 
         pliant_free(kept);
         pliant_free(half);
         pliant_free(block);
-        return pliant_fail_memory("answers to contact");
+        return pliant_fail_memory("contact compliance");
     }
     for (int32_t i = 0; i < count; i++)
         if (blocks->slot[unknown[i]] >= 0) kept[num_kept++] = unknown[i];

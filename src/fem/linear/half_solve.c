@@ -16,7 +16,7 @@ static pliant_status reserve_capacity(pliant_half_solve *half, int32_t length)
 {
     if (length > half->capacity) {
         double *value = pliant_resize(half->value, (size_t)length, 3 * sizeof *value);
-        if (!value) return pliant_fail_memory("answers to contact");
+        if (!value) return pliant_fail_memory("contact compliance");
         half->value = value;
         half->capacity = length;
     }

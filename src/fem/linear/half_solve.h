@@ -16,7 +16,7 @@ extern "C" {
 typedef struct pliant_half_solve {
     int32_t supernode;      /* lowest supernode that contains the node */
     /* Length: number of unknowns in that supernode and in all supernodes into which it is eliminated, in elimination
-     * order; `capacity`: capacity. */
+     * order; `capacity`: allocated length. */
     int32_t length, capacity;
     double *value;          /* (3 x `capacity`), each with `length` values */
 } pliant_half_solve;

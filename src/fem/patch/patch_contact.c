@@ -72,11 +72,11 @@ pliant_status patch_press_copy(const pliant_data *data, int tool, patch_hold *ou
 {
     const pliant_patch *patch = data->patch;
     pliant_footprint footprint = {.count = 0};
-    int32_t buffers = 0;
+    int32_t capacity = 0;
     double sum = 0;
-    for (int32_t p = 0; p < data->contacts.count; p++) buffers += data->contacts.point[p].count;
-    footprint.nodes = pliant_calloc((size_t)buffers + 1, sizeof *footprint.nodes);
-    footprint.weights = pliant_calloc((size_t)buffers + 1, sizeof *footprint.weights);
+    for (int32_t p = 0; p < data->contacts.count; p++) capacity += data->contacts.point[p].count;
+    footprint.nodes = pliant_calloc((size_t)capacity + 1, sizeof *footprint.nodes);
+    footprint.weights = pliant_calloc((size_t)capacity + 1, sizeof *footprint.weights);
     if (!footprint.nodes || !footprint.weights) {
         pliant_free(footprint.nodes);
         pliant_free(footprint.weights);

@@ -1,8 +1,7 @@
 /* Constraints that act while tangent products are computed (newton_after_cut.c): the springs of tools, and closed
- * contact points
- * with a normal force. Sticking points stay at their position. Conjugate gradients keep all directions within the
- * constraints W dx + c dl = 0 (Gould, Hribar, Nocedal 2001, On the solution of equality constrained quadratic
- * programming problems arising in optimization, 3). The preconditioner is [K0 -W'; W c] instead of K0. */
+ * contact points with a normal force. Sticking points stay at their position. Conjugate gradients keep all directions
+ * within the constraints W dx + c dl = 0 (Gould, Hribar, Nocedal 2001, On the solution of equality constrained
+ * quadratic programming problems arising in optimization, 3). The preconditioner is [K0 -W'; W c] instead of K0. */
 #ifndef PLIANT_FEM_QUASISTATIC_ACTIVE_SET_H
 #define PLIANT_FEM_QUASISTATIC_ACTIVE_SET_H
 

@@ -56,7 +56,7 @@ static void free_arrays(pliant_grasp_constraint *handle)
     pliant_free(handle->response);
 }
 
-/* Allocate the weights of a handle; the response is allocated on demand. */
+/* Allocate the weights of a grasp; the response is allocated on demand. */
 static pliant_status allocate(pliant_grasp_constraint *handle)
 {
     handle->unknown = pliant_calloc((size_t)handle->count, sizeof *handle->unknown);

@@ -35,8 +35,8 @@ static inline bool pliant_newton_is_negligible(double longest, double tolerance)
 {
     return longest <= pliant_quasistatic().newton_negligible * tolerance;
 }
-/* Rules of the conjugate gradients. `goes_on`: whether another direction is worth its product. `advance`: step length
- * along a direction; 0 means no progress. `turned`: weight of the old direction in the next one. led: the first
+/* Rules of the conjugate gradients. `continues`: whether another direction is worth its product. `step_length`: along
+ * a direction; 0 means no progress. `direction_weight`: weight of the old direction in the next one. led: the first
  * direction, which the held nodes prescribe, is taken with length 1. */
 static inline bool pliant_newton_continues(double norm, double first)
 {

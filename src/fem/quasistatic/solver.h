@@ -121,7 +121,7 @@ struct pliant_solver {
     uint64_t factors;           /* number of factors installed so far; 1: the factor at rest */
     pliant_preconditioner_use in_use;       /* unused if a backend keeps its own */
     pliant_previous_step previous;
-    /* The arrays for a step are allocated. These are all fields below except load, now.x, dense_weights and handles. */
+    /* The arrays for a step are allocated. These are all fields below except load, now.x, dense_weights and grasps. */
     bool has_step_arrays;
     pliant_nodal_rotations *rotations;          /* Nullable: the axes in which the preconditioner is applied */
     bool is_after_cut;                /* the next step is the first step after a cut */
@@ -235,7 +235,7 @@ void pliant_grasp_rotate(pliant_grasp_constraint *handle, const pliant_nodal_rot
 /* Compute Z of a spring with this preconditioner. Errors: MEMORY, NUMERIC. */
 pliant_status pliant_grasp_find_response(pliant_grasp_constraint *handle, size_t unknowns,
                                          pliant_preconditioner *preconditioner);
-/* Copy a handle without Z. *out is freed first, and empty after an error. Errors: MEMORY. */
+/* Copy a grasp without Z. *out is freed first, and empty after an error. Errors: MEMORY. */
 pliant_status pliant_grasp_copy(const pliant_grasp_constraint *handle, pliant_grasp_constraint *out);
 bool pliant_grasp_is_same(const pliant_grasp_constraint *a, const pliant_grasp_constraint *b);
 void pliant_grasp_free(pliant_grasp_constraint *handle); /* leaves it empty */
@@ -300,7 +300,7 @@ void pliant_preconditioner_use_rotated(pliant_preconditioner_use *in_use);
 /* Return the known quantities of the step's first state. Call it after the tools' forces are set.
  * @param seen  Out: the previous final state was evaluated with the preconditioner in use. */
 pliant_known pliant_solver_find_known(pliant_solver *solver, const pliant_preconditioner_use *in_use, bool *seen);
-/* Record the end of a step. The handles have the tools' forces.
+/* Record the end of a step. The grasps have the tools' forces.
  * @param evaluated   The final state is evaluated.
  * @param step_force  Change dl of the springs' forces in the final state. It is added to the springs' forces if the
  *     step ends with its first state. */

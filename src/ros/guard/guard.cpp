@@ -70,14 +70,14 @@ void Guard::filter(double elapsed)
         smooth_[d] += fraction * (wanted_[d] - smooth_[d]);
         size += smooth_[d] * smooth_[d];
     }
-    const double minimum = std::sqrt(size) > settings_.largest ? settings_.largest / std::sqrt(size) : 1;
+    const double scale = std::sqrt(size) > settings_.largest ? settings_.largest / std::sqrt(size) : 1;
     for (int d = 0; d < 3; ++d) {
-        goal[d] = minimum * smooth_[d];
+        goal[d] = scale * smooth_[d];
         way += (goal[d] - sent_[d]) * (goal[d] - sent_[d]);
     }
     const double reach = settings_.rate * elapsed, part = std::sqrt(way) > reach ? reach / std::sqrt(way) : 1;
     for (int d = 0; d < 3; ++d) sent_[d] += part * (goal[d] - sent_[d]);
-    clamped_ += minimum < 1 || part < 1;
+    clamped_ += scale < 1 || part < 1;
 }
 
 Guard::Output Guard::update(double now)

@@ -43,12 +43,12 @@ bool WrenchPredictor::is_free() const
 
 void WrenchPredictor::wanted(double now, const double tip[3], const double rotation[4], double out[6]) const
 {
-    pliant_tool_linear_wrench(&linear_, tip, rotation, maximum_, out);
+    pliant_tool_linear_wrench(&linear_, tip, rotation, max_change_, out);
     const double left = blend_for_ > 0 ? std::max(0.0, 1 - (now - blend_from_) / blend_for_) : 0;
     double apart = 0;
     for (int i = 0; i < 6; ++i) out[i] += left * offset_[i];
     for (int d = 0; d < 3; ++d) apart += std::pow(out[d] - linear_.wrench[d], 2);
-    const double part = std::sqrt(apart) > maximum_ ? maximum_ / std::sqrt(apart) : 1;
+    const double part = std::sqrt(apart) > max_change_ ? max_change_ / std::sqrt(apart) : 1;
     for (int d = 0; d < 3; ++d) out[d] = linear_.wrench[d] + part * (out[d] - linear_.wrench[d]);
 }
 
@@ -61,7 +61,7 @@ void WrenchPredictor::frame(double now, const pliant_tool_linear &linear, bool a
     linear_ = linear;
     frame_at_ = blend_from_ = now;
     acts_ = acts && linear.known;
-    if (goes_on) pliant_tool_linear_wrench(&linear_, last_.tip, last_.rotation, maximum_, after);
+    if (goes_on) pliant_tool_linear_wrench(&linear_, last_.tip, last_.rotation, max_change_, after);
     for (int i = 0; i < 6; ++i) offset_[i] = goes_on ? before[i] - after[i] : 0;
     /* At rest, the tissue stores at least the elastic energy, so the energy count is raised to it. */
     if (acts_ && now - rests_from_ > rests_for) energy_ = std::max(energy_, elastic());

@@ -20,8 +20,8 @@ namespace pliant_ros {
 
 class WrenchPredictor {
 public:
-    /* maximum: maximum difference from the force of the last step [N] */
-    explicit WrenchPredictor(double maximum) : maximum_(maximum) {}
+    /* max_change: maximum difference from the force of the last step [N] */
+    explicit WrenchPredictor(double max_change) : max_change_(max_change) {}
 
     /* Set the linearization after a step.
      * now: time [s]
@@ -46,7 +46,7 @@ private:
     double elastic() const;
     bool is_free() const;
 
-    const double maximum_;
+    const double max_change_;
     pliant_tool_linear linear_{};
     bool acts_ = false;
     double frame_at_ = 0, blend_from_ = 0, blend_for_ = 0, offset_[6] = {};

@@ -193,14 +193,14 @@ static void draw(pliant_tool *tool)
     for (int d = 0; d < 3; d++) blade->drawn[d] = middle[d] - slide * along[d];
 }
 
-/* Update the spring from the dragged tissue to the blade. `rebuilt`: attach it to the tissue that the edge is in. */
-static void drag(const knife *work, bool rebuilt)
+/* Update the spring from the dragged tissue to the blade. `reattach`: attach it to the tissue that the edge is in. */
+static void drag(const knife *work, bool reattach)
 {
     pliant_tool *tool = work->tool;
     pliant_edge *edge = &tool->blade.edge;
     const int32_t inside = pliant_blade_num_inside(edge);
     double along[3], way[3] = {0, 0, 0}, held[3] = {0, 0, 0};
-    if ((rebuilt || !tool->blade.drags) && pliant_blade_hold(work->data->body, tool) != PLIANT_OK) {
+    if ((reattach || !tool->blade.drags) && pliant_blade_hold(work->data->body, tool) != PLIANT_OK) {
         log_failure(work);
         return;
     }
@@ -327,8 +327,8 @@ static void press(const knife *work, const double last[3], bool far)
     else if (!blade->slips) memset(blade->drawn, 0, sizeof blade->drawn);
     if (blade->slips && !cut_released(work, last)) return;
     if (!find_force_ahead(work, pliant_blade_length(blade) / blade->edge.count, &force)) return;
-    bool rebuilt = blade->slips;
-    if (force > 0 && !blade->drags && !touch(work, &rebuilt)) return;
+    bool reattach = blade->slips;
+    if (force > 0 && !blade->drags && !touch(work, &reattach)) return;
     const int32_t inside = pliant_blade_num_inside(&blade->edge);
     if (force == 0 || inside == 0) {
         cut_freely(work);
@@ -347,7 +347,7 @@ static void press(const knife *work, const double last[3], bool far)
     const double way = pliant_length3(blade->drawn);
     blade->stiffness = 2 * force / reach;
     if (blade->drags && way >= 0.5 * reach && (blade->work >= force * way || way >= 2 * reach)) slip(work, last);
-    else drag(work, rebuilt);
+    else drag(work, reattach);
 }
 
 /* ---- a step */

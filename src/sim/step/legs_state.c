@@ -13,12 +13,12 @@
 #include <math.h>
 #include <string.h>
 
-static bool reserve(double **capacity, int32_t *has, int32_t nodes)
+static bool reserve(double **array, int32_t *has, int32_t nodes)
 {
     if (nodes <= *has) return true;
-    double *made = pliant_resize(*capacity, (size_t)nodes, 3 * sizeof *made);
+    double *made = pliant_resize(*array, (size_t)nodes, 3 * sizeof *made);
     if (!made) return false;
-    *capacity = made;
+    *array = made;
     *has = nodes;
     return true;
 }

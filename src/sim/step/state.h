@@ -34,7 +34,7 @@ extern "C" {
     X(double, edge_place)      /* (edge points x 3) cut's end, for blades in a stroke [m] */ \
     X(int32_t, edge_tet)       /* (edge points) fine tetrahedron; -1: outside tissue */ \
     X(double, edge_weight)     /* (edge points x 4) barycentric coordinates */ \
-    X(int32_t, edge_adjacent)  /* (edge points) fine node that the point moves with; -1: none */ \
+    X(int32_t, edge_carrier)  /* (edge points) fine node that the point moves with; -1: none */ \
     X(double, edge_now)        /* (edge points x 3) positions of the blade [m] */ \
     X(double, edge_apart)      /* (edge points x 3) offset from that node [m] */ \
     X(const pliant_body *, undo) /* topologies before cuts, the latest last; each retained */

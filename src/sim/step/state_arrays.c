@@ -81,14 +81,14 @@ static void gather_tools(pliant_state *state, const pliant_data *data)
             memcpy(state->edge_now.at + 3 * p, edge->now, 3 * points * sizeof *edge->now);
             memcpy(state->edge_tet.at + p, edge->tet, points * sizeof *edge->tet);
             memcpy(state->edge_weight.at + 4 * p, edge->weight, 4 * points * sizeof *edge->weight);
-            memcpy(state->edge_adjacent.at + p, edge->adjacent, points * sizeof *edge->adjacent);
+            memcpy(state->edge_carrier.at + p, edge->carrier, points * sizeof *edge->carrier);
             memcpy(state->edge_apart.at + 3 * p, edge->apart, 3 * points * sizeof *edge->apart);
         }
         h += held;
         p += points;
     }
     state->held.count = state->held_weight.count = h;
-    state->edge_tet.count = state->edge_adjacent.count = p;
+    state->edge_tet.count = state->edge_carrier.count = p;
     state->edge_place.count = state->edge_now.count = state->edge_apart.count = 3 * p;
     state->edge_weight.count = 4 * p;
 }
@@ -106,7 +106,7 @@ static void reserve_tools(transfer *work, pliant_state *state, const pliant_data
     MOVE(edge_now, NULL, 3 * points);
     MOVE(edge_tet, NULL, points);
     MOVE(edge_weight, NULL, 4 * points);
-    MOVE(edge_adjacent, NULL, points);
+    MOVE(edge_carrier, NULL, points);
     MOVE(edge_apart, NULL, 3 * points);
 }
 
@@ -155,7 +155,7 @@ void pliant_state_copy_edge(const pliant_state *state, int tool, pliant_edge *ed
     memcpy(edge->now, state->edge_now.at + 3 * p, 3 * count * sizeof *edge->now);
     memcpy(edge->tet, state->edge_tet.at + p, count * sizeof *edge->tet);
     memcpy(edge->weight, state->edge_weight.at + 4 * p, 4 * count * sizeof *edge->weight);
-    memcpy(edge->adjacent, state->edge_adjacent.at + p, count * sizeof *edge->adjacent);
+    memcpy(edge->carrier, state->edge_carrier.at + p, count * sizeof *edge->carrier);
     memcpy(edge->apart, state->edge_apart.at + 3 * p, 3 * count * sizeof *edge->apart);
 }
 

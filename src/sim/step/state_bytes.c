@@ -208,11 +208,11 @@ static bool is_sound(const pliant_state *state, const pliant_body *body)
             state->grips.at[g].piece < 0 || state->grips.at[g].piece >= pieces)
             return false;
     return state->held.count == held && state->held_weight.count == held && state->edge_tet.count == points &&
-           state->edge_adjacent.count == points && state->edge_place.count == 3 * points &&
+           state->edge_carrier.count == points && state->edge_place.count == 3 * points &&
            state->edge_now.count == 3 * points && state->edge_apart.count == 3 * points &&
            state->edge_weight.count == 4 * points && are_below(state->held.at, held, 0, nodes) &&
            are_below(state->edge_tet.at, points, -1, body->fine.num_tets) &&
-           are_below(state->edge_adjacent.at, points, -1, nodes) &&
+           are_below(state->edge_carrier.at, points, -1, nodes) &&
            are_finite(state->positions.at, state->positions.count) &&
            are_finite(state->solved.at, state->solved.count) &&
            are_finite(state->displacement.at, state->displacement.count) &&
@@ -242,7 +242,7 @@ static void drop_tools(pliant_state *state, const pliant_data *data)
     points->count = left;
     state->grips.count = state->held.count = state->held_weight.count = 0;
     state->edge_place.count = state->edge_now.count = state->edge_apart.count = state->edge_weight.count =
-        state->edge_tet.count = state->edge_adjacent.count = 0;
+        state->edge_tet.count = state->edge_carrier.count = 0;
     state->num_tools = data->num_tools;
     for (int t = 0; t < data->num_tools; t++) {
         pliant_tool *tool = state->tools + t;
