@@ -22,9 +22,9 @@ struct cuda_data {
     double *page_locked[2];      /* these two arrays, page-locked if possible; they may be swapped */
     /* replaces them if cuts are possible: page-locked, with capacity for more nodes; its contents are copied */
     double *landing;
-    size_t landing_capacity;         /* [bytes] */
-    bool brought;                /* the host has this step's positions already */
-    bool moved;                  /* the host has changed its positions after the device */
+    size_t landing_capacity; /* [bytes] */
+    bool brought;            /* the host has this step's positions already */
+    bool moved;              /* the host has changed its positions after the device */
 };
 
 static double *target_of(const cuda_data *state) { return state->landing ? state->landing : state->arriving; }

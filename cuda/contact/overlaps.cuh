@@ -21,7 +21,7 @@ typedef unsigned long long number;
 struct step {
     double side, fine; /* side of the cells; side at creation */
     double margin;     /* enlarges boxes on every side */
-    number maximum;       /* maximum number of fine cells along an axis that a box may cover */
+    number maximum;    /* maximum number of fine cells along an axis that a box may cover */
 };
 
 /* Data of the kernels. */

@@ -47,7 +47,7 @@ typedef struct gpu_state {
     int32_t done, iterations;
     int32_t ending;            /* after a blind step: its end is being evaluated */
     int32_t evaluated;         /* d_element_force and d_left belong to the final state of the step */
-    int32_t restored_previous;         /* the state from before the previous blind step was restored */
+    int32_t restored_previous; /* the state from before the previous blind step was restored */
     int32_t took;              /* the last evaluated state became the present state */
     pliant_anderson rules;     /* as on the CPU */
     double scale[2], residual_force[2], force[2][GPU_ROWS], step_force[2][GPU_ROWS];

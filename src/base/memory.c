@@ -15,10 +15,10 @@
 enum { ALIGNMENT = 64 };
 
 typedef struct header {
-    void *base;   /* address returned by the system */
-    size_t bytes; /* requested size */
-    size_t capacity;  /* capacity */
-    bool pages;   /* no other block is on its pages */
+    void *base;      /* address returned by the system */
+    size_t bytes;    /* requested size */
+    size_t capacity; /* capacity */
+    bool pages;      /* no other block is on its pages */
     /* Nullable: (pieces of the capacity) stamps of an array with versions. Pieces with equal stamps at the same offset
      * have equal content. */
     _Atomic(uint64_t *) stamp;

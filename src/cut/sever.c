@@ -32,7 +32,7 @@ typedef struct severing {
     double rest_of_index[9]; /* voxel axes times spacing */
     double slack;            /* [m] */
     double reach;            /* two voxels in a stretched tetrahedron, as a fraction of its extent */
-    double scan_handedness;           /* handedness of the scan: 1 or -1 */
+    double scan_handedness;  /* handedness of the scan: 1 or -1 */
     cut_strip strip;
     int32_t *near;           /* triangles near the current fragment */
     int32_t num_near;

@@ -15,9 +15,9 @@
 static const int ends_of[6][2] = {{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}};
 
 typedef struct edge {
-    int32_t end[2]; /* node numbers, ascending */
-    double fraction;   /* position of the intersection as a fraction of the edge */
-    double length;  /* rest length [m] */
+    int32_t end[2];  /* node numbers, ascending */
+    double fraction; /* position of the intersection as a fraction of the edge */
+    double length;   /* rest length [m] */
 } edge;
 
 typedef struct edge_list {

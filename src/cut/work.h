@@ -34,9 +34,9 @@ typedef struct cut_fragment {
     int32_t source;   /* fine tetrahedron of the previous body that contains it */
     int32_t voxels;
     int32_t host;     /* element with which it moved before the cut: source, or a fragment of another tetrahedron */
-    bool was_chip;   /* whether it is a chip that moved with a fragment of another tetrahedron */
+    bool was_chip;    /* whether it is a chip that moved with a fragment of another tetrahedron */
     bool stays;       /* whether it keeps the number of its source */
-    int32_t receiver;     /* element that received its voxels: a fragment or an untouched tetrahedron; -1: none */
+    int32_t receiver; /* element that received its voxels: a fragment or an untouched tetrahedron; -1: none */
     int32_t number;   /* number in the next body's fine tetrahedra */
 } cut_fragment;
 

@@ -41,11 +41,11 @@ typedef struct pliant_upsample {
     int32_t *node;            /* (fine nodes x corners) solved node */
     double *weights;          /* (fine nodes x corners), sum 1 per node */
     /* Homogenized shape functions ([H] 5 to 7): a fine node follows every coarse element whose submesh contains it. */
-    int32_t *start;           /* (fine nodes + 1) into the entries; NULL: use the weights above */
-    int32_t *entry_element;   /* (entries) coarse tetrahedron, or macro-element */
-    double *entry_weight;      /* (entries) inverse-distance weight, sum 1 per node */
-    double *entry_shape;      /* (entries x 9 corners) N, 3 x 3 times the element's corners, row-major */
-    const uint8_t *still;     /* Nullable: (fine nodes) nodes marked PLIANT_FIXED_AT_REST keep their rest position */
+    int32_t *start;         /* (fine nodes + 1) into the entries; NULL: use the weights above */
+    int32_t *entry_element; /* (entries) coarse tetrahedron, or macro-element */
+    double *entry_weight;   /* (entries) inverse-distance weight, sum 1 per node */
+    double *entry_shape;    /* (entries x 9 corners) N, 3 x 3 times the element's corners, row-major */
+    const uint8_t *still;   /* Nullable: (fine nodes) nodes marked PLIANT_FIXED_AT_REST keep their rest position */
 } pliant_upsample;
 
 /* Elements with a variable number of corners. There are two kinds: hexahedra on their own eight nodes (hexahedra.c),

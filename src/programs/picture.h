@@ -49,8 +49,8 @@ typedef struct picture_row {
     int num_volumes;
     const pliant_volume *volumes[PICTURE_MAX_VOLUMES];
     double marks[PICTURE_MAX_VOLUMES][3]; /* positions of crosses, LPS [m] */
-    double point[3];                       /* point on all planes */
-    double low, high;                      /* values shown as black and white */
+    double point[3];                      /* point on all planes */
+    double low, high;                     /* values shown as black and white */
 } picture_row;
 /* Write folder/axial.png, coronal.png, sagittal.png: the volumes side by side. Errors: FILE, MEMORY. */
 pliant_status picture_write_row(const char *folder, const picture_row *row);

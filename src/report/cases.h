@@ -43,10 +43,10 @@ typedef struct report_limits {
 
 typedef struct report_run {
     int32_t frames, points;
-    double *positions; /* (frames x points x 3) positions of the points */
-    double *seconds;   /* (PLIANT_NUM_STEP_STAGES x frames) */
-    double cpu_time_fraction;  /* fraction of the frames' time that the stepping thread was running */
-    double *residual;  /* (frames) */
+    double *positions;        /* (frames x points x 3) positions of the points */
+    double *seconds;          /* (PLIANT_NUM_STEP_STAGES x frames) */
+    double cpu_time_fraction; /* fraction of the frames' time that the stepping thread was running */
+    double *residual;         /* (frames) */
     int32_t *iterations;
     pliant_statistics statistics; /* at the end */
     double force[3];              /* force on the tool at the end [N] */

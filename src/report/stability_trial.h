@@ -41,8 +41,8 @@ typedef struct stability_trial {
     int32_t still;            /* consecutive frames without motion */
     pliant_status last;       /* status of the last step or call */
     bool broken, has_wrong_rest, is_unsettled;
-    bool cancelled;           /* there is no verdict */
-    char activity[128];          /* text for the progress */
+    bool cancelled;     /* there is no verdict */
+    char activity[128]; /* text for the progress */
     char message[ROW_TEXT];
     char figure[128];
 } stability_trial;

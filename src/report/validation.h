@@ -25,12 +25,12 @@ typedef struct measured_body {
     int32_t num_states;
     char state[MAX_STATES][48];
     pliant_path load[MAX_STATES]; /* load of each state */
-    bool loaded;                   /* false: the scene's gravity is the only load */
-    int32_t fitted;                /* state used for the fit; all others are predicted */
-    bool fits_poisson;             /* only displacements are prescribed, so moduli have no effect */
-    bool free_motion;              /* the rigid motion of all markers of a state is unknown */
-    bool recordings;               /* states are repetitions of one experiment */
-    pliant_marker *markers;        /* marker.load: index of its state */
+    bool loaded;                  /* false: the scene's gravity is the only load */
+    int32_t fitted;               /* state used for the fit; all others are predicted */
+    bool fits_poisson;            /* only displacements are prescribed, so moduli have no effect */
+    bool free_motion;             /* the rigid motion of all markers of a state is unknown */
+    bool recordings;              /* states are repetitions of one experiment */
+    pliant_marker *markers;       /* marker.load: index of its state */
     int32_t num_markers;
     uint64_t bytes;                /* report_hash of the measurement and its loads */
 } measured_body;

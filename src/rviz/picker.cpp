@@ -22,8 +22,8 @@ static const double REACH = 0.01;
 struct Picker::PickRequest {
     pliant::Pick service;
     std::string name;
-    bool hits_visible_part = true;    // whether the ray meets anything visible
-    bool reached = false;   // whether the service exists
+    bool hits_visible_part = true; // whether the ray meets anything visible
+    bool reached = false;          // whether the service exists
     std::atomic<bool> answered{false};
 };
 

@@ -12,8 +12,8 @@
 #include <string.h>
 
 struct pliant_clearance {
-    pliant_contact_surface outside;    /* empty if contact uses the elements' own faces */
-    uint64_t revision;         /* of the body of the lists; 0: none */
+    pliant_contact_surface outside; /* empty if contact uses the elements' own faces */
+    uint64_t revision;              /* of the body of the lists; 0: none */
     int32_t num_corners, num_triangles;
     int32_t *corner;           /* (num_corners) surface nodes, ascending */
     int32_t *triangle;         /* (num_triangles x 3) indices into corner, oriented outwards */

@@ -88,10 +88,10 @@ typedef struct pliant_cut_mark {
 /* Data of a body whose tetrahedra cuts subdivide (cut/kind: subdivide). Each new tetrahedron owns its whole
  * interior. */
 struct pliant_subdivision {
-    int32_t load_nodes;        /* nodes at load */
+    int32_t load_nodes;      /* nodes at load */
     double min_edge;         /* a cut nearer to a node than this cuts the node, not the edge [m] */
     double min_volume;       /* minimum volume of a tetrahedron that a cut makes [m^3] */
-    pliant_between *between;   /* (fine.num_nodes - load_nodes) of the nodes appended since load; NULL: none */
+    pliant_between *between; /* (fine.num_nodes - load_nodes) of the nodes appended since load; NULL: none */
     int32_t num_marks;
     pliant_cut_mark *mark;     /* (num_marks) the last stroke of every blade */
 };

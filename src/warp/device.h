@@ -31,10 +31,10 @@ typedef struct pliant_warp_parts {
 
 /* Correspondence of elements (parts.h) between two bodies. */
 typedef struct pliant_warp_changes {
-    int32_t before, now;         /* number of elements */
-    int32_t common;              /* number of tetrahedra in both bodies; only those in `rebuilt` have changed */
-    int32_t num_rebuilt, *rebuilt;     /* tetrahedra to redraw, ascending */
-    int32_t *from;               /* (now - common) previous element of each other element; -1: redraw */
+    int32_t before, now;           /* number of elements */
+    int32_t common;                /* number of tetrahedra in both bodies; only those in `rebuilt` have changed */
+    int32_t num_rebuilt, *rebuilt; /* tetrahedra to redraw, ascending */
+    int32_t *from;                 /* (now - common) previous element of each other element; -1: redraw */
     /* previous elements, ascending, that the new body does not have; their region is redrawn */
     int32_t num_gone, *gone;
 } pliant_warp_changes;

@@ -19,8 +19,8 @@ typedef struct parts_work {
     int32_t *cut_of;               /* (initial tetrahedra) index in the cuts; -1: not cut */
     part_changes changes;
     int32_t num_other, other_capacity, *other; /* see parts.h */
-    int32_t num_rebuilt, *rebuilt;       /* initial tetrahedra in `other` with a new box, ascending */
-    part_made *made;               /* (num_rebuilt) */
+    int32_t num_rebuilt, *rebuilt;             /* initial tetrahedra in `other` with a new box, ascending */
+    part_made *made;                           /* (num_rebuilt) */
     int num_makers;
     part_maker *makers;
 } parts_work;

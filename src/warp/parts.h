@@ -49,8 +49,8 @@ typedef struct pliant_parts {
     int32_t num_other, *other;
     int32_t *carrier_start, *carrier; /* (num_boxes + 1) by box and label: tetrahedron of each label */
     int32_t num_carried_tets;
-    int32_t *carried_tet_start;      /* (num_boxes + 1) */
-    part_carried_tet *carried_tets;        /* sorted by box, then label */
+    int32_t *carried_tet_start;     /* (num_boxes + 1) */
+    part_carried_tet *carried_tets; /* sorted by box, then label */
 } pliant_parts;
 
 /* Compute the boxes of all initial tetrahedra, for all bodies with these voxels. The caller owns one reference. Errors:

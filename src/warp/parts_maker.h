@@ -38,8 +38,8 @@ typedef struct part_maker {
     int32_t tet;
     part_shape at;
     part_box box;
-    int32_t count, capacity;           /* number of voxels in the box, and capacity */
-    int32_t *label;                /* (count) -1: none yet */
+    int32_t count, capacity; /* number of voxels in the box, and capacity */
+    int32_t *label;          /* (count) -1: none yet */
     /* (count) number of links from a labelled voxel; severed links; corners of touched cells; needs a label from
      * another tetrahedron */
     uint8_t *step, *severed, *touched, *wanted;

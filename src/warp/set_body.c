@@ -18,9 +18,9 @@ struct pliant_warp_next {
     pliant_parts *parts;
     pliant_fit *fit;
     size_t node_room, element_capacity, candidate_capacity;
-    void *longer[NUM_ARRAYS];  /* larger arrays that replace the warp's; NULL: the capacity suffices */
-    int32_t *carried_tet_fixed;      /* (carried_tets x 12) */
-    raster_tet *carried_tet_tets;    /* (carried_tets) */
+    void *longer[NUM_ARRAYS];     /* larger arrays that replace the warp's; NULL: the capacity suffices */
+    int32_t *carried_tet_fixed;   /* (carried_tets x 12) */
+    raster_tet *carried_tet_tets; /* (carried_tets) */
     pliant_warp_changes changes;
     uint8_t *left;             /* (previous elements - common) 1: still exists */
     const pliant_warp_device *device;

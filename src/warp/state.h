@@ -16,17 +16,17 @@ struct pliant_warp {
     raster_kernels kernels;
     pliant_volume volume;
     int num_threads;
-    bool drawn;              /* whether there was an update */
-    bool has_new_body;            /* whether the body has changed since the last update */
-    bool has_logged_clipping;               /* whether the message about clipped tissue was logged */
-    double *rest;            /* (num_nodes x 3) continuous index in the scan */
-    int32_t *fixed, *next;   /* (num_nodes x 3) fixed-point nodes of the last and of the next update */
-    uint8_t *moved;          /* (num_nodes) */
-    pliant_parts *parts;     /* NULL: no cuts */
-    part_hosts *hosts;       /* Nullable: for later parts */
-    int32_t *carried_tet_fixed;    /* (num_carried_tets x 12) their corners in the last update */
-    int32_t num_elements;    /* tetrahedra followed by carried tetrahedra */
-    raster_tet *tets;        /* (num_elements) setup of the last update */
+    bool drawn;                 /* whether there was an update */
+    bool has_new_body;          /* whether the body has changed since the last update */
+    bool has_logged_clipping;   /* whether the message about clipped tissue was logged */
+    double *rest;               /* (num_nodes x 3) continuous index in the scan */
+    int32_t *fixed, *next;      /* (num_nodes x 3) fixed-point nodes of the last and of the next update */
+    uint8_t *moved;             /* (num_nodes) */
+    pliant_parts *parts;        /* NULL: no cuts */
+    part_hosts *hosts;          /* Nullable: for later parts */
+    int32_t *carried_tet_fixed; /* (num_carried_tets x 12) their corners in the last update */
+    int32_t num_elements;       /* tetrahedra followed by carried tetrahedra */
+    raster_tet *tets;           /* (num_elements) setup of the last update */
     uint8_t *rebuilt;           /* (num_elements) redraw in the next update although it did not move */
     size_t node_room, element_capacity;
     int32_t num_bricks;

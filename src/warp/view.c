@@ -27,8 +27,8 @@ struct pliant_view {
     const pliant_warp *drawn; /* Nullable: borrowed; used instead of values */
     const pliant_body *body; /* retained */
     double *positions;
-    size_t capacity;             /* capacity of positions, in nodes */
-    float *bricks;           /* NULL until the CPU needs them */
+    size_t capacity; /* capacity of positions, in nodes */
+    float *bricks;   /* NULL until the CPU needs them */
     enum { BRICKS_NONE, BRICKS_VALUES, BRICKS_LABELS } bricks_of;
     uint8_t shown[PLIANT_NUM_LABELS]; /* for BRICKS_LABELS: shown labels */
 };

@@ -264,7 +264,7 @@ TEST(Falling, OnOneNodeOrTwoItSwings)
                 swing[s >= 400] = std::fmax(swing[s >= 400], std::fabs(centre_of(*body, lower)[0]));
         }
         EXPECT_LT(apart, nodes == 1 ? 1e-4 : 1e-3);
-        EXPECT_LT(minimum, -0.01) << nodes; // swings to the other side
+        EXPECT_LT(minimum, -0.01) << nodes;            // swings to the other side
         EXPECT_LT(swing[1], 1.02 * swing[0]) << nodes; // no energy is added
         EXPECT_GT(swing[1], 0.9 * swing[0]) << nodes;  // and there is no air resistance
         // the remaining part moves as if it had no such nodes

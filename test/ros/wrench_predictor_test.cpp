@@ -33,8 +33,8 @@ const Way ways[] = {{"fast", fast, 600},      {"slow", slow, 3000},   {"pushed",
 
 struct Told {
     double in = 0, out = 0, minimum = 0; // energy put in, energy returned, and minimum of the difference [J]
-    double jump = 0, zero_order = 0;   // maximum change of the force between two answers, and between two steps [N]
-    double off = 0, maximum = 0;       // maximum difference from the force of the step at its pose [N]; maximum force
+    double jump = 0, zero_order = 0;     // maximum change of the force between two answers, and between two steps [N]
+    double off = 0, maximum = 0;         // maximum difference from the force of the step at its pose [N]; maximum force
 };
 
 struct Held : Body {

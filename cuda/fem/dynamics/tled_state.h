@@ -124,10 +124,10 @@ typedef struct gpu_tled {
     gpu_outcome *d_outcome;
     int32_t *d_held_node, *d_tool_node; /* nodes of any tool or contact, ascending; nodes of each tool */
     double *d_tool_weight;
-    int32_t *d_near;           /* nodes of contacts */
+    int32_t *d_near;                       /* nodes of contacts */
     int32_t point_capacity, near_capacity; /* capacity for contacts, and for their nodes */
-    size_t shared_bytes;       /* shared memory for contacts; 0: they are in d_near_buffer */
-    pliant_contact_point *d_point; /* sorted by levels; tled_contact.h */
+    size_t shared_bytes;                   /* shared memory for contacts; 0: they are in d_near_buffer */
+    pliant_contact_point *d_point;         /* sorted by levels; tled_contact.h */
     pliant_tled_contact *d_touch;
     int32_t *d_level;
     double *d_near_buffer;       /* (`near_capacity` x NEAR_NUMBERS) */

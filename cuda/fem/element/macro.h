@@ -16,7 +16,7 @@ struct gpu_iteration;
 
 /* The arrays of struct pliant_macros; arrays per cube are concatenated. All pointers are device pointers. */
 typedef struct gpu_macros {
-    int32_t count, corners;    /* 0: no macro-elements */
+    int32_t count, corners;         /* 0: no macro-elements */
     int32_t max_unknowns, max_rank; /* maxima over the cubes */
     int32_t *d_start, *d_node, *d_own, *d_rank, *d_cube_of_corner, *d_fine_start, *d_fine;
     uint8_t *d_held, *d_grounded;

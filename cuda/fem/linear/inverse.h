@@ -15,9 +15,9 @@ enum { INVERSE_TILE = 128, INVERSE_SWEEP = 64 };
 /* Symmetric sweeps over a matrix in double precision. Tiles have INVERSE_SWEEP unknowns; the lower triangle of tiles is
  * stored row by row (sweep.cu). */
 typedef struct gpu_sweep {
-    double *d_tiles;      /* pliant_cuda_sweep_bytes */
-    double *d_buffer;       /* pliant_cuda_sweep_buffer_bytes */
-    int *d_failed;        /* out: 1: not positive definite */
+    double *d_tiles;  /* pliant_cuda_sweep_bytes */
+    double *d_buffer; /* pliant_cuda_sweep_buffer_bytes */
+    int *d_failed;    /* out: 1: not positive definite */
 } gpu_sweep;
 
 size_t pliant_cuda_sweep_bytes(int32_t tiles);

@@ -33,10 +33,10 @@ struct pliant_cuda_solver {
     gpu_refresh *refresh;      /* Nullable: the next preconditioner, in progress in the background */
     gpu_iteration iteration;
     size_t capacity[SOLVER_ARRAYS]; /* capacity of its arrays, of d_fine and of d_solved, in bytes */
-    double *d_between;         /* work array to carry over axes */
+    double *d_between;              /* work array to carry over axes */
     size_t between_capacity;
-    double *h_newton;            /* page-locked: results of the step after a cut, if cuts are possible */
-    size_t newton_capacity;          /* bytes */
+    double *h_newton;       /* page-locked: results of the step after a cut, if cuts are possible */
+    size_t newton_capacity; /* bytes */
     int gather_blocks;
     cudaGraphExec_t evaluation, look, touching; /* look and touching are Nullable: not used yet */
     size_t kernels;            /* kernels in `evaluation` */

@@ -108,7 +108,7 @@ pliant_status pliant_advance_find_self(pliant_advance *advance, int32_t num_tria
                                        int num_threads, pliant_advance_self_result *out);
 
 typedef struct pliant_advance_self_audit {
-    double minimum;      /* smallest distance of pairs nearer than the thickness; INFINITY: there is no such pair [m] */
+    double minimum;    /* smallest distance of pairs nearer than the thickness; INFINITY: there is no such pair [m] */
     int32_t crossings; /* number of edges that pass through triangles, by another algorithm than the distances */
     int32_t node[5];   /* edge and triangle of one crossing; -1: none */
 } pliant_advance_self_audit;

@@ -29,13 +29,13 @@ typedef struct pliant_contact_surface_voxels {
 
 /* All zero: without a topology. */
 typedef struct pliant_contact_surface {
-    uint64_t revision;         /* of the topology; 0: none */
-    int32_t *tet_at_load;      /* (nodes at load) tetrahedron that contains the corner; -1: the corner is the node */
-    double (*weights)[4];        /* (nodes at load) barycentric coordinates in it */
-    uint8_t *solid_at_load;    /* (tetrahedra at load) whether the contact surface encloses it */
-    uint8_t *solid;            /* (tetrahedra) as solid_at_load */
-    int32_t *tet;              /* (nodes) as tet_at_load */
-    pliant_body view;          /* the topology with the triangles of the contact surface */
+    uint64_t revision;      /* of the topology; 0: none */
+    int32_t *tet_at_load;   /* (nodes at load) tetrahedron that contains the corner; -1: the corner is the node */
+    double (*weights)[4];   /* (nodes at load) barycentric coordinates in it */
+    uint8_t *solid_at_load; /* (tetrahedra at load) whether the contact surface encloses it */
+    uint8_t *solid;         /* (tetrahedra) as solid_at_load */
+    int32_t *tet;           /* (nodes) as tet_at_load */
+    pliant_body view;       /* the topology with the triangles of the contact surface */
     int32_t *triangles;
     double *positions;         /* (nodes x 3) positions; for nodes of the surface, of their corners [m] */
 } pliant_contact_surface;

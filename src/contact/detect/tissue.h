@@ -77,10 +77,10 @@ struct pliant_tissue {
     uint8_t *slid;             /* (num_faces) whether its sides have slid apart at the start of the step */
     /* ---- step */
     pliant_grid grid;
-    double (*normal)[3];       /* (num_skins) */
-    int32_t *count;            /* (num_nodes) number of triangles in contact */
+    double (*normal)[3];                /* (num_skins) */
+    int32_t *count;                     /* (num_nodes) number of triangles in contact */
     pliant_node_contact *node_contacts; /* (num_nodes x PLIANT_MAX_NODE_CONTACTS) smallest depth first */
-    int32_t *last;             /* (num_nodes) triangle of the previous contact; -1: none */
+    int32_t *last;                      /* (num_nodes) triangle of the previous contact; -1: none */
     bool has_place;
     double *place;             /* (num_nodes x 3) positions at the start of the previous step [m] */
     int32_t num_overlaps;      /* number of overlapping pairs of tetrahedra */

@@ -16,9 +16,9 @@ typedef struct grading {
     pliant_graded *graded;
     int32_t ratio[3];
     bool hexahedra;
-    int32_t *tet, num_tets;    /* fine tetrahedra in refined cubes, ascending */
+    int32_t *tet, num_tets;          /* fine tetrahedra in refined cubes, ascending */
     int32_t *adjacent, num_adjacent; /* fine tetrahedra in adjacent cubes that are not refined */
-    int32_t *now;              /* (coarse elements) number in the graded system, or -1 */
+    int32_t *now;                    /* (coarse elements) number in the graded system, or -1 */
     /* Nullable: (fine nodes) nonzero: a node of a refined cube that follows the same nodes, or moves freely, as before
      * the cut. */
     uint8_t *alike;

@@ -30,11 +30,11 @@ typedef struct pliant_submesh {
     const uint8_t *fixed;                /* (fine nodes) */
     const pliant_tet_material *material; /* (fine tetrahedra) */
     /* Work arrays of one thread, which grow as needed. */
-    int32_t capacity, num_nodes, num_tets;   /* `capacity`: of the dense arrays, in nodes */
-    int32_t *node;       /* (num_nodes) fine node */
-    int32_t *local_of;   /* (fine nodes) or -1 */
-    int32_t *slot;       /* (num_nodes) work array for a second numbering */
-    const int32_t *tets; /* (num_tets) fine tetrahedra */
+    int32_t capacity, num_nodes, num_tets; /* `capacity`: of the dense arrays, in nodes */
+    int32_t *node;                         /* (num_nodes) fine node */
+    int32_t *local_of;                     /* (fine nodes) or -1 */
+    int32_t *slot;                         /* (num_nodes) work array for a second numbering */
+    const int32_t *tets;                   /* (num_tets) fine tetrahedra */
     /* Nullable: hexahedra of the fine mesh, which replace their tetrahedra. cube_of_tet: (fine tetrahedra) or -1. A
      * list that contains only a part of a hexahedron needs NULL here. */
     const pliant_cube *cubes;

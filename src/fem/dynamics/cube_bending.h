@@ -27,7 +27,7 @@ typedef struct pliant_cube_bending {
     float edge[3];      /* 1 / h_a [1/m] */
     float bending;      /* 8/3 / 64 */
     float torsion;      /* t 4/3 / 64 */
-    float minimum;        /* factor of |w_k|^2 / 2, divided by V mu [1/m^2] */
+    float minimum;      /* factor of |w_k|^2 / 2, divided by V mu [1/m^2] */
     float twist;        /* factor of |w|^2 / 2 of the mode xyz [1/m^2] */
 } pliant_cube_bending;
 

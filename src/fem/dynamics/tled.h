@@ -135,16 +135,16 @@ struct pliant_tled {
     double passed_target[PLIANT_MAX_TOOLS][3]; /* targets before the last sub-step */
     /* Duration of the last sub-step [s]. */
     double passed_step, kept_passed[PLIANT_MAX_TOOLS][3], kept_passed_target[PLIANT_MAX_TOOLS][3];
-    double quotient[4];                     /* dynamic relaxation: state of pliant_substep_frequency */
-    pliant_thread_choice pace;                       /* thread count of the bursts */
+    double quotient[4];        /* dynamic relaxation: state of pliant_substep_frequency */
+    pliant_thread_choice pace; /* thread count of the bursts */
     /* Dynamic relaxation: reference load for the residual where there is no load; as PLIANT_SUM_LOAD. */
     double smallest_load;
-    pliant_contacts *contacts;              /* Nullable: borrowed, for a frame */
-    pliant_tled_contact *contact;               /* (contact_capacity) state of these contacts */
+    pliant_contacts *contacts;    /* Nullable: borrowed, for a frame */
+    pliant_tled_contact *contact; /* (contact_capacity) state of these contacts */
     int32_t contact_capacity;
-    uint8_t *in_contact;                       /* Nullable: (num_nodes) nonzero: node of a contact */
-    pliant_tled_overlap_damping overlap_damping;            /* borrowed, for a frame */
-    double reach;                           /* maximum motion of a held point per sub-step [m] */
+    uint8_t *in_contact;                         /* Nullable: (num_nodes) nonzero: node of a contact */
+    pliant_tled_overlap_damping overlap_damping; /* borrowed, for a frame */
+    double reach;                                /* maximum motion of a held point per sub-step [m] */
 
     /* WORK ARRAYS */
     double *acceleration;                   /* (num_nodes x 3) by all forces of this step [m/s^2] */

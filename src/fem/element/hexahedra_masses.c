@@ -10,8 +10,8 @@
 typedef struct masses {
     const pliant_mesh *mesh;
     const pliant_tet_material *material;
-    const uint8_t *rebuilt;       /* Nullable: (nodes) nonzero: compute this node; NULL: all nodes */
-    int32_t *tet, count;       /* all tetrahedra of the cubes around these nodes, ascending */
+    const uint8_t *rebuilt; /* Nullable: (nodes) nonzero: compute this node; NULL: all nodes */
+    int32_t *tet, count;    /* all tetrahedra of the cubes around these nodes, ascending */
     double *mass;
 } masses;
 

@@ -12,9 +12,9 @@ extern "C" {
 
 typedef struct pliant_compliance_blocks {
     int32_t num_free;
-    int32_t *slot;         /* (num_free) slot of the unknown, or -1 */
-    int32_t count, capacity;   /* number of slots in use, and capacity */
-    int32_t *unknown;      /* (capacity) */
+    int32_t *slot;           /* (num_free) slot of the unknown, or -1 */
+    int32_t count, capacity; /* number of slots in use, and capacity */
+    int32_t *unknown;        /* (capacity) */
     /* (`capacity` x `capacity` x 9) displacement of the first unknown per force at the second, in the axes of the
      * preconditioner [m/N]. */
     double *block;

@@ -64,14 +64,14 @@ struct pliant_contact_problem {
     /* RIGID BODIES (contact_bodies.c) */
     const pliant_contact_bodies *pieces; /* Nullable: there is no rigid body; borrowed, for a step */
     int32_t num_arms, arm_capacity, num_moving, moving_capacity;
-    int32_t *arm_start;    /* (capacity + 1) */
+    int32_t *arm_start;      /* (capacity + 1) */
     pliant_contact_arm *arm; /* (arm_capacity) */
-    int32_t *moving;       /* (num_moving) bodies of the points: a piece's number, or -1 minus a proxy's number */
+    int32_t *moving;         /* (num_moving) bodies of the points: a piece's number, or -1 minus a proxy's number */
     /* (PLIANT_MAX_TOOLS x 3) compliance of the tissue against each coupling, estimated in this leg; 0: unknown */
     double yields[3 * PLIANT_MAX_TOOLS];
     /* FORCES */
     pliant_contact_forces taken, found; /* of the step's state; of the last evaluation */
-    double *change;        /* (capacity x 3) dl of the last evaluation */
+    double *change;                     /* (capacity x 3) dl of the last evaluation */
     /* COMPLIANCE */
     pliant_compliance_blocks blocks;
     uint64_t of_factor;    /* value of pliant_solver.factors to which the answers belong */

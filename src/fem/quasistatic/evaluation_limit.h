@@ -14,8 +14,8 @@
 enum { PLIANT_EVALUATION_STEPS = 255 };
 
 typedef struct pliant_evaluation_history {
-    uint64_t count; /* number of steps since the start */
-    double merit;   /* initial merit of the steps, smoothed [as in pliant_anderson] */
+    uint64_t count;                               /* number of steps since the start */
+    double merit;                                 /* initial merit of the steps, smoothed [as in pliant_anderson] */
     uint8_t evaluations[PLIANT_EVALUATION_STEPS]; /* evaluations of the last steps that did work, in a ring buffer */
 } pliant_evaluation_history;
 

@@ -80,12 +80,12 @@ typedef struct pliant_preconditioner_use {
     /* Identifies a pair of factor and axes, from 1. It changes with every new factor and every rotation of the axes.
      * Responses and evaluated final states are valid for one number. */
     uint64_t number;
-    bool turned;                /* the axes differ from the axes in which the preconditioner was computed */
-    bool rough;                 /* rotations are inaccurate, as for homogenized elements */
-    bool renews;                /* when it converges slowly, a new preconditioner is due soon */
-    bool converged_slowly;          /* it has converged slowly since the last rotation of the axes */
-    uint64_t turned_at;         /* step of the last rotation */
-    int64_t evaluations;        /* evaluations since then, counting only evaluations with work */
+    bool turned;           /* the axes differ from the axes in which the preconditioner was computed */
+    bool rough;            /* rotations are inaccurate, as for homogenized elements */
+    bool renews;           /* when it converges slowly, a new preconditioner is due soon */
+    bool converged_slowly; /* it has converged slowly since the last rotation of the axes */
+    uint64_t turned_at;    /* step of the last rotation */
+    int64_t evaluations;   /* evaluations since then, counting only evaluations with work */
 } pliant_preconditioner_use;
 
 /* Inputs and outcome of the previous step (step_start.c). */

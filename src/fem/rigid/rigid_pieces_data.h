@@ -13,11 +13,11 @@ extern "C" {
 typedef struct piece {
     double velocity[3], momentum[3]; /* as in rigid.h */
     double quiet;                    /* time for which it has hardly moved on a wall [s] */
-    bool is_at_rest, has_left_view;                /* at rest until a force acts; outside of the drawn region */
-    bool has_rest_shape;                     /* has its shape at rest */
-    bool is_near_wall;                    /* near an obstacle in this step */
-    bool may_touch_tool;                      /* may touch a tool in this step */
-    bool has_wall_points;                     /* its points on walls are contact points of the step */
+    bool is_at_rest, has_left_view;  /* at rest until a force acts; outside of the drawn region */
+    bool has_rest_shape;             /* has its shape at rest */
+    bool is_near_wall;               /* near an obstacle in this step */
+    bool may_touch_tool;             /* may touch a tool in this step */
+    bool has_wall_points;            /* its points on walls are contact points of the step */
     double way;                      /* maximum motion of its nodes in this step without contact [m] */
 } piece;
 
@@ -52,10 +52,10 @@ struct pliant_rigid_pieces {
     double gravity[3];               /* of the last step */
     grip grips[MAX_GRIPS];
     int num_grips;
-    double *arms, *near_walls;       /* (nodes of the largest piece x 3) work arrays */
-    int32_t *of_node;                /* (fine nodes) piece, or -1 */
-    pliant_contact_body *contact_body;       /* (body->pieces->count) */
-    pliant_contact_bodies together;  /* view of the two arrays above */
+    double *arms, *near_walls;         /* (nodes of the largest piece x 3) work arrays */
+    int32_t *of_node;                  /* (fine nodes) piece, or -1 */
+    pliant_contact_body *contact_body; /* (body->pieces->count) */
+    pliant_contact_bodies together;    /* view of the two arrays above */
 };
 
 static inline void pliant_rigid_pieces_set_step(pliant_rigid_pieces *rigid_pieces, const pliant_data *data)

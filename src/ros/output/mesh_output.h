@@ -47,11 +47,11 @@ private:
     SettingsServer *live_;
     Snapshots *snapshots_;
     ros::Publisher scan_info_, topology_, state_, marker_, points_;
-    std::mutex lock_; /* guards states and topology */
+    std::mutex lock_;                    /* guards states and topology */
     const LoadedModel *shown_ = nullptr; /* model and revision of the latched topology */
     uint32_t topology_revision_ = 0;
     std::shared_ptr<const pliant_surface> surface_; /* most recent requested surface */
-    const LoadedModel *state_loaded_ = nullptr; /* model of the last published state */
+    const LoadedModel *state_loaded_ = nullptr;     /* model of the last published state */
     ros::Time state_stamp_;
     uint64_t state_step_ = 0;
     Rate state_rate_, topology_rate_, marker_rate_, points_rate_;

@@ -34,10 +34,10 @@ struct pliant_contact_search {
     int32_t found_parts, found_nodes, found_capacity;
     uint64_t found_key[PLIANT_CONTACT_PARTS];
     pliant_tool_pose found_pose[PLIANT_MAX_TOOLS];
-    double *found_at;   /* (found_capacity x 3) positions of the surface's nodes [m] */
+    double *found_at;      /* (found_capacity x 3) positions of the surface's nodes [m] */
     int32_t node_capacity; /* for contact/response: paper */
-    uint8_t *overlaps;  /* (node_capacity) */
-    double *place;      /* (node_capacity x 3) */
+    uint8_t *overlaps;     /* (node_capacity) */
+    double *place;         /* (node_capacity x 3) */
 };
 
 /* ---- contact_search.c */

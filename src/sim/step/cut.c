@@ -33,7 +33,7 @@ typedef struct knife {
     int index;
     pliant_tool *tool;
     double min_edge, max_edge; /* smallest and largest voxel edge [m] */
-    double ahead;       /* distance ahead of a blade in which tissue resists: a voxel or a tetrahedron [m] */
+    double ahead;              /* distance ahead of a blade in which tissue resists: a voxel or a tetrahedron [m] */
 } knife;
 
 /* Return the distance that tissue is dragged before it is cut [m]. */

@@ -393,7 +393,7 @@ typedef struct leg_budget {
     int32_t evaluations, /* limit for the step */
         spent /* at least 1 in each leg */, iterations;
     double left, completed; /* fraction of the step that remains; fraction that the last leg made */
-    int blocked;       /* number of successive legs that made almost no progress */
+    int blocked;            /* number of successive legs that made almost no progress */
     bool first;
 } leg_budget;
 

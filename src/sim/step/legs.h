@@ -33,9 +33,9 @@ typedef struct pliant_leg_tool {
     pliant_tool_pose measured;     /* target pose */
     /* proxy poses in this leg: at its start; predicted at its end; desired, and after the solve the solved one */
     pliant_tool_pose begin, ahead, goal;
-    double piece_compliance[2];               /* pliant_proxy_compliance with the contact points of the previous leg */
-    double target[3];              /* grasp target at the target pose [m] */
-    pliant_proxy_load before;      /* load on the proxy at the start of the leg */
+    double piece_compliance[2]; /* pliant_proxy_compliance with the contact points of the previous leg */
+    double target[3];           /* grasp target at the target pose [m] */
+    pliant_proxy_load before;   /* load on the proxy at the start of the leg */
 } pliant_leg_tool;
 
 struct pliant_legs {

@@ -15,9 +15,9 @@ typedef struct spare { int32_t capacity, *held; double *weight; } spare;
 
 struct pliant_rollback {
     pliant_state state;
-    bool begun;       /* in this step */
-    bool is_after_cut;      /* the step was the first one after a cut (pliant_solver.is_after_cut) */
-    bool has_tissue;  /* the state contains the arrays of the tissue */
+    bool begun;        /* in this step */
+    bool is_after_cut; /* the step was the first one after a cut (pliant_solver.is_after_cut) */
+    bool has_tissue;   /* the state contains the arrays of the tissue */
     spare spare[PLIANT_MAX_TOOLS];
 };
 

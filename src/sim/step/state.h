@@ -77,8 +77,8 @@ struct pliant_state {
     pliant_state_contact contact[2];
     /* TISSUE */
     pliant_state_dynamics dynamics;
-    double pieces_gravity[3];    /* gravity in the last step of rigid pieces [m/s^2] */
-    bool pieces_reported;            /* the log has reported that a piece left the drawn volume */
+    double pieces_gravity[3]; /* gravity in the last step of rigid pieces [m/s^2] */
+    bool pieces_reported;     /* the log has reported that a piece left the drawn volume */
     pliant_statistics statistics;
 #define PLIANT_STATE_ARRAY(type, name) struct { type *at; size_t count, capacity; } name;
     PLIANT_STATE_ARRAYS(PLIANT_STATE_ARRAY)
