@@ -292,8 +292,8 @@ typedef enum pliant_response { PLIANT_RESPONSE_LIST(PLIANT_CHOICE_ENUM) } pliant
     X(REAL, grip_torque, 0.1, 1e-6, 1e6, "N m",                                                                   \
       "maximum torque about the joint that opens or closes the jaws; 0.1: about 5 N at 20 mm")                    \
     X(REAL, max_proxy_error, 0.05, 1e-4, 10.0, "m",                                                               \
-      "distance between a proxy and its measured tool above which the proxy jumps to the tool, unless tissue is " \
-      "in between")                                                                                               \
+      "distance between a proxy and its measured tool above which the proxy jumps to the tool, unless the tool "  \
+      "is in tissue")                                                                                             \
     X(REAL, guard_depth, 2e-3, 1e-6, 0.01, "m",                                                                   \
       "maximum penetration depth into a part's surface; its core below that is never penetrated; at most 0.4 of " \
       "the part's depth and 0.3 of the smallest cell")                                                            \
