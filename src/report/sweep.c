@@ -131,7 +131,7 @@ static int count_missing(const sweep_state *state, int method, int touch, uint8_
     for (size_t r = 0; built && r < rows; r++) { /* a rejected model has no runs */
         int same = 0;
         while (same < MODEL_KEYS &&
-               strcmp(pliant_results_cell(ground->tables->builds, r, same), row.capacity + row.start[same]) == 0)
+               strcmp(pliant_results_cell(ground->tables->builds, r, same), row.text + row.start[same]) == 0)
             same++;
         if (same == MODEL_KEYS && strcmp(pliant_results_cell(ground->tables->builds, r, status), "refused") == 0)
             return 0;
@@ -434,7 +434,7 @@ static pliant_status run_cases(sweep_state *state, const pliant_model *model, co
             if (row_is_stored(&row, ground->tables->sweep)) continue;
             status = begin(state, "ratio %d: %s %s, %s %s, budget %s", ground->scene.mesh.ratio, method_names[method],
                            touch_name, report_case_name(ground->cases[c].kind), ground->point_names[c],
-                           row.capacity + row.start[MODEL_KEYS]);
+                           row.text + row.start[MODEL_KEYS]);
             if (status >= 0) status = run_one(state, model, points, c, b, before_patch, &row);
             state->done++;
             if (status >= 0 && enough(ground)) break;

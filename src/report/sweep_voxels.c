@@ -36,7 +36,7 @@ static void name_of(const report_row *key, char *out, size_t size)
 {
     size_t used = 0;
     for (int c = 1; c < RUN_KEYS; c++) {
-        const char *text = key->capacity + key->start[c];
+        const char *text = key->text + key->start[c];
         if (!*text) continue;
         if (used && used + 1 < size) out[used++] = '_';
         for (; *text && used + 1 < size; text++) out[used++] = isalnum((unsigned char)*text) ? *text : '-';

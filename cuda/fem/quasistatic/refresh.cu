@@ -45,7 +45,7 @@ static pliant_status make(gpu_refresh *refresh)
     if (!refresh->stream) {
         int lowest = 0, highest = 0;
         CUDA_TRY(CUDA_CALL(cudaDeviceGetStreamPriorityRange(&lowest, &highest)));
-        CUDA_TRY(CUDA_CALL(cudaStreamCreateWithPriority(&refresh->stream, cudaStreamNonBlocking, minimum)));
+        CUDA_TRY(CUDA_CALL(cudaStreamCreateWithPriority(&refresh->stream, cudaStreamNonBlocking, lowest)));
         refresh->pool = pliant_cuda_pool_create(refresh->device);
     }
     pliant_cuda_background_pool(refresh->pool, refresh->stream);
