@@ -85,6 +85,7 @@ typedef struct pliant_tool {
         bool known;
         bool released;         /* it was placed inside tissue, and has no contact until it has left the tissue */
         double tip[3], rotation[4], jaw;
+        double target[3]; /* tip of the target in the last step [m] */
         /* Force and torque of its coupling, and torque of its jaws, from the solve of the last leg [N, N m]. A
          * shortened leg does not change them. */
         double pulls[3];

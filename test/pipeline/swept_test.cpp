@@ -2,6 +2,7 @@
 #include "sweeps.h"
 
 #include "base/memory.h"
+#include "base/vector3.h"
 
 #include <algorithm>
 #include <array>
@@ -190,6 +191,21 @@ TEST(Swept, WhatAToolDoesThatJumpsIsOfNoConcernToOthers)
         EXPECT_EQ(ended[0], ended[1]) << x;
         EXPECT_EQ(ended[0], ended[2]) << x;
     }
+}
+
+// A target that moves slowly but is far ahead of its proxy has not jumped: tissue that resists with the maximum force
+// of the coupling holds the proxy.
+TEST(Swept, ASlowTargetOnTheOtherSideHasNotJumped)
+{
+    Sheet sheet(1, 0.08, 0, PLIANT_LINEAR, false, [](pliant_scene &scene) { scene.contact.max_force = 0.004; });
+    const int tool = sheet.add("tool", rod(0.002), 0.03, 0.03, 0.02);
+    const pliant_tool &state = sheet.data->tools[tool];
+    for (int step = 0; step < 30; step++) {
+        sheet.move(tool, 0.03, 0.03, std::fmax(0.02 - 0.005 * step, -0.037));
+        ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
+    }
+    EXPECT_GT(pliant_distance3(state.tip, state.proxy.tip), 0.0405); // 2 m/s x 0.02 s = 0.04 m
+    EXPECT_TRUE(state.proxy.saturated);
 }
 
 // If memory is exhausted anywhere in a step with several parts, the step is completed or the previous state is

@@ -8,6 +8,7 @@
 #include "fem/patch/patch.h"
 #include "fem/quasistatic/solver.h"
 #include "base/memory.h"
+#include "base/vector3.h"
 #include "sim/step/contact.h"
 #include "sim/step/stage.h"
 #include "tool/tool.h"
@@ -24,10 +25,9 @@ static bool is_dynamic(const pliant_data *data) { return data->tled && !data->tl
 /* Return whether the target moves too fast, or is too far from the proxy, to be followed. */
 static bool has_jumped(const pliant_model *model, const pliant_tool *tool)
 {
-    double way = 0;
-    for (int d = 0; d < 3; d++) way += (tool->tip[d] - tool->proxy.tip[d]) * (tool->tip[d] - tool->proxy.tip[d]);
-    way = sqrt(way);
-    return way > model->contact.max_tool_speed * model->scene.solver.step || way > model->scene.contact.max_proxy_error;
+    return pliant_distance3(tool->tip, tool->proxy.target) >
+               model->contact.max_tool_speed * model->scene.solver.step ||
+           pliant_distance3(tool->tip, tool->proxy.tip) > model->scene.contact.max_proxy_error;
 }
 
 /* Set the proxy of a new tool to its target. If it is then inside tissue, it is released: it has no contact until
@@ -73,6 +73,13 @@ static pliant_status begin_step(const pliant_model *model, pliant_data *data)
     return PLIANT_OK;
 }
 
+/* The next step judges the motion of the target from here. */
+static void set_followed(pliant_tool *tool)
+{
+    tool->proxy.known = tool->present;
+    memcpy(tool->proxy.target, tool->tip, sizeof tool->proxy.target);
+}
+
 /* Restore the target poses. Tools without a shape have no coupling, so their proxy is at the target. */
 static void end_step(pliant_data *data)
 {
@@ -84,10 +91,9 @@ static void end_step(pliant_data *data)
         memcpy(tool->rotation, measured->rotation, sizeof tool->rotation);
         tool->jaw = measured->jaw;
         if (tool->shape.num_parts == 0) pliant_tool_set_proxy(tool, measured);
-        tool->proxy.known = tool->present;
-        double square = 0;
-        for (int d = 0; d < 3; d++) square += (tool->tip[d] - tool->proxy.tip[d]) * (tool->tip[d] - tool->proxy.tip[d]);
-        if (tool->present) statistics->proxy_error = fmax(statistics->proxy_error, sqrt(square));
+        set_followed(tool);
+        if (tool->present)
+            statistics->proxy_error = fmax(statistics->proxy_error, pliant_distance3(tool->tip, tool->proxy.tip));
     }
     data->fraction = 1;
 }
@@ -294,12 +300,11 @@ static double farthest_of(const pliant_data *data)
 {
     double farthest = 0;
     for (int32_t n = 0; n < data->body->fine.num_nodes; n++) {
-        const double *from = data->legs->positions + 3 * (size_t)n, *to = data->positions + 3 * (size_t)n;
-        const double square = (to[0] - from[0]) * (to[0] - from[0]) + (to[1] - from[1]) * (to[1] - from[1]) +
-                              (to[2] - from[2]) * (to[2] - from[2]);
-        if (square > farthest && !is_of_piece(data, n)) farthest = square;
+        const size_t at = 3 * (size_t)n;
+        const double distance = pliant_distance3(data->legs->positions + at, data->positions + at);
+        if (distance > farthest && !is_of_piece(data, n)) farthest = distance;
     }
-    return sqrt(farthest);
+    return farthest;
 }
 
 /* Return the fraction of the leg at which the farthest node has moved by twice the maximum distance of a tool. After
@@ -512,7 +517,7 @@ pliant_status pliant_legs_stage(const pliant_model *model, pliant_data *data, pl
     for (int t = 0; t < data->num_tools; t++) {
         const pliant_tool_pose measured = pliant_tool_measured(data->tools + t);
         pliant_tool_set_proxy(data->tools + t, &measured);
-        data->tools[t].proxy.known = data->tools[t].present;
+        set_followed(data->tools + t);
     }
     return run_stages_or_fall_back(model, data, caveat);
 }
