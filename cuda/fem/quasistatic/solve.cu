@@ -300,6 +300,8 @@ static void note(pliant_cuda_solver *gpu, pliant_solver *solver, const gpu_step 
     const pliant_anderson *rules = &state->rules;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
         memcpy(solver->grasps[t].force, state->force[state->now] + 3 * t, sizeof solver->grasps[t].force);
+    solver->rules.is_cycle = rules->is_cycle; /* for the error of motion that a leg loses (sim/step/legs_state.c) */
+    solver->rules.log_contraction = rules->log_contraction;
     gpu->fresh = false;
     gpu->last_launches = rules->evaluations + state->ending;
     const int32_t solved = gpu->last_launches - (step->known == PLIANT_KNOWN_STEP);

@@ -225,6 +225,8 @@ pliant_status pliant_solver_set_contacts(pliant_solver *solver, pliant_contacts 
     contacts->pieces = pieces;
     contacts->count = contacts->num_weights = contacts->num_arms = contacts->num_moving = 0;
     memset(contacts->yields, 0, sizeof contacts->yields);
+    memset(contacts->taken.compliance, 0, sizeof contacts->taken.compliance);
+    memset(contacts->found.compliance, 0, sizeof contacts->found.compliance);
     if (!points) return PLIANT_OK;
     status = reserve_capacity(contacts, points->count);
     for (int32_t p = 0; p < points->count && status == PLIANT_OK; p++) {
@@ -565,6 +567,7 @@ static void find_moved(const pliant_solver *solver)
 void pliant_contact_problem_report(pliant_solver *solver, pliant_statistics *statistics)
 {
     pliant_contact_problem *contacts = solver->contacts;
+    if (contacts) pliant_contact_problem_restore_couplings(contacts);
     if (contacts) find_moved(solver);
     pliant_contact_problem_report_motion(contacts, contacts ? contacts->motion : NULL, statistics);
 }

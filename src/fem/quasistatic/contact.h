@@ -46,6 +46,7 @@ typedef struct pliant_contact_forces {
     double *force;         /* (capacity x 3) l + dl: normal and two tangential components [N] */
     /* (capacity x 3) motion of the point at x + g relative to its contact and sticking position, likewise [m] */
     double *motion;
+    double compliance[3 * PLIANT_MAX_TOOLS]; /* of each coupling that has a limit; 0: unchanged [m/N or rad/(N m)] */
 } pliant_contact_forces;
 
 struct pliant_contact_problem {
@@ -144,6 +145,8 @@ void pliant_contact_problem_add_bodies(const pliant_contact_problem *contacts, i
  * the limit, so it pulls with a constant force. Otherwise it has its own compliance. The function updates A and the
  * forces of the last cone solve. */
 void pliant_touches_keep_limits(pliant_contact_problem *contacts, int num_tools);
+/* Set the compliances of all couplings to those of the accepted forces: a rejected evaluation has changed them. */
+void pliant_contact_problem_restore_couplings(pliant_contact_problem *contacts);
 /* Add the motion of the points by the rigid bodies under these forces (in the points' frames) to motion (count x
  * 3). bare: without the points' own compliance */
 void pliant_contact_problem_move_bodies(const pliant_contact_problem *contacts, const double *force, bool bare,

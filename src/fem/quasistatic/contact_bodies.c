@@ -177,15 +177,20 @@ static double find_load(const pliant_contact_problem *contacts, const double *co
     return sqrt(load[0] * load[0] + load[1] * load[1] + load[2] * load[2]);
 }
 
+static void soften_body(const coupling *of, double by)
+{
+    for (int r = 0; r < 3; r++)
+        for (int c = 0; c < 3; c++)
+            of->piece->compliance[6 * (of->first + r) + of->first + c] +=
+                by * (of->columns == 3 ? r == c : of->axis[r] * of->axis[c]);
+}
+
 /* Add a compliance to a coupling, to A, and to the motions under the present forces. */
 static void soften(pliant_contact_problem *contacts, int num_tools, coupling *of, const double *columns,
                    const double load[3], double by)
 {
     const size_t row = 3 * (size_t)(contacts->count + num_tools);
-    for (int r = 0; r < 3; r++)
-        for (int c = 0; c < 3; c++)
-            of->piece->compliance[6 * (of->first + r) + of->first + c] +=
-                by * (of->columns == 3 ? r == c : of->axis[r] * of->axis[c]);
+    soften_body(of, by);
     for (size_t a = 0; a < 3 * (size_t)contacts->count; a++) {
         const double *mine = columns + 3 * a;
         contacts->motion[a] += by * (mine[0] * load[0] + mine[1] * load[1] + mine[2] * load[2]);
@@ -237,11 +242,10 @@ static coupling coupling_of(const pliant_contact_problem *contacts, int32_t movi
     return of;
 }
 
-/* One coupling changes at a time, because couplings of tools that press against each other have the same load. */
-void pliant_touches_keep_limits(pliant_contact_problem *contacts, int num_tools)
+/* List the couplings of all tools that touch. index: of their limits. Return their number. */
+static int list_couplings(const pliant_contact_problem *contacts, coupling *of, int *index)
 {
-    coupling of[3 * PLIANT_MAX_TOOLS];
-    int index[3 * PLIANT_MAX_TOOLS], count = 0;
+    int count = 0;
     for (int32_t m = 0; contacts->pieces && contacts->pieces->limit && m < contacts->num_moving; m++) {
         const int body = -1 - contacts->moving[m];
         if (body < 0) continue;
@@ -251,6 +255,26 @@ void pliant_touches_keep_limits(pliant_contact_problem *contacts, int num_tools)
             count++;
         }
     }
+    return count;
+}
+
+void pliant_contact_problem_restore_couplings(pliant_contact_problem *contacts)
+{
+    coupling of[3 * PLIANT_MAX_TOOLS];
+    int index[3 * PLIANT_MAX_TOOLS];
+    const int count = list_couplings(contacts, of, index);
+    for (int n = 0; n < count; n++) {
+        const double taken = contacts->taken.compliance[index[n]];
+        if (taken > 0) soften_body(of + n, taken - of[n].compliance);
+    }
+}
+
+/* One coupling changes at a time, because couplings of tools that press against each other have the same load. */
+void pliant_touches_keep_limits(pliant_contact_problem *contacts, int num_tools)
+{
+    coupling of[3 * PLIANT_MAX_TOOLS];
+    int index[3 * PLIANT_MAX_TOOLS];
+    const int count = list_couplings(contacts, of, index);
     for (int pass = 0, last = -1; pass < 4 * count; pass++) {
         const double nearly = 1e-6;
         double maximum = nearly;
@@ -260,11 +284,12 @@ void pliant_touches_keep_limits(pliant_contact_problem *contacts, int num_tools)
             if (error > maximum) worst = n;
             if (error > maximum) maximum = error;
         }
-        if (worst < 0) return;
+        if (worst < 0) break;
         keep_limit(contacts, num_tools, contacts->pieces->limit + index[worst], of + worst, worst == last,
                    contacts->yields + index[worst]);
         last = worst;
         pliant_cones_solve(contacts->count + num_tools, contacts->matrix, contacts->friction, contacts->motion,
                            contacts->force, contacts->sweeps);
     }
+    for (int n = 0; n < count; n++) contacts->found.compliance[index[n]] = of[n].compliance;
 }
