@@ -12,7 +12,7 @@
 #include <stdio.h>
 #include <string.h>
 
-enum { MIN_MARKERS_FOR_FIELD = 200 /* markers that a smooth field can be told from */, DEGREE = 4, RIGID = 6 };
+enum { MIN_MARKERS_FOR_FIELD = 200 /* minimum for the fit of a smooth field */, DEGREE = 4, RIGID = 6 };
 
 /* Remove the least-squares fit by columns from the values, with Gram-Schmidt orthogonalization.
  * @param columns (terms x rows), overwritten

@@ -286,7 +286,7 @@ static bool three_numbers(int count, char *const cells[], int first, double out[
 static pliant_status read_beads(FILE *file, const char *path, double edge, measured_body *out,
                                 double strain[MAX_STATES], double centre[3])
 {
-    enum { MIN_BEADS = 4 /* they move and turn as one as well: more numbers than six are wanted */ };
+    enum { MIN_BEADS = 4 /* their rigid motion alone has six unknowns */ };
     double low[3], high[3], span = 0;
     char line[LINE], *cells[MAX_CELLS], separator = ',';
     int column[MAX_STATES], rest = -1, beads[MAX_STATES] = {0}, lines = 0;

@@ -1,4 +1,4 @@
-/* When steps put to use what is made for them in the background. */
+/* Results of background work: when steps start to use them. */
 #ifndef PLIANT_STATE_BACKGROUND_H
 #define PLIANT_STATE_BACKGROUND_H
 
@@ -19,19 +19,19 @@ typedef enum pliant_background_kind {
     /* In the steps that the caller prescribes. The record of a live run repeats that run, bitwise identical. */
     PLIANT_BACKGROUND_PRESCRIBED
 } pliant_background_kind;
-/* What a step may take. */
+/* Results that a step can start to use (bits). */
 typedef enum pliant_background_result {
-    PLIANT_RESULT_FACTOR = 1,         /* a new factor; what the solver learned is now fitted to it */
-    PLIANT_RESULT_HISTORY = 2,        /* and goes with it */
+    PLIANT_RESULT_FACTOR = 1,         /* a new factor; the secants are then converted to it */
+    PLIANT_RESULT_HISTORY = 2,        /* the converted secants */
     PLIANT_RESULT_PATCH = 4,          /* a patch */
-    PLIANT_RESULT_PATCH_END = 8,      /* one that no hold is left of has ended */
-    PLIANT_RESULT_PATCH_FACTOR = 16,  /* as the first two, of the patch in use */
+    PLIANT_RESULT_PATCH_END = 8,      /* a patch without grasps has ended */
+    PLIANT_RESULT_PATCH_FACTOR = 16,  /* like the first two, for the patch in use */
     PLIANT_RESULT_PATCH_HISTORY = 32
 } pliant_background_result;
 typedef struct pliant_background {
     pliant_background_kind kind;
-    uint32_t prescribed;      /* for the next step: pliant_background_result, together */
-    uint32_t taken;           /* by the last step, likewise */
+    uint32_t prescribed;      /* for the next step: pliant_background_result bits */
+    uint32_t taken;           /* by the last step: pliant_background_result bits */
 } pliant_background;
 
 /* Set the kind from the next step on.
@@ -42,7 +42,7 @@ typedef struct pliant_background {
 PLIANT_INTERNAL pliant_status pliant_data_set_background(pliant_data *data, pliant_background_kind kind,
                                                          uint32_t prescribed);
 
-/* What the last step took (pliant_background_result, together): to be recorded beside the step's number. */
+/* Return the results that the last step started to use (pliant_background_result bits), for the record of the step. */
 PLIANT_INTERNAL uint32_t pliant_data_get_background_taken(const pliant_data *data);
 
 #ifdef __cplusplus

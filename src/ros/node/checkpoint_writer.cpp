@@ -4,7 +4,7 @@ namespace pliant_ros {
 
 namespace {
 
-enum { CHECK_MILLISECONDS = 20 /* whether something has been cut */ };
+enum { CHECK_MILLISECONDS = 20 /* interval of checks for new cuts */ };
 
 } // namespace
 

@@ -19,7 +19,7 @@ namespace {
 using XmlRpc::XmlRpcValue;
 
 const std::chrono::seconds period(1);
-enum { CHECKS_PER_LIST = 16 /* what is advertised later is known then */, NOT_REGISTERED = -1 };
+enum { CHECKS_PER_LIST = 16 /* checks between updates of the advertised names */, NOT_REGISTERED = -1 };
 
 /* Call the master. Return false if it does not answer or refuses. */
 bool ask(const char *what, const std::vector<std::string> &words, XmlRpcValue *payload)
