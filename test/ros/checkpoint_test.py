@@ -50,6 +50,12 @@ class CheckpointTest(unittest.TestCase):
             return state if state.revision == self.node.topology.message.revision else None
         return numpy.array(wait_for(matching, "a mesh state of this revision").nodes).reshape(-1, 3)
 
+    def moved_within(self, seconds):
+        """Return the maximum motion of a node between two states that are at least this time apart [m]."""
+        before = self.nodes()
+        time.sleep(seconds)
+        return numpy.abs(self.nodes() - before).max()
+
     def runs_again(self, killed):
         def runs():
             state = self.node.state.message
@@ -79,7 +85,7 @@ class CheckpointTest(unittest.TestCase):
         tool.take_hold(node.contact)
         tool.position = list(front - [0, 0.02, 0])
         wait_for(lambda: force.fresh().wrench.force.y < -0.05, "a force")
-        time.sleep(1)  # it comes to rest
+        wait_for(lambda: self.moved_within(0.2) < 1e-6, "the tissue to come to rest")
         self.wait_for_file()
         before, topology, pulled = self.nodes(), node.topology.message, force.fresh().wrench.force.y
         self.assertGreater(numpy.abs(before - numpy.array(topology.rest_nodes).reshape(-1, 3)).max(), 2e-3)

@@ -209,7 +209,7 @@ class ContactTest(unittest.TestCase):
 
     def press(self, deep, **limits):
         """Load the scan with these limits of group contact, press the top of the tongue with the probe, and stay
-        there. Return the probe's contact after 0.5 s."""
+        there. Return the probe's contact at rest."""
         self.load(*("contact/%s=%g" % each for each in limits.items()))
         self.addCleanup(lambda: self.load(*("contact/%s=%g" % (name, {"max_force": 20, "coupling_stiffness": 1e6}[name])
                                             for name in limits)))
@@ -217,7 +217,16 @@ class ContactTest(unittest.TestCase):
         self.probe.way(TOP + [0, 0, 0.01], TOP - [0, 0, deep], 10)
         contacts = Latest("PSM2/contact", ContactState)
         self.addCleanup(contacts.close)
-        return contacts.since(rospy.Time.now() + rospy.Duration(0.5))
+        return self.at_rest(contacts)
+
+    def at_rest(self, contacts):
+        """Return a contact whose proxy has not moved for 0.3 s."""
+        def rests():
+            before = contacts.fresh()
+            now = contacts.since(before.header.stamp + rospy.Duration(0.3))
+            return (numpy.allclose(row(now.proxy_error), row(before.proxy_error), rtol=0, atol=1e-6)
+                    and abs(now.jaw_error - before.jaw_error) < 1e-4 and now)
+        return wait_for(rests, "a proxy at rest")
 
     def test_a_force_limit_is_published_while_it_lasts(self):
         deep, limit = 0.004, 0.01  # [m], [N]: without the limit the probe presses with more than 0.05 N
@@ -317,7 +326,7 @@ class ContactTest(unittest.TestCase):
         self.load("contact/grip_torque=1e-4")
         self.addCleanup(lambda: self.load("contact/grip_torque=0.1"))
         place = self.close_on_the_tongue()
-        contact = self.node.contact.since(rospy.Time.now() + rospy.Duration(0.5))
+        contact = self.at_rest(self.node.contact)
         print("jaw error %.3f rad" % contact.jaw_error)
         self.assertTrue(contact.saturated)
         self.assertLess(contact.jaw_error, -0.02)  # the proxy's jaws are more open

@@ -43,8 +43,9 @@ class Guarded(unittest.TestCase):
 
     @classmethod
     def hear(cls, message):
-        cls.said.update({status.name: status.message for status in message.status})
+        # the tests wait for a message and then read its level
         cls.levels.update({status.name: status.level for status in message.status})
+        cls.said.update({status.name: status.message for status in message.status})
 
     @classmethod
     def play(cls):

@@ -168,8 +168,8 @@ class RobotTest(unittest.TestCase):
             self.addCleanup(process.kill)
         # dragged to its final position: the marker sends it repeatedly
         drag = rospy.Publisher("/PSM3/drag/feedback", InteractiveMarkerFeedback, queue_size=1)
-        wait_for(lambda: drag.get_num_connections() and pose.message and local.message and state.message,
-                 "the robot and its marker")
+        wait_for(lambda: drag.get_num_connections() and pose.message and local.message and jaws.message
+                 and state.message, "the robot and its marker")
         feedback = InteractiveMarkerFeedback(marker_name="PSM3", event_type=InteractiveMarkerFeedback.POSE_UPDATE)
         feedback.header.frame_id = "PSM3_base"
         feedback.pose = in_arm((0.02, 0.01, 0.15)).pose
@@ -178,7 +178,7 @@ class RobotTest(unittest.TestCase):
         # the topics are independent: the newest pose of one may be older than that of the other
         wait_for(lambda: abs(local.message.pose.position.x + 0.03) < 1e-6, "the pose in the arm's own frame")
         self.assertEqual((pose.message.header.frame_id, local.message.header.frame_id), ("ECM", "PSM3_base"))
-        self.assertGreater(jaws.message.position[0], 0.2)
+        wait_for(lambda: jaws.message.position[0] > 0.2, "an open jaw")
         marker.terminate()
         marker.wait()
         before = pose.message.pose.position.x
