@@ -125,6 +125,27 @@ TEST(Memory, WhatIsLongerKeepsItsBeginningAndIsClearBehindIt)
 
 // Arrays are derived from one another, as successive bodies do. A new array equals its source, although other arrays
 // have been freed or written.
+TEST(Memory, ReservesTwiceTheCapacityOrNothing)
+{
+    int32_t *list = nullptr, capacity = 0;
+    for (int32_t n = 0; n < 100; n++) {
+        ASSERT_TRUE(pliant_reserve(&list, &capacity, n, 24, sizeof *list));
+        EXPECT_EQ(capacity, n < 24 ? 24 : n < 48 ? 48 : n < 96 ? 96 : 192);
+        list[n] = n;
+    }
+    for (int32_t n = 0; n < 100; n++) EXPECT_EQ(list[n], n);
+    const int32_t *before = list;
+    pliant_memory_fail_after(0);
+    EXPECT_FALSE(pliant_reserve(&list, &capacity, 192, 24, sizeof *list));
+    pliant_memory_fail_after(-1);
+    EXPECT_EQ(list, before);
+    EXPECT_EQ(capacity, 192);
+    capacity = INT32_MAX / 2 + 1; // twice as many do not fit into a number
+    EXPECT_FALSE(pliant_reserve(&list, &capacity, capacity, 24, sizeof *list));
+    EXPECT_EQ(list, before);
+    pliant_free(list);
+}
+
 TEST(Memory, WhatFollowsAnArrayIsThatArray)
 {
     Keeping keeping(64 * int64_t(LARGE));

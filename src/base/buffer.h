@@ -33,6 +33,10 @@ bool pliant_next_difference(const void *now, const void *before, size_t bytes, s
 /* Resize the block of a pointer as pliant_resize. array: address of the pointer. Return false if out of memory; the
  * block is then unchanged. */
 bool pliant_grow(void *array, size_t count, size_t size);
+/* Reserve memory for one more element after the first `count`. If the array is full, its capacity becomes the double,
+ * or `first` for an empty array. array: address of the pointer. Return false if out of memory; array and capacity are
+ * then unchanged. */
+bool pliant_reserve(void *array, int32_t *capacity, int32_t count, int32_t first, size_t size);
 
 /* Allocate as pliant_calloc, on separate pages. A device locks complete pages, and may refuse other blocks on them.
  * pliant_is_on_own_pages: return whether a block of the library is alone on its pages. */

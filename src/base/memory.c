@@ -416,6 +416,16 @@ bool pliant_grow(void *array, size_t number, size_t size)
     return true;
 }
 
+bool pliant_reserve(void *array, int32_t *capacity, int32_t count, int32_t first, size_t size)
+{
+    if (count < *capacity) return true;
+    if (*capacity > INT32_MAX / 2) return false;
+    const int32_t larger = *capacity > 0 ? 2 * *capacity : first;
+    if (!pliant_grow(array, (size_t)larger, size)) return false;
+    *capacity = larger;
+    return true;
+}
+
 void *pliant_retain_block(void *block)
 {
     if (block) atomic_fetch_add_explicit(&header_of(block)->others, 1, memory_order_relaxed);

@@ -4,6 +4,7 @@
 #include "topology/parts.h"
 #include "cut/work.h"
 
+#include "base/buffer.h"
 #include "base/fail.h"
 #include "base/pairs.h"
 #include "base/memory.h"
@@ -93,15 +94,10 @@ static pliant_status add_element(splitting *split, int32_t end, int32_t corner)
 {
     if (split->count == split->capacity) {
         const int32_t capacity = split->capacity > 0 ? 2 * split->capacity : 128;
-        element *around = pliant_resize(split->around, (size_t)capacity, sizeof *around);
-        if (!around) return no_memory();
-        split->around = around;
-        int32_t *part = pliant_resize(split->part, (size_t)capacity, sizeof *part);
-        if (!part) return no_memory();
-        split->part = part;
-        uint8_t *holds = pliant_resize(split->holds, (size_t)capacity, 1);
-        if (!holds) return no_memory();
-        split->holds = holds;
+        if (!pliant_grow(&split->around, (size_t)capacity, sizeof *split->around) ||
+            !pliant_grow(&split->part, (size_t)capacity, sizeof *split->part) ||
+            !pliant_grow(&split->holds, (size_t)capacity, 1))
+            return no_memory();
         split->capacity = capacity;
     }
     split->around[split->count++] = (element){end, corner};
@@ -168,13 +164,8 @@ static pliant_status move_corner(splitting *split, const element *one, int32_t n
         split->own[4 * (one->end - tets) + one->corner] = node;
         return PLIANT_OK;
     }
-    if (split->num_moved == split->moved_capacity) {
-        const int32_t capacity = split->moved_capacity > 0 ? 2 * split->moved_capacity : 128;
-        int32_t *longer = pliant_resize(split->moved, (size_t)capacity, 2 * sizeof *longer);
-        if (!longer) return no_memory();
-        split->moved = longer;
-        split->moved_capacity = capacity;
-    }
+    if (!pliant_reserve(&split->moved, &split->moved_capacity, split->num_moved, 128, 2 * sizeof *split->moved))
+        return no_memory();
     split->moved[2 * split->num_moved] = 4 * one->end + one->corner;
     split->moved[2 * split->num_moved++ + 1] = node;
     return PLIANT_OK;
@@ -183,13 +174,7 @@ static pliant_status move_corner(splitting *split, const element *one, int32_t n
 static pliant_status add_copy(splitting *split, uint8_t fixed)
 {
     cut_work *work = split->work;
-    if (split->copies == split->copy_capacity) {
-        const int32_t capacity = split->copy_capacity > 0 ? 2 * split->copy_capacity : 64;
-        uint8_t *longer = pliant_resize(work->copy_fixed, (size_t)capacity, 1);
-        if (!longer) return no_memory();
-        work->copy_fixed = longer;
-        split->copy_capacity = capacity;
-    }
+    if (!pliant_reserve(&work->copy_fixed, &split->copy_capacity, split->copies, 64, 1)) return no_memory();
     work->copy_fixed[split->copies++] = fixed;
     return PLIANT_OK;
 }
@@ -321,13 +306,8 @@ static pliant_status number(splitting *split)
 
 static pliant_status add_joint(cut_work *work, const element *own, const element *other)
 {
-    if (work->num_joints == work->joint_capacity) {
-        const int32_t capacity = work->joint_capacity > 0 ? 2 * work->joint_capacity : 64;
-        int32_t *longer = pliant_resize(work->joint, (size_t)capacity, 2 * sizeof *longer);
-        if (!longer) return no_memory();
-        work->joint = longer;
-        work->joint_capacity = capacity;
-    }
+    if (!pliant_reserve(&work->joint, &work->joint_capacity, work->num_joints, 64, 2 * sizeof *work->joint))
+        return no_memory();
     work->joint[2 * work->num_joints] = 4 * cut_number(work, own->end) + own->corner;
     work->joint[2 * work->num_joints++ + 1] = 4 * cut_number(work, other->end) + other->corner;
     return PLIANT_OK;

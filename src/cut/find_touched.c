@@ -3,6 +3,7 @@
 #include "topology/parts.h"
 #include "cut/work.h"
 
+#include "base/buffer.h"
 #include "base/fail.h"
 #include "base/memory.h"
 
@@ -37,14 +38,9 @@ static pliant_status merge_severed(cut_work *work)
 static pliant_status mark(cut_work *work, int32_t tet)
 {
     if (cut_state(work, tet) > 0) return PLIANT_OK;
-    if (work->num_touched == work->touched_capacity) {
-        const int32_t capacity = work->touched_capacity > 0 ? 2 * work->touched_capacity : 64;
-        int32_t *longer = pliant_resize(work->touched, (size_t)capacity, sizeof *longer);
-        if (!longer) return no_memory();
-        work->touched = longer;
-        work->touched_capacity = capacity;
-    }
-    if (!cut_sparse_set(&work->state, tet, 1)) return no_memory();
+    if (!pliant_reserve(&work->touched, &work->touched_capacity, work->num_touched, 64, sizeof *work->touched) ||
+        !cut_sparse_set(&work->state, tet, 1))
+        return no_memory();
     work->touched[work->num_touched++] = tet;
     return PLIANT_OK;
 }

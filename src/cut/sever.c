@@ -5,6 +5,7 @@
 
 #include "cut/sweep.h"
 
+#include "base/buffer.h"
 #include "base/fail.h"
 #include "base/matrix.h"
 #include "base/memory.h"
@@ -76,14 +77,9 @@ static const voxel_map *map_of(severing *cut, int32_t tet)
 {
     const int32_t known = cut_sparse_get(&cut->map_of, tet);
     if (known > 0) return cut->maps + known - 1;
-    if (cut->num_maps == cut->map_capacity) {
-        const int32_t capacity = cut->map_capacity > 0 ? 2 * cut->map_capacity : 256;
-        voxel_map *longer = pliant_resize(cut->maps, (size_t)capacity, sizeof *longer);
-        if (!longer) return NULL;
-        cut->maps = longer;
-        cut->map_capacity = capacity;
-    }
-    if (!cut_sparse_set(&cut->map_of, tet, cut->num_maps + 1)) return NULL;
+    if (!pliant_reserve(&cut->maps, &cut->map_capacity, cut->num_maps, 256, sizeof *cut->maps) ||
+        !cut_sparse_set(&cut->map_of, tet, cut->num_maps + 1))
+        return NULL;
     find_map(cut, tet, cut->maps + cut->num_maps);
     return cut->maps + cut->num_maps++;
 }
@@ -146,12 +142,9 @@ pliant_status pliant_cut_add_link(cut_work *work, uint32_t link, double area)
 {
     if (work->num_links == work->link_capacity) {
         const int32_t capacity = work->link_capacity > 0 ? 2 * work->link_capacity : 1024;
-        uint32_t *links = pliant_resize(work->link, (size_t)capacity, sizeof *links);
-        if (!links) return pliant_fail_memory("the severed links");
-        work->link = links;
-        double *areas = pliant_resize(work->link_area, (size_t)capacity, sizeof *areas);
-        if (!areas) return pliant_fail_memory("the severed links");
-        work->link_area = areas;
+        if (!pliant_grow(&work->link, (size_t)capacity, sizeof *work->link) ||
+            !pliant_grow(&work->link_area, (size_t)capacity, sizeof *work->link_area))
+            return pliant_fail_memory("the severed links");
         work->link_capacity = capacity;
     }
     work->link[work->num_links] = link;
@@ -161,13 +154,8 @@ pliant_status pliant_cut_add_link(cut_work *work, uint32_t link, double area)
 
 static pliant_status add_bridge(cut_work *work, int32_t bridge)
 {
-    if (work->num_bridges == work->bridge_capacity) {
-        const int32_t capacity = work->bridge_capacity > 0 ? 2 * work->bridge_capacity : 64;
-        int32_t *longer = pliant_resize(work->bridge, (size_t)capacity, sizeof *longer);
-        if (!longer) return pliant_fail_memory("the severed bridges");
-        work->bridge = longer;
-        work->bridge_capacity = capacity;
-    }
+    if (!pliant_reserve(&work->bridge, &work->bridge_capacity, work->num_bridges, 64, sizeof *work->bridge))
+        return pliant_fail_memory("the severed bridges");
     work->bridge[work->num_bridges++] = bridge;
     return PLIANT_OK;
 }

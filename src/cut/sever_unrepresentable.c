@@ -3,6 +3,7 @@
 #include "topology/parts.h"
 #include "cut/work.h"
 
+#include "base/buffer.h"
 #include "base/fail.h"
 #include "base/memory.h"
 
@@ -88,13 +89,7 @@ static pliant_status sever_link(unrepresentable *all, int32_t voxel, const int32
     const pliant_links *links = &all->work->links;
     const int32_t lower = way > 0 ? voxel : voxel - pliant_stride_of(links->voxels, axis);
     if (!pliant_linked(links, voxel, at, axis, way)) return PLIANT_OK;
-    if (all->num_links == all->link_capacity) {
-        const int32_t capacity = all->link_capacity > 0 ? 2 * all->link_capacity : 64;
-        uint32_t *longer = pliant_resize(all->link, (size_t)capacity, sizeof *longer);
-        if (!longer) return no_memory();
-        all->link = longer;
-        all->link_capacity = capacity;
-    }
+    if (!pliant_reserve(&all->link, &all->link_capacity, all->num_links, 64, sizeof *all->link)) return no_memory();
     all->link[all->num_links++] = 4 * (uint32_t)lower + (uint32_t)axis;
     return PLIANT_OK;
 }

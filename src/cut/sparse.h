@@ -3,6 +3,7 @@
 #ifndef PLIANT_CUT_SPARSE_H
 #define PLIANT_CUT_SPARSE_H
 
+#include "base/buffer.h"
 #include "base/memory.h"
 
 #include <stdbool.h>
@@ -47,14 +48,11 @@ static inline int32_t cut_sparse_get(const cut_sparse *sparse, int32_t tet)
 static inline bool cut_sparse_set(cut_sparse *sparse, int32_t tet, int32_t number)
 {
     int32_t *place = sparse->place + tet / CUT_RUN;
-    if (*place == 0 && sparse->runs == sparse->capacity) {
-        int32_t *longer =
-            (int32_t *)pliant_resize(sparse->number, 2 * (size_t)sparse->capacity * CUT_RUN, sizeof *longer);
-        if (!longer) return false;
-        sparse->number = longer;
-        sparse->capacity *= 2;
+    if (*place == 0) {
+        if (!pliant_reserve(&sparse->number, &sparse->capacity, sparse->runs, 4, CUT_RUN * sizeof *sparse->number))
+            return false;
+        *place = sparse->runs++;
     }
-    if (*place == 0) *place = sparse->runs++;
     sparse->number[CUT_RUN * (size_t)*place + (size_t)(tet % CUT_RUN)] = number;
     return true;
 }

@@ -5,6 +5,7 @@
 
 #include "cut/sweep.h"
 
+#include "base/buffer.h"
 #include "base/fail.h"
 #include "base/memory.h"
 
@@ -58,13 +59,8 @@ static pliant_status list_near(const cut_splitting *work, edge_list *list)
         for (int32_t n = 0; n < strip->count && !near; n++)
             near = boxes_meet(low, high, strip->triangles[n].low, strip->triangles[n].high);
         if (!near) continue;
-        if (list->count + 6 > list->capacity) {
-            const int32_t capacity = 2 * list->capacity + 256;
-            edge *longer = pliant_resize(list->edges, (size_t)capacity, sizeof *longer);
-            if (!longer) return pliant_fail_memory("the edges that the blade cuts");
-            list->edges = longer;
-            list->capacity = capacity;
-        }
+        if (!pliant_reserve(&list->edges, &list->capacity, list->count + 5, 256, sizeof *list->edges))
+            return pliant_fail_memory("the edges that the blade cuts");
         for (int e = 0; e < 6; e++) {
             const int32_t a = nodes[ends_of[e][0]], b = nodes[ends_of[e][1]];
             list->edges[list->count++] = (edge){.end = {a < b ? a : b, a < b ? b : a}};

@@ -3,6 +3,7 @@
 #include "topology/parts.h"
 #include "cut/subdivide.h"
 
+#include "base/buffer.h"
 #include "base/fail.h"
 #include "base/memory.h"
 
@@ -78,13 +79,8 @@ static pliant_status list_faces(const cut_splitting *work, face_list *list)
             if (count - work->on[work->corners[4 * (size_t)t + c]] < 3) continue;
             const int32_t other = across(work, t, c);
             if (other / 4 <= t) continue; /* no neighbour, or listed from the other side */
-            if (list->count == list->capacity) {
-                const int32_t capacity = 2 * list->capacity + 64;
-                face *longer = pliant_resize(list->faces, (size_t)capacity, sizeof *longer);
-                if (!longer) return pliant_fail_memory("the faces that the blade splits");
-                list->faces = longer;
-                list->capacity = capacity;
-            }
+            if (!pliant_reserve(&list->faces, &list->capacity, list->count, 64, sizeof *list->faces))
+                return pliant_fail_memory("the faces that the blade splits");
             list->faces[list->count++] = (face){
                 {4 * t + c, other}, area_of(work, t, c), count == 4 || count_nodes_on_stroke(work, other / 4) == 4};
         }
@@ -168,9 +164,8 @@ static pliant_status split_node(cut_splitting *work, int32_t node, int32_t **cap
         for (int c = 0; c < 4; c++) severed = severed || work->severed[4 * (work->around[i] / 4) + c];
     if (!severed) return PLIANT_OK;
     if (2 * count > *room_size) {
-        int32_t *longer = pliant_resize(*capacity, 4 * (size_t)count, sizeof *longer);
-        if (!longer) return pliant_fail_memory("the nodes that the blade splits");
-        *capacity = longer;
+        if (!pliant_grow(capacity, 4 * (size_t)count, sizeof **capacity))
+            return pliant_fail_memory("the nodes that the blade splits");
         *room_size = 4 * count;
     }
     int32_t *part = *capacity, *whole = *capacity + count;

@@ -116,11 +116,8 @@ pliant_status pliant_split_around(cut_splitting *work, int32_t node)
 {
     work->num_around = 0;
     for (int32_t at = work->first[node]; at >= 0; at = work->next[at]) {
-        if (work->num_around == work->around_capacity) {
-            if (!pliant_grow(&work->around, 2 * (size_t)work->around_capacity + 64, sizeof *work->around))
-                return no_memory();
-            work->around_capacity = 2 * work->around_capacity + 64;
-        }
+        if (!pliant_reserve(&work->around, &work->around_capacity, work->num_around, 64, sizeof *work->around))
+            return no_memory();
         work->around[work->num_around++] = at;
     }
     qsort(work->around, (size_t)work->num_around, sizeof *work->around, ascending);

@@ -9,6 +9,7 @@
  * The cut of a face depends only on nodes on the face, so both sides are cut equally. The diagonals of four smaller
  * faces meet in the middle, where coordinates in units of the smaller leaf have an even sum. With neighbours balanced
  * across edges, none of them is divided further. */
+#include "base/buffer.h"
 #include "base/fail.h"
 #include "mesh/mesh.h"
 #include "mesh/octree.h"
@@ -95,13 +96,9 @@ static void add_tet(octree_builder *build, int32_t corners[4][3], const pliant_t
     pliant_mesh *mesh = build->mesh;
     if (mesh->num_tets == build->capacity && !build->failed) {
         int32_t capacity = build->capacity ? 2 * build->capacity : 4096;
-        int32_t *tets = pliant_resize(mesh->tets, (size_t)capacity, 4 * sizeof *tets);
-        if (tets) mesh->tets = tets;
-        pliant_tet_material *materials =
-            tets ? pliant_resize(build->materials, (size_t)capacity, sizeof *materials) : NULL;
-        if (materials) build->materials = materials;
-        build->failed = !materials;
-        if (materials) build->capacity = capacity;
+        build->failed = !pliant_grow(&mesh->tets, (size_t)capacity, 4 * sizeof *mesh->tets) ||
+                        !pliant_grow(&build->materials, (size_t)capacity, sizeof *build->materials);
+        if (!build->failed) build->capacity = capacity;
     }
     if (build->failed) return;
     int64_t e[3][3];

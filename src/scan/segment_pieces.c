@@ -1,27 +1,10 @@
 /* Connected pieces of one class, and absorption of small pieces. */
 #include "base/fail.h"
 #include "base/memory.h"
+#include "base/union_find.h"
 #include "scan/segment.h"
 
 #include <string.h>
-
-static int32_t root_of(int32_t *parent, int32_t v)
-{
-    while (parent[v] != v) {
-        parent[v] = parent[parent[v]];
-        v = parent[v];
-    }
-    return v;
-}
-
-/* Join two pieces. The lower index becomes the root, so that a piece has the number of its first voxel. */
-static void join(int32_t *parent, int32_t a, int32_t b)
-{
-    a = root_of(parent, a);
-    b = root_of(parent, b);
-    if (a < b) parent[b] = a;
-    else parent[a] = b;
-}
 
 pliant_status segment_connect(const int32_t size[3], const uint8_t *class_of_voxel, int32_t *piece, int32_t *count)
 {
@@ -35,9 +18,9 @@ pliant_status segment_connect(const int32_t size[3], const uint8_t *class_of_vox
                 piece[v] = along ? piece[v - 1] : v;
                 /* If the previous voxel and its neighbour are of the same class, they have been joined already. */
                 if (j > 0 && class_of_voxel[v - row] == c && !(along && class_of_voxel[v - row - 1] == c))
-                    join(piece, v, v - row);
+                    pliant_set_join(piece, v, v - row);
                 if (k > 0 && class_of_voxel[v - slice] == c && !(along && class_of_voxel[v - slice - 1] == c))
-                    join(piece, v, v - slice);
+                    pliant_set_join(piece, v, v - slice);
             }
     /* Roots come before their members. Number n is stored as -1 - n until all are set. */
     for (int32_t v = 0; v < voxels; v++) {

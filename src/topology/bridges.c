@@ -3,6 +3,7 @@
 #include "topology/links.h"
 #include "topology/parts.h"
 
+#include "base/buffer.h"
 #include "base/fail.h"
 #include "base/memory.h"
 
@@ -19,13 +20,8 @@ typedef struct bridges {
 
 static pliant_status add_bridge(bridges *work, const int32_t pair[2])
 {
-    if (work->count == work->capacity) {
-        int32_t capacity = work->capacity > 0 ? 2 * work->capacity : 256;
-        int32_t *longer = pliant_resize(work->pair, (size_t)capacity, 2 * sizeof *longer);
-        if (!longer) return pliant_fail_memory("the voxels of the mesh");
-        work->pair = longer;
-        work->capacity = capacity;
-    }
+    if (!pliant_reserve(&work->pair, &work->capacity, work->count, 256, 2 * sizeof *work->pair))
+        return pliant_fail_memory("the voxels of the mesh");
     memcpy(work->pair + 2 * work->count++, pair, 2 * sizeof *pair);
     return PLIANT_OK;
 }

@@ -28,10 +28,7 @@ static int32_t fragments_of(const pliant_cuts *cuts, const int32_t *tet, const i
 
 static bool list_face(body_faces *other, int32_t face)
 {
-    if (other->count == other->capacity) {
-        if (!pliant_grow(&other->face, 2 * (size_t)other->capacity + 256, sizeof *other->face)) return false;
-        other->capacity = 2 * other->capacity + 256;
-    }
+    if (!pliant_reserve(&other->face, &other->capacity, other->count, 256, sizeof *other->face)) return false;
     other->face[other->count++] = face;
     return true;
 }

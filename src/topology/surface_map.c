@@ -1,4 +1,5 @@
 /* Hash table of surface points, by nodes and weights. */
+#include "base/buffer.h"
 #include "base/fail.h"
 #include "topology/surface.h"
 #include "base/memory.h"
@@ -13,9 +14,7 @@ void *pliant_surface_add(surface_list *list)
 {
     if (list->count == list->capacity) {
         const size_t capacity = list->capacity > 0 ? 2 * list->capacity : 64;
-        void *longer = list->at ? pliant_resize(list->at, capacity, list->size) : pliant_calloc(capacity, list->size);
-        if (!longer) return NULL;
-        list->at = longer;
+        if (!pliant_grow(&list->at, capacity, list->size)) return NULL;
         list->capacity = capacity;
     }
     return (char *)list->at + list->count++ * list->size;
@@ -58,10 +57,7 @@ static bool grow(surface_map *map)
 {
     const int32_t slots = map->num_slots > 0 ? 2 * map->num_slots : FIRST_SLOTS;
     int32_t *slot = pliant_calloc((size_t)slots, sizeof *slot);
-    surface_key *key = map->key ? pliant_resize(map->key, (size_t)slots / 2, sizeof *key)
-                                : pliant_calloc((size_t)slots / 2, sizeof *key);
-    if (key) map->key = key;
-    if (!slot || !key) {
+    if (!slot || !pliant_grow(&map->key, (size_t)slots / 2, sizeof *map->key)) {
         pliant_free(slot);
         return false;
     }

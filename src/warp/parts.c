@@ -44,10 +44,7 @@ static bool has_voxels(const parts_work *all, int32_t tet)
 
 static bool add_other(parts_work *all, int32_t tet)
 {
-    if (all->num_other == all->other_capacity) {
-        if (!pliant_grow(&all->other, 2 * (size_t)all->other_capacity + 1024, sizeof *all->other)) return false;
-        all->other_capacity = 2 * all->other_capacity + 1024;
-    }
+    if (!pliant_reserve(&all->other, &all->other_capacity, all->num_other, 1024, sizeof *all->other)) return false;
     all->other[all->num_other++] = tet;
     return true;
 }

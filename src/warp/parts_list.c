@@ -1,6 +1,7 @@
 /* Growing lists for the computation of parts. */
 #include "warp/parts_maker.h"
 
+#include "base/buffer.h"
 #include "base/fail.h"
 #include "base/memory.h"
 
@@ -10,9 +11,7 @@ void *pliant_parts_grow(part_list *list, size_t more)
 {
     if (list->count + more > list->capacity) {
         size_t capacity = 2 * (list->count + more);
-        void *longer = pliant_resize(list->at, capacity, list->size);
-        if (!longer) return NULL;
-        list->at = longer;
+        if (!pliant_grow(&list->at, capacity, list->size)) return NULL;
         list->capacity = capacity;
     }
     list->count += more;

@@ -1,5 +1,6 @@
 #include "contact/advance/broad_phase.h"
 
+#include "base/buffer.h"
 #include "base/fail.h"
 #include "contact/advance/advance_rules.h"
 #include "base/memory.h"
@@ -11,24 +12,16 @@ typedef pliant_advance_box box;
 
 /* ---- buffers */
 
-static bool grow(void *array, int32_t count, size_t size)
-{
-    void **block = array;
-    void *made = *block ? pliant_resize(*block, (size_t)count, size) : pliant_calloc((size_t)count, size);
-    if (made) *block = made;
-    return made != NULL;
-}
-
 static bool reserve(pliant_advance *advance, int32_t triangles, int32_t parts)
 {
     if (parts > advance->max_parts) {
-        if (!grow(&advance->motion, parts, sizeof *advance->motion)) return false;
+        if (!pliant_grow(&advance->motion, (size_t)parts, sizeof *advance->motion)) return false;
         advance->max_parts = parts;
     }
     if (triangles > advance->max_triangles) {
-        if (!grow(&advance->box, triangles, sizeof *advance->box)) return false;
-        if (!grow(&advance->near, triangles, sizeof *advance->near)) return false;
-        if (!grow(&advance->group, triangles, sizeof *advance->group)) return false;
+        if (!pliant_grow(&advance->box, (size_t)triangles, sizeof *advance->box)) return false;
+        if (!pliant_grow(&advance->near, (size_t)triangles, sizeof *advance->near)) return false;
+        if (!pliant_grow(&advance->group, (size_t)triangles, sizeof *advance->group)) return false;
         advance->max_triangles = triangles;
     }
     return true;
@@ -36,18 +29,14 @@ static bool reserve(pliant_advance *advance, int32_t triangles, int32_t parts)
 
 static bool reserve_pair(pliant_advance *advance)
 {
-    enum { FIRST = 256 };
-    if (advance->num_pairs < advance->max_pairs) return true;
-    const int32_t count = advance->max_pairs > 0 ? 2 * advance->max_pairs : FIRST;
-    if (!grow(&advance->pair, count, sizeof *advance->pair)) return false;
-    advance->max_pairs = count;
-    return true;
+    return pliant_reserve(&advance->pair, &advance->max_pairs, advance->num_pairs, 256, sizeof *advance->pair);
 }
 
 pliant_status pliant_advance_reserve_ranks(pliant_advance *advance, int32_t count)
 {
     if (count <= advance->max_ranks) return PLIANT_OK;
-    if (!grow(&advance->rank, count, sizeof *advance->rank)) return pliant_fail_memory("contact advance");
+    if (!pliant_grow(&advance->rank, (size_t)count, sizeof *advance->rank))
+        return pliant_fail_memory("contact advance");
     advance->max_ranks = count;
     return PLIANT_OK;
 }

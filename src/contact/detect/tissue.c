@@ -1,6 +1,7 @@
 /* Contact points of tissue on tissue: outer surfaces. */
 #include "contact/detect/tissue.h"
 
+#include "base/buffer.h"
 #include "base/fail.h"
 #include "contact/detect/update_sides.h"
 #include "contact/detect/tissue_rules.h"
@@ -100,13 +101,7 @@ static void spread(const finding *on)
 
 static pliant_contact_point *append(pliant_contacts *out)
 {
-    if (out->count == out->capacity) {
-        const int32_t capacity = 2 * out->capacity + 64;
-        pliant_contact_point *more = pliant_resize(out->point, (size_t)capacity, sizeof *more);
-        if (!more) return NULL;
-        out->point = more;
-        out->capacity = capacity;
-    }
+    if (!pliant_reserve(&out->point, &out->capacity, out->count, 64, sizeof *out->point)) return NULL;
     pliant_contact_point *point = out->point + out->count++;
     *point = (pliant_contact_point){.kind = PLIANT_OBSTACLE_TISSUE, .tool = -1, .part = -1};
     return point;

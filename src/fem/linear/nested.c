@@ -6,27 +6,13 @@
 
 #include "base/fail.h"
 #include "base/memory.h"
+#include "base/union_find.h"
 
 #include <string.h>
 
 enum { CORNERS = 8 };
 
 static pliant_status no_memory(void) { return pliant_fail_memory("the coarser meshes"); }
-
-static int32_t root_of(int32_t *parent, int32_t i)
-{
-    while (parent[i] != i) i = parent[i] = parent[parent[i]];
-    return i;
-}
-
-/* Join two sets; the lower root stays. */
-static void unite(int32_t *parent, int32_t a, int32_t b)
-{
-    a = root_of(parent, a);
-    b = root_of(parent, b);
-    if (a < b) parent[b] = a;
-    else parent[a] = b;
-}
 
 pliant_status pliant_nested_places(pliant_grid_level *level)
 {
@@ -64,7 +50,7 @@ static int32_t find_components(const pliant_system *fine, int32_t *parent, int32
             for (int32_t d = fine->corner_start[f]; d < c; d++) {
                 const int32_t other = pliant_element_of_corner(fine, fine->corner[d]);
                 if (parent[other] != parent[e]) continue;
-                unite(component, e, other);
+                pliant_set_join(component, e, other);
                 break;
             }
         }
@@ -72,7 +58,7 @@ static int32_t find_components(const pliant_system *fine, int32_t *parent, int32
         bool moves = false;
         for (int32_t c = pliant_element_begin(fine, e); c < pliant_element_begin(fine, e + 1); c++)
             moves = moves || fine->free_of_node[nodes[c]] >= 0;
-        const int32_t root = root_of(component, e);
+        const int32_t root = pliant_set_root(component, e);
         if (!moves) parent[e] = -1;
         else parent[e] = root == e ? count++ : parent[root];
     }
@@ -128,7 +114,7 @@ static void share_corners(const pliant_system *fine, const pliant_grid_level *le
                 for (int u = 0; weights[v] > 0 && u < CORNERS; u++)
                     if (place_of(cells, next->system.macros->cell[element], v) ==
                         place_of(cells, next->system.macros->cell[first], u))
-                        unite(node, CORNERS * element + v, CORNERS * first + u);
+                        pliant_set_join(node, CORNERS * element + v, CORNERS * first + u);
         }
     }
 }
@@ -140,7 +126,7 @@ static pliant_status number_nodes(int32_t *same, pliant_grid_level *next)
     if (!(mesh->lattice_of_node = pliant_calloc(CORNERS * (size_t)macros->count, sizeof *mesh->lattice_of_node)))
         return no_memory();
     for (int32_t c = 0; c < CORNERS * macros->count; c++) {
-        const int32_t root = root_of(same, c);
+        const int32_t root = pliant_set_root(same, c);
         macros->node[c] = root == c ? mesh->num_nodes : macros->node[root];
         if (root == c)
             mesh->lattice_of_node[mesh->num_nodes++] = place_of(mesh->cells, macros->cell[c / CORNERS], c % CORNERS);

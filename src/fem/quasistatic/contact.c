@@ -1,5 +1,6 @@
 #include "fem/quasistatic/contact.h"
 
+#include "base/buffer.h"
 #include "base/fail.h"
 #include "contact/volume/volume.h"
 #include "contact/solve/cones.h"
@@ -107,13 +108,10 @@ static pliant_status add_weight(pliant_contact_problem *contacts, int32_t unknow
 {
     if (contacts->num_weights == contacts->weight_capacity) {
         const size_t capacity = 2 * (size_t)contacts->weight_capacity + 64;
-        int32_t *list = pliant_resize(contacts->unknown, capacity, sizeof *list);
-        if (list) contacts->unknown = list;
-        double *blocks = pliant_resize(contacts->block, capacity, 9 * sizeof *blocks);
-        if (blocks) contacts->block = blocks;
-        double *turned = pliant_resize(contacts->turned, capacity, 9 * sizeof *turned);
-        if (turned) contacts->turned = turned;
-        if (!list || !blocks || !turned) return pliant_fail_memory("contact");
+        if (!pliant_grow(&contacts->unknown, capacity, sizeof *contacts->unknown) ||
+            !pliant_grow(&contacts->block, capacity, 9 * sizeof *contacts->block) ||
+            !pliant_grow(&contacts->turned, capacity, 9 * sizeof *contacts->turned))
+            return pliant_fail_memory("contact");
         contacts->weight_capacity = (int32_t)capacity;
     }
     contacts->unknown[contacts->num_weights] = unknown;

@@ -1,6 +1,7 @@
 /* Contact of rigid bodies in the quasi-static solve: detached pieces and proxies of tools. */
 #include "fem/quasistatic/contact.h"
 
+#include "base/buffer.h"
 #include "base/fail.h"
 #include "base/memory.h"
 #include "contact/solve/cones.h"
@@ -13,13 +14,9 @@ static int32_t find_moving(pliant_contact_problem *contacts, int32_t piece)
 {
     for (int32_t m = 0; m < contacts->num_moving; m++)
         if (contacts->moving[m] == piece) return m;
-    if (contacts->num_moving == contacts->moving_capacity) {
-        const int32_t capacity = 2 * contacts->moving_capacity + 16;
-        int32_t *more = pliant_resize(contacts->moving, (size_t)capacity, sizeof *more);
-        if (!more) return -1;
-        contacts->moving = more;
-        contacts->moving_capacity = capacity;
-    }
+    if (!pliant_reserve(&contacts->moving, &contacts->moving_capacity, contacts->num_moving, 16,
+                        sizeof *contacts->moving))
+        return -1;
     contacts->moving[contacts->num_moving] = piece;
     return contacts->num_moving++;
 }
@@ -30,13 +27,8 @@ static pliant_contact_arm *find_arm(pliant_contact_problem *contacts, int32_t pi
     if (moving < 0) return NULL;
     for (int32_t a = contacts->arm_start[contacts->count]; a < contacts->num_arms; a++)
         if (contacts->arm[a].moving == moving) return contacts->arm + a;
-    if (contacts->num_arms == contacts->arm_capacity) {
-        const int32_t capacity = 2 * contacts->arm_capacity + 64;
-        pliant_contact_arm *more = pliant_resize(contacts->arm, (size_t)capacity, sizeof *more);
-        if (!more) return NULL;
-        contacts->arm = more;
-        contacts->arm_capacity = capacity;
-    }
+    if (!pliant_reserve(&contacts->arm, &contacts->arm_capacity, contacts->num_arms, 64, sizeof *contacts->arm))
+        return NULL;
     contacts->arm[contacts->num_arms] = (pliant_contact_arm){.moving = moving};
     return contacts->arm + contacts->num_arms++;
 }
