@@ -4,6 +4,7 @@
 #include "base/fail.h"
 
 #include <errno.h>
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -43,6 +44,15 @@ bool command_line_scene(int argc, char **argv, const struct option *options, int
         if (code == set && !command_line_set(scene, optarg)) return false;
     if (pliant_scene_check(scene) >= 0) return true;
     fprintf(stderr, "%s\n", pliant_last_error());
+    return false;
+}
+
+bool command_line_point(const char *option, const char *text, double out[3])
+{
+    char rest;
+    if (sscanf(text, "%lf,%lf,%lf%c", &out[0], &out[1], &out[2], &rest) == 3 && isfinite(out[0] + out[1] + out[2]))
+        return true;
+    fprintf(stderr, "%s %s: expected X,Y,Z in metres, such as 0.01,-0.1,0.05\n", option, text);
     return false;
 }
 

@@ -22,6 +22,9 @@ bool command_line_set(pliant_scene *scene, const char *text);
 bool command_line_scene(int argc, char **argv, const struct option *options, int set, pliant_scene *scene,
                         int *exit_code);
 
+/* Read the value "X,Y,Z" of an option. Return false after a message on stderr. */
+bool command_line_point(const char *option, const char *text, double out[3]);
+
 /* Create the folder for results and its parents if they are missing. Errors: FILE. */
 pliant_status command_line_folder(const char *folder);
 

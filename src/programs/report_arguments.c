@@ -162,13 +162,6 @@ static bool read_list(const char *option, const char *text, long low, long high,
     }
 }
 
-static bool read_vector(const char *option, const char *text, double out[3])
-{
-    char rest;
-    if (sscanf(text, "%lf,%lf,%lf%c", &out[0], &out[1], &out[2], &rest) == 3) return true;
-    return wrong(option, text, "expected three numbers in metres, such as 0.01,-0.1,0.05");
-}
-
 static bool read_methods(const char *text, uint32_t *out)
 {
     *out = 0;
@@ -289,7 +282,7 @@ static bool read_one(int code, report_arguments *out)
     case VARY: good = read_vary(optarg, sweep); break;
     case AT:
         if (sweep->num_points == PLIANT_MAX_PULLS) return wrong("--at", optarg, "there are too many points");
-        good = read_vector("--at", optarg, sweep->points[sweep->num_points].rest);
+        good = command_line_point("--at", optarg, sweep->points[sweep->num_points].rest);
         if (good)
             snprintf(sweep->points[sweep->num_points].name, sizeof sweep->points->name, "point %d",
                      sweep->num_points + 1);
@@ -300,7 +293,7 @@ static bool read_one(int code, report_arguments *out)
         good = read_number("--points", optarg, 1, PLIANT_MAX_PULLS, &number);
         out->num_points = (int)number;
         break;
-    case PULL: good = out->pull_given = read_vector("--pull", optarg, sweep->pull); break;
+    case PULL: good = out->pull_given = command_line_point("--pull", optarg, sweep->pull); break;
     case FRAMES:
         good = read_number("--frames", optarg, 1, 1e4, &number);
         sweep->frames = (int32_t)number;

@@ -42,16 +42,6 @@ typedef struct segment_arguments {
     double point[3]; /* point on the planes of pictures, LPS [m] */
 } segment_arguments;
 
-static bool read_point(const char *text, segment_arguments *out)
-{
-    char beyond;
-    double *at = out->point;
-    out->has_point = sscanf(text, "%lf,%lf,%lf%c", at, at + 1, at + 2, &beyond) == 3;
-    for (int d = 0; d < 3; d++) out->has_point = out->has_point && isfinite(at[d]);
-    if (!out->has_point) fprintf(stderr, "--at %s: expected X,Y,Z [m, LPS]\n", text);
-    return out->has_point;
-}
-
 /* Return true to continue; false to exit with *exit_code. */
 static bool read_arguments(int argc, char **argv, segment_arguments *out, int *exit_code)
 {
@@ -70,7 +60,8 @@ static bool read_arguments(int argc, char **argv, segment_arguments *out, int *e
         case 'o': out->folder = optarg; break;
         case 's': break;
         case 'a':
-            if (!read_point(optarg, out)) return false;
+            if (!command_line_point("--at", optarg, out->point)) return false;
+            out->has_point = true;
             break;
         case 'h':
             fputs(help, stdout);
