@@ -173,6 +173,52 @@ TEST(Readme, ShowsTheOptionsAsTheyAre)
         << "put the output of `pliant_deform --options` between the two comments of " << OPTIONS;
 }
 
+std::vector<std::string> files_of(const std::string &pattern)
+{
+    std::vector<std::string> out;
+    glob_t files{};
+    if (glob((root + pattern).c_str(), 0, nullptr, &files) == 0)
+        out.assign(files.gl_pathv, files.gl_pathv + files.gl_pathc);
+    globfree(&files);
+    return out;
+}
+
+/* Return whether a YAML text has the option in its group, also in a comment. */
+bool shows(const std::string &text, const std::string &group, const std::string &name)
+{
+    std::stringstream stream(text);
+    bool is_group = false;
+    for (std::string line; std::getline(stream, line);) {
+        if (line.compare(0, 2, "# ") == 0) line.erase(0, 2);
+        if (line.compare(0, group.size() + 1, group + ":") == 0) is_group = true;
+        else if (!line.empty() && line[0] != ' ') is_group = false;
+        if (is_group && std::regex_search(line, std::regex("[ {]" + name + ":"))) return true;
+    }
+    return false;
+}
+
+TEST(Readme, EachOptionIsInAScene)
+{
+    const std::map<std::string, std::string> exempt = {
+        {"model/patch_delay", "tests set the step at which a patch of the background is used"},
+        {"solver/refresh_delay", "tests set the step at which a factorization of the background is used"},
+    };
+    std::string paths; /* files that set options by their path */
+    std::vector<std::string> scenes;
+    for (const char *pattern : {"launch/*.launch", "launch/papers/*", "launch/figures", "launch/demo"})
+        for (const std::string &path : files_of(pattern)) paths += read(path);
+    for (const std::string &path : files_of("launch/scenes/*.yaml")) scenes.push_back(read(path));
+    EXPECT_GT(scenes.size(), 20u);
+    size_t count;
+    const pliant_option_info *options = pliant_scene_options(&count);
+    for (size_t i = 0; i < count; ++i) {
+        const std::string group = options[i].group, name = options[i].name, path = group + "/" + name;
+        bool is_shown = std::regex_search(paths, std::regex("\\b" + path + "\\b"));
+        for (const std::string &scene : scenes) is_shown = is_shown || shows(scene, group, name);
+        EXPECT_NE(is_shown, exempt.count(path) == 1) << path << ": add it to a scene of launch/scenes, or remove it";
+    }
+}
+
 TEST(Readme, DocumentsAreShort)
 {
     for (const Document &document : DOCUMENTS) {
@@ -264,16 +310,6 @@ TEST(Readme, NamedFilesExist)
         }
     }
     EXPECT_GT(count, 50);
-}
-
-std::vector<std::string> files_of(const std::string &pattern)
-{
-    std::vector<std::string> out;
-    glob_t files{};
-    if (glob((root + pattern).c_str(), 0, nullptr, &files) == 0)
-        out.assign(files.gl_pathv, files.gl_pathv + files.gl_pathc);
-    globfree(&files);
-    return out;
 }
 
 /* Functions, types, programs and targets. */

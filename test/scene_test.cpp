@@ -194,6 +194,11 @@ TEST(scene, errors_name_file_line_field_value_and_range)
         "    - {low: [0, 0, 0], high: [1, 0, 1]}\n",
         PLIANT_ERROR_SCENE, {"line 5", "obstacles/boxes/low", "axis 1"});
     refused("obstacles: {spheres: []}\n", PLIANT_ERROR_FORMAT, {"line 1", "spheres"});
+    refused("cut:\n  kind: subdivide\n  snap: 0.2\n", PLIANT_ERROR_FORMAT,
+            {"line 3", "cut/snap", "was removed", "0.1 of the shortest edge"});
+    refused("model: {lod_seconds: 10}\n", PLIANT_ERROR_FORMAT, {"line 1", "model/lod_seconds", "300 s"});
+    refused("model: {lod_memory: 10}\n", PLIANT_ERROR_FORMAT, {"line 1", "model/lod_memory", "4096 MiB"});
+    refused("warp: {fit_step: 2}\n", PLIANT_ERROR_FORMAT, {"line 1", "warp/fit_step", "4 voxels"});
     refused("mesh: [\n", PLIANT_ERROR_FORMAT, {"line 1"});
     refused("- 1\n", PLIANT_ERROR_FORMAT, {"MAPPING"});
 }
@@ -404,10 +409,19 @@ TEST(scene, auto_elements_are_what_the_scene_can_have)
     }
 }
 
+TEST(scene, path_of_a_removed_option_says_what_holds)
+{
+    pliant_scene scene = defaults();
+    EXPECT_EQ(pliant_scene_set(&scene, "warp/fit_step", "2"), PLIANT_ERROR_SCENE);
+    expect_words(pliant_last_error(), {"warp/fit_step", "was removed", "4 voxels"});
+}
+
 TEST(scene, every_scene_that_is_shipped_is_good)
 {
     for (const char *name :
-         {"demo", "abdomen_ct", "abdomen_labels", "paper_256", "paper_524", "hang", "fall", "breast"}) {
+         {"abdomen_ct", "abdomen_labels", "biopsy", "breast", "breast_prone", "cut_hang", "cut_hang_ct", "demo",
+          "demo_cut", "fall", "fall_soft", "fall_soft_ct", "grasp", "hang", "hang_soft", "hang_soft_ct", "organs_ct",
+          "paper_256", "paper_524", "press_ct", "resect", "resect_ct"}) {
         pliant_scene scene;
         std::string path = std::string(PLIANT_SOURCE_DIR "/launch/scenes/") + name + ".yaml";
         ASSERT_EQ(pliant_scene_read(path.c_str(), &scene), PLIANT_OK) << pliant_last_error();

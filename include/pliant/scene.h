@@ -176,10 +176,6 @@ typedef enum pliant_response { PLIANT_RESPONSE_LIST(PLIANT_CHOICE_ENUM) } pliant
       "from its operation count, at 2 Gflop/s")                                                                   \
     X(INT, lod_layers, 1, 1, 3, "cubes",                                                                          \
       "lod: reach of the shape functions beyond a coarse cube")                                                   \
-    X(REAL, lod_seconds, 300.0, 0.0, 1e6, "s",                                                                    \
-      "lod: maximum estimated time of preparation; a model above it is refused")                                  \
-    X(REAL, lod_memory, 4096.0, 0.0, 1e6, "MiB",                                                                  \
-      "lod: maximum estimated memory; a model above it is refused")                                               \
     X(REAL3, gravity, 0.0, -1e4, 1e4, "m/s^2",                                                                    \
       "gravity as an acceleration in scan axes (LPS)")
 #define PLIANT_SCENE_SOLVER(X)                                                                                   \
@@ -312,8 +308,6 @@ typedef enum pliant_response { PLIANT_RESPONSE_LIST(PLIANT_CHOICE_ENUM) } pliant
     X(CUT, kind, PLIANT_CUT_NONE, 0, 0, "",                                                                    \
       "sever: blades cut links between the scan's voxels, and tetrahedra become fragments; subdivide: blades " \
       "cut edges, and tetrahedra are divided ([C] 5.2); none: no cuts")                                        \
-    X(REAL, snap, 0.1, 0.01, 0.45, "",                                                                         \
-      "subdivide: fraction of the shortest edge; a cut closer than this to a node passes through the node")    \
     X(TRIGGER, trigger, PLIANT_TRIGGER_SERVICE, 0, 0, "",                                                      \
       "when a robot's tool with a blade cuts: always, while its jaws are closed, while it has energy, or by "  \
       "service only")                                                                                          \
@@ -327,8 +321,6 @@ typedef enum pliant_response { PLIANT_RESPONSE_LIST(PLIANT_CHOICE_ENUM) } pliant
 #define PLIANT_SCENE_WARP(X)                                                                                      \
     X(WARP, kind, PLIANT_RASTERIZE, 0, 0, "",                                                                     \
       "rasterize: tetrahedra, exact inside them; fit: a smooth map through the nodes ([C] 12)")                   \
-    X(INT, fit_step, 4, 1, 64, "voxels",                                                                          \
-      "fit: distance between fitted points; the map is linear in between")                                        \
     X(LENGTH, margin, PLIANT_AUTO_LENGTH, 0.0, 10.0, "m",                                                         \
       "margin of the deformed volume around the tissue at rest; tissue beyond it is cut off; auto: 0.03, scaled " \
       "as grasp/radius, limited so that the volume has at most 4 times the scan's voxels")                        \

@@ -2,6 +2,7 @@
 
 #include "base/fail.h"
 #include "scene/options.h"
+#include "scene/scene.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -37,7 +38,10 @@ pliant_status pliant_scene_set(pliant_scene *scene, const char *path, const char
     const char *words[3] = {value, "", ""};
     int number = 1;
     const pliant_option *option = pliant_option_find(path);
-    if (!option) return pliant_fail(PLIANT_ERROR_SCENE, "%s: is not an option of a scene", path);
+    if (!option) {
+        const char *removed = pliant_scene_removed_option(path);
+        return pliant_fail(PLIANT_ERROR_SCENE, "%s: %s", path, removed ? removed : "is not an option of a scene");
+    }
     if (option->kind == PLIANT_OPTION_INT3 || option->kind == PLIANT_OPTION_REAL3) {
         if (strlen(value) >= sizeof text)
             return pliant_fail(PLIANT_ERROR_SCENE, "%s: '%.32s ...' is longer than %zu characters; use three numbers",

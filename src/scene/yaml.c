@@ -3,6 +3,7 @@
 #include "base/fail.h"
 #include "base/open.h"
 #include "base/memory.h"
+#include "scene/scene.h"
 
 #include <ctype.h>
 #include <errno.h>
@@ -180,16 +181,20 @@ static pliant_status fail_with_yaml_message(yaml_failure *c, const char *text, c
 {
     static const char unknown[] = "Unexpected key: ";
     char line[32] = "", keys[MESSAGE_SIZE] = "", place[MESSAGE_SIZE] = "", kind[2 * MESSAGE_SIZE];
+    const char *removed = NULL;
     size_t used = 0;
+    for (int level = c->depth - 1; level >= 0 && used < sizeof place; --level)
+        used += (size_t)snprintf(place + used, sizeof place - used, "%s%s", used ? "/" : "", c->where[level]);
     if (strncmp(c->reason, unknown, sizeof unknown - 1) == 0) {
         /* libcyaml reports the line of the previous key */
         int exact = pliant_yaml_line(text, c->reason + sizeof unknown - 1, 0, c->line ? c->line : 1);
         if (exact) c->line = exact;
         list_keys(c, schema, keys, sizeof keys);
+        snprintf(kind, sizeof kind, "%s/%s", place, c->reason + sizeof unknown - 1);
+        removed = pliant_scene_removed_option(kind);
     }
     if (c->line) snprintf(line, sizeof line, "line %d: ", c->line);
-    for (int level = c->depth - 1; level >= 0 && used < sizeof place; --level)
-        used += (size_t)snprintf(place + used, sizeof place - used, "%s%s", used ? "/" : "", c->where[level]);
+    if (removed) return pliant_fail(PLIANT_ERROR_FORMAT, "%s: %s%s: %s", name, line, kind, removed);
     if (describe_wrong_type(c, text, schema, kind, sizeof kind))
         return pliant_fail(PLIANT_ERROR_FORMAT, "%s: %s%s%s", name, line, place, kind);
     return pliant_fail(PLIANT_ERROR_FORMAT, "%s: %s%s%s%s%s", name, line, c->reason, used ? " in " : "", place, keys);

@@ -217,9 +217,8 @@ void pliant_body_map_free(pliant_body_map *map);
 void pliant_body_map_vectors(const pliant_body_map *map, const double *from, double *out);
 
 /* Create the data of a body at load that cuts subdivide.
- *   @param snap minimum distance of a cut from a node, as a fraction of the shortest edge
  * Errors: MEMORY. */
-pliant_status pliant_subdivision_create(const pliant_mesh *fine, double snap, pliant_subdivision **out);
+pliant_status pliant_subdivision_create(const pliant_mesh *fine, pliant_subdivision **out);
 
 #ifdef __cplusplus
 }

@@ -10,8 +10,11 @@
 
 static pliant_status no_memory(void) { return pliant_fail_memory("the subdivision of the mesh"); }
 
-pliant_status pliant_subdivision_create(const pliant_mesh *fine, double snap, pliant_subdivision **out)
+pliant_status pliant_subdivision_create(const pliant_mesh *fine, pliant_subdivision **out)
 {
+    /* A cut closer to a node than this fraction of the shortest edge passes through the node. A smaller fraction gives
+     * smaller elements, and so shorter explicit time steps. */
+    const double snap = 0.1;
     double edge = INFINITY, volume = INFINITY, gradients[12];
     for (int32_t t = 0; t < fine->num_tets; t++) {
         volume = fmin(volume, pliant_mesh_gradients(fine, t, gradients));

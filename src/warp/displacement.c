@@ -61,7 +61,7 @@ static pliant_status find_rest_index(const pliant_model *model, const pliant_bod
     if (status != PLIANT_OK) return status;
     if (body->cuts) status = pliant_warp_set_body(warp, body);
     if (status == PLIANT_OK && model->scene.warp.kind == PLIANT_FIT)
-        status = pliant_warp_fit(warp, model->scene.warp.fit_step);
+        status = pliant_warp_fit(warp, PLIANT_FIT_STEP);
     if (status == PLIANT_OK) status = pliant_warp_update(warp, positions);
     if (status == PLIANT_OK) {
         const float *index = pliant_warp_volume(warp)->voxels;

@@ -136,7 +136,7 @@ static pliant_status create_warp(pliant_view *view, bool labels, view_warp *of)
     if (body->cuts) status = pliant_warp_set_body(warp, body);
     if (status == PLIANT_OK && labels) status = pliant_warp_nearest(warp);
     if (status == PLIANT_OK && !labels && scene->warp.kind == PLIANT_FIT)
-        status = pliant_warp_fit(warp, scene->warp.fit_step);
+        status = pliant_warp_fit(warp, PLIANT_FIT_STEP);
     if (status == PLIANT_OK) status = pliant_warp_backend(warp, scene->solver.backend);
     if (status != PLIANT_OK) {
         pliant_warp_free(warp);

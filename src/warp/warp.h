@@ -16,6 +16,8 @@ extern "C" {
  * pliant_warp_backend selects a backend. Within the kernel's reach of a cut, the CPU draws tetrahedra as without a fit.
  * Errors (the warp is unchanged): ARGUMENT (step below 1), MEMORY. */
 PLIANT_INTERNAL pliant_status pliant_warp_fit(pliant_warp *warp, int32_t step);
+/* The step of warp/kind: fit, in voxels. */
+enum { PLIANT_FIT_STEP = 4 };
 
 /* Give each voxel the value of the scan's nearest voxel instead of an interpolated value, for labels. The CPU does the
  * updates until pliant_warp_backend selects a backend.

@@ -155,7 +155,7 @@ TEST(CudaFit, AStepDrawsIt)
         ASSERT_STREQ(pliant_data_get_backend(body.data), "cuda");
         pliant_warp *warp = nullptr;
         ASSERT_EQ(pliant_warp_create(&body.scan, &body.model->body->fine, &body.scan.geometry, 2, &warp), PLIANT_OK);
-        ASSERT_EQ(pliant_warp_fit(warp, body.scene.warp.fit_step), PLIANT_OK);
+        ASSERT_EQ(pliant_warp_fit(warp, PLIANT_FIT_STEP), PLIANT_OK);
         ASSERT_EQ(pliant_warp_update(warp, body.data->positions), PLIANT_OK);
         EXPECT_EQ(
             std::memcmp(pliant_warp_volume(warp)->voxels, pliant_warp_volume(body.data->warp)->voxels, 16 * 16 * 32),

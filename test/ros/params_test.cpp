@@ -96,6 +96,13 @@ TEST(Params, AShapeHasANameOrAFile)
     EXPECT_NE(refusal(tree).find("~tool/PSM1/shape"), std::string::npos);
 }
 
+TEST(Params, RemovedOptionIsRefusedWithWhatHolds)
+{
+    XmlRpcValue tree;
+    tree["cut"]["snap"] = 0.2;
+    EXPECT_NE(refusal(tree).find("~cut/snap: was removed"), std::string::npos);
+}
+
 TEST(Params, BackgroundIsLiveOrPlanned)
 {
     XmlRpcValue tree;

@@ -146,32 +146,34 @@ static lod_cost cost_of(const lod_builder *lod, int32_t ratio, int32_t layers)
     return cost;
 }
 
-static bool fits(lod_cost cost, const pliant_scene *scene)
+/* Limits of the preparation: a model beyond them is refused. */
+static const double max_seconds = 300, max_mib = 4096;
+
+static bool fits(lod_cost cost)
 {
-    return cost.seconds <= scene->model.lod_seconds && cost.mib <= scene->model.lod_memory;
+    return cost.seconds <= max_seconds && cost.mib <= max_mib;
 }
 
-static pliant_status check_cost(const lod_builder *lod, const pliant_scene *scene)
+static pliant_status check_cost(const lod_builder *lod)
 {
     lod_cost cost = cost_of(lod, lod->ratio, lod->layers);
     char instead[80] = "fewer mesh/coarse_cells";
-    if (fits(cost, scene)) {
+    if (fits(cost)) {
         pliant_log(PLIANT_LOG_INFO, "lod: preparing %d cubes, about %.0f s and %.0f MiB", lod->count,
                    ceil(cost.seconds), ceil(cost.mib));
         return PLIANT_OK;
     }
-    if (lod->layers > 1 && fits(cost_of(lod, lod->ratio, lod->layers - 1), scene)) {
+    if (lod->layers > 1 && fits(cost_of(lod, lod->ratio, lod->layers - 1))) {
         snprintf(instead, sizeof instead, "model/lod_layers %d", lod->layers - 1);
     } else {
         for (int32_t ratio = 1; ratio < lod->ratio; ratio++)
-            if (fits(cost_of(lod, ratio, lod->layers), scene))
+            if (fits(cost_of(lod, ratio, lod->layers)))
                 snprintf(instead, sizeof instead, "mesh/ratio %d", ratio);
     }
     return pliant_fail(PLIANT_ERROR_SCENE,
-                       "lod: preparing %d cubes would take about %.0f s and %.0f MiB, model/lod_seconds and "
-                       "model/lod_memory allow %g and %g; %s would fit",
-                       lod->count, ceil(cost.seconds), ceil(cost.mib), scene->model.lod_seconds,
-                       scene->model.lod_memory, instead);
+                       "lod: preparing %d cubes would take about %.0f s and %.0f MiB, more than %g s or %g MiB; "
+                       "%s would fit",
+                       lod->count, ceil(cost.seconds), ceil(cost.mib), max_seconds, max_mib, instead);
 }
 
 /* ---- The computation, cube by cube. */
@@ -228,7 +230,7 @@ pliant_status pliant_lod(pliant_system *system, const pliant_scene *scene, const
     if (status == PLIANT_OK) status = pliant_system_unknowns(&lod.whole, fine_fixed);
     if (status == PLIANT_OK) status = lod_buffers_create(&lod, &buffers);
     for (int32_t cube = 0; status == PLIANT_OK && cube < lod.count; cube++) status = lod_size(&lod, &buffers, cube);
-    if (status == PLIANT_OK) status = check_cost(&lod, scene);
+    if (status == PLIANT_OK) status = check_cost(&lod);
     if (status == PLIANT_OK) status = assemble_fine(&lod);
     if (status == PLIANT_OK) status = for_every_cube(&lod, lod_correct, progress, 0, correctors_share);
     if (status == PLIANT_OK) status = lod_macros_create(&lod);

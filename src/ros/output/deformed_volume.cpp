@@ -30,7 +30,7 @@ DeformedVolume::DeformedVolume(std::shared_ptr<const LoadedModel> loaded, std::s
     const pliant_scene &scene = *pliant_model_get_scene(&model);
     check(pliant_warp_create(pliant_model_get_drawn(&model), &body_->fine, &target_, threads_of(scene), &warp_));
     pliant_status status = body_->cuts ? pliant_warp_set_body(warp_, body_.get()) : PLIANT_OK;
-    if (status == PLIANT_OK && scene.warp.kind == PLIANT_FIT) status = pliant_warp_fit(warp_, scene.warp.fit_step);
+    if (status == PLIANT_OK && scene.warp.kind == PLIANT_FIT) status = pliant_warp_fit(warp_, PLIANT_FIT_STEP);
     if (status == PLIANT_OK) status = pliant_warp_backend(warp_, scene.solver.backend);
     if (status == PLIANT_OK) status = pliant_warp_set_body(warp_, body.get());
     if (status == PLIANT_OK) body_ = std::move(body);

@@ -1,5 +1,7 @@
 #include "ros/params/params.h"
 
+#include "scene/scene.h"
+
 #include <XmlRpcException.h>
 
 #include <algorithm>
@@ -383,6 +385,7 @@ void read_one(const std::string &name, XmlRpcValue &value, Parameters *out)
         }
         return;
     }
+    if (const char *removed = pliant_scene_removed_option(name.c_str())) refuse("~" + name + ": " + removed);
     if (!is_option(name)) refuse("~" + name + " is unknown; did you mean ~" + nearest(name) + "?");
     if (pliant_scene_set(&out->scene, name.c_str(), option_text(name, value).c_str()) < 0)
         refuse("~" + name + ": " + pliant_last_error());

@@ -81,7 +81,7 @@ static pliant_status set_warp(const pliant_model *model, pliant_data *data, cons
         if (status == PLIANT_OK && model->scene.cut.kind != PLIANT_CUT_NONE)
             status = pliant_warp_expect_cuts(warp, data->discretization->body);
         if (status == PLIANT_OK && model->scene.warp.kind == PLIANT_FIT)
-            status = pliant_warp_fit(warp, model->scene.warp.fit_step);
+            status = pliant_warp_fit(warp, PLIANT_FIT_STEP);
         /* the stages exchange data on the GPU */
         if (status == PLIANT_OK && !data->backend->on_host)
             status = pliant_warp_backend(warp, model->scene.solver.backend);
