@@ -241,6 +241,13 @@ typedef enum pliant_response { PLIANT_RESPONSE_LIST(PLIANT_CHOICE_ENUM) } pliant
       "Prony series: fractions of the shear modulus that relax; their sum is below 1")                          \
     X(REAL3, prony_time, 1.0, 1e-6, 1e6, "s",                                                                   \
       "Prony series: relaxation times")                                                                         \
+    X(REAL, loss_factor, 0.0, 0.0, 0.5, "",                                                                     \
+      "loss factor of the shear modulus, twice the damping ratio, from a Prony series fitted to it between "    \
+      "loss_low and loss_high; the material's modulus is the static one; 0: none")                              \
+    X(REAL, loss_low, 2.0, 1e-3, 1e4, "Hz",                                                                     \
+      "lowest frequency of loss_factor")                                                                        \
+    X(REAL, loss_high, 20.0, 1e-3, 1e4, "Hz",                                                                   \
+      "highest frequency of loss_factor, at most 100 times loss_low")                                           \
     X(BOOL, quasi_static, false, 0, 1, "",                                                                      \
       "no inertia: dynamic relaxation to the state at rest")                                                    \
     X(INT, relaxation_steps, 300, 1, 1000000, "",                                                               \

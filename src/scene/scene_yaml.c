@@ -8,13 +8,14 @@
 #include <stdio.h>
 #include <string.h>
 
-enum { MAX_OPTIONS = 96, MAX_GROUPS = 16, REASON_SIZE = 320 };
-
 #define COUNT_OPTION(kind, name, value, low, high, unit, text) +1
 #define COUNT_OPTIONS(group, list) list(COUNT_OPTION)
 #define COUNT_GROUP(group, list) +1
-_Static_assert((int)MAX_OPTIONS >= 0 PLIANT_SCENE_GROUPS(COUNT_OPTIONS), "room for every option");
-_Static_assert((int)MAX_GROUPS >= 0 PLIANT_SCENE_GROUPS(COUNT_GROUP), "room for every group");
+enum {
+    NUM_OPTIONS = 0 PLIANT_SCENE_GROUPS(COUNT_OPTIONS),
+    NUM_GROUPS = 0 PLIANT_SCENE_GROUPS(COUNT_GROUP),
+    REASON_SIZE = 320
+};
 
 /* The document as text. An option is a char * (one word), a char ** to three words, or NULL (missing). */
 typedef struct text_box { char **low, **high; } text_box;
@@ -26,7 +27,7 @@ typedef struct text_regions {
     uint32_t num_planes;
 } text_regions;
 typedef struct text_scene {
-    void *options[MAX_OPTIONS];
+    void *options[NUM_OPTIONS];
     text_regions fixed, obstacles;
 } text_scene;
 
@@ -50,8 +51,8 @@ static const cyaml_schema_field_t region_fields[] = {
 
 /* Schema of a scene for libcyaml, generated from the table of options. */
 typedef struct scene_schema {
-    cyaml_schema_field_t groups[MAX_GROUPS + 3]; /* including fixed, obstacles, and the terminator */
-    cyaml_schema_field_t options[MAX_OPTIONS + MAX_GROUPS];
+    cyaml_schema_field_t groups[NUM_GROUPS + 3]; /* including fixed, obstacles, and the terminator */
+    cyaml_schema_field_t options[NUM_OPTIONS + NUM_GROUPS];
     cyaml_schema_value_t value;
 } scene_schema;
 

@@ -62,6 +62,7 @@ struct pliant_tled_system {
     double stiffness_damping;               /* [s]; not in dynamic relaxation */
     double prony_share[PLIANT_PRONY_TERMS], prony_time[PLIANT_PRONY_TERMS]; /* shares > 0 come first */
     int num_prony;
+    double stiffening; /* instantaneous shear modulus divided by the material's: 1 without tled/loss_factor */
     pliant_wall walls[PLIANT_MAX_WALLS];
     int num_walls;
     double friction, restitution;

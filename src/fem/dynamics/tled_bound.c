@@ -36,7 +36,7 @@ static double stable_step(double density, double largest, double largest_shear, 
 static void take(pliant_tled_system *system, const double gradients[12], double edge,
                  const pliant_tet_material *material)
 {
-    const double lambda = material->lambda, mu = material->mu, density = material->density;
+    const double lambda = material->lambda, mu = material->mu * system->stiffening, density = material->density;
     if (!(density > 0)) return;
     /* [C] 1 with rho c^2 = E (1 - nu) / ((1 + nu) (1 - 2 nu)) = lambda + 2 mu */
     system->edge_bound = fmin(system->edge_bound, edge * sqrt(density / (lambda + 2 * mu)));
@@ -78,6 +78,7 @@ static void take_cubes(const pliant_body *body, pliant_tled_system *system)
         pliant_tled_cube_size(system->mesh, system->cubes, c, size);
         const double edge = fmin(size[0], fmin(size[1], size[2]));
         pliant_tled_cube_mean(system->mesh, cube, body->fine_material, &lambda, &mu, &density);
+        mu *= system->stiffening;
         for (int v = 0; v < 8; v++) moves = moves || !body->fine_fixed[cube->node[v]];
         if (!moves || !(density > 0)) continue;
         system->edge_bound = fmin(system->edge_bound, edge * sqrt(density / (lambda + 2 * mu)));

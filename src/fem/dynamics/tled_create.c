@@ -2,6 +2,7 @@
 #include "base/fail.h"
 #include "base/buffer.h"
 #include "base/threads.h"
+#include "fem/dynamics/loss.h"
 #include "fem/dynamics/tled_cubes.h"
 #include "base/memory.h"
 #include "mesh/mesh.h"
@@ -35,6 +36,31 @@ int pliant_tled_walls(const pliant_scene *scene, pliant_wall walls[PLIANT_MAX_WA
     return count;
 }
 
+/* Set the Prony series of tled/loss_factor. Dynamic relaxation ends at the static modulus anyway. */
+static pliant_status set_loss(pliant_tled_system *system, const pliant_scene *scene)
+{
+    const double widest = 100, low = scene->tled.loss_low, high = scene->tled.loss_high;
+    system->stiffening = 1;
+    if (scene->tled.loss_factor == 0 || system->quasi_static) return PLIANT_OK;
+    if (system->num_prony > 0)
+        return pliant_fail(PLIANT_ERROR_SCENE,
+                           "tled/loss_factor is %g and makes a Prony series; set it or tled/prony_share to 0",
+                           scene->tled.loss_factor);
+    if (!(low <= high && high <= widest * low * (1 + 1e-9)))
+        return pliant_fail(PLIANT_ERROR_SCENE,
+                           "tled/loss_low and loss_high are %g and %g Hz; set the second to 1 to %g times the first",
+                           low, high, widest);
+    system->num_prony = pliant_loss_terms(scene->tled.loss_factor, low, high, system->prony_share, system->prony_time);
+    double fractions = 0;
+    for (int term = 0; term < system->num_prony; term++) fractions += system->prony_share[term];
+    if (system->num_prony == 0 || fractions >= 1)
+        return pliant_fail(PLIANT_ERROR_SCENE,
+                           "tled/loss_factor is %g, which no Prony series has from %g to %g Hz; set a smaller one",
+                           scene->tled.loss_factor, low, high);
+    system->stiffening = 1 / (1 - fractions);
+    return PLIANT_OK;
+}
+
 static pliant_status set_options(pliant_tled_system *system, const pliant_scene *scene)
 {
     double fractions = 0;
@@ -61,7 +87,7 @@ static pliant_status set_options(pliant_tled_system *system, const pliant_scene 
     system->num_walls = pliant_tled_walls(scene, system->walls);
     system->friction = scene->ground.friction;
     system->restitution = scene->ground.restitution;
-    return PLIANT_OK;
+    return set_loss(system, scene);
 }
 
 static pliant_status allocate(pliant_tled_system *system)
@@ -137,7 +163,7 @@ static void fill_elements(pliant_tled_system *system, const pliant_tet_material 
         if (e >= num_own(system)) continue;
         double lambda = material[tet].lambda, mu = material[tet].mu,
                modulus = pliant_law_modulus(system->law, lambda, mu);
-        system->moduli[block][0][lane] = (float)(volume * mu);
+        system->moduli[block][0][lane] = (float)(volume * mu * system->stiffening);
         system->moduli[block][1][lane] = (float)(volume * modulus);
         system->moduli[block][2][lane] = (float)volume;
         double largest = system->quasi_static ? pliant_element_largest_eigenvalue(g, lambda, mu) : 0;
@@ -186,7 +212,8 @@ pliant_status pliant_tled_system_create(const pliant_scene *scene, const pliant_
     if (scene->element.kind == PLIANT_HEXAHEDRA) {
         double relaxed = 0;
         for (int term = 0; term < system->num_prony; term++) relaxed += system->prony_share[term];
-        status = pliant_tled_cubes_create(mesh, body->fine_material, system->law, relaxed, &system->cubes);
+        status = pliant_tled_cubes_create(mesh, body->fine_material, system->law, relaxed, system->stiffening,
+                                          &system->cubes);
         if (status != PLIANT_OK) goto failed;
     }
     system->num_blocks = (num_own(system) + LANES - 1) / LANES;

@@ -39,9 +39,10 @@ struct pliant_tled_cubes {
     double *node_mass;          /* (num_nodes) from an eighth of each cube's mass [kg] */
 };
 
-/* Create the hexahedra of a mesh, without forces. prony: sum of the shares. */
+/* Create the hexahedra of a mesh, without forces.
+ * @param prony sum of the shares; @param stiffening as in struct pliant_tled_system */
 pliant_status pliant_tled_cubes_create(const pliant_mesh *mesh, const pliant_tet_material *material, pliant_law law,
-                                       double prony, pliant_tled_cubes **out);
+                                       double prony, double stiffening, pliant_tled_cubes **out);
 void pliant_tled_cubes_free(pliant_tled_cubes *cubes); /* Nullable */
 /* Return the edge lengths of a cube [m]. */
 void pliant_tled_cube_size(const pliant_mesh *mesh, const pliant_tled_cubes *cubes, int32_t cube, double size[3]);
