@@ -24,12 +24,12 @@ struct Beam {
 
     Beam(const Case &of, pliant_preconditioner_choice choice)
     {
-        const int size[3] = {64, 32, 32};
+        const int size[3] = {48, 24, 24};
         const double box[3] = {0.16, 0.08, 0.08};
         body.reset(new Body(size, box, {{5000, 0.4, 1000, false}, {20000, 0.4, 1000, false}},
-                            [](int i, int j, int k) { return (i / 12 + j / 10 + k / 8) % 2; }));
+                            [](int i, int j, int k) { return (i / 9 + j / 8 + k / 6) % 2; }));
         body->fix_plane(1e-6, 0, 0, 1, 0, 0);
-        of.method == PLIANT_FINE ? body->cells(32, 16, 16, 1) : body->cells(8, 4, 4, of.ratio);
+        of.method == PLIANT_FINE ? body->cells(24, 12, 12, 1) : body->cells(6, 3, 3, of.ratio);
         body->scene.cut.kind = PLIANT_CUT_SEVER;
         body->scene.model.method = of.method;
         body->scene.element.kind = of.kind;
