@@ -330,7 +330,7 @@ struct Layers {
     {
         pliant_advance_self_audit out{};
         EXPECT_EQ(pliant_advance_audit_self(with.advance, sheet.num_triangles(), sheet.triangles.data(),
-                                            sheet.from.data(), &self, 1, &out),
+                                            sheet.from.data(), &self, nullptr, &out),
                   PLIANT_OK);
         return out;
     }
@@ -356,24 +356,49 @@ TEST(AdvanceSelf, LayersStopBeforeEachOther)
     EXPECT_EQ(on.find().t, 1);
 }
 
-TEST(AdvanceSelf, ReleasedComponentsAreExempt)
+// Left out are pairs with an exempt node on both sides, pairs within a rigid piece, and pairs that start together.
+TEST(AdvanceSelf, ExemptNodesPiecesAndPairsThatStartTogetherPass)
 {
     Layers on;
-    std::vector<int32_t> component(static_cast<size_t>(on.sheet.num_nodes()), 4);
+    const auto below = static_cast<size_t>(on.sheet.num_nodes());
     on.sheet.add(9, 0.05, -0.001);
-    component.resize(static_cast<size_t>(on.sheet.num_nodes()), 7);
+    const auto nodes = static_cast<size_t>(on.sheet.num_nodes());
     on.sheet.move([](double x[3]) { x[2] += x[2] < -5e-4 ? 0.003 : 0; });
-    on.self.component = component.data();
     EXPECT_LT(on.find().t, 1);
-    const int32_t released[1][2] = {{4, 7}};
-    on.self.released = released;
-    on.self.num_released = 1;
+    std::vector<uint8_t> exempt(nodes, 0);
+    std::fill(exempt.begin(), exempt.begin() + static_cast<std::ptrdiff_t>(below), uint8_t{1});
+    on.self.exempt = exempt.data();
+    EXPECT_LT(on.find().t, 1) << "one side is not exempt";
+    std::fill(exempt.begin(), exempt.end(), uint8_t{1});
+    EXPECT_EQ(on.find().t, 1);
+    on.self.exempt = nullptr;
+    std::vector<int32_t> piece(nodes, -1);
+    on.self.piece = piece.data();
+    EXPECT_LT(on.find().t, 1) << "no pieces";
+    std::fill(piece.begin(), piece.end(), 2);
+    EXPECT_EQ(on.find().t, 1);
+    on.self.piece = nullptr;
+    on.sheet.add(9, 0.05, -0.001 + 0.4 * 0.02 * on.self.thickness);
+    on.sheet.move([&](double x[3]) { x[2] += x[2] < -0.001 + 1e-9 ? 0.0005 : 0; });
     EXPECT_EQ(on.find().t, 1);
     on.sheet.advance(1);
-    on.sheet.move([](double x[3]) { x[2] += 0.001 * std::sin(50 * x[0]); });
-    on.sheet.advance(1);
-    on.self.num_released = 0;
     EXPECT_EQ(on.audit().crossings, 0);
+}
+
+// Surfaces that are nearer at rest than the thickness keep that distance.
+TEST(AdvanceSelf, ThicknessIsAtMostTheDistanceAtRest)
+{
+    for (double at_rest : {2e-5, 1e-3}) {
+        Layers on;
+        on.sheet.add(9, 0.05, -0.001);
+        std::vector<double> rest = on.sheet.from;
+        for (size_t n = 2; n < rest.size(); n += 3) rest[n] = rest[n] < -5e-4 ? -at_rest : rest[n];
+        on.self.rest = rest.data();
+        on.sheet.move([](double x[3]) { x[2] += x[2] < -5e-4 ? 0.003 : 0; });
+        on.sheet.advance(on.find().t);
+        const double thickness = std::fmin(at_rest, on.self.thickness);
+        EXPECT_NEAR(on.audit().minimum, 0.5 * thickness, 0.01 * thickness) << at_rest;
+    }
 }
 
 // Randomly crumpled sheets: in no leg does an edge pass through a triangle.

@@ -124,7 +124,7 @@ TEST(Tissue, BlocksTouchWhereTheyFaceEachOther)
         blocks.find();
         ASSERT_FALSE(HasFatalFailure());
         check_points(blocks.contacts, blocks.positions);
-        // both faces have 25 nodes; 9 nodes of each one lie beyond the border of the other face
+        // both faces have 25 nodes; 9 nodes of each one lie beyond the border of the other face.
         EXPECT_EQ(blocks.contacts.count, 2 * 16) << between;
         double area = 0;
         for (int32_t c = 0; c < blocks.contacts.count; c++) {
@@ -240,36 +240,43 @@ TEST(Tissue, IsTheSameForAnyNumberOfThreads)
 
 // ---- edges
 
-TEST(Tissue, EdgesThatCrossTouch)
+// Edges have a point before they cross, and after that. Only edges that have crossed are exempt.
+TEST(Tissue, EdgesTouchBeforeAndAfterTheyCross)
 {
-    Blocks bars(1, 8, 1, 2);
-    const double h = bars.h, c = std::sqrt(0.5), depth = 0.1 * h;
-    bars.rule.margin = 0.02 * h;
-    const double middle[3] = {0.5 * h, 4 * h, 0.5 * h};
-    bars.map(0, [&](double *x) { // on its edge, along y, highest at z = sqrt(2) h
-        const double a = x[0] - middle[0], b = x[2] - middle[2];
-        x[0] = c * (a - b);
-        x[2] = c * (a + b) + c * h;
-        x[1] -= middle[1];
-    });
-    bars.map(1, [&](double *x) { // likewise, along x above it
-        const double a = x[0] - middle[0], b = x[2] - 2 * h - middle[2], along = x[1] - middle[1] - 0.3 * h;
-        x[0] = along;
-        x[1] = -c * (a - b) + 0.2 * h;
-        x[2] = c * (a + b) + 3 * c * h - depth;
-    });
-    bars.find();
-    ASSERT_FALSE(HasFatalFailure());
-    check_points(bars.contacts, bars.positions);
-    ASSERT_EQ(bars.contacts.count, 1);
-    const pliant_contact_point &point = bars.contacts.point[0];
-    EXPECT_EQ(kind_of(point), 241);
-    EXPECT_NEAR(gap(point, bars.positions), -depth, 1e-12);
-    EXPECT_NEAR(std::fabs(point.normal[2]), 1, 1e-12);
-    EXPECT_EQ(point.normal[2] > 0, bars.block_of[point.node[0]] == 1);
-    const auto way = apart(point, bars.positions);
-    EXPECT_NEAR(way[0], 0, 1e-12);
-    EXPECT_NEAR(way[1], 0, 1e-12);
+    for (double depth_ratio : {-0.01, 0.1}) {
+        Blocks bars(1, 8, 1, 2);
+        const double h = bars.h, c = std::sqrt(0.5), depth = depth_ratio * h;
+        bars.rule.margin = 0.02 * h;
+        bars.rule.thickness = 0.005 * h;
+        const double middle[3] = {0.5 * h, 4 * h, 0.5 * h};
+        bars.map(0, [&](double *x) { // on its edge, along y, highest at z = sqrt(2) h
+            const double a = x[0] - middle[0], b = x[2] - middle[2];
+            x[0] = c * (a - b);
+            x[2] = c * (a + b) + c * h;
+            x[1] -= middle[1];
+        });
+        bars.map(1, [&](double *x) { // likewise, along x above it
+            const double a = x[0] - middle[0], b = x[2] - 2 * h - middle[2], along = x[1] - middle[1] - 0.3 * h;
+            x[0] = along;
+            x[1] = -c * (a - b) + 0.2 * h;
+            x[2] = c * (a + b) + 3 * c * h - depth;
+        });
+        bars.find();
+        ASSERT_FALSE(HasFatalFailure());
+        check_points(bars.contacts, bars.positions);
+        int exempt = 0;
+        for (int32_t n = 0; n < bars.body->fine.num_nodes; n++) exempt += bars.tissue.exempt[n];
+        EXPECT_EQ(exempt > 0, depth > 0);
+        ASSERT_EQ(bars.contacts.count, 1);
+        const pliant_contact_point &point = bars.contacts.point[0];
+        EXPECT_EQ(kind_of(point), 241);
+        EXPECT_NEAR(gap(point, bars.positions), -depth, 1e-12);
+        EXPECT_NEAR(std::fabs(point.normal[2]), 1, 1e-12);
+        EXPECT_EQ(point.normal[2] > 0, bars.block_of[point.node[0]] == 1);
+        const auto way = apart(point, bars.positions);
+        EXPECT_NEAR(way[0], 0, 1e-12);
+        EXPECT_NEAR(way[1], 0, 1e-12);
+    }
 }
 
 // ---- a folded strip

@@ -164,11 +164,11 @@ extern "C" {
             "Nodes that move further in a step extend it by their motion.",                                            \
             "self: passes",                                                                                            \
             "self: passes; more points to test")                                                                       \
-    SETTING(double, edge_depth, 0.5, "shortest edge",                                                                  \
-            "Depth up to which crossed edges push.",                                                                   \
-            "Deeper crossings are found by nodes.",                                                                    \
-            "self: passes",                                                                                            \
-            "self: a slab that slides off sinks")                                                                      \
+    SETTING(double, self_thickness, 0.05, "smallest cell",                                                             \
+            "Distance that two surfaces keep in the quasi-static solver.",                                             \
+            "A tenth of a leg (leg_distance): a leg is linear, so its end misses the distance by some of it.",         \
+            "bench_self 12, flaps: 35 of 234 steps end early instead of 23; none crosses",                             \
+            "bench_self 12, flaps: 10 of 234 steps end early; none crosses")                                           \
     SETTING(double, flat_cosine, 0.95, "1",                                                                            \
             "Cosine between the normals of two triangles above which they have no edge.",                              \
             "18 degrees: their nodes touch first.",                                                                    \

@@ -57,9 +57,9 @@ int32_t crossings(const Body &body)
     pliant_advance_self self{};
     self.thickness = 1e-9;
     pliant_advance_self_audit audit{};
-    EXPECT_EQ(
-        pliant_advance_audit_self(advance, tissue.num_skins, triangles.data(), body.data->positions, &self, 1, &audit),
-        PLIANT_OK);
+    EXPECT_EQ(pliant_advance_audit_self(advance, tissue.num_skins, triangles.data(), body.data->positions, &self,
+                                        nullptr, &audit),
+              PLIANT_OK);
     pliant_advance_free(advance);
     pliant_tissue_free(&tissue);
     return audit.crossings;

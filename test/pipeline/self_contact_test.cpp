@@ -1,6 +1,8 @@
 // Contact between tissue surfaces in the quasi-static solver: a cut bar carries pressure like a whole one and opens
 // under tension; layers slide.
 #include "body.h"
+#include "contact/advance/advance.h"
+#include "contact/detect/tissue.h"
 #include "contact/detect/update_sides.h"
 
 #include <set>
@@ -435,6 +437,56 @@ TEST(SelfContact, LayersThatEndWithinElementsMeetAtRest)
         EXPECT_GT(sides, 20);
         EXPECT_LT(maximum, 1e-9);
     }
+}
+
+// Return the number of edges of the surface that pass through its triangles.
+int32_t count_crossings(const Body &body)
+{
+    pliant_tissue tissue{};
+    EXPECT_EQ(pliant_tissue_set_body(&tissue, body.data->body, nullptr, 1), PLIANT_OK);
+    std::vector<int32_t> triangles;
+    for (int32_t s = 0; s < tissue.num_skins; s++)
+        triangles.insert(triangles.end(), tissue.skin[s].node, tissue.skin[s].node + 3);
+    pliant_advance *advance = nullptr;
+    EXPECT_EQ(pliant_advance_create(nullptr, &advance), PLIANT_OK);
+    pliant_advance_self self{};
+    self.thickness = 1e-9;
+    pliant_advance_self_audit audit{};
+    EXPECT_EQ(pliant_advance_audit_self(advance, tissue.num_skins, triangles.data(), body.data->positions, &self,
+                                        nullptr, &audit),
+              PLIANT_OK);
+    pliant_advance_free(advance);
+    pliant_tissue_free(&tissue);
+    return audit.crossings;
+}
+
+// A ball pushes the upper arm of a C onto the lower arm, and through it if it could.
+TEST(SelfContact, TissueDoesNotPassThroughTissue)
+{
+    const double h = 0.005, box[3] = {6 * h, 2 * h, 6 * h};
+    Body body(std::vector<int>{12, 4, 12}.data(), box, {{10e3, 0.3, 1000, false}, {1, 0.3, 1, true}},
+              [](int i, int, int k) { return int(i < 8 && k >= 4 && k < 8); }); // whole cells
+    body.cells(6, 2, 6, 1);
+    body.scene.contact.self = true;
+    body.scene.solver.iterations = 12;
+    body.scene.solver.tolerance = 1e-3;
+    body.scene.solver.threads = 1;
+    body.scene.warp.margin = 1;
+    body.fix_plane(0, 0, 1e-6, 0, 0, 1);
+    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    const int tool = body.add_ball(0.005);
+    int touching = 0;
+    for (int step = 0; step < 15; step++) {
+        const double tip[3] = {0.4 * box[0] - 1e-4 * step, 0.45 * box[1], box[2] + 0.0055 - 0.0015 * step};
+        ASSERT_EQ(pliant_tool_set_pose(body.data, tool, tip, nullptr), PLIANT_OK);
+        ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
+        ASSERT_EQ(count_crossings(body), 0) << "step " << step;
+        for (int32_t c = 0; c < body.data->contacts.count; c++) {
+            const pliant_contact_point &point = body.data->contacts.point[c];
+            touching += point.kind == PLIANT_OBSTACLE_TISSUE && std::fabs(point.force[2]) > 1e-3;
+        }
+    }
+    EXPECT_GT(touching, 20);
 }
 
 } // namespace

@@ -83,14 +83,16 @@ pliant_status pliant_advance_audit(pliant_advance *advance, int32_t num_triangle
 
 /* ---- tissue on tissue */
 
-/* Pairs of a node and a triangle, and pairs of edges, of the surface. Pairs with a common node are left out. */
+/* Pairs of a node and a triangle, and pairs of edges, of the surface. Pairs are left out that have a common node, an
+ * exempt node on both sides, or all nodes in one rigid piece. A pair that starts nearer than the smallest distance that
+ * a leg leaves is released: it is held after it has come apart. */
 typedef struct pliant_advance_self {
     double thickness; /* replaces the guard in the rule [m] */
-    const int32_t
-        *component; /* Nullable, (nodes): label of the part of the surface that a node belongs to, 0 or more */
-    int32_t num_released;
-    const int32_t (
-        *released)[2]; /* (num_released) pairs of labels, the smaller one first: pairs between them are exempt */
+    /* Nullable, (nodes x 3) at rest: the thickness of a pair is at most its distance at rest; a pair
+     * without thickness is not held [m] */
+    const double *rest;
+    const uint8_t *exempt; /* Nullable, (nodes) */
+    const int32_t *piece;  /* Nullable, (nodes) number of the rigid piece; -1: none */
 } pliant_advance_self;
 
 typedef struct pliant_advance_self_result {
@@ -112,9 +114,10 @@ typedef struct pliant_advance_self_audit {
     int32_t crossings; /* number of edges that pass through triangles, by another algorithm than the distances */
     int32_t node[5];   /* edge and triangle of one crossing; -1: none */
 } pliant_advance_self_audit;
-/* Check the surface against itself in one configuration. Errors: MEMORY (out is not written). */
+/* Check the surface against itself in one configuration. Errors: MEMORY (out is not written).
+ * @param crossing Nullable, (nodes): set to 1 for the nodes of edges and triangles that cross */
 pliant_status pliant_advance_audit_self(pliant_advance *advance, int32_t num_triangles, const int32_t *triangles,
-                                        const double *positions, const pliant_advance_self *self, int num_threads,
+                                        const double *positions, const pliant_advance_self *self, uint8_t *crossing,
                                         pliant_advance_self_audit *out);
 
 #ifdef __cplusplus

@@ -9,14 +9,23 @@
 
 #include <math.h>
 
+/* Return the distance below which pairs may only separate. */
+PLIANT_INLINE double pliant_advance_floor(double guard) { return 0.02 * guard; }
+
 /* Return the smallest distance that a pair may reach in a leg, from its distance at the start. A pair that stays
  * above this limit does not shorten the leg. */
 PLIANT_INLINE double pliant_advance_limit(const pliant_contact_settings *settings, double guard, double distance)
 {
-    const double floor = 0.02;  /* fraction of the guard: nearer pairs may only separate */
     const double slack = 1e-12; /* tolerance, so that rounding does not block tissue that moves with a part [m] */
     return fmax(fmin(settings->advance_keep * distance, settings->advance_stop * guard),
-                fmin(floor * guard, distance - slack));
+                fmin(pliant_advance_floor(guard), distance - slack));
+}
+
+/* Return whether two parts of the tissue start nearer than any leg leaves them, or coincide at rest. They have come
+ * into being like this. */
+PLIANT_INLINE bool pliant_advance_starts_together(double thickness, double distance)
+{
+    return !(thickness > 0.0) || distance < 0.5 * pliant_advance_floor(thickness);
 }
 
 /* Numerical constants of conservative advancement. Stopping early is safe, so they trade time for the last 2 % of the

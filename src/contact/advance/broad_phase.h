@@ -8,6 +8,7 @@
 /* Pair of a node and a triangle, or of two edges. */
 typedef struct pliant_advance_self_pair {
     int32_t node[4], iterations;
+    int32_t feature[2];  /* of two edges: 3 times the owner's number plus the edge's number in it */
     bool is_edges, ends; /* ends: t can increase no further */
     double t, limit;     /* fraction that is certainly free; smallest permitted distance [m] */
 } pliant_advance_self_pair;
@@ -32,6 +33,11 @@ struct pliant_advance {
     pliant_advance_self_pair *self; /* (max_self) of the surface with itself */
     pliant_advance_tree tree;
 };
+
+/* Return the thickness of a pair; 0: the pair is exempt, or coincides at rest [m]. */
+double pliant_advance_thickness(const pliant_advance_self *self, const int32_t node[4], bool is_edges);
+/* Return whether a pair is left out. The first nodes belong to one side, the other nodes to the other side. */
+bool pliant_advance_is_exempt(const pliant_advance_self *self, int count, const int32_t *node, int first);
 
 /* Grow the capacity for ranks. Errors: MEMORY. */
 pliant_status pliant_advance_reserve_ranks(pliant_advance *advance, int32_t count);

@@ -19,19 +19,17 @@ typedef struct search {
     const double *from, *to;
     const pliant_advance_self *self;
     double margin;
-    bool crosses; /* test edges against triangles instead */
-    bool failed;  /* out of memory */
+    pliant_advance_self_audit *audit; /* Nullable: test edges against triangles, too */
+    uint8_t *crossing;                /* Nullable */
+    bool failed;                      /* out of memory */
 } search;
 
-static bool is_released(const pliant_advance_self *self, int32_t a, int32_t b)
+bool pliant_advance_is_exempt(const pliant_advance_self *self, int count, const int32_t *node, int first)
 {
-    if (!self->component || self->num_released == 0) return false;
-    const int32_t one = self->component[a], other = self->component[b];
-    for (int32_t n = 0; n < self->num_released; n++)
-        if ((self->released[n][0] == one && self->released[n][1] == other) ||
-            (self->released[n][0] == other && self->released[n][1] == one))
-            return true;
-    return false;
+    const int32_t piece = self->piece ? self->piece[node[0]] : -1;
+    bool exempt[2] = {false, false};
+    for (int c = 0; self->exempt && c < count; c++) exempt[c >= first] = exempt[c >= first] || self->exempt[node[c]];
+    return (exempt[0] && exempt[1]) || (piece >= 0 && piece == self->piece[node[count - 1]]);
 }
 
 static void position_at(const search *on, int32_t node, double t, double out[3])
@@ -70,10 +68,10 @@ static bool is_separated(const search *on, const int32_t node[4], int first)
     return separated;
 }
 
-static void add(search *on, const int32_t node[4], bool edges)
+static void add(search *on, const int32_t node[4], bool edges, int32_t first, int32_t second)
 {
     pliant_advance *advance = on->advance;
-    if (is_separated(on, node, edges ? 2 : 1)) return;
+    if (pliant_advance_is_exempt(on->self, 4, node, edges ? 2 : 1) || is_separated(on, node, edges ? 2 : 1)) return;
     if (advance->num_self == advance->max_self) {
         const int32_t count = advance->max_self > 0 ? 2 * advance->max_self : FIRST_PAIRS;
         pliant_advance_self_pair *made = advance->self ? pliant_resize(advance->self, (size_t)count, sizeof *made)
@@ -86,7 +84,7 @@ static void add(search *on, const int32_t node[4], bool edges)
         advance->max_self = count;
     }
     pliant_advance_self_pair *pair = advance->self + advance->num_self++;
-    *pair = (pliant_advance_self_pair){.is_edges = edges};
+    *pair = (pliant_advance_self_pair){.is_edges = edges, .feature = {first, second}};
     memcpy(pair->node, node, sizeof pair->node);
 }
 
@@ -97,14 +95,15 @@ static void try_nodes(search *on, const int32_t *of, uint8_t owns, const int32_t
         const int32_t node[4] = {of[k], triangle[0], triangle[1], triangle[2]};
         if (!(owns & PLIANT_OWNS_NODE << k) || node[0] == node[1] || node[0] == node[2] || node[0] == node[3]) continue;
         const pliant_advance_box own = pliant_advance_box_of(1, node, on->from, on->to);
-        if (!pliant_advance_boxes_separated(&own, box, on->margin) && !is_released(on->self, node[0], node[1]))
-            add(on, node, false);
+        if (!pliant_advance_boxes_separated(&own, box, on->margin)) add(on, node, false, 0, 0);
     }
 }
 
-static void try_edges(search *on, const int32_t *of, uint8_t owns, const int32_t *other, uint8_t other_owns,
-                      const pliant_advance_box *box)
+static void try_edges(search *on, int32_t a, int32_t b, const pliant_advance_box *box)
 {
+    const pliant_advance_tree *tree = &on->advance->tree;
+    const int32_t *of = tree->triangles + 3 * (size_t)a, *other = tree->triangles + 3 * (size_t)b;
+    const uint8_t owns = tree->owns[a], other_owns = tree->owns[b];
     pliant_advance_box boxes[3];
     for (int m = 0; m < 3; m++) {
         const int32_t edge[2] = {other[m], other[(m + 1) % 3]};
@@ -120,9 +119,8 @@ static void try_edges(search *on, const int32_t *of, uint8_t owns, const int32_t
             if (!(other_owns & PLIANT_OWNS_EDGE << m) || node[0] == node[2] || node[0] == node[3] ||
                 node[1] == node[2] || node[1] == node[3])
                 continue;
-            if (!pliant_advance_boxes_separated(&own, boxes + m, on->margin) &&
-                !is_released(on->self, node[0], node[2]))
-                add(on, node, true);
+            if (!pliant_advance_boxes_separated(&own, boxes + m, on->margin))
+                add(on, node, true, 3 * a + k, 3 * b + m);
         }
     }
 }
@@ -152,55 +150,56 @@ bool pliant_segment_crosses_triangle(const double corner[3][3], const double end
     return sides == 3 || sides == -3;
 }
 
-static void try_crossing(search *on, const int32_t *of, uint8_t owns, const int32_t *triangle,
-                         pliant_advance_self_audit *out)
+static void try_crossing(search *on, const int32_t *of, uint8_t owns, const int32_t *triangle)
 {
     double corner[3][3], end[2][3];
     for (int c = 0; c < 3; c++) position_at(on, triangle[c], 0, corner[c]);
     for (int k = 0; k < 3; k++) {
         const int32_t edge[2] = {of[k], of[(k + 1) % 3]};
+        const int32_t both[5] = {edge[0], edge[1], triangle[0], triangle[1], triangle[2]};
         bool shares_node = false;
         for (int c = 0; c < 3; c++) shares_node = shares_node || triangle[c] == edge[0] || triangle[c] == edge[1];
-        if (!(owns & PLIANT_OWNS_EDGE << k) || shares_node || is_released(on->self, edge[0], triangle[0])) continue;
+        if (!(owns & PLIANT_OWNS_EDGE << k) || shares_node ||
+            pliant_advance_is_exempt(on->self, 5, both, 2))
+            continue;
         for (int n = 0; n < 2; n++) position_at(on, edge[n], 0, end[n]);
         if (!pliant_segment_crosses_triangle((const double(*)[3])corner, (const double(*)[3])end)) continue;
-        if (out->crossings++ > 0) continue;
-        memcpy(out->node, edge, sizeof edge);
-        memcpy(out->node + 2, triangle, 3 * sizeof *triangle);
+        for (int c = 0; on->crossing && c < 5; c++) on->crossing[both[c]] = 1;
+        if (on->audit->crossings++ == 0) memcpy(on->audit->node, both, sizeof both);
     }
 }
 
 /* Test the nodes and edges that two triangles own against each other. */
-static void try_triangles(search *on, int32_t m, int32_t n, pliant_advance_self_audit *audit)
+static void try_triangles(search *on, int32_t m, int32_t n)
 {
     const pliant_advance_tree *tree = &on->advance->tree;
     const int32_t a = tree->order[m], b = tree->order[n], *one = tree->triangles + 3 * (size_t)a,
                   *other = tree->triangles + 3 * (size_t)b;
     const pliant_advance_box *boxes[2] = {tree->box + m, tree->box + n};
     if (pliant_advance_boxes_separated(boxes[0], boxes[1], on->margin)) return;
-    if (audit) {
-        try_crossing(on, one, tree->owns[a], other, audit);
-        try_crossing(on, other, tree->owns[b], one, audit);
+    if (on->audit) {
+        try_crossing(on, one, tree->owns[a], other);
+        try_crossing(on, other, tree->owns[b], one);
     }
     try_nodes(on, one, tree->owns[a], other, boxes[1]);
     try_nodes(on, other, tree->owns[b], one, boxes[0]);
-    try_edges(on, one, tree->owns[a], other, tree->owns[b], boxes[1]);
+    try_edges(on, a, b, boxes[1]);
 }
 
 typedef struct couple {
     int32_t a, b;
 } couple;
 
-static void try_leaves(search *on, const couple *at, pliant_advance_self_audit *audit)
+static void try_leaves(search *on, const couple *at)
 {
     const pliant_advance_branch *a = on->advance->tree.branch + at->a, *b = on->advance->tree.branch + at->b;
     for (int32_t m = a->first; m < a->first + a->count; m++)
         for (int32_t n = at->a == at->b ? m + 1 : b->first; n < b->first + b->count; n++)
-            try_triangles(on, m, n, audit);
+            try_triangles(on, m, n);
 }
 
 /* Visit all pairs of branches whose boxes are near, from the root down. */
-static pliant_status find_pairs(search *on, pliant_advance_self_audit *audit)
+static pliant_status find_pairs(search *on)
 {
     enum { MAX_OPEN = 512 }; /* three for each level of both branches */
     const pliant_advance_tree *tree = &on->advance->tree;
@@ -214,7 +213,7 @@ static pliant_status find_pairs(search *on, pliant_advance_self_audit *audit)
         if (at.a != at.b && pliant_advance_boxes_separated(tree->around + at.a, tree->around + at.b, on->margin))
             continue;
         if (a->child < 0 && b->child < 0)
-            try_leaves(on, &at, audit);
+            try_leaves(on, &at);
         else if (at.a == at.b) {
             open[depth++] = (couple){a->child, a->child + 1};
             open[depth++] = (couple){a->child + 1, a->child + 1};
@@ -231,6 +230,33 @@ static pliant_status find_pairs(search *on, pliant_advance_self_audit *audit)
 }
 
 /* ---- one pair */
+
+/* Compute the vector from the second side's closest point to the first side's. */
+static void shortest_way(const double x[4][3], bool is_edges, double out[3])
+{
+    if (is_edges) {
+        double s, r;
+        pliant_advance_segments(x, x + 2, &s, &r);
+        for (int d = 0; d < 3; d++)
+            out[d] = x[0][d] + s * (x[1][d] - x[0][d]) - x[2][d] - r * (x[3][d] - x[2][d]);
+    } else {
+        double weight[3], foot[3];
+        pliant_advance_on_triangle(x + 1, x[0], weight);
+        pliant_advance_mix(x + 1, weight, foot);
+        for (int d = 0; d < 3; d++) out[d] = x[0][d] - foot[d];
+    }
+}
+
+double pliant_advance_thickness(const pliant_advance_self *self, const int32_t node[4], bool is_edges)
+{
+    double x[4][3], way[3];
+    if (pliant_advance_is_exempt(self, 4, node, is_edges ? 2 : 1)) return 0;
+    if (!self->rest) return self->thickness;
+    for (int c = 0; c < 4; c++) memcpy(x[c], self->rest + 3 * (size_t)node[c], sizeof x[c]);
+    shortest_way((const double(*)[3])x, is_edges, way);
+    const double distance = pliant_length3(way), none = 1e-6; /* fraction of the thickness: rounding */
+    return distance > none * self->thickness ? fmin(distance, self->thickness) : 0;
+}
 
 /* A pair at one time: positions relative to its first node's start, and the plane between its closest points. */
 typedef struct moment {
@@ -249,17 +275,7 @@ static void look(const search *on, const pliant_advance_self_pair *pair, double 
         for (int d = 0; d < 3; d++) out->x[c][d] -= origin[d];
     }
     const double(*x)[3] = (const double(*)[3])out->x;
-    if (pair->is_edges) {
-        double s, r;
-        pliant_advance_segments(x, x + 2, &s, &r);
-        for (int d = 0; d < 3; d++)
-            out->normal[d] = x[0][d] + s * (x[1][d] - x[0][d]) - x[2][d] - r * (x[3][d] - x[2][d]);
-    } else {
-        double weight[3], foot[3];
-        pliant_advance_on_triangle(x + 1, x[0], weight);
-        pliant_advance_mix(x + 1, weight, foot);
-        for (int d = 0; d < 3; d++) out->normal[d] = x[0][d] - foot[d];
-    }
+    shortest_way(x, pair->is_edges, out->normal);
     const double size = pliant_length3(out->normal), scale = size > 0 ? 1 / size : 0;
     for (int d = 0; d < 3; d++) out->normal[d] *= scale;
     for (int c = 0; c < 4; c++) {
@@ -305,8 +321,12 @@ static bool step(const search *on, pliant_advance_self_pair *pair, int64_t *dist
     look(on, pair, pair->t, &now);
     ++*distances;
     if (pair->iterations == 0) {
-        if (!(now.distance > 0)) return true;
-        pair->limit = pliant_advance_limit(&on->advance->settings, on->self->thickness, now.distance);
+        const double thickness = pliant_advance_thickness(on->self, pair->node, pair->is_edges);
+        if (pliant_advance_starts_together(thickness, now.distance)) {
+            pair->t = 1;
+            return true;
+        }
+        pair->limit = pliant_advance_limit(&on->advance->settings, thickness, now.distance);
     }
     if (!(now.distance >= pair->limit)) return true;
     const double ahead = step_of(on, pair, &now);
@@ -335,7 +355,7 @@ pliant_status pliant_advance_find_self(pliant_advance *advance, int32_t num_tria
     advance->num_self = 0;
     pliant_status status =
         num_triangles > 0 ? pliant_advance_tree_update(&advance->tree, num_triangles, triangles, from, to) : PLIANT_OK;
-    if (status == PLIANT_OK && num_triangles > 0) status = find_pairs(&on, NULL);
+    if (status == PLIANT_OK && num_triangles > 0) status = find_pairs(&on);
     if (status == PLIANT_OK) status = pliant_advance_reserve_ranks(advance, advance->num_self);
     if (status != PLIANT_OK) return status;
     int64_t distances = 0;
@@ -361,17 +381,22 @@ pliant_status pliant_advance_find_self(pliant_advance *advance, int32_t num_tria
 }
 
 pliant_status pliant_advance_audit_self(pliant_advance *advance, int32_t num_triangles, const int32_t *triangles,
-                                        const double *positions, const pliant_advance_self *self, int num_threads,
+                                        const double *positions, const pliant_advance_self *self, uint8_t *crossing,
                                         pliant_advance_self_audit *out)
 {
-    search on = {.advance = advance, .from = positions, .to = positions, .self = self, .margin = self->thickness};
     pliant_advance_self_audit audit = {.minimum = INFINITY, .node = {-1, -1, -1, -1, -1}};
-    (void)num_threads;
+    search on = {.advance = advance,
+                 .from = positions,
+                 .to = positions,
+                 .self = self,
+                 .margin = self->thickness,
+                 .audit = &audit,
+                 .crossing = crossing};
     advance->num_self = 0;
     pliant_status status =
         num_triangles > 0 ? pliant_advance_tree_update(&advance->tree, num_triangles, triangles, positions, positions)
                           : PLIANT_OK;
-    if (status == PLIANT_OK && num_triangles > 0) status = find_pairs(&on, &audit);
+    if (status == PLIANT_OK && num_triangles > 0) status = find_pairs(&on);
     if (status != PLIANT_OK) return status;
     for (int32_t n = 0; n < advance->num_self; n++) {
         moment now;

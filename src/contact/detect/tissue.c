@@ -89,7 +89,7 @@ static void spread(const finding *on)
             for (int32_t a = tissue->around_start[n]; a < tissue->around_start[n + 1] && tissue->count[n] == 0; a++) {
                 const int32_t adjacent = tissue->index_of[tissue->around[a]];
                 const pliant_node_contact *one = tissue->node_contacts + PLIANT_MAX_NODE_CONTACTS * (size_t)adjacent;
-                if (tissue->count[adjacent] > 0 && one->gap < -on->view.settings.edge_depth * tissue->shortest)
+                if (tissue->count[adjacent] > 0 && one->gap < -2 * on->view.settings.self_margin * tissue->shortest)
                     try_deep(on, n, tissue->skin[one->skin].tet);
             }
             more = more || tissue->count[n] > 0;
@@ -107,10 +107,9 @@ static pliant_contact_point *append(pliant_contacts *out)
     return point;
 }
 
-/* Set the point's position so that a step reduces the penetration depth gradually. */
-static void set_place(pliant_contact_point *point, double gap, const pliant_tissue_rule *rule)
+void pliant_tissue_set_place(pliant_contact_point *point, double gap, double thickness, const pliant_tissue_rule *rule)
 {
-    const double left = pliant_contact_permitted_gap(gap, rule->recovery, rule->stays);
+    const double left = thickness + pliant_contact_permitted_gap(gap - thickness, rule->recovery, rule->stays);
     for (int d = 0; d < 3; d++) point->place[d] = left * point->normal[d];
 }
 
@@ -135,13 +134,15 @@ static pliant_status append_node_points(const finding *on, pliant_contacts *out)
             memcpy(point->normal, tissue->normal[list[k].skin], sizeof point->normal);
             point->area = tissue->area[n];
             point->friction = on->view.rule.friction;
-            set_place(point, list[k].gap, &on->view.rule);
+            pliant_tissue_set_place(point, list[k].gap,
+                                    pliant_tissue_node_thickness(tissue, &on->view.rule, tissue->node[n], skin),
+                                    &on->view.rule);
         }
     }
     return PLIANT_OK;
 }
 
-/* ---- crossing edges */
+/* ---- edges that cross: exempt pairs, and all pairs in explicit dynamics */
 
 /* Return whether a node of the tetrahedron is inside tissue. */
 static bool touches_any(const finding *on, int32_t tet)
@@ -217,7 +218,7 @@ static pliant_status cross_edges(const finding *on, int32_t a, int i, int32_t b,
             pliant_tissue_position(&on->view, node[2])[d] + t * w[d] - pliant_tissue_position(&on->view, node[0])[d];
     }
     if (!is_below(tissue, b, j, across[0]) || !is_below(tissue, a, i, across[1])) return PLIANT_OK;
-    if (!(gap < 0 && gap > -on->view.settings.edge_depth * tissue->shortest) ||
+    if (!(gap < 0 && gap > -2 * on->view.settings.self_margin * tissue->shortest) ||
         !(pliant_dot3(normal, outwards[0]) < 0) || !(pliant_dot3(normal, outwards[1]) > 0))
         return PLIANT_OK;
     if (pliant_tissue_piece_of(&on->view, node[0]) >= 0 &&
@@ -241,20 +242,13 @@ static pliant_status cross_edges(const finding *on, int32_t a, int i, int32_t b,
     for (int d = 0; d < 3; d++) point->normal[d] = turned ? -normal[d] : normal[d];
     point->area = 0.25 * (sqrt(pliant_dot3(u, u) * pliant_dot3(w, w)));
     point->friction = on->view.rule.friction;
-    set_place(point, gap, &on->view.rule);
+    pliant_tissue_set_place(point, gap, 0, &on->view.rule);
     return PLIANT_OK;
 }
 
-static int compare_points(const void *a, const void *b)
-{
-    const uint64_t x = ((const pliant_contact_point *)a)->feature, y = ((const pliant_contact_point *)b)->feature;
-    return (x > y) - (x < y);
-}
-
-static pliant_status append_edge_points(const finding *on, pliant_contacts *out)
+static pliant_status append_crossing_edges(const finding *on, pliant_contacts *out)
 {
     const pliant_tissue *tissue = on->tissue;
-    const int32_t first = out->count;
     for (int c = 0; c < PLIANT_GRID_CHUNKS; c++) {
         const pliant_grid_pairs *found = tissue->grid.found + c;
         for (int32_t p = 0; p < found->count; p++) {
@@ -268,13 +262,24 @@ static pliant_status append_edge_points(const finding *on, pliant_contacts *out)
                 }
         }
     }
-    if (out->count == first) return PLIANT_OK;
+    return PLIANT_OK;
+}
+
+static int compare_points(const void *a, const void *b)
+{
+    const uint64_t x = ((const pliant_contact_point *)a)->feature, y = ((const pliant_contact_point *)b)->feature;
+    return (x > y) - (x < y);
+}
+
+/* Sort the points from `first` on, and keep one of each feature. */
+static void sort_edges(int32_t first, pliant_contacts *out)
+{
+    if (out->count == first) return;
     qsort(out->point + first, (size_t)(out->count - first), sizeof *out->point, compare_points);
     int32_t kept = first;
     for (int32_t n = first; n < out->count; n++)
         if (n == first || out->point[n].feature != out->point[kept - 1].feature) out->point[kept++] = out->point[n];
     out->count = kept;
-    return PLIANT_OK;
 }
 
 /* ---- all contact points */
@@ -397,8 +402,12 @@ pliant_status pliant_tissue_find(pliant_tissue *tissue, const double *positions,
             try_pair(&on, pair[1], pair[0]);
         }
     if (tissue->num_overlaps > 0) spread(&on);
-    status = append_node_points(&on, out);
-    if (status == PLIANT_OK) status = append_edge_points(&on, out);
+    if (moving.thickness > 0) status = pliant_tissue_find_pairs(tissue, positions, &moving);
+    if (status == PLIANT_OK) status = append_node_points(&on, out);
+    const int32_t first = out->count;
+    if (status == PLIANT_OK) status = append_crossing_edges(&on, out);
+    if (status == PLIANT_OK) status = pliant_tissue_append_edges(tissue, positions, &moving, out);
+    sort_edges(first, out);
     if (status == PLIANT_OK) status = append_face_points(&on, out);
     if (status == PLIANT_OK) keep_places(tissue, positions);
     else out->count = before_all;

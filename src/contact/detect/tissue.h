@@ -2,9 +2,12 @@
  *
  * Outer surfaces: a node of the surface can touch a triangle. The triangle's tetrahedron must not contain the node
  * or a neighbor of it. From outside, there is contact if the node is above the triangle within a margin. Inside, if
- * the node is in a tetrahedron, it is pushed out along the shortest direction. Crossing edges of overlapping
- * tetrahedra have contact if no node of these tetrahedra has one. The weights of the two sides have opposite signs
- * and sum to 0, so the forces on the two sides are opposite.
+ * the node is in a tetrahedron, it is pushed out along the shortest direction. Two edges have contact within the
+ * margin, or if they have crossed and no node of their tetrahedra has contact. The weights of the two sides have
+ * opposite signs and sum to 0, so the forces on the two sides are opposite.
+ *
+ * In the quasi-static solver, both sides keep a distance, the thickness. So the contact forces act before conservative
+ * advancement stops a leg (tissue_pairs.c). A pair at a cut has no thickness, and no leg stops for it.
  *
  * Cut faces, where voxels are separated (cut/kind: sever): fragments are copies of whole tetrahedra, and they
  * overlap at rest. Only their voxels differ. Their contact uses the severed links between them: the center of these
@@ -84,6 +87,12 @@ struct pliant_tissue {
     bool has_place;
     double *place;             /* (num_nodes x 3) positions at the start of the previous step [m] */
     int32_t num_overlaps;      /* number of overlapping pairs of tetrahedra */
+    /* ---- pairs that keep a distance (tissue_pairs.c); all NULL before the first search with a thickness */
+    struct pliant_advance *advance;
+    int32_t *triangles;        /* (num_skins x 3) nodes */
+    double *rest;              /* (fine nodes x 3) surface at rest [m] */
+    uint8_t *seam;             /* (fine nodes) at a cut */
+    uint8_t *exempt;           /* (fine nodes) at a cut, or part of a penetration at the start of the leg */
     /* ---- other devices */
     const pliant_tissue_searcher *searcher; /* Nullable: the CPU searches */
     const pliant_tissue_searcher *failed;   /* it has failed for this topology and is not tried again */
@@ -110,8 +119,29 @@ struct pliant_tissue_rule {
     const double *nodes;
     double stays;              /* fraction of the penetration depth that remains (pliant_contact_permitted_gap) */
     const pliant_contact_settings *settings; /* Nullable: the defaults */
+    double thickness;          /* distance that two surfaces keep (contact/advance/advance.h) [m] */
 };
 
+/* ---- tissue_pairs.c */
+/* Set the surface at rest once for a topology. rest: (nodes x 3) [m]. Errors: MEMORY. */
+pliant_status pliant_tissue_set_rest(pliant_tissue *tissue, const double *rest);
+/* Find the exempt nodes and all near pairs. The contacts of every node must be known. Errors: MEMORY. */
+pliant_status pliant_tissue_find_pairs(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *rule);
+/* Append a point for each of these pairs that consists of two edges. Errors: MEMORY. */
+pliant_status pliant_tissue_append_edges(pliant_tissue *tissue, const double *positions,
+                                         const pliant_tissue_rule *rule, pliant_contacts *out);
+/* Return the thickness of a node and a triangle [m]. */
+double pliant_tissue_node_thickness(const pliant_tissue *tissue, const pliant_tissue_rule *rule, int32_t node,
+                                    const pliant_skin *skin);
+/* Compute the largest fraction of a leg in which the surface does not pass through itself. pliant_tissue_find must
+ * have found the points at the leg's start. Errors: MEMORY. */
+pliant_status pliant_tissue_advance(pliant_tissue *tissue, const double *from, const double *to,
+                                    const pliant_tissue_rule *rule, double *out);
+
+/* ---- tissue.c */
+/* Set the point's position so that a step reduces the penetration depth gradually.
+ * thickness: distance that the sides keep [m] */
+void pliant_tissue_set_place(pliant_contact_point *point, double gap, double thickness, const pliant_tissue_rule *rule);
 /* Find contact points and append them, sorted by feature. The top byte is PLIANT_TISSUE_NODE, _EDGE, _CUT or _SLID
  * (update_sides.h).
  * @param positions (nodes x 3) of the surface's corners at the start of the step [m]

@@ -3,6 +3,7 @@
 
 #include "base/fail.h"
 #include "base/memory.h"
+#include "contact/advance/advance.h"
 #include "mesh/mesh.h"
 #include "topology/body.h"
 
@@ -19,7 +20,7 @@ static void free_surface(pliant_tissue *tissue)
                       tissue->skin_start, tissue->node,     tissue->index_of, tissue->around_start, tissue->around,
                       tissue->fan_start,  tissue->fan,      tissue->area,     tissue->face,         tissue->normal,
                       tissue->count,      tissue->node_contacts, tissue->last,     tissue->place,        tissue->piece,
-                      tissue->slid};
+                      tissue->slid,       tissue->triangles, tissue->rest,     tissue->seam,         tissue->exempt};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
 }
 
@@ -27,6 +28,7 @@ void pliant_tissue_free(pliant_tissue *tissue)
 {
     free_surface(tissue);
     pliant_grid_free(&tissue->grid);
+    pliant_advance_free(tissue->advance);
     pliant_tissue_set_searcher(tissue, NULL);
     pliant_body_release(tissue->body);
     memset(tissue, 0, sizeof *tissue);
@@ -257,6 +259,7 @@ pliant_status pliant_tissue_set_body(pliant_tissue *tissue, const pliant_body *b
         return status;
     }
     next.grid = tissue->grid;
+    next.advance = tissue->advance;
     next.searcher = tissue->searcher;
     next.searcher_state = tissue->searcher_state;
     pliant_body_retain(body);

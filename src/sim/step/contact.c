@@ -156,24 +156,39 @@ static pliant_status find_slowed(const pliant_model *model, pliant_data *data, p
     return status;
 }
 
+/* Explicit dynamics has no thickness: it would stop legs of tissue that rests on tissue. */
+pliant_tissue_rule pliant_contact_tissue_rule(const pliant_model *model, const pliant_data *data, double pieces_go)
+{
+    const double *cell = data->body->fine.cell_size, smallest = fmin(fmin(cell[0], cell[1]), cell[2]),
+                 thickness = data->body->has_inertia ? 0 : model->contact.self_thickness * smallest;
+    return (pliant_tissue_rule){.margin =
+                                    model->contact.self_margin * data->contact_search->tissue.shortest + thickness,
+                                .thickness = thickness,
+                                .recovery = max_recovery(model, data),
+                                .friction = model->scene.contact.friction,
+                                .pieces_go = pieces_go,
+                                .nodes = data->positions,
+                                .stays = stays(model, data),
+                                .settings = &model->contact};
+}
+
 /* pieces_go: largest motion of detached pieces in this step [m] */
 static pliant_status find_tissue(const pliant_model *model, pliant_data *data, double pieces_go, pliant_contacts *out)
 {
     pliant_tissue *tissue = &data->contact_search->tissue;
-    const pliant_contact_surface *outside =
-        pliant_contact_is_within_elements(model) ? &data->contact_search->outside : NULL;
+    pliant_contact_surface *outside = pliant_contact_is_within_elements(model) ? &data->contact_search->outside : NULL;
     pliant_status status = pliant_tissue_set_body(tissue, data->body, outside ? outside->solid : NULL,
                                                   data->discretization->system->num_threads);
-    const pliant_tissue_rule rule = {.margin = model->contact.self_margin * tissue->shortest,
-                                     .recovery = max_recovery(model, data),
-                                     .friction = model->scene.contact.friction,
-                                     .pieces_go = pieces_go,
-                                     .nodes = data->positions,
-                                     .stays = stays(model, data),
-                                     .settings = &model->contact};
     if (status != PLIANT_OK || tissue->num_skins == 0) return status;
     pliant_tissue_set_searcher(tissue, data->backend->searcher);
     if (model->scene.contact.response == PLIANT_RESPONSE_PAPER) return find_slowed(model, data, out);
+    const pliant_tissue_rule rule = pliant_contact_tissue_rule(model, data, pieces_go);
+    if (outside && rule.thickness > 0 && !tissue->exempt) {
+        pliant_contact_surface_update(outside, data->body->fine.rest);
+        status = pliant_tissue_set_rest(tissue, outside->positions);
+        pliant_contact_surface_update(outside, data->positions);
+    }
+    if (status != PLIANT_OK) return status;
     return pliant_tissue_find(tissue, outside ? outside->positions : data->positions, &rule, out);
 }
 

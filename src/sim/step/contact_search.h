@@ -54,6 +54,10 @@ double pliant_contact_core_offset(const pliant_part *part);
  * until a fraction of the zone remains (settings.guard_left). */
 double pliant_contact_guard(const pliant_model *model, const pliant_data *data, const pliant_part *part);
 
+/* ---- contact.c */
+/* Return the rule for tissue on tissue. pieces_go: largest motion of detached pieces in this step [m] */
+pliant_tissue_rule pliant_contact_tissue_rule(const pliant_model *model, const pliant_data *data, double pieces_go);
+
 /* ---- contact_surface.c */
 /* Choose the surface for collision detection. Errors: MEMORY.
  * @param body, positions out: its topology and its positions */

@@ -1,0 +1,204 @@
+/* Pairs of a node and a triangle, and of two edges, that keep a distance: contact points of edges, and the fraction of
+ * a leg in which the surface does not pass through itself. */
+#include "base/buffer.h"
+#include "base/fail.h"
+#include "base/memory.h"
+#include "contact/advance/advance_rules.h"
+#include "contact/advance/broad_phase.h"
+#include "contact/detect/tissue_rules.h"
+#include "contact/detect/update_sides.h"
+#include "topology/body.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { SEAM = 1, NEAR_SEAM = 2 };
+
+/* Mark the nodes at cuts and their neighbors. Fragments are whole tetrahedra, so the surfaces next to them overlap at
+ * rest, by less than one tetrahedron. The sides of a cut through tetrahedra coincide at rest. */
+static void mark_seams(pliant_tissue *tissue)
+{
+    const pliant_body *body = tissue->body;
+    const pliant_subdivision *subdivision = body->subdivision;
+    const int32_t appended = subdivision && subdivision->between ? body->fine.num_nodes - subdivision->load_nodes : 0;
+    for (int32_t t = 0; t < body->fine.num_tets; t++)
+        for (int v = 0; v < 4 && tissue->inside[t] && !tissue->apart[t]; v++)
+            tissue->seam[body->fine.tets[4 * (size_t)t + (size_t)v]] = SEAM;
+    for (int32_t n = 0; n < appended; n++)
+        if (subdivision->between[n].end[0] == subdivision->between[n].end[1])
+            tissue->seam[subdivision->load_nodes + n] = tissue->seam[subdivision->between[n].end[0]] = SEAM;
+    for (int32_t n = 0; n < tissue->num_nodes; n++)
+        for (int32_t a = tissue->around_start[n]; a < tissue->around_start[n + 1]; a++)
+            if (tissue->seam[tissue->node[n]] == SEAM && tissue->seam[tissue->around[a]] == 0)
+                tissue->seam[tissue->around[a]] = NEAR_SEAM;
+}
+
+pliant_status pliant_tissue_set_rest(pliant_tissue *tissue, const double *rest)
+{
+    const size_t nodes = (size_t)tissue->body->fine.num_nodes, triangles = (size_t)tissue->num_skins;
+    if (tissue->exempt) return PLIANT_OK;
+    tissue->triangles = pliant_calloc(3 * triangles, sizeof *tissue->triangles);
+    tissue->rest = pliant_calloc(3 * nodes, sizeof *tissue->rest);
+    tissue->seam = pliant_calloc(nodes, 1);
+    if (!tissue->triangles || !tissue->rest || !tissue->seam || !(tissue->exempt = pliant_calloc(nodes, 1))) {
+        pliant_free(tissue->triangles);
+        pliant_free(tissue->rest);
+        pliant_free(tissue->seam);
+        tissue->triangles = NULL;
+        tissue->rest = NULL;
+        tissue->seam = NULL;
+        return pliant_fail_memory("the self-contacts of the tissue");
+    }
+    for (size_t s = 0; s < triangles; s++)
+        memcpy(tissue->triangles + 3 * s, tissue->skin[s].node, 3 * sizeof *tissue->triangles);
+    memcpy(tissue->rest, rest, 3 * nodes * sizeof *tissue->rest);
+    mark_seams(tissue);
+    return PLIANT_OK;
+}
+
+static pliant_advance_self self_of(const pliant_tissue *tissue, const uint8_t *exempt, double thickness)
+{
+    return (pliant_advance_self){
+        .thickness = thickness, .rest = tissue->rest, .exempt = exempt, .piece = tissue->piece};
+}
+
+/* Mark nodes inside tissue, and the triangles that push them out. */
+static void mark_inside(pliant_tissue *tissue)
+{
+    for (int32_t n = 0; n < tissue->num_nodes; n++) {
+        const pliant_node_contact *one = tissue->node_contacts + PLIANT_MAX_NODE_CONTACTS * (size_t)n;
+        if (tissue->count[n] == 0 || !(one->gap < -PLIANT_TISSUE_BORDER * tissue->shortest)) continue;
+        tissue->exempt[tissue->node[n]] = 1;
+        for (int v = 0; v < 3; v++) tissue->exempt[tissue->skin[one->skin].node[v]] = 1;
+    }
+}
+
+pliant_status pliant_tissue_find_pairs(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *rule)
+{
+    pliant_advance_self_audit audit;
+    pliant_status status = tissue->advance ? PLIANT_OK : pliant_advance_create(rule->settings, &tissue->advance);
+    if (status == PLIANT_OK) status = pliant_tissue_set_rest(tissue, tissue->body->fine.rest);
+    if (status != PLIANT_OK) return status;
+    const pliant_advance_self self = self_of(tissue, tissue->seam, fmax(rule->margin, rule->pieces_go));
+    memcpy(tissue->exempt, tissue->seam, (size_t)tissue->body->fine.num_nodes);
+    status = pliant_advance_audit_self(tissue->advance, tissue->num_skins, tissue->triangles, positions, &self,
+                                       tissue->exempt, &audit);
+    mark_inside(tissue);
+    return status;
+}
+
+double pliant_tissue_node_thickness(const pliant_tissue *tissue, const pliant_tissue_rule *rule, int32_t node,
+                                    const pliant_skin *skin)
+{
+    const pliant_advance_self self = self_of(tissue, tissue->seam, rule->thickness);
+    const int32_t pair[4] = {node, skin->node[0], skin->node[1], skin->node[2]};
+    return pliant_advance_thickness(&self, pair, false);
+}
+
+/* ---- contact points of edges */
+
+/* Return whether a direction leads out of the surface at an edge. False: it leads along one of the edge's triangles, so
+ * a node or another edge is nearer.
+ * @param along vector of the edge, in the direction of its first triangle; sign: 1, or -1 for minus the direction */
+static bool leads_out(const pliant_tissue_view *view, int32_t edge, const double along[3], const double direction[3],
+                      double sign)
+{
+    const int32_t skin[2] = {edge / 3, view->skin[edge / 3].adjacent[edge % 3]};
+    const double tilt = sqrt(1 - view->settings.flat_cosine * view->settings.flat_cosine);
+    double height = 0, inwards[3];
+    for (int k = 0; k < 2; k++) {
+        if (skin[k] < 0) continue;
+        height += sign * pliant_dot3(view->normal[skin[k]], direction);
+        pliant_cross3(view->normal[skin[k]], along, inwards);
+        if ((k ? -sign : sign) * pliant_dot3(inwards, direction) >
+            tilt * pliant_length3(along) * pliant_length3(direction))
+            return false;
+    }
+    return height > 0;
+}
+
+static bool is_flat(const pliant_tissue_view *view, int32_t edge)
+{
+    const int32_t adjacent = view->skin[edge / 3].adjacent[edge % 3];
+    return adjacent >= 0 &&
+           pliant_dot3(view->normal[edge / 3], view->normal[adjacent]) >= view->settings.flat_cosine;
+}
+
+/* Return whether two edges can have contact: not if all nodes are fixed, or if the tetrahedron of one edge has a node
+ * of the other edge. */
+static bool can_touch(const pliant_tissue_view *view, const pliant_advance_self_pair *pair)
+{
+    bool fixed = true;
+    for (int c = 0; c < 4; c++) {
+        fixed = fixed && pliant_tissue_is_fixed(view, pair->node[c]);
+        if (pliant_tissue_has_node(view, view->skin[pair->feature[c < 2] / 3].tet, pair->node[c])) return false;
+    }
+    return !fixed;
+}
+
+static pliant_status append_pair(const pliant_tissue_view *view, const pliant_advance_self *self,
+                                 const pliant_advance_self_pair *pair, pliant_contacts *out)
+{
+    double x[4][3], s, t, normal[3], u[3], w[3], side[3];
+    for (int c = 0; c < 4; c++) memcpy(x[c], pliant_tissue_position(view, pair->node[c]), sizeof x[c]);
+    pliant_advance_segments((const double(*)[3])x, (const double(*)[3])(x + 2), &s, &t);
+    if (!(s > 0 && s < 1 && t > 0 && t < 1) || !can_touch(view, pair)) return PLIANT_OK;
+    for (int d = 0; d < 3; d++) {
+        u[d] = x[1][d] - x[0][d];
+        w[d] = x[3][d] - x[2][d];
+        normal[d] = x[0][d] + s * u[d] - x[2][d] - t * w[d];
+    }
+    pliant_cross3(u, w, side);
+    const double gap = pliant_length3(normal), thickness = pliant_advance_thickness(self, pair->node, true);
+    /* nodes touch parallel edges, and flat edges before they are as near as this */
+    const bool is_near = gap < 0.5 * thickness;
+    if (!(gap > 0) || !(pliant_dot3(side, side) > 1e-4 * pliant_dot3(u, u) * pliant_dot3(w, w))) return PLIANT_OK;
+    if (!is_near && (is_flat(view, pair->feature[0]) || is_flat(view, pair->feature[1]) ||
+                     !leads_out(view, pair->feature[0], u, normal, -1) ||
+                     !leads_out(view, pair->feature[1], w, normal, 1)))
+        return PLIANT_OK;
+    if (!pliant_reserve(&out->point, &out->capacity, out->count, 64, sizeof *out->point))
+        return pliant_fail_memory("the self-contacts of the tissue");
+    pliant_contact_point *point = out->point + out->count++;
+    *point = (pliant_contact_point){.kind = PLIANT_OBSTACLE_TISSUE, .tool = -1, .part = -1, .count = 4};
+    const double weight[4] = {1 - s, s, t - 1, -t};
+    /* the edge with the lower number is the first side, in any order of the search */
+    const bool turned = pair->feature[0] > pair->feature[1];
+    point->feature = (uint64_t)PLIANT_TISSUE_EDGE << 56 | (uint64_t)pair->feature[turned] << 28 |
+                     (uint64_t)pair->feature[!turned];
+    for (int v = 0; v < 4; v++) {
+        point->node[v] = pair->node[turned ? (v + 2) % 4 : v];
+        point->weight[v] = turned ? -weight[(v + 2) % 4] : weight[v];
+    }
+    for (int d = 0; d < 3; d++) point->normal[d] = (turned ? -normal[d] : normal[d]) / gap;
+    point->area = 0.25 * pliant_length3(u) * pliant_length3(w);
+    point->friction = view->rule.friction;
+    pliant_tissue_set_place(point, gap, thickness, &view->rule);
+    return PLIANT_OK;
+}
+
+pliant_status pliant_tissue_append_edges(pliant_tissue *tissue, const double *positions,
+                                         const pliant_tissue_rule *rule, pliant_contacts *out)
+{
+    const pliant_tissue_view view = pliant_tissue_view_of(tissue, positions, rule);
+    const pliant_advance_self self = self_of(tissue, tissue->exempt, rule->thickness);
+    const pliant_advance *advance = tissue->advance;
+    pliant_status status = PLIANT_OK;
+    for (int32_t n = 0; rule->thickness > 0 && n < advance->num_self && status == PLIANT_OK; n++)
+        if (advance->self[n].is_edges && pliant_advance_thickness(&self, advance->self[n].node, true) > 0)
+            status = append_pair(&view, &self, advance->self + n, out);
+    return status;
+}
+
+/* ---- a leg */
+
+pliant_status pliant_tissue_advance(pliant_tissue *tissue, const double *from, const double *to,
+                                    const pliant_tissue_rule *rule, double *out)
+{
+    const pliant_advance_self self = self_of(tissue, tissue->exempt, rule->thickness);
+    pliant_advance_self_result found;
+    const pliant_status status = pliant_advance_find_self(tissue->advance, tissue->num_skins, tissue->triangles, from,
+                                                          to, &self, tissue->threads, &found);
+    if (status == PLIANT_OK) *out = found.t;
+    return status;
+}
