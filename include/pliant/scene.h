@@ -32,6 +32,8 @@ extern "C" {
     X(PLIANT_LAW_SAINT_VENANT_KIRCHHOFF, saint_venant_kirchhoff)
 #define PLIANT_MESH_LIST(X) X(PLIANT_LATTICE, lattice) X(PLIANT_OCTREE, octree)
 #define PLIANT_ELEMENT_LIST(X) X(PLIANT_ELEMENT_AUTO, auto) X(PLIANT_LINEAR, linear) X(PLIANT_HEXAHEDRA, hexahedra)
+#define PLIANT_ELASTICITY_LIST(X)                                                                 \
+    X(PLIANT_ELASTICITY_COROTATIONAL, corotational) X(PLIANT_ELASTICITY_NEO_HOOKEAN, neo_hookean)
 #define PLIANT_WARP_LIST(X) X(PLIANT_RASTERIZE, rasterize) X(PLIANT_FIT, fit)
 #define PLIANT_SEGMENT_LIST(X) X(PLIANT_SEGMENT_NONE, none) X(PLIANT_SEGMENT_GMM, gmm)
 #define PLIANT_CUT_LIST(X) X(PLIANT_CUT_NONE, none) X(PLIANT_CUT_SEVER, sever) X(PLIANT_CUT_SUBDIVIDE, subdivide)
@@ -67,6 +69,8 @@ typedef enum pliant_law { PLIANT_LAW_LIST(PLIANT_CHOICE_ENUM) } pliant_law;
 typedef enum pliant_mesh_kind { PLIANT_MESH_LIST(PLIANT_CHOICE_ENUM) } pliant_mesh_kind;
 /** Kind of finite elements. */
 typedef enum pliant_element_kind { PLIANT_ELEMENT_LIST(PLIANT_CHOICE_ENUM) } pliant_element_kind;
+/** Law of the quasi-static solver's elements (element/law). */
+typedef enum pliant_elasticity { PLIANT_ELASTICITY_LIST(PLIANT_CHOICE_ENUM) } pliant_elasticity;
 /** How the deformed volume is made. */
 typedef enum pliant_warp_kind { PLIANT_WARP_LIST(PLIANT_CHOICE_ENUM) } pliant_warp_kind;
 /** Segmentation at load. */
@@ -99,6 +103,7 @@ typedef enum pliant_response { PLIANT_RESPONSE_LIST(PLIANT_CHOICE_ENUM) } pliant
 #define PLIANT_DECLARE_SOLVER(name) pliant_solver_kind name;
 #define PLIANT_DECLARE_MESH(name) pliant_mesh_kind name;
 #define PLIANT_DECLARE_ELEMENT(name) pliant_element_kind name;
+#define PLIANT_DECLARE_ELASTICITY(name) pliant_elasticity name;
 #define PLIANT_DECLARE_WARP(name) pliant_warp_kind name;
 #define PLIANT_DECLARE_SEGMENT(name) pliant_segment_kind name;
 #define PLIANT_DECLARE_CUT(name) pliant_cut_kind name;
@@ -162,7 +167,10 @@ typedef enum pliant_response { PLIANT_RESPONSE_LIST(PLIANT_CHOICE_ENUM) } pliant
     X(ELEMENT, kind, PLIANT_ELEMENT_AUTO, 0, 0, "",                                                              \
       "hexahedra: cubes with one change of volume each; linear: the papers' tetrahedra, too stiff in bending "   \
       "and near incompressibility; auto: hexahedra, except for methods on tetrahedra (cut/kind: subdivide, "     \
-      "nodal pressure) and for contact (contact/self, obstacles, tools with a shape); the log names the choice")
+      "nodal pressure) and for contact (contact/self, obstacles, tools with a shape); the log names the choice")    \
+    X(ELASTICITY, law, PLIANT_ELASTICITY_COROTATIONAL, 0, 0, "",                                                  \
+      "solver/kind: corotational: elastic law; corotational: for moderate strains; neo_hookean: for large strains, "\
+      "of linear tetrahedra on the fine mesh, on the CPU")
 #define PLIANT_SCENE_MODEL(X)                                                                                     \
     X(METHOD, method, PLIANT_FINE, 0, 0, "",                                                                      \
       "fine: solve the fine mesh; all others: solve a coarse mesh, homogenized by this method")                   \

@@ -22,7 +22,8 @@ static pliant_status choose(const pliant_host_solver *kind, pliant_backend_choic
 pliant_status pliant_backend_create(const pliant_model *model, pliant_data *data)
 {
     const pliant_host_solver *kind = pliant_host_solver_of(model);
-    const pliant_backend_choice choice = model->scene.solver.backend;
+    const bool cpu_only = model->scene.element.law == PLIANT_ELASTICITY_NEO_HOOKEAN;
+    const pliant_backend_choice choice = cpu_only ? PLIANT_CPU : model->scene.solver.backend;
     char text[PLIANT_BACKEND_TEXT];
     pliant_status status = choose(kind, choice, text, &data->backend);
     if (status != PLIANT_OK) return status;

@@ -144,6 +144,7 @@ struct pliant_system {
     int32_t num_blocks;
     double (*gradients)[12][LANES]; /* (num_blocks) [1/m] */
     double (*lame)[2][LANES];       /* (num_blocks) volume * lambda, volume * mu [N m]; isotropic elements */
+    pliant_elasticity law;          /* of isotropic elements */
     /* (num_tets x 144) homogenized [N/m]; NULL: isotropic elements. With macro-elements of a coarser level: (count x
      * 576). */
     double *stiffness;

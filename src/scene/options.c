@@ -17,6 +17,7 @@ static const char *const preconditioner_names[] = {PLIANT_PRECONDITIONER_LIST(CH
 static const char *const scalar_names[] = {PLIANT_SCALAR_LIST(CHOICE_NAME) NULL};
 static const char *const solver_names[] = {PLIANT_SOLVER_LIST(CHOICE_NAME) NULL};
 static const char *const mesh_names[] = {PLIANT_MESH_LIST(CHOICE_NAME) NULL};
+static const char *const elasticity_names[] = {PLIANT_ELASTICITY_LIST(CHOICE_NAME) NULL};
 static const char *const element_names[] = {PLIANT_ELEMENT_LIST(CHOICE_NAME) NULL};
 static const char *const warp_names[] = {PLIANT_WARP_LIST(CHOICE_NAME) NULL};
 static const char *const segment_names[] = {PLIANT_SEGMENT_LIST(CHOICE_NAME) NULL};
@@ -53,6 +54,7 @@ _Static_assert(sizeof(pliant_method) == sizeof(int) && sizeof(pliant_touch) == s
 #define KIND_SCALAR(value) PLIANT_OPTION_CHOICE, value, NULL, scalar_names
 #define KIND_SOLVER(value) PLIANT_OPTION_CHOICE, value, NULL, solver_names
 #define KIND_MESH(value) PLIANT_OPTION_CHOICE, value, NULL, mesh_names
+#define KIND_ELASTICITY(value) PLIANT_OPTION_CHOICE, value, NULL, elasticity_names
 #define KIND_ELEMENT(value) PLIANT_OPTION_CHOICE, value, NULL, element_names
 #define KIND_WARP(value) PLIANT_OPTION_CHOICE, value, NULL, warp_names
 #define KIND_SEGMENT(value) PLIANT_OPTION_CHOICE, value, NULL, segment_names

@@ -1,6 +1,7 @@
 #include "base/fail.h"
 #include "base/buffer.h"
 #include "fem/element/deformation.h"
+#include "fem/element/law.h"
 #include "fem/element/rotation.h"
 #include "fem/system.h"
 #include "base/memory.h"
@@ -127,6 +128,40 @@ PLIANT_VECTORIZED static void isotropic_forces(double x[12][LANES], double g[12]
     memcpy(out, forces, sizeof forces);
 }
 
+/* Compute the forces of neo-Hookean elements (law.h): P = mu (F - cof F) + b cof F. Elements that only fill empty space
+ * stay linear. */
+PLIANT_VECTORIZED static void neo_hookean_forces(double x[12][LANES], double g[12][LANES], double lame[2][LANES],
+                                                 const uint8_t *grounded, double out[12][LANES])
+{
+    double f[9][LANES], forces[12][LANES];
+    deformation_of(x, g, f);
+    for (int l = 0; l < LANES; l++) {
+        const double lambda = lame[0][l], mu = lame[1][l];
+        double u[9], cofactor[9], p[9], trace = 0, shear, a;
+        for (int m = 0; m < 9; m++) u[m] = f[m][l];
+        for (int m = 0; m < 9; m++) trace += u[m] * u[m];
+        for (int r = 0; r < 3; r++)
+            for (int c = 0; c < 3; c++) {
+                const int r1 = 3 * ((r + 1) % 3), r2 = 3 * ((r + 2) % 3), c1 = (c + 1) % 3, c2 = (c + 2) % 3;
+                cofactor[3 * r + c] = u[r1 + c1] * u[r2 + c2] - u[r1 + c2] * u[r2 + c1];
+            }
+        const double change = u[0] * cofactor[0] + u[1] * cofactor[1] + u[2] * cofactor[2] - 1;
+        pliant_law_double_terms(PLIANT_LAW_NEO_HOOKEAN, mu, trace - 3, change, &a, &shear);
+        const double b = shear + lambda * change, pressure = lambda * (u[0] + u[4] + u[8] - 3);
+        const bool is_linear = grounded && grounded[l];
+        for (int m = 0; m < 9; m++) {
+            const double identity = m % 4 == 0, linear = pressure * identity + mu * (u[m] + u[m / 3 + m % 3 * 3] -
+                                                                                    2 * identity);
+            p[m] = is_linear ? linear : a * (u[m] - cofactor[m]) + b * cofactor[m];
+        }
+        for (int v = 0; v < 4; v++)
+            for (int d = 0; d < 3; d++)
+                forces[3 * v + d][l] = p[3 * d] * g[3 * v][l] + p[3 * d + 1] * g[3 * v + 1][l] +
+                                       p[3 * d + 2] * g[3 * v + 2][l];
+    }
+    memcpy(out, forces, sizeof forces);
+}
+
 PLIANT_VECTORIZED static void block_rotations(double x[12][LANES], double g[12][LANES], double out[9][LANES])
 {
     double f[9][LANES];
@@ -165,7 +200,8 @@ void pliant_system_element_forces(const pliant_system *system, const double *pos
         const uint8_t *grounded = grounded_of(system, block);
         load_corners(system, positions, block, x);
         if (!system->stiffness) {
-            isotropic_forces(x, system->gradients[block], system->lame[block], grounded, forces[block]);
+            (system->law == PLIANT_ELASTICITY_NEO_HOOKEAN ? neo_hookean_forces : isotropic_forces)(
+                x, system->gradients[block], system->lame[block], grounded, forces[block]);
             continue;
         }
         double rotations[9][LANES];

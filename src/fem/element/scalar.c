@@ -110,14 +110,16 @@ static double element_deformation(const view *look, int32_t tet, double f[9])
  * moduli. */
 static const double min_part = 0.01;
 
-/* Compute stress and energy density of the scene's elements. In explicit dynamics the stress is in world axes,
- * otherwise in the element's axes. */
+/* Compute stress and energy density of the scene's elements. The stress of the corotational law is in the element's
+ * axes, others are in world axes. */
 static double respond(const pliant_scene *scene, const double f[9], const pliant_tet_material *material,
                       double stress[6])
 {
-    if (scene->solver.kind != PLIANT_TLED) return corotational(f, material, stress);
-    pliant_law_cauchy(scene->tled.law, material->lambda, material->mu, f, stress);
-    return pliant_law_response(scene->tled.law, material->lambda, material->mu, f, NULL);
+    const bool tled = scene->solver.kind == PLIANT_TLED;
+    if (!tled && scene->element.law == PLIANT_ELASTICITY_COROTATIONAL) return corotational(f, material, stress);
+    const pliant_law law = tled ? scene->tled.law : PLIANT_LAW_NEO_HOOKEAN;
+    pliant_law_cauchy(law, material->lambda, material->mu, f, stress);
+    return pliant_law_response(law, material->lambda, material->mu, f, NULL);
 }
 
 /* Return the fraction of the tissue's moduli that an element has: it may hold air, or be a fragment. */

@@ -207,6 +207,7 @@ pliant_status pliant_discretizing_homogenize(pliant_discretizing *work)
     const bool graded = pliant_body_is_cut(body) || (kept && scene->model.method != PLIANT_LOD);
     if (is_coarse(scene)) return graded ? homogenize_cut(work) : homogenize_coarse(work);
     if (scene->element.kind == PLIANT_HEXAHEDRA && scene->mesh.kind == PLIANT_OCTREE) return homogenize_octree(work);
+    system->law = scene->element.law;
     return scene->element.kind == PLIANT_HEXAHEDRA
                ? pliant_system_hexahedra(system, body->fine_material, before, kept ? kept->fine : NULL)
                : pliant_system_elements(system, body->fine_material, before, kept ? kept->fine : NULL);

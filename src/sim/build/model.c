@@ -445,6 +445,18 @@ static pliant_status check_subdivide(const pliant_scene *scene)
                  : PLIANT_OK;
 }
 
+/* Refuse options that conflict with element/law: neo_hookean. */
+static pliant_status check_neo_hookean(const pliant_scene *scene)
+{
+    const char *other = NULL;
+    if (scene->solver.kind == PLIANT_TLED) other = "solver/kind: tled, whose law is tled/law; set corotational";
+    else if (scene->model.method != PLIANT_FINE) other = "model/method: homogenized elements are linear; set fine";
+    else if (scene->solver.backend == PLIANT_CUDA) other = "solver/backend: cuda, which has no such elements; set auto";
+    return other ? pliant_fail(PLIANT_ERROR_SCENE,
+                               "element/law: neo_hookean conflicts with %s, or element/law to corotational", other)
+                 : PLIANT_OK;
+}
+
 /* Refuse options that conflict. */
 static pliant_status check(const pliant_scene *scene, const pliant_material_table *materials)
 {
@@ -469,6 +481,7 @@ static pliant_status check(const pliant_scene *scene, const pliant_material_tabl
             pliant_fail(PLIANT_ERROR_SCENE,
                         "cut/kind: lod interpolates within whole cubes of the lattice, which cannot be divided; set "
                         "model/method to averaged or another one, or cut/kind to none");
+    if (status == PLIANT_OK && scene->element.law == PLIANT_ELASTICITY_NEO_HOOKEAN) status = check_neo_hookean(scene);
     if (status == PLIANT_OK) status = pliant_external_check(scene);
     if (status == PLIANT_OK) status = pliant_scene_check_elements(scene);
     if (status == PLIANT_OK && scene->material.slides[0] && scene->cut.kind != PLIANT_CUT_SEVER)
