@@ -38,14 +38,14 @@ typedef struct pliant_blade {
     double tip[3], rotation[4]; /* pose of the tool at the last motion of the edge */
     /* RESISTANCE: the edge drags the tissue by the tool's hold until it slips. */
     bool drags;
-    bool slips; /* the tissue was released in the last step: the blade cuts tissue that has moved back over it */
+    bool slips; /* the tissue is free: the blade cuts tissue that has moved back over it */
     double stiffness;      /* stiffness of its spring [N/m] */
     double anchor[3];      /* position of the middle of the edge at the start of dragging [m] */
+    double cut_end[3];     /* the same at the end of the cut [m] */
     double drawn[3];       /* motion since then, perpendicular to the edge [m] */
     double moved[3], force[3]; /* motion of the middle in the last step [m]; force in the step before [N] */
-    double work;           /* work since the last cut, plus the remainder at the last cut [J] */
-    bool passes;           /* the last step's motion was long: tissue is free and was not dragged */
-    double parting[3];     /* cutting force in that case [N] */
+    double work;           /* work of the blade minus the energy of its cuts since it entered tissue [J] */
+    double parting[3];     /* cutting force while tissue is free [N] */
     /* OUTPUT. */
     double engaged_length, severed_area; /* [m]; rest area since load [m^2] */
     int32_t pieces;        /* number after its last cut */

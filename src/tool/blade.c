@@ -377,7 +377,7 @@ void pliant_blade_release(pliant_tool *tool)
     pliant_blade *blade = &tool->blade;
     if (blade->drags) pliant_tool_remove_grasp(tool);
     else if (!tool->holding) memset(tool->force, 0, sizeof tool->force);
-    blade->slips = blade->passes = false;
+    blade->slips = false;
     blade->work = 0;
     memset(blade->parting, 0, sizeof blade->parting);
     memset(blade->drawn, 0, sizeof blade->drawn);

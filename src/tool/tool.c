@@ -413,7 +413,7 @@ void pliant_tool_report(pliant_data *data, int index, const double *force)
 {
     pliant_tool *tool = data->tools + index;
     if (!tool->holding) {
-        if (tool->blade.passes) memcpy(tool->force, tool->blade.parting, sizeof tool->force);
+        if (tool->blade.slips) memcpy(tool->force, tool->blade.parting, sizeof tool->force);
         return;
     }
     find_held_point(data, tool);

@@ -123,7 +123,7 @@ TEST_P(EveryKind, AStrokeTakesToughnessTimesItsArea)
                     *std::max_element(forces.begin(), forces.end()));
     EXPECT_EQ(told.pieces, 2);
     EXPECT_NEAR(told.severed_area, width * height, 0.05 * width * height);
-    EXPECT_NEAR(work, toughness * told.severed_area, 0.12 * toughness * told.severed_area);
+    EXPECT_NEAR(work, toughness * told.severed_area, 0.05 * toughness * told.severed_area);
     EXPECT_NEAR(work / height, toughness * width, 0.12 * toughness * width)
         << "mean force on its way through the tissue";
     const double peak = *std::max_element(forces.begin(), forces.end());
@@ -132,7 +132,8 @@ TEST_P(EveryKind, AStrokeTakesToughnessTimesItsArea)
     int drops = 0; // number of sudden drops
     for (size_t n = 1; n < forces.size(); n++)
         drops += forces[n - 1] > toughness * width && forces[n] < 0.3 * toughness * width;
-    EXPECT_GE(drops, 5) << "a saw-tooth";
+    // subdivided elements separate by rows of triangles
+    EXPECT_GE(drops, GetParam().name == subdivided.name ? 4 : 5) << "a saw-tooth";
     EXPECT_FALSE(told.holding);
     EXPECT_EQ(slab.said, "");
 }
@@ -158,9 +159,23 @@ TEST_P(EveryKind, AStepThatGoesFarTakesToughnessTimesItsAreaToo)
                 "peak %.3f of toughness times width\n",
                 1e3 * way, area / (4 * width * height), work / (toughness * area), maximum / (toughness * width));
         EXPECT_NEAR(area, 4 * width * height, 0.01 * 4 * width * height) << way;
-        EXPECT_NEAR(work, toughness * area, 0.06 * toughness * area) << way;
+        EXPECT_NEAR(work, toughness * area, 0.05 * toughness * area) << way;
         EXPECT_LT(maximum, 2.01 * toughness * width) << way;
     }
+}
+
+// Steps just below the limit of dragging: a drag has few steps.
+TEST_P(EveryKind, DragsOfFewStepsTakeToughnessTimesTheirAreaToo)
+{
+    if (GetParam().name == averaged.name || GetParam().name == subdivided.name) return; // they take longer
+    const double way = 0.00088;
+    double work = 0;
+    Slab slab(GetParam());
+    slab.stroke(0.0405, 0.034, -0.012, way / slab.scene.solver.step, nullptr, &work);
+    const double area = slab.state().severed_area;
+    if (std::getenv("PLIANT_FIGURES")) std::printf("work %.4f of toughness times area\n", work / (toughness * area));
+    EXPECT_NEAR(area, width * height, 0.01 * width * height);
+    EXPECT_NEAR(work, toughness * area, 0.05 * toughness * area);
 }
 
 // Slow, fast, slow, fast through a slab: no cut is paid twice, and no force acts along a path that is already cut.
@@ -190,7 +205,7 @@ TEST_P(EveryKind, ABladeThatChangesItsSpeedTakesNoMore)
         std::printf("area %.4f, work %.4f of toughness times area, peak %.3f\n", area / (4 * width * height),
                     work / (toughness * area), maximum / (toughness * width));
     EXPECT_NEAR(area, 4 * width * height, 0.01 * 4 * width * height);
-    EXPECT_NEAR(work, toughness * area, 0.14 * toughness * area);
+    EXPECT_NEAR(work, toughness * area, 0.05 * toughness * area);
     EXPECT_LT(maximum, 2.5 * toughness * width);
 }
 

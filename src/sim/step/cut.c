@@ -3,13 +3,14 @@
  * A blade first drags tissue and then cuts it. A spring of stiffness k pulls the tissue at the edge's points towards
  * the blade. Its force is k y, where y is the distance that the blade has moved since the drag began. Real tissue
  * stiffens as it is stretched. Linear elements do not, so they carry less than this force. The blade slips when its
- * work k y^2 / 2 reaches toughness times y times the width of the edge in tissue. Then the tissue is released,
- * returns over the edge, and is cut up to the blade.
+ * work pays for the cut (is_paid). Then the tissue is released, returns over the edge, and is cut up to the blade.
+ * With k = 2 toughness width / drag the force is a saw-tooth of length `drag`, as Chanthasopeephan measured in liver
+ * (Ann Biomed Eng 31:1372, 2003). Its mean is toughness times width.
  *
- * With k = 2 toughness width / drag the blade slips at y = drag. The force is a saw-tooth, as Chanthasopeephan
- * measured in liver (Ann Biomed Eng 31:1372, 2003). Its mean is toughness times width. The energy of the cut area is
- * subtracted from the work, so over a stroke the work is toughness times area. If the blade moves by a large part of
- * `drag` in one step, the tissue is cut at once, and only the mean force acts (go_on). */
+ * One account, blade->work, holds for all engines: the work of the blade's force minus toughness times severed area
+ * (account, part). No part of it is discarded while the blade is in tissue, so a stroke takes toughness times area.
+ * While free tissue is cut, there is no drag, and the force balances the account (balance). Tissue is free if the blade
+ * moves by a large part of `drag` in one step, and if inertia delays the return of the tissue. */
 #include "base/fail.h"
 #include "base/rotate.h"
 #include "base/vector3.h"
@@ -84,50 +85,77 @@ static double energy_of(const knife *work, const pliant_cut_report *report)
     return work->model->scene.cut.resistance * energy;
 }
 
-/* Cut the tissue between two positions of the edge's points. On an error return false and change nothing. */
-static bool part(const knife *work, const double *from, const double *to, pliant_cut_report *report)
+/* Cut the tissue between two positions of the edge's points, and charge the account for the severed area. On an error
+ * return false and change nothing. */
+static bool part(const knife *work, const double *from, const double *to)
 {
+    pliant_cut_report cut = {0}, *report = &cut;
     pliant_cut_sweep sweep = {.count = work->tool->blade.edge.count,
                               .from = from,
                               .to = to,
                               .material_of_voxel = work->model->material_of_voxel,
                               .blade = (uint32_t)work->index,
                               .stroke = (uint32_t)work->tool->blade.stroke};
-    memset(report, 0, sizeof *report);
     const uint64_t before = work->data->body->revision;
     if (pliant_data_cut_along_sweep(work->model, work->data, work->index, &sweep, report) != PLIANT_OK) {
         log_failure(work);
         return false;
     }
     if (work->data->body->revision == before) return true;
+    work->tool->blade.work -= energy_of(work, report);
     work->tool->blade.severed_area += report->area;
     work->tool->blade.pieces = report->pieces;
     return true;
 }
 
-/* Cut the tissue from the cut's end to the blade. */
-static bool cut_to_blade(const knife *work, pliant_cut_report *report)
+/* Cut the tissue from the cut's end to the blade, which becomes the cut's end. */
+static bool cut_to_blade(const knife *work)
 {
     pliant_blade *blade = &work->tool->blade;
     pliant_edge *edge = &blade->edge;
     extend(blade, edge->place, -overlap_distance * work->min_edge, edge->swept);
-    return part(work, edge->swept, edge->now, report);
+    if (!part(work, edge->swept, edge->now)) return false;
+    pliant_blade_set_edge(work->data, edge);
+    pliant_blade_middle(edge, edge->now, blade->cut_end);
+    return true;
 }
 
-/* Set the cut's end to the blade, without resistance. */
-static void skip_to_blade(const knife *work)
-{
-    pliant_blade_release(work->tool);
-    pliant_blade_set_edge(work->data, &work->tool->blade.edge);
-}
-
+/* Cut without resistance. */
 static void cut_freely(const knife *work)
 {
-    pliant_cut_report report;
-    if (cut_to_blade(work, &report)) skip_to_blade(work);
+    if (cut_to_blade(work)) pliant_blade_release(work->tool);
 }
 
 /* ---- resistance */
+
+/* Return whether a point of the edge lies in a voxel of tissue. Elements at the surface also contain empty voxels. */
+static bool is_in_tissue(const knife *work, int32_t point)
+{
+    const pliant_model *model = work->model;
+    const pliant_edge *edge = &work->tool->blade.edge;
+    const pliant_mesh *fine = &work->data->body->fine;
+    const int32_t *size = model->scan->geometry.size;
+    double rest[3] = {0, 0, 0}, index[3];
+    int64_t voxel = 0;
+    if (edge->tet[point] < 0) return false;
+    for (int v = 0; v < 4; v++)
+        for (int d = 0; d < 3; d++)
+            rest[d] += edge->weight[4 * point + v] * fine->rest[3 * fine->tets[4 * edge->tet[point] + v] + d];
+    pliant_geometry_to_index(&model->scan->geometry, rest, index);
+    for (int d = 2; d >= 0; d--) {
+        const double nearest = floor(index[d] + 0.5);
+        if (!(nearest >= 0 && nearest < size[d])) return false;
+        voxel = voxel * size[d] + (int64_t)nearest;
+    }
+    return !model->materials.materials[model->material_of_voxel[voxel]].empty;
+}
+
+static int32_t count_in_tissue(const knife *work)
+{
+    int32_t count = 0;
+    for (int32_t p = 0; p < work->tool->blade.edge.count; p++) count += is_in_tissue(work, p);
+    return count;
+}
 
 /* Compute the force that cuts the tissue ahead of the blade over this width of the edge [N]; 0: no tissue is ahead.
  * Return false on an error. */
@@ -161,14 +189,13 @@ static bool touch(const knife *work, bool *has_entered)
     pliant_blade *blade = &work->tool->blade;
     pliant_edge *edge = &blade->edge;
     const int32_t inside = pliant_blade_num_inside(edge);
-    pliant_cut_report report;
     if (inside == edge->count) return true;
     extend(blade, edge->place, -overlap_distance * work->min_edge, edge->swept);
     for (int32_t p = 0; p < edge->count; p++)
         if (edge->tet[p] >= 0) memcpy(edge->swept + 3 * p, edge->place + 3 * p, 3 * sizeof *edge->swept);
     pliant_blade_move_to_tissue(work->data, edge, 0.5 * work->min_edge);
     *has_entered = pliant_blade_num_inside(edge) > inside;
-    return part(work, edge->swept, edge->place, &report);
+    return part(work, edge->swept, edge->place);
 }
 
 /* Add the work of the blade's motion in the last step, from the forces at both ends of it. */
@@ -215,39 +242,13 @@ static void drag(const knife *work, bool reattach)
     for (int d = 0; d < 3; d++) tool->grip[d] = tool->tip[d] - (held[d] + way[d] - slide * along[d]);
 }
 
-/* Return the mean distance of the points in tissue from the blade. */
-static double mean_distance(const pliant_edge *edge)
-{
-    double sum = 0;
-    for (int32_t p = 0; p < edge->count; p++) {
-        double way[3];
-        for (int d = 0; d < 3; d++) way[d] = edge->now[3 * p + d] - edge->place[3 * p + d];
-        sum += edge->tet[p] >= 0 ? pliant_length3(way) : 0;
-    }
-    const int32_t inside = pliant_blade_num_inside(edge);
-    return inside > 0 ? sum / inside : 0;
-}
-
-/* Cut up to the blade and subtract the energy of the cut from the work. Subdivided tetrahedra are cut one triangle
- * at a time, behind the blade. For them the energy is computed from the swept distance. */
-static bool cut_with_resistance(const knife *work, double reach)
-{
-    pliant_cut_report report;
-    const double swept = 0.5 * work->tool->blade.stiffness * reach * mean_distance(&work->tool->blade.edge);
-    if (!cut_to_blade(work, &report)) return false;
-    work->tool->blade.work -= work->data->body->voxels ? energy_of(work, &report) : swept;
-    pliant_blade_set_edge(work->data, &work->tool->blade.edge);
-    return true;
-}
-
 /* Release the tissue for a step. It returns over the edge and is cut in its unloaded state. */
-static void slip(const knife *work, const double anchor[3])
+static void slip(const knife *work, const double last[3])
 {
     pliant_blade *blade = &work->tool->blade;
     pliant_tool_remove_grasp(work->tool);
-    memcpy(blade->anchor, anchor, sizeof blade->anchor);
+    memcpy(blade->anchor, last, sizeof blade->anchor);
     blade->slips = true;
-    draw(work->tool);
 }
 
 /* Return whether released tissue still moves back: with inertia that takes more than a step. Then its points are away
@@ -281,37 +282,73 @@ static bool moves_far(const knife *work, const double last[3])
            sqrt(fmax(pliant_dot3(way, way) - slide * slide, 0)) > long_motion * reach_of(work);
 }
 
-/* Make a step in which the blade moves far: unloaded tissue is cut up to the blade without drag. The blade's force
- * is the mean force `force`, corrected so that the balance of work returns to 0. The step's work is counted by the
- * trapezoidal rule, hence the mean of `before` and `force`. */
-static void go_on(const knife *work, double force, const double last[3])
+/* Return the distance from a previous position of the blade's middle to the present one, along a unit vector [m]. */
+static double distance_since(const pliant_blade *blade, const double along[3], const double start[3])
+{
+    double way[3];
+    pliant_blade_middle(&blade->edge, blade->edge.now, way);
+    for (int d = 0; d < 3; d++) way[d] -= start[d];
+    return pliant_dot3(way, along);
+}
+
+/* Set the force of a step in which tissue is free: `force`, which cuts the tissue ahead, corrected so that the account
+ * returns to 0. The force acts over half of this step and half of the next one (trapezoidal rule).
+ * Return false if no force is needed. */
+static bool balance(const knife *work, double force, const double last[3])
 {
     pliant_tool *tool = work->tool;
     pliant_blade *blade = &tool->blade;
+    double along[3];
     memcpy(blade->anchor, last, sizeof blade->anchor);
     draw(tool);
-    const double way = pliant_length3(blade->drawn),
-                 before = way > 0 ? pliant_dot3(blade->force, blade->drawn) / way : 0;
-    const double felt = way > 0 ? fmin(fmax(force - blade->work / way - 0.5 * (before + force), 0), 2 * force) : 0;
-    blade->slips = blade->passes = true;
-    for (int d = 0; d < 3; d++) blade->parting[d] = way > 0 ? felt * blade->drawn[d] / way : 0;
+    memcpy(along, blade->drawn, sizeof along);
+    const double way = pliant_normalize3(along), before = pliant_dot3(blade->force, along),
+                 uncut = way > 0 ? fmax(distance_since(blade, along, blade->cut_end), 0) : 0,
+                 owed = force * uncut - blade->work - 0.5 * (before + force) * way,
+                 felt = way > 0 ? fmin(fmax(force + owed / way, 0), blade->stiffness * reach_of(work)) : 0;
+    for (int d = 0; d < 3; d++) blade->parting[d] = felt * along[d];
+    pliant_blade_middle(&blade->edge, blade->edge.now, blade->anchor);
+    blade->slips = true;
+    return felt > 0;
 }
 
-/* Cut the tissue that was released. Return false if that failed or if tissue still moves back; then the blade does
- * nothing else in this step.
- * @param last middle of the edge in the last step */
-static bool cut_released(const knife *work, const double last[3])
+/* Return whether the blade should slip in this step: the account is then nearer to 0 than if it slips in the next step.
+ * A slip cuts tissue at the end of the next step. */
+static bool is_paid(const knife *work, double force, double reach, const double last[3])
+{
+    const pliant_blade *blade = &work->tool->blade;
+    double along[3] = {blade->drawn[0], blade->drawn[1], blade->drawn[2]};
+    const double way = pliant_normalize3(along), step = fmax(distance_since(blade, along, last), 0),
+                 uncut = fmax(distance_since(blade, along, blade->cut_end), 0),
+                 slips = blade->work + 0.5 * pliant_dot3(blade->force, along) * step - force * (uncut + step),
+                 waits = slips + (blade->stiffness * way - force) * step;
+    if (way < 0.5 * reach) return false;
+    return slips + fmax(waits, slips) >= 0 || way >= 2 * reach;
+}
+
+/* Cut the free tissue up to the blade. Return false if that failed.
+ * @param returns out: whether tissue still moves back */
+static bool cut_free_tissue(const knife *work, bool *returns)
 {
     pliant_blade *blade = &work->tool->blade;
-    const bool passed = blade->passes, back = !passed && is_returning(work);
-    memset(blade->drawn, 0, sizeof blade->drawn);
-    if (!passed) draw(work->tool);
-    if (!cut_with_resistance(work, reach_of(work))) return false;
-    blade->passes = false;
+    *returns = is_returning(work);
     memset(blade->parting, 0, sizeof blade->parting);
-    if (passed || back) memcpy(blade->anchor, last, sizeof blade->anchor);
-    if (passed) draw(work->tool);
-    return !back;
+    draw(work->tool);
+    return cut_to_blade(work);
+}
+
+/* Drag tissue, or slip. */
+static void drag_or_slip(const knife *work, double force, bool reattach, const double last[3])
+{
+    pliant_blade *blade = &work->tool->blade;
+    if (!blade->drags && !blade->slips) {
+        memcpy(blade->anchor, last, sizeof blade->anchor);
+        memcpy(blade->cut_end, last, sizeof blade->cut_end);
+    }
+    blade->slips = false;
+    draw(work->tool);
+    if (blade->drags && is_paid(work, force, reach_of(work), last)) slip(work, last);
+    else drag(work, reattach);
 }
 
 /* Move a blade against resistance: drag tissue, slip or cut.
@@ -321,33 +358,27 @@ static void press(const knife *work, const double last[3], bool far)
 {
     pliant_tool *tool = work->tool;
     pliant_blade *blade = &tool->blade;
-    const double reach = reach_of(work);
     double force;
+    bool returns = false, reattach = blade->slips;
     if (blade->drags) draw(tool);
     else if (!blade->slips) memset(blade->drawn, 0, sizeof blade->drawn);
-    if (blade->slips && !cut_released(work, last)) return;
+    if (blade->slips && !cut_free_tissue(work, &returns)) return;
     if (!find_force_ahead(work, pliant_blade_length(blade) / blade->edge.count, &force)) return;
-    bool reattach = blade->slips;
     if (force > 0 && !blade->drags && !touch(work, &reattach)) return;
     const int32_t inside = pliant_blade_num_inside(&blade->edge);
     if (force == 0 || inside == 0) {
-        cut_freely(work);
+        if (!blade->slips || !balance(work, 0, last)) cut_freely(work);
         return;
     }
-    force *= inside;
-    if (far) {
-        if (blade->drags) slip(work, last);
-        else if (blade->slips || cut_with_resistance(work, reach)) go_on(work, force, last);
+    force *= fmax(count_in_tissue(work), 1);
+    blade->stiffness = 2 * force / reach_of(work);
+    if (!far && !returns) {
+        drag_or_slip(work, force, reattach, last);
         return;
     }
-    if (!blade->drags && !blade->slips) memcpy(blade->anchor, last, sizeof blade->anchor);
-    if (blade->slips) blade->work = fmin(fmax(blade->work, -0.5 * force * reach), 0.5 * force * reach);
-    blade->slips = false;
-    draw(tool);
-    const double way = pliant_length3(blade->drawn);
-    blade->stiffness = 2 * force / reach;
-    if (blade->drags && way >= 0.5 * reach && (blade->work >= force * way || way >= 2 * reach)) slip(work, last);
-    else drag(work, reattach);
+    if (blade->drags) slip(work, last);
+    else if (!blade->slips && !cut_to_blade(work)) return;
+    balance(work, force, last);
 }
 
 /* ---- a step */
@@ -439,7 +470,7 @@ static void cut_with(const knife *work)
     for (int d = 0; d < 3; d++) blade->moved[d] = blade->drags || blade->slips ? middle[d] - last[d] : 0;
     memcpy(blade->tip, tool->tip, sizeof blade->tip);
     memcpy(blade->rotation, tool->rotation, sizeof blade->rotation);
-    blade->engaged_length = pliant_blade_num_inside(&blade->edge) * pliant_blade_length(blade) / blade->edge.count;
+    blade->engaged_length = count_in_tissue(work) * pliant_blade_length(blade) / blade->edge.count;
 }
 
 static double find_distance_ahead(const pliant_model *model)
