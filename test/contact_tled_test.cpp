@@ -125,11 +125,10 @@ TEST(ContactTled, EnergyNeverGrowsAndForceIsTheChangeOfMomentum)
     EXPECT_GT(maximum, 0.1);
 }
 
-TEST(ContactTled, CubesThrownAtTheGroundGainNoEnergy)
+TEST(ContactTled, ThrownCubesGainNoEnergy)
 {
-    for (const Throw &with : all_throws(8, {10e3}))
-        if (with.target == Target::Ground)
-            EXPECT_LT(energy_ratio(with), 1.001) << name_of(with) << ", throw " << with.seed;
+    for (const Throw &with : all_throws(4, {10e3}))
+        EXPECT_LT(energy_ratio(with), 1.001) << name_of(with) << ", throw " << with.seed;
 }
 
 // Dynamic relaxation under a plate converges to the analytic force of a bar. Without the plate the cube returns to

@@ -75,7 +75,7 @@ struct Hollow : Body {
     // open: fraction that is still open; twice: volume covered by tissue twice
     void volumes(double *open, double *twice) const
     {
-        const int points = 1500;
+        const int points = 6000;
         const double low[3] = {2 * h, 0, 0}, high[3] = {6 * h, 2 * h, 4 * h};
         const double part = (high[0] - low[0]) * (high[1] - low[1]) * (high[2] - low[2]) / (16 * h * h * h * points);
         std::srand(3);

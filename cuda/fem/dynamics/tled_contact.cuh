@@ -61,8 +61,49 @@ static __device__ void store_near(const gpu_tled &tled, int32_t count, double *d
     }
 }
 
-/* Correct the points level by level, and return this thread's part of the load. made: sub-steps of this part of the
- * frame before this one. */
+/* Call a function for all points that are solved together, or for all others, level by level. */
+template <typename Function>
+static __device__ void for_all_points(const gpu_tled &tled, const gpu_frame &frame, const gpu_contact_buffers &buffers,
+                                      bool coupled, Function function)
+{
+    for (int32_t level = 0; level < frame.num_levels; level++) {
+        for (int32_t p = tled.d_level[level] + (int32_t)threadIdx.x; p < tled.d_level[level + 1]; p += GPU_THREADS)
+            if (pliant_tled_contact_is_coupled(tled.still, buffers.point + p) == coupled)
+                function(buffers.point + p, buffers.contact + p);
+        __syncthreads();
+    }
+}
+
+/* Solve for the impulses of the points that are solved together. Return this thread's part of the load. */
+static __device__ double solve_coupled(const gpu_tled &tled, const gpu_frame &frame,
+                                       const pliant_tled_contact_nodes &nodes, const pliant_tled_contact_timing &time,
+                                       const gpu_contact_buffers &buffers)
+{
+    double load = 0;
+    int changed = 0;
+    for_all_points(tled, frame, buffers, true, [&](pliant_contact_point *point, pliant_tled_contact *contact) {
+        pliant_tled_contact_prepare(&nodes, &time, point, contact);
+        changed = 1;
+    });
+    if (!__syncthreads_or(changed)) return 0;
+    for_all_points(tled, frame, buffers, true, [&](pliant_contact_point *point, pliant_tled_contact *contact) {
+        pliant_tled_contact_start(&nodes, &time, point, contact);
+    });
+    changed = 1;
+    for (int pass = 0; pass < PLIANT_TLED_CONTACT_PASSES && __syncthreads_or(changed); pass++) {
+        changed = 0;
+        for_all_points(tled, frame, buffers, true, [&](pliant_contact_point *point, pliant_tled_contact *contact) {
+            if (pliant_tled_contact_push(&nodes, &time, point, contact)) changed = 1;
+        });
+    }
+    for_all_points(tled, frame, buffers, true, [&](pliant_contact_point *point, pliant_tled_contact *contact) {
+        load += pliant_tled_contact_finish(&nodes, &time, point, contact);
+    });
+    return load;
+}
+
+/* Correct the points, and return this thread's part of the load. made: sub-steps of this part of the frame before this
+ * one. */
 static __device__ double correct_contacts(const gpu_tled &tled, const gpu_frame &frame, double factor, int32_t made,
                                           double *d_u, double *d_d, const gpu_contact_buffers &buffers)
 {
@@ -78,11 +119,10 @@ static __device__ double correct_contacts(const gpu_tled &tled, const gpu_frame 
         copy_numbers(tled.d_touch, buffers.contact, touches);
     }
     __syncthreads();
-    for (int32_t level = 0; level < frame.num_levels; level++) {
-        for (int32_t p = tled.d_level[level] + (int32_t)threadIdx.x; p < tled.d_level[level + 1]; p += GPU_THREADS)
-            load += pliant_tled_contact_correct(&nodes, &time, buffers.point + p, buffers.contact + p);
-        __syncthreads();
-    }
+    for_all_points(tled, frame, buffers, false, [&](pliant_contact_point *point, pliant_tled_contact *contact) {
+        load += pliant_tled_contact_correct(&nodes, &time, point, contact);
+    });
+    load += solve_coupled(tled, frame, nodes, time, buffers);
     store_near(tled, frame.num_near, d_u, d_d, buffers);
     if (buffers.shared) {
         copy_numbers(buffers.point, tled.d_point, points);

@@ -1,5 +1,12 @@
-/* A contact point (contact/contact.h) in a sub-step, shared by CPU and kernels. Points are corrected one after the
- * other, after a sub-step without contact. Points without common nodes can be processed in any order. */
+/* A contact point (contact/contact.h) in a sub-step, shared by CPU and kernels. Points are corrected after a sub-step
+ * without contact. Points without common nodes can be processed in any order.
+ *
+ * Points of tools are corrected one after the other. Then projected Gauss-Seidel solves for the impulses p of all other
+ * points together (Moreau, Comput. Methods Appl. Mech. Eng. 177:329, 1999). Central differences change their conserved
+ * energy by the sum of p (d + d-) / 2 h^2, with the increments d- and d before and after the impulses. An impulse stops
+ * a point at its gap, or returns it to the depth of the sub-step before, so that no term is positive. A penetration is
+ * then removed by a shift of positions. It costs the energy shift times resistance, which contacts must have dissipated
+ * before. Contact without tools therefore adds no energy. */
 #ifndef PLIANT_FEM_DYNAMICS_SUBSTEP_CONTACT_H
 #define PLIANT_FEM_DYNAMICS_SUBSTEP_CONTACT_H
 
@@ -20,8 +27,21 @@ typedef struct pliant_tled_contact {
     double owed[3];
     /* Sum over the frame; in dynamic relaxation the last force [N]. */
     double force[3];
+    /* Points that are solved together: */
+    double impulse[3];                      /* of the last sub-step [kg m] */
+    double before[3];                       /* increment of the sub-step before, relative to the obstacle [m] */
+    double inward;                          /* largest allowed normal increment towards the obstacle [m] */
+    double resistance;                      /* force of the tissue against a shift along the normal [N] */
+    double tolerance;                       /* smallest change of the impulse that needs another pass [kg m] */
+    double energy;                          /* available for shifts [J] */
+    pliant_facing facing;
+    bool has_sides;                         /* facing is valid */
     bool pressed;                           /* there was contact in the last sub-step */
 } pliant_tled_contact;
+
+/* Maximum number of passes over all points. Impulses of the last sub-step are the start of the next one, so the error
+ * at rest vanishes. */
+enum { PLIANT_TLED_CONTACT_PASSES = 32 };
 
 /* Arrays indexed by the points' node numbers. Each has three numbers per node, except the masses. */
 typedef struct pliant_tled_contact_nodes {
@@ -93,11 +113,11 @@ PLIANT_INLINE bool pliant_tled_contact_update_sides(const pliant_tled_contact_no
 PLIANT_INLINE void pliant_tled_contact_move_node(const pliant_tled_contact_nodes *nodes, double factor, int node,
                                                  double weight, const double place[3], const double increment[3])
 {
-    const double fraction = weight * nodes->inverse_mass[node];
+    const double fraction = weight * nodes->inverse_mass[node], accelerated = fraction / factor;
     for (int d = 0; d < 3; d++) {
         nodes->u[3 * node + d] += fraction * place[d];
         nodes->d[3 * node + d] += fraction * increment[d];
-        nodes->acceleration[3 * node + d] += fraction * increment[d] / factor;
+        nodes->acceleration[3 * node + d] += accelerated * increment[d];
     }
 }
 
@@ -117,21 +137,14 @@ PLIANT_INLINE void pliant_tled_contact_apply_impulse(const pliant_tled_contact_n
     }
 }
 
-/* Separate facing sides by an impulse. The next sub-step subtracts the velocity of this impulse. A shift without
- * impulse would change the angular momentum by the shift times the tangential velocity. In the last sub-step, the shift
- * is left to the next frame. */
-PLIANT_INLINE void pliant_tled_contact_separate(const pliant_tled_contact_nodes *nodes,
-                                                const pliant_tled_contact_timing *time,
-                                                const pliant_contact_point *point, const pliant_facing *facing,
-                                                const double push[3], const double shift[3],
-                                                pliant_tled_contact *contact)
+/* Apply an impulse to a point. factor: INFINITY leaves the acceleration as it is. */
+PLIANT_INLINE void pliant_tled_contact_apply(const pliant_tled_contact_nodes *nodes, double factor,
+                                             const pliant_contact_point *point, const pliant_tled_contact *contact,
+                                             const double impulse[3])
 {
-    double impulse[3];
-    for (int d = 0; d < 3; d++) {
-        if (!time->last) contact->owed[d] = shift[d] / contact->weighted_inverse_mass;
-        impulse[d] = push[d] / contact->weighted_inverse_mass + contact->owed[d];
-    }
-    pliant_tled_contact_apply_impulse(nodes, time->factor, point, facing, impulse);
+    if (contact->has_sides) pliant_tled_contact_apply_impulse(nodes, factor, point, &contact->facing, impulse);
+    for (int k = 0; !contact->has_sides && k < point->count; k++)
+        pliant_tled_contact_move_node(nodes, factor, point->node[k], point->weight[k], impulse, impulse);
 }
 
 /* Apply contact/response paper ([C] 5.2): a force against the node's motion that removes a fraction of the motion.
@@ -155,38 +168,65 @@ PLIANT_INLINE double pliant_tled_contact_slow_down(const pliant_tled_contact_nod
     return load;
 }
 
+/* Compute the position y of a point, and its increment relative to the obstacle. Return its gap [m]. */
+PLIANT_INLINE double pliant_tled_contact_gap(const pliant_tled_contact_nodes *nodes,
+                                             const pliant_tled_contact_timing *time, const pliant_contact_point *point,
+                                             const pliant_tled_contact *contact, double y[3], double moved[3])
+{
+    double gap = contact->deep * (1 - time->done);
+    pliant_tled_contact_position(point, nodes->rest, nodes->u, y);
+    pliant_tled_contact_weighted_sum(point, nodes->d, moved);
+    for (int d = 0; d < 3; d++) {
+        moved[d] -= time->part * point->drift[d] * (time->still ? 0 : 1);
+        gap += point->normal[d] * (y[d] - point->place[d] + (1 - time->done) * point->drift[d]);
+    }
+    return gap;
+}
+
+/* Return the tangential distance of a point from its sticking position. */
+PLIANT_INLINE void pliant_tled_contact_slip(const pliant_contact_point *point, const pliant_tled_contact *contact,
+                                            const double y[3], double slip[3])
+{
+    double along = 0;
+    for (int d = 0; d < 3; d++) along += point->normal[d] * (y[d] - contact->anchor[d]);
+    for (int d = 0; d < 3; d++) slip[d] = y[d] - contact->anchor[d] - along * point->normal[d];
+}
+
+/* Move the sticking position with the obstacle. */
+PLIANT_INLINE void pliant_tled_contact_move_anchor(const pliant_tled_contact_timing *time,
+                                                   const pliant_contact_point *point, pliant_tled_contact *contact)
+{
+    for (int d = 0; d < 3; d++)
+        contact->anchor[d] += time->still && !time->first ? 0 : time->part * point->drift[d];
+}
+
+/* Return whether a point is solved together with others: explicit dynamics without a tool. */
+PLIANT_INLINE bool pliant_tled_contact_is_coupled(bool still, const pliant_contact_point *point)
+{
+    return !still && point->kind != PLIANT_OBSTACLE_TOOL && !pliant_contact_slows(point);
+}
+
+/* ---- Points that are corrected one after the other. */
+
 /* Correct one point after a sub-step. Return its load, as PLIANT_SUM_LOAD. */
 PLIANT_INLINE double pliant_tled_contact_correct(const pliant_tled_contact_nodes *nodes,
                                                  const pliant_tled_contact_timing *time, pliant_contact_point *point,
                                                  pliant_tled_contact *contact)
 {
-    double y[3], moved[3], slip[3], push[3], shift[3], gap = contact->deep * (1 - time->done), along = 0, load = 0;
-    pliant_facing facing = {{0, 0}, {0, 0}, {{0, 0, 0}, {0, 0, 0}}, 0};
-    const bool struck = pliant_tled_contact_update_sides(nodes, point, contact, &facing) && !time->still;
+    double y[3], moved[3], slip[3], push[3], shift[3], load = 0;
+    pliant_facing facing;
+    pliant_tled_contact_update_sides(nodes, point, contact, &facing);
     if (!(contact->weighted_inverse_mass > 0)) return 0;
     if (pliant_contact_slows(point)) return pliant_tled_contact_slow_down(nodes, time, point, contact);
-    for (int d = 0; d < 3; d++) {
-        shift[d] = -contact->owed[d];
-        contact->owed[d] = 0;
-    }
-    if (struck) pliant_tled_contact_apply_impulse(nodes, time->factor, point, &facing, shift);
-    pliant_tled_contact_position(point, nodes->rest, nodes->u, y);
-    pliant_tled_contact_weighted_sum(point, nodes->d, moved);
-    for (int d = 0; d < 3; d++) {
-        moved[d] -= time->part * point->drift[d] * (time->still ? 0 : 1);
-        contact->anchor[d] += time->still && !time->first ? 0 : time->part * point->drift[d];
-        gap += point->normal[d] * (y[d] - point->place[d] + (1 - time->done) * point->drift[d]);
-        slip[d] = y[d] - contact->anchor[d];
-    }
-    for (int d = 0; d < 3; d++) along += point->normal[d] * slip[d];
-    for (int d = 0; d < 3; d++) slip[d] -= along * point->normal[d];
+    const double gap = pliant_tled_contact_gap(nodes, time, point, contact, y, moved);
+    pliant_tled_contact_move_anchor(time, point, contact);
+    pliant_tled_contact_slip(point, contact, y, slip);
     contact->pressed = pliant_substep_press(point->normal, point->friction, gap, moved, slip, push, shift);
     for (int d = 0; d < 3; d++) {
         if (time->still) contact->force[d] = 0;
         if (!contact->pressed) contact->anchor[d] = y[d];
     }
     if (!contact->pressed) return 0;
-    if (struck) pliant_tled_contact_separate(nodes, time, point, &facing, push, shift, contact);
     for (int d = 0; d < 3; d++) {
         if (time->still) { /* in relaxation there is no physical velocity to preserve */
             push[d] += shift[d];
@@ -199,8 +239,158 @@ PLIANT_INLINE double pliant_tled_contact_correct(const pliant_tled_contact_nodes
         shift[d] = (push[d] + shift[d]) / contact->weighted_inverse_mass;
         push[d] /= contact->weighted_inverse_mass;
     }
-    for (int k = 0; !struck && k < point->count; k++)
+    for (int k = 0; k < point->count; k++)
         pliant_tled_contact_move_node(nodes, time->factor, point->node[k], point->weight[k], shift, push);
+    return load;
+}
+
+/* ---- Points that are solved together. For all points: prepare, then start, then push until no impulse changes, then
+ * finish. */
+
+/* Update the sides, and subtract the impulse that has separated them. */
+PLIANT_INLINE void pliant_tled_contact_prepare(const pliant_tled_contact_nodes *nodes,
+                                               const pliant_tled_contact_timing *time, pliant_contact_point *point,
+                                               pliant_tled_contact *contact)
+{
+    double back[3], acceleration[3];
+    contact->has_sides = pliant_tled_contact_update_sides(nodes, point, contact, &contact->facing);
+    if (!(contact->weighted_inverse_mass > 0)) return;
+    pliant_tled_contact_weighted_sum(point, nodes->acceleration, acceleration);
+    contact->resistance = 0;
+    for (int d = 0; d < 3; d++) {
+        back[d] = -contact->owed[d];
+        contact->owed[d] = 0;
+        contact->resistance -= point->normal[d] * acceleration[d] / contact->weighted_inverse_mass;
+    }
+    pliant_tled_contact_move_anchor(time, point, contact);
+    if (back[0] != 0 || back[1] != 0 || back[2] != 0)
+        pliant_tled_contact_apply(nodes, INFINITY, point, contact, back);
+}
+
+/* Find the allowed increment, and start with the impulse of the previous sub-step. */
+PLIANT_INLINE void pliant_tled_contact_start(const pliant_tled_contact_nodes *nodes,
+                                             const pliant_tled_contact_timing *time, const pliant_contact_point *point,
+                                             pliant_tled_contact *contact)
+{
+    const double exact = 1e-2, w = contact->weighted_inverse_mass, *impulse = contact->impulse;
+    double y[3], moved[3], acceleration[3], outward = 0, before = 0;
+    if (!(w > 0)) return;
+    const double gap = pliant_tled_contact_gap(nodes, time, point, contact, y, moved);
+    pliant_tled_contact_weighted_sum(point, nodes->acceleration, acceleration);
+    for (int d = 0; d < 3; d++) {
+        contact->before[d] = moved[d] - time->factor * acceleration[d];
+        outward += point->normal[d] * moved[d];
+        before += point->normal[d] * contact->before[d];
+    }
+    contact->inward = fmax(fmax(gap - outward, before), 0.0);
+    contact->tolerance = exact * (fabs(before) / w + time->factor * fabs(contact->resistance));
+    if (impulse[0] != 0 || impulse[1] != 0 || impulse[2] != 0)
+        pliant_tled_contact_apply(nodes, time->factor, point, contact, impulse);
+}
+
+/* Correct the impulse of a point: the normal part limits the increment towards the obstacle, and the tangential part
+ * stops the point within the friction cone. Return whether another pass is needed. */
+PLIANT_INLINE bool pliant_tled_contact_push(const pliant_tled_contact_nodes *nodes,
+                                            const pliant_tled_contact_timing *time, const pliant_contact_point *point,
+                                            pliant_tled_contact *contact)
+{
+    const double w = contact->weighted_inverse_mass;
+    double moved[3], along[3], change[3], pressure = 0, outward = 0, slide = 0, changed = 0;
+    if (!(w > 0)) return false;
+    pliant_tled_contact_weighted_sum(point, nodes->d, moved);
+    for (int d = 0; d < 3; d++) {
+        moved[d] -= time->part * point->drift[d];
+        pressure += point->normal[d] * contact->impulse[d];
+        outward += point->normal[d] * moved[d];
+    }
+    const double next = fmax(pressure - (contact->inward + outward) / w, 0.0), maximum = point->friction * next;
+    if (!(next > 0) && !(pressure > 0)) return false;
+    for (int d = 0; d < 3; d++) {
+        along[d] = contact->impulse[d] - moved[d] / w - (pressure - outward / w) * point->normal[d];
+        slide += along[d] * along[d];
+    }
+    const double kept = slide > maximum * maximum ? maximum / sqrt(slide) : 1;
+    for (int d = 0; d < 3; d++) {
+        const double impulse = next * point->normal[d] + kept * along[d];
+        change[d] = impulse - contact->impulse[d];
+        contact->impulse[d] = impulse;
+        changed += change[d] * change[d];
+    }
+    if (!(changed > 0)) return false;
+    pliant_tled_contact_apply(nodes, time->factor, point, contact, change);
+    return changed > contact->tolerance * contact->tolerance;
+}
+
+/* Add the energy that the impulse dissipates, and pay for the shift out of a penetration. Half of the dissipated energy
+ * is lost, so that repeated shifts and impacts come to rest. Work against motion beyond the allowed increment is
+ * available as a whole: this motion is an error of the solution. Return the shift [m]. */
+PLIANT_INLINE double pliant_tled_contact_pay(const pliant_tled_contact_timing *time, const double normal[3],
+                                             double depth, const double moved[3], pliant_tled_contact *contact)
+{
+    const double reused = 0.5, cost = contact->resistance * depth;
+    double work = 0, pressure = 0, outward = 0;
+    for (int d = 0; d < 3; d++) {
+        work -= 0.5 * contact->impulse[d] * (moved[d] + contact->before[d]);
+        pressure += normal[d] * contact->impulse[d];
+        outward += normal[d] * moved[d];
+    }
+    const double error = pressure * fmax(-outward - contact->inward, 0.0);
+    contact->energy += (reused * work + (1 - reused) * error) / time->factor;
+    if (!(cost > 0)) return depth;
+    const double paid = fmin(cost, fmax(contact->energy, 0.0));
+    contact->energy -= paid;
+    return depth * paid / cost;
+}
+
+/* Shift a point without a change of its velocity. Between two sides, an impulse shifts them, and the next sub-step
+ * subtracts it. A shift without impulse would change the angular momentum, if the sides have a tangential velocity.
+ * In the last sub-step, such a shift is left to the next frame. */
+PLIANT_INLINE void pliant_tled_contact_shift(const pliant_tled_contact_nodes *nodes,
+                                             const pliant_tled_contact_timing *time, const pliant_contact_point *point,
+                                             const double shift[3], pliant_tled_contact *contact)
+{
+    const double none[3] = {0, 0, 0};
+    double impulse[3];
+    if (contact->has_sides && time->last) return;
+    for (int d = 0; d < 3; d++) {
+        impulse[d] = shift[d] / contact->weighted_inverse_mass;
+        if (contact->has_sides) contact->owed[d] = impulse[d];
+    }
+    if (contact->has_sides) pliant_tled_contact_apply(nodes, INFINITY, point, contact, impulse);
+    for (int k = 0; !contact->has_sides && k < point->count; k++)
+        pliant_tled_contact_move_node(nodes, INFINITY, point->node[k], point->weight[k], impulse, none);
+}
+
+/* End a sub-step of a point: remove the part of the penetration depth that is due, and move the point back towards its
+ * sticking position, limited by friction. Return its load, as PLIANT_SUM_LOAD. */
+PLIANT_INLINE double pliant_tled_contact_finish(const pliant_tled_contact_nodes *nodes,
+                                                const pliant_tled_contact_timing *time, pliant_contact_point *point,
+                                                pliant_tled_contact *contact)
+{
+    const double w = contact->weighted_inverse_mass;
+    double y[3], moved[3], slip[3], shift[3], pressure = 0, square = 0, far = 0, load = 0;
+    if (!(w > 0)) return 0;
+    const double gap = pliant_tled_contact_gap(nodes, time, point, contact, y, moved);
+    pliant_tled_contact_slip(point, contact, y, slip);
+    for (int d = 0; d < 3; d++) {
+        pressure += point->normal[d] * contact->impulse[d];
+        square += contact->impulse[d] * contact->impulse[d];
+        far += slip[d] * slip[d];
+    }
+    contact->pressed = pressure > 0 || gap < 0;
+    for (int d = 0; d < 3 && !contact->pressed; d++) contact->anchor[d] = y[d];
+    if (!contact->pressed) return 0;
+    const double friction = point->friction * pressure - sqrt(fmax(square - pressure * pressure, 0.0)),
+                 left = fmax(friction, 0.0) * w, back = far > left * left ? left / sqrt(far) : 1,
+                 out = pliant_tled_contact_pay(time, point->normal, fmax(-gap, 0.0), moved, contact);
+    for (int d = 0; d < 3; d++) {
+        const double force = contact->impulse[d] / time->factor;
+        contact->force[d] += force;
+        load += w * force * force;
+        contact->anchor[d] += (1 - back) * slip[d]; /* the remaining slip */
+        shift[d] = out * point->normal[d] - back * slip[d];
+    }
+    pliant_tled_contact_shift(nodes, time, point, shift, contact);
     return load;
 }
 

@@ -31,6 +31,7 @@ void pliant_tled_carry(pliant_tled *tled, const pliant_tled *from, const pliant_
     memcpy(tled->passed, from->passed, sizeof tled->passed);
     memcpy(tled->passed_target, from->passed_target, sizeof tled->passed_target);
     tled->passed_step = from->passed_step;
+    tled->contact_energy = from->contact_energy;
     /* Increments belong to one sub-step; relaxation has no velocity. */
     const double faster = tled->time_step / from->time_step;
     pliant_body_map_vectors(map, from->u, tled->u);

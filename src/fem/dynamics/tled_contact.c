@@ -39,6 +39,20 @@ static void begin_point(const pliant_tled *tled, const pliant_contact_point *poi
     }
 }
 
+static bool is_coupled(const pliant_tled *tled, int32_t p)
+{
+    return pliant_tled_contact_is_coupled(tled->system->quasi_static, tled->contacts->point + p);
+}
+
+/* Share the energy for shifts in proportion to the depths. */
+static void share_energy(pliant_tled *tled)
+{
+    double deep = 0;
+    for (int32_t p = 0; p < tled->contacts->count; p++) deep += is_coupled(tled, p) ? tled->contact[p].deep : 0;
+    for (int32_t p = 0; deep > 0 && p < tled->contacts->count; p++)
+        if (is_coupled(tled, p)) tled->contact[p].energy = tled->contact_energy * tled->contact[p].deep / deep;
+}
+
 pliant_status pliant_tled_contacts_begin(pliant_tled *tled)
 {
     const pliant_contacts *contacts = tled->contacts;
@@ -55,6 +69,7 @@ pliant_status pliant_tled_contacts_begin(pliant_tled *tled)
     }
     memset(tled->in_contact, 0, (size_t)tled->system->mesh->num_nodes);
     for (int32_t p = 0; p < contacts->count; p++) begin_point(tled, contacts->point + p, tled->contact + p);
+    share_energy(tled);
     return PLIANT_OK;
 }
 
@@ -76,6 +91,29 @@ static bool is_free(const pliant_tled *tled, const pliant_contact_point *point)
            !tled->overlap_damping.overlaps[point->node[0]];
 }
 
+/* Solve for the impulses of the points that are solved together. Return their load. */
+static double solve_coupled(pliant_tled *tled, const pliant_tled_contact_nodes *nodes,
+                            const pliant_tled_contact_timing *time)
+{
+    const int32_t count = tled->contacts->count;
+    pliant_contact_point *point = tled->contacts->point;
+    pliant_tled_contact *contact = tled->contact;
+    bool changes = true;
+    double load = 0;
+    for (int32_t p = 0; p < count; p++)
+        if (is_coupled(tled, p)) pliant_tled_contact_prepare(nodes, time, point + p, contact + p);
+    for (int32_t p = 0; p < count; p++)
+        if (is_coupled(tled, p)) pliant_tled_contact_start(nodes, time, point + p, contact + p);
+    for (int pass = 0; pass < PLIANT_TLED_CONTACT_PASSES && changes; pass++) {
+        changes = false;
+        for (int32_t p = 0; p < count; p++)
+            if (is_coupled(tled, p) && pliant_tled_contact_push(nodes, time, point + p, contact + p)) changes = true;
+    }
+    for (int32_t p = 0; p < count; p++)
+        if (is_coupled(tled, p)) load += pliant_tled_contact_finish(nodes, time, point + p, contact + p);
+    return load;
+}
+
 double pliant_tled_contacts_correct(pliant_tled *tled, double factor, int32_t made)
 {
     const pliant_tled_contact_timing time =
@@ -89,17 +127,19 @@ double pliant_tled_contacts_correct(pliant_tled *tled, double factor, int32_t ma
     search_overlaps(tled);
     for (int32_t p = 0; p < tled->contacts->count; p++) {
         tled->contact[p].pressed = false;
-        if (!is_free(tled, tled->contacts->point + p))
+        if (!is_coupled(tled, p) && !is_free(tled, tled->contacts->point + p))
             load += pliant_tled_contact_correct(&nodes, &time, tled->contacts->point + p, tled->contact + p);
-        for (int32_t k = 0;
-             tled->overlap_damping.tissue && tled->contact[p].pressed && k < tled->contacts->point[p].count; k++)
-            tled->in_contact[tled->contacts->point[p].node[k]] = 1;
     }
+    load += solve_coupled(tled, &nodes, &time);
+    for (int32_t p = 0; tled->overlap_damping.tissue && p < tled->contacts->count; p++)
+        for (int32_t k = 0; tled->contact[p].pressed && k < tled->contacts->point[p].count; k++)
+            tled->in_contact[tled->contacts->point[p].node[k]] = 1;
     return load;
 }
 
 void pliant_tled_contacts_end(pliant_tled *tled, int32_t steps, pliant_statistics *statistics)
 {
+    double deep = 0, energy = 0;
     statistics->contacts = 0;
     statistics->penetration = 0;
     for (int32_t p = 0; pliant_tled_touches(tled) && p < tled->contacts->count; p++) {
@@ -108,6 +148,8 @@ void pliant_tled_contacts_end(pliant_tled *tled, int32_t steps, pliant_statistic
         double y[3], depth = 0;
         place_of(tled, point, y);
         point->begun = contact->pressed;
+        energy += contact->energy;
+        deep += is_coupled(tled, p) ? contact->deep : 0;
         for (int d = 0; d < 3; d++) {
             depth -= point->normal[d] * (y[d] - point->place[d]);
             point->force[d] = contact->force[d] / (tled->system->quasi_static ? 1 : steps);
@@ -116,4 +158,5 @@ void pliant_tled_contacts_end(pliant_tled *tled, int32_t steps, pliant_statistic
         statistics->contacts += point->force[0] != 0 || point->force[1] != 0 || point->force[2] != 0;
         if (contact->weighted_inverse_mass > 0) statistics->penetration = fmax(statistics->penetration, depth);
     }
+    tled->contact_energy = energy + (deep > 0 ? 0 : tled->contact_energy); /* without depths, none was shared */
 }

@@ -371,6 +371,7 @@ void pliant_tled_stop_motion(pliant_tled *tled)
     memset(tled->d, 0, 3 * nodes * sizeof *tled->d);
     if (tled->own) memset(tled->own, 0, 3 * nodes * sizeof *tled->own); /* it may contain NaN */
     memset(tled->quotient, 0, sizeof tled->quotient);
+    tled->contact_energy = 0;
 }
 
 void pliant_tled_limits(pliant_tled *tled, int32_t steps, double tolerance)

@@ -53,6 +53,7 @@ typedef struct pliant_state_dynamics {
     double passed_target[PLIANT_MAX_TOOLS][3]; /* their targets at that time [m] */
     double passed_step;          /* time between that sub-step and the last one [s] */
     double quotient[4];          /* dynamic relaxation: pliant_substep_frequency */
+    double contact_energy;       /* that contacts may use to remove penetrations [J] */
 } pliant_state_dynamics;
 
 struct pliant_state {

@@ -195,6 +195,7 @@ void pliant_state_save_scalars(const pliant_data *data, bool tissue, pliant_stat
         memcpy(out->passed, tled->passed, sizeof out->passed);
         memcpy(out->passed_target, tled->passed_target, sizeof out->passed_target);
         memcpy(out->quotient, tled->quotient, sizeof out->quotient);
+        out->contact_energy = tled->contact_energy;
     }
     if (data->rigid_pieces) {
         memcpy(state->pieces_gravity, data->rigid_pieces->gravity, sizeof state->pieces_gravity);
@@ -214,6 +215,7 @@ static void put_dynamics(const pliant_state *state, pliant_tled *tled)
     memcpy(tled->passed, from->passed, sizeof tled->passed);
     memcpy(tled->passed_target, from->passed_target, sizeof tled->passed_target);
     memcpy(tled->quotient, from->quotient, sizeof tled->quotient);
+    tled->contact_energy = from->contact_energy;
 }
 
 /* Stop the nodes of pieces that have left the volume. */
