@@ -107,12 +107,6 @@ static pliant_contact_point *append(pliant_contacts *out)
     return point;
 }
 
-void pliant_tissue_set_place(pliant_contact_point *point, double gap, double thickness, const pliant_tissue_rule *rule)
-{
-    const double left = thickness + pliant_contact_permitted_gap(gap - thickness, rule->recovery, rule->stays);
-    for (int d = 0; d < 3; d++) point->place[d] = left * point->normal[d];
-}
-
 static pliant_status append_node_points(const finding *on, pliant_contacts *out)
 {
     pliant_tissue *tissue = on->tissue;
@@ -354,34 +348,6 @@ static pliant_status search(const finding *on)
 #pragma omp parallel for schedule(dynamic, 64) num_threads(tissue->threads)
     for (int32_t n = 0; n < tissue->num_nodes; n++) search_node(on, n);
     return PLIANT_OK;
-}
-
-pliant_tissue_view pliant_tissue_view_of(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *rule)
-{
-    const pliant_body *body = tissue->body;
-    return (pliant_tissue_view){
-        .positions = positions,
-        .rule = *rule,
-        .settings = rule->settings ? *rule->settings : pliant_contact_settings_default(),
-        .shortest = tissue->shortest,
-        .tets = body->fine.tets,
-        .across = tissue->across,
-        .apart = tissue->apart,
-        .fixed = body->fine_fixed,
-        .node_parent = body->cuts ? body->node_parent : NULL,
-        .piece = tissue->piece,
-        .skin = tissue->skin,
-        .skin_start = tissue->skin_start,
-        .node = tissue->node,
-        .around_start = tissue->around_start,
-        .around = tissue->around,
-        .fan_start = tissue->fan_start,
-        .fan = tissue->fan,
-        .last = tissue->last,
-        .normal = tissue->normal,
-        .count = tissue->count,
-        .node_contacts = tissue->node_contacts,
-    };
 }
 
 pliant_status pliant_tissue_find(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *given,

@@ -141,7 +141,12 @@ pliant_status pliant_tissue_advance(pliant_tissue *tissue, const double *from, c
 /* ---- tissue.c */
 /* Set the point's position so that a step reduces the penetration depth gradually.
  * thickness: distance that the sides keep [m] */
-void pliant_tissue_set_place(pliant_contact_point *point, double gap, double thickness, const pliant_tissue_rule *rule);
+static inline void pliant_tissue_set_place(pliant_contact_point *point, double gap, double thickness,
+                                           const pliant_tissue_rule *rule)
+{
+    const double left = thickness + pliant_contact_permitted_gap(gap - thickness, rule->recovery, rule->stays);
+    for (int d = 0; d < 3; d++) point->place[d] = left * point->normal[d];
+}
 /* Find contact points and append them, sorted by feature. The top byte is PLIANT_TISSUE_NODE, _EDGE, _CUT or _SLID
  * (update_sides.h).
  * @param positions (nodes x 3) of the surface's corners at the start of the step [m]

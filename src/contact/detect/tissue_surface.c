@@ -4,6 +4,7 @@
 #include "base/fail.h"
 #include "base/memory.h"
 #include "contact/advance/advance.h"
+#include "contact/detect/tissue_rules.h"
 #include "mesh/mesh.h"
 #include "topology/body.h"
 
@@ -281,4 +282,32 @@ pliant_status pliant_tissue_copy(const pliant_tissue *from, pliant_tissue *to)
     memcpy(to->place, from->place, 3 * (size_t)from->num_nodes * sizeof *to->place);
     to->has_place = from->has_place;
     return PLIANT_OK;
+}
+
+pliant_tissue_view pliant_tissue_view_of(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *rule)
+{
+    const pliant_body *body = tissue->body;
+    return (pliant_tissue_view){
+        .positions = positions,
+        .rule = *rule,
+        .settings = rule->settings ? *rule->settings : pliant_contact_settings_default(),
+        .shortest = tissue->shortest,
+        .tets = body->fine.tets,
+        .across = tissue->across,
+        .apart = tissue->apart,
+        .fixed = body->fine_fixed,
+        .node_parent = body->cuts ? body->node_parent : NULL,
+        .piece = tissue->piece,
+        .skin = tissue->skin,
+        .skin_start = tissue->skin_start,
+        .node = tissue->node,
+        .around_start = tissue->around_start,
+        .around = tissue->around,
+        .fan_start = tissue->fan_start,
+        .fan = tissue->fan,
+        .last = tissue->last,
+        .normal = tissue->normal,
+        .count = tissue->count,
+        .node_contacts = tissue->node_contacts,
+    };
 }

@@ -14,21 +14,6 @@
 
 /* ---- moving parts of this leg */
 
-static double seconds_of(const pliant_model *model, const pliant_data *data)
-{
-    return model->scene.solver.step * data->fraction;
-}
-
-static double max_recovery(const pliant_model *model, const pliant_data *data)
-{
-    return model->contact.recovery_speed * seconds_of(model, data);
-}
-
-static double stays(const pliant_model *model, const pliant_data *data)
-{
-    return data->body->has_inertia ? exp(-seconds_of(model, data) / model->contact.recovery_time) : 0;
-}
-
 static void add_part(const pliant_model *model, const pliant_data *data, int t, int32_t p)
 {
     pliant_contact_search *search = data->contact_search;
@@ -51,7 +36,7 @@ static void add_part(const pliant_model *model, const pliant_data *data, int t, 
         .from = *begin,
         .to = *goal,
         .way = way,
-        .recovery = max_recovery(model, data),
+        .recovery = pliant_contact_max_recovery(model, data),
         .num_held = num_held,
         .held = tool->held,
     };
@@ -83,8 +68,8 @@ static void add_obstacle(const pliant_model *model, const pliant_data *data, con
                                                              .guard = guard,
                                                              .off = pliant_contact_core_offset(part),
                                                              .margin = model->contact.search_margin,
-                                                             .recovery = max_recovery(model, data),
-                                                             .stays = stays(model, data)};
+                                                             .recovery = pliant_contact_max_recovery(model, data),
+                                                             .stays = pliant_contact_stays(model, data)};
 }
 
 /* Gather the parts of tools and obstacles for this leg. Released tools and cutting parts of active blades are left
@@ -157,21 +142,6 @@ static pliant_status find_slowed(const pliant_model *model, pliant_data *data, p
 }
 
 /* Explicit dynamics has no thickness: it would stop legs of tissue that rests on tissue. */
-pliant_tissue_rule pliant_contact_tissue_rule(const pliant_model *model, const pliant_data *data, double pieces_go)
-{
-    const double *cell = data->body->fine.cell_size, smallest = fmin(fmin(cell[0], cell[1]), cell[2]),
-                 thickness = data->body->has_inertia ? 0 : model->contact.self_thickness * smallest;
-    return (pliant_tissue_rule){.margin =
-                                    model->contact.self_margin * data->contact_search->tissue.shortest + thickness,
-                                .thickness = thickness,
-                                .recovery = max_recovery(model, data),
-                                .friction = model->scene.contact.friction,
-                                .pieces_go = pieces_go,
-                                .nodes = data->positions,
-                                .stays = stays(model, data),
-                                .settings = &model->contact};
-}
-
 /* pieces_go: largest motion of detached pieces in this step [m] */
 static pliant_status find_tissue(const pliant_model *model, pliant_data *data, double pieces_go, pliant_contacts *out)
 {

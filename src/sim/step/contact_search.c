@@ -37,3 +37,33 @@ double pliant_contact_guard(const pliant_model *model, const pliant_data *data, 
                  guard = pliant_advance_guard(&model->contact, part, fmin(fmin(cell[0], cell[1]), cell[2]));
     return fmax(guard, pliant_contact_core_offset(part) + (1 - model->contact.advance_stop) * guard);
 }
+
+static double seconds_of(const pliant_model *model, const pliant_data *data)
+{
+    return model->scene.solver.step * data->fraction;
+}
+
+double pliant_contact_max_recovery(const pliant_model *model, const pliant_data *data)
+{
+    return model->contact.recovery_speed * seconds_of(model, data);
+}
+
+double pliant_contact_stays(const pliant_model *model, const pliant_data *data)
+{
+    return data->body->has_inertia ? exp(-seconds_of(model, data) / model->contact.recovery_time) : 0;
+}
+
+pliant_tissue_rule pliant_contact_tissue_rule(const pliant_model *model, const pliant_data *data, double pieces_go)
+{
+    const double *cell = data->body->fine.cell_size, smallest = fmin(fmin(cell[0], cell[1]), cell[2]),
+                 thickness = data->body->has_inertia ? 0 : model->contact.self_thickness * smallest;
+    return (pliant_tissue_rule){.margin =
+                                    model->contact.self_margin * data->contact_search->tissue.shortest + thickness,
+                                .thickness = thickness,
+                                .recovery = pliant_contact_max_recovery(model, data),
+                                .friction = model->scene.contact.friction,
+                                .pieces_go = pieces_go,
+                                .nodes = data->positions,
+                                .stays = pliant_contact_stays(model, data),
+                                .settings = &model->contact};
+}

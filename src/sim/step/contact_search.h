@@ -53,8 +53,10 @@ double pliant_contact_core_offset(const pliant_part *part);
 /* Return the guard depth of a part. A distance field's error reduces the guard zone, so the guard depth is increased
  * until a fraction of the zone remains (settings.guard_left). */
 double pliant_contact_guard(const pliant_model *model, const pliant_data *data, const pliant_part *part);
-
-/* ---- contact.c */
+/* Return the largest penetration depth that a leg corrects [m]. */
+double pliant_contact_max_recovery(const pliant_model *model, const pliant_data *data);
+/* Return the fraction of the penetration depth that remains after a leg; 0 without inertia. */
+double pliant_contact_stays(const pliant_model *model, const pliant_data *data);
 /* Return the rule for tissue on tissue. pieces_go: largest motion of detached pieces in this step [m] */
 pliant_tissue_rule pliant_contact_tissue_rule(const pliant_model *model, const pliant_data *data, double pieces_go);
 
