@@ -135,7 +135,7 @@ pliant_tool_shape driver()
 }
 
 // No leg of a chain makes parts and tissue overlap, for random motions.
-TEST(AdvanceSurface, AChainOfLegsNeverLetsACoreIn)
+TEST(AdvanceSurface, NoLegSequenceLetsACorePenetrate)
 {
     Random random(5);
     int moved = 0, blocked = 0;
@@ -271,7 +271,7 @@ TEST(AdvanceSurface, HeldTissueIsExempt)
     EXPECT_EQ(on.find().t, 1);
 }
 
-TEST(AdvanceSurface, AHalfSpaceStopsTissueThatFalls)
+TEST(AdvanceSurface, AHalfSpaceStopsFallingTissue)
 {
     Scene on;
     pliant_part floor{};

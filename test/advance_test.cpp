@@ -319,7 +319,7 @@ class AdvanceKind : public testing::TestWithParam<pliant_part_kind>
 {
 };
 
-TEST_P(AdvanceKind, NeverComesNearerThanItsLimitNorStopsEarly)
+TEST_P(AdvanceKind, KeepsTheLimitDistanceWithoutStoppingEarly)
 {
     const Outcome outcome = try_legs(GetParam(), GetParam() == PLIANT_PART_SOLID ? hull() : nullptr,
                                      count_of(GetParam() == PLIANT_PART_SOLID ? 40 : 200), 11 + GetParam());

@@ -43,7 +43,7 @@ struct Rules : pliant_anderson {
     }
 };
 
-TEST(Anderson, RefusalsLeadToPlainAndShorterSteps)
+TEST(Anderson, RejectionsLeadToUnmixedAndShorterSteps)
 {
     Rules rules;
     rules.evaluate(1);
@@ -65,7 +65,7 @@ TEST(Anderson, RefusalsLeadToPlainAndShorterSteps)
     EXPECT_TRUE(rules.take && rules.next == PLIANT_NEXT_DONE);
 }
 
-TEST(Anderson, WithoutTimeAfterARefusalAStepGoesOnBlindly)
+TEST(Anderson, WithoutTimeAfterARejectionTheNextStepIsNotEvaluated)
 {
     Rules rules;
     rules.evaluate(1);
@@ -85,7 +85,7 @@ TEST(Anderson, WithoutTimeAfterARefusalAStepGoesOnBlindly)
 }
 
 // In weakly connected tissue a plain step can be metres long.
-TEST(Anderson, NoStepGoesFarBlindly)
+TEST(Anderson, StepsWithoutEvaluationAreBounded)
 {
     const double tenth = pliant_quasistatic().max_doubtful_step * 0.1;
     for (double made : {0.99 * tenth, 1.01 * tenth, static_cast<double>(INFINITY)}) {
@@ -104,7 +104,7 @@ TEST(Anderson, NoStepGoesFarBlindly)
     }
 }
 
-TEST(Anderson, UselessSecantsAreForgotten)
+TEST(Anderson, UselessSecantsAreDropped)
 {
     Rules rules;
     rules.evaluate(1);
@@ -115,7 +115,7 @@ TEST(Anderson, UselessSecantsAreForgotten)
     EXPECT_EQ(rules.next, PLIANT_NEXT_TRIAL);
 }
 
-TEST(Anderson, TheOldestSecantsGiveWay)
+TEST(Anderson, TheOldestSecantsAreReplaced)
 {
     Rules rules;
     rules.last_evaluations = 6;

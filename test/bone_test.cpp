@@ -280,7 +280,7 @@ TEST(Bone, EveryVoxelAndPointHasItsTetrahedron)
     }
 }
 
-TEST(Bone, BesideAirNothingMoves)
+TEST(Bone, NodesNextToAirStay)
 {
     Bone bone({32, 32, 32});
     // a plate of bone on air
@@ -302,7 +302,7 @@ TEST(Bone, BesideAirNothingMoves)
     pliant_mesh_free(&before);
 }
 
-TEST(Bone, SameWhateverTheThreadsAndOutOfMemoryLeavesTheMesh)
+TEST(Bone, ThreadsChangeNothingAndOutOfMemoryLeavesTheMesh)
 {
     Bone one({40, 32, 24}), two({40, 32, 24});
     one.scatter(9, false);

@@ -127,9 +127,9 @@ TEST_P(EveryBase, NearlyInvertsTheDividedStiffness)
     EXPECT_LE(products, 9);
     EXPECT_GE(products, 2);
     const std::vector<double> kx = bar.multiply(x);
-    double apart = 0;
-    for (size_t i = 0; i < x.size(); i++) apart = std::fmax(apart, std::fabs(kx[i] - right[i]));
-    EXPECT_LT(apart, 1e-3);
+    double difference = 0;
+    for (size_t i = 0; i < x.size(); i++) difference = std::fmax(difference, std::fabs(kx[i] - right[i]));
+    EXPECT_LT(difference, 1e-3);
 }
 
 // Where nothing is opened, the result is the base's result.
@@ -184,7 +184,7 @@ TEST(Carried, AFactorInAGivenOrder)
 }
 
 // A coarse model in which fine cubes near an earlier cut are divided: a later cut opens only the cubes that it divides.
-TEST(Carried, ALaterCutOfCoarseHexahedraOpensNothingBesideAnEarlierOne)
+TEST(Carried, ALaterCutOfCoarseHexahedraOpensNothingNextToAnEarlierOne)
 {
     const int size[3] = {48, 12, 12};
     const double box[3] = {0.48, 0.12, 0.12};

@@ -68,7 +68,7 @@ protected:
         std::map<std::string, std::map<std::string, double>> found;
         for (size_t r = 0; r < pliant_results_rows(tables.sweep); r++) {
             std::string key;
-            for (const char *column : {"method", "touch", "ratio", "variant", "budget"}) key += cell(r, column) + "|";
+            for (const char *column : {"method", "submesh", "ratio", "variant", "budget"}) key += cell(r, column) + "|";
             found[key][cell(r, "case")] = std::atof(cell(r, "p95_percent").c_str());
         }
         std::map<std::string, double> out;
@@ -85,7 +85,7 @@ protected:
     std::string warnings;
 };
 
-TEST_F(Choice, CostsNothingWhereTheSceneDoesNotAsk)
+TEST_F(Choice, CostsNothingWithoutABudget)
 {
     body.scene.choose.budget_ms = 0;
     pliant_memory_reset_peak();
@@ -97,7 +97,7 @@ TEST_F(Choice, CostsNothingWhereTheSceneDoesNotAsk)
     EXPECT_EQ(std::memcmp(&choice.scene, &body.scene, sizeof body.scene), 0);
 }
 
-TEST_F(Choice, TakesTheMostAccurateOfAllThatWasTried)
+TEST_F(Choice, SelectsTheMostAccurateCandidate)
 {
     ASSERT_EQ(choose(), PLIANT_OK) << pliant_last_error();
     ASSERT_TRUE(choice.made);
@@ -110,9 +110,9 @@ TEST_F(Choice, TakesTheMostAccurateOfAllThatWasTried)
         maximum = std::fmax(maximum, each.second);
     }
     EXPECT_GT(maximum, 10 * minimum);
-    EXPECT_GT(choice.left_out, 0);
-    EXPECT_LE(100 * (choice.error + choice.left_out), 1.05 * (minimum + 100 * choice.left_out) + 1e-6);
-    EXPECT_EQ(choice.mesh, choice.left_out) << "the finest that was tried";
+    EXPECT_GT(choice.reference_error, 0);
+    EXPECT_LE(100 * (choice.error + choice.reference_error), 1.05 * (minimum + 100 * choice.reference_error) + 1e-6);
+    EXPECT_EQ(choice.mesh, choice.reference_error) << "the finest that was tried";
     EXPECT_STREQ(pliant_results_cell(tables.choice, 0, pliant_results_column(tables.choice, "larger")), "mesh");
     EXPECT_EQ(choice.error, choice.p95);
     EXPECT_LE(choice.rms, choice.max);
@@ -139,7 +139,7 @@ TEST_F(Choice, TakesTheMostAccurateOfAllThatWasTried)
     EXPECT_EQ(std::memcmp(&scene, &choice.scene, sizeof scene), 0);
 }
 
-TEST_F(Choice, LeavesAsItIsWhatMayNotVary)
+TEST_F(Choice, KeepsOptionsThatMayNotVary)
 {
     vary(false, false, false, false);
     ASSERT_EQ(choose(), PLIANT_OK) << pliant_last_error();
@@ -159,7 +159,7 @@ TEST_F(Choice, LeavesAsItIsWhatMayNotVary)
     EXPECT_EQ(choice.scene.mesh.coarse_cells[0], 4);
 }
 
-TEST_F(Choice, AScenesOwnPatchIsNotEverybodys)
+TEST_F(Choice, AScenesPatchAppliesToItsMethodOnly)
 {
     body.scene.model.method = PLIANT_AVERAGED;
     body.scene.model.patch = 0.05;
@@ -168,7 +168,7 @@ TEST_F(Choice, AScenesOwnPatchIsNotEverybodys)
     ASSERT_EQ(choose(), PLIANT_OK) << pliant_last_error();
     EXPECT_EQ(choice.tried, 1);
     EXPECT_EQ(std::memcmp(&choice.scene, &body.scene, sizeof body.scene), 0);
-    const double patched = choice.later;
+    const double patched = choice.settled_error;
 
     vary(true, false, false, false);
     ASSERT_EQ(choose(), PLIANT_OK) << pliant_last_error();
@@ -182,13 +182,13 @@ TEST_F(Choice, AScenesOwnPatchIsNotEverybodys)
 }
 
 // Until the patch exists, the tool pulls the coarse model.
-TEST_F(Choice, ThePullBeforeAPatchIsThereCounts)
+TEST_F(Choice, PullsBeforeThePatchIsReadyCount)
 {
     vary(false, false, false, false);
     body.scene.model.method = PLIANT_AVERAGED;
     ASSERT_EQ(choose(), PLIANT_OK) << pliant_last_error();
     const double without = choice.p95;
-    EXPECT_EQ(choice.later, choice.error);
+    EXPECT_EQ(choice.settled_error, choice.error);
 
     body.scene.model.patch = 0.05;
     body.scene.model.patch_delay = 40;
@@ -198,13 +198,13 @@ TEST_F(Choice, ThePullBeforeAPatchIsThereCounts)
     ASSERT_EQ(pliant_report_open(nullptr, &tables), PLIANT_OK);
     ASSERT_EQ(choose(), PLIANT_OK) << pliant_last_error();
     EXPECT_NEAR(choice.p95, without, 1e-3 * without);
-    EXPECT_LT(choice.later, 0.6 * without);
+    EXPECT_LT(choice.settled_error, 0.6 * without);
     EXPECT_NE(warnings.find("before its patch is there"), std::string::npos) << warnings;
     EXPECT_NE(warnings.find("% later on"), std::string::npos) << warnings;
 }
 
 // The error includes the motion under the scene's gravity from the first frame on, with the iterations of the settings.
-TEST_F(Choice, GravityIsMeasuredAsItIsSeen)
+TEST_F(Choice, GravityCountsFromTheFirstFrame)
 {
     vary(false, false, false, false);
     const double gravity[3] = {0, 9.81, 15};
@@ -229,10 +229,10 @@ TEST_F(Choice, GravityIsMeasuredAsItIsSeen)
     }
     ASSERT_GT(worst, 0.02);
     EXPECT_NEAR(choice.max, worst, 0.02 * worst);
-    EXPECT_LT(choice.later, choice.error);
+    EXPECT_LT(choice.settled_error, choice.error);
 }
 
-TEST_F(Choice, ItsOwnTimeLimitIsNoError)
+TEST_F(Choice, ReachingTheTimeLimitIsNoError)
 {
     std::string errors;
     pliant_set_log([](pliant_log_level level, const char *message, void *user) {
@@ -259,7 +259,7 @@ TEST_F(Choice, ItsOwnTimeLimitIsNoError)
 }
 
 // Simulate a busy machine: after each short run, the program stands still for ten times as long.
-TEST_F(Choice, WhatOtherProgramsTakeIsNoTimeOfAStep)
+TEST_F(Choice, TimeOfOtherProgramsDoesNotCount)
 {
     vary(false, false, false, false);
     body.cells(4, 4, 4, 2);
@@ -289,13 +289,13 @@ TEST_F(Choice, WhatOtherProgramsTakeIsNoTimeOfAStep)
 
 // ---- the choice among points
 
-choice_point point_of(double error, double later, double milliseconds, double evaluations, int32_t tetrahedra)
+choice_point point_of(double error, double settled_error, double milliseconds, double evaluations, int32_t tetrahedra)
 {
     choice_point point{};
     point.candidate.by.method = PLIANT_FINE;
     for (int m = 0; m < NUM_MEASURES; m++) {
         point.error[m] = error;
-        point.later[m] = later;
+        point.settled_error[m] = settled_error;
     }
     point.seconds = 1e-3 * milliseconds;
     point.evaluations = evaluations;
@@ -304,7 +304,7 @@ choice_point point_of(double error, double later, double milliseconds, double ev
     return point;
 }
 
-TEST(ChoiceOfPoints, NothingIsTakenThatLessWorkBetters)
+TEST(ChoiceOfPoints, NoPointIsSelectedThatLessWorkImproves)
 {
     // The second point needs less work and has a smaller error, but other programs delayed it.
     const choice_point points[] = {point_of(0.58, 0.58, 6, 30, 5000), point_of(0.004, 0.004, 40, 2, 4000),
@@ -315,13 +315,13 @@ TEST(ChoiceOfPoints, NothingIsTakenThatLessWorkBetters)
     // But a point stays where it may be slower: with more evaluations on the smaller mesh, with a patch, or on the GPU.
     choice_point others[] = {points[0], point_of(0.004, 0.004, 40, 31, 4000), point_of(0.003, 0.003, 40, 2, 4000),
                              point_of(0.002, 0.002, 40, 2, 4000)};
-    others[2].candidate.by = {PLIANT_AVERAGED, PLIANT_TOUCH_OVERLAP, 0.05};
+    others[2].candidate.by = {PLIANT_AVERAGED, PLIANT_SUBMESH_OVERLAP, 0.05};
     others[3].on_host = false;
     EXPECT_EQ(choice_best(others, 4, PLIANT_MEASURE_P95, 0, 8e-3), others);
     EXPECT_EQ(choice_fastest(others, 4), others);
 }
 
-TEST(ChoiceOfPoints, TheWorstFrameFirstThenWhatComesLaterThenTime)
+TEST(ChoiceOfPoints, RanksByWorstFrameThenSettledErrorThenTime)
 {
     const choice_point patched = point_of(0.40, 0.03, 5, 3, 1000), coarse = point_of(0.30, 0.30, 1, 3, 500),
                        fine = point_of(0.02, 0.02, 20, 2, 9000);
@@ -336,21 +336,21 @@ TEST(ChoiceOfPoints, TheWorstFrameFirstThenWhatComesLaterThenTime)
 }
 
 // Errors u + C h^p on meshes of one, two and four times the resolution. The finest one is the reference.
-TEST(ChoiceOfPoints, IterationsAreNotSpentBelowTheErrorOfTheMesh)
+TEST(ChoiceOfPoints, IterationsEndAtTheErrorOfTheMesh)
 {
     auto fine_of = [](int32_t ratio, double error, double milliseconds, double evaluations) {
         choice_point point = point_of(error, error, milliseconds, evaluations, 1000 * ratio);
-        point.candidate = {{PLIANT_FINE, PLIANT_TOUCH_OVERLAP, 0}, {1, ratio}};
+        point.candidate = {{PLIANT_FINE, PLIANT_SUBMESH_OVERLAP, 0}, {1, ratio}};
         return point;
     };
     for (double order : {1.0, 2.0}) {
-        const double left_out = 0.01, half = left_out * (std::exp2(order) - 1),
-                     quarter = left_out * (std::exp2(2 * order) - 1);
+        const double reference_error = 0.01, half = reference_error * (std::exp2(order) - 1),
+                     quarter = reference_error * (std::exp2(2 * order) - 1);
         const choice_point points[] = {fine_of(4, 0.006, 4, 2), fine_of(4, 0.0001, 9, 6), fine_of(2, half, 2, 6),
                                        fine_of(2, half + 0.02, 1, 1), fine_of(1, quarter, 1, 6)};
-        const double told = choice_reference_error(points, 5, 4, PLIANT_MEASURE_P95);
-        EXPECT_NEAR(told, half / (std::exp2(0.5 * (order + 2)) - 1), 1e-12);
-        if (order == 2) { EXPECT_NEAR(told, left_out, 1e-12); }
+        const double estimate = choice_reference_error(points, 5, 4, PLIANT_MEASURE_P95);
+        EXPECT_NEAR(estimate, half / (std::exp2(0.5 * (order + 2)) - 1), 1e-12);
+        if (order == 2) { EXPECT_NEAR(estimate, reference_error, 1e-12); }
         EXPECT_EQ(choice_reference_error(points, 4, 4, PLIANT_MEASURE_P95), 0) << "two resolutions tell no order";
         EXPECT_EQ(choice_mesh_error(points, 5, 2, PLIANT_MEASURE_P95), half);
         EXPECT_EQ(choice_best(points, 5, PLIANT_MEASURE_P95, 0, 0.1), points + 1);
@@ -359,7 +359,7 @@ TEST(ChoiceOfPoints, IterationsAreNotSpentBelowTheErrorOfTheMesh)
     }
 }
 
-TEST_F(Choice, TheSceneChoosesByTheMeasureThatItNames)
+TEST_F(Choice, UsesTheErrorMeasureOfTheScene)
 {
     vary(false, false, false, true);
     body.scene.choose.measure = PLIANT_MEASURE_MAX;
@@ -368,7 +368,7 @@ TEST_F(Choice, TheSceneChoosesByTheMeasureThatItNames)
     EXPECT_GT(choice.max, choice.p95);
 }
 
-TEST_F(Choice, WarnsWithBothFiguresWhenNothingWillDo)
+TEST_F(Choice, WarnsWithBothFiguresIfNoCandidateIsWithinTheBudget)
 {
     vary(true, false, false, true);
     body.scene.choose.max_error = 1e-9;
@@ -410,7 +410,7 @@ TEST_F(Choice, ALoadThatIsCancelledChoosesNothing)
 }
 
 // After a callback has cancelled, a call from another thread does not continue the choice.
-TEST_F(Choice, SayingNoOnceIsEnough)
+TEST_F(Choice, OneCancellationEndsTheChoice)
 {
     vary(false, false, false, false);
     body.scene.model.method = PLIANT_LOD; // each cube calls back
@@ -440,7 +440,7 @@ TEST_F(Choice, AFineScenesPatchIsNoOtherMethod)
     EXPECT_EQ(choice.tried, tried);
 }
 
-TEST_F(Choice, WithoutTimeTheScenesOwnSettingsStay)
+TEST_F(Choice, WithoutTimeTheSceneIsUnchanged)
 {
     body.scene.choose.seconds = 0;
     listen();

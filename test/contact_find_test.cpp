@@ -36,7 +36,7 @@ struct Moving {
                              pose == &moving.from ? &moving.begin : &moving.end);
         }
         for (int d = 0; d < 3; d++) way += std::pow(to[d] - from[d], 2);
-        moving.way = std::sqrt(way);
+        moving.max_motion = std::sqrt(way);
         moving.kind = PLIANT_OBSTACLE_TOOL;
         moving.friction = 0.2;
         const pliant_contact_settings settings = pliant_contact_settings_default();

@@ -44,9 +44,9 @@ struct Cube : Body {
     }
     double energy() const
     {
-        pliant_dynamics told;
-        EXPECT_EQ(pliant_data_get_dynamics(model, data, &told), PLIANT_OK);
-        return told.kept_energy;
+        pliant_dynamics reported;
+        EXPECT_EQ(pliant_data_get_dynamics(model, data, &reported), PLIANT_OK);
+        return reported.kept_energy;
     }
     const pliant_mesh &body() const { return model->body->fine; }
 };

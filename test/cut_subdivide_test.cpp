@@ -430,7 +430,7 @@ int add_knife(Body &body)
     return tool;
 }
 
-TEST(Subdivide, ABladeCutsAsItGoes)
+TEST(Subdivide, ABladeCutsAlongItsPath)
 {
     for (int cycles = 0; cycles < 2; cycles++) {
         auto body = uniform([&](pliant_scene &scene) {
@@ -458,7 +458,7 @@ TEST(Subdivide, ABladeCutsAsItGoes)
 
 // Oblique blades cut a bar that bends by centimetres under its weight. No tissue passes through, not even at its
 // surface.
-TEST(Subdivide, ABladeAtASlantPartsWhatMoves)
+TEST(Subdivide, ATiltedBladeCutsMovingTissue)
 {
     std::mt19937 random(11);
     std::uniform_real_distribution<double> unit(-1, 1);
@@ -507,7 +507,7 @@ TEST(Subdivide, ExplicitStepsShrinkWithTheSmallestTetrahedron)
 }
 
 // New nodes inherit the velocity at their position, so a uniform motion continues.
-TEST(Subdivide, MotionGoesOn)
+TEST(Subdivide, MotionContinuesAfterACut)
 {
     auto body = uniform([](pliant_scene &scene) {
         scene.solver.kind = PLIANT_TLED;
@@ -549,7 +549,7 @@ TEST(Subdivide, UndoReturnsBits)
     }
 }
 
-TEST(Subdivide, NothingIsCutByWhatSweepsNothing)
+TEST(Subdivide, AnEmptySweepCutsNothing)
 {
     Split block(bar());
     const double nan = std::nan("");
@@ -563,7 +563,7 @@ TEST(Subdivide, NothingIsCutByWhatSweepsNothing)
     EXPECT_EQ(block.now, before);
 }
 
-TEST(Subdivide, WhenMemoryIsShortNothingChanges)
+TEST(Subdivide, OutOfMemoryChangesNothing)
 {
     Split block(bar());
     const std::vector<double> from = {0.1, -0.01, 0.11, 0.12, 0.11, 0.11}, to = {0.1, -0.01, 0.06, 0.12, 0.11, 0.06};
@@ -585,7 +585,7 @@ TEST(Subdivide, WhenMemoryIsShortNothingChanges)
 
 // Two sides moved apart: rasterization and the fit draw nothing between them. No fit uses nodes of the other side.
 // After undo, it is the fit of the whole body.
-TEST(Subdivide, AFitDoesNotReachAcross)
+TEST(Subdivide, AFitDoesNotCrossACut)
 {
     Split block(bar());
     pliant_volume &scan = block.body->scan;
@@ -640,7 +640,7 @@ TEST(Subdivide, AFitDoesNotReachAcross)
     for (pliant_warp *warp : warps) pliant_warp_free(warp);
 }
 
-TEST(Subdivide, WhatItDoesNotGoWithIsRefused)
+TEST(Subdivide, UnsupportedOptionsAreRefused)
 {
     const std::function<void(pliant_scene &)> others[] = {
         [](pliant_scene &scene) {

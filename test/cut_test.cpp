@@ -89,7 +89,7 @@ int expect_voxels_moduli(const pliant_body &now)
 }
 
 // At a corner of the body, a single voxel keeps its links, but three voxels in a row are cut off.
-TEST(Cut, ThreeVoxelsComeOffAndOneDoesNot)
+TEST(Cut, ThreeVoxelsDetachAndOneDoesNot)
 {
     for (int voxels : {1, 3}) {
         auto block = bar();
@@ -134,7 +134,7 @@ TEST(Cut, APlaneMakesTwoPiecesThatAddUp)
 }
 
 // The search returns every tetrahedron near a blade: at load, adjacent to a cut, and fragments, for any deformation.
-TEST(Cut, NoTetrahedronNearABladeIsLeftOut)
+TEST(Cut, AllTetrahedraNearABladeAreCandidates)
 {
     auto block = bar();
     const double point[3] = {0.103, 0.05, 0.05}, normal[3] = {1, 0.2, -0.1};
@@ -177,7 +177,7 @@ TEST(Cut, NoTetrahedronNearABladeIsLeftOut)
 }
 
 // On a plane of the lattice no tetrahedron is cut: each half is the mesh of half the bar, with the same bits.
-TEST(Cut, OnALatticePlaneTheHalvesAreMeshesOfTheirOwn)
+TEST(Cut, OnALatticePlaneTheHalvesAreSeparateMeshes)
 {
     auto block = bar();
     const double point[3] = {0.1, 0.05, 0.05}, normal[3] = {1, 0, 0};
@@ -289,7 +289,7 @@ TEST(Cut, AreaIsOfTheTissueAtRest)
 }
 
 // A cut between two materials gives half of its area to each. A cut within one material gives it all of the area.
-TEST(Cut, AreaIsSharedByTheMaterialsOnBothSides)
+TEST(Cut, AreaIsDividedBetweenTheMaterialsOnBothSides)
 {
     for (double at : {0.1, 0.05, 0.15}) {
         const std::vector<Material> materials = {{4000, 0.4, 1000, false}, {20000, 0.3, 1200, false}};
@@ -343,7 +343,7 @@ TEST(Cut, ThroughCentresOfVoxelsItIsFlat)
     EXPECT_NEAR(block->report.area, 0.01, 0.03 * 0.01);
 }
 
-TEST(Cut, SweepsOfNothingSeverNothing)
+TEST(Cut, EmptySweepsSeverNothing)
 {
     auto block = bar();
     const double nan = std::nan(""), inf = INFINITY;
@@ -402,7 +402,7 @@ TEST(Cut, CrossingPlanesAndACurvedBlade)
     EXPECT_NEAR(other->report.area, 2 * M_PI * 0.03 * 0.1, 0.03 * 2 * M_PI * 0.03 * 0.1);
 }
 
-TEST(Cut, ElsewhereNothingChanges)
+TEST(Cut, TetrahedraAwayFromTheCutAreUnchanged)
 {
     auto block = bar();
     const double left[3] = {0.06, 0.05, 0.05}, right[3] = {0.15, 0.05, 0.05}, normal[3] = {1, 0.3, 0.2};
@@ -475,7 +475,7 @@ TEST(Cut, TheSameBitsAgainWithOneThreadOrTwo)
     expect_same(*third->now, *one->now);
 }
 
-TEST(Cut, WithoutMemoryTheBodyBeforeStays)
+TEST(Cut, OutOfMemoryKeepsThePreviousBody)
 {
     auto block = bar();
     const double point[3] = {0.1, 0.05, 0.05}, normals[2][3] = {{1, 0.3, 0.2}, {0.2, 1, 0.1}};
@@ -503,7 +503,7 @@ TEST(Cut, WithoutMemoryTheBodyBeforeStays)
 }
 
 // Locate points in a body whose halves are moved apart and into each other.
-TEST(Cut, PointsAreOfTheFragmentThatIsThere)
+TEST(Cut, PointsAreLocatedInTheirFragment)
 {
     auto block = bar();
     const double point[3] = {0.103, 0.05, 0.05}, normal[3] = {1, 0.2, -0.1};
@@ -596,7 +596,7 @@ std::unique_ptr<CutState> shred(unsigned seed, int strokes, const std::function<
     return block;
 }
 
-TEST(Cut, UntilLittleHangsTogether)
+TEST(Cut, ManyCutsUntilFewLinksRemain)
 {
     int max_joints = 0, max_inner = 0;
     for (unsigned seed : {1u, 3u, 11u}) {
@@ -631,7 +631,7 @@ TEST(Cut, UntilLittleHangsTogether)
 
 // A cut of a piece that one or two nodes connect: all links from its voxels to others are severed, and the joint is
 // gone.
-TEST(Cut, WhatAPieceHangsOnIsCut)
+TEST(Cut, CuttingTheHingeOfAPiece)
 {
     auto hangs = [](const pliant_body &body) {
         int32_t found = -1;
@@ -677,7 +677,7 @@ TEST(Cut, WhatAPieceHangsOnIsCut)
 // A bar is shaken by 4 mm per step (0.2 m/s) while a blade cuts it in 20 steps. The previous blade edge moves with the
 // tissue.
 // Its points are moved along with the tissue and a tenth of a voxel back.
-TEST(Cut, ABladeThroughTissueThatMovesLeaksNowhere)
+TEST(Cut, ABladeThroughMovingTissueLeavesNoLink)
 {
     std::mt19937 random(11);
     std::uniform_real_distribution<double> unit(-1, 1);

@@ -40,7 +40,7 @@ TEST_F(Deform, HelpsAndListsOptions)
     EXPECT_NE(out_.find("| `mesh/ratio` |"), std::string::npos);
 }
 
-TEST_F(Deform, TellsWrongUsageFromFailure)
+TEST_F(Deform, ExitCodesDistinguishWrongUsageFromFailure)
 {
     EXPECT_EQ(run(""), 2);
     EXPECT_NE(err_.find("--out DIR is missing"), std::string::npos) << err_;
@@ -74,7 +74,7 @@ double front_of_the_wall()
     return world[1];
 }
 
-TEST_F(Deform, PullsAndWritesWhatItPromises)
+TEST_F(Deform, PullsAndWritesTheDocumentedFiles)
 {
     const double front = front_of_the_wall();
     // Pull the front of the abdominal wall forward by 1 cm.
@@ -176,7 +176,7 @@ TEST_F(Deform, ComparedMethodsKeepTheirFields)
 }
 
 // A ball presses on the wall. tools.csv has its force and torque, and nodes.csv has the force on the nodes.
-TEST_F(Deform, TellsForcesOfContact)
+TEST_F(Deform, WritesContactForces)
 {
     std::ofstream(in("press.yaml"))
         << "tools:\n  - name: ball\n    shape: {parts: [{kind: sphere, from: [0, 0, 0], radius: 0.02}]}\n"
@@ -346,7 +346,7 @@ TEST_F(Deform, ScalesItsLengthsToASmallBody)
     EXPECT_NE(err_.find("warp/margin 0.0015 m makes the deformed volume"), std::string::npos) << err_;
 }
 
-TEST_F(Deform, KeepsTheAirOfTheScanWhereAsked)
+TEST_F(Deform, KeepsTheAirOfTheScanWithKeepAir)
 {
     pliant_volume scan{}, drawn[2]{};
     ASSERT_EQ(pliant_phantom((const int32_t[3]){48, 40, 40}, 1, &scan, nullptr), PLIANT_OK);
@@ -371,7 +371,7 @@ TEST_F(Deform, KeepsTheAirOfTheScanWhereAsked)
     for (pliant_volume *volume : {&scan, &drawn[0], &drawn[1]}) pliant_volume_free(volume);
 }
 
-TEST_F(Deform, StopsOnRequestWithWhatWasDone)
+TEST_F(Deform, StopsOnRequestAndWritesFinishedSteps)
 {
     const auto steps = [&] { return table(in("stopped/steps.csv")).size() > 1; };
     EXPECT_EQ(interrupt(small_ + "--steps 1000000 --out " + in("stopped"), steps), 130) << text(in("err"));
@@ -380,7 +380,7 @@ TEST_F(Deform, StopsOnRequestWithWhatWasDone)
 }
 
 // Warn about the schur method under gravity when the model is built, and about its result at the end.
-TEST_F(Deform, WarnsOfSteepLoadsAndOfStepsThatDidNotConverge)
+TEST_F(Deform, WarnsOfSteepLoadsAndUnconvergedSteps)
 {
     const std::string hung = small_ + "--set 'model/gravity=0 9.81 0' --no-volume --out " + in("hung") + " --steps ";
     /* the solver limits the motion per step, so elements become inverted after several steps */
@@ -416,7 +416,7 @@ TEST_F(Deform, WarnsOfSchurWhereThePathHasGravity)
 }
 
 // The refusal of a scan that is not a CT contains a material table. With this table the program runs.
-TEST_F(Deform, AsksForATableOfAnMr)
+TEST_F(Deform, RequiresATableForMr)
 {
     const int32_t size[3] = {40, 32, 32};
     pliant_volume scan{};
@@ -518,31 +518,31 @@ TEST_F(Deform, ComparesMethodsSideBySide)
          {"axial.png", "coronal.png", "sagittal.png", "coarse/axial.png", "averaged/nodes.csv", "fine/deformed.nii.gz"})
         EXPECT_EQ(access(in(std::string("c/") + name).c_str(), R_OK), 0) << name;
     const double all = std::stod(rows[1][3]);
-    // --seen limits the error to the voxels of an isosurface, so no error grows. Air that the mesh keeps is in neither
-    // error.
+    // --min-value limits the error to the voxels of an isosurface, so no error grows. Air that the mesh keeps is in
+    // neither error.
     ASSERT_EQ(run(small_ + "--quiet --steps 6 --set mesh/keep_air=true --compare coarse,fine --tools " +
                   in("pull.yaml") + " --out " + in("k")),
               0)
         << err_;
     auto kept = table(in("k/compare.csv"));
-    ASSERT_EQ(run(small_ + "--quiet --steps 6 --set mesh/keep_air=true --seen 150 --compare coarse,fine --tools " +
+    ASSERT_EQ(run(small_ + "--quiet --steps 6 --set mesh/keep_air=true --min-value 150 --compare coarse,fine --tools " +
                   in("pull.yaml") + " --out " + in("k")),
               0)
         << err_;
-    auto seen = table(in("k/compare.csv"));
-    EXPECT_LT(std::stod(seen[1][2]), std::stod(kept[1][2]));
-    EXPECT_GT(std::stod(seen[1][2]), 0);
+    auto limited = table(in("k/compare.csv"));
+    EXPECT_LT(std::stod(limited[1][2]), std::stod(kept[1][2]));
+    EXPECT_GT(std::stod(limited[1][2]), 0);
     EXPECT_LT(std::stod(kept[2][4]), 1.5 * std::stod(rows[3][4])) << "air beside the tool moves further";
     EXPECT_GT(all, 0);
-    EXPECT_EQ(run("--out x --compare fine --seen high"), 2);
-    EXPECT_EQ(run("--out x --compare fine --seen 100 --no-volume"), 2);
+    EXPECT_EQ(run("--out x --compare fine --min-value high"), 2);
+    EXPECT_EQ(run("--out x --compare fine --min-value 100 --no-volume"), 2);
     EXPECT_EQ(run("--out x --compare fine,fast"), 2);
     EXPECT_NE(err_.find("'fast' is not one of fine coarse schur"), std::string::npos) << err_;
 }
 
 // The program reports its input at the start, writes probes and connectivity, and never reports more than 100 %.
 // With --quiet it prints nothing.
-TEST_F(Deform, SaysWhatItRunsOnAndFollowsProbes)
+TEST_F(Deform, LogsItsBackendAndFollowsProbes)
 {
     const double front = front_of_the_wall();
     std::ofstream(in("probes.yaml"))

@@ -25,7 +25,7 @@ protected:
     }
 };
 
-TEST_F(Figures, TellsWrongUsage)
+TEST_F(Figures, WrongUsageHasItsExitCode)
 {
     for (const char *arguments : {"", "h9", "h", "all2", "'h1 h2'"}) {
         EXPECT_EQ(run(arguments), 2) << arguments;
@@ -76,7 +76,7 @@ protected:
     Segment() : Program(PLIANT_SEGMENT_PROGRAM) {}
 };
 
-TEST_F(Segment, TellsThePieceAtAPoint)
+TEST_F(Segment, PrintsThePieceAtAPoint)
 {
     // The corner of the scan is air. The point 1 cm below the front of the liver is not.
     ASSERT_EQ(run("--scan phantom:48x40x40 --out " + in("s") + " --at=-0.0664,-0.0528,0.0971"), 0) << err_;

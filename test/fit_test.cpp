@@ -248,7 +248,7 @@ TEST(Fit, NearACutMapsAreBlendedByBarycentricCoordinates)
 }
 
 // One node moves far away. At any distance of this node, the fit is the fit of the other nodes.
-TEST(Fit, ANodeThatFlewAwayIsOutOfReach)
+TEST(Fit, ADistantNodeHasNoEffect)
 {
     Fixture body(24, 6);
     std::vector<double> rest = body.rest_index(), positions(body.mesh.rest, body.mesh.rest + rest.size());
@@ -274,7 +274,7 @@ TEST(Fit, ANodeThatFlewAwayIsOutOfReach)
     }
 }
 
-TEST(Fit, ASceneAsksForIt)
+TEST(Fit, IsSelectedByTheScene)
 {
     const int size[3] = {16, 16, 32};
     const double box[3] = {0.04, 0.04, 0.08};

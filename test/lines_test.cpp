@@ -29,7 +29,7 @@ int add_source_file(const char *path, const struct stat *, int kind, FTW *)
     return 0;
 }
 
-TEST(Lines, CountsCodePoints)
+TEST(SourceLines, CountsCodePoints)
 {
     EXPECT_EQ(columns(""), 0);
     EXPECT_EQ(columns("10 mm"), 5);
@@ -37,7 +37,7 @@ TEST(Lines, CountsCodePoints)
     EXPECT_EQ(columns("\xE2\x89\xA4 \xF0\x9F\x98\x80"), 3);
 }
 
-TEST(Lines, HaveAtMost120Columns)
+TEST(SourceLines, HaveAtMost120Columns)
 {
     const std::string root = PLIANT_SOURCE_DIR "/";
     for (const char *folder : {"cuda", "include", "launch", "msg", "src", "srv", "test"})

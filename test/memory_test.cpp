@@ -31,7 +31,7 @@ bool is(const void *block, int value, size_t bytes)
     return true;
 }
 
-TEST(Memory, WhatWasFreedIsGivenAgainCleared)
+TEST(Memory, FreedBlocksAreReusedCleared)
 {
     const size_t before = pliant_memory_in_use();
     Keeping keeping(16 * int64_t(LARGE));
@@ -86,7 +86,7 @@ TEST(Memory, ABlockOfPagesIsAlone)
     pliant_memory_fail_after(-1);
 }
 
-TEST(Memory, NoMoreIsKeptThanWasSaid)
+TEST(Memory, ReservedMemoryHasALimit)
 {
     {
         std::vector<void *> blocks;
@@ -103,7 +103,7 @@ TEST(Memory, NoMoreIsKeptThanWasSaid)
     EXPECT_EQ(pliant_memory_reserved(), 0u) << "nothing is, unless somebody says so";
 }
 
-TEST(Memory, WhatIsLongerKeepsItsBeginningAndIsClearBehindIt)
+TEST(Memory, GrownArraysKeepTheirContentAndAreClearedBehindIt)
 {
     Keeping keeping(16 * int64_t(LARGE));
     const size_t before = pliant_memory_in_use();
@@ -146,7 +146,7 @@ TEST(Memory, ReservesTwiceTheCapacityOrNothing)
     pliant_free(list);
 }
 
-TEST(Memory, WhatFollowsAnArrayIsThatArray)
+TEST(Memory, ANewVersionIsIdenticalToItsArray)
 {
     Keeping keeping(64 * int64_t(LARGE));
     const size_t before = pliant_memory_in_use();
@@ -204,7 +204,7 @@ TEST(Memory, WhatFollowsAnArrayIsThatArray)
 
 // Unreported writes are not detected. An array without a source is still compared piece by piece, once another one is
 // derived from it.
-TEST(Memory, WhatIsFollowedIsNotReadAgain)
+TEST(Memory, UnchangedPartsAreNotReadAgain)
 {
     Keeping keeping(64 * int64_t(LARGE));
     auto *at_load = static_cast<char *>(pliant_calloc(LARGE, 1));
@@ -229,7 +229,7 @@ TEST(Memory, WhatIsFollowedIsNotReadAgain)
     pliant_free(at_load);
 }
 
-TEST(Memory, ABlockOfSeveralHoldersGoesWithTheLast)
+TEST(Memory, ABlockIsFreedByItsLastOwner)
 {
     const size_t before = pliant_memory_in_use();
     for (const size_t bytes : {size_t{24}, LARGE}) {
@@ -261,7 +261,7 @@ TEST(Memory, ABlockOfSeveralHoldersGoesWithTheLast)
     EXPECT_EQ(pliant_retain_block(nullptr), nullptr);
 }
 
-TEST(Memory, CopiesAreWholeAndNothingIsSomething)
+TEST(Memory, CopiesAreCompleteAndEmptyBlocksAreValid)
 {
     const double values[3] = {1, 2, 3};
     auto *copy = static_cast<double *>(pliant_copy_block(values, 3, sizeof *values));

@@ -358,7 +358,7 @@ std::string replaced(std::string text, const std::string &from, const std::strin
     return at == std::string::npos ? text : text.replace(at, from.size(), to);
 }
 
-TEST(MeshFile, SaysWhatIsWrongAndWhatToDo)
+TEST(MeshFile, ErrorsNameProblemAndRemedy)
 {
     Block lattice;
     const Tets tets = tets_of(lattice);

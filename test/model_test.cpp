@@ -25,7 +25,7 @@ std::string warnings_of(pliant_method method, double gravity, double patch)
     return said;
 }
 
-TEST(Model, CoarseMethodsUnderGravitySayHowFarTheyAreOff)
+TEST(Model, CoarseMethodsUnderGravityWarnOfTheirError)
 {
     for (pliant_method method : {PLIANT_COARSE, PLIANT_AVERAGED, PLIANT_LOD}) {
         std::string said = warnings_of(method, 9.81, 0);
@@ -56,7 +56,7 @@ TEST(Model, OnlyASceneThatMayCutKeepsVoxels)
     EXPECT_GE(statistics.bytes[PLIANT_BUILD_link], 8 * 8 * 8 * sizeof(int32_t)) << "the owner of every voxel";
 }
 
-TEST(Model, EmptyMaterialsAreHiddenWhereAsked)
+TEST(Model, EmptyMaterialsAreHiddenWithHideEmpty)
 {
     // One half of the body is empty, but inside elements with tissue.
     Body body(size, box, {{10, 0, 1, true}, {5e3, 0.45, 1000, false}},
@@ -84,7 +84,7 @@ TEST(Model, EmptyMaterialsAreHiddenWhereAsked)
     }
 }
 
-TEST(Model, WhatInterpolatesWithinWholeCubesIsNotCut)
+TEST(Model, MethodsOnWholeCubesCannotBeCut)
 {
     Body body(size, box, {{5e3, 0.45, 1000, false}});
     body.cells(2, 2, 2, 2);
@@ -96,7 +96,7 @@ TEST(Model, WhatInterpolatesWithinWholeCubesIsNotCut)
 }
 
 // A plane between two layers of nodes fixes the layer behind it. A warning reports the distance and the exact planes.
-TEST(Model, APlaneBetweenNodesIsTold)
+TEST(Model, APlaneBetweenNodesIsLogged)
 {
     const int voxels[3] = {8, 8, 8};
     const double box[3] = {0.08, 0.08, 0.08};
@@ -155,7 +155,7 @@ TEST(Model, ProgressNeverGoesBack)
     EXPECT_EQ(told.back(), 1);
 }
 
-TEST(Model, OptionsThatTheSolverHasNoUseForAreTold)
+TEST(Model, UnusedOptionsAreLogged)
 {
     const int voxels[3] = {4, 4, 4};
     const double box[3] = {0.04, 0.04, 0.04};

@@ -75,7 +75,7 @@ void measure(Bar *bar, unsigned seed)
     }
 }
 
-TEST(Moduli, TwoAreFoundAgainFromNoisyMarkersWithinTheirConfidence)
+TEST(Moduli, TwoAreRecoveredFromNoisyMarkersWithinTheirConfidence)
 {
     int inside = 0;
     for (unsigned seed = 1; seed <= 4; seed++) {
@@ -103,7 +103,7 @@ TEST(Moduli, TwoAreFoundAgainFromNoisyMarkersWithinTheirConfidence)
     EXPECT_GE(inside, 7); // of 8 intervals, at 95 % confidence
 }
 
-TEST(Moduli, SaysWhatCannotBeFitted)
+TEST(Moduli, RefusesUnidentifiableModuli)
 {
     Bar bar(20e3, 7e3);
     pliant_moduli found;
@@ -422,7 +422,7 @@ TEST(Validation, ACubeHasTheStatesThatItsTableNames)
 }
 
 // Tables with any names, in the folder or a subfolder, in spreadsheet formats, with fewer columns and other markers.
-TEST(Validation, BeamsAreFoundUnderAnyNameAndTableByTable)
+TEST(Validation, BeamsAreDetectedByTheirColumns)
 {
     char folder[] = "/tmp/pliant-beams-XXXXXX";
     ASSERT_NE(mkdtemp(folder), nullptr);
@@ -510,7 +510,7 @@ TEST(Validation, DecimalCommasAndQuotedCellsAreReadAsTheyAreMeant)
 }
 
 // Notes that mention strain are not a cube. A folder that cannot be opened does not stop the search.
-TEST(Validation, WhatIsNoMeasurementIsPassedOver)
+TEST(Validation, OtherFilesAreIgnored)
 {
     char folder[] = "/tmp/pliant-notes-XXXXXX";
     ASSERT_NE(mkdtemp(folder), nullptr);
@@ -575,7 +575,7 @@ protected:
 };
 
 // The nodes of pliant_deform serve as the measurement. The search starts at another modulus.
-TEST_F(Fit, FindsWhatAnotherProgramHasDeformedWith)
+TEST_F(Fit, RecoversTheModuliOfAnotherProgram)
 {
     const std::string scene =
         " --scan phantom:48x40x40 --set 'mesh/coarse_cells=5 4 4' --set mesh/ratio=1 --set 'model/gravity=0 9.81 0' "
@@ -626,7 +626,7 @@ TEST_F(Fit, FindsWhatAnotherProgramHasDeformedWith)
     EXPECT_NE(out_.find("95 % between"), std::string::npos) << out_;
 }
 
-TEST_F(Fit, TellsWrongUsageFromFailure)
+TEST_F(Fit, ExitCodesDistinguishWrongUsageFromFailure)
 {
     EXPECT_EQ(run("--help"), 0);
     EXPECT_EQ(run("--scan phantom --markers x"), 2);

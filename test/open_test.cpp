@@ -61,7 +61,7 @@ TEST_F(Open, WithoutACheckEverythingIsRead)
     EXPECT_EQ(read("none.yaml"), PLIANT_ERROR_FILE);
 }
 
-TEST_F(Open, TheCheckIsAskedForTheFileBehindALink)
+TEST_F(Open, TheCheckGetsTheTargetOfALink)
 {
     set_check();
     EXPECT_EQ(read("link.yaml"), PLIANT_OK) << pliant_last_error();
@@ -77,7 +77,7 @@ TEST_F(Open, ARefusalIsAFileErrorWithTheReason)
     EXPECT_NE(std::string(pliant_last_error()).find("not on a Sunday"), std::string::npos) << pliant_last_error();
 }
 
-TEST_F(Open, WhatIsNotThereIsAskedAsItsNearestFolder)
+TEST_F(Open, MissingFilesAreCheckedByTheirNearestFolder)
 {
     set_check();
     EXPECT_EQ(read("none/none.yaml"), PLIANT_ERROR_FILE);
@@ -89,7 +89,7 @@ TEST_F(Open, WhatIsNotThereIsAskedAsItsNearestFolder)
     EXPECT_NE(std::string(pliant_last_error()).find("not on a Sunday"), std::string::npos) << pliant_last_error();
 }
 
-TEST_F(Open, WhatWasAskedForIsWhatIsReadThoughAnotherTookItsName)
+TEST_F(Open, TheCheckedFileIsReadEvenIfItsNameIsReplaced)
 {
     set_check();
     pliant_opening opening;
@@ -103,7 +103,7 @@ TEST_F(Open, WhatWasAskedForIsWhatIsReadThoughAnotherTookItsName)
     EXPECT_EQ(line, "materials:");
 }
 
-TEST_F(Open, ChecksAreOfTheirThreadAndTheOneBeforeIsHandedBack)
+TEST_F(Open, ChecksArePerThreadAndReturnThePreviousOne)
 {
     set_check();
     refuses = true;

@@ -159,7 +159,7 @@ TEST(Overlap, DoesNotDependOnTheUnit)
     }
 }
 
-TEST(Overlap, OfNumbersThatAreNone)
+TEST(Overlap, OfNotANumber)
 {
     const double none = std::numeric_limits<double>::quiet_NaN();
     double a[3][4] = {{0, 1, 0, 0}, {0, 0, 1, 0}, {0, 0, 0, 1}};

@@ -44,7 +44,7 @@ struct Table {
     }
 };
 
-TEST(Mixed, AThinLayerBetweenTissueAndAirIsTissue)
+TEST(PartialVolume, AThinLayerBetweenTissueAndAirIsTissue)
 {
     const Table of;
     using Row = std::vector<int>;
@@ -57,7 +57,7 @@ TEST(Mixed, AThinLayerBetweenTissueAndAirIsTissue)
     }
 }
 
-TEST(Mixed, WhatIsNoBorderStays)
+TEST(PartialVolume, VoxelsAwayFromBordersAreUnchanged)
 {
     const Table of;
     for (const std::vector<int> &row : {std::vector<int>{AIR, AIR, LUNG, LUNG, LUNG, LUNG, LUNG, LUNG, LUNG, LUNG},
@@ -74,7 +74,7 @@ TEST(Mixed, WhatIsNoBorderStays)
         << "five voxels are lung";
 }
 
-TEST(Mixed, ACornerIsShownAsItsTissue)
+TEST(PartialVolume, ACornerIsShownAsItsTissue)
 {
     const Table of;
     const int32_t size[3] = {7, 7, 7};
@@ -90,7 +90,7 @@ TEST(Mixed, ACornerIsShownAsItsTissue)
 }
 
 // Pictures and point queries of a model agree. Stiffness and mass use the voxels' own materials.
-TEST(Mixed, PicturesAndPointsOfAModelAgree)
+TEST(PartialVolume, PicturesAndPointsOfAModelAgree)
 {
     const int size[3] = {20, 20, 20};
     const double box[3] = {0.04, 0.04, 0.04};
@@ -127,7 +127,7 @@ TEST(Mixed, PicturesAndPointsOfAModelAgree)
 
 // The skin of an abdominal CT with the built-in table, from the front and the sides. The mattress and table behind the
 // body are as light as lung.
-TEST(Mixed, TheSkinOfACtIsNoLung)
+TEST(PartialVolume, TheSkinOfACtIsNoLung)
 {
     pliant_volume scan{};
     if (pliant_volume_read(PLIANT_TEST_DATA "/abdomen/ct.nii.gz", "", SIZE_MAX, &scan) < 0)

@@ -82,13 +82,13 @@ const double FLIPPED[9] = {1, 0, 0, 0, 1, 0, 0, 0, -1};
 const double EVEN[3] = {0.003, 0.003, 0.003};
 const double UNEVEN[3] = {0.002, 0.003, 0.0035};
 
-class Balls : public testing::TestWithParam<int> {
+class PickBall : public testing::TestWithParam<int> {
 protected:
     static const double *direction() { return GetParam() == 0 ? STRAIGHT : GetParam() == 1 ? OBLIQUE : FLIPPED; }
     static const double *spacing() { return GetParam() == 0 ? EVEN : UNEVEN; }
 };
 
-TEST_P(Balls, RaysMeetTheSphere)
+TEST_P(PickBall, RaysMeetTheSphere)
 {
     Ball ball(direction(), spacing(), 0.025);
     for (int n = 0; n < 60; n++) {
@@ -128,7 +128,7 @@ TEST_P(Balls, RaysMeetTheSphere)
     }
 }
 
-TEST_P(Balls, RaysThatPassByMeetNothing)
+TEST_P(PickBall, RaysThatMissHitNothing)
 {
     Ball ball(direction(), spacing(), 0.025);
     for (double past : {0.0262, 0.04, 0.3}) {
@@ -151,7 +151,7 @@ TEST_P(Balls, RaysThatPassByMeetNothing)
     EXPECT_FALSE(picked.hit);
 }
 
-INSTANTIATE_TEST_SUITE_P(Pick, Balls, testing::Values(0, 1, 2));
+INSTANTIATE_TEST_SUITE_P(Pick, PickBall, testing::Values(0, 1, 2));
 
 TEST(Pick, ARayThatStartsInsideHitsWhereItStarts)
 {
@@ -209,7 +209,7 @@ TEST(Pick, TheRestPositionFollowsTheDeformation)
     for (int d = 0; d < 3; d++) EXPECT_NEAR(picked.point[d] - ball.centre[d], x[d], 1e-9);
 }
 
-TEST(Pick, WhatIsNotTissueIsPassedThrough)
+TEST(Pick, RaysPassThroughVoxelsWithoutTissue)
 {
     Ball ball(STRAIGHT, EVEN, 0.025);
     pliant_mesh_free(&ball.mesh);
@@ -288,7 +288,7 @@ TEST(Pick, TheFirstTissueIsNoAirInsideAnElement)
     pliant_warp_free(warp);
 }
 
-TEST(Pick, SaysWhyNothingIsHit)
+TEST(Pick, MissesHaveAReason)
 {
     Ball ball(STRAIGHT, EVEN, 0.025);
     const double aim[3] = {ball.centre[0], ball.centre[1] + 0.5, ball.centre[2]};

@@ -48,7 +48,7 @@ TEST(Points, FollowAnAffineFieldInNestedAndOtherMeshes)
     }
 }
 
-TEST(Points, WhatAMeshDoesNotHoldIsNotFound)
+TEST(Points, PointsOutsideTheMeshAreNotFound)
 {
     Body body(size, box, soft, [](int i, int, int) { return i >= 6 ? 1 : 0; });
     body.cells(3, 3, 3, 2);

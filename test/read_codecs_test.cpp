@@ -85,7 +85,7 @@ TEST(Codecs, Jpeg2000WithASignOfItsOwn)
 }
 
 /* Writers also produce JP2 files with boxes, comments, and padding at the end. */
-TEST(Codecs, WhatStandsAroundAnImage)
+TEST(Codecs, BytesAroundAnImage)
 {
     for (codec codec : codecs()) {
         if (std::string(codec.name) == "JPEG 2000")
@@ -103,7 +103,7 @@ TEST(Codecs, WhatStandsAroundAnImage)
 }
 
 /* GDCM ends its process on some of these. So the test runs it in a child process. */
-TEST(CodecsRefused, EveryTruncationAndBrokenByte)
+TEST(CodecErrors, EveryTruncationAndBrokenByte)
 {
     for (const codec &whole : codecs()) {
         for (size_t length = 1; length < whole.image.size(); length++) {
@@ -129,7 +129,7 @@ TEST(CodecsRefused, EveryTruncationAndBrokenByte)
     }
 }
 
-TEST(CodecsRefused, ImagesThatAreNotWhatTheHeaderSays)
+TEST(CodecErrors, ImagesThatAreNotWhatTheHeaderSays)
 {
     for (const codec &codec : codecs())
         for (int wrong = 0; wrong < 3; wrong++) {
@@ -145,7 +145,7 @@ TEST(CodecsRefused, ImagesThatAreNotWhatTheHeaderSays)
         }
 }
 
-TEST(CodecsRefused, ByNameAndWithARemedy)
+TEST(CodecErrors, ByNameAndWithARemedy)
 {
     const struct {
         const char *syntax;

@@ -145,7 +145,7 @@ TEST(Dicom, ColourInAnotherSeriesDoesNotMatter)
     expect_refused(folder.path(), PLIANT_ERROR_FORMAT, {"colour image (RGB)"}, "1.2.3.5");
 }
 
-TEST(DicomRefused, StacksThatAreNoRegularGrid)
+TEST(DicomErrors, StacksThatAreNoRegularGrid)
 {
     struct { const char *what; void (*change)(int, dicom_file *); std::vector<std::string> words;
     } cases[] = {{"a slice is missing",
@@ -246,7 +246,7 @@ TEST(DicomRefused, StacksThatAreNoRegularGrid)
     }
 }
 
-TEST(DicomRefused, FoldersAndFiles)
+TEST(DicomErrors, FoldersAndFiles)
 {
     temporary_folder folder;
     expect_refused(folder.path(), PLIANT_ERROR_FORMAT, {folder.path(), "no DICOM image in this folder"});
@@ -260,7 +260,7 @@ TEST(DicomRefused, FoldersAndFiles)
     expect_refused(folder / "empty.dcm", PLIANT_ERROR_FORMAT, {"empty.dcm", "is empty"});
 }
 
-TEST(DicomRefused, EveryTruncationOfASlice)
+TEST(DicomErrors, EveryTruncationOfASlice)
 {
     temporary_folder folder;
     save_series(folder, 3);
@@ -278,7 +278,7 @@ TEST(DicomRefused, EveryTruncationOfASlice)
     }
 }
 
-TEST(DicomRefused, MoreThanTheLimit)
+TEST(DicomErrors, MoreThanTheLimit)
 {
     temporary_folder folder;
     save_series(folder, 5);

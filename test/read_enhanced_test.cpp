@@ -201,7 +201,7 @@ TEST(Enhanced, LegacyConvertedAndGroupsOfUnknownType)
     expect_four_frames(folder.path());
 }
 
-TEST(Enhanced, WhatAFrameSaysGoesBeforeWhatAllShare)
+TEST(Enhanced, FrameAttributesPrecedeSharedOnes)
 {
     temporary_folder folder;
     enhanced_file file = four_frames();
@@ -257,7 +257,7 @@ TEST(Enhanced, CompressedFramesOfSeveralFragments)
     expect_refused(folder / "scan.dcm", PLIANT_ERROR_FORMAT, {"scan.dcm", "4 frames in 12 compressed fragments"});
 }
 
-TEST(EnhancedRefused, WhatIsNoVolume)
+TEST(EnhancedErrors, FilesWithoutAVolume)
 {
     struct { const char *what; void (*change)(enhanced_file *); std::vector<std::string> words;
     } cases[] = {
@@ -307,7 +307,7 @@ TEST(EnhancedRefused, WhatIsNoVolume)
     }
 }
 
-TEST(EnhancedRefused, EveryTruncation)
+TEST(EnhancedErrors, EveryTruncation)
 {
     for (const char *syntax : {EXPLICIT, RLE}) {
         temporary_folder folder;
@@ -323,7 +323,7 @@ TEST(EnhancedRefused, EveryTruncation)
 }
 
 /* For any wrong byte of the header, the file is read or refused, and no memory leaks. */
-TEST(EnhancedRefused, EveryBrokenByte)
+TEST(EnhancedErrors, EveryBrokenByte)
 {
     for (const char *syntax : {EXPLICIT, IMPLICIT, RLE}) {
         temporary_folder folder;

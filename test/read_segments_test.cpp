@@ -144,7 +144,7 @@ TEST(SegNrrd, ResampledMapsKeepTheirSegments)
     EXPECT_EQ(map->voxels[1], 2);
 }
 
-TEST(SegNrrdRefused, NamesTheFieldAndTheRemedy)
+TEST(SegNrrdErrors, NamesTheFieldAndTheRemedy)
 {
     temporary_folder folder;
     const std::string path = folder / "a.seg.nrrd";
@@ -305,7 +305,7 @@ TEST(DicomSeg, OneSlice)
     expect_no_labels(folder / "seg.dcm", file.bytes(), {"seg.dcm", "one slice without SliceThickness"});
 }
 
-TEST(DicomSegRefused, NamesTheFieldAndTheRemedy)
+TEST(DicomSegErrors, NamesTheFieldAndTheRemedy)
 {
     temporary_folder folder;
     const std::string path = folder / "seg.dcm";
@@ -414,7 +414,7 @@ TEST(Masks, OfAFolderAreSegments)
 
 /* Damaged files are read or refused, but they neither crash nor leak memory: every truncation, and 300 files with a few
  * wrong bytes. */
-TEST(SegmentationsRefused, TruncationsAndMutants)
+TEST(SegmentationErrors, TruncationsAndMutants)
 {
     temporary_folder folder;
     seg_nrrd_file packed = three_layers();

@@ -27,7 +27,7 @@ void expect_five_slices(const temporary_folder &folder, const std::vector<std::s
 
 } // namespace
 
-TEST(Stack, LeavesOutWhatIsNoSliceOfItAndNamesIt)
+TEST(Stack, OmitsAndNamesOtherImages)
 {
     const struct {
         const char *what, *name;
@@ -122,7 +122,7 @@ TEST(Stack, WithoutALargerPartIsRefusedByName)
 }
 
 /* A missing slice leaves a gap. The refusal names both neighbours. */
-TEST(Stack, AGapNamesWhatWasLeftOut)
+TEST(Stack, AGapNamesTheOmittedImages)
 {
     temporary_folder folder;
     save_series(folder, 5, [](int n, dicom_file *f) {
@@ -171,7 +171,7 @@ TEST(Stack, ObliquePlacesThatAreRounded)
     expect_words(log.warnings(), {"rounded"});
 }
 
-TEST(StackRefused, PlacesThatAreNotEven)
+TEST(StackErrors, PlacesThatAreNotEven)
 {
     const struct {
         const char *what;

@@ -209,7 +209,7 @@ TEST(Nifti, ShearedSformFallsBackToTheQform)
     expect_refused(folder / "sheared.nii", PLIANT_ERROR_FORMAT, {"sheared.nii", "orthonormal"});
 }
 
-TEST(Nifti, AnSformThatCannotBeFollowedIsTold)
+TEST(Nifti, AnUnusableSformIsLogged)
 {
     temporary_folder folder;
     static std::string said;
@@ -412,7 +412,7 @@ TEST(Labels, WholeNumbersUpTo65535)
 
 /* --- files that must be refused --- */
 
-TEST(Refused, MissingEmptyAndUnknown)
+TEST(ReadErrors, MissingEmptyAndUnknown)
 {
     temporary_folder folder;
     save(folder / "empty.nii", "");
@@ -429,7 +429,7 @@ TEST(Refused, MissingEmptyAndUnknown)
     EXPECT_EQ(pliant_volume_read(nullptr, nullptr, 0, &volume), PLIANT_ERROR_ARGUMENT);
 }
 
-TEST(Refused, EveryTruncation)
+TEST(ReadErrors, EveryTruncation)
 {
     temporary_folder folder;
     std::vector<int16_t> values = counting(24, 1000);
@@ -452,7 +452,7 @@ TEST(Refused, EveryTruncation)
     }
 }
 
-TEST(Refused, EveryTruncationOfCompressedData)
+TEST(ReadErrors, EveryTruncationOfCompressedData)
 {
     temporary_folder folder;
     pliant_geometry geometry = {{9, 8, 7}, {0, 0, 0}, {0.001, 0.001, 0.001}, {1, 0, 0, 0, 1, 0, 0, 0, 1}};
@@ -473,7 +473,7 @@ TEST(Refused, EveryTruncationOfCompressedData)
     pliant_volume_free(&volume);
 }
 
-TEST(Refused, HeadersThatAskForMoreThanTheFileHolds)
+TEST(ReadErrors, HeadersLargerThanTheFile)
 {
     temporary_folder folder;
     pliant_memory_reset_peak();
@@ -493,7 +493,7 @@ TEST(Refused, HeadersThatAskForMoreThanTheFileHolds)
     EXPECT_EQ(pliant_memory_peak(), before);
 }
 
-TEST(Refused, MoreThanTheMemoryThatThereIs)
+TEST(ReadErrors, LargerThanTheMemory)
 {
     temporary_folder folder;
     /* The sparse file has the length of its header. 60000 x 60000 x 60000 voxels would be too long. */
@@ -518,7 +518,7 @@ TEST(Refused, MoreThanTheMemoryThatThereIs)
     EXPECT_LE(pliant_memory_peak() - before, 100000u);
 }
 
-TEST(Refused, SizesThatMakeNoVolume)
+TEST(ReadErrors, InvalidSizes)
 {
     temporary_folder folder;
     const std::vector<std::vector<int16_t>> sizes = {{2, 4, 3},     {3, 4, 3, 1}, {3, 1, 3, 2}, {3, 4, 3, 0},
@@ -541,7 +541,7 @@ TEST(Refused, SizesThatMakeNoVolume)
     expect_refused(folder / "flat.nrrd", PLIANT_ERROR_FORMAT, {"flat.nrrd", "2-D"});
 }
 
-TEST(Refused, SpacingThatIsNone)
+TEST(ReadErrors, InvalidSpacing)
 {
     temporary_folder folder;
     for (float spacing : {0.0f, -1.0f, NOT_A_NUMBER, std::numeric_limits<float>::infinity()}) {
@@ -565,7 +565,7 @@ TEST(Refused, SpacingThatIsNone)
     expect_refused(folder / "parsec.nrrd", PLIANT_ERROR_FORMAT, {"parsec.nrrd", "space units"});
 }
 
-TEST(Refused, DirectionsThatAreNotOrthonormal)
+TEST(ReadErrors, DirectionsThatAreNotOrthonormal)
 {
     temporary_folder folder;
     for (const char *matrix : {"1 0.1 0 0 1 0 0 0 1", "2 0 0 0 1 0 0 0 1", "0 0 0 0 0 0 0 0 0", "1 0 0 1 0 0 0 0 1"}) {
@@ -586,7 +586,7 @@ TEST(Refused, DirectionsThatAreNotOrthonormal)
     pliant_volume_free(&again);
 }
 
-TEST(Refused, VoxelsThatAreNoRealNumber)
+TEST(ReadErrors, NonFiniteVoxels)
 {
     temporary_folder folder;
     for (float bad : {NOT_A_NUMBER, std::numeric_limits<float>::infinity(), -std::numeric_limits<float>::infinity()})

@@ -340,7 +340,7 @@ TEST(Readme, NamesExist)
 }
 
 /* Every message, service, launch file, scene and program is in the document of its subject. */
-TEST(Readme, NothingIsLeftOut)
+TEST(Readme, EveryItemIsDocumented)
 {
     const struct {
         const char *document, *files, *ending;

@@ -163,7 +163,7 @@ TEST(Render, TissuesThatAreShownAlone)
     }
 }
 
-TEST(Render, WhatIsNearerThanNearIsCutAndShowsTheScan)
+TEST(Render, TissueNearerThanNearIsClippedAndShowsTheScan)
 {
     const volume_ptr scan =
         volume_of(cube(40, 0.001), PLIANT_INT16, [](const vector3 &x) { return x[0] < 0 ? 0 : 100; });
@@ -465,7 +465,7 @@ std::vector<int32_t> parts_of(const pliant_mesh &mesh)
 
 } // namespace
 
-TEST(View, TissueThatIsMovedAsAWholeIsACameraThatIsMovedTheOtherWay)
+TEST(View, MovingTheTissueEqualsTheOppositeCameraMotion)
 {
     const Tissue tissue;
     const pliant_body *body = pliant_model_get_body(tissue.model);
@@ -519,7 +519,7 @@ TEST(View, TissueThatIsMovedAsAWholeIsACameraThatIsMovedTheOtherWay)
     pliant_view_free(view);
 }
 
-TEST(View, AnotherChoiceOfTissuesIsSeenAtOnce)
+TEST(View, ChangedLabelsAreDrawnImmediately)
 {
     const Tissue tissue;
     const pliant_camera camera = camera_at(64, 48, 0.5, {0.02, -0.11, 0.04}, {0, 0, 0});
@@ -540,7 +540,7 @@ TEST(View, AnotherChoiceOfTissuesIsSeenAtOnce)
     pliant_view_free(fresh);
 }
 
-TEST(View, FollowsACutAndSeesWhatAnotherHasDrawn)
+TEST(View, FollowsACutAndTheVolumesOfOtherViews)
 {
     const Tissue tissue;
     pliant_data *data = nullptr;

@@ -18,11 +18,11 @@ protected:
         return std::system(("cd " + in("result") + " && python3 -c '" + program + "'").c_str());
     }
     const std::string small_ =
-        "--scan phantom:48x40x40 --set 'mesh/coarse_cells=5 4 4' --set solver/threads=1 --twice 0 "
+        "--scan phantom:48x40x40 --set 'mesh/coarse_cells=5 4 4' --set solver/threads=1 --refined 0 "
         "--methods fine,averaged --budgets 2,0 --frames 3 ";
 };
 
-TEST_F(Report, TellsWrongUsageFromFailure)
+TEST_F(Report, ExitCodesDistinguishWrongUsageFromFailure)
 {
     EXPECT_EQ(run("--help"), 0);
     EXPECT_NE(out_.find("--stability"), std::string::npos);
@@ -44,7 +44,7 @@ TEST_F(Report, TellsWrongUsageFromFailure)
 TEST_F(Report, WritesTablesThatAreReadBack)
 {
     ASSERT_EQ(
-        run(small_ + "__name:=report --stability --case single_tetrahedron --sweep --left-out --out " + in("result")),
+        run(small_ + "__name:=report --stability --case single_tetrahedron --sweep --ablation --out " + in("result")),
         0)
         << err_;
     EXPECT_EQ(
@@ -82,12 +82,12 @@ TEST_F(Report, WritesTablesThatAreReadBack)
 }
 
 // The report compares the error of the mesh with the error of the solver.
-TEST_F(Report, TellsWhetherTheMeshOrTheSolverIsFartherOff)
+TEST_F(Report, ReportsWhetherMeshOrSolverHasTheLargerError)
 {
     const std::string asked =
         "--scan phantom:48x40x40 --set 'mesh/coarse_cells=5 4 4' --set solver/threads=1 --frames 3 --truth --out " +
         in("result");
-    ASSERT_EQ(run(asked + " --twice 40000"), 0) << err_;
+    ASSERT_EQ(run(asked + " --refined 40000"), 0) << err_;
     EXPECT_NE(out_.find("mesh off by %"), std::string::npos) << out_;
     EXPECT_EQ(
         python(
@@ -97,13 +97,13 @@ TEST_F(Report, TellsWhetherTheMeshOrTheSolverIsFartherOff)
             "for r in t); "
             "assert all(r[\"larger\"] == (\"mesh\" if float(r[\"mesh_p95_mm\"]) >= float(r[\"solver_p95_mm\"]) "
             "else \"solver\") for r in t); "
-            "assert all(float(r[\"mesh_p95_percent_at_twice\"]) < float(r[\"mesh_p95_percent\"]) for r in t)"),
+            "assert all(float(r[\"mesh_p95_percent_refined\"]) < float(r[\"mesh_p95_percent\"]) for r in t)"),
         0);
-    EXPECT_EQ(run(asked + "2 --twice 0"), 1);
+    EXPECT_EQ(run(asked + "2 --refined 0"), 1);
     EXPECT_NE(err_.find("three resolutions"), std::string::npos) << err_;
 }
 
-TEST_F(Report, CtrlCKeepsWhatIsDone)
+TEST_F(Report, CtrlCKeepsFinishedRows)
 {
     const auto works = [&] { return text(in("err")).find("long_run") != std::string::npos; };
     EXPECT_EQ(interrupt("--stability --case long_run --steps 1e9 --no-pictures --out " + in("result"), works), 130)

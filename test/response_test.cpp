@@ -215,7 +215,7 @@ TEST_F(Response, SpaceHasTheStiffnessOfTheWholeMesh)
 }
 
 // The cost prediction of a patch bounds the cost of a patch that contains most of the body, within a factor of 10.
-TEST_F(Response, WhatASpaceTakesIsForetold)
+TEST_F(Response, TheCostOfASpaceIsPredicted)
 {
     const double radius = 0.15;
     const std::vector<double> x = rest(), modes = modes_at(x);
@@ -247,7 +247,7 @@ TEST_F(Response, WhatASpaceTakesIsForetold)
     pliant_linearized_free(&linearized);
 }
 
-TEST_F(Response, EndsWhenItIsNoLongerWanted)
+TEST_F(Response, EndsWhenCancelled)
 {
     const std::vector<double> x = rest();
     std::vector<double> modes = modes_at(x), out(modes.size());

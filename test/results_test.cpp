@@ -34,7 +34,7 @@ protected:
     std::string path_;
 };
 
-TEST_F(Results, ComeBackAsTheyWereWritten)
+TEST_F(Results, AreReadAsWritten)
 {
     pliant_results *table = nullptr;
     ASSERT_EQ(open(&table), PLIANT_OK) << pliant_last_error();
@@ -59,7 +59,7 @@ TEST_F(Results, ComeBackAsTheyWereWritten)
     pliant_results_close(table);
 }
 
-TEST_F(Results, ARowThatWasCutOffIsDropped)
+TEST_F(Results, AnIncompleteRowIsDropped)
 {
     pliant_results *table = nullptr;
     ASSERT_EQ(open(&table), PLIANT_OK);

@@ -199,6 +199,11 @@ TEST(scene, errors_name_file_line_field_value_and_range)
     refused("model: {lod_seconds: 10}\n", PLIANT_ERROR_FORMAT, {"line 1", "model/lod_seconds", "300 s"});
     refused("model: {lod_memory: 10}\n", PLIANT_ERROR_FORMAT, {"line 1", "model/lod_memory", "4096 MiB"});
     refused("warp: {fit_step: 2}\n", PLIANT_ERROR_FORMAT, {"line 1", "warp/fit_step", "4 voxels"});
+    refused("contact:\n  punishment: 0.2\n", PLIANT_ERROR_FORMAT,
+            {"line 2", "punishment", "use contact/overlap_damping"});
+    refused("model: {touch: face}\n", PLIANT_ERROR_FORMAT, {"line 1", "model/touch", "use model/submesh"});
+    refused("segment: {most_classes: 3}\n", PLIANT_ERROR_FORMAT, {"segment/most_classes", "use segment/max_classes"});
+    refused("segment: {smallest: auto}\n", PLIANT_ERROR_FORMAT, {"segment/smallest", "use segment/min_volume"});
     refused("mesh: [\n", PLIANT_ERROR_FORMAT, {"line 1"});
     refused("- 1\n", PLIANT_ERROR_FORMAT, {"MAPPING"});
 }
@@ -279,7 +284,7 @@ TEST(scene, set_by_path)
     expect_words(pliant_last_error(), {"solver/tolerance", "7", "1e-12 .. 1"});
 }
 
-TEST(scene, says_option_value_and_what_is_right)
+TEST(scene, names_option_value_and_remedy)
 {
     pliant_scene scene = defaults();
     const char *const bad[][4] = {
@@ -414,9 +419,11 @@ TEST(scene, path_of_a_removed_option_says_what_holds)
     pliant_scene scene = defaults();
     EXPECT_EQ(pliant_scene_set(&scene, "warp/fit_step", "2"), PLIANT_ERROR_SCENE);
     expect_words(pliant_last_error(), {"warp/fit_step", "was removed", "4 voxels"});
+    EXPECT_EQ(pliant_scene_set(&scene, "contact/punishment", "0.2"), PLIANT_ERROR_SCENE);
+    expect_words(pliant_last_error(), {"contact/punishment", "was renamed; use contact/overlap_damping"});
 }
 
-TEST(scene, every_scene_that_is_shipped_is_good)
+TEST(scene, every_shipped_scene_is_valid)
 {
     for (const char *name :
          {"abdomen_ct", "abdomen_labels", "biopsy", "breast", "breast_prone", "cut_hang", "cut_hang_ct", "demo",
@@ -439,7 +446,7 @@ std::string text_of(const pliant_scene &scene)
     return text;
 }
 
-TEST(scene, told_as_text_is_the_same_scene_to_the_bit)
+TEST(scene, text_of_a_scene_reads_back_identically)
 {
     pliant_scene scene = defaults();
     scene.model.gravity[1] = 1.0 / 3;

@@ -78,7 +78,7 @@ TEST(SegmentNames, CaseBlanksAndOrderOfWords)
     EXPECT_FALSE(pliant_same_name("", "_"));
 }
 
-TEST(SegmentNames, WhatDecides)
+TEST(SegmentNames, PrecedenceOfNames)
 {
     table_holder held;
     const struct {

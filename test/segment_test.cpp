@@ -83,7 +83,7 @@ TEST(Segment, TheCriterionIsBic)
     for (double gain : {0.99 * penalty, 1.01 * penalty}) {
         fits.likelihood[1] = -3 + gain;
         pliant_segment_options options = usual();
-        options.most_classes = 2;
+        options.max_classes = 2;
         pliant_segment_class classes[PLIANT_MAX_CLASSES];
         double criterion = 0;
         EXPECT_EQ(segment_choose_mixture(&histogram, &options, &fits, classes, &criterion), gain > penalty ? 2 : 1);
@@ -177,7 +177,7 @@ TEST(Segment, SpecksJoinTheirNeighbours)
     Found kept, gone;
     ASSERT_EQ(pliant_segment(&scan.volume, &options, &kept), PLIANT_OK);
     EXPECT_EQ(kept.num_pieces, 3);
-    options.smallest = 9 * 6e-9; // nine voxels
+    options.min_volume = 9 * 6e-9; // nine voxels
     ASSERT_EQ(pliant_segment(&scan.volume, &options, &gone), PLIANT_OK);
     EXPECT_EQ(gone.num_pieces, 2);
     for (int v = 0; v < 27000; v++) ASSERT_EQ(gone.labels.voxels[v], v % 30 < 15 ? 1 : 2);
@@ -236,12 +236,12 @@ TEST(Segment, TheSmallestPieceOfAPatientIsAMillilitre)
     const pliant_geometry patient{{120, 100, 110}, {0, 0, 0}, {0.003, 0.003, 0.003}, {1, 0, 0, 0, 1, 0, 0, 0, 1}},
         mouse{{300, 300, 1000}, {0, 0, 0}, {1e-4, 1e-4, 1e-4}, {}};
     pliant_segment_options_from(&scene, &patient, &options);
-    EXPECT_EQ(options.smallest, 1e-6);
+    EXPECT_EQ(options.min_volume, 1e-6);
     pliant_segment_options_from(&scene, &mouse, &options);
-    EXPECT_NEAR(options.smallest, 4.5e-8, 1e-12);
-    scene.segment.smallest = 2e-6;
+    EXPECT_NEAR(options.min_volume, 4.5e-8, 1e-12);
+    scene.segment.min_volume = 2e-6;
     pliant_segment_options_from(&scene, &mouse, &options);
-    EXPECT_EQ(options.smallest, 2e-6);
+    EXPECT_EQ(options.min_volume, 2e-6);
 }
 
 TEST(Segment, OddVolumesAndWrongOptions)
@@ -299,7 +299,7 @@ TEST(Segment, OrgansOfThePhantom)
     pliant_labels truth{};
     ASSERT_EQ(pliant_phantom(size, 1, &scan, &truth), PLIANT_OK);
     pliant_segment_options options = usual();
-    options.smallest = 1e-6;
+    options.min_volume = 1e-6;
     Found found;
     ASSERT_EQ(pliant_segment(&scan, &options, &found), PLIANT_OK);
     const std::map<int, double> minimum{{0, 0.95}, {2, 0.85}, {3, 0.7}, {4, 0.9}};
@@ -319,7 +319,7 @@ TEST(Segment, OrgansOfACt)
     ASSERT_EQ(pliant_labels_read(PLIANT_TEST_DATA "/abdomen/labels_totalseg_fast.nii.gz", 0, &truth), PLIANT_OK)
         << pliant_last_error();
     pliant_segment_options options = usual();
-    options.smallest = 1e-6;
+    options.min_volume = 1e-6;
     Found found;
     ASSERT_EQ(pliant_segment(&scan, &options, &found), PLIANT_OK);
     double liver = dice(found, truth.voxels, 5), spleen = dice(found, truth.voxels, 1),

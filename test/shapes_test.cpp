@@ -101,7 +101,7 @@ TEST(Shapes, TheNormalIsTheGradientAndLeadsToTheSurface)
     }
 }
 
-TEST(Shapes, OfThoseWithJawsContactHoldsUnlessTheSceneSaysOtherwise)
+TEST(Shapes, JawsGraspByContactByDefault)
 {
     pliant_scene scene;
     pliant_scene_defaults(&scene);
@@ -128,7 +128,7 @@ TEST(Shapes, OfThoseWithJawsContactHoldsUnlessTheSceneSaysOtherwise)
     EXPECT_EQ(pliant_scene_set(&scene, "grasp/kind", "glue"), PLIANT_ERROR_SCENE);
 }
 
-TEST(Shapes, WhatIsInsideLeavesAlongADirection)
+TEST(Shapes, InnerPointsLeaveAlongADirection)
 {
     Random random;
     for (const pliant_part &part : {sphere(), capsule(), box(), round_box()})
@@ -211,7 +211,7 @@ TEST(Shapes, TheNearestPointOfATriangleIsThatOfManySamples)
     }
 }
 
-TEST(Shapes, ABoundIsToldWhereADistanceIsFarEnough)
+TEST(Shapes, ABoundIsReturnedForLargeDistances)
 {
     Random random;
     const pliant_part part = capsule();
@@ -397,7 +397,7 @@ TEST(Shapes, ShaftsAreThoseOfTheirInstruments)
     }
 }
 
-TEST(Shapes, WhatIsNoPartIsRefused)
+TEST(Shapes, InvalidPartsAreRefused)
 {
     char reason[160];
     pliant_part part = capsule();

@@ -364,7 +364,7 @@ TEST_F(SolidFile, BothFormatsAndUnitsAreTheSameSolid)
     EXPECT_NEAR(surface_of(solid_).volume, (0.02 * 0.02 - 0.5 * 0.014 * 0.014) * 0.008, 1e-12);
 }
 
-TEST_F(SolidFile, WhatIsInsideOutAsAWholeIsTurned)
+TEST_F(SolidFile, AnInsideOutSolidIsTurned)
 {
     Surface shape = corner();
     for (size_t c = 0; c < shape.triangles.size(); c += 3) std::swap(shape.triangles[c], shape.triangles[c + 1]);
@@ -394,7 +394,7 @@ TEST_F(SolidFile, RollPitchAndYawTurnIt)
     pliant_solid_release(solid);
 }
 
-TEST_F(SolidFile, WhatIsOpenIsRefusedWithThePlace)
+TEST_F(SolidFile, OpenMeshesAreRefusedWithThePlace)
 {
     Surface shape = corner();
     shape.triangles.resize(shape.triangles.size() - 3);
@@ -408,7 +408,7 @@ TEST_F(SolidFile, WhatIsOpenIsRefusedWithThePlace)
     refuses(binary_stl(shape, 1), "3 of its 30 edges have triangles with opposite orientation, the first from (");
 }
 
-TEST_F(SolidFile, WhatIsNoStlIsRefused)
+TEST_F(SolidFile, OtherFilesAreRefused)
 {
     const std::string good = binary_stl(corner(), 1), text = ascii_stl(corner(), 1);
     refuses("", "is empty");
@@ -435,7 +435,7 @@ TEST_F(SolidFile, WhatIsNoStlIsRefused)
     EXPECT_EQ(solid_, nullptr);
 }
 
-TEST_F(SolidFile, WhatHasNoSizeIsRefused)
+TEST_F(SolidFile, FlatSolidsAreRefused)
 {
     refuses(binary_stl(corner(), 0.001), "is 20 m large; is it in millimetres (unit: mm)?");
     refuses(binary_stl(corner(), 1), "is 2e-05 m large; is it in metres (unit: m)?", 0.001);

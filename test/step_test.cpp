@@ -47,7 +47,7 @@ struct Step : testing::Test {
 };
 
 // The grasp constraint of a tool is on the host. Without memory for it the step fails, but the backend stays.
-TEST_F(Step, WithoutMemoryForAHoldTheBackendStays)
+TEST_F(Step, OutOfMemoryForAGraspKeepsTheBackend)
 {
     const uint64_t before = body.data->statistics.step;
     pliant_memory_fail_after(0);
@@ -61,7 +61,7 @@ TEST_F(Step, WithoutMemoryForAHoldTheBackendStays)
     EXPECT_GT(body.data->tools[tool].force[2], 0.01);
 }
 
-TEST_F(Step, WhereTheBackendIsLostTheCpuGoesOn)
+TEST_F(Step, TheCpuContinuesAfterALostBackend)
 {
     lost = true;
     EXPECT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
@@ -99,7 +99,7 @@ TEST(StepOfDynamics, AFailedPictureIsNoSecondFrame)
 }
 
 // For any failing allocation, the step either ends normally, or it restores the state and the next step continues.
-TEST(StepWithoutMemory, IsTheStateBeforeItOrTheOneAfterIt)
+TEST(StepWithoutMemory, LeavesTheStateBeforeOrAfterTheStep)
 {
     int failed = 0;
     for (pliant_solver_kind kind : {PLIANT_COROTATIONAL, PLIANT_TLED})

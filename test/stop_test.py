@@ -33,14 +33,14 @@ class Stop(unittest.TestCase):
 
     def stop(self, number, delay, words):
         """Send a signal after a delay [s] to the running program, and check that it ends in time."""
-        with open(os.path.join(self.out, "said"), "w+") as said:
-            process = subprocess.Popen([os.path.join(FOLDER, words[0])] + words[1:], stdout=said, stderr=said)
+        with open(os.path.join(self.out, "printed"), "w+") as printed:
+            process = subprocess.Popen([os.path.join(FOLDER, words[0])] + words[1:], stdout=printed, stderr=printed)
             try:
                 while process.poll() is None and not waits_for_signals(process.pid):
                     time.sleep(0.01)
                 time.sleep(delay)
-                said.seek(0)
-                self.assertIsNone(process.poll(), said.read())
+                printed.seek(0)
+                self.assertIsNone(process.poll(), printed.read())
                 begin = time.monotonic()
                 process.send_signal(number)
                 self.assertEqual(process.wait(30), STOPPED)

@@ -218,7 +218,7 @@ TEST(Surface, FollowsFromBodyToBody)
     for (const pliant_body *body : bodies) pliant_body_release(body);
 }
 
-TEST(Surface, SaysWhatItIsMadeOf)
+TEST(Surface, ListsItsMaterials)
 {
     auto bar = block(32, 16, 16, 8, [](int, int, int k) { return k >= 8; });
     const double point[3] = {0.0163, 0.008, 0.008}, normal[3] = {1, 0.1, 0.05};

@@ -177,7 +177,7 @@ TEST(table, the_built_in_one_is_the_file_and_has_no_gaps)
     }
 }
 
-TEST(table, every_table_that_is_shipped_is_good)
+TEST(table, every_shipped_table_is_valid)
 {
     for (const char *name :
          {"abdomen_ct", "phantom", "totalsegmentator", "totalsegmentator_mr", "totalsegmentator_liver_vessels"}) {
@@ -267,7 +267,7 @@ TEST(table, classes_of_totalsegmentator_by_id_and_by_name)
     }
 }
 
-TEST(table, told_as_text_is_the_same_table)
+TEST(table, text_of_a_table_reads_back_identically)
 {
     Table table, again;
     ASSERT_EQ(pliant_material_table_parse(

@@ -146,7 +146,7 @@ TEST(Threads, AScanIsReadByTheScenesNumberAndIsTheSame)
     }
 }
 
-TEST(Threads, WhatOneOfThemMetIsHandedOn)
+TEST(Threads, ErrorsOfAThreadAreReturned)
 {
     pliant_work work{};
     work.what = "counting";

@@ -158,7 +158,7 @@ TEST(Tissue, NothingTouchesAtRest)
 }
 
 // Overlap by more than an element: all inner nodes get the shortest way out.
-TEST(Tissue, WhatBeginsDeepInsideIsPushedOutTheShortestWay)
+TEST(Tissue, DeepNodesArePushedOutByTheShortestPath)
 {
     Blocks blocks(6, 6, 6, 2);
     const double h = blocks.h;
@@ -202,7 +202,7 @@ TEST(Tissue, WhatBeginsDeepInsideIsPushedOutTheShortestWay)
     }
 }
 
-TEST(Tissue, DeepTissueComesOutByALittleAStep)
+TEST(Tissue, DeepTissueRecoversGradually)
 {
     Blocks blocks(4, 4, 3, 2);
     blocks.rule.recovery = 0.01 * blocks.h;
@@ -356,7 +356,7 @@ std::vector<bool> beyond(const CutState &cut)
     return out;
 }
 
-TEST(Tissue, SidesOfACutTouchWhereTheyWereOne)
+TEST(Tissue, SidesOfACutTouchAtTheirCommonPoints)
 {
     const double h = 0.01, point[3] = {0.02, 0.02, 0.0437}; // inside a layer of tetrahedra
     for (const std::array<double, 3> &normal : {std::array<double, 3>{0, 0, 1}, std::array<double, 3>{0.3, 0, 1}}) {

@@ -182,7 +182,7 @@ TEST(TledCarry, TheSubStepFollowsTheBody)
 }
 
 // Halvings of an unstable sub-step are kept for the next body.
-TEST(TledCarry, WhatWasHalvedStaysSo)
+TEST(TledCarry, HalvedSubStepsStayHalved)
 {
     Swinging bar;
     ASSERT_EQ(bar.build(), PLIANT_OK) << pliant_last_error();

@@ -169,7 +169,7 @@ TEST(TledError, FallsWithTheSquareOfTheSubStep)
 }
 
 // The estimate is 0 at rest, for a single sub-step, and for dynamic relaxation.
-TEST(TledError, IsNoneWhereNothingMovesOrIsKnown)
+TEST(TledError, IsZeroWithoutMotion)
 {
     Bar still(Scene::PULL, 0.9), single(Scene::SWING, 0.9);
     ASSERT_EQ(pliant_step(still.model, still.data), PLIANT_OK);

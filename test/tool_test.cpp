@@ -69,7 +69,7 @@ TEST_F(Tool, APoseNeedsARotationAndADriveIsOneOfThree)
         << pliant_last_error();
 }
 
-TEST_F(Tool, GraspingWhatIsFixedSaysSo)
+TEST_F(Tool, GraspingFixedTissueIsLogged)
 {
     ASSERT_EQ(pliant_tool_add(body.model, body.data, "hook", &tool), PLIANT_OK);
     ASSERT_EQ(grasp(0.05, 0.06, 0.09), PLIANT_OK) << pliant_last_error();
@@ -82,7 +82,7 @@ TEST_F(Tool, GraspingWhatIsFixedSaysSo)
     EXPECT_NE(said.find("tool hook: 50 % of the grasped tissue"), std::string::npos) << said;
 }
 
-TEST_F(Tool, WhereThereIsNoTissueItSaysWhereThereIs)
+TEST_F(Tool, WithoutTissueTheNearestTissueIsNamed)
 {
     ASSERT_EQ(pliant_tool_add(body.model, body.data, "hook", &tool), PLIANT_OK);
     EXPECT_EQ(grasp(0.2, 0.06, 0.02), PLIANT_ERROR_ARGUMENT);
@@ -102,7 +102,7 @@ TEST_F(Tool, WhereThereIsNoTissueItSaysWhereThereIs)
     EXPECT_FALSE(body.data->tools[tool].holding);
 }
 
-TEST_F(Tool, ALoadBeyondDoublePrecisionNamesWhatMayBeWrong)
+TEST_F(Tool, OverflowingLoadsNameLikelyCauses)
 {
     ASSERT_EQ(pliant_tool_add(body.model, body.data, "hook", &tool), PLIANT_OK);
     ASSERT_EQ(grasp(0.05, 0.06, 0.09), PLIANT_OK) << pliant_last_error();
@@ -143,7 +143,7 @@ TEST(ToolOnAFace, APointIsHeldOnEverySide)
 
 // In stiff tissue, the force of a spring grip is limited in every step, quasi-static or dynamic. The grip ends when the
 // tissue has slipped out.
-TEST(Slip, AGripGivesWayAtItsForceAndIsLostOnceItHasSlippedOut)
+TEST(Slip, AGraspSlipsAtItsForceAndIsReleased)
 {
     for (pliant_solver_kind kind : {PLIANT_COROTATIONAL, PLIANT_TLED}) {
         Body stiff(size, box, {{40000, 0.45, 1000, false}});
@@ -244,7 +244,7 @@ struct Pulled : Body {
     }
 };
 
-TEST(Linear, StiffnessIsWhatTheForceDoes)
+TEST(Linear, StiffnessPredictsTheForceChange)
 {
     const auto as_it_is = [](pliant_scene &) {};
     const auto hexahedra = [](pliant_scene &scene) { scene.element.kind = PLIANT_HEXAHEDRA; };
@@ -297,7 +297,7 @@ double foresight(Pulled &pulled, bool by_secants, bool alone = false)
     return std::sqrt(foreseen / late);
 }
 
-TEST(Linear, TheNextForceIsForeseen)
+TEST(Linear, TheNextForceIsPredicted)
 {
     const auto few = [](pliant_scene &scene) { scene.solver.iterations = 4; };
     const auto cycles = [](pliant_scene &scene) {
@@ -315,7 +315,7 @@ TEST(Linear, TheNextForceIsForeseen)
     EXPECT_LT(foresight(tled, true), 0.25);
 }
 
-TEST(Linear, IsBoundedAndForgetsWhatWasHeld)
+TEST(Linear, IsBoundedAndResetByRelease)
 {
     Pulled pulled([](pliant_scene &) {});
     pulled.tip[2] += 0.01;

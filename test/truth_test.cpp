@@ -8,7 +8,7 @@
 namespace {
 
 // u = 1 + h^p at one point, for three values of h
-TEST(Truth, ExtrapolatesWithTheMeanOfTheOrderThatIsSeenAndTheory)
+TEST(Truth, ExtrapolatesWithTheMeanOfObservedAndTheoreticalOrder)
 {
     const uint8_t use[2] = {1, 0};
     for (double order : {1.0, 2.0}) {
@@ -67,7 +67,7 @@ TEST(Truth, ErrorOfABeamsMeshIsEstimatedWithinAFactorOfOnePointThree)
         }
 }
 
-TEST(Truth, TellsWhereTheSolverIsTheLargerError)
+TEST(Truth, ReportsALargerSolverError)
 {
     ReportedBeam beam(PLIANT_HEXAHEDRA, 0.45, 3);
     beam.scene.solver.iterations = 1;
@@ -82,11 +82,11 @@ TEST(Truth, TellsWhereTheSolverIsTheLargerError)
     EXPECT_NE(beam.cell("advice").find("solver/iterations"), std::string::npos);
 }
 
-TEST(Truth, SaysWhatItCannotEstimate)
+TEST(Truth, RefusesWhatItCannotEstimate)
 {
     ReportedBeam beam(PLIANT_LINEAR, 0.45, 3);
     pliant_truth worst;
-    beam.sweep.twice_limit = 0; // three cells cannot be halved
+    beam.sweep.max_refined_tets = 0; // three cells cannot be halved
     EXPECT_EQ(pliant_truth_run(&beam.input, &beam.sweep, &beam.tables, {nullptr, nullptr}, &worst), PLIANT_ERROR_SCENE);
     EXPECT_NE(std::string(pliant_last_error()).find("three resolutions"), std::string::npos) << pliant_last_error();
     beam.scene.solver.kind = PLIANT_TLED;

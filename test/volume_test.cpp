@@ -43,7 +43,7 @@ TEST(Geometry, IndexInvertsWorldAlsoInPlace)
     for (int d = 0; d < 3; d++) EXPECT_NEAR(point[d], index[d], 1e-9);
 }
 
-TEST(Geometry, CountsVoxelsAndTellsWhenTheyCannotBeCounted)
+TEST(Geometry, CountsVoxelsAndDetectsOverflow)
 {
     pliant_geometry geometry = oblique();
     EXPECT_EQ(pliant_geometry_voxels(&geometry), 210u);

@@ -152,7 +152,7 @@ TEST_F(Voxels, AreOwnedByTheTetrahedraThatHoldTheirCentres)
     }
 }
 
-TEST_F(Voxels, UncutTetrahedraAreWholeAndBridgesSeeToIt)
+TEST_F(Voxels, BridgesConnectUncutTetrahedra)
 {
     make(2, 8, 8); // flat cubes: staircases of voxels at sharp edges
     int32_t apart = 0, bridged = 0;
@@ -197,7 +197,7 @@ TEST_F(Voxels, UncutTetrahedraAreWholeAndBridgesSeeToIt)
     }
 }
 
-TEST_F(Voxels, FragmentsAreWhatSeveredLinksLeave)
+TEST_F(Voxels, FragmentsAreComponentsOfTheRemainingLinks)
 {
     make(4, 3, 5);
     std::mt19937 random(7);
@@ -282,7 +282,7 @@ TEST_F(Voxels, HingesHaveBridges)
         bool listed[2] = {false, false};
         for (int end = 0; end < 2; end++) {
             int32_t tet = voxels->owner[end ? to : from];
-            for (int32_t e = voxels->beside_start[tet]; e < voxels->beside_start[tet + 1]; e++)
+            for (int32_t e = voxels->adjacent_start[tet]; e < voxels->adjacent_start[tet + 1]; e++)
                 listed[end] = listed[end] || voxels->adjacent[e] == b;
         }
         EXPECT_TRUE(listed[0] && listed[1]);

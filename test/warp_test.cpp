@@ -8,7 +8,7 @@ namespace {
 
 using namespace warp_cases;
 
-TEST(warp, keeps_what_goes_with_the_voxels)
+TEST(warp, keeps_the_attributes_of_the_voxels)
 {
     pliant_geometry geometry = box_geometry(20, 20, 20);
     auto scan = make_scan(geometry, PLIANT_INT16);
@@ -65,7 +65,7 @@ size_t num_changed(const pliant_warp *warp)
     return size_t(std::count(changed, changed + count[0] * count[1] * count[2], 1));
 }
 
-TEST(warp, redoing_what_changed_equals_redoing_all)
+TEST(warp, partial_update_equals_full_update)
 {
     pliant_geometry geometry = box_geometry(80, 60, 50), target = grown(geometry, 6);
     auto scan = make_scan(geometry, PLIANT_INT16);

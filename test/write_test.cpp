@@ -95,7 +95,7 @@ TEST(Write, Labels)
     pliant_labels_free(&labels);
 }
 
-TEST(Write, HeadersAsOthersExpectThem)
+TEST(Write, HeadersFollowTheFormats)
 {
     temporary_folder folder;
     pliant_geometry geometry = geometry_with(CASES[0]);

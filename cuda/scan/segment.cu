@@ -145,7 +145,7 @@ static pliant_status absorb(segmenting *work, const pliant_volume *scan, const p
 {
     const gpu_segment *gpu = &work->gpu;
     const double *spacing = scan->geometry.spacing,
-                 minimum = options->smallest / (spacing[0] * spacing[1] * spacing[2]);
+                 minimum = options->min_volume / (spacing[0] * spacing[1] * spacing[2]);
     int32_t waiting, left;
     CUDA_TRY(piece_count(work, count));
     CUDA_TRY(pliant_cuda_segment_wait(gpu, minimum, work->stream));

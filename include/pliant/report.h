@@ -104,7 +104,7 @@ typedef struct pliant_sweep {
                                *   scene's own gravity from rest */
     double pull[3];           /**< displacement of a pulled point at the end, LPS [m] */
     int32_t frames;           /**< frames of a pull; gravity has twice as many */
-    double twice_limit;       /**< maximum number of fine tetrahedra of a mesh with twice the resolution; 0: no such
+    double max_refined_tets;  /**< maximum number of fine tetrahedra of a mesh with twice the resolution; 0: no such
                                *   mesh */
     double reference_tolerance; /**< tolerance of the references; ten times this value on the mesh with twice the
                                  *   resolution */
@@ -113,7 +113,7 @@ typedef struct pliant_sweep {
     int32_t repeats;          /**< number of equal runs; the shortest time of each frame counts */
     bool before_patch;        /**< with model/patch: also run pulls that begin before the patch is ready, as separate
                                *   rows */
-    bool own_time;            /**< CPU: measure the time of the stepping thread; otherwise measure wall time. Runs are
+    bool uses_thread_time;    /**< CPU: measure the time of the stepping thread; otherwise measure wall time. Runs are
                                *   repeated only in case of disturbance */
     bool paced;               /**< frames begin solver/step apart, as in a running simulation; otherwise without
                                *   pauses */
@@ -163,9 +163,9 @@ typedef struct pliant_truth {
 } pliant_truth;
 
 /** Estimate the error of a mesh by Richardson's extrapolation over three meshes. They are the scene's
- *  mesh and finer meshes with up to sweep->twice_limit tetrahedra, or else coarser meshes. Loads are the sweep's pulls
- *  by displacement and force, and the scene's gravity. Each row gives the errors of mesh and solver, the larger one,
- *  and the options that reduce it.
+ *  mesh and finer meshes with up to sweep->max_refined_tets tetrahedra, or else coarser meshes. Loads are the
+ *  sweep's pulls by displacement and force, and the scene's gravity. Each row gives the errors of mesh and solver, the
+ *  larger one, and the options that reduce it.
  *  @param input    The scene with its inputs.
  *  @param sweep    Points and loads.
  *  @param tables   Nullable, in/out: truth gets rows.
@@ -187,11 +187,11 @@ typedef struct pliant_choice {
                                        *   valid for --set */
     double error;                /**< max, p95 or rms, as choose/measure names it */
     double max, p95, rms;        /**< worst frame of the probe load, over the body */
-    double later;                /**< as error, from the time when patches are ready and the tissue has sagged under
+    double settled_error;        /**< as error, from the time when patches are ready and the tissue has sagged under
                                   *   gravity */
-    double left_out;             /**< error of the reference's own mesh, estimated from three resolutions; 0: unknown */
-    double mesh;                 /**< error of the selected mesh, including left_out. The solver or the method causes
-                                  *   the rest of error + left_out */
+    double reference_error;      /**< error of the reference's own mesh, estimated from three resolutions; 0: unknown */
+    double mesh;                 /**< error of the selected mesh, including reference_error. The solver or the method
+                                  *   causes the rest of error + reference_error */
     double seconds;              /**< median step of the probe load, without the deformed volume [s] */
     bool within_budget;          /**< false: no candidate was within the budget, and this is the fastest one */
     int32_t reference_tetrahedra; /**< number of fine tetrahedra of the reference */
@@ -207,8 +207,8 @@ typedef struct pliant_choice {
  *  - Reference: the fine solution on a mesh of twice the resolution, if the mesh may vary and this mesh is not too
  *    large. Otherwise it is the fine solution on the scene's mesh.
  *  - Error: the worst frame, plus the reference's own error (Richardson), so that no time is spent on iterations below
- *    the mesh's error. Among candidates within a factor of two of the minimum, the smallest `later` wins; within 5 % of
- *    it, the fastest candidate wins.
+ *    the mesh's error. Among candidates within a factor of two of the minimum, the smallest `settled_error` wins;
+ *    within 5 % of it, the fastest candidate wins.
  *  - Time: the median over frames that begin solver/step apart; on the CPU, the time of the thread.
  *
  *  Candidates that cannot be built or do not converge are dropped. If no candidate can be measured, the scene's

@@ -14,10 +14,10 @@ extern "C" {
 /* ---- OPTIONS */
 
 /* X(name in C, name in YAML) */
-#define PLIANT_METHOD_LIST(X) \
+#define PLIANT_METHOD_LIST(X)                                                                         \
     X(PLIANT_FINE, fine) X(PLIANT_COARSE, coarse) X(PLIANT_SCHUR, schur) X(PLIANT_AVERAGED, averaged) \
     X(PLIANT_LOD, lod)
-#define PLIANT_TOUCH_LIST(X) X(PLIANT_TOUCH_OVERLAP, overlap) X(PLIANT_TOUCH_FACE, face)
+#define PLIANT_SUBMESH_EXTENT_LIST(X) X(PLIANT_SUBMESH_OVERLAP, overlap) X(PLIANT_SUBMESH_FACE, face)
 #define PLIANT_BACKEND_LIST(X) X(PLIANT_AUTO, auto) X(PLIANT_CPU, cpu) X(PLIANT_CUDA, cuda)
 #define PLIANT_PRECONDITIONER_LIST(X)                                                             \
     X(PLIANT_PRECONDITIONER_AUTO, auto) X(PLIANT_DIRECT, direct) X(PLIANT_MULTIGRID, multigrid)
@@ -52,7 +52,7 @@ extern "C" {
 /** Solved mesh and homogenization (model/method). */
 typedef enum pliant_method { PLIANT_METHOD_LIST(PLIANT_CHOICE_ENUM) } pliant_method;
 /** Submesh of model/method schur. */
-typedef enum pliant_touch { PLIANT_TOUCH_LIST(PLIANT_CHOICE_ENUM) } pliant_touch;
+typedef enum pliant_submesh_extent { PLIANT_SUBMESH_EXTENT_LIST(PLIANT_CHOICE_ENUM) } pliant_submesh_extent;
 /** Processor that computes. */
 typedef enum pliant_backend_choice { PLIANT_BACKEND_LIST(PLIANT_CHOICE_ENUM) } pliant_backend_choice;
 /** Preconditioner of the quasi-static solver. */
@@ -96,7 +96,7 @@ typedef enum pliant_response { PLIANT_RESPONSE_LIST(PLIANT_CHOICE_ENUM) } pliant
 #define PLIANT_DECLARE_REAL3(name) double name[3];
 #define PLIANT_DECLARE_STRING(name) char name[256];
 #define PLIANT_DECLARE_METHOD(name) pliant_method name;
-#define PLIANT_DECLARE_TOUCH(name) pliant_touch name;
+#define PLIANT_DECLARE_SUBMESH(name) pliant_submesh_extent name;
 #define PLIANT_DECLARE_BACKEND(name) pliant_backend_choice name;
 #define PLIANT_DECLARE_PRECONDITIONER(name) pliant_preconditioner_choice name;
 #define PLIANT_DECLARE_SCALAR(name) pliant_scalar name;
@@ -125,11 +125,11 @@ typedef enum pliant_response { PLIANT_RESPONSE_LIST(PLIANT_CHOICE_ENUM) } pliant
       "shows them")                                                                                              \
     X(INT, classes, 0, 0, 16, "",                                                                                \
       "number of classes of the mixture; 0: selected by BIC")                                                    \
-    X(INT, most_classes, 12, 1, 16, "",                                                                          \
+    X(INT, max_classes, 12, 1, 16, "",                                                                           \
       "maximum number of classes that BIC may select")                                                           \
     X(REAL, coherence, 1.0, 0.0, 100.0, "",                                                                      \
       "Markov random field weight per neighbour of the same class; 0: voxels are independent")                   \
-    X(LENGTH, smallest, PLIANT_AUTO_LENGTH, 0.0, 1.0, "m^3",                                                     \
+    X(LENGTH, min_volume, PLIANT_AUTO_LENGTH, 0.0, 1.0, "m^3",                                                   \
       "volume below which a piece is merged into its neighbours; auto: 1e-6, or 0.0005 of the scan's volume if " \
       "that is less")
 #define PLIANT_SCENE_MATERIAL(X)                                                                             \
@@ -163,18 +163,18 @@ typedef enum pliant_response { PLIANT_RESPONSE_LIST(PLIANT_CHOICE_ENUM) } pliant
       "regions by name or label, or else from the scan. Method fine, no cuts; empty: none")                      \
     X(REAL, unit, 1.0, 1e-6, 1.0, "m",                                                                           \
       "unit of lengths in mesh/file; 0.001 for millimetres")
-#define PLIANT_SCENE_ELEMENT(X)                                                                                  \
-    X(ELEMENT, kind, PLIANT_ELEMENT_AUTO, 0, 0, "",                                                              \
-      "hexahedra: cubes with one change of volume each; linear: the papers' tetrahedra, too stiff in bending "   \
-      "and near incompressibility; auto: hexahedra, except for methods on tetrahedra (cut/kind: subdivide, "     \
-      "nodal pressure) and for contact (contact/self, obstacles, tools with a shape); the log names the choice")    \
-    X(ELASTICITY, law, PLIANT_ELASTICITY_COROTATIONAL, 0, 0, "",                                                  \
-      "solver/kind: corotational: elastic law; corotational: for moderate strains; neo_hookean: for large strains, "\
+#define PLIANT_SCENE_ELEMENT(X)                                                                                      \
+    X(ELEMENT, kind, PLIANT_ELEMENT_AUTO, 0, 0, "",                                                                  \
+      "hexahedra: cubes with one change of volume each; linear: the papers' tetrahedra, too stiff in bending "       \
+      "and near incompressibility; auto: hexahedra, except for methods on tetrahedra (cut/kind: subdivide, "         \
+      "nodal pressure) and for contact (contact/self, obstacles, tools with a shape); the log names the choice")     \
+    X(ELASTICITY, law, PLIANT_ELASTICITY_COROTATIONAL, 0, 0, "",                                                     \
+      "solver/kind: corotational: elastic law; corotational: for moderate strains; neo_hookean: for large strains, " \
       "of linear tetrahedra on the fine mesh, on the CPU")
 #define PLIANT_SCENE_MODEL(X)                                                                                     \
     X(METHOD, method, PLIANT_FINE, 0, 0, "",                                                                      \
       "fine: solve the fine mesh; all others: solve a coarse mesh, homogenized by this method")                   \
-    X(TOUCH, touch, PLIANT_TOUCH_OVERLAP, 0, 0, "",                                                               \
+    X(SUBMESH, submesh, PLIANT_SUBMESH_OVERLAP, 0, 0, "",                                                         \
       "schur: submesh of fine tetrahedra that overlap the coarse one; face: also those that share a face with "   \
       "it")                                                                                                       \
     X(REAL, patch, 0.0, 0.0, 1.0, "m",                                                                            \
@@ -223,7 +223,7 @@ typedef enum pliant_response { PLIANT_RESPONSE_LIST(PLIANT_CHOICE_ENUM) } pliant
       "error over the body: maximum, 95th percentile or root mean square; the maximum depends on the tool more " \
       "than on the mesh")                                                                                        \
     X(BOOL, method, true, 0, 1, "",                                                                              \
-      "model/method, model/touch and model/patch may vary")                                                      \
+      "model/method, model/submesh and model/patch may vary")                                                    \
     X(BOOL, coarse_cells, true, 0, 1, "",                                                                        \
       "mesh/coarse_cells may vary")                                                                              \
     X(BOOL, ratio, true, 0, 1, "",                                                                               \
@@ -314,7 +314,7 @@ typedef enum pliant_response { PLIANT_RESPONSE_LIST(PLIANT_CHOICE_ENUM) } pliant
     X(RESPONSE, response, PLIANT_RESPONSE_PUSH, 0, 0, "",                                                         \
       "response to tissue that overlaps tissue: push: out along the shortest way; paper (tled): nodes of "        \
       "overlapping tetrahedra are slowed down ([C] 5.2), without effect at rest")                                 \
-    X(REAL, punishment, 0.5, 0.0, 1.0, "",                                                                        \
+    X(REAL, overlap_damping, 0.5, 0.0, 1.0, "",                                                                   \
       "paper: fraction of a node's motion in a sub-step that its force removes")                                  \
     X(BOOL, delay, true, 0, 1, "",                                                                                \
       "paper: nodes that overlap at the end of the previous step are slowed down during the whole step ([C] "     \
@@ -354,7 +354,7 @@ typedef enum pliant_response { PLIANT_RESPONSE_LIST(PLIANT_CHOICE_ENUM) } pliant
       "maximum rate of slices")
 
 /* G(group, list) */
-#define PLIANT_SCENE_GROUPS(G)                                                                    \
+#define PLIANT_SCENE_GROUPS(G)                                                                     \
     G(scan, PLIANT_SCENE_SCAN) G(segment, PLIANT_SCENE_SEGMENT) G(material, PLIANT_SCENE_MATERIAL) \
     G(mesh, PLIANT_SCENE_MESH) G(element, PLIANT_SCENE_ELEMENT) G(model, PLIANT_SCENE_MODEL)       \
     G(solver, PLIANT_SCENE_SOLVER) G(choose, PLIANT_SCENE_CHOOSE) G(tled, PLIANT_SCENE_TLED)       \

@@ -20,10 +20,10 @@ enum { PLIANT_MAX_CLASSES = 16 /**< maximum number of classes of the mixture */ 
 /** Options of a segmentation; pliant_segment_options_from fills them from a scene. */
 typedef struct pliant_segment_options {
     int32_t classes;      /**< number of classes, 1 to PLIANT_MAX_CLASSES; 0: the number with the lowest BIC */
-    int32_t most_classes; /**< largest number of classes that BIC may select */
+    int32_t max_classes; /**< largest number of classes that BIC may select */
     double coherence;     /**< Markov random field weight per neighbour of the same class [log probability]; 0: voxels
                            *   are independent */
-    double smallest;      /**< pieces below this volume are merged into their neighbours [m^3] */
+    double min_volume;      /**< pieces below this volume are merged into their neighbours [m^3] */
     int num_threads;      /**< 0: the number of cores */
     pliant_backend_choice backend; /**< auto: a GPU if there is one; it gives the same labels as the CPU */
 } pliant_segment_options;
@@ -55,7 +55,7 @@ typedef struct pliant_segmentation {
 } pliant_segmentation;
 
 /** Fill the options of a segmentation from a scene (group `segment`).
- *  @param scene The scene. segment/smallest: auto becomes 1e-6 m^3, or 0.0005 of the scan's volume if that is less.
+ *  @param scene The scene. segment/min_volume: auto becomes 1e-6 m^3, or 0.0005 of the scan's volume if that is less.
  *  @param scan  Grid of the scan.
  *  @param out   Out: the options. */
 PLIANT_API void pliant_segment_options_from(const pliant_scene *scene, const pliant_geometry *scan,

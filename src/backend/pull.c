@@ -47,47 +47,47 @@ static void share_target(const pliant_data *data, int leader, double target[3])
 /* Set the target of a spring k and a parallel damper b over a step h. The law k (p - y) + b ((p - p0) - (y - y0)) / h =
  * l is a spring of stiffness k + b / h towards (k p + b (p - p0 + y0) / h) / (k + b / h). The weight of the tool's mass
  * shifts the target. */
-static void aim(const pliant_tool *tool, double step, const double gravity[3], pliant_grasp_constraint *handle)
+static void aim(const pliant_tool *tool, double step, const double gravity[3], pliant_grasp_constraint *grasp)
 {
     double damper = pliant_tool_drive(tool) == PLIANT_DRIVE_SPRING ? pliant_tool_damping(tool) / step : 0;
     double stiffness = pliant_tool_stiffness(tool), whole = stiffness + damper;
     for (int d = 0; d < 3; d++) {
         double p = tool->tip[d] - tool->grip[d];
-        handle->target[d] = (stiffness * p + damper * (p - tool->last_target[d] + tool->held_point[d])) / whole;
+        grasp->target[d] = (stiffness * p + damper * (p - tool->last_target[d] + tool->held_point[d])) / whole;
         if (pliant_tool_drive(tool) == PLIANT_DRIVE_SPRING)
-            handle->target[d] += pliant_tool_mass(tool) * gravity[d] / whole;
+            grasp->target[d] += pliant_tool_mass(tool) * gravity[d] / whole;
     }
-    handle->compliance = pliant_tool_drive(tool) == PLIANT_DRIVE_RIGID ? 0 : 1 / whole;
+    grasp->compliance = pliant_tool_drive(tool) == PLIANT_DRIVE_RIGID ? 0 : 1 / whole;
 }
 
 pliant_status pliant_set_grasp_constraint(const pliant_model *model, pliant_data *data, int index)
 {
     pliant_tool *tool = data->tools + index;
     pliant_solver *solver = pliant_patch_solver(data, index);
-    pliant_grasp_constraint *handle = solver->grasps + index;
+    pliant_grasp_constraint *grasp = solver->grasps + index;
     const int leader = pliant_grasp_leader(data, index);
     if (!tool->holding || leader != index) {
-        if (handle->active) pliant_solver_remove_grasp(solver, index);
+        if (grasp->active) pliant_solver_remove_grasp(solver, index);
         for (int d = 0; d < 3; d++) tool->last_target[d] = tool->tip[d] - tool->grip[d];
         tool->attached = tool->holding;
         return PLIANT_OK;
     }
     /* Weights through homogenized shape functions rotate with the elements, so they are recomputed in every step. */
     bool turning = solver == data->solver && pliant_upsample_turns(solver->system);
-    if (!tool->attached && handle->active) pliant_solver_remove_grasp(solver, index); /* a new hold */
-    if (!tool->attached || !handle->active || turning) {
+    if (!tool->attached && grasp->active) pliant_solver_remove_grasp(solver, index); /* a new hold */
+    if (!tool->attached || !grasp->active || turning) {
         pliant_status status = pliant_patch_hold(data, index);
         if (status != PLIANT_OK) return status;
         /* 0, unless the grasp was restored */
-        if (!tool->attached) memcpy(handle->force, tool->force, sizeof handle->force);
+        if (!tool->attached) memcpy(grasp->force, tool->force, sizeof grasp->force);
         tool->attached = true;
     }
     bool by_force = pliant_tool_drive(tool) == PLIANT_DRIVE_FORCE;
-    if (handle->by_force != by_force) pliant_solver_drop_history(solver);
-    handle->by_force = by_force;
-    for (int d = 0; by_force && d < 3; d++) handle->force[d] = tool->driving_force[d] + tool->mass * data->gravity[d];
-    if (!by_force) aim(tool, model->scene.solver.step, data->gravity, handle);
-    if (pliant_tool_drive(tool) == PLIANT_DRIVE_RIGID) share_target(data, index, handle->target);
+    if (grasp->by_force != by_force) pliant_solver_drop_history(solver);
+    grasp->by_force = by_force;
+    for (int d = 0; by_force && d < 3; d++) grasp->force[d] = tool->driving_force[d] + tool->mass * data->gravity[d];
+    if (!by_force) aim(tool, model->scene.solver.step, data->gravity, grasp);
+    if (pliant_tool_drive(tool) == PLIANT_DRIVE_RIGID) share_target(data, index, grasp->target);
     for (int d = 0; d < 3; d++) tool->last_target[d] = tool->tip[d] - tool->grip[d];
     return PLIANT_OK;
 }

@@ -124,9 +124,9 @@ void pliant_dense_symmetric_eigen(int32_t n, double *a, double *values, double *
         if (!(off > 1e-32 * whole)) break;
         for (int32_t p = 0; p < n; p++)
             for (int32_t q = p + 1; q < n; q++) {
-                double apart = a[p * n + q];
-                if (apart == 0) continue;
-                double tau = (a[q * n + q] - a[p * n + p]) / (2 * apart);
+                double off_diagonal = a[p * n + q];
+                if (off_diagonal == 0) continue;
+                double tau = (a[q * n + q] - a[p * n + p]) / (2 * off_diagonal);
                 double tangent = (tau < 0 ? -1 : 1) / (fabs(tau) + hypot(1, tau)), cosine = 1 / hypot(1, tangent);
                 turn(n, a, p, q, 1, n, cosine, cosine * tangent);
                 turn(n, a, p, q, n, 1, cosine, cosine * tangent);

@@ -54,7 +54,7 @@ static struct {
 
 static atomic_size_t in_use, peak;
 static _Thread_local int64_t taken; /* [bytes] */
-static _Thread_local bool apart;
+static _Thread_local bool is_background_thread;
 static _Thread_local pliant_account *account; /* Nullable: account of the thread's allocations */
 static atomic_uint_least64_t last_stamp;
 static atomic_llong calls_left = -1;
@@ -130,7 +130,7 @@ static header *remove_reserved(int place)
 static header *take_reserved(size_t capacity)
 {
     header *found = NULL;
-    if (capacity < large || apart) return NULL;
+    if (capacity < large || is_background_thread) return NULL;
     pthread_mutex_lock(&kept.lock);
     for (int b = kept.count - 1; b >= 0 && !found; b--)
         if (kept.block[b]->capacity == capacity && !kept.block[b]->stamp) found = remove_reserved(b);
@@ -176,7 +176,8 @@ static bool keep(header *block)
 {
     /* The first version of an array may have an unusual size. */
     const bool fits = block->capacity == capacity_for(block->capacity, block->stamp != NULL);
-    if (!fits || block->capacity < (block->stamp ? large_series : large) || (apart && !block->stamp)) return false;
+    if (!fits || block->capacity < (block->stamp ? large_series : large) || (is_background_thread && !block->stamp))
+        return false;
     pthread_mutex_lock(&kept.lock);
     const bool keeps = (int64_t)block->capacity <= kept.limit / 2;
     if (keeps) {
@@ -196,7 +197,7 @@ void pliant_memory_change_reserve(int64_t bytes)
     pthread_mutex_unlock(&kept.lock);
 }
 
-void pliant_memory_set_background(void) { apart = true; }
+void pliant_memory_set_background(void) { is_background_thread = true; }
 int64_t pliant_memory_thread_bytes(void) { return taken; }
 
 size_t pliant_memory_reserved(void)

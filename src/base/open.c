@@ -25,7 +25,7 @@ static int hold(const char *path, char link[32])
     return descriptor;
 }
 
-static const char *ask(const char *link)
+static const char *call_check(const char *link)
 {
     char real[PATH_MAX];
     ssize_t length = readlink(link, real, sizeof real);
@@ -36,7 +36,7 @@ static const char *ask(const char *link)
 
 /* Check the nearest existing folder for a missing file. An error message then reveals nothing about folders that may
  * not be read. */
-static const char *ask_about_folder(const char *path)
+static const char *check_folder(const char *path)
 {
     char folder[PATH_MAX], link[32];
     if (snprintf(folder, sizeof folder, "%s%s", path[0] == '/' ? "" : "./", path) >= (int)sizeof folder)
@@ -48,7 +48,7 @@ static const char *ask_about_folder(const char *path)
         *slash = 0;
         descriptor = hold(folder[0] ? folder : "/", link);
     }
-    const char *refused = ask(link);
+    const char *refused = call_check(link);
     close(descriptor);
     return refused;
 }
@@ -60,12 +60,12 @@ bool pliant_opening_begin(const char *path, pliant_opening *opening)
     opening->descriptor = hold(path, opening->link);
     if (opening->descriptor < 0) {
         int why = errno;
-        opening->refused = ask_about_folder(path);
+        opening->refused = check_folder(path);
         errno = why;
         return false;
     }
     opening->name = opening->link;
-    opening->refused = ask(opening->link);
+    opening->refused = call_check(opening->link);
     if (!opening->refused) return true;
     pliant_opening_end(opening);
     return false;

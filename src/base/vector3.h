@@ -20,9 +20,9 @@ PLIANT_INLINE void pliant_subtract3(const double *a, const double *b, double *ou
 
 PLIANT_INLINE double pliant_distance3(const double *a, const double *b)
 {
-    double apart[3];
-    pliant_subtract3(a, b, apart);
-    return pliant_length3(apart);
+    double difference[3];
+    pliant_subtract3(a, b, difference);
+    return pliant_length3(difference);
 }
 
 PLIANT_INLINE void pliant_cross3(const double *a, const double *b, double *out)

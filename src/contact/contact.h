@@ -46,9 +46,9 @@ typedef struct pliant_contact_point {
     double friction;        /* coefficient of friction mu */
     int32_t jaw; /* for a tool: 1 or -1 on a jaw that turns by plus or minus half the jaw angle; otherwise 0 */
     /* OUTPUT, written by the solver; kept from step to step for the same feature */
-    double force[3];        /* on the tissue, at the weighted point [N] */
-    double anchor[3];       /* sticking position on the obstacle, relative to p [m] */
-    bool begun; /* false: a new contact; it sticks at the tissue's position before the step, moved with the obstacle */
+    double force[3];  /* on the tissue, at the weighted point [N] */
+    double anchor[3]; /* sticking position on the obstacle, relative to p [m] */
+    bool was_pressed; /* false: sticks at the tissue's position before the step, moved with the obstacle */
 } pliant_contact_point;
 
 /* All contact points of a step, sorted by feature. */
@@ -80,7 +80,7 @@ PLIANT_INLINE void pliant_contact_warm_start(const pliant_contact_point *before,
         now->anchor[d] = before->anchor[d] + moved;
         now->force[d] = before->force[d];
     }
-    now->begun = before->begun;
+    now->was_pressed = before->was_pressed;
 }
 
 #ifdef __cplusplus

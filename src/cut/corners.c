@@ -42,7 +42,7 @@ static bool joined_at_load(const cut_work *work, int32_t s, int32_t t)
 {
     const pliant_voxels *voxels = work->voxels;
     if (cut_share_face(work, s, t)) return true;
-    for (int32_t e = voxels->beside_start[s]; e < voxels->beside_start[s + 1]; e++) {
+    for (int32_t e = voxels->adjacent_start[s]; e < voxels->adjacent_start[s + 1]; e++) {
         const int32_t *ends = voxels->bridge + 2 * voxels->adjacent[e];
         if (voxels->owner[ends[0]] == t || voxels->owner[ends[1]] == t) return true;
     }

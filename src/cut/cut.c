@@ -199,18 +199,18 @@ pliant_status pliant_body_cut(const pliant_body *body, uint64_t revision, const 
                      .cuts = body->cuts,
                      .positions = positions,
                      .stroke = {sweep->blade, sweep->stroke}};
-    pliant_cut_report told = {0};
+    pliant_cut_report result = {0};
     pliant_body *next = NULL;
     pliant_status status;
     if (body->subdivision) {
-        status = pliant_cut_subdivide(body, revision, positions, sweep, out ? &next : NULL, &told);
+        status = pliant_cut_subdivide(body, revision, positions, sweep, out ? &next : NULL, &result);
     } else {
-        status = cut(&work, revision, sweep, out ? &next : NULL, &told);
+        status = cut(&work, revision, sweep, out ? &next : NULL, &result);
         free_work(&work);
     }
     if (status != PLIANT_OK) return status;
     if (out) *out = next;
-    if (report) *report = told;
+    if (report) *report = result;
     return PLIANT_OK;
 }
 

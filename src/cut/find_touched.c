@@ -89,7 +89,7 @@ static pliant_status list_touched(cut_work *work)
 /* ---- tables around the voxels of touched tetrahedra */
 
 /* Mark the voxels around a severed link as doubtful, within the box. */
-static void doubt(cut_work *work, int32_t i, int32_t j, int32_t k)
+static void mark_doubtful(cut_work *work, int32_t i, int32_t j, int32_t k)
 {
     const int32_t *size = work->links.size;
     for (int32_t c = k > 0 ? k - 1 : 0; c <= k + 1 && c < size[2]; c++)
@@ -151,7 +151,7 @@ static pliant_status make_tables(cut_work *work)
             const int32_t i = at[0] - links->low[0], j = at[1] - links->low[1];
             if (at[2] - links->low[2] != k || i < 0 || j < 0 || i >= links->size[0] || j >= links->size[1]) continue;
             links->severed[(size_t)i + row * (size_t)j + slice * (size_t)k] |= (uint8_t)(1 << work->next->link[l] % 4);
-            doubt(work, i, j, k);
+            mark_doubtful(work, i, j, k);
         }
     }
     return PLIANT_OK;

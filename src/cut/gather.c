@@ -63,7 +63,7 @@ static pliant_status gather_fragments(const cut_work *work, pliant_cuts *next)
     next->fragment = pliant_calloc(fragments, sizeof *next->fragment);
     next->voxel_start = pliant_calloc(tets, sizeof *next->voxel_start);
     if (!next->tet || !next->start || !next->fragment || !next->voxel_start) return pliant_fail_memory("the fragments");
-    const pliant_status status = pliant_cuts_room(cuts, kept, (size_t)work->start[work->num_touched], next, &at);
+    const pliant_status status = pliant_cuts_reserve(cuts, kept, (size_t)work->start[work->num_touched], next, &at);
     if (status != PLIANT_OK) return status;
     int32_t old = 0;
     for (int32_t t = 0; t < work->num_touched; t++) {

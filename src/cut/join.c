@@ -121,8 +121,8 @@ static bool is_joined(const cut_work *work, const neighbour *to, const int32_t *
 {
     if (is_near_severed_link) return pliant_joined(&work->links, voxel, at, to->step);
     if (!to->is_diagonal) return true;
-    for (int way = 0; way < 2; way++)
-        if (place[to->via_place[way]] || work->voxels->owner[voxel + to->via_voxel[way]] >= 0) return true;
+    for (int via = 0; via < 2; via++)
+        if (place[to->via_place[via]] || work->voxels->owner[voxel + to->via_voxel[via]] >= 0) return true;
     return false;
 }
 
@@ -167,7 +167,7 @@ pliant_status pliant_cut_find_edges(cut_work *work)
     }
     for (int32_t t = 0; t < work->num_touched; t++) {
         const int32_t tet = work->touched[t];
-        for (int32_t e = voxels->beside_start[tet]; e < voxels->beside_start[tet + 1] && status == PLIANT_OK; e++) {
+        for (int32_t e = voxels->adjacent_start[tet]; e < voxels->adjacent_start[tet + 1] && status == PLIANT_OK; e++) {
             const int32_t bridge = voxels->adjacent[e], *ends = voxels->bridge + 2 * bridge;
             const int32_t other = voxels->owner[ends[voxels->owner[ends[0]] == tet]];
             if ((cut_state(work, other) > 0 && other < tet) || pliant_bridge_severed(work->next, bridge)) continue;

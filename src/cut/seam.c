@@ -9,15 +9,15 @@ typedef struct seam {
     int32_t num_links;    /* number of links that the sweep itself has severed */
 } seam;
 
-static bool is_owned(const pliant_voxels *voxels, int32_t voxel, const int32_t at[3], int axis, int way)
+static bool is_owned(const pliant_voxels *voxels, int32_t voxel, const int32_t at[3], int axis, int direction)
 {
-    if (at[axis] + way < 0 || at[axis] + way >= voxels->geometry.size[axis]) return false;
-    return voxels->owner[voxel + way * pliant_stride_of(voxels, axis)] >= 0;
+    if (at[axis] + direction < 0 || at[axis] + direction >= voxels->geometry.size[axis]) return false;
+    return voxels->owner[voxel + direction * pliant_stride_of(voxels, axis)] >= 0;
 }
 
-static uint32_t link_from(const pliant_voxels *voxels, int32_t voxel, int axis, int way)
+static uint32_t link_from(const pliant_voxels *voxels, int32_t voxel, int axis, int direction)
 {
-    return 4 * (uint32_t)(way > 0 ? voxel : voxel - pliant_stride_of(voxels, axis)) + (uint32_t)axis;
+    return 4 * (uint32_t)(direction > 0 ? voxel : voxel - pliant_stride_of(voxels, axis)) + (uint32_t)axis;
 }
 
 static bool is_new(const seam *all, uint32_t link)
@@ -27,11 +27,11 @@ static bool is_new(const seam *all, uint32_t link)
 }
 
 /* Return whether the link from a voxel along an axis exists and is severed. */
-static bool is_severed(const seam *all, int32_t voxel, const int32_t at[3], int axis, int way)
+static bool is_severed(const seam *all, int32_t voxel, const int32_t at[3], int axis, int direction)
 {
-    if (!is_owned(all->work->voxels, voxel, at, axis, way)) return false;
-    return !pliant_linked(&all->before, voxel, at, axis, way) ||
-           is_new(all, link_from(all->work->voxels, voxel, axis, way));
+    if (!is_owned(all->work->voxels, voxel, at, axis, direction)) return false;
+    return !pliant_linked(&all->before, voxel, at, axis, direction) ||
+           is_new(all, link_from(all->work->voxels, voxel, axis, direction));
 }
 
 static bool is_severed_by_cut(const pliant_cuts *cuts, int32_t cut, uint32_t link)
@@ -67,16 +67,16 @@ static pliant_status sever_missed_links(const seam *all, int32_t voxel, const in
     pliant_status status = PLIANT_OK;
     if (is_severed(all, voxel, at, axis, -beyond)) return PLIANT_OK;
     for (int n = 2; n < 6 && status == PLIANT_OK; n++) {
-        const int across = (axis + n / 2) % 3, way = n % 2 ? 1 : -1;
-        const int32_t other = voxel + way * pliant_stride_of(voxels, across);
+        const int across = (axis + n / 2) % 3, direction = n % 2 ? 1 : -1;
+        const int32_t other = voxel + direction * pliant_stride_of(voxels, across);
         int32_t there[3] = {at[0], at[1], at[2]};
-        there[across] += way;
-        if (!is_owned(voxels, voxel, at, across, way) || is_severed(all, voxel, at, across, way)) continue;
+        there[across] += direction;
+        if (!is_owned(voxels, voxel, at, across, direction) || is_severed(all, voxel, at, across, direction)) continue;
         if (!is_owned(voxels, other, there, axis, -beyond) || is_severed(all, other, there, axis, beyond)) continue;
         if (!is_severed(all, other, there, axis, -beyond) ||
             !is_severed_by_stroke(all, link_from(voxels, other, axis, -beyond)))
             continue;
-        status = pliant_cut_add_link(all->work, link_from(voxels, voxel, across, way), 0);
+        status = pliant_cut_add_link(all->work, link_from(voxels, voxel, across, direction), 0);
     }
     return status;
 }

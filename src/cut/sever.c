@@ -172,36 +172,36 @@ static int32_t carrier_of(const cut_work *work, int32_t voxel)
 
 /* side: slab[0..2] . at */
 static pliant_status try_link(severing *cut, int32_t tet, int32_t voxel, const int32_t at[3], double side, int axis,
-                              int way)
+                              int direction)
 {
     cut_work *work = cut->work;
     const pliant_voxels *voxels = work->voxels;
-    if (at[axis] + way < 0 || at[axis] + way >= voxels->geometry.size[axis]) return PLIANT_OK;
-    const int32_t other = voxel + way * pliant_stride_of(voxels, axis);
+    if (at[axis] + direction < 0 || at[axis] + direction >= voxels->geometry.size[axis]) return PLIANT_OK;
+    const int32_t other = voxel + direction * pliant_stride_of(voxels, axis);
     if (voxels->owner[other] < 0) return PLIANT_OK;
     const int32_t with = carrier_of(work, other);
     if (with == tet) {
         const double beyond = side + cut->slab[axis];
-        if (way < 0) return PLIANT_OK; /* tested from the other end */
+        if (direction < 0) return PLIANT_OK; /* tested from the other end */
         if ((side < cut->between[0] && beyond < cut->between[0]) ||
             (side > cut->between[1] && beyond > cut->between[1]))
             return PLIANT_OK;
     }
     int32_t there[3] = {at[0], at[1], at[2]};
     double a[3], b[3];
-    there[axis] += way;
+    there[axis] += direction;
     const voxel_map *to = map_of(cut, with), *from = map_of(cut, tet);
     if (!to || !from) return pliant_fail_memory("the maps of fragments");
     place_in(from, at, a);
     place_in(to, there, b);
     /* both orders of the points give the same floating-point result */
-    const cut_triangle *one = way > 0 ? find_separating_triangle(cut, a, b) : find_separating_triangle(cut, b, a);
+    const cut_triangle *one = direction > 0 ? find_separating_triangle(cut, a, b) : find_separating_triangle(cut, b, a);
     if (!one) return PLIANT_OK;
     const pliant_links links = {.voxels = voxels, .cuts = work->cuts};
-    const int32_t lower = way > 0 ? voxel : other;
-    if (pliant_link_severed(&links, lower, way > 0 ? at : there, axis)) return PLIANT_OK;
+    const int32_t lower = direction > 0 ? voxel : other;
+    if (pliant_link_severed(&links, lower, direction > 0 ? at : there, axis)) return PLIANT_OK;
     return pliant_cut_add_link(work, 4 * (uint32_t)lower + (uint32_t)axis,
-                               area_of(cut, way > 0 ? from : to, one->normal, axis));
+                               area_of(cut, direction > 0 ? from : to, one->normal, axis));
 }
 
 static pliant_status try_bridge(severing *cut, int32_t bridge)
@@ -334,7 +334,7 @@ static pliant_status try_voxels(severing *cut, int32_t tet, int32_t owner, const
     }
     for (int32_t b = voxels->bridge_start[owner]; b < voxels->bridge_start[owner + 1] && status == PLIANT_OK; b++)
         status = try_bridge(cut, b);
-    for (int32_t b = voxels->beside_start[owner]; b < voxels->beside_start[owner + 1] && status == PLIANT_OK; b++)
+    for (int32_t b = voxels->adjacent_start[owner]; b < voxels->adjacent_start[owner + 1] && status == PLIANT_OK; b++)
         status = try_bridge(cut, voxels->adjacent[b]);
     return status;
 }

@@ -84,11 +84,11 @@ static bool is_unrepresentable(const unrepresentable *all, int32_t a, int32_t b)
 }
 
 /* Sever the link from a voxel along an axis if it is intact. */
-static pliant_status sever_link(unrepresentable *all, int32_t voxel, const int32_t at[3], int axis, int way)
+static pliant_status sever_link(unrepresentable *all, int32_t voxel, const int32_t at[3], int axis, int direction)
 {
     const pliant_links *links = &all->work->links;
-    const int32_t lower = way > 0 ? voxel : voxel - pliant_stride_of(links->voxels, axis);
-    if (!pliant_linked(links, voxel, at, axis, way)) return PLIANT_OK;
+    const int32_t lower = direction > 0 ? voxel : voxel - pliant_stride_of(links->voxels, axis);
+    if (!pliant_linked(links, voxel, at, axis, direction)) return PLIANT_OK;
     if (!pliant_reserve(&all->link, &all->link_capacity, all->num_links, 64, sizeof *all->link)) return no_memory();
     all->link[all->num_links++] = 4 * (uint32_t)lower + (uint32_t)axis;
     return PLIANT_OK;
@@ -123,10 +123,11 @@ static pliant_status sever_bridges(unrepresentable *all)
     const pliant_voxels *voxels = work->voxels;
     int32_t maximum = 0;
     for (int32_t t = 0; t < work->num_touched; t++)
-        maximum += voxels->beside_start[work->touched[t] + 1] - voxels->beside_start[work->touched[t]];
+        maximum += voxels->adjacent_start[work->touched[t] + 1] - voxels->adjacent_start[work->touched[t]];
     if (!(all->bridge = pliant_calloc((size_t)maximum + 1, sizeof *all->bridge))) return no_memory();
     for (int32_t t = 0; t < work->num_touched; t++)
-        for (int32_t e = voxels->beside_start[work->touched[t]]; e < voxels->beside_start[work->touched[t] + 1]; e++) {
+        for (int32_t e = voxels->adjacent_start[work->touched[t]]; e < voxels->adjacent_start[work->touched[t] + 1];
+             e++) {
             const int32_t *ends = voxels->bridge + 2 * voxels->adjacent[e];
             if (!pliant_bridge_severed(work->next, voxels->adjacent[e]) &&
                 is_unrepresentable(all, cut_receiver(work, pliant_cut_end_of(work, ends[0])),

@@ -115,8 +115,8 @@ static void find_crossed(const cut_splitting *work, edge_list *list)
         if ((e > 0 && by_ends(&one, list->edges + e - 1) == 0) || !is_crossed(work, &one)) continue;
         double squares = 0;
         for (int d = 0; d < 3; d++) {
-            const double way = work->rest[3 * (size_t)one.end[1] + d] - work->rest[3 * (size_t)one.end[0] + d];
-            squares += way * way;
+            const double difference = work->rest[3 * (size_t)one.end[1] + d] - work->rest[3 * (size_t)one.end[0] + d];
+            squares += difference * difference;
         }
         one.length = sqrt(squares);
         /* count is at most e, so the comparison reads only entries that are not overwritten yet */

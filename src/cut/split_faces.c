@@ -154,7 +154,7 @@ static int32_t find_parts(const cut_splitting *work, int32_t *part, int32_t *who
     return parts;
 }
 
-static pliant_status split_node(cut_splitting *work, int32_t node, int32_t **capacity, int32_t *room_size)
+static pliant_status split_node(cut_splitting *work, int32_t node, int32_t **buffer, int32_t *buffer_size)
 {
     bool severed = false;
     pliant_status status = pliant_split_around(work, node);
@@ -163,12 +163,12 @@ static pliant_status split_node(cut_splitting *work, int32_t node, int32_t **cap
     for (int32_t i = 0; i < count && !severed; i++)
         for (int c = 0; c < 4; c++) severed = severed || work->severed[4 * (work->around[i] / 4) + c];
     if (!severed) return PLIANT_OK;
-    if (2 * count > *room_size) {
-        if (!pliant_grow(capacity, 4 * (size_t)count, sizeof **capacity))
+    if (2 * count > *buffer_size) {
+        if (!pliant_grow(buffer, 4 * (size_t)count, sizeof **buffer))
             return pliant_fail_memory("the nodes that the blade splits");
-        *room_size = 4 * count;
+        *buffer_size = 4 * count;
     }
-    int32_t *part = *capacity, *whole = *capacity + count;
+    int32_t *part = *buffer, *whole = *buffer + count;
     if (find_parts(work, part, whole) == 1) return PLIANT_OK;
     for (int32_t i = 1; i < count && status == PLIANT_OK; i++) { /* the first part keeps the node */
         if (part[i] != i) continue;
@@ -201,16 +201,16 @@ static void report_separated_faces(const cut_splitting *work, const face_list *l
 pliant_status pliant_split_faces(cut_splitting *work, const pliant_cut_sweep *sweep, pliant_cut_report *report)
 {
     face_list list = {0};
-    int32_t *capacity = NULL, room_size = 0;
+    int32_t *buffer = NULL, buffer_size = 0;
     const int32_t nodes = work->num_nodes;
     pliant_status status = list_faces(work, &list);
     if (status == PLIANT_OK && list.count > 0) {
         status = sever(work, &list);
         for (int32_t n = 0; n < nodes && status == PLIANT_OK; n++)
-            if (work->on[n]) status = split_node(work, n, &capacity, &room_size);
+            if (work->on[n]) status = split_node(work, n, &buffer, &buffer_size);
         if (status == PLIANT_OK) report_separated_faces(work, &list, sweep, report);
     }
     pliant_free(list.faces);
-    pliant_free(capacity);
+    pliant_free(buffer);
     return status;
 }

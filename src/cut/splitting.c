@@ -16,7 +16,7 @@ static bool grow_nodes(cut_splitting *work, int32_t capacity)
     bool good = pliant_grow(&work->rest, count, 3 * sizeof *work->rest) &&
                 pliant_grow(&work->between, count, sizeof *work->between) && pliant_grow(&work->fixed, count, 1) &&
                 pliant_grow(&work->on, count, 1) && pliant_grow(&work->first, count, sizeof *work->first);
-    if (good) work->node_room = capacity;
+    if (good) work->node_capacity = capacity;
     return good;
 }
 
@@ -66,7 +66,7 @@ void pliant_split_end(cut_splitting *work)
 pliant_status pliant_split_add_node(cut_splitting *work, pliant_between between, uint8_t fixed)
 {
     const int32_t node = work->num_nodes;
-    if (node == work->node_room && !grow_nodes(work, 2 * node)) return no_memory();
+    if (node == work->node_capacity && !grow_nodes(work, 2 * node)) return no_memory();
     const double *a = work->rest + 3 * (size_t)between.end[0], *b = work->rest + 3 * (size_t)between.end[1];
     for (int d = 0; d < 3; d++) work->rest[3 * (size_t)node + d] = a[d] + between.fraction * (b[d] - a[d]);
     work->between[node] = between;

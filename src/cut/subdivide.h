@@ -14,7 +14,7 @@ typedef struct cut_splitting {
     const double *positions;       /* deformed positions of the body's nodes */
     const cut_strip *strip;
     double slack;                  /* [m] */
-    int32_t num_nodes, node_room;
+    int32_t num_nodes, node_capacity;
     double *rest;                  /* (num_nodes x 3) rest positions */
     pliant_between *between;       /* (num_nodes) edge positions of the appended nodes */
     uint8_t *fixed;                /* (num_nodes) pliant_fixing */

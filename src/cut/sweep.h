@@ -32,13 +32,13 @@ PLIANT_INLINE bool pliant_turns_left(const float p[2], const float q[2])
 /* Project a point along the segment from a to b, which becomes the origin (Woop, Benthin and Wald 2013). */
 PLIANT_INLINE void pliant_see_along(const double a[3], const double b[3], const double point[3], float out[2])
 {
-    const double way[3] = {b[0] - a[0], b[1] - a[1], b[2] - a[2]};
-    int z = fabs(way[0]) > fabs(way[1]) ? 0 : 1;
-    if (fabs(way[2]) > fabs(way[z])) z = 2;
+    const double direction[3] = {b[0] - a[0], b[1] - a[1], b[2] - a[2]};
+    int z = fabs(direction[0]) > fabs(direction[1]) ? 0 : 1;
+    if (fabs(direction[2]) > fabs(direction[z])) z = 2;
     const int x = (z + 1) % 3, y = (z + 2) % 3;
-    const double along = (point[z] - a[z]) / way[z];
-    out[0] = (float)(point[x] - a[x] - along * way[x]);
-    out[1] = (float)(point[y] - a[y] - along * way[y]);
+    const double along = (point[z] - a[z]) / direction[z];
+    out[0] = (float)(point[x] - a[x] - along * direction[x]);
+    out[1] = (float)(point[y] - a[y] - along * direction[y]);
 }
 
 /* Return whether the segment from a to b passes through a triangle.
@@ -48,10 +48,11 @@ PLIANT_INLINE bool pliant_passes_through(const double a[3], const double b[3], c
                                          const double normal[3], double slack)
 {
     if (pliant_in_front(normal, corner, a, slack) == pliant_in_front(normal, corner, b, slack)) return false;
-    float seen[3][2];
-    for (int v = 0; v < 3; v++) pliant_see_along(a, b, corner + 3 * v, seen[v]);
-    const bool left = pliant_turns_left(seen[0], seen[1]);
-    return left == pliant_turns_left(seen[1], seen[2]) && left == pliant_turns_left(seen[2], seen[0]);
+    float projected[3][2];
+    for (int v = 0; v < 3; v++) pliant_see_along(a, b, corner + 3 * v, projected[v]);
+    const bool left = pliant_turns_left(projected[0], projected[1]);
+    return left == pliant_turns_left(projected[1], projected[2]) &&
+           left == pliant_turns_left(projected[2], projected[0]);
 }
 
 #endif

@@ -44,8 +44,8 @@ class Retraction(Base):
         self.sim.reset()
         self.tool.move(GRASP)
         self.tool.grasp(GRASP)
-        way = self.random.normal(size=3)
-        self.goal = GRASP + FARTHEST * self.random.uniform(0.3, 1) * way / np.linalg.norm(way)
+        toward = self.random.normal(size=3)
+        self.goal = GRASP + FARTHEST * self.random.uniform(0.3, 1) * toward / np.linalg.norm(toward)
         self.tip, self.steps = GRASP.copy(), 0
         return self._observe(), {}
 
@@ -60,8 +60,8 @@ class Retraction(Base):
         distance = np.linalg.norm(state["held_point"] - self.goal)
         reached = bool(distance < REACHED)
         reward = -distance / FARTHEST - FORCE_PRICE * np.linalg.norm(state["force"]) + reached
-        told = {"distance": distance, "force": state["force"], "error": self.sim.error, "converged": converged}
-        return self._observe(), float(reward), reached, self.steps >= self.max_steps, told
+        info = {"distance": distance, "force": state["force"], "error": self.sim.error, "converged": converged}
+        return self._observe(), float(reward), reached, self.steps >= self.max_steps, info
 
     def render(self):
         """Return a slice of the deformed scan through the grasped point, grey from -200 to 300 Hounsfield units."""
@@ -79,11 +79,11 @@ class Retraction(Base):
 if __name__ == "__main__":
     world = Retraction()
     for episode in range(int(sys.argv[1]) if len(sys.argv) > 1 else 2):
-        seen, _ = world.reset(seed=episode)
+        observation, _ = world.reset(seed=episode)
         total, done = 0.0, False
         while not done:  # a straight path to the goal as a baseline for a policy
-            seen, reward, reached, late, told = world.step((seen[3:6] - seen[0:3]) / STEP)
-            total, done = total + reward, reached or late
+            observation, reward, terminated, truncated, info = world.step((observation[3:6] - observation[0:3]) / STEP)
+            total, done = total + reward, terminated or truncated
         print("episode %d: %s after %d steps, %.1f mm from the goal, %.2f N, reward %.2f" % (
-            episode, "reached" if reached else "not reached", world.steps, 1e3 * told["distance"],
-            np.linalg.norm(told["force"]), total))
+            episode, "reached" if terminated else "not reached", world.steps, 1e3 * info["distance"],
+            np.linalg.norm(info["force"]), total))

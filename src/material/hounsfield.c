@@ -15,8 +15,8 @@ static double air_threshold(const double value[PERCENTILES])
     for (int n = 0; n < PERCENTILES; n++) all += value[n];
     for (int n = 1; n < PERCENTILES; n++) {
         below += value[n - 1];
-        double apart = (all - below) / (PERCENTILES - n) - below / n,
-               variance = (double)n * (PERCENTILES - n) * apart * apart;
+        double difference = (all - below) / (PERCENTILES - n) - below / n,
+               variance = (double)n * (PERCENTILES - n) * difference * difference;
         if (!(variance > best)) continue;
         best = variance;
         threshold = 0.5 * (value[n - 1] + value[n]);

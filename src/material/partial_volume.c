@@ -11,11 +11,11 @@ typedef struct grid {
 } grid;
 
 /* Return the material at a distance along a direction; -1: outside of the volume. */
-static int material_at(const grid *in, const int32_t at[3], const int32_t way[3], int far)
+static int material_at(const grid *in, const int32_t at[3], const int32_t direction[3], int far)
 {
     size_t voxel = 0, pitch = 1;
     for (int d = 0; d < 3; d++) {
-        const int32_t index = at[d] + far * way[d];
+        const int32_t index = at[d] + far * direction[d];
         if (index < 0 || index >= in->size[d]) return -1;
         voxel += pitch * (size_t)index;
         pitch *= (size_t)in->size[d];
@@ -31,10 +31,10 @@ static bool is_heavy(const grid *in, int material, double density)
 }
 
 /* Return the distance of the first dense voxel along a direction; 0: it is too far, or air comes first. */
-static int find_tissue(const grid *in, const int32_t at[3], const int32_t way[3], double density)
+static int find_tissue(const grid *in, const int32_t at[3], const int32_t direction[3], double density)
 {
     for (int far = 1; far <= REACH; far++) {
-        const int material = material_at(in, at, way, far);
+        const int material = material_at(in, at, direction, far);
         if (is_heavy(in, material, density)) return far;
         if (is_empty(in, material)) return 0;
     }
@@ -42,11 +42,12 @@ static int find_tissue(const grid *in, const int32_t at[3], const int32_t way[3]
 }
 
 /* Return the same distance for air that is two voxels deep. A single voxel is noise in light tissue. */
-static int find_air(const grid *in, const int32_t at[3], const int32_t way[3], double density)
+static int find_air(const grid *in, const int32_t at[3], const int32_t direction[3], double density)
 {
     for (int far = 1; far <= REACH; far++) {
-        const int material = material_at(in, at, way, far);
-        if (material >= 0 && is_empty(in, material)) return is_empty(in, material_at(in, at, way, far + 1)) ? far : 0;
+        const int material = material_at(in, at, direction, far);
+        if (material >= 0 && is_empty(in, material))
+            return is_empty(in, material_at(in, at, direction, far + 1)) ? far : 0;
         if (material < 0 || is_heavy(in, material, density)) return 0;
     }
     return 0;
@@ -64,12 +65,14 @@ uint8_t pliant_material_for_display(const pliant_material_table *table, const in
     /* Test directions to faces first, then edges, then corners. */
     for (int sides = 1; sides <= 3; sides++)
         for (int n = 0; n < 27; n++) {
-            const int32_t way[3] = {n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1}, back[3] = {-way[0], -way[1], -way[2]};
-            if ((way[0] != 0) + (way[1] != 0) + (way[2] != 0) != sides) continue;
-            const int tissue = find_tissue(&in, at, way, density), air = tissue ? find_air(&in, at, back, density) : 0;
+            const int32_t direction[3] = {n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1},
+                          back[3] = {-direction[0], -direction[1], -direction[2]};
+            if ((direction[0] != 0) + (direction[1] != 0) + (direction[2] != 0) != sides) continue;
+            const int tissue = find_tissue(&in, at, direction, density),
+                      air = tissue ? find_air(&in, at, back, density) : 0;
             if (!air || tissue + air >= nearest) continue;
             nearest = tissue + air;
-            found = material_at(&in, at, way, tissue);
+            found = material_at(&in, at, direction, tissue);
         }
     return (uint8_t)found;
 }

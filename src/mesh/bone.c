@@ -28,10 +28,10 @@ typedef struct bone_work {
     double voxels[3];          /* per cell, along each axis */
     int32_t *start, *around;   /* tetrahedra of every node */
     double (*at)[3], (*target)[3];
-    double *apart;             /* (nodes) squared distance to the target; INFINITY: the node stays */
-    uint8_t *held;             /* (nodes) nonzero: next to a left-out tetrahedron */
-    uint8_t *place;            /* (nodes) pliant_bone_side */
-    struct candidate { double apart; int32_t node; } *candidates;
+    double *squared_distance; /* (nodes) squared distance to the target; INFINITY: the node stays */
+    uint8_t *held;            /* (nodes) nonzero: next to a left-out tetrahedron */
+    uint8_t *place;           /* (nodes) pliant_bone_side */
+    struct candidate { double squared_distance; int32_t node; } *candidates;
 } bone_work;
 
 static bool is_fixed(const bone_work *work, const int32_t v[3])
@@ -53,16 +53,16 @@ static bool fixed_at(const bone_work *work, const double at[3])
 /* Test the nearest point of a rectangle of the surface, between voxel v and the next one along an axis. */
 static void try_face(const bone_work *work, int32_t node, const int32_t v[3], int axis)
 {
-    double point[3], apart = 0;
+    double point[3], squared_distance = 0;
     for (int d = 0; d < 3; d++) {
         double at = work->at[node][d], low = v[d] / work->voxels[d], high = (v[d] + 1) / work->voxels[d];
         point[d] = d == axis ? high : fmin(fmax(at, low), high);
         bool side = at == 0 || at == work->mesh->cells[d];
         if (side && fabs(point[d] - at) > on_surface) return; /* would leave the side of the box */
-        apart += (point[d] - at) * (point[d] - at);
+        squared_distance += (point[d] - at) * (point[d] - at);
     }
-    if (apart >= work->apart[node]) return;
-    work->apart[node] = apart;
+    if (squared_distance >= work->squared_distance[node]) return;
+    work->squared_distance[node] = squared_distance;
     memcpy(work->target[node], point, sizeof point);
 }
 
@@ -73,7 +73,7 @@ static void find_target(const bone_work *work, int32_t node)
         low[d] = (int32_t)fmax(floor((work->at[node][d] - reach) * work->voxels[d]) - 1, 0);
         high[d] = (int32_t)fmin(ceil((work->at[node][d] + reach) * work->voxels[d]), work->geometry->size[d] - 1);
     }
-    work->apart[node] = INFINITY;
+    work->squared_distance[node] = INFINITY;
     for (v[2] = low[2]; v[2] <= high[2]; v[2]++)
         for (v[1] = low[1]; v[1] <= high[1]; v[1]++)
             for (v[0] = low[0]; v[0] <= high[0]; v[0]++)
@@ -82,8 +82,9 @@ static void find_target(const bone_work *work, int32_t node)
                     if (next[d] > high[d] || is_fixed(work, v) == is_fixed(work, next)) continue;
                     try_face(work, node, v, d);
                 }
-    if (work->apart[node] > reach * reach) work->apart[node] = INFINITY;
-    if (work->held[node] && work->apart[node] > on_surface * on_surface) work->apart[node] = INFINITY;
+    if (work->squared_distance[node] > reach * reach) work->squared_distance[node] = INFINITY;
+    if (work->held[node] && work->squared_distance[node] > on_surface * on_surface)
+        work->squared_distance[node] = INFINITY;
 }
 
 /* Return the quality: 1 for a regular tetrahedron, 0 for a flat one. It is 6 sqrt(2) V divided by the cubed root mean
@@ -165,12 +166,12 @@ static pliant_status prepare(bone_work *work)
     work->around = pliant_calloc((size_t)mesh->num_tets, 4 * sizeof *work->around);
     work->at = pliant_calloc(nodes, sizeof *work->at);
     work->target = pliant_calloc(nodes, sizeof *work->target);
-    work->apart = pliant_calloc(nodes, sizeof *work->apart);
+    work->squared_distance = pliant_calloc(nodes, sizeof *work->squared_distance);
     work->held = pliant_calloc(nodes, 1);
     work->place = pliant_calloc(nodes, 1);
     work->candidates = pliant_calloc(nodes, sizeof *work->candidates);
-    if (!work->start || !work->around || !work->at || !work->target || !work->apart || !work->held || !work->place ||
-        !work->candidates)
+    if (!work->start || !work->around || !work->at || !work->target || !work->squared_distance || !work->held ||
+        !work->place || !work->candidates)
         return pliant_fail_memory("the nodes on bone");
     for (int d = 0; d < 3; d++) work->voxels[d] = (double)work->geometry->size[d] / mesh->cells[d];
     for (int32_t v = 0; v < 4 * mesh->num_tets; v++) work->start[mesh->tets[v] + 2]++;
@@ -200,7 +201,7 @@ static pliant_status prepare(bone_work *work)
 static int nearest_first(const void *a, const void *b)
 {
     const struct candidate *i = a, *j = b;
-    if (i->apart != j->apart) return i->apart < j->apart ? -1 : 1;
+    if (i->squared_distance != j->squared_distance) return i->squared_distance < j->squared_distance ? -1 : 1;
     return i->node < j->node ? -1 : i->node > j->node;
 }
 
@@ -211,13 +212,13 @@ static int32_t move_nodes(bone_work *work)
 #pragma omp parallel for schedule(dynamic, 64)
     for (int32_t n = 0; n < mesh->num_nodes; n++) {
         find_target(work, n);
-        work->place[n] = work->apart[n] <= on_surface * on_surface ? PLIANT_BONE_SURFACE
+        work->place[n] = work->squared_distance[n] <= on_surface * on_surface ? PLIANT_BONE_SURFACE
                          : fixed_at(work, work->at[n])             ? PLIANT_BONE_INSIDE
                                                                    : PLIANT_BONE_OUTSIDE;
     }
     for (int32_t n = 0; n < mesh->num_nodes; n++)
-        if (work->place[n] != PLIANT_BONE_SURFACE && work->apart[n] < INFINITY)
-            work->candidates[count++] = (struct candidate){work->apart[n], n};
+        if (work->place[n] != PLIANT_BONE_SURFACE && work->squared_distance[n] < INFINITY)
+            work->candidates[count++] = (struct candidate){work->squared_distance[n], n};
     qsort(work->candidates, (size_t)count, sizeof *work->candidates, nearest_first);
     for (int pass = 0; pass < 2; pass++) /* nodes that could not move may move after others */
         for (int32_t c = 0; c < count; c++) {
@@ -231,7 +232,7 @@ static void place_nodes(const bone_work *work)
 {
     pliant_mesh *mesh = work->mesh;
     for (int32_t n = 0; n < mesh->num_nodes; n++) {
-        if (work->place[n] != PLIANT_BONE_SURFACE || work->apart[n] <= on_surface * on_surface) continue;
+        if (work->place[n] != PLIANT_BONE_SURFACE || work->squared_distance[n] <= on_surface * on_surface) continue;
         for (int r = 0; r < 3; r++) {
             mesh->rest[3 * n + r] = mesh->corner[r];
             for (int d = 0; d < 3; d++)
@@ -260,7 +261,7 @@ pliant_status pliant_mesh_bone(const pliant_geometry *geometry, const uint8_t *f
     pliant_free(work.around);
     pliant_free(work.at);
     pliant_free(work.target);
-    pliant_free(work.apart);
+    pliant_free(work.squared_distance);
     pliant_free(work.held);
     pliant_free(work.place);
     pliant_free(work.candidates);

@@ -151,13 +151,13 @@ static void add_support_point(piece_support *foot, const double *point, double l
     }
     double u[3], v[3], area[3];
     for (int d = 0; d < 3; d++) u[d] = point[d] - foot->point[0][d];
-    double apart = sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2]);
-    if (apart < 1e-6 * length) return;
+    double distance = sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2]);
+    if (distance < 1e-6 * length) return;
     if (foot->count == 2) {
         for (int d = 0; d < 3; d++) v[d] = foot->point[1][d] - foot->point[0][d];
         for (int d = 0; d < 3; d++) area[d] = u[(d + 1) % 3] * v[(d + 2) % 3] - u[(d + 2) % 3] * v[(d + 1) % 3];
         double base = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-        if (sqrt(area[0] * area[0] + area[1] * area[1] + area[2] * area[2]) < 1e-6 * apart * base) return;
+        if (sqrt(area[0] * area[0] + area[1] * area[1] + area[2] * area[2]) < 1e-6 * distance * base) return;
     }
     foot->point[foot->count++] = point;
 }

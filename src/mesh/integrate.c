@@ -206,13 +206,13 @@ pliant_status pliant_mesh_integrate_moved(const pliant_mesh *mesh, const pliant_
                                           const pliant_material_table *table, pliant_tet_material *out)
 {
     axis_map maps[3] = {{0}};
-    touched adjacent = {0};
+    touched list = {0};
     uint32_t *count = NULL;
-    pliant_status status = touch(mesh, &adjacent);
+    pliant_status status = touch(mesh, &list);
     for (int d = 0; d < 3 && status == PLIANT_OK; d++)
         status = axis_create(geometry->size[d], mesh->cells[d], maps + d);
-    if (status != PLIANT_OK || adjacent.count == 0) goto done;
-    if (!(count = pliant_calloc((size_t)adjacent.count * table->num_materials, sizeof *count))) {
+    if (status != PLIANT_OK || list.count == 0) goto done;
+    if (!(count = pliant_calloc((size_t)list.count * table->num_materials, sizeof *count))) {
         status = pliant_fail_memory("the tetrahedra on bone");
         goto done;
     }
@@ -221,12 +221,12 @@ pliant_status pliant_mesh_integrate_moved(const pliant_mesh *mesh, const pliant_
     for (int32_t flat = 0; flat < num_cells; flat++) {
         int32_t cell[3] = {flat % mesh->cells[0], flat / mesh->cells[0] % mesh->cells[1],
                            flat / mesh->cells[0] / mesh->cells[1]};
-        if (adjacent.cell[flat])
-            count_moved(mesh, geometry, maps, cell, material_of_voxel, adjacent.number, table->num_materials, count);
+        if (list.cell[flat])
+            count_moved(mesh, geometry, maps, cell, material_of_voxel, list.number, table->num_materials, count);
     }
     for (int32_t t = 0; t < mesh->num_tets; t++) {
-        if (adjacent.number[t] < 0) continue;
-        uint32_t *own = count + (size_t)adjacent.number[t] * table->num_materials, moving = 0, all = 0;
+        if (list.number[t] < 0) continue;
+        uint32_t *own = count + (size_t)list.number[t] * table->num_materials, moving = 0, all = 0;
         bool outside = false;
         for (int v = 0; v < 4; v++)
             outside = outside || mesh->place_of_node[mesh->tets[4 * t + v]] == PLIANT_BONE_OUTSIDE;
@@ -240,8 +240,8 @@ pliant_status pliant_mesh_integrate_moved(const pliant_mesh *mesh, const pliant_
     }
 done:
     for (int d = 0; d < 3; d++) axis_free(maps + d);
-    pliant_free(adjacent.number);
-    pliant_free(adjacent.cell);
+    pliant_free(list.number);
+    pliant_free(list.cell);
     pliant_free(count);
     return status;
 }

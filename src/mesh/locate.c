@@ -131,17 +131,17 @@ int32_t pliant_mesh_locate_deformed(const pliant_mesh *mesh, const double *posit
     if (!isfinite(world[0]) || !isfinite(world[1]) || !isfinite(world[2])) return -1;
     for (int32_t tet = 0; tet < mesh->num_tets; tet++) {
         const int32_t *nodes = mesh->tets + 4 * tet;
-        bool apart = false;
-        for (int d = 0; d < 3 && !apart; d++) {
+        bool outside = false;
+        for (int d = 0; d < 3 && !outside; d++) {
             double low = INFINITY, high = -INFINITY;
             for (int v = 0; v < 4; v++) {
                 low = fmin(low, positions[3 * nodes[v] + d]);
                 high = fmax(high, positions[3 * nodes[v] + d]);
             }
             double slack = tolerance * (high - low);
-            apart = world[d] < low - slack || world[d] > high + slack;
+            outside = world[d] < low - slack || world[d] > high + slack;
         }
-        if (!apart && barycentric_of(mesh, positions, tet, world, barycentric)) return tet;
+        if (!outside && barycentric_of(mesh, positions, tet, world, barycentric)) return tet;
     }
     return -1;
 }

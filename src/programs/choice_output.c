@@ -34,7 +34,7 @@ pliant_status choice_output(const pliant_report_input *input, const char *folder
             "chosen: %s\nerrors on the probe load, worst frame, in %% of the largest displacement: max %.3g, p95 %.3g, "
             "rms %.3g; by choose/measure, from when patches are there and the tissue has sagged: %.3g; "
             "a step takes %.3g ms\n",
-            choice.options, 100 * choice.max, 100 * choice.p95, 100 * choice.rms, 100 * choice.later,
+            choice.options, 100 * choice.max, 100 * choice.p95, 100 * choice.rms, 100 * choice.settled_error,
             1e3 * choice.seconds);
         status = write(input, folder, pictures, &tables);
     }

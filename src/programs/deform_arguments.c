@@ -54,7 +54,7 @@ static const char help[] =
     "with --every\n"
     "                     also mesh.pvd and surface.pvd, the series of all steps\n"
     "  --unit m|mm        of lengths in surface.ply, mesh.vtu and surface.vtp (default: m)\n"
-    "  --seen VALUE       errors of --compare count only voxels of at least this value, as in an isosurface\n"
+    "  --min-value VALUE  errors of --compare count only voxels of at least this value, as in an isosurface\n"
     "  --quiet            no progress and no tables, warnings and errors only\n"
     "  --options          print every scene option as a table and end\n"
     "  --help             print this and end\n"
@@ -91,7 +91,7 @@ enum {
     RADIOGRAPH,
     SCALARS,
     COMPARE,
-    SEEN,
+    MIN_VALUE,
     DISPLACEMENT,
     TISSUE_DISPLACEMENT,
     VTK,
@@ -109,7 +109,7 @@ static const struct option options[] = {
     {"no-volume", no_argument, NULL, NO_VOLUME}, {"pictures", no_argument, NULL, PICTURES},
     {"camera", required_argument, NULL, CAMERA}, {"radiograph", required_argument, NULL, RADIOGRAPH},
     {"scalars", required_argument, NULL, SCALARS}, {"compare", required_argument, NULL, COMPARE},
-    {"seen", required_argument, NULL, SEEN},   {"displacement", required_argument, NULL, DISPLACEMENT},
+    {"min-value", required_argument, NULL, MIN_VALUE}, {"displacement", required_argument, NULL, DISPLACEMENT},
     {"tissue-displacement", required_argument, NULL, TISSUE_DISPLACEMENT},
     {"vtk", no_argument, NULL, VTK},           {"unit", required_argument, NULL, UNIT},
     {"quiet", no_argument, NULL, QUIET},       {"options", no_argument, NULL, OPTIONS},
@@ -175,12 +175,12 @@ static bool read_compared(const char *text, deform_arguments *out)
     return out->num_compared > 0;
 }
 
-static bool read_seen(const char *text, double *out)
+static bool read_min_value(const char *text, double *out)
 {
     char *end;
     *out = strtod(text, &end);
     if (*text && !*end && isfinite(*out)) return true;
-    fprintf(stderr, "--seen %s: expected the value of a voxel\n", text);
+    fprintf(stderr, "--min-value %s: expected the value of a voxel\n", text);
     return false;
 }
 
@@ -229,7 +229,7 @@ bool deform_arguments_read(int argc, char **argv, deform_arguments *out, int *ex
     pliant_scene_defaults(&out->scene);
     out->scan = "phantom";
     out->volume = true;
-    out->seen = -INFINITY;
+    out->min_value = -INFINITY;
     out->unit = 1;
     *exit_code = EXIT_USAGE;
     const char *labels = NULL;
@@ -260,8 +260,8 @@ bool deform_arguments_read(int argc, char **argv, deform_arguments *out, int *ex
         case COMPARE:
             if (!read_compared(optarg, out)) return false;
             break;
-        case SEEN:
-            if (!read_seen(optarg, &out->seen)) return false;
+        case MIN_VALUE:
+            if (!read_min_value(optarg, &out->min_value)) return false;
             break;
         case DISPLACEMENT:
             if (!read_field("--displacement", optarg, &out->displacement)) return false;
@@ -288,8 +288,8 @@ bool deform_arguments_read(int argc, char **argv, deform_arguments *out, int *ex
         fputs("--out DIR is missing; see pliant_deform --help\n", stderr);
         return false;
     }
-    if (!out->volume && (out->pictures || isfinite(out->seen))) {
-        fprintf(stderr, "%s needs the volume: remove --no-volume\n", out->pictures ? "--pictures" : "--seen");
+    if (!out->volume && (out->pictures || isfinite(out->min_value))) {
+        fprintf(stderr, "%s needs the volume: remove --no-volume\n", out->pictures ? "--pictures" : "--min-value");
         return false;
     }
     if (!check_fields(out) || !command_line_scene(argc, argv, options, SET, &out->scene, exit_code)) return false;

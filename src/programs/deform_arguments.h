@@ -34,7 +34,7 @@ typedef struct deform_arguments {
     pliant_scalar scalars[PLIANT_NUM_SCALARS];
     int num_compared;      /* 0: only the scene's own method */
     pliant_method compared[PLIANT_NUM_METHODS]; /* the last one is the reference */
-    double seen;           /* minimum voxel value that counts in errors; -INFINITY: all voxels with tissue */
+    double min_value;           /* minimum voxel value that counts in errors; -INFINITY: all voxels with tissue */
 } deform_arguments;
 
 /* Read the command line. Return true to continue. Return false to exit with *exit_code after help, a requested list, or

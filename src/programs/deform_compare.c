@@ -12,10 +12,10 @@
 #include <stdio.h>
 #include <string.h>
 
-/* Errors over the voxels with tissue and a value of at least --seen: distance from the tissue's position in the
+/* Errors over the voxels with tissue and a value of at least --min-value: distance from the tissue's position in the
  * reference, and displacement in the reference ([H] figure 2). */
 typedef struct run_errors {
-    pliant_error apart, moved; /* [m] */
+    pliant_error difference, moved; /* [m] */
 } run_errors;
 
 static pliant_status summarize(const deform_run *run, const deform_run *other, const double *positions,
@@ -31,7 +31,7 @@ static pliant_status summarize(const deform_run *run, const deform_run *other, c
     const size_t size = pliant_geometry_voxels(target);
     for (size_t v = 0; shown && v < size; ++v)
         /* excluded like a voxel without tissue */
-        if (pliant_volume_value(shown, v) < run->arguments->seen) ((float *)voxels.voxels)[v] = -1;
+        if (pliant_volume_value(shown, v) < run->arguments->min_value) ((float *)voxels.voxels)[v] = -1;
     status = pliant_error_histogram(&voxels, 1, 1.0, &count, out);
     pliant_volume_free(&voxels);
     return status;
@@ -39,7 +39,8 @@ static pliant_status summarize(const deform_run *run, const deform_run *other, c
 
 static pliant_status errors_of(const deform_run *run, const deform_run *reference, run_errors *out)
 {
-    pliant_status status = summarize(run, reference, pliant_data_get_positions(reference->data, NULL), &out->apart);
+    pliant_status status =
+        summarize(run, reference, pliant_data_get_positions(reference->data, NULL), &out->difference);
     return status < 0 ? status
                       : summarize(reference, reference, pliant_data_get_body(reference->data)->fine.rest, &out->moved);
 }
@@ -63,12 +64,12 @@ static pliant_status write_table(const deform_arguments *arguments, const deform
         const char *name = deform_method_name(runs[m].scene.model.method);
         run_errors errors;
         if ((status = errors_of(&runs[m], reference, &errors)) < 0) break;
-        const pliant_error *apart = &errors.apart;
+        const pliant_error *difference = &errors.difference;
         double median = 1e3 * runs[m].times.median,
-               part = errors.moved.max > 0.0 ? 100.0 * apart->max / errors.moved.max : 0.0;
-        fprintf(file, "%s,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", name, median, 1e3 * apart->max, 1e3 * apart->rms,
-                1e3 * errors.moved.max, part, 1e3 * apart->p95);
-        printf("%-12s %14.2f %18.3f %14.3f %10.2f\n", name, median, 1e3 * apart->max, 1e3 * apart->rms, part);
+               part = errors.moved.max > 0.0 ? 100.0 * difference->max / errors.moved.max : 0.0;
+        fprintf(file, "%s,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", name, median, 1e3 * difference->max, 1e3 * difference->rms,
+                1e3 * errors.moved.max, part, 1e3 * difference->p95);
+        printf("%-12s %14.2f %18.3f %14.3f %10.2f\n", name, median, 1e3 * difference->max, 1e3 * difference->rms, part);
     }
     int failed = ferror(file) | fclose(file);
     return status < 0 ? status : failed ? pliant_fail(PLIANT_ERROR_FILE, "%s: %s", path, strerror(errno)) : PLIANT_OK;

@@ -75,8 +75,8 @@ static pliant_status step_through(deform_run *run)
     const deform_arguments *arguments = run->arguments;
     const pliant_path *path = &run->inputs->path;
     double dt = run->scene.solver.step;
-    long moving = (long)ceil(pliant_path_end(path) / dt), asked = arguments->steps;
-    long last = asked ? asked : moving + MAX_SETTLING_STEPS;
+    long moving = (long)ceil(pliant_path_end(path) / dt), requested = arguments->steps;
+    long last = requested ? requested : moving + MAX_SETTLING_STEPS;
     for (long step = 1; step <= last && !console_stop_requested(); ++step) {
         double gravity[3];
         pliant_status status = deform_tools_move(&run->tools, run->model, run->data, step, (double)step * dt);
@@ -94,10 +94,11 @@ static pliant_status step_through(deform_run *run)
             status = deform_write(run, step);
             if (status < 0) return status;
         }
-        const bool settling = !asked && step > moving;
-        pliant_report_progress(console_progress(), settling ? 1.0 : (double)step / (double)(asked ? asked : moving + 1),
+        const bool settling = !requested && step > moving;
+        pliant_report_progress(console_progress(),
+                               settling ? 1.0 : (double)step / (double)(requested ? requested : moving + 1),
                                settling ? "settling" : "steps");
-        if (!asked && step > moving && stepped == PLIANT_OK) break;
+        if (!requested && step > moving && stepped == PLIANT_OK) break;
     }
     console_progress_end();
     return PLIANT_OK;

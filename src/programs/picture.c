@@ -214,8 +214,8 @@ void picture_label_colour(int label, uint8_t rgb[3])
 {
     double hue = fmod(label * 0.61803398875, 1.0) * 6, shade = label % 3 == 0 ? 255 : label % 3 == 1 ? 200 : 150;
     for (int c = 0; c < 3; c++) {
-        double apart = fabs(fmod(hue - 2 * c + 9, 6) - 3); /* 0 where the channel is strongest */
-        rgb[c] = (uint8_t)(shade * fmin(fmax(2 - apart, 0.15), 1));
+        double hue_distance = fabs(fmod(hue - 2 * c + 9, 6) - 3); /* 0 where the channel is strongest */
+        rgb[c] = (uint8_t)(shade * fmin(fmax(2 - hue_distance, 0.15), 1));
     }
 }
 

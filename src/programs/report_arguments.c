@@ -25,7 +25,7 @@ static const char help[] =
     "scan.* and markers.csv (as of\n"
     "                       pliant_fit) with load_1.yaml ...; or folders with such\n"
     "  --materials A,B     materials that the fit of a scene.yaml determines (default: all except empty and fixed)\n"
-    "  --left-out          time and memory without each stage of the scene\n"
+    "  --ablation          time and memory without each stage of the scene\n"
     "  --stability         extreme cases, on a small block; with --full also loads on the scan (needs no scan "
     "otherwise)\n"
     "  --case NAME         one stability case only; --cases prints their names\n"
@@ -48,7 +48,7 @@ static const char help[] =
     "  --frames N          of a pull (default: 30)\n"
     "  --repeats N         runs of each case; the fastest time of each frame is reported, "
     "for a machine that does other work\n"
-    "  --twice N           maximum number of tetrahedra of a mesh of twice the resolution, which is also solved (0: "
+    "  --refined N         maximum number of tetrahedra of a mesh of twice the resolution, which is also solved (0: "
     "never)\n"
     "  --shard I/N         one part of N of the sweep's models, I from 1 to N, each in a separate folder; "
     "results do not depend on N\n"
@@ -76,7 +76,7 @@ enum {
     TRUTH,
     VALIDATE,
     MATERIALS,
-    LEFT_OUT,
+    ABLATION,
     STABILITY,
     CASE,
     CASES,
@@ -93,7 +93,7 @@ enum {
     PULL,
     FRAMES,
     REPEATS,
-    TWICE,
+    REFINED,
     SHARD,
     MERGE,
     NO_WARP,
@@ -110,7 +110,7 @@ static const struct option options[] = {
     {"truth", no_argument, NULL, TRUTH},
     {"validate", required_argument, NULL, VALIDATE},
     {"materials", required_argument, NULL, MATERIALS},
-    {"left-out", no_argument, NULL, LEFT_OUT},
+    {"ablation", no_argument, NULL, ABLATION},
     {"stability", no_argument, NULL, STABILITY},
     {"case", required_argument, NULL, CASE},
     {"cases", no_argument, NULL, CASES},
@@ -129,7 +129,7 @@ static const struct option options[] = {
     {"repeats", required_argument, NULL, REPEATS},
     {"shard", required_argument, NULL, SHARD},
     {"merge", required_argument, NULL, MERGE},
-    {"twice", required_argument, NULL, TWICE},
+    {"refined", required_argument, NULL, REFINED},
     {"no-warp", no_argument, NULL, NO_WARP},
     {"no-pictures", no_argument, NULL, NO_PICTURES},
     {"quiet", no_argument, NULL, QUIET},
@@ -216,7 +216,7 @@ static void set_full_sweep(report_arguments *out)
     for (size_t b = 0; b < sizeof budgets / sizeof *budgets; b++)
         out->sweep.iterations[out->sweep.num_iterations++] = budgets[b];
     out->num_points = 3;
-    out->sweep.twice_limit = 2e6;
+    out->sweep.max_refined_tets = 2e6;
     out->stability_on_scan = true;
     out->stability.long_steps = 1000000;
 }
@@ -261,7 +261,7 @@ static bool read_one(int code, report_arguments *out)
         out->measured[out->num_measured++] = optarg;
         break;
     case MATERIALS: good = read_names(optarg, out); break;
-    case LEFT_OUT: out->do_left_out = true; break;
+    case ABLATION: out->do_ablation = true; break;
     case STABILITY: out->do_stability = true; break;
     case CASE:
         out->do_stability = true;
@@ -302,7 +302,7 @@ static bool read_one(int code, report_arguments *out)
         good = read_number("--repeats", optarg, 1, 1000, &number);
         sweep->repeats = (int32_t)number;
         break;
-    case TWICE: good = read_number("--twice", optarg, 0, 1e12, &sweep->twice_limit); break;
+    case REFINED: good = read_number("--refined", optarg, 0, 1e12, &sweep->max_refined_tets); break;
     case SHARD: {
         char rest;
         if (sscanf(optarg, "%" SCNd32 "/%" SCNd32 "%c", &sweep->shard, &sweep->shards, &rest) != 2 ||
@@ -347,11 +347,11 @@ bool report_arguments_read(int argc, char **argv, report_arguments *out, int *ex
     if (!read_scene(argc, argv, out, exit_code)) return false;
     for (int code; (code = getopt_long(argc, argv, "", options, NULL)) != -1;)
         if (!read_one(code, out)) return false;
-    if (!out->do_sweep && !out->do_truth && !out->do_left_out && !out->do_stability && !out->num_measured &&
+    if (!out->do_sweep && !out->do_truth && !out->do_ablation && !out->do_stability && !out->num_measured &&
         !out->num_parts)
-        out->do_sweep = out->do_truth = out->do_left_out = out->do_stability = true;
+        out->do_sweep = out->do_truth = out->do_ablation = out->do_stability = true;
     if (!out->folder) return wrong("--out", "DIR", "is missing; see pliant_report --help");
-    if (!out->scan && (out->do_sweep || out->do_truth || out->do_left_out))
+    if (!out->scan && (out->do_sweep || out->do_truth || out->do_ablation))
         return wrong("--scan", "PATH", "is missing: only --stability needs no scan");
     return true;
 }

@@ -23,7 +23,7 @@ typedef struct report_arguments {
     int num_labels, num_points;   /* num_points: maximum number of points to pull if none is given */
     pliant_stability stability;
     bool pull_given;              /* the pull was given; otherwise it is scaled to the body */
-    bool do_sweep, do_truth, do_left_out, do_stability, stability_on_scan, pictures, quiet;
+    bool do_sweep, do_truth, do_ablation, do_stability, stability_on_scan, pictures, quiet;
 } report_arguments;
 
 /* Read the command line. Return true to continue; false to exit with *exit_code. */

@@ -106,12 +106,12 @@ static const char *cell(const pliant_results *table, size_t row, const char *nam
 
 static void print_sweep(const pliant_results *table, const char *setup)
 {
-    printf("\n%-10s %-5s %-22s %-10s %-12s %-12s %9s %9s %9s %9s\n", "method", "ratio", "touch, variant", "budget",
+    printf("\n%-10s %-5s %-22s %-10s %-12s %-12s %9s %9s %9s %9s\n", "method", "ratio", "submesh, variant", "budget",
            "case", "point", "solver ms", "max %", "rms %", "max mm");
     for (size_t r = 0; r < pliant_results_rows(table); r++) {
         if (strcmp(pliant_results_cell(table, r, 0), setup) != 0) continue;
         printf("%-10s %-5s %-10s %-11s %-10s %-12s %-12s %9s %9s %9s %9s %s\n", cell(table, r, "method"),
-               cell(table, r, "ratio"), cell(table, r, "touch"), cell(table, r, "variant"), cell(table, r, "budget"),
+               cell(table, r, "ratio"), cell(table, r, "submesh"), cell(table, r, "variant"), cell(table, r, "budget"),
                cell(table, r, "case"), cell(table, r, "point"), cell(table, r, "solver_median_ms"),
                cell(table, r, "max_percent"), cell(table, r, "rms_percent"), cell(table, r, "max_mm"),
                cell(table, r, "message"));
@@ -129,7 +129,7 @@ static void print_truth(const pliant_results *table, const char *setup)
         any = true;
         printf("%-12s %-12s %12s %14s %14s %14s   %s\n", cell(table, r, "case"), cell(table, r, "point"),
                cell(table, r, "largest_mm"), cell(table, r, "mesh_p95_percent"),
-               cell(table, r, "mesh_p95_percent_at_twice"), cell(table, r, "solver_p95_percent"),
+               cell(table, r, "mesh_p95_percent_refined"), cell(table, r, "solver_p95_percent"),
                cell(table, r, "advice"));
     }
 }
@@ -148,10 +148,10 @@ static void print_validation(const pliant_results *table)
 
 static void print_stages(const pliant_results *table, const char *setup)
 {
-    printf("\n%-12s %14s %10s %10s %10s\n", "left out", "frame [ms]", "saved", "held [MB]", "saved");
+    printf("\n%-12s %14s %10s %10s %10s\n", "omitted", "frame [ms]", "saved", "held [MB]", "saved");
     for (size_t r = 0; r < pliant_results_rows(table); r++)
         if (strcmp(pliant_results_cell(table, r, 0), setup) == 0)
-            printf("%-12s %14s %10s %10s %10s\n", cell(table, r, "left_out"), cell(table, r, "frame_median_ms"),
+            printf("%-12s %14s %10s %10s %10s\n", cell(table, r, "omitted"), cell(table, r, "frame_median_ms"),
                    cell(table, r, "saved_ms"), cell(table, r, "held_mb"), cell(table, r, "saved_mb"));
 }
 
@@ -207,13 +207,13 @@ static pliant_status run(report_program *program)
         status = pliant_sweep_run(&program->input, &arguments->sweep, arguments->folder, &program->tables,
                                   console_progress());
     if (status >= 0 && arguments->do_truth)
-        status = run_truth(program, !arguments->do_sweep && !arguments->do_left_out);
+        status = run_truth(program, !arguments->do_sweep && !arguments->do_ablation);
     /* a scene that cannot be swept (tled on a ground plane) can still have the other reports */
     pliant_status swept = status;
     if (status == PLIANT_ERROR_SCENE) status = PLIANT_OK;
-    if (status >= 0 && arguments->do_left_out)
-        status = pliant_left_out_run(&program->input, &arguments->sweep, &program->tables, console_progress());
-    if (status >= 0 && arguments->scene.solver.kind == PLIANT_TLED && (arguments->do_sweep || arguments->do_left_out))
+    if (status >= 0 && arguments->do_ablation)
+        status = pliant_ablation_run(&program->input, &arguments->sweep, &program->tables, console_progress());
+    if (status >= 0 && arguments->scene.solver.kind == PLIANT_TLED && (arguments->do_sweep || arguments->do_ablation))
         status = pliant_dynamics_run(&program->input, &arguments->sweep, &program->tables, console_progress());
     for (int m = 0; status >= 0 && m < arguments->num_measured; m++)
         status = pliant_validation_run(arguments->measured[m], arguments->num_names, arguments->names, &program->tables,
@@ -231,7 +231,7 @@ static pliant_status finish(report_program *program)
         print_sweep(program->tables.sweep, program->setup);
     if (arguments->do_truth && arguments->scan) print_truth(program->tables.truth, program->setup);
     if (arguments->num_measured) print_validation(program->tables.validation);
-    if (arguments->do_left_out && arguments->scan) print_stages(program->tables.stages, program->setup);
+    if (arguments->do_ablation && arguments->scan) print_stages(program->tables.stages, program->setup);
     if (arguments->scan) print_dynamics(program->tables.dynamics, program->setup);
     if (arguments->do_stability) print_stability(program->tables.stability);
     pliant_status status = pliant_report_json(arguments->folder, program->setup, &arguments->scene, &program->tables);

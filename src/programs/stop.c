@@ -10,7 +10,7 @@
 #include <time.h>
 #include <unistd.h>
 
-static void (*told)(int number);
+static void (*stop_handler)(int number);
 
 static sigset_t signals_of_stop(void)
 {
@@ -27,7 +27,7 @@ static void *wait_for_signals(void *unused)
     const struct timespec left = {.tv_nsec = 700000000};
     int number;
     while (sigwait(&set, &number) != 0) {}
-    told(number);
+    stop_handler(number);
     sigtimedwait(&set, NULL, &left); /* returns early on a second signal */
     _exit(EXIT_STOPPED);
     return unused;
@@ -42,11 +42,11 @@ static void end_early_threads(void)
     if (child > 0) waitpid(child, NULL, 0);
 }
 
-void stop_on_signals(void (*asked)(int number))
+void stop_on_signals(void (*handler)(int number))
 {
     const sigset_t set = signals_of_stop();
     pthread_t thread;
-    told = asked;
+    stop_handler = handler;
     if (pthread_sigmask(SIG_BLOCK, &set, NULL) != 0) return;
     end_early_threads();
     if (pthread_create(&thread, NULL, wait_for_signals, NULL) == 0) pthread_detach(thread);

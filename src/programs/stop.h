@@ -10,7 +10,7 @@ extern "C" {
  * second signal, it exits with EXIT_STOPPED, because a factorization or a file read cannot be interrupted. Call this
  * before any other thread starts, so that all threads block these signals. METIS installs a handler for SIGTERM while
  * it orders a matrix, and would lose the signal. */
-void stop_on_signals(void (*asked)(int number));
+void stop_on_signals(void (*handler)(int number));
 
 /* Unblock these signals in a child process after fork. */
 void stop_signals_in_child(void);

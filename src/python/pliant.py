@@ -205,12 +205,12 @@ class Volume:
 
 
 def _volume_at(address):
-    told = _c.Struct("pliant_volume", address)
-    values = _c.array(told["voxels"], {1: "B", 2: "h", 3: "f"}[told["encoding"]],
-                      *(int(n) for n in told["geometry.size"][::-1]))
-    direction = told["geometry.direction"].reshape(3, 3)
-    return Volume(values, told["geometry.origin"], told["geometry.spacing"], direction, told["slope"],
-                  told["intercept"], told["background"])
+    record = _c.Struct("pliant_volume", address)
+    values = _c.array(record["voxels"], {1: "B", 2: "h", 3: "f"}[record["encoding"]],
+                      *(int(n) for n in record["geometry.size"][::-1]))
+    direction = record["geometry.direction"].reshape(3, 3)
+    return Volume(values, record["geometry.origin"], record["geometry.spacing"], direction, record["slope"],
+                  record["intercept"], record["background"])
 
 
 class Displacement:
@@ -252,17 +252,17 @@ class Contacts:
     tools (n) index, -1: no tool; parts (n) part of the tool's shape; tissue (n) True for contact between tissue and
     tissue."""
 
-    def __init__(self, told):
-        self._told = told
+    def __init__(self, record):
+        self._record = record
         self.points, self.normals, self.forces, self.areas, self.depths, self.tools, self.parts, self.tissue = (
-            told[name].copy() for name in ("place", "normal", "force", "area", "depth", "tool", "part", "tissue"))
+            record[name].copy() for name in ("place", "normal", "force", "area", "depth", "tool", "part", "tissue"))
 
     def __len__(self):
-        return len(self._told)
+        return len(self._record)
 
     def of(self, tool):
         """Contacts of one tool, by its index."""
-        return Contacts(self._told[self.tools == tool])
+        return Contacts(self._record[self.tools == tool])
 
 
 class Proxy(typing.NamedTuple):
@@ -485,9 +485,9 @@ class Sim:
     def statistics(self):
         """Statistics of the last step, by the names of pliant_statistics. ended is a number; ended_text is the
         reason why the step ended early."""
-        told = _c.Struct("pliant_statistics", _c.library.pliant_data_get_statistics(self._data))
-        return dict({name: told[name] for name in told.fields},
-                    ended_text=_c.library.pliant_step_end_text(told["ended"]).decode())
+        record = _c.Struct("pliant_statistics", _c.library.pliant_data_get_statistics(self._data))
+        return dict({name: record[name] for name in record.fields},
+                    ended_text=_c.library.pliant_step_end_text(record["ended"]).decode())
 
     @property
     def error(self):
@@ -640,10 +640,10 @@ class Sim:
     @property
     def contacts(self):
         """Contacts of the last step, with tools, obstacles and tissue."""
-        room = _c.library.pliant_data_get_contacts(self._data, 0, None)
-        told = _c.records("pliant_contact", room)
-        _c.library.pliant_data_get_contacts(self._data, room, told.ctypes.data)
-        return Contacts(told)
+        capacity = _c.library.pliant_data_get_contacts(self._data, 0, None)
+        record = _c.records("pliant_contact", capacity)
+        _c.library.pliant_data_get_contacts(self._data, capacity, record.ctypes.data)
+        return Contacts(record)
 
     def wrench(self, name="tool"):
         """(6) force [N] and torque about its tip [N m] of a tool on the tissue."""
@@ -672,9 +672,9 @@ class Tool:
         return self._sim._tools[self._name]
 
     def _get(self):
-        told = _c.Struct("pliant_tool_state")
-        _c.call("tool_get", self._sim._data, self._index, told.address)
-        return told
+        record = _c.Struct("pliant_tool_state")
+        _c.call("tool_get", self._sim._data, self._index, record.address)
+        return record
 
     def move(self, tip, rotation=None):
         """Set the tip position [m], and the orientation as a quaternion x y z w."""
@@ -752,28 +752,28 @@ class Tool:
     @property
     def state(self):
         """State of the tool, by the names of pliant_tool_state."""
-        told = self._get()
-        return {name: told[name] for name in told.fields}
+        record = self._get()
+        return {name: record[name] for name in record.fields}
 
     @property
     def force(self):
         """(3) force on the tissue in the last step, by grasp, blade and contact [N]."""
-        told = self._get()
-        return told["force"] + told["contact_force"]
+        record = self._get()
+        return record["force"] + record["contact_force"]
 
     @property
     def wrench(self):
         """(6) force [N], and torque about the proxy's tip [N m]."""
-        told = self._get()
-        torque = np.cross(told["held_point"] - told["proxy_tip"], told["force"]) + told["contact_torque"]
-        return np.concatenate([told["force"] + told["contact_force"], torque])
+        record = self._get()
+        torque = np.cross(record["held_point"] - record["proxy_tip"], record["force"]) + record["contact_torque"]
+        return np.concatenate([record["force"] + record["contact_force"], torque])
 
     @property
     def proxy(self):
         """The simulated tool after the last step, which tissue can stop, as a Proxy. A tool without a shape is its
         own proxy."""
-        told = self._get()
-        return Proxy(told["proxy_tip"], told["proxy_rotation"], told["proxy_jaw"])
+        record = self._get()
+        return Proxy(record["proxy_tip"], record["proxy_rotation"], record["proxy_jaw"])
 
     @property
     def proxy_error(self):

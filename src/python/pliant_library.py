@@ -140,8 +140,8 @@ class Struct:
 
     def __init__(self, of, address=None):
         self.fields, self.size = layout.get(of, {}), library.pliant_layout_size(of.encode())
-        self.room = ctypes.create_string_buffer(self.size) if address is None else None
-        self.address = address if address is not None else ctypes.addressof(self.room)
+        self.buffer = ctypes.create_string_buffer(self.size) if address is None else None
+        self.address = address if address is not None else ctypes.addressof(self.buffer)
 
     def __getitem__(self, name):
         kind, offset, count = self.fields[name]

@@ -190,7 +190,7 @@ static pliant_status measure(pliant_model *model, const pliant_sweep *sweep, sta
     return status;
 }
 
-pliant_status pliant_left_out_run(const pliant_report_input *input, const pliant_sweep *sweep,
+pliant_status pliant_ablation_run(const pliant_report_input *input, const pliant_sweep *sweep,
                                   pliant_report_tables *tables, pliant_progress progress)
 {
     report_row row;
@@ -198,7 +198,7 @@ pliant_status pliant_left_out_run(const pliant_report_input *input, const pliant
     bool missing = false;
     double whole[2], own[2];
     pliant_model *model = NULL;
-    if (sweep->num_points < 1) return pliant_fail(PLIANT_ERROR_ARGUMENT, "--left-out needs a point to pull at");
+    if (sweep->num_points < 1) return pliant_fail(PLIANT_ERROR_ARGUMENT, "--ablation needs a point to pull at");
     pliant_report_setup(input, sweep, setup);
     for (int n = 0; n < NUM_CONFIGURATIONS; n++) {
         key(setup, n, &row);

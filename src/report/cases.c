@@ -185,7 +185,9 @@ pliant_status report_case_run(const pliant_model *model, const report_case *load
         clocked += clock;
         run.cpu_time_fraction += ran;
         double fraction =
-            limits.own_time && clock > ran && strcmp(pliant_data_get_backend(run.data), "cpu") == 0 ? ran / clock : 1;
+            limits.uses_thread_time && clock > ran && strcmp(pliant_data_get_backend(run.data), "cpu") == 0
+                ? ran / clock
+                : 1;
         const pliant_statistics *statistics = &run.data->statistics;
         for (int s = 0; s < PLIANT_NUM_STEP_STAGES; s++)
             run.seconds[s * load->frames + f] = fraction * statistics->seconds[s];

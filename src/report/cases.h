@@ -37,7 +37,7 @@ typedef struct report_limits {
     bool iterates_to_tolerance;
     bool before_patch;  /* start the pull immediately after the grasp; otherwise when the patch is available */
     /* measure the CPU time of the stepping thread instead of wall time, so that other programs do not count */
-    bool own_time;
+    bool uses_thread_time;
     pliant_progress progress; /* called in every frame; its fraction refers to the run */
 } report_limits;
 

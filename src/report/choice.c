@@ -58,8 +58,9 @@ static void log_points(const choice_state *state, int from)
     for (int p = from; p < state->num_points; p++) {
         const choice_point *point = state->points + p;
         pliant_log(PLIANT_LOG_INFO, "choose: %8.3f %% %s (%.3f %% later) %9.3f ms  %s solver/iterations=%d",
-                   100 * point->error[measure], choice_phase_text(point->worst[measure]), 100 * point->later[measure],
-                   1e3 * point->seconds, choice_describe(&point->candidate, scene, text), (int)point->iterations);
+                   100 * point->error[measure], choice_phase_text(point->worst[measure]),
+                   100 * point->settled_error[measure], 1e3 * point->seconds,
+                   choice_describe(&point->candidate, scene, text), (int)point->iterations);
     }
     if (from == state->num_points && !state->is_out_of_time)
         pliant_log(PLIANT_LOG_WARNING, "choose: dropped %s",
@@ -76,7 +77,7 @@ static pliant_status try_candidate(choice_state *state)
     if (status < 0) return status;
     ground->scene.solver.backend = ground->reference.solver.backend;
     choice_name_variant(candidate, ground->input->scene, state->sweep.variant);
-    status = sweep_run_model(&state->sweep, candidate->by.method, candidate->by.touch);
+    status = sweep_run_model(&state->sweep, candidate->by.method, candidate->by.submesh);
     if (status == PLIANT_ERROR_CANCELLED && state->cancelled) return status;
     state->num_points += choice_collect_points(ground, candidate, first, state->points + from);
     state->dropped += from == state->num_points && !state->is_out_of_time;
@@ -102,14 +103,14 @@ static pliant_status make_reference(choice_state *state)
     ground->scene = *ground->input->scene;
     ground->scene.element.kind = pliant_scene_element_kind(&ground->scene, NULL);
     ground->reference = ground->scene;
-    ground->reference.mesh.ratio = choice_reference_ratio(ground->input->scene, state->settings.twice_limit);
-    state->settings.twice_limit = 0; /* it is the only model */
+    ground->reference.mesh.ratio = choice_reference_ratio(ground->input->scene, state->settings.max_refined_tets);
+    state->settings.max_refined_tets = 0; /* it is the only model */
     sweep_list_cases(ground);
-    bool twice = ground->reference.mesh.ratio > ground->input->scene->mesh.ratio;
-    if (twice) state->end = state->start + reference_part * ground->input->scene->choose.seconds;
+    bool refined = ground->reference.mesh.ratio > ground->input->scene->mesh.ratio;
+    if (refined) state->end = state->start + reference_part * ground->input->scene->choose.seconds;
     pliant_status status = sweep_prepare(&state->sweep, all);
     state->end = state->start + ground->input->scene->choose.seconds;
-    if (status < 0 && !state->cancelled && twice) {
+    if (status < 0 && !state->cancelled && refined) {
         pliant_log(PLIANT_LOG_WARNING, "choose: nothing is measured against a mesh of twice the resolution: %s",
                    state->is_out_of_time ? "it takes too long" : pliant_last_error());
         state->is_out_of_time = false;
@@ -147,7 +148,7 @@ static pliant_status try_all(choice_state *state)
 
 static bool mesh_is_larger(const pliant_choice *choice)
 {
-    return choice->mesh > choice->error + choice->left_out - choice->mesh;
+    return choice->mesh > choice->error + choice->reference_error - choice->mesh;
 }
 
 static pliant_status write_result_row(const choice_state *state, const choice_point *point, const pliant_choice *choice)
@@ -160,7 +161,7 @@ static pliant_status write_result_row(const choice_state *state, const choice_po
     row_text(&row, state->sweep.setup);
     row_integer(&row, point->candidate.mesh.ratio);
     row_text(&row, choice_method_name(&point->candidate));
-    row_text(&row, choice_touch_name(&point->candidate));
+    row_text(&row, choice_submesh_name(&point->candidate));
     row_text(&row, variant);
     row_integer(&row, point->iterations);
     row_text(&row, choice->options);
@@ -174,9 +175,9 @@ static pliant_status write_result_row(const choice_state *state, const choice_po
     row_number(&row, 100 * choice->p95);
     row_number(&row, 100 * choice->rms);
     row_text(&row, choice_phase_text(point->worst[scene->choose.measure]));
-    row_number(&row, 100 * choice->later);
-    if (choice->left_out > 0) {
-        row_number(&row, 100 * choice->left_out);
+    row_number(&row, 100 * choice->settled_error);
+    if (choice->reference_error > 0) {
+        row_number(&row, 100 * choice->reference_error);
         row_number(&row, 100 * choice->mesh);
         row_text(&row, mesh_is_larger(choice) ? "mesh" : "solver");
     } else {
@@ -192,19 +193,20 @@ static pliant_status write_result_row(const choice_state *state, const choice_po
 
 static void warn(const pliant_scene *scene, const choice_point *point, const pliant_choice *choice)
 {
-    char later[80] = "";
-    if (choice->later < choice->error) snprintf(later, sizeof later, "; %.3g %% later on", 100 * choice->later);
+    char settled_error[80] = "";
+    if (choice->settled_error < choice->error)
+        snprintf(settled_error, sizeof settled_error, "; %.3g %% later on", 100 * choice->settled_error);
     const char *phase = choice_phase_text(point->worst[scene->choose.measure]);
     if (!choice->within_budget)
         pliant_log(PLIANT_LOG_WARNING,
                    "choose/budget_ms: no candidate takes at most %g ms; the quickest takes %.3g ms, with an error "
                    "of %.3g %% (%s%s)",
-                   scene->choose.budget_ms, 1e3 * choice->seconds, 100 * choice->error, phase, later);
+                   scene->choose.budget_ms, 1e3 * choice->seconds, 100 * choice->error, phase, settled_error);
     else if (scene->choose.max_error > 0 && choice->error > scene->choose.max_error)
         pliant_log(
             PLIANT_LOG_WARNING,
             "choose/max_error: nothing within %g ms is as accurate as %g %%; the best has an error of %.3g %% (%s%s)",
-            scene->choose.budget_ms, 100 * scene->choose.max_error, 100 * choice->error, phase, later);
+            scene->choose.budget_ms, 100 * scene->choose.max_error, 100 * choice->error, phase, settled_error);
 }
 
 static pliant_status take(const choice_state *state, pliant_choice *out)
@@ -212,9 +214,9 @@ static pliant_status take(const choice_state *state, pliant_choice *out)
     const pliant_scene *scene = state->sweep.ground.input->scene;
     const pliant_measure measure = scene->choose.measure;
     const int32_t finest = state->sweep.ground.reference.mesh.ratio;
-    const double left_out = choice_reference_error(state->points, state->num_points, finest, measure);
+    const double reference_error = choice_reference_error(state->points, state->num_points, finest, measure);
     const choice_point *point =
-        choice_best(state->points, state->num_points, measure, left_out, 1e-3 * scene->choose.budget_ms);
+        choice_best(state->points, state->num_points, measure, reference_error, 1e-3 * scene->choose.budget_ms);
     pliant_choice choice = {.made = true,
                             .within_budget = point != NULL,
                             .tried = state->index,
@@ -231,12 +233,14 @@ static pliant_status take(const choice_state *state, pliant_choice *out)
     choice.max = point->error[PLIANT_MEASURE_MAX];
     choice.p95 = point->error[PLIANT_MEASURE_P95];
     choice.rms = point->error[PLIANT_MEASURE_RMS];
-    choice.later = point->later[measure];
+    choice.settled_error = point->settled_error[measure];
     const choice_mesh *mesh = &point->candidate.mesh;
-    const double apart = choice_mesh_error(state->points, state->num_points, mesh->cells_factor * mesh->ratio, measure);
-    choice.left_out = left_out;
+    const double mesh_error =
+        choice_mesh_error(state->points, state->num_points, mesh->cells_factor * mesh->ratio, measure);
+    choice.reference_error = reference_error;
     choice.mesh =
-        left_out + (isnan(apart) || mesh->cells_factor * mesh->ratio == finest ? 0 : fmin(apart, choice.error));
+        reference_error +
+        (isnan(mesh_error) || mesh->cells_factor * mesh->ratio == finest ? 0 : fmin(mesh_error, choice.error));
     choice.seconds = choice_seconds(state->points, state->num_points, point);
     choice_describe(&point->candidate, scene, choice.options);
     size_t used = strlen(choice.options);
@@ -247,11 +251,11 @@ static pliant_status take(const choice_state *state, pliant_choice *out)
     pliant_log(PLIANT_LOG_INFO,
                "choose: took %s: error %.3g %% of the largest displacement (%s), %s, %.3g %% later on; %.3g ms a step",
                choice.options, 100 * choice.error, measure_names[measure], choice_phase_text(point->worst[measure]),
-               100 * choice.later, 1e3 * choice.seconds);
-    if (left_out > 0)
+               100 * choice.settled_error, 1e3 * choice.seconds);
+    if (reference_error > 0)
         pliant_log(
             PLIANT_LOG_INFO, "choose: its mesh is off by some %.3g %%, of which the reference leaves out %.3g %%; %s",
-            100 * choice.mesh, 100 * left_out,
+            100 * choice.mesh, 100 * reference_error,
             mesh_is_larger(&choice) ? "a finer one would pay, or another element/kind" : "the solver is off by more");
     *out = choice;
     return PLIANT_OK;
@@ -283,7 +287,7 @@ static void prepare(const pliant_report_input *input, pliant_report_tables *tabl
     settings->reference_tolerance = fmin(reference_tolerance, 0.1 * scene->solver.tolerance);
     settings->max_ms = scene->choose.budget_ms;
     settings->paced = true;
-    settings->own_time = true;
+    settings->uses_thread_time = true;
     settings->repeats = REPEATS;
     settings->before_patch = true;
     settings->warp = false;

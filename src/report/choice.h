@@ -22,7 +22,7 @@ extern const int32_t choice_budgets[CHOICE_BUDGETS]; /* numbers of iterations pe
 
 typedef struct choice_method {
     pliant_method method;
-    pliant_touch touch;
+    pliant_submesh_extent submesh;
     double patch; /* model/patch [m] */
 } choice_method;
 
@@ -52,10 +52,10 @@ const char *choice_phase_text(choice_phase phase);
 typedef struct choice_point {
     choice_candidate candidate;
     int32_t iterations;
-    double error[NUM_MEASURES];       /* maximum over all frames */
-    choice_phase worst[NUM_MEASURES]; /* phase of the frame with this error */
-    double later[NUM_MEASURES];       /* maximum after patches are available and the tissue has settled */
-    double seconds;                   /* median step, as measured */
+    double error[NUM_MEASURES];         /* maximum over all frames */
+    choice_phase worst[NUM_MEASURES];   /* phase of the frame with this error */
+    double settled_error[NUM_MEASURES]; /* maximum after patches are available and the tissue has settled */
+    double seconds;                     /* median step, as measured */
     /* work per step; if none of these increases, the time does not either */
     double evaluations;               /* mean number of evaluations */
     int32_t solved_tetrahedra, fine_tetrahedra;
@@ -74,11 +74,11 @@ int choice_list_candidates(const pliant_scene *scene, int32_t finest, choice_can
 pliant_status choice_scene(const pliant_scene *scene, const choice_candidate *candidate, pliant_scene *out);
 /* Return the options of a candidate in the syntax of --set. */
 const char *choice_describe(const choice_candidate *candidate, const pliant_scene *scene, char out[PLIANT_CHOICE_TEXT]);
-/* Return the same without method, touch and ratio, which have separate columns. */
+/* Return the same without method, submesh and ratio, which have separate columns. */
 enum { CHOICE_VARIANT = sizeof((sweep_state *)NULL)->variant };
 void choice_name_variant(const choice_candidate *candidate, const pliant_scene *scene, char out[CHOICE_VARIANT]);
 const char *choice_method_name(const choice_candidate *candidate);
-const char *choice_touch_name(const choice_candidate *candidate); /* "" except for schur */
+const char *choice_submesh_name(const choice_candidate *candidate); /* "" except for schur */
 
 /* ---- choice_points.c */
 /* Collect the points of a candidate from its rows of the sweep's table, starting at `first`: for each budget the
@@ -99,7 +99,7 @@ double choice_reference_error(const choice_point *points, int count, int32_t res
 /* Return the best point within a time limit; NULL: no point is fast enough. The reference's error is added to each
  * error, so that no iterations are spent below it. Points whose maximum errors are equal within a factor of two are
  * compared by their later errors. Among points within 5 % of the best, the fastest is taken. */
-const choice_point *choice_best(const choice_point *points, int count, pliant_measure measure, double left_out,
+const choice_point *choice_best(const choice_point *points, int count, pliant_measure measure, double reference_error,
                                 double max_seconds);
 const choice_point *choice_fastest(const choice_point *points, int count); /* NULL: the list is empty */
 

@@ -8,26 +8,26 @@
 
 /* Alternatives to the scene's method, most accurate first. */
 static const choice_method methods[CHOICE_METHODS] = {
-    {PLIANT_FINE, PLIANT_TOUCH_OVERLAP, 0},
-    {PLIANT_AVERAGED, PLIANT_TOUCH_OVERLAP, 0.05},
-    {PLIANT_AVERAGED, PLIANT_TOUCH_OVERLAP, 0},
-    {PLIANT_COARSE, PLIANT_TOUCH_OVERLAP, 0},
-    {PLIANT_LOD, PLIANT_TOUCH_OVERLAP, 0},
-    {PLIANT_SCHUR, PLIANT_TOUCH_OVERLAP, 0},
-    {PLIANT_SCHUR, PLIANT_TOUCH_FACE, 0},
+    {PLIANT_FINE, PLIANT_SUBMESH_OVERLAP, 0},
+    {PLIANT_AVERAGED, PLIANT_SUBMESH_OVERLAP, 0.05},
+    {PLIANT_AVERAGED, PLIANT_SUBMESH_OVERLAP, 0},
+    {PLIANT_COARSE, PLIANT_SUBMESH_OVERLAP, 0},
+    {PLIANT_LOD, PLIANT_SUBMESH_OVERLAP, 0},
+    {PLIANT_SCHUR, PLIANT_SUBMESH_OVERLAP, 0},
+    {PLIANT_SCHUR, PLIANT_SUBMESH_FACE, 0},
 };
 const int32_t choice_budgets[CHOICE_BUDGETS] = {1, 2, 3, 4, 6, 8, 12, 18, 30};
 
 #define NAME(name, yaml) #yaml,
 static const char *const method_names[] = {PLIANT_METHOD_LIST(NAME)};
-static const char *const touch_names[] = {PLIANT_TOUCH_LIST(NAME)};
+static const char *const submesh_names[] = {PLIANT_SUBMESH_EXTENT_LIST(NAME)};
 #undef NAME
 
 const char *choice_method_name(const choice_candidate *candidate) { return method_names[candidate->by.method]; }
 
-const char *choice_touch_name(const choice_candidate *candidate)
+const char *choice_submesh_name(const choice_candidate *candidate)
 {
-    return candidate->by.method == PLIANT_SCHUR ? touch_names[candidate->by.touch] : "";
+    return candidate->by.method == PLIANT_SCHUR ? submesh_names[candidate->by.submesh] : "";
 }
 
 static double lattice_tetrahedra(const pliant_scene *scene, int32_t ratio)
@@ -39,9 +39,9 @@ static double lattice_tetrahedra(const pliant_scene *scene, int32_t ratio)
 
 int32_t choice_reference_ratio(const pliant_scene *scene, double limit)
 {
-    int32_t twice = 2 * scene->mesh.ratio;
+    int32_t refined = 2 * scene->mesh.ratio;
     bool varies = scene->choose.ratio || scene->choose.coarse_cells;
-    return varies && twice <= 8 && lattice_tetrahedra(scene, twice) <= limit ? twice : scene->mesh.ratio;
+    return varies && refined <= 8 && lattice_tetrahedra(scene, refined) <= limit ? refined : scene->mesh.ratio;
 }
 
 /* List cells and ratios whose mesh is not finer than the reference's, coarse ones first. */
@@ -71,7 +71,7 @@ static bool is_listed(const choice_mesh *meshes, int count, int32_t factor, int3
 static bool same_method(const choice_method *a, const choice_method *b)
 {
     bool patched = a->method != PLIANT_FINE; /* the fine method has no patches */
-    return a->method == b->method && a->touch == b->touch && (!patched || a->patch == b->patch);
+    return a->method == b->method && a->submesh == b->submesh && (!patched || a->patch == b->patch);
 }
 
 /* Return whether a method supports the scene's elements. */
@@ -90,7 +90,7 @@ int choice_list_candidates(const pliant_scene *scene, int32_t finest, choice_can
     choice_mesh meshes[CHOICE_MESHES];
     int num_meshes = list_meshes(scene, finest, meshes), count = 0;
     const pliant_method method = scene->model.method;
-    const choice_method own = {method, method == PLIANT_SCHUR ? scene->model.touch : PLIANT_TOUCH_OVERLAP,
+    const choice_method own = {method, method == PLIANT_SCHUR ? scene->model.submesh : PLIANT_SUBMESH_OVERLAP,
                                scene->model.patch};
     out[count++] = (choice_candidate){own, {1, scene->mesh.ratio}};
     for (int n = -1; n < (scene->choose.method ? CHOICE_METHODS : 0); n++) {
@@ -115,7 +115,7 @@ pliant_status choice_scene(const pliant_scene *scene, const choice_candidate *ca
     *out = *scene;
     out->element.kind = pliant_scene_element_kind(scene, NULL); /* a candidate uses the scene's elements */
     out->model.method = candidate->by.method;
-    out->model.touch = candidate->by.touch;
+    out->model.submesh = candidate->by.submesh;
     out->model.patch = candidate->by.patch;
     out->mesh.ratio = candidate->mesh.ratio;
     for (int d = 0; d < 3; d++) out->mesh.coarse_cells[d] *= candidate->mesh.cells_factor;
@@ -125,12 +125,12 @@ pliant_status choice_scene(const pliant_scene *scene, const choice_candidate *ca
 const char *choice_describe(const choice_candidate *candidate, const pliant_scene *scene, char out[PLIANT_CHOICE_TEXT])
 {
     const choice_method *by = &candidate->by;
-    const char *touch = choice_touch_name(candidate);
+    const char *submesh = choice_submesh_name(candidate);
     int32_t factor = candidate->mesh.cells_factor;
     const int32_t *cells = scene->mesh.coarse_cells;
     snprintf(out, PLIANT_CHOICE_TEXT, "model/method=%s%s%s mesh/coarse_cells=%d,%d,%d mesh/ratio=%d",
-             method_names[by->method], touch[0] ? " model/touch=" : "", touch, factor * cells[0], factor * cells[1],
-             factor * cells[2], candidate->mesh.ratio);
+             method_names[by->method], submesh[0] ? " model/submesh=" : "", submesh, factor * cells[0],
+             factor * cells[1], factor * cells[2], candidate->mesh.ratio);
     size_t used = strlen(out);
     if (by->patch != scene->model.patch) snprintf(out + used, PLIANT_CHOICE_TEXT - used, " model/patch=%g", by->patch);
     return out;

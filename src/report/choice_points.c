@@ -61,9 +61,10 @@ static size_t find_row(const pliant_results *table, size_t first, const char *na
 static void add_row(const pliant_results *table, size_t row, choice_phase phase, choice_point *point)
 {
     for (int m = 0; m < NUM_MEASURES; m++) {
-        double worst = 0.01 * number(table, row, error_columns[m]), later = worst;
-        if (phase == CHOICE_PHASE_sag) later = number(table, row, final_columns[m]) / number(table, row, "largest_mm");
-        if (phase != CHOICE_PHASE_hold) point->later[m] = fmax(point->later[m], later);
+        double worst = 0.01 * number(table, row, error_columns[m]), settled_error = worst;
+        if (phase == CHOICE_PHASE_sag)
+            settled_error = number(table, row, final_columns[m]) / number(table, row, "largest_mm");
+        if (phase != CHOICE_PHASE_hold) point->settled_error[m] = fmax(point->settled_error[m], settled_error);
         if (worst > point->error[m]) point->worst[m] = phase;
         point->error[m] = fmax(point->error[m], worst);
     }
@@ -153,27 +154,28 @@ double choice_reference_error(const choice_point *points, int count, int32_t res
                  quarter = choice_mesh_error(points, count, resolution / 4, measure);
     const double theory = 2, minimum = 0.2; /* orders of convergence */
     if (resolution % 4 != 0 || !(half > 0) || !(quarter > 0)) return 0;
-    const double seen = quarter > half ? log2(quarter / half - 1) : minimum;
-    return half / (exp2(0.5 * (fmin(fmax(seen, minimum), theory) + theory)) - 1);
+    const double observed_order = quarter > half ? log2(quarter / half - 1) : minimum;
+    return half / (exp2(0.5 * (fmin(fmax(observed_order, minimum), theory) + theory)) - 1);
 }
 
-const choice_point *choice_best(const choice_point *points, int count, pliant_measure measure, double left_out,
+const choice_point *choice_best(const choice_point *points, int count, pliant_measure measure, double reference_error,
                                 double max_seconds)
 {
     const choice_point *best = NULL;
-    double minimum = INFINITY, min_later = INFINITY, best_seconds = INFINITY;
+    double minimum = INFINITY, min_settled_error = INFINITY, best_seconds = INFINITY;
     for (int p = 0; p < count; p++)
         if (choice_seconds(points, count, points + p) <= max_seconds) minimum = fmin(minimum, points[p].error[measure]);
     for (int pass = 0; pass < 2; pass++)
         for (int p = 0; p < count; p++) {
             const choice_point *point = points + p;
-            double seconds = choice_seconds(points, count, point), later = point->later[measure];
+            double seconds = choice_seconds(points, count, point), settled_error = point->settled_error[measure];
             if (seconds > max_seconds ||
-                point->error[measure] + left_out > equal_max_error_ratio * (minimum + left_out))
+                point->error[measure] + reference_error > equal_max_error_ratio * (minimum + reference_error))
                 continue;
             if (pass == 0)
-                min_later = fmin(min_later, later);
-            else if (later + left_out > equal_settled_error_ratio * (min_later + left_out))
+                min_settled_error = fmin(min_settled_error, settled_error);
+            else if (settled_error + reference_error >
+                     equal_settled_error_ratio * (min_settled_error + reference_error))
                 continue;
             else if (seconds < best_seconds ||
                      (seconds == best_seconds && point->error[measure] < best->error[measure])) {

@@ -109,24 +109,24 @@ static void compare(const pulled_run *whole, const pulled_run *half, time_error 
 {
     const pliant_mesh *mesh = &whole->data->body->fine;
     for (int32_t n = 0; n < mesh->num_nodes; n++) {
-        double apart = 0, moved = 0;
+        double squares = 0, moved = 0;
         for (int i = 3 * n; i < 3 * n + 3; i++) {
-            apart += pow(whole->data->positions[i] - half->data->positions[i], 2);
+            squares += pow(whole->data->positions[i] - half->data->positions[i], 2);
             moved += pow(half->data->positions[i] - mesh->rest[i], 2);
         }
-        out->error = fmax(out->error, 4.0 / 3 * sqrt(apart));
+        out->error = fmax(out->error, 4.0 / 3 * sqrt(squares));
         out->largest = fmax(out->largest, sqrt(moved));
     }
 }
 
-static pliant_status measure_time_error(const pliant_report_input *input, const pliant_scene *asked,
+static pliant_status measure_time_error(const pliant_report_input *input, const pliant_scene *requested,
                                         const pliant_sweep *sweep, time_error *out, pliant_progress progress)
 {
-    pliant_scene scene = *asked;
+    pliant_scene scene = *requested;
     pulled_run whole, half = {0};
     pliant_dynamics dynamics;
     *out = (time_error){0};
-    pliant_status status = pulled_create(input, asked, sweep, progress, &whole);
+    pliant_status status = pulled_create(input, requested, sweep, progress, &whole);
     if (status >= 0) status = pliant_data_get_dynamics(whole.model, whole.data, &dynamics);
     if (status >= 0) { /* exactly twice the number of sub-steps */
         scene.tled.safety = 0.5 * dynamics.time_step / fmin(dynamics.edge_bound, dynamics.eigenvalue_bound);

@@ -34,19 +34,19 @@ pliant_status pliant_error_between(int32_t count, const uint8_t *use, const doub
     int32_t number = 0;
     for (int32_t p = 0; p < count; p++) {
         if (use && !use[p]) continue;
-        double moved = 0, apart = 0;
+        double moved = 0, squared_distance = 0;
         for (int32_t i = 3 * p; i < 3 * p + 3; i++) {
             moved += (reference[i] - rest[i]) * (reference[i] - rest[i]);
-            apart += (reference[i] - other[i]) * (reference[i] - other[i]);
+            squared_distance += (reference[i] - other[i]) * (reference[i] - other[i]);
         }
-        if (!isfinite(moved) || !isfinite(apart)) {
+        if (!isfinite(moved) || !isfinite(squared_distance)) {
             pliant_free(distance);
             return pliant_fail(PLIANT_ERROR_NUMERIC, "point %d has a position that is not finite", p);
         }
         error.largest = fmax(error.largest, sqrt(moved));
-        distance[number++] = sqrt(apart);
-        if (apart > maximum) {
-            maximum = apart;
+        distance[number++] = sqrt(squared_distance);
+        if (squared_distance > maximum) {
+            maximum = squared_distance;
             error.worst = p;
         }
     }

@@ -377,7 +377,7 @@ pliant_status pliant_moduli_fit(const pliant_report_input *input, const pliant_m
     double logs[PLIANT_MAX_MODULI] = {0}, damping = 1e-3;
     double *r = NULL, *other = NULL, *columns = NULL;
     bool done = false;
-    pliant_moduli told = {0};
+    pliant_moduli result = {0};
     pliant_status status = pliant_material_table_copy(input->materials, &fit.table);
     if (status < 0) return status;
     status = begin(&fit, count, names, logs);
@@ -389,18 +389,18 @@ pliant_status pliant_moduli_fit(const pliant_report_input *input, const pliant_m
         if (!r || !other || !columns) status = pliant_fail_memory("the fit");
     }
     if (status >= 0) status = residuals(&fit, logs, r);
-    while (status >= 0 && !done && told.passes < MAX_FIT_PASSES) {
+    while (status >= 0 && !done && result.passes < MAX_FIT_PASSES) {
         status = pass(&fit, logs, r, other, columns, &damping, &done);
-        told.passes++;
+        result.passes++;
     }
     if (status >= 0) status = jacobian(&fit, logs, r, other, columns);
-    if (status >= 0) status = write_result_row(&fit, logs, r, columns, &told);
+    if (status >= 0) status = write_result_row(&fit, logs, r, columns, &result);
     pliant_free(r);
     pliant_free(other);
     pliant_free(columns);
     pliant_material_table_free(&fit.table);
     if (status < 0) return status;
-    report_markers_warn(data->num_markers, data->markers, &told);
-    *out = told;
+    report_markers_warn(data->num_markers, data->markers, &result);
+    *out = result;
     return done ? PLIANT_OK : PLIANT_NOT_CONVERGED;
 }

@@ -3,7 +3,7 @@
 
 Reads the tables in FOLDER (of the last setup unless one is named) and writes
 
-    tradeoff.png, tradeoff_twice.png   error against time per frame, with the Pareto front
+    tradeoff.png, tradeoff_refined.png   error against time per frame, with the Pareto front
     histogram.png                      per-voxel error in the warped image
     error_CASE_POINT_RATIO.png         slices of the per-voxel error
     stages.png                         cost of unused features
@@ -43,7 +43,7 @@ def number(row, column):
 
 
 def method_of(row):
-    return " ".join(filter(None, (row["method"], row["touch"], row["variant"])))
+    return " ".join(filter(None, (row["method"], row["submesh"], row["variant"])))
 
 
 def colours(names):
@@ -233,8 +233,8 @@ def draw_slices(folder, rows):
 def draw_stages(folder, rows):
     if not rows:
         return
-    names = [{"nothing": "nothing left out",
-              "everything": "all left out"}.get(row["left_out"], "without " + row["left_out"]) for row in rows]
+    names = [{"nothing": "nothing omitted",
+              "everything": "all omitted"}.get(row["omitted"], "without " + row["omitted"]) for row in rows]
     figure, axes = plt.subplots(1, 2, figsize=(11, 0.45 * len(rows) + 1.6), sharey=True)
     for axis, column, unit in zip(axes, ("frame_median_ms", "held_mb"),
                                   ("frame, median [ms]", "memory in addition to the model [MB]")):
@@ -248,7 +248,7 @@ def draw_stages(folder, rows):
     axes[0].set_yticks(range(len(rows)))
     axes[0].set_yticklabels(names)
     axes[0].invert_yaxis()
-    figure.suptitle("Parts left out")
+    figure.suptitle("Omitted parts")
     figure.tight_layout(rect=(0, 0, 1, 0.94))
     figure.savefig(os.path.join(folder, "stages.png"), dpi=110)
     plt.close(figure)
@@ -325,7 +325,8 @@ def main():
     against = "on %s tetrahedra" % choice["reference_tetrahedra"] if choice else "at the same resolution"
     column = (choice["measure"] if choice else "max") + "_percent"
     draw_tradeoff(folder, sweep, column, "the fine solution " + against, "tradeoff.png", choice)
-    draw_tradeoff(folder, sweep, "twice_max_percent", "the fine solution at twice the resolution", "tradeoff_twice.png")
+    draw_tradeoff(folder, sweep, "refined_max_percent", "the fine solution at twice the resolution",
+                  "tradeoff_refined.png")
     draw_histograms(folder, read(folder, "histogram", setup))
     draw_slices(folder, read(folder, "slices", setup))
     draw_stages(folder, read(folder, "stages", setup))

@@ -123,7 +123,7 @@ PLIANT_INTERNAL pliant_status pliant_report_merge(const char *from, const char *
 
 /* Measure time and memory of the scene with all stages, without each single stage, and without all stages.
  * Errors: those of building and stepping; CANCELLED. */
-PLIANT_INTERNAL pliant_status pliant_left_out_run(const pliant_report_input *input, const pliant_sweep *sweep,
+PLIANT_INTERNAL pliant_status pliant_ablation_run(const pliant_report_input *input, const pliant_sweep *sweep,
                                                   pliant_report_tables *tables, pliant_progress progress);
 
 /* Measure explicit dynamics of the scene during a pull and a release: bounds of its time step, steps per frame and

@@ -42,7 +42,7 @@ void pliant_report_setup(const pliant_report_input *input, const pliant_sweep *s
 {
     pliant_scene scene = *input->scene; /* padding is zero, because pliant_scene_defaults created it */
     scene.model.method = PLIANT_FINE;
-    scene.model.touch = PLIANT_TOUCH_OVERLAP;
+    scene.model.submesh = PLIANT_SUBMESH_OVERLAP;
     scene.mesh.ratio = 1;
     scene.solver.iterations = 1;
     uint64_t hash = report_hash(14695981039346656037u, PLIANT_VERSION, strlen(PLIANT_VERSION));

@@ -126,7 +126,7 @@ pliant_status trial_spring(stability_trial *trial, const void *argument)
     if (status >= 0) trial_settle(trial);
     double follows = 0;
     for (int d = 0; d < 3; d++) follows += oblique_direction[d] * (trial->data->tools[0].held_point[d] - from[d]);
-    snprintf(trial->figure, sizeof trial->figure, "the held point follows by %.4g of the way",
+    snprintf(trial->figure, sizeof trial->figure, "the held point follows by %.4g of the motion",
              follows / (0.1 * trial->size));
     return trial->last < 0 ? trial->last : trial_release_tools(trial);
 }

@@ -267,10 +267,10 @@ static pliant_status write_result_row(stability_trial *trial)
 
 void trial_use_requested_tled(const stability_context *context, pliant_scene *scene)
 {
-    const pliant_scene *asked = context->options->scene;
-    if (!asked || asked->solver.kind != PLIANT_TLED || context->dynamic) return;
+    const pliant_scene *requested = context->options->scene;
+    if (!requested || requested->solver.kind != PLIANT_TLED || context->dynamic) return;
     scene->solver.kind = PLIANT_TLED;
-    scene->tled = asked->tled;
+    scene->tled = requested->tled;
     scene->tled.quasi_static = true;
 }
 

@@ -15,11 +15,11 @@
 
 #define NAME(name, yaml) #yaml,
 static const char *const method_names[] = {PLIANT_METHOD_LIST(NAME)};
-static const char *const touch_names[] = {PLIANT_TOUCH_LIST(NAME)};
+static const char *const submesh_names[] = {PLIANT_SUBMESH_EXTENT_LIST(NAME)};
 #undef NAME
 enum {
     NUM_METHODS = sizeof method_names / sizeof *method_names,
-    NUM_TOUCHES = sizeof touch_names / sizeof *touch_names
+    NUM_SUBMESHES = sizeof submesh_names / sizeof *submesh_names
 };
 
 /* Return the methods that support the scene's elements. */
@@ -54,7 +54,7 @@ void pliant_sweep_defaults(const pliant_scene *scene, pliant_sweep *out)
     out->frames = 30;
     out->repeats = 1;
     out->reference_tolerance = 1e-6;
-    out->twice_limit = 1.5e5;
+    out->max_refined_tets = 1.5e5;
     out->warp = true;
 }
 
@@ -80,7 +80,7 @@ static pliant_status check(const pliant_sweep *sweep)
 
 /* ---- keys */
 
-static void model_key(const sweep_state *state, int method, int touch, bool before_patch, report_row *row)
+static void model_key(const sweep_state *state, int method, int submesh, bool before_patch, report_row *row)
 {
     char variant[sizeof state->variant + sizeof SWEEP_BEFORE_PATCH + 1];
     snprintf(variant, sizeof variant, "%s%s%s", state->variant, before_patch && state->variant[0] ? " " : "",
@@ -89,7 +89,7 @@ static void model_key(const sweep_state *state, int method, int touch, bool befo
     row_text(row, state->setup);
     row_integer(row, state->ground.scene.mesh.ratio);
     row_text(row, method_names[method]);
-    row_text(row, method == PLIANT_SCHUR ? touch_names[touch] : "");
+    row_text(row, method == PLIANT_SCHUR ? submesh_names[submesh] : "");
     row_text(row, variant);
 }
 
@@ -103,28 +103,28 @@ static void run_key(const sweep_ground *ground, int index, int budget, report_ro
     row_text(row, ground->point_names[index]);
 }
 
-static int num_touches(int method) { return method == PLIANT_SCHUR ? NUM_TOUCHES : 1; }
+static int num_submeshes(int method) { return method == PLIANT_SCHUR ? NUM_SUBMESHES : 1; }
 
 /* Return whether a model belongs to this shard. Models are distributed cyclically in the order of their runs. */
-static bool in_shard(const sweep_state *state, int method, int touch)
+static bool in_shard(const sweep_state *state, int method, int submesh)
 {
     const pliant_sweep *sweep = state->ground.sweep;
     int models = 0, before = 0;
     for (int m = 0; m < NUM_METHODS; m++)
-        for (int t = 0; (sweep->methods >> m & 1) && t < num_touches(m); t++, models++)
-            before += m < method || (m == method && t < touch);
+        for (int t = 0; (sweep->methods >> m & 1) && t < num_submeshes(m); t++, models++)
+            before += m < method || (m == method && t < submesh);
     return sweep->shards == 0 || (state->grounds * models + before) % sweep->shards == sweep->shard - 1;
 }
 
 /* Count the runs of a model that are not in the table yet.
  * missing: Nullable, (cases) set to 1 for missing runs */
-static int count_missing(const sweep_state *state, int method, int touch, uint8_t *missing)
+static int count_missing(const sweep_state *state, int method, int submesh, uint8_t *missing)
 {
     const sweep_ground *ground = &state->ground;
     report_row row;
     int count = 0;
-    if (!in_shard(state, method, touch)) return 0;
-    model_key(state, method, touch, false, &row);
+    if (!in_shard(state, method, submesh)) return 0;
+    model_key(state, method, submesh, false, &row);
     size_t rows = pliant_results_rows(ground->tables->builds);
     int status = pliant_results_column(ground->tables->builds, "status");
     bool built = row_is_stored(&row, ground->tables->builds);
@@ -150,7 +150,7 @@ static int each_missing(const sweep_state *state, uint8_t *missing)
 {
     int count = 0;
     for (int m = 0; m < NUM_METHODS; m++)
-        for (int t = 0; (state->ground.sweep->methods >> m & 1) && t < num_touches(m); t++)
+        for (int t = 0; (state->ground.sweep->methods >> m & 1) && t < num_submeshes(m); t++)
             count += count_missing(state, m, t, missing);
     return count;
 }
@@ -274,7 +274,7 @@ static pliant_status solve_same(sweep_state *state, const uint8_t *missing)
     return status;
 }
 
-static pliant_status solve_twice(sweep_state *state, const uint8_t *missing)
+static pliant_status solve_refined(sweep_state *state, const uint8_t *missing)
 {
     sweep_ground *ground = &state->ground;
     pliant_scene scene = ground->scene;
@@ -285,19 +285,19 @@ static pliant_status solve_twice(sweep_state *state, const uint8_t *missing)
     if (scene.mesh.kind == PLIANT_LATTICE) scene.mesh.ratio *= 2;
     scene.model.method = PLIANT_FINE;
     scene.solver.kind = PLIANT_COROTATIONAL;
-    if (scene.mesh.file[0] || 8.0 * ground->fine->body->fine.num_tets > ground->sweep->twice_limit ||
+    if (scene.mesh.file[0] || 8.0 * ground->fine->body->fine.num_tets > ground->sweep->max_refined_tets ||
         pliant_scene_check(&scene) < 0)
         return PLIANT_OK;
     pliant_status status =
         begin(state, "ratio %d: building the mesh of twice the resolution", ground->scene.mesh.ratio);
     if (status >= 0) status = build(state, &scene, &model, &peak);
     if (status >= 0)
-        status = pliant_points_create(&model->body->fine, ground->count, ground->rest, &ground->twice_points);
-    if (status >= 0) ground->twice_tets = model->body->fine.num_tets;
+        status = pliant_points_create(&model->body->fine, ground->count, ground->rest, &ground->refined_points);
+    if (status >= 0) ground->refined_tets = model->body->fine.num_tets;
     for (int c = 0; status >= 0 && c < ground->num_cases; c++) {
         if (!missing[c]) continue;
-        status = find_reference(state, model, &ground->twice_points, c, 10 * ground->sweep->reference_tolerance, false,
-                                "twice the resolution", ground->twice + c);
+        status = find_reference(state, model, &ground->refined_points, c, 10 * ground->sweep->reference_tolerance,
+                                false, "twice the resolution", ground->refined + c);
     }
     pliant_model_free(model);
     return status;
@@ -314,7 +314,7 @@ pliant_status sweep_prepare(sweep_state *state, const uint8_t *missing)
     if (status < 0) return status;
     status = report_target(ground->fine, &ground->target);
     if (status >= 0) status = solve_same(state, missing);
-    if (status >= 0) status = solve_twice(state, missing);
+    if (status >= 0) status = solve_refined(state, missing);
     return status;
 }
 
@@ -322,16 +322,16 @@ void sweep_free_ground(sweep_ground *ground)
 {
     for (int c = 0; c < MAX_CASES; c++) {
         report_run_free(&ground->same[c].run);
-        report_run_free(&ground->twice[c].run);
+        report_run_free(&ground->refined[c].run);
         pliant_free(ground->same[c].last);
-        ground->same[c] = ground->twice[c] = (sweep_reference){0};
+        ground->same[c] = ground->refined[c] = (sweep_reference){0};
     }
-    pliant_points_free(&ground->twice_points);
+    pliant_points_free(&ground->refined_points);
     pliant_free(ground->rest);
     pliant_model_free(ground->fine);
     ground->rest = NULL;
     ground->fine = NULL;
-    ground->twice_tets = 0;
+    ground->refined_tets = 0;
 }
 
 /* ---- runs */
@@ -371,13 +371,13 @@ static pliant_status run_one(sweep_state *state, const pliant_model *model, cons
                             .tolerance = ground->scene.solver.tolerance,
                             .period = sweep->paced ? ground->scene.solver.step : 0,
                             .before_patch = before_patch,
-                            .own_time = sweep->own_time,
+                            .uses_thread_time = sweep->uses_thread_time,
                             .progress = {pass_progress, state}};
     report_run run = {0};
     const pliant_geometry *target = sweep->warp ? &ground->target : NULL;
     pliant_status status = report_case_run(model, ground->cases + index, limits, points, target, &run);
     /* other programs affect the caches even if the CPU time is measured */
-    bool again = !sweep->own_time || run.cpu_time_fraction < quiet;
+    bool again = !sweep->uses_thread_time || run.cpu_time_fraction < quiet;
     for (int32_t n = 1; status >= 0 && again && n < sweep->repeats; n++)
         status = repeat(model, ground->cases + index, limits, points, target, &run);
     if (status < 0) report_run_free(&run);
@@ -389,8 +389,8 @@ static pliant_status run_one(sweep_state *state, const pliant_model *model, cons
     }
     /* voxel errors are defined for rasterized volumes only */
     bool voxels = sweep->warp && ground->scene.warp.kind == PLIANT_RASTERIZE && budget == best_budget(sweep);
-    sweep_result told = {ground, model, points, index, &run, voxels};
-    status = sweep_write_rows(&told, row);
+    sweep_result result = {ground, model, points, index, &run, voxels};
+    status = sweep_write_rows(&result, row);
     report_run_free(&run);
     return status;
 }
@@ -420,20 +420,20 @@ bool sweep_runs_before_patch(const sweep_ground *ground, report_case_kind kind)
 
 /* Run every case and budget that is not in the table. */
 static pliant_status run_cases(sweep_state *state, const pliant_model *model, const pliant_points *points, int method,
-                               int touch, bool before_patch)
+                               int submesh, bool before_patch)
 {
     const sweep_ground *ground = &state->ground;
-    const char *touch_name = method == PLIANT_SCHUR ? touch_names[touch] : "";
+    const char *submesh_name = method == PLIANT_SCHUR ? submesh_names[submesh] : "";
     pliant_status status = PLIANT_OK;
     report_row row;
-    model_key(state, method, touch, before_patch, &row);
+    model_key(state, method, submesh, before_patch, &row);
     for (int c = 0; status >= 0 && c < ground->num_cases; c++) {
         if (before_patch && !sweep_runs_before_patch(ground, ground->cases[c].kind)) continue;
         for (int b = 0; status >= 0 && b < ground->sweep->num_iterations; b++) {
             run_key(ground, c, b, &row);
             if (row_is_stored(&row, ground->tables->sweep)) continue;
             status = begin(state, "ratio %d: %s %s, %s %s, budget %s", ground->scene.mesh.ratio, method_names[method],
-                           touch_name, report_case_name(ground->cases[c].kind), ground->point_names[c],
+                           submesh_name, report_case_name(ground->cases[c].kind), ground->point_names[c],
                            row.text + row.start[MODEL_KEYS]);
             if (status >= 0) status = run_one(state, model, points, c, b, before_patch, &row);
             state->done++;
@@ -443,25 +443,26 @@ static pliant_status run_cases(sweep_state *state, const pliant_model *model, co
     return status;
 }
 
-pliant_status sweep_run_model(sweep_state *state, int method, int touch)
+pliant_status sweep_run_model(sweep_state *state, int method, int submesh)
 {
     sweep_ground *ground = &state->ground;
     report_row row;
     pliant_model *model = NULL;
     pliant_points points = {0};
     size_t peak = ground->fine_peak;
-    if (count_missing(state, method, touch, NULL) == 0) return PLIANT_OK;
+    if (count_missing(state, method, submesh, NULL) == 0) return PLIANT_OK;
     ground->scene.model.method = (pliant_method)method;
-    ground->scene.model.touch = (pliant_touch)touch;
+    ground->scene.model.submesh = (pliant_submesh_extent)submesh;
     const pliant_scene scene = ground->scene;
-    const char *touch_name = method == PLIANT_SCHUR ? touch_names[touch] : "";
-    pliant_status status = begin(state, "ratio %d: building %s %s", scene.mesh.ratio, method_names[method], touch_name);
+    const char *submesh_name = method == PLIANT_SCHUR ? submesh_names[submesh] : "";
+    pliant_status status =
+        begin(state, "ratio %d: building %s %s", scene.mesh.ratio, method_names[method], submesh_name);
     if (status < 0) return status;
     bool own = method != PLIANT_FINE || scene.solver.kind != ground->reference.solver.kind ||
                !same_mesh(&scene, &ground->reference);
     if (own) status = build(state, &scene, &model, &peak);
     const pliant_model *used = own ? model : ground->fine;
-    model_key(state, method, touch, false, &row);
+    model_key(state, method, submesh, false, &row);
     if (status == PLIANT_ERROR_CANCELLED) return status;
     if (status < 0) { /* this method is not available here */
         state->done += ground->num_cases * ground->sweep->num_iterations;
@@ -469,8 +470,8 @@ pliant_status sweep_run_model(sweep_state *state, int method, int touch)
     }
     status = sweep_write_build_row(used, NULL, peak, &row, ground->tables->builds);
     if (status >= 0) status = pliant_points_create(&used->body->fine, ground->count, ground->rest, &points);
-    if (status >= 0) status = run_cases(state, used, &points, method, touch, false);
-    if (status >= 0) status = run_cases(state, used, &points, method, touch, true);
+    if (status >= 0) status = run_cases(state, used, &points, method, submesh, false);
+    if (status >= 0) status = run_cases(state, used, &points, method, submesh, true);
     pliant_points_free(&points);
     pliant_model_free(model);
     return status;
@@ -484,7 +485,7 @@ static pliant_status run_ground(sweep_state *state)
     if (each_missing(state, missing) == 0) return PLIANT_OK;
     pliant_status status = sweep_prepare(state, missing);
     for (int m = 0; status >= 0 && m < NUM_METHODS; m++)
-        for (int t = 0; status >= 0 && (state->ground.sweep->methods >> m & 1) && t < num_touches(m); t++)
+        for (int t = 0; status >= 0 && (state->ground.sweep->methods >> m & 1) && t < num_submeshes(m); t++)
             status = sweep_run_model(state, m, t);
     sweep_free_ground(&state->ground);
     return status;

@@ -39,9 +39,9 @@ typedef struct sweep_ground {
     double *rest;                /* (count x 3) rest positions of the points */
     pliant_model *fine;          /* model of the reference */
     size_t fine_peak;            /* maximum memory during its build [bytes] */
-    sweep_reference same[MAX_CASES], twice[MAX_CASES];
-    pliant_points twice_points;
-    int32_t twice_tets;          /* 0: not computed */
+    sweep_reference same[MAX_CASES], refined[MAX_CASES];
+    pliant_points refined_points;
+    int32_t refined_tets;          /* 0: not computed */
 } sweep_ground;
 
 /* A run to be written to the tables. */
@@ -76,7 +76,7 @@ pliant_status sweep_prepare(sweep_state *state, const uint8_t *missing);
 void sweep_free_ground(sweep_ground *ground);
 /* Build ground.scene with this method, and run every case and budget that is not in the tables yet. Failures of the
  * model or a run are written to the tables. Errors: MEMORY, CANCELLED, FILE. */
-pliant_status sweep_run_model(sweep_state *state, int method, int touch);
+pliant_status sweep_run_model(sweep_state *state, int method, int submesh);
 
 /* ---- sweep_reference_file.c: reference solutions stored in the folder. Identification of a reference: */
 typedef struct sweep_reference_key {
@@ -93,9 +93,9 @@ pliant_status sweep_reference_write(const sweep_state *state, const sweep_refere
 
 /* Write the rows of the frames, the voxels and the sweep, in this order; the last one marks the run as complete.
  * @param key row with the RUN_KEYS cells of the run; cells are added */
-pliant_status sweep_write_rows(const sweep_result *told, report_row *key);
+pliant_status sweep_write_rows(const sweep_result *result, report_row *key);
 /* Write the histogram and the slices. *summary: statistics over the voxels; zero without a deformed volume. */
-pliant_status sweep_write_voxel_rows(const sweep_result *told, report_row *key, pliant_error *summary);
+pliant_status sweep_write_voxel_rows(const sweep_result *result, report_row *key, pliant_error *summary);
 /* Write the row of a model.
  * @param message NULL: the model was built; otherwise the error
  * @param key MODEL_KEYS cells */

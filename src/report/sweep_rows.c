@@ -19,21 +19,21 @@ typedef struct worst_frames {
 
 static double ratio_of(double part, double whole) { return whole > 0 ? part / whole : NAN; }
 
-static pliant_status compare_frame(const sweep_result *told, const sweep_reference *reference, const uint8_t *use,
+static pliant_status compare_frame(const sweep_result *result, const sweep_reference *reference, const uint8_t *use,
                                    int32_t frame, pliant_error *out)
 {
-    size_t at = 3 * (size_t)frame * (size_t)told->run->points;
-    return pliant_error_between(told->run->points, use, told->ground->rest, reference->run.positions + at,
-                                told->run->positions + at, out);
+    size_t at = 3 * (size_t)frame * (size_t)result->run->points;
+    return pliant_error_between(result->run->points, use, result->ground->rest, reference->run.positions + at,
+                                result->run->positions + at, out);
 }
 
-static pliant_status compare_frames(const sweep_result *told, const sweep_reference *reference, const uint8_t *use,
+static pliant_status compare_frames(const sweep_result *result, const sweep_reference *reference, const uint8_t *use,
                                     worst_frames *out)
 {
     memset(out, 0, sizeof *out);
-    for (int32_t f = 0; f < told->run->frames; f++) {
+    for (int32_t f = 0; f < result->run->frames; f++) {
         pliant_error *last = &out->last, *worst = &out->worst;
-        pliant_status status = compare_frame(told, reference, use, f, last);
+        pliant_status status = compare_frame(result, reference, use, f, last);
         if (status < 0) return status;
         worst->max = fmax(worst->max, last->max);
         worst->rms = fmax(worst->rms, last->rms);
@@ -46,15 +46,15 @@ static pliant_status compare_frames(const sweep_result *told, const sweep_refere
     return PLIANT_OK;
 }
 
-static pliant_status write_frame_rows(const sweep_result *told, const sweep_reference *reference, report_row *key)
+static pliant_status write_frame_rows(const sweep_result *result, const sweep_reference *reference, report_row *key)
 {
-    const report_run *run = told->run;
+    const report_run *run = result->run;
     for (int32_t f = 0; f < run->frames; f++) {
         pliant_error error;
-        pliant_status status = compare_frame(told, reference, told->points->found, f, &error);
+        pliant_status status = compare_frame(result, reference, result->points->found, f, &error);
         if (status < 0) return status;
         row_integer(key, f + 1);
-        bool known = row_is_stored(key, told->ground->tables->frames);
+        bool known = row_is_stored(key, result->ground->tables->frames);
         row_integer(key, run->iterations[f]);
         row_number(key, run->residual[f]);
         row_number(key, mm * error.largest);
@@ -63,7 +63,7 @@ static pliant_status write_frame_rows(const sweep_result *told, const sweep_refe
         row_number(key, mm * error.p95);
         row_number(key, percent * ratio_of(error.max, error.largest));
         for (int s = 0; s < PLIANT_NUM_STEP_STAGES; s++) row_number(key, ms * run->seconds[s * run->frames + f]);
-        if (!known) status = row_add(key, told->ground->tables->frames);
+        if (!known) status = row_add(key, result->ground->tables->frames);
         row_truncate(key, RUN_KEYS);
         if (status < 0) return status;
     }
@@ -125,21 +125,21 @@ static void add_errors(const worst_frames *frames, report_row *row)
     row_number(row, percent * ratio_of(worst->p95, worst->largest));
 }
 
-static pliant_status add_twice(const sweep_result *told, report_row *row)
+static pliant_status add_refined(const sweep_result *result, report_row *row)
 {
-    const sweep_ground *ground = told->ground;
-    const sweep_reference *twice = ground->twice + told->index;
-    if (!twice->there) {
+    const sweep_ground *ground = result->ground;
+    const sweep_reference *refined = ground->refined + result->index;
+    if (!refined->there) {
         row_empty(row, 9);
         return PLIANT_OK;
     }
     uint8_t *use = pliant_calloc((size_t)ground->count, 1);
     if (!use) return pliant_fail_memory("the points that two meshes share");
-    for (int32_t p = 0; p < ground->count; p++) use[p] = ground->twice_points.found[p] && told->points->found[p];
+    for (int32_t p = 0; p < ground->count; p++) use[p] = ground->refined_points.found[p] && result->points->found[p];
     worst_frames frames;
-    pliant_status status = compare_frames(told, twice, use, &frames);
+    pliant_status status = compare_frames(result, refined, use, &frames);
     pliant_free(use);
-    row_integer(row, ground->twice_tets);
+    row_integer(row, ground->refined_tets);
     add_errors(&frames, row);
     return status;
 }
@@ -155,23 +155,23 @@ static double sum_build_bytes(const pliant_model *model, double *seconds)
     return bytes;
 }
 
-pliant_status sweep_write_rows(const sweep_result *told, report_row *row)
+pliant_status sweep_write_rows(const sweep_result *result, report_row *row)
 {
-    const sweep_ground *ground = told->ground;
-    const sweep_reference *same = ground->same + told->index;
-    const report_run *run = told->run;
+    const sweep_ground *ground = result->ground;
+    const sweep_reference *same = ground->same + result->index;
+    const report_run *run = result->run;
     worst_frames frames;
     pliant_error voxels = {.worst = -1};
-    pliant_status status = compare_frames(told, same, told->points->found, &frames);
-    if (status >= 0) status = write_frame_rows(told, same, row);
-    if (status >= 0 && told->voxels) status = sweep_write_voxel_rows(told, row, &voxels);
+    pliant_status status = compare_frames(result, same, result->points->found, &frames);
+    if (status >= 0) status = write_frame_rows(result, same, row);
+    if (status >= 0 && result->voxels) status = sweep_write_voxel_rows(result, row, &voxels);
     if (status < 0) return status;
-    double seconds, held = sum_build_bytes(told->model, &seconds);
+    double seconds, held = sum_build_bytes(result->model, &seconds);
     row_text(row, run->statistics.not_converged > 0 ? "not converged" : "ok");
     row_text(row, "");
     row_integer(row, run->frames);
-    row_integer(row, told->model->body->fine.num_tets);
-    row_integer(row, told->model->system->mesh->num_tets);
+    row_integer(row, result->model->body->fine.num_tets);
+    row_integer(row, result->model->system->mesh->num_tets);
     row_text(row, pliant_data_get_backend(run->data));
     row_integer(row, pliant_threads_or_cores(ground->scene.solver.threads));
     row_number(row, seconds);
@@ -187,7 +187,7 @@ pliant_status sweep_write_rows(const sweep_result *told, report_row *row)
     row_number(row, mm * frames.last.max);
     row_number(row, mm * frames.last.rms);
     row_number(row, mm * frames.last.p95);
-    status = add_twice(told, row);
+    status = add_refined(result, row);
     if (status < 0) return status;
     if (voxels.count > 0) {
         row_integer(row, voxels.count);

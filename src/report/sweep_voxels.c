@@ -12,12 +12,12 @@
 enum { BINS = 40 };
 static const double mm = 1e3;
 
-static pliant_status write_histogram_rows(const sweep_result *told, const pliant_volume *error, report_row *key,
+static pliant_status write_histogram_rows(const sweep_result *result, const pliant_volume *error, report_row *key,
                                           pliant_error *summary)
 {
     uint64_t counts[BINS];
-    double width = told->ground->same[told->index].largest / BINS;
-    pliant_results *table = told->ground->tables->histogram;
+    double width = result->ground->same[result->index].largest / BINS;
+    pliant_results *table = result->ground->tables->histogram;
     pliant_status status = pliant_error_histogram(error, BINS, width > 0 ? width : 1e-3, counts, summary);
     for (int b = 0; status >= 0 && b < BINS; b++) {
         row_integer(key, b);
@@ -31,7 +31,7 @@ static pliant_status write_histogram_rows(const sweep_result *told, const pliant
     return status;
 }
 
-/* Build "ratio_method_touch_..." from the key, for file names. */
+/* Build "ratio_method_submesh_..." from the key, for file names. */
 static void name_of(const report_row *key, char *out, size_t size)
 {
     size_t used = 0;
@@ -60,39 +60,39 @@ static pliant_status write_plane(const pliant_volume *volume, int axis, const do
 }
 
 /* Choose the slice position: the grasped point, or the centre of the body, clamped to the volume. */
-static void cut_point(const sweep_result *told, const pliant_geometry *geometry, double out[3])
+static void cut_point(const sweep_result *result, const pliant_geometry *geometry, double out[3])
 {
-    const double *last = told->run->positions + 3 * (size_t)(told->run->frames - 1) * (size_t)told->run->points;
+    const double *last = result->run->positions + 3 * (size_t)(result->run->frames - 1) * (size_t)result->run->points;
     double index[3];
-    memcpy(out, told->run->held_point, 3 * sizeof *out);
-    if (!report_case_pulls(told->ground->cases[told->index].kind))
-        for (int32_t p = 0; p < 3 * told->run->points; p++) out[p % 3] += last[p] / told->run->points;
+    memcpy(out, result->run->held_point, 3 * sizeof *out);
+    if (!report_case_pulls(result->ground->cases[result->index].kind))
+        for (int32_t p = 0; p < 3 * result->run->points; p++) out[p % 3] += last[p] / result->run->points;
     pliant_geometry_to_index(geometry, out, index);
     for (int d = 0; d < 3; d++) index[d] = fmin(fmax(index[d], 0), geometry->size[d] - 1);
     pliant_geometry_to_world(geometry, index, out);
 }
 
-static pliant_status write_slice_rows(const sweep_result *told, const pliant_volume *error, report_row *key)
+static pliant_status write_slice_rows(const sweep_result *result, const pliant_volume *error, report_row *key)
 {
     static const char *const planes[3] = {"sagittal", "coronal", "axial"};
-    pliant_results *table = told->ground->tables->slices;
+    pliant_results *table = result->ground->tables->slices;
     char name[160], error_file[224], image_file[224];
     double at[3], spacing[2];
-    cut_point(told, &error->geometry, at);
+    cut_point(result, &error->geometry, at);
     name_of(key, name, sizeof name);
     for (int axis = 0; axis < 3; axis++) {
         snprintf(error_file, sizeof error_file, "error_%s_%s.npy", name, planes[axis]);
         snprintf(image_file, sizeof image_file, "image_%s_%s.npy", name, planes[axis]);
-        pliant_status status = write_plane(error, axis, at, told->ground->folder, error_file, spacing);
+        pliant_status status = write_plane(error, axis, at, result->ground->folder, error_file, spacing);
         if (status >= 0)
-            status = write_plane(pliant_warp_volume(told->run->data->warp), axis, at, told->ground->folder, image_file,
-                                 spacing);
+            status = write_plane(pliant_warp_volume(result->run->data->warp), axis, at, result->ground->folder,
+                                 image_file, spacing);
         if (status < 0) return status;
         row_text(key, planes[axis]);
         bool known = row_is_stored(key, table);
         row_number(key, mm * spacing[0]);
         row_number(key, mm * spacing[1]);
-        row_number(key, mm * told->ground->same[told->index].largest);
+        row_number(key, mm * result->ground->same[result->index].largest);
         row_text(key, error_file);
         row_text(key, image_file);
         if (!known) status = row_add(key, table);
@@ -102,17 +102,17 @@ static pliant_status write_slice_rows(const sweep_result *told, const pliant_vol
     return PLIANT_OK;
 }
 
-pliant_status sweep_write_voxel_rows(const sweep_result *told, report_row *key, pliant_error *summary)
+pliant_status sweep_write_voxel_rows(const sweep_result *result, report_row *key, pliant_error *summary)
 {
-    const sweep_ground *ground = told->ground;
+    const sweep_ground *ground = result->ground;
     pliant_volume error;
     *summary = (pliant_error){.worst = -1};
-    if (!told->run->data->warp) return PLIANT_OK;
-    pliant_status status = pliant_error_voxels(told->model, told->run->data->positions, &ground->fine->body->fine,
-                                               ground->same[told->index].last, &ground->target, &error);
+    if (!result->run->data->warp) return PLIANT_OK;
+    pliant_status status = pliant_error_voxels(result->model, result->run->data->positions, &ground->fine->body->fine,
+                                               ground->same[result->index].last, &ground->target, &error);
     if (status < 0) return status;
-    status = write_histogram_rows(told, &error, key, summary);
-    if (status >= 0) status = write_slice_rows(told, &error, key);
+    status = write_histogram_rows(result, &error, key, summary);
+    if (status >= 0) status = write_slice_rows(result, &error, key);
     pliant_volume_free(&error);
     return status;
 }

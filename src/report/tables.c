@@ -12,7 +12,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#define MODEL_COLUMNS "setup", "ratio", "method", "touch", "variant"
+#define MODEL_COLUMNS "setup", "ratio", "method", "submesh", "variant"
 #define RUN_COLUMNS MODEL_COLUMNS, "budget", "case", "point"
 #define STEP_MEDIAN(name) #name "_median_ms",
 #define STEP_MEDIAN_P99(name) #name "_median_ms", #name "_p99_ms",
@@ -54,15 +54,15 @@ static const char *const sweep_columns[] = {RUN_COLUMNS,
                                             "final_max_mm",
                                             "final_rms_mm",
                                             "final_p95_mm",
-                                            "twice_tetrahedra",
-                                            "twice_points",
-                                            "twice_largest_mm",
-                                            "twice_max_mm",
-                                            "twice_rms_mm",
-                                            "twice_p95_mm",
-                                            "twice_max_percent",
-                                            "twice_rms_percent",
-                                            "twice_p95_percent",
+                                            "refined_tetrahedra",
+                                            "refined_points",
+                                            "refined_largest_mm",
+                                            "refined_max_mm",
+                                            "refined_rms_mm",
+                                            "refined_p95_mm",
+                                            "refined_max_percent",
+                                            "refined_rms_percent",
+                                            "refined_p95_percent",
                                             "voxels",
                                             "voxel_max_mm",
                                             "voxel_rms_mm",
@@ -80,7 +80,7 @@ static const char *const histogram_columns[] = {RUN_COLUMNS, "bin", "low_mm", "h
 static const char *const slice_columns[] = {RUN_COLUMNS,  "plane",      "column_mm", "row_mm",
                                             "largest_mm", "error_file", "image_file"};
 static const char *const stage_columns[] = {"setup",
-                                            "left_out",
+                                            "omitted",
                                             "status",
                                             "message",
                                             "steps",
@@ -96,13 +96,13 @@ static const char *const stage_columns[] = {"setup",
                                             "saved_mb"};
 static const char *const stability_columns[] = {
     "setup",         "case",          "parameter",     "method",       "verdict",    "message",     "steps",
-    "steps_to_rest", "iterations",    "seconds",       "residual",     "largest_mm", "off_rest_mm", "inverted_most",
+    "steps_to_rest", "iterations",    "seconds",       "residual",     "largest_mm", "off_rest_mm", "inverted_max",
     "inverted_end",  "not_converged", "refused_steps", "growth_bytes", "figure"};
-static const char *const choice_columns[] = {MODEL_COLUMNS,          "budget",  "options",       "budget_ms",
-                                             "max_error_percent",    "measure", "max_percent",   "p95_percent",
-                                             "rms_percent",          "worst",   "later_percent", "left_out_percent",
-                                             "mesh_percent",         "larger",  "step_ms",       "within_budget",
-                                             "reference_tetrahedra", "tried",   "seconds"};
+static const char *const choice_columns[] = {
+    MODEL_COLUMNS,  "budget",      "options",     "budget_ms",     "max_error_percent",    "measure",
+    "max_percent",  "p95_percent", "rms_percent", "worst",         "settled_percent",      "reference_mesh_percent",
+    "mesh_percent", "larger",      "step_ms",     "within_budget", "reference_tetrahedra", "tried",
+    "seconds"};
 
 static const char *const dynamics_columns[] = {"setup",
                                                "status",
@@ -143,7 +143,7 @@ static const char *const truth_columns[] = {"setup",
                                             "solver_p95_mm",
                                             "solver_p95_percent",
                                             "larger",
-                                            "mesh_p95_percent_at_twice",
+                                            "mesh_p95_percent_refined",
                                             "advice"};
 
 static const char *const validation_columns[] = {"setup",  "body",    "state",     "status",       "message",

@@ -41,10 +41,10 @@ double pliant_extrapolate(int32_t count, const uint8_t *use, const double *coars
 {
     const double minimum = 0.2, maximum = 2 * theory;
     const double before = mean_square(count, use, middle, coarse), last = mean_square(count, use, fine, middle);
-    const double seen = last > 0 && before > 0 ? 0.5 * log2(before / last) : theory;
-    const double order = 0.5 * (fmin(fmax(seen, minimum), maximum) + theory), part = 1 / (exp2(order) - 1);
+    const double observed_order = last > 0 && before > 0 ? 0.5 * log2(before / last) : theory;
+    const double order = 0.5 * (fmin(fmax(observed_order, minimum), maximum) + theory), part = 1 / (exp2(order) - 1);
     for (int32_t n = 0; n < 3 * count; n++) out[n] = fine[n] + part * (fine[n] - middle[n]);
-    return seen;
+    return observed_order;
 }
 
 static void ladder_free(ladder *all)
@@ -99,7 +99,7 @@ static pliant_status choose_levels(const pliant_report_input *input, double limi
     return pliant_fail(
         PLIANT_ERROR_SCENE,
         "the error of the mesh needs three resolutions. Half the resolution needs an even mesh/coarse_cells times "
-        "mesh/ratio; twice the resolution needs a limit above %.0f tetrahedra (--twice)",
+        "mesh/ratio; twice the resolution needs a limit above %.0f tetrahedra (--refined)",
         limit);
 }
 
@@ -110,7 +110,7 @@ static pliant_status ladder_create(const pliant_report_input *input, const plian
     pliant_model *own = NULL;
     scaled(input->scene, 1, &scene);
     pliant_status status = build(input, &scene, progress, &own);
-    if (status >= 0) status = choose_levels(input, sweep->twice_limit, own->body->fine.num_tets, all);
+    if (status >= 0) status = choose_levels(input, sweep->max_refined_tets, own->body->fine.num_tets, all);
     if (status < 0) {
         pliant_model_free(own);
         return status;
@@ -186,7 +186,7 @@ pliant_status pliant_truth_run(const pliant_report_input *input, const pliant_sw
     ladder all = {.count = 0};
     pliant_sweep ours = *sweep;
     sweep_ground *ground = pliant_calloc(1, sizeof *ground);
-    pliant_model *asked = NULL;
+    pliant_model *requested = NULL;
     pliant_points points = {0};
     double *now = NULL, *true_at = NULL;
     *worst = (pliant_truth){.order = 0};
@@ -204,8 +204,8 @@ pliant_status pliant_truth_run(const pliant_report_input *input, const pliant_sw
     sweep_list_cases(ground);
     pliant_report_setup(input, sweep, setup);
     if (status >= 0) status = ladder_create(input, sweep, progress, &all);
-    if (status >= 0) status = build(input, input->scene, progress, &asked);
-    if (status >= 0) status = pliant_points_create(&asked->body->fine, all.count, all.rest, &points);
+    if (status >= 0) status = build(input, input->scene, progress, &requested);
+    if (status >= 0) status = pliant_points_create(&requested->body->fine, all.count, all.rest, &points);
     if (status >= 0) {
         now = pliant_calloc((size_t)all.count, 3 * sizeof *now);
         true_at = pliant_calloc((size_t)all.count, 3 * sizeof *true_at);
@@ -227,7 +227,7 @@ pliant_status pliant_truth_run(const pliant_report_input *input, const pliant_sw
                            measures ? ground->cases[c + 1].force : NULL);
         }
         load.frames = sweep->frames;
-        if (status >= 0) status = solve(asked, &load, own, &points, now, NULL);
+        if (status >= 0) status = solve(requested, &load, own, &points, now, NULL);
         if (status < 0) break;
         truth.order = pliant_extrapolate(all.count, all.use, all.at[0], all.at[1], all.at[2], true_at);
         status = pliant_error_between(all.count, all.use, all.rest, true_at, all.at[all.own], &truth.mesh);
@@ -246,7 +246,7 @@ pliant_status pliant_truth_run(const pliant_report_input *input, const pliant_sw
     pliant_free(now);
     pliant_free(true_at);
     pliant_points_free(&points);
-    pliant_model_free(asked);
+    pliant_model_free(requested);
     ladder_free(&all);
     pliant_free(ground);
     return status;

@@ -147,9 +147,9 @@ static pliant_status compare(const measured_body *body, const pliant_model *mode
     const pliant_marker **markers = pliant_calloc((size_t)body->num_markers, sizeof *markers);
     double *moved = pliant_calloc((size_t)body->num_markers, 3 * sizeof *moved),
            *measured = pliant_calloc((size_t)body->num_markers, 3 * sizeof *measured);
-    double *apart = pliant_calloc((size_t)body->num_markers, 3 * sizeof *apart);
+    double *difference = pliant_calloc((size_t)body->num_markers, 3 * sizeof *difference);
     *out = (state_error){.spread = NAN};
-    pliant_status status = markers && moved && measured && apart ? PLIANT_OK : pliant_fail_memory("the markers");
+    pliant_status status = markers && moved && measured && difference ? PLIANT_OK : pliant_fail_memory("the markers");
     if (status >= 0)
         status = report_markers_move(model, body->loaded ? body->load + state : NULL, state, body->num_markers,
                                      body->markers, moved);
@@ -158,17 +158,18 @@ static pliant_status compare(const measured_body *body, const pliant_model *mode
         for (int32_t m = 0; m < out->count; m++)
             for (int d = 0; d < 3; d++) {
                 measured[3 * m + d] = markers[m]->moved[d];
-                apart[3 * m + d] = moved[3 * (markers[m] - body->markers) + d] - markers[m]->moved[d];
+                difference[3 * m + d] = moved[3 * (markers[m] - body->markers) + d] - markers[m]->moved[d];
             }
     }
     if (status >= 0 && body->free_motion) status = subtract_rigid_motion(out->count, markers, measured);
-    if (status >= 0 && body->free_motion) status = subtract_rigid_motion(out->count, markers, apart);
+    if (status >= 0 && body->free_motion) status = subtract_rigid_motion(out->count, markers, difference);
     if (status >= 0 && out->count > 0) {
         out->moved = root_mean_square(out->count, measured);
-        out->rms = root_mean_square(out->count, apart);
+        out->rms = root_mean_square(out->count, difference);
         for (int32_t m = 0; m < out->count; m++) {
-            out->max = fmax(out->max, sqrt(apart[3 * m] * apart[3 * m] + apart[3 * m + 1] * apart[3 * m + 1] +
-                                           apart[3 * m + 2] * apart[3 * m + 2]));
+            out->max = fmax(out->max,
+                            sqrt(difference[3 * m] * difference[3 * m] + difference[3 * m + 1] * difference[3 * m + 1] +
+                                 difference[3 * m + 2] * difference[3 * m + 2]));
             out->deviation = fmax(out->deviation, markers[m]->deviation);
         }
         if (body->recordings) out->spread = spread_of_recordings(body, out->count, markers);
@@ -177,7 +178,7 @@ static pliant_status compare(const measured_body *body, const pliant_model *mode
     pliant_free((void *)markers);
     pliant_free(moved);
     pliant_free(measured);
-    pliant_free(apart);
+    pliant_free(difference);
     return status;
 }
 

@@ -49,15 +49,15 @@ static bool reference_place(const voxel_job *job, const double rest[3], double o
  * tissue. */
 static float distance(const voxel_job *job, const int32_t nodes[4], const double weight[4])
 {
-    double here[3] = {0, 0, 0}, rest[3] = {0, 0, 0}, there[3], apart = 0;
+    double here[3] = {0, 0, 0}, rest[3] = {0, 0, 0}, there[3], squares = 0;
     for (int v = 0; v < 4; v++)
         for (int d = 0; d < 3; d++) {
             here[d] += weight[v] * job->positions[3 * nodes[v] + d];
             rest[d] += weight[v] * job->model->body->fine.rest[3 * nodes[v] + d];
         }
     if (!is_tissue(job->model, rest) || !reference_place(job, rest, there)) return -1;
-    for (int d = 0; d < 3; d++) apart += (here[d] - there[d]) * (here[d] - there[d]);
-    return (float)sqrt(apart);
+    for (int d = 0; d < 3; d++) squares += (here[d] - there[d]) * (here[d] - there[d]);
+    return (float)sqrt(squares);
 }
 
 /* Draw the voxels of one tetrahedron in the slices k0 <= k < k1. */

@@ -75,17 +75,19 @@ void MeshDisplay::make_properties()
     state_topic_ = new rviz::RosTopicProperty("State Topic", "mesh/state",
                                               type(ros::message_traits::datatype<pliant::MeshState>()),
                                               "pliant/MeshState: where the nodes are now.", this, SLOT(change_topic()));
-    mode_ = new rviz::EnumProperty("Rendering", "Surface", "What is drawn of the mesh.", this, SLOT(change_look()));
+    mode_ =
+        new rviz::EnumProperty("Rendering", "Surface", "What is drawn of the mesh.", this, SLOT(change_appearance()));
     mode_->addOption("Surface", SURFACE);
     mode_->addOption("Wireframe", WIREFRAME);
     mode_->addOption("Cut Away", CUT_AWAY);
     plane_normal_ = new rviz::VectorProperty(
         "Cut Normal", Ogre::Vector3(0, 0, 1),
         "Cut Away: tetrahedra on the side that it points to are kept; axes of the mesh's frame.", this,
-        SLOT(change_look()));
-    plane_point_ = new rviz::VectorProperty("Cut Point", Ogre::Vector3(0, 0, 0),
-                                            "A point of the cut in the mesh's frame [m].", this, SLOT(change_look()));
-    edges_ = new rviz::BoolProperty("Edges", true, "Draw the edges of the faces too.", this, SLOT(change_look()));
+        SLOT(change_appearance()));
+    plane_point_ =
+        new rviz::VectorProperty("Cut Point", Ogre::Vector3(0, 0, 0), "A point of the cut in the mesh's frame [m].",
+                                 this, SLOT(change_appearance()));
+    edges_ = new rviz::BoolProperty("Edges", true, "Draw the edges of the faces too.", this, SLOT(change_appearance()));
     colour_by_ = new rviz::EnumProperty("Color By", "Scalar", "What the colour shows.", this, SLOT(change_colour()));
     colour_by_->addOption("Scalar", BY_SCALAR);
     colour_by_->addOption("Material", BY_MATERIAL);
@@ -99,16 +101,17 @@ void MeshDisplay::make_properties()
     scalar_->setShouldBeSaved(false); /* not saved: it is the node's setting */
     node_ = new rviz::StringProperty("Node", "sim", "Name of the node, with which its settings begin.", this);
     colour_ = new rviz::ColorProperty("Color", QColor(200, 150, 130), "Without a scalar or material.", this,
-                                      SLOT(change_look()));
-    opacity_ =
-        new rviz::FloatProperty("Opacity", 1, "0 is not seen, 1 hides what is behind.", this, SLOT(change_look()));
+                                      SLOT(change_appearance()));
+    opacity_ = new rviz::FloatProperty("Opacity", 1, "0 is not seen, 1 hides what is behind.", this,
+                                       SLOT(change_appearance()));
     opacity_->setMin(0);
     opacity_->setMax(1);
     automatic_ = new rviz::BoolProperty("Automatic Range", true, "The colours follow the smallest and largest number.",
-                                        this, SLOT(change_look()));
+                                        this, SLOT(change_appearance()));
     range_low_ = new rviz::FloatProperty("Low", 0, "Number of the first colour.", this, SLOT(change_range()));
     range_high_ = new rviz::FloatProperty("High", 1, "Number of the last colour.", this, SLOT(change_range()));
-    legend_ = new rviz::BoolProperty("Legend", true, "Show which number has which colour.", this, SLOT(change_look()));
+    legend_ =
+        new rviz::BoolProperty("Legend", true, "Show which number has which colour.", this, SLOT(change_appearance()));
 }
 
 void MeshDisplay::onInitialize()
@@ -218,7 +221,7 @@ void MeshDisplay::receive_topology(const pliant::MeshTopology::ConstPtr &message
                      std::to_string(message->tetrahedra.size() / 4) + " tetrahedra");
     if (!same_scan) range_known_ = false; // after a cut the colours keep their meaning
     last_.reset();
-    change_look();
+    change_appearance();
     if (early_ && early_->revision == message->revision) receive_state(pliant::MeshState::ConstPtr(early_));
 }
 
@@ -288,10 +291,10 @@ void MeshDisplay::follow_range()
 void MeshDisplay::change_range()
 {
     automatic_->setBool(false);
-    change_look();
+    change_appearance();
 }
 
-void MeshDisplay::change_look()
+void MeshDisplay::change_appearance()
 {
     follow_range();
     changed_ = bar_changed_ = true;
@@ -300,7 +303,7 @@ void MeshDisplay::change_look()
 
 void MeshDisplay::change_colour()
 {
-    change_look();
+    change_appearance();
     if (!last_) return;
     states_--; /* the same state is received again */
     receive_state(pliant::MeshState::ConstPtr(last_));

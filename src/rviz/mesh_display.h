@@ -49,7 +49,7 @@ protected:
 
 private Q_SLOTS:
     void change_topic();
-    void change_look();
+    void change_appearance();
     void change_range();
     void change_colour();
     void change_scalar();

@@ -67,7 +67,7 @@ void Picker::ask(rviz::DisplayContext *context, const Ogre::Ray &ray, const std:
     double nearest = std::numeric_limits<double>::infinity(), distance, value;
     for (VolumeDisplay *volume : volume_displays(context)) {
         shown = shown || volume->is_shown();
-        if (volume->see(ray.getOrigin(), ray.getDirection(), &distance, &value) && distance < nearest)
+        if (volume->find_visible_point(ray.getOrigin(), ray.getDirection(), &distance, &value) && distance < nearest)
             nearest = distance;
     }
     if (shown && nearest == std::numeric_limits<double>::infinity()) {

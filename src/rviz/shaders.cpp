@@ -22,7 +22,7 @@ uniform vec3 scale, offset, step_i, spacing;
 uniform vec4 window;
 uniform vec4 eye;
 uniform vec3 away_low, away_high;
-uniform float shading, apart;
+uniform float shading, slice_spacing;
 varying vec3 local;
 
 float texel(vec3 at) { return texture3D(volume, at).r; }
@@ -33,7 +33,7 @@ void main()
     vec3 towards = eye.w > 0.5 ? normalize(eye.xyz - local) : -eye.xyz;
     /* A random offset per ray turns stripes between slices into fine noise. */
     float grain = fract(52.9829189 * fract(dot(gl_FragCoord.xy, vec2(0.06711056, 0.00583715))));
-    vec3 at = (local + towards * ((grain - 0.5) * apart)) * scale + offset;
+    vec3 at = (local + towards * ((grain - 0.5) * slice_spacing)) * scale + offset;
     float place = clamp(texel(at) * window.x + window.y, 0.0, 1.0);
     /* transparent below: the many empty ones end here */
     if (place <= window.z) discard;

@@ -168,8 +168,8 @@ std::vector<bool> drawn_values(const Preset &preset, double low, double high, do
         double value = value_at_0 + step * double(n);
         // values between two steps count for both; a step wider than the window may skip all of it
         bool any = std::fabs(step) > high - low && value - std::fabs(step) < high && value + std::fabs(step) > low;
-        for (double adjacent : {-1.0, 0.0, 1.0})
-            any = any || colour_at(preset, (value + adjacent * step - low) / (high - low)).a > 0;
+        for (double offset : {-1.0, 0.0, 1.0})
+            any = any || colour_at(preset, (value + offset * step - low) / (high - low)).a > 0;
         drawn[n] = any;
     }
     return drawn;

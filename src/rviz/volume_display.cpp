@@ -49,7 +49,7 @@ void VolumeDisplay::make_properties()
                                         QString::fromStdString(ros::message_traits::datatype<pliant::Volume>()),
                                         "pliant/Volume to show.", this, SLOT(change_topic()));
     mode_ = new rviz::EnumProperty("Rendering", "Slices", "Semi-transparent slices, or the surface of one value.", this,
-                                   SLOT(change_look()));
+                                   SLOT(change_appearance()));
     mode_->addOption("Slices", SLICES);
     mode_->addOption("Isosurface", ISOSURFACE);
     preset_ = new rviz::EnumProperty("Preset", QString::fromStdString(presets().front().name), "Colours and opacities.",
@@ -69,30 +69,30 @@ void VolumeDisplay::make_properties()
     window_->setMin(1e-6f);
     surface_ = new rviz::FloatProperty("Isosurface", 0, "Value of the surface.", this, SLOT(change_window()));
     surface_colour_ = new rviz::ColorProperty("Surface Color", QColor(224, 186, 160), "Colour of the isosurface.", this,
-                                              SLOT(change_look()));
-    opacity_ =
-        new rviz::FloatProperty("Opacity", 1, "Times the preset's opacity; 1 as it is.", this, SLOT(change_look()));
+                                              SLOT(change_appearance()));
+    opacity_ = new rviz::FloatProperty("Opacity", 1, "Times the preset's opacity; 1 as it is.", this,
+                                       SLOT(change_appearance()));
     opacity_->setMin(0);
     opacity_->setMax(10);
     shading_ = new rviz::FloatProperty("Shading", 0.8f, "Light on the surfaces inside the volume: 0 none, 1 full.",
-                                       this, SLOT(change_look()));
+                                       this, SLOT(change_appearance()));
     shading_->setMin(0);
     shading_->setMax(1);
     slices_ = new rviz::IntProperty("Slices", 256, "Slices over the volume's diagonal when nothing moves.", this,
-                                    SLOT(change_look()));
+                                    SLOT(change_appearance()));
     slices_moving_ = new rviz::IntProperty("Slices While Moving", 96,
                                            "Most slices while the view or the tissue moves; fewer where "
                                            "they take longer than 0.1 s.",
-                                           this, SLOT(change_look()));
+                                           this, SLOT(change_appearance()));
     for (rviz::IntProperty *count : {slices_, slices_moving_}) {
         count->setMin(8);
         count->setMax(2048);
     }
     make_clip_properties();
-    bar_shown_ =
-        new rviz::BoolProperty("Color Bar", true, "Show which value has which colour.", this, SLOT(change_look()));
+    bar_shown_ = new rviz::BoolProperty("Color Bar", true, "Show which value has which colour.", this,
+                                        SLOT(change_appearance()));
     sides_shown_ = new rviz::BoolProperty("Patient Sides", true, "Letters at the volume's sides: R L A P S I.", this,
-                                          SLOT(change_look()));
+                                          SLOT(change_appearance()));
     fit_ = new rviz::BoolProperty(
         "Fit View", false,
         "A scan that comes first, or another one, fills the view, from the side that it looks from. "
@@ -106,29 +106,30 @@ void VolumeDisplay::make_properties()
 
 void VolumeDisplay::make_clip_properties()
 {
-    clip_box_ = new rviz::BoolProperty("Clip Box", false, "Show a box of the volume only.", this, SLOT(change_look()));
+    clip_box_ =
+        new rviz::BoolProperty("Clip Box", false, "Show a box of the volume only.", this, SLOT(change_appearance()));
     clip_box_->setDisableChildrenIfFalse(true);
     box_low_ = new rviz::VectorProperty("From", Ogre::Vector3(0, 0, 0), "Fractions of the volume along i, j, k.",
-                                        clip_box_, SLOT(change_look()), this);
+                                        clip_box_, SLOT(change_appearance()), this);
     box_high_ = new rviz::VectorProperty("To", Ogre::Vector3(1, 1, 1), "Fractions of the volume along i, j, k.",
-                                         clip_box_, SLOT(change_look()), this);
+                                         clip_box_, SLOT(change_appearance()), this);
     clip_plane_ = new rviz::BoolProperty("Clip Plane", false, "Show what lies on one side of a plane only.", this,
-                                         SLOT(change_look()));
+                                         SLOT(change_appearance()));
     clip_plane_->setDisableChildrenIfFalse(true);
     plane_normal_ = new rviz::VectorProperty("Normal", Ogre::Vector3(0, 0, 1),
                                              "Points to the side that is kept; axes of the volume's frame.",
-                                             clip_plane_, SLOT(change_look()), this);
+                                             clip_plane_, SLOT(change_appearance()), this);
     plane_point_ =
         new rviz::VectorProperty("Point", Ogre::Vector3(0, 0, 0), "A point of the plane in the volume's frame [m].",
-                                 clip_plane_, SLOT(change_look()), this);
+                                 clip_plane_, SLOT(change_appearance()), this);
     cut_away_ =
         new rviz::BoolProperty("Cut Away", false, "Show all but a box of the volume, and so the faces of cuts inside.",
-                               this, SLOT(change_look()));
+                               this, SLOT(change_appearance()));
     cut_away_->setDisableChildrenIfFalse(true);
     away_low_ = new rviz::VectorProperty("From", Ogre::Vector3(0.5f, 0, 0.5f), "Fractions of the volume along i, j, k.",
-                                         cut_away_, SLOT(change_look()), this);
+                                         cut_away_, SLOT(change_appearance()), this);
     away_high_ = new rviz::VectorProperty("To", Ogre::Vector3(1, 0.5f, 1), "Fractions of the volume along i, j, k.",
-                                          cut_away_, SLOT(change_look()), this);
+                                          cut_away_, SLOT(change_appearance()), this);
 }
 
 void VolumeDisplay::onInitialize()
@@ -278,14 +279,14 @@ void VolumeDisplay::change_preset()
     if (sender() == preset_) points_->setString("");
     take_points();
     window_wanted_ = automatic_->getBool();
-    change_look();
+    change_appearance();
 }
 
 void VolumeDisplay::change_window()
 {
     // edited by the user
     if (!loading_ && !window_wanted_) automatic_->setBool(false);
-    change_look();
+    change_appearance();
 }
 
 void VolumeDisplay::take_points()
@@ -301,7 +302,7 @@ void VolumeDisplay::change_points()
 {
     if (loading_) return;
     take_points();
-    change_look();
+    change_appearance();
 }
 
 void VolumeDisplay::set_points(const std::vector<ControlPoint> &points) { points_->setStdString(points_text(points)); }
@@ -319,10 +320,10 @@ std::vector<double> VolumeDisplay::histogram(size_t bins)
 void VolumeDisplay::change_fit()
 {
     fit_wanted_ = !loading_ && fit_->getBool();
-    change_look();
+    change_appearance();
 }
 
-void VolumeDisplay::change_look()
+void VolumeDisplay::change_appearance()
 {
     has_appearance_changed_ = true;
     if (context_) context_->queueRender();
@@ -414,36 +415,36 @@ bool VolumeDisplay::place()
     return true;
 }
 
-void VolumeDisplay::set_look(unsigned slices)
+void VolumeDisplay::set_appearance(unsigned slices)
 {
-    VolumeAppearance look;
-    look.isosurface = mode_->getOptionInt() == ISOSURFACE;
-    look.transfer = transfer_;
-    look.low = low();
-    look.high = high();
-    look.opacity = opacity_->getFloat();
-    look.shading = shading_->getFloat();
-    look.surface = surface_->getFloat();
-    look.surface_colour = surface_colour_->getOgreColor();
-    look.slices = slices;
+    VolumeAppearance appearance;
+    appearance.isosurface = mode_->getOptionInt() == ISOSURFACE;
+    appearance.transfer = transfer_;
+    appearance.low = low();
+    appearance.high = high();
+    appearance.opacity = opacity_->getFloat();
+    appearance.shading = shading_->getFloat();
+    appearance.surface = surface_->getFloat();
+    appearance.surface_colour = surface_colour_->getOgreColor();
+    appearance.slices = slices;
     if (clip_box_->getBool())
         for (int d = 0; d < 3; d++) {
-            look.clip_low[d] = box_low_->getVector()[d];
-            look.clip_high[d] = box_high_->getVector()[d];
+            appearance.clip_low[d] = box_low_->getVector()[d];
+            appearance.clip_high[d] = box_high_->getVector()[d];
         }
     if (cut_away_->getBool())
         for (int d = 0; d < 3; d++) {
-            look.away_low[d] = away_low_->getVector()[d];
-            look.away_high[d] = away_high_->getVector()[d];
+            appearance.away_low[d] = away_low_->getVector()[d];
+            appearance.away_high[d] = away_high_->getVector()[d];
         }
     Ogre::Vector3 normal = plane_normal_->getVector();
     if (clip_plane_->getBool() && normal.squaredLength() > 0) {
         // transform from the frame of the message to the volume's axes
         normal = volume_orientation_.Inverse() * normal.normalisedCopy();
         Ogre::Vector3 point = volume_orientation_.Inverse() * (plane_point_->getVector() - volume_position_);
-        look.planes.push_back({{{normal.x, normal.y, normal.z}}, normal.dotProduct(point)});
+        appearance.planes.push_back({{{normal.x, normal.y, normal.z}}, normal.dotProduct(point)});
     }
-    visual_->set_look(look);
+    visual_->set_appearance(appearance);
 }
 
 bool VolumeDisplay::is_moving()
@@ -477,13 +478,13 @@ void VolumeDisplay::update(float wall_dt, float)
     bool moving = is_moving(), placed = visual_->has_texture() && place();
     unsigned slices = moving ? slices_while_moving(wall_dt) : unsigned(slices_->getInt());
     drawn_moving_ = moving;
-    if (has_appearance_changed_ || slices != visual_->look().slices) set_look(slices);
+    if (has_appearance_changed_ || slices != visual_->appearance().slices) set_appearance(slices);
     if (has_appearance_changed_) show_bar();
     if (has_appearance_changed_ || uploaded_) find_visible();
     if (placed) show_sides();
     else sides_->hide();
     has_appearance_changed_ = uploaded_ = false;
-    if (placed && (is_new_ || fit_wanted_)) turn_view_to_it();
+    if (placed && (is_new_ || fit_wanted_)) show_in_view();
     if (placed) visual_->draw(context_->getViewManager()->getCurrent()->getCamera());
     report();
     ask_for_whole(wall_dt);
@@ -491,7 +492,7 @@ void VolumeDisplay::update(float wall_dt, float)
 
 // Move a new volume into the view if its centre is near the edge of the view or outside, because scanners have
 // arbitrary origins.
-void VolumeDisplay::turn_view_to_it()
+void VolumeDisplay::show_in_view()
 {
     is_new_ = fit_wanted_ = false;
     if (fit_->getBool()) {
@@ -523,15 +524,15 @@ void VolumeDisplay::show_sides()
 
 void VolumeDisplay::show_bar()
 {
-    const VolumeAppearance &look = visual_->look();
+    const VolumeAppearance &appearance = visual_->appearance();
     bool shown = bar_shown_->getBool() && visual_->has_texture();
     if (shown) {
-        bool grey = look.isosurface;
-        QString title =
-            QString::fromStdString(look.transfer.unit.empty() ? getName().toStdString() : look.transfer.unit);
-        bar_->set(title, look.low, look.high, [&](double t) {
+        bool grey = appearance.isosurface;
+        QString title = QString::fromStdString(appearance.transfer.unit.empty() ? getName().toStdString()
+                                                                                : appearance.transfer.unit);
+        bar_->set(title, appearance.low, appearance.high, [&](double t) {
             if (grey) return QColor::fromRgbF(t, t, t);
-            Colour colour = colour_at(look.transfer, t);
+            Colour colour = colour_at(appearance.transfer, t);
             return QColor::fromRgbF(colour.r, colour.g, colour.b);
         });
     }
@@ -568,11 +569,12 @@ void VolumeDisplay::report()
     logged_ = received_.error;
 }
 
-bool VolumeDisplay::see(const Ogre::Vector3 &origin, const Ogre::Vector3 &direction, double *distance, double *value)
+bool VolumeDisplay::find_visible_point(const Ogre::Vector3 &origin, const Ogre::Vector3 &direction, double *distance,
+                                       double *value)
 {
     if (!isEnabled() || !visual_) return false;
     std::lock_guard<std::mutex> guard(received_.lock);
-    return visual_->see(received_.image, origin, direction, distance, value);
+    return visual_->find_visible_point(received_.image, origin, direction, distance, value);
 }
 
 } // namespace pliant_rviz

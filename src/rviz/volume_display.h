@@ -44,7 +44,8 @@ public:
     bool is_shown() const { return isEnabled() && visual_ && visual_->has_texture(); }
     // Find where a ray in the fixed frame meets the visible part of the volume [m], and the value there; false: nothing
     // visible.
-    bool see(const Ogre::Vector3 &origin, const Ogre::Vector3 &direction, double *distance, double *value);
+    bool find_visible_point(const Ogre::Vector3 &origin, const Ogre::Vector3 &direction, double *distance,
+                            double *value);
 
     // The displayed transfer function and its window, for editors.
     const Preset &transfer() const { return transfer_; }
@@ -62,7 +63,7 @@ private Q_SLOTS:
     void change_topic();
     void change_preset();
     void change_window();
-    void change_look();
+    void change_appearance();
     void change_limits();
     void change_fit();
     void change_points();
@@ -76,7 +77,7 @@ private:
     void take_window();
     void upload();
     void find_visible();
-    void turn_view_to_it();
+    void show_in_view();
     void show_sides();
     bool place();
     void ask_for_whole(float wall_dt);
@@ -85,7 +86,7 @@ private:
     void take_points();
     bool is_moving();
     unsigned slices_while_moving(float wall_dt);
-    void set_look(unsigned slices);
+    void set_appearance(unsigned slices);
 
     // data from the receiving thread for update()
     struct Received {

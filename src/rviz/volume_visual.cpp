@@ -118,9 +118,9 @@ void VolumeVisual::set_pose(const Ogre::Vector3 &position, const Ogre::Quaternio
     node_->setOrientation(orientation);
 }
 
-void VolumeVisual::set_look(const VolumeAppearance &look)
+void VolumeVisual::set_appearance(const VolumeAppearance &appearance)
 {
-    appearance_ = look;
+    appearance_ = appearance;
     make_table();
 }
 
@@ -321,7 +321,7 @@ void VolumeVisual::set_numbers(Ogre::Pass *pass, const Ogre::Camera *camera)
     if (!appearance_.isosurface) {
         numbers->setNamedConstant("step_i", step);
         numbers->setNamedConstant("shading", float(appearance_.shading));
-        numbers->setNamedConstant("apart", float(diagonal() / std::max(appearance_.slices, 1u)));
+        numbers->setNamedConstant("slice_spacing", float(diagonal() / std::max(appearance_.slices, 1u)));
         return;
     }
     Bounds box = clipped();
@@ -343,8 +343,8 @@ void VolumeVisual::set_numbers(Ogre::Pass *pass, const Ogre::Camera *camera)
     numbers->setNamedConstant("nearest", float(camera->getNearClipDistance()));
 }
 
-bool VolumeVisual::see(const VolumeImage &image, const Ogre::Vector3 &origin, const Ogre::Vector3 &direction,
-                       double *distance, double *value) const
+bool VolumeVisual::find_visible_point(const VolumeImage &image, const Ogre::Vector3 &origin,
+                                      const Ogre::Vector3 &direction, double *distance, double *value) const
 {
     if (!draws() || image.empty()) return false;
     Ogre::Quaternion turn = node_->_getDerivedOrientation().Inverse();

@@ -62,8 +62,8 @@ public:
 
     void set_grid(const std::array<double, 3> &spacing, bool flipped);
     void set_pose(const Ogre::Vector3 &position, const Ogre::Quaternion &orientation);
-    void set_look(const VolumeAppearance &look);
-    const VolumeAppearance &look() const { return appearance_; }
+    void set_appearance(const VolumeAppearance &appearance);
+    const VolumeAppearance &appearance() const { return appearance_; }
     // Find the texels outside which nothing is visible; call after the image's content or the look has changed.
     void find_visible(const VolumeImage &image);
     void set_visible(bool visible);
@@ -74,8 +74,8 @@ public:
 
     // Find where a ray in the fixed frame meets the visible part [m], and the value there; false: nothing visible.
     // direction: unit vector
-    bool see(const VolumeImage &image, const Ogre::Vector3 &origin, const Ogre::Vector3 &direction, double *distance,
-             double *value) const;
+    bool find_visible_point(const VolumeImage &image, const Ogre::Vector3 &origin, const Ogre::Vector3 &direction,
+                            double *distance, double *value) const;
 
     size_t slices_drawn() const { return slices_drawn_; }
     double diagonal() const; // of the whole volume [m]

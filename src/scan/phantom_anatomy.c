@@ -119,15 +119,15 @@ static bool make_colon(phantom_tubes *list)
  * displacements. */
 static bool make_small_bowel(phantom_tubes *list)
 {
-    enum { LAYERS = 6, MOST = 400 };
-    phantom_knot knots[MOST];
+    enum { LAYERS = 6, MAX_KNOTS = 400 };
+    phantom_knot knots[MAX_KNOTS];
     int number = 0, lane = 0;
     for (int layer = 0; layer < LAYERS; ++layer) {
         float z = -8.0f - 25.0f * (float)layer, half = layer == 0 ? 58 : 74;
         bool along = layer % 2 == 0; /* lanes along x, then along y */
         int lanes = along ? 3 : 6, steps = along ? 7 : 3;
         for (int n = 0; n < lanes; ++n, ++lane)
-            for (int s = 0; s < steps && number < MOST; ++s, ++number) {
+            for (int s = 0; s < steps && number < MAX_KNOTS; ++s, ++number) {
                 float across = (float)n / (float)(lanes - 1) * 2 - 1, forth = (float)s / (float)(steps - 1) * 2 - 1;
                 if (lane % 2) forth = -forth;
                 if (layer % 4 > 1) across = -across;

@@ -10,7 +10,7 @@ enum {
 #define PHANTOM_ENUM(id, name) PHANTOM_##name = id,
     PLIANT_PHANTOM_LIST(PHANTOM_ENUM)
 #undef PHANTOM_ENUM
-    PHANTOM_ROOM_FOR_ORGANS = 200, /* abdominal fat where organs can be painted; becomes fat at the end */
+    PHANTOM_ORGAN_CAPACITY = 200, /* abdominal fat where organs can be painted; becomes fat at the end */
     PHANTOM_KEPT_FREE              /* fat around a kidney, without organs */
 };
 

@@ -1,6 +1,6 @@
 #include "scan/phantom_anatomy.h"
 
-static bool is_free(const phantom_row *row, int n) { return row->tissue[n] == PHANTOM_ROOM_FOR_ORGANS; }
+static bool is_free(const phantom_row *row, int n) { return row->tissue[n] == PHANTOM_ORGAN_CAPACITY; }
 
 /* --- Skin, fat and muscle wall. --- */
 
@@ -13,7 +13,7 @@ static void paint_wall(phantom_row *row)
         if (depth < 2.4f) phantom_put(row, n, depth < 0 ? PHANTOM_AIR : PHANTOM_skin, 45);
         else if (depth < fat) phantom_put(row, n, PHANTOM_fat, -104 + 6 * clump + (grain > 0.7f ? 25 : 0));
         else if (depth > muscle)
-            phantom_put(row, n, PHANTOM_ROOM_FOR_ORGANS, -100 + 6 * clump + (grain > 0.6f ? 30 : 0));
+            phantom_put(row, n, PHANTOM_ORGAN_CAPACITY, -100 + 6 * clump + (grain > 0.6f ? 30 : 0));
         else {
             float layer = (depth - fat) / (muscle - fat), across = x < 0 ? -x : x;
             /* The flank has three muscle layers; back and buttock have layers of fat. */
@@ -159,5 +159,5 @@ void phantom_paint(const phantom_anatomy *anatomy, phantom_row *row)
     paint_gut(&anatomy->small_bowel, row, 2.2f, 28, 8);
     paint_vessels(&anatomy->vessels, row, PHANTOM_vessel, 168, true);
     for (int n = 0; n < row->n; ++n)
-        if (row->tissue[n] >= PHANTOM_ROOM_FOR_ORGANS) row->tissue[n] = PHANTOM_fat;
+        if (row->tissue[n] >= PHANTOM_ORGAN_CAPACITY) row->tissue[n] = PHANTOM_fat;
 }

@@ -380,19 +380,19 @@ std::vector<double> numbers_of_frame(const std::string &name, const dicom_file &
 size_t frames_of(const std::string &path, const dicom_file &file)
 {
     const std::vector<double> number = numbers_of_frame(path, file, SIZE_MAX, NUMBER_OF_FRAMES, 1, "NumberOfFrames");
-    const double told = number.empty() ? 1.0 : number[0];
+    const double declared = number.empty() ? 1.0 : number[0];
     size_t grouped = file.frames.size();
-    if (!(told >= 1.0) || told != std::floor(told))
-        fail(PLIANT_ERROR_FORMAT, "%s: NumberOfFrames is %g", path.c_str(), told);
-    if (grouped == 0 && told > 1.0)
+    if (!(declared >= 1.0) || declared != std::floor(declared))
+        fail(PLIANT_ERROR_FORMAT, "%s: NumberOfFrames is %g", path.c_str(), declared);
+    if (grouped == 0 && declared > 1.0)
         fail(PLIANT_ERROR_FORMAT,
              "%s: %.0f frames in one DICOM file, but no functional groups with their positions. Export it as enhanced "
              "CT or MR, as single images, or as NIfTI",
-             path.c_str(), told);
-    if (grouped > 0 && told != static_cast<double>(grouped))
+             path.c_str(), declared);
+    if (grouped > 0 && declared != static_cast<double>(grouped))
         fail(PLIANT_ERROR_FORMAT, "%s: NumberOfFrames is %.0f, but its PerFrameFunctionalGroupsSequence has %zu items",
-             path.c_str(), told, grouped);
-    return static_cast<size_t>(told);
+             path.c_str(), declared, grouped);
+    return static_cast<size_t>(declared);
 }
 
 bool read_dicom_file(const std::string &path, dicom_file *out)

@@ -178,10 +178,10 @@ private:
             const double step = sorted[n] - sorted[n - 1];
             if (step > 1e-3 && (smallest == 0.0 || step < smallest)) smallest = step;
         }
-        const double told = between.empty() ? 0.0 : std::fabs(between[0]),
+        const double declared = between.empty() ? 0.0 : std::fabs(between[0]),
                      thick = thickness.empty() ? 0.0 : thickness[0];
         /* The file contains no slices without segments. */
-        const double step = is_step(told) ? told : is_step(thick) ? thick : smallest;
+        const double step = is_step(declared) ? declared : is_step(thick) ? thick : smallest;
         if (smallest == 0.0 && step == 0.0)
             fail(PLIANT_ERROR_FORMAT,
                  "%s: a DICOM segmentation (SEG) of one slice without SliceThickness and SpacingBetweenSlices: %s",
@@ -191,7 +191,7 @@ private:
                 PLIANT_ERROR_FORMAT,
                 "%s: the slices of the DICOM segmentation (SEG) are not evenly spaced (SpacingBetweenSlices %g mm, "
                 "smallest distance of slices %g mm): %s",
-                path_.c_str(), told, smallest, EXPORT);
+                path_.c_str(), declared, smallest, EXPORT);
         const double length = sorted.back() - sorted.front(), steps = std::round(length / step);
         return steps > 0.0 ? length / steps : step;
     }

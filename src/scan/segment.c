@@ -14,10 +14,10 @@ void pliant_segment_options_from(const pliant_scene *scene, const pliant_geometr
 {
     const double usual = 1e-6, part = 5e-4;
     const double volume = (double)pliant_geometry_voxels(scan) * scan->spacing[0] * scan->spacing[1] * scan->spacing[2];
-    *out = (pliant_segment_options){.classes = scene->segment.classes, .most_classes = scene->segment.most_classes,
-                                    .coherence = scene->segment.coherence, .smallest = scene->segment.smallest,
+    *out = (pliant_segment_options){.classes = scene->segment.classes, .max_classes = scene->segment.max_classes,
+                                    .coherence = scene->segment.coherence, .min_volume = scene->segment.min_volume,
                                     .num_threads = scene->solver.threads, .backend = scene->solver.backend};
-    if (scene->segment.smallest == PLIANT_AUTO_LENGTH) out->smallest = fmin(usual, part * volume);
+    if (scene->segment.min_volume == PLIANT_AUTO_LENGTH) out->min_volume = fmin(usual, part * volume);
 }
 
 static pliant_status check(const pliant_volume *scan, const pliant_segment_options *options)
@@ -25,12 +25,12 @@ static pliant_status check(const pliant_volume *scan, const pliant_segment_optio
     size_t voxels = pliant_geometry_voxels(&scan->geometry);
     if (!scan->voxels || voxels == 0 || voxels > INT32_MAX)
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "segmentation: expected a volume of 1 to %d voxels", INT32_MAX);
-    if (options->classes < 0 || options->classes > PLIANT_MAX_CLASSES || options->most_classes < 1 ||
-        options->most_classes > PLIANT_MAX_CLASSES)
+    if (options->classes < 0 || options->classes > PLIANT_MAX_CLASSES || options->max_classes < 1 ||
+        options->max_classes > PLIANT_MAX_CLASSES)
         return pliant_fail(PLIANT_ERROR_ARGUMENT,
                            "segmentation: 1 to %d classes are possible, not %d (0: chosen, at most %d)",
-                           PLIANT_MAX_CLASSES, options->classes, options->most_classes);
-    if (!(options->coherence >= 0) || !isfinite(options->coherence) || !(options->smallest >= 0) ||
+                           PLIANT_MAX_CLASSES, options->classes, options->max_classes);
+    if (!(options->coherence >= 0) || !isfinite(options->coherence) || !(options->min_volume >= 0) ||
         options->num_threads < 0)
         return pliant_fail(PLIANT_ERROR_ARGUMENT,
                            "segmentation: coherence and smallest piece must not be negative, nor threads");
@@ -266,11 +266,11 @@ pliant_status segment_name(const pliant_geometry *geometry, segment_tally *talli
     double voxel = geometry->spacing[0] * geometry->spacing[1] * geometry->spacing[2];
     for (int32_t p = 0; p < count; p++) {
         const segment_tally *one = tallies + p;
-        pliant_segment_piece *told = out->pieces + p;
+        pliant_segment_piece *entry = out->pieces + p;
         double index[3] = {one->at[0] / one->voxels, one->at[1] / one->voxels, one->at[2] / one->voxels};
-        *told = (pliant_segment_piece){
+        *entry = (pliant_segment_piece){
             .class_index = one->class_index, .mean = one->sum / one->voxels, .volume = one->voxels * voxel};
-        pliant_geometry_to_world(geometry, index, told->centre);
+        pliant_geometry_to_world(geometry, index, entry->centre);
         label[one->piece] = (uint16_t)(p + 1);
     }
     out->num_pieces = count;
@@ -278,8 +278,8 @@ pliant_status segment_name(const pliant_geometry *geometry, segment_tally *talli
 }
 
 /* Label the pieces by size, and compute their means and the label of every voxel. */
-static pliant_status tell(const pliant_volume *scan, const uint8_t *classes, const int32_t *piece, int32_t count,
-                          pliant_segmentation *out)
+static pliant_status write_pieces(const pliant_volume *scan, const uint8_t *classes, const int32_t *piece,
+                                  int32_t count, pliant_segmentation *out)
 {
     const pliant_geometry *geometry = &scan->geometry;
     segment_tally *tallies = pliant_calloc((size_t)count, sizeof *tallies);
@@ -335,10 +335,10 @@ static pliant_status segment_on_cpu(const pliant_volume *scan, const pliant_segm
     piece = pliant_calloc(voxels, sizeof *piece);
     status = piece ? segment_connect(size, classes, piece, &count) : pliant_fail_memory("the pieces");
     double lowest =
-        options->smallest / (scan->geometry.spacing[0] * scan->geometry.spacing[1] * scan->geometry.spacing[2]);
+        options->min_volume / (scan->geometry.spacing[0] * scan->geometry.spacing[1] * scan->geometry.spacing[2]);
     if (status == PLIANT_OK) status = segment_absorb(size, piece, count, lowest, classes);
     if (status == PLIANT_OK) status = segment_connect(size, classes, piece, &count);
-    if (status == PLIANT_OK) status = tell(scan, classes, piece, count, &made);
+    if (status == PLIANT_OK) status = write_pieces(scan, classes, piece, count, &made);
 done:
     pliant_free(histogram);
     pliant_free(fits);

@@ -17,8 +17,9 @@ static double value_of(const segment_histogram *histogram, int bin)
 
 static double log_density(const pliant_segment_class *c, double value)
 {
-    double apart = (value - c->mean) / c->deviation;
-    return log(c->weight) - log(c->deviation) - 0.91893853320467274178 /* log(2 pi) / 2 */ - 0.5 * apart * apart;
+    double difference = (value - c->mean) / c->deviation;
+    return log(c->weight) - log(c->deviation) - 0.91893853320467274178 /* log(2 pi) / 2 */ -
+           0.5 * difference * difference;
 }
 
 /* Return the logarithm of the sum of exponentials. part: out: fraction of each. */
@@ -51,10 +52,10 @@ static double maximize(const segment_histogram *histogram, pliant_segment_class 
             double value = value_of(histogram, bin);
             now += histogram->count[bin] * responsibilities(classes, count, value, part);
             for (int k = 0; k < count; k++) {
-                double fraction = histogram->count[bin] * part[k], apart = value - classes[k].mean;
+                double fraction = histogram->count[bin] * part[k], difference = value - classes[k].mean;
                 sums[k][0] += fraction;
-                sums[k][1] += fraction * apart;
-                sums[k][2] += fraction * apart * apart;
+                sums[k][1] += fraction * difference;
+                sums[k][2] += fraction * difference * difference;
             }
         }
         for (int k = 0; k < count; k++) {
@@ -141,7 +142,7 @@ void segment_fit(const segment_histogram *histogram, int maximum, segment_fits *
 
 int segment_max_classes(const pliant_segment_options *options)
 {
-    return options->classes > 0 ? options->classes : options->most_classes;
+    return options->classes > 0 ? options->classes : options->max_classes;
 }
 
 int segment_choose_mixture(const segment_histogram *histogram, const pliant_segment_options *options,

@@ -7,7 +7,7 @@
 
 /* A feature that requires tetrahedra. */
 typedef struct tetrahedral {
-    bool asked;
+    bool is_requested;
     const char *what;    /* option and reason */
     const char *instead; /* alternative with hexahedra; NULL: hexahedra work, but tetrahedra are more robust */
 } tetrahedral;
@@ -29,7 +29,7 @@ static tetrahedral first_tetrahedral(const pliant_scene *scene, bool alone)
          "tled/nodal_pressure: hexahedra have one change of volume each and need none", "false"},
     };
     for (size_t n = 0; n < sizeof all / sizeof *all; n++)
-        if (all[n].asked && (all[n].instead || !alone)) return all[n];
+        if (all[n].is_requested && (all[n].instead || !alone)) return all[n];
     return (tetrahedral){false, NULL, NULL};
 }
 

@@ -11,7 +11,7 @@
 
 #define CHOICE_NAME(name, yaml) #yaml,
 static const char *const method_names[] = {PLIANT_METHOD_LIST(CHOICE_NAME) NULL};
-static const char *const touch_names[] = {PLIANT_TOUCH_LIST(CHOICE_NAME) NULL};
+static const char *const submesh_names[] = {PLIANT_SUBMESH_EXTENT_LIST(CHOICE_NAME) NULL};
 static const char *const backend_names[] = {PLIANT_BACKEND_LIST(CHOICE_NAME) NULL};
 static const char *const preconditioner_names[] = {PLIANT_PRECONDITIONER_LIST(CHOICE_NAME) NULL};
 static const char *const scalar_names[] = {PLIANT_SCALAR_LIST(CHOICE_NAME) NULL};
@@ -30,7 +30,7 @@ static const char *const response_names[] = {PLIANT_RESPONSE_LIST(CHOICE_NAME) N
 #undef CHOICE_NAME
 
 /* enumerations are read and written through an int */
-_Static_assert(sizeof(pliant_method) == sizeof(int) && sizeof(pliant_touch) == sizeof(int) &&
+_Static_assert(sizeof(pliant_method) == sizeof(int) && sizeof(pliant_submesh_extent) == sizeof(int) &&
                    sizeof(pliant_backend_choice) == sizeof(int) &&
                    sizeof(pliant_preconditioner_choice) == sizeof(int) && sizeof(pliant_scalar) == sizeof(int) &&
                    sizeof(pliant_solver_kind) == sizeof(int) && sizeof(pliant_law) == sizeof(int) &&
@@ -48,7 +48,7 @@ _Static_assert(sizeof(pliant_method) == sizeof(int) && sizeof(pliant_touch) == s
 #define KIND_LENGTH(value) PLIANT_OPTION_LENGTH, value, NULL, NULL
 #define KIND_STRING(value) PLIANT_OPTION_STRING, 0, value, NULL
 #define KIND_METHOD(value) PLIANT_OPTION_CHOICE, value, NULL, method_names
-#define KIND_TOUCH(value) PLIANT_OPTION_CHOICE, value, NULL, touch_names
+#define KIND_SUBMESH(value) PLIANT_OPTION_CHOICE, value, NULL, submesh_names
 #define KIND_BACKEND(value) PLIANT_OPTION_CHOICE, value, NULL, backend_names
 #define KIND_PRECONDITIONER(value) PLIANT_OPTION_CHOICE, value, NULL, preconditioner_names
 #define KIND_SCALAR(value) PLIANT_OPTION_CHOICE, value, NULL, scalar_names

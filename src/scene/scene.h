@@ -19,7 +19,7 @@ PLIANT_INTERNAL size_t pliant_scene_text(const pliant_scene *scene, size_t capac
  *   @param why Nullable, out: why auto became linear ("option: reason", static); NULL: it did not */
 PLIANT_INTERNAL pliant_element_kind pliant_scene_element_kind(const pliant_scene *scene, const char **why);
 
-/* Return the message about an option that was removed, with the value in its place; NULL: the path is no such option.
+/* Return the message about an option that was removed or renamed, with its replacement; NULL: there was no such option.
  *   @param option path of the option, as "cut/snap" */
 PLIANT_INTERNAL const char *pliant_scene_removed_option(const char *option);
 

@@ -21,7 +21,7 @@ typedef struct pliant_edge {
     /* (count) For a point outside of the tissue: the node that carries it. -1: use the nearest point in tissue, if
      * any. */
     int32_t *carrier;
-    double *apart;         /* (count x 3) offset of the point from that node [m] */
+    double *carrier_offset;         /* (count x 3) offset of the point from that node [m] */
     double reach;          /* maximum distance of this node [m] */
     double *now, *swept;   /* (count x 3) work arrays: present position of the blade, and start or end of the swept
                             * strip */

@@ -32,10 +32,10 @@ typedef struct pliant_discretization {
 
 struct pliant_model {
     pliant_scene scene;
-    pliant_contact_settings contact;  /* with what the scene sets of them */
-    const pliant_volume *scan;        /* borrowed; outlives the model */
-    const pliant_volume *drawn;       /* the deformed volume: the scan, or `seen` */
-    pliant_volume seen;               /* warp/hide_empty: the scan without voxels of empty materials */
+    pliant_contact_settings contact; /* with what the scene sets of them */
+    const pliant_volume *scan;       /* borrowed; outlives the model */
+    const pliant_volume *drawn;      /* the deformed volume: the scan, or `visible_scan` */
+    pliant_volume visible_scan;      /* warp/hide_empty: the scan without voxels of empty materials */
     pliant_material_table materials;
     pliant_tool_shape obstacles;      /* contact/obstacles */
 

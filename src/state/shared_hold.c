@@ -15,10 +15,10 @@ static bool is_rigid(const pliant_tool *tool) { return tool->holding && pliant_t
 bool pliant_holds_coincide(const pliant_mesh *fine, const pliant_tool *a, const pliant_tool *b)
 {
     const double closer = 0.25 * fmin(fine->cell_size[0], fmin(fine->cell_size[1], fine->cell_size[2]));
-    double at[2][3], apart = 0;
+    double at[2][3], squares = 0;
     if (!is_rigid(a) || !is_rigid(b)) return false;
     held_point_at_rest(fine, a, at[0]);
     held_point_at_rest(fine, b, at[1]);
-    for (int d = 0; d < 3; d++) apart += (at[0][d] - at[1][d]) * (at[0][d] - at[1][d]);
-    return apart < closer * closer;
+    for (int d = 0; d < 3; d++) squares += (at[0][d] - at[1][d]) * (at[0][d] - at[1][d]);
+    return squares < closer * closer;
 }

@@ -106,7 +106,7 @@ static void free_edge(pliant_edge *edge)
     pliant_free(edge->tet);
     pliant_free(edge->weight);
     pliant_free(edge->carrier);
-    pliant_free(edge->apart);
+    pliant_free(edge->carrier_offset);
     pliant_free(edge->now);
     pliant_free(edge->swept);
     memset(edge, 0, sizeof *edge);
@@ -121,10 +121,10 @@ pliant_status pliant_edge_create(int32_t count, double reach, pliant_edge *edge)
     edge->tet = pliant_calloc(points, sizeof *edge->tet);
     edge->weight = pliant_calloc(points, 4 * sizeof *edge->weight);
     edge->carrier = pliant_calloc(points, sizeof *edge->carrier);
-    edge->apart = pliant_calloc(points, 3 * sizeof *edge->apart);
+    edge->carrier_offset = pliant_calloc(points, 3 * sizeof *edge->carrier_offset);
     edge->now = pliant_calloc(points, 3 * sizeof *edge->now);
     edge->swept = pliant_calloc(points, 3 * sizeof *edge->swept);
-    if (edge->place && edge->tet && edge->weight && edge->carrier && edge->apart && edge->now && edge->swept)
+    if (edge->place && edge->tet && edge->weight && edge->carrier && edge->carrier_offset && edge->now && edge->swept)
         return PLIANT_OK;
     free_edge(edge);
     return pliant_fail_memory("the edge of a blade");
@@ -146,13 +146,13 @@ void pliant_blade_points(const pliant_blade *blade, const double tip[3], const d
 static bool measure_along(const pliant_edge *edge, double spacing, double *squares)
 {
     bool any = false;
-    for (int way = -1; way <= 1; way += 2) {
+    for (int direction = -1; direction <= 1; direction += 2) {
         double far = edge->reach;
         for (int32_t n = 0; n < edge->count; n++) {
-            const int32_t p = way > 0 ? n : edge->count - 1 - n;
+            const int32_t p = direction > 0 ? n : edge->count - 1 - n;
             far = edge->tet[p] >= 0 ? 0 : fmin(far + spacing, edge->reach);
             any = any || edge->tet[p] < 0;
-            squares[p] = way > 0 ? fmin(squares[p], far * far) : far * far;
+            squares[p] = direction > 0 ? fmin(squares[p], far * far) : far * far;
         }
     }
     return any;
@@ -164,7 +164,7 @@ static void find_carrier_nodes(const pliant_data *data, pliant_edge *edge)
 {
     const double *first = edge->now, *last = edge->now + 3 * (edge->count - 1);
     /* used as a buffer until the offsets are written below */
-    double along[3], low[3], high[3], spacing = 0, *squares = edge->apart;
+    double along[3], low[3], high[3], spacing = 0, *squares = edge->carrier_offset;
     for (int d = 0; d < 3; d++) {
         along[d] = (last[d] - first[d]) / (edge->count - 1);
         spacing += along[d] * along[d];
@@ -186,15 +186,15 @@ static void find_carrier_nodes(const pliant_data *data, pliant_edge *edge)
         const double half = sqrt(fmax(edge->reach * edge->reach - aside, 0)) / spacing;
         for (int32_t p = (int32_t)fmax(ceil(at - half), 0); p <= (int32_t)fmin(floor(at + half), edge->count - 1);
              p++) {
-            const double apart = aside + pow((p - at) * spacing, 2);
-            if (edge->tet[p] >= 0 || apart >= squares[p]) continue;
-            squares[p] = apart;
+            const double square = aside + pow((p - at) * spacing, 2);
+            if (edge->tet[p] >= 0 || square >= squares[p]) continue;
+            squares[p] = square;
             edge->carrier[p] = n;
         }
     }
     for (int32_t p = 0; p < edge->count; p++)
         for (int d = 0; d < 3 && edge->carrier[p] >= 0; d++)
-            edge->apart[3 * p + d] = edge->place[3 * p + d] - data->positions[3 * edge->carrier[p] + d];
+            edge->carrier_offset[3 * p + d] = edge->place[3 * p + d] - data->positions[3 * edge->carrier[p] + d];
 }
 
 void pliant_blade_set_edge(const pliant_data *data, pliant_edge *edge)
@@ -252,13 +252,13 @@ static void place_of(const pliant_mesh *mesh, const double *positions, const pli
 static void move_with_carrier(const pliant_edge *edge, int32_t p, const double from[3])
 {
     const double *to = edge->place + 3 * p;
-    for (int way = -1; way <= 1; way += 2) {
-        int32_t end = p + way, last = end;
-        while (last >= 0 && last < edge->count && edge->tet[last] < 0) last += way;
+    for (int direction = -1; direction <= 1; direction += 2) {
+        int32_t end = p + direction, last = end;
+        while (last >= 0 && last < edge->count && edge->tet[last] < 0) last += direction;
         const bool up_to_next = last >= 0 && last < edge->count;
-        for (; end != last; end += way) {
+        for (; end != last; end += direction) {
             /* the next point in tissue is nearer, or as near */
-            if (up_to_next && (last - end) * way < (end - p) * way + (way > 0)) break;
+            if (up_to_next && (last - end) * direction < (end - p) * direction + (direction > 0)) break;
             if (edge->carrier[end] >= 0) continue;
             for (int d = 0; d < 3; d++) edge->place[3 * end + d] += to[d] - from[d];
         }
@@ -270,7 +270,7 @@ void pliant_blade_move_with_tissue(const pliant_data *data, pliant_edge *edge)
     for (int32_t p = 0; p < edge->count; p++) {
         double from[3];
         for (int d = 0; d < 3 && edge->tet[p] < 0 && edge->carrier[p] >= 0; d++)
-            edge->place[3 * p + d] = data->positions[3 * edge->carrier[p] + d] + edge->apart[3 * p + d];
+            edge->place[3 * p + d] = data->positions[3 * edge->carrier[p] + d] + edge->carrier_offset[3 * p + d];
         if (edge->tet[p] < 0) continue;
         memcpy(from, edge->place + 3 * p, sizeof from);
         place_of(&data->body->fine, data->positions, edge, p, edge->place + 3 * p);
@@ -295,7 +295,7 @@ pliant_status pliant_blade_transfer(pliant_blade *blade, const pliant_blade *fro
     for (int32_t p = 0; p < edge->count; p++)
         if (from->edge.tet[p] >= 0) place_of(&data->body->fine, data->positions, &from->edge, p, edge->place + 3 * p);
     pliant_body_locate_points(next, positions, edge->count, edge->place, edge->tet, edge->weight);
-    memcpy(edge->apart, from->edge.apart, 3 * (size_t)edge->count * sizeof *edge->apart);
+    memcpy(edge->carrier_offset, from->edge.carrier_offset, 3 * (size_t)edge->count * sizeof *edge->carrier_offset);
     for (int32_t p = 0; p < edge->count; p++) {
         if (from->edge.tet[p] < 0) edge->tet[p] = -1;
         edge->carrier[p] = from->edge.carrier[p] < next->fine.num_nodes ? from->edge.carrier[p] : -1;
@@ -306,14 +306,14 @@ pliant_status pliant_blade_transfer(pliant_blade *blade, const pliant_blade *fro
 void pliant_blade_move_to_tissue(const pliant_data *data, pliant_edge *edge, double spacing)
 {
     for (int32_t p = 0; p < edge->count; p++) {
-        double *place = edge->place + 3 * p, from[3], way[3];
+        double *place = edge->place + 3 * p, from[3], motion[3];
         memcpy(from, place, sizeof from);
-        for (int d = 0; d < 3; d++) way[d] = edge->now[3 * p + d] - from[d];
-        const double length = sqrt(way[0] * way[0] + way[1] * way[1] + way[2] * way[2]);
+        for (int d = 0; d < 3; d++) motion[d] = edge->now[3 * p + d] - from[d];
+        const double length = sqrt(motion[0] * motion[0] + motion[1] * motion[1] + motion[2] * motion[2]);
         const int32_t parts = (int32_t)ceil(length / spacing);
         for (int32_t k = 1; k <= parts && edge->tet[p] < 0; k++) {
             int32_t tet;
-            for (int d = 0; d < 3; d++) place[d] = from[d] + way[d] * k / parts;
+            for (int d = 0; d < 3; d++) place[d] = from[d] + motion[d] * k / parts;
             if (pliant_body_locate(data->body, data->positions, place, &tet, edge->weight + 4 * p)) edge->tet[p] = tet;
         }
     }

@@ -393,17 +393,17 @@ void pliant_tool_slip(const pliant_scene *scene, pliant_data *data, int index)
     pliant_tool *tool = data->tools + index;
     if (!(scene->grasp.slip > 0) || !pliant_tool_grips(tool) || tool->drive != PLIANT_DRIVE_SPRING) return;
     const double maximum = scene->grasp.slip / (tool->stiffness + tool->damping / scene->solver.step);
-    double way[3], length = 0;
+    double stretch[3], length = 0;
     for (int d = 0; d < 3; d++) {
-        way[d] = tool->tip[d] - tool->grip[d] - tool->held_point[d];
-        length += way[d] * way[d];
+        stretch[d] = tool->tip[d] - tool->grip[d] - tool->held_point[d];
+        length += stretch[d] * stretch[d];
     }
     length = sqrt(length);
     if (length <= maximum) return;
     if (tool->slipped == 0)
         pliant_log(PLIANT_LOG_INFO, "tool %s: its grasp slips at %g N (grasp/slip)", tool->name, scene->grasp.slip);
     tool->slipped += length - maximum;
-    for (int d = 0; d < 3; d++) tool->grip[d] += (1 - maximum / length) * way[d];
+    for (int d = 0; d < 3; d++) tool->grip[d] += (1 - maximum / length) * stretch[d];
     if (tool->slipped <= 2 * tool->grasped_radius) return;
     pliant_log(PLIANT_LOG_WARNING, "tool %s: the tissue has slipped out of its grasp (grasp/slip)", tool->name);
     pliant_tool_reset_grasp(tool);

@@ -30,7 +30,7 @@ struct pliant_voxels {
     int32_t num_bridges;
     int32_t *bridge;           /* (num_bridges x 2) voxels; bridges within a tetrahedron first, by tetrahedron */
     int32_t *bridge_start;     /* (num_tets + 1) index into the bridges within tetrahedra */
-    int32_t *beside_start, *adjacent; /* (num_tets + 1), the other bridges of every tetrahedron, ascending */
+    int32_t *adjacent_start, *adjacent; /* (num_tets + 1), the other bridges of every tetrahedron, ascending */
     int32_t *across;           /* (num_tets x 4) the tetrahedron across each face at load (pliant_mesh_neighbours) */
     /* (num_nodes + 1), (4 x num_tets) for each node the corners of tetrahedra at load: 4 tetrahedron + corner */
     int32_t *around_start, *around;

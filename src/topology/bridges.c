@@ -284,7 +284,7 @@ static pliant_status bridge_hinges(bridges *work, const pliant_mesh *fine, int32
 static pliant_status list_beside(pliant_voxels *voxels)
 {
     const int32_t first = voxels->bridge_start[voxels->num_tets], ends = 2 * (voxels->num_bridges - first);
-    int32_t *start = voxels->beside_start = pliant_calloc((size_t)voxels->num_tets + 2, sizeof *start);
+    int32_t *start = voxels->adjacent_start = pliant_calloc((size_t)voxels->num_tets + 2, sizeof *start);
     voxels->adjacent = pliant_calloc((size_t)ends + 1, sizeof *voxels->adjacent);
     if (!start || !voxels->adjacent) return pliant_fail_memory("the voxels of the mesh");
     for (int32_t e = 0; e < ends; e++) start[voxels->owner[voxels->bridge[2 * first + e]] + 2]++;

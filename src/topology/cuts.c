@@ -46,7 +46,7 @@ static bool take(struct pliant_cuts_pool *pool, size_t more, int32_t *first)
     return false;
 }
 
-pliant_status pliant_cuts_room(const pliant_cuts *cuts, size_t kept, size_t more, pliant_cuts *next, int32_t *first)
+pliant_status pliant_cuts_reserve(const pliant_cuts *cuts, size_t kept, size_t more, pliant_cuts *next, int32_t *first)
 {
     if (cuts && cuts->pool && take(cuts->pool, more, first)) {
         hold(cuts->pool, next);

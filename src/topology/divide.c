@@ -191,8 +191,8 @@ static int32_t list_nodes(const pliant_body *body, const pliant_body *next, int3
 
 /* Recompute the mass of a node from the fragments of voxels around it. The initial tetrahedra around the node give the
  * candidates. */
-static pliant_status renew_mass(const pliant_body *next, const pliant_cuts *cuts, int32_t node, int32_t **capacity,
-                                int32_t *maximum)
+static pliant_status renew_mass(const pliant_body *next, const pliant_cuts *cuts, int32_t node, int32_t **buffer,
+                                int32_t *buffer_size)
 {
     const pliant_voxels *voxels = next->voxels;
     const int32_t load = next->node_parent ? next->node_parent[node] : node;
@@ -202,18 +202,18 @@ static pliant_status renew_mass(const pliant_body *next, const pliant_cuts *cuts
                       at = place_of(cuts->tet, cuts->num_tets, tet);
         const int32_t *fragment = at < 0 ? &tet : cuts->fragment + cuts->start[at],
                       fragments = at < 0 ? 1 : cuts->start[at + 1] - cuts->start[at];
-        if (count + fragments > *maximum) {
-            int32_t *longer = pliant_resize(*capacity, 2 * (size_t)(count + fragments), sizeof *longer);
+        if (count + fragments > *buffer_size) {
+            int32_t *longer = pliant_resize(*buffer, 2 * (size_t)(count + fragments), sizeof *longer);
             if (!longer) return pliant_fail_memory("the next body");
-            *capacity = longer;
-            *maximum = 2 * (count + fragments);
+            *buffer = longer;
+            *buffer_size = 2 * (count + fragments);
         }
         for (int32_t f = 0; f < fragments; f++)
-            if (next->fine.tets[4 * (size_t)fragment[f] + corner] == node) (*capacity)[count++] = fragment[f];
+            if (next->fine.tets[4 * (size_t)fragment[f] + corner] == node) (*buffer)[count++] = fragment[f];
     }
-    count = sort_once(*capacity, count);
+    count = sort_once(*buffer, count);
     next->node_mass[node] = 0;
-    for (int32_t i = 0; i < count; i++) next->node_mass[node] += share_of_mass(next, (*capacity)[i]);
+    for (int32_t i = 0; i < count; i++) next->node_mass[node] += share_of_mass(next, (*buffer)[i]);
     pliant_mark_written(next->node_mass, (size_t)node, 1, sizeof *next->node_mass);
     return PLIANT_OK;
 }
@@ -221,12 +221,12 @@ static pliant_status renew_mass(const pliant_body *next, const pliant_cuts *cuts
 static pliant_status renew_masses(const pliant_body *body, const pliant_cuts *cuts, pliant_body *next)
 {
     const pliant_mesh *fine = &next->fine;
-    int32_t *nodes, *capacity = NULL, maximum = 0;
+    int32_t *nodes, *buffer = NULL, buffer_size = 0;
     const int32_t count = list_nodes(body, next, &nodes);
     pliant_status status = count < 0 ? pliant_fail_memory("the next body") : PLIANT_OK;
     if (cuts && next->voxels) {
         for (int32_t i = 0; i < count && status == PLIANT_OK; i++)
-            status = renew_mass(next, cuts, nodes[i], &capacity, &maximum);
+            status = renew_mass(next, cuts, nodes[i], &buffer, &buffer_size);
     } else if (count > 0) {
         uint8_t *changed = pliant_calloc((size_t)fine->num_nodes, 1);
         if (!changed) status = pliant_fail_memory("the next body");
@@ -240,7 +240,7 @@ static pliant_status renew_masses(const pliant_body *body, const pliant_cuts *cu
         pliant_free(changed);
     }
     pliant_free(nodes);
-    pliant_free(capacity);
+    pliant_free(buffer);
     return status;
 }
 

@@ -110,9 +110,9 @@ static inline bool pliant_link_severed(const pliant_links *links, int32_t voxel,
 }
 
 /* Return whether the link in a direction along an axis is intact; both voxels must exist. */
-static inline bool pliant_linked(const pliant_links *links, int32_t voxel, const int32_t at[3], int axis, int way)
+static inline bool pliant_linked(const pliant_links *links, int32_t voxel, const int32_t at[3], int axis, int direction)
 {
-    if (way > 0) return !pliant_link_severed(links, voxel, at, axis);
+    if (direction > 0) return !pliant_link_severed(links, voxel, at, axis);
     int32_t lower[3] = {at[0], at[1], at[2]};
     lower[axis]--;
     return !pliant_link_severed(links, voxel - pliant_stride_of(links->voxels, axis), lower, axis);
@@ -154,7 +154,7 @@ static inline int32_t pliant_voxel_in(const pliant_voxels *voxels, int32_t tet, 
 /* Reserve capacity for the fragments of `more` voxels after the fragments of `cuts` (Nullable). The pool of `cuts` is
  * used if next->voxel_fragment stays the same, otherwise a new one with capacity for `kept` further voxels.
  * first: output; index of the reserved range */
-pliant_status pliant_cuts_room(const pliant_cuts *cuts, size_t kept, size_t more, pliant_cuts *next, int32_t *first);
+pliant_status pliant_cuts_reserve(const pliant_cuts *cuts, size_t kept, size_t more, pliant_cuts *next, int32_t *first);
 
 /* ---- bridges.c */
 

@@ -279,18 +279,18 @@ static bool add_small(surface_maker *maker, int32_t host, const host_face face[4
 static bool fill_split(surface_maker *maker, const surface_block *block)
 {
     /* the last three have the opposite orientation */
-    static const int ways[6][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}};
+    static const int paths[6][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}};
     const int parts = maker->parts;
     host_face face[4];
     for (int v = 0; v < 4; v++) find_face(maker, block->host, v, face + v);
     for (int cube = 0; cube < parts * parts * parts; cube++)
-        for (int way = 0; way < 6; way++) {
+        for (int path = 0; path < 6; path++) {
             int32_t x[3] = {cube % parts, cube / parts % parts, cube / parts / parts};
             small_tet tet;
             bool inside = true;
             for (int c = 0; c < 4; c++) {
-                const int to = way < 3 || c < 2 ? c : 5 - c;
-                if (c > 0) x[ways[way][c - 1]]++;
+                const int to = path < 3 || c < 2 ? c : 5 - c;
+                if (c > 0) x[paths[path][c - 1]]++;
                 inside = inside && x[0] <= parts && x[0] >= x[1] && x[1] >= x[2];
                 if (!inside) break;
                 memcpy(tet.at[to], (int32_t[4]){parts - x[0], x[0] - x[1], x[1] - x[2], x[2]}, sizeof tet.at[to]);

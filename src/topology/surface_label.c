@@ -101,8 +101,8 @@ static double squared_distance_to(const surface_maker *maker, const int32_t at[3
 {
     double sum = 0;
     for (int d = 0; d < 3; d++) {
-        const double way = (at[d] - index[d]) * maker->voxels->geometry.spacing[d];
-        sum += way * way;
+        const double difference = (at[d] - index[d]) * maker->voxels->geometry.spacing[d];
+        sum += difference * difference;
     }
     return sum;
 }
@@ -253,8 +253,8 @@ static double estimate_crossing(const surface_list *near, const double from[3], 
         for (size_t s = 0; s < near->count; s++) {
             double square = 0;
             for (int d = 0; d < 3; d++) {
-                const double way = sample[s].at[d] - from[d] - t * (to[d] - from[d]);
-                square += way * way;
+                const double difference = sample[s].at[d] - from[d] - t * (to[d] - from[d]);
+                square += difference * difference;
             }
             if (!(square < minimum)) continue;
             minimum = square;
@@ -274,22 +274,23 @@ static double fit(const surface_list *near, const double from[3], const double t
     for (int d = 0; d < 3; d++) place[d] = from[d] + t * (to[d] - from[d]);
     for (int pass = 0; pass < 2; pass++) {
         for (size_t s = 0; s < near->count; s++) {
-            double way[3], far = 0;
+            double difference[3], far = 0;
             for (int d = 0; d < 3; d++) {
-                way[d] = sample[s].at[d] - place[d];
-                far += way[d] * way[d];
+                difference[d] = sample[s].at[d] - place[d];
+                far += difference[d] * difference[d];
             }
             const double weight = 1 - far / (reach * reach);
             if (!(weight > 0)) continue;
             if (pass == 0) {
                 weights += weight;
                 side += weight * sample[s].side;
-                for (int d = 0; d < 3; d++) middle[d] += weight * way[d];
+                for (int d = 0; d < 3; d++) middle[d] += weight * difference[d];
                 continue;
             }
             for (int d = 0; d < 3; d++) {
-                product[d] += weight * (way[d] - middle[d]) * (sample[s].side - side);
-                for (int e = 0; e < 3; e++) square[3 * d + e] += weight * (way[d] - middle[d]) * (way[e] - middle[e]);
+                product[d] += weight * (difference[d] - middle[d]) * (sample[s].side - side);
+                for (int e = 0; e < 3; e++)
+                    square[3 * d + e] += weight * (difference[d] - middle[d]) * (difference[e] - middle[e]);
             }
         }
         if (!(weights > 0)) return NAN;

@@ -112,9 +112,9 @@ static void find_near(const pliant_body *body, const pliant_parts *parts, uint8_
     for (uint8_t edges = 1; edges <= ZONE_EDGES; edges++)
         for (int32_t t = 0; t < mesh->num_tets; t++) {
             const int32_t *node = mesh->tets + 4 * (size_t)t;
-            bool adjacent = false;
-            for (int v = 0; v < 4; v++) adjacent = adjacent || (near[node[v]] > 0 && near[node[v]] <= edges);
-            for (int v = 0; v < 4 && adjacent; v++)
+            bool in_range = false;
+            for (int v = 0; v < 4; v++) in_range = in_range || (near[node[v]] > 0 && near[node[v]] <= edges);
+            for (int v = 0; v < 4 && in_range; v++)
                 if (near[node[v]] == 0) near[node[v]] = (uint8_t)(edges + 1);
         }
     for (int32_t n = 0; n < mesh->num_nodes; n++) near[n] = near[n] > 0;
@@ -208,10 +208,10 @@ FIT_VECTORIZED static void cover(const fit_view *view, int32_t begin, int32_t en
         if (!fit_covers(view, t, true) || !fit_tet_at(view, t, &tet)) continue;
         fit_mark_needed_points(view, &tet, want_begin, want_end);
         if (!fit_covers(view, t, false)) continue;
-        bool adjacent = true;
+        bool in_range = true;
         for (int d = 1; d < 3; d++)
-            adjacent = adjacent && fit_range(tet.low[d], tet.high[d], size[d], first + d, last + d);
-        if (!adjacent) continue;
+            in_range = in_range && fit_range(tet.low[d], tet.high[d], size[d], first + d, last + d);
+        if (!in_range) continue;
         for (int32_t k = first[2] > begin ? first[2] : begin; k <= last[2] && k < end; k++)
             for (int32_t j = first[1]; j <= last[1]; j++) fit_cover_row(view, &tet, j, k);
     }

@@ -222,9 +222,9 @@ typedef struct normal_equations {
     int32_t nodes;
 } normal_equations;
 
-PLIANT_INLINE void fit_add_node(const double *value, const double apart[3], double weight, normal_equations *out)
+PLIANT_INLINE void fit_add_node(const double *value, const double offset[3], double weight, normal_equations *out)
 {
-    const double x = apart[0], y = apart[1], z = apart[2];
+    const double x = offset[0], y = offset[1], z = offset[2];
     const double term[FIT_PADDED] = {1, x, y, z, x * x, y * y, z * z, x * y, x * z, y * z};
     double weighted[FIT_PADDED];
     PLIANT_UNROLL for (int c = 0; c < FIT_PADDED; c++) weighted[c] = weight * term[c];
@@ -251,11 +251,11 @@ PLIANT_INLINE void fit_gather(const fit_view *fit, const double p[3], double dev
             for (int32_t s = fit->bin_start[row + (size_t)first[0]]; s < fit->bin_start[row + (size_t)last[0] + 1];
                  s++) {
                 const double *at = fit->sorted + 6 * (size_t)s;
-                double apart[3] = {(at[0] - p[0]) * inverse, (at[1] - p[1]) * inverse, (at[2] - p[2]) * inverse};
-                double square = apart[0] * apart[0] + apart[1] * apart[1] + apart[2] * apart[2];
+                double offset[3] = {(at[0] - p[0]) * inverse, (at[1] - p[1]) * inverse, (at[2] - p[2]) * inverse};
+                double square = offset[0] * offset[0] + offset[1] * offset[1] + offset[2] * offset[2];
                 /* All nearby nodes are assumed to be on the point's side: within reach of a cut no fit is used
                  * (pliant_fit_next). */
-                if (square < FIT_CUT_OFF * FIT_CUT_OFF) fit_add_node(at + 3, apart, fit_gaussian(square), out);
+                if (square < FIT_CUT_OFF * FIT_CUT_OFF) fit_add_node(at + 3, offset, fit_gaussian(square), out);
             }
         }
 }

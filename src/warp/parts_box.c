@@ -222,10 +222,10 @@ static void spread(part_maker *work, int32_t queued, int steps)
         const int32_t from = work->queue[head];
         if (work->step[from] >= steps) continue;
         for (int d = 0; d < 3; d++)
-            for (int way = -1; way <= 1; way += 2) {
-                if (work->wall[from] >> (2 * d + (way > 0)) & 1) continue;
-                const int32_t to = from + way * stride[d];
-                if (work->severed[way > 0 ? from : to] >> d & 1) continue;
+            for (int direction = -1; direction <= 1; direction += 2) {
+                if (work->wall[from] >> (2 * d + (direction > 0)) & 1) continue;
+                const int32_t to = from + direction * stride[d];
+                if (work->severed[direction > 0 ? from : to] >> d & 1) continue;
                 if (work->label[to] < 0) {
                     work->label[to] = work->label[from];
                     work->step[to] = (uint8_t)(work->step[from] + 1);
@@ -268,10 +268,11 @@ static int32_t queue_connected_voxels(part_maker *work, int32_t first)
     for (int32_t head = 0; head < queued; head++) {
         const int32_t from = work->queue[head];
         for (int d = 0; d < 3; d++)
-            for (int way = -1; way <= 1; way += 2) {
-                const int32_t to = from + way * stride[d];
-                if (work->wall[from] >> (2 * d + (way > 0)) & 1) continue;
-                if (work->severed[way > 0 ? from : to] >> d & 1 || work->label[to] != NO_LABEL || !work->wanted[to])
+            for (int direction = -1; direction <= 1; direction += 2) {
+                const int32_t to = from + direction * stride[d];
+                if (work->wall[from] >> (2 * d + (direction > 0)) & 1) continue;
+                if (work->severed[direction > 0 ? from : to] >> d & 1 || work->label[to] != NO_LABEL ||
+                    !work->wanted[to])
                     continue;
                 work->label[to] = IN_QUEUE;
                 work->queue[queued++] = to;

@@ -146,7 +146,7 @@ void pliant_part_changes_free(part_changes *changes)
 
 bool pliant_parts_differ(const part_changes *changes, const part_box *box, bool by_node)
 {
-    const uint8_t asked = by_node ? OTHER_VOXELS | OTHER_NODES : OTHER_VOXELS;
+    const uint8_t mask = by_node ? OTHER_VOXELS | OTHER_NODES : OTHER_VOXELS;
     int32_t at[3], low[3], high[3];
     for (int d = 0; d < 3; d++) {
         low[d] = box->low[d] / PART_REGION;
@@ -156,7 +156,7 @@ bool pliant_parts_differ(const part_changes *changes, const part_box *box, bool 
     for (at[2] = low[2]; at[2] <= high[2]; at[2]++)
         for (at[1] = low[1]; at[1] <= high[1]; at[1]++)
             for (at[0] = low[0]; at[0] <= high[0]; at[0]++)
-                if (changes->other[part_index_of(changes->regions, at)] & asked) return true;
+                if (changes->other[part_index_of(changes->regions, at)] & mask) return true;
     return false;
 }
 

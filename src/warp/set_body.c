@@ -17,7 +17,7 @@ struct pliant_warp_next {
     int32_t load_nodes;        /* number of initial nodes, which are the same in all bodies */
     pliant_parts *parts;
     pliant_fit *fit;
-    size_t node_room, element_capacity, candidate_capacity;
+    size_t node_capacity, element_capacity, candidate_capacity;
     void *longer[NUM_ARRAYS];     /* larger arrays that replace the warp's; NULL: the capacity suffices */
     int32_t *carried_tet_fixed;   /* (carried_tets x 12) */
     raster_tet *carried_tet_tets; /* (carried_tets) */
@@ -87,14 +87,14 @@ static bool reserve_capacity(pliant_warp *warp, size_t nodes, size_t elements, p
     void **array[NUM_ARRAYS];
     size_t size[NUM_ARRAYS];
     list_arrays(warp, array, size);
-    next->node_room = nodes > warp->node_room ? nodes + nodes / 4 : warp->node_room;
+    next->node_capacity = nodes > warp->node_capacity ? nodes + nodes / 4 : warp->node_capacity;
     next->element_capacity = elements > warp->element_capacity ? elements + elements / 4 : warp->element_capacity;
     next->candidate_capacity = elements > warp->capacity ? elements + elements / 4 : warp->capacity;
     for (int a = 0; a < NUM_ARRAYS; a++) {
-        const size_t capacity = a < NODE_ARRAYS                    ? next->node_room
+        const size_t capacity = a < NODE_ARRAYS                    ? next->node_capacity
                             : a < NODE_ARRAYS + ELEMENT_ARRAYS ? next->element_capacity
                                                                : next->candidate_capacity;
-        const size_t now = a < NODE_ARRAYS                    ? warp->node_room
+        const size_t now = a < NODE_ARRAYS                    ? warp->node_capacity
                            : a < NODE_ARRAYS + ELEMENT_ARRAYS ? warp->element_capacity
                                                               : warp->capacity;
         if (capacity > now && !(next->longer[a] = pliant_calloc(capacity, size[a]))) return false;
@@ -115,7 +115,7 @@ static void take_capacity(pliant_warp *warp, pliant_warp_next *next)
         *array[a] = next->longer[a];
         next->longer[a] = shorter;
     }
-    warp->node_room = next->node_room;
+    warp->node_capacity = next->node_capacity;
     warp->element_capacity = next->element_capacity;
     warp->capacity = next->candidate_capacity;
 }

@@ -28,7 +28,7 @@ struct pliant_warp {
     int32_t num_elements;       /* tetrahedra followed by carried tetrahedra */
     raster_tet *tets;           /* (num_elements) setup of the last update */
     uint8_t *rebuilt;           /* (num_elements) redraw in the next update although it did not move */
-    size_t node_room, element_capacity;
+    size_t node_capacity, element_capacity;
     int32_t num_bricks;
     uint8_t *changed, *dirty; /* (num_bricks) of the last and of the next update */
     uint8_t *left;           /* (num_bricks) contained an element that was removed since the last update */

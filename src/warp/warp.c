@@ -61,7 +61,7 @@ static pliant_status check(const pliant_volume *scan, const pliant_mesh *mesh, i
 
 static bool allocate(pliant_warp *warp)
 {
-    size_t nodes = warp->node_room = (size_t)warp->mesh->num_nodes, bricks = (size_t)warp->num_bricks;
+    size_t nodes = warp->node_capacity = (size_t)warp->mesh->num_nodes, bricks = (size_t)warp->num_bricks;
     size_t elements = warp->element_capacity = warp->capacity = (size_t)warp->num_elements;
     return (warp->rest = pliant_calloc(nodes, 3 * sizeof *warp->rest)) &&
            (warp->fixed = pliant_calloc(nodes, 3 * sizeof *warp->fixed)) &&

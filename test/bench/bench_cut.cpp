@@ -63,17 +63,17 @@ Blade blade(const pliant_body *body, const std::vector<double> &positions, doubl
     return out;
 }
 
-struct Least {
+struct Minima {
     double edge, height, volume, step;
 };
 
-Least min_of(const pliant_body *body)
+Minima minima_of(const pliant_body *body)
 {
     const pliant_mesh &mesh = body->fine;
     pliant_tled_system system{};
     system.mesh = &mesh;
     check(pliant_tled_find_bounds(body, &system));
-    Least out{1, 1, 1, std::fmin(system.edge_bound, system.eigenvalue_bound)};
+    Minima out{1, 1, 1, std::fmin(system.edge_bound, system.eigenvalue_bound)};
     for (int32_t t = 0; t < mesh.num_tets; t++) {
         double gradients[12];
         out.volume = std::fmin(out.volume, pliant_mesh_gradients(&mesh, t, gradients));
@@ -105,7 +105,7 @@ int main(int argc, char **argv)
     std::printf("%zu voxels, %d tetrahedra, %d nodes, %d bridges\n", pliant_geometry_voxels(&inputs.scan.geometry),
                 model->body->fine.num_tets, model->body->fine.num_nodes,
                 model->body->voxels ? model->body->voxels->num_bridges : 0);
-    const Least load = min_of(model->body);
+    const Minima load = minima_of(model->body);
     std::mt19937 random(3);
     for (int chain = 0; chain < 2; chain++) {
         const pliant_body *body = pliant_body_retain(model->body);
@@ -133,7 +133,7 @@ int main(int argc, char **argv)
                 pliant_body_release(body);
                 body = next;
                 if (all.size() == 1 || all.size() == 10 || all.size() == 100) {
-                    const Least now = min_of(body);
+                    const Minima now = minima_of(body);
                     std::printf(
                         "after %zu: %d tetrahedra, %d pieces; of those at load: shortest edge %.3g %%, "
                         "least height %.3g %%, least volume %.3g %%, explicit step %.3g %%\n",

@@ -192,15 +192,15 @@ int main(int argc, char **argv)
     struct {
         const char *name;
         pliant_method method;
-        pliant_touch touch;
+        pliant_submesh_extent submesh;
         bool wanted;
         pliant_model *model;
-    } methods[] = {{"fine", PLIANT_FINE, PLIANT_TOUCH_OVERLAP, true, nullptr},
-                   {"coarse", PLIANT_COARSE, PLIANT_TOUCH_OVERLAP, false, nullptr},
-                   {"schur", PLIANT_SCHUR, PLIANT_TOUCH_OVERLAP, false, nullptr},
-                   {"schur_face", PLIANT_SCHUR, PLIANT_TOUCH_FACE, false, nullptr},
-                   {"averaged", PLIANT_AVERAGED, PLIANT_TOUCH_OVERLAP, false, nullptr},
-                   {"lod", PLIANT_LOD, PLIANT_TOUCH_OVERLAP, false, nullptr}};
+    } methods[] = {{"fine", PLIANT_FINE, PLIANT_SUBMESH_OVERLAP, true, nullptr},
+                   {"coarse", PLIANT_COARSE, PLIANT_SUBMESH_OVERLAP, false, nullptr},
+                   {"schur", PLIANT_SCHUR, PLIANT_SUBMESH_OVERLAP, false, nullptr},
+                   {"schur_face", PLIANT_SCHUR, PLIANT_SUBMESH_FACE, false, nullptr},
+                   {"averaged", PLIANT_AVERAGED, PLIANT_SUBMESH_OVERLAP, false, nullptr},
+                   {"lod", PLIANT_LOD, PLIANT_SUBMESH_OVERLAP, false, nullptr}};
     bool named = false;
     for (auto &m : methods)
         for (int a = 3; a < argc; a++)
@@ -208,7 +208,7 @@ int main(int argc, char **argv)
     for (auto &m : methods) {
         if (named && !m.wanted) continue;
         scene.model.method = m.method;
-        scene.model.touch = m.touch;
+        scene.model.submesh = m.submesh;
         check(pliant_model_build(&scene, &scan, &labels, &materials, {nullptr, nullptr}, &m.model));
         report_build(m.name, m.model);
     }

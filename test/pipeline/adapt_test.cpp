@@ -50,7 +50,7 @@ void wait_for_background(const Body &body)
 }
 
 // Without memory for the next body, the previous body continues with bitwise identical results.
-TEST_P(EveryDivisible, WithoutMemoryTheBodyBeforeGoesOn)
+TEST_P(EveryDivisible, OutOfMemoryKeepsThePreviousBody)
 {
     std::unique_ptr<Body> one = make(GetParam()), other = make(GetParam());
     grasp_at_two_points(*one);
@@ -101,7 +101,7 @@ TEST_P(EveryDivisible, WithoutMemoryTheBodyBeforeGoesOn)
 }
 
 // A body at rest has no history. Cut there, it moves as a body that was divided from the start.
-TEST_P(EveryDivisible, ACutBodyMovesAsOneThatWasMadeApart)
+TEST_P(EveryDivisible, ACutBodyMovesLikeTwoSeparateBodies)
 {
     std::unique_ptr<Body> apart = make(GetParam()), whole = make(GetParam());
     // the divided body is the initial body of the second model
@@ -204,7 +204,7 @@ std::function<bool(const double *)> above(double z)
 }
 
 struct EveryFragment : testing::TestWithParam<Case> {};
-TEST_P(EveryFragment, IncrementallyAsAnew)
+TEST_P(EveryFragment, IncrementalUpdateEqualsRebuild)
 {
     std::unique_ptr<Body> body = make(GetParam());
     std::vector<int8_t> sides;
@@ -315,7 +315,7 @@ void give_time(Body &body)
     body.data->solver->clock_user = &clock_of_test;
 }
 struct FirstStep : testing::TestWithParam<First> {};
-TEST_P(FirstStep, OfACutTurnsWhatHangsOnLess)
+TEST_P(FirstStep, FirstStepRotatesTheHangingPart)
 {
     const int cells[3] = {16, 4, 4};
     const double bar[3] = {0.28, 0.07, 0.07};

@@ -29,7 +29,7 @@ bool is_tetrahedron_of(const pliant_system &load, const pliant_macros &macros, i
 
 // A plane through coarse elements: there the fine mesh's elements are used, each on one side only. Elsewhere the
 // elements are unchanged, hexahedra bitwise identical.
-TEST(Adapt, CoarseElementsGiveWayToFineOnesBesideACut)
+TEST(Adapt, FineElementsReplaceCoarseOnesNextToACut)
 {
     const double x = 0.06;
     for (const Case *each : {&plain, &averaged, &averaged_hexahedra}) {
@@ -101,7 +101,7 @@ TEST(Adapt, CoarseElementsGiveWayToFineOnesBesideACut)
 
 // A sphere of bone with nodes moved onto its surface, next to and in cubes that a cut refines. The simulation converges
 // to equilibrium.
-TEST(Adapt, NodesOnBoneBesideRefinedCubes)
+TEST(Adapt, NodesOnBoneNextToRefinedCubes)
 {
     for (const Case *each : {&averaged, &averaged_hexahedra, &coarse_hexahedra}) {
         Body body(size, box, {{4000, 0.4, 1000, false}, {4000, 0.4, 1000, false}}, [](int i, int j, int k) {
@@ -146,7 +146,7 @@ TEST(Adapt, NodesOnBoneBesideRefinedCubes)
     }
 }
 
-TEST(Adapt, UndoTakesTheBodyBeforeAndResetTheFirst)
+TEST(Adapt, UndoRestoresThePreviousBodyAndResetTheFirst)
 {
     std::unique_ptr<Body> body = make(direct);
     grasp_at_two_points(*body);
@@ -180,8 +180,8 @@ TEST(Adapt, UndoTakesTheBodyBeforeAndResetTheFirst)
 
 /* Two cuts, each followed by enough steps for a new preconditioner, then undone one after the other. With the
  * preconditioner of the cut body, an undone cut would need hundreds of evaluations. */
-struct Undone : testing::TestWithParam<Case> {};
-TEST_P(Undone, CutsAreSolvedForAsSoonAsCuts)
+struct CutUndo : testing::TestWithParam<Case> {};
+TEST_P(CutUndo, CutsAreSolvedForAsSoonAsCuts)
 {
     Body body(size, box, {{4000, 0.4, 1000, false}, {20000, 0.4, 1200, false}},
               [](int i, int, int k) { return (i < 6 || i > 9) && k > 9; });
@@ -220,15 +220,15 @@ TEST_P(Undone, CutsAreSolvedForAsSoonAsCuts)
     EXPECT_LT(undos, 2 * cuts + 20);
 }
 const Case subdivided{"subdivide", [](pliant_scene &scene) { scene.cut.kind = PLIANT_CUT_SUBDIVIDE; }};
-INSTANTIATE_TEST_SUITE_P(Adapt, Undone,
+INSTANTIATE_TEST_SUITE_P(Adapt, CutUndo,
                          testing::Values(direct, multigrid, hexahedra, averaged, coarse_hexahedra, schur, patch, octree,
                                          octree_hexahedra, subdivided),
                          [](const testing::TestParamInfo<Case> &info) { return std::string(info.param.name); });
 
 // A cut that is undone before the next step moves nothing: positions stay bitwise identical, also if the body was cut
 // before.
-struct UndoneAtOnce : testing::TestWithParam<Case> {};
-TEST_P(UndoneAtOnce, LeavesThePositionsToTheBit)
+struct ImmediateUndo : testing::TestWithParam<Case> {};
+TEST_P(ImmediateUndo, KeepsThePositionsBitwise)
 {
     const std::unique_ptr<Body> body = make({GetParam().name, [](pliant_scene &scene) {
                                                  GetParam().set(scene);
@@ -256,7 +256,7 @@ TEST_P(UndoneAtOnce, LeavesThePositionsToTheBit)
         ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, edge, depth, nullptr), PLIANT_OK) << pliant_last_error();
     }
 }
-INSTANTIATE_TEST_SUITE_P(Adapt, UndoneAtOnce,
+INSTANTIATE_TEST_SUITE_P(Adapt, ImmediateUndo,
                          testing::Values(direct, hexahedra, averaged, patch, octree, octree_hexahedra, dynamic, cubes),
                          [](const testing::TestParamInfo<Case> &info) { return std::string(info.param.name); });
 

@@ -190,7 +190,7 @@ TEST(Background, NoLiveStepIsFarLongerThanTheOthers)
     }
 }
 
-TEST(Background, WhatCannotBeToldIsRefused)
+TEST(Background, UnknownBackgroundResultsAreRefused)
 {
     Body body(size, box, {{5000, 0.45, 1000, false}});
     prepare(body, PLIANT_FINE);

@@ -121,7 +121,7 @@ struct EveryEngine : testing::TestWithParam<Engine> {
     }
 };
 
-TEST_P(EveryEngine, PartsWhatABladeGoesThrough)
+TEST_P(EveryEngine, ABladeSeparatesTheTissue)
 {
     steps(40);
     const double start = height(0.06, 1), held = height(0.015, 0.03);

@@ -43,7 +43,7 @@ double moved(const std::vector<std::string> &options, const char *slides, int ax
 // Along: the upper layer is stretched by its weight, rho g L^2 / 2 E, minus 2 to 6 % because its fixed end cannot
 // contract. Glued to the other layer it moves less. Down: it presses as the whole block does; the two meshes differ by
 // 5 %.
-TEST(ContactMethods, LayersSlideByAllThatCanBeCut)
+TEST(ContactMethods, LayersSlideForAllCuttableMethods)
 {
     const struct { const char *name; std::vector<std::string> options; } rows[] = {
         {"fine", {}}, {"hexahedra", {"element/kind=hexahedra"}},
@@ -87,7 +87,7 @@ TEST(ContactMethods, LodIsRefusedByWord)
 // from the same state and is solved to convergence. The error is the maximum over the nodes. error_estimates_test
 // requires the estimate within a factor of three in 95 % of frames. Here 3 of 192 frames are outside. One estimate is
 // below a third of the error: the volume bound holds many crushed hexahedra open, and a small change moves them far.
-TEST(ContactMethods, TheErrorThatIsToldWhileAToolPresses)
+TEST(ContactMethods, EstimatedErrorWhileAToolPresses)
 {
     int frames = 0, within = 0, below = 0;
     for (pliant_element_kind kind : {PLIANT_LINEAR, PLIANT_HEXAHEDRA})

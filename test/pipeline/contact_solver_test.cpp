@@ -64,7 +64,7 @@ struct Cones {
     std::vector<double> fractions, matrix, friction, start, force, motion;
 };
 
-TEST(Cones, AllAtOnceWhereWhoSlidesIsClear)
+TEST(Cones, NewtonSolvesAllPointsAtOnce)
 {
     std::mt19937 random(3);
     std::normal_distribution<double> normal;

@@ -56,7 +56,7 @@ TEST(ContactStage, ElementsAreTouchedWhereTheirTissueEnds)
     }
 }
 
-TEST(ContactStage, CostsNothingWhereNothingCanTouch)
+TEST(ContactStage, CostsNothingWithoutNearbyTools)
 {
     Sheet sheet;
     int tool;
@@ -87,7 +87,7 @@ TEST(ContactStage, AToolThatJumpsIntoTheTissueDoesNotExplode)
     }
 }
 
-TEST(ContactStage, AToolInTheTissueAtLoadIsLeftAndFeltFromOutside)
+TEST(ContactStage, AToolInsideTissueAtLoadIsIgnoredUntilItLeaves)
 {
     Sheet sheet;
     const int tool = sheet.add("needle", rod(0.001, 0.02), 0.03, 0.03, 0.002); // completely inside
@@ -121,7 +121,7 @@ TEST(ContactStage, ASpinningToolStaysOutOfTheTissue)
     EXPECT_GT(maximum, 0.004);
 }
 
-TEST(ContactStage, WhatIsNotFiniteIsRefusedAndChangesNothing)
+TEST(ContactStage, NonFinitePosesAreRefusedAndChangeNothing)
 {
     Sheet sheet;
     const int tool = sheet.add("ball", ball(0.004), 0.03, 0.03, 0.0075);
@@ -188,7 +188,7 @@ TEST(ContactStage, EightToolsTouchAlikeForEveryNumberOfThreads)
     }
 }
 
-TEST(ContactStage, WhatAToolHoldsItDoesNotPush)
+TEST(ContactStage, AToolDoesNotPushItsGraspedTissue)
 {
     Sheet sheet;
     const int tool = sheet.add("ball", ball(0.004), 0.03, 0.03, 0.005);
@@ -355,7 +355,7 @@ TEST(ContactStage, FailingAllocationsChangeNothing)
 }
 
 // A copy continues bitwise identically, including contact sides and tissue motion; a reset restarts.
-TEST(ContactStage, ACopyGoesOnAndAResetBeginsAnew)
+TEST(ContactStage, ACopyContinuesAndAResetRestarts)
 {
     Sheet sheet;
     const int tool = sheet.add("rod", rod(0.002), 0.03, 0.03, 0.007);

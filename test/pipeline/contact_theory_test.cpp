@@ -206,7 +206,7 @@ TEST(ContactTheory, AShaftThatIsDrawnAlongItsAxisFeelsMuN)
 
 // A detached piece lies on a plane, and gravity tilts. Below tan = mu the piece stays, after the friction springs have
 // yielded by 0.02 mm. Above, it accelerates by g (sin - mu cos).
-TEST(ContactTheory, WhatLiesOnAPlaneSlidesDownFromTanMuOn)
+TEST(ContactTheory, ARigidBodySlidesDownAPlaneAboveTanMu)
 {
     const double friction = 0.3, g = 9.81, high = 0.03, box[3] = {0.015, 0.015, high};
     const int size[3] = {6, 6, 12};

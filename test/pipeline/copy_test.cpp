@@ -98,7 +98,7 @@ std::vector<double> go_on(const Body &body, pliant_data *data)
 
 class Copies : public testing::TestWithParam<Case> {};
 
-TEST_P(Copies, GoOnAlikeAndCanBeGoneBackTo)
+TEST_P(Copies, ContinueIdenticallyAndCanBeRestored)
 {
     std::unique_ptr<Body> body = hang(GetParam());
     pliant_data *data = body->data, *saved = nullptr;

@@ -93,7 +93,7 @@ TEST(CudaContact, SameInputSameBits)
 }
 
 // After contact the GPU run continues like the CPU run, and a failure during contact leaves no trace.
-TEST(CudaContact, LetsGoAndTheCpuGoesOn)
+TEST(CudaContact, AfterReleaseTheCpuContinues)
 {
     NEEDS_GPU();
     Block cpu(cases[0], PLIANT_CPU), gpu(cases[0], PLIANT_CUDA);
@@ -211,7 +211,7 @@ TEST(CudaContact, ASweepIsCarriedAlongWithAnyBudget)
 }
 
 // A tool that jumps skips the tissue in between. Other tools are followed as if it did not exist, however it rotates.
-TEST(CudaContact, WhatAToolDoesThatJumpsIsOfNoConcernToOthers)
+TEST(CudaContact, AJumpOfOneToolDoesNotAffectOthers)
 {
     NEEDS_GPU();
     std::vector<double> ended[2];
@@ -316,7 +316,7 @@ TEST(CudaContact, ExplicitDynamicsMeetTheCpu)
     }
 }
 
-TEST(CudaContact, FindsWhatTheCpuFinds)
+TEST(CudaContact, FindsTheContactsOfTheCpu)
 {
     NEEDS_GPU();
     Fall blocks(3, true, true, PLIANT_CPU);
@@ -553,7 +553,7 @@ TEST(CudaContact, ThePapersResponseMeetsTheCpu)
         for (Fall *body : {&cpu, &gpu, &free}) {
             body->scene.contact.response = PLIANT_RESPONSE_PAPER;
             body->scene.contact.delay = delay;
-            body->scene.contact.punishment = body == &free ? 0 : 0.5;
+            body->scene.contact.overlap_damping = body == &free ? 0 : 0.5;
             ASSERT_EQ(body->begin(), PLIANT_OK) << pliant_last_error();
             std::vector<double> positions(body->data->positions,
                                           body->data->positions + 3 * body->data->body->fine.num_nodes);

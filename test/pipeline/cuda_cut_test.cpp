@@ -230,7 +230,7 @@ TEST(CudaCut, TheFirstFrameAfterItIsNear)
 }
 
 // If a GPU is lost after a cut, the host's missing data are computed then.
-TEST(CudaCut, TheCpuGoesOnWithTheCutBody)
+TEST(CudaCut, TheCpuContinuesWithTheCutBody)
 {
     NEEDS_GPU();
     Body cpu(size, box, {{20000, 0.4, 1000, false}}), gpu(size, box, {{20000, 0.4, 1000, false}});
@@ -253,7 +253,7 @@ TEST(CudaCut, TheCpuGoesOnWithTheCutBody)
 }
 
 // The host moves detached pieces, next to solvers without inertia. They stop once they are out of sight.
-TEST(CudaCut, WhatComesOffFallsAsOnTheCpu)
+TEST(CudaCut, DetachedPiecesFallAsOnTheCpu)
 {
     NEEDS_GPU();
     struct Engine {
@@ -315,7 +315,7 @@ TEST(CudaCut, WhatComesOffFallsAsOnTheCpu)
 
 /* A slanted plane cuts a clamped beam halfway or down to a hinge. The new V-cycle of the fragments needs not many more
  * evaluations under another load than before the cut, and than on the CPU. */
-TEST(CudaCut, AVCycleOnFragmentsServesAsBeforeTheCut)
+TEST(CudaCut, AVCycleOnFragmentsConvergesAsBeforeTheCut)
 {
     NEEDS_GPU();
     const int few[3] = {32, 16, 16};

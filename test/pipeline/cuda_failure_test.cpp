@@ -91,13 +91,13 @@ void fail_every_call(const Case &c, double patch, int stride)
     ::testing::Test::RecordProperty("given_up", std::to_string(given_up).c_str());
 }
 
-TEST(CudaFailure, TheCpuGoesOn)
+TEST(CudaFailure, TheCpuContinues)
 {
     NEEDS_GPU();
     fail_every_call({PLIANT_FINE, PLIANT_DRIVE_SPRING, 0, 0, 1, PLIANT_DIRECT}, 0, 1);
 }
 
-TEST(CudaFailure, TheCpuGoesOnWithPatches)
+TEST(CudaFailure, TheCpuContinuesWithPatches)
 {
     NEEDS_GPU();
     fail_every_call({PLIANT_AVERAGED, PLIANT_DRIVE_SPRING, 0, 0, 1, PLIANT_DIRECT}, 0.03, 3);
@@ -144,7 +144,7 @@ struct Bar : Body {
     }
 };
 
-TEST(CudaFailure, AmidACutAndWhatIsMadeForIt)
+TEST(CudaFailure, FailureDuringACut)
 {
     NEEDS_GPU();
     struct { pliant_method method; pliant_preconditioner_choice preconditioner; int stride; } runs[] = {
@@ -198,7 +198,7 @@ TEST(CudaFailure, AmidACutAndWhatIsMadeForIt)
 
 /* ---- during contact */
 
-TEST(CudaFailure, AmidContact)
+TEST(CudaFailure, FailureDuringContact)
 {
     NEEDS_GPU();
     // without friction the solution is unique
@@ -245,7 +245,7 @@ TEST(CudaFailure, AmidContact)
 
 // Steps with several legs. After a failure of any call, the CPU continues the leg. The rod pushes the sheet as in a run
 // on the CPU from the first call on.
-TEST(CudaFailure, AmidLegsOfASweep)
+TEST(CudaFailure, FailureDuringLegsOfASweep)
 {
     NEEDS_GPU();
     for (pliant_preconditioner_choice preconditioner : {PLIANT_DIRECT, PLIANT_MULTIGRID}) {
@@ -280,7 +280,7 @@ TEST(CudaFailure, AmidLegsOfASweep)
 
 /* ---- during creation */
 
-TEST(CudaFailure, AskedForExplicitlyItIsAnError)
+TEST(CudaFailure, AnExplicitlySelectedGpuIsAnError)
 {
     NEEDS_GPU();
     const Case c = {PLIANT_FINE, PLIANT_DRIVE_SPRING, 0, 0, 1, PLIANT_DIRECT};
@@ -300,7 +300,7 @@ TEST(CudaFailure, AskedForExplicitlyItIsAnError)
     }
 }
 
-TEST(CudaFailure, WithoutAGpuTheReasonIsTold)
+TEST(CudaFailure, WithoutAGpuTheReasonIsLogged)
 {
     if (there_is_a_gpu()) GTEST_SKIP() << "there is a GPU";
     Body body(size, box, three, inclusions);

@@ -165,7 +165,7 @@ TEST(CudaFit, AStepDrawsIt)
 }
 
 // Every call of the CUDA runtime fails once; the CPU draws the same volume.
-TEST(CudaFit, TheCpuGoesOn)
+TEST(CudaFit, TheCpuContinues)
 {
     NEEDS_GPU();
     const int32_t cells[3] = {3, 3, 3};

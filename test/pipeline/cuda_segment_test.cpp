@@ -53,15 +53,15 @@ TEST(CudaSegment, MeetsTheCpu)
     compare(phantom, usual, "phantom");
     pliant_segment_options options = usual;
     options.coherence = 0;
-    options.smallest = 0.3e-6;
+    options.min_volume = 0.3e-6;
     compare(phantom, options, "voxels stand alone");
     options = usual;
     options.classes = 5;
-    options.smallest = 0;
+    options.min_volume = 0;
     compare(phantom, options, "five classes, no speck too small");
-    options.smallest = 2e-3; // thicker than the range of the wave front's keys
+    options.min_volume = 2e-3; // thicker than the range of the wave front's keys
     compare(phantom, options, "organs are specks");
-    options.smallest = 1;
+    options.min_volume = 1;
     compare(phantom, options, "everything is a speck");
     pliant_volume_free(&phantom);
 }
@@ -86,7 +86,7 @@ TEST(CudaSegment, OtherVolumesToo)
                 if (encoding == PLIANT_FLOAT32) static_cast<float *>(scan.voxels)[v] = value * 1e-3f;
             }
             pliant_segment_options options = usual;
-            options.smallest = 20 * geometry.spacing[0] * geometry.spacing[1] * geometry.spacing[2];
+            options.min_volume = 20 * geometry.spacing[0] * geometry.spacing[1] * geometry.spacing[2];
             compare(scan, options,
                     (std::string("tiles, encoding ") + std::to_string(encoding) + (flat ? ", one slice" : "")).c_str());
             pliant_volume_free(&scan);
@@ -119,7 +119,7 @@ TEST(CudaSegment, SameInputSameBitsAndErrorsAreTheCpus)
     pliant_segment_options options = usual;
     options.classes = 12;
     options.coherence = 0;
-    options.smallest = 0;
+    options.min_volume = 0;
     pliant_status status[2];
     for (int b = 0; b < 2; b++) {
         options.backend = b ? PLIANT_CUDA : PLIANT_CPU;
@@ -136,7 +136,7 @@ TEST(CudaSegment, SameInputSameBitsAndErrorsAreTheCpus)
 }
 
 // Every call of the CUDA runtime fails once; the CPU computes the same segmentation.
-TEST(CudaSegment, TheCpuGoesOn)
+TEST(CudaSegment, TheCpuContinues)
 {
     NEEDS_GPU();
     pliant_volume phantom{};

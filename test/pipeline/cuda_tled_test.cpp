@@ -380,7 +380,7 @@ TEST(CudaTled, EveryKernelOnce)
 
 // Every call of the CUDA runtime fails once, as on a lost device. The CPU continues from the last valid state to the
 // same result.
-TEST(CudaTled, TheCpuGoesOn)
+TEST(CudaTled, TheCpuContinues)
 {
     NEEDS_GPU();
     const Case &c = cases[3];
@@ -410,7 +410,7 @@ TEST(CudaTled, TheCpuGoesOn)
     EXPECT_GT(given_up, 30);
 }
 
-TEST(CudaTled, WithoutAGpuTheReasonIsTold)
+TEST(CudaTled, WithoutAGpuTheReasonIsLogged)
 {
     if (there_is_a_gpu()) GTEST_SKIP() << "there is a GPU";
     Cube body(cases[0], PLIANT_CUDA, 2);

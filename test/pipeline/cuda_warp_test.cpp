@@ -195,7 +195,7 @@ TEST(CudaPick, EqualsTheCpuBitForBit)
 }
 
 // A ray with at most one crossing needs four calls of the CUDA runtime. If one fails, the CPU picks the same point.
-TEST(CudaPick, TheCpuGoesOn)
+TEST(CudaPick, TheCpuContinues)
 {
     NEEDS_GPU();
     const int32_t cells[3] = {4, 4, 4};
@@ -222,7 +222,7 @@ TEST(CudaPick, TheCpuGoesOn)
 
 // If another program uses all of the GPU's memory, a volume that does not fit is rejected with the sizes, or drawn by
 // the CPU.
-TEST(CudaFailure, AFullGpuIsToldWithFigures)
+TEST(CudaFailure, AFullGpuIsLoggedWithFigures)
 {
     NEEDS_GPU();
     const int32_t cells[3] = {4, 4, 4};

@@ -164,7 +164,7 @@ TEST_P(EveryCycle, IsSymmetricAndPositiveAndSoAreItsClones)
 }
 
 // In a simulation, the old V-cycle and the recomputed V-cycle after a cut give the same solution as a direct factor.
-TEST_P(EveryCycle, ServesAfterACutAndChangesNoAnswer)
+TEST_P(EveryCycle, IsUsableAfterACutWithTheSameResult)
 {
     Beam layered(GetParam(), PLIANT_MULTIGRID), direct(GetParam(), PLIANT_DIRECT);
     const double pull = GetParam().method == PLIANT_SCHUR ? 0.002 : 0.05;

@@ -139,7 +139,7 @@ struct CutScenes : testing::TestWithParam<Demonstration> {
     }
 };
 
-TEST_P(CutScenes, PartTissueAlongTheirPaths)
+TEST_P(CutScenes, SeparateTissueAlongTheirPaths)
 {
     run();
     if (HasFatalFailure()) return;

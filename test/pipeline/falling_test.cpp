@@ -11,7 +11,7 @@ namespace {
 struct EveryMethod : testing::TestWithParam<Case> {};
 std::string name_of(const testing::TestParamInfo<Case> &info) { return info.param.name; }
 
-TEST_P(EveryMethod, WhatComesOffFallsFreely)
+TEST_P(EveryMethod, DetachedPiecesFallFreely)
 {
     std::unique_ptr<Body> body = hang(GetParam());
     step(*body, 3);
@@ -73,7 +73,7 @@ TEST(Falling, APieceHasTheInertiaOfABrick)
     }
 }
 
-TEST_P(EveryMethod, ItLandsAndRests)
+TEST_P(EveryMethod, DetachedPiecesLandAndRest)
 {
     std::unique_ptr<Body> body = hang(GetParam(), -0.05);
     if (GetParam().name == dynamic.name) {
@@ -212,7 +212,7 @@ TEST_P(EveryMethod, UndoMakesItWhole)
 }
 
 // A piece that nothing stops is stopped where it is no longer drawn.
-TEST_P(EveryMethod, OutOfSightItStops)
+TEST_P(EveryMethod, PiecesOutsideTheDrawnVolumeStop)
 {
     std::unique_ptr<Body> body = hang(GetParam());
     body->scene.warp.margin = 0.05;
@@ -277,7 +277,7 @@ TEST(Falling, OnOneNodeOrTwoItSwings)
 
 // Also in the initial mesh: two cubes with a common edge, one of them fixed. With a fixed position the other one would
 // be inverted.
-TEST(Falling, WhatHangsOnAnEdgeAtLoadSwingsInExplicitDynamics)
+TEST(Falling, TissueHeldByAnEdgeAtLoadSwingsInExplicitDynamics)
 {
     const int size[3] = {8, 8, 4};
     const double box[3] = {0.02, 0.02, 0.01};
@@ -305,7 +305,7 @@ TEST(Falling, WhatHangsOnAnEdgeAtLoadSwingsInExplicitDynamics)
 }
 
 // nothing remains to be solved
-TEST_P(EveryMethod, AllOfItMayComeOff)
+TEST_P(EveryMethod, TheWholeBodyMayDetach)
 {
     std::unique_ptr<Body> body = hang(GetParam());
     body->fix_plane(0, 0, 0.14 - 1e-6, 0, 0, -1);
@@ -324,7 +324,7 @@ TEST_P(EveryMethod, AllOfItMayComeOff)
     step(*body, 3);
 }
 
-TEST(Falling, APieceOfAPieceGoesOnWithItsVelocity)
+TEST(Falling, APieceOfAPieceKeepsItsVelocity)
 {
     std::unique_ptr<Body> body = hang(direct), whole = hang(direct);
     for (Body *each : {body.get(), whole.get()}) {
@@ -387,7 +387,7 @@ TEST(Falling, CutsElsewhereLeavePiecesAsTheyAre)
     EXPECT_GE(maximum, 2);
 }
 
-TEST(Falling, WithoutMemoryTheBodyBeforeGoesOn)
+TEST(Falling, OutOfMemoryKeepsThePreviousBody)
 {
     const Case alone{"alone", [](pliant_scene &scene) {
                          scene.solver.refresh_interval = 0;
@@ -439,7 +439,7 @@ TEST(Falling, WithoutMemoryTheBodyBeforeGoesOn)
 
 // ---- cuts by a blade: fragments instead of a plane of element faces
 
-TEST_P(EveryMethod, WhatABladeCutsOffFalls)
+TEST_P(EveryMethod, APieceThatABladeDetachesFalls)
 {
     const Case severed{GetParam().name, [&](pliant_scene &scene) {
                            GetParam().set(scene);

@@ -142,7 +142,7 @@ TEST(GrabPatch, NothingHeldIsTheSameBits)
     EXPECT_EQ(with.body.data->statistics.patched, 0);
 }
 
-TEST(GrabPatch, HoldingStillMovesNothingAndLettingGoFreesAll)
+TEST(GrabPatch, HoldingStillMovesNothingAndReleaseFreesAll)
 {
     Patched patched(PLIANT_AVERAGED, 0.04);
     const double gravity[3] = {1, 2, -5};
@@ -170,7 +170,7 @@ TEST(GrabPatch, HoldingStillMovesNothingAndLettingGoFreesAll)
     EXPECT_EQ(patched.positions(), patched.rest());
 }
 
-TEST(GrabPatch, HoldingStillMovesNothingWhoeverComesOrGoes)
+TEST(GrabPatch, HoldingStillMovesNothingWhileOtherToolsGraspAndRelease)
 {
     Patched patched(PLIANT_AVERAGED, 0.04);
     const double gravity[3] = {0, -0.5, 0};
@@ -192,7 +192,7 @@ TEST(GrabPatch, HoldingStillMovesNothingWhoeverComesOrGoes)
     EXPECT_LT(apart(patched.positions(), before), 1e-8);
 }
 
-TEST(GrabPatch, AnotherToolComingBackDoesNotLetGoOfThePull)
+TEST(GrabPatch, AnotherToolThatReturnsDoesNotReleaseThePull)
 {
     Patched patched(PLIANT_AVERAGED, 0.04);
     int first = patched.take("first", top), second = patched.take("second", adjacent);
@@ -228,7 +228,7 @@ struct Small : Body {
     }
 };
 
-TEST(GrabPatch, AFailedPatchTakesNothingFromThoseThereAre)
+TEST(GrabPatch, AFailedPatchDoesNotAffectExistingPatches)
 {
     Small body;
     body.scene.solver.tolerance = 1e-6;
@@ -314,7 +314,7 @@ TEST(GrabPatch, AFailedStepIsUndone)
     EXPECT_LT(apart(ends[0], ends[1]), 1e-8);
 }
 
-TEST(GrabPatch, LettingGoOfAllDoesNotWaitForThePatch)
+TEST(GrabPatch, ReleasingAllDoesNotWaitForThePatch)
 {
     Patched patched(PLIANT_AVERAGED, 0.04);
     patched.body.scene.model.patch_delay = 100000; // never due in this test
@@ -340,7 +340,7 @@ TEST(GrabPatch, LettingGoOfAllDoesNotWaitForThePatch)
 }
 
 // A patch without any remaining grasp is discarded immediately, so that the next grasp's patch starts immediately.
-TEST(GrabPatch, AHoldDoesNotWaitForThePatchOfOneThatLetGo)
+TEST(GrabPatch, AGraspDoesNotWaitForThePatchOfAReleasedOne)
 {
     const uint64_t delay = 20;
     Patched patched(PLIANT_AVERAGED, 0.04);
@@ -454,7 +454,7 @@ TEST(GrabPatch, TheSameBitsWithAnyNumberOfThreads)
     EXPECT_EQ(ends[0], ends[1]);
 }
 
-TEST(GrabPatch, ExtremePullsEndAndComeBack)
+TEST(GrabPatch, ExtremePullsEndAndReturn)
 {
     Patched patched(PLIANT_AVERAGED, 0.04);
     int tool = patched.take("tool", top);
@@ -515,7 +515,7 @@ TEST(GrabPatch, SurvivesEveryFailureOfAllocation)
 
 // A ball is pressed into the top: force and positions equal the fine mesh's, without a grasp. At the next contact,
 // another patch is computed.
-TEST(GrabPatch, WhatPressesIsHeldByThePatchAsByTheFineMesh)
+TEST(GrabPatch, ABallThatPressesAPatchEqualsTheFineMesh)
 {
     double force[3];
     std::vector<double> x[3];

@@ -127,7 +127,7 @@ TEST(Grasp, JawsGripInExplicitDynamics)
 
 // A ball is pressed into a block of two materials with every method. All methods keep nodes outside. The forces reflect
 // a coarse element of 50 mm under a ball of 60 mm; with model/patch they equal the fine ones (grab_patch_test).
-TEST(Press, EveryMethodPressesBesideFine)
+TEST(Press, EveryMethodComparesItsContactForceToFine)
 {
     const int size[3] = {24, 24, 24};
     const double side = 0.2, box[3] = {side, side, side}, radius = 0.03;

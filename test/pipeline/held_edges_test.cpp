@@ -181,7 +181,7 @@ TEST_P(Bodies, AreNearerToTheConvergedMesh)
 INSTANTIATE_TEST_SUITE_P(HeldEdges, Bodies, testing::Range(0, 4));
 
 // Only cubes with a fixed face next to a free one are softened, depending on the material.
-TEST(HeldEdges, SoftenWhatLiesAtTheEdgeAlone)
+TEST(HeldEdges, SoftenOnlyElementsAtTheEdge)
 {
     for (double poisson : {0.0, 0.3, 0.49}) {
         Cube cube(PLIANT_COARSE, poisson, 2);

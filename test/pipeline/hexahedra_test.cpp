@@ -284,7 +284,7 @@ TEST_F(Block, SettlesBetweenSoftAndStiff)
 }
 
 // The default is hexahedra, or tetrahedra if another feature requires them; the model reports which.
-TEST_F(Block, TheDefaultIsHexahedraWhereTheyCanBeHad)
+TEST_F(Block, TheDefaultIsHexahedraIfSupported)
 {
     pliant_scene defaults;
     pliant_scene_defaults(&defaults);
@@ -308,7 +308,7 @@ TEST_F(Block, TheDefaultIsHexahedraWhereTheyCanBeHad)
     }
 }
 
-TEST_F(Block, SaysWhatItDoesNotGoWith)
+TEST_F(Block, RefusesUnsupportedOptions)
 {
     body.scene.cut.kind = PLIANT_CUT_SUBDIVIDE;
     EXPECT_EQ(body.build(), PLIANT_ERROR_SCENE);
@@ -555,7 +555,7 @@ TEST(OctreeHexahedra, AreExplicitToo)
 
 // A ball is a hundred times as stiff as the rest. The octree's displacement is near the displacement of a lattice with
 // its smallest cell size, and nearer than an octree of tetrahedra.
-TEST(OctreeHexahedra, GoWhereTheFineLatticeGoes)
+TEST(OctreeHexahedra, FollowTheFineLattice)
 {
     double sum[3], maximum = 0;
     std::map<int32_t, std::array<double, 3>> reference;

@@ -304,7 +304,7 @@ TEST(Knife, ABladeThatTurnsSweepsAnArc)
         << "the chord alone: 36 % less";
 }
 
-TEST(Knife, WhatJumpsOrIsLostCutsNothingOnItsWay)
+TEST(Knife, JumpingOrMissingBladesCutNothing)
 {
     Slab slab(fine, 0);
     slab.place(0.0405, 0.05);
@@ -325,7 +325,7 @@ TEST(Knife, WhatJumpsOrIsLostCutsNothingOnItsWay)
 }
 
 // Also in the step after it was switched on; reported once for each time that it is on.
-TEST(Knife, ABladeThatIsTooFastIsToldOnce)
+TEST(Knife, ABladeThatIsTooFastIsLoggedOnce)
 {
     Slab slab(fine, 0);
     const auto warnings = [&] {
@@ -354,7 +354,7 @@ TEST(Knife, ABladeThatIsTooFastIsToldOnce)
     EXPECT_EQ(warnings(), 2) << slab.said;
 }
 
-TEST(Knife, StrokesThatCanBeUndoneAreAsManyAsAsked)
+TEST(Knife, TheNumberOfUndoableStrokesIsTheOption)
 {
     Slab slab(fine, 0);
     const double points[6] = {0, -0.01, 0.04, 0, 0.05, 0.04}, depth[3] = {0, 0, -0.03};
@@ -370,7 +370,7 @@ TEST(Knife, StrokesThatCanBeUndoneAreAsManyAsAsked)
     EXPECT_EQ(slab.data->body->revision, 3u) << "two cuts are left";
 }
 
-TEST(Knife, WhatIsUndoneAtOnceGoesOn)
+TEST(Knife, ImmediatelyUndoneCutsContinueIdentically)
 {
     Slab slab(Kind{"direct", [](pliant_scene &scene) {
         scene.solver.preconditioner = PLIANT_DIRECT;
@@ -390,7 +390,7 @@ TEST(Knife, WhatIsUndoneAtOnceGoesOn)
 }
 
 // Next to a cut, within divided elements: the tool grasps the tissue on its own side.
-TEST(Knife, AToolHoldsTheSideThatItIsOn)
+TEST(Knife, AToolGraspsTheSideThatItIsOn)
 {
     Slab slab(fine, 0);
     slab.stroke(0.0445, 0.034, -0.003, 0.1);
@@ -477,7 +477,7 @@ TEST(Knife, EnergyNeverRisesByACut)
     EXPECT_LT(slab.strain_energy() + slab.height_energy(), whole) << "and come to rest at less";
 }
 
-TEST(Knife, WhatIsNeverCutCostsNothingAndChangesNothing)
+TEST(Knife, AnUncutBodyCostsNothingAndChangesNothing)
 {
     Slab none(Kind{"none", [](pliant_scene &scene) { scene.cut.kind = PLIANT_CUT_NONE; }}), may;
     EXPECT_EQ(pliant_tool_set_cutting(none.data, none.tool, true), PLIANT_ERROR_ARGUMENT);
@@ -667,7 +667,7 @@ TEST(Knife, AStrokeThroughThePhantomsLiver)
 }
 
 // Without memory at any point, the tissue stays undamaged; this is logged once, and the next attempt succeeds.
-TEST(Knife, WithoutMemoryTheTissueStaysWhole)
+TEST(Knife, OutOfMemoryLeavesTheTissueUncut)
 {
     Slab slab(fine, 0);
     slab.place(0.0405, 0.034);

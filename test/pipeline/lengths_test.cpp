@@ -86,7 +86,7 @@ TEST(Lengths, AThinBodyHasNoLargerVolumeEither)
     }
 }
 
-TEST(Lengths, WhatIsAskedForIsTaken)
+TEST(Lengths, ExplicitLengthsAreUsed)
 {
     CapturedLog told;
     Block body(0.0013);
@@ -102,7 +102,7 @@ TEST(Lengths, WhatIsAskedForIsTaken)
     EXPECT_GT(body.growth(), 100);
 }
 
-TEST(Lengths, AVolumeThatCannotBeHeldIsRefused)
+TEST(Lengths, AVolumeThatIsTooLargeIsRefused)
 {
     Body body(std::array<int, 3>{20, 20, 20}.data(), std::array<double, 3>{6e-4, 6e-4, 6e-4}.data(),
               {{5000, 0.4, 1000, false}});
@@ -136,7 +136,7 @@ TEST(Lengths, AreWordsOfAScene)
 {
     pliant_scene scene, again;
     pliant_scene_defaults(&scene);
-    for (const char *name : {"warp/margin", "grasp/radius", "cut/drag", "segment/smallest"}) {
+    for (const char *name : {"warp/margin", "grasp/radius", "cut/drag", "segment/min_volume"}) {
         EXPECT_EQ(pliant_scene_set(&scene, name, "0.001"), PLIANT_OK) << pliant_last_error();
         EXPECT_EQ(pliant_scene_set(&scene, name, "-1"), PLIANT_ERROR_SCENE) << name;
         EXPECT_NE(std::string(pliant_last_error()).find("nor auto"), std::string::npos) << pliant_last_error();
@@ -151,7 +151,7 @@ TEST(Lengths, AreWordsOfAScene)
 }
 
 // The available scans are of patients.
-TEST(Lengths, OfScansAtHandAreTheSameAsEver)
+TEST(Lengths, OfShippedScansAreUnchanged)
 {
     for (const char *name : {"phantom", "phantom:120x84x102", PLIANT_TEST_DATA "/abdomen/ct.nii.gz",
                              PLIANT_TEST_DATA "/thorax/ct.mha", PLIANT_TEST_DATA "/loader/dicom_jpeg2000_abdomen"}) {

@@ -79,7 +79,7 @@ TEST_F(ManyCuts, LeaveNothingBehind)
     EXPECT_LT(held[2], held[0] + (held[0] >> 4));
 }
 
-TEST_F(ManyCuts, ShareWhatStays)
+TEST_F(ManyCuts, ShareUnchangedArrays)
 {
     cuts(60);
     const pliant_body *last = pliant_body_retain(body.data->body);
@@ -150,7 +150,7 @@ void expect_carried(const pliant_body &was, const std::vector<double> &x, const 
 }
 
 // Random strokes, some of which cut off a corner, with steps, undo and an independent copy.
-TEST_F(ManyCuts, FollowAsMadeAnew)
+TEST_F(ManyCuts, UpdateEqualsRebuild)
 {
     body.cells(14, 12, 12, 1); // arrays of many pieces
     std::memset(body.scan.voxels, 0, pliant_geometry_voxels(&body.scan.geometry));
@@ -189,7 +189,7 @@ TEST_F(ManyCuts, FollowAsMadeAnew)
     pliant_data_free(copy);
 }
 
-TEST_F(ManyCuts, AreDrawnAsByAWarpMadeAnew)
+TEST_F(ManyCuts, AreDrawnAsByANewWarp)
 {
     for (int round = 0; round < 3; round++) {
         cuts(30);
@@ -242,7 +242,7 @@ struct EveryHolder : testing::TestWithParam<Held> {
 
 // The memory in the statistics equals the library's memory beyond the model, to the byte, also with parallel background
 // work.
-TEST_P(EveryHolder, TellsItsOwnBytes)
+TEST_P(EveryHolder, ReportsItsBytes)
 {
     build(2);
     if (HasFatalFailure()) return;

@@ -123,7 +123,7 @@ struct Bar : Body {
 // With resistance, the blade drags the tissue until it slips.
 struct EveryResistance : testing::TestWithParam<int> {};
 
-TEST_P(EveryResistance, BothSidesOfItsWayAreApart)
+TEST_P(EveryResistance, BothSidesOfTheCutAreSeparate)
 {
     const int first = number_from("PLIANT_FIRST_RUN", 0), runs = number_from("PLIANT_RUNS", 60);
     int whole = 0, more = 0;
@@ -179,7 +179,7 @@ std::vector<uint32_t> links(const CutState &bar)
                          : std::vector<uint32_t>();
 }
 
-TEST(MovingKnife, SweepsThatMeetSeverNothingMoreThanEachByItself)
+TEST(MovingKnife, CrossingSweepsSeverNoMoreThanEachAlone)
 {
     for (int run = 0; run < 20; run++) {
         const auto stroke = bar_at_rest(), alone = bar_at_rest();

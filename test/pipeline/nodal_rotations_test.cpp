@@ -91,7 +91,7 @@ double error_of_bending(bool turning, pliant_preconditioner_choice choice)
     return worst;
 }
 
-TEST(Turn, TheFactorAtRestSolvesWhatHasBentOver)
+TEST(Turn, TheFactorAtRestSolvesTheRotatedBody)
 {
     for (pliant_preconditioner_choice choice : {PLIANT_DIRECT, PLIANT_MULTIGRID}) {
         double with = error_of_bending(true, choice), without = error_of_bending(false, choice);
@@ -103,7 +103,7 @@ TEST(Turn, TheFactorAtRestSolvesWhatHasBentOver)
 }
 
 // A spring's response rotates with the axes while its tool pulls by a given force; then it is a spring again.
-TEST(Turn, ASpringThatComesBackIsFoundInTheAxesOfNow)
+TEST(Turn, AReturningSpringIsFoundInThePresentAxes)
 {
     Body body(size, box, {{40000, 0.3, 1000, false}});
     body.cells(6, 2, 2, 2);

@@ -70,7 +70,7 @@ TEST_F(Output, ClearanceOfABox)
 
 // The skin ends within elements. Clearance is the distance to the skin, which contact uses, not to the border of the
 // elements.
-TEST(Clearance, IsThatOfTheSkinWithinElements)
+TEST(Clearance, EqualsTheDistanceToTheSurfaceWithinElements)
 {
     const int voxels[3] = {20, 20, 20};
     const double edge[3] = {0.1, 0.1, 0.1};
@@ -103,7 +103,7 @@ TEST(Clearance, IsThatOfTheSkinWithinElements)
 
 // A ball of 35 mm in elements of 5 mm and voxels of 1 mm. Surface corners stay at their nodes if the skin is farther
 // away than the shortest edge of a cube. The error is below one element on either side.
-TEST(Clearance, OfABallIsThatOfItsSkin)
+TEST(Clearance, OfABallIsTheDistanceToItsSurface)
 {
     const int voxels[3] = {100, 100, 100};
     const double edge[3] = {0.1, 0.1, 0.1}, radius = 0.035;
@@ -131,7 +131,7 @@ TEST(Clearance, OfABallIsThatOfItsSkin)
 }
 
 // A fixed region between coarse nodes fixes the coarse mesh too, through the nearest nodes.
-TEST(CoarseMesh, IsHeldByWhatLiesBetweenItsNodes)
+TEST(CoarseMesh, IsHeldByFixedTissueBetweenItsNodes)
 {
     Body body(size, box, {{6000, 0.2, 1000, false}});
     body.scene.model.method = PLIANT_COARSE;

@@ -55,11 +55,11 @@ TEST(Patch, ConstantStrainIsInEquilibrium)
 }
 
 // Compute the energy of coarse elements under a constant strain relative to the exact V (mu e:e + lambda tr(e)^2 / 2).
-void energy_ratio(pliant_method method, pliant_touch touch, double *low, double *high)
+void energy_ratio(pliant_method method, pliant_submesh_extent extent, double *low, double *high)
 {
     Body body(size, box, one);
     body.scene.model.method = method;
-    body.scene.model.touch = touch;
+    body.scene.model.submesh = extent;
     body.cells(4, 4, 4, 2);
     body.fix_plane(0, 0, 0, 0, 0, 1);
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
@@ -90,14 +90,14 @@ void energy_ratio(pliant_method method, pliant_touch touch, double *low, double 
 TEST(Patch, AveragedStoresTheExactEnergyAndSchurDoesNot)
 {
     double low, high;
-    energy_ratio(PLIANT_AVERAGED, PLIANT_TOUCH_OVERLAP, &low, &high);
+    energy_ratio(PLIANT_AVERAGED, PLIANT_SUBMESH_OVERLAP, &low, &high);
     EXPECT_NEAR(low, 1, 1e-8);
     EXPECT_NEAR(high, 1, 1e-8);
-    energy_ratio(PLIANT_SCHUR, PLIANT_TOUCH_OVERLAP, &low, &high);
-    std::printf("schur, touch overlap: stores %.1f to %.1f %% of the exact energy\n", 100 * low, 100 * high);
+    energy_ratio(PLIANT_SCHUR, PLIANT_SUBMESH_OVERLAP, &low, &high);
+    std::printf("schur, submesh overlap: stores %.1f to %.1f %% of the exact energy\n", 100 * low, 100 * high);
     EXPECT_LT(high, 0.9);
-    energy_ratio(PLIANT_SCHUR, PLIANT_TOUCH_FACE, &low, &high);
-    std::printf("schur, touch face: stores %.1f to %.1f %% of the exact energy\n", 100 * low, 100 * high);
+    energy_ratio(PLIANT_SCHUR, PLIANT_SUBMESH_FACE, &low, &high);
+    std::printf("schur, submesh face: stores %.1f to %.1f %% of the exact energy\n", 100 * low, 100 * high);
     EXPECT_GT(high - low, 0.05);
 }
 

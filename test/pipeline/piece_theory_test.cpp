@@ -61,7 +61,7 @@ TEST(PieceTheory, APieceSlidesDownASlopeByCoulombsLaw)
     }
 }
 
-TEST(PieceTheory, APieceThatLiesStaysWhereItIs)
+TEST(PieceTheory, APieceAtRestStays)
 {
     for (bool obstacle : {false, true})
         for (double slope : {0.0, 0.9}) {

@@ -91,7 +91,7 @@ TEST(RigidTools, TheOtherToolTakesOver)
 
 // The tools move apart: the tissue follows the mean of their displacements, and a copy of the simulation behaves
 // equally.
-TEST(RigidTools, TheTissueFollowsTheMeanOfTheirWays)
+TEST(RigidTools, TheTissueFollowsTheMeanOfTheirMotions)
 {
     std::unique_ptr<Body> body = hang(direct);
     const int tool[2] = {hold(*body, "left", 0.02), hold(*body, "right", 0.02)};

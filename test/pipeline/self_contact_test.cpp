@@ -133,7 +133,7 @@ TEST(SelfContact, LayersThatSlideDoSoFreelyAndPress)
     EXPECT_EQ(slides.data->body->revision, slides.model->body->revision);
 }
 
-TEST(SelfContact, WhatSlidesMustBeThere)
+TEST(SelfContact, SlidingContactNeedsAnOppositeSide)
 {
     Layers wrong("m1, liver");
     EXPECT_EQ(wrong.build(), PLIANT_ERROR_SCENE);
@@ -211,7 +211,7 @@ struct Drop : Body {
 };
 constexpr double Drop::box[3];
 
-TEST(SelfContact, WhatIsCutOffComesToRestOnWhatIsBelowIt)
+TEST(SelfContact, DetachedPiecesComeToRestOnTheTissueBelow)
 {
     for (pliant_cut_kind kind : {PLIANT_CUT_SUBDIVIDE, PLIANT_CUT_SEVER}) {
         Drop drop(kind);
@@ -250,7 +250,7 @@ TEST(SelfContact, WhatIsCutOffLandsOnCoarseMeshesToo)
 }
 
 // slopes with a tangent below and above the friction coefficient
-TEST(SelfContact, ASlabThatIsCutOffStaysOrSlidesAsFrictionSays)
+TEST(SelfContact, ADetachedSlabStaysOrSlidesByFriction)
 {
     for (pliant_cut_kind kind : {PLIANT_CUT_SUBDIVIDE, PLIANT_CUT_SEVER})
         for (double slope : {0.1, 0.35}) {
@@ -387,7 +387,7 @@ TEST(SelfContact, APieceThatIsPushedFarIsStoppedByTheGround)
 }
 
 // Switched off, it costs and changes nothing; switched on, it changes nothing without contact.
-TEST(SelfContact, IsOffUnlessItIsAskedFor)
+TEST(SelfContact, IsOffByDefault)
 {
     std::vector<double> positions[2];
     for (bool on : {false, true}) {

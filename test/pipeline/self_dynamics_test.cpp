@@ -318,7 +318,7 @@ struct FourNodes {
     }
 };
 
-TEST(SelfDynamics, APointNeitherPushesNorTurnsTheWhole)
+TEST(SelfDynamics, APointAddsNoForceAndNoTorque)
 {
     std::mt19937 random(5);
     constexpr int steps = 200;
@@ -345,11 +345,11 @@ TEST(SelfDynamics, APointNeitherPushesNorTurnsTheWhole)
 // [C] 5.2: nodes of overlapping tetrahedra are pushed against their own motion, one cycle later or immediately; nodes
 // at rest stay.
 struct Slowed : Flight {
-    explicit Slowed(bool delay, double speed, double apart, double punishment = 0.5) : Flight(0)
+    explicit Slowed(bool delay, double speed, double apart, double overlap_damping = 0.5) : Flight(0)
     {
         scene.contact.response = PLIANT_RESPONSE_PAPER;
         scene.contact.delay = delay;
-        scene.contact.punishment = punishment;
+        scene.contact.overlap_damping = overlap_damping;
         EXPECT_EQ(build(), PLIANT_OK) << pliant_last_error();
         for (int32_t n = 0; n < data->body->fine.num_nodes; n++) {
             data->tled->u[3 * n + 2] = block_of(n) ? apart - h : 0;
@@ -366,7 +366,7 @@ struct Slowed : Flight {
     }
 };
 
-TEST(SelfDynamics, ThePapersResponseSlowsWhatOverlaps)
+TEST(SelfDynamics, ThePapersResponseSlowsOverlappingNodes)
 {
     for (const bool delay : {true, false}) {
         Slowed pile(delay, 0.5, 0.1 * h);

@@ -116,7 +116,7 @@ TEST(Solver, AirSqueezedFlatLetsGo)
 
 // A bar far too soft for its weight causes many rejected trials. With one trial per step, rejections continue over the
 // steps to plain and ever shorter ones, and none is repeated endlessly.
-TEST(Solver, RefusalsGoOnFromStepToStep)
+TEST(Solver, RejectionsContinueFromStepToStep)
 {
     const int bar_size[3] = {24, 8, 8};
     const double bar[3] = {0.24, 0.08, 0.08}, gravity[3] = {-3, 0, -9.81};
@@ -139,7 +139,7 @@ TEST(Solver, RefusalsGoOnFromStepToStep)
 }
 
 // A long step that would have decreased the energy may no longer do so under other loads.
-TEST(Solver, AStepThatNoLongerLeadsDownIsLeft)
+TEST(Solver, AStepThatIsNoDescentIsDropped)
 {
     const double gravity[3] = {3, 0, -9.81};
     Body body(size, box, two, stripes);
@@ -198,7 +198,7 @@ TEST(Solver, StepsMeetTheSettledState)
     EXPECT_LT(worst, 0.01 * largest);
 }
 
-TEST(Solver, SaysWhenItDoesNotConverge)
+TEST(Solver, ReportsThatItDoesNotConverge)
 {
     Body body(size, box, two, stripes);
     prepare(body);
@@ -230,7 +230,7 @@ TEST(Solver, KeepsToItsTime)
 }
 
 // The error estimate has the size of the true error, relative to the same pull solved to a tight tolerance.
-TEST(Solver, TellsItsError)
+TEST(Solver, ReportsItsError)
 {
     Body exact(size, box, two, stripes);
     prepare(exact);
@@ -296,7 +296,7 @@ Frames frames(Body &body, Load load, bool settled, bool forgetful = false)
 }
 
 // The error of a state is estimated by its own step, and again by the next one.
-TEST(Solver, TellsHowGoodItsStepsAre)
+TEST(Solver, ReportsTheQualityOfItsSteps)
 {
     int counted = 0, within = 0, judged = 0, within_next = 0;
     for (Load load : {MOVED, SPRUNG, FORCED, HEAVIER}) {
@@ -342,7 +342,7 @@ TEST(Solver, TellsHowGoodItsStepsAre)
 }
 
 // A step reuses the final evaluation of the previous step, with bitwise identical results to computing it.
-TEST(Solver, BeginsWithWhatTheStepBeforeKnows)
+TEST(Solver, StartsFromTheHistoryOfThePreviousStep)
 {
     for (pliant_preconditioner_choice choice : {PLIANT_DIRECT, PLIANT_MULTIGRID})
         for (Load load : {MOVED, SPRUNG, FORCED, HEAVIER}) {
@@ -364,7 +364,7 @@ TEST(Solver, BeginsWithWhatTheStepBeforeKnows)
 }
 
 // A step without changes computes nothing; any change ends that.
-TEST(Solver, AStepThatWouldFindNothingToDoDoesNothing)
+TEST(Solver, AnIdleStepDoesNothing)
 {
     const int size[3] = {8, 8, 8};
     const double box[3] = {0.08, 0.08, 0.08}, top[3] = {0.04, 0.04, 0.075};
@@ -403,7 +403,7 @@ TEST(Solver, AStepThatWouldFindNothingToDoDoesNothing)
     asks("letting go");
 }
 
-TEST(Solver, ExtremesStayFiniteAndComeBack)
+TEST(Solver, ExtremesStayFiniteAndReturn)
 {
     for (double along : {1.2, -0.5, 12.0}) { // ten times the body; through itself; a hundred times
         Body body(size, box, two, stripes);
@@ -547,7 +547,7 @@ TEST(Solver, FailingAllocationsNeverLeak)
 }
 
 // Under a load that would move a body by hundreds of its lengths, it keeps its state.
-TEST(Solver, WhatIsFarFromTheBodyIsNoState)
+TEST(Solver, PositionsFarFromTheBodyAreRefused)
 {
     const int voxels[3] = {8, 4, 4};
     const double sides[3] = {0.2, 0.1, 0.1};

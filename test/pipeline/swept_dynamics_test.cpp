@@ -24,7 +24,7 @@ TEST(SweptDynamics, NothingIsSweptThroughTheSheet)
 }
 
 // Regression sweeps among the first 10,000, in which the tool rests and tissue slides off its end.
-TEST(SweptDynamics, ThoseThatOnceWentThroughDoNot)
+TEST(SweptDynamics, FormerlyTunnelingSweepsDoNotTunnel)
 {
     for (const int number : {2615, 2741, 2930, 3013, 8915, 8918, 8929, 9641}) {
         Sweeps sweeps;

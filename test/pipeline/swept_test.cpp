@@ -94,7 +94,7 @@ TEST(Swept, TheFirstAreNotSweptThroughAtTwoMetresASecondNorThroughHexahedra)
 }
 
 // Regression cases that require steps in several parts; otherwise tools tunnel or elements stay inverted.
-TEST(Swept, AStepThatTissueGetsByInIsTakenInParts)
+TEST(Swept, AStepThatWouldTunnelIsDividedIntoLegs)
 {
     Sweeps sweeps;
     for (const int n : {232, 534, 1964}) {
@@ -111,7 +111,7 @@ TEST(Swept, AStepThatTissueGetsByInIsTakenInParts)
 
 // Regression cases for diverged solves and for normals at triangle borders. PLIANT_SWEEPS_LIVE: use live steps, which
 // depend on the machine, instead of equally even steps without background results.
-TEST(Swept, ThoseThatOnceWentThroughDoNot)
+TEST(Swept, FormerlyTunnelingSweepsDoNotTunnel)
 {
     const pliant_background_kind even =
         number_from("PLIANT_SWEEPS_LIVE", 0) ? PLIANT_BACKGROUND_LIVE : PLIANT_BACKGROUND_PRESCRIBED;
@@ -129,7 +129,7 @@ TEST(Swept, ThoseThatOnceWentThroughDoNot)
 // Regression cases of numbers 10,000 to 50,000. Inactive points must give way to points on another side, with up to
 // twelve solves per step. Inaccurate results need a division into parts. On the CPU only: these solves are sensitive,
 // so a GPU ends in different states.
-TEST(Swept, ThoseOfOtherNumbersThatOnceWentThroughDoNot)
+TEST(Swept, FormerlyTunnelingSweepsOfOtherSeedsDoNotTunnel)
 {
     Sweeps sweeps;
     for (const int n : {19751, 22362, 41286, 41292, 48166}) {
@@ -169,7 +169,7 @@ TEST(Swept, ATurnOfMoreThanOneRadianIsTakenInParts)
 
 // A tool that jumps skips the tissue in between. Other tools are followed as if it did not exist, however it rotates,
 // and whether or not it has a shape.
-TEST(Swept, WhatAToolDoesThatJumpsIsOfNoConcernToOthers)
+TEST(Swept, AJumpOfOneToolDoesNotAffectOthers)
 {
     for (const double x : {0.0253, 0.0297, 0.0341}) {
         std::vector<double> ended[3];
@@ -309,7 +309,7 @@ std::vector<double> points_of(const pliant_data *data)
     for (int32_t p = 0; p < data->contacts.count; p++) {
         const pliant_contact_point &point = data->contacts.point[p];
         out.push_back(static_cast<double>(point.feature));
-        out.push_back(point.begun);
+        out.push_back(point.was_pressed);
         for (int d = 0; d < 3; d++) out.insert(out.end(), {point.place[d], point.force[d], point.anchor[d]});
     }
     return out;
@@ -341,7 +341,7 @@ TEST(Swept, AStepInLegsWithoutMemoryIsWhole)
             done++;
             int32_t begun = 0;
             for (int32_t p = 0; p < data->contacts.count; p++) {
-                begun += data->contacts.point[p].begun;
+                begun += data->contacts.point[p].was_pressed;
                 if (p > 0) EXPECT_LT(data->contacts.point[p - 1].feature, data->contacts.point[p].feature);
             }
             EXPECT_EQ(begun, data->statistics.contacts) << "after " << calls << " allocations";

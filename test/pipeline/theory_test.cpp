@@ -224,7 +224,7 @@ TEST(Theory, GravityEnergyOfTheFineMeshIsPreserved)
 
 // [H] 5 and 7 where fixed fine nodes are removed from the submeshes: displacements are N u, the transpose of how forces
 // are handed on.
-TEST(Theory, FineNodesBesideWhatIsFixedMoveByTheirShapeFunctions)
+TEST(Theory, FineNodesNextToFixedOnesMoveByTheirShapeFunctions)
 {
     const int size[3] = {24, 24, 24};
     const double box[3] = {0.12, 0.12, 0.12};

@@ -376,7 +376,7 @@ TEST(Verification, PressureOfAConfinedBlockDoesNotOscillate)
 
 // 1 : 10,000 in series under a force, fixed sideways: exact with the interface between cubes. A cube with both
 // materials takes their mean, and is stiff.
-TEST(Verification, SoftBesideStiffInSeries)
+TEST(Verification, SoftAndStiffInSeries)
 {
     const double box[3] = {0.02, 0.02, 0.08};
     for (double poisson : {0.0, 0.499})

@@ -61,7 +61,7 @@ TEST_F(Confine, RefusesDotsAndAbsolutePathsOutside)
 }
 
 // Error messages do not reveal whether a file outside exists.
-TEST_F(Confine, WhatIsNotThereOutsideIsRefusedLikeWhatIs)
+TEST_F(Confine, MissingFilesOutsideAreRefusedLikeExistingOnes)
 {
     for (const char *name : {"../secret.nii", "../nothing.nii", "../nothing/of/that.nii", "/nothing/at/all.nii"}) {
         EXPECT_FALSE(may_read(name));
@@ -215,7 +215,7 @@ TEST_F(ConfinedReadsTest, LinksInAFolderOfImages)
     EXPECT_NE(why.find("outside"), std::string::npos) << why;
 }
 
-TEST_F(ConfinedReadsTest, WhatIsNotThereOutsideIsRefusedLikeWhatIs)
+TEST_F(ConfinedReadsTest, MissingFilesOutsideAreRefusedLikeExistingOnes)
 {
     write(root + "/there.mhd", meta + "ElementDataFile = " + secret() + "\n");
     write(root + "/not_there.mhd", meta + "ElementDataFile = " + base + "/nothing/of/that.raw\n");

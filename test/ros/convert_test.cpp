@@ -299,7 +299,7 @@ TEST_F(ConvertBodies, AreFoundAgainFromTheirTopologies)
     EXPECT_FALSE(body_of(*loaded, wrong, &bodies, &why));
 }
 
-TEST_F(ConvertBodies, AMomentIsReadAsItWasSaved)
+TEST_F(ConvertBodies, AStateIsReadAsSaved)
 {
     ResumableState moment;
     moment.snapshot.loaded = loaded;
@@ -341,7 +341,7 @@ TEST_F(ConvertBodies, AMomentIsReadAsItWasSaved)
 // Same for subdivided tetrahedra: nodes on edges are bitwise identical.
 TEST_F(ConvertBodies, AreFoundAgainWhereCutsSubdivide)
 {
-    pliant_scene scene = loaded->asked;
+    pliant_scene scene = loaded->requested;
     scene.cut.kind = PLIANT_CUT_SUBDIVIDE;
     const std::shared_ptr<LoadedModel> other =
         build(scene, loaded->scan, *pliant_model_get_materials(loaded->model), pliant_progress{nullptr, nullptr});
@@ -467,7 +467,7 @@ TEST(Convert, AForceThatIsNotFiniteBecomesZero)
     EXPECT_EQ(message.wrench.torque.x, 0);
 }
 
-TEST(Convert, ContactOfAToolThatIsNotThere)
+TEST(Convert, ContactOfAMissingTool)
 {
     pliant_tool_state tool{};
     std::strcpy(tool.name, "grasper");
@@ -535,7 +535,7 @@ TEST(Convert, ContactHasTheProxyOfATool)
     EXPECT_FALSE(message.saturated);
 }
 
-TEST(Convert, TimingTellsOfLegsAndProxies)
+TEST(Convert, TimingHasLegsAndProxies)
 {
     pliant_statistics statistics{};
     statistics.iterations = 6;
@@ -557,7 +557,7 @@ TEST(Convert, TimingTellsOfLegsAndProxies)
     }
 }
 
-TEST(Convert, ContactTellsWhereTheToolHolds)
+TEST(Convert, ContactHasTheGraspedPoint)
 {
     pliant_tool_state tool{};
     ContactState message;
@@ -597,7 +597,7 @@ TEST(Convert, CutIsTurnedIntoTheTissueFrame)
     EXPECT_NEAR(cut.depth.z, 0, 1e-15);
 }
 
-TEST(Convert, APickIsTurnedIntoTheFrameThatAsks)
+TEST(Convert, APickIsReturnedInTheFrameOfTheRequest)
 {
     pliant_picked picked{};
     Pick::Response response;

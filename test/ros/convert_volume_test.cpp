@@ -62,7 +62,7 @@ TEST(Convert, EveryChangedBrickIsInABox)
 }
 
 /* 40 x 24 x 33 voxels with changing bricks, and the volume that a viewer assembles from the sent bricks. */
-class Sent : public ::testing::TestWithParam<pliant_encoding> {
+class SentVolumeTest : public ::testing::TestWithParam<pliant_encoding> {
 protected:
     void SetUp() override
     {
@@ -128,7 +128,7 @@ protected:
     SentVolume sent_;
 };
 
-TEST_P(Sent, StaysBelowTheThresholdInMotionAndIsExactAtRest)
+TEST_P(SentVolumeTest, StaysBelowTheThresholdInMotionAndIsExactAtRest)
 {
     const double threshold = 3; // in values, which is 6 stored units
     const std::vector<uint8_t> all(18, 1), none(18, 0);
@@ -155,7 +155,7 @@ TEST_P(Sent, StaysBelowTheThresholdInMotionAndIsExactAtRest)
     EXPECT_FALSE(sent_.has_unsent_bricks());
 }
 
-TEST_P(Sent, WithoutAThresholdEveryChangeIsSent)
+TEST_P(SentVolumeTest, WithoutAThresholdEveryChangeIsSent)
 {
     sent_.start(0, whole_);
     sent_.keep(volume_, whole_);
@@ -163,7 +163,7 @@ TEST_P(Sent, WithoutAThresholdEveryChangeIsSent)
     EXPECT_FALSE(sent_.has_unsent_bricks());
 }
 
-TEST_P(Sent, NothingOutsideTheRegionIsSent)
+TEST_P(SentVolumeTest, NothingOutsideTheRegionIsSent)
 {
     Box region = whole_;
     region.size[0] = 20;
@@ -176,7 +176,7 @@ TEST_P(Sent, NothingOutsideTheRegionIsSent)
     EXPECT_EQ(send(true, std::vector<uint8_t>(18, 0)), 12u);
 }
 
-INSTANTIATE_TEST_SUITE_P(Encodings, Sent, ::testing::Values(PLIANT_UINT8, PLIANT_INT16, PLIANT_FLOAT32));
+INSTANTIATE_TEST_SUITE_P(Encodings, SentVolumeTest, ::testing::Values(PLIANT_UINT8, PLIANT_INT16, PLIANT_FLOAT32));
 
 TEST(Noise, OfAScanIsItsStandardDeviation)
 {

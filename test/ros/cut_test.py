@@ -389,9 +389,9 @@ class CutTest(unittest.TestCase):
                     if is_settled(time))
         at = ["--at", "%.6f" % last]
         self.run_bag(kind, *at, "--surfaces", "--out", self.folder + "/states")
-        said = self.run_bag(kind, *at, "--simulate", "--out", self.folder + "/again", "--cuts",
+        printed = self.run_bag(kind, *at, "--simulate", "--out", self.folder + "/again", "--cuts",
                             self.folder + "/cuts.csv")
-        self.assertIn("each bitwise equal to the recording", said)
+        self.assertIn("each bitwise equal to the recording", printed)
         with open(self.folder + "/cuts.csv") as file:
             rows = list(csv.DictReader(file))
         self.assertEqual(set(row["tool"] for row in rows), {"knife", ""})

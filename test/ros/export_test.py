@@ -123,9 +123,9 @@ class Export(unittest.TestCase):
         return array
 
     def test_arrays_are_the_bag(self):
-        code, said, errors = self.run_bag("--export", "numpy", "--rate", str(RATE), "--out", self.folder + "/arrays")
+        code, printed, errors = self.run_bag("--export", "numpy", "--rate", str(RATE), "--out", self.folder + "/arrays")
         self.assertEqual(code, 0, errors)
-        self.assertIn("19 rows of 2 episodes, 2 tools and 2 cameras", said)
+        self.assertIn("19 rows of 2 episodes, 2 tools and 2 cameras", printed)
         self.assert_arrays(self.folder + "/arrays")
 
     def test_a_picture_that_many_rows_show_is_stored_once(self):
@@ -141,11 +141,11 @@ class Export(unittest.TestCase):
 
     def test_lerobot_has_its_layout_or_says_what_is_missing(self):
         folder = self.folder + "/dataset"
-        code, said, errors = self.run_bag("--export", "lerobot", "--rate", str(RATE), "--task", "retract", "--out",
+        code, printed, errors = self.run_bag("--export", "lerobot", "--rate", str(RATE), "--task", "retract", "--out",
                                           folder)
         array = self.assert_arrays(folder + "/numpy")
         if not has_pyarrow:
-            self.assertEqual(code, 1, said)
+            self.assertEqual(code, 1, printed)
             self.assertIn("pip install numpy pyarrow", errors)
             return
         self.assertEqual(code, 0, errors)

@@ -60,7 +60,7 @@ double size_of(const Guard::Output &out)
     return std::sqrt(out.force[0] * out.force[0] + out.force[1] * out.force[1] + out.force[2] * out.force[2]);
 }
 
-TEST(Guard, RisesFromZeroAndThenHandsOnAPartOfTheForceAgainstTheHand)
+TEST(Guard, RampsUpFromZeroAndScalesTheForce)
 {
     Bench bench;
     Guard::Output out = bench.guard.update(bench.now); // without any input
@@ -83,7 +83,7 @@ TEST(Guard, RisesFromZeroAndThenHandsOnAPartOfTheForceAgainstTheHand)
 }
 
 // An earlier guard may have been killed, and the hand may still apply its last force.
-TEST(Guard, BeginsWithZerosWhateverElseIsThere)
+TEST(Guard, StartsWithZeros)
 {
     Bench bench;
     bench.guard.following(false);
@@ -119,7 +119,7 @@ void bring(Bench &bench, GuardState state)
 }
 
 // Every line of the table in guard.h; combinations without a line leave the state unchanged.
-TEST_P(EveryEdge, IsAsTheTableSays)
+TEST_P(EveryEdge, ChangesStateByTheTable)
 {
     Bench bench;
     bring(bench, GetParam().from);
@@ -175,7 +175,7 @@ struct Closing {
 
 class EveryGate : public testing::TestWithParam<Closing> {};
 
-TEST_P(EveryGate, EndsInZerosWithinFiftyMillisecondsAndThenInSilence)
+TEST_P(EveryGate, EndsInZerosWithinFiftyMillisecondsAndThenStops)
 {
     for (bool while_rising : {false, true}) {
         Bench bench;
@@ -219,7 +219,7 @@ const Closing closings[] = {
 INSTANTIATE_TEST_SUITE_P(Every, EveryGate, testing::ValuesIn(closings),
                          [](const testing::TestParamInfo<Closing> &each) { return each.param.name; });
 
-TEST(Guard, IsClosedWhereTheErrorIsNoLongerTold)
+TEST(Guard, IsClosedWithoutRecentErrors)
 {
     Bench bench;
     bench.open();
@@ -228,14 +228,14 @@ TEST(Guard, IsClosedWhereTheErrorIsNoLongerTold)
     EXPECT_NE(bench.guard.why(bench.now).find("does not report"), std::string::npos);
 }
 
-TEST(Guard, DoesNotAskForAnErrorWhereAnyWillDo)
+TEST(Guard, NeedsNoErrorWithoutALimit)
 {
     Bench bench([](GuardSettings &settings) { settings.largest_error = INFINITY; });
     bench.errors = false;
     bench.open();
 }
 
-TEST(Guard, OpensAgainFromZeroWhileItEnds)
+TEST(Guard, ReopensFromZeroWhileEnding)
 {
     Bench bench;
     bench.open();
@@ -249,7 +249,7 @@ TEST(Guard, OpensAgainFromZeroWhileItEnds)
     EXPECT_NEAR(bench.turns(1).force[0], 1, 1e-6);
 }
 
-TEST(Guard, NeverExceedsItsBoundsWhateverComesIn)
+TEST(Guard, NeverExceedsItsBounds)
 {
     Bench bench;
     bench.open();
@@ -269,7 +269,7 @@ TEST(Guard, NeverExceedsItsBoundsWhateverComesIn)
     EXPECT_GT(bench.guard.clamped(), 1000u);
 }
 
-TEST(Guard, LetsSlowForcesThroughAndDampsFastOnes)
+TEST(Guard, IsALowPassFilter)
 {
     for (double frequency : {1.0, 80.0}) {
         Bench bench([](GuardSettings &settings) { settings.rate = 1e6, settings.largest = 1e6, settings.ramp = 0; });
@@ -284,7 +284,7 @@ TEST(Guard, LetsSlowForcesThroughAndDampsFastOnes)
     }
 }
 
-TEST(Guard, IsOffUnlessAskedFor)
+TEST(Guard, IsDisabledByDefault)
 {
     Bench bench([](GuardSettings &settings) { settings.enabled = false; });
     EXPECT_FALSE(bench.turns(2).send);
@@ -292,14 +292,14 @@ TEST(Guard, IsOffUnlessAskedFor)
     EXPECT_FALSE(GuardSettings().enabled);
 }
 
-TEST(Guard, NeedsNoFollowingWhereThereIsNoTeleoperation)
+TEST(Guard, NeedsNoFollowingWithoutTeleoperation)
 {
     Bench bench([](GuardSettings &settings) { settings.needs_following = false; });
     bench.guard.following(false);
     bench.open();
 }
 
-TEST(Guard, ShutDownIsAZeroAndThenNothingForGood)
+TEST(Guard, ShutDownSendsAZeroAndThenNothing)
 {
     Bench bench;
     bench.open();
@@ -311,7 +311,7 @@ TEST(Guard, ShutDownIsAZeroAndThenNothingForGood)
 }
 
 // The guard does not exit, because it would be restarted endlessly while the hand keeps its last force.
-TEST(Guard, WithAWrongParameterSendsZerosAndNeverAForce)
+TEST(Guard, WithAWrongParameterItSendsOnlyZeros)
 {
     Bench bench;
     bench.guard.fault("~gain is -1; it must be from 1e-06 to 100");
@@ -356,7 +356,7 @@ TEST(GuardParameters, AreReadAndTheOthersHaveDefaults)
     EXPECT_EQ(read.rate, 200);
 }
 
-TEST(GuardParameters, WrongOnesAreNamedAndZerosGoOutAllTheSame)
+TEST(GuardParameters, WrongOnesAreNamedAndZerosAreSent)
 {
     const std::pair<const char *, XmlRpc::XmlRpcValue> wrong[] = {
         {"gain", -1.0},       {"gain", "much"},       {"max_force", 0},  {"max_force", nan}, {"max_rate", -20},

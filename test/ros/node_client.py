@@ -68,7 +68,7 @@ def nifti_voxels(path):
 
 
 class Launch:
-    """roslaunch of a file of the package, with the master of this test. said() returns its output."""
+    """roslaunch of a file of the package, with the master of this test. log() returns its output."""
 
     def __init__(self, name, **arguments):
         command = ["roslaunch", "pliant", name] + ["%s:=%s" % pair for pair in arguments.items()]
@@ -78,7 +78,7 @@ class Launch:
         self.process = subprocess.Popen(command, start_new_session=True, stdout=self.output, stderr=subprocess.STDOUT,
                                         env=unbuffered)
 
-    def said(self):
+    def log(self):
         size = os.fstat(self.output.fileno()).st_size
         return os.pread(self.output.fileno(), size, 0).decode(errors="replace")
 
@@ -91,7 +91,7 @@ class Launch:
             os.killpg(self.process.pid, signal.SIGKILL)
             raise AssertionError("roslaunch does not end")
         finally:
-            print(self.said())
+            print(self.log())
 
 
 class Latest:

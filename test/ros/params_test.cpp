@@ -200,7 +200,7 @@ TEST(Params, ValuesOutOfRangeAreRefusedByName)
     EXPECT_NE(refusal(jaw).find("jaw_release"), std::string::npos);
 }
 
-TEST(Params, WhatOfTheVolumeIsSent)
+TEST(Params, VolumeRegionAndThreshold)
 {
     XmlRpcValue tree, turned, step, empty;
     empty["jaw_close"] = 0.05;

@@ -157,7 +157,7 @@ bool has_gpu()
 }
 
 struct EveryEngine : testing::TestWithParam<Case> {};
-TEST_P(EveryEngine, IsMadeAgainFromItsBag)
+TEST_P(EveryEngine, IsRecomputedFromItsBag)
 {
     const Session session(GetParam());
     const std::shared_ptr<const LoadedModel> loaded = session.loaded;
@@ -303,7 +303,7 @@ std::shared_ptr<const pliant_ros::Scan> scan_in(const std::string &folder, const
     return scan;
 }
 
-TEST(ScanId, TellsPatientsApartWhoseFilesHaveOneName)
+TEST(ScanId, DistinguishesPatientsWithEqualFileNames)
 {
     using pliant_ros::is_id_of;
     const auto one = scan_in("one", "SCAN.nii.gz", 0, 0.01), again = scan_in("again", "SCAN.nii.gz", 0, 0.01),

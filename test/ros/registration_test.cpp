@@ -63,7 +63,7 @@ TEST(Registration, ExactPairsGiveThePoseBack)
     }
 }
 
-TEST(Registration, MeasuredPairsAreToldHowFarTheyAreOff)
+TEST(Registration, ReportsTheErrorOfMeasuredPairs)
 {
     Rigid pose;
     std::vector<double> errors;
@@ -149,7 +149,7 @@ TEST(Registration, NamesOtherUnits)
     expect_words(refusal(large, moved(large)), {"in millimetres?"}, {"mirrored"});
 }
 
-TEST(Registration, NamesThePairThatIsOff)
+TEST(Registration, NamesTheOutlierPair)
 {
     Points room = moved(landmarks);
     room.push_back(room[1]);
@@ -158,7 +158,7 @@ TEST(Registration, NamesThePairThatIsOff)
     expect_words(refusal(tissue, room), {"pair 5 of 5"}, {"mirrored", "metres?"});
 }
 
-TEST(Registration, RefusesWhatSaysTooLittle)
+TEST(Registration, RefusesDegeneratePairs)
 {
     const double nan = std::numeric_limits<double>::quiet_NaN();
     const Points line{point(0, 0, 0), point(0.1, 0.1, 0), point(0.2, 0.2001, 0), point(0.4, 0.4, 0)},

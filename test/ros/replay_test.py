@@ -183,7 +183,7 @@ class ReplayTest(unittest.TestCase):
             file.write(text)
 
         def refused(_, launch):
-            return "nodes, the model here" in launch.said()
+            return "nodes, the model here" in launch.log()
         self.assertEqual(self.replay(refused, scene=self.folder + "/other.yaml"), [])
 
     # ---- without a master

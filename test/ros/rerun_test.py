@@ -149,9 +149,9 @@ class RerunTest(unittest.TestCase):
 
     def test_what_arrived_live_is_put_to_use_where_it_was(self):
         self.assertGreater(len([step for step in self.steps if step.background]), 3, "factors came in")
-        code, said, errors = self.simulate(self.bag)
+        code, printed, errors = self.simulate(self.bag)
         self.assertEqual(code, 0, errors)
-        self.assertIn("each bitwise equal to the recording", said)
+        self.assertIn("each bitwise equal to the recording", printed)
 
     def test_it_matters_when_it_arrives(self):
         before, first = [0], [step.sequence for step in self.steps].index(1)
@@ -186,11 +186,11 @@ class RerunTest(unittest.TestCase):
     def test_replay_simulates_faster_than_live(self):
         launch = Launch("replay.launch", bag=self.bag, scan=SCAN, scene=self.scene, rate="4", simulate="true")
         try:
-            wait_for(lambda: "play-" in launch.said() and "finished cleanly" in launch.said(), "the end of the bag",
+            wait_for(lambda: "play-" in launch.log() and "finished cleanly" in launch.log(), "the end of the bag",
                      2 * SECONDS)
         finally:
             launch.stop()
-        self.assertIn("each bitwise equal to the recording", launch.said())
+        self.assertIn("each bitwise equal to the recording", launch.log())
 
     def test_replay_goes_on_from_any_point(self):
         """Start after the cut: the replay recomputes the steps from the reset on, and shows states with the topology
@@ -217,18 +217,18 @@ class RerunTest(unittest.TestCase):
         for simulate in ("true", "false"):
             launch = Launch("replay.launch", bag=self.bag, scan=SCAN, rate="2", simulate=simulate, start="%.4f" % begin)
             try:
-                wait_for(lambda: "play-" in launch.said() and "finished cleanly" in launch.said(), "the end of the bag",
+                wait_for(lambda: "play-" in launch.log() and "finished cleanly" in launch.log(), "the end of the bag",
                          2 * SECONDS)
             finally:
                 launch.stop()
             # messages pending at the end of playback may be lost
             shown, dropped = (int(number) for number in re.search(r"(\d+) states shown, (\d+) dropped",
-                                                                  launch.said()).groups())
+                                                                  launch.log()).groups())
             self.assertGreater(shown, 0)
             self.assertEqual(dropped, 0)
             if simulate == "true":
                 made = int(re.search(r"(\d+) steps recomputed, each bitwise equal to the recording",
-                                     launch.said()).group(1))
+                                     launch.log()).group(1))
                 self.assertEqual(made, before + shown)
 
     def test_arrays_of_the_last_episode(self):

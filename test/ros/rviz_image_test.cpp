@@ -46,7 +46,7 @@ double value(const VolumeImage &image, uint32_t i, uint32_t j, uint32_t k)
     return image.value_offset() + image.value_scale() * texel / 65535.0;
 }
 
-TEST(VolumeCheck, SaysWhatIsWrong)
+TEST(VolumeCheck, NamesTheProblem)
 {
     Source<int16_t> good({{4, 3, 2}}, INT16);
     EXPECT_EQ(check(good.view), "");

@@ -59,7 +59,7 @@ double volume_inside(const Shape &shape)
     return sum;
 }
 
-TEST(TopologyCheck, SaysWhatIsWrong)
+TEST(TopologyCheck, NamesTheProblem)
 {
     Topology good = row(2);
     EXPECT_EQ(check(good), "");
@@ -140,7 +140,7 @@ TEST(MeshShape, NodesStayWhereTheirParentsWereAfterACut)
     EXPECT_EQ(mesh.nodes(), other.rest);
 }
 
-TEST(MeshShape, ACutShowsTheFacesOfWhatIsKept)
+TEST(MeshShape, AClippedMeshShowsTheCutFaces)
 {
     MeshShape mesh;
     mesh.start(row(4));
@@ -225,7 +225,7 @@ TEST(MeshShape, VerticesOfASurfaceMoveWithTheirTetrahedra)
     EXPECT_EQ(shape.edges.size() / 2, 4u);
 }
 
-TEST(MeshShape, TheRangeLeavesOutWhatIsNoNumber)
+TEST(MeshShape, TheRangeIgnoresNotANumber)
 {
     MeshShape mesh;
     Topology topology = row(1);

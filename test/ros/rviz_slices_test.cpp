@@ -112,7 +112,7 @@ TEST(ClipRay, BoxAndPlane)
     EXPECT_FALSE(clip_ray(CUBE, {{unit(0, 1, 0), 0.75}}, {{-2, 0.5, 0.5}}, {{1, 0, 0}}, &near, &far));
 }
 
-TEST(ClipRay, OutsideOfWhatIsCutAway)
+TEST(ClipRay, OutsideTheClipBox)
 {
     const Vector from{{-2, 0.5, 0.5}}, along{{1, 0, 0}};
     const Part whole{2, 3};
@@ -137,7 +137,7 @@ TEST(ClipRay, OutsideOfWhatIsCutAway)
 }
 
 // A path in metres through layers of CT values, with the demo's preset.
-TEST(Seen, IsTheLayerThatGivesMostLight)
+TEST(VisibleDepth, IsTheLayerWithTheLargestContribution)
 {
     const Preset &abdomen = preset("CT abdomen");
     struct Piece {
@@ -177,7 +177,7 @@ TEST(Seen, IsTheLayerThatGivesMostLight)
     EXPECT_LT(at, 0.126);
 }
 
-TEST(Seen, ASurfaceIsMetWhereItIs)
+TEST(VisibleDepth, TheDepthOfASurfaceIsExact)
 {
     double at = 0;
     const ValueAlongRay ball = [](double t) { return 0.01 - std::fabs(t - 0.05); };

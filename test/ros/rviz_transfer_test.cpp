@@ -114,7 +114,7 @@ TEST(Points, AsTextAndBack)
     EXPECT_EQ(kept.size(), count) << "they stay as they were";
 }
 
-TEST(Points, StayInOrderUnderAHand)
+TEST(Points, StayInOrderWhileDragged)
 {
     std::vector<ControlPoint> points = {{0.2, {0, 0, 0, 0}}, {0.4, {0, 0, 0, 0.5}}, {0.8, {1, 1, 1, 1}}};
     move_point(&points, 1, 0.1, 2);
@@ -135,7 +135,7 @@ TEST(Points, StayInOrderUnderAHand)
     EXPECT_EQ(points.size(), 2u);
 }
 
-TEST(Points, OneMoreComesOnlyWhereThereIsRoom)
+TEST(Points, APointIsAddedOnlyIfItFits)
 {
     std::vector<ControlPoint> points = {{0, {0, 0, 0, 0}},
                                         {0.4, {0, 0, 0, 0.5}},

@@ -143,10 +143,10 @@ class SessionTest(unittest.TestCase):
                 volumes.close()
             # rosbag play exits without waiting for unsent messages, so on a busy machine the end may be missing;
             # received states are shown
-            shown = int(re.search(r"replay: (\d+) states shown, 0 dropped", launch.said()).group(1))
+            shown = int(re.search(r"replay: (\d+) states shown, 0 dropped", launch.log()).group(1))
             self.assertLess(shown, self.states, "states that came, the last of which gave no volume")
         replayed = volumes.all()
-        self.assertIn(" 0 dropped", launch.said())
+        self.assertIn(" 0 dropped", launch.log())
         stamps = [stamp for stamp, _ in replayed]
         self.assertEqual(stamps, sorted(stamps))
         shown = [replayed[bisect.bisect_right(stamps, stamp) - 1][1] for stamp, _ in self.live]
@@ -161,15 +161,15 @@ class SessionTest(unittest.TestCase):
         return done.returncode, done.stdout, done.stderr
 
     def test_it_is_computed_again(self):
-        code, said, errors = self.run_bag("--scan", FIRST, "--simulate", "--every", "0.5", "--out",
+        code, printed, errors = self.run_bag("--scan", FIRST, "--simulate", "--every", "0.5", "--out",
                                           self.folder + "/volumes")
         self.assertEqual(code, 0, errors)
-        self.assertIn("each bitwise equal to the recording", said)
-        self.assertNotIn("before the first reset", said.split("steps recomputed")[0])
-        self.assertGreater(int(said.split(" steps")[0]), 100)
+        self.assertIn("each bitwise equal to the recording", printed)
+        self.assertNotIn("before the first reset", printed.split("steps recomputed")[0])
+        self.assertGreater(int(printed.split(" steps")[0]), 100)
 
     def test_volumes_come_from_each_of_its_models(self):
-        code, said, errors = self.run_bag("--scan", FIRST, "--every", "0.5", "--out", self.folder + "/recorded")
+        code, printed, errors = self.run_bag("--scan", FIRST, "--every", "0.5", "--out", self.folder + "/recorded")
         self.assertEqual(code, 0, errors)
         sizes = set(os.path.getsize(self.folder + "/recorded/" + name)
                     for name in os.listdir(self.folder + "/recorded"))

@@ -32,7 +32,7 @@ Step turn(const pliant_tool_shape &shape, bool closes)
     return step;
 }
 
-TEST(Stepping, AJawThatClosesInARecordingTakesHoldThoughItsShapeHasJaws)
+TEST(Stepping, AClosingJawInARecordingGrasps)
 {
     pliant_tool_shape shape;
     ASSERT_EQ(pliant_tool_shape_find("prograsp_forceps", &shape), PLIANT_OK);

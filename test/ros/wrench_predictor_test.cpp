@@ -106,7 +106,7 @@ struct Held : Body {
     }
 };
 
-TEST(WrenchPredictor, GivesNoMoreThanItGot)
+TEST(WrenchPredictor, IsPassive)
 {
     for (pliant_solver_kind kind : {PLIANT_COROTATIONAL, PLIANT_TLED})
         for (const Way &way : ways) {
@@ -186,7 +186,7 @@ double after_a_while(double force_at(int millisecond), double outlier_at(int mil
     return out[2];
 }
 
-TEST(WrenchPredictor, AForceThatStaysComesBack)
+TEST(WrenchPredictor, RestoresAConstantForce)
 {
     const auto straight = [](int) { return 0.0; };
     EXPECT_NEAR(after_a_while([](int) { return 5.0; }, straight), 5, 0.1) << "held again after a pause";
@@ -219,7 +219,7 @@ TEST(Ramp, BeginsAndEndsSoftly)
     EXPECT_EQ(told(1.3, true, 6), 6);
 }
 
-TEST(PoseFilter, TakesJitterWhereItIsAskedFor)
+TEST(PoseFilter, RemovesJitterWhenEnabled)
 {
     pliant_ros::PoseFilter off, on(5);
     pliant_ros::Rigid pose = pliant_ros::identity(), told;

@@ -121,7 +121,7 @@ PLIANT_INLINE void pliant_advance_near_segment(const double corner[3][3], const 
 {
     double best = (double)INFINITY;
     for (int k = 0; k < 5; k++) {
-        double trial[3] = {0.0, 0.0, 0.0}, place[3], apart[3], s, t;
+        double trial[3] = {0.0, 0.0, 0.0}, place[3], difference[3], s, t;
         if (k < 3) {
             const int next = (k + 1) % 3;
             double edge[2][3];
@@ -137,8 +137,8 @@ PLIANT_INLINE void pliant_advance_near_segment(const double corner[3][3], const 
             pliant_advance_on_triangle(corner, end[k - 3], trial);
         }
         pliant_advance_mix(corner, trial, place);
-        for (int i = 0; i < 3; i++) apart[i] = place[i] - end[0][i] - t * (end[1][i] - end[0][i]);
-        const double square = pliant_dot3(apart, apart);
+        for (int i = 0; i < 3; i++) difference[i] = place[i] - end[0][i] - t * (end[1][i] - end[0][i]);
+        const double square = pliant_dot3(difference, difference);
         if (!(square < best)) continue;
         best = square;
         for (int i = 0; i < 3; i++) weight[i] = trial[i];

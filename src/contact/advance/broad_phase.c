@@ -62,9 +62,9 @@ void pliant_advance_sort(int32_t count, pliant_advance_rank *rank)
 
 static bool is_apart(const box *a, const double low[3], const double high[3], double margin)
 {
-    bool apart = false;
-    for (int d = 0; d < 3; d++) apart = apart || a->low[d] > high[d] + margin || a->high[d] < low[d] - margin;
-    return apart;
+    bool separated = false;
+    for (int d = 0; d < 3; d++) separated = separated || a->low[d] > high[d] + margin || a->high[d] < low[d] - margin;
+    return separated;
 }
 
 /* Half-spaces have no box; a triangle is near if its box is near the plane. */
@@ -84,21 +84,21 @@ static bool is_far(const pliant_advance_motion *motion, const box *a, double mar
 }
 
 /* Test a triangle's bounding sphere at the middle of an interval against the part there.
- * @param way motion of both during half of the interval [m] */
+ * @param max_motion motion of both during half of the interval [m] */
 static bool is_far_at(const pliant_advance_motion *motion, const pliant_advance_triangle *triangle, int at, double t,
-                      double way, double margin)
+                      double max_motion, double margin)
 {
     double corner[3][3], middle[3], local[3], normal[3], square = 0;
     for (int c = 0; c < 3; c++)
         for (int d = 0; d < 3; d++) corner[c][d] = triangle->from[c][d] + t * triangle->rate[c][d];
     for (int d = 0; d < 3; d++) middle[d] = (corner[0][d] + corner[1][d] + corner[2][d]) / 3;
     for (int c = 0; c < 3; c++) {
-        double apart[3];
-        for (int d = 0; d < 3; d++) apart[d] = corner[c][d] - middle[d];
-        square = pliant_advance_upper(square, pliant_dot3(apart, apart));
+        double offset[3];
+        for (int d = 0; d < 3; d++) offset[d] = corner[c][d] - middle[d];
+        square = pliant_advance_upper(square, pliant_dot3(offset, offset));
     }
     pliant_pose_from(&motion->at[at].pose, middle, local);
-    return pliant_part_distance(&motion->core, local, normal) - sqrt(square) - way > margin;
+    return pliant_part_distance(&motion->core, local, normal) - sqrt(square) - max_motion > margin;
 }
 
 /* Test the whole leg at once, then in intervals. */

@@ -129,9 +129,9 @@ static tangent tangent_at(const pliant_part *core, const double corner[3][3], co
     pliant_advance_mix(corner, weight, out.point);
     out.value = pliant_part_distance(core, out.point, out.normal);
     for (int c = 0; c < 3; c++) {
-        double apart[3];
-        for (int d = 0; d < 3; d++) apart[d] = corner[c][d] - out.point[d];
-        out.at[c] = out.value + pliant_dot3(out.normal, apart);
+        double difference[3];
+        for (int d = 0; d < 3; d++) difference[d] = corner[c][d] - out.point[d];
+        out.at[c] = out.value + pliant_dot3(out.normal, difference);
     }
     return out;
 }
@@ -178,17 +178,17 @@ static void mix_tangents(const tangent *of, int count, const double corner[3][3]
     *out = (pliant_distance_bound){.minimum = INFINITY};
     memcpy(out->point, of[main_one].point, sizeof out->point);
     for (int k = 0; k < count; k++) {
-        double apart[3];
+        double difference[3];
         for (int d = 0; d < 3; d++) {
-            apart[d] = out->point[d] - of[k].point[d];
+            difference[d] = out->point[d] - of[k].point[d];
             out->normal[d] += weight[k] * of[k].normal[d];
         }
-        out->offset += weight[k] * (of[k].value + pliant_dot3(of[k].normal, apart));
+        out->offset += weight[k] * (of[k].value + pliant_dot3(of[k].normal, difference));
     }
     for (int c = 0; c < 3; c++) {
-        double apart[3];
-        for (int d = 0; d < 3; d++) apart[d] = corner[c][d] - out->point[d];
-        out->at[c] = out->offset + pliant_dot3(out->normal, apart);
+        double difference[3];
+        for (int d = 0; d < 3; d++) difference[d] = corner[c][d] - out->point[d];
+        out->at[c] = out->offset + pliant_dot3(out->normal, difference);
         out->minimum = fmin(out->minimum, out->at[c]);
     }
     tighten_bound(radius, out);

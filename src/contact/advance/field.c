@@ -34,12 +34,12 @@ typedef struct region {
     double at[2][3][3]; /* corners at both ends of the time; in between they leave their chord by at most the bulge */
     double low[3], high[3], bulge;
     double middle[3], radius; /* bounding sphere */
-    double size, way;         /* extent of the triangle; distance of its motion [m] */
+    double size, motion;      /* extent of the triangle; distance of its motion [m] */
 } region;
 
 static region region_of(const piece *of, const double begin[3][3], const double end[3][3], double bulge)
 {
-    region out = {.bulge = bulge, .way = bulge};
+    region out = {.bulge = bulge, .motion = bulge};
     for (int d = 0; d < 3; d++) {
         double side[2][2] = {{INFINITY, -INFINITY}, {INFINITY, -INFINITY}};
         for (int k = 0; k < 3; k++) {
@@ -50,7 +50,7 @@ static region region_of(const piece *of, const double begin[3][3], const double 
                 side[n][0] = fmin(side[n][0], value);
                 side[n][1] = fmax(side[n][1], value);
             }
-            out.way = fmax(out.way, fabs(out.at[1][k][d] - out.at[0][k][d]));
+            out.motion = fmax(out.motion, fabs(out.at[1][k][d] - out.at[0][k][d]));
         }
         out.size = fmax(out.size, fmax(side[0][1] - side[0][0], side[1][1] - side[1][0]));
         out.low[d] = fmin(side[0][0], side[1][0]) - bulge;
@@ -58,9 +58,9 @@ static region region_of(const piece *of, const double begin[3][3], const double 
         out.middle[d] = 0.5 * (out.low[d] + out.high[d]);
     }
     for (int n = 0; n < 6; n++) {
-        double apart[3];
-        for (int d = 0; d < 3; d++) apart[d] = out.at[n / 3][n % 3][d] - out.middle[d];
-        out.radius = fmax(out.radius, pliant_length3(apart));
+        double offset[3];
+        for (int d = 0; d < 3; d++) offset[d] = out.at[n / 3][n % 3][d] - out.middle[d];
+        out.radius = fmax(out.radius, pliant_length3(offset));
     }
     out.radius += bulge;
     return out;
@@ -77,7 +77,7 @@ static bool is_inside_grid(const pliant_part *core, const double p[3])
 }
 
 /* Lower bound of the distance in the bounding sphere, from the distance at its center. */
-static double by_way(const pliant_part *core, const region *of, double distance)
+static double look_along_motion(const pliant_part *core, const region *of, double distance)
 {
     return distance - (is_inside_grid(core, of->middle) ? PLIANT_FIELD_SLOPE : 1) * of->radius;
 }
@@ -200,7 +200,7 @@ double pliant_field_minimum(const pliant_part *core, const double corner[3][3], 
         double normal[3], own[3], middle[3], height;
         for (int d = 0; d < 3; d++) middle[d] = (around.at[0][0][d] + around.at[0][1][d] + around.at[0][2][d]) / 3;
         const double distance = pliant_part_distance(core, around.middle, normal);
-        double minimum = by_way(core, &around, distance);
+        double minimum = look_along_motion(core, &around, distance);
         *distances += 2;
         lowest = fmin(lowest, pliant_part_distance(core, middle, own));
         if (lowest <= 0) return lowest;
@@ -263,7 +263,7 @@ static double look_at(const pliant_part *core, const region *around, double limi
     double normal[3], height, reached = 1;
     const double distance = pliant_part_distance(core, around->middle, normal);
     ++*distances;
-    if (by_way(core, around, distance) >= limit) return 1;
+    if (look_along_motion(core, around, distance) >= limit) return 1;
     if (!lower_plane(core, around, normal, &height, distances)) return 0;
     for (int k = 0; k < 3; k++)
         reached = fmin(reached,
@@ -288,18 +288,18 @@ double pliant_field_free_time(const pliant_advance_motion *motion, const pliant_
             if (time != known[n]) corners_at(motion, triangle, time, corner[n]);
             known[n] = time;
         }
-        const double way = of.end - of.begin;
-        const region around =
-            region_of(&of, (const double(*)[3])corner[0], (const double(*)[3])corner[1], bend * way * way / 8);
-        const double reached = look_at(&motion->core, &around, limit, distances), time = of.begin + reached * way;
+        const double duration = of.end - of.begin;
+        const region around = region_of(&of, (const double(*)[3])corner[0], (const double(*)[3])corner[1],
+                                        bend * duration * duration / 8);
+        const double reached = look_at(&motion->core, &around, limit, distances), time = of.begin + reached * duration;
         if (reached >= 1 || time >= best) continue;
         const bool splits = of.level < DEEPEST, halves = of.halvings < MAX_HALVINGS;
         if ((!splits && !halves) || pieces > MAX_PIECES ||
             fmin(of.end, best) - time <= close_time * (time - t) + close_start)
             best = time;
         else
-            depth +=
-                halves && (!splits || around.way > around.size) ? halve(&of, stack + depth) : split(&of, stack + depth);
+            depth += halves && (!splits || around.motion > around.size) ? halve(&of, stack + depth)
+                                                                        : split(&of, stack + depth);
     }
     return best;
 }

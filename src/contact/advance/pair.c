@@ -100,13 +100,13 @@ static double turning_plane(const moment *now)
     find_turn(now, turn, &speed, &bend);
     pliant_cross3(turn, now->normal, normal_rate);
     for (int c = 0; c < 3; c++) {
-        double apart[3], rate[3];
+        double offset[3], rate[3];
         for (int d = 0; d < 3; d++) {
-            apart[d] = now->at[c][d] - now->point[d];
+            offset[d] = now->at[c][d] - now->point[d];
             rate[d] = now->triangle->rate[c][d] - now->velocity[d];
         }
-        const double slope = pliant_dot3(normal_rate, apart) + pliant_dot3(now->normal, rate);
-        const double length = pliant_length3(apart), fast = pliant_length3(rate);
+        const double slope = pliant_dot3(normal_rate, offset) + pliant_dot3(now->normal, rate);
+        const double length = pliant_length3(offset), fast = pliant_length3(rate);
         double within = now->left, reached = 0;
         for (int round = 0; round < 3 && reached < within && within > 0;
              round++) { /* the bound is sharper over a shorter time */
@@ -152,18 +152,18 @@ static double fixed_plane(const moment *now)
     double normal[3], height[3], rate[3], step = count > 0 ? now->left : 0;
     for (int d = 0; d < 3 && count > 0; d++) normal[d] = now->normal[d] / size;
     for (int c = 0; c < 3 && count > 0; c++) {
-        double apart[3];
-        for (int d = 0; d < 3; d++) apart[d] = now->at[c][d] - now->point[d];
-        height[c] = pliant_dot3(normal, apart) - core->radius - now->limit;
+        double offset[3];
+        for (int d = 0; d < 3; d++) offset[d] = now->at[c][d] - now->point[d];
+        height[c] = pliant_dot3(normal, offset) - core->radius - now->limit;
         rate[c] = pliant_dot3(normal, now->triangle->rate[c]);
     }
     for (int32_t k = 0; k < count && step > 0; k++) {
-        double local[3], place[3], apart[3], velocity[3];
+        double local[3], place[3], offset[3], velocity[3];
         get_point(core, k, local);
         pliant_pose_to(&now->state.pose, local, place);
         pliant_advance_motion_velocity(now->motion, &now->state, place, velocity);
-        for (int d = 0; d < 3; d++) apart[d] = place[d] - now->point[d];
-        const double own = pliant_dot3(normal, apart), own_rate = pliant_dot3(normal, velocity);
+        for (int d = 0; d < 3; d++) offset[d] = place[d] - now->point[d];
+        const double own = pliant_dot3(normal, offset), own_rate = pliant_dot3(normal, velocity);
         const double bend = pliant_advance_motion_bend(now->motion, &now->state, place);
         for (int c = 0; c < 3; c++) step = fmin(step, pliant_advance_time(height[c] - own, rate[c] - own_rate, bend));
     }

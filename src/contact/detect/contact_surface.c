@@ -130,11 +130,11 @@ static double distance_to_tissue(const pliant_contact_surface_voxels *voxels, co
     const double *spacing = voxels->geometry->spacing, stride = 0.25 * fmin(spacing[0], fmin(spacing[1], spacing[2]));
     double before = 0, origin[3];
     pliant_geometry_to_world(voxels->geometry, (const double[3]){0, 0, 0}, origin);
-    for (double way = reach; way >= -reach; way -= stride) {
+    for (double distance = reach; distance >= -reach; distance -= stride) {
         double there[3];
-        for (int d = 0; d < 3; d++) there[d] = at[d] + way * normal[d];
+        for (int d = 0; d < 3; d++) there[d] = at[d] + distance * normal[d];
         const double tissue = tissue_at(voxels, origin, there);
-        if (tissue >= half) return way == reach ? reach : way + stride * (tissue - half) / (tissue - before);
+        if (tissue >= half) return distance == reach ? reach : distance + stride * (tissue - half) / (tissue - before);
         before = tissue;
     }
     return 0;
@@ -142,7 +142,7 @@ static double distance_to_tissue(const pliant_contact_surface_voxels *voxels, co
 
 /* Return which nodes are in an element that is partly filled. Where all elements are full or empty, the tissue ends
  * at their faces. NULL: out of memory. */
-static uint8_t *separated_nodes(const pliant_body *load)
+static uint8_t *find_partly_filled_nodes(const pliant_body *load)
 {
     const pliant_mesh *mesh = &load->fine;
     uint8_t *parted = pliant_calloc((size_t)mesh->num_nodes, 1);
@@ -173,14 +173,14 @@ static double *normals_of(const pliant_mesh *mesh, int32_t count, const int32_t 
 
 /* The tissue's boundary, relative to each node along a normal. */
 typedef struct ends {
-    double (*unit)[3];         /* (nodes) unit normal */
-    double *way;               /* (nodes) [m]; 0: the node itself */
+    double (*unit)[3]; /* (nodes) unit normal */
+    double *offset;    /* (nodes) [m]; 0: the node itself */
 } ends;
 
 static void free_ends(ends *found)
 {
     pliant_free(found->unit);
-    pliant_free(found->way);
+    pliant_free(found->offset);
 }
 
 /* Find the boundary. triangles: (count x 3) of the topology at load. The caller frees the result, also after an
@@ -191,15 +191,15 @@ static pliant_status find_ends(const pliant_contact_surface_voxels *voxels, int3
     const pliant_mesh *mesh = &voxels->load->fine;
     const double reach = farthest * fmin(mesh->cell_size[0], fmin(mesh->cell_size[1], mesh->cell_size[2]));
     double *normal = normals_of(mesh, count, triangles);
-    uint8_t *parted = normal ? separated_nodes(voxels->load) : NULL;
+    uint8_t *parted = normal ? find_partly_filled_nodes(voxels->load) : NULL;
     found->unit = pliant_calloc((size_t)mesh->num_nodes, sizeof *found->unit);
-    found->way = pliant_calloc((size_t)mesh->num_nodes, sizeof *found->way);
-    const bool good = parted && found->unit && found->way;
+    found->offset = pliant_calloc((size_t)mesh->num_nodes, sizeof *found->offset);
+    const bool good = parted && found->unit && found->offset;
     for (int32_t n = 0; good && n < mesh->num_nodes; n++) {
         const double *x = normal + 3 * (size_t)n, length = sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]);
         if (!parted[n] || !(length > 0)) continue;
         for (int d = 0; d < 3; d++) found->unit[n][d] = x[d] / length;
-        found->way[n] = distance_to_tissue(voxels, mesh->rest + 3 * n, found->unit[n], reach);
+        found->offset[n] = distance_to_tissue(voxels, mesh->rest + 3 * n, found->unit[n], reach);
     }
     pliant_free(parted);
     pliant_free(normal);
@@ -209,8 +209,8 @@ static pliant_status find_ends(const pliant_contact_surface_voxels *voxels, int3
 static void set_corner(pliant_contact_surface *surface, const pliant_mesh *mesh, const ends *found, int32_t n)
 {
     double at[3];
-    for (int d = 0; d < 3; d++) at[d] = mesh->rest[3 * n + d] + found->way[n] * found->unit[n][d];
-    surface->tet_at_load[n] = found->way[n] != 0 ? pliant_mesh_locate(mesh, at, surface->weights[n]) : -1;
+    for (int d = 0; d < 3; d++) at[d] = mesh->rest[3 * n + d] + found->offset[n] * found->unit[n][d];
+    surface->tet_at_load[n] = found->offset[n] != 0 ? pliant_mesh_locate(mesh, at, surface->weights[n]) : -1;
 }
 
 /* Find the nodes whose corners at rest take part in a self-intersection, and set their flag in out.
@@ -224,7 +224,7 @@ static pliant_status find_overlaps(const pliant_contact_surface *surface, const 
     for (int32_t n = 0; n < mesh->num_nodes; n++)
         for (int d = 0; d < 3; d++)
             positions[3 * (size_t)n + (size_t)d] =
-                mesh->rest[3 * n + d] + (surface->tet_at_load[n] >= 0 ? found->way[n] * found->unit[n][d] : 0);
+                mesh->rest[3 * n + d] + (surface->tet_at_load[n] >= 0 ? found->offset[n] * found->unit[n][d] : 0);
     pliant_tissue_discard(tissue);
     const pliant_status status = pliant_tissue_find(tissue, positions, &rule, &points);
     for (int32_t p = 0; status == PLIANT_OK && p < points.count; p++) {
@@ -259,7 +259,7 @@ static pliant_status avoid_overlaps(pliant_contact_surface *surface, const plian
         any = any && status == PLIANT_OK;
         for (int32_t n = 0; any && n < mesh->num_nodes; n++) {
             if (!overlaps[n] || surface->tet_at_load[n] < 0) continue;
-            found->way[n] = round < HALVED ? found->way[n] / 2 : 0;
+            found->offset[n] = round < HALVED ? found->offset[n] / 2 : 0;
             set_corner(surface, mesh, found, n);
             overlaps[n] = 0;
         }

@@ -25,8 +25,8 @@ static box box_of(const pliant_moving_part *part)
     box around;
     pliant_part_box(part->part, &part->begin, around.low, around.high);
     for (int d = 0; d < 3; d++) {
-        around.low[d] -= part->margin + part->way;
-        around.high[d] += part->margin + part->way;
+        around.low[d] -= part->margin + part->max_motion;
+        around.high[d] += part->margin + part->max_motion;
     }
     return around;
 }
@@ -89,13 +89,13 @@ int32_t pliant_broad_find(const pliant_broad *broad, const pliant_moving_part *p
     for (int32_t n = 0; n < broad->num_near; n++) {
         const pliant_ball *ball = broad->ball + n;
         double local[3], normal[3];
-        bool apart = false;
+        bool separated = false;
         for (int d = 0; d < 3; d++)
-            apart = apart || ball->middle[d] + ball->radius < around.low[d] ||
+            separated = separated || ball->middle[d] + ball->radius < around.low[d] ||
                     ball->middle[d] - ball->radius > around.high[d];
-        if (apart) continue;
+        if (separated) continue;
         pliant_pose_from(&part->begin, ball->middle, local);
-        if (pliant_part_distance(part->part, local, normal) <= ball->radius + part->margin + part->way)
+        if (pliant_part_distance(part->part, local, normal) <= ball->radius + part->margin + part->max_motion)
             out[found++] = broad->near[n];
     }
     return found;

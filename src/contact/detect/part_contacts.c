@@ -166,18 +166,18 @@ static void pose_at(const pliant_moving_part *part, double fraction, pliant_pose
 /* Find the first pose on the part's motion at which it meets the feature, by conservative advancement. The feature
  * stays at its position. If they do not meet, use the end of the leg. Return the distance there, or more than the
  * margin. */
-static double meet(const search *on, pliant_feature *of, pliant_pose *pose, double normal[3])
+static double find_first_contact(const search *on, pliant_feature *of, pliant_pose *pose, double normal[3])
 {
-    enum { MOST = 64 };
+    enum { MAX_STEPS = 64 };
     const pliant_moving_part *part = on->part;
     const double met = 0.01 * part->guard;
-    double fraction = part->way > 0 ? 0 : 1;
+    double fraction = part->max_motion > 0 ? 0 : 1;
     for (int step = 0;; step++) {
-        if (step == MOST) fraction = 1;
+        if (step == MAX_STEPS) fraction = 1;
         pose_at(part, fraction, pose);
         const double distance = distance_of(on, pose, of, fraction < 1 ? met : part->margin, normal);
         if (distance <= met || fraction >= 1) return distance;
-        fraction = fmin(fraction + distance / part->way, 1);
+        fraction = fmin(fraction + distance / part->max_motion, 1);
     }
 }
 
@@ -188,14 +188,14 @@ static void advance_to_end(const search *on, pliant_feature *of, pliant_pose *po
     const pliant_moving_part *part = on->part;
     pliant_feature there = *of;
     double turned[3], first[3], last[3];
-    const double apart = distance_of(on, &part->end, &there, part->margin, turned);
+    const double end_distance = distance_of(on, &part->end, &there, part->margin, turned);
     pliant_pose_turn(pose, normal, first);
     pliant_pose_turn(&part->end, turned, last);
-    if (!(apart <= part->margin) || !(pliant_dot3(first, last) > on->detector->settings.same_cosine)) return;
+    if (!(end_distance <= part->margin) || !(pliant_dot3(first, last) > on->detector->settings.same_cosine)) return;
     *of = there;
     *pose = part->end;
     memcpy(normal, turned, 3 * sizeof *normal);
-    *distance = apart;
+    *distance = end_distance;
 }
 
 /* Move the part's nearest point and normal with the part to the end of the leg. A penetration depth at the start of
@@ -240,12 +240,12 @@ static void look(const search *on, pliant_feature *of)
     pliant_pose pose;
     of->gap = INFINITY;
     if (is_excluded(on, of)) return;
-    double distance = meet(on, of, &pose, normal);
+    double distance = find_first_contact(on, of, &pose, normal);
     if (!(distance <= part->margin)) {
         if (of->count == 1) of->gap = distance;
         return;
     }
-    if (part->way > 0) advance_to_end(on, of, &pose, normal, &distance);
+    if (part->max_motion > 0) advance_to_end(on, of, &pose, normal, &distance);
     point_of(on, of, point);
     pliant_pose_from(&pose, point, local);
     const bool nowhere = pliant_dot3(normal, normal) < 0.5;
@@ -271,7 +271,7 @@ static bool has_pressed(const search *on, const pliant_feature *of)
         if (before->point[middle].feature < key) low = middle + 1;
         else high = middle;
     }
-    return before && low < before->count && before->point[low].feature == key && before->point[low].begun;
+    return before && low < before->count && before->point[low].feature == key && before->point[low].was_pressed;
 }
 
 /* Return the gap of an adjacent feature if its normal is nearly the same. Otherwise return INFINITY, because its

@@ -20,7 +20,7 @@ typedef struct pliant_moving_part {
     pliant_pose begin, end;  /* poses at the start and at the end of the leg */
     const pliant_tool_shape *shape; /* Nullable: the part is fixed */
     pliant_tool_pose from, to; /* poses of the tool, if there is a shape */
-    double way;              /* upper bound of the motion of the part's points [m] */
+    double max_motion;              /* upper bound of the motion of the part's points [m] */
     double guard;            /* depth of the core below the surface [m] */
     double off;              /* enlargement of the core by the error of the part's distance field [m] */
     double margin;           /* maximum distance from the surface for contact points [m] */

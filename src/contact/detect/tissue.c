@@ -314,17 +314,17 @@ static double find_margin(const pliant_tissue *tissue, const double *positions, 
         for (int32_t n = 0; n < tissue->num_nodes; n++) {
             double square = 0;
             for (int d = 0; d < 3; d++) {
-                const double way =
+                const double motion =
                     positions[3 * (size_t)tissue->node[n] + (size_t)d] - tissue->place[3 * (size_t)n + (size_t)d];
-                if (!pass) mean[d] += way / tissue->num_nodes;
-                else square += (way - mean[d]) * (way - mean[d]);
+                if (!pass) mean[d] += motion / tissue->num_nodes;
+                else square += (motion - mean[d]) * (motion - mean[d]);
             }
             maximum = fmax(maximum, square);
         }
     return fmin(margin + 2 * sqrt(maximum), fmax(margin, tissue->shortest));
 }
 
-static void keep_places(pliant_tissue *tissue, const double *positions)
+static void store_positions(pliant_tissue *tissue, const double *positions)
 {
     for (int32_t n = 0; n < tissue->num_nodes; n++)
         memcpy(tissue->place + 3 * (size_t)n, positions + 3 * (size_t)tissue->node[n], 3 * sizeof *positions);
@@ -375,7 +375,7 @@ pliant_status pliant_tissue_find(pliant_tissue *tissue, const double *positions,
     if (status == PLIANT_OK) status = pliant_tissue_append_edges(tissue, positions, &moving, out);
     sort_edges(first, out);
     if (status == PLIANT_OK) status = append_face_points(&on, out);
-    if (status == PLIANT_OK) keep_places(tissue, positions);
+    if (status == PLIANT_OK) store_positions(tissue, positions);
     else out->count = before_all;
     return status;
 }

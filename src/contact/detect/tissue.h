@@ -163,7 +163,7 @@ bool pliant_tissue_search_on_device(pliant_tissue *tissue, const double *positio
 /* Find the nodes of overlapping tetrahedra. overlaps: (nodes) out. Errors: MEMORY. */
 pliant_status pliant_tissue_overlapping(pliant_tissue *tissue, const double *positions, uint8_t *overlaps);
 /* Append a point for each of these nodes that can move, ascending (update_sides.h). Errors: MEMORY. */
-pliant_status pliant_tissue_find_slowed(const pliant_tissue *tissue, const uint8_t *overlaps, double punishment,
+pliant_status pliant_tissue_find_slowed(const pliant_tissue *tissue, const uint8_t *overlaps, double overlap_damping,
                                         pliant_contacts *out);
 
 /* ---- tissue_cut.c */

@@ -206,7 +206,7 @@ static void add_node(pliant_contact_point *point, int32_t node, double weight)
 
 /* Move the second side's point along its face to the foot of the first side's point. Then forces along the normal
  * apply no torque to either side. Return false if the face has no area. */
-static bool find_foot(const double normal[3], const double apart[3], double along[2][3], const double weights[2][4],
+static bool find_foot(const double normal[3], const double offset[3], double along[2][3], const double weights[2][4],
                       double at[4])
 {
     double product[2][2] = {{0}}, right[2] = {0};
@@ -217,14 +217,14 @@ static bool find_foot(const double normal[3], const double apart[3], double alon
     }
     for (int k = 0; k < 2; k++)
         for (int d = 0; d < 3; d++) {
-            right[k] += along[k][d] * apart[d];
+            right[k] += along[k][d] * offset[d];
             for (int l = 0; l < 2; l++) product[k][l] += along[k][d] * along[l][d];
         }
     const double determinant = product[0][0] * product[1][1] - product[0][1] * product[1][0];
     if (!(determinant > 1e-6 * product[0][0] * product[1][1])) return false;
-    const double way[2] = {(right[0] * product[1][1] - right[1] * product[0][1]) / determinant,
+    const double shift[2] = {(right[0] * product[1][1] - right[1] * product[0][1]) / determinant,
                            (right[1] * product[0][0] - right[0] * product[1][0]) / determinant};
-    for (int v = 0; v < 4; v++) at[v] += way[0] * weights[0][v] + way[1] * weights[1][v];
+    for (int v = 0; v < 4; v++) at[v] += shift[0] * weights[0][v] + shift[1] * weights[1][v];
     return true;
 }
 
@@ -260,7 +260,7 @@ static int32_t tet_of(const side *at) { return at->face->tet[at->of]; }
 
 /* Geometry of two sides p and q. The normal points from q to p. gap and off are the distances of their points along
  * the normal and across it. */
-typedef struct meeting { double normal[3], apart[3], along[2][2][3], facing, gap, off; } meeting;
+typedef struct meeting { double normal[3], offset[3], along[2][2][3], facing, gap, off; } meeting;
 
 static bool look_at_sides(const pliant_body *body, const side *p, const side *q, const double *positions, meeting *out)
 {
@@ -285,10 +285,10 @@ static bool look_at_sides(const pliant_body *body, const side *p, const side *q,
     out->gap = out->off = 0;
     for (int d = 0; d < 3; d++) {
         out->normal[d] = sum[d] / sqrt(length);
-        out->apart[d] = place[0][d] - place[1][d];
-        out->gap += out->normal[d] * out->apart[d];
+        out->offset[d] = place[0][d] - place[1][d];
+        out->gap += out->normal[d] * out->offset[d];
     }
-    for (int d = 0; d < 3; d++) out->off += pow(out->apart[d] - fmax(out->gap, 0) * out->normal[d], 2);
+    for (int d = 0; d < 3; d++) out->off += pow(out->offset[d] - fmax(out->gap, 0) * out->normal[d], 2);
     return true;
 }
 
@@ -299,7 +299,7 @@ static bool write_point(const pliant_body *body, const side *p, const side *q, m
     const int32_t *first = body->fine.tets + 4 * (size_t)tet_of(p), *second = body->fine.tets + 4 * (size_t)tet_of(q);
     double foot[4];
     memcpy(foot, q->face->at[q->of], sizeof foot);
-    if (!find_foot(met->normal, met->apart, met->along[1], q->face->along[q->of], foot)) return false;
+    if (!find_foot(met->normal, met->offset, met->along[1], q->face->along[q->of], foot)) return false;
     out->count = 0;
     for (int v = 0; v < 4; v++) add_node(out, first[v], p->face->at[p->of][v]);
     for (int v = 0; v < 4; v++) add_node(out, second[v], -foot[v]);

@@ -87,7 +87,7 @@ PLIANT_INLINE bool pliant_tissue_project(const pliant_tissue_view *on, int32_t s
 /* Walk from a tetrahedron towards a point. Return the tetrahedron that contains it; -1: outside, or too far. */
 PLIANT_INLINE int32_t pliant_tissue_walk(const pliant_tissue_view *on, int32_t tet, const double point[3])
 {
-    for (int way = 0; way < PLIANT_TISSUE_MAX_WALK; way++) {
+    for (int step = 0; step < PLIANT_TISSUE_MAX_WALK; step++) {
         const int32_t *node = on->tets + 4 * (size_t)tet;
         double edge[3][3], to[3], normal[3], weight[4], minimum = 0;
         int out = -1;
@@ -248,7 +248,7 @@ PLIANT_INLINE void pliant_tissue_try_skin(const pliant_tissue_view *on, int32_t 
 PLIANT_INLINE int32_t pliant_tissue_walk_triangles(const pliant_tissue_view *on, int32_t skin, const double point[3])
 {
     double weight[3], gap;
-    for (int way = 0; way < PLIANT_TISSUE_MAX_WALK; way++) {
+    for (int step = 0; step < PLIANT_TISSUE_MAX_WALK; step++) {
         int minimum = 0;
         if (!pliant_tissue_project(on, skin, point, weight, &gap)) return skin;
         for (int v = 1; v < 3; v++)

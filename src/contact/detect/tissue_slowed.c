@@ -24,7 +24,7 @@ pliant_status pliant_tissue_overlapping(pliant_tissue *tissue, const double *pos
     return PLIANT_OK;
 }
 
-pliant_status pliant_tissue_find_slowed(const pliant_tissue *tissue, const uint8_t *overlaps, double punishment,
+pliant_status pliant_tissue_find_slowed(const pliant_tissue *tissue, const uint8_t *overlaps, double overlap_damping,
                                         pliant_contacts *out)
 {
     const uint8_t *fixed = tissue->body->fine_fixed;
@@ -42,7 +42,7 @@ pliant_status pliant_tissue_find_slowed(const pliant_tissue *tissue, const uint8
                 .count = 1,
                 .node = {n},
                 .weight = {1},
-                .friction = punishment,
+                .friction = overlap_damping,
             };
     return status;
 }

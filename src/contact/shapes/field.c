@@ -75,11 +75,11 @@ static double from_faces(const pliant_solid *solid, const double p[3], double no
         if (height <= 0 || height >= minimum) continue;
         pliant_triangle_nearest(solid->points + 3 * (size_t)node[0], solid->points + 3 * (size_t)node[1],
                                 solid->points + 3 * (size_t)node[2], p, foot);
-        const double apart[3] = {p[0] - foot[0], p[1] - foot[1], p[2] - foot[2]};
-        const double far = sqrt(apart[0] * apart[0] + apart[1] * apart[1] + apart[2] * apart[2]);
+        const double offset[3] = {p[0] - foot[0], p[1] - foot[1], p[2] - foot[2]};
+        const double far = sqrt(offset[0] * offset[0] + offset[1] * offset[1] + offset[2] * offset[2]);
         if (!(far < minimum)) continue;
         minimum = far;
-        for (int d = 0; d < 3 && far > 0; d++) normal[d] = apart[d] / far;
+        for (int d = 0; d < 3 && far > 0; d++) normal[d] = offset[d] / far;
     }
     return minimum;
 }

@@ -14,14 +14,14 @@
 
 /* relative to the size: points that are no higher above a triangle lie in its plane */
 static const double in_plane = 1e-7;
-enum { ROOM = 2 * PLIANT_HULL_TRIANGLES };
+enum { MAX_FACETS = 2 * PLIANT_HULL_TRIANGLES };
 
 typedef struct facet {
     int32_t node[3];
     double normal[3], along;
     int32_t first, furthest;  /* list of points beyond the triangle, and its farthest point; -1: no point */
     double height;            /* of the farthest point */
-    bool seen;
+    bool is_visible;
 } facet;
 
 typedef struct hull {
@@ -29,8 +29,8 @@ typedef struct hull {
     int32_t *next;            /* (points) next point in a list */
     int32_t count, horizon;
     double tolerance;
-    facet face[ROOM];
-    int32_t edge[3 * ROOM][2];
+    facet face[MAX_FACETS];
+    int32_t edge[3 * MAX_FACETS][2];
 } hull;
 
 static const double *place(const hull *of, int32_t point) { return of->points + 3 * (size_t)point; }
@@ -39,7 +39,7 @@ static bool add_face(hull *of, int32_t a, int32_t b, int32_t c)
 {
     facet *face = of->face + of->count;
     double u[3], w[3];
-    if (of->count == ROOM) return false;
+    if (of->count == MAX_FACETS) return false;
     *face = (facet){.node = {a, b, c}, .first = -1, .furthest = -1};
     for (int d = 0; d < 3; d++) {
         u[d] = place(of, b)[d] - place(of, a)[d];
@@ -100,7 +100,7 @@ static bool begin(hull *of, int32_t num_points)
 }
 
 /* Add an edge to the border of the hole. An edge that two removed triangles share is not on the border. */
-static void leave_edge(hull *of, int32_t a, int32_t b)
+static void add_border_edge(hull *of, int32_t a, int32_t b)
 {
     for (int32_t e = 0; e < of->horizon; e++)
         if (of->edge[e][0] == b && of->edge[e][1] == a) {
@@ -116,10 +116,10 @@ static double height_over(const hull *of, const facet *face, int32_t point)
     return pliant_dot3(face->normal, place(of, point)) - face->along;
 }
 
-static void leave_face(hull *of, facet *face)
+static void mark_visible(hull *of, facet *face)
 {
-    face->seen = true;
-    for (int k = 0; k < 3; k++) leave_edge(of, face->node[k], face->node[(k + 1) % 3]);
+    face->is_visible = true;
+    for (int k = 0; k < 3; k++) add_border_edge(of, face->node[k], face->node[(k + 1) % 3]);
 }
 
 /* Return whether a triangle has an edge of the border. */
@@ -133,25 +133,25 @@ static bool borders(const hull *of, const facet *face)
 
 /* Remove all triangles that face the point. Also remove adjacent triangles in one plane with it: otherwise the new
  * triangle at the common edge could have area 0. */
-static void see(hull *of, int32_t point)
+static void remove_visible_faces(hull *of, int32_t point)
 {
     of->horizon = 0;
-    for (int32_t f = 0; f < of->count; f++) of->face[f].seen = false;
+    for (int32_t f = 0; f < of->count; f++) of->face[f].is_visible = false;
     for (int32_t f = 0; f < of->count; f++)
-        if (height_over(of, of->face + f, point) > of->tolerance) leave_face(of, of->face + f);
+        if (height_over(of, of->face + f, point) > of->tolerance) mark_visible(of, of->face + f);
     for (bool more = true; more;) {
         more = false;
         for (int32_t f = 0; f < of->count; f++) {
             facet *face = of->face + f;
-            if (face->seen || !(height_over(of, face, point) > -of->tolerance) || !borders(of, face)) continue;
-            leave_face(of, face);
+            if (face->is_visible || !(height_over(of, face, point) > -of->tolerance) || !borders(of, face)) continue;
+            mark_visible(of, face);
             more = true;
         }
     }
 }
 
 /* Assign a point to the first triangle that it is beyond. A point beyond none is inside. */
-static void give(hull *of, int32_t from, int32_t point)
+static void assign_to_face(hull *of, int32_t from, int32_t point)
 {
     for (int32_t f = from; f < of->count; f++) {
         facet *face = of->face + f;
@@ -170,11 +170,11 @@ static void give(hull *of, int32_t from, int32_t point)
 static bool add_point(hull *of, int32_t point)
 {
     int32_t left = 0, orphans = -1;
-    see(of, point);
+    remove_visible_faces(of, point);
     for (int32_t f = 0; f < of->count; f++) {
         const facet face = of->face[f];
-        if (!face.seen) of->face[left++] = face;
-        for (int32_t p = face.seen ? face.first : -1, after; p >= 0; p = after) {
+        if (!face.is_visible) of->face[left++] = face;
+        for (int32_t p = face.is_visible ? face.first : -1, after; p >= 0; p = after) {
             after = of->next[p];
             of->next[p] = orphans;
             orphans = p;
@@ -185,7 +185,7 @@ static bool add_point(hull *of, int32_t point)
         if (!add_face(of, of->edge[e][0], of->edge[e][1], point)) return false;
     for (int32_t p = orphans, after; p >= 0; p = after) {
         after = of->next[p];
-        if (p != point) give(of, left, p);
+        if (p != point) assign_to_face(of, left, p);
     }
     return of->count <= PLIANT_HULL_TRIANGLES;
 }
@@ -193,7 +193,7 @@ static bool add_point(hull *of, int32_t point)
 /* Return false if there are too many triangles. */
 static bool add_points(hull *of, int32_t num_points)
 {
-    for (int32_t p = 0; p < num_points; p++) give(of, 0, p);
+    for (int32_t p = 0; p < num_points; p++) assign_to_face(of, 0, p);
     for (bool more = true; more;) {
         more = false;
         for (int32_t f = 0; f < of->count && !more; f++) {

@@ -25,35 +25,35 @@ static double distance_between(const double *a, const double *b)
 typedef struct sample { double position, value, slope, normal[3]; } sample;
 
 /* Bracket of the minimum: the slope is negative at low and positive at high. */
-typedef struct turn {
+typedef struct bracket {
     sample low, high;
     double weight[2]; /* slopes, as modified by the Illinois rule */
-    double tight;     /* tolerance of the minimum [m] */
+    double tolerance; /* tolerance of the minimum [m] */
     int side, step;
-} turn;
+} bracket;
 
-static turn turn_between(const sample *low, const sample *high, double tight)
+static bracket bracket_between(const sample *low, const sample *high, double tolerance)
 {
-    return (turn){.low = *low, .high = *high, .weight = {low->slope, high->slope}, .tight = tight};
+    return (bracket){.low = *low, .high = *high, .weight = {low->slope, high->slope}, .tolerance = tolerance};
 }
 
 /* Choose the next position. Even steps use the intersection of the two tangents, which finds an edge of the part at
  * once. Odd steps use false position with the Illinois rule (Dowell and Jarratt, BIT 11:168, 1971), which suits
  * smooth parts. Return false if the tangents prove that no value is smaller by more than the tolerance. */
-static bool turn_goes_on(turn *of, double *position)
+static bool bracket_next_position(bracket *of, double *position)
 {
     enum { MAX_STEPS = 40 };
     const sample *low = &of->low, *high = &of->high;
-    const double way = high->position - low->position,
-                 meet = (high->value - low->value - high->slope * way) / (low->slope - high->slope);
-    if (of->step == MAX_STEPS || fmin(low->value, high->value) - (low->value + low->slope * meet) <= of->tight)
+    const double span = high->position - low->position,
+                 meet = (high->value - low->value - high->slope * span) / (low->slope - high->slope);
+    if (of->step == MAX_STEPS || fmin(low->value, high->value) - (low->value + low->slope * meet) <= of->tolerance)
         return false;
-    const double put = of->step++ % 2 ? -of->weight[0] * way / (of->weight[1] - of->weight[0]) : meet;
-    *position = low->position + (put > 0 && put < way ? put : 0.5 * way);
+    const double put = of->step++ % 2 ? -of->weight[0] * span / (of->weight[1] - of->weight[0]) : meet;
+    *position = low->position + (put > 0 && put < span ? put : 0.5 * span);
     return *position > low->position && *position < high->position;
 }
 
-static void turn_take(turn *of, const sample *one)
+static void bracket_update(bracket *of, const sample *one)
 {
     const int side = one->slope > 0;
     *(side ? &of->high : &of->low) = *one;
@@ -64,7 +64,7 @@ static void turn_take(turn *of, const sample *one)
 
 /* Return the lower end of the bracket. Its normal is the combination of both ends' normals that has no slope along
  * the line. It is shorter than 1 where the part has an edge. */
-static sample turn_end(const turn *of)
+static sample bracket_end(const bracket *of)
 {
     sample out = of->low.value <= of->high.value ? of->low : of->high;
     for (int d = 0; d < 3; d++)
@@ -81,7 +81,7 @@ typedef struct line {
     double bend, middle; /* value: the distance plus bend times the squared distance from the middle position [m] */
 } line;
 
-static sample look_on(const line *on, double position)
+static sample sample_at(const line *on, double position)
 {
     const double p[3] = {on->from[0] + position * on->along[0], on->from[1] + position * on->along[1],
                          on->from[2] + position * on->along[2]},
@@ -92,15 +92,15 @@ static sample look_on(const line *on, double position)
     return out;
 }
 
-static sample find_turn(const line *on, const sample *low, const sample *high, double tight)
+static sample minimize_on_line(const line *on, const sample *low, const sample *high, double tolerance)
 {
-    turn between = turn_between(low, high, tight);
+    bracket between = bracket_between(low, high, tolerance);
     double position;
-    while (turn_goes_on(&between, &position)) {
-        const sample one = look_on(on, position);
-        turn_take(&between, &one);
+    while (bracket_next_position(&between, &position)) {
+        const sample one = sample_at(on, position);
+        bracket_update(&between, &one);
     }
-    return turn_end(&between);
+    return bracket_end(&between);
 }
 
 /* Normalize a vector; a short one has no valid direction and becomes 0. */
@@ -116,11 +116,11 @@ static double bend_of(double length)
     return bend * length;
 }
 
-static double tight_of(double length)
+static double tolerance_of(double length)
 {
     /* relative to the length; where the part is smooth, the position's relative error is about 1e-5 */
-    const double tight = 1e-10;
-    return tight * length;
+    const double tolerance = 1e-10;
+    return tolerance * length;
 }
 
 /* Find the minimum on an edge, including its ends.
@@ -134,12 +134,12 @@ static sample descend(const pliant_part *part, const double at[2][3], double ben
         on.from[d] = at[0][d];
         on.along[d] = at[1][d] - at[0][d];
     }
-    const sample low = look_on(&on, 0), high = look_on(&on, 1);
+    const sample low = sample_at(&on, 0), high = sample_at(&on, 1);
     /* the distance is Lipschitz continuous with constant 1 */
     sample bound = {.position = -1, .value = 0.5 * (low.value + high.value - length) - bend};
     if (bound.value > enough) return bound;
     if (low.slope < 0 && high.slope > 0) {
-        const sample minimum = find_turn(&on, &low, &high, tight_of(length));
+        const sample minimum = minimize_on_line(&on, &low, &high, tolerance_of(length));
         if (minimum.position > 0 && minimum.position < 1 && minimum.value <= fmin(low.value, high.value))
             return minimum;
     }
@@ -205,14 +205,14 @@ static double search_lines(const pliant_part *part, const double at[3][3], doubl
     const sample low = across(&on, 0, along), high = across(&on, 1, along + 1);
     sample minimum = low.slope >= 0 ? low : high;
     if (low.slope < 0 && high.slope > 0) {
-        turn between = turn_between(&low, &high, tight_of(length));
-        while (turn_goes_on(&between, &position)) {
+        bracket between = bracket_between(&low, &high, tolerance_of(length));
+        while (bracket_next_position(&between, &position)) {
             double here;
             const sample one = across(&on, position, &here);
             along[one.slope > 0] = here;
-            turn_take(&between, &one);
+            bracket_update(&between, &one);
         }
-        minimum = turn_end(&between);
+        minimum = bracket_end(&between);
         along[0] = between.low.value <= between.high.value ? along[0] : along[1];
     } else if (low.slope < 0) along[0] = along[1];
     weight[0] = (1 - along[0]) * (1 - minimum.position);
@@ -277,10 +277,10 @@ static double descend_face(const pliant_part *part, const double at[3][3], doubl
         if (settled || worst == best) break;
         mix(at, position, on.from);
         for (int d = 0; d < 3; d++) on.along[d] = position[worst] * (at[best][d] - at[worst][d]);
-        sample one = look_on(&on, 1),
+        sample one = sample_at(&on, 1),
                begin = {.value = distance, .slope = position[worst] * (slope[best] - slope[worst])};
         memcpy(begin.normal, gradient, sizeof gradient);
-        if (one.slope > 0) one = find_turn(&on, &begin, &one, tight_of(size));
+        if (one.slope > 0) one = minimize_on_line(&on, &begin, &one, tolerance_of(size));
         distance = one.value;
         memcpy(gradient, one.normal, sizeof gradient);
         position[best] += one.position * position[worst];

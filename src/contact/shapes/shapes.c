@@ -15,24 +15,24 @@ static const double thinnest = 5e-5; /* minimum radius [m] */
 /* ---- distances */
 
 /* Distance from a point that is enlarged by a radius. */
-static double from_centre(const double apart[3], double radius, double normal[3])
+static double from_centre(const double offset[3], double radius, double normal[3])
 {
-    const double far = pliant_length3(apart);
-    for (int d = 0; d < 3; d++) normal[d] = far > 0 ? apart[d] / far : 0;
+    const double far = pliant_length3(offset);
+    for (int d = 0; d < 3; d++) normal[d] = far > 0 ? offset[d] / far : 0;
     return far - radius;
 }
 
 static double from_capsule(const pliant_part *part, const double p[3], double normal[3])
 {
-    double along[3], apart[3];
+    double along[3], offset[3];
     for (int d = 0; d < 3; d++) {
         along[d] = part->to[d] - part->from[d];
-        apart[d] = p[d] - part->from[d];
+        offset[d] = p[d] - part->from[d];
     }
     const double size = pliant_dot3(along, along),
-                 fraction = size > 0 ? fmin(fmax(pliant_dot3(apart, along) / size, 0), 1) : 0;
-    for (int d = 0; d < 3; d++) apart[d] -= fraction * along[d];
-    return from_centre(apart, part->radius, normal);
+                 fraction = size > 0 ? fmin(fmax(pliant_dot3(offset, along) / size, 0), 1) : 0;
+    for (int d = 0; d < 3; d++) offset[d] -= fraction * along[d];
+    return from_centre(offset, part->radius, normal);
 }
 
 static double from_box(const pliant_part *part, const double p[3], double normal[3])
@@ -59,12 +59,12 @@ double pliant_part_distance(const pliant_part *part, const double p[3], double n
 {
     if (part->kind == PLIANT_PART_CAPSULE) return from_capsule(part, p, normal);
     if (part->kind == PLIANT_PART_BOX) return from_box(part, p, normal);
-    const double apart[3] = {p[0] - part->from[0], p[1] - part->from[1], p[2] - part->from[2]};
-    if (part->kind == PLIANT_PART_SPHERE) return from_centre(apart, part->radius, normal);
-    if (part->kind == PLIANT_PART_SOLID) return pliant_solid_distance(part->solid, apart, normal) - part->radius;
+    const double offset[3] = {p[0] - part->from[0], p[1] - part->from[1], p[2] - part->from[2]};
+    if (part->kind == PLIANT_PART_SPHERE) return from_centre(offset, part->radius, normal);
+    if (part->kind == PLIANT_PART_SOLID) return pliant_solid_distance(part->solid, offset, normal) - part->radius;
     const double size = pliant_length3(part->to);
     for (int d = 0; d < 3; d++) normal[d] = part->to[d] / size;
-    return pliant_dot3(apart, normal);
+    return pliant_dot3(offset, normal);
 }
 
 void pliant_part_exit_point(const pliant_part *part, const double p[3], const double direction[3], double out[3])
@@ -129,11 +129,11 @@ double pliant_part_reach(const pliant_part *part, const double from[3])
     double far = 0, low[3], high[3];
     corners_of(part, low, high);
     for (int corner = 0; corner < 8; corner++) { /* the ends of a capsule are two of the corners */
-        double apart = 0;
+        double squares = 0;
         for (int d = 0; d < 3; d++) {
-            apart += pow((corner >> d & 1 ? high : low)[d] - from[d], 2);
+            squares += pow((corner >> d & 1 ? high : low)[d] - from[d], 2);
         }
-        far = fmax(far, sqrt(apart));
+        far = fmax(far, sqrt(squares));
     }
     return far + part->radius;
 }
@@ -242,8 +242,8 @@ void pliant_pose_to(const pliant_pose *pose, const double local[3], double out[3
 
 void pliant_pose_from(const pliant_pose *pose, const double x[3], double out[3])
 {
-    const double apart[3] = {x[0] - pose->place[0], x[1] - pose->place[1], x[2] - pose->place[2]};
-    pliant_pose_turn_back(pose, apart, out);
+    const double offset[3] = {x[0] - pose->place[0], x[1] - pose->place[1], x[2] - pose->place[2]};
+    pliant_pose_turn_back(pose, offset, out);
 }
 
 void pliant_part_pose(const pliant_tool_shape *shape, pliant_part_frame frame, const double tip[3],

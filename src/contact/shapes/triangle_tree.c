@@ -260,8 +260,8 @@ double pliant_triangle_tree_winding(const pliant_triangle_tree *tree, const doub
     while (depth > 0) {
         const tree_box *box = tree->box + stack[--depth];
         const double to[3] = {box->middle[0] - p[0], box->middle[1] - p[1], box->middle[2] - p[2]},
-                     apart = pliant_length3(to);
-        if (apart > far * box->radius) sum += pliant_dot3(box->area, to) / (apart * apart * apart);
+                     distance = pliant_length3(to);
+        if (distance > far * box->radius) sum += pliant_dot3(box->area, to) / (distance * distance * distance);
         else if (box->child >= 0) {
             stack[depth++] = box->child;
             stack[depth++] = box->child + 1;

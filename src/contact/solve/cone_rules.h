@@ -93,8 +93,8 @@ PLIANT_INLINE void pliant_cones_begin(const pliant_team *team, const pliant_cone
     const size_t row = 3 * (size_t)on->count;
     for (int32_t p = team->rank; p < on->count; p += team->size) {
         const double *n = on->matrix + 3 * (size_t)p * (row + 1), *t = n + row, *s = t + row;
-        const double mean = 0.5 * (t[1] + s[2]), apart = 0.5 * (t[1] - s[2]),
-                     stiff = mean + sqrt(apart * apart + t[2] * t[2]);
+        const double mean = 0.5 * (t[1] + s[2]), half_difference = 0.5 * (t[1] - s[2]),
+                     stiff = mean + sqrt(half_difference * half_difference + t[2] * t[2]);
         on->point[p].soft[0] = n[0] > 0 ? 1 / n[0] : 0;
         on->point[p].soft[1] = stiff > 0 ? 1 / stiff : 0;
     }

@@ -8,15 +8,15 @@
 enum { HISTORY = PLIANT_CONE_HISTORY };
 
 /* History of the sweeps: differences of successive ones. */
-typedef struct shown {
+typedef struct sweep_history {
     /* (HISTORY x rows): of the change by a sweep, and of the forces and motions after it */
     double *moved, *force, *motion;
     double gram[HISTORY][HISTORY];
     int32_t count, next;
-} shown;
+} sweep_history;
 
-static void remember(shown *history, size_t row, const double *change, const double *change_before, const double *force,
-                     const double *force_before, const double *motion, const double *motion_before)
+static void remember(sweep_history *history, size_t row, const double *change, const double *change_before,
+                     const double *force, const double *force_before, const double *motion, const double *motion_before)
 {
     const size_t at = row * (size_t)history->next;
     for (size_t i = 0; i < row; i++) {
@@ -33,7 +33,7 @@ static void remember(shown *history, size_t row, const double *change, const dou
 
 /* Apply Anderson acceleration (anderson.h). Motions are linear in the forces, so they are mixed with the same
  * weights. */
-static void mix(const shown *history, size_t row, const double *change, double *force, double *motion)
+static void mix(const sweep_history *history, size_t row, const double *change, double *force, double *motion)
 {
     const double noise = 1e-10;
     double equations[HISTORY * HISTORY], weight[HISTORY];
@@ -57,23 +57,23 @@ static int32_t sweep_mixed(const pliant_team *team, const pliant_cones *on, doub
 {
     const double enough = PLIANT_CONE_TOLERANCE; /* change by a sweep divided by the largest one */
     const size_t row = 3 * (size_t)on->count;
-    double *begun = buffer, *before[3] = {buffer + row, buffer + 2 * row, buffer + 3 * row}, largest = 0,
+    double *change = buffer, *before[3] = {buffer + row, buffer + 2 * row, buffer + 3 * row}, largest = 0,
            last = INFINITY;
-    shown history = {
+    sweep_history history = {
         .moved = buffer + 4 * row, .force = buffer + (4 + HISTORY) * row, .motion = buffer + (4 + 2 * HISTORY) * row};
     for (int32_t made = 1;; made++) {
-        memcpy(begun, on->force, row * sizeof *begun);
+        memcpy(change, on->force, row * sizeof *change);
         const double square = pliant_cones_sweep(team, on);
         largest = fmax(largest, square);
         if (square <= enough * enough * largest || made >= PLIANT_CONE_SWEEPS) return made;
-        for (size_t i = 0; i < row; i++) begun[i] = on->force[i] - begun[i];
+        for (size_t i = 0; i < row; i++) change[i] = on->force[i] - change[i];
         if (square > 4 * last) history.count = history.next = 0;
-        else if (made > 1) remember(&history, row, begun, before[0], on->force, before[1], on->motion, before[2]);
+        else if (made > 1) remember(&history, row, change, before[0], on->force, before[1], on->motion, before[2]);
         last = square;
-        memcpy(before[0], begun, row * sizeof *begun);
-        memcpy(before[1], on->force, row * sizeof *begun);
-        memcpy(before[2], on->motion, row * sizeof *begun);
-        if (history.count > 0) mix(&history, row, begun, on->force, on->motion);
+        memcpy(before[0], change, row * sizeof *change);
+        memcpy(before[1], on->force, row * sizeof *change);
+        memcpy(before[2], on->motion, row * sizeof *change);
+        if (history.count > 0) mix(&history, row, change, on->force, on->motion);
     }
 }
 

@@ -205,10 +205,10 @@ static bool hold_back(const pliant_contact_settings *settings, const int32_t tet
 int32_t pliant_volume_bound_motion(const pliant_contact_settings *settings, const pliant_mesh *mesh, const double *from,
                                    const double *to, const int32_t *piece_of_node, double *fraction)
 {
-    enum { MOST = 16 };
+    enum { MAX_PASSES = 16 };
     int32_t first = 0, count = 1;
     for (int32_t n = 0; n < mesh->num_nodes; n++) fraction[n] = 1;
-    for (int pass = 0; pass < MOST && count > 0; pass++) {
+    for (int pass = 0; pass < MAX_PASSES && count > 0; pass++) {
         count = 0;
         for (int32_t t = 0; t < mesh->num_tets; t++) {
             const int32_t *tet = mesh->tets + 4 * (size_t)t;

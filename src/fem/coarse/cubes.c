@@ -417,15 +417,15 @@ pliant_status pliant_homogenize_cubes(pliant_system *system, const pliant_scene 
                                       pliant_progress progress)
 {
     const bool schur = scene->model.method == PLIANT_SCHUR;
-    const pliant_touch touch = schur ? scene->model.touch : PLIANT_TOUCH_OVERLAP;
+    const pliant_submesh_extent extent = schur ? scene->model.submesh : PLIANT_SUBMESH_OVERLAP;
     pliant_cube_work work = {.system = system,
                              .material = fine_material,
                              .fixed = fine_fixed};
     pliant_status status = find_elements(&work, coarse_of_fine);
     if (status == PLIANT_OK) status = find_fine_cubes(&work);
-    if (status == PLIANT_OK && schur) status = pliant_cubes_schur_begin(&work, touch);
+    if (status == PLIANT_OK && schur) status = pliant_cubes_schur_begin(&work, extent);
     else if (status == PLIANT_OK)
-        status = pliant_submesh_list(fine, work.element_of_fine, system->macros->count, touch, &work.lists);
+        status = pliant_submesh_list(fine, work.element_of_fine, system->macros->count, extent, &work.lists);
     if (status == PLIANT_OK && !schur) status = pliant_upsample_trilinear(system, work.element_of_fine);
     if (status == PLIANT_OK) {
         find_grounded(&work, coarse_fixed);

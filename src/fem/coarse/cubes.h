@@ -50,7 +50,7 @@ pliant_status pliant_cube_keep_root(pliant_macros *macros, int32_t element, int3
 /* ---- Implemented in cubes_schur.c: condensation on the corners, [H] 1 to 7, as for tetrahedra (homogenize.c). */
 /* List the fine elements of each coarse element, and flag elements with fixed nodes. Lists of hexahedra contain
  * complete fine hexahedra. Errors: MEMORY. */
-pliant_status pliant_cubes_schur_begin(pliant_cube_work *work, pliant_touch touch);
+pliant_status pliant_cubes_schur_begin(pliant_cube_work *work, pliant_submesh_extent extent);
 /* Condense one element. Its submesh is loaded, and for a hexahedron `buffers` is filled. Errors: MEMORY, NUMERIC. */
 pliant_status pliant_cubes_schur(pliant_cube_work *work, pliant_submesh *submesh, pliant_cube_buffers *buffers,
                                  int32_t element);

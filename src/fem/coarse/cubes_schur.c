@@ -23,16 +23,16 @@ static int compare_numbers(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* Copy an element's list and complete all fine hexahedra that have a tetrahedron in it. seen: (hexahedra) last element
- * that had each, + 1. Return the number of tetrahedra. */
-static int32_t complete(const pliant_cube_work *work, int32_t element, int32_t *seen, int32_t *out)
+/* Copy an element's list and complete all fine hexahedra that have a tetrahedron in it. last_element: (hexahedra) last
+ * element that had each, + 1. Return the number of tetrahedra. */
+static int32_t complete(const pliant_cube_work *work, int32_t element, int32_t *last_element, int32_t *out)
 {
     int32_t count = 0;
     for (int32_t i = work->lists.start[element]; i < work->lists.start[element + 1]; i++) {
         const int32_t tet = work->lists.tets[i], cube = is_cube(work, element) ? work->cube_of_tet[tet] : -1;
         if (cube < 0) out[count++] = tet;
-        if (cube < 0 || seen[cube] == element + 1) continue;
-        seen[cube] = element + 1;
+        if (cube < 0 || last_element[cube] == element + 1) continue;
+        last_element[cube] = element + 1;
         for (int slot = 0; slot < 5; slot++) out[count++] = work->cubes[cube].tet[slot];
     }
     qsort(out, (size_t)count, sizeof *out, compare_numbers);
@@ -44,14 +44,14 @@ static pliant_status complete_all(pliant_cube_work *work)
     const int32_t elements = work->system->macros->count, maximum = 5 * work->lists.start[elements];
     pliant_submesh_lists lists = {.start = pliant_calloc((size_t)elements + 1, sizeof *lists.start),
                                   .tets = pliant_calloc((size_t)maximum, sizeof *lists.tets)};
-    int32_t *seen = pliant_calloc((size_t)work->system->fine->num_tets, sizeof *seen);
-    const bool good = lists.start && lists.tets && seen;
+    int32_t *last_element = pliant_calloc((size_t)work->system->fine->num_tets, sizeof *last_element);
+    const bool good = lists.start && lists.tets && last_element;
     for (int32_t e = 0; good && e < elements; e++) {
-        const int32_t count = complete(work, e, seen, lists.tets + lists.start[e]);
+        const int32_t count = complete(work, e, last_element, lists.tets + lists.start[e]);
         lists.start[e + 1] = lists.start[e] + count;
         if (count > lists.largest) lists.largest = count;
     }
-    pliant_free(seen);
+    pliant_free(last_element);
     if (!good) {
         pliant_submesh_lists_free(&lists);
         return pliant_fail_memory("the submeshes");
@@ -61,13 +61,13 @@ static pliant_status complete_all(pliant_cube_work *work)
     return PLIANT_OK;
 }
 
-pliant_status pliant_cubes_schur_begin(pliant_cube_work *work, pliant_touch touch)
+pliant_status pliant_cubes_schur_begin(pliant_cube_work *work, pliant_submesh_extent extent)
 {
     const pliant_system *system = work->system;
     const pliant_mesh *fine = system->fine;
     const int32_t elements = system->macros->count;
-    pliant_status status = pliant_submesh_list(fine, work->element_of_fine, elements, touch, &work->lists);
-    if (status == PLIANT_OK && touch == PLIANT_TOUCH_FACE) status = complete_all(work);
+    pliant_status status = pliant_submesh_list(fine, work->element_of_fine, elements, extent, &work->lists);
+    if (status == PLIANT_OK && extent == PLIANT_SUBMESH_FACE) status = complete_all(work);
     if (status == PLIANT_OK && !(work->schur = pliant_calloc((size_t)elements, sizeof *work->schur)))
         status = pliant_fail_memory("the shape functions");
     for (int32_t e = 0; status == PLIANT_OK && e < elements; e++)

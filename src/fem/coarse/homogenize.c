@@ -321,10 +321,10 @@ pliant_status pliant_homogenize(pliant_system *system, const pliant_scene *scene
 {
     const int32_t count = system->mesh->num_tets;
     const bool schur = scene->model.method == PLIANT_SCHUR;
-    const pliant_touch touch = schur ? scene->model.touch : PLIANT_TOUCH_OVERLAP;
+    const pliant_submesh_extent extent = schur ? scene->model.submesh : PLIANT_SUBMESH_OVERLAP;
     pliant_submesh_lists lists = {0};
     homogenization work = {.system = system, .lists = &lists};
-    pliant_status status = pliant_submesh_list(fine, coarse_of_fine, count, touch, &lists);
+    pliant_status status = pliant_submesh_list(fine, coarse_of_fine, count, extent, &lists);
     if (status == PLIANT_OK) status = reserve_capacity(&work, schur);
     if (status == PLIANT_OK) status = homogenize_all(&work, fine_fixed, fine_material, progress);
     if (status == PLIANT_OK) {

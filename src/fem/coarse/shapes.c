@@ -75,9 +75,9 @@ pliant_status pliant_shapes_sort(pliant_system *system, int corners, const plian
         for (int32_t e = 0; e < lists[c].count; e++) {
             int32_t node = lists[c].node[e], at = upsample->start[node + 1]++;
             const double *x = fine->rest + 3 * node;
-            double apart = hypot(hypot(x[0] - centre[0], x[1] - centre[1]), x[2] - centre[2]);
+            double distance = hypot(hypot(x[0] - centre[0], x[1] - centre[1]), x[2] - centre[2]);
             upsample->entry_element[at] = c;
-            upsample->entry_weight[at] = 1 / fmax(apart, nearest);
+            upsample->entry_weight[at] = 1 / fmax(distance, nearest);
             memcpy(upsample->entry_shape + each * (size_t)at, lists[c].shape + own * (size_t)e, own * sizeof(double));
         }
     }

@@ -28,12 +28,12 @@ static int owners_of(const int32_t *coarse_of_fine, const int32_t *neighbours, i
 }
 
 pliant_status pliant_submesh_list(const pliant_mesh *fine, const int32_t *coarse_of_fine, int32_t num_coarse,
-                                  pliant_touch touch, pliant_submesh_lists *out)
+                                  pliant_submesh_extent extent, pliant_submesh_lists *out)
 {
     pliant_status status = PLIANT_OK;
     pliant_submesh_lists lists = {0};
     int32_t *neighbours = NULL, owners[5], total = 0;
-    if (touch == PLIANT_TOUCH_FACE) {
+    if (extent == PLIANT_SUBMESH_FACE) {
         neighbours = pliant_calloc((size_t)fine->num_tets, 4 * sizeof *neighbours);
         if (!neighbours) {
             status = pliant_fail_memory("the submeshes");

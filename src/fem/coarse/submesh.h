@@ -17,10 +17,10 @@ typedef struct pliant_submesh_lists {
     int32_t largest; /* length of the longest list */
 } pliant_submesh_lists;
 
-/* List the fine tetrahedra. touch: PLIANT_TOUCH_FACE adds tetrahedra that share a face with a listed one
+/* List the fine tetrahedra. extent: PLIANT_SUBMESH_FACE adds tetrahedra that share a face with a listed one
  * (NUMERICS.md). */
 pliant_status pliant_submesh_list(const pliant_mesh *fine, const int32_t *coarse_of_fine, int32_t num_coarse,
-                                  pliant_touch touch, pliant_submesh_lists *out);
+                                  pliant_submesh_extent extent, pliant_submesh_lists *out);
 void pliant_submesh_lists_free(pliant_submesh_lists *lists);
 
 enum { PLIANT_SUBMESH_COLUMNS = 48 };

@@ -40,10 +40,11 @@ PLIANT_INLINE double pliant_substep_frequency(double pace[4], double stiffness, 
     const double forget = 0.95, maximum = 1.8 /* of the critical 2 */, shortest = 10;
     pace[0] = forget * pace[0] + stiffness;
     pace[1] = forget * pace[1] + inertia;
-    const double square = pace[1] > 0 ? pace[0] / pace[1] : 0, seen = sqrt(fmin(fmax(square, 0.0), maximum * maximum));
+    const double square = pace[1] > 0 ? pace[0] / pace[1] : 0,
+                 frequency = sqrt(fmin(fmax(square, 0.0), maximum * maximum));
     pace[2] = pace[2] >= shortest && inertia < pace[3] ? 1 : pace[2] + 1;
     pace[3] = inertia;
-    return fmin(seen, 3 / (2 * pace[2] + 1));
+    return fmin(frequency, 3 / (2 * pace[2] + 1));
 }
 
 /* ---- Error of time integration. */
@@ -84,14 +85,14 @@ PLIANT_INLINE bool pliant_substep_touches(const pliant_wall *walls, int num_wall
  * elements can follow. */
 PLIANT_INLINE void pliant_substep_approach(double target[3], const double goal[3], int32_t parts, double longest)
 {
-    double apart[3], length = 0;
+    double difference[3], length = 0;
     for (int k = 0; k < 3; k++) {
-        apart[k] = goal[k] - target[k];
-        length += apart[k] * apart[k];
+        difference[k] = goal[k] - target[k];
+        length += difference[k] * difference[k];
     }
     length = sqrt(length) / parts;
     const double part = (length > longest ? longest / length : 1) / parts;
-    for (int k = 0; k < 3; k++) target[k] += part * apart[k];
+    for (int k = 0; k < 3; k++) target[k] += part * difference[k];
 }
 
 /* Return the compliance c of a held point, and the gap to its target, for c l = target - y+. Here y+ is the position at
@@ -205,7 +206,7 @@ PLIANT_INLINE bool pliant_substep_press(const double normal[3], double friction,
         left += slip[k] * slip[k];
     }
     left = sqrt(left);
-    const double capacity = fmax(maximum - kept * speed, 0.0), back = left > capacity ? capacity / left : 1;
+    const double allowed = fmax(maximum - kept * speed, 0.0), back = left > allowed ? allowed / left : 1;
     for (int k = 0; k < 3; k++) {
         shift[k] = (-gap - stop) * normal[k] - back * slip[k];
         slip[k] -= back * slip[k];

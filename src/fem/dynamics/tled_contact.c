@@ -28,10 +28,10 @@ static void begin_point(const pliant_tled *tled, const pliant_contact_point *poi
     for (int d = 0; d < 3; d++) {
         const double from = point->place[d] - point->drift[d];
         gap += point->normal[d] * (y[d] - from);
-        contact->anchor[d] = (point->begun ? point->anchor[d] + point->place[d] - point->drift[d] : y[d]);
+        contact->anchor[d] = (point->was_pressed ? point->anchor[d] + point->place[d] - point->drift[d] : y[d]);
     }
     contact->deep = fmax(0, -gap);
-    contact->pressed = point->begun;
+    contact->pressed = point->was_pressed;
     for (int32_t k = 0; k < point->count; k++) {
         const double inverse = tled->inverse_mass[point->node[k]];
         contact->weighted_inverse_mass += point->weight[k] * point->weight[k] * inverse;
@@ -147,7 +147,7 @@ void pliant_tled_contacts_end(pliant_tled *tled, int32_t steps, pliant_statistic
         const pliant_tled_contact *contact = tled->contact + p;
         double y[3], depth = 0;
         place_of(tled, point, y);
-        point->begun = contact->pressed;
+        point->was_pressed = contact->pressed;
         energy += contact->energy;
         deep += is_coupled(tled, p) ? contact->deep : 0;
         for (int d = 0; d < 3; d++) {

@@ -7,18 +7,19 @@
  * would round a displacement of centimetres to 1e-9 m, a pressure of 0.1 Pa in nearly incompressible tissue. */
 PLIANT_INLINE void load_gradient(const double *u, int32_t nodes[4][LANES], float g[9][LANES], float h[9][LANES])
 {
-    float apart[9][LANES];
+    float difference[9][LANES];
     for (int l = 0; l < LANES; l++) {
         const double *first = u + 3 * (size_t)nodes[0][l];
         for (int v = 0; v < 3; v++) {
             const double *at = u + 3 * (size_t)nodes[v + 1][l];
-            for (int d = 0; d < 3; d++) apart[3 * v + d][l] = (float)(at[d] - first[d]);
+            for (int d = 0; d < 3; d++) difference[3 * v + d][l] = (float)(at[d] - first[d]);
         }
     }
     for (int r = 0; r < 3; r++)
         for (int c = 0; c < 3; c++)
             for (int l = 0; l < LANES; l++)
-                h[3 * r + c][l] = apart[r][l] * g[c][l] + apart[3 + r][l] * g[3 + c][l] + apart[6 + r][l] * g[6 + c][l];
+                h[3 * r + c][l] = difference[r][l] * g[c][l] + difference[3 + r][l] * g[3 + c][l] +
+                                  difference[6 + r][l] * g[6 + c][l];
 }
 
 /* Relax a block by the Prony series and update each term's memory. */
@@ -149,12 +150,12 @@ PLIANT_INLINE void load_modes(const pliant_tled_cubes *cubes, const double *u, i
     for (int l = 0; l < LANES; l++) {
         const double *first = u + 3 * (size_t)nodes[0][l], finer = (double)cubes->finer[block][l];
         for (int r = 0; r < 3; r++) {
-            double apart[8], along[3];
+            double difference[8], along[3];
             for (int v = 0; v < 8; v++) {
-                apart[v] = u[3 * (size_t)nodes[v][l] + (size_t)r] - first[r];
-                w[r][v][l] = (float)apart[v];
+                difference[v] = u[3 * (size_t)nodes[v][l] + (size_t)r] - first[r];
+                w[r][v][l] = (float)difference[v];
             }
-            pliant_cube_differences(apart, along);
+            pliant_cube_differences(difference, along);
             for (int c = 0; c < 3; c++)
                 exact[3 * r + c][l] =
                     finer * (along[0] * (double)cubes->gradient[c] + along[1] * (double)cubes->gradient[3 + c] +

@@ -163,8 +163,9 @@ static bool strains_fast(const pliant_tled *tled, int corners, int32_t (*nodes)[
                 const int32_t from = nodes[a][l], to = nodes[b][l];
                 double square = 0;
                 for (int k = 0; k < 3; k++) {
-                    const double apart = tled->d[3 * (size_t)to + (size_t)k] - tled->d[3 * (size_t)from + (size_t)k];
-                    square += apart * apart;
+                    const double difference =
+                        tled->d[3 * (size_t)to + (size_t)k] - tled->d[3 * (size_t)from + (size_t)k];
+                    square += difference * difference;
                 }
                 if (!(square <= fmin(tled->limit[from], tled->limit[to]))) return true;
             }

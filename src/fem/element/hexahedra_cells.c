@@ -158,10 +158,10 @@ bool pliant_cube_is_box(const pliant_mesh *mesh, const pliant_cube *cube, int32_
 {
     for (int v = 1; v < CORNERS; v++)
         for (int d = 0; d < 3; d++) {
-            double apart = mesh->rest[3 * cube->node[v] + d] - mesh->rest[3 * cube->node[0] + d];
+            double offset = mesh->rest[3 * cube->node[v] + d] - mesh->rest[3 * cube->node[0] + d];
             for (int axis = 0; axis < 3; axis++)
-                if (v >> axis & 1) apart -= mesh->direction[3 * d + axis] * mesh->cell_size[axis] * size;
-            if (fabs(apart) > 1e-6 * mesh->cell_size[0]) return false;
+                if (v >> axis & 1) offset -= mesh->direction[3 * d + axis] * mesh->cell_size[axis] * size;
+            if (fabs(offset) > 1e-6 * mesh->cell_size[0]) return false;
         }
     return true;
 }

@@ -57,8 +57,8 @@ double pliant_law_response(pliant_law law, double lambda, double mu, const doubl
     double b = shear + modulus * pliant_law_double_volume(law, change);
     for (int r = 0; stress && r < 3; r++)
         for (int c = 0; c < 3; c++) {
-            double apart = h[3 * r + c] + h[3 * c + r] - (r == c ? trace : 0) - ch[3 * r + c];
-            stress[3 * r + c] = a * apart + b * cf[3 * r + c];
+            double term = h[3 * r + c] + h[3 * c + r] - (r == c ? trace : 0) - ch[3 * r + c];
+            stress[3 * r + c] = a * term + b * cf[3 * r + c];
         }
     double ratio = 1 + change;
     if (law == PLIANT_LAW_COMPRESSIBLE) {

@@ -151,9 +151,9 @@ static int ascending(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* List the unknowns >= column that share a cube with it, ascending. rows: (num_free) out; seen: (num_free) last column
- * that listed each unknown, + 1. Return their number. */
-static int32_t rows_of(const pliant_system *system, const int32_t *cube_of_corner, int32_t column, int32_t *seen,
+/* List the unknowns >= column that share a cube with it, ascending. rows: (num_free) out; last_column: (num_free) last
+ * column that listed each unknown, + 1. Return their number. */
+static int32_t rows_of(const pliant_system *system, const int32_t *cube_of_corner, int32_t column, int32_t *last_column,
                        int32_t *rows)
 {
     const pliant_macros *macros = system->macros;
@@ -162,8 +162,8 @@ static int32_t rows_of(const pliant_system *system, const int32_t *cube_of_corne
         int32_t cube = cube_of_corner[system->corner[e]];
         for (int32_t c = macros->start[cube]; c < macros->start[cube + 1]; c++) {
             int32_t row = system->free_of_node[macros->node[c]];
-            if (row < column || seen[row] == column + 1) continue;
-            seen[row] = column + 1;
+            if (row < column || last_column[row] == column + 1) continue;
+            last_column[row] = column + 1;
             rows[count++] = row;
         }
     }
@@ -206,15 +206,16 @@ pliant_status pliant_macro_find_pattern(pliant_system *system)
     pliant_status status = PLIANT_OK;
     size_t free_nodes = (size_t)system->num_free;
     const int32_t *cubes = system->macros->cube_of_corner;
-    int32_t *seen = pliant_calloc(free_nodes, sizeof *seen), *rows = pliant_calloc(free_nodes, sizeof *rows);
+    int32_t *last_column = pliant_calloc(free_nodes, sizeof *last_column),
+            *rows = pliant_calloc(free_nodes, sizeof *rows);
     pattern->num_columns = system->num_free;
     pattern->start = pliant_calloc(free_nodes + 1, sizeof *pattern->start);
-    bool good = seen && rows && pattern->start;
+    bool good = last_column && rows && pattern->start;
     for (int pass = 0; pass < 2 && good; pass++) {
         int64_t count = 0;
-        memset(seen, 0, free_nodes * sizeof *seen);
+        memset(last_column, 0, free_nodes * sizeof *last_column);
         for (int32_t column = 0; column < system->num_free; column++) {
-            int32_t height = rows_of(system, cubes, column, seen, rows);
+            int32_t height = rows_of(system, cubes, column, last_column, rows);
             if (pass == 1) memcpy(pattern->row + count, rows, (size_t)height * sizeof *rows);
             count += height;
             if (9 * count > INT32_MAX) {
@@ -231,7 +232,7 @@ pliant_status pliant_macro_find_pattern(pliant_system *system)
     }
     if (!good) status = pliant_fail_memory("the pattern of the matrix");
 done:
-    pliant_free(seen);
+    pliant_free(last_column);
     pliant_free(rows);
     return status;
 }

@@ -192,17 +192,17 @@ pliant_status pliant_tet_hexahedra(const pliant_model *model, const pliant_body 
     const pliant_mesh *mesh = &body->fine;
     view look = {.scene = &model->scene, .mesh = mesh};
     pliant_status status = find_corners(&look);
-    uint8_t *seen = look.corner ? pliant_calloc((size_t)mesh->num_leaves, 1) : NULL;
-    if (status == PLIANT_OK && look.corner && !seen) status = pliant_fail_memory("the hexahedra");
+    uint8_t *visited = look.corner ? pliant_calloc((size_t)mesh->num_leaves, 1) : NULL;
+    if (status == PLIANT_OK && look.corner && !visited) status = pliant_fail_memory("the hexahedra");
     for (int32_t t = 0; status == PLIANT_OK && t < mesh->num_tets; t++) {
         const bool lattice = look.scene->element.kind == PLIANT_HEXAHEDRA && mesh->lattice_of_tet;
         const int32_t leaf = look.corner ? pliant_cell_of_tet(mesh, t) : -1;
         pliant_cube cube;
         out[t][0] = PLIANT_IS_TETRAHEDRON;
         if (leaf >= 0 && look.corner[leaf][0] >= 0) {
-            if (seen[leaf]) out[t][0] = PLIANT_IN_HEXAHEDRON;
+            if (visited[leaf]) out[t][0] = PLIANT_IN_HEXAHEDRON;
             else order_hexahedron(mesh, look.corner[leaf], out[t]);
-            seen[leaf] = 1;
+            visited[leaf] = 1;
         } else if (lattice && pliant_cube_of(mesh, t, &cube)) {
             int32_t first = t;
             for (int slot = 0; slot < 5; slot++) first = cube.tet[slot] < first ? cube.tet[slot] : first;
@@ -210,7 +210,7 @@ pliant_status pliant_tet_hexahedra(const pliant_model *model, const pliant_body 
             else order_hexahedron(mesh, cube.node, out[t]);
         }
     }
-    pliant_free(seen);
+    pliant_free(visited);
     pliant_free(look.corner);
     return status;
 }

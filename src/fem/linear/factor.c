@@ -167,13 +167,13 @@ int32_t pliant_factor_order(const pliant_factor *factor, int32_t *order)
 {
     const int *permutation = factor->cholesky->Perm;
     int32_t count = 0;
-    uint8_t *seen = pliant_calloc((size_t)factor->size / 3, 1);
-    for (int32_t i = 0; seen && i < factor->size; i++) {
-        if (seen[permutation[i] / 3]) continue;
-        seen[permutation[i] / 3] = 1;
+    uint8_t *visited = pliant_calloc((size_t)factor->size / 3, 1);
+    for (int32_t i = 0; visited && i < factor->size; i++) {
+        if (visited[permutation[i] / 3]) continue;
+        visited[permutation[i] / 3] = 1;
         order[count++] = permutation[i] / 3;
     }
-    pliant_free(seen);
+    pliant_free(visited);
     return count;
 }
 

@@ -80,14 +80,14 @@ void pliant_linearized_product(pliant_linearized *linearized, const double *v, d
 static pliant_status solve(pliant_linearized *linearized, pliant_preconditioner *preconditioner, const double *right,
                            double *work, double *v)
 {
-    enum { MOST = 60 };
+    enum { MAX_ITERATIONS = 60 };
     const double tolerance = 1e-4, direct = 1e-6;
     size_t n = 3 * (size_t)linearized->system.num_free;
     double *r = work, *z = r + n, *p = z + n, *q = p + n, *buffers = q + n;
     memcpy(r, right, n * sizeof *r);
     memset(v, 0, n * sizeof *v);
     double size = sqrt(pliant_dot(n, r, r)), first = 0, before = 0;
-    for (int k = 0; k < MOST && size > 0; k++) {
+    for (int k = 0; k < MAX_ITERATIONS && size > 0; k++) {
         pliant_status status = pliant_linearized_check_cancel(linearized);
         if (status == PLIANT_OK) status = pliant_preconditioner_solve(preconditioner, 1, r, z);
         if (status != PLIANT_OK) return status;

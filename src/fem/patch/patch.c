@@ -407,7 +407,7 @@ static void undo(pliant_patch *patch, pliant_data *data)
         memcpy(pliant_patch_solver(data, t)->grasps[t].force, buffers->force + 3 * t, sizeof data->tools[t].force);
 }
 
-void pliant_patch_follow_move(pliant_data *data, const double *begun)
+void pliant_patch_follow_move(pliant_data *data, const double *start_positions)
 {
     pliant_patch *patch = data->patch;
     double *buffers = patch->buffers.positions;
@@ -416,7 +416,7 @@ void pliant_patch_follow_move(pliant_data *data, const double *begun)
     patch->solver->loaded = false;
     restart(patch->solver);
     patch->solver->evaluation_history = evaluation_history;
-    memcpy(buffers, begun, 3 * (size_t)data->body->fine.num_nodes * sizeof *buffers);
+    memcpy(buffers, start_positions, 3 * (size_t)data->body->fine.num_nodes * sizeof *buffers);
 }
 
 void pliant_patch_suspend(pliant_data *data, bool rests)
@@ -460,7 +460,7 @@ pliant_status pliant_patch_step(pliant_data *data)
     }
     patch_merge(data);
     statistics->contacts = 0;
-    for (int32_t p = 0; p < data->contacts.count; p++) statistics->contacts += data->contacts.point[p].begun;
+    for (int32_t p = 0; p < data->contacts.count; p++) statistics->contacts += data->contacts.point[p].was_pressed;
     statistics->penetration = fmax(patch->outside.count > 0 ? statistics->penetration : 0, own.penetration);
     pliant_basis_positions(basis, patch->discretization->fine_system, data->positions, solver->now.x, data->positions);
     statistics->patched = pliant_patch_count_tools(data);

@@ -59,9 +59,9 @@ void pliant_patch_suspend(pliant_data *data, bool rests);
  * on return. The tools' reports (pliant_tool_report) are updated. Errors: NOT_CONVERGED, NUMERIC, MEMORY as in
  * pliant_solver_step. After a failure, the coarse model's part of the step is rolled back as well. */
 pliant_status pliant_patch_step(pliant_data *data);
-/* Move the patch after nodes and coarse model were moved during a step. begun: data->positions at the start of the
- * step. */
-void pliant_patch_follow_move(pliant_data *data, const double *begun);
+/* Move the patch after nodes and coarse model were moved during a step. start_positions: data->positions at the start
+ * of the step. */
+void pliant_patch_follow_move(pliant_data *data, const double *start_positions);
 /* Set the displacement to zero: the nodes move to the coarse model's positions. */
 void pliant_patch_clear_displacement(pliant_patch *patch);
 

@@ -49,7 +49,7 @@ void patch_find_presses(pliant_data *data)
     const double farther = 0.5; /* fraction of the radius; beyond it, a patch at the new position is requested */
     for (int t = 0; t < data->num_tools; t++) {
         patch_press *press = patch->press + t;
-        double centre[3], apart[3];
+        double centre[3], offset[3];
         const double force = pliant_tool_grips(data->tools + t) ? -1 : find_centre(data, t, centre);
         if (force < 0) memset(press, 0, sizeof *press);
         /* The press has ended before its patch was started. */
@@ -58,8 +58,8 @@ void patch_find_presses(pliant_data *data)
             press->before = 0;
         }
         if (!(force > 0)) continue;
-        for (int d = 0; d < 3; d++) apart[d] = centre[d] - press->centre[d];
-        if (press->hold && pliant_length3(apart) < farther * patch->scene->model.patch) continue;
+        for (int d = 0; d < 3; d++) offset[d] = centre[d] - press->centre[d];
+        if (press->hold && pliant_length3(offset) < farther * patch->scene->model.patch) continue;
         if (press->hold && patch->job.running) continue; /* one after the other */
         /* Until the patch for the new press is ready. */
         if (patch->serves[t] && press->hold) press->before = press->hold;
@@ -162,7 +162,7 @@ void patch_merge(pliant_data *data)
         pliant_contact_point *point = data->contacts.point + p;
         memcpy(point->force, from->force, sizeof point->force);
         memcpy(point->anchor, from->anchor, sizeof point->anchor);
-        point->begun = from->begun;
+        point->was_pressed = from->was_pressed;
     }
 }
 

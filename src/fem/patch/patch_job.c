@@ -92,9 +92,9 @@ static pliant_status make_block(pliant_patch *patch, pliant_linearized *lineariz
 static pliant_status make_blocks(pliant_patch *patch, pliant_linearized *linearized)
 {
     pliant_status status = PLIANT_OK;
-    for (int apart = 0; apart < PLIANT_MAX_TOOLS; apart++)
-        for (int t = 0; t + apart < PLIANT_MAX_TOOLS && status == PLIANT_OK; t++)
-            if (patch->job.wanted[t][t + apart]) status = make_block(patch, linearized, t, t + apart);
+    for (int offset = 0; offset < PLIANT_MAX_TOOLS; offset++)
+        for (int t = 0; t + offset < PLIANT_MAX_TOOLS && status == PLIANT_OK; t++)
+            if (patch->job.wanted[t][t + offset]) status = make_block(patch, linearized, t, t + offset);
     return status;
 }
 

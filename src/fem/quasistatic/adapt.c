@@ -199,11 +199,11 @@ pliant_status pliant_solver_carry_grasp(pliant_solver *solver, const pliant_solv
 {
     pliant_status status = pliant_solver_add_grasp(solver, tool, count, nodes, weights, fine_positions);
     if (status != PLIANT_OK) return status;
-    pliant_grasp_constraint *handle = solver->grasps + tool;
+    pliant_grasp_constraint *grasp = solver->grasps + tool;
     const pliant_grasp_constraint *before = from->grasps + tool;
-    handle->by_force = before->by_force;
-    handle->compliance = before->compliance;
-    memcpy(handle->target, before->target, sizeof handle->target);
-    memcpy(handle->force, force, sizeof handle->force);
+    grasp->by_force = before->by_force;
+    grasp->compliance = before->compliance;
+    memcpy(grasp->target, before->target, sizeof grasp->target);
+    memcpy(grasp->force, force, sizeof grasp->force);
     return PLIANT_OK;
 }

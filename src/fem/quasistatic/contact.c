@@ -196,7 +196,7 @@ static void set_point(const pliant_solver *solver, pliant_contact_point *point, 
     double y[3] = {0, 0, 0}, bend[3] = {0, 0, 0}, moved[3], *force = contacts->taken.force + 3 * (size_t)c;
     for (int32_t k = 0; k < point->count; k++)
         for (int d = 0; d < 3; d++) y[d] += point->weight[k] * fine_positions[3 * (size_t)point->node[k] + (size_t)d];
-    for (int d = 0; d < 3 && !point->begun; d++) point->anchor[d] = y[d] + point->drift[d] - point->place[d];
+    for (int d = 0; d < 3 && !point->was_pressed; d++) point->anchor[d] = y[d] + point->drift[d] - point->place[d];
     moved_point(solver->system, contacts, c, solver->now.x, moved);
     pliant_contact_problem_rotation_part(contacts, c, bend);
     double across = 0;
@@ -462,7 +462,7 @@ bool pliant_contact_problem_solve(pliant_contact_problem *contacts, int num_tool
     pliant_cones_solve(contacts->count + num_tools, matrix, contacts->friction, contacts->motion, contacts->force,
                        contacts->sweeps);
     /* a GPU has its own copies of A and of the couplings */
-    if (matrix == contacts->matrix) pliant_touches_keep_limits(contacts, num_tools);
+    if (matrix == contacts->matrix) pliant_contact_problem_apply_limits(contacts, num_tools);
     memcpy(contacts->found.force, contacts->force, points * sizeof *contacts->force);
     memcpy(contacts->found.motion, contacts->motion, points * sizeof *contacts->motion);
     bool changed = false;
@@ -527,7 +527,7 @@ void pliant_contact_problem_report_motion(pliant_contact_problem *contacts, cons
     for (int32_t p = 0; contacts && contacts->points && p < contacts->points->count; p++) {
         pliant_contact_point *point = contacts->points->point + p;
         memset(point->force, 0, sizeof point->force);
-        point->begun = false;
+        point->was_pressed = false;
     }
     for (int32_t c = 0; contacts && c < contacts->count; c++) {
         pliant_contact_point *point = contacts->points->point + contacts->point[c];
@@ -537,8 +537,8 @@ void pliant_contact_problem_report_motion(pliant_contact_problem *contacts, cons
         if (touches_something)
             statistics->penetration = fmax(statistics->penetration, depth_of(contacts, c, moved + 3 * (size_t)c));
         from_frame(frame, force, point->force);
-        point->begun = force[0] > 0;
-        statistics->contacts += point->begun && touches_something;
+        point->was_pressed = force[0] > 0;
+        statistics->contacts += point->was_pressed && touches_something;
         /* this motion is 0 while the point sticks */
         for (int d = 0; d < 3; d++) point->anchor[d] += motion[1] * frame[3 + d] + motion[2] * frame[6 + d];
     }

@@ -208,8 +208,8 @@ static double measure(const pliant_contact_problem *contacts, const pliant_touch
 /* Adapt the compliance of a coupling to its limit. The compliances of coupling and tissue together, times the load,
  * give the distance to the target, which is constant.
  * @param again this coupling alone has changed since its last call */
-static void keep_limit(pliant_contact_problem *contacts, int num_tools, const pliant_touch_limit *limit, coupling *of,
-                       bool again, double *yields)
+static void apply_limit(pliant_contact_problem *contacts, int num_tools, const pliant_touch_limit *limit, coupling *of,
+                        bool again, double *yields)
 {
     double *columns = contacts->sweeps, load[3]; /* a buffer of the cone solver */
     for (int32_t c = 0; c < contacts->count; c++) find_columns(contacts, c, of, columns + 9 * (size_t)c);
@@ -262,7 +262,7 @@ void pliant_contact_problem_restore_couplings(pliant_contact_problem *contacts)
 }
 
 /* One coupling changes at a time, because couplings of tools that press against each other have the same load. */
-void pliant_touches_keep_limits(pliant_contact_problem *contacts, int num_tools)
+void pliant_contact_problem_apply_limits(pliant_contact_problem *contacts, int num_tools)
 {
     coupling of[3 * PLIANT_MAX_TOOLS];
     int index[3 * PLIANT_MAX_TOOLS];
@@ -277,8 +277,8 @@ void pliant_touches_keep_limits(pliant_contact_problem *contacts, int num_tools)
             if (error > maximum) maximum = error;
         }
         if (worst < 0) break;
-        keep_limit(contacts, num_tools, contacts->pieces->limit + index[worst], of + worst, worst == last,
-                   contacts->yields + index[worst]);
+        apply_limit(contacts, num_tools, contacts->pieces->limit + index[worst], of + worst, worst == last,
+                    contacts->yields + index[worst]);
         last = worst;
         pliant_cones_solve(contacts->count + num_tools, contacts->matrix, contacts->friction, contacts->motion,
                            contacts->force, contacts->sweeps);

@@ -17,23 +17,23 @@
 pliant_status pliant_final_state_create(pliant_solver *solver)
 {
     size_t n = 3 * (size_t)solver->system->num_free;
-    pliant_final_state *posterior = &solver->posterior;
-    posterior->at.step = pliant_calloc(n, sizeof *posterior->at.step);
-    posterior->at.residual = pliant_calloc(n, sizeof *posterior->at.residual);
-    return posterior->at.step && posterior->at.residual ? PLIANT_OK : pliant_fail_memory("the solver");
+    pliant_final_state *final_state = &solver->final_state;
+    final_state->at.step = pliant_calloc(n, sizeof *final_state->at.step);
+    final_state->at.residual = pliant_calloc(n, sizeof *final_state->at.residual);
+    return final_state->at.step && final_state->at.residual ? PLIANT_OK : pliant_fail_memory("the solver");
 }
 
 void pliant_final_state_free(pliant_solver *solver)
 {
-    pliant_free(solver->posterior.at.step);
-    pliant_free(solver->posterior.at.residual);
+    pliant_free(solver->final_state.at.step);
+    pliant_free(solver->final_state.at.residual);
 }
 
 void pliant_final_state_store(pliant_solver *solver)
 {
-    pliant_final_state *posterior = &solver->posterior;
+    pliant_final_state *final_state = &solver->final_state;
     const size_t bytes = pliant_solver_unknowns(solver) * sizeof(double);
-    memcpy(posterior->at.step, solver->now.step, bytes);
-    memcpy(posterior->at.residual, solver->now.residual, bytes);
-    memcpy(posterior->at.step_force, solver->now.step_force, sizeof posterior->at.step_force);
+    memcpy(final_state->at.step, solver->now.step, bytes);
+    memcpy(final_state->at.residual, solver->now.residual, bytes);
+    memcpy(final_state->at.step_force, solver->now.step_force, sizeof final_state->at.step_force);
 }

@@ -8,80 +8,80 @@
 #include <stdlib.h>
 #include <string.h>
 
-void pliant_grasp_apply(const pliant_grasp_constraint *handle, const double *v, double out[3])
+void pliant_grasp_apply(const pliant_grasp_constraint *grasp, const double *v, double out[3])
 {
-    for (int32_t h = 0; h < handle->count; h++) {
-        const double *block = handle->turned + 9 * h, *at = v + 3 * handle->unknown[h];
+    for (int32_t h = 0; h < grasp->count; h++) {
+        const double *block = grasp->turned + 9 * h, *at = v + 3 * grasp->unknown[h];
         for (int r = 0; r < 3; r++)
             out[r] += block[3 * r] * at[0] + block[3 * r + 1] * at[1] + block[3 * r + 2] * at[2];
     }
 }
 
-static void add_by(const pliant_grasp_constraint *handle, const double *blocks, const double force[3], double *v)
+static void add_by(const pliant_grasp_constraint *grasp, const double *blocks, const double force[3], double *v)
 {
-    for (int32_t h = 0; h < handle->count; h++) {
+    for (int32_t h = 0; h < grasp->count; h++) {
         const double *block = blocks + 9 * h;
-        double *at = v + 3 * handle->unknown[h];
+        double *at = v + 3 * grasp->unknown[h];
         for (int c = 0; c < 3; c++) at[c] += block[c] * force[0] + block[3 + c] * force[1] + block[6 + c] * force[2];
     }
 }
 
-void pliant_grasp_add_pull(const pliant_grasp_constraint *handle, const double force[3], double *v)
+void pliant_grasp_add_pull(const pliant_grasp_constraint *grasp, const double force[3], double *v)
 {
-    add_by(handle, handle->turned, force, v);
+    add_by(grasp, grasp->turned, force, v);
 }
 
-void pliant_grasp_add_load(const pliant_grasp_constraint *handle, const double force[3], double *v)
+void pliant_grasp_add_load(const pliant_grasp_constraint *grasp, const double force[3], double *v)
 {
-    add_by(handle, handle->block, force, v);
+    add_by(grasp, grasp->block, force, v);
 }
 
 /* Compute y = origin + W x. x: all nodes of the solved mesh. */
-static void held_point(const pliant_solver *solver, const pliant_grasp_constraint *handle, const double *x,
+static void held_point(const pliant_solver *solver, const pliant_grasp_constraint *grasp, const double *x,
                        double out[3])
 {
-    memcpy(out, handle->origin, 3 * sizeof *out);
-    for (int32_t h = 0; h < handle->count; h++) {
-        const double *block = handle->block + 9 * h, *at = x + 3 * solver->system->node_of_free[handle->unknown[h]];
+    memcpy(out, grasp->origin, 3 * sizeof *out);
+    for (int32_t h = 0; h < grasp->count; h++) {
+        const double *block = grasp->block + 9 * h, *at = x + 3 * solver->system->node_of_free[grasp->unknown[h]];
         for (int r = 0; r < 3; r++)
             out[r] += block[3 * r] * at[0] + block[3 * r + 1] * at[1] + block[3 * r + 2] * at[2];
     }
 }
 
-static void free_arrays(pliant_grasp_constraint *handle)
+static void free_arrays(pliant_grasp_constraint *grasp)
 {
-    pliant_free(handle->unknown);
-    pliant_free(handle->block);
-    pliant_free(handle->turned);
-    pliant_free(handle->response);
+    pliant_free(grasp->unknown);
+    pliant_free(grasp->block);
+    pliant_free(grasp->turned);
+    pliant_free(grasp->response);
 }
 
 /* Allocate the weights of a grasp; the response is allocated on demand. */
-static pliant_status allocate(pliant_grasp_constraint *handle)
+static pliant_status allocate(pliant_grasp_constraint *grasp)
 {
-    handle->unknown = pliant_calloc((size_t)handle->count, sizeof *handle->unknown);
-    handle->block = pliant_calloc((size_t)handle->count, 9 * sizeof *handle->block);
-    handle->turned = pliant_calloc((size_t)handle->count, 9 * sizeof *handle->turned);
-    handle->response = NULL;
-    if (handle->unknown && handle->block && handle->turned) return PLIANT_OK;
-    free_arrays(handle);
+    grasp->unknown = pliant_calloc((size_t)grasp->count, sizeof *grasp->unknown);
+    grasp->block = pliant_calloc((size_t)grasp->count, 9 * sizeof *grasp->block);
+    grasp->turned = pliant_calloc((size_t)grasp->count, 9 * sizeof *grasp->turned);
+    grasp->response = NULL;
+    if (grasp->unknown && grasp->block && grasp->turned) return PLIANT_OK;
+    free_arrays(grasp);
     return pliant_fail_memory("a tool's hold");
 }
 
-void pliant_grasp_free(pliant_grasp_constraint *handle)
+void pliant_grasp_free(pliant_grasp_constraint *grasp)
 {
-    free_arrays(handle);
-    memset(handle, 0, sizeof *handle);
+    free_arrays(grasp);
+    memset(grasp, 0, sizeof *grasp);
 }
 
-pliant_status pliant_grasp_copy(const pliant_grasp_constraint *handle, pliant_grasp_constraint *out)
+pliant_status pliant_grasp_copy(const pliant_grasp_constraint *grasp, pliant_grasp_constraint *out)
 {
     pliant_grasp_free(out);
-    pliant_grasp_constraint copy = *handle;
+    pliant_grasp_constraint copy = *grasp;
     pliant_status status = allocate(&copy);
     if (status != PLIANT_OK) return status;
-    memcpy(copy.unknown, handle->unknown, (size_t)handle->count * sizeof *copy.unknown);
-    memcpy(copy.block, handle->block, 9 * (size_t)handle->count * sizeof *copy.block);
+    memcpy(copy.unknown, grasp->unknown, (size_t)grasp->count * sizeof *copy.unknown);
+    memcpy(copy.block, grasp->block, 9 * (size_t)grasp->count * sizeof *copy.block);
     *out = copy;
     return PLIANT_OK;
 }
@@ -98,12 +98,12 @@ void pliant_solver_remove_grasp(pliant_solver *solver, int tool)
     pliant_solver_drop_history(solver);
 }
 
-void pliant_grasp_rotate(pliant_grasp_constraint *handle, const pliant_nodal_rotations *rotations)
+void pliant_grasp_rotate(pliant_grasp_constraint *grasp, const pliant_nodal_rotations *rotations)
 {
-    if (handle->count == 0) return;
-    memcpy(handle->turned, handle->block, 9 * (size_t)handle->count * sizeof *handle->block);
-    for (int32_t row = 0; row < 3 * handle->count; row++)
-        pliant_into_node_axes(rotations, handle->unknown[row / 3], handle->turned + 3 * row);
+    if (grasp->count == 0) return;
+    memcpy(grasp->turned, grasp->block, 9 * (size_t)grasp->count * sizeof *grasp->block);
+    for (int32_t row = 0; row < 3 * grasp->count; row++)
+        pliant_into_node_axes(rotations, grasp->unknown[row / 3], grasp->turned + 3 * row);
 }
 
 void pliant_solver_rotate_grasps(pliant_solver *solver)
@@ -125,7 +125,7 @@ static int by_unknown(const void *a, const void *b)
 }
 
 static pliant_status hold_nodes(const pliant_system *system, int32_t count, const int32_t *nodes, const double *weights,
-                                pliant_grasp_constraint *handle)
+                                pliant_grasp_constraint *grasp)
 {
     int32_t listed = 0, kept = 0;
     held_unknown *list = pliant_calloc((size_t)count + 1, sizeof *list);
@@ -139,11 +139,11 @@ static pliant_status hold_nodes(const pliant_system *system, int32_t count, cons
         for (; i < listed && list[i].unknown == one.unknown; i++) one.weight += list[i].weight;
         if (one.weight != 0) list[kept++] = one;
     }
-    handle->count = kept;
-    pliant_status status = kept > 0 ? allocate(handle) : PLIANT_OK;
+    grasp->count = kept;
+    pliant_status status = kept > 0 ? allocate(grasp) : PLIANT_OK;
     for (int32_t i = 0; i < kept && status == PLIANT_OK; i++) {
-        handle->unknown[i] = list[i].unknown;
-        for (int d = 0; d < 3; d++) handle->block[9 * (size_t)i + 4 * (size_t)d] = list[i].weight;
+        grasp->unknown[i] = list[i].unknown;
+        for (int d = 0; d < 3; d++) grasp->block[9 * (size_t)i + 4 * (size_t)d] = list[i].weight;
     }
     pliant_free(list);
     return status;
@@ -151,27 +151,27 @@ static pliant_status hold_nodes(const pliant_system *system, int32_t count, cons
 
 /* Compute W for fine nodes that follow solved nodes. dense: (num_free x 9) work array. */
 static pliant_status hold_followers(const pliant_solver *solver, int32_t count, const int32_t *nodes,
-                                    const double *weights, double *dense, pliant_grasp_constraint *handle)
+                                    const double *weights, double *dense, pliant_grasp_constraint *grasp)
 {
     const pliant_system *system = solver->system;
     memset(dense, 0, 9 * (size_t)system->num_free * sizeof *dense);
     pliant_upsample_weights(system, solver->now.x, count, nodes, weights, dense);
-    handle->count = 0;
+    grasp->count = 0;
     for (int32_t n = 0; n < system->num_free; n++)
         for (int m = 0; m < 9; m++)
             if (dense[9 * n + m] != 0) {
-                handle->count++;
+                grasp->count++;
                 break;
             }
-    pliant_status status = handle->count > 0 ? allocate(handle) : PLIANT_OK;
+    pliant_status status = grasp->count > 0 ? allocate(grasp) : PLIANT_OK;
     if (status != PLIANT_OK) return status;
     int32_t next = 0;
     for (int32_t n = 0; n < system->num_free; n++) {
         bool used = false;
         for (int m = 0; m < 9; m++) used = used || dense[9 * n + m] != 0;
         if (!used) continue;
-        handle->unknown[next] = n;
-        memcpy(handle->block + 9 * next++, dense + 9 * n, 9 * sizeof *dense);
+        grasp->unknown[next] = n;
+        memcpy(grasp->block + 9 * next++, dense + 9 * n, 9 * sizeof *dense);
     }
     return PLIANT_OK;
 }
@@ -179,16 +179,16 @@ static pliant_status hold_followers(const pliant_solver *solver, int32_t count, 
 pliant_status pliant_solver_add_grasp(pliant_solver *solver, int tool, int32_t count, const int32_t *nodes,
                                       const double *weights, const double *fine_positions)
 {
-    pliant_grasp_constraint *old = solver->grasps + tool, handle = *old;
-    handle.unknown = NULL;
-    handle.block = handle.turned = handle.response = NULL;
+    pliant_grasp_constraint *old = solver->grasps + tool, grasp = *old;
+    grasp.unknown = NULL;
+    grasp.block = grasp.turned = grasp.response = NULL;
     pliant_status status = pliant_solves_fine(solver->system)
-                               ? hold_nodes(solver->system, count, nodes, weights, &handle)
-                               : hold_followers(solver, count, nodes, weights, solver->dense_weights, &handle);
+                               ? hold_nodes(solver->system, count, nodes, weights, &grasp)
+                               : hold_followers(solver, count, nodes, weights, solver->dense_weights, &grasp);
     if (status != PLIANT_OK) return status;
     bool was_active = old->active;
     free_arrays(old);
-    *old = handle;
+    *old = grasp;
     old->active = true;
     old->response_of = 0;
     if (!was_active) {
@@ -206,38 +206,38 @@ pliant_status pliant_solver_add_grasp(pliant_solver *solver, int tool, int32_t c
     return PLIANT_OK;
 }
 
-pliant_status pliant_grasp_find_response(pliant_grasp_constraint *handle, size_t unknowns,
+pliant_status pliant_grasp_find_response(pliant_grasp_constraint *grasp, size_t unknowns,
                                          pliant_preconditioner *preconditioner)
 {
-    if (!handle->response && !(handle->response = pliant_malloc(3 * unknowns, sizeof *handle->response)))
+    if (!grasp->response && !(grasp->response = pliant_malloc(3 * unknowns, sizeof *grasp->response)))
         return pliant_fail_memory("a tool's hold");
-    memset(handle->response, 0, 3 * unknowns * sizeof *handle->response);
+    memset(grasp->response, 0, 3 * unknowns * sizeof *grasp->response);
     for (int d = 0; d < 3; d++) {
         double unit[3] = {d == 0, d == 1, d == 2};
-        pliant_grasp_add_pull(handle, unit, handle->response + unknowns * (size_t)d);
+        pliant_grasp_add_pull(grasp, unit, grasp->response + unknowns * (size_t)d);
     }
-    return pliant_preconditioner_solve(preconditioner, 3, handle->response, handle->response);
+    return pliant_preconditioner_solve(preconditioner, 3, grasp->response, grasp->response);
 }
 
 pliant_status pliant_solver_find_responses(pliant_solver *solver)
 {
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
-        pliant_grasp_constraint *handle = solver->grasps + t;
-        if (!pliant_grasp_is_spring(handle) || handle->response_of == solver->in_use.number) continue;
+        pliant_grasp_constraint *grasp = solver->grasps + t;
+        if (!pliant_grasp_is_spring(grasp) || grasp->response_of == solver->in_use.number) continue;
         pliant_status status =
-            pliant_grasp_find_response(handle, pliant_solver_unknowns(solver), solver->preconditioner);
+            pliant_grasp_find_response(grasp, pliant_solver_unknowns(solver), solver->preconditioner);
         if (status != PLIANT_OK) return status;
-        handle->response_of = solver->in_use.number;
+        grasp->response_of = solver->in_use.number;
     }
     return PLIANT_OK;
 }
 
 void pliant_grasp_stretch(const pliant_solver *solver, int tool, const pliant_iterate *at, double out[3])
 {
-    const pliant_grasp_constraint *handle = solver->grasps + tool;
+    const pliant_grasp_constraint *grasp = solver->grasps + tool;
     double y[3];
-    held_point(solver, handle, at->x, y);
-    for (int d = 0; d < 3; d++) out[d] = handle->target[d] - y[d] - handle->compliance * at->force[3 * tool + d];
+    held_point(solver, grasp, at->x, y);
+    for (int d = 0; d < 3; d++) out[d] = grasp->target[d] - y[d] - grasp->compliance * at->force[3 * tool + d];
 }
 
 void pliant_grasp_gap(const pliant_solver *solver, int tool, const pliant_iterate *at, double out[3])

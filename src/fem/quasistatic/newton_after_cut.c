@@ -13,15 +13,15 @@
 
 /* The Newton step, (3 num_free) in the nodes' axes, and its constraint forces. */
 typedef struct newton_step {
-    double *way, *along; /* the step so far; the present direction */
+    double *correction, *along; /* the step so far; the present direction */
     pliant_active_forces pulls, pulls_along, pulls_next;
-    double energy;       /* residual . way [J] */
+    double energy;       /* residual . correction [J] */
     pliant_active_set active;
 } newton_step;
 
 static void free_step(newton_step *found)
 {
-    pliant_free(found->way);
+    pliant_free(found->correction);
     pliant_free(found->along);
     pliant_free(found->pulls.row);
     pliant_active_set_free(&found->active);
@@ -84,10 +84,10 @@ static pliant_status begin(const pliant_solver *solver, newton_step *found, bool
     pliant_status status = pliant_active_set_create(solver, &found->active, is_valid);
     if (status != PLIANT_OK || !*is_valid) return status;
     const size_t rows = (size_t)found->active.contact_rows;
-    found->way = pliant_calloc(n, sizeof *found->way);
+    found->correction = pliant_calloc(n, sizeof *found->correction);
     found->along = pliant_calloc(n, sizeof *found->along);
     found->pulls.row = pliant_calloc(3 * rows + 1, sizeof *found->pulls.row);
-    if (!found->way || !found->along || !found->pulls.row) return pliant_fail_memory("the solver");
+    if (!found->correction || !found->along || !found->pulls.row) return pliant_fail_memory("the solver");
     found->pulls_along.row = found->pulls.row + rows;
     found->pulls_next.row = found->pulls_along.row + rows;
     memcpy(found->along, solver->now.step, n * sizeof *found->along);
@@ -136,7 +136,7 @@ static pliant_status find_step(pliant_solver *solver, newton_step *found, int32_
         if (!(fraction > 0)) break;
         pliant_active_set_add_forces(solver, &found->active, &found->pulls_along, -1, pulled);
         for (size_t i = 0; i < n; i++) {
-            found->way[i] += fraction * found->along[i];
+            found->correction[i] += fraction * found->along[i];
             left[i] -= fraction * pulled[i];
         }
         add_forces(&found->active, fraction, &found->pulls_along, &found->pulls);
@@ -176,7 +176,7 @@ static void accept_points(pliant_solver *solver, const newton_step *found, doubl
 }
 
 /* Return the decrease of the potential energy along the step at its present end. */
-static double slope_at(pliant_solver *solver, const double *way)
+static double slope_at(pliant_solver *solver, const double *correction)
 {
     double *left = solver->trial.residual;
     pliant_solver_elastic_forces(solver, &solver->now);
@@ -191,13 +191,13 @@ static double slope_at(pliant_solver *solver, const double *way)
         for (int d = 0; d < 3; d++) left[3 * f + d] -= solver->now.elastic[3 * f + d];
         pliant_into_node_axes(solver->rotations, f, left + 3 * f);
     }
-    return pliant_solver_product(solver, way, left);
+    return pliant_solver_product(solver, correction, left);
 }
 
 static void apply_fraction(pliant_solver *solver, const newton_step *found, double fraction)
 {
     const size_t bytes = 3 * (size_t)solver->system->mesh->num_nodes * sizeof(double);
-    place_trial(solver, found->way, fraction);
+    place_trial(solver, found->correction, fraction);
     memcpy(solver->now.x, solver->trial.x, bytes);
     for (int r = 0; r < PLIANT_MAX_ROWS; r++) solver->now.force[r] += fraction * found->pulls.tool[r];
     if (solver->rotations) pliant_nodal_rotations_update(solver->system, solver->now.x, solver->rotations);
@@ -231,7 +231,7 @@ static pliant_status respond_in_axes(pliant_solver *solver)
 /* Take the Newton step and rotate the axes along it. */
 static pliant_status take_step(pliant_solver *solver, const newton_step *found)
 {
-    const double length = longest(solver, found->way) / solver->rules.smallest_displacement,
+    const double length = longest(solver, found->correction) / solver->rules.smallest_displacement,
                  fraction = pliant_newton_step_fraction(length);
     const int parts = pliant_newton_num_parts(length);
     double completed = 0, slope = found->energy;
@@ -245,7 +245,7 @@ static pliant_status take_step(pliant_solver *solver, const newton_step *found)
         completed += part;
         if (!pliant_newton_checks_slope(completed, length)) continue;
         const double before = slope;
-        slope = slope_at(solver, found->way);
+        slope = slope_at(solver, found->correction);
         if (slope > 0) continue;
         const double back = pliant_newton_backtrack(part, before, slope);
         apply_fraction(solver, found, -back);

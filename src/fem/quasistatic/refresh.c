@@ -231,11 +231,11 @@ static pliant_status copy_history(pliant_solver *solver, bool springs, pliant_re
 static void take_responses(pliant_solver *solver)
 {
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
-        pliant_grasp_constraint *found = solver->refresh->grasps + t, *handle = solver->grasps + t;
-        if (!found->active || !pliant_grasp_is_spring(handle) || !pliant_grasp_is_same(found, handle)) continue;
-        double *response = handle->response;
-        handle->response = found->response;
-        handle->response_of = solver->in_use.number;
+        pliant_grasp_constraint *found = solver->refresh->grasps + t, *grasp = solver->grasps + t;
+        if (!found->active || !pliant_grasp_is_spring(grasp) || !pliant_grasp_is_same(found, grasp)) continue;
+        double *response = grasp->response;
+        grasp->response = found->response;
+        grasp->response_of = solver->in_use.number;
         found->response = response;
     }
 }

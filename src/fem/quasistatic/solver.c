@@ -16,9 +16,9 @@ static void swap_iterates(pliant_solver *solver)
 
 /* Time limits of a step, and the duration of its evaluations. */
 typedef struct step_time {
-    double start, begun; /* start of the step, and of its first complete evaluation [s] */
-    int32_t whole;       /* evaluations that included the forces */
-    int32_t solved;      /* evaluations that applied the preconditioner */
+    double start, evaluation_start; /* start of the step, and of its first complete evaluation [s] */
+    int32_t whole;                  /* evaluations that included the forces */
+    int32_t solved;                 /* evaluations that applied the preconditioner */
     pliant_evaluation_limit limit;
 } step_time;
 
@@ -40,7 +40,7 @@ static int32_t affordable(const pliant_solver *solver, const step_time *time, do
 {
     if (!(solver->budget > 0)) return pliant_evaluations_left(&time->limit, time->solved, first_merit);
     const double now = solver->clock(solver->clock_user),
-                 each = time->whole > 0 ? (now - time->begun) / time->whole : solver->evaluation_seconds;
+                 each = time->whole > 0 ? (now - time->evaluation_start) / time->whole : solver->evaluation_seconds;
     return pliant_solver_evaluations_in_time(solver, time->start, now, each);
 }
 
@@ -104,7 +104,7 @@ static pliant_status iterate(pliant_solver *solver, pliant_known known, step_tim
         if (status != PLIANT_OK) return status;
         time->solved += !first || known != PLIANT_KNOWN_STEP;
         if (!first || known == PLIANT_KNOWN_NOTHING) time->whole++;
-        else time->begun = solver->clock(solver->clock_user);
+        else time->evaluation_start = solver->clock(solver->clock_user);
         const bool plain = !rules->mixes && (rules->next == PLIANT_NEXT_TRIAL || rules->next == PLIANT_NEXT_DESCENT);
         const double slope =
             plain && !(at->merit < solver->now.merit && rules->next == PLIANT_NEXT_TRIAL) ? slope_of(solver) : 0;
@@ -143,14 +143,15 @@ static bool evaluate_end(pliant_solver *solver)
  * inputs than the loads change, so the next step cannot use this evaluation. */
 static void evaluate_final_state(pliant_solver *solver, step_time *time)
 {
-    const bool blind = solver->rules.next == PLIANT_NEXT_BLIND, seen = solver->posterior.seen;
+    const bool blind = solver->rules.next == PLIANT_NEXT_BLIND, seen = solver->final_state.seen;
     const bool evaluates = blind && affordable(solver, time, solver->rules.first_merit) > 0;
     const bool evaluated = evaluates ? evaluate_end(solver) : !blind;
     time->whole += evaluates;
     time->solved += evaluates;
     if (solver->budget > 0 && time->whole > 0)
-        solver->evaluation_seconds = (solver->clock(solver->clock_user) - time->begun) / time->whole;
-    pliant_anderson_report_error(&solver->rules, seen, seen ? pliant_secants_error(solver, &solver->posterior.at) : 0);
+        solver->evaluation_seconds = (solver->clock(solver->clock_user) - time->evaluation_start) / time->whole;
+    pliant_anderson_report_error(&solver->rules, seen,
+                                 seen ? pliant_secants_error(solver, &solver->final_state.at) : 0);
     const bool keeps = evaluated && !solver->system->basis;
     pliant_solver_record_step(solver, &solver->in_use, keeps, &solver->rules, solver->now.step_force);
     if (keeps) pliant_final_state_store(solver);
@@ -203,7 +204,7 @@ static pliant_status iterate_from_newton(pliant_solver *solver, step_time *time,
     if (*evaluations > 0) solver->rules.max_evaluations = allowed - *evaluations;
     time->solved += *evaluations + settled;
     time->whole += *evaluations;
-    const pliant_known known = pliant_solver_find_known(solver, &solver->in_use, &solver->posterior.seen);
+    const pliant_known known = pliant_solver_find_known(solver, &solver->in_use, &solver->final_state.seen);
     if (status == PLIANT_OK) status = iterate(solver, settled ? PLIANT_KNOWN_STEP : known, time);
     solver->rules.max_evaluations = maximum;
     *evaluations += pliant_anderson_iterations(&solver->rules);
@@ -243,13 +244,13 @@ pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *stati
     if (status == PLIANT_OK) status = pliant_contact_problem_find_matrix(solver);
     if (status != PLIANT_OK) return status;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
-        pliant_grasp_constraint *handle = solver->grasps + t;
+        pliant_grasp_constraint *grasp = solver->grasps + t;
         /* All its nodes are fixed. */
-        if (!handle->by_force && handle->count == 0) memset(handle->force, 0, sizeof handle->force);
-        memcpy(solver->now.force + 3 * t, handle->force, 3 * sizeof(double));
+        if (!grasp->by_force && grasp->count == 0) memset(grasp->force, 0, sizeof grasp->force);
+        memcpy(solver->now.force + 3 * t, grasp->force, 3 * sizeof(double));
     }
     step_time time = {.start = solver->clock(solver->clock_user), .limit = pliant_solver_limit(solver)};
-    time.begun = time.start;
+    time.evaluation_start = time.start;
     solver->rules.is_bounded = pliant_contact_problem_has_points(solver->contacts);
     solver->rules.is_cycle = !pliant_preconditioner_can_fail(solver->preconditioner);
     status = iterate_from_newton(solver, &time, &statistics->iterations);

@@ -143,7 +143,7 @@ struct pliant_solver {
     double *previous_x, previous_force[PLIANT_MAX_ROWS]; /* (3 num_nodes) state before a blind step */
     pliant_secant history[PLIANT_MAX_HISTORY];
     double gram[PLIANT_MAX_HISTORY * PLIANT_MAX_HISTORY]; /* energy products of the secants' steps */
-    pliant_final_state posterior;
+    pliant_final_state final_state;
     double (*element_forces)[12][LANES];
     /* Work array (9 num_free) to build W; NULL if the fine mesh is the solved mesh. */
     double *dense_weights;
@@ -217,28 +217,28 @@ pliant_status pliant_solver_newton_rollback(pliant_solver *solver);
 int32_t pliant_solver_newton_limit(const pliant_solver *solver, const pliant_evaluation_limit *limit, int32_t part);
 
 /* ---- Implemented in grasp_constraint.c. */
-static inline bool pliant_grasp_is_spring(const pliant_grasp_constraint *handle)
+static inline bool pliant_grasp_is_spring(const pliant_grasp_constraint *grasp)
 {
-    return handle->active && !handle->by_force && handle->count > 0;
+    return grasp->active && !grasp->by_force && grasp->count > 0;
 }
 /* Add W v to out. v is in the nodes' axes. */
-void pliant_grasp_apply(const pliant_grasp_constraint *handle, const double *v, double out[3]);
+void pliant_grasp_apply(const pliant_grasp_constraint *grasp, const double *v, double out[3]);
 /* Compute target - y - c l of a spring. */
 void pliant_grasp_stretch(const pliant_solver *solver, int tool, const pliant_iterate *at, double out[3]);
 /* Compute W (x + free step) + c l - target of a spring. */
 void pliant_grasp_gap(const pliant_solver *solver, int tool, const pliant_iterate *at, double out[3]);
 /* Add W' f to v: `pull` in the nodes' axes, `load` in world axes. */
-void pliant_grasp_add_pull(const pliant_grasp_constraint *handle, const double force[3], double *v);
-void pliant_grasp_add_load(const pliant_grasp_constraint *handle, const double force[3], double *v);
+void pliant_grasp_add_pull(const pliant_grasp_constraint *grasp, const double force[3], double *v);
+void pliant_grasp_add_load(const pliant_grasp_constraint *grasp, const double force[3], double *v);
 /* Convert the tool's weights to the nodes' axes. */
-void pliant_grasp_rotate(pliant_grasp_constraint *handle, const pliant_nodal_rotations *rotations);
+void pliant_grasp_rotate(pliant_grasp_constraint *grasp, const pliant_nodal_rotations *rotations);
 /* Compute Z of a spring with this preconditioner. Errors: MEMORY, NUMERIC. */
-pliant_status pliant_grasp_find_response(pliant_grasp_constraint *handle, size_t unknowns,
+pliant_status pliant_grasp_find_response(pliant_grasp_constraint *grasp, size_t unknowns,
                                          pliant_preconditioner *preconditioner);
 /* Copy a grasp without Z. *out is freed first, and empty after an error. Errors: MEMORY. */
-pliant_status pliant_grasp_copy(const pliant_grasp_constraint *handle, pliant_grasp_constraint *out);
+pliant_status pliant_grasp_copy(const pliant_grasp_constraint *grasp, pliant_grasp_constraint *out);
 bool pliant_grasp_is_same(const pliant_grasp_constraint *a, const pliant_grasp_constraint *b);
-void pliant_grasp_free(pliant_grasp_constraint *handle); /* leaves it empty */
+void pliant_grasp_free(pliant_grasp_constraint *grasp); /* leaves it empty */
 /* Compute Z of all springs whose Z belongs to another factor. */
 pliant_status pliant_solver_find_responses(pliant_solver *solver);
 /* List the tools that hold by springs and return their number. matrix: S of their rows. */

@@ -45,7 +45,7 @@ static void free_buffers(pliant_solver *solver)
     solver->trial.x = solver->previous_x = NULL;
     solver->rotations = NULL;
     solver->element_forces = NULL;
-    memset(&solver->posterior, 0, sizeof solver->posterior);
+    memset(&solver->final_state, 0, sizeof solver->final_state);
     solver->previous.kept = false;
     memset(solver->history, 0, sizeof solver->history);
     solver->has_step_arrays = false;

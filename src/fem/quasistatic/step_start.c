@@ -4,11 +4,11 @@
 
 #include <string.h>
 
-static bool has_same_grasp_input(const pliant_previous_step *previous, const pliant_grasp_constraint *handle, int tool)
+static bool has_same_grasp_input(const pliant_previous_step *previous, const pliant_grasp_constraint *grasp, int tool)
 {
-    return memcmp(previous->force + 3 * tool, handle->force, sizeof handle->force) == 0 &&
-           previous->compliance[tool] == handle->compliance &&
-           memcmp(previous->target + 3 * tool, handle->target, sizeof handle->target) == 0;
+    return memcmp(previous->force + 3 * tool, grasp->force, sizeof grasp->force) == 0 &&
+           previous->compliance[tool] == grasp->compliance &&
+           memcmp(previous->target + 3 * tool, grasp->target, sizeof grasp->target) == 0;
 }
 
 void pliant_solver_drop_history(pliant_solver *solver)
@@ -98,9 +98,9 @@ void pliant_solver_record_step(pliant_solver *solver, const pliant_preconditione
     previous->number = take_forces(solver, rules, step_force) ? 0 : in_use->number;
     memcpy(previous->gravity, solver->gravity, sizeof previous->gravity);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
-        const pliant_grasp_constraint *handle = solver->grasps + t;
-        previous->compliance[t] = handle->compliance;
-        memcpy(previous->force + 3 * t, handle->force, sizeof handle->force);
-        memcpy(previous->target + 3 * t, handle->target, sizeof handle->target);
+        const pliant_grasp_constraint *grasp = solver->grasps + t;
+        previous->compliance[t] = grasp->compliance;
+        memcpy(previous->force + 3 * t, grasp->force, sizeof grasp->force);
+        memcpy(previous->target + 3 * t, grasp->target, sizeof grasp->target);
     }
 }

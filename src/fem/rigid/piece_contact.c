@@ -107,7 +107,7 @@ double pliant_rigid_pieces_ball(const pliant_rigid_pieces *rigid_pieces, int32_t
     if (!(body.mass > 0)) return 0;
     pliant_rigid_spin(&body, spin);
     const double goes =
-        now ? rigid_pieces->whole * farthest_of(rigid_pieces, p, body.centre, body.velocity, spin) : at->way;
+        now ? rigid_pieces->whole * farthest_of(rigid_pieces, p, body.centre, body.velocity, spin) : at->max_motion;
     const double turned[3] = {1, 0, 0};
     memcpy(centre, body.centre, sizeof body.centre);
     *radius = farthest_of(rigid_pieces, p, body.centre, still, turned) + goes;
@@ -137,15 +137,15 @@ double pliant_rigid_pieces_predict(pliant_data *data)
         const int num_grips = pliant_rigid_pieces_grips(rigid_pieces, p, grips);
         if (!(body.mass > 0) || (at->has_left_view && num_grips == 0)) { /* treated as fixed */
             *contact_body = (pliant_contact_body){.young = contact_body->young, .size = contact_body->size};
-            at->way = 0;
+            at->max_motion = 0;
             continue;
         }
         predict_motion(rigid_pieces, data->gravity, &body,
                        pliant_rigid_pieces_pulls(rigid_pieces, data, p, body.centre, num_grips, grips, pulls), pulls,
                        contact_body);
         memcpy(contact_body->ahead, contact_body->free, sizeof contact_body->ahead);
-        at->way = farthest_of(rigid_pieces, p, body.centre, contact_body->free, contact_body->free + 3);
-        if (!at->is_at_rest) farthest = fmax(farthest, at->way);
+        at->max_motion = farthest_of(rigid_pieces, p, body.centre, contact_body->free, contact_body->free + 3);
+        if (!at->is_at_rest) farthest = fmax(farthest, at->max_motion);
     }
     return farthest;
 }
@@ -212,7 +212,7 @@ static int choose_nodes(const pliant_rigid_pieces *rigid_pieces, int32_t p, cons
         const double *x = rigid_pieces->x + 3 * (size_t)i, gap = gap_of(wall, x);
         double arm[3];
         for (int d = 0; d < 3; d++) arm[d] = x[d] - rigid_pieces->contact_body[p].centre[d];
-        if (gap < rigid_pieces->pieces[p].way + pushed + margin) pliant_rigid_consider(&choice, i, arm, gap);
+        if (gap < rigid_pieces->pieces[p].max_motion + pushed + margin) pliant_rigid_consider(&choice, i, arm, gap);
     }
     const int count = pliant_rigid_chosen(&choice, out);
     qsort(out, (size_t)count, sizeof *out, compare_nodes);
@@ -269,9 +269,9 @@ static void share_areas(const pliant_rigid_pieces *rigid_pieces, int32_t p, cons
         int to = 0;
         for (int c = 0; c < count && rigid_pieces->node_area[i - first] > 0; c++) {
             const double *a = rigid_pieces->x + 3 * (size_t)i, *b = rigid_pieces->x + 3 * (size_t)chosen[c];
-            const double apart = pow(a[0] - b[0], 2) + pow(a[1] - b[1], 2) + pow(a[2] - b[2], 2);
-            if (apart >= nearest) continue;
-            nearest = apart;
+            const double squared_distance = pow(a[0] - b[0], 2) + pow(a[1] - b[1], 2) + pow(a[2] - b[2], 2);
+            if (squared_distance >= nearest) continue;
+            nearest = squared_distance;
             to = c;
         }
         area[to] += rigid_pieces->node_area[i - first];

@@ -263,8 +263,8 @@ static void keep_pulls(pliant_rigid_pieces *rigid_pieces, int32_t p, int num_gri
 /* List the nodes' arms from the centre. Nodes that may reach a wall in this step are copied to near_walls.
  * @param reach  Out: distance of the farthest node [m].
  * @return Number of nodes in near_walls. */
-static int32_t list_arms(const pliant_rigid_pieces *rigid_pieces, int32_t p, const pliant_rigid *body, double way,
-                         double *reach)
+static int32_t list_arms(const pliant_rigid_pieces *rigid_pieces, int32_t p, const pliant_rigid *body,
+                         double max_motion, double *reach)
 {
     const pliant_pieces *pieces = rigid_pieces->body->pieces;
     const int32_t first = pieces->start[p], count = pieces->start[p + 1] - first;
@@ -278,7 +278,7 @@ static int32_t list_arms(const pliant_rigid_pieces *rigid_pieces, int32_t p, con
     }
     *reach = sqrt(farthest);
     pliant_rigid_spin(body, spin);
-    way += rigid_pieces->step * sqrt(spin[0] * spin[0] + spin[1] * spin[1] + spin[2] * spin[2]) * *reach;
+    max_motion += rigid_pieces->step * sqrt(spin[0] * spin[0] + spin[1] * spin[1] + spin[2] * spin[2]) * *reach;
     for (int32_t i = 0; i < count; i++) {
         const double *arm = rigid_pieces->arms + 3 * i;
         double gap = INFINITY;
@@ -288,7 +288,7 @@ static int32_t list_arms(const pliant_rigid_pieces *rigid_pieces, int32_t p, con
             for (int d = 0; d < 3; d++) at += normal[d] * (body->centre[d] + arm[d]);
             gap = fmin(gap, at);
         }
-        if (gap <= way) memcpy(rigid_pieces->near_walls + 3 * near_walls++, arm, 3 * sizeof *arm);
+        if (gap <= max_motion) memcpy(rigid_pieces->near_walls + 3 * near_walls++, arm, 3 * sizeof *arm);
     }
     return near_walls;
 }
@@ -384,16 +384,16 @@ static void move(pliant_rigid_pieces *rigid_pieces, pliant_data *data, int32_t p
     piece *at = rigid_pieces->pieces + p;
     pliant_rigid body;
     pliant_rigid_pull pulls[PLIANT_RIGID_PULLS];
-    double way = 0, speed = 0, reach, spin[3];
+    double max_motion = 0, speed = 0, reach, spin[3];
     pliant_rigid_pieces_body(rigid_pieces, p, &body);
     if (!(body.mass > 0)) return;
     const int num_pulls = pliant_rigid_pieces_pulls(rigid_pieces, data, p, body.centre, num_grips, grips, pulls);
     for (int k = 0; k < num_pulls; k++)
-        for (int d = 0; d < 3; d++) way += fabs(pulls[k].to[d] - body.centre[d] - pulls[k].arm[d]);
+        for (int d = 0; d < 3; d++) max_motion += fabs(pulls[k].to[d] - body.centre[d] - pulls[k].arm[d]);
     for (int d = 0; d < 3; d++)
-        way += rigid_pieces->step * (fabs(body.velocity[d]) + rigid_pieces->step * fabs(data->gravity[d]));
+        max_motion += rigid_pieces->step * (fabs(body.velocity[d]) + rigid_pieces->step * fabs(data->gravity[d]));
     const double old[3] = {body.centre[0], body.centre[1], body.centre[2]};
-    const int32_t near_walls = list_arms(rigid_pieces, p, &body, way, &reach);
+    const int32_t near_walls = list_arms(rigid_pieces, p, &body, max_motion, &reach);
     const pliant_rigid_walls around = {.walls = rigid_pieces->walls,
                                        .count = rigid_pieces->num_walls,
                                        .friction = rigid_pieces->friction,

@@ -18,7 +18,7 @@ typedef struct piece {
     bool is_near_wall;               /* near an obstacle in this step */
     bool may_touch_tool;             /* may touch a tool in this step */
     bool has_wall_points;            /* its points on walls are contact points of the step */
-    double way;                      /* maximum motion of its nodes in this step without contact [m] */
+    double max_motion;               /* maximum motion of its nodes in this step without contact [m] */
 } piece;
 
 /* Part of a tool's grasp that holds nodes of a piece. */
@@ -27,7 +27,7 @@ typedef struct grip {
     uint64_t hold;
     double fraction;                    /* fraction of the tool's weights */
     /* Offset of the piece's held point from the held point of the whole grasp, at the start of the grasp [m]. */
-    double apart[3];
+    double offset[3];
     double last[3];                  /* target in the last step [m] */
     double point[3];                 /* the piece's held point [m] */
 } grip;

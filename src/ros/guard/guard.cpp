@@ -52,7 +52,7 @@ std::string Guard::why(double now) const
     return "";
 }
 
-void Guard::go(GuardState next, double now)
+void Guard::enter_state(GuardState next, double now)
 {
     state_ = next;
     since_ = now;
@@ -65,7 +65,7 @@ void Guard::go(GuardState next, double now)
 void Guard::filter(double elapsed)
 {
     const double fraction = 1 - std::exp(-2 * M_PI * settings_.cutoff * elapsed);
-    double size = 0, goal[3], way = 0;
+    double size = 0, goal[3], squares = 0;
     for (int d = 0; d < 3; ++d) {
         smooth_[d] += fraction * (wanted_[d] - smooth_[d]);
         size += smooth_[d] * smooth_[d];
@@ -73,9 +73,9 @@ void Guard::filter(double elapsed)
     const double scale = std::sqrt(size) > settings_.largest ? settings_.largest / std::sqrt(size) : 1;
     for (int d = 0; d < 3; ++d) {
         goal[d] = scale * smooth_[d];
-        way += (goal[d] - sent_[d]) * (goal[d] - sent_[d]);
+        squares += (goal[d] - sent_[d]) * (goal[d] - sent_[d]);
     }
-    const double reach = settings_.rate * elapsed, part = std::sqrt(way) > reach ? reach / std::sqrt(way) : 1;
+    const double reach = settings_.rate * elapsed, part = std::sqrt(squares) > reach ? reach / std::sqrt(squares) : 1;
     for (int d = 0; d < 3; ++d) sent_[d] += part * (goal[d] - sent_[d]);
     clamped_ += scale < 1 || part < 1;
 }
@@ -87,8 +87,8 @@ Guard::Output Guard::update(double now)
     last_ = now;
     began_ = true;
     const bool open = why(now).empty(), moves = state_ == GuardState::RISING || state_ == GuardState::OPEN;
-    if (open && !moves) go(GuardState::RISING, now);
-    else if (!open && moves) go(GuardState::ENDING, now);
+    if (open && !moves) enter_state(GuardState::RISING, now);
+    else if (!open && moves) enter_state(GuardState::ENDING, now);
     else if (state_ == GuardState::RISING && now - since_ >= settings_.ramp) state_ = GuardState::OPEN;
     else if (state_ == GuardState::ENDING && now - since_ >= settings_.tail)
         state_ = fault_.empty() ? GuardState::CLOSED : GuardState::FAULT;
@@ -105,7 +105,7 @@ Guard::Output Guard::update(double now)
 Guard::Output Guard::shut_down()
 {
     shut_ = true;
-    go(GuardState::ENDING, last_);
+    enter_state(GuardState::ENDING, last_);
     state_ = GuardState::CLOSED;
     return {true, {0, 0, 0}};
 }

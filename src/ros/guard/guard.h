@@ -72,7 +72,7 @@ public:
     unsigned long clamped() const { return clamped_; }
 
 private:
-    void go(GuardState next, double now);
+    void enter_state(GuardState next, double now);
     void filter(double elapsed);
 
     GuardSettings settings_;

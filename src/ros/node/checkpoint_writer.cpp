@@ -53,7 +53,7 @@ void CheckpointWriter::run()
 
 void CheckpointWriter::write()
 {
-    const ResumableState moment = simulation_->moment();
+    const ResumableState moment = simulation_->resumable_state();
     CheckpointContents saved;
     saved.session = sessions_->now();
     /* A model that is being replaced is not saved. */

@@ -135,12 +135,12 @@ ConfinedReads::ConfinedReads(const std::string &root, const std::vector<std::str
 {
     if (!root.empty()) real(root, &root_);
     before_ = pliant_set_open_check(pliant_open_check{
-        [](const char *path, void *user) { return static_cast<ConfinedReads *>(user)->ask(path); }, this});
+        [](const char *path, void *user) { return static_cast<ConfinedReads *>(user)->check_path(path); }, this});
 }
 
 ConfinedReads::~ConfinedReads() { pliant_set_open_check(before_); }
 
-const char *ConfinedReads::ask(const char *path) const
+const char *ConfinedReads::check_path(const char *path) const
 {
     if (!root_.empty() && is_inside(root_, path)) return nullptr;
     if (std::find(also_.begin(), also_.end(), path) != also_.end()) return nullptr;

@@ -33,7 +33,7 @@ public:
     ConfinedReads &operator=(const ConfinedReads &) = delete;
 
 private:
-    const char *ask(const char *path) const;
+    const char *check_path(const char *path) const;
 
     std::string root_; /* links resolved, as in also_ */
     std::vector<std::string> also_;

@@ -141,7 +141,7 @@ void Diagnostics::master(diagnostic_updater::DiagnosticStatusWrapper &status)
     const std::string problem = master_->problem();
     if (problem.empty()) status.summary(DiagnosticStatus::OK, "known there");
     else status.summary(DiagnosticStatus::WARN, problem);
-    status.add("registered again", master_->returns());
+    status.add("registered again", master_->num_reregistrations());
 }
 
 void Diagnostics::output(diagnostic_updater::DiagnosticStatusWrapper &status)

@@ -233,7 +233,7 @@ geometry_msgs::Pose Registration::pose_message() const
     return pliant_ros::pose_message(pose_);
 }
 
-void Registration::go_on(const std::string &parent_frame, const geometry_msgs::Pose &pose)
+void Registration::restore_pose(const std::string &parent_frame, const geometry_msgs::Pose &pose)
 {
     Rigid read;
     std::string why;
@@ -318,10 +318,10 @@ bool Registration::by_points(pliant::Register::Request &request, pliant::Registe
         pose = multiply(in_parent, pose);
         place(pose);
         response.pose = pose_message();
-        char told[160];
-        std::snprintf(told, sizeof told, "%zu pairs, root mean square error %.2f mm, maximum %.2f mm", errors.size(),
-                      1e3 * response.error, 1e3 * response.largest);
-        response.message = told + store(pose);
+        char summary[160];
+        std::snprintf(summary, sizeof summary, "%zu pairs, root mean square error %.2f mm, maximum %.2f mm",
+                      errors.size(), 1e3 * response.error, 1e3 * response.largest);
+        response.message = summary + store(pose);
         response.success = true;
     } catch (const std::exception &failed) {
         response.message = failed.what();

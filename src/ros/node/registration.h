@@ -51,7 +51,7 @@ public:
     /* Return the pose of the tissue in the parent frame. Thread-safe. */
     geometry_msgs::Pose pose_message() const;
     /* Set the pose that an earlier process stored in a checkpoint, unless a registration file gives the pose. */
-    void go_on(const std::string &parent_frame, const geometry_msgs::Pose &pose);
+    void restore_pose(const std::string &parent_frame, const geometry_msgs::Pose &pose);
 
 private:
     bool by_points(pliant::Register::Request &request, pliant::Register::Response &response);

@@ -144,7 +144,7 @@ bool Services::has_same_start_scene(const Checkpoint &rest) const
 }
 
 /* Restore a checkpoint: cuts, positions, grasps, and settings. */
-std::string Services::go_on(const CheckpointContents &saved)
+std::string Services::restore_checkpoint(const CheckpointContents &saved)
 {
     if (!has_same_start_scene(saved.rest))
         throw Failure(PLIANT_ERROR_ARGUMENT,
@@ -157,9 +157,9 @@ std::string Services::go_on(const CheckpointContents &saved)
     apply_settings(session, &live);
     work_.commit();
     simulation_->swap(next, &moment); /* no state has changed before this call, so an earlier error has no effect */
-    live_->go_on(scene_of(saved.rest.start_scene), live);
+    live_->restore_settings(scene_of(saved.rest.start_scene), live);
     if (saved.rest.start_pose == pose_message(parameters_.tissue_pose))
-        registration_->go_on(saved.rest.parent_frame, saved.rest.tissue_pose);
+        registration_->restore_pose(saved.rest.parent_frame, saved.rest.tissue_pose);
     publish_loaded_model(*next);
     std::lock_guard<std::mutex> locked(lock_);
     recomputed_.method = saved.rest.method;
@@ -192,7 +192,7 @@ void Services::load_first()
         *of_checkpoint = true;
         std::string why;
         try {
-            return go_on(read_checkpoint_file(checkpoint));
+            return restore_checkpoint(read_checkpoint_file(checkpoint));
         } catch (const Failure &failed) {
             if (failed.status == PLIANT_ERROR_CANCELLED) throw;
             why = failed.what();
@@ -221,16 +221,16 @@ bool Services::load_scan(LoadScan::Request &request, LoadScan::Response &respons
     const auto call = std::make_shared<LoadScan>();
     call->request = request;
     response.success = work_.run("load_scan", &response.message, [this, call] {
-        const LoadScan::Request &asked = call->request;
-        std::string path = is_phantom(asked.path) ? asked.path : allowed(asked.path);
-        std::string labels = asked.labels.empty() ? "" : allowed(asked.labels);
+        const LoadScan::Request &requested = call->request;
+        std::string path = is_phantom(requested.path) ? requested.path : allowed(requested.path);
+        std::string labels = requested.labels.empty() ? "" : allowed(requested.labels);
         Materials materials;
         if (materials_.table.num_materials > 0) check(pliant_material_table_copy(&materials_.table, &materials.table));
         pliant_scene scene = parameters_.scene;
         live_->apply(&scene);
         recomputed_.apply(&scene);
         check(pliant_scene_set(&scene, "material/labels", labels.c_str()));
-        for (const std::string &option : asked.options) {
+        for (const std::string &option : requested.options) {
             size_t sign = option.find('=');
             if (sign == std::string::npos) throw Failure(PLIANT_ERROR_ARGUMENT, option + ": expected group/name=value");
             std::string name = option.substr(0, sign), value = option.substr(sign + 1);
@@ -245,7 +245,7 @@ bool Services::load_scan(LoadScan::Request &request, LoadScan::Response &respons
         std::shared_ptr<LoadedModel> next = build_chosen(scene, scan, materials.table, work_.progress());
         install_model(next, true);
         call->response.scan_id = scan->volume.id;
-        return "loaded " + asked.path + ": " + size_text(*next->model);
+        return "loaded " + requested.path + ": " + size_text(*next->model);
     });
     response.scan_id = response.success ? call->response.scan_id : "";
     response.seconds = seconds_since(start);
@@ -262,14 +262,14 @@ bool Services::recompute(RecomputeHomogenization::Request &request, RecomputeHom
     response = call->response;
     std::string message;
     const bool success = work_.run("recompute_homogenization", &message, [this, call] {
-        RecomputeHomogenization::Response &told = call->response;
+        RecomputeHomogenization::Response &answer = call->response;
         const bool probe = call->request.probe;
         std::shared_ptr<const LoadedModel> old = current();
-        pliant_scene scene = old->asked;
+        pliant_scene scene = old->requested;
         live_->apply(&scene);
-        Recomputed asked;
-        asked.take(call->request);
-        asked.apply(&scene);
+        Recomputed requested;
+        requested.take(call->request);
+        requested.apply(&scene);
         check(pliant_scene_check(&scene));
         const pliant_material_table &materials = *pliant_model_get_materials(old->model);
         std::shared_ptr<LoadedModel> next =
@@ -286,10 +286,10 @@ bool Services::recompute(RecomputeHomogenization::Request &request, RecomputeHom
             }
         }
         if (measured.made) {
-            told.error_max = static_cast<float>(measured.max);
-            told.error_rms = static_cast<float>(measured.rms);
+            answer.error_max = static_cast<float>(measured.max);
+            answer.error_rms = static_cast<float>(measured.rms);
         }
-        choice_message(next->choice, &told);
+        choice_message(next->choice, &answer);
         install_model(next);
         {
             std::lock_guard<std::mutex> hold(lock_);
@@ -297,7 +297,7 @@ bool Services::recompute(RecomputeHomogenization::Request &request, RecomputeHom
         }
         pliant_build_statistics statistics;
         pliant_model_get_statistics(next->model, &statistics);
-        told.condition_estimate = static_cast<float>(statistics.condition_estimate);
+        answer.condition_estimate = static_cast<float>(statistics.condition_estimate);
         return "recomputed: " + size_text(*next->model) + note;
     });
     if (success) response = call->response;
@@ -316,7 +316,7 @@ bool Services::set_materials(SetMaterials::Request &request, SetMaterials::Respo
         Materials materials;
         check(pliant_material_table_parse(yaml.c_str(), "the request", &materials.table));
         check(pliant_material_table_check(&materials.table));
-        pliant_scene scene = old->asked;
+        pliant_scene scene = old->requested;
         live_->apply(&scene);
         check(pliant_material_table_check_inertia(&materials.table, &scene, "the request"));
         install_model(build_chosen(scene, old->scan, materials.table, work_.progress()));

@@ -54,7 +54,7 @@ public:
 private:
     void load_first();
     std::string load_given();
-    std::string go_on(const CheckpointContents &saved);
+    std::string restore_checkpoint(const CheckpointContents &saved);
     bool has_same_start_scene(const Checkpoint &rest) const;
     bool load_scan(LoadScan::Request &request, LoadScan::Response &response);
     bool recompute(RecomputeHomogenization::Request &request, RecomputeHomogenization::Response &response);

@@ -99,8 +99,8 @@ void CameraEye::apply(const LoadedModel &loaded, pliant_style *style) const
     }
 }
 
-void CameraEye::look(pliant_view *view, const LoadedModel &loaded, const Rigid &tissue_from_frame,
-                     const ros::Time &stamp, pliant_style style)
+void CameraEye::render_images(pliant_view *view, const LoadedModel &loaded, const Rigid &tissue_from_frame,
+                              const ros::Time &stamp, pliant_style style)
 {
     const CameraConvention convention = parameters_.ambf ? AMBF : OPTICAL;
     const bool points = points_.getNumSubscribers() > 0;

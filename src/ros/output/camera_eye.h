@@ -31,8 +31,8 @@ public:
     /* Render the subscribed images and publish them.
      * @param style defaults: pliant_style_defaults
      * Throws Failure. */
-    void look(pliant_view *view, const LoadedModel &loaded, const Rigid &tissue_from_frame, const ros::Time &stamp,
-              pliant_style style);
+    void render_images(pliant_view *view, const LoadedModel &loaded, const Rigid &tissue_from_frame,
+                       const ros::Time &stamp, pliant_style style);
 
 private:
     pliant_camera camera() const;

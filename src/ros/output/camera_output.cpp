@@ -76,7 +76,7 @@ CameraOutput::~CameraOutput()
     if (thread_.joinable()) thread_.join();
 }
 
-void CameraOutput::look(Camera *camera, View *view, const std::shared_ptr<const Snapshot> &newest)
+void CameraOutput::render_images(Camera *camera, View *view, const std::shared_ptr<const Snapshot> &newest)
 {
     std::string why;
     Rigid tissue_from_frame;
@@ -86,7 +86,7 @@ void CameraOutput::look(Camera *camera, View *view, const std::shared_ptr<const 
     view->show(newest);
     for (const std::unique_ptr<CameraEye> &eye : camera->eyes) {
         if (!eye->is_wanted()) continue;
-        eye->look(view->view, *newest->loaded, tissue_from_frame, newest->stamp, view->style);
+        eye->render_images(view->view, *newest->loaded, tissue_from_frame, newest->stamp, view->style);
         ++drawn_;
     }
 }
@@ -118,18 +118,18 @@ void CameraOutput::run()
         /* A camera may move while the tissue rests, so every camera is rendered at its rate. An error of one camera
          * does not stop the others. */
         std::string problem;
-        bool looked = false;
+        bool rendered = false;
         for (const std::unique_ptr<Camera> &camera : cameras_) {
             if (!camera->is_wanted() || !camera->rate.due(camera->parameters.rate)) continue;
-            looked = true;
+            rendered = true;
             try {
-                look(camera.get(), &view, newest);
+                render_images(camera.get(), &view, newest);
             } catch (const std::exception &failed) {
                 problem += std::string(problem.empty() ? "no picture: " : "; ") + failed.what();
                 ROS_WARN_THROTTLE(5, "no picture: %s", failed.what());
             }
         }
-        if (looked) problem_.set(problem);
+        if (rendered) problem_.set(problem);
     }
 }
 

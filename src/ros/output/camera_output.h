@@ -31,7 +31,7 @@ private:
     struct View;
     struct Camera;
     void run();
-    void look(Camera *camera, View *view, const std::shared_ptr<const Snapshot> &newest);
+    void render_images(Camera *camera, View *view, const std::shared_ptr<const Snapshot> &newest);
 
     const std::string tissue_frame_;
     Snapshots *snapshots_;

@@ -18,10 +18,10 @@ VolumeOutput::VolumeOutput(ros::NodeHandle handle, const Parameters &parameters,
       snapshots_(snapshots), mesh_output_(mesh_output), preview_step_(static_cast<uint32_t>(parameters.preview_step))
 {
     static const char *const topics[] = {"volume/slice/axial", "volume/slice/coronal", "volume/slice/sagittal"};
-    const auto looked_at = [this](const ros::SingleSubscriberPublisher &) { slices_fresh_ = true; };
+    const auto on_connect = [this](const ros::SingleSubscriberPublisher &) { slices_fresh_ = true; };
     for (int plane = 0; plane < 3; ++plane) {
-        slices_[plane] = handle.advertise<sensor_msgs::Image>(topics[plane], 1, looked_at);
-        placed_[plane] = handle.advertise<Volume>(std::string(topics[plane]) + "/placed", 1, looked_at);
+        slices_[plane] = handle.advertise<sensor_msgs::Image>(topics[plane], 1, on_connect);
+        placed_[plane] = handle.advertise<Volume>(std::string(topics[plane]) + "/placed", 1, on_connect);
     }
     preview_ = handle.advertise<Volume>("volume/preview", 1,
                                         [this](const ros::SingleSubscriberPublisher &) { preview_fresh_ = true; });

@@ -22,7 +22,7 @@ const std::chrono::seconds period(1);
 enum { CHECKS_PER_LIST = 16 /* checks between updates of the advertised names */, NOT_REGISTERED = -1 };
 
 /* Call the master. Return false if it does not answer or refuses. */
-bool ask(const char *what, const std::vector<std::string> &words, XmlRpcValue *payload)
+bool call_master(const char *what, const std::vector<std::string> &words, XmlRpcValue *payload)
 {
     XmlRpcValue request, response;
     request[0] = ros::this_node::getName();
@@ -35,7 +35,7 @@ std::vector<std::string> registered_services()
 {
     XmlRpcValue state;
     std::vector<std::string> out;
-    if (!ask("getSystemState", {}, &state)) return out;
+    if (!call_master("getSystemState", {}, &state)) return out;
     for (int i = 0; i < state[2].size(); ++i)
         for (int k = 0; k < state[2][i][1].size(); ++k)
             if (static_cast<std::string>(state[2][i][1][k]) == ros::this_node::getName()) out.push_back(state[2][i][0]);
@@ -97,7 +97,7 @@ void RosMasterMonitor::run()
     while (!stopping_) {
         hold.unlock();
         try {
-            look();
+            check_master();
         } catch (const XmlRpc::XmlRpcException &) { /* the master did not answer; try again at the next period */
         }
         hold.lock();
@@ -105,17 +105,17 @@ void RosMasterMonitor::run()
     }
 }
 
-void RosMasterMonitor::look()
+void RosMasterMonitor::check_master()
 {
     XmlRpcValue process, address;
-    if (!ask("getPid", {}, &process)) {
+    if (!call_master("getPid", {}, &process)) {
         if (problem_.get().empty())
             ROS_WARN("the master does not answer: existing connections continue, new nodes are not found");
         problem_.set("the master does not answer: existing connections continue, new nodes are not found");
         return;
     }
     const int now = process; /* in a container, a restarted master often has the same process ID */
-    if (master_ != 0 && (now != master_ || !ask("lookupNode", {ros::this_node::getName()}, &address))) {
+    if (master_ != 0 && (now != master_ || !call_master("lookupNode", {ros::this_node::getName()}, &address))) {
         if (ros::isShuttingDown()) return; /* the node has unregistered itself */
         master_ = NOT_REGISTERED;
         if (!register_again()) {
@@ -146,16 +146,16 @@ bool RosMasterMonitor::register_again()
     const std::string services =
         "rosrpc://" + ros::network::getHost() + ":" + std::to_string(ros::ConnectionManager::instance()->getTCPPort());
     for (const std::string &service : services_)
-        good = ask("registerService", {service, services, own}, &ignored) && good;
+        good = call_master("registerService", {service, services, own}, &ignored) && good;
     std::vector<std::string> topics, subscribed;
     ros::TopicManager::instance()->getAdvertisedTopics(topics);
     for (const std::string &topic : topics)
         if (ros::PublicationPtr publication = ros::TopicManager::instance()->lookupPublication(topic))
-            good = ask("registerPublisher", {topic, publication->getDataType(), own}, &ignored) && good;
+            good = call_master("registerPublisher", {topic, publication->getDataType(), own}, &ignored) && good;
     ros::TopicManager::instance()->getSubscribedTopics(subscribed);
     for (const std::string &topic : subscribed) {
         XmlRpcValue publishers;
-        if (ask("registerSubscriber", {topic, "*", own}, &publishers)) update_publishers(topic, publishers);
+        if (call_master("registerSubscriber", {topic, "*", own}, &publishers)) update_publishers(topic, publishers);
         else good = false;
     }
     return good;

@@ -26,11 +26,11 @@ public:
 
     /* Return a message for the user; empty if the master has this process registered. */
     std::string problem() const { return problem_.get(); }
-    unsigned returns() const { return num_reregistrations_; } /* number of re-registrations */
+    unsigned num_reregistrations() const { return num_reregistrations_; } /* number of re-registrations */
 
 private:
     void run();
-    void look();
+    void check_master();
     bool register_again(); /* Return false if the master has not accepted all registrations. */
 
     const std::string private_name_;

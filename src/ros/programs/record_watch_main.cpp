@@ -38,15 +38,16 @@ Bag newest(const std::string &prefix)
     std::unique_ptr<DIR, int (*)(DIR *)> files(opendir(folder.c_str()), closedir);
     for (const dirent *file; files && (file = readdir(files.get()));) {
         const std::string name = file->d_name;
-        struct stat told;
+        struct stat file_status;
         if (name.compare(0, begins.size(), begins) != 0) continue;
         const size_t end = std::min(name.find_first_not_of("0123456789-_", begins.size()), name.size());
-        if (name.compare(end, 4, ".bag") != 0 || stat((folder + name).c_str(), &told) != 0) continue;
-        if (!out.path.empty() && (told.st_mtim.tv_sec < when.tv_sec ||
-                                  (told.st_mtim.tv_sec == when.tv_sec && told.st_mtim.tv_nsec <= when.tv_nsec)))
+        if (name.compare(end, 4, ".bag") != 0 || stat((folder + name).c_str(), &file_status) != 0) continue;
+        if (!out.path.empty() &&
+            (file_status.st_mtim.tv_sec < when.tv_sec ||
+             (file_status.st_mtim.tv_sec == when.tv_sec && file_status.st_mtim.tv_nsec <= when.tv_nsec)))
             continue;
-        when = told.st_mtim;
-        out = {folder + name, static_cast<double>(told.st_size) / megabyte,
+        when = file_status.st_mtim;
+        out = {folder + name, static_cast<double>(file_status.st_size) / megabyte,
                name.size() > 7 && name.compare(name.size() - 7, 7, ".active") == 0};
     }
     return out;

@@ -117,10 +117,10 @@ private:
         pliant::Register call;
         call.request.header.frame_id = parent_;
         for (int point = 0; point < 4; ++point) {
-            const Eigen::Vector3d adjacent = point > 0 ? Eigen::Vector3d(size_ * Eigen::Vector3d::Unit(point - 1))
+            const Eigen::Vector3d offset = point > 0 ? Eigen::Vector3d(size_ * Eigen::Vector3d::Unit(point - 1))
                                                      : Eigen::Vector3d(Eigen::Vector3d::Zero());
-            call.request.tissue.push_back(tf2::toMsg(Eigen::Vector3d(middle_ + adjacent)));
-            call.request.room.push_back(tf2::toMsg(Eigen::Vector3d(pose_ * adjacent)));
+            call.request.tissue.push_back(tf2::toMsg(Eigen::Vector3d(middle_ + offset)));
+            call.request.room.push_back(tf2::toMsg(Eigen::Vector3d(pose_ * offset)));
         }
         if (!service_.call(call))
             ROS_WARN("registration marker: the service %s does not answer", service_.getService().c_str());

@@ -146,10 +146,10 @@ public:
 
     void key(char pressed)
     {
-        static const char ways[] = "dawsrf"; /* +x -x +y -y +z -z */
-        const char *way = std::strchr(ways, pressed);
+        static const char keys[] = "dawsrf"; /* +x -x +y -y +z -z */
+        const char *found = std::strchr(keys, pressed);
         if (pressed == ' ') jaw_goal_ = jaw_goal_ > 0.2 ? 0 : 0.5;
-        else if (pressed && way) goal_.translation()[(way - ways) / 2] += (way - ways) % 2 ? -0.002 : 0.002;
+        else if (pressed && found) goal_.translation()[(found - keys) / 2] += (found - keys) % 2 ? -0.002 : 0.002;
     }
 
 private:
@@ -198,12 +198,12 @@ private:
     void follow(double elapsed)
     {
         const double turn_speed = 3, jaw_speed = 3; /* [rad/s] */
-        const Eigen::Vector3d way = goal_.translation() - at_.translation();
-        const double part = way.norm() > settings_.speed * elapsed ? settings_.speed * elapsed / way.norm() : 1;
+        const Eigen::Vector3d motion = goal_.translation() - at_.translation();
+        const double part = motion.norm() > settings_.speed * elapsed ? settings_.speed * elapsed / motion.norm() : 1;
         const Eigen::Quaterniond now(at_.rotation()), then(goal_.rotation());
         const double angle = now.angularDistance(then),
                      fraction = angle > turn_speed * elapsed ? turn_speed * elapsed / angle : 1;
-        at_ = Eigen::Translation3d(at_.translation() + part * way) * now.slerp(fraction, then);
+        at_ = Eigen::Translation3d(at_.translation() + part * motion) * now.slerp(fraction, then);
         jaw_ += std::max(-jaw_speed * elapsed, std::min(jaw_speed * elapsed, jaw_goal_ - jaw_));
     }
 

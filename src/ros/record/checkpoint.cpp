@@ -74,7 +74,7 @@ void make_checkpoint_contents(const ResumableState &moment, const std::string &f
 }
 
 /* Check the free disk space before the file is opened, so that no incomplete bag is written. */
-static void check_room(const std::string &path, const CheckpointContents &saved)
+static void check_disk_space(const std::string &path, const CheckpointContents &saved)
 {
     using ros::serialization::serializationLength;
     const double needed = 65536.0 + serializationLength(saved.session) + serializationLength(saved.topology) +
@@ -90,7 +90,7 @@ static void check_room(const std::string &path, const CheckpointContents &saved)
 void write_checkpoint_file(const std::string &path, const std::string &name, const CheckpointContents &saved)
 {
     const std::string next = path + ".new";
-    check_room(path, saved);
+    check_disk_space(path, saved);
     std::unique_ptr<rosbag::Bag> bag;
     try {
         const ros::Time now(ros::WallTime::now().toSec()); /* /clock may be 0, which is no valid bag time */

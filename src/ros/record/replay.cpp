@@ -25,9 +25,9 @@ enum {
 /* Return whether a topic has subscribers, according to the master. */
 bool has_listener(const std::string &topic)
 {
-    XmlRpc::XmlRpcValue asked, answer, state;
-    asked[0] = ros::this_node::getName();
-    if (!ros::master::execute("getSystemState", asked, answer, state, false)) return false;
+    XmlRpc::XmlRpcValue request, answer, state;
+    request[0] = ros::this_node::getName();
+    if (!ros::master::execute("getSystemState", request, answer, state, false)) return false;
     XmlRpc::XmlRpcValue &subscribed = state[1];
     for (int i = 0; i < subscribed.size(); ++i)
         if (static_cast<const std::string &>(subscribed[i][0]) == topic) return true;
@@ -108,13 +108,13 @@ void Replay::process_skipped_messages()
 
 void Replay::recompute_steps(const std::vector<pliant::StepConstPtr> &steps)
 {
-    Clock::time_point told = Clock::now();
+    Clock::time_point last_logged = Clock::now();
     ROS_INFO("replay: the %zu steps before the start are recomputed", steps.size());
     try {
         for (size_t s = 0; s < steps.size() && playing_.may_continue(); ++s) {
             if (!rerun_->take(*steps[s])) return;
-            if (Clock::now() - told < std::chrono::seconds(LOG_SECONDS)) continue;
-            told = Clock::now();
+            if (Clock::now() - last_logged < std::chrono::seconds(LOG_SECONDS)) continue;
+            last_logged = Clock::now();
             ROS_INFO("replay: %zu of %zu", s + 1, steps.size());
         }
         snapshots_.put(rerun_->snapshot());
@@ -242,9 +242,9 @@ void Replay::start_player(const std::string &name, const std::string &volume)
 {
     const std::string service = name + "/pause_playback";
     const auto ask_to_pause = [&service](bool pause) {
-        std_srvs::SetBool asked;
-        asked.request.data = pause;
-        return ros::service::exists(service, false) && ros::service::call(service, asked);
+        std_srvs::SetBool pause_request;
+        pause_request.request.data = pause;
+        return ros::service::exists(service, false) && ros::service::call(service, pause_request);
     };
     const Clock::time_point begin = Clock::now(), end = begin + std::chrono::seconds(PLAYER_SECONDS);
     bool has_advertised = false;

@@ -103,7 +103,7 @@ std::shared_ptr<LoadedModel> build(const pliant_scene &scene, std::shared_ptr<co
     loaded->scan = std::move(scan);
     const pliant_labels *labels = loaded->scan->labels.voxels ? &loaded->scan->labels : nullptr;
     check(pliant_model_build(&scene, &loaded->scan->volume, labels, &materials, progress, &loaded->model));
-    loaded->asked = scene;
+    loaded->requested = scene;
     return loaded;
 }
 
@@ -143,7 +143,7 @@ std::shared_ptr<LoadedModel> build_chosen(const pliant_scene &scene, std::shared
     Part first{progress, 0, chosen}, last{progress, chosen, 1};
     pliant_choice choice = choose(scene, *scan, materials, first.progress());
     std::shared_ptr<LoadedModel> loaded = build(choice.scene, std::move(scan), materials, last.progress());
-    loaded->asked = scene;
+    loaded->requested = scene;
     loaded->choice = choice;
     return loaded;
 }

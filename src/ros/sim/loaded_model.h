@@ -42,7 +42,7 @@ struct Scan {
 struct LoadedModel {
     std::shared_ptr<const Scan> scan;
     pliant_model *model = nullptr; /* constant once built */
-    pliant_scene asked{};          /* requested scene; the model's own scene has the automatically selected settings */
+    pliant_scene requested{};      /* requested scene; the model's own scene has the automatically selected settings */
     pliant_choice choice{};        /* made: settings were selected automatically */
     uint32_t revision = 0;         /* revision of the initial body in messages; for later bodies see revision_of */
     LoadedModel() = default;

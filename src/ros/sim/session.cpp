@@ -58,10 +58,10 @@ void session_message(const LoadedModel &loaded, Session *out)
     out->scan = loaded.scan->path;
     out->scan_id = loaded.scan->volume.id;
     out->scan_checksum = loaded.scan->checksum;
-    out->labels = loaded.asked.material.labels;
+    out->labels = loaded.requested.material.labels;
     out->labels_checksum = loaded.scan->labels_checksum;
     out->scene = scene_text(with_threads(*pliant_model_get_scene(loaded.model)));
-    out->asked = scene_text(loaded.asked);
+    out->requested_scene = scene_text(loaded.requested);
     out->materials = materials_text(*pliant_model_get_materials(loaded.model));
 }
 
@@ -116,7 +116,7 @@ std::shared_ptr<const Scan> RecordedScanFinder::find(const Session &session)
     if (!session.labels.empty() && (maps = places(labels_, session.labels)).empty())
         throw Failure(PLIANT_ERROR_FILE,
                       "the label map of the recording, " + session.labels + ", was not found: give its path");
-    std::string seen;
+    std::string candidates;
     for (const std::string &path : scans)
         for (const std::string &map : maps) {
             Materials materials;
@@ -124,13 +124,13 @@ std::shared_ptr<const Scan> RecordedScanFinder::find(const Session &session)
             check(pliant_scene_set(&scene, "material/labels", map.c_str()));
             std::shared_ptr<const Scan> scan = read_scan(scene, path, &materials);
             if (fits(*scan, session)) return last_ = scan;
-            seen += (seen.empty() ? "" : ", ") + path +
+            candidates += (candidates.empty() ? "" : ", ") + path +
                     (scan->checksum == session.scan_checksum ? " with labels " + map : "");
         }
     const std::string recorded = "\"" + session.scan_id + "\" (" + session.scan + ")";
-    if (seen.empty())
+    if (candidates.empty())
         throw Failure(PLIANT_ERROR_FILE, "the scan of the recording, " + recorded + ", was not found: give its path");
-    throw Failure(PLIANT_ERROR_FORMAT, "the voxels of " + seen +
+    throw Failure(PLIANT_ERROR_FORMAT, "the voxels of " + candidates +
                                            " differ from the voxels of the recording, which uses " + recorded +
                                            ": give the path of the recorded scan");
 }
@@ -141,7 +141,7 @@ std::shared_ptr<LoadedModel> build_session(const Session &session, std::shared_p
     Materials materials;
     check(pliant_material_table_parse(session.materials.c_str(), "the recorded materials", &materials.table));
     std::shared_ptr<LoadedModel> loaded = build(scene_of(session.scene), std::move(scan), materials.table, progress);
-    loaded->asked = scene_of(session.asked);
+    loaded->requested = scene_of(session.requested_scene);
     return loaded;
 }
 

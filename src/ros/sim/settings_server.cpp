@@ -316,7 +316,7 @@ void SettingsServer::assign(const pliant_scene &scene)
     publish();
 }
 
-void SettingsServer::go_on(const pliant_scene &start, const pliant_scene &last)
+void SettingsServer::restore_settings(const pliant_scene &start, const pliant_scene &last)
 {
     std::lock_guard<std::mutex> hold(lock_);
     RuntimeSettings began = settings_, ended = settings_;

@@ -43,7 +43,7 @@ public:
     void assign(const pliant_scene &scene);
     /* Restore the settings of an earlier process, which was started with the scene `start` and ended with `last`.
      * Settings changed in this process stay. */
-    void go_on(const pliant_scene &start, const pliant_scene &last);
+    void restore_settings(const pliant_scene &start, const pliant_scene &last);
     /* Store all changed settings again on a restarted parameter server. */
     void store_all_settings();
     /* Copy the settings to a scene before a model is built. */

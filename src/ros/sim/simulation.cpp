@@ -136,7 +136,7 @@ Snapshot Simulation::snapshot()
     return out;
 }
 
-ResumableState Simulation::moment()
+ResumableState Simulation::resumable_state()
 {
     ResumableState out;
     run_between_steps([&] {
@@ -322,7 +322,7 @@ void Simulation::take_tools(const ros::Time &now, bool forgotten, Step *out)
         std::copy(sample.in_tissue.translation, sample.in_tissue.translation + 3, input.tip.begin());
         std::copy(sample.in_tissue.rotation, sample.in_tissue.rotation + 4, input.rotation.begin());
         pliant_tool_shape shape = tools_->parameters(i).shape;
-        const bool news = tools_->exchanged(i, &shape);
+        const bool news = tools_->take_exchanged_shape(i, &shape);
         if (tools_->parameters(i).shape_follows) set_shape(shape, &input);
         input.exchanged = tools_->parameters(i).shape_follows && (news || is_before_first_step_);
         /* A jaw grasps when it closes. A tool that arrives closed pushes the tissue, and a tool that holds by contact

@@ -59,7 +59,7 @@ public:
     /* Return the current positions. Throws Failure if nothing is loaded. */
     Snapshot snapshot();
     /* Return the positions and everything that another process needs to continue. Throws Failure. */
-    ResumableState moment();
+    ResumableState resumable_state();
     /* Restore the initial body and the state at rest. */
     void reset();
     /* Cut immediately, or undo a cut.

@@ -90,7 +90,7 @@ void Tools::take_type(Tool *tool, const std::string &type)
         ROS_WARN("tool %s has no shape for contact: %s", tool->parameters.name.c_str(), pliant_last_error());
 }
 
-bool Tools::exchanged(size_t index, pliant_tool_shape *shape)
+bool Tools::take_exchanged_shape(size_t index, pliant_tool_shape *shape)
 {
     Tool &tool = *tools_[index];
     if (!tool.parameters.shape_follows) return false;

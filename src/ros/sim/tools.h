@@ -71,7 +71,7 @@ public:
     ToolSample sample(size_t tool, const ros::Time &now);
     /* Return true and the shape if another instrument was attached since the last call. Called only by the
      * simulation. */
-    bool exchanged(size_t tool, pliant_tool_shape *shape);
+    bool take_exchanged_shape(size_t tool, pliant_tool_shape *shape);
     /* Discard all poses and jaws after a time jump. */
     void clear();
 

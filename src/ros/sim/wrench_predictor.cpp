@@ -45,10 +45,10 @@ void WrenchPredictor::wanted(double now, const double tip[3], const double rotat
 {
     pliant_tool_linear_wrench(&linear_, tip, rotation, max_change_, out);
     const double left = blend_for_ > 0 ? std::max(0.0, 1 - (now - blend_from_) / blend_for_) : 0;
-    double apart = 0;
+    double squares = 0;
     for (int i = 0; i < 6; ++i) out[i] += left * offset_[i];
-    for (int d = 0; d < 3; ++d) apart += std::pow(out[d] - linear_.wrench[d], 2);
-    const double part = std::sqrt(apart) > max_change_ ? max_change_ / std::sqrt(apart) : 1;
+    for (int d = 0; d < 3; ++d) squares += std::pow(out[d] - linear_.wrench[d], 2);
+    const double part = std::sqrt(squares) > max_change_ ? max_change_ / std::sqrt(squares) : 1;
     for (int d = 0; d < 3; ++d) out[d] = linear_.wrench[d] + part * (out[d] - linear_.wrench[d]);
 }
 
@@ -131,9 +131,9 @@ void WrenchPredictor::answer(double now, const double tip[3], const double rotat
     if (std::any_of(out, out + 6, [](double x) { return x != 0; })) limit_for_passivity(now, out);
     else if (!acts_) energy_ = 0;
     if (acts_) ramp_.set_published(out);
-    double gone = 0;
-    for (int d = 0; d < 3; ++d) gone += std::pow(tip[d] - rests_at_[d], 2);
-    if (!has_answered_ || gone > rests * rests) {
+    double squares_to_rest = 0;
+    for (int d = 0; d < 3; ++d) squares_to_rest += std::pow(tip[d] - rests_at_[d], 2);
+    if (!has_answered_ || squares_to_rest > rests * rests) {
         std::copy(tip, tip + 3, rests_at_);
         rests_from_ = now;
     }

@@ -46,10 +46,10 @@ int32_t pliant_data_get_contacts(const pliant_data *data, int32_t capacity, plia
         memcpy(out_state->normal, point->normal, sizeof out_state->normal);
         memcpy(out_state->force, point->force, sizeof out_state->force);
         for (int d = 0; d < 3; d++) {
-            double apart = -point->place[d];
+            double difference = -point->place[d];
             for (int32_t k = 0; k < point->count; k++)
-                apart += point->weight[k] * data->positions[3 * (size_t)point->node[k] + (size_t)d];
-            out_state->depth -= point->normal[d] * apart;
+                difference += point->weight[k] * data->positions[3 * (size_t)point->node[k] + (size_t)d];
+            out_state->depth -= point->normal[d] * difference;
         }
     }
     return count;

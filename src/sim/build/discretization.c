@@ -160,16 +160,16 @@ static pliant_status homogenize_coarse(pliant_discretizing *work)
 static pliant_status separate_coarse(pliant_discretizing *work)
 {
     pliant_discretization *made = work->made;
-    const pliant_body *parted = made->body;
+    const pliant_body *separated = made->body;
     pliant_system *system = pliant_calloc(1, sizeof *system);
     if (!system) return pliant_fail_memory("the equations");
     *system = *made->system;
-    made->body = parted->lender ? parted->lender : parted; /* the separated topology retains it */
+    made->body = separated->lender ? separated->lender : separated; /* the separated topology retains it */
     made->system->mesh = &made->body->coarse;
     made->system->fine = &made->body->fine;
     pliant_status status = homogenize_coarse(work);
     if (status == PLIANT_OK) status = pliant_system_number(made->system, work->solved_fixed);
-    made->body = parted;
+    made->body = separated;
     made->coarse_system = made->system;
     made->system = system;
     return status;

@@ -74,17 +74,17 @@ void pliant_model_set_lengths(pliant_model *model)
     const double size = size_of(&model->scan->geometry, model->material_of_voxel, &model->materials),
                  scale = scale_of(size);
     pliant_geometry target;
-    const bool asked = scene->warp.margin != PLIANT_AUTO_LENGTH;
+    const bool is_requested = scene->warp.margin != PLIANT_AUTO_LENGTH;
     if (scene->grasp.radius == PLIANT_AUTO_LENGTH) scene->grasp.radius = scale * radius;
     if (scene->cut.drag == PLIANT_AUTO_LENGTH) scene->cut.drag = scale * drag;
-    if (!asked) scene->warp.margin = margin_of(model, scale * margin);
-    if (by_body && (scale != 1 || (!asked && scene->warp.margin != margin)))
+    if (!is_requested) scene->warp.margin = margin_of(model, scale * margin);
+    if (by_body && (scale != 1 || (!is_requested && scene->warp.margin != margin)))
         pliant_log(
             PLIANT_LOG_INFO,
             "lengths set to auto are scaled with the tissue, %.4g mm (cube root of its volume): warp/margin %.3g mm, "
             "grasp/radius %.3g mm, cut/drag %.3g mm",
             1e3 * size, 1e3 * scene->warp.margin, 1e3 * scene->grasp.radius, 1e3 * scene->cut.drag);
-    const double growth = asked ? growth_of(model, scene->warp.margin, &target) : 1;
+    const double growth = is_requested ? growth_of(model, scene->warp.margin, &target) : 1;
     if (!(growth > max_growth) || !isfinite(growth)) return;
     const double bytes = (double)pliant_geometry_voxels(&target) * (double)pliant_encoding_size(model->scan->encoding);
     if (bytes > min_announced)

@@ -54,8 +54,8 @@ static pliant_status hide_empty(pliant_model *model)
 {
     bool empty[256] = {false};
     for (uint32_t m = 0; m < model->materials.num_materials; m++) empty[m] = model->materials.materials[m].empty;
-    model->drawn = &model->seen;
-    return pliant_volume_hide(model->scan, model->material_of_voxel, empty, &model->seen);
+    model->drawn = &model->visible_scan;
+    return pliant_volume_hide(model->scan, model->material_of_voxel, empty, &model->visible_scan);
 }
 
 static pliant_status classify(builder *build)
@@ -530,7 +530,7 @@ void pliant_model_free(pliant_model *model)
     pliant_material_table_free(&model->materials);
     pliant_tool_shape_free(&model->obstacles);
     pliant_free(model->material_of_voxel);
-    pliant_volume_free(&model->seen);
+    pliant_volume_free(&model->visible_scan);
     pliant_body_release(model->body);
     pliant_free(model);
 }

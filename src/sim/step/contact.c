@@ -21,7 +21,7 @@ static void add_part(const pliant_model *model, const pliant_data *data, int t, 
     const pliant_part *part = tool->shape.part + p;
     const pliant_tool_pose *begin = &data->legs->tool[t].begin, *goal = &data->legs->tool[t].ahead;
     const int32_t num_held = pliant_tool_grips(tool) ? tool->num_held : 0;
-    const double way = pliant_part_max_motion(&tool->shape, part, begin, goal);
+    const double max_motion = pliant_part_max_motion(&tool->shape, part, begin, goal);
     pliant_moving_part *moving = search->part + search->num_parts;
     *moving = (pliant_moving_part){
         .part = part,
@@ -31,11 +31,11 @@ static void add_part(const pliant_model *model, const pliant_data *data, int t, 
         .friction = model->scene.contact.friction,
         .guard = pliant_contact_guard(model, data, part),
         .off = pliant_contact_core_offset(part),
-        .margin = model->contact.search_margin + way,
+        .margin = model->contact.search_margin + max_motion,
         .shape = &tool->shape,
         .from = *begin,
         .to = *goal,
-        .way = way,
+        .max_motion = max_motion,
         .recovery = pliant_contact_max_recovery(model, data),
         .num_held = num_held,
         .held = tool->held,
@@ -134,7 +134,7 @@ static pliant_status find_slowed(const pliant_model *model, pliant_data *data, p
     for (int32_t t = 0; !model->scene.contact.delay && t < tissue->num_tets; t++)
         for (int v = 0; v < 4; v++) search->overlaps[mesh->tets[4 * (size_t)tissue->tet[t] + (size_t)v]] = 1;
     if (status == PLIANT_OK)
-        status = pliant_tissue_find_slowed(tissue, search->overlaps, model->scene.contact.punishment, out);
+        status = pliant_tissue_find_slowed(tissue, search->overlaps, model->scene.contact.overlap_damping, out);
     if (status == PLIANT_OK && !model->scene.contact.delay)
         data->tled->overlap_damping = (pliant_tled_overlap_damping){
             .tissue = &search->tissue, .overlaps = search->overlaps, .place = search->place};

@@ -92,11 +92,11 @@ static double find_motion_near(const pliant_data *data, const double *tip, doubl
     bool any = false;
     for (int32_t n = 0; n < data->body->fine.num_nodes; n++) {
         const double *x = data->positions + 3 * (size_t)n, *d = increment + 3 * (size_t)n,
-                     way = times * sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
-        if (any && !(way > maximum)) continue;
-        const double apart = pliant_distance3(x, tip) - near - way;
-        any = any || apart <= elements;
-        if (way > maximum && apart <= 0) maximum = way;
+                     motion = times * sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+        if (any && !(motion > maximum)) continue;
+        const double distance = pliant_distance3(x, tip) - near - motion;
+        any = any || distance <= elements;
+        if (motion > maximum && distance <= 0) maximum = motion;
     }
     return any ? maximum : -1;
 }

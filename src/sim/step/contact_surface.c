@@ -179,13 +179,14 @@ bool pliant_contact_is_near(pliant_data *data, const pliant_tool *tool, const pl
     bool near = false;
     for (int32_t p = 0; search && p < tool->shape.num_parts && !near; p++) {
         const pliant_part *part = tool->shape.part + p;
-        const double way = pliant_part_max_motion(&tool->shape, part, from, to) + data->model->contact.search_margin;
+        const double reach = pliant_part_max_motion(&tool->shape, part, from, to) + data->model->contact.search_margin;
         double low[3], high[3];
         pliant_pose pose;
         pliant_part_pose(&tool->shape, part->frame, from->tip, from->rotation, from->jaw, &pose);
         pliant_part_box(part, &pose, low, high);
         near = true;
-        for (int d = 0; d < 3; d++) near = near && low[d] - way <= search->high[d] && high[d] + way >= search->low[d];
+        for (int d = 0; d < 3; d++)
+            near = near && low[d] - reach <= search->high[d] && high[d] + reach >= search->low[d];
     }
     return near;
 }

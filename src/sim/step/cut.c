@@ -52,9 +52,9 @@ static double longest_distance(const pliant_edge *edge)
 {
     double longest = 0;
     for (int32_t p = 0; p < edge->count; p++) {
-        double way[3] = {edge->now[3 * p] - edge->place[3 * p], edge->now[3 * p + 1] - edge->place[3 * p + 1],
+        double motion[3] = {edge->now[3 * p] - edge->place[3 * p], edge->now[3 * p + 1] - edge->place[3 * p + 1],
                          edge->now[3 * p + 2] - edge->place[3 * p + 2]};
-        longest = fmax(longest, pliant_length3(way));
+        longest = fmax(longest, pliant_length3(motion));
     }
     return longest;
 }
@@ -67,10 +67,10 @@ static void extend(const pliant_blade *blade, const double *points, double by, d
     double common[3] = {blade->drawn[0], blade->drawn[1], blade->drawn[2]};
     const bool together = pliant_normalize3(common) > 0;
     for (int32_t p = 0; p < edge->count; p++) {
-        double way[3];
-        for (int d = 0; d < 3; d++) way[d] = together ? common[d] : edge->now[3 * p + d] - edge->place[3 * p + d];
-        pliant_normalize3(way);
-        for (int d = 0; d < 3; d++) out[3 * p + d] = points[3 * p + d] + by * way[d];
+        double motion[3];
+        for (int d = 0; d < 3; d++) motion[d] = together ? common[d] : edge->now[3 * p + d] - edge->place[3 * p + d];
+        pliant_normalize3(motion);
+        for (int d = 0; d < 3; d++) out[3 * p + d] = points[3 * p + d] + by * motion[d];
     }
 }
 
@@ -226,7 +226,7 @@ static void drag(const knife *work, bool reattach)
     pliant_tool *tool = work->tool;
     pliant_edge *edge = &tool->blade.edge;
     const int32_t inside = pliant_blade_num_inside(edge);
-    double along[3], way[3] = {0, 0, 0}, held[3] = {0, 0, 0};
+    double along[3], motion[3] = {0, 0, 0}, held[3] = {0, 0, 0};
     if ((reattach || !tool->blade.drags) && pliant_blade_hold(work->data->body, tool) != PLIANT_OK) {
         log_failure(work);
         return;
@@ -236,10 +236,10 @@ static void drag(const knife *work, bool reattach)
     for (int32_t p = 0; p < edge->count; p++)
         for (int d = 0; d < 3 && edge->tet[p] >= 0; d++) {
             held[d] += edge->place[3 * p + d] / inside;
-            way[d] += (edge->now[3 * p + d] - edge->place[3 * p + d]) / inside;
+            motion[d] += (edge->now[3 * p + d] - edge->place[3 * p + d]) / inside;
         }
-    const double slide = pliant_dot3(way, along); /* the edge slides along itself without resistance */
-    for (int d = 0; d < 3; d++) tool->grip[d] = tool->tip[d] - (held[d] + way[d] - slide * along[d]);
+    const double slide = pliant_dot3(motion, along); /* the edge slides along itself without resistance */
+    for (int d = 0; d < 3; d++) tool->grip[d] = tool->tip[d] - (held[d] + motion[d] - slide * along[d]);
 }
 
 /* Release the tissue for a step. It returns over the edge and is cut in its unloaded state. */
@@ -260,9 +260,9 @@ static bool is_returning(const knife *work)
     double farthest = 0;
     if (scene->solver.kind != PLIANT_TLED || scene->tled.quasi_static) return false;
     for (int32_t p = 0; p < edge->count; p++) {
-        double way[3];
-        for (int d = 0; d < 3; d++) way[d] = edge->place[3 * p + d] - edge->swept[3 * p + d];
-        if (edge->tet[p] >= 0) farthest = fmax(farthest, pliant_dot3(way, way));
+        double motion[3];
+        for (int d = 0; d < 3; d++) motion[d] = edge->place[3 * p + d] - edge->swept[3 * p + d];
+        if (edge->tet[p] >= 0) farthest = fmax(farthest, pliant_dot3(motion, motion));
     }
     return farthest > pow(max_chord_error * work->min_edge, 2);
 }
@@ -272,23 +272,23 @@ static bool is_returning(const knife *work)
 static bool moves_far(const knife *work, const double last[3])
 {
     const pliant_edge *edge = &work->tool->blade.edge;
-    double along[3], way[3];
+    double along[3], motion[3];
     for (int d = 0; d < 3; d++) along[d] = edge->now[3 * (edge->count - 1) + d] - edge->now[d];
     pliant_normalize3(along);
-    pliant_blade_middle(edge, edge->now, way);
-    for (int d = 0; d < 3; d++) way[d] -= last[d];
-    const double slide = pliant_dot3(way, along);
+    pliant_blade_middle(edge, edge->now, motion);
+    for (int d = 0; d < 3; d++) motion[d] -= last[d];
+    const double slide = pliant_dot3(motion, along);
     return work->data->body->voxels &&
-           sqrt(fmax(pliant_dot3(way, way) - slide * slide, 0)) > long_motion * reach_of(work);
+           sqrt(fmax(pliant_dot3(motion, motion) - slide * slide, 0)) > long_motion * reach_of(work);
 }
 
 /* Return the distance from a previous position of the blade's middle to the present one, along a unit vector [m]. */
 static double distance_since(const pliant_blade *blade, const double along[3], const double start[3])
 {
-    double way[3];
-    pliant_blade_middle(&blade->edge, blade->edge.now, way);
-    for (int d = 0; d < 3; d++) way[d] -= start[d];
-    return pliant_dot3(way, along);
+    double motion[3];
+    pliant_blade_middle(&blade->edge, blade->edge.now, motion);
+    for (int d = 0; d < 3; d++) motion[d] -= start[d];
+    return pliant_dot3(motion, along);
 }
 
 /* Set the force of a step in which tissue is free: `force`, which cuts the tissue ahead, corrected so that the account
@@ -302,10 +302,10 @@ static bool balance(const knife *work, double force, const double last[3])
     memcpy(blade->anchor, last, sizeof blade->anchor);
     draw(tool);
     memcpy(along, blade->drawn, sizeof along);
-    const double way = pliant_normalize3(along), before = pliant_dot3(blade->force, along),
-                 uncut = way > 0 ? fmax(distance_since(blade, along, blade->cut_end), 0) : 0,
-                 owed = force * uncut - blade->work - 0.5 * (before + force) * way,
-                 felt = way > 0 ? fmin(fmax(force + owed / way, 0), blade->stiffness * reach_of(work)) : 0;
+    const double motion = pliant_normalize3(along), before = pliant_dot3(blade->force, along),
+                 uncut = motion > 0 ? fmax(distance_since(blade, along, blade->cut_end), 0) : 0,
+                 owed = force * uncut - blade->work - 0.5 * (before + force) * motion,
+                 felt = motion > 0 ? fmin(fmax(force + owed / motion, 0), blade->stiffness * reach_of(work)) : 0;
     for (int d = 0; d < 3; d++) blade->parting[d] = felt * along[d];
     pliant_blade_middle(&blade->edge, blade->edge.now, blade->anchor);
     blade->slips = true;
@@ -318,12 +318,12 @@ static bool is_paid(const knife *work, double force, double reach, const double 
 {
     const pliant_blade *blade = &work->tool->blade;
     double along[3] = {blade->drawn[0], blade->drawn[1], blade->drawn[2]};
-    const double way = pliant_normalize3(along), step = fmax(distance_since(blade, along, last), 0),
+    const double motion = pliant_normalize3(along), step = fmax(distance_since(blade, along, last), 0),
                  uncut = fmax(distance_since(blade, along, blade->cut_end), 0),
                  slips = blade->work + 0.5 * pliant_dot3(blade->force, along) * step - force * (uncut + step),
-                 waits = slips + (blade->stiffness * way - force) * step;
-    if (way < 0.5 * reach) return false;
-    return slips + fmax(waits, slips) >= 0 || way >= 2 * reach;
+                 waits = slips + (blade->stiffness * motion - force) * step;
+    if (motion < 0.5 * reach) return false;
+    return slips + fmax(waits, slips) >= 0 || motion >= 2 * reach;
 }
 
 /* Cut the free tissue up to the blade. Return false if that failed.
@@ -410,11 +410,11 @@ static double way_of(const knife *work)
     const pliant_blade *blade = &work->tool->blade;
     double far = 0;
     for (int end = 0; end < 2; end++) {
-        double before[3], now[3], way[3];
+        double before[3], now[3], motion[3];
         pliant_rotate(blade->rotation, end ? blade->to : blade->from, before);
         pliant_rotate(work->tool->rotation, end ? blade->to : blade->from, now);
-        for (int d = 0; d < 3; d++) way[d] = work->tool->tip[d] + now[d] - (blade->tip[d] + before[d]);
-        far = fmax(far, pliant_length3(way));
+        for (int d = 0; d < 3; d++) motion[d] = work->tool->tip[d] + now[d] - (blade->tip[d] + before[d]);
+        far = fmax(far, pliant_length3(motion));
     }
     return far;
 }

@@ -65,10 +65,10 @@ static pliant_status begin_step(const pliant_model *model, pliant_data *data)
     for (int t = 0; t < data->num_tools; t++) data->legs->tool[t].measured = pliant_tool_measured(data->tools + t);
     for (int t = 0; t < data->num_tools; t++) {
         pliant_leg_tool *leg = data->legs->tool + t;
-        const pliant_grasp_constraint *handle = grasp_constraint_of(data, t);
+        const pliant_grasp_constraint *grasp = grasp_constraint_of(data, t);
         pliant_status status = place_proxy(model, data, t);
         if (status != PLIANT_OK) return status;
-        if (handle) memcpy(leg->target, handle->target, sizeof leg->target);
+        if (grasp) memcpy(leg->target, grasp->target, sizeof leg->target);
     }
     return PLIANT_OK;
 }
@@ -128,16 +128,17 @@ static double fraction_of(const pliant_model *model, pliant_data *data, int t, b
     const pliant_leg_tool *leg = data->legs->tool + t;
     const double maximum = max_distance_of(data);
     if (!tool->present || tool->shape.num_parts == 0) return 1;
-    double way = pliant_tool_max_motion(tool, &leg->begin, &leg->measured);
-    if (way > maximum && expected) {
+    double distance = pliant_tool_max_motion(tool, &leg->begin, &leg->measured);
+    if (distance > maximum && expected) {
         pliant_contact_body couple[2];
         pliant_touch_limit limit[3];
         pliant_tool_pose ahead;
         pliant_proxy_linearize(model, tool, &leg->begin, &leg->measured, &leg->before, leg->piece_compliance, &ahead,
                                couple, limit);
-        way = pliant_tool_max_motion(tool, &leg->begin, &ahead);
+        distance = pliant_tool_max_motion(tool, &leg->begin, &ahead);
     }
-    return way > maximum && pliant_contact_is_near(data, tool, &leg->begin, &leg->measured) ? maximum / way : 1;
+    return distance > maximum && pliant_contact_is_near(data, tool, &leg->begin, &leg->measured) ? maximum / distance
+                                                                                                 : 1;
 }
 
 /* Return the fraction of the remaining motion for this leg: the smallest of all tools. */
@@ -166,9 +167,9 @@ static double limit_speed(const pliant_model *model, const pliant_data *data, co
                           const pliant_leg_tool *leg, double fraction)
 {
     const double maximum = model->contact.max_tool_speed * model->scene.solver.step * data->fraction;
-    const double way =
+    const double distance =
         tool->shape.num_parts > 0 ? fraction * pliant_tool_max_motion(tool, &leg->begin, &leg->measured) : 0;
-    return way > maximum ? maximum / way : 1;
+    return distance > maximum ? maximum / distance : 1;
 }
 
 /* Set the goals of all proxies for this leg, move the tools to the predicted poses, and move the grasp targets
@@ -179,7 +180,7 @@ static void set_goals(const pliant_model *model, pliant_data *data, double fract
     for (int t = 0; t < data->num_tools; t++) {
         pliant_tool *tool = data->tools + t;
         pliant_leg_tool *leg = data->legs->tool + t;
-        pliant_grasp_constraint *handle = grasp_constraint_of(data, t);
+        pliant_grasp_constraint *grasp = grasp_constraint_of(data, t);
         const double own = dynamic ? fraction * limit_speed(model, data, tool, leg, fraction)
                                    : fmin(fraction, fraction_of(model, data, t, false));
         leg->goal = pliant_pose_interpolate(&leg->begin, &leg->measured, own);
@@ -189,8 +190,8 @@ static void set_goals(const pliant_model *model, pliant_data *data, double fract
         memcpy(tool->tip, leg->ahead.tip, sizeof tool->tip);
         memcpy(tool->rotation, leg->ahead.rotation, sizeof tool->rotation);
         tool->jaw = leg->ahead.jaw;
-        for (int d = 0; d < 3 && handle && pliant_grasp_is_spring(handle); d++)
-            handle->target[d] = leg->target[d] + (leg->goal.tip[d] - leg->measured.tip[d]);
+        for (int d = 0; d < 3 && grasp && pliant_grasp_is_spring(grasp); d++)
+            grasp->target[d] = leg->target[d] + (leg->goal.tip[d] - leg->measured.tip[d]);
     }
 }
 
@@ -325,11 +326,11 @@ static double bound_motion(const pliant_data *data)
  * @param out the fraction for tissue and tools together that remains necessary */
 static pliant_status hold_tools(const pliant_model *model, pliant_data *data, pliant_advance_result *out)
 {
-    enum { MOST = 3 };
+    enum { MAX_TRIALS = 3 };
     const double short_of = 0.99; /* fraction of the possible motion, which is known as a lower bound */
     pliant_status status = PLIANT_OK;
-    for (int again = 0; again < MOST && out->t < 1 && status == PLIANT_OK; again++) {
-        const double fraction = again + 1 < MOST ? short_of * out->t : 0;
+    for (int again = 0; again < MAX_TRIALS && out->t < 1 && status == PLIANT_OK; again++) {
+        const double fraction = again + 1 < MAX_TRIALS ? short_of * out->t : 0;
         for (int t = 0; t < data->num_tools; t++) {
             pliant_leg_tool *leg = data->legs->tool + t;
             leg->goal = pliant_pose_interpolate(&leg->begin, &leg->goal, fraction);
@@ -343,14 +344,14 @@ static pliant_status hold_tools(const pliant_model *model, pliant_data *data, pl
  * the state that was reached. If it is not free, halve the fraction up to three times, and then use 0. */
 static pliant_status apply_checked_fraction(const pliant_model *model, pliant_data *data, double *fraction)
 {
-    enum { MOST = 4 };
+    enum { MAX_TRIALS = 4 };
     const double nearly = 1 - 1e-6; /* the rest of the leg is shorter than the distance that all pairs keep */
     pliant_status status = pliant_legs_apply_fraction(model, data, *fraction);
-    for (int again = 0; again < MOST && data->rigid_pieces && *fraction > 0 && status >= 0; again++) {
+    for (int again = 0; again < MAX_TRIALS && data->rigid_pieces && *fraction > 0 && status >= 0; again++) {
         pliant_advance_result found;
         status = pliant_contact_advance(model, data, *fraction, &found);
         if (status < 0 || found.t >= nearly) break;
-        const double less = again + 1 < MOST ? 0.5 : 0;
+        const double less = again + 1 < MAX_TRIALS ? 0.5 : 0;
         *fraction *= less;
         status = pliant_legs_apply_fraction(model, data, less);
     }

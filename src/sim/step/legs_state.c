@@ -75,7 +75,7 @@ static void mix_points(const pliant_contacts *from, double fraction, pliant_cont
     for (int32_t p = 0; p < to->count; p++) {
         mix(3, from->point[p].force, fraction, to->point[p].force);
         mix(3, from->point[p].anchor, fraction, to->point[p].anchor);
-        if (!(fraction > 0)) to->point[p].begun = from->point[p].begun;
+        if (!(fraction > 0)) to->point[p].was_pressed = from->point[p].was_pressed;
     }
 }
 
@@ -188,7 +188,7 @@ pliant_status pliant_legs_add_forces(pliant_data *data, double fraction)
         for (int d = 0; d < 3; d++)
             point->force[d] = (order <= 0 ? mean_points->point[a].force[d] : 0) +
                               (order >= 0 ? fraction * now->point[b].force[d] : 0);
-        if (order < 0) point->begun = false;
+        if (order < 0) point->was_pressed = false;
         a += order <= 0;
         b += order >= 0;
     }

@@ -50,10 +50,10 @@ double pliant_part_max_motion(const pliant_tool_shape *shape, const pliant_part 
 
 double pliant_tool_max_motion(const pliant_tool *tool, const pliant_tool_pose *from, const pliant_tool_pose *to)
 {
-    double way = pliant_distance3(to->tip, from->tip);
+    double motion = pliant_distance3(to->tip, from->tip);
     for (int32_t p = 0; p < tool->shape.num_parts; p++)
-        way = fmax(way, pliant_part_max_motion(&tool->shape, tool->shape.part + p, from, to));
-    return way;
+        motion = fmax(motion, pliant_part_max_motion(&tool->shape, tool->shape.part + p, from, to));
+    return motion;
 }
 
 /* ---- the coupling */
@@ -227,7 +227,7 @@ void pliant_proxy_compliance(const pliant_data *data, int t, bool pressing, cons
     for (int32_t n = 0; pieces && n < data->contacts.count; n++) {
         const pliant_contact_point *point = data->contacts.point + n;
         if (point->kind != PLIANT_OBSTACLE_TOOL || point->tool != t || pieces->of_node[point->node[0]] < 0 ||
-            !(pressing ? point->begun : overlaps(data, point)))
+            !(pressing ? point->was_pressed : overlaps(data, point)))
             continue;
         double along = 0, square = 0;
         for (int d = 0; d < 3; d++) {

@@ -15,7 +15,7 @@ typedef struct spare { int32_t capacity, *held; double *weight; } spare;
 
 struct pliant_rollback {
     pliant_state state;
-    bool begun;        /* in this step */
+    bool is_active;    /* in this step */
     bool is_after_cut; /* the step was the first one after a cut (pliant_solver.is_after_cut) */
     bool has_tissue;   /* the state contains the arrays of the tissue */
     spare spare[PLIANT_MAX_TOOLS];
@@ -47,13 +47,13 @@ pliant_status pliant_rollback_begin(const pliant_model *model, pliant_data *data
     if (!data->rollback && !(data->rollback = pliant_calloc(1, sizeof *data->rollback)))
         return pliant_fail_memory("the rollback of a step");
     pliant_rollback *rollback = data->rollback;
-    rollback->begun = false;
+    rollback->is_active = false;
     rollback->has_tissue = may_change(data);
     rollback->is_after_cut = data->solver && data->solver->is_after_cut;
     if (!reserve_spares(rollback, data)) return pliant_fail_memory("the rollback of a step");
     const pliant_state_parts parts = {.tissue = rollback->has_tissue};
     const pliant_status status = pliant_state_save_parts(model, data, &parts, &rollback->state);
-    rollback->begun = status == PLIANT_OK;
+    rollback->is_active = status == PLIANT_OK;
     return status;
 }
 
@@ -80,16 +80,16 @@ static void undo_tool(pliant_rollback *rollback, pliant_data *data, int t)
 /* Restore a grasp force. All tools must be restored already. */
 static void undo_pull(const pliant_state *state, pliant_data *data, int t)
 {
-    pliant_grasp_constraint *handle = pliant_patch_solver(data, t)->grasps + t;
-    data->tools[t].attached = data->tools[t].attached && handle->active; /* otherwise the next step attaches it again */
-    memcpy(handle->force, state->grasp_force[t], sizeof handle->force);
+    pliant_grasp_constraint *grasp = pliant_patch_solver(data, t)->grasps + t;
+    data->tools[t].attached = data->tools[t].attached && grasp->active; /* otherwise the next step attaches it again */
+    memcpy(grasp->force, state->grasp_force[t], sizeof grasp->force);
 }
 
 void pliant_rollback_undo(const pliant_model *model, pliant_data *data)
 {
     pliant_rollback *rollback = data->rollback;
-    if (!rollback || !rollback->begun) return;
-    rollback->begun = false;
+    if (!rollback || !rollback->is_active) return;
+    rollback->is_active = false;
     pliant_state *state = &rollback->state;
     const pliant_state_contact contact = {.points = data->contacts, .search = data->contact_search};
     for (int t = 0; t < data->num_tools; t++) undo_tool(rollback, data, t);

@@ -36,7 +36,7 @@ extern "C" {
     X(double, edge_weight)     /* (edge points x 4) barycentric coordinates */ \
     X(int32_t, edge_carrier)  /* (edge points) fine node that the point moves with; -1: none */ \
     X(double, edge_now)        /* (edge points x 3) positions of the blade [m] */ \
-    X(double, edge_apart)      /* (edge points x 3) offset from that node [m] */ \
+    X(double, edge_carrier_offset)      /* (edge points x 3) offset from that node [m] */ \
     X(const pliant_body *, undo) /* topologies before cuts, the latest last; each retained */
 
 typedef struct pliant_state_contact {
@@ -97,7 +97,7 @@ typedef enum pliant_state_transfer {
  * copies to the state. COMPARE compares sizes. RESTORE copies to the simulation, except arrays of tools. Return
  * false when RESERVE is out of memory, and when COMPARE finds another size. The caller handles the undo array.
  * @param tissue false: arrays of tools only */
-bool pliant_state_arrays(pliant_state *state, pliant_data *data, bool tissue, pliant_state_transfer way);
+bool pliant_state_arrays(pliant_state *state, pliant_data *data, bool tissue, pliant_state_transfer operation);
 /* Grow the capacity for topologies to undo. Return false if out of memory. */
 bool pliant_state_reserve_undo(pliant_state *state, size_t count);
 /* Copy the arrays of a tool's grasp and blade from the state to arrays of the same sizes. */

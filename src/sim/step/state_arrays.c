@@ -8,7 +8,7 @@
 
 #include <string.h>
 
-typedef struct transfer { pliant_state_transfer way; bool succeeds; } transfer;
+typedef struct transfer { pliant_state_transfer operation; bool succeeds; } transfer;
 
 /* @param at, count, capacity the state's array, its size and its capacity; @param elements, number the simulation's
  *   array and its size */
@@ -16,7 +16,7 @@ static void move(transfer *work, void *at, size_t *count, size_t *capacity, size
 {
     void *array; /* `at` points to a pointer of any type */
     memcpy(&array, at, sizeof array);
-    switch (work->way) {
+    switch (work->operation) {
     case PLIANT_STATE_RESERVE:
         if (number <= *capacity || !work->succeeds) return;
         work->succeeds = pliant_grow(at, number, size);
@@ -58,7 +58,7 @@ static void move_pieces(transfer *work, pliant_state *state, pliant_data *data)
     MOVE(piece_home, rigid_pieces ? rigid_pieces->home : NULL, nodes);
     MOVE(joints, rigid_pieces && pieces->num_joints > 0 ? rigid_pieces->joint_at[0] : NULL,
          pieces ? 3 * pieces->num_joints : 0);
-    if (work->way == PLIANT_STATE_RESERVE || work->way == PLIANT_STATE_SAVE)
+    if (work->operation == PLIANT_STATE_RESERVE || work->operation == PLIANT_STATE_SAVE)
         MOVE(grips, rigid_pieces ? rigid_pieces->grips : NULL, rigid_pieces ? rigid_pieces->num_grips : 0);
     else if (rigid_pieces && state->grips.count <= MAX_GRIPS) MOVE(grips, rigid_pieces->grips, state->grips.count);
     else work->succeeds = work->succeeds && state->grips.count == 0;
@@ -82,14 +82,15 @@ static void gather_tools(pliant_state *state, const pliant_data *data)
             memcpy(state->edge_tet.at + p, edge->tet, points * sizeof *edge->tet);
             memcpy(state->edge_weight.at + 4 * p, edge->weight, 4 * points * sizeof *edge->weight);
             memcpy(state->edge_carrier.at + p, edge->carrier, points * sizeof *edge->carrier);
-            memcpy(state->edge_apart.at + 3 * p, edge->apart, 3 * points * sizeof *edge->apart);
+            memcpy(state->edge_carrier_offset.at + 3 * p, edge->carrier_offset,
+                   3 * points * sizeof *edge->carrier_offset);
         }
         h += held;
         p += points;
     }
     state->held.count = state->held_weight.count = h;
     state->edge_tet.count = state->edge_carrier.count = p;
-    state->edge_place.count = state->edge_now.count = state->edge_apart.count = 3 * p;
+    state->edge_place.count = state->edge_now.count = state->edge_carrier_offset.count = 3 * p;
     state->edge_weight.count = 4 * p;
 }
 
@@ -107,7 +108,7 @@ static void reserve_tools(transfer *work, pliant_state *state, const pliant_data
     MOVE(edge_tet, NULL, points);
     MOVE(edge_weight, NULL, 4 * points);
     MOVE(edge_carrier, NULL, points);
-    MOVE(edge_apart, NULL, 3 * points);
+    MOVE(edge_carrier_offset, NULL, 3 * points);
 }
 
 static void move_tissue(transfer *work, pliant_state *state, pliant_data *data)
@@ -119,18 +120,18 @@ static void move_tissue(transfer *work, pliant_state *state, pliant_data *data)
     move_pieces(work, state, data);
 }
 
-bool pliant_state_arrays(pliant_state *state, pliant_data *data, bool tissue, pliant_state_transfer way)
+bool pliant_state_arrays(pliant_state *state, pliant_data *data, bool tissue, pliant_state_transfer operation)
 {
-    transfer only = {.way = way, .succeeds = true}, *work = &only;
+    transfer only = {.operation = operation, .succeeds = true}, *work = &only;
     if (tissue) move_tissue(work, state, data);
-    if (way == PLIANT_STATE_RESERVE) reserve_tools(work, state, data);
-    if (way == PLIANT_STATE_SAVE) gather_tools(state, data);
+    if (operation == PLIANT_STATE_RESERVE) reserve_tools(work, state, data);
+    if (operation == PLIANT_STATE_SAVE) gather_tools(state, data);
     return only.succeeds;
 }
 
 bool pliant_state_reserve_undo(pliant_state *state, size_t count)
 {
-    transfer only = {.way = PLIANT_STATE_RESERVE, .succeeds = true}, *work = &only;
+    transfer only = {.operation = PLIANT_STATE_RESERVE, .succeeds = true}, *work = &only;
     MOVE(undo, NULL, count);
     return only.succeeds;
 }
@@ -156,7 +157,7 @@ void pliant_state_copy_edge(const pliant_state *state, int tool, pliant_edge *ed
     memcpy(edge->tet, state->edge_tet.at + p, count * sizeof *edge->tet);
     memcpy(edge->weight, state->edge_weight.at + 4 * p, 4 * count * sizeof *edge->weight);
     memcpy(edge->carrier, state->edge_carrier.at + p, count * sizeof *edge->carrier);
-    memcpy(edge->apart, state->edge_apart.at + 3 * p, 3 * count * sizeof *edge->apart);
+    memcpy(edge->carrier_offset, state->edge_carrier_offset.at + 3 * p, 3 * count * sizeof *edge->carrier_offset);
 }
 
 /* ---- scalars */

@@ -209,7 +209,7 @@ static bool is_sound(const pliant_state *state, const pliant_body *body)
             return false;
     return state->held.count == held && state->held_weight.count == held && state->edge_tet.count == points &&
            state->edge_carrier.count == points && state->edge_place.count == 3 * points &&
-           state->edge_now.count == 3 * points && state->edge_apart.count == 3 * points &&
+           state->edge_now.count == 3 * points && state->edge_carrier_offset.count == 3 * points &&
            state->edge_weight.count == 4 * points && are_below(state->held.at, held, 0, nodes) &&
            are_below(state->edge_tet.at, points, -1, body->fine.num_tets) &&
            are_below(state->edge_carrier.at, points, -1, nodes) &&
@@ -241,7 +241,7 @@ static void drop_tools(pliant_state *state, const pliant_data *data)
         if (points->point[p].kind != PLIANT_OBSTACLE_TOOL) points->point[left++] = points->point[p];
     points->count = left;
     state->grips.count = state->held.count = state->held_weight.count = 0;
-    state->edge_place.count = state->edge_now.count = state->edge_apart.count = state->edge_weight.count =
+    state->edge_place.count = state->edge_now.count = state->edge_carrier_offset.count = state->edge_weight.count =
         state->edge_tet.count = state->edge_carrier.count = 0;
     state->num_tools = data->num_tools;
     for (int t = 0; t < data->num_tools; t++) {

@@ -69,9 +69,9 @@ static pliant_status put_tools(const pliant_state *state, pliant_data *made)
         if (!made->solver || !tool->holding || !tool->attached) continue;
         status = pliant_solver_add_grasp(made->solver, t, tool->num_held, tool->held, tool->weight, made->positions);
         if (status != PLIANT_OK) return status;
-        pliant_grasp_constraint *handle = made->solver->grasps + t;
-        handle->by_force = pliant_tool_drive(tool) == PLIANT_DRIVE_FORCE;
-        memcpy(handle->force, state->grasp_force[t], sizeof handle->force);
+        pliant_grasp_constraint *grasp = made->solver->grasps + t;
+        grasp->by_force = pliant_tool_drive(tool) == PLIANT_DRIVE_FORCE;
+        memcpy(grasp->force, state->grasp_force[t], sizeof grasp->force);
     }
     return PLIANT_OK;
 }
