@@ -141,7 +141,7 @@ pliant_status pliant_tissue_advance(pliant_tissue *tissue, const double *from, c
 /* ---- tissue.c */
 /* Set the point's position so that a step reduces the penetration depth gradually.
  * thickness: distance that the sides keep [m] */
-static inline void pliant_tissue_set_place(pliant_contact_point *point, double gap, double thickness,
+PLIANT_INLINE void pliant_tissue_set_place(pliant_contact_point *point, double gap, double thickness,
                                            const pliant_tissue_rule *rule)
 {
     const double left = thickness + pliant_contact_permitted_gap(gap - thickness, rule->recovery, rule->stays);
