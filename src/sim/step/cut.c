@@ -333,8 +333,10 @@ static bool cut_free_tissue(const knife *work, bool *returns)
     pliant_blade *blade = &work->tool->blade;
     *returns = is_returning(work);
     memset(blade->parting, 0, sizeof blade->parting);
+    memset(blade->drawn, 0, sizeof blade->drawn);
+    const bool is_cut = cut_to_blade(work);
     draw(work->tool);
-    return cut_to_blade(work);
+    return is_cut;
 }
 
 /* Drag tissue, or slip. */
