@@ -36,9 +36,13 @@ def write_scene(path):
     """Write the demo scene with a mesh that needs long factorizations, few states, and cuts."""
     launch = subprocess.check_output(["rospack", "find", "pliant"], universal_newlines=True).strip() + "/launch"
     with open(launch + "/scenes/demo.yaml") as file:
-        text = file.read().replace("../materials", launch + "/materials").replace("ratio: 2", "ratio: 3")
+        text = file.read()
+    for old, new in (("../materials", launch + "/materials"), ("ratio: 2", "ratio: 3"),
+                     ("output:\n", "output:\n  mesh_rate: 5\n")):
+        assert old in text, old
+        text = text.replace(old, new)
     with open(path, "w") as file:
-        file.write(text + "output:\n  mesh_rate: 5\ncut:\n  kind: sever\n")
+        file.write(text + "cut:\n  kind: sever\n")
 
 
 class RerunTest(unittest.TestCase):
