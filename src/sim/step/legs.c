@@ -272,6 +272,16 @@ static void freeze_background(pliant_data *data)
         data->background = (pliant_background){.kind = PLIANT_BACKGROUND_PRESCRIBED, .taken = data->background.taken};
 }
 
+/* Return the fraction of the leg at which a loaded proxy has moved by twice the maximum distance. The load of an
+ * inaccurate solution can move it much farther. */
+static double fraction_of_yield(const pliant_data *data, int t, const pliant_proxy_load *load)
+{
+    const pliant_leg_tool *leg = data->legs->tool + t;
+    const double maximum = 2 * max_distance_of(data),
+                 motion = pliant_tool_max_motion(data->tools + t, &leg->begin, &leg->goal);
+    return motion > maximum && (pliant_length3(load->wrench) > 0 || load->jaw != 0) ? maximum / motion : 1;
+}
+
 /* Update the loads on all proxies. With TLED, return 1. Otherwise move the goals to where the couplings yield to the
  * new loads, and return the fraction of the leg at which the first coupling reaches its force limit. */
 static double update_loads(const pliant_model *model, pliant_data *data)
@@ -286,7 +296,7 @@ static double update_loads(const pliant_model *model, pliant_data *data)
         const double limit = pliant_proxy_fraction_to_limit(model, tool, &leg->before, &load);
         if (data->tled) continue;
         leg->goal = pliant_proxy_pose_under_load(tool, &leg->ahead, data->legs->proxy + 2 * t, &load);
-        fraction = fmin(fraction, limit);
+        fraction = fmin(fraction, fmin(limit, fraction_of_yield(data, t, &load)));
     }
     return fraction;
 }
