@@ -144,6 +144,16 @@ TEST(Swept, FormerlyTunnelingSweepsOfOtherSeedsDoNotTunnel)
     }
 }
 
+// A coupling at its force limit, in an inaccurate solution of hexahedra, must not move the proxy by metres.
+TEST(Swept, ALoadedProxyMovesByAtMostOneCellInALeg)
+{
+    Sweeps sweeps;
+    const Way on = sweeps.at(582);
+    const Swept swept = sweep(on, {0, PLIANT_BACKGROUND_PLANNED, PLIANT_HEXAHEDRA});
+    EXPECT_FALSE(has_tunneled(swept, on)) << "carried " << swept.carried;
+    EXPECT_LT(swept.carried, 0.03);
+}
+
 // A rod that rotates about its end from above the sheet into it, by more than one step can follow.
 TEST(Swept, ATurnOfMoreThanOneRadianIsTakenInParts)
 {
