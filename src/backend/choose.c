@@ -27,6 +27,7 @@ pliant_status pliant_backend_create(const pliant_model *model, pliant_data *data
     char text[PLIANT_BACKEND_TEXT];
     pliant_status status = choose(kind, choice, text, &data->backend);
     if (status != PLIANT_OK) return status;
+    if (cpu_only) pliant_log(PLIANT_LOG_INFO, "backend: cpu; element/law: neo_hookean has no GPU code");
     status = data->backend->create(model, data);
     if (data->backend == kind->cpu) {
         if (choice == PLIANT_AUTO) pliant_log(PLIANT_LOG_INFO, "backend: cpu; no GPU is used: %s", text);
