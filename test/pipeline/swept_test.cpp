@@ -154,6 +154,15 @@ TEST(Swept, ALoadedProxyMovesByAtMostOneCellInALeg)
     EXPECT_LT(swept.carried, 0.03);
 }
 
+// When the tools' motion is blocked, a leg moves the tissue alone. Otherwise the same leg would repeat forever, 4.4 mm
+// before the target.
+TEST(Swept, ABlockedToolCatchesUp)
+{
+    Sweeps sweeps;
+    const Swept swept = sweep(sweeps.at(719), {0, PLIANT_BACKGROUND_PLANNED});
+    EXPECT_LT(swept.proxy_error, 2e-4);
+}
+
 // A rod that rotates about its end from above the sheet into it, by more than one step can follow.
 TEST(Swept, ATurnOfMoreThanOneRadianIsTakenInParts)
 {

@@ -430,9 +430,11 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
     double completed = 1;
     begin_leg(data);
     const double fraction = is_dynamic(data) ? choose_part(model, data) : choose_fraction(model, data);
+    /* after a leg without progress, the tissue alone moves */
+    const bool holds = !is_dynamic(data) && budget->completed < PLIANT_ADVANCE_MIN_PROGRESS;
     data->fraction = fraction * budget->left;
     if (!budget->first) freeze_background(data);
-    set_goals(model, data, fraction);
+    set_goals(model, data, holds ? 0 : fraction);
     data->legs->blocked = budget->completed < 1;
     data->legs->planes = data->legs->planes || data->legs->blocked;
     pliant_patch_suspend(data, data->legs->blocked);
@@ -454,13 +456,13 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
     statistics->advanced = completed;
     /* A linear step is followed by a leg that checks its result. A leg that the volume bound shortened is
      * followed by a leg whose contact points hold the small elements open. */
-    *done = fraction == 1 && completed == 1 && !data->legs->blocked && !data->legs->shortened;
+    *done = !holds && fraction == 1 && completed == 1 && !data->legs->blocked && !data->legs->shortened;
     if (is_dynamic(data)) { /* time passes also in a blocked leg */
         budget->left = 1 - (double)data->tled->made / data->tled->substeps;
         *done = data->tled->made == 0;
         return pliant_legs_add_forces(data, data->fraction);
     }
-    budget->left *= 1 - fraction * completed;
+    if (!holds) budget->left *= 1 - fraction * completed;
     if (!*done && budget->spent >= budget->evaluations) statistics->ended = PLIANT_STEP_END_BUDGET;
     else if (!*done && data->solver && !pliant_solver_has_time(data->solver)) statistics->ended = PLIANT_STEP_END_TIME;
     else if (budget->blocked == MAX_BLOCKED || statistics->legs == MAX_LEGS)
