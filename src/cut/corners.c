@@ -153,7 +153,7 @@ static void find_adjacent_parts(splitting *split, int32_t node)
                 if (work->voxels->owner[voxel] < 0) continue;
                 const int32_t end = cut_receiver(work, pliant_cut_end_of(work, voxel));
                 for (int32_t e = 0; e < split->count; e++)
-                    if (split->around[e].end == end) split->holds[first_of(split->part, e)] = 1;
+                    if (split->around[e].end == end) split->holds[pliant_set_root(split->part, e)] = 1;
             }
 }
 
@@ -204,13 +204,13 @@ static pliant_status split_node(splitting *split, int32_t node)
         for (int32_t i = 0; i < split->count && parts > 1; i++)
             for (int32_t j = i + 1; j < split->count; j++) {
                 const int32_t a = split->around[i].end, b = split->around[j].end;
-                if (first_of(part, i) == first_of(part, j) || joined_by_face(work, a, b) != (pass == 0) ||
+                if (pliant_set_root(part, i) == pliant_set_root(part, j) || joined_by_face(work, a, b) != (pass == 0) ||
                     !joined(work, a, b))
                     continue;
-                join(part, i, j);
+                pliant_set_join(part, i, j);
                 parts--;
-                if (pass > 0 || first_of(split->region, a) == first_of(split->region, b)) continue;
-                join(split->region, a, b);
+                if (pass > 0 || pliant_set_root(split->region, a) == pliant_set_root(split->region, b)) continue;
+                pliant_set_join(split->region, a, b);
                 split->regions--;
             }
     if (parts <= 1) return PLIANT_OK;
@@ -229,7 +229,7 @@ static pliant_status split_node(splitting *split, int32_t node)
         if (part[i] != i || i == keeps) continue;
         status = add_copy(split, any && !split->holds[i] ? PLIANT_MOVES : fixed);
         for (int32_t j = i; j < split->count && status == PLIANT_OK; j++)
-            if (first_of(part, j) == i)
+            if (pliant_set_root(part, j) == i)
                 status = move_corner(split, split->around + j, work->body->fine.num_nodes + split->copies - 1);
     }
     return status;
@@ -320,9 +320,9 @@ static int32_t list_jointed_nodes(const pliant_body *body, int32_t *part, int32_
 {
     const int32_t *joint = body->pieces->joint, joints = body->pieces->num_joints + body->pieces->num_inner;
     for (int32_t n = 0; n < body->fine.num_nodes; n++) part[n] = n;
-    for (int32_t j = 0; j < joints; j++) join(part, joint[2 * j], joint[2 * j + 1]);
+    for (int32_t j = 0; j < joints; j++) pliant_set_join(part, joint[2 * j], joint[2 * j + 1]);
     for (int32_t v = 0; v < 2 * joints; v++) {
-        hung[2 * v] = first_of(part, joint[v]);
+        hung[2 * v] = pliant_set_root(part, joint[v]);
         hung[2 * v + 1] = joint[v];
     }
     return pliant_pairs_sort(hung, 2 * joints);

@@ -19,7 +19,7 @@ typedef struct dust {
 static int32_t group_of(const dust *all, int32_t end)
 {
     const int32_t tets = all->work->body->fine.num_tets;
-    return first_of(all->group, end < tets ? 0 : end - tets + 1);
+    return pliant_set_root(all->group, end < tets ? 0 : end - tets + 1);
 }
 
 static void find_groups(const dust *all)
@@ -29,7 +29,7 @@ static void find_groups(const dust *all)
     for (int32_t g = 0; g <= work->num_fragments; g++) all->group[g] = g;
     for (int32_t e = 0; e < work->num_edges; e++) {
         const int32_t *end = work->edge[e].end;
-        join(all->group, end[0] < tets ? 0 : end[0] - tets + 1, end[1] < tets ? 0 : end[1] - tets + 1);
+        pliant_set_join(all->group, end[0] < tets ? 0 : end[0] - tets + 1, end[1] < tets ? 0 : end[1] - tets + 1);
     }
     for (int32_t f = 0; f < work->num_fragments; f++) {
         const int32_t group = group_of(all, tets + f), tet = work->fragment[f].tet;

@@ -182,21 +182,22 @@ static void find_parts(cut_work *work)
             pliant_place_after(voxels, work->voxel[i], &before, at);
             const size_t place = (size_t)(at[0] - links->low[0]) + (size_t)row * (size_t)(at[1] - links->low[1]) +
                                  (size_t)slice * (size_t)(at[2] - links->low[2]);
-            int32_t own = first_of(work->part, i);
+            int32_t own = pliant_set_root(work->part, i);
             for (int n = 0; n < 9; n++) {
                 const int32_t other = work->place[(ptrdiff_t)place + behind[n]] - 1;
                 if (other < work->start[t] || other >= work->start[t + 1]) continue;
-                const int32_t its = first_of(work->part, other);
+                const int32_t its = pliant_set_root(work->part, other);
                 if (own == its || !pliant_joined(links, work->voxel[i], at, pliant_later_neighbours[n])) continue;
-                join(work->part, own, its);
-                own = first_of(work->part, own);
+                pliant_set_join(work->part, own, its);
+                own = pliant_set_root(work->part, own);
             }
         }
         const int32_t tet = work->touched[t];
         for (int32_t b = voxels->bridge_start[tet]; b < voxels->bridge_start[tet + 1]; b++)
             if (!pliant_bridge_severed(work->next, b))
-                join(work->part, index_of(work, voxels->bridge[2 * b]), index_of(work, voxels->bridge[2 * b + 1]));
-        for (int32_t i = work->start[t]; i < work->start[t + 1]; i++) work->part[i] = first_of(work->part, i);
+                pliant_set_join(work->part, index_of(work, voxels->bridge[2 * b]),
+                                index_of(work, voxels->bridge[2 * b + 1]));
+        for (int32_t i = work->start[t]; i < work->start[t + 1]; i++) work->part[i] = pliant_set_root(work->part, i);
     }
 }
 

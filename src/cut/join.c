@@ -197,7 +197,7 @@ static bool holds(const cut_work *work, int32_t a, int32_t b)
 static int32_t group_of(const chips *all, int32_t end)
 {
     const int32_t tets = all->work->body->fine.num_tets;
-    return first_of(all->group, end < tets ? 0 : end - tets + 1);
+    return pliant_set_root(all->group, end < tets ? 0 : end - tets + 1);
 }
 
 /* Find the connected components, and the heaviest edge of each fragment that leaves its component. */
@@ -211,7 +211,8 @@ static void find_groups(chips *all)
     }
     for (int32_t e = 0; e < work->num_edges; e++) {
         const int32_t a = cut_receiver(work, work->edge[e].end[0]), b = cut_receiver(work, work->edge[e].end[1]);
-        if (a != b && holds(work, a, b)) join(all->group, a < tets ? 0 : a - tets + 1, b < tets ? 0 : b - tets + 1);
+        if (a != b && holds(work, a, b))
+            pliant_set_join(all->group, a < tets ? 0 : a - tets + 1, b < tets ? 0 : b - tets + 1);
     }
     for (int32_t f = 0; f < work->num_fragments; f++) {
         if (work->fragment[f].receiver < 0) all->voxels[group_of(all, tets + f)] += work->fragment[f].voxels;

@@ -14,12 +14,12 @@ pliant_status pliant_cut_count_pieces(const pliant_body *body, int32_t *pieces)
     if (status != PLIANT_OK) goto done;
     for (int32_t n = 0; n < fine->num_nodes; n++) piece[n] = n;
     for (int32_t j = 0; body->pieces && j < body->pieces->num_joints + body->pieces->num_inner; j++)
-        join(piece, body->pieces->joint[2 * j], body->pieces->joint[2 * j + 1]);
+        pliant_set_join(piece, body->pieces->joint[2 * j], body->pieces->joint[2 * j + 1]);
     for (int32_t t = 0; t < fine->num_tets; t++)
-        for (int v = 1; v < 4; v++) join(piece, fine->tets[4 * (size_t)t], fine->tets[4 * (size_t)t + v]);
+        for (int v = 1; v < 4; v++) pliant_set_join(piece, fine->tets[4 * (size_t)t], fine->tets[4 * (size_t)t + v]);
     *pieces = 0;
     for (int32_t t = 0; t < fine->num_tets; t++) {
-        const int32_t first = first_of(piece, fine->tets[4 * (size_t)t]);
+        const int32_t first = pliant_set_root(piece, fine->tets[4 * (size_t)t]);
         if (!(body->fine_material[t].tissue > 0) || counted[first]) continue;
         (*pieces)++;
         counted[first] = 1;

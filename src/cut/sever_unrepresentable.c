@@ -59,13 +59,14 @@ static pliant_status remove_connected_pairs(unrepresentable *all)
     for (int32_t n = 0; n < work->num_nodes; n++) part[n] = n;
     for (int32_t t = 0; t < work->num_tets; t++) {
         const int32_t *nodes = cut_corners(work, t);
-        for (int v = 1; v < 4; v++) join(part, nodes[0], nodes[v]);
+        for (int v = 1; v < 4; v++) pliant_set_join(part, nodes[0], nodes[v]);
     }
-    for (int32_t j = 0; j < work->num_joints; j++) join(part, joint_node(work, 2 * j), joint_node(work, 2 * j + 1));
+    for (int32_t j = 0; j < work->num_joints; j++)
+        pliant_set_join(part, joint_node(work, 2 * j), joint_node(work, 2 * j + 1));
     for (int32_t p = 0; p < all->count; p++) {
         const int32_t *pair = all->pair + 2 * p;
-        if (first_of(part, cut_corners(work, cut_number(work, pair[0]))[0]) ==
-            first_of(part, cut_corners(work, cut_number(work, pair[1]))[0]))
+        if (pliant_set_root(part, cut_corners(work, cut_number(work, pair[0]))[0]) ==
+            pliant_set_root(part, cut_corners(work, cut_number(work, pair[1]))[0]))
             continue;
         memmove(all->pair + 2 * kept++, pair, 2 * sizeof *pair);
     }

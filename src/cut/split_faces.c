@@ -110,11 +110,11 @@ static pliant_status sever(cut_splitting *work, face_list *list)
     for (int32_t f = 0; good && f < list->count; f++) {
         const int32_t *side = list->faces[f].side;
         if (list->faces[f].flat) {
-            const int32_t a = first_of(group, side[0] / 4), b = first_of(group, side[1] / 4);
+            const int32_t a = pliant_set_root(group, side[0] / 4), b = pliant_set_root(group, side[1] / 4);
             if (a == b || !(held[a] && held[b])) {
                 const uint8_t either = held[a] | held[b];
-                join(group, a, b);
-                held[first_of(group, a)] = either;
+                pliant_set_join(group, a, b);
+                held[pliant_set_root(group, a)] = either;
                 continue;
             }
         }
@@ -142,14 +142,14 @@ static int32_t find_parts(const cut_splitting *work, int32_t *part, int32_t *who
                 if (c == work->around[i] % 4) continue;
                 if (severed >= 0 ? severed / 4 == t
                                  : opposite(work->corners + 4 * (size_t)s, c, work->corners + 4 * (size_t)t) >= 0) {
-                    join(whole, i, j);
-                    if (severed < 0) join(part, i, j);
+                    pliant_set_join(whole, i, j);
+                    if (severed < 0) pliant_set_join(part, i, j);
                 }
             }
         }
     int32_t parts = 0;
     for (int32_t i = 0; i < count; i++)
-        if (whole[i] == i) join(part, 0, i);
+        if (whole[i] == i) pliant_set_join(part, 0, i);
     for (int32_t i = 0; i < count; i++) parts += part[i] == i;
     return parts;
 }
@@ -176,7 +176,8 @@ static pliant_status split_node(cut_splitting *work, int32_t node, int32_t **buf
         status = pliant_split_add_node(work, (pliant_between){{node, node}, 0}, work->fixed[node]);
         if (status == PLIANT_OK) work->on[copy] = 1;
         for (int32_t j = i; j < count && status == PLIANT_OK; j++)
-            if (first_of(part, j) == i) pliant_split_set_corner(work, work->around[j] / 4, work->around[j] % 4, copy);
+            if (pliant_set_root(part, j) == i)
+                pliant_split_set_corner(work, work->around[j] / 4, work->around[j] % 4, copy);
     }
     return status;
 }

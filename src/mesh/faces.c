@@ -1,6 +1,7 @@
 /* Faces of a tetrahedral mesh: neighbours, surface, connected pieces and their supports. */
 #include "mesh/faces.h"
 
+#include "base/union_find.h"
 #include "base/fail.h"
 #include "base/memory.h"
 #include "mesh/mesh.h"
@@ -112,24 +113,15 @@ pliant_status pliant_mesh_surface(const pliant_mesh *mesh, int32_t **triangles, 
     return status;
 }
 
-static int32_t first_of(int32_t *piece, int32_t tet)
-{
-    while (piece[tet] != tet) tet = piece[tet] = piece[piece[tet]];
-    return tet;
-}
-
 /* Label every tetrahedron with its connected piece. Pieces are joined across faces and numbered by their first
  * tetrahedra. Return the number of pieces. */
 static int32_t label_pieces(const pliant_mesh *mesh, const int32_t *neighbours, int32_t *piece)
 {
     int32_t pieces = 0;
     for (int32_t t = 0; t < mesh->num_tets; t++) piece[t] = t;
-    for (int32_t f = 0; f < 4 * mesh->num_tets; f++) {
-        if (neighbours[f] < 0) continue;
-        int32_t a = first_of(piece, f / 4), b = first_of(piece, neighbours[f]);
-        piece[a > b ? a : b] = a > b ? b : a;
-    }
-    for (int32_t t = 0; t < mesh->num_tets; t++) piece[t] = first_of(piece, t);
+    for (int32_t f = 0; f < 4 * mesh->num_tets; f++)
+        if (neighbours[f] >= 0) pliant_set_join(piece, f / 4, neighbours[f]);
+    for (int32_t t = 0; t < mesh->num_tets; t++) piece[t] = pliant_set_root(piece, t);
     for (int32_t t = 0; t < mesh->num_tets; t++) piece[t] = piece[t] == t ? pieces++ : piece[piece[t]];
     return pieces;
 }

@@ -1,4 +1,4 @@
-/* Options of earlier versions, which are refused by an error that says what holds. */
+/* Options of earlier versions. An error refuses them and names the remedy. */
 #include "scene/scene.h"
 
 #include <string.h>

@@ -115,10 +115,10 @@ static int32_t count_parts_of(const pliant_voxels *voxels, int32_t tet, run *run
                           high = one->i + length + 1 < size[0] ? to + length + more : to + length;
             while (from[b] < count && runs[from[b]].last < low) from[b]++;
             for (int32_t other = from[b]; other < count && runs[other].first <= high; other++) {
-                if (first_of(part, r) == first_of(part, other) ||
+                if (pliant_set_root(part, r) == pliant_set_root(part, other) ||
                     !runs_joined(&links, one, runs + other, to, lower_rows[b]))
                     continue;
-                join(part, r, other);
+                pliant_set_join(part, r, other);
                 parts--;
             }
         }
@@ -231,7 +231,7 @@ static void group_corners_around(const pliant_mesh *fine, const pliant_voxels *v
             const int32_t other = voxels->across[4 * (corner[i] / 4) + c];
             if (c == corner[i] % 4 || other < corner[i] / 4) continue;
             for (int32_t j = i + 1; j < count; j++)
-                if (corner[j] / 4 == other && fine->tets[corner[j]] == node) join(part, i, j);
+                if (corner[j] / 4 == other && fine->tets[corner[j]] == node) pliant_set_join(part, i, j);
         }
 }
 
@@ -272,7 +272,7 @@ static pliant_status bridge_hinges(bridges *work, const pliant_mesh *fine, int32
             double minimum = 0;
             int32_t voxel = -1;
             for (int32_t j = i; j < count; j++)
-                if (first_of(part, j) == i) nearer(work, corner[j] / 4, index, &minimum, &voxel);
+                if (pliant_set_root(part, j) == i) nearer(work, corner[j] / 4, index, &minimum, &voxel);
             pair[pair[0] >= 0] = voxel;
             if (pair[0] >= 0 && pair[1] >= 0) status = add_bridge(work, pair);
         }

@@ -1,21 +1,11 @@
-/* Union-find; the root of a part is its first element. Also searches and sorts numbers. */
+/* Search and sort numbers. Parts are disjoint sets (base/union_find.h). */
 #ifndef PLIANT_BODY_PARTS_H
 #define PLIANT_BODY_PARTS_H
 
+#include "base/union_find.h"
+
 #include <stdint.h>
 #include <stdlib.h>
-
-static inline int32_t first_of(int32_t *part, int32_t i)
-{
-    while (part[i] != i) i = part[i] = part[part[i]];
-    return i;
-}
-
-static inline void join(int32_t *part, int32_t i, int32_t j)
-{
-    int32_t a = first_of(part, i), b = first_of(part, j);
-    part[a > b ? a : b] = a > b ? b : a;
-}
 
 /* Return the index of a number in an ascending list; -1: not found. */
 static inline int32_t place_of(const int32_t *sorted, int32_t count, int32_t number)

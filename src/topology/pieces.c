@@ -135,15 +135,15 @@ static void join_nodes(const search *work, int32_t *part)
             const int32_t node = fine->tets[4 * t + v];
             if (!is_own(work, node)) continue;
             if (part[node] < 0) part[node] = node;
-            if (first >= 0) join(part, node, first);
+            if (first >= 0) pliant_set_join(part, node, first);
             first = node;
         }
     }
     for (int32_t j = 0; j < work->num_joints; j++)
         if (part[node_of(work, j, 0)] >= 0 && part[node_of(work, j, 1)] >= 0)
-            join(part, node_of(work, j, 0), node_of(work, j, 1));
+            pliant_set_join(part, node_of(work, j, 0), node_of(work, j, 1));
     for (int32_t n = 0; n < fine->num_nodes; n++)
-        if (part[n] >= 0) part[n] = first_of(part, n);
+        if (part[n] >= 0) part[n] = pliant_set_root(part, n);
 }
 
 /* List the previous joints between pieces and other tissue, or within pieces. Return their number. */

@@ -31,14 +31,14 @@ int32_t pliant_voxels_parts(const pliant_voxels *voxels, const pliant_cuts *cuts
             if (other < 0 || voxels->owner[other] != tet ||
                 !pliant_joined(&links, list[i], at, pliant_later_neighbours[n]))
                 continue;
-            join(part, i, pliant_voxel_in(voxels, tet, other));
+            pliant_set_join(part, i, pliant_voxel_in(voxels, tet, other));
         }
     }
     for (int32_t b = voxels->bridge_start[tet]; b < voxels->bridge_start[tet + 1]; b++)
         if (!pliant_bridge_severed(cuts, b))
-            join(part, pliant_voxel_in(voxels, tet, voxels->bridge[2 * b]),
+            pliant_set_join(part, pliant_voxel_in(voxels, tet, voxels->bridge[2 * b]),
                  pliant_voxel_in(voxels, tet, voxels->bridge[2 * b + 1]));
-    for (int32_t i = 0; i < count; i++) part[i] = first_of(part, i);
+    for (int32_t i = 0; i < count; i++) part[i] = pliant_set_root(part, i);
     for (int32_t i = 0; i < count; i++) part[i] = part[i] == i ? parts++ : part[part[i]];
     return parts;
 }

@@ -212,8 +212,8 @@ TEST(Swept, AJumpOfOneToolDoesNotAffectOthers)
     }
 }
 
-// A target that moves slowly but is far ahead of its proxy has not jumped: tissue that resists with the maximum force
-// of the coupling holds the proxy.
+// A target that moves slowly but is far ahead of its proxy has not jumped. The tissue resists with the maximum force of
+// the coupling, and holds the proxy.
 TEST(Swept, ASlowTargetOnTheOtherSideHasNotJumped)
 {
     Sheet sheet(1, 0.08, 0, PLIANT_LINEAR, false, [](pliant_scene &scene) { scene.contact.max_force = 0.004; });

@@ -175,7 +175,7 @@ class RobotTest(unittest.TestCase):
         feedback.pose = in_arm((0.02, 0.01, 0.15)).pose
         drag.publish(feedback)
         wait_for(lambda: abs(pose.message.pose.position.x - 0.02) < 1e-6, "the arm where the marker is")
-        # the topics are independent: the newest pose of one may be older than that of the other
+        # the topics are independent, so their newest poses may have different times
         wait_for(lambda: abs(local.message.pose.position.x + 0.03) < 1e-6, "the pose in the arm's own frame")
         self.assertEqual((pose.message.header.frame_id, local.message.header.frame_id), ("ECM", "PSM3_base"))
         wait_for(lambda: jaws.message.position[0] > 0.2, "an open jaw")

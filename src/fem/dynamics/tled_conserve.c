@@ -308,10 +308,10 @@ static void grow_region(pliant_cut_regions *work, int32_t node)
     const pliant_tled_system *system = work->now.tled->system;
     for (int32_t n = 0; n < system->mesh->num_nodes; n++) work->part[n] = n;
     pliant_cut_join_elements(work->part, system);
-    const int32_t first = first_of(work->part, node);
+    const int32_t first = pliant_set_root(work->part, node);
     work->node_start[0] = work->node_start[1] = 0;
     for (int32_t n = 0; n < system->mesh->num_nodes; n++)
-        if (first_of(work->part, n) == first) work->node[work->node_start[1]++] = n;
+        if (pliant_set_root(work->part, n) == first) work->node[work->node_start[1]++] = n;
 }
 
 /* Remove energy from the velocities of the whole component. Moved mass changes the inertia of a region, and with it the

@@ -21,7 +21,7 @@ static int32_t join_marked(int32_t *part, const int32_t *node, int count, int32_
 {
     for (int v = 0; v < count; v++) {
         if (part[node[v]] < 0) continue;
-        if (first >= 0) join(part, first, node[v]);
+        if (first >= 0) pliant_set_join(part, first, node[v]);
         first = node[v];
     }
     return first;
@@ -61,7 +61,7 @@ static void find_masses(pliant_cut_regions *work)
 {
     for (int32_t n = 0; n < work->now.tled->system->mesh->num_nodes; n++) {
         if (work->part[n] < 0) continue;
-        const int32_t first = first_of(work->part, n);
+        const int32_t first = pliant_set_root(work->part, n);
         const double now = work->now.tled->system->node_mass[n];
         work->force[first] +=
             now - (n < work->was.tled->system->mesh->num_nodes ? work->was.tled->system->node_mass[n] : 0);
@@ -74,7 +74,7 @@ static int32_t changed_region(const pliant_cut_regions *work, const int32_t *nod
 {
     for (int v = 0; v < 4; v++) {
         if (work->part[node[v]] < 0) continue;
-        const int32_t first = first_of(work->part, node[v]);
+        const int32_t first = pliant_set_root(work->part, node[v]);
         if (fabs(work->force[first]) > rounding * work->step[first]) return first;
     }
     return -1;
@@ -90,7 +90,7 @@ static void join_chips(pliant_cut_regions *work, const pliant_cuts *cuts, const 
         if (has_chip(other, chip)) continue;
         const int32_t source = changed_region(work, mesh->tets + 4 * (size_t)chip[0]),
                       carrier = changed_region(work, mesh->tets + 4 * (size_t)chip[1]);
-        if (source >= 0 && carrier >= 0) join(work->part, source, carrier);
+        if (source >= 0 && carrier >= 0) pliant_set_join(work->part, source, carrier);
     }
 }
 
@@ -107,14 +107,14 @@ static void join_free(pliant_cut_regions *work, uint8_t *held)
 {
     const int32_t nodes = work->now.tled->system->mesh->num_nodes;
     for (int32_t n = 0; n < nodes; n++) {
-        work->component[n] = first_of(work->component, n);
+        work->component[n] = pliant_set_root(work->component, n);
         if (!pliant_cut_node_is_free(work->now.tled, n)) held[work->component[n]] |= 1;
         if (work->near[n]) held[work->component[n]] |= 2;
     }
     for (int32_t n = 0; n < nodes; n++) {
         if (held[work->component[n]] != 2) continue;
         if (work->part[n] < 0) work->part[n] = n;
-        join(work->part, work->component[n], n); /* the first node was visited before */
+        pliant_set_join(work->part, work->component[n], n); /* the first node was visited before */
     }
 }
 
@@ -122,7 +122,7 @@ static void number_regions(pliant_cut_regions *work)
 {
     /* Roots are first nodes, so they are numbered before the others. */
     for (int32_t n = 0; n < work->now.tled->system->mesh->num_nodes; n++)
-        if (work->part[n] >= 0) work->part[n] = first_of(work->part, n);
+        if (work->part[n] >= 0) work->part[n] = pliant_set_root(work->part, n);
     for (int32_t n = work->now.tled->system->mesh->num_nodes - 1; n >= 0; n--)
         if (work->part[n] == n) work->count++;
     int32_t number = 0;

@@ -145,7 +145,7 @@ void pliant_contact_problem_add_bodies(const pliant_contact_problem *contacts, i
  * the limit, so it pulls with a constant force. Otherwise it has its own compliance. The function updates A and the
  * forces of the last cone solve. */
 void pliant_contact_problem_apply_limits(pliant_contact_problem *contacts, int num_tools);
-/* Set the compliances of all couplings to those of the accepted forces: a rejected evaluation has changed them. */
+/* Give all couplings the compliances of the accepted forces again, after a rejected evaluation has changed them. */
 void pliant_contact_problem_restore_couplings(pliant_contact_problem *contacts);
 /* Add the motion of the points by the rigid bodies under these forces (in the points' frames) to motion (count x
  * 3). bare: without the points' own compliance */
