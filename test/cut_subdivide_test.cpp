@@ -182,15 +182,15 @@ TEST(Subdivide, NodesOnEdgesAreFixedBetweenFixedOnesAlone)
     const int32_t before = block.now->fine.num_nodes;
     ASSERT_TRUE(block.cut_plane(point, normal));
     EXPECT_EQ(block.report.pieces, 2) << "the fixed plane holds both";
-    int fixed = 0, adjacent = 0;
+    int fixed = 0, moving = 0;
     for (int32_t n = before; n < block.now->fine.num_nodes; n++) {
         const double x = block.now->fine.rest[3 * n];
         EXPECT_EQ(block.now->fine_fixed[n] == PLIANT_MOVES, x > 1e-6) << x;
         fixed += x <= 1e-6;
-        adjacent += x > 1e-6 && x < 0.0249;
+        moving += x > 1e-6 && x < 0.0249;
     }
     EXPECT_GT(fixed, 3);
-    EXPECT_GT(adjacent, 3);
+    EXPECT_GT(moving, 3);
 }
 
 // A cut keeps nodes, edges and faces in the blade's plane. It splits only the tetrahedra that the plane passes through.

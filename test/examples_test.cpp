@@ -17,13 +17,13 @@ struct ProgramResult {
 
 ProgramResult run(const std::string &arguments)
 {
-    ProgramResult said{-1, ""};
+    ProgramResult result{-1, ""};
     FILE *output = popen((PLIANT_EXAMPLES "/example_" + arguments).c_str(), "r");
-    if (!output) return said;
+    if (!output) return result;
     char line[512];
-    while (fgets(line, sizeof line, output)) said.text += line;
-    said.code = pclose(output);
-    return said;
+    while (fgets(line, sizeof line, output)) result.text += line;
+    result.code = pclose(output);
+    return result;
 }
 
 std::vector<std::string> sources()
@@ -43,12 +43,12 @@ std::vector<std::string> sources()
 
 TEST(Examples, PullAPoint)
 {
-    const ProgramResult said = run("pull_a_point");
+    const ProgramResult result = run("pull_a_point");
     double moved = 0, force = 0;
-    EXPECT_EQ(said.code, 0);
-    ASSERT_EQ(std::sscanf(said.text.c_str(), "the held point moved %lf mm, and pulls back with %lf N", &moved, &force),
-              2)
-        << said.text;
+    EXPECT_EQ(result.code, 0);
+    ASSERT_EQ(
+        std::sscanf(result.text.c_str(), "the held point moved %lf mm, and pulls back with %lf N", &moved, &force), 2)
+        << result.text;
     EXPECT_GT(moved, 5) << "through a spring of 1000 N/m";
     EXPECT_LT(moved, 10);
     EXPECT_GT(force, 0);
@@ -57,14 +57,14 @@ TEST(Examples, PullAPoint)
 
 TEST(Examples, CutAPlane)
 {
-    const ProgramResult said = run("cut_a_plane");
+    const ProgramResult result = run("cut_a_plane");
     double plane = 0, knife = 0, force = 0;
     int pieces = 0;
-    EXPECT_EQ(said.code, 0);
-    ASSERT_EQ(std::sscanf(said.text.c_str(), "a plane: %lf cm^2, %d pieces\na knife: %lf cm^2, felt as up to %lf N",
+    EXPECT_EQ(result.code, 0);
+    ASSERT_EQ(std::sscanf(result.text.c_str(), "a plane: %lf cm^2, %d pieces\na knife: %lf cm^2, felt as up to %lf N",
                           &plane, &pieces, &knife, &force),
               4)
-        << said.text;
+        << result.text;
     EXPECT_GT(plane, 300) << "the whole trunk";
     EXPECT_EQ(pieces, 2);
     EXPECT_NEAR(knife, 16, 4) << "4 cm wide, 4 cm far, in voxels of 5 mm";
@@ -74,15 +74,15 @@ TEST(Examples, CutAPlane)
 
 TEST(Examples, ReadForces)
 {
-    const ProgramResult said = run("read_forces");
-    EXPECT_EQ(said.code, 0);
+    const ProgramResult result = run("read_forces");
+    EXPECT_EQ(result.code, 0);
     double before = 0;
     size_t rows = 0;
-    for (size_t at = said.text.find('\n'); at != std::string::npos && at + 1 < said.text.size();
-         at = said.text.find('\n', at + 1), ++rows) {
+    for (size_t at = result.text.find('\n'); at != std::string::npos && at + 1 < result.text.size();
+         at = result.text.find('\n', at + 1), ++rows) {
         double pull, x, y, z, residual;
-        ASSERT_EQ(std::sscanf(said.text.c_str() + at + 1, "%lf,%lf,%lf,%lf,%lf", &pull, &x, &y, &z, &residual), 5)
-            << said.text;
+        ASSERT_EQ(std::sscanf(result.text.c_str() + at + 1, "%lf,%lf,%lf,%lf,%lf", &pull, &x, &y, &z, &residual), 5)
+            << result.text;
         EXPECT_LT(y, before) << "the force grows with the pull, towards the front";
         before = y;
     }
@@ -100,38 +100,39 @@ TEST(Examples, SaveVolume)
 
 TEST(Examples, TwoSimulations)
 {
-    const ProgramResult said = run("two_simulations");
+    const ProgramResult result = run("two_simulations");
     double first = 0, second = 0;
-    EXPECT_EQ(said.code, 0);
+    EXPECT_EQ(result.code, 0);
     ASSERT_EQ(
-        std::sscanf(said.text.c_str(), "pulled by 10 and 20 mm: the points moved %lf and %lf mm", &first, &second), 2)
-        << said.text;
+        std::sscanf(result.text.c_str(), "pulled by 10 and 20 mm: the points moved %lf and %lf mm", &first, &second), 2)
+        << result.text;
     EXPECT_GT(second, 1.5 * first);
     EXPECT_GT(first, 5);
 }
 
 TEST(Examples, ChangeMaterials)
 {
-    const ProgramResult said = run("change_materials");
+    const ProgramResult result = run("change_materials");
     double before = 0, after = 0;
-    EXPECT_EQ(said.code, 0);
+    EXPECT_EQ(result.code, 0);
     ASSERT_EQ(
-        std::sscanf(said.text.c_str(), "1 cm takes %lf N; with organs three times as stiff %lf N", &before, &after), 2)
-        << said.text;
+        std::sscanf(result.text.c_str(), "1 cm takes %lf N; with organs three times as stiff %lf N", &before, &after),
+        2)
+        << result.text;
     EXPECT_GT(after, 1.05 * before);
     EXPECT_LT(after, 3.01 * before);
 }
 
 TEST(Examples, ErrorAgainstTime)
 {
-    const ProgramResult said = run("error_against_time");
+    const ProgramResult result = run("error_against_time");
     double error[4] = {0}, time;
-    EXPECT_EQ(said.code, 0);
-    ASSERT_EQ(std::sscanf(said.text.c_str(),
+    EXPECT_EQ(result.code, 0);
+    ASSERT_EQ(std::sscanf(result.text.c_str(),
                           "iterations,ms_a_step,largest_error_mm 1,%lf,%lf 2,%lf,%lf 4,%lf,%lf 8,%lf,%lf", &time,
                           &error[0], &time, &error[1], &time, &error[2], &time, &error[3]),
               8)
-        << said.text;
+        << result.text;
     EXPECT_LT(error[3], 0.5 * error[0]);
     EXPECT_GT(error[0], 0);
 }

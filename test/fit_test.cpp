@@ -191,7 +191,7 @@ TEST(Fit, DrawsNoTissueBesideTheBody)
             pliant_warp_free(warp);
         }
         const int *n = target.size;
-        int adjacent = 0, missing = 0, inside = 0;
+        int extra = 0, missing = 0, inside = 0;
         for (int k = 2; k < n[2] - 2; k++)
             for (int j = 2; j < n[1] - 2; j++)
                 for (int i = 2; i < n[0] - 2; i++) {
@@ -204,11 +204,11 @@ TEST(Fit, DrawsNoTissueBesideTheBody)
                         all &= is;
                     }
                     bool is = drawn[1][size_t(i + n[0] * (j + n[1] * k))] == 100;
-                    adjacent += is && !any;
+                    extra += is && !any;
                     missing += !is && all;
                     inside += all;
                 }
-        EXPECT_EQ(adjacent, 0) << step;
+        EXPECT_EQ(extra, 0) << step;
         EXPECT_EQ(missing, 0) << step << ", of " << inside;
     }
 }
@@ -267,9 +267,9 @@ TEST(Fit, ADistantNodeHasNoEffect)
             map.insert(map.end(), found, found + 3);
         }
         if (first.empty()) first = map;
-        float apart = 0; // the bins have another origin, so sums run in another order
-        for (size_t i = 0; i < map.size(); i++) apart = std::max(apart, std::fabs(map[i] - first[i]));
-        EXPECT_LT(apart, 1e-6F) << away;
+        float difference = 0; // the bins have another origin, so sums run in another order
+        for (size_t i = 0; i < map.size(); i++) difference = std::max(difference, std::fabs(map[i] - first[i]));
+        EXPECT_LT(difference, 1e-6F) << away;
         pliant_fit_free(fit);
     }
 }

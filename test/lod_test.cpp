@@ -46,7 +46,7 @@ std::vector<double> shaken(const pliant_mesh &mesh, double by)
     return x;
 }
 
-double apart(const std::vector<double> &a, const std::vector<double> &b)
+double max_distance(const std::vector<double> &a, const std::vector<double> &b)
 {
     double squares = 0;
     for (size_t i = 0; i < a.size(); i++) squares += (a[i] - b[i]) * (a[i] - b[i]);
@@ -65,7 +65,7 @@ TEST_P(EveryKind, OfRatioOneIsTheFineMesh)
     std::vector<double> x = shaken(fine.model->body->fine, 1e-8), expected = fine.elastic_force(x),
                         found = lod.elastic_force(x);
     std::vector<double> none(expected.size());
-    EXPECT_LT(apart(expected, found), 1e-6 * apart(expected, none));
+    EXPECT_LT(max_distance(expected, found), 1e-6 * max_distance(expected, none));
 }
 
 // The assembled matrix is the derivative of the gathered forces at rest, also with a fixed block between the coarse
@@ -155,7 +155,7 @@ double gravity_error(pliant_method method, int layers, bool inclusion, const std
     if (inclusion) fix_inclusion(body);
     std::vector<double> found = under_gravity(body),
                         rest(body.model->body->fine.rest, body.model->body->fine.rest + fine.size());
-    return apart(found, fine) / apart(rest, fine);
+    return max_distance(found, fine) / max_distance(rest, fine);
 }
 
 // The averages are weighted by mass, so gravity does no work on the part that the shape functions leave out. The only

@@ -205,14 +205,15 @@ void expect_same_sag(Block &lattice, Block &file)
 {
     const auto wanted = settled(lattice), found = settled(file);
     ASSERT_EQ(found.size(), wanted.size());
-    double apart = 0, maximum = 0;
+    double difference = 0, maximum = 0;
     for (const auto &node : wanted) {
         ASSERT_TRUE(found.count(node.first));
         maximum = std::max(maximum, std::fabs(node.second[2] - 1e-6 * std::get<2>(node.first)));
-        for (int d = 0; d < 3; d++) apart = std::max(apart, std::fabs(found.at(node.first)[d] - node.second[d]));
+        for (int d = 0; d < 3; d++)
+            difference = std::max(difference, std::fabs(found.at(node.first)[d] - node.second[d]));
     }
     EXPECT_GT(maximum, 1e-3);
-    EXPECT_LT(apart, 1e-6 * maximum + 1e-9);
+    EXPECT_LT(difference, 1e-6 * maximum + 1e-9);
 }
 
 void use(Block *block, const std::string &path, double unit)

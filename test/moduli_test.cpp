@@ -124,32 +124,32 @@ TEST(Moduli, RefusesUnidentifiableModuli)
 // Positions instead of displacements, wrong axes, millimetres: the fit warns or refuses.
 TEST(Moduli, AMisfitFarAboveTheDeviationWarns)
 {
-    static std::string said;
+    static std::string warnings;
     pliant_set_log(
         [](pliant_log_level level, const char *text, void *) {
-            if (level == PLIANT_LOG_WARNING) said += text;
+            if (level == PLIANT_LOG_WARNING) warnings += text;
         },
         nullptr);
     const auto fit = [](Bar &bar) {
         pliant_moduli found;
         const pliant_moduli_data data = bar.measured();
         const char *names[2] = {"m0", "m1"};
-        said.clear();
+        warnings.clear();
         return pliant_moduli_fit(&bar.input, &data, 2, names, {nullptr, nullptr}, &found);
     };
     Bar good(20e3, 7e3), positions(20e3, 7e3), turned(20e3, 7e3), millimetres(20e3, 7e3), far(20e3, 7e3);
     for (Bar *bar : {&good, &positions, &turned, &millimetres, &far}) measure(bar, 1);
     EXPECT_GE(fit(good), 0) << pliant_last_error();
-    EXPECT_EQ(said.find("do not trust"), std::string::npos) << said;
+    EXPECT_EQ(warnings.find("do not trust"), std::string::npos) << warnings;
     for (pliant_marker &m : positions.markers)
         for (int d = 0; d < 3; d++) m.moved[d] += m.rest[d];
     EXPECT_GE(fit(positions), 0) << pliant_last_error();
-    EXPECT_NE(said.find("do not trust these moduli; moved_x, moved_y and moved_z look like positions"),
+    EXPECT_NE(warnings.find("do not trust these moduli; moved_x, moved_y and moved_z look like positions"),
               std::string::npos)
-        << said;
+        << warnings;
     for (pliant_marker &m : turned.markers) std::swap(m.moved[0], m.moved[1]);
     EXPECT_GE(fit(turned), 0) << pliant_last_error();
-    EXPECT_NE(said.find("do not trust these moduli; check the markers"), std::string::npos) << said;
+    EXPECT_NE(warnings.find("do not trust these moduli; check the markers"), std::string::npos) << warnings;
     for (pliant_marker &m : millimetres.markers)
         for (double &x : m.moved) x *= 1000;
     millimetres.markers[0].line = 7;

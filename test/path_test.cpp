@@ -117,10 +117,10 @@ TEST_F(Path, ForcesAreNewtonsAndOffsetsMetres)
     refuses(start + "    motion: [{time: 0}]\n", "motion: an offset [m] is missing");
     refuses(start + force + "    motion: [{time: 0, force: [0, x, 0]}]\n", "motion/force: 'x' is not a number");
 
-    static std::string said;
+    static std::string logged;
     pliant_set_log(
         [](pliant_log_level level, const char *message, void *) {
-            if (level == PLIANT_LOG_WARNING) said = message;
+            if (level == PLIANT_LOG_WARNING) logged = message;
         },
         nullptr);
     const struct { std::string motion; std::vector<std::string> words;
@@ -131,11 +131,11 @@ TEST_F(Path, ForcesAreNewtonsAndOffsetsMetres)
                  {force + "    motion: [{time: 0, force: [0, 0, 0]}, {time: 1, force: [0, -3, 0]}]\n", {}},
                  {"    motion: [{time: 0, offset: [0, 0, 0]}, {time: 1, offset: [0, -0.03, 0]}]\n", {}}};
     for (const auto &one : cases) {
-        said.clear();
+        logged.clear();
         EXPECT_EQ(read(start + one.motion), PLIANT_OK) << pliant_last_error();
         pliant_path_free(&path_);
-        EXPECT_EQ(said.empty(), one.words.empty()) << said;
-        for (const std::string &word : one.words) EXPECT_NE(said.find(word), std::string::npos) << said;
+        EXPECT_EQ(logged.empty(), one.words.empty()) << logged;
+        for (const std::string &word : one.words) EXPECT_NE(logged.find(word), std::string::npos) << logged;
     }
     pliant_set_log(nullptr, nullptr);
 }
@@ -158,20 +158,20 @@ TEST_F(Path, TimesCountFromTheStartOfTheRun)
     refuses(blade + "    poses: [{time: 0, position: [0, 0, 0]}]\n    cut: [{from: 1732736787, to: 1732736788}]\n",
             "cut/from is 1732736787 s");
 
-    static std::string said;
+    static std::string logged;
     pliant_set_log(
         [](pliant_log_level level, const char *message, void *) {
-            if (level == PLIANT_LOG_WARNING) said += message;
+            if (level == PLIANT_LOG_WARNING) logged += message;
         },
         nullptr);
     ASSERT_EQ(read(start + "    motion: [{time: 12345.5, offset: [0, 0, 0]}, {time: 12346, offset: [0, -0.01, 0]}]\n"),
               PLIANT_OK);
-    EXPECT_NE(said.find("nothing moves before 12345.5 s"), std::string::npos) << said;
-    said.clear();
+    EXPECT_NE(logged.find("nothing moves before 12345.5 s"), std::string::npos) << logged;
+    logged.clear();
     pliant_path_free(&path_);
     ASSERT_EQ(read(start + "    motion: [{time: 20, offset: [0, 0, 0]}, {time: 12346, offset: [0, -0.01, 0]}]\n"),
               PLIANT_OK);
-    EXPECT_EQ(said, "");
+    EXPECT_EQ(logged, "");
     pliant_set_log(nullptr, nullptr);
 }
 

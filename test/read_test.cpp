@@ -212,10 +212,10 @@ TEST(Nifti, ShearedSformFallsBackToTheQform)
 TEST(Nifti, AnUnusableSformIsLogged)
 {
     temporary_folder folder;
-    static std::string said;
+    static std::string logged;
     pliant_set_log(
         [](pliant_log_level level, const char *message, void *) {
-            if (level == PLIANT_LOG_WARNING) said = message;
+            if (level == PLIANT_LOG_WARNING) logged = message;
         },
         nullptr);
     const struct { std::vector<float> srow; const char *word; } cases[] = {
@@ -231,13 +231,13 @@ TEST(Nifti, AnUnusableSformIsLogged)
         file.srow = one.srow;
         save(folder / "scan.nii", file.bytes());
         volume_holder scan;
-        said.clear();
+        logged.clear();
         ASSERT_EQ(pliant_volume_read((folder / "scan.nii").c_str(), nullptr, 0, &scan), PLIANT_OK)
             << pliant_last_error();
         EXPECT_EQ(scan->geometry.origin[0], *one.word ? 0 : -0.005) << "of the qform, or of the sform";
-        EXPECT_EQ(said.empty(), !*one.word) << said;
+        EXPECT_EQ(logged.empty(), !*one.word) << logged;
         for (const char *word : {one.word, *one.word ? "qform is taken" : "", *one.word ? "scan.nii" : ""})
-            EXPECT_NE(said.find(word), std::string::npos) << said;
+            EXPECT_NE(logged.find(word), std::string::npos) << logged;
         if (std::string(one.word) != "singular") continue;
         file.qform_code = 0;
         save(folder / "alone.nii", file.bytes());

@@ -114,13 +114,13 @@ TEST(Render, BallHasItsOutlineDepthAndLabels)
                          b = ray[0] * from[0] + ray[1] * from[1] + ray[2] * from[2];
             const double under = b * b - a * (length(from) * length(from) - radius * radius),
                          depth = (-b - std::sqrt(under)) / a;
-            const double adjacent = std::sqrt(std::max(length(from) * length(from) - b * b / a, 0.0)) - radius;
-            if (std::abs(adjacent) < 0.0001) { // closer than a tenth of a voxel: either result is valid
+            const double distance = std::sqrt(std::max(length(from) * length(from) - b * b / a, 0.0)) - radius;
+            if (std::abs(distance) < 0.0001) { // closer than a tenth of a voxel: either result is valid
                 outline++;
                 continue;
             }
-            ASSERT_EQ(std::isfinite(seen.depth[pixel]), adjacent < 0) << column << " " << row;
-            if (adjacent > 0) {
+            ASSERT_EQ(std::isfinite(seen.depth[pixel]), distance < 0) << column << " " << row;
+            if (distance > 0) {
                 EXPECT_EQ(seen.label[pixel], 0);
                 EXPECT_EQ(seen.rgb[3 * pixel], 0);
                 continue;
@@ -233,8 +233,8 @@ TEST(Radiograph, BoxAndBallOfWater)
                 const double along =
                     (through[0] * camera.pose[3] + through[1] * camera.pose[7] + through[2] * camera.pose[11]) /
                     length(through);
-                const double adjacent = 0.8 * 0.8 - along * along,
-                             chord = adjacent < radius * radius ? 2 * std::sqrt(radius * radius - adjacent) : 0;
+                const double square = 0.8 * 0.8 - along * along,
+                             chord = square < radius * radius ? 2 * std::sqrt(radius * radius - square) : 0;
                 EXPECT_NEAR(of_ball[pixel], 1.5 * 20 * chord, 0.01) << primary << " " << secondary << " " << pixel;
             }
         }

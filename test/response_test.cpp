@@ -156,13 +156,13 @@ TEST_F(Response, SpaceHasTheStiffnessOfTheWholeMesh)
     }
     // The fine positions of such a state are the positions of the modes on the whole mesh.
     pliant_basis_positions(basis, fine, x.data(), small.data(), near.data());
-    double apart = 0;
+    double max_difference = 0;
     for (size_t f = 0; f < unknowns / 3; f++)
         for (int d = 0; d < 3; d++) {
             size_t at = 3 * static_cast<size_t>(fine->node_of_free[f]) + d;
-            apart = std::fmax(apart, std::fabs(near[at] - x[at] - whole[3 * f + d]));
+            max_difference = std::fmax(max_difference, std::fabs(near[at] - x[at] - whole[3 * f + d]));
         }
-    EXPECT_LT(apart, 1e-12);
+    EXPECT_LT(max_difference, 1e-12);
     // The projection keeps a state of the basis. It maps any other state into the basis, and a second projection keeps
     // the result.
     std::vector<double> state = small, other = small;

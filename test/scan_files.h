@@ -242,20 +242,20 @@ class log_catcher
 public:
     log_catcher()
     {
-        said().clear();
+        logged().clear();
         pliant_set_log(
             [](pliant_log_level level, const char *message, void *) {
-                if (level == PLIANT_LOG_WARNING) said() += std::string(message) + "\n";
+                if (level == PLIANT_LOG_WARNING) logged() += std::string(message) + "\n";
             },
             nullptr);
     }
     ~log_catcher() { pliant_set_log(nullptr, nullptr); }
     log_catcher(const log_catcher &) = delete;
     log_catcher &operator=(const log_catcher &) = delete;
-    const std::string &warnings() const { return said(); }
+    const std::string &warnings() const { return logged(); }
 
 private:
-    static std::string &said()
+    static std::string &logged()
     {
         static std::string text;
         return text;

@@ -59,7 +59,7 @@ struct segmented {
     }
 };
 
-std::string &said()
+std::string &logged()
 {
     static std::string text;
     return text;
@@ -121,12 +121,12 @@ TEST(SegmentNames, MaterialsByName)
     EXPECT_EQ(material[0], 2);
     EXPECT_EQ(material[1], 4);
     EXPECT_EQ(material[2], 0);
-    pliant_set_log([](pliant_log_level, const char *message, void *) { said() += std::string(message) + "\n"; },
+    pliant_set_log([](pliant_log_level, const char *message, void *) { logged() += std::string(message) + "\n"; },
                    nullptr);
-    said().clear();
+    logged().clear();
     EXPECT_EQ(pliant_material_log_usage(&held.table, &map.scan, &map.labels, material.data()), PLIANT_OK);
     pliant_set_log(nullptr, nullptr);
-    expect_words(said(),
+    expect_words(logged(),
                  {"material Kidney: 1 voxels, 0.001 ml: segment \"Left Kidney\" 1\n", "material LIVER: 1 voxels",
                   "material air: 14 voxels, 0.014 ml: by intensity 14", "segments without a voxel in the scan: empty"});
 }
@@ -167,13 +167,13 @@ TEST(SegmentNames, ClassesGoByTheirIds)
     EXPECT_EQ(material[0], 2);
     EXPECT_EQ(material[1], 1);
     EXPECT_EQ(material[2], 1);
-    pliant_set_log([](pliant_log_level, const char *message, void *) { said() += std::string(message) + "\n"; },
+    pliant_set_log([](pliant_log_level, const char *message, void *) { logged() += std::string(message) + "\n"; },
                    nullptr);
-    said().clear();
+    logged().clear();
     EXPECT_EQ(pliant_material_log_usage(&held.table, &map.scan, &map.labels, material.data()), PLIANT_OK);
     pliant_set_log(nullptr, nullptr);
     expect_words(
-        said(),
+        logged(),
         {"material Kidney: 1 voxels, 0.001 ml: label 2 \"kidney_left\" 1\n",
          "material liver: 2 voxels, 0.002 ml: label 5 \"kidney_right\" 1, label 1 1\n",
          "disagree (is it the table of this task?): label 5 is \"kidney_right\", but has material liver, "

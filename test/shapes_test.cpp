@@ -39,7 +39,7 @@ struct Random {
     Point point(double size) { return {(*this)(-size, size), (*this)(-size, size), (*this)(-size, size)}; }
 };
 
-double apart(const double *a, const double *b)
+double distance_of(const double *a, const double *b)
 {
     return std::sqrt(std::pow(a[0] - b[0], 2) + std::pow(a[1] - b[1], 2) + std::pow(a[2] - b[2], 2));
 }
@@ -56,7 +56,7 @@ double outside_of(const pliant_part &part, const double *p)
             if (n) at[d] += (part.to[d] - part.from[d]) * s / n;
             if (part.kind == PLIANT_PART_BOX) at[d] = std::fmin(std::fmax(p[d], part.from[d]), part.to[d]);
         }
-        minimum = std::fmin(minimum, apart(p, at));
+        minimum = std::fmin(minimum, distance_of(p, at));
     }
     return minimum - part.radius;
 }
@@ -164,7 +164,7 @@ TEST(Shapes, TheNearestPointOfAnEdgeIsThatOfManySamples)
                              p[3] = {a[0] + w * (b[0] - a[0]), a[1] + w * (b[1] - a[1]), a[2] + w * (b[2] - a[2])};
                 minimum = std::fmin(minimum, pliant_part_distance(&part, p, there));
             }
-            const double size = apart(at[0], at[1]);
+            const double size = distance_of(at[0], at[1]);
             EXPECT_LT(found, minimum + 2e-4 * size);
             EXPECT_GT(found, minimum - 1e-3 * size); // the minimum may lie between two samples
             EXPECT_NEAR(weight[0] + weight[1], 1, 1e-12);
@@ -192,7 +192,8 @@ TEST(Shapes, TheNearestPointOfATriangleIsThatOfManySamples)
                     for (int d = 0; d < 3; d++) p[d] = (s * at[0][d] + t * at[1][d] + (100 - s - t) * at[2][d]) / 100;
                     minimum = std::fmin(minimum, pliant_part_distance(&part, p, there));
                 }
-            const double size = std::fmax(apart(at[0], at[1]), std::fmax(apart(at[1], at[2]), apart(at[2], at[0])));
+            const double size =
+                std::fmax(distance_of(at[0], at[1]), std::fmax(distance_of(at[1], at[2]), distance_of(at[2], at[0])));
             worst = std::fmax(worst, (found - minimum) / size);
             EXPECT_GT(found, minimum - 0.012 * size);
             EXPECT_GE(std::fmin(weight[0], std::fmin(weight[1], weight[2])), 0);

@@ -66,7 +66,7 @@ struct Blocks {
 
 const double Blocks::h;
 
-std::array<double, 3> apart(const pliant_contact_point &point, const std::vector<double> &positions)
+std::array<double, 3> offset_of(const pliant_contact_point &point, const std::vector<double> &positions)
 {
     std::array<double, 3> out{};
     for (int32_t k = 0; k < point.count; k++)
@@ -76,8 +76,8 @@ std::array<double, 3> apart(const pliant_contact_point &point, const std::vector
 
 double gap(const pliant_contact_point &point, const std::vector<double> &positions)
 {
-    const auto way = apart(point, positions);
-    return point.normal[0] * way[0] + point.normal[1] * way[1] + point.normal[2] * way[2];
+    const auto offset = offset_of(point, positions);
+    return point.normal[0] * offset[0] + point.normal[1] * offset[1] + point.normal[2] * offset[2];
 }
 
 int kind_of(const pliant_contact_point &point) { return static_cast<int>(point.feature >> 56); }
@@ -187,15 +187,15 @@ TEST(Tissue, DeepNodesArePushedOutByTheShortestPath)
         int inside = 0;
         for (int32_t n : surface) {
             const int other = 1 - blocks.block_of[n];
-            double way = 1e9;
+            double offset = 1e9;
             for (int d = 0; d < 3; d++)
-                way = std::min(
-                    {way, blocks.positions[3 * n + d] - low[other][d], high[other][d] - blocks.positions[3 * n + d]});
-            if (way <= 1e-9) continue;
+                offset = std::min({offset, blocks.positions[3 * n + d] - low[other][d],
+                                   high[other][d] - blocks.positions[3 * n + d]});
+            if (offset <= 1e-9) continue;
             inside++;
-            ASSERT_TRUE(depth.count(n)) << "node " << n << " is inside by " << way;
-            EXPECT_LE(depth[n], -way + 1e-9) << n;
-            EXPECT_GE(depth[n], -way - blocks.rule.margin) << n << ": what does not face it counts as deeper";
+            ASSERT_TRUE(depth.count(n)) << "node " << n << " is inside by " << offset;
+            EXPECT_LE(depth[n], -offset + 1e-9) << n;
+            EXPECT_GE(depth[n], -offset - blocks.rule.margin) << n << ": what does not face it counts as deeper";
         }
         EXPECT_GT(inside, 60);
         EXPECT_EQ(static_cast<size_t>(inside), depth.size());
@@ -273,9 +273,9 @@ TEST(Tissue, EdgesTouchBeforeAndAfterTheyCross)
         EXPECT_NEAR(gap(point, bars.positions), -depth, 1e-12);
         EXPECT_NEAR(std::fabs(point.normal[2]), 1, 1e-12);
         EXPECT_EQ(point.normal[2] > 0, bars.block_of[point.node[0]] == 1);
-        const auto way = apart(point, bars.positions);
-        EXPECT_NEAR(way[0], 0, 1e-12);
-        EXPECT_NEAR(way[1], 0, 1e-12);
+        const auto offset = offset_of(point, bars.positions);
+        EXPECT_NEAR(offset[0], 0, 1e-12);
+        EXPECT_NEAR(offset[1], 0, 1e-12);
     }
 }
 

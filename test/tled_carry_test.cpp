@@ -40,9 +40,9 @@ struct Swinging : Body {
     }
     pliant_dynamics dynamics() const
     {
-        pliant_dynamics told;
-        EXPECT_EQ(pliant_data_get_dynamics(model, data, &told), PLIANT_OK);
-        return told;
+        pliant_dynamics reported;
+        EXPECT_EQ(pliant_data_get_dynamics(model, data, &reported), PLIANT_OK);
+        return reported;
     }
     // Return the momentum, and the angular momentum about the origin.
     std::array<double, 6> momentum() const

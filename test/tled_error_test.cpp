@@ -103,7 +103,7 @@ void take(const Bar &from, const Bar &to)
 // Errors of a frame from the same state: the estimate, the estimate with half of the sub-step, and the true error. The
 // true error is 4/3 of the difference of the two frames (Richardson extrapolation).
 struct Errors {
-    double told, estimate_of_half, truth;
+    double estimate, estimate_of_half, truth;
 };
 
 std::vector<Errors> run(Scene kind, double frame, double safety)
@@ -119,14 +119,14 @@ std::vector<Errors> run(Scene kind, double frame, double safety)
         take(whole, half);
         EXPECT_EQ(pliant_step(whole.model, whole.data), PLIANT_OK) << pliant_last_error();
         EXPECT_EQ(pliant_step(half.model, half.data), PLIANT_OK) << pliant_last_error();
-        double apart = 0;
+        double difference = 0;
         for (int32_t n = 0; n < whole.data->body->fine.num_nodes; n++) {
             const double *a = whole.data->tled->u + 3 * n, *b = half.data->tled->u + 3 * n;
-            apart = std::fmax(apart, std::hypot(std::hypot(a[0] - b[0], a[1] - b[1]), a[2] - b[2]));
+            difference = std::fmax(difference, std::hypot(std::hypot(a[0] - b[0], a[1] - b[1]), a[2] - b[2]));
         }
         EXPECT_EQ(2 * whole.data->statistics.iterations, half.data->statistics.iterations);
-        out.push_back({whole.data->statistics.error, half.data->statistics.error, 4.0 / 3 * apart});
-        if (f > 0) EXPECT_EQ(whole.data->statistics.error_before, out[static_cast<size_t>(f) - 1].told);
+        out.push_back({whole.data->statistics.error, half.data->statistics.error, 4.0 / 3 * difference});
+        if (f > 0) EXPECT_EQ(whole.data->statistics.error_before, out[static_cast<size_t>(f) - 1].estimate);
     }
     return out;
 }
@@ -142,8 +142,8 @@ TEST(TledError, IsWithinAFactorOfThree)
                 int here = 0;
                 std::vector<double> ratios;
                 for (const Errors &error : run(kind, frame, safety)) {
-                    here += error.told > error.truth / 3 && error.told < 3 * error.truth;
-                    ratios.push_back(error.told / error.truth);
+                    here += error.estimate > error.truth / 3 && error.estimate < 3 * error.truth;
+                    ratios.push_back(error.estimate / error.truth);
                 }
                 std::sort(ratios.begin(), ratios.end());
                 std::printf("scene %d, frame %.3f s, safety %.1f: told / true %.2f, within 3: %d of 40\n",
@@ -163,7 +163,7 @@ TEST(TledError, FallsWithTheSquareOfTheSubStep)
 {
     for (Scene kind : {Scene::SWING, Scene::DAMPED, Scene::RELEASE, Scene::SOFT}) {
         double sum = 0;
-        for (const Errors &error : run(kind, 0.01, 0.3)) sum += std::log2(error.told / error.estimate_of_half);
+        for (const Errors &error : run(kind, 0.01, 0.3)) sum += std::log2(error.estimate / error.estimate_of_half);
         EXPECT_NEAR(sum / 40, 2, 0.1) << static_cast<int>(kind);
     }
 }

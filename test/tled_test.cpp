@@ -55,9 +55,9 @@ TEST_P(EveryKind, KeepsItsEnergyOverAHundredThousandSteps)
         ASSERT_EQ(pliant_step(bar.model, bar.data), PLIANT_OK) << pliant_last_error();
         double total = discrete_energy(bar);
         if (steps == 0) {
-            pliant_dynamics told;
-            ASSERT_EQ(pliant_data_get_dynamics(bar.model, bar.data, &told), PLIANT_OK);
-            EXPECT_NEAR(told.kept_energy, total, 1e-5 * total);
+            pliant_dynamics reported;
+            ASSERT_EQ(pliant_data_get_dynamics(bar.model, bar.data, &reported), PLIANT_OK);
+            EXPECT_NEAR(reported.kept_energy, total, 1e-5 * total);
         }
         if (first == 0) first = total;
         drift = std::fmax(drift, std::fabs(total - first) / first);
@@ -245,9 +245,9 @@ TEST_P(EveryKind, StableBelowTheBoundAndCaughtAboveIt)
         bar.scene.model.gravity[0] = 2;
         bar.scene.solver.step = 0.01;
         ASSERT_EQ(bar.build(), PLIANT_OK) << pliant_last_error();
-        pliant_dynamics told;
-        ASSERT_EQ(pliant_data_get_dynamics(bar.model, bar.data, &told), PLIANT_OK);
-        double bound = std::fmin(told.edge_bound, told.eigenvalue_bound);
+        pliant_dynamics reported;
+        ASSERT_EQ(pliant_data_get_dynamics(bar.model, bar.data, &reported), PLIANT_OK);
+        double bound = std::fmin(reported.edge_bound, reported.eigenvalue_bound);
         // The step is rounded down to a whole number of sub-steps per frame. So the test uses a frame of exactly that
         // length.
         bar.scene.solver.step = 80 * safety * bound;
@@ -392,13 +392,13 @@ TEST(Tled, SmallStrainsGiveTheCorotationalAnswer)
     ASSERT_EQ(corotational.build(), PLIANT_OK);
     ASSERT_EQ(quiet.settle(), PLIANT_OK) << quiet.data->statistics.residual;
     ASSERT_EQ(corotational.settle(), PLIANT_OK);
-    double maximum = 0, apart = 0;
+    double maximum = 0, difference = 0;
     for (int32_t n = 0; n < 3 * quiet.model->body->fine.num_nodes; n++) {
         maximum =
             std::fmax(maximum, std::fabs(corotational.data->positions[n] - corotational.model->body->fine.rest[n]));
-        apart = std::fmax(apart, std::fabs(corotational.data->positions[n] - quiet.data->positions[n]));
+        difference = std::fmax(difference, std::fabs(corotational.data->positions[n] - quiet.data->positions[n]));
     }
-    EXPECT_LT(apart, 2e-3 * maximum);
+    EXPECT_LT(difference, 2e-3 * maximum);
 }
 
 TEST_P(EveryKind, ShearStressRelaxesAsThePronySeriesSays)

@@ -13,7 +13,7 @@ const double box[3] = {0.12, 0.12, 0.12};
 
 struct Tool : testing::Test {
     Body body{size, box, {{4000, 0.45, 1000, false}}};
-    static std::string said;
+    static std::string logged;
     int tool = -1;
 
     void SetUp() override
@@ -21,10 +21,10 @@ struct Tool : testing::Test {
         body.fix_plane(0, 0, 0.041, 0, 0, 1);
         body.cells(6, 6, 6, 1);
         ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
-        said.clear();
+        logged.clear();
         pliant_set_log(
             [](pliant_log_level level, const char *message, void *) {
-                if (level == PLIANT_LOG_WARNING) said = message;
+                if (level == PLIANT_LOG_WARNING) logged = message;
             },
             nullptr);
     }
@@ -35,7 +35,7 @@ struct Tool : testing::Test {
         return pliant_tool_grasp(body.model, body.data, tool, rest);
     }
 };
-std::string Tool::said;
+std::string Tool::logged;
 
 TEST_F(Tool, ANameThatIsTooLongIsRefusedAndNotAddedAgain)
 {
@@ -73,13 +73,13 @@ TEST_F(Tool, GraspingFixedTissueIsLogged)
 {
     ASSERT_EQ(pliant_tool_add(body.model, body.data, "hook", &tool), PLIANT_OK);
     ASSERT_EQ(grasp(0.05, 0.06, 0.09), PLIANT_OK) << pliant_last_error();
-    EXPECT_EQ(said, "");
+    EXPECT_EQ(logged, "");
     ASSERT_EQ(grasp(0.05, 0.06, 0.02), PLIANT_OK) << pliant_last_error();
-    EXPECT_NE(said.find("tool hook: 100 % of the grasped tissue"), std::string::npos) << said;
-    EXPECT_NE(said.find("(0.0500 0.0600 0.0200) m"), std::string::npos) << said;
+    EXPECT_NE(logged.find("tool hook: 100 % of the grasped tissue"), std::string::npos) << logged;
+    EXPECT_NE(logged.find("(0.0500 0.0600 0.0200) m"), std::string::npos) << logged;
     body.data->tools[tool].radius = 0;
     ASSERT_EQ(grasp(0.05, 0.06, 0.05), PLIANT_OK) << pliant_last_error();
-    EXPECT_NE(said.find("tool hook: 50 % of the grasped tissue"), std::string::npos) << said;
+    EXPECT_NE(logged.find("tool hook: 50 % of the grasped tissue"), std::string::npos) << logged;
 }
 
 TEST_F(Tool, WithoutTissueTheNearestTissueIsNamed)

@@ -25,7 +25,7 @@ struct gpu_tissue {
     const pliant_body *body;   /* previous topology, only for comparison */
     gpu_overlaps *overlaps;
     pliant_tissue_view view;   /* pointers of the device */
-    int32_t num_nodes, num_skins;
+    int32_t num_nodes, num_triangles;
     size_t positions_bytes, last_bytes, normals_bytes;
     double *d_positions, (*d_normal)[3], *h_normal;
     int32_t *d_last, *d_count, *d_num_found, *h_num_found;
@@ -61,7 +61,8 @@ __device__ void look_around(const pliant_tissue_view &on, const overlaps::view &
                 next = i;
         }
         if (next == INT32_MAX) return;
-        for (int32_t s = on.skin_start[next]; s < on.skin_start[next + 1]; s++) pliant_tissue_try_skin(&on, index, s);
+        for (int32_t s = on.triangle_start[next]; s < on.triangle_start[next + 1]; s++)
+            pliant_tissue_try_triangle(&on, index, s);
         last = next;
     }
 }
@@ -136,7 +137,7 @@ pliant_status set_body(gpu_tissue *gpu, pliant_tissue *tissue)
 {
     const pliant_mesh *mesh = &tissue->body->fine;
     const size_t nodes = (size_t)tissue->num_nodes, tets = (size_t)mesh->num_tets, all = (size_t)mesh->num_nodes,
-                 skins = (size_t)tissue->num_skins;
+                 triangles = (size_t)tissue->num_triangles;
     const pliant_tissue_rule none = {};
     pliant_tissue_view view = pliant_tissue_view_of(tissue, NULL, &none);
     forget_body(gpu);
@@ -144,12 +145,12 @@ pliant_status set_body(gpu_tissue *gpu, pliant_tissue *tissue)
                                  gpu->stream, &gpu->overlaps));
     view.tets = gpu_overlaps_view(gpu->overlaps).tets;
     CUDA_TRY(send(gpu, 4 * tets, &view.across));
-    CUDA_TRY(send(gpu, tets, &view.apart));
+    CUDA_TRY(send(gpu, tets, &view.is_candidate));
     CUDA_TRY(send(gpu, all, &view.fixed));
     CUDA_TRY(send(gpu, all, &view.node_parent));
     CUDA_TRY(send(gpu, all, &view.piece));
-    CUDA_TRY(send(gpu, skins, &view.skin));
-    CUDA_TRY(send(gpu, (size_t)tissue->num_tets + 1, &view.skin_start));
+    CUDA_TRY(send(gpu, triangles, &view.triangle));
+    CUDA_TRY(send(gpu, (size_t)tissue->num_tets + 1, &view.triangle_start));
     CUDA_TRY(send(gpu, nodes, &view.node));
     CUDA_TRY(send(gpu, (size_t)tissue->around_start[nodes], &view.around));
     CUDA_TRY(send(gpu, nodes + 1, &view.around_start));
@@ -157,7 +158,7 @@ pliant_status set_body(gpu_tissue *gpu, pliant_tissue *tissue)
     CUDA_TRY(send(gpu, nodes + 1, &view.fan_start));
     gpu->positions_bytes = 3 * all * sizeof *gpu->d_positions;
     gpu->last_bytes = nodes * sizeof *gpu->d_last;
-    gpu->normals_bytes = skins * sizeof *gpu->d_normal;
+    gpu->normals_bytes = triangles * sizeof *gpu->d_normal;
     CUDA_TRY(pliant_cuda_allocate(gpu->positions_bytes, "the surface", (void **)&gpu->d_positions));
     CUDA_TRY(pliant_cuda_allocate(gpu->last_bytes, "the surface", (void **)&gpu->d_last));
     CUDA_TRY(pliant_cuda_allocate(gpu->normals_bytes, "the surface", (void **)&gpu->d_normal));
@@ -176,7 +177,7 @@ pliant_status set_body(gpu_tissue *gpu, pliant_tissue *tissue)
     view.node_contacts = gpu->d_touching;
     gpu->view = view;
     gpu->num_nodes = tissue->num_nodes;
-    gpu->num_skins = tissue->num_skins;
+    gpu->num_triangles = tissue->num_triangles;
     gpu->revision = tissue->revision;
     gpu->body = tissue->body;
     return PLIANT_OK;
@@ -190,7 +191,7 @@ pliant_status enqueue(void *context, gpu_overlaps *of)
 {
     gpu_tissue *gpu = static_cast<gpu_tissue *>(context);
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->d_num_found, 0, sizeof *gpu->d_num_found, gpu->stream)));
-    normal_kernel<<<blocks_for(gpu->num_skins), THREADS, 0, gpu->stream>>>(gpu->view, gpu->num_skins);
+    normal_kernel<<<blocks_for(gpu->num_triangles), THREADS, 0, gpu->stream>>>(gpu->view, gpu->num_triangles);
     CUDA_TRY(CUDA_LAUNCHED("normal_kernel"));
     node_kernel<<<blocks_for(gpu->num_nodes), THREADS, 0, gpu->stream>>>(
         gpu->view, gpu_overlaps_view(of), gpu->num_nodes, gpu->d_found, gpu->d_num_found);

@@ -29,7 +29,7 @@ typedef struct gpu_step {
     gpu_tool tools[GPU_TOOLS];
     int32_t has_contacts;           /* there are contacts (contact.h) */
     int32_t restart, forget;   /* restart: no quantity of the state is known; forget: the secants are invalid */
-    int32_t known, seen; /* pliant_known of the first state; the preconditioner is unchanged since its evaluation */
+    int32_t known, start_is_evaluated; /* pliant_known of the first state; pliant_final_state */
     int32_t is_cycle;          /* the preconditioner is a V-cycle */
     int32_t max_evaluations, depth, capacity;
     pliant_evaluation_limit limit;   /* one more evaluation if the first one needs no work */
@@ -67,9 +67,9 @@ typedef struct gpu_state {
     unsigned long long largest[4];
     unsigned long long blocks; /* number of blocks that have added their maxima */
     /* pliant_final_state */
-    int32_t last_target;       /* buffer of the last evaluation */
-    int32_t seen;              /* the first state of this step was evaluated by the previous step, for its loads */
-    int32_t skips;             /* the preconditioner has no work */
+    int32_t last_target;        /* buffer of the last evaluation */
+    int32_t start_is_evaluated; /* the first state of this step was evaluated by the previous step, for its loads */
+    int32_t skips;              /* the preconditioner has no work */
     double past_step_force[GPU_ROWS];
     double past_of_now;        /* step of the present iterate . residual of the previous step's end */
     double past_along[GPU_HISTORY]; /* products of the secants' steps with the residual of the previous step's end */

@@ -163,7 +163,7 @@ static pliant_status absorb(segmenting *work, const pliant_volume *scan, const p
     return piece_count(work, count);
 }
 
-static pliant_status tell(segmenting *work, const pliant_volume *scan, int32_t count, pliant_segmentation *out)
+static pliant_status write_pieces(segmenting *work, const pliant_volume *scan, int32_t count, pliant_segmentation *out)
 {
     const gpu_segment *gpu = &work->gpu;
     const size_t pieces = (size_t)count;
@@ -212,7 +212,7 @@ static pliant_status run(segmenting *work, const pliant_volume *scan, const plia
         CUDA_CALL(cudaMemcpyAsync(gpu->d_logs, work->logs, sizeof work->logs, cudaMemcpyHostToDevice, work->stream)));
     CUDA_TRY(pliant_cuda_segment_agree(gpu, out->num_classes, (float)options->coherence, work->stream));
     CUDA_TRY(absorb(work, scan, options, &count));
-    return tell(work, scan, count, out);
+    return write_pieces(work, scan, count, out);
 }
 
 static pliant_status segment(const pliant_volume *scan, const pliant_segment_options *options, pliant_segmentation *out)

@@ -43,8 +43,8 @@ static __device__ void sum_bins(const double *counts, const double *values, int 
 #pragma unroll
         for (int k = 0; k < PLIANT_MAX_CLASSES; k++) {
             if (k >= classes) break;
-            const double apart = (values[b] - work->classes[k].mean) * work->inverse[k];
-            part[k] = work->classes[k].weight > 0 ? work->level[k] - 0.5 * apart * apart : -INFINITY;
+            const double difference = (values[b] - work->classes[k].mean) * work->inverse[k];
+            part[k] = work->classes[k].weight > 0 ? work->level[k] - 0.5 * difference * difference : -INFINITY;
             largest = fmax(largest, part[k]);
         }
 #pragma unroll
@@ -58,10 +58,10 @@ static __device__ void sum_bins(const double *counts, const double *values, int 
 #pragma unroll
         for (int k = 0; k < PLIANT_MAX_CLASSES; k++) {
             if (k >= classes) break;
-            const double fraction = scale * part[k], apart = values[b] - work->classes[k].mean;
+            const double fraction = scale * part[k], difference = values[b] - work->classes[k].mean;
             sums[k][0] += fraction;
-            sums[k][1] += fraction * apart;
-            sums[k][2] += fraction * apart * apart;
+            sums[k][1] += fraction * difference;
+            sums[k][2] += fraction * difference * difference;
         }
     }
 #pragma unroll

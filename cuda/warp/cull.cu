@@ -201,11 +201,11 @@ static __global__ void __launch_bounds__(THREADS, 4)
         __syncwarp();
     }
     if (!there) return;
-    const bool parted = PARTS && raster.parts.elements[t].box >= 0;
+    const bool has_parts = PARTS && raster.parts.elements[t].box >= 0;
     visit_bricks(raster, t, foot, [&](int one, int other) {
-        if (parted) {
-            raster.d_parted[one] = 1;
-            if (other >= 0) raster.d_parted[other] = 1;
+        if (has_parts) {
+            raster.d_has_parts[one] = 1;
+            if (other >= 0) raster.d_has_parts[other] = 1;
         }
         if (!still) {
             raster.d_dirty[one] = 1;
@@ -264,11 +264,11 @@ static __global__ void rebuild_kernel(gpu_raster now, int count, const int32_t *
 }
 
 /* four threads per element */
-static __global__ void leave_kernel(gpu_raster before, int count, const int32_t *__restrict__ d_gone)
+static __global__ void leave_kernel(gpu_raster before, int count, const int32_t *__restrict__ d_removed)
 {
     const int i = (int)(blockIdx.x * THREADS + threadIdx.x) / 4;
     if (i >= count) return;
-    const int e = d_gone[i];
+    const int e = d_removed[i];
     const gpu_tet *stored = static_cast<const gpu_tet *>(before.d_setup) + e;
     visit_bricks(before, e, {stored->bricks, stored->box}, [&](int one, int other) {
         before.d_dirty[one] = 1;
@@ -289,11 +289,11 @@ extern "C" pliant_status pliant_cuda_carry_elements(const gpu_raster *before, co
     return CUDA_LAUNCHED("rebuild_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_mark_removed(const gpu_raster *before, int32_t num_gone, const int32_t *d_gone,
-                                                  cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_mark_removed(const gpu_raster *before, int32_t num_removed,
+                                                  const int32_t *d_removed, cudaStream_t stream)
 {
-    if (num_gone == 0) return PLIANT_OK;
-    leave_kernel<<<(unsigned)((4 * (long long)num_gone + THREADS - 1) / THREADS), THREADS, 0, stream>>>(
-        *before, num_gone, d_gone);
+    if (num_removed == 0) return PLIANT_OK;
+    leave_kernel<<<(unsigned)((4 * (long long)num_removed + THREADS - 1) / THREADS), THREADS, 0, stream>>>(
+        *before, num_removed, d_removed);
     return CUDA_LAUNCHED("leave_kernel");
 }

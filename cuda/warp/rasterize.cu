@@ -93,7 +93,7 @@ static __device__ __noinline__ bool draw_masked(const gpu_raster &raster, int id
     return true;
 }
 
-enum { COPIES = 1, PARTED = 2 }; /* flags of a candidate */
+enum { COPIES = 1, HAS_PARTS = 2 }; /* flags of a candidate */
 
 /* Write the voxels of a region. Adjacent threads write adjacent voxels along i, several loads in flight per thread. */
 template <class Voxel, bool INNER, int SIZE, bool PARTS>
@@ -127,7 +127,7 @@ static __device__ __forceinline__ void write_voxels(const gpu_raster &raster, co
 #pragma unroll
         for (int n = 0; n < AT_ONCE; n++) {
             Voxel value = name[n] != NO_OWNER ? value_in(cells[n]) : background_of(raster, Voxel());
-            if (PARTS && k + n * SLICES < end && brick.copies[name[n]] == PARTED)
+            if (PARTS && k + n * SLICES < end && brick.copies[name[n]] == HAS_PARTS)
                 draw_masked(raster, brick.id[name[n]], origin[0] + i, origin[1] + j, origin[2] + k + n * SLICES,
                             &value);
             if (k + n * SLICES < end) out[n * slice_step] = value;
@@ -170,7 +170,7 @@ static __device__ __forceinline__ void write_part(const gpu_raster &raster, cons
         const gpu_box box = tet_of(raster, brick.id[thread]).box;
         fill_slot(map, origin, brick.base, brick.slots[thread]);
         brick.copies[thread] = box.kind == RASTER_COPY ? COPIES : 0;
-        if (PARTS && raster.parts.elements[brick.id[thread]].box >= 0) brick.copies[thread] |= PARTED;
+        if (PARTS && raster.parts.elements[brick.id[thread]].box >= 0) brick.copies[thread] |= HAS_PARTS;
         if (!box.inner) brick.inner = 0;
     } else if (thread == NO_OWNER) {
         fill_without_owner(brick.limit, brick.slots[NO_OWNER]);
@@ -228,7 +228,7 @@ static __device__ __forceinline__ bool draw_eighths(const gpu_raster &raster, co
 {
     for (int n = 0; n < 8; n++) {
         const int selected = select(raster, eighth(n), list, count, origin, brick);
-        if (selected > MOST) return false;
+        if (selected > MAX_CANDIDATES) return false;
         find_owners<PARTS>(raster, eighth(n), selected, origin, brick);
     }
     for (int n = 0; n < 8; n++) {
@@ -253,21 +253,22 @@ static __device__ __forceinline__ void clear_brick(brick_state &brick)
 
 /* Bricks that a kernel draws: all if there is no cut; otherwise first the bricks without elements at a cut, then the
  * others. */
-enum bricks { ALL_BRICKS, WHOLE_BRICKS, PARTED_BRICKS };
+enum bricks { ALL_BRICKS, WHOLE_BRICKS, BRICKS_WITH_PARTS };
 
 /* Draw with one block per brick.
  * leave: bricks with more candidates than a byte can index keep their count, for crowded_kernel */
 template <class Voxel, bricks WHICH>
 static __global__ void __launch_bounds__(THREADS, BLOCKS) raster_kernel(gpu_raster raster, bool leave)
 {
-    enum { PARTS = WHICH == PARTED_BRICKS };
+    enum { PARTS = WHICH == BRICKS_WITH_PARTS };
     __shared__ brick_state brick;
     const int origin[3] = {(int)blockIdx.x * BRICK, (int)blockIdx.y * BRICK, (int)blockIdx.z * BRICK};
     const int b = (int)(blockIdx.x + gridDim.x * (blockIdx.y + gridDim.y * blockIdx.z)), thread = (int)threadIdx.x;
     const int *list = raster.d_list + (size_t)b * raster.capacity;
-    if (WHICH != ALL_BRICKS && (raster.d_parted[b] != 0) != (WHICH == PARTED_BRICKS)) return;
+    if (WHICH != ALL_BRICKS && (raster.d_has_parts[b] != 0) != (WHICH == BRICKS_WITH_PARTS)) return;
     const int dirty = raster.d_dirty[b], count = raster.d_count[b], id = thread < raster.capacity ? list[thread] : 0;
-    const bool drawn = dirty && count <= MOST, left = leave && dirty && count > MOST && count <= raster.capacity;
+    const bool drawn = dirty && count <= MAX_CANDIDATES,
+               left = leave && dirty && count > MAX_CANDIDATES && count <= raster.capacity;
     const part whole = {{0, 0, 0}, BRICK};
     if (drawn && count > 0) {
         clear_brick(brick);
@@ -279,7 +280,7 @@ static __global__ void __launch_bounds__(THREADS, BLOCKS) raster_kernel(gpu_rast
     if (thread == 0) {
         raster.d_changed[b] = (uint8_t)dirty;
         raster.d_dirty[b] = 0;
-        if (WHICH == PARTED_BRICKS) raster.d_parted[b] = 0;
+        if (WHICH == BRICKS_WITH_PARTS) raster.d_has_parts[b] = 0;
         if (!left) raster.d_count[b] = 0;
         if (count > *raster.d_longest) atomicMax(raster.d_longest, count);
     }
@@ -322,13 +323,13 @@ static __global__ void __launch_bounds__(THREADS) owners_kernel(gpu_raster raste
     __syncthreads(); /* all threads have read it */
     if (thread == 0) {
         raster.d_count[b] = 0;
-        raster.d_dirty[b] = raster.d_parted[b] = 0;
+        raster.d_dirty[b] = raster.d_has_parts[b] = 0;
         if (count > *raster.d_longest) atomicMax(raster.d_longest, count);
     }
     if (any) {
         clear_brick(brick);
-        if (count <= MOST && thread < count) brick.id[thread] = list[thread];
-        if (count <= MOST) find_owners<true>(raster, whole, count, origin, brick);
+        if (count <= MAX_CANDIDATES && thread < count) brick.id[thread] = list[thread];
+        if (count <= MAX_CANDIDATES) find_owners<true>(raster, whole, count, origin, brick);
         else find_owners_by_voxel<true>(raster, list, count, origin, brick);
         __syncthreads();
     }
@@ -426,7 +427,7 @@ template <class Voxel> static pliant_status draw(const gpu_raster &raster, bool 
     if (parts) {
         raster_kernel<Voxel, WHOLE_BRICKS><<<blocks, THREADS, 0, stream>>>(raster, crowded);
         CUDA_TRY(CUDA_LAUNCHED("raster_kernel"));
-        raster_kernel<Voxel, PARTED_BRICKS><<<blocks, THREADS, 0, stream>>>(raster, crowded);
+        raster_kernel<Voxel, BRICKS_WITH_PARTS><<<blocks, THREADS, 0, stream>>>(raster, crowded);
     } else {
         raster_kernel<Voxel, ALL_BRICKS><<<blocks, THREADS, 0, stream>>>(raster, crowded);
     }
@@ -437,7 +438,7 @@ template <class Voxel> static pliant_status draw(const gpu_raster &raster, bool 
     return CUDA_LAUNCHED("crowded_kernel");
 }
 
-extern "C" int32_t pliant_cuda_longest_usual(void) { return MOST; }
+extern "C" int32_t pliant_cuda_longest_usual(void) { return MAX_CANDIDATES; }
 
 extern "C" pliant_status pliant_cuda_rasterize(const gpu_raster *raster, bool crowded, cudaStream_t stream)
 {

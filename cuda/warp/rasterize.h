@@ -28,7 +28,7 @@ typedef struct gpu_raster {
     const int32_t *d_tets;           /* (num_tets x 4) */
     const part_carried_tet *d_carried;      /* (num_elements - num_tets) */
     part_view parts;                 /* elements NULL: no cuts */
-    uint8_t *d_parted;               /* (num_bricks) whether an element at a cut touches the brick; 0 between updates */
+    uint8_t *d_has_parts;            /* (num_bricks) whether an element at a cut touches the brick; 0 between updates */
     const uint8_t *d_zone;           /* (num_elements) for a fit, 0: not drawn by its own map; NULL: all are */
     const double *d_rest;            /* (num_nodes x 3) continuous index in the scan */
     int32_t *d_fixed;                /* (num_elements x 12) fixed-point corners of the last update */
@@ -67,7 +67,7 @@ pliant_status pliant_cuda_carry_elements(const gpu_raster *before, const gpu_ras
                                          const int32_t *d_from, int32_t num_rebuilt, const int32_t *d_rebuilt,
                                          cudaStream_t stream);
 /* Mark the bricks of removed elements as dirty. */
-pliant_status pliant_cuda_mark_removed(const gpu_raster *before, int32_t num_gone, const int32_t *d_gone,
+pliant_status pliant_cuda_mark_removed(const gpu_raster *before, int32_t num_removed, const int32_t *d_removed,
                                        cudaStream_t stream);
 
 #ifdef __cplusplus

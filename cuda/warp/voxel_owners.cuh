@@ -18,7 +18,7 @@ enum {
     QUEUE = 3072,         /* maximum number of a chunk's rows that are distributed at once */
     /* maximum number of rows stored for exact computation; if there are more, all rows are computed exactly */
     DOUBTFUL = 1024,
-    MOST = 254,           /* maximum number of candidates that a byte can index */
+    MAX_CANDIDATES = 254,           /* maximum number of candidates that a byte can index */
     NO_OWNER = 255,
     ROW_STEP = BRICK + 1  /* padding of the owner rows that avoids shared-memory bank conflicts */
 };
@@ -40,7 +40,7 @@ struct brick_state {
         exact_plane planes[CHUNK][4];
         slot slots[NO_OWNER + 1];
     };
-    int id[MOST];
+    int id[MAX_CANDIDATES];
     unsigned char copies[NO_OWNER + 1];
     alignas(16) unsigned owner[BRICK_ROWS * ROW_STEP]; /* 256 index + position among the candidates; the minimum wins */
     unsigned first; /* minimum owner */
@@ -351,7 +351,7 @@ static __device__ int select(const gpu_raster &raster, const part &where, const 
             if (w < warp) place += brick.counts[w];
             selected += brick.counts[w];
         }
-        if (keep && place < MOST) brick.id[place] = id;
+        if (keep && place < MAX_CANDIDATES) brick.id[place] = id;
     }
     __syncthreads();
     return selected;

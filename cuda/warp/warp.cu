@@ -15,7 +15,7 @@
 enum { BEGUN, CULLED, DRAWN, NUM_MARKS };
 
 /* Arrays that depend on the body, and their capacities. */
-enum { TETS, REST, FIXED, SETUP, CARRY, ELEMENTS, BOXES, LABELS, PARTED, POSITIONS, BODY_ARRAYS };
+enum { TETS, REST, FIXED, SETUP, CARRY, ELEMENTS, BOXES, LABELS, HAS_PARTS, POSITIONS, BODY_ARRAYS };
 struct body_capacity { bool grows; size_t bytes[BODY_ARRAYS]; };
 
 struct cuda_next;
@@ -183,15 +183,15 @@ static pliant_status fill_body(const pliant_warp_parts *parts, const known_body 
     if (cut->num_labels > 0)
         CUDA_TRY(send_next<uint16_t>(cut->view.labels, (size_t)cut->num_labels, here->parts.labels, nullptr,
                                      labels_here, LABELS, stream, capacity, &raster->parts.labels));
-    CUDA_TRY(capacity_for(bricks, PARTED, capacity, &raster->d_parted));
-    return CUDA_CALL(cudaMemsetAsync(raster->d_parted, 0, bricks, stream));
+    CUDA_TRY(capacity_for(bricks, HAS_PARTS, capacity, &raster->d_has_parts));
+    return CUDA_CALL(cudaMemsetAsync(raster->d_has_parts, 0, bricks, stream));
 }
 
 static void release_body(const gpu_raster *raster)
 {
     const void *blocks[] = {raster->d_tets,      raster->d_rest,       raster->d_fixed,
                             raster->d_setup,     raster->d_carried,     raster->parts.elements,
-                            raster->parts.boxes, raster->parts.labels, raster->d_parted};
+                            raster->parts.boxes, raster->parts.labels, raster->d_has_parts};
     for (const void *block : blocks) pliant_cuda_release(const_cast<void *>(block));
 }
 
@@ -328,7 +328,7 @@ extern "C" pliant_status pliant_cuda_warp_enqueue(pliant_cuda_warp *gpu, const d
     return PLIANT_OK;
 }
 
-static pliant_status lengthen(gpu_raster *raster, int32_t longest, cudaStream_t stream)
+static pliant_status grow_lists(gpu_raster *raster, int32_t longest, cudaStream_t stream)
 {
     const int32_t capacity = longest + longest / 4;
     const size_t count = (size_t)raster->num_bricks * (size_t)capacity;
@@ -345,7 +345,7 @@ static pliant_status draw_again(pliant_cuda_warp *gpu, const double *d_positions
 {
     gpu->drawn = false; /* after a failure the next update draws everything */
     gpu->crowded = *gpu->h_longest > pliant_cuda_longest_usual();
-    if (*gpu->h_longest > gpu->raster.capacity) CUDA_TRY(lengthen(&gpu->raster, *gpu->h_longest, stream));
+    if (*gpu->h_longest > gpu->raster.capacity) CUDA_TRY(grow_lists(&gpu->raster, *gpu->h_longest, stream));
     CUDA_TRY(pliant_cuda_warp_enqueue(gpu, d_positions, stream));
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(stream)));
     /* the first pass may have changed bricks that the second one did not */
@@ -440,9 +440,9 @@ struct cuda_next {
     body_capacity capacity;
     double *d_positions;
     pliant_cuda_fit *fit;
-    int32_t *d_gone, *d_from, *d_rebuilt;
-    size_t gone_capacity, from_capacity, rebuilt_capacity;
-    int32_t num_gone;
+    int32_t *d_removed, *d_from, *d_rebuilt;
+    size_t removed_capacity, from_capacity, rebuilt_capacity;
+    int32_t num_removed;
 };
 
 static void free_next(cuda_next *next)
@@ -450,7 +450,7 @@ static void free_next(cuda_next *next)
     if (!next) return;
     release_body(&next->raster);
     pliant_cuda_release(next->d_positions);
-    pliant_cuda_release(next->d_gone);
+    pliant_cuda_release(next->d_removed);
     pliant_cuda_release(next->d_from);
     pliant_cuda_release(next->d_rebuilt);
     pliant_free(next);
@@ -482,11 +482,11 @@ static pliant_status carry(pliant_cuda_warp *gpu, const pliant_warp_changes *cha
 {
     const known_body known = {&gpu->raster, &gpu->parts, changes};
     CUDA_TRY(fill_body(&next->parts, &known, gpu->stream, &next->raster, &next->capacity));
-    CUDA_TRY(send_list(changes->gone, changes->num_gone, gpu->stream, &next->d_gone, &next->gone_capacity));
+    CUDA_TRY(send_list(changes->removed, changes->num_removed, gpu->stream, &next->d_removed, &next->removed_capacity));
     CUDA_TRY(
         send_list(changes->from, changes->now - changes->common, gpu->stream, &next->d_from, &next->from_capacity));
     CUDA_TRY(send_list(changes->rebuilt, changes->num_rebuilt, gpu->stream, &next->d_rebuilt, &next->rebuilt_capacity));
-    next->num_gone = changes->num_gone;
+    next->num_removed = changes->num_removed;
     CUDA_TRY(pliant_cuda_carry_elements(&gpu->raster, &next->raster, changes->common, next->d_from,
                                         changes->num_rebuilt, next->d_rebuilt, gpu->stream));
     return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
@@ -538,7 +538,7 @@ static void take_next(pliant_cuda_warp *gpu, cuda_next *next)
 {
     gpu_raster *old = &gpu->raster, *now = &next->raster;
     if (gpu->drawn && !gpu->fit &&
-        (pliant_cuda_mark_removed(old, next->num_gone, next->d_gone, gpu->stream) != PLIANT_OK ||
+        (pliant_cuda_mark_removed(old, next->num_removed, next->d_removed, gpu->stream) != PLIANT_OK ||
          CUDA_CALL(cudaStreamSynchronize(gpu->stream)) != PLIANT_OK))
         gpu->drawn = false;
     gpu->parts = next->parts;
@@ -549,7 +549,7 @@ static void take_next(pliant_cuda_warp *gpu, cuda_next *next)
     exchange(&old->d_fixed, &now->d_fixed);
     exchange(&old->d_setup, &now->d_setup);
     exchange(&old->d_carried, &now->d_carried);
-    exchange(&old->d_parted, &now->d_parted);
+    exchange(&old->d_has_parts, &now->d_has_parts);
     exchange(&old->parts, &now->parts);
     exchange(&gpu->capacity, &next->capacity);
     exchange(&gpu->d_positions, &next->d_positions);

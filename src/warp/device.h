@@ -36,7 +36,7 @@ typedef struct pliant_warp_changes {
     int32_t num_rebuilt, *rebuilt; /* tetrahedra to redraw, ascending */
     int32_t *from;                 /* (now - common) previous element of each other element; -1: redraw */
     /* previous elements, ascending, that the new body does not have; their region is redrawn */
-    int32_t num_gone, *gone;
+    int32_t num_removed, *removed;
 } pliant_warp_changes;
 
 /* Functions of a device.

@@ -58,7 +58,7 @@ typedef struct raster_tet {
     int16_t low[3], high[3];   /* first and last voxel along each axis, inside the target */
     uint8_t kind;              /* raster_kind */
     bool small;                /* plane values anywhere in the target are below 2^51 */
-    bool parted;               /* whether it contains voxels of other parts (part.h) */
+    bool has_parts;               /* whether it contains voxels of other parts (part.h) */
     bool inner;                /* whether it maps so far inside the scan that no index needs clamping */
 } raster_tet;
 

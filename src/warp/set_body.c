@@ -41,7 +41,7 @@ void pliant_warp_next_free(pliant_warp_next *next)
     pliant_free(next->carried_tet_tets);
     pliant_free(next->changes.rebuilt);
     pliant_free(next->changes.from);
-    pliant_free(next->changes.gone);
+    pliant_free(next->changes.removed);
     pliant_free(next->left);
     if (next->device_next) next->device->drop(next->device_next);
     pliant_free(next);
@@ -222,12 +222,13 @@ static bool find_changes(const pliant_warp *warp, pliant_warp_next *next)
     changes->num_rebuilt = kept;
     for (int32_t e = common; e < changes->now; e++) changes->from[e - common] = -1;
     carry_carried_tets(warp, next);
-    if (!(changes->gone = pliant_calloc((size_t)kept + (size_t)(changes->before - common) + 1, sizeof *changes->gone)))
+    if (!(changes->removed =
+              pliant_calloc((size_t)kept + (size_t)(changes->before - common) + 1, sizeof *changes->removed)))
         return false;
-    memcpy(changes->gone, changes->rebuilt, (size_t)kept * sizeof *changes->gone);
-    changes->num_gone = kept;
+    memcpy(changes->removed, changes->rebuilt, (size_t)kept * sizeof *changes->removed);
+    changes->num_removed = kept;
     for (int32_t e = common; e < changes->before; e++)
-        if (!next->left[e - common]) changes->gone[changes->num_gone++] = e;
+        if (!next->left[e - common]) changes->removed[changes->num_removed++] = e;
     return true;
 }
 
@@ -323,7 +324,7 @@ void pliant_warp_take(pliant_warp *warp, pliant_warp_next *next)
     const pliant_mesh *mesh = next->mesh;
     const int32_t carried_tets = next->changes.now - mesh->num_tets;
     const pliant_warp_changes *changes = &next->changes;
-    for (int32_t i = 0; i < changes->num_gone; i++) pliant_warp_remove_from_bricks(warp, changes->gone[i]);
+    for (int32_t i = 0; i < changes->num_removed; i++) pliant_warp_remove_from_bricks(warp, changes->removed[i]);
     take_capacity(warp, next);
     for (int32_t n = next->load_nodes; n < mesh->num_nodes; n++) {
         if (!is_new(warp, next, n)) continue;

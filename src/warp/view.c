@@ -222,17 +222,17 @@ pliant_status pliant_view_render(pliant_view *view, const pliant_camera *camera,
                                  const pliant_image *out)
 {
     const render_output output = {.rgb = out->rgb, .depth = out->depth, .label = out->label};
-    const pliant_volume seen = header(view);
+    const pliant_volume volume = header(view);
     render_scene scene;
-    pliant_status status = render_scene_of(&seen, camera, style ? style : &view->style, 0, &scene);
+    pliant_status status = render_scene_of(&volume, camera, style ? style : &view->style, 0, &scene);
     return status == PLIANT_OK ? draw(view, &scene, &output) : status;
 }
 
 pliant_status pliant_view_radiograph(pliant_view *view, const pliant_camera *camera, double water, float *out)
 {
     const render_output output = {.integral = out};
-    const pliant_volume seen = header(view);
+    const pliant_volume volume = header(view);
     render_scene scene;
-    pliant_status status = render_scene_of(&seen, camera, NULL, water, &scene);
+    pliant_status status = render_scene_of(&volume, camera, NULL, water, &scene);
     return status == PLIANT_OK ? draw(view, &scene, &output) : status;
 }

@@ -145,8 +145,9 @@ OWNER_INLINE void owner_find_all(const raster_source *source, const part_view *p
         owner_box box;
         if (!owner_find_box(tet, origin, &box)) continue;
         uint32_t entry = num_slots << ENTRY_SLOT_SHIFT | (tet->kind == RASTER_COPY ? ENTRY_COPY : 0);
-        int32_t claimed = tet->parted ? pliant_raster_claim_part(parts, candidates[c], tet, origin, &box, entry, brick)
-                                      : claim(brick, tet, origin, &box, entry);
+        int32_t claimed = tet->has_parts
+                              ? pliant_raster_claim_part(parts, candidates[c], tet, origin, &box, entry, brick)
+                              : claim(brick, tet, origin, &box, entry);
         if (claimed == 0) continue;
         brick->num_free -= claimed;
         if (num_slots == 0) owner_choose_base(source, tet, origin, brick);

@@ -205,7 +205,7 @@ static void set_tet(pliant_warp *warp, const int32_t *fixed, int32_t t)
         rest[v] = carried_tet < 0 ? warp->rest + 3 * node : warp->parts->carried_tets[carried_tet].rest[v];
     }
     pliant_raster_tet(&warp->grid, &warp->source, corners, rest, &warp->tets[t]);
-    warp->tets[t].parted = warp->parts && warp->parts->view.elements[t].box >= 0;
+    warp->tets[t].has_parts = warp->parts && warp->parts->view.elements[t].box >= 0;
 }
 
 typedef enum visit { VISIT_MARK, VISIT_LEAVE, VISIT_COUNT, VISIT_LIST } visit;
@@ -369,7 +369,7 @@ static void fit_elements_at_cuts(pliant_warp *warp, const double *positions)
         warp->tets[t].kind = RASTER_NOTHING;
         if (zone[t] == 0) continue;
         set_tet(warp, warp->next, t);
-        warp->tets[t].parted = true;
+        warp->tets[t].has_parts = true;
     }
     memset(warp->dirty, 1, (size_t)warp->num_bricks);
     count_candidates(warp);

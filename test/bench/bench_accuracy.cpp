@@ -40,25 +40,25 @@ struct EstimateRatios {
 };
 
 void line(const pliant_model *model, int kind, const std::vector<Frames> &exact, double reach, bool paced,
-          EstimateRatios *told)
+          EstimateRatios *estimates)
 {
     Frames stopped = run(model, liver, Kind(kind), &exact[DISPLACEMENT], paced);
     Errors errors = print_errors(kind_names[kind], model, stopped, exact[size_t(kind)]);
     std::printf("   reach %g %%: %s\n", reach, errors.worst <= reach ? "met" : "NOT MET");
     std::fflush(stdout);
-    if (!told) return;
-    told->now[kind].insert(told->now[kind].end(), errors.ratio.begin(), errors.ratio.end());
-    told->before[kind].insert(told->before[kind].end(), errors.before.begin(), errors.before.end());
+    if (!estimates) return;
+    estimates->now[kind].insert(estimates->now[kind].end(), errors.ratio.begin(), errors.ratio.end());
+    estimates->before[kind].insert(estimates->before[kind].end(), errors.before.begin(), errors.before.end());
 }
 
 void fine(Inputs &inputs, const std::vector<Frames> &exact, double budget, double pulls, double gravity,
-          EstimateRatios *told)
+          EstimateRatios *estimates)
 {
     inputs.scene.model.method = PLIANT_FINE;
     pliant_model *model = build(inputs, 1000, 1e-6, budget);
     std::printf("fine, %g ms of solver a frame\n", budget);
     for (size_t kind = 0; kind < exact.size(); kind++)
-        line(model, int(kind), exact, kind == GRAVITY ? gravity : pulls, true, told);
+        line(model, int(kind), exact, kind == GRAVITY ? gravity : pulls, true, estimates);
     pliant_model_free(model);
 }
 
@@ -120,19 +120,19 @@ int main(int argc, char **argv)
     for (int ratio : ratios) {
         inputs.scene.mesh.ratio = ratio;
         const bool large = ratio > 2;
-        EstimateRatios told;
+        EstimateRatios estimates;
         std::printf("ratio %d, bone fixed\n", ratio);
         std::vector<Frames> exact = references(inputs, NUM_KINDS);
-        fine(inputs, exact, large ? 40 : 8, large ? 3 : 1, large ? 3 : 1, &told);
-        if (large) fine(inputs, exact, 80, 1, 3, &told);
+        fine(inputs, exact, large ? 40 : 8, large ? 3 : 1, large ? 3 : 1, &estimates);
+        if (large) fine(inputs, exact, 80, 1, 3, &estimates);
         coarse(inputs, exact);
         std::printf("ratio %d, spine fixed, other bone deforms (1e7 Pa)\n", ratio);
         let_bone_deform(inputs, true);
-        fine(inputs, references(inputs, GRAVITY), large ? 80 : 16, large ? 5 : 3, 0, &told);
+        fine(inputs, references(inputs, GRAVITY), large ? 80 : 16, large ? 5 : 3, 0, &estimates);
         let_bone_deform(inputs, false);
         for (int kind = 0; kind < NUM_KINDS; kind++) {
-            print_estimate_ratios((kind_names[kind] + std::string(", at once")).c_str(), told.now[kind]);
-            print_estimate_ratios("a step later", told.before[kind]);
+            print_estimate_ratios((kind_names[kind] + std::string(", at once")).c_str(), estimates.now[kind]);
+            print_estimate_ratios("a step later", estimates.before[kind]);
             std::printf("\n");
         }
     }

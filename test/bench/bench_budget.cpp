@@ -28,7 +28,7 @@ int main(int argc, char **argv)
     std::vector<Frames> references;
     for (int kind = 0; kind < NUM_KINDS; kind++)
         references.push_back(run(exact, at, Kind(kind), kind == FORCE ? &references[DISPLACEMENT] : nullptr, false));
-    std::vector<double> told, before; // of all frames with up to six evaluations
+    std::vector<double> estimates, before; // of all frames with up to six evaluations
     for (int iterations : {2, 3, 4, 6, 8}) {
         std::printf("%d iterations\n", iterations);
         pliant_model *model = build(iterations, 1e-9);
@@ -39,13 +39,13 @@ int main(int argc, char **argv)
             print_estimate_ratios("in hindsight", errors.before);
             std::printf("\n");
             if (iterations > 6) continue;
-            told.insert(told.end(), errors.ratio.begin(), errors.ratio.end());
+            estimates.insert(estimates.end(), errors.ratio.begin(), errors.ratio.end());
             before.insert(before.end(), errors.before.begin(), errors.before.end());
         }
         pliant_model_free(model);
     }
     std::printf("2 to 6 iterations");
-    print_estimate_ratios("told", told);
+    print_estimate_ratios("told", estimates);
     print_estimate_ratios("in hindsight", before);
     std::printf("\n");
     pliant_model_free(exact);

@@ -18,19 +18,19 @@ int main(int argc, char **argv)
             options.insert(options.end(),
                            {option.substr(0, equals), equals == std::string::npos ? "" : option.substr(equals + 1)});
     }
-    told::Counts whole;
-    for (const told::Scene &scene : told::scenes()) {
+    error_estimates::Counts whole;
+    for (const error_estimates::Scene &scene : error_estimates::scenes()) {
         if (wanted != "all" && wanted != scene.name) continue;
-        told::Counts counts;
+        error_estimates::Counts counts;
         std::string by_load;
         for (size_t move = 0; move < scene.moves.size(); move++) {
-            const std::vector<std::vector<double>> right = told::solve_tightly(scene, move, options);
-            told::Counts of_load;
+            const std::vector<std::vector<double>> right = error_estimates::solve_tightly(scene, move, options);
+            error_estimates::Counts of_load;
             for (pliant_preconditioner_choice choice : {PLIANT_DIRECT, PLIANT_MULTIGRID}) {
                 if (choice == PLIANT_MULTIGRID && std::string(scene.name) == "octree") continue;
                 for (int iterations : {2, 3, 5}) {
                     if (wanted == "parity" && iterations != 2) continue;
-                    of_load.add(told::run(scene, move, choice, iterations, options, right, verbose));
+                    of_load.add(error_estimates::run(scene, move, choice, iterations, options, right, verbose));
                 }
             }
             by_load += "  " + std::to_string(of_load.within) + "/" + std::to_string(of_load.counted);

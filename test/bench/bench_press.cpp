@@ -61,7 +61,7 @@ void append_forces(pliant_data *data, std::vector<std::array<double, 3>> *out)
 Run press(const pliant_model *model, const double middle[3], int iterations, double tolerance, int settle)
 {
     Run run;
-    pliant_data *data = nullptr, *adjacent = nullptr;
+    pliant_data *data = nullptr, *second = nullptr;
     check(pliant_data_create(model, &data));
     check(pliant_data_set_limits(data, iterations, tolerance));
     pliant_tool_shape shape{};
@@ -91,10 +91,10 @@ Run press(const pliant_model *model, const double middle[3], int iterations, dou
             check(pliant_tool_set_pose(data, t, tip, nullptr));
         }
         if (settle == 0) {
-            check(adjacent ? pliant_data_move(model, adjacent, data) : pliant_data_copy(model, data, &adjacent));
-            check(pliant_data_set_limits(adjacent, 100, 1e-6));
-            check(pliant_step(model, adjacent));
-            append_forces(adjacent, &run.own);
+            check(second ? pliant_data_move(model, second, data) : pliant_data_copy(model, data, &second));
+            check(pliant_data_set_limits(second, 100, 1e-6));
+            check(pliant_step(model, second));
+            append_forces(second, &run.own);
         }
         const double begun = cpu();
         for (int s = 0; s <= settle; s++) {
@@ -103,17 +103,17 @@ Run press(const pliant_model *model, const double middle[3], int iterations, dou
             if (status == PLIANT_OK) break;
         }
         run.spent += cpu() - begun;
-        const pliant_statistics *told = pliant_data_get_statistics(data);
+        const pliant_statistics *statistics = pliant_data_get_statistics(data);
         // the first detection also computes the tissue's end within elements
-        (frame > 0 ? run.contact : run.first) += told->seconds[PLIANT_STEP_contact];
-        run.solve += told->seconds[PLIANT_STEP_solve];
-        run.evaluations += told->iterations;
-        run.max_contacts = std::max(run.max_contacts, told->contacts);
-        run.deepest = std::max(run.deepest, told->penetration);
-        run.refused = int32_t(told->rejected);
+        (frame > 0 ? run.contact : run.first) += statistics->seconds[PLIANT_STEP_contact];
+        run.solve += statistics->seconds[PLIANT_STEP_solve];
+        run.evaluations += statistics->iterations;
+        run.max_contacts = std::max(run.max_contacts, statistics->contacts);
+        run.deepest = std::max(run.deepest, statistics->penetration);
+        run.refused = int32_t(statistics->rejected);
         append_forces(data, &run.force);
     }
-    pliant_data_free(adjacent);
+    pliant_data_free(second);
     pliant_data_free(data);
     return run;
 }

@@ -68,7 +68,7 @@ struct Outcome {
     int32_t evaluations = 0;
 };
 
-void sweep_and_rest(const Way &on, Outcome &out)
+void sweep_and_rest(const SweepPath &on, Outcome &out)
 {
     const std::unique_ptr<Sheet> made = sheet_for(on, {});
     Sheet &sheet = *made;
@@ -146,7 +146,7 @@ int main(int argc, char **argv)
     Sweeps sweeps;
     Outcome out;
     for (int n = 0; n < count; n++) {
-        const Way on = sweeps.next();
+        const SweepPath on = sweeps.next();
         if (n >= first) sweep_and_rest(on, out);
     }
     const double full = full_step();

@@ -24,7 +24,7 @@ struct Frames {
     std::vector<std::vector<double>> positions, force;
     std::vector<double> solve, residual;
     // error estimate of a step, and estimate of the previous step by the next one [m]; the last one is missing
-    std::vector<double> told, before;
+    std::vector<double> estimates, before;
     double iterations = 0;
     int waited = 0; // number of steps until the patch was available
 };
@@ -152,7 +152,7 @@ inline Frames run(const pliant_model *model, const double at[3], Kind kind, cons
         step();
         out.solve.push_back(data->statistics.seconds[PLIANT_STEP_solve] + data->statistics.seconds[PLIANT_STEP_patch]);
         out.residual.push_back(data->statistics.residual);
-        out.told.push_back(data->statistics.error);
+        out.estimates.push_back(data->statistics.error);
         if (f > 1) out.before.push_back(data->statistics.error_before);
         out.iterations += double(data->statistics.iterations) / count;
         out.positions.emplace_back(data->positions, data->positions + 3 * size_t(model->body->fine.num_nodes));
@@ -186,7 +186,7 @@ inline Errors errors_of(const pliant_model *model, const Frames &run, const Fram
         double error = largest_distance(run.positions[f].data(), exact.positions[f].data(), nodes);
         out.worst = std::max(out.worst, 100 * error / whole);
         if (error <= 1e-6) continue;
-        out.ratio.push_back(run.told[f] / error);
+        out.ratio.push_back(run.estimates[f] / error);
         if (f < run.before.size() && run.before[f] > 0) out.before.push_back(run.before[f] / error);
     }
     return out;

@@ -200,12 +200,13 @@ TEST(Background, UnknownBackgroundResultsAreRefused)
     EXPECT_EQ(pliant_data_set_background(body.data, PLIANT_BACKGROUND_PRESCRIBED, 1u << 20), PLIANT_ERROR_ARGUMENT);
     EXPECT_EQ(pliant_data_set_background(body.data, pliant_background_kind(7), 0), PLIANT_ERROR_ARGUMENT);
     EXPECT_EQ(pliant_data_set_background(body.data, PLIANT_BACKGROUND_PRESCRIBED, PLIANT_RESULT_FACTOR), PLIANT_OK);
-    std::string said;
+    std::string logged;
     pliant_set_log(
-        [](pliant_log_level, const char *message, void *user) { *static_cast<std::string *>(user) += message; }, &said);
+        [](pliant_log_level, const char *message, void *user) { *static_cast<std::string *>(user) += message; },
+        &logged);
     EXPECT_GE(pliant_step(body.model, body.data), 0);
     pliant_set_log(nullptr, nullptr);
-    EXPECT_NE(said.find("background results (pliant_data_set_background"), std::string::npos) << said;
+    EXPECT_NE(logged.find("background results (pliant_data_set_background"), std::string::npos) << logged;
 }
 
 } // namespace

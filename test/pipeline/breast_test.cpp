@@ -308,10 +308,10 @@ TEST_F(Breast, TurnsFromProneToSupine)
                                   {"tled/relaxation_steps", "5000"}},
                                  "--no-volume --steps 1");
     for (const Nodes *other : {&faster, &relaxed}) {
-        double apart = 0;
+        double difference = 0;
         for (size_t n = 0; n < supine.now.size(); n++)
-            apart = std::fmax(apart, std::fabs(other->now[n] - supine.now[n]));
-        EXPECT_LT(apart, 1e-3 * way_back(supine));
+            difference = std::fmax(difference, std::fabs(other->now[n] - supine.now[n]));
+        EXPECT_LT(difference, 1e-3 * way_back(supine));
     }
 }
 

@@ -25,7 +25,7 @@ struct Cones {
     // Return the number of steps and sweeps.
     int32_t solve()
     {
-        std::vector<double> capacity(PLIANT_CONE_BUFFER * rows + PLIANT_CONE_EQUATIONS);
+        std::vector<double> buffer(PLIANT_CONE_BUFFER * rows + PLIANT_CONE_EQUATIONS);
         for (int a = 0; a < rows; a++)
             for (int b = 0; b < rows; b++) {
                 matrix[a * rows + b] = 0;
@@ -33,7 +33,7 @@ struct Cones {
                     matrix[a * rows + b] += fractions[a * inner + k] * fractions[b * inner + k];
             }
         motion = start;
-        return pliant_cones_solve(count, matrix.data(), friction.data(), motion.data(), force.data(), capacity.data());
+        return pliant_cones_solve(count, matrix.data(), friction.data(), motion.data(), force.data(), buffer.data());
     }
     void expect_right() const
     {
@@ -368,12 +368,12 @@ TEST(ContactSolver, WrenchOfAToolIsTheReaction)
     block.reaction(held);
     EXPECT_LT(state.contact_force[2], -0.01);
     for (int d = 0; d < 3; d++) EXPECT_NEAR(state.contact_force[d], -held[d], 1e-3 * -state.contact_force[2]);
-    std::vector<pliant_contact> told(static_cast<size_t>(pliant_data_get_contacts(data, 0, nullptr)));
-    ASSERT_GT(told.size(), 0u);
-    EXPECT_EQ(told.size(), static_cast<size_t>(data->statistics.contacts));
-    EXPECT_EQ(pliant_data_get_contacts(data, static_cast<int32_t>(told.size()), told.data()),
-              static_cast<int32_t>(told.size()));
-    for (const pliant_contact &c : told) {
+    std::vector<pliant_contact> reported(static_cast<size_t>(pliant_data_get_contacts(data, 0, nullptr)));
+    ASSERT_GT(reported.size(), 0u);
+    EXPECT_EQ(reported.size(), static_cast<size_t>(data->statistics.contacts));
+    EXPECT_EQ(pliant_data_get_contacts(data, static_cast<int32_t>(reported.size()), reported.data()),
+              static_cast<int32_t>(reported.size()));
+    for (const pliant_contact &c : reported) {
         EXPECT_EQ(c.tool, tool);
         EXPECT_LT(std::fabs(c.depth), 2e-5);
         for (int d = 0; d < 3; d++) {

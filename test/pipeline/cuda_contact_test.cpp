@@ -29,7 +29,7 @@ TEST(CudaContact, MeetsTheCpu)
         SCOPED_TRACE(c.name);
         Block cpu(c, PLIANT_CPU), gpu(c, PLIANT_CUDA), again(c, PLIANT_CPU);
         for (Block *body : {&cpu, &gpu, &again}) ASSERT_EQ(body->begin(), PLIANT_OK) << pliant_last_error();
-        double force = 0, apart = 0, worst = 0, deep = 0, pulls = 0;
+        double force = 0, difference = 0, worst = 0, deep = 0, pulls = 0;
         int32_t maximum = 0, unlike = 0, compared = 0;
         for (int s = 1; s <= 11; s++) {
             for (Block *body : {&cpu, &gpu, &again}) {
@@ -56,7 +56,7 @@ TEST(CudaContact, MeetsTheCpu)
             worst =
                 std::fmax(worst, farthest(cpu.data->positions, gpu.data->positions, cpu.model->body->fine.num_nodes));
             force = std::fmax(force, max_distance_of(here));
-            apart = std::fmax(apart, max_difference(here, there));
+            difference = std::fmax(difference, max_difference(here, there));
             for (int t = 0; t < cpu.data->num_tools; t++)
                 for (int d = 0; d < 3; d++)
                     pulls = std::fmax(pulls, std::fabs(cpu.data->tools[t].force[d] - gpu.data->tools[t].force[d]));
@@ -64,11 +64,11 @@ TEST(CudaContact, MeetsTheCpu)
         std::printf(
             "%-36s %2d steps, %3d contacts, a node's force %.1e of %.2g N apart, springs %.1e N, positions %.1e m, "
             "depths %.1e m\n",
-            c.name, compared, maximum, apart / force, force, pulls, worst, deep);
+            c.name, compared, maximum, difference / force, force, pulls, worst, deep);
         EXPECT_GE(compared, 2);
         EXPECT_GT(maximum, 3);
         EXPECT_GT(force, 0.002);
-        EXPECT_LT(apart, c.bound * force);
+        EXPECT_LT(difference, c.bound * force);
         EXPECT_LT(worst, 1e-8);
         EXPECT_LE(unlike, 2); // of equivalent points, one may have no force
     }
@@ -278,7 +278,7 @@ TEST(CudaContact, ExplicitDynamicsMeetTheCpu)
         SCOPED_TRACE(run.name);
         Fall cpu(run.blocks, run.self, run.still, PLIANT_CPU), gpu(run.blocks, run.self, run.still, PLIANT_CUDA),
             again(run.blocks, run.self, run.still, PLIANT_CUDA);
-        double force = 0, apart = 0, worst = 0, first = 0;
+        double force = 0, difference = 0, worst = 0, first = 0;
         int32_t maximum = 0;
         for (Fall *body : {&cpu, &gpu, &again}) {
             body->strikes = run.strikes;
@@ -296,19 +296,19 @@ TEST(CudaContact, ExplicitDynamicsMeetTheCpu)
             parts = std::max(parts, gpu.data->statistics.legs);
             for (int d = 0; d < 3; d++) {
                 force = std::fmax(force, std::fabs(here[d]));
-                apart = std::fmax(apart, std::fabs(here[d] - there[d]));
+                difference = std::fmax(difference, std::fabs(here[d] - there[d]));
             }
-            if (s <= 7) first = force > 0 ? apart / force : 0;
+            if (s <= 7) first = force > 0 ? difference / force : 0;
             worst =
                 std::fmax(worst, farthest(cpu.data->positions, gpu.data->positions, cpu.model->body->fine.num_nodes));
         }
         const double moved = farthest(cpu.data->positions, cpu.model->body->fine.rest, cpu.model->body->fine.num_nodes);
         std::printf(
             "%-30s %3d contacts, forces %.1e of %.2g N apart (%.1e in the first half), positions %.1e of %.1f mm\n",
-            run.name, maximum, apart / force, force, first, worst / moved, 1e3 * moved);
+            run.name, maximum, difference / force, force, first, worst / moved, 1e3 * moved);
         EXPECT_GT(maximum, 3);
         EXPECT_EQ(parts > 1, run.strikes);
-        EXPECT_LT(apart, run.bound * force);
+        EXPECT_LT(difference, run.bound * force);
         EXPECT_LT(worst, run.bound * moved);
         EXPECT_EQ(std::memcmp(gpu.data->positions, again.data->positions,
                               3 * sizeof(double) * static_cast<size_t>(gpu.model->body->fine.num_nodes)),
@@ -360,7 +360,7 @@ TEST(CudaContact, MeetsTheCpuAfterACut)
             ASSERT_EQ(body->begin(), PLIANT_OK) << pliant_last_error();
         }
         Searches searches;
-        double force = 0, apart = 0;
+        double force = 0, difference = 0;
         int32_t compared = 0, carried = 0;
         const uint64_t factors = gpu.data->statistics.factors;
         for (int s = 1; s <= 12; s++) {
@@ -394,15 +394,15 @@ TEST(CudaContact, MeetsTheCpuAfterACut)
             compared++;
             carried += s >= 4 && gpu.data->statistics.factors == factors;
             force = std::fmax(force, max_distance_of(here));
-            apart = std::fmax(apart, max_difference(here, there));
+            difference = std::fmax(difference, max_difference(here, there));
         }
         std::printf("cut: %-32s %2d steps, %d of them carried over, a node's force %.1e of %.2g N apart\n",
-                    cases[number].name, compared, carried, apart / force, force);
+                    cases[number].name, compared, carried, difference / force, force);
         EXPECT_GE(compared, 5);
         EXPECT_GE(carried, 1);
         EXPECT_GT(gpu.data->statistics.factors, factors); // the new body's own factor was installed
         EXPECT_GT(force, 0.002);
-        EXPECT_LT(apart, 1e-6 * force);
+        EXPECT_LT(difference, 1e-6 * force);
     }
 }
 
@@ -425,7 +425,7 @@ TEST(CudaContact, PiecesThatTouchMeetTheCpu)
         for (Drop *body : {&cpu, &gpu, &alone}) ASSERT_EQ(body->begin(), PLIANT_OK) << pliant_last_error();
         ASSERT_EQ(cpu.data->body->pieces->count, 1);
         const int32_t nodes = cpu.data->body->fine.num_nodes;
-        double force = 0, apart = 0, worst = 0;
+        double force = 0, difference = 0, worst = 0;
         int32_t compared = 0;
         for (int s = 0; s < 40; s++) {
             for (Drop *body : {&cpu, &gpu, &alone}) body->move(s);
@@ -450,7 +450,7 @@ TEST(CudaContact, PiecesThatTouchMeetTheCpu)
             pliant_data_get_contact_forces(gpu.data, there.data());
             for (size_t n = 0; n < here.size(); n++) {
                 force = std::fmax(force, std::fabs(here[n]));
-                apart = std::fmax(apart, std::fabs(here[n] - there[n]));
+                difference = std::fmax(difference, std::fabs(here[n] - there[n]));
             }
         }
         double bears = 0, weight = 0, presses = 0; // quantities of the independent run
@@ -462,14 +462,13 @@ TEST(CudaContact, PiecesThatTouchMeetTheCpu)
             if (point.kind == PLIANT_OBSTACLE_TOOL) presses -= point.normal[2] < 0 ? point.force[2] : 0;
             else bears += std::fabs(point.force[2]);
         }
-        std::printf(
-            "a piece %-32s %2d steps, a node's force %.1e of %.2g N apart, positions %.1e m; %.4f N is borne, "
-            "its weight %.4f, pressed with %.4f\n",
-            pressed ? "between the ground and a ball:" : "on tissue:", compared, apart / force, force, worst, bears,
-            weight, presses);
+        std::printf("a piece %-32s %2d steps, a node's force %.1e of %.2g N apart, positions %.1e m; %.4f N is borne, "
+                    "its weight %.4f, pressed with %.4f\n",
+                    pressed ? "between the ground and a ball:" : "on tissue:", compared, difference / force, force,
+                    worst, bears, weight, presses);
         EXPECT_GE(compared, 10);
         EXPECT_GT(force, 0.001);
-        EXPECT_LT(apart, 1e-6 * force);
+        EXPECT_LT(difference, 1e-6 * force);
         EXPECT_LT(worst, 1e-8);
         EXPECT_NEAR(bears, weight + presses, 0.01 * bears);
         EXPECT_EQ(pressed, presses > 0.05);
@@ -481,7 +480,7 @@ TEST(CudaContact, EightToolsOfWhichOneJumpsOneSpinsAndOneHasNoPose)
 {
     NEEDS_GPU();
     Block cpu(cases[0], PLIANT_CPU), gpu(cases[0], PLIANT_CUDA);
-    Apart apart;
+    Differences difference;
     for (int s = 0; s <= 9; s++)
         for (Block *body : {&cpu, &gpu}) {
             if (s == 0) ASSERT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
@@ -498,10 +497,11 @@ TEST(CudaContact, EightToolsOfWhichOneJumpsOneSpinsAndOneHasNoPose)
                 else ASSERT_EQ(pliant_tool_set_pose(body->data, t, tip, turn), PLIANT_OK);
             }
             ASSERT_GE(pliant_step(body->model, body->data), 0) << pliant_last_error();
-            if (body == &gpu) apart.take(cpu, gpu);
+            if (body == &gpu) difference.take(cpu, gpu);
         }
     std::printf("eight tools: %d contacts, a node's force %.1e of %.2g N apart, positions %.1e of %.2g m\n",
-                gpu.data->statistics.contacts, apart.forces / apart.force, apart.force, apart.positions, apart.moved);
+                gpu.data->statistics.contacts, difference.forces / difference.force, difference.force,
+                difference.positions, difference.moved);
     EXPECT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
         pliant_tool_state here, there;
@@ -510,8 +510,8 @@ TEST(CudaContact, EightToolsOfWhichOneJumpsOneSpinsAndOneHasNoPose)
         EXPECT_LT(there.contact_force[2], -0.01) << t;
         EXPECT_NEAR(there.contact_force[2], here.contact_force[2], 0.01 * std::fabs(here.contact_force[2])) << t;
     }
-    EXPECT_GT(apart.moved, 1e-3);
-    EXPECT_LT(apart.positions, 1e-3 * apart.moved);
+    EXPECT_GT(difference.moved, 1e-3);
+    EXPECT_LT(difference.positions, 1e-3 * difference.moved);
 }
 
 // Jaws close on tissue and pull it up by 4 mm (grasp_test).
@@ -522,18 +522,18 @@ TEST(CudaContact, JawsHoldAsOnTheCpu)
         return [backend](pliant_scene &scene) { scene.solver.backend = backend; };
     };
     Tongue cpu(0.5, on(PLIANT_CPU)), gpu(0.5, on(PLIANT_CUDA));
-    Apart apart;
+    Differences difference;
     for (int s = 0; s < 24; s++) {
         const double up = s < 5    ? 0.03 - 0.0075 * s
                           : s < 20 ? 0
                                    : 0.001 * (s - 19),
                      jaw = 0.7 - 0.5 * std::min(std::max(s - 4, 0), 12) / 12;
         for (Tongue *body : {&cpu, &gpu}) body->go(up, jaw);
-        apart.take(cpu, gpu);
+        difference.take(cpu, gpu);
     }
     std::printf("jaws: %d contacts, lifted %.3f and %.3f mm with %.4f and %.4f N, positions %.1e of %.2g m apart\n",
                 gpu.data->statistics.contacts, 1e3 * cpu.lifted(), 1e3 * gpu.lifted(), cpu.force(), gpu.force(),
-                apart.positions, apart.moved);
+                difference.positions, difference.moved);
     EXPECT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
     EXPECT_GT(gpu.min_volume(), 0);
     EXPECT_LT(gpu.deepest(), 2e-4);
@@ -561,16 +561,16 @@ TEST(CudaContact, ThePapersResponseMeetsTheCpu)
             ASSERT_EQ(pliant_data_set_positions(body->model, body->data, positions.data()), PLIANT_OK);
             ASSERT_GE(pliant_step(body->model, body->data), 0) << pliant_last_error();
         }
-        Apart apart, slowed;
-        apart.take(cpu, gpu);
+        Differences difference, slowed;
+        difference.take(cpu, gpu);
         slowed.take(cpu, free);
         std::printf("the paper's response %s delay: %d nodes, positions %.1e m apart, slowed by %.1e m\n",
-                    delay ? "with" : "without", gpu.data->statistics.contacts, apart.positions, slowed.positions);
+                    delay ? "with" : "without", gpu.data->statistics.contacts, difference.positions, slowed.positions);
         EXPECT_STREQ(pliant_data_get_backend(gpu.data), delay ? "cuda" : "cpu") << pliant_last_error();
         EXPECT_GT(gpu.data->statistics.contacts, 5);
         EXPECT_EQ(gpu.data->statistics.contacts, cpu.data->statistics.contacts);
         EXPECT_GT(slowed.positions, 1e-6);
-        EXPECT_LT(apart.positions, 1e-3 * slowed.positions);
+        EXPECT_LT(difference.positions, 1e-3 * slowed.positions);
     }
 }
 

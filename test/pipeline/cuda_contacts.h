@@ -176,7 +176,7 @@ inline double max_difference(const std::vector<double> &a, const std::vector<dou
 }
 
 // Differences between two runs.
-struct Apart {
+struct Differences {
     double force = 0, forces = 0, positions = 0, moved = 0; // contact forces: maximum and difference [N]; positions [m]
     void take(const Body &a, const Body &b)
     {

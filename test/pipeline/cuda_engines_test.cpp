@@ -115,7 +115,7 @@ void step_of(Body &run, int s)
 }
 
 // Return the maximum distance between nodes of two runs along an axis [m].
-double apart(const pliant_data *a, const pliant_data *b)
+double max_distance(const pliant_data *a, const pliant_data *b)
 {
     double maximum = 0;
     for (int32_t i = 0; i < 3 * a->body->fine.num_nodes; i++)
@@ -176,7 +176,7 @@ TEST_P(EveryEngine, IsCutAsOnTheCpu)
         for (size_t run = 0; run < 2; run++)
             evaluations[s >= UNDO][run] = std::max(evaluations[s >= UNDO][run], runs.data[run]->statistics.iterations);
         taken |= pliant_data_get_background_taken(gpu);
-        worst = std::fmax(worst, apart(cpu, gpu));
+        worst = std::fmax(worst, max_distance(cpu, gpu));
         far = std::fmax(far, moved(cpu));
         for (int t = 0; t < 2; t++)
             for (int d = 0; d < 3; d++) {

@@ -16,11 +16,11 @@ struct GpuLossLog {
     GpuLossLog()
     {
         pliant_set_log([](pliant_log_level level, const char *message, void *user) {
-            GpuLossLog *told = static_cast<GpuLossLog *>(user);
+            GpuLossLog *log = static_cast<GpuLossLog *>(user);
             if (level < PLIANT_LOG_INFO || !std::strstr(message, "backend: ") || std::strstr(message, "backend: cuda"))
                 return;
-            told->count++;
-            told->last = message;
+            log->count++;
+            log->last = message;
         }, this);
     }
     ~GpuLossLog() { pliant_set_log(nullptr, nullptr); }
@@ -67,12 +67,12 @@ void fail_every_call(const Case &c, double patch, int stride)
     ASSERT_EQ(good.data->statistics.patched, patch > 0);
     ASSERT_EQ(body.build(), PLIANT_OK);
     drop_data(body);
-    GpuLossLog told;
+    GpuLossLog log;
     int given_up = 0;
     for (int64_t calls = 0, left = -1; left < 0; calls = next_failing_call(calls, stride)) {
         ASSERT_LT(calls, 5000);
         SCOPED_TRACE(calls);
-        told.count = 0;
+        log.count = 0;
         pliant_cuda_fail_after(calls);
         ASSERT_EQ(pliant_data_create(body.model, &body.data), PLIANT_OK) << pliant_last_error();
         ASSERT_EQ(pliant_data_set_warp(body.model, body.data, &body.scan.geometry), PLIANT_OK);
@@ -80,11 +80,11 @@ void fail_every_call(const Case &c, double patch, int stride)
         pliant_warp_volume(body.data->warp);
         left = pliant_cuda_fail_after(-1);
         ASSERT_LT(farthest(good, body), 1e-5 * box[0]);
-        EXPECT_EQ(told.count, is_on_cpu(body)) << told.last;
+        EXPECT_EQ(log.count, is_on_cpu(body)) << log.last;
         given_up += is_on_cpu(body) || !pliant_warp_accelerated(body.data->warp);
         if (left >= 0)
             EXPECT_TRUE(!is_on_cpu(body) && pliant_warp_accelerated(body.data->warp) && draws_same_as_cpu(body))
-                << told.last;
+                << log.last;
         drop_data(body);
     }
     EXPECT_GT(given_up, 30 / stride);
@@ -161,7 +161,7 @@ TEST(CudaFailure, FailureDuringACut)
         ASSERT_GT(there[CUT].size(), there[0].size());
         ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
         drop_data(body);
-        GpuLossLog told;
+        GpuLossLog log;
         int given_up = 0;
         for (int64_t calls = 0, left = -1; left < 0; calls = next_failing_call(calls, run.stride)) {
             ASSERT_LT(calls, 10000);
@@ -171,8 +171,8 @@ TEST(CudaFailure, FailureDuringACut)
             uint64_t factors = 0;
             for (int s = 0; s < STEPS; s++) {
                 if (s == CUT) {
-                    ASSERT_FALSE(is_on_cpu(body)) << told.last;
-                    told.count = 0;
+                    ASSERT_FALSE(is_on_cpu(body)) << log.last;
+                    log.count = 0;
                     pliant_cuda_fail_after(calls);
                 }
                 body.step(s);
@@ -180,14 +180,14 @@ TEST(CudaFailure, FailureDuringACut)
                 ASSERT_EQ(3 * static_cast<size_t>(body.data->body->fine.num_nodes), there[s].size());
                 ASSERT_LT(farthest(there[s].data(), body.data->positions, body.data->body->fine.num_nodes),
                           1e-5 * bar_box[2])
-                    << "step " << s << ": " << told.last;
+                    << "step " << s << ": " << log.last;
             }
             left = pliant_cuda_fail_after(-1);
-            EXPECT_EQ(told.count, is_on_cpu(body)) << told.last;
-            EXPECT_TRUE(draws_same_as_cpu(body)) << told.last;
+            EXPECT_EQ(log.count, is_on_cpu(body)) << log.last;
+            EXPECT_TRUE(draws_same_as_cpu(body)) << log.last;
             given_up += is_on_cpu(body);
             if (left >= 0) { // without a failure, the background result is installed
-                EXPECT_FALSE(is_on_cpu(body)) << told.last;
+                EXPECT_FALSE(is_on_cpu(body)) << log.last;
                 EXPECT_GT(factors, 0u);
             }
             drop_data(body);
@@ -210,7 +210,7 @@ TEST(CudaFailure, FailureDuringContact)
         cuda_contacts::Block body(c, PLIANT_AUTO, true);
         ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
         drop_data(body);
-        GpuLossLog told;
+        GpuLossLog log;
         std::vector<double> there[2]; // result of the CPU if it runs from the first call on
         // in the second step, detection of an edge is sensitive: 1e-9 m in a node's position changes the CPU's result
         // by 2e-7 m
@@ -222,20 +222,20 @@ TEST(CudaFailure, FailureDuringContact)
             ASSERT_EQ(pliant_data_create(body.model, &body.data), PLIANT_OK) << pliant_last_error();
             ASSERT_EQ(body.place(), PLIANT_OK) << pliant_last_error();
             for (int s = 1; s <= 3; s++) ASSERT_GE(body.step(s), 0) << pliant_last_error();
-            ASSERT_FALSE(is_on_cpu(body)) << told.last;
-            told.count = 0;
+            ASSERT_FALSE(is_on_cpu(body)) << log.last;
+            log.count = 0;
             pliant_cuda_fail_after(calls);
             for (int s = 0; s < 2; s++) {
                 ASSERT_GE(body.step(4 + s), 0) << pliant_last_error();
                 if (calls == 0)
                     there[s].assign(body.data->positions, body.data->positions + 3 * body.data->body->fine.num_nodes);
                 ASSERT_LT(farthest(there[s].data(), body.data->positions, body.data->body->fine.num_nodes), bound[s])
-                    << "step " << s << ": " << told.last;
+                    << "step " << s << ": " << log.last;
             }
             left = pliant_cuda_fail_after(-1);
             EXPECT_GT(body.data->statistics.contacts, 3);
-            EXPECT_EQ(told.count, is_on_cpu(body)) << told.last;
-            if (left >= 0) EXPECT_FALSE(is_on_cpu(body)) << told.last;
+            EXPECT_EQ(log.count, is_on_cpu(body)) << log.last;
+            if (left >= 0) EXPECT_FALSE(is_on_cpu(body)) << log.last;
             given_up += is_on_cpu(body);
             drop_data(body);
         }
@@ -254,23 +254,23 @@ TEST(CudaFailure, FailureDuringLegsOfASweep)
         int given_up = 0;
         ASSERT_EQ(sheet.build(), PLIANT_OK) << pliant_last_error();
         drop_data(sheet);
-        GpuLossLog told;
+        GpuLossLog log;
         for (int64_t calls = 0, left = -1; left < 0; calls = next_failing_call(calls, 11)) {
             ASSERT_LT(calls, 50000);
             SCOPED_TRACE(calls);
             ASSERT_EQ(pliant_data_create(sheet.model, &sheet.data), PLIANT_OK) << pliant_last_error();
             ASSERT_EQ(sheet.place(), PLIANT_OK) << pliant_last_error();
             ASSERT_GE(sheet.step(0, 0.0275), 0) << pliant_last_error();
-            told.count = 0;
+            log.count = 0;
             pliant_cuda_fail_after(calls);
             for (int s = 1; s < 4; s++) ASSERT_GE(sheet.step(s, 0.0275), 0) << pliant_last_error();
             left = pliant_cuda_fail_after(-1);
             for (int s = 4; s < 6; s++) ASSERT_GE(sheet.step(s, 0.0275), 0) << pliant_last_error();
-            EXPECT_EQ(told.count, is_on_cpu(sheet)) << told.last;
+            EXPECT_EQ(log.count, is_on_cpu(sheet)) << log.last;
             EXPECT_GT(sheet.data->statistics.contacts, 0);
             const int32_t nodes = sheet.data->body->fine.num_nodes;
-            EXPECT_GT(farthest(sheet.data->positions, sheet.model->body->fine.rest, nodes), 0.024) << told.last;
-            EXPECT_LT(farthest(sheet.data->positions, sheet.model->body->fine.rest, nodes), 0.032) << told.last;
+            EXPECT_GT(farthest(sheet.data->positions, sheet.model->body->fine.rest, nodes), 0.024) << log.last;
+            EXPECT_LT(farthest(sheet.data->positions, sheet.model->body->fine.rest, nodes), 0.032) << log.last;
             given_up += is_on_cpu(sheet);
             drop_data(sheet);
         }

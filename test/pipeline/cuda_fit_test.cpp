@@ -88,12 +88,12 @@ TEST(CudaFit, WhatIsCutEqualsToo)
             const cut_cases::CutBody none(fits.mesh, *voxels, {}), some(fits.mesh, *voxels, {upto(20)}),
                 whole(fits.mesh, *voxels, {upto(100)}, 2);
             fits.update_and_compare(fits.rest(), "before");
-            for (double apart : {0.0, 0.004}) {
-                set_and_compare(fits, some, apart, "a cut");
-                set_and_compare(fits, whole, apart, "is whole");
-                set_and_compare(fits, some, apart, "undone");
-                set_and_compare(fits, none, apart, "healed");
-                set_and_compare(fits, whole, apart, "again");
+            for (double opening : {0.0, 0.004}) {
+                set_and_compare(fits, some, opening, "a cut");
+                set_and_compare(fits, whole, opening, "is whole");
+                set_and_compare(fits, some, opening, "undone");
+                set_and_compare(fits, none, opening, "healed");
+                set_and_compare(fits, whole, opening, "again");
             }
             if (!crowded) { // some are drawn by their own maps, some are blended, some use the fit alone
                 const fit_view *view = pliant_fit_parts(fits.cpu->fit);

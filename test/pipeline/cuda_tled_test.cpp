@@ -133,7 +133,7 @@ struct Cube : Body {
     }
 };
 
-double apart(const std::vector<double> &a, const double *b)
+double max_distance(const std::vector<double> &a, const double *b)
 {
     double maximum = 0;
     for (size_t n = 0; n < a.size(); n++) maximum = std::fmax(maximum, std::fabs(a[n] - b[n]));
@@ -155,7 +155,7 @@ TEST(CudaTled, MeetsTheCpu)
             cpu.step(s);
             gpu.step(s);
             ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
-            worst = std::fmax(worst, apart(cpu.positions(), gpu.data->positions));
+            worst = std::fmax(worst, max_distance(cpu.positions(), gpu.data->positions));
             const double a = cpu.data->statistics.residual, b = gpu.data->statistics.residual;
             if (!c.still) residuals = std::fmax(residuals, std::fabs(a - b) / a);
             error = std::fmax(error, cpu.data->statistics.error);
@@ -167,7 +167,7 @@ TEST(CudaTled, MeetsTheCpu)
                         std::fmax(forces_apart, std::fabs(cpu.data->tools[t].force[d] - gpu.data->tools[t].force[d]));
                 }
         }
-        const double moved = apart(cpu.positions(), cpu.model->body->fine.rest);
+        const double moved = max_distance(cpu.positions(), cpu.model->body->fine.rest);
         EXPECT_GT(moved, 0.002);
         EXPECT_LT(worst, c.bound * moved);
         EXPECT_LT(forces_apart, 10 * c.bound * force + 1e-12);
@@ -317,7 +317,7 @@ TEST(CudaTled, LongFramesAreShortOnes)
     for (int s = 0; s < 111; s++) many.step(s);
     EXPECT_EQ(one.positions(), many.positions());
     EXPECT_EQ(one.data->statistics.iterations, 777);
-    EXPECT_GT(apart(one.positions(), one.model->body->fine.rest), 1e-3);
+    EXPECT_GT(max_distance(one.positions(), one.model->body->fine.rest), 1e-3);
 }
 
 TEST(CudaTled, DivergenceIsCaughtAndTheStateKept)
@@ -360,7 +360,7 @@ TEST(CudaTled, PositionsFromOutsideAreTaken)
             ASSERT_EQ(pliant_data_set_positions(body->model, body->data, x.data()), PLIANT_OK);
             for (int s = 3; s <= 5; s++) body->step(s);
         }
-        EXPECT_LT(apart(cpu.positions(), gpu.data->positions), cases[number].bound * 0.01) << cases[number].name;
+        EXPECT_LT(max_distance(cpu.positions(), gpu.data->positions), cases[number].bound * 0.01) << cases[number].name;
     }
 }
 
@@ -399,7 +399,7 @@ TEST(CudaTled, TheCpuContinues)
             << "call " << calls << ": " << pliant_last_error();
         for (int s = 1; s <= 3; s++) body.step(s);
         left = pliant_cuda_fail_after(-1);
-        ASSERT_LT(apart(good.positions(), body.data->positions), c.bound * 0.01) << "call " << calls;
+        ASSERT_LT(max_distance(good.positions(), body.data->positions), c.bound * 0.01) << "call " << calls;
         const bool on_cpu = std::string(pliant_data_get_backend(body.data)) == "cpu";
         if (left >= 0) EXPECT_FALSE(on_cpu) << pliant_last_error();
         given_up += on_cpu;

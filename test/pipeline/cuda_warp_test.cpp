@@ -101,16 +101,16 @@ TEST(CudaWarp, WhatIsCutEqualsToo)
                 more(warps.mesh, *voxels, {upto(30), across}), whole(warps.mesh, *voxels, {upto(100), across}, 2);
             ASSERT_GT(whole.chips, 0);
             warps.update_and_compare(warps.rest(), "before");
-            for (double apart : {0.0, 0.004}) {
-                set_and_compare(warps, some, apart, "a cut");
-                set_and_compare(warps, more, apart, "goes on");
-                set_and_compare(warps, whole, apart, "is whole");
-                set_and_compare(warps, some, apart, "undone");
-                set_and_compare(warps, none, apart, "healed");
+            for (double opening : {0.0, 0.004}) {
+                set_and_compare(warps, some, opening, "a cut");
+                set_and_compare(warps, more, opening, "goes on");
+                set_and_compare(warps, whole, opening, "is whole");
+                set_and_compare(warps, some, opening, "undone");
+                set_and_compare(warps, none, opening, "healed");
                 // and another body immediately
                 for (pliant_warp *warp : {warps.cpu, warps.gpu})
                     ASSERT_EQ(pliant_warp_set_body(warp, &more.body), PLIANT_OK);
-                set_and_compare(warps, whole, apart, "at once");
+                set_and_compare(warps, whole, opening, "at once");
             }
             Warps fresh(encoding, geometry, crowded ? many : few, target);
             ASSERT_EQ(pliant_warp_set_body(fresh.cpu, &more.body), PLIANT_OK);

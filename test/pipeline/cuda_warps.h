@@ -109,14 +109,14 @@ struct Warps {
 };
 
 // Set the same body in both warps; copied nodes are moved slightly apart.
-template <class CutBody> void set_and_compare(Warps &warps, const CutBody &cut, double apart, const char *what)
+template <class CutBody> void set_and_compare(Warps &warps, const CutBody &cut, double opening, const char *what)
 {
     ASSERT_EQ(pliant_warp_set_body(warps.cpu, &cut.body), PLIANT_OK) << pliant_last_error();
     ASSERT_EQ(pliant_warp_set_body(warps.gpu, &cut.body), PLIANT_OK) << pliant_last_error();
     std::vector<double> x(cut.body.fine.rest, cut.body.fine.rest + 3 * cut.body.fine.num_nodes);
     for (size_t n = 0; n < cut.node_parent.size(); n++) {
-        if (int32_t(n) >= warps.mesh.num_nodes) x[3 * n] += apart, x[3 * n + 2] += 0.6 * apart;
-        x[3 * n + 1] += 0.3 * apart * std::sin(90 * x[3 * n + 2]);
+        if (int32_t(n) >= warps.mesh.num_nodes) x[3 * n] += opening, x[3 * n + 2] += 0.6 * opening;
+        x[3 * n + 1] += 0.3 * opening * std::sin(90 * x[3 * n + 2]);
     }
     warps.update_and_compare(x, what);
     warps.update_and_compare(x, "nothing moved");

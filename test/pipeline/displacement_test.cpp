@@ -182,12 +182,12 @@ TEST(Displacement, MarksWhereACutIs)
         double outside = 0, inside = 0;
         for (size_t v = 0; v + 1 < pliant_geometry_voxels(&tissue.geometry); v++) {
             if (v % 48 == 47) continue;
-            double apart = 0;
+            double difference = 0;
             for (size_t d = 0; d < 3; d++)
-                apart = std::max(
-                    apart, std::fabs(static_cast<double>(tissue.vectors[3 * v + d]) - tissue.vectors[3 * v + 3 + d]));
+                difference = std::max(difference, std::fabs(static_cast<double>(tissue.vectors[3 * v + d]) -
+                                                            tissue.vectors[3 * v + 3 + d]));
             (tissue.mask[v] == PLIANT_MASK_CUT ? inside : outside) =
-                std::max(tissue.mask[v] == PLIANT_MASK_CUT ? inside : outside, apart);
+                std::max(tissue.mask[v] == PLIANT_MASK_CUT ? inside : outside, difference);
         }
         EXPECT_GT(inside, 0.003);
         EXPECT_LT(outside, 0.4 * inside);

@@ -12,7 +12,7 @@
 #include <string>
 #include <vector>
 
-namespace told {
+namespace error_estimates {
 
 using Moves = std::function<void(Body &, int, int)>; // changes before step s of steps
 
@@ -241,7 +241,7 @@ inline std::vector<double> positions(const Body &body)
     return std::vector<double>(body.data->positions, body.data->positions + 3 * body.data->body->fine.num_nodes);
 }
 
-inline double apart(const std::vector<double> &a, const std::vector<double> &b)
+inline double max_distance(const std::vector<double> &a, const std::vector<double> &b)
 {
     double maximum = 0;
     for (size_t n = 0; n < a.size(); n += 3)
@@ -278,7 +278,7 @@ struct Counts {
     }
 };
 
-inline bool near(double told, double error) { return told > error / 3 && told < 3 * error; }
+inline bool near(double estimate, double error) { return estimate > error / 3 && estimate < 3 * error; }
 
 const int steps = 20;
 
@@ -330,7 +330,7 @@ inline Counts run(const Scene &scene, size_t move, pliant_preconditioner_choice 
         scene.moves[move](body, s, steps);
         good(pliant_step(body.model, body.data));
         const pliant_statistics &statistics = body.data->statistics;
-        const double error = apart(positions(body), right[size_t(s - 1)]);
+        const double error = max_distance(positions(body), right[size_t(s - 1)]);
         if (last > minimum) counts.judged++, counts.within_next += near(statistics.error_before, last);
         last = error;
         if (error <= minimum) continue;

@@ -7,13 +7,13 @@ namespace {
 void expect_within(double fraction, const char *name, std::vector<size_t> loads,
                    std::vector<pliant_preconditioner_choice> choices, int iterations)
 {
-    told::Counts counts;
-    for (const told::Scene &scene : told::scenes()) {
+    error_estimates::Counts counts;
+    for (const error_estimates::Scene &scene : error_estimates::scenes()) {
         if (std::string(scene.name) != name) continue;
         for (size_t load : loads) {
-            const std::vector<std::vector<double>> right = told::solve_tightly(scene, load, {});
+            const std::vector<std::vector<double>> right = error_estimates::solve_tightly(scene, load, {});
             for (pliant_preconditioner_choice choice : choices)
-                counts.add(told::run(scene, load, choice, iterations, {}, right, true));
+                counts.add(error_estimates::run(scene, load, choice, iterations, {}, right, true));
         }
     }
     std::printf("%s: %d of %d, a step later %d of %d\n", name, counts.within, counts.counted, counts.within_next,

@@ -217,10 +217,10 @@ TEST_P(EveryMethod, PiecesOutsideTheDrawnVolumeStop)
     std::unique_ptr<Body> body = hang(GetParam());
     body->scene.warp.margin = 0.05;
     ASSERT_EQ(body->build(), PLIANT_OK);
-    static int told;
-    told = 0;
+    static int warnings;
+    warnings = 0;
     pliant_set_log([](pliant_log_level level, const char *text,
-                      void *) { told += level == PLIANT_LOG_WARNING && std::strstr(text, "warp/margin"); },
+                      void *) { warnings += level == PLIANT_LOG_WARNING && std::strstr(text, "warp/margin"); },
                    nullptr);
     step(*body, 2);
     cut(*body, 0.08);
@@ -228,7 +228,7 @@ TEST_P(EveryMethod, PiecesOutsideTheDrawnVolumeStop)
     const std::vector<int32_t> lower = nodes_below(*body->data->body, 0.08);
     step(*body, 200);
     pliant_set_log(nullptr, nullptr);
-    EXPECT_EQ(told, 1);
+    EXPECT_EQ(warnings, 1);
     EXPECT_EQ(body->data->statistics.rigid_pieces, 0);
     const double there = lowest(*body, lower);
     EXPECT_LT(there, -0.05);
@@ -252,18 +252,19 @@ TEST(Falling, OnOneNodeOrTwoItSwings)
         ASSERT_EQ(now->pieces->num_joints, nodes);
         const std::vector<int32_t> lower = nodes_below(*now, 0.08), upper = nodes_below(*now, 0.08, false);
         // of the first and the last 2 s
-        double apart = 0, before = centre_of(*body, lower)[0], minimum = before, swing[2] = {0, 0};
+        double difference = 0, before = centre_of(*body, lower)[0], minimum = before, swing[2] = {0, 0};
         for (int s = 0; s < 600; s++) {
             step(*body, 1);
             for (int j = 0; j < nodes && s > 40; j++) // before that it also springs back
                 for (int d = 0; d < 3; d++)
-                    apart = std::fmax(apart, std::fabs(body->data->positions[3 * now->pieces->joint[2 * j] + d] -
-                                                       body->data->positions[3 * now->pieces->joint[2 * j + 1] + d]));
+                    difference =
+                        std::fmax(difference, std::fabs(body->data->positions[3 * now->pieces->joint[2 * j] + d] -
+                                                        body->data->positions[3 * now->pieces->joint[2 * j + 1] + d]));
             minimum = std::fmin(minimum, centre_of(*body, lower)[0]);
             if (s < 200 || s >= 400)
                 swing[s >= 400] = std::fmax(swing[s >= 400], std::fabs(centre_of(*body, lower)[0]));
         }
-        EXPECT_LT(apart, nodes == 1 ? 1e-4 : 1e-3);
+        EXPECT_LT(difference, nodes == 1 ? 1e-4 : 1e-3);
         EXPECT_LT(minimum, -0.01) << nodes;            // swings to the other side
         EXPECT_LT(swing[1], 1.02 * swing[0]) << nodes; // no energy is added
         EXPECT_GT(swing[1], 0.9 * swing[0]) << nodes;  // and there is no air resistance

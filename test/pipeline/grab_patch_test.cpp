@@ -11,7 +11,7 @@
 namespace {
 
 const double side = 0.2;
-const double top[3] = {0.11, 0.1, 0.19}, adjacent[3] = {0.19, 0.06, 0.12};
+const double top[3] = {0.11, 0.1, 0.19}, aside[3] = {0.19, 0.06, 0.12};
 
 class Patched {
 public:
@@ -62,7 +62,7 @@ public:
     }
 };
 
-double apart(const std::vector<double> &a, const std::vector<double> &b)
+double max_distance(const std::vector<double> &a, const std::vector<double> &b)
 {
     EXPECT_EQ(a.size(), b.size());
     double maximum = 0;
@@ -94,13 +94,13 @@ TEST(GrabPatch, SmallPullsAreTheFineSolutionWhateverTheMethod)
     for (pliant_element_kind kind : {PLIANT_LINEAR, PLIANT_HEXAHEDRA}) {
         Patched fine(PLIANT_FINE, 0, 2, kind);
         const std::vector<double> exact = pulled(fine, by, force);
-        const double moved = apart(exact, fine.rest());
+        const double moved = max_distance(exact, fine.rest());
         for (pliant_method method : {PLIANT_COARSE, PLIANT_SCHUR, PLIANT_AVERAGED, PLIANT_LOD}) {
             if (kind == PLIANT_HEXAHEDRA && method == PLIANT_SCHUR) continue;
             Patched patched(method, 0.04, 2, kind), bare(method, 0, 2, kind);
-            EXPECT_LT(apart(pulled(patched, by, found), exact), 2e-3 * moved) << method;
+            EXPECT_LT(max_distance(pulled(patched, by, found), exact), 2e-3 * moved) << method;
             for (int d = 0; d < 3; d++) EXPECT_NEAR(found[d], force[d], 2e-3 * std::fabs(force[2])) << method;
-            EXPECT_GT(apart(pulled(bare, by, found), exact), 0.1 * moved) << method;
+            EXPECT_GT(max_distance(pulled(bare, by, found), exact), 0.1 * moved) << method;
             EXPECT_GT(patched.body.data->statistics.patch_iterations, 0);
             EXPECT_LE(patched.body.data->statistics.patch_residual, patched.body.scene.solver.tolerance);
             EXPECT_NEAR(patched.body.data->statistics.patch_moved, moved, 0.01 * moved);
@@ -115,7 +115,7 @@ TEST(GrabPatch, LargePullsAreNearTheFineSolution)
     for (pliant_element_kind kind : {PLIANT_LINEAR, PLIANT_HEXAHEDRA}) {
         Patched fine(PLIANT_FINE, 0, 2, kind), patched(PLIANT_AVERAGED, 0.05, 2, kind);
         const std::vector<double> exact = pulled(fine, by, force), near = pulled(patched, by, found);
-        const double off = apart(near, exact) / apart(exact, fine.rest());
+        const double off = max_distance(near, exact) / max_distance(exact, fine.rest());
         std::printf("%s: %.2f %% of the way, %.2f %% of the force\n",
                     kind == PLIANT_LINEAR ? "tetrahedra" : "hexahedra", 100 * off, 100 * (found[2] / force[2] - 1));
         EXPECT_LT(off, 0.05);
@@ -126,7 +126,7 @@ TEST(GrabPatch, LargePullsAreNearTheFineSolution)
         by_force.wait(1);
         ASSERT_EQ(pliant_tool_set_drive(by_force.body.data, tool, PLIANT_DRIVE_FORCE, found), PLIANT_OK);
         EXPECT_EQ(by_force.body.settle(), PLIANT_OK);
-        EXPECT_LT(apart(by_force.positions(), near), 1e-4 * apart(near, patched.rest()));
+        EXPECT_LT(max_distance(by_force.positions(), near), 1e-4 * max_distance(near, patched.rest()));
     }
 }
 
@@ -152,17 +152,17 @@ TEST(GrabPatch, HoldingStillMovesNothingAndReleaseFreesAll)
     const std::vector<double> before = patched.positions();
     for (int round = 0; round < 2; round++) {
         size_t bytes = pliant_memory_in_use();
-        int tool = patched.take("tool", round ? adjacent : top);
+        int tool = patched.take("tool", round ? aside : top);
         double from[3];
         std::memcpy(from, patched.body.data->tools[tool].tip, sizeof from);
         patched.wait(1);
-        EXPECT_LT(apart(patched.positions(), before), 1e-8);
+        EXPECT_LT(max_distance(patched.positions(), before), 1e-8);
         patched.pull(tool, from, 0.01, 0, 0.01);
         ASSERT_GE(pliant_step(patched.body.model, patched.body.data), 0);
-        EXPECT_GT(apart(patched.positions(), before), 0.01);
+        EXPECT_GT(max_distance(patched.positions(), before), 0.01);
         pliant_tool_release(patched.body.data, tool);
         for (int s = 0; s < 3; s++) ASSERT_GE(pliant_step(patched.body.model, patched.body.data), 0);
-        EXPECT_LT(apart(patched.positions(), before), 1e-8);
+        EXPECT_LT(max_distance(patched.positions(), before), 1e-8);
         EXPECT_EQ(patched.body.data->statistics.patched, 0);
         if (round > 0) EXPECT_LE(pliant_memory_in_use(), bytes); // the factor for responses stays after the first round
     }
@@ -177,25 +177,25 @@ TEST(GrabPatch, HoldingStillMovesNothingWhileOtherToolsGraspAndRelease)
     ASSERT_EQ(pliant_data_set_gravity(patched.body.data, gravity), PLIANT_OK);
     ASSERT_EQ(patched.body.settle(), PLIANT_OK);
     const std::vector<double> before = patched.positions();
-    ASSERT_GT(apart(before, patched.rest()), 1e-3);
+    ASSERT_GT(max_distance(before, patched.rest()), 1e-3);
     patched.take("first", top);
     patched.wait(1);
-    int second = patched.take("second", adjacent);
+    int second = patched.take("second", aside);
     patched.wait(2);
     ASSERT_EQ(patched.body.settle(), PLIANT_OK);
-    EXPECT_LT(apart(patched.positions(), before), 1e-8);
+    EXPECT_LT(max_distance(patched.positions(), before), 1e-8);
     pliant_tool_release(patched.body.data, second);
     ASSERT_GE(pliant_step(patched.body.model, patched.body.data), 0);
-    second = patched.take("second", adjacent);
+    second = patched.take("second", aside);
     patched.wait(2);
     ASSERT_EQ(patched.body.settle(), PLIANT_OK);
-    EXPECT_LT(apart(patched.positions(), before), 1e-8);
+    EXPECT_LT(max_distance(patched.positions(), before), 1e-8);
 }
 
 TEST(GrabPatch, AnotherToolThatReturnsDoesNotReleaseThePull)
 {
     Patched patched(PLIANT_AVERAGED, 0.04);
-    int first = patched.take("first", top), second = patched.take("second", adjacent);
+    int first = patched.take("first", top), second = patched.take("second", aside);
     double from[3];
     std::memcpy(from, patched.body.data->tools[first].tip, sizeof from);
     patched.wait(2);
@@ -208,11 +208,11 @@ TEST(GrabPatch, AnotherToolThatReturnsDoesNotReleaseThePull)
     ASSERT_GE(pliant_step(patched.body.model, patched.body.data), 0);
     ASSERT_EQ(patched.body.settle(), PLIANT_OK);
     const std::vector<double> before = patched.positions();
-    patched.take("second", adjacent); // grasps the tissue at its position
+    patched.take("second", aside); // grasps the tissue at its position
     // one evaluation alone does not move anything
     ASSERT_EQ(pliant_data_set_limits(patched.body.data, 1, 1e-3), PLIANT_OK);
     patched.wait(2);
-    EXPECT_LT(apart(patched.positions(), before), 0.02 * 0.02);
+    EXPECT_LT(max_distance(patched.positions(), before), 0.02 * 0.02);
 }
 
 // A cube with two coarse cells per edge, with a patch.
@@ -254,7 +254,7 @@ TEST(GrabPatch, AFailedPatchDoesNotAffectExistingPatches)
         const double force = data->tools[first].force[2];
         ASSERT_GT(force, 0.01);
         ASSERT_EQ(pliant_tool_add(body.model, data, "second", &second), PLIANT_OK);
-        ASSERT_EQ(pliant_tool_grasp(body.model, data, second, adjacent), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_grasp(body.model, data, second, aside), PLIANT_OK);
         pliant_memory_fail_after(calls);
         bool began = pliant_step(body.model, data) >= 0;
         for (int s = 0; began && s < 5 && data->statistics.patch_waiting > 0; s++)
@@ -268,7 +268,7 @@ TEST(GrabPatch, AFailedPatchDoesNotAffectExistingPatches)
             EXPECT_NEAR(data->tools[first].force[2], force, 0.2 * force) << calls;
             pliant_tool_release(data, second);
             steps(1);
-            ASSERT_EQ(pliant_tool_grasp(body.model, data, second, adjacent), PLIANT_OK);
+            ASSERT_EQ(pliant_tool_grasp(body.model, data, second, aside), PLIANT_OK);
             for (int s = 0; s < 20 && data->statistics.patched != 2; s++) steps(1);
             EXPECT_EQ(data->statistics.patched, 2) << calls;
             EXPECT_NEAR(data->tools[first].force[2], force, 0.2 * force) << calls;
@@ -311,7 +311,7 @@ TEST(GrabPatch, AFailedStepIsUndone)
         ASSERT_EQ(each->body.settle(), PLIANT_OK) << pliant_last_error();
         ends[each == &smooth] = each->positions();
     }
-    EXPECT_LT(apart(ends[0], ends[1]), 1e-8);
+    EXPECT_LT(max_distance(ends[0], ends[1]), 1e-8);
 }
 
 TEST(GrabPatch, ReleasingAllDoesNotWaitForThePatch)
@@ -322,7 +322,7 @@ TEST(GrabPatch, ReleasingAllDoesNotWaitForThePatch)
     const std::vector<double> before = patched.positions();
     size_t bytes = 0;
     for (int round = 0; round < 20; round++) { // jobs are stopped at arbitrary points
-        patched.take("tool", round % 2 ? top : adjacent);
+        patched.take("tool", round % 2 ? top : aside);
         for (int s = 0; s < 1 + round % 3; s++) ASSERT_GE(pliant_step(patched.body.model, patched.body.data), 0);
         EXPECT_EQ(patched.body.data->statistics.patch_waiting, 1);
         ASSERT_EQ(pliant_data_reset(patched.body.model, patched.body.data), PLIANT_OK);
@@ -356,7 +356,7 @@ TEST(GrabPatch, AGraspDoesNotWaitForThePatchOfAReleasedOne)
     pliant_tool_release(patched.body.data, tool);
     steps(1);
     EXPECT_EQ(statistics->patch_waiting, 0);
-    patched.take("tool", adjacent);
+    patched.take("tool", aside);
     const uint64_t taken = statistics->step;
     while (statistics->patched == 0 && statistics->step < 3 * delay) steps(1);
     EXPECT_EQ(statistics->step, taken + delay + 1);
@@ -372,7 +372,7 @@ TEST(GrabPatch, AGraspDoesNotWaitForThePatchOfAReleasedOne)
     pliant_tool_release(patched.body.data, other);
     steps(1);
     const size_t bytes = pliant_memory_in_use();
-    patched.take("tool", adjacent);
+    patched.take("tool", aside);
     steps(1);
     pliant_tool_release(patched.body.data, tool);
     steps(int(delay) + 1);
@@ -414,7 +414,7 @@ TEST(GrabPatch, SeveralToolsOneAfterTheOther)
         run.pull(first, from, 1e-4, 0, 2e-4);
         ASSERT_EQ(run.body.settle(), PLIANT_OK);
         states[method == PLIANT_FINE].push_back(run.positions());
-        int second = run.take("second", adjacent); // while the first one pulls
+        int second = run.take("second", aside); // while the first one pulls
         std::memcpy(from_beside, run.body.data->tools[second].tip, sizeof from_beside);
         if (method != PLIANT_FINE) run.wait(2);
         run.pull(second, from_beside, 2e-4, 1e-4, 0);
@@ -430,9 +430,10 @@ TEST(GrabPatch, SeveralToolsOneAfterTheOther)
         ASSERT_EQ(run.body.settle(), PLIANT_OK);
         states[method == PLIANT_FINE].push_back(run.positions());
         if (method != PLIANT_FINE) continue;
-        for (const std::vector<double> &state : states[1]) EXPECT_GT(apart(state, run.rest()), 1e-4);
+        for (const std::vector<double> &state : states[1]) EXPECT_GT(max_distance(state, run.rest()), 1e-4);
     }
-    for (size_t s = 0; s < states[0].size(); s++) EXPECT_LT(apart(states[0][s], states[1][s]), 0.02 * 2.5e-4) << s;
+    for (size_t s = 0; s < states[0].size(); s++)
+        EXPECT_LT(max_distance(states[0][s], states[1][s]), 0.02 * 2.5e-4) << s;
 }
 
 TEST(GrabPatch, TheSameBitsWithAnyNumberOfThreads)
@@ -470,7 +471,7 @@ TEST(GrabPatch, ExtremePullsEndAndReturn)
         }
     patched.pull(tool, from, 0, 0, 0);
     EXPECT_EQ(patched.body.settle(200), PLIANT_OK);
-    EXPECT_LT(apart(patched.positions(), patched.rest()), 1e-3 * side);
+    EXPECT_LT(max_distance(patched.positions(), patched.rest()), 1e-3 * side);
 }
 
 TEST(GrabPatch, SurvivesEveryFailureOfAllocation)
@@ -540,7 +541,7 @@ TEST(GrabPatch, ABallThatPressesAPatchEqualsTheFineMesh)
     }
     EXPECT_GT(force[1], 1.3 * force[0]) << "without it";
     EXPECT_NEAR(force[2], force[0], 0.02 * force[0]);
-    EXPECT_LT(apart(x[2], x[0]), 0.1 * apart(x[1], x[0]));
+    EXPECT_LT(max_distance(x[2], x[0]), 0.1 * max_distance(x[1], x[0]));
 }
 
 } // namespace

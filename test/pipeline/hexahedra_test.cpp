@@ -292,18 +292,18 @@ TEST_F(Block, TheDefaultIsHexahedraIfSupported)
         body.scene.element.kind = defaults.element.kind;
         body.scene.solver.kind = pressure ? PLIANT_TLED : PLIANT_COROTATIONAL;
         body.scene.tled.nodal_pressure = pressure;
-        std::string told;
+        std::string logged;
         pliant_set_log(
             [](pliant_log_level, const char *message, void *user) {
                 if (std::strstr(message, "element/kind")) *static_cast<std::string *>(user) += message;
             },
-            &told);
+            &logged);
         const pliant_status status = body.build();
         pliant_set_log(nullptr, nullptr);
         ASSERT_EQ(status, PLIANT_OK) << pliant_last_error();
         EXPECT_EQ(pliant_model_get_scene(body.model)->element.kind, pressure ? PLIANT_LINEAR : PLIANT_HEXAHEDRA);
-        EXPECT_NE(told.find(pressure ? "linear here; tled/nodal_pressure" : "hexahedra here"), std::string::npos)
-            << told;
+        EXPECT_NE(logged.find(pressure ? "linear here; tled/nodal_pressure" : "hexahedra here"), std::string::npos)
+            << logged;
         if (!pressure) EXPECT_NE(body.model->system->macros, nullptr);
     }
 }
@@ -467,10 +467,10 @@ TEST(OctreeHexahedra, AreCut)
             EXPECT_GT(freed, 0);
             double a[9] = {1.02, 0.01, 0, 0.01, 0.97, 0.02, 0, 0.02, 1.01}, b[3] = {0.01, 0, 0}, inside = 0;
             std::vector<double> stretched = affine(fine, a, b), force(3 * static_cast<size_t>(system->num_free));
-            std::vector<double> capacity(static_cast<size_t>(system->num_blocks) * 12 * LANES);
+            std::vector<double> buffer(static_cast<size_t>(system->num_blocks) * 12 * LANES);
             pliant_system_element_forces(system, stretched.data(),
-                                         reinterpret_cast<double(*)[12][LANES]>(capacity.data()));
-            pliant_system_gather(system, reinterpret_cast<double (*)[12][LANES]>(capacity.data()), force.data());
+                                         reinterpret_cast<double(*)[12][LANES]>(buffer.data()));
+            pliant_system_gather(system, reinterpret_cast<double (*)[12][LANES]>(buffer.data()), force.data());
             for (int32_t f = 0; f < system->num_free; f++) {
                 const int32_t n = system->node_of_free[f];
                 bool edge = adjacent[n]; // a tetrahedron distributes the forces of a face differently to its corners

@@ -36,7 +36,7 @@ const Kind subdivided{"subdivide", [](pliant_scene &scene) { scene.cut.kind = PL
 // A slab of liver on a fixed base, with a blade across it.
 struct Slab : Body {
     int tool = -1;
-    std::string said;
+    std::string logged;
     explicit Slab(const Kind &kind = fine, double resistance = 1) : Body(size, box, {{5500, 0.45, 1060, false}})
     {
         table.materials[0].toughness = toughness;
@@ -52,7 +52,7 @@ struct Slab : Body {
         EXPECT_EQ(pliant_tool_add(model, data, "knife", &tool), PLIANT_OK);
         EXPECT_EQ(pliant_tool_set_blade(data, tool, from, to), PLIANT_OK);
         pliant_set_log([](pliant_log_level level, const char *message, void *user) {
-            if (level == PLIANT_LOG_WARNING) static_cast<Slab *>(user)->said += std::string(message) + "\n";
+            if (level == PLIANT_LOG_WARNING) static_cast<Slab *>(user)->logged += std::string(message) + "\n";
         }, this);
     }
     ~Slab() { pliant_set_log(nullptr, nullptr); }
@@ -135,7 +135,7 @@ TEST_P(EveryKind, AStrokeTakesToughnessTimesItsArea)
     // subdivided elements separate by rows of triangles
     EXPECT_GE(drops, GetParam().name == subdivided.name ? 4 : 5) << "a saw-tooth";
     EXPECT_FALSE(told.holding);
-    EXPECT_EQ(slab.said, "");
+    EXPECT_EQ(slab.logged, "");
 }
 
 // Steps move the blade by a third of `cut/drag` and more: strokes from several heights through undamaged tissue.
@@ -151,7 +151,7 @@ TEST_P(EveryKind, AStepThatGoesFarTakesToughnessTimesItsAreaToo)
             area += slab.state().severed_area;
             maximum = std::max(maximum, *std::max_element(forces.begin(), forces.end()));
             EXPECT_EQ(slab.state().pieces, 2) << way;
-            EXPECT_EQ(slab.said, "");
+            EXPECT_EQ(slab.logged, "");
         }
         if (std::getenv("PLIANT_FIGURES"))
             std::printf(
@@ -312,9 +312,9 @@ TEST(Knife, JumpingOrMissingBladesCutNothing)
     slab.step();
     slab.place(0.0405, -0.01);
     slab.step();
-    EXPECT_NE(slab.said.find("tool knife is too fast to cut: its blade moves 0.06 m in a step of 0.02 s (3 m/s)"),
+    EXPECT_NE(slab.logged.find("tool knife is too fast to cut: its blade moves 0.06 m in a step of 0.02 s (3 m/s)"),
               std::string::npos)
-        << slab.said;
+        << slab.logged;
     pliant_tool_remove_pose(slab.data, slab.tool);
     slab.step();
     slab.place(0.0405, 0.03);
@@ -330,28 +330,28 @@ TEST(Knife, ABladeThatIsTooFastIsLoggedOnce)
     Slab slab(fine, 0);
     const auto warnings = [&] {
         int count = 0;
-        for (size_t at = 0; (at = slab.said.find("too fast to cut", at)) != std::string::npos; ++at) count++;
+        for (size_t at = 0; (at = slab.logged.find("too fast to cut", at)) != std::string::npos; ++at) count++;
         return count;
     };
     slab.place(0.0405, 0.05);
     slab.cutting(true);
     slab.place(0.0405, -0.01);
     slab.step();
-    EXPECT_EQ(warnings(), 1) << slab.said;
+    EXPECT_EQ(warnings(), 1) << slab.logged;
     for (int n = 0; n < 4; n++) {
         slab.place(0.0405, n % 2 ? -0.01 : 0.05);
         slab.step();
     }
-    EXPECT_EQ(warnings(), 1) << slab.said;
+    EXPECT_EQ(warnings(), 1) << slab.logged;
     EXPECT_EQ(slab.data->body, slab.model->body) << "nothing is cut";
     slab.cutting(false);
     slab.place(0.0405, 0.05); // it starts at the position where it is switched on
     slab.cutting(true);
     slab.step();
-    EXPECT_EQ(warnings(), 1) << slab.said;
+    EXPECT_EQ(warnings(), 1) << slab.logged;
     slab.place(0.0405, -0.01);
     slab.step();
-    EXPECT_EQ(warnings(), 2) << slab.said;
+    EXPECT_EQ(warnings(), 2) << slab.logged;
 }
 
 TEST(Knife, TheNumberOfUndoableStrokesIsTheOption)
@@ -689,8 +689,8 @@ TEST(Knife, OutOfMemoryLeavesTheTissueUncut)
     EXPECT_GT(failed, 20);
     EXPECT_GT(slab.state().severed_area, 0.4 * width * height);
     const std::string once = "tool knife does not cut: ";
-    ASSERT_NE(slab.said.find(once), std::string::npos) << slab.said;
-    EXPECT_EQ(slab.said.find(once, slab.said.find(once) + 1), std::string::npos) << slab.said;
+    ASSERT_NE(slab.logged.find(once), std::string::npos) << slab.logged;
+    EXPECT_EQ(slab.logged.find(once, slab.logged.find(once) + 1), std::string::npos) << slab.logged;
     slab.step();
 }
 

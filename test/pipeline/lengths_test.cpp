@@ -17,8 +17,8 @@ struct CapturedLog {
     CapturedLog()
     {
         pliant_set_log([](pliant_log_level level, const char *text, void *user) {
-            auto *told = static_cast<CapturedLog *>(user);
-            (level == PLIANT_LOG_WARNING ? told->warning : told->info) += std::string(text) + "\n";
+            auto *log = static_cast<CapturedLog *>(user);
+            (level == PLIANT_LOG_WARNING ? log->warning : log->info) += std::string(text) + "\n";
         }, this);
     }
     ~CapturedLog() { pliant_set_log(nullptr, nullptr); }
@@ -52,7 +52,7 @@ TEST(Lengths, ArePatientsFromAKidneyToAManAndInProportionForOthers)
         double edge, scale;
     } bodies[] = {{0.0013, 0.026}, {0.029, 0.58}, {0.051, 1}, {0.12, 1}, {0.4, 1}, {0.59, 1}, {1.5, 2.5}, {3, 5}};
     for (const auto &one : bodies) {
-        CapturedLog told;
+        CapturedLog log;
         Block body(one.edge);
         ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
         const pliant_scene &scene = body.model->scene;
@@ -67,9 +67,9 @@ TEST(Lengths, ArePatientsFromAKidneyToAManAndInProportionForOthers)
         if (one.edge > 0.1 && one.scale == 1) EXPECT_EQ(scene.warp.margin, 0.03) << one.edge;
         EXPECT_GT(scene.warp.margin, 0.09 * std::fmin(one.edge, 0.3)) << one.edge;
         EXPECT_LE(body.growth(), 4) << one.edge;
-        EXPECT_EQ(told.warning, "") << one.edge;
-        EXPECT_EQ(told.info.find("warp/margin") == std::string::npos, one.scale == 1 && scene.warp.margin == 0.03)
-            << told.info;
+        EXPECT_EQ(log.warning, "") << one.edge;
+        EXPECT_EQ(log.info.find("warp/margin") == std::string::npos, one.scale == 1 && scene.warp.margin == 0.03)
+            << log.info;
         EXPECT_EQ(body.scene.warp.margin, PLIANT_AUTO_LENGTH) << "the scene that was given stays";
     }
 }
@@ -77,18 +77,18 @@ TEST(Lengths, ArePatientsFromAKidneyToAManAndInProportionForOthers)
 TEST(Lengths, AThinBodyHasNoLargerVolumeEither)
 {
     for (const auto &box : {std::array<double, 3>{0.25, 0.25, 0.01}, {0.1, 0.03, 0.025}, {0.3, 0.02, 0.02}}) {
-        CapturedLog told;
+        CapturedLog log;
         Block body(box[0], box[1], box[2]);
         ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
         EXPECT_LE(body.growth(), 4);
         EXPECT_GT(body.growth(), 2.5) << "as large as it may be";
-        EXPECT_NE(told.info.find("warp/margin"), std::string::npos) << told.info;
+        EXPECT_NE(log.info.find("warp/margin"), std::string::npos) << log.info;
     }
 }
 
 TEST(Lengths, ExplicitLengthsAreUsed)
 {
-    CapturedLog told;
+    CapturedLog log;
     Block body(0.0013);
     body.scene.warp.margin = 0.003;
     body.scene.grasp.radius = 0.006;
@@ -97,8 +97,8 @@ TEST(Lengths, ExplicitLengthsAreUsed)
     EXPECT_EQ(body.model->scene.warp.margin, 0.003);
     EXPECT_EQ(body.model->scene.grasp.radius, 0.006);
     EXPECT_EQ(body.model->scene.cut.drag, 0.003);
-    EXPECT_NE(told.warning.find("warp/margin 0.003 m makes the deformed volume"), std::string::npos) << told.warning;
-    EXPECT_NE(told.warning.find("times the scan"), std::string::npos) << told.warning;
+    EXPECT_NE(log.warning.find("warp/margin 0.003 m makes the deformed volume"), std::string::npos) << log.warning;
+    EXPECT_NE(log.warning.find("times the scan"), std::string::npos) << log.warning;
     EXPECT_GT(body.growth(), 100);
 }
 

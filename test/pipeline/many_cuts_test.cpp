@@ -268,7 +268,7 @@ TEST_P(EveryHolder, ReportsItsBytes)
     pliant_data *other = nullptr;
     ASSERT_EQ(pliant_data_create(body.model, &other), PLIANT_OK);
     std::atomic<bool> done{false};
-    std::thread adjacent([&] {
+    std::thread background([&] {
         for (int n = 0; n < 3 || !done; n++) {
             slits(body, other, 3);
             EXPECT_EQ(pliant_data_reset(body.model, other), PLIANT_OK);
@@ -276,7 +276,7 @@ TEST_P(EveryHolder, ReportsItsBytes)
     });
     slits(body, body.data, 20);
     done = true;
-    adjacent.join();
+    background.join();
     pliant_data_free(other);
     EXPECT_EQ(body.data->statistics.bytes, held());
     while (body.data->undo.count > 0) ASSERT_EQ(pliant_data_undo_cut(body.model, body.data), PLIANT_OK);

@@ -17,11 +17,11 @@ int number_from(const char *name, int otherwise)
 }
 
 // A plane through the bar, and the motion of a blade along it.
-struct Way {
+struct KnifePath {
     double at, lean, tilt;  // intersection with the bar's axis [m]; slope of the edge and of the motion, along the axis
     int across;             // axis of the motion
     double sign, speed;     // [m/s]
-    explicit Way(std::mt19937 &random)
+    explicit KnifePath(std::mt19937 &random)
     {
         std::uniform_real_distribution<double> unit(-1, 1);
         at = 0.03 + 0.01 * unit(random);
@@ -84,18 +84,18 @@ struct Bar : Body {
             fastest = std::max(fastest, std::fabs(data->positions[n] - last[n]) / scene.solver.step);
     }
     // Move the blade along a fraction of its path.
-    void stroke(const Way &way, double fraction = 1)
+    void stroke(const KnifePath &path, double fraction = 1)
     {
-        const double reach = 0.06, step_way = way.speed * scene.solver.step;
-        const int along = 3 - way.across, steps = static_cast<int>(std::ceil(fraction * 2 * reach / step_way));
-        double from[3] = {-way.lean * reach, 0, 0}, to[3] = {way.lean * reach, 0, 0};
+        const double reach = 0.06, step_way = path.speed * scene.solver.step;
+        const int along = 3 - path.across, steps = static_cast<int>(std::ceil(fraction * 2 * reach / step_way));
+        double from[3] = {-path.lean * reach, 0, 0}, to[3] = {path.lean * reach, 0, 0};
         from[along] = -reach;
         to[along] = reach;
         ASSERT_EQ(pliant_tool_set_blade(data, knife, from, to), PLIANT_OK);
         for (int s = 0; s <= steps; s++) {
             const double gone = -reach + s * step_way;
-            double tip[3] = {way.at + way.tilt * gone, middle[1], middle[2]};
-            tip[way.across] += way.sign * gone;
+            double tip[3] = {path.at + path.tilt * gone, middle[1], middle[2]};
+            tip[path.across] += path.sign * gone;
             ASSERT_EQ(pliant_tool_set_pose(data, knife, tip, nullptr), PLIANT_OK);
             ASSERT_EQ(pliant_tool_set_cutting(data, knife, true), PLIANT_OK) << pliant_last_error();
             shake(s * scene.solver.step);
@@ -130,9 +130,9 @@ TEST_P(EveryResistance, BothSidesOfTheCutAreSeparate)
     double slowest = INFINITY, fastest = 0;
     for (int run = first; run < first + runs; run++) {
         std::mt19937 random(static_cast<unsigned>(run));
-        const Way way(random);
+        const KnifePath path(random);
         Bar bar(run, GetParam());
-        bar.stroke(way);
+        bar.stroke(path);
         EXPECT_FALSE(bar.is_whole()) << "run " << run;
         EXPECT_EQ(mismatches(*bar.data->body), 0) << "run " << run;
         whole += bar.is_whole();

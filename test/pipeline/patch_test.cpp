@@ -271,8 +271,8 @@ TEST(Patch, TangentIsTheDerivativeOfTheForce)
     std::vector<pliant_tangent> exact(static_cast<size_t>(system->num_blocks)), positive = exact;
     pliant_system_tangents(system, x.data(), PLIANT_TWIST_EXACT, exact.data());
     pliant_system_tangents(system, x.data(), PLIANT_TWIST_POSITIVE, positive.data());
-    std::vector<double> capacity(12 * LANES * static_cast<size_t>(system->num_blocks));
-    auto forces = reinterpret_cast<double (*)[12][LANES]>(capacity.data());
+    std::vector<double> buffer(12 * LANES * static_cast<size_t>(system->num_blocks));
+    auto forces = reinterpret_cast<double (*)[12][LANES]>(buffer.data());
     int indefinite = 0;
     for (int32_t t = 0; t < mesh.num_tets; t += 7) {
         Eigen::Matrix<double, 12, 12, Eigen::RowMajor> k, p, difference;

@@ -103,15 +103,15 @@ TEST(Solver, AirSqueezedFlatLetsGo)
         }
     }
     EXPECT_GT(turned_over, 1000);
-    double apart = 0, moved = 0;
+    double difference = 0, moved = 0;
     for (size_t turn = 0; turn < bars[0].size(); turn++) {
         ASSERT_EQ(bars[0][turn].size(), bars[1][turn].size());
         for (size_t i = 0; i < bars[0][turn].size(); i++) {
-            apart = std::max(apart, std::fabs(bars[0][turn][i] - bars[1][turn][i]));
+            difference = std::max(difference, std::fabs(bars[0][turn][i] - bars[1][turn][i]));
             moved = std::max(moved, std::fabs(bars[0][turn][i] - bars[0][0][i]));
         }
     }
-    EXPECT_LT(apart, 0.1 * moved); // the air is stretched to several times its length, and carries a part
+    EXPECT_LT(difference, 0.1 * moved); // the air is stretched to several times its length, and carries a part
 }
 
 // A bar far too soft for its weight causes many rejected trials. With one trial per step, rejections continue over the

@@ -12,7 +12,7 @@
 #include <vector>
 
 // Additional feature of the scene.
-enum class Beside { Nothing, Piece /* has come off */, Patch /* serves a ball that presses a corner */ };
+enum class SweepExtra { Nothing, Piece /* has come off */, Patch /* serves a ball that presses a corner */ };
 
 // Modes of steps: until convergence, within a budget, or with even duration as live ones; element kind; explicit
 // dynamics; or a coarse method with elements twice as wide.
@@ -23,20 +23,21 @@ struct Mode {
     pliant_element_kind element = PLIANT_LINEAR;
     bool dynamic = false;
     pliant_method method = PLIANT_FINE;
-    Beside adjacent = Beside::Nothing;
+    SweepExtra extra = SweepExtra::Nothing;
     pliant_backend_choice backend = PLIANT_AUTO;
 };
 
 // A tool and its path into the sheet.
-struct Way {
+struct SweepPath {
     pliant_part part;
-    double from[3], way[3], rotation[4], friction;
+    double from[3], motion[3], rotation[4], friction;
     double beyond; // distance of its end beyond the sheet's middle [m]
     double speed = 1; // maximum speed [m/s]
     double stride() const { return 0.02 * speed; }
     int steps() const
     {
-        return static_cast<int>(std::ceil(std::sqrt(way[0] * way[0] + way[1] * way[1] + way[2] * way[2]) / stride()));
+        return static_cast<int>(
+            std::ceil(std::sqrt(motion[0] * motion[0] + motion[1] * motion[1] + motion[2] * motion[2]) / stride()));
     }
 };
 
@@ -50,11 +51,11 @@ struct Swept {
     bool path_meets_fixed_side;         // the path intersects a fixed side of the sheet, where tissue cannot yield
 };
 
-inline void move(Sheet &sheet, int tool, const Way &on, int step)
+inline void move(Sheet &sheet, int tool, const SweepPath &on, int step)
 {
     const double fraction = std::min(1.0, static_cast<double>(step) / on.steps());
-    sheet.move(tool, on.from[0] + fraction * on.way[0], on.from[1] + fraction * on.way[1],
-               on.from[2] + fraction * on.way[2], on.rotation);
+    sheet.move(tool, on.from[0] + fraction * on.motion[0], on.from[1] + fraction * on.motion[1],
+               on.from[2] + fraction * on.motion[2], on.rotation);
 }
 
 inline pliant_tool_shape shape_of(const pliant_part &part)
@@ -67,14 +68,14 @@ inline pliant_tool_shape shape_of(const pliant_part &part)
 
 // Check the path of a step in increments of a quarter of the tool's thickness. A fixed side of 4 mm may lie between the
 // poses of two steps.
-inline bool path_crosses_fixed_side(const Sheet &sheet, int tool, const Way &on, int step)
+inline bool path_crosses_fixed_side(const Sheet &sheet, int tool, const SweepPath &on, int step)
 {
     const int poses = static_cast<int>(std::ceil(on.stride() / (0.25 * pliant_part_depth(&on.part))));
     for (int n = 0; n <= poses; n++) {
         double tip[3];
         for (int d = 0; d < 3; d++)
-            tip[d] = on.from[d] +
-                     std::min(1.0, std::max(0.0, step - 1 + static_cast<double>(n) / poses) / on.steps()) * on.way[d];
+            tip[d] = on.from[d] + std::min(1.0, std::max(0.0, step - 1 + static_cast<double>(n) / poses) / on.steps()) *
+                                      on.motion[d];
         if (sheet.intersects_fixed_side(tool, tip)) return true;
     }
     return false;
@@ -83,9 +84,9 @@ inline bool path_crosses_fixed_side(const Sheet &sheet, int tool, const Way &on,
 // Cut off a part of the sheet's free side, far from the sweep.
 inline void cut_off(Sheet &sheet)
 {
-    const double way[12] = {0.0213, -0.01, 0.01, 0.0213, 0.0063, 0.01, 0.0387, 0.0063, 0.01, 0.0387, -0.01, 0.01},
+    const double points[12] = {0.0213, -0.01, 0.01, 0.0213, 0.0063, 0.01, 0.0387, 0.0063, 0.01, 0.0387, -0.01, 0.01},
                  down[3] = {0, 0, -0.02};
-    ASSERT_EQ(pliant_data_cut(sheet.model, sheet.data, 4, way, down, nullptr), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_data_cut(sheet.model, sheet.data, 4, points, down, nullptr), PLIANT_OK) << pliant_last_error();
     const pliant_body *body = sheet.data->body;
     ASSERT_TRUE(body->pieces);
     std::vector<double> positions(sheet.data->positions, sheet.data->positions + 3 * body->fine.num_nodes);
@@ -105,24 +106,24 @@ inline void press_a_corner(Sheet &sheet)
     ASSERT_EQ(sheet.data->statistics.patched, 1);
 }
 
-inline std::unique_ptr<Sheet> sheet_for(const Way &on, const Mode &mode)
+inline std::unique_ptr<Sheet> sheet_for(const SweepPath &on, const Mode &mode)
 {
     auto made = std::make_unique<Sheet>(
         1, on.friction, mode.budget_ms, mode.element, mode.dynamic, [&mode](pliant_scene &scene) {
             scene.model.method = mode.method;
             scene.solver.backend = mode.backend;
             scene.mesh.ratio = mode.method == PLIANT_FINE ? 1 : 2;
-            if (mode.adjacent == Beside::Piece)
+            if (mode.extra == SweepExtra::Piece)
                 scene.cut.kind = mode.method == PLIANT_FINE ? PLIANT_CUT_SUBDIVIDE : PLIANT_CUT_SEVER;
-            if (mode.adjacent == Beside::Patch) scene.model.patch = 0.012;
-            if (mode.adjacent == Beside::Piece) scene.warp.margin = 1;
+            if (mode.extra == SweepExtra::Patch) scene.model.patch = 0.012;
+            if (mode.extra == SweepExtra::Piece) scene.warp.margin = 1;
         });
-    if (mode.adjacent == Beside::Patch) press_a_corner(*made);
-    if (mode.adjacent == Beside::Piece) cut_off(*made);
+    if (mode.extra == SweepExtra::Patch) press_a_corner(*made);
+    if (mode.extra == SweepExtra::Piece) cut_off(*made);
     return made;
 }
 
-inline Swept sweep(const Way &on, Mode mode = {})
+inline Swept sweep(const SweepPath &on, Mode mode = {})
 {
     const std::unique_ptr<Sheet> made = sheet_for(on, mode);
     Sheet &sheet = *made;
@@ -177,7 +178,7 @@ public:
     {
         for (const pliant_solid *each : solid) pliant_solid_release(each);
     }
-    Way next()
+    SweepPath next()
     {
         const pliant_part parts[] = {
             {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0.1}, 0.0005, false},
@@ -194,22 +195,22 @@ public:
         // of a rod along the sheet's free direction, because the fixed sides are not swept
         const double across = 0.15 * std::cos(about);
         const double beyond = random(0.004, 0.024), clear = random(0.001, 0.012) + (lies ? 0.05 : 0.012);
-        Way out = {parts[(number - 1) % 7],
+        SweepPath out = {parts[(number - 1) % 7],
                    {random(0.025, 0.035), random(0.025, 0.035), 0.002 + side * (0.002 + clear)},
                    {},
                    {},
                    0,
                    beyond};
-        out.way[0] = random(-0.005, 0.005);
-        out.way[1] = random(-0.005, 0.005);
-        out.way[2] = -side * (clear + beyond);
+        out.motion[0] = random(-0.005, 0.005);
+        out.motion[1] = random(-0.005, 0.005);
+        out.motion[2] = -side * (clear + beyond);
         out.rotation[0] = std::sin(lies ? across : half) * (lies ? 1 : std::cos(about));
         out.rotation[1] = lies ? 0 : std::sin(half) * std::sin(about);
         out.rotation[3] = std::cos(lies ? across : half);
         out.friction = random(0.05, 0.4);
         return out;
     }
-    Way at(int n)
+    SweepPath at(int n)
     {
         while (number < n) next();
         return next();
@@ -227,7 +228,7 @@ private:
 
 // Return whether the tool has tunneled or the result is invalid. These cases are: the tool is in tissue, the surface
 // reaches its axis, the sheet has moved less than the tool's proxy, or it has moved too far.
-inline bool has_tunneled(const Swept &swept, const Way &on)
+inline bool has_tunneled(const Swept &swept, const SweepPath &on)
 {
     return swept.inside > 0 || swept.deepest > 0.9 * pliant_part_depth(&on.part) ||
            swept.carried < 0.5 * (on.beyond - swept.proxy_error) || !(swept.carried < 0.1);
@@ -243,7 +244,7 @@ inline int count_tunneled_sweeps(int otherwise, Mode mode)
     int through = 0, turned = 0, held = 0;
     double deepest = 0;
     for (int n = 0; n < count; n++) {
-        Way on = sweeps.next();
+        SweepPath on = sweeps.next();
         if (n < first) continue;
         on.speed = number_from("PLIANT_SWEEPS_SPEED", 1);
         const Swept swept = sweep(on, mode);
@@ -267,7 +268,7 @@ inline int count_tunneled_sweeps(int otherwise, Mode mode)
         "deepest %.3f mm\n",
         first, count, count - first - held, held, through, turned, 1e3 * deepest);
     std::fflush(stdout);
-    const bool keeps_volumes = !mode.dynamic && mode.method == PLIANT_FINE && mode.adjacent == Beside::Nothing;
+    const bool keeps_volumes = !mode.dynamic && mode.method == PLIANT_FINE && mode.extra == SweepExtra::Nothing;
     if (keeps_volumes) EXPECT_EQ(turned, 0);
     return through;
 }

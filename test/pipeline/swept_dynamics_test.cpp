@@ -28,7 +28,7 @@ TEST(SweptDynamics, FormerlyTunnelingSweepsDoNotTunnel)
 {
     for (const int number : {2615, 2741, 2930, 3013, 8915, 8918, 8929, 9641}) {
         Sweeps sweeps;
-        const Way on = sweeps.at(number);
+        const SweepPath on = sweeps.at(number);
         EXPECT_FALSE(has_tunneled(sweep(on, dynamic), on)) << number;
     }
 }
@@ -44,12 +44,12 @@ struct Dip {
     pliant_status step(pliant_data *data, int number)
     {
         const double fraction = std::min(1.0, static_cast<double>(number) / on.steps());
-        const double tip[3] = {on.from[0] + fraction * on.way[0], on.from[1] + fraction * on.way[1],
-                               on.from[2] + fraction * on.way[2]};
+        const double tip[3] = {on.from[0] + fraction * on.motion[0], on.from[1] + fraction * on.motion[1],
+                               on.from[2] + fraction * on.motion[2]};
         EXPECT_EQ(pliant_tool_set_pose(data, tool, tip, on.rotation), PLIANT_OK);
         return pliant_step(sheet.model, data);
     }
-    Way on;
+    SweepPath on;
     Sheet sheet;
     int tool;
 };
@@ -95,7 +95,7 @@ void is_undone(int number)
                                       expected[at - 1].begin() + 3 * run.sheet.model->body->fine.num_nodes))
             << calls;
         for (int d = 0; d < 3; d++)
-            EXPECT_DOUBLE_EQ(run.sheet.data->tools[run.tool].tip[d], run.on.from[d] + run.on.way[d]) << calls;
+            EXPECT_DOUBLE_EQ(run.sheet.data->tools[run.tool].tip[d], run.on.from[d] + run.on.motion[d]) << calls;
         for (; at < run.steps(); at++) {
             ASSERT_EQ(run.step(run.sheet.data, at), PLIANT_OK);
             EXPECT_EQ(state_of(run, run.sheet.data), expected[at]) << "after " << calls << " allocations, step " << at;

@@ -50,7 +50,7 @@ struct Piece {
                 ASSERT_EQ(sheet->data->positions[3 * pieces->node[i] + d], sheet->data->rigid_pieces->x[3 * i + d])
                     << "a node of a piece is apart from the piece";
     }
-    double way() const
+    double motion() const
     {
         double maximum = 0;
         for (int d = 0; d < 3; d++)
@@ -61,7 +61,7 @@ struct Piece {
 };
 
 // Move a sweep of the sheet to the piece.
-Way through_the_piece(Way on)
+SweepPath through_the_piece(SweepPath on)
 {
     on.from[1] = -0.197 + 0.5 * (on.from[1] - 0.03);
     return on;
@@ -74,7 +74,7 @@ TEST(SweptPieces, NothingIsSweptThroughAPiece)
     int through = 0, moved = 0;
     const int count = number_from("PLIANT_SWEEPS", 60), first = number_from("PLIANT_SWEEPS_FIRST", 0);
     for (int n = 0; n < count; n++) {
-        const Way on = through_the_piece(sweeps.next());
+        const SweepPath on = through_the_piece(sweeps.next());
         if (n < first) continue;
         Piece piece(on.friction);
         const int tool = piece.sheet->add("tool", shape_of(on.part), on.from[0], on.from[1], on.from[2]);
@@ -84,9 +84,9 @@ TEST(SweptPieces, NothingIsSweptThroughAPiece)
         }
         if (piece.has_tunneled(on.part))
             std::printf("sweep %d: kind %d: %d points inside, %g mm deep, up to %d parts, gone %g mm\n", n, n % 7,
-                        piece.inside, 1e3 * piece.deepest, piece.parts, 1e3 * piece.way());
+                        piece.inside, 1e3 * piece.deepest, piece.parts, 1e3 * piece.motion());
         through += piece.has_tunneled(on.part);
-        moved += piece.way() > 0.001;
+        moved += piece.motion() > 0.001;
     }
     std::printf("from %d to %d: %d through, %d moved\n", first, count, through, moved);
     EXPECT_EQ(through, 0);
@@ -124,16 +124,17 @@ TEST(SweptPieces, UprightRodsPushAPieceAlongTheGround)
                 }
                 EXPECT_FALSE(piece.has_tunneled(part))
                     << piece.inside << " points inside, " << piece.deepest << " deep";
-                EXPECT_GT(piece.way(), 0.008);
+                EXPECT_GT(piece.motion(), 0.008);
             }
 }
 
 // A tool on a path through the piece, and a tool that lifts the piece if it grasps it.
 struct GrippedPiece : Piece {
-    Way on;
+    SweepPath on;
     int tool, grip;
-    GrippedPiece(const Way &way, bool is_held)
-        : Piece(way.friction), on(way), tool(sheet->add("tool", shape_of(on.part), on.from[0], on.from[1], on.from[2])),
+    GrippedPiece(const SweepPath &path, bool is_held)
+        : Piece(path.friction), on(path),
+          tool(sheet->add("tool", shape_of(on.part), on.from[0], on.from[1], on.from[2])),
           grip(sheet->add("grip", pliant_tool_shape{}, 0.024, -0.197, 0.002))
     {
         const double rest[3] = {0.024, 0.003, 0.002};
@@ -152,7 +153,7 @@ struct GrippedPiece : Piece {
 TEST(SweptPieces, AStepInPartsThatFailsIsUndone)
 {
     Sweeps sweeps;
-    const Way on = through_the_piece(sweeps.at(9));
+    const SweepPath on = through_the_piece(sweeps.at(9));
     for (const bool is_held : {false, true}) {
         GrippedPiece piece(on, is_held);
         Sheet &sheet = *piece.sheet;
@@ -196,7 +197,7 @@ TEST(SweptPieces, ArePlayedBackToTheBit)
     int parts = 1;
     for (const int n : {4, 29, 92}) {
         Sweeps sweeps;
-        const Way on = through_the_piece(sweeps.at(n));
+        const SweepPath on = through_the_piece(sweeps.at(n));
         std::vector<uint32_t> taken;
         std::vector<double> ended[2];
         for (int played = 0; played < 2; played++) { // live, and replayed

@@ -18,10 +18,10 @@ TEST(Swept, ARodAtOneMetreASecondCarriesTheSheetAlong)
         for (int place = 0; place < (radius < 0.001 ? 11 : 2); place++) {
             const double side = place % 2 ? -1 : 1,
                          from[3] = {0.0253 + 0.001 * place, 0.03, side > 0 ? 0.016 + radius : -0.012 - radius},
-                         way[3] = {0, 0, -0.04 * side};
+                         motion[3] = {0, 0, -0.04 * side};
             const Swept swept = sweep({rod(radius).part[0],
                                        {from[0], from[1], from[2]},
-                                       {way[0], way[1], way[2]},
+                                       {motion[0], motion[1], motion[2]},
                                        {0, 0, 0, 1},
                                        place % 3 ? 0.08 : 0.3,
                                        0});
@@ -47,31 +47,31 @@ TEST(Swept, NothingIsSweptThroughTheSheet)
     EXPECT_EQ(count_tunneled_sweeps(1000, mode), 0);
 }
 
-std::array<double, 3> at_end(const Way &on)
+std::array<double, 3> at_end(const SweepPath &on)
 {
-    return {on.from[0] + on.way[0], on.from[1] + on.way[1], on.from[2] + on.way[2]};
+    return {on.from[0] + on.motion[0], on.from[1] + on.motion[1], on.from[2] + on.motion[2]};
 }
-Mode coarse(Beside adjacent) { return {0, PLIANT_BACKGROUND_PLANNED, PLIANT_LINEAR, false, PLIANT_AVERAGED, adjacent}; }
-Mode cut() { return {0, PLIANT_BACKGROUND_PLANNED, PLIANT_LINEAR, false, PLIANT_FINE, Beside::Piece}; }
+Mode coarse(SweepExtra extra) { return {0, PLIANT_BACKGROUND_PLANNED, PLIANT_LINEAR, false, PLIANT_AVERAGED, extra}; }
+Mode cut() { return {0, PLIANT_BACKGROUND_PLANNED, PLIANT_LINEAR, false, PLIANT_FINE, SweepExtra::Piece}; }
 
 // With a homogenized method, next to a patch, and next to a detached piece: the first sweeps, and regression cases.
 // More sweeps (PLIANT_SWEEPS; PLIANT_SWEEPS_BESIDE: 0, 1 or 2 for nothing, a piece, a patch only):
 // src/contact/NUMERICS.md.
 TEST(Swept, NothingIsSweptThroughACoarseSheetNorBesidePatchesAndPieces)
 {
-    for (const Mode &mode : {coarse(Beside::Nothing), coarse(Beside::Patch), cut()}) {
+    for (const Mode &mode : {coarse(SweepExtra::Nothing), coarse(SweepExtra::Patch), cut()}) {
         const int only = number_from("PLIANT_SWEEPS_BESIDE", -1); // only this one of the three
-        if (only >= 0 && static_cast<int>(mode.adjacent) != only) continue;
-        SCOPED_TRACE(testing::Message() << "method " << mode.method << ", beside " << static_cast<int>(mode.adjacent));
+        if (only >= 0 && static_cast<int>(mode.extra) != only) continue;
+        SCOPED_TRACE(testing::Message() << "method " << mode.method << ", beside " << static_cast<int>(mode.extra));
         EXPECT_EQ(count_tunneled_sweeps(2, mode), 0);
     }
     Sweeps beside_a_patch, beside_a_piece;
     for (const int n : {0, 23, 51, 56}) {
-        const Way on = beside_a_patch.at(n);
-        EXPECT_FALSE(has_tunneled(sweep(on, coarse(Beside::Patch)), on)) << n;
+        const SweepPath on = beside_a_patch.at(n);
+        EXPECT_FALSE(has_tunneled(sweep(on, coarse(SweepExtra::Patch)), on)) << n;
     }
     for (const int n : {11, 14, 42, 68}) {
-        const Way on = beside_a_piece.at(n);
+        const SweepPath on = beside_a_piece.at(n);
         EXPECT_FALSE(has_tunneled(sweep(on, cut()), on)) << n;
     }
 }
@@ -81,7 +81,7 @@ TEST(Swept, TheFirstAreNotSweptThroughAtTwoMetresASecondNorThroughHexahedra)
 {
     Sweeps sweeps;
     for (int n = 0; n < 28; n++) {
-        Way on = sweeps.next();
+        SweepPath on = sweeps.next();
         const Swept hexahedra = sweep(on, {0, PLIANT_BACKGROUND_PLANNED, PLIANT_HEXAHEDRA});
         on.speed = 2;
         const Swept fast = sweep(on);
@@ -98,7 +98,7 @@ TEST(Swept, AStepThatWouldTunnelIsDividedIntoLegs)
 {
     Sweeps sweeps;
     for (const int n : {232, 534, 1964}) {
-        const Way on = sweeps.at(n);
+        const SweepPath on = sweeps.at(n);
         for (const Mode mode : {Mode{}, Mode{0, PLIANT_BACKGROUND_PRESCRIBED}, Mode{10000}}) {
             const Swept swept = sweep(on, mode);
             EXPECT_FALSE(has_tunneled(swept, on))
@@ -117,7 +117,7 @@ TEST(Swept, FormerlyTunnelingSweepsDoNotTunnel)
         number_from("PLIANT_SWEEPS_LIVE", 0) ? PLIANT_BACKGROUND_LIVE : PLIANT_BACKGROUND_PRESCRIBED;
     Sweeps sweeps;
     for (const int n : {207, 378, 450, 529, 2230, 3993, 4922, 7070, 7249, 7264, 9216}) {
-        const Way on = sweeps.at(n);
+        const SweepPath on = sweeps.at(n);
         for (const pliant_background_kind background : {PLIANT_BACKGROUND_PLANNED, even}) {
             const Swept swept = sweep(on, {0, background});
             EXPECT_FALSE(has_tunneled(swept, on)) << n << ": carried " << swept.carried << ", " << swept.inside
@@ -133,7 +133,7 @@ TEST(Swept, FormerlyTunnelingSweepsOfOtherSeedsDoNotTunnel)
 {
     Sweeps sweeps;
     for (const int n : {19751, 22362, 41286, 41292, 48166}) {
-        const Way on = sweeps.at(n);
+        const SweepPath on = sweeps.at(n);
         for (const pliant_background_kind background : {PLIANT_BACKGROUND_PLANNED, PLIANT_BACKGROUND_PRESCRIBED}) {
             Mode mode{0, background};
             mode.backend = PLIANT_CPU;
@@ -148,7 +148,7 @@ TEST(Swept, FormerlyTunnelingSweepsOfOtherSeedsDoNotTunnel)
 TEST(Swept, ALoadedProxyMovesByAtMostOneCellInALeg)
 {
     Sweeps sweeps;
-    const Way on = sweeps.at(582);
+    const SweepPath on = sweeps.at(582);
     const Swept swept = sweep(on, {0, PLIANT_BACKGROUND_PLANNED, PLIANT_HEXAHEDRA});
     EXPECT_FALSE(has_tunneled(swept, on)) << "carried " << swept.carried;
     EXPECT_LT(swept.carried, 0.03);
@@ -234,10 +234,10 @@ TEST(Swept, AStepInPartsThatFailsIsUndone)
     struct {
         Mode mode;
         int number, stride;
-    } runs[] = {{Mode{}, 534, 8}, {coarse(Beside::Patch), 56, 24}, {cut(), 11, 24}};
+    } runs[] = {{Mode{}, 534, 8}, {coarse(SweepExtra::Patch), 56, 24}, {cut(), 11, 24}};
     for (const auto &run : runs) {
         SCOPED_TRACE(run.number);
-        const Way on = Sweeps().at(run.number);
+        const SweepPath on = Sweeps().at(run.number);
         int failed = 0;
         const std::unique_ptr<Sheet> sheet = sheet_for(on, run.mode);
         const int tool = sheet->add("tool", shape_of(on.part), on.from[0], on.from[1], on.from[2]);
@@ -260,7 +260,7 @@ TEST(Swept, AStepInPartsThatFailsIsUndone)
                 EXPECT_EQ(before, std::vector<double>(data->positions, data->positions + before.size()))
                     << "after " << calls << " allocations";
                 double tip = 0;
-                for (int d = 0; d < 3; d++) tip += std::fabs(data->tools[tool].tip[d] - on.from[d] - on.way[d]);
+                for (int d = 0; d < 3; d++) tip += std::fabs(data->tools[tool].tip[d] - on.from[d] - on.motion[d]);
                 EXPECT_LT(tip, 1e-12);
             }
             EXPECT_GE(pliant_step(sheet->model, data), 0) << "after " << calls << " allocations";
@@ -272,9 +272,9 @@ TEST(Swept, AStepInPartsThatFailsIsUndone)
 
 // A ball slides along the sheet with friction. A needle comes up next to it, so that a step has several legs.
 struct Slide {
-    Slide(double adjacent)
-        : adjacent(adjacent), ball_at(sheet.add("ball", ball(0.006), 0.02, 0.03, 0.0105)),
-          needle(sheet.add("needle", rod(0.0005), 0.036 + adjacent, 0.03, -0.012))
+    Slide(double offset)
+        : offset(offset), ball_at(sheet.add("ball", ball(0.006), 0.02, 0.03, 0.0105)),
+          needle(sheet.add("needle", rod(0.0005), 0.036 + offset, 0.03, -0.012))
     {
         EXPECT_EQ(pliant_data_set_limits(sheet.data, 300, 1e-7), PLIANT_OK);
         for (int step = 0; step < 10; step++)
@@ -282,24 +282,24 @@ struct Slide {
     }
     pliant_status go(pliant_data *data, double x, double z, double needle_z)
     {
-        const double tip[3] = {x, 0.03, z}, other[3] = {0.036 + adjacent, 0.03, needle_z};
+        const double tip[3] = {x, 0.03, z}, other[3] = {0.036 + offset, 0.03, needle_z};
         EXPECT_EQ(pliant_tool_set_pose(data, ball_at, tip, nullptr), PLIANT_OK);
         EXPECT_EQ(pliant_tool_set_pose(data, needle, other, nullptr), PLIANT_OK);
         return pliant_step(sheet.model, data);
     }
     pliant_status come_up(pliant_data *data) { return go(data, 0.0375, 0.0065, 0.008); }
     Sheet sheet{1, 0.2};
-    double adjacent;
+    double offset;
     int ball_at, needle;
 };
 
 // Friction forces are in their cones, also in a step of several legs, and on the cone where all points slide.
 TEST(Swept, AStepInLegsSlidesByCoulombsLaw)
 {
-    for (const double adjacent : {-0.012, -0.014}) { // nearer, the two tools pinch the sheet
-        Slide run(adjacent);
+    for (const double offset : {-0.012, -0.014}) { // nearer, the two tools pinch the sheet
+        Slide run(offset);
         ASSERT_GE(run.come_up(run.sheet.data), 0);
-        EXPECT_GT(run.sheet.data->statistics.legs, 1) << adjacent;
+        EXPECT_GT(run.sheet.data->statistics.legs, 1) << offset;
         for (int slid = 0; slid < 2; slid++) {
             double presses = 0, slides = 0;
             for (int32_t p = 0; p < run.sheet.data->contacts.count; p++) {
@@ -311,12 +311,12 @@ TEST(Swept, AStepInLegsSlidesByCoulombsLaw)
                 }
                 if (point.tool != run.ball_at) continue;
                 const double along = std::sqrt(std::fmax(0, all - normal * normal));
-                EXPECT_LE(along, 0.2 * normal * (1 + 1e-6) + 1e-9) << adjacent;
+                EXPECT_LE(along, 0.2 * normal * (1 + 1e-6) + 1e-9) << offset;
                 presses += normal;
                 slides += along;
             }
             EXPECT_GT(presses, 0.1);
-            if (slid == 1) EXPECT_NEAR(slides / presses, 0.2, 0.2e-3) << adjacent;
+            if (slid == 1) EXPECT_NEAR(slides / presses, 0.2, 0.2e-3) << offset;
             ASSERT_GE(run.go(run.sheet.data, 0.0390, 0.0065, 0.008), 0);
         }
     }
@@ -378,10 +378,10 @@ TEST(Swept, AStepInLegsWithoutMemoryIsWhole)
 // The parts follow from the recorded poses and background results of live steps.
 TEST(Swept, AStepInPartsIsPlayedBackToTheBit)
 {
-    struct { Mode mode; int number; } runs[] = {{Mode{}, 534}, {coarse(Beside::Patch), 56}, {cut(), 11}};
+    struct { Mode mode; int number; } runs[] = {{Mode{}, 534}, {coarse(SweepExtra::Patch), 56}, {cut(), 11}};
     int32_t parts = 1;
     for (const auto &run : runs) {
-        const Way on = Sweeps().at(run.number);
+        const SweepPath on = Sweeps().at(run.number);
         std::vector<uint32_t> taken;
         std::vector<double> ended[2];
         for (int played = 0; played < 2; played++) { // live, and replayed

@@ -4,7 +4,7 @@
 
 #include "body.h"
 
-inline double apart(const std::vector<double> &a, const std::vector<double> &b)
+inline double max_distance(const std::vector<double> &a, const std::vector<double> &b)
 {
     double maximum = 0;
     for (size_t n = 0; n < a.size(); n += 3)
@@ -60,8 +60,8 @@ inline double worst_error(const pliant_model *model, const double point[3], cons
             converged++;
             const std::vector<double> rest(model->body->fine.rest,
                                            model->body->fine.rest + 3 * model->body->fine.num_nodes);
-            const double error = apart(positions(data), right[f]);
-            worst = std::fmax(worst, error / apart(right[f], rest));
+            const double error = max_distance(positions(data), right[f]);
+            worst = std::fmax(worst, error / max_distance(right[f], rest));
             minimum = std::fmin(minimum, data->statistics.error / error);
             maximum = std::fmax(maximum, data->statistics.error / error);
         }

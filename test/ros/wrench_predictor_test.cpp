@@ -15,7 +15,7 @@ const double box[3] = {0.12, 0.12, 0.12}, still[4] = {0, 0, 0, 1};
 enum { STEP = 20, LATE = 12 /* [ms] */ };
 
 // A stroke: position of the tip relative to the grasp.
-struct Way {
+struct TipPath {
     const char *name;
     double (*at)(int millisecond, int axis);
     int milliseconds;
@@ -28,10 +28,10 @@ double shaken(int t, int axis) { return slow(t, axis) + 5e-4 * std::sin(0.3 * t 
 // encoder noise
 double noisy(int t, int axis) { return slow(t, axis) + 2e-5 * ((t * 7919 + axis * 104729) % 101 / 50.0 - 1); }
 double stepped(int t, int axis) { return slow(t / 10 * 10, axis); } // poses at 100 Hz
-const Way ways[] = {{"fast", fast, 600},      {"slow", slow, 3000},   {"pushed", pushed, 1200},
+const TipPath paths[] = {{"fast", fast, 600},      {"slow", slow, 3000},   {"pushed", pushed, 1200},
                     {"shaken", shaken, 3000}, {"noisy", noisy, 3000}, {"stepped", stepped, 3000}};
 
-struct Told {
+struct StrokeResult {
     double in = 0, out = 0, minimum = 0; // energy put in, energy returned, and minimum of the difference [J]
     double jump = 0, zero_order = 0;     // maximum change of the force between two answers, and between two steps [N]
     double off = 0, maximum = 0;         // maximum difference from the force of the step at its pose [N]; maximum force
@@ -58,9 +58,9 @@ struct Held : Body {
         EXPECT_GE(pliant_step(model, data), 0);
     }
 
-    Told stroke(const Way &way, double maximum = 5)
+    StrokeResult stroke(const TipPath &path, double maximum = 5)
     {
-        Told told;
+        StrokeResult result;
         WrenchPredictor between(maximum);
         pliant_tool_linear linear{}, ready{};
         double now[6], before[6] = {}, last[3] = {}, answered[STEP][6] = {}, step_force[3] = {};
@@ -70,9 +70,9 @@ struct Held : Body {
         between.frame(-0.021, nothing, true); // before the grasp
         between.answer(-0.011, rest, still, now);
         between.frame(-0.001, linear, true);
-        for (int t = 0; t <= way.milliseconds + 500; t++) {
+        for (int t = 0; t <= path.milliseconds + 500; t++) {
             double tip[3], moved = 0, changed = 0;
-            for (int d = 0; d < 3; d++) tip[d] = rest[d] + way.at(std::min(t, way.milliseconds), d);
+            for (int d = 0; d < 3; d++) tip[d] = rest[d] + path.at(std::min(t, path.milliseconds), d);
             if (t % STEP == 0) {
                 EXPECT_EQ(pliant_tool_set_pose(data, tool, tip, still), PLIANT_OK);
                 EXPECT_GE(pliant_step(model, data), 0) << pliant_last_error();
@@ -82,10 +82,10 @@ struct Held : Body {
             if (t % STEP == LATE) between.frame(0.001 * t - 0.0005, ready, true);
             between.answer(0.001 * t, tip, still, now);
             for (int d = 0; d < 3 && t > 0; d++) moved += before[d] * (tip[d] - last[d]);
-            (moved > 0 ? told.in : told.out) += std::fabs(moved);
-            told.minimum = std::min(told.minimum, told.in - told.out);
+            (moved > 0 ? result.in : result.out) += std::fabs(moved);
+            result.minimum = std::min(result.minimum, result.in - result.out);
             for (int d = 0; d < 3 && t > 0; d++) changed += std::pow(now[d] - before[d], 2);
-            told.jump = std::max(told.jump, std::sqrt(changed));
+            result.jump = std::max(result.jump, std::sqrt(changed));
             std::copy(now, now + 6, answered[t % STEP]);
             if (t % STEP == LATE) {
                 double off = 0, force = 0, jump = 0;
@@ -95,36 +95,36 @@ struct Held : Body {
                     jump += std::pow(ready.wrench[d] - step_force[d], 2);
                     step_force[d] = ready.wrench[d];
                 }
-                told.off = std::max(told.off, std::sqrt(off));
-                told.maximum = std::max(told.maximum, std::sqrt(force));
-                told.zero_order = std::max(told.zero_order, std::sqrt(jump));
+                result.off = std::max(result.off, std::sqrt(off));
+                result.maximum = std::max(result.maximum, std::sqrt(force));
+                result.zero_order = std::max(result.zero_order, std::sqrt(jump));
             }
             std::copy(now, now + 6, before);
             std::copy(tip, tip + 3, last);
         }
-        return told;
+        return result;
     }
 };
 
 TEST(WrenchPredictor, IsPassive)
 {
     for (pliant_solver_kind kind : {PLIANT_COROTATIONAL, PLIANT_TLED})
-        for (const Way &way : ways) {
+        for (const TipPath &path : paths) {
             Held held(kind);
-            const Told told = held.stroke(way);
-            SCOPED_TRACE(way.name);
+            const StrokeResult result = held.stroke(path);
+            SCOPED_TRACE(path.name);
             printf("%s %s: in %.5f J, out %.5f, least left %.2g (%.3f %%); jump %.3f N of %.3f; off %.3f of %.3f\n",
-                   kind == PLIANT_TLED ? "tled" : "quasi-static", way.name, told.in, told.out, told.minimum,
-                   100 * told.minimum / told.in, told.jump, told.zero_order, told.off, told.maximum);
-            EXPECT_GE(told.minimum, -0.01 * told.in);
-            EXPECT_GT(told.in, 0.015);
+                   kind == PLIANT_TLED ? "tled" : "quasi-static", path.name, result.in, result.out, result.minimum,
+                   100 * result.minimum / result.in, result.jump, result.zero_order, result.off, result.maximum);
+            EXPECT_GE(result.minimum, -0.01 * result.in);
+            EXPECT_GT(result.in, 0.015);
             // forces of steps alone jump by 0.15 to 0.2 N
-            if (way.at == slow || way.at == pushed || way.at == stepped) {
-                EXPECT_LT(told.jump, 0.15 * told.maximum / 4);
-                EXPECT_LT(told.off, 0.06 * told.maximum);
+            if (path.at == slow || path.at == pushed || path.at == stepped) {
+                EXPECT_LT(result.jump, 0.15 * result.maximum / 4);
+                EXPECT_LT(result.off, 0.06 * result.maximum);
             }
             // and the stiffness of the tissue is preserved
-            if (kind == PLIANT_COROTATIONAL) EXPECT_GT(told.out, 0.95 * told.in);
+            if (kind == PLIANT_COROTATIONAL) EXPECT_GT(result.out, 0.95 * result.in);
         }
 }
 
@@ -205,24 +205,24 @@ TEST(WrenchPredictor, RestoresAConstantForce)
 TEST(Ramp, BeginsAndEndsSoftly)
 {
     pliant_ros::Ramp ramp;
-    const auto told = [&](double now, bool acts, double force) {
+    const auto result = [&](double now, bool acts, double force) {
         double wrench[6] = {0, 0, force, 0, 0, 0};
         ramp.apply(now, acts, wrench);
         return wrench[2];
     };
-    EXPECT_EQ(told(0, true, 0), 0);
-    EXPECT_EQ(told(0.02, true, 3), 3) << "from no force";
-    EXPECT_NEAR(told(0.04, false, 0), 1, 1e-9) << "held still: two thirds of 30 ms on";
-    EXPECT_EQ(told(0.06, false, 7), 0);
-    EXPECT_EQ(told(1, true, 6), 0) << "running again";
-    EXPECT_NEAR(told(1.1, true, 6), 3, 1e-9);
-    EXPECT_EQ(told(1.3, true, 6), 6);
+    EXPECT_EQ(result(0, true, 0), 0);
+    EXPECT_EQ(result(0.02, true, 3), 3) << "from no force";
+    EXPECT_NEAR(result(0.04, false, 0), 1, 1e-9) << "held still: two thirds of 30 ms on";
+    EXPECT_EQ(result(0.06, false, 7), 0);
+    EXPECT_EQ(result(1, true, 6), 0) << "running again";
+    EXPECT_NEAR(result(1.1, true, 6), 3, 1e-9);
+    EXPECT_EQ(result(1.3, true, 6), 6);
 }
 
 TEST(PoseFilter, RemovesJitterWhenEnabled)
 {
     pliant_ros::PoseFilter off, on(5);
-    pliant_ros::Rigid pose = pliant_ros::identity(), told;
+    pliant_ros::Rigid pose = pliant_ros::identity(), result;
     double shaken = 0, smooth = 0;
     for (int t = 0; t < 1000; t++) {
         const double jitter = 1e-3 * ((t * 7919) % 101 / 50.0 - 1), half = 0.5 * (0.3 + jitter);
@@ -232,11 +232,11 @@ TEST(PoseFilter, RemovesJitterWhenEnabled)
         const pliant_ros::Rigid same = off.next(0.01 * t, "arm", pose);
         for (int d = 0; d < 3; d++) ASSERT_EQ(same.translation[d], pose.translation[d]);
         for (int i = 0; i < 4; i++) ASSERT_EQ(same.rotation[i], pose.rotation[i]);
-        told = on.next(0.01 * t, "arm", pose);
-        ASSERT_NEAR(2 * std::asin(std::fabs(told.rotation[2])), 0.3, t < 100 ? 1.1e-3 : 8e-4);
+        result = on.next(0.01 * t, "arm", pose);
+        ASSERT_NEAR(2 * std::asin(std::fabs(result.rotation[2])), 0.3, t < 100 ? 1.1e-3 : 8e-4);
         if (t < 100) continue;
         shaken += std::pow(jitter, 2);
-        smooth += std::pow(told.translation[0] - 0.1, 2);
+        smooth += std::pow(result.translation[0] - 0.1, 2);
     }
     EXPECT_LT(smooth, 0.25 * shaken);
     pose.translation[0] = 0.4;
@@ -244,14 +244,14 @@ TEST(PoseFilter, RemovesJitterWhenEnabled)
     pose.translation[0] = 0.1;
     EXPECT_GT(on.next(11.01, "arm", pose).translation[0], 0.2);
     EXPECT_EQ(on.next(11.02, "camera", pose).translation[0], 0.1) << "in another frame, too";
-    told = on.next(11.03, "camera", pose);
-    EXPECT_EQ(told.translation[0], 0.1);
+    result = on.next(11.03, "camera", pose);
+    EXPECT_EQ(result.translation[0], 0.1);
     pose.translation[0] = 0.4;
     EXPECT_EQ(on.next(11.03, "camera", pose).translation[0], 0.1) << "two of one stamp";
     EXPECT_EQ(on.next(11.01, "camera", pose).translation[0], 0.1) << "one that comes late";
-    told = on.next(11.04, "camera", pose);
-    EXPECT_GT(told.translation[0], 0.15);
-    EXPECT_LT(told.translation[0], 0.25) << "it goes on from there";
+    result = on.next(11.04, "camera", pose);
+    EXPECT_GT(result.translation[0], 0.15);
+    EXPECT_LT(result.translation[0], 0.25) << "it goes on from there";
     EXPECT_EQ(on.next(1, "camera", pose).translation[0], 0.4) << "a clock that was set back";
 }
 

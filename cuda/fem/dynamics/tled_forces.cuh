@@ -25,15 +25,15 @@ static __device__ __forceinline__ gpu_cube load_cube(const gpu_cube *d_cubes, in
 /* Load the change of H in the last sub-step. */
 static __device__ __forceinline__ void load_change(const double *d_d, const gpu_tet &tet, float change[9])
 {
-    float apart[9];
+    float difference[9];
     for (int v = 0; v < 3; v++)
         for (int k = 0; k < 3; k++)
-            apart[3 * v + k] =
+            difference[3 * v + k] =
                 (float)(__ldg(d_d + 3 * (size_t)tet.node[v + 1] + k) - __ldg(d_d + 3 * (size_t)tet.node[0] + k));
     for (int r = 0; r < 3; r++)
         for (int c = 0; c < 3; c++)
-            change[3 * r + c] =
-                apart[r] * tet.gradient[c] + apart[3 + r] * tet.gradient[3 + c] + apart[6 + r] * tet.gradient[6 + c];
+            change[3 * r + c] = difference[r] * tet.gradient[c] + difference[3 + r] * tet.gradient[3 + c] +
+                                difference[6 + r] * tet.gradient[6 + c];
 }
 
 /* Transform corner values to modes and back, as in tled_elements.c. */
@@ -56,11 +56,11 @@ static __device__ __forceinline__ float load_modes(const gpu_tled &tled, const d
     double exact[9];
     for (int r = 0; r < 3; r++) {
         const double first = __ldg(d_from + stride * (size_t)cube.node[0] + r);
-        double apart[8], along[3];
+        double difference[8], along[3];
         for (int v = 0; v < 8; v++)
-            w[r][v] = (float)(apart[v] = __ldg(d_from + stride * (size_t)cube.node[v] + r) - first);
+            w[r][v] = (float)(difference[v] = __ldg(d_from + stride * (size_t)cube.node[v] + r) - first);
         transform(w[r], false);
-        pliant_cube_differences(apart, along);
+        pliant_cube_differences(difference, along);
         for (int c = 0; c < 3; c++) {
             const float *g = tled.cube_gradient + c;
             exact[3 * r + c] =
@@ -86,18 +86,18 @@ static __device__ __forceinline__ void load_gradient(const double *d_u, const gp
     const double2 *first = reinterpret_cast<const double2 *>(d_u + 4 * (size_t)tet.node[0]);
     const double2 xy = __ldg(first);
     const double z = __ldg(&first[1].x);
-    float apart[9];
+    float difference[9];
     for (int v = 0; v < 3; v++) {
         const double2 *at = reinterpret_cast<const double2 *>(d_u + 4 * (size_t)tet.node[v + 1]);
         const double2 at_xy = __ldg(at);
-        apart[3 * v] = (float)(at_xy.x - xy.x);
-        apart[3 * v + 1] = (float)(at_xy.y - xy.y);
-        apart[3 * v + 2] = (float)(__ldg(&at[1].x) - z);
+        difference[3 * v] = (float)(at_xy.x - xy.x);
+        difference[3 * v + 1] = (float)(at_xy.y - xy.y);
+        difference[3 * v + 2] = (float)(__ldg(&at[1].x) - z);
     }
     for (int r = 0; r < 3; r++)
         for (int c = 0; c < 3; c++)
-            h[3 * r + c] =
-                apart[r] * tet.gradient[c] + apart[3 + r] * tet.gradient[3 + c] + apart[6 + r] * tet.gradient[6 + c];
+            h[3 * r + c] = difference[r] * tet.gradient[c] + difference[3 + r] * tet.gradient[3 + c] +
+                           difference[6 + r] * tet.gradient[6 + c];
 }
 
 /* Update the relaxed stress after this sub-step. One of the element's groups stores it; the other groups only compute

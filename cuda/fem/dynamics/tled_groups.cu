@@ -13,9 +13,9 @@ struct grouping {
     /* As in gpu_tled; group and element have capacity for one group per node. */
     int32_t *group, *order, *element, *corner_start;
     uint16_t *corner;
-    int32_t *seen;             /* (elements) 1 + last group that contains it */
-    int32_t *slot;             /* (elements) its index in that group */
-    int32_t count, capacity;   /* number of groups; capacity of element in groups */
+    int32_t *last_group;     /* (elements) 1 + last group that contains it */
+    int32_t *slot;           /* (elements) its index in that group */
+    int32_t count, capacity; /* number of groups; capacity of element in groups */
 };
 
 static uint64_t spread(uint64_t x) /* separates the lowest 21 bits by two zero bits each */
@@ -69,7 +69,7 @@ static int32_t new_elements(const pliant_tled_system *system, const grouping *ma
 {
     int32_t count = 0, v;
     for (int32_t c = system->corner_start[node]; c < system->corner_start[node + 1]; c++)
-        count += made->seen[element_of(system, system->corner[c], &v)] != made->count;
+        count += made->last_group[element_of(system, system->corner[c], &v)] != made->count;
     return count;
 }
 
@@ -78,10 +78,10 @@ static void add_node(const pliant_tled_system *system, grouping *made, int32_t j
     made->order[j] = node;
     for (int32_t c = system->corner_start[node]; c < system->corner_start[node + 1]; c++) {
         int32_t v, element = element_of(system, system->corner[c], &v);
-        if (made->seen[element] != made->count) {
+        if (made->last_group[element] != made->count) {
             made->element[(size_t)(made->count - 1) * GPU_THREADS + (size_t)*elements] =
-                2 * element + (made->seen[element] == 0);
-            made->seen[element] = made->count;
+                2 * element + (made->last_group[element] == 0);
+            made->last_group[element] = made->count;
             made->slot[element] = (*elements)++;
         }
         made->corner[made->corner_start[j + 1]++] = (uint16_t)(GPU_THREADS * v + made->slot[element]);
@@ -145,11 +145,11 @@ extern "C" pliant_status pliant_cuda_tled_groups(const pliant_tled_system *syste
     grouping made = {};
     bool good = allocate(nodes, &made.places) && allocate(nodes + 1, &made.group) && allocate(nodes, &made.order) &&
                 allocate(nodes + 2, &made.corner_start) && allocate(corners, &made.corner) &&
-                allocate(elements, &made.seen) && allocate(elements, &made.slot);
+                allocate(elements, &made.last_group) && allocate(elements, &made.slot);
     pliant_status status = good ? make(system, &made) : pliant_fail_memory("the groups of nodes");
     if (status == PLIANT_OK) status = upload_all(system, &made, tled, stream);
     void *blocks[] = {made.places,       made.group,  made.order, made.element,
-                      made.corner_start, made.corner, made.seen,  made.slot};
+                      made.corner_start, made.corner, made.last_group, made.slot};
     for (void *block : blocks) pliant_free(block);
     return status;
 }

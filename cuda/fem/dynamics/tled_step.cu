@@ -243,12 +243,12 @@ substep_kernel(const gpu_tled tled, int32_t number)
     }
     keep_fixed(tled, at, d_next, tled.d_d[1 - from]);
     const int32_t left = tled.d_frame->whole - tled.d_frame->made - step;
-    const bool told = left <= 2;
+    const bool is_measured = left <= 2;
     double *d_older = tled.d_older + 3 * (size_t)at.n + at.k;
-    if (told) sums[2] = error_of_component<WALLS>(tled, at, acceleration, at.moves ? *d_older : 0);
+    if (is_measured) sums[2] = error_of_component<WALLS>(tled, at, acceleration, at.moves ? *d_older : 0);
     if (left <= 3 && at.moves) *d_older = at.d; /* only the last three sub-steps of a frame need it */
     acceleration = move_component<WALLS>(tled, step, at, acceleration, d_next, tled.d_d[1 - from]);
-    if (!told) return;
+    if (!is_measured) return;
     const int slots[3] = {PLIANT_SUM_LOAD, PLIANT_SUM_RESIDUAL, left == 1 ? PLIANT_SUM_ERROR : PLIANT_SUM_ERROR_BEFORE};
     if (at.moves && at.node.held == 0) sums[1] = acceleration * acceleration / at.node.inverse_mass;
     add_up(tled.d_sums, slots, sums, scratch);

@@ -127,7 +127,7 @@ static __global__ void __launch_bounds__(GATHER_THREADS) gather_kernel(gpu_syste
         if (n < system.num_free && d < 3) turned += iteration.d_axes[9 * (size_t)n + 3 * e + d] * other;
     }
     if (n < system.num_free && d < 3) {
-        if (state.iterations == 0 && state.seen) { /* save the final step and residual of the previous step */
+        if (state.iterations == 0 && state.start_is_evaluated) { /* save the end of the previous step */
             iteration.d_past_step[3 * (size_t)n + d] = iteration.d_step[target][3 * (size_t)n + d];
             iteration.d_past_residual[3 * (size_t)n + d] = iteration.d_residual[target][3 * (size_t)n + d];
         }

@@ -10,7 +10,7 @@
 static void free_slots(gpu_compliance_columns *blocks)
 {
     pliant_free(blocks->unknown);
-    pliant_free(blocks->asked);
+    pliant_free(blocks->last_use);
     pliant_cuda_release(blocks->d_column);
     pliant_cuda_release(blocks->d_which);
     pliant_cuda_release_host(blocks->h_which);
@@ -51,10 +51,10 @@ static pliant_status reserve_capacity(gpu_compliance_columns *blocks, int32_t co
     gpu_compliance_columns made = *blocks;
     if (count <= blocks->capacity) return PLIANT_OK;
     made.unknown = static_cast<int32_t *>(pliant_calloc(slots, sizeof *made.unknown));
-    made.asked = static_cast<uint64_t *>(pliant_calloc(slots, sizeof *made.asked));
+    made.last_use = static_cast<uint64_t *>(pliant_calloc(slots, sizeof *made.last_use));
     made.d_column = NULL;
     made.d_which = made.h_which = NULL;
-    pliant_status status = made.unknown && made.asked ? PLIANT_OK : pliant_fail_memory("contact compliance");
+    pliant_status status = made.unknown && made.last_use ? PLIANT_OK : pliant_fail_memory("contact compliance");
     if (status == PLIANT_OK)
         status = pliant_cuda_allocate(slots * column, "contact compliance", reinterpret_cast<void **>(&made.d_column));
     if (status == PLIANT_OK)
@@ -74,7 +74,7 @@ static pliant_status reserve_capacity(gpu_compliance_columns *blocks, int32_t co
     }
     std::fill(made.unknown, made.unknown + capacity, -1);
     std::copy(blocks->unknown, blocks->unknown + blocks->capacity, made.unknown);
-    std::copy(blocks->asked, blocks->asked + blocks->capacity, made.asked);
+    std::copy(blocks->last_use, blocks->last_use + blocks->capacity, made.last_use);
     made.capacity = capacity;
     free_slots(blocks);
     *blocks = made;
@@ -84,7 +84,7 @@ static pliant_status reserve_capacity(gpu_compliance_columns *blocks, int32_t co
 /* Return a slot that is free, or not used in this step. */
 static int32_t take_slot(gpu_compliance_columns *blocks)
 {
-    while (blocks->unknown[blocks->next] >= 0 && blocks->asked[blocks->next] == blocks->now)
+    while (blocks->unknown[blocks->next] >= 0 && blocks->last_use[blocks->next] == blocks->now)
         blocks->next = (blocks->next + 1) % blocks->capacity;
     const int32_t slot = blocks->next;
     if (blocks->unknown[slot] >= 0) blocks->slot[blocks->unknown[slot]] = -1;
@@ -101,13 +101,13 @@ extern "C" pliant_status pliant_cuda_compliance_compute(gpu_compliance_columns *
     int32_t missing = 0;
     blocks->now++;
     for (int32_t i = 0; i < count; i++)
-        if (blocks->slot[unknown[i]] >= 0) blocks->asked[blocks->slot[unknown[i]]] = blocks->now;
+        if (blocks->slot[unknown[i]] >= 0) blocks->last_use[blocks->slot[unknown[i]]] = blocks->now;
     for (int32_t i = 0; i < count; i++) {
         if (blocks->slot[unknown[i]] >= 0) continue;
         const int32_t slot = take_slot(blocks);
         blocks->slot[unknown[i]] = slot;
         blocks->unknown[slot] = unknown[i];
-        blocks->asked[slot] = blocks->now;
+        blocks->last_use[slot] = blocks->now;
         blocks->h_which[2 * missing] = unknown[i];
         blocks->h_which[2 * missing++ + 1] = 3 * slot;
     }

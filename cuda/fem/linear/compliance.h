@@ -15,7 +15,7 @@ typedef struct gpu_compliance_columns {
     int32_t *slot;              /* (num_free) of an unknown node, or -1 */
     int32_t capacity, next;     /* number of slots, and where the search for a free one starts */
     int32_t *unknown;           /* (`capacity`) or -1 */
-    uint64_t *asked;            /* (`capacity`) time of the last use */
+    uint64_t *last_use;         /* (`capacity`) time of the last use */
     uint64_t now;               /* number of uses so far */
     float *d_column;            /* (`capacity` x 3 x stride) */
     int32_t *h_which, *d_which; /* (`capacity` x 2) missing columns; h_which is page-locked */

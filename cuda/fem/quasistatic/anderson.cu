@@ -58,7 +58,7 @@ static __global__ void __launch_bounds__(THREADS) begin_kernel(gpu_iteration ite
             }
         state.step = step;
         state.done = state.iterations = state.ending = state.took = state.restored_previous = 0;
-        state.seen = step.seen;
+        state.start_is_evaluated = step.start_is_evaluated;
         state.skips = step.known == PLIANT_KNOWN_STEP;
         pliant_anderson &rules = state.rules;
         if (step.restart) pliant_anderson_reset(&rules);
@@ -173,7 +173,7 @@ static __device__ void take_residual(const gpu_iteration &iteration, const gpu_s
             iteration.d_past_step[i + d] = iteration.d_step[target][i + d];
         } else {
             residual[d] = iteration.d_residual[target][i + d];
-            if (state.seen) past[d] = iteration.d_past_residual[i + d];
+            if (state.start_is_evaluated) past[d] = iteration.d_past_residual[i + d];
             iteration.d_free_residual[i + d] = residual[d];
         }
     }
@@ -227,7 +227,7 @@ static __global__ void __launch_bounds__(NODES) complete_kernel(gpu_iteration it
     if (state.done) return;
     const int thread = (int)threadIdx.x, warp = thread / 32, lane = thread % 32, target = gpu_target(&state),
               now = state.now;
-    const bool looks_back = state.seen && state.iterations == 0;
+    const bool looks_back = state.start_is_evaluated && state.iterations == 0;
     const int node = (int)(blockIdx.x * NODES) + thread,
               num_sums = SINGLE_SUMS + (looks_back ? 2 : 1) * iteration.capacity;
     const size_t n = 3 * (size_t)iteration.num_free, i = 3 * (size_t)node;
@@ -329,7 +329,7 @@ static __device__ void propose_node(const gpu_iteration &iteration, const gpu_st
     for (int d = 0; d < 3; d++) {
         made[d] = iteration.d_step[now][i + d];
         left[d] = unexplained * made[d];
-        past[d] = state.seen ? unexplained * iteration.d_past_step[i + d] : 0;
+        past[d] = state.start_is_evaluated ? unexplained * iteration.d_past_step[i + d] : 0;
     }
 #pragma unroll 4
     for (int u = 0; u < list.count; u++)
@@ -369,7 +369,7 @@ static __device__ void settle(gpu_state &state, pliant_anderson &rules)
     }
     state.skips = 1;
     state.evaluated = state.evaluated && state.now == state.last_target;
-    pliant_anderson_report_error(&rules, state.seen, largest[3]);
+    pliant_anderson_report_error(&rules, state.start_is_evaluated, largest[3]);
 }
 
 static __device__ void copy_rules(const pliant_anderson *from, pliant_anderson *to)

@@ -102,7 +102,7 @@ static __device__ void judge(decision &now, int capacity)
         state.past_of_now = now.sums[4];
         for (int a = 0; a < capacity; a++) state.along[a] = now.sums[SINGLE_SUMS + a];
     }
-    for (int a = 0; first && state.seen && a < capacity; a++)
+    for (int a = 0; first && state.start_is_evaluated && a < capacity; a++)
         state.past_along[a] = now.sums[SINGLE_SUMS + capacity + a];
     if (!state.ending) {
         state.accepted_scale = state.scale[state.now];
@@ -138,7 +138,7 @@ static __device__ bool find_weights(decision &now, int kind)
     const gpu_state &state = now.state;
     const int h = (int)threadIdx.x % 32;
     const bool previous =
-        kind == TRIAL ? state.rules.mixes : kind == ESTIMATE || state.seen; /* the same for all lanes */
+        kind == TRIAL ? state.rules.mixes : kind == ESTIMATE || state.start_is_evaluated; /* the same for all lanes */
     if (h < GPU_HISTORY) {
         const double *along = kind == PAST ? state.past_along : state.along,
                      *force = kind == PAST ? state.past_step_force : state.step_force[state.now];

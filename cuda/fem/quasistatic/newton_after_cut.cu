@@ -15,7 +15,7 @@
 enum { THREADS = 128, WARPS = THREADS / 32, NEWTON_SUMS = 2 };
 
 /* The vectors (3 num_free), in the nodes' axes, in arrays that a fresh state does not use. */
-struct newton_vectors { double *d_elastic, *d_left, *d_along, *d_way, *d_pulled, *d_step; };
+struct newton_vectors { double *d_elastic, *d_left, *d_along, *d_correction, *d_pulled, *d_step; };
 
 static newton_vectors vectors_of(const gpu_iteration *it)
 {
@@ -86,7 +86,7 @@ static __global__ void __launch_bounds__(THREADS)
     keep_sums(own, 0, d_sums);
 }
 
-/* Compute way . T' (load - elastic at the trial). */
+/* Compute correction . T' (load - elastic at the trial). */
 static __global__ void __launch_bounds__(THREADS)
     open_slope_kernel(gpu_system system, gpu_iteration it, newton_vectors at, double *d_sums)
 {
@@ -97,7 +97,7 @@ static __global__ void __launch_bounds__(THREADS)
         elastic_at(system, it.d_element_force, n, left);
         for (int d = 0; d < 3; d++) left[d] = it.d_load[3 * (size_t)n + d] - left[d];
         turn_into(it, (size_t)n, left);
-        for (int d = 0; d < 3; d++) own += at.d_way[3 * (size_t)n + d] * left[d];
+        for (int d = 0; d < 3; d++) own += at.d_correction[3 * (size_t)n + d] * left[d];
     }
     keep_sums(own, 0, d_sums);
 }
@@ -114,7 +114,7 @@ static __global__ void __launch_bounds__(THREADS)
     for (int d = 0; d < 3; d++) d_to[x + d] = d_from[x + d] + fraction * step[d];
 }
 
-/* Compute way += share along, left -= share pulled, and the preconditioner's input. */
+/* Compute correction += fraction along, left -= fraction pulled, and the preconditioner's input. */
 static __global__ void __launch_bounds__(THREADS)
     open_advance_kernel(gpu_iteration it, newton_vectors at, double fraction)
 {
@@ -122,7 +122,7 @@ static __global__ void __launch_bounds__(THREADS)
     if (n >= it.num_free) return;
     for (size_t i = 3 * (size_t)n; i < 3 * (size_t)n + 3; i++) {
         if (fraction != 0) {
-            at.d_way[i] += fraction * at.d_along[i];
+            at.d_correction[i] += fraction * at.d_along[i];
             at.d_left[i] -= fraction * at.d_pulled[i];
         }
         it.d_right[i] = (float)at.d_left[i];
@@ -223,7 +223,7 @@ struct opening {
     double factor[GPU_ROWS * GPU_ROWS];                                     /* Cholesky factor of S */
     /* Forces of springs: of the step so far, of the present direction, of the next direction. */
     double pulls[GPU_ROWS], pulls_along[GPU_ROWS], pulls_next[GPU_ROWS];
-    double norm, longest, energy; /* longest: maximum of along over the nodes; energy: residual . way [J] */
+    double norm, longest, energy; /* longest: maximum of along over the nodes; energy: residual . correction [J] */
 };
 
 static size_t newton_bytes(const gpu_iteration *it)
@@ -399,9 +399,9 @@ static pliant_status multiply(const opening *work, double fraction, double *curv
     return add_up(work, curvature, nullptr);
 }
 
-/* Compute the state's residual and the first direction. led: out: held nodes have moved since the last step, and the
- * direction is taken with length 1. */
-static pliant_status begin(opening *work, bool *led)
+/* Compute the state's residual and the first direction. prescribed: out: held nodes have moved since the last step, and
+ * the direction is taken with length 1. */
+static pliant_status begin(opening *work, bool *prescribed)
 {
     const pliant_cuda_solver *gpu = work->gpu;
     const gpu_iteration *it = &gpu->iteration;
@@ -410,7 +410,8 @@ static pliant_status begin(opening *work, bool *led)
     open_residual_kernel<<<work->blocks, THREADS, 0, gpu->stream>>>(gpu->system, *it, work->at);
     CUDA_TRY(CUDA_LAUNCHED("open_residual_kernel"));
     CUDA_TRY(load_tools(work, work->at.d_left));
-    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(work->at.d_way, 0, 3 * (size_t)it->num_free * sizeof(double), gpu->stream)));
+    CUDA_TRY(
+        CUDA_CALL(cudaMemsetAsync(work->at.d_correction, 0, 3 * (size_t)it->num_free * sizeof(double), gpu->stream)));
     for (int s = 0; s < work->num_springs; s++) {
         const int t = work->spring[s];
         memcpy(work->solver->now.force + 3 * t, work->solver->grasps[t].force, 3 * sizeof *stretch);
@@ -419,12 +420,12 @@ static pliant_status begin(opening *work, bool *led)
     }
     CUDA_TRY(advance(work, 0));
     CUDA_TRY(precondition(work, stretch, work->pulls_next, &work->norm, &work->longest));
-    *led = maximum > pliant_quasistatic().newton_still * work->longest;
+    *prescribed = maximum > pliant_quasistatic().newton_still * work->longest;
     return combine(work, 0);
 }
 
 /* Run conjugate gradients as find_step in newton_after_cut.c. products: in: maximum number; out: number used. */
-static pliant_status find_step(opening *work, bool led, int32_t *products)
+static pliant_status find_step(opening *work, bool prescribed, int32_t *products)
 {
     const int32_t maximum = *products;
     const double first = work->norm;
@@ -435,7 +436,7 @@ static pliant_status find_step(opening *work, bool led, int32_t *products)
         if (!(difference > 0)) break;
         CUDA_TRY(multiply(work, difference, &curvature));
         curvature += pliant_solver_spring_energy(work->solver, work->pulls_along, work->pulls_along);
-        const double fraction = pliant_newton_step_length(led, work->norm, curvature);
+        const double fraction = pliant_newton_step_length(prescribed, work->norm, curvature);
         ++*products;
         if (!(fraction > 0)) break;
         CUDA_TRY(pull(work, work->pulls_along, -1, work->at.d_pulled));
@@ -445,8 +446,8 @@ static pliant_status find_step(opening *work, bool led, int32_t *products)
         if (*products == maximum) break;
         const double before = work->norm;
         CUDA_TRY(precondition(work, nullptr, work->pulls_next, &work->norm, &longest));
-        const double turned = pliant_newton_direction_weight(led, work->norm, before);
-        led = false;
+        const double turned = pliant_newton_direction_weight(prescribed, work->norm, before);
+        prescribed = false;
         work->longest = longest + turned * work->longest;
         CUDA_TRY(combine(work, turned));
     }
@@ -458,7 +459,7 @@ static pliant_status find_step(opening *work, bool led, int32_t *products)
 static pliant_status apply_fraction(const opening *work, double fraction)
 {
     pliant_cuda_solver *gpu = work->gpu;
-    CUDA_TRY(place(work, work->at.d_way, fraction, gpu->iteration.d_x[0]));
+    CUDA_TRY(place(work, work->at.d_correction, fraction, gpu->iteration.d_x[0]));
     for (int t = 0; t < GPU_TOOLS; t++)
         for (int d = 0; d < 3; d++) work->solver->grasps[t].force[d] += fraction * work->pulls[3 * t + d];
     return gpu->in_use.rough ? PLIANT_OK : pliant_cuda_rotate(&gpu->system, &gpu->iteration, false, gpu->stream);
@@ -471,8 +472,8 @@ static pliant_status find_slope(const opening *work, double *slope)
     double of_tools = 0;
     for (int t = 0; t < GPU_TOOLS; t++) {
         if (!work->step->tools[t].active) continue;
-        open_moved_kernel<double><<<1, THREADS, 0, gpu->stream>>>(gpu->iteration, work->step->tools[t], work->at.d_way,
-                                                                  true, gpu->iteration.d_sums);
+        open_moved_kernel<double><<<1, THREADS, 0, gpu->stream>>>(gpu->iteration, work->step->tools[t],
+                                                                  work->at.d_correction, true, gpu->iteration.d_sums);
         CUDA_TRY(CUDA_LAUNCHED("open_moved_kernel"));
         CUDA_TRY(fetch(work, 3));
         for (int d = 0; d < 3; d++) of_tools += work->solver->grasps[t].force[d] * gpu->h_newton[d];
@@ -493,7 +494,7 @@ static pliant_status take_step(const opening *work)
     const gpu_iteration *it = &gpu->iteration;
     const size_t bytes = 3 * (size_t)it->num_nodes * sizeof(double);
     double none, longest, completed = 0, slope = work->energy;
-    open_longest_kernel<<<work->blocks, THREADS, 0, gpu->stream>>>(*it, work->at.d_way, it->d_sums);
+    open_longest_kernel<<<work->blocks, THREADS, 0, gpu->stream>>>(*it, work->at.d_correction, it->d_sums);
     CUDA_TRY(CUDA_LAUNCHED("open_longest_kernel"));
     CUDA_TRY(add_up(work, &none, &longest));
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(it->d_x[1], it->d_x[0], bytes, cudaMemcpyDeviceToDevice, gpu->stream)));
@@ -534,7 +535,7 @@ extern "C" pliant_status pliant_cuda_solver_newton_step(pliant_cuda_solver *gpu,
                                                         int32_t *evaluations)
 {
     opening work = {};
-    bool led = false, regular;
+    bool prescribed = false, regular;
     const int32_t maximum =
         pliant_solver_newton_limit(solver, &step->limit, pliant_quasistatic().newton_evaluation_fraction_gpu);
     const bool is_valid = solver->is_after_cut && gpu->fresh && !pliant_contact_problem_has_points(solver->contacts) &&
@@ -554,12 +555,12 @@ extern "C" pliant_status pliant_cuda_solver_newton_step(pliant_cuda_solver *gpu,
     CUDA_TRY(find_springs(&work, &regular));
     *evaluations = 1;
     if (!regular) return PLIANT_OK;
-    CUDA_TRY(begin(&work, &led));
+    CUDA_TRY(begin(&work, &prescribed));
     if (!std::isfinite(work.norm) || !(work.norm > 0)) return PLIANT_OK;
     /* The body's displacement is unknown on the host here, so the smallest one is used. */
     if (pliant_newton_is_negligible(work.longest, solver->rules.tolerance * solver->rules.smallest_displacement))
         return PLIANT_OK;
-    CUDA_TRY(find_step(&work, led, &products));
+    CUDA_TRY(find_step(&work, prescribed, &products));
     *evaluations = 1 + products;
     if (!(work.energy > 0)) return PLIANT_OK;
     CUDA_TRY(take_step(&work));

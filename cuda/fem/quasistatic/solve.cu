@@ -142,15 +142,15 @@ template <class T> static pliant_status ensure(const pliant_cuda_solver *gpu, si
 }
 
 /* Send W of a tool that has grasped. */
-static pliant_status send_hold(pliant_cuda_solver *gpu, const pliant_grasp_constraint *handle, gpu_tool_arrays *arrays)
+static pliant_status send_hold(pliant_cuda_solver *gpu, const pliant_grasp_constraint *grasp, gpu_tool_arrays *arrays)
 {
-    const size_t maximum = (size_t)gpu->system.num_free, count = (size_t)handle->count;
+    const size_t maximum = (size_t)gpu->system.num_free, count = (size_t)grasp->count;
     CUDA_TRY(ensure(gpu, maximum, &arrays->d_unknown, &arrays->unknown_capacity));
     CUDA_TRY(ensure(gpu, 9 * maximum, &arrays->d_block, &arrays->block_capacity));
     CUDA_TRY(ensure(gpu, 9 * maximum, &arrays->d_response, &arrays->response_capacity));
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(arrays->d_unknown, handle->unknown, count * sizeof(int32_t),
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(arrays->d_unknown, grasp->unknown, count * sizeof(int32_t),
                                        cudaMemcpyHostToDevice, gpu->stream)));
-    return CUDA_CALL(cudaMemcpyAsync(arrays->d_block, handle->block, 9 * count * sizeof(double), cudaMemcpyHostToDevice,
+    return CUDA_CALL(cudaMemcpyAsync(arrays->d_block, grasp->block, 9 * count * sizeof(double), cudaMemcpyHostToDevice,
                                      gpu->stream));
 }
 
@@ -160,30 +160,30 @@ static pliant_status send_tools(pliant_cuda_solver *gpu, pliant_solver *solver, 
 {
     bool fresh = false;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
-        pliant_grasp_constraint *handle = solver->grasps + t;
+        pliant_grasp_constraint *grasp = solver->grasps + t;
         gpu_tool_arrays *arrays = gpu->tools + t;
         gpu_tool *tool = step->tools + t;
-        memcpy(tool->force, handle->force, sizeof tool->force);
-        if (!handle->active || handle->count == 0) continue;
-        if (handle->response_of == 0) {
-            CUDA_TRY(send_hold(gpu, handle, arrays));
+        memcpy(tool->force, grasp->force, sizeof tool->force);
+        if (!grasp->active || grasp->count == 0) continue;
+        if (grasp->response_of == 0) {
+            CUDA_TRY(send_hold(gpu, grasp, arrays));
             fresh = true;
         }
         tool->active = 1;
-        tool->spring = !handle->by_force;
-        tool->count = handle->count;
+        tool->spring = !grasp->by_force;
+        tool->count = grasp->count;
         tool->d_unknown = arrays->d_unknown;
         tool->d_block = arrays->d_block;
         tool->d_response = arrays->d_response;
-        tool->compliance = handle->compliance;
-        memcpy(tool->target, handle->target, sizeof tool->target);
-        memcpy(tool->origin, handle->origin, sizeof tool->origin);
-        if (handle->response_of == gpu->in_use.number) continue;
-        handle->response_of = no_response;
+        tool->compliance = grasp->compliance;
+        memcpy(tool->target, grasp->target, sizeof tool->target);
+        memcpy(tool->origin, grasp->origin, sizeof tool->origin);
+        if (grasp->response_of == gpu->in_use.number) continue;
+        grasp->response_of = no_response;
         if (!tool->spring) continue;
         CUDA_TRY(pliant_cuda_respond(&gpu->preconditioner, &gpu->iteration, tool, arrays->d_response, gpu->stream));
         *responded = true;
-        handle->response_of = gpu->in_use.number;
+        grasp->response_of = gpu->in_use.number;
     }
     /* Nodes that are not held any more must have no force. */
     if (fresh || !solver->previous.kept)
@@ -240,7 +240,7 @@ static pliant_status run(pliant_cuda_solver *gpu, const gpu_step *step)
 static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3],
                              pliant_statistics *statistics, bool renewed, gpu_step *step, int32_t *newton_evaluations)
 {
-    bool responded = false, seen = false;
+    bool responded = false, start_is_evaluated = false;
     CUDA_TRY(send_load(gpu, solver, gravity));
     CUDA_TRY(turn(gpu, solver, statistics, step));
     step->forget = step->forget || renewed || !solver->previous.kept;
@@ -261,8 +261,8 @@ static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver, con
     step->is_cycle = gpu->preconditioner.multigrid != nullptr;
     step->smallest_scale = solver->smallest_scale;
     step->restart = gpu->fresh;
-    step->known = pliant_solver_find_known(solver, &gpu->in_use, &seen);
-    step->seen = seen;
+    step->known = pliant_solver_find_known(solver, &gpu->in_use, &start_is_evaluated);
+    step->start_is_evaluated = start_is_evaluated;
     if (responded && step->known == PLIANT_KNOWN_STEP) step->known = PLIANT_KNOWN_FORCES;
     step->has_contacts = pliant_contact_problem_has_points(solver->contacts);
     if (step->has_contacts || gpu->had_contacts)
@@ -275,7 +275,7 @@ static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver, con
 }
 
 /* Report the result of the last step that did work. */
-static void tell(const pliant_cuda_solver *gpu, pliant_statistics *statistics)
+static void report_residuals(const pliant_cuda_solver *gpu, pliant_statistics *statistics)
 {
     const gpu_state *state = gpu->h_state;
     statistics->residual = state->rules.merit / state->accepted_scale;
@@ -293,8 +293,8 @@ struct step_so_far {
 };
 
 /* Record the result of evaluations: the tools' forces, and the number of evaluations. */
-static void note(pliant_cuda_solver *gpu, pliant_solver *solver, const gpu_step *step, pliant_statistics *statistics,
-                 step_so_far *so_far)
+static void record_evaluations(pliant_cuda_solver *gpu, pliant_solver *solver, const gpu_step *step,
+                               pliant_statistics *statistics, step_so_far *so_far)
 {
     const gpu_state *state = gpu->h_state;
     const pliant_anderson *rules = &state->rules;
@@ -318,7 +318,7 @@ static pliant_status run_any(pliant_cuda_solver *gpu, pliant_solver *solver, con
     const double start = solver->clock(solver->clock_user);
     CUDA_TRY(step->has_contacts ? pliant_cuda_contacts_run(gpu, solver, step) : run(gpu, step));
     so_far->seconds += solver->clock(solver->clock_user) - start;
-    note(gpu, solver, step, statistics, so_far);
+    record_evaluations(gpu, solver, step, statistics, so_far);
     return PLIANT_OK;
 }
 
@@ -334,7 +334,7 @@ static pliant_status take_step(pliant_cuda_solver *gpu, pliant_solver *solver, c
     if (gpu->fresh) pliant_solver_drop_history(solver);
     if (!renewed && pliant_solver_is_idle(solver)) {
         statistics->iterations = 0;
-        tell(gpu, statistics);
+        report_residuals(gpu, statistics);
         statistics->error_before = statistics->error;
         return PLIANT_OK;
     }
@@ -349,7 +349,7 @@ static pliant_status take_step(pliant_cuda_solver *gpu, pliant_solver *solver, c
     if (step.after_newton && state->restored_previous) CUDA_TRY(turn_back(gpu, solver));
     gpu->in_use.converged_slowly = gpu->in_use.converged_slowly || rules->rate > pliant_quasistatic().poor_rate;
     statistics->iterations = so_far.newton_evaluations + so_far.iterations;
-    tell(gpu, statistics);
+    report_residuals(gpu, statistics);
     statistics->error_before = so_far.error_before;
     pliant_contact_problem_report_motion(solver->contacts, pliant_cuda_contacts_motion(&gpu->contacts), statistics);
     return rules->converged ? PLIANT_OK : PLIANT_NOT_CONVERGED;

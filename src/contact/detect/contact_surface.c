@@ -145,12 +145,12 @@ static double distance_to_tissue(const pliant_contact_surface_voxels *voxels, co
 static uint8_t *find_partly_filled_nodes(const pliant_body *load)
 {
     const pliant_mesh *mesh = &load->fine;
-    uint8_t *parted = pliant_calloc((size_t)mesh->num_nodes, 1);
-    for (int32_t v = 0; parted && v < 4 * mesh->num_tets; v++) {
+    uint8_t *partly_filled = pliant_calloc((size_t)mesh->num_nodes, 1);
+    for (int32_t v = 0; partly_filled && v < 4 * mesh->num_tets; v++) {
         const double tissue = load->fine_material[v / 4].tissue;
-        if (tissue > almost_none && tissue < 1 - almost_none) parted[mesh->tets[v]] = 1;
+        if (tissue > almost_none && tissue < 1 - almost_none) partly_filled[mesh->tets[v]] = 1;
     }
-    return parted;
+    return partly_filled;
 }
 
 /* Return (nodes x 3) area-weighted normals of the surface at its nodes, 0 elsewhere; NULL: out of memory. */
@@ -191,17 +191,17 @@ static pliant_status find_ends(const pliant_contact_surface_voxels *voxels, int3
     const pliant_mesh *mesh = &voxels->load->fine;
     const double reach = farthest * fmin(mesh->cell_size[0], fmin(mesh->cell_size[1], mesh->cell_size[2]));
     double *normal = normals_of(mesh, count, triangles);
-    uint8_t *parted = normal ? find_partly_filled_nodes(voxels->load) : NULL;
+    uint8_t *partly_filled = normal ? find_partly_filled_nodes(voxels->load) : NULL;
     found->unit = pliant_calloc((size_t)mesh->num_nodes, sizeof *found->unit);
     found->offset = pliant_calloc((size_t)mesh->num_nodes, sizeof *found->offset);
-    const bool good = parted && found->unit && found->offset;
+    const bool good = partly_filled && found->unit && found->offset;
     for (int32_t n = 0; good && n < mesh->num_nodes; n++) {
         const double *x = normal + 3 * (size_t)n, length = sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]);
-        if (!parted[n] || !(length > 0)) continue;
+        if (!partly_filled[n] || !(length > 0)) continue;
         for (int d = 0; d < 3; d++) found->unit[n][d] = x[d] / length;
         found->offset[n] = distance_to_tissue(voxels, mesh->rest + 3 * n, found->unit[n], reach);
     }
-    pliant_free(parted);
+    pliant_free(partly_filled);
     pliant_free(normal);
     return good ? PLIANT_OK : no_memory();
 }
@@ -252,7 +252,7 @@ static pliant_status avoid_overlaps(pliant_contact_surface *surface, const plian
     pliant_status status = positions && overlaps
                                ? pliant_tissue_set_body(&tissue, voxels->load, surface->solid_at_load, voxels->threads)
                                : no_memory();
-    bool any = status == PLIANT_OK && tissue.num_skins > 0;
+    bool any = status == PLIANT_OK && tissue.num_triangles > 0;
     for (int round = 0; any && round < ROUNDS; round++) {
         any = false;
         status = find_overlaps(surface, voxels, found, &tissue, positions, overlaps, &any);

@@ -26,8 +26,8 @@ static void search_node(const finding *on, int32_t index)
         const int32_t i = grid->item[k];
         const pliant_grid_box *box = grid->box + i;
         if (!pliant_tissue_is_in_box(point, box->low, box->high)) continue;
-        for (int32_t s = tissue->skin_start[i]; s < tissue->skin_start[i + 1]; s++)
-            pliant_tissue_try_skin(&on->view, index, s);
+        for (int32_t s = tissue->triangle_start[i]; s < tissue->triangle_start[i + 1]; s++)
+            pliant_tissue_try_triangle(&on->view, index, s);
     }
     pliant_tissue_try_last(&on->view, index);
 }
@@ -42,19 +42,19 @@ static void try_deep(const finding *on, int32_t index, int32_t tet)
     const double *point = pliant_tissue_position(&on->view, tissue->node[index]);
     const int32_t holder = pliant_tissue_walk(&on->view, tet, point);
     if (holder < 0 || pliant_tissue_is_near(&on->view, index, holder)) return;
-    pliant_node_contact best = {.skin = -1, .gap = -INFINITY};
-    for (int32_t s = 0; s < tissue->num_skins; s++) {
-        pliant_node_contact one = {.skin = s};
+    pliant_node_contact best = {.triangle = -1, .gap = -INFINITY};
+    for (int32_t s = 0; s < tissue->num_triangles; s++) {
+        pliant_node_contact one = {.triangle = s};
         if (!pliant_tissue_project(&on->view, s, point, one.weight, &one.gap) || !(one.gap < 0 && one.gap > best.gap))
             continue;
         if (one.weight[0] < -PLIANT_TISSUE_BORDER || one.weight[1] < -PLIANT_TISSUE_BORDER ||
             one.weight[2] < -PLIANT_TISSUE_BORDER)
             continue;
         if (pliant_tissue_can_move(&on->view, tissue->node[index], s) &&
-            pliant_tissue_walk(&on->view, tissue->skin[s].tet, point) == holder)
+            pliant_tissue_walk(&on->view, tissue->triangle[s].tet, point) == holder)
             best = one;
     }
-    if (best.skin >= 0) pliant_tissue_add_contact(&on->view, index, &best);
+    if (best.triangle >= 0) pliant_tissue_add_contact(&on->view, index, &best);
 }
 
 static int32_t grid_index(const pliant_tissue *tissue, int32_t tet)
@@ -90,7 +90,7 @@ static void spread(const finding *on)
                 const int32_t adjacent = tissue->index_of[tissue->around[a]];
                 const pliant_node_contact *one = tissue->node_contacts + PLIANT_MAX_NODE_CONTACTS * (size_t)adjacent;
                 if (tissue->count[adjacent] > 0 && one->gap < -2 * on->view.settings.self_margin * tissue->shortest)
-                    try_deep(on, n, tissue->skin[one->skin].tet);
+                    try_deep(on, n, tissue->triangle[one->triangle].tet);
             }
             more = more || tissue->count[n] > 0;
         }
@@ -112,9 +112,9 @@ static pliant_status append_node_points(const finding *on, pliant_contacts *out)
     pliant_tissue *tissue = on->tissue;
     for (int32_t n = 0; n < tissue->num_nodes; n++) {
         const pliant_node_contact *list = tissue->node_contacts + PLIANT_MAX_NODE_CONTACTS * (size_t)n;
-        tissue->last[n] = tissue->count[n] > 0 ? list[0].skin : -1;
+        tissue->last[n] = tissue->count[n] > 0 ? list[0].triangle : -1;
         for (int32_t k = 0; k < tissue->count[n]; k++) {
-            const pliant_skin *skin = tissue->skin + list[k].skin;
+            const pliant_surface_triangle *triangle = tissue->triangle + list[k].triangle;
             pliant_contact_point *point = append(out);
             if (!point) return pliant_fail_memory("the self-contacts of the tissue");
             point->feature = (uint64_t)PLIANT_TISSUE_NODE << 56 | (uint64_t)tissue->node[n] << 2 | (uint64_t)k;
@@ -122,14 +122,14 @@ static pliant_status append_node_points(const finding *on, pliant_contacts *out)
             point->weight[0] = 1;
             point->count = 1;
             for (int v = 0; v < 3; v++) {
-                point->node[point->count] = skin->node[v];
+                point->node[point->count] = triangle->node[v];
                 point->weight[point->count++] = -list[k].weight[v];
             }
-            memcpy(point->normal, tissue->normal[list[k].skin], sizeof point->normal);
+            memcpy(point->normal, tissue->normal[list[k].triangle], sizeof point->normal);
             point->area = tissue->area[n];
             point->friction = on->view.rule.friction;
             pliant_tissue_set_place(point, list[k].gap,
-                                    pliant_tissue_node_thickness(tissue, &on->view.rule, tissue->node[n], skin),
+                                    pliant_tissue_node_thickness(tissue, &on->view.rule, tissue->node[n], triangle),
                                     &on->view.rule);
         }
     }
@@ -152,39 +152,40 @@ static bool touches_any(const finding *on, int32_t tet)
 }
 
 /* Compute the mean normal of an edge's two triangles. Return false if the triangles are almost coplanar. */
-static bool edge_normal(const finding *on, int32_t skin, int edge, double out[3])
+static bool edge_normal(const finding *on, int32_t triangle, int edge, double out[3])
 {
     const pliant_tissue *tissue = on->tissue;
-    const int32_t adjacent = tissue->skin[skin].adjacent[edge];
-    for (int d = 0; d < 3; d++) out[d] = tissue->normal[skin][d] + (adjacent >= 0 ? tissue->normal[adjacent][d] : 0);
+    const int32_t adjacent = tissue->triangle[triangle].adjacent[edge];
+    for (int d = 0; d < 3; d++)
+        out[d] = tissue->normal[triangle][d] + (adjacent >= 0 ? tissue->normal[adjacent][d] : 0);
     return adjacent < 0 ||
-           pliant_dot3(tissue->normal[skin], tissue->normal[adjacent]) < on->view.settings.flat_cosine;
+           pliant_dot3(tissue->normal[triangle], tissue->normal[adjacent]) < on->view.settings.flat_cosine;
 }
 
 /* Return whether a point, relative to the edge, is below both triangles. */
-static bool is_below(const pliant_tissue *tissue, int32_t skin, int edge, const double to[3])
+static bool is_below(const pliant_tissue *tissue, int32_t triangle, int edge, const double to[3])
 {
-    const int32_t adjacent = tissue->skin[skin].adjacent[edge];
-    return pliant_dot3(to, tissue->normal[skin]) < 0 &&
+    const int32_t adjacent = tissue->triangle[triangle].adjacent[edge];
+    return pliant_dot3(to, tissue->normal[triangle]) < 0 &&
            (adjacent < 0 || pliant_dot3(to, tissue->normal[adjacent]) < 0);
 }
 
 /* Return the number of an edge: from its triangle with the lower number. */
-static uint64_t edge_number(const pliant_tissue *tissue, int32_t skin, int edge)
+static uint64_t edge_number(const pliant_tissue *tissue, int32_t triangle, int edge)
 {
-    const int32_t adjacent = tissue->skin[skin].adjacent[edge];
-    if (adjacent < 0 || adjacent > skin) return 3 * (uint64_t)skin + (uint64_t)edge;
+    const int32_t adjacent = tissue->triangle[triangle].adjacent[edge];
+    if (adjacent < 0 || adjacent > triangle) return 3 * (uint64_t)triangle + (uint64_t)edge;
     for (int k = 0; k < 3; k++)
-        if (tissue->skin[adjacent].adjacent[k] == skin &&
-            tissue->skin[adjacent].node[k] == tissue->skin[skin].node[(edge + 1) % 3])
+        if (tissue->triangle[adjacent].adjacent[k] == triangle &&
+            tissue->triangle[adjacent].node[k] == tissue->triangle[triangle].node[(edge + 1) % 3])
             return 3 * (uint64_t)adjacent + (uint64_t)k;
-    return 3 * (uint64_t)skin + (uint64_t)edge;
+    return 3 * (uint64_t)triangle + (uint64_t)edge;
 }
 
 static pliant_status cross_edges(const finding *on, int32_t a, int i, int32_t b, int j, pliant_contacts *out)
 {
     const pliant_tissue *tissue = on->tissue;
-    const int32_t *mine = tissue->skin[a].node, *other = tissue->skin[b].node;
+    const int32_t *mine = tissue->triangle[a].node, *other = tissue->triangle[b].node;
     const int32_t node[4] = {mine[i], mine[(i + 1) % 3], other[j], other[(j + 1) % 3]};
     double u[3], w[3], to[3], normal[3], side[3], outwards[2][3];
     pliant_tissue_difference(pliant_tissue_position(&on->view, node[0]), pliant_tissue_position(&on->view, node[1]), u);
@@ -249,8 +250,8 @@ static pliant_status append_crossing_edges(const finding *on, pliant_contacts *o
             const int32_t *pair = found->pair + 2 * (size_t)p;
             if (touches_any(on, pair[0]) || touches_any(on, pair[1])) continue;
             const int32_t a = grid_index(tissue, pair[0]), b = grid_index(tissue, pair[1]);
-            for (int32_t i = 3 * tissue->skin_start[a]; i < 3 * tissue->skin_start[a + 1]; i++)
-                for (int32_t j = 3 * tissue->skin_start[b]; j < 3 * tissue->skin_start[b + 1]; j++) {
+            for (int32_t i = 3 * tissue->triangle_start[a]; i < 3 * tissue->triangle_start[a + 1]; i++)
+                for (int32_t j = 3 * tissue->triangle_start[b]; j < 3 * tissue->triangle_start[b + 1]; j++) {
                     pliant_status status = cross_edges(on, i / 3, i % 3, j / 3, j % 3, out);
                     if (status != PLIANT_OK) return status;
                 }
@@ -344,7 +345,7 @@ static pliant_status search(const finding *on)
             pliant_grid_overlaps(&tissue->grid, mesh->tets, on->view.positions, tissue->threads, &tissue->num_overlaps);
     if (status != PLIANT_OK) return status;
 #pragma omp parallel for schedule(static) num_threads(tissue->threads)
-    for (int32_t s = 0; s < tissue->num_skins; s++) pliant_tissue_set_normal(&on->view, s);
+    for (int32_t s = 0; s < tissue->num_triangles; s++) pliant_tissue_set_normal(&on->view, s);
 #pragma omp parallel for schedule(dynamic, 64) num_threads(tissue->threads)
     for (int32_t n = 0; n < tissue->num_nodes; n++) search_node(on, n);
     return PLIANT_OK;

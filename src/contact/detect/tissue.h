@@ -25,10 +25,10 @@ extern "C" {
 #endif
 
 /* A triangle of the surface, oriented outwards, and its tetrahedron. */
-typedef struct pliant_skin {
+typedef struct pliant_surface_triangle {
     int32_t node[3], tet;
     int32_t adjacent[3];         /* adjacent triangle across the edge from node[k] to node[k + 1]; -1: none */
-} pliant_skin;
+} pliant_surface_triangle;
 
 /* The severed links between two fragments. */
 typedef struct pliant_cut_face {
@@ -41,7 +41,7 @@ typedef struct pliant_cut_face {
 
 /* Contact of a node with a triangle. deep: distance from the surface, enlarged if the node's own surface does not
  * face the triangle */
-typedef struct pliant_node_contact { int32_t skin; double weight[3], gap, deep; } pliant_node_contact;
+typedef struct pliant_node_contact { int32_t triangle; double weight[3], gap, deep; } pliant_node_contact;
 enum { PLIANT_MAX_NODE_CONTACTS = 3 /* maximum number for a node */ };
 
 /* Search on another device (GPU) by the same rules (tissue_rules.h). */
@@ -62,12 +62,12 @@ struct pliant_tissue {
     /* ---- topology */
     int32_t *across;           /* (tetrahedra x 4), borrowed from the topology if it has them */
     int32_t *own_across;
-    uint8_t *inside;           /* (tetrahedra) contains tissue */
-    uint8_t *apart;            /* (tetrahedra) takes part: contains tissue and is no fragment */
-    int32_t num_skins;
-    pliant_skin *skin;
+    uint8_t *inside;       /* (tetrahedra) contains tissue */
+    uint8_t *is_candidate; /* (tetrahedra) takes part: contains tissue and is no fragment */
+    int32_t num_triangles;
+    pliant_surface_triangle *triangle;
     int32_t num_tets, *tet;    /* tetrahedra with a triangle of the surface, ascending */
-    int32_t *skin_start;       /* (num_tets + 1) offsets into skin, which is sorted by tetrahedron */
+    int32_t *triangle_start;       /* (num_tets + 1) offsets into triangle, which is sorted by tetrahedron */
     int32_t num_nodes, *node;  /* nodes of the surface, ascending */
     int32_t *index_of;         /* (fine nodes) index into that list; -1: not on the surface */
     int32_t *around_start, *around; /* (num_nodes + 1) offsets, and nodes that share a surface edge with each node */
@@ -80,7 +80,7 @@ struct pliant_tissue {
     uint8_t *slid;             /* (num_faces) whether its sides have slid apart at the start of the step */
     /* ---- step */
     pliant_grid grid;
-    double (*normal)[3];                /* (num_skins) */
+    double (*normal)[3];                /* (num_triangles) */
     int32_t *count;                     /* (num_nodes) number of triangles in contact */
     pliant_node_contact *node_contacts; /* (num_nodes x PLIANT_MAX_NODE_CONTACTS) smallest depth first */
     int32_t *last;                      /* (num_nodes) triangle of the previous contact; -1: none */
@@ -89,7 +89,7 @@ struct pliant_tissue {
     int32_t num_overlaps;      /* number of overlapping pairs of tetrahedra */
     /* ---- pairs that keep a distance (tissue_pairs.c); all NULL before the first search with a thickness */
     struct pliant_advance *advance;
-    int32_t *triangles;        /* (num_skins x 3) nodes */
+    int32_t *triangles;        /* (num_triangles x 3) nodes */
     double *rest;              /* (fine nodes x 3) surface at rest [m] */
     uint8_t *seam;             /* (fine nodes) at a cut */
     uint8_t *exempt;           /* (fine nodes) at a cut, or part of a penetration at the start of the leg */
@@ -132,7 +132,7 @@ pliant_status pliant_tissue_append_edges(pliant_tissue *tissue, const double *po
                                          const pliant_tissue_rule *rule, pliant_contacts *out);
 /* Return the thickness of a node and a triangle [m]. */
 double pliant_tissue_node_thickness(const pliant_tissue *tissue, const pliant_tissue_rule *rule, int32_t node,
-                                    const pliant_skin *skin);
+                                    const pliant_surface_triangle *triangle);
 /* Compute the largest fraction of a leg in which the surface does not pass through itself. pliant_tissue_find must
  * have found the points at the leg's start. Errors: MEMORY. */
 pliant_status pliant_tissue_advance(pliant_tissue *tissue, const double *from, const double *to,

@@ -22,7 +22,7 @@ static void mark_seams(pliant_tissue *tissue)
     const pliant_subdivision *subdivision = body->subdivision;
     const int32_t appended = subdivision && subdivision->between ? body->fine.num_nodes - subdivision->load_nodes : 0;
     for (int32_t t = 0; t < body->fine.num_tets; t++)
-        for (int v = 0; v < 4 && tissue->inside[t] && !tissue->apart[t]; v++)
+        for (int v = 0; v < 4 && tissue->inside[t] && !tissue->is_candidate[t]; v++)
             tissue->seam[body->fine.tets[4 * (size_t)t + (size_t)v]] = SEAM;
     for (int32_t n = 0; n < appended; n++)
         if (subdivision->between[n].end[0] == subdivision->between[n].end[1])
@@ -35,7 +35,7 @@ static void mark_seams(pliant_tissue *tissue)
 
 pliant_status pliant_tissue_set_rest(pliant_tissue *tissue, const double *rest)
 {
-    const size_t nodes = (size_t)tissue->body->fine.num_nodes, triangles = (size_t)tissue->num_skins;
+    const size_t nodes = (size_t)tissue->body->fine.num_nodes, triangles = (size_t)tissue->num_triangles;
     if (tissue->exempt) return PLIANT_OK;
     tissue->triangles = pliant_calloc(3 * triangles, sizeof *tissue->triangles);
     tissue->rest = pliant_calloc(3 * nodes, sizeof *tissue->rest);
@@ -50,7 +50,7 @@ pliant_status pliant_tissue_set_rest(pliant_tissue *tissue, const double *rest)
         return pliant_fail_memory("the self-contacts of the tissue");
     }
     for (size_t s = 0; s < triangles; s++)
-        memcpy(tissue->triangles + 3 * s, tissue->skin[s].node, 3 * sizeof *tissue->triangles);
+        memcpy(tissue->triangles + 3 * s, tissue->triangle[s].node, 3 * sizeof *tissue->triangles);
     memcpy(tissue->rest, rest, 3 * nodes * sizeof *tissue->rest);
     mark_seams(tissue);
     return PLIANT_OK;
@@ -69,7 +69,7 @@ static void mark_inside(pliant_tissue *tissue)
         const pliant_node_contact *one = tissue->node_contacts + PLIANT_MAX_NODE_CONTACTS * (size_t)n;
         if (tissue->count[n] == 0 || !(one->gap < -PLIANT_TISSUE_BORDER * tissue->shortest)) continue;
         tissue->exempt[tissue->node[n]] = 1;
-        for (int v = 0; v < 3; v++) tissue->exempt[tissue->skin[one->skin].node[v]] = 1;
+        for (int v = 0; v < 3; v++) tissue->exempt[tissue->triangle[one->triangle].node[v]] = 1;
     }
 }
 
@@ -81,17 +81,17 @@ pliant_status pliant_tissue_find_pairs(pliant_tissue *tissue, const double *posi
     if (status != PLIANT_OK) return status;
     const pliant_advance_self self = self_of(tissue, tissue->seam, fmax(rule->margin, rule->pieces_go));
     memcpy(tissue->exempt, tissue->seam, (size_t)tissue->body->fine.num_nodes);
-    status = pliant_advance_audit_self(tissue->advance, tissue->num_skins, tissue->triangles, positions, &self,
+    status = pliant_advance_audit_self(tissue->advance, tissue->num_triangles, tissue->triangles, positions, &self,
                                        tissue->exempt, &audit);
     mark_inside(tissue);
     return status;
 }
 
 double pliant_tissue_node_thickness(const pliant_tissue *tissue, const pliant_tissue_rule *rule, int32_t node,
-                                    const pliant_skin *skin)
+                                    const pliant_surface_triangle *triangle)
 {
     const pliant_advance_self self = self_of(tissue, tissue->seam, rule->thickness);
-    const int32_t pair[4] = {node, skin->node[0], skin->node[1], skin->node[2]};
+    const int32_t pair[4] = {node, triangle->node[0], triangle->node[1], triangle->node[2]};
     return pliant_advance_thickness(&self, pair, false);
 }
 
@@ -103,13 +103,13 @@ double pliant_tissue_node_thickness(const pliant_tissue *tissue, const pliant_ti
 static bool leads_out(const pliant_tissue_view *view, int32_t edge, const double along[3], const double direction[3],
                       double sign)
 {
-    const int32_t skin[2] = {edge / 3, view->skin[edge / 3].adjacent[edge % 3]};
+    const int32_t triangle[2] = {edge / 3, view->triangle[edge / 3].adjacent[edge % 3]};
     const double tilt = sqrt(1 - view->settings.flat_cosine * view->settings.flat_cosine);
     double height = 0, inwards[3];
     for (int k = 0; k < 2; k++) {
-        if (skin[k] < 0) continue;
-        height += sign * pliant_dot3(view->normal[skin[k]], direction);
-        pliant_cross3(view->normal[skin[k]], along, inwards);
+        if (triangle[k] < 0) continue;
+        height += sign * pliant_dot3(view->normal[triangle[k]], direction);
+        pliant_cross3(view->normal[triangle[k]], along, inwards);
         if ((k ? -sign : sign) * pliant_dot3(inwards, direction) >
             tilt * pliant_length3(along) * pliant_length3(direction))
             return false;
@@ -119,7 +119,7 @@ static bool leads_out(const pliant_tissue_view *view, int32_t edge, const double
 
 static bool is_flat(const pliant_tissue_view *view, int32_t edge)
 {
-    const int32_t adjacent = view->skin[edge / 3].adjacent[edge % 3];
+    const int32_t adjacent = view->triangle[edge / 3].adjacent[edge % 3];
     return adjacent >= 0 &&
            pliant_dot3(view->normal[edge / 3], view->normal[adjacent]) >= view->settings.flat_cosine;
 }
@@ -131,7 +131,7 @@ static bool can_touch(const pliant_tissue_view *view, const pliant_advance_self_
     bool fixed = true;
     for (int c = 0; c < 4; c++) {
         fixed = fixed && pliant_tissue_is_fixed(view, pair->node[c]);
-        if (pliant_tissue_has_node(view, view->skin[pair->feature[c < 2] / 3].tet, pair->node[c])) return false;
+        if (pliant_tissue_has_node(view, view->triangle[pair->feature[c < 2] / 3].tet, pair->node[c])) return false;
     }
     return !fixed;
 }
@@ -197,8 +197,8 @@ pliant_status pliant_tissue_advance(pliant_tissue *tissue, const double *from, c
 {
     const pliant_advance_self self = self_of(tissue, tissue->exempt, rule->thickness);
     pliant_advance_self_result found;
-    const pliant_status status = pliant_advance_find_self(tissue->advance, tissue->num_skins, tissue->triangles, from,
-                                                          to, &self, tissue->threads, &found);
+    const pliant_status status = pliant_advance_find_self(tissue->advance, tissue->num_triangles, tissue->triangles,
+                                                          from, to, &self, tissue->threads, &found);
     if (status == PLIANT_OK) *out = found.t;
     return status;
 }

@@ -22,10 +22,10 @@ typedef struct pliant_tissue_view {
     pliant_contact_settings settings;   /* settings of the rule */
     double shortest;
     const int32_t *tets, *across;
-    const uint8_t *apart, *fixed;       /* fixed: Nullable */
-    const int32_t *node_parent, *piece; /* Nullable; node_parent is NULL also without cuts */
-    const pliant_skin *skin;
-    const int32_t *skin_start, *node, *around_start, *around, *fan_start, *fan, *last;
+    const uint8_t *is_candidate, *fixed; /* fixed: Nullable */
+    const int32_t *node_parent, *piece;  /* Nullable; node_parent is NULL also without cuts */
+    const pliant_surface_triangle *triangle;
+    const int32_t *triangle_start, *node, *around_start, *around, *fan_start, *fan, *last;
     double (*normal)[3];
     int32_t *count;
     pliant_node_contact *node_contacts;
@@ -48,10 +48,10 @@ PLIANT_INLINE const double *pliant_tissue_position(const pliant_tissue_view *on,
 /* ---- triangles */
 
 /* Compute the triangle's unit normal; 0 if its area is 0. */
-PLIANT_INLINE void pliant_tissue_set_normal(const pliant_tissue_view *on, int32_t skin)
+PLIANT_INLINE void pliant_tissue_set_normal(const pliant_tissue_view *on, int32_t triangle)
 {
-    const int32_t *node = on->skin[skin].node;
-    double a[3], b[3], *normal = on->normal[skin];
+    const int32_t *node = on->triangle[triangle].node;
+    double a[3], b[3], *normal = on->normal[triangle];
     pliant_tissue_difference(pliant_tissue_position(on, node[0]), pliant_tissue_position(on, node[1]), a);
     pliant_tissue_difference(pliant_tissue_position(on, node[0]), pliant_tissue_position(on, node[2]), b);
     pliant_cross3(a, b, normal);
@@ -61,11 +61,11 @@ PLIANT_INLINE void pliant_tissue_set_normal(const pliant_tissue_view *on, int32_
 
 /* Compute the weights of the corners at the foot of a point, and its height. Return false if the triangle's area is
  * 0. */
-PLIANT_INLINE bool pliant_tissue_project(const pliant_tissue_view *on, int32_t skin, const double point[3],
+PLIANT_INLINE bool pliant_tissue_project(const pliant_tissue_view *on, int32_t triangle, const double point[3],
                                          double weight[3], double *gap)
 {
-    const int32_t *node = on->skin[skin].node;
-    const double *normal = on->normal[skin], *corner = pliant_tissue_position(on, node[0]);
+    const int32_t *node = on->triangle[triangle].node;
+    const double *normal = on->normal[triangle], *corner = pliant_tissue_position(on, node[0]);
     double a[3], b[3], to[3], side[3];
     pliant_tissue_difference(corner, pliant_tissue_position(on, node[1]), a);
     pliant_tissue_difference(corner, pliant_tissue_position(on, node[2]), b);
@@ -111,7 +111,7 @@ PLIANT_INLINE int32_t pliant_tissue_walk(const pliant_tissue_view *on, int32_t t
             }
         if (!(minimum < -PLIANT_TISSUE_BORDER)) return tet;
         tet = on->across[4 * (size_t)tet + (size_t)out];
-        if (tet < 0 || !on->apart[tet]) return -1;
+        if (tet < 0 || !on->is_candidate[tet]) return -1;
     }
     return -1;
 }
@@ -121,9 +121,9 @@ PLIANT_INLINE int32_t pliant_tissue_walk(const pliant_tissue_view *on, int32_t t
 PLIANT_INLINE bool pliant_tissue_are_copies(const pliant_tissue_view *on, int32_t a, int32_t b)
 {
     if (!on->node_parent || on->node_parent[a] != on->node_parent[b]) return false;
-    double apart[3];
-    pliant_tissue_difference(pliant_tissue_position(on, a), pliant_tissue_position(on, b), apart);
-    return pliant_dot3(apart, apart) < on->shortest * on->shortest;
+    double difference[3];
+    pliant_tissue_difference(pliant_tissue_position(on, a), pliant_tissue_position(on, b), difference);
+    return pliant_dot3(difference, difference) < on->shortest * on->shortest;
 }
 
 /* Return whether a tetrahedron has a node, or a copy of it that a cut has separated. */
@@ -158,34 +158,35 @@ PLIANT_INLINE int32_t pliant_tissue_piece_of(const pliant_tissue_view *on, int32
 
 /* Return whether a node and a triangle can have contact. A rigid piece has no contact with itself, and fixed tissue
  * has none with fixed tissue. */
-PLIANT_INLINE bool pliant_tissue_can_move(const pliant_tissue_view *on, int32_t node, int32_t skin)
+PLIANT_INLINE bool pliant_tissue_can_move(const pliant_tissue_view *on, int32_t node, int32_t triangle)
 {
-    const int32_t *of = on->skin[skin].node, piece = pliant_tissue_piece_of(on, node);
+    const int32_t *of = on->triangle[triangle].node, piece = pliant_tissue_piece_of(on, node);
     if (piece >= 0 && pliant_tissue_piece_of(on, of[0]) == piece) return false;
     return !(pliant_tissue_is_fixed(on, node) && pliant_tissue_is_fixed(on, of[0]) &&
              pliant_tissue_is_fixed(on, of[1]) && pliant_tissue_is_fixed(on, of[2]));
 }
 
 /* Return the search distance of a node and a triangle. */
-PLIANT_INLINE double pliant_tissue_margin_of(const pliant_tissue_view *on, int32_t node, int32_t skin)
+PLIANT_INLINE double pliant_tissue_margin_of(const pliant_tissue_view *on, int32_t node, int32_t triangle)
 {
-    const bool piece = pliant_tissue_piece_of(on, node) >= 0 || pliant_tissue_piece_of(on, on->skin[skin].node[0]) >= 0;
+    const bool piece =
+        pliant_tissue_piece_of(on, node) >= 0 || pliant_tissue_piece_of(on, on->triangle[triangle].node[0]) >= 0;
     return piece ? fmax(on->rule.margin, on->rule.pieces_go) : on->rule.margin;
 }
 
 /* ---- a node */
 
 /* Return whether some triangle around the node faces the given triangle. */
-PLIANT_INLINE bool pliant_tissue_faces(const pliant_tissue_view *on, int32_t index, int32_t skin)
+PLIANT_INLINE bool pliant_tissue_faces(const pliant_tissue_view *on, int32_t index, int32_t triangle)
 {
     for (int32_t k = on->fan_start[index]; k < on->fan_start[index + 1]; k++)
-        if (pliant_dot3(on->normal[on->fan[k]], on->normal[skin]) < -on->settings.facing_cosine) return true;
+        if (pliant_dot3(on->normal[on->fan[k]], on->normal[triangle]) < -on->settings.facing_cosine) return true;
     return false;
 }
 
 PLIANT_INLINE bool pliant_node_contact_before(const pliant_node_contact *a, const pliant_node_contact *b)
 {
-    return a->deep != b->deep ? a->deep < b->deep : a->skin < b->skin;
+    return a->deep != b->deep ? a->deep < b->deep : a->triangle < b->triangle;
 }
 
 /* Add a contact to the node's list. Inside tissue, keep only the shortest direction out; it replaces all contacts
@@ -193,7 +194,7 @@ PLIANT_INLINE bool pliant_node_contact_before(const pliant_node_contact *a, cons
 PLIANT_INLINE void pliant_tissue_add_contact(const pliant_tissue_view *on, int32_t index, pliant_node_contact *one)
 {
     /* walls of one of two blocks in flush contact lie at the border of the other */
-    const bool is_beside = !pliant_tissue_faces(on, index, one->skin);
+    const bool is_beside = !pliant_tissue_faces(on, index, one->triangle);
     pliant_node_contact *list = on->node_contacts + PLIANT_MAX_NODE_CONTACTS * (size_t)index;
     int32_t count = on->count[index], at;
     /* height below which a node counts as inside */
@@ -209,7 +210,7 @@ PLIANT_INLINE void pliant_tissue_add_contact(const pliant_tissue_view *on, int32
     }
     for (int32_t n = 0; n < count; n++)
         /* both have the same direction: keep one */
-        if (pliant_dot3(on->normal[list[n].skin], on->normal[one->skin]) > on->settings.same_cosine) {
+        if (pliant_dot3(on->normal[list[n].triangle], on->normal[one->triangle]) > on->settings.same_cosine) {
             if (pliant_node_contact_before(one, list + n)) list[n] = *one;
             return;
         }
@@ -221,22 +222,22 @@ PLIANT_INLINE void pliant_tissue_add_contact(const pliant_tissue_view *on, int32
 }
 
 /* Test a node against a triangle, and add a contact if there is one. */
-PLIANT_INLINE void pliant_tissue_try_skin(const pliant_tissue_view *on, int32_t index, int32_t skin)
+PLIANT_INLINE void pliant_tissue_try_triangle(const pliant_tissue_view *on, int32_t index, int32_t triangle)
 {
-    const int32_t node = on->node[index], tet = on->skin[skin].tet;
+    const int32_t node = on->node[index], tet = on->triangle[triangle].tet;
     const double *point = pliant_tissue_position(on, node);
     pliant_node_contact one;
-    one.skin = skin;
+    one.triangle = triangle;
     one.deep = 0;
-    if (!pliant_tissue_project(on, skin, point, one.weight, &one.gap) ||
-        !(one.gap <= pliant_tissue_margin_of(on, node, skin)))
+    if (!pliant_tissue_project(on, triangle, point, one.weight, &one.gap) ||
+        !(one.gap <= pliant_tissue_margin_of(on, node, triangle)))
         return;
     const double minimum = fmin(one.weight[0], fmin(one.weight[1], one.weight[2]));
     /* tolerance for the triangle of the previous contact, so that the contact does not change with every step */
     const double border = on->settings.self_border;
-    const bool holds = on->last[index] == skin && one.gap > -border * on->shortest;
+    const bool holds = on->last[index] == triangle && one.gap > -border * on->shortest;
     if (minimum < (holds ? -border : -PLIANT_TISSUE_BORDER)) return;
-    if (pliant_tissue_is_near(on, index, tet) || !pliant_tissue_can_move(on, node, skin)) return;
+    if (pliant_tissue_is_near(on, index, tet) || !pliant_tissue_can_move(on, node, triangle)) return;
     if (one.gap < 0) {
         const int32_t holder = pliant_tissue_walk(on, tet, point);
         if (holder < 0 ? minimum >= -PLIANT_TISSUE_BORDER : pliant_tissue_is_near(on, index, holder)) return;
@@ -245,27 +246,29 @@ PLIANT_INLINE void pliant_tissue_try_skin(const pliant_tissue_view *on, int32_t 
 }
 
 /* Walk over adjacent triangles to the triangle below a point. */
-PLIANT_INLINE int32_t pliant_tissue_walk_triangles(const pliant_tissue_view *on, int32_t skin, const double point[3])
+PLIANT_INLINE int32_t pliant_tissue_walk_triangles(const pliant_tissue_view *on, int32_t triangle,
+                                                   const double point[3])
 {
     double weight[3], gap;
     for (int step = 0; step < PLIANT_TISSUE_MAX_WALK; step++) {
         int minimum = 0;
-        if (!pliant_tissue_project(on, skin, point, weight, &gap)) return skin;
+        if (!pliant_tissue_project(on, triangle, point, weight, &gap)) return triangle;
         for (int v = 1; v < 3; v++)
             if (weight[v] < weight[minimum]) minimum = v;
-        if (!(weight[minimum] < -PLIANT_TISSUE_BORDER)) return skin;
-        const int32_t adjacent = on->skin[skin].adjacent[(minimum + 1) % 3]; /* across the edge opposite that corner */
-        if (adjacent < 0) return skin;
-        skin = adjacent;
+        if (!(weight[minimum] < -PLIANT_TISSUE_BORDER)) return triangle;
+        const int32_t adjacent =
+            on->triangle[triangle].adjacent[(minimum + 1) % 3]; /* across the edge opposite that corner */
+        if (adjacent < 0) return triangle;
+        triangle = adjacent;
     }
-    return skin;
+    return triangle;
 }
 
 /* Without another contact, try the triangle of the previous step: the node may be deep inside. */
 PLIANT_INLINE void pliant_tissue_try_last(const pliant_tissue_view *on, int32_t index)
 {
     if (on->last[index] >= 0 && on->count[index] == 0)
-        pliant_tissue_try_skin(
+        pliant_tissue_try_triangle(
             on, index, pliant_tissue_walk_triangles(on, on->last[index], pliant_tissue_position(on, on->node[index])));
 }
 

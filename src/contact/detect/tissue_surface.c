@@ -17,11 +17,12 @@ static const int corners_of[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}
 
 static void free_surface(pliant_tissue *tissue)
 {
-    void *blocks[] = {tissue->own_across, tissue->inside,   tissue->apart,    tissue->skin,         tissue->tet,
-                      tissue->skin_start, tissue->node,     tissue->index_of, tissue->around_start, tissue->around,
-                      tissue->fan_start,  tissue->fan,      tissue->area,     tissue->face,         tissue->normal,
-                      tissue->count,      tissue->node_contacts, tissue->last,     tissue->place,        tissue->piece,
-                      tissue->slid,       tissue->triangles, tissue->rest,     tissue->seam,         tissue->exempt};
+    void *blocks[] = {
+        tissue->own_across,     tissue->inside,        tissue->is_candidate, tissue->triangle,     tissue->tet,
+        tissue->triangle_start, tissue->node,          tissue->index_of,     tissue->around_start, tissue->around,
+        tissue->fan_start,      tissue->fan,           tissue->area,         tissue->face,         tissue->normal,
+        tissue->count,          tissue->node_contacts, tissue->last,         tissue->place,        tissue->piece,
+        tissue->slid,           tissue->triangles,     tissue->rest,         tissue->seam,         tissue->exempt};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
 }
 
@@ -69,9 +70,10 @@ static pliant_status find_members(pliant_tissue *tissue, const uint8_t *solid)
 {
     const pliant_body *body = tissue->body;
     const size_t tets = (size_t)body->fine.num_tets;
-    if (!(tissue->inside = pliant_calloc(tets, 1)) || !(tissue->apart = pliant_calloc(tets, 1))) return no_memory();
+    if (!(tissue->inside = pliant_calloc(tets, 1)) || !(tissue->is_candidate = pliant_calloc(tets, 1)))
+        return no_memory();
     for (size_t t = 0; t < tets; t++)
-        tissue->apart[t] = tissue->inside[t] =
+        tissue->is_candidate[t] = tissue->inside[t] =
             solid ? solid[t] : !body->fine_material || body->fine_material[t].tissue > 0;
     if (body->pieces && !body->has_inertia) {
         if (!(tissue->piece = pliant_calloc((size_t)body->fine.num_nodes, sizeof *tissue->piece))) return no_memory();
@@ -83,7 +85,7 @@ static pliant_status find_members(pliant_tissue *tissue, const uint8_t *solid)
     const pliant_cuts *cuts = body->cuts;
     for (int32_t c = 0; cuts && c < cuts->num_tets; c++)
         if (cuts->start[c + 1] - cuts->start[c] > 1)
-            for (int32_t f = cuts->start[c]; f < cuts->start[c + 1]; f++) tissue->apart[cuts->fragment[f]] = 0;
+            for (int32_t f = cuts->start[c]; f < cuts->start[c + 1]; f++) tissue->is_candidate[cuts->fragment[f]] = 0;
     tissue->across = body->across;
     if (tissue->across) return PLIANT_OK;
     if (!(tissue->own_across = pliant_calloc(4 * tets, sizeof *tissue->own_across))) return no_memory();
@@ -98,63 +100,63 @@ static bool is_outer(const pliant_tissue *tissue, int32_t tet, int corner)
     return across < 0 || !tissue->inside[across];
 }
 
-static pliant_status find_skins(pliant_tissue *tissue)
+static pliant_status find_surface_triangles(pliant_tissue *tissue)
 {
     const pliant_mesh *mesh = &tissue->body->fine;
     for (int pass = 0; pass < 2; pass++) {
-        tissue->num_skins = tissue->num_tets = 0;
+        tissue->num_triangles = tissue->num_tets = 0;
         for (int32_t t = 0; t < mesh->num_tets; t++) {
-            const int32_t before = tissue->num_skins;
-            for (int c = 0; c < 4 && tissue->apart[t]; c++) {
+            const int32_t before = tissue->num_triangles;
+            for (int c = 0; c < 4 && tissue->is_candidate[t]; c++) {
                 if (!is_outer(tissue, t, c)) continue;
                 if (pass) {
-                    pliant_skin *skin = tissue->skin + tissue->num_skins;
-                    skin->tet = t;
+                    pliant_surface_triangle *triangle = tissue->triangle + tissue->num_triangles;
+                    triangle->tet = t;
                     for (int v = 0; v < 3; v++) {
-                        skin->node[v] = mesh->tets[4 * (size_t)t + (size_t)corners_of[c][v]];
-                        skin->adjacent[v] = -1;
+                        triangle->node[v] = mesh->tets[4 * (size_t)t + (size_t)corners_of[c][v]];
+                        triangle->adjacent[v] = -1;
                     }
                 }
-                tissue->num_skins++;
+                tissue->num_triangles++;
             }
-            if (tissue->num_skins == before) continue;
+            if (tissue->num_triangles == before) continue;
             if (pass) {
                 tissue->tet[tissue->num_tets] = t;
-                tissue->skin_start[tissue->num_tets] = before;
+                tissue->triangle_start[tissue->num_tets] = before;
             }
             tissue->num_tets++;
         }
-        if (pass) tissue->skin_start[tissue->num_tets] = tissue->num_skins;
-        if (pass || tissue->num_skins == 0) break;
-        tissue->skin = pliant_calloc((size_t)tissue->num_skins, sizeof *tissue->skin);
-        tissue->normal = pliant_calloc((size_t)tissue->num_skins, sizeof *tissue->normal);
+        if (pass) tissue->triangle_start[tissue->num_tets] = tissue->num_triangles;
+        if (pass || tissue->num_triangles == 0) break;
+        tissue->triangle = pliant_calloc((size_t)tissue->num_triangles, sizeof *tissue->triangle);
+        tissue->normal = pliant_calloc((size_t)tissue->num_triangles, sizeof *tissue->normal);
         tissue->tet = pliant_calloc((size_t)tissue->num_tets, sizeof *tissue->tet);
-        tissue->skin_start = pliant_calloc((size_t)tissue->num_tets + 1, sizeof *tissue->skin_start);
-        if (!tissue->skin || !tissue->normal || !tissue->tet || !tissue->skin_start) return no_memory();
+        tissue->triangle_start = pliant_calloc((size_t)tissue->num_tets + 1, sizeof *tissue->triangle_start);
+        if (!tissue->triangle || !tissue->normal || !tissue->tet || !tissue->triangle_start) return no_memory();
     }
     return PLIANT_OK;
 }
 
 /* ---- adjacency */
 
-typedef struct half_edge { int32_t low, high, skin; } half_edge; /* skin: 3 times the triangle's number plus the edge */
+typedef struct half_edge { int32_t low, high, triangle; } half_edge; /* 3 times the triangle's number plus the edge */
 
 static int compare_edges(const void *a, const void *b)
 {
     const half_edge *x = a, *y = b;
     if (x->low != y->low) return x->low < y->low ? -1 : 1;
     if (x->high != y->high) return x->high < y->high ? -1 : 1;
-    return (x->skin > y->skin) - (x->skin < y->skin);
+    return (x->triangle > y->triangle) - (x->triangle < y->triangle);
 }
 
 static pliant_status find_nodes(pliant_tissue *tissue)
 {
-    const size_t corners = 3 * (size_t)tissue->num_skins;
+    const size_t corners = 3 * (size_t)tissue->num_triangles;
     const int32_t all = tissue->body->fine.num_nodes;
     if (!(tissue->node = pliant_calloc(corners, sizeof *tissue->node)) ||
         !(tissue->index_of = pliant_calloc((size_t)all, sizeof *tissue->index_of)))
         return no_memory();
-    for (size_t i = 0; i < corners; i++) tissue->index_of[tissue->skin[i / 3].node[i % 3]] = 1;
+    for (size_t i = 0; i < corners; i++) tissue->index_of[tissue->triangle[i / 3].node[i % 3]] = 1;
     for (int32_t n = 0; n < all; n++) {
         const bool on_surface = tissue->index_of[n];
         tissue->index_of[n] = on_surface ? tissue->num_nodes : -1;
@@ -173,10 +175,10 @@ static pliant_status find_nodes(pliant_tissue *tissue)
         !tissue->last || !tissue->place || !tissue->node_contacts)
         return no_memory();
     pliant_tissue_discard(tissue);
-    for (size_t i = 0; i < corners; i++) tissue->fan_start[tissue->index_of[tissue->skin[i / 3].node[i % 3]]]++;
+    for (size_t i = 0; i < corners; i++) tissue->fan_start[tissue->index_of[tissue->triangle[i / 3].node[i % 3]]]++;
     for (size_t n = 1; n <= nodes; n++) tissue->fan_start[n] += tissue->fan_start[n - 1];
     for (size_t i = corners; i-- > 0;)
-        tissue->fan[--tissue->fan_start[tissue->index_of[tissue->skin[i / 3].node[i % 3]]]] = (int32_t)(i / 3);
+        tissue->fan[--tissue->fan_start[tissue->index_of[tissue->triangle[i / 3].node[i % 3]]]] = (int32_t)(i / 3);
     return PLIANT_OK;
 }
 
@@ -184,8 +186,8 @@ static void measure(pliant_tissue *tissue)
 {
     const double *rest = tissue->body->fine.rest;
     tissue->shortest = INFINITY;
-    for (int32_t s = 0; s < tissue->num_skins; s++) {
-        const int32_t *node = tissue->skin[s].node;
+    for (int32_t s = 0; s < tissue->num_triangles; s++) {
+        const int32_t *node = tissue->triangle[s].node;
         double a[3], b[3], square = 0;
         for (int d = 0; d < 3; d++) {
             a[d] = rest[3 * (size_t)node[1] + (size_t)d] - rest[3 * (size_t)node[0] + (size_t)d];
@@ -201,7 +203,7 @@ static void measure(pliant_tissue *tissue)
 
 static pliant_status find_sides(pliant_tissue *tissue)
 {
-    const size_t count = 3 * (size_t)tissue->num_skins;
+    const size_t count = 3 * (size_t)tissue->num_triangles;
     half_edge *edge = pliant_calloc(count, sizeof *edge);
     tissue->around = pliant_calloc(2 * count, sizeof *tissue->around);
     if (!edge || !tissue->around) {
@@ -209,7 +211,7 @@ static pliant_status find_sides(pliant_tissue *tissue)
         return no_memory();
     }
     for (size_t i = 0; i < count; i++) {
-        const int32_t a = tissue->skin[i / 3].node[i % 3], b = tissue->skin[i / 3].node[(i + 1) % 3];
+        const int32_t a = tissue->triangle[i / 3].node[i % 3], b = tissue->triangle[i / 3].node[(i + 1) % 3];
         edge[i] = (half_edge){a < b ? a : b, a < b ? b : a, (int32_t)i};
     }
     qsort(edge, count, sizeof *edge, compare_edges);
@@ -217,11 +219,11 @@ static pliant_status find_sides(pliant_tissue *tissue)
         for (size_t i = 0; i < count; i++) {
             const bool again = i > 0 && edge[i].low == edge[i - 1].low && edge[i].high == edge[i - 1].high;
             if (again && !pass) {
-                int32_t *mine = tissue->skin[edge[i].skin / 3].adjacent + edge[i].skin % 3,
-                        *other = tissue->skin[edge[i - 1].skin / 3].adjacent + edge[i - 1].skin % 3;
+                int32_t *mine = tissue->triangle[edge[i].triangle / 3].adjacent + edge[i].triangle % 3,
+                        *other = tissue->triangle[edge[i - 1].triangle / 3].adjacent + edge[i - 1].triangle % 3;
                 if (*other < 0) {
-                    *mine = edge[i - 1].skin / 3;
-                    *other = edge[i].skin / 3;
+                    *mine = edge[i - 1].triangle / 3;
+                    *other = edge[i].triangle / 3;
                 }
             }
             if (again) continue;
@@ -246,8 +248,8 @@ pliant_status pliant_tissue_set_body(pliant_tissue *tissue, const pliant_body *b
     if (tissue->revision == body->revision && tissue->body == body) return PLIANT_OK;
     pliant_tissue next = {.body = body, .revision = body->revision, .threads = threads};
     pliant_status status = find_members(&next, solid);
-    if (status == PLIANT_OK) status = find_skins(&next);
-    if (status == PLIANT_OK && next.num_skins > 0) {
+    if (status == PLIANT_OK) status = find_surface_triangles(&next);
+    if (status == PLIANT_OK && next.num_triangles > 0) {
         status = find_nodes(&next);
         if (status == PLIANT_OK) status = find_sides(&next);
         if (status == PLIANT_OK) measure(&next);
@@ -294,12 +296,12 @@ pliant_tissue_view pliant_tissue_view_of(pliant_tissue *tissue, const double *po
         .shortest = tissue->shortest,
         .tets = body->fine.tets,
         .across = tissue->across,
-        .apart = tissue->apart,
+        .is_candidate = tissue->is_candidate,
         .fixed = body->fine_fixed,
         .node_parent = body->cuts ? body->node_parent : NULL,
         .piece = tissue->piece,
-        .skin = tissue->skin,
-        .skin_start = tissue->skin_start,
+        .triangle = tissue->triangle,
+        .triangle_start = tissue->triangle_start,
         .node = tissue->node,
         .around_start = tissue->around_start,
         .around = tissue->around,

@@ -192,11 +192,11 @@ PLIANT_INLINE int32_t pliant_anderson_iterations(const pliant_anderson *rules)
 }
 
 /* Report the error of the previous step.
- * @param seen  The end of the previous step was evaluated with the present preconditioner.
+ * @param start_is_evaluated  The end of the previous step was evaluated with the present preconditioner.
  * @param left  Remaining motion at that state, with the present secants [m]. */
-PLIANT_INLINE void pliant_anderson_report_error(pliant_anderson *rules, bool seen, double left)
+PLIANT_INLINE void pliant_anderson_report_error(pliant_anderson *rules, bool start_is_evaluated, double left)
 {
-    rules->error_before = seen ? pliant_anderson_error(left) : rules->reported_error;
+    rules->error_before = start_is_evaluated ? pliant_anderson_error(left) : rules->reported_error;
     rules->reported_error = rules->error;
 }
 

@@ -38,7 +38,7 @@ void pliant_contact_problem_free(pliant_contact_problem *contacts)
     pliant_free(contacts->block);
     pliant_free(contacts->turned);
     pliant_free(contacts->moved_unknowns);
-    pliant_free(contacts->seen);
+    pliant_free(contacts->visited);
     pliant_free(contacts->matrix);
     pliant_free(contacts->motion);
     pliant_free(contacts->force);
@@ -54,9 +54,9 @@ static pliant_status create(pliant_solver *solver)
     if (!contacts) return pliant_fail_memory("contact");
     pliant_status status = pliant_compliance_create(solver->system->num_free, &contacts->blocks);
     contacts->moved_unknowns = pliant_calloc(nodes, sizeof *contacts->moved_unknowns);
-    contacts->seen = pliant_calloc(nodes, 1);
+    contacts->visited = pliant_calloc(nodes, 1);
     contacts->step = pliant_calloc(nodes, 3 * sizeof *contacts->step);
-    if (status == PLIANT_OK && !(contacts->moved_unknowns && contacts->seen && contacts->step))
+    if (status == PLIANT_OK && !(contacts->moved_unknowns && contacts->visited && contacts->step))
         status = pliant_fail_memory("contact");
     if (status != PLIANT_OK) {
         pliant_contact_problem_free(contacts);
@@ -378,8 +378,8 @@ pliant_status pliant_contact_problem_find_matrix(pliant_solver *solver)
     turn(solver);
     int32_t num_moved_unknowns = 0;
     for (int32_t w = 0; w < contacts->num_weights; w++) {
-        if (contacts->seen[contacts->unknown[w]]) continue;
-        contacts->seen[contacts->unknown[w]] = 1;
+        if (contacts->visited[contacts->unknown[w]]) continue;
+        contacts->visited[contacts->unknown[w]] = 1;
         contacts->moved_unknowns[num_moved_unknowns++] = contacts->unknown[w];
     }
     int tool[PLIANT_MAX_TOOLS];
@@ -388,10 +388,10 @@ pliant_status pliant_contact_problem_find_matrix(pliant_solver *solver)
     for (int t = 0; t < num_tools; t++)
         for (int32_t h = 0; h < solver->grasps[tool[t]].count; h++) {
             const int32_t unknown = solver->grasps[tool[t]].unknown[h];
-            if (!contacts->seen[unknown]) contacts->moved_unknowns[num_moved_unknowns++] = unknown;
-            contacts->seen[unknown] = 1;
+            if (!contacts->visited[unknown]) contacts->moved_unknowns[num_moved_unknowns++] = unknown;
+            contacts->visited[unknown] = 1;
         }
-    for (int32_t i = 0; i < num_moved_unknowns; i++) contacts->seen[contacts->moved_unknowns[i]] = 0;
+    for (int32_t i = 0; i < num_moved_unknowns; i++) contacts->visited[contacts->moved_unknowns[i]] = 0;
     bool splits = false;
     pliant_factor *factor = pliant_preconditioner_factor(solver->preconditioner);
     pliant_status status =

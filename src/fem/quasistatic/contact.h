@@ -79,7 +79,7 @@ struct pliant_contact_problem {
     pliant_factor *factor; /* Nullable: factor whose solve can be split for these unknowns; borrowed */
     bool by_halves;        /* the split solve is possible: no spring acts on other unknowns */
     int32_t num_moved_unknowns, *moved_unknowns; /* (num_free) unknowns that move points, in the order of the points */
-    uint8_t *seen;         /* (num_free) buffer */
+    uint8_t *visited;         /* (num_free) buffer */
     double *matrix;        /* A, with the tools' springs after the points; (rows x rows) */
     double *motion, *force, *sweeps; /* (rows) buffers of cones.h */
     size_t matrix_capacity;

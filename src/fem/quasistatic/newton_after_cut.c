@@ -122,7 +122,7 @@ static pliant_status find_step(pliant_solver *solver, newton_step *found, int32_
     const size_t n = pliant_solver_unknowns(solver);
     const int32_t maximum = *products;
     double *left = solver->trial.residual, *step = solver->trial.free_step, *pulled = solver->trial.step;
-    bool led = is_prescribed(solver, found);
+    bool prescribed = is_prescribed(solver, found);
     memcpy(left, solver->now.residual, n * sizeof *left);
     pliant_active_set_add_forces(solver, &found->active, &found->pulls_along, -1, left);
     double norm = pliant_solver_product(solver, left, found->along);
@@ -131,7 +131,7 @@ static pliant_status find_step(pliant_solver *solver, newton_step *found, int32_
          *products < maximum && pliant_newton_continues(norm, first) && multiply(solver, found->along, pulled);) {
         const double curvature = pliant_solver_product(solver, found->along, pulled) +
                                  pliant_solver_spring_energy(solver, found->pulls_along.tool, found->pulls_along.tool);
-        const double fraction = pliant_newton_step_length(led, norm, curvature);
+        const double fraction = pliant_newton_step_length(prescribed, norm, curvature);
         ++*products;
         if (!(fraction > 0)) break;
         pliant_active_set_add_forces(solver, &found->active, &found->pulls_along, -1, pulled);
@@ -147,8 +147,8 @@ static pliant_status find_step(pliant_solver *solver, newton_step *found, int32_
         if (status != PLIANT_OK) return status;
         const double before = norm;
         norm = pliant_solver_product(solver, left, step);
-        const double turned = pliant_newton_direction_weight(led, norm, before);
-        led = false;
+        const double turned = pliant_newton_direction_weight(prescribed, norm, before);
+        prescribed = false;
         for (size_t i = 0; i < n; i++) found->along[i] = step[i] + turned * found->along[i];
         scale_forces(&found->active, turned, &found->pulls_along);
         add_forces(&found->active, 1, &found->pulls_next, &found->pulls_along);

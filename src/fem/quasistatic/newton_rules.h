@@ -36,21 +36,21 @@ static inline bool pliant_newton_is_negligible(double longest, double tolerance)
     return longest <= pliant_quasistatic().newton_negligible * tolerance;
 }
 /* Rules of the conjugate gradients. `continues`: whether another direction is worth its product. `step_length`: along
- * a direction; 0 means no progress. `direction_weight`: weight of the old direction in the next one. led: the first
- * direction, which the held nodes prescribe, is taken with length 1. */
+ * a direction; 0 means no progress. `direction_weight`: weight of the old direction in the next one. prescribed: the
+ * first direction, which the held nodes prescribe, is taken with length 1. */
 static inline bool pliant_newton_continues(double norm, double first)
 {
     const double enough = pliant_quasistatic().newton_residual;
     return norm > enough * enough * first;
 }
-static inline double pliant_newton_step_length(bool led, double norm, double curvature)
+static inline double pliant_newton_step_length(bool prescribed, double norm, double curvature)
 {
-    const double fraction = led ? 1 : norm / curvature;
+    const double fraction = prescribed ? 1 : norm / curvature;
     return curvature > 0 && isfinite(fraction) ? fraction : 0;
 }
-static inline double pliant_newton_direction_weight(bool led, double norm, double before)
+static inline double pliant_newton_direction_weight(bool prescribed, double norm, double before)
 {
-    return led ? 0 : norm / before;
+    return prescribed ? 0 : norm / before;
 }
 
 /* Return the fraction of a step of this length [thousandths of the body's length] that is taken, and the number of

@@ -143,15 +143,16 @@ static bool evaluate_end(pliant_solver *solver)
  * inputs than the loads change, so the next step cannot use this evaluation. */
 static void evaluate_final_state(pliant_solver *solver, step_time *time)
 {
-    const bool blind = solver->rules.next == PLIANT_NEXT_BLIND, seen = solver->final_state.seen;
+    const bool blind = solver->rules.next == PLIANT_NEXT_BLIND,
+               start_is_evaluated = solver->final_state.start_is_evaluated;
     const bool evaluates = blind && affordable(solver, time, solver->rules.first_merit) > 0;
     const bool evaluated = evaluates ? evaluate_end(solver) : !blind;
     time->whole += evaluates;
     time->solved += evaluates;
     if (solver->budget > 0 && time->whole > 0)
         solver->evaluation_seconds = (solver->clock(solver->clock_user) - time->evaluation_start) / time->whole;
-    pliant_anderson_report_error(&solver->rules, seen,
-                                 seen ? pliant_secants_error(solver, &solver->final_state.at) : 0);
+    pliant_anderson_report_error(&solver->rules, start_is_evaluated,
+                                 start_is_evaluated ? pliant_secants_error(solver, &solver->final_state.at) : 0);
     const bool keeps = evaluated && !solver->system->basis;
     pliant_solver_record_step(solver, &solver->in_use, keeps, &solver->rules, solver->now.step_force);
     if (keeps) pliant_final_state_store(solver);
@@ -204,7 +205,8 @@ static pliant_status iterate_from_newton(pliant_solver *solver, step_time *time,
     if (*evaluations > 0) solver->rules.max_evaluations = allowed - *evaluations;
     time->solved += *evaluations + settled;
     time->whole += *evaluations;
-    const pliant_known known = pliant_solver_find_known(solver, &solver->in_use, &solver->final_state.seen);
+    const pliant_known known =
+        pliant_solver_find_known(solver, &solver->in_use, &solver->final_state.start_is_evaluated);
     if (status == PLIANT_OK) status = iterate(solver, settled ? PLIANT_KNOWN_STEP : known, time);
     solver->rules.max_evaluations = maximum;
     *evaluations += pliant_anderson_iterations(&solver->rules);

@@ -71,7 +71,7 @@ typedef struct pliant_secant { /* Differences of two iterates. */
 /* The final state of the previous step (final_state.c). */
 typedef struct pliant_final_state {
     /* At the start of this step, the previous final state was evaluated with the preconditioner in use. */
-    bool seen;
+    bool start_is_evaluated;
     pliant_iterate at;          /* its step, residual and step_force; other fields are unused */
 } pliant_final_state;
 
@@ -298,8 +298,9 @@ pliant_axes pliant_solver_choose_axes(const pliant_solver *solver, const pliant_
 /* Record that the axes have rotated. */
 void pliant_preconditioner_use_rotated(pliant_preconditioner_use *in_use);
 /* Return the known quantities of the step's first state. Call it after the tools' forces are set.
- * @param seen  Out: the previous final state was evaluated with the preconditioner in use. */
-pliant_known pliant_solver_find_known(pliant_solver *solver, const pliant_preconditioner_use *in_use, bool *seen);
+ * @param start_is_evaluated  Out: the previous final state was evaluated with the preconditioner in use. */
+pliant_known pliant_solver_find_known(pliant_solver *solver, const pliant_preconditioner_use *in_use,
+                                      bool *start_is_evaluated);
 /* Record the end of a step. The grasps have the tools' forces.
  * @param evaluated   The final state is evaluated.
  * @param step_force  Change dl of the springs' forces in the final state. It is added to the springs' forces if the

@@ -57,15 +57,17 @@ void pliant_preconditioner_use_rotated(pliant_preconditioner_use *in_use)
     in_use->evaluations = 0;
 }
 
-pliant_known pliant_solver_find_known(pliant_solver *solver, const pliant_preconditioner_use *in_use, bool *seen)
+pliant_known pliant_solver_find_known(pliant_solver *solver, const pliant_preconditioner_use *in_use,
+                                      bool *start_is_evaluated)
 {
     pliant_previous_step *previous = &solver->previous;
     const bool known = previous->kept && previous->evaluated;
     previous->kept = false; /* until this step has ended */
-    *seen = known && previous->number == in_use->number;
+    *start_is_evaluated = known && previous->number == in_use->number;
     if (!known) return PLIANT_KNOWN_NOTHING;
     /* Contact points change it in every step. */
-    bool same = *seen && !previous->had_contacts && !pliant_contact_problem_has_points(solver->contacts) &&
+    bool same = *start_is_evaluated && !previous->had_contacts &&
+                !pliant_contact_problem_has_points(solver->contacts) &&
                 memcmp(previous->gravity, solver->gravity, sizeof previous->gravity) == 0;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
         same = same && memcmp(previous->force + 3 * t, solver->grasps[t].force, 3 * sizeof(double)) == 0;

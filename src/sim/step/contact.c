@@ -149,7 +149,7 @@ static pliant_status find_tissue(const pliant_model *model, pliant_data *data, d
     pliant_contact_surface *outside = pliant_contact_is_within_elements(model) ? &data->contact_search->outside : NULL;
     pliant_status status = pliant_tissue_set_body(tissue, data->body, outside ? outside->solid : NULL,
                                                   data->discretization->system->num_threads);
-    if (status != PLIANT_OK || tissue->num_skins == 0) return status;
+    if (status != PLIANT_OK || tissue->num_triangles == 0) return status;
     pliant_tissue_set_searcher(tissue, data->backend->searcher);
     if (model->scene.contact.response == PLIANT_RESPONSE_PAPER) return find_slowed(model, data, out);
     const pliant_tissue_rule rule = pliant_contact_tissue_rule(model, data, pieces_go);
