@@ -1,6 +1,7 @@
 #include "backend/backend.h"
 #include "base/count.h"
 #include "base/fail.h"
+#include "fem/quasistatic/solver.h"
 #include "warp/device.h"
 
 static_assert(PLIANT_COUNT_OF(PLIANT_SOLVER_LIST) == 2, "a new solver needs its functions here");
@@ -19,15 +20,25 @@ static pliant_status choose(const pliant_host_solver *kind, pliant_backend_choic
     return status;
 }
 
+/* Return why only the CPU can solve the scene, or NULL. */
+static const char *find_cpu_reason(const pliant_model *model, const pliant_data *data)
+{
+    if (model->scene.element.law == PLIANT_ELASTICITY_NEO_HOOKEAN) return "element/law: neo_hookean has no GPU code";
+    if (data->solver && data->solver->pressures) return "a poisson_ratio above 0.49 has no GPU code";
+    return NULL;
+}
+
 pliant_status pliant_backend_create(const pliant_model *model, pliant_data *data)
 {
     const pliant_host_solver *kind = pliant_host_solver_of(model);
-    const bool cpu_only = model->scene.element.law == PLIANT_ELASTICITY_NEO_HOOKEAN;
-    const pliant_backend_choice choice = cpu_only ? PLIANT_CPU : model->scene.solver.backend;
+    const char *reason = find_cpu_reason(model, data);
+    if (reason && model->scene.solver.backend == PLIANT_CUDA)
+        return pliant_fail(PLIANT_ERROR_SCENE, "solver/backend: cuda; %s; set auto or cpu", reason);
+    const pliant_backend_choice choice = reason ? PLIANT_CPU : model->scene.solver.backend;
     char text[PLIANT_BACKEND_TEXT];
     pliant_status status = choose(kind, choice, text, &data->backend);
     if (status != PLIANT_OK) return status;
-    if (cpu_only) pliant_log(PLIANT_LOG_INFO, "backend: cpu; element/law: neo_hookean has no GPU code");
+    if (reason) pliant_log(PLIANT_LOG_INFO, "backend: cpu; %s", reason);
     status = data->backend->create(model, data);
     if (data->backend == kind->cpu) {
         if (choice == PLIANT_AUTO) pliant_log(PLIANT_LOG_INFO, "backend: cpu; no GPU is used: %s", text);

@@ -280,18 +280,22 @@ pliant_status pliant_system_extract(const pliant_system *whole, int32_t count, c
 /* ---- Implemented in hexahedra.c. Replaces pliant_system_elements. */
 /* Build a hexahedron for every complete lattice cube and every complete fragment of a cube, and tetrahedra for the
  * others.
+ * @param complete      Nullable: if pressures carry a part of lambda (element/pressures.h), the complete materials.
  * @param before, kept  Nullable: a system whose kept elements are copied.
  * Errors: MEMORY. */
 pliant_status pliant_system_hexahedra(pliant_system *system, const pliant_tet_material *material,
-                                      const pliant_system *before, const uint8_t *kept);
+                                      const pliant_tet_material *complete, const pliant_system *before,
+                                      const uint8_t *kept);
 /* ---- Implemented in octree_hexahedra.c.
  * Build a hexahedron for every leaf of the octree. A node in the middle of a larger leaf's edge or face follows that
  * leaf's corners, and so does the centre of a divided leaf. The system's upsampling stores these relations.
+ * @param complete  Nullable: as in pliant_system_hexahedra.
  * @param before, kept  Nullable: a system whose kept elements are copied.
  * @param fixed  (nodes) in: nodes that the body fixes; out: also the followers, and nodes with a fixed follower.
  * Errors: MEMORY. */
 pliant_status pliant_system_octree_hexahedra(pliant_system *system, const pliant_tet_material *material,
-                                             const pliant_system *before, const uint8_t *kept, uint8_t *fixed);
+                                             const pliant_tet_material *complete, const pliant_system *before,
+                                             const uint8_t *kept, uint8_t *fixed);
 /* ---- Implemented in coarse/graded.c. */
 /* Return whether cuts have separated any tissue of the body. */
 bool pliant_body_is_cut(const pliant_body *body);

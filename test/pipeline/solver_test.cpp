@@ -451,6 +451,89 @@ TEST(Solver, SevenForcesOnNearlyIncompressibleTissueSettle)
     EXPECT_EQ(errors, 0);
 }
 
+// Pull a cube of one material, and let it settle. Return the highest point; evaluations: their sum while it moves.
+double pulled_top(Body &body, int *evaluations)
+{
+    const double mid[3] = {0.06, 0.06, 0.11};
+    int tool;
+    *evaluations = 0;
+    EXPECT_EQ(pliant_tool_add(body.model, body.data, "t", &tool), PLIANT_OK);
+    EXPECT_EQ(pliant_tool_grasp(body.model, body.data, tool, mid), PLIANT_OK) << pliant_last_error();
+    for (int s = 1; s <= 15; s++) {
+        const double tip[3] = {mid[0], mid[1], mid[2] + 0.002 * s};
+        EXPECT_EQ(pliant_tool_set_pose(body.data, tool, tip, nullptr), PLIANT_OK);
+        EXPECT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
+        *evaluations += body.data->statistics.iterations;
+    }
+    EXPECT_EQ(body.settle(20), PLIANT_OK);
+    double top = 0;
+    for (int32_t n = 0; n < body.model->body->fine.num_nodes; n++)
+        top = std::fmax(top, body.data->positions[3 * n + 2]);
+    return top;
+}
+
+// Return the mean energy density of the tetrahedra.
+double mean_energy(const Body &body)
+{
+    const pliant_body *tissue = body.model->body;
+    std::vector<float> energy(static_cast<size_t>(tissue->fine.num_tets));
+    EXPECT_EQ(pliant_data_tet_scalar(body.model, tissue, body.data->positions, PLIANT_SCALAR_STRAIN_ENERGY,
+                                     energy.data()),
+              PLIANT_OK);
+    double sum = 0;
+    for (float one : energy) sum += one;
+    return sum / static_cast<double>(energy.size());
+}
+
+// Pressures converge together with the nodes (element/pressures.h).
+TEST(Solver, NearlyIncompressibleTissueNeedsAtMostTwiceTheEvaluations)
+{
+    for (pliant_element_kind kind : {PLIANT_HEXAHEDRA, PLIANT_LINEAR}) {
+        const double poisson[2] = {0.45, 0.4999};
+        double top[2], energy[2];
+        int evaluations[2];
+        for (int n = 0; n < 2; n++) {
+            Body body(size, box, {{5000, poisson[n], 1000, false}});
+            prepare(body);
+            body.cells(2, 2, 2, 2);
+            body.scene.element.kind = kind;
+            ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+            top[n] = pulled_top(body, evaluations + n);
+            energy[n] = mean_energy(body);
+            std::printf("%s, nu %.4f: %d evaluations, top at %.2f mm, %.1f J/m^3\n",
+                        kind == PLIANT_LINEAR ? "tetrahedra" : "hexahedra", poisson[n], evaluations[n], 1e3 * top[n],
+                        energy[n]);
+        }
+        EXPECT_LE(evaluations[1], 2 * evaluations[0]);
+        EXPECT_NEAR(top[1] - box[2], top[0] - box[2], 0.05 * (top[0] - box[2]));
+        EXPECT_NEAR(energy[1], energy[0], 0.3 * energy[0]); // scalar fields contain the pressures
+    }
+}
+
+// A saved state contains the pressures.
+TEST(Solver, NearlyIncompressibleTissueContinuesFromASavedState)
+{
+    Body body(size, box, {{5000, 0.4999, 1000, false}});
+    prepare(body);
+    body.cells(2, 2, 2, 2);
+    body.scene.element.kind = PLIANT_HEXAHEDRA;
+    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    pull(body, 10, 0.02);
+    ASSERT_EQ(body.settle(), PLIANT_OK);
+    pliant_state *state = nullptr;
+    ASSERT_EQ(pliant_state_create(&state), PLIANT_OK);
+    ASSERT_EQ(pliant_state_save(body.model, body.data, state), PLIANT_OK) << pliant_last_error();
+    const std::vector<double> saved(body.data->positions, body.data->positions + 3 * body.model->body->fine.num_nodes);
+    ASSERT_EQ(pliant_data_reset(body.model, body.data), PLIANT_OK);
+    ASSERT_EQ(pliant_state_restore(body.model, body.data, state), PLIANT_OK) << pliant_last_error();
+    pliant_state_free(state);
+    EXPECT_EQ(pliant_step(body.model, body.data), PLIANT_OK) << "it is an equilibrium";
+    double maximum = 0;
+    for (size_t i = 0; i < saved.size(); i++)
+        maximum = std::fmax(maximum, std::fabs(body.data->positions[i] - saved[i]));
+    EXPECT_LT(maximum, 1e-4);
+}
+
 TEST(Solver, RefusesWhatIsNotANumber)
 {
     Body body(size, box, two, stripes);

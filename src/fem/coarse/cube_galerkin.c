@@ -40,7 +40,7 @@ void pliant_cube_galerkin(const pliant_submesh *submesh, const pliant_cube_buffe
         if (cube) {
             pliant_cube_shape made;
             const pliant_cube_shape *shape = pliant_submesh_shape(submesh, cube, &made);
-            bulk += pliant_cube_deviatoric(shape, cube, submesh->material, k);
+            bulk += pliant_cube_deviatoric(shape, cube, submesh->material, 0, k);
             for (int slot = 0; slot < 5; slot++) volume += shape->volume[slot];
             for (int v = 0; v < CORNERS; v++) local_of[v] = submesh->local_of[cube->node[v]];
             add_galerkin(k, CORNERS, local_of, shape->mean, volume, buffers->weights, out, change);

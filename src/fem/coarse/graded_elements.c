@@ -248,7 +248,7 @@ static pliant_status add_cube(fine_elements *fine, const pliant_cube *cube)
     if (is_fixed(work, cube->node, CORNERS)) return PLIANT_OK;
     const int32_t e = begin_element(work, cube->tet[0], -1 - cube->tet[0]);
     pliant_status status =
-        pliant_macros_add_hexahedron(work->body->fine_material, cube, shape_of(fine, cube), macros, e);
+        pliant_macros_add_hexahedron(work->body->fine_material, NULL, cube, shape_of(fine, cube), macros, e);
     return status == PLIANT_OK ? add_corners(work, cube->node, CORNERS, e) : status;
 }
 

@@ -62,7 +62,7 @@ static pliant_status make_hexahedra(lod_builder *lod)
     pliant_status status = material ? PLIANT_OK : pliant_fail_memory("the fine mesh");
     for (int32_t t = 0; material && t < fine->num_tets; t++)
         material[t].lambda = fmin(material[t].lambda, maximum * material[t].mu);
-    if (status == PLIANT_OK) status = pliant_system_hexahedra(&lod->whole, material, NULL, NULL);
+    if (status == PLIANT_OK) status = pliant_system_hexahedra(&lod->whole, material, NULL, NULL, NULL);
     if (status == PLIANT_OK) status = pliant_hexahedra_of_tets(fine, lod->whole.macros, &element);
     if (status == PLIANT_OK && !(lod->bulk = pliant_calloc((size_t)lod->whole.macros->count, sizeof *lod->bulk)))
         status = pliant_fail_memory("the fine mesh");

@@ -135,7 +135,7 @@ static void assemble_cube(pliant_submesh *submesh, const pliant_cube *cube)
     double k[576];
     pliant_cube_shape buffer;
     const pliant_cube_shape *shape = pliant_submesh_shape(submesh, cube, &buffer);
-    double bulk = pliant_cube_deviatoric(shape, cube, submesh->material, k);
+    double bulk = pliant_cube_deviatoric(shape, cube, submesh->material, 0, k);
     for (int a = 0; a < 24; a++)
         for (int b = 0; b < 24; b++) {
             size_t row = 3 * (size_t)submesh->local_of[cube->node[a / 3]] + (size_t)(a % 3);

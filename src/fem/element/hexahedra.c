@@ -229,32 +229,49 @@ static bool condense(const double *k, double *out)
     return true;
 }
 
-double pliant_cube_deviatoric(const pliant_cube_shape *shape, const pliant_cube *cube,
-                              const pliant_tet_material *material, double *out)
+double pliant_cube_missing_lambda(const pliant_cube *cube, const double volume[5],
+                                  const pliant_tet_material *material, const pliant_tet_material *complete)
 {
-    double lambda[5], mu[5], bulk = 0, k[MODES * MODES] = {0}, bending[UNKNOWNS * UNKNOWNS];
+    double lambda[5], all[5], mu[5], sum = 0, whole = 0;
+    if (!complete) return 0;
+    pliant_cube_moduli(cube, volume, material, lambda, mu);
+    pliant_cube_moduli(cube, volume, complete, all, mu);
+    for (int slot = 0; slot < 5; slot++) {
+        sum += volume[slot] * (all[slot] - lambda[slot]);
+        whole += volume[slot];
+    }
+    return sum / whole;
+}
+
+double pliant_cube_deviatoric(const pliant_cube_shape *shape, const pliant_cube *cube,
+                              const pliant_tet_material *material, double missing_lambda, double *out)
+{
+    double lambda[5], mu[5], bulk = 0, missing = 0, k[MODES * MODES] = {0}, bending[UNKNOWNS * UNKNOWNS];
     pliant_cube_moduli(cube, shape->volume, material, lambda, mu);
     memset(out, 0, UNKNOWNS * UNKNOWNS * sizeof *out);
     for (int slot = 0; slot < 5; slot++) {
         const double kappa = lambda[slot] + 2.0 / 3 * mu[slot];
         bulk += shape->volume[slot] * kappa;
+        missing += shape->volume[slot] * missing_lambda;
         for (int i = 0; i < UNKNOWNS * UNKNOWNS; i++)
             out[i] += mu[slot] * shape->deviatoric[slot][i / UNKNOWNS * MODES + i % UNKNOWNS];
         for (int i = 0; i < MODES * MODES; i++)
-            k[i] += mu[slot] * shape->deviatoric[slot][i] + kappa * shape->dilation[slot][i];
+            k[i] += mu[slot] * shape->deviatoric[slot][i] + (kappa + missing_lambda) * shape->dilation[slot][i];
     }
     if (!condense(k, bending)) return bulk;
     for (int i = 0; i < UNKNOWNS; i++)
         for (int j = 0; j < UNKNOWNS; j++)
             out[UNKNOWNS * i + j] +=
-                enhanced * (bending[UNKNOWNS * i + j] - bulk * shape->mean[i] * shape->mean[j] - out[UNKNOWNS * i + j]);
+                enhanced * (bending[UNKNOWNS * i + j] - (bulk + missing) * shape->mean[i] * shape->mean[j] -
+                            out[UNKNOWNS * i + j]);
     return bulk;
 }
 
 static void stiffness_of(const pliant_cube_shape *shape, const pliant_cube *cube, const pliant_tet_material *material,
-                         double *out)
+                         const pliant_tet_material *complete, double *out)
 {
-    double bulk = pliant_cube_deviatoric(shape, cube, material, out);
+    const double missing = pliant_cube_missing_lambda(cube, shape->volume, material, complete);
+    const double bulk = pliant_cube_deviatoric(shape, cube, material, missing, out);
     for (int i = 0; i < UNKNOWNS; i++)
         for (int j = 0; j < UNKNOWNS; j++) out[UNKNOWNS * i + j] += bulk * shape->mean[i] * shape->mean[j];
 }
@@ -274,13 +291,14 @@ pliant_status pliant_macros_keep(pliant_macros *macros, int32_t element, int32_t
     return PLIANT_OK;
 }
 
-pliant_status pliant_macros_add_hexahedron(const pliant_tet_material *material, const pliant_cube *cube,
-                                           const pliant_cube_shape *shape, pliant_macros *macros, int32_t element)
+pliant_status pliant_macros_add_hexahedron(const pliant_tet_material *material, const pliant_tet_material *complete,
+                                           const pliant_cube *cube, const pliant_cube_shape *shape,
+                                           pliant_macros *macros, int32_t element)
 {
     double k[UNKNOWNS * UNKNOWNS], shear = 0;
     for (int v = 0; v < CORNERS; v++) macros->own[8 * element + v] = cube->node[v];
     memcpy(macros->gradient + 24 * (size_t)element, shape->mean, sizeof shape->mean);
-    stiffness_of(shape, cube, material, k);
+    stiffness_of(shape, cube, material, complete, k);
     for (int slot = 0; slot < 5; slot++) shear += shape->volume[slot] * material[cube->tet[slot]].mu;
     macros->shear[element] = shear;
     return pliant_macros_keep(macros, element, UNKNOWNS, k);
@@ -375,7 +393,8 @@ static void copy_hexahedron(const pliant_macros *from, int32_t was, const pliant
 }
 
 /* Create the elements of each cell: its cubes, then the tetrahedra in no cube. */
-static pliant_status fill(pliant_system *system, const pliant_tet_material *material, const pliant_cell_lists *lists,
+static pliant_status fill(pliant_system *system, const pliant_tet_material *material,
+                          const pliant_tet_material *complete, const pliant_cell_lists *lists,
                           const earlier_cubes *earlier)
 {
     const pliant_mesh *mesh = system->mesh;
@@ -394,7 +413,7 @@ static pliant_status fill(pliant_system *system, const pliant_tet_material *mate
             known[parity] = true;
             const int32_t was = earlier ? find_earlier(earlier, cell, cube) : -1;
             if (was >= 0) copy_hexahedron(earlier->macros, was, cube, macros, element);
-            else status = pliant_macros_add_hexahedron(material, cube, &shape[parity], macros, element);
+            else status = pliant_macros_add_hexahedron(material, complete, cube, &shape[parity], macros, element);
             memcpy(macros->node + corner, cube->node, sizeof cube->node);
             corner += CORNERS;
             macros->cell[element] = cell;
@@ -414,7 +433,8 @@ static pliant_status fill(pliant_system *system, const pliant_tet_material *mate
 }
 
 pliant_status pliant_system_hexahedra(pliant_system *system, const pliant_tet_material *material,
-                                      const pliant_system *before, const uint8_t *kept)
+                                      const pliant_tet_material *complete, const pliant_system *before,
+                                      const uint8_t *kept)
 {
     pliant_cell_lists lists;
     earlier_cubes earlier = {0};
@@ -429,7 +449,7 @@ pliant_status pliant_system_hexahedra(pliant_system *system, const pliant_tet_ma
         status = pliant_fail_memory("the hexahedra");
     if (status == PLIANT_OK) status = pliant_macros_allocate(system->macros, elements, corners);
     if (status == PLIANT_OK && kept) status = list_earlier(before, kept, lists.cells, &earlier);
-    if (status == PLIANT_OK) status = fill(system, material, &lists, kept ? &earlier : NULL);
+    if (status == PLIANT_OK) status = fill(system, material, complete, &lists, kept ? &earlier : NULL);
     pliant_free(earlier.element);
     system->num_blocks = pliant_macros_blocks(elements, corners);
     pliant_cell_lists_free(&lists);

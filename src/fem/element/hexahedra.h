@@ -66,9 +66,15 @@ void pliant_cube_integrate(const pliant_mesh *mesh, const pliant_cube *cube, int
 /* Compute the gradients of the eight shape functions at a point of the cube [0, 1]^3. x: its corners. Return the
  * determinant of the map. */
 double pliant_cube_gradients(double x[8][3], const double at[3], double gradient[8][3]);
-/* Compute K without its resistance to a change of volume: out (24 x 24). Return k; the complete K is out + k b b'. */
+/* Compute K without its resistance to a mean change of volume: out (24 x 24). Return k; the complete K is
+ * out + (k + missing_lambda x volume) b b'.
+ * @param missing_lambda  Lambda in addition to the materials'; only a pressure resists its mean change of volume
+ *                        (pressures.h) [Pa]. */
 double pliant_cube_deviatoric(const pliant_cube_shape *shape, const pliant_cube *cube,
-                              const pliant_tet_material *material, double *out);
+                              const pliant_tet_material *material, double missing_lambda, double *out);
+/* Return the mean lambda that materials lack [Pa]. complete: (num_tets) with all of it; NULL: 0. */
+double pliant_cube_missing_lambda(const pliant_cube *cube, const double volume[5],
+                                  const pliant_tet_material *material, const pliant_tet_material *complete);
 /* Allocate macro-elements. count: elements; corners: total number of corners. Errors: MEMORY. */
 pliant_status pliant_macros_allocate(pliant_macros *macros, size_t count, size_t corners);
 /* Allocate the same without initializing the memory. The count is zero, and a function that adds an element writes all
@@ -96,9 +102,11 @@ pliant_status pliant_hexahedra_masses_next(const pliant_mesh *mesh, const pliant
 /* Return the lattice cube of a tetrahedron or fragment, or its octree leaf. */
 int32_t pliant_cell_of_tet(const pliant_mesh *mesh, int32_t tet);
 size_t pliant_count_cells(const pliant_mesh *mesh); /* number of such cubes or leaves */
-/* Add a hexahedron; the caller sets its corners and cell. Errors: MEMORY. */
-pliant_status pliant_macros_add_hexahedron(const pliant_tet_material *material, const pliant_cube *cube,
-                                           const pliant_cube_shape *shape, pliant_macros *macros, int32_t element);
+/* Add a hexahedron; the caller sets its corners and cell. complete: Nullable, as in pliant_system_hexahedra. Errors:
+ * MEMORY. */
+pliant_status pliant_macros_add_hexahedron(const pliant_tet_material *material, const pliant_tet_material *complete,
+                                           const pliant_cube *cube, const pliant_cube_shape *shape,
+                                           pliant_macros *macros, int32_t element);
 /* Add a tetrahedron that is in no hexahedron, likewise. Errors: MEMORY. */
 pliant_status pliant_macros_add_tet(const pliant_mesh *mesh, const pliant_tet_material *material, int32_t tet,
                                     pliant_macros *macros, int32_t element);

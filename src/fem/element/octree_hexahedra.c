@@ -212,8 +212,9 @@ static int32_t find_earlier(const leaves *work, int32_t leaf, const int32_t node
 }
 
 /* Compute C'KC of a leaf, and C' times its mean gradient. */
-static void condense(leaves *work, int32_t leaf, const pliant_tet_material *material, double c[CORNERS][CORNERS],
-                     double *shear, double *gradient, double *out)
+static void condense(leaves *work, int32_t leaf, const pliant_tet_material *material,
+                     const pliant_tet_material *complete, double c[CORNERS][CORNERS], double *shear, double *gradient,
+                     double *out)
 {
     const int32_t *start = work->mesh->leaf_start + leaf;
     pliant_cube cube = {.part = false};
@@ -222,7 +223,8 @@ static void condense(leaves *work, int32_t leaf, const pliant_tet_material *mate
     /* A divided leaf has one material. */
     for (int slot = 0; slot < 5; slot++) cube.tet[slot] = start[1] - start[0] == 5 ? start[0] + slot : start[0];
     const pliant_cube_shape *shape = shape_of(work, leaf, &cube);
-    const double bulk = pliant_cube_deviatoric(shape, &cube, material, k);
+    const double missing = pliant_cube_missing_lambda(&cube, shape->volume, material, complete);
+    const double bulk = pliant_cube_deviatoric(shape, &cube, material, missing, k);
     memset(out, 0, UNKNOWNS * UNKNOWNS * sizeof *out);
     for (int i = 0; i < UNKNOWNS; i++)
         for (int j = 0; j < UNKNOWNS; j++) {
@@ -239,7 +241,8 @@ static void condense(leaves *work, int32_t leaf, const pliant_tet_material *mate
     for (int slot = 0; slot < 5; slot++) *shear += shape->volume[slot] * material[cube.tet[slot]].mu;
 }
 
-static pliant_status add_leaf(leaves *work, int32_t leaf, const pliant_tet_material *material, int32_t element)
+static pliant_status add_leaf(leaves *work, int32_t leaf, const pliant_tet_material *material,
+                              const pliant_tet_material *complete, int32_t element)
 {
     pliant_macros *macros = work->system->macros;
     double c[CORNERS][CORNERS], k[UNKNOWNS * UNKNOWNS], *gradient = macros->gradient + UNKNOWNS * (size_t)element;
@@ -256,18 +259,18 @@ static pliant_status add_leaf(leaves *work, int32_t leaf, const pliant_tet_mater
         pliant_macros_share_root(work->earlier, was, macros, element);
         return PLIANT_OK;
     }
-    condense(work, leaf, material, c, &macros->shear[element], gradient, k);
+    condense(work, leaf, material, complete, c, &macros->shear[element], gradient, k);
     return pliant_macros_keep(macros, element, UNKNOWNS, k);
 }
 
-static pliant_status add_all(leaves *work, const pliant_tet_material *material)
+static pliant_status add_all(leaves *work, const pliant_tet_material *material, const pliant_tet_material *complete)
 {
     const pliant_mesh *mesh = work->mesh;
     pliant_macros *macros = work->system->macros;
     pliant_status status = PLIANT_OK;
     int32_t element = 0;
     for (int32_t leaf = 0; status == PLIANT_OK && leaf < mesh->num_leaves; leaf++) {
-        if (work->whole[leaf]) status = add_leaf(work, leaf, material, element++);
+        if (work->whole[leaf]) status = add_leaf(work, leaf, material, complete, element++);
         for (int32_t t = work->first[leaf] - 1; status == PLIANT_OK && !work->whole[leaf] && t >= 0;
              t = work->next[t]) {
             memcpy(macros->node + macros->start[element], mesh->tets + 4 * t, 4 * sizeof *mesh->tets);
@@ -340,7 +343,8 @@ static pliant_status allocate_elements(leaves *work)
 }
 
 pliant_status pliant_system_octree_hexahedra(pliant_system *system, const pliant_tet_material *material,
-                                             const pliant_system *before, const uint8_t *kept, uint8_t *fixed)
+                                             const pliant_tet_material *complete, const pliant_system *before,
+                                             const uint8_t *kept, uint8_t *fixed)
 {
     leaves work = {
         .mesh = system->mesh, .system = system, .earlier = before && kept ? before->macros : NULL, .kept = kept};
@@ -351,7 +355,7 @@ pliant_status pliant_system_octree_hexahedra(pliant_system *system, const pliant
         hold_followers(&work, fixed);
         status = allocate_elements(&work);
     }
-    if (status == PLIANT_OK) status = add_all(&work, material);
+    if (status == PLIANT_OK) status = add_all(&work, material, complete);
     end(&work);
     return status;
 }

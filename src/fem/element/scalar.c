@@ -5,6 +5,7 @@
 #include "fem/element/rotation.h"
 #include "fem/element/scalar.h"
 #include "fem/element/tensors.h"
+#include "fem/element/volume_change.h"
 #include "mesh/mesh.h"
 #include "state/data.h"
 #include "base/memory.h"
@@ -18,7 +19,26 @@ typedef struct view {
     const pliant_mesh *mesh;
     const double *positions;
     int32_t (*corner)[8]; /* (leaves) of an octree's hexahedra, -1 of other leaves; NULL: no octree of hexahedra */
+    /* (num_tets) Nullable: tetrahedra with pressures: their moduli, and the volume change on which the pressure acts */
+    pliant_tet_material *soft;
+    double *change;
 } view;
+
+static void view_free(view *look)
+{
+    pliant_free(look->corner);
+    pliant_free(look->soft);
+    pliant_free(look->change);
+}
+
+static pliant_status find_pressures(view *look, const pliant_tet_material *material)
+{
+    const pliant_scene *scene = look->scene;
+    const bool fine = scene->model.method == PLIANT_FINE;
+    if (!fine || scene->solver.kind == PLIANT_TLED || scene->element.kind == PLIANT_HEXAHEDRA) return PLIANT_OK;
+    const pliant_status status = pliant_soft_materials(material, look->mesh->num_tets, &look->soft);
+    return look->soft ? pliant_group_changes(look->mesh, look->positions, scene->element.law, &look->change) : status;
+}
 
 static pliant_status find_corners(view *look)
 {
@@ -63,15 +83,14 @@ static double deformation_of(const pliant_mesh *mesh, const double *positions, i
 
 /* Return the energy density e : s / 2 and compute the stress in the element's frame. The scalar fields do not depend on
  * the frame. */
-static double corotational(const double f[9], const pliant_tet_material *material, double stress[6])
+static double corotational(const double f[9], double lambda, double mu, double stress[6])
 {
     double r[9], e[6];
     pliant_rotation_signed_svd(f, r);
     pliant_corotational_strain(f, r, e);
-    pliant_corotational_stress(e, material->lambda, material->mu, stress);
+    pliant_corotational_stress(e, lambda, mu, stress);
     double trace = e[0] + e[1] + e[2], shear = e[3] * e[3] + e[4] * e[4] + e[5] * e[5];
-    return material->mu * (e[0] * e[0] + e[1] * e[1] + e[2] * e[2] + 2 * shear) +
-           0.5 * material->lambda * trace * trace;
+    return mu * (e[0] * e[0] + e[1] * e[1] + e[2] * e[2] + 2 * shear) + 0.5 * lambda * trace * trace;
 }
 
 /* Return sqrt(3/2 dev : dev). */
@@ -112,14 +131,24 @@ static const double min_part = 0.01;
 
 /* Compute stress and energy density of the scene's elements. The stress of the corotational law is in the element's
  * axes, others are in world axes. */
-static double respond(const pliant_scene *scene, const double f[9], const pliant_tet_material *material,
+static double respond(const view *look, int32_t tet, const double f[9], const pliant_tet_material *material,
                       double stress[6])
 {
+    const pliant_scene *scene = look->scene;
     const bool tled = scene->solver.kind == PLIANT_TLED;
-    if (!tled && scene->element.law == PLIANT_ELASTICITY_COROTATIONAL) return corotational(f, material, stress);
     const pliant_law law = tled ? scene->tled.law : PLIANT_LAW_NEO_HOOKEAN;
-    pliant_law_cauchy(law, material->lambda, material->mu, f, stress);
-    return pliant_law_response(law, material->lambda, material->mu, f, NULL);
+    const double lambda = look->soft ? look->soft[tet].lambda : material->lambda;
+    const double pressure = look->soft ? (material->lambda - lambda) * look->change[tet] : 0;
+    double energy;
+    if (!tled && scene->element.law == PLIANT_ELASTICITY_COROTATIONAL) {
+        energy = corotational(f, lambda, material->mu, stress);
+    } else {
+        pliant_law_cauchy(law, lambda, material->mu, f, stress);
+        energy = pliant_law_response(law, lambda, material->mu, f, NULL);
+    }
+    if (!look->soft) return energy;
+    for (int d = 0; d < 3; d++) stress[d] += pressure;
+    return energy + 0.5 * pressure * look->change[tet];
 }
 
 /* Return the fraction of the tissue's moduli that an element has: it may hold air, or be a fragment. */
@@ -130,13 +159,13 @@ static double tissue_part(const pliant_tet_material *material)
 
 static_assert(PLIANT_COUNT_OF(PLIANT_SCALAR_LIST) == 7, "a new scalar needs its value in measure()");
 
-static double measure(const pliant_scene *scene, const double f[9], double volume, const pliant_tet_material *material,
-                      pliant_scalar scalar)
+static double measure(const view *look, int32_t tet, const double f[9], double volume,
+                      const pliant_tet_material *material, pliant_scalar scalar)
 {
     double stress[6], values[3];
     if (scalar == PLIANT_SCALAR_VOLUME_RATIO) return pliant_determinant(f);
     if (scalar == PLIANT_SCALAR_MASS_CHANGE) return mass_change(volume, pliant_determinant(f));
-    const double energy = respond(scene, f, material, stress);
+    const double energy = respond(look, tet, f, material, stress);
     if (scalar == PLIANT_SCALAR_STRAIN_ENERGY) return energy;
     if (scalar == PLIANT_SCALAR_VON_MISES) return von_mises(stress) / tissue_part(material);
     pliant_symmetric_eigenvalues(stress, values);
@@ -160,12 +189,13 @@ pliant_status pliant_tet_tensors(const pliant_model *model, const pliant_body *b
 {
     const pliant_mesh *mesh = &body->fine;
     view look = {.scene = &model->scene, .mesh = mesh, .positions = positions};
-    const pliant_status status = find_corners(&look);
+    pliant_status status = find_corners(&look);
+    if (status == PLIANT_OK) status = find_pressures(&look, body->fine_material);
     for (int32_t t = 0; status == PLIANT_OK && t < mesh->num_tets; t++) {
         const pliant_tet_material *material = body->fine_material + t;
         double f[9], r[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, s[6];
         element_deformation(&look, t, f);
-        respond(&model->scene, f, material, s);
+        respond(&look, t, f, material, s);
         for (int m = 0; m < 6; m++) s[m] /= tissue_part(material);
         if (model->scene.solver.kind != PLIANT_TLED) pliant_rotation_signed_svd(f, r);
         turn(s, r, stress + 9 * (size_t)t);
@@ -175,7 +205,7 @@ pliant_status pliant_tet_tensors(const pliant_model *model, const pliant_body *b
             strain[9 * (size_t)t + (size_t)m] = (float)(0.5 * e);
         }
     }
-    pliant_free(look.corner);
+    view_free(&look);
     return status;
 }
 
@@ -211,7 +241,7 @@ pliant_status pliant_tet_hexahedra(const pliant_model *model, const pliant_body 
         }
     }
     pliant_free(visited);
-    pliant_free(look.corner);
+    view_free(&look);
     return status;
 }
 
@@ -221,12 +251,13 @@ pliant_status pliant_data_tet_scalar(const pliant_model *model, const pliant_bod
     const pliant_mesh *mesh = &body->fine;
     const bool none = scalar == PLIANT_SCALAR_NONE || scalar == PLIANT_SCALAR_CONTACT_FORCE;
     view look = {.scene = &model->scene, .mesh = mesh, .positions = positions};
-    const pliant_status status = none ? PLIANT_OK : find_corners(&look);
+    pliant_status status = none ? PLIANT_OK : find_corners(&look);
+    if (status == PLIANT_OK && !none) status = find_pressures(&look, body->fine_material);
     for (int32_t t = 0; status == PLIANT_OK && t < mesh->num_tets; t++) {
         double f[9], volume = none ? 0 : element_deformation(&look, t, f);
-        out[t] = none ? 0 : (float)measure(&model->scene, f, volume, body->fine_material + t, scalar);
+        out[t] = none ? 0 : (float)measure(&look, t, f, volume, body->fine_material + t, scalar);
     }
-    pliant_free(look.corner);
+    view_free(&look);
     return status;
 }
 
@@ -241,9 +272,10 @@ pliant_status pliant_data_scalar(const pliant_model *model, const pliant_body *b
     double *sum = pliant_calloc((size_t)mesh->num_nodes, 2 * sizeof *sum);
     pliant_status status = sum ? PLIANT_OK : pliant_fail_memory("the scalar");
     if (status == PLIANT_OK && scalar != PLIANT_SCALAR_NONE) status = find_corners(&look);
+    if (status == PLIANT_OK && scalar != PLIANT_SCALAR_NONE) status = find_pressures(&look, body->fine_material);
     for (int32_t t = 0; status == PLIANT_OK && t < mesh->num_tets && scalar != PLIANT_SCALAR_NONE; t++) {
         double f[9], volume = element_deformation(&look, t, f);
-        double value = measure(&model->scene, f, volume, body->fine_material + t, scalar);
+        double value = measure(&look, t, f, volume, body->fine_material + t, scalar);
         const bool stress = scalar == PLIANT_SCALAR_VON_MISES || scalar == PLIANT_SCALAR_PRINCIPAL_STRESS;
         /* Average over the tissue's volume. */
         if (stress && body->fine_material[t].tissue > 0) volume *= body->fine_material[t].tissue;
@@ -254,7 +286,7 @@ pliant_status pliant_data_scalar(const pliant_model *model, const pliant_body *b
     }
     for (int32_t n = 0; status == PLIANT_OK && n < mesh->num_nodes; n++)
         out[n] = sum[2 * n + 1] > 0 ? (float)(sum[2 * n] / sum[2 * n + 1]) : 0;
-    pliant_free(look.corner);
+    view_free(&look);
     pliant_free(sum);
     return status;
 }

@@ -13,8 +13,9 @@ enum { LARGEST_DIRECT = 40000 }; /* free nodes; a factor of about 300 MB */
 static pliant_status make_elements(const pliant_scene *scene, const pliant_body *body, const pliant_system *before,
                                    const uint8_t *kept, pliant_system *system)
 {
-    return scene->element.kind == PLIANT_HEXAHEDRA ? pliant_system_hexahedra(system, body->fine_material, before, kept)
-                                                   : pliant_system_elements(system, body->fine_material, before, kept);
+    return scene->element.kind == PLIANT_HEXAHEDRA
+               ? pliant_system_hexahedra(system, body->fine_material, NULL, before, kept)
+               : pliant_system_elements(system, body->fine_material, before, kept);
 }
 
 pliant_status pliant_patch_system(const pliant_scene *scene, const pliant_body *body, int num_threads,

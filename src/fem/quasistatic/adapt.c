@@ -2,7 +2,7 @@
 #include "base/fail.h"
 #include "base/buffer.h"
 #include "fem/element/hexahedra.h"
-#include "fem/quasistatic/solver.h"
+#include "fem/quasistatic/pressure.h"
 #include "base/memory.h"
 
 #include <string.h>
@@ -174,6 +174,7 @@ pliant_status pliant_solver_follow(const pliant_scene *scene, const pliant_syste
     if (status == PLIANT_OK && state) memcpy(solver->now.x, state, 3 * (size_t)system->mesh->num_nodes * sizeof *state);
     else if (status == PLIANT_OK)
         status = pliant_solved_positions(system, from->system, map, from->now.x, solver->now.x);
+    if (status == PLIANT_OK) status = pliant_pressure_carry(solver, from);
     if (status == PLIANT_OK) status = carry(solver, from, node, map, rests);
     pliant_free(own);
     solver->is_after_cut = true;

@@ -1,7 +1,7 @@
 /* One evaluation: forces, preconditioned step, and merit of a state. */
 #include "base/dot.h"
 #include "fem/linear/basis.h"
-#include "fem/quasistatic/solver.h"
+#include "fem/quasistatic/pressure.h"
 
 #include <math.h>
 #include <string.h>
@@ -64,6 +64,7 @@ void pliant_solver_elastic_forces(pliant_solver *solver, pliant_iterate *at)
     const pliant_system *system = solver->system;
     pliant_system_element_forces(system, at->x, solver->element_forces);
     pliant_system_gather(system, solver->element_forces, at->elastic);
+    pliant_pressure_forces(solver, at, at->elastic);
     if (system->basis) pliant_basis_far_forces(system->basis, at->x, at->elastic);
 }
 
@@ -72,6 +73,7 @@ pliant_status pliant_solver_evaluate(pliant_solver *solver, pliant_known known, 
     const size_t bytes = pliant_solver_unknowns(solver) * sizeof *at->residual;
     solver->in_use.evaluations += known != PLIANT_KNOWN_STEP;
     if (known == PLIANT_KNOWN_NOTHING) pliant_solver_elastic_forces(solver, at);
+    if (known == PLIANT_KNOWN_FORCES) pliant_pressure_find(solver, at);
     memcpy(at->residual, solver->load, bytes);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
         if (solver->grasps[t].active)
@@ -94,8 +96,10 @@ pliant_status pliant_solver_evaluate(pliant_solver *solver, pliant_known known, 
     memcpy(at->step, at->free_step, bytes);
     if (contacts && (status = pliant_contact_problem_step(solver, at)) != PLIANT_OK) return status;
     if (!pliant_solver_step_tools(solver, at)) return PLIANT_OK;
+    if (known != PLIANT_KNOWN_STEP) pliant_pressure_step(solver, at);
     const double energy = pliant_solver_product(solver, at->step, at->residual) +
-                          pliant_solver_spring_energy(solver, at->step_force, at->step_force);
+                          pliant_solver_spring_energy(solver, at->step_force, at->step_force) +
+                          pliant_pressure_energy(solver, at->pressure_step, at->pressure_step);
     at->merit = pliant_anderson_merit(energy, at->scale);
     return PLIANT_OK;
 }

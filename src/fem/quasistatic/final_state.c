@@ -8,7 +8,7 @@
  * forces stay valid. So does the preconditioned step, if only the tools' targets have changed. The evaluation is
  * therefore done at the end of a step instead of the start of the next one, and the step can report its final error. */
 #include "base/fail.h"
-#include "fem/quasistatic/solver.h"
+#include "fem/quasistatic/pressure.h"
 #include "base/memory.h"
 
 #include <math.h>
@@ -20,13 +20,15 @@ pliant_status pliant_final_state_create(pliant_solver *solver)
     pliant_final_state *final_state = &solver->final_state;
     final_state->at.step = pliant_calloc(n, sizeof *final_state->at.step);
     final_state->at.residual = pliant_calloc(n, sizeof *final_state->at.residual);
-    return final_state->at.step && final_state->at.residual ? PLIANT_OK : pliant_fail_memory("the solver");
+    if (!final_state->at.step || !final_state->at.residual) return pliant_fail_memory("the solver");
+    return pliant_pressure_allocate(solver->pressures, &final_state->at.pressure_step, NULL);
 }
 
 void pliant_final_state_free(pliant_solver *solver)
 {
     pliant_free(solver->final_state.at.step);
     pliant_free(solver->final_state.at.residual);
+    pliant_free(solver->final_state.at.pressure_step);
 }
 
 void pliant_final_state_store(pliant_solver *solver)
@@ -35,5 +37,6 @@ void pliant_final_state_store(pliant_solver *solver)
     const size_t bytes = pliant_solver_unknowns(solver) * sizeof(double);
     memcpy(final_state->at.step, solver->now.step, bytes);
     memcpy(final_state->at.residual, solver->now.residual, bytes);
+    pliant_pressure_copy(solver, solver->now.pressure_step, final_state->at.pressure_step);
     memcpy(final_state->at.step_force, solver->now.step_force, sizeof final_state->at.step_force);
 }

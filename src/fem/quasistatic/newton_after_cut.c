@@ -7,6 +7,7 @@
 #include "base/fail.h"
 #include "fem/quasistatic/active_set.h"
 #include "fem/quasistatic/newton_rules.h"
+#include "fem/quasistatic/pressure.h"
 #include "base/memory.h"
 
 #include <string.h>
@@ -40,6 +41,7 @@ static void place_trial(pliant_solver *solver, const double *v, double fraction)
 {
     const pliant_system *system = solver->system;
     memcpy(solver->trial.x, solver->now.x, 3 * (size_t)system->mesh->num_nodes * sizeof *solver->trial.x);
+    pliant_pressure_copy(solver, solver->now.pressure, solver->trial.pressure);
     for (int32_t f = 0; f < system->num_free; f++) {
         double step[3] = {v[3 * f], v[3 * f + 1], v[3 * f + 2]};
         pliant_from_node_axes(solver->rotations, f, step);
@@ -237,6 +239,7 @@ static pliant_status take_step(pliant_solver *solver, const newton_step *found)
     double completed = 0, slope = found->energy;
     memcpy(solver->previous_x, solver->now.x, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *solver->previous_x);
     memcpy(solver->previous_force, solver->now.force, sizeof solver->previous_force);
+    pliant_pressure_copy(solver, solver->now.pressure, solver->previous_pressure);
     solver->rules.blind = 1;
     solver->rules.sound_merit = sqrt(found->energy);
     for (int p = 0; p < parts; p++) {

@@ -196,13 +196,13 @@ static void join(pliant_refresh *refresh)
     refresh->running = false;
 }
 
-/* Copy the data that belongs to the factor: with springs the holds, otherwise the history in world axes. */
-static pliant_status copy_history(pliant_solver *solver, bool springs, pliant_refresh *refresh)
+/* Copy the data that belongs to the factor: the holds and, if it keeps it, the history in world axes. */
+static pliant_status copy_history(pliant_solver *solver, bool keeps, pliant_refresh *refresh)
 {
     const int32_t num_free = solver->system->num_free;
     const size_t bytes = 3 * (size_t)num_free * sizeof(double);
     memset(refresh->number, 0, sizeof refresh->number);
-    if (!springs) memcpy(refresh->number, solver->rules.number, sizeof refresh->number);
+    if (keeps) memcpy(refresh->number, solver->rules.number, sizeof refresh->number);
     solver->forgotten = false;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
         pliant_grasp_free(refresh->grasps + t);
@@ -336,12 +336,13 @@ static void deliver(pliant_solver *solver, uint64_t step, pliant_statistics *sta
         responses = responses || solver->grasps[t].response_of == solver->in_use.number;
     }
     /* Secants that led to a refusal are dropped. */
-    const bool learned = !springs && pliant_anderson_secants(&solver->rules) > 0 && !solver->rules.refused_any;
+    const bool keeps = !springs && !solver->pressures;
+    const bool learned = keeps && pliant_anderson_secants(&solver->rules) > 0 && !solver->rules.refused_any;
     if (refresh->converting || !(learned || (responses && pliant_background_is_live(solver->background)))) {
         install_factor(solver, statistics);
         return;
     }
-    if ((refresh->status = copy_history(solver, springs, refresh)) != PLIANT_OK) return;
+    if ((refresh->status = copy_history(solver, keeps, refresh)) != PLIANT_OK) return;
     memcpy(refresh->now, solver->now.x, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *refresh->now);
     refresh->converting = true;
     start(refresh, convert_history, step + (uint64_t)solver->convert_delay);

@@ -3,7 +3,7 @@
 #include "base/lanes.h"
 #include "base/buffer.h"
 #include "fem/quasistatic/secant_equations.h"
-#include "fem/quasistatic/solver.h"
+#include "fem/quasistatic/pressure.h"
 #include "base/memory.h"
 
 #include <string.h>
@@ -27,6 +27,8 @@ void pliant_secants_free(pliant_secant secants[PLIANT_MAX_HISTORY])
         pliant_free(secants[h].x);
         pliant_free(secants[h].step);
         pliant_free(secants[h].residual);
+        pliant_free(secants[h].pressure);
+        pliant_free(secants[h].pressure_step);
     }
 }
 
@@ -60,11 +62,13 @@ void pliant_solver_store_secant(pliant_solver *solver, int32_t place, const plia
         secant->force[r] = to->force[r] - from->force[r];
         secant->step_force[r] = to->step_force[r] - from->step_force[r];
     }
+    pliant_pressure_remember(solver, from, to, secant);
     for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) {
         if (solver->rules.number[h] == 0) continue;
         const pliant_secant *other = solver->history + h;
         double product = pliant_solver_product(solver, secant->step, other->residual) +
-                         pliant_solver_spring_energy(solver, secant->step_force, other->step_force);
+                         pliant_solver_spring_energy(solver, secant->step_force, other->step_force) +
+                         pliant_pressure_energy(solver, secant->pressure_step, other->pressure_step);
         solver->gram[place * PLIANT_MAX_HISTORY + h] = solver->gram[h * PLIANT_MAX_HISTORY + place] = product;
     }
 }
@@ -78,7 +82,8 @@ bool pliant_secants_along(const pliant_solver *solver, const pliant_iterate *at,
         if (solver->rules.number[h] == 0) continue;
         any = true;
         along[h] = pliant_solver_product(solver, secant->step, at->residual) +
-                   pliant_solver_spring_energy(solver, secant->step_force, at->step_force);
+                   pliant_solver_spring_energy(solver, secant->step_force, at->step_force) +
+                   pliant_pressure_energy(solver, secant->pressure_step, at->pressure_step);
     }
     return any;
 }
@@ -181,6 +186,7 @@ bool pliant_solver_propose(pliant_solver *solver, double *left, double *made)
         }
     }
     propose_forces(solver, weights);
+    pliant_pressure_propose(solver, weights);
     *left = sqrt(max_left);
     *made = rules->damping * sqrt(max_made);
     return mixed;

@@ -1,4 +1,4 @@
-#include "fem/quasistatic/solver.h"
+#include "fem/quasistatic/pressure.h"
 
 #include "base/fail.h"
 #include "fem/quasistatic/background.h"
@@ -54,14 +54,24 @@ static double slope_of(const pliant_solver *solver)
     return pliant_solver_product(solver, solver->now.step, solver->trial.residual);
 }
 
-/* Set the state; fixed nodes keep their positions. */
-static void set_state(const pliant_system *system, pliant_iterate *at, const double *x,
-                      const double force[PLIANT_MAX_ROWS])
+/* Set the state; fixed nodes keep their positions. force, pressure: NULL: zero. */
+static void set_state(const pliant_solver *solver, pliant_iterate *at, const double *x,
+                      const double force[PLIANT_MAX_ROWS], const double *pressure)
 {
+    const pliant_system *system = solver->system;
     for (int32_t f = 0; f < system->num_free; f++)
         memcpy(at->x + 3 * (size_t)system->node_of_free[f], x + 3 * (size_t)system->node_of_free[f], 3 * sizeof *x);
     if (force) memcpy(at->force, force, sizeof at->force);
     else memset(at->force, 0, sizeof at->force);
+    if (pressure) pliant_pressure_copy(solver, pressure, at->pressure);
+    else if (solver->pressures) memset(at->pressure, 0, (size_t)solver->pressures->count * sizeof *at->pressure);
+}
+
+static void swap_pressures(pliant_solver *solver)
+{
+    double *swap = solver->now.pressure;
+    solver->now.pressure = solver->trial.pressure;
+    solver->trial.pressure = swap;
 }
 
 /* Take a step without evaluation. The state before it is kept until the next step has judged it. */
@@ -73,6 +83,8 @@ static void take_blind_step(pliant_solver *solver)
     solver->now.x = solver->trial.x;
     solver->trial.x = swap;
     memcpy(solver->now.force, solver->trial.force, sizeof solver->now.force);
+    pliant_pressure_copy(solver, solver->now.pressure, solver->previous_pressure);
+    swap_pressures(solver);
 }
 
 /* Set the trial to the next state. */
@@ -81,9 +93,9 @@ static void prepare_next(pliant_solver *solver)
     pliant_anderson *rules = &solver->rules;
     double left, made;
     if (rules->next == PLIANT_NEXT_PREVIOUS) {
-        set_state(solver->system, &solver->trial, solver->previous_x, solver->previous_force);
+        set_state(solver, &solver->trial, solver->previous_x, solver->previous_force, solver->previous_pressure);
     } else if (rules->next == PLIANT_NEXT_REST) {
-        set_state(solver->system, &solver->trial, solver->system->mesh->rest, NULL);
+        set_state(solver, &solver->trial, solver->system->mesh->rest, NULL, NULL);
     } else {
         const bool mixed = pliant_solver_propose(solver, &left, &made);
         if (rules->next != PLIANT_NEXT_DESCENT)
@@ -130,6 +142,7 @@ static bool evaluate_end(pliant_solver *solver)
     solver->trial.x = x;
     memcpy(solver->trial.force, solver->now.force, sizeof solver->now.force);
     memcpy(solver->now.force, solver->previous_force, sizeof solver->now.force);
+    swap_pressures(solver);
     bool good = pliant_solver_evaluate(solver, PLIANT_KNOWN_NOTHING, &solver->trial) == PLIANT_OK;
     good = pliant_anderson_judge_end(&solver->rules, good ? solver->trial.merit : INFINITY);
     if (solver->rules.keep >= 0) pliant_solver_store_secant(solver, solver->rules.keep, &solver->now, &solver->trial);

@@ -19,6 +19,7 @@
 #include "fem/quasistatic/contact.h"
 #include "fem/quasistatic/evaluation_limit.h"
 #include "fem/quasistatic/nodal_rotations.h"
+#include "fem/element/pressures.h"
 #include "fem/system.h"
 #include "state/background.h"
 #include "state/data.h"
@@ -58,6 +59,8 @@ struct pliant_iterate {
     double *elastic;       /* (3 num_free) elastic forces [N] */
     double *free_step;     /* (3 num_free) K0^-1 r: dx without the springs' contribution */
     double step_force[PLIANT_MAX_ROWS]; /* dl */
+    double *pressure;      /* Nullable: (pressures) of nearly incompressible tissue [Pa] (pressure.h) */
+    double *pressure_step; /* Nullable: (pressures) dp */
     double merit;          /* energy norm of the step [sqrt(J)] */
     double scale;          /* energy norm of the load: square root of its work */
     double displacement;   /* largest distance of a node from its rest position [m] */
@@ -65,6 +68,7 @@ struct pliant_iterate {
 
 typedef struct pliant_secant { /* Differences of two iterates. */
     double *x, *step, *residual;
+    double *pressure, *pressure_step; /* Nullable */
     double force[PLIANT_MAX_ROWS], step_force[PLIANT_MAX_ROWS];
 } pliant_secant;
 
@@ -72,7 +76,7 @@ typedef struct pliant_secant { /* Differences of two iterates. */
 typedef struct pliant_final_state {
     /* At the start of this step, the previous final state was evaluated with the preconditioner in use. */
     bool start_is_evaluated;
-    pliant_iterate at;          /* its step, residual and step_force; other fields are unused */
+    pliant_iterate at;          /* its steps, residual and step_force; other fields are unused */
 } pliant_final_state;
 
 /* The preconditioner and the axes in which it is applied. Each backend that runs steps has one (step_start.c). */
@@ -133,6 +137,7 @@ struct pliant_solver {
     uint32_t takes_factor, takes_history; /* flags of the factor and of the history in it */
     pliant_evaluation_history evaluation_history;           /* evaluations per step in live use */
 
+    pliant_pressures *pressures; /* Nullable: nearly incompressible tissue (pressure.h) */
     double *load;               /* (3 num_free) gravity [N] */
     double gravity[3];          /* gravity of the load [m/s^2] */
     bool loaded;
@@ -141,6 +146,8 @@ struct pliant_solver {
 
     pliant_iterate now, trial;
     double *previous_x, previous_force[PLIANT_MAX_ROWS]; /* (3 num_nodes) state before a blind step */
+    double *previous_pressure;  /* Nullable */
+    double *volume_change, *volume_rows; /* Nullable: of the last state whose forces were computed (pressures.h) */
     pliant_secant history[PLIANT_MAX_HISTORY];
     double gram[PLIANT_MAX_HISTORY * PLIANT_MAX_HISTORY]; /* energy products of the secants' steps */
     pliant_final_state final_state;

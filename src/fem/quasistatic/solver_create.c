@@ -2,33 +2,35 @@
 #include "base/fail.h"
 #include "base/clock.h"
 #include "base/buffer.h"
-#include "fem/quasistatic/solver.h"
+#include "fem/quasistatic/pressure.h"
 #include "base/memory.h"
 
 #include <math.h>
 #include <string.h>
 
-static pliant_status iterate_create(const pliant_system *system, pliant_iterate *iterate)
+static pliant_status iterate_create(const pliant_solver *solver, pliant_iterate *iterate)
 {
+    const pliant_system *system = solver->system;
     size_t n = 3 * (size_t)system->num_free;
     if (!iterate->x) iterate->x = pliant_calloc((size_t)system->mesh->num_nodes, 3 * sizeof *iterate->x);
     iterate->step = pliant_calloc(n, sizeof *iterate->step);
     iterate->residual = pliant_calloc(n, sizeof *iterate->residual);
     iterate->elastic = pliant_calloc(n, sizeof *iterate->elastic);
     iterate->free_step = pliant_calloc(n, sizeof *iterate->free_step);
-    return iterate->x && iterate->step && iterate->residual && iterate->elastic && iterate->free_step
-               ? PLIANT_OK
-               : pliant_fail_memory("the solver");
+    if (!iterate->x || !iterate->step || !iterate->residual || !iterate->elastic || !iterate->free_step)
+        return pliant_fail_memory("the solver");
+    return pliant_pressure_allocate(solver->pressures, &iterate->pressure, &iterate->pressure_step);
 }
 
-/* Free all arrays of an iterate except x. */
+/* Free all arrays of an iterate except x and its pressures. */
 static void iterate_free(pliant_iterate *iterate)
 {
     pliant_free(iterate->step);
     pliant_free(iterate->residual);
     pliant_free(iterate->elastic);
     pliant_free(iterate->free_step);
-    iterate->step = iterate->residual = iterate->elastic = iterate->free_step = NULL;
+    pliant_free(iterate->pressure_step);
+    iterate->step = iterate->residual = iterate->elastic = iterate->free_step = iterate->pressure_step = NULL;
 }
 
 /* Free the arrays that pliant_solver_allocate_step allocates. */
@@ -37,12 +39,17 @@ static void free_buffers(pliant_solver *solver)
     iterate_free(&solver->now);
     iterate_free(&solver->trial);
     pliant_free(solver->trial.x);
+    pliant_free(solver->trial.pressure);
+    pliant_free(solver->previous_pressure);
+    pliant_free(solver->volume_change);
+    pliant_free(solver->volume_rows);
     pliant_final_state_free(solver);
     pliant_nodal_rotations_free(solver->rotations);
     pliant_secants_free(solver->history);
     pliant_free(solver->previous_x);
     pliant_free(solver->element_forces);
     solver->trial.x = solver->previous_x = NULL;
+    solver->trial.pressure = solver->previous_pressure = solver->volume_change = solver->volume_rows = NULL;
     solver->rotations = NULL;
     solver->element_forces = NULL;
     memset(&solver->final_state, 0, sizeof solver->final_state);
@@ -58,9 +65,14 @@ pliant_status pliant_solver_allocate_step(pliant_solver *solver)
     solver->previous_x = pliant_calloc((size_t)system->mesh->num_nodes, 3 * sizeof *solver->previous_x);
     solver->element_forces = pliant_malloc((size_t)system->num_blocks, sizeof *solver->element_forces);
     pliant_status status = solver->previous_x && solver->element_forces ? PLIANT_OK : pliant_fail_memory("the solver");
-    if (status == PLIANT_OK) status = iterate_create(system, &solver->now);
-    if (status == PLIANT_OK) status = iterate_create(system, &solver->trial);
+    if (status == PLIANT_OK) status = iterate_create(solver, &solver->now);
+    if (status == PLIANT_OK) status = iterate_create(solver, &solver->trial);
+    if (status == PLIANT_OK) status = pliant_pressure_allocate(solver->pressures, &solver->previous_pressure, NULL);
+    if (status == PLIANT_OK) status = pliant_pressure_wake(solver);
     if (status == PLIANT_OK) status = pliant_secants_create(system, solver->rules.capacity, solver->history);
+    for (int32_t h = 0; status == PLIANT_OK && h < solver->rules.capacity; h++)
+        status = pliant_pressure_allocate(solver->pressures, &solver->history[h].pressure,
+                                          &solver->history[h].pressure_step);
     if (status == PLIANT_OK) status = pliant_final_state_create(solver);
     if (status == PLIANT_OK) status = pliant_nodal_rotations_create(system, &solver->rotations);
     if (status != PLIANT_OK) {
@@ -126,6 +138,10 @@ pliant_status pliant_solver_create_without(const pliant_scene *scene, const plia
     pliant_status status = (solver->dense_weights || pliant_solves_fine(system)) && solver->now.x
                                ? PLIANT_OK
                                : pliant_fail_memory("the solver");
+    /* Coarse elements contain their complete stiffness. */
+    if (status == PLIANT_OK && system->of && system->of->system == system && system->mesh == system->fine)
+        status = pliant_pressures_create(system, system->of->body->fine_material, &solver->pressures);
+    if (status == PLIANT_OK) status = pliant_pressure_allocate(solver->pressures, &solver->now.pressure, NULL);
     if (status == PLIANT_OK && !rests) status = pliant_solver_allocate_step(solver);
     if (status != PLIANT_OK) {
         pliant_solver_free(solver);
@@ -177,6 +193,8 @@ pliant_status pliant_solver_reset(pliant_solver *solver)
     memcpy(solver->now.x, solver->system->mesh->rest,
            3 * (size_t)solver->system->mesh->num_nodes * sizeof *solver->now.x);
     memset(solver->now.force, 0, sizeof solver->now.force);
+    const pliant_pressures *pressures = solver->pressures;
+    if (pressures) memset(solver->now.pressure, 0, (size_t)pressures->count * sizeof *solver->now.pressure);
     return PLIANT_OK;
 }
 
@@ -227,6 +245,8 @@ void pliant_solver_free(pliant_solver *solver)
     free_buffers(solver);
     pliant_contact_problem_free(solver->contacts);
     pliant_free(solver->now.x);
+    pliant_free(solver->now.pressure);
+    pliant_pressures_free(solver->pressures);
     pliant_free(solver->load);
     pliant_free(solver->dense_weights);
     pliant_preconditioner_free(solver->preconditioner);

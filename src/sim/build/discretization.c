@@ -7,6 +7,7 @@
 #include "fem/coarse/lod.h"
 #include "fem/dynamics/tled.h"
 #include "fem/element/hexahedra.h"
+#include "fem/element/pressures.h"
 #include "fem/patch/patch.h"
 #include "base/memory.h"
 #include "mesh/mesh.h"
@@ -113,15 +114,17 @@ static pliant_status homogenize_tets(pliant_discretizing *work)
 }
 
 /* Hexahedra on the leaves of an octree; hanging nodes in the middle of larger leaves depend on the corners. */
-static pliant_status homogenize_octree(pliant_discretizing *work)
+static pliant_status homogenize_octree(pliant_discretizing *work, const pliant_tet_material *material,
+                                       const pliant_tet_material *complete)
 {
     const pliant_body *body = work->made->body;
     const size_t nodes = (size_t)body->fine.num_nodes;
     if (!(work->solved_fixed = pliant_calloc(nodes, 1))) return pliant_fail_memory("the equations");
     memcpy(work->solved_fixed, body->fine_fixed, nodes);
     const pliant_kept *kept = work->kept;
-    return pliant_system_octree_hexahedra(work->made->system, body->fine_material, kept ? kept->before->system : NULL,
-                                          kept ? kept->fine : NULL, work->solved_fixed);
+    return pliant_system_octree_hexahedra(work->made->system, material, complete,
+                                          kept ? kept->before->system : NULL, kept ? kept->fine : NULL,
+                                          work->solved_fixed);
 }
 
 /* Discretize the coarse mesh without cuts. */
@@ -133,7 +136,7 @@ static pliant_status homogenize_coarse(pliant_discretizing *work)
     const bool hexahedra = scene->element.kind == PLIANT_HEXAHEDRA;
     pliant_status status;
     if (scene->model.method == PLIANT_COARSE) {
-        status = hexahedra ? pliant_system_hexahedra(system, body->coarse_material, NULL, NULL)
+        status = hexahedra ? pliant_system_hexahedra(system, body->coarse_material, NULL, NULL, NULL)
                            : pliant_system_elements(system, body->coarse_material, NULL, NULL);
         if (status != PLIANT_OK) return status;
         status = hexahedra ? pliant_upsample_cubes(system, body->coarse_of_fine)
@@ -194,23 +197,40 @@ static pliant_status homogenize_cut(pliant_discretizing *work)
                                 work->kept, work->scene->element.kind == PLIANT_HEXAHEDRA, &work->solved_fixed);
 }
 
+/* Build the elements of the fine mesh. Nearly incompressible ones have pressures in addition. */
+static pliant_status discretize_fine(pliant_discretizing *work)
+{
+    const pliant_scene *scene = work->scene;
+    const pliant_body *body = work->made->body;
+    const pliant_kept *kept = work->kept;
+    pliant_system *system = work->made->system;
+    const pliant_system *before = kept ? kept->before->system : NULL;
+    const uint8_t *same = kept ? kept->fine : NULL;
+    const bool hexahedra = scene->element.kind == PLIANT_HEXAHEDRA;
+    pliant_tet_material *soft;
+    pliant_status status = pliant_soft_materials(body->fine_material, body->fine.num_tets, &soft);
+    if (status != PLIANT_OK) return status;
+    const pliant_tet_material *material = soft ? soft : body->fine_material;
+    const pliant_tet_material *complete = soft ? body->fine_material : NULL;
+    system->law = scene->element.law;
+    if (!hexahedra) status = pliant_system_elements(system, material, before, same);
+    else if (scene->mesh.kind == PLIANT_OCTREE) status = homogenize_octree(work, material, complete);
+    else status = pliant_system_hexahedra(system, material, complete, before, same);
+    pliant_free(soft);
+    return status;
+}
+
 pliant_status pliant_discretizing_homogenize(pliant_discretizing *work)
 {
     const pliant_scene *scene = work->scene;
     const pliant_body *body = work->made->body;
-    pliant_system *system = work->made->system;
     if (scene->solver.kind == PLIANT_TLED)
         return pliant_tled_system_create(scene, body, work->kept ? work->kept->before->tled : NULL, &work->made->tled);
     const pliant_kept *kept = work->kept;
-    const pliant_system *before = kept ? kept->before->system : NULL;
     /* cuts that separate no element need no homogenization */
     const bool graded = pliant_body_is_cut(body) || (kept && scene->model.method != PLIANT_LOD);
     if (is_coarse(scene)) return graded ? homogenize_cut(work) : homogenize_coarse(work);
-    if (scene->element.kind == PLIANT_HEXAHEDRA && scene->mesh.kind == PLIANT_OCTREE) return homogenize_octree(work);
-    system->law = scene->element.law;
-    return scene->element.kind == PLIANT_HEXAHEDRA
-               ? pliant_system_hexahedra(system, body->fine_material, before, kept ? kept->fine : NULL)
-               : pliant_system_elements(system, body->fine_material, before, kept ? kept->fine : NULL);
+    return discretize_fine(work);
 }
 
 /* Set the mass matrix of a solved node to m I, unless node and mass are unchanged since the previous topology. */

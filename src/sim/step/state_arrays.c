@@ -116,6 +116,8 @@ static void move_tissue(transfer *work, pliant_state *state, pliant_data *data)
     MOVE(positions, data->positions, 3 * data->body->fine.num_nodes);
     MOVE(solved, data->solver ? data->solver->now.x : NULL,
          data->solver ? 3 * data->solver->system->mesh->num_nodes : 0);
+    const pliant_pressures *pressures = data->solver ? data->solver->pressures : NULL;
+    MOVE(pressure, pressures ? data->solver->now.pressure : NULL, pressures ? pressures->count : 0);
     move_dynamics(work, state, data);
     move_pieces(work, state, data);
 }
