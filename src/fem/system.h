@@ -145,6 +145,8 @@ struct pliant_system {
     double (*gradients)[12][LANES]; /* (num_blocks) [1/m] */
     double (*lame)[2][LANES];       /* (num_blocks) volume * lambda, volume * mu [N m]; isotropic elements */
     pliant_elasticity law;          /* of isotropic elements */
+    /* Nullable: (num_tets) volume * pressure (element/pressures.h) at which the tangents are computed [N m] */
+    const double *volume_pressure;
     /* (num_tets x 144) homogenized [N/m]; NULL: isotropic elements. With macro-elements of a coarser level: (count x
      * 576). */
     double *stiffness;

@@ -212,10 +212,11 @@ void pliant_system_element_forces(const pliant_system *system, const double *pos
 }
 
 /* Compute the twist stiffness from the isotropic energy mu |F - R|^2 + lambda / 2 tr(R'F - I)^2, whose gradient is the
- * force. Rotating an element by a small w relative to R, at constant stretch S = R'F, costs the energy w' D w with
+ * force. A pressure is added to lambda tr(S - I). Rotating an element by a small w relative to R, at constant stretch S = R'F, costs the energy w' D w with
  *     D = R (2 mu I + 2 (lambda tr(S - I) - 2 mu) (tr(S) I - S)^-1) R'
  * in addition to the warped stiffness R K R' (twist modes of Smith, de Goes, Kim 2019, Analytic eigensystems, 4.2). */
-static void twist_of(const double f[9], const double r[9], double lambda, double mu, pliant_twist part, double out[6])
+static void twist_of(const double f[9], const double r[9], double lambda, double mu, double pressure, pliant_twist part,
+                     double out[6])
 {
     const double minimum =
         0.2; /* lower bound for eigenvalues of tr(S) I - S, which are sums of two stretches; only flat
@@ -226,7 +227,7 @@ static void twist_of(const double f[9], const double r[9], double lambda, double
     trace = s[0] + s[4] + s[8];
     m[0] = trace - s[0], m[1] = trace - s[4], m[2] = trace - s[8];
     m[3] = -0.5 * (s[5] + s[7]), m[4] = -0.5 * (s[2] + s[6]), m[5] = -0.5 * (s[1] + s[3]);
-    double factor = 2 * (lambda * (trace - 3) - 2 * mu);
+    double factor = 2 * (lambda * (trace - 3) + pressure - 2 * mu);
     double cofactor[6] = {m[1] * m[2] - m[3] * m[3], m[0] * m[2] - m[4] * m[4], m[0] * m[1] - m[5] * m[5],
                           m[4] * m[5] - m[0] * m[3], m[3] * m[5] - m[1] * m[4], m[3] * m[4] - m[2] * m[5]};
     double determinant = m[0] * cofactor[0] + m[5] * cofactor[5] + m[4] * cofactor[4];
@@ -280,7 +281,9 @@ void pliant_system_tangents(const pliant_system *system, const double *positions
                 one[m] = f[m][l];
                 r[m] = out->rotation[m][l];
             }
-            twist_of(one, r, system->lame[block][0][l], system->lame[block][1][l], twist, d);
+            const int32_t e = block * LANES + l;
+            const double pressure = system->volume_pressure && e < system->mesh->num_tets ? system->volume_pressure[e] : 0;
+            twist_of(one, r, system->lame[block][0][l], system->lame[block][1][l], pressure, twist, d);
             for (int m = 0; m < 6; m++) out->twist[m][l] = grounded && grounded[l] ? 0 : d[m];
         }
     }

@@ -75,6 +75,15 @@ void pliant_pressure_step(pliant_solver *solver, pliant_iterate *at)
         at->pressure_step[p] = pressures->gain[p] * (at->pressure_step[p] - pressures->compliance[p] * at->pressure[p]);
 }
 
+void pliant_pressure_times_volume(const pliant_solver *solver, double *out)
+{
+    const pliant_pressures *pressures = solver->pressures;
+    for (int32_t e = 0; pressures && e < pliant_element_count(solver->system); e++) {
+        const int32_t p = pressures->of_element[e];
+        out[e] = p >= 0 ? pressures->element_volume[e] * solver->now.pressure[p] : 0;
+    }
+}
+
 double pliant_pressure_energy(const pliant_solver *solver, const double *a, const double *b)
 {
     const pliant_pressures *pressures = solver->pressures;

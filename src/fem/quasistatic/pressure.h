@@ -19,6 +19,8 @@ void pliant_pressure_forces(pliant_solver *solver, const pliant_iterate *at, dou
 void pliant_pressure_find(pliant_solver *solver, const pliant_iterate *at);
 /* Compute the step of the pressures after the step of the nodes. */
 void pliant_pressure_step(pliant_solver *solver, pliant_iterate *at);
+/* Compute pressure times volume of every element: out (elements) [N m]. */
+void pliant_pressure_times_volume(const pliant_solver *solver, double *out);
 /* Return the product of two changes of pressure in the merit's norm [J]. */
 double pliant_pressure_energy(const pliant_solver *solver, const double *a, const double *b);
 /* Write the pressures of a secant. */

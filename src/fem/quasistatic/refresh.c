@@ -13,7 +13,7 @@
 #include "base/threads.h"
 #include "base/dense.h"
 #include "fem/quasistatic/background.h"
-#include "fem/quasistatic/solver.h"
+#include "fem/quasistatic/pressure.h"
 #include "base/memory.h"
 #include "state/discretization.h"
 
@@ -40,6 +40,7 @@ struct pliant_refresh {
     pliant_preconditioner *spare; /* Nullable: used for the next result */
     pliant_preconditioner *discarded; /* Nullable: freed by the thread */
     double *x;                  /* (3 num_nodes) state of the factor [m] */
+    double *volume_pressure;    /* Nullable: (elements) its pressures times volume [N m] */
     pliant_tangent *tangents;
     pliant_status status;
 
@@ -155,7 +156,11 @@ static pliant_status refresh_create(pliant_solver *solver)
     const size_t nodes = (size_t)system->mesh->num_nodes;
     refresh->x = pliant_calloc(nodes, 3 * sizeof *refresh->x);
     refresh->now = pliant_calloc(nodes, 3 * sizeof *refresh->now);
-    pliant_status status = refresh->x && refresh->now ? PLIANT_OK : pliant_fail_memory("the background factorization");
+    if (solver->pressures)
+        refresh->system.volume_pressure = refresh->volume_pressure =
+            pliant_calloc((size_t)pliant_element_count(system), sizeof *refresh->volume_pressure);
+    const bool allocated = refresh->x && refresh->now && (refresh->volume_pressure || !solver->pressures);
+    pliant_status status = allocated ? PLIANT_OK : pliant_fail_memory("the background factorization");
     if (status == PLIANT_OK) status = pliant_nodal_rotations_create(system, &refresh->rotations);
     if (status == PLIANT_OK) status = pliant_secants_create(system, solver->rules.capacity, refresh->history);
     if (base) refresh->layered = pliant_preconditioner_is_multigrid(*base);
@@ -370,6 +375,7 @@ pliant_status pliant_refresh_step(pliant_solver *solver, pliant_statistics *stat
                refresh->wanted;
     if (refresh->running || (!due && pliant_preconditioner_base(solver->preconditioner) == NULL)) return PLIANT_OK;
     memcpy(refresh->x, solver->now.x, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *refresh->x);
+    pliant_pressure_times_volume(solver, refresh->volume_pressure);
     refresh->started = step;
     refresh->wanted = false;
     /* The symbolic analysis takes about as long as the factorization. */
@@ -415,6 +421,7 @@ void pliant_refresh_free(pliant_solver *solver)
     pliant_secants_free(refresh->history);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) pliant_grasp_free(refresh->grasps + t);
     pliant_free(refresh->x);
+    pliant_free(refresh->volume_pressure);
     pliant_free(refresh->now);
     pliant_free(refresh->tangents);
     pliant_free(refresh->source);
