@@ -173,10 +173,10 @@ TEST(Hounsfield, ExplicitDynamicsNeedsDensity)
     pliant_material_table light{};
     ASSERT_EQ(pliant_material_table_read(file.c_str(), &light), PLIANT_OK);
     light.materials[1].density = 1000;
-    EXPECT_EQ(pliant_material_table_check_inertia(&light, &scene, "t"), PLIANT_OK);
+    EXPECT_EQ(pliant_material_table_check_scene(&light, &scene, "t"), PLIANT_OK);
     for (bool *moved : {&scene.material.deformable_bone, &scene.mesh.keep_air}) {
         *moved = true;
-        EXPECT_EQ(pliant_material_table_check_inertia(&light, &scene, "t"), PLIANT_ERROR_SCENE);
+        EXPECT_EQ(pliant_material_table_check_scene(&light, &scene, "t"), PLIANT_ERROR_SCENE);
         *moved = false;
     }
     pliant_material_table_free(&light);
@@ -189,6 +189,23 @@ TEST(Hounsfield, ExplicitDynamicsNeedsDensity)
         pliant_labels_free(&labels);
         pliant_material_table_free(&table);
     }
+}
+
+TEST(Hounsfield, CoarseMethodsHaveTheirOwnLimitOfPoissonsRatio)
+{
+    pliant_material_table table{};
+    const char *const text = "materials: [{name: b, young_modulus: 5000, poisson_ratio: 0.4999, density: 1000, "
+                             "range: [0, 1]}]";
+    ASSERT_EQ(pliant_material_table_parse(text, "t", &table), PLIANT_OK) << pliant_last_error();
+    pliant_scene scene;
+    pliant_scene_defaults(&scene);
+    EXPECT_EQ(pliant_material_table_check_scene(&table, &scene, "t"), PLIANT_OK);
+    scene.model.method = PLIANT_AVERAGED;
+    EXPECT_EQ(pliant_material_table_check_scene(&table, &scene, "t"), PLIANT_ERROR_SCENE);
+    EXPECT_NE(std::string(pliant_last_error()).find("up to 0.499;"), std::string::npos) << pliant_last_error();
+    table.materials[0].poisson_ratio = 0.499;
+    EXPECT_EQ(pliant_material_table_check_scene(&table, &scene, "t"), PLIANT_OK);
+    pliant_material_table_free(&table);
 }
 
 TEST(Percentiles, OfSmallAndLargeVolumes)

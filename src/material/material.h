@@ -23,10 +23,10 @@ PLIANT_INTERNAL pliant_status pliant_material_table_copy(const pliant_material_t
 /* Check ranges of numbers, overlapping intensity ranges, and labels and segments of two materials. Errors: FORMAT. */
 PLIANT_INTERNAL pliant_status pliant_material_table_check(const pliant_material_table *table);
 
-/* Refuse zero density of a material that moves, if the scene has explicit dynamics. name: of the table, for messages.
- * Errors: SCENE. */
-PLIANT_INTERNAL pliant_status pliant_material_table_check_inertia(const pliant_material_table *table,
-                                                                  const pliant_scene *scene, const char *name);
+/* Refuse materials that the scene cannot simulate: zero density of a material that moves, in explicit dynamics; a
+ * Poisson's ratio above 0.499, with coarse methods. name: of the table, for messages. Errors: SCENE. */
+PLIANT_INTERNAL pliant_status pliant_material_table_check_scene(const pliant_material_table *table,
+                                                                const pliant_scene *scene, const char *name);
 
 /* Return the index of the material that pliant_material_classify gives a segment; -1 without one. */
 PLIANT_INTERNAL int pliant_material_of_segment(const pliant_material_table *table, const pliant_label_segment *segment);

@@ -127,7 +127,7 @@ static bool read_material(const text_material *text, pliant_material *out, char 
 }
 
 /* Elements are tested up to this value (verification_test). */
-static const double max_poisson_ratio = 0.4999;
+static const double max_poisson_ratio = 0.4999, max_coarse_poisson_ratio = 0.499;
 
 /* Check a material alone, and describe an error in reason. */
 static bool check_material(const pliant_material *m, char *reason, size_t size)
@@ -226,9 +226,23 @@ pliant_status pliant_material_table_check(const pliant_material_table *table)
     return check(table, &from);
 }
 
-pliant_status pliant_material_table_check_inertia(const pliant_material_table *table, const pliant_scene *scene,
-                                                  const char *name)
+static pliant_status check_coarse(const pliant_material_table *table, const char *name)
 {
+    for (uint32_t i = 0; i < table->num_materials; ++i) {
+        const pliant_material *m = table->materials + i;
+        if (m->poisson_ratio <= max_coarse_poisson_ratio) continue;
+        return pliant_fail(PLIANT_ERROR_SCENE,
+                           "%s: material %u '%s': poisson_ratio is %g, and coarse methods solve up to %g; use a smaller "
+                           "one, or set model/method to fine",
+                           name, i + 1, m->name, m->poisson_ratio, max_coarse_poisson_ratio);
+    }
+    return PLIANT_OK;
+}
+
+pliant_status pliant_material_table_check_scene(const pliant_material_table *table, const pliant_scene *scene,
+                                                const char *name)
+{
+    if (scene->model.method != PLIANT_FINE) return check_coarse(table, name);
     if (scene->solver.kind != PLIANT_TLED || scene->tled.quasi_static) return PLIANT_OK;
     for (uint32_t i = 0; i < table->num_materials; ++i) {
         const pliant_material *m = table->materials + i;

@@ -2,7 +2,7 @@
  * Fortin, Mixed Finite Element Methods and Applications, 8.1; NUMERICS.md).
  *
  * Where lambda is above PLIANT_PRESSURE_RATIO times mu, elements have a lambda of PLIANT_SOFT_RATIO times mu. The
- * rest, lambda', acts as a pressure p on the mean change of volume t of a group of elements:
+ * rest, lambda', acts as a pressure p on the mean change of volume t of a group of elements.
  *     p = lambda' t,     t = sum of V_e tr(e_e) / V,     force on a corner: p V_e R g_v
  * With the neo-Hookean law, J - 1 replaces tr(e), and cof F replaces R.
  * A group is a hexahedron, or all tetrahedra of a lattice cube or octree leaf. Other tetrahedra are groups alone. */

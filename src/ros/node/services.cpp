@@ -318,7 +318,7 @@ bool Services::set_materials(SetMaterials::Request &request, SetMaterials::Respo
         check(pliant_material_table_check(&materials.table));
         pliant_scene scene = old->requested;
         live_->apply(&scene);
-        check(pliant_material_table_check_inertia(&materials.table, &scene, "the request"));
+        check(pliant_material_table_check_scene(&materials.table, &scene, "the request"));
         install_model(build_chosen(scene, old->scan, materials.table, work_.progress()));
         std::lock_guard<std::mutex> hold(lock_);
         std::swap(materials_.table, materials.table);

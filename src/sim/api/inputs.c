@@ -139,7 +139,7 @@ pliant_status pliant_inputs_read(const pliant_scene *scene, const char *scan_pat
     pliant_volume volume = {0};
     pliant_labels map = {0};
     if (status == PLIANT_OK)
-        status = pliant_material_table_check_inertia(
+        status = pliant_material_table_check_scene(
             &table, scene, scene->material.file[0] ? scene->material.file : "built-in materials");
     if (status == PLIANT_OK) status = pliant_scan_inputs_read(scene, &table, scan_path, &volume, &map);
     if (status == PLIANT_OK && !scene->material.file[0]) status = pliant_material_default_check(&volume);

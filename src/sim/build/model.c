@@ -488,7 +488,7 @@ static pliant_status check(const pliant_scene *scene, const pliant_material_tabl
         status = pliant_fail(PLIANT_ERROR_SCENE, "material/slides separates voxels of the scan: set cut/kind to sever");
     if (status == PLIANT_OK && scene->cut.kind == PLIANT_CUT_SUBDIVIDE) status = check_subdivide(scene);
     if (status == PLIANT_OK) status = pliant_material_table_check(materials);
-    return status == PLIANT_OK ? pliant_material_table_check_inertia(materials, scene, "material table") : status;
+    return status == PLIANT_OK ? pliant_material_table_check_scene(materials, scene, "material table") : status;
 }
 
 pliant_status pliant_model_build(const pliant_scene *scene, const pliant_volume *scan, const pliant_labels *labels,
