@@ -232,8 +232,8 @@ static pliant_status check_coarse(const pliant_material_table *table, const char
         const pliant_material *m = table->materials + i;
         if (m->poisson_ratio <= max_coarse_poisson_ratio) continue;
         return pliant_fail(PLIANT_ERROR_SCENE,
-                           "%s: material %u '%s': poisson_ratio is %g, and coarse methods solve up to %g; use a smaller "
-                           "one, or set model/method to fine",
+                           "%s: material %u '%s': poisson_ratio is %g, and coarse methods solve up to %g; use a "
+                           "smaller one, or set model/method to fine",
                            name, i + 1, m->name, m->poisson_ratio, max_coarse_poisson_ratio);
     }
     return PLIANT_OK;

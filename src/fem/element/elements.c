@@ -212,11 +212,12 @@ void pliant_system_element_forces(const pliant_system *system, const double *pos
 }
 
 /* Compute the twist stiffness from the isotropic energy mu |F - R|^2 + lambda / 2 tr(R'F - I)^2, whose gradient is the
- * force. A pressure is added to lambda tr(S - I). Rotating an element by a small w relative to R, at constant stretch S = R'F, costs the energy w' D w with
+ * force. A pressure adds to lambda tr(S - I). Rotating an element by a small w relative to R, at constant stretch
+ * S = R'F, costs the energy w' D w with
  *     D = R (2 mu I + 2 (lambda tr(S - I) - 2 mu) (tr(S) I - S)^-1) R'
  * in addition to the warped stiffness R K R' (twist modes of Smith, de Goes, Kim 2019, Analytic eigensystems, 4.2). */
-static void twist_of(const double f[9], const double r[9], double lambda, double mu, double pressure, pliant_twist part,
-                     double out[6])
+static void twist_of(const double f[9], const double r[9], double lambda, double mu, double pressure,
+                     pliant_twist part, double out[6])
 {
     const double minimum =
         0.2; /* lower bound for eigenvalues of tr(S) I - S, which are sums of two stretches; only flat
@@ -282,7 +283,8 @@ void pliant_system_tangents(const pliant_system *system, const double *positions
                 r[m] = out->rotation[m][l];
             }
             const int32_t e = block * LANES + l;
-            const double pressure = system->volume_pressure && e < system->mesh->num_tets ? system->volume_pressure[e] : 0;
+            const bool has_pressure = system->volume_pressure && e < system->mesh->num_tets;
+            const double pressure = has_pressure ? system->volume_pressure[e] : 0;
             twist_of(one, r, system->lame[block][0][l], system->lame[block][1][l], pressure, twist, d);
             for (int m = 0; m < 6; m++) out->twist[m][l] = grounded && grounded[l] ? 0 : d[m];
         }
