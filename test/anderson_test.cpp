@@ -49,12 +49,12 @@ TEST(Anderson, RejectionsLeadToUnmixedAndShorterSteps)
     rules.evaluate(1);
     EXPECT_EQ(rules.next, PLIANT_NEXT_TRIAL);
     rules.evaluate(2);
-    EXPECT_TRUE(rules.mixes && rules.keep >= 0 && !rules.take);
+    EXPECT_TRUE(rules.uses_secants && rules.secant_slot >= 0 && !rules.accepts_state);
     rules.evaluate(2);
-    EXPECT_TRUE(rules.limited && rules.mixes) << "without large secants";
+    EXPECT_TRUE(rules.omits_large_secants && rules.uses_secants) << "without large secants";
     EXPECT_LT(rules.largest_secant, INFINITY);
     rules.evaluate(2);
-    EXPECT_FALSE(rules.mixes) << "the plain step";
+    EXPECT_FALSE(rules.uses_secants) << "the plain step";
     EXPECT_EQ(rules.damping, 1);
     EXPECT_EQ(pliant_anderson_secants(&rules), 0);
     rules.evaluate(2);
@@ -62,7 +62,7 @@ TEST(Anderson, RejectionsLeadToUnmixedAndShorterSteps)
     for (int n = 0; n < 9; n++) rules.evaluate(2);
     EXPECT_EQ(rules.next, PLIANT_NEXT_REST);
     rules.evaluate(0.5);
-    EXPECT_TRUE(rules.take && rules.next == PLIANT_NEXT_DONE);
+    EXPECT_TRUE(rules.accepts_state && rules.next == PLIANT_NEXT_DONE);
 }
 
 TEST(Anderson, WithoutTimeAfterARejectionTheNextStepIsNotEvaluated)
@@ -75,28 +75,28 @@ TEST(Anderson, WithoutTimeAfterARejectionTheNextStepIsNotEvaluated)
     rules.evaluate(5, true, false);
     EXPECT_EQ(rules.next, PLIANT_NEXT_PREVIOUS) << "far above what it began with";
     rules.evaluate(1, true, false);
-    EXPECT_TRUE(rules.take);
+    EXPECT_TRUE(rules.accepts_state);
     EXPECT_EQ(rules.next, PLIANT_NEXT_BLIND);
-    EXPECT_FALSE(rules.mixes) << "as the refusals have come so far";
+    EXPECT_FALSE(rules.uses_secants) << "as the refusals have come so far";
     pliant_anderson_begin(&rules);
     rules.evaluate(0.9, true, false);
     EXPECT_EQ(rules.next, PLIANT_NEXT_BLIND);
-    EXPECT_TRUE(rules.mixes) << "that was good";
+    EXPECT_TRUE(rules.uses_secants) << "that was good";
 }
 
 // In weakly connected tissue a plain step can be metres long.
 TEST(Anderson, StepsWithoutEvaluationAreBounded)
 {
-    const double tenth = pliant_quasistatic().max_doubtful_step * 0.1;
+    const double tenth = pliant_get_quasistatic_settings().max_doubtful_step * 0.1;
     for (double made : {0.99 * tenth, 1.01 * tenth, static_cast<double>(INFINITY)}) {
         Rules rules;
         rules.evaluate(1);
         rules.evaluate(2, true, false, made);
         EXPECT_EQ(rules.next, made < tenth ? PLIANT_NEXT_BLIND : PLIANT_NEXT_DONE);
-        EXPECT_EQ(rules.blind, made < tenth);
+        EXPECT_EQ(rules.follows_blind_step, made < tenth);
         EXPECT_EQ(rules.refused, 2) << "what was refused stays so";
     }
-    for (double made : {1.01 * tenth, 1.01 * 0.1 * pliant_quasistatic().max_displacement}) {
+    for (double made : {1.01 * tenth, 1.01 * 0.1 * pliant_get_quasistatic_settings().max_displacement}) {
         Rules rules;
         rules.evaluate(1);
         rules.evaluate(0.4, true, false, made);

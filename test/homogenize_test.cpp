@@ -123,7 +123,7 @@ TEST(Homogenize, AnIndefiniteElementIsRefused)
         system.mesh = &of->coarse;
         system.fine = &of->fine;
         system.num_threads = 1;
-        ASSERT_EQ(pliant_system_elements(&system, none.data(), nullptr, nullptr), PLIANT_OK);
+        ASSERT_EQ(pliant_system_build_tetrahedra(&system, none.data(), nullptr, nullptr), PLIANT_OK);
         EXPECT_EQ(pliant_homogenize(&system, &body.scene, &of->fine, of->fine_fixed, fine.data(), of->coarse_of_fine,
                                     {nullptr, nullptr}),
                   PLIANT_ERROR_NUMERIC)

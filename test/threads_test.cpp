@@ -51,16 +51,16 @@ struct Block : Body {
     }
 };
 
-struct Asked {
+struct ThreadReports {
     std::set<int> threads;
     int maximum = 0; // number of reports before cancellation
 };
 
-bool ask(double, const char *, void *user)
+bool record_threads(double, const char *, void *user)
 {
-    Asked *asked = static_cast<Asked *>(user);
-    if (omp_get_level() == 0) asked->threads.insert(omp_get_max_threads());
-    return asked->maximum-- != 0;
+    ThreadReports *reports = static_cast<ThreadReports *>(user);
+    if (omp_get_level() == 0) reports->threads.insert(omp_get_max_threads());
+    return reports->maximum-- != 0;
 }
 
 } // namespace
@@ -95,13 +95,14 @@ TEST(Threads, AModelIsBuiltByTheScenesNumberAndIsTheSame)
                 block.scene.mesh.kind = octree ? PLIANT_OCTREE : PLIANT_LATTICE;
                 block.scene.mesh.depth = 2;
                 const int before = omp_get_max_threads();
-                Asked asked;
-                asked.maximum = -1;
+                ThreadReports reports;
+                reports.maximum = -1;
                 pliant_model *model = nullptr;
-                ASSERT_EQ(pliant_model_build(&block.scene, &block.scan, nullptr, &block.table, {ask, &asked}, &model),
+                ASSERT_EQ(pliant_model_build(&block.scene, &block.scan, nullptr, &block.table,
+                                             {record_threads, &reports}, &model),
                           PLIANT_OK)
                     << pliant_last_error();
-                EXPECT_EQ(asked.threads, std::set<int>{threads});
+                EXPECT_EQ(reports.threads, std::set<int>{threads});
                 EXPECT_EQ(omp_get_max_threads(), before);
                 EXPECT_GT(model->body->fine.num_moved, 0);
                 std::vector<double> now(model->body->fine.rest,
@@ -176,11 +177,12 @@ TEST(Threads, HomogenizationIsCancelledWhereItsProgressIsRefused)
         Block block(2);
         block.cells(4, 4, 4, 2);
         block.scene.model.method = PLIANT_AVERAGED;
-        Asked asked;
-        asked.maximum = maximum;
+        ThreadReports reports;
+        reports.maximum = maximum;
         pliant_model *model = nullptr;
-        EXPECT_EQ(pliant_model_build(&block.scene, &block.scan, nullptr, &block.table, {ask, &asked}, &model),
-                  PLIANT_ERROR_CANCELLED);
+        EXPECT_EQ(
+            pliant_model_build(&block.scene, &block.scan, nullptr, &block.table, {record_threads, &reports}, &model),
+            PLIANT_ERROR_CANCELLED);
         EXPECT_EQ(model, nullptr);
         EXPECT_STREQ(pliant_last_error(), "homogenization was cancelled");
     }

@@ -57,10 +57,10 @@ void take(const Bar &from, const Bar &to)
     const std::vector<double> u(a.u, a.u + count), d(a.d, a.d + count),
         acceleration(a.acceleration, a.acceleration + count);
     const pliant_tled_scheme rule = pliant_tled_scheme_of(a.time_step, a.system->damping);
-    std::array<std::array<double, 3>, PLIANT_MAX_TOOLS> target, passed, passed_target;
+    std::array<std::array<double, 3>, PLIANT_MAX_TOOLS> target, previous_point, previous_target;
     std::memcpy(target.data(), a.target, sizeof a.target);
-    std::memcpy(passed.data(), a.passed, sizeof a.passed);
-    std::memcpy(passed_target.data(), a.passed_target, sizeof a.passed_target);
+    std::memcpy(previous_point.data(), a.previous_point, sizeof a.previous_point);
+    std::memcpy(previous_target.data(), a.previous_target, sizeof a.previous_target);
     std::memcpy(b.target, a.target, sizeof a.target);
     pliant_tled_element_forces(&a, a.time_step);
     for (size_t n = 0; n < count; n++) {
@@ -84,17 +84,17 @@ void take(const Bar &from, const Bar &to)
         a.u[n] = u[n], a.d[n] = d[n], a.acceleration[n] = acceleration[n];
     }
     std::memcpy(a.target, target.data(), sizeof a.target);
-    std::memcpy(a.passed, passed.data(), sizeof a.passed);
-    std::memcpy(a.passed_target, passed_target.data(), sizeof a.passed_target);
-    b.passed_step = b.time_step;
+    std::memcpy(a.previous_point, previous_point.data(), sizeof a.previous_point);
+    std::memcpy(a.previous_target, previous_target.data(), sizeof a.previous_target);
+    b.previous_time_step = b.time_step;
     for (int t = 0; t < from.data->num_tools; t++) {
         const pliant_tool &tool = from.data->tools[t];
         for (int k = 0; k < 3; k++) {
-            b.passed_target[t][k] = 0.5 * (a.target[t][k] + a.passed_target[t][k]);
-            b.passed[t][k] = 0;
+            b.previous_target[t][k] = 0.5 * (a.target[t][k] + a.previous_target[t][k]);
+            b.previous_point[t][k] = 0;
             for (int32_t h = 0; h < tool.num_held; h++) {
                 const size_t n = 3 * static_cast<size_t>(tool.held[h]) + static_cast<size_t>(k);
-                b.passed[t][k] += tool.weight[h] * (a.system->mesh->rest[n] + b.u[n] - b.d[n]);
+                b.previous_point[t][k] += tool.weight[h] * (a.system->mesh->rest[n] + b.u[n] - b.d[n]);
             }
         }
     }

@@ -90,7 +90,7 @@ TEST_P(EveryKind, ASpringOfAnyStiffnessGivesNoEnergy)
             last = discrete_energy(bar);
             for (int d = 0; d < 3; d++) {
                 const double gap = tled->target[tool][d] - bar.data->tools[tool].held_point[d];
-                const double before = tled->passed_target[tool][d] - tled->passed[tool][d];
+                const double before = tled->previous_target[tool][d] - tled->previous_point[tool][d];
                 last += 0.25 * stiffness * (gap * gap + before * before);
             }
             if (first == 0) first = last;
@@ -578,7 +578,7 @@ TEST_P(EveryKind, AToolsForceIsTheChangeOfMomentumInHoweverManyParts)
             const pliant_status status = pliant_tled_step(&tled, data.tools, data.num_tools, &data.statistics);
             ASSERT_EQ(status, PLIANT_OK) << pliant_last_error();
         }
-        EXPECT_EQ(tled.made, 0);
+        EXPECT_EQ(tled.substeps_done, 0);
         const std::array<double, 3> after = momentum();
         for (int d = 0; d < 3; d++) {
             const double mean = (after[d] - before[d]) / frame;

@@ -18,16 +18,19 @@ struct cuda_data {
     cudaStream_t stream;
     pliant_cuda_solver *solver;
     const double *d_positions;   /* (fine nodes x 3) of this step */
-    double *arriving;            /* (fine nodes x 3) buffer of the host; swapped with data->positions when complete */
+    double *next_positions;      /* (fine nodes x 3) buffer of the host; swapped with data->positions when complete */
     double *page_locked[2];      /* these two arrays, page-locked if possible; they may be swapped */
     /* replaces them if cuts are possible: page-locked, with capacity for more nodes; its contents are copied */
-    double *landing;
-    size_t landing_capacity; /* [bytes] */
-    bool brought;            /* the host has this step's positions already */
-    bool moved;              /* the host has changed its positions after the device */
+    double *pinned_positions;
+    size_t pinned_capacity; /* [bytes] */
+    bool is_on_host;        /* the host has this step's positions already */
+    bool moved;             /* the host has changed its positions after the device */
 };
 
-static double *target_of(const cuda_data *state) { return state->landing ? state->landing : state->arriving; }
+static double *target_of(const cuda_data *state)
+{
+    return state->pinned_positions ? state->pinned_positions : state->next_positions;
+}
 
 static cuda_data *state_of(const pliant_data *data) { return static_cast<cuda_data *>(data->backend_state); }
 
@@ -38,33 +41,33 @@ static void destroy(pliant_data *data)
     cudaSetDevice(state->device);
     if (state->stream) cudaStreamSynchronize(state->stream);
     pliant_cuda_solver_free(state->solver);
-    pliant_cuda_release_host(state->landing);
+    pliant_cuda_release_host(state->pinned_positions);
     for (double *block : state->page_locked)
         if (block) pliant_cuda_unlock_pages(block);
     if (state->stream) cudaStreamDestroy(state->stream);
     cudaGetLastError();
-    pliant_free(state->arriving);
+    pliant_free(state->next_positions);
     pliant_free(state);
     data->backend_state = NULL;
 }
 
-static pliant_status make_landing(const pliant_data *data, cuda_data *state)
+static pliant_status allocate_pinned_positions(const pliant_data *data, cuda_data *state)
 {
-    const size_t bytes = 3 * (size_t)data->body->fine.num_nodes * sizeof *state->landing;
-    if (state->landing && bytes <= state->landing_capacity) return PLIANT_OK;
-    pliant_cuda_release_host(state->landing);
-    state->landing = nullptr;
-    state->landing_capacity = bytes + bytes / 4;
-    return pliant_cuda_allocate_host(state->landing_capacity, "the simulation state",
-                                     reinterpret_cast<void **>(&state->landing));
+    const size_t bytes = 3 * (size_t)data->body->fine.num_nodes * sizeof *state->pinned_positions;
+    if (state->pinned_positions && bytes <= state->pinned_capacity) return PLIANT_OK;
+    pliant_cuda_release_host(state->pinned_positions);
+    state->pinned_positions = nullptr;
+    state->pinned_capacity = bytes + bytes / 4;
+    return pliant_cuda_allocate_host(state->pinned_capacity, "the simulation state",
+                                     reinterpret_cast<void **>(&state->pinned_positions));
 }
 
 static pliant_status lock_positions(const pliant_data *data, cuda_data *state)
 {
     const size_t count = 3 * (size_t)data->body->fine.num_nodes;
-    state->arriving = static_cast<double *>(pliant_calloc_pages(count, sizeof *state->arriving));
-    if (!state->arriving) return pliant_fail_memory("the simulation state");
-    double *const blocks[2] = {state->arriving, data->positions};
+    state->next_positions = static_cast<double *>(pliant_calloc_pages(count, sizeof *state->next_positions));
+    if (!state->next_positions) return pliant_fail_memory("the simulation state");
+    double *const blocks[2] = {state->next_positions, data->positions};
     for (int b = 0; b < 2; b++)
         if (pliant_cuda_lock_pages(blocks[b], count * sizeof(double))) state->page_locked[b] = blocks[b];
     return PLIANT_OK;
@@ -77,7 +80,7 @@ static pliant_status fill(const pliant_model *model, const pliant_data *data, cu
     CUDA_TRY(pliant_cuda_current_device(&state->device));
     CUDA_TRY(CUDA_CALL(cudaDeviceGetStreamPriorityRange(&lowest, &highest)));
     CUDA_TRY(CUDA_CALL(cudaStreamCreateWithPriority(&state->stream, cudaStreamNonBlocking, highest)));
-    CUDA_TRY(grows ? make_landing(data, state) : lock_positions(data, state));
+    CUDA_TRY(grows ? allocate_pinned_positions(data, state) : lock_positions(data, state));
     return pliant_cuda_solver_create(data->solver, model->scene.solver.preconditioner, grows, state->device,
                                      state->stream, &state->solver);
 }
@@ -97,9 +100,9 @@ static pliant_status follow(const pliant_model *model, pliant_data *data, const 
                             const pliant_body_map *map, bool *possible)
 {
     cuda_data *state = state_of(data);
-    *possible = state->landing && data->discretization != model->discretization;
+    *possible = state->pinned_positions && data->discretization != model->discretization;
     if (!*possible) return PLIANT_OK;
-    CUDA_TRY(make_landing(data, state));
+    CUDA_TRY(allocate_pinned_positions(data, state));
     const int32_t *node;
     int32_t *own;
     pliant_status status = pliant_solved_sources(data->solver->system, before->solver->system, map, &own, &node);
@@ -112,7 +115,7 @@ static pliant_status follow(const pliant_model *model, pliant_data *data, const 
 static pliant_status restart(const pliant_model *model, pliant_data *data)
 {
     (void)model;
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) data->solver->grasps[t].response_of = 0;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) data->solver->grasps[t].response_number = 0;
     return pliant_cuda_solver_restart(state_of(data)->solver, data->solver);
 }
 
@@ -145,9 +148,9 @@ static pliant_status solve(const pliant_model *model, pliant_data *data)
 static pliant_status enqueue_upsample(const pliant_data *data)
 {
     cuda_data *state = state_of(data);
-    state->brought = state->moved = false;
+    state->is_on_host = state->moved = false;
     CUDA_TRY(pliant_cuda_solver_upsample(state->solver, &state->d_positions));
-    const size_t bytes = 3 * (size_t)data->body->fine.num_nodes * sizeof *state->arriving;
+    const size_t bytes = 3 * (size_t)data->body->fine.num_nodes * sizeof *state->next_positions;
     return CUDA_CALL(
         cudaMemcpyAsync(target_of(state), state->d_positions, bytes, cudaMemcpyDeviceToHost, state->stream));
 }
@@ -156,11 +159,12 @@ static pliant_status enqueue_upsample(const pliant_data *data)
 static void take(pliant_data *data, const double *h_solved)
 {
     cuda_data *state = state_of(data);
-    if (state->landing) {
-        memcpy(data->positions, state->landing, 3 * (size_t)data->body->fine.num_nodes * sizeof *data->positions);
+    if (state->pinned_positions) {
+        memcpy(data->positions, state->pinned_positions,
+               3 * (size_t)data->body->fine.num_nodes * sizeof *data->positions);
     } else {
-        double *arrived = state->arriving;
-        state->arriving = data->positions;
+        double *arrived = state->next_positions;
+        state->next_positions = data->positions;
         data->positions = arrived;
     }
     if (h_solved)
@@ -168,15 +172,15 @@ static void take(pliant_data *data, const double *h_solved)
     pliant_report_grasps(data);
 }
 
-static pliant_status bring(const pliant_model *, pliant_data *data)
+static pliant_status copy_result_to_host(const pliant_model *, pliant_data *data)
 {
     cuda_data *state = state_of(data);
     const double *h_solved;
-    if (state->brought) return PLIANT_OK;
+    if (state->is_on_host) return PLIANT_OK;
     CUDA_TRY(pliant_cuda_solver_download(state->solver, &h_solved));
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(state->stream)));
     take(data, h_solved);
-    state->brought = true;
+    state->is_on_host = true;
     return PLIANT_OK;
 }
 
@@ -184,7 +188,7 @@ static pliant_status bring(const pliant_model *, pliant_data *data)
 static pliant_status transfer_ownership(const pliant_model *model, pliant_data *data)
 {
     CUDA_TRY(enqueue_upsample(data));
-    return pliant_host_moves_nodes(data) ? bring(model, data) : PLIANT_OK;
+    return pliant_host_moves_nodes(data) ? copy_result_to_host(model, data) : PLIANT_OK;
 }
 
 static pliant_status upsample(const pliant_model *model, pliant_data *data)
@@ -201,13 +205,13 @@ static pliant_status finish(pliant_data *data)
     cuda_data *state = state_of(data);
     pliant_cuda_warp *warp = data->warp ? static_cast<pliant_cuda_warp *>(pliant_warp_accelerated(data->warp)) : NULL;
     const double *h_solved = NULL;
-    if (!state->brought) CUDA_TRY(pliant_cuda_solver_download(state->solver, &h_solved));
+    if (!state->is_on_host) CUDA_TRY(pliant_cuda_solver_download(state->solver, &h_solved));
     else if (warp && (state->moved || data->rigid_pieces || data->statistics.patched > 0))
         CUDA_TRY(pliant_cuda_solver_place(state->solver, data->positions));
     if (warp) CUDA_TRY(pliant_cuda_warp_enqueue(warp, state->d_positions, state->stream));
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(state->stream)));
     if (warp) CUDA_TRY(pliant_cuda_warp_finish(warp, state->d_positions, state->stream));
-    if (!state->brought) take(data, h_solved);
+    if (!state->is_on_host) take(data, h_solved);
     return data->warp && !warp ? pliant_warp_update(data->warp, data->positions) : PLIANT_OK;
 }
 
@@ -237,7 +241,7 @@ static constexpr pliant_backend table()
     made.download = download;
     made.solve = solve;
     made.upsample = upsample;
-    made.bring = bring;
+    made.copy_result_to_host = copy_result_to_host;
     made.warp = warp;
     return made;
 }

@@ -118,15 +118,15 @@ __global__ void __launch_bounds__(THREADS) fill_kernel(view v)
     }
 }
 
-struct met { unsigned long long cell; int32_t a, b; };
+struct candidate_pair { unsigned long long cell; int32_t a, b; };
 
 /* Queues of one warp: pairs whose boxes intersect, and pairs for the overlap test. They collect work for all
  * threads of the warp. */
-struct desk { met pairs[64]; int2 tests[64]; };
-struct waiting { int pairs, tests; };
+struct warp_queues { candidate_pair pairs[64]; int2 tests[64]; };
+struct queue_counts { int pairs, tests; };
 
 /* Select pairs without a common node, in the one cell that contains the lowest corner of the boxes' intersection. */
-__device__ bool is_for_test(const view &v, const met &pair)
+__device__ bool is_for_test(const view &v, const candidate_pair &pair)
 {
     const tet_box mine = v.box[pair.a], other = v.box[pair.b];
     const int4 m = *(const int4 *)(v.tets + 4 * (size_t)v.tet[pair.a]),
@@ -156,7 +156,7 @@ __device__ bool overlap(const view &v, int2 pair)
 }
 
 /* Test the last `count` pairs of the queue, one in each thread. */
-__device__ void test(const view &v, const desk &on, waiting &left, int count)
+__device__ void test(const view &v, const warp_queues &on, queue_counts &left, int count)
 {
     const int lane = (int)threadIdx.x % 32;
     __syncwarp();
@@ -173,7 +173,7 @@ __device__ void test(const view &v, const desk &on, waiting &left, int count)
 }
 
 /* Select from the last `count` pairs of the queue, likewise. */
-__device__ void look(const view &v, desk &on, waiting &left, int count)
+__device__ void select_pairs(const view &v, warp_queues &on, queue_counts &left, int count)
 {
     const int lane = (int)threadIdx.x % 32;
     __syncwarp();
@@ -191,9 +191,9 @@ __device__ void look(const view &v, desk &on, waiting &left, int count)
 /* Compare each entry with the following entries of its list. */
 __global__ void __launch_bounds__(THREADS) pair_kernel(view v)
 {
-    __shared__ desk desks[WARPS];
-    desk &on = desks[threadIdx.x / 32];
-    waiting left = {0, 0};
+    __shared__ warp_queues desks[WARPS];
+    warp_queues &on = desks[threadIdx.x / 32];
+    queue_counts left = {0, 0};
     const int lane = (int)threadIdx.x % 32, step = 32 / LANES_OF_ENTRY;
     if (!are_whole(v)) return;
     const int32_t entries = (int32_t)v.counts[ENTRIES];
@@ -216,10 +216,10 @@ __global__ void __launch_bounds__(THREADS) pair_kernel(view v)
                 on.pairs[left.pairs + __popc(all & ((1u << lane) - 1))] = {mine.cell, min(mine.tet, other),
                                                                            max(mine.tet, other)};
             left.pairs += __popc(all);
-            if (left.pairs >= 32) look(v, on, left, 32);
+            if (left.pairs >= 32) select_pairs(v, on, left, 32);
         }
     }
-    look(v, on, left, left.pairs);
+    select_pairs(v, on, left, left.pairs);
     test(v, on, left, left.tests);
 }
 

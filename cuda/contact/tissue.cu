@@ -154,8 +154,8 @@ pliant_status set_body(gpu_tissue *gpu, pliant_tissue *tissue)
     CUDA_TRY(send(gpu, nodes, &view.node));
     CUDA_TRY(send(gpu, (size_t)tissue->around_start[nodes], &view.around));
     CUDA_TRY(send(gpu, nodes + 1, &view.around_start));
-    CUDA_TRY(send(gpu, (size_t)tissue->fan_start[nodes], &view.fan));
-    CUDA_TRY(send(gpu, nodes + 1, &view.fan_start));
+    CUDA_TRY(send(gpu, (size_t)tissue->node_triangle_start[nodes], &view.node_triangles));
+    CUDA_TRY(send(gpu, nodes + 1, &view.node_triangle_start));
     gpu->positions_bytes = 3 * all * sizeof *gpu->d_positions;
     gpu->last_bytes = nodes * sizeof *gpu->d_last;
     gpu->normals_bytes = triangles * sizeof *gpu->d_normal;
@@ -224,7 +224,7 @@ pliant_status take(gpu_tissue *gpu, pliant_tissue *tissue)
 pliant_status find(gpu_tissue *gpu, pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *rule)
 {
     int32_t *pair;
-    const double margin = rule ? fmax(rule->margin, rule->pieces_go) : 0;
+    const double margin = rule ? fmax(rule->margin, rule->max_piece_motion) : 0;
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     if (gpu->revision != tissue->revision || gpu->body != tissue->body) CUDA_TRY(set_body(gpu, tissue));
     CUDA_TRY(CUDA_CALL(

@@ -28,7 +28,8 @@ typedef struct gpu_tool {
 typedef struct gpu_step {
     gpu_tool tools[GPU_TOOLS];
     int32_t has_contacts;           /* there are contacts (contact.h) */
-    int32_t restart, forget;   /* restart: no quantity of the state is known; forget: the secants are invalid */
+    int32_t restart,
+        drops_secants; /* restart: no quantity of the state is known; drops_secants: the secants are invalid */
     int32_t known, start_is_evaluated; /* pliant_known of the first state; pliant_final_state */
     int32_t is_cycle;          /* the preconditioner is a V-cycle */
     int32_t max_evaluations, depth, capacity;
@@ -37,7 +38,7 @@ typedef struct gpu_step {
     /* The state is the end of the Newton step after a cut (newton_after_cut.cu). The other buffer holds the state
      * before it. */
     int32_t after_newton;
-    double sound_merit, previous_force[GPU_ROWS]; /* of the state before the Newton step */
+    double trusted_merit, previous_force[GPU_ROWS]; /* of the state before the Newton step */
 } gpu_step;
 
 typedef struct gpu_state {
@@ -45,10 +46,10 @@ typedef struct gpu_state {
     /* Read by the host. */
     int32_t now; /* buffer of the present iterate; after a blind step the other buffer holds the state before it */
     int32_t done, iterations;
-    int32_t ending;            /* after a blind step: its end is being evaluated */
+    int32_t evaluates_end;     /* after a blind step: its end is being evaluated */
     int32_t evaluated;         /* d_element_force and d_left belong to the final state of the step */
     int32_t restored_previous; /* the state from before the previous blind step was restored */
-    int32_t took;              /* the last evaluated state became the present state */
+    int32_t was_accepted;      /* the last evaluated state became the present state */
     pliant_anderson rules;     /* as on the CPU */
     double scale[2], residual_force[2], force[2][GPU_ROWS], step_force[2][GPU_ROWS];
     double accepted_scale, accepted_residual_force; /* of the last accepted evaluation */
@@ -97,7 +98,7 @@ typedef struct gpu_iteration {
     double *d_free_residual;   /* (n) residual of the last evaluation, without the change of spring forces */
     double *d_past_step, *d_past_residual; /* (n) final step and residual of the previous step */
     double *d_load, *d_extra;  /* (n) gravity; the tools' forces */
-    double *d_touch;           /* (n) contact forces */
+    double *d_contact_force;           /* (n) contact forces */
     double *d_secant_x, *d_secant_step, *d_secant_residual; /* (`capacity` x n) */
     double *d_element_force;   /* (num_tets x 4 x 4), three numbers and padding; or (corners of macro-elements x 4) */
     double *d_rotations;       /* (num_tets or macro-elements x 16) contributions to the nodes' axes, nine numbers and
@@ -114,7 +115,7 @@ static __device__ __forceinline__ int gpu_target(const gpu_state *state)
     return state->iterations == 0 ? state->now : 1 - state->now;
 }
 /* Return whether the elastic forces of the evaluated state are known from the end of the last step. */
-static __device__ __forceinline__ bool gpu_knows_forces(const gpu_state *state)
+static __device__ __forceinline__ bool gpu_has_forces(const gpu_state *state)
 {
     return state->iterations == 0 && state->step.known != PLIANT_KNOWN_NOTHING;
 }

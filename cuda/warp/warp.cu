@@ -421,8 +421,8 @@ extern "C" pliant_status pliant_cuda_warp_cross(pliant_cuda_warp *gpu, const mar
 }
 
 /* labels: drawn on a separate stream, whose update is complete */
-static pliant_status see(pliant_cuda_warp *gpu, const pliant_cuda_warp *labels, const render_scene *given,
-                         const render_output *out)
+static pliant_status draw_image(pliant_cuda_warp *gpu, const pliant_cuda_warp *labels, const render_scene *given,
+                                const render_output *out)
 {
     render_scene scene = *given;
     scene.voxels = gpu->raster.d_volume;
@@ -582,9 +582,9 @@ static pliant_status cross_object(void *object, const march_ray *ray, int64_t fi
     return pliant_cuda_warp_cross(static_cast<pliant_cuda_warp *>(object), ray, first, out);
 }
 
-static pliant_status see_object(void *object, void *labels, const render_scene *scene, const render_output *out)
+static pliant_status draw_image_object(void *object, void *labels, const render_scene *scene, const render_output *out)
 {
-    return see(static_cast<pliant_cuda_warp *>(object), static_cast<pliant_cuda_warp *>(labels), scene, out);
+    return draw_image(static_cast<pliant_cuda_warp *>(object), static_cast<pliant_cuda_warp *>(labels), scene, out);
 }
 
 static pliant_status prepare_object(void *object, const pliant_warp_parts *parts, const pliant_warp_changes *changes,
@@ -611,7 +611,7 @@ static constexpr pliant_warp_device table()
     made.update = update_object;
     made.fetch = fetch_object;
     made.cross = cross_object;
-    made.see = see_object;
+    made.draw_image = draw_image_object;
     made.prepare = prepare_object;
     made.take = take_object;
     made.drop = drop_object;

@@ -62,7 +62,7 @@ struct pliant_backend {
     pliant_status (*solve)(const pliant_model *model, pliant_data *data);
     pliant_status (*upsample)(const pliant_model *model, pliant_data *data);
     /* Copies the step's result to the host, after upsample and before later stages. Nullable: it is there already. */
-    pliant_status (*bring)(const pliant_model *model, pliant_data *data);
+    pliant_status (*copy_result_to_host)(const pliant_model *model, pliant_data *data);
     pliant_status (*warp)(const pliant_model *model, pliant_data *data);
 };
 
@@ -70,7 +70,7 @@ extern const pliant_backend pliant_cpu_backend;
 extern const pliant_backend pliant_tled_backend; /* explicit dynamics on the CPU */
 /* Functions shared by both CPU backends. */
 bool pliant_cpu_probe(char *text, size_t size);
-pliant_status pliant_cpu_nothing(const pliant_model *model, pliant_data *data);
+pliant_status pliant_cpu_skip_stage(const pliant_model *model, pliant_data *data);
 pliant_status pliant_cpu_warp(const pliant_model *model, pliant_data *data);
 /* Explicit dynamics: compute positions from displacements, and the tools' reports. */
 pliant_status pliant_tled_upsample(const pliant_model *model, pliant_data *data);

@@ -13,7 +13,7 @@ bool pliant_cpu_probe(char *text, size_t size)
     return true;
 }
 
-pliant_status pliant_cpu_nothing(const pliant_model *model, pliant_data *data)
+pliant_status pliant_cpu_skip_stage(const pliant_model *model, pliant_data *data)
 {
     (void)model, (void)data;
     return PLIANT_OK;
@@ -88,7 +88,7 @@ static pliant_status interact(const pliant_model *model, pliant_data *data)
 {
     pliant_status status = data->patch ? pliant_patch_begin(data) : PLIANT_OK;
     if (status != PLIANT_OK) return status;
-    pliant_solver_gravity(data->solver, data->gravity);
+    pliant_solver_set_gravity(data->solver, data->gravity);
     for (int t = 0; t < data->num_tools; t++) {
         bool begins = data->tools[t].holding && !data->tools[t].attached; /* starts from the present state */
         if (begins && data->backend->download) data->backend->download(model, data);
@@ -121,7 +121,7 @@ static void limits(pliant_data *data, int iterations, double tolerance)
 static void discard_results(pliant_data *data)
 {
     pliant_solver_drop_history(data->solver);
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) data->solver->grasps[t].response_of = 0;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) data->solver->grasps[t].response_number = 0;
 }
 
 const pliant_host_solver pliant_corotational = {
@@ -141,8 +141,8 @@ const pliant_backend pliant_cpu_backend = {
     .kind = &pliant_corotational,
     .on_host = true,
     .probe = pliant_cpu_probe,
-    .create = pliant_cpu_nothing,
-    .restart = pliant_cpu_nothing,
+    .create = pliant_cpu_skip_stage,
+    .restart = pliant_cpu_skip_stage,
     .solve = solve,
     .upsample = upsample,
     .warp = pliant_cpu_warp,

@@ -47,7 +47,8 @@ static void share_target(const pliant_data *data, int leader, double target[3])
 /* Set the target of a spring k and a parallel damper b over a step h. The law k (p - y) + b ((p - p0) - (y - y0)) / h =
  * l is a spring of stiffness k + b / h towards (k p + b (p - p0 + y0) / h) / (k + b / h). The weight of the tool's mass
  * shifts the target. */
-static void aim(const pliant_tool *tool, double step, const double gravity[3], pliant_grasp_constraint *grasp)
+static void set_spring_target(const pliant_tool *tool, double step, const double gravity[3],
+                              pliant_grasp_constraint *grasp)
 {
     double damper = pliant_tool_drive(tool) == PLIANT_DRIVE_SPRING ? pliant_tool_damping(tool) / step : 0;
     double stiffness = pliant_tool_stiffness(tool), whole = stiffness + damper;
@@ -86,7 +87,7 @@ pliant_status pliant_set_grasp_constraint(const pliant_model *model, pliant_data
     if (grasp->by_force != by_force) pliant_solver_drop_history(solver);
     grasp->by_force = by_force;
     for (int d = 0; by_force && d < 3; d++) grasp->force[d] = tool->driving_force[d] + tool->mass * data->gravity[d];
-    if (!by_force) aim(tool, model->scene.solver.step, data->gravity, grasp);
+    if (!by_force) set_spring_target(tool, model->scene.solver.step, data->gravity, grasp);
     if (pliant_tool_drive(tool) == PLIANT_DRIVE_RIGID) share_target(data, index, grasp->target);
     for (int d = 0; d < 3; d++) tool->last_target[d] = tool->tip[d] - tool->grip[d];
     return PLIANT_OK;

@@ -59,7 +59,7 @@ static void set_positions(const pliant_model *model, pliant_data *data, const do
 
 static void limits(pliant_data *data, int iterations, double tolerance)
 {
-    pliant_tled_limits(data->tled, iterations, tolerance);
+    pliant_tled_set_limits(data->tled, iterations, tolerance);
 }
 
 const pliant_host_solver pliant_explicit = {
@@ -74,8 +74,15 @@ const pliant_host_solver pliant_explicit = {
 };
 
 const pliant_backend pliant_tled_backend = {
-    .name = "cpu", .kind = &pliant_explicit, .on_host = true, .probe = pliant_cpu_probe, .create = pliant_cpu_nothing,
-    .restart = pliant_cpu_nothing, .solve = solve, .upsample = pliant_tled_upsample, .warp = pliant_cpu_warp,
+    .name = "cpu",
+    .kind = &pliant_explicit,
+    .on_host = true,
+    .probe = pliant_cpu_probe,
+    .create = pliant_cpu_skip_stage,
+    .restart = pliant_cpu_skip_stage,
+    .solve = solve,
+    .upsample = pliant_tled_upsample,
+    .warp = pliant_cpu_warp,
 };
 
 pliant_status pliant_data_get_dynamics(const pliant_model *model, const pliant_data *data, pliant_dynamics *out)

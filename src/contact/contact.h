@@ -60,11 +60,11 @@ typedef struct pliant_contacts {
 /* Return the permitted gap at the end of a step, which is 0 or less [m].
  * @param gap at the start of the step, negative inside the obstacle [m]
  * @param recovery maximum reduction of the penetration depth in the step [m]
- * @param stays fraction of the penetration depth that remains at least; with inertia, a sudden removal would add
- *   energy */
-PLIANT_INLINE double pliant_contact_permitted_gap(double gap, double recovery, double stays)
+ * @param remaining_depth_fraction fraction of the penetration depth that remains at least; with inertia, a sudden
+ *   removal would add energy */
+PLIANT_INLINE double pliant_contact_permitted_gap(double gap, double recovery, double remaining_depth_fraction)
 {
-    return fmin(fmin(gap + recovery, gap * stays), 0.0);
+    return fmin(fmin(gap + recovery, gap * remaining_depth_fraction), 0.0);
 }
 
 /* Copy force and anchor from the previous point of the same feature. The anchor moves with the obstacle. A change

@@ -151,7 +151,7 @@ static pliant_status find_fragments(cut_work *work)
     for (bool again = true; again;) {
         pliant_status status = pliant_cut_find_touched(work);
         if (status == PLIANT_OK) status = pliant_cut_find_edges(work);
-        if (status == PLIANT_OK) status = pliant_cut_keep_dust(work, &again);
+        if (status == PLIANT_OK) status = pliant_cut_restore_small_components(work, &again);
         if (status != PLIANT_OK) return status;
         if (!again) break;
         forget(work);

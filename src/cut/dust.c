@@ -83,7 +83,7 @@ static bool restore_links(const dust *all, int32_t group)
     return true;
 }
 
-pliant_status pliant_cut_keep_dust(cut_work *work, bool *changed)
+pliant_status pliant_cut_restore_small_components(cut_work *work, bool *changed)
 {
     dust all = {.work = work};
     const size_t count = (size_t)work->num_fragments + 1;

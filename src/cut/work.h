@@ -165,7 +165,7 @@ pliant_status pliant_cut_find_touched(cut_work *work);
 /* Find the edges between elements. */
 pliant_status pliant_cut_find_edges(cut_work *work);
 /* Restore newly severed links of components of a few voxels. If *changed, touch and find_edges must run again. */
-pliant_status pliant_cut_keep_dust(cut_work *work, bool *changed);
+pliant_status pliant_cut_restore_small_components(cut_work *work, bool *changed);
 /* Assign chips to the elements that they move with. */
 pliant_status pliant_cut_assign_chips(cut_work *work);
 /* Return the element of a voxel that has an owner. */

@@ -117,7 +117,7 @@ typedef struct pliant_graded {
     int32_t *tet; /* (num_fine) fine tetrahedron of each element; for a hexahedron: -1 - its first tetrahedron */
     /* (fine nodes of refined cubes) first fine tetrahedron in an adjacent cube that is not refined and contains the
      * node; -1: no such tetrahedron */
-    int32_t *within;
+    int32_t *unrefined_neighbour;
     uint8_t *in_refined;      /* (fine nodes) nonzero: the node belongs to a refined cube */
 } pliant_graded;
 
@@ -213,10 +213,10 @@ static inline int32_t pliant_element_of_corner(const pliant_system *system, int3
 
 /* The elements that a system shares with its predecessor from before a cut. A tetrahedron is kept if its index,
  * corners, material and fixed nodes are unchanged. */
-typedef struct pliant_kept {
+typedef struct pliant_unchanged_elements {
     const pliant_discretization *before;
     uint8_t *fine;            /* (fine tetrahedra after the cut) nonzero: kept */
-} pliant_kept;
+} pliant_unchanged_elements;
 
 /* ---- Implemented in elements.c. */
 /* Free everything that the system owns except its preconditioner, and zero the struct. */
@@ -225,8 +225,8 @@ void pliant_system_clear(pliant_system *system);
 int32_t pliant_next_changed(const uint8_t *kept, int32_t count, int32_t from);
 /* Build isotropic linear tetrahedra ([H] 2.1).
  * @param before, kept  Nullable: a system whose kept elements are copied. */
-pliant_status pliant_system_elements(pliant_system *system, const pliant_tet_material *material,
-                                     const pliant_system *before, const uint8_t *kept);
+pliant_status pliant_system_build_tetrahedra(pliant_system *system, const pliant_tet_material *material,
+                                             const pliant_system *before, const uint8_t *kept);
 /* Compute the 12 x 12 stiffness of one tetrahedron: K = V B' E B. A 3 x 3 block is lambda g_i g_j' + mu g_j g_i' + mu
  * (g_i . g_j) I. */
 void pliant_element_stiffness(const double gradients[12], double volume_lambda, double volume_mu,
@@ -244,7 +244,7 @@ void pliant_system_tangents(const pliant_system *system, const double *positions
 
 /* ---- Implemented in unknowns.c. */
 /* Number the free nodes and build the gather lists. fixed: (num_nodes). */
-pliant_status pliant_system_number(pliant_system *system, const uint8_t *fixed);
+pliant_status pliant_system_number_unknowns(pliant_system *system, const uint8_t *fixed);
 /* Do the same, and copy the lists of `before` for nodes whose adjacent tetrahedra are all kept. kept: Nullable */
 pliant_status pliant_system_number_next(pliant_system *system, const uint8_t *fixed, const pliant_system *before,
                                         const uint8_t *kept);
@@ -257,7 +257,7 @@ bool pliant_has_same_numbers(const pliant_system *system, const pliant_system *b
 pliant_status pliant_system_find_mean_diagonal(pliant_system *system, const pliant_system *before, const uint8_t *kept);
 
 /* ---- Implemented in pattern.c. */
-/* Call pliant_system_number and pliant_system_find_pattern. */
+/* Call pliant_system_number_unknowns and pliant_system_find_pattern. */
 pliant_status pliant_system_unknowns(pliant_system *system, const uint8_t *fixed);
 /* Build the pattern if it is missing. */
 pliant_status pliant_system_find_pattern(pliant_system *system);
@@ -279,19 +279,19 @@ void pliant_system_element(const pliant_system *system, const pliant_tangent *ta
 pliant_status pliant_system_extract(const pliant_system *whole, int32_t count, const int32_t *element,
                                     const int32_t *place, pliant_mesh *mesh, pliant_system *out);
 
-/* ---- Implemented in hexahedra.c. Replaces pliant_system_elements. */
+/* ---- Implemented in hexahedra.c. Replaces pliant_system_build_tetrahedra. */
 /* Build a hexahedron for every complete lattice cube and every complete fragment of a cube, and tetrahedra for the
  * others.
  * @param complete      Nullable: if pressures carry a part of lambda (element/pressures.h), the complete materials.
  * @param before, kept  Nullable: a system whose kept elements are copied.
  * Errors: MEMORY. */
-pliant_status pliant_system_hexahedra(pliant_system *system, const pliant_tet_material *material,
-                                      const pliant_tet_material *complete, const pliant_system *before,
-                                      const uint8_t *kept);
+pliant_status pliant_system_build_hexahedra(pliant_system *system, const pliant_tet_material *material,
+                                            const pliant_tet_material *complete, const pliant_system *before,
+                                            const uint8_t *kept);
 /* ---- Implemented in octree_hexahedra.c.
  * Build a hexahedron for every leaf of the octree. A node in the middle of a larger leaf's edge or face follows that
  * leaf's corners, and so does the centre of a divided leaf. The system's upsampling stores these relations.
- * @param complete  Nullable: as in pliant_system_hexahedra.
+ * @param complete  Nullable: as in pliant_system_build_hexahedra.
  * @param before, kept  Nullable: a system whose kept elements are copied.
  * @param fixed  (nodes) in: nodes that the body fixes; out: also the followers, and nodes with a fixed follower.
  * Errors: MEMORY. */
@@ -307,8 +307,8 @@ bool pliant_body_is_cut(const pliant_body *body);
  * @param kept   Nullable: elements unchanged by the cut; the system before the cut may be graded, from the same base.
  * @param fixed  Out: (solved nodes), allocated with pliant_calloc.
  * Errors: MEMORY. */
-pliant_status pliant_system_graded(pliant_system *system, const pliant_system *base, const pliant_body *body,
-                                   const pliant_kept *kept, bool hexahedra, uint8_t **fixed);
+pliant_status pliant_system_build_graded(pliant_system *system, const pliant_system *base, const pliant_body *body,
+                                         const pliant_unchanged_elements *kept, bool hexahedra, uint8_t **fixed);
 /* ---- Implemented in coarse/graded_carry.c. */
 /* Find each solved node's number in the system before the cut; -1 if it has no number there.
  * @param own  Out: an array that the caller frees, or NULL if `out` points into the map.
@@ -436,8 +436,8 @@ void pliant_factor_free(pliant_factor *factor);
 pliant_status pliant_preconditioner_create(const pliant_system *system, pliant_preconditioner_choice choice,
                                            const int32_t *order, pliant_preconditioner **out);
 /* Create a preconditioner within a basis (basis.h), without values. The basis is borrowed. */
-pliant_status pliant_preconditioner_within(const pliant_basis *basis, const pliant_system *system,
-                                           pliant_preconditioner **out);
+pliant_status pliant_preconditioner_create_in_basis(const pliant_basis *basis, const pliant_system *system,
+                                                    pliant_preconditioner **out);
 /* Copy analysis and values for use on another thread. */
 pliant_status pliant_preconditioner_clone(const pliant_preconditioner *source, int num_threads,
                                           pliant_preconditioner **out);

@@ -54,7 +54,7 @@ static double farthest_pull(const pliant_path *path)
 }
 
 /* Create the deformed volume, which covers the scan and the tissue at rest with the scene's margin. */
-static pliant_status ask_for_volume(deform_run *run)
+static pliant_status create_deformed_volume(deform_run *run)
 {
     const pliant_mesh *mesh = &pliant_data_get_body(run->data)->fine;
     const double margin = pliant_model_get_scene(run->model)->warp.margin, pull = farthest_pull(&run->inputs->path);
@@ -154,7 +154,7 @@ static pliant_status prepare(deform_run *run)
     timing_print_build(run->model, stdout);
     status = timing_write_build(run->folder, run->model);
     if (status >= 0) status = pliant_data_create(run->model, &run->data);
-    if (status >= 0 && arguments->volume) status = ask_for_volume(run);
+    if (status >= 0 && arguments->volume) status = create_deformed_volume(run);
     warn_of_gravity(run);
     if (status >= 0) status = deform_tools_begin(&inputs->path, run->folder, run->model, run->data, &run->tools);
     if (status >= 0) status = timing_start(run->folder, &run->times);

@@ -110,12 +110,12 @@ std::string points_from_text(const std::string &text, std::vector<ControlPoint> 
 }
 
 // minimum distance between two points [fraction of the window]; the text has four digits
-static const double APART = 0.001;
+static const double MIN_SEPARATION = 0.001;
 
 void move_point(std::vector<ControlPoint> *points, size_t which, double at, double opacity)
 {
-    const double low = which > 0 ? (*points)[which - 1].at + APART : 0;
-    const double high = which + 1 < points->size() ? (*points)[which + 1].at - APART : 1;
+    const double low = which > 0 ? (*points)[which - 1].at + MIN_SEPARATION : 0;
+    const double high = which + 1 < points->size() ? (*points)[which + 1].at - MIN_SEPARATION : 1;
     if (low <= high) (*points)[which].at = std::min(std::max(at, low), high);
     (*points)[which].colour.a = std::min(std::max(opacity, 0.0), 1.0);
 }
@@ -126,8 +126,8 @@ int add_point(std::vector<ControlPoint> *points, double at)
     line.points = *points;
     size_t which = 0;
     while (which < points->size() && (*points)[which].at < at) which++;
-    const double low = which > 0 ? (*points)[which - 1].at + APART : 0,
-                 high = which < points->size() ? (*points)[which].at - APART : 1;
+    const double low = which > 0 ? (*points)[which - 1].at + MIN_SEPARATION : 0,
+                 high = which < points->size() ? (*points)[which].at - MIN_SEPARATION : 1;
     if (low > high) return -1;
     points->insert(points->begin() + long(which), {at, colour_at(line, at)});
     move_point(points, which, at, (*points)[which].colour.a);

@@ -375,7 +375,7 @@ void VolumeDisplay::upload()
 }
 
 // Request the whole volume by a new subscription, after data were lost.
-void VolumeDisplay::ask_for_whole(float wall_dt)
+void VolumeDisplay::request_whole_volume(float wall_dt)
 {
     since_asked_ += wall_dt;
     if (!whole_wanted_ || since_asked_ < ASK_EVERY) return;
@@ -487,7 +487,7 @@ void VolumeDisplay::update(float wall_dt, float)
     if (placed && (is_new_ || fit_wanted_)) show_in_view();
     if (placed) visual_->draw(context_->getViewManager()->getCurrent()->getCamera());
     report();
-    ask_for_whole(wall_dt);
+    request_whole_volume(wall_dt);
 }
 
 // Move a new volume into the view if its centre is near the edge of the view or outside, because scanners have

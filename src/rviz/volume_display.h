@@ -80,7 +80,7 @@ private:
     void show_in_view();
     void show_sides();
     bool place();
-    void ask_for_whole(float wall_dt);
+    void request_whole_volume(float wall_dt);
     void show_bar();
     void report();
     void take_points();

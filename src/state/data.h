@@ -37,15 +37,15 @@ typedef struct pliant_blade {
     pliant_edge edge;      /* during a stroke */
     double tip[3], rotation[4]; /* pose of the tool at the last motion of the edge */
     /* RESISTANCE: the edge drags the tissue by the tool's hold until it slips. */
-    bool drags;
-    bool slips; /* the tissue is free: the blade cuts tissue that has moved back over it */
+    bool is_dragging;
+    bool has_slipped; /* the tissue is free: the blade cuts tissue that has moved back over it */
     double stiffness;      /* stiffness of its spring [N/m] */
     double anchor[3];      /* position of the middle of the edge at the start of dragging [m] */
     double cut_end[3];     /* the same at the end of the cut [m] */
-    double drawn[3];       /* motion since then, perpendicular to the edge [m] */
+    double drag_displacement[3];       /* motion since then, perpendicular to the edge [m] */
     double moved[3], force[3]; /* motion of the middle in the last step [m]; force in the step before [N] */
     double work;           /* work of the blade minus the energy of its cuts since it entered tissue [J] */
-    double parting[3];     /* cutting force while tissue is free [N] */
+    double free_tissue_force[3];     /* cutting force while tissue is free [N] */
     /* OUTPUT. */
     double engaged_length, severed_area; /* [m]; rest area since load [m^2] */
     int32_t pieces;        /* number after its last cut */
@@ -99,16 +99,19 @@ typedef struct pliant_tool {
 /* Return the drive of the solver: the tool's own, or its blade's spring. */
 static inline pliant_drive pliant_tool_drive(const pliant_tool *tool)
 {
-    return tool->blade.drags ? PLIANT_DRIVE_SPRING : tool->drive;
+    return tool->blade.is_dragging ? PLIANT_DRIVE_SPRING : tool->drive;
 }
 static inline double pliant_tool_stiffness(const pliant_tool *tool)
 {
-    return tool->blade.drags ? tool->blade.stiffness : tool->stiffness;
+    return tool->blade.is_dragging ? tool->blade.stiffness : tool->stiffness;
 }
-static inline double pliant_tool_damping(const pliant_tool *tool) { return tool->blade.drags ? 0 : tool->damping; }
-static inline double pliant_tool_mass(const pliant_tool *tool) { return tool->blade.drags ? 0 : tool->mass; }
+static inline double pliant_tool_damping(const pliant_tool *tool)
+{
+    return tool->blade.is_dragging ? 0 : tool->damping;
+}
+static inline double pliant_tool_mass(const pliant_tool *tool) { return tool->blade.is_dragging ? 0 : tool->mass; }
 /* Return whether the tool holds tissue, other than by its blade. */
-static inline bool pliant_tool_grips(const pliant_tool *tool) { return tool->holding && !tool->blade.drags; }
+static inline bool pliant_tool_grips(const pliant_tool *tool) { return tool->holding && !tool->blade.is_dragging; }
 
 /* Earlier bodies for undo, the latest last. */
 typedef struct pliant_undo {

@@ -287,7 +287,7 @@ pliant_status pliant_blade_transfer(pliant_blade *blade, const pliant_blade *fro
     pliant_edge *edge = &blade->edge;
     pliant_status status = pliant_edge_create(from->edge.count, from->edge.reach, edge);
     if (status != PLIANT_OK) {
-        blade->is_in_stroke = blade->drags = false;
+        blade->is_in_stroke = blade->is_dragging = false;
         return status;
     }
     memcpy(edge->place, from->edge.place, 3 * (size_t)edge->count * sizeof *edge->place);
@@ -368,19 +368,19 @@ pliant_status pliant_blade_hold(const pliant_body *body, pliant_tool *tool)
     tool->held = held;
     tool->weight = weight;
     tool->num_held = nodes;
-    tool->holding = tool->blade.drags = true;
+    tool->holding = tool->blade.is_dragging = true;
     return PLIANT_OK;
 }
 
 void pliant_blade_release(pliant_tool *tool)
 {
     pliant_blade *blade = &tool->blade;
-    if (blade->drags) pliant_tool_remove_grasp(tool);
+    if (blade->is_dragging) pliant_tool_remove_grasp(tool);
     else if (!tool->holding) memset(tool->force, 0, sizeof tool->force);
-    blade->slips = false;
+    blade->has_slipped = false;
     blade->work = 0;
-    memset(blade->parting, 0, sizeof blade->parting);
-    memset(blade->drawn, 0, sizeof blade->drawn);
+    memset(blade->free_tissue_force, 0, sizeof blade->free_tissue_force);
+    memset(blade->drag_displacement, 0, sizeof blade->drag_displacement);
     memset(blade->moved, 0, sizeof blade->moved);
     memset(blade->force, 0, sizeof blade->force);
 }
@@ -388,10 +388,12 @@ void pliant_blade_release(pliant_tool *tool)
 void pliant_blade_update_force(pliant_tool *tool)
 {
     const pliant_blade *blade = &tool->blade;
-    const double *drawn = blade->drawn, size = sqrt(drawn[0] * drawn[0] + drawn[1] * drawn[1] + drawn[2] * drawn[2]);
-    if (!blade->drags || size == 0) return;
+    const double *drag_displacement = blade->drag_displacement,
+                 size = sqrt(drag_displacement[0] * drag_displacement[0] + drag_displacement[1] * drag_displacement[1] +
+                             drag_displacement[2] * drag_displacement[2]);
+    if (!blade->is_dragging || size == 0) return;
     double along = 0;
-    for (int d = 0; d < 3; d++) along += tool->force[d] * drawn[d] / size;
+    for (int d = 0; d < 3; d++) along += tool->force[d] * drag_displacement[d] / size;
     const double missing = fmax(blade->stiffness * size - along, 0);
-    for (int d = 0; d < 3; d++) tool->force[d] += missing * drawn[d] / size;
+    for (int d = 0; d < 3; d++) tool->force[d] += missing * drag_displacement[d] / size;
 }

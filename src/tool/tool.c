@@ -302,7 +302,7 @@ pliant_status pliant_tool_transfer(pliant_tool *tool, const pliant_tool *from, c
     tool->holding = tool->attached = false;
     pliant_status status = pliant_blade_transfer(&tool->blade, &from->blade, data, next, positions);
     if (status != PLIANT_OK || !from->holding) return status;
-    if (!from->blade.drags)
+    if (!from->blade.is_dragging)
         status =
             list_held(next, from, from->grasped, from->grasped_radius, &tool->num_held, &tool->held, &tool->weight);
     else if (pliant_blade_num_inside(&tool->blade.edge) > 0) status = pliant_blade_hold(next, tool);
@@ -413,7 +413,7 @@ void pliant_tool_report(pliant_data *data, int index, const double *force)
 {
     pliant_tool *tool = data->tools + index;
     if (!tool->holding) {
-        if (tool->blade.slips) memcpy(tool->force, tool->blade.parting, sizeof tool->force);
+        if (tool->blade.has_slipped) memcpy(tool->force, tool->blade.free_tissue_force, sizeof tool->force);
         return;
     }
     find_held_point(data, tool);

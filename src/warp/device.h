@@ -52,7 +52,8 @@ typedef struct pliant_warp_device {
     pliant_status (*cross)(void *object, const march_ray *ray, int64_t first, march_crossing *out);
     /* Image of the volume of the last update (warp/ray.h). NULL: the volume is fetched and the CPU draws it.
      * labels: Nullable; object of a warp of labels */
-    pliant_status (*see)(void *object, void *labels, const struct render_scene *scene, const struct render_output *out);
+    pliant_status (*draw_image)(void *object, void *labels, const struct render_scene *scene,
+                                const struct render_output *out);
     /* Change to the next body, as pliant_warp_prepare and pliant_warp_take. drop: free the prepared data, whether taken
      * or not. */
     pliant_status (*prepare)(void *object, const pliant_warp_parts *parts, const pliant_warp_changes *changes,

@@ -173,8 +173,8 @@ static pliant_status draw_warp(pliant_view *view, bool labels, const pliant_warp
 static bool draw_there(const pliant_warp *values, const pliant_warp *labels, const render_scene *scene,
                        const render_output *out)
 {
-    if (!values->accelerated || !values->device->see || (labels && !labels->accelerated)) return false;
-    if (values->device->see(values->accelerated, labels ? labels->accelerated : NULL, scene, out) == PLIANT_OK)
+    if (!values->accelerated || !values->device->draw_image || (labels && !labels->accelerated)) return false;
+    if (values->device->draw_image(values->accelerated, labels ? labels->accelerated : NULL, scene, out) == PLIANT_OK)
         return true;
     pliant_log(PLIANT_LOG_WARNING, "GPU rendering failed (%s); using the CPU", pliant_last_error());
     return false;

@@ -153,9 +153,9 @@ TEST(Background, AFactorBringsTheResponsesOfSprings)
         ASSERT_EQ(pliant_refresh_step(solver, &statistics), PLIANT_OK) << pliant_last_error();
         if (solver->factors == factors) continue;
         brought++;
-        ASSERT_EQ(handle->response_of, solver->in_use.number);
+        ASSERT_EQ(handle->response_number, solver->in_use.number);
         const std::vector<double> response(handle->response, handle->response + 3 * pliant_solver_unknowns(solver));
-        handle->response_of = 0;
+        handle->response_number = 0;
         ASSERT_EQ(pliant_solver_find_responses(solver), PLIANT_OK);
         EXPECT_TRUE(std::equal(response.begin(), response.end(), handle->response));
     }
@@ -166,7 +166,8 @@ TEST(Background, AFactorBringsTheResponsesOfSprings)
 // loads are excluded. A planned step ends when it has converged.
 TEST(Background, NoLiveStepIsFarLongerThanTheOthers)
 {
-    const int first = pliant_quasistatic().limit_first_steps, EASY = 2 * first, TIGHT = EASY + 8, SUDDEN = TIGHT + 1;
+    const int first = pliant_get_quasistatic_settings().limit_first_steps, EASY = 2 * first, TIGHT = EASY + 8,
+              SUDDEN = TIGHT + 1;
     for (pliant_background_kind kind : {PLIANT_BACKGROUND_PLANNED, PLIANT_BACKGROUND_LIVE}) {
         SCOPED_TRACE(kind);
         Body body(size, box, {{5000, 0.45, 1000, false}});

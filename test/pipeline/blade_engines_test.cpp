@@ -85,9 +85,9 @@ struct EveryEngine : testing::TestWithParam<Engine> {
     }
     pliant_tool_state state() const
     {
-        pliant_tool_state told{};
-        EXPECT_EQ(pliant_tool_get(body.data, knife, &told), PLIANT_OK);
-        return told;
+        pliant_tool_state tool_state{};
+        EXPECT_EQ(pliant_tool_get(body.data, knife, &tool_state), PLIANT_OK);
+        return tool_state;
     }
     // Move the blade down by 1 mm per step.
     // work: input and output; work of the blade [J]
@@ -128,20 +128,20 @@ TEST_P(EveryEngine, ABladeSeparatesTheTissue)
     double work = 0;
     stroke(0.0405, &work);
     if (HasFatalFailure()) return;
-    const pliant_tool_state told = state();
+    const pliant_tool_state tool_state = state();
     EXPECT_EQ(patched > 0, body.scene.model.patch > 0);
     // oscillating tissue, or a last element that bends, may meet the blade again and lose a sliver
     const bool swings = body.scene.solver.kind == PLIANT_TLED && !body.scene.tled.quasi_static,
                meets = swings || body.scene.mesh.kind == PLIANT_OCTREE;
-    if (meets) EXPECT_GE(told.pieces, 2);
-    else EXPECT_EQ(told.pieces, 2);
-    EXPECT_NEAR(told.severed_area, 0.024 * 0.032, (meets ? 0.2 : 0.05) * 0.024 * 0.032);
+    if (meets) EXPECT_GE(tool_state.pieces, 2);
+    else EXPECT_EQ(tool_state.pieces, 2);
+    EXPECT_NEAR(tool_state.severed_area, 0.024 * 0.032, (meets ? 0.2 : 0.05) * 0.024 * 0.032);
     if (std::getenv("PLIANT_FIGURES"))
-        std::printf("work %.4f of toughness times area%s\n", work / (toughness * told.severed_area),
+        std::printf("work %.4f of toughness times area%s\n", work / (toughness * tool_state.severed_area),
                     meets ? ", tissue meets the blade" : "");
     // tissue that moves over the blade itself needs no work of the tool
-    EXPECT_GT(work, (meets ? 0.86 : 0.9) * toughness * told.severed_area);
-    EXPECT_LT(work, 1.1 * toughness * told.severed_area);
+    EXPECT_GT(work, (meets ? 0.86 : 0.9) * toughness * tool_state.severed_area);
+    EXPECT_LT(work, 1.1 * toughness * tool_state.severed_area);
     EXPECT_EQ(mismatches(*body.data->body), 0);
     patched = 0;
     steps(20);

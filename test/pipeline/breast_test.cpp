@@ -182,7 +182,7 @@ protected:
         return in("turn.yaml");
     }
     // Return the mean displacement to the back, weighted by mass [m].
-    double way_back(const Nodes &nodes) const
+    double mean_posterior_motion(const Nodes &nodes) const
     {
         double sum = 0, mass = 0;
         for (size_t n = 0; n < nodes.count(); n++) {
@@ -210,8 +210,8 @@ protected:
             expect_held_by_the_wall(*each);
             expect_volume(*each, each == &prone ? -9.81 : 9.81);
         }
-        EXPECT_LT(way_back(prone), -1e-3);
-        EXPECT_GT(way_back(supine), 1e-3);
+        EXPECT_LT(mean_posterior_motion(prone), -1e-3);
+        EXPECT_GT(mean_posterior_motion(supine), 1e-3);
     }
 
     const char *const cells_ = "8 5 5";
@@ -292,7 +292,8 @@ TEST_F(Breast, TurnsFromProneToSupine)
     for (const auto &drawing : drawings) {
         pliant_volume drawn{};
         ASSERT_EQ(pliant_volume_read(in(drawing.first).c_str(), nullptr, 0, &drawn), PLIANT_OK) << pliant_last_error();
-        EXPECT_NEAR(centre_of(drawn) - centre_of(scan_), way_back(*drawing.second), 0.25 * voxel) << drawing.first;
+        EXPECT_NEAR(centre_of(drawn) - centre_of(scan_), mean_posterior_motion(*drawing.second), 0.25 * voxel)
+            << drawing.first;
         pliant_volume_free(&drawn);
     }
     for (const char *name : {"turned/axial.png", "turned/coronal.png", "turned/sagittal.png"})
@@ -311,7 +312,7 @@ TEST_F(Breast, TurnsFromProneToSupine)
         double difference = 0;
         for (size_t n = 0; n < supine.now.size(); n++)
             difference = std::fmax(difference, std::fabs(other->now[n] - supine.now[n]));
-        EXPECT_LT(difference, 1e-3 * way_back(supine));
+        EXPECT_LT(difference, 1e-3 * mean_posterior_motion(supine));
     }
 }
 
@@ -350,7 +351,7 @@ TEST_F(Breast, ForcesAreInBalance)
         }
         EXPECT_NEAR(inside / outside, 1, 1e-4);
         if (g > 0) EXPECT_NEAR(energy / work, 0.5, 0.002);
-        way[g] = way_back(still);
+        way[g] = mean_posterior_motion(still);
     }
     EXPECT_LT(way[1], 0);
     EXPECT_NEAR(-way[1] / way[2], 1, 0.01);

@@ -32,7 +32,7 @@ struct Force {
 };
 
 // Return the force of a tool on the tissue, or of an obstacle (-1).
-Force felt(const Body &body, int tool)
+Force contact_force_of(const Body &body, int tool)
 {
     Force out{};
     std::vector<pliant_contact> points(static_cast<size_t>(pliant_data_get_contacts(body.data, 0, nullptr)));
@@ -57,7 +57,7 @@ Force press(Body &body, int tool, int steps = 8)
     for (int s = 0; s < steps; s++) {
         EXPECT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
         last = now;
-        now = felt(body, tool);
+        now = contact_force_of(body, tool);
     }
     for (int d = 0; d < 3; d++) now.by[d] = 0.5 * (now.by[d] + last.by[d]);
     return now;
@@ -189,7 +189,8 @@ TEST(ContactTheory, AShaftThatIsDrawnAlongItsAxisFeelsMuN)
             place(block, tool, block.edge / 2, 0.0553, block.height + radius - 0.002 * s);
             press(block, tool, 2);
         }
-        EXPECT_LT(std::fabs(felt(block, tool).by[0]), 0.02 * felt(block, tool).presses); // not moved yet
+        EXPECT_LT(std::fabs(contact_force_of(block, tool).by[0]),
+                  0.02 * contact_force_of(block, tool).presses); // not moved yet
         Force force{};
         double first = 0;
         for (int s = 0; s < 12; s++) {
@@ -238,7 +239,7 @@ TEST(ContactTheory, ARigidBodySlidesDownAPlaneAboveTanMu)
             press(bar, -1, 20);
             for (int s = 0; s < 3; s++) {
                 ASSERT_GE(pliant_step(bar.model, bar.data), 0) << pliant_last_error();
-                std::copy_n(felt(bar, -1).by, 3, force);
+                std::copy_n(contact_force_of(bar, -1).by, 3, force);
                 at[s] = bar.data->positions[3 * node];
                 EXPECT_NEAR(force[2], weight, 1e-4 * weight);
                 EXPECT_NEAR(force[0], -std::fmin(slope, friction) * weight, 1e-4 * friction * weight);
@@ -288,7 +289,7 @@ TEST(ContactTheory, ASoftCubeSlidesDownFromTanMuOn)
                     at[s] += cube.data->body->node_mass[n] * cube.data->positions[3 * n] / mass;
                 for (int k = 0; k < apart && s < 2; k++) {
                     ASSERT_GE(pliant_step(cube.model, cube.data), 0) << pliant_last_error();
-                    const Force of = felt(cube, -1);
+                    const Force of = contact_force_of(cube, -1);
                     for (int d = 0; d < 3; d++) force[d] += of.by[d] / (2 * apart);
                 }
             }
@@ -334,7 +335,7 @@ TEST(ContactTheory, TwoToolsLiftByFrictionAndSlip)
         for (; s <= 24 && (s < 2 || top() > last); s++) {
             last = top();
             hold(5e-4, step * s);
-            const Force by_left = felt(block, left), by_right = felt(block, right);
+            const Force by_left = contact_force_of(block, left), by_right = contact_force_of(block, right);
             double held[3];
             block.reaction(held);
             EXPECT_NEAR(held[2], -by_left.by[2] - by_right.by[2], 1e-3 * std::fabs(by_left.by[0]));
@@ -345,7 +346,7 @@ TEST(ContactTheory, TwoToolsLiftByFrictionAndSlip)
         ASSERT_LT(s, 24) << "it slips";
         // measured while all points slide; at rest the force distribution changes and they stick
         hold(5e-4, step * (s + 4), 1);
-        for (const Force &force : {felt(block, left), felt(block, right)})
+        for (const Force &force : {contact_force_of(block, left), contact_force_of(block, right)})
             EXPECT_NEAR(force.slides, friction * force.presses, 1e-3 * friction * force.presses);
     }
 }
@@ -371,7 +372,7 @@ TEST(ContactTheory, TwoToolsKeepTheirForceLimits)
         place(block, right, block.edge - closed, block.edge / 2, 0.03 + up);
         EXPECT_EQ(pliant_step(block.model, block.data), PLIANT_OK) << "step " << s;
         for (int tool : {left, right}) {
-            const Force force = felt(block, tool);
+            const Force force = contact_force_of(block, tool);
             last = std::sqrt(force.by[0] * force.by[0] + force.by[1] * force.by[1] + force.by[2] * force.by[2]);
             largest = std::max(largest, last);
         }

@@ -69,7 +69,7 @@ struct Cube : Body {
         fix_plane(0, 0, 1e-4, 0, 0, 1);
     }
     // Return the mean displacement of its nodes under weight along an axis [m].
-    double way(int axis)
+    double displacement(int axis)
     {
         scene.model.gravity[axis] = -2;
         EXPECT_EQ(build(), PLIANT_OK) << pliant_last_error();
@@ -103,9 +103,9 @@ TEST(HeldEdges, ABlockUnderItsWeightAcrossAndAlong)
 {
     for (int ratio = 2; ratio <= 4; ratio += 2)
         for (int axis = 1; axis < 3; axis++) {
-            const double fine = Cube(PLIANT_FINE, 0.45, ratio).way(axis);
+            const double fine = Cube(PLIANT_FINE, 0.45, ratio).displacement(axis);
             for (pliant_method method : {PLIANT_COARSE, PLIANT_AVERAGED}) {
-                const double error = Cube(method, 0.45, ratio).way(axis) / fine - 1;
+                const double error = Cube(method, 0.45, ratio).displacement(axis) / fine - 1;
                 std::printf("block, ratio %d, weight along %c: %s %+.2f %%\n", ratio, "xyz"[axis], name_of(method),
                             100 * error);
                 EXPECT_LT(std::fabs(error), axis == 1 ? 0.005 : 0.02);
@@ -127,7 +127,7 @@ const HeldBody held_bodies[] = {{"beam 20 x 40 x 120 mm", {2, 4, 12}, false, {0.
                                 {"cube 40 mm", {4, 4, 4}, false, {0.0204818, 0.0205073}},
                                 {"block 40 x 40 x 80 mm, held at both ends", {4, 4, 8}, true, {0.0168463, 0.0170439}}};
 
-double mean_way(const HeldBody &held, pliant_method method, double poisson, int finer, int ratio)
+double mean_displacement(const HeldBody &held, pliant_method method, double poisson, int finer, int ratio)
 {
     int voxels[3];
     double box[3];
@@ -161,18 +161,21 @@ TEST_P(Bodies, AreNearerToTheConvergedMesh)
     const HeldBody &held = held_bodies[GetParam()];
     for (int n = 0; n < 2; n++) {
         const double poisson = n ? 0.49 : 0.45, converged = held.converged[n],
-                     plain = mean_way(held, PLIANT_FINE, poisson, 1, 1) / converged - 1;
+                     plain = mean_displacement(held, PLIANT_FINE, poisson, 1, 1) / converged - 1;
         std::printf("%s, nu %.2f: plain %+.1f %%", held.name, poisson, 100 * plain);
         for (int ratio = 2; ratio <= 4; ratio += 2) {
-            const double fine = mean_way(held, PLIANT_FINE, poisson, ratio, 1);
+            const double fine = mean_displacement(held, PLIANT_FINE, poisson, ratio, 1);
             std::printf(" | ratio %d: fine %+.1f %%", ratio, 100 * (fine / converged - 1));
             for (pliant_method method : {PLIANT_COARSE, PLIANT_AVERAGED}) {
-                const double way = mean_way(held, method, poisson, 1, ratio), error = way / converged - 1;
-                std::printf(", %s %+.1f (of the fine %+.1f)", name_of(method), 100 * error, 100 * (way / fine - 1));
+                const double displacement = mean_displacement(held, method, poisson, 1, ratio),
+                             error = displacement / converged - 1;
+                std::printf(", %s %+.1f (of the fine %+.1f)", name_of(method), 100 * error,
+                            100 * (displacement / fine - 1));
                 const bool known = method == PLIANT_AVERAGED && ratio == 4 && held.cubes[1] == 2;
                 EXPECT_LT(std::fabs(error), known ? 0.035 : 0.7 * std::fabs(plain))
                     << held.name << " " << name_of(method);
-                EXPECT_LT(way / fine - 1, held.cubes[1] == 2 ? 0.045 : 0.02) << held.name << " " << name_of(method);
+                EXPECT_LT(displacement / fine - 1, held.cubes[1] == 2 ? 0.045 : 0.02)
+                    << held.name << " " << name_of(method);
             }
         }
         std::printf("\n");

@@ -64,9 +64,9 @@ struct Slab : Body {
     void cutting(bool on) { ASSERT_EQ(pliant_tool_set_cutting(data, tool, on), PLIANT_OK) << pliant_last_error(); }
     pliant_tool_state state() const
     {
-        pliant_tool_state told{};
-        EXPECT_EQ(pliant_tool_get(data, tool, &told), PLIANT_OK);
-        return told;
+        pliant_tool_state tool_state{};
+        EXPECT_EQ(pliant_tool_get(data, tool, &tool_state), PLIANT_OK);
+        return tool_state;
     }
     void step() { ASSERT_GE(pliant_step(model, data), 0) << pliant_last_error(); }
     // Move down at a speed; return forces and heights of every step.
@@ -116,14 +116,14 @@ TEST_P(EveryKind, AStrokeTakesToughnessTimesItsArea)
     std::vector<double> forces;
     double work = 0;
     slab.stroke(0.0405, 0.034, -0.003, 0.02, &forces, &work);
-    const pliant_tool_state told = slab.state();
+    const pliant_tool_state tool_state = slab.state();
     if (std::getenv("PLIANT_FIGURES"))
         std::printf("area %.4f of the section's, work %.4f of toughness times area, mean force %.3f N, peak %.3f N\n",
-                    told.severed_area / (width * height), work / (toughness * told.severed_area), work / height,
-                    *std::max_element(forces.begin(), forces.end()));
-    EXPECT_EQ(told.pieces, 2);
-    EXPECT_NEAR(told.severed_area, width * height, 0.05 * width * height);
-    EXPECT_NEAR(work, toughness * told.severed_area, 0.05 * toughness * told.severed_area);
+                    tool_state.severed_area / (width * height), work / (toughness * tool_state.severed_area),
+                    work / height, *std::max_element(forces.begin(), forces.end()));
+    EXPECT_EQ(tool_state.pieces, 2);
+    EXPECT_NEAR(tool_state.severed_area, width * height, 0.05 * width * height);
+    EXPECT_NEAR(work, toughness * tool_state.severed_area, 0.05 * toughness * tool_state.severed_area);
     EXPECT_NEAR(work / height, toughness * width, 0.12 * toughness * width)
         << "mean force on its way through the tissue";
     const double peak = *std::max_element(forces.begin(), forces.end());
@@ -134,7 +134,7 @@ TEST_P(EveryKind, AStrokeTakesToughnessTimesItsArea)
         drops += forces[n - 1] > toughness * width && forces[n] < 0.3 * toughness * width;
     // subdivided elements separate by rows of triangles
     EXPECT_GE(drops, GetParam().name == subdivided.name ? 4 : 5) << "a saw-tooth";
-    EXPECT_FALSE(told.holding);
+    EXPECT_FALSE(tool_state.holding);
     EXPECT_EQ(slab.logged, "");
 }
 
@@ -566,10 +566,10 @@ TEST(Knife, EveryNamedBladeHasItsEdge)
                 ASSERT_GE(pliant_step(block.model, block.data), 0) << pliant_last_error();
             }
             ASSERT_EQ(pliant_tool_set_cutting(block.data, tool, false), PLIANT_OK);
-            pliant_tool_state told{};
-            ASSERT_EQ(pliant_tool_get(block.data, tool, &told), PLIANT_OK);
-            EXPECT_NEAR(told.severed_area, 0.5 * (1 + stroke) * section, 0.01 * section) << blade.name;
-            EXPECT_EQ(told.pieces, 1 + stroke) << blade.name;
+            pliant_tool_state tool_state{};
+            ASSERT_EQ(pliant_tool_get(block.data, tool, &tool_state), PLIANT_OK);
+            EXPECT_NEAR(tool_state.severed_area, 0.5 * (1 + stroke) * section, 0.01 * section) << blade.name;
+            EXPECT_EQ(tool_state.pieces, 1 + stroke) << blade.name;
         }
     }
 }
@@ -645,17 +645,17 @@ TEST(Knife, AStrokeThroughThePhantomsLiver)
         ASSERT_EQ(pliant_tool_set_cutting(data, tool, true), PLIANT_OK);
         ASSERT_GE(pliant_step(model, data), 0) << pliant_last_error();
     }
-    pliant_tool_state told;
-    ASSERT_EQ(pliant_tool_get(data, tool, &told), PLIANT_OK);
-    EXPECT_NEAR(told.severed_area, section, 0.05 * section);
+    pliant_tool_state tool_state;
+    ASSERT_EQ(pliant_tool_get(data, tool, &tool_state), PLIANT_OK);
+    EXPECT_NEAR(tool_state.severed_area, section, 0.05 * section);
     pliant_data *at_once = nullptr;
     pliant_cut_report report;
     const double line[6] = {x, -0.4, 0.3, x, 0.4, 0.3}, depth[3] = {0, 0, -0.6};
     ASSERT_EQ(pliant_data_create(model, &at_once), PLIANT_OK);
     ASSERT_EQ(pliant_data_cut(model, at_once, 2, line, depth, &report), PLIANT_OK) << pliant_last_error();
-    EXPECT_NEAR(told.severed_area, report.area, 1e-9) << "as by one cut through all of it";
-    EXPECT_GE(told.pieces, report.pieces);
-    EXPECT_LE(told.pieces, report.pieces + 2)
+    EXPECT_NEAR(tool_state.severed_area, report.area, 1e-9) << "as by one cut through all of it";
+    EXPECT_GE(tool_state.pieces, report.pieces);
+    EXPECT_LE(tool_state.pieces, report.pieces + 2)
         << "bits at the edge of the tissue may come off where it moves between two steps";
     EXPECT_GE(report.pieces, 2);
     pliant_data_free(at_once);

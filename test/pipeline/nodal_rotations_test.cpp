@@ -35,7 +35,7 @@ TEST(Turn, FindsTheRotationWhateverTheStretchBefore)
     ASSERT_EQ(pliant_nodal_rotations_create(system, &rotations), PLIANT_OK);
     ASSERT_NE(rotations, nullptr);
     pliant_nodal_rotations_refer(system, before.data(), rotations);
-    EXPECT_FALSE(rotations->turned);
+    EXPECT_FALSE(rotations->is_rotated);
     pliant_nodal_rotations_update(system, now.data(), rotations);
     int tissue = 0, air = 0;
     for (int32_t f = 0; f < system->num_free; f++) {

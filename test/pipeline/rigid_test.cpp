@@ -101,7 +101,7 @@ TEST(Rigid, AnImpulseTurnsItByTheLeverOverTheInertia)
     const pliant_rigid_walls no_walls{};
     pliant_rigid body = brick(0.02, 0.04, 0.1);
     pliant_rigid_pull pull{};
-    pull.given = true;
+    pull.is_force = true;
     pull.arm[2] = 0.05;
     pull.force[1] = force;
     ASSERT_FALSE(pliant_rigid_step(&body, none, time, 1, &pull, &no_walls));

@@ -215,7 +215,7 @@ struct Thrown {
             energy = now;
             in_contact += flight->data->statistics.contacts;
             for (int32_t c = 0; c < flight->data->contacts.count; c++)
-                deep += flight->data->tled->contact[c].deep > 1e-6;
+                deep += flight->data->tled->contact[c].initial_depth > 1e-6;
         }
         met += in_contact > 0;
     }
@@ -326,17 +326,17 @@ TEST(SelfDynamics, APointAddsNoForceAndNoTorque)
     for (int trial = 0; trial < 100; trial++) {
         FourNodes four(random, trial % 2);
         four.point.friction = trial % 3 * 0.4;
-        four.contact.deep = trial % 5 * 1e-3;
+        four.contact.initial_depth = trial % 5 * 1e-3;
         const std::array<double, 6> first = four.momenta();
         for (int s = 0; s < steps; s++) {
             four.step(s, steps);
             const std::array<double, 6> now = four.momenta();
             for (int k = 0; k < 6; k++)
                 ASSERT_NEAR(now[k], first[k], 1e-14) << trial << " " << s << " " << k << ", of some 1e-2";
-            pressed += four.contact.pressed;
-            shifted += four.contact.owed[0] != 0;
+            pressed += four.contact.is_pressed;
+            shifted += four.contact.separation_impulse[0] != 0;
         }
-        EXPECT_EQ(four.contact.owed[2], 0) << "a frame owes the next one nothing";
+        EXPECT_EQ(four.contact.separation_impulse[2], 0) << "a frame owes the next one nothing";
     }
     EXPECT_GT(pressed, 1000);
     EXPECT_GT(shifted, 100);

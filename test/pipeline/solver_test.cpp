@@ -285,7 +285,7 @@ Frames frames(Body &body, Load load, bool settled, bool forgetful = false)
             EXPECT_EQ(pliant_tool_set_drive(body.data, tool, drives[load], force), PLIANT_OK);
             EXPECT_EQ(pliant_tool_set_pose(body.data, tool, tip, nullptr), PLIANT_OK);
         }
-        if (forgetful) body.data->solver->previous.kept = false;
+        if (forgetful) body.data->solver->previous.is_comparable = false;
         EXPECT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
         if (settled) EXPECT_EQ(body.settle(), PLIANT_OK);
         out.before.push_back(body.data->statistics.error_before);

@@ -206,7 +206,7 @@ TEST(Theory, GravityEnergyOfTheFineMeshIsPreserved)
             for (size_t n = 0; n < fine.size(); n++) sum -= body.model->body->node_mass[n / 3] * g[n % 3] * fine[n];
             return sum;
         };
-        pliant_solver_gravity(body.data->solver, g);
+        pliant_solver_set_gravity(body.data->solver, g);
         std::vector<double> rest(system->mesh->rest, system->mesh->rest + 3 * system->mesh->num_nodes);
         double worst = 0, maximum = 0;
         for (int32_t f = 0; f < system->num_free; f += 7)

@@ -138,7 +138,7 @@ static void lock_pages(pliant_cuda_tled *gpu, const pliant_tled *tled)
 {
     const size_t nodes = 3 * (size_t)gpu->gpu.num_nodes * sizeof(double),
                  memory = (size_t)pliant_tled_blocks(gpu->system) * sizeof *tled->memory;
-    void *const blocks[6] = {tled->u, tled->d, tled->kept_u, tled->kept_d, tled->memory, tled->kept_memory};
+    void *const blocks[6] = {tled->u, tled->d, tled->start_u, tled->start_d, tled->memory, tled->start_memory};
     for (int b = 0; b < 6; b++)
         if (blocks[b] && pliant_cuda_lock_pages(blocks[b], b < 4 ? nodes : memory)) gpu->locked[b] = blocks[b];
 }
@@ -369,7 +369,7 @@ static void set_tools(const pliant_tled *tled, const pliant_tool *tools, int num
         gpu_hold *hold = frame->tools + t;
         if (!tool->holding) continue;
         hold->active = 1;
-        hold->later = tled->later[t];
+        hold->substeps_after_part = tled->substeps_after_part[t];
         hold->drive = pliant_tool_drive(tool);
         for (int d = 0; d < 3; d++) hold->goal[d] = tool->tip[d] - tool->grip[d];
         memcpy(hold->driving_force, tool->driving_force, sizeof hold->driving_force);
@@ -394,7 +394,7 @@ static void set_frame(const pliant_tled *tled, gpu_frame *frame)
     frame->tolerance = tled->tolerance;
     frame->smallest_load = tled->smallest_load;
     frame->substeps = pliant_tled_part_substeps(tled);
-    frame->made = tled->made;
+    frame->substeps_done = tled->substeps_done;
     frame->whole = tled->substeps;
     for (int term = 0; term < system->num_prony; term++) {
         const float dt = (float)tled->time_step;
@@ -473,11 +473,11 @@ static pliant_status download(pliant_cuda_tled *gpu, pliant_tled *tled)
     const size_t bytes = 3 * (size_t)it->num_nodes * sizeof(double),
                  memory = (size_t)pliant_tled_blocks(gpu->system) * sizeof *tled->memory;
     CUDA_TRY(pliant_cuda_tled_finish(it, gpu->stream));
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(tled->kept_u, it->d_packed_u, bytes, cudaMemcpyDeviceToHost, gpu->stream)));
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(tled->kept_d, it->d_d[0], bytes, cudaMemcpyDeviceToHost, gpu->stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(tled->start_u, it->d_packed_u, bytes, cudaMemcpyDeviceToHost, gpu->stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(tled->start_d, it->d_d[0], bytes, cudaMemcpyDeviceToHost, gpu->stream)));
     if (it->viscous)
         CUDA_TRY(CUDA_CALL(
-            cudaMemcpyAsync(tled->kept_memory, it->d_packed_memory, memory, cudaMemcpyDeviceToHost, gpu->stream)));
+            cudaMemcpyAsync(tled->start_memory, it->d_packed_memory, memory, cudaMemcpyDeviceToHost, gpu->stream)));
     CUDA_TRY(pliant_cuda_tled_contacts_download(&gpu->sorted, it, gpu->stream));
     CUDA_TRY(download_outcome(gpu));
     return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
@@ -485,13 +485,13 @@ static pliant_status download(pliant_cuda_tled *gpu, pliant_tled *tled)
 
 static void take(const gpu_outcome *outcome, pliant_tled *tled, pliant_tool *tools, int num_tools)
 {
-    std::swap(tled->u, tled->kept_u);
-    std::swap(tled->d, tled->kept_d);
-    std::swap(tled->memory, tled->kept_memory);
+    std::swap(tled->u, tled->start_u);
+    std::swap(tled->d, tled->start_d);
+    std::swap(tled->memory, tled->start_memory);
     memcpy(tled->target, outcome->target, sizeof tled->target);
-    memcpy(tled->passed, outcome->passed, sizeof tled->passed);
-    memcpy(tled->passed_target, outcome->passed_target, sizeof tled->passed_target);
-    tled->passed_step = outcome->passed_step;
+    memcpy(tled->previous_point, outcome->previous_point, sizeof tled->previous_point);
+    memcpy(tled->previous_target, outcome->previous_target, sizeof tled->previous_target);
+    tled->previous_time_step = outcome->previous_time_step;
     memcpy(tled->quotient, outcome->quotient, sizeof tled->quotient);
     for (int t = 0; t < num_tools; t++)
         for (int d = 0; d < 3; d++) tools[t].force[d] += outcome->force[t][d];
@@ -517,9 +517,9 @@ extern "C" pliant_status pliant_cuda_tled_run(void *with, pliant_tled *tled, pli
     gpu->stale = true; /* until this frame is complete and valid */
     memset(gpu->h_exchange, 0, sizeof *gpu->h_exchange);
     memcpy(outcome->target, tled->target, sizeof outcome->target);
-    memcpy(outcome->passed, tled->passed, sizeof outcome->passed);
-    memcpy(outcome->passed_target, tled->passed_target, sizeof outcome->passed_target);
-    outcome->passed_step = tled->passed_step;
+    memcpy(outcome->previous_point, tled->previous_point, sizeof outcome->previous_point);
+    memcpy(outcome->previous_target, tled->previous_target, sizeof outcome->previous_target);
+    outcome->previous_time_step = tled->previous_time_step;
     memcpy(outcome->quotient, tled->quotient, sizeof outcome->quotient);
     outcome->first_unstable_step = INT32_MAX;
     set_frame(tled, frame);

@@ -15,13 +15,13 @@ static void free_points(gpu_tled_contacts *sorted, gpu_tled *gpu)
     pliant_free(sorted->order);
     pliant_free(sorted->level_of);
     pliant_cuda_release(gpu->d_point);
-    pliant_cuda_release(gpu->d_touch);
+    pliant_cuda_release(gpu->d_contact);
     pliant_cuda_release(gpu->d_level);
     sorted->h_point = NULL;
     sorted->h_touch = NULL;
     sorted->h_level = sorted->order = sorted->level_of = NULL;
     gpu->d_point = NULL;
-    gpu->d_touch = NULL;
+    gpu->d_contact = NULL;
     gpu->d_level = NULL;
     sorted->point_capacity = 0;
 }
@@ -54,7 +54,7 @@ static pliant_status make_points(gpu_tled_contacts *sorted, gpu_tled *gpu, int32
     CUDA_TRY(make(capacity, false, &sorted->h_touch));
     CUDA_TRY(make(capacity + 1, false, &sorted->h_level));
     CUDA_TRY(make(capacity, true, &gpu->d_point));
-    CUDA_TRY(make(capacity, true, &gpu->d_touch));
+    CUDA_TRY(make(capacity, true, &gpu->d_contact));
     CUDA_TRY(make(capacity + 1, true, &gpu->d_level));
     sorted->order = static_cast<int32_t *>(pliant_calloc(capacity, sizeof *sorted->order));
     sorted->level_of = static_cast<int32_t *>(pliant_calloc(capacity, sizeof *sorted->level_of));
@@ -165,8 +165,8 @@ extern "C" pliant_status pliant_cuda_tled_contacts_send(const gpu_tled_contacts 
     if (count == 0) return PLIANT_OK;
     CUDA_TRY(CUDA_CALL(
         cudaMemcpyAsync(gpu->d_point, sorted->h_point, count * sizeof *gpu->d_point, cudaMemcpyHostToDevice, stream)));
-    CUDA_TRY(CUDA_CALL(
-        cudaMemcpyAsync(gpu->d_touch, sorted->h_touch, count * sizeof *gpu->d_touch, cudaMemcpyHostToDevice, stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->d_contact, sorted->h_touch, count * sizeof *gpu->d_contact,
+                                       cudaMemcpyHostToDevice, stream)));
     return CUDA_CALL(
         cudaMemcpyAsync(gpu->d_level, sorted->h_level, levels * sizeof *gpu->d_level, cudaMemcpyHostToDevice, stream));
 }
@@ -178,8 +178,8 @@ extern "C" pliant_status pliant_cuda_tled_contacts_download(const gpu_tled_conta
     if (count == 0) return PLIANT_OK;
     CUDA_TRY(CUDA_CALL(
         cudaMemcpyAsync(sorted->h_point, gpu->d_point, count * sizeof *gpu->d_point, cudaMemcpyDeviceToHost, stream)));
-    return CUDA_CALL(
-        cudaMemcpyAsync(sorted->h_touch, gpu->d_touch, count * sizeof *gpu->d_touch, cudaMemcpyDeviceToHost, stream));
+    return CUDA_CALL(cudaMemcpyAsync(sorted->h_touch, gpu->d_contact, count * sizeof *gpu->d_contact,
+                                     cudaMemcpyDeviceToHost, stream));
 }
 
 extern "C" void pliant_cuda_tled_contacts_take(const gpu_tled_contacts *sorted, pliant_tled *tled)

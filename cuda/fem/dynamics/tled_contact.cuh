@@ -25,7 +25,7 @@ static __device__ gpu_contact_buffers make_contact_buffers(const gpu_tled &tled,
     near += NEAR_NUMBERS * (size_t)tled.near_capacity;
     buffers.point = shared ? reinterpret_cast<pliant_contact_point *>(near) : tled.d_point;
     buffers.contact =
-        shared ? reinterpret_cast<pliant_tled_contact *>(buffers.point + tled.point_capacity) : tled.d_touch;
+        shared ? reinterpret_cast<pliant_tled_contact *>(buffers.point + tled.point_capacity) : tled.d_contact;
     return buffers;
 }
 
@@ -116,7 +116,7 @@ static __device__ double correct_contacts(const gpu_tled &tled, const gpu_frame 
     load_near(tled, frame.num_near, d_u, d_d, buffers);
     if (buffers.shared) {
         copy_numbers(tled.d_point, buffers.point, points);
-        copy_numbers(tled.d_touch, buffers.contact, touches);
+        copy_numbers(tled.d_contact, buffers.contact, touches);
     }
     __syncthreads();
     for_all_points(tled, frame, buffers, false, [&](pliant_contact_point *point, pliant_tled_contact *contact) {
@@ -126,7 +126,7 @@ static __device__ double correct_contacts(const gpu_tled &tled, const gpu_frame 
     store_near(tled, frame.num_near, d_u, d_d, buffers);
     if (buffers.shared) {
         copy_numbers(buffers.point, tled.d_point, points);
-        copy_numbers(buffers.contact, tled.d_touch, touches);
+        copy_numbers(buffers.contact, tled.d_contact, touches);
     }
     __syncthreads();
     return load;

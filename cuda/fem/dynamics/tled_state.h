@@ -55,8 +55,8 @@ typedef struct gpu_node {
 typedef struct gpu_hold {
     int32_t active, drive, first, count; /* of d_tool_node, d_tool_weight */
     double goal[3], driving_force[3], stiffness, damping;
-    int32_t later;             /* struct pliant_tled */
-    double load_share;         /* sum of squared weights divided by masses */
+    int32_t substeps_after_part; /* struct pliant_tled */
+    double load_share;           /* sum of squared weights divided by masses */
 } gpu_hold;
 
 /* Inputs of a frame, written by the host. */
@@ -69,7 +69,7 @@ typedef struct gpu_frame {
     double tolerance, smallest_load; /* of dynamic relaxation */
     int32_t substeps, num_tools, num_held; /* of this part of the frame (struct pliant_tled); num_held: entries of
                                             * d_held_node */
-    int32_t made, whole;       /* sub-steps of the frame before this part, and in total */
+    int32_t substeps_done, whole;             /* sub-steps of the frame before this part, and in total */
     int32_t num_points, num_levels, num_near; /* of contacts */
     gpu_hold tools[PLIANT_MAX_TOOLS];
     /* Sums of products of two tools' weights divided by mass, over common nodes. */
@@ -78,7 +78,8 @@ typedef struct gpu_frame {
 
 /* Results of a frame, and state between frames. */
 typedef struct gpu_outcome {
-    double passed[PLIANT_MAX_TOOLS][3], passed_target[PLIANT_MAX_TOOLS][3], passed_step; /* struct pliant_tled */
+    double previous_point[PLIANT_MAX_TOOLS][3], previous_target[PLIANT_MAX_TOOLS][3],
+        previous_time_step; /* struct pliant_tled */
     double target[PLIANT_MAX_TOOLS][3], force[PLIANT_MAX_TOOLS][3], quotient[4];
     double factor, kept;       /* dynamic relaxation: of this sub-step */
     double tool_load, sums[PLIANT_NUM_SUMS], residual;
@@ -128,7 +129,7 @@ typedef struct gpu_tled {
     int32_t point_capacity, near_capacity; /* capacity for contacts, and for their nodes */
     size_t shared_bytes;                   /* shared memory for contacts; 0: they are in d_near_buffer */
     pliant_contact_point *d_point;         /* sorted by levels; tled_contact.h */
-    pliant_tled_contact *d_touch;
+    pliant_tled_contact *d_contact;
     int32_t *d_level;
     double *d_near_buffer;       /* (`near_capacity` x NEAR_NUMBERS) */
     double *d_positions, *d_packed_u; /* (num_nodes x 3) for other stages */

@@ -242,7 +242,7 @@ substep_kernel(const gpu_tled tled, int32_t number)
         return;
     }
     keep_fixed(tled, at, d_next, tled.d_d[1 - from]);
-    const int32_t left = tled.d_frame->whole - tled.d_frame->made - step;
+    const int32_t left = tled.d_frame->whole - tled.d_frame->substeps_done - step;
     const bool is_measured = left <= 2;
     double *d_older = tled.d_older + 3 * (size_t)at.n + at.k;
     if (is_measured) sums[2] = error_of_component<WALLS>(tled, at, acceleration, at.moves ? *d_older : 0);

@@ -116,25 +116,25 @@ static __device__ void set_row(const gpu_tled &tled, const gpu_hold &hold, doubl
     const gpu_frame *frame = &work->frame;
     const int32_t tool = work->pulls[i];
     gpu_outcome *outcome = tled.d_outcome;
-    double *target = outcome->target[tool], *passed = outcome->passed[tool],
-           *passed_target = outcome->passed_target[tool];
+    double *target = outcome->target[tool], *previous_point = outcome->previous_point[tool],
+           *previous_target = outcome->previous_target[tool];
     /* Tools with mass run on the CPU: pliant_cuda_tled_run. */
     const double old[3] = {target[0], target[1], target[2]}, none[3] = {0, 0, 0};
-    pliant_substep_approach(target, hold.goal, parts + hold.later, frame->reach);
+    pliant_substep_approach(target, hold.goal, parts + hold.substeps_after_part, frame->reach);
     const bool spring = hold.drive == PLIANT_DRIVE_SPRING;
     double stiffness = spring ? hold.stiffness : 0,
            damper = spring && !tled.still ? hold.damping / frame->time_step : 0;
     double gap[3], older[3], pushed[3] = {0, 0, 0};
     for (int k = 0; k < 3; k++) {
         gap[k] = old[k] - work->point[3 + k];
-        older[k] = passed_target[k] - passed[k];
-        passed[k] = work->point[3 + k];
-        passed_target[k] = old[k];
+        older[k] = previous_target[k] - previous_point[k];
+        previous_point[k] = work->point[3 + k];
+        previous_target[k] = old[k];
     }
     for (int j = 0; j <= i; j++) work->matrix[i][j] = factor * frame->answer[tool][work->pulls[j]];
     if (spring && !tled.still)
-        pliant_substep_center(work->matrix[i][i], frame->time_step / outcome->passed_step, gap, older, &stiffness,
-                              &damper, pushed);
+        pliant_substep_center(work->matrix[i][i], frame->time_step / outcome->previous_time_step, gap, older,
+                              &stiffness, &damper, pushed);
     work->matrix[i][i] += pliant_substep_gap(stiffness, damper, 0, target, old, work->point, work->point + 3, none,
                                              pushed, work->force[i]);
 }
@@ -173,7 +173,7 @@ static __device__ void pull(const gpu_tled &tled, double factor, int32_t parts, 
         __syncthreads();
     }
     if (threadIdx.x == 0) {
-        tled.d_outcome->passed_step = frame->time_step;
+        tled.d_outcome->previous_time_step = frame->time_step;
         pliant_substep_forces(count, work->matrix, work->force);
     }
     __syncthreads();

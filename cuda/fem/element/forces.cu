@@ -82,7 +82,7 @@ static __global__ void __launch_bounds__(ELEMENT_THREADS) force_kernel(gpu_syste
         return;
     }
     int t = (int)(blockIdx.x * ELEMENT_THREADS + threadIdx.x);
-    if (t >= system.num_tets || gpu_knows_forces(&state)) return;
+    if (t >= system.num_tets || gpu_has_forces(&state)) return;
     corners c;
     double f[9], r[9], force[12];
     load_corners(system, iteration.d_x[gpu_target(&state)], t, c);
@@ -114,7 +114,7 @@ static __global__ void __launch_bounds__(GATHER_THREADS) gather_kernel(gpu_syste
         for (int c = system.d_corner_start[n]; c < end; c++)
             sum += iteration.d_element_force[4 * (size_t)system.d_corner[c] + d];
         const size_t i = 3 * (size_t)n + d, x = 3 * (size_t)system.d_node_of_free[n] + d;
-        double load = iteration.d_load[i] + iteration.d_extra[i] + iteration.d_touch[i],
+        double load = iteration.d_load[i] + iteration.d_extra[i] + iteration.d_contact_force[i],
                u = iteration.d_x[target][x] - system.d_rest[x];
         work = u * load;
         elastic = u * sum;

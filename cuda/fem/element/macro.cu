@@ -163,7 +163,7 @@ static __global__ void __launch_bounds__(FRAMES)
 {
     const gpu_state &state = *iteration.d_state;
     const int cube = (int)(blockIdx.x * FRAMES + threadIdx.x);
-    if (cube >= system.macros.count || (evaluates && (state.done || gpu_knows_forces(&state)))) return;
+    if (cube >= system.macros.count || (evaluates && (state.done || gpu_has_forces(&state)))) return;
     double f[9];
     frame_of(system, iteration.d_x[evaluates ? gpu_target(&state) : state.now], cube, f, system.macros.d_frame + cube);
 }
@@ -205,7 +205,7 @@ static __global__ void __launch_bounds__(THREADS) macro_force_kernel(gpu_system 
 {
     extern __shared__ double shared[];
     const gpu_state &state = *iteration.d_state;
-    if (state.done || gpu_knows_forces(&state)) return;
+    if (state.done || gpu_has_forces(&state)) return;
     const gpu_macros &macros = system.macros;
     const int cube = (int)blockIdx.x, begin = macros.d_start[cube], count = macros.d_start[cube + 1] - begin;
     double *q = shared, *row = shared + macros.max_unknowns;
@@ -225,7 +225,7 @@ static __global__ void __launch_bounds__(THREADS) small_force_kernel(gpu_system 
     const gpu_state &state = *iteration.d_state;
     const gpu_macros &macros = system.macros;
     const int lane = (int)threadIdx.x % WARP, cube = (int)(blockIdx.x * THREADS + threadIdx.x) / WARP;
-    if (state.done || gpu_knows_forces(&state) || cube >= macros.count) return;
+    if (state.done || gpu_has_forces(&state) || cube >= macros.count) return;
     const int begin = macros.d_start[cube], count = macros.d_start[cube + 1] - begin, n = 3 * count,
               rank = macros.d_rank[cube];
     const float *root = macros.d_root + macros.d_root_start[cube];

@@ -363,8 +363,8 @@ static __global__ void __launch_bounds__(COLUMNS *GROUPS)
 
 static unsigned blocks_for(int count, int threads) { return (unsigned)((count + threads - 1) / threads); }
 
-extern "C" pliant_status pliant_cuda_carried_below(const gpu_carried *carried, const int32_t *d_skip,
-                                                   const float *d_right, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_carried_restrict(const gpu_carried *carried, const int32_t *d_skip,
+                                                      const float *d_right, cudaStream_t stream)
 {
     if (carried->inner > 0) {
         near_kernel<<<blocks_for(3 * (carried->inner + carried->outer), THREADS / WARP), THREADS, 0, stream>>>(
@@ -375,8 +375,8 @@ extern "C" pliant_status pliant_cuda_carried_below(const gpu_carried *carried, c
     return CUDA_LAUNCHED("below_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_carried_above(const gpu_carried *carried, const int32_t *d_skip, float *d_left,
-                                                   cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_carried_extend(const gpu_carried *carried, const int32_t *d_skip, float *d_left,
+                                                    cudaStream_t stream)
 {
     const unsigned near = blocks_for(3 * carried->inner, COLUMNS),
                    rest = blocks_for(3 * carried->num_free, COLUMNS * GROUPS);

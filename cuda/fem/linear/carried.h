@@ -56,10 +56,10 @@ void pliant_cuda_carried_free(gpu_carried *carried, gpu_carried_capacity *capaci
 pliant_status pliant_cuda_carried_load_kernels(void);
 
 /* Apply the parts of a product before (below) and after (above) the base's d_left = V d_right. */
-pliant_status pliant_cuda_carried_below(const gpu_carried *carried, const int32_t *d_skip, const float *d_right,
-                                        cudaStream_t stream);
-pliant_status pliant_cuda_carried_above(const gpu_carried *carried, const int32_t *d_skip, float *d_left,
-                                        cudaStream_t stream);
+pliant_status pliant_cuda_carried_restrict(const gpu_carried *carried, const int32_t *d_skip, const float *d_right,
+                                           cudaStream_t stream);
+pliant_status pliant_cuda_carried_extend(const gpu_carried *carried, const int32_t *d_skip, float *d_left,
+                                         cudaStream_t stream);
 
 #ifdef __cplusplus
 }

@@ -177,9 +177,9 @@ static pliant_status apply(const gpu_preconditioner *preconditioner, const int32
     const gpu_carried *carried = &preconditioner->carried;
     if (carried->base_free == 0)
         return apply_base(preconditioner, d_skip, iteration->d_right, iteration->d_left, stream);
-    CUDA_TRY(pliant_cuda_carried_below(carried, d_skip, iteration->d_right, stream));
+    CUDA_TRY(pliant_cuda_carried_restrict(carried, d_skip, iteration->d_right, stream));
     CUDA_TRY(apply_base(preconditioner, d_skip, carried->d_right, carried->d_left, stream));
-    return pliant_cuda_carried_above(carried, d_skip, iteration->d_left, stream);
+    return pliant_cuda_carried_extend(carried, d_skip, iteration->d_left, stream);
 }
 
 extern "C" pliant_status pliant_cuda_precondition(const gpu_preconditioner *preconditioner,

@@ -57,12 +57,12 @@ static __global__ void __launch_bounds__(THREADS) begin_kernel(gpu_iteration ite
                 if (step.tools[t].spring) row_of[rows++] = 3 * t + d;
             }
         state.step = step;
-        state.done = state.iterations = state.ending = state.took = state.restored_previous = 0;
+        state.done = state.iterations = state.evaluates_end = state.was_accepted = state.restored_previous = 0;
         state.start_is_evaluated = step.start_is_evaluated;
         state.skips = step.known == PLIANT_KNOWN_STEP;
         pliant_anderson &rules = state.rules;
         if (step.restart) pliant_anderson_reset(&rules);
-        if (step.forget) pliant_anderson_drop_secants(&rules);
+        if (step.drops_secants) pliant_anderson_drop_secants(&rules);
         rules.max_evaluations = step.max_evaluations;
         rules.depth = step.depth;
         rules.capacity = step.capacity;
@@ -72,8 +72,8 @@ static __global__ void __launch_bounds__(THREADS) begin_kernel(gpu_iteration ite
         rules.is_bounded = step.has_contacts;
         rules.smallest_displacement = step.smallest_displacement;
         if (step.after_newton) { /* as after a blind step */
-            rules.blind = 1;
-            rules.sound_merit = step.sound_merit;
+            rules.follows_blind_step = 1;
+            rules.trusted_merit = step.trusted_merit;
             for (int r = 0; r < GPU_ROWS; r++) state.force[1 - now][r] = step.previous_force[r];
         }
         pliant_anderson_begin(&rules);
@@ -311,10 +311,10 @@ static __device__ void propose_node(const gpu_iteration &iteration, const gpu_st
     const size_t n = 3 * (size_t)iteration.num_free, i = 3 * node, x = 3 * (size_t)iteration.d_node_of_free[node];
     const int now = state.now, next = rules.next;
     const double damping = rules.damping;
-    const bool stays = next == PLIANT_NEXT_PREVIOUS || state.ending; /* the state exists already, and is kept */
-    if (rules.keep >= 0) {
+    const bool stays = next == PLIANT_NEXT_PREVIOUS || state.evaluates_end; /* the state exists already, and is kept */
+    if (rules.secant_slot >= 0) {
         const int from = state.old_now, to = 1 - from;
-        const size_t place = n * (size_t)rules.keep + i;
+        const size_t place = n * (size_t)rules.secant_slot + i;
         double moved[3];
         for (int d = 0; d < 3; d++) moved[d] = iteration.d_x[to][x + d] - iteration.d_x[from][x + d];
         turn_into(iteration, node, moved);
@@ -356,15 +356,15 @@ static __device__ void settle(gpu_state &state, pliant_anderson &rules)
     double largest[4];
     /* Bypasses the cache. */
     for (int m = 0; m < 4; m++) largest[m] = sqrt(__longlong_as_double((long long)atomicMax(&state.largest[m], 0ull)));
-    if (!state.ending &&
+    if (!state.evaluates_end &&
         (rules.next == PLIANT_NEXT_TRIAL || rules.next == PLIANT_NEXT_BLIND || rules.next == PLIANT_NEXT_DONE))
         pliant_anderson_finish_proposal(&rules, state.mixed, largest[0], rules.damping * largest[1], largest[2]);
-    else if (state.ending && state.evaluated)
+    else if (state.evaluates_end && state.evaluated)
         rules.error = pliant_anderson_error(largest[0]);
-    const bool done = state.ending || rules.next == PLIANT_NEXT_DONE;
+    const bool done = state.evaluates_end || rules.next == PLIANT_NEXT_DONE;
     state.done = done;
     if (!done) {
-        state.ending = rules.next == PLIANT_NEXT_BLIND;
+        state.evaluates_end = rules.next == PLIANT_NEXT_BLIND;
         return;
     }
     state.skips = 1;

@@ -269,7 +269,7 @@ static pliant_status run_with_host(pliant_cuda_solver *gpu, pliant_solver *solve
                                       made == 0 ? whole : rows * sizeof(double), cudaMemcpyDeviceToHost, gpu->stream)));
         CUDA_TRY(download_state(gpu));
         CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
-        if (gpu->h_state->took) pliant_contact_problem_accept(solver->contacts);
+        if (gpu->h_state->was_accepted) pliant_contact_problem_accept(solver->contacts);
         if (gpu->h_state->done) return PLIANT_OK;
         CUDA_TRY(find_forces(gpu, solver->contacts));
         CUDA_TRY(pliant_cuda_solver_evaluate_rest(gpu));

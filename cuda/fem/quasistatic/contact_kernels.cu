@@ -122,7 +122,7 @@ static __global__ void __launch_bounds__(ONE_BLOCK) load_kernel(const gpu_contac
 {
     const gpu_contact_view view = *d_view;
     const gpu_state &state = *iteration.d_state;
-    for (int i = (int)threadIdx.x; state.took && i < 3 * view.count; i += ONE_BLOCK) {
+    for (int i = (int)threadIdx.x; state.was_accepted && i < 3 * view.count; i += ONE_BLOCK) {
         view.d_force[i] = view.d_found[i];
         view.d_taken_motion[i] = view.d_found_motion[i];
     }
@@ -139,7 +139,7 @@ static __global__ void __launch_bounds__(ONE_BLOCK) load_kernel(const gpu_contac
             for (int d = 0; d < 3; d++)
                 sum += block[3 * d + k] * (frame[d] * f[0] + frame[3 + d] * f[1] + frame[6 + d] * f[2]);
         }
-        iteration.d_touch[3 * (size_t)view.d_moved_unknowns[s] + k] = sum;
+        iteration.d_contact_force[3 * (size_t)view.d_moved_unknowns[s] + k] = sum;
     }
 }
 

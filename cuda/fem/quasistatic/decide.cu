@@ -53,7 +53,7 @@ static __device__ void add_up(const gpu_iteration &iteration, int gather_blocks,
 static __device__ void find_products(decision &now)
 {
     gpu_state &state = now.state;
-    const int place = state.rules.keep;
+    const int place = state.rules.secant_slot;
     double *along_trial = now.sums + SINGLE_SUMS;
     for (int a = 0; a < GPU_HISTORY; a++)
         now.new_row[a] = state.rules.number[a] > 0 ? along_trial[a] - state.along[a] : 0;
@@ -84,19 +84,19 @@ static __device__ void judge(decision &now, int capacity)
     const double merit = find_merit(now, target);
     const int32_t left =
         pliant_evaluations_left(&state.step.limit, rules.evaluations + 1, first ? merit : rules.first_merit);
-    const bool plain = !rules.mixes && state.rows == 0 && !state.step.has_contacts &&
+    const bool plain = !rules.uses_secants && state.rows == 0 && !state.step.has_contacts &&
                        (rules.next == PLIANT_NEXT_TRIAL || rules.next == PLIANT_NEXT_DESCENT);
     state.evaluated = 1;
-    if (state.ending) state.evaluated = pliant_anderson_judge_end(&rules, merit);
+    if (state.evaluates_end) state.evaluated = pliant_anderson_judge_end(&rules, merit);
     else pliant_anderson_judge(&rules, merit, plain ? now.sums[2] : 0.0, left);
     if (rules.next == PLIANT_NEXT_PREVIOUS) state.restored_previous = 1;
-    state.took = state.ending ? state.evaluated : rules.take || first;
+    state.was_accepted = state.evaluates_end ? state.evaluated : rules.accepts_state || first;
     state.iterations = rules.evaluations;
     state.skips = 0;
     state.last_target = target;
     state.old_now = state.now;
-    if (rules.keep >= 0) find_products(now);
-    if (rules.take || first) {
+    if (rules.secant_slot >= 0) find_products(now);
+    if (rules.accepts_state || first) {
         state.now = target;
         state.energy = now.sums[0];
         state.past_of_now = now.sums[4];
@@ -104,7 +104,7 @@ static __device__ void judge(decision &now, int capacity)
     }
     for (int a = 0; first && state.start_is_evaluated && a < capacity; a++)
         state.past_along[a] = now.sums[SINGLE_SUMS + capacity + a];
-    if (!state.ending) {
+    if (!state.evaluates_end) {
         state.accepted_scale = state.scale[state.now];
         state.accepted_residual_force = state.residual_force[state.now];
     }
@@ -116,7 +116,7 @@ static __device__ void judge(decision &now, int capacity)
 static __device__ void keep_springs(decision &now, gpu_secants &kept)
 {
     const gpu_state &state = now.state;
-    const int place = state.rules.keep, thread = (int)threadIdx.x, from = state.old_now, to = 1 - from;
+    const int place = state.rules.secant_slot, thread = (int)threadIdx.x, from = state.old_now, to = 1 - from;
     if (thread >= GPU_ROWS) return;
     kept.force[place][thread] = now.secants.force[place][thread] = state.force[to][thread] - state.force[from][thread];
     kept.step_force[place][thread] = now.secants.step_force[place][thread] =
@@ -124,7 +124,7 @@ static __device__ void keep_springs(decision &now, gpu_secants &kept)
 }
 static __device__ void keep_products(decision &now, gpu_secants &kept)
 {
-    const int place = now.state.rules.keep, h = (int)threadIdx.x;
+    const int place = now.state.rules.secant_slot, h = (int)threadIdx.x;
     if (h >= GPU_HISTORY) return;
     const double product =
         now.new_row[h] + spring_energy(now.state, now.secants.step_force[place], now.secants.step_force[h]);
@@ -137,8 +137,8 @@ static __device__ bool find_weights(decision &now, int kind)
 {
     const gpu_state &state = now.state;
     const int h = (int)threadIdx.x % 32;
-    const bool previous =
-        kind == TRIAL ? state.rules.mixes : kind == ESTIMATE || state.start_is_evaluated; /* the same for all lanes */
+    const bool previous = kind == TRIAL ? state.rules.uses_secants
+                                        : kind == ESTIMATE || state.start_is_evaluated; /* the same for all lanes */
     if (h < GPU_HISTORY) {
         const double *along = kind == PAST ? state.past_along : state.along,
                      *force = kind == PAST ? state.past_step_force : state.step_force[state.now];
@@ -153,7 +153,7 @@ static __device__ bool find_weights(decision &now, int kind)
 /* Set a tool's force in the next iterate. A restored state has its force already. */
 static __device__ void plan_force(gpu_state &state, const gpu_secants &secants, int row)
 {
-    if (state.rules.next == PLIANT_NEXT_PREVIOUS || state.ending) return;
+    if (state.rules.next == PLIANT_NEXT_PREVIOUS || state.evaluates_end) return;
     double step = state.step_force[state.now][row];
     for (int a = 0; a < GPU_HISTORY; a++)
         if (state.weights[TRIAL][a] != 0)
@@ -182,9 +182,9 @@ static __global__ void __launch_bounds__(DECIDERS)
     if (now.state.done) return;
     if (thread == 0) judge(now, iteration.capacity);
     __syncthreads();
-    if (now.state.rules.keep >= 0) keep_springs(now, kept);
+    if (now.state.rules.secant_slot >= 0) keep_springs(now, kept);
     __syncthreads();
-    if (now.state.rules.keep >= 0) keep_products(now, kept);
+    if (now.state.rules.secant_slot >= 0) keep_products(now, kept);
     __syncthreads();
     if (thread < 32 * KINDS) {
         bool mixed = find_weights(now, thread / 32);

@@ -59,12 +59,12 @@ static pliant_status launch(pliant_cuda_solver *gpu, pliant_status (*enqueue_par
 
 extern "C" pliant_status pliant_cuda_solver_free_step(pliant_cuda_solver *gpu)
 {
-    return gpu->preconditioner.multigrid ? launch(gpu, enqueue_look, &gpu->look) : enqueue_look(gpu);
+    return gpu->preconditioner.multigrid ? launch(gpu, enqueue_look, &gpu->free_step_graph) : enqueue_look(gpu);
 }
 
 extern "C" pliant_status pliant_cuda_solver_evaluate_contacts(pliant_cuda_solver *gpu)
 {
-    return launch(gpu, enqueue_touching, &gpu->touching);
+    return launch(gpu, enqueue_touching, &gpu->contact_graph);
 }
 
 extern "C" pliant_status pliant_cuda_solver_evaluate_first(pliant_cuda_solver *gpu, bool known)
@@ -100,9 +100,9 @@ static bool update(cudaGraphExec_t evaluation, cudaGraph_t graph)
 extern "C" pliant_status pliant_cuda_solver_record(pliant_cuda_solver *gpu)
 {
     cudaGraph_t graph = nullptr;
-    if (gpu->look) cudaGraphExecDestroy(gpu->look);
-    if (gpu->touching) cudaGraphExecDestroy(gpu->touching);
-    gpu->look = gpu->touching = nullptr;
+    if (gpu->free_step_graph) cudaGraphExecDestroy(gpu->free_step_graph);
+    if (gpu->contact_graph) cudaGraphExecDestroy(gpu->contact_graph);
+    gpu->free_step_graph = gpu->contact_graph = nullptr;
     CUDA_TRY(CUDA_CALL(cudaStreamBeginCapture(gpu->stream, cudaStreamCaptureModeThreadLocal)));
     pliant_status status = enqueue(gpu, false);
     /* Also after a failure: memory cannot be freed while a stream records. */

@@ -156,10 +156,11 @@ static __global__ void __launch_bounds__(THREADS)
 
 /* Compute along = step + turned along. */
 static __global__ void __launch_bounds__(THREADS)
-    open_combine_kernel(gpu_iteration it, newton_vectors at, double turned)
+    open_combine_kernel(gpu_iteration it, newton_vectors at, double previous_weight)
 {
     const size_t i = (size_t)blockIdx.x * THREADS + threadIdx.x;
-    if (i < 3 * (size_t)it.num_free) at.d_along[i] = turned != 0 ? at.d_step[i] + turned * at.d_along[i] : at.d_step[i];
+    if (i < 3 * (size_t)it.num_free)
+        at.d_along[i] = previous_weight != 0 ? at.d_step[i] + previous_weight * at.d_along[i] : at.d_step[i];
 }
 
 static __global__ void __launch_bounds__(THREADS)
@@ -364,12 +365,13 @@ static pliant_status precondition(const opening *work, const double *stretch, do
     return add_up(work, norm, longest);
 }
 
-static pliant_status combine(opening *work, double turned)
+static pliant_status combine(opening *work, double previous_weight)
 {
     const size_t n = 3 * (size_t)work->gpu->iteration.num_free;
     open_combine_kernel<<<(unsigned)((n + THREADS - 1) / THREADS), THREADS, 0, work->gpu->stream>>>(
-        work->gpu->iteration, work->at, turned);
-    for (int r = 0; r < GPU_ROWS; r++) work->pulls_along[r] = work->pulls_next[r] + turned * work->pulls_along[r];
+        work->gpu->iteration, work->at, previous_weight);
+    for (int r = 0; r < GPU_ROWS; r++)
+        work->pulls_along[r] = work->pulls_next[r] + previous_weight * work->pulls_along[r];
     return CUDA_LAUNCHED("open_combine_kernel");
 }
 
@@ -420,7 +422,7 @@ static pliant_status begin(opening *work, bool *prescribed)
     }
     CUDA_TRY(advance(work, 0));
     CUDA_TRY(precondition(work, stretch, work->pulls_next, &work->norm, &work->longest));
-    *prescribed = maximum > pliant_quasistatic().newton_still * work->longest;
+    *prescribed = maximum > pliant_get_quasistatic_settings().newton_still * work->longest;
     return combine(work, 0);
 }
 
@@ -446,10 +448,10 @@ static pliant_status find_step(opening *work, bool prescribed, int32_t *products
         if (*products == maximum) break;
         const double before = work->norm;
         CUDA_TRY(precondition(work, nullptr, work->pulls_next, &work->norm, &longest));
-        const double turned = pliant_newton_direction_weight(prescribed, work->norm, before);
+        const double previous_weight = pliant_newton_direction_weight(prescribed, work->norm, before);
         prescribed = false;
-        work->longest = longest + turned * work->longest;
-        CUDA_TRY(combine(work, turned));
+        work->longest = longest + previous_weight * work->longest;
+        CUDA_TRY(combine(work, previous_weight));
     }
     return PLIANT_OK;
 }
@@ -462,7 +464,8 @@ static pliant_status apply_fraction(const opening *work, double fraction)
     CUDA_TRY(place(work, work->at.d_correction, fraction, gpu->iteration.d_x[0]));
     for (int t = 0; t < GPU_TOOLS; t++)
         for (int d = 0; d < 3; d++) work->solver->grasps[t].force[d] += fraction * work->pulls[3 * t + d];
-    return gpu->in_use.rough ? PLIANT_OK : pliant_cuda_rotate(&gpu->system, &gpu->iteration, false, gpu->stream);
+    return gpu->in_use.has_inaccurate_rotations ? PLIANT_OK
+                                                : pliant_cuda_rotate(&gpu->system, &gpu->iteration, false, gpu->stream);
 }
 
 /* Compute the decrease of the potential energy along the step at its present end. */
@@ -512,7 +515,7 @@ static pliant_status take_step(const opening *work)
         CUDA_TRY(apply_fraction(work, -pliant_newton_backtrack(part, before, slope)));
         break;
     }
-    if (gpu->in_use.rough) gpu->in_use.number++;
+    if (gpu->in_use.has_inaccurate_rotations) gpu->in_use.number++;
     else pliant_preconditioner_use_rotated(&gpu->in_use);
     return PLIANT_OK;
 }
@@ -536,8 +539,8 @@ extern "C" pliant_status pliant_cuda_solver_newton_step(pliant_cuda_solver *gpu,
 {
     opening work = {};
     bool prescribed = false, regular;
-    const int32_t maximum =
-        pliant_solver_newton_limit(solver, &step->limit, pliant_quasistatic().newton_evaluation_fraction_gpu);
+    const int32_t maximum = pliant_solver_newton_limit(
+        solver, &step->limit, pliant_get_quasistatic_settings().newton_evaluation_fraction_gpu);
     const bool is_valid = solver->is_after_cut && gpu->fresh && !pliant_contact_problem_has_points(solver->contacts) &&
                           maximum >= PLIANT_NEWTON_MIN_EVALUATIONS;
     *evaluations = 0;
@@ -565,6 +568,6 @@ extern "C" pliant_status pliant_cuda_solver_newton_step(pliant_cuda_solver *gpu,
     if (!(work.energy > 0)) return PLIANT_OK;
     CUDA_TRY(take_step(&work));
     step->after_newton = 1;
-    step->sound_merit = sqrt(work.energy);
+    step->trusted_merit = sqrt(work.energy);
     return PLIANT_OK;
 }

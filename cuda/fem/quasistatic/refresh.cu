@@ -244,7 +244,7 @@ static pliant_status make_now(pliant_cuda_solver *gpu, const pliant_solver *solv
 static pliant_status download_state(pliant_cuda_solver *gpu, double *x, double *axes)
 {
     const gpu_iteration *it = &gpu->iteration;
-    if (!gpu->in_use.rough) {
+    if (!gpu->in_use.has_inaccurate_rotations) {
         CUDA_TRY(pliant_cuda_rotate(&gpu->system, it, false, gpu->stream));
         pliant_preconditioner_use_rotated(&gpu->in_use);
     }

@@ -48,7 +48,7 @@ extern "C" pliant_status pliant_cuda_solver_size(pliant_cuda_solver *gpu, const 
         array_of(&it->d_residual[1], n),
         array_of(&it->d_load, n),
         array_of(&it->d_extra, n, true),
-        array_of(&it->d_touch, n, true),
+        array_of(&it->d_contact_force, n, true),
         array_of(&it->d_secant_x, history),
         array_of(&it->d_secant_step, history),
         array_of(&it->d_secant_residual, history),

@@ -57,14 +57,14 @@ extern "C" void pliant_cuda_solver_free(pliant_cuda_solver *gpu)
     if (!gpu) return;
     pliant_cuda_refresh_free(gpu);
     if (gpu->evaluation) cudaGraphExecDestroy(gpu->evaluation);
-    if (gpu->look) cudaGraphExecDestroy(gpu->look);
-    if (gpu->touching) cudaGraphExecDestroy(gpu->touching);
+    if (gpu->free_step_graph) cudaGraphExecDestroy(gpu->free_step_graph);
+    if (gpu->contact_graph) cudaGraphExecDestroy(gpu->contact_graph);
     pliant_cuda_contacts_free(&gpu->contacts);
     gpu_iteration *it = &gpu->iteration;
     void *blocks[] = {it->d_state,           it->d_history,       it->d_x[0],          it->d_x[1],
                       it->d_step[0],         it->d_step[1],       it->d_residual[0],   it->d_residual[1],
                       it->d_free_residual,   it->d_past_step,     it->d_past_residual, it->d_load,
-                      it->d_extra,           it->d_touch,         it->d_secant_x,      it->d_secant_step,
+                      it->d_extra,           it->d_contact_force,         it->d_secant_x,      it->d_secant_step,
                       it->d_secant_residual, it->d_element_force, it->d_rotations,     it->d_axes,
                       it->d_right,           it->d_left,          it->d_sums,          gpu->d_fine,
                       gpu->d_solved,         gpu->d_between};
@@ -86,7 +86,8 @@ extern "C" pliant_status pliant_cuda_solver_begin(pliant_cuda_solver *gpu, const
 {
     const size_t bytes = 3 * (size_t)gpu->system.num_nodes * sizeof(double);
     gpu->in_use.number++;
-    gpu->in_use.rough = gpu->system.d_stiffness || (gpu->system.macros.count > 0 && !gpu->system.macros.d_shear);
+    gpu->in_use.has_inaccurate_rotations =
+        gpu->system.d_stiffness || (gpu->system.macros.count > 0 && !gpu->system.macros.d_shear);
     CUDA_TRY(
         CUDA_CALL(cudaMemcpyAsync(gpu->iteration.d_x[0], solver->now.x, bytes, cudaMemcpyHostToDevice, gpu->stream)));
     CUDA_TRY(CUDA_CALL(
@@ -104,8 +105,8 @@ extern "C" pliant_status pliant_cuda_solver_restart(pliant_cuda_solver *gpu, con
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->iteration.d_state, 0, sizeof(gpu_state), gpu->stream)));
     CUDA_TRY(pliant_cuda_rotate(&gpu->system, &gpu->iteration, true, gpu->stream));
     pliant_preconditioner_use_rotated(&gpu->in_use);
-    gpu->in_use.turned = false; /* restored to the rest axes */
-    gpu->in_use.turned_at = 0;
+    gpu->in_use.is_rotated = false; /* restored to the rest axes */
+    gpu->in_use.rotation_step = 0;
     CUDA_TRY(pliant_cuda_solver_begin(gpu, solver));
     return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
 }
@@ -114,7 +115,7 @@ extern "C" pliant_status pliant_cuda_solver_move(pliant_cuda_solver *gpu, const 
 {
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     gpu->in_use.evaluations =
-        pliant_quasistatic()
+        pliant_get_quasistatic_settings()
             .rotation_interval; /* as pliant_solver_reset_after_move: the axes rotate in the next step */
     return pliant_cuda_solver_begin(gpu, solver);
 }
@@ -165,7 +166,7 @@ static pliant_status send_tools(pliant_cuda_solver *gpu, pliant_solver *solver, 
         gpu_tool *tool = step->tools + t;
         memcpy(tool->force, grasp->force, sizeof tool->force);
         if (!grasp->active || grasp->count == 0) continue;
-        if (grasp->response_of == 0) {
+        if (grasp->response_number == 0) {
             CUDA_TRY(send_hold(gpu, grasp, arrays));
             fresh = true;
         }
@@ -178,15 +179,15 @@ static pliant_status send_tools(pliant_cuda_solver *gpu, pliant_solver *solver, 
         tool->compliance = grasp->compliance;
         memcpy(tool->target, grasp->target, sizeof tool->target);
         memcpy(tool->origin, grasp->origin, sizeof tool->origin);
-        if (grasp->response_of == gpu->in_use.number) continue;
-        grasp->response_of = no_response;
+        if (grasp->response_number == gpu->in_use.number) continue;
+        grasp->response_number = no_response;
         if (!tool->spring) continue;
         CUDA_TRY(pliant_cuda_respond(&gpu->preconditioner, &gpu->iteration, tool, arrays->d_response, gpu->stream));
         *responded = true;
-        grasp->response_of = gpu->in_use.number;
+        grasp->response_number = gpu->in_use.number;
     }
     /* Nodes that are not held any more must have no force. */
-    if (fresh || !solver->previous.kept)
+    if (fresh || !solver->previous.is_comparable)
         CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->iteration.d_extra, 0, 3 * (size_t)gpu->system.num_free * sizeof(double),
                                            gpu->stream)));
     return PLIANT_OK;
@@ -196,12 +197,12 @@ static pliant_status turn(pliant_cuda_solver *gpu, const pliant_solver *solver, 
                           gpu_step *step)
 {
     const pliant_axes axes = pliant_solver_choose_axes(solver, &gpu->in_use, statistics->step);
-    if (axes == PLIANT_AXES_STAY) return PLIANT_OK;
+    if (axes == PLIANT_AXES_KEEP) return PLIANT_OK;
     CUDA_TRY(pliant_cuda_rotate(&gpu->system, &gpu->iteration, false, gpu->stream));
     pliant_preconditioner_use_rotated(&gpu->in_use);
-    gpu->in_use.turned_at = statistics->step;
-    if (axes == PLIANT_AXES_TURN) return PLIANT_OK;
-    step->forget = 1;
+    gpu->in_use.rotation_step = statistics->step;
+    if (axes == PLIANT_AXES_ROTATE) return PLIANT_OK;
+    step->drops_secants = 1;
     statistics->factors++;
     return PLIANT_OK;
 }
@@ -209,8 +210,8 @@ static pliant_status turn(pliant_cuda_solver *gpu, const pliant_solver *solver, 
 /* Restore the axes after the Newton step of a cut was rejected. They were used until here. */
 static pliant_status turn_back(pliant_cuda_solver *gpu, pliant_solver *solver)
 {
-    if (gpu->in_use.rough) return PLIANT_OK;
-    solver->previous.kept = false;
+    if (gpu->in_use.has_inaccurate_rotations) return PLIANT_OK;
+    solver->previous.is_comparable = false;
     pliant_preconditioner_use_rotated(&gpu->in_use);
     return pliant_cuda_rotate(&gpu->system, &gpu->iteration, false, gpu->stream);
 }
@@ -243,7 +244,7 @@ static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver, con
     bool responded = false, start_is_evaluated = false;
     CUDA_TRY(send_load(gpu, solver, gravity));
     CUDA_TRY(turn(gpu, solver, statistics, step));
-    step->forget = step->forget || renewed || !solver->previous.kept;
+    step->drops_secants = step->drops_secants || renewed || !solver->previous.is_comparable;
     CUDA_TRY(send_tools(gpu, solver, step, &responded));
     step->limit = pliant_solver_limit(solver);
     CUDA_TRY(pliant_cuda_solver_newton_step(gpu, solver, step, newton_evaluations));
@@ -251,7 +252,8 @@ static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver, con
     const pliant_anderson *limits = &solver->rules;
     step->max_evaluations =
         *newton_evaluations > 0
-            ? pliant_solver_newton_limit(solver, &step->limit, pliant_quasistatic().newton_evaluation_fraction_gpu) -
+            ? pliant_solver_newton_limit(solver, &step->limit,
+                                         pliant_get_quasistatic_settings().newton_evaluation_fraction_gpu) -
                   *newton_evaluations
             : limits->max_evaluations;
     step->depth = limits->depth;
@@ -266,8 +268,8 @@ static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver, con
     if (responded && step->known == PLIANT_KNOWN_STEP) step->known = PLIANT_KNOWN_FORCES;
     step->has_contacts = pliant_contact_problem_has_points(solver->contacts);
     if (step->has_contacts || gpu->had_contacts)
-        CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->iteration.d_touch, 0, 3 * (size_t)gpu->system.num_free * sizeof(double),
-                                           gpu->stream)));
+        CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->iteration.d_contact_force, 0,
+                                           3 * (size_t)gpu->system.num_free * sizeof(double), gpu->stream)));
     gpu->had_contacts = step->has_contacts;
     if (step->limit.evaluations < INT32_MAX)
         step->limit.evaluations += (step->known == PLIANT_KNOWN_STEP) - *newton_evaluations;
@@ -303,7 +305,7 @@ static void record_evaluations(pliant_cuda_solver *gpu, pliant_solver *solver, c
     solver->rules.is_cycle = rules->is_cycle; /* for the error of motion that a leg loses (sim/step/legs_state.c) */
     solver->rules.log_contraction = rules->log_contraction;
     gpu->fresh = false;
-    gpu->last_launches = rules->evaluations + state->ending;
+    gpu->last_launches = rules->evaluations + state->evaluates_end;
     const int32_t solved = gpu->last_launches - (step->known == PLIANT_KNOWN_STEP);
     if (so_far->iterations == 0) so_far->error_before = rules->error_before;
     so_far->solved += solved;
@@ -347,7 +349,8 @@ static pliant_status take_step(pliant_cuda_solver *gpu, pliant_solver *solver, c
     pliant_evaluations_record(&solver->evaluation_history, so_far.solved + so_far.newton_evaluations,
                               rules->first_merit);
     if (step.after_newton && state->restored_previous) CUDA_TRY(turn_back(gpu, solver));
-    gpu->in_use.converged_slowly = gpu->in_use.converged_slowly || rules->rate > pliant_quasistatic().poor_rate;
+    gpu->in_use.converged_slowly =
+        gpu->in_use.converged_slowly || rules->rate > pliant_get_quasistatic_settings().poor_rate;
     statistics->iterations = so_far.newton_evaluations + so_far.iterations;
     report_residuals(gpu, statistics);
     statistics->error_before = so_far.error_before;

@@ -38,7 +38,7 @@ struct pliant_cuda_solver {
     double *h_newton;       /* page-locked: results of the step after a cut, if cuts are possible */
     size_t newton_capacity; /* bytes */
     int gather_blocks;
-    cudaGraphExec_t evaluation, look, touching; /* look and touching are Nullable: not used yet */
+    cudaGraphExec_t evaluation, free_step_graph, contact_graph; /* the last two are Nullable: not used yet */
     size_t kernels;            /* kernels in `evaluation` */
     int kind;                  /* kind of preconditioner in `evaluation` */
     gpu_state *h_state;        /* page-locked; its first part is copied from the device */
@@ -77,8 +77,8 @@ pliant_status pliant_cuda_solver_record(pliant_cuda_solver *gpu);
 /* Run a step's first evaluation. known: as in pliant_cuda_complete. Its few kernels are launched one by one: the GPU
  * starts earlier than with a graph, and works on them while graphs are launched. */
 pliant_status pliant_cuda_solver_evaluate_first(pliant_cuda_solver *gpu, bool known);
-/* Run half of an evaluation: up to the free step (look), or the rest (judge). In between, the host computes contact
- * forces. */
+/* Run half of an evaluation: up to the free step (free_step_graph), or the rest (judge). In between, the host computes
+ * contact forces. */
 pliant_status pliant_cuda_solver_free_step(pliant_cuda_solver *gpu);
 pliant_status pliant_cuda_solver_evaluate_rest(const pliant_cuda_solver *gpu);
 /* Run an evaluation whose contact forces are computed on the GPU. */

@@ -182,7 +182,7 @@ static reach reach_of(const pliant_advance *advance, int32_t count, double margi
 }
 
 /* Return whether all positions of a triangle are above or below the box on one axis. */
-static bool is_beside(const reach *of, const int32_t node[3], const double *from, const double *to, int d)
+static bool is_outside_along(const reach *of, const int32_t node[3], const double *from, const double *to, int d)
 {
     const double a = from[3 * (size_t)node[0] + (size_t)d], b = from[3 * (size_t)node[1] + (size_t)d],
                  c = from[3 * (size_t)node[2] + (size_t)d];
@@ -195,8 +195,9 @@ static bool is_beside(const reach *of, const int32_t node[3], const double *from
 
 static bool is_near(const reach *of, const int32_t node[3], const double *from, const double *to, box *own)
 {
-    const bool separated = is_beside(of, node, from, to, of->axis[0]) || is_beside(of, node, from, to, of->axis[1]) ||
-                        is_beside(of, node, from, to, of->axis[2]);
+    const bool separated = is_outside_along(of, node, from, to, of->axis[0]) ||
+                           is_outside_along(of, node, from, to, of->axis[1]) ||
+                           is_outside_along(of, node, from, to, of->axis[2]);
     bool near = !separated;
     if (near) *own = pliant_advance_box_of(3, node, from, to);
     for (int32_t p = 0; p < of->count && !near; p++) {

@@ -265,7 +265,7 @@ typedef struct moment {
     double distance;  /* sharp lower bound [m] */
 } moment;
 
-static void look(const search *on, const pliant_advance_self_pair *pair, double t, moment *out)
+static void measure_pair(const search *on, const pliant_advance_self_pair *pair, double t, moment *out)
 {
     const int first = pair->is_edges ? 2 : 1;
     const double *origin = on->from + 3 * (size_t)pair->node[0];
@@ -318,7 +318,7 @@ static bool step(const search *on, pliant_advance_self_pair *pair, int64_t *dist
 {
     const double left = 1 - pair->t;
     moment now;
-    look(on, pair, pair->t, &now);
+    measure_pair(on, pair, pair->t, &now);
     ++*distances;
     if (pair->iterations == 0) {
         const double thickness = pliant_advance_thickness(on->self, pair->node, pair->is_edges);
@@ -400,7 +400,7 @@ pliant_status pliant_advance_audit_self(pliant_advance *advance, int32_t num_tri
     if (status != PLIANT_OK) return status;
     for (int32_t n = 0; n < advance->num_self; n++) {
         moment now;
-        look(&on, advance->self + n, 0, &now);
+        measure_pair(&on, advance->self + n, 0, &now);
         audit.minimum = fmin(audit.minimum, now.distance);
     }
     *out = audit;

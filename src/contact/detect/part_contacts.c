@@ -210,7 +210,7 @@ static void carry_to_end(const search *on, pliant_feature *of, const double poin
     pliant_pose_turn(&part->begin, normal, world);
     pliant_pose_to(&part->begin, place, before);
     for (int d = 0; d < 3; d++) gap += world[d] * (point[d] - before[d]);
-    const double waits = pliant_contact_permitted_gap(gap, part->recovery, part->stays);
+    const double waits = pliant_contact_permitted_gap(gap, part->recovery, part->remaining_depth_fraction);
     of->gap = 0;
     for (int d = 0; d < 3; d++) {
         of->drift[d] = of->place[d] - before[d];
@@ -233,7 +233,7 @@ static bool orient_outwards(const search *on, const pliant_pose *pose, const pli
     return true;
 }
 
-static void look(const search *on, pliant_feature *of)
+static void measure_feature(const search *on, pliant_feature *of)
 {
     const pliant_moving_part *part = on->part;
     double normal[3], world[3], point[3], local[3], place[3];
@@ -446,9 +446,9 @@ static pliant_status append(search *on, pliant_contacts *out)
 static void measure_all(search *on)
 {
     pliant_contact_detector *detector = on->detector;
-    for (int32_t n = 0; n < on->nodes; n++) look(on, detector->node + n);
-    for (int32_t e = 0; e < on->edges; e++) look(on, detector->edge + e);
-    for (int32_t t = 0; t < on->triangles; t++) look(on, detector->face + t);
+    for (int32_t n = 0; n < on->nodes; n++) measure_feature(on, detector->node + n);
+    for (int32_t e = 0; e < on->edges; e++) measure_feature(on, detector->edge + e);
+    for (int32_t t = 0; t < on->triangles; t++) measure_feature(on, detector->face + t);
     keep_deeper(on);
     share_areas(on);
 }

@@ -288,20 +288,20 @@ static pliant_status append_face_points(const finding *on, pliant_contacts *out)
     for (int32_t f = 0; f < tissue->num_faces; f++) {
         const int32_t *tets = tissue->body->fine.tets, *tet = tissue->face[f].tet,
                       piece = pliant_tissue_piece_of(&on->view, tets[4 * (size_t)tet[0]]);
-        bool slid = false;
-        tissue->slid[f] = 0;
+        bool has_slid = false;
+        tissue->has_slid[f] = 0;
         if (piece >= 0 && piece == pliant_tissue_piece_of(&on->view, tets[4 * (size_t)tet[1]])) continue;
         pliant_contact_point *point = append(out);
         if (!point) return pliant_fail_memory("the self-contacts of the tissue");
         point->feature = (uint64_t)PLIANT_TISSUE_CUT << 56 | (uint64_t)tissue->face[f].tet[0] << 28 |
                          (uint64_t)tissue->face[f].tet[1];
         point->friction = rule->friction;
-        if (!pliant_cut_face_point(tissue->body, tissue->face + f, nodes, rule, &slid, point)) out->count--;
-        tissue->slid[f] = slid;
-        any = any || slid;
+        if (!pliant_cut_face_point(tissue->body, tissue->face + f, nodes, rule, &has_slid, point)) out->count--;
+        tissue->has_slid[f] = has_slid;
+        any = any || has_slid;
     }
     if (!any) return PLIANT_OK;
-    return pliant_cut_slid_points(tissue->body, tissue->num_faces, tissue->face, tissue->slid, tissue->piece, nodes,
+    return pliant_cut_slid_points(tissue->body, tissue->num_faces, tissue->face, tissue->has_slid, tissue->piece, nodes,
                                   rule, out);
 }
 
@@ -338,8 +338,9 @@ static pliant_status search(const finding *on)
     pliant_tissue *tissue = on->tissue;
     const pliant_mesh *mesh = &tissue->body->fine;
     const pliant_tissue_rule *rule = &on->view.rule;
-    pliant_status status = pliant_grid_fill(&tissue->grid, tissue->num_tets, tissue->tet, mesh->tets,
-                                            on->view.positions, fmax(rule->margin, rule->pieces_go), tissue->threads);
+    pliant_status status =
+        pliant_grid_fill(&tissue->grid, tissue->num_tets, tissue->tet, mesh->tets, on->view.positions,
+                         fmax(rule->margin, rule->max_piece_motion), tissue->threads);
     if (status == PLIANT_OK)
         status =
             pliant_grid_overlaps(&tissue->grid, mesh->tets, on->view.positions, tissue->threads, &tissue->num_overlaps);

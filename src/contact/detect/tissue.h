@@ -39,9 +39,9 @@ typedef struct pliant_cut_face {
     double area;               /* at rest [m^2] */
 } pliant_cut_face;
 
-/* Contact of a node with a triangle. deep: distance from the surface, enlarged if the node's own surface does not
+/* Contact of a node with a triangle. depth: distance from the surface, enlarged if the node's own surface does not
  * face the triangle */
-typedef struct pliant_node_contact { int32_t triangle; double weight[3], gap, deep; } pliant_node_contact;
+typedef struct pliant_node_contact { int32_t triangle; double weight[3], gap, depth; } pliant_node_contact;
 enum { PLIANT_MAX_NODE_CONTACTS = 3 /* maximum number for a node */ };
 
 /* Search on another device (GPU) by the same rules (tissue_rules.h). */
@@ -71,13 +71,13 @@ struct pliant_tissue {
     int32_t num_nodes, *node;  /* nodes of the surface, ascending */
     int32_t *index_of;         /* (fine nodes) index into that list; -1: not on the surface */
     int32_t *around_start, *around; /* (num_nodes + 1) offsets, and nodes that share a surface edge with each node */
-    int32_t *fan_start, *fan;  /* (num_nodes + 1) offsets, and triangles of each node */
+    int32_t *node_triangle_start, *node_triangles;  /* (num_nodes + 1) offsets, and triangles of each node */
     double *area;              /* (num_nodes) at rest [m^2] */
     double shortest;           /* shortest edge of the surface at rest [m] */
     int32_t *piece;            /* (fine nodes) rigid detached piece, or -1; NULL: no pieces, or pieces that deform */
     int32_t num_faces;
     pliant_cut_face *face;
-    uint8_t *slid;             /* (num_faces) whether its sides have slid apart at the start of the step */
+    uint8_t *has_slid;             /* (num_faces) whether its sides have slid apart at the start of the step */
     /* ---- step */
     pliant_grid grid;
     double (*normal)[3];                /* (num_triangles) */
@@ -114,10 +114,10 @@ struct pliant_tissue_rule {
     double recovery;           /* maximum reduction of the penetration depth in a step [m] */
     double friction;
     /* quasi-static: maximum motion of detached pieces in this step, which enlarges their search distance [m] */
-    double pieces_go;
+    double max_piece_motion;
     /* (nodes x 3) positions of the nodes, for the fragments of cuts; NULL: as the surface's corners [m] */
     const double *nodes;
-    double stays;              /* fraction of the penetration depth that remains (pliant_contact_permitted_gap) */
+    double remaining_depth_fraction; /* fraction of the penetration depth that remains (pliant_contact_permitted_gap) */
     const pliant_contact_settings *settings; /* Nullable: the defaults */
     double thickness;          /* distance that two surfaces keep (contact/advance/advance.h) [m] */
 };
@@ -144,7 +144,8 @@ pliant_status pliant_tissue_advance(pliant_tissue *tissue, const double *from, c
 PLIANT_INLINE void pliant_tissue_set_place(pliant_contact_point *point, double gap, double thickness,
                                            const pliant_tissue_rule *rule)
 {
-    const double left = thickness + pliant_contact_permitted_gap(gap - thickness, rule->recovery, rule->stays);
+    const double left =
+        thickness + pliant_contact_permitted_gap(gap - thickness, rule->recovery, rule->remaining_depth_fraction);
     for (int d = 0; d < 3; d++) point->place[d] = left * point->normal[d];
 }
 /* Find contact points and append them, sorted by feature. The top byte is PLIANT_TISSUE_NODE, _EDGE, _CUT or _SLID
@@ -170,14 +171,14 @@ pliant_status pliant_tissue_find_slowed(const pliant_tissue *tissue, const uint8
 /* Compute the cut faces of a topology. The caller frees them with pliant_free; NULL: no cut face. Errors:
  * MEMORY. */
 pliant_status pliant_cut_faces(const pliant_body *body, pliant_cut_face **out, int32_t *count);
-/* Compute the point of a cut face. Return whether its sides are nearer than the margin. slid: out: the sides have
+/* Compute the point of a cut face. Return whether its sides are nearer than the margin. has_slid: out: the sides have
  * slid apart */
 bool pliant_cut_face_point(const pliant_body *body, const pliant_cut_face *face, const double *positions,
-                           const pliant_tissue_rule *rule, bool *slid, pliant_contact_point *out);
+                           const pliant_tissue_rule *rule, bool *has_slid, pliant_contact_point *out);
 /* Append points of sides that have slid, with the parts of the cut that they are now opposite to, ascending. piece:
  * (nodes) rigid piece, Nullable. Errors: MEMORY. */
 pliant_status pliant_cut_slid_points(const pliant_body *body, int32_t num_faces, const pliant_cut_face *faces,
-                                     const uint8_t *slid, const int32_t *piece, const double *positions,
+                                     const uint8_t *has_slid, const int32_t *piece, const double *positions,
                                      const pliant_tissue_rule *rule, pliant_contacts *out);
 
 #ifdef __cplusplus

@@ -313,7 +313,8 @@ static bool write_point(const pliant_body *body, const side *p, const side *q, m
     out->area = p->face->area;
     for (int d = 0; d < 3; d++) {
         out->normal[d] = met->normal[d];
-        out->place[d] = pliant_contact_permitted_gap(met->gap, rule->recovery, rule->stays) * met->normal[d];
+        out->place[d] =
+            pliant_contact_permitted_gap(met->gap, rule->recovery, rule->remaining_depth_fraction) * met->normal[d];
     }
     return kept > 0;
 }
@@ -325,15 +326,15 @@ static bool moves(const pliant_body *body, const side *p, const side *q)
 }
 
 bool pliant_cut_face_point(const pliant_body *body, const pliant_cut_face *face, const double *positions,
-                           const pliant_tissue_rule *rule, bool *slid, pliant_contact_point *out)
+                           const pliant_tissue_rule *rule, bool *has_slid, pliant_contact_point *out)
 {
     const side p = {face, 0}, q = {face, 1};
     meeting met;
-    *slid = false;
+    *has_slid = false;
     if (!look_at_sides(body, &p, &q, positions, &met) || !moves(body, &p, &q)) return false;
     /* opposite to another face, or a penetration depth of an element's length */
-    *slid = met.off > size_of(&body->fine, face->tet[0]);
-    return met.gap <= rule->margin && !*slid && write_point(body, &p, &q, &met, rule, out);
+    *has_slid = met.off > size_of(&body->fine, face->tet[0]);
+    return met.gap <= rule->margin && !*has_slid && write_point(body, &p, &q, &met, rule, out);
 }
 
 /* ---- slid sides */
@@ -384,7 +385,7 @@ static int32_t find_opposite(const pliant_body *body, const pliant_cut_face *fac
 }
 
 pliant_status pliant_cut_slid_points(const pliant_body *body, int32_t num_faces, const pliant_cut_face *faces,
-                                     const uint8_t *slid, const int32_t *piece, const double *positions,
+                                     const uint8_t *has_slid, const int32_t *piece, const double *positions,
                                      const pliant_tissue_rule *rule, pliant_contacts *out)
 {
     slot *slots = pliant_calloc((size_t)num_faces, 2 * sizeof *slots);
@@ -405,7 +406,7 @@ pliant_status pliant_cut_slid_points(const pliant_body *body, int32_t num_faces,
     qsort(slots, 2 * (size_t)num_faces, sizeof *slots, compare_slots);
     for (int32_t n = 0; n < 2 * num_faces && status == PLIANT_OK; n++) {
         meeting met;
-        const int32_t other = slid[n / 2] && !has_point[n]
+        const int32_t other = has_slid[n / 2] && !has_point[n]
                                   ? find_opposite(body, faces, slots, 2 * num_faces, piece, n, positions, rule, &met)
                                   : -1;
         if (other < 0) continue;

@@ -79,7 +79,7 @@ pliant_status pliant_tissue_find_pairs(pliant_tissue *tissue, const double *posi
     pliant_status status = tissue->advance ? PLIANT_OK : pliant_advance_create(rule->settings, &tissue->advance);
     if (status == PLIANT_OK) status = pliant_tissue_set_rest(tissue, tissue->body->fine.rest);
     if (status != PLIANT_OK) return status;
-    const pliant_advance_self self = self_of(tissue, tissue->seam, fmax(rule->margin, rule->pieces_go));
+    const pliant_advance_self self = self_of(tissue, tissue->seam, fmax(rule->margin, rule->max_piece_motion));
     memcpy(tissue->exempt, tissue->seam, (size_t)tissue->body->fine.num_nodes);
     status = pliant_advance_audit_self(tissue->advance, tissue->num_triangles, tissue->triangles, positions, &self,
                                        tissue->exempt, &audit);

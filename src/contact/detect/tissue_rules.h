@@ -25,7 +25,7 @@ typedef struct pliant_tissue_view {
     const uint8_t *is_candidate, *fixed; /* fixed: Nullable */
     const int32_t *node_parent, *piece;  /* Nullable; node_parent is NULL also without cuts */
     const pliant_surface_triangle *triangle;
-    const int32_t *triangle_start, *node, *around_start, *around, *fan_start, *fan, *last;
+    const int32_t *triangle_start, *node, *around_start, *around, *node_triangle_start, *node_triangles, *last;
     double (*normal)[3];
     int32_t *count;
     pliant_node_contact *node_contacts;
@@ -171,7 +171,7 @@ PLIANT_INLINE double pliant_tissue_margin_of(const pliant_tissue_view *on, int32
 {
     const bool piece =
         pliant_tissue_piece_of(on, node) >= 0 || pliant_tissue_piece_of(on, on->triangle[triangle].node[0]) >= 0;
-    return piece ? fmax(on->rule.margin, on->rule.pieces_go) : on->rule.margin;
+    return piece ? fmax(on->rule.margin, on->rule.max_piece_motion) : on->rule.margin;
 }
 
 /* ---- a node */
@@ -179,14 +179,15 @@ PLIANT_INLINE double pliant_tissue_margin_of(const pliant_tissue_view *on, int32
 /* Return whether some triangle around the node faces the given triangle. */
 PLIANT_INLINE bool pliant_tissue_faces(const pliant_tissue_view *on, int32_t index, int32_t triangle)
 {
-    for (int32_t k = on->fan_start[index]; k < on->fan_start[index + 1]; k++)
-        if (pliant_dot3(on->normal[on->fan[k]], on->normal[triangle]) < -on->settings.facing_cosine) return true;
+    for (int32_t k = on->node_triangle_start[index]; k < on->node_triangle_start[index + 1]; k++)
+        if (pliant_dot3(on->normal[on->node_triangles[k]], on->normal[triangle]) < -on->settings.facing_cosine)
+            return true;
     return false;
 }
 
 PLIANT_INLINE bool pliant_node_contact_before(const pliant_node_contact *a, const pliant_node_contact *b)
 {
-    return a->deep != b->deep ? a->deep < b->deep : a->triangle < b->triangle;
+    return a->depth != b->depth ? a->depth < b->depth : a->triangle < b->triangle;
 }
 
 /* Add a contact to the node's list. Inside tissue, keep only the shortest direction out; it replaces all contacts
@@ -194,14 +195,14 @@ PLIANT_INLINE bool pliant_node_contact_before(const pliant_node_contact *a, cons
 PLIANT_INLINE void pliant_tissue_add_contact(const pliant_tissue_view *on, int32_t index, pliant_node_contact *one)
 {
     /* walls of one of two blocks in flush contact lie at the border of the other */
-    const bool is_beside = !pliant_tissue_faces(on, index, one->triangle);
+    const bool faces_away = !pliant_tissue_faces(on, index, one->triangle);
     pliant_node_contact *list = on->node_contacts + PLIANT_MAX_NODE_CONTACTS * (size_t)index;
     int32_t count = on->count[index], at;
     /* height below which a node counts as inside */
     const double surface = 10 * PLIANT_TISSUE_BORDER * on->shortest;
     const bool inside = count > 0 && list[0].gap < surface;
-    one->deep = fabs(one->gap) + (is_beside ? on->rule.margin : 0.0);
-    if (is_beside && one->gap >= surface) return;
+    one->depth = fabs(one->gap) + (faces_away ? on->rule.margin : 0.0);
+    if (faces_away && one->gap >= surface) return;
     if (inside && (one->gap >= surface || !pliant_node_contact_before(one, list))) return;
     if (inside || one->gap < surface) {
         list[0] = *one;
@@ -228,7 +229,7 @@ PLIANT_INLINE void pliant_tissue_try_triangle(const pliant_tissue_view *on, int3
     const double *point = pliant_tissue_position(on, node);
     pliant_node_contact one;
     one.triangle = triangle;
-    one.deep = 0;
+    one.depth = 0;
     if (!pliant_tissue_project(on, triangle, point, one.weight, &one.gap) ||
         !(one.gap <= pliant_tissue_margin_of(on, node, triangle)))
         return;

@@ -17,12 +17,31 @@ static const int corners_of[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}
 
 static void free_surface(pliant_tissue *tissue)
 {
-    void *blocks[] = {
-        tissue->own_across,     tissue->inside,        tissue->is_candidate, tissue->triangle,     tissue->tet,
-        tissue->triangle_start, tissue->node,          tissue->index_of,     tissue->around_start, tissue->around,
-        tissue->fan_start,      tissue->fan,           tissue->area,         tissue->face,         tissue->normal,
-        tissue->count,          tissue->node_contacts, tissue->last,         tissue->place,        tissue->piece,
-        tissue->slid,           tissue->triangles,     tissue->rest,         tissue->seam,         tissue->exempt};
+    void *blocks[] = {tissue->own_across,
+                      tissue->inside,
+                      tissue->is_candidate,
+                      tissue->triangle,
+                      tissue->tet,
+                      tissue->triangle_start,
+                      tissue->node,
+                      tissue->index_of,
+                      tissue->around_start,
+                      tissue->around,
+                      tissue->node_triangle_start,
+                      tissue->node_triangles,
+                      tissue->area,
+                      tissue->face,
+                      tissue->normal,
+                      tissue->count,
+                      tissue->node_contacts,
+                      tissue->last,
+                      tissue->place,
+                      tissue->piece,
+                      tissue->has_slid,
+                      tissue->triangles,
+                      tissue->rest,
+                      tissue->seam,
+                      tissue->exempt};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
 }
 
@@ -164,21 +183,23 @@ static pliant_status find_nodes(pliant_tissue *tissue)
     }
     const size_t nodes = (size_t)tissue->num_nodes;
     tissue->around_start = pliant_calloc(nodes + 1, sizeof *tissue->around_start);
-    tissue->fan_start = pliant_calloc(nodes + 1, sizeof *tissue->fan_start);
-    tissue->fan = pliant_calloc(corners, sizeof *tissue->fan);
+    tissue->node_triangle_start = pliant_calloc(nodes + 1, sizeof *tissue->node_triangle_start);
+    tissue->node_triangles = pliant_calloc(corners, sizeof *tissue->node_triangles);
     tissue->area = pliant_calloc(nodes, sizeof *tissue->area);
     tissue->count = pliant_calloc(nodes, sizeof *tissue->count);
     tissue->last = pliant_calloc(nodes, sizeof *tissue->last);
     tissue->place = pliant_calloc(nodes, 3 * sizeof *tissue->place);
     tissue->node_contacts = pliant_calloc(PLIANT_MAX_NODE_CONTACTS * nodes, sizeof *tissue->node_contacts);
-    if (!tissue->around_start || !tissue->fan_start || !tissue->fan || !tissue->area || !tissue->count ||
-        !tissue->last || !tissue->place || !tissue->node_contacts)
+    if (!tissue->around_start || !tissue->node_triangle_start || !tissue->node_triangles || !tissue->area ||
+        !tissue->count || !tissue->last || !tissue->place || !tissue->node_contacts)
         return no_memory();
     pliant_tissue_discard(tissue);
-    for (size_t i = 0; i < corners; i++) tissue->fan_start[tissue->index_of[tissue->triangle[i / 3].node[i % 3]]]++;
-    for (size_t n = 1; n <= nodes; n++) tissue->fan_start[n] += tissue->fan_start[n - 1];
+    for (size_t i = 0; i < corners; i++)
+        tissue->node_triangle_start[tissue->index_of[tissue->triangle[i / 3].node[i % 3]]]++;
+    for (size_t n = 1; n <= nodes; n++) tissue->node_triangle_start[n] += tissue->node_triangle_start[n - 1];
     for (size_t i = corners; i-- > 0;)
-        tissue->fan[--tissue->fan_start[tissue->index_of[tissue->triangle[i / 3].node[i % 3]]]] = (int32_t)(i / 3);
+        tissue->node_triangles[--tissue->node_triangle_start[tissue->index_of[tissue->triangle[i / 3].node[i % 3]]]] =
+            (int32_t)(i / 3);
     return PLIANT_OK;
 }
 
@@ -255,7 +276,7 @@ pliant_status pliant_tissue_set_body(pliant_tissue *tissue, const pliant_body *b
         if (status == PLIANT_OK) measure(&next);
     }
     if (status == PLIANT_OK) status = pliant_cut_faces(body, &next.face, &next.num_faces);
-    if (status == PLIANT_OK && next.num_faces > 0 && !(next.slid = pliant_calloc((size_t)next.num_faces, 1)))
+    if (status == PLIANT_OK && next.num_faces > 0 && !(next.has_slid = pliant_calloc((size_t)next.num_faces, 1)))
         status = pliant_fail_memory("the self-contacts of the tissue");
     if (status != PLIANT_OK) {
         free_surface(&next);
@@ -305,8 +326,8 @@ pliant_tissue_view pliant_tissue_view_of(pliant_tissue *tissue, const double *po
         .node = tissue->node,
         .around_start = tissue->around_start,
         .around = tissue->around,
-        .fan_start = tissue->fan_start,
-        .fan = tissue->fan,
+        .node_triangle_start = tissue->node_triangle_start,
+        .node_triangles = tissue->node_triangles,
         .last = tissue->last,
         .normal = tissue->normal,
         .count = tissue->count,

@@ -396,8 +396,8 @@ static pliant_status find_elements(pliant_cube_work *work, const int32_t *coarse
     pliant_system *system = work->system;
     const size_t tets = (size_t)system->mesh->num_tets, fine = (size_t)system->fine->num_tets;
     pliant_tet_material *none = pliant_calloc(tets, sizeof *none);
-    pliant_status status =
-        none ? pliant_system_hexahedra(system, none, NULL, NULL, NULL) : pliant_fail_memory("the coarse hexahedra");
+    pliant_status status = none ? pliant_system_build_hexahedra(system, none, NULL, NULL, NULL)
+                                : pliant_fail_memory("the coarse hexahedra");
     pliant_free(none);
     if (status == PLIANT_OK) status = pliant_hexahedra_of_tets(system->mesh, system->macros, &work->element_of_tet);
     if (status != PLIANT_OK) return status;

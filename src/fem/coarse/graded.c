@@ -198,7 +198,7 @@ static pliant_status refine(grading *work)
 /* List the fine tetrahedra in refined cubes, and in cubes adjacent to them. */
 static pliant_status list_tets(grading *work)
 {
-    enum { REFINED = 1, BESIDE = 2 };
+    enum { REFINED = 1, ADJACENT = 2 };
     const pliant_mesh *fine = work->fine, *coarse = work->coarse;
     const uint8_t *refined = work->graded->refined;
     const int32_t *coarse_of_fine = work->body->coarse_of_fine;
@@ -214,12 +214,12 @@ static pliant_status list_tets(grading *work)
         spread(&list);
         for (int32_t t = 0; t < coarse->num_tets; t++) {
             const int32_t cell = coarse->lattice_of_tet[t] / 5;
-            where[t] = refined[cell] ? REFINED : list.marked[cell] ? BESIDE : 0;
+            where[t] = refined[cell] ? REFINED : list.marked[cell] ? ADJACENT : 0;
         }
         for (int32_t t = 0; t < fine->num_tets; t++) {
             const uint8_t here = where[coarse_of_fine[t]];
             if (here == REFINED) work->tet[work->num_tets++] = t;
-            if (here == BESIDE) work->adjacent[work->num_adjacent++] = t;
+            if (here == ADJACENT) work->adjacent[work->num_adjacent++] = t;
         }
     }
     list_free(&list);
@@ -262,9 +262,10 @@ static pliant_status make_mesh(grading *work)
     mesh->num_nodes = coarse->num_nodes + fine->num_nodes;
     graded->used = pliant_calloc((size_t)coarse->num_nodes, 1);
     graded->refined = pliant_calloc(count_cells(coarse), 1);
-    graded->within = pliant_malloc((size_t)fine->num_nodes, sizeof *graded->within);
+    graded->unrefined_neighbour = pliant_malloc((size_t)fine->num_nodes, sizeof *graded->unrefined_neighbour);
     graded->in_refined = pliant_calloc((size_t)fine->num_nodes, 1);
-    return graded->used && graded->refined && graded->within && graded->in_refined ? make_rest(work) : no_memory();
+    return graded->used && graded->refined && graded->unrefined_neighbour && graded->in_refined ? make_rest(work)
+                                                                                                : no_memory();
 }
 
 static pliant_status find_fixed(const grading *work, uint8_t **fixed)
@@ -294,8 +295,8 @@ static pliant_status begin(grading *work)
                                                                                                      : no_memory();
 }
 
-pliant_status pliant_system_graded(pliant_system *system, const pliant_system *base, const pliant_body *body,
-                                   const pliant_kept *kept, bool hexahedra, uint8_t **fixed)
+pliant_status pliant_system_build_graded(pliant_system *system, const pliant_system *base, const pliant_body *body,
+                                         const pliant_unchanged_elements *kept, bool hexahedra, uint8_t **fixed)
 {
     grading work = {.system = system,
                     .base = base,

@@ -8,8 +8,8 @@
 typedef struct grading {
     pliant_system *system;
     const pliant_system *base;
-    const pliant_kept *kept;   /* Nullable */
-    const pliant_system *before; /* Nullable: the graded system before the cut */
+    const pliant_unchanged_elements *kept; /* Nullable */
+    const pliant_system *before;           /* Nullable: the graded system before the cut */
     const pliant_body *body;
     const pliant_mesh *fine, *coarse;
     const pliant_macros *elements; /* all coarse elements */

@@ -25,8 +25,8 @@ static void follow_itself(const grading *work, int32_t node, followed *out)
 void pliant_graded_follow(const grading *work, int32_t node, followed *out)
 {
     follow_itself(work, node, out);
-    if (work->graded->within[node] < 0) return;
-    const int32_t tet = work->body->coarse_of_fine[work->graded->within[node]],
+    if (work->graded->unrefined_neighbour[node] < 0) return;
+    const int32_t tet = work->body->coarse_of_fine[work->graded->unrefined_neighbour[node]],
                   element = work->graded->base->element_of_tet[tet];
     const bool cube = is_cube(work->base->macros, element);
     const int32_t *corners =
@@ -148,20 +148,20 @@ static void find_alike(grading *work)
     const int32_t nodes =
         before->fine.num_nodes < work->fine->num_nodes ? before->fine.num_nodes : work->fine->num_nodes;
     for (int32_t n = 0; n < nodes; n++)
-        work->alike[n] =
-            (was->in_refined[n] != 0) & (was->within[n] == now->within[n]) & (before->fine_fixed[n] == fixed[n]);
+        work->alike[n] = (was->in_refined[n] != 0) & (was->unrefined_neighbour[n] == now->unrefined_neighbour[n]) &
+                         (before->fine_fixed[n] == fixed[n]);
 }
 
 void pliant_graded_followers(grading *work)
 {
     const int32_t *tets = work->fine->tets;
     pliant_graded *graded = work->graded;
-    memset(graded->within, 0xff, (size_t)work->fine->num_nodes * sizeof *graded->within);
+    memset(graded->unrefined_neighbour, 0xff, (size_t)work->fine->num_nodes * sizeof *graded->unrefined_neighbour);
     for (int32_t i = 0; i < 4 * work->num_tets; i++)
         graded->in_refined[tets[4 * (size_t)work->tet[i / 4] + (size_t)(i % 4)]] = 1;
     for (int32_t i = 0; i < 4 * work->num_adjacent; i++) {
         const int32_t tet = work->adjacent[i / 4], node = tets[4 * (size_t)tet + (size_t)(i % 4)];
-        if (graded->in_refined[node] && graded->within[node] < 0) graded->within[node] = tet;
+        if (graded->in_refined[node] && graded->unrefined_neighbour[node] < 0) graded->unrefined_neighbour[node] = tet;
     }
     if (work->alike) find_alike(work);
 }

@@ -26,8 +26,8 @@ static pliant_status interpolate(pliant_system *system, bool hexahedra, const in
     return status;
 }
 
-pliant_status pliant_lod_ground(pliant_system *system, bool hexahedra, const uint8_t *fine_fixed,
-                                const uint8_t *coarse_fixed, const int32_t *coarse_of_fine)
+pliant_status pliant_lod_build_upsample(pliant_system *system, bool hexahedra, const uint8_t *fine_fixed,
+                                        const uint8_t *coarse_fixed, const int32_t *coarse_of_fine)
 {
     const pliant_mesh *fine = system->fine, *coarse = system->mesh;
     pliant_status status = interpolate(system, hexahedra, coarse_of_fine);
@@ -62,7 +62,7 @@ static pliant_status make_hexahedra(lod_builder *lod)
     pliant_status status = material ? PLIANT_OK : pliant_fail_memory("the fine mesh");
     for (int32_t t = 0; material && t < fine->num_tets; t++)
         material[t].lambda = fmin(material[t].lambda, maximum * material[t].mu);
-    if (status == PLIANT_OK) status = pliant_system_hexahedra(&lod->whole, material, NULL, NULL, NULL);
+    if (status == PLIANT_OK) status = pliant_system_build_hexahedra(&lod->whole, material, NULL, NULL, NULL);
     if (status == PLIANT_OK) status = pliant_hexahedra_of_tets(fine, lod->whole.macros, &element);
     if (status == PLIANT_OK && !(lod->bulk = pliant_calloc((size_t)lod->whole.macros->count, sizeof *lod->bulk)))
         status = pliant_fail_memory("the fine mesh");
@@ -82,7 +82,8 @@ static pliant_status make_fine(lod_builder *lod, bool hexahedra)
     pliant_system *whole = &lod->whole;
     whole->mesh = whole->fine = lod->system->fine;
     whole->num_threads = lod->system->num_threads;
-    pliant_status status = hexahedra ? make_hexahedra(lod) : pliant_system_elements(whole, lod->material, NULL, NULL);
+    pliant_status status =
+        hexahedra ? make_hexahedra(lod) : pliant_system_build_tetrahedra(whole, lod->material, NULL, NULL);
     if (status != PLIANT_OK) return status;
     if (!(lod->at_rest = pliant_calloc((size_t)whole->num_blocks, sizeof *lod->at_rest)))
         return pliant_fail_memory("the stiffness of the fine mesh");
@@ -217,8 +218,9 @@ static void builder_free(lod_builder *lod)
     pliant_system_clear(&lod->whole);
 }
 
-pliant_status pliant_lod(pliant_system *system, const pliant_scene *scene, const uint8_t *fine_fixed,
-                         const uint8_t *coarse_fixed, const pliant_tet_material *material, pliant_progress progress)
+pliant_status pliant_lod_build_macros(pliant_system *system, const pliant_scene *scene, const uint8_t *fine_fixed,
+                                      const uint8_t *coarse_fixed, const pliant_tet_material *material,
+                                      pliant_progress progress)
 {
     lod_builder lod = {.system = system, .fine_fixed = fine_fixed, .coarse_fixed = coarse_fixed, .material = material,
                        .layers = scene->model.lod_layers, .ratio = system->fine->cells[0] / system->mesh->cells[0]};

@@ -27,11 +27,13 @@ extern "C" {
 
 /* Build system->upsample (P; trilinear for hexahedra) and system->grounded from the coarse tetrahedra. Errors:
  * MEMORY. */
-pliant_status pliant_lod_ground(pliant_system *system, bool hexahedra, const uint8_t *fine_fixed,
-                                const uint8_t *coarse_fixed, const int32_t *coarse_of_fine);
-/* Build system->macros after pliant_lod_ground. Errors: SCENE (scene limits exceeded), MEMORY, NUMERIC, CANCELLED. */
-pliant_status pliant_lod(pliant_system *system, const pliant_scene *scene, const uint8_t *fine_fixed,
-                         const uint8_t *coarse_fixed, const pliant_tet_material *material, pliant_progress progress);
+pliant_status pliant_lod_build_upsample(pliant_system *system, bool hexahedra, const uint8_t *fine_fixed,
+                                        const uint8_t *coarse_fixed, const int32_t *coarse_of_fine);
+/* Build system->macros after pliant_lod_build_upsample. Errors: SCENE (scene limits exceeded), MEMORY, NUMERIC,
+ * CANCELLED. */
+pliant_status pliant_lod_build_macros(pliant_system *system, const pliant_scene *scene, const uint8_t *fine_fixed,
+                                      const uint8_t *coarse_fixed, const pliant_tet_material *material,
+                                      pliant_progress progress);
 
 #ifdef __cplusplus
 }

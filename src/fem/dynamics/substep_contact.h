@@ -21,10 +21,10 @@ extern "C" {
 typedef struct pliant_tled_contact {
     double weighted_inverse_mass;                          /* sum of squared weights divided by masses [1/kg] */
     /* Penetration depth at the start of the frame; it is removed during the frame [m]. */
-    double deep;
+    double initial_depth;
     double anchor[3];                       /* present sticking position [m] */
     /* Impulse by which the sub-step before has separated two sides; the next sub-step subtracts it [kg m]. */
-    double owed[3];
+    double separation_impulse[3];
     /* Sum over the frame; in dynamic relaxation the last force [N]. */
     double force[3];
     /* Points that are solved together: */
@@ -35,8 +35,8 @@ typedef struct pliant_tled_contact {
     double tolerance;                       /* smallest change of the impulse that needs another pass [kg m] */
     double energy;                          /* available for shifts [J] */
     pliant_facing facing;
-    bool has_sides;                         /* facing is valid */
-    bool pressed;                           /* there was contact in the last sub-step */
+    bool has_sides;  /* facing is valid */
+    bool is_pressed; /* there was contact in the last sub-step */
 } pliant_tled_contact;
 
 /* Maximum number of passes over all points. Impulses of the last sub-step are the start of the next one, so the error
@@ -155,7 +155,7 @@ PLIANT_INLINE double pliant_tled_contact_slow_down(const pliant_tled_contact_nod
 {
     const int node = point->node[0];
     double load = 0;
-    contact->pressed = true;
+    contact->is_pressed = true;
     for (int d = 0; d < 3; d++) {
         const double push = -point->friction * nodes->d[3 * node + d],
                      force = push / (time->factor * contact->weighted_inverse_mass);
@@ -173,7 +173,7 @@ PLIANT_INLINE double pliant_tled_contact_gap(const pliant_tled_contact_nodes *no
                                              const pliant_tled_contact_timing *time, const pliant_contact_point *point,
                                              const pliant_tled_contact *contact, double y[3], double moved[3])
 {
-    double gap = contact->deep * (1 - time->done);
+    double gap = contact->initial_depth * (1 - time->done);
     pliant_tled_contact_position(point, nodes->rest, nodes->u, y);
     pliant_tled_contact_weighted_sum(point, nodes->d, moved);
     for (int d = 0; d < 3; d++) {
@@ -221,12 +221,12 @@ PLIANT_INLINE double pliant_tled_contact_correct(const pliant_tled_contact_nodes
     const double gap = pliant_tled_contact_gap(nodes, time, point, contact, y, moved);
     pliant_tled_contact_move_anchor(time, point, contact);
     pliant_tled_contact_slip(point, contact, y, slip);
-    contact->pressed = pliant_substep_press(point->normal, point->friction, gap, moved, slip, push, shift);
+    contact->is_pressed = pliant_substep_press(point->normal, point->friction, gap, moved, slip, push, shift);
     for (int d = 0; d < 3; d++) {
         if (time->still) contact->force[d] = 0;
-        if (!contact->pressed) contact->anchor[d] = y[d];
+        if (!contact->is_pressed) contact->anchor[d] = y[d];
     }
-    if (!contact->pressed) return 0;
+    if (!contact->is_pressed) return 0;
     for (int d = 0; d < 3; d++) {
         if (time->still) { /* in relaxation there is no physical velocity to preserve */
             push[d] += shift[d];
@@ -258,8 +258,8 @@ PLIANT_INLINE void pliant_tled_contact_prepare(const pliant_tled_contact_nodes *
     pliant_tled_contact_weighted_sum(point, nodes->acceleration, acceleration);
     contact->resistance = 0;
     for (int d = 0; d < 3; d++) {
-        back[d] = -contact->owed[d];
-        contact->owed[d] = 0;
+        back[d] = -contact->separation_impulse[d];
+        contact->separation_impulse[d] = 0;
         contact->resistance -= point->normal[d] * acceleration[d] / contact->weighted_inverse_mass;
     }
     pliant_tled_contact_move_anchor(time, point, contact);
@@ -324,8 +324,9 @@ PLIANT_INLINE bool pliant_tled_contact_push(const pliant_tled_contact_nodes *nod
 /* Add the energy that the impulse dissipates, and pay for the shift out of a penetration. Half of the dissipated energy
  * is lost, so that repeated shifts and impacts come to rest. Work against motion beyond the allowed increment is
  * available as a whole: this motion is an error of the solution. Return the shift [m]. */
-PLIANT_INLINE double pliant_tled_contact_pay(const pliant_tled_contact_timing *time, const double normal[3],
-                                             double depth, const double moved[3], pliant_tled_contact *contact)
+PLIANT_INLINE double pliant_tled_contact_affordable_shift(const pliant_tled_contact_timing *time,
+                                                          const double normal[3], double depth, const double moved[3],
+                                                          pliant_tled_contact *contact)
 {
     const double reused = 0.5, cost = contact->resistance * depth;
     double work = 0, pressure = 0, outward = 0;
@@ -354,7 +355,7 @@ PLIANT_INLINE void pliant_tled_contact_shift(const pliant_tled_contact_nodes *no
     if (contact->has_sides && time->last) return;
     for (int d = 0; d < 3; d++) {
         impulse[d] = shift[d] / contact->weighted_inverse_mass;
-        if (contact->has_sides) contact->owed[d] = impulse[d];
+        if (contact->has_sides) contact->separation_impulse[d] = impulse[d];
     }
     if (contact->has_sides) pliant_tled_contact_apply(nodes, INFINITY, point, contact, impulse);
     for (int k = 0; !contact->has_sides && k < point->count; k++)
@@ -377,12 +378,12 @@ PLIANT_INLINE double pliant_tled_contact_finish(const pliant_tled_contact_nodes 
         square += contact->impulse[d] * contact->impulse[d];
         far += slip[d] * slip[d];
     }
-    contact->pressed = pressure > 0 || gap < 0;
-    for (int d = 0; d < 3 && !contact->pressed; d++) contact->anchor[d] = y[d];
-    if (!contact->pressed) return 0;
+    contact->is_pressed = pressure > 0 || gap < 0;
+    for (int d = 0; d < 3 && !contact->is_pressed; d++) contact->anchor[d] = y[d];
+    if (!contact->is_pressed) return 0;
     const double friction = point->friction * pressure - sqrt(fmax(square - pressure * pressure, 0.0)),
                  left = fmax(friction, 0.0) * w, back = far > left * left ? left / sqrt(far) : 1,
-                 out = pliant_tled_contact_pay(time, point->normal, fmax(-gap, 0.0), moved, contact);
+                 out = pliant_tled_contact_affordable_shift(time, point->normal, fmax(-gap, 0.0), moved, contact);
     for (int d = 0; d < 3; d++) {
         const double force = contact->impulse[d] / time->factor;
         contact->force[d] += force;

@@ -45,9 +45,9 @@ typedef enum pliant_tled_sum {
  * without a core. Results are the same with both. */
 typedef struct pliant_thread_choice {
     double seconds[2];                      /* of a sub-step, in the last burst with one thread [0] and with all [1] */
-    int quicker;
-    bool trying;                            /* the last burst used the slower alternative */
-    int32_t wait, left;                     /* bursts until the next trial of the slower alternative */
+    int faster_choice;
+    bool is_trial;      /* the last burst used the slower alternative */
+    int32_t wait, left; /* bursts until the next trial of the slower alternative */
 } pliant_thread_choice;
 
 typedef struct pliant_tled_cubes pliant_tled_cubes;
@@ -111,9 +111,9 @@ struct pliant_tled {
     int32_t substeps;                       /* per frame */
     /* For a frame in several parts: sub-steps done so far, and sub-steps of the next part; 0: all remaining
      * sub-steps. */
-    int32_t made, part;
+    int32_t substeps_done, part;
     /* Sub-steps after this part in which a tool that holds, and has jumped, still reaches its target. */
-    int32_t later[PLIANT_MAX_TOOLS];
+    int32_t substeps_after_part[PLIANT_MAX_TOOLS];
     bool keeps_substep; /* true: a sub-step that is too long fails instead of being halved */
     /* Number of halvings of the initial sub-step, after elements strained too fast for it. */
     int32_t halvings;
@@ -128,16 +128,16 @@ struct pliant_tled {
     /* Prony series: relaxed overstress, as rest volume times second Piola-Kirchhoff stress [N m]; NULL: elastic. */
     float (*memory)[6 * PLIANT_PRONY_TERMS][LANES];
     /* State at the start of the frame or of the current part. A backend stores its results here as well. */
-    double *kept_u, *kept_d;
-    float (*kept_memory)[6 * PLIANT_PRONY_TERMS][LANES];
+    double *start_u, *start_d;
+    float (*start_memory)[6 * PLIANT_PRONY_TERMS][LANES];
     double target[PLIANT_MAX_TOOLS][3];     /* present targets of the held points [m] */
-    double kept_target[PLIANT_MAX_TOOLS][3];
-    double passed[PLIANT_MAX_TOOLS][3];     /* positions of held points before the last sub-step [m] */
-    double passed_target[PLIANT_MAX_TOOLS][3]; /* targets before the last sub-step */
+    double start_target[PLIANT_MAX_TOOLS][3];
+    double previous_point[PLIANT_MAX_TOOLS][3];  /* positions of held points before the last sub-step [m] */
+    double previous_target[PLIANT_MAX_TOOLS][3]; /* targets before the last sub-step */
     /* Duration of the last sub-step [s]. */
-    double passed_step, kept_passed[PLIANT_MAX_TOOLS][3], kept_passed_target[PLIANT_MAX_TOOLS][3];
-    double quotient[4];        /* dynamic relaxation: state of pliant_substep_frequency */
-    pliant_thread_choice pace; /* thread count of the bursts */
+    double previous_time_step, start_previous_point[PLIANT_MAX_TOOLS][3], start_previous_target[PLIANT_MAX_TOOLS][3];
+    double quotient[4];                 /* dynamic relaxation: state of pliant_substep_frequency */
+    pliant_thread_choice thread_choice; /* thread count of the bursts */
     /* Dynamic relaxation: reference load for the residual where there is no load; as PLIANT_SUM_LOAD. */
     double smallest_load;
     pliant_contacts *contacts;    /* Nullable: borrowed, for a frame */
@@ -183,9 +183,9 @@ double pliant_gram_largest_eigenvalue(const double gram[6], double lambda, doubl
 
 /* List the walls of the scene's ground, plane and box, and return their number. */
 int pliant_tled_walls(const pliant_scene *scene, pliant_wall walls[PLIANT_MAX_WALLS]);
-void pliant_tled_limits(pliant_tled *tled, int32_t steps, double tolerance);
+void pliant_tled_set_limits(pliant_tled *tled, int32_t steps, double tolerance);
 /* Set the position of a node, at zero velocity. */
-void pliant_tled_place(pliant_tled *tled, int32_t node, const double position[3]);
+void pliant_tled_set_node_position(pliant_tled *tled, int32_t node, const double position[3]);
 /* Allocate own_inverse_mass (allow_stop), and fix nodes permanently (fix_nodes). Errors: MEMORY. */
 pliant_status pliant_tled_allow_stop(pliant_tled *tled);
 void pliant_tled_fix_nodes(pliant_tled *tled, int32_t count, const int32_t *nodes);
@@ -214,7 +214,7 @@ void pliant_tled_pressures(pliant_tled *tled);
 /* Return the number of sub-steps in this part of the frame. */
 static inline int32_t pliant_tled_part_substeps(const pliant_tled *tled)
 {
-    const int32_t left = tled->substeps - tled->made;
+    const int32_t left = tled->substeps - tled->substeps_done;
     return tled->part > 0 && tled->part < left ? tled->part : left;
 }
 /* Set the positions at zero velocity. Fixed nodes do not move. */

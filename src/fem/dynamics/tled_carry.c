@@ -28,9 +28,9 @@ void pliant_tled_carry(pliant_tled *tled, const pliant_tled *from, const pliant_
         tled->time_step = ldexp(tled->time_step, -tled->halvings);
     }
     memcpy(tled->target, from->target, sizeof tled->target);
-    memcpy(tled->passed, from->passed, sizeof tled->passed);
-    memcpy(tled->passed_target, from->passed_target, sizeof tled->passed_target);
-    tled->passed_step = from->passed_step;
+    memcpy(tled->previous_point, from->previous_point, sizeof tled->previous_point);
+    memcpy(tled->previous_target, from->previous_target, sizeof tled->previous_target);
+    tled->previous_time_step = from->previous_time_step;
     tled->contact_energy = from->contact_energy;
     /* Increments belong to one sub-step; relaxation has no velocity. */
     const double faster = tled->time_step / from->time_step;

@@ -30,8 +30,8 @@ static void begin_point(const pliant_tled *tled, const pliant_contact_point *poi
         gap += point->normal[d] * (y[d] - from);
         contact->anchor[d] = (point->was_pressed ? point->anchor[d] + point->place[d] - point->drift[d] : y[d]);
     }
-    contact->deep = fmax(0, -gap);
-    contact->pressed = point->was_pressed;
+    contact->initial_depth = fmax(0, -gap);
+    contact->is_pressed = point->was_pressed;
     for (int32_t k = 0; k < point->count; k++) {
         const double inverse = tled->inverse_mass[point->node[k]];
         contact->weighted_inverse_mass += point->weight[k] * point->weight[k] * inverse;
@@ -47,10 +47,12 @@ static bool is_coupled(const pliant_tled *tled, int32_t p)
 /* Share the energy for shifts in proportion to the depths. */
 static void share_energy(pliant_tled *tled)
 {
-    double deep = 0;
-    for (int32_t p = 0; p < tled->contacts->count; p++) deep += is_coupled(tled, p) ? tled->contact[p].deep : 0;
-    for (int32_t p = 0; deep > 0 && p < tled->contacts->count; p++)
-        if (is_coupled(tled, p)) tled->contact[p].energy = tled->contact_energy * tled->contact[p].deep / deep;
+    double initial_depth = 0;
+    for (int32_t p = 0; p < tled->contacts->count; p++)
+        initial_depth += is_coupled(tled, p) ? tled->contact[p].initial_depth : 0;
+    for (int32_t p = 0; initial_depth > 0 && p < tled->contacts->count; p++)
+        if (is_coupled(tled, p))
+            tled->contact[p].energy = tled->contact_energy * tled->contact[p].initial_depth / initial_depth;
 }
 
 pliant_status pliant_tled_contacts_begin(pliant_tled *tled)
@@ -126,20 +128,20 @@ double pliant_tled_contacts_correct(pliant_tled *tled, double factor, int32_t ma
     double load = 0;
     search_overlaps(tled);
     for (int32_t p = 0; p < tled->contacts->count; p++) {
-        tled->contact[p].pressed = false;
+        tled->contact[p].is_pressed = false;
         if (!is_coupled(tled, p) && !is_free(tled, tled->contacts->point + p))
             load += pliant_tled_contact_correct(&nodes, &time, tled->contacts->point + p, tled->contact + p);
     }
     load += solve_coupled(tled, &nodes, &time);
     for (int32_t p = 0; tled->overlap_damping.tissue && p < tled->contacts->count; p++)
-        for (int32_t k = 0; tled->contact[p].pressed && k < tled->contacts->point[p].count; k++)
+        for (int32_t k = 0; tled->contact[p].is_pressed && k < tled->contacts->point[p].count; k++)
             tled->in_contact[tled->contacts->point[p].node[k]] = 1;
     return load;
 }
 
 void pliant_tled_contacts_end(pliant_tled *tled, int32_t steps, pliant_statistics *statistics)
 {
-    double deep = 0, energy = 0;
+    double initial_depth = 0, energy = 0;
     statistics->contacts = 0;
     statistics->penetration = 0;
     for (int32_t p = 0; pliant_tled_touches(tled) && p < tled->contacts->count; p++) {
@@ -147,9 +149,9 @@ void pliant_tled_contacts_end(pliant_tled *tled, int32_t steps, pliant_statistic
         const pliant_tled_contact *contact = tled->contact + p;
         double y[3], depth = 0;
         place_of(tled, point, y);
-        point->was_pressed = contact->pressed;
+        point->was_pressed = contact->is_pressed;
         energy += contact->energy;
-        deep += is_coupled(tled, p) ? contact->deep : 0;
+        initial_depth += is_coupled(tled, p) ? contact->initial_depth : 0;
         for (int d = 0; d < 3; d++) {
             depth -= point->normal[d] * (y[d] - point->place[d]);
             point->force[d] = contact->force[d] / (tled->system->quasi_static ? 1 : steps);
@@ -158,5 +160,6 @@ void pliant_tled_contacts_end(pliant_tled *tled, int32_t steps, pliant_statistic
         statistics->contacts += point->force[0] != 0 || point->force[1] != 0 || point->force[2] != 0;
         if (contact->weighted_inverse_mass > 0) statistics->penetration = fmax(statistics->penetration, depth);
     }
-    tled->contact_energy = energy + (deep > 0 ? 0 : tled->contact_energy); /* without depths, none was shared */
+    tled->contact_energy =
+        energy + (initial_depth > 0 ? 0 : tled->contact_energy); /* without depths, none was shared */
 }

@@ -264,19 +264,19 @@ static pliant_status allocate_state(pliant_tled *tled)
     size_t nodes = (size_t)system->mesh->num_nodes, blocks = (size_t)pliant_tled_blocks(system);
     tled->u = pliant_calloc_pages(nodes, 3 * sizeof *tled->u);
     tled->d = pliant_calloc_pages(nodes, 3 * sizeof *tled->d);
-    tled->kept_u = pliant_calloc_pages(nodes, 3 * sizeof *tled->kept_u);
-    tled->kept_d = pliant_calloc_pages(nodes, 3 * sizeof *tled->kept_d);
+    tled->start_u = pliant_calloc_pages(nodes, 3 * sizeof *tled->start_u);
+    tled->start_d = pliant_calloc_pages(nodes, 3 * sizeof *tled->start_d);
     tled->acceleration = pliant_calloc(nodes, 3 * sizeof *tled->acceleration);
     tled->forces = pliant_calloc(pliant_tled_force_count(system), sizeof *tled->forces);
     tled->sums = pliant_calloc((nodes + PLIANT_CHUNK - 1) / PLIANT_CHUNK, sizeof *tled->sums);
     tled->limit = pliant_calloc(nodes, sizeof *tled->limit);
-    bool good = tled->u && tled->d && tled->kept_u && tled->kept_d && tled->acceleration && tled->forces &&
+    bool good = tled->u && tled->d && tled->start_u && tled->start_d && tled->acceleration && tled->forces &&
                 tled->sums && tled->limit;
     if (good && system->quasi_static) good = (tled->own = pliant_calloc(nodes, 3 * sizeof *tled->own)) != NULL;
     if (good && system->num_prony > 0) {
         tled->memory = pliant_calloc_pages(blocks, sizeof *tled->memory);
-        tled->kept_memory = pliant_calloc_pages(blocks, sizeof *tled->kept_memory);
-        good = tled->memory && tled->kept_memory;
+        tled->start_memory = pliant_calloc_pages(blocks, sizeof *tled->start_memory);
+        good = tled->memory && tled->start_memory;
     }
     if (good && system->nodal_pressure) {
         tled->change = pliant_calloc(blocks, sizeof *tled->change);
@@ -318,7 +318,7 @@ pliant_status pliant_tled_create(const pliant_scene *scene, const pliant_tled_sy
     tled->system = system;
     tled->inverse_mass = system->inverse_mass;
     tled->frame = scene->solver.step;
-    tled->pace = (pliant_thread_choice){.quicker = 1, .wait = 32};
+    tled->thread_choice = (pliant_thread_choice){.faster_choice = 1, .wait = 32};
     tled->relaxation_steps = scene->tled.relaxation_steps;
     tled->tolerance = scene->solver.tolerance;
     pliant_status status = PLIANT_OK;
@@ -374,13 +374,13 @@ void pliant_tled_stop_motion(pliant_tled *tled)
     tled->contact_energy = 0;
 }
 
-void pliant_tled_limits(pliant_tled *tled, int32_t steps, double tolerance)
+void pliant_tled_set_limits(pliant_tled *tled, int32_t steps, double tolerance)
 {
     tled->tolerance = tolerance;
     if (tled->system->quasi_static) tled->substeps = steps;
 }
 
-void pliant_tled_place(pliant_tled *tled, int32_t node, const double position[3])
+void pliant_tled_set_node_position(pliant_tled *tled, int32_t node, const double position[3])
 {
     for (int d = 0; d < 3; d++) {
         tled->u[3 * node + d] = position[d] - tled->system->mesh->rest[3 * node + d];
@@ -410,8 +410,8 @@ void pliant_tled_free(pliant_tled *tled)
 {
     if (!tled) return;
     void *blocks[] = {tled->u,        tled->d,
-                      tled->memory,   tled->kept_u,
-                      tled->kept_d,   tled->kept_memory,
+                      tled->memory,   tled->start_u,
+                      tled->start_d,   tled->start_memory,
                       tled->forces,   tled->change,
                       tled->pressure, tled->sums,
                       tled->limit,    tled->acceleration,

@@ -196,7 +196,7 @@ static bool any_strains_fast(const pliant_tled *tled, int *shared)
 static pliant_tled_frame run(pliant_tled *tled, pliant_tool *tools, int num_tools, bool held, int32_t first,
                              int32_t end, double *tool_load, int *fast)
 {
-    const int32_t part = pliant_tled_part_substeps(tled), frame = tled->substeps - tled->made;
+    const int32_t part = pliant_tled_part_substeps(tled), frame = tled->substeps - tled->substeps_done;
     const pliant_tled_system *system = tled->system;
     const int32_t chunks = (system->mesh->num_nodes + PLIANT_CHUNK - 1) / PLIANT_CHUNK;
     const bool still = system->quasi_static, acted = held || pliant_tled_touches(tled);
@@ -246,17 +246,18 @@ static pliant_tled_frame run(pliant_tled *tled, pliant_tool *tools, int num_tool
     return result;
 }
 
-static void keep(pliant_tled *tled, bool back)
+static void save_or_restore_start(pliant_tled *tled, bool back)
 {
     size_t nodes = 3 * (size_t)tled->system->mesh->num_nodes, blocks = (size_t)pliant_tled_blocks(tled->system);
-    memcpy(back ? tled->u : tled->kept_u, back ? tled->kept_u : tled->u, nodes * sizeof *tled->u);
-    memcpy(back ? tled->d : tled->kept_d, back ? tled->kept_d : tled->d, nodes * sizeof *tled->d);
-    memcpy(back ? tled->target : tled->kept_target, back ? tled->kept_target : tled->target, sizeof tled->target);
-    memcpy(back ? tled->passed : tled->kept_passed, back ? tled->kept_passed : tled->passed, sizeof tled->passed);
-    memcpy(back ? tled->passed_target : tled->kept_passed_target, back ? tled->kept_passed_target : tled->passed_target,
-           sizeof tled->passed_target);
+    memcpy(back ? tled->u : tled->start_u, back ? tled->start_u : tled->u, nodes * sizeof *tled->u);
+    memcpy(back ? tled->d : tled->start_d, back ? tled->start_d : tled->d, nodes * sizeof *tled->d);
+    memcpy(back ? tled->target : tled->start_target, back ? tled->start_target : tled->target, sizeof tled->target);
+    memcpy(back ? tled->previous_point : tled->start_previous_point,
+           back ? tled->start_previous_point : tled->previous_point, sizeof tled->previous_point);
+    memcpy(back ? tled->previous_target : tled->start_previous_target,
+           back ? tled->start_previous_target : tled->previous_target, sizeof tled->previous_target);
     if (tled->memory)
-        memcpy(back ? tled->memory : tled->kept_memory, back ? tled->kept_memory : tled->memory,
+        memcpy(back ? tled->memory : tled->start_memory, back ? tled->start_memory : tled->memory,
                blocks * sizeof *tled->memory);
 }
 
@@ -275,24 +276,25 @@ void pliant_tled_set_positions(pliant_tled *tled, const double *positions)
 static int choose_pace(pliant_tled *tled)
 {
     const int32_t shortest = 32, longest = 512;
-    pliant_thread_choice *pace = &tled->pace;
+    pliant_thread_choice *thread_choice = &tled->thread_choice;
     if (tled->system->num_threads == 1) return 0;
-    if (pace->seconds[1] == 0) return 1;
-    if (pace->left > 0) {
-        pace->left--;
-        return pace->quicker;
+    if (thread_choice->seconds[1] == 0) return 1;
+    if (thread_choice->left > 0) {
+        thread_choice->left--;
+        return thread_choice->faster_choice;
     }
-    if (!pace->trying) {
-        pace->trying = true;
-        return !pace->quicker;
+    if (!thread_choice->is_trial) {
+        thread_choice->is_trial = true;
+        return !thread_choice->faster_choice;
     }
-    const int quicker = pace->seconds[1] <= pace->seconds[0];
-    const bool clear = quicker == pace->quicker && pace->seconds[!quicker] > 1.5 * pace->seconds[quicker];
-    pace->wait = !clear ? shortest : pace->wait < longest ? 2 * pace->wait : longest;
-    pace->trying = false;
-    pace->quicker = quicker;
-    pace->left = pace->wait;
-    return quicker;
+    const int faster_choice = thread_choice->seconds[1] <= thread_choice->seconds[0];
+    const bool clear = faster_choice == thread_choice->faster_choice &&
+                       thread_choice->seconds[!faster_choice] > 1.5 * thread_choice->seconds[faster_choice];
+    thread_choice->wait = !clear ? shortest : thread_choice->wait < longest ? 2 * thread_choice->wait : longest;
+    thread_choice->is_trial = false;
+    thread_choice->faster_choice = faster_choice;
+    thread_choice->left = thread_choice->wait;
+    return faster_choice;
 }
 
 static pliant_status run_frame(void *with, pliant_tled *tled, pliant_tool *tools, int num_tools, pliant_tled_frame *out)
@@ -304,12 +306,12 @@ static pliant_status run_frame(void *with, pliant_tled *tled, pliant_tool *tools
     for (int t = 0; t < num_tools; t++) held = held || tools[t].holding;
     pliant_status status = pliant_tled_contacts_begin(tled);
     if (status != PLIANT_OK) return status;
-    keep(tled, false);
+    save_or_restore_start(tled, false);
     const int32_t part = pliant_tled_part_substeps(tled);
     pliant_tled_frame done = {.is_stable = true};
     while (tled->overlap_damping.status == PLIANT_OK && done.is_stable && !done.settled && done.steps < part) {
         const int all = choose_pace(tled);
-        const bool trial = tled->pace.trying || tled->pace.seconds[all] == 0;
+        const bool trial = tled->thread_choice.is_trial || tled->thread_choice.seconds[all] == 0;
         const int32_t first = done.steps, maximum = trial ? TRIAL : BURST,
                       end = part - first > maximum ? first + maximum : part;
         const double start = pliant_seconds();
@@ -319,19 +321,19 @@ static pliant_status run_frame(void *with, pliant_tled *tled, pliant_tool *tools
 #pragma omp master
             done = mine;
         }
-        tled->pace.seconds[all] = (pliant_seconds() - start) / (done.steps - first);
+        tled->thread_choice.seconds[all] = (pliant_seconds() - start) / (done.steps - first);
     }
     *out = done;
-    if (!out->is_stable || tled->overlap_damping.status != PLIANT_OK) keep(tled, true);
+    if (!out->is_stable || tled->overlap_damping.status != PLIANT_OK) save_or_restore_start(tled, true);
     return tled->overlap_damping.status;
 }
 
 static void halve(pliant_tled *tled)
 {
     tled->substeps *= 2;
-    tled->made *= 2;
+    tled->substeps_done *= 2;
     tled->part *= 2;
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) tled->later[t] *= 2;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) tled->substeps_after_part[t] *= 2;
     tled->time_step *= 0.5;
     tled->halvings++;
     for (int32_t n = 0; n < 3 * tled->system->mesh->num_nodes; n++) tled->d[n] *= 0.5;
@@ -352,15 +354,16 @@ static void end_part(pliant_tled *tled, const pliant_tled_frame *frame, pliant_t
                      double (*kept)[3], pliant_statistics *statistics)
 {
     statistics->residual = frame->residual;
-    if (tled->made == 0) statistics->error_before = statistics->error;
+    if (tled->substeps_done == 0) statistics->error_before = statistics->error;
     statistics->error = frame->error;
     for (int t = 0; t < num_tools && !tled->system->quasi_static; t++)
         for (int k = 0; k < 3; k++)
-            tools[t].force[k] =
-                (tools[t].force[k] + tled->made * (tled->made > 0 ? kept[t][k] : 0)) / (tled->made + frame->steps);
+            tools[t].force[k] = (tools[t].force[k] + tled->substeps_done * (tled->substeps_done > 0 ? kept[t][k] : 0)) /
+                                (tled->substeps_done + frame->steps);
     pliant_tled_contacts_end(tled, frame->steps, statistics);
-    tled->made =
-        tled->made + frame->steps < tled->substeps && !tled->system->quasi_static ? tled->made + frame->steps : 0;
+    tled->substeps_done = tled->substeps_done + frame->steps < tled->substeps && !tled->system->quasi_static
+                              ? tled->substeps_done + frame->steps
+                              : 0;
 }
 
 pliant_status pliant_tled_step_by(pliant_tled_runner runner, void *with, pliant_tled *tled, pliant_tool *tools,

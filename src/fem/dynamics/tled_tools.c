@@ -26,9 +26,9 @@ void pliant_tled_interact(pliant_tled *tled, const double gravity[3], pliant_too
     for (int t = 0; t < num_tools; t++) {
         if (!tools[t].holding || tools[t].attached) continue;
         held_point(tled, tools + t, NULL, 0, tled->target[t]);
-        held_point(tled, tools + t, tled->d, -1, tled->passed[t]);
-        memcpy(tled->passed_target[t], tled->passed[t], sizeof tled->passed[t]);
-        tled->passed_step = tled->time_step;
+        held_point(tled, tools + t, tled->d, -1, tled->previous_point[t]);
+        memcpy(tled->previous_target[t], tled->previous_point[t], sizeof tled->previous_point[t]);
+        tled->previous_time_step = tled->time_step;
         tools[t].attached = true;
     }
 }
@@ -82,12 +82,13 @@ static double set_gap(pliant_tled *tled, const pliant_tool *tool, int index, int
     const pliant_drive drive = pliant_tool_drive(tool);
     const bool spring = drive == PLIANT_DRIVE_SPRING, rigid = drive == PLIANT_DRIVE_RIGID,
                still = tled->system->quasi_static;
-    const double dt = tled->time_step, since = dt / tled->passed_step,
+    const double dt = tled->time_step, since = dt / tled->previous_time_step,
                  inertia = rigid || still ? 0 : pliant_tool_mass(tool) / (dt * dt);
     double stiffness = spring ? pliant_tool_stiffness(tool) : 0,
            damper = spring && !still ? pliant_tool_damping(tool) / dt : 0;
     double goal[3], now[3], before[3], ahead[3], pushed[3], start[3], older[3], old_target[3];
-    double *target = tled->target[index], *passed = tled->passed[index], *passed_target = tled->passed_target[index];
+    double *target = tled->target[index], *previous_point = tled->previous_point[index],
+           *previous_target = tled->previous_target[index];
     for (int d = 0; d < 3; d++) goal[d] = tool->tip[d] - tool->grip[d];
     memcpy(old_target, target, sizeof old_target);
     pliant_substep_approach(target, goal, parts, tled->reach);
@@ -95,14 +96,14 @@ static double set_gap(pliant_tled *tled, const pliant_tool *tool, int index, int
     held_point(tled, tool, tled->d, -1, before);
     for (int d = 0; d < 3; d++) {
         start[d] = old_target[d] - before[d];
-        older[d] = passed_target[d] - passed[d];
-        ahead[d] = before[d] + since * (before[d] - passed[d]);
+        older[d] = previous_target[d] - previous_point[d];
+        ahead[d] = before[d] + since * (before[d] - previous_point[d]);
         pushed[d] = rigid ? 0
                           : pliant_tool_mass(tool) * tled->gravity[d] +
                                 (drive == PLIANT_DRIVE_FORCE ? tool->driving_force[d] : 0);
     }
-    memcpy(passed, before, sizeof before);
-    memcpy(passed_target, old_target, sizeof old_target);
+    memcpy(previous_point, before, sizeof before);
+    memcpy(previous_target, old_target, sizeof old_target);
     if (spring && !still) pliant_substep_center(answer, since, start, older, &stiffness, &damper, pushed);
     return pliant_substep_gap(stiffness, damper, inertia, target, old_target, now, before, ahead, pushed, gap);
 }
@@ -147,12 +148,12 @@ double pliant_tled_pull(pliant_tled *tled, pliant_tool *tools, int num_tools, do
         for (int t = 0; t < num_tools; t++) {
             double gap[3];
             if (pull_of[t] != i) continue;
-            const double own = set_gap(tled, tools + t, t, parts + tled->later[t], answer, gap);
+            const double own = set_gap(tled, tools + t, t, parts + tled->substeps_after_part[t], answer, gap);
             if (t == pulls[i].index) matrix[i][i] += own;
             for (int d = 0; d < 3; d++) force[i][d] += gap[d] / pulls[i].members;
         }
     }
-    tled->passed_step = tled->time_step;
+    tled->previous_time_step = tled->time_step;
     pliant_substep_forces(count, matrix, force);
     for (int i = 0; i < count; i++) {
         push(tled, pulls[i].tool, force[i], factor);

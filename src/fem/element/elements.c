@@ -75,8 +75,8 @@ int32_t pliant_next_changed(const uint8_t *kept, int32_t count, int32_t from)
     return found ? (int32_t)(found - kept) : count;
 }
 
-pliant_status pliant_system_elements(pliant_system *system, const pliant_tet_material *material,
-                                     const pliant_system *before, const uint8_t *kept)
+pliant_status pliant_system_build_tetrahedra(pliant_system *system, const pliant_tet_material *material,
+                                             const pliant_system *before, const uint8_t *kept)
 {
     const pliant_mesh *mesh = system->mesh;
     system->num_blocks = (mesh->num_tets + LANES - 1) / LANES;
@@ -334,7 +334,8 @@ static void free_graded(pliant_graded *graded)
     if (!graded) return;
     release_base(graded->base);
     pliant_mesh_free(&graded->mesh);
-    void *blocks[] = {graded->used, graded->refined, graded->tet, graded->within, graded->in_refined, graded};
+    void *blocks[] = {graded->used,       graded->refined, graded->tet, graded->unrefined_neighbour,
+                      graded->in_refined, graded};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
 }
 

@@ -432,9 +432,9 @@ static pliant_status fill(pliant_system *system, const pliant_tet_material *mate
     return status;
 }
 
-pliant_status pliant_system_hexahedra(pliant_system *system, const pliant_tet_material *material,
-                                      const pliant_tet_material *complete, const pliant_system *before,
-                                      const uint8_t *kept)
+pliant_status pliant_system_build_hexahedra(pliant_system *system, const pliant_tet_material *material,
+                                            const pliant_tet_material *complete, const pliant_system *before,
+                                            const uint8_t *kept)
 {
     pliant_cell_lists lists;
     earlier_cubes earlier = {0};

@@ -102,8 +102,8 @@ pliant_status pliant_hexahedra_masses_next(const pliant_mesh *mesh, const pliant
 /* Return the lattice cube of a tetrahedron or fragment, or its octree leaf. */
 int32_t pliant_cell_of_tet(const pliant_mesh *mesh, int32_t tet);
 size_t pliant_count_cells(const pliant_mesh *mesh); /* number of such cubes or leaves */
-/* Add a hexahedron; the caller sets its corners and cell. complete: Nullable, as in pliant_system_hexahedra. Errors:
- * MEMORY. */
+/* Add a hexahedron; the caller sets its corners and cell. complete: Nullable, as in pliant_system_build_hexahedra.
+ * Errors: MEMORY. */
 pliant_status pliant_macros_add_hexahedron(const pliant_tet_material *material, const pliant_tet_material *complete,
                                            const pliant_cube *cube, const pliant_cube_shape *shape,
                                            pliant_macros *macros, int32_t element);

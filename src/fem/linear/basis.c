@@ -263,7 +263,7 @@ static pliant_status far_stiffness(basis_builder *build)
 static pliant_status first_numbers(basis_builder *build)
 {
     pliant_system *system = &build->basis->system;
-    pliant_status status = pliant_preconditioner_within(build->basis, system, &system->preconditioner);
+    pliant_status status = pliant_preconditioner_create_in_basis(build->basis, system, &system->preconditioner);
     if (status != PLIANT_OK) return status;
     for (int twist = PLIANT_TWIST_EXACT; twist <= PLIANT_TWIST_POSITIVE; twist++) {
         pliant_system_tangents(system, build->near_x, (pliant_twist)twist, build->tangents);

@@ -156,7 +156,7 @@ pliant_status pliant_carried_mark_opened(const pliant_system *system, const plia
 pliant_status pliant_carried_correct(const pliant_system *system, const double *positions, const double *axes,
                                      pliant_carried *carried)
 {
-    if (carried->mended) return PLIANT_OK;
+    if (carried->is_corrected) return PLIANT_OK;
     pliant_carried_layout base;
     uint8_t *opened = pliant_calloc((size_t)carried->num_free, 1);
     pliant_status status = pliant_carried_layout_create(carried->system, &base);
@@ -167,7 +167,7 @@ pliant_status pliant_carried_correct(const pliant_system *system, const double *
         status = pliant_subdomain_create(system, opened, PLIANT_CARRIED_RINGS, positions, axes, &carried->near);
     pliant_free(opened);
     pliant_carried_layout_free(&base);
-    carried->mended = status == PLIANT_OK;
+    carried->is_corrected = status == PLIANT_OK;
     return status;
 }
 

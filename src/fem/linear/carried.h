@@ -19,15 +19,15 @@ extern "C" {
 enum { PLIANT_CARRIED_RINGS = 1 };
 
 typedef struct pliant_carried {
-    pliant_preconditioner *base;      /* V; NULL until pliant_preconditioner_take_base */
-    const pliant_discretization *of;  /* discretization of the base; retained */
-    const pliant_system *system;      /* system of the base, part of `of` */
-    int32_t num_free, base_free;      /* unknowns after and before the cut */
-    int32_t *source;                  /* (num_free) unknown before the cut, or -1 */
-    bool mended;                      /* `near` has been computed */
-    pliant_subdomain *near;           /* Nullable: the cut opens nothing */
-    double *rest, *all;               /* (3 num_free) work arrays */
-    double *right, *left;             /* (3 base_free) work arrays */
+    pliant_preconditioner *base;     /* V; NULL until pliant_preconditioner_take_base */
+    const pliant_discretization *of; /* discretization of the base; retained */
+    const pliant_system *system;     /* system of the base, part of `of` */
+    int32_t num_free, base_free;     /* unknowns after and before the cut */
+    int32_t *source;                 /* (num_free) unknown before the cut, or -1 */
+    bool is_corrected;               /* `near` has been computed */
+    pliant_subdomain *near;          /* Nullable: the cut opens nothing */
+    double *rest, *all;              /* (3 num_free) work arrays */
+    double *right, *left;            /* (3 base_free) work arrays */
 } pliant_carried;
 
 /* Layout of a base's system, kept after that system may have been freed. */

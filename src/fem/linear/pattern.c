@@ -70,7 +70,7 @@ static pliant_status fill_pattern(pliant_pattern *pattern, const pair *pairs, in
 
 pliant_status pliant_system_unknowns(pliant_system *system, const uint8_t *fixed)
 {
-    pliant_status status = pliant_system_number(system, fixed);
+    pliant_status status = pliant_system_number_unknowns(system, fixed);
     return status == PLIANT_OK ? pliant_system_find_pattern(system) : status;
 }
 

@@ -114,8 +114,8 @@ pliant_status pliant_preconditioner_create(const pliant_system *system, pliant_p
     return PLIANT_OK;
 }
 
-pliant_status pliant_preconditioner_within(const pliant_basis *basis, const pliant_system *system,
-                                           pliant_preconditioner **out)
+pliant_status pliant_preconditioner_create_in_basis(const pliant_basis *basis, const pliant_system *system,
+                                                    pliant_preconditioner **out)
 {
     pliant_preconditioner *preconditioner = pliant_calloc(1, sizeof *preconditioner);
     if (!preconditioner) return pliant_fail_memory("the preconditioner");

@@ -227,7 +227,7 @@ pliant_status pliant_system_number_next(pliant_system *system, const uint8_t *fi
     return status == PLIANT_OK && !done ? list_corners(system) : status;
 }
 
-pliant_status pliant_system_number(pliant_system *system, const uint8_t *fixed)
+pliant_status pliant_system_number_unknowns(pliant_system *system, const uint8_t *fixed)
 {
     return pliant_system_number_next(system, fixed, NULL, NULL);
 }

@@ -14,8 +14,8 @@ static pliant_status make_elements(const pliant_scene *scene, const pliant_body 
                                    const uint8_t *kept, pliant_system *system)
 {
     return scene->element.kind == PLIANT_HEXAHEDRA
-               ? pliant_system_hexahedra(system, body->fine_material, NULL, before, kept)
-               : pliant_system_elements(system, body->fine_material, before, kept);
+               ? pliant_system_build_hexahedra(system, body->fine_material, NULL, before, kept)
+               : pliant_system_build_tetrahedra(system, body->fine_material, before, kept);
 }
 
 pliant_status pliant_patch_system(const pliant_scene *scene, const pliant_body *body, int num_threads,
@@ -48,14 +48,14 @@ pliant_status pliant_patch_system(const pliant_scene *scene, const pliant_body *
 }
 
 pliant_status pliant_patch_next_system(const pliant_scene *scene, const pliant_body *body, int num_threads,
-                                       const pliant_kept *kept, pliant_system **out)
+                                       const pliant_unchanged_elements *kept, pliant_system **out)
 {
     pliant_system *system = pliant_calloc(1, sizeof *system);
     if (!system) return pliant_fail_memory("the fine mesh of patches");
     system->mesh = system->fine = &body->fine;
     system->num_threads = num_threads;
     pliant_status status = make_elements(scene, body, kept->before->fine_system, kept->fine, system);
-    if (status == PLIANT_OK) status = pliant_system_number(system, body->fine_fixed);
+    if (status == PLIANT_OK) status = pliant_system_number_unknowns(system, body->fine_fixed);
     if (status != PLIANT_OK) {
         pliant_system_free(system);
         return status;
@@ -89,16 +89,16 @@ static void forget_hold(pliant_patch *patch, int tool)
     }
 }
 
-static bool serves(const pliant_data *data, int tool)
+static bool is_in_basis(const pliant_data *data, int tool)
 {
     const pliant_patch *patch = data->patch;
-    return patch && patch->basis && patch->serves[tool] && patch_still_held(data, tool, patch->holds[tool].hold);
+    return patch && patch->basis && patch->is_in_basis[tool] && patch_still_held(data, tool, patch->holds[tool].hold);
 }
 
 int pliant_patch_count_tools(const pliant_data *data)
 {
     int count = 0;
-    for (int t = 0; t < data->num_tools; t++) count += serves(data, t);
+    for (int t = 0; t < data->num_tools; t++) count += is_in_basis(data, t);
     return count;
 }
 
@@ -123,13 +123,13 @@ static void buffers_free(patch_buffers *buffers)
 static void basis_drop(pliant_patch *patch, pliant_data *data)
 {
     for (int t = 0; data && t < data->num_tools; t++)
-        if (patch->serves[t]) data->tools[t].attached = false;
+        if (patch->is_in_basis[t]) data->tools[t].attached = false;
     pliant_solver_free(patch->solver);
     pliant_basis_free(patch->basis);
     buffers_free(&patch->buffers);
     patch->solver = NULL;
     patch->basis = NULL;
-    memset(patch->serves, 0, sizeof patch->serves);
+    memset(patch->is_in_basis, 0, sizeof patch->is_in_basis);
 }
 
 void pliant_patch_reset(pliant_patch *patch)
@@ -205,7 +205,7 @@ static void take_over(pliant_patch *patch, pliant_data *data)
     patch_job *job = &patch->job;
     bool goes_on = patch->basis != NULL;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
-        goes_on = goes_on && (!serves(data, t) || job->holds[t].hold == patch->holds[t].hold);
+        goes_on = goes_on && (!is_in_basis(data, t) || job->holds[t].hold == patch->holds[t].hold);
     if (goes_on) start_at(data, job->basis, job->x, job->solver->now.x); /* the job does not need its x any more */
     basis_drop(patch, data);
     patch->basis = job->basis;
@@ -250,7 +250,7 @@ static pliant_status deliver(pliant_patch *patch, pliant_data *data)
     for (int t = 0; t < data->num_tools; t++) {
         if (!job->holds[t].hold) continue;
         if (job->status != PLIANT_OK) {
-            if (!patch->serves[t]) refuse(patch, data, t); /* the others keep their present patch */
+            if (!patch->is_in_basis[t]) refuse(patch, data, t); /* the others keep their present patch */
             continue;
         }
         if (job->copied[t]) {
@@ -259,8 +259,8 @@ static pliant_status deliver(pliant_patch *patch, pliant_data *data)
             job->copied[t] = false;
             patch->press[t].before = 0;
         }
-        patch->serves[t] = patch->basis && patch_still_held(data, t, patch->holds[t].hold);
-        if (!patch->serves[t]) continue;
+        patch->is_in_basis[t] = patch->basis && patch_still_held(data, t, patch->holds[t].hold);
+        if (!patch->is_in_basis[t]) continue;
         pliant_solver_remove_grasp(data->solver, t); /* released from the coarse model */
         data->tools[t].attached = false;
     }
@@ -279,7 +279,8 @@ static bool waits(const pliant_data *data, int tool)
 {
     const pliant_patch *patch = data->patch;
     const uint64_t hold = patch_hold_of(data, tool);
-    return hold && !(patch->serves[tool] && patch->holds[tool].hold == hold) && !patch_is_refused(patch, data, tool);
+    return hold && !(patch->is_in_basis[tool] && patch->holds[tool].hold == hold) &&
+           !patch_is_refused(patch, data, tool);
 }
 
 /* Store the state for a rollback of pliant_patch_step. */
@@ -313,12 +314,12 @@ pliant_status pliant_patch_begin(pliant_data *data)
     bool used = false, wanted = false;
     for (int t = 0; t < data->num_tools; t++) {
         bool held = patch_still_held(data, t, patch->holds[t].hold);
-        if (patch->serves[t] && !held) { /* the others continue in the same basis */
+        if (patch->is_in_basis[t] && !held) { /* the others continue in the same basis */
             pliant_solver_remove_grasp(patch->solver, t);
-            patch->serves[t] = false;
+            patch->is_in_basis[t] = false;
         }
         if (!held && !patch->job.running) forget_hold(patch, t);
-        used = used || patch->serves[t];
+        used = used || patch->is_in_basis[t];
         wanted = wanted || waits(data, t);
     }
     if (patch->basis && !used) basis_drop(patch, data);
@@ -332,13 +333,13 @@ pliant_status pliant_patch_begin(pliant_data *data)
 
 pliant_solver *pliant_patch_solver(const pliant_data *data, int tool)
 {
-    return serves(data, tool) ? data->patch->solver : data->solver;
+    return is_in_basis(data, tool) ? data->patch->solver : data->solver;
 }
 
 pliant_status pliant_patch_hold(pliant_data *data, int index)
 {
     const pliant_tool *tool = data->tools + index;
-    if (!serves(data, index))
+    if (!is_in_basis(data, index))
         return pliant_solver_add_grasp(data->solver, index, tool->num_held, tool->held, tool->weight, data->positions);
     pliant_patch *patch = data->patch;
     int32_t *nodes = pliant_calloc((size_t)tool->num_held, sizeof *nodes);
@@ -367,7 +368,7 @@ static void follow(pliant_patch *patch, const double *base)
     near_positions(basis, base, solver->trial.x); /* overwritten by the next trial */
     if (solver->loaded && memcmp(solver->trial.x, basis->mesh.rest, bytes) == 0) return;
     move(basis, solver->trial.x, solver->now.x);
-    if (solver->rules.blind) move(basis, solver->trial.x, solver->previous_x);
+    if (solver->rules.follows_blind_step) move(basis, solver->trial.x, solver->previous_x);
     memcpy(basis->mesh.rest, solver->trial.x, bytes);
     pliant_system_element_forces(&basis->system, basis->mesh.rest, patch->buffers.element_forces);
     pliant_system_gather(&basis->system, patch->buffers.element_forces, solver->load);

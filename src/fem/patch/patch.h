@@ -30,7 +30,7 @@ pliant_status pliant_patch_system(const pliant_scene *scene, const pliant_body *
 /* Create the fine system after a cut, without a factor. Patches carry over the factor from load time. Errors:
  * MEMORY. */
 pliant_status pliant_patch_next_system(const pliant_scene *scene, const pliant_body *body, int num_threads,
-                                       const pliant_kept *kept, pliant_system **out);
+                                       const pliant_unchanged_elements *kept, pliant_system **out);
 
 /* Create the patches. The scene is borrowed. */
 pliant_status pliant_patch_create(const pliant_scene *scene, const pliant_discretization *discretization,

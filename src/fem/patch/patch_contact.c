@@ -62,7 +62,7 @@ void patch_find_presses(pliant_data *data)
         if (press->hold && pliant_length3(offset) < farther * patch->scene->model.patch) continue;
         if (press->hold && patch->job.running) continue; /* one after the other */
         /* Until the patch for the new press is ready. */
-        if (patch->serves[t] && press->hold) press->before = press->hold;
+        if (patch->is_in_basis[t] && press->hold) press->before = press->hold;
         press->hold = OF_A_PRESS | ++patch->num_presses;
         memcpy(press->centre, centre, sizeof centre);
     }

@@ -59,7 +59,7 @@ struct pliant_patch {
     atomic_bool finished;     /* the thread has finished */
     patch_hold holds[PLIANT_MAX_TOOLS]; /* holds with known responses */
     patch_blocks blocks;
-    bool serves[PLIANT_MAX_TOOLS];      /* the basis in use includes this tool's hold */
+    bool is_in_basis[PLIANT_MAX_TOOLS];      /* the basis in use includes this tool's hold */
     uint64_t refused[PLIANT_MAX_TOOLS]; /* holds for which no patch could be computed */
     uint64_t refused_until[PLIANT_MAX_TOOLS]; /* step */
     pliant_basis *basis;      /* Nullable */

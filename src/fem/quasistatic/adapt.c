@@ -22,7 +22,7 @@ static void carry_limits(pliant_solver *solver, const pliant_solver *from)
 }
 
 /* Scale V mu F0 of an element at the preconditioner's state to its present stiffness. */
-static float weigh_again(float before, double was, double now)
+static float rescale_reference(float before, double was, double now)
 {
     return now == was ? before : was > 0 ? (float)(now / was * before) : 0;
 }
@@ -36,7 +36,7 @@ static void carry_tets_before(const pliant_system *system, const pliant_solver *
         const double now = system->lame[e / LANES][1][e % LANES], was = before->lame[t / LANES][1][t % LANES];
         for (int m = 0; m < 9; m++)
             axes->before[e / LANES][m][e % LANES] =
-                weigh_again(from->rotations->before[t / LANES][m][t % LANES], was, now);
+                rescale_reference(from->rotations->before[t / LANES][m][t % LANES], was, now);
     }
 }
 
@@ -52,8 +52,8 @@ static pliant_status carry_macros_before(const pliant_system *system, const plia
     for (int32_t t = 0; status == PLIANT_OK && t < system->mesh->num_tets; t++) {
         const int32_t e = now_of[t], w = was_of[tet[t]];
         for (int m = 0; m < 9; m++)
-            axes->before[e / LANES][m][e % LANES] = weigh_again(from->rotations->before[w / LANES][m][w % LANES],
-                                                                before->macros->shear[w], system->macros->shear[e]);
+            axes->before[e / LANES][m][e % LANES] = rescale_reference(
+                from->rotations->before[w / LANES][m][w % LANES], before->macros->shear[w], system->macros->shear[e]);
     }
     pliant_free(now_of);
     pliant_free(was_of);
@@ -81,7 +81,8 @@ static pliant_status carry_before_by_cell(const pliant_system *system, const pli
                                             : before->lame[w / LANES][1][w % LANES];
         for (int m = 0; m < 9; m++)
             axes->before[e / LANES][m][e % LANES] =
-                w < 0 ? (m % 4 == 0) * now : weigh_again(from->rotations->before[w / LANES][m][w % LANES], was, now);
+                w < 0 ? (m % 4 == 0) * now
+                      : rescale_reference(from->rotations->before[w / LANES][m][w % LANES], was, now);
     }
     pliant_free(first);
     return PLIANT_OK;
@@ -111,7 +112,7 @@ static pliant_status carry_axes(pliant_solver *solver, const pliant_solver *from
     }
     int32_t *source = unknowns_before(system, from->system, node);
     if (!source) return pliant_fail_memory("the solver");
-    axes->turned = from->rotations->turned;
+    axes->is_rotated = from->rotations->is_rotated;
     for (int32_t f = 0; f < system->num_free; f++)
         for (int m = 0; m < 9; m++)
             axes->rotation[9 * (size_t)f + (size_t)m] =
@@ -154,7 +155,7 @@ static pliant_status carry(pliant_solver *solver, const pliant_solver *from, con
     if (!of) of = from->system->of;
     int32_t *source = sources_of(system, from, node, map->num_same);
     if (!source) return pliant_fail_memory("the solver");
-    const double *axes = solver->rotations && solver->rotations->turned ? solver->rotations->rotation : NULL;
+    const double *axes = solver->rotations && solver->rotations->is_rotated ? solver->rotations->rotation : NULL;
     status = pliant_preconditioner_carry(system, of, of->system, source, rests ? NULL : solver->now.x, axes,
                                          &solver->preconditioner);
     return status == PLIANT_OK ? pliant_refresh_carry(solver, from, node) : status;

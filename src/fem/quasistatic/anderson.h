@@ -52,14 +52,14 @@ typedef struct pliant_anderson {
 
     /* State between steps. */
     int32_t refused;           /* number of trials since the last accepted trial */
-    int32_t limited;           /* the last trial left out large secants */
+    int32_t omits_large_secants;           /* the last trial left out large secants */
     int32_t slow;              /* consecutive steps that hardly lowered the merit */
-    int32_t blind;             /* the present state follows a blind step and is not evaluated */
+    int32_t follows_blind_step;             /* the present state follows a blind step and is not evaluated */
     int32_t refused_any;          /* a trial of the last step was refused */
     int32_t last_evaluations;  /* number of evaluations of the last step */
     /* Initial merit of the last step that was compared with the state before its blind step, or that had no blind step
      * before it. */
-    double sound_merit;
+    double trusted_merit;
     double rate;               /* mean merit ratio per evaluation in the last step; 0: no work was needed */
     double descent;            /* largest damping of a plain step that lowered the potential energy; 0: none */
     /* Logarithm of the merit ratio per evaluation, smoothed over steps: a lower bound of the remaining error. */
@@ -82,12 +82,12 @@ typedef struct pliant_anderson {
     double error_before;
 
     /* Actions for the solver, in this order. */
-    int32_t keep; /* slot for the secant from the present state to the evaluated state; -1: do not store it */
-    int32_t take;              /* the evaluated state becomes the present state */
-    int32_t forget;            /* drop all secants */
-    int32_t next;              /* pliant_anderson_next */
-    int32_t mixes;             /* the proposal uses secants */
-    double largest_secant;     /* upper limit of a used secant's step energy [J] */
+    int32_t secant_slot;   /* slot for the secant from the present state to the evaluated state; -1: do not store it */
+    int32_t accepts_state; /* the evaluated state becomes the present state */
+    int32_t drops_secants; /* drop all secants */
+    int32_t next;          /* pliant_anderson_next */
+    int32_t uses_secants;  /* the proposal uses secants */
+    double largest_secant; /* upper limit of a used secant's step energy [J] */
     double damping;
 } pliant_anderson;
 
@@ -116,7 +116,7 @@ PLIANT_INLINE int32_t pliant_anderson_depth(int32_t minimum, int32_t evaluations
     if (minimum == 0) return 0;
     int32_t wanted = evaluations >= PLIANT_MAX_HISTORY
                          ? PLIANT_MAX_HISTORY
-                         : (int32_t)(pliant_quasistatic().secants_per_evaluation * evaluations + 0.5);
+                         : (int32_t)(pliant_get_quasistatic_settings().secants_per_evaluation * evaluations + 0.5);
     wanted = wanted > minimum ? wanted : minimum;
     return wanted < PLIANT_MAX_HISTORY ? wanted : PLIANT_MAX_HISTORY;
 }
@@ -163,7 +163,8 @@ PLIANT_INLINE double pliant_anderson_scale(double energy, double largest)
 PLIANT_INLINE double pliant_anderson_noise(const pliant_anderson *rules, int32_t place)
 {
     const double age = (double)(rules->num_secants - rules->number[place]);
-    return pliant_quasistatic().estimate_noise + pliant_quasistatic().estimate_noise_growth * age * age;
+    return pliant_get_quasistatic_settings().estimate_noise +
+           pliant_get_quasistatic_settings().estimate_noise_growth * age * age;
 }
 
 /* Return the factor by which an unexplained error exceeds the next correction. Each evaluation leaves the fraction c of
@@ -173,7 +174,7 @@ PLIANT_INLINE double pliant_anderson_noise(const pliant_anderson *rules, int32_t
  * - c). */
 PLIANT_INLINE double pliant_anderson_error_factor(const pliant_anderson *rules)
 {
-    const pliant_quasistatic_settings settings = pliant_quasistatic();
+    const pliant_quasistatic_settings settings = pliant_get_quasistatic_settings();
     const double expected = rules->is_cycle ? settings.cycle_contraction : settings.factor_contraction;
     return 1 / (1 - fmin(fmax(expected, exp(rules->log_contraction)), settings.max_contraction));
 }
@@ -182,7 +183,7 @@ PLIANT_INLINE double pliant_anderson_error_factor(const pliant_anderson *rules)
  * that explain a little too much. */
 PLIANT_INLINE double pliant_anderson_error(double left)
 {
-    return pliant_quasistatic().error_safety * left;
+    return pliant_get_quasistatic_settings().error_safety * left;
 }
 
 /* Return the number of iterations of a step: its evaluations without the final trial that replaces a blind step. */
@@ -203,10 +204,11 @@ PLIANT_INLINE void pliant_anderson_report_error(pliant_anderson *rules, bool sta
 /* Reset to the rest state without history. The limits stay. */
 PLIANT_INLINE void pliant_anderson_reset(pliant_anderson *rules)
 {
-    rules->refused = rules->limited = rules->slow = rules->blind = rules->refused_any = rules->last_evaluations = 0;
-    rules->sound_merit = rules->rate = rules->descent = 0;
+    rules->refused = rules->omits_large_secants = rules->slow = rules->follows_blind_step = rules->refused_any =
+        rules->last_evaluations = 0;
+    rules->trusted_merit = rules->rate = rules->descent = 0;
     rules->error = rules->error_before = rules->reported_error = 0;
-    rules->log_contraction = log(pliant_quasistatic().expected_contraction);
+    rules->log_contraction = log(pliant_get_quasistatic_settings().expected_contraction);
     rules->next = PLIANT_NEXT_DONE;
     pliant_anderson_drop_secants(rules);
 }
@@ -214,7 +216,7 @@ PLIANT_INLINE void pliant_anderson_reset(pliant_anderson *rules)
 /* Reset after the state was changed by the caller. */
 PLIANT_INLINE void pliant_anderson_reset_after_move(pliant_anderson *rules)
 {
-    rules->refused = rules->limited = rules->slow = rules->blind = 0;
+    rules->refused = rules->omits_large_secants = rules->slow = rules->follows_blind_step = 0;
     pliant_anderson_drop_secants(rules);
 }
 
@@ -222,8 +224,8 @@ PLIANT_INLINE void pliant_anderson_begin(pliant_anderson *rules)
 {
     rules->evaluations = rules->rejected = rules->accepted = rules->converged = rules->refused_any = rules->last = 0;
     rules->merit = rules->before = INFINITY;
-    rules->take = rules->forget = 0;
-    rules->keep = -1;
+    rules->accepts_state = rules->drops_secants = 0;
+    rules->secant_slot = -1;
     rules->next = PLIANT_NEXT_FIRST;
 }
 
@@ -231,29 +233,30 @@ PLIANT_INLINE void pliant_anderson_begin(pliant_anderson *rules)
 
 PLIANT_INLINE void pliant_anderson_first(pliant_anderson *rules, bool sound)
 {
-    if (rules->blind && sound) rules->refused = rules->limited = 0; /* the attempts after refusals were successful */
+    if (rules->follows_blind_step && sound)
+        rules->refused = rules->omits_large_secants = 0; /* the attempts after refusals were successful */
     rules->first_merit = rules->merit;
-    rules->blind = 0;
+    rules->follows_blind_step = 0;
 }
 
 /* Judge a trial. falls: the potential energy still decreases at the end of a plain step. */
 PLIANT_INLINE void pliant_anderson_judge_trial(pliant_anderson *rules, double merit, bool falls)
 {
     if (merit < rules->merit) {
-        const double weight = pliant_quasistatic().contraction_weight, minimum = 1e-3;
+        const double weight = pliant_get_quasistatic_settings().contraction_weight, minimum = 1e-3;
         if (rules->accepted)
             rules->log_contraction += weight * (log(fmax(merit / rules->merit, minimum)) - rules->log_contraction);
-        rules->keep = isfinite(merit) && rules->depth > 0 ? 0 : -1;
-        rules->take = rules->accepted = 1;
+        rules->secant_slot = isfinite(merit) && rules->depth > 0 ? 0 : -1;
+        rules->accepts_state = rules->accepted = 1;
         rules->before = rules->merit;
         rules->merit = merit;
         rules->refused = 0;
         rules->descent = 0;
         return;
     }
-    if (rules->refused < 2 || rules->mixes) rules->keep = isfinite(merit) && rules->depth > 0 ? 0 : -1;
+    if (rules->refused < 2 || rules->uses_secants) rules->secant_slot = isfinite(merit) && rules->depth > 0 ? 0 : -1;
     else if (falls) rules->descent = fmax(rules->descent, rules->damping);
-    rules->refused += !(rules->limited && rules->mixes);
+    rules->refused += !(rules->omits_large_secants && rules->uses_secants);
     rules->refused_any = 1;
     rules->rejected++;
 }
@@ -261,26 +264,26 @@ PLIANT_INLINE void pliant_anderson_judge_trial(pliant_anderson *rules, double me
 /* Judge the evaluated state. Return true if `next` already holds the next action. */
 PLIANT_INLINE bool pliant_anderson_judge_state(pliant_anderson *rules, double merit, bool falls)
 {
-    const double too_high = pliant_quasistatic().max_blind_growth;
+    const double too_high = pliant_get_quasistatic_settings().max_blind_growth;
     const bool lower = merit < rules->merit;
     switch (rules->next) {
     case PLIANT_NEXT_FIRST:
         rules->merit = rules->first_merit = merit;
-        if (rules->blind && !(merit < too_high * rules->sound_merit)) {
+        if (rules->follows_blind_step && !(merit < too_high * rules->trusted_merit)) {
             rules->next = PLIANT_NEXT_PREVIOUS;
             return true;
         }
-        if (!rules->blind || merit < rules->sound_merit) rules->sound_merit = merit;
+        if (!rules->follows_blind_step || merit < rules->trusted_merit) rules->trusted_merit = merit;
         pliant_anderson_first(rules, true);
         return false;
     case PLIANT_NEXT_PREVIOUS:
-        rules->take = rules->forget = lower;
+        rules->accepts_state = rules->drops_secants = lower;
         if (lower) rules->merit = merit;
-        rules->sound_merit = rules->merit;
+        rules->trusted_merit = rules->merit;
         pliant_anderson_first(rules, !lower);
         return false;
     case PLIANT_NEXT_REST:
-        rules->take = rules->forget = lower;
+        rules->accepts_state = rules->drops_secants = lower;
         if (lower) rules->merit = merit;
         rules->next = PLIANT_NEXT_DONE;
         return true;
@@ -289,7 +292,7 @@ PLIANT_INLINE bool pliant_anderson_judge_state(pliant_anderson *rules, double me
          * then. */
         rules->descent = 0;
         if (!falls) return false;
-        rules->take = rules->forget = 1;
+        rules->accepts_state = rules->drops_secants = 1;
         rules->merit = merit;
         rules->refused = 0;
         return false;
@@ -303,23 +306,27 @@ PLIANT_INLINE bool pliant_anderson_judge_state(pliant_anderson *rules, double me
  * a collapse. */
 PLIANT_INLINE bool pliant_anderson_finish(pliant_anderson *rules)
 {
-    const double slow = pliant_quasistatic().slow_rate; /* ratio of successive merits */
+    const double slow = pliant_get_quasistatic_settings().slow_rate; /* ratio of successive merits */
     const int32_t steps = rules->evaluations - 1;
     rules->last_evaluations = rules->evaluations;
     rules->rate = steps > 0 && rules->first_merit > 0 ? pow(rules->merit / rules->first_merit, 1.0 / steps) : 0.0;
     if (rules->accepted) rules->refused = 0;
     rules->slow = rules->rate > slow && !rules->converged ? rules->slow + 1 : 0;
-    if (rules->refused < pliant_quasistatic().max_refused && rules->slow < pliant_quasistatic().max_slow) return true;
+    if (rules->refused < pliant_get_quasistatic_settings().max_refused &&
+        rules->slow < pliant_get_quasistatic_settings().max_slow)
+        return true;
     rules->refused = rules->slow = 0;
     return false;
 }
 
 PLIANT_INLINE void pliant_anderson_propose(pliant_anderson *rules)
 {
-    const double still_true = pliant_quasistatic().secant_limit; /* largest used secant as a multiple of the merit */
-    rules->limited = rules->refused == 2 && !rules->limited && isfinite(rules->merit) && rules->limits_secants;
-    rules->mixes = rules->refused < 2 || rules->limited;
-    rules->largest_secant = rules->limited ? pow(still_true * rules->merit, 2.0) : INFINITY;
+    const double still_true =
+        pliant_get_quasistatic_settings().secant_limit; /* largest used secant as a multiple of the merit */
+    rules->omits_large_secants =
+        rules->refused == 2 && !rules->omits_large_secants && isfinite(rules->merit) && rules->limits_secants;
+    rules->uses_secants = rules->refused < 2 || rules->omits_large_secants;
+    rules->largest_secant = rules->omits_large_secants ? pow(still_true * rules->merit, 2.0) : INFINITY;
     rules->damping = rules->refused < 3 ? 1.0 : ldexp(1.0, 2 - rules->refused);
 }
 
@@ -332,19 +339,19 @@ PLIANT_INLINE void pliant_anderson_propose(pliant_anderson *rules)
  * A step that would not end blindly has another trial instead. */
 PLIANT_INLINE void pliant_anderson_judge(pliant_anderson *rules, double merit, double slope, int32_t affordable)
 {
-    const double went_well = pliant_quasistatic().good_rate; /* ratio of successive merits */
+    const double went_well = pliant_get_quasistatic_settings().good_rate; /* ratio of successive merits */
     const bool falls = isfinite(merit) && slope > 0;
     rules->evaluations++;
-    rules->take = rules->forget = 0;
-    rules->keep = -1;
+    rules->accepts_state = rules->drops_secants = 0;
+    rules->secant_slot = -1;
     if (pliant_anderson_judge_state(rules, merit, falls)) return;
-    if (rules->keep == 0) rules->keep = pliant_anderson_free_slot(rules);
-    if (rules->forget) pliant_anderson_drop_secants(rules);
-    if (rules->refused >= pliant_quasistatic().max_refused && rules->descent > 0) {
+    if (rules->secant_slot == 0) rules->secant_slot = pliant_anderson_free_slot(rules);
+    if (rules->drops_secants) pliant_anderson_drop_secants(rules);
+    if (rules->refused >= pliant_get_quasistatic_settings().max_refused && rules->descent > 0) {
         /* The merit has a minimum here that is no equilibrium, next to a state that the tissue leaves by snapping. The
          * potential energy still decreases. */
         rules->next = PLIANT_NEXT_DESCENT;
-        rules->mixes = 0;
+        rules->uses_secants = 0;
         rules->damping = rules->descent;
         return;
     }
@@ -353,7 +360,8 @@ PLIANT_INLINE void pliant_anderson_judge(pliant_anderson *rules, double merit, d
                   left = iterations < affordable ? iterations : affordable;
     const bool goes_on =
         rules->accepted ? rules->refused == 0 && rules->merit < went_well * rules->before : isfinite(rules->merit);
-    if (rules->refused < pliant_quasistatic().max_refused && !rules->last && (left > 1 || (left == 1 && !goes_on))) {
+    if (rules->refused < pliant_get_quasistatic_settings().max_refused && !rules->last &&
+        (left > 1 || (left == 1 && !goes_on))) {
         rules->last = left == 1;
         rules->next = PLIANT_NEXT_TRIAL;
         return;
@@ -370,32 +378,33 @@ PLIANT_INLINE void pliant_anderson_judge(pliant_anderson *rules, double merit, d
 PLIANT_INLINE void pliant_anderson_finish_proposal(pliant_anderson *rules, bool mixed, double left, double made,
                                                    double displacement)
 {
-    const double foreseen = pliant_quasistatic().expected_contraction;
+    const double foreseen = pliant_get_quasistatic_settings().expected_contraction;
     /* Rounding has made the secants' products inconsistent; no step can use them. */
-    const bool useless = rules->mixes && !mixed && pliant_anderson_secants(rules) > 0;
-    rules->mixes = rules->mixes && mixed;
-    rules->forget = rules->next != PLIANT_NEXT_DONE && ((rules->refused == 2 && !rules->mixes) || useless);
+    const bool useless = rules->uses_secants && !mixed && pliant_anderson_secants(rules) > 0;
+    rules->uses_secants = rules->uses_secants && mixed;
+    rules->drops_secants =
+        rules->next != PLIANT_NEXT_DONE && ((rules->refused == 2 && !rules->uses_secants) || useless);
     rules->error = pliant_anderson_error(left);
     if (isfinite(rules->merit) && rules->error <= rules->tolerance * fmax(displacement, rules->smallest_displacement)) {
         rules->converged = 1;
-        rules->forget = 0;
+        rules->drops_secants = 0;
         if (rules->next == PLIANT_NEXT_TRIAL) pliant_anderson_finish(rules);
         rules->next = PLIANT_NEXT_DONE;
     }
-    if (rules->forget) pliant_anderson_drop_secants(rules);
+    if (rules->drops_secants) pliant_anderson_drop_secants(rules);
     const bool ends = rules->next == PLIANT_NEXT_BLIND,
-               doubted = !rules->accepted && !(rules->refused == 0 && rules->mixes);
+               doubted = !rules->accepted && !(rules->refused == 0 && rules->uses_secants);
     if (ends && !(made <= rules->smallest_displacement * (doubted && !rules->is_bounded
-                                                              ? pliant_quasistatic().max_doubtful_step
-                                                              : pliant_quasistatic().max_displacement)))
+                                                              ? pliant_get_quasistatic_settings().max_doubtful_step
+                                                              : pliant_get_quasistatic_settings().max_displacement)))
         rules->next = PLIANT_NEXT_DONE;
     if (!ends) return;
     /* Until the final state is evaluated. */
     if (rules->next == PLIANT_NEXT_BLIND && rules->refused == 0) rules->error *= foreseen;
-    rules->blind = rules->next == PLIANT_NEXT_BLIND;
+    rules->follows_blind_step = rules->next == PLIANT_NEXT_BLIND;
     if (!doubted) return;
-    rules->limited = 1; /* if this step fails, these attempts are not repeated */
-    rules->refused = rules->mixes ? 2 : rules->refused < 3 ? 3 : rules->refused + 1;
+    rules->omits_large_secants = 1; /* if this step fails, these attempts are not repeated */
+    rules->refused = rules->uses_secants ? 2 : rules->refused < 3 ? 3 : rules->refused + 1;
 }
 
 /* ---- After the blind step at the end of a step. */
@@ -405,9 +414,9 @@ PLIANT_INLINE void pliant_anderson_finish_proposal(pliant_anderson *rules, bool 
 PLIANT_INLINE bool pliant_anderson_judge_end(pliant_anderson *rules, double merit)
 {
     const bool good = isfinite(merit);
-    rules->take = 1;
-    rules->forget = 0;
-    rules->keep = good && rules->depth > 0 ? pliant_anderson_free_slot(rules) : -1;
+    rules->accepts_state = 1;
+    rules->drops_secants = 0;
+    rules->secant_slot = good && rules->depth > 0 ? pliant_anderson_free_slot(rules) : -1;
     return good;
 }
 

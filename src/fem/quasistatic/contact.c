@@ -36,7 +36,7 @@ void pliant_contact_problem_free(pliant_contact_problem *contacts)
     pliant_free(contacts->arm);
     pliant_free(contacts->moving);
     pliant_free(contacts->block);
-    pliant_free(contacts->turned);
+    pliant_free(contacts->rotated_block);
     pliant_free(contacts->moved_unknowns);
     pliant_free(contacts->visited);
     pliant_free(contacts->matrix);
@@ -110,7 +110,7 @@ static pliant_status add_weight(pliant_contact_problem *contacts, int32_t unknow
         const size_t capacity = 2 * (size_t)contacts->weight_capacity + 64;
         if (!pliant_grow(&contacts->unknown, capacity, sizeof *contacts->unknown) ||
             !pliant_grow(&contacts->block, capacity, 9 * sizeof *contacts->block) ||
-            !pliant_grow(&contacts->turned, capacity, 9 * sizeof *contacts->turned))
+            !pliant_grow(&contacts->rotated_block, capacity, 9 * sizeof *contacts->rotated_block))
             return pliant_fail_memory("contact");
         contacts->weight_capacity = (int32_t)capacity;
     }
@@ -222,7 +222,7 @@ pliant_status pliant_solver_set_contacts(pliant_solver *solver, pliant_contacts 
     contacts->points = points;
     contacts->pieces = pieces;
     contacts->count = contacts->num_weights = contacts->num_arms = contacts->num_moving = 0;
-    memset(contacts->yields, 0, sizeof contacts->yields);
+    memset(contacts->tissue_compliance, 0, sizeof contacts->tissue_compliance);
     memset(contacts->taken.compliance, 0, sizeof contacts->taken.compliance);
     memset(contacts->found.compliance, 0, sizeof contacts->found.compliance);
     if (!points) return PLIANT_OK;
@@ -257,12 +257,12 @@ static void turn(pliant_solver *solver)
     for (int32_t c = 0; c < contacts->count; c++)
         for (int32_t w = contacts->start[c]; w < contacts->start[c + 1]; w++) {
             const double *frame = contacts->frame + 9 * (size_t)c, *block = contacts->block + 9 * (size_t)w;
-            double *turned = contacts->turned + 9 * (size_t)w;
+            double *rotated_block = contacts->rotated_block + 9 * (size_t)w;
             for (int r = 0; r < 3; r++) {
                 for (int d = 0; d < 3; d++)
-                    turned[3 * r + d] =
+                    rotated_block[3 * r + d] =
                         frame[3 * r] * block[d] + frame[3 * r + 1] * block[3 + d] + frame[3 * r + 2] * block[6 + d];
-                pliant_into_node_axes(solver->rotations, contacts->unknown[w], turned + 3 * r);
+                pliant_into_node_axes(solver->rotations, contacts->unknown[w], rotated_block + 3 * r);
             }
         }
 }
@@ -270,7 +270,7 @@ static void turn(pliant_solver *solver)
 void pliant_contact_problem_apply(const pliant_contact_problem *contacts, int32_t c, const double *v, double out[3])
 {
     for (int32_t w = contacts->start[c]; w < contacts->start[c + 1]; w++) {
-        const double *block = contacts->turned + 9 * (size_t)w, *at = v + 3 * (size_t)contacts->unknown[w];
+        const double *block = contacts->rotated_block + 9 * (size_t)w, *at = v + 3 * (size_t)contacts->unknown[w];
         for (int r = 0; r < 3; r++)
             out[r] += block[3 * r] * at[0] + block[3 * r + 1] * at[1] + block[3 * r + 2] * at[2];
     }
@@ -281,7 +281,7 @@ void pliant_contact_problem_add_forces(const pliant_contact_problem *contacts, c
     for (int32_t c = 0; c < contacts->count; c++) {
         const double *f = force + 3 * (size_t)c;
         for (int32_t w = contacts->start[c]; w < contacts->start[c + 1]; w++) {
-            const double *block = contacts->turned + 9 * (size_t)w;
+            const double *block = contacts->rotated_block + 9 * (size_t)w;
             double *at = v + 3 * (size_t)contacts->unknown[w];
             for (int k = 0; k < 3; k++) at[k] += block[k] * f[0] + block[3 + k] * f[1] + block[6 + k] * f[2];
         }
@@ -297,13 +297,13 @@ static void compliance_of(const pliant_contact_problem *contacts, int32_t a, int
         for (int32_t w = contacts->start[b]; w < contacts->start[b + 1]; w++) {
             const double *compliance =
                              pliant_compliance_block(&contacts->blocks, contacts->unknown[v], contacts->unknown[w]),
-                         *block = contacts->turned + 9 * (size_t)w;
+                         *block = contacts->rotated_block + 9 * (size_t)w;
             for (int r = 0; r < 3; r++)
                 for (int c = 0; c < 3; c++)
                     moved[3 * r + c] += compliance[3 * r] * block[3 * c] + compliance[3 * r + 1] * block[3 * c + 1] +
                                         compliance[3 * r + 2] * block[3 * c + 2];
         }
-        const double *block = contacts->turned + 9 * (size_t)v;
+        const double *block = contacts->rotated_block + 9 * (size_t)v;
         for (int r = 0; r < 3; r++)
             for (int c = 0; c < 3; c++)
                 out[3 * r + c] +=
@@ -397,7 +397,7 @@ pliant_status pliant_contact_problem_find_matrix(pliant_solver *solver)
     pliant_status status =
         factor ? pliant_factor_reach(factor, num_moved_unknowns, contacts->moved_unknowns, &splits) : PLIANT_OK;
     contacts->factor = status == PLIANT_OK && splits ? factor : NULL;
-    contacts->by_halves = contacts->factor && num_tools == 0;
+    contacts->can_split_solve = contacts->factor && num_tools == 0;
     contacts->num_moved_unknowns = num_answers;
     if (status != PLIANT_OK) return status;
     /* a preconditioner that is carried over from the previous topology changes in every step */
@@ -445,9 +445,9 @@ pliant_status pliant_contact_problem_free_step(pliant_solver *solver, pliant_ite
     if (!solver->contacts->factor)
         return pliant_preconditioner_solve(solver->preconditioner, 1, at->residual, at->free_step);
     const pliant_contact_problem *contacts = solver->contacts;
-    if (contacts->by_halves) pliant_factor_begin_half(contacts->factor, at->residual);
+    if (contacts->can_split_solve) pliant_factor_begin_half(contacts->factor, at->residual);
     else pliant_factor_begin(contacts->factor, at->residual, at->free_step);
-    for (int32_t i = 0; i < contacts->num_moved_unknowns && contacts->by_halves; i++)
+    for (int32_t i = 0; i < contacts->num_moved_unknowns && contacts->can_split_solve; i++)
         pliant_factor_half_answer(contacts->factor,
                                   pliant_compliance_half_solve(&contacts->blocks, contacts->moved_unknowns[i]),
                                   at->free_step + 3 * (size_t)contacts->moved_unknowns[i]);
@@ -494,11 +494,11 @@ pliant_status pliant_contact_problem_step(pliant_solver *solver, pliant_iterate 
     memset(contacts->step, 0, n * sizeof *contacts->step);
     pliant_contact_problem_add_forces(contacts, contacts->change, contacts->step);
     pliant_contact_problem_add_forces(contacts, contacts->change, at->residual);
-    for (int32_t i = 0; i < contacts->num_moved_unknowns && contacts->by_halves; i++)
+    for (int32_t i = 0; i < contacts->num_moved_unknowns && contacts->can_split_solve; i++)
         pliant_factor_half_add(contacts->factor,
                                pliant_compliance_half_solve(&contacts->blocks, contacts->moved_unknowns[i]),
                                contacts->step + 3 * (size_t)contacts->moved_unknowns[i]);
-    if (contacts->by_halves) pliant_factor_end_half(contacts->factor, at->step);
+    if (contacts->can_split_solve) pliant_factor_end_half(contacts->factor, at->step);
     else if (contacts->factor) pliant_factor_end(contacts->factor, contacts->step, at->step);
     if (contacts->factor) return PLIANT_OK;
     pliant_status status = pliant_preconditioner_solve(solver->preconditioner, 1, contacts->step, contacts->step);

@@ -61,7 +61,7 @@ struct pliant_contact_problem {
     int32_t num_weights, weight_capacity;
     int32_t *unknown;      /* (weight_capacity) */
     double *block;         /* (weight_capacity x 9) dy/dx, in the global axes */
-    double *turned;        /* (weight_capacity x 9) dy in the rows of the frame, dx in the nodes' axes */
+    double *rotated_block; /* (weight_capacity x 9) dy in the rows of the frame, dx in the nodes' axes */
     /* RIGID BODIES (contact_bodies.c) */
     const pliant_contact_bodies *pieces; /* Nullable: there is no rigid body; borrowed, for a step */
     int32_t num_arms, arm_capacity, num_moving, moving_capacity;
@@ -69,7 +69,7 @@ struct pliant_contact_problem {
     pliant_contact_arm *arm; /* (arm_capacity) */
     int32_t *moving;         /* (num_moving) bodies of the points: a piece's number, or -1 minus a proxy's number */
     /* (PLIANT_MAX_TOOLS x 3) compliance of the tissue against each coupling, estimated in this leg; 0: unknown */
-    double yields[3 * PLIANT_MAX_TOOLS];
+    double tissue_compliance[3 * PLIANT_MAX_TOOLS];
     /* FORCES */
     pliant_contact_forces taken, found; /* of the step's state; of the last evaluation */
     double *change;                     /* (capacity x 3) dl of the last evaluation */
@@ -77,7 +77,7 @@ struct pliant_contact_problem {
     pliant_compliance_blocks blocks;
     uint64_t of_factor;    /* value of pliant_solver.factors to which the answers belong */
     pliant_factor *factor; /* Nullable: factor whose solve can be split for these unknowns; borrowed */
-    bool by_halves;        /* the split solve is possible: no spring acts on other unknowns */
+    bool can_split_solve;        /* the split solve is possible: no spring acts on other unknowns */
     int32_t num_moved_unknowns, *moved_unknowns; /* (num_free) unknowns that move points, in the order of the points */
     uint8_t *visited;         /* (num_free) buffer */
     double *matrix;        /* A, with the tools' springs after the points; (rows x rows) */

@@ -209,14 +209,15 @@ static double measure(const pliant_contact_problem *contacts, const pliant_touch
  * give the distance to the target, which is constant.
  * @param again this coupling alone has changed since its last call */
 static void apply_limit(pliant_contact_problem *contacts, int num_tools, const pliant_touch_limit *limit, coupling *of,
-                        bool again, double *yields)
+                        bool again, double *tissue_compliance)
 {
     double *columns = contacts->sweeps, load[3]; /* a buffer of the cone solver */
     for (int32_t c = 0; c < contacts->count; c++) find_columns(contacts, c, of, columns + 9 * (size_t)c);
     of->load = find_load(contacts, columns, load);
     const double found = (of->load * of->compliance - of->before[0] * of->before[1]) / (of->before[0] - of->load);
-    if (again && isfinite(found) && found > 0) *yields = found;
-    const double wanted = fmax(limit->compliance, (of->compliance + *yields) * of->load / limit->load - *yields);
+    if (again && isfinite(found) && found > 0) *tissue_compliance = found;
+    const double wanted =
+        fmax(limit->compliance, (of->compliance + *tissue_compliance) * of->load / limit->load - *tissue_compliance);
     of->before[0] = of->load;
     of->before[1] = of->compliance;
     if (!isfinite(wanted)) return;
@@ -278,7 +279,7 @@ void pliant_contact_problem_apply_limits(pliant_contact_problem *contacts, int n
         }
         if (worst < 0) break;
         apply_limit(contacts, num_tools, contacts->pieces->limit + index[worst], of + worst, worst == last,
-                    contacts->yields + index[worst]);
+                    contacts->tissue_compliance + index[worst]);
         last = worst;
         pliant_cones_solve(contacts->count + num_tools, contacts->matrix, contacts->friction, contacts->motion,
                            contacts->force, contacts->sweeps);

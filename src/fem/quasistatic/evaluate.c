@@ -84,8 +84,9 @@ pliant_status pliant_solver_evaluate(pliant_solver *solver, pliant_known known, 
         pliant_contact_problem_add_load(solver->contacts, at->residual);
     find_residual(solver, at);
     at->merit = INFINITY;
-    const bool sensible = isfinite(at->scale) && at->displacement <= pliant_quasistatic().max_displacement *
-                                                                         solver->rules.smallest_displacement;
+    const bool sensible =
+        isfinite(at->scale) &&
+        at->displacement <= pliant_get_quasistatic_settings().max_displacement * solver->rules.smallest_displacement;
     if (!sensible) return PLIANT_OK; /* an invalid state is never accepted */
     const bool contacts = pliant_contact_problem_has_points(solver->contacts);
     pliant_status status = known == PLIANT_KNOWN_STEP ? PLIANT_OK

@@ -34,7 +34,8 @@ static inline void pliant_evaluations_record(pliant_evaluation_history *evaluati
                                              double first_merit)
 {
     /* After a dozen steps, motion that has begun counts as normal. */
-    const double weight = fmax(pliant_quasistatic().limit_merit_weight, 1.0 / (double)(evaluation_history->count + 1));
+    const double weight =
+        fmax(pliant_get_quasistatic_settings().limit_merit_weight, 1.0 / (double)(evaluation_history->count + 1));
     if (isfinite(first_merit))
         evaluation_history->merit =
             weight < 1 ? evaluation_history->merit + weight * (first_merit - evaluation_history->merit) : first_merit;
@@ -50,14 +51,14 @@ static inline pliant_evaluation_limit pliant_evaluations_limit(const pliant_eval
                                                                               : PLIANT_EVALUATION_STEPS;
     int32_t median = 0, below = 0;
     pliant_evaluation_limit limit = {INT32_MAX, 0};
-    if (!live || known < pliant_quasistatic().limit_first_steps) return limit;
+    if (!live || known < pliant_get_quasistatic_settings().limit_first_steps) return limit;
     while (2 * below <= known) {
         median++;
         below = 0;
         for (int32_t s = 0; s < known; s++) below += evaluation_history->evaluations[s] <= median;
     }
-    limit.evaluations = pliant_quasistatic().limit_median_factor * median;
-    limit.sudden = pliant_quasistatic().limit_sudden_merit * evaluation_history->merit;
+    limit.evaluations = pliant_get_quasistatic_settings().limit_median_factor * median;
+    limit.sudden = pliant_get_quasistatic_settings().limit_sudden_merit * evaluation_history->merit;
     return limit;
 }
 

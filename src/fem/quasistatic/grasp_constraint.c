@@ -11,7 +11,7 @@
 void pliant_grasp_apply(const pliant_grasp_constraint *grasp, const double *v, double out[3])
 {
     for (int32_t h = 0; h < grasp->count; h++) {
-        const double *block = grasp->turned + 9 * h, *at = v + 3 * grasp->unknown[h];
+        const double *block = grasp->rotated_block + 9 * h, *at = v + 3 * grasp->unknown[h];
         for (int r = 0; r < 3; r++)
             out[r] += block[3 * r] * at[0] + block[3 * r + 1] * at[1] + block[3 * r + 2] * at[2];
     }
@@ -28,7 +28,7 @@ static void add_by(const pliant_grasp_constraint *grasp, const double *blocks, c
 
 void pliant_grasp_add_pull(const pliant_grasp_constraint *grasp, const double force[3], double *v)
 {
-    add_by(grasp, grasp->turned, force, v);
+    add_by(grasp, grasp->rotated_block, force, v);
 }
 
 void pliant_grasp_add_load(const pliant_grasp_constraint *grasp, const double force[3], double *v)
@@ -52,7 +52,7 @@ static void free_arrays(pliant_grasp_constraint *grasp)
 {
     pliant_free(grasp->unknown);
     pliant_free(grasp->block);
-    pliant_free(grasp->turned);
+    pliant_free(grasp->rotated_block);
     pliant_free(grasp->response);
 }
 
@@ -61,9 +61,9 @@ static pliant_status allocate(pliant_grasp_constraint *grasp)
 {
     grasp->unknown = pliant_calloc((size_t)grasp->count, sizeof *grasp->unknown);
     grasp->block = pliant_calloc((size_t)grasp->count, 9 * sizeof *grasp->block);
-    grasp->turned = pliant_calloc((size_t)grasp->count, 9 * sizeof *grasp->turned);
+    grasp->rotated_block = pliant_calloc((size_t)grasp->count, 9 * sizeof *grasp->rotated_block);
     grasp->response = NULL;
-    if (grasp->unknown && grasp->block && grasp->turned) return PLIANT_OK;
+    if (grasp->unknown && grasp->block && grasp->rotated_block) return PLIANT_OK;
     free_arrays(grasp);
     return pliant_fail_memory("a tool's hold");
 }
@@ -101,9 +101,9 @@ void pliant_solver_remove_grasp(pliant_solver *solver, int tool)
 void pliant_grasp_rotate(pliant_grasp_constraint *grasp, const pliant_nodal_rotations *rotations)
 {
     if (grasp->count == 0) return;
-    memcpy(grasp->turned, grasp->block, 9 * (size_t)grasp->count * sizeof *grasp->block);
+    memcpy(grasp->rotated_block, grasp->block, 9 * (size_t)grasp->count * sizeof *grasp->block);
     for (int32_t row = 0; row < 3 * grasp->count; row++)
-        pliant_into_node_axes(rotations, grasp->unknown[row / 3], grasp->turned + 3 * row);
+        pliant_into_node_axes(rotations, grasp->unknown[row / 3], grasp->rotated_block + 3 * row);
 }
 
 void pliant_solver_rotate_grasps(pliant_solver *solver)
@@ -181,7 +181,7 @@ pliant_status pliant_solver_add_grasp(pliant_solver *solver, int tool, int32_t c
 {
     pliant_grasp_constraint *old = solver->grasps + tool, grasp = *old;
     grasp.unknown = NULL;
-    grasp.block = grasp.turned = grasp.response = NULL;
+    grasp.block = grasp.rotated_block = grasp.response = NULL;
     pliant_status status = pliant_solves_fine(solver->system)
                                ? hold_nodes(solver->system, count, nodes, weights, &grasp)
                                : hold_followers(solver, count, nodes, weights, solver->dense_weights, &grasp);
@@ -190,7 +190,7 @@ pliant_status pliant_solver_add_grasp(pliant_solver *solver, int tool, int32_t c
     free_arrays(old);
     *old = grasp;
     old->active = true;
-    old->response_of = 0;
+    old->response_number = 0;
     if (!was_active) {
         memset(old->force, 0, sizeof old->force);
         pliant_evaluations_clear(&solver->evaluation_history);
@@ -223,11 +223,11 @@ pliant_status pliant_solver_find_responses(pliant_solver *solver)
 {
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
         pliant_grasp_constraint *grasp = solver->grasps + t;
-        if (!pliant_grasp_is_spring(grasp) || grasp->response_of == solver->in_use.number) continue;
+        if (!pliant_grasp_is_spring(grasp) || grasp->response_number == solver->in_use.number) continue;
         pliant_status status =
             pliant_grasp_find_response(grasp, pliant_solver_unknowns(solver), solver->preconditioner);
         if (status != PLIANT_OK) return status;
-        grasp->response_of = solver->in_use.number;
+        grasp->response_number = solver->in_use.number;
     }
     return PLIANT_OK;
 }

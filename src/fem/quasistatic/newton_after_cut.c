@@ -103,7 +103,7 @@ static pliant_status begin(const pliant_solver *solver, newton_step *found, bool
  * taken with length 1. */
 static bool is_prescribed(const pliant_solver *solver, const newton_step *found)
 {
-    const double hardly = pliant_quasistatic().newton_still * longest(solver, found->along);
+    const double hardly = pliant_get_quasistatic_settings().newton_still * longest(solver, found->along);
     double maximum = 0;
     for (int t = 0; t < found->active.num_tools; t++) {
         double stretch[3];
@@ -149,10 +149,10 @@ static pliant_status find_step(pliant_solver *solver, newton_step *found, int32_
         if (status != PLIANT_OK) return status;
         const double before = norm;
         norm = pliant_solver_product(solver, left, step);
-        const double turned = pliant_newton_direction_weight(prescribed, norm, before);
+        const double previous_weight = pliant_newton_direction_weight(prescribed, norm, before);
         prescribed = false;
-        for (size_t i = 0; i < n; i++) found->along[i] = step[i] + turned * found->along[i];
-        scale_forces(&found->active, turned, &found->pulls_along);
+        for (size_t i = 0; i < n; i++) found->along[i] = step[i] + previous_weight * found->along[i];
+        scale_forces(&found->active, previous_weight, &found->pulls_along);
         add_forces(&found->active, 1, &found->pulls_next, &found->pulls_along);
     }
     return PLIANT_OK;
@@ -205,7 +205,7 @@ static void apply_fraction(pliant_solver *solver, const newton_step *found, doub
     if (solver->rotations) pliant_nodal_rotations_update(solver->system, solver->now.x, solver->rotations);
 }
 
-static void turned(pliant_solver *solver)
+static void update_after_rotation(pliant_solver *solver)
 {
     pliant_solver_rotate_grasps(solver);
     pliant_preconditioner_use_rotated(&solver->in_use);
@@ -217,14 +217,14 @@ static void turned(pliant_solver *solver)
 static pliant_status respond_in_axes(pliant_solver *solver)
 {
     if (!solver->rotations) return PLIANT_OK;
-    turned(solver);
+    update_after_rotation(solver);
     pliant_status status = pliant_solver_find_responses(solver);
     if (status == PLIANT_OK) status = pliant_contact_problem_find_matrix(solver);
     if (status == PLIANT_OK) return PLIANT_OK;
     memcpy(solver->now.x, solver->previous_x, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *solver->now.x);
     memcpy(solver->now.force, solver->previous_force, sizeof solver->now.force);
     pliant_nodal_rotations_update(solver->system, solver->now.x, solver->rotations);
-    turned(solver);
+    update_after_rotation(solver);
     solver->newton_axes = false;
     solver->is_after_cut = true;
     return status;
@@ -240,8 +240,8 @@ static pliant_status take_step(pliant_solver *solver, const newton_step *found)
     memcpy(solver->previous_x, solver->now.x, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *solver->previous_x);
     memcpy(solver->previous_force, solver->now.force, sizeof solver->previous_force);
     pliant_pressure_copy(solver, solver->now.pressure, solver->previous_pressure);
-    solver->rules.blind = 1;
-    solver->rules.sound_merit = sqrt(found->energy);
+    solver->rules.follows_blind_step = 1;
+    solver->rules.trusted_merit = sqrt(found->energy);
     for (int p = 0; p < parts; p++) {
         const double part = fraction / parts;
         apply_fraction(solver, found, part);

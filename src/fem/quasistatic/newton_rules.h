@@ -20,7 +20,7 @@ enum {
 /* Return the number of products that fit in so many evaluations. */
 static inline int32_t pliant_newton_max_products(int32_t evaluations)
 {
-    const int32_t maximum = pliant_quasistatic().newton_products;
+    const int32_t maximum = pliant_get_quasistatic_settings().newton_products;
     return evaluations - 2 < maximum ? evaluations - 2 : maximum;
 }
 /* Return the fraction of a direction for a difference product, from the direction's largest entry. 0: the direction is
@@ -33,14 +33,14 @@ static inline double pliant_newton_difference_length(double smallest_displacemen
 /* Return whether the first step [m] shows that the cut has released no tissue. */
 static inline bool pliant_newton_is_negligible(double longest, double tolerance)
 {
-    return longest <= pliant_quasistatic().newton_negligible * tolerance;
+    return longest <= pliant_get_quasistatic_settings().newton_negligible * tolerance;
 }
 /* Rules of the conjugate gradients. `continues`: whether another direction is worth its product. `step_length`: along
  * a direction; 0 means no progress. `direction_weight`: weight of the old direction in the next one. prescribed: the
  * first direction, which the held nodes prescribe, is taken with length 1. */
 static inline bool pliant_newton_continues(double norm, double first)
 {
-    const double enough = pliant_quasistatic().newton_residual;
+    const double enough = pliant_get_quasistatic_settings().newton_residual;
     return norm > enough * enough * first;
 }
 static inline double pliant_newton_step_length(bool prescribed, double norm, double curvature)
@@ -57,11 +57,11 @@ static inline double pliant_newton_direction_weight(bool prescribed, double norm
  * parts. */
 static inline double pliant_newton_step_fraction(double length)
 {
-    return fmin(1, pliant_quasistatic().newton_max_length / length);
+    return fmin(1, pliant_get_quasistatic_settings().newton_max_length / length);
 }
 static inline int pliant_newton_num_parts(double length)
 {
-    const pliant_quasistatic_settings settings = pliant_quasistatic();
+    const pliant_quasistatic_settings settings = pliant_get_quasistatic_settings();
     return (int)fmin(fmax(ceil(pliant_newton_step_fraction(length) * length / settings.newton_part_length), 1),
                      settings.newton_parts);
 }
@@ -69,7 +69,7 @@ static inline int pliant_newton_num_parts(double length)
 /* Return whether the slope is checked after this fraction of the step. */
 static inline bool pliant_newton_checks_slope(double completed, double length)
 {
-    return completed * length > pliant_quasistatic().newton_check_length;
+    return completed * length > pliant_get_quasistatic_settings().newton_check_length;
 }
 
 /* Return the length by which a part is shortened, to the minimum of the potential energy, from its slopes before and

@@ -117,7 +117,7 @@ void pliant_nodal_rotations_refer(const pliant_system *system, const double *pos
         for (int32_t block = 0; block < system->num_blocks; block++)
             keep_before(system, block, positions, rotations->before[block]);
     }
-    rotations->turned = false;
+    rotations->is_rotated = false;
 }
 
 PLIANT_VECTORIZED static void rotations_of(double sum[9][LANES], double out[9][LANES]) { pliant_rotations(sum, out); }
@@ -153,5 +153,5 @@ void pliant_nodal_rotations_update(const pliant_system *system, const double *po
         for (int l = 0; l < LANES && first + l < system->num_free; l++)
             for (int m = 0; m < 9; m++) rotations->rotation[9 * (size_t)(first + l) + (size_t)m] = out[m][l];
     }
-    rotations->turned = true;
+    rotations->is_rotated = true;
 }

@@ -15,7 +15,7 @@ extern "C" {
 #endif
 
 typedef struct pliant_nodal_rotations {
-    bool turned;             /* false: Q = I everywhere */
+    bool is_rotated;             /* false: Q = I everywhere */
     double *rotation;        /* (num_free x 9) Q */
     float (*before)[9][LANES]; /* (num_blocks) V mu F0; F0 at the reference positions of the preconditioner [N m] */
     float (*product)[LANES][9]; /* (num_blocks) V mu F F0', element by element, in the order in which nodes sum them */
@@ -36,14 +36,14 @@ void pliant_nodal_rotations_update(const pliant_system *system, const double *po
 /* Compute Q' v (into) or Q v (from) of one unknown node, overwriting v. Nullable rotations */
 static inline void pliant_into_node_axes(const pliant_nodal_rotations *rotations, int32_t node, double v[3])
 {
-    if (!rotations || !rotations->turned) return;
+    if (!rotations || !rotations->is_rotated) return;
     const double *q = rotations->rotation + 9 * (size_t)node;
     double x = v[0], y = v[1], z = v[2];
     for (int d = 0; d < 3; d++) v[d] = q[d] * x + q[3 + d] * y + q[6 + d] * z;
 }
 static inline void pliant_from_node_axes(const pliant_nodal_rotations *rotations, int32_t node, double v[3])
 {
-    if (!rotations || !rotations->turned) return;
+    if (!rotations || !rotations->is_rotated) return;
     const double *q = rotations->rotation + 9 * (size_t)node;
     double x = v[0], y = v[1], z = v[2];
     for (int d = 0; d < 3; d++) v[d] = q[3 * d] * x + q[3 * d + 1] * y + q[3 * d + 2] * z;

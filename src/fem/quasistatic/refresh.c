@@ -208,7 +208,7 @@ static pliant_status copy_history(pliant_solver *solver, bool keeps, pliant_refr
     const size_t bytes = 3 * (size_t)num_free * sizeof(double);
     memset(refresh->number, 0, sizeof refresh->number);
     if (keeps) memcpy(refresh->number, solver->rules.number, sizeof refresh->number);
-    solver->forgotten = false;
+    solver->history_was_dropped = false;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
         pliant_grasp_free(refresh->grasps + t);
         if (!pliant_grasp_is_spring(solver->grasps + t)) continue;
@@ -240,7 +240,7 @@ static void take_responses(pliant_solver *solver)
         if (!found->active || !pliant_grasp_is_spring(grasp) || !pliant_grasp_is_same(found, grasp)) continue;
         double *response = grasp->response;
         grasp->response = found->response;
-        grasp->response_of = solver->in_use.number;
+        grasp->response_number = solver->in_use.number;
         found->response = response;
     }
 }
@@ -266,11 +266,11 @@ static void install_factor(pliant_solver *solver, pliant_statistics *statistics)
     solver->in_use.number++;
     statistics->factors++;
     if (refresh->converting) take_responses(solver);
-    bool converted = refresh->converting && !solver->forgotten;
+    bool converted = refresh->converting && !solver->history_was_dropped;
     refresh->converting = false;
-    bool kept = solver->previous.kept; /* the evaluated state stays valid */
+    bool is_comparable = solver->previous.is_comparable; /* the evaluated state stays valid */
     pliant_solver_drop_history(solver);
-    solver->previous.kept = kept;
+    solver->previous.is_comparable = is_comparable;
     if (!converted) return;
     for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) {
         if (refresh->number[h] == 0) continue;
@@ -338,7 +338,7 @@ static void deliver(pliant_solver *solver, uint64_t step, pliant_statistics *sta
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
         if (!pliant_grasp_is_spring(solver->grasps + t)) continue;
         springs = true;
-        responses = responses || solver->grasps[t].response_of == solver->in_use.number;
+        responses = responses || solver->grasps[t].response_number == solver->in_use.number;
     }
     /* Secants that led to a refusal are dropped. */
     const bool keeps = !springs && !solver->pressures;
@@ -370,7 +370,7 @@ pliant_status pliant_refresh_step(pliant_solver *solver, pliant_statistics *stat
         if (status != PLIANT_OK) return status;
     }
     refresh = solver->refresh;
-    refresh->wanted = refresh->wanted || solver->rules.rate > pliant_quasistatic().poor_rate;
+    refresh->wanted = refresh->wanted || solver->rules.rate > pliant_get_quasistatic_settings().poor_rate;
     bool due = solver->refresh_interval > 0 && step >= refresh->started + (uint64_t)solver->refresh_interval &&
                refresh->wanted;
     if (refresh->running || (!due && pliant_preconditioner_base(solver->preconditioner) == NULL)) return PLIANT_OK;
@@ -406,7 +406,7 @@ void pliant_refresh_take(pliant_solver *solver, pliant_solver *from)
     solver->refresh->source = NULL;
     from->refresh = solver->refresh;
     solver->refresh = refresh;
-    solver->forgotten = from->forgotten;
+    solver->history_was_dropped = from->history_was_dropped;
 }
 
 void pliant_refresh_free(pliant_solver *solver)

@@ -47,7 +47,8 @@ PLIANT_INLINE void pliant_secant_fill(int32_t lane, int32_t lanes, const pliant_
 {
     for (int32_t n = lane; n < count * count; n += lanes) {
         const int32_t a = n / count, b = n % count, first = equations->used[a], second = equations->used[b];
-        const double noise = estimates ? pliant_anderson_noise(rules, first) : pliant_quasistatic().trial_noise;
+        const double noise =
+            estimates ? pliant_anderson_noise(rules, first) : pliant_get_quasistatic_settings().trial_noise;
         if (a == b) equations->right[a] = along[first] * equations->scale[first];
         equations->matrix[a][b] =
             a == b ? 1 + noise * noise

@@ -37,7 +37,8 @@ void pliant_solver_reset_after_move(pliant_solver *solver)
     pliant_solver_drop_history(solver);
     pliant_anderson_reset_after_move(&solver->rules);
     pliant_evaluations_clear(&solver->evaluation_history);
-    solver->in_use.evaluations = pliant_quasistatic().rotation_interval; /* the axes rotate in the next step */
+    solver->in_use.evaluations =
+        pliant_get_quasistatic_settings().rotation_interval; /* the axes rotate in the next step */
     solver->is_after_cut = false;
 }
 
@@ -163,7 +164,7 @@ bool pliant_solver_propose(pliant_solver *solver, double *left, double *made)
                                       *x = solver->trial.x;
     bool mixed = false;
     if (pliant_secants_along(solver, at, along)) {
-        mixed = rules->mixes && pliant_secants_mix(solver, along, false, weights);
+        mixed = rules->uses_secants && pliant_secants_mix(solver, along, false, weights);
         pliant_secants_mix(solver, along, true, likely);
     }
     const double unexplained = pliant_anderson_error_factor(rules);

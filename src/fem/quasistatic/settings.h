@@ -117,7 +117,7 @@ typedef struct pliant_quasistatic_settings {
 #ifdef __CUDACC__
 __host__ __device__
 #endif
-static inline pliant_quasistatic_settings pliant_quasistatic(void)
+static inline pliant_quasistatic_settings pliant_get_quasistatic_settings(void)
 {
     pliant_quasistatic_settings settings;
 #define PLIANT_SETTING_VALUE(type, name, value, ...) settings.name = value;

@@ -101,7 +101,7 @@ static void prepare_next(pliant_solver *solver)
         if (rules->next != PLIANT_NEXT_DESCENT)
             pliant_anderson_finish_proposal(rules, mixed, left, made, solver->now.displacement);
     }
-    if (rules->forget) pliant_solver_drop_history(solver);
+    if (rules->drops_secants) pliant_solver_drop_history(solver);
     if (rules->next == PLIANT_NEXT_BLIND) take_blind_step(solver);
 }
 
@@ -117,16 +117,18 @@ static pliant_status iterate(pliant_solver *solver, pliant_known known, step_tim
         time->solved += !first || known != PLIANT_KNOWN_STEP;
         if (!first || known == PLIANT_KNOWN_NOTHING) time->whole++;
         else time->evaluation_start = solver->clock(solver->clock_user);
-        const bool plain = !rules->mixes && (rules->next == PLIANT_NEXT_TRIAL || rules->next == PLIANT_NEXT_DESCENT);
+        const bool plain =
+            !rules->uses_secants && (rules->next == PLIANT_NEXT_TRIAL || rules->next == PLIANT_NEXT_DESCENT);
         const double slope =
             plain && !(at->merit < solver->now.merit && rules->next == PLIANT_NEXT_TRIAL) ? slope_of(solver) : 0;
         pliant_anderson_judge(rules, at->merit, slope,
                               affordable(solver, time, first ? at->merit : rules->first_merit));
-        if (rules->keep >= 0) pliant_solver_store_secant(solver, rules->keep, &solver->now, &solver->trial);
-        if (rules->take) swap_iterates(solver);
-        if (pliant_contact_problem_has_points(solver->contacts) && (first || rules->take))
+        if (rules->secant_slot >= 0)
+            pliant_solver_store_secant(solver, rules->secant_slot, &solver->now, &solver->trial);
+        if (rules->accepts_state) swap_iterates(solver);
+        if (pliant_contact_problem_has_points(solver->contacts) && (first || rules->accepts_state))
             pliant_contact_problem_accept(solver->contacts);
-        if (rules->forget) pliant_solver_drop_history(solver);
+        if (rules->drops_secants) pliant_solver_drop_history(solver);
         if (rules->next == PLIANT_NEXT_PREVIOUS && (status = pliant_solver_newton_rollback(solver)) != PLIANT_OK)
             return status;
         prepare_next(solver);
@@ -145,7 +147,8 @@ static bool evaluate_end(pliant_solver *solver)
     swap_pressures(solver);
     bool good = pliant_solver_evaluate(solver, PLIANT_KNOWN_NOTHING, &solver->trial) == PLIANT_OK;
     good = pliant_anderson_judge_end(&solver->rules, good ? solver->trial.merit : INFINITY);
-    if (solver->rules.keep >= 0) pliant_solver_store_secant(solver, solver->rules.keep, &solver->now, &solver->trial);
+    if (solver->rules.secant_slot >= 0)
+        pliant_solver_store_secant(solver, solver->rules.secant_slot, &solver->now, &solver->trial);
     swap_iterates(solver);
     if (good && pliant_contact_problem_has_points(solver->contacts)) pliant_contact_problem_accept(solver->contacts);
     if (good) solver->rules.error = pliant_anderson_error(pliant_secants_error(solver, &solver->now));
@@ -176,9 +179,9 @@ static void evaluate_final_state(pliant_solver *solver, step_time *time)
 static void rotate_axes(pliant_solver *solver, uint64_t step)
 {
     if (!solver->rotations) return;
-    solver->in_use.turned = solver->rotations->turned;
-    solver->in_use.renews = true;
-    if (pliant_solver_choose_axes(solver, &solver->in_use, step) == PLIANT_AXES_STAY) return;
+    solver->in_use.is_rotated = solver->rotations->is_rotated;
+    solver->in_use.is_renewed_when_slow = true;
+    if (pliant_solver_choose_axes(solver, &solver->in_use, step) == PLIANT_AXES_KEEP) return;
     pliant_nodal_rotations_update(solver->system, solver->now.x, solver->rotations);
     pliant_solver_rotate_grasps(solver);
     pliant_preconditioner_use_rotated(&solver->in_use);
@@ -203,7 +206,7 @@ pliant_evaluation_limit pliant_solver_limit(const pliant_solver *solver)
 static int32_t first_evaluations(const pliant_solver *solver, const step_time *time)
 {
     const pliant_evaluation_limit none = {INT32_MAX, 0};
-    const int32_t part = pliant_quasistatic().newton_evaluation_fraction;
+    const int32_t part = pliant_get_quasistatic_settings().newton_evaluation_fraction;
     if (!(solver->budget > 0)) return pliant_solver_newton_limit(solver, &time->limit, part);
     const int32_t possible = affordable(solver, time, INFINITY),
                   allowed = pliant_solver_newton_limit(solver, &none, part);
@@ -252,7 +255,7 @@ pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *stati
     if (status == PLIANT_OK)
         status = pliant_preconditioner_correct(
             solver->preconditioner, solver->now.x,
-            solver->rotations && solver->rotations->turned ? solver->rotations->rotation : NULL);
+            solver->rotations && solver->rotations->is_rotated ? solver->rotations->rotation : NULL);
     /* The corrected preconditioner gives other steps. */
     if (pliant_preconditioner_base(solver->preconditioner)) solver->previous.number = 0;
     if (status == PLIANT_OK) status = pliant_solver_find_responses(solver);

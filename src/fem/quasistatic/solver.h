@@ -31,17 +31,17 @@ extern "C" {
 /* The effect of one tool on the unknowns. */
 typedef struct pliant_grasp_constraint {
     bool active;
-    bool by_force;         /* true: a prescribed force, without a spring */
-    double force[3];       /* force on the tissue: prescribed, or the unknown l [N] */
-    double compliance;     /* c [m/N] */
-    double target[3];      /* [m] */
-    int32_t count;         /* number of unknown nodes in W */
-    int32_t *unknown;      /* (count) */
-    double *block;         /* (count x 9) dy/dx */
-    double *turned;        /* (count x 9) dy/dx with x in the nodes' axes; equal to block if no axis is rotated */
-    double origin[3];      /* y = origin + W x */
-    double *response;      /* Z: (3 x 3 num_free), column by column; NULL: not computed yet */
-    uint64_t response_of;  /* pliant_preconditioner_use.number for which Z was computed; 0: not computed */
+    bool by_force;            /* true: a prescribed force, without a spring */
+    double force[3];          /* force on the tissue: prescribed, or the unknown l [N] */
+    double compliance;        /* c [m/N] */
+    double target[3];         /* [m] */
+    int32_t count;            /* number of unknown nodes in W */
+    int32_t *unknown;         /* (count) */
+    double *block;            /* (count x 9) dy/dx */
+    double *rotated_block;    /* (count x 9) dy/dx with x in the nodes' axes; equal to block if no axis is rotated */
+    double origin[3];         /* y = origin + W x */
+    double *response;         /* Z: (3 x 3 num_free), column by column; NULL: not computed yet */
+    uint64_t response_number; /* pliant_preconditioner_use.number for which Z was computed; 0: not computed */
 } pliant_grasp_constraint;
 
 typedef struct pliant_refresh pliant_refresh; /* the background factorizer (refresh.c) */
@@ -84,18 +84,18 @@ typedef struct pliant_preconditioner_use {
     /* Identifies a pair of factor and axes, from 1. It changes with every new factor and every rotation of the axes.
      * Responses and evaluated final states are valid for one number. */
     uint64_t number;
-    bool turned;           /* the axes differ from the axes in which the preconditioner was computed */
-    bool rough;            /* rotations are inaccurate, as for homogenized elements */
-    bool renews;           /* when it converges slowly, a new preconditioner is due soon */
-    bool converged_slowly; /* it has converged slowly since the last rotation of the axes */
-    uint64_t turned_at;    /* step of the last rotation */
-    int64_t evaluations;   /* evaluations since then, counting only evaluations with work */
+    bool is_rotated;               /* the axes differ from the axes in which the preconditioner was computed */
+    bool has_inaccurate_rotations; /* rotations are inaccurate, as for homogenized elements */
+    bool is_renewed_when_slow;     /* when it converges slowly, a new preconditioner is due soon */
+    bool converged_slowly;         /* it has converged slowly since the last rotation of the axes */
+    uint64_t rotation_step;        /* step of the last rotation */
+    int64_t evaluations;           /* evaluations since then, counting only evaluations with work */
 } pliant_preconditioner_use;
 
 /* Inputs and outcome of the previous step (step_start.c). */
 typedef struct pliant_previous_step {
     /* There was a previous step, and only the inputs in this struct can have changed since. */
-    bool kept;
+    bool is_comparable;
     bool evaluated;             /* the forces and the preconditioned step of its final state are available */
     bool converged, had_contacts;    /* had_contacts: there were contacts */
     uint64_t number; /* pliant_preconditioner_use.number of the final state's evaluation; 0: do not reuse it */
@@ -106,7 +106,7 @@ typedef struct pliant_previous_step {
 /* Quantities that are known before a state is evaluated. */
 typedef enum pliant_known { PLIANT_KNOWN_NOTHING, PLIANT_KNOWN_FORCES, PLIANT_KNOWN_STEP } pliant_known;
 /* Whether the axes of the nodes rotate with the tissue before a step. */
-typedef enum pliant_axes { PLIANT_AXES_STAY, PLIANT_AXES_TURN, PLIANT_AXES_TURN_AND_FORGET } pliant_axes;
+typedef enum pliant_axes { PLIANT_AXES_KEEP, PLIANT_AXES_ROTATE, PLIANT_AXES_ROTATE_AND_DROP_HISTORY } pliant_axes;
 
 struct pliant_solver {
     const pliant_system *system;
@@ -132,7 +132,7 @@ struct pliant_solver {
     bool newton_axes;           /* the axes follow the Newton step, which has not been judged yet */
     pliant_refresh *refresh;    /* Nullable */
     /* The history was dropped after the background work began. The converted history will be discarded. */
-    bool forgotten;
+    bool history_was_dropped;
     pliant_background *background; /* Nullable; borrowed: decides when background results are installed */
     uint32_t takes_factor, takes_history; /* flags of the factor and of the history in it */
     pliant_evaluation_history evaluation_history;           /* evaluations per step in live use */
@@ -174,7 +174,7 @@ void pliant_solver_free(pliant_solver *solver);
 /* Restore the rest state with the factor at rest, without grasps. Errors: MEMORY. */
 pliant_status pliant_solver_reset(pliant_solver *solver);
 
-void pliant_solver_gravity(pliant_solver *solver, const double gravity[3]);
+void pliant_solver_set_gravity(pliant_solver *solver, const double gravity[3]);
 /* Attach the tool's spring to fine nodes with weights (sum 1). fine_positions give the initial position of y. Errors:
  * MEMORY. */
 pliant_status pliant_solver_add_grasp(pliant_solver *solver, int tool, int32_t count, const int32_t *nodes,

@@ -53,7 +53,7 @@ static void free_buffers(pliant_solver *solver)
     solver->rotations = NULL;
     solver->element_forces = NULL;
     memset(&solver->final_state, 0, sizeof solver->final_state);
-    solver->previous.kept = false;
+    solver->previous.is_comparable = false;
     memset(solver->history, 0, sizeof solver->history);
     solver->has_step_arrays = false;
 }
@@ -87,7 +87,7 @@ pliant_status pliant_solver_allocate_step(pliant_solver *solver)
  * machine, and steps seldom wait. A late factor is less accurate (test/bench/bench_budget). */
 static int32_t steps_for(double operations, double step)
 {
-    return (int32_t)fmin(ceil(operations / pliant_quasistatic().background_rate / step), 99998);
+    return (int32_t)fmin(ceil(operations / pliant_get_quasistatic_settings().background_rate / step), 99998);
 }
 
 static void set_delays(const pliant_scene *scene, pliant_solver *solver)
@@ -130,7 +130,7 @@ pliant_status pliant_solver_create_without(const pliant_scene *scene, const plia
     double length = 0;
     for (int d = 0; d < 3; d++) length = fmax(length, system->mesh->cells[d] * system->mesh->cell_size[d]);
     /* Lower bound of the displacement for the tolerance: a thousandth of the body's length. */
-    rules->smallest_displacement = pliant_quasistatic().smallest_displacement * length;
+    rules->smallest_displacement = pliant_get_quasistatic_settings().smallest_displacement * length;
     solver->smallest_scale = rules->smallest_displacement * sqrt(system->mean_diagonal);
     if (!pliant_solves_fine(system))
         solver->dense_weights = pliant_malloc((size_t)system->num_free, 9 * sizeof *solver->dense_weights);
@@ -210,7 +210,7 @@ static void find_load(pliant_solver *solver, int32_t from, int32_t to)
     pliant_mark_written(solver->load, 3 * (size_t)from, 3 * (size_t)(to - from), sizeof *solver->load);
 }
 
-void pliant_solver_gravity(pliant_solver *solver, const double gravity[3])
+void pliant_solver_set_gravity(pliant_solver *solver, const double gravity[3])
 {
     if (solver->loaded && memcmp(solver->gravity, gravity, sizeof solver->gravity) == 0) return;
     memcpy(solver->gravity, gravity, sizeof solver->gravity);

@@ -14,15 +14,15 @@ static bool has_same_grasp_input(const pliant_previous_step *previous, const pli
 void pliant_solver_drop_history(pliant_solver *solver)
 {
     pliant_anderson_drop_secants(&solver->rules);
-    solver->previous.kept = false;
-    solver->forgotten = true;
+    solver->previous.is_comparable = false;
+    solver->history_was_dropped = true;
 }
 
 bool pliant_solver_is_idle(const pliant_solver *solver)
 {
     const pliant_previous_step *previous = &solver->previous;
     /* Around a patch, more inputs change than these. */
-    bool same = !solver->system->basis && previous->kept && previous->evaluated && previous->converged &&
+    bool same = !solver->system->basis && previous->is_comparable && previous->evaluated && previous->converged &&
                 !previous->had_contacts && !pliant_contact_problem_has_points(solver->contacts) &&
                 memcmp(previous->gravity, solver->gravity, sizeof previous->gravity) == 0;
     for (int t = 0; t < PLIANT_MAX_TOOLS && same; t++)
@@ -37,22 +37,23 @@ pliant_axes pliant_solver_choose_axes(const pliant_solver *solver, const pliant_
                                       uint64_t step)
 {
     const uint64_t interval = (uint64_t)solver->refresh_interval;
-    bool waits = in_use->rough;
+    bool waits = in_use->has_inaccurate_rotations;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
-        waits =
-            waits || (pliant_grasp_is_spring(solver->grasps + t) && solver->grasps[t].response_of == in_use->number);
+        waits = waits ||
+                (pliant_grasp_is_spring(solver->grasps + t) && solver->grasps[t].response_number == in_use->number);
     if (!waits)
-        return !in_use->turned || in_use->evaluations >= pliant_quasistatic().rotation_interval ? PLIANT_AXES_TURN
-                                                                                                : PLIANT_AXES_STAY;
-    const bool follows =
-        !in_use->renews && in_use->converged_slowly && interval > 0 && step >= in_use->turned_at + interval;
-    return follows ? PLIANT_AXES_TURN_AND_FORGET : PLIANT_AXES_STAY;
+        return !in_use->is_rotated || in_use->evaluations >= pliant_get_quasistatic_settings().rotation_interval
+                   ? PLIANT_AXES_ROTATE
+                   : PLIANT_AXES_KEEP;
+    const bool follows = !in_use->is_renewed_when_slow && in_use->converged_slowly && interval > 0 &&
+                         step >= in_use->rotation_step + interval;
+    return follows ? PLIANT_AXES_ROTATE_AND_DROP_HISTORY : PLIANT_AXES_KEEP;
 }
 
 void pliant_preconditioner_use_rotated(pliant_preconditioner_use *in_use)
 {
     in_use->number++;
-    in_use->turned = true;
+    in_use->is_rotated = true;
     in_use->converged_slowly = false;
     in_use->evaluations = 0;
 }
@@ -61,8 +62,8 @@ pliant_known pliant_solver_find_known(pliant_solver *solver, const pliant_precon
                                       bool *start_is_evaluated)
 {
     pliant_previous_step *previous = &solver->previous;
-    const bool known = previous->kept && previous->evaluated;
-    previous->kept = false; /* until this step has ended */
+    const bool known = previous->is_comparable && previous->evaluated;
+    previous->is_comparable = false; /* until this step has ended */
     *start_is_evaluated = known && previous->number == in_use->number;
     if (!known) return PLIANT_KNOWN_NOTHING;
     /* Contact points change it in every step. */
@@ -93,7 +94,7 @@ void pliant_solver_record_step(pliant_solver *solver, const pliant_preconditione
                                const pliant_anderson *rules, const double *step_force)
 {
     pliant_previous_step *previous = &solver->previous;
-    previous->kept = true;
+    previous->is_comparable = true;
     previous->evaluated = evaluated;
     previous->converged = rules->converged;
     previous->had_contacts = pliant_contact_problem_has_points(solver->contacts);

@@ -110,7 +110,7 @@ pliant_status pliant_solver_stiffness(const pliant_solver *solver, int tool, con
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
         if (!pliant_grasp_is_spring(solver->grasps + t)) continue;
         spring[num_springs++] = t;
-        if (solver->grasps[t].response_of == 0) *known = false;
+        if (solver->grasps[t].response_number == 0) *known = false;
     }
     const pliant_contact_problem *contacts =
         pliant_contact_problem_has_points(solver->contacts) ? solver->contacts : NULL;

@@ -82,14 +82,14 @@ void pliant_rigid_pieces_find_grips(pliant_rigid_pieces *rigid_pieces, const pli
 
 static pliant_rigid_pull pull_of(const grip *at, const pliant_tool *tool, const double centre[3])
 {
-    pliant_rigid_pull pull = {.given = pliant_tool_drive(tool) == PLIANT_DRIVE_FORCE};
+    pliant_rigid_pull pull = {.is_force = pliant_tool_drive(tool) == PLIANT_DRIVE_FORCE};
     if (pliant_tool_drive(tool) == PLIANT_DRIVE_SPRING) {
         pull.compliance = 1 / (at->fraction * pliant_tool_stiffness(tool));
         pull.damping = at->fraction * pliant_tool_damping(tool);
     }
     for (int d = 0; d < 3; d++) {
         pull.arm[d] = at->point[d] - centre[d];
-        pull.force[d] = pull.given ? at->fraction * tool->driving_force[d] : 0;
+        pull.force[d] = pull.is_force ? at->fraction * tool->driving_force[d] : 0;
         pull.from[d] = at->last[d];
         pull.to[d] = tool->tip[d] - tool->grip[d] + at->offset[d];
     }

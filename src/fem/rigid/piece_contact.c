@@ -30,10 +30,10 @@ static double stiffness_of(const pliant_rigid_pull *pull, const pliant_rigid *bo
     const double spring = pull->compliance > 0 ? 1 / pull->compliance : 1e3 * body->mass / (step * step),
                  damper = pull->compliance > 0 ? pull->damping / step : 0;
     for (int d = 0; d < 3; d++)
-        force[d] = pull->given ? pull->force[d]
+        force[d] = pull->is_force ? pull->force[d]
                                : spring * (pull->to[d] - body->centre[d] - pull->arm[d]) +
                                      damper * (pull->to[d] - pull->from[d]);
-    return pull->given ? 0 : spring + damper;
+    return pull->is_force ? 0 : spring + damper;
 }
 
 /* Add k (t + w x r) at r to the matrix of (t, w). */

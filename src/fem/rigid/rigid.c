@@ -271,7 +271,7 @@ static bool substep(pliant_rigid *body, const double inverse[9], const double gr
             old[d] = pull->from[d] + (part - length) * (pull->to[d] - pull->from[d]);
             impulse[d] = step * pull->force[d];
         }
-        if (!pull->given) {
+        if (!pull->is_force) {
             set_spring(&before_pulls, pull, arm, at, old, target, step, springs + p);
             continue;
         }
@@ -281,11 +281,11 @@ static bool substep(pliant_rigid *body, const double inverse[9], const double gr
     const int num_contacts = find_contacts(body, &now, gravity, step, around, contacts);
     for (int pass = 0; pass < (num_pulls + num_contacts > 0 ? ITERATIONS : 0); pass++) {
         for (int p = 0; p < num_pulls; p++)
-            if (!pulls[p].given) pull_on(&now, springs + p);
+            if (!pulls[p].is_force) pull_on(&now, springs + p);
         for (int c = 0; c < num_contacts; c++) press(&now, contacts + c, around->friction);
     }
     for (int p = 0; p < num_pulls; p++)
-        for (int d = 0; d < 3 && !pulls[p].given; d++) pulls[p].impulse[d] += springs[p].impulse[d];
+        for (int d = 0; d < 3 && !pulls[p].is_force; d++) pulls[p].impulse[d] += springs[p].impulse[d];
 
     double inertia[9], rotation[9];
     invert(now.inverse_inertia, inertia);

@@ -25,13 +25,13 @@ typedef struct pliant_rigid {
 
 /* A force or spring that acts at a point of the body. */
 typedef struct pliant_rigid_pull {
-    double arm[3];            /* from the centre to the point, at the start of the step [m] */
-    bool given;               /* true: a given force; false: a spring */
-    double force[3];          /* given force [N] */
-    double compliance;        /* of the spring [m/N]; 0: rigid */
-    double damping;           /* parallel to the spring [N s/m] */
-    double from[3], to[3];    /* targets of the spring at the start and end of the step [m] */
-    double impulse[3];        /* out: on the body, over the step [N s] */
+    double arm[3];         /* from the centre to the point, at the start of the step [m] */
+    bool is_force;         /* true: a given force; false: a spring */
+    double force[3];       /* given force [N] */
+    double compliance;     /* of the spring [m/N]; 0: rigid */
+    double damping;        /* parallel to the spring [N s/m] */
+    double from[3], to[3]; /* targets of the spring at the start and end of the step [m] */
+    double impulse[3];     /* out: on the body, over the step [N s] */
 } pliant_rigid_pull;
 
 typedef struct pliant_rigid_walls {

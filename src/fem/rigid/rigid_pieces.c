@@ -20,10 +20,11 @@ bool pliant_rigid_pieces_contain(const pliant_rigid_pieces *rigid_pieces, int32_
     return rigid_pieces && rigid_pieces->place[node] >= 0;
 }
 
-const double *pliant_rigid_pieces_home(const pliant_rigid_pieces *rigid_pieces, int32_t node)
+const double *pliant_rigid_pieces_detachment_position(const pliant_rigid_pieces *rigid_pieces, int32_t node)
 {
-    return pliant_rigid_pieces_contain(rigid_pieces, node) ? rigid_pieces->home + 3 * (size_t)rigid_pieces->place[node]
-                                                           : NULL;
+    return pliant_rigid_pieces_contain(rigid_pieces, node)
+               ? rigid_pieces->detachment_positions + 3 * (size_t)rigid_pieces->place[node]
+               : NULL;
 }
 
 /* ---- Creation. */
@@ -39,7 +40,7 @@ static pliant_status allocate(pliant_rigid_pieces *rigid_pieces)
     }
     rigid_pieces->pieces = pliant_calloc((size_t)pieces->count, sizeof *rigid_pieces->pieces);
     rigid_pieces->x = pliant_calloc(nodes, 3 * sizeof *rigid_pieces->x);
-    rigid_pieces->home = pliant_calloc(nodes, 3 * sizeof *rigid_pieces->home);
+    rigid_pieces->detachment_positions = pliant_calloc(nodes, 3 * sizeof *rigid_pieces->detachment_positions);
     rigid_pieces->piece_of = pliant_calloc(nodes, sizeof *rigid_pieces->piece_of);
     rigid_pieces->place = pliant_calloc((size_t)rigid_pieces->body->fine.num_nodes, sizeof *rigid_pieces->place);
     rigid_pieces->of_node = pliant_calloc((size_t)rigid_pieces->body->fine.num_nodes, sizeof *rigid_pieces->of_node);
@@ -52,9 +53,9 @@ static pliant_status allocate(pliant_rigid_pieces *rigid_pieces)
     rigid_pieces->triangle =
         pliant_calloc((size_t)rigid_pieces->body->num_triangles + 1, sizeof *rigid_pieces->triangle);
     return rigid_pieces->node_area && rigid_pieces->triangle_start && rigid_pieces->triangle && rigid_pieces->pieces &&
-                   rigid_pieces->x && rigid_pieces->home && rigid_pieces->piece_of && rigid_pieces->place &&
-                   rigid_pieces->of_node && rigid_pieces->contact_body && rigid_pieces->joint_at &&
-                   rigid_pieces->arms && rigid_pieces->near_walls
+                   rigid_pieces->x && rigid_pieces->detachment_positions && rigid_pieces->piece_of &&
+                   rigid_pieces->place && rigid_pieces->of_node && rigid_pieces->contact_body &&
+                   rigid_pieces->joint_at && rigid_pieces->arms && rigid_pieces->near_walls
                ? PLIANT_OK
                : pliant_fail_memory("the detached pieces");
 }
@@ -161,19 +162,20 @@ static void fill(pliant_rigid_pieces *rigid_pieces, const double *positions, con
         int32_t source = -1;
         for (int32_t i = pieces->start[p]; i < pieces->start[p + 1]; i++) {
             const int32_t node = pieces->node[i];
-            const double *was = from ? pliant_rigid_pieces_home(from, map->node[node]) : NULL;
+            const double *was = from ? pliant_rigid_pieces_detachment_position(from, map->node[node]) : NULL;
             rigid_pieces->place[node] = i;
             rigid_pieces->piece_of[i] = rigid_pieces->of_node[node] = p;
             memcpy(rigid_pieces->x + 3 * (size_t)i, positions + 3 * (size_t)node, 3 * sizeof *positions);
-            memcpy(rigid_pieces->home + 3 * (size_t)i, was ? was : positions + 3 * (size_t)node, 3 * sizeof *positions);
+            memcpy(rigid_pieces->detachment_positions + 3 * (size_t)i, was ? was : positions + 3 * (size_t)node,
+                   3 * sizeof *positions);
             const pliant_between *between =
                 was && map->between && map->between[node].end[0] >= 0 ? map->between + node : NULL;
             const int32_t ends[2] = {between ? rigid_pieces->place[between->end[0]] : -1,
                                      between ? rigid_pieces->place[between->end[1]] : -1};
             for (int d = 0; d < 3 && ends[0] >= 0 && ends[1] >= 0; d++) { /* they come before it */
-                const double a = rigid_pieces->home[3 * (size_t)ends[0] + d],
-                             b = rigid_pieces->home[3 * (size_t)ends[1] + d];
-                rigid_pieces->home[3 * (size_t)i + d] = a + between->fraction * (b - a);
+                const double a = rigid_pieces->detachment_positions[3 * (size_t)ends[0] + d],
+                             b = rigid_pieces->detachment_positions[3 * (size_t)ends[1] + d];
+                rigid_pieces->detachment_positions[3 * (size_t)i + d] = a + between->fraction * (b - a);
             }
             if (was && source < 0) source = from->piece_of[from->place[map->node[node]]];
         }
@@ -222,7 +224,7 @@ pliant_status pliant_rigid_pieces_create(const pliant_scene *scene, const pliant
 void pliant_rigid_pieces_free(pliant_rigid_pieces *rigid_pieces)
 {
     if (!rigid_pieces) return;
-    void *blocks[] = {rigid_pieces->pieces,       rigid_pieces->x,         rigid_pieces->home,
+    void *blocks[] = {rigid_pieces->pieces,       rigid_pieces->x,         rigid_pieces->detachment_positions,
                       rigid_pieces->piece_of,     rigid_pieces->place,     rigid_pieces->of_node,
                       rigid_pieces->contact_body, rigid_pieces->joint_at,  rigid_pieces->arms,
                       rigid_pieces->near_walls,   rigid_pieces->node_area, rigid_pieces->triangle_start,
@@ -412,14 +414,15 @@ static void move(pliant_rigid_pieces *rigid_pieces, pliant_data *data, int32_t p
         pliant_tool *tool = data->tools + grips[g]->tool;
         /* Relaxation has pulled at the attachment from before the piece detached. */
         const bool alone = !data->solver && grips[g]->fraction > 0.999;
-        for (int d = 0; d < 3 && !pulls[g].given; d++)
+        for (int d = 0; d < 3 && !pulls[g].is_force; d++)
             tool->force[d] = (alone ? 0 : tool->force[d]) + pulls[g].impulse[d] / rigid_pieces->step;
     }
     for (int d = 0; d < 3; d++) speed += fabs(body.centre[d] - old[d]) / rigid_pieces->step;
     pliant_rigid_spin(&body, spin);
     speed += reach * sqrt(spin[0] * spin[0] + spin[1] * spin[1] + spin[2] * spin[2]);
-    at->quiet = touches && at->has_rest_shape && num_pulls == 0 && speed < slow ? at->quiet + rigid_pieces->step : 0;
-    at->is_at_rest = at->quiet > patience;
+    at->rest_time =
+        touches && at->has_rest_shape && num_pulls == 0 && speed < slow ? at->rest_time + rigid_pieces->step : 0;
+    at->is_at_rest = at->rest_time > patience;
     if (at->is_at_rest) {
         memset(at->velocity, 0, sizeof at->velocity);
         memset(at->momentum, 0, sizeof at->momentum);

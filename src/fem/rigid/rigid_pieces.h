@@ -70,7 +70,7 @@ void pliant_rigid_pieces_interpolate(const pliant_rigid_pieces_saved *from, doub
 void pliant_rigid_pieces_saved_free(pliant_rigid_pieces_saved *kept);                           /* Nullable */
 
 /* Return the position of a node when its piece detached; NULL: it belongs to no piece. Nullable falling */
-const double *pliant_rigid_pieces_home(const pliant_rigid_pieces *rigid_pieces, int32_t node);
+const double *pliant_rigid_pieces_detachment_position(const pliant_rigid_pieces *rigid_pieces, int32_t node);
 bool pliant_rigid_pieces_contain(const pliant_rigid_pieces *rigid_pieces, int32_t node);
 
 #ifdef __cplusplus

@@ -12,7 +12,7 @@ extern "C" {
 /* State of one piece. */
 typedef struct piece {
     double velocity[3], momentum[3]; /* as in rigid.h */
-    double quiet;                    /* time for which it has hardly moved on a wall [s] */
+    double rest_time;                /* time for which it has hardly moved on a wall [s] */
     bool is_at_rest, has_left_view;  /* at rest until a force acts; outside of the drawn region */
     bool has_rest_shape;             /* has its shape at rest */
     bool is_near_wall;               /* near an obstacle in this step */
@@ -43,7 +43,8 @@ struct pliant_rigid_pieces {
     double low[3], high[3];          /* bounds of the drawn region [m] */
     bool reported;
     piece *pieces;                   /* (body->pieces->count) */
-    double *x, *home;                /* (nodes of pieces x 3) present positions, and positions when they detached [m] */
+    double *x,
+        *detachment_positions;       /* (nodes of pieces x 3) present positions, and positions when they detached [m] */
     int32_t *place;                  /* (fine nodes) index in the list of nodes of pieces, or -1 */
     int32_t *piece_of;               /* (nodes of pieces) */
     int32_t *triangle_start, *triangle; /* (pieces + 1), surface triangles of the body, by piece */

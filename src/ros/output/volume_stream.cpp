@@ -82,7 +82,7 @@ bool VolumeStream::add(const DeformedVolume &warped)
     return changed;
 }
 
-bool VolumeStream::somebody_is_ready() const
+bool VolumeStream::has_ready_subscriber() const
 {
     return last_.use_count() - 1 < static_cast<long>(publisher_.getNumSubscribers());
 }
@@ -115,7 +115,7 @@ void VolumeStream::send(const DeformedVolume &warped, const Snapshot &snapshot)
     }
     rests_ = now - changed_at_ > rests_after;
     is_behind_ = whole_wanted_ || !pending_.empty() || any(fresh_) || (rests_ && sent_.has_unsent_bricks());
-    if (!is_behind_ || (held && (!somebody_is_ready() || now - sent_at_ < patience))) return;
+    if (!is_behind_ || (held && (!has_ready_subscriber() || now - sent_at_ < patience))) return;
     if (now - clear_at_ > whole_volume_after) {
         has_missing_changes_ = true;
         clear_at_ = now;

@@ -45,7 +45,7 @@ public:
 private:
     bool is_held() const { return last_.use_count() > 1; }
     void forget_written();
-    bool somebody_is_ready() const;
+    bool has_ready_subscriber() const;
     void send_whole(const DeformedVolume &warped, const Snapshot &snapshot, bool held);
     void send_changes(const DeformedVolume &warped, const Snapshot &snapshot, bool held);
     void publish(const DeformedVolume &warped, const Snapshot &snapshot, const Box &box);

@@ -44,7 +44,7 @@ Simulation::~Simulation()
         std::lock_guard<std::mutex> hold(lock_);
         stopping_ = true;
     }
-    work_there_.notify_all();
+    has_work_.notify_all();
     thread_.join();
 }
 
@@ -57,7 +57,7 @@ void Simulation::run_between_steps(std::function<void()> work)
         work_.emplace_back(std::move(work));
         done = work_.back().get_future();
     }
-    work_there_.notify_all();
+    has_work_.notify_all();
     try {
         done.get();
     } catch (const std::future_error &) {
@@ -210,8 +210,8 @@ void Simulation::run()
         {
             /* without a model, wait until one is set */
             std::unique_lock<std::mutex> hold(lock_);
-            if (!current_) work_there_.wait(hold, [this] { return stopping_ || !work_.empty(); });
-            else work_there_.wait_until(hold, next, [this] { return stopping_ || !work_.empty(); });
+            if (!current_) has_work_.wait(hold, [this] { return stopping_ || !work_.empty(); });
+            else has_work_.wait_until(hold, next, [this] { return stopping_ || !work_.empty(); });
             if (stopping_) {
                 work_.clear();
                 return;

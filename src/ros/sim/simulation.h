@@ -133,7 +133,7 @@ private:
     ros::Time last_time_;
 
     mutable std::mutex lock_; /* guards the members below */
-    std::condition_variable work_there_;
+    std::condition_variable has_work_;
     std::deque<std::packaged_task<void()>> work_;
     std::shared_ptr<const LoadedModel> shown_;
     std::deque<std::pair<Clock::time_point, double>> durations_;

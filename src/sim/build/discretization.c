@@ -106,7 +106,7 @@ static pliant_status homogenize_tets(pliant_discretizing *work)
     pliant_system *system = work->made->system;
     pliant_tet_material *none = pliant_calloc((size_t)body->coarse.num_tets, sizeof *none); /* geometry only */
     if (!none) return pliant_fail_memory("the coarse elements");
-    pliant_status status = pliant_system_elements(system, none, NULL, NULL);
+    pliant_status status = pliant_system_build_tetrahedra(system, none, NULL, NULL);
     pliant_free(none);
     if (status != PLIANT_OK) return status;
     return pliant_homogenize(system, work->scene, &body->fine, body->fine_fixed, body->fine_material,
@@ -121,7 +121,7 @@ static pliant_status homogenize_octree(pliant_discretizing *work, const pliant_t
     const size_t nodes = (size_t)body->fine.num_nodes;
     if (!(work->solved_fixed = pliant_calloc(nodes, 1))) return pliant_fail_memory("the equations");
     memcpy(work->solved_fixed, body->fine_fixed, nodes);
-    const pliant_kept *kept = work->kept;
+    const pliant_unchanged_elements *kept = work->kept;
     return pliant_system_octree_hexahedra(work->made->system, material, complete,
                                           kept ? kept->before->system : NULL, kept ? kept->fine : NULL,
                                           work->solved_fixed);
@@ -136,18 +136,19 @@ static pliant_status homogenize_coarse(pliant_discretizing *work)
     const bool hexahedra = scene->element.kind == PLIANT_HEXAHEDRA;
     pliant_status status;
     if (scene->model.method == PLIANT_COARSE) {
-        status = hexahedra ? pliant_system_hexahedra(system, body->coarse_material, NULL, NULL, NULL)
-                           : pliant_system_elements(system, body->coarse_material, NULL, NULL);
+        status = hexahedra ? pliant_system_build_hexahedra(system, body->coarse_material, NULL, NULL, NULL)
+                           : pliant_system_build_tetrahedra(system, body->coarse_material, NULL, NULL);
         if (status != PLIANT_OK) return status;
         status = hexahedra ? pliant_upsample_cubes(system, body->coarse_of_fine)
                            : pliant_upsample_linear(system, body->coarse_of_fine);
         return status == PLIANT_OK && hexahedra ? pliant_soften_held_edges(system, body, work->solved_fixed) : status;
     }
     if (scene->model.method == PLIANT_LOD) {
-        status = pliant_lod_ground(system, hexahedra, body->fine_fixed, work->solved_fixed, body->coarse_of_fine);
+        status =
+            pliant_lod_build_upsample(system, hexahedra, body->fine_fixed, work->solved_fixed, body->coarse_of_fine);
         if (status == PLIANT_OK) status = hold_homogenized(work);
-        return status == PLIANT_OK ? pliant_lod(system, scene, body->fine_fixed, work->solved_fixed,
-                                                body->fine_material, work->progress)
+        return status == PLIANT_OK ? pliant_lod_build_macros(system, scene, body->fine_fixed, work->solved_fixed,
+                                                             body->fine_material, work->progress)
                                    : status;
     }
     status = hexahedra ? pliant_homogenize_cubes(system, scene, &body->fine, body->fine_fixed, work->solved_fixed,
@@ -171,7 +172,7 @@ static pliant_status separate_coarse(pliant_discretizing *work)
     made->system->mesh = &made->body->coarse;
     made->system->fine = &made->body->fine;
     pliant_status status = homogenize_coarse(work);
-    if (status == PLIANT_OK) status = pliant_system_number(made->system, work->solved_fixed);
+    if (status == PLIANT_OK) status = pliant_system_number_unknowns(made->system, work->solved_fixed);
     made->body = separated;
     made->coarse_system = made->system;
     made->system = system;
@@ -193,8 +194,9 @@ static pliant_status homogenize_cut(pliant_discretizing *work)
     const pliant_discretization *load = before ? made->first : made;
     pliant_free(work->solved_fixed);
     work->solved_fixed = NULL;
-    return pliant_system_graded(made->system, load->coarse_system ? load->coarse_system : load->system, made->body,
-                                work->kept, work->scene->element.kind == PLIANT_HEXAHEDRA, &work->solved_fixed);
+    return pliant_system_build_graded(made->system, load->coarse_system ? load->coarse_system : load->system,
+                                      made->body, work->kept, work->scene->element.kind == PLIANT_HEXAHEDRA,
+                                      &work->solved_fixed);
 }
 
 /* Build the elements of the fine mesh. Nearly incompressible ones have pressures in addition. */
@@ -202,7 +204,7 @@ static pliant_status discretize_fine(pliant_discretizing *work)
 {
     const pliant_scene *scene = work->scene;
     const pliant_body *body = work->made->body;
-    const pliant_kept *kept = work->kept;
+    const pliant_unchanged_elements *kept = work->kept;
     pliant_system *system = work->made->system;
     const pliant_system *before = kept ? kept->before->system : NULL;
     const uint8_t *same = kept ? kept->fine : NULL;
@@ -213,9 +215,9 @@ static pliant_status discretize_fine(pliant_discretizing *work)
     const pliant_tet_material *material = soft ? soft : body->fine_material;
     const pliant_tet_material *complete = soft ? body->fine_material : NULL;
     system->law = scene->element.law;
-    if (!hexahedra) status = pliant_system_elements(system, material, before, same);
+    if (!hexahedra) status = pliant_system_build_tetrahedra(system, material, before, same);
     else if (scene->mesh.kind == PLIANT_OCTREE) status = homogenize_octree(work, material, complete);
-    else status = pliant_system_hexahedra(system, material, complete, before, same);
+    else status = pliant_system_build_hexahedra(system, material, complete, before, same);
     pliant_free(soft);
     return status;
 }
@@ -226,7 +228,7 @@ pliant_status pliant_discretizing_homogenize(pliant_discretizing *work)
     const pliant_body *body = work->made->body;
     if (scene->solver.kind == PLIANT_TLED)
         return pliant_tled_system_create(scene, body, work->kept ? work->kept->before->tled : NULL, &work->made->tled);
-    const pliant_kept *kept = work->kept;
+    const pliant_unchanged_elements *kept = work->kept;
     /* cuts that separate no element need no homogenization */
     const bool graded = pliant_body_is_cut(body) || (kept && scene->model.method != PLIANT_LOD);
     if (is_coarse(scene)) return graded ? homogenize_cut(work) : homogenize_coarse(work);
@@ -269,7 +271,7 @@ static pliant_status own_masses(pliant_discretization *made, const pliant_discre
 
 /* Compute the gravity-mass matrices M_j = sum of m_i N_ij over the fine nodes, [H] 10. For hexahedra, m follows
  * from their own shape functions. kept: Nullable */
-static pliant_status gravity_mass(pliant_discretization *made, bool hexahedra, const pliant_kept *kept)
+static pliant_status gravity_mass(pliant_discretization *made, bool hexahedra, const pliant_unchanged_elements *kept)
 {
     const pliant_body *body = made->body;
     const pliant_discretization *before = kept ? kept->before : NULL;
@@ -306,7 +308,7 @@ pliant_status pliant_discretizing_analyze(pliant_discretizing *work)
     pliant_system *system = work->made->system;
     if (work->made->tled) return PLIANT_OK; /* explicit: no matrix */
     system->divided = scene->cut.kind != PLIANT_CUT_SUBDIVIDE && pliant_body_is_cut(work->made->body);
-    const pliant_kept *kept = work->kept;
+    const pliant_unchanged_elements *kept = work->kept;
     pliant_status status =
         pliant_system_number_next(system, work->solved_fixed ? work->solved_fixed : work->made->body->fine_fixed,
                                   kept ? kept->before->system : NULL, kept_of_solved(work));
@@ -411,7 +413,7 @@ pliant_status pliant_discretization_next(const pliant_scene *scene, const pliant
                                          const pliant_discretization **out)
 {
     const pliant_body *was = before->body;
-    pliant_kept kept = {.before = before};
+    pliant_unchanged_elements kept = {.before = before};
     pliant_discretizing work;
     pliant_status status = pliant_discretizing_begin(scene, body, (pliant_progress){NULL, NULL}, &work);
     if (status != PLIANT_OK) return status;

@@ -19,7 +19,7 @@ typedef struct pliant_discretizing {
     uint8_t *solved_fixed;
     pliant_discretization *made; /* empty except for the topology */
     /* Nullable: parts kept from the previous topology; no pattern and no factor are computed then */
-    const pliant_kept *kept;
+    const pliant_unchanged_elements *kept;
 } pliant_discretizing;
 /* Begin a discretization. The topology is retained. Errors: MEMORY. */
 pliant_status pliant_discretizing_begin(const pliant_scene *scene, const pliant_body *body, pliant_progress progress,

@@ -63,7 +63,7 @@ static pliant_status prepare_positions(const adaptation *work)
     for (int32_t n = 0; status == PLIANT_OK && data->rigid_pieces && n < nodes; n++) {
         const double *home = pliant_rigid_pieces_contain(made->rigid_pieces, n)
                                  ? NULL
-                                 : pliant_rigid_pieces_home(data->rigid_pieces, work->map.node[n]);
+                                 : pliant_rigid_pieces_detachment_position(data->rigid_pieces, work->map.node[n]);
         if (home) memcpy(positions + 3 * n, home, 3 * sizeof *positions);
     }
     return status;
@@ -96,15 +96,15 @@ static pliant_status prepare_state(const adaptation *work)
     const bool fine = data->rigid_pieces && data->solver && data->solver->system->mesh == data->solver->system->fine;
     /* downloaded positions include the motion of rigid pieces */
     for (int32_t n = 0; fine && n < data->discretization->body->fine.num_nodes; n++) {
-        const double *home = pliant_rigid_pieces_home(data->rigid_pieces, n);
+        const double *home = pliant_rigid_pieces_detachment_position(data->rigid_pieces, n);
         if (home) memcpy(data->solver->now.x + 3 * n, home, 3 * sizeof *home);
     }
     pliant_status status = data->backend->kind->follow(work->model, data, &work->map, made);
     for (int32_t n = 0; status == PLIANT_OK && made->tled && n < made->body->fine.num_nodes; n++) {
         const double *home = pliant_rigid_pieces_contain(made->rigid_pieces, n)
                                  ? NULL
-                                 : pliant_rigid_pieces_home(data->rigid_pieces, work->map.node[n]);
-        if (home) pliant_tled_place(made->tled, n, home);
+                                 : pliant_rigid_pieces_detachment_position(data->rigid_pieces, work->map.node[n]);
+        if (home) pliant_tled_set_node_position(made->tled, n, home);
     }
     return status == PLIANT_OK && made->tled && made->rigid_pieces && made->body->has_inertia
                ? pliant_tled_allow_stop(made->tled)

@@ -58,18 +58,19 @@ static void add_obstacle(const pliant_model *model, const pliant_data *data, con
     const pliant_pose still = {.rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
     const double guard = pliant_contact_guard(model, data, part);
     search->advance_part[search->num_parts] = (pliant_advance_part){.part = part, .guard = guard, .released = true};
-    search->part[search->num_parts++] = (pliant_moving_part){.part = part,
-                                                             .kind = PLIANT_OBSTACLE_GROUND,
-                                                             .tool = -1,
-                                                             .index = index,
-                                                             .friction = model->scene.contact.friction,
-                                                             .begin = still,
-                                                             .end = still,
-                                                             .guard = guard,
-                                                             .off = pliant_contact_core_offset(part),
-                                                             .margin = model->contact.search_margin,
-                                                             .recovery = pliant_contact_max_recovery(model, data),
-                                                             .stays = pliant_contact_stays(model, data)};
+    search->part[search->num_parts++] =
+        (pliant_moving_part){.part = part,
+                             .kind = PLIANT_OBSTACLE_GROUND,
+                             .tool = -1,
+                             .index = index,
+                             .friction = model->scene.contact.friction,
+                             .begin = still,
+                             .end = still,
+                             .guard = guard,
+                             .off = pliant_contact_core_offset(part),
+                             .margin = model->contact.search_margin,
+                             .recovery = pliant_contact_max_recovery(model, data),
+                             .remaining_depth_fraction = pliant_contact_remaining_depth_fraction(model, data)};
 }
 
 /* Gather the parts of tools and obstacles for this leg. Released tools and cutting parts of active blades are left
@@ -142,8 +143,9 @@ static pliant_status find_slowed(const pliant_model *model, pliant_data *data, p
 }
 
 /* Explicit dynamics has no thickness: it would stop legs of tissue that rests on tissue. */
-/* pieces_go: largest motion of detached pieces in this step [m] */
-static pliant_status find_tissue(const pliant_model *model, pliant_data *data, double pieces_go, pliant_contacts *out)
+/* max_piece_motion: largest motion of detached pieces in this step [m] */
+static pliant_status find_tissue(const pliant_model *model, pliant_data *data, double max_piece_motion,
+                                 pliant_contacts *out)
 {
     pliant_tissue *tissue = &data->contact_search->tissue;
     pliant_contact_surface *outside = pliant_contact_is_within_elements(model) ? &data->contact_search->outside : NULL;
@@ -152,7 +154,7 @@ static pliant_status find_tissue(const pliant_model *model, pliant_data *data, d
     if (status != PLIANT_OK || tissue->num_triangles == 0) return status;
     pliant_tissue_set_searcher(tissue, data->backend->searcher);
     if (model->scene.contact.response == PLIANT_RESPONSE_PAPER) return find_slowed(model, data, out);
-    const pliant_tissue_rule rule = pliant_contact_tissue_rule(model, data, pieces_go);
+    const pliant_tissue_rule rule = pliant_contact_tissue_rule(model, data, max_piece_motion);
     if (outside && rule.thickness > 0 && !tissue->exempt) {
         pliant_contact_surface_update(outside, data->body->fine.rest);
         status = pliant_tissue_set_rest(tissue, outside->positions);
@@ -196,7 +198,7 @@ static void set_bodies(pliant_data *data)
 
 /* Find the contact points with tools and obstacles, of tissue on tissue, and of pieces on walls. Errors: MEMORY. */
 static pliant_status find_points(const pliant_model *model, pliant_data *data, const pliant_body *body,
-                                 const double *positions, double pieces_go)
+                                 const double *positions, double max_piece_motion)
 {
     pliant_contact_search *search = data->contact_search;
     pliant_status status = pliant_contact_keep_found(model, data, body);
@@ -204,7 +206,7 @@ static pliant_status find_points(const pliant_model *model, pliant_data *data, c
         status = pliant_contact_find(search->detector, body, positions, &data->contacts, data->legs->planes,
                                      search->num_parts, search->part, &search->made);
     if (status == PLIANT_OK && pliant_contact_touches_itself(model))
-        status = find_tissue(model, data, pieces_go, &search->made);
+        status = find_tissue(model, data, max_piece_motion, &search->made);
     if (status == PLIANT_OK && body != data->body) pliant_contact_surface_map_weights(&search->outside, &search->made);
     if (status == PLIANT_OK && data->rigid_pieces) status = pliant_rigid_pieces_find_walls(data, &search->made);
     return status;
@@ -226,18 +228,18 @@ pliant_status pliant_contact_find_points(const pliant_model *model, pliant_data 
     if (status != PLIANT_OK) return status;
     pliant_contact_search *search = data->contact_search;
     search->made.count = 0;
-    const double pieces_go = data->rigid_pieces ? pliant_rigid_pieces_predict(data) : 0;
+    const double max_piece_motion = data->rigid_pieces ? pliant_rigid_pieces_predict(data) : 0;
     const pliant_body *body = NULL;
     const double *positions = NULL;
     if (data->rigid_pieces) pliant_contact_mark_pieces(data);
     gather_parts(model, data);
     status = pliant_contact_find_surface(model, data, &body, &positions);
     if (status == PLIANT_OK) status = pliant_contact_keep_surface(search, body, positions);
-    bool stays = false;
-    if (status == PLIANT_OK) status = pliant_contact_reuse(model, data, body, &stays);
-    if (status == PLIANT_OK && !stays) status = find_points(model, data, body, positions, pieces_go);
+    bool are_reused = false;
+    if (status == PLIANT_OK) status = pliant_contact_reuse(model, data, body, &are_reused);
+    if (status == PLIANT_OK && !are_reused) status = find_points(model, data, body, positions, max_piece_motion);
     if (status != PLIANT_OK) return status;
-    const int32_t first = stays ? search->made.count : 0;
+    const int32_t first = are_reused ? search->made.count : 0;
     if (pliant_contact_bounds_volumes(data))
         status = pliant_volume_find(&model->contact, &data->body->fine, data->positions, pliant_contact_pieces(data),
                                     &search->made);

@@ -90,34 +90,35 @@ static bool move_point(const pliant_contact_search *search, pliant_contact_point
     return false;
 }
 
-pliant_status pliant_contact_reuse(const pliant_model *model, pliant_data *data, const pliant_body *body, bool *stays)
+pliant_status pliant_contact_reuse(const pliant_model *model, pliant_data *data, const pliant_body *body,
+                                   bool *are_reused)
 {
     pliant_contact_search *search = data->contact_search;
     double maximum = model->contact.search_margin;
-    *stays = search->found && is_simple(model, data) && search->found_revision == data->body->revision &&
+    *are_reused = search->found && is_simple(model, data) && search->found_revision == data->body->revision &&
              search->found_parts == search->num_parts;
-    for (int32_t p = 0; p < search->num_parts && *stays; p++) {
+    for (int32_t p = 0; p < search->num_parts && *are_reused; p++) {
         const pliant_moving_part *part = search->part + p;
-        *stays = search->found_key[p] == key_of(part);
+        *are_reused = search->found_key[p] == key_of(part);
         maximum = fmin(maximum, model->contact.reuse_motion * part->guard);
     }
-    for (int32_t p = 0; p < search->num_parts && *stays; p++) {
+    for (int32_t p = 0; p < search->num_parts && *are_reused; p++) {
         const pliant_moving_part *part = search->part + p;
         if (part->kind == PLIANT_OBSTACLE_TOOL)
-            *stays =
+            *are_reused =
                 pliant_part_max_motion(part->shape, part->part, search->found_pose + part->tool, &part->to) <= maximum;
     }
-    for (int32_t n = 0; n < body->fine.num_nodes && *stays; n++) {
+    for (int32_t n = 0; n < body->fine.num_nodes && *are_reused; n++) {
         const double *a = search->found_at + 3 * (size_t)n, *b = search->surface + 3 * (size_t)n;
-        *stays = (a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]) + (a[2] - b[2]) * (a[2] - b[2]) <=
+        *are_reused = (a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]) + (a[2] - b[2]) * (a[2] - b[2]) <=
                  maximum * maximum;
     }
-    pliant_status status = *stays ? pliant_contacts_copy(&data->contacts, &search->made) : PLIANT_OK;
-    while (*stays && search->made.count > 0 &&
+    pliant_status status = *are_reused ? pliant_contacts_copy(&data->contacts, &search->made) : PLIANT_OK;
+    while (*are_reused && search->made.count > 0 &&
            search->made.point[search->made.count - 1].kind == PLIANT_OBSTACLE_ELEMENT)
         search->made.count--; /* points of the volume bound are found again in every leg */
-    for (int32_t n = 0; n < search->made.count && *stays && status == PLIANT_OK; n++)
-        *stays = move_point(search, search->made.point + n);
-    if (!*stays) search->made.count = 0;
+    for (int32_t n = 0; n < search->made.count && *are_reused && status == PLIANT_OK; n++)
+        *are_reused = move_point(search, search->made.point + n);
+    if (!*are_reused) search->made.count = 0;
     return status;
 }

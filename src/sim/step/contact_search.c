@@ -48,12 +48,13 @@ double pliant_contact_max_recovery(const pliant_model *model, const pliant_data 
     return model->contact.recovery_speed * seconds_of(model, data);
 }
 
-double pliant_contact_stays(const pliant_model *model, const pliant_data *data)
+double pliant_contact_remaining_depth_fraction(const pliant_model *model, const pliant_data *data)
 {
     return data->body->has_inertia ? exp(-seconds_of(model, data) / model->contact.recovery_time) : 0;
 }
 
-pliant_tissue_rule pliant_contact_tissue_rule(const pliant_model *model, const pliant_data *data, double pieces_go)
+pliant_tissue_rule pliant_contact_tissue_rule(const pliant_model *model, const pliant_data *data,
+                                              double max_piece_motion)
 {
     const double *cell = data->body->fine.cell_size, smallest = fmin(fmin(cell[0], cell[1]), cell[2]),
                  thickness = data->body->has_inertia ? 0 : model->contact.self_thickness * smallest;
@@ -62,8 +63,8 @@ pliant_tissue_rule pliant_contact_tissue_rule(const pliant_model *model, const p
                                 .thickness = thickness,
                                 .recovery = pliant_contact_max_recovery(model, data),
                                 .friction = model->scene.contact.friction,
-                                .pieces_go = pieces_go,
+                                .max_piece_motion = max_piece_motion,
                                 .nodes = data->positions,
-                                .stays = pliant_contact_stays(model, data),
+                                .remaining_depth_fraction = pliant_contact_remaining_depth_fraction(model, data),
                                 .settings = &model->contact};
 }

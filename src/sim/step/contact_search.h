@@ -56,9 +56,10 @@ double pliant_contact_guard(const pliant_model *model, const pliant_data *data, 
 /* Return the largest penetration depth that a leg corrects [m]. */
 double pliant_contact_max_recovery(const pliant_model *model, const pliant_data *data);
 /* Return the fraction of the penetration depth that remains after a leg; 0 without inertia. */
-double pliant_contact_stays(const pliant_model *model, const pliant_data *data);
-/* Return the rule for tissue on tissue. pieces_go: largest motion of detached pieces in this step [m] */
-pliant_tissue_rule pliant_contact_tissue_rule(const pliant_model *model, const pliant_data *data, double pieces_go);
+double pliant_contact_remaining_depth_fraction(const pliant_model *model, const pliant_data *data);
+/* Return the rule for tissue on tissue. max_piece_motion: largest motion of detached pieces in this step [m] */
+pliant_tissue_rule pliant_contact_tissue_rule(const pliant_model *model, const pliant_data *data,
+                                              double max_piece_motion);
 
 /* ---- contact_surface.c */
 /* Choose the surface for collision detection. Errors: MEMORY.
@@ -76,8 +77,9 @@ pliant_status pliant_contact_keep_found(const pliant_model *model, pliant_data *
 pliant_status pliant_contact_copy_found(const pliant_contact_search *from, pliant_contact_search *to);
 /* Reuse the points of the previous search if nothing has moved farther than settings.reuse_motion since then, and no
  * tool is to. They are written to search->made. Errors: MEMORY.
- * @param stays out: whether the points are reused */
-pliant_status pliant_contact_reuse(const pliant_model *model, pliant_data *data, const pliant_body *body, bool *stays);
+ * @param are_reused out: whether the points are reused */
+pliant_status pliant_contact_reuse(const pliant_model *model, pliant_data *data, const pliant_body *body,
+                                   bool *are_reused);
 
 #ifdef __cplusplus
 }

@@ -9,8 +9,8 @@
  *
  * One account, blade->work, holds for all engines: the work of the blade's force minus toughness times severed area
  * (account, part). No part of it is discarded while the blade is in tissue, so a stroke takes toughness times area.
- * While free tissue is cut, there is no drag, and the force balances the account (balance). Tissue is free if the blade
- * moves by a large part of `drag` in one step, and if inertia delays the return of the tissue. */
+ * While free tissue is cut, there is no drag, and the force balances the account (set_free_tissue_force). Tissue is
+ * free if the blade moves by a large part of `drag` in one step, and if inertia delays the return of the tissue. */
 #include "base/fail.h"
 #include "base/rotate.h"
 #include "base/vector3.h"
@@ -64,7 +64,7 @@ static double longest_distance(const pliant_edge *edge)
 static void extend(const pliant_blade *blade, const double *points, double by, double *out)
 {
     const pliant_edge *edge = &blade->edge;
-    double common[3] = {blade->drawn[0], blade->drawn[1], blade->drawn[2]};
+    double common[3] = {blade->drag_displacement[0], blade->drag_displacement[1], blade->drag_displacement[2]};
     const bool together = pliant_normalize3(common) > 0;
     for (int32_t p = 0; p < edge->count; p++) {
         double motion[3];
@@ -184,7 +184,7 @@ static bool find_force_ahead(const knife *work, double width, double *force)
  * path.
  * @param has_entered out: whether any point entered tissue
  * Return false if the tissue could not be cut. */
-static bool touch(const knife *work, bool *has_entered)
+static bool move_edge_outside_tissue(const knife *work, bool *has_entered)
 {
     pliant_blade *blade = &work->tool->blade;
     pliant_edge *edge = &blade->edge;
@@ -199,7 +199,7 @@ static bool touch(const knife *work, bool *has_entered)
 }
 
 /* Add the work of the blade's motion in the last step, from the forces at both ends of it. */
-static void account(pliant_tool *tool)
+static void add_blade_work(pliant_tool *tool)
 {
     pliant_blade *blade = &tool->blade;
     for (int d = 0; d < 3; d++) blade->work += 0.5 * (blade->force[d] + tool->force[d]) * blade->moved[d];
@@ -207,7 +207,7 @@ static void account(pliant_tool *tool)
 }
 
 /* Compute the blade's displacement since the drag began, without the part along the edge. */
-static void draw(pliant_tool *tool)
+static void find_drag_displacement(pliant_tool *tool)
 {
     pliant_blade *blade = &tool->blade;
     const pliant_edge *edge = &blade->edge;
@@ -217,7 +217,7 @@ static void draw(pliant_tool *tool)
     pliant_blade_middle(edge, edge->now, middle);
     for (int d = 0; d < 3; d++) middle[d] -= blade->anchor[d];
     const double slide = pliant_dot3(middle, along);
-    for (int d = 0; d < 3; d++) blade->drawn[d] = middle[d] - slide * along[d];
+    for (int d = 0; d < 3; d++) blade->drag_displacement[d] = middle[d] - slide * along[d];
 }
 
 /* Update the spring from the dragged tissue to the blade. `reattach`: attach it to the tissue that the edge is in. */
@@ -227,7 +227,7 @@ static void drag(const knife *work, bool reattach)
     pliant_edge *edge = &tool->blade.edge;
     const int32_t inside = pliant_blade_num_inside(edge);
     double along[3], motion[3] = {0, 0, 0}, held[3] = {0, 0, 0};
-    if ((reattach || !tool->blade.drags) && pliant_blade_hold(work->data->body, tool) != PLIANT_OK) {
+    if ((reattach || !tool->blade.is_dragging) && pliant_blade_hold(work->data->body, tool) != PLIANT_OK) {
         log_failure(work);
         return;
     }
@@ -248,7 +248,7 @@ static void slip(const knife *work, const double last[3])
     pliant_blade *blade = &work->tool->blade;
     pliant_tool_remove_grasp(work->tool);
     memcpy(blade->anchor, last, sizeof blade->anchor);
-    blade->slips = true;
+    blade->has_slipped = true;
 }
 
 /* Return whether released tissue still moves back: with inertia that takes more than a step. Then its points are away
@@ -294,21 +294,21 @@ static double distance_since(const pliant_blade *blade, const double along[3], c
 /* Set the force of a step in which tissue is free: `force`, which cuts the tissue ahead, corrected so that the account
  * returns to 0. The force acts over half of this step and half of the next one (trapezoidal rule).
  * Return false if no force is needed. */
-static bool balance(const knife *work, double force, const double last[3])
+static bool set_free_tissue_force(const knife *work, double force, const double last[3])
 {
     pliant_tool *tool = work->tool;
     pliant_blade *blade = &tool->blade;
     double along[3];
     memcpy(blade->anchor, last, sizeof blade->anchor);
-    draw(tool);
-    memcpy(along, blade->drawn, sizeof along);
+    find_drag_displacement(tool);
+    memcpy(along, blade->drag_displacement, sizeof along);
     const double motion = pliant_normalize3(along), before = pliant_dot3(blade->force, along),
                  uncut = motion > 0 ? fmax(distance_since(blade, along, blade->cut_end), 0) : 0,
                  owed = force * uncut - blade->work - 0.5 * (before + force) * motion,
                  felt = motion > 0 ? fmin(fmax(force + owed / motion, 0), blade->stiffness * reach_of(work)) : 0;
-    for (int d = 0; d < 3; d++) blade->parting[d] = felt * along[d];
+    for (int d = 0; d < 3; d++) blade->free_tissue_force[d] = felt * along[d];
     pliant_blade_middle(&blade->edge, blade->edge.now, blade->anchor);
-    blade->slips = true;
+    blade->has_slipped = true;
     return felt > 0;
 }
 
@@ -317,13 +317,14 @@ static bool balance(const knife *work, double force, const double last[3])
 static bool is_paid(const knife *work, double force, double reach, const double last[3])
 {
     const pliant_blade *blade = &work->tool->blade;
-    double along[3] = {blade->drawn[0], blade->drawn[1], blade->drawn[2]};
+    double along[3] = {blade->drag_displacement[0], blade->drag_displacement[1], blade->drag_displacement[2]};
     const double motion = pliant_normalize3(along), step = fmax(distance_since(blade, along, last), 0),
                  uncut = fmax(distance_since(blade, along, blade->cut_end), 0),
-                 slips = blade->work + 0.5 * pliant_dot3(blade->force, along) * step - force * (uncut + step),
-                 waits = slips + (blade->stiffness * motion - force) * step;
+                 work_if_slipping =
+                     blade->work + 0.5 * pliant_dot3(blade->force, along) * step - force * (uncut + step),
+                 waits = work_if_slipping + (blade->stiffness * motion - force) * step;
     if (motion < 0.5 * reach) return false;
-    return slips + fmax(waits, slips) >= 0 || motion >= 2 * reach;
+    return work_if_slipping + fmax(waits, work_if_slipping) >= 0 || motion >= 2 * reach;
 }
 
 /* Cut the free tissue up to the blade. Return false if that failed.
@@ -332,10 +333,10 @@ static bool cut_free_tissue(const knife *work, bool *returns)
 {
     pliant_blade *blade = &work->tool->blade;
     *returns = is_returning(work);
-    memset(blade->parting, 0, sizeof blade->parting);
-    memset(blade->drawn, 0, sizeof blade->drawn);
+    memset(blade->free_tissue_force, 0, sizeof blade->free_tissue_force);
+    memset(blade->drag_displacement, 0, sizeof blade->drag_displacement);
     const bool is_cut = cut_to_blade(work);
-    draw(work->tool);
+    find_drag_displacement(work->tool);
     return is_cut;
 }
 
@@ -343,33 +344,33 @@ static bool cut_free_tissue(const knife *work, bool *returns)
 static void drag_or_slip(const knife *work, double force, bool reattach, const double last[3])
 {
     pliant_blade *blade = &work->tool->blade;
-    if (!blade->drags && !blade->slips) {
+    if (!blade->is_dragging && !blade->has_slipped) {
         memcpy(blade->anchor, last, sizeof blade->anchor);
         memcpy(blade->cut_end, last, sizeof blade->cut_end);
     }
-    blade->slips = false;
-    draw(work->tool);
-    if (blade->drags && is_paid(work, force, reach_of(work), last)) slip(work, last);
+    blade->has_slipped = false;
+    find_drag_displacement(work->tool);
+    if (blade->is_dragging && is_paid(work, force, reach_of(work), last)) slip(work, last);
     else drag(work, reattach);
 }
 
 /* Move a blade against resistance: drag tissue, slip or cut.
  * @param last middle of the edge in the last step
  * @param far the blade moves far in this step (moves_far) */
-static void press(const knife *work, const double last[3], bool far)
+static void move_against_resistance(const knife *work, const double last[3], bool far)
 {
     pliant_tool *tool = work->tool;
     pliant_blade *blade = &tool->blade;
     double force;
-    bool returns = false, reattach = blade->slips;
-    if (blade->drags) draw(tool);
-    else if (!blade->slips) memset(blade->drawn, 0, sizeof blade->drawn);
-    if (blade->slips && !cut_free_tissue(work, &returns)) return;
+    bool returns = false, reattach = blade->has_slipped;
+    if (blade->is_dragging) find_drag_displacement(tool);
+    else if (!blade->has_slipped) memset(blade->drag_displacement, 0, sizeof blade->drag_displacement);
+    if (blade->has_slipped && !cut_free_tissue(work, &returns)) return;
     if (!find_force_ahead(work, pliant_blade_length(blade) / blade->edge.count, &force)) return;
-    if (force > 0 && !blade->drags && !touch(work, &reattach)) return;
+    if (force > 0 && !blade->is_dragging && !move_edge_outside_tissue(work, &reattach)) return;
     const int32_t inside = pliant_blade_num_inside(&blade->edge);
     if (force == 0 || inside == 0) {
-        if (!blade->slips || !balance(work, 0, last)) cut_freely(work);
+        if (!blade->has_slipped || !set_free_tissue_force(work, 0, last)) cut_freely(work);
         return;
     }
     force *= fmax(count_in_tissue(work), 1);
@@ -378,9 +379,9 @@ static void press(const knife *work, const double last[3], bool far)
         drag_or_slip(work, force, reattach, last);
         return;
     }
-    if (blade->drags) slip(work, last);
-    else if (!blade->slips && !cut_to_blade(work)) return;
-    balance(work, force, last);
+    if (blade->is_dragging) slip(work, last);
+    else if (!blade->has_slipped && !cut_to_blade(work)) return;
+    set_free_tissue_force(work, force, last);
 }
 
 /* ---- a step */
@@ -449,7 +450,7 @@ static void cut_with(const knife *work)
         return;
     }
     double last[3], middle[3];
-    if (blade->drags || blade->slips) account(tool);
+    if (blade->is_dragging || blade->has_slipped) add_blade_work(tool);
     pliant_blade_points(blade, blade->tip, blade->rotation, blade->edge.swept);
     pliant_blade_middle(&blade->edge, blade->edge.swept, last);
     pliant_blade_points(blade, tool->tip, tool->rotation, blade->edge.now);
@@ -461,15 +462,15 @@ static void cut_with(const knife *work)
         pliant_rotation_between(blade->rotation, tool->rotation, fraction, rotation);
         pliant_blade_points(blade, tip, rotation, blade->edge.now);
         pliant_blade_move_with_tissue(work->data, &blade->edge);
-        if (!blade->drags && longest_distance(&blade->edge) <= min_motion * work->min_edge) {
-            memset(blade->parting, 0, sizeof blade->parting); /* at rest */
+        if (!blade->is_dragging && longest_distance(&blade->edge) <= min_motion * work->min_edge) {
+            memset(blade->free_tissue_force, 0, sizeof blade->free_tissue_force); /* at rest */
             continue;
         }
-        if (work->model->scene.cut.resistance > 0 && !pliant_tool_grips(tool)) press(work, last, far);
+        if (work->model->scene.cut.resistance > 0 && !pliant_tool_grips(tool)) move_against_resistance(work, last, far);
         else cut_freely(work);
     }
     pliant_blade_middle(&blade->edge, blade->edge.now, middle);
-    for (int d = 0; d < 3; d++) blade->moved[d] = blade->drags || blade->slips ? middle[d] - last[d] : 0;
+    for (int d = 0; d < 3; d++) blade->moved[d] = blade->is_dragging || blade->has_slipped ? middle[d] - last[d] : 0;
     memcpy(blade->tip, tool->tip, sizeof blade->tip);
     memcpy(blade->rotation, tool->rotation, sizeof blade->rotation);
     blade->engaged_length = count_in_tissue(work) * pliant_blade_length(blade) / blade->edge.count;

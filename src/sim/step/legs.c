@@ -154,7 +154,7 @@ static double choose_fraction(const pliant_model *model, pliant_data *data)
 static double choose_part(const pliant_model *model, pliant_data *data)
 {
     pliant_tled *tled = data->tled;
-    const int32_t left = tled->substeps - tled->made;
+    const int32_t left = tled->substeps - tled->substeps_done;
     const double motion_ratio = pliant_contact_max_motion_ratio(model, data, tled->d, left),
                  depths = model->contact.leg_of_part;
     tled->part = motion_ratio > depths ? (int32_t)fmax(floor(left * depths / motion_ratio), 1) : left;
@@ -221,7 +221,8 @@ static pliant_status upsample(const pliant_model *model, pliant_data *data)
 {
     pliant_status status = data->backend->upsample(model, data);
     const bool brings = !pliant_contact_is_idle(model, data) || pliant_host_moves_nodes(data);
-    return status >= 0 && brings && data->backend->bring ? data->backend->bring(model, data) : status;
+    return status >= 0 && brings && data->backend->copy_result_to_host ? data->backend->copy_result_to_host(model, data)
+                                                                       : status;
 }
 
 /* Patches and detached pieces: the CPU computes them with every backend. */
@@ -303,7 +304,7 @@ static double update_loads(const pliant_model *model, pliant_data *data)
 
 static bool is_of_piece(const pliant_data *data, int32_t node)
 {
-    return data->rigid_pieces && pliant_rigid_pieces_home(data->rigid_pieces, node);
+    return data->rigid_pieces && pliant_rigid_pieces_detachment_position(data->rigid_pieces, node);
 }
 
 /* Return the largest distance of a node in this leg [m]. */
@@ -458,8 +459,8 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
      * followed by a leg whose contact points hold the small elements open. */
     *done = !holds && fraction == 1 && completed == 1 && !data->legs->blocked && !data->legs->shortened;
     if (is_dynamic(data)) { /* time passes also in a blocked leg */
-        budget->left = 1 - (double)data->tled->made / data->tled->substeps;
-        *done = data->tled->made == 0;
+        budget->left = 1 - (double)data->tled->substeps_done / data->tled->substeps;
+        *done = data->tled->substeps_done == 0;
         return pliant_legs_add_forces(data, data->fraction);
     }
     if (!holds) budget->left *= 1 - fraction * completed;
@@ -482,7 +483,7 @@ static pliant_status run_legs(const pliant_model *model, pliant_data *data, doub
     bool done = false;
     if (!data->legs && !(data->legs = pliant_calloc(1, sizeof *data->legs))) return pliant_fail_memory("contacts");
     pliant_status status = begin_step(model, data);
-    if (data->tled) data->tled->made = data->tled->part = 0;
+    if (data->tled) data->tled->substeps_done = data->tled->part = 0;
     while (status >= 0 && !done) status = run_leg(model, data, &budget, caveat, &done);
     data->background = (pliant_background){
         .kind = background.kind, .prescribed = background.prescribed, .taken = data->background.taken};
@@ -525,7 +526,7 @@ pliant_status pliant_legs_stage(const pliant_model *model, pliant_data *data, pl
     if (!pliant_contact_is_idle(model, data)) return run_legs(model, data, completed, caveat);
     pliant_contact_discard(data);
     data->bodies = NULL;
-    if (data->tled) data->tled->made = data->tled->part = 0;
+    if (data->tled) data->tled->substeps_done = data->tled->part = 0;
     statistics->legs = 1;
     for (int t = 0; t < data->num_tools; t++) {
         const pliant_tool_pose measured = pliant_tool_measured(data->tools + t);

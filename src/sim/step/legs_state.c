@@ -30,7 +30,7 @@ static void fix_pieces(const pliant_data *data, double *solved)
     const pliant_system *system = data->solver->system;
     if (!data->rigid_pieces || !data->backend->download || system->mesh != system->fine) return;
     for (int32_t n = 0; n < data->body->fine.num_nodes; n++) {
-        const double *home = pliant_rigid_pieces_home(data->rigid_pieces, n);
+        const double *home = pliant_rigid_pieces_detachment_position(data->rigid_pieces, n);
         if (home) memcpy(solved + 3 * (size_t)n, home, 3 * sizeof *home);
     }
 }
@@ -50,7 +50,7 @@ pliant_status pliant_legs_save(const pliant_model *model, pliant_data *data)
         (solver && !reserve(&legs->solved, &legs->solved_capacity, solver->system->mesh->num_nodes)))
         return pliant_fail_memory("contacts");
     memcpy(legs->positions, data->positions, 3 * (size_t)nodes * sizeof *data->positions);
-    if (!solver) return PLIANT_OK; /* explicit dynamics saves its own state (tled->kept_u) */
+    if (!solver) return PLIANT_OK; /* explicit dynamics saves its own state (tled->start_u) */
     if (data->backend->download) data->backend->download(model, data);
     memcpy(legs->solved, solver->now.x, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *legs->solved);
     fix_pieces(data, legs->solved);
@@ -83,11 +83,11 @@ static void mix_points(const pliant_contacts *from, double fraction, pliant_cont
 static void mix_dynamics(pliant_tled *tled, double fraction)
 {
     const size_t numbers = 3 * (size_t)tled->system->mesh->num_nodes;
-    mix(numbers, tled->kept_u, fraction, tled->u);
+    mix(numbers, tled->start_u, fraction, tled->u);
     for (size_t i = 0; i < numbers; i++) tled->d[i] *= fraction;
     if (!tled->memory) return;
     const size_t relaxed = (size_t)pliant_tled_blocks(tled->system) * (sizeof *tled->memory / sizeof(float));
-    const float *from = &tled->kept_memory[0][0][0];
+    const float *from = &tled->start_memory[0][0][0];
     float *to = &tled->memory[0][0][0];
     for (size_t i = 0; i < relaxed; i++) to[i] = from[i] + (float)fraction * (to[i] - from[i]);
 }

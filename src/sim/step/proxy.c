@@ -121,7 +121,8 @@ pliant_tool_pose pliant_proxy_pose_under_load(const pliant_tool *tool, const pli
 
 /* Return the compliance of a coupling for this distance between proxy and goal. Near the force limit the compliance
  * increases, so that the load stays below the limit. */
-static double comply(const pliant_contact_settings *settings, double stiffness, double error, double load, double limit)
+static double coupling_compliance(const pliant_contact_settings *settings, double stiffness, double error, double load,
+                                  double limit)
 {
     const double slope = 1 / settings->soft_width,
                  softens = fmin(fmax(slope * load / limit - slope * settings->soft_begin, 0), 1);
@@ -157,12 +158,13 @@ void pliant_proxy_linearize(const pliant_model *model, const pliant_tool *tool, 
                  turn_stiffness = scene->contact.coupling_stiffness_rotational;
     const double *wrench = before->wrench, *pulls = tool->proxy.pulls;
     const double shift =
-        comply(&model->contact, scene->contact.coupling_stiffness, pliant_distance3(begin->tip, goal->tip),
-               fmax(pliant_length3(wrench), pulls[0]), maximum);
-    const double turn = comply(&model->contact, turn_stiffness, pliant_rotation_angle(begin->rotation, goal->rotation),
-                               fmax(pliant_length3(wrench + 3), pulls[1]), lever);
-    const double jaw = comply(&model->contact, turn_stiffness, fabs(goal->jaw - begin->jaw),
-                              fmax(fabs(before->jaw), pulls[2]), scene->contact.grip_torque) +
+        coupling_compliance(&model->contact, scene->contact.coupling_stiffness, pliant_distance3(begin->tip, goal->tip),
+                            fmax(pliant_length3(wrench), pulls[0]), maximum);
+    const double turn =
+        coupling_compliance(&model->contact, turn_stiffness, pliant_rotation_angle(begin->rotation, goal->rotation),
+                            fmax(pliant_length3(wrench + 3), pulls[1]), lever);
+    const double jaw = coupling_compliance(&model->contact, turn_stiffness, fabs(goal->jaw - begin->jaw),
+                                           fmax(fabs(before->jaw), pulls[2]), scene->contact.grip_torque) +
                        piece_compliance[1];
     double *axis = limit[2].axis;
     limit[0] = (pliant_touch_limit){.load = maximum,
@@ -186,7 +188,10 @@ void pliant_proxy_linearize(const pliant_model *model, const pliant_tool *tool, 
 }
 
 /* Return the fraction of the change from a to b at which the limit is reached, or 1. */
-static double until(double a, double b, double limit) { return a < limit && b > limit ? (limit - a) / (b - a) : 1; }
+static double fraction_at_limit(double a, double b, double limit)
+{
+    return a < limit && b > limit ? (limit - a) / (b - a) : 1;
+}
 
 double pliant_proxy_fraction_to_limit(const pliant_model *model, pliant_tool *tool, const pliant_proxy_load *before,
                                       const pliant_proxy_load *after)
@@ -198,8 +203,8 @@ double pliant_proxy_fraction_to_limit(const pliant_model *model, pliant_tool *to
     tool->proxy.pulls[1] = pliant_length3(after->wrench + 3);
     tool->proxy.pulls[2] = torque;
     tool->proxy.saturated = force > nearly * maximum || torque > nearly * grip;
-    return fmin(until(pliant_length3(before->wrench), force, over * maximum),
-                until(fabs(before->jaw), torque, over * grip));
+    return fmin(fraction_at_limit(pliant_length3(before->wrench), force, over * maximum),
+                fraction_at_limit(fabs(before->jaw), torque, over * grip));
 }
 
 /* ---- compliance of pieces under a tool */

@@ -50,9 +50,9 @@ typedef struct pliant_state_dynamics {
     int32_t substeps, halvings;  /* number of sub-steps in a step; number of halvings of the sub-step */
     double time_step;            /* of a sub-step [s] */
     double target[PLIANT_MAX_TOOLS][3];        /* targets of grasped points [m] */
-    double passed[PLIANT_MAX_TOOLS][3];        /* grasped points, one sub-step before the last one [m] */
-    double passed_target[PLIANT_MAX_TOOLS][3]; /* their targets at that time [m] */
-    double passed_step;          /* time between that sub-step and the last one [s] */
+    double previous_point[PLIANT_MAX_TOOLS][3];        /* grasped points, one sub-step before the last one [m] */
+    double previous_target[PLIANT_MAX_TOOLS][3]; /* their targets at that time [m] */
+    double previous_time_step;          /* time between that sub-step and the last one [s] */
     double quotient[4];          /* dynamic relaxation: pliant_substep_frequency */
     double contact_energy;       /* that contacts may use to remove penetrations [J] */
 } pliant_state_dynamics;

@@ -55,7 +55,7 @@ static void move_pieces(transfer *work, pliant_state *state, pliant_data *data)
     const int32_t nodes = pieces ? 3 * pieces->start[pieces->count] : 0;
     MOVE(pieces, rigid_pieces ? rigid_pieces->pieces : NULL, pieces ? pieces->count : 0);
     MOVE(piece_positions, rigid_pieces ? rigid_pieces->x : NULL, nodes);
-    MOVE(piece_home, rigid_pieces ? rigid_pieces->home : NULL, nodes);
+    MOVE(piece_home, rigid_pieces ? rigid_pieces->detachment_positions : NULL, nodes);
     MOVE(joints, rigid_pieces && pieces->num_joints > 0 ? rigid_pieces->joint_at[0] : NULL,
          pieces ? 3 * pieces->num_joints : 0);
     if (work->operation == PLIANT_STATE_RESERVE || work->operation == PLIANT_STATE_SAVE)
@@ -168,7 +168,7 @@ void pliant_state_copy_edge(const pliant_state *state, int tool, pliant_edge *ed
 static void set_pieces_home(const pliant_rigid_pieces *rigid_pieces, const pliant_system *system, double *solved)
 {
     for (int32_t n = 0; rigid_pieces && system->mesh == system->fine && n < system->mesh->num_nodes; n++) {
-        const double *home = pliant_rigid_pieces_home(rigid_pieces, n);
+        const double *home = pliant_rigid_pieces_detachment_position(rigid_pieces, n);
         if (home) memcpy(solved + 3 * (size_t)n, home, 3 * sizeof *home);
     }
 }
@@ -193,10 +193,10 @@ void pliant_state_save_scalars(const pliant_data *data, bool tissue, pliant_stat
         out->substeps = tled->substeps;
         out->halvings = tled->halvings;
         out->time_step = tled->time_step;
-        out->passed_step = tled->passed_step;
+        out->previous_time_step = tled->previous_time_step;
         memcpy(out->target, tled->target, sizeof out->target);
-        memcpy(out->passed, tled->passed, sizeof out->passed);
-        memcpy(out->passed_target, tled->passed_target, sizeof out->passed_target);
+        memcpy(out->previous_point, tled->previous_point, sizeof out->previous_point);
+        memcpy(out->previous_target, tled->previous_target, sizeof out->previous_target);
         memcpy(out->quotient, tled->quotient, sizeof out->quotient);
         out->contact_energy = tled->contact_energy;
     }
@@ -213,10 +213,10 @@ static void put_dynamics(const pliant_state *state, pliant_tled *tled)
     tled->halvings = from->halvings;
     tled->time_step = from->time_step;
     tled->tolerance = state->tolerance;
-    tled->passed_step = from->passed_step;
+    tled->previous_time_step = from->previous_time_step;
     memcpy(tled->target, from->target, sizeof tled->target);
-    memcpy(tled->passed, from->passed, sizeof tled->passed);
-    memcpy(tled->passed_target, from->passed_target, sizeof tled->passed_target);
+    memcpy(tled->previous_point, from->previous_point, sizeof tled->previous_point);
+    memcpy(tled->previous_target, from->previous_target, sizeof tled->previous_target);
     memcpy(tled->quotient, from->quotient, sizeof tled->quotient);
     tled->contact_energy = from->contact_energy;
 }

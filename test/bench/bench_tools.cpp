@@ -1,0 +1,101 @@
+// Eight tools press into a block of 13,720 tetrahedra and slide over it: the share of contact in a step. Its time is
+// compared with that of the same block without tools, whose step makes as many evaluations.
+//
+// Usage:
+//   bench_tools [cuda]     default: cpu, one thread
+#include "../pipeline/body.h"
+#include "figure.h"
+
+#include <array>
+
+namespace {
+
+enum { PRESS = 20, SLIDE = 60, NUM_TOOLS = 8, CELLS = 14 };
+const double edge = 0.14, radius = 0.012;
+
+double median(std::vector<double> values)
+{
+    std::sort(values.begin(), values.end());
+    return values.empty() ? NAN : values[values.size() / 2];
+}
+
+struct Block : Body {
+    Block(pliant_backend_choice backend, int iterations)
+        : Body(std::array<int, 3>{2 * CELLS, 2 * CELLS, 2 * CELLS}.data(),
+               std::array<double, 3>{edge, edge, edge}.data(), {{5e3, 0.45, 1000, false}})
+    {
+        cells(CELLS, CELLS, CELLS, 1);
+        fix_plane(0, 0, 1e-3, 0, 0, 1);
+        scene.solver.backend = backend;
+        scene.solver.threads = 1;
+        scene.solver.iterations = iterations;
+        scene.solver.tolerance = 1e-12; // each step makes all its evaluations
+        EXPECT_EQ(build(), PLIANT_OK) << pliant_last_error();
+    }
+};
+
+void add_ball(Block &block, int number)
+{
+    pliant_tool_shape ball{};
+    ball.num_parts = 1;
+    ball.part[0].kind = PLIANT_PART_SPHERE;
+    ball.part[0].radius = radius;
+    int tool = -1;
+    ASSERT_EQ(pliant_tool_add(block.model, block.data, ("ball" + std::to_string(number)).c_str(), &tool), PLIANT_OK);
+    ASSERT_EQ(pliant_tool_set_shape(block.data, tool, &ball), PLIANT_OK);
+}
+
+double total(const pliant_statistics &statistics)
+{
+    double sum = 0;
+    for (double seconds : statistics.seconds) sum += seconds;
+    return 1e3 * sum;
+}
+
+// Move the tools: down by 4 mm, then 12 mm to the side.
+void move_tools(Block &block, int step)
+{
+    const double depth = 0.004 * std::min(1.0, double(step) / PRESS), side = 0.012 * std::max(0, step - PRESS) / SLIDE;
+    for (int t = 0; t < NUM_TOOLS; t++) {
+        const double tip[3] = {0.025 + 0.03 * (t % 4) + side, 0.045 + 0.05 * (t / 4), edge + radius - depth};
+        ASSERT_EQ(pliant_tool_set_pose(block.data, t, tip, nullptr), PLIANT_OK) << pliant_last_error();
+    }
+}
+
+void measure(pliant_backend_choice backend, int iterations)
+{
+    Block pressed(backend, iterations), alone(backend, iterations);
+    for (int t = 0; t < NUM_TOOLS; t++) add_ball(pressed, t);
+    std::vector<double> with, without, contact;
+    int32_t points = 0, legs = 0, evaluations = 0;
+    for (int step = 0; step <= PRESS + SLIDE; step++) {
+        move_tools(pressed, step);
+        const double gravity[3] = {0.5 * (step % 2), 0, -9.81}; // so that every step has work
+        ASSERT_EQ(pliant_data_set_gravity(alone.data, gravity), PLIANT_OK);
+        for (Block *block : {&pressed, &alone}) ASSERT_GE(pliant_step(block->model, block->data), 0);
+        if (step < PRESS) continue;
+        const pliant_statistics &statistics = pressed.data->statistics;
+        with.push_back(total(statistics));
+        without.push_back(total(alone.data->statistics));
+        contact.push_back(1e3 * statistics.seconds[PLIANT_STEP_contact]);
+        points = std::max(points, statistics.contacts);
+        legs = std::max(legs, statistics.legs);
+        evaluations = std::max(evaluations, statistics.iterations);
+    }
+    std::printf("%s, %d evaluations at most (%d made), up to %d contact points and %d legs: step %.3f ms, "
+                "without tools %.3f ms; stage contact %.3f ms; worst step %.3f ms\n",
+                pliant_data_get_backend(pressed.data), iterations, evaluations, points, legs, median(with),
+                median(without), median(contact), *std::max_element(with.begin(), with.end()));
+    const std::string name = std::string("tools/") + pliant_data_get_backend(pressed.data);
+    figure(name + "/step", median(with), "ms");
+    figure(name + "/without_tools", median(without), "ms");
+}
+
+} // namespace
+
+int main(int argc, char **argv)
+{
+    const pliant_backend_choice backend = argc > 1 && !std::strcmp(argv[1], "cuda") ? PLIANT_CUDA : PLIANT_CPU;
+    for (int iterations : {6, 30}) measure(backend, iterations);
+    return 0;
+}
