@@ -8,7 +8,8 @@
 
 #include <array>
 
-namespace {
+namespace
+{
 
 enum { PRESS = 20, SLIDE = 60, NUM_TOOLS = 8, CELLS = 14 };
 const double edge = 0.14, radius = 0.012;
