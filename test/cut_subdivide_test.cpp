@@ -339,6 +339,41 @@ TEST(Subdivide, FiftyRandomStrokesLeaveASoundMesh)
     EXPECT_TRUE(pliant_body_same(block.now, again.now)) << "the same strokes, other bits";
 }
 
+// With contact of tissue on tissue, the copies of nodes move into their sides. Nothing else differs.
+TEST(Subdivide, SidesAreCreatedAKerfApart)
+{
+    std::mt19937 random(3);
+    std::uniform_real_distribution<double> unit(-1, 1);
+    for (int plane = 0; plane < 6; plane++) {
+        Split block(bar()), open(bar([](pliant_scene &scene) { scene.contact.self = true; }));
+        const double mass = total_mass(*open.now), point[3] = {0.1 + 0.03 * unit(random), 0.05, 0.05},
+                     normal[3] = {1, 0.4 * unit(random), 0.4 * unit(random)};
+        const double section = 0.01 * std::sqrt(1 + normal[1] * normal[1] + normal[2] * normal[2]);
+        ASSERT_TRUE(block.cut_plane(point, normal));
+        ASSERT_TRUE(open.cut_plane(point, normal));
+        EXPECT_EQ(open.report.pieces, 2);
+        EXPECT_EQ(open.report.area, block.report.area);
+        EXPECT_NEAR(total_mass(*open.now), mass, 1e-12 * mass);
+        const pliant_mesh &fine = open.now->fine;
+        const pliant_subdivision &subdivision = *open.now->subdivision;
+        double gradients[12], volume = 0, minimum = 1;
+        for (int32_t t = 0; t < fine.num_tets; t++) {
+            const double one = pliant_mesh_gradients(&fine, t, gradients);
+            minimum = std::fmin(minimum, one);
+            volume += one;
+        }
+        EXPECT_GT(minimum, 0.1 * subdivision.min_volume);
+        EXPECT_NEAR(box[0] * box[1] * box[2] - volume, subdivision.kerf * section, 0.2 * subdivision.kerf * section);
+        pliant_surface *seen = nullptr, *before = nullptr;
+        ASSERT_EQ(pliant_surface_create(open.now, nullptr, &seen), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_surface_create(block.now, nullptr, &before), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(seen->first_cut, before->first_cut) << "outer faces remain outer faces";
+        EXPECT_EQ(seen->num_triangles, before->num_triangles);
+        pliant_surface_free(seen);
+        pliant_surface_free(before);
+    }
+}
+
 // The warp draws the scan at rest. After the detached piece moves by whole voxels, it draws the piece's own voxels and
 // no others.
 TEST(Subdivide, EveryVoxelIsDrawnByTheTetrahedronThatHoldsIt)

@@ -6,6 +6,7 @@
 #include "base/buffer.h"
 #include "base/fail.h"
 #include "base/memory.h"
+#include "base/vector3.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -95,33 +96,54 @@ static int by_area(const void *a, const void *b)
     return i->side[0] < j->side[0] ? -1 : i->side[0] > j->side[0];
 }
 
+static bool have_edge(const cut_splitting *work, int32_t a, int32_t b)
+{
+    for (int32_t at = work->first[a]; at >= 0; at = work->next[at])
+        for (int v = 0; v < 4; v++)
+            if (work->corners[4 * (size_t)(at / 4) + (size_t)v] == b) return true;
+    return false;
+}
+
+/* Return whether corners of two tetrahedra that are not on the stroke coincide or have an edge. The stroke does not
+ * pass through this edge, so both tetrahedra are on the same side. */
+static bool are_on_one_side(const cut_splitting *work, int32_t a, int32_t b)
+{
+    const int32_t *one = work->corners + 4 * (size_t)a, *other = work->corners + 4 * (size_t)b;
+    for (int v = 0; v < 4; v++)
+        for (int w = 0; w < 4; w++)
+            if (!work->on[one[v]] && !work->on[other[w]] && have_edge(work, one[v], other[w])) return true;
+    return false;
+}
+
 /* Sever all faces on the stroke, with one exception. A tetrahedron with all four corners on the stroke stays attached
- * to one neighbour, across the largest suitable face. */
+ * to the neighbors on one side: across the largest suitable face, and to those on the same side as this neighbor. */
 static pliant_status sever(cut_splitting *work, face_list *list)
 {
     int32_t *group = pliant_calloc((size_t)work->num_tets, sizeof *group);
-    uint8_t *held = pliant_calloc((size_t)work->num_tets, 1);
-    bool good = group && held;
+    int32_t *holder = pliant_calloc((size_t)work->num_tets, sizeof *holder); /* of each group; -1: none yet */
+    bool good = group && holder;
     for (int32_t t = 0; good && t < work->num_tets; t++) {
         group[t] = t;
-        held[t] = count_nodes_on_stroke(work, t) < 4;
+        holder[t] = count_nodes_on_stroke(work, t) < 4 ? t : -1;
     }
     qsort(list->faces, (size_t)list->count, sizeof *list->faces, by_area);
     for (int32_t f = 0; good && f < list->count; f++) {
         const int32_t *side = list->faces[f].side;
         if (list->faces[f].flat) {
             const int32_t a = pliant_set_root(group, side[0] / 4), b = pliant_set_root(group, side[1] / 4);
-            if (a == b || !(held[a] && held[b])) {
-                const uint8_t either = held[a] | held[b];
+            if (a == b) continue;
+            if (holder[a] < 0 || holder[b] < 0) {
+                const int32_t either = holder[a] < 0 ? holder[b] : holder[a];
                 pliant_set_join(group, a, b);
-                held[pliant_set_root(group, a)] = either;
+                holder[pliant_set_root(group, a)] = either;
                 continue;
             }
+            if (are_on_one_side(work, holder[a], holder[b])) continue;
         }
         for (int s = 0; s < 2; s++) work->severed[side[s]] = 1 + side[1 - s];
     }
     pliant_free(group);
-    pliant_free(held);
+    pliant_free(holder);
     return good ? PLIANT_OK : pliant_fail_memory("the faces that the blade splits");
 }
 
@@ -154,6 +176,117 @@ static int32_t find_parts(const cut_splitting *work, int32_t *part, int32_t *who
     return parts;
 }
 
+/* The place of a copy within its own side of the cut: on the way to another node. */
+typedef struct inset {
+    int32_t towards; /* -1: none */
+    double fraction, opening; /* opening: its distance from the faces of the cut [m] */
+} inset;
+
+/* Compute the vectors from a tetrahedron's corner to its other corners. */
+static void look_from(const cut_splitting *work, int32_t tet, int corner, double to[3][3], int32_t other[3])
+{
+    const int32_t *nodes = work->corners + 4 * (size_t)tet;
+    for (int c = 0, k = 0; c < 4; c++) {
+        if (c == corner) continue;
+        for (int d = 0; d < 3; d++)
+            to[k][d] = work->rest[3 * (size_t)nodes[c] + d] - work->rest[3 * (size_t)nodes[corner] + d];
+        other[k++] = c;
+    }
+}
+
+static double product(const double a[3], const double b[3], const double c[3])
+{
+    double side[3];
+    pliant_cross3(a, b, side);
+    return pliant_dot3(side, c);
+}
+
+/* Return how far a group of tetrahedra can take their common corner along a vector, as a fraction of it. Each keeps
+ * half of its volume. opening: distance of the vector's end from all severed faces at the corner [m] */
+static double room_of(const cut_splitting *work, int32_t *part, int32_t root, const double along[3], double *opening)
+{
+    const double least = 0.5;
+    double room = 0.5; /* the copy stays nearer to its source than to the other node */
+    *opening = INFINITY;
+    for (int32_t j = root; j < work->num_around; j++) {
+        double to[3][3];
+        int32_t other[3];
+        if (pliant_set_root(part, j) != root) continue;
+        const int32_t tet = work->around[j] / 4;
+        look_from(work, tet, work->around[j] % 4, to, other);
+        const double volume = product(to[0], to[1], to[2]);
+        double lost = 0; /* fraction of the volume: the sum of the three barycentric coordinates */
+        for (int k = 0; k < 3; k++) {
+            const double *u = to[(k + 1) % 3], *w = to[(k + 2) % 3];
+            double normal[3];
+            lost += product(u, w, along) / volume;
+            if (!work->severed[4 * (size_t)tet + (size_t)other[k]]) continue;
+            pliant_cross3(u, w, normal);
+            *opening = fmin(*opening, pliant_dot3(normal, along) / pliant_length3(normal) *
+                                          (pliant_dot3(normal, to[k]) > 0 ? 1 : -1));
+        }
+        if (lost > 0) room = fmin(room, (1 - least) / lost);
+    }
+    return room;
+}
+
+/* Find the node towards which a group's copy of a node leaves the cut farthest. Candidates are the corners of the
+ * group, and of the tetrahedra across the opposite faces. */
+static inset find_inset(const cut_splitting *work, int32_t *part, int32_t root, int32_t node)
+{
+    const pliant_subdivision *subdivision = work->body->subdivision;
+    inset best = {.towards = -1};
+    for (int32_t j = root; j < work->num_around && subdivision->kerf > 0; j++) {
+        if (pliant_set_root(part, j) != root) continue;
+        const int32_t tet = work->around[j] / 4, beyond = across(work, tet, work->around[j] % 4);
+        for (int c = 0; c < 4; c++) {
+            const bool is_own = c == work->around[j] % 4;
+            const int32_t towards = work->corners[is_own ? beyond : 4 * tet + c];
+            double along[3], opening;
+            if (is_own && beyond < 0) continue;
+            for (int d = 0; d < 3; d++)
+                along[d] = work->rest[3 * (size_t)towards + d] - work->rest[3 * (size_t)node + d];
+            const double room = room_of(work, part, root, along, &opening),
+                         most = PLIANT_COPY_DISTANCE * subdivision->min_edge / pliant_length3(along),
+                         fraction = fmin(fmin(room, subdivision->kerf / opening), most);
+            if (opening > 0 && opening < INFINITY && fraction * opening > best.opening)
+                best = (inset){towards, fraction, fraction * opening};
+        }
+    }
+    return best;
+}
+
+/* Find the part that keeps the node: a part whose copy cannot leave the cut, or the part farthest along the stroke's
+ * normal. Then all copies are on the same side of the stroke, and both sides are smooth. */
+static int32_t find_keeper(const cut_splitting *work, int32_t *part, int32_t node)
+{
+    int32_t keeper = 0;
+    double highest = -INFINITY;
+    for (int32_t i = 0; i < work->num_around; i++) {
+        double height = 0;
+        if (part[i] != i) continue;
+        if (find_inset(work, part, i, node).towards < 0) return i;
+        for (int32_t j = i; j < work->num_around; j++) {
+            double to[3][3];
+            int32_t other[3];
+            const int32_t tet = work->around[j] / 4;
+            if (pliant_set_root(part, j) != i) continue;
+            look_from(work, tet, work->around[j] % 4, to, other);
+            for (int k = 0; k < 3; k++) {
+                double normal[3];
+                if (!work->severed[4 * (size_t)tet + (size_t)other[k]]) continue;
+                pliant_cross3(to[(k + 1) % 3], to[(k + 2) % 3], normal);
+                height += (pliant_dot3(normal, to[k]) > 0 ? 1 : -1) * pliant_dot3(normal, work->normal);
+            }
+        }
+        if (height > highest) {
+            highest = height;
+            keeper = i;
+        }
+    }
+    return keeper;
+}
+
 static pliant_status split_node(cut_splitting *work, int32_t node, int32_t **buffer, int32_t *buffer_size)
 {
     bool severed = false;
@@ -170,10 +303,13 @@ static pliant_status split_node(cut_splitting *work, int32_t node, int32_t **buf
     }
     int32_t *part = *buffer, *whole = *buffer + count;
     if (find_parts(work, part, whole) == 1) return PLIANT_OK;
-    for (int32_t i = 1; i < count && status == PLIANT_OK; i++) { /* the first part keeps the node */
-        if (part[i] != i) continue;
+    const int32_t keeper = work->body->subdivision->kerf > 0 ? find_keeper(work, part, node) : 0;
+    for (int32_t i = 0; i < count && status == PLIANT_OK; i++) {
+        if (part[i] != i || i == keeper) continue;
+        const inset at = find_inset(work, part, i, node);
         const int32_t copy = work->num_nodes;
-        status = pliant_split_add_node(work, (pliant_between){{node, node}, 0}, work->fixed[node]);
+        status = pliant_split_add_node(
+            work, (pliant_between){{node, at.towards < 0 ? node : at.towards}, at.fraction}, work->fixed[node]);
         if (status == PLIANT_OK) work->on[copy] = 1;
         for (int32_t j = i; j < count && status == PLIANT_OK; j++)
             if (pliant_set_root(part, j) == i)
@@ -203,7 +339,9 @@ pliant_status pliant_split_faces(cut_splitting *work, const pliant_cut_sweep *sw
 {
     face_list list = {0};
     int32_t *buffer = NULL, buffer_size = 0;
-    const int32_t nodes = work->num_nodes;
+    const int32_t nodes = work->first_copy = work->num_nodes;
+    for (int32_t n = 0; n < work->strip->count; n++)
+        for (int d = 0; d < 3; d++) work->normal[d] += work->strip->triangles[n].normal[d];
     pliant_status status = list_faces(work, &list);
     if (status == PLIANT_OK && list.count > 0) {
         status = sever(work, &list);

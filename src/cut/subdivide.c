@@ -52,6 +52,20 @@ static pliant_status write_marks(const cut_splitting *work, const pliant_cut_swe
 
 /* ---- the next body */
 
+/* Return the volume that a tetrahedron had before copies of its nodes left the cut, over its volume. */
+static double volume_ratio(const cut_splitting *work, int32_t tet)
+{
+    const double *corner[4], *before[4];
+    for (int v = 0; v < 4; v++) {
+        const int32_t node = work->corners[4 * (size_t)tet + (size_t)v];
+        const bool is_copy = node >= work->first_copy;
+        corner[v] = work->rest + 3 * (size_t)node;
+        before[v] = is_copy ? work->rest + 3 * (size_t)work->between[node].end[0] : corner[v];
+    }
+    return pliant_split_volume(before[0], before[1], before[2], before[3]) /
+           pliant_split_volume(corner[0], corner[1], corner[2], corner[3]);
+}
+
 static pliant_status divide(const cut_splitting *work, uint64_t revision, pliant_body **out)
 {
     const pliant_body *body = work->body;
@@ -59,7 +73,10 @@ static pliant_status divide(const cut_splitting *work, uint64_t revision, pliant
     pliant_tet_material *material = pliant_calloc((size_t)work->num_tets, sizeof *material);
     if (!material) return no_memory();
     /* mass and stiffness are distributed by volume */
-    for (int32_t t = 0; t < work->num_tets; t++) material[t] = body->fine_material[work->source[t]];
+    for (int32_t t = 0; t < work->num_tets; t++) {
+        material[t] = body->fine_material[work->source[t]];
+        if (body->subdivision->kerf > 0) material[t].density *= volume_ratio(work, t); /* the kerf takes no mass */
+    }
     const pliant_division division = {.num_tets = work->num_tets,
                                       .tet_source = work->source + tets,
                                       .corners = work->corners,

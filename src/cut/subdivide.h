@@ -13,8 +13,10 @@ typedef struct cut_splitting {
     const pliant_body *body;
     const double *positions;       /* deformed positions of the body's nodes */
     const cut_strip *strip;
+    double normal[3];              /* sum of the normals of the strip's triangles */
     double slack;                  /* [m] */
     int32_t num_nodes, node_capacity;
+    int32_t first_copy;            /* nodes from this one on are copies */
     double *rest;                  /* (num_nodes x 3) rest positions */
     pliant_between *between;       /* (num_nodes) edge positions of the appended nodes */
     uint8_t *fixed;                /* (num_nodes) pliant_fixing */

@@ -73,7 +73,7 @@ struct pliant_cuts {
 };
 
 /* The position of a node that a cut has put on an edge: end[0] + share (end[1] - end[0]), at rest and in the initial
- * state. Both ends have lower numbers. For a copy: twice its source, and 0. */
+ * state. Both ends have lower numbers. For a copy: its source, and a node on its side of the cut. */
 typedef struct pliant_between {
     int32_t end[2];
     double fraction;
@@ -85,12 +85,16 @@ typedef struct pliant_cut_mark {
     int32_t node;
 } pliant_cut_mark;
 
+/* Maximum distance of a copy from its source, over min_edge. Nodes on edges are farther from both ends. */
+#define PLIANT_COPY_DISTANCE 0.98
+
 /* Data of a body whose tetrahedra cuts subdivide (cut/kind: subdivide). Each new tetrahedron owns its whole
  * interior. */
 struct pliant_subdivision {
     int32_t load_nodes;      /* nodes at load */
     double min_edge;         /* a cut nearer to a node than this cuts the node, not the edge [m] */
     double min_volume;       /* minimum volume of a tetrahedron that a cut makes [m^3] */
+    double kerf;             /* maximum distance between the sides of a cut at rest [m] */
     pliant_between *between; /* (fine.num_nodes - load_nodes) of the nodes appended since load; NULL: none */
     int32_t num_marks;
     pliant_cut_mark *mark;     /* (num_marks) the last stroke of every blade */
@@ -216,9 +220,9 @@ void pliant_body_map_free(pliant_body_map *map);
  */
 void pliant_body_map_vectors(const pliant_body_map *map, const double *from, double *out);
 
-/* Create the data of a body at load that cuts subdivide.
+/* Create the data of a body at load that cuts subdivide. kerf: cuts leave a distance between their sides
  * Errors: MEMORY. */
-pliant_status pliant_subdivision_create(const pliant_mesh *fine, pliant_subdivision **out);
+pliant_status pliant_subdivision_create(const pliant_mesh *fine, bool kerf, pliant_subdivision **out);
 
 #ifdef __cplusplus
 }

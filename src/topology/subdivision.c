@@ -10,7 +10,7 @@
 
 static pliant_status no_memory(void) { return pliant_fail_memory("the subdivision of the mesh"); }
 
-pliant_status pliant_subdivision_create(const pliant_mesh *fine, pliant_subdivision **out)
+pliant_status pliant_subdivision_create(const pliant_mesh *fine, bool kerf, pliant_subdivision **out)
 {
     /* A cut closer to a node than this fraction of the shortest edge passes through the node. A smaller fraction gives
      * smaller elements, and so shorter explicit time steps. */
@@ -31,6 +31,7 @@ pliant_status pliant_subdivision_create(const pliant_mesh *fine, pliant_subdivis
     if (!made) return no_memory();
     made->load_nodes = fine->num_nodes;
     made->min_edge = snap * edge;
+    made->kerf = kerf ? 0.5 * made->min_edge : 0;
     made->min_volume = snap * snap * snap * volume;
     *out = made;
     return PLIANT_OK;

@@ -4,6 +4,7 @@
 
 #include "mesh/faces.h"
 #include "base/memory.h"
+#include "base/vector3.h"
 
 #include <string.h>
 
@@ -51,9 +52,13 @@ static void find_carriers(face_work *work)
 {
     const pliant_subdivision *subdivision = work->body->subdivision;
     for (int32_t n = 0; n < subdivision->load_nodes; n++) work->of_node[n] = (carrier){1, {n, 0, 0, 0}};
+    const double *rest = work->body->fine.rest;
     for (int32_t n = subdivision->load_nodes; n < work->body->fine.num_nodes; n++) {
-        /* the ends of an edge have lower numbers */
-        work->of_node[n] = carrier_of(work, subdivision->between[n - subdivision->load_nodes].end, 2);
+        const int32_t *end = subdivision->between[n - subdivision->load_nodes].end;
+        /* a copy belongs to the outer faces of its source; both ends have lower numbers */
+        const bool is_copy = pliant_distance3(rest + 3 * (size_t)n, rest + 3 * (size_t)end[0]) <
+                             1.01 * PLIANT_COPY_DISTANCE * subdivision->min_edge;
+        work->of_node[n] = carrier_of(work, end, is_copy ? 1 : 2);
         work->touched[n] = 1;
         for (int32_t c = 0; c < work->of_node[n].count; c++) work->touched[work->of_node[n].node[c]] = 1;
     }

@@ -2,7 +2,7 @@
 // step.
 //
 // Usage:
-//   bench_self [scenes [dynamic]]     default: 20 of each kind; one thread; dynamic: 1 for explicit dynamics
+//   bench_self [scenes [dynamic [kind]]]   default: 20 of each kind; one thread; dynamic: 1 for explicit dynamics
 //
 // Kinds: a block with a slot that a ball presses together (flaps), a block with a cut (cut), and two arms, one of
 // which a ball pushes onto the other (fold). The surface is the one that contact of tissue with tissue uses. Figures of
@@ -19,6 +19,7 @@
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
+#include <cstring>
 #include <ctime>
 #include <random>
 
@@ -135,6 +136,7 @@ int main(int count, char **given)
     const int scenes = count > 1 ? std::atoi(given[1]) : 20;
     const bool dynamic = count > 2 && std::atoi(given[2]) != 0;
     for (const Kind kind : {FLAPS, CUT, FOLD}) {
+        if (count > 3 && std::strcmp(given[3], names[kind]) != 0) continue;
         Figures out;
         for (int seed = 0; seed < scenes; seed++) run(kind, seed, dynamic, out);
         std::sort(out.times.begin(), out.times.end());

@@ -11,7 +11,7 @@ namespace {
 
 // A column of 20 x 20 x 80 mm between two plates, with zero Poisson's ratio; the upper half has a different density.
 struct Column : Body {
-    Column(double upper, double gravity, bool cut)
+    Column(double upper, double gravity, bool cut, pliant_cut_kind kind = PLIANT_CUT_SEVER)
         : Body(size, box, {{10e3, 0, 1000, false}, {10e3, 0, 1000 * upper, false}},
                [](int, int, int k) { return k >= 16; })
     {
@@ -19,7 +19,7 @@ struct Column : Body {
         fix_plane(0, 0, 1e-4, 0, 0, 1);
         fix_plane(0, 0, box[2] - 1e-4, 0, 0, -1);
         scene.model.gravity[2] = -gravity;
-        scene.cut.kind = PLIANT_CUT_SEVER;
+        scene.cut.kind = kind;
         scene.contact.self = cut;
         EXPECT_EQ(build(), PLIANT_OK) << pliant_last_error();
         const double corners[6] = {-0.01, -0.01, at, 0.03, -0.01, at}, across[3] = {0, 0.04, 0};
@@ -59,15 +59,18 @@ constexpr double Column::box[3], Column::at;
 
 TEST(SelfContact, ACutBarThatIsPressedTogetherCarriesWhatAWholeOneDoes)
 {
-    const Column whole(3, 9.81, false), cut(3, 9.81, true);
-    ASSERT_GT(cut.data->body->cuts->num_pieces, 1);
-    EXPECT_GT(cut.data->statistics.contacts, 3);
+    const Column whole(3, 9.81, false);
     const double largest = std::fabs(whole.moved(0.04, true));
-    EXPECT_NEAR(cut.moved(0.03, false), whole.moved(0.03, false), 0.01 * largest);
-    EXPECT_NEAR(cut.moved(0.05, true), whole.moved(0.05, true), 0.01 * largest);
-    // half of the weight difference between the halves passes through the middle, divided by the area: (3 - 1) rho g L
-    // / 8
-    EXPECT_NEAR(cut.pressure(), 2 * 1000 * 9.81 * 0.08 / 8, 0.02 * 2 * 1000 * 9.81 * 0.08 / 8);
+    for (const pliant_cut_kind kind : {PLIANT_CUT_SEVER, PLIANT_CUT_SUBDIVIDE}) {
+        const Column cut(3, 9.81, true, kind);
+        ASSERT_TRUE(kind == PLIANT_CUT_SUBDIVIDE || cut.data->body->cuts->num_pieces > 1);
+        EXPECT_GT(cut.data->statistics.contacts, 3);
+        EXPECT_NEAR(cut.moved(0.03, false), whole.moved(0.03, false), 0.01 * largest) << kind;
+        EXPECT_NEAR(cut.moved(0.05, true), whole.moved(0.05, true), 0.01 * largest) << kind;
+        // half of the weight difference between the halves passes through the middle, divided by the area: (3 - 1) rho
+        // g L / 8
+        EXPECT_NEAR(cut.pressure(), 2 * 1000 * 9.81 * 0.08 / 8, 0.02 * 2 * 1000 * 9.81 * 0.08 / 8) << kind;
+    }
 }
 
 TEST(SelfContact, ACutBarOpensUnderTension)
@@ -487,6 +490,41 @@ TEST(SelfContact, TissueDoesNotPassThroughTissue)
         }
     }
     EXPECT_GT(touching, 20);
+}
+
+// A ball closes an open cut and presses its sides together.
+TEST(SelfContact, SidesOfACutDoNotPassThroughEachOther)
+{
+    const double h = 0.005, box[3] = {5 * h, 2 * h, 4 * h};
+    Body body(std::vector<int>{10, 4, 8}.data(), box, {{10e3, 0.3, 1000, false}});
+    body.cells(5, 2, 4, 1);
+    body.scene.cut.kind = PLIANT_CUT_SUBDIVIDE;
+    body.scene.contact.self = true;
+    body.scene.solver.iterations = 12;
+    body.scene.solver.tolerance = 1e-3;
+    body.scene.solver.threads = 1;
+    body.scene.warp.margin = 1;
+    body.fix_plane(0, 0, 1e-6, 0, 0, 1);
+    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    const double corners[6] = {0.3 * box[0], -0.01, 0.5 * box[2], 2 * box[0], -0.01, 0.55 * box[2]},
+                 sweep[3] = {0, 0.06, 0};
+    ASSERT_EQ(pliant_data_cut(body.model, body.data, 2, corners, sweep, nullptr), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(count_crossings(body), 0) << "a cut leaves a kerf";
+    const int tool = body.add_ball(0.005);
+    double force = 0;
+    for (int step = 0; step < 9; step++) {
+        const double tip[3] = {0.8 * box[0] - 2e-4 * step, 0.45 * box[1], box[2] + 0.0055 - 0.0008 * step};
+        ASSERT_EQ(pliant_tool_set_pose(body.data, tool, tip, nullptr), PLIANT_OK);
+        ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
+        EXPECT_EQ(count_crossings(body), 0) << "step " << step;
+        force = 0;
+        for (int32_t c = 0; c < body.data->contacts.count; c++) {
+            const pliant_contact_point &point = body.data->contacts.point[c];
+            if (point.kind == PLIANT_OBSTACLE_TISSUE) force += std::fabs(point.force[2]);
+        }
+        EXPECT_LT(body.data->statistics.proxy_error, 1e-3) << "step " << step;
+    }
+    EXPECT_GT(force, 0.05);
 }
 
 } // namespace

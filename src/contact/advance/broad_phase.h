@@ -8,7 +8,7 @@
 /* Pair of a node and a triangle, or of two edges. */
 typedef struct pliant_advance_self_pair {
     int32_t node[4], iterations;
-    int32_t feature[2];  /* of two edges: 3 times the owner's number plus the edge's number in it */
+    int32_t feature[2];  /* a node's owner and the triangle; of edges: 3 times the owner plus the edge's number */
     bool is_edges, ends; /* ends: t can increase no further */
     double t, limit;     /* fraction that is certainly free; smallest permitted distance [m] */
 } pliant_advance_self_pair;

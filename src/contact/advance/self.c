@@ -88,14 +88,17 @@ static void add(search *on, const int32_t node[4], bool edges, int32_t first, in
     memcpy(pair->node, node, sizeof pair->node);
 }
 
-static void try_nodes(search *on, const int32_t *of, uint8_t owns, const int32_t *triangle,
-                      const pliant_advance_box *box)
+/* Test the nodes that triangle a owns against triangle b. */
+static void try_nodes(search *on, int32_t a, int32_t b, const pliant_advance_box *box)
 {
+    const pliant_advance_tree *tree = &on->advance->tree;
+    const int32_t *of = tree->triangles + 3 * (size_t)a, *triangle = tree->triangles + 3 * (size_t)b;
+    const uint8_t owns = tree->owns[a];
     for (int k = 0; k < 3; k++) {
         const int32_t node[4] = {of[k], triangle[0], triangle[1], triangle[2]};
         if (!(owns & PLIANT_OWNS_NODE << k) || node[0] == node[1] || node[0] == node[2] || node[0] == node[3]) continue;
         const pliant_advance_box own = pliant_advance_box_of(1, node, on->from, on->to);
-        if (!pliant_advance_boxes_separated(&own, box, on->margin)) add(on, node, false, 0, 0);
+        if (!pliant_advance_boxes_separated(&own, box, on->margin)) add(on, node, false, a, b);
     }
 }
 
@@ -181,8 +184,8 @@ static void try_triangles(search *on, int32_t m, int32_t n)
         try_crossing(on, one, tree->owns[a], other);
         try_crossing(on, other, tree->owns[b], one);
     }
-    try_nodes(on, one, tree->owns[a], other, boxes[1]);
-    try_nodes(on, other, tree->owns[b], one, boxes[0]);
+    try_nodes(on, a, b, boxes[1]);
+    try_nodes(on, b, a, boxes[0]);
     try_edges(on, a, b, boxes[1]);
 }
 

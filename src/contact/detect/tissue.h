@@ -7,7 +7,7 @@
  * opposite signs and sum to 0, so the forces on the two sides are opposite.
  *
  * In the quasi-static solver, both sides keep a distance, the thickness. So the contact forces act before conservative
- * advancement stops a leg (tissue_pairs.c). A pair at a cut has no thickness, and no leg stops for it.
+ * advancement stops a leg (tissue_pairs.c). A pair at a fragment has no thickness, and no leg stops for it.
  *
  * Cut faces, where voxels are separated (cut/kind: sever): fragments are copies of whole tetrahedra, and they
  * overlap at rest. Only their voxels differ. Their contact uses the severed links between them: the center of these

@@ -14,19 +14,14 @@
 
 enum { SEAM = 1, NEAR_SEAM = 2 };
 
-/* Mark the nodes at cuts and their neighbors. Fragments are whole tetrahedra, so the surfaces next to them overlap at
- * rest, by less than one tetrahedron. The sides of a cut through tetrahedra coincide at rest. */
+/* Mark the nodes at fragments and their neighbors. Fragments are whole tetrahedra, so the surfaces next to them overlap
+ * at rest, by less than one tetrahedron. */
 static void mark_seams(pliant_tissue *tissue)
 {
     const pliant_body *body = tissue->body;
-    const pliant_subdivision *subdivision = body->subdivision;
-    const int32_t appended = subdivision && subdivision->between ? body->fine.num_nodes - subdivision->load_nodes : 0;
     for (int32_t t = 0; t < body->fine.num_tets; t++)
         for (int v = 0; v < 4 && tissue->inside[t] && !tissue->is_candidate[t]; v++)
             tissue->seam[body->fine.tets[4 * (size_t)t + (size_t)v]] = SEAM;
-    for (int32_t n = 0; n < appended; n++)
-        if (subdivision->between[n].end[0] == subdivision->between[n].end[1])
-            tissue->seam[subdivision->load_nodes + n] = tissue->seam[subdivision->between[n].end[0]] = SEAM;
     for (int32_t n = 0; n < tissue->num_nodes; n++)
         for (int32_t a = tissue->around_start[n]; a < tissue->around_start[n + 1]; a++)
             if (tissue->seam[tissue->node[n]] == SEAM && tissue->seam[tissue->around[a]] == 0)
@@ -73,6 +68,34 @@ static void mark_inside(pliant_tissue *tissue)
     }
 }
 
+/* Return whether a cut has split nodes. Its sides have common neighbors in the mesh, and can close onto each other. */
+static bool has_cut(const pliant_tissue *tissue)
+{
+    const pliant_subdivision *subdivision = tissue->body->subdivision;
+    return subdivision && subdivision->between;
+}
+
+/* Add contacts of nodes with triangles that are near them in the mesh, from outside. The search by tetrahedra leaves
+ * them out (pliant_tissue_is_near). But legs stop at them, as at the front of a cut, so they need contact forces. */
+static void add_near_nodes(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *rule)
+{
+    const pliant_tissue_view view = pliant_tissue_view_of(tissue, positions, rule);
+    const pliant_advance_self self = self_of(tissue, tissue->exempt, rule->thickness);
+    for (int32_t n = 0; n < tissue->advance->num_self; n++) {
+        const pliant_advance_self_pair *pair = tissue->advance->self + n;
+        const int32_t node = pair->node[0], triangle = pair->feature[1];
+        pliant_node_contact one = {.triangle = triangle};
+        if (pair->is_edges || !pliant_tissue_is_near(&view, tissue->index_of[node], tissue->triangle[triangle].tet) ||
+            !pliant_tissue_can_move(&view, node, triangle) ||
+            !pliant_tissue_project(&view, triangle, positions + 3 * (size_t)node, one.weight, &one.gap) ||
+            !(one.gap > 0 && one.gap <= pliant_tissue_margin_of(&view, node, triangle)) ||
+            !(fmin(one.weight[0], fmin(one.weight[1], one.weight[2])) >= -PLIANT_TISSUE_BORDER) ||
+            !(pliant_advance_thickness(&self, pair->node, false) > 0))
+            continue;
+        pliant_tissue_add_contact(&view, tissue->index_of[node], &one);
+    }
+}
+
 pliant_status pliant_tissue_find_pairs(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *rule)
 {
     pliant_advance_self_audit audit;
@@ -84,6 +107,7 @@ pliant_status pliant_tissue_find_pairs(pliant_tissue *tissue, const double *posi
     status = pliant_advance_audit_self(tissue->advance, tissue->num_triangles, tissue->triangles, positions, &self,
                                        tissue->exempt, &audit);
     mark_inside(tissue);
+    if (status == PLIANT_OK && has_cut(tissue)) add_near_nodes(tissue, positions, rule);
     return status;
 }
 
@@ -124,25 +148,26 @@ static bool is_flat(const pliant_tissue_view *view, int32_t edge)
            pliant_dot3(view->normal[edge / 3], view->normal[adjacent]) >= view->settings.flat_cosine;
 }
 
-/* Return whether two edges can have contact: not if all nodes are fixed, or if the tetrahedron of one edge has a node
- * of the other edge. */
-static bool can_touch(const pliant_tissue_view *view, const pliant_advance_self_pair *pair)
+/* Return whether two edges can have contact: not if all nodes are fixed. Without a cut, also not if the tetrahedron of
+ * one edge has a node of the other edge. */
+static bool can_touch(const pliant_tissue_view *view, const pliant_advance_self_pair *pair, bool cut)
 {
     bool fixed = true;
     for (int c = 0; c < 4; c++) {
         fixed = fixed && pliant_tissue_is_fixed(view, pair->node[c]);
-        if (pliant_tissue_has_node(view, view->triangle[pair->feature[c < 2] / 3].tet, pair->node[c])) return false;
+        if (!cut && pliant_tissue_has_node(view, view->triangle[pair->feature[c < 2] / 3].tet, pair->node[c]))
+            return false;
     }
     return !fixed;
 }
 
-static pliant_status append_pair(const pliant_tissue_view *view, const pliant_advance_self *self,
+static pliant_status append_pair(const pliant_tissue_view *view, const pliant_advance_self *self, bool cut,
                                  const pliant_advance_self_pair *pair, pliant_contacts *out)
 {
     double x[4][3], s, t, normal[3], u[3], w[3], side[3];
     for (int c = 0; c < 4; c++) memcpy(x[c], pliant_tissue_position(view, pair->node[c]), sizeof x[c]);
     pliant_advance_segments((const double(*)[3])x, (const double(*)[3])(x + 2), &s, &t);
-    if (!(s > 0 && s < 1 && t > 0 && t < 1) || !can_touch(view, pair)) return PLIANT_OK;
+    if (!(s > 0 && s < 1 && t > 0 && t < 1) || !can_touch(view, pair, cut)) return PLIANT_OK;
     for (int d = 0; d < 3; d++) {
         u[d] = x[1][d] - x[0][d];
         w[d] = x[3][d] - x[2][d];
@@ -186,7 +211,7 @@ pliant_status pliant_tissue_append_edges(pliant_tissue *tissue, const double *po
     pliant_status status = PLIANT_OK;
     for (int32_t n = 0; rule->thickness > 0 && n < advance->num_self && status == PLIANT_OK; n++)
         if (advance->self[n].is_edges && pliant_advance_thickness(&self, advance->self[n].node, true) > 0)
-            status = append_pair(&view, &self, advance->self + n, out);
+            status = append_pair(&view, &self, has_cut(tissue), advance->self + n, out);
     return status;
 }
 
