@@ -1,6 +1,7 @@
 // Cores never enter the surface. Legs of random pairs are compared with samples of the same motion. Independent code
 // computes the sampled distances.
 #include "advances.h"
+#include "contact/advance/field.h"
 #include "contact/shapes/shapes.h"
 #include "contact/shapes/tool_shape.h"
 #include "solids.h"
@@ -367,6 +368,61 @@ TEST(Advance, NeverEntersASolidThatIsNotConvex)
     EXPECT_GT(outcome.blocked, outcome.legs / 10);
     EXPECT_LT(outcome.blocked, outcome.legs);
     EXPECT_LE(outcome.early, 1 + outcome.legs / 50);
+}
+
+// Place a triangle across a direction, so that its core distance is nearly the smallest that legs leave.
+void place_at_floor(const Leg &leg, const Vector &out, const Corners &shape, Corners &at)
+{
+    const pliant_part core = [&leg] {
+        pliant_part made = leg.part;
+        made.radius += leg.error - leg.leg.guard;
+        return made;
+    }();
+    double low = -0.03, high = 0.03;
+    for (int step = 0; step < 40; step++) {
+        const double middle = 0.5 * (low + high);
+        for (int c = 0; c < 3; c++)
+            for (int d = 0; d < 3; d++) at[c][d] = shape[c][d] + middle * out[d];
+        double local[3][3];
+        for (int c = 0; c < 3; c++) std::copy(at[c].begin(), at[c].end(), local[c]);
+        int64_t distances = 0;
+        (pliant_field_minimum(&core, local, 1, &distances) < 0.02 * leg.leg.guard ? low : high) = middle;
+    }
+}
+
+// The rod's rim crosses borders of the field's cells, where the gradient changes. A leg away from it is never stopped.
+TEST(Advance, ATriangleThatLeavesTheRimOfAFieldIsNotStopped)
+{
+    pliant_solid_options options{};
+    options.resolution = 3e-4;
+    pliant_solid *solid = nullptr;
+    ASSERT_EQ(rod_surface(0.0008, 0.02).make(options, &solid), PLIANT_OK) << pliant_last_error();
+    Random random(7);
+    const Advance advance;
+    int stopped = 0;
+    for (int n = 0; n < 100; n++) {
+        Leg leg;
+        leg.part.kind = PLIANT_PART_SOLID;
+        leg.part.solid = solid;
+        leg.finish();
+        leg.leg.guard = 2.4e-4;
+        const double tilt = random(0.2, 1.4), about = random(0, 2 * M_PI), along = random(0, 2 * M_PI);
+        const Vector out = {std::sin(tilt) * std::cos(about), std::sin(tilt) * std::sin(about), -std::cos(tilt)},
+                     side = {-std::sin(about), std::cos(about), 0},
+                     up = {out[1] * side[2] - out[2] * side[1], out[2] * side[0] - out[0] * side[2],
+                           out[0] * side[1] - out[1] * side[0]};
+        Corners shape;
+        for (int c = 0; c < 3; c++)
+            for (int d = 0; d < 3; d++)
+                shape[c][d] = 0.005 * (std::cos(along + 2 * M_PI * c / 3) * side[d] +
+                                       std::sin(along + 2 * M_PI * c / 3) * up[d]);
+        place_at_floor(leg, out, shape, leg.from);
+        for (int c = 0; c < 3; c++)
+            for (int d = 0; d < 3; d++) leg.to[c][d] = leg.from[c][d] + 1e-4 * out[d];
+        stopped += leg.find(advance).t < 1;
+    }
+    pliant_solid_release(solid);
+    EXPECT_EQ(stopped, 0);
 }
 
 } // namespace

@@ -1,9 +1,9 @@
 /* Lower bounds of a distance field in a box. The field lies above a plane that is lowered until no point of the box
  * is below it. The tested points are the grid's points in the box and the intersections of its lines and planes
  * with the box's sides. They suffice because field and plane are trilinear between them. Where the solid is flat,
- * the bound is sharp in all directions, so sliding along it is not slowed. Elsewhere the triangle and the time are
- * split. Outside the grid the distance is Lipschitz continuous (Piyavskii, USSR Comp. Math. Math. Phys. 12:57,
- * 1972). */
+ * the bound is sharp in all directions, so sliding along it is not slowed. At a minimum where cells of the field meet
+ * at an angle, a plane parallel to the triangle is sharp. Elsewhere the triangle and the time are split. Outside the
+ * grid the distance is Lipschitz continuous (Piyavskii, USSR Comp. Math. Math. Phys. 12:57, 1972). */
 #include "contact/advance/field.h"
 
 #include "contact/advance/advance_rules.h"
@@ -12,7 +12,7 @@
 #include <string.h>
 
 enum {
-    DEEPEST = 10,
+    DEEPEST = 13,
     MAX_HALVINGS = 16,
     MAX_OPEN = 3 * DEEPEST + MAX_HALVINGS + 4,
     MAX_PIECES = 20000,
@@ -123,33 +123,107 @@ static double value_at(const pliant_part *core, const double p[3])
     return plane[0] + fraction[2] * (plane[1] - plane[0]) - core->radius;
 }
 
-/* Compute a plane below the distance: normal . (p - middle) + *height is at most the distance at each p of the box
- * that lies in the grid. Return false if the box is too large, or not in the grid. */
-static bool lower_plane(const pliant_part *core, const region *of, const double normal[3], double *height,
-                        int64_t *distances)
-{
-    double along[3][MAX_ALONG], p[3];
+/* Values of the field in a box, and their coordinates along each axis. */
+typedef struct samples {
+    double along[3][MAX_ALONG], value[MAX_ALONG * MAX_ALONG * MAX_ALONG];
     int count[3];
+} samples;
+
+/* A plane below the distance: normal . (p - middle) + height is at most the distance at each p of the box that lies in
+ * the grid. */
+typedef struct plane { double normal[3], height; } plane;
+
+/* Return false if the box is too large, or not in the grid. */
+static bool take_samples(const pliant_part *core, const region *of, samples *out, int64_t *distances)
+{
+    double p[3], *value = out->value;
     for (int d = 0; d < 3; d++)
-        if ((count[d] = list_along(core, of, d, along[d])) == 0) return false;
-    *height = INFINITY;
-    *distances += (int64_t)count[0] * count[1] * count[2];
-    for (int k = 0; k < count[2]; k++)
-        for (int j = 0; j < count[1]; j++)
-            for (int i = 0; i < count[0]; i++) {
-                p[0] = along[0][i];
-                p[1] = along[1][j];
-                p[2] = along[2][k];
-                double rise = value_at(core, p);
-                for (int d = 0; d < 3; d++) rise -= normal[d] * (p[d] - of->middle[d]);
-                *height = rise < *height ? rise : *height;
+        if ((out->count[d] = list_along(core, of, d, out->along[d])) == 0) return false;
+    *distances += (int64_t)out->count[0] * out->count[1] * out->count[2];
+    for (int k = 0; k < out->count[2]; k++)
+        for (int j = 0; j < out->count[1]; j++)
+            for (int i = 0; i < out->count[0]; i++) {
+                p[0] = out->along[0][i];
+                p[1] = out->along[1][j];
+                p[2] = out->along[2][k];
+                *value++ = value_at(core, p);
             }
     return true;
 }
 
-static double height_of(const double normal[3], const double p[3], const double middle[3])
+/* Set the height of a plane. Return how far the sample that limits it lies from the middle along a direction. */
+static double lower_plane(const samples *all, const region *of, const double direction[3], plane *out)
 {
-    return normal[0] * (p[0] - middle[0]) + normal[1] * (p[1] - middle[1]) + normal[2] * (p[2] - middle[2]);
+    const double *value = all->value;
+    double offset[3], at = 0;
+    out->height = INFINITY;
+    for (int k = 0; k < all->count[2]; k++)
+        for (int j = 0; j < all->count[1]; j++)
+            for (int i = 0; i < all->count[0]; i++, value++) {
+                offset[0] = all->along[0][i] - of->middle[0];
+                offset[1] = all->along[1][j] - of->middle[1];
+                offset[2] = all->along[2][k] - of->middle[2];
+                const double height = *value - pliant_dot3(out->normal, offset);
+                if (!(height < out->height)) continue;
+                out->height = height;
+                at = pliant_dot3(direction, offset);
+            }
+    return at;
+}
+
+static double height_of(const plane *of, const region *around, const double p[3])
+{
+    const double *n = of->normal, *m = around->middle;
+    return of->height + n[0] * (p[0] - m[0]) + n[1] * (p[1] - m[1]) + n[2] * (p[2] - m[2]);
+}
+
+/* Find the plane parallel to the piece that bounds the distance best. At the minimum of a convex function on a
+ * triangle, some subgradient is normal to the triangle (contact/shapes/minimum.c). Therefore this plane is sharp where
+ * cells of the field meet at an angle, and the plane by the gradient is not. The bound is concave in the slope of the
+ * plane, and piecewise linear. */
+static void find_parallel_plane(const samples *all, const region *of, const double gradient[3], plane *out)
+{
+    enum { MAX_STEPS = 6 };
+    double side[2][3], own[3];
+    for (int d = 0; d < 3; d++) {
+        side[0][d] = of->at[0][1][d] - of->at[0][0][d];
+        side[1][d] = of->at[0][2][d] - of->at[0][0][d];
+    }
+    pliant_cross3(side[0], side[1], own);
+    const double size = pliant_length3(own);
+    *out = (plane){.height = -INFINITY};
+    if (!(size > 0)) return;
+    for (int d = 0; d < 3; d++) own[d] /= size;
+    const double level = own[0] * (of->at[0][0][0] - of->middle[0]) + own[1] * (of->at[0][0][1] - of->middle[1]) +
+                         own[2] * (of->at[0][0][2] - of->middle[2]);
+    double slope = pliant_dot3(own, gradient), bound[2], rate[2] = {0, 0}, at[2] = {-1, 1}, best = -INFINITY;
+    for (int step = 0; step < MAX_STEPS; step++) {
+        plane trial;
+        for (int d = 0; d < 3; d++) trial.normal[d] = slope * own[d];
+        const double rise = level - lower_plane(all, of, own, &trial), value = trial.height + slope * level;
+        if (value > best) best = value, *out = trial;
+        const int end = rise < 0;
+        bound[end] = value;
+        rate[end] = rise;
+        at[end] = slope;
+        if (rise == 0) return;
+        slope = rate[0] == 0 || rate[1] == 0
+                    ? at[!end]
+                    : (bound[0] - bound[1] - rate[0] * at[0] + rate[1] * at[1]) / (rate[1] - rate[0]);
+        if (!(slope > at[0] && slope < at[1]) && rate[0] != 0 && rate[1] != 0) return;
+    }
+}
+
+/* Find one of two planes: by the gradient, or parallel to the piece. */
+static void bound_from_below(const samples *all, const region *of, const double gradient[3], bool is_parallel,
+                             plane *out)
+{
+    if (is_parallel) {
+        find_parallel_plane(all, of, gradient, out);
+        return;
+    }
+    memcpy(out->normal, gradient, sizeof out->normal);
+    (void)lower_plane(all, of, gradient, out);
 }
 
 /* Return the first fraction of the motion at which a height may reach 0. begin and end are its values at both ends;
@@ -192,12 +266,13 @@ static const piece whole = {.weight = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, .begin 
 double pliant_field_minimum(const pliant_part *core, const double corner[3][3], double far, int64_t *distances)
 {
     piece stack[MAX_OPEN];
+    samples all;
     double lowest = INFINITY, bound = INFINITY;
     int depth = 0, pieces = 0;
     for (stack[depth++] = whole; depth > 0; pieces++) {
         const piece of = stack[--depth];
         const region around = region_of(&of, corner, corner, 0);
-        double normal[3], own[3], middle[3], height;
+        double normal[3], own[3], middle[3];
         for (int d = 0; d < 3; d++) middle[d] = (around.at[0][0][d] + around.at[0][1][d] + around.at[0][2][d]) / 3;
         const double distance = pliant_part_distance(core, around.middle, normal);
         double minimum = look_along_motion(core, &around, distance);
@@ -205,11 +280,14 @@ double pliant_field_minimum(const pliant_part *core, const double corner[3][3], 
         lowest = fmin(lowest, pliant_part_distance(core, middle, own));
         if (lowest <= 0) return lowest;
         const double wanted = fmin(enough * lowest - smallest * core->solid->cell, far);
-        if (minimum < wanted && lower_plane(core, &around, normal, &height, distances)) {
-            double by_plane = INFINITY;
-            for (int k = 0; k < 3; k++)
-                by_plane = fmin(by_plane, height + height_of(normal, around.at[0][k], around.middle));
-            minimum = fmax(minimum, by_plane);
+        if (minimum < wanted && take_samples(core, &around, &all, distances)) {
+            for (int n = 0; n < 2 && minimum < wanted; n++) {
+                double by_plane = INFINITY;
+                plane below;
+                bound_from_below(&all, &around, normal, n == 1, &below);
+                for (int k = 0; k < 3; k++) by_plane = fmin(by_plane, height_of(&below, &around, around.at[0][k]));
+                minimum = fmax(minimum, by_plane);
+            }
         }
         if (minimum >= wanted || of.level == DEEPEST || pieces > MAX_PIECES)
             bound = fmin(bound, minimum);
@@ -260,16 +338,22 @@ static void corners_at(const pliant_advance_motion *motion, const pliant_advance
 /* Return the fraction of a piece's time that is certainly free. */
 static double look_at(const pliant_part *core, const region *around, double limit, int64_t *distances)
 {
-    double normal[3], height, reached = 1;
+    double normal[3], best = 0;
+    samples all;
     const double distance = pliant_part_distance(core, around->middle, normal);
     ++*distances;
     if (look_along_motion(core, around, distance) >= limit) return 1;
-    if (!lower_plane(core, around, normal, &height, distances)) return 0;
-    for (int k = 0; k < 3; k++)
-        reached = fmin(reached,
-                       first_zero(height + height_of(normal, around->at[0][k], around->middle) - limit,
-                                  height + height_of(normal, around->at[1][k], around->middle) - limit, around->bulge));
-    return reached;
+    if (!take_samples(core, around, &all, distances)) return 0;
+    for (int n = 0; n < 2 && best < 1; n++) {
+        double reached = 1;
+        plane below;
+        bound_from_below(&all, around, normal, n == 1, &below);
+        for (int k = 0; k < 3; k++)
+            reached = fmin(reached, first_zero(height_of(&below, around, around->at[0][k]) - limit,
+                                               height_of(&below, around, around->at[1][k]) - limit, around->bulge));
+        best = fmax(best, reached);
+    }
+    return best;
 }
 
 double pliant_field_free_time(const pliant_advance_motion *motion, const pliant_advance_triangle *triangle, double t,

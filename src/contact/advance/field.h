@@ -4,6 +4,10 @@
 
 #include "contact/advance/motion.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* Positions of a triangle's corners during a leg. */
 typedef struct pliant_advance_triangle {
     double from[3][3], rate[3][3];
@@ -17,5 +21,9 @@ double pliant_field_minimum(const pliant_part *core, const double corner[3][3], 
 /* Return a time, starting from t, up to which the distance stays at least `limit`. */
 double pliant_field_free_time(const pliant_advance_motion *motion, const pliant_advance_triangle *triangle, double t,
                               double limit, int64_t *distances);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif
