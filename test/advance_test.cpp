@@ -370,7 +370,7 @@ TEST(Advance, NeverEntersASolidThatIsNotConvex)
     EXPECT_LE(outcome.early, 1 + outcome.legs / 50);
 }
 
-// Place a triangle across a direction, so that its core distance is nearly the smallest that legs leave.
+// Set the position of a triangle across a direction. Its core distance is nearly the smallest that legs leave.
 void place_at_floor(const Leg &leg, const Vector &out, const Corners &shape, Corners &at)
 {
     const pliant_part core = [&leg] {
@@ -400,7 +400,7 @@ TEST(Advance, ATriangleThatLeavesTheRimOfAFieldIsNotStopped)
     Random random(7);
     const Advance advance;
     int stopped = 0;
-    for (int n = 0; n < 100; n++) {
+    for (int n = 0; n < 40; n++) {
         Leg leg;
         leg.part.kind = PLIANT_PART_SOLID;
         leg.part.solid = solid;

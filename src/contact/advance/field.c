@@ -151,7 +151,7 @@ static bool take_samples(const pliant_part *core, const region *of, samples *out
     return true;
 }
 
-/* Set the height of a plane. Return how far the sample that limits it lies from the middle along a direction. */
+/* Set the height of a plane. Return the distance along a direction from the middle to the sample that limits it. */
 static double lower_plane(const samples *all, const region *of, const double direction[3], plane *out)
 {
     const double *value = all->value;

@@ -216,6 +216,5 @@ int32_t pliant_volume_bound_motion(const pliant_contact_settings *settings, cons
         }
         if (pass == 0) first = count;
     }
-    for (int32_t n = 0; n < mesh->num_nodes && count > 0; n++) fraction[n] = 0;
-    return first;
+    return count > 0 ? -1 : first;
 }

@@ -40,7 +40,7 @@ double pliant_volume_lacking(const pliant_contact_settings *settings, const plia
  * @param from, to (nodes x 3) positions at both ends of the leg [m]
  * @param piece_of_node as above
  * @param fraction (nodes) out: fraction of its motion that each node may make
- * @return number of elements that would have been too small; 0: all fractions are 1 */
+ * @return number of elements that would have been too small; 0: all fractions are 1; -1: no fractions were found */
 int32_t pliant_volume_bound_motion(const pliant_contact_settings *settings, const pliant_mesh *mesh, const double *from,
                                    const double *to, const int32_t *piece_of_node, double *fraction);
 

@@ -100,24 +100,27 @@ static void end_step(pliant_data *data)
 
 /* ---- goals of a leg */
 
-/* Save the proxies' poses and loads at the start of a leg. */
-static void begin_leg(pliant_data *data)
-{
-    for (int t = 0; t < data->num_tools; t++) {
-        pliant_leg_tool *leg = data->legs->tool + t;
-        double joint[3], axis[3];
-        leg->begin = pliant_tool_proxy(data->tools + t);
-        pliant_proxy_find_load(data, t, &leg->begin, &leg->before);
-        pliant_tool_joint(data->tools + t, &leg->begin, joint, axis);
-        pliant_proxy_compliance(data, t, true, joint, axis, leg->piece_compliance);
-    }
-}
-
 /* Return the largest distance of a tool near tissue in one leg [m]. */
 static double max_distance_of(const pliant_data *data)
 {
     const double *cell = data->body->fine.cell_size;
     return data->model->contact.leg_distance * fmax(fmax(cell[0], cell[1]), cell[2]);
+}
+
+/* Save the proxies' poses and loads at the start of a leg. In explicit dynamics, the load is the mean over about one
+ * step, because contacts of tissue that vibrates open and close: update_loads filters it within a step. */
+static void begin_leg(pliant_data *data, bool first)
+{
+    for (int t = 0; t < data->num_tools; t++) {
+        pliant_leg_tool *leg = data->legs->tool + t;
+        double joint[3], axis[3];
+        leg->begin = pliant_tool_proxy(data->tools + t);
+        if (first || !data->tled) pliant_proxy_find_load(data, t, &leg->begin, &leg->before);
+        pliant_tool_joint(data->tools + t, &leg->begin, joint, axis);
+        pliant_proxy_compliance(data, t, true, joint, axis, leg->piece_compliance);
+        if (data->tled)
+            pliant_proxy_find_yields(data, t, &leg->begin, &leg->before, max_distance_of(data), leg->yields);
+    }
 }
 
 /* Return the fraction of the tool's remaining motion that keeps its distance in this leg below the maximum.
@@ -133,8 +136,8 @@ static double fraction_of(const pliant_model *model, pliant_data *data, int t, b
         pliant_contact_body couple[2];
         pliant_touch_limit limit[3];
         pliant_tool_pose ahead;
-        pliant_proxy_linearize(model, tool, &leg->begin, &leg->measured, &leg->before, leg->piece_compliance, &ahead,
-                               couple, limit);
+        pliant_proxy_linearize(model, tool, &leg->begin, &leg->measured, &leg->before, leg->piece_compliance,
+                               leg->yields, &ahead, couple, limit);
         distance = pliant_tool_max_motion(tool, &leg->begin, &ahead);
     }
     return distance > maximum && pliant_contact_is_near(data, tool, &leg->begin, &leg->measured) ? maximum / distance
@@ -184,8 +187,9 @@ static void set_goals(const pliant_model *model, pliant_data *data, double fract
         const double own = dynamic ? fraction * limit_speed(model, data, tool, leg, fraction)
                                    : fmin(fraction, fraction_of(model, data, t, false));
         leg->goal = pliant_pose_interpolate(&leg->begin, &leg->measured, own);
-        pliant_proxy_linearize(model, tool, &leg->begin, &leg->goal, &leg->before, leg->piece_compliance, &leg->ahead,
-                               data->legs->proxy + 2 * t, data->legs->limit + 3 * t);
+        for (int k = 0; k < 3; k++) leg->yields[k] *= data->fraction; /* as far in a step, however many legs it has */
+        pliant_proxy_linearize(model, tool, &leg->begin, &leg->goal, &leg->before, leg->piece_compliance,
+                               leg->yields, &leg->ahead, data->legs->proxy + 2 * t, data->legs->limit + 3 * t);
         if (data->tled) leg->goal = leg->ahead;
         memcpy(tool->tip, leg->ahead.tip, sizeof tool->tip);
         memcpy(tool->rotation, leg->ahead.rotation, sizeof tool->rotation);
@@ -283,6 +287,13 @@ static double fraction_of_yield(const pliant_data *data, int t, const pliant_pro
     return motion > maximum && (pliant_length3(load->wrench) > 0 || load->jaw != 0) ? maximum / motion : 1;
 }
 
+/* Move a load towards another one by this fraction. */
+static void mix_load(const pliant_proxy_load *to, double fraction, pliant_proxy_load *load)
+{
+    for (int k = 0; k < 6; k++) load->wrench[k] += fraction * (to->wrench[k] - load->wrench[k]);
+    load->jaw += fraction * (to->jaw - load->jaw);
+}
+
 /* Update the loads on all proxies. With TLED, return 1. Otherwise move the goals to where the couplings yield to the
  * new loads, and return the fraction of the leg at which the first coupling reaches its force limit. */
 static double update_loads(const pliant_model *model, pliant_data *data)
@@ -294,6 +305,10 @@ static double update_loads(const pliant_model *model, pliant_data *data)
         pliant_proxy_load load;
         if (!tool->present || tool->shape.num_parts == 0) continue;
         pliant_proxy_find_load(data, t, &leg->ahead, &load);
+        if (data->tled) {
+            mix_load(&load, data->fraction, &leg->before);
+            load = leg->before;
+        }
         const double limit = pliant_proxy_fraction_to_limit(model, tool, &leg->before, &load);
         if (data->tled) continue;
         leg->goal = pliant_proxy_pose_under_load(tool, &leg->ahead, data->legs->proxy + 2 * t, &load);
@@ -370,14 +385,16 @@ static pliant_status apply_checked_fraction(const pliant_model *model, pliant_da
 }
 
 /* Apply the volume bound: shorten the motion of the nodes of small elements. After a blocked leg, shorten the motion
- * of all nodes alike, because the linear model that made it holds for small motions only. */
+ * of all nodes alike, because the linear model that made it holds for small motions only. The same is done if no
+ * motion of single nodes is found. */
 static pliant_status keep_volumes(const pliant_model *model, pliant_data *data, double *fraction)
 {
-    data->legs->shortened = false;
+    bool found = false;
     if (!pliant_contact_bounds_volumes(data)) return PLIANT_OK;
-    if (!data->legs->blocked) return pliant_legs_bound_volumes(model, data);
-    *fraction = fmin(*fraction, pliant_volume_advance(&model->contact, &data->body->fine, data->legs->positions,
-                                                data->positions, pliant_contact_pieces(data)));
+    pliant_status status = data->legs->blocked ? PLIANT_OK : pliant_legs_bound_volumes(model, data, &found);
+    if (found || status != PLIANT_OK) return status;
+    *fraction = pliant_volume_advance(&model->contact, &data->body->fine, data->legs->positions, data->positions,
+                                      pliant_contact_pieces(data));
     return PLIANT_OK;
 }
 
@@ -385,12 +402,14 @@ static pliant_status keep_volumes(const pliant_model *model, pliant_data *data, 
 static pliant_status apply_leg(const pliant_model *model, pliant_data *data, double *fraction)
 {
     pliant_advance_result found;
+    double volumes = 1;
     *fraction = fmin(update_loads(model, data), data->solver && data->legs->blocked ? bound_motion(data) : 1);
-    pliant_status status = keep_volumes(model, data, fraction);
+    pliant_status status = keep_volumes(model, data, &volumes);
     if (status == PLIANT_OK) status = pliant_contact_advance(model, data, 1, &found);
     if (status == PLIANT_OK && is_dynamic(data)) status = hold_tools(model, data, &found);
     if (status < 0) return status;
     *fraction = fmin(*fraction, found.t);
+    *fraction = fmin(*fraction, volumes);
     const double farthest = *fraction < 1 ? farthest_of(data) : 0;
     if (*fraction < 1) status = apply_checked_fraction(model, data, fraction);
     pliant_legs_add_lost(data, (1 - *fraction) * farthest);
@@ -429,7 +448,7 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
     pliant_statistics *statistics = &data->statistics;
     const int32_t limit = data->solver ? data->solver->rules.max_evaluations : 0;
     double completed = 1;
-    begin_leg(data);
+    begin_leg(data, budget->first);
     const double fraction = is_dynamic(data) ? choose_part(model, data) : choose_fraction(model, data);
     /* after a leg without progress, the tissue alone moves */
     const bool holds = !is_dynamic(data) && budget->completed < PLIANT_ADVANCE_MIN_PROGRESS;
@@ -455,9 +474,8 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
     budget->blocked = completed < PLIANT_ADVANCE_MIN_PROGRESS ? budget->blocked + 1 : 0;
     statistics->legs++;
     statistics->advanced = completed;
-    /* A linear step is followed by a leg that checks its result. A leg that the volume bound shortened is
-     * followed by a leg whose contact points hold the small elements open. */
-    *done = !holds && fraction == 1 && completed == 1 && !data->legs->blocked && !data->legs->shortened;
+    /* a linear step is followed by a leg that checks its result */
+    *done = !holds && fraction == 1 && completed == 1 && !data->legs->blocked;
     if (is_dynamic(data)) { /* time passes also in a blocked leg */
         budget->left = 1 - (double)data->tled->substeps_done / data->tled->substeps;
         *done = data->tled->substeps_done == 0;
@@ -502,7 +520,7 @@ pliant_status pliant_legs_find(const pliant_model *model, pliant_data *data)
 {
     if (!data->legs && !(data->legs = pliant_calloc(1, sizeof *data->legs))) return pliant_fail_memory("contacts");
     pliant_status status = begin_step(model, data);
-    begin_leg(data);
+    begin_leg(data, true);
     set_goals(model, data, 1);
     return status == PLIANT_OK ? pliant_contact_find_points(model, data) : status;
 }

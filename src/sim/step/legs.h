@@ -34,6 +34,7 @@ typedef struct pliant_leg_tool {
     /* proxy poses in this leg: at its start; predicted at its end; desired, and after the solve the solved one */
     pliant_tool_pose begin, ahead, goal;
     double piece_compliance[2]; /* pliant_proxy_compliance with the contact points of the previous leg */
+    double yields[3];           /* pliant_proxy_find_yields; 0 in quasi-static steps */
     double target[3];           /* grasp target at the target pose [m] */
     pliant_proxy_load before;   /* load on the proxy at the start of the leg */
 } pliant_leg_tool;
@@ -44,7 +45,6 @@ struct pliant_legs {
     pliant_touch_limit limit[3 * PLIANT_MAX_TOOLS]; /* of each proxy's force, torque, and jaws */
     pliant_contact_bodies bodies;    /* rigid pieces and proxies */
     bool blocked;                  /* the previous leg was blocked */
-    bool shortened;                /* the volume bound shortened this leg: contact points have to follow */
     bool planes; /* a leg of this step, or the last leg of the previous one, was blocked: use plane constraints */
     /* STATE AT THE START OF THE LEG: the leg ends between this state and the solved one */
     int32_t node_capacity, solved_capacity, fraction_capacity;
@@ -75,8 +75,9 @@ pliant_status pliant_legs_save(const pliant_model *model, pliant_data *data);
 pliant_status pliant_legs_save_points(pliant_data *data);
 /* Move everything except the proxies to this fraction of the leg. */
 pliant_status pliant_legs_apply_fraction(const pliant_model *model, pliant_data *data, double fraction);
-/* Shorten the motion of single nodes so that no element inverts (contact/volume/volume.h). */
-pliant_status pliant_legs_bound_volumes(const pliant_model *model, pliant_data *data);
+/* Shorten the motion of single nodes so that no element inverts (contact/volume/volume.h).
+ * @param found out: false: no such motion was found, and nothing changed */
+pliant_status pliant_legs_bound_volumes(const pliant_model *model, pliant_data *data, bool *found);
 /* Add a distance to the error estimate that nodes lose because the leg is shortened [m]. The solver's estimate is for
  * the end of the leg. */
 void pliant_legs_add_lost(pliant_data *data, double lost);

@@ -132,7 +132,7 @@ void pliant_legs_add_lost(pliant_data *data, double lost)
     data->solver->rules.reported_error += error; /* the next step reports it as error_before */
 }
 
-pliant_status pliant_legs_bound_volumes(const pliant_model *model, pliant_data *data)
+pliant_status pliant_legs_bound_volumes(const pliant_model *model, pliant_data *data, bool *found)
 {
     pliant_legs *legs = data->legs;
     pliant_solver *solver = data->solver;
@@ -144,9 +144,10 @@ pliant_status pliant_legs_bound_volumes(const pliant_model *model, pliant_data *
         legs->fraction = fraction;
         legs->fraction_capacity = mesh->num_nodes;
     }
-    if (pliant_volume_bound_motion(&model->contact, mesh, legs->positions, data->positions, pliant_contact_pieces(data),
-                                   legs->fraction) == 0)
-        return PLIANT_OK;
+    const int32_t count = pliant_volume_bound_motion(&model->contact, mesh, legs->positions, data->positions,
+                                                     pliant_contact_pieces(data), legs->fraction);
+    *found = count >= 0;
+    if (count <= 0) return PLIANT_OK;
     if (data->backend->download) data->backend->download(data->model, data);
     double farthest = 0;
     for (int32_t n = 0; n < mesh->num_nodes; n++) {
@@ -159,8 +160,6 @@ pliant_status pliant_legs_bound_volumes(const pliant_model *model, pliant_data *
     (void)pliant_solver_set_contacts(solver, NULL, NULL, NULL);
     pliant_solver_reset_after_move(solver);
     solver->evaluation_history = evaluation_history;
-    /* tetrahedra: the next step suffices, and jaws on a liver need 2.3 times the evaluations with one more leg */
-    legs->shortened = model->scene.element.kind == PLIANT_HEXAHEDRA;
     pliant_legs_add_lost(
         data, farthest + pliant_volume_lacking(&model->contact, mesh, data->positions, &data->contacts));
     return pliant_backend_move(model, data);

@@ -90,6 +90,35 @@ void pliant_proxy_find_load(const pliant_data *data, int index, const pliant_too
     }
 }
 
+void pliant_proxy_find_yields(const pliant_data *data, int index, const pliant_tool_pose *pose,
+                              const pliant_proxy_load *load, double farthest, double out[3])
+{
+    const double fraction = 0.25,
+                 loads[3] = {pliant_length3(load->wrench), pliant_length3(load->wrench + 3), fabs(load->jaw)};
+    double moved = 0, force = 0, levers[2] = {0, 0}, joint[3], axis[3];
+    pliant_tool_joint(data->tools + index, pose, joint, axis);
+    for (int32_t p = 0; p < data->contacts.count; p++) {
+        const pliant_contact_point *point = data->contacts.point + p;
+        if (point->kind != PLIANT_OBSTACLE_TOOL || point->tool != index) continue;
+        const double own = pliant_length3(point->force);
+        force += own;
+        levers[0] += own * pliant_distance3(point->place, pose->tip);
+        levers[1] += own * 0.5 * pliant_distance3(point->place, joint); /* a jaw makes half of the jaws' motion */
+        double u[3] = {0, 0, 0};
+        for (int32_t k = 0; k < point->count; k++)
+            for (int d = 0; d < 3; d++) {
+                const size_t at = 3 * (size_t)point->node[k] + (size_t)d;
+                u[d] += point->weight[k] * (data->positions[at] - data->body->fine.rest[at]);
+            }
+        moved += own * pliant_length3(u);
+    }
+    const double distance = force > 0 ? fraction * fmin(moved / force, farthest) : 0;
+    for (int k = 0; k < 3; k++) {
+        const double lever = k == 0 ? 1 : levers[k - 1] / force;
+        out[k] = distance > 0 && loads[k] > 0 && lever > 0 ? distance / lever / loads[k] : 0;
+    }
+}
+
 /* Quaternion product: rotate by b, then by a. */
 static void multiply(const double a[4], const double b[4], double out[4])
 {
@@ -120,12 +149,14 @@ pliant_tool_pose pliant_proxy_pose_under_load(const pliant_tool *tool, const pli
 }
 
 /* Return the compliance of a coupling for this distance between proxy and goal. Near the force limit the compliance
- * increases, so that the load stays below the limit. */
+ * increases, so that the load stays below the limit. If the compliance of the tissue is known, the proxy moves to where
+ * the load will be the limit. */
 static double coupling_compliance(const pliant_contact_settings *settings, double stiffness, double error, double load,
-                                  double limit)
+                                  double limit, double yields)
 {
     const double slope = 1 / settings->soft_width,
                  softens = fmin(fmax(slope * load / limit - slope * settings->soft_begin, 0), 1);
+    if (yields > 0) return fmax(1 / stiffness, (error + yields * (load - limit)) / load);
     return fmax(1 / stiffness, softens * error / limit);
 }
 
@@ -150,22 +181,24 @@ static void turn_between(const double from[4], const double to[4], double turn[3
 
 void pliant_proxy_linearize(const pliant_model *model, const pliant_tool *tool, const pliant_tool_pose *begin,
                             const pliant_tool_pose *goal, const pliant_proxy_load *before,
-                            const double piece_compliance[2], pliant_tool_pose *ahead, pliant_contact_body out[2],
-                            pliant_touch_limit limit[3])
+                            const double piece_compliance[2], const double yields[3], pliant_tool_pose *ahead,
+                            pliant_contact_body out[2], pliant_touch_limit limit[3])
 {
     const pliant_scene *scene = &model->scene;
     const double maximum = scene->contact.max_force, lever = maximum * fmax(reach_of(tool), 1e-3),
                  turn_stiffness = scene->contact.coupling_stiffness_rotational;
-    const double *wrench = before->wrench, *pulls = tool->proxy.pulls;
+    static const double none[3] = {0, 0, 0};
+    const double *wrench = before->wrench, *pulls = yields[0] > 0 ? none : tool->proxy.pulls;
     const double shift =
         coupling_compliance(&model->contact, scene->contact.coupling_stiffness, pliant_distance3(begin->tip, goal->tip),
-                            fmax(pliant_length3(wrench), pulls[0]), maximum);
+                            fmax(pliant_length3(wrench), pulls[0]), maximum, yields[0]);
     const double turn =
         coupling_compliance(&model->contact, turn_stiffness, pliant_rotation_angle(begin->rotation, goal->rotation),
-                            fmax(pliant_length3(wrench + 3), pulls[1]), lever);
-    const double jaw = coupling_compliance(&model->contact, turn_stiffness, fabs(goal->jaw - begin->jaw),
-                                           fmax(fabs(before->jaw), pulls[2]), scene->contact.grip_torque) +
-                       piece_compliance[1];
+                            fmax(pliant_length3(wrench + 3), pulls[1]), lever, yields[1]);
+    const double jaw =
+        coupling_compliance(&model->contact, turn_stiffness, fabs(goal->jaw - begin->jaw),
+                            fmax(fabs(before->jaw), pulls[2]), scene->contact.grip_torque, yields[2]) +
+        piece_compliance[1];
     double *axis = limit[2].axis;
     limit[0] = (pliant_touch_limit){.load = maximum,
                                     .compliance = 1 / scene->contact.coupling_stiffness + piece_compliance[0]};

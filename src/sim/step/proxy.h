@@ -40,12 +40,19 @@ void pliant_proxy_find_load(const pliant_data *data, int tool, const pliant_tool
  * at the tool's farthest point, and contact/grip_torque.
  * @param goal desired pose at the end of the leg
  * @param piece_compliance additional compliance for rigid pieces under the tool (pliant_proxy_compliance)
+ * @param yields estimated compliance of the tissue for force, torque, and jaws; 0: unknown [m/N, rad/(N m)]
  * @param ahead out: the pose at the linearization point
  * @param limit out: limits of force, torque, and jaws, which the solver on the CPU keeps exactly */
 void pliant_proxy_linearize(const pliant_model *model, const pliant_tool *tool, const pliant_tool_pose *begin,
                             const pliant_tool_pose *goal, const pliant_proxy_load *before,
-                            const double piece_compliance[2], pliant_tool_pose *ahead, pliant_contact_body out[2],
-                            pliant_touch_limit limit[3]);
+                            const double piece_compliance[2], const double yields[3], pliant_tool_pose *ahead,
+                            pliant_contact_body out[2], pliant_touch_limit limit[3]);
+/* Explicit dynamics: estimate the compliance of the tissue against a proxy, for force, torque, and jaws
+ * [m/N, rad/(N m)]. It is a quarter of the pressed points' displacement per load. A proxy that moves by it once in a
+ * step then approaches its limit also where the tissue is four times stiffer than before.
+ * @param farthest the displacement counts up to this distance [m] */
+void pliant_proxy_find_yields(const pliant_data *data, int tool, const pliant_tool_pose *pose,
+                              const pliant_proxy_load *load, double farthest, double out[3]);
 /* Return the pose that the coupling yields to under a load.
  * @param from pose at the linearization point */
 pliant_tool_pose pliant_proxy_pose_under_load(const pliant_tool *tool, const pliant_tool_pose *from,
