@@ -187,6 +187,8 @@ TEST_F(Deform, WritesContactForces)
     ASSERT_GT(tools.size(), 1u);
     EXPECT_EQ(tools[0][9], "contact_y_n");
     EXPECT_EQ(tools.back()[1], "ball");
+    EXPECT_EQ(tools[0].back(), "contact_force_error_n");
+    EXPECT_GT(std::stod(tools.back().back()), 0.01 * std::stod(tools.back()[9]));
     EXPECT_GT(std::stod(tools.back()[9]), 0.01) << "of the ball on the tissue, into it";
     EXPECT_EQ(std::stod(tools.back()[3]), 0) << "it holds nothing";
     ASSERT_EQ(nodes[0].back(), "contact_force_n");

@@ -56,6 +56,8 @@ typedef struct pliant_tool_state {
     double force[3];       /**< force of the grasp or of the blade on the tissue, last step [N] */
     double contact_force[3];  /**< contact force of the tool's shape on the tissue, last step [N] */
     double contact_torque[3]; /**< torque of the contact force about the tip [N m] */
+    double contact_force_error; /**< estimated error of the contact force, as a standard deviation [N]: by the size of
+                               *   the cells and by the solver (src/contact/NUMERICS.md) */
     bool cutting;          /**< the blade is on */
     bool engaged;          /**< the blade is on and touches tissue */
     double engaged_length; /**< length of the edge in tissue [m] */

@@ -43,7 +43,7 @@ pliant_status timing_start(const char *folder, step_times *out)
         fprintf(times.steps, ",%s_s", pliant_step_stage_name(stage));
     fputs(",cull_s,rasterize_s,step_s,inverted,legs,advanced,proxy_error_m,ended\n", times.steps);
     fputs("step,tool,force_x_n,force_y_n,force_z_n,held_x_m,held_y_m,held_z_m,contact_x_n,contact_y_n,contact_z_n,"
-          "contact_torque_x_nm,contact_torque_y_nm,contact_torque_z_nm\n",
+          "contact_torque_x_nm,contact_torque_y_nm,contact_torque_z_nm,contact_force_error_n\n",
           times.tools);
     *out = times;
     return PLIANT_OK;
@@ -89,9 +89,9 @@ pliant_status timing_add(step_times *times, const pliant_data *data, pliant_stat
         const double *contact = tool.contact_force, *torque = tool.contact_torque;
         if (!tool.holding && !tool.cutting && contact[0] == 0 && contact[1] == 0 && contact[2] == 0) continue;
         const double *at = tool.holding ? tool.held_point : tool.tip;
-        fprintf(times->tools, "%zu,%s,%.6g,%.6g,%.6g,%.7g,%.7g,%.7g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", times->num_steps,
-                tool.name, tool.force[0], tool.force[1], tool.force[2], at[0], at[1], at[2], contact[0], contact[1],
-                contact[2], torque[0], torque[1], torque[2]);
+        fprintf(times->tools, "%zu,%s,%.6g,%.6g,%.6g,%.7g,%.7g,%.7g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.4g\n",
+                times->num_steps, tool.name, tool.force[0], tool.force[1], tool.force[2], at[0], at[1], at[2],
+                contact[0], contact[1], contact[2], torque[0], torque[1], torque[2], tool.contact_force_error);
     }
     return PLIANT_OK;
 }

@@ -762,6 +762,11 @@ class Tool:
         return record["force"] + record["contact_force"]
 
     @property
+    def contact_force_error(self):
+        """Estimated error of the contact force, as a standard deviation [N]."""
+        return self._get()["contact_force_error"]
+
+    @property
     def wrench(self):
         """(6) force [N], and torque about the proxy's tip [N m]."""
         record = self._get()

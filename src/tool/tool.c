@@ -65,6 +65,26 @@ pliant_status pliant_tool_set_pose(pliant_data *data, int tool, const double tip
     return PLIANT_OK;
 }
 
+/* Log a warning if no contact of the shape's round parts can have a radius of two cells. */
+static void warn_of_cells(const pliant_data *data, const pliant_tool *tool)
+{
+    const double enough = 2; /* cells */
+    const bool is_coarse = data->body->coarse.num_nodes > 0 && !(data->model->scene.model.patch > 0);
+    const double *size = (is_coarse ? &data->body->coarse : &data->body->fine)->cell_size,
+                 cell = cbrt(size[0] * size[1] * size[2]);
+    double radius = 0;
+    for (int32_t p = 0; p < tool->shape.num_parts; p++) {
+        const pliant_part *part = tool->shape.part + p;
+        if (part->kind != PLIANT_PART_SPHERE && part->kind != PLIANT_PART_CAPSULE) return;
+        radius = fmax(radius, part->radius);
+    }
+    if (!(radius > 0) || radius >= enough * cell) return;
+    pliant_log(PLIANT_LOG_WARNING,
+               "tool %s: its largest radius is %.3g mm, below two cells of %.3g mm, so its contact forces are "
+               "inaccurate; use contact_force_error, smaller cells (mesh/coarse_cells, mesh/ratio) or model/patch",
+               tool->name, 1e3 * radius, 1e3 * cell);
+}
+
 pliant_status pliant_tool_set_shape(pliant_data *data, int index, const pliant_tool_shape *shape)
 {
     char reason[160];
@@ -88,6 +108,7 @@ pliant_status pliant_tool_set_shape(pliant_data *data, int index, const pliant_t
     pliant_tool_shape_retain(shape);
     pliant_tool_shape_free(&tool->shape);
     tool->shape = *shape;
+    warn_of_cells(data, tool);
     return PLIANT_OK;
 }
 

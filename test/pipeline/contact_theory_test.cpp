@@ -100,6 +100,62 @@ TEST(ContactTheory, ABallOnAHalfSpaceAsHertz)
     }
 }
 
+// The error of a force on coarse cells, against the converged force. The references are the axisymmetric solutions of
+// test/reference/indentation.py for a sphere of 20 mm and a punch of 15 mm; bench_force has more cases. A block without
+// contact has no error. One warning names the tool when its contact is narrow, one when its shape is small.
+TEST(ContactTheory, TheErrorOfAForceIsWithinAFactorOfThree)
+{
+    struct Case { double depth, force; bool is_punch; double x, y; };
+    const Case cases[] = {{0.002, 0.2134, false, 0, 0},           {0.002, 0.2134, false, 0.0047, 0.0021},
+                          {0.004, 0.5964, false, 0, 0},           {0.008, 1.6094, false, 0, 0},
+                          {0.008, 1.6094, false, 0.0033, 0.0047}, {0.001, 0.4534, true, 0, 0}};
+    const double edge = 0.12, height = 0.06;
+    std::string said;
+    pliant_set_log(
+        [](pliant_log_level level, const char *text, void *user) {
+            if (level == PLIANT_LOG_WARNING) *static_cast<std::string *>(user) += std::string(text) + "\n";
+        },
+        &said);
+    Body block(std::vector<int>{12, 12, 6}.data(), std::vector<double>{edge, edge, height}.data(),
+               {{10e3, 0.45, 1000, false}});
+    for (double &g : block.scene.model.gravity) g = 0;
+    block.cells(12, 12, 6, 1);
+    block.fix_plane(0, 0, 1e-4, 0, 0, 1);
+    block.scene.solver.tolerance = 1e-4;
+    ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
+    pliant_solid *solid = nullptr;
+    pliant_solid_options options{};
+    options.convex = true;
+    ASSERT_EQ(rod_surface(0.015, 0.02, 48).make(options, &solid), PLIANT_OK) << pliant_last_error();
+    for (const Case &of : cases) {
+        ASSERT_EQ(pliant_data_reset(block.model, block.data), PLIANT_OK);
+        pliant_part part = {PLIANT_PART_SOLID, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, 0, false, solid};
+        if (!of.is_punch) part = {PLIANT_PART_SPHERE, PLIANT_FRAME_TIP, {0, 0, 0.02}, {0, 0, 0}, 0.02, false, nullptr};
+        const int tool = add_tool(block, "probe", part);
+        pliant_tool_state state;
+        for (int s = -1; s <= 3; s++) {
+            place(block, tool, edge / 2 + of.x, edge / 2 + of.y, height - of.depth * std::fmin(1, 0.5 * s));
+            ASSERT_GE(pliant_step(block.model, block.data), 0) << pliant_last_error();
+            ASSERT_EQ(pliant_tool_get(block.data, tool, &state), PLIANT_OK);
+            if (s < 0) EXPECT_EQ(state.contact_force_error, 0);
+        }
+        const double ratio = state.contact_force_error / std::fabs(-state.contact_force[2] - of.force);
+        EXPECT_GT(ratio, 1.0 / 3) << of.depth << ", " << of.x;
+        EXPECT_LT(ratio, 3) << of.depth << ", " << of.x;
+    }
+    pliant_solid_release(solid);
+    const std::string live = "tool probe: its contact radius is ",
+                      at_load = "tool probe: its largest radius is 5 mm, below";
+    EXPECT_NE(said.find(live), std::string::npos) << said;
+    EXPECT_EQ(said.find(live), said.rfind(live)) << said;
+    said.clear();
+    for (const double radius : {0.025, 0.005})
+        add_tool(block, "probe", {PLIANT_PART_SPHERE, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, radius, false, nullptr});
+    EXPECT_EQ(said.find(at_load), 0u) << said;
+    EXPECT_EQ(said.find("largest"), said.rfind("largest")) << said;
+    pliant_set_log(nullptr, nullptr);
+}
+
 // F = 2 E* a d (Sneddon, Int. J. Engng Sci. 3:47, 1965; Johnson, 3.36). The pressure is infinite at the punch's border,
 // which lies within elements. Surface edges across the border do not enter the punch, so they are pressed flat out to
 // their next node. The effective radius is therefore at most one element size h larger, and the force at most h / a.

@@ -514,6 +514,7 @@ TEST(Convert, ContactHasTheProxyOfATool)
         tool.proxy_tip[d] = tool.tip[d] - tool.proxy_error[d];
     }
     tool.jaw_error = -0.25;
+    tool.contact_force_error = 0.125;
     ContactState message;
     contact_message(tool, 1, {}, &message);
     EXPECT_DOUBLE_EQ(message.proxy.position.x, 0.099);
@@ -526,6 +527,7 @@ TEST(Convert, ContactHasTheProxyOfATool)
     EXPECT_DOUBLE_EQ(message.proxy_error.z, 0.003);
     EXPECT_NEAR(message.proxy_angle, std::acos(-1) / 2, 1e-6);
     EXPECT_FLOAT_EQ(message.jaw_error, -0.25f);
+    EXPECT_FLOAT_EQ(message.contact_force_error, 0.125f);
     EXPECT_TRUE(message.saturated);
     tool.saturated = false;
     for (double &each : tool.proxy_rotation) each = -each; // the same rotation

@@ -369,6 +369,7 @@ void contact_message(const pliant_tool_state &tool, double clearance, const std:
         out->held_point.y = tool.held_point[1];
         out->held_point.z = tool.held_point[2];
     }
+    out->contact_force_error = static_cast<float>(tool.contact_force_error);
     proxy_message(tool, out);
 }
 

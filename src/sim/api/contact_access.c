@@ -7,8 +7,7 @@
 #include <math.h>
 #include <string.h>
 
-/* Compute the position at which a point's force acts, on the side with positive weights. */
-static void place_of(const pliant_data *data, const pliant_contact_point *point, double out[3])
+void pliant_contact_place(const double *positions, const pliant_contact_point *point, double out[3])
 {
     double whole = 0;
     memset(out, 0, 3 * sizeof *out);
@@ -16,14 +15,13 @@ static void place_of(const pliant_data *data, const pliant_contact_point *point,
         if (!(point->weight[k] > 0)) continue;
         whole += point->weight[k];
         for (int d = 0; d < 3; d++)
-            out[d] += point->weight[k] * data->positions[3 * (size_t)point->node[k] + (size_t)d];
+            out[d] += point->weight[k] * positions[3 * (size_t)point->node[k] + (size_t)d];
     }
     for (int d = 0; d < 3; d++) out[d] /= whole;
 }
 
-/* Return whether a point has a contact force. Points of the volume bound have none, and an undone cut may have
- * removed a point's nodes. */
-static bool presses(const pliant_data *data, const pliant_contact_point *point)
+/* Points of the volume bound have no contact force, and an undone cut may have removed a point's nodes. */
+bool pliant_contact_presses(const pliant_data *data, const pliant_contact_point *point)
 {
     if (point->kind == PLIANT_OBSTACLE_ELEMENT) return false;
     for (int32_t k = 0; k < point->count; k++)
@@ -36,13 +34,13 @@ int32_t pliant_data_get_contacts(const pliant_data *data, int32_t capacity, plia
     int32_t count = 0;
     for (int32_t p = 0; p < data->contacts.count; p++) {
         const pliant_contact_point *point = data->contacts.point + p;
-        if (!presses(data, point)) continue;
+        if (!pliant_contact_presses(data, point)) continue;
         if (count++ >= capacity) continue;
         pliant_contact *out_state = out + count - 1;
         *out_state = (pliant_contact){
             .tool = point->kind == PLIANT_OBSTACLE_TOOL ? point->tool : -1, .part = point->part, .area = point->area};
         out_state->tissue = point->kind == PLIANT_OBSTACLE_TISSUE;
-        place_of(data, point, out_state->place);
+        pliant_contact_place(data->positions, point, out_state->place);
         memcpy(out_state->normal, point->normal, sizeof out_state->normal);
         memcpy(out_state->force, point->force, sizeof out_state->force);
         for (int d = 0; d < 3; d++) {
@@ -60,7 +58,7 @@ void pliant_data_get_contact_forces(const pliant_data *data, double *out)
     memset(out, 0, 3 * (size_t)data->body->fine.num_nodes * sizeof *out);
     for (int32_t p = 0; p < data->contacts.count; p++) {
         const pliant_contact_point *point = data->contacts.point + p;
-        for (int32_t k = 0; k < point->count && presses(data, point); k++)
+        for (int32_t k = 0; k < point->count && pliant_contact_presses(data, point); k++)
             for (int d = 0; d < 3; d++)
                 out[3 * (size_t)point->node[k] + (size_t)d] += point->weight[k] * point->force[d];
     }
@@ -90,9 +88,10 @@ void pliant_contact_wrench(const pliant_data *data, int tool, double force[3], d
     memset(torque, 0, 3 * sizeof *torque);
     for (int32_t p = 0; p < data->contacts.count; p++) {
         const pliant_contact_point *point = data->contacts.point + p;
-        if (point->kind != PLIANT_OBSTACLE_TOOL || point->tool != tool || !presses(data, point)) continue;
+        if (point->kind != PLIANT_OBSTACLE_TOOL || point->tool != tool || !pliant_contact_presses(data, point))
+            continue;
         double arm[3];
-        place_of(data, point, arm);
+        pliant_contact_place(data->positions, point, arm);
         for (int d = 0; d < 3; d++) arm[d] -= tip[d];
         for (int d = 0; d < 3; d++) {
             force[d] += point->force[d];

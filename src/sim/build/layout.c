@@ -100,6 +100,7 @@ static const pliant_field_layout fields[] = {
     REALS(pliant_tool_state, force),
     REALS(pliant_tool_state, contact_force),
     REALS(pliant_tool_state, contact_torque),
+    REALS(pliant_tool_state, contact_force_error),
     FLAG(pliant_tool_state, cutting),
     FLAG(pliant_tool_state, engaged),
     REALS(pliant_tool_state, engaged_length),

@@ -70,6 +70,17 @@ void pliant_contact_mark_pieces(pliant_data *data);
  * Compute the force and torque of a tool's parts on the tissue in the last step, about the tip of its proxy
  * [N, N m]. */
 void pliant_contact_wrench(const pliant_data *data, int tool, double force[3], double torque[3]);
+/* ---- contact_error.c
+ * Estimate the error of a tool's contact force [N], as a standard deviation. Each part of the tool has its own error,
+ * and their squares are added.
+ * @param narrow Nullable; out: smallest contact radius of a part [cells]; INFINITY without contact */
+double pliant_contact_force_error(const pliant_data *data, int tool, double *narrow);
+/* Log a warning when a contact radius is below two cells, once for each tool of a simulation. */
+void pliant_contact_warn_of_cells(pliant_data *data);
+/* Compute the position at which a point's force acts, on the side with positive weights. positions: (nodes x 3) */
+void pliant_contact_place(const double *positions, const pliant_contact_point *point, double out[3]);
+/* Return whether a point has a contact force. */
+bool pliant_contact_presses(const pliant_data *data, const pliant_contact_point *point);
 
 #ifdef __cplusplus
 }

@@ -505,7 +505,10 @@ static pliant_status run_legs(const pliant_model *model, pliant_data *data, doub
     while (status >= 0 && !done) status = run_leg(model, data, &budget, caveat, &done);
     data->background = (pliant_background){
         .kind = background.kind, .prescribed = background.prescribed, .taken = data->background.taken};
-    if (status >= 0) pliant_legs_publish_forces(data);
+    if (status >= 0) {
+        pliant_legs_publish_forces(data);
+        pliant_contact_warn_of_cells(data);
+    }
     data->statistics.iterations = budget.iterations;
     bool saturated = false;
     for (int t = 0; t < data->num_tools; t++)

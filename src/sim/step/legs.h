@@ -55,6 +55,7 @@ struct pliant_legs {
     pliant_rigid_pieces_saved *rigid_pieces;  /* Nullable */
     /* EXPLICIT DYNAMICS: contact points of the step with their mean forces, and a buffer */
     pliant_contacts mean_points, merged;
+    bool warned[PLIANT_MAX_TOOLS]; /* of cells that are too large for the contact of the tool */
 };
 
 /* Run the stages contact, solve, upsample and patch.
