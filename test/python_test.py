@@ -404,7 +404,7 @@ class Python(unittest.TestCase):
                     member = getattr(of, name)
                     member(*calls.get(name, ()))
                 tested += 1
-        self.assertEqual(tested, 49)
+        self.assertEqual(tested, 50)
         for name, value in (("nodes", nodes), ("gravity", [0, 0, 0])):
             with self.assertRaisesRegex(pliant.Error, "this simulation is closed"):
                 setattr(sim, name, value)

@@ -22,7 +22,7 @@ typedef struct pliant_host_solver {
     pliant_status (*follow)(const pliant_model *model, const pliant_data *data, const pliant_body_map *map,
                             pliant_data *next);
     pliant_status (*reset)(pliant_data *data); /* resets to rest. Errors: MEMORY (nothing changed) */
-    /* First stage of a step: sets the pull of the tools. */
+    /* Stage interact of a step: sets the pull of the tools. */
     pliant_status (*interact)(const pliant_model *model, pliant_data *data);
     /* Sets data's positions as well. */
     void (*set_positions)(const pliant_model *model, pliant_data *data, const double *positions);

@@ -21,8 +21,8 @@ PLIANT_INLINE double pliant_advance_limit(const pliant_contact_settings *setting
                 fmin(pliant_advance_floor(guard), distance - slack));
 }
 
-/* Return whether two parts of the tissue start nearer than any leg leaves them, or coincide at rest. They have come
- * into being like this. */
+/* Return whether two parts of the tissue start nearer than any leg leaves them, or coincide at rest: they were created
+ * touching. */
 PLIANT_INLINE bool pliant_advance_starts_together(double thickness, double distance)
 {
     return !(thickness > 0.0) || distance < 0.5 * pliant_advance_floor(thickness);

@@ -1,6 +1,6 @@
 /* Evaluation limits that keep the duration of live steps even. A step has at most twice the median number of
- * evaluations of the recent steps with work. The next step continues the remaining work. Without this limit are steps
- * after a grasp, after positions were set, or under a sudden load (NUMERICS.md). */
+ * evaluations of the recent steps with work. The next step continues the remaining work. Steps after a grasp, after
+ * positions were set, or under a sudden load have no such limit (NUMERICS.md). */
 #ifndef PLIANT_FEM_QUASISTATIC_EVALUATION_LIMIT_H
 #define PLIANT_FEM_QUASISTATIC_EVALUATION_LIMIT_H
 

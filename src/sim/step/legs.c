@@ -390,6 +390,7 @@ static pliant_status apply_checked_fraction(const pliant_model *model, pliant_da
 static pliant_status keep_volumes(const pliant_model *model, pliant_data *data, double *fraction)
 {
     bool found = false;
+    data->legs->shortened = false;
     if (!pliant_contact_bounds_volumes(data)) return PLIANT_OK;
     pliant_status status = data->legs->blocked ? PLIANT_OK : pliant_legs_bound_volumes(model, data, &found);
     if (found || status != PLIANT_OK) return status;
@@ -474,8 +475,9 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
     budget->blocked = completed < PLIANT_ADVANCE_MIN_PROGRESS ? budget->blocked + 1 : 0;
     statistics->legs++;
     statistics->advanced = completed;
-    /* a linear step is followed by a leg that checks its result */
-    *done = !holds && fraction == 1 && completed == 1 && !data->legs->blocked;
+    /* A linear step is followed by a leg that checks its result. A leg that the volume bound shortened is
+     * followed by a leg whose contact points hold the small elements open. */
+    *done = !holds && fraction == 1 && completed == 1 && !data->legs->blocked && !data->legs->shortened;
     if (is_dynamic(data)) { /* time passes also in a blocked leg */
         budget->left = 1 - (double)data->tled->substeps_done / data->tled->substeps;
         *done = data->tled->substeps_done == 0;

@@ -1,15 +1,16 @@
-/* The solve stage: one step of the simulation, made in legs.
+/* The stages from contact to patch, made in legs.
  *
  * Each tool has two poses. The target pose is measured. The proxy pose is simulated, and contact happens at the
  * proxy. A virtual coupling pulls the proxy towards the target (proxy.h). A leg is one straight motion of all nodes,
  * together with all proxies. It has five parts:
  * 1. Choose the distance of the proxies in this leg: about half an element near tissue (choose_fraction, set_goals).
  * 2. Find contact points between the tissue and the parts of tools (pliant_contact_find_points).
- * 3. Solve for the new positions and the contact forces, upsample them, and solve the patches (lead).
+ * 3. Solve for the new positions and the contact forces, upsample them, and solve the patches
+ *    (run_stages_or_fall_back).
  * 4. Compute the largest fraction of the leg at which no surface enters the core of a part (pliant_contact_advance).
  *    The core is the region deeper than the guard depth below the part's surface. Tissue may enter the zone above
  *    the core, but it cannot pass through the part.
- * 5. Apply that fraction to the tissue and to the proxies (go). Afterwards no surface is in a core.
+ * 5. Apply that fraction to the tissue and to the proxies (apply_leg). Afterwards no surface is in a core.
  * If the fraction is below 1, the leg was blocked. The next leg adds plane constraints: separating planes that keep
  * nearby triangles out of the cores. The volume bound limits the motion of nodes so that no element inverts
  * (contact/volume/volume.h).
@@ -45,6 +46,7 @@ struct pliant_legs {
     pliant_touch_limit limit[3 * PLIANT_MAX_TOOLS]; /* of each proxy's force, torque, and jaws */
     pliant_contact_bodies bodies;    /* rigid pieces and proxies */
     bool blocked;                  /* the previous leg was blocked */
+    bool shortened;                /* the volume bound shortened this leg: contact points have to follow */
     bool planes; /* a leg of this step, or the last leg of the previous one, was blocked: use plane constraints */
     /* STATE AT THE START OF THE LEG: the leg ends between this state and the solved one */
     int32_t node_capacity, solved_capacity, fraction_capacity;
