@@ -75,7 +75,7 @@ static pliant_status set_body(const pliant_model *model, const pliant_data *data
     const pliant_body *surface = data->body;
     if (clearance->revision == data->body->revision) return PLIANT_OK;
     free_lists(clearance);
-    if (model->scene.cut.kind != PLIANT_CUT_SUBDIVIDE) { /* same surface as contact (sim/step/contact_surface.c) */
+    if (model->scene.cut.kind != PLIANT_CUT_SUBDIVIDE) { /* same surface as contact (sim/step/contact_advance.c) */
         const pliant_contact_surface_voxels voxels = {.load = model->body,
                                               .geometry = &model->scan->geometry,
                                               .material_of_voxel = model->material_of_voxel,

@@ -1,6 +1,6 @@
 /* A preconditioner computed in the background, like the factors in src/fem/quasistatic/refresh.c. It is started in
- * one step and installed a fixed number of steps later, or as in background.h. After a cut, work still in progress
- * becomes the base of the carried preconditioner. Background preconditioners belong to the rest state. A
+ * one step and installed a fixed number of steps later, or as in background_install.h. After a cut, work still in
+ * progress becomes the base of the carried preconditioner. Background preconditioners belong to the rest state. A
  * preconditioner of the present state is computed during a step, which waits for it. If that one converges slowly
  * later, one at rest follows. */
 #include "base/account.h"
@@ -9,7 +9,7 @@
 #include "base/threads.h"
 #include "cuda/base/check.h"
 #include "cuda/fem/element/forces.h"
-#include "fem/quasistatic/background.h"
+#include "fem/quasistatic/background_install.h"
 #include "base/memory.h"
 #include "cuda/fem/quasistatic/solver.h"
 #include "state/discretization.h"

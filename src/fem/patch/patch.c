@@ -1,6 +1,6 @@
 #include "base/fail.h"
 #include "fem/patch/patch_job.h"
-#include "fem/quasistatic/background.h"
+#include "fem/quasistatic/background_install.h"
 #include "base/memory.h"
 #include "state/discretization.h"
 

@@ -14,7 +14,7 @@
 #include "contact/contact.h"
 #include "fem/linear/compliance.h"
 #include "fem/quasistatic/anderson.h"
-#include "fem/quasistatic/body_rules.h"
+#include "fem/quasistatic/rigid_body_rules.h"
 #include "fem/system.h"
 #include "state/data.h"
 
@@ -126,7 +126,7 @@ void pliant_contact_problem_report(pliant_solver *solver, pliant_statistics *sta
 void pliant_contact_problem_report_motion(pliant_contact_problem *contacts, const double *moved,
                                           pliant_statistics *statistics);
 
-/* ---- contact_bodies.c, by body_rules.h: rigid bodies add their own compliance to A. Between rigid jaws, a rigid
+/* ---- contact_bodies.c, by rigid_body_rules.h: rigid bodies add their own compliance to A. Between rigid jaws, a rigid
  * body has no compliance along the line between them. Therefore points of a piece have a compliance of their own,
  * proportional to 1 / (E sqrt(area)), as an elastic half-space under a patch of that area (Johnson, Contact
  * Mechanics, 3.4). */

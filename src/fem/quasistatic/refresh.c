@@ -1,5 +1,5 @@
 /* New factors in the background. A factor is started at the state of one step and installed a fixed number of steps
- * later. The thread's speed therefore does not change results. background.h defines the other modes.
+ * later. The thread's speed therefore does not change results. background_install.h defines the other modes.
  *
  * Steps in the history belong to the factor that computed them. A second run of the thread recomputes them for the new
  * factor. With springs, the secants are dropped instead: secants of the old factor slow down convergence with the new
@@ -12,7 +12,7 @@
 #include "base/buffer.h"
 #include "base/threads.h"
 #include "base/dense.h"
-#include "fem/quasistatic/background.h"
+#include "fem/quasistatic/background_install.h"
 #include "fem/quasistatic/pressure.h"
 #include "base/memory.h"
 #include "state/discretization.h"

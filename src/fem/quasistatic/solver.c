@@ -1,7 +1,7 @@
 #include "fem/quasistatic/pressure.h"
 
 #include "base/fail.h"
-#include "fem/quasistatic/background.h"
+#include "fem/quasistatic/background_install.h"
 
 #include <string.h>
 

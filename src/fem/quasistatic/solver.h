@@ -278,8 +278,8 @@ double pliant_secants_error(const pliant_solver *solver, const pliant_iterate *a
  * @return False: no secants were mixed. */
 bool pliant_solver_propose(pliant_solver *solver, double *left, double *made);
 
-/* ---- Implemented in adapt.c: the solver after a cut, and the data that it takes over from the solver before the
- * cut. */
+/* ---- Implemented in solver_after_cut.c: the solver after a cut, and the data that it takes over from the solver
+ * before the cut. */
 /* Create the solver after a cut, with positions, limits and axes of the solver before it. The preconditioner is carried
  * over (carried.h). The earlier solver stays unchanged. The new solver can step only after pliant_solver_take_over.
  * @param rests  True: another backend solves; arrays for a step are allocated when needed.

@@ -5,7 +5,7 @@
 #include "base/fail.h"
 #include "base/dense.h"
 #include "fem/patch/patch.h"
-#include "fem/quasistatic/stiffness.h"
+#include "fem/quasistatic/wrench_stiffness.h"
 #include "sim/step/contact.h"
 
 #include <math.h>

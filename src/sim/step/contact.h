@@ -55,7 +55,7 @@ static inline void pliant_contacts_swap(pliant_contacts *a, pliant_contacts *b)
     *b = swap;
 }
 
-/* ---- contact_motion.c */
+/* ---- contact_obstacles.c */
 /* Write the scene's boxes and planes as parts. Return their number. */
 int32_t pliant_contact_obstacles(const pliant_model *model, pliant_part out[2 * PLIANT_MAX_FIXED]);
 /* Return the largest motion in the rest of this step divided by the depth of the part. The motion is the sum of the

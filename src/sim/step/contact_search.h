@@ -61,7 +61,7 @@ double pliant_contact_remaining_depth_fraction(const pliant_model *model, const 
 pliant_tissue_rule pliant_contact_tissue_rule(const pliant_model *model, const pliant_data *data,
                                               double max_piece_motion);
 
-/* ---- contact_surface.c */
+/* ---- contact_advance.c */
 /* Choose the surface for collision detection. Errors: MEMORY.
  * @param body, positions out: its topology and its positions */
 pliant_status pliant_contact_find_surface(const pliant_model *model, pliant_data *data, const pliant_body **body,

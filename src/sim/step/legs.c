@@ -10,7 +10,7 @@
 #include "base/memory.h"
 #include "base/vector3.h"
 #include "sim/step/contact.h"
-#include "sim/step/stage.h"
+#include "sim/step/stage_timer.h"
 #include "tool/tool.h"
 
 #include <math.h>

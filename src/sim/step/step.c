@@ -12,7 +12,7 @@
 #include "sim/step/cut.h"
 #include "sim/step/accounting.h"
 #include "sim/step/legs.h"
-#include "sim/step/stage.h"
+#include "sim/step/stage_timer.h"
 #include "sim/step/state.h"
 #include "warp/device.h"
 #include "warp/warp.h"

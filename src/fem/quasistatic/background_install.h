@@ -1,6 +1,6 @@
 /* Decides whether a step installs a background result (pliant_background). */
-#ifndef PLIANT_FEM_QUASISTATIC_BACKGROUND_H
-#define PLIANT_FEM_QUASISTATIC_BACKGROUND_H
+#ifndef PLIANT_FEM_QUASISTATIC_BACKGROUND_INSTALL_H
+#define PLIANT_FEM_QUASISTATIC_BACKGROUND_INSTALL_H
 
 #include "state/background.h"
 #include "state/data.h"

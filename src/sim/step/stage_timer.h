@@ -1,6 +1,6 @@
 /* Stages of a step, each timed by the same code. */
-#ifndef PLIANT_SIM_STAGE_H
-#define PLIANT_SIM_STAGE_H
+#ifndef PLIANT_SIM_STAGE_TIMER_H
+#define PLIANT_SIM_STAGE_TIMER_H
 
 #include "base/clock.h"
 #include "base/threads.h"

@@ -1,6 +1,6 @@
 /* Response of rigid pieces under contact points (contact_bodies.c), shared by CPU and GPU. */
-#ifndef PLIANT_FEM_QUASISTATIC_BODY_RULES_H
-#define PLIANT_FEM_QUASISTATIC_BODY_RULES_H
+#ifndef PLIANT_FEM_QUASISTATIC_RIGID_BODY_RULES_H
+#define PLIANT_FEM_QUASISTATIC_RIGID_BODY_RULES_H
 
 #include "base/inline.h"
 

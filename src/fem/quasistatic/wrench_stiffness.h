@@ -1,6 +1,6 @@
 /* Derivative of a tool's wrench with respect to its pose, in the solver's last linearization. */
-#ifndef PLIANT_FEM_QUASISTATIC_STIFFNESS_H
-#define PLIANT_FEM_QUASISTATIC_STIFFNESS_H
+#ifndef PLIANT_FEM_QUASISTATIC_WRENCH_STIFFNESS_H
+#define PLIANT_FEM_QUASISTATIC_WRENCH_STIFFNESS_H
 
 #include "fem/quasistatic/solver.h"
 

@@ -2,7 +2,7 @@
  * normal and, while it sticks, its tangents. The motion of the rows under forces on them is A = c I + W K^-1 W' (c for
  * springs alone), which the step has computed. A motion m of the tool, translation and rotation vector about its tip,
  * moves the rows' targets by G m. The forces change by A^-1 G m, and the wrench by G' A^-1 G m. */
-#include "fem/quasistatic/stiffness.h"
+#include "fem/quasistatic/wrench_stiffness.h"
 
 #include "base/fail.h"
 #include "base/dense.h"
