@@ -176,7 +176,7 @@ static int32_t find_parts(const cut_splitting *work, int32_t *part, int32_t *who
     return parts;
 }
 
-/* The place of a copy within its own side of the cut: on the way to another node. */
+/* Position of a copy within its own side of the cut, on the line to another node. */
 typedef struct inset {
     int32_t towards; /* -1: none */
     double fraction, opening; /* opening: its distance from the faces of the cut [m] */
@@ -201,8 +201,8 @@ static double product(const double a[3], const double b[3], const double c[3])
     return pliant_dot3(side, c);
 }
 
-/* Return how far a group of tetrahedra can take their common corner along a vector, as a fraction of it. Each keeps
- * half of its volume. opening: distance of the vector's end from all severed faces at the corner [m] */
+/* Return the fraction of a vector by which the common corner of a group of tetrahedra can move. Each keeps half of
+ * its volume. opening: distance of the vector's end from all severed faces at the corner [m] */
 static double room_of(const cut_splitting *work, int32_t *part, int32_t root, const double along[3], double *opening)
 {
     const double least = 0.5;

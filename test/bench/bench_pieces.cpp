@@ -1,5 +1,5 @@
-// Two plates squeeze a detached cube of 40 mm. With quasi-static solvers a detached piece is rigid, so the force is
-// that of the tools' virtual coupling. In explicit dynamics the piece deforms.
+// Two plates squeeze a detached cube of 40 mm. With quasi-static solvers a detached piece is rigid, so the
+// tools' virtual coupling determines the force. In explicit dynamics the piece deforms.
 //
 // Usage:
 //   bench_pieces

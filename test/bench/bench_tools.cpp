@@ -1,5 +1,5 @@
-// Eight tools press into a block of 13,720 tetrahedra and slide over it: the share of contact in a step. Its time is
-// compared with that of the same block without tools, whose step makes as many evaluations.
+// Eight tools press into a block of 13,720 tetrahedra and slide over it: the share of contact in a step. The same
+// block without tools, with as many evaluations, is the reference.
 //
 // Usage:
 //   bench_tools [cuda]     default: cpu, one thread
