@@ -1,13 +1,14 @@
 #!/usr/bin/env python3
 """How do I get the deformed scan of a running node as a numpy array?    volume_to_numpy.py [TOPIC] [PICTURE.pgm]
 
-Subscribe to pliant/Volume (the whole volume, then boxes of changes), and write the middle slice as a picture after
-every message."""
+Subscribe to pliant/Volume (the whole volume, then boxes of changes), request the whole volume after a lost message, and
+write the middle slice as a picture after every message."""
 import sys
 
 import numpy as np
 import rospy
 from pliant.msg import Volume
+from std_msgs.msg import Empty
 
 TYPES = {Volume.UINT8: np.uint8, Volume.INT16: "<i2", Volume.FLOAT32: "<f4"}
 topic, picture = (sys.argv[1:] + ["volume", "middle_slice.pgm"][len(sys.argv) - 1:])[:2]
@@ -15,8 +16,12 @@ known = {}
 
 
 def receive(message):
-    if known.get("scan") != message.scan_id or known["values"].shape != tuple(message.full_size[::-1]):
+    if message.since == 0:  # a whole volume
         known.update(scan=message.scan_id, values=np.zeros(message.full_size[::-1], TYPES[message.encoding]))
+    elif known.get("scan") != message.scan_id or message.since > known["sequence"]:
+        resend.publish(Empty())  # a message was lost
+        return
+    known["sequence"] = message.sequence
     (i, j, k), (ni, nj, nk) = message.offset, message.size
     # order k, j, i; i is the fastest index
     box = np.frombuffer(message.data, TYPES[message.encoding]).reshape(nk, nj, ni)
@@ -30,5 +35,6 @@ def receive(message):
 
 
 rospy.init_node("volume_to_numpy", anonymous=True)
+resend = rospy.Publisher(topic + "/resend", Empty, queue_size=1)
 rospy.Subscriber(topic, Volume, receive, queue_size=10, buff_size=2 ** 26)
 rospy.spin()
