@@ -1,7 +1,7 @@
 // Cores never enter the surface. Legs of random pairs are compared with samples of the same motion. Independent code
 // computes the sampled distances.
 #include "advances.h"
-#include "contact/advance/field.h"
+#include "contact/advance/field_bound.h"
 #include "contact/shapes/shapes.h"
 #include "contact/shapes/tool_shape.h"
 #include "solids.h"

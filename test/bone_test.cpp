@@ -4,7 +4,7 @@
 #include "fem/element/scalar.h"
 #include "mesh/mesh.h"
 #include "pipeline/body.h"
-#include "state/data.h"
+#include "model_data/data.h"
 #include "report/report.h"
 
 #include <algorithm>

@@ -1,5 +1,5 @@
 // Tests of a preconditioner that is carried over from one body to the next.
-#include "fem/linear/carried.h"
+#include "fem/linear/carried_preconditioner.h"
 #include "base/dense.h"
 #include "blocks.h"
 #include "pipeline/body.h"

@@ -1,7 +1,7 @@
 // Tests of the choice of settings by measurement, on a tiny body with very short steps.
 #include "pipeline/body.h"
 
-#include "state/data.h"
+#include "model_data/data.h"
 #include "base/memory.h"
 #include "report/choice.h"
 

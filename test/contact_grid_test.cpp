@@ -1,5 +1,5 @@
 // Tests of the overlap search in a deformed mesh, against a test of all pairs.
-#include "contact/detect/grid.h"
+#include "contact/detect/tet_grid.h"
 #include "contact/detect/overlap.h"
 #include "base/memory.h"
 

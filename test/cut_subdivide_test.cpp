@@ -1,12 +1,12 @@
 // Tests of cuts that subdivide tetrahedra (cut/kind: subdivide): the mesh, the simulation state, and unsupported
 // combinations.
-#include "backend/dynamics.h"
+#include "backend/explicit_dynamics.h"
 #include "base/memory.h"
 #include "cuts.h"
 #include "mesh/mesh.h"
 #include "topology/visible_surface.h"
 #include "warp/warp.h"
-#include "state/model.h"
+#include "model_data/model.h"
 
 #include <array>
 

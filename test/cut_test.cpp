@@ -1,6 +1,6 @@
 // Tests of cuts of a body: the severed links and the next body.
 #include "cuts.h"
-#include "cut/work.h"
+#include "cut/cut_stages.h"
 #include "mesh/mesh.h"
 
 #include <array>

@@ -3,7 +3,7 @@
 #include "cut_cases.h"
 #include "base/memory.h"
 #include "tool/pick.h"
-#include "warp/state.h"
+#include "warp/warp_state.h"
 #include "warp/warp.h"
 
 #include <cstring>

@@ -1,5 +1,5 @@
 // No leg makes an element smaller than its least volume: random motions of a mesh against samples of the same motions.
-#include "contact/volume/volume.h"
+#include "contact/volume/volume_bound.h"
 #include "contact/detect/part_contacts.h"
 #include "base/memory.h"
 

@@ -102,7 +102,7 @@ TEST(Folders, IncludeEachOtherInNoCircle)
     }
     EXPECT_GT(graph.size(), 10u);
     for (const char *folder : {"base",        "scene",        "scan",       "material",
-                               "mesh",        "topology",     "cut",        "state",
+                               "mesh",        "topology",     "cut",        "model_data",
                                "warp",        "tool",         "contact",    "fem",
                                "fem/element", "fem/linear",   "fem/coarse", "fem/quasistatic",
                                "fem/patch",   "fem/dynamics", "fem/rigid",  "backend",

@@ -1,5 +1,5 @@
 // Tests of the homogenized stiffness of coarse tetrahedra: positive semidefinite, or refused with a message.
-#include "fem/coarse/shaped.h"
+#include "fem/coarse/shape_interpolation.h"
 #include "fem/coarse/submesh.h"
 #include "pipeline/body.h"
 #include "base/memory.h"

@@ -3,7 +3,7 @@
 
 #include "fem/patch/patch.h"
 #include "fem/linear/basis.h"
-#include "state/data.h"
+#include "model_data/data.h"
 #include "base/memory.h"
 
 namespace {

@@ -1,5 +1,5 @@
 /* Tests of scenes: defaults, YAML, option paths, checks, and the error messages of refused scenes. */
-#include "state/data.h"
+#include "model_data/data.h"
 #include "base/memory.h"
 #include "scene/scene.h"
 

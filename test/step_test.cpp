@@ -2,7 +2,7 @@
 #include "pipeline/body.h"
 
 #include "backend/backend.h"
-#include "state/data.h"
+#include "model_data/data.h"
 #include "base/memory.h"
 
 namespace {
@@ -16,7 +16,7 @@ pliant_backend other()
 {
     pliant_backend backend = pliant_cpu_backend;
     backend.name = "other";
-    backend.on_host = false;
+    backend.state_is_on_host = false;
     backend.free = [](pliant_data *) {};
     backend.solve = [](const pliant_model *model, pliant_data *data) {
         return lost ? PLIANT_ERROR_UNAVAILABLE : pliant_cpu_backend.solve(model, data);
@@ -75,7 +75,7 @@ TEST(StepOfDynamics, AFailedPictureIsNoSecondFrame)
 {
     static bool fails;
     pliant_backend backend = pliant_tled_backend;
-    backend.on_host = false;
+    backend.state_is_on_host = false;
     backend.solves_on_host = true;
     backend.free = [](pliant_data *) {};
     backend.warp = [](const pliant_model *, pliant_data *) { return fails ? PLIANT_ERROR_UNAVAILABLE : PLIANT_OK; };

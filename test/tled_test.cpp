@@ -1,7 +1,7 @@
 // Explicit dynamics against closed forms: energy, waves, falling, stability, viscosity, tools.
-#include "backend/dynamics.h"
+#include "backend/explicit_dynamics.h"
 #include "base/memory.h"
-#include "fem/dynamics/loss.h"
+#include "fem/dynamics/loss_factor.h"
 #include "tled_bars.h"
 
 #include <complex>

@@ -1,8 +1,8 @@
 // Tests of tools: names, grasps and messages.
 #include "pipeline/body.h"
 
-#include "sim/build/linear.h"
-#include "state/data.h"
+#include "sim/build/linear_wrench.h"
+#include "model_data/data.h"
 
 #include <string>
 

@@ -96,8 +96,8 @@ static pliant_status create(const pliant_model *model, pliant_data *data)
 }
 
 /* A simulation that returns to the topology at load must be identical to a new one, so it is rebuilt. */
-static pliant_status follow(const pliant_model *model, pliant_data *data, const pliant_data *before,
-                            const pliant_body_map *map, bool *possible)
+static pliant_status carry_over_cut(const pliant_model *model, pliant_data *data, const pliant_data *before,
+                                    const pliant_body_map *map, bool *possible)
 {
     cuda_data *state = state_of(data);
     *possible = state->pinned_positions && data->discretization != model->discretization;
@@ -107,7 +107,7 @@ static pliant_status follow(const pliant_model *model, pliant_data *data, const 
     int32_t *own;
     pliant_status status = pliant_solved_sources(data->solver->system, before->solver->system, map, &own, &node);
     if (status == PLIANT_OK)
-        status = pliant_cuda_solver_follow(state->solver, data->solver, before->solver, node, possible);
+        status = pliant_cuda_solver_carry_over_cut(state->solver, data->solver, before->solver, node, possible);
     pliant_free(own);
     return status;
 }
@@ -229,13 +229,13 @@ static constexpr pliant_backend table()
 {
     pliant_backend made{};
     made.name = "cuda";
-    made.kind = &pliant_corotational;
+    made.host_solver = &pliant_corotational;
     made.handles_contacts = true;
     made.probe = pliant_cuda_text;
     made.searcher = &pliant_cuda_tissue_searcher;
     made.create = create;
     made.free = destroy;
-    made.follow = follow;
+    made.carry_over_cut = carry_over_cut;
     made.restart = restart;
     made.move = move;
     made.download = download;

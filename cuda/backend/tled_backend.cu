@@ -69,7 +69,7 @@ static constexpr pliant_backend table()
 {
     pliant_backend made{};
     made.name = "cuda";
-    made.kind = &pliant_explicit;
+    made.host_solver = &pliant_explicit;
     made.solves_on_host = made.handles_contacts = true;
     made.probe = pliant_cuda_text;
     made.searcher = &pliant_cuda_tissue_searcher;

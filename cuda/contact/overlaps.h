@@ -1,4 +1,4 @@
-/* Overlapping tetrahedra, found on the GPU by the rules of contact/detect/grid.c and contact/detect/overlap.h. The
+/* Overlapping tetrahedra, found on the GPU by the rules of contact/detect/tet_grid.c and contact/detect/overlap.h. The
  * pairs are identical to the CPU's. */
 #ifndef PLIANT_CUDA_OVERLAPS_H
 #define PLIANT_CUDA_OVERLAPS_H

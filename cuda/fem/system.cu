@@ -1,8 +1,8 @@
 #include "cuda/base/check.h"
 #include "base/fail.h"
 #include "base/memory.h"
-#include "cuda/base/send.h"
-#include "state/discretization.h"
+#include "cuda/base/send_changes.h"
+#include "model_data/discretization.h"
 #include "cuda/fem/system.h"
 
 #include <cstring>
@@ -268,8 +268,9 @@ extern "C" pliant_status pliant_cuda_system_create(const pliant_system *system, 
     return PLIANT_OK;
 }
 
-extern "C" pliant_status pliant_cuda_system_follow(const pliant_system *system, const pliant_system *before,
-                                                   cudaStream_t stream, gpu_system *gpu, gpu_system_capacity *capacity)
+extern "C" pliant_status pliant_cuda_system_carry_over_cut(const pliant_system *system, const pliant_system *before,
+                                                           cudaStream_t stream, gpu_system *gpu,
+                                                           gpu_system_capacity *capacity)
 {
     return send_all({system, before, stream, gpu, capacity, changes_of(system, before)});
 }

@@ -47,8 +47,8 @@ pliant_status pliant_cuda_system_create(const pliant_system *system, cudaStream_
                                         gpu_system_capacity *capacity);
 /* Update the system after a cut. Only changed data is sent, except for macro-elements. After an error the
  * content is undefined. */
-pliant_status pliant_cuda_system_follow(const pliant_system *system, const pliant_system *before, cudaStream_t stream,
-                                        gpu_system *gpu, gpu_system_capacity *capacity);
+pliant_status pliant_cuda_system_carry_over_cut(const pliant_system *system, const pliant_system *before,
+                                                cudaStream_t stream, gpu_system *gpu, gpu_system_capacity *capacity);
 void pliant_cuda_system_free(gpu_system *system, gpu_system_capacity *capacity);
 
 #ifdef __cplusplus

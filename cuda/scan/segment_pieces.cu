@@ -1,6 +1,6 @@
 /* Neighbour agreement, connected pieces, specks, and the statistics of the pieces. */
 #include "cuda/base/check.h"
-#include "cuda/base/scan.cuh"
+#include "cuda/base/prefix_sum.cuh"
 #include "cuda/scan/segment_value.cuh"
 
 /* ---- Classes. */

@@ -4,7 +4,7 @@
 #include "base/fail.h"
 #include "base/memory.h"
 #include "cuda/warp/raster_math.cuh"
-#include "cuda/base/scan.cuh"
+#include "cuda/base/prefix_sum.cuh"
 #include "scan/volume.h"
 
 enum { SORT_THREADS = 1024, TET_THREADS = 128, MAP_THREADS = 32, DRAW_THREADS = BRICK * BRICK };

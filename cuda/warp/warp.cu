@@ -6,7 +6,7 @@
 #include "base/memory.h"
 #include "cuda/warp/rasterize.h"
 #include "cuda/warp/render.h"
-#include "cuda/base/send.h"
+#include "cuda/base/send_changes.h"
 #include "cuda/warp/warp.h"
 #include "scan/volume.h"
 

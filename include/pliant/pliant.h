@@ -14,7 +14,7 @@
  *  - Pointers must not be NULL unless the documentation says Nullable.
  *  - An object that a function creates belongs to the caller, who frees it. "Borrowed" names an object that must
  *    outlive its user.
- *  - Functions return pliant_status (status.h): 0 is success, negative is an error, positive is success with a caveat.
+ *  - Functions return pliant_status (status.h): 0 is success, negative is an error, positive is success with a warning.
  *    After an error, outputs and states are unchanged. Documentation writes MEMORY for PLIANT_ERROR_MEMORY, and so on.
  *  - Factorized matrices are double. Large streamed arrays are float.
  *  - The same input, backend and number of threads give the same bits.

@@ -2,7 +2,7 @@
  *  Status codes, error messages, the log and progress.
  *
  *  Every function that can fail returns pliant_status, with CHOLMOD's sign rule: 0 is success. A negative status is an
- *  error, and nothing has changed. A positive status is success with a caveat. The library never prints, exits, aborts
+ *  error, and nothing has changed. A positive status is success with a warning. The library never prints, exits, aborts
  *  or throws. Text goes to one log callback, and each thread keeps the message of its last error.
  */
 #ifndef PLIANT_STATUS_H

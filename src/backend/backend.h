@@ -5,7 +5,7 @@
 #define PLIANT_BACKEND_BACKEND_H
 
 #include "contact/detect/tissue.h"
-#include "state/data.h"
+#include "model_data/data.h"
 #include "scene/gpu_choice.h"
 #include "topology/body.h"
 
@@ -19,8 +19,8 @@ typedef struct pliant_host_solver {
     pliant_status (*create)(const pliant_model *model, pliant_data *data);
     /* Create the state after a cut in `next`, which has the new discretization, from the state of data, which stays
      * unchanged. Errors: MEMORY, SCENE, NUMERIC. */
-    pliant_status (*follow)(const pliant_model *model, const pliant_data *data, const pliant_body_map *map,
-                            pliant_data *next);
+    pliant_status (*carry_over_cut)(const pliant_model *model, const pliant_data *data, const pliant_body_map *map,
+                                    pliant_data *next);
     pliant_status (*reset)(pliant_data *data); /* resets to rest. Errors: MEMORY (nothing changed) */
     /* Stage interact of a step: sets the pull of the tools. */
     pliant_status (*interact)(const pliant_model *model, pliant_data *data);
@@ -35,9 +35,9 @@ extern const pliant_host_solver pliant_corotational, pliant_explicit;
 
 struct pliant_backend {
     const char *name;
-    const pliant_host_solver *kind;
+    const pliant_host_solver *host_solver;
     /* It has no separate state: nothing to download or to free, and no fallback if it fails. */
-    bool on_host;
+    bool state_is_on_host;
     /* The result of a solve is in host memory when it ends, so it is not repeated if a later stage fails. */
     bool solves_on_host;
     bool handles_contacts; /* its solve handles contacts, like the host's solvers */
@@ -50,8 +50,8 @@ struct pliant_backend {
     /* Update the state after a cut, where `before` has the state before it. map: pliant_data_set_body. If *possible is
      * false, or after an error, the state is created again. Nullable: it is always created again. Errors: MEMORY,
      * UNAVAILABLE. */
-    pliant_status (*follow)(const pliant_model *model, pliant_data *data, const pliant_data *before,
-                            const pliant_body_map *map, bool *possible);
+    pliant_status (*carry_over_cut)(const pliant_model *model, pliant_data *data, const pliant_data *before,
+                                    const pliant_body_map *map, bool *possible);
     pliant_status (*restart)(const pliant_model *model, pliant_data *data); /* reads the host's changed state */
     /* Reads moved nodes, if nothing else has changed; Nullable: use restart. */
     pliant_status (*move)(const pliant_model *model, pliant_data *data);
@@ -77,7 +77,7 @@ pliant_status pliant_tled_upsample(const pliant_model *model, pliant_data *data)
 
 /* Set the grasp constraint and target of a tool before the corotational solve. Errors: MEMORY. */
 pliant_status pliant_set_grasp_constraint(const pliant_model *model, pliant_data *data, int tool);
-/* Return the leader of a tool. Rigid tools that hold one point (state/shared_hold.h) share one constraint and its
+/* Return the leader of a tool. Rigid tools that hold one point (model_data/shared_hold.h) share one constraint and its
  * force, which belong to the first of them. Any other tool is its own leader. */
 int pliant_grasp_leader(const pliant_data *data, int tool);
 /* List the tools that share the constraint of a leader, the leader first.
@@ -106,8 +106,8 @@ pliant_status pliant_backend_restart(const pliant_model *model, pliant_data *dat
 pliant_status pliant_backend_move(const pliant_model *model, pliant_data *data);
 /* Follow the host's state across a cut. `before` still has its arrays. The backend updates its state or creates it
  * again, or the CPU continues. */
-void pliant_backend_follow(const pliant_model *model, pliant_data *data, const pliant_data *before,
-                           const pliant_body_map *map);
+void pliant_backend_carry_over_cut(const pliant_model *model, pliant_data *data, const pliant_data *before,
+                                   const pliant_body_map *map);
 /* Return whether a GPU solves for the fine nodes themselves, and none of them was moved since. Its state is then equal
  * to the positions. */
 bool pliant_positions_are_state(const pliant_data *data);

@@ -11,12 +11,12 @@ const pliant_host_solver *pliant_host_solver_of(const pliant_model *model)
     return model->tled ? &pliant_explicit : &pliant_corotational;
 }
 
-static pliant_status choose(const pliant_host_solver *kind, pliant_backend_choice choice,
+static pliant_status choose(const pliant_host_solver *host_solver, pliant_backend_choice choice,
                             char text[PLIANT_BACKEND_TEXT], const pliant_backend **out)
 {
     bool use;
-    pliant_status status = pliant_gpu_choose(choice, kind->cuda ? kind->cuda->probe : NULL, text, &use);
-    if (status == PLIANT_OK) *out = use ? kind->cuda : kind->cpu;
+    pliant_status status = pliant_gpu_choose(choice, host_solver->cuda ? host_solver->cuda->probe : NULL, text, &use);
+    if (status == PLIANT_OK) *out = use ? host_solver->cuda : host_solver->cpu;
     return status;
 }
 
@@ -30,17 +30,17 @@ static const char *find_cpu_reason(const pliant_model *model, const pliant_data 
 
 pliant_status pliant_backend_create(const pliant_model *model, pliant_data *data)
 {
-    const pliant_host_solver *kind = pliant_host_solver_of(model);
+    const pliant_host_solver *host_solver = pliant_host_solver_of(model);
     const char *reason = find_cpu_reason(model, data);
     if (reason && model->scene.solver.backend == PLIANT_CUDA)
         return pliant_fail(PLIANT_ERROR_SCENE, "solver/backend: cuda; %s; set auto or cpu", reason);
     const pliant_backend_choice choice = reason ? PLIANT_CPU : model->scene.solver.backend;
     char text[PLIANT_BACKEND_TEXT];
-    pliant_status status = choose(kind, choice, text, &data->backend);
+    pliant_status status = choose(host_solver, choice, text, &data->backend);
     if (status != PLIANT_OK) return status;
     if (reason) pliant_log(PLIANT_LOG_INFO, "backend: cpu; %s", reason);
     status = data->backend->create(model, data);
-    if (data->backend == kind->cpu) {
+    if (data->backend == host_solver->cpu) {
         if (choice == PLIANT_AUTO) pliant_log(PLIANT_LOG_INFO, "backend: cpu; no GPU is used: %s", text);
         return status;
     }
@@ -48,7 +48,7 @@ pliant_status pliant_backend_create(const pliant_model *model, pliant_data *data
         pliant_log(PLIANT_LOG_INFO, "backend: cuda, %s", text);
     } else if (choice == PLIANT_AUTO) {
         pliant_log(PLIANT_LOG_WARNING, "backend: cpu; %s (%s)", pliant_last_error(), text);
-        data->backend = kind->cpu;
+        data->backend = host_solver->cpu;
         status = PLIANT_OK;
     }
     return status;
@@ -56,28 +56,31 @@ pliant_status pliant_backend_create(const pliant_model *model, pliant_data *data
 
 bool pliant_backend_fall_back(const pliant_model *model, pliant_data *data, pliant_status status)
 {
-    if (data->backend->on_host || (status != PLIANT_ERROR_UNAVAILABLE && status != PLIANT_ERROR_MEMORY)) return false;
+    if (data->backend->state_is_on_host || (status != PLIANT_ERROR_UNAVAILABLE && status != PLIANT_ERROR_MEMORY))
+        return false;
     pliant_log(PLIANT_LOG_WARNING, "backend: %s; the CPU continues from the last good state", pliant_last_error());
-    const pliant_host_solver *kind = data->backend->kind;
+    const pliant_host_solver *host_solver = data->backend->host_solver;
     if (data->backend->download) data->backend->download(model, data);
     data->backend->free(data);
-    data->backend = kind->cpu;
-    if (kind->discard_results) kind->discard_results(data);
+    data->backend = host_solver->cpu;
+    if (host_solver->discard_results) host_solver->discard_results(data);
     if (data->warp) pliant_warp_fall_back(data->warp);
     return true;
 }
 
-void pliant_backend_follow(const pliant_model *model, pliant_data *data, const pliant_data *before,
-                           const pliant_body_map *map)
+void pliant_backend_carry_over_cut(const pliant_model *model, pliant_data *data, const pliant_data *before,
+                                   const pliant_body_map *map)
 {
     const pliant_backend *backend = data->backend;
     bool possible = false;
-    if (backend->on_host) return;
-    if (backend->follow && backend->follow(model, data, before, map, &possible) == PLIANT_OK && possible) return;
+    if (backend->state_is_on_host) return;
+    if (backend->carry_over_cut && backend->carry_over_cut(model, data, before, map, &possible) == PLIANT_OK &&
+        possible)
+        return;
     backend->free(data);
     if (backend->create(model, data) == PLIANT_OK) return;
     pliant_log(PLIANT_LOG_WARNING, "backend: %s; the CPU continues with the new mesh topology", pliant_last_error());
-    data->backend = backend->kind->cpu;
+    data->backend = backend->host_solver->cpu;
     if (data->warp) pliant_warp_fall_back(data->warp);
 }
 

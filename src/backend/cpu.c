@@ -61,17 +61,17 @@ static pliant_status create(const pliant_model *model, pliant_data *data)
 
 bool pliant_positions_are_state(const pliant_data *data)
 {
-    return data->solver && !data->backend->on_host && !data->rigid_pieces &&
+    return data->solver && !data->backend->state_is_on_host && !data->rigid_pieces &&
            data->solver->system->mesh == data->solver->system->fine;
 }
 
-static pliant_status follow(const pliant_model *model, const pliant_data *data, const pliant_body_map *map,
-                            pliant_data *next)
+static pliant_status carry_over_cut(const pliant_model *model, const pliant_data *data, const pliant_body_map *map,
+                                    pliant_data *next)
 {
     const pliant_discretization *discretization = next->discretization;
     const double *state = pliant_positions_are_state(data) ? next->positions : NULL;
-    pliant_status status = pliant_solver_follow(&model->scene, discretization->system, data->solver, map,
-                                                !data->backend->on_host, state, &next->solver);
+    pliant_status status = pliant_solver_carry_over_cut(&model->scene, discretization->system, data->solver, map,
+                                                        !data->backend->state_is_on_host, state, &next->solver);
     return status == PLIANT_OK && discretization->fine_system
                ? pliant_patch_create(&model->scene, discretization, &next->patch)
                : status;
@@ -126,7 +126,7 @@ static void discard_results(pliant_data *data)
 
 const pliant_host_solver pliant_corotational = {
     .create = create,
-    .follow = follow,
+    .carry_over_cut = carry_over_cut,
     .reset = reset,
     .interact = interact,
     .set_positions = set_positions,
@@ -138,8 +138,8 @@ const pliant_host_solver pliant_corotational = {
 
 const pliant_backend pliant_cpu_backend = {
     .name = "cpu",
-    .kind = &pliant_corotational,
-    .on_host = true,
+    .host_solver = &pliant_corotational,
+    .state_is_on_host = true,
     .probe = pliant_cpu_probe,
     .create = pliant_cpu_skip_stage,
     .restart = pliant_cpu_skip_stage,

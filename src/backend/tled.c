@@ -2,7 +2,7 @@
 #include "fem/dynamics/tled.h"
 
 #include "backend/backend.h"
-#include "backend/dynamics.h"
+#include "backend/explicit_dynamics.h"
 #include "base/fail.h"
 
 #include <string.h>
@@ -28,8 +28,8 @@ static pliant_status create(const pliant_model *model, pliant_data *data)
     return pliant_tled_create(&model->scene, data->discretization->tled, &data->tled);
 }
 
-static pliant_status follow(const pliant_model *model, const pliant_data *data, const pliant_body_map *map,
-                            pliant_data *next)
+static pliant_status carry_over_cut(const pliant_model *model, const pliant_data *data, const pliant_body_map *map,
+                                    pliant_data *next)
 {
     pliant_status status = create(model, next);
     if (status != PLIANT_OK) return status;
@@ -64,7 +64,7 @@ static void limits(pliant_data *data, int iterations, double tolerance)
 
 const pliant_host_solver pliant_explicit = {
     .create = create,
-    .follow = follow,
+    .carry_over_cut = carry_over_cut,
     .reset = reset,
     .interact = interact,
     .set_positions = set_positions,
@@ -75,8 +75,8 @@ const pliant_host_solver pliant_explicit = {
 
 const pliant_backend pliant_tled_backend = {
     .name = "cpu",
-    .kind = &pliant_explicit,
-    .on_host = true,
+    .host_solver = &pliant_explicit,
+    .state_is_on_host = true,
     .probe = pliant_cpu_probe,
     .create = pliant_cpu_skip_stage,
     .restart = pliant_cpu_skip_stage,

@@ -305,7 +305,7 @@ static void create_stamps(header *block)
 }
 
 /* Copy the first bytes of another block, limited to pieces that differ, and clear the rest. */
-static void follow(header *block, const header *from, size_t kept_bytes)
+static void copy_differing_pieces(header *block, const header *from, size_t kept_bytes)
 {
     char *to = (char *)block + ALIGNMENT;
     const char *of = (const char *)from + ALIGNMENT;
@@ -336,7 +336,7 @@ static void *next_of(header *from, size_t kept_bytes, size_t bytes)
         if (capacity >= large_series) find_pages(block, true);
     }
     block->bytes = bytes;
-    follow(block, from, kept_bytes);
+    copy_differing_pieces(block, from, kept_bytes);
     enter(block, bytes);
     return (char *)block + ALIGNMENT;
 }

@@ -26,7 +26,7 @@ typedef enum pliant_obstacle {
     PLIANT_OBSTACLE_TOOL,
     PLIANT_OBSTACLE_GROUND,
     PLIANT_OBSTACLE_TISSUE,
-    PLIANT_OBSTACLE_ELEMENT /* no obstacle: the volume bound of an element (contact/volume/volume.h) */
+    PLIANT_OBSTACLE_ELEMENT /* no obstacle: the volume bound of an element (contact/volume/volume_bound.h) */
 } pliant_obstacle;
 
 typedef struct pliant_contact_point {

@@ -1,11 +1,11 @@
-/* Settings of contact and of the legs of a step. A model holds one set of them (state/model.h). The scene options
+/* Settings of contact and of the legs of a step. A model holds one set of them (model_data/model.h). The scene options
  * contact/... are described in pliant/scene.h. The option contact/guard_depth sets the field guard_depth.
  *
  * Not listed here: capacities of arrays, limits of iterations, and tolerances of exact algorithms. They stand in the
  * code of these algorithms. Results depend on them only within the tolerance.
  *
  * Effects are measured with one setting at half or twice its default. No sweep tunneled in any of these runs. The
- * figures of sweeps, bar and soft are without the volume bound (volume/volume.h).
+ * figures of sweeps, bar and soft are without the volume bound (volume/volume_bound.h).
  *
  * sweeps: PLIANT_SWEEPS=40 PLIANT_SWEEPS_STEPS=1 swept_test --gtest_filter=*NothingIsSweptThroughTheSheet. The defaults
  *     take 258 steps, 2542 evaluations and 450 legs. 8 steps end early. At most 2 elements are inverted. Proxies are
@@ -57,7 +57,7 @@ extern "C" {
             "Half of the zone is for approach, half for sliding.",                                                     \
             "sweeps: 1 evaluation fewer of 2542",                                                                      \
             "sweeps: 0.057 mm behind, 3.4 mm at most")                                                                 \
-    /* ---- volume of elements (volume/volume.h) */                                                                   \
+    /* ---- volume of elements (volume/volume_bound.h) */                                                              \
     SETTING(double, volume_near, 0.3, "volume at rest",                                                                \
             "Volume of an element below which a contact point may push it open.",                                      \
             "Three times volume_stop: the point is there before it is needed.",                                        \

@@ -1,6 +1,6 @@
 /* Cut a body along the sweep of a blade, and build the next body. */
-#include "topology/parts.h"
-#include "cut/work.h"
+#include "topology/sorted_numbers.h"
+#include "cut/cut_stages.h"
 
 #include "base/fail.h"
 #include "base/memory.h"

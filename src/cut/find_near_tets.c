@@ -1,6 +1,6 @@
 /* Find the tetrahedra that a blade may touch. The bounding box of the nodes of some lattice cubes contains all
  * tetrahedra between them. */
-#include "cut/work.h"
+#include "cut/cut_stages.h"
 
 #include "base/fail.h"
 #include "base/memory.h"

@@ -1,7 +1,7 @@
 /* Find the touched tetrahedra, which have a severed link, and the fragments into which their voxels fall. All other
  * tetrahedra are skipped, so a cut has only local effects. */
-#include "topology/parts.h"
-#include "cut/work.h"
+#include "topology/sorted_numbers.h"
+#include "cut/cut_stages.h"
 
 #include "base/buffer.h"
 #include "base/fail.h"

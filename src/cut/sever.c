@@ -1,7 +1,7 @@
 /* Find the links that a blade severs. The fragments map both ends of a link to their deformed positions, where the
  * blade is tested. The inverse map only selects candidates. All links of a voxel therefore agree on its side of the
  * blade. */
-#include "cut/work.h"
+#include "cut/cut_stages.h"
 
 #include "cut/sweep.h"
 

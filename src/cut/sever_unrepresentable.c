@@ -1,7 +1,7 @@
 /* Sever links that the mesh cannot represent. Assigned chips may leave a few links between two fragments that have no
  * node in common. These links are severed, so that mesh and voxels have the same connectivity. */
-#include "topology/parts.h"
-#include "cut/work.h"
+#include "topology/sorted_numbers.h"
+#include "cut/cut_stages.h"
 
 #include "base/buffer.h"
 #include "base/fail.h"

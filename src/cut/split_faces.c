@@ -1,6 +1,6 @@
 /* Separate tetrahedra at the faces whose three corners a stroke has passed. A node is copied for each group of
  * tetrahedra around it that no face connects any more. */
-#include "topology/parts.h"
+#include "topology/sorted_numbers.h"
 #include "cut/subdivide.h"
 
 #include "base/buffer.h"

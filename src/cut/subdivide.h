@@ -2,7 +2,7 @@
 #ifndef PLIANT_CUT_SUBDIVIDE_H
 #define PLIANT_CUT_SUBDIVIDE_H
 
-#include "cut/work.h"
+#include "cut/cut_stages.h"
 
 #ifdef __cplusplus
 extern "C" {

@@ -6,7 +6,7 @@
 #define PLIANT_FEM_SYSTEM_H
 
 #include "base/lanes.h"
-#include "state/model.h"
+#include "model_data/model.h"
 #include "topology/body.h"
 
 /* Error message of a step whose merit is not finite. All single inputs have been checked to be finite before. */
@@ -270,7 +270,7 @@ void pliant_system_assemble_block(const pliant_system *system, const pliant_tang
 void pliant_system_element(const pliant_system *system, const pliant_tangent *tangents, int32_t element,
                            double *stiffness);
 
-/* ---- Implemented in extract.c. */
+/* ---- Implemented in extract_elements.c. */
 /* Copy some elements of a system into a new system without unknowns, on a mesh of their nodes.
  * @param element  (count) elements of the whole system.
  * @param place    (nodes of the whole system) number in the new mesh, or -1.

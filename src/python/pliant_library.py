@@ -1,4 +1,4 @@
-"""Access libpliant.so by ctypes, with the layout of its structs that the library reports (src/sim/build/layout.h)."""
+"""Access libpliant.so by ctypes. The library reports the layout of its structs (src/sim/build/struct_layout.h)."""
 import atexit
 import ctypes
 import logging

@@ -3,7 +3,7 @@
 #include "base/clock.h"
 #include "base/threads.h"
 #include "fem/element/scalar.h"
-#include "state/data.h"
+#include "model_data/data.h"
 #include "base/memory.h"
 #include "report/cases.h"
 #include "report/rows.h"

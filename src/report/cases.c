@@ -5,7 +5,7 @@
 #include "base/fail.h"
 #include "fem/quasistatic/solver.h"
 #include "sim/api/data.h"
-#include "state/data.h"
+#include "model_data/data.h"
 #include "base/memory.h"
 
 #include <math.h>

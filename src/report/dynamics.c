@@ -1,10 +1,10 @@
 /* Measure the cost of explicit dynamics on a scene, and its energy conservation. */
 #include "base/fail.h"
-#include "backend/dynamics.h"
+#include "backend/explicit_dynamics.h"
 #include "base/clock.h"
 #include "base/threads.h"
 #include "report/report.h"
-#include "state/data.h"
+#include "model_data/data.h"
 #include "base/memory.h"
 #include "report/rows.h"
 

@@ -5,7 +5,7 @@
 #include "material/material.h"
 #include "pliant/report.h"
 #include "report/validation.h"
-#include "state/data.h"
+#include "model_data/data.h"
 
 #include <math.h>
 #include <string.h>

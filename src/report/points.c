@@ -1,7 +1,7 @@
 /* Locate the same tissue points in different meshes. */
 #include "base/fail.h"
 #include "mesh/mesh.h"
-#include "state/data.h"
+#include "model_data/data.h"
 #include "base/memory.h"
 #include "report/report.h"
 

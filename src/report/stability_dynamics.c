@@ -1,8 +1,8 @@
 /* Stability cases for explicit dynamics: time step, energy conservation, and loads and bodies with inertia. */
 #include "base/fail.h"
-#include "backend/dynamics.h"
+#include "backend/explicit_dynamics.h"
 #include "fem/dynamics/tled.h"
-#include "state/data.h"
+#include "model_data/data.h"
 #include "base/memory.h"
 #include "report/stability_cases.h"
 

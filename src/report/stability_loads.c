@@ -1,7 +1,7 @@
 /* Stability cases with unusual loads, on the user's scan if there is one. */
 #include "base/fail.h"
 #include "fem/element/scalar.h"
-#include "state/data.h"
+#include "model_data/data.h"
 #include "base/memory.h"
 #include "report/stability_cases.h"
 

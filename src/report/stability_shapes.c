@@ -1,7 +1,7 @@
 /* Stability cases that start from an impossible shape, and a long run. */
 #include "base/fail.h"
 #include "fem/element/scalar.h"
-#include "state/data.h"
+#include "model_data/data.h"
 #include "base/memory.h"
 #include "report/stability_cases.h"
 

@@ -1,11 +1,11 @@
 #include "report/stability_trial.h"
 
-#include "backend/dynamics.h"
+#include "backend/explicit_dynamics.h"
 #include "base/clock.h"
 #include "base/fail.h"
 #include "fem/element/scalar.h"
 #include "fem/system.h"
-#include "state/data.h"
+#include "model_data/data.h"
 #include "base/memory.h"
 
 #include <assert.h>

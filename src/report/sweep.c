@@ -2,7 +2,7 @@
 #include "base/fail.h"
 #include "fem/patch/patch.h"
 #include "scene/scene.h"
-#include "state/data.h"
+#include "model_data/data.h"
 #include "base/memory.h"
 #include "report/sweep.h"
 

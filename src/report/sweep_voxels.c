@@ -1,6 +1,6 @@
 /* Per-voxel error of a run's last frame: histogram and slices. */
 #include "base/fail.h"
-#include "state/data.h"
+#include "model_data/data.h"
 #include "base/memory.h"
 #include "report/sweep.h"
 

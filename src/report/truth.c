@@ -4,7 +4,7 @@
 #include "base/memory.h"
 #include "report/sweep.h"
 #include "scene/scene.h"
-#include "state/data.h"
+#include "model_data/data.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -2,7 +2,7 @@
 #include "base/fail.h"
 #include "base/threads.h"
 #include "mesh/mesh.h"
-#include "state/data.h"
+#include "model_data/data.h"
 #include "base/memory.h"
 #include "report/report.h"
 

@@ -562,8 +562,8 @@ void VolumeDisplay::report()
                            " to " + QString::number(image.high(), 'g', 6).toStdString() + ", message " +
                            std::to_string(received_.sequence);
         if (image.not_numbers() > 0) text += ", " + std::to_string(image.not_numbers()) + " voxels are not numbers";
-        bool caveat = image.stride() > 1 || image.not_numbers() > 0;
-        setStatusStd(caveat ? rviz::StatusProperty::Warn : rviz::StatusProperty::Ok, "Volume",
+        bool has_warning = image.stride() > 1 || image.not_numbers() > 0;
+        setStatusStd(has_warning ? rviz::StatusProperty::Warn : rviz::StatusProperty::Ok, "Volume",
                      (image.stride() > 1 ? "too large for the graphics card, shown subsampled: " : "") + text);
     }
     logged_ = received_.error;

@@ -2,7 +2,7 @@
 #ifndef PLIANT_INTERACT_BLADE_H
 #define PLIANT_INTERACT_BLADE_H
 
-#include "state/data.h"
+#include "model_data/data.h"
 
 #ifdef __cplusplus
 extern "C" {

@@ -6,7 +6,7 @@
 #include "contact/shapes/solid.h"
 #include "fem/system.h"
 #include "base/memory.h"
-#include "state/model.h"
+#include "model_data/model.h"
 
 #include <math.h>
 #include <string.h>

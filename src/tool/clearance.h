@@ -3,7 +3,7 @@
 #ifndef PLIANT_TOOL_CLEARANCE_H
 #define PLIANT_TOOL_CLEARANCE_H
 
-#include "state/data.h"
+#include "model_data/data.h"
 
 #ifdef __cplusplus
 extern "C" {

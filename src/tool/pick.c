@@ -4,8 +4,8 @@
 #include "mesh/mesh.h"
 #include "tool/pick.h"
 #include "scan/march.h"
-#include "state/model.h"
-#include "warp/state.h"
+#include "model_data/model.h"
+#include "warp/warp_state.h"
 
 /* maximum distance between the tissue's surface and the isosurface, caused by interpolation [voxels] */
 static const double skin = 2.0;

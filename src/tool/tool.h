@@ -1,9 +1,9 @@
-/* Tool functions for the step: grasps and their positions. The solver computes the forces (backend/pull.c). */
+/* Tool functions for the step: grasps and their positions. The solver computes the forces (backend/grasps.c). */
 #ifndef PLIANT_INTERACT_TOOL_H
 #define PLIANT_INTERACT_TOOL_H
 
 #include "base/memory.h"
-#include "state/data.h"
+#include "model_data/data.h"
 
 #include <string.h>
 

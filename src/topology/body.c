@@ -93,7 +93,7 @@ static bool copy(const void *from, size_t count, size_t size, void *to)
 }
 
 /* Copy an array of which a cut changes a few elements, with change tracking (buffer.h). */
-static bool follow(const void *from, size_t count, size_t size, void *to)
+static bool copy_tracked(const void *from, size_t count, size_t size, void *to)
 {
     if (!from) return true;
     void *made = pliant_next_version(from, count, count, size);
@@ -142,7 +142,8 @@ pliant_status pliant_body_begin(const pliant_body *body, uint64_t revision, bool
     next->changes = (pliant_body_changes){
         .since = body->revision, .nodes_before = body->fine.num_nodes, .tets_before = body->fine.num_tets};
     next->lender = pliant_body_retain(body->lender ? body->lender : body);
-    bool good = copy_fine(body, with_cuts ? copy : follow, next) && copy_mesh(&body->coarse, copy, &next->coarse) &&
+    bool good = copy_fine(body, with_cuts ? copy : copy_tracked, next) &&
+                copy_mesh(&body->coarse, copy, &next->coarse) &&
                 copy(body->coarse_of_fine, tets, sizeof *body->coarse_of_fine, &next->coarse_of_fine) &&
                 copy(body->fine_of_coarse, coarse_nodes, sizeof *body->fine_of_coarse, &next->fine_of_coarse) &&
                 copy(body->coarse_material, coarse_tets, sizeof *body->coarse_material, &next->coarse_material) &&

@@ -1,7 +1,7 @@
 /* Build the next body from the result of a cut of the fine mesh. */
 #include "topology/divide.h"
 #include "topology/links.h"
-#include "topology/parts.h"
+#include "topology/sorted_numbers.h"
 
 #include "base/fail.h"
 #include "base/buffer.h"

@@ -1,7 +1,7 @@
 /* Find the tetrahedron on the other side of each face of the next body, among the fragments of the tetrahedron across
  * the initial face. Only faces whose corners changed are recomputed. The surface follows from the result. */
 #include "topology/divide.h"
-#include "topology/parts.h"
+#include "topology/sorted_numbers.h"
 
 #include "base/fail.h"
 #include "base/buffer.h"

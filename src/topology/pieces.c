@@ -1,6 +1,6 @@
 /* Find the detached pieces of the next body, which nothing fixed holds. */
 #include "topology/divide.h"
-#include "topology/parts.h"
+#include "topology/sorted_numbers.h"
 
 #include "base/fail.h"
 #include "base/pairs.h"

@@ -1,5 +1,5 @@
 /* Find the cut faces of subdivided tetrahedra: faces that lie in no outer face of the initial mesh. */
-#include "topology/parts.h"
+#include "topology/sorted_numbers.h"
 #include "topology/surface.h"
 
 #include "mesh/faces.h"

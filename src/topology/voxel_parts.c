@@ -1,6 +1,6 @@
 /* Find the connected parts of a tetrahedron's voxels, without cuts and with cuts. */
 #include "topology/links.h"
-#include "topology/parts.h"
+#include "topology/sorted_numbers.h"
 
 bool pliant_voxels_joined(const pliant_voxels *voxels, const pliant_cuts *cuts, int32_t a, int32_t b)
 {

@@ -7,7 +7,7 @@
 #include "base/memory.h"
 #include "mesh/mesh.h"
 #include "scan/write.h"
-#include "state/model.h"
+#include "model_data/model.h"
 #include "warp/near_cut.h"
 #include "warp/warp.h"
 

@@ -2,7 +2,7 @@
 #include "base/fail.h"
 #include "base/buffer.h"
 #include "base/threads.h"
-#include "topology/parts.h"
+#include "topology/sorted_numbers.h"
 #include "base/memory.h"
 #include "warp/parts_maker.h"
 

@@ -2,9 +2,9 @@
 #include "base/fail.h"
 #include "base/buffer.h"
 #include "topology/body.h"
-#include "topology/parts.h"
+#include "topology/sorted_numbers.h"
 #include "base/memory.h"
-#include "warp/state.h"
+#include "warp/warp_state.h"
 
 #include <string.h>
 
@@ -22,7 +22,7 @@ struct pliant_warp_next {
     int32_t *carried_tet_fixed;   /* (carried_tets x 12) */
     raster_tet *carried_tet_tets; /* (carried_tets) */
     pliant_warp_changes changes;
-    uint8_t *left;             /* (previous elements - common) 1: still exists */
+    uint8_t *still_exists;     /* (previous elements - common) */
     const pliant_warp_device *device;
     void *device_next;
     bool device_lost;          /* the device cannot change, so the CPU draws from now on */
@@ -42,7 +42,7 @@ void pliant_warp_next_free(pliant_warp_next *next)
     pliant_free(next->changes.rebuilt);
     pliant_free(next->changes.from);
     pliant_free(next->changes.removed);
-    pliant_free(next->left);
+    pliant_free(next->still_exists);
     if (next->device_next) next->device->drop(next->device_next);
     pliant_free(next);
 }
@@ -162,7 +162,7 @@ static void carry_carried_tets(const pliant_warp *warp, pliant_warp_next *next)
                    12 * sizeof *next->carried_tet_fixed);
             next->carried_tet_tets[g] = warp->tets[before + o];
             changes->from[first + g - changes->common] = before + o;
-            next->left[before + o - changes->common] = 1;
+            next->still_exists[before + o - changes->common] = 1;
         }
     }
 }
@@ -228,7 +228,7 @@ static bool find_changes(const pliant_warp *warp, pliant_warp_next *next)
     memcpy(changes->removed, changes->rebuilt, (size_t)kept * sizeof *changes->removed);
     changes->num_removed = kept;
     for (int32_t e = common; e < changes->before; e++)
-        if (!next->left[e - common]) changes->removed[changes->num_removed++] = e;
+        if (!next->still_exists[e - common]) changes->removed[changes->num_removed++] = e;
     return true;
 }
 
@@ -241,8 +241,8 @@ static bool allocate(const pliant_warp *warp, pliant_warp_next *next)
     next->carried_tet_fixed = pliant_calloc(carried_tets + 1, 12 * sizeof *next->carried_tet_fixed);
     next->carried_tet_tets = pliant_calloc(carried_tets + 1, sizeof *next->carried_tet_tets);
     next->changes.from = pliant_calloc(elements - (size_t)common + 1, sizeof *next->changes.from);
-    next->left = pliant_calloc((size_t)(warp->num_elements - common) + 1, sizeof *next->left);
-    return next->carried_tet_fixed && next->carried_tet_tets && next->changes.from && next->left;
+    next->still_exists = pliant_calloc((size_t)(warp->num_elements - common) + 1, sizeof *next->still_exists);
+    return next->carried_tet_fixed && next->carried_tet_tets && next->changes.from && next->still_exists;
 }
 
 static void find_rest(const pliant_warp *warp, const pliant_mesh *mesh, int32_t node, double *rest)

@@ -5,8 +5,8 @@
 #include "base/memory.h"
 #include "scan/volume.h"
 #include "warp/render.h"
-#include "state/model.h"
-#include "warp/state.h"
+#include "model_data/model.h"
+#include "warp/warp_state.h"
 #include "warp/warp.h"
 
 #include <string.h>

@@ -4,7 +4,7 @@
 #include "base/free_memory.h"
 #include "base/memory.h"
 #include "scan/volume.h"
-#include "warp/state.h"
+#include "warp/warp_state.h"
 #include "warp/warp.h"
 
 #include <math.h>
@@ -20,7 +20,7 @@ void pliant_warp_free(pliant_warp *warp)
     pliant_parts_free(warp->parts);
     pliant_part_hosts_release(warp->hosts);
     void *blocks[] = {warp->rest,         warp->fixed, warp->next,       warp->moved,  warp->carried_tet_fixed,
-                      warp->tets,         warp->rebuilt,  warp->changed,    warp->dirty,  warp->left,
+                      warp->tets,         warp->rebuilt,  warp->changed,    warp->dirty,  warp->vacated,
                       warp->dirty_bricks, warp->end,   warp->candidates, warp->scratch};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     pliant_free(warp);
@@ -68,7 +68,7 @@ static bool allocate(pliant_warp *warp)
            (warp->next = pliant_calloc(nodes, 3 * sizeof *warp->next)) && (warp->moved = pliant_calloc(nodes, 1)) &&
            (warp->tets = pliant_calloc(elements, sizeof *warp->tets)) && (warp->rebuilt = pliant_calloc(elements, 1)) &&
            (warp->changed = pliant_calloc(bricks, 1)) && (warp->dirty = pliant_calloc(bricks, 1)) &&
-           (warp->left = pliant_calloc(bricks, 1)) &&
+           (warp->vacated = pliant_calloc(bricks, 1)) &&
            (warp->dirty_bricks = pliant_calloc(bricks, sizeof *warp->dirty_bricks)) &&
            (warp->end = pliant_calloc(bricks, (size_t)warp->num_threads * sizeof *warp->end)) &&
            (warp->candidates = pliant_calloc(elements, sizeof *warp->candidates)) &&
@@ -220,7 +220,7 @@ static inline void visit_brick(pliant_warp *warp, int32_t t, int32_t brick, visi
 #pragma omp atomic write
         warp->dirty[brick] = 1;
         break;
-    case VISIT_LEAVE: warp->left[brick] = 1; break;
+    case VISIT_LEAVE: warp->vacated[brick] = 1; break;
     case VISIT_COUNT: end[brick] += warp->dirty[brick]; break;
     case VISIT_LIST:
         if (warp->dirty[brick] && brick >= warp->listed[0] && brick < warp->listed[1])
@@ -430,9 +430,9 @@ pliant_status pliant_warp_update(pliant_warp *warp, const double *positions)
         return PLIANT_OK;
     }
     /* bricks touched before and after */
-    if (warp->drawn) memcpy(warp->dirty, warp->left, (size_t)warp->num_bricks);
+    if (warp->drawn) memcpy(warp->dirty, warp->vacated, (size_t)warp->num_bricks);
     else memset(warp->dirty, 1, (size_t)warp->num_bricks);
-    if (warp->has_new_body) memset(warp->left, 0, (size_t)warp->num_bricks);
+    if (warp->has_new_body) memset(warp->vacated, 0, (size_t)warp->num_bricks);
     warp->has_new_body = false;
     move_tets(warp, warp->next);
     count_candidates(warp);

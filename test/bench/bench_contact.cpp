@@ -4,7 +4,7 @@
 //
 // Usage:
 //   bench_contact [threads]
-#include "contact/detect/grid.h"
+#include "contact/detect/tet_grid.h"
 #include "rolled.h"
 
 #include <cstdio>

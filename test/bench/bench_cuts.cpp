@@ -142,8 +142,8 @@ void cut_by_parts(const pliant_model *model, pliant_data *data, const double poi
     if (data->solver) {
         pliant_solver *solver = nullptr;
         took[SOLVER].push_back(milliseconds([&] {
-            check(pliant_solver_follow(&model->scene, discretization->system, data->solver, &map, rests, nullptr,
-                                       &solver));
+            check(pliant_solver_carry_over_cut(&model->scene, discretization->system, data->solver, &map, rests,
+                                               nullptr, &solver));
         }));
         pliant_solver_free(solver);
     }

@@ -16,7 +16,7 @@
 #include "figure.h"
 #include "mesh/mesh.h"
 #include "sim/api/data.h"
-#include "state/data.h"
+#include "model_data/data.h"
 #include "pliant/pliant.h"
 #include "tool/pick.h"
 #include "warp/warp.h"

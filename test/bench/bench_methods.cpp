@@ -11,7 +11,7 @@
 // steps. The grasped point is prescribed (displacement), or the force of the fine solution is applied (force).
 // Errors refer to the last step, in % of the fine solution's maximum displacement. They are given over the nodes of the
 // body (tetrahedra with at least half tissue), and over all nodes (including air).
-#include "state/data.h"
+#include "model_data/data.h"
 #include "base/clock.h"
 #include "base/memory.h"
 #include "pliant/pliant.h"

@@ -6,7 +6,7 @@
 //   bench_overlaps [RUNS [small]]   small: only 13,720 tetrahedra, for compute-sanitizer
 #include "../../cuda/contact/overlaps.h"
 #include "../../cuda/contact/tissue.h"
-#include "contact/detect/grid.h"
+#include "contact/detect/tet_grid.h"
 #include "figure.h"
 #include "base/memory.h"
 #include "rolled.h"

@@ -4,7 +4,7 @@
 #ifndef PLIANT_BENCH_FRAMES_H
 #define PLIANT_BENCH_FRAMES_H
 
-#include "state/data.h"
+#include "model_data/data.h"
 #include "pliant/pliant.h"
 
 #include <algorithm>

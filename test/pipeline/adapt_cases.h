@@ -7,7 +7,7 @@
 #include "scan/volume.h"
 #include "sim/api/data.h"
 #include "sim/build/discretization.h"
-#include "state/data.h"
+#include "model_data/data.h"
 #include "warp/raster.h"
 
 #include <algorithm>

@@ -3,7 +3,7 @@
 #define PLIANT_TEST_BODY_H
 
 #include "fem/quasistatic/solver.h"
-#include "state/data.h"
+#include "model_data/data.h"
 #include "pliant/pliant.h"
 
 #include <gtest/gtest.h>

@@ -4,7 +4,7 @@
 #include "fem/element/law.h"
 #include "fem/element/rotation.h"
 #include "mesh/mesh.h"
-#include "state/data.h"
+#include "model_data/data.h"
 #include "pliant/pliant.h"
 #include "program.h"
 #include "tool/path.h"

@@ -1,7 +1,7 @@
 // Steps with a budget of one or two evaluations, measured by a simulated clock, so that the machine's load has no
 // effect.
 #include "fem/quasistatic/solver.h"
-#include "state/data.h"
+#include "model_data/data.h"
 #include "pliant/pliant.h"
 
 #include <gtest/gtest.h>

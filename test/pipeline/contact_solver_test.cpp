@@ -3,7 +3,7 @@
 #include "half_space.h"
 #include "fem/dynamics/tled.h"
 #include "contact/solve/cones.h"
-#include "state/discretization.h"
+#include "model_data/discretization.h"
 
 #include <random>
 

@@ -3,7 +3,7 @@
 #include "base/memory.h"
 #include "fem/element/scalar.h"
 #include "sheet.h"
-#include "sim/build/linear.h"
+#include "sim/build/linear_wrench.h"
 #include "sim/step/contact.h"
 #include "sim/step/legs.h"
 #include "solids.h"

@@ -3,7 +3,7 @@
 #include "body.h"
 #include "base/memory.h"
 #include "sim/api/data.h"
-#include "state/data.h"
+#include "model_data/data.h"
 
 #include <memory>
 

@@ -2,7 +2,7 @@
 #include "body.h"
 #include "cuda_warps.h"
 #include "cut_cases.h"
-#include "warp/state.h"
+#include "warp/warp_state.h"
 #include "warp/warp.h"
 
 #include <string>

@@ -2,7 +2,7 @@
 #include "backend/backend.h"
 #include "cuda_bodies.h"
 #include "cuda_warps.h"
-#include "state/data.h"
+#include "model_data/data.h"
 #include "tolerance.h"
 
 #include <algorithm>

@@ -1,11 +1,11 @@
 // Explicit dynamics on the GPU against the CPU: whole runs, repeated results, divergence, a failing GPU. Skipped
 // without a GPU.
 #include "backend/backend.h"
-#include "backend/dynamics.h"
+#include "backend/explicit_dynamics.h"
 #include "body.h"
 #include "cuda_warps.h"
 #include "fem/dynamics/tled.h"
-#include "state/data.h"
+#include "model_data/data.h"
 #include "base/memory.h"
 
 #include <array>

@@ -7,7 +7,7 @@
 
 #include "mesh/mesh.h"
 #include "scan/volume.h"
-#include "state/data.h"
+#include "model_data/data.h"
 #include <gtest/gtest.h>
 
 #include <cmath>

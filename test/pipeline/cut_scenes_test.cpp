@@ -1,7 +1,7 @@
 // Demonstration scenes with cuts, with the paths in the README: coarse meshes, large steps, and the tool motion of
 // pliant_deform.
 #include "programs/deform_tools.h"
-#include "state/data.h"
+#include "model_data/data.h"
 #include "pliant/pliant.h"
 
 #include <gtest/gtest.h>

@@ -2,7 +2,7 @@
 #include "body.h"
 #include "pliant/contact.h"
 
-#include "state/data.h"
+#include "model_data/data.h"
 #include "base/memory.h"
 
 #include <array>

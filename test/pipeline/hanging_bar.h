@@ -4,7 +4,7 @@
 
 #include "body.h"
 #include "sim/api/data.h"
-#include "state/data.h"
+#include "model_data/data.h"
 
 #include <cmath>
 #include <functional>

@@ -1,7 +1,7 @@
 // Demonstration scenes: explicit dynamics on a small phantom whose liver hangs and falls; contact of organs, tools and
 // obstacles on a CT.
 #include "contact/detect/update_sides.h"
-#include "state/data.h"
+#include "model_data/data.h"
 #include "pliant/pliant.h"
 #include "tool/path.h"
 

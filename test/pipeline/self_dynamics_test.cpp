@@ -1,5 +1,5 @@
 // Blocks in explicit dynamics that fall onto one another, rest in a stack, and collide in flight.
-#include "backend/dynamics.h"
+#include "backend/explicit_dynamics.h"
 #include "body.h"
 #include "fem/dynamics/tled.h"
 #include "fem/dynamics/substep_contact.h"

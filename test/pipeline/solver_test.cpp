@@ -1,7 +1,7 @@
 // Solver features visible to users: cancellation, limits, extreme input, determinism, memory.
 #include "beam.h"
 
-#include "state/data.h"
+#include "model_data/data.h"
 #include "base/memory.h"
 #include "fem/element/scalar.h"
 

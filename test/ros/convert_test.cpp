@@ -1,6 +1,6 @@
 #include "cut/cut.h"
 #include "grids.h"
-#include "state/data.h"
+#include "model_data/data.h"
 #include "pliant/ros/convert.h"
 #include "ros/record/checkpoint.h"
 #include "ros/record/recorded.h"

@@ -4,7 +4,7 @@
 #include "ros/output/noise.h"
 #include "ros/output/sent_volume.h"
 #include "scan/volume.h"
-#include "state/data.h"
+#include "model_data/data.h"
 
 #include <gtest/gtest.h>
 

@@ -1,6 +1,6 @@
 #include "ros/params/params.h"
 
-#include "state/data.h"
+#include "model_data/data.h"
 #include <gtest/gtest.h>
 
 #include <stdlib.h>

@@ -1,6 +1,6 @@
 #include "cuda/base/check.h"
 #include "fem/element/macro_element.h"
-#include "fem/coarse/shaped.h"
+#include "fem/coarse/shape_interpolation.h"
 #include "cuda/fem/element/rotation.cuh"
 #include "cuda/fem/coarse/upsample.h"
 

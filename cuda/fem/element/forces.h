@@ -2,7 +2,7 @@
 #ifndef PLIANT_CUDA_FORCES_H
 #define PLIANT_CUDA_FORCES_H
 
-#include "cuda/fem/state.h"
+#include "cuda/fem/solver_state.h"
 #include "cuda/fem/system.h"
 
 #ifdef __cplusplus

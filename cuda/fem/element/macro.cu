@@ -3,7 +3,7 @@
 #include "fem/element/macro_element.h"
 #include "cuda/fem/element/macro.h"
 #include "cuda/fem/element/rotation.cuh"
-#include "cuda/fem/state.h"
+#include "cuda/fem/solver_state.h"
 #include "cuda/fem/system.h"
 
 #include <cstring>

@@ -4,7 +4,7 @@
 #ifndef PLIANT_CUDA_INVERSE_H
 #define PLIANT_CUDA_INVERSE_H
 
-#include "cuda/fem/state.h"
+#include "cuda/fem/solver_state.h"
 
 #ifdef __cplusplus
 extern "C" {

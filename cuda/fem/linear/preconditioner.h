@@ -3,8 +3,8 @@
 #ifndef PLIANT_CUDA_PRECONDITIONER_H
 #define PLIANT_CUDA_PRECONDITIONER_H
 
-#include "cuda/fem/linear/carried.h"
-#include "fem/linear/carried.h"
+#include "cuda/fem/linear/carried_preconditioner.h"
+#include "fem/linear/carried_preconditioner.h"
 #include "cuda/fem/linear/multigrid.h"
 
 #ifdef __cplusplus

@@ -2,7 +2,7 @@
 #ifndef PLIANT_CUDA_ANDERSON_H
 #define PLIANT_CUDA_ANDERSON_H
 
-#include "cuda/fem/state.h"
+#include "cuda/fem/solver_state.h"
 
 #ifdef __cplusplus
 extern "C" {

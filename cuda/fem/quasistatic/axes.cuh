@@ -2,7 +2,7 @@
 #ifndef PLIANT_CUDA_AXES_CUH
 #define PLIANT_CUDA_AXES_CUH
 
-#include "cuda/fem/state.h"
+#include "cuda/fem/solver_state.h"
 
 /* Compute T v (out of the node's axes) or T' v (into them), overwriting v. */
 static __device__ __forceinline__ void turn_out(const gpu_iteration &iteration, size_t node, double *v)

@@ -1,5 +1,5 @@
 /* A preconditioner computed in the background, like the factors in src/fem/quasistatic/refresh.c. It is started in
- * one step and installed a fixed number of steps later, or as in background_install.h. After a cut, work still in
+ * one step and installed a fixed number of steps later, or as in model_data/background.h. After a cut, work still in
  * progress becomes the base of the carried preconditioner. Background preconditioners belong to the rest state. A
  * preconditioner of the present state is computed during a step, which waits for it. If that one converges slowly
  * later, one at rest follows. */
@@ -9,10 +9,9 @@
 #include "base/threads.h"
 #include "cuda/base/check.h"
 #include "cuda/fem/element/forces.h"
-#include "fem/quasistatic/background_install.h"
 #include "base/memory.h"
 #include "cuda/fem/quasistatic/solver.h"
-#include "state/discretization.h"
+#include "model_data/discretization.h"
 
 #include <pthread.h>
 
@@ -263,7 +262,8 @@ extern "C" pliant_status pliant_cuda_refresh_at_rest(pliant_cuda_solver *gpu, co
     return make_now(gpu, solver, nullptr, &made);
 }
 
-extern "C" pliant_status pliant_cuda_refresh_follow(pliant_cuda_solver *gpu, int32_t num_nodes, const int32_t *node)
+extern "C" pliant_status pliant_cuda_refresh_carry_over_cut(pliant_cuda_solver *gpu, int32_t num_nodes,
+                                                            const int32_t *node)
 {
     gpu_refresh *refresh = gpu->refresh;
     if (!refresh || !refresh->running) return PLIANT_OK;

@@ -5,7 +5,7 @@
 #include "cuda/fem/element/forces.h"
 #include "base/memory.h"
 #include "cuda/fem/quasistatic/solver.h"
-#include "state/discretization.h"
+#include "model_data/discretization.h"
 #include "cuda/fem/coarse/upsample.h"
 
 #include <cmath>

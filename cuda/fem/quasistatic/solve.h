@@ -22,8 +22,8 @@ pliant_status pliant_cuda_solver_create(const pliant_solver *solver, pliant_prec
  * MEMORY, UNAVAILABLE.
  * @param node      (nodes of the solved mesh) node before the cut whose values each node takes.
  * @param possible  Out: false: the solver cannot follow; the caller frees it, as after an error. */
-pliant_status pliant_cuda_solver_follow(pliant_cuda_solver *gpu, const pliant_solver *solver,
-                                        const pliant_solver *before, const int32_t *node, bool *possible);
+pliant_status pliant_cuda_solver_carry_over_cut(pliant_cuda_solver *gpu, const pliant_solver *solver,
+                                                const pliant_solver *before, const int32_t *node, bool *possible);
 void pliant_cuda_solver_free(pliant_cuda_solver *gpu); /* Nullable */
 /* Read the host's state again (after a reset). */
 pliant_status pliant_cuda_solver_restart(pliant_cuda_solver *gpu, const pliant_solver *solver);

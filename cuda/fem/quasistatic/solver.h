@@ -57,7 +57,7 @@ struct pliant_cuda_solver {
 /* ---- Implemented in solve.cu: start from the host's state, without known quantities. */
 pliant_status pliant_cuda_solver_begin(pliant_cuda_solver *gpu, const pliant_solver *solver);
 
-/* ---- Implemented in size.cu: allocate the iteration's arrays for the present system. */
+/* ---- Implemented in solver_allocate.cu: allocate the iteration's arrays for the present system. */
 pliant_status pliant_cuda_solver_size(pliant_cuda_solver *gpu, const pliant_solver *solver);
 
 /* ---- Implemented in newton_after_cut.cu: the first step after a cut. */
@@ -103,7 +103,7 @@ pliant_status pliant_cuda_preconditioner_time(pliant_cuda_solver *gpu, const pli
 pliant_status pliant_cuda_refresh_at_rest(pliant_cuda_solver *gpu, const pliant_solver *solver);
 /* Keep background work across a cut: its result will belong to the earlier body. node: (nodes of the solved mesh) node
  * before the cut. Errors: MEMORY. */
-pliant_status pliant_cuda_refresh_follow(pliant_cuda_solver *gpu, int32_t num_nodes, const int32_t *node);
+pliant_status pliant_cuda_refresh_carry_over_cut(pliant_cuda_solver *gpu, int32_t num_nodes, const int32_t *node);
 void pliant_cuda_refresh_free(pliant_cuda_solver *gpu); /* waits for the background */
 
 #ifdef __cplusplus

@@ -49,8 +49,9 @@ static pliant_status carry(pliant_cuda_solver *gpu, const pliant_solver *solver,
                                    &preconditioner->carried, &preconditioner->capacity, possible);
 }
 
-extern "C" pliant_status pliant_cuda_solver_follow(pliant_cuda_solver *gpu, const pliant_solver *solver,
-                                                   const pliant_solver *before, const int32_t *node, bool *possible)
+extern "C" pliant_status pliant_cuda_solver_carry_over_cut(pliant_cuda_solver *gpu, const pliant_solver *solver,
+                                                           const pliant_solver *before, const int32_t *node,
+                                                           bool *possible)
 {
     const pliant_system *system = solver->system;
     *possible = system->macros ? !system->macros->fine_start : !before->system->macros;
@@ -63,12 +64,12 @@ extern "C" pliant_status pliant_cuda_solver_follow(pliant_cuda_solver *gpu, cons
         h_before[f] = was >= 0 ? before->system->free_of_node[was] : -1;
     }
     pliant_status status =
-        pliant_cuda_system_follow(system, before->system, gpu->stream, &gpu->system, &gpu->system_capacity);
+        pliant_cuda_system_carry_over_cut(system, before->system, gpu->stream, &gpu->system, &gpu->system_capacity);
     if (status == PLIANT_OK) status = carry(gpu, solver, h_before, possible);
     if (status == PLIANT_OK && *possible) status = size_with_axes(gpu, solver, h_before);
     pliant_free(h_before);
     if (status != PLIANT_OK || !*possible) return status;
-    CUDA_TRY(pliant_cuda_refresh_follow(gpu, system->mesh->num_nodes, node));
+    CUDA_TRY(pliant_cuda_refresh_carry_over_cut(gpu, system->mesh->num_nodes, node));
     pliant_cuda_compliance_discard(&gpu->contacts.blocks);
     CUDA_TRY(pliant_cuda_solver_record(gpu));
     return pliant_cuda_solver_begin(gpu, solver);

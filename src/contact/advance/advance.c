@@ -2,7 +2,7 @@
 
 #include "base/fail.h"
 #include "base/threads.h"
-#include "contact/advance/broad_phase.h"
+#include "contact/advance/advance_workspace.h"
 #include "base/memory.h"
 
 #include <math.h>

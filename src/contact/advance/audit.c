@@ -1,6 +1,6 @@
 /* Check whether the surface and the cores overlap. The algorithms are independent of the advancement: ternary
  * search of a convex function on a segment, and signed volumes for segments that pass through triangles. */
-#include "contact/advance/broad_phase.h"
+#include "contact/advance/advance_workspace.h"
 
 #include "base/threads.h"
 #include "contact/advance/advance_rules.h"

@@ -1,4 +1,4 @@
-#include "contact/advance/broad_phase.h"
+#include "contact/advance/advance_workspace.h"
 
 #include "base/buffer.h"
 #include "base/fail.h"

@@ -10,7 +10,7 @@
 #include "contact/advance/pair.h"
 
 #include "contact/advance/advance_rules.h"
-#include "contact/advance/distance_bound.h"
+#include "contact/advance/convex_bound.h"
 #include "contact/shapes/solid.h"
 
 #include <math.h>

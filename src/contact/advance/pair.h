@@ -2,7 +2,7 @@
 #ifndef PLIANT_CONTACT_ADVANCE_PAIR_H
 #define PLIANT_CONTACT_ADVANCE_PAIR_H
 
-#include "contact/advance/field.h"
+#include "contact/advance/field_bound.h"
 
 typedef struct pliant_advance_pair {
     int32_t part, triangle;

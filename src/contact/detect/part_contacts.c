@@ -288,7 +288,7 @@ static double gap_of(const search *on, const pliant_feature *border, const plian
 static void keep_if_deeper(const search *on, pliant_feature *of, double gap, double size)
 {
     const pliant_contact_settings *settings = &on->detector->settings;
-    const double left = on->part->guard - on->part->off;
+    const double left = on->part->guard - on->part->core_offset;
     const double sag = fmin(fmin(settings->sag_of_edge * size, settings->max_sag), settings->sag_of_guard * left);
     of->is_in_contact = of->is_in_contact && of->gap < gap + (has_pressed(on, of) ? sag : -sag);
     if (!of->is_in_contact) of->gap = INFINITY;
@@ -387,8 +387,8 @@ static void write_plane(const search *on, const pliant_feature *face, double dis
                         const double normal[3], pliant_contacts *out)
 {
     const pliant_moving_part *part = on->part;
-    const double step = on->detector->settings.plane_step, left = part->guard - part->off, core = distance + left,
-                 minimum = 0.5 * on->detector->settings.plane_distance * left;
+    const double step = on->detector->settings.plane_step, left = part->guard - part->core_offset,
+                 core = distance + left, minimum = 0.5 * on->detector->settings.plane_distance * left;
     /* offset of the plane from the triangle's nearest point */
     const double away = (core < minimum ? core + step * left : (1 - step) * core) - core;
     double point[3], local[3], place[3], before[3];
@@ -420,7 +420,7 @@ static void add_planes(const search *on, pliant_contacts *out)
         pliant_feature face = {.count = 3, .node = {nodes[0], nodes[1], nodes[2]}};
         double normal[3];
         if (is_excluded(on, &face)) continue;
-        const double left = on->part->guard - on->part->off,
+        const double left = on->part->guard - on->part->core_offset,
                      distance = distance_of(on, &on->part->begin, &face, 0, normal), core = distance + left;
         if (core > detector->settings.plane_distance * left || !(core > 0) || pliant_dot3(normal, normal) < 0.5)
             continue;

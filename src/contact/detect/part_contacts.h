@@ -22,7 +22,7 @@ typedef struct pliant_moving_part {
     pliant_tool_pose from, to; /* poses of the tool, if there is a shape */
     double max_motion;              /* upper bound of the motion of the part's points [m] */
     double guard;            /* depth of the core below the surface [m] */
-    double off;              /* enlargement of the core by the error of the part's distance field [m] */
+    double core_offset;      /* enlargement of the core by the error of the part's distance field [m] */
     double margin;           /* maximum distance from the surface for contact points [m] */
     double recovery;         /* maximum reduction of the penetration depth in the leg [m] */
     double remaining_depth_fraction; /* fraction of the penetration depth that remains (pliant_contact_permitted_gap) */

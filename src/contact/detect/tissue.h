@@ -18,7 +18,7 @@
 
 #include "contact/contact.h"
 #include "contact/settings.h"
-#include "contact/detect/grid.h"
+#include "contact/detect/tet_grid.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -160,7 +160,7 @@ void pliant_tissue_set_searcher(pliant_tissue *tissue, const pliant_tissue_searc
 /* Search on the other device. Return whether it succeeded. rule: NULL: find pairs only */
 bool pliant_tissue_search_on_device(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *rule);
 
-/* ---- tissue_slowed.c */
+/* ---- tissue_paper.c */
 /* Find the nodes of overlapping tetrahedra. overlaps: (nodes) out. Errors: MEMORY. */
 pliant_status pliant_tissue_overlapping(pliant_tissue *tissue, const double *positions, uint8_t *overlaps);
 /* Append a point for each of these nodes that can move, ascending (update_sides.h). Errors: MEMORY. */

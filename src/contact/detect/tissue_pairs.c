@@ -4,7 +4,7 @@
 #include "base/fail.h"
 #include "base/memory.h"
 #include "contact/advance/advance_rules.h"
-#include "contact/advance/broad_phase.h"
+#include "contact/advance/advance_workspace.h"
 #include "contact/detect/tissue_rules.h"
 #include "contact/detect/update_sides.h"
 #include "topology/body.h"

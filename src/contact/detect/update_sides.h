@@ -18,7 +18,7 @@ enum {
     PLIANT_TISSUE_SLID = 243 /* sides of a cut that have slid along each other */,
     PLIANT_TISSUE_SLOWED = 244 /* contact/response: paper */,
     PLIANT_PIECE_ON_WALL = 245 /* quasi-static (fem/rigid) */,
-    PLIANT_ELEMENT_VOLUME = 246 /* volume bound of an element (contact/volume/volume.h) */
+    PLIANT_ELEMENT_VOLUME = 246 /* volume bound of an element (contact/volume/volume_bound.h) */
 };
 
 /* How the two sides of a point face each other: two directions in their common plane, and the gap along its normal. */

@@ -64,7 +64,7 @@ enum { PLIANT_CONE_OPEN, PLIANT_CONE_STICKS /* or is held */, PLIANT_CONE_SLIDES
 typedef struct pliant_cone_point {
     int32_t kind, unused;
     double soft[2]; /* along the normal and along both tangents: force per motion of the single point [N/m] */
-    double along[2], keeps;
+    double along[2], cone_fraction;
     double size;               /* magnitude of the block of equations, to detect a singular one */
 } pliant_cone_point;
 
@@ -189,7 +189,7 @@ PLIANT_INLINE void pliant_cone_classify(const pliant_cones *on, int32_t p)
     if (!(normal > 0) || !(length > friction * normal)) return;
     point->kind = PLIANT_CONE_SLIDES;
     for (int k = 0; k < 2; k++) point->along[k] = z[k] / length;
-    point->keeps = friction * normal / length;
+    point->cone_fraction = friction * normal / length;
 }
 
 /* Classify all points. Open points lose their force; *opens: at least one had a force. List all others and return
@@ -217,12 +217,12 @@ PLIANT_INLINE int32_t pliant_cones_classify(const pliant_team *team, const plian
     return (int32_t)fmod(own, many);
 }
 
-/* Turn the last two rows of a block of A into the equations of sliding,  f_t + df_t = mu (f_n + df_n) along + keeps
- * Q (z + dz).  Q projects across `along`.
+/* Turn the last two rows of a block of A into the equations of sliding,  f_t + df_t = mu (f_n + df_n) along +
+ * cone_fraction Q (z + dz).  Q projects across `along`.
  * @param own the block is on the diagonal */
 PLIANT_INLINE void pliant_cone_slide_rows(const pliant_cone_point *of, double friction, bool own, double block[9])
 {
-    const double *s = of->along, part = of->keeps * PLIANT_CONE_STEP_FACTOR * of->soft[1];
+    const double *s = of->along, part = of->cone_fraction * PLIANT_CONE_STEP_FACTOR * of->soft[1];
     const double across[2][2] = {{1 - s[0] * s[0], -s[0] * s[1]}, {-s[0] * s[1], 1 - s[1] * s[1]}};
     for (int c = 0; c < 3; c++) {
         const double a[2] = {block[3 + c], block[6 + c]};
@@ -230,7 +230,7 @@ PLIANT_INLINE void pliant_cone_slide_rows(const pliant_cone_point *of, double fr
     }
     for (int k = 0; k < 2 && own; k++) {
         block[3 + 3 * k] -= friction * s[k];
-        for (int l = 0; l < 2; l++) block[4 + 3 * k + l] += (k == l) - of->keeps * across[k][l];
+        for (int l = 0; l < 2; l++) block[4 + 3 * k + l] += (k == l) - of->cone_fraction * across[k][l];
     }
 }
 
@@ -240,7 +240,7 @@ PLIANT_INLINE void pliant_cone_right_side(const pliant_cones *on, int32_t p, dou
     const pliant_cone_point *of = on->point + p;
     const double *v = on->motion + 3 * (size_t)p, *f = on->force + 3 * (size_t)p, *moved = on->moved + 3 * (size_t)p,
                  *s = of->along;
-    const double part = of->keeps * PLIANT_CONE_STEP_FACTOR * of->soft[1];
+    const double part = of->cone_fraction * PLIANT_CONE_STEP_FACTOR * of->soft[1];
     for (int k = 0; k < 3; k++) right[k] = -v[k] - moved[k];
     if (of->kind != PLIANT_CONE_SLIDES) return;
     const double across[2][2] = {{1 - s[0] * s[0], -s[0] * s[1]}, {-s[0] * s[1], 1 - s[1] * s[1]}};

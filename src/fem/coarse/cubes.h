@@ -2,7 +2,7 @@
 #ifndef PLIANT_FEM_COARSE_CUBES_H
 #define PLIANT_FEM_COARSE_CUBES_H
 
-#include "fem/coarse/shapes.h"
+#include "fem/coarse/shape_functions.h"
 
 #ifdef __cplusplus
 extern "C" {

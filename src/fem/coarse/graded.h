@@ -1,5 +1,5 @@
 /* Work data for building a graded system (graded.c). Shared by the construction of elements (graded_elements.c) and of
- * the upsampling (graded_follow.c). */
+ * the upsampling (graded_upsample.c). */
 #ifndef PLIANT_FEM_COARSE_GRADED_H
 #define PLIANT_FEM_COARSE_GRADED_H
 
@@ -46,7 +46,7 @@ static inline int32_t graded_cell_of(const grading *work, int32_t tet)
 /* Build the elements, coarse elements first. Errors: MEMORY. */
 pliant_status pliant_graded_elements(grading *work);
 
-/* ---- Implemented in graded_follow.c. */
+/* ---- Implemented in graded_upsample.c. */
 /* Find the fine nodes in refined cubes, the nodes that they follow, and the nodes that are unchanged. */
 void pliant_graded_followers(grading *work);
 /* Compute the nodes that a fine node of a coarse element follows, or the node itself. A fixed node follows only fixed

@@ -9,7 +9,7 @@
 #include "base/fail.h"
 #include "base/threads.h"
 #include "base/dense.h"
-#include "fem/coarse/shapes.h"
+#include "fem/coarse/shape_functions.h"
 #include "base/memory.h"
 #include "mesh/mesh.h"
 

@@ -1,7 +1,7 @@
 /* Upsampling from solved nodes to fine nodes, and transfer of forces by the transposed weights ([H] 2.3 and 3). */
 #include "base/fail.h"
 #include "fem/element/macro_element.h"
-#include "fem/coarse/shaped.h"
+#include "fem/coarse/shape_interpolation.h"
 #include "fem/element/hexahedra.h"
 #include "fem/element/rotation.h"
 #include "fem/system.h"

@@ -4,7 +4,7 @@
 #define PLIANT_FEM_DYNAMICS_SUBSTEP_H
 
 #include "base/inline.h"
-#include "state/data.h"
+#include "model_data/data.h"
 
 #include <math.h>
 

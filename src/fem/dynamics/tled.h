@@ -22,7 +22,7 @@
 #include "base/lanes.h"
 #include "contact/detect/tissue.h"
 #include "fem/dynamics/substep_contact.h"
-#include "state/data.h"
+#include "model_data/data.h"
 #include "topology/body.h"
 
 #ifdef __cplusplus

@@ -15,7 +15,7 @@
 #include "base/dense.h"
 #include "base/fail.h"
 #include "base/vector3.h"
-#include "topology/parts.h"
+#include "topology/sorted_numbers.h"
 #include "fem/dynamics/tled_regions.h"
 
 #include <math.h>

@@ -2,7 +2,7 @@
 #include "base/fail.h"
 #include "base/buffer.h"
 #include "base/threads.h"
-#include "fem/dynamics/loss.h"
+#include "fem/dynamics/loss_factor.h"
 #include "fem/dynamics/tled_cubes.h"
 #include "base/memory.h"
 #include "mesh/mesh.h"

@@ -2,7 +2,7 @@
 #include "fem/dynamics/tled_regions.h"
 
 #include "base/fail.h"
-#include "topology/parts.h"
+#include "topology/sorted_numbers.h"
 #include "base/memory.h"
 
 #include <math.h>

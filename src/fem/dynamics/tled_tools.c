@@ -1,6 +1,6 @@
 /* External actions on the tissue in a sub-step: tools that hold it, walls that support it. */
 #include "fem/dynamics/tled.h"
-#include "state/shared_hold.h"
+#include "model_data/shared_hold.h"
 
 #include <string.h>
 

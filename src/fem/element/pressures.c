@@ -54,7 +54,7 @@ static bool has_cells(const pliant_mesh *mesh)
 
 /* An element: moduli times volume, and the tetrahedra of a hexahedron. */
 typedef struct moduli {
-    double volume, left, soft, tet_volume[5];
+    double volume, missing_lambda, soft, tet_volume[5];
     int32_t tets, tet[5], cell;
 } moduli;
 
@@ -89,7 +89,7 @@ static void complete_hexahedra(const pliant_system *system, const uint8_t *whole
         if (of[e].tets != 5) continue;
         pliant_cube cube = {.part = !whole[of[e].cell]};
         memcpy(cube.tet, of[e].tet, sizeof cube.tet);
-        of[e].left = of[e].volume * pliant_cube_missing_lambda(&cube, of[e].tet_volume, soft, complete);
+        of[e].missing_lambda = of[e].volume * pliant_cube_missing_lambda(&cube, of[e].tet_volume, soft, complete);
     }
 }
 
@@ -108,7 +108,7 @@ static pliant_status find_moduli(const pliant_system *system, const pliant_tet_m
         if (one->tets < 5) one->tet[one->tets] = t, one->tet_volume[one->tets] = volume;
         one->tets++;
         one->volume += volume;
-        one->left += volume * (complete[t].lambda - soft[t].lambda);
+        one->missing_lambda += volume * (complete[t].lambda - soft[t].lambda);
         one->soft += volume * (soft[t].lambda + 4.0 / 3 * soft[t].mu);
         one->cell = has_cells(mesh) ? pliant_cell_of_tet(mesh, t) : -1;
     }
@@ -125,13 +125,13 @@ static void number_groups(const pliant_system *system, const moduli *of, const u
         const bool shares = first && whole[cell];
         out->of_element[e] = -1;
         out->element_volume[e] = of[e].volume;
-        if (!(of[e].left > 0)) continue;
+        if (!(of[e].missing_lambda > 0)) continue;
         const int32_t p = shares && first[cell] >= 0 ? first[cell] : out->count++;
         if (shares) first[cell] = p;
         out->of_element[e] = p;
         out->cell[p] = cell;
         out->volume[p] += of[e].volume;
-        out->compliance[p] += of[e].left; /* sums; finish() divides */
+        out->compliance[p] += of[e].missing_lambda; /* sums; finish() divides */
         out->gain[p] += of[e].soft;
     }
 }
@@ -139,8 +139,8 @@ static void number_groups(const pliant_system *system, const moduli *of, const u
 static void finish(pliant_pressures *out)
 {
     for (int32_t p = 0; p < out->count; p++) {
-        const double left = out->compliance[p];
-        out->compliance[p] = out->volume[p] / left;
+        const double missing_lambda = out->compliance[p];
+        out->compliance[p] = out->volume[p] / missing_lambda;
         out->gain[p] = 1 / (out->volume[p] / out->gain[p] + out->compliance[p]);
     }
 }

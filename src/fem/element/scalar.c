@@ -7,7 +7,7 @@
 #include "fem/element/tensors.h"
 #include "fem/element/volume_change.h"
 #include "mesh/mesh.h"
-#include "state/data.h"
+#include "model_data/data.h"
 #include "base/memory.h"
 
 #include <math.h>

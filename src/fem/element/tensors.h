@@ -2,7 +2,7 @@
 #ifndef PLIANT_FEM_ELEMENT_TENSORS_H
 #define PLIANT_FEM_ELEMENT_TENSORS_H
 
-#include "state/model.h"
+#include "model_data/model.h"
 
 #ifdef __cplusplus
 extern "C" {

@@ -337,7 +337,7 @@ double pliant_basis_operations(const pliant_system *fine, pliant_basis_size size
 {
     double modes = (double)PLIANT_RESPONSE_MODES * size.blocks;
     /* A product per mode; for every two modes a scalar product and two differences; then the reduction
-     * (reduction.c). */
+     * (basis_values.c). */
     double fields = 2 * modes * pliant_response_force_operations(fine) + 4 * modes * modes * 3 * fine->num_free;
     double images = (pliant_reduction_element_operations(fine) / fine->num_free + 12 * modes) * modes * size.near;
     return fields + images + factor_operations(size) + 4 * modes * factor_numbers(size);

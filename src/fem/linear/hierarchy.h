@@ -1,4 +1,4 @@
-/* Internals of a hierarchy, for hierarchy.c and nested.c, which build it, and multigrid.c, which uses it. */
+/* Internals of a hierarchy. hierarchy.c and hierarchy_fragments.c build it, and multigrid.c uses it. */
 #ifndef PLIANT_FEM_LINEAR_HIERARCHY_H
 #define PLIANT_FEM_LINEAR_HIERARCHY_H
 
@@ -45,7 +45,7 @@ bool pliant_coarse_weights(const pliant_system *fine, const pliant_system *coars
 /* Return the cube of the coarser lattice that contains a cell of the finer lattice. */
 int32_t pliant_coarse_cell(const pliant_mesh *fine, const pliant_mesh *coarse, int32_t cell);
 
-/* ---- Implemented in nested.c: levels whose elements are fragments. */
+/* ---- Implemented in hierarchy_fragments.c: levels whose elements are fragments. */
 /* Build the mesh of a graded system's first level: positions in the fine lattice. Errors: MEMORY. */
 pliant_status pliant_nested_places(pliant_grid_level *level);
 /* Build elements and nodes of the next level in a lattice of so many cells, without unknowns, and the parents. Errors:

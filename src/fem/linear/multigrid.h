@@ -17,8 +17,8 @@ typedef struct pliant_hierarchy pliant_hierarchy;
 typedef struct pliant_multigrid pliant_multigrid;
 
 /* Build the hierarchy of a system.
- * @param fragments       Separate the tissue on both sides of cuts on every level (nested.c); false: only on the finest
- *     level.
+ * @param fragments       Separate the tissue on both sides of cuts on every level (hierarchy_fragments.c); false: only
+ *     on the finest level.
  * @param largest_direct  Maximum number of free nodes of the coarsest level, if the lattice can be coarsened that much.
  * @param out             NULL if the lattice cannot be coarsened.
  * Errors: MEMORY. */

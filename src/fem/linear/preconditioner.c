@@ -1,7 +1,7 @@
 #include "base/fail.h"
 #include "fem/linear/multigrid.h"
 #include "fem/linear/basis.h"
-#include "fem/linear/carried.h"
+#include "fem/linear/carried_preconditioner.h"
 #include "fem/system.h"
 #include "base/memory.h"
 
@@ -62,7 +62,7 @@ static pliant_status find_rings(const pliant_system *system, const uint8_t *open
 
 /* Create the local inverse around opened cuts. The smoother is inaccurate for fragments as thin as one node, and the
  * next level's cubes do not resolve the tip of a cut. The V-cycle therefore includes the local inverse, as in
- * carried.h. */
+ * carried_preconditioner.h. */
 static pliant_status create_near(pliant_preconditioner *preconditioner)
 {
     const pliant_system *system = &preconditioner->system;

@@ -210,10 +210,10 @@ double pliant_response_operations(const pliant_system *system, const pliant_prec
     /* Products per solve with the factor at rest, which is exact at rest. The count of a multigrid includes its
      * cycles. */
     const double moved = 1e-4; /* of a cell */
-    bool direct = pliant_preconditioner_can_fail(preconditioner), rests = true;
-    for (int32_t v = 0; v < 3 * system->mesh->num_nodes && rests; v++)
-        rests = fabs(positions[v] - system->mesh->rest[v]) <= moved * system->mesh->cell_size[0];
-    const double usual = !direct ? 8 : rests ? 1 : 5;
+    bool direct = pliant_preconditioner_can_fail(preconditioner), is_at_rest = true;
+    for (int32_t v = 0; v < 3 * system->mesh->num_nodes && is_at_rest; v++)
+        is_at_rest = fabs(positions[v] - system->mesh->rest[v]) <= moved * system->mesh->cell_size[0];
+    const double usual = !direct ? 8 : is_at_rest ? 1 : 5;
     double forces = pliant_response_force_operations(system);
     double solve = pliant_preconditioner_solve_operations(preconditioner) * (direct ? usual : 1);
     return PLIANT_RESPONSE_MODES * (solve + usual * 2 * forces + 4 * forces);

@@ -1,5 +1,5 @@
 /* The exact inverse stiffness around a cut: unknowns near it, with all other nodes held. Together with a preconditioner
- * from before the cut it forms an overlapping Schwarz method (carried.h). */
+ * from before the cut it forms an overlapping Schwarz method (carried_preconditioner.h). */
 #ifndef PLIANT_FEM_LINEAR_SUBDOMAIN_H
 #define PLIANT_FEM_LINEAR_SUBDOMAIN_H
 

@@ -1,8 +1,7 @@
 #include "base/fail.h"
 #include "fem/patch/patch_job.h"
-#include "fem/quasistatic/background_install.h"
 #include "base/memory.h"
-#include "state/discretization.h"
+#include "model_data/discretization.h"
 
 #include <math.h>
 #include <string.h>
@@ -360,7 +359,7 @@ static void move(const pliant_basis *basis, const double *by, double *x)
 }
 
 /* Move the patch with the coarse model. Its load is the force that holds the fine elements at the base. */
-static void follow(pliant_patch *patch, const double *base)
+static void move_with_coarse_model(pliant_patch *patch, const double *base)
 {
     pliant_basis *basis = patch->basis;
     pliant_solver *solver = patch->solver;
@@ -421,9 +420,9 @@ void pliant_patch_follow_move(pliant_data *data, const double *start_positions)
     memcpy(buffers, start_positions, 3 * (size_t)data->body->fine.num_nodes * sizeof *buffers);
 }
 
-void pliant_patch_suspend(pliant_data *data, bool rests)
+void pliant_patch_suspend(pliant_data *data, bool is_suspended)
 {
-    if (data->patch) data->patch->rests = rests;
+    if (data->patch) data->patch->is_suspended = is_suspended;
 }
 
 pliant_status pliant_patch_step(pliant_data *data)
@@ -442,8 +441,8 @@ pliant_status pliant_patch_step(pliant_data *data)
     solver->takes_factor = PLIANT_RESULT_PATCH_FACTOR;
     solver->takes_history = PLIANT_RESULT_PATCH_HISTORY;
     if (data->solver->budget > 0) solver->budget = fmax(pliant_solver_time_left(data->solver), 1e-9);
-    follow(patch, data->positions);
-    if (patch->rests) {
+    move_with_coarse_model(patch, data->positions);
+    if (patch->is_suspended) {
         pliant_basis_positions(basis, patch->discretization->fine_system, data->positions, solver->now.x,
                                data->positions);
         statistics->patched = pliant_patch_count_tools(data);

@@ -54,7 +54,7 @@ pliant_solver *pliant_patch_solver(const pliant_data *data, int tool);
 pliant_status pliant_patch_hold(pliant_data *data, int tool);
 /* Suspend the patch from the next leg on. It then moves with the coarse model, which has all contact points. Use it if
  * a patch solve would shorten the leg. */
-void pliant_patch_suspend(pliant_data *data, bool rests);
+void pliant_patch_suspend(pliant_data *data, bool is_suspended);
 /* Run the patch stage of a step. data->positions are the coarse model's fine node positions on entry, and the patch's
  * on return. The tools' reports (pliant_tool_report) are updated. Errors: NOT_CONVERGED, NUMERIC, MEMORY as in
  * pliant_solver_step. After a failure, the coarse model's part of the step is rolled back as well. */

@@ -135,7 +135,7 @@ pliant_status pliant_patch_select_coarse_points(pliant_data *data, pliant_contac
     *coarse = &data->contacts;
     if (!patch) return PLIANT_OK;
     patch->inside.count = patch->outside.count = 0;
-    if (!patch->basis || patch->rests || data->contacts.count == 0) return PLIANT_OK;
+    if (!patch->basis || patch->is_suspended || data->contacts.count == 0) return PLIANT_OK;
     pliant_status status = reserve(patch, data);
     if (status != PLIANT_OK) return status;
     for (int32_t p = 0; p < data->contacts.count; p++) {

@@ -67,8 +67,8 @@ struct pliant_patch {
     patch_buffers buffers;
     patch_press press[PLIANT_MAX_TOOLS];
     uint64_t num_presses;     /* number of presses so far */
-    bool rests;               /* it moves with the coarse model, which has all contact points */
-    pliant_contact_bodies proxies;     /* proxies of tools, which move by their couplings */
+    bool is_suspended;        /* it moves with the coarse model, which has all contact points */
+    pliant_contact_bodies proxies;   /* proxies of tools, which move by their couplings */
     pliant_contacts inside, outside; /* contact points of the step: on the near part's nodes, and on the coarse model */
     int32_t point_capacity,
         *point_of;            /* (point_capacity) index of each point in `outside`, or -1 - index in `inside` */

@@ -2,7 +2,7 @@
 
 #include "base/buffer.h"
 #include "base/fail.h"
-#include "contact/volume/volume.h"
+#include "contact/volume/volume_bound.h"
 #include "contact/solve/cones.h"
 #include "fem/quasistatic/solver.h"
 #include "base/memory.h"

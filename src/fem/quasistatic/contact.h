@@ -16,7 +16,7 @@
 #include "fem/quasistatic/anderson.h"
 #include "fem/quasistatic/rigid_body_rules.h"
 #include "fem/system.h"
-#include "state/data.h"
+#include "model_data/data.h"
 
 #ifdef __cplusplus
 extern "C" {

@@ -1,5 +1,5 @@
 /* New factors in the background. A factor is started at the state of one step and installed a fixed number of steps
- * later. The thread's speed therefore does not change results. background_install.h defines the other modes.
+ * later. The thread's speed therefore does not change results. model_data/background.h defines the other modes.
  *
  * Steps in the history belong to the factor that computed them. A second run of the thread recomputes them for the new
  * factor. With springs, the secants are dropped instead: secants of the old factor slow down convergence with the new
@@ -12,10 +12,9 @@
 #include "base/buffer.h"
 #include "base/threads.h"
 #include "base/dense.h"
-#include "fem/quasistatic/background_install.h"
 #include "fem/quasistatic/pressure.h"
 #include "base/memory.h"
-#include "state/discretization.h"
+#include "model_data/discretization.h"
 
 #include <pthread.h>
 #include <stdatomic.h>
@@ -202,12 +201,12 @@ static void join(pliant_refresh *refresh)
 }
 
 /* Copy the data that belongs to the factor: the holds and, if it keeps it, the history in world axes. */
-static pliant_status copy_history(pliant_solver *solver, bool keeps, pliant_refresh *refresh)
+static pliant_status copy_history(pliant_solver *solver, bool keeps_history, pliant_refresh *refresh)
 {
     const int32_t num_free = solver->system->num_free;
     const size_t bytes = 3 * (size_t)num_free * sizeof(double);
     memset(refresh->number, 0, sizeof refresh->number);
-    if (keeps) memcpy(refresh->number, solver->rules.number, sizeof refresh->number);
+    if (keeps_history) memcpy(refresh->number, solver->rules.number, sizeof refresh->number);
     solver->history_was_dropped = false;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
         pliant_grasp_free(refresh->grasps + t);
@@ -341,13 +340,13 @@ static void deliver(pliant_solver *solver, uint64_t step, pliant_statistics *sta
         responses = responses || solver->grasps[t].response_number == solver->in_use.number;
     }
     /* Secants that led to a refusal are dropped. */
-    const bool keeps = !springs && !solver->pressures;
-    const bool learned = keeps && pliant_anderson_secants(&solver->rules) > 0 && !solver->rules.refused_any;
+    const bool keeps_history = !springs && !solver->pressures;
+    const bool learned = keeps_history && pliant_anderson_secants(&solver->rules) > 0 && !solver->rules.refused_any;
     if (refresh->converting || !(learned || (responses && pliant_background_is_live(solver->background)))) {
         install_factor(solver, statistics);
         return;
     }
-    if ((refresh->status = copy_history(solver, keeps, refresh)) != PLIANT_OK) return;
+    if ((refresh->status = copy_history(solver, keeps_history, refresh)) != PLIANT_OK) return;
     memcpy(refresh->now, solver->now.x, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *refresh->now);
     refresh->converting = true;
     start(refresh, convert_history, step + (uint64_t)solver->convert_delay);

@@ -1,7 +1,6 @@
 #include "fem/quasistatic/pressure.h"
 
 #include "base/fail.h"
-#include "fem/quasistatic/background_install.h"
 
 #include <string.h>
 
@@ -169,9 +168,9 @@ static void evaluate_final_state(pliant_solver *solver, step_time *time)
         solver->evaluation_seconds = (solver->clock(solver->clock_user) - time->evaluation_start) / time->whole;
     pliant_anderson_report_error(&solver->rules, start_is_evaluated,
                                  start_is_evaluated ? pliant_secants_error(solver, &solver->final_state.at) : 0);
-    const bool keeps = evaluated && !solver->system->basis;
-    pliant_solver_record_step(solver, &solver->in_use, keeps, &solver->rules, solver->now.step_force);
-    if (keeps) pliant_final_state_store(solver);
+    const bool keeps_final_state = evaluated && !solver->system->basis;
+    pliant_solver_record_step(solver, &solver->in_use, keeps_final_state, &solver->rules, solver->now.step_force);
+    if (keeps_final_state) pliant_final_state_store(solver);
 }
 
 /* Rotate the axes before a step. If the preconditioner converges slowly, a new one follows or none; the secants are

@@ -21,8 +21,8 @@
 #include "fem/quasistatic/nodal_rotations.h"
 #include "fem/element/pressures.h"
 #include "fem/system.h"
-#include "state/background.h"
-#include "state/data.h"
+#include "model_data/background.h"
+#include "model_data/data.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -162,9 +162,9 @@ pliant_evaluation_limit pliant_solver_limit(const pliant_solver *solver);
 /* Create a solver with the limits and intervals of the scene. Scene and system are borrowed. */
 pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_system *system, pliant_solver **out);
 /* Create a solver without a preconditioner and without a load.
- * @param rests  True: do not allocate the arrays that only a step needs. */
-pliant_status pliant_solver_create_without(const pliant_scene *scene, const pliant_system *system, bool rests,
-                                           pliant_solver **out);
+ * @param without_step_arrays  True: do not allocate the arrays that only a step needs. */
+pliant_status pliant_solver_create_empty(const pliant_scene *scene, const pliant_system *system,
+                                         bool without_step_arrays, pliant_solver **out);
 /* Allocate the arrays for a step if they are missing. The axes then have no reference positions. Errors: MEMORY. */
 pliant_status pliant_solver_allocate_step(pliant_solver *solver);
 /* Compute the load from the gravity of the solver before the cut. Only the masses of changed nodes differ. Errors:
@@ -282,11 +282,12 @@ bool pliant_solver_propose(pliant_solver *solver, double *left, double *made);
  * before the cut. */
 /* Create the solver after a cut, with positions, limits and axes of the solver before it. The preconditioner is carried
  * over (carried.h). The earlier solver stays unchanged. The new solver can step only after pliant_solver_take_over.
- * @param rests  True: another backend solves; arrays for a step are allocated when needed.
+ * @param without_step_arrays  True: another backend solves; arrays for a step are allocated when needed.
  * @param state  Nullable: (solved nodes x 3) positions before the cut; NULL: the earlier solver's positions.
  * Errors: MEMORY, NUMERIC. */
-pliant_status pliant_solver_follow(const pliant_scene *scene, const pliant_system *system, const pliant_solver *from,
-                                   const pliant_body_map *map, bool rests, const double *state, pliant_solver **out);
+pliant_status pliant_solver_carry_over_cut(const pliant_scene *scene, const pliant_system *system,
+                                           const pliant_solver *from, const pliant_body_map *map,
+                                           bool without_step_arrays, const double *state, pliant_solver **out);
 /* Move the preconditioner and the running background work to the new solver. Free the earlier solver only after this
  * call. */
 void pliant_solver_take_over(pliant_solver *solver, pliant_solver *from);

@@ -145,7 +145,7 @@ static int32_t *sources_of(const pliant_system *system, const pliant_solver *fro
 }
 
 static pliant_status carry(pliant_solver *solver, const pliant_solver *from, const int32_t *node,
-                           const pliant_body_map *map, bool rests)
+                           const pliant_body_map *map, bool without_step_arrays)
 {
     const pliant_system *system = solver->system;
     pliant_status status = carry_axes(solver, from, node, map->tet);
@@ -156,18 +156,19 @@ static pliant_status carry(pliant_solver *solver, const pliant_solver *from, con
     int32_t *source = sources_of(system, from, node, map->num_same);
     if (!source) return pliant_fail_memory("the solver");
     const double *axes = solver->rotations && solver->rotations->is_rotated ? solver->rotations->rotation : NULL;
-    status = pliant_preconditioner_carry(system, of, of->system, source, rests ? NULL : solver->now.x, axes,
-                                         &solver->preconditioner);
+    status = pliant_preconditioner_carry(system, of, of->system, source, without_step_arrays ? NULL : solver->now.x,
+                                         axes, &solver->preconditioner);
     return status == PLIANT_OK ? pliant_refresh_carry(solver, from, node) : status;
 }
 
-pliant_status pliant_solver_follow(const pliant_scene *scene, const pliant_system *system, const pliant_solver *from,
-                                   const pliant_body_map *map, bool rests, const double *state, pliant_solver **out)
+pliant_status pliant_solver_carry_over_cut(const pliant_scene *scene, const pliant_system *system,
+                                           const pliant_solver *from, const pliant_body_map *map,
+                                           bool without_step_arrays, const double *state, pliant_solver **out)
 {
     const int32_t *node = NULL;
     int32_t *own = NULL;
     pliant_solver *solver = NULL;
-    pliant_status status = pliant_solver_create_without(scene, system, rests, &solver);
+    pliant_status status = pliant_solver_create_empty(scene, system, without_step_arrays, &solver);
     if (status != PLIANT_OK) return status;
     carry_limits(solver, from);
     status = pliant_solver_carry_load(solver, from);
@@ -176,7 +177,7 @@ pliant_status pliant_solver_follow(const pliant_scene *scene, const pliant_syste
     else if (status == PLIANT_OK)
         status = pliant_solved_positions(system, from->system, map, from->now.x, solver->now.x);
     if (status == PLIANT_OK) status = pliant_pressure_carry(solver, from);
-    if (status == PLIANT_OK) status = carry(solver, from, node, map, rests);
+    if (status == PLIANT_OK) status = carry(solver, from, node, map, without_step_arrays);
     pliant_free(own);
     solver->is_after_cut = true;
     if (status != PLIANT_OK) {

@@ -108,8 +108,8 @@ static double wall_clock(void *user)
     return pliant_seconds();
 }
 
-pliant_status pliant_solver_create_without(const pliant_scene *scene, const pliant_system *system, bool rests,
-                                           pliant_solver **out)
+pliant_status pliant_solver_create_empty(const pliant_scene *scene, const pliant_system *system,
+                                         bool without_step_arrays, pliant_solver **out)
 {
     pliant_solver *solver = pliant_calloc(1, sizeof *solver);
     if (!solver) return pliant_fail_memory("the solver");
@@ -142,7 +142,7 @@ pliant_status pliant_solver_create_without(const pliant_scene *scene, const plia
     if (status == PLIANT_OK && system->of && system->of->system == system && system->mesh == system->fine)
         status = pliant_pressures_create(system, system->of->body->fine_material, &solver->pressures);
     if (status == PLIANT_OK) status = pliant_pressure_allocate(solver->pressures, &solver->now.pressure, NULL);
-    if (status == PLIANT_OK && !rests) status = pliant_solver_allocate_step(solver);
+    if (status == PLIANT_OK && !without_step_arrays) status = pliant_solver_allocate_step(solver);
     if (status != PLIANT_OK) {
         pliant_solver_free(solver);
         return status;
@@ -156,7 +156,7 @@ pliant_status pliant_solver_create_without(const pliant_scene *scene, const plia
 pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_system *system, pliant_solver **out)
 {
     pliant_solver *solver = NULL;
-    pliant_status status = pliant_solver_create_without(scene, system, false, &solver);
+    pliant_status status = pliant_solver_create_empty(scene, system, false, &solver);
     if (status != PLIANT_OK) return status;
     solver->load = pliant_calloc((size_t)system->num_free, 3 * sizeof *solver->load);
     status = solver->load ? pliant_solver_reset(solver) : pliant_fail_memory("the solver");

@@ -16,7 +16,7 @@
 #define PLIANT_FEM_RIGID_RIGID_PIECES_H
 
 #include "fem/quasistatic/contact.h"
-#include "state/data.h"
+#include "model_data/data.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -59,7 +59,7 @@ void pliant_rigid_pieces_hold(const pliant_rigid_pieces *rigid_pieces, double *p
 /* Set the positions of the pieces' nodes, with zero velocity. */
 void pliant_rigid_pieces_set_positions(pliant_rigid_pieces *rigid_pieces, const double *positions);
 
-/* ---- Implemented in save_restore.c: positions and velocities at the start of a leg of quasi-static solvers. *kept:
+/* ---- Implemented in piece_leg.c: positions and velocities at the start of a leg of quasi-static solvers. *kept:
  * NULL at first. Errors: MEMORY. */
 typedef struct pliant_rigid_pieces_saved pliant_rigid_pieces_saved;
 pliant_status pliant_rigid_pieces_save(const pliant_rigid_pieces *rigid_pieces, pliant_rigid_pieces_saved **kept);

@@ -64,7 +64,7 @@ static inline void pliant_rigid_pieces_set_step(pliant_rigid_pieces *rigid_piece
     rigid_pieces->step = rigid_pieces->whole * data->fraction;
 }
 
-/* ---- Implemented in grips.c. */
+/* ---- Implemented in piece_pulls.c. */
 /* Compute the rigid body of a piece at the start of the step. */
 void pliant_rigid_pieces_body(const pliant_rigid_pieces *rigid_pieces, int32_t p, pliant_rigid *out);
 /* List the grips of a piece, up to PLIANT_MAX_TOOLS.

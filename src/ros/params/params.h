@@ -3,7 +3,7 @@
 #define PLIANT_ROS_PARAMS_PARAMS_H
 
 #include "pliant/ros/convert.h"
-#include "state/background.h"
+#include "model_data/background.h"
 
 #include <XmlRpcValue.h>
 

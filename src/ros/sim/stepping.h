@@ -3,7 +3,7 @@
 #define PLIANT_ROS_SIM_STEPPING_H
 
 #include "ros/sim/loaded_model.h"
-#include "state/background.h"
+#include "model_data/background.h"
 
 #include <pliant/Step.h>
 

@@ -14,7 +14,7 @@
 
 #include "ros/sim/ramp.h"
 
-#include "sim/build/linear.h"
+#include "sim/build/linear_wrench.h"
 
 namespace pliant_ros {
 

@@ -11,7 +11,7 @@
 #include "fem/patch/patch.h"
 #include "base/memory.h"
 #include "mesh/mesh.h"
-#include "state/discretization.h"
+#include "model_data/discretization.h"
 
 #include <string.h>
 

@@ -4,7 +4,7 @@
 #define PLIANT_SIM_DISCRETIZATION_H
 
 #include "fem/system.h"
-#include "state/discretization.h"
+#include "model_data/discretization.h"
 
 #ifdef __cplusplus
 extern "C" {

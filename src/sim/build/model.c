@@ -11,14 +11,14 @@
 #include "mesh/mesh.h"
 #include "scene/scene.h"
 #include "sim/build/discretization.h"
-#include "sim/build/external.h"
+#include "sim/build/mesh_from_file.h"
 #include "scene/elements.h"
 #include "scene/options.h"
-#include "sim/build/fixed.h"
-#include "sim/build/lengths.h"
+#include "sim/build/fixed_regions.h"
+#include "sim/build/automatic_lengths.h"
 #include "sim/build/model.h"
-#include "sim/build/slides.h"
-#include "warp/hidden.h"
+#include "sim/build/sliding_organs.h"
+#include "warp/hide_materials.h"
 
 #include <string.h>
 

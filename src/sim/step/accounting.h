@@ -2,7 +2,7 @@
 #ifndef PLIANT_SIM_ACCOUNTING_H
 #define PLIANT_SIM_ACCOUNTING_H
 
-#include "state/data.h"
+#include "model_data/data.h"
 
 /* Begin and end the accounting. The end needs the value that the begin returned. */
 static inline pliant_account *pliant_accounting_begin(const pliant_data *data)

@@ -80,7 +80,7 @@ static void swap_positions(const adaptation *work)
 }
 
 /* After an error, shrink the array of positions to its previous size. */
-static void revert_positions(const adaptation *work)
+static void restore_positions_capacity(const adaptation *work)
 {
     if (!work->made->positions || work->made->positions != work->data->positions) return;
     work->made->positions = NULL;
@@ -99,7 +99,7 @@ static pliant_status prepare_state(const adaptation *work)
         const double *home = pliant_rigid_pieces_detachment_position(data->rigid_pieces, n);
         if (home) memcpy(data->solver->now.x + 3 * n, home, 3 * sizeof *home);
     }
-    pliant_status status = data->backend->kind->follow(work->model, data, &work->map, made);
+    pliant_status status = data->backend->host_solver->carry_over_cut(work->model, data, &work->map, made);
     for (int32_t n = 0; status == PLIANT_OK && made->tled && n < made->body->fine.num_nodes; n++) {
         const double *home = pliant_rigid_pieces_contain(made->rigid_pieces, n)
                                  ? NULL
@@ -201,9 +201,9 @@ static pliant_status prepare(adaptation *work)
 static void reserve_memory(pliant_data *data, int64_t taken)
 {
     const size_t bytes = taken > 0 ? (size_t)taken : 0;
-    if (2 * bytes <= data->keeps) return;
-    pliant_memory_change_reserve((int64_t)(2 * bytes - data->keeps));
-    data->keeps = 2 * bytes;
+    if (2 * bytes <= data->reserved_bytes) return;
+    pliant_memory_change_reserve((int64_t)(2 * bytes - data->reserved_bytes));
+    data->reserved_bytes = 2 * bytes;
 }
 
 pliant_status pliant_data_set_body(const pliant_model *model, pliant_data *data, const pliant_body *body)
@@ -231,11 +231,11 @@ pliant_status pliant_data_set_body(const pliant_model *model, pliant_data *data,
         take_body(data, body);
         pliant_warp_next_free(warp); /* it belongs to the warp, which may continue without its device */
         warp = NULL;
-        pliant_backend_follow(model, data, made, &work.map);
+        pliant_backend_carry_over_cut(model, data, made, &work.map);
     }
     pliant_body_map_free(&work.map);
     pliant_warp_next_free(warp);
-    revert_positions(&work);
+    restore_positions_capacity(&work);
     pliant_data_free(made);
     pliant_accounting_end(data, before);
     return status;

@@ -2,7 +2,7 @@
 #include "backend/backend.h"
 #include "base/fail.h"
 #include "base/memory.h"
-#include "contact/volume/volume.h"
+#include "contact/volume/volume_bound.h"
 #include "fem/dynamics/tled.h"
 #include "fem/patch/patch.h"
 #include "fem/quasistatic/solver.h"
@@ -30,7 +30,7 @@ static void add_part(const pliant_model *model, const pliant_data *data, int t, 
         .index = p,
         .friction = model->scene.contact.friction,
         .guard = pliant_contact_guard(model, data, part),
-        .off = pliant_contact_core_offset(part),
+        .core_offset = pliant_contact_core_offset(part),
         .margin = model->contact.search_margin + max_motion,
         .shape = &tool->shape,
         .from = *begin,
@@ -67,7 +67,7 @@ static void add_obstacle(const pliant_model *model, const pliant_data *data, con
                              .begin = still,
                              .end = still,
                              .guard = guard,
-                             .off = pliant_contact_core_offset(part),
+                             .core_offset = pliant_contact_core_offset(part),
                              .margin = model->contact.search_margin,
                              .recovery = pliant_contact_max_recovery(model, data),
                              .remaining_depth_fraction = pliant_contact_remaining_depth_fraction(model, data)};

@@ -5,7 +5,7 @@
 
 #include "contact/advance/advance.h"
 #include "contact/detect/part_contacts.h"
-#include "state/data.h"
+#include "model_data/data.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -33,8 +33,8 @@ bool pliant_contact_is_near(pliant_data *data, const pliant_tool *tool, const pl
                             const pliant_tool_pose *to);
 /* Return the rigid piece of each fine node, or -1. NULL: there are no rigid pieces. */
 const int32_t *pliant_contact_pieces(const pliant_data *data);
-/* Return whether the volume bound applies (contact/volume/volume.h): to tetrahedra, and to the five tetrahedra of each
- * hexahedron, of a fine mesh that the solver moves without a patch. */
+/* Return whether the volume bound applies (contact/volume/volume_bound.h): to tetrahedra, and to the five tetrahedra of
+ * each hexahedron, of a fine mesh that the solver moves without a patch. */
 bool pliant_contact_bounds_volumes(const pliant_data *data);
 /* Discard all contact points. */
 void pliant_contact_discard(pliant_data *data);

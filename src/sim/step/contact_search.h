@@ -40,7 +40,7 @@ struct pliant_contact_search {
     double *place;         /* (node_capacity x 3) */
 };
 
-/* ---- contact_search.c */
+/* ---- contact_parameters.c */
 /* Create the search at its first use. Errors: MEMORY. */
 pliant_status pliant_contact_search_create(const pliant_contact_settings *settings, pliant_contact_search **out);
 /* Contact happens at the boundary of the tissue within the elements. When cuts subdivide elements, the elements'

@@ -3,7 +3,7 @@
 #define PLIANT_SIM_CUT_H
 
 #include "cut/cut.h"
-#include "state/data.h"
+#include "model_data/data.h"
 
 #ifdef __cplusplus
 extern "C" {

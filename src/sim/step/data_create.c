@@ -87,7 +87,7 @@ void pliant_data_free(pliant_data *data)
     pliant_clearance_free(data->clearance);
     pliant_legs_free(data);
     pliant_free(data->positions);
-    pliant_memory_change_reserve(-(int64_t)data->keeps);
+    pliant_memory_change_reserve(-(int64_t)data->reserved_bytes);
     pliant_free(data);
     pliant_account_close(account);
 }

@@ -3,7 +3,7 @@
 #include "backend/backend.h"
 #include "base/fail.h"
 #include "contact/advance/advance_rules.h"
-#include "contact/volume/volume.h"
+#include "contact/volume/volume_bound.h"
 #include "fem/dynamics/tled.h"
 #include "fem/patch/patch.h"
 #include "fem/quasistatic/solver.h"
@@ -212,7 +212,8 @@ static pliant_status solve(const pliant_model *model, pliant_data *data)
 {
     const pliant_backend *backend = data->backend;
     pliant_solver *solver = data->solver;
-    if (data->contacts.count > 0 && !backend->on_host && (!backend->handles_contacts || searches_in_substeps(model)))
+    if (data->contacts.count > 0 && !backend->state_is_on_host &&
+        (!backend->handles_contacts || searches_in_substeps(model)))
         return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "tissue is near a contact surface, which only the CPU handles");
     const double start = solver ? solver->clock(solver->clock_user) : 0;
     const pliant_status status = backend->solve(model, data);
@@ -250,23 +251,23 @@ static pliant_status run_patch_stage(const pliant_model *model, pliant_data *dat
 }
 
 /* Run the stages solve, upsample and patch. */
-static pliant_status run_stages(const pliant_model *model, pliant_data *data, pliant_status *caveat)
+static pliant_status run_stages(const pliant_model *model, pliant_data *data, pliant_status *warning)
 {
     pliant_status (*const functions[])(const pliant_model *, pliant_data *) = {solve, upsample, run_patch_stage};
-    *caveat = PLIANT_OK;
+    *warning = PLIANT_OK;
     for (int n = 0; n < 3; n++) {
         const pliant_status status = pliant_run_stage(model, data, PLIANT_STEP_solve + n, functions[n]);
         if (status < 0) return status;
-        if (status > 0) *caveat = status;
+        if (status > 0) *warning = status;
     }
     return PLIANT_OK;
 }
 
 /* A backend that fails leaves the host's state unchanged, so the CPU can repeat the stages. */
-static pliant_status run_stages_or_fall_back(const pliant_model *model, pliant_data *data, pliant_status *caveat)
+static pliant_status run_stages_or_fall_back(const pliant_model *model, pliant_data *data, pliant_status *warning)
 {
-    const pliant_status status = run_stages(model, data, caveat);
-    return status < 0 && pliant_backend_fall_back(model, data, status) ? run_stages(model, data, caveat) : status;
+    const pliant_status status = run_stages(model, data, warning);
+    return status < 0 && pliant_backend_fall_back(model, data, status) ? run_stages(model, data, warning) : status;
 }
 
 /* After the first leg, accept no further background results, except in mode PLANNED. A replay prescribes the results
@@ -443,7 +444,7 @@ static int32_t choose_evaluations(const leg_budget *budget, double fraction)
 
 /* Make one leg: choose its length, find contact points, solve, and apply the free fraction. Then decide whether the
  * step is done. */
-static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_budget *budget, pliant_status *caveat,
+static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_budget *budget, pliant_status *warning,
                              bool *done)
 {
     pliant_statistics *statistics = &data->statistics;
@@ -464,7 +465,7 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
     if (status == PLIANT_OK) status = pliant_legs_save_points(data);
     if (status != PLIANT_OK) return status;
     if (data->solver) data->solver->rules.max_evaluations = choose_evaluations(budget, fraction);
-    status = run_stages_or_fall_back(model, data, caveat);
+    status = run_stages_or_fall_back(model, data, warning);
     if (data->solver) data->solver->rules.max_evaluations = limit;
     if (status >= 0) status = apply_leg(model, data, &completed);
     if (status < 0) return status;
@@ -493,7 +494,7 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
 }
 
 /* Make all legs of a step. completed: fraction that the last leg of the previous step made */
-static pliant_status run_legs(const pliant_model *model, pliant_data *data, double completed, pliant_status *caveat)
+static pliant_status run_legs(const pliant_model *model, pliant_data *data, double completed, pliant_status *warning)
 {
     leg_budget budget = {.evaluations = data->solver ? data->solver->rules.max_evaluations : 0,
                          .left = 1,
@@ -504,7 +505,7 @@ static pliant_status run_legs(const pliant_model *model, pliant_data *data, doub
     if (!data->legs && !(data->legs = pliant_calloc(1, sizeof *data->legs))) return pliant_fail_memory("contacts");
     pliant_status status = begin_step(model, data);
     if (data->tled) data->tled->substeps_done = data->tled->part = 0;
-    while (status >= 0 && !done) status = run_leg(model, data, &budget, caveat, &done);
+    while (status >= 0 && !done) status = run_leg(model, data, &budget, warning, &done);
     data->background = (pliant_background){
         .kind = background.kind, .prescribed = background.prescribed, .taken = data->background.taken};
     if (status >= 0) {
@@ -536,7 +537,7 @@ void pliant_legs_set_goals_reached(pliant_data *data)
     end_step(data);
 }
 
-pliant_status pliant_legs_stage(const pliant_model *model, pliant_data *data, pliant_status *caveat)
+pliant_status pliant_legs_stage(const pliant_model *model, pliant_data *data, pliant_status *warning)
 {
     pliant_statistics *statistics = &data->statistics;
     const double completed = statistics->step > 0 ? statistics->advanced : 1;
@@ -546,7 +547,7 @@ pliant_status pliant_legs_stage(const pliant_model *model, pliant_data *data, pl
     statistics->ended = PLIANT_STEP_END_NONE;
     data->fraction = 1;
     if (data->solver) data->solver->spent = 0;
-    if (!pliant_contact_is_idle(model, data)) return run_legs(model, data, completed, caveat);
+    if (!pliant_contact_is_idle(model, data)) return run_legs(model, data, completed, warning);
     pliant_contact_discard(data);
     data->bodies = NULL;
     if (data->tled) data->tled->substeps_done = data->tled->part = 0;
@@ -556,5 +557,5 @@ pliant_status pliant_legs_stage(const pliant_model *model, pliant_data *data, pl
         pliant_tool_set_proxy(data->tools + t, &measured);
         set_followed(data->tools + t);
     }
-    return run_stages_or_fall_back(model, data, caveat);
+    return run_stages_or_fall_back(model, data, warning);
 }

@@ -13,7 +13,7 @@
  * 5. Apply that fraction to the tissue and to the proxies (apply_leg). Afterwards no surface is in a core.
  * If the fraction is below 1, the leg was blocked. The next leg adds plane constraints: separating planes that keep
  * nearby triangles out of the cores. The volume bound limits the motion of nodes so that no element inverts
- * (contact/volume/volume.h).
+ * (contact/volume/volume_bound.h).
  *
  * The step ends when a leg completes the remaining motion. It also ends when its evaluations or its time are used
  * up, or after several blocked legs. The next step then makes the rest of the motion. */
@@ -61,9 +61,9 @@ struct pliant_legs {
 };
 
 /* Run the stages contact, solve, upsample and patch.
- * @param caveat out: status of the last leg, such as PLIANT_NOT_CONVERGED
+ * @param warning out: status of the last leg, such as PLIANT_NOT_CONVERGED
  * Errors: as of the stages. */
-pliant_status pliant_legs_stage(const pliant_model *model, pliant_data *data, pliant_status *caveat);
+pliant_status pliant_legs_stage(const pliant_model *model, pliant_data *data, pliant_status *warning);
 void pliant_legs_free(pliant_data *data);
 /* For tests: find the contact points of a leg in which all proxies go to their targets. Errors: MEMORY. */
 pliant_status pliant_legs_find(const pliant_model *model, pliant_data *data);
@@ -78,7 +78,7 @@ pliant_status pliant_legs_save(const pliant_model *model, pliant_data *data);
 pliant_status pliant_legs_save_points(pliant_data *data);
 /* Move everything except the proxies to this fraction of the leg. */
 pliant_status pliant_legs_apply_fraction(const pliant_model *model, pliant_data *data, double fraction);
-/* Shorten the motion of single nodes so that no element inverts (contact/volume/volume.h).
+/* Shorten the motion of single nodes so that no element inverts (contact/volume/volume_bound.h).
  * @param found out: false: no such motion was found, and nothing changed */
 pliant_status pliant_legs_bound_volumes(const pliant_model *model, pliant_data *data, bool *found);
 /* Add a distance to the error estimate that nodes lose because the leg is shortened [m]. The solver's estimate is for

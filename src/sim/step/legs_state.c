@@ -1,7 +1,7 @@
 /* Save the state at the start of a leg, and apply a fraction of the leg. */
 #include "backend/backend.h"
 #include "base/fail.h"
-#include "contact/volume/volume.h"
+#include "contact/volume/volume_bound.h"
 #include "fem/dynamics/tled.h"
 #include "fem/patch/patch.h"
 #include "fem/quasistatic/solver.h"

@@ -8,7 +8,7 @@
 #include "contact/advance/advance.h"
 #include "contact/shapes/shapes.h"
 #include "fem/quasistatic/contact.h"
-#include "state/data.h"
+#include "model_data/data.h"
 
 #ifdef __cplusplus
 extern "C" {

@@ -25,7 +25,7 @@ struct pliant_rollback {
  * nodes itself or contact needs their positions. */
 static bool may_change(const pliant_data *data)
 {
-    return data->backend->on_host || (data->solver && (pliant_host_moves_nodes(data) || data->contact_search));
+    return data->backend->state_is_on_host || (data->solver && (pliant_host_moves_nodes(data) || data->contact_search));
 }
 
 static bool reserve_spares(pliant_rollback *rollback, const pliant_data *data)

@@ -4,7 +4,7 @@
 
 #include "base/clock.h"
 #include "base/threads.h"
-#include "state/data.h"
+#include "model_data/data.h"
 
 /* Run a stage and add its time to the statistics. */
 static inline pliant_status pliant_run_stage(const pliant_model *model, pliant_data *data, int stage,

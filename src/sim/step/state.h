@@ -6,8 +6,8 @@
 
 #include "fem/rigid/rigid_pieces_data.h"
 #include "pliant/state.h"
-#include "state/background.h"
-#include "state/data.h"
+#include "model_data/background.h"
+#include "model_data/data.h"
 
 #ifdef __cplusplus
 extern "C" {

@@ -101,7 +101,7 @@ static pliant_status put_all(const pliant_model *model, const pliant_state *stat
             "the simulation state belongs to another solver or mesh: build the model from the scene that it was saved "
             "with");
     pliant_state_restore_tissue(state, made);
-    if (made->solver) made->backend->kind->limits(made, state->iterations, state->tolerance);
+    if (made->solver) made->backend->host_solver->limits(made, state->iterations, state->tolerance);
     status = put_tools(state, made);
     if (status == PLIANT_OK) status = put_undo(state, model->scene.cut.undo, &made->undo);
     if (status == PLIANT_OK) status = pliant_contact_copy(&shell, made);

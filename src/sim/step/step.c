@@ -44,7 +44,7 @@ static pliant_status reset(const pliant_model *model, pliant_data *data)
     pliant_status status = pliant_body_same(data->discretization->body, model->body)
                                ? PLIANT_OK
                                : pliant_data_set_body(model, data, model->body);
-    if (status == PLIANT_OK) status = data->backend->kind->reset(data);
+    if (status == PLIANT_OK) status = data->backend->host_solver->reset(data);
     if (status == PLIANT_OK) status = pliant_data_set_body(model, data, model->body);
     if (status != PLIANT_OK) return status;
     for (int t = 0; t < data->num_tools; t++) {
@@ -83,7 +83,7 @@ static pliant_status set_warp(const pliant_model *model, pliant_data *data, cons
         if (status == PLIANT_OK && model->scene.warp.kind == PLIANT_FIT)
             status = pliant_warp_fit(warp, PLIANT_FIT_STEP);
         /* the stages exchange data on the GPU */
-        if (status == PLIANT_OK && !data->backend->on_host)
+        if (status == PLIANT_OK && !data->backend->state_is_on_host)
             status = pliant_warp_backend(warp, model->scene.solver.backend);
         if (status != PLIANT_OK) {
             pliant_warp_free(warp);
@@ -116,19 +116,19 @@ pliant_status pliant_data_set_gravity(pliant_data *data, const double gravity[3]
 static pliant_status interact(const pliant_model *model, pliant_data *data)
 {
     for (int t = 0; t < data->num_tools; t++) pliant_tool_slip(&model->scene, data, t);
-    return data->backend->kind->interact(model, data);
+    return data->backend->host_solver->interact(model, data);
 }
 
 /* Run the solve stage and the warp. If the GPU fails in the warp and the host's state is unchanged, the CPU repeats
  * both. */
-static pliant_status solve_and_draw(const pliant_model *model, pliant_data *data, pliant_status *caveat)
+static pliant_status solve_and_draw(const pliant_model *model, pliant_data *data, pliant_status *warning)
 {
-    pliant_status status = pliant_legs_stage(model, data, caveat);
+    pliant_status status = pliant_legs_stage(model, data, warning);
     if (status >= 0) status = pliant_run_stage(model, data, PLIANT_STEP_warp, data->backend->warp);
     return status;
 }
 
-static pliant_status step(const pliant_model *model, pliant_data *data, pliant_status *caveat)
+static pliant_status step(const pliant_model *model, pliant_data *data, pliant_status *warning)
 {
     memset(data->statistics.seconds, 0, sizeof data->statistics.seconds);
     data->background.taken = 0;
@@ -136,11 +136,11 @@ static pliant_status step(const pliant_model *model, pliant_data *data, pliant_s
     if (status >= 0) status = pliant_rollback_begin(model, data);
     if (status >= 0) status = pliant_run_stage(model, data, PLIANT_STEP_interact, interact);
     if (status < 0) return status;
-    status = solve_and_draw(model, data, caveat);
+    status = solve_and_draw(model, data, warning);
     if (status < 0 && pliant_backend_fall_back(model, data, status)) {
-        const bool on_host = pliant_host_moves_nodes(data) || !pliant_contact_is_idle(model, data) || data->tled;
-        status = on_host ? pliant_run_stage(model, data, PLIANT_STEP_warp, data->backend->warp)
-                         : solve_and_draw(model, data, caveat);
+        const bool solve_is_done = pliant_host_moves_nodes(data) || !pliant_contact_is_idle(model, data) || data->tled;
+        status = solve_is_done ? pliant_run_stage(model, data, PLIANT_STEP_warp, data->backend->warp)
+                         : solve_and_draw(model, data, warning);
     }
     return status;
 }
@@ -158,8 +158,8 @@ static void log_missing(const pliant_data *data)
 pliant_status pliant_step(const pliant_model *model, pliant_data *data)
 {
     pliant_account *before = pliant_accounting_begin(data);
-    pliant_status caveat = PLIANT_OK;
-    const pliant_status status = step(model, data, &caveat);
+    pliant_status warning = PLIANT_OK;
+    const pliant_status status = step(model, data, &warning);
     if (status < 0) {
         pliant_rollback_undo(model, data);
         data->statistics.failed++;
@@ -167,8 +167,8 @@ pliant_status pliant_step(const pliant_model *model, pliant_data *data)
         log_missing(data);
         data->background.prescribed = 0;
         data->statistics.step++;
-        data->statistics.not_converged += caveat == PLIANT_NOT_CONVERGED;
+        data->statistics.not_converged += warning == PLIANT_NOT_CONVERGED;
     }
     pliant_accounting_end(data, before);
-    return status < 0 ? status : caveat;
+    return status < 0 ? status : warning;
 }

@@ -48,8 +48,8 @@ static pliant_status make_next_cut(const pliant_model *model, const pliant_data 
     status = pliant_body_map_create(before->body, body, &map);
     if (status == PLIANT_OK) status = pliant_discretization_next(&model->scene, before, body, &map, next);
     if (status == PLIANT_OK && solver)
-        status = pliant_solver_follow(&model->scene, (*next)->system, data->solver, &map, !data->backend->on_host, NULL,
-                                      solver);
+        status = pliant_solver_carry_over_cut(&model->scene, (*next)->system, data->solver, &map,
+                                              !data->backend->state_is_on_host, NULL, solver);
     pliant_body_map_free(&map);
     pliant_body_release(body);
     return status;
@@ -57,9 +57,9 @@ static pliant_status make_next_cut(const pliant_model *model, const pliant_data 
 
 static void reserve_memory(pliant_data *data, int64_t taken)
 {
-    if (taken <= (int64_t)data->keeps) return;
-    pliant_memory_change_reserve(taken - (int64_t)data->keeps);
-    data->keeps = (size_t)taken;
+    if (taken <= (int64_t)data->reserved_bytes) return;
+    pliant_memory_change_reserve(taken - (int64_t)data->reserved_bytes);
+    data->reserved_bytes = (size_t)taken;
 }
 
 void pliant_warm_up_cut(const pliant_model *model, pliant_data *data)

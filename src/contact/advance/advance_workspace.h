@@ -1,0 +1,59 @@
+/* Data of the advancement, for the files of this folder: the pairs of triangles and parts that can come near each
+ * other during a leg (broad_phase.c), and the pairs of the surface with itself (self_contact.c). */
+#ifndef PLIANT_CONTACT_ADVANCE_ADVANCE_WORKSPACE_H
+#define PLIANT_CONTACT_ADVANCE_ADVANCE_WORKSPACE_H
+
+#include "contact/advance/pair.h"
+#include "contact/advance/bounding_box_tree.h"
+
+/* Pair of a node and a triangle, or of two edges. */
+typedef struct pliant_advance_self_pair {
+    int32_t node[4], iterations;
+    int32_t feature[2];  /* a node's owner and the triangle; of edges: 3 times the owner plus the edge's number */
+    bool is_edges, ends; /* ends: t can increase no further */
+    double t, limit;     /* fraction that is certainly free; smallest permitted distance [m] */
+} pliant_advance_self_pair;
+
+/* A pair, and the fraction that is certainly free. */
+typedef struct pliant_advance_rank {
+    double t;
+    int32_t pair;
+} pliant_advance_rank;
+
+struct pliant_advance {
+    pliant_contact_settings settings;
+    int32_t num_pairs, max_pairs, max_parts, max_triangles;
+    pliant_advance_pair *pair; /* (max_pairs) in ascending order of parts, then triangles */
+    int32_t max_ranks;
+    pliant_advance_rank *rank;     /* (max_ranks) pairs that may limit the leg */
+    pliant_advance_motion *motion; /* (max_parts) */
+    int32_t *near;                 /* (max_triangles) triangles that are near any part, ascending */
+    pliant_advance_box *box;       /* (max_triangles) around those */
+    int32_t *group;                /* (max_triangles) indices into near: triangles near one tool */
+    int32_t num_self, max_self;
+    pliant_advance_self_pair *self; /* (max_self) of the surface with itself */
+    pliant_advance_tree tree;
+};
+
+/* Return the thickness of a pair; 0: the pair is exempt, or coincides at rest [m]. */
+double pliant_advance_thickness(const pliant_advance_self *self, const int32_t node[4], bool is_edges);
+/* Return whether a pair is left out. The first nodes belong to one side, the other nodes to the other side. */
+bool pliant_advance_is_exempt(const pliant_advance_self *self, int count, const int32_t *node, int first);
+
+/* Grow the capacity for ranks. Errors: MEMORY. */
+pliant_status pliant_advance_reserve_ranks(pliant_advance *advance, int32_t count);
+/* Sort by fraction, then by pair: the first pairs shorten the leg for the others. */
+void pliant_advance_sort(int32_t count, pliant_advance_rank *rank);
+
+/* Return whether a segment passes through a triangle, by signed volumes. */
+bool pliant_segment_crosses_triangle(const double corner[3][3], const double end[2][3]);
+
+/* Fill motion and pair with all pairs whose core distance can reach `margin` or less during the leg. Held triangles
+ * are left out.
+ * @param still parts stay at their first poses
+ * Errors: MEMORY. */
+pliant_status pliant_advance_broad_phase(pliant_advance *advance, int32_t num_triangles, const int32_t *triangles,
+                                         const double *from, const double *to, int32_t count,
+                                         const pliant_advance_part *parts, double margin, bool still, int num_threads);
+
+#endif

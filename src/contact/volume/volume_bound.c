@@ -1,0 +1,220 @@
+#include "contact/volume/volume_bound.h"
+
+#include "base/threads.h"
+#include "base/vector3.h"
+#include "contact/detect/part_contacts.h"
+#include "contact/detect/update_sides.h"
+
+#include <string.h>
+
+static void find_edges(const int32_t tet[4], const double *positions, double out[3][3])
+{
+    for (int k = 0; k < 3; k++)
+        pliant_subtract3(positions + 3 * (size_t)tet[k + 1], positions + 3 * (size_t)tet[0], out[k]);
+}
+
+/* Return six times the volume. */
+static double volume_of(const int32_t tet[4], const double *positions)
+{
+    double edge[3][3];
+    find_edges(tet, positions, edge);
+    return pliant_triple3(edge[0], edge[1], edge[2]);
+}
+
+static bool is_of_piece(const int32_t tet[4], const int32_t *piece_of_node)
+{
+    for (int k = 0; piece_of_node && k < 4; k++)
+        if (piece_of_node[tet[k]] >= 0) return true;
+    return false;
+}
+
+/* ---- contact points */
+
+/* Make the contact point of the node with the smallest height over the opposite face. stop: six times the volume to
+ * keep */
+static void set_point(int32_t element, const int32_t tet[4], const double *positions, double stop,
+                      pliant_contact_point *out)
+{
+    static const int face[4][3] = {{1, 3, 2}, {0, 2, 3}, {0, 3, 1}, {0, 1, 2}};
+    double best[3] = {0, 0, 0}, largest = -1;
+    int top = 0;
+    for (int v = 0; v < 4; v++) {
+        double u[3], w[3], normal[3];
+        const double *origin = positions + 3 * (size_t)tet[face[v][0]];
+        pliant_subtract3(positions + 3 * (size_t)tet[face[v][1]], origin, u);
+        pliant_subtract3(positions + 3 * (size_t)tet[face[v][2]], origin, w);
+        pliant_cross3(u, w, normal);
+        const double square = pliant_dot3(normal, normal);
+        if (!(square > largest)) continue;
+        largest = square;
+        top = v;
+        memcpy(best, normal, sizeof best);
+    }
+    const double length = sqrt(largest); /* twice the area of the face */
+    const int *corner = face[top];
+    double u[3], w[3], to[3], part[3], fraction[2];
+    pliant_subtract3(positions + 3 * (size_t)tet[corner[1]], positions + 3 * (size_t)tet[corner[0]], u);
+    pliant_subtract3(positions + 3 * (size_t)tet[corner[2]], positions + 3 * (size_t)tet[corner[0]], w);
+    pliant_subtract3(positions + 3 * (size_t)tet[top], positions + 3 * (size_t)tet[corner[0]], to);
+    pliant_cross3(to, w, part);
+    fraction[0] = pliant_dot3(best, part) / largest;
+    pliant_cross3(u, to, part);
+    fraction[1] = pliant_dot3(best, part) / largest;
+    *out = (pliant_contact_point){.kind = PLIANT_OBSTACLE_ELEMENT, .tool = -1, .part = -1, .count = 4};
+    out->feature = (uint64_t)PLIANT_ELEMENT_VOLUME << 56 | (uint64_t)(uint32_t)element << 2 | (uint64_t)top;
+    const double weight[4] = {1, fraction[0] + fraction[1] - 1, -fraction[0], -fraction[1]};
+    out->node[0] = tet[top];
+    for (int k = 0; k < 3; k++) out->node[k + 1] = tet[corner[k]];
+    memcpy(out->weight, weight, sizeof weight);
+    for (int d = 0; d < 3; d++) {
+        out->normal[d] = best[d] / length;
+        out->place[d] = out->normal[d] * stop / length;
+    }
+}
+
+void pliant_volume_gradient(const pliant_contact_point *point, const double *positions, double out[4][3])
+{
+    double to[3], u[3], w[3];
+    const double *origin = positions + 3 * (size_t)point->node[1];
+    pliant_subtract3(positions + 3 * (size_t)point->node[0], origin, to);
+    pliant_subtract3(positions + 3 * (size_t)point->node[2], origin, u);
+    pliant_subtract3(positions + 3 * (size_t)point->node[3], origin, w);
+    pliant_cross3(u, w, out[0]);
+    pliant_cross3(w, to, out[2]);
+    pliant_cross3(to, u, out[3]);
+    const double length = pliant_length3(out[0]);
+    for (int d = 0; d < 3; d++) {
+        out[0][d] /= length;
+        out[2][d] /= length;
+        out[3][d] /= length;
+        out[1][d] = -(out[0][d] + out[2][d] + out[3][d]);
+    }
+}
+
+pliant_status pliant_volume_find(const pliant_contact_settings *settings, const pliant_mesh *mesh,
+                                 const double *positions, const int32_t *piece_of_node, pliant_contacts *out)
+{
+    for (int32_t t = 0; t < mesh->num_tets; t++) {
+        const int32_t *tet = mesh->tets + 4 * (size_t)t;
+        const double rest = volume_of(tet, mesh->rest);
+        if (volume_of(tet, positions) >= settings->volume_near * rest || is_of_piece(tet, piece_of_node)) continue;
+        pliant_status status = pliant_contacts_reserve(out, out->count + 1);
+        if (status != PLIANT_OK) return status;
+        set_point(t, tet, positions, settings->volume_stop * rest, out->point + out->count);
+        out->count++;
+    }
+    return PLIANT_OK;
+}
+
+double pliant_volume_lacking(const pliant_contact_settings *settings, const pliant_mesh *mesh, const double *positions,
+                             const pliant_contacts *points)
+{
+    double maximum = 0;
+    for (int32_t p = 0; p < points->count; p++) {
+        if (points->point[p].kind != PLIANT_OBSTACLE_ELEMENT) continue;
+        const int32_t element = (int32_t)(points->point[p].feature >> 2);
+        const int32_t *tet = mesh->tets + 4 * (size_t)element;
+        const double stop = settings->volume_stop * volume_of(tet, mesh->rest);
+        pliant_contact_point now;
+        set_point(element, tet, positions, stop, &now);
+        maximum = fmax(maximum, pliant_dot3(now.normal, now.place) * (1 - volume_of(tet, positions) / stop));
+    }
+    return maximum;
+}
+
+/* ---- bound */
+
+/* Compute the Bernstein coefficients of the volume along a leg, which bound it from below and above. They are
+ * values of the polar form (Farin, Curves and Surfaces for CAGD, 5th ed., 2002, ch. 5). */
+static void find_coefficients(const int32_t tet[4], const double *from, const double *to, double out[4])
+{
+    double a[3][3], b[3][3];
+    find_edges(tet, from, a);
+    find_edges(tet, to, b);
+    out[0] = pliant_triple3(a[0], a[1], a[2]);
+    out[1] =
+        (pliant_triple3(b[0], a[1], a[2]) + pliant_triple3(a[0], b[1], a[2]) + pliant_triple3(a[0], a[1], b[2])) / 3;
+    out[2] =
+        (pliant_triple3(b[0], b[1], a[2]) + pliant_triple3(b[0], a[1], b[2]) + pliant_triple3(a[0], b[1], b[2])) / 3;
+    out[3] = pliant_triple3(b[0], b[1], b[2]);
+}
+
+enum { LEVELS = 20 };
+
+/* Return a fraction up to which a cubic stays above `limit`, by bisection from the left. The error is at most
+ * 2^-levels. */
+static double find_time(const double b[4], double limit, int levels)
+{
+    if (fmin(fmin(b[0], b[1]), fmin(b[2], b[3])) >= limit) return 1;
+    if (levels == 0) return 0;
+    /* de Casteljau's algorithm gives both halves */
+    const double low = 0.5 * (b[0] + b[1]), middle = 0.5 * (b[1] + b[2]), high = 0.5 * (b[2] + b[3]);
+    const double left[4] = {b[0], low, 0.5 * (low + middle), 0.25 * (low + 2 * middle + high)};
+    const double right[4] = {left[3], 0.5 * (middle + high), high, b[3]};
+    const double time = find_time(left, limit, levels - 1);
+    return time < 1 ? 0.5 * time : 0.5 + 0.5 * find_time(right, limit, levels - 1);
+}
+
+static double limit_of(const pliant_contact_settings *settings, double rest, double from)
+{
+    const double stop = settings->volume_stop;
+    return fmax(fmin(settings->advance_keep * from, stop * rest), fmin(0.5 * stop * rest, from));
+}
+
+double pliant_volume_advance(const pliant_contact_settings *settings, const pliant_mesh *mesh, const double *from,
+                             const double *to, const int32_t *piece_of_node)
+{
+    double minimum = 1;
+    for (int32_t t = 0; t < mesh->num_tets; t++) {
+        const int32_t *tet = mesh->tets + 4 * (size_t)t;
+        double coefficient[4];
+        if (is_of_piece(tet, piece_of_node)) continue;
+        find_coefficients(tet, from, to, coefficient);
+        const double limit = limit_of(settings, volume_of(tet, mesh->rest), coefficient[0]);
+        if (coefficient[0] > 0) minimum = fmin(minimum, find_time(coefficient, limit, LEVELS));
+    }
+    return minimum;
+}
+
+/* Compute the positions of an element's nodes after their fractions of the leg. */
+static void place(const int32_t tet[4], const double *from, const double *to, const double *fraction, double out[4][3])
+{
+    for (int k = 0; k < 4; k++)
+        for (int d = 0; d < 3; d++) {
+            const size_t i = 3 * (size_t)tet[k] + (size_t)d;
+            out[k][d] = from[i] + fraction[tet[k]] * (to[i] - from[i]);
+        }
+}
+
+/* Shorten the motion of an element's nodes until it keeps its volume. Return whether it was too small. */
+static bool hold_back(const pliant_contact_settings *settings, const int32_t tet[4], const double *rest,
+                      const double *from,
+                      const double *to, double *fraction)
+{
+    static const int32_t own[4] = {0, 1, 2, 3};
+    double begin[4][3], end[4][3], coefficient[4];
+    for (int k = 0; k < 4; k++) memcpy(begin[k], from + 3 * (size_t)tet[k], sizeof begin[k]);
+    place(tet, from, to, fraction, end);
+    find_coefficients(own, &begin[0][0], &end[0][0], coefficient);
+    if (!(coefficient[0] > 0)) return false; /* inverted at the start */
+    const double time = find_time(coefficient, limit_of(settings, volume_of(tet, rest), coefficient[0]), LEVELS);
+    for (int k = 0; k < 4; k++) fraction[tet[k]] *= time;
+    return time < 1;
+}
+
+int32_t pliant_volume_bound_motion(const pliant_contact_settings *settings, const pliant_mesh *mesh, const double *from,
+                                   const double *to, const int32_t *piece_of_node, double *fraction)
+{
+    enum { MAX_PASSES = 16 };
+    int32_t first = 0, count = 1;
+    for (int32_t n = 0; n < mesh->num_nodes; n++) fraction[n] = 1;
+    for (int pass = 0; pass < MAX_PASSES && count > 0; pass++) {
+        count = 0;
+        for (int32_t t = 0; t < mesh->num_tets; t++) {
+            const int32_t *tet = mesh->tets + 4 * (size_t)t;
+            if (!is_of_piece(tet, piece_of_node)) count += hold_back(settings, tet, mesh->rest, from, to, fraction);
+        }
+        if (pass == 0) first = count;
+    }
+    return count > 0 ? -1 : first;
+}
