@@ -1,6 +1,7 @@
 // Contact on the GPU against the CPU: tools that press and slide, contact between tissue surfaces, falling blocks.
 // Skipped without a GPU.
 #include "cuda_contacts.h"
+#include "sheet.h"
 #include "fem/dynamics/tled.h"
 #include "fem/rigid/rigid_pieces_data.h"
 #include "contact/solve/cone_rules.h"
@@ -138,7 +139,7 @@ TEST(CudaContact, AThinRodAtOneMetreASecondCarriesASheetAlong)
         int maximum = 0;
         for (const double x : run.at) {
             SCOPED_TRACE(x);
-            Sheet sheet(run.backend, run.preconditioner, run.finer, iterations);
+            RodSheet sheet(run.backend, run.preconditioner, run.finer, iterations);
             ASSERT_EQ(sheet.begin(), PLIANT_OK) << pliant_last_error();
             for (int s = 0; s < 6; s++) {
                 ASSERT_GE(sheet.step(s, x), 0) << pliant_last_error();
@@ -164,7 +165,7 @@ TEST(CudaContact, AThinRodCarriesASheetAlongBesideAPieceAndAPatch)
         for (const bool patch : {false, true}) {
             if (backend == PLIANT_CUDA && !there_is_a_gpu()) continue;
             SCOPED_TRACE(patch ? "a patch" : "a piece");
-            Sheet sheet(backend, PLIANT_DIRECT, 1, 30);
+            RodSheet sheet(backend, PLIANT_DIRECT, 1, 30);
             sheet.expect(patch);
             ASSERT_EQ(sheet.begin(), PLIANT_OK) << pliant_last_error();
             ASSERT_NO_FATAL_FAILURE(patch ? sheet.press_a_corner() : sheet.cut_off());
@@ -192,7 +193,7 @@ TEST(CudaContact, ASweepIsCarriedAlongWithAnyBudget)
         if (backend == PLIANT_CUDA && !there_is_a_gpu()) continue;
         double carried[2] = {0, 0};
         for (bool enough : {false, true}) {
-            Sheet sheet(backend, PLIANT_DIRECT, 1, 30);
+            RodSheet sheet(backend, PLIANT_DIRECT, 1, 30);
             sheet.scene.solver.budget_ms = enough ? 1e6 : 1e-6;
             sheet.scene.solver.refresh_interval = 0;
             ASSERT_EQ(sheet.begin(), PLIANT_OK) << pliant_last_error();
@@ -216,7 +217,7 @@ TEST(CudaContact, AJumpOfOneToolDoesNotAffectOthers)
     NEEDS_GPU();
     std::vector<double> ended[2];
     for (int run = 0; run < 2; run++) {
-        Sheet sheet(PLIANT_CUDA, PLIANT_DIRECT, 1, 30);
+        RodSheet sheet(PLIANT_CUDA, PLIANT_DIRECT, 1, 30);
         ASSERT_EQ(sheet.begin(), PLIANT_OK) << pliant_last_error();
         int arm = -1;
         if (run > 0) ASSERT_EQ(pliant_tool_add(sheet.model, sheet.data, "arm", &arm), PLIANT_OK);
@@ -240,7 +241,7 @@ TEST(CudaContact, ATurnOfMoreThanOneRadianIsTakenInParts)
 {
     for (pliant_backend_choice backend : {PLIANT_CPU, PLIANT_CUDA}) {
         if (backend == PLIANT_CUDA && !there_is_a_gpu()) continue;
-        Sheet sheet(backend, PLIANT_DIRECT, 1, 30);
+        RodSheet sheet(backend, PLIANT_DIRECT, 1, 30);
         int tool = -1;
         pliant_tool_shape rod{};
         rod.num_parts = 1;
@@ -542,6 +543,19 @@ TEST(CudaContact, JawsHoldAsOnTheCpu)
     EXPECT_NEAR(gpu.force(), cpu.force(), 0.05 * std::fabs(cpu.force()));
 }
 
+// Tools keep their force limits, and jaws their grip torque (swept_test, grasp_test).
+TEST(CudaContact, KeepsForceLimits)
+{
+    NEEDS_GPU();
+    for (const bool is_wide : {false, true}) {
+        EXPECT_LT(press_beyond_limit({"fine", false, false, is_wide}, PLIANT_CUDA).largest, 1.021);
+        EXPECT_LT(press_beyond_limit({"patch", false, true, is_wide}, PLIANT_CUDA).largest, 1.021);
+        EXPECT_LT(press_beyond_limit({"explicit", true, false, is_wide}, PLIANT_CUDA).largest, 1.15);
+    }
+    close_with_grip_torque(false, 0.021, 0.005, PLIANT_CUDA);
+    close_with_grip_torque(true, 0.12, 0.03, PLIANT_CUDA);
+}
+
 // The response of [C] 5.2 for blocks that overlap after a fall. With its delay it runs on the GPU; without it, overlaps
 // are detected in every sub-step, on the CPU.
 TEST(CudaContact, ThePapersResponseMeetsTheCpu)
@@ -647,7 +661,7 @@ TEST(CudaContact, EveryKernelOnceOfOtherPreconditioners)
 {
     NEEDS_GPU();
     touch_once(cases[1]);
-    Sheet sheet(PLIANT_CUDA, PLIANT_MULTIGRID, 2, 3);
+    RodSheet sheet(PLIANT_CUDA, PLIANT_MULTIGRID, 2, 3);
     ASSERT_EQ(sheet.begin(), PLIANT_OK) << pliant_last_error();
     for (int s = 0; s < 3; s++) ASSERT_GE(sheet.step(s, 0.0275), 0) << pliant_last_error();
     EXPECT_STREQ(pliant_data_get_backend(sheet.data), "cuda") << pliant_last_error();

@@ -206,8 +206,8 @@ inline pliant_status solve(const pliant_model *model, pliant_data *data)
 }
 
 // A sheet of 60 x 60 x 4 mm, fixed at two sides, onto which a rod moves down by 20 mm per step to a depth of 24 mm.
-struct Sheet : Body {
-    Sheet(pliant_backend_choice backend, pliant_preconditioner_choice preconditioner, int finer, int iterations)
+struct RodSheet : Body {
+    RodSheet(pliant_backend_choice backend, pliant_preconditioner_choice preconditioner, int finer, int iterations)
         : Body(std::vector<int>{12 * finer, 12 * finer, 2 * finer}.data(),
                std::vector<double>{0.06, 0.06, 0.004}.data(), {{4000, 0.4, 1000, false}})
     {

@@ -250,7 +250,7 @@ TEST(CudaFailure, FailureDuringLegsOfASweep)
     NEEDS_GPU();
     for (pliant_preconditioner_choice preconditioner : {PLIANT_DIRECT, PLIANT_MULTIGRID}) {
         SCOPED_TRACE(preconditioner);
-        cuda_contacts::Sheet sheet(PLIANT_AUTO, preconditioner, preconditioner == PLIANT_DIRECT ? 1 : 2, 30);
+        cuda_contacts::RodSheet sheet(PLIANT_AUTO, preconditioner, preconditioner == PLIANT_DIRECT ? 1 : 2, 30);
         int given_up = 0;
         ASSERT_EQ(sheet.build(), PLIANT_OK) << pliant_last_error();
         drop_data(sheet);

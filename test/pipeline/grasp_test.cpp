@@ -66,34 +66,8 @@ TEST(Grasp, AStrongGripPullsAWeakOneSlips)
 // the same while the jaws lift the tissue. In explicit dynamics, the torque varies about the limit.
 TEST(Grasp, JawsCloseWithTheGripTorque)
 {
-    const double limit = 0.004;
-    for (const bool is_dynamic : {false, true}) {
-        Tongue tongue(0.5, [&](pliant_scene &scene) {
-            scene.contact.grip_torque = limit;
-            if (is_dynamic) scene.solver.kind = PLIANT_TLED;
-            if (is_dynamic) scene.tled.damping = 20;
-        });
-        const double above = is_dynamic ? 0.12 : 0.005, near = is_dynamic ? 0.03 : 0.005;
-        double largest = 0, last = 0;
-        int saturated = 0;
-        tongue.go(0.03, 0.7);
-        for (int s = 0; s < 4; s++) tongue.go(0.0225 - 0.0075 * s, 0.7);
-        for (int s = 1; s <= 14; s++) {
-            tongue.go(s > 10 ? 0.0002 * (s - 10) : 0, std::fmax(0.7 - 0.1 * s, -0.1));
-            const pliant_tool_pose proxy = pliant_tool_proxy(tongue.data->tools + tongue.tool);
-            pliant_proxy_load load;
-            pliant_proxy_find_load(tongue.data, tongue.tool, &proxy, &load);
-            last = std::fabs(load.jaw);
-            largest = std::fmax(largest, last);
-            saturated += tongue.data->tools[tongue.tool].proxy.saturated;
-            EXPECT_GT(tongue.min_volume(), 0) << "step " << s;
-        }
-        std::printf("%s: largest torque / limit %.4f, last %.4f, %d steps at the limit\n",
-                    is_dynamic ? "explicit" : "quasi-static", largest / limit, last / limit, saturated);
-        EXPECT_LT(largest, (1 + above) * limit);
-        EXPECT_NEAR(last, limit, near * limit);
-        EXPECT_GT(saturated, 4);
-    }
+    close_with_grip_torque(false, 0.005, 0.005);
+    close_with_grip_torque(true, 0.12, 0.03);
 }
 
 // Same in explicit dynamics with a pull of 12 mm. Strong jaws hold the tissue, and it slips out of a weak grip. No

@@ -4,6 +4,10 @@
 
 #include "body.h"
 #include "contact/shapes/shapes.h"
+#include "base/vector3.h"
+#include "sim/step/proxy.h"
+
+#include <algorithm>
 
 // A sheet of 60 x 60 x 4 mm at z = 0 to 4 mm, fixed at two sides.
 struct Sheet : Body {
@@ -194,6 +198,43 @@ inline pliant_tool_shape ball(double radius)
     shape.num_parts = 1;
     shape.part[0] = {PLIANT_PART_SPHERE, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, radius, false};
     return shape;
+}
+
+// Force on a ball or plate whose target presses 15 times farther than its force limit permits.
+struct PressedBeyondLimit { double largest = 0, mean = 0, behind = 0; }; // relative to the limit; proxy error [m]
+struct PressedWith { const char *name; bool is_dynamic, is_patched, is_wide; };
+inline PressedBeyondLimit press_beyond_limit(const PressedWith &with, pliant_backend_choice backend = PLIANT_CPU)
+{
+    const double limit = 0.05; // [N]
+    PressedBeyondLimit out;
+    Sheet sheet(1, 0.08, 0, PLIANT_LINEAR, with.is_dynamic, [&](pliant_scene &scene) {
+        scene.contact.max_force = limit;
+        scene.solver.backend = backend;
+        if (!with.is_patched) return;
+        scene.model.method = PLIANT_AVERAGED;
+        scene.mesh.ratio = 2;
+        scene.model.patch = 0.012;
+    });
+    pliant_tool_shape plate{};
+    plate.num_parts = 1;
+    plate.part[0] = {PLIANT_PART_BOX, PLIANT_FRAME_TIP, {-0.012, -0.012, 0}, {0.012, 0.012, 0.01}, 0, false};
+    const int tool = sheet.add("tool", with.is_wide ? plate : ball(0.004), 0.03, 0.03, 0.01);
+    for (int step = 0; step <= 45; step++) {
+        sheet.move(tool, 0.03, 0.03, 0.01 - 0.0005 * std::min(step, 30));
+        EXPECT_GE(pliant_step(sheet.model, sheet.data), 0) << pliant_last_error();
+        const pliant_tool_pose proxy = pliant_tool_proxy(sheet.data->tools + tool);
+        pliant_proxy_load load;
+        pliant_proxy_find_load(sheet.data, tool, &proxy, &load);
+        out.largest = std::max(out.largest, pliant_length3(load.wrench) / limit);
+        if (step > 30) out.mean += pliant_length3(load.wrench) / 15 / limit;
+        out.behind = std::max(out.behind, sheet.data->statistics.proxy_error);
+    }
+    std::printf("%s, %s: force / limit: maximum %.4f, mean at rest %.4f; at most %.2f mm behind\n", with.name,
+                with.is_wide ? "plate" : "ball", out.largest, out.mean, 1e3 * out.behind);
+    EXPECT_STREQ(pliant_data_get_backend(sheet.data), backend == PLIANT_CUDA ? "cuda" : "cpu") << pliant_last_error();
+    EXPECT_NEAR(out.mean, 1, 0.021);
+    EXPECT_LT(out.behind, 0.01);
+    return out;
 }
 
 #endif

@@ -237,37 +237,9 @@ TEST(Swept, AForceLimitHoldsWithEverySolver)
         bool is_dynamic, is_patched;
         double above; // maximum force / limit
     } runs[] = {{"fine", false, false, 1.001}, {"patch", false, true, 1.021}, {"explicit", true, false, 1.15}};
-    const double limit = 0.05; // [N]
     for (const auto &run : runs)
-        for (const bool is_wide : {false, true}) {
-            Sheet sheet(1, 0.08, 0, PLIANT_LINEAR, run.is_dynamic, [&](pliant_scene &scene) {
-                scene.contact.max_force = limit;
-                if (!run.is_patched) return;
-                scene.model.method = PLIANT_AVERAGED;
-                scene.mesh.ratio = 2;
-                scene.model.patch = 0.012;
-            });
-            pliant_tool_shape plate{};
-            plate.num_parts = 1;
-            plate.part[0] = {PLIANT_PART_BOX, PLIANT_FRAME_TIP, {-0.012, -0.012, 0}, {0.012, 0.012, 0.01}, 0, false};
-            const int tool = sheet.add("tool", is_wide ? plate : ball(0.004), 0.03, 0.03, 0.01);
-            double largest = 0, mean = 0, behind = 0;
-            for (int step = 0; step <= 45; step++) {
-                sheet.move(tool, 0.03, 0.03, 0.01 - 0.0005 * std::min(step, 30));
-                ASSERT_GE(pliant_step(sheet.model, sheet.data), 0) << pliant_last_error();
-                const pliant_tool_pose proxy = pliant_tool_proxy(sheet.data->tools + tool);
-                pliant_proxy_load load;
-                pliant_proxy_find_load(sheet.data, tool, &proxy, &load);
-                largest = std::max(largest, pliant_length3(load.wrench));
-                if (step > 30) mean += pliant_length3(load.wrench) / 15;
-                behind = std::max(behind, sheet.data->statistics.proxy_error);
-            }
-            std::printf("%s, %s: force / limit: maximum %.4f, mean at rest %.4f; at most %.2f mm behind\n", run.name,
-                        is_wide ? "plate" : "ball", largest / limit, mean / limit, 1e3 * behind);
-            EXPECT_LT(largest, run.above * limit);
-            EXPECT_NEAR(mean, limit, 0.021 * limit);
-            EXPECT_LT(behind, 0.01);
-        }
+        for (const bool is_wide : {false, true})
+            EXPECT_LT(press_beyond_limit({run.name, run.is_dynamic, run.is_patched, is_wide}).largest, run.above);
 }
 
 // If memory is exhausted anywhere in a step with several parts, the step is completed or the previous state is

@@ -4,6 +4,7 @@
 
 #include "body.h"
 #include "contact/shapes/shapes.h"
+#include "sim/step/proxy.h"
 
 #include <algorithm>
 
@@ -101,5 +102,39 @@ struct Tongue : Body {
 };
 constexpr int Tongue::size[3];
 constexpr double Tongue::box[3], Tongue::deep;
+
+// Jaws close on tissue with a small grip torque, and lift it. They stop where the tissue resists with this torque.
+// @param above, near bounds of the largest and of the last torque, relative to the limit
+inline void close_with_grip_torque(bool is_dynamic, double above, double near,
+                                   pliant_backend_choice backend = PLIANT_CPU)
+{
+    const double limit = 0.004; // [N m]
+    Tongue tongue(0.5, [&](pliant_scene &scene) {
+        scene.contact.grip_torque = limit;
+        scene.solver.backend = backend;
+        if (is_dynamic) scene.solver.kind = PLIANT_TLED;
+        if (is_dynamic) scene.tled.damping = 20;
+    });
+    double largest = 0, last = 0;
+    int saturated = 0;
+    tongue.go(0.03, 0.7);
+    for (int s = 0; s < 4; s++) tongue.go(0.0225 - 0.0075 * s, 0.7);
+    for (int s = 1; s <= 14; s++) {
+        tongue.go(s > 10 ? 0.0002 * (s - 10) : 0, std::fmax(0.7 - 0.1 * s, -0.1));
+        const pliant_tool_pose proxy = pliant_tool_proxy(tongue.data->tools + tongue.tool);
+        pliant_proxy_load load;
+        pliant_proxy_find_load(tongue.data, tongue.tool, &proxy, &load);
+        last = std::fabs(load.jaw);
+        largest = std::fmax(largest, last);
+        saturated += tongue.data->tools[tongue.tool].proxy.saturated;
+        EXPECT_GT(tongue.min_volume(), 0) << "step " << s;
+    }
+    std::printf("%s: largest torque / limit %.4f, last %.4f, %d steps at the limit\n",
+                is_dynamic ? "explicit" : "quasi-static", largest / limit, last / limit, saturated);
+    EXPECT_STREQ(pliant_data_get_backend(tongue.data), backend == PLIANT_CUDA ? "cuda" : "cpu") << pliant_last_error();
+    EXPECT_LT(largest, (1 + above) * limit);
+    EXPECT_NEAR(last, limit, near * limit);
+    EXPECT_GT(saturated, 4);
+}
 
 #endif

@@ -91,16 +91,17 @@ static size_t bytes_of_pieces(const pliant_contact_problem *from)
                              points * sizeof(double) + (points + 1) * sizeof(int32_t);
 }
 
-static void pack_pieces(packing *at, const pliant_contact_problem *from, gpu_contact_view *view)
+static void pack_pieces(packing *at, const pliant_contact_problem *from, gpu_contacts *contacts)
 {
+    gpu_contact_view *view = &contacts->view;
     double *d_own_compliance;
     pliant_contact_body *d_piece;
     view->num_moving = from->num_moving;
     if (from->num_moving == 0) return;
     double *piece_compliance = pack(at, (size_t)from->count, &d_own_compliance);
-    pliant_contact_body *piece = pack(at, (size_t)from->num_moving, &d_piece);
+    contacts->h_piece = pack(at, (size_t)from->num_moving, &d_piece);
     for (int32_t c = 0; c < from->count; c++) piece_compliance[c] = pliant_contact_problem_compliance(from, c);
-    for (int32_t m = 0; m < from->num_moving; m++) piece[m] = *pliant_contact_problem_body(from, m);
+    for (int32_t m = 0; m < from->num_moving; m++) contacts->h_piece[m] = *pliant_contact_problem_body(from, m);
     pack(at, from->arm, (size_t)from->num_arms, &view->d_arm);
     view->d_own_compliance = d_own_compliance;
     view->d_piece = d_piece;
@@ -147,7 +148,7 @@ static pliant_status send_points(pliant_cuda_solver *gpu, const pliant_contact_p
     pack(&at, from->frame, 9 * points, &view->d_frame);
     pack(&at, from->goal, 3 * points, &view->d_goal);
     pack(&at, from->block, 9 * weights, &view->d_block);
-    pack_pieces(&at, from, view);
+    pack_pieces(&at, from, contacts);
     pack(&at, from->start, points + 1, &view->d_start);
     if (from->num_moving > 0) pack(&at, from->arm_start, points + 1, &view->d_arm_start);
     pack(&at, from->unknown, weights, &view->d_unknown);
@@ -229,10 +230,11 @@ static pliant_status find_forces(pliant_cuda_solver *gpu, pliant_contact_problem
     bool sensible = true;
     for (size_t i = 0; i < rows; i++) sensible = sensible && std::isfinite(h_motion[i]);
     memcpy(from->motion, h_motion, rows * sizeof *h_motion);
-    const bool changed = sensible && pliant_contact_problem_solve(from, view->num_springs, h_motion + rows);
+    const bool changed = sensible && pliant_contact_problem_solve(from, view->num_springs);
     if (!sensible) {
         memcpy(from->found.force, from->taken.force, points * sizeof *h_found);
         memcpy(from->found.motion, from->taken.motion, points * sizeof *h_found);
+        memcpy(from->found.compliance, from->taken.compliance, sizeof from->found.compliance);
     }
     memcpy(h_found, from->found.force, points * sizeof *h_found);
     if (changed) memcpy(h_change, from->change, points * sizeof *h_change);
@@ -251,27 +253,48 @@ static pliant_status download_state(const pliant_cuda_solver *gpu)
                                      cudaMemcpyDeviceToHost, gpu->stream));
 }
 
+/* Send the compliances of the couplings, which depend on their loads. */
+static pliant_status send_bodies(const pliant_cuda_solver *gpu, const pliant_contact_problem *from)
+{
+    const gpu_contacts *contacts = &gpu->contacts;
+    if (from->num_moving == 0) return PLIANT_OK;
+    for (int32_t m = 0; m < from->num_moving; m++) contacts->h_piece[m] = *pliant_contact_problem_body(from, m);
+    return CUDA_CALL(cudaMemcpyAsync(const_cast<pliant_contact_body *>(contacts->view.d_piece), contacts->h_piece,
+                                     (size_t)from->num_moving * sizeof *contacts->h_piece, cudaMemcpyHostToDevice,
+                                     gpu->stream));
+}
+
+/* Compute the free step and the motion of the points; copy the motion back, or the first `numbers` of motion and A. */
+static pliant_status measure(pliant_cuda_solver *gpu, const pliant_contact_problem *from, size_t numbers)
+{
+    gpu_contacts *contacts = &gpu->contacts;
+    CUDA_TRY(send_bodies(gpu, from));
+    CUDA_TRY(pliant_cuda_contact_load(static_cast<const gpu_contact_view *>(contacts->d_block[CONTACT_VIEW]),
+                                      &gpu->iteration, gpu->stream));
+    CUDA_TRY(pliant_cuda_solver_free_step(gpu));
+    CUDA_TRY(pliant_cuda_contact_measure(&contacts->view, &gpu->iteration, gpu->stream));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(contacts->h_block[CONTACT_RESULTS], contacts->view.d_motion,
+                                       numbers * sizeof(double), cudaMemcpyDeviceToHost, gpu->stream)));
+    CUDA_TRY(download_state(gpu));
+    return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
+}
+
 /* Run evaluations while the host computes the contact forces and the GPU waits. The GPU decides whether a state is
  * accepted; the host reads that with the next measurement. */
 static pliant_status run_with_host(pliant_cuda_solver *gpu, pliant_solver *solver, int32_t maximum)
 {
-    gpu_contacts *contacts = &gpu->contacts;
-    const gpu_contact_view *view = &contacts->view;
-    const gpu_iteration *it = &gpu->iteration;
-    const size_t rows = 3 * (size_t)(view->count + view->num_springs), whole = (rows + rows * rows) * sizeof(double);
+    pliant_contact_problem *from = solver->contacts;
+    const size_t rows = 3 * (size_t)(gpu->contacts.view.count + gpu->contacts.view.num_springs);
+    const double *h_matrix = static_cast<const double *>(gpu->contacts.h_block[CONTACT_RESULTS]) + rows;
     for (int32_t made = 0; made <= maximum; made++) {
-        CUDA_TRY(pliant_cuda_contact_load(static_cast<const gpu_contact_view *>(contacts->d_block[CONTACT_VIEW]), it,
-                                          gpu->stream));
-        CUDA_TRY(pliant_cuda_solver_free_step(gpu));
-        CUDA_TRY(pliant_cuda_contact_measure(view, it, gpu->stream));
-        CUDA_TRY(
-            CUDA_CALL(cudaMemcpyAsync(contacts->h_block[CONTACT_RESULTS], view->d_motion,
-                                      made == 0 ? whole : rows * sizeof(double), cudaMemcpyDeviceToHost, gpu->stream)));
-        CUDA_TRY(download_state(gpu));
-        CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
-        if (gpu->h_state->was_accepted) pliant_contact_problem_accept(solver->contacts);
-        if (gpu->h_state->done) return PLIANT_OK;
-        CUDA_TRY(find_forces(gpu, solver->contacts));
+        CUDA_TRY(measure(gpu, from, made == 0 ? rows + rows * rows : rows));
+        if (made == 0) memcpy(from->matrix, h_matrix, rows * rows * sizeof *h_matrix);
+        if (gpu->h_state->was_accepted) pliant_contact_problem_accept(from);
+        if (gpu->h_state->done) {
+            pliant_contact_problem_restore_couplings(from);
+            return gpu->h_state->was_accepted ? PLIANT_OK : measure(gpu, from, rows);
+        }
+        CUDA_TRY(find_forces(gpu, from));
         CUDA_TRY(pliant_cuda_solver_evaluate_rest(gpu));
     }
     return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "the GPU failed: the solver did not finish");
@@ -319,8 +342,9 @@ extern "C" pliant_status pliant_cuda_contacts_run(pliant_cuda_solver *gpu, plian
     CUDA_TRY(prepare(gpu, solver));
     CUDA_TRY(pliant_cuda_begin(&gpu->iteration, step, gpu->stream));
     CUDA_TRY(pliant_cuda_contact_begin(view, &gpu->iteration, gpu->stream));
-    const bool few = 3 * (view->count + view->num_springs) <= PLIANT_CONE_MAX_ROWS;
-    return few ? run_on_gpu(gpu, solver, maximum) : run_with_host(gpu, solver, maximum);
+    const bool on_gpu = 3 * (view->count + view->num_springs) <= PLIANT_CONE_MAX_ROWS &&
+                        !pliant_contact_problem_is_near_limit(solver->contacts);
+    return on_gpu ? run_on_gpu(gpu, solver, maximum) : run_with_host(gpu, solver, maximum);
 }
 
 extern "C" const double *pliant_cuda_contacts_motion(const gpu_contacts *contacts)

@@ -1,6 +1,6 @@
 /* Contact in the quasi-static solve on the GPU, with the rules of src/fem/quasistatic/contact.h. The host detects the
  * contact points. One block computes their forces (cone_rules.h), so evaluations run without the host. If there are too
- * many points for one block, the host computes the forces while the GPU waits. */
+ * many points for one block, or if a tool is near its force limit, the host computes the forces while the GPU waits. */
 #ifndef PLIANT_CUDA_CONTACT_H
 #define PLIANT_CUDA_CONTACT_H
 
@@ -42,6 +42,7 @@ enum { CONTACT_PERSISTENT, CONTACT_RESULTS, CONTACT_EVALUATION_RESULTS, CONTACT_
 typedef struct gpu_contacts {
     gpu_compliance_columns blocks;
     gpu_contact_view view;
+    pliant_contact_body *h_piece;  /* (view.num_moving) page-locked copy of view.d_piece */
     int32_t shared_capacity;       /* shared memory available to a block [bytes]; 0: unknown yet */
     void *d_block[CONTACT_BLOCKS], *h_block[CONTACT_BLOCKS]; /* page-locked; contents: persistent data, and results */
     size_t d_capacity[CONTACT_BLOCKS], h_capacity[CONTACT_BLOCKS];   /* bytes */

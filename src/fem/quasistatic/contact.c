@@ -454,15 +454,14 @@ pliant_status pliant_contact_problem_free_step(pliant_solver *solver, pliant_ite
     return PLIANT_OK;
 }
 
-bool pliant_contact_problem_solve(pliant_contact_problem *contacts, int num_tools, const double *matrix)
+bool pliant_contact_problem_solve(pliant_contact_problem *contacts, int num_tools)
 {
     const size_t points = 3 * (size_t)contacts->count;
     memcpy(contacts->force, contacts->taken.force, points * sizeof *contacts->force);
     memset(contacts->force + points, 0, 3 * (size_t)num_tools * sizeof *contacts->force);
-    pliant_cones_solve(contacts->count + num_tools, matrix, contacts->friction, contacts->motion, contacts->force,
-                       contacts->sweeps);
-    /* a GPU has its own copies of A and of the couplings */
-    if (matrix == contacts->matrix) pliant_contact_problem_apply_limits(contacts, num_tools);
+    pliant_cones_solve(contacts->count + num_tools, contacts->matrix, contacts->friction, contacts->motion,
+                       contacts->force, contacts->sweeps);
+    pliant_contact_problem_apply_limits(contacts, num_tools);
     memcpy(contacts->found.force, contacts->force, points * sizeof *contacts->force);
     memcpy(contacts->found.motion, contacts->motion, points * sizeof *contacts->motion);
     bool changed = false;
@@ -489,7 +488,7 @@ pliant_status pliant_contact_problem_step(pliant_solver *solver, pliant_iterate 
     if (contacts->pieces) pliant_contact_problem_move_bodies(contacts, contacts->taken.force, false, contacts->motion);
     for (int t = 0; t < num_tools; t++)
         pliant_grasp_gap(solver, tool[t], at, contacts->motion + points + 3 * (size_t)t);
-    const bool changed = pliant_contact_problem_solve(contacts, num_tools, contacts->matrix);
+    const bool changed = pliant_contact_problem_solve(contacts, num_tools);
     if (!changed && !contacts->factor) return PLIANT_OK;
     memset(contacts->step, 0, n * sizeof *contacts->step);
     pliant_contact_problem_add_forces(contacts, contacts->change, contacts->step);

@@ -29,6 +29,7 @@ typedef struct pliant_touch_limit {
     double load;           /* [N] or [N m] */
     double compliance;     /* of the coupling below this load [m/N] or [rad/(N m)] */
     double axis[3];        /* unit axis of the jaws; unused for the others */
+    bool is_near;          /* the leg starts with more than the fraction soft_begin of this load */
 } pliant_touch_limit;
 
 /* Rigid bodies with contact points: detached pieces and proxies of tools. */
@@ -36,7 +37,7 @@ typedef struct pliant_contact_bodies {
     const int32_t *of_node; /* Nullable: (fine nodes) piece of each node; -1: none */
     const pliant_contact_body *piece;
     /* Nullable: (PLIANT_MAX_TOOLS x 2): for each tool, its motion about the tip and its jaws' motion about their
-     * joint. The solver on the CPU changes their compliance, so that each load stays at its limit. */
+     * joint. The solver changes their compliance, so that each load stays at its limit. */
     pliant_contact_body *proxy;
     const pliant_touch_limit *limit; /* (PLIANT_MAX_TOOLS x 3) */
 } pliant_contact_bodies;
@@ -106,9 +107,8 @@ void pliant_contact_problem_add_load(const pliant_contact_problem *contacts, dou
 pliant_status pliant_contact_problem_free_step(pliant_solver *solver, pliant_iterate *at);
 /* Compute the forces from the free step. Add U W' dl to the step, and W' dl to the residual. Errors: MEMORY. */
 pliant_status pliant_contact_problem_step(pliant_solver *solver, pliant_iterate *at);
-/* Compute the forces with a matrix A; touches->motion must contain the motion of the free step. Return whether any
- * force changes. */
-bool pliant_contact_problem_solve(pliant_contact_problem *contacts, int num_tools, const double *matrix);
+/* Compute the forces; contacts->motion must contain the motion of the free step. Return whether any force changes. */
+bool pliant_contact_problem_solve(pliant_contact_problem *contacts, int num_tools);
 /* Find the tools that pull by springs; they follow the points in A. Return their number. */
 int pliant_contact_problem_list_springs(const pliant_solver *solver, int index[PLIANT_MAX_TOOLS]);
 /* Allocate A and its buffers. Errors: MEMORY. */
@@ -145,6 +145,8 @@ void pliant_contact_problem_add_bodies(const pliant_contact_problem *contacts, i
  * the limit, so it pulls with a constant force. Otherwise it has its own compliance. The function updates A and the
  * forces of the last cone solve. */
 void pliant_contact_problem_apply_limits(pliant_contact_problem *contacts, int num_tools);
+/* Return whether a coupling in contact starts the leg near its limit. */
+bool pliant_contact_problem_is_near_limit(const pliant_contact_problem *contacts);
 /* Give all couplings the compliances of the accepted forces again, after a rejected evaluation has changed them. */
 void pliant_contact_problem_restore_couplings(pliant_contact_problem *contacts);
 /* Add the motion of the points by the rigid bodies under these forces (in the points' frames) to motion (count x

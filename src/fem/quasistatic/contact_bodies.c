@@ -251,6 +251,16 @@ static int list_couplings(const pliant_contact_problem *contacts, coupling *of, 
     return count;
 }
 
+bool pliant_contact_problem_is_near_limit(const pliant_contact_problem *contacts)
+{
+    coupling of[3 * PLIANT_MAX_TOOLS];
+    int index[3 * PLIANT_MAX_TOOLS];
+    const int count = list_couplings(contacts, of, index);
+    for (int n = 0; n < count; n++)
+        if (contacts->pieces->limit[index[n]].is_near) return true;
+    return false;
+}
+
 void pliant_contact_problem_restore_couplings(pliant_contact_problem *contacts)
 {
     coupling of[3 * PLIANT_MAX_TOOLS];

@@ -189,22 +189,24 @@ void pliant_proxy_linearize(const pliant_model *model, const pliant_tool *tool, 
                  turn_stiffness = scene->contact.coupling_stiffness_rotational;
     static const double none[3] = {0, 0, 0};
     const double *wrench = before->wrench, *pulls = yields[0] > 0 ? none : tool->proxy.pulls;
+    const double loads[3] = {fmax(pliant_length3(wrench), pulls[0]), fmax(pliant_length3(wrench + 3), pulls[1]),
+                             fmax(fabs(before->jaw), pulls[2])};
     const double shift =
         coupling_compliance(&model->contact, scene->contact.coupling_stiffness, pliant_distance3(begin->tip, goal->tip),
-                            fmax(pliant_length3(wrench), pulls[0]), maximum, yields[0]);
+                            loads[0], maximum, yields[0]);
     const double turn =
         coupling_compliance(&model->contact, turn_stiffness, pliant_rotation_angle(begin->rotation, goal->rotation),
-                            fmax(pliant_length3(wrench + 3), pulls[1]), lever, yields[1]);
-    const double jaw =
-        coupling_compliance(&model->contact, turn_stiffness, fabs(goal->jaw - begin->jaw),
-                            fmax(fabs(before->jaw), pulls[2]), scene->contact.grip_torque, yields[2]) +
-        piece_compliance[1];
+                            loads[1], lever, yields[1]);
+    const double jaw = coupling_compliance(&model->contact, turn_stiffness, fabs(goal->jaw - begin->jaw), loads[2],
+                                           scene->contact.grip_torque, yields[2]) +
+                       piece_compliance[1];
     double *axis = limit[2].axis;
     limit[0] = (pliant_touch_limit){.load = maximum,
                                     .compliance = 1 / scene->contact.coupling_stiffness + piece_compliance[0]};
     limit[1] = (pliant_touch_limit){.load = lever, .compliance = 1 / turn_stiffness};
     limit[2] = (pliant_touch_limit){.load = scene->contact.grip_torque,
                                     .compliance = 1 / turn_stiffness + piece_compliance[1]};
+    for (int k = 0; k < 3; k++) limit[k].is_near = loads[k] > model->contact.soft_begin * limit[k].load;
     memset(out, 0, 2 * sizeof *out);
     for (int k = 0; k < 6; k++) out[0].compliance[7 * k] = k < 3 ? shift + piece_compliance[0] : turn;
     pliant_tool_joint(tool, goal, out[1].centre, axis);
