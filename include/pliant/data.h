@@ -82,7 +82,8 @@ typedef struct pliant_tool_state {
     X(BUDGET, "all evaluations (solver/iterations) are used")                                      \
     X(TIME, "all time (solver/budget_ms) is used")                                                 \
     X(BLOCKED, "tissue or a fixed obstacle blocks a tool")                                         \
-    X(FORCE_LIMIT, "a tool presses with contact/max_force, or its jaws with contact/grip_torque")
+    X(FORCE_LIMIT, "a tool presses with contact/max_force, or its jaws with contact/grip_torque")  \
+    X(ELEMENTS, "the rest of the motion would invert an element")
 #define PLIANT_STEP_END_VALUE(name, text) PLIANT_STEP_END_##name,
 /** Reason why a step ends. */
 typedef enum pliant_step_end { PLIANT_STEP_END_LIST(PLIANT_STEP_END_VALUE) PLIANT_NUM_STEP_ENDS } pliant_step_end;
@@ -104,7 +105,8 @@ typedef struct pliant_statistics {
     int32_t legs;               /**< number of straight motions of tissue and tools; 1 if nothing blocks them */
     double advanced;            /**< completed fraction of the last leg */
     double proxy_error;         /**< largest distance from a tool to its proxy [m] */
-    int32_t ended;              /**< pliant_step_end: why the step ended before the proxies reached their tools */
+    int32_t ended;              /**< pliant_step_end: why the step ended before tissue and proxies reached their
+                                 *   goals */
     int32_t contacts;           /**< number of contact points */
     double penetration;         /**< largest penetration depth [m] */
     int32_t rigid_pieces;            /**< number of moving detached pieces */

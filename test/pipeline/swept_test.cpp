@@ -242,6 +242,24 @@ TEST(Swept, AForceLimitHoldsWithEverySolver)
             EXPECT_LT(press_beyond_limit({run.name, run.is_dynamic, run.is_patched, is_wide}).largest, run.above);
 }
 
+// A ball presses the sheet on a plane to a quarter of its thickness in one step. The volume bound ends that step, and
+// the step reports it. The next step completes the motion.
+TEST(Swept, AStepThatTheVolumeBoundEndsReportsIt)
+{
+    Sheet sheet(1, 0.3, 0, PLIANT_LINEAR, false, [&](pliant_scene &scene) {
+        scene.obstacles.num_planes = 1;
+        scene.obstacles.planes[0] = {{0, 0, -0.0002}, {0, 0, 1}};
+    });
+    const int tool = sheet.add("tool", ball(0.004), 0.0312, 0.0287, 0.012);
+    for (int step = 0; step < 3; step++) {
+        sheet.move(tool, 0.0312, 0.0287, step == 0 ? 0.012 : 0.005);
+        ASSERT_GE(pliant_step(sheet.model, sheet.data), 0) << pliant_last_error();
+        EXPECT_EQ(sheet.data->statistics.ended, step == 1 ? PLIANT_STEP_END_ELEMENTS : PLIANT_STEP_END_NONE) << step;
+        EXPECT_EQ(sheet.turned(), 0);
+    }
+    EXPECT_STREQ(pliant_step_end_text(PLIANT_STEP_END_ELEMENTS), "the rest of the motion would invert an element");
+}
+
 // If memory is exhausted anywhere in a step with several parts, the step is completed or the previous state is
 // restored. The next step continues. Also next to patches and pieces.
 TEST(Swept, AStepInPartsThatFailsIsUndone)

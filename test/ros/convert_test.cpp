@@ -552,7 +552,8 @@ TEST(Convert, TimingHasLegsAndProxies)
     EXPECT_EQ(message.max_proxy_error, 0.004f);
     for (const auto &end : {std::make_pair(PLIANT_STEP_END_NONE, +StepTiming::NONE),
                             std::make_pair(PLIANT_STEP_END_BLOCKED, +StepTiming::BLOCKED),
-                            std::make_pair(PLIANT_STEP_END_FORCE_LIMIT, +StepTiming::FORCE_LIMIT)}) {
+                            std::make_pair(PLIANT_STEP_END_FORCE_LIMIT, +StepTiming::FORCE_LIMIT),
+                            std::make_pair(PLIANT_STEP_END_ELEMENTS, +StepTiming::ELEMENTS)}) {
         statistics.ended = end.first;
         timing_message(statistics, &message);
         EXPECT_EQ(message.ended, end.second);

@@ -137,10 +137,11 @@ void pliant_contact_warn_of_cells(pliant_data *data)
     const double enough = 2; /* cells */
     for (int t = 0; t < data->num_tools; t++) {
         double radius, force[3], torque[3];
-        if (data->legs->warned[t] || data->tools[t].shape.num_parts == 0) continue;
+        const bool presses = data->tools[t].present && data->tools[t].proxy.pulls[0] > 0;
+        if (data->legs->has_pressed[t] || !presses) continue;
+        data->legs->has_pressed[t] = true;
         const double error = pliant_contact_force_error(data, t, &radius);
         if (!(radius < enough)) continue;
-        data->legs->warned[t] = true;
         pliant_contact_wrench(data, t, force, torque);
         pliant_log(PLIANT_LOG_WARNING,
                    "tool %s: its contact radius is %.2g cells, so its force of %.2g N has a standard error of about "

@@ -75,7 +75,7 @@ void pliant_contact_wrench(const pliant_data *data, int tool, double force[3], d
  * and their squares are added.
  * @param narrow Nullable; out: smallest contact radius of a part [cells]; INFINITY without contact */
 double pliant_contact_force_error(const pliant_data *data, int tool, double *narrow);
-/* Log a warning when a contact radius is below two cells, once for each tool of a simulation. */
+/* Log a warning for each tool whose contact radius is below two cells at the first contact. */
 void pliant_contact_warn_of_cells(pliant_data *data);
 /* Compute the position at which a point's force acts, on the side with positive weights. positions: (nodes x 3) */
 void pliant_contact_place(const double *positions, const pliant_contact_point *point, double out[3]);

@@ -46,7 +46,7 @@ struct pliant_legs {
     pliant_touch_limit limit[3 * PLIANT_MAX_TOOLS]; /* of each proxy's force, torque, and jaws */
     pliant_contact_bodies bodies;    /* rigid pieces and proxies */
     bool blocked;                  /* the previous leg was blocked */
-    bool shortened;                /* the volume bound shortened this leg: contact points have to follow */
+    bool limited_by_elements;      /* the volume bound shortened this leg */
     bool planes; /* a leg of this step, or the last leg of the previous one, was blocked: use plane constraints */
     /* STATE AT THE START OF THE LEG: the leg ends between this state and the solved one */
     int32_t node_capacity, solved_capacity, fraction_capacity;
@@ -57,7 +57,7 @@ struct pliant_legs {
     pliant_rigid_pieces_saved *rigid_pieces;  /* Nullable */
     /* EXPLICIT DYNAMICS: contact points of the step with their mean forces, and a buffer */
     pliant_contacts mean_points, merged;
-    bool warned[PLIANT_MAX_TOOLS]; /* of cells that are too large for the contact of the tool */
+    bool has_pressed[PLIANT_MAX_TOOLS]; /* pliant_contact_warn_of_cells has judged the first contact of the tool */
 };
 
 /* Run the stages contact, solve, upsample and patch.

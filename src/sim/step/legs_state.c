@@ -160,8 +160,7 @@ pliant_status pliant_legs_bound_volumes(const pliant_model *model, pliant_data *
     (void)pliant_solver_set_contacts(solver, NULL, NULL, NULL);
     pliant_solver_reset_after_move(solver);
     solver->evaluation_history = evaluation_history;
-    /* tetrahedra: the next step suffices, and jaws on a liver need 2.3 times the evaluations with one more leg */
-    legs->shortened = model->scene.element.kind == PLIANT_HEXAHEDRA;
+    legs->limited_by_elements = true;
     pliant_legs_add_lost(
         data, farthest + pliant_volume_lacking(&model->contact, mesh, data->positions, &data->contacts));
     return pliant_backend_move(model, data);
