@@ -1,8 +1,10 @@
-/* Stages of the corotational solver on the CPU, and the parts that other backends leave to the host. */
+/* Stages of the quasi-static solver on the CPU, and the parts that other backends leave to the host: grasp constraints,
+ * their targets and their forces ([H] 3.2). */
 #include "backend/backend.h"
-#include "base/fail.h"
 #include "fem/rigid/rigid_pieces.h"
 #include "fem/patch/patch.h"
+#include "model_data/shared_hold.h"
+#include "tool/tool.h"
 
 #include <stdio.h>
 #include <string.h>
@@ -25,6 +27,120 @@ pliant_status pliant_set_contact_points(pliant_data *data)
     pliant_status status = pliant_patch_select_coarse_points(data, &points);
     if (status != PLIANT_OK) return status;
     return pliant_solver_set_contacts(data->solver, points, data->bodies, data->positions);
+}
+
+/* ---- Rigid tools at one point (model_data/shared_hold.h). */
+
+static bool hold_same_point(const pliant_data *data, int a, int b)
+{
+    return pliant_holds_coincide(&data->body->fine, data->tools + a, data->tools + b) &&
+           pliant_patch_solver(data, a) == pliant_patch_solver(data, b);
+}
+
+int pliant_grasp_leader(const pliant_data *data, int index)
+{
+    for (int t = 0; t < index; t++)
+        if (hold_same_point(data, t, index) && pliant_grasp_leader(data, t) == t) return t;
+    return index;
+}
+
+int pliant_grasp_members(const pliant_data *data, int leader, int member[PLIANT_MAX_TOOLS])
+{
+    int count = 0;
+    for (int t = leader; t < data->num_tools; t++)
+        if (pliant_grasp_leader(data, t) == leader) member[count++] = t;
+    return count;
+}
+
+/* Set the leader's target to the mean of all members' targets, each relative to its own held point. */
+static void share_target(const pliant_data *data, int leader, double target[3])
+{
+    int member[PLIANT_MAX_TOOLS];
+    const int count = pliant_grasp_members(data, leader, member);
+    const double *held = data->tools[leader].held_point,
+                 own[3] = {target[0] - held[0], target[1] - held[1], target[2] - held[2]};
+    for (int m = 1; m < count; m++) {
+        const pliant_tool *tool = data->tools + member[m];
+        for (int d = 0; d < 3; d++) target[d] += (tool->tip[d] - tool->grip[d] - tool->held_point[d] - own[d]) / count;
+    }
+}
+
+/* ---- Targets. */
+
+/* Set the target of a spring k and a parallel damper b over a step h. The law k (p - y) + b ((p - p0) - (y - y0)) / h =
+ * l is a spring of stiffness k + b / h towards (k p + b (p - p0 + y0) / h) / (k + b / h). The weight of the tool's mass
+ * shifts the target. */
+static void set_spring_target(const pliant_tool *tool, double step, const double gravity[3],
+                              pliant_grasp_constraint *grasp)
+{
+    double damper = pliant_tool_drive(tool) == PLIANT_DRIVE_SPRING ? pliant_tool_damping(tool) / step : 0;
+    double stiffness = pliant_tool_stiffness(tool), whole = stiffness + damper;
+    for (int d = 0; d < 3; d++) {
+        double p = tool->tip[d] - tool->grip[d];
+        grasp->target[d] = (stiffness * p + damper * (p - tool->last_target[d] + tool->held_point[d])) / whole;
+        if (pliant_tool_drive(tool) == PLIANT_DRIVE_SPRING)
+            grasp->target[d] += pliant_tool_mass(tool) * gravity[d] / whole;
+    }
+    grasp->compliance = pliant_tool_drive(tool) == PLIANT_DRIVE_RIGID ? 0 : 1 / whole;
+}
+
+pliant_status pliant_set_grasp_constraint(const pliant_model *model, pliant_data *data, int index)
+{
+    pliant_tool *tool = data->tools + index;
+    pliant_solver *solver = pliant_patch_solver(data, index);
+    pliant_grasp_constraint *grasp = solver->grasps + index;
+    const int leader = pliant_grasp_leader(data, index);
+    if (!tool->holding || leader != index) {
+        if (grasp->active) pliant_solver_remove_grasp(solver, index);
+        for (int d = 0; d < 3; d++) tool->last_target[d] = tool->tip[d] - tool->grip[d];
+        tool->attached = tool->holding;
+        return PLIANT_OK;
+    }
+    /* Weights through homogenized shape functions rotate with the elements, so they are recomputed in every step. */
+    bool turning = solver == data->solver && pliant_upsample_turns(solver->system);
+    if (!tool->attached && grasp->active) pliant_solver_remove_grasp(solver, index); /* a new hold */
+    if (!tool->attached || !grasp->active || turning) {
+        pliant_status status = pliant_patch_hold(data, index);
+        if (status != PLIANT_OK) return status;
+        /* 0, unless the grasp was restored */
+        if (!tool->attached) memcpy(grasp->force, tool->force, sizeof grasp->force);
+        tool->attached = true;
+    }
+    bool by_force = pliant_tool_drive(tool) == PLIANT_DRIVE_FORCE;
+    if (grasp->by_force != by_force) pliant_solver_drop_history(solver);
+    grasp->by_force = by_force;
+    for (int d = 0; by_force && d < 3; d++) grasp->force[d] = tool->driving_force[d] + tool->mass * data->gravity[d];
+    if (!by_force) set_spring_target(tool, model->scene.solver.step, data->gravity, grasp);
+    if (pliant_tool_drive(tool) == PLIANT_DRIVE_RIGID) share_target(data, index, grasp->target);
+    for (int d = 0; d < 3; d++) tool->last_target[d] = tool->tip[d] - tool->grip[d];
+    return PLIANT_OK;
+}
+
+void pliant_report_grasps(pliant_data *data)
+{
+    for (int t = 0; t < data->num_tools; t++) {
+        int member[PLIANT_MAX_TOOLS];
+        const int leader = pliant_grasp_leader(data, t), count = pliant_grasp_members(data, leader, member);
+        double force[3];
+        for (int d = 0; data->solver && d < 3; d++)
+            force[d] = pliant_patch_solver(data, leader)->grasps[leader].force[d] / count;
+        pliant_tool_report(data, t, data->solver ? force : NULL);
+    }
+}
+
+/* ---- Stages. */
+
+static pliant_status interact(const pliant_model *model, pliant_data *data)
+{
+    pliant_status status = data->patch ? pliant_patch_begin(data) : PLIANT_OK;
+    if (status != PLIANT_OK) return status;
+    pliant_solver_set_gravity(data->solver, data->gravity);
+    for (int t = 0; t < data->num_tools; t++) {
+        bool begins = data->tools[t].holding && !data->tools[t].attached; /* starts from the present state */
+        if (begins && data->backend->download) data->backend->download(model, data);
+        if ((status = pliant_set_grasp_constraint(model, data, t)) != PLIANT_OK) return status;
+    }
+    return PLIANT_OK;
 }
 
 static pliant_status solve(const pliant_model *model, pliant_data *data)
@@ -82,19 +198,6 @@ static pliant_status reset(pliant_data *data)
     pliant_status status = pliant_solver_reset(data->solver);
     if (status == PLIANT_OK && data->patch) pliant_patch_reset(data->patch);
     return status;
-}
-
-static pliant_status interact(const pliant_model *model, pliant_data *data)
-{
-    pliant_status status = data->patch ? pliant_patch_begin(data) : PLIANT_OK;
-    if (status != PLIANT_OK) return status;
-    pliant_solver_set_gravity(data->solver, data->gravity);
-    for (int t = 0; t < data->num_tools; t++) {
-        bool begins = data->tools[t].holding && !data->tools[t].attached; /* starts from the present state */
-        if (begins && data->backend->download) data->backend->download(model, data);
-        if ((status = pliant_set_grasp_constraint(model, data, t)) != PLIANT_OK) return status;
-    }
-    return PLIANT_OK;
 }
 
 static void set_positions(const pliant_model *model, pliant_data *data, const double *positions)

@@ -1,4 +1,4 @@
-/* Tool functions for the step: grasps and their positions. The solver computes the forces (backend/grasps.c). */
+/* Tool functions for the step: grasps and their positions. The solver computes the forces (backend/cpu.c). */
 #ifndef PLIANT_INTERACT_TOOL_H
 #define PLIANT_INTERACT_TOOL_H
 

@@ -156,19 +156,11 @@ static inline int32_t raster_lowest_bit(uint64_t bits)
 #endif
 }
 
-/* rasterize.c: remove all owners of a brick with this extent inside the target */
-void pliant_raster_clear(const int32_t extent[3], raster_brick *brick);
-
 /* rasterize_parts.c: write the masked voxels of a brick
  * out, row_step, slice_step: as for write */
 void pliant_raster_write_masked(const raster_source *source, const part_view *parts, const raster_tet *tets,
                                 const int32_t origin[3], const raster_brick *brick, void *out, ptrdiff_t row_step,
                                 ptrdiff_t slice_step);
-
-/* rasterize.c: draw all voxels of one brick of `out` from its candidates, in ascending order */
-void pliant_raster_brick(const raster_grid *grid, const raster_source *source, const part_view *parts,
-                         const raster_kernels *kernels, const raster_tet *tets, const int32_t *candidates,
-                         size_t num_candidates, const int32_t brick[3], raster_brick *scratch, void *out);
 
 /* warp.c: the fine mesh and the constant target, for picking */
 const pliant_mesh *pliant_warp_mesh(const pliant_warp *warp);

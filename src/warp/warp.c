@@ -314,6 +314,43 @@ static void list_candidates(pliant_warp *warp)
     visit_all(warp, VISIT_LIST);
 }
 
+/* Find the voxels of a brick inside the target, and mark them as not yet owned by any element. */
+static void begin_brick(const pliant_warp *warp, const int32_t brick[3], int32_t origin[3], int32_t extent[3],
+                        raster_brick *owned)
+{
+    const int32_t *size = warp->grid.target.size;
+    for (int d = 0; d < 3; d++) {
+        origin[d] = brick[d] * BRICK;
+        extent[d] = size[d] - origin[d] < BRICK ? size[d] - origin[d] : BRICK;
+    }
+    memset(owned->owned, 0, sizeof owned->owned);
+    memset(owned->num_entries, 0, sizeof owned->num_entries);
+    owned->num_masked = 0;
+    owned->num_free = extent[0] * extent[1] * extent[2];
+    if (extent[1] == BRICK && extent[2] == BRICK) return;
+    for (int32_t row = 0; row < BRICK_ROWS; row++) /* rows outside the target are not free */
+        if (row % BRICK >= extent[1] || row / BRICK >= extent[2])
+            owned->owned[row / ROWS_AT_ONCE] |= (uint64_t)ENTRY_MASK << 16 * (row % ROWS_AT_ONCE);
+}
+
+/* Draw all voxels of a brick from its candidates, in ascending order: find the owner of each voxel, then write the
+ * values row by row (sample_portable.c, or a vector variant). */
+static void draw_brick(pliant_warp *warp, const int32_t *candidates, size_t num_candidates, const int32_t brick[3],
+                       raster_brick *owned)
+{
+    const raster_source *source = &warp->source;
+    const part_view *parts = warp->parts ? &warp->parts->view : NULL;
+    int32_t origin[3], extent[3];
+    begin_brick(warp, brick, origin, extent, owned);
+    warp->kernels.find_owners(source, parts, warp->tets, candidates, num_candidates, origin, owned);
+    const ptrdiff_t row_step = warp->grid.target.size[0], slice_step = row_step * warp->grid.target.size[1];
+    const ptrdiff_t first = origin[0] + row_step * origin[1] + slice_step * origin[2];
+    char *voxels = (char *)warp->volume.voxels + first * (ptrdiff_t)pliant_encoding_size(source->encoding);
+    warp->kernels.write(source, owned, extent, voxels, row_step, slice_step);
+    if (owned->num_masked > 0)
+        pliant_raster_write_masked(source, parts, warp->tets, origin, owned, voxels, row_step, slice_step);
+}
+
 static void redo_bricks(pliant_warp *warp)
 {
     const int32_t first = warp->listed[0];
@@ -329,9 +366,7 @@ static void redo_bricks(pliant_warp *warp)
         int32_t b = warp->dirty_bricks[n], across = warp->grid.bricks[0], down = warp->grid.bricks[1];
         int32_t brick[3] = {b % across, b / across % down, b / across / down};
         size_t begin = b > first ? end[b - 1] : 0;
-        pliant_raster_brick(&warp->grid, &warp->source, warp->parts ? &warp->parts->view : NULL, &warp->kernels,
-                            warp->tets, warp->candidates + begin, end[b] - begin, brick,
-                            &warp->scratch[omp_get_thread_num()], warp->volume.voxels);
+        draw_brick(warp, warp->candidates + begin, end[b] - begin, brick, &warp->scratch[omp_get_thread_num()]);
     }
 }
 
@@ -346,11 +381,7 @@ static void fit_bricks(pliant_warp *warp)
         raster_brick *owned = &warp->scratch[omp_get_thread_num()];
         const size_t begin = b > first ? end[b - 1] : 0;
         int32_t origin[3], extent[3];
-        for (int d = 0; d < 3; d++) {
-            origin[d] = brick[d] * BRICK;
-            extent[d] = warp->grid.target.size[d] - origin[d] < BRICK ? warp->grid.target.size[d] - origin[d] : BRICK;
-        }
-        pliant_raster_clear(extent, owned);
+        begin_brick(warp, brick, origin, extent, owned);
         owned->all_masked = true;
         warp->kernels.find_owners(&warp->source, &warp->parts->view, warp->tets, warp->candidates + begin,
                                   end[b] - begin, origin, owned);

@@ -1,6 +1,5 @@
 /* Grasps: rows of W, and the body's response to them. */
 #include "base/fail.h"
-#include "base/dense.h"
 #include "base/buffer.h"
 #include "fem/quasistatic/solver.h"
 #include "base/memory.h"
@@ -275,28 +274,6 @@ void pliant_solver_add_response(const pliant_solver *solver, int tool, const dou
         const double *z = solver->grasps[tool].response + n * (size_t)d;
         for (size_t i = 0; i < n; i++) step[i] += force[d] * z[i];
     }
-}
-
-bool pliant_solver_step_tools(const pliant_solver *solver, pliant_iterate *at)
-{
-    int index[PLIANT_MAX_TOOLS];
-    double s[PLIANT_MAX_ROWS * PLIANT_MAX_ROWS] = {0}, right[PLIANT_MAX_ROWS];
-    memset(at->step_force, 0, sizeof at->step_force);
-    const int count = pliant_solver_springs(solver, index, s);
-    if (count == 0) return true;
-    for (int a = 0; a < count; a++) {
-        double w[3] = {0, 0, 0};
-        pliant_grasp_stretch(solver, index[a], at, right + 3 * a);
-        pliant_grasp_apply(solver->grasps + index[a], at->step, w);
-        for (int d = 0; d < 3; d++) right[3 * a + d] -= w[d];
-    }
-    if (!pliant_dense_solve(3 * count, s, 1, right)) return false;
-    for (int a = 0; a < count; a++) {
-        memcpy(at->step_force + 3 * index[a], right + 3 * a, 3 * sizeof *right);
-        pliant_grasp_add_pull(solver->grasps + index[a], right + 3 * a, at->residual);
-        pliant_solver_add_response(solver, index[a], right + 3 * a, at->step);
-    }
-    return true;
 }
 
 double pliant_solver_spring_energy(const pliant_solver *solver, const double *a, const double *b)

@@ -288,24 +288,24 @@ static bool is_settled(const pliant_solver *solver)
            pliant_newton_is_negligible(longest(solver, solver->now.step), tolerance);
 }
 
+bool pliant_solver_begin_newton(pliant_solver *solver, int32_t maximum)
+{
+    const bool begins = solver->is_after_cut && !solver->system->basis && maximum >= PLIANT_NEWTON_MIN_EVALUATIONS;
+    solver->is_after_cut = solver->newton_axes = false;
+    return begins;
+}
+
 pliant_status pliant_solver_newton_step(pliant_solver *solver, int32_t maximum, int32_t *evaluations, bool *settled)
 {
-    bool is_valid = solver->is_after_cut && !solver->system->basis && maximum >= PLIANT_NEWTON_MIN_EVALUATIONS;
-    *evaluations = 0;
-    *settled = false;
-    solver->is_after_cut = solver->newton_axes = false;
-    if (!is_valid) return PLIANT_OK;
-    pliant_status status = pliant_solver_evaluate(solver, PLIANT_KNOWN_NOTHING, &solver->now);
-    solver->is_after_cut = status != PLIANT_OK;
-    if (status != PLIANT_OK || !isfinite(solver->now.merit) || !(solver->now.merit > 0)) return status;
+    if (!isfinite(solver->now.merit) || !(solver->now.merit > 0)) return PLIANT_OK;
     if ((*settled = is_settled(solver))) return PLIANT_OK;
+    bool is_valid = true;
     newton_step found = {0};
     int32_t products = pliant_newton_max_products(maximum);
-    status = begin(solver, &found, &is_valid);
+    pliant_status status = begin(solver, &found, &is_valid);
     if (status == PLIANT_OK && is_valid) status = find_step(solver, &found, &products);
     if (status == PLIANT_OK && is_valid && found.energy > 0) status = take_step(solver, &found);
     *evaluations = is_valid ? 1 + products : 1;
     free_step(&found);
-    solver->is_after_cut = status != PLIANT_OK;
     return status;
 }

@@ -1,8 +1,76 @@
+/* A step of the quasi-static solver: iterate until the residual of the node positions is small. */
 #include "fem/quasistatic/pressure.h"
 
+#include "base/dense.h"
 #include "base/fail.h"
 
 #include <string.h>
+
+/* ---- An evaluation. */
+
+/* Compute the change dl = S^-1 (e - W g0) of the tools' forces that brings the held points to their targets, and the
+ * step with it: g = g0 + Z dl, K0 g = r + W' dl. e is the distance to the target (pliant_grasp_stretch). Return false
+ * if S is singular. */
+static bool step_tools(const pliant_solver *solver, pliant_iterate *at)
+{
+    int index[PLIANT_MAX_TOOLS];
+    double s[PLIANT_MAX_ROWS * PLIANT_MAX_ROWS] = {0}, right[PLIANT_MAX_ROWS];
+    memset(at->step_force, 0, sizeof at->step_force);
+    const int count = pliant_solver_springs(solver, index, s);
+    if (count == 0) return true;
+    for (int a = 0; a < count; a++) {
+        double w[3] = {0, 0, 0};
+        pliant_grasp_stretch(solver, index[a], at, right + 3 * a);
+        pliant_grasp_apply(solver->grasps + index[a], at->step, w);
+        for (int d = 0; d < 3; d++) right[3 * a + d] -= w[d];
+    }
+    if (!pliant_dense_solve(3 * count, s, 1, right)) return false;
+    for (int a = 0; a < count; a++) {
+        memcpy(at->step_force + 3 * index[a], right + 3 * a, 3 * sizeof *right);
+        pliant_grasp_add_pull(solver->grasps + index[a], right + 3 * a, at->residual);
+        pliant_solver_add_response(solver, index[a], right + 3 * a, at->step);
+    }
+    return true;
+}
+
+/* Evaluate a state: compute its residual, which contains the tools' forces, its preconditioned step, and its merit.
+ * known: quantities that are already computed. Errors: MEMORY. */
+static pliant_status evaluate(pliant_solver *solver, pliant_known known, pliant_iterate *at)
+{
+    const size_t bytes = pliant_solver_unknowns(solver) * sizeof *at->residual;
+    solver->in_use.evaluations += known != PLIANT_KNOWN_STEP;
+    if (known == PLIANT_KNOWN_NOTHING) pliant_solver_elastic_forces(solver, at);
+    if (known == PLIANT_KNOWN_FORCES) pliant_pressure_find(solver, at);
+    memcpy(at->residual, solver->load, bytes);
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
+        if (solver->grasps[t].active)
+            pliant_grasp_add_load(solver->grasps + t,
+                                  solver->grasps[t].by_force ? solver->grasps[t].force : at->force + 3 * t,
+                                  at->residual);
+    if (pliant_contact_problem_has_points(solver->contacts))
+        pliant_contact_problem_add_load(solver->contacts, at->residual);
+    pliant_solver_find_residual(solver, at);
+    at->merit = INFINITY;
+    const bool sensible =
+        isfinite(at->scale) &&
+        at->displacement <= pliant_get_quasistatic_settings().max_displacement * solver->rules.smallest_displacement;
+    if (!sensible) return PLIANT_OK; /* an invalid state is never accepted */
+    const bool contacts = pliant_contact_problem_has_points(solver->contacts);
+    pliant_status status = known == PLIANT_KNOWN_STEP ? PLIANT_OK
+                           : contacts
+                               ? pliant_contact_problem_free_step(solver, at)
+                               : pliant_preconditioner_solve(solver->preconditioner, 1, at->residual, at->free_step);
+    if (status != PLIANT_OK) return status;
+    memcpy(at->step, at->free_step, bytes);
+    if (contacts && (status = pliant_contact_problem_step(solver, at)) != PLIANT_OK) return status;
+    if (!step_tools(solver, at)) return PLIANT_OK;
+    if (known != PLIANT_KNOWN_STEP) pliant_pressure_step(solver, at);
+    const double energy = pliant_solver_product(solver, at->step, at->residual) +
+                          pliant_solver_spring_energy(solver, at->step_force, at->step_force) +
+                          pliant_pressure_energy(solver, at->pressure_step, at->pressure_step);
+    at->merit = pliant_anderson_merit(energy, at->scale);
+    return PLIANT_OK;
+}
 
 /* ---- A step by the rules of anderson.h. */
 
@@ -111,7 +179,7 @@ static pliant_status iterate(pliant_solver *solver, pliant_known known, step_tim
     do {
         const bool first = rules->next == PLIANT_NEXT_FIRST;
         pliant_iterate *at = first ? &solver->now : &solver->trial;
-        pliant_status status = pliant_solver_evaluate(solver, first ? known : PLIANT_KNOWN_NOTHING, at);
+        pliant_status status = evaluate(solver, first ? known : PLIANT_KNOWN_NOTHING, at);
         if (status != PLIANT_OK) return status;
         time->solved += !first || known != PLIANT_KNOWN_STEP;
         if (!first || known == PLIANT_KNOWN_NOTHING) time->whole++;
@@ -144,7 +212,7 @@ static bool evaluate_end(pliant_solver *solver)
     memcpy(solver->trial.force, solver->now.force, sizeof solver->now.force);
     memcpy(solver->now.force, solver->previous_force, sizeof solver->now.force);
     swap_pressures(solver);
-    bool good = pliant_solver_evaluate(solver, PLIANT_KNOWN_NOTHING, &solver->trial) == PLIANT_OK;
+    bool good = evaluate(solver, PLIANT_KNOWN_NOTHING, &solver->trial) == PLIANT_OK;
     good = pliant_anderson_judge_end(&solver->rules, good ? solver->trial.merit : INFINITY);
     if (solver->rules.secant_slot >= 0)
         pliant_solver_store_secant(solver, solver->rules.secant_slot, &solver->now, &solver->trial);
@@ -215,8 +283,14 @@ static int32_t first_evaluations(const pliant_solver *solver, const step_time *t
 static pliant_status iterate_from_newton(pliant_solver *solver, step_time *time, int32_t *evaluations)
 {
     const int32_t maximum = solver->rules.max_evaluations, allowed = first_evaluations(solver, time);
-    bool settled;
-    pliant_status status = pliant_solver_newton_step(solver, allowed, evaluations, &settled);
+    bool settled = false;
+    pliant_status status = PLIANT_OK;
+    *evaluations = 0;
+    if (pliant_solver_begin_newton(solver, allowed)) {
+        status = evaluate(solver, PLIANT_KNOWN_NOTHING, &solver->now);
+        if (status == PLIANT_OK) status = pliant_solver_newton_step(solver, allowed, evaluations, &settled);
+        solver->is_after_cut = status != PLIANT_OK;
+    }
     if (*evaluations > 0) solver->rules.max_evaluations = allowed - *evaluations;
     time->solved += *evaluations + settled;
     time->whole += *evaluations;

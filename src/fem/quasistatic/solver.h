@@ -202,18 +202,21 @@ int32_t pliant_solver_evaluations_in_time(const pliant_solver *solver, double st
 /* Run one step from the present state. NOT_CONVERGED keeps the best iterate; NUMERIC keeps the old state. */
 pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *statistics);
 
-/* ---- Implemented in evaluate.c. */
+/* ---- Implemented in residual.c. */
 /* Return a . b over the unknowns. The result does not depend on the number of threads. */
 double pliant_solver_product(const pliant_solver *solver, const double *a, const double *b);
 /* Compute the elastic forces of a state. */
 void pliant_solver_elastic_forces(pliant_solver *solver, pliant_iterate *at);
-/* Compute residual, step and merit of a state from the known quantities. Errors: MEMORY. */
-pliant_status pliant_solver_evaluate(pliant_solver *solver, pliant_known known, pliant_iterate *at);
+/* Compute the residual in the nodes' axes, the norm of the load, and the largest displacement from rest. On entry,
+ * residual holds loads and tools' forces, and elastic holds elastic forces. */
+void pliant_solver_find_residual(const pliant_solver *solver, pliant_iterate *at);
 
 /* ---- Implemented in newton_after_cut.c. */
-/* Take a Newton step before the first step after a cut.
+/* Return whether this is the first step after a cut, and has enough evaluations for a Newton step. */
+bool pliant_solver_begin_newton(pliant_solver *solver, int32_t maximum);
+/* Take a Newton step from the present state, which is evaluated.
  * @param maximum         Maximum number of evaluations.
- * @param evaluations  Out: evaluations done; 0 if this is no such step, or if the cut has released no tissue.
+ * @param evaluations  Out: evaluations done; 0 if the cut has released no tissue.
  * @param settled      Out: the cut has released no tissue, and the present state is evaluated.
  * Errors: MEMORY, NUMERIC. */
 pliant_status pliant_solver_newton_step(pliant_solver *solver, int32_t maximum, int32_t *evaluations, bool *settled);
@@ -253,9 +256,6 @@ int pliant_solver_springs(const pliant_solver *solver, int index[PLIANT_MAX_TOOL
                           double matrix[PLIANT_MAX_ROWS * PLIANT_MAX_ROWS]);
 /* Add Z force of one tool to the step. */
 void pliant_solver_add_response(const pliant_solver *solver, int tool, const double force[3], double *step);
-/* Compute dl = S^-1 (e - W g0), and the step with it: g = g0 + Z dl, K0 g = r + W' dl. Return false if S is
- * singular. */
-bool pliant_solver_step_tools(const pliant_solver *solver, pliant_iterate *at);
 /* Return the sum over the springs of c a' b. */
 double pliant_solver_spring_energy(const pliant_solver *solver, const double *a, const double *b);
 

@@ -45,11 +45,6 @@ void DeformedVolume::set_body(std::shared_ptr<const pliant_body> body)
     body_ = std::move(body);
 }
 
-void DeformedVolume::update(const std::vector<double> &positions)
-{
-    check(pliant_warp_update(warp_, positions.data()));
-}
-
 bool DeformedVolume::add_changed(std::vector<uint8_t> *bricks) const
 {
     int32_t count[3];

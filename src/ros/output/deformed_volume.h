@@ -23,7 +23,8 @@ public:
     DeformedVolume(const DeformedVolume &) = delete;
     /* Render this body, which belongs to the same loaded model. Throws Failure; the previous body then stays in use. */
     void set_body(std::shared_ptr<const pliant_body> body);
-    void update(const std::vector<double> &positions); /* Throws Failure. */
+    /* Draw the bricks that have changed at these positions. Throws Failure. */
+    void update(const std::vector<double> &positions) { check(pliant_warp_update(warp_, positions.data())); }
     const LoadedModel *loaded() const { return loaded_.get(); }
     const pliant_body *body() const { return body_.get(); }
     const pliant_geometry &target() const { return target_; }

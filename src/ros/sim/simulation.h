@@ -43,6 +43,9 @@ struct StepHealth {
 /* A step longer than this is unacceptable for a robot [s]. */
 const double slow_step_seconds = 0.5;
 
+/* Time in which a restored state waits for tools that are missing [s]. */
+const int missing_tool_seconds = 2;
+
 class Simulation {
 public:
     Simulation(ros::NodeHandle handle, const Parameters &parameters, State *state, SettingsServer *live, Tools *tools,

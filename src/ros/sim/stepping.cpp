@@ -6,43 +6,6 @@
 
 namespace pliant_ros {
 
-namespace {
-
-void apply_settings(const Step &step, pliant_data *data)
-{
-    pliant_data_set_limits(data, step.iterations, step.tolerance);
-    double gravity[3];
-    pliant_data_get_gravity(data, gravity);
-    if (!std::equal(gravity, gravity + 3, step.gravity.begin())) pliant_data_set_gravity(data, step.gravity.data());
-    for (int tool = 0; tool < pliant_data_get_num_tools(data); ++tool)
-        pliant_tool_set_spring(data, tool, step.stiffness, step.damping);
-}
-
-void apply_tool(const pliant_model &model, const ToolInput &input, pliant_data *data, int tool)
-{
-    if (!input.present || pliant_tool_set_pose(data, tool, input.tip.data(), input.rotation.data()) < 0) {
-        if (tool_state(*data, tool).present) pliant_tool_remove_pose(data, tool);
-        return;
-    }
-    pliant_tool_set_jaw(data, tool, input.jaw);
-    if (input.closes) pliant_tool_grasp(&model, data, tool, nullptr);
-    if (!input.closed && tool_state(*data, tool).holding) pliant_tool_release(data, tool);
-    if (input.cuts != tool_state(*data, tool).cutting) pliant_tool_set_cutting(data, tool, input.cuts);
-}
-
-/* Compute FNV-1a over 64-bit words. */
-uint64_t checksum(const double *values, size_t count)
-{
-    uint64_t sum = 0xcbf29ce484222325u, bits;
-    for (size_t i = 0; i < count; ++i) {
-        std::memcpy(&bits, values + i, sizeof bits);
-        sum = (sum ^ bits) * 0x100000001b3u;
-    }
-    return sum;
-}
-
-} // namespace
-
 // messages and structs use the same numbers
 static_assert(int(pliant::ToolPart::SPHERE) == PLIANT_PART_SPHERE &&
                   int(pliant::ToolPart::CAPSULE) == PLIANT_PART_CAPSULE &&
@@ -127,15 +90,14 @@ void read_shape(const ToolInput &input, Shape *out)
     std::copy(input.joint_axis.begin(), input.joint_axis.end(), shape.axis);
 }
 
+} // namespace
+
 void apply_shape(const ToolInput &input, pliant_data *data, int tool)
 {
     Shape shape;
     read_shape(input, &shape);
     check(pliant_tool_set_shape(data, tool, &shape));
 }
-
-} // namespace
-
 void add_tools(const pliant_model &model, pliant_data *data, const std::vector<ToolInput> &tools)
 {
     for (const ToolInput &tool : tools) {
@@ -156,35 +118,6 @@ void make_cut(const pliant_model &model, pliant_data *data, const CutInput &cut,
     for (const geometry_msgs::Point &point : cut.points) points.insert(points.end(), {point.x, point.y, point.z});
     const double depth[3] = {cut.depth.x, cut.depth.y, cut.depth.z};
     check(pliant_data_cut(&model, data, static_cast<int32_t>(cut.points.size()), points.data(), depth, report));
-}
-
-pliant_status make_step(const pliant_model &model, pliant_data *data, pliant_background_kind kind, const Step &step)
-{
-    if (static_cast<int>(step.tools.size()) != pliant_data_get_num_tools(data))
-        throw Failure(PLIANT_ERROR_ARGUMENT, "the step has " + std::to_string(step.tools.size()) +
-                                                 " tools, but the simulation has " +
-                                                 std::to_string(pliant_data_get_num_tools(data)));
-    apply_settings(step, data);
-    for (size_t i = 0; i < step.tools.size(); ++i) {
-        if (step.tools[i].exchanged) apply_shape(step.tools[i], data, static_cast<int>(i));
-        apply_tool(model, step.tools[i], data, static_cast<int>(i));
-    }
-    if (step.paused) return PLIANT_OK;
-    check(pliant_data_set_background(data, kind, kind == PLIANT_BACKGROUND_PRESCRIBED ? step.background : 0));
-    return pliant_step(&model, data);
-}
-
-void set_step_outcome(pliant_status status, const pliant_data &data, Step *out)
-{
-    const pliant_statistics &statistics = *pliant_data_get_statistics(&data);
-    out->status = status;
-    out->step = statistics.step;
-    out->background = out->paused ? 0 : pliant_data_get_background_taken(&data);
-    out->checksum = checksum(pliant_data_get_positions(&data, nullptr),
-                             3 * static_cast<size_t>(pliant_data_get_body(&data)->fine.num_nodes));
-    out->evaluations = static_cast<uint32_t>(statistics.iterations);
-    out->legs = static_cast<uint32_t>(statistics.legs);
-    out->seconds.assign(statistics.seconds, statistics.seconds + PLIANT_NUM_STEP_STAGES);
 }
 
 } // namespace pliant_ros

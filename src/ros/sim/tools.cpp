@@ -1,3 +1,5 @@
+/* Tools of the robot: receive their poses and jaws, and publish their forces and contacts. The simulation thread reads
+ * the newest pose by Tools::sample. */
 #include "ros/sim/tools.h"
 
 #include "ros/sim/operating_state.h"

@@ -1,6 +1,5 @@
 #include "sim/step/legs.h"
 
-#include "backend/backend.h"
 #include "base/fail.h"
 #include "contact/advance/advance_rules.h"
 #include "contact/volume/volume_bound.h"
@@ -201,75 +200,6 @@ static void set_goals(const pliant_model *model, pliant_data *data, double fract
 
 /* ---- a leg */
 
-/* contact/response: paper without delay detects overlaps in every sub-step */
-static bool searches_in_substeps(const pliant_model *model)
-{
-    return model->scene.contact.response == PLIANT_RESPONSE_PAPER && !model->scene.contact.delay;
-}
-
-/* Run the solve stage. A GPU backend that cannot handle contact fails, and then the CPU continues. */
-static pliant_status solve(const pliant_model *model, pliant_data *data)
-{
-    const pliant_backend *backend = data->backend;
-    pliant_solver *solver = data->solver;
-    if (data->contacts.count > 0 && !backend->state_is_on_host &&
-        (!backend->handles_contacts || searches_in_substeps(model)))
-        return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "tissue is near a contact surface, which only the CPU handles");
-    const double start = solver ? solver->clock(solver->clock_user) : 0;
-    const pliant_status status = backend->solve(model, data);
-    if (solver) solver->spent += solver->clock(solver->clock_user) - start;
-    return status;
-}
-
-/* Upsample the solution. A GPU also copies the positions to the host if contact, pieces or patches need them. */
-static pliant_status upsample(const pliant_model *model, pliant_data *data)
-{
-    pliant_status status = data->backend->upsample(model, data);
-    const bool brings = !pliant_contact_is_idle(model, data) || pliant_host_moves_nodes(data);
-    return status >= 0 && brings && data->backend->copy_result_to_host ? data->backend->copy_result_to_host(model, data)
-                                                                       : status;
-}
-
-/* Patches and detached pieces: the CPU computes them with every backend. */
-static pliant_status run_patch_stage(const pliant_model *model, pliant_data *data)
-{
-    pliant_status status = PLIANT_OK;
-    if (data->patch) {
-        const double start = data->solver->clock(data->solver->clock_user);
-        status = pliant_patch_step(data);
-        data->solver->spent += data->solver->clock(data->solver->clock_user) - start;
-        pliant_report_grasps(data);
-        if (status < 0) return status;
-    }
-    if (data->rigid_pieces && data->fraction > 0) {
-        const bool rebuilt = pliant_rigid_pieces_step(data);
-        for (int t = 0; t < data->num_tools; t++) pliant_tool_report(data, t, NULL);
-        if (rebuilt && (status = pliant_backend_restart(model, data)) < 0) return status;
-    } else if (data->rigid_pieces) /* the upsampling has set the pieces' nodes to their home positions */
-        pliant_rigid_pieces_hold(data->rigid_pieces, data->positions);
-    return status;
-}
-
-/* Run the stages solve, upsample and patch. */
-static pliant_status run_stages(const pliant_model *model, pliant_data *data, pliant_status *warning)
-{
-    pliant_status (*const functions[])(const pliant_model *, pliant_data *) = {solve, upsample, run_patch_stage};
-    *warning = PLIANT_OK;
-    for (int n = 0; n < 3; n++) {
-        const pliant_status status = pliant_run_stage(model, data, PLIANT_STEP_solve + n, functions[n]);
-        if (status < 0) return status;
-        if (status > 0) *warning = status;
-    }
-    return PLIANT_OK;
-}
-
-/* A backend that fails leaves the host's state unchanged, so the CPU can repeat the stages. */
-static pliant_status run_stages_or_fall_back(const pliant_model *model, pliant_data *data, pliant_status *warning)
-{
-    const pliant_status status = run_stages(model, data, warning);
-    return status < 0 && pliant_backend_fall_back(model, data, status) ? run_stages(model, data, warning) : status;
-}
-
 /* After the first leg, accept no further background results, except in mode PLANNED. A replay prescribes the results
  * of a step as one set, so they must all be taken in its first leg. */
 static void freeze_background(pliant_data *data)
@@ -445,8 +375,8 @@ static int32_t choose_evaluations(const leg_budget *budget, double fraction)
 
 /* Make one leg: choose its length, find contact points, solve, and apply the free fraction. Then decide whether the
  * step is done. */
-static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_budget *budget, pliant_status *warning,
-                             bool *done)
+static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_budget *budget,
+                             pliant_solve_stages *solve, pliant_status *warning, bool *done)
 {
     pliant_statistics *statistics = &data->statistics;
     const int32_t limit = data->solver ? data->solver->rules.max_evaluations : 0;
@@ -466,7 +396,7 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
     if (status == PLIANT_OK) status = pliant_legs_save_points(data);
     if (status != PLIANT_OK) return status;
     if (data->solver) data->solver->rules.max_evaluations = choose_evaluations(budget, fraction);
-    status = run_stages_or_fall_back(model, data, warning);
+    status = solve(model, data, warning);
     if (data->solver) data->solver->rules.max_evaluations = limit;
     if (status >= 0) status = apply_leg(model, data, &completed);
     if (status < 0) return status;
@@ -497,8 +427,8 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
     return PLIANT_OK;
 }
 
-/* Make all legs of a step. completed: fraction that the last leg of the previous step made */
-static pliant_status run_legs(const pliant_model *model, pliant_data *data, double completed, pliant_status *warning)
+pliant_status pliant_legs_run(const pliant_model *model, pliant_data *data, double completed,
+                              pliant_solve_stages *solve, pliant_status *warning)
 {
     leg_budget budget = {.evaluations = data->solver ? data->solver->rules.max_evaluations : 0,
                          .left = 1,
@@ -509,7 +439,7 @@ static pliant_status run_legs(const pliant_model *model, pliant_data *data, doub
     if (!data->legs && !(data->legs = pliant_calloc(1, sizeof *data->legs))) return pliant_fail_memory("contacts");
     pliant_status status = begin_step(model, data);
     if (data->tled) data->tled->substeps_done = data->tled->part = 0;
-    while (status >= 0 && !done) status = run_leg(model, data, &budget, warning, &done);
+    while (status >= 0 && !done) status = run_leg(model, data, &budget, solve, warning, &done);
     data->background = (pliant_background){
         .kind = background.kind, .prescribed = background.prescribed, .taken = data->background.taken};
     if (status >= 0) {
@@ -541,25 +471,15 @@ void pliant_legs_set_goals_reached(pliant_data *data)
     end_step(data);
 }
 
-pliant_status pliant_legs_stage(const pliant_model *model, pliant_data *data, pliant_status *warning)
+void pliant_legs_skip(pliant_data *data)
 {
-    pliant_statistics *statistics = &data->statistics;
-    const double completed = statistics->step > 0 ? statistics->advanced : 1;
-    statistics->legs = 0;
-    statistics->advanced = 1;
-    statistics->proxy_error = 0;
-    statistics->ended = PLIANT_STEP_END_NONE;
-    data->fraction = 1;
-    if (data->solver) data->solver->spent = 0;
-    if (!pliant_contact_is_idle(model, data)) return run_legs(model, data, completed, warning);
     pliant_contact_discard(data);
     data->bodies = NULL;
     if (data->tled) data->tled->substeps_done = data->tled->part = 0;
-    statistics->legs = 1;
+    data->statistics.legs = 1;
     for (int t = 0; t < data->num_tools; t++) {
         const pliant_tool_pose measured = pliant_tool_measured(data->tools + t);
         pliant_tool_set_proxy(data->tools + t, &measured);
         set_followed(data->tools + t);
     }
-    return run_stages_or_fall_back(model, data, warning);
 }

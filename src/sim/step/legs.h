@@ -5,8 +5,7 @@
  * together with all proxies. It has five parts:
  * 1. Choose the distance of the proxies in this leg: about half an element near tissue (choose_fraction, set_goals).
  * 2. Find contact points between the tissue and the parts of tools (pliant_contact_find_points).
- * 3. Solve for the new positions and the contact forces, upsample them, and solve the patches
- *    (run_stages_or_fall_back).
+ * 3. Solve for the new positions and the contact forces, upsample them, and solve the patches (step.c).
  * 4. Compute the largest fraction of the leg at which no surface enters the core of a part (pliant_contact_advance).
  *    The core is the region deeper than the guard depth below the part's surface. Tissue may enter the zone above
  *    the core, but it cannot pass through the part.
@@ -60,10 +59,18 @@ struct pliant_legs {
     bool has_pressed[PLIANT_MAX_TOOLS]; /* pliant_contact_warn_of_cells has judged the first contact of the tool */
 };
 
-/* Run the stages contact, solve, upsample and patch.
- * @param warning out: status of the last leg, such as PLIANT_NOT_CONVERGED
+/* The stages from solve to patch, for one leg. */
+typedef pliant_status pliant_solve_stages(const pliant_model *model, pliant_data *data, pliant_status *warning);
+
+/* Make all legs of a step.
+ * @param completed fraction that the last leg of the previous step made
+ * @param solve     called for each leg
+ * @param warning   out: status of the last leg, such as PLIANT_NOT_CONVERGED
  * Errors: as of the stages. */
-pliant_status pliant_legs_stage(const pliant_model *model, pliant_data *data, pliant_status *warning);
+pliant_status pliant_legs_run(const pliant_model *model, pliant_data *data, double completed,
+                              pliant_solve_stages *solve, pliant_status *warning);
+/* Without contact: set all proxies to the target poses. */
+void pliant_legs_skip(pliant_data *data);
 void pliant_legs_free(pliant_data *data);
 /* For tests: find the contact points of a leg in which all proxies go to their targets. Errors: MEMORY. */
 pliant_status pliant_legs_find(const pliant_model *model, pliant_data *data);

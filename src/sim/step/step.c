@@ -1,4 +1,4 @@
-/* The step, and the inputs between two steps. */
+/* pliant_step: its stages in their order. Also reset, and the inputs between two steps. */
 #include "backend/backend.h"
 #include "base/fail.h"
 #include "fem/patch/patch.h"
@@ -119,11 +119,97 @@ static pliant_status interact(const pliant_model *model, pliant_data *data)
     return data->backend->host_solver->interact(model, data);
 }
 
+/* contact/response: paper without delay detects overlaps in every sub-step */
+static bool searches_in_substeps(const pliant_model *model)
+{
+    return model->scene.contact.response == PLIANT_RESPONSE_PAPER && !model->scene.contact.delay;
+}
+
+/* Run the solve stage. A GPU backend that cannot handle contact fails, and then the CPU continues. */
+static pliant_status solve(const pliant_model *model, pliant_data *data)
+{
+    const pliant_backend *backend = data->backend;
+    pliant_solver *solver = data->solver;
+    if (data->contacts.count > 0 && !backend->state_is_on_host &&
+        (!backend->handles_contacts || searches_in_substeps(model)))
+        return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "tissue is near a contact surface, which only the CPU handles");
+    const double start = solver ? solver->clock(solver->clock_user) : 0;
+    const pliant_status status = backend->solve(model, data);
+    if (solver) solver->spent += solver->clock(solver->clock_user) - start;
+    return status;
+}
+
+/* Upsample the solution. A GPU also copies the positions to the host if contact, pieces or patches need them. */
+static pliant_status upsample(const pliant_model *model, pliant_data *data)
+{
+    pliant_status status = data->backend->upsample(model, data);
+    const bool brings = !pliant_contact_is_idle(model, data) || pliant_host_moves_nodes(data);
+    return status >= 0 && brings && data->backend->copy_result_to_host ? data->backend->copy_result_to_host(model, data)
+                                                                       : status;
+}
+
+/* Patches and detached pieces: the CPU computes them with every backend. */
+static pliant_status run_patch_stage(const pliant_model *model, pliant_data *data)
+{
+    pliant_status status = PLIANT_OK;
+    if (data->patch) {
+        const double start = data->solver->clock(data->solver->clock_user);
+        status = pliant_patch_step(data);
+        data->solver->spent += data->solver->clock(data->solver->clock_user) - start;
+        pliant_report_grasps(data);
+        if (status < 0) return status;
+    }
+    if (data->rigid_pieces && data->fraction > 0) {
+        const bool rebuilt = pliant_rigid_pieces_step(data);
+        for (int t = 0; t < data->num_tools; t++) pliant_tool_report(data, t, NULL);
+        if (rebuilt && (status = pliant_backend_restart(model, data)) < 0) return status;
+    } else if (data->rigid_pieces) /* the upsampling has set the pieces' nodes to their home positions */
+        pliant_rigid_pieces_hold(data->rigid_pieces, data->positions);
+    return status;
+}
+
+/* Run the stages solve, upsample and patch. */
+static pliant_status run_stages(const pliant_model *model, pliant_data *data, pliant_status *warning)
+{
+    pliant_status (*const functions[])(const pliant_model *, pliant_data *) = {solve, upsample, run_patch_stage};
+    *warning = PLIANT_OK;
+    for (int n = 0; n < 3; n++) {
+        const pliant_status status = pliant_run_stage(model, data, PLIANT_STEP_solve + n, functions[n]);
+        if (status < 0) return status;
+        if (status > 0) *warning = status;
+    }
+    return PLIANT_OK;
+}
+
+/* A backend that fails leaves the host's state unchanged, so the CPU can repeat the stages. */
+static pliant_status run_stages_or_fall_back(const pliant_model *model, pliant_data *data, pliant_status *warning)
+{
+    const pliant_status status = run_stages(model, data, warning);
+    return status < 0 && pliant_backend_fall_back(model, data, status) ? run_stages(model, data, warning) : status;
+}
+
+/* Run the stages from contact to patch: once, or with contact once for each leg. */
+static pliant_status run_legs(const pliant_model *model, pliant_data *data, pliant_status *warning)
+{
+    pliant_statistics *statistics = &data->statistics;
+    const double completed = statistics->step > 0 ? statistics->advanced : 1;
+    statistics->legs = 0;
+    statistics->advanced = 1;
+    statistics->proxy_error = 0;
+    statistics->ended = PLIANT_STEP_END_NONE;
+    data->fraction = 1;
+    if (data->solver) data->solver->spent = 0;
+    if (!pliant_contact_is_idle(model, data))
+        return pliant_legs_run(model, data, completed, run_stages_or_fall_back, warning);
+    pliant_legs_skip(data);
+    return run_stages_or_fall_back(model, data, warning);
+}
+
 /* Run the solve stage and the warp. If the GPU fails in the warp and the host's state is unchanged, the CPU repeats
  * both. */
 static pliant_status solve_and_draw(const pliant_model *model, pliant_data *data, pliant_status *warning)
 {
-    pliant_status status = pliant_legs_stage(model, data, warning);
+    pliant_status status = run_legs(model, data, warning);
     if (status >= 0) status = pliant_run_stage(model, data, PLIANT_STEP_warp, data->backend->warp);
     return status;
 }
@@ -140,7 +226,7 @@ static pliant_status step(const pliant_model *model, pliant_data *data, pliant_s
     if (status < 0 && pliant_backend_fall_back(model, data, status)) {
         const bool solve_is_done = pliant_host_moves_nodes(data) || !pliant_contact_is_idle(model, data) || data->tled;
         status = solve_is_done ? pliant_run_stage(model, data, PLIANT_STEP_warp, data->backend->warp)
-                         : solve_and_draw(model, data, warning);
+                               : solve_and_draw(model, data, warning);
     }
     return status;
 }

@@ -1,10 +1,9 @@
-/* One evaluation: forces, preconditioned step, and merit of a state. */
+/* Elastic forces and residual of a state, and products over the unknowns. */
 #include "base/dot.h"
 #include "fem/linear/basis.h"
 #include "fem/quasistatic/pressure.h"
 
 #include <math.h>
-#include <string.h>
 
 enum { PRODUCT_PARTS = 32 };
 
@@ -23,9 +22,7 @@ double pliant_solver_product(const pliant_solver *solver, const double *a, const
     return sum;
 }
 
-/* Compute the residual in the nodes' axes, the norm of the load, and the largest displacement from rest. On entry,
- * residual holds loads and tools' forces, and elastic holds elastic forces. */
-static void find_residual(const pliant_solver *solver, pliant_iterate *at)
+void pliant_solver_find_residual(const pliant_solver *solver, pliant_iterate *at)
 {
     const pliant_system *system = solver->system;
     const int parts = system->num_free < PLIANT_NODES_FOR_THREADS ? 1 : PRODUCT_PARTS;
@@ -66,41 +63,4 @@ void pliant_solver_elastic_forces(pliant_solver *solver, pliant_iterate *at)
     pliant_system_gather(system, solver->element_forces, at->elastic);
     pliant_pressure_forces(solver, at, at->elastic);
     if (system->basis) pliant_basis_far_forces(system->basis, at->x, at->elastic);
-}
-
-pliant_status pliant_solver_evaluate(pliant_solver *solver, pliant_known known, pliant_iterate *at)
-{
-    const size_t bytes = pliant_solver_unknowns(solver) * sizeof *at->residual;
-    solver->in_use.evaluations += known != PLIANT_KNOWN_STEP;
-    if (known == PLIANT_KNOWN_NOTHING) pliant_solver_elastic_forces(solver, at);
-    if (known == PLIANT_KNOWN_FORCES) pliant_pressure_find(solver, at);
-    memcpy(at->residual, solver->load, bytes);
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
-        if (solver->grasps[t].active)
-            pliant_grasp_add_load(solver->grasps + t,
-                                  solver->grasps[t].by_force ? solver->grasps[t].force : at->force + 3 * t,
-                                  at->residual);
-    if (pliant_contact_problem_has_points(solver->contacts))
-        pliant_contact_problem_add_load(solver->contacts, at->residual);
-    find_residual(solver, at);
-    at->merit = INFINITY;
-    const bool sensible =
-        isfinite(at->scale) &&
-        at->displacement <= pliant_get_quasistatic_settings().max_displacement * solver->rules.smallest_displacement;
-    if (!sensible) return PLIANT_OK; /* an invalid state is never accepted */
-    const bool contacts = pliant_contact_problem_has_points(solver->contacts);
-    pliant_status status = known == PLIANT_KNOWN_STEP ? PLIANT_OK
-                           : contacts
-                               ? pliant_contact_problem_free_step(solver, at)
-                               : pliant_preconditioner_solve(solver->preconditioner, 1, at->residual, at->free_step);
-    if (status != PLIANT_OK) return status;
-    memcpy(at->step, at->free_step, bytes);
-    if (contacts && (status = pliant_contact_problem_step(solver, at)) != PLIANT_OK) return status;
-    if (!pliant_solver_step_tools(solver, at)) return PLIANT_OK;
-    if (known != PLIANT_KNOWN_STEP) pliant_pressure_step(solver, at);
-    const double energy = pliant_solver_product(solver, at->step, at->residual) +
-                          pliant_solver_spring_energy(solver, at->step_force, at->step_force) +
-                          pliant_pressure_energy(solver, at->pressure_step, at->pressure_step);
-    at->merit = pliant_anderson_merit(energy, at->scale);
-    return PLIANT_OK;
 }
