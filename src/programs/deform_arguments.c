@@ -223,6 +223,41 @@ static bool check_fields(const deform_arguments *arguments)
     return true;
 }
 
+/* @param exit_code set if the program ends without an error */
+static bool read_one(int code, deform_arguments *out, const char **labels, int *exit_code)
+{
+    switch (code) {
+    case SCAN: out->scan = optarg; return true;
+    case LABELS: *labels = optarg; return true;
+    case TOOLS: out->tools = optarg; return true;
+    case OUT: out->folder = optarg; return true;
+    case SET: return true;
+    case STEPS: return read_count("--steps", optarg, &out->steps);
+    case EVERY: return read_count("--every", optarg, &out->every);
+    case NO_VOLUME: out->volume = false; return true;
+    case PICTURES: out->pictures = true; return true;
+    case CAMERA: return out->has_camera = deform_view_read_camera(optarg, &out->camera);
+    case RADIOGRAPH: return out->has_arm = deform_view_read_arm(optarg, out->arm);
+    case SCALARS: return read_scalars(optarg, out);
+    case COMPARE: return read_compared(optarg, out);
+    case MIN_VALUE: return read_min_value(optarg, &out->min_value);
+    case DISPLACEMENT: return read_field("--displacement", optarg, &out->displacement);
+    case TISSUE_DISPLACEMENT: return read_field("--tissue-displacement", optarg, &out->tissue_displacement);
+    case VTK: out->vtk = true; return true;
+    case UNIT: return read_unit(optarg, &out->unit);
+    case QUIET: out->quiet = true; return true;
+    case OPTIONS:
+        options_table_print(stdout);
+        *exit_code = EXIT_OK;
+        return false;
+    case HELP:
+        fputs(help, stdout);
+        *exit_code = EXIT_OK;
+        return false;
+    default: fputs("see pliant_deform --help\n", stderr); return false;
+    }
+}
+
 bool deform_arguments_read(int argc, char **argv, deform_arguments *out, int *exit_code)
 {
     memset(out, 0, sizeof *out);
@@ -234,56 +269,7 @@ bool deform_arguments_read(int argc, char **argv, deform_arguments *out, int *ex
     *exit_code = EXIT_USAGE;
     const char *labels = NULL;
     for (int code; (code = getopt_long(argc, argv, "", options, NULL)) != -1;)
-        switch (code) {
-        case SCAN: out->scan = optarg; break;
-        case LABELS: labels = optarg; break;
-        case TOOLS: out->tools = optarg; break;
-        case OUT: out->folder = optarg; break;
-        case SET: break;
-        case STEPS:
-            if (!read_count("--steps", optarg, &out->steps)) return false;
-            break;
-        case EVERY:
-            if (!read_count("--every", optarg, &out->every)) return false;
-            break;
-        case NO_VOLUME: out->volume = false; break;
-        case PICTURES: out->pictures = true; break;
-        case CAMERA:
-            if (!(out->has_camera = deform_view_read_camera(optarg, &out->camera))) return false;
-            break;
-        case RADIOGRAPH:
-            if (!(out->has_arm = deform_view_read_arm(optarg, out->arm))) return false;
-            break;
-        case SCALARS:
-            if (!read_scalars(optarg, out)) return false;
-            break;
-        case COMPARE:
-            if (!read_compared(optarg, out)) return false;
-            break;
-        case MIN_VALUE:
-            if (!read_min_value(optarg, &out->min_value)) return false;
-            break;
-        case DISPLACEMENT:
-            if (!read_field("--displacement", optarg, &out->displacement)) return false;
-            break;
-        case TISSUE_DISPLACEMENT:
-            if (!read_field("--tissue-displacement", optarg, &out->tissue_displacement)) return false;
-            break;
-        case VTK: out->vtk = true; break;
-        case UNIT:
-            if (!read_unit(optarg, &out->unit)) return false;
-            break;
-        case QUIET: out->quiet = true; break;
-        case OPTIONS:
-            options_table_print(stdout);
-            *exit_code = EXIT_OK;
-            return false;
-        case HELP:
-            fputs(help, stdout);
-            *exit_code = EXIT_OK;
-            return false;
-        default: fputs("see pliant_deform --help\n", stderr); return false;
-        }
+        if (!read_one(code, out, &labels, exit_code)) return false;
     if (!out->folder) {
         fputs("--out DIR is missing; see pliant_deform --help\n", stderr);
         return false;

@@ -246,6 +246,39 @@ static bool read_number(const char *option, const char *text, double low, double
     return (end != text && !*end && *out >= low && *out <= high) || wrong(option, text, "expected a number in range");
 }
 
+static bool read_count(const char *option, const char *text, double high, int32_t *out)
+{
+    double number;
+    const bool good = read_number(option, text, 1, high, &number);
+    if (good) *out = (int32_t)number;
+    return good;
+}
+
+/* Add a folder to a list of them. */
+static bool add_folder(const char *option, const char *text, int maximum, int *count, const char **out)
+{
+    if (*count == maximum) return wrong(option, text, "there are too many folders");
+    out[(*count)++] = text;
+    return true;
+}
+
+static bool read_point(const char *text, pliant_sweep *sweep)
+{
+    if (sweep->num_points == PLIANT_MAX_PULLS) return wrong("--at", text, "there are too many points");
+    if (!command_line_point("--at", text, sweep->points[sweep->num_points].rest)) return false;
+    snprintf(sweep->points[sweep->num_points].name, sizeof sweep->points->name, "point %d", sweep->num_points + 1);
+    sweep->num_points++;
+    return true;
+}
+
+static bool read_shard(const char *text, pliant_sweep *sweep)
+{
+    char rest;
+    return (sscanf(text, "%" SCNd32 "/%" SCNd32 "%c", &sweep->shard, &sweep->shards, &rest) == 2 &&
+            sweep->shards >= 1 && sweep->shard >= 1 && sweep->shard <= sweep->shards) ||
+           wrong("--shard", text, "expected a part and the number of parts, such as 2/8");
+}
+
 static bool read_one(int code, report_arguments *out)
 {
     pliant_sweep *sweep = &out->sweep;
@@ -256,10 +289,7 @@ static bool read_one(int code, report_arguments *out)
     case OUT: out->folder = optarg; break;
     case SWEEP: out->do_sweep = true; break;
     case TRUTH: out->do_truth = true; break;
-    case VALIDATE:
-        if (out->num_measured == MAX_MEASURED) return wrong("--validate", optarg, "there are too many folders");
-        out->measured[out->num_measured++] = optarg;
-        break;
+    case VALIDATE: good = add_folder("--validate", optarg, MAX_MEASURED, &out->num_measured, out->measured); break;
     case MATERIALS: good = read_names(optarg, out); break;
     case ABLATION: out->do_ablation = true; break;
     case STABILITY: out->do_stability = true; break;
@@ -280,40 +310,15 @@ static bool read_one(int code, report_arguments *out)
         good = read_list("--budgets", optarg, 0, 1000, sweep->iterations, &sweep->num_iterations, PLIANT_MAX_SWEPT);
         break;
     case VARY: good = read_vary(optarg, sweep); break;
-    case AT:
-        if (sweep->num_points == PLIANT_MAX_PULLS) return wrong("--at", optarg, "there are too many points");
-        good = command_line_point("--at", optarg, sweep->points[sweep->num_points].rest);
-        if (good)
-            snprintf(sweep->points[sweep->num_points].name, sizeof sweep->points->name, "point %d",
-                     sweep->num_points + 1);
-        sweep->num_points += good;
-        break;
+    case AT: good = read_point(optarg, sweep); break;
     case LABELS: good = read_list("--labels", optarg, 1, 65535, out->labels, &out->num_labels, PLIANT_MAX_PULLS); break;
-    case POINTS:
-        good = read_number("--points", optarg, 1, PLIANT_MAX_PULLS, &number);
-        out->num_points = (int)number;
-        break;
+    case POINTS: good = read_count("--points", optarg, PLIANT_MAX_PULLS, &out->num_points); break;
     case PULL: good = out->pull_given = command_line_point("--pull", optarg, sweep->pull); break;
-    case FRAMES:
-        good = read_number("--frames", optarg, 1, 1e4, &number);
-        sweep->frames = (int32_t)number;
-        break;
-    case REPEATS:
-        good = read_number("--repeats", optarg, 1, 1000, &number);
-        sweep->repeats = (int32_t)number;
-        break;
+    case FRAMES: good = read_count("--frames", optarg, 1e4, &sweep->frames); break;
+    case REPEATS: good = read_count("--repeats", optarg, 1000, &sweep->repeats); break;
     case REFINED: good = read_number("--refined", optarg, 0, 1e12, &sweep->max_refined_tets); break;
-    case SHARD: {
-        char rest;
-        if (sscanf(optarg, "%" SCNd32 "/%" SCNd32 "%c", &sweep->shard, &sweep->shards, &rest) != 2 ||
-            sweep->shards < 1 || sweep->shard < 1 || sweep->shard > sweep->shards)
-            return wrong("--shard", optarg, "expected a part and the number of parts, such as 2/8");
-        break;
-    }
-    case MERGE:
-        if (out->num_parts == MAX_PARTS) return wrong("--merge", optarg, "there are too many folders");
-        out->parts[out->num_parts++] = optarg;
-        break;
+    case SHARD: good = read_shard(optarg, sweep); break;
+    case MERGE: good = add_folder("--merge", optarg, MAX_PARTS, &out->num_parts, out->parts); break;
     case NO_WARP: sweep->warp = false; break;
     case NO_PICTURES: out->pictures = false; break;
     case QUIET: out->quiet = true; break;

@@ -179,6 +179,35 @@ static void write_result_row(const ladder *all, const pliant_truth *truth, repor
                  : "mesh/coarse_cells or mesh/ratio pay, or another element/kind: the solver is better than its mesh");
 }
 
+/* Measure the errors of the mesh and of the solver in one case.
+ * @param now, true_at (points x 3) work arrays */
+static pliant_status measure_case(sweep_ground *ground, int c, const ladder *all, const pliant_model *requested,
+                                  const pliant_points *points, int32_t frames, pliant_progress progress, double *now,
+                                  double *true_at, pliant_truth *out)
+{
+    const pliant_scene *scene = ground->input->scene;
+    const double tolerance = ground->sweep->reference_tolerance;
+    report_case load = ground->cases[c];
+    pliant_status status = PLIANT_OK;
+    const report_limits iterates_to_tolerance = {
+        .tolerance = tolerance, .iterates_to_tolerance = true, .progress = progress};
+    const report_limits own = {
+        .iterations = scene->solver.iterations, .tolerance = scene->solver.tolerance, .progress = progress};
+    for (int n = 0; status >= 0 && n < LEVELS; n++) { /* its own mesh first, which determines the forces */
+        const int l = n == 0 ? all->own : n <= all->own ? n - 1 : n;
+        const bool measures = l == all->own && load.kind == CASE_displacement && c + 1 < ground->num_cases;
+        status = solve(all->model[l], &load, iterates_to_tolerance, &all->points[l], all->at[l],
+                       measures ? ground->cases[c + 1].force : NULL);
+    }
+    load.frames = frames;
+    if (status >= 0) status = solve(requested, &load, own, points, now, NULL);
+    if (status < 0) return status;
+    out->order = pliant_extrapolate(all->count, all->use, all->at[0], all->at[1], all->at[2], true_at);
+    status = pliant_error_between(all->count, all->use, all->rest, true_at, all->at[all->own], &out->mesh);
+    return status < 0 ? status
+                      : pliant_error_between(all->count, all->use, all->rest, all->at[all->own], now, &out->solver);
+}
+
 pliant_status pliant_truth_run(const pliant_report_input *input, const pliant_sweep *sweep,
                                pliant_report_tables *tables, pliant_progress progress, pliant_truth *worst)
 {
@@ -212,34 +241,18 @@ pliant_status pliant_truth_run(const pliant_report_input *input, const pliant_sw
         if (!now || !true_at) status = pliant_fail_memory("the error of the mesh");
     }
     for (int c = 0; status >= 0 && c < ground->num_cases; c++) {
-        report_case load = ground->cases[c];
         report_row row;
         pliant_truth truth = {.order = 0};
-        const report_limits iterates_to_tolerance = {
-            .tolerance = sweep->reference_tolerance, .iterates_to_tolerance = true, .progress = progress};
-        const report_limits own = {.iterations = input->scene->solver.iterations,
-                                   .tolerance = input->scene->solver.tolerance,
-                                   .progress = progress};
-        for (int n = 0; status >= 0 && n < LEVELS; n++) { /* its own mesh first, which determines the forces */
-            const int l = n == 0 ? all.own : n <= all.own ? n - 1 : n;
-            const bool measures = l == all.own && load.kind == CASE_displacement && c + 1 < ground->num_cases;
-            status = solve(all.model[l], &load, iterates_to_tolerance, &all.points[l], all.at[l],
-                           measures ? ground->cases[c + 1].force : NULL);
-        }
-        load.frames = sweep->frames;
-        if (status >= 0) status = solve(requested, &load, own, &points, now, NULL);
+        status =
+            measure_case(ground, c, &all, requested, &points, sweep->frames, progress, now, true_at, &truth);
         if (status < 0) break;
-        truth.order = pliant_extrapolate(all.count, all.use, all.at[0], all.at[1], all.at[2], true_at);
-        status = pliant_error_between(all.count, all.use, all.rest, true_at, all.at[all.own], &truth.mesh);
-        if (status >= 0)
-            status = pliant_error_between(all.count, all.use, all.rest, all.at[all.own], now, &truth.solver);
         row_clear(&row);
         row_text(&row, setup);
-        row_text(&row, report_case_name(load.kind));
+        row_text(&row, report_case_name(ground->cases[c].kind));
         row_text(&row, ground->point_names[c]);
         const bool known = tables && row_is_stored(&row, tables->truth);
         write_result_row(&all, &truth, &row);
-        if (status >= 0 && tables && !known) status = row_add(&row, tables->truth);
+        if (tables && !known) status = row_add(&row, tables->truth);
         if (truth.mesh.p95 / fmax(truth.mesh.largest, 1e-12) >= worst->mesh.p95 / fmax(worst->mesh.largest, 1e-12))
             *worst = truth;
     }

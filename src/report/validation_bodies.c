@@ -114,11 +114,26 @@ typedef struct beam_line {
     double at[3]; /* relative to the corner of the block [m] */
 } beam_line;
 
+enum { RECORDING, MARKER, STATE, PLACE, WANTED = PLACE + 3 }; /* columns */
+
+/* Find the columns by their names. -1: there is no recording. Errors: FORMAT: another column is missing. */
+static pliant_status find_columns(const char *path, int line, int num_cells, char *const *cells, int column[WANTED])
+{
+    static const char *const wanted[WANTED] = {"recording", "marker", "state", "beam_x", "beam_y", "beam_z"};
+    pliant_status status = PLIANT_OK;
+    for (int w = 0; w < WANTED; w++) {
+        column[w] = -1;
+        for (int c = 0; c < num_cells; c++)
+            if (strcmp(cells[c], wanted[w]) == 0) column[w] = c;
+        if (column[w] < 0 && w != RECORDING)
+            status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: there is no column %s", path, line, wanted[w]);
+    }
+    return status;
+}
+
 /* Read the lines of markers on the silicone. Errors: FORMAT: a column is missing or not a number. */
 static pliant_status read_beam_lines(const char *path, int32_t *count, beam_line **out)
 {
-    enum { RECORDING, MARKER, STATE, PLACE, WANTED = PLACE + 3 };
-    static const char *const wanted[WANTED] = {"recording", "marker", "state", "beam_x", "beam_y", "beam_z"};
     int column[WANTED], at = 0;
     char line[LINE], *cells[MAX_CELLS], separator = ',';
     int32_t capacity = 0;
@@ -135,14 +150,7 @@ static pliant_status read_beam_lines(const char *path, int32_t *count, beam_line
         if (header) separator = cells_separator(line);
         const int num_cells = cells_split(line, separator, MAX_CELLS, cells);
         if (header) {
-            for (int w = 0; w < WANTED; w++) {
-                column[w] = -1;
-                for (int c = 0; c < num_cells; c++)
-                    if (strcmp(cells[c], wanted[w]) == 0) column[w] = c;
-                if (column[w] < 0 && w != RECORDING)
-                    status =
-                        pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: there is no column %s", path, at, wanted[w]);
-            }
+            status = find_columns(path, at, num_cells, cells, column);
             header = false;
             continue;
         }

@@ -40,7 +40,7 @@ void main()
     vec4 colour = texture3D(table, vec3(place * (511.0 / 512.0) + 0.5 / 512.0, 0.5, 0.5));
     if (colour.a < 0.0005) discard;
     if (shading > 0.0) {
-        /* from four corners of a cube of two voxels: a tetrahedron, the fewest that tell a gradient */
+        /* from four corners of a cube of two voxels: a tetrahedron has the fewest corners that give a gradient */
         float a = texel(at + step_i), b = texel(at + vec3(step_i.x, -step_i.y, -step_i.z));
         float c = texel(at + vec3(-step_i.x, step_i.y, -step_i.z));
         float d = texel(at + vec3(-step_i.x, -step_i.y, step_i.z));
@@ -74,6 +74,18 @@ varying vec3 local;
 /* above the threshold: positive; the texture may run against the values */
 float above(vec3 at) { return (texture3D(volume, at * scale + offset).r - threshold) * direction_of_values; }
 
+/* light on the surface, from the eight corners of a cube of two voxels: smoother than the six middles of its faces */
+float light_at(vec3 point, vec3 ahead)
+{
+    vec3 gradient = vec3(0.0);
+    for (int n = 0; n < 8; n++) {
+        vec3 corner = vec3(mod(float(n), 2.0), mod(floor(float(n) / 2.0), 2.0), floor(float(n) / 4.0)) * 2.0 - 1.0;
+        gradient += above(point + corner * spacing) * corner;
+    }
+    gradient /= spacing;
+    return clamp(abs(dot(gradient, ahead)) / max(length(gradient), 1e-12), 0.0, 1.0);
+}
+
 void main()
 {
     vec3 ahead = eye.w > 0.5 ? normalize(local - eye.xyz) : eye.xyz;
@@ -89,7 +101,7 @@ void main()
     else if (side < 0.0) discard;
     if (enter > leave) discard;
 
-    /* what is cut away: from hole to end */
+    /* the removed region: from hole to end */
     vec3 c = (away_low - origin) / rate, d = (away_high - origin) / rate;
     first = min(c, d);
     last = max(c, d);
@@ -128,14 +140,7 @@ void main()
         float place = clamp(texture3D(volume, at).r * window.x + window.y, 0.0, 1.0);
         gl_FragColor = vec4(vec3(0.08 + 0.9 * place), 1.0);
     } else {
-        /* from the eight corners of a cube of two voxels: smoother than the six middles of its faces */
-        vec3 gradient = vec3(0.0);
-        for (int n = 0; n < 8; n++) {
-            vec3 corner = vec3(mod(float(n), 2.0), mod(floor(float(n) / 2.0), 2.0), floor(float(n) / 4.0)) * 2.0 - 1.0;
-            gradient += above(point + corner * spacing) * corner;
-        }
-        gradient /= spacing;
-        float light = clamp(abs(dot(gradient, ahead)) / max(length(gradient), 1e-12), 0.0, 1.0);
+        float light = light_at(point, ahead);
         gl_FragColor = vec4(colour.rgb * (0.2 + 0.75 * light) + vec3(0.18 * pow(light, 32.0)), 1.0);
     }
     vec4 clip = worldviewproj * vec4(point, 1.0);

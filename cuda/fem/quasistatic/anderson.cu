@@ -213,6 +213,23 @@ static __device__ void list_secants(const gpu_iteration &iteration, const gpu_st
     if (lane == 0) *count = __popc(all);
 }
 
+/* Reduce the products of one warp, and the largest nodal residual, and store them. */
+static __device__ __forceinline__ void reduce_single_sums(int lane, double own, double by_now, double of_now,
+                                                          double length, double of_past, double *sums)
+{
+    own = warp_sum(own);
+    by_now = warp_sum(by_now);
+    of_now = warp_sum(of_now);
+    of_past = warp_sum(of_past);
+    const double largest = warp_largest(length);
+    if (lane != 0) return;
+    sums[0] = own;
+    sums[1] = by_now;
+    sums[2] = of_now;
+    sums[3] = largest;
+    sums[4] = of_past;
+}
+
 /* Complete the step and compute its products, one thread per node. The products are with its residual, crosswise with
  * the present iterate's, and with the previous step's residual. The secants' products with its residual follow, and in
  * a first evaluation with the previous step's. The largest nodal residual is found as well. KNOWN: the first state
@@ -253,19 +270,9 @@ static __global__ void __launch_bounds__(NODES) complete_kernel(gpu_iteration it
             of_now += iteration.d_step[now][i + d] * residual[d];
         }
     }
-    own = warp_sum(own);
-    by_now = warp_sum(by_now);
-    of_now = warp_sum(of_now);
-    of_past = warp_sum(of_past);
-    double largest =
-        warp_largest(sqrt(residual[0] * residual[0] + residual[1] * residual[1] + residual[2] * residual[2]));
-    if (lane == 0) {
-        sums[warp][0] = own;
-        sums[warp][1] = by_now;
-        sums[warp][2] = of_now;
-        sums[warp][3] = largest;
-        sums[warp][4] = of_past;
-    }
+    const double length =
+        sqrt(residual[0] * residual[0] + residual[1] * residual[1] + residual[2] * residual[2]);
+    reduce_single_sums(lane, own, by_now, of_now, length, of_past, sums[warp]);
 #pragma unroll 4
     for (int u = 0; u < num_used; u++) {
         double secant[3] = {0, 0, 0};
