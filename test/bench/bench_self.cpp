@@ -12,9 +12,7 @@
 //   evaluations    mean number per step
 //   force          mean contact force of the ball in the last 5 steps [N]
 //   time           CPU time of a step, median and maximum [ms]
-#include "../pipeline/body.h"
-#include "contact/advance/advance.h"
-#include "contact/detect/tissue.h"
+#include "../pipeline/self_crossings.h"
 
 #include <algorithm>
 #include <cstdio>
@@ -44,27 +42,6 @@ struct Figures {
     double force = 0;
     std::vector<double> times;
 };
-
-// Return the number of edges of the surface that pass through its triangles.
-int32_t crossings(const Body &body)
-{
-    pliant_tissue tissue{};
-    EXPECT_EQ(pliant_tissue_set_body(&tissue, body.data->body, nullptr, 1), PLIANT_OK);
-    std::vector<int32_t> triangles;
-    for (int32_t s = 0; s < tissue.num_triangles; s++)
-        triangles.insert(triangles.end(), tissue.triangle[s].node, tissue.triangle[s].node + 3);
-    pliant_advance *advance = nullptr;
-    EXPECT_EQ(pliant_advance_create(nullptr, &advance), PLIANT_OK);
-    pliant_advance_self self{};
-    self.thickness = 1e-9;
-    pliant_advance_self_audit audit{};
-    EXPECT_EQ(pliant_advance_audit_self(advance, tissue.num_triangles, triangles.data(), body.data->positions, &self,
-                                        nullptr, &audit),
-              PLIANT_OK);
-    pliant_advance_free(advance);
-    pliant_tissue_free(&tissue);
-    return audit.crossings;
-}
 
 void run(Kind kind, int seed, bool dynamic, Figures &out)
 {
@@ -114,7 +91,7 @@ void run(Kind kind, int seed, bool dynamic, Figures &out)
         const pliant_status status = pliant_step(body.model, body.data);
         out.times.push_back(1e3 * (seconds() - start));
         ASSERT_GE(status, 0) << pliant_last_error();
-        const int32_t crossed = crossings(body);
+        const int32_t crossed = count_crossings(body);
         out.steps++;
         out.crossed += crossed > 0;
         out.maximum = std::max(out.maximum, crossed);

@@ -1,7 +1,6 @@
 // Contact between tissue surfaces in the quasi-static solver: a cut bar carries pressure like a whole one and opens
 // under tension; layers slide.
-#include "body.h"
-#include "contact/advance/advance.h"
+#include "self_crossings.h"
 #include "contact/detect/tissue.h"
 #include "contact/detect/update_sides.h"
 
@@ -442,25 +441,14 @@ TEST(SelfContact, LayersThatEndWithinElementsMeetAtRest)
     }
 }
 
-// Return the number of edges of the surface that pass through its triangles.
-int32_t count_crossings(const Body &body)
+void hold_floor_with_self_contact(Body &body)
 {
-    pliant_tissue tissue{};
-    EXPECT_EQ(pliant_tissue_set_body(&tissue, body.data->body, nullptr, 1), PLIANT_OK);
-    std::vector<int32_t> triangles;
-    for (int32_t s = 0; s < tissue.num_triangles; s++)
-        triangles.insert(triangles.end(), tissue.triangle[s].node, tissue.triangle[s].node + 3);
-    pliant_advance *advance = nullptr;
-    EXPECT_EQ(pliant_advance_create(nullptr, &advance), PLIANT_OK);
-    pliant_advance_self self{};
-    self.thickness = 1e-9;
-    pliant_advance_self_audit audit{};
-    EXPECT_EQ(pliant_advance_audit_self(advance, tissue.num_triangles, triangles.data(), body.data->positions, &self,
-                                        nullptr, &audit),
-              PLIANT_OK);
-    pliant_advance_free(advance);
-    pliant_tissue_free(&tissue);
-    return audit.crossings;
+    body.scene.contact.self = true;
+    body.scene.solver.iterations = 12;
+    body.scene.solver.tolerance = 1e-3;
+    body.scene.solver.threads = 1;
+    body.scene.warp.margin = 1;
+    body.fix_plane(0, 0, 1e-6, 0, 0, 1);
 }
 
 // A ball pushes the upper arm of a C onto the lower arm, and through it if it could.
@@ -470,12 +458,7 @@ TEST(SelfContact, TissueDoesNotPassThroughTissue)
     Body body(std::vector<int>{12, 4, 12}.data(), box, {{10e3, 0.3, 1000, false}, {1, 0.3, 1, true}},
               [](int i, int, int k) { return int(i < 8 && k >= 4 && k < 8); }); // whole cells
     body.cells(6, 2, 6, 1);
-    body.scene.contact.self = true;
-    body.scene.solver.iterations = 12;
-    body.scene.solver.tolerance = 1e-3;
-    body.scene.solver.threads = 1;
-    body.scene.warp.margin = 1;
-    body.fix_plane(0, 0, 1e-6, 0, 0, 1);
+    hold_floor_with_self_contact(body);
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
     const int tool = body.add_ball(0.005);
     int touching = 0;
@@ -499,12 +482,7 @@ TEST(SelfContact, SidesOfACutDoNotPassThroughEachOther)
     Body body(std::vector<int>{10, 4, 8}.data(), box, {{10e3, 0.3, 1000, false}});
     body.cells(5, 2, 4, 1);
     body.scene.cut.kind = PLIANT_CUT_SUBDIVIDE;
-    body.scene.contact.self = true;
-    body.scene.solver.iterations = 12;
-    body.scene.solver.tolerance = 1e-3;
-    body.scene.solver.threads = 1;
-    body.scene.warp.margin = 1;
-    body.fix_plane(0, 0, 1e-6, 0, 0, 1);
+    hold_floor_with_self_contact(body);
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
     const double corners[6] = {0.3 * box[0], -0.01, 0.5 * box[2], 2 * box[0], -0.01, 0.55 * box[2]},
                  sweep[3] = {0, 0.06, 0};

@@ -1,8 +1,11 @@
 // Sessions of every engine with cuts are recorded to a bag as the node does, and recomputed from it; each step must be
-// bitwise identical. On a GPU if there is one. No master, no clock.
+// bitwise identical. On a GPU if there is one. No master, no clock. Bodies and states are found again from messages.
 #include "../pipeline/adapt_cases.h"
+#include "cut/cut.h"
 #include "material/material.h"
+#include "ros/record/checkpoint.h"
 #include "ros/record/preceding_messages.h"
+#include "ros/record/recorded.h"
 #include "ros/record/message.h"
 #include "ros/record/rerun.h"
 #include "ros/sim/resumable_state.h"
@@ -12,7 +15,9 @@
 #include <topic_tools/shape_shifter.h>
 #include <pliant/Session.h>
 
+#include <cstdio>
 #include <cstdlib>
+#include <cstring>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -323,6 +328,214 @@ TEST(ScanId, DistinguishesPatientsWithEqualFileNames)
     const std::string longest = scan_in("long", std::string(120, 'n') + ".nii", 0, 0.01)->volume.id;
     EXPECT_EQ(longest.substr(108, 3), "nn-");
     EXPECT_EQ(longest.size(), 127u);
+}
+
+using namespace pliant_ros;
+
+// A loaded block of 4 x 2 x 2 cubes of voxels, fixed at its floor, and its body after a cut between them.
+struct RecordedBodies : ::testing::Test {
+    void SetUp() override
+    {
+        auto scan = std::make_shared<Scan>();
+        pliant_geometry geometry{};
+        const int32_t cells[3] = {4, 2, 2};
+        for (int d = 0; d < 3; ++d) {
+            geometry.size[d] = cells[d];
+            geometry.spacing[d] = 0.01;
+            geometry.direction[4 * d] = 1;
+        }
+        ASSERT_EQ(pliant_volume_create(&geometry, PLIANT_UINT8, &scan->volume), PLIANT_OK);
+        std::strcpy(scan->volume.id, "block");
+        pliant_material tissue{};
+        std::strcpy(tissue.name, "tissue");
+        tissue.young_modulus = 4000;
+        tissue.poisson_ratio = 0.4;
+        tissue.density = 1000;
+        tissue.num_range = 2;
+        tissue.range[0] = -1;
+        tissue.range[1] = 1;
+        pliant_material_table table{};
+        table.materials = &tissue;
+        table.num_materials = 1;
+        pliant_scene scene;
+        pliant_scene_defaults(&scene);
+        scene.model.method = PLIANT_FINE;
+        scene.cut.kind = PLIANT_CUT_SEVER;
+        for (int d = 0; d < 3; ++d) scene.mesh.coarse_cells[d] = cells[d];
+        scene.mesh.ratio = 1;
+        scene.fixed.planes[scene.fixed.num_planes++] = pliant_fixed_plane{{0, 0, -0.005}, {0, 0, 1}};
+        loaded = build(scene, scan, table, pliant_progress{nullptr, nullptr});
+        loaded->revision = 7;
+        std::shared_ptr<const pliant_body> once = part(*loaded->model->body, 0.0152, 2);
+        cut = part(*once, 0.0098, 3);
+    }
+    /* Cut through by a plane of constant x. */
+    static std::shared_ptr<const pliant_body> part(const pliant_body &body, double x, uint64_t revision)
+    {
+        const double from[] = {x, -1, -1, x, 1, -1}, to[] = {x, -1, 1, x, 1, 1};
+        const pliant_cut_sweep sweep{2, from, to, nullptr};
+        pliant_body *made = nullptr;
+        EXPECT_EQ(pliant_body_cut(&body, revision, body.fine.rest, &sweep, &made, nullptr), PLIANT_OK)
+            << pliant_last_error();
+        EXPECT_TRUE(made);
+        return std::shared_ptr<const pliant_body>(made, pliant_body_release);
+    }
+    MeshTopology topology(const pliant_body &body) const
+    {
+        MeshTopology out;
+        out.scan_id = "block";
+        out.scan_checksum = loaded->scan->checksum;
+        out.revision = revision_of(*loaded, body.revision);
+        topology_message(*surface_of(body, nullptr), &out);
+        return out;
+    }
+    std::shared_ptr<LoadedModel> loaded;
+    std::shared_ptr<const pliant_body> cut;
+};
+
+TEST_F(RecordedBodies, OfTwoRevisionsHaveTwoTopologies)
+{
+    MeshTopology before = topology(*loaded->model->body), after = topology(*cut);
+    EXPECT_EQ(before.revision, 7u);
+    EXPECT_EQ(after.revision, 9u);
+    ASSERT_GT(after.rest_parent.size(), before.rest_parent.size());
+    EXPECT_TRUE(before.cut_end.empty());
+    EXPECT_EQ(after.cut_end.size(), 2u);
+    EXPECT_EQ(after.rest_nodes.size(), 3 * after.rest_parent.size());
+    for (size_t n = 0; n < after.rest_parent.size(); ++n) {
+        const uint32_t parent = static_cast<uint32_t>(cut->node_parent[n]);
+        EXPECT_EQ(after.rest_parent[n], parent);
+        for (int d = 0; d < 3; ++d) EXPECT_EQ(after.rest_nodes[3 * n + d], before.rest_nodes[3 * parent + d]);
+    }
+    EXPECT_EQ(before.first_cut, before.triangles.size() / 3);
+    EXPECT_GT(after.triangles.size() / 3, after.first_cut) << "cut faces are surface";
+    EXPECT_EQ(after.vertex_weight.size(), 4 * after.vertex_tetrahedron.size());
+    EXPECT_EQ(after.vertex_material.size(), after.vertex_tetrahedron.size());
+    for (uint32_t corner : after.triangles)
+        ASSERT_LT(corner, after.rest_parent.size() + after.vertex_tetrahedron.size());
+    MeshState state;
+    EXPECT_EQ(mesh_state_message(*loaded->model, *cut, cut->fine.rest,
+                                 pliant_model_get_scene(loaded->model)->output.scalar, {}, &state),
+              PLIANT_OK);
+    EXPECT_EQ(state.nodes.size(), after.rest_nodes.size());
+}
+
+// A replay finds the bodies that belong to recorded topologies.
+TEST_F(RecordedBodies, AreFoundAgainFromTheirTopologies)
+{
+    std::string why;
+    Bodies bodies;
+    std::shared_ptr<const pliant_body> first = body_of(*loaded, topology(*loaded->model->body), &bodies, &why),
+                                       second = body_of(*loaded, topology(*cut), &bodies, &why);
+    EXPECT_EQ(first.get(), loaded->model->body);
+    ASSERT_TRUE(second) << why;
+    EXPECT_TRUE(pliant_body_same(second.get(), cut.get()));
+    MeshState state;
+    mesh_state_message(*loaded->model, *cut, cut->fine.rest, pliant_model_get_scene(loaded->model)->output.scalar, {},
+                       &state);
+    EXPECT_EQ(snapshot_of(loaded, second, state)->positions.size(), state.nodes.size());
+    EXPECT_THROW(snapshot_of(loaded, first, state), Failure);
+    MeshTopology wrong = topology(*cut);
+    wrong.tetrahedra[5] = wrong.tetrahedra[4];
+    EXPECT_FALSE(body_of(*loaded, wrong, &bodies, &why));
+    EXPECT_NE(why.find("the scene must be the one of the recording"), std::string::npos) << why;
+    wrong = topology(*cut);
+    wrong.severed[0] = 0xffffffffu;
+    EXPECT_FALSE(body_of(*loaded, wrong, &bodies, &why));
+    EXPECT_NE(why.find("is not a link or bridge of this mesh"), std::string::npos) << why;
+    wrong = topology(*cut);
+    wrong.cut_end[0] = 0;
+    EXPECT_FALSE(body_of(*loaded, wrong, &bodies, &why));
+    /* starting from a body with the first cuts, and from one with other cuts */
+    EXPECT_TRUE(body_of(*loaded, topology(*cut), &bodies, &why));
+    EXPECT_EQ(body_of(*loaded, topology(*loaded->model->body), &bodies, &why).get(), loaded->model->body);
+    /* found again after an undo, it is a different body, so that a warp of one is not used for the other */
+    const std::shared_ptr<const pliant_body> again = body_of(*loaded, topology(*cut), &bodies, &why);
+    ASSERT_TRUE(again) << why;
+    EXPECT_NE(again->revision, second->revision);
+    wrong = topology(*cut);
+    wrong.rest_nodes.back() += 1e-3f;
+    EXPECT_FALSE(body_of(*loaded, wrong, &bodies, &why));
+}
+
+TEST_F(RecordedBodies, AStateIsReadAsSaved)
+{
+    ResumableState moment;
+    moment.snapshot.loaded = loaded;
+    moment.snapshot.body = cut;
+    moment.snapshot.revision = revision_of(*loaded, cut->revision);
+    moment.snapshot.step = 41;
+    moment.snapshot.stamp = ros::Time(12, 34);
+    moment.snapshot.positions.assign(cut->fine.rest, cut->fine.rest + 3 * cut->fine.num_nodes);
+    moment.snapshot.positions[4] += 0.003;
+    moment.sequence = 17;
+    moment.strokes = 5;
+    moment.paused = true;
+    moment.holding = {"left", "right"};
+    moment.touching = {"probe"};
+    moment.state = {1, 0, 255, 7};
+    std::shared_ptr<const pliant_surface> surface;
+    CheckpointContents saved;
+    make_checkpoint_contents(moment, "tissue", &surface, &saved);
+    EXPECT_EQ(saved.state.header.frame_id, "tissue");
+    const std::string path = testing::TempDir() + "recording_test_" + std::to_string(getpid()) + ".bag";
+    write_checkpoint_file(path, "/tissue/", saved);
+    const ResumableState again = resumable_state_of(read_checkpoint_file(path), loaded);
+    std::remove(path.c_str());
+    EXPECT_TRUE(pliant_body_same(again.snapshot.body.get(), cut.get()));
+    EXPECT_EQ(again.snapshot.revision, moment.snapshot.revision);
+    EXPECT_EQ(again.snapshot.step, 41u);
+    EXPECT_EQ(again.snapshot.stamp, moment.snapshot.stamp);
+    const std::vector<double> &before = moment.snapshot.positions, &after = again.snapshot.positions;
+    ASSERT_EQ(after.size(), before.size());
+    for (size_t i = 0; i < before.size(); ++i) EXPECT_NEAR(after[i], before[i], 1e-8);
+    EXPECT_EQ(again.sequence, 17u);
+    EXPECT_EQ(again.strokes, 5u);
+    EXPECT_TRUE(again.paused);
+    EXPECT_EQ(again.holding, moment.holding);
+    EXPECT_EQ(again.touching, moment.touching);
+    EXPECT_EQ(again.state, moment.state);
+}
+
+// Same for subdivided tetrahedra: nodes on edges are bitwise identical.
+TEST_F(RecordedBodies, AreFoundAgainWhereCutsSubdivide)
+{
+    pliant_scene scene = loaded->requested;
+    scene.cut.kind = PLIANT_CUT_SUBDIVIDE;
+    const std::shared_ptr<LoadedModel> other =
+        build(scene, loaded->scan, *pliant_model_get_materials(loaded->model), pliant_progress{nullptr, nullptr});
+    const double from[] = {0.0096, -1, -1, 0.0096, 1, -1}, to[] = {0.0144, -1, 1, 0.0144, 1, 1};
+    const pliant_cut_sweep sweep{2, from, to, nullptr, 1, 1};
+    pliant_body *made = nullptr;
+    ASSERT_EQ(pliant_body_cut(other->model->body, 2, other->model->body->fine.rest, &sweep, &made, nullptr), PLIANT_OK)
+        << pliant_last_error();
+    ASSERT_TRUE(made);
+    const std::shared_ptr<const pliant_body> once(made, pliant_body_release), twice = part(*once, 0.0012, 3);
+    loaded = other;
+    std::string why;
+    Bodies bodies;
+    for (const pliant_body *body :
+         std::initializer_list<const pliant_body *>{other->model->body, once.get(), twice.get(), once.get()}) {
+        const std::shared_ptr<const pliant_body> found = body_of(*other, topology(*body), &bodies, &why);
+        ASSERT_TRUE(found) << why;
+        ASSERT_EQ(found->fine.num_nodes, body->fine.num_nodes);
+        ASSERT_EQ(found->fine.num_tets, body->fine.num_tets);
+        EXPECT_EQ(std::memcmp(found->fine.rest, body->fine.rest,
+                              3 * static_cast<size_t>(body->fine.num_nodes) * sizeof(double)),
+                  0);
+        EXPECT_EQ(std::memcmp(found->fine.tets, body->fine.tets,
+                              4 * static_cast<size_t>(body->fine.num_tets) * sizeof(int32_t)),
+                  0);
+    }
+    ASSERT_GT(once->fine.num_tets, other->model->body->fine.num_tets);
+    ASSERT_GT(twice->fine.num_tets, once->fine.num_tets);
+    MeshTopology wrong = topology(*twice);
+    wrong.between.back() = static_cast<uint32_t>(twice->fine.num_nodes);
+    EXPECT_FALSE(body_of(*other, wrong, &bodies, &why));
+    wrong = topology(*twice);
+    wrong.tetrahedron_parent.pop_back();
+    EXPECT_FALSE(body_of(*other, wrong, &bodies, &why));
+    EXPECT_NE(why.find("do not subdivide the mesh at load"), std::string::npos) << why;
 }
 
 } // namespace
