@@ -1,4 +1,4 @@
-// What the library exports is what the public headers declare, no more and no less.
+// The library exports exactly the functions that the public headers declare.
 #include "pliant/pliant.h"
 
 #include <gtest/gtest.h>
@@ -52,7 +52,7 @@ std::set<std::string> functions_of(const std::string &header, const std::string 
     return functions;
 }
 
-// Public functions. Those of reports belong to a library of their own.
+// Return the public functions. Functions of reports belong to another library.
 std::set<std::string> public_functions(bool of_reports)
 {
     std::set<std::string> functions;

@@ -9,14 +9,14 @@
 extern "C" {
 #endif
 
-/* What explicit dynamics works with (solver/kind tled). */
+/* Time steps and energies of explicit dynamics (solver/kind tled). */
 typedef struct pliant_dynamics {
     double edge_bound;        /* largest stable step by [C] 1: edge over speed of sound [s] */
     double eigenvalue_bound;  /* by the largest eigenvalue of an element [s]; the smaller of the two is the bound */
-    double time_step;         /* of a sub-step [s]; 1 for dynamic relaxation, whose time is none */
+    double time_step;         /* of a sub-step [s]; 1 for dynamic relaxation, which has no time */
     int32_t substeps;         /* in a step; of dynamic relaxation: at most */
     double kinetic_energy;    /* half a sub-step ago [J]; 0 for dynamic relaxation */
-    double strain_energy;     /* [J]; of the elastic law, whatever has relaxed */
+    double strain_energy;     /* of the elastic law, without relaxation [J] */
     /* Sum of both energies at the same time [J]; the strain energy for dynamic relaxation. Without loads and damping it
      * is constant, except for rounding and a term in the square of the time step. */
     double kept_energy;

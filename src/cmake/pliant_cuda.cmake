@@ -9,13 +9,13 @@ if(PLIANT_CUDA STREQUAL OFF)
 elseif(NOT pliant_cuda_sources)
   set(PLIANT_CUDA_REPORT "no, there are no kernels in cuda/")
 else()
-  # the toolkit's usual place is not on the PATH
+  # the toolkit's usual folder is not on the PATH
   find_program(PLIANT_NVCC nvcc HINTS ENV CUDA_PATH HINTS /usr/local/cuda PATH_SUFFIXES bin)
   if(PLIANT_NVCC AND NOT CMAKE_CUDA_COMPILER)
     set(CMAKE_CUDA_COMPILER ${PLIANT_NVCC})
   endif()
   if(CMAKE_CUDA_COMPILER)
-    # the GPUs of this machine; where there is none, everything that this nvcc can compile for: builders may name fewer
+    # the GPUs of this machine, or without a GPU everything that this nvcc can compile for; builders may name fewer
     include(${CMAKE_CURRENT_LIST_DIR}/pliant_cuda_architectures.cmake)
     if(NOT CMAKE_CUDA_ARCHITECTURES)
       execute_process(COMMAND nvidia-smi --query-gpu=compute_cap --format=csv,noheader

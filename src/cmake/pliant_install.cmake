@@ -4,7 +4,7 @@ set(package_dir share/pliant/cmake)
 if(PLIANT_WITH_ROS)
   if(NOT PLIANT_MSGS_ONLY)
     export(EXPORT pliant-targets NAMESPACE pliant:: FILE ${CATKIN_DEVEL_PREFIX}/share/pliant/cmake/pliant-targets.cmake)
-    # the core alone, for who has no packages of ROS: those that pliantConfig.cmake of catkin looks for
+    # pliant_core: the core alone, for users without the ROS packages that catkin's pliantConfig.cmake needs
     file(WRITE ${PROJECT_BINARY_DIR}/pliant_coreConfig.cmake
          "include(\${CMAKE_CURRENT_LIST_DIR}/../../pliant/cmake/pliant-targets.cmake)\n")
     install(FILES ${PROJECT_BINARY_DIR}/pliant_coreConfig.cmake DESTINATION share/pliant_core/cmake)
@@ -46,7 +46,7 @@ if(PLIANT_WITH_ROS AND NOT PLIANT_MSGS_ONLY)
   install(FILES src/python/package.py DESTINATION ${CATKIN_GLOBAL_PYTHON_DESTINATION}/pliant RENAME __init__.py)
   install(FILES src/python/pliant.py DESTINATION ${CATKIN_GLOBAL_PYTHON_DESTINATION}/pliant RENAME simulation.py)
   install(FILES src/python/pliant_library.py DESTINATION ${CATKIN_GLOBAL_PYTHON_DESTINATION}/pliant)
-  # beside pliant_bag, which runs it
+  # in the folder of pliant_bag, which runs it
   configure_file(src/python/lerobot.py ${CATKIN_DEVEL_PREFIX}/${CATKIN_GLOBAL_BIN_DESTINATION}/pliant_lerobot COPYONLY)
   pliant_link_command(pliant_lerobot)
   foreach(folder ${PLIANT_BIN_DIR} ${CATKIN_PACKAGE_BIN_DESTINATION})

@@ -1,4 +1,4 @@
-# What the core is built on: OpenMP, SuiteSparse's CHOLMOD, libcyaml, zlib, ITK.
+# Libraries of the core: OpenMP, SuiteSparse's CHOLMOD, libcyaml, zlib, ITK.
 find_package(OpenMP REQUIRED COMPONENTS C CXX)
 find_package(Threads REQUIRED)
 find_package(ZLIB REQUIRED)

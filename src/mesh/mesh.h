@@ -1,4 +1,4 @@
-/* Meshes: how they are made, and what is where in them. Coordinates and numbers are as pliant/mesh.h says. */
+/* Construction of meshes, and location of points in them. pliant/mesh.h defines coordinates and numbers. */
 #ifndef PLIANT_MESH_MESH_H
 #define PLIANT_MESH_MESH_H
 
@@ -28,7 +28,7 @@ pliant_status pliant_mesh_octree(const pliant_geometry *geometry, const int32_t 
                                  bool keep_air, bool hexahedra, const uint8_t *material_of_voxel,
                                  const pliant_material_table *table, pliant_mesh *out, pliant_tet_material **materials);
 
-/* Where a node is, seen from what is fixed. */
+/* Position of a node relative to the fixed tissue. */
 typedef enum pliant_bone_side { PLIANT_BONE_OUTSIDE, PLIANT_BONE_INSIDE, PLIANT_BONE_SURFACE } pliant_bone_side;
 /* Minimum quality of a tetrahedron with a moved node, in a lattice of cubes. The quality is its volume divided by the
  *  volume of a regular tetrahedron with the same root mean square edge. Unmoved tetrahedra have 1 and 0.77. */
@@ -61,24 +61,24 @@ PLIANT_INTERNAL int pliant_mesh_slot_of(int parity, const double local[3]);
  *  grid refined by `ratio` along each axis. */
 int32_t pliant_lattice_coarse_of(const int32_t cells[3], int32_t ratio, int32_t lattice_tet);
 
-/* The lattice node of a finer mesh at the place of a node of a coarser one whose lattice it refines. */
+/* Return the lattice node of a finer mesh at the position of a node of a coarser mesh whose lattice it refines. */
 int32_t pliant_mesh_lattice_in(const pliant_mesh *fine, const pliant_mesh *coarse, int32_t node);
 
 /* Return the node of a finer mesh at the position of a node of a coarser mesh whose lattice it refines; -1: none. */
 int32_t pliant_mesh_node_in(const pliant_mesh *fine, const pliant_mesh *coarse, int32_t node);
 
-/* Tetrahedron that holds a world point at rest, and its barycentric coordinates; -1 when no tissue is there. */
+/* Return the tetrahedron that contains a world point at rest, and its barycentric coordinates; -1: no tissue. */
 PLIANT_INTERNAL int32_t pliant_mesh_locate(const pliant_mesh *mesh, const double world[3], double barycentric[4]);
 
-/* Barycentric coordinates of a world point in a tetrahedron at rest, inside it or not. */
+/* Compute the barycentric coordinates of a world point in a tetrahedron at rest, inside it or not. */
 void pliant_mesh_barycentric(const pliant_mesh *mesh, int32_t tet, const double world[3], double barycentric[4]);
 
-/* Tetrahedron that holds a point of the deformed mesh; the lowest index wins on ties; -1 when none does.
+/* Return the tetrahedron that contains a point of the deformed mesh; among several, the lowest index; -1: none.
  *  @param positions (num_nodes x 3) [m] */
 int32_t pliant_mesh_locate_deformed(const pliant_mesh *mesh, const double *positions, const double world[3],
                                                double barycentric[4]);
 
-/* Sum of the voxels' materials over every tetrahedron of a lattice ([H] 2.1; each voxel counts in exactly one).
+/* Sum the voxels' materials over every tetrahedron of a lattice ([H] 2.1). Each voxel counts in one tetrahedron.
  *  @param out (5 * cells) by lattice tetrahedron. Errors: MEMORY. */
 pliant_status pliant_lattice_integrate(const pliant_geometry *geometry, const int32_t cells[3],
                                        const uint8_t *material_of_voxel, const pliant_material_table *table,
@@ -94,28 +94,28 @@ pliant_status pliant_lattice_owners(const pliant_geometry *geometry, const int32
  *  @param neighbours (num_tets x 4). Errors: MEMORY, FORMAT (two others on one side of a face). */
 pliant_status pliant_mesh_neighbours(const pliant_mesh *mesh, int32_t *neighbours);
 
-/* Hold what nothing holds: pieces (joined by faces) that do not rest on three fixed nodes that span a triangle, or on
- *  pieces that do, are loose: their nodes are fixed, but for those that they share with a piece that rests firmly.
+/* Fix loose pieces. A piece consists of tetrahedra that are joined by faces. It is supported by three fixed nodes that
+ *  span a triangle, or by a supported piece; otherwise it is loose. Nodes shared with a supported piece are not fixed.
  *  @param fixed (num_nodes) in/out
  *  @param loose (num_tets) out, 1: in a loose piece; it should carry no load
  *  @param pieces out, number of loose pieces
  *  @param how   nodes of loose pieces become this in fixed
- *  @param whole refuse where nothing holds the largest piece
- *  Errors: SCENE when refused; MEMORY. */
+ *  @param whole fail if the largest piece is loose
+ *  Errors: SCENE (the largest piece is loose); MEMORY. */
 pliant_status pliant_mesh_fix_loose_pieces(const pliant_mesh *mesh, uint8_t how, bool whole, uint8_t *fixed,
                                            uint8_t *loose, int32_t *pieces);
 
-/* Outer faces, oriented outwards. *triangles is (count x 3), freed with pliant_free. Errors: MEMORY, FORMAT. */
+/* Find the outer faces, oriented outwards. *triangles: (count x 3), freed with pliant_free. Errors: MEMORY, FORMAT. */
 pliant_status pliant_mesh_surface(const pliant_mesh *mesh, int32_t **triangles, int32_t *count);
 
-/* Volume [m^3] of a tetrahedron (signed) and gradients [1/m] of its shape functions, (4 x 3). */
+/* Return the signed volume of a tetrahedron [m^3], and the gradients of its shape functions (4 x 3) [1/m]. */
 PLIANT_INTERNAL double pliant_tet_gradients(const double *x0, const double *x1, const double *x2, const double *x3,
                                             double gradients[12]);
 
-/* Of a tetrahedron of a mesh at rest. */
+/* The same for a tetrahedron of a mesh at rest. */
 double pliant_mesh_gradients(const pliant_mesh *mesh, int32_t tet, double gradients[12]);
 
-/* Of a single voxel. */
+/* Return the material of a single voxel. */
 void pliant_material_of_voxel(const pliant_material_table *table, uint8_t material, pliant_tet_material *out);
 
 #ifdef __cplusplus

@@ -34,7 +34,7 @@ enum { PLIANT_ADVANCE_ITERATIONS = 64 };
 #define PLIANT_ADVANCE_SAFETY 0.999
 #define PLIANT_ADVANCE_MIN_PROGRESS 1e-3 /* fraction of the leg that is little progress */
 
-/* Whether a pair that gained a step, and is this distance above its limit, has come as far as it can. */
+/* Return whether a pair, which has gained a step and is this distance above its limit, cannot gain more. */
 PLIANT_INLINE bool pliant_advance_is_finished(int32_t iterations, double step, double distance, double limit)
 {
     const double min_step = 1e-7, near_limit = 0.02;
