@@ -165,7 +165,7 @@ extern "C" {
             "self: passes",                                                                                            \
             "self: passes; more points to test")                                                                       \
     SETTING(double, self_thickness, 0.05, "smallest cell",                                                             \
-            "Distance that two surfaces keep in the quasi-static solver.",                                             \
+            "Distance that two surfaces of tissue keep.",                                                              \
             "A tenth of a leg (leg_distance): a leg is linear, so its end misses the distance by some of it.",         \
             "bench_self 12, flaps: 35 of 234 steps end early instead of 23; none crosses",                             \
             "bench_self 12, flaps: 10 of 234 steps end early; none crosses")                                           \

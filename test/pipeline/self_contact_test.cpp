@@ -441,7 +441,7 @@ TEST(SelfContact, LayersThatEndWithinElementsMeetAtRest)
     }
 }
 
-void hold_floor_with_self_contact(Body &body)
+void hold_floor_with_self_contact(Body &body, bool dynamic)
 {
     body.scene.contact.self = true;
     body.scene.solver.iterations = 12;
@@ -449,16 +449,21 @@ void hold_floor_with_self_contact(Body &body)
     body.scene.solver.threads = 1;
     body.scene.warp.margin = 1;
     body.fix_plane(0, 0, 1e-6, 0, 0, 1);
+    if (!dynamic) return;
+    body.scene.solver.kind = PLIANT_TLED;
+    body.scene.solver.step = 0.01;
+    body.scene.tled.damping = 20;
 }
 
 // A ball pushes the upper arm of a C onto the lower arm, and through it if it could.
-TEST(SelfContact, TissueDoesNotPassThroughTissue)
+void press_a_fold(bool dynamic)
 {
+    SCOPED_TRACE(dynamic ? "explicit dynamics" : "quasi-static");
     const double h = 0.005, box[3] = {6 * h, 2 * h, 6 * h};
     Body body(std::vector<int>{12, 4, 12}.data(), box, {{10e3, 0.3, 1000, false}, {1, 0.3, 1, true}},
               [](int i, int, int k) { return int(i < 8 && k >= 4 && k < 8); }); // whole cells
     body.cells(6, 2, 6, 1);
-    hold_floor_with_self_contact(body);
+    hold_floor_with_self_contact(body, dynamic);
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
     const int tool = body.add_ball(0.005);
     int touching = 0;
@@ -475,14 +480,21 @@ TEST(SelfContact, TissueDoesNotPassThroughTissue)
     EXPECT_GT(touching, 20);
 }
 
-// A ball closes an open cut and presses its sides together.
-TEST(SelfContact, SidesOfACutDoNotPassThroughEachOther)
+TEST(SelfContact, TissueDoesNotPassThroughTissue)
 {
+    press_a_fold(false);
+    press_a_fold(true);
+}
+
+// A ball closes an open cut and presses its sides together.
+void press_a_cut(bool dynamic)
+{
+    SCOPED_TRACE(dynamic ? "explicit dynamics" : "quasi-static");
     const double h = 0.005, box[3] = {5 * h, 2 * h, 4 * h};
     Body body(std::vector<int>{10, 4, 8}.data(), box, {{10e3, 0.3, 1000, false}});
     body.cells(5, 2, 4, 1);
     body.scene.cut.kind = PLIANT_CUT_SUBDIVIDE;
-    hold_floor_with_self_contact(body);
+    hold_floor_with_self_contact(body, dynamic);
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
     const double corners[6] = {0.3 * box[0], -0.01, 0.5 * box[2], 2 * box[0], -0.01, 0.55 * box[2]},
                  sweep[3] = {0, 0.06, 0};
@@ -503,6 +515,12 @@ TEST(SelfContact, SidesOfACutDoNotPassThroughEachOther)
         EXPECT_LT(body.data->statistics.proxy_error, 1e-3) << "step " << step;
     }
     EXPECT_GT(force, 0.05);
+}
+
+TEST(SelfContact, SidesOfACutDoNotPassThroughEachOther)
+{
+    press_a_cut(false);
+    press_a_cut(true);
 }
 
 } // namespace

@@ -115,7 +115,8 @@ typedef struct pliant_advance_self_audit {
     int32_t node[5];   /* edge and triangle of one crossing; -1: none */
 } pliant_advance_self_audit;
 /* Check the surface against itself in one configuration. Errors: MEMORY (out is not written).
- * @param crossing Nullable, (nodes): set to 1 for the nodes of edges and triangles that cross */
+ * @param crossing Nullable, (nodes): set to 1 for the nodes of edges and triangles that cross
+ * @param out Nullable: only list the pairs nearer than the thickness, for the sub-steps of explicit dynamics */
 pliant_status pliant_advance_audit_self(pliant_advance *advance, int32_t num_triangles, const int32_t *triangles,
                                         const double *positions, const pliant_advance_self *self, uint8_t *crossing,
                                         pliant_advance_self_audit *out);

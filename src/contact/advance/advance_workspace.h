@@ -11,7 +11,9 @@ typedef struct pliant_advance_self_pair {
     int32_t node[4], iterations;
     int32_t feature[2];  /* a node's owner and the triangle; of edges: 3 times the owner plus the edge's number */
     bool is_edges, ends; /* ends: t can increase no further */
-    double t, limit;     /* fraction that is certainly free; smallest permitted distance [m] */
+    /* fraction that is certainly free; smallest permitted distance, or after an audit a lower bound of the distance
+     * [m] */
+    double t, limit;
 } pliant_advance_self_pair;
 
 /* A pair, and the fraction that is certainly free. */
@@ -39,6 +41,16 @@ struct pliant_advance {
 double pliant_advance_thickness(const pliant_advance_self *self, const int32_t node[4], bool is_edges);
 /* Return whether a pair is left out. The first nodes belong to one side, the other nodes to the other side. */
 bool pliant_advance_is_exempt(const pliant_advance_self *self, int count, const int32_t *node, int first);
+
+/* Return the distance of a pair [m]. */
+double pliant_advance_self_distance(const pliant_advance_self_pair *pair, const double *positions);
+/* Compute the closest points of a pair at the fraction pair->t of a leg: weights of its nodes, which sum to 1 and to -1
+ * on its sides, and the unit vector towards the first side. */
+void pliant_advance_self_contact(const pliant_advance_self_pair *pair, const double *from, const double *to,
+                                 double weight[4], double normal[3]);
+/* Compute the fraction of a leg that is free for one pair, as pliant_advance_find_self, and store it in pair->t. */
+double pliant_advance_self_time(pliant_advance *advance, const double *from, const double *to,
+                                const pliant_advance_self *self, pliant_advance_self_pair *pair);
 
 /* Grow the capacity for ranks. Errors: MEMORY. */
 pliant_status pliant_advance_reserve_ranks(pliant_advance *advance, int32_t count);

@@ -38,9 +38,9 @@ static void position_at(const search *on, int32_t node, double t, double out[3])
         out[d] = on->from[3 * (size_t)node + d] + t * (on->to[3 * (size_t)node + d] - on->from[3 * (size_t)node + d]);
 }
 
-/* Return whether the direction between the centers of both sides separates them by more than the margin. If it does
- * at both ends of the leg, it does throughout. */
-static bool is_separated(const search *on, const int32_t node[4], int first)
+/* Return the distance of both sides along the direction between their centers: the smaller one of both ends of the leg.
+ * It is a lower bound of the distance throughout the leg [m]. */
+static double separation_of(const search *on, const int32_t node[4], int first)
 {
     double x[2][4][3], normal[3];
     for (int c = 0; c < 4; c++) {
@@ -53,8 +53,8 @@ static bool is_separated(const search *on, const int32_t node[4], int first)
         normal[d] = sums[0] / first - sums[1] / (4 - first);
     }
     const double size = pliant_length3(normal);
-    bool separated = true;
-    for (int n = 0; n < 2 && separated; n++) {
+    double separation = INFINITY;
+    for (int n = 0; n < 2; n++) {
         double lowest = INFINITY, highest = -INFINITY;
         for (int c = 0; c < 4; c++) {
             const double height = pliant_dot3(normal, x[n][c]);
@@ -63,15 +63,16 @@ static bool is_separated(const search *on, const int32_t node[4], int first)
             else
                 highest = height > highest ? height : highest;
         }
-        separated = lowest - highest > on->margin * size;
+        separation = pliant_advance_lower(separation, lowest - highest);
     }
-    return separated;
+    return size > 0 ? separation / size : -INFINITY;
 }
 
 static void add(search *on, const int32_t node[4], bool edges, int32_t first, int32_t second)
 {
     pliant_advance *advance = on->advance;
-    if (pliant_advance_is_exempt(on->self, 4, node, edges ? 2 : 1) || is_separated(on, node, edges ? 2 : 1)) return;
+    const double separation = separation_of(on, node, edges ? 2 : 1);
+    if (separation > on->margin || pliant_advance_is_exempt(on->self, 4, node, edges ? 2 : 1)) return;
     if (advance->num_self == advance->max_self) {
         const int32_t count = advance->max_self > 0 ? 2 * advance->max_self : FIRST_PAIRS;
         pliant_advance_self_pair *made = advance->self ? pliant_resize(advance->self, (size_t)count, sizeof *made)
@@ -84,7 +85,7 @@ static void add(search *on, const int32_t node[4], bool edges, int32_t first, in
         advance->max_self = count;
     }
     pliant_advance_self_pair *pair = advance->self + advance->num_self++;
-    *pair = (pliant_advance_self_pair){.is_edges = edges, .feature = {first, second}};
+    *pair = (pliant_advance_self_pair){.is_edges = edges, .feature = {first, second}, .limit = separation};
     memcpy(pair->node, node, sizeof pair->node);
 }
 
@@ -108,15 +109,17 @@ static void try_edges(search *on, int32_t a, int32_t b, const pliant_advance_box
     const int32_t *of = tree->triangles + 3 * (size_t)a, *other = tree->triangles + 3 * (size_t)b;
     const uint8_t owns = tree->owns[a], other_owns = tree->owns[b];
     pliant_advance_box boxes[3];
-    for (int m = 0; m < 3; m++) {
-        const int32_t edge[2] = {other[m], other[(m + 1) % 3]};
-        if (other_owns & PLIANT_OWNS_EDGE << m) boxes[m] = pliant_advance_box_of(2, edge, on->from, on->to);
-    }
+    bool has_boxes = false;
     for (int k = 0; k < 3; k++) {
         const int32_t edge[2] = {of[k], of[(k + 1) % 3]};
         if (!(owns & PLIANT_OWNS_EDGE << k)) continue;
         const pliant_advance_box own = pliant_advance_box_of(2, edge, on->from, on->to);
         if (pliant_advance_boxes_separated(&own, box, on->margin)) continue;
+        for (int m = 0; m < 3 && !has_boxes; m++) {
+            const int32_t ends[2] = {other[m], other[(m + 1) % 3]};
+            if (other_owns & PLIANT_OWNS_EDGE << m) boxes[m] = pliant_advance_box_of(2, ends, on->from, on->to);
+        }
+        has_boxes = true;
         for (int m = 0; m < 3; m++) {
             const int32_t node[4] = {edge[0], edge[1], other[m], other[(m + 1) % 3]};
             if (!(other_owns & PLIANT_OWNS_EDGE << m) || node[0] == node[2] || node[0] == node[3] ||
@@ -153,19 +156,20 @@ bool pliant_segment_crosses_triangle(const double corner[3][3], const double end
     return sides == 3 || sides == -3;
 }
 
-static void try_crossing(search *on, const int32_t *of, uint8_t owns, const int32_t *triangle)
+static void try_crossing(search *on, const int32_t *of, uint8_t owns, const int32_t *triangle,
+                         const pliant_advance_box *box)
 {
     double corner[3][3], end[2][3];
-    for (int c = 0; c < 3; c++) position_at(on, triangle[c], 0, corner[c]);
     for (int k = 0; k < 3; k++) {
         const int32_t edge[2] = {of[k], of[(k + 1) % 3]};
         const int32_t both[5] = {edge[0], edge[1], triangle[0], triangle[1], triangle[2]};
         bool shares_node = false;
         for (int c = 0; c < 3; c++) shares_node = shares_node || triangle[c] == edge[0] || triangle[c] == edge[1];
-        if (!(owns & PLIANT_OWNS_EDGE << k) || shares_node ||
-            pliant_advance_is_exempt(on->self, 5, both, 2))
-            continue;
+        if (!(owns & PLIANT_OWNS_EDGE << k) || shares_node) continue;
+        const pliant_advance_box own = pliant_advance_box_of(2, edge, on->from, on->from);
+        if (pliant_advance_boxes_separated(&own, box, 0) || pliant_advance_is_exempt(on->self, 5, both, 2)) continue;
         for (int n = 0; n < 2; n++) position_at(on, edge[n], 0, end[n]);
+        for (int c = 0; c < 3; c++) position_at(on, triangle[c], 0, corner[c]);
         if (!pliant_segment_crosses_triangle((const double(*)[3])corner, (const double(*)[3])end)) continue;
         for (int c = 0; on->crossing && c < 5; c++) on->crossing[both[c]] = 1;
         if (on->audit->crossings++ == 0) memcpy(on->audit->node, both, sizeof both);
@@ -180,9 +184,9 @@ static void try_triangles(search *on, int32_t m, int32_t n)
                   *other = tree->triangles + 3 * (size_t)b;
     const pliant_advance_box *boxes[2] = {tree->box + m, tree->box + n};
     if (pliant_advance_boxes_separated(boxes[0], boxes[1], on->margin)) return;
-    if (on->audit) {
-        try_crossing(on, one, tree->owns[a], other);
-        try_crossing(on, other, tree->owns[b], one);
+    if (on->audit && !pliant_advance_boxes_separated(boxes[0], boxes[1], 0)) {
+        try_crossing(on, one, tree->owns[a], other, boxes[1]);
+        try_crossing(on, other, tree->owns[b], one, boxes[0]);
     }
     try_nodes(on, a, b, boxes[1]);
     try_nodes(on, b, a, boxes[0]);
@@ -383,6 +387,47 @@ pliant_status pliant_advance_find_self(pliant_advance *advance, int32_t num_tria
     return PLIANT_OK;
 }
 
+double pliant_advance_self_distance(const pliant_advance_self_pair *pair, const double *positions)
+{
+    const search on = {.from = positions, .to = positions};
+    moment now;
+    measure_pair(&on, pair, 0, &now);
+    return now.distance;
+}
+
+void pliant_advance_self_contact(const pliant_advance_self_pair *pair, const double *from, const double *to,
+                                 double weight[4], double normal[3])
+{
+    const search on = {.from = from, .to = to};
+    moment now;
+    measure_pair(&on, pair, pair->t, &now);
+    const double(*x)[3] = (const double(*)[3])now.x;
+    memcpy(normal, now.normal, sizeof now.normal);
+    if (pair->is_edges) {
+        double s, r;
+        pliant_advance_segments(x, x + 2, &s, &r);
+        weight[0] = 1 - s;
+        weight[1] = s;
+        weight[2] = r - 1;
+        weight[3] = -r;
+    } else {
+        pliant_advance_on_triangle(x + 1, x[0], weight + 1);
+        weight[0] = 1;
+        for (int c = 1; c < 4; c++) weight[c] = -weight[c];
+    }
+}
+
+double pliant_advance_self_time(pliant_advance *advance, const double *from, const double *to,
+                                const pliant_advance_self *self, pliant_advance_self_pair *pair)
+{
+    const search on = {.advance = advance, .from = from, .to = to, .self = self};
+    int64_t distances = 0;
+    pair->iterations = 0;
+    pair->t = 0;
+    for (pair->ends = false; !pair->ends;) pair->ends = step(&on, pair, &distances);
+    return pair->t;
+}
+
 pliant_status pliant_advance_audit_self(pliant_advance *advance, int32_t num_triangles, const int32_t *triangles,
                                         const double *positions, const pliant_advance_self *self, uint8_t *crossing,
                                         pliant_advance_self_audit *out)
@@ -393,7 +438,7 @@ pliant_status pliant_advance_audit_self(pliant_advance *advance, int32_t num_tri
                  .to = positions,
                  .self = self,
                  .margin = self->thickness,
-                 .audit = &audit,
+                 .audit = out || crossing ? &audit : NULL,
                  .crossing = crossing};
     advance->num_self = 0;
     pliant_status status =
@@ -401,11 +446,11 @@ pliant_status pliant_advance_audit_self(pliant_advance *advance, int32_t num_tri
                           : PLIANT_OK;
     if (status == PLIANT_OK && num_triangles > 0) status = find_pairs(&on);
     if (status != PLIANT_OK) return status;
-    for (int32_t n = 0; n < advance->num_self; n++) {
+    for (int32_t n = 0; out && n < advance->num_self; n++) {
         moment now;
         measure_pair(&on, advance->self + n, 0, &now);
         audit.minimum = fmin(audit.minimum, now.distance);
     }
-    *out = audit;
+    if (out) *out = audit;
     return PLIANT_OK;
 }

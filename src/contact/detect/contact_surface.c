@@ -367,6 +367,18 @@ void pliant_contact_surface_corner(const pliant_contact_surface *surface, int32_
         for (int d = 0; d < 3; d++) out[d] += weights[v] * positions[3 * (size_t)corner[v] + (size_t)d];
 }
 
+int pliant_contact_surface_support(const pliant_contact_surface *surface, int32_t node, int32_t support[4],
+                                   double weights[4])
+{
+    const int32_t tet = surface->tet[node];
+    support[0] = node;
+    weights[0] = 1;
+    if (tet < 0) return 1;
+    memcpy(support, surface->view.fine.tets + 4 * (size_t)tet, 4 * sizeof *support);
+    memcpy(weights, weights_of(surface, node), 4 * sizeof *weights);
+    return 4;
+}
+
 void pliant_contact_surface_update(pliant_contact_surface *surface, const double *positions)
 {
     const pliant_mesh *mesh = &surface->view.fine;

@@ -47,6 +47,9 @@ pliant_status pliant_contact_surface_set_body(pliant_contact_surface *surface,
 /* Compute the position of a surface node's corner. positions: (nodes x 3) [m] */
 void pliant_contact_surface_corner(const pliant_contact_surface *surface, int32_t node, const double *positions,
                                    double out[3]);
+/* Find the nodes that move a surface node's corner, and their weights. Return their number, 1 or 4. */
+int pliant_contact_surface_support(const pliant_contact_surface *surface, int32_t node, int32_t support[4],
+                                   double weights[4]);
 /* Compute outside->positions from the positions of the nodes. */
 void pliant_contact_surface_update(pliant_contact_surface *surface, const double *positions);
 /* Replace the weights of corners by weights of nodes in contact points. */

@@ -136,7 +136,7 @@ static pliant_status append_node_points(const finding *on, pliant_contacts *out)
     return PLIANT_OK;
 }
 
-/* ---- edges that cross: exempt pairs, and all pairs in explicit dynamics */
+/* ---- edges that cross: exempt pairs */
 
 /* Return whether a node of the tetrahedron is inside tissue. */
 static bool touches_any(const finding *on, int32_t tet)
@@ -307,7 +307,7 @@ static pliant_status append_face_points(const finding *on, pliant_contacts *out)
 
 /* Return the search distance: nodes can approach each other in a step by about as much as in the previous one.
  * Otherwise a step could end deep inside tissue. The limit is the shortest edge. */
-static double find_margin(const pliant_tissue *tissue, const double *positions, double margin)
+static double find_margin(const pliant_tissue *tissue, const double *positions, double margin, double limit)
 {
     double mean[3] = {0, 0, 0}, maximum = 0;
     if (!tissue->has_place) return margin;
@@ -322,7 +322,7 @@ static double find_margin(const pliant_tissue *tissue, const double *positions, 
             }
             maximum = fmax(maximum, square);
         }
-    return fmin(margin + 2 * sqrt(maximum), fmax(margin, tissue->shortest));
+    return fmin(margin + 2 * sqrt(maximum), fmax(margin, limit > 0 ? limit : tissue->shortest));
 }
 
 static void store_positions(pliant_tissue *tissue, const double *positions)
@@ -352,25 +352,63 @@ static pliant_status search(const finding *on)
     return PLIANT_OK;
 }
 
+/* Return whether no node is inside tissue, no edge crosses a triangle, and there are no fragments. */
+static bool is_apart(const pliant_tissue *tissue)
+{
+    bool apart = tissue->num_overlaps == 0;
+    for (int32_t n = 0; n < tissue->body->fine.num_nodes && apart; n++) apart = tissue->exempt[n] == 0;
+    return apart;
+}
+
+/* Explicit dynamics: sub-steps keep tissue out of tissue, so all contacts of nodes are among the listed pairs. Search
+ * them if the surface was apart in the last search and still is. */
+static pliant_status search_listed(const finding *on, bool *out)
+{
+    pliant_tissue *tissue = on->tissue;
+    const pliant_tissue_rule *rule = &on->view.rule;
+    *out = false;
+    if (!(rule->max_margin > 0) || !tissue->is_apart || tissue->searcher) return PLIANT_OK;
+    for (int32_t s = 0; s < tissue->num_triangles; s++) pliant_tissue_set_normal(&on->view, s);
+    memset(tissue->count, 0, (size_t)tissue->num_nodes * sizeof *tissue->count);
+    for (int c = 0; c < PLIANT_GRID_CHUNKS; c++) tissue->grid.found[c].count = 0;
+    const pliant_status status = pliant_tissue_find_pairs(tissue, on->view.positions, rule);
+    *out = status == PLIANT_OK && is_apart(tissue);
+    if (*out) pliant_tissue_add_listed_nodes(tissue, &on->view);
+    return status;
+}
+
+/* Search the whole surface. */
+static pliant_status search_all(const finding *on)
+{
+    pliant_tissue *tissue = on->tissue;
+    const pliant_tissue_rule *rule = &on->view.rule;
+    pliant_status status =
+        pliant_tissue_search_on_device(tissue, on->view.positions, rule) ? PLIANT_OK : search(on);
+    if (status != PLIANT_OK) return status;
+    for (int c = 0; c < PLIANT_GRID_CHUNKS; c++)
+        for (int32_t p = 0; p < tissue->grid.found[c].count; p++) {
+            const int32_t *pair = tissue->grid.found[c].pair + 2 * (size_t)p;
+            try_pair(on, pair[0], pair[1]);
+            try_pair(on, pair[1], pair[0]);
+        }
+    if (tissue->num_overlaps > 0) spread(on);
+    if (rule->thickness > 0) status = pliant_tissue_find_pairs(tissue, on->view.positions, rule);
+    tissue->is_apart = status == PLIANT_OK && rule->thickness > 0 && is_apart(tissue);
+    return status;
+}
+
 pliant_status pliant_tissue_find(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *given,
                                  pliant_contacts *out)
 {
     const pliant_contact_settings defaults = pliant_contact_settings_default();
     pliant_tissue_rule moving = *given;
-    moving.margin = find_margin(tissue, positions, given->margin);
+    moving.margin = find_margin(tissue, positions, given->margin, given->max_margin);
     if (!moving.settings) moving.settings = &defaults;
     const finding on = {.tissue = tissue, .view = pliant_tissue_view_of(tissue, positions, &moving)};
     const int32_t before_all = out->count;
-    pliant_status status = pliant_tissue_search_on_device(tissue, positions, &moving) ? PLIANT_OK : search(&on);
-    if (status != PLIANT_OK) return status;
-    for (int c = 0; c < PLIANT_GRID_CHUNKS; c++)
-        for (int32_t p = 0; p < tissue->grid.found[c].count; p++) {
-            const int32_t *pair = tissue->grid.found[c].pair + 2 * (size_t)p;
-            try_pair(&on, pair[0], pair[1]);
-            try_pair(&on, pair[1], pair[0]);
-        }
-    if (tissue->num_overlaps > 0) spread(&on);
-    if (moving.thickness > 0) status = pliant_tissue_find_pairs(tissue, positions, &moving);
+    bool is_found = false;
+    pliant_status status = search_listed(&on, &is_found);
+    if (status == PLIANT_OK && !is_found) status = search_all(&on);
     if (status == PLIANT_OK) status = append_node_points(&on, out);
     const int32_t first = out->count;
     if (status == PLIANT_OK) status = append_crossing_edges(&on, out);

@@ -6,8 +6,9 @@
  * margin, or if they have crossed and no node of their tetrahedra has contact. The weights of the two sides have
  * opposite signs and sum to 0, so the forces on the two sides are opposite.
  *
- * In the quasi-static solver, both sides keep a distance, the thickness. So the contact forces act before conservative
- * advancement stops a leg (tissue_pairs.c). A pair at a fragment has no thickness, and no leg stops for it.
+ * Both sides keep a distance, the thickness. So the contact forces act before conservative advancement stops a leg
+ * (tissue_pairs.c), or in explicit dynamics a sub-step (impact_zones.h). A pair at a fragment has no thickness, and
+ * nothing stops for it.
  *
  * Cut faces, where voxels are separated (cut/kind: sever): fragments are copies of whole tetrahedra, and they
  * overlap at rest. Only their voxels differ. Their contact uses the severed links between them: the center of these
@@ -89,6 +90,8 @@ struct pliant_tissue {
     int32_t num_overlaps;      /* number of overlapping pairs of tetrahedra */
     /* ---- pairs that keep a distance (tissue_pairs.c); all NULL before the first search with a thickness */
     struct pliant_advance *advance;
+    bool is_apart;             /* no node was inside tissue, and no edge crossed a triangle, in the last search */
+    double listed;             /* distance up to which the advance lists all pairs [m] */
     int32_t *triangles;        /* (num_triangles x 3) nodes */
     double *rest;              /* (fine nodes x 3) surface at rest [m] */
     uint8_t *seam;             /* (fine nodes) at a cut */
@@ -120,6 +123,8 @@ struct pliant_tissue_rule {
     double remaining_depth_fraction; /* fraction of the penetration depth that remains (pliant_contact_permitted_gap) */
     const pliant_contact_settings *settings; /* Nullable: the defaults */
     double thickness;          /* distance that two surfaces keep (contact/advance/advance.h) [m] */
+    /* explicit dynamics: limit of the search distance; 0: the shortest edge of the surface [m] */
+    double max_margin;
 };
 
 /* ---- tissue_pairs.c */
@@ -127,6 +132,8 @@ struct pliant_tissue_rule {
 pliant_status pliant_tissue_set_rest(pliant_tissue *tissue, const double *rest);
 /* Find the exempt nodes and all near pairs. The contacts of every node must be known. Errors: MEMORY. */
 pliant_status pliant_tissue_find_pairs(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *rule);
+/* List all pairs that are nearer than a distance. The exempt nodes must be known. Errors: MEMORY. */
+pliant_status pliant_tissue_list_pairs(pliant_tissue *tissue, const double *positions, double distance);
 /* Append a point for each of these pairs that consists of two edges. Errors: MEMORY. */
 pliant_status pliant_tissue_append_edges(pliant_tissue *tissue, const double *positions,
                                          const pliant_tissue_rule *rule, pliant_contacts *out);
@@ -137,6 +144,13 @@ double pliant_tissue_node_thickness(const pliant_tissue *tissue, const pliant_ti
  * have found the points at the leg's start. Errors: MEMORY. */
 pliant_status pliant_tissue_advance(pliant_tissue *tissue, const double *from, const double *to,
                                     const pliant_tissue_rule *rule, double *out);
+struct pliant_advance_self_pair;
+/* Return the thickness of a listed pair [m]. */
+double pliant_tissue_pair_thickness(const pliant_tissue *tissue, const pliant_tissue_rule *rule,
+                                    const struct pliant_advance_self_pair *pair);
+/* Compute the fraction of a leg that is free for one listed pair, and store it in the pair. */
+double pliant_tissue_advance_pair(pliant_tissue *tissue, const double *from, const double *to,
+                                  const pliant_tissue_rule *rule, struct pliant_advance_self_pair *pair);
 
 /* ---- tissue.c */
 /* Set the point's position so that a step reduces the penetration depth gradually.

@@ -75,39 +75,66 @@ static bool has_cut(const pliant_tissue *tissue)
     return subdivision && subdivision->between;
 }
 
-/* Add contacts of nodes with triangles that are near them in the mesh, from outside. The search by tetrahedra leaves
- * them out (pliant_tissue_is_near). But legs stop at them, as at the front of a cut, so they need contact forces. */
+/* Explicit dynamics: return whether a pair has come so near that sub-steps may stop it. It then needs a force, also if
+ * its sides are near each other in the mesh, or meet at their borders. */
+static bool is_close(const pliant_tissue_rule *rule, double distance, double thickness)
+{
+    return rule->max_margin > 0 && distance < 2 * thickness;
+}
+
+/* Add contacts from outside that the search by tetrahedra leaves out: of nodes with triangles that are near them in the
+ * mesh (pliant_tissue_is_near), at the front of a cut, and of close pairs. */
 static void add_near_nodes(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *rule)
 {
     const pliant_tissue_view view = pliant_tissue_view_of(tissue, positions, rule);
     const pliant_advance_self self = self_of(tissue, tissue->exempt, rule->thickness);
+    const bool cut = has_cut(tissue);
     for (int32_t n = 0; n < tissue->advance->num_self; n++) {
         const pliant_advance_self_pair *pair = tissue->advance->self + n;
         const int32_t node = pair->node[0], triangle = pair->feature[1];
         pliant_node_contact one = {.triangle = triangle};
-        if (pair->is_edges || !pliant_tissue_is_near(&view, tissue->index_of[node], tissue->triangle[triangle].tet) ||
-            !pliant_tissue_can_move(&view, node, triangle) ||
+        if (pair->is_edges || (!cut && pair->limit > 2 * rule->thickness)) continue;
+        const double thickness = pliant_advance_thickness(&self, pair->node, false);
+        const bool close = is_close(rule, pliant_advance_self_distance(pair, positions), thickness),
+                   near = cut && pliant_tissue_is_near(&view, tissue->index_of[node], tissue->triangle[triangle].tet);
+        if ((!close && !near) || !(thickness > 0) || !pliant_tissue_can_move(&view, node, triangle) ||
             !pliant_tissue_project(&view, triangle, positions + 3 * (size_t)node, one.weight, &one.gap) ||
             !(one.gap > 0 && one.gap <= pliant_tissue_margin_of(&view, node, triangle)) ||
-            !(fmin(one.weight[0], fmin(one.weight[1], one.weight[2])) >= -PLIANT_TISSUE_BORDER) ||
-            !(pliant_advance_thickness(&self, pair->node, false) > 0))
+            !(fmin(one.weight[0], fmin(one.weight[1], one.weight[2])) >=
+              -(close ? rule->thickness / tissue->shortest : PLIANT_TISSUE_BORDER)))
             continue;
         pliant_tissue_add_contact(&view, tissue->index_of[node], &one);
     }
 }
 
+void pliant_tissue_add_listed_nodes(pliant_tissue *tissue, const pliant_tissue_view *view)
+{
+    for (int32_t n = 0; n < tissue->advance->num_self; n++) {
+        const pliant_advance_self_pair *pair = tissue->advance->self + n;
+        if (!pair->is_edges) pliant_tissue_try_triangle(view, tissue->index_of[pair->node[0]], pair->feature[1]);
+    }
+}
+
+pliant_status pliant_tissue_list_pairs(pliant_tissue *tissue, const double *positions, double distance)
+{
+    const pliant_advance_self self = self_of(tissue, tissue->seam, distance);
+    tissue->listed = distance;
+    return pliant_advance_audit_self(tissue->advance, tissue->num_triangles, tissue->triangles, positions, &self, NULL,
+                                     NULL);
+}
+
 pliant_status pliant_tissue_find_pairs(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *rule)
 {
-    pliant_advance_self_audit audit;
     pliant_status status = tissue->advance ? PLIANT_OK : pliant_advance_create(rule->settings, &tissue->advance);
     if (status == PLIANT_OK) status = pliant_tissue_set_rest(tissue, tissue->body->fine.rest);
     if (status != PLIANT_OK) return status;
-    const pliant_advance_self self = self_of(tissue, tissue->seam, fmax(rule->margin, rule->max_piece_motion));
     memcpy(tissue->exempt, tissue->seam, (size_t)tissue->body->fine.num_nodes);
+    tissue->listed = fmax(rule->margin, rule->max_piece_motion);
+    const pliant_advance_self self = self_of(tissue, tissue->seam, tissue->listed);
     status = pliant_advance_audit_self(tissue->advance, tissue->num_triangles, tissue->triangles, positions, &self,
-                                       tissue->exempt, &audit);
+                                       tissue->exempt, NULL);
     mark_inside(tissue);
-    if (status == PLIANT_OK && has_cut(tissue)) add_near_nodes(tissue, positions, rule);
+    if (status == PLIANT_OK && (has_cut(tissue) || rule->max_margin > 0)) add_near_nodes(tissue, positions, rule);
     return status;
 }
 
@@ -167,7 +194,7 @@ static pliant_status append_pair(const pliant_tissue_view *view, const pliant_ad
     double x[4][3], s, t, normal[3], u[3], w[3], side[3];
     for (int c = 0; c < 4; c++) memcpy(x[c], pliant_tissue_position(view, pair->node[c]), sizeof x[c]);
     pliant_advance_segments((const double(*)[3])x, (const double(*)[3])(x + 2), &s, &t);
-    if (!(s > 0 && s < 1 && t > 0 && t < 1) || !can_touch(view, pair, cut)) return PLIANT_OK;
+    if (!(s > 0 && s < 1 && t > 0 && t < 1)) return PLIANT_OK;
     for (int d = 0; d < 3; d++) {
         u[d] = x[1][d] - x[0][d];
         w[d] = x[3][d] - x[2][d];
@@ -177,6 +204,7 @@ static pliant_status append_pair(const pliant_tissue_view *view, const pliant_ad
     const double gap = pliant_length3(normal), thickness = pliant_advance_thickness(self, pair->node, true);
     /* nodes touch parallel edges, and flat edges before they are as near as this */
     const bool is_near = gap < 0.5 * thickness;
+    if (!can_touch(view, pair, cut || is_close(&view->rule, gap, thickness))) return PLIANT_OK;
     if (!(gap > 0) || !(pliant_dot3(side, side) > 1e-4 * pliant_dot3(u, u) * pliant_dot3(w, w))) return PLIANT_OK;
     if (!is_near && (is_flat(view, pair->feature[0]) || is_flat(view, pair->feature[1]) ||
                      !leads_out(view, pair->feature[0], u, normal, -1) ||
@@ -226,4 +254,18 @@ pliant_status pliant_tissue_advance(pliant_tissue *tissue, const double *from, c
                                                           from, to, &self, tissue->threads, &found);
     if (status == PLIANT_OK) *out = found.t;
     return status;
+}
+
+double pliant_tissue_pair_thickness(const pliant_tissue *tissue, const pliant_tissue_rule *rule,
+                                    const struct pliant_advance_self_pair *pair)
+{
+    const pliant_advance_self self = self_of(tissue, tissue->exempt, rule->thickness);
+    return pliant_advance_thickness(&self, pair->node, pair->is_edges);
+}
+
+double pliant_tissue_advance_pair(pliant_tissue *tissue, const double *from, const double *to,
+                                  const pliant_tissue_rule *rule, struct pliant_advance_self_pair *pair)
+{
+    const pliant_advance_self self = self_of(tissue, tissue->exempt, rule->thickness);
+    return pliant_advance_self_time(tissue->advance, from, to, &self, pair);
 }

@@ -35,6 +35,9 @@ typedef struct pliant_tissue_view {
 pliant_tissue_view pliant_tissue_view_of(pliant_tissue *tissue, const double *positions,
                                          const pliant_tissue_rule *rule);
 
+/* Add the contacts of nodes among the listed pairs (tissue_pairs.c). */
+void pliant_tissue_add_listed_nodes(pliant_tissue *tissue, const pliant_tissue_view *view);
+
 PLIANT_INLINE void pliant_tissue_difference(const double *from, const double *to, double out[3])
 {
     for (int d = 0; d < 3; d++) out[d] = to[d] - from[d];

@@ -79,6 +79,7 @@ void pliant_tissue_discard(pliant_tissue *tissue)
 {
     for (int32_t n = 0; n < tissue->num_nodes; n++) tissue->last[n] = -1;
     tissue->has_place = false;
+    tissue->is_apart = false;
 }
 
 static pliant_status no_memory(void) { return pliant_fail_memory("the self-contacts of the tissue"); }
@@ -304,6 +305,7 @@ pliant_status pliant_tissue_copy(const pliant_tissue *from, pliant_tissue *to)
     memcpy(to->last, from->last, (size_t)from->num_nodes * sizeof *to->last);
     memcpy(to->place, from->place, 3 * (size_t)from->num_nodes * sizeof *to->place);
     to->has_place = from->has_place;
+    to->is_apart = from->is_apart;
     return PLIANT_OK;
 }
 

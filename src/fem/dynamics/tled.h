@@ -20,6 +20,7 @@
 
 #include "fem/element/law.h"
 #include "base/lanes.h"
+#include "contact/detect/impact_zones.h"
 #include "contact/detect/tissue.h"
 #include "fem/dynamics/substep_contact.h"
 #include "model_data/data.h"
@@ -146,6 +147,7 @@ struct pliant_tled {
     double contact_energy;        /* that contacts have dissipated and may use to remove penetrations [J] */
     uint8_t *in_contact;                         /* Nullable: (num_nodes) nonzero: node of a contact */
     pliant_tled_overlap_damping overlap_damping; /* borrowed, for a frame */
+    pliant_impact_zones *zones;                  /* Nullable: borrowed, for a frame */
     double reach;                                /* maximum motion of a held point per sub-step [m] */
 
     /* WORK ARRAYS */

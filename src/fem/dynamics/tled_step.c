@@ -192,6 +192,13 @@ static bool any_strains_fast(const pliant_tled *tled, int *shared)
     return *shared != 0;
 }
 
+/* Return the status of collision detection in sub-steps. */
+static pliant_status status_of(const pliant_tled *tled)
+{
+    const pliant_status status = tled->overlap_damping.status;
+    return status == PLIANT_OK && tled->zones ? tled->zones->status : status;
+}
+
 /* Run sub-steps up to `end`. All threads call this function, and all threads compute the same decisions. */
 static pliant_tled_frame run(pliant_tled *tled, pliant_tool *tools, int num_tools, bool held, int32_t first,
                              int32_t end, double *tool_load, int *fast)
@@ -204,7 +211,7 @@ static pliant_tled_frame run(pliant_tled *tled, pliant_tool *tools, int num_tool
     pliant_tled_frame result = {.is_stable = true, .steps = first};
     double total[PLIANT_NUM_SUMS],
         quotient[4] = {tled->quotient[0], tled->quotient[1], tled->quotient[2], tled->quotient[3]};
-    while (result.steps < end && !result.settled) {
+    while (result.steps < end && !result.settled && status_of(tled) == PLIANT_OK) {
         if (system->nodal_pressure) pliant_tled_pressures(tled);
         pliant_tled_element_forces(tled, tled->time_step);
         if (still) {
@@ -229,6 +236,10 @@ static pliant_tled_frame run(pliant_tled *tled, pliant_tool *tools, int num_tool
             }
 #pragma omp for schedule(static)
             for (int32_t chunk = 0; chunk < chunks; chunk++) settle(tled, rule, chunk);
+        }
+        if (tled->zones) {
+#pragma omp single
+            pliant_impact_zones_limit(tled->zones, tled->inverse_mass, tled->u, tled->d);
         }
         total_of(tled, chunks, total);
         result.steps++;
@@ -307,9 +318,10 @@ static pliant_status run_frame(void *with, pliant_tled *tled, pliant_tool *tools
     pliant_status status = pliant_tled_contacts_begin(tled);
     if (status != PLIANT_OK) return status;
     save_or_restore_start(tled, false);
+    if (tled->zones) pliant_impact_zones_begin(tled->zones, tled->u);
     const int32_t part = pliant_tled_part_substeps(tled);
     pliant_tled_frame done = {.is_stable = true};
-    while (tled->overlap_damping.status == PLIANT_OK && done.is_stable && !done.settled && done.steps < part) {
+    while (status_of(tled) == PLIANT_OK && done.is_stable && !done.settled && done.steps < part) {
         const int all = choose_pace(tled);
         const bool trial = tled->thread_choice.is_trial || tled->thread_choice.seconds[all] == 0;
         const int32_t first = done.steps, maximum = trial ? TRIAL : BURST,
@@ -324,8 +336,8 @@ static pliant_status run_frame(void *with, pliant_tled *tled, pliant_tool *tools
         tled->thread_choice.seconds[all] = (pliant_seconds() - start) / (done.steps - first);
     }
     *out = done;
-    if (!out->is_stable || tled->overlap_damping.status != PLIANT_OK) save_or_restore_start(tled, true);
-    return tled->overlap_damping.status;
+    if (!out->is_stable || status_of(tled) != PLIANT_OK) save_or_restore_start(tled, true);
+    return status_of(tled);
 }
 
 static void halve(pliant_tled *tled)

@@ -142,12 +142,12 @@ static pliant_status find_slowed(const pliant_model *model, pliant_data *data, p
     return status;
 }
 
-/* Explicit dynamics has no thickness: it would stop legs of tissue that rests on tissue. */
 /* max_piece_motion: largest motion of detached pieces in this step [m] */
 static pliant_status find_tissue(const pliant_model *model, pliant_data *data, double max_piece_motion,
                                  pliant_contacts *out)
 {
     pliant_tissue *tissue = &data->contact_search->tissue;
+    pliant_impact_zones *zones = &data->contact_search->zones;
     pliant_contact_surface *outside = pliant_contact_is_within_elements(model) ? &data->contact_search->outside : NULL;
     pliant_status status = pliant_tissue_set_body(tissue, data->body, outside ? outside->solid : NULL,
                                                   data->discretization->system->num_threads);
@@ -155,13 +155,17 @@ static pliant_status find_tissue(const pliant_model *model, pliant_data *data, d
     pliant_tissue_set_searcher(tissue, data->backend->searcher);
     if (model->scene.contact.response == PLIANT_RESPONSE_PAPER) return find_slowed(model, data, out);
     const pliant_tissue_rule rule = pliant_contact_tissue_rule(model, data, max_piece_motion);
+    const bool has_zones = data->body->has_inertia && data->backend->state_is_on_host;
     if (outside && rule.thickness > 0 && !tissue->exempt) {
         pliant_contact_surface_update(outside, data->body->fine.rest);
         status = pliant_tissue_set_rest(tissue, outside->positions);
         pliant_contact_surface_update(outside, data->positions);
     }
-    if (status != PLIANT_OK) return status;
-    return pliant_tissue_find(tissue, outside ? outside->positions : data->positions, &rule, out);
+    if (status == PLIANT_OK)
+        status = pliant_tissue_find(tissue, outside ? outside->positions : data->positions, &rule, out);
+    if (status == PLIANT_OK && has_zones) status = pliant_impact_zones_set(zones, tissue, outside, &rule);
+    if (status == PLIANT_OK && has_zones) data->tled->zones = zones;
+    return status;
 }
 
 /* Replace the compliance from the previous leg's points by that from this leg's points, if there are any. */
@@ -228,6 +232,7 @@ pliant_status pliant_contact_find_points(const pliant_model *model, pliant_data 
     if (status != PLIANT_OK) return status;
     pliant_contact_search *search = data->contact_search;
     search->made.count = 0;
+    if (data->tled) data->tled->zones = NULL;
     const double max_piece_motion = data->rigid_pieces ? pliant_rigid_pieces_predict(data) : 0;
     const pliant_body *body = NULL;
     const double *positions = NULL;
@@ -284,6 +289,7 @@ void pliant_contact_free(pliant_data *data)
     if (!search) return;
     pliant_contact_detector_free(search->detector);
     pliant_tissue_free(&search->tissue);
+    pliant_impact_zones_free(&search->zones);
     pliant_contact_surface_free(&search->outside);
     pliant_advance_free(search->advance);
     pliant_free(search->surface);

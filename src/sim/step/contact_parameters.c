@@ -58,9 +58,10 @@ pliant_tissue_rule pliant_contact_tissue_rule(const pliant_model *model, const p
                                               double max_piece_motion)
 {
     const double *cell = data->body->fine.cell_size, smallest = fmin(fmin(cell[0], cell[1]), cell[2]),
-                 thickness = data->body->has_inertia ? 0 : model->contact.self_thickness * smallest;
-    return (pliant_tissue_rule){.margin =
-                                    model->contact.self_margin * data->contact_search->tissue.shortest + thickness,
+                 thickness = model->contact.self_thickness * smallest;
+    const double margin = model->contact.self_margin * data->contact_search->tissue.shortest + thickness;
+    return (pliant_tissue_rule){.margin = margin,
+                                .max_margin = data->body->has_inertia ? 2 * margin : 0,
                                 .thickness = thickness,
                                 .recovery = pliant_contact_max_recovery(model, data),
                                 .friction = model->scene.contact.friction,

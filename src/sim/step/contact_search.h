@@ -3,6 +3,7 @@
 #define PLIANT_SIM_CONTACT_SEARCH_H
 
 #include "contact/detect/contact_surface.h"
+#include "contact/detect/impact_zones.h"
 #include "contact/detect/tissue.h"
 #include "contact/shapes/solid.h"
 #include "sim/step/contact.h"
@@ -18,6 +19,7 @@ struct pliant_contact_search {
     pliant_contact_settings settings;
     pliant_contact_detector *detector;
     pliant_tissue tissue; /* contact/self: tissue on tissue */
+    pliant_impact_zones zones; /* the same, in the sub-steps of explicit dynamics */
     pliant_contact_surface outside;
     pliant_contacts made; /* buffer: the points of the previous leg while this leg's points are in use */
     int32_t num_parts;

@@ -1,0 +1,441 @@
+#include "contact/detect/impact_zones.h"
+
+#include "base/buffer.h"
+#include "base/fail.h"
+#include "base/memory.h"
+#include "base/vector3.h"
+#include "contact/advance/advance_rules.h"
+#include "contact/advance/advance_workspace.h"
+
+#include <math.h>
+#include <string.h>
+
+enum {
+    MAX_IMPULSES = 16 /* rounds over the pairs that would come too near, before they form zones */,
+    MAX_ROUNDS = 16 /* of zones that grow, before one zone takes all nodes */
+};
+
+static int32_t num_nodes(const pliant_impact_zones *zones) { return zones->tissue->body->fine.num_nodes; }
+
+void pliant_impact_zones_free(pliant_impact_zones *zones)
+{
+    pliant_free(zones->pair);
+    pliant_free(zones->blocked);
+    pliant_free(zones->before);
+    pliant_free(zones->start);
+    pliant_free(zones->wanted[0]);
+    pliant_free(zones->wanted[1]);
+    pliant_free(zones->from);
+    pliant_free(zones->to);
+    pliant_free(zones->root);
+    pliant_free(zones->zone);
+    memset(zones, 0, sizeof *zones);
+}
+
+static bool resize(void *array, size_t count, size_t size)
+{
+    void **at = array;
+    void *made = pliant_resize(*at, count, size);
+    if (made) *at = made;
+    return made;
+}
+
+static pliant_status reserve(pliant_impact_zones *zones, size_t nodes)
+{
+    if (nodes <= (size_t)zones->max_nodes) return PLIANT_OK;
+    if (!resize(&zones->before, 3 * nodes, sizeof *zones->before) ||
+        !resize(&zones->start, 3 * nodes, sizeof *zones->start) ||
+        !resize(&zones->wanted[0], 3 * nodes, sizeof *zones->wanted[0]) ||
+        !resize(&zones->wanted[1], 3 * nodes, sizeof *zones->wanted[1]) ||
+        !resize(&zones->from, 3 * nodes, sizeof *zones->from) || !resize(&zones->to, 3 * nodes, sizeof *zones->to) ||
+        !resize(&zones->root, nodes, sizeof *zones->root) || !resize(&zones->zone, nodes, sizeof *zones->zone))
+        return pliant_fail_memory("the self-contacts of the tissue");
+    zones->max_nodes = (int32_t)nodes;
+    return PLIANT_OK;
+}
+
+/* ---- the list of pairs */
+
+/* Take over the pairs that pliant_tissue_list_pairs has found. */
+static pliant_status take_pairs(pliant_impact_zones *zones)
+{
+    const pliant_advance *advance = zones->tissue->advance;
+    const pliant_advance_self self = {.exempt = zones->tissue->exempt, .piece = zones->tissue->piece};
+    if (advance->num_self > zones->max_pairs) {
+        if (!resize(&zones->pair, (size_t)advance->max_self, sizeof *zones->pair))
+            return pliant_fail_memory("the self-contacts of the tissue");
+        zones->max_pairs = advance->max_self;
+    }
+    zones->num_pairs = 0;
+    zones->motion = 0;
+    zones->next = INFINITY;
+    for (int32_t n = 0; n < advance->num_self; n++) {
+        const pliant_advance_self_pair *pair = advance->self + n;
+        if (pliant_advance_is_exempt(&self, 4, pair->node, pair->is_edges ? 2 : 1)) continue;
+        const double slack = pair->limit - zones->rule.settings->advance_stop * zones->rule.thickness;
+        zones->pair[zones->num_pairs++] = (pliant_impact_pair){.index = n, .thickness = -1, .slack = slack};
+        zones->next = slack < zones->next ? slack : zones->next;
+    }
+    return PLIANT_OK;
+}
+
+/* Compute the position of a surface node from displacements. */
+static void corner_of(const pliant_impact_zones *zones, int32_t node, const double *u, double out[3])
+{
+    const double *rest = zones->tissue->body->fine.rest;
+    int32_t support[4] = {node};
+    double weights[4] = {1};
+    const int count = zones->surface ? pliant_contact_surface_support(zones->surface, node, support, weights) : 1;
+    memset(out, 0, 3 * sizeof *out);
+    for (int v = 0; v < count; v++)
+        for (size_t d = 0; d < 3; d++)
+            out[d] += weights[v] * (rest[3 * (size_t)support[v] + d] + u[3 * (size_t)support[v] + d]);
+}
+
+pliant_status pliant_impact_zones_set(pliant_impact_zones *zones, pliant_tissue *tissue,
+                                      const pliant_contact_surface *surface, const pliant_tissue_rule *rule)
+{
+    zones->tissue = tissue;
+    zones->surface = surface;
+    zones->rule = *rule;
+    const pliant_status status = reserve(zones, (size_t)num_nodes(zones));
+    return status == PLIANT_OK ? take_pairs(zones) : status;
+}
+
+/* List the pairs at the start of a sub-step. motion: of two nodes relative to each other in the sub-step [m] */
+static void list_pairs(pliant_impact_zones *zones, double motion)
+{
+    pliant_tissue *tissue = zones->tissue;
+    for (int32_t n = 0; n < tissue->num_nodes; n++)
+        corner_of(zones, tissue->node[n], zones->before, zones->from + 3 * (size_t)tissue->node[n]);
+    zones->status =
+        pliant_tissue_list_pairs(tissue, zones->from, fmax(zones->rule.max_margin, motion + zones->rule.thickness));
+    if (zones->status == PLIANT_OK) zones->status = take_pairs(zones);
+    memcpy(zones->start, zones->before, 3 * (size_t)num_nodes(zones) * sizeof *zones->start);
+}
+
+void pliant_impact_zones_begin(pliant_impact_zones *zones, const double *u)
+{
+    const size_t bytes = 3 * (size_t)num_nodes(zones) * sizeof *u;
+    zones->status = PLIANT_OK;
+    memcpy(zones->before, u, bytes);
+    if (zones->motion > 0) list_pairs(zones, 0); /* after a rollback */
+    memcpy(zones->start, u, bytes);
+}
+
+/* Return a bound of the motion of two nodes relative to each other: the diagonal of the box around all motions [m]. */
+static double find_motion(const pliant_impact_zones *zones, const double *from, const double *to)
+{
+    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY}, square = 0;
+    for (int32_t n = 0; n < num_nodes(zones); n++)
+        for (size_t d = 0; d < 3; d++) {
+            const double motion = to[3 * (size_t)n + d] - from[3 * (size_t)n + d];
+            low[d] = motion < low[d] ? motion : low[d];
+            high[d] = motion > high[d] ? motion : high[d];
+        }
+    for (int d = 0; d < 3; d++) square += (high[d] - low[d]) * (high[d] - low[d]);
+    return sqrt(square);
+}
+
+/* ---- pairs that would come too near */
+
+static pliant_advance_self_pair *pair_at(const pliant_impact_zones *zones, int32_t n)
+{
+    return zones->tissue->advance->self + zones->pair[n].index;
+}
+
+/* Return the nodes that move a pair, at most 16. */
+static int nodes_of(const pliant_impact_zones *zones, int32_t n, int32_t out[16])
+{
+    const pliant_advance_self_pair *pair = pair_at(zones, n);
+    double weights[4];
+    int count = 0;
+    for (int c = 0; c < 4; c++) {
+        const int32_t node = pair->node[c];
+        if (zones->surface)
+            count += pliant_contact_surface_support(zones->surface, node, out + count, weights);
+        else
+            out[count++] = node;
+    }
+    return count;
+}
+
+/* Return the largest fraction of the sub-step that is free for a pair. */
+static double free_fraction(pliant_impact_zones *zones, int32_t n, const double *u)
+{
+    pliant_advance_self_pair *pair = pair_at(zones, n);
+    for (int c = 0; c < 4; c++) {
+        corner_of(zones, pair->node[c], zones->before, zones->from + 3 * (size_t)pair->node[c]);
+        corner_of(zones, pair->node[c], u, zones->to + 3 * (size_t)pair->node[c]);
+    }
+    return pliant_tissue_advance_pair(zones->tissue, zones->from, zones->to, &zones->rule, pair);
+}
+
+static double distance_at(pliant_impact_zones *zones, int32_t n, const double *u)
+{
+    const pliant_advance_self_pair *pair = pair_at(zones, n);
+    for (int c = 0; c < 4; c++) corner_of(zones, pair->node[c], u, zones->from + 3 * (size_t)pair->node[c]);
+    return pliant_advance_self_distance(pair, zones->from);
+}
+
+/* Return a bound of the motion of a pair's nodes relative to each other since the pairs were listed, up to the end of
+ * this sub-step [m]. */
+static double find_pair_motion(const pliant_impact_zones *zones, int32_t n, const double *u)
+{
+    double low[2][3] = {{0}}, high[2][3] = {{0}}, square[2] = {0, 0};
+    int32_t node[16];
+    const int count = nodes_of(zones, n, node);
+    for (int k = 0; k < count; k++)
+        for (size_t d = 0; d < 3; d++) {
+            const size_t at = 3 * (size_t)node[k] + d;
+            const double motion[2] = {zones->before[at] - zones->start[at], u[at] - zones->start[at]};
+            for (int m = 0; m < 2; m++) {
+                low[m][d] = k == 0 || motion[m] < low[m][d] ? motion[m] : low[m][d];
+                high[m][d] = k == 0 || motion[m] > high[m][d] ? motion[m] : high[m][d];
+            }
+        }
+    for (int m = 0; m < 2; m++)
+        for (int d = 0; d < 3; d++) square[m] += (high[m][d] - low[m][d]) * (high[m][d] - low[m][d]);
+    return sqrt(square[0] > square[1] ? square[0] : square[1]);
+}
+
+static bool add_blocked(pliant_impact_zones *zones, int32_t n)
+{
+    if (zones->num_blocked == zones->max_blocked) {
+        const int32_t count = zones->max_blocked > 0 ? 2 * zones->max_blocked : 64;
+        if (!resize(&zones->blocked, (size_t)count, sizeof *zones->blocked)) {
+            zones->status = pliant_fail_memory("the self-contacts of the tissue");
+            return false;
+        }
+        zones->max_blocked = count;
+    }
+    zones->blocked[zones->num_blocked++] = n;
+    return true;
+}
+
+/* Return the distance of a pair beyond the smallest distance that a leg may leave. The smallest distance rises more
+ * slowly than the distance at the start of the leg. */
+static double gap_of(const pliant_impact_zones *zones, const pliant_impact_pair *pair, double distance)
+{
+    const pliant_contact_settings *settings = zones->rule.settings;
+    return distance - fmax(fmin(settings->advance_keep * distance, settings->advance_stop * pair->thickness),
+                           pliant_advance_floor(pair->thickness));
+}
+
+/* Return whether a pair would come too near in this sub-step. First use the motion of the pair's nodes since the pairs
+ * were listed, then the distance at the start of this sub-step. before: motion up to there [m] */
+static bool is_blocked(pliant_impact_zones *zones, int32_t n, double before, const double *u)
+{
+    pliant_impact_pair *pair = zones->pair + n;
+    if (pair->thickness < 0) {
+        pair->thickness = pliant_tissue_pair_thickness(zones->tissue, &zones->rule, pair_at(zones, n));
+        if (pair->thickness > 0) pair->gap = gap_of(zones, pair, distance_at(zones, n, zones->start));
+        if (pair->thickness > 0)
+            pair->slack = pair->gap;
+        else
+            pair->slack = INFINITY;
+    }
+    if (pair->slack > zones->motion || pair->gap > find_pair_motion(zones, n, u)) return false;
+    pair->slack = before + gap_of(zones, pair, distance_at(zones, n, zones->before));
+    return pair->slack <= zones->motion && free_fraction(zones, n, u) < 1;
+}
+
+/* List the pairs that would come too near. */
+static void find_blocked(pliant_impact_zones *zones, double motion, const double *u)
+{
+    zones->num_blocked = 0;
+    zones->next = INFINITY;
+    for (int32_t n = 0; n < zones->num_pairs; n++) {
+        const pliant_impact_pair *pair = zones->pair + n;
+        if (pair->slack <= zones->motion && is_blocked(zones, n, zones->motion - motion, u) && !add_blocked(zones, n))
+            return;
+        zones->next = pair->slack < zones->next ? pair->slack : zones->next;
+    }
+}
+
+/* ---- impulses */
+
+/* Find the nodes of a pair's closest points and their weights. Return the number of nodes. */
+static int find_weights(const pliant_impact_zones *zones, const pliant_advance_self_pair *pair, int32_t node[16],
+                        double weight[16], double normal[3])
+{
+    double of_corner[4];
+    int count = 0;
+    pliant_advance_self_contact(pair, zones->from, zones->to, of_corner, normal);
+    for (int c = 0; c < 4; c++) {
+        int32_t support[4] = {pair->node[c]};
+        double weights[4] = {1};
+        const int supports =
+            zones->surface ? pliant_contact_surface_support(zones->surface, pair->node[c], support, weights) : 1;
+        for (int v = 0; v < supports; v++) {
+            int k = 0;
+            while (k < count && node[k] != support[v]) k++;
+            if (k == count) {
+                node[count] = support[v];
+                weight[count++] = 0;
+            }
+            weight[k] += of_corner[c] * weights[v];
+        }
+    }
+    return count;
+}
+
+/* Reduce the approach of a pair to the fraction that is free, by an impulse along the line between its closest
+ * points. */
+static void apply_impulse(pliant_impact_zones *zones, int32_t n, const double *inverse_mass, double *u, double *d)
+{
+    const pliant_advance_self_pair *pair = pair_at(zones, n);
+    int32_t node[16];
+    double weight[16], normal[3], approach = 0, compliance = 0;
+    (void)free_fraction(zones, n, u);
+    if (!(pair->t < 1)) return;
+    const int count = find_weights(zones, pair, node, weight, normal);
+    for (int k = 0; k < count; k++) {
+        const size_t at = 3 * (size_t)node[k];
+        compliance += weight[k] * weight[k] * inverse_mass[node[k]];
+        for (size_t c = 0; c < 3; c++) approach -= weight[k] * normal[c] * (u[at + c] - zones->before[at + c]);
+    }
+    if (!(approach > 0) || !(compliance > 0)) return;
+    for (int k = 0; k < count; k++) {
+        const double move = (1 - pair->t) * approach / compliance * weight[k] * inverse_mass[node[k]];
+        for (size_t c = 0; c < 3; c++) {
+            u[3 * (size_t)node[k] + c] += move * normal[c];
+            d[3 * (size_t)node[k] + c] += move * normal[c];
+        }
+    }
+}
+
+/* ---- zones */
+
+static int32_t root_of(pliant_impact_zones *zones, int32_t node)
+{
+    while (zones->root[node] != node) node = zones->root[node] = zones->root[zones->root[node]];
+    return node;
+}
+
+/* Put a node into the zone of another one. The lower number is the root, so the order does not matter. */
+static void join(pliant_impact_zones *zones, int32_t node, int32_t other)
+{
+    if (zones->root[node] < 0) zones->root[node] = node;
+    if (zones->root[other] < 0) zones->root[other] = other;
+    const int32_t a = root_of(zones, node), b = root_of(zones, other);
+    zones->root[a > b ? a : b] = a > b ? b : a;
+}
+
+static void join_pair(pliant_impact_zones *zones, int32_t n)
+{
+    int32_t node[16];
+    const int count = nodes_of(zones, n, node);
+    for (int k = 1; k < count; k++) join(zones, node[k], node[0]);
+}
+
+/* Compute the mean motion of each zone. */
+static void find_means(pliant_impact_zones *zones, const double *inverse_mass)
+{
+    const int32_t nodes = num_nodes(zones);
+    for (int32_t n = 0; n < nodes; n++)
+        if (zones->root[n] == n) zones->zone[n] = (pliant_impact_zone){.t = 1};
+    for (int32_t b = 0; b < zones->num_blocked; b++) {
+        const int32_t pair = zones->blocked[b];
+        int32_t node[16];
+        (void)nodes_of(zones, pair, node);
+        pliant_impact_zone *zone = zones->zone + root_of(zones, node[0]);
+        zone->t = fmin(zone->t, pair_at(zones, pair)->t);
+    }
+    for (int32_t n = 0; n < nodes; n++) {
+        if (zones->root[n] < 0) continue;
+        pliant_impact_zone *zone = zones->zone + root_of(zones, n);
+        zone->is_fixed = zone->is_fixed || !(inverse_mass[n] > 0);
+        if (!(inverse_mass[n] > 0)) continue;
+        zone->mass += 1 / inverse_mass[n];
+        for (size_t d = 0; d < 3; d++) {
+            const size_t at = 3 * (size_t)n + d;
+            zone->motion[d] += (zones->wanted[0][at] - zones->before[at]) / inverse_mass[n];
+            zone->increment[d] += zones->wanted[1][at] / inverse_mass[n];
+        }
+    }
+    for (int32_t n = 0; n < nodes; n++)
+        for (int d = 0; d < 3 && zones->root[n] == n; d++) {
+            pliant_impact_zone *zone = zones->zone + n;
+            const bool moves = !zone->is_fixed && zone->mass > 0;
+            zone->motion[d] = moves ? zone->motion[d] / zone->mass : 0;
+            zone->increment[d] = moves ? zone->increment[d] / zone->mass : 0;
+        }
+}
+
+/* Move each zone by its mean, and by a fraction of the motion relative to it. */
+static void move_zones(pliant_impact_zones *zones, const double *inverse_mass, double *u, double *d)
+{
+    find_means(zones, inverse_mass);
+    for (int32_t n = 0; n < num_nodes(zones); n++) {
+        if (zones->root[n] < 0 || !(inverse_mass[n] > 0)) continue;
+        const pliant_impact_zone *zone = zones->zone + root_of(zones, n);
+        for (size_t k = 0; k < 3; k++) {
+            const size_t at = 3 * (size_t)n + k;
+            const double motion = zones->wanted[0][at] - zones->before[at];
+            u[at] = zones->before[at] + zone->motion[k] + zone->t * (motion - zone->motion[k]);
+            d[at] = zone->increment[k] + zone->t * (zones->wanted[1][at] - zone->increment[k]);
+        }
+    }
+}
+
+/* Let zones grow by the pairs at their borders that would come too near. Return whether any has grown. */
+static bool grow(pliant_impact_zones *zones, const double *u)
+{
+    bool grown = false;
+    for (int32_t n = 0; n < zones->num_pairs; n++) {
+        int32_t node[16];
+        if (!(zones->pair[n].slack <= zones->motion)) continue;
+        const int count = nodes_of(zones, n, node);
+        bool is_in_one = zones->root[node[0]] >= 0, is_in_any = is_in_one;
+        for (int k = 1; k < count; k++) {
+            const bool is_in = zones->root[node[k]] >= 0;
+            is_in_any = is_in_any || is_in;
+            is_in_one = is_in_one && is_in && root_of(zones, node[k]) == root_of(zones, node[0]);
+        }
+        if (!is_in_any || is_in_one) continue;
+        const double t = pair_at(zones, n)->t;
+        const bool is_blocked = free_fraction(zones, n, u) < 1;
+        pair_at(zones, n)->t = t; /* of the motion without zones */
+        if (is_blocked) join_pair(zones, n);
+        grown = grown || is_blocked;
+    }
+    return grown;
+}
+
+static void limit_zones(pliant_impact_zones *zones, const double *inverse_mass, double *u, double *d)
+{
+    const int32_t nodes = num_nodes(zones);
+    memcpy(zones->wanted[0], u, 3 * (size_t)nodes * sizeof *u);
+    memcpy(zones->wanted[1], d, 3 * (size_t)nodes * sizeof *d);
+    for (int32_t n = 0; n < nodes; n++) zones->root[n] = -1;
+    for (int32_t b = 0; b < zones->num_blocked; b++) join_pair(zones, zones->blocked[b]);
+    move_zones(zones, inverse_mass, u, d);
+    for (int round = 0; grow(zones, u); round++) {
+        for (int32_t n = 1; round == MAX_ROUNDS && n < nodes; n++) join(zones, n, 0);
+        move_zones(zones, inverse_mass, u, d);
+    }
+}
+
+void pliant_impact_zones_limit(pliant_impact_zones *zones, const double *inverse_mass, double *u, double *d)
+{
+    const double stop = zones->rule.settings->advance_stop * zones->rule.thickness;
+    double before = zones->motion, motion = 0;
+    for (int round = 0; zones->status == PLIANT_OK; round++) {
+        motion = fmax(find_motion(zones, zones->before, u), motion);
+        if (!(zones->tissue->listed - find_motion(zones, zones->start, u) > stop)) {
+            list_pairs(zones, motion);
+            before = 0;
+        }
+        zones->motion = before + motion;
+        if (zones->status != PLIANT_OK || !(zones->next <= zones->motion)) break;
+        find_blocked(zones, motion, u);
+        if (zones->status != PLIANT_OK || zones->num_blocked == 0) break;
+        if (round == MAX_IMPULSES) {
+            limit_zones(zones, inverse_mass, u, d);
+            break;
+        }
+        for (int32_t b = 0; b < zones->num_blocked; b++) apply_impulse(zones, zones->blocked[b], inverse_mass, u, d);
+    }
+    memcpy(zones->before, u, 3 * (size_t)num_nodes(zones) * sizeof *u);
+}

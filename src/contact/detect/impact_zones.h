@@ -1,0 +1,69 @@
+/* Keep tissue out of tissue in each sub-step of explicit dynamics.
+ *
+ * A sub-step moves all nodes along straight lines. The pairs of the surface that are near each other are listed once
+ * per frame, with a margin for their motion. The list is made again when that margin is used up. A pair is measured
+ * only when the motion since its last measurement could bring it near the distance that all pairs keep.
+ *
+ * If a pair would come nearer, an impulse along the line between its closest points reduces its approach to the
+ * fraction that is free. Where several rounds of impulses do not suffice, the nodes of the pairs form impact zones
+ * (Bridson, Fedkiw, Anderson, ACM Trans. Graph. 21(3):594, 2002). The motion of a zone relative to its center of mass
+ * takes the largest free fraction. So both keep the momentum, and neither adds kinetic energy. */
+#ifndef PLIANT_CONTACT_IMPACT_ZONES_H
+#define PLIANT_CONTACT_IMPACT_ZONES_H
+
+#include "contact/detect/contact_surface.h"
+#include "contact/detect/tissue.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* A listed pair. */
+typedef struct pliant_impact_pair {
+    int32_t index; /* into the advance's pairs */
+    double thickness; /* negative: not known yet [m] */
+    double gap;       /* when the pairs were listed: distance beyond the smallest one; valid with a thickness [m] */
+    double slack;     /* motion at which the pair can come too near; a lower bound [m] */
+} pliant_impact_pair;
+
+typedef struct pliant_impact_zone {
+    double mass, motion[3], increment[3]; /* sum; mass-weighted sums, later means [kg], [m] */
+    double t;                             /* fraction of the relative motion */
+    bool is_fixed;                        /* it contains a fixed node */
+} pliant_impact_zone;
+
+/* All zero: nothing is kept apart. */
+typedef struct pliant_impact_zones {
+    pliant_tissue *tissue;                 /* borrowed, for a frame */
+    const pliant_contact_surface *surface; /* Nullable: the mesh's own surface; borrowed, for a frame */
+    pliant_tissue_rule rule;
+    double motion; /* bound of the motion of two points relative to each other since the pairs were listed [m] */
+    double next;   /* smallest slack [m] */
+    int32_t num_pairs, max_pairs, num_blocked, max_blocked, max_nodes;
+    pliant_impact_pair *pair;
+    int32_t *blocked;         /* indices into pair */
+    double *start;            /* (nodes x 3) displacements when the pairs were listed [m] */
+    double *before;           /* (nodes x 3) displacements before the sub-step [m] */
+    double *wanted[2];        /* (nodes x 3) displacements and increments without zones [m] */
+    double *from, *to;        /* (nodes x 3) surface before and after the sub-step, of measured pairs [m] */
+    int32_t *root;            /* (nodes) disjoint sets; -1: in no zone */
+    pliant_impact_zone *zone; /* (nodes) at the roots */
+    pliant_status status;     /* of a sub-step: MEMORY */
+} pliant_impact_zones;
+
+void pliant_impact_zones_free(pliant_impact_zones *zones); /* frees its contents */
+/* Set the pairs of a leg: the pairs that pliant_tissue_find has listed by this rule. Errors: MEMORY.
+ * @param surface Nullable: the mesh's own surface. It is borrowed, as the tissue is, for the leg. */
+pliant_status pliant_impact_zones_set(pliant_impact_zones *zones, pliant_tissue *tissue,
+                                      const pliant_contact_surface *surface, const pliant_tissue_rule *rule);
+/* Start the sub-steps of the leg, again after a rollback. u: (nodes x 3) displacements [m] */
+void pliant_impact_zones_begin(pliant_impact_zones *zones, const double *u);
+/* Change the motion of a sub-step so that no pair comes too near. Errors: zones->status.
+ * @param u, d (nodes x 3) displacements and increments after the sub-step [m] */
+void pliant_impact_zones_limit(pliant_impact_zones *zones, const double *inverse_mass, double *u, double *d);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
