@@ -1,13 +1,12 @@
 /* A contact point (contact/contact.h) in a sub-step, shared by CPU and kernels. Points are corrected after a sub-step
  * without contact. Points without common nodes can be processed in any order.
  *
- * Projected Gauss-Seidel solves for the impulses p of all points together (Moreau, Comput. Methods Appl. Mech. Eng.
- * 177:329, 1999). Central differences change their conserved energy by the sum of p (d + d-) / 2 h^2, with the
- * increments d- and d before and after the impulses. An impulse stops a point at its gap, or returns it to the depth
- * of the sub-step before. So no term is positive, if increments are relative to the obstacle. A penetration is then
- * removed by a shift of positions. It costs the energy shift times resistance, which contacts must have dissipated
- * before. Contact therefore adds no energy, except for the work of tools. In dynamic relaxation, points are corrected
- * one after the other. */
+ * Points of tools are corrected one after the other. Then projected Gauss-Seidel solves for the impulses p of all other
+ * points together (Moreau, Comput. Methods Appl. Mech. Eng. 177:329, 1999). Central differences change their conserved
+ * energy by the sum of p (d + d-) / 2 h^2, with the increments d- and d before and after the impulses. An impulse stops
+ * a point at its gap, or returns it to the depth of the sub-step before, so that no term is positive. A penetration is
+ * then removed by a shift of positions. It costs the energy shift times resistance, which contacts must have dissipated
+ * before. Contact without tools therefore adds no energy. */
 #ifndef PLIANT_FEM_DYNAMICS_SUBSTEP_CONTACT_H
 #define PLIANT_FEM_DYNAMICS_SUBSTEP_CONTACT_H
 
@@ -201,10 +200,10 @@ PLIANT_INLINE void pliant_tled_contact_move_anchor(const pliant_tled_contact_tim
         contact->anchor[d] += time->still && !time->first ? 0 : time->part * point->drift[d];
 }
 
-/* Return whether a point is solved together with others. */
+/* Return whether a point is solved together with others: explicit dynamics without a tool. */
 PLIANT_INLINE bool pliant_tled_contact_is_coupled(bool still, const pliant_contact_point *point)
 {
-    return !still && !pliant_contact_slows(point);
+    return !still && point->kind != PLIANT_OBSTACLE_TOOL && !pliant_contact_slows(point);
 }
 
 /* ---- Points that are corrected one after the other. */
