@@ -71,6 +71,10 @@ TEST(Swept, NothingIsSweptThroughACoarseSheetNorBesidePatchesAndPieces)
         const SweepPath on = beside_a_patch.at(n);
         EXPECT_FALSE(has_tunneled(sweep(on, coarse(SweepExtra::Patch)), on)) << n;
     }
+    for (const auto &crushing : {std::make_pair(53, SweepExtra::Nothing), std::make_pair(11, SweepExtra::Patch)}) {
+        Sweeps sweeps;
+        EXPECT_EQ(sweep(sweeps.at(crushing.first), coarse(crushing.second)).turned, 0) << crushing.first;
+    }
     for (const int n : {11, 14, 42, 68}) {
         const SweepPath on = beside_a_piece.at(n);
         EXPECT_FALSE(has_tunneled(sweep(on, cut()), on)) << n;

@@ -316,14 +316,15 @@ static pliant_status apply_checked_fraction(const pliant_model *model, pliant_da
 }
 
 /* Apply the volume bound: shorten the motion of the nodes of small elements. After a blocked leg, shorten the motion
- * of all nodes alike, because the linear model that made it holds for small motions only. The same is done if no
- * motion of single nodes is found. */
+ * of all nodes alike, because the linear model that made it holds for small motions only. The same is done for coarse
+ * methods and patches, whose fine nodes move together, and if no motion of single nodes is found. */
 static pliant_status keep_volumes(const pliant_model *model, pliant_data *data, double *fraction)
 {
     bool found = false;
     data->legs->limited_by_elements = false;
-    if (!pliant_contact_bounds_volumes(data)) return PLIANT_OK;
-    pliant_status status = data->legs->blocked ? PLIANT_OK : pliant_legs_bound_volumes(model, data, &found);
+    if (!data->solver) return PLIANT_OK;
+    const bool bounds_nodes = !data->legs->blocked && pliant_contact_bounds_volumes(data);
+    pliant_status status = bounds_nodes ? pliant_legs_bound_volumes(model, data, &found) : PLIANT_OK;
     if (found || status != PLIANT_OK) return status;
     *fraction = pliant_volume_advance(&model->contact, &data->body->fine, data->legs->positions, data->positions,
                                       pliant_contact_pieces(data));
