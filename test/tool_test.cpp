@@ -4,6 +4,8 @@
 #include "sim/build/linear_wrench.h"
 #include "model_data/data.h"
 
+#include <algorithm>
+#include <cmath>
 #include <string>
 
 namespace {
@@ -67,6 +69,35 @@ TEST_F(Tool, APoseNeedsARotationAndADriveIsOneOfThree)
     EXPECT_EQ(pliant_tool_set_drive(body.data, tool, static_cast<pliant_drive>(3), nullptr), PLIANT_ERROR_ARGUMENT);
     EXPECT_NE(std::string(pliant_last_error()).find("spring (0), rigid (1) or force (2)"), std::string::npos)
         << pliant_last_error();
+}
+
+// The weights of a cube's tetrahedra differ between its corners of even and odd parity. Trilinear weights do not.
+TEST(ToolInACube, AHexahedronIsHeldByTrilinearWeightsIfTheBallReachesACellsEdge)
+{
+    Body body(size, box, {{4000, 0.45, 1000, false}});
+    body.cells(6, 6, 6, 1);
+    body.fix_plane(0, 0, 0.001, 0, 0, 1);
+    body.scene.element.kind = PLIANT_HEXAHEDRA;
+    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    int tool = -1;
+    ASSERT_EQ(pliant_tool_add(body.model, body.data, "hook", &tool), PLIANT_OK);
+    const double centre[3] = {0.07, 0.05, 0.09}, cell = 0.02; // of a cube
+    for (const double radius : {0.99 * cell, 1.01 * cell}) {
+        ASSERT_EQ(pliant_tool_set_radius(body.data, tool, radius), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_grasp(body.model, body.data, tool, centre), PLIANT_OK) << pliant_last_error();
+        const pliant_tool &hook = body.data->tools[tool];
+        double lowest = 1, highest = 0, sum = 0;
+        for (int32_t h = 0; h < hook.num_held; h++) {
+            const double *at = body.data->body->fine.rest + 3 * hook.held[h];
+            sum += hook.weight[h];
+            if (std::hypot(std::hypot(at[0] - centre[0], at[1] - centre[1]), at[2] - centre[2]) > cell) continue;
+            lowest = std::min(lowest, hook.weight[h]);
+            highest = std::max(highest, hook.weight[h]);
+        }
+        EXPECT_NEAR(sum, 1, 1e-12);
+        if (radius < cell) EXPECT_GT(highest, 1.5 * lowest);
+        else EXPECT_NEAR(highest, lowest, 1e-12);
+    }
 }
 
 TEST_F(Tool, GraspingFixedTissueIsLogged)

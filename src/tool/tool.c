@@ -3,6 +3,7 @@
 #include "base/fail.h"
 #include "contact/shapes/shapes.h"
 #include "cut/cut.h"
+#include "fem/element/hexahedra.h"
 #include "mesh/mesh.h"
 #include "tool/blade.h"
 #include "tool/tool.h"
@@ -223,14 +224,44 @@ static void find_tets(const pliant_body *body, rest_points *points)
     }
 }
 
-/* Sum the weights of the fine nodes over the rest points. Return the number of points in tissue. */
-static int32_t add_points(const pliant_body *body, rest_points *points, double *weights)
+/* Return whether trilinear weights hold a ball. A ball below an edge of a cube would be too stiff with them
+ * (fem/element/NUMERICS.md). */
+static bool is_held_by_cubes(const pliant_scene *scene, const pliant_mesh *mesh, double radius)
+{
+    const double *size = mesh->cell_size;
+    return scene->element.kind == PLIANT_HEXAHEDRA && radius >= cbrt(size[0] * size[1] * size[2]);
+}
+
+/* Add the trilinear weights of the eight corners at a point of a whole cube. Return false for other tetrahedra. */
+static bool add_in_cube(const pliant_mesh *mesh, int32_t tet, const double at[3], double *weights)
+{
+    pliant_cube cube;
+    if (!mesh->lattice_of_tet || !pliant_cube_of(mesh, tet, &cube) || !pliant_cube_is_box(mesh, &cube, 1)) return false;
+    const double *corner = mesh->rest + 3 * cube.node[0];
+    double local[3];
+    for (int axis = 0; axis < 3; axis++) {
+        local[axis] = 0;
+        for (int d = 0; d < 3; d++)
+            local[axis] += (at[d] - corner[d]) * mesh->direction[3 * d + axis] / mesh->cell_size[axis];
+    }
+    for (int v = 0; v < 8; v++) {
+        double weight = 1;
+        for (int axis = 0; axis < 3; axis++) weight *= v >> axis & 1 ? local[axis] : 1 - local[axis];
+        weights[cube.node[v]] += weight;
+    }
+    return true;
+}
+
+/* Sum the weights of the fine nodes over the rest points. by_cubes: use trilinear weights where possible. Return the
+ * number of points in tissue. */
+static int32_t add_points(const pliant_body *body, bool by_cubes, rest_points *points, double *weights)
 {
     int32_t inside = 0;
     find_tets(body, points);
     for (int32_t p = 0; p < points->count; p++) {
         if (points->tet[p] < 0) continue;
         inside++;
+        if (by_cubes && add_in_cube(&body->fine, points->tet[p], points->at + 3 * p, weights)) continue;
         for (int v = 0; v < 4; v++) weights[body->fine.tets[4 * points->tet[p] + v]] += points->weight[4 * p + v];
     }
     return inside;
@@ -274,8 +305,9 @@ static pliant_status fail_no_tissue(const pliant_mesh *mesh, const char *name, c
 }
 
 /* List the nodes of a blob, ascending, with their weights. */
-static pliant_status list_held(const pliant_body *body, const pliant_tool *tool, const double centre[3], double radius,
-                               int32_t *num_held, int32_t **nodes, double **fractions)
+static pliant_status list_held(const pliant_scene *scene, const pliant_body *body, const pliant_tool *tool,
+                               const double centre[3], double radius, int32_t *num_held, int32_t **nodes,
+                               double **fractions)
 {
     const pliant_mesh *mesh = &body->fine;
     double *weights = pliant_calloc((size_t)mesh->num_nodes, sizeof *weights), total = 0;
@@ -284,8 +316,8 @@ static pliant_status list_held(const pliant_body *body, const pliant_tool *tool,
     double *weight = NULL;
     rest_points points;
     list_points(centre, radius, &points);
-    pliant_status status =
-        add_points(body, &points, weights) > 0 ? PLIANT_OK : fail_no_tissue(mesh, tool->name, centre);
+    const int32_t inside = add_points(body, is_held_by_cubes(scene, mesh, radius), &points, weights);
+    pliant_status status = inside > 0 ? PLIANT_OK : fail_no_tissue(mesh, tool->name, centre);
     for (int32_t n = 0; n < mesh->num_nodes; n++) {
         count += weights[n] != 0;
         total += weights[n];
@@ -312,8 +344,8 @@ static pliant_status list_held(const pliant_body *body, const pliant_tool *tool,
     return status;
 }
 
-pliant_status pliant_tool_transfer(pliant_tool *tool, const pliant_tool *from, const pliant_data *data,
-                                   const pliant_body *next, const double *positions)
+pliant_status pliant_tool_transfer(const pliant_scene *scene, pliant_tool *tool, const pliant_tool *from,
+                                   const pliant_data *data, const pliant_body *next, const double *positions)
 {
     *tool = *from;
     pliant_tool_shape_retain(&tool->shape);
@@ -324,8 +356,8 @@ pliant_status pliant_tool_transfer(pliant_tool *tool, const pliant_tool *from, c
     pliant_status status = pliant_blade_transfer(&tool->blade, &from->blade, data, next, positions);
     if (status != PLIANT_OK || !from->holding) return status;
     if (!from->blade.is_dragging)
-        status =
-            list_held(next, from, from->grasped, from->grasped_radius, &tool->num_held, &tool->held, &tool->weight);
+        status = list_held(scene, next, from, from->grasped, from->grasped_radius, &tool->num_held, &tool->held,
+                           &tool->weight);
     else if (pliant_blade_num_inside(&tool->blade.edge) > 0) status = pliant_blade_hold(next, tool);
     else pliant_blade_release(tool);
     tool->holding = tool->num_held > 0;
@@ -358,7 +390,6 @@ static void log_fixed_regions(const pliant_data *data, const pliant_tool *tool)
 
 pliant_status pliant_tool_grasp(const pliant_model *model, pliant_data *data, int index, const double rest[3])
 {
-    (void)model;
     pliant_status status = check_tool(data, index);
     if (status != PLIANT_OK) return status;
     pliant_tool *tool = data->tools + index;
@@ -382,7 +413,7 @@ pliant_status pliant_tool_grasp(const pliant_model *model, pliant_data *data, in
     int32_t *held = NULL, count;
     double *weight = NULL;
     pliant_account *before = pliant_account_use(data->account);
-    status = list_held(data->body, tool, centre, tool->radius, &count, &held, &weight);
+    status = list_held(&model->scene, data->body, tool, centre, tool->radius, &count, &held, &weight);
     pliant_account_use(before);
     if (status != PLIANT_OK) return status;
     pliant_tool_reset_grasp(tool);

@@ -16,8 +16,8 @@ extern "C" {
 void pliant_tool_report(pliant_data *data, int tool, const double *force);
 /* Copy a tool to the next body at these positions. It grasps the tissue at the same rest point. Errors: MEMORY,
  * ARGUMENT (no tissue there); free both. */
-pliant_status pliant_tool_transfer(pliant_tool *tool, const pliant_tool *from, const pliant_data *data,
-                                   const pliant_body *next, const double *positions);
+pliant_status pliant_tool_transfer(const pliant_scene *scene, pliant_tool *tool, const pliant_tool *from,
+                                   const pliant_data *data, const pliant_body *next, const double *positions);
 /* Before a step: let a spring slip so that its force does not exceed grasp/slip. A grasp that has slipped too far is
  * released. */
 void pliant_tool_slip(const pliant_scene *scene, pliant_data *data, int tool);

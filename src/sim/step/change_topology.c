@@ -138,7 +138,7 @@ static pliant_status prepare_tools(const adaptation *work)
     for (int t = 0; t < data->num_tools && status == PLIANT_OK; t++) {
         pliant_tool *tool = made->tools + t;
         made->num_tools = t + 1; /* on an error this many tools are freed */
-        status = pliant_tool_transfer(tool, data->tools + t, data, made->body, made->positions);
+        status = pliant_tool_transfer(&work->model->scene, tool, data->tools + t, data, made->body, made->positions);
         if (status == PLIANT_OK && made->solver && tool->holding && tool->attached)
             status = pliant_solver_carry_grasp(made->solver, data->solver, t, tool->num_held, tool->held, tool->weight,
                                                made->positions, tool->force);
