@@ -1,7 +1,7 @@
 // Tests of contact in explicit dynamics: conserved quantities, dissipation and static friction.
 #include "contacts.h"
 
-#include "backend/explicit_dynamics.h"
+#include "backend/explicit_statistics.h"
 #include "fem/dynamics/tled.h"
 #include "thrown.h"
 

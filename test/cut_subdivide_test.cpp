@@ -1,6 +1,6 @@
 // Tests of cuts that subdivide tetrahedra (cut/kind: subdivide): the mesh, the simulation state, and unsupported
 // combinations.
-#include "backend/explicit_dynamics.h"
+#include "backend/explicit_statistics.h"
 #include "base/memory.h"
 #include "cuts.h"
 #include "mesh/mesh.h"

@@ -1,5 +1,5 @@
 // A complete sweep over a tiny body.
-#include "backend/explicit_dynamics.h"
+#include "backend/explicit_statistics.h"
 #include "pipeline/body.h"
 #include "report/report.h"
 

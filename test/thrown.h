@@ -2,7 +2,7 @@
 #ifndef PLIANT_TEST_THROWN_H
 #define PLIANT_TEST_THROWN_H
 
-#include "backend/explicit_dynamics.h"
+#include "backend/explicit_statistics.h"
 #include "fem/dynamics/tled.h"
 #include "pipeline/body.h"
 

@@ -1,7 +1,7 @@
 // Explicit dynamics continues with the next body: momentum, energies and relaxed stress are kept, the sub-step is
 // recomputed.
 #include "fem/dynamics/tled_cubes.h"
-#include "backend/explicit_dynamics.h"
+#include "backend/explicit_statistics.h"
 #include "cuts.h"
 #include "sim/api/data.h"
 

@@ -1,5 +1,5 @@
 // Explicit dynamics against closed forms: energy, waves, falling, stability, tools.
-#include "backend/explicit_dynamics.h"
+#include "backend/explicit_statistics.h"
 #include "base/memory.h"
 #include "tled_bars.h"
 

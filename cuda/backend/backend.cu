@@ -237,7 +237,7 @@ static constexpr pliant_backend table()
     made.free = destroy;
     made.carry_over_cut = carry_over_cut;
     made.restart = restart;
-    made.move = move;
+    made.upload_positions = move;
     made.download = download;
     made.solve = solve;
     made.upsample = upsample;

@@ -54,7 +54,7 @@ struct pliant_backend {
                                     const pliant_body_map *map, bool *possible);
     pliant_status (*restart)(const pliant_model *model, pliant_data *data); /* reads the host's changed state */
     /* Reads moved nodes, if nothing else has changed; Nullable: use restart. */
-    pliant_status (*move)(const pliant_model *model, pliant_data *data);
+    pliant_status (*upload_positions)(const pliant_model *model, pliant_data *data);
     /* Copies the state of the last step to the host's solver; NULL: it is there already. */
     void (*download)(const pliant_model *model, pliant_data *data);
 
@@ -77,8 +77,8 @@ pliant_status pliant_tled_upsample(const pliant_model *model, pliant_data *data)
 
 /* Set the grasp constraint and target of a tool before the corotational solve. Errors: MEMORY. */
 pliant_status pliant_set_grasp_constraint(const pliant_model *model, pliant_data *data, int tool);
-/* Return the leader of a tool. Rigid tools that hold one point (model_data/shared_hold.h) share one constraint and its
- * force, which belong to the first of them. Any other tool is its own leader. */
+/* Return the leader of a tool. Rigid tools that hold one point (model_data/coincident_grasps.h) share one constraint
+ * and its force, which belong to the first of them. Any other tool is its own leader. */
 int pliant_grasp_leader(const pliant_data *data, int tool);
 /* List the tools that share the constraint of a leader, the leader first.
  * @return Their number. */
@@ -103,7 +103,7 @@ pliant_status pliant_backend_create(const pliant_model *model, pliant_data *data
 /* Read the host's changed state in the backend, or fall back to the CPU. It fails only if both fail. */
 pliant_status pliant_backend_restart(const pliant_model *model, pliant_data *data);
 /* Do the same for moved nodes during a step, if nothing else has changed. Data of the present step is kept. */
-pliant_status pliant_backend_move(const pliant_model *model, pliant_data *data);
+pliant_status pliant_backend_upload_positions(const pliant_model *model, pliant_data *data);
 /* Follow the host's state across a cut. `before` still has its arrays. The backend updates its state or creates it
  * again, or the CPU continues. */
 void pliant_backend_carry_over_cut(const pliant_model *model, pliant_data *data, const pliant_data *before,

@@ -94,10 +94,12 @@ pliant_status pliant_backend_restart(const pliant_model *model, pliant_data *dat
     return fall_back_to_cpu(model, data, data->backend->restart(model, data));
 }
 
-pliant_status pliant_backend_move(const pliant_model *model, pliant_data *data)
+pliant_status pliant_backend_upload_positions(const pliant_model *model, pliant_data *data)
 {
     const pliant_backend *backend = data->backend;
-    return fall_back_to_cpu(model, data, backend->move ? backend->move(model, data) : backend->restart(model, data));
+    return fall_back_to_cpu(model, data,
+                            backend->upload_positions ? backend->upload_positions(model, data)
+                                                      : backend->restart(model, data));
 }
 
 const char *pliant_data_get_backend(const pliant_data *data) { return data->backend->name; }

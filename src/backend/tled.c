@@ -2,7 +2,7 @@
 #include "fem/dynamics/tled.h"
 
 #include "backend/backend.h"
-#include "backend/explicit_dynamics.h"
+#include "backend/explicit_statistics.h"
 #include "base/fail.h"
 
 #include <string.h>

@@ -70,9 +70,9 @@ typedef struct pliant_tool {
     double *weight;        /* (num_held), sum 1 */
     bool attached;         /* the solver has this hold */
     double last_target[3]; /* target of the held point in the last step [m] */
-    /* Offset from the held point to the tip at the time of the grasp. The target of the held point is tip - grip
+    /* Offset from the held point to the tip at the time of the grasp. The target of the held point is tip - tip_offset
      * [m]. */
-    double grip[3];
+    double tip_offset[3];
     double grasped[3], grasped_radius; /* the grasped ball, at rest [m] */
     double slipped;        /* slip distance of this hold (grasp/slip) [m] */
     pliant_blade blade;
@@ -88,7 +88,7 @@ typedef struct pliant_tool {
         double target[3]; /* tip of the target in the last step [m] */
         /* Force and torque of its coupling, and torque of its jaws, from the solve of the last leg [N, N m]. A
          * shortened leg does not change them. */
-        double pulls[3];
+        double coupling_load[3];
         bool saturated;        /* its coupling has reached its maximum force (contact/max_force, contact/grip_torque) */
     } proxy;
     /* OUTPUT of the last step. */

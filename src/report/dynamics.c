@@ -1,6 +1,6 @@
 /* Measure the cost of explicit dynamics on a scene, and its energy conservation. */
 #include "base/fail.h"
-#include "backend/explicit_dynamics.h"
+#include "backend/explicit_statistics.h"
 #include "base/clock.h"
 #include "base/threads.h"
 #include "report/report.h"

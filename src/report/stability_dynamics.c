@@ -1,6 +1,6 @@
 /* Stability cases for explicit dynamics: time step, energy conservation, and loads and bodies with inertia. */
 #include "base/fail.h"
-#include "backend/explicit_dynamics.h"
+#include "backend/explicit_statistics.h"
 #include "fem/dynamics/tled.h"
 #include "model_data/data.h"
 #include "base/memory.h"

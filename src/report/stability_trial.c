@@ -1,6 +1,6 @@
 #include "report/stability_trial.h"
 
-#include "backend/explicit_dynamics.h"
+#include "backend/explicit_statistics.h"
 #include "base/clock.h"
 #include "base/fail.h"
 #include "fem/element/scalar.h"

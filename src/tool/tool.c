@@ -427,7 +427,7 @@ pliant_status pliant_tool_grasp(const pliant_model *model, pliant_data *data, in
         memcpy(tool->tip, tool->held_point, sizeof tool->tip);
         tool->present = true;
     }
-    for (int d = 0; d < 3; d++) tool->grip[d] = tool->tip[d] - tool->held_point[d];
+    for (int d = 0; d < 3; d++) tool->tip_offset[d] = tool->tip[d] - tool->held_point[d];
     memcpy(tool->last_target, tool->held_point, sizeof tool->last_target);
     tool->holding = true;
     tool->slipped = 0;
@@ -447,7 +447,7 @@ void pliant_tool_slip(const pliant_scene *scene, pliant_data *data, int index)
     const double maximum = scene->grasp.slip / (tool->stiffness + tool->damping / scene->solver.step);
     double stretch[3], length = 0;
     for (int d = 0; d < 3; d++) {
-        stretch[d] = tool->tip[d] - tool->grip[d] - tool->held_point[d];
+        stretch[d] = tool->tip[d] - tool->tip_offset[d] - tool->held_point[d];
         length += stretch[d] * stretch[d];
     }
     length = sqrt(length);
@@ -455,7 +455,7 @@ void pliant_tool_slip(const pliant_scene *scene, pliant_data *data, int index)
     if (tool->slipped == 0)
         pliant_log(PLIANT_LOG_INFO, "tool %s: its grasp slips at %g N (grasp/slip)", tool->name, scene->grasp.slip);
     tool->slipped += length - maximum;
-    for (int d = 0; d < 3; d++) tool->grip[d] += (1 - maximum / length) * stretch[d];
+    for (int d = 0; d < 3; d++) tool->tip_offset[d] += (1 - maximum / length) * stretch[d];
     if (tool->slipped <= 2 * tool->grasped_radius) return;
     pliant_log(PLIANT_LOG_WARNING, "tool %s: the tissue has slipped out of its grasp (grasp/slip)", tool->name);
     pliant_tool_reset_grasp(tool);

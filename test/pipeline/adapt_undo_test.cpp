@@ -172,7 +172,8 @@ TEST(Adapt, UndoRestoresThePreviousBodyAndResetTheFirst)
     for (int t = 0; t < 2; t++)
         ASSERT_EQ(pliant_tool_set_pose(body->data, t, fresh->data->tools[t].tip, nullptr), PLIANT_OK);
     for (int t = 0; t < 2; t++)
-        std::copy(fresh->data->tools[t].grip, fresh->data->tools[t].grip + 3, body->data->tools[t].grip);
+        std::copy(fresh->data->tools[t].tip_offset, fresh->data->tools[t].tip_offset + 3,
+                  body->data->tools[t].tip_offset);
     step(*body, 4);
     step(*fresh, 4);
     EXPECT_EQ(state(*body), state(*fresh));

@@ -1,7 +1,7 @@
 // Explicit dynamics on the GPU against the CPU: whole runs, repeated results, divergence, a failing GPU. Skipped
 // without a GPU.
 #include "backend/backend.h"
-#include "backend/explicit_dynamics.h"
+#include "backend/explicit_statistics.h"
 #include "body.h"
 #include "cuda_warps.h"
 #include "fem/dynamics/tled.h"

@@ -155,20 +155,20 @@ TEST_P(EveryMethod, AToolPullsIt)
         for (int32_t n : lower) weight += g * body->data->body->node_mass[n];
         for (int s = 0; s < 4 / body->scene.solver.step; s++) {
             const double shift = std::fmin(s * 5e-4, 0.05);
-            const double tip[3] = {body->data->tools[0].grip[0] + 0.02 + shift, body->data->tools[0].grip[1] + 0.02,
-                                   body->data->tools[0].tip[2]};
+            const double tip[3] = {body->data->tools[0].tip_offset[0] + 0.02 + shift,
+                                   body->data->tools[0].tip_offset[1] + 0.02, body->data->tools[0].tip[2]};
             ASSERT_EQ(pliant_tool_set_pose(body->data, tool, tip, nullptr), PLIANT_OK);
             step(*body, 1);
             const pliant_tool &held = body->data->tools[0];
             for (int d = 0; d < 3 && stiffness != 50 && s > 60; d++) // before that it still springs back
-                maximum = std::fmax(maximum, std::fabs(held.held_point[d] - held.tip[d] + held.grip[d]));
+                maximum = std::fmax(maximum, std::fabs(held.held_point[d] - held.tip[d] + held.tip_offset[d]));
         }
         const pliant_tool &held = body->data->tools[0];
         if (!moving) EXPECT_LT(maximum, 2e-5) << stiffness;
         EXPECT_NEAR(held.held_point[0] - 0.02, 0.05, 2e-3) << stiffness;
         EXPECT_NEAR(held.force[2], weight, 0.05 * weight) << stiffness;
         if (stiffness == 50 && !moving)
-            EXPECT_NEAR(held.tip[2] - held.grip[2] - held.held_point[2], weight / 50, 0.05 * weight / 50);
+            EXPECT_NEAR(held.tip[2] - held.tip_offset[2] - held.held_point[2], weight / 50, 0.05 * weight / 50);
         // it hangs below the grasped point
         EXPECT_NEAR(centre_of(*body, lower)[0], held.held_point[0], 4e-3) << stiffness;
         pliant_tool_release(body->data, tool);

@@ -272,7 +272,7 @@ TEST(GrabPatch, AFailedPatchDoesNotAffectExistingPatches)
             for (int s = 0; s < 20 && data->statistics.patched != 2; s++) steps(1);
             EXPECT_EQ(data->statistics.patched, 2) << calls;
             EXPECT_NEAR(data->tools[first].force[2], force, 0.2 * force) << calls;
-            EXPECT_NEAR(data->tools[first].held_point[2], tip[2] - data->tools[first].grip[2], 1e-5) << calls;
+            EXPECT_NEAR(data->tools[first].held_point[2], tip[2] - data->tools[first].tip_offset[2], 1e-5) << calls;
         }
         pliant_data_free(data);
     }

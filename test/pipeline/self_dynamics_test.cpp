@@ -1,5 +1,5 @@
 // Blocks in explicit dynamics that fall onto one another, rest in a stack, and collide in flight.
-#include "backend/explicit_dynamics.h"
+#include "backend/explicit_statistics.h"
 #include "body.h"
 #include "self_crossings.h"
 #include "fem/dynamics/tled.h"

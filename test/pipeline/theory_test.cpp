@@ -93,7 +93,7 @@ TEST(Theory, ToolForceBalancesTheSupport)
         const pliant_tool &held = body.data->tools[tool];
         // spring law: force = stiffness (tip - grasped point)
         for (int d = 0; d < 3; d++) {
-            double grip = point[d] - held.grip[d]; // initial offset of the grasped point
+            double grip = point[d] - held.tip_offset[d]; // initial offset of the grasped point
             EXPECT_NEAR(held.force[d], held.stiffness * (grip + pulled[d] - point[d] - held.held_point[d]),
                         1e-6 * held.stiffness);
         }
@@ -114,7 +114,7 @@ TEST(Theory, ToolForceBalancesTheSupport)
         pliant_tool_set_drive(body.data, tool, PLIANT_DRIVE_RIGID, nullptr);
         ASSERT_EQ(settle(), PLIANT_OK);
         for (int d = 0; d < 3; d++)
-            EXPECT_NEAR(body.data->tools[tool].held_point[d] - (pulled[d] - held.grip[d]), 0, 1e-9);
+            EXPECT_NEAR(body.data->tools[tool].held_point[d] - (pulled[d] - held.tip_offset[d]), 0, 1e-9);
         // the same force, prescribed, gives the same position
         double force_there[3], place[3];
         std::memcpy(force_there, body.data->tools[tool].force, sizeof force_there);

@@ -62,7 +62,7 @@ static int32_t rank_pairs(pliant_advance *advance)
 {
     int32_t count = 0;
     for (int32_t n = 0; n < advance->num_pairs; n++)
-        if (advance->pair[n].t < 1) advance->rank[count++] = (pliant_advance_rank){advance->pair[n].t, n};
+        if (advance->pair[n].t < 1) advance->rank[count++] = (pliant_advance_pair_time){advance->pair[n].t, n};
     pliant_advance_sort(count, advance->rank);
     return count;
 }
@@ -96,7 +96,7 @@ pliant_status pliant_advance_find(pliant_advance *advance, int32_t num_triangles
     for (int32_t p = 0; p < count; p++) margin = fmax(margin, advance->settings.advance_stop * parts[p].guard);
     pliant_status status =
         pliant_advance_broad_phase(advance, num_triangles, triangles, from, to, count, parts, margin, false, threads);
-    if (status == PLIANT_OK) status = pliant_advance_reserve_ranks(advance, advance->num_pairs);
+    if (status == PLIANT_OK) status = pliant_advance_reserve_times(advance, advance->num_pairs);
     if (status != PLIANT_OK) return status;
     *out = (pliant_advance_result){.t = 1, .part = -1, .triangle = -1, .pairs = advance->num_pairs};
     out->distances = step_all(advance, &of, threads);

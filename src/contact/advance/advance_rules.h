@@ -10,7 +10,7 @@
 #include <math.h>
 
 /* Return the distance below which pairs may only separate. */
-PLIANT_INLINE double pliant_advance_floor(double guard) { return 0.02 * guard; }
+PLIANT_INLINE double pliant_advance_min_distance(double guard) { return 0.02 * guard; }
 
 /* Return the smallest distance that a pair may reach in a leg, from its distance at the start. A pair that stays
  * above this limit does not shorten the leg. */
@@ -18,14 +18,14 @@ PLIANT_INLINE double pliant_advance_limit(const pliant_contact_settings *setting
 {
     const double slack = 1e-12; /* tolerance, so that rounding does not block tissue that moves with a part [m] */
     return fmax(fmin(settings->advance_keep * distance, settings->advance_stop * guard),
-                fmin(pliant_advance_floor(guard), distance - slack));
+                fmin(pliant_advance_min_distance(guard), distance - slack));
 }
 
 /* Return whether two parts of the tissue start nearer than any leg leaves them, or coincide at rest: they were created
  * touching. */
 PLIANT_INLINE bool pliant_advance_starts_together(double thickness, double distance)
 {
-    return !(thickness > 0.0) || distance < 0.5 * pliant_advance_floor(thickness);
+    return !(thickness > 0.0) || distance < 0.5 * pliant_advance_min_distance(thickness);
 }
 
 /* Numerical constants of conservative advancement. Stopping early is safe, so they trade time for the last 2 % of the
@@ -54,7 +54,7 @@ PLIANT_INLINE double pliant_advance_time(double distance, double rate, double be
 
 /* Compute the closest points of two segments, as fractions of them (Ericson, Real-Time Collision Detection, 2005,
  * 5.1.9). */
-PLIANT_INLINE void pliant_advance_segments(const double p[2][3], const double q[2][3], double *s, double *t)
+PLIANT_INLINE void pliant_advance_closest_on_segments(const double p[2][3], const double q[2][3], double *s, double *t)
 {
     double d[3], e[3], r[3];
     for (int i = 0; i < 3; i++) {
@@ -73,7 +73,7 @@ PLIANT_INLINE void pliant_advance_segments(const double p[2][3], const double q[
 
 /* Compute the weights of the point of a triangle that is closest to p (Ericson 5.1.5). For a triangle without area,
  * the point is near the closest one. */
-PLIANT_INLINE void pliant_advance_on_triangle(const double corner[3][3], const double p[3], double weight[3])
+PLIANT_INLINE void pliant_advance_closest_on_triangle(const double corner[3][3], const double p[3], double weight[3])
 {
     double ab[3], ac[3], ap[3], bp[3], cp[3];
     for (int i = 0; i < 3; i++) {
@@ -111,7 +111,7 @@ PLIANT_INLINE void pliant_advance_on_triangle(const double corner[3][3], const d
     weight[2] = c;
 }
 
-PLIANT_INLINE void pliant_advance_mix(const double corner[3][3], const double weight[3], double out[3])
+PLIANT_INLINE void pliant_advance_triangle_point(const double corner[3][3], const double weight[3], double out[3])
 {
     for (int i = 0; i < 3; i++) out[i] = weight[0] * corner[0][i] + weight[1] * corner[1][i] + weight[2] * corner[2][i];
 }
@@ -129,14 +129,14 @@ PLIANT_INLINE void pliant_advance_near_segment(const double corner[3][3], const 
                 edge[0][i] = corner[k][i];
                 edge[1][i] = corner[next][i];
             }
-            pliant_advance_segments((const double(*)[3])edge, end, &s, &t);
+            pliant_advance_closest_on_segments((const double(*)[3])edge, end, &s, &t);
             trial[k] = 1.0 - s;
             trial[next] = s;
         } else {
             t = (double)(k - 3);
-            pliant_advance_on_triangle(corner, end[k - 3], trial);
+            pliant_advance_closest_on_triangle(corner, end[k - 3], trial);
         }
-        pliant_advance_mix(corner, trial, place);
+        pliant_advance_triangle_point(corner, trial, place);
         for (int i = 0; i < 3; i++) difference[i] = place[i] - end[0][i] - t * (end[1][i] - end[0][i]);
         const double square = pliant_dot3(difference, difference);
         if (!(square < best)) continue;

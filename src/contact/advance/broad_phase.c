@@ -32,7 +32,7 @@ static bool reserve_pair(pliant_advance *advance)
     return pliant_reserve(&advance->pair, &advance->max_pairs, advance->num_pairs, 256, sizeof *advance->pair);
 }
 
-pliant_status pliant_advance_reserve_ranks(pliant_advance *advance, int32_t count)
+pliant_status pliant_advance_reserve_times(pliant_advance *advance, int32_t count)
 {
     if (count <= advance->max_ranks) return PLIANT_OK;
     if (!pliant_grow(&advance->rank, (size_t)count, sizeof *advance->rank))
@@ -41,17 +41,17 @@ pliant_status pliant_advance_reserve_ranks(pliant_advance *advance, int32_t coun
     return PLIANT_OK;
 }
 
-static bool comes_before(const pliant_advance_rank *a, const pliant_advance_rank *b)
+static bool comes_before(const pliant_advance_pair_time *a, const pliant_advance_pair_time *b)
 {
     return a->t != b->t ? a->t < b->t : a->pair < b->pair;
 }
 
 /* Shell sort (Shell, A high-speed sorting procedure, Commun. ACM 2(7), 1959). */
-void pliant_advance_sort(int32_t count, pliant_advance_rank *rank)
+void pliant_advance_sort(int32_t count, pliant_advance_pair_time *rank)
 {
     for (int32_t gap = count / 2; gap > 0; gap /= 2)
         for (int32_t i = gap; i < count; i++) {
-            const pliant_advance_rank one = rank[i];
+            const pliant_advance_pair_time one = rank[i];
             int32_t j = i;
             for (; j >= gap && comes_before(&one, rank + j - gap); j -= gap) rank[j] = rank[j - gap];
             rank[j] = one;

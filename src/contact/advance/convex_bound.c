@@ -126,7 +126,7 @@ static mixture mix_best(const tangent *of, int count)
 static tangent tangent_at(const pliant_part *core, const double corner[3][3], const double weight[3])
 {
     tangent out;
-    pliant_advance_mix(corner, weight, out.point);
+    pliant_advance_triangle_point(corner, weight, out.point);
     out.value = pliant_part_distance(core, out.point, out.normal);
     for (int c = 0; c < 3; c++) {
         double difference[3];
@@ -141,16 +141,16 @@ static int begin_at(const pliant_part *core, const double corner[3][3], double w
 {
     enum { ROUNDS = 2 };
     const double ends[2][3] = {{core->from[0], core->from[1], core->from[2]}, {core->to[0], core->to[1], core->to[2]}};
-    if (core->kind == PLIANT_PART_SPHERE) pliant_advance_on_triangle(corner, core->from, weight);
+    if (core->kind == PLIANT_PART_SPHERE) pliant_advance_closest_on_triangle(corner, core->from, weight);
     if (core->kind == PLIANT_PART_CAPSULE) pliant_advance_near_segment(corner, ends, weight);
     if (core->kind != PLIANT_PART_BOX && core->kind != PLIANT_PART_SOLID) return 0;
     for (int round = 0; round < ROUNDS; round++) {
         double point[3], normal[3];
-        pliant_advance_mix(corner, weight, point);
+        pliant_advance_triangle_point(corner, weight, point);
         const double distance = pliant_part_distance(core, point, normal) + core->radius;
         for (int d = 0; d < 3; d++) point[d] -= distance * normal[d];
         if (distance <= 0) return round + 1;
-        pliant_advance_on_triangle(corner, point, weight);
+        pliant_advance_closest_on_triangle(corner, point, weight);
     }
     return ROUNDS;
 }

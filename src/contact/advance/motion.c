@@ -143,8 +143,8 @@ void pliant_advance_motion_velocity(const pliant_advance_motion *motion, const p
 
 /* The acceleration is the sum of w x (w x r), 2 w x (j x q) and j x (j x q). The angular velocity is w for the tool
  * and j for the jaw. The vector r starts at the tip and q at the joint. The jaw moves r by at most |j| |q|. */
-double pliant_advance_motion_bend(const pliant_advance_motion *motion, const pliant_advance_state *state,
-                                  const double x[3])
+double pliant_advance_motion_max_acceleration(const pliant_advance_motion *motion, const pliant_advance_state *state,
+                                              const double x[3])
 {
     const double jaw = fabs(motion->jaw);
     double from_tip[3], from_joint[3], side[3];
@@ -157,7 +157,8 @@ double pliant_advance_motion_bend(const pliant_advance_motion *motion, const pli
     return turn * (pliant_length3(side) + turn * jaw * joint) + jaw * (2 * turn + jaw) * joint;
 }
 
-void pliant_advance_motion_turn(const pliant_advance_motion *motion, const pliant_advance_state *state, double out[3])
+void pliant_advance_motion_angular_velocity(const pliant_advance_motion *motion, const pliant_advance_state *state,
+                                            double out[3])
 {
     for (int d = 0; d < 3; d++) out[d] = motion->turn_rate[d] + motion->jaw * state->axis[d];
 }

@@ -37,9 +37,10 @@ void pliant_advance_motion_at(const pliant_advance_motion *motion, double t, pli
 void pliant_advance_motion_velocity(const pliant_advance_motion *motion, const pliant_advance_state *state,
                                     const double x[3], double out[3]);
 /* Return a bound of the acceleration of the part's point at x, from this time on. */
-double pliant_advance_motion_bend(const pliant_advance_motion *motion, const pliant_advance_state *state,
-                                  const double x[3]);
+double pliant_advance_motion_max_acceleration(const pliant_advance_motion *motion, const pliant_advance_state *state,
+                                              const double x[3]);
 /* Compute the angular velocity of the part. */
-void pliant_advance_motion_turn(const pliant_advance_motion *motion, const pliant_advance_state *state, double out[3]);
+void pliant_advance_motion_angular_velocity(const pliant_advance_motion *motion, const pliant_advance_state *state,
+                                            double out[3]);
 
 #endif

@@ -71,7 +71,7 @@ static void find_turn(const moment *now, double out[3], double *speed, double *b
     const pliant_advance_motion *motion = now->motion;
     const double turn = motion->turn, jaw = fabs(motion->jaw);
     double local[3], axis[3], side[3];
-    pliant_advance_motion_turn(motion, &now->state, out);
+    pliant_advance_motion_angular_velocity(motion, &now->state, out);
     *speed = turn + jaw;
     *bend = *speed * *speed;
     if (motion->core.kind != PLIANT_PART_CAPSULE) return;
@@ -95,7 +95,7 @@ static void find_turn(const moment *now, double out[3], double *speed, double *b
  * second derivative is normal''. (x - point) + 2 normal'. (x - point)' + normal . (x - point)''. */
 static double turning_plane(const moment *now)
 {
-    const double accelerated = pliant_advance_motion_bend(now->motion, &now->state, now->point);
+    const double accelerated = pliant_advance_motion_max_acceleration(now->motion, &now->state, now->point);
     double turn[3], normal_rate[3], speed, bend, step = now->left;
     find_turn(now, turn, &speed, &bend);
     pliant_cross3(turn, now->normal, normal_rate);
@@ -164,7 +164,7 @@ static double fixed_plane(const moment *now)
         pliant_advance_motion_velocity(now->motion, &now->state, place, velocity);
         for (int d = 0; d < 3; d++) offset[d] = place[d] - now->point[d];
         const double own = pliant_dot3(normal, offset), own_rate = pliant_dot3(normal, velocity);
-        const double bend = pliant_advance_motion_bend(now->motion, &now->state, place);
+        const double bend = pliant_advance_motion_max_acceleration(now->motion, &now->state, place);
         for (int c = 0; c < 3; c++) step = fmin(step, pliant_advance_time(height[c] - own, rate[c] - own_rate, bend));
     }
     return step;

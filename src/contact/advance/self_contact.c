@@ -243,13 +243,13 @@ static void shortest_way(const double x[4][3], bool is_edges, double out[3])
 {
     if (is_edges) {
         double s, r;
-        pliant_advance_segments(x, x + 2, &s, &r);
+        pliant_advance_closest_on_segments(x, x + 2, &s, &r);
         for (int d = 0; d < 3; d++)
             out[d] = x[0][d] + s * (x[1][d] - x[0][d]) - x[2][d] - r * (x[3][d] - x[2][d]);
     } else {
         double weight[3], foot[3];
-        pliant_advance_on_triangle(x + 1, x[0], weight);
-        pliant_advance_mix(x + 1, weight, foot);
+        pliant_advance_closest_on_triangle(x + 1, x[0], weight);
+        pliant_advance_triangle_point(x + 1, weight, foot);
         for (int d = 0; d < 3; d++) out[d] = x[0][d] - foot[d];
     }
 }
@@ -363,7 +363,7 @@ pliant_status pliant_advance_find_self(pliant_advance *advance, int32_t num_tria
     pliant_status status =
         num_triangles > 0 ? pliant_advance_tree_update(&advance->tree, num_triangles, triangles, from, to) : PLIANT_OK;
     if (status == PLIANT_OK && num_triangles > 0) status = find_pairs(&on);
-    if (status == PLIANT_OK) status = pliant_advance_reserve_ranks(advance, advance->num_self);
+    if (status == PLIANT_OK) status = pliant_advance_reserve_times(advance, advance->num_self);
     if (status != PLIANT_OK) return status;
     int64_t distances = 0;
     const bool parallel = threads > 1 && advance->num_self > 256;
@@ -371,7 +371,7 @@ pliant_status pliant_advance_find_self(pliant_advance *advance, int32_t num_tria
     for (int32_t n = 0; n < advance->num_self; n++) advance->self[n].ends = step(&on, advance->self + n, &distances);
     int32_t left = 0;
     for (int32_t n = 0; n < advance->num_self; n++)
-        if (advance->self[n].t < 1) advance->rank[left++] = (pliant_advance_rank){advance->self[n].t, n};
+        if (advance->self[n].t < 1) advance->rank[left++] = (pliant_advance_pair_time){advance->self[n].t, n};
     pliant_advance_sort(left, advance->rank);
     for (int32_t n = 0; n < left && advance->rank[n].t < result.t; n++) {
         pliant_advance_self_pair *pair = advance->self + advance->rank[n].pair;
@@ -405,13 +405,13 @@ void pliant_advance_self_contact(const pliant_advance_self_pair *pair, const dou
     memcpy(normal, now.normal, sizeof now.normal);
     if (pair->is_edges) {
         double s, r;
-        pliant_advance_segments(x, x + 2, &s, &r);
+        pliant_advance_closest_on_segments(x, x + 2, &s, &r);
         weight[0] = 1 - s;
         weight[1] = s;
         weight[2] = r - 1;
         weight[3] = -r;
     } else {
-        pliant_advance_on_triangle(x + 1, x[0], weight + 1);
+        pliant_advance_closest_on_triangle(x + 1, x[0], weight + 1);
         weight[0] = 1;
         for (int c = 1; c < 4; c++) weight[c] = -weight[c];
     }

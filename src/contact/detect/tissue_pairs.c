@@ -193,7 +193,7 @@ static pliant_status append_pair(const pliant_tissue_view *view, const pliant_ad
 {
     double x[4][3], s, t, normal[3], u[3], w[3], side[3];
     for (int c = 0; c < 4; c++) memcpy(x[c], pliant_tissue_position(view, pair->node[c]), sizeof x[c]);
-    pliant_advance_segments((const double(*)[3])x, (const double(*)[3])(x + 2), &s, &t);
+    pliant_advance_closest_on_segments((const double(*)[3])x, (const double(*)[3])(x + 2), &s, &t);
     if (!(s > 0 && s < 1 && t > 0 && t < 1)) return PLIANT_OK;
     for (int d = 0; d < 3; d++) {
         u[d] = x[1][d] - x[0][d];

@@ -7,7 +7,7 @@
 #include <math.h>
 #include <string.h>
 
-void pliant_contact_place(const double *positions, const pliant_contact_point *point, double out[3])
+void pliant_contact_force_position(const double *positions, const pliant_contact_point *point, double out[3])
 {
     double whole = 0;
     memset(out, 0, 3 * sizeof *out);
@@ -40,7 +40,7 @@ int32_t pliant_data_get_contacts(const pliant_data *data, int32_t capacity, plia
         *out_state = (pliant_contact){
             .tool = point->kind == PLIANT_OBSTACLE_TOOL ? point->tool : -1, .part = point->part, .area = point->area};
         out_state->tissue = point->kind == PLIANT_OBSTACLE_TISSUE;
-        pliant_contact_place(data->positions, point, out_state->place);
+        pliant_contact_force_position(data->positions, point, out_state->place);
         memcpy(out_state->normal, point->normal, sizeof out_state->normal);
         memcpy(out_state->force, point->force, sizeof out_state->force);
         for (int d = 0; d < 3; d++) {
@@ -91,7 +91,7 @@ void pliant_contact_wrench(const pliant_data *data, int tool, double force[3], d
         if (point->kind != PLIANT_OBSTACLE_TOOL || point->tool != tool || !pliant_contact_presses(data, point))
             continue;
         double arm[3];
-        pliant_contact_place(data->positions, point, arm);
+        pliant_contact_force_position(data->positions, point, arm);
         for (int d = 0; d < 3; d++) arm[d] -= tip[d];
         for (int d = 0; d < 3; d++) {
             force[d] += point->force[d];

@@ -38,8 +38,8 @@ static void add_means(const pliant_data *data, const pliant_contact_point *point
 {
     const double size = pliant_length3(point->force);
     double place[3], rest[3];
-    pliant_contact_place(data->positions, point, place);
-    pliant_contact_place(data->body->fine.rest, point, rest);
+    pliant_contact_force_position(data->positions, point, place);
+    pliant_contact_force_position(data->body->fine.rest, point, rest);
     for (int d = 0; d < 3; d++) {
         part->force[d] += point->force[d];
         part->middle[0][d] += size * place[d];
@@ -73,7 +73,7 @@ static void add_moments(const pliant_data *data, const pliant_contact_point *poi
 {
     const double weight[2] = {pliant_length3(point->force) / part->sum, point->area / part->area};
     double place[3];
-    pliant_contact_place(data->positions, point, place);
+    pliant_contact_force_position(data->positions, point, place);
     for (int m = 0; m < 2; m++) {
         double from[3];
         pliant_subtract3(place, part->middle[m], from);
@@ -137,7 +137,7 @@ void pliant_contact_warn_of_cells(pliant_data *data)
     const double enough = 2; /* cells */
     for (int t = 0; t < data->num_tools; t++) {
         double radius, force[3], torque[3];
-        const bool presses = data->tools[t].present && data->tools[t].proxy.pulls[0] > 0;
+        const bool presses = data->tools[t].present && data->tools[t].proxy.coupling_load[0] > 0;
         if (data->legs->has_pressed[t] || !presses) continue;
         data->legs->has_pressed[t] = true;
         const double error = pliant_contact_force_error(data, t, &radius);

@@ -7,7 +7,7 @@
 #include "fem/patch/patch.h"
 #include "fem/quasistatic/solver.h"
 #include "fem/rigid/rigid_pieces.h"
-#include "sim/step/contact_search.h"
+#include "sim/step/contact_workspace.h"
 
 #include <math.h>
 #include <string.h>
@@ -207,12 +207,14 @@ static pliant_status find_points(const pliant_model *model, pliant_data *data, c
     pliant_contact_search *search = data->contact_search;
     pliant_status status = pliant_contact_keep_found(model, data, body);
     if (status == PLIANT_OK)
-        status = pliant_contact_find(search->detector, body, positions, &data->contacts, data->legs->planes,
-                                     search->num_parts, search->part, &search->made);
+        status =
+            pliant_contact_find(search->detector, body, positions, &data->contacts, data->legs->use_plane_constraints,
+                                search->num_parts, search->part, &search->point_buffer);
     if (status == PLIANT_OK && pliant_contact_touches_itself(model))
-        status = find_tissue(model, data, max_piece_motion, &search->made);
-    if (status == PLIANT_OK && body != data->body) pliant_contact_surface_map_weights(&search->outside, &search->made);
-    if (status == PLIANT_OK && data->rigid_pieces) status = pliant_rigid_pieces_find_walls(data, &search->made);
+        status = find_tissue(model, data, max_piece_motion, &search->point_buffer);
+    if (status == PLIANT_OK && body != data->body)
+        pliant_contact_surface_map_weights(&search->outside, &search->point_buffer);
+    if (status == PLIANT_OK && data->rigid_pieces) status = pliant_rigid_pieces_find_walls(data, &search->point_buffer);
     return status;
 }
 
@@ -231,7 +233,7 @@ pliant_status pliant_contact_find_points(const pliant_model *model, pliant_data 
     pliant_status status = pliant_contact_search_create(&model->contact, &data->contact_search);
     if (status != PLIANT_OK) return status;
     pliant_contact_search *search = data->contact_search;
-    search->made.count = 0;
+    search->point_buffer.count = 0;
     if (data->tled) data->tled->zones = NULL;
     const double max_piece_motion = data->rigid_pieces ? pliant_rigid_pieces_predict(data) : 0;
     const pliant_body *body = NULL;
@@ -244,13 +246,13 @@ pliant_status pliant_contact_find_points(const pliant_model *model, pliant_data 
     if (status == PLIANT_OK) status = pliant_contact_reuse(model, data, body, &are_reused);
     if (status == PLIANT_OK && !are_reused) status = find_points(model, data, body, positions, max_piece_motion);
     if (status != PLIANT_OK) return status;
-    const int32_t first = are_reused ? search->made.count : 0;
+    const int32_t first = are_reused ? search->point_buffer.count : 0;
     if (pliant_contact_bounds_volumes(data))
         status = pliant_volume_find(&model->contact, &data->body->fine, data->positions, pliant_contact_pieces(data),
-                                    &search->made);
+                                    &search->point_buffer);
     if (status != PLIANT_OK) return status;
-    carry(data, &data->contacts, first, &search->made);
-    pliant_contacts_swap(&data->contacts, &search->made);
+    carry(data, &data->contacts, first, &search->point_buffer);
+    pliant_contacts_swap(&data->contacts, &search->point_buffer);
     set_bodies(data);
     return PLIANT_OK;
 }
@@ -294,7 +296,7 @@ void pliant_contact_free(pliant_data *data)
     pliant_advance_free(search->advance);
     pliant_free(search->surface);
     pliant_free(search->found_at);
-    pliant_free(search->made.point);
+    pliant_free(search->point_buffer.point);
     pliant_free(search->overlaps);
     pliant_free(search->place);
     pliant_free(search);

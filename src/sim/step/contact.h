@@ -78,7 +78,7 @@ double pliant_contact_force_error(const pliant_data *data, int tool, double *nar
 /* Log a warning for each tool whose contact radius is below two cells at the first contact. */
 void pliant_contact_warn_of_cells(pliant_data *data);
 /* Compute the position at which a point's force acts, on the side with positive weights. positions: (nodes x 3) */
-void pliant_contact_place(const double *positions, const pliant_contact_point *point, double out[3]);
+void pliant_contact_force_position(const double *positions, const pliant_contact_point *point, double out[3]);
 /* Return whether a point has a contact force. */
 bool pliant_contact_presses(const pliant_data *data, const pliant_contact_point *point);
 

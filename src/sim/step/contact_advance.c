@@ -2,7 +2,7 @@
 #include "base/fail.h"
 #include "fem/dynamics/tled.h"
 #include "base/memory.h"
-#include "sim/step/contact_search.h"
+#include "sim/step/contact_workspace.h"
 #include "tool/clearance.h"
 
 #include <math.h>

@@ -1,5 +1,5 @@
 /* Parameters of contact in a leg, from the scene and the contact settings. */
-#include "sim/step/contact_search.h"
+#include "sim/step/contact_workspace.h"
 #include "base/fail.h"
 #include "base/memory.h"
 

@@ -2,7 +2,7 @@
 #include "base/fail.h"
 #include "base/memory.h"
 #include "fem/patch/patch.h"
-#include "sim/step/contact_search.h"
+#include "sim/step/contact_workspace.h"
 
 #include <math.h>
 #include <string.h>
@@ -18,8 +18,8 @@ static uint64_t key_of(const pliant_moving_part *part)
  * contact of tissue on tissue, or patches. */
 static bool is_simple(const pliant_model *model, const pliant_data *data)
 {
-    return data->solver && !data->legs->planes && !data->rigid_pieces && !pliant_contact_touches_itself(model) &&
-           pliant_patch_count_tools(data) == 0;
+    return data->solver && !data->legs->use_plane_constraints && !data->rigid_pieces &&
+           !pliant_contact_touches_itself(model) && pliant_patch_count_tools(data) == 0;
 }
 
 static bool reserve_found(pliant_contact_search *search, int32_t nodes)
@@ -113,12 +113,12 @@ pliant_status pliant_contact_reuse(const pliant_model *model, pliant_data *data,
         *are_reused = (a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]) + (a[2] - b[2]) * (a[2] - b[2]) <=
                  maximum * maximum;
     }
-    pliant_status status = *are_reused ? pliant_contacts_copy(&data->contacts, &search->made) : PLIANT_OK;
-    while (*are_reused && search->made.count > 0 &&
-           search->made.point[search->made.count - 1].kind == PLIANT_OBSTACLE_ELEMENT)
-        search->made.count--; /* points of the volume bound are found again in every leg */
-    for (int32_t n = 0; n < search->made.count && *are_reused && status == PLIANT_OK; n++)
-        *are_reused = move_point(search, search->made.point + n);
-    if (!*are_reused) search->made.count = 0;
+    pliant_status status = *are_reused ? pliant_contacts_copy(&data->contacts, &search->point_buffer) : PLIANT_OK;
+    while (*are_reused && search->point_buffer.count > 0 &&
+           search->point_buffer.point[search->point_buffer.count - 1].kind == PLIANT_OBSTACLE_ELEMENT)
+        search->point_buffer.count--; /* points of the volume bound are found again in every leg */
+    for (int32_t n = 0; n < search->point_buffer.count && *are_reused && status == PLIANT_OK; n++)
+        *are_reused = move_point(search, search->point_buffer.point + n);
+    if (!*are_reused) search->point_buffer.count = 0;
     return status;
 }

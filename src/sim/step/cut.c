@@ -239,7 +239,7 @@ static void drag(const knife *work, bool reattach)
             motion[d] += (edge->now[3 * p + d] - edge->place[3 * p + d]) / inside;
         }
     const double slide = pliant_dot3(motion, along); /* the edge slides along itself without resistance */
-    for (int d = 0; d < 3; d++) tool->grip[d] = tool->tip[d] - (held[d] + motion[d] - slide * along[d]);
+    for (int d = 0; d < 3; d++) tool->tip_offset[d] = tool->tip[d] - (held[d] + motion[d] - slide * along[d]);
 }
 
 /* Release the tissue for a step. It returns over the edge and is cut in its unloaded state. */

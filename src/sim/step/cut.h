@@ -20,7 +20,7 @@ pliant_status pliant_cut_stage(const pliant_model *model, pliant_data *data);
 pliant_status pliant_data_cut_along_sweep(const pliant_model *model, pliant_data *data, int tool,
                                           const pliant_cut_sweep *sweep, pliant_cut_report *report);
 
-/* warm_up.c: make and discard cuts, so that the first real cut finds its memory, threads and kernels ready. Nothing
+/* warm_up_cut.c: make and discard cuts, so that the first real cut finds its memory, threads and kernels ready. Nothing
  * else changes. Failures are ignored. */
 void pliant_warm_up_cut(const pliant_model *model, pliant_data *data);
 

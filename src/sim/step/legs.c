@@ -46,7 +46,7 @@ static pliant_status place_proxy(const pliant_model *model, pliant_data *data, i
     if (comes || tool->proxy.released) tool->proxy.released = is_inside || (tool->proxy.released && !is_free);
     else if (!is_free || is_inside) return PLIANT_OK;
     pliant_tool_set_proxy(tool, &measured);
-    memset(tool->proxy.pulls, 0, sizeof tool->proxy.pulls);
+    memset(tool->proxy.coupling_load, 0, sizeof tool->proxy.coupling_load);
     return PLIANT_OK;
 }
 
@@ -60,7 +60,7 @@ static pliant_grasp_constraint *grasp_constraint_of(const pliant_data *data, int
 static pliant_status begin_step(const pliant_model *model, pliant_data *data)
 {
     data->legs->mean_points.count = 0;
-    data->legs->planes = false;
+    data->legs->use_plane_constraints = false;
     for (int t = 0; t < data->num_tools; t++) data->legs->tool[t].measured = pliant_tool_measured(data->tools + t);
     for (int t = 0; t < data->num_tools; t++) {
         pliant_leg_tool *leg = data->legs->tool + t;
@@ -118,7 +118,8 @@ static void begin_leg(pliant_data *data, bool first)
         pliant_tool_joint(data->tools + t, &leg->begin, joint, axis);
         pliant_proxy_compliance(data, t, true, joint, axis, leg->piece_compliance);
         if (data->tled)
-            pliant_proxy_find_yields(data, t, &leg->begin, &leg->before, max_distance_of(data), leg->yields);
+            pliant_proxy_estimate_tissue_compliance(data, t, &leg->begin, &leg->before, max_distance_of(data),
+                                                    leg->yields);
     }
 }
 
@@ -346,7 +347,7 @@ static pliant_status apply_leg(const pliant_model *model, pliant_data *data, dou
     *fraction = fmin(*fraction, volumes);
     const double farthest = *fraction < 1 ? farthest_of(data) : 0;
     if (*fraction < 1) status = apply_checked_fraction(model, data, fraction);
-    pliant_legs_add_lost(data, (1 - *fraction) * farthest);
+    pliant_legs_add_truncation_error(data, (1 - *fraction) * farthest);
     for (int t = 0; t < data->num_tools && status >= 0; t++) {
         const pliant_tool_pose end =
             pliant_pose_interpolate(&data->legs->tool[t].begin, &data->legs->tool[t].goal, *fraction);
@@ -390,7 +391,7 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
     if (!budget->first) freeze_background(data);
     set_goals(model, data, holds ? 0 : fraction);
     data->legs->blocked = budget->completed < 1;
-    data->legs->planes = data->legs->planes || data->legs->blocked;
+    data->legs->use_plane_constraints = data->legs->use_plane_constraints || data->legs->blocked;
     pliant_patch_suspend(data, data->legs->blocked);
     pliant_status status = pliant_legs_save(model, data);
     if (status == PLIANT_OK) status = pliant_run_stage(model, data, PLIANT_STEP_contact, pliant_contact_find_points);

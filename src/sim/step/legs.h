@@ -34,7 +34,7 @@ typedef struct pliant_leg_tool {
     /* proxy poses in this leg: at its start; predicted at its end; desired, and after the solve the solved one */
     pliant_tool_pose begin, ahead, goal;
     double piece_compliance[2]; /* pliant_proxy_compliance with the contact points of the previous leg */
-    double yields[3];           /* pliant_proxy_find_yields; 0 in quasi-static steps */
+    double yields[3];           /* pliant_proxy_estimate_tissue_compliance; 0 in quasi-static steps */
     double target[3];           /* grasp target at the target pose [m] */
     pliant_proxy_load before;   /* load on the proxy at the start of the leg */
 } pliant_leg_tool;
@@ -46,7 +46,7 @@ struct pliant_legs {
     pliant_contact_bodies bodies;    /* rigid pieces and proxies */
     bool blocked;                  /* the previous leg was blocked */
     bool limited_by_elements;      /* the volume bound shortened this leg */
-    bool planes; /* a leg of this step, or the last leg of the previous one, was blocked: use plane constraints */
+    bool use_plane_constraints; /* a leg of this step, or the last leg of the previous one, was blocked */
     /* STATE AT THE START OF THE LEG: the leg ends between this state and the solved one */
     int32_t node_capacity, solved_capacity, fraction_capacity;
     double *fraction;                 /* (nodes) fraction of its motion that each node makes under the volume bound */
@@ -90,7 +90,7 @@ pliant_status pliant_legs_apply_fraction(const pliant_model *model, pliant_data 
 pliant_status pliant_legs_bound_volumes(const pliant_model *model, pliant_data *data, bool *found);
 /* Add a distance to the error estimate that nodes lose because the leg is shortened [m]. The solver's estimate is for
  * the end of the leg. */
-void pliant_legs_add_lost(pliant_data *data, double lost);
+void pliant_legs_add_truncation_error(pliant_data *data, double lost);
 /* Explicit dynamics: add the contact forces of a leg to the mean forces of the step. fraction: the leg's fraction of
  * the step. Errors: MEMORY. */
 pliant_status pliant_legs_add_forces(pliant_data *data, double fraction);

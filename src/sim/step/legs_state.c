@@ -118,13 +118,13 @@ pliant_status pliant_legs_apply_fraction(const pliant_model *model, pliant_data 
     }
     mix_points(&legs->points, fraction, &data->contacts);
     if (data->solver && pliant_patch_count_tools(data) > 0) pliant_patch_follow_move(data, legs->positions);
-    const pliant_status status = pliant_backend_move(model, data);
+    const pliant_status status = pliant_backend_upload_positions(model, data);
     pliant_report_grasps(data);
     return status;
 }
 
 /* No secant explains the lost motion, so it counts as an unexplained step does (fem/quasistatic/final_state.c). */
-void pliant_legs_add_lost(pliant_data *data, double lost)
+void pliant_legs_add_truncation_error(pliant_data *data, double lost)
 {
     if (!data->solver) return;
     const double error = pliant_anderson_error(pliant_anderson_error_factor(&data->solver->rules) * lost);
@@ -161,9 +161,9 @@ pliant_status pliant_legs_bound_volumes(const pliant_model *model, pliant_data *
     pliant_solver_reset_after_move(solver);
     solver->evaluation_history = evaluation_history;
     legs->limited_by_elements = true;
-    pliant_legs_add_lost(
+    pliant_legs_add_truncation_error(
         data, farthest + pliant_volume_lacking(&model->contact, mesh, data->positions, &data->contacts));
-    return pliant_backend_move(model, data);
+    return pliant_backend_upload_positions(model, data);
 }
 
 /* ---- explicit dynamics: contact points of the step, with mean forces */

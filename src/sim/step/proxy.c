@@ -90,8 +90,8 @@ void pliant_proxy_find_load(const pliant_data *data, int index, const pliant_too
     }
 }
 
-void pliant_proxy_find_yields(const pliant_data *data, int index, const pliant_tool_pose *pose,
-                              const pliant_proxy_load *load, double farthest, double out[3])
+void pliant_proxy_estimate_tissue_compliance(const pliant_data *data, int index, const pliant_tool_pose *pose,
+                                             const pliant_proxy_load *load, double farthest, double out[3])
 {
     const double fraction = 0.25,
                  loads[3] = {pliant_length3(load->wrench), pliant_length3(load->wrench + 3), fabs(load->jaw)};
@@ -188,7 +188,7 @@ void pliant_proxy_linearize(const pliant_model *model, const pliant_tool *tool, 
     const double maximum = scene->contact.max_force, lever = maximum * fmax(reach_of(tool), 1e-3),
                  turn_stiffness = scene->contact.coupling_stiffness_rotational;
     static const double none[3] = {0, 0, 0};
-    const double *wrench = before->wrench, *pulls = yields[0] > 0 ? none : tool->proxy.pulls;
+    const double *wrench = before->wrench, *pulls = yields[0] > 0 ? none : tool->proxy.coupling_load;
     const double loads[3] = {fmax(pliant_length3(wrench), pulls[0]), fmax(pliant_length3(wrench + 3), pulls[1]),
                              fmax(fabs(before->jaw), pulls[2])};
     const double shift =
@@ -234,9 +234,9 @@ double pliant_proxy_fraction_to_limit(const pliant_model *model, pliant_tool *to
     const double over = model->contact.force_overshoot, nearly = model->contact.soft_begin + model->contact.soft_width;
     const double force = pliant_length3(after->wrench), maximum = model->scene.contact.max_force,
                  torque = fabs(after->jaw), grip = model->scene.contact.grip_torque;
-    tool->proxy.pulls[0] = force;
-    tool->proxy.pulls[1] = pliant_length3(after->wrench + 3);
-    tool->proxy.pulls[2] = torque;
+    tool->proxy.coupling_load[0] = force;
+    tool->proxy.coupling_load[1] = pliant_length3(after->wrench + 3);
+    tool->proxy.coupling_load[2] = torque;
     tool->proxy.saturated = force > nearly * maximum || torque > nearly * grip;
     return fmin(fraction_at_limit(pliant_length3(before->wrench), force, over * maximum),
                 fraction_at_limit(fabs(before->jaw), torque, over * grip));

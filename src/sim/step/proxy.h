@@ -51,8 +51,8 @@ void pliant_proxy_linearize(const pliant_model *model, const pliant_tool *tool, 
  * [m/N, rad/(N m)]. It is a quarter of the pressed points' displacement per load. A proxy that moves by it once in a
  * step then approaches its limit also where the tissue is four times stiffer than before.
  * @param farthest the displacement counts up to this distance [m] */
-void pliant_proxy_find_yields(const pliant_data *data, int tool, const pliant_tool_pose *pose,
-                              const pliant_proxy_load *load, double farthest, double out[3]);
+void pliant_proxy_estimate_tissue_compliance(const pliant_data *data, int tool, const pliant_tool_pose *pose,
+                                             const pliant_proxy_load *load, double farthest, double out[3]);
 /* Return the pose that the coupling yields to under a load.
  * @param from pose at the linearization point */
 pliant_tool_pose pliant_proxy_pose_under_load(const pliant_tool *tool, const pliant_tool_pose *from,

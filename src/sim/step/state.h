@@ -110,7 +110,7 @@ void pliant_state_restore_tissue(const pliant_state *state, pliant_data *data);
 /* Save the scalars. The caller saves tools, contacts and topology. */
 void pliant_state_save_scalars(const pliant_data *data, bool tissue, pliant_state *state);
 
-/* ---- state_parts.c */
+/* ---- state_save.c */
 /* tissue: its arrays; topology: the current one and those to undo */
 typedef struct pliant_state_parts { bool tissue, topology; } pliant_state_parts;
 /* Save some parts of the state, and all of its scalars. Errors: MEMORY (the state stays as it is). */

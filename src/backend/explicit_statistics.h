@@ -1,6 +1,6 @@
 /* Figures of explicit dynamics (solver/kind tled). */
-#ifndef PLIANT_BACKEND_EXPLICIT_DYNAMICS_H
-#define PLIANT_BACKEND_EXPLICIT_DYNAMICS_H
+#ifndef PLIANT_BACKEND_EXPLICIT_STATISTICS_H
+#define PLIANT_BACKEND_EXPLICIT_STATISTICS_H
 
 #include "base/export.h"
 #include "pliant/data.h"

@@ -1,4 +1,4 @@
-#include "model_data/shared_hold.h"
+#include "model_data/coincident_grasps.h"
 
 #include <math.h>
 #include <string.h>

@@ -1,7 +1,7 @@
 /* Rigid tools that hold one point. With a constraint for each, two rows would be equal and the constraint matrix
  * singular. */
-#ifndef PLIANT_MODEL_DATA_SHARED_HOLD_H
-#define PLIANT_MODEL_DATA_SHARED_HOLD_H
+#ifndef PLIANT_MODEL_DATA_COINCIDENT_GRASPS_H
+#define PLIANT_MODEL_DATA_COINCIDENT_GRASPS_H
 
 #include "model_data/data.h"
 

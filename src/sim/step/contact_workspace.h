@@ -1,6 +1,6 @@
 /* The contact points of a simulation: data that the files of the contact stage share. */
-#ifndef PLIANT_SIM_CONTACT_SEARCH_H
-#define PLIANT_SIM_CONTACT_SEARCH_H
+#ifndef PLIANT_SIM_CONTACT_WORKSPACE_H
+#define PLIANT_SIM_CONTACT_WORKSPACE_H
 
 #include "contact/detect/contact_surface.h"
 #include "contact/detect/impact_zones.h"
@@ -21,7 +21,7 @@ struct pliant_contact_search {
     pliant_tissue tissue; /* contact/self: tissue on tissue */
     pliant_impact_zones zones; /* the same, in the sub-steps of explicit dynamics */
     pliant_contact_surface outside;
-    pliant_contacts made; /* buffer: the points of the previous leg while this leg's points are in use */
+    pliant_contacts point_buffer; /* buffer: the points of the previous leg while this leg's points are in use */
     int32_t num_parts;
     pliant_moving_part part[PLIANT_CONTACT_PARTS];
     pliant_advance_part advance_part[PLIANT_CONTACT_PARTS];
@@ -78,7 +78,7 @@ pliant_status pliant_contact_keep_found(const pliant_model *model, pliant_data *
 /* Copy that configuration. Errors: MEMORY. */
 pliant_status pliant_contact_copy_found(const pliant_contact_search *from, pliant_contact_search *to);
 /* Reuse the points of the previous search if nothing has moved farther than settings.reuse_motion since then, and no
- * tool is to. They are written to search->made. Errors: MEMORY.
+ * tool is to. They are written to search->point_buffer. Errors: MEMORY.
  * @param are_reused out: whether the points are reused */
 pliant_status pliant_contact_reuse(const pliant_model *model, pliant_data *data, const pliant_body *body,
                                    bool *are_reused);
