@@ -1,4 +1,4 @@
-/* Set up tetrahedra for rasterization with the same operations in the same order as src/warp/fixed_point.c and
+/* Set up tetrahedra for rasterization with the same operations in the same order as src/warp/prepare_tets.c and
  * voxel_owners.h. The results are bitwise identical, so the GPU's volume equals the CPU's. (This file is compiled
  * without fused multiply-adds.)
  *

@@ -52,12 +52,12 @@ typedef struct cut_work {
     const pliant_cuts *cuts;         /* cuts of the previous body; Nullable */
     const double *positions;
     uint32_t stroke[2];              /* blade and stroke of the sweep; 0 0: no stroke */
-    /* ---- sever.c: newly severed links and bridges, ascending */
+    /* ---- find_severed_links.c: newly severed links and bridges, ascending */
     int32_t num_links, num_bridges, link_capacity, bridge_capacity;
     uint32_t *link;
     double *link_area;               /* area at rest [m^2] */
     int32_t *bridge;
-    /* ---- find_touched.c */
+    /* ---- find_fragments.c */
     pliant_cuts *next;               /* all severed links after the cut; store_fragments.c adds the rest */
     /* per initial tetrahedron: > 0: 1 + index of a touched one; < 0: -1 - index in cuts; 0: neither (cut_state) */
     cut_sparse state;

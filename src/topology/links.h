@@ -1,6 +1,6 @@
 /* Connectivity of adjacent voxels through links that are not severed and voxels that tetrahedra own. */
-#ifndef PLIANT_BODY_LINKS_H
-#define PLIANT_BODY_LINKS_H
+#ifndef PLIANT_TOPOLOGY_LINKS_H
+#define PLIANT_TOPOLOGY_LINKS_H
 
 #include "topology/body.h"
 

@@ -94,14 +94,14 @@ static inline int32_t part_load_node(const part_maker *work, int32_t node)
     return work->body->node_parent ? work->body->node_parent[node] : node;
 }
 
-/* parts_list.c: reserve capacity; NULL: out of memory */
+/* growing_lists.c: reserve capacity; NULL: out of memory */
 void *pliant_parts_grow(part_list *list, size_t more);
 pliant_status pliant_parts_no_memory(void);
 
-/* parts_box.c: compute the box of one tetrahedron; out->maker is unchanged if there is no box */
+/* label_tet.c: compute the box of one tetrahedron; out->maker is unchanged if there is no box */
 pliant_status pliant_parts_make_box(part_maker *work, int32_t tet, const part_box *box, int32_t maker, part_made *out);
 
-/* parts_neighbours.c: a tetrahedron at rest, and the voxels around it */
+/* carried_tets.c: a tetrahedron at rest, and the voxels around it */
 void pliant_parts_shape(const part_maker *work, int32_t tet, part_shape *out);
 void pliant_parts_box(const part_maker *work, int32_t tet, part_box *out);
 /* Return whether a shape, extended as carried tetrahedra are, may touch a box, by its planes.
@@ -110,7 +110,7 @@ bool pliant_parts_touches(const part_shape *at, const double low[3], const doubl
 /* Add the carried tetrahedra of the current tetrahedron, by its labels. */
 pliant_status pliant_parts_add_carried_tets(part_maker *work);
 
-/* parts_labels.c: labels and boxes that bodies share */
+/* parts_pool.c: labels and boxes that bodies share */
 void pliant_part_pool_release(part_pool *pool); /* Nullable */
 /* Return a pool with capacity for `more` labels. If the previous pool is full, it is a new one, to which the `live`
  * labels must be copied. */

@@ -127,7 +127,7 @@ bool pliant_raster_kernels_avx512(const raster_source *source, raster_kernels *o
 /* sample_portable.c: compute the 16 voxels of one row */
 void pliant_raster_row_u8(const raster_source *source, const raster_brick *brick, int32_t row, uint8_t values[BRICK]);
 
-/* fixed_point.c: false if the target or its tetrahedra are too large for the fixed-point grid */
+/* prepare_tets.c: false if the target or its tetrahedra are too large for the fixed-point grid */
 bool pliant_raster_grid(const pliant_geometry *target, const pliant_mesh *mesh, raster_grid *out);
 void pliant_raster_fix(const raster_grid *grid, const double position[3], int32_t fixed[3]);
 void pliant_raster_tet(const raster_grid *grid, const raster_source *source, const int32_t *const fixed[4],

@@ -1,6 +1,6 @@
 /* Draw the voxels of elements at a cut, which own only a part of their tetrahedron. They are few and are drawn one by
  * one, with the same code for all inner loops. */
-#include "warp/sample.h"
+#include "warp/inner_loops.h"
 #include "warp/part_sample.h"
 #include "warp/voxel_owners.h"
 

@@ -3,8 +3,8 @@
  *
  * A ray is followed from its entry into the volume's box, in voxel indices: index(s) = start + s * step, with s along
  * the camera's z [m]. Bricks of RENDER_BRICK^3 cells whose maximum is below the threshold are skipped. */
-#ifndef PLIANT_RENDER_RAY_H
-#define PLIANT_RENDER_RAY_H
+#ifndef PLIANT_WARP_RAY_H
+#define PLIANT_WARP_RAY_H
 
 #include "pliant/render.h"
 #include "scan/stored_value.h"

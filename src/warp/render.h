@@ -1,6 +1,6 @@
 /* Convert a camera and a style to a scene for rendering, and render it on the CPU. */
-#ifndef PLIANT_RENDER_RENDER_H
-#define PLIANT_RENDER_RENDER_H
+#ifndef PLIANT_WARP_RENDER_H
+#define PLIANT_WARP_RENDER_H
 
 #include "warp/ray.h"
 

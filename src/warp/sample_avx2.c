@@ -1,6 +1,6 @@
 /* Inner loops with AVX2. 8 voxels of 16 bits need 32 loads, each of a voxel and its right neighbour, and about as many
  * instructions to arrange them. Floats are similar. */
-#include "warp/sample.h"
+#include "warp/inner_loops.h"
 
 #if defined(__x86_64__) && defined(__GNUC__)
 

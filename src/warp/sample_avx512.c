@@ -1,6 +1,6 @@
 /* Inner loops with AVX-512. A row of a brick is one register of floats, and the masks of its owners are mask registers.
  * Voxels are loaded as with AVX2. */
-#include "warp/sample.h"
+#include "warp/inner_loops.h"
 
 #if defined(__x86_64__) && defined(__GNUC__)
 

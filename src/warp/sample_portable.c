@@ -1,6 +1,6 @@
 /* Inner loops in plain C. The operations and their order are the same as in simd.h and the files that include it, so
  * all sets give bitwise identical results. */
-#include "warp/sample.h"
+#include "warp/inner_loops.h"
 #include "warp/voxel_owners.h"
 
 #include <math.h>

@@ -4,7 +4,7 @@
 #ifndef PLIANT_WARP_SIMD_H
 #define PLIANT_WARP_SIMD_H
 
-#include "warp/sample.h"
+#include "warp/inner_loops.h"
 #include "warp/voxel_owners.h"
 
 #include <immintrin.h>

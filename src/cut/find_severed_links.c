@@ -3,7 +3,7 @@
  * blade. */
 #include "cut/cut_stages.h"
 
-#include "cut/sweep.h"
+#include "cut/segment_through_triangle.h"
 
 #include "base/buffer.h"
 #include "base/fail.h"

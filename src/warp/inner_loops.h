@@ -1,6 +1,6 @@
 /* Settings shared by all sets of inner loops. Include this file first. */
-#ifndef PLIANT_WARP_SAMPLE_H
-#define PLIANT_WARP_SAMPLE_H
+#ifndef PLIANT_WARP_INNER_LOOPS_H
+#define PLIANT_WARP_INNER_LOOPS_H
 
 /* Disable fused multiply-adds, which round differently and exist only in some sets and machines. */
 #if defined(__GNUC__) && !defined(__clang__)

@@ -1,7 +1,7 @@
 /* Test whether the segment between two points passes through a triangle swept by a blade. CPU and GPU share these
  * functions. */
-#ifndef PLIANT_CUT_SWEEP_H
-#define PLIANT_CUT_SWEEP_H
+#ifndef PLIANT_CUT_SEGMENT_THROUGH_TRIANGLE_H
+#define PLIANT_CUT_SEGMENT_THROUGH_TRIANGLE_H
 
 #include "base/inline.h"
 
