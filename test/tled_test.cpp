@@ -398,8 +398,8 @@ TEST_P(EveryKind, ToolsHoldPullAndFeel)
             ASSERT_GE(pliant_step(bar.model, bar.data), 0) << pliant_last_error();
         const pliant_tool &rigid = bar.data->tools[0], &spring = bar.data->tools[1];
         for (int d = 0; d < 3; d++) {
-            EXPECT_NEAR(rigid.held_point[d], rigid.tip[d] - rigid.grip[d], 2e-6);
-            double pull = 20 * (spring.tip[d] - spring.grip[d] - spring.held_point[d]);
+            EXPECT_NEAR(rigid.held_point[d], rigid.tip[d] - rigid.tip_offset[d], 2e-6);
+            double pull = 20 * (spring.tip[d] - spring.tip_offset[d] - spring.held_point[d]);
             EXPECT_NEAR(spring.force[d], pull, 2e-4 + 0.02 * std::fabs(pull));
         }
         EXPECT_GT(rigid.force[0], 0);
