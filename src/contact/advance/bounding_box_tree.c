@@ -147,7 +147,7 @@ static void fit(pliant_advance_tree *tree, const double *from, const double *to)
 }
 
 pliant_status pliant_advance_tree_update(pliant_advance_tree *tree, int32_t num_triangles, const int32_t *triangles,
-                                         const double *from, const double *to)
+                                         const double *rest, const double *from, const double *to)
 {
     const size_t bytes = 3 * (size_t)num_triangles * sizeof *triangles;
     if (num_triangles != tree->num_triangles || memcmp(triangles, tree->triangles, bytes) != 0) {
@@ -156,7 +156,7 @@ pliant_status pliant_advance_tree_update(pliant_advance_tree *tree, int32_t num_
         if (good) {
             memcpy(tree->triangles, triangles, bytes);
             tree->num_triangles = num_triangles;
-            good = find_owners(tree) && build(tree, from);
+            good = find_owners(tree) && build(tree, rest ? rest : from);
         }
         if (!good) {
             pliant_advance_tree_free(tree);

@@ -28,9 +28,10 @@ typedef struct pliant_advance_tree {
     pliant_advance_box *around;    /* (num_branches) */
 } pliant_advance_tree;
 
-/* Update the boxes, and rebuild the tree if the triangles have changed. Errors: MEMORY (the tree is empty then). */
+/* Update the boxes, and rebuild the tree if the triangles have changed. Errors: MEMORY (the tree is empty then).
+ * @param rest Nullable: positions at rest, which determine the tree; NULL: `from` does */
 pliant_status pliant_advance_tree_update(pliant_advance_tree *tree, int32_t num_triangles, const int32_t *triangles,
-                                         const double *from, const double *to);
+                                         const double *rest, const double *from, const double *to);
 void pliant_advance_tree_free(pliant_advance_tree *tree);
 
 /* fmin and fmax would be function calls */

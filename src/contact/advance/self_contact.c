@@ -361,7 +361,9 @@ pliant_status pliant_advance_find_self(pliant_advance *advance, int32_t num_tria
     pliant_advance_self_result result = {.t = 1, .node = {-1, -1, -1, -1}};
     advance->num_self = 0;
     pliant_status status =
-        num_triangles > 0 ? pliant_advance_tree_update(&advance->tree, num_triangles, triangles, from, to) : PLIANT_OK;
+        num_triangles > 0
+            ? pliant_advance_tree_update(&advance->tree, num_triangles, triangles, self->rest, from, to)
+            : PLIANT_OK;
     if (status == PLIANT_OK && num_triangles > 0) status = find_pairs(&on);
     if (status == PLIANT_OK) status = pliant_advance_reserve_times(advance, advance->num_self);
     if (status != PLIANT_OK) return status;
@@ -442,8 +444,9 @@ pliant_status pliant_advance_audit_self(pliant_advance *advance, int32_t num_tri
                  .crossing = crossing};
     advance->num_self = 0;
     pliant_status status =
-        num_triangles > 0 ? pliant_advance_tree_update(&advance->tree, num_triangles, triangles, positions, positions)
-                          : PLIANT_OK;
+        num_triangles > 0
+            ? pliant_advance_tree_update(&advance->tree, num_triangles, triangles, self->rest, positions, positions)
+            : PLIANT_OK;
     if (status == PLIANT_OK && num_triangles > 0) status = find_pairs(&on);
     if (status != PLIANT_OK) return status;
     for (int32_t n = 0; out && n < advance->num_self; n++) {

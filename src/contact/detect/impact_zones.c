@@ -12,7 +12,7 @@
 
 enum {
     MAX_IMPULSES = 16 /* rounds over the pairs that would come too near, before they form zones */,
-    MAX_ROUNDS = 16 /* of zones that grow, before one zone takes all nodes */
+    MAX_MARGINS = 8 /* motion of two nodes relative to each other in a stable sub-step, over the margin of the pairs */
 };
 
 static int32_t num_nodes(const pliant_impact_zones *zones) { return zones->tissue->body->fine.num_nodes; }
@@ -118,6 +118,7 @@ void pliant_impact_zones_begin(pliant_impact_zones *zones, const double *u)
 {
     const size_t bytes = 3 * (size_t)num_nodes(zones) * sizeof *u;
     zones->status = PLIANT_OK;
+    zones->is_too_fast = false;
     memcpy(zones->before, u, bytes);
     if (zones->motion > 0) list_pairs(zones, 0); /* after a rollback */
     memcpy(zones->start, u, bytes);
@@ -286,21 +287,24 @@ static void apply_impulse(pliant_impact_zones *zones, int32_t n, const double *i
 {
     const pliant_advance_self_pair *pair = pair_at(zones, n);
     int32_t node[16];
-    double weight[16], normal[3], approach = 0, compliance = 0;
+    double weight[16], normal[3], approach = 0, speed = 0, compliance = 0;
     (void)free_fraction(zones, n, u);
     if (!(pair->t < 1)) return;
     const int count = find_weights(zones, pair, node, weight, normal);
     for (int k = 0; k < count; k++) {
         const size_t at = 3 * (size_t)node[k];
         compliance += weight[k] * weight[k] * inverse_mass[node[k]];
-        for (size_t c = 0; c < 3; c++) approach -= weight[k] * normal[c] * (u[at + c] - zones->before[at + c]);
+        for (size_t c = 0; c < 3; c++) {
+            approach -= weight[k] * normal[c] * (u[at + c] - zones->before[at + c]);
+            speed -= weight[k] * normal[c] * d[at + c];
+        }
     }
     if (!(approach > 0) || !(compliance > 0)) return;
     for (int k = 0; k < count; k++) {
-        const double move = (1 - pair->t) * approach / compliance * weight[k] * inverse_mass[node[k]];
+        const double share = (1 - pair->t) / compliance * weight[k] * inverse_mass[node[k]];
         for (size_t c = 0; c < 3; c++) {
-            u[3 * (size_t)node[k] + c] += move * normal[c];
-            d[3 * (size_t)node[k] + c] += move * normal[c];
+            u[3 * (size_t)node[k] + c] += share * approach * normal[c];
+            d[3 * (size_t)node[k] + c] += share * fmax(speed, 0) * normal[c]; /* not what moved overlaps apart */
         }
     }
 }
@@ -411,10 +415,7 @@ static void limit_zones(pliant_impact_zones *zones, const double *inverse_mass, 
     for (int32_t n = 0; n < nodes; n++) zones->root[n] = -1;
     for (int32_t b = 0; b < zones->num_blocked; b++) join_pair(zones, zones->blocked[b]);
     move_zones(zones, inverse_mass, u, d);
-    for (int round = 0; grow(zones, u); round++) {
-        for (int32_t n = 1; round == MAX_ROUNDS && n < nodes; n++) join(zones, n, 0);
-        move_zones(zones, inverse_mass, u, d);
-    }
+    while (grow(zones, u)) move_zones(zones, inverse_mass, u, d); /* ends: zones only merge */
 }
 
 void pliant_impact_zones_limit(pliant_impact_zones *zones, const double *inverse_mass, double *u, double *d)
@@ -423,6 +424,8 @@ void pliant_impact_zones_limit(pliant_impact_zones *zones, const double *inverse
     double before = zones->motion, motion = 0;
     for (int round = 0; zones->status == PLIANT_OK; round++) {
         motion = fmax(find_motion(zones, zones->before, u), motion);
+        zones->is_too_fast = !(motion < MAX_MARGINS * zones->rule.max_margin);
+        if (zones->is_too_fast) break;
         if (!(zones->tissue->listed - find_motion(zones, zones->start, u) > stop)) {
             list_pairs(zones, motion);
             before = 0;

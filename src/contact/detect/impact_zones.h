@@ -1,7 +1,7 @@
 /* Keep tissue out of tissue in each sub-step of explicit dynamics.
  *
  * A sub-step moves all nodes along straight lines. The pairs of the surface that are near each other are listed once
- * per frame, with a margin for their motion. The list is made again when that margin is used up. A pair is measured
+ * per leg, with a margin for their motion. The list is made again when that margin is used up. A pair is measured
  * only when the motion since its last measurement could bring it near the distance that all pairs keep.
  *
  * If a pair would come nearer, an impulse along the line between its closest points reduces its approach to the
@@ -49,6 +49,7 @@ typedef struct pliant_impact_zones {
     int32_t *root;            /* (nodes) disjoint sets; -1: in no zone */
     pliant_impact_zone *zone; /* (nodes) at the roots */
     pliant_status status;     /* of a sub-step: MEMORY */
+    bool is_too_fast;         /* the sub-step moved nodes so far that it is not stable, and its pairs are not checked */
 } pliant_impact_zones;
 
 void pliant_impact_zones_free(pliant_impact_zones *zones); /* frees its contents */

@@ -306,6 +306,7 @@ pliant_status pliant_tissue_copy(const pliant_tissue *from, pliant_tissue *to)
     memcpy(to->place, from->place, 3 * (size_t)from->num_nodes * sizeof *to->place);
     to->has_place = from->has_place;
     to->is_apart = from->is_apart;
+    to->num_overlaps = from->num_overlaps;
     return PLIANT_OK;
 }
 

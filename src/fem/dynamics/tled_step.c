@@ -247,7 +247,8 @@ static pliant_tled_frame run(pliant_tled *tled, pliant_tool *tools, int num_tool
         if (!still)
             result.error = pliant_tled_frame_error(tled, total[PLIANT_SUM_ERROR_BEFORE], total[PLIANT_SUM_ERROR]);
         result.is_stable =
-            total[PLIANT_SUM_LARGEST] <= (still ? INFINITY : 1) || (!still && !any_strains_fast(tled, fast));
+            !(tled->zones && tled->zones->is_too_fast) &&
+            (total[PLIANT_SUM_LARGEST] <= (still ? INFINITY : 1) || (!still && !any_strains_fast(tled, fast)));
         if (!result.is_stable) break;
         result.settled = still && result.residual <= tled->tolerance;
     }

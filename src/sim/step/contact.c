@@ -155,7 +155,7 @@ static pliant_status find_tissue(const pliant_model *model, pliant_data *data, d
     pliant_tissue_set_searcher(tissue, data->backend->searcher);
     if (model->scene.contact.response == PLIANT_RESPONSE_PAPER) return find_slowed(model, data, out);
     const pliant_tissue_rule rule = pliant_contact_tissue_rule(model, data, max_piece_motion);
-    const bool has_zones = data->body->has_inertia && data->backend->state_is_on_host;
+    const bool has_zones = data->body->has_inertia && data->backend->state_is_on_host && rule.thickness > 0;
     if (outside && rule.thickness > 0 && !tissue->exempt) {
         pliant_contact_surface_update(outside, data->body->fine.rest);
         status = pliant_tissue_set_rest(tissue, outside->positions);

@@ -60,14 +60,16 @@ static pliant_status reserve_search(pliant_contact_search *search)
     return search->advance ? PLIANT_OK : pliant_advance_create(&search->settings, &search->advance);
 }
 
-/* Shorten the fraction so that tissue does not pass through tissue. to: positions at the end of the leg [m] */
-static pliant_status advance_tissue(const pliant_model *model, pliant_data *data, const double *to,
+/* Shorten the fraction so that tissue does not pass through tissue. In explicit dynamics each sub-step has done so, but
+ * not for a leg that is shortened: then the nodes are placed on straight lines.
+ * @param to positions at the end of the leg [m] */
+static pliant_status advance_tissue(const pliant_model *model, pliant_data *data, double fraction, const double *to,
                                     pliant_advance_result *out)
 {
     pliant_contact_search *search = data->contact_search;
     const pliant_tissue_rule rule = pliant_contact_tissue_rule(model, data, 0);
     double t = 1;
-    if (data->tled && data->tled->zones) return PLIANT_OK; /* each sub-step has done so */
+    if (data->tled && data->tled->zones && !(fraction < 1) && !(out->t < 1)) return PLIANT_OK;
     if (!(rule.thickness > 0) || !search->tissue.exempt || !pliant_contact_touches_itself(model)) return PLIANT_OK;
     const pliant_status status = pliant_tissue_advance(&search->tissue, search->surface, to, &rule, &t);
     out->t = fmin(out->t, t);
@@ -93,7 +95,7 @@ pliant_status pliant_contact_advance(const pliant_model *model, pliant_data *dat
     status = pliant_advance_find(search->advance, body->num_triangles, body->triangles, search->surface, positions,
                                  search->num_parts, search->advance_part, data->discretization->system->num_threads,
                                  out);
-    return status == PLIANT_OK ? advance_tissue(model, data, positions, out) : status;
+    return status == PLIANT_OK ? advance_tissue(model, data, fraction, positions, out) : status;
 }
 
 static const pliant_moving_part *find_part(const pliant_contact_search *search, const pliant_contact_point *point)
