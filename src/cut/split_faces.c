@@ -241,9 +241,9 @@ static inset find_inset(const cut_splitting *work, int32_t *part, int32_t root, 
         const int32_t tet = work->around[j] / 4, beyond = across(work, tet, work->around[j] % 4);
         for (int c = 0; c < 4; c++) {
             const bool is_own = c == work->around[j] % 4;
-            const int32_t towards = work->corners[is_own ? beyond : 4 * tet + c];
             double along[3], opening;
             if (is_own && beyond < 0) continue;
+            const int32_t towards = work->corners[is_own ? beyond : 4 * tet + c];
             for (int d = 0; d < 3; d++)
                 along[d] = work->rest[3 * (size_t)towards + d] - work->rest[3 * (size_t)node + d];
             const double room = room_of(work, part, root, along, &opening),

@@ -240,6 +240,7 @@ inline bool has_tunneled(const Swept &swept, const SweepPath &on)
 inline int count_tunneled_sweeps(int otherwise, Mode mode)
 {
     const int count = number_from("PLIANT_SWEEPS", otherwise), first = number_from("PLIANT_SWEEPS_FIRST", 0);
+    EXPECT_LT(first, count) << "PLIANT_SWEEPS is the number of the last sweep";
     Sweeps sweeps;
     int through = 0, turned = 0, held = 0;
     double deepest = 0;
