@@ -378,8 +378,8 @@ TEST(Tled, PronyTermsHaveTheirLossFactorOverTheBand)
 }
 
 // A loss factor gives the same damping ratio, half of it, at the frequencies of a beam without and with a weight.
-// Stiffness-proportional damping would give a ratio proportional to the frequency. The sag is that of the static
-// modulus.
+// Stiffness-proportional damping would give a ratio proportional to the frequency. The static modulus
+// determines the sag.
 TEST(Tled, ALossFactorTransfersFromTheBeamAloneToOneWithAWeight)
 {
     const double loss = 0.106, weight = 0.1;

@@ -194,13 +194,6 @@ static void look_from(const cut_splitting *work, int32_t tet, int corner, double
     }
 }
 
-static double product(const double a[3], const double b[3], const double c[3])
-{
-    double side[3];
-    pliant_cross3(a, b, side);
-    return pliant_dot3(side, c);
-}
-
 /* Return the fraction of a vector by which the common corner of a group of tetrahedra can move. Each keeps half of
  * its volume. opening: distance of the vector's end from all severed faces at the corner [m] */
 static double room_of(const cut_splitting *work, int32_t *part, int32_t root, const double along[3], double *opening)
@@ -214,12 +207,12 @@ static double room_of(const cut_splitting *work, int32_t *part, int32_t root, co
         if (pliant_set_root(part, j) != root) continue;
         const int32_t tet = work->around[j] / 4;
         look_from(work, tet, work->around[j] % 4, to, other);
-        const double volume = product(to[0], to[1], to[2]);
+        const double volume = pliant_triple3(to[0], to[1], to[2]);
         double lost = 0; /* fraction of the volume: the sum of the three barycentric coordinates */
         for (int k = 0; k < 3; k++) {
             const double *u = to[(k + 1) % 3], *w = to[(k + 2) % 3];
             double normal[3];
-            lost += product(u, w, along) / volume;
+            lost += pliant_triple3(u, w, along) / volume;
             if (!work->severed[4 * (size_t)tet + (size_t)other[k]]) continue;
             pliant_cross3(u, w, normal);
             *opening = fmin(*opening, pliant_dot3(normal, along) / pliant_length3(normal) *

@@ -4,9 +4,12 @@
 // Usage:
 //   bench_self [scenes [dynamic [kind]]]   default: 20 of each kind; one thread; dynamic: 1 for explicit dynamics
 //
-// Kinds: a block with a slot that a ball presses together (flaps), a block with a cut (cut), and two arms, one of
-// which a ball pushes onto the other (fold). The surface is the one that contact of tissue with tissue uses. Figures of
-// each kind:
+// Kinds:
+//   flaps          a block with a slot that a ball presses together
+//   cut            a block with a cut
+//   fold           two arms; a ball pushes one of them onto the other
+//
+// Crossings are counted on the surface on which contact of tissue with tissue acts. Figures of each kind:
 //   crossed        steps after which an edge of the surface passes through a triangle
 //   edges          maximum number of such edges
 //   evaluations    mean number per step

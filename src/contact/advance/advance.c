@@ -21,7 +21,7 @@ void pliant_advance_free(pliant_advance *advance)
 {
     if (!advance) return;
     pliant_free(advance->pair);
-    pliant_free(advance->rank);
+    pliant_free(advance->pair_time);
     pliant_free(advance->motion);
     pliant_free(advance->box);
     pliant_free(advance->near);
@@ -58,12 +58,12 @@ static int64_t step_all(pliant_advance *advance, const surface *of, int num_thre
     return distances;
 }
 
-static int32_t rank_pairs(pliant_advance *advance)
+static int32_t sort_pairs(pliant_advance *advance)
 {
     int32_t count = 0;
     for (int32_t n = 0; n < advance->num_pairs; n++)
-        if (advance->pair[n].t < 1) advance->rank[count++] = (pliant_advance_pair_time){advance->pair[n].t, n};
-    pliant_advance_sort(count, advance->rank);
+        if (advance->pair[n].t < 1) advance->pair_time[count++] = (pliant_advance_pair_time){advance->pair[n].t, n};
+    pliant_advance_sort(count, advance->pair_time);
     return count;
 }
 
@@ -100,9 +100,9 @@ pliant_status pliant_advance_find(pliant_advance *advance, int32_t num_triangles
     if (status != PLIANT_OK) return status;
     *out = (pliant_advance_result){.t = 1, .part = -1, .triangle = -1, .pairs = advance->num_pairs};
     out->distances = step_all(advance, &of, threads);
-    const int32_t left = rank_pairs(advance);
+    const int32_t left = sort_pairs(advance);
     for (int32_t n = 0; n < left; n++) {
-        pliant_advance_pair *pair = advance->pair + advance->rank[n].pair;
+        pliant_advance_pair *pair = advance->pair + advance->pair_time[n].pair;
         const pliant_advance_triangle triangle = triangle_of(&of, pair);
         if (pair->t >= out->t) break; /* the other pairs have larger fractions */
         while (!pair->ends && pair->t < out->t)

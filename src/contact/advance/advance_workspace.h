@@ -26,8 +26,8 @@ struct pliant_advance {
     pliant_contact_settings settings;
     int32_t num_pairs, max_pairs, max_parts, max_triangles;
     pliant_advance_pair *pair; /* (max_pairs) in ascending order of parts, then triangles */
-    int32_t max_ranks;
-    pliant_advance_pair_time *rank;     /* (max_ranks) pairs that may limit the leg */
+    int32_t max_pair_times;
+    pliant_advance_pair_time *pair_time; /* (max_pair_times) pairs that may limit the leg */
     pliant_advance_motion *motion; /* (max_parts) */
     int32_t *near;                 /* (max_triangles) triangles that are near any part, ascending */
     pliant_advance_box *box;       /* (max_triangles) around those */
@@ -55,7 +55,7 @@ double pliant_advance_self_time(pliant_advance *advance, const double *from, con
 /* Grow the capacity for ranks. Errors: MEMORY. */
 pliant_status pliant_advance_reserve_times(pliant_advance *advance, int32_t count);
 /* Sort by fraction, then by pair: the first pairs shorten the leg for the others. */
-void pliant_advance_sort(int32_t count, pliant_advance_pair_time *rank);
+void pliant_advance_sort(int32_t count, pliant_advance_pair_time *times);
 
 /* Return whether a segment passes through a triangle, by signed volumes. */
 bool pliant_segment_crosses_triangle(const double corner[3][3], const double end[2][3]);

@@ -34,10 +34,10 @@ static bool reserve_pair(pliant_advance *advance)
 
 pliant_status pliant_advance_reserve_times(pliant_advance *advance, int32_t count)
 {
-    if (count <= advance->max_ranks) return PLIANT_OK;
-    if (!pliant_grow(&advance->rank, (size_t)count, sizeof *advance->rank))
+    if (count <= advance->max_pair_times) return PLIANT_OK;
+    if (!pliant_grow(&advance->pair_time, (size_t)count, sizeof *advance->pair_time))
         return pliant_fail_memory("contact advance");
-    advance->max_ranks = count;
+    advance->max_pair_times = count;
     return PLIANT_OK;
 }
 
@@ -47,14 +47,14 @@ static bool comes_before(const pliant_advance_pair_time *a, const pliant_advance
 }
 
 /* Shell sort (Shell, A high-speed sorting procedure, Commun. ACM 2(7), 1959). */
-void pliant_advance_sort(int32_t count, pliant_advance_pair_time *rank)
+void pliant_advance_sort(int32_t count, pliant_advance_pair_time *times)
 {
     for (int32_t gap = count / 2; gap > 0; gap /= 2)
         for (int32_t i = gap; i < count; i++) {
-            const pliant_advance_pair_time one = rank[i];
+            const pliant_advance_pair_time one = times[i];
             int32_t j = i;
-            for (; j >= gap && comes_before(&one, rank + j - gap); j -= gap) rank[j] = rank[j - gap];
-            rank[j] = one;
+            for (; j >= gap && comes_before(&one, times + j - gap); j -= gap) times[j] = times[j - gap];
+            times[j] = one;
         }
 }
 

@@ -133,14 +133,13 @@ static void try_edges(search *on, int32_t a, int32_t b, const pliant_advance_box
 
 static double volume(const double a[3], const double b[3], const double c[3], const double d[3])
 {
-    double p[3], q[3], r[3], side[3];
+    double p[3], q[3], r[3];
     for (int i = 0; i < 3; i++) {
         p[i] = b[i] - a[i];
         q[i] = c[i] - a[i];
         r[i] = d[i] - a[i];
     }
-    pliant_cross3(p, q, side);
-    return pliant_dot3(side, r);
+    return pliant_triple3(p, q, r);
 }
 
 bool pliant_segment_crosses_triangle(const double corner[3][3], const double end[2][3])
@@ -373,10 +372,10 @@ pliant_status pliant_advance_find_self(pliant_advance *advance, int32_t num_tria
     for (int32_t n = 0; n < advance->num_self; n++) advance->self[n].ends = step(&on, advance->self + n, &distances);
     int32_t left = 0;
     for (int32_t n = 0; n < advance->num_self; n++)
-        if (advance->self[n].t < 1) advance->rank[left++] = (pliant_advance_pair_time){advance->self[n].t, n};
-    pliant_advance_sort(left, advance->rank);
-    for (int32_t n = 0; n < left && advance->rank[n].t < result.t; n++) {
-        pliant_advance_self_pair *pair = advance->self + advance->rank[n].pair;
+        if (advance->self[n].t < 1) advance->pair_time[left++] = (pliant_advance_pair_time){advance->self[n].t, n};
+    pliant_advance_sort(left, advance->pair_time);
+    for (int32_t n = 0; n < left && advance->pair_time[n].t < result.t; n++) {
+        pliant_advance_self_pair *pair = advance->self + advance->pair_time[n].pair;
         while (!pair->ends && pair->t < result.t) pair->ends = step(&on, pair, &distances);
         if (pair->t >= result.t) continue;
         result.t = pair->t;

@@ -230,11 +230,8 @@ static bool is_blocked(pliant_impact_zones *zones, int32_t n, double before, con
     pliant_impact_pair *pair = zones->pair + n;
     if (pair->thickness < 0) {
         pair->thickness = pliant_tissue_pair_thickness(zones->tissue, &zones->rule, pair_at(zones, n));
-        if (pair->thickness > 0) pair->gap = gap_of(zones, pair, distance_at(zones, n, zones->start));
-        if (pair->thickness > 0)
-            pair->slack = pair->gap;
-        else
-            pair->slack = INFINITY;
+        pair->slack = pair->gap =
+            pair->thickness > 0 ? gap_of(zones, pair, distance_at(zones, n, zones->start)) : INFINITY;
     }
     if (pair->slack > zones->motion || pair->gap > find_pair_motion(zones, n, u)) return false;
     pair->slack = before + gap_of(zones, pair, distance_at(zones, n, zones->before));

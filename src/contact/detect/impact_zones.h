@@ -7,7 +7,8 @@
  * If a pair would come nearer, an impulse along the line between its closest points reduces its approach to the
  * fraction that is free. Where several rounds of impulses do not suffice, the nodes of the pairs form impact zones
  * (Bridson, Fedkiw, Anderson, ACM Trans. Graph. 21(3):594, 2002). The motion of a zone relative to its center of mass
- * takes the largest free fraction. So both keep the momentum, and neither adds kinetic energy. */
+ * takes the largest free fraction. So both keep the momentum of free tissue, and neither adds kinetic energy. A zone
+ * with a fixed node has no mean motion: the support takes its momentum. */
 #ifndef PLIANT_CONTACT_IMPACT_ZONES_H
 #define PLIANT_CONTACT_IMPACT_ZONES_H
 
