@@ -73,7 +73,8 @@ struct Scene {
     {
         pliant_advance_result out{};
         EXPECT_EQ(pliant_advance_find(with.advance, sheet.num_triangles(), sheet.triangles.data(), sheet.from.data(),
-                                      sheet.to.data(), static_cast<int32_t>(parts.size()), parts.data(), threads, &out),
+                                      sheet.to.data(), static_cast<int32_t>(parts.size()), parts.data(), threads, false,
+                                      &out),
                   PLIANT_OK);
         return out;
     }
@@ -467,7 +468,7 @@ TEST(AdvanceSurface, EveryAllocationMayFail)
             pliant_status status = pliant_advance_create(nullptr, &advance);
             if (status == PLIANT_OK && !self)
                 status = pliant_advance_find(advance, sheet.num_triangles(), sheet.triangles.data(), sheet.from.data(),
-                                             sheet.to.data(), 1, &part, 1, &out);
+                                             sheet.to.data(), 1, &part, 1, false, &out);
             if (status == PLIANT_OK && self)
                 status = pliant_advance_find_self(advance, sheet.num_triangles(), sheet.triangles.data(),
                                                   sheet.from.data(), sheet.to.data(), &how, 1, &of_self);
@@ -478,8 +479,8 @@ TEST(AdvanceSurface, EveryAllocationMayFail)
                 EXPECT_EQ(of_self.t, -5);
             }
             if (advance) { // it works again after the failure
-                EXPECT_EQ(pliant_advance_find(advance, sheet.num_triangles(), sheet.triangles.data(),
-                                              sheet.from.data(), sheet.to.data(), 1, &part, 1, &out),
+                EXPECT_EQ(pliant_advance_find(advance, sheet.num_triangles(), sheet.triangles.data(), sheet.from.data(),
+                                              sheet.to.data(), 1, &part, 1, false, &out),
                           PLIANT_OK);
                 EXPECT_EQ(pliant_advance_find_self(advance, sheet.num_triangles(), sheet.triangles.data(),
                                                    sheet.from.data(), sheet.to.data(), &how, 1, &of_self),

@@ -137,8 +137,9 @@ struct Leg {
     {
         static const int32_t triangle[3] = {0, 1, 2};
         pliant_advance_result out{};
-        EXPECT_EQ(pliant_advance_find(with.advance, 1, triangle, from[0].data(), to[0].data(), 1, &leg, threads, &out),
-                  PLIANT_OK);
+        EXPECT_EQ(
+            pliant_advance_find(with.advance, 1, triangle, from[0].data(), to[0].data(), 1, &leg, threads, false, &out),
+            PLIANT_OK);
         return out;
     }
     double limit(double d) const { return std::max(std::min(0.1 * d, 0.5 * leg.guard), std::min(0.02 * leg.guard, d)); }

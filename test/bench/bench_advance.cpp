@@ -106,7 +106,7 @@ void measure(const char *name, const std::vector<pliant_tool_shape> &shapes, int
         const double begin = now();
         for (int round = 0; round < 3; round++)
             pliant_advance_find(advance, triangles, sheet.triangles.data(), sheet.from.data(), sheet.to.data(),
-                                static_cast<int32_t>(parts.size()), parts.data(), threads, &found);
+                                static_cast<int32_t>(parts.size()), parts.data(), threads, false, &found);
         times.push_back(1e6 * (now() - begin) / 3);
         pairs.push_back(found.pairs);
         distances.push_back(static_cast<double>(found.distances));

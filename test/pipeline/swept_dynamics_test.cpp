@@ -130,6 +130,52 @@ TEST(SweptDynamics, ACopyGoesOnToTheBit)
     }
 }
 
+// Two plates crush a strip of tissue as far as their cores permit. A ball far away presses and slides meanwhile. It has
+// contact of its own, so it is as fast as without the plates.
+TEST(SweptDynamics, JammedToolsDoNotHoldAnotherTool)
+{
+    enum { WAIT = 20, STEPS = 40 };
+    const int size[3] = {32, 12, 4};
+    const double box[3] = {0.16, 0.06, 0.004};
+    pliant_tool_shape plate{};
+    plate.num_parts = 1;
+    plate.part[0] = {PLIANT_PART_BOX, PLIANT_FRAME_TIP, {-0.006, -0.006, -0.001}, {0.006, 0.006, 0.001}, 0, false};
+    Body strip(size, box, {{4000, 0.4, 1000, false}});
+    strip.fix_plane(0, 0.001, 0, 0, 1, 0);
+    strip.fix_plane(0, 0.059, 0, 0, -1, 0);
+    strip.cells(16, 6, 1, 1);
+    strip.scene.solver.kind = PLIANT_TLED;
+    strip.scene.solver.threads = 1;
+    ASSERT_EQ(strip.build(), PLIANT_OK) << pliant_last_error();
+    const int free = strip.add_ball(0.006);
+    int plates[2];
+    for (int p = 0; p < 2; p++) {
+        ASSERT_EQ(pliant_tool_add(strip.model, strip.data, p ? "below" : "above", plates + p), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_shape(strip.data, plates[p], &plate), PLIANT_OK);
+    }
+    double shortened = 1, behind = 0, farthest = 0, pressed = 0;
+    for (int step = 1; step <= STEPS; step++) {
+        const double close = 0.0095 * std::min(1.0, double(step) / WAIT), slide = 0.001 * std::max(0, step - 30),
+                     tips[3][3] = {{0.03, 0.03, 0.01 - close},
+                                   {0.03, 0.03, -0.006 + close},
+                                   {0.12 + slide, 0.03, 0.0105 - std::min(0.01, 0.001 * std::max(0, step - WAIT))}};
+        for (int p = 0; p < 2; p++) ASSERT_EQ(pliant_tool_set_pose(strip.data, plates[p], tips[p], nullptr), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_pose(strip.data, free, tips[2], nullptr), PLIANT_OK);
+        ASSERT_EQ(pliant_step(strip.model, strip.data), PLIANT_OK) << pliant_last_error();
+        const pliant_tool &ball = strip.data->tools[free], &above = strip.data->tools[plates[0]];
+        behind = std::max(behind, pliant_distance3(ball.tip, ball.proxy.tip));
+        farthest = std::max(farthest, pliant_distance3(above.tip, above.proxy.tip));
+        for (int32_t p = 0; p < strip.data->contacts.count; p++)
+            if (strip.data->contacts.point[p].tool == free)
+                pressed = std::max(pressed, std::fabs(strip.data->contacts.point[p].force[2]));
+        if (step > WAIT) shortened = std::min(shortened, strip.data->statistics.advanced);
+    }
+    EXPECT_LT(shortened, 1);    // the plates' legs are shortened while the ball moves,
+    EXPECT_GT(farthest, 0.002); // so the plates stay behind
+    EXPECT_LT(behind, 2e-4);    // and the ball does not
+    EXPECT_GT(pressed, 0.01);   // although it presses the tissue
+}
+
 // A slow press is computed in one part.
 TEST(SweptDynamics, ASlowToolPaysNothing)
 {

@@ -86,9 +86,15 @@ static double find_min_distance(const pliant_advance *advance, const surface *of
     return minimum;
 }
 
+int32_t pliant_advance_get_pairs(const pliant_advance *advance, const pliant_advance_pair **pairs)
+{
+    *pairs = advance->pair;
+    return advance->num_pairs;
+}
+
 pliant_status pliant_advance_find(pliant_advance *advance, int32_t num_triangles, const int32_t *triangles,
                                   const double *from, const double *to, int32_t count, const pliant_advance_part *parts,
-                                  int num_threads, pliant_advance_result *out)
+                                  int num_threads, bool every_pair, pliant_advance_result *out)
 {
     const surface of = {triangles, from, to};
     const int threads = pliant_threads_or_cores(num_threads);
@@ -104,8 +110,8 @@ pliant_status pliant_advance_find(pliant_advance *advance, int32_t num_triangles
     for (int32_t n = 0; n < left; n++) {
         pliant_advance_pair *pair = advance->pair + advance->pair_time[n].pair;
         const pliant_advance_triangle triangle = triangle_of(&of, pair);
-        if (pair->t >= out->t) break; /* the other pairs have larger fractions */
-        while (!pair->ends && pair->t < out->t)
+        if (pair->t >= out->t && !every_pair) break; /* the other pairs have larger fractions */
+        while (!pair->ends && (pair->t < out->t || every_pair))
             pair->ends = pliant_advance_pair_step(&advance->settings, advance->motion + pair->part, &triangle, pair,
                                                   &out->distances);
         if (pair->t >= out->t) continue;

@@ -14,6 +14,8 @@ typedef struct pliant_advance_pair {
     double weight[3]; /* weights of the triangle's corners at which the search for the smallest distance starts */
 } pliant_advance_pair;
 
+/* Return the number of pairs of the last leg, and the pairs. */
+int32_t pliant_advance_get_pairs(const pliant_advance *advance, const pliant_advance_pair **pairs);
 /* Set the motion of a triangle. from, to: (nodes x 3) positions at both ends of the leg [m] */
 void pliant_advance_triangle_init(const int32_t node[3], const double *from, const double *to,
                                   pliant_advance_triangle *out);

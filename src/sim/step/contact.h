@@ -16,12 +16,18 @@ bool pliant_contact_is_idle(const pliant_model *model, const pliant_data *data);
 /* Find the contact points of the leg that data->legs describes. Points that persist keep their forces and anchors.
  * Errors: MEMORY (the points stay unchanged). */
 pliant_status pliant_contact_find_points(const pliant_model *model, pliant_data *data);
-/* Find the largest fraction of a leg that is free of penetration. The leg goes from the surface at its start to
- * data->positions.
+/* Find the largest fraction of a leg in which no tissue enters the core of a part. The leg goes from the surface at its
+ * start to data->positions.
  * @param fraction fraction of the proxies' motion that belongs to these positions
+ * @param find_islands find a fraction of its own for each island (contact_islands.c), if the leg is blocked
  * Errors: MEMORY. */
-pliant_status pliant_contact_advance(const pliant_model *model, pliant_data *data, double fraction,
+pliant_status pliant_contact_advance(const pliant_model *model, pliant_data *data, double fraction, bool find_islands,
                                      pliant_advance_result *out);
+/* Find the largest fraction of a leg in which no tissue passes through tissue. Errors: MEMORY. */
+pliant_status pliant_contact_advance_tissue(const pliant_model *model, pliant_data *data, double *fraction);
+/* For debug builds: check the invariant after a leg, by other algorithms than pliant_contact_advance. Return whether no
+ * tissue is in the core of a part, except of parts that started inside tissue. True without memory for the check. */
+bool pliant_contact_is_outside_cores(const pliant_model *model, pliant_data *data);
 /* Move the contact points of tools from the proxies' predicted poses to their poses after the leg. */
 void pliant_contact_follow_proxies(pliant_data *data);
 /* Check a tool at a pose: whether no surface is in its core, and whether the tool is inside tissue. Errors: MEMORY. */

@@ -60,32 +60,36 @@ static pliant_status reserve_search(pliant_contact_search *search)
     return search->advance ? PLIANT_OK : pliant_advance_create(&search->settings, &search->advance);
 }
 
-/* Shorten the fraction so that tissue does not pass through tissue. In explicit dynamics each sub-step has done so, but
- * not for a leg that is shortened: then the nodes are placed on straight lines.
- * @param to positions at the end of the leg [m] */
-static pliant_status advance_tissue(const pliant_model *model, pliant_data *data, double fraction, const double *to,
-                                    pliant_advance_result *out)
+pliant_status pliant_contact_advance_tissue(const pliant_model *model, pliant_data *data, double *fraction)
 {
     pliant_contact_search *search = data->contact_search;
     const pliant_tissue_rule rule = pliant_contact_tissue_rule(model, data, 0);
-    double t = 1;
-    if (data->tled && data->tled->zones && !(fraction < 1) && !(out->t < 1)) return PLIANT_OK;
+    const pliant_body *body = NULL;
+    const double *positions = NULL;
+    *fraction = 1;
     if (!(rule.thickness > 0) || !search->tissue.exempt || !pliant_contact_touches_itself(model)) return PLIANT_OK;
-    const pliant_status status = pliant_tissue_advance(&search->tissue, search->surface, to, &rule, &t);
-    out->t = fmin(out->t, t);
-    return status;
+    const pliant_status status = pliant_contact_find_surface(model, data, &body, &positions);
+    return status == PLIANT_OK ? pliant_tissue_advance(&search->tissue, search->surface, positions, &rule, fraction)
+                               : status;
 }
 
-pliant_status pliant_contact_advance(const pliant_model *model, pliant_data *data, double fraction,
+/* Return the tool of a part of the search. NULL: an obstacle. */
+static const pliant_leg_tool *leg_of_part(const pliant_data *data, int32_t part)
+{
+    const pliant_moving_part *of = data->contact_search->part + part;
+    return of->kind == PLIANT_OBSTACLE_TOOL ? data->legs->tool + of->tool : NULL;
+}
+
+pliant_status pliant_contact_advance(const pliant_model *model, pliant_data *data, double fraction, bool find_islands,
                                      pliant_advance_result *out)
 {
     pliant_contact_search *search = data->contact_search;
     const pliant_body *body = NULL;
     const double *positions = NULL;
     pliant_status status = reserve_search(search);
+    for (int t = 0; t < data->num_tools; t++) data->legs->tool[t].free_fraction = 1;
     for (int32_t p = 0; p < search->num_parts; p++) {
-        const pliant_leg_tool *leg =
-            search->part[p].kind == PLIANT_OBSTACLE_TOOL ? data->legs->tool + search->part[p].tool : NULL;
+        const pliant_leg_tool *leg = leg_of_part(data, p);
         if (leg)
             search->advance_part[p].to =
                 fraction < 1 ? pliant_pose_interpolate(&leg->begin, &leg->goal, fraction) : leg->goal;
@@ -94,8 +98,24 @@ pliant_status pliant_contact_advance(const pliant_model *model, pliant_data *dat
     if (status != PLIANT_OK) return status;
     status = pliant_advance_find(search->advance, body->num_triangles, body->triangles, search->surface, positions,
                                  search->num_parts, search->advance_part, data->discretization->system->num_threads,
-                                 out);
-    return status == PLIANT_OK ? advance_tissue(model, data, fraction, positions, out) : status;
+                                 find_islands, out);
+    return status == PLIANT_OK && find_islands && out->t < 1 ? pliant_contact_find_islands(model, data, body) : status;
+}
+
+bool pliant_contact_is_outside_cores(const pliant_model *model, pliant_data *data)
+{
+    pliant_contact_search *search = data->contact_search;
+    const pliant_body *body = NULL;
+    const double *positions = NULL;
+    pliant_advance_audit_result found;
+    if (pliant_contact_find_surface(model, data, &body, &positions) != PLIANT_OK) return true;
+    for (int32_t p = 0; p < search->num_parts; p++)
+        if (leg_of_part(data, p))
+            search->advance_part[p].from = search->advance_part[p].to =
+                pliant_tool_proxy(data->tools + search->part[p].tool);
+    return pliant_advance_audit(search->advance, body->num_triangles, body->triangles, positions, search->num_parts,
+                                search->advance_part, data->discretization->system->num_threads, &found) != PLIANT_OK ||
+           (found.minimum > 0 && found.crossings == 0);
 }
 
 static const pliant_moving_part *find_part(const pliant_contact_search *search, const pliant_contact_point *point)

@@ -12,6 +12,7 @@
 #include "sim/step/stage_timer.h"
 #include "tool/tool.h"
 
+#include <assert.h>
 #include <math.h>
 #include <string.h>
 
@@ -279,22 +280,13 @@ static double bound_motion(const pliant_data *data)
     return farthest > maximum ? maximum / farthest : 1;
 }
 
-/* Explicit dynamics: a leg is mostly blocked by a tool that pushes tissue faster than the tissue can move away.
- * Shorten the motion of the tools alone, so that the tissue keeps its momentum.
- * @param out the fraction for tissue and tools together that remains necessary */
-static pliant_status hold_tools(const pliant_model *model, pliant_data *data, pliant_advance_result *out)
+/* Find the largest fraction of a quasi-static leg that is free of penetration. */
+static pliant_status find_free_fraction(const pliant_model *model, pliant_data *data, double made, double *fraction)
 {
-    enum { MAX_TRIALS = 3 };
-    const double short_of = 0.99; /* fraction of the possible motion, which is known as a lower bound */
-    pliant_status status = PLIANT_OK;
-    for (int again = 0; again < MAX_TRIALS && out->t < 1 && status == PLIANT_OK; again++) {
-        const double fraction = again + 1 < MAX_TRIALS ? short_of * out->t : 0;
-        for (int t = 0; t < data->num_tools; t++) {
-            pliant_leg_tool *leg = data->legs->tool + t;
-            leg->goal = pliant_pose_interpolate(&leg->begin, &leg->goal, fraction);
-        }
-        status = pliant_contact_advance(model, data, 1, out);
-    }
+    pliant_advance_result found;
+    pliant_status status = pliant_contact_advance(model, data, made, false, &found);
+    if (status == PLIANT_OK) status = pliant_contact_advance_tissue(model, data, fraction);
+    if (status == PLIANT_OK) *fraction = fmin(*fraction, found.t);
     return status;
 }
 
@@ -306,9 +298,9 @@ static pliant_status apply_checked_fraction(const pliant_model *model, pliant_da
     const double nearly = 1 - 1e-6; /* the rest of the leg is shorter than the distance that all pairs keep */
     pliant_status status = pliant_legs_apply_fraction(model, data, *fraction);
     for (int again = 0; again < MAX_TRIALS && data->rigid_pieces && *fraction > 0 && status >= 0; again++) {
-        pliant_advance_result found;
-        status = pliant_contact_advance(model, data, *fraction, &found);
-        if (status < 0 || found.t >= nearly) break;
+        double found = 1;
+        status = find_free_fraction(model, data, *fraction, &found);
+        if (status < 0 || found >= nearly) break;
         const double less = again + 1 < MAX_TRIALS ? 0.5 : 0;
         *fraction *= less;
         status = pliant_legs_apply_fraction(model, data, less);
@@ -332,28 +324,75 @@ static pliant_status keep_volumes(const pliant_model *model, pliant_data *data, 
     return PLIANT_OK;
 }
 
-/* Move tissue and proxies to the largest permitted fraction of the leg. Then no surface is in a core. */
-static pliant_status apply_leg(const pliant_model *model, pliant_data *data, double *fraction)
+/* Move tissue to the largest permitted fraction of a quasi-static leg. Then no surface is in a core. */
+static pliant_status apply_quasi_static(const pliant_model *model, pliant_data *data, double *fraction)
 {
-    pliant_advance_result found;
-    double volumes = 1;
+    double volumes = 1, is_free = 1;
     *fraction = fmin(update_loads(model, data), data->solver && data->legs->blocked ? bound_motion(data) : 1);
     pliant_status status = keep_volumes(model, data, &volumes);
-    if (status == PLIANT_OK) status = pliant_contact_advance(model, data, 1, &found);
-    if (status == PLIANT_OK && is_dynamic(data)) status = hold_tools(model, data, &found);
+    if (status == PLIANT_OK) status = find_free_fraction(model, data, 1, &is_free);
     if (status < 0) return status;
-    *fraction = fmin(*fraction, found.t);
+    *fraction = fmin(*fraction, is_free);
     data->legs->limited_by_elements = data->legs->limited_by_elements || volumes < *fraction;
     *fraction = fmin(*fraction, volumes);
     const double farthest = *fraction < 1 ? farthest_of(data) : 0;
     if (*fraction < 1) status = apply_checked_fraction(model, data, fraction);
     pliant_legs_add_truncation_error(data, (1 - *fraction) * farthest);
+    return status;
+}
+
+/* Explicit dynamics: a leg is mostly blocked by a tool that pushes tissue faster than the tissue can move away.
+ * Shorten the motion of the tools of blocked islands, so that the tissue keeps its momentum. */
+static pliant_status hold_tools(const pliant_model *model, pliant_data *data, pliant_advance_result *out)
+{
+    enum { MAX_TRIALS = 3 };
+    const double short_of = 0.99; /* fraction of the possible motion, which is known as a lower bound */
+    pliant_status status = PLIANT_OK;
+    for (int again = 0; again < MAX_TRIALS && out->t < 1 && status == PLIANT_OK; again++) {
+        for (int t = 0; t < data->num_tools; t++) {
+            pliant_leg_tool *leg = data->legs->tool + t;
+            const double fraction = again + 1 < MAX_TRIALS ? short_of * leg->free_fraction : 0;
+            if (leg->free_fraction < 1) leg->goal = pliant_pose_interpolate(&leg->begin, &leg->goal, fraction);
+        }
+        status = pliant_contact_advance(model, data, 1, true, out);
+    }
+    return status;
+}
+
+/* Explicit dynamics: move each island of tissue and tools by its largest permitted fraction. Sub-steps have kept tissue
+ * apart from tissue (zones); nodes of shortened islands are placed on straight lines, which is checked again.
+ * @param factor   out: factor for the fractions of all islands
+ * @param smallest out: smallest fraction of an island, with this factor */
+static pliant_status apply_dynamic(const pliant_model *model, pliant_data *data, double *factor, double *smallest)
+{
+    pliant_advance_result found;
+    update_loads(model, data);
+    *factor = 1;
+    pliant_status status = pliant_contact_advance(model, data, 1, true, &found);
+    if (status == PLIANT_OK) status = hold_tools(model, data, &found);
+    const bool is_blocked = found.t < 1;
+    if (status == PLIANT_OK && is_blocked) status = pliant_legs_apply_islands(model, data);
+    if (status == PLIANT_OK && (is_blocked || !data->tled->zones))
+        status = pliant_contact_advance_tissue(model, data, factor);
+    *smallest = *factor * found.t;
+    return status == PLIANT_OK && *factor < 1 ? pliant_legs_apply_fraction(model, data, *factor) : status;
+}
+
+/* Move tissue and proxies to the largest permitted fraction of the leg. Then no surface is in a core.
+ * @param smallest out: smallest fraction that anything makes */
+static pliant_status apply_leg(const pliant_model *model, pliant_data *data, double *smallest)
+{
+    double factor = 1;
+    const pliant_status status =
+        is_dynamic(data) ? apply_dynamic(model, data, &factor, smallest) : apply_quasi_static(model, data, &factor);
+    if (!is_dynamic(data)) *smallest = factor;
     for (int t = 0; t < data->num_tools && status >= 0; t++) {
-        const pliant_tool_pose end =
-            pliant_pose_interpolate(&data->legs->tool[t].begin, &data->legs->tool[t].goal, *fraction);
+        const pliant_leg_tool *leg = data->legs->tool + t;
+        const pliant_tool_pose end = pliant_pose_interpolate(&leg->begin, &leg->goal, factor * leg->free_fraction);
         pliant_tool_set_proxy(data->tools + t, &end);
     }
-    pliant_contact_follow_proxies(data);
+    if (status >= 0) pliant_contact_follow_proxies(data);
+    assert(status < 0 || pliant_contact_is_outside_cores(model, data));
     return status;
 }
 

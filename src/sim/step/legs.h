@@ -33,6 +33,7 @@ typedef struct pliant_leg_tool {
     pliant_tool_pose measured;     /* target pose */
     /* proxy poses in this leg: at its start; predicted at its end; desired, and after the solve the solved one */
     pliant_tool_pose begin, ahead, goal;
+    double free_fraction;       /* fraction of the leg that this tool's island can make; 1 in quasi-static steps */
     double piece_compliance[2]; /* pliant_proxy_compliance with the contact points of the previous leg */
     double yields[3];           /* pliant_proxy_estimate_tissue_compliance; 0 in quasi-static steps */
     double target[3];           /* grasp target at the target pose [m] */
@@ -49,7 +50,8 @@ struct pliant_legs {
     bool use_plane_constraints; /* a leg of this step, or the last leg of the previous one, was blocked */
     /* STATE AT THE START OF THE LEG: the leg ends between this state and the solved one */
     int32_t node_capacity, solved_capacity, fraction_capacity;
-    double *fraction;                 /* (nodes) fraction of its motion that each node makes under the volume bound */
+    double *fraction;              /* (nodes) fraction of its motion that each node makes: volume bound, islands */
+    int32_t *island;               /* (nodes + tools) forest of islands (contact_islands.c) */
     double *positions, *solved;    /* (nodes x 3) of the fine mesh and of the solved mesh [m] */
     double force[PLIANT_MAX_TOOLS][3]; /* grasp forces [N] */
     pliant_contacts points;        /* with their forces and anchors */
@@ -85,6 +87,10 @@ pliant_status pliant_legs_save(const pliant_model *model, pliant_data *data);
 pliant_status pliant_legs_save_points(pliant_data *data);
 /* Move everything except the proxies to this fraction of the leg. */
 pliant_status pliant_legs_apply_fraction(const pliant_model *model, pliant_data *data, double fraction);
+/* Explicit dynamics: move each node to its own fraction of the leg (data->legs->fraction). */
+pliant_status pliant_legs_apply_islands(const pliant_model *model, pliant_data *data);
+/* Allocate the fractions of nodes. Errors: MEMORY. */
+pliant_status pliant_legs_reserve_fractions(const pliant_data *data);
 /* Shorten the motion of single nodes so that no element inverts (contact/volume/volume_bound.h).
  * @param found out: false: no such motion was found, and nothing changed */
 pliant_status pliant_legs_bound_volumes(const pliant_model *model, pliant_data *data, bool *found);

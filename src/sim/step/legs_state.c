@@ -2,7 +2,7 @@
 #include "backend/backend.h"
 #include "base/fail.h"
 #include "contact/volume/volume_bound.h"
-#include "fem/dynamics/tled.h"
+#include "fem/dynamics/tled_cubes.h"
 #include "fem/patch/patch.h"
 #include "fem/quasistatic/solver.h"
 #include "base/memory.h"
@@ -70,26 +70,51 @@ static void mix(size_t count, const double *from, double fraction, double *to)
     for (size_t i = 0; i < count; i++) to[i] = from[i] + fraction * (to[i] - from[i]);
 }
 
-static void mix_points(const pliant_contacts *from, double fraction, pliant_contacts *to)
+static void mix_point(const pliant_contact_point *from, double fraction, pliant_contact_point *to)
 {
-    for (int32_t p = 0; p < to->count; p++) {
-        mix(3, from->point[p].force, fraction, to->point[p].force);
-        mix(3, from->point[p].anchor, fraction, to->point[p].anchor);
-        if (!(fraction > 0)) to->point[p].was_pressed = from->point[p].was_pressed;
-    }
+    mix(3, from->force, fraction, to->force);
+    mix(3, from->anchor, fraction, to->anchor);
+    if (!(fraction > 0)) to->was_pressed = from->was_pressed;
+}
+
+/* Return the smallest fraction of these nodes. step: distance between nodes in the array. */
+static double min_fraction(const double *fraction, int32_t count, const int32_t *node, int step)
+{
+    double minimum = 1;
+    for (int32_t k = 0; k < count; k++) minimum = fmin(minimum, fraction[node[k * step]]);
+    return minimum;
+}
+
+/* Mix the relaxed stress of elements. node: (num_blocks x corners x LANES) */
+static void mix_memory(const pliant_tled *tled, int32_t first_block, int32_t num_blocks, const int32_t *node,
+                       int corners, const double *fraction)
+{
+    for (int32_t b = 0; b < num_blocks; b++)
+        for (int l = 0; l < LANES; l++) {
+            const float share =
+                (float)min_fraction(fraction, corners, node + (size_t)b * (size_t)(corners * LANES) + l, LANES);
+            for (int m = 0; m < 6 * PLIANT_PRONY_TERMS && share < 1; m++) {
+                const float from = tled->start_memory[first_block + b][m][l];
+                float *to = &tled->memory[first_block + b][m][l];
+                *to = from + share * (*to - from);
+            }
+        }
 }
 
 /* The increment is scaled with the motion. This removes kinetic energy and never adds any. */
-static void mix_dynamics(pliant_tled *tled, double fraction)
+static void mix_dynamics(pliant_tled *tled, const double *fraction)
 {
-    const size_t numbers = 3 * (size_t)tled->system->mesh->num_nodes;
-    mix(numbers, tled->start_u, fraction, tled->u);
-    for (size_t i = 0; i < numbers; i++) tled->d[i] *= fraction;
+    const pliant_tled_system *system = tled->system;
+    for (int32_t n = 0; n < system->mesh->num_nodes; n++) {
+        const size_t at = 3 * (size_t)n;
+        if (!(fraction[n] < 1)) continue;
+        mix(3, tled->start_u + at, fraction[n], tled->u + at);
+        for (int d = 0; d < 3; d++) tled->d[at + (size_t)d] *= fraction[n];
+    }
     if (!tled->memory) return;
-    const size_t relaxed = (size_t)pliant_tled_blocks(tled->system) * (sizeof *tled->memory / sizeof(float));
-    const float *from = &tled->start_memory[0][0][0];
-    float *to = &tled->memory[0][0][0];
-    for (size_t i = 0; i < relaxed; i++) to[i] = from[i] + (float)fraction * (to[i] - from[i]);
+    mix_memory(tled, 0, system->num_blocks, &system->nodes[0][0][0], 4, fraction);
+    if (system->cubes)
+        mix_memory(tled, system->num_blocks, system->cubes->num_blocks, &system->cubes->nodes[0][0][0], 8, fraction);
 }
 
 static void mix_solver(pliant_data *data, double fraction)
@@ -106,21 +131,45 @@ static void mix_solver(pliant_data *data, double fraction)
     solver->evaluation_history = evaluation_history;
 }
 
-pliant_status pliant_legs_apply_fraction(const pliant_model *model, pliant_data *data, double fraction)
+static pliant_status end_mix(const pliant_model *model, pliant_data *data)
 {
-    pliant_legs *legs = data->legs;
-    if (data->solver) mix_solver(data, fraction);
-    else mix_dynamics(data->tled, fraction);
-    mix(3 * (size_t)data->body->fine.num_nodes, legs->positions, fraction, data->positions);
-    if (data->solver && data->rigid_pieces) {
-        pliant_rigid_pieces_interpolate(legs->rigid_pieces, fraction, data->rigid_pieces);
-        pliant_rigid_pieces_hold(data->rigid_pieces, data->positions);
-    }
-    mix_points(&legs->points, fraction, &data->contacts);
-    if (data->solver && pliant_patch_count_tools(data) > 0) pliant_patch_follow_move(data, legs->positions);
     const pliant_status status = pliant_backend_upload_positions(model, data);
     pliant_report_grasps(data);
     return status;
+}
+
+pliant_status pliant_legs_apply_islands(const pliant_model *model, pliant_data *data)
+{
+    pliant_legs *legs = data->legs;
+    mix_dynamics(data->tled, legs->fraction);
+    for (int32_t n = 0; n < data->body->fine.num_nodes; n++)
+        mix(3, legs->positions + 3 * (size_t)n, legs->fraction[n], data->positions + 3 * (size_t)n);
+    for (int32_t p = 0; p < data->contacts.count; p++) {
+        pliant_contact_point *point = data->contacts.point + p;
+        mix_point(legs->points.point + p, min_fraction(legs->fraction, point->count, point->node, 1), point);
+    }
+    return end_mix(model, data);
+}
+
+pliant_status pliant_legs_apply_fraction(const pliant_model *model, pliant_data *data, double fraction)
+{
+    pliant_legs *legs = data->legs;
+    if (!data->solver) {
+        const pliant_status status = pliant_legs_reserve_fractions(data);
+        if (status != PLIANT_OK) return status;
+        for (int32_t n = 0; n < data->body->fine.num_nodes; n++) legs->fraction[n] = fraction;
+        return pliant_legs_apply_islands(model, data);
+    }
+    mix_solver(data, fraction);
+    mix(3 * (size_t)data->body->fine.num_nodes, legs->positions, fraction, data->positions);
+    if (data->rigid_pieces) {
+        pliant_rigid_pieces_interpolate(legs->rigid_pieces, fraction, data->rigid_pieces);
+        pliant_rigid_pieces_hold(data->rigid_pieces, data->positions);
+    }
+    for (int32_t p = 0; p < data->contacts.count; p++)
+        mix_point(legs->points.point + p, fraction, data->contacts.point + p);
+    if (pliant_patch_count_tools(data) > 0) pliant_patch_follow_move(data, legs->positions);
+    return end_mix(model, data);
 }
 
 /* No secant explains the lost motion, so it counts as an unexplained step does (fem/quasistatic/final_state.c). */
@@ -138,12 +187,8 @@ pliant_status pliant_legs_bound_volumes(const pliant_model *model, pliant_data *
     pliant_solver *solver = data->solver;
     const pliant_mesh *mesh = &data->body->fine;
     const pliant_evaluation_history evaluation_history = solver->evaluation_history;
-    if (mesh->num_nodes > legs->fraction_capacity) {
-        double *fraction = pliant_resize(legs->fraction, (size_t)mesh->num_nodes, sizeof *fraction);
-        if (!fraction) return pliant_fail_memory("contacts");
-        legs->fraction = fraction;
-        legs->fraction_capacity = mesh->num_nodes;
-    }
+    const pliant_status status = pliant_legs_reserve_fractions(data);
+    if (status != PLIANT_OK) return status;
     const int32_t count = pliant_volume_bound_motion(&model->contact, mesh, legs->positions, data->positions,
                                                      pliant_contact_pieces(data), legs->fraction);
     *found = count >= 0;
@@ -230,6 +275,7 @@ void pliant_legs_free(pliant_data *data)
     pliant_free(legs->positions);
     pliant_free(legs->solved);
     pliant_free(legs->fraction);
+    pliant_free(legs->island);
     pliant_free(legs->points.point);
     pliant_free(legs->mean_points.point);
     pliant_free(legs->merged.point);
