@@ -19,7 +19,7 @@ pliant_status pliant_contact_find_points(const pliant_model *model, pliant_data 
 /* Find the largest fraction of a leg in which no tissue enters the core of a part. The leg goes from the surface at its
  * start to data->positions.
  * @param fraction fraction of the proxies' motion that belongs to these positions
- * @param find_islands find a fraction of its own for each island (contact_islands.c), if the leg is blocked
+ * @param find_islands if the leg is blocked, find the fraction of each island (contact_islands.c)
  * Errors: MEMORY. */
 pliant_status pliant_contact_advance(const pliant_model *model, pliant_data *data, double fraction, bool find_islands,
                                      pliant_advance_result *out);

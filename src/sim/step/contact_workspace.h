@@ -68,15 +68,17 @@ pliant_tissue_rule pliant_contact_tissue_rule(const pliant_model *model, const p
  * @param body, positions out: its topology and its positions */
 pliant_status pliant_contact_find_surface(const pliant_model *model, pliant_data *data, const pliant_body **body,
                                           const double **positions);
-/* Find the islands of a blocked leg, from the pairs of surface triangles and parts that pliant_advance_find found: an
- * island contains all nodes of a pair's triangle and the pair's tool. So nodes and tools of different islands do not meet
- * in this leg, and each island can move by its own fraction. A pair with a fixed obstacle limits all islands: tissue that
- * bounces then gains no energy, since no node moves against its neighbors. Fill data->legs->fraction, and the tools' free_fraction.
- * Errors: MEMORY. */
-pliant_status pliant_contact_find_islands(const pliant_model *model, pliant_data *data, const pliant_body *surface);
 /* Save the surface at the start of the leg, and compute its bounding box. Errors: MEMORY. */
 pliant_status pliant_contact_keep_surface(pliant_contact_search *search, const pliant_body *body,
                                           const double *positions);
+
+/* ---- contact_islands.c */
+/* Find the islands of a blocked leg, from the pairs that pliant_advance_find found. An island contains all nodes of a
+ * pair's triangle and the pair's tool. So nodes and tools of different islands do not meet in this leg, and each island
+ * can move by its own fraction. A pair with a fixed obstacle limits all islands. So no node of tissue that bounces moves
+ * against its neighbors, and thrown tissue gains no energy. The results are data->legs->fraction and the tools'
+ * free_fraction. Errors: MEMORY. */
+pliant_status pliant_contact_find_islands(const pliant_model *model, pliant_data *data, const pliant_body *surface);
 
 /* ---- contact_reuse.c */
 /* Save the configuration in which the points are found. Errors: MEMORY. */
