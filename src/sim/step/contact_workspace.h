@@ -73,11 +73,11 @@ pliant_status pliant_contact_keep_surface(pliant_contact_search *search, const p
                                           const double *positions);
 
 /* ---- contact_islands.c */
-/* Find the islands of a blocked leg, from the pairs that pliant_advance_find found. An island contains all nodes of a
- * pair's triangle and the pair's tool. So nodes and tools of different islands do not meet in this leg, and each island
- * can move by its own fraction. A pair with a fixed obstacle limits all islands. So no node of tissue that bounces moves
- * against its neighbors, and thrown tissue gains no energy. The results are data->legs->fraction and the tools'
- * free_fraction. Errors: MEMORY. */
+/* Find the islands of a blocked leg, from the pairs that pliant_advance_find found. An island contains all nodes of
+ * a pair's triangle and the pair's tool. So nodes and tools of different islands do not meet in this leg, and each
+ * island can move by its own fraction. A pair with a fixed obstacle limits all islands. So no node of tissue that
+ * bounces moves against its neighbors, and thrown tissue gains no energy. The results are data->legs->fraction and
+ * the tools' free_fraction. Errors: MEMORY. */
 pliant_status pliant_contact_find_islands(const pliant_model *model, pliant_data *data, const pliant_body *surface);
 
 /* ---- contact_reuse.c */
