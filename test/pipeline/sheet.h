@@ -5,6 +5,7 @@
 #include "body.h"
 #include "contact/shapes/shapes.h"
 #include "base/vector3.h"
+#include "contact/advance/advance.h"
 #include "sim/step/proxy.h"
 
 #include <algorithm>
@@ -132,7 +133,7 @@ struct Sheet : Body {
         }
         return false;
     }
-    // Return the number of points along the axis of a tool's only part that lie in tissue.
+    // Return the number of points along the axis of a tool's only part, in its core, that lie in tissue.
     int count_axis_points_inside(int index) const
     {
         enum { POINTS = 200 };
@@ -141,17 +142,20 @@ struct Sheet : Body {
         const pliant_mesh &fine = data->body->fine;
         pliant_pose pose;
         pliant_part_pose(&tool.shape, PLIANT_FRAME_TIP, tool.proxy.tip, tool.proxy.rotation, 0, &pose);
+        const double *cell = fine.cell_size, // the error of a distance field enlarges the guard
+            guard = 2 * pliant_advance_guard(&model->contact, &part, std::min({cell[0], cell[1], cell[2]}));
         int inside = 0;
         for (int p = 0; p <= POINTS; p++) {
-            double local[3], at[3];
+            double local[3], at[3], normal[3];
             for (int d = 0; d < 3; d++) {
                 const bool solid = part.kind == PLIANT_PART_SOLID, box = part.kind == PLIANT_PART_BOX;
                 const double from = box && d < 2 ? 0.5 * (part.from[d] + part.to[d]) : part.from[d],
                              to = box && d < 2 ? from
                                   : solid      ? (d == 2 ? 0.02 : 0)
                                                : part.to[d];
-                local[d] = from + (to - from) * (p + 2) / (POINTS + 4); // without the ends
+                local[d] = from + (to - from) * p / POINTS;
             }
+            if (pliant_part_distance(&part, local, normal) > -guard) continue;
             pliant_pose_to(&pose, local, at);
             for (int32_t t = 0; t < fine.num_tets; t++) {
                 const int32_t *node = fine.tets + 4 * t;
