@@ -92,12 +92,12 @@ TEST(Volume, NoElementInvertsInALeg)
         leg.to = leg.from;
         leg.shake(random, leg.to, number % 2 ? 0.02 : 0.004);
         std::vector<double> fraction(leg.mesh.num_nodes);
-        const int32_t count =
-            pliant_volume_bound_motion(&settings, &leg.mesh, leg.from.data(), leg.to.data(), nullptr, fraction.data());
+        const int32_t count = pliant_volume_bound_motion(&settings, &leg.mesh, leg.from.data(), leg.to.data(), nullptr,
+                                                         2, fraction.data());
         limited += count > 0;
         EXPECT_EQ(count == 0, *std::min_element(fraction.begin(), fraction.end()) == 1);
         expect_kept(leg, fraction, number);
-        const double time = pliant_volume_advance(&settings, &leg.mesh, leg.from.data(), leg.to.data(), nullptr);
+        const double time = pliant_volume_advance(&settings, &leg.mesh, leg.from.data(), leg.to.data(), nullptr, 2);
         expect_kept(leg, std::vector<double>(leg.mesh.num_nodes, time), number);
         EXPECT_EQ(count == 0, time == 1);
     }
@@ -111,8 +111,9 @@ TEST(Volume, ALegThatMovesEverythingTogetherIsNotShortened)
     for (size_t i = 0; i < leg.to.size(); i++) leg.to[i] += 0.3;
     std::vector<double> fraction(leg.mesh.num_nodes);
     EXPECT_EQ(
-        pliant_volume_bound_motion(&settings, &leg.mesh, leg.from.data(), leg.to.data(), nullptr, fraction.data()), 0);
-    EXPECT_EQ(pliant_volume_advance(&settings, &leg.mesh, leg.from.data(), leg.to.data(), nullptr), 1);
+        pliant_volume_bound_motion(&settings, &leg.mesh, leg.from.data(), leg.to.data(), nullptr, 2, fraction.data()),
+        0);
+    EXPECT_EQ(pliant_volume_advance(&settings, &leg.mesh, leg.from.data(), leg.to.data(), nullptr, 2), 1);
 }
 
 TEST(Volume, ElementsOfPiecesAndInvertedOnesAreExempt)
@@ -121,10 +122,10 @@ TEST(Volume, ElementsOfPiecesAndInvertedOnesAreExempt)
     Leg leg(1);
     for (double &value : leg.to) value = 0.005;
     const std::vector<int32_t> piece(leg.mesh.num_nodes, 0);
-    EXPECT_LT(pliant_volume_advance(&settings, &leg.mesh, leg.from.data(), leg.to.data(), nullptr), 1);
-    EXPECT_EQ(pliant_volume_advance(&settings, &leg.mesh, leg.from.data(), leg.to.data(), piece.data()), 1);
+    EXPECT_LT(pliant_volume_advance(&settings, &leg.mesh, leg.from.data(), leg.to.data(), nullptr, 2), 1);
+    EXPECT_EQ(pliant_volume_advance(&settings, &leg.mesh, leg.from.data(), leg.to.data(), piece.data(), 2), 1);
     for (size_t i = 0; i < leg.from.size(); i += 3) leg.from[i] = -leg.from[i]; // a mirror image
-    EXPECT_EQ(pliant_volume_advance(&settings, &leg.mesh, leg.from.data(), leg.to.data(), nullptr), 1);
+    EXPECT_EQ(pliant_volume_advance(&settings, &leg.mesh, leg.from.data(), leg.to.data(), nullptr, 2), 1);
 }
 
 // The gap is 3 V / A less the height to keep, and its gradient that of finite differences.

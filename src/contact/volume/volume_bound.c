@@ -1,6 +1,7 @@
 #include "contact/volume/volume_bound.h"
 
-#include "base/threads.h"
+#include "base/inline.h"
+#include "base/lanes.h"
 #include "base/vector3.h"
 #include "contact/detect/part_contacts.h"
 #include "contact/detect/update_sides.h"
@@ -161,17 +162,80 @@ static double limit_of(const pliant_contact_settings *settings, double rest, dou
     return fmax(fmin(settings->advance_keep * from, stop * rest), fmin(0.5 * stop * rest, from));
 }
 
+/* Return the largest fraction of a leg in which an element keeps its volume. An element that is inverted at the start is
+ * exempt. */
+static double fraction_of(const pliant_contact_settings *settings, const int32_t tet[4], const double *rest,
+                          const double *from, const double *to)
+{
+    double coefficient[4];
+    find_coefficients(tet, from, to, coefficient);
+    if (!(coefficient[0] > 0)) return 1;
+    return find_time(coefficient, limit_of(settings, volume_of(tet, rest), coefficient[0]), LEVELS);
+}
+
+/* ---- elements in blocks: most keep their volume, and need no fraction */
+
+typedef double lanes_edges[3][3][LANES]; /* edges, coordinates */
+
+PLIANT_INLINE void load_edges(int64_t at[4][LANES], const double *positions, lanes_edges out)
+{
+    for (int d = 0; d < 3; d++) {
+        double origin[LANES];
+        for (int l = 0; l < LANES; l++) origin[l] = positions[at[0][l] + d];
+        for (int k = 0; k < 3; k++)
+            for (int l = 0; l < LANES; l++) out[k][d][l] = positions[at[k + 1][l] + d] - origin[l];
+    }
+}
+
+PLIANT_INLINE double lane_triple(double (*a)[LANES], double (*b)[LANES], double (*c)[LANES], int l)
+{
+    return a[0][l] * (b[1][l] * c[2][l] - b[2][l] * c[1][l]) + a[1][l] * (b[2][l] * c[0][l] - b[0][l] * c[2][l]) +
+           a[2][l] * (b[0][l] * c[1][l] - b[1][l] * c[0][l]);
+}
+
+/* Return whether an element of the block may become too small during the leg (find_coefficients, limit_of). */
+PLIANT_VECTORIZED static bool has_small(const pliant_contact_settings *settings, const pliant_mesh *mesh, int32_t first,
+                                        const double *from, const double *to)
+{
+    const double keep = settings->advance_keep, stop = settings->volume_stop;
+    lanes_edges a, b, r;
+    int64_t at[4][LANES];
+    int small = 0;
+    for (int l = 0; l < LANES; l++)
+        for (int k = 0; k < 4; k++)
+            at[k][l] =
+                3 * (int64_t)mesh->tets[4 * (size_t)(first + l < mesh->num_tets ? first + l : first) + (size_t)k];
+    load_edges(at, from, a);
+    load_edges(at, to, b);
+    load_edges(at, mesh->rest, r);
+    for (int l = 0; l < LANES; l++) {
+        const double rest = lane_triple(r[0], r[1], r[2], l), v0 = lane_triple(a[0], a[1], a[2], l),
+                     v1 = (lane_triple(b[0], a[1], a[2], l) + lane_triple(a[0], b[1], a[2], l) +
+                           lane_triple(a[0], a[1], b[2], l)) /
+                          3,
+                     v2 = (lane_triple(b[0], b[1], a[2], l) + lane_triple(b[0], a[1], b[2], l) +
+                           lane_triple(a[0], b[1], b[2], l)) /
+                          3,
+                     v3 = lane_triple(b[0], b[1], b[2], l);
+        const double kept = keep * v0 < stop * rest ? keep * v0 : stop * rest,
+                     half = 0.5 * stop * rest < v0 ? 0.5 * stop * rest : v0, limit = kept > half ? kept : half;
+        small |= (v1 < limit) | (v2 < limit) | (v3 < limit);
+    }
+    return small != 0;
+}
+
 double pliant_volume_advance(const pliant_contact_settings *settings, const pliant_mesh *mesh, const double *from,
-                             const double *to, const int32_t *piece_of_node)
+                             const double *to, const int32_t *piece_of_node, int num_threads)
 {
     double minimum = 1;
-    for (int32_t t = 0; t < mesh->num_tets; t++) {
-        const int32_t *tet = mesh->tets + 4 * (size_t)t;
-        double coefficient[4];
-        if (is_of_piece(tet, piece_of_node)) continue;
-        find_coefficients(tet, from, to, coefficient);
-        const double limit = limit_of(settings, volume_of(tet, mesh->rest), coefficient[0]);
-        if (coefficient[0] > 0) minimum = fmin(minimum, find_time(coefficient, limit, LEVELS));
+#pragma omp parallel for schedule(static) num_threads(num_threads) reduction(min : minimum)
+    for (int32_t first = 0; first < mesh->num_tets; first += LANES) {
+        if (!has_small(settings, mesh, first, from, to)) continue;
+        for (int32_t t = first; t < mesh->num_tets && t < first + LANES; t++) {
+            const int32_t *tet = mesh->tets + 4 * (size_t)t;
+            if (!is_of_piece(tet, piece_of_node))
+                minimum = fmin(minimum, fraction_of(settings, tet, mesh->rest, from, to));
+        }
     }
     return minimum;
 }
@@ -188,26 +252,27 @@ static void place(const int32_t tet[4], const double *from, const double *to, co
 
 /* Shorten the motion of an element's nodes until it keeps its volume. Return whether it was too small. */
 static bool hold_back(const pliant_contact_settings *settings, const int32_t tet[4], const double *rest,
-                      const double *from,
-                      const double *to, double *fraction)
+                      const double *from, const double *to, double *fraction)
 {
     static const int32_t own[4] = {0, 1, 2, 3};
-    double begin[4][3], end[4][3], coefficient[4];
-    for (int k = 0; k < 4; k++) memcpy(begin[k], from + 3 * (size_t)tet[k], sizeof begin[k]);
+    double begin[4][3], end[4][3], relaxed[4][3];
+    for (int k = 0; k < 4; k++) {
+        memcpy(begin[k], from + 3 * (size_t)tet[k], sizeof begin[k]);
+        memcpy(relaxed[k], rest + 3 * (size_t)tet[k], sizeof relaxed[k]);
+    }
     place(tet, from, to, fraction, end);
-    find_coefficients(own, &begin[0][0], &end[0][0], coefficient);
-    if (!(coefficient[0] > 0)) return false; /* inverted at the start */
-    const double time = find_time(coefficient, limit_of(settings, volume_of(tet, rest), coefficient[0]), LEVELS);
+    const double time = fraction_of(settings, own, &relaxed[0][0], &begin[0][0], &end[0][0]);
     for (int k = 0; k < 4; k++) fraction[tet[k]] *= time;
     return time < 1;
 }
 
 int32_t pliant_volume_bound_motion(const pliant_contact_settings *settings, const pliant_mesh *mesh, const double *from,
-                                   const double *to, const int32_t *piece_of_node, double *fraction)
+                                   const double *to, const int32_t *piece_of_node, int num_threads, double *fraction)
 {
     enum { MAX_PASSES = 16 };
-    int32_t first = 0, count = 1;
     for (int32_t n = 0; n < mesh->num_nodes; n++) fraction[n] = 1;
+    if (pliant_volume_advance(settings, mesh, from, to, piece_of_node, num_threads) == 1) return 0;
+    int32_t first = 0, count = 1;
     for (int pass = 0; pass < MAX_PASSES && count > 0; pass++) {
         count = 0;
         for (int32_t t = 0; t < mesh->num_tets; t++) {

@@ -42,12 +42,12 @@ double pliant_volume_lacking(const pliant_contact_settings *settings, const plia
  * @param fraction (nodes) out: fraction of its motion that each node may make
  * @return number of elements that would have been too small; 0: all fractions are 1; -1: no fractions were found */
 int32_t pliant_volume_bound_motion(const pliant_contact_settings *settings, const pliant_mesh *mesh, const double *from,
-                                   const double *to, const int32_t *piece_of_node, double *fraction);
+                                   const double *to, const int32_t *piece_of_node, int num_threads, double *fraction);
 
 /* Return the largest fraction of a leg in which no element becomes smaller than that limit, if all nodes make the
  * same fraction of their motion. Parameters as above. */
 double pliant_volume_advance(const pliant_contact_settings *settings, const pliant_mesh *mesh, const double *from,
-                             const double *to, const int32_t *piece_of_node);
+                             const double *to, const int32_t *piece_of_node, int num_threads);
 
 #ifdef __cplusplus
 }

@@ -47,8 +47,8 @@ pliant_status pliant_contact_keep_surface(pliant_contact_search *search, const p
     for (int32_t c = 0; c < 3 * body->num_triangles; c++)
         for (int d = 0; d < 3; d++) {
             const double x = positions[3 * (size_t)body->triangles[c] + (size_t)d];
-            search->low[d] = fmin(search->low[d], x);
-            search->high[d] = fmax(search->high[d], x);
+            search->low[d] = x < search->low[d] ? x : search->low[d]; /* several times faster than fmin here */
+            search->high[d] = x > search->high[d] ? x : search->high[d];
         }
     return PLIANT_OK;
 }

@@ -320,7 +320,7 @@ static pliant_status keep_volumes(const pliant_model *model, pliant_data *data, 
     pliant_status status = bounds_nodes ? pliant_legs_bound_volumes(model, data, &found) : PLIANT_OK;
     if (found || status != PLIANT_OK) return status;
     *fraction = pliant_volume_advance(&model->contact, &data->body->fine, data->legs->positions, data->positions,
-                                      pliant_contact_pieces(data));
+                                      pliant_contact_pieces(data), data->discretization->system->num_threads);
     return PLIANT_OK;
 }
 
@@ -378,11 +378,10 @@ static pliant_status apply_dynamic(const pliant_model *model, pliant_data *data,
     return status == PLIANT_OK && *factor < 1 ? pliant_legs_apply_fraction(model, data, *factor) : status;
 }
 
-/* Move tissue and proxies to the largest permitted fraction of the leg. Then no surface is in a core.
- * @param smallest out: smallest fraction that anything makes */
-static pliant_status apply_leg(const pliant_model *model, pliant_data *data, double *smallest)
+/* Move tissue and proxies to the largest permitted fraction of the leg. Then no surface is in a core. */
+static pliant_status apply_leg(const pliant_model *model, pliant_data *data)
 {
-    double factor = 1;
+    double factor = 1, *smallest = &data->legs->completed;
     const pliant_status status =
         is_dynamic(data) ? apply_dynamic(model, data, &factor, smallest) : apply_quasi_static(model, data, &factor);
     if (!is_dynamic(data)) *smallest = factor;
@@ -394,6 +393,14 @@ static pliant_status apply_leg(const pliant_model *model, pliant_data *data, dou
     if (status >= 0) pliant_contact_follow_proxies(data);
     assert(status < 0 || pliant_contact_is_outside_cores(model, data));
     return status;
+}
+
+/* Save the state at the start of the leg, and find its contact points. */
+static pliant_status find_points(const pliant_model *model, pliant_data *data)
+{
+    pliant_status status = pliant_legs_save(model, data);
+    if (status == PLIANT_OK) status = pliant_contact_find_points(model, data);
+    return status == PLIANT_OK ? pliant_legs_save_points(data) : status;
 }
 
 /* ---- the step */
@@ -421,7 +428,6 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
 {
     pliant_statistics *statistics = &data->statistics;
     const int32_t limit = data->solver ? data->solver->rules.max_evaluations : 0;
-    double completed = 1;
     begin_leg(data, budget->first);
     const double fraction = is_dynamic(data) ? choose_part(model, data) : choose_fraction(model, data);
     /* after a leg without progress, the tissue alone moves */
@@ -432,15 +438,14 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
     data->legs->blocked = budget->completed < 1;
     data->legs->use_plane_constraints = data->legs->use_plane_constraints || data->legs->blocked;
     pliant_patch_suspend(data, data->legs->blocked);
-    pliant_status status = pliant_legs_save(model, data);
-    if (status == PLIANT_OK) status = pliant_run_stage(model, data, PLIANT_STEP_contact, pliant_contact_find_points);
-    if (status == PLIANT_OK) status = pliant_legs_save_points(data);
+    pliant_status status = pliant_run_stage(model, data, PLIANT_STEP_contact, find_points);
     if (status != PLIANT_OK) return status;
     if (data->solver) data->solver->rules.max_evaluations = choose_evaluations(budget, fraction);
     status = solve(model, data, warning);
     if (data->solver) data->solver->rules.max_evaluations = limit;
-    if (status >= 0) status = apply_leg(model, data, &completed);
+    if (status >= 0) status = pliant_run_stage(model, data, PLIANT_STEP_contact, apply_leg);
     if (status < 0) return status;
+    const double completed = data->legs->completed;
     budget->first = false;
     budget->spent += (int32_t)fmax(statistics->iterations, 1);
     budget->iterations += statistics->iterations;

@@ -45,6 +45,7 @@ struct pliant_legs {
     pliant_contact_body proxy[2 * PLIANT_MAX_TOOLS];
     pliant_touch_limit limit[3 * PLIANT_MAX_TOOLS]; /* of each proxy's force, torque, and jaws */
     pliant_contact_bodies bodies;    /* rigid pieces and proxies */
+    double completed;                /* smallest fraction that anything made in this leg */
     bool blocked;                  /* the previous leg was blocked */
     bool limited_by_elements;      /* the volume bound shortened this leg */
     bool use_plane_constraints; /* a leg of this step, or the last leg of the previous one, was blocked */

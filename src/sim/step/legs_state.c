@@ -189,8 +189,9 @@ pliant_status pliant_legs_bound_volumes(const pliant_model *model, pliant_data *
     const pliant_evaluation_history evaluation_history = solver->evaluation_history;
     const pliant_status status = pliant_legs_reserve_fractions(data);
     if (status != PLIANT_OK) return status;
-    const int32_t count = pliant_volume_bound_motion(&model->contact, mesh, legs->positions, data->positions,
-                                                     pliant_contact_pieces(data), legs->fraction);
+    const int32_t count =
+        pliant_volume_bound_motion(&model->contact, mesh, legs->positions, data->positions, pliant_contact_pieces(data),
+                                   solver->system->num_threads, legs->fraction);
     *found = count >= 0;
     if (count <= 0) return PLIANT_OK;
     if (data->backend->download) data->backend->download(data->model, data);
