@@ -137,6 +137,40 @@ TEST(ToolInACube, TheForceOnASmallBallHardlyDependsOnTheCells)
     EXPECT_NEAR(stiffness_of_ball(9) / fine, 1, 0.05);
 }
 
+// The pull of demo_pull.yaml: 3 cm at the phantom's liver.
+TEST(ToolInACube, NoHexahedronIsInvertedInAPullOfThreeCentimetres)
+{
+    pliant_scene scene;
+    pliant_volume scan{};
+    pliant_labels labels{};
+    pliant_material_table table{};
+    pliant_model *model = nullptr;
+    pliant_data *data = nullptr;
+    ASSERT_EQ(pliant_scene_read(PLIANT_SOURCE_DIR "/launch/scenes/demo.yaml", &scene), PLIANT_OK);
+    ASSERT_EQ(pliant_inputs_read(&scene, "phantom", &scan, &labels, &table), PLIANT_OK) << pliant_last_error();
+    scene.element.kind = PLIANT_HEXAHEDRA;
+    scene.solver.backend = PLIANT_CPU;
+    EXPECT_EQ(pliant_model_build(&scene, &scan, &labels, &table, {nullptr, nullptr}, &model), PLIANT_OK)
+        << pliant_last_error();
+    ASSERT_EQ(pliant_data_create(model, &data), PLIANT_OK) << pliant_last_error();
+    const double liver[3] = {-0.054, -0.063, 0.063};
+    int tool = -1;
+    EXPECT_EQ(pliant_tool_add(model, data, "grasper", &tool), PLIANT_OK);
+    EXPECT_EQ(pliant_tool_grasp(model, data, tool, liver), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(pliant_tool_set_drive(data, tool, PLIANT_DRIVE_RIGID, nullptr), PLIANT_OK);
+    for (int s = 1; s <= 50; s++) {
+        const double target[3] = {liver[0], liver[1] - 0.03 * s / 50, liver[2]};
+        EXPECT_EQ(pliant_tool_set_pose(data, tool, target, nullptr), PLIANT_OK);
+        EXPECT_EQ(pliant_step(model, data), PLIANT_OK) << s;
+        EXPECT_EQ(pliant_data_get_inverted(data), 0) << s;
+    }
+    pliant_data_free(data);
+    pliant_model_free(model);
+    pliant_material_table_free(&table);
+    pliant_volume_free(&scan);
+    pliant_labels_free(&labels);
+}
+
 TEST_F(Tool, GraspingFixedTissueIsLogged)
 {
     ASSERT_EQ(pliant_tool_add(body.model, body.data, "hook", &tool), PLIANT_OK);
