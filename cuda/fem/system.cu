@@ -156,6 +156,7 @@ enum {
     STIFFNESS,
     GROUNDED,
     NODE_OF_FREE,
+    FREE_OF_NODE,
     CORNER_START,
     CORNER_END,
     CORNER,
@@ -225,6 +226,8 @@ static pliant_status send_all(const passage &work)
                   what, &gpu->d_rest));
     CUDA_TRY(send(work, NODE_OF_FREE, now->node_of_free, free_nodes, was->node_of_free, free_was, what,
                   &gpu->d_node_of_free));
+    CUDA_TRY(send(work, FREE_OF_NODE, now->is_subdivided ? now->free_of_node : nullptr, (size_t)mesh->num_nodes,
+                  was->free_of_node, (size_t)mesh_was->num_nodes, what, &gpu->d_free_of_node));
     CUDA_TRY(send(work, CORNER_START, now->corner_start, free_nodes, was->corner_start, free_was, what,
                   &gpu->d_corner_start));
     CUDA_TRY(send(work, CORNER_END, now->corner_end, free_nodes, was->corner_end, free_was, what, &gpu->d_corner_end));
@@ -277,11 +280,11 @@ extern "C" pliant_status pliant_cuda_system_carry_over_cut(const pliant_system *
 
 extern "C" void pliant_cuda_system_free(gpu_system *system, gpu_system_capacity *capacity)
 {
-    void *blocks[] = {system->d_tets,        system->d_rest,        system->d_gradients,     system->d_lame,
-                      system->d_stiffness,   system->d_grounded,    system->d_node_of_free,  system->d_corner_start,
-                      system->d_corner_end,  system->d_corner,      system->d_fine_rest,     system->d_upsample_node,
-                      system->d_weights,     system->d_entry_start, system->d_entry_element, system->d_entry_weight,
-                      system->d_entry_shape, system->d_still,       capacity->d_passage};
+    void *blocks[] = {system->d_tets,          system->d_rest,         system->d_gradients,    system->d_lame,
+                      system->d_stiffness,     system->d_grounded,     system->d_node_of_free, system->d_free_of_node,
+                      system->d_corner_start,  system->d_corner_end,   system->d_corner,       system->d_fine_rest,
+                      system->d_upsample_node, system->d_weights,      system->d_entry_start,  system->d_entry_element,
+                      system->d_entry_weight,  system->d_entry_shape,  system->d_still,        capacity->d_passage};
     for (void *block : blocks) pliant_cuda_release(block);
     pliant_cuda_macros_free(&system->macros);
     memset(system, 0, sizeof *system);

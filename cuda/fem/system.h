@@ -21,6 +21,7 @@ typedef struct gpu_system {
     double *d_stiffness;       /* (144 x tet_stride); NULL: isotropic */
     uint8_t *d_grounded;       /* (num_tets); NULL: no grounded element */
     int32_t *d_node_of_free;   /* (num_free) */
+    int32_t *d_free_of_node;   /* (num_nodes) or -1; NULL: no cut has put nodes on edges */
     int32_t *d_corner_start, *d_corner_end, *d_corner;
     /* Upsampling; all NULL if the fine mesh is the solved mesh. */
     double *d_fine_rest;       /* (num_fine x 3) */
@@ -33,7 +34,7 @@ typedef struct gpu_system {
     gpu_macros macros;         /* replace the tetrahedra */
 } gpu_system;
 
-enum { SYSTEM_ARRAYS = 18 };
+enum { SYSTEM_ARRAYS = 19 };
 
 /* Capacities of the arrays. */
 typedef struct gpu_system_capacity {

@@ -183,6 +183,7 @@ struct pliant_system {
     pliant_upsample *upsample; /* Nullable */
     pliant_graded *graded;    /* Nullable: owns `mesh` */
     bool divided;             /* cuts have changed the topology, and every node is still a lattice node */
+    bool is_subdivided;       /* cuts have put nodes on edges */
     /* Nullable: of a patch (basis.h). The tissue beyond the patch's elements pulls on the patch as well. */
     pliant_basis *basis;
     double *gravity_mass;     /* (num_free x 9) M_j of [H] 10 [kg] */

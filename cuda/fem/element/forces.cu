@@ -164,20 +164,45 @@ static __global__ void __launch_bounds__(GATHER_THREADS) rotation_kernel(gpu_sys
     }
 }
 
+static __device__ void sum_elements(const gpu_system &system, const gpu_iteration &iteration, int n, double sum[9])
+{
+    for (int m = 0; m < 9; m++) sum[m] = 0;
+    for (int c = system.d_corner_start[n]; c < system.d_corner_end[n]; c++) {
+        const int corner = system.d_corner[c],
+                  t = system.macros.count > 0 ? system.macros.d_cube_of_corner[corner] : corner / 4;
+        for (int m = 0; m < 9; m++) sum[m] += iteration.d_rotations[16 * (size_t)t + m];
+    }
+}
+
+/* As smooth() in src/fem/quasistatic/nodal_rotations.c, in two kernels. d_axes holds the sums in between. */
+static __global__ void __launch_bounds__(GATHER_THREADS) sum_kernel(gpu_system system, gpu_iteration iteration)
+{
+    int n = (int)(blockIdx.x * GATHER_THREADS + threadIdx.x);
+    if (n >= system.num_free) return;
+    double sum[9];
+    sum_elements(system, iteration, n, sum);
+    for (int m = 0; m < 9; m++) iteration.d_axes[9 * (size_t)n + m] = sum[m];
+}
+
+static __global__ void __launch_bounds__(GATHER_THREADS) smooth_kernel(gpu_system system, gpu_iteration iteration)
+{
+    int t = (int)(blockIdx.x * GATHER_THREADS + threadIdx.x);
+    if (t >= system.num_tets) return;
+    double sum[9] = {0, 0, 0, 0, 0, 0, 0, 0, 0};
+    for (int v = 0; v < 4; v++) {
+        const int f = system.d_free_of_node[system.d_tets[4 * (size_t)t + v]];
+        for (int m = 0; m < 9 && f >= 0; m++) sum[m] += iteration.d_axes[9 * (size_t)f + m];
+    }
+    for (int m = 0; m < 9; m++) iteration.d_rotations[16 * (size_t)t + m] = sum[m];
+}
+
 static __global__ void __launch_bounds__(GATHER_THREADS)
     turn_kernel(gpu_system system, gpu_iteration iteration, bool identity)
 {
     int n = (int)(blockIdx.x * GATHER_THREADS + threadIdx.x);
     if (n >= system.num_free) return;
     double sum[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, turn[9];
-    if (!identity) {
-        for (int m = 0; m < 9; m++) sum[m] = 0;
-        for (int c = system.d_corner_start[n]; c < system.d_corner_end[n]; c++) {
-            const int corner = system.d_corner[c],
-                      t = system.macros.count > 0 ? system.macros.d_cube_of_corner[corner] : corner / 4;
-            for (int m = 0; m < 9; m++) sum[m] += iteration.d_rotations[16 * (size_t)t + m];
-        }
-    }
+    if (!identity) sum_elements(system, iteration, n, sum);
     rotation_of(sum, turn);
     for (int m = 0; m < 9; m++) iteration.d_axes[9 * (size_t)n + m] = turn[m];
 }
@@ -206,6 +231,14 @@ extern "C" pliant_status pliant_cuda_gather(const gpu_system *system, const gpu_
     return CUDA_LAUNCHED("gather_kernel");
 }
 
+static pliant_status smooth(const gpu_system *system, const gpu_iteration *iteration, cudaStream_t stream)
+{
+    sum_kernel<<<blocks_for(system->num_free, GATHER_THREADS), GATHER_THREADS, 0, stream>>>(*system, *iteration);
+    CUDA_TRY(CUDA_LAUNCHED("sum_kernel"));
+    smooth_kernel<<<blocks_for(system->num_tets, GATHER_THREADS), GATHER_THREADS, 0, stream>>>(*system, *iteration);
+    return CUDA_LAUNCHED("smooth_kernel");
+}
+
 extern "C" pliant_status pliant_cuda_rotate(const gpu_system *system, const gpu_iteration *iteration, bool identity,
                                             cudaStream_t stream)
 {
@@ -215,6 +248,7 @@ extern "C" pliant_status pliant_cuda_rotate(const gpu_system *system, const gpu_
         rotation_kernel<<<blocks_for(system->num_tets, GATHER_THREADS), GATHER_THREADS, 0, stream>>>(*system,
                                                                                                      *iteration);
         CUDA_TRY(CUDA_LAUNCHED("rotation_kernel"));
+        if (system->d_free_of_node) CUDA_TRY(smooth(system, iteration, stream));
     }
     turn_kernel<<<blocks_for(system->num_free, GATHER_THREADS), GATHER_THREADS, 0, stream>>>(*system, *iteration,
                                                                                              identity);

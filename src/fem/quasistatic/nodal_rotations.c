@@ -122,6 +122,53 @@ void pliant_nodal_rotations_refer(const pliant_system *system, const double *pos
 
 PLIANT_VECTORIZED static void rotations_of(double sum[9][LANES], double out[9][LANES]) { pliant_rotations(sum, out); }
 
+/* Sum the contributions of the elements at a block of nodes, and I at the padding. */
+static void sum_elements(const pliant_system *system, const pliant_nodal_rotations *rotations, int32_t first,
+                         double sum[9][LANES])
+{
+    memset(sum, 0, 9 * sizeof *sum);
+    for (int l = 0; l < LANES; l++) {
+        int32_t n = first + l;
+        if (n >= system->num_free) {
+            for (int m = 0; m < 9; m += 4) sum[m][l] = 1;
+            continue;
+        }
+        for (int32_t c = system->corner_start[n]; c < system->corner_end[n]; c++) {
+            int32_t element =
+                system->macros ? system->macros->cube_of_corner[system->corner[c]] : system->corner[c] / 4;
+            for (int m = 0; m < 9; m++) sum[m][l] += rotations->product[element / LANES][element % LANES][m];
+        }
+    }
+}
+
+static void store(const pliant_system *system, int32_t first, double values[9][LANES],
+                  pliant_nodal_rotations *rotations)
+{
+    for (int l = 0; l < LANES && first + l < system->num_free; l++)
+        for (int m = 0; m < 9; m++) rotations->rotation[9 * (size_t)(first + l) + (size_t)m] = values[m][l];
+}
+
+/* Replace the contribution of every element with the sums at its nodes, so that axes hardly differ across a thin
+ * element (../linear/NUMERICS.md). */
+static void smooth(const pliant_system *system, pliant_nodal_rotations *rotations)
+{
+#pragma omp parallel for schedule(static) num_threads(system->num_threads)
+    for (int32_t first = 0; first < system->num_free; first += LANES) {
+        double sum[9][LANES];
+        sum_elements(system, rotations, first, sum);
+        store(system, first, sum, rotations);
+    }
+#pragma omp parallel for schedule(static) num_threads(system->num_threads)
+    for (int32_t t = 0; t < system->mesh->num_tets; t++) {
+        double sum[9] = {0};
+        for (int v = 0; v < 4; v++) {
+            const int32_t f = system->free_of_node[system->mesh->tets[4 * (size_t)t + (size_t)v]];
+            for (int m = 0; m < 9 && f >= 0; m++) sum[m] += rotations->rotation[9 * (size_t)f + (size_t)m];
+        }
+        for (int m = 0; m < 9; m++) rotations->product[t / LANES][t % LANES][m] = (float)sum[m];
+    }
+}
+
 void pliant_nodal_rotations_update(const pliant_system *system, const double *positions,
                                    pliant_nodal_rotations *rotations)
 {
@@ -133,25 +180,13 @@ void pliant_nodal_rotations_update(const pliant_system *system, const double *po
         for (int32_t block = 0; block < system->num_blocks; block++)
             multiply(system, block, positions, rotations->before[block], rotations->product[block]);
     }
+    if (system->is_subdivided) smooth(system, rotations);
 #pragma omp parallel for schedule(static) num_threads(system->num_threads)
     for (int32_t first = 0; first < system->num_free; first += LANES) {
         double sum[9][LANES], out[9][LANES];
-        memset(sum, 0, sizeof sum);
-        for (int l = 0; l < LANES; l++) {
-            int32_t n = first + l;
-            if (n >= system->num_free) {
-                for (int m = 0; m < 9; m += 4) sum[m][l] = 1;
-                continue;
-            }
-            for (int32_t c = system->corner_start[n]; c < system->corner_end[n]; c++) {
-                int32_t element =
-                    system->macros ? system->macros->cube_of_corner[system->corner[c]] : system->corner[c] / 4;
-                for (int m = 0; m < 9; m++) sum[m][l] += rotations->product[element / LANES][element % LANES][m];
-            }
-        }
+        sum_elements(system, rotations, first, sum);
         rotations_of(sum, out);
-        for (int l = 0; l < LANES && first + l < system->num_free; l++)
-            for (int m = 0; m < 9; m++) rotations->rotation[9 * (size_t)(first + l) + (size_t)m] = out[m][l];
+        store(system, first, out, rotations);
     }
     rotations->is_rotated = true;
 }

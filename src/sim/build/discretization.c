@@ -307,7 +307,9 @@ pliant_status pliant_discretizing_analyze(pliant_discretizing *work)
     const pliant_scene *scene = work->scene;
     pliant_system *system = work->made->system;
     if (work->made->tled) return PLIANT_OK; /* explicit: no matrix */
-    system->divided = scene->cut.kind != PLIANT_CUT_SUBDIVIDE && pliant_body_is_cut(work->made->body);
+    const bool is_cut = pliant_body_is_cut(work->made->body);
+    system->divided = is_cut && scene->cut.kind != PLIANT_CUT_SUBDIVIDE;
+    system->is_subdivided = is_cut && scene->cut.kind == PLIANT_CUT_SUBDIVIDE;
     const pliant_unchanged_elements *kept = work->kept;
     pliant_status status =
         pliant_system_number_next(system, work->solved_fixed ? work->solved_fixed : work->made->body->fine_fixed,
