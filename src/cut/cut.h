@@ -17,6 +17,7 @@ typedef struct pliant_cut_sweep {
     const double *from, *to;
     const uint8_t *material_of_voxel; /* Nullable; (voxels) for the report */
     uint32_t blade, stroke;           /* a sweep continues the last sweep of the same stroke; stroke 0: a new start */
+    bool ends;                        /* the stroke does not continue in the tissue that the edge has reached */
 } pliant_cut_sweep;
 
 /* Sever the links that a sweep passes through, and build the next body. The ends of a link move with their fragments.

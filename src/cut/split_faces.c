@@ -24,10 +24,10 @@ typedef struct face_list {
     face *faces;
 } face_list;
 
-static int count_nodes_on_stroke(const cut_splitting *work, int32_t tet)
+static int count_corners(const cut_splitting *work, int32_t tet, uint8_t bit)
 {
     int count = 0;
-    for (int v = 0; v < 4; v++) count += work->on[work->corners[4 * (size_t)tet + v]];
+    for (int v = 0; v < 4; v++) count += (work->on[work->corners[4 * (size_t)tet + v]] & bit) != 0;
     return count;
 }
 
@@ -75,15 +75,15 @@ static double area_of(const cut_splitting *work, int32_t tet, int corner)
 static pliant_status list_faces(const cut_splitting *work, face_list *list)
 {
     for (int32_t t = 0; t < work->num_tets; t++) {
-        const int count = count_nodes_on_stroke(work, t);
+        const int count = count_corners(work, t, CUT_PASSED);
         for (int c = 0; c < 4 && count >= 3; c++) {
-            if (count - work->on[work->corners[4 * (size_t)t + c]] < 3) continue;
+            if (count == 3 && work->on[work->corners[4 * (size_t)t + c]] & CUT_PASSED) continue;
             const int32_t other = across(work, t, c);
             if (other / 4 <= t) continue; /* no neighbour, or listed from the other side */
             if (!pliant_reserve(&list->faces, &list->capacity, list->count, 64, sizeof *list->faces))
                 return pliant_fail_memory("the faces that the blade splits");
             list->faces[list->count++] = (face){
-                {4 * t + c, other}, area_of(work, t, c), count == 4 || count_nodes_on_stroke(work, other / 4) == 4};
+                {4 * t + c, other}, area_of(work, t, c), count == 4 || count_corners(work, other / 4, CUT_PASSED) == 4};
         }
     }
     return PLIANT_OK;
@@ -111,7 +111,8 @@ static bool are_on_one_side(const cut_splitting *work, int32_t a, int32_t b)
     const int32_t *one = work->corners + 4 * (size_t)a, *other = work->corners + 4 * (size_t)b;
     for (int v = 0; v < 4; v++)
         for (int w = 0; w < 4; w++)
-            if (!work->on[one[v]] && !work->on[other[w]] && have_edge(work, one[v], other[w])) return true;
+            if (!((work->on[one[v]] | work->on[other[w]]) & CUT_PASSED) && have_edge(work, one[v], other[w]))
+                return true;
     return false;
 }
 
@@ -124,7 +125,7 @@ static pliant_status sever(cut_splitting *work, face_list *list)
     bool good = group && holder;
     for (int32_t t = 0; good && t < work->num_tets; t++) {
         group[t] = t;
-        holder[t] = count_nodes_on_stroke(work, t) < 4 ? t : -1;
+        holder[t] = count_corners(work, t, CUT_PASSED) < 4 ? t : -1;
     }
     qsort(list->faces, (size_t)list->count, sizeof *list->faces, by_area);
     for (int32_t f = 0; good && f < list->count; f++) {
@@ -180,6 +181,7 @@ static int32_t find_parts(const cut_splitting *work, int32_t *part, int32_t *who
 typedef struct inset {
     int32_t towards; /* -1: none */
     double fraction, opening; /* opening: its distance from the faces of the cut [m] */
+    double sine;              /* of the smallest angle between the line and these faces */
 } inset;
 
 /* Compute the vectors from a tetrahedron's corner to its other corners. */
@@ -223,8 +225,8 @@ static double room_of(const cut_splitting *work, int32_t *part, int32_t root, co
     return room;
 }
 
-/* Find the node towards which a group's copy of a node leaves the cut farthest. Candidates are the corners of the
- * group, and of the tetrahedra across the opposite faces. */
+/* Find the node towards which a group's copy of a node leaves the cut farthest, at the largest angle. Candidates are
+ * the corners of the group, and of the tetrahedra across the opposite faces. */
 static inset find_inset(const cut_splitting *work, int32_t *part, int32_t root, int32_t node)
 {
     const pliant_subdivision *subdivision = work->body->subdivision;
@@ -239,11 +241,13 @@ static inset find_inset(const cut_splitting *work, int32_t *part, int32_t root, 
             const int32_t towards = work->corners[is_own ? beyond : 4 * tet + c];
             for (int d = 0; d < 3; d++)
                 along[d] = work->rest[3 * (size_t)towards + d] - work->rest[3 * (size_t)node + d];
-            const double room = room_of(work, part, root, along, &opening),
-                         most = PLIANT_COPY_DISTANCE * subdivision->min_edge / pliant_length3(along),
-                         fraction = fmin(fmin(room, subdivision->kerf / opening), most);
-            if (opening > 0 && opening < INFINITY && fraction * opening > best.opening)
-                best = (inset){towards, fraction, fraction * opening};
+            const double room = room_of(work, part, root, along, &opening), length = pliant_length3(along),
+                         most = PLIANT_COPY_DISTANCE * subdivision->min_edge / length,
+                         fraction = fmin(fmin(room, subdivision->kerf / opening), most),
+                         farther = fraction * opening - best.opening, same = 1e-9 * subdivision->kerf;
+            if (opening > 0 && opening < INFINITY &&
+                (farther > same || (farther > -same && opening / length > best.sine)))
+                best = (inset){towards, fraction, fraction * opening, opening / length};
         }
     }
     return best;
@@ -303,7 +307,7 @@ static pliant_status split_node(cut_splitting *work, int32_t node, int32_t **buf
         const int32_t copy = work->num_nodes;
         status = pliant_split_add_node(
             work, (pliant_between){{node, at.towards < 0 ? node : at.towards}, at.fraction}, work->fixed[node]);
-        if (status == PLIANT_OK) work->on[copy] = 1;
+        if (status == PLIANT_OK) work->on[copy] = work->on[node];
         for (int32_t j = i; j < count && status == PLIANT_OK; j++)
             if (pliant_set_root(part, j) == i)
                 pliant_split_set_corner(work, work->around[j] / 4, work->around[j] % 4, copy);
@@ -339,7 +343,7 @@ pliant_status pliant_split_faces(cut_splitting *work, const pliant_cut_sweep *sw
     if (status == PLIANT_OK && list.count > 0) {
         status = sever(work, &list);
         for (int32_t n = 0; n < nodes && status == PLIANT_OK; n++)
-            if (work->on[n]) status = split_node(work, n, &buffer, &buffer_size);
+            if (work->on[n] & CUT_PASSED) status = split_node(work, n, &buffer, &buffer_size);
         if (status == PLIANT_OK) report_separated_faces(work, &list, sweep, report);
     }
     pliant_free(list.faces);

@@ -15,21 +15,32 @@ static bool continues_stroke(const pliant_cut_mark *mark, const pliant_cut_sweep
     return sweep->stroke > 0 && mark->blade == sweep->blade && mark->stroke == sweep->stroke;
 }
 
-static void restore_marks(cut_splitting *work, const pliant_cut_sweep *sweep)
+/* Return whether the stroke has marks. */
+static bool restore_marks(cut_splitting *work, const pliant_cut_sweep *sweep)
 {
     const pliant_subdivision *subdivision = work->body->subdivision;
-    for (int32_t m = 0; m < subdivision->num_marks; m++)
-        if (continues_stroke(subdivision->mark + m, sweep)) work->on[subdivision->mark[m].node] = 1;
+    bool any = false;
+    for (int32_t m = 0; m < subdivision->num_marks; m++) {
+        const pliant_cut_mark *mark = subdivision->mark + m;
+        if (!continues_stroke(mark, sweep)) continue;
+        work->on[mark->node] = CUT_ON_SURFACE | (mark->passed ? CUT_PASSED | CUT_ON_SWEEP : 0);
+        any = true;
+    }
+    return any;
 }
 
-/* Return whether the stroke marks nodes that were not marked before. */
-static bool has_new_mark(const cut_splitting *work, const pliant_cut_sweep *sweep)
+/* Return whether the stroke's marks change. */
+static bool have_marks_changed(const cut_splitting *work, const pliant_cut_sweep *sweep)
 {
     int32_t before = 0, now = 0;
-    for (int32_t m = 0; m < work->body->subdivision->num_marks; m++)
-        before += continues_stroke(work->body->subdivision->mark + m, sweep);
-    for (int32_t n = 0; n < work->num_nodes; n++) now += work->on[n];
-    return sweep->stroke > 0 && now > before;
+    for (int32_t m = 0; m < work->body->subdivision->num_marks; m++) {
+        const pliant_cut_mark *mark = work->body->subdivision->mark + m;
+        if (!continues_stroke(mark, sweep)) continue;
+        before++;
+        if (!work->on[mark->node] || mark->passed != ((work->on[mark->node] & CUT_PASSED) != 0)) return true;
+    }
+    for (int32_t n = 0; n < work->num_nodes; n++) now += work->on[n] != 0;
+    return sweep->stroke > 0 && now != before;
 }
 
 /* Store the marks of other blades and of this stroke.
@@ -43,7 +54,8 @@ static pliant_status write_marks(const cut_splitting *work, const pliant_cut_swe
     for (int32_t m = 0; m < next->num_marks; m++)
         if (next->mark[m].blade != sweep->blade) marks[count++] = next->mark[m];
     for (int32_t n = 0; n < work->num_nodes; n++)
-        if (work->on[n]) marks[count++] = (pliant_cut_mark){sweep->blade, sweep->stroke, n};
+        if (work->on[n])
+            marks[count++] = (pliant_cut_mark){sweep->blade, sweep->stroke, n, (work->on[n] & CUT_PASSED) != 0};
     pliant_free(next->mark);
     next->mark = marks;
     next->num_marks = count;
@@ -106,14 +118,18 @@ static pliant_status subdivide(cut_splitting *work, uint64_t revision, const pli
                                pliant_cut_report *report)
 {
     const pliant_mesh *fine = &work->body->fine;
-    restore_marks(work, sweep);
+    work->has_border[CUT_BEGINNING] = !restore_marks(work, sweep);
+    work->has_border[CUT_END] = sweep->stroke == 0 || sweep->ends;
+    work->has_border[CUT_FIRST_SIDE] = work->has_border[CUT_LAST_SIDE] = true;
     pliant_status status = pliant_split_edges(work);
+    if (status == PLIANT_OK) status = pliant_split_trim(work);
     if (status == PLIANT_OK) status = pliant_split_faces(work, sweep, report);
     if (status != PLIANT_OK) return status;
     for (int32_t t = 0; t < fine->num_tets; t++)
         report->touched +=
             memcmp(fine->tets + 4 * (size_t)t, work->corners + 4 * (size_t)t, 4 * sizeof *fine->tets) != 0;
-    if (!out || (work->num_nodes == fine->num_nodes && !has_new_mark(work, sweep))) return PLIANT_OK;
+    const bool has_severed = work->num_nodes > work->first_copy;
+    if (!out || (sweep->stroke > 0 ? !have_marks_changed(work, sweep) : !has_severed)) return PLIANT_OK;
     return make_next(work, revision, sweep, out, &report->pieces);
 }
 
@@ -125,7 +141,7 @@ pliant_status pliant_cut_subdivide(const pliant_body *body, uint64_t revision, c
     const double aside[3] = {0};
     pliant_status status = pliant_cut_strip(sweep, aside, &strip);
     if (status == PLIANT_OK && strip.count > 0) {
-        status = pliant_split_begin(body, positions, &strip, &work);
+        status = pliant_split_begin(body, positions, sweep, &strip, &work);
         if (status == PLIANT_OK) status = subdivide(&work, revision, sweep, out, report);
         pliant_split_end(&work);
     }

@@ -14,6 +14,7 @@ static bool grow_nodes(cut_splitting *work, int32_t capacity)
 {
     const size_t count = (size_t)capacity;
     bool good = pliant_grow(&work->rest, count, 3 * sizeof *work->rest) &&
+                pliant_grow(&work->positions, count, 3 * sizeof *work->positions) &&
                 pliant_grow(&work->between, count, sizeof *work->between) && pliant_grow(&work->fixed, count, 1) &&
                 pliant_grow(&work->on, count, 1) && pliant_grow(&work->first, count, sizeof *work->first);
     if (good) work->node_capacity = capacity;
@@ -31,18 +32,19 @@ static bool grow_tets(cut_splitting *work, int32_t capacity)
     return good;
 }
 
-pliant_status pliant_split_begin(const pliant_body *body, const double *positions, const cut_strip *strip,
-                                 cut_splitting *out)
+pliant_status pliant_split_begin(const pliant_body *body, const double *positions, const pliant_cut_sweep *sweep,
+                                 const cut_strip *strip, cut_splitting *out)
 {
     const pliant_mesh *fine = &body->fine;
     const size_t nodes = (size_t)fine->num_nodes, tets = (size_t)fine->num_tets;
     *out = (cut_splitting){
-        .body = body, .positions = positions, .strip = strip, .num_nodes = fine->num_nodes, .num_tets = fine->num_tets};
+        .body = body, .sweep = sweep, .strip = strip, .num_nodes = fine->num_nodes, .num_tets = fine->num_tets};
     out->slack = 1e-9 * body->subdivision->min_edge;
     if (!grow_nodes(out, fine->num_nodes + fine->num_nodes / 4 + 64) ||
         !grow_tets(out, fine->num_tets + fine->num_tets / 4 + 64))
         return no_memory();
     memcpy(out->rest, fine->rest, 3 * nodes * sizeof *out->rest);
+    memcpy(out->positions, positions, 3 * nodes * sizeof *out->positions);
     memcpy(out->fixed, body->fine_fixed, nodes);
     memset(out->on, 0, nodes);
     memset(out->first, 0xff, nodes * sizeof *out->first);
@@ -58,8 +60,8 @@ pliant_status pliant_split_begin(const pliant_body *body, const double *position
 
 void pliant_split_end(cut_splitting *work)
 {
-    void *blocks[] = {work->rest,    work->between, work->fixed,  work->on,      work->first,
-                      work->corners, work->next,    work->source, work->severed, work->around};
+    void *blocks[] = {work->rest,    work->positions, work->between, work->fixed,   work->on,    work->first,
+                      work->corners, work->next,      work->source,  work->severed, work->around};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
 }
 
@@ -67,8 +69,11 @@ pliant_status pliant_split_add_node(cut_splitting *work, pliant_between between,
 {
     const int32_t node = work->num_nodes;
     if (node == work->node_capacity && !grow_nodes(work, 2 * node)) return no_memory();
-    const double *a = work->rest + 3 * (size_t)between.end[0], *b = work->rest + 3 * (size_t)between.end[1];
-    for (int d = 0; d < 3; d++) work->rest[3 * (size_t)node + d] = a[d] + between.fraction * (b[d] - a[d]);
+    double *both[] = {work->rest, work->positions};
+    for (int i = 0; i < 2; i++) {
+        const double *a = both[i] + 3 * (size_t)between.end[0], *b = both[i] + 3 * (size_t)between.end[1];
+        for (int d = 0; d < 3; d++) both[i][3 * (size_t)node + d] = a[d] + between.fraction * (b[d] - a[d]);
+    }
     work->between[node] = between;
     work->fixed[node] = fixed;
     work->on[node] = 0;

@@ -79,10 +79,11 @@ typedef struct pliant_between {
     double fraction;
 } pliant_between;
 
-/* A node on the path of a blade's stroke that may continue. */
+/* A node on the surface of a blade's stroke that may continue. */
 typedef struct pliant_cut_mark {
     uint32_t blade, stroke;
     int32_t node;
+    bool passed; /* whether the blade has passed it; otherwise it is ahead of or next to the blade */
 } pliant_cut_mark;
 
 /* Maximum distance of a copy from its source, over min_edge. Nodes on edges are farther from both ends. */
@@ -92,7 +93,8 @@ typedef struct pliant_cut_mark {
  * interior. */
 struct pliant_subdivision {
     int32_t load_nodes;      /* nodes at load */
-    double min_edge;         /* a cut nearer to a node than this cuts the node, not the edge [m] */
+    double min_edge;         /* minimum length of the parts of an edge that a cut makes [m] */
+    double min_height;       /* minimum height of a tetrahedron that a cut makes [m] */
     double min_volume;       /* minimum volume of a tetrahedron that a cut makes [m^3] */
     double kerf;             /* maximum distance between the sides of a cut at rest [m] */
     pliant_between *between; /* (fine.num_nodes - load_nodes) of the nodes appended since load; NULL: none */

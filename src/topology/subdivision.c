@@ -3,6 +3,7 @@
 
 #include "base/fail.h"
 #include "base/memory.h"
+#include "base/vector3.h"
 #include "mesh/mesh.h"
 
 #include <math.h>
@@ -12,12 +13,12 @@ static pliant_status no_memory(void) { return pliant_fail_memory("the subdivisio
 
 pliant_status pliant_subdivision_create(const pliant_mesh *fine, bool kerf, pliant_subdivision **out)
 {
-    /* A cut closer to a node than this fraction of the shortest edge passes through the node. A smaller fraction gives
-     * smaller elements, and so shorter explicit time steps. */
-    const double snap = 0.1;
-    double edge = INFINITY, volume = INFINITY, gradients[12];
+    /* Smaller fractions give smaller elements, and so shorter explicit time steps. */
+    const double edge_fraction = 0.2, height_fraction = 0.1;
+    double edge = INFINITY, volume = INFINITY, height = INFINITY, gradients[12];
     for (int32_t t = 0; t < fine->num_tets; t++) {
         volume = fmin(volume, pliant_mesh_gradients(fine, t, gradients));
+        for (int v = 0; v < 4; v++) height = fmin(height, 1 / pliant_length3(gradients + 3 * v));
         for (int a = 0; a < 4; a++)
             for (int b = 0; b < a; b++) {
                 double squares = 0;
@@ -30,9 +31,10 @@ pliant_status pliant_subdivision_create(const pliant_mesh *fine, bool kerf, plia
     pliant_subdivision *made = pliant_calloc(1, sizeof *made);
     if (!made) return no_memory();
     made->load_nodes = fine->num_nodes;
-    made->min_edge = snap * edge;
-    made->kerf = kerf ? 0.5 * made->min_edge : 0;
-    made->min_volume = snap * snap * snap * volume;
+    made->min_edge = edge_fraction * edge;
+    made->kerf = kerf ? 0.25 * made->min_edge : 0;
+    made->min_height = height_fraction * height;
+    made->min_volume = 0.001 * volume;
     *out = made;
     return PLIANT_OK;
 }

@@ -80,7 +80,7 @@ static void list_faces(face_work *work)
     for (int32_t f = 0; f < 4 * body->fine.num_tets; f++) {
         if (body->across[f] >= 0) continue;
         const int32_t *node = body->triangles + 3 * (size_t)++triangle;
-        if (!(work->touched[node[0]] && work->touched[node[1]] && work->touched[node[2]])) continue;
+        if (!(work->touched[node[0]] || work->touched[node[1]] || work->touched[node[2]])) continue;
         const carrier at = carrier_of(work, node, 3);
         work->is_cut[triangle] = at.count == 4;
         if (at.count == 3)
@@ -111,9 +111,8 @@ static void mark_all_shared(face_work *work)
     const pliant_mesh *fine = &work->body->fine;
     for (int32_t t = 0; t < fine->num_tets; t++) {
         const int32_t *node = fine->tets + 4 * (size_t)t;
-        int touched = 0;
-        for (int v = 0; v < 4; v++) touched += work->touched[node[v]];
-        if (touched < 3) continue;
+        if (!(work->touched[node[0]] || work->touched[node[1]] || work->touched[node[2]] || work->touched[node[3]]))
+            continue;
         const carrier at = carrier_of(work, node, 4);
         for (int c = 0; c < 4 && at.count == 4; c++) mark_shared(work, &at, c, tet_at_load(work->body, t));
     }
