@@ -491,6 +491,45 @@ TEST(Subdivide, ABladeCutsAlongItsPath)
     }
 }
 
+// A blade whose tip stays in the tissue severs the area that it sweeps. It leaves the bar, or is switched off in the
+// tissue. Cubes are 25 mm wide.
+TEST(Subdivide, ABladeThatEndsInTheTissueSeversWhatItSweeps)
+{
+    for (double depth : {0.041, 0.056, 0.07})
+        for (bool through : {true, false}) {
+            auto body = uniform([](pliant_scene &scene) {
+                scene.fixed.num_planes = 0;
+                scene.fixed.planes[scene.fixed.num_planes++] = {{0, 0, 1e-6}, {0, 0, 1}};
+                scene.solver.iterations = 8;
+                scene.solver.tolerance = 1e-3;
+                scene.cut.resistance = 0;
+            });
+            const double from[3] = {0, 0, 0.12}, to[3] = {0, 0, 0}, mass = total_mass(*body->data->body);
+            int tool = -1;
+            ASSERT_EQ(pliant_tool_add(body->model, body->data, "knife", &tool), PLIANT_OK);
+            ASSERT_EQ(pliant_tool_set_blade(body->data, tool, from, to), PLIANT_OK);
+            const double end = through ? 0.21 : 0.143;
+            for (double x = -0.011; x < end; x += 0.004) {
+                const double tip[3] = {x, 0.043 + 0.05 * x, 0.1 - depth};
+                ASSERT_EQ(pliant_tool_set_pose(body->data, tool, tip, nullptr), PLIANT_OK);
+                ASSERT_EQ(pliant_tool_set_cutting(body->data, tool, true), PLIANT_OK) << pliant_last_error();
+                ASSERT_GE(pliant_step(body->model, body->data), 0) << pliant_last_error();
+            }
+            ASSERT_EQ(pliant_tool_set_cutting(body->data, tool, false), PLIANT_OK);
+            ASSERT_GE(pliant_step(body->model, body->data), 0) << pliant_last_error();
+            pliant_tool_state state{};
+            ASSERT_EQ(pliant_tool_get(body->data, tool, &state), PLIANT_OK);
+            const double swept = depth * (through ? 0.2 : 0.141) * std::sqrt(1 + 0.05 * 0.05);
+            if (std::getenv("PLIANT_FIGURES"))
+                std::printf("%.0f mm deep, %s: %.3f of the swept area\n", 1e3 * depth,
+                            through ? "through" : "switched off in the tissue", state.severed_area / swept);
+            EXPECT_NEAR(state.severed_area, swept, 0.05 * swept) << depth << " " << through;
+            EXPECT_EQ(state.pieces, 1);
+            EXPECT_NEAR(total_mass(*body->data->body), mass, 1e-12 * mass);
+            expect_sound(*body->data->body, state.severed_area);
+        }
+}
+
 // Oblique blades cut a bar that bends by centimetres under its weight. No tissue passes through, not even at its
 // surface.
 TEST(Subdivide, ATiltedBladeCutsMovingTissue)

@@ -355,7 +355,8 @@ PLIANT_API pliant_status pliant_blade_find(const char *name, double from[3], dou
 
 /** Switch a blade on or off from the next step on. A stroke starts at the edge's pose in that step. It ends when the
  *  blade is off, or the tool is lost or faster than 2 m/s, which counts as a jump. A blade of a tool that grasps tissue
- *  cuts without a cutting force.
+ *  cuts without a cutting force. With cut/kind subdivide, the step after the blade is switched off still cuts the faces
+ *  in which the stroke ends.
  *  @param data The simulation.
  *  @param tool Number of the tool.
  *  @param on   Whether the blade cuts.

@@ -33,6 +33,8 @@ typedef struct pliant_blade {
     bool cutting;
     /* STROKE: from the first cut until the blade is lifted, lost or jumps. */
     bool is_in_stroke, failed; /* failed: and the failure was logged */
+    bool is_ending;        /* it was switched off: the next step ends the stroke */
+    double direction[3];   /* direction in which it last swept tissue */
     uint64_t stroke;       /* number of strokes so far */
     pliant_edge edge;      /* during a stroke */
     double tip[3], rotation[4]; /* pose of the tool at the last motion of the edge */

@@ -81,6 +81,19 @@ static void take_pose(pliant_tool *tool)
     memcpy(tool->blade.rotation, tool->rotation, sizeof tool->rotation);
 }
 
+/* Subdivided elements separate by whole faces. The next step therefore cuts the faces in which the stroke ends. */
+static void switch_off(const pliant_data *data, pliant_tool *tool)
+{
+    pliant_blade *blade = &tool->blade;
+    if (!data->body->subdivision || !blade->is_in_stroke) {
+        pliant_blade_end_stroke(tool);
+        return;
+    }
+    pliant_blade_release(tool);
+    blade->is_ending = true;
+    blade->engaged_length = 0;
+}
+
 pliant_status pliant_tool_set_cutting(pliant_data *data, int index, bool on)
 {
     pliant_tool *tool = NULL;
@@ -92,7 +105,8 @@ pliant_status pliant_tool_set_cutting(pliant_data *data, int index, bool on)
                            tool->name);
     if (on && !pliant_blade_exists(&tool->blade))
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s has no blade (pliant_tool_set_blade)", tool->name);
-    if (!on) pliant_blade_end_stroke(tool);
+    if (!on) switch_off(data, tool);
+    else if (tool->blade.is_ending) pliant_blade_end_stroke(tool);
     if (on && !tool->blade.cutting && tool->present) take_pose(tool);
     tool->blade.cutting = on;
     return PLIANT_OK;
@@ -224,7 +238,7 @@ void pliant_blade_end_stroke(pliant_tool *tool)
     pliant_blade *blade = &tool->blade;
     pliant_blade_release(tool);
     free_edge(&blade->edge);
-    blade->is_in_stroke = blade->failed = false;
+    blade->is_in_stroke = blade->failed = blade->is_ending = false;
     memset(blade->rotation, 0, sizeof blade->rotation); /* the blade has no previous pose */
     blade->engaged_length = 0;
 }

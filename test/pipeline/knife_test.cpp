@@ -141,7 +141,6 @@ TEST_P(EveryKind, AStrokeTakesToughnessTimesItsArea)
 // Steps move the blade by a third of `cut/drag` and more: strokes from several heights through undamaged tissue.
 TEST_P(EveryKind, AStepThatGoesFarTakesToughnessTimesItsAreaToo)
 {
-    if (GetParam().name == subdivided.name) return; // separates one triangle at a time, behind the blade
     for (double way : {0.001, 0.0015, 0.002, 0.003, 0.0045, 0.006}) {
         double work = 0, area = 0, maximum = 0;
         for (int n = 0; n < 4; n++) {
@@ -160,14 +159,15 @@ TEST_P(EveryKind, AStepThatGoesFarTakesToughnessTimesItsAreaToo)
                 1e3 * way, area / (4 * width * height), work / (toughness * area), maximum / (toughness * width));
         EXPECT_NEAR(area, 4 * width * height, 0.01 * 4 * width * height) << way;
         EXPECT_NEAR(work, toughness * area, 0.05 * toughness * area) << way;
-        EXPECT_LT(maximum, 2.01 * toughness * width) << way;
+        // subdivided elements separate by rows of triangles
+        EXPECT_LT(maximum, (GetParam().name == subdivided.name ? 2.1 : 2.01) * toughness * width) << way;
     }
 }
 
 // Steps just below the limit of dragging: a drag has few steps.
 TEST_P(EveryKind, DragsOfFewStepsTakeToughnessTimesTheirAreaToo)
 {
-    if (GetParam().name == averaged.name || GetParam().name == subdivided.name) return; // they take longer
+    if (GetParam().name == averaged.name) return; // takes longer
     const double way = 0.00088;
     double work = 0;
     Slab slab(GetParam());
@@ -181,7 +181,6 @@ TEST_P(EveryKind, DragsOfFewStepsTakeToughnessTimesTheirAreaToo)
 // Slow, fast, slow, fast through a slab: no cut is paid twice, and no force acts along a path that is already cut.
 TEST_P(EveryKind, ABladeThatChangesItsSpeedTakesNoMore)
 {
-    if (GetParam().name == subdivided.name) return;
     double work = 0, area = 0, maximum = 0;
     for (int n = 0; n < 4; n++) {
         Slab slab(GetParam());

@@ -76,6 +76,49 @@ static void extend(const pliant_blade *blade, const double *points, double by, d
 
 /* ---- cutting */
 
+/* Return whether a material point lies in a voxel of tissue. Elements at the surface also contain empty voxels.
+ * tet: -1: none */
+static bool is_in_tissue(const knife *work, int32_t tet, const double weight[4])
+{
+    const pliant_model *model = work->model;
+    const pliant_mesh *fine = &work->data->body->fine;
+    const int32_t *size = model->scan->geometry.size;
+    double rest[3] = {0, 0, 0}, index[3];
+    int64_t voxel = 0;
+    if (tet < 0) return false;
+    for (int v = 0; v < 4; v++)
+        for (int d = 0; d < 3; d++) rest[d] += weight[v] * fine->rest[3 * fine->tets[4 * tet + v] + d];
+    pliant_geometry_to_index(&model->scan->geometry, rest, index);
+    for (int d = 2; d >= 0; d--) {
+        const double nearest = floor(index[d] + 0.5);
+        if (!(nearest >= 0 && nearest < size[d])) return false;
+        voxel = voxel * size[d] + (int64_t)nearest;
+    }
+    return !model->materials.materials[model->material_of_voxel[voxel]].empty;
+}
+
+static int32_t count_in_tissue(const knife *work)
+{
+    int32_t count = 0;
+    const pliant_edge *edge = &work->tool->blade.edge;
+    for (int32_t p = 0; p < edge->count; p++) count += is_in_tissue(work, edge->tet[p], edge->weight + 4 * p);
+    return count;
+}
+
+/* Return whether the blade has left the tissue in this step. */
+static bool leaves_tissue(const knife *work)
+{
+    const pliant_edge *edge = &work->tool->blade.edge;
+    bool leaves = work->data->body->subdivision && work->tool->blade.engaged_length > 0;
+    for (int32_t p = 0; p < edge->count && leaves; p++) {
+        int32_t tet = -1;
+        double weight[4];
+        leaves = !pliant_body_locate(work->data->body, work->data->positions, edge->now + 3 * p, &tet, weight) ||
+                 !is_in_tissue(work, tet, weight);
+    }
+    return leaves;
+}
+
 /* Return toughness times area of a report, summed over materials [J]. */
 static double energy_of(const knife *work, const pliant_cut_report *report)
 {
@@ -87,7 +130,7 @@ static double energy_of(const knife *work, const pliant_cut_report *report)
 
 /* Cut the tissue between two positions of the edge's points, and charge the account for the severed area. On an error
  * return false and change nothing. */
-static bool part(const knife *work, const double *from, const double *to)
+static bool part(const knife *work, const double *from, const double *to, bool ends)
 {
     pliant_cut_report cut = {0}, *report = &cut;
     pliant_cut_sweep sweep = {.count = work->tool->blade.edge.count,
@@ -95,7 +138,8 @@ static bool part(const knife *work, const double *from, const double *to)
                               .to = to,
                               .material_of_voxel = work->model->material_of_voxel,
                               .blade = (uint32_t)work->index,
-                              .stroke = (uint32_t)work->tool->blade.stroke};
+                              .stroke = (uint32_t)work->tool->blade.stroke,
+                              .ends = ends};
     const uint64_t before = work->data->body->revision;
     if (pliant_data_cut_along_sweep(work->model, work->data, work->index, &sweep, report) != PLIANT_OK) {
         log_failure(work);
@@ -113,11 +157,29 @@ static bool cut_to_blade(const knife *work)
 {
     pliant_blade *blade = &work->tool->blade;
     pliant_edge *edge = &blade->edge;
+    double middle[3];
+    pliant_blade_middle(edge, edge->place, middle);
+    pliant_blade_middle(edge, edge->now, blade->direction);
+    for (int d = 0; d < 3; d++) blade->direction[d] -= middle[d];
+    pliant_normalize3(blade->direction);
     extend(blade, edge->place, -overlap_distance * work->min_edge, edge->swept);
-    if (!part(work, edge->swept, edge->now)) return false;
+    if (!part(work, edge->swept, edge->now, leaves_tissue(work))) return false;
     pliant_blade_set_edge(work->data, edge);
     pliant_blade_middle(edge, edge->now, blade->cut_end);
     return true;
+}
+
+/* Cut the faces in which the stroke ends: a short sweep up to the cut's end. */
+static void end_stroke(const knife *work)
+{
+    pliant_blade *blade = &work->tool->blade;
+    pliant_edge *edge = &blade->edge;
+    pliant_blade_move_with_tissue(work->data, edge);
+    for (int32_t p = 0; p < edge->count; p++)
+        for (int d = 0; d < 3; d++)
+            edge->swept[3 * p + d] = edge->place[3 * p + d] - overlap_distance * work->min_edge * blade->direction[d];
+    part(work, edge->swept, edge->place, true);
+    pliant_blade_end_stroke(work->tool);
 }
 
 /* Cut without resistance. */
@@ -127,35 +189,6 @@ static void cut_freely(const knife *work)
 }
 
 /* ---- resistance */
-
-/* Return whether a point of the edge lies in a voxel of tissue. Elements at the surface also contain empty voxels. */
-static bool is_in_tissue(const knife *work, int32_t point)
-{
-    const pliant_model *model = work->model;
-    const pliant_edge *edge = &work->tool->blade.edge;
-    const pliant_mesh *fine = &work->data->body->fine;
-    const int32_t *size = model->scan->geometry.size;
-    double rest[3] = {0, 0, 0}, index[3];
-    int64_t voxel = 0;
-    if (edge->tet[point] < 0) return false;
-    for (int v = 0; v < 4; v++)
-        for (int d = 0; d < 3; d++)
-            rest[d] += edge->weight[4 * point + v] * fine->rest[3 * fine->tets[4 * edge->tet[point] + v] + d];
-    pliant_geometry_to_index(&model->scan->geometry, rest, index);
-    for (int d = 2; d >= 0; d--) {
-        const double nearest = floor(index[d] + 0.5);
-        if (!(nearest >= 0 && nearest < size[d])) return false;
-        voxel = voxel * size[d] + (int64_t)nearest;
-    }
-    return !model->materials.materials[model->material_of_voxel[voxel]].empty;
-}
-
-static int32_t count_in_tissue(const knife *work)
-{
-    int32_t count = 0;
-    for (int32_t p = 0; p < work->tool->blade.edge.count; p++) count += is_in_tissue(work, p);
-    return count;
-}
 
 /* Compute the force that cuts the tissue ahead of the blade over this width of the edge [N]; 0: no tissue is ahead.
  * Return false on an error. */
@@ -170,7 +203,8 @@ static bool find_force_ahead(const knife *work, double width, double *force)
                               .to = edge->swept,
                               .material_of_voxel = work->model->material_of_voxel,
                               .blade = (uint32_t)work->index,
-                              .stroke = (uint32_t)blade->stroke};
+                              .stroke = (uint32_t)blade->stroke,
+                              .ends = true};
     if (pliant_body_cut(work->data->body, work->data->last_revision + 1, work->data->positions, &sweep, NULL,
                         &report) != PLIANT_OK) {
         log_failure(work);
@@ -195,7 +229,7 @@ static bool move_edge_outside_tissue(const knife *work, bool *has_entered)
         if (edge->tet[p] >= 0) memcpy(edge->swept + 3 * p, edge->place + 3 * p, 3 * sizeof *edge->swept);
     pliant_blade_move_to_tissue(work->data, edge, 0.5 * work->min_edge);
     *has_entered = pliant_blade_num_inside(edge) > inside;
-    return part(work, edge->swept, edge->place);
+    return part(work, edge->swept, edge->place, false);
 }
 
 /* Add the work of the blade's motion in the last step, from the forces at both ends of it. */
@@ -278,8 +312,7 @@ static bool moves_far(const knife *work, const double last[3])
     pliant_blade_middle(edge, edge->now, motion);
     for (int d = 0; d < 3; d++) motion[d] -= last[d];
     const double slide = pliant_dot3(motion, along);
-    return work->data->body->voxels &&
-           sqrt(fmax(pliant_dot3(motion, motion) - slide * slide, 0)) > long_motion * reach_of(work);
+    return sqrt(fmax(pliant_dot3(motion, motion) - slide * slide, 0)) > long_motion * reach_of(work);
 }
 
 /* Return the distance from a previous position of the blade's middle to the present one, along a unit vector [m]. */
@@ -488,7 +521,7 @@ pliant_status pliant_cut_stage(const pliant_model *model, pliant_data *data)
     const double *size = model->scan->geometry.spacing;
     for (int t = 0; t < data->num_tools; t++) {
         pliant_tool *tool = data->tools + t;
-        if (!tool->blade.cutting || !tool->present) continue;
+        if (!(tool->blade.cutting || tool->blade.is_ending) || !tool->present) continue;
         const knife work = {.model = model,
                             .data = data,
                             .index = t,
@@ -496,7 +529,8 @@ pliant_status pliant_cut_stage(const pliant_model *model, pliant_data *data)
                             .min_edge = fmin(size[0], fmin(size[1], size[2])),
                             .max_edge = fmax(size[0], fmax(size[1], size[2])),
                             .ahead = find_distance_ahead(model)};
-        cut_with(&work);
+        if (tool->blade.is_ending) end_stroke(&work);
+        else cut_with(&work);
     }
     return PLIANT_OK;
 }

@@ -252,7 +252,7 @@ static void drop_tools(pliant_state *state, const pliant_data *data)
         tool->num_held = 0;
         tool->holding = tool->attached = false;
         tool->blade.edge = (pliant_edge){.count = 0};
-        tool->blade.is_in_stroke = tool->blade.is_dragging = false;
+        tool->blade.is_in_stroke = tool->blade.is_dragging = tool->blade.is_ending = false;
     }
 }
 
