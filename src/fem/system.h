@@ -5,6 +5,7 @@
 #ifndef PLIANT_FEM_SYSTEM_H
 #define PLIANT_FEM_SYSTEM_H
 
+#include "fem/weight_blocks.h"
 #include "base/lanes.h"
 #include "model_data/model.h"
 #include "topology/body.h"
@@ -344,9 +345,9 @@ double pliant_macro_mean_diagonal(const pliant_system *system); /* computes the 
 /* Return the contribution of an element to the sum of the diagonal. */
 double pliant_macro_trace(const pliant_macros *macros, const int32_t *free_of_node, int32_t element);
 void pliant_macro_positions(const pliant_system *system, const double *solved, double *fine);
-/* Add the shape functions of a fine node, times a weight. dense: (num_free x 9). */
+/* Add the shape functions of a fine node, times a weight. */
 void pliant_macro_weights(const pliant_system *system, const double *solved, int32_t fine_node, double weight,
-                          double *dense);
+                          pliant_weight_blocks *blocks);
 void pliant_macros_free(pliant_macros *macros); /* Nullable */
 
 /* ---- Implemented in homogenize.c. */
@@ -385,10 +386,9 @@ void pliant_upsample_positions(const pliant_system *system, const double *solved
  * @param dense  (num_free x 9) [kg], zeroed by the caller.
  * Errors: MEMORY. */
 pliant_status pliant_upsample_masses(const pliant_system *system, const double *mass, double *dense);
-/* Convert sparse weights of fine nodes to 3 x 3 blocks on the unknowns ([H] 11). dense: (num_free x 9), zeroed by the
- * caller. */
+/* Convert sparse weights of fine nodes to 3 x 3 blocks on the unknowns ([H] 11), and add them. */
 void pliant_upsample_weights(const pliant_system *system, const double *solved, int32_t count, const int32_t *nodes,
-                             const double *weights, double *dense);
+                             const double *weights, pliant_weight_blocks *blocks);
 
 /* ---- Implemented in factor.c: a wrapper of CHOLMOD. Only one thread at a time may use a factor. */
 pliant_status pliant_factor_analyze(const pliant_pattern *pattern, pliant_factor **out);

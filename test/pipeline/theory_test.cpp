@@ -246,7 +246,8 @@ TEST(Theory, FineNodesNextToFixedOnesMoveByTheirShapeFunctions)
         if (!(fine->rest[3 * n + 2] > 0.001 && fine->rest[3 * n + 2] < 0.039)) continue;
         const double weight = 1;
         std::vector<double> blocks(9 * static_cast<size_t>(system->num_free));
-        pliant_upsample_weights(system, solved.data(), 1, &n, &weight, blocks.data());
+        pliant_weight_blocks sum = {blocks.data(), nullptr, nullptr, 0};
+        pliant_upsample_weights(system, solved.data(), 1, &n, &weight, &sum);
         bool grounded = true;
         for (int32_t e = system->upsample->start[n]; e < system->upsample->start[n + 1]; e++)
             grounded = grounded && system->grounded[system->upsample->entry_element[e]];

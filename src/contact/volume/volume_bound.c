@@ -162,8 +162,8 @@ static double limit_of(const pliant_contact_settings *settings, double rest, dou
     return fmax(fmin(settings->advance_keep * from, stop * rest), fmin(0.5 * stop * rest, from));
 }
 
-/* Return the largest fraction of a leg in which an element keeps its volume. An element that is inverted at the start is
- * exempt. */
+/* Return the largest fraction of a leg in which an element keeps its volume. An element that is inverted at the start
+ * is exempt. */
 static double fraction_of(const pliant_contact_settings *settings, const int32_t tet[4], const double *rest,
                           const double *from, const double *to)
 {

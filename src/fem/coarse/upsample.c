@@ -231,11 +231,12 @@ void pliant_upsample_positions(const pliant_system *system, const double *solved
 }
 
 /* Add a weight to the unknowns. block: Nullable: NULL means the identity. */
-static void add_block(const pliant_system *system, int32_t node, double weight, const double block[9], double *dense)
+static void add_block(const pliant_system *system, int32_t node, double weight, const double block[9],
+                      pliant_weight_blocks *blocks)
 {
     const int32_t unknown = system->free_of_node[node];
     if (unknown < 0) return;
-    double *out = dense + 9 * (size_t)unknown;
+    double *out = pliant_weight_blocks_at(blocks, unknown);
     for (int m = 0; block && m < 9; m++) out[m] += weight * block[m];
     for (int m = 0; !block && m < 9; m += 4) out[m] += weight;
 }
@@ -265,27 +266,28 @@ pliant_status pliant_upsample_masses(const pliant_system *system, const double *
     int32_t *nodes = pliant_calloc((size_t)count, sizeof *nodes);
     if (!nodes) return pliant_fail_memory("the gravity-mass matrices");
     for (int32_t n = 0; n < count; n++) nodes[n] = n;
-    pliant_upsample_weights(system, system->mesh->rest, count, nodes, mass, dense);
+    pliant_weight_blocks blocks = {.block = dense};
+    pliant_upsample_weights(system, system->mesh->rest, count, nodes, mass, &blocks);
     pliant_free(nodes);
     return PLIANT_OK;
 }
 
 void pliant_upsample_weights(const pliant_system *system, const double *solved, int32_t count, const int32_t *nodes,
-                             const double *weights, double *dense)
+                             const double *weights, pliant_weight_blocks *blocks)
 {
     const pliant_upsample *upsample = system->upsample;
     for (int32_t h = 0; h < count; h++) {
         int32_t n = nodes[h];
         if (follows_macros(system)) {
-            pliant_macro_weights(system, solved, n, weights[h], dense);
+            pliant_macro_weights(system, solved, n, weights[h], blocks);
         } else if (!upsample) {
-            add_block(system, n, weights[h], NULL, dense);
+            add_block(system, n, weights[h], NULL, blocks);
         } else if (upsample->still && upsample->still[n] != PLIANT_MOVES) {
             continue;
         } else if (!upsample->start) {
             const size_t corners = (size_t)upsample->corners, first = corners * (size_t)n;
             for (size_t v = first; v < first + corners; v++)
-                add_block(system, upsample->node[v], weights[h] * upsample->weights[v], NULL, dense);
+                add_block(system, upsample->node[v], weights[h] * upsample->weights[v], NULL, blocks);
         } else {
             for (int32_t e = upsample->start[n]; e < upsample->start[n + 1]; e++) {
                 const int32_t begin = pliant_element_begin(system, upsample->entry_element[e]),
@@ -296,7 +298,7 @@ void pliant_upsample_weights(const pliant_system *system, const double *solved, 
                 for (int32_t c = begin; c < end; c++) {
                     pliant_shaped_weight(rotation, shape, end - begin, c - begin, turned);
                     add_block(system, pliant_element_nodes(system)[c], weights[h] * upsample->entry_weight[e], turned,
-                              dense);
+                              blocks);
                 }
             }
         }

@@ -379,7 +379,7 @@ void pliant_macro_positions(const pliant_system *system, const double *solved, d
 /* Compute dx_f/dx_c with constant rotation: R N_c R'. There is no term from c, since the N of free corners sum to the
  * identity. */
 void pliant_macro_weights(const pliant_system *system, const double *solved, int32_t fine_node, double weight,
-                          double *dense)
+                          pliant_weight_blocks *blocks)
 {
     const pliant_macros *macros = system->macros;
     int32_t cube = macros->cube_of_fine[fine_node];
@@ -394,12 +394,13 @@ void pliant_macro_weights(const pliant_system *system, const double *solved, int
     for (int32_t e = macros->entry_start[cube][index]; e < macros->entry_start[cube][index + 1]; e++) {
         int32_t unknown = system->free_of_node[macros->node[macros->start[cube] + macros->entry_corner[cube][e]]];
         const float *n = macros->entry_shape[cube] + 9 * (size_t)e;
-        for (int i = 0; i < 3 && unknown >= 0; i++)
+        double *out = unknown >= 0 ? pliant_weight_blocks_at(blocks, unknown) : NULL;
+        for (int i = 0; i < 3 && out; i++)
             for (int j = 0; j < 3; j++) {
                 double turned = 0;
                 for (int k = 0; k < 3; k++)
                     for (int l = 0; l < 3; l++) turned += r[3 * i + k] * n[3 * k + l] * r[3 * j + l];
-                dense[9 * (size_t)unknown + (size_t)(3 * i + j)] += weight * turned;
+                out[3 * i + j] += weight * turned;
             }
     }
 }

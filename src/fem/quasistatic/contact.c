@@ -123,7 +123,7 @@ static pliant_status add_weights(pliant_solver *solver, const pliant_contact_poi
 {
     const pliant_system *system = solver->system;
     pliant_contact_problem *contacts = solver->contacts;
-    double *dense = solver->dense_weights;
+    pliant_weight_blocks *blocks = &solver->weights;
     pliant_status status = PLIANT_OK;
     if (pliant_solves_fine(system)) {
         double gradient[4][3];
@@ -138,14 +138,11 @@ static pliant_status add_weights(pliant_solver *solver, const pliant_contact_poi
         }
         return status;
     }
-    memset(dense, 0, 9 * (size_t)system->num_free * sizeof *dense);
-    pliant_upsample_weights(system, solver->now.x, point->count, point->node, point->weight, dense);
-    for (int32_t f = 0; f < system->num_free && status == PLIANT_OK; f++)
-        for (int m = 0; m < 9; m++)
-            if (dense[9 * (size_t)f + (size_t)m] != 0) {
-                status = add_weight(contacts, f, dense + 9 * (size_t)f);
-                break;
-            }
+    pliant_upsample_weights(system, solver->now.x, point->count, point->node, point->weight, blocks);
+    pliant_weight_blocks_sort(blocks);
+    for (int32_t n = 0; n < blocks->count && status == PLIANT_OK; n++)
+        status = add_weight(contacts, blocks->unknown[n], blocks->block + 9 * (size_t)blocks->unknown[n]);
+    pliant_weight_blocks_clear(blocks);
     return status;
 }
 

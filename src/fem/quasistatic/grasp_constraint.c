@@ -148,31 +148,21 @@ static pliant_status hold_nodes(const pliant_system *system, int32_t count, cons
     return status;
 }
 
-/* Compute W for fine nodes that follow solved nodes. dense: (num_free x 9) work array. */
-static pliant_status hold_followers(const pliant_solver *solver, int32_t count, const int32_t *nodes,
-                                    const double *weights, double *dense, pliant_grasp_constraint *grasp)
+/* Compute W for fine nodes that follow solved nodes. */
+static pliant_status hold_followers(pliant_solver *solver, int32_t count, const int32_t *nodes, const double *weights,
+                                    pliant_grasp_constraint *grasp)
 {
-    const pliant_system *system = solver->system;
-    memset(dense, 0, 9 * (size_t)system->num_free * sizeof *dense);
-    pliant_upsample_weights(system, solver->now.x, count, nodes, weights, dense);
-    grasp->count = 0;
-    for (int32_t n = 0; n < system->num_free; n++)
-        for (int m = 0; m < 9; m++)
-            if (dense[9 * n + m] != 0) {
-                grasp->count++;
-                break;
-            }
-    pliant_status status = grasp->count > 0 ? allocate(grasp) : PLIANT_OK;
-    if (status != PLIANT_OK) return status;
-    int32_t next = 0;
-    for (int32_t n = 0; n < system->num_free; n++) {
-        bool used = false;
-        for (int m = 0; m < 9; m++) used = used || dense[9 * n + m] != 0;
-        if (!used) continue;
-        grasp->unknown[next] = n;
-        memcpy(grasp->block + 9 * next++, dense + 9 * n, 9 * sizeof *dense);
+    pliant_weight_blocks *blocks = &solver->weights;
+    pliant_upsample_weights(solver->system, solver->now.x, count, nodes, weights, blocks);
+    pliant_weight_blocks_sort(blocks);
+    grasp->count = blocks->count;
+    const pliant_status status = grasp->count > 0 ? allocate(grasp) : PLIANT_OK;
+    for (int32_t n = 0; n < blocks->count && status == PLIANT_OK; n++) {
+        grasp->unknown[n] = blocks->unknown[n];
+        memcpy(grasp->block + 9 * (size_t)n, blocks->block + 9 * (size_t)blocks->unknown[n], 9 * sizeof *blocks->block);
     }
-    return PLIANT_OK;
+    pliant_weight_blocks_clear(blocks);
+    return status;
 }
 
 pliant_status pliant_solver_add_grasp(pliant_solver *solver, int tool, int32_t count, const int32_t *nodes,
@@ -183,7 +173,7 @@ pliant_status pliant_solver_add_grasp(pliant_solver *solver, int tool, int32_t c
     grasp.block = grasp.rotated_block = grasp.response = NULL;
     pliant_status status = pliant_solves_fine(solver->system)
                                ? hold_nodes(solver->system, count, nodes, weights, &grasp)
-                               : hold_followers(solver, count, nodes, weights, solver->dense_weights, &grasp);
+                               : hold_followers(solver, count, nodes, weights, &grasp);
     if (status != PLIANT_OK) return status;
     bool was_active = old->active;
     free_arrays(old);

@@ -125,7 +125,7 @@ struct pliant_solver {
     uint64_t factors;           /* number of factors installed so far; 1: the factor at rest */
     pliant_preconditioner_use in_use;       /* unused if a backend keeps its own */
     pliant_previous_step previous;
-    /* The arrays for a step are allocated. These are all fields below except load, now.x, dense_weights and grasps. */
+    /* The arrays for a step are allocated. These are all fields below except load, now.x, weights and grasps. */
     bool has_step_arrays;
     pliant_nodal_rotations *rotations;          /* Nullable: the axes in which the preconditioner is applied */
     bool is_after_cut;                /* the next step is the first step after a cut */
@@ -152,8 +152,8 @@ struct pliant_solver {
     double gram[PLIANT_MAX_HISTORY * PLIANT_MAX_HISTORY]; /* energy products of the secants' steps */
     pliant_final_state final_state;
     double (*element_forces)[12][LANES];
-    /* Work array (9 num_free) to build W; NULL if the fine mesh is the solved mesh. */
-    double *dense_weights;
+    /* Work arrays to build W, empty between uses; NULL if the fine mesh is the solved mesh. */
+    pliant_weight_blocks weights;
 };
 
 /* Return the evaluation limit of the next step (evaluation_limit.h). */

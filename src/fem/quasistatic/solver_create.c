@@ -108,6 +108,14 @@ static double wall_clock(void *user)
     return pliant_seconds();
 }
 
+static bool allocate_weights(size_t unknowns, pliant_weight_blocks *out)
+{
+    out->block = pliant_calloc(unknowns, 9 * sizeof *out->block);
+    out->is_listed = pliant_calloc(unknowns, sizeof *out->is_listed);
+    out->unknown = pliant_malloc(unknowns, sizeof *out->unknown);
+    return out->block && out->is_listed && out->unknown;
+}
+
 pliant_status pliant_solver_create_empty(const pliant_scene *scene, const pliant_system *system,
                                          bool without_step_arrays, pliant_solver **out)
 {
@@ -132,12 +140,9 @@ pliant_status pliant_solver_create_empty(const pliant_scene *scene, const pliant
     /* Lower bound of the displacement for the tolerance: a thousandth of the body's length. */
     rules->smallest_displacement = pliant_get_quasistatic_settings().smallest_displacement * length;
     solver->smallest_scale = rules->smallest_displacement * sqrt(system->mean_diagonal);
-    if (!pliant_solves_fine(system))
-        solver->dense_weights = pliant_malloc((size_t)system->num_free, 9 * sizeof *solver->dense_weights);
+    bool good = pliant_solves_fine(system) || allocate_weights((size_t)system->num_free, &solver->weights);
     solver->now.x = pliant_malloc((size_t)system->mesh->num_nodes, 3 * sizeof *solver->now.x);
-    pliant_status status = (solver->dense_weights || pliant_solves_fine(system)) && solver->now.x
-                               ? PLIANT_OK
-                               : pliant_fail_memory("the solver");
+    pliant_status status = good && solver->now.x ? PLIANT_OK : pliant_fail_memory("the solver");
     /* Coarse elements contain their complete stiffness. */
     if (status == PLIANT_OK && system->of && system->of->system == system && system->mesh == system->fine)
         status = pliant_pressures_create(system, system->of->body->fine_material, &solver->pressures);
@@ -248,7 +253,9 @@ void pliant_solver_free(pliant_solver *solver)
     pliant_free(solver->now.pressure);
     pliant_pressures_free(solver->pressures);
     pliant_free(solver->load);
-    pliant_free(solver->dense_weights);
+    pliant_free(solver->weights.block);
+    pliant_free(solver->weights.is_listed);
+    pliant_free(solver->weights.unknown);
     pliant_preconditioner_free(solver->preconditioner);
     pliant_free(solver);
 }
