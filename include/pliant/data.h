@@ -70,7 +70,8 @@ typedef struct pliant_tool_state {
     double proxy_tip[3];   /**< LPS [m]; without a proxy, the measured tip */
     double proxy_rotation[4]; /**< quaternion x y z w */
     double proxy_jaw;      /**< [rad] */
-    double proxy_error[3]; /**< measured tip minus the proxy's tip [m] */
+    double proxy_error[3]; /**< measured tip minus the proxy's tip [m]; contains the dimple that the mesh
+                            *   cannot form (src/contact/NUMERICS.md) */
     double jaw_error;      /**< measured angle minus the proxy's angle [rad] */
     bool saturated;        /**< the coupling pulls with contact/max_force, or the jaws close with contact/grip_torque */
     double advanced;       /**< completed fraction of the last leg */

@@ -94,6 +94,7 @@ typedef struct pliant_tool {
         /* Force and torque of its coupling, and torque of its jaws, from the solve of the last leg [N, N m]. A
          * shortened leg does not change them. */
         double coupling_load[3];
+        double missing_compliance; /* of translations, in the last leg [m/N] (sim/step/missing_compliance.h) */
         bool saturated;        /* its coupling has reached its maximum force (contact/max_force, contact/grip_torque) */
     } proxy;
     /* OUTPUT of the last step. */

@@ -512,7 +512,7 @@ void press_a_cut(bool dynamic)
             const pliant_contact_point &point = body.data->contacts.point[c];
             if (point.kind == PLIANT_OBSTACLE_TISSUE) force += std::fabs(point.force[2]);
         }
-        EXPECT_LT(body.data->statistics.proxy_error, 1e-3) << "step " << step;
+        EXPECT_LT(body.data->statistics.proxy_error, 1.5e-3) << "step " << step; // with the dimple of the ball
     }
     EXPECT_GT(force, 0.05);
 }

@@ -87,10 +87,11 @@ struct Tongue : Body {
     double deepest() const
     {
         const pliant_tool &of = data->tools[tool];
+        const pliant_tool_pose proxy = pliant_tool_proxy(&of);
         double minimum = 0;
         for (int32_t p = 0; p < of.shape.num_parts; p++) {
             pliant_pose pose;
-            pliant_part_pose(&of.shape, of.shape.part[p].frame, of.tip, of.rotation, of.jaw, &pose);
+            pliant_part_pose(&of.shape, of.shape.part[p].frame, proxy.tip, proxy.rotation, proxy.jaw, &pose);
             for (int32_t n = 0; n < data->body->fine.num_nodes; n++) {
                 double local[3], normal[3];
                 pliant_pose_from(&pose, data->positions + 3 * n, local);

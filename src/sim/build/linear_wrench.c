@@ -65,6 +65,15 @@ static void correct(const pliant_tool_linear *before, pliant_tool_linear *now)
         }
 }
 
+/* Move the pose from the proxy's to the target's, by the missing depth of the tissue under the tool. The stiffness is
+ * that of the mesh: a small motion hardly changes this depth. */
+static void add_missing_depth(const pliant_data *data, int index, pliant_tool_linear *now)
+{
+    double force[3], torque[3];
+    pliant_contact_wrench(data, index, force, torque);
+    for (int d = 0; d < 3; d++) now->tip[d] += data->tools[index].proxy.missing_compliance * force[d];
+}
+
 pliant_status pliant_tool_linearize(const pliant_data *data, int index, pliant_tool_linear *at)
 {
     if (index < 0 || index >= data->num_tools)
@@ -87,6 +96,7 @@ pliant_status pliant_tool_linearize(const pliant_data *data, int index, pliant_t
             /* each tool of a shared grasp moves the target by its fraction and takes its fraction of the force */
             for (int m = 0; m < 36 && count > 1; m++) now.stiffness[m] /= count * count;
         }
+        if (stepped) add_missing_depth(data, index, &now);
         now.by_secants = !linear;
         correct(at, &now);
     }

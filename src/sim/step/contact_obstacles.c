@@ -112,13 +112,13 @@ double pliant_contact_max_motion_ratio(const pliant_model *model, const pliant_d
         const pliant_tool *tool = data->tools + t;
         const pliant_leg_tool *leg = data->legs->tool + t;
         if (!tool->present || tool->shape.num_parts == 0) continue;
-        const double farthest = pliant_tool_max_motion(tool, &leg->begin, &leg->measured);
+        const double farthest = pliant_tool_max_motion(tool, &leg->begin, &leg->behind);
         const double tissue =
             find_motion_near(data, leg->begin.tip, reach_of(tool) + farthest + margin, elements, increment, times);
         for (int32_t p = 0; p < tool->shape.num_parts && tissue >= 0; p++)
             motion_ratio = fmax(
                 motion_ratio,
-                (pliant_part_max_motion(&tool->shape, tool->shape.part + p, &leg->begin, &leg->measured) + tissue) /
+                (pliant_part_max_motion(&tool->shape, tool->shape.part + p, &leg->begin, &leg->behind) + tissue) /
                     pliant_part_depth(tool->shape.part + p));
     }
     for (int32_t n = 0, count = pliant_contact_obstacles(model, obstacle); n < count + model->obstacles.num_parts;

@@ -2,6 +2,7 @@
 
 #include "base/fail.h"
 #include "contact/advance/advance_rules.h"
+#include "contact/shapes/tool_shape.h"
 #include "contact/volume/volume_bound.h"
 #include "fem/dynamics/tled.h"
 #include "fem/patch/patch.h"
@@ -107,21 +108,57 @@ static double max_distance_of(const pliant_data *data)
     return data->model->contact.leg_distance * fmax(fmax(cell[0], cell[1]), cell[2]);
 }
 
+/* Explicit dynamics: return where a proxy goes, which is behind the target by the missing depth. The force of the
+ * previous leg sets this depth. Shorten the motion as if the tissue's force changed with it; otherwise it overshoots
+ * where the tissue is stiffer than the missing compliance. */
+static pliant_tool_pose pose_behind_target(const pliant_tool *tool, const pliant_leg_tool *leg)
+{
+    const double known = 4, /* pliant_proxy_estimate_tissue_compliance */
+        *missing = leg->missing_compliance, shift = leg->yields[0] > 0 ? missing[0] / (known * leg->yields[0]) : 0,
+                 turn = leg->yields[2] > 0 ? missing[1] / (known * leg->yields[2]) : 0;
+    pliant_tool_pose out = leg->measured;
+    for (int d = 0; d < 3; d++) {
+        out.tip[d] += missing[0] * leg->before.wrench[d];
+        out.tip[d] = leg->begin.tip[d] + (out.tip[d] - leg->begin.tip[d]) / (1 + shift);
+    }
+    if (!pliant_tool_shape_has_jaws(&tool->shape)) return out;
+    out.jaw += missing[1] * leg->before.jaw;
+    out.jaw = leg->begin.jaw + (out.jaw - leg->begin.jaw) / (1 + turn);
+    return out;
+}
+
 /* Save the proxies' poses and loads at the start of a leg. In explicit dynamics, the load is the mean over about one
  * step, because contacts of tissue that vibrates open and close: update_loads filters it within a step. */
-static void begin_leg(pliant_data *data, bool first)
+static pliant_status begin_leg(pliant_data *data, bool first)
 {
-    for (int t = 0; t < data->num_tools; t++) {
+    pliant_status status = PLIANT_OK;
+    for (int t = 0; t < data->num_tools && status == PLIANT_OK; t++) {
         pliant_leg_tool *leg = data->legs->tool + t;
         double joint[3], axis[3];
         leg->begin = pliant_tool_proxy(data->tools + t);
         if (first || !data->tled) pliant_proxy_find_load(data, t, &leg->begin, &leg->before);
         pliant_tool_joint(data->tools + t, &leg->begin, joint, axis);
         pliant_proxy_compliance(data, t, true, joint, axis, leg->piece_compliance);
+        status = pliant_missing_compliance(data, t, &leg->begin, &leg->measured, &data->legs->node_loads,
+                                           leg->missing_compliance);
+        data->tools[t].proxy.missing_compliance = leg->missing_compliance[0];
         if (data->tled)
             pliant_proxy_estimate_tissue_compliance(data, t, &leg->begin, &leg->before, max_distance_of(data),
                                                     leg->yields);
+        leg->behind = data->tled ? pose_behind_target(data->tools + t, leg) : leg->measured;
     }
+    return status;
+}
+
+/* Linearize the coupling of a tool for a goal, with the compliances that this leg adds. */
+static void linearize(const pliant_model *model, const pliant_data *data, int t, const pliant_tool_pose *goal,
+                      pliant_tool_pose *ahead, pliant_contact_body couple[2], pliant_touch_limit limit[3])
+{
+    const pliant_leg_tool *leg = data->legs->tool + t;
+    double added[2] = {leg->piece_compliance[0], leg->piece_compliance[1]};
+    for (int k = 0; k < 2 && !data->tled; k++) added[k] += leg->missing_compliance[k];
+    pliant_proxy_linearize(model, data->tools + t, &leg->begin, goal, &leg->before, added, leg->yields, ahead, couple,
+                           limit);
 }
 
 /* Return the fraction of the tool's remaining motion that keeps its distance in this leg below the maximum.
@@ -137,8 +174,7 @@ static double fraction_of(const pliant_model *model, pliant_data *data, int t, b
         pliant_contact_body couple[2];
         pliant_touch_limit limit[3];
         pliant_tool_pose ahead;
-        pliant_proxy_linearize(model, tool, &leg->begin, &leg->measured, &leg->before, leg->piece_compliance,
-                               leg->yields, &ahead, couple, limit);
+        linearize(model, data, t, &leg->measured, &ahead, couple, limit);
         distance = pliant_tool_max_motion(tool, &leg->begin, &ahead);
     }
     return distance > maximum && pliant_contact_is_near(data, tool, &leg->begin, &leg->measured) ? maximum / distance
@@ -187,10 +223,9 @@ static void set_goals(const pliant_model *model, pliant_data *data, double fract
         pliant_grasp_constraint *grasp = grasp_constraint_of(data, t);
         const double own = dynamic ? fraction * limit_speed(model, data, tool, leg, fraction)
                                    : fmin(fraction, fraction_of(model, data, t, false));
-        leg->goal = pliant_pose_interpolate(&leg->begin, &leg->measured, own);
+        leg->goal = pliant_pose_interpolate(&leg->begin, &leg->behind, own);
         for (int k = 0; k < 3; k++) leg->yields[k] *= data->fraction; /* as far in a step, however many legs it has */
-        pliant_proxy_linearize(model, tool, &leg->begin, &leg->goal, &leg->before, leg->piece_compliance,
-                               leg->yields, &leg->ahead, data->legs->proxy + 2 * t, data->legs->limit + 3 * t);
+        linearize(model, data, t, &leg->goal, &leg->ahead, data->legs->proxy + 2 * t, data->legs->limit + 3 * t);
         if (data->tled) leg->goal = leg->ahead;
         memcpy(tool->tip, leg->ahead.tip, sizeof tool->tip);
         memcpy(tool->rotation, leg->ahead.rotation, sizeof tool->rotation);
@@ -428,7 +463,8 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
 {
     pliant_statistics *statistics = &data->statistics;
     const int32_t limit = data->solver ? data->solver->rules.max_evaluations : 0;
-    begin_leg(data, budget->first);
+    pliant_status status = begin_leg(data, budget->first);
+    if (status != PLIANT_OK) return status;
     const double fraction = is_dynamic(data) ? choose_part(model, data) : choose_fraction(model, data);
     /* after a leg without progress, the tissue alone moves */
     const bool holds = !is_dynamic(data) && budget->completed < PLIANT_ADVANCE_MIN_PROGRESS;
@@ -438,7 +474,7 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
     data->legs->blocked = budget->completed < 1;
     data->legs->use_plane_constraints = data->legs->use_plane_constraints || data->legs->blocked;
     pliant_patch_suspend(data, data->legs->blocked);
-    pliant_status status = pliant_run_stage(model, data, PLIANT_STEP_contact, find_points);
+    status = pliant_run_stage(model, data, PLIANT_STEP_contact, find_points);
     if (status != PLIANT_OK) return status;
     if (data->solver) data->solver->rules.max_evaluations = choose_evaluations(budget, fraction);
     status = solve(model, data, warning);
@@ -506,9 +542,10 @@ pliant_status pliant_legs_find(const pliant_model *model, pliant_data *data)
 {
     if (!data->legs && !(data->legs = pliant_calloc(1, sizeof *data->legs))) return pliant_fail_memory("contacts");
     pliant_status status = begin_step(model, data);
-    begin_leg(data, true);
+    if (status == PLIANT_OK) status = begin_leg(data, true);
+    if (status != PLIANT_OK) return status;
     set_goals(model, data, 1);
-    return status == PLIANT_OK ? pliant_contact_find_points(model, data) : status;
+    return pliant_contact_find_points(model, data);
 }
 
 void pliant_legs_set_goals_reached(pliant_data *data)

@@ -22,6 +22,7 @@
 #include "contact/detect/part_contacts.h"
 #include "fem/quasistatic/contact.h"
 #include "fem/rigid/rigid_pieces.h"
+#include "sim/step/missing_compliance.h"
 #include "sim/step/proxy.h"
 
 #ifdef __cplusplus
@@ -31,10 +32,12 @@ extern "C" {
 /* One tool during a step. */
 typedef struct pliant_leg_tool {
     pliant_tool_pose measured;     /* target pose */
+    pliant_tool_pose behind;       /* explicit dynamics: where the proxy goes in this leg; otherwise the target pose */
     /* proxy poses in this leg: at its start; predicted at its end; desired, and after the solve the solved one */
     pliant_tool_pose begin, ahead, goal;
     double free_fraction;       /* fraction of the leg that this tool's island can make; 1 in quasi-static steps */
     double piece_compliance[2]; /* pliant_proxy_compliance with the contact points of the previous leg */
+    double missing_compliance[2]; /* pliant_missing_compliance, likewise */
     double yields[3];           /* pliant_proxy_estimate_tissue_compliance; 0 in quasi-static steps */
     double target[3];           /* grasp target at the target pose [m] */
     pliant_proxy_load before;   /* load on the proxy at the start of the leg */
@@ -46,6 +49,7 @@ struct pliant_legs {
     pliant_touch_limit limit[3 * PLIANT_MAX_TOOLS]; /* of each proxy's force, torque, and jaws */
     pliant_contact_bodies bodies;    /* rigid pieces and proxies */
     double completed;                /* smallest fraction that anything made in this leg */
+    pliant_node_loads node_loads;    /* buffer */
     bool blocked;                  /* the previous leg was blocked */
     bool limited_by_elements;      /* the volume bound shortened this leg */
     bool use_plane_constraints; /* a leg of this step, or the last leg of the previous one, was blocked */

@@ -280,5 +280,6 @@ void pliant_legs_free(pliant_data *data)
     pliant_free(legs->points.point);
     pliant_free(legs->mean_points.point);
     pliant_free(legs->merged.point);
+    pliant_free(legs->node_loads.load);
     pliant_free(legs);
 }

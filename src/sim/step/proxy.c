@@ -148,16 +148,16 @@ pliant_tool_pose pliant_proxy_pose_under_load(const pliant_tool *tool, const pli
     return out;
 }
 
-/* Return the compliance of a coupling for this distance between proxy and goal. Near the force limit the compliance
- * increases, so that the load stays below the limit. If the compliance of the tissue is known, the proxy moves to where
- * the load will be the limit. */
-static double coupling_compliance(const pliant_contact_settings *settings, double stiffness, double error, double load,
+/* Return the compliance of a coupling for this distance between proxy and goal. It is `least` for small loads. Near the
+ * force limit the compliance increases, so that the load stays below the limit. If the compliance of the tissue is
+ * known, the proxy moves to where the load will be the limit. */
+static double coupling_compliance(const pliant_contact_settings *settings, double least, double error, double load,
                                   double limit, double yields)
 {
     const double slope = 1 / settings->soft_width,
                  softens = fmin(fmax(slope * load / limit - slope * settings->soft_begin, 0), 1);
-    if (yields > 0) return fmax(1 / stiffness, (error + yields * (load - limit)) / load);
-    return fmax(1 / stiffness, softens * error / limit);
+    if (yields > 0) return fmax(least, (error + yields * (load - limit)) / load);
+    return fmax(least, softens * error / limit);
 }
 
 static double reach_of(const pliant_tool *tool)
@@ -180,9 +180,9 @@ static void turn_between(const double from[4], const double to[4], double turn[3
 }
 
 void pliant_proxy_linearize(const pliant_model *model, const pliant_tool *tool, const pliant_tool_pose *begin,
-                            const pliant_tool_pose *goal, const pliant_proxy_load *before,
-                            const double piece_compliance[2], const double yields[3], pliant_tool_pose *ahead,
-                            pliant_contact_body out[2], pliant_touch_limit limit[3])
+                            const pliant_tool_pose *goal, const pliant_proxy_load *before, const double added[2],
+                            const double yields[3], pliant_tool_pose *ahead, pliant_contact_body out[2],
+                            pliant_touch_limit limit[3])
 {
     const pliant_scene *scene = &model->scene;
     const double maximum = scene->contact.max_force, lever = maximum * fmax(reach_of(tool), 1e-3),
@@ -191,24 +191,21 @@ void pliant_proxy_linearize(const pliant_model *model, const pliant_tool *tool, 
     const double *wrench = before->wrench, *pulls = yields[0] > 0 ? none : tool->proxy.coupling_load;
     const double loads[3] = {fmax(pliant_length3(wrench), pulls[0]), fmax(pliant_length3(wrench + 3), pulls[1]),
                              fmax(fabs(before->jaw), pulls[2])};
-    const double shift =
-        coupling_compliance(&model->contact, scene->contact.coupling_stiffness, pliant_distance3(begin->tip, goal->tip),
-                            loads[0], maximum, yields[0]);
-    const double turn =
-        coupling_compliance(&model->contact, turn_stiffness, pliant_rotation_angle(begin->rotation, goal->rotation),
-                            loads[1], lever, yields[1]);
-    const double jaw = coupling_compliance(&model->contact, turn_stiffness, fabs(goal->jaw - begin->jaw), loads[2],
-                                           scene->contact.grip_torque, yields[2]) +
-                       piece_compliance[1];
+    const double least[3] = {1 / scene->contact.coupling_stiffness + added[0], 1 / turn_stiffness,
+                             1 / turn_stiffness + added[1]};
+    const double shift = coupling_compliance(&model->contact, least[0], pliant_distance3(begin->tip, goal->tip),
+                                             loads[0], maximum, yields[0]);
+    const double turn = coupling_compliance(
+        &model->contact, least[1], pliant_rotation_angle(begin->rotation, goal->rotation), loads[1], lever, yields[1]);
+    const double jaw = coupling_compliance(&model->contact, least[2], fabs(goal->jaw - begin->jaw), loads[2],
+                                           scene->contact.grip_torque, yields[2]);
     double *axis = limit[2].axis;
-    limit[0] = (pliant_touch_limit){.load = maximum,
-                                    .compliance = 1 / scene->contact.coupling_stiffness + piece_compliance[0]};
-    limit[1] = (pliant_touch_limit){.load = lever, .compliance = 1 / turn_stiffness};
-    limit[2] = (pliant_touch_limit){.load = scene->contact.grip_torque,
-                                    .compliance = 1 / turn_stiffness + piece_compliance[1]};
+    limit[0] = (pliant_touch_limit){.load = maximum, .compliance = least[0]};
+    limit[1] = (pliant_touch_limit){.load = lever, .compliance = least[1]};
+    limit[2] = (pliant_touch_limit){.load = scene->contact.grip_torque, .compliance = least[2]};
     for (int k = 0; k < 3; k++) limit[k].is_near = loads[k] > model->contact.soft_begin * limit[k].load;
     memset(out, 0, 2 * sizeof *out);
-    for (int k = 0; k < 6; k++) out[0].compliance[7 * k] = k < 3 ? shift + piece_compliance[0] : turn;
+    for (int k = 0; k < 6; k++) out[0].compliance[7 * k] = k < 3 ? shift : turn;
     pliant_tool_joint(tool, goal, out[1].centre, axis);
     for (int r = 0; r < 3; r++)
         for (int c = 0; c < 3; c++) out[1].compliance[6 * (3 + r) + 3 + c] = jaw * axis[r] * axis[c];
