@@ -250,9 +250,9 @@ static void place(const int32_t tet[4], const double *from, const double *to, co
         }
 }
 
-/* Shorten the motion of an element's nodes until it keeps its volume. Return whether it was too small. */
-static bool hold_back(const pliant_contact_settings *settings, const int32_t tet[4], const double *rest,
-                      const double *from, const double *to, double *fraction)
+/* Return the fraction of the leg in which an element keeps its volume, if each node makes its own fraction of it. */
+static double fraction_of_mixed(const pliant_contact_settings *settings, const int32_t tet[4], const double *rest,
+                                const double *from, const double *to, const double *fraction)
 {
     static const int32_t own[4] = {0, 1, 2, 3};
     double begin[4][3], end[4][3], relaxed[4][3];
@@ -261,7 +261,20 @@ static bool hold_back(const pliant_contact_settings *settings, const int32_t tet
         memcpy(relaxed[k], rest + 3 * (size_t)tet[k], sizeof relaxed[k]);
     }
     place(tet, from, to, fraction, end);
-    const double time = fraction_of(settings, own, &relaxed[0][0], &begin[0][0], &end[0][0]);
+    return fraction_of(settings, own, &relaxed[0][0], &begin[0][0], &end[0][0]);
+}
+
+bool pliant_volume_is_kept(const pliant_contact_settings *settings, const pliant_mesh *mesh, int32_t element,
+                           const double *from, const double *to, const double *fraction)
+{
+    return fraction_of_mixed(settings, mesh->tets + 4 * (size_t)element, mesh->rest, from, to, fraction) == 1;
+}
+
+/* Shorten the motion of an element's nodes until it keeps its volume. Return whether it was too small. */
+static bool hold_back(const pliant_contact_settings *settings, const int32_t tet[4], const double *rest,
+                      const double *from, const double *to, double *fraction)
+{
+    const double time = fraction_of_mixed(settings, tet, rest, from, to, fraction);
     for (int k = 0; k < 4; k++) fraction[tet[k]] *= time;
     return time < 1;
 }

@@ -44,6 +44,10 @@ double pliant_volume_lacking(const pliant_contact_settings *settings, const plia
 int32_t pliant_volume_bound_motion(const pliant_contact_settings *settings, const pliant_mesh *mesh, const double *from,
                                    const double *to, const int32_t *piece_of_node, int num_threads, double *fraction);
 
+/* Return whether an element keeps that limit if each node makes its own fraction of the leg. Parameters as above. */
+bool pliant_volume_is_kept(const pliant_contact_settings *settings, const pliant_mesh *mesh, int32_t element,
+                           const double *from, const double *to, const double *fraction);
+
 /* Return the largest fraction of a leg in which no element becomes smaller than that limit, if all nodes make the
  * same fraction of their motion. Parameters as above. */
 double pliant_volume_advance(const pliant_contact_settings *settings, const pliant_mesh *mesh, const double *from,

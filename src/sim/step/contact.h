@@ -26,7 +26,7 @@ pliant_status pliant_contact_advance(const pliant_model *model, pliant_data *dat
 /* Find the largest fraction of a leg in which no tissue passes through tissue. Errors: MEMORY. */
 pliant_status pliant_contact_advance_tissue(const pliant_model *model, pliant_data *data, double *fraction);
 /* For debug builds: check the invariant after a leg, by other algorithms than pliant_contact_advance. Return whether no
- * tissue is in the core of a part, except of parts that started inside tissue. True without memory for the check. */
+ * tissue is in the core of a part. True if a pair overlapped when the leg began, or without memory for the check. */
 bool pliant_contact_is_outside_cores(const pliant_model *model, pliant_data *data);
 /* Move the contact points of tools from the proxies' predicted poses to their poses after the leg. */
 void pliant_contact_follow_proxies(pliant_data *data);

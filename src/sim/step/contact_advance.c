@@ -2,6 +2,7 @@
 #include "base/fail.h"
 #include "fem/dynamics/tled.h"
 #include "base/memory.h"
+#include "contact/advance/pair.h"
 #include "sim/step/contact_workspace.h"
 #include "tool/clearance.h"
 
@@ -107,12 +108,17 @@ bool pliant_contact_is_outside_cores(const pliant_model *model, pliant_data *dat
     pliant_contact_search *search = data->contact_search;
     const pliant_body *body = NULL;
     const double *positions = NULL;
+    const pliant_advance_pair *pair = NULL;
     pliant_advance_audit_result found;
+    for (int32_t n = pliant_advance_get_pairs(search->advance, &pair); n > 0; n--)
+        if (pair[n - 1].exempt) return true;
     if (pliant_contact_find_surface(model, data, &body, &positions) != PLIANT_OK) return true;
-    for (int32_t p = 0; p < search->num_parts; p++)
+    for (int32_t p = 0; p < search->num_parts; p++) {
+        search->advance_part[p].released = false;
         if (leg_of_part(data, p))
             search->advance_part[p].from = search->advance_part[p].to =
                 pliant_tool_proxy(data->tools + search->part[p].tool);
+    }
     return pliant_advance_audit(search->advance, body->num_triangles, body->triangles, positions, search->num_parts,
                                 search->advance_part, data->discretization->system->num_threads, &found) != PLIANT_OK ||
            (found.minimum > 0 && found.crossings == 0);

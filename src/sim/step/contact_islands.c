@@ -3,6 +3,7 @@
 #include "base/memory.h"
 #include "base/union_find.h"
 #include "contact/advance/pair.h"
+#include "contact/volume/volume_bound.h"
 #include "sim/step/contact_workspace.h"
 
 #include <math.h>
@@ -35,35 +36,76 @@ static int32_t join_triangle(const pliant_contact_surface *outside, const int32_
     return first;
 }
 
-pliant_status pliant_contact_find_islands(const pliant_model *model, pliant_data *data, const pliant_body *surface)
+/* Join the triangles of all pairs, and their tools. Set the fraction of each island's root.
+ * Return the smallest fraction of pairs with obstacles. */
+static double join_pairs(const pliant_contact_search *search, const pliant_contact_surface *outside,
+                         const pliant_body *surface, pliant_legs *legs)
 {
-    const pliant_contact_search *search = data->contact_search;
-    const pliant_contact_surface *outside = pliant_contact_is_within_elements(model) ? &search->outside : NULL;
-    const int32_t nodes = data->body->fine.num_nodes;
     const pliant_advance_pair *pair = NULL;
-    const int32_t num_pairs = pliant_advance_get_pairs(search->advance, &pair);
-    pliant_status status = pliant_legs_reserve_fractions(data);
-    if (status != PLIANT_OK) return status;
-    int32_t *island = data->legs->island;
-    double *fraction = data->legs->fraction, obstacles = 1;
-    for (int32_t n = 0; n < nodes + PLIANT_MAX_TOOLS; n++) island[n] = n;
-    for (int32_t n = 0; n < nodes; n++) fraction[n] = 1;
+    const int32_t num_pairs = pliant_advance_get_pairs(search->advance, &pair), nodes = surface->fine.num_nodes;
+    double obstacles = 1;
     for (int32_t p = 0; p < num_pairs; p++) {
         const pliant_moving_part *part = search->part + pair[p].part;
-        const int32_t first = join_triangle(outside, surface->triangles + 3 * (size_t)pair[p].triangle, island);
-        if (part->kind == PLIANT_OBSTACLE_TOOL) pliant_set_join(island, first, nodes + part->tool);
+        const int32_t first = join_triangle(outside, surface->triangles + 3 * (size_t)pair[p].triangle, legs->island);
+        if (part->kind == PLIANT_OBSTACLE_TOOL)
+            pliant_set_join(legs->island, first, nodes + part->tool);
         else obstacles = fmin(obstacles, pair[p].t);
     }
     for (int32_t p = 0; p < num_pairs; p++) {
         const int32_t *corner = surface->triangles + 3 * (size_t)pair[p].triangle;
-        const int32_t root = pliant_set_root(island, join_triangle(outside, corner, island));
-        fraction[root] = fmin(fraction[root], pair[p].t);
+        double *fraction = legs->fraction + pliant_set_root(legs->island, join_triangle(outside, corner, legs->island));
+        *fraction = fmin(*fraction, pair[p].t);
     }
-    for (int32_t n = 0; n < nodes; n++) /* a root comes first */
-        fraction[n] = fmin(fraction[pliant_set_root(island, n)], obstacles);
+    return obstacles;
+}
+
+/* Give each node the smallest fraction in its island. A root comes before the other nodes. */
+static void spread_fractions(int32_t nodes, pliant_legs *legs)
+{
+    for (int32_t n = 0; n < nodes; n++) {
+        double *root = legs->fraction + pliant_set_root(legs->island, n);
+        *root = fmin(*root, legs->fraction[n]);
+    }
+    for (int32_t n = 0; n < nodes; n++) legs->fraction[n] = legs->fraction[pliant_set_root(legs->island, n)];
+}
+
+/* Join the nodes of elements that different fractions would make too small. Return whether there is one. */
+static bool join_elements(const pliant_model *model, pliant_data *data)
+{
+    const pliant_mesh *mesh = &data->body->fine;
+    pliant_legs *legs = data->legs;
+    bool found = false;
+    for (int32_t t = 0; t < mesh->num_tets; t++) {
+        const int32_t *node = mesh->tets + 4 * (size_t)t;
+        const double first = legs->fraction[node[0]];
+        bool differ = false;
+        for (int k = 1; k < 4; k++) differ = differ || legs->fraction[node[k]] != first;
+        if (!differ ||
+            pliant_volume_is_kept(&model->contact, mesh, t, legs->positions, data->positions, legs->fraction))
+            continue;
+        for (int k = 1; k < 4; k++) pliant_set_join(legs->island, node[0], node[k]);
+        found = true;
+    }
+    return found;
+}
+
+pliant_status pliant_contact_find_islands(const pliant_model *model, pliant_data *data, const pliant_body *surface)
+{
+    pliant_contact_search *search = data->contact_search;
+    const int32_t nodes = data->body->fine.num_nodes;
+    pliant_legs *legs = data->legs;
+    const pliant_status status = pliant_legs_reserve_fractions(data);
+    if (status != PLIANT_OK) return status;
+    for (int32_t n = 0; n < nodes + PLIANT_MAX_TOOLS; n++) legs->island[n] = n;
+    for (int32_t n = 0; n < nodes; n++) legs->fraction[n] = 1;
+    const double obstacles =
+        join_pairs(search, pliant_contact_is_within_elements(model) ? &search->outside : NULL, surface, legs);
+    do spread_fractions(nodes, legs);
+    while (join_elements(model, data)); /* ends, because each pass joins islands */
+    for (int32_t n = 0; n < nodes; n++) legs->fraction[n] = fmin(legs->fraction[n], obstacles);
     for (int t = 0; t < data->num_tools; t++) {
-        const int32_t root = pliant_set_root(island, nodes + t);
-        data->legs->tool[t].free_fraction = root < nodes ? fraction[root] : 1;
+        const int32_t root = pliant_set_root(legs->island, nodes + t);
+        legs->tool[t].free_fraction = root < nodes ? legs->fraction[root] : 1;
     }
     return PLIANT_OK;
 }

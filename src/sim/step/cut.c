@@ -169,7 +169,8 @@ static bool cut_to_blade(const knife *work)
     return true;
 }
 
-/* Cut the faces in which the stroke ends: a short sweep up to the cut's end. */
+/* Cut the faces in which the stroke ends: a short sweep up to the cut's end. A stroke that has cut nothing has no
+ * direction. */
 static void end_stroke(const knife *work)
 {
     pliant_blade *blade = &work->tool->blade;
@@ -178,7 +179,7 @@ static void end_stroke(const knife *work)
     for (int32_t p = 0; p < edge->count; p++)
         for (int d = 0; d < 3; d++)
             edge->swept[3 * p + d] = edge->place[3 * p + d] - overlap_distance * work->min_edge * blade->direction[d];
-    part(work, edge->swept, edge->place, true);
+    if (pliant_length3(blade->direction) > 0) part(work, edge->swept, edge->place, true);
     pliant_blade_end_stroke(work->tool);
 }
 

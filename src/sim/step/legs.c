@@ -23,12 +23,13 @@ static bool is_dynamic(const pliant_data *data) { return data->tled && !data->tl
 
 /* ---- start of the step: target poses, and proxies of tools that are new or have jumped */
 
-/* Return whether the target moves too fast, or is too far from the proxy, to be followed. */
+/* Return whether the target moves too fast, or is too far from the proxy, to be followed. The missing depth does not
+ * count. */
 static bool has_jumped(const pliant_model *model, const pliant_tool *tool)
 {
-    return pliant_distance3(tool->tip, tool->proxy.target) >
-               model->contact.max_tool_speed * model->scene.solver.step ||
-           pliant_distance3(tool->tip, tool->proxy.tip) > model->scene.contact.max_proxy_error;
+    const double missing = tool->proxy.missing_compliance * tool->proxy.coupling_load[0];
+    return pliant_distance3(tool->tip, tool->proxy.target) > model->contact.max_tool_speed * model->scene.solver.step ||
+           pliant_distance3(tool->tip, tool->proxy.tip) - missing > model->scene.contact.max_proxy_error;
 }
 
 /* Set the proxy of a new tool to its target. If it is then inside tissue, it is released: it has no contact until
@@ -49,6 +50,13 @@ static pliant_status place_proxy(const pliant_model *model, pliant_data *data, i
     else if (!is_free || is_inside) return PLIANT_OK;
     pliant_tool_set_proxy(tool, &measured);
     memset(tool->proxy.coupling_load, 0, sizeof tool->proxy.coupling_load);
+    for (int32_t p = 0; p < data->contacts.count; p++) { /* forces at the pose that the proxy has left */
+        pliant_contact_point *point = data->contacts.point + p;
+        if (point->kind == PLIANT_OBSTACLE_TOOL && point->tool == t) {
+            memset(point->force, 0, sizeof point->force);
+            point->was_pressed = false;
+        }
+    }
     return PLIANT_OK;
 }
 
@@ -129,14 +137,15 @@ static pliant_tool_pose pose_behind_target(const pliant_tool *tool, const pliant
 
 /* Save the proxies' poses and loads at the start of a leg. In explicit dynamics, the load is the mean over about one
  * step, because contacts of tissue that vibrates open and close: update_loads filters it within a step. */
-static pliant_status begin_leg(pliant_data *data, bool first)
+static pliant_status begin_leg(const pliant_model *model, pliant_data *data)
 {
+    (void)model;
     pliant_status status = PLIANT_OK;
     for (int t = 0; t < data->num_tools && status == PLIANT_OK; t++) {
         pliant_leg_tool *leg = data->legs->tool + t;
         double joint[3], axis[3];
         leg->begin = pliant_tool_proxy(data->tools + t);
-        if (first || !data->tled) pliant_proxy_find_load(data, t, &leg->begin, &leg->before);
+        if (data->legs->first || !data->tled) pliant_proxy_find_load(data, t, &leg->begin, &leg->before);
         pliant_tool_joint(data->tools + t, &leg->begin, joint, axis);
         pliant_proxy_compliance(data, t, true, joint, axis, leg->piece_compliance);
         status = pliant_missing_compliance(data, t, &leg->begin, &leg->measured, &data->legs->node_loads,
@@ -208,7 +217,7 @@ static double limit_speed(const pliant_model *model, const pliant_data *data, co
 {
     const double maximum = model->contact.max_tool_speed * model->scene.solver.step * data->fraction;
     const double distance =
-        tool->shape.num_parts > 0 ? fraction * pliant_tool_max_motion(tool, &leg->begin, &leg->measured) : 0;
+        tool->shape.num_parts > 0 ? fraction * pliant_tool_max_motion(tool, &leg->begin, &leg->behind) : 0;
     return distance > maximum ? maximum / distance : 1;
 }
 
@@ -463,7 +472,8 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
 {
     pliant_statistics *statistics = &data->statistics;
     const int32_t limit = data->solver ? data->solver->rules.max_evaluations : 0;
-    pliant_status status = begin_leg(data, budget->first);
+    data->legs->first = budget->first;
+    pliant_status status = pliant_run_stage(model, data, PLIANT_STEP_contact, begin_leg);
     if (status != PLIANT_OK) return status;
     const double fraction = is_dynamic(data) ? choose_part(model, data) : choose_fraction(model, data);
     /* after a leg without progress, the tissue alone moves */
@@ -542,7 +552,8 @@ pliant_status pliant_legs_find(const pliant_model *model, pliant_data *data)
 {
     if (!data->legs && !(data->legs = pliant_calloc(1, sizeof *data->legs))) return pliant_fail_memory("contacts");
     pliant_status status = begin_step(model, data);
-    if (status == PLIANT_OK) status = begin_leg(data, true);
+    data->legs->first = true;
+    if (status == PLIANT_OK) status = begin_leg(model, data);
     if (status != PLIANT_OK) return status;
     set_goals(model, data, 1);
     return pliant_contact_find_points(model, data);
@@ -564,5 +575,6 @@ void pliant_legs_skip(pliant_data *data)
         const pliant_tool_pose measured = pliant_tool_measured(data->tools + t);
         pliant_tool_set_proxy(data->tools + t, &measured);
         set_followed(data->tools + t);
+        data->tools[t].proxy.missing_compliance = 0;
     }
 }

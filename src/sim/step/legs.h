@@ -50,6 +50,7 @@ struct pliant_legs {
     pliant_contact_bodies bodies;    /* rigid pieces and proxies */
     double completed;                /* smallest fraction that anything made in this leg */
     pliant_node_loads node_loads;    /* buffer */
+    bool first;                      /* this is the first leg of the step */
     bool blocked;                  /* the previous leg was blocked */
     bool limited_by_elements;      /* the volume bound shortened this leg */
     bool use_plane_constraints; /* a leg of this step, or the last leg of the previous one, was blocked */

@@ -26,6 +26,7 @@ typedef struct pressed_part {
     double middle[3];           /* mean position of the points on the part, weighted by forces [m] */
     double rest[3];             /* the same of the tissue at rest [m] */
     double outward[3];          /* sum of their normals, weighted by forces [N] */
+    double rest_outward[3];     /* the same of the tissue at rest, weighted by forces [N] */
     double reach;               /* largest distance of a point from it [m] */
     double spread;              /* mean variance of the points' weights per direction along the surface [m^2] */
     double cell;                /* edge of a cell [m] */
@@ -97,20 +98,22 @@ static int compare_loads(const void *a, const void *b)
                               : (x->order > y->order) - (x->order < y->order);
 }
 
-/* Add the force of a point at its nodes, and the variance of its weights along the surface. */
+/* Add the force of a point at its nodes, and the variance of its weights along the surface at rest. */
 static void add_loads(const pliant_contact_point *point, int32_t count, const int32_t *node, const double *weight,
                       pressed_part *of, pliant_node_loads *out)
 {
-    double mean[3] = {0, 0, 0}, square = 0;
+    double mean[3] = {0, 0, 0}, normal[3], square = 0;
+    memcpy(normal, of->rest_outward, sizeof normal);
+    pliant_normalize3(normal);
     for (int32_t k = 0; k < count; k++) {
         pliant_node_load *load = out->load + out->count;
         double from[3];
         *load = (pliant_node_load){.node = node[k], .order = out->count++};
         for (int d = 0; d < 3; d++) load->force[d] = weight[k] * point->force[d];
         pliant_subtract3(of->mesh->rest + 3 * (size_t)node[k], of->mesh->rest + 3 * (size_t)node[0], from);
-        const double across = pliant_dot3(from, point->normal);
+        const double across = pliant_dot3(from, normal);
         for (int d = 0; d < 3; d++) {
-            from[d] -= across * point->normal[d];
+            from[d] -= across * normal[d];
             mean[d] += weight[k] * from[d];
         }
         square += weight[k] * pliant_dot3(from, from);
@@ -155,13 +158,13 @@ static pliant_status gather_loads(pressed_part *of, pliant_node_loads *out)
     return PLIANT_OK;
 }
 
-/* Return the distance of two nodes along the surface, in cells. Nodes below each other act as one: where the tissue
- * ends within a cell, the nodes of both of its sides carry the load. */
+/* Return the distance of two nodes along the surface at rest, in cells. Nodes below each other act as one: where the
+ * tissue ends within a cell, the nodes of both of its sides carry the load. */
 static double distance_along(const pressed_part *of, int32_t a, int32_t b)
 {
     double apart[3];
     pliant_subtract3(of->mesh->rest + 3 * (size_t)a, of->mesh->rest + 3 * (size_t)b, apart);
-    const double across = pliant_dot3(apart, of->outward) / pliant_length3(of->outward);
+    const double across = pliant_dot3(apart, of->rest_outward) / pliant_length3(of->rest_outward);
     return sqrt(fmax(pliant_dot3(apart, apart) - across * across, 0)) / of->cell;
 }
 
@@ -180,6 +183,25 @@ static double lattice_work(const pressed_part *of, const pliant_node_loads *load
 
 /* ---- the contact */
 
+/* Add the normal of a point in the tissue at rest, F'n for the deformation gradient F of a tetrahedron (Nanson). */
+static void add_rest_normal(const pliant_contact_point *point, int32_t tet, double size, pressed_part *of)
+{
+    const int32_t *node = of->data->body->fine.tets + 4 * (size_t)tet;
+    double rest[3][3], out[3] = {0, 0, 0};
+    for (int k = 0; k < 3; k++)
+        pliant_subtract3(of->data->body->fine.rest + 3 * (size_t)node[k + 1],
+                         of->data->body->fine.rest + 3 * (size_t)node[0], rest[k]);
+    for (int k = 0; k < 3; k++) {
+        double edge[3], across[3];
+        pliant_subtract3(of->data->positions + 3 * (size_t)node[k + 1], of->data->positions + 3 * (size_t)node[0],
+                         edge);
+        pliant_cross3(rest[(k + 1) % 3], rest[(k + 2) % 3], across);
+        for (int d = 0; d < 3; d++) out[d] += pliant_dot3(edge, point->normal) * across[d];
+    }
+    pliant_normalize3(out);
+    for (int d = 0; d < 3; d++) of->rest_outward[d] += size * out[d];
+}
+
 static void add_point(const pliant_contact_point *point, pressed_part *of)
 {
     const pliant_body *body = of->data->body;
@@ -197,6 +219,7 @@ static void add_point(const pliant_contact_point *point, pressed_part *of)
     for (int d = 0; d < 3; d++) of->rest[d] += size * rest[d];
     const int32_t tet = pliant_mesh_locate(&body->fine, rest, weight);
     if (tet < 0) return;
+    add_rest_normal(point, tet, size, of);
     const pliant_tet_material *material = body->fine_material + tet;
     const double lambda = material->lambda, mu = material->mu;
     if (!(mu > 0)) return;
@@ -226,7 +249,9 @@ static bool find_contact(const pliant_tool_pose *pose, pressed_part *of)
     for (int32_t p = 0; p < contacts->count; p++)
         if (is_of(of, contacts->point + p)) add_point(contacts->point + p, of);
     of->size = pliant_length3(of->force);
-    if (!(of->size > 0) || !(of->compliance > 0) || !(pliant_length3(of->outward) > 0)) return false;
+    if (!(of->size > 0) || !(of->compliance > 0) || !(pliant_length3(of->outward) > 0) ||
+        !(pliant_length3(of->rest_outward) > 0))
+        return false;
     for (int d = 0; d < 3; d++) {
         of->middle[d] /= of->sum;
         of->rest[d] /= of->sum;
@@ -389,13 +414,18 @@ static half_space find_half_space(const profile part[2], double cell, double smo
                         .weight = 1 - fmin(curved, 1) * (1 - few)};
 }
 
-/* Compute the same for the lattice [m]. */
-static pliant_status lattice_depth(pressed_part *of, pliant_node_loads *loads, double *depth)
+/* Compute the same for the lattice [m].
+ * @param few out: 1, or less if a contact of many nodes lacks little compliance: 0 from MANY nodes on, which take too
+ *            much time */
+static pliant_status lattice_depth(pressed_part *of, pliant_node_loads *loads, double *depth, double *few)
 {
+    enum { MANY = 512 };
     const pliant_contacts *contacts = &of->data->contacts;
     double response[4];
     pliant_status status = gather_loads(of, loads);
-    if (status != PLIANT_OK) return status;
+    *depth = 0;
+    *few = fmin(fmax(2 - 2.0 * loads->count / MANY, 0), 1);
+    if (status != PLIANT_OK || !(*few > 0)) return status;
     find_response(of->data->model->scene.element.kind == PLIANT_HEXAHEDRA, of->poisson, response);
     *depth = lattice_work(of, loads, response) / of->size * of->compliance / of->cell;
     double height = 0;
@@ -416,11 +446,11 @@ static double known_fraction(const pressed_part *of)
 {
     enum { STEPS = 6 }; /* of half a cell */
     const pliant_body *body = of->data->body;
-    const double length = pliant_length3(of->outward);
+    const double length = pliant_length3(of->rest_outward);
     double cells = 0;
     for (int k = 0; k < STEPS; k++) {
         double at[3], weight[4];
-        for (int d = 0; d < 3; d++) at[d] = of->rest[d] + (0.5 * k + 0.25) * of->cell / length * of->outward[d];
+        for (int d = 0; d < 3; d++) at[d] = of->rest[d] + (0.5 * k + 0.25) * of->cell / length * of->rest_outward[d];
         const int32_t tet = pliant_mesh_locate(&body->fine, at, weight);
         if (tet < 0) break;
         cells += 0.5 * body->fine_material[tet].tissue;
@@ -457,30 +487,49 @@ static double missing_depth(const pressed_part *of, const pliant_tool_pose *goal
     return known_fraction(of) * fmax(missing, 0);
 }
 
+/* Return the sum of the torques of the part's forces about the axis of the jaws, without signs [N m]. */
+static double jaw_torque(const pressed_part *of, const pliant_tool_pose *pose)
+{
+    const pliant_contacts *contacts = &of->data->contacts;
+    double joint[3], axis[3], sum = 0;
+    pliant_tool_joint(of->data->tools + of->tool, pose, joint, axis);
+    for (int32_t p = 0; p < contacts->count; p++) {
+        const pliant_contact_point *point = contacts->point + p;
+        double lever[3], torque[3];
+        if (!is_of(of, point)) continue;
+        pliant_subtract3(point->place, joint, lever);
+        pliant_cross3(lever, point->force, torque);
+        sum += fabs(0.5 * point->jaw * pliant_dot3(axis, torque));
+    }
+    return sum;
+}
+
 pliant_status pliant_missing_compliance(const pliant_data *data, int tool, const pliant_tool_pose *pose,
                                         const pliant_tool_pose *goal, pliant_node_loads *buffer, double out[2])
 {
-    double work[2] = {0, 0}, sum = 0; /* of all parts, and of the parts on jaws [N m]; of forces [N] */
-    pliant_proxy_load load;
+    /* of all parts, and of the parts on jaws [N m]; forces [N]; torques on the jaws [N m] */
+    double work[2] = {0, 0}, sum = 0, total[3] = {0, 0, 0}, torque = 0;
     out[0] = out[1] = 0;
     const pliant_mesh *mesh = pliant_felt_mesh(data, tool);
     if (!pliant_adds_missing_compliance(data, tool)) return PLIANT_OK;
     for (int32_t p = 0; p < data->tools[tool].shape.num_parts && data->contacts.count > 0; p++) {
         pressed_part part = {.data = data, .mesh = mesh, .tool = tool, .part = p};
-        double lattice_part;
+        double lattice, few;
         if (!find_contact(pose, &part)) continue;
         find_tangents(&part);
-        const pliant_status status = lattice_depth(&part, buffer, &lattice_part);
+        const pliant_status status = lattice_depth(&part, buffer, &lattice, &few);
         if (status != PLIANT_OK) return status;
-        const double missing = missing_depth(&part, goal, lattice_part) * part.size;
+        const double missing = few > 0 ? few * missing_depth(&part, goal, lattice) * part.size : 0;
         sum += part.size;
+        for (int d = 0; d < 3; d++) total[d] += part.force[d];
         work[0] += missing;
-        if (data->tools[tool].shape.part[p].frame != PLIANT_FRAME_TIP) work[1] += missing;
+        if (data->tools[tool].shape.part[p].frame == PLIANT_FRAME_TIP) continue;
+        work[1] += missing;
+        torque += jaw_torque(&part, pose);
     }
     if (!(sum > 0)) return PLIANT_OK;
-    pliant_proxy_find_load(data, tool, pose, &load);
-    const double net = fmin(pliant_length3(load.wrench) / sum, 1);
+    const double net = fmin(pliant_length3(total) / sum, 1);
     out[0] = work[0] / (sum * sum);
-    if (load.jaw != 0) out[1] = work[1] / (load.jaw * load.jaw) * (1 - net * net);
+    if (torque > 0) out[1] = work[1] / (torque * torque) * (1 - net * net);
     return PLIANT_OK;
 }
