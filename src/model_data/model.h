@@ -33,6 +33,7 @@ typedef struct pliant_discretization {
 struct pliant_model {
     pliant_scene scene;
     pliant_contact_settings contact; /* with the values that the scene sets */
+    bool without_missing_compliance; /* for tests that compare backends to rounding errors, which it amplifies */
     const pliant_volume *scan;       /* borrowed; outlives the model */
     const pliant_volume *drawn;      /* the deformed volume: the scan, or `visible_scan` */
     pliant_volume visible_scan;      /* warp/hide_empty: the scan without voxels of empty materials */

@@ -82,6 +82,7 @@ struct Block : Body {
     pliant_status begin()
     {
         const pliant_status status = build();
+        if (status == PLIANT_OK) model->without_missing_compliance = true;
         return status == PLIANT_OK ? place() : status;
     }
     // Move the tools to their start above the block.
@@ -223,6 +224,7 @@ struct RodSheet : Body {
     pliant_status begin()
     {
         const pliant_status status = build();
+        if (status == PLIANT_OK) model->without_missing_compliance = true;
         return status == PLIANT_OK ? place() : status;
     }
     pliant_status place()
@@ -321,6 +323,7 @@ struct Fall : Body {
         const pliant_status status = build();
         int tool;
         if (status != PLIANT_OK) return status;
+        model->without_missing_compliance = true;
         const pliant_tool_shape shape = shape_of(PLIANT_PART_SPHERE, 0.008);
         pliant_tool_add(model, data, "ball", &tool);
         return pliant_tool_set_shape(data, tool, &shape);

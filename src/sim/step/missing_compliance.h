@@ -43,7 +43,8 @@ static inline const pliant_mesh *pliant_felt_mesh(const pliant_data *data, int t
  * lack none. */
 static inline bool pliant_adds_missing_compliance(const pliant_data *data, int tool)
 {
-    return pliant_felt_mesh(data, tool) == &data->body->fine || data->model->scene.model.method != PLIANT_SCHUR;
+    return !data->model->without_missing_compliance &&
+           (pliant_felt_mesh(data, tool) == &data->body->fine || data->model->scene.model.method != PLIANT_SCHUR);
 }
 
 #ifdef __cplusplus
