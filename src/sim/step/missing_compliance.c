@@ -26,7 +26,6 @@ typedef struct pressed_part {
     double middle[3];           /* mean position of the points on the part, weighted by forces [m] */
     double rest[3];             /* the same of the tissue at rest [m] */
     double outward[3];          /* sum of their normals, weighted by forces [N] */
-    double rest_outward[3];     /* the same of the tissue at rest, weighted by forces [N] */
     double reach;               /* largest distance of a point from it [m] */
     double spread;              /* mean variance of the points' weights per direction along the surface [m^2] */
     double cell;                /* edge of a cell [m] */
@@ -98,22 +97,20 @@ static int compare_loads(const void *a, const void *b)
                               : (x->order > y->order) - (x->order < y->order);
 }
 
-/* Add the force of a point at its nodes, and the variance of its weights along the surface at rest. */
+/* Add the force of a point at its nodes, and the variance of its weights along the surface. */
 static void add_loads(const pliant_contact_point *point, int32_t count, const int32_t *node, const double *weight,
                       pressed_part *of, pliant_node_loads *out)
 {
-    double mean[3] = {0, 0, 0}, normal[3], square = 0;
-    memcpy(normal, of->rest_outward, sizeof normal);
-    pliant_normalize3(normal);
+    double mean[3] = {0, 0, 0}, square = 0;
     for (int32_t k = 0; k < count; k++) {
         pliant_node_load *load = out->load + out->count;
         double from[3];
         *load = (pliant_node_load){.node = node[k], .order = out->count++};
         for (int d = 0; d < 3; d++) load->force[d] = weight[k] * point->force[d];
         pliant_subtract3(of->mesh->rest + 3 * (size_t)node[k], of->mesh->rest + 3 * (size_t)node[0], from);
-        const double across = pliant_dot3(from, normal);
+        const double across = pliant_dot3(from, point->normal);
         for (int d = 0; d < 3; d++) {
-            from[d] -= across * normal[d];
+            from[d] -= across * point->normal[d];
             mean[d] += weight[k] * from[d];
         }
         square += weight[k] * pliant_dot3(from, from);
@@ -158,13 +155,13 @@ static pliant_status gather_loads(pressed_part *of, pliant_node_loads *out)
     return PLIANT_OK;
 }
 
-/* Return the distance of two nodes along the surface at rest, in cells. Nodes below each other act as one: where the
+/* Return the distance of two nodes along the surface, in cells. Nodes below each other act as one: where the
  * tissue ends within a cell, the nodes of both of its sides carry the load. */
 static double distance_along(const pressed_part *of, int32_t a, int32_t b)
 {
     double apart[3];
     pliant_subtract3(of->mesh->rest + 3 * (size_t)a, of->mesh->rest + 3 * (size_t)b, apart);
-    const double across = pliant_dot3(apart, of->rest_outward) / pliant_length3(of->rest_outward);
+    const double across = pliant_dot3(apart, of->outward) / pliant_length3(of->outward);
     return sqrt(fmax(pliant_dot3(apart, apart) - across * across, 0)) / of->cell;
 }
 
@@ -183,25 +180,6 @@ static double lattice_work(const pressed_part *of, const pliant_node_loads *load
 
 /* ---- the contact */
 
-/* Add the normal of a point in the tissue at rest, F'n for the deformation gradient F of a tetrahedron (Nanson). */
-static void add_rest_normal(const pliant_contact_point *point, int32_t tet, double size, pressed_part *of)
-{
-    const int32_t *node = of->data->body->fine.tets + 4 * (size_t)tet;
-    double rest[3][3], out[3] = {0, 0, 0};
-    for (int k = 0; k < 3; k++)
-        pliant_subtract3(of->data->body->fine.rest + 3 * (size_t)node[k + 1],
-                         of->data->body->fine.rest + 3 * (size_t)node[0], rest[k]);
-    for (int k = 0; k < 3; k++) {
-        double edge[3], across[3];
-        pliant_subtract3(of->data->positions + 3 * (size_t)node[k + 1], of->data->positions + 3 * (size_t)node[0],
-                         edge);
-        pliant_cross3(rest[(k + 1) % 3], rest[(k + 2) % 3], across);
-        for (int d = 0; d < 3; d++) out[d] += pliant_dot3(edge, point->normal) * across[d];
-    }
-    pliant_normalize3(out);
-    for (int d = 0; d < 3; d++) of->rest_outward[d] += size * out[d];
-}
-
 static void add_point(const pliant_contact_point *point, pressed_part *of)
 {
     const pliant_body *body = of->data->body;
@@ -219,7 +197,6 @@ static void add_point(const pliant_contact_point *point, pressed_part *of)
     for (int d = 0; d < 3; d++) of->rest[d] += size * rest[d];
     const int32_t tet = pliant_mesh_locate(&body->fine, rest, weight);
     if (tet < 0) return;
-    add_rest_normal(point, tet, size, of);
     const pliant_tet_material *material = body->fine_material + tet;
     const double lambda = material->lambda, mu = material->mu;
     if (!(mu > 0)) return;
@@ -249,9 +226,7 @@ static bool find_contact(const pliant_tool_pose *pose, pressed_part *of)
     for (int32_t p = 0; p < contacts->count; p++)
         if (is_of(of, contacts->point + p)) add_point(contacts->point + p, of);
     of->size = pliant_length3(of->force);
-    if (!(of->size > 0) || !(of->compliance > 0) || !(pliant_length3(of->outward) > 0) ||
-        !(pliant_length3(of->rest_outward) > 0))
-        return false;
+    if (!(of->size > 0) || !(of->compliance > 0) || !(pliant_length3(of->outward) > 0)) return false;
     for (int d = 0; d < 3; d++) {
         of->middle[d] /= of->sum;
         of->rest[d] /= of->sum;
@@ -446,11 +421,11 @@ static double known_fraction(const pressed_part *of)
 {
     enum { STEPS = 6 }; /* of half a cell */
     const pliant_body *body = of->data->body;
-    const double length = pliant_length3(of->rest_outward);
+    const double length = pliant_length3(of->outward);
     double cells = 0;
     for (int k = 0; k < STEPS; k++) {
         double at[3], weight[4];
-        for (int d = 0; d < 3; d++) at[d] = of->rest[d] + (0.5 * k + 0.25) * of->cell / length * of->rest_outward[d];
+        for (int d = 0; d < 3; d++) at[d] = of->rest[d] + (0.5 * k + 0.25) * of->cell / length * of->outward[d];
         const int32_t tet = pliant_mesh_locate(&body->fine, at, weight);
         if (tet < 0) break;
         cells += 0.5 * body->fine_material[tet].tissue;
