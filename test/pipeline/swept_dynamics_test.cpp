@@ -130,8 +130,8 @@ TEST(SweptDynamics, ACopyGoesOnToTheBit)
     }
 }
 
-// Two plates crush a strip of tissue as far as their cores permit. A ball far away presses and slides meanwhile. It has
-// contact of its own, so it is as fast as without the plates.
+// Two plates crush a strip of tissue up to their cores. Meanwhile a ball far away presses and slides. It is in another
+// island, so it is as fast as without the plates.
 TEST(SweptDynamics, JammedToolsDoNotHoldAnotherTool)
 {
     enum { WAIT = 20, STEPS = 40 };

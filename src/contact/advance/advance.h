@@ -61,7 +61,7 @@ double pliant_advance_guard(const pliant_contact_settings *settings, const plian
 /* Compute the largest fraction of a leg. The result does not depend on the number of threads.
  * @param triangles (num_triangles x 3) nodes of the surface
  * @param from, to (nodes x 3) positions at both ends of the leg, finite [m]
- * @param every_pair compute the fraction of every pair, and not only of pairs that limit the leg (pair.h)
+ * @param every_pair also compute the fractions of pairs that do not limit the leg (pair.h)
  * Errors: MEMORY (out is not written). */
 pliant_status pliant_advance_find(pliant_advance *advance, int32_t num_triangles, const int32_t *triangles,
                                   const double *from, const double *to, int32_t count, const pliant_advance_part *parts,

@@ -65,8 +65,8 @@ static void correct(const pliant_tool_linear *before, pliant_tool_linear *now)
         }
 }
 
-/* Move the pose from the proxy's to the target's, by the missing depth of the tissue under the tool. The stiffness is
- * that of the mesh: a small motion hardly changes this depth. */
+/* Move the pose from the proxy's to the target's, by the missing depth of the tissue under the tool. A small
+ * motion hardly changes this depth, so the stiffness needs no correction. */
 static void add_missing_depth(const pliant_data *data, int index, pliant_tool_linear *now)
 {
     double force[3], torque[3];

@@ -409,7 +409,7 @@ static pliant_status hold_tools(const pliant_model *model, pliant_data *data, pl
  * @param smallest out: smallest fraction of an island, with this factor */
 static pliant_status apply_dynamic(const pliant_model *model, pliant_data *data, double *factor, double *smallest)
 {
-    pliant_advance_result found;
+    pliant_advance_result found = {.t = 1};
     update_loads(model, data);
     *factor = 1;
     pliant_status status = pliant_contact_advance(model, data, 1, true, &found);

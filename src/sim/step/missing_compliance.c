@@ -44,8 +44,8 @@ static bool is_of(const pressed_part *of, const pliant_contact_point *point)
 
 /* ---- the mesh's response */
 
-/* Displacement times E* h of a node of a half-space of cells of edge h, by a unit force at a node of its surface at a
- * distance of 0, 1, sqrt(2) and 2 h. Farther nodes move as in Boussinesq's solution, 1 / (pi r). The rows are for nu of
+/* A half-space of cells of edge h has a unit force at a node of its surface. Another node has the distance 0, 1,
+ * sqrt(2) or 2 h. This is its displacement times E* h. Farther nodes move as in Boussinesq's solution, 1 / (pi r). The rows are for nu of
  * 0, 0.3, 0.45 and 0.49 (test/bench/half_space_lattice.py). */
 static const double lattice_nu[4] = {0, 0.3, 0.45, 0.49}, lattice_distance[4] = {0, 1, 1.4142135623730951, 2};
 static const double lattice_response[2][4][4] = {
@@ -390,8 +390,7 @@ static half_space find_half_space(const profile part[2], double cell, double smo
 }
 
 /* Compute the same for the lattice [m].
- * @param few out: 1, or less if a contact of many nodes lacks little compliance: 0 from MANY nodes on, which take too
- *            much time */
+ * @param few out: 1 for few nodes. 0 from MANY nodes on: they lack little compliance, and take much time. */
 static pliant_status lattice_depth(pressed_part *of, pliant_node_loads *loads, double *depth, double *few)
 {
     enum { MANY = 512 };

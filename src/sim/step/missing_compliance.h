@@ -24,7 +24,7 @@ typedef struct pliant_node_loads {
 } pliant_node_loads;
 
 /* Compute the missing compliance of a tool's coupling from the forces of the contact points.
- * @param out of translations [m/N], and of the jaws [rad/(N m)]. 0: nothing is touched, or the mesh is fine enough.
+ * @param out of translations [m/N] and jaws [rad/(N m)]. 0: nothing is touched, or the mesh is fine.
  * @param pose of the proxy when these forces acted; @param goal desired pose of the proxy
  * Errors: MEMORY. */
 pliant_status pliant_missing_compliance(const pliant_data *data, int tool, const pliant_tool_pose *pose,
