@@ -45,8 +45,8 @@ static bool is_of(const pressed_part *of, const pliant_contact_point *point)
 /* ---- the mesh's response */
 
 /* A half-space of cells of edge h has a unit force at a node of its surface. Another node has the distance 0, 1,
- * sqrt(2) or 2 h. This is its displacement times E* h. Farther nodes move as in Boussinesq's solution, 1 / (pi r). The rows are for nu of
- * 0, 0.3, 0.45 and 0.49 (test/bench/half_space_lattice.py). */
+ * sqrt(2) or 2 h. This is its displacement times E* h. Farther nodes move as in Boussinesq's solution, 1 / (pi r).
+ * The rows are for nu of 0, 0.3, 0.45 and 0.49 (test/bench/half_space_lattice.py). */
 static const double lattice_nu[4] = {0, 0.3, 0.45, 0.49}, lattice_distance[4] = {0, 1, 1.4142135623730951, 2};
 static const double lattice_response[2][4][4] = {
     /* tetrahedra */
