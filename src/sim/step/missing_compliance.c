@@ -244,9 +244,16 @@ static bool find_contact(const pliant_tool_pose *pose, pressed_part *of)
 /* ---- the part's shape */
 
 enum { PROFILE = 14 };
-/* Distances from the middle at which the part's surface is, and its height below the plane that touches it there. */
+/* Piece of a part's profile. The height below the plane that touches the middle of the part is a power of the distance
+ * from the middle there. */
+typedef struct segment {
+    double from, to, height; /* distances of its ends, and the height at the far end [m] */
+    double exponent, width;  /* of the height, and the fourth root of its variance_of */
+    double scale;            /* factor of balance */
+} segment;
 typedef struct profile {
-    double at[PROFILE], height[PROFILE];
+    segment segment[PROFILE];
+    int count;
 } profile;
 
 /* Sample the part's surface along a tangent. */
@@ -287,15 +294,6 @@ static void find_tangents(pressed_part *of)
     }
 }
 
-static void find_profile(const pressed_part *of, int direction, profile *out)
-{
-    const pliant_part *shape = of->data->tools[of->tool].shape.part + of->part;
-    const double first = fmax(of->cell / 16, 4 * pliant_part_cell_size(shape)), last = 4 * fmax(of->cell, of->reach),
-                 step = pow(last / first, 1.0 / (PROFILE - 1));
-    double x = first;
-    for (int k = 0; k < PROFILE; k++, x *= step) sample(of, of->tangent[direction], x, out->at + k, out->height + k);
-}
-
 /* Half of a contact along one direction: its length a, the part's height z there, and the exponent m of the height near
  * there, z ~ x^m. A flat part has a large m. */
 typedef struct semi_axis {
@@ -314,6 +312,33 @@ static double gamma_ratio(double x) { return 1 / sqrt(x + 0.2732); }
 /* Return z a E* / F for a part whose height is z ~ x^m. */
 static double height_of(double m) { return (m + 1) / (2 * m) * gamma_ratio(0.5 * m) / sqrt(PI); }
 
+static const double flat = 1e3; /* the exponent of a flat part */
+
+static segment make_segment(double from, double to, double low, double height, bool is_first)
+{
+    segment out = {.from = from, .to = to, .height = height, .exponent = !is_first && height > low ? flat : 2};
+    if (low > 0) out.exponent = fmin(fmax(log(height / low) / log(to / from), 1), flat);
+    out.width = sqrt(sqrt(variance_of(out.exponent)));
+    out.scale = 1 / (8 * height_of(out.exponent) * out.width * out.width);
+    return out;
+}
+
+static void find_profile(const pressed_part *of, int direction, profile *out)
+{
+    const pliant_part *shape = of->data->tools[of->tool].shape.part + of->part;
+    const double first = fmax(of->cell / 16, 4 * pliant_part_cell_size(shape)), last = 4 * fmax(of->cell, of->reach),
+                 step = pow(last / first, 1.0 / (PROFILE - 1));
+    double x = first, before = 0, low = 0;
+    out->count = 0;
+    for (int k = 0; k < PROFILE; k++, x *= step) {
+        double at, height;
+        sample(of, of->tangent[direction], x, &at, &height);
+        if (at > before) out->segment[out->count++] = make_segment(before, at, low, height, k == 0);
+        before = at;
+        low = height;
+    }
+}
+
 /* Return the mean height of the contact along an axis, weighted by the pressure. */
 static double mean_height(const semi_axis *of)
 {
@@ -323,36 +348,39 @@ static double mean_height(const semi_axis *of)
 
 /* Return a number that grows with the length of an axis and is 1 at equilibrium. other: deviation of the other axis;
  * load: F / E* */
-static double balance(const semi_axis *of, double other, double load)
+static double balance(const segment *in, double length, double height, double other, double load)
 {
-    const double m = of->exponent, share = sqrt(variance_of(m)), own = sqrt(of->length * share),
-                 sum = own + sqrt(other);
-    return own > 0 ? sum * sum * sum * of->height / (own * 8 * height_of(m) * share * load) : 0;
+    const double own = in->width * sqrt(length), sum = own + sqrt(other);
+    return own > 0 ? sum * sum * sum * height * in->scale / (own * load) : 0;
+}
+
+/* Find the length of an axis within a segment at equilibrium: Newton's method for log(balance) over log(length), which
+ * is almost linear. */
+static semi_axis find_axis_in(const segment *in, double other, double load)
+{
+    const double m = in->exponent, lowest = log(fmax(in->from, 1e-9 * in->to)), highest = log(in->to),
+                 constant = log(in->height * in->scale / load), across = sqrt(other);
+    double x = highest;
+    for (int n = 0; n < 5; n++) {
+        const double own = in->width * exp(0.5 * x), sum = own + across,
+                     slope = m - 0.5 + 1.5 * own / sum; /* at least 1 / 2 */
+        x -= (3 * log(sum) - log(own) + constant + m * (x - highest)) / slope;
+        x = fmin(fmax(x, lowest), highest);
+    }
+    return (semi_axis){exp(x), in->height * exp(m * (x - highest)), m};
 }
 
 /* Find the length of an axis at equilibrium. Between two samples, the height is a power of the distance. */
 static semi_axis find_axis(const profile *part, double other, double load)
 {
-    const double flat = 1e3;
-    semi_axis axis = {0, 0, 2};
-    for (int k = 0; k < PROFILE; k++) {
-        const double before = k > 0 ? part->at[k - 1] : 0, at = part->at[k], height = part->height[k];
-        if (!(at > before)) continue;
-        const double low = k > 0 ? part->height[k - 1] : 0;
-        axis = (semi_axis){at, height, k > 0 && height > low ? flat : 2};
-        if (low > 0) axis.exponent = fmin(fmax(log(height / low) / log(at / before), 1), flat);
-        if (balance(&axis, other, load) < 1) continue;
-        double from = before, to = at;
-        for (int n = 0; n < 24; n++) {
-            axis.length = 0.5 * (from + to);
-            axis.height = height * pow(axis.length / at, axis.exponent);
-            if (balance(&axis, other, load) < 1) from = axis.length;
-            else to = axis.length;
-        }
-        return axis;
+    double reached = 0;
+    for (int k = 0; k < part->count; k++) {
+        reached = balance(part->segment + k, part->segment[k].to, part->segment[k].height, other, load);
+        if (reached >= 1) return find_axis_in(part->segment + k, other, load);
     }
-    axis.exponent = fmin(axis.exponent / fmax(balance(&axis, other, load), 2 / flat), flat); /* ends at the border */
-    return axis;
+    if (part->count == 0) return (semi_axis){0, 0, 2};
+    const segment *last = part->segment + part->count - 1; /* the contact ends at the border of the part */
+    return (semi_axis){last->to, last->height, fmin(last->exponent / fmax(reached, 2 / flat), flat)};
 }
 
 /* ---- the missing depth */
