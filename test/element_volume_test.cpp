@@ -138,7 +138,7 @@ TEST(Volume, PointsOfSmallElementsHaveTheGradientOfTheVolume)
         Leg leg(1);
         leg.shake(random, leg.from, 0.006);
         pliant_contacts points{};
-        ASSERT_EQ(pliant_volume_find(&settings, &leg.mesh, leg.from.data(), nullptr, &points), PLIANT_OK);
+        ASSERT_EQ(pliant_volume_find(&settings, &leg.mesh, leg.from.data(), nullptr, 1, &points), PLIANT_OK);
         int small = 0;
         for (int32_t t = 0; t < leg.mesh.num_tets; t++) small += leg.ratio(t, leg.from) < settings.volume_near;
         ASSERT_EQ(points.count, small);

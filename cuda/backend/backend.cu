@@ -8,6 +8,7 @@
 #include "base/memory.h"
 #include "cuda/fem/quasistatic/solve.h"
 #include "cuda/contact/tissue.h"
+#include "cuda/contact/volume_bound.h"
 #include "cuda/warp/warp.h"
 
 #include <cstdio>
@@ -17,14 +18,15 @@ struct cuda_data {
     int device;
     cudaStream_t stream;
     pliant_cuda_solver *solver;
-    const double *d_positions;   /* (fine nodes x 3) of this step */
-    double *next_positions;      /* (fine nodes x 3) buffer of the host; swapped with data->positions when complete */
-    double *page_locked[2];      /* these two arrays, page-locked if possible; they may be swapped */
+    const double *d_positions; /* (fine nodes x 3) of this step */
+    double *next_positions;    /* (fine nodes x 3) buffer of the host; swapped with data->positions when complete */
+    double *page_locked[2];    /* these two arrays, page-locked if possible; they may be swapped */
     /* replaces them if cuts are possible: page-locked, with capacity for more nodes; its contents are copied */
     double *pinned_positions;
     size_t pinned_capacity; /* [bytes] */
     bool is_on_host;        /* the host has this step's positions already */
     bool moved;             /* the host has changed its positions after the device */
+    gpu_volume_bound volume;
 };
 
 static double *target_of(const cuda_data *state)
@@ -42,6 +44,7 @@ static void destroy(pliant_data *data)
     if (state->stream) cudaStreamSynchronize(state->stream);
     pliant_cuda_solver_free(state->solver);
     pliant_cuda_release_host(state->pinned_positions);
+    pliant_cuda_volume_free(&state->volume);
     for (double *block : state->page_locked)
         if (block) pliant_cuda_unlock_pages(block);
     if (state->stream) cudaStreamDestroy(state->stream);
@@ -103,6 +106,7 @@ static pliant_status carry_over_cut(const pliant_model *model, pliant_data *data
     *possible = state->pinned_positions && data->discretization != model->discretization;
     if (!*possible) return PLIANT_OK;
     CUDA_TRY(allocate_pinned_positions(data, state));
+    state->moved = true;
     const int32_t *node;
     int32_t *own;
     pliant_status status = pliant_solved_sources(data->solver->system, before->solver->system, map, &own, &node);
@@ -115,6 +119,7 @@ static pliant_status carry_over_cut(const pliant_model *model, pliant_data *data
 static pliant_status restart(const pliant_model *model, pliant_data *data)
 {
     (void)model;
+    state_of(data)->moved = true;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) data->solver->grasps[t].response_number = 0;
     return pliant_cuda_solver_restart(state_of(data)->solver, data->solver);
 }
@@ -133,12 +138,48 @@ static void download(const pliant_model *model, pliant_data *data)
         memcpy(data->solver->now.x, data->positions, 3 * (size_t)data->body->fine.num_nodes * sizeof *data->positions);
 }
 
+/* Return whether d_positions are the host's positions. */
+static bool has_positions(const pliant_data *data)
+{
+    const cuda_data *state = state_of(data);
+    return state->d_positions && !state->moved && !pliant_host_moves_nodes(data);
+}
+
+/* Keep the positions at the start of a leg, once the volume bound has been used. */
+static pliant_status begin_leg(pliant_data *data)
+{
+    cuda_data *state = state_of(data);
+    gpu_volume_bound *volume = &state->volume;
+    volume->has_from = volume->has_near = false;
+    return volume->revision == data->body->revision && has_positions(data)
+               ? pliant_cuda_volume_begin_leg(volume, state->d_positions, (size_t)data->body->fine.num_nodes,
+                                              state->stream)
+               : PLIANT_OK;
+}
+
+/* An error counts as "true": the host then tests the elements, and the next stage reports the error. */
+static bool may_have_small_elements(const pliant_model *model, pliant_data *data, bool in_leg)
+{
+    cuda_data *state = state_of(data);
+    gpu_volume_bound *volume = &state->volume;
+    bool may_be_small = true;
+    if (pliant_host_moves_nodes(data) || pliant_cuda_volume_set_body(volume, data->body, state->stream) != PLIANT_OK)
+        return true;
+    if (!in_leg) return !has_positions(data) || !volume->has_near || volume->is_near;
+    if (!has_positions(data) || !volume->has_from ||
+        pliant_cuda_volume_end_leg(volume, &model->contact, state->d_positions, state->stream, &may_be_small) !=
+            PLIANT_OK)
+        return true;
+    return may_be_small;
+}
+
 static pliant_status solve(const pliant_model *model, pliant_data *data)
 {
     data->solver->background = &data->background;
     pliant_cuda_section_begin("solve");
     if (data->contacts.count > 0) download(model, data);
     pliant_status status = pliant_set_contact_points(data);
+    if (status == PLIANT_OK) status = begin_leg(data);
     if (status == PLIANT_OK)
         status = pliant_cuda_solver_step(state_of(data)->solver, data->solver, data->gravity, &data->statistics);
     pliant_cuda_section_end();
@@ -205,7 +246,8 @@ static pliant_status finish(pliant_data *data)
     cuda_data *state = state_of(data);
     pliant_cuda_warp *warp = data->warp ? static_cast<pliant_cuda_warp *>(pliant_warp_accelerated(data->warp)) : NULL;
     const double *h_solved = NULL;
-    if (!state->is_on_host) CUDA_TRY(pliant_cuda_solver_download(state->solver, &h_solved));
+    if (!state->is_on_host)
+        CUDA_TRY(pliant_cuda_solver_download(state->solver, &h_solved));
     else if (warp && (state->moved || data->rigid_pieces || data->statistics.patched > 0))
         CUDA_TRY(pliant_cuda_solver_place(state->solver, data->positions));
     if (warp) CUDA_TRY(pliant_cuda_warp_enqueue(warp, state->d_positions, state->stream));
@@ -242,6 +284,7 @@ static constexpr pliant_backend table()
     made.solve = solve;
     made.upsample = upsample;
     made.copy_result_to_host = copy_result_to_host;
+    made.may_have_small_elements = may_have_small_elements;
     made.warp = warp;
     return made;
 }

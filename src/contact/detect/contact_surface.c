@@ -379,13 +379,15 @@ int pliant_contact_surface_support(const pliant_contact_surface *surface, int32_
     return 4;
 }
 
-void pliant_contact_surface_update(pliant_contact_surface *surface, const double *positions)
+void pliant_contact_surface_update(pliant_contact_surface *surface, const double *positions, int num_threads)
 {
     const pliant_mesh *mesh = &surface->view.fine;
-    memcpy(surface->positions, positions, 3 * (size_t)mesh->num_nodes * sizeof *positions);
-    for (int32_t n = 0; n < mesh->num_nodes; n++)
-        if (surface->tet[n] >= 0)
-            pliant_contact_surface_corner(surface, n, positions, surface->positions + 3 * (size_t)n);
+#pragma omp parallel for schedule(static) num_threads(num_threads)
+    for (int32_t n = 0; n < mesh->num_nodes; n++) {
+        const size_t at = 3 * (size_t)n;
+        if (surface->tet[n] >= 0) pliant_contact_surface_corner(surface, n, positions, surface->positions + at);
+        else memcpy(surface->positions + at, positions + at, 3 * sizeof *positions);
+    }
 }
 
 static void add_weight(pliant_contact_point *point, int32_t node, double weight)

@@ -51,7 +51,7 @@ void pliant_contact_surface_corner(const pliant_contact_surface *surface, int32_
 int pliant_contact_surface_support(const pliant_contact_surface *surface, int32_t node, int32_t support[4],
                                    double weights[4]);
 /* Compute outside->positions from the positions of the nodes. */
-void pliant_contact_surface_update(pliant_contact_surface *surface, const double *positions);
+void pliant_contact_surface_update(pliant_contact_surface *surface, const double *positions, int num_threads);
 /* Replace the weights of corners by weights of nodes in contact points. */
 void pliant_contact_surface_map_weights(const pliant_contact_surface *surface, pliant_contacts *contacts);
 

@@ -1,10 +1,10 @@
 #include "contact/volume/volume_bound.h"
 
 #include "base/inline.h"
-#include "base/lanes.h"
 #include "base/vector3.h"
 #include "contact/detect/part_contacts.h"
 #include "contact/detect/update_sides.h"
+#include "contact/volume/volume_rules.h"
 
 #include <string.h>
 
@@ -27,6 +27,55 @@ static bool is_of_piece(const int32_t tet[4], const int32_t *piece_of_node)
     for (int k = 0; piece_of_node && k < 4; k++)
         if (piece_of_node[tet[k]] >= 0) return true;
     return false;
+}
+
+/* ---- elements in blocks: most have and keep enough volume */
+
+PLIANT_INLINE void find_nodes(const pliant_mesh *mesh, int32_t first, int64_t at[4][LANES])
+{
+    for (int l = 0; l < LANES; l++)
+        for (int k = 0; k < 4; k++)
+            at[k][l] =
+                3 * (int64_t)mesh->tets[4 * (size_t)(first + l < mesh->num_tets ? first + l : first) + (size_t)k];
+}
+
+PLIANT_INLINE void load_edges(int64_t at[4][LANES], const double *positions, pliant_volume_edges out)
+{
+    for (int d = 0; d < 3; d++) {
+        double origin[LANES];
+        for (int l = 0; l < LANES; l++) origin[l] = positions[at[0][l] + d];
+        for (int k = 0; k < 3; k++)
+            for (int l = 0; l < LANES; l++) out[k][d][l] = positions[at[k + 1][l] + d] - origin[l];
+    }
+}
+
+/* Return whether an element of the block is below this fraction of its rest volume. */
+PLIANT_VECTORIZED static bool has_near(double fraction, const pliant_mesh *mesh, int32_t first, const double *positions)
+{
+    pliant_volume_edges now, rest;
+    int64_t at[4][LANES];
+    int near = 0;
+    find_nodes(mesh, first, at);
+    load_edges(at, positions, now);
+    load_edges(at, mesh->rest, rest);
+    for (int l = 0; l < LANES; l++) near |= pliant_volume_is_below(fraction, now, rest, l);
+    return near != 0;
+}
+
+/* Return whether an element of the block may become too small during the leg. */
+PLIANT_VECTORIZED static bool has_small(const pliant_contact_settings *settings, const pliant_mesh *mesh, int32_t first,
+                                        const double *from, const double *to)
+{
+    const double keep = settings->advance_keep, stop = settings->volume_stop;
+    pliant_volume_edges a, b, rest;
+    int64_t at[4][LANES];
+    int small = 0;
+    find_nodes(mesh, first, at);
+    load_edges(at, from, a);
+    load_edges(at, to, b);
+    load_edges(at, mesh->rest, rest);
+    for (int l = 0; l < LANES; l++) small |= pliant_volume_may_be_small(keep, stop, a, b, rest, l);
+    return small != 0;
 }
 
 /* ---- contact points */
@@ -92,9 +141,20 @@ void pliant_volume_gradient(const pliant_contact_point *point, const double *pos
     }
 }
 
-pliant_status pliant_volume_find(const pliant_contact_settings *settings, const pliant_mesh *mesh,
-                                 const double *positions, const int32_t *piece_of_node, pliant_contacts *out)
+static bool has_any_near(double fraction, const pliant_mesh *mesh, const double *positions, int num_threads)
 {
+    bool any = false;
+#pragma omp parallel for schedule(static) num_threads(num_threads) reduction(|| : any)
+    for (int32_t first = 0; first < mesh->num_tets; first += LANES)
+        any = any || has_near(fraction, mesh, first, positions);
+    return any;
+}
+
+pliant_status pliant_volume_find(const pliant_contact_settings *settings, const pliant_mesh *mesh,
+                                 const double *positions, const int32_t *piece_of_node, int num_threads,
+                                 pliant_contacts *out)
+{
+    if (!has_any_near(settings->volume_near, mesh, positions, num_threads)) return PLIANT_OK;
     for (int32_t t = 0; t < mesh->num_tets; t++) {
         const int32_t *tet = mesh->tets + 4 * (size_t)t;
         const double rest = volume_of(tet, mesh->rest);
@@ -171,57 +231,6 @@ static double fraction_of(const pliant_contact_settings *settings, const int32_t
     find_coefficients(tet, from, to, coefficient);
     if (!(coefficient[0] > 0)) return 1;
     return find_time(coefficient, limit_of(settings, volume_of(tet, rest), coefficient[0]), LEVELS);
-}
-
-/* ---- elements in blocks: most keep their volume, and need no fraction */
-
-typedef double lanes_edges[3][3][LANES]; /* edges, coordinates */
-
-PLIANT_INLINE void load_edges(int64_t at[4][LANES], const double *positions, lanes_edges out)
-{
-    for (int d = 0; d < 3; d++) {
-        double origin[LANES];
-        for (int l = 0; l < LANES; l++) origin[l] = positions[at[0][l] + d];
-        for (int k = 0; k < 3; k++)
-            for (int l = 0; l < LANES; l++) out[k][d][l] = positions[at[k + 1][l] + d] - origin[l];
-    }
-}
-
-PLIANT_INLINE double lane_triple(double (*a)[LANES], double (*b)[LANES], double (*c)[LANES], int l)
-{
-    return a[0][l] * (b[1][l] * c[2][l] - b[2][l] * c[1][l]) + a[1][l] * (b[2][l] * c[0][l] - b[0][l] * c[2][l]) +
-           a[2][l] * (b[0][l] * c[1][l] - b[1][l] * c[0][l]);
-}
-
-/* Return whether an element of the block may become too small during the leg (find_coefficients, limit_of). */
-PLIANT_VECTORIZED static bool has_small(const pliant_contact_settings *settings, const pliant_mesh *mesh, int32_t first,
-                                        const double *from, const double *to)
-{
-    const double keep = settings->advance_keep, stop = settings->volume_stop;
-    lanes_edges a, b, r;
-    int64_t at[4][LANES];
-    int small = 0;
-    for (int l = 0; l < LANES; l++)
-        for (int k = 0; k < 4; k++)
-            at[k][l] =
-                3 * (int64_t)mesh->tets[4 * (size_t)(first + l < mesh->num_tets ? first + l : first) + (size_t)k];
-    load_edges(at, from, a);
-    load_edges(at, to, b);
-    load_edges(at, mesh->rest, r);
-    for (int l = 0; l < LANES; l++) {
-        const double rest = lane_triple(r[0], r[1], r[2], l), v0 = lane_triple(a[0], a[1], a[2], l),
-                     v1 = (lane_triple(b[0], a[1], a[2], l) + lane_triple(a[0], b[1], a[2], l) +
-                           lane_triple(a[0], a[1], b[2], l)) /
-                          3,
-                     v2 = (lane_triple(b[0], b[1], a[2], l) + lane_triple(b[0], a[1], b[2], l) +
-                           lane_triple(a[0], b[1], b[2], l)) /
-                          3,
-                     v3 = lane_triple(b[0], b[1], b[2], l);
-        const double kept = keep * v0 < stop * rest ? keep * v0 : stop * rest,
-                     half = 0.5 * stop * rest < v0 ? 0.5 * stop * rest : v0, limit = kept > half ? kept : half;
-        small |= (v1 < limit) | (v2 < limit) | (v3 < limit);
-    }
-    return small != 0;
 }
 
 double pliant_volume_advance(const pliant_contact_settings *settings, const pliant_mesh *mesh, const double *from,

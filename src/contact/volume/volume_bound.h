@@ -24,7 +24,8 @@ extern "C" {
  * @param piece_of_node Nullable: (nodes) rigid piece or -1; elements of pieces have no point
  * Errors: MEMORY. */
 pliant_status pliant_volume_find(const pliant_contact_settings *settings, const pliant_mesh *mesh,
-                                 const double *positions, const int32_t *piece_of_node, pliant_contacts *out);
+                                 const double *positions, const int32_t *piece_of_node, int num_threads,
+                                 pliant_contacts *out);
 
 /* Compute the gradient of the gap of such a point for each of its nodes. positions: (nodes x 3) [m] */
 void pliant_volume_gradient(const pliant_contact_point *point, const double *positions, double out[4][3]);

@@ -149,17 +149,17 @@ static pliant_status find_tissue(const pliant_model *model, pliant_data *data, d
     pliant_tissue *tissue = &data->contact_search->tissue;
     pliant_impact_zones *zones = &data->contact_search->zones;
     pliant_contact_surface *outside = pliant_contact_is_within_elements(model) ? &data->contact_search->outside : NULL;
-    pliant_status status = pliant_tissue_set_body(tissue, data->body, outside ? outside->solid : NULL,
-                                                  data->discretization->system->num_threads);
+    const int threads = data->discretization->system->num_threads;
+    pliant_status status = pliant_tissue_set_body(tissue, data->body, outside ? outside->solid : NULL, threads);
     if (status != PLIANT_OK || tissue->num_triangles == 0) return status;
     pliant_tissue_set_searcher(tissue, data->backend->searcher);
     if (model->scene.contact.response == PLIANT_RESPONSE_PAPER) return find_slowed(model, data, out);
     const pliant_tissue_rule rule = pliant_contact_tissue_rule(model, data, max_piece_motion);
     const bool has_zones = data->body->has_inertia && data->backend->state_is_on_host && rule.thickness > 0;
     if (outside && rule.thickness > 0 && !tissue->exempt) {
-        pliant_contact_surface_update(outside, data->body->fine.rest);
+        pliant_contact_surface_update(outside, data->body->fine.rest, threads);
         status = pliant_tissue_set_rest(tissue, outside->positions);
-        pliant_contact_surface_update(outside, data->positions);
+        pliant_contact_surface_update(outside, data->positions, threads);
     }
     if (status == PLIANT_OK)
         status = pliant_tissue_find(tissue, outside ? outside->positions : data->positions, &rule, out);
@@ -228,6 +228,19 @@ bool pliant_contact_bounds_volumes(const pliant_data *data)
     return data->solver && pliant_solves_fine(data->solver->system) && pliant_patch_count_tools(data) == 0;
 }
 
+bool pliant_contact_may_have_small_elements(const pliant_model *model, pliant_data *data, bool in_leg)
+{
+    return !data->backend->may_have_small_elements || data->backend->may_have_small_elements(model, data, in_leg);
+}
+
+/* Find the contact points of elements that are small. */
+static pliant_status find_small_elements(const pliant_model *model, pliant_data *data)
+{
+    if (!pliant_contact_may_have_small_elements(model, data, false)) return PLIANT_OK;
+    return pliant_volume_find(&model->contact, &data->body->fine, data->positions, pliant_contact_pieces(data),
+                              data->discretization->system->num_threads, &data->contact_search->point_buffer);
+}
+
 pliant_status pliant_contact_find_points(const pliant_model *model, pliant_data *data)
 {
     pliant_status status = pliant_contact_search_create(&model->contact, &data->contact_search);
@@ -241,15 +254,13 @@ pliant_status pliant_contact_find_points(const pliant_model *model, pliant_data 
     if (data->rigid_pieces) pliant_contact_mark_pieces(data);
     gather_parts(model, data);
     status = pliant_contact_find_surface(model, data, &body, &positions);
-    if (status == PLIANT_OK) status = pliant_contact_keep_surface(search, body, positions);
+    if (status == PLIANT_OK) status = pliant_contact_keep_surface(model, search, body, positions);
     bool are_reused = false;
-    if (status == PLIANT_OK) status = pliant_contact_reuse(model, data, body, &are_reused);
+    if (status == PLIANT_OK) status = pliant_contact_reuse(model, data, &are_reused);
     if (status == PLIANT_OK && !are_reused) status = find_points(model, data, body, positions, max_piece_motion);
     if (status != PLIANT_OK) return status;
     const int32_t first = are_reused ? search->point_buffer.count : 0;
-    if (pliant_contact_bounds_volumes(data))
-        status = pliant_volume_find(&model->contact, &data->body->fine, data->positions, pliant_contact_pieces(data),
-                                    &search->point_buffer);
+    if (pliant_contact_bounds_volumes(data)) status = find_small_elements(model, data);
     if (status != PLIANT_OK) return status;
     carry(data, &data->contacts, first, &search->point_buffer);
     pliant_contacts_swap(&data->contacts, &search->point_buffer);
@@ -295,6 +306,7 @@ void pliant_contact_free(pliant_data *data)
     pliant_contact_surface_free(&search->outside);
     pliant_advance_free(search->advance);
     pliant_free(search->surface);
+    pliant_free(search->surface_node);
     pliant_free(search->found_at);
     pliant_free(search->point_buffer.point);
     pliant_free(search->overlaps);

@@ -42,6 +42,8 @@ const int32_t *pliant_contact_pieces(const pliant_data *data);
 /* Return whether the volume bound applies (contact/volume/volume_bound.h): to tetrahedra, and to the five tetrahedra of
  * each hexahedron, of a fine mesh that the solver moves without a patch. */
 bool pliant_contact_bounds_volumes(const pliant_data *data);
+/* Return whether an element may be small (backend.h). False: the volume bound has nothing to do. */
+bool pliant_contact_may_have_small_elements(const pliant_model *model, pliant_data *data, bool in_leg);
 /* Discard all contact points. */
 void pliant_contact_discard(pliant_data *data);
 /* Copy the contact state to another simulation of the same topology. Errors: MEMORY. */

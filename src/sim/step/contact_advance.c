@@ -17,21 +17,39 @@ pliant_status pliant_contact_find_surface(const pliant_model *model, pliant_data
     *positions = data->positions;
     if (!pliant_contact_is_within_elements(model)) return PLIANT_OK;
     const pliant_contact_surface_voxels voxels = {.load = model->body,
-                                          .geometry = &model->scan->geometry,
-                                          .material_of_voxel = model->material_of_voxel,
-                                          .materials = &model->materials,
-                                          .has_self_contact = pliant_contact_touches_itself(model),
-                                          .threads = data->discretization->system->num_threads};
+                                                  .geometry = &model->scan->geometry,
+                                                  .material_of_voxel = model->material_of_voxel,
+                                                  .materials = &model->materials,
+                                                  .has_self_contact = pliant_contact_touches_itself(model),
+                                                  .threads = data->discretization->system->num_threads};
     pliant_status status = pliant_contact_surface_set_body(outside, &voxels, data->body);
     if (status != PLIANT_OK) return status;
-    pliant_contact_surface_update(outside, data->positions);
+    pliant_contact_surface_update(outside, data->positions, voxels.threads);
     *body = &outside->view;
     *positions = outside->positions;
     return PLIANT_OK;
 }
 
-pliant_status pliant_contact_keep_surface(pliant_contact_search *search, const pliant_body *body,
-                                          const double *positions)
+/* List the nodes of the surface's triangles. */
+static pliant_status list_surface_nodes(pliant_contact_search *search, const pliant_body *body)
+{
+    const int32_t nodes = body->fine.num_nodes;
+    if (search->surface_revision == body->revision) return PLIANT_OK;
+    search->surface_revision = 0;
+    int32_t *node = pliant_resize(search->surface_node, (size_t)nodes + 1, sizeof *node);
+    if (!node) return pliant_fail_memory("contacts");
+    search->surface_node = node;
+    memset(node, 0, ((size_t)nodes + 1) * sizeof *node);
+    for (int32_t c = 0; c < 3 * body->num_triangles; c++) node[body->triangles[c]] = 1;
+    search->num_surface_nodes = 0;
+    for (int32_t n = 0; n < nodes; n++)
+        if (node[n]) node[search->num_surface_nodes++] = n; /* at most n entries before n */
+    search->surface_revision = body->revision;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_contact_keep_surface(const pliant_model *model, pliant_contact_search *search,
+                                          const pliant_body *body, const double *positions)
 {
     const int32_t nodes = body->fine.num_nodes;
     if (nodes > search->surface_capacity) {
@@ -40,14 +58,18 @@ pliant_status pliant_contact_keep_surface(pliant_contact_search *search, const p
         search->surface = surface;
         search->surface_capacity = nodes;
     }
-    memcpy(search->surface, positions, 3 * (size_t)nodes * sizeof *positions);
+    const pliant_status status = list_surface_nodes(search, body);
+    if (status != PLIANT_OK) return status;
+    if (pliant_contact_touches_itself(model)) /* its tetrahedra have other nodes, too */
+        memcpy(search->surface, positions, 3 * (size_t)nodes * sizeof *positions);
     for (int d = 0; d < 3; d++) {
         search->low[d] = INFINITY;
         search->high[d] = -INFINITY;
     }
-    for (int32_t c = 0; c < 3 * body->num_triangles; c++)
+    for (int32_t n = 0; n < search->num_surface_nodes; n++)
         for (int d = 0; d < 3; d++) {
-            const double x = positions[3 * (size_t)body->triangles[c] + (size_t)d];
+            const size_t at = 3 * (size_t)search->surface_node[n] + (size_t)d;
+            const double x = search->surface[at] = positions[at];
             search->low[d] = x < search->low[d] ? x : search->low[d]; /* several times faster than fmin here */
             search->high[d] = x > search->high[d] ? x : search->high[d];
         }

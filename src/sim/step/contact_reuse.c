@@ -56,7 +56,10 @@ pliant_status pliant_contact_keep_found(const pliant_model *model, pliant_data *
     search->found = false;
     if (!reserve_found(search, nodes)) return pliant_fail_memory("contacts");
     search->found = true;
-    memcpy(search->found_at, search->surface, 3 * (size_t)nodes * sizeof *search->surface);
+    for (int32_t n = 0; n < search->num_surface_nodes; n++) {
+        const size_t at = 3 * (size_t)search->surface_node[n];
+        memcpy(search->found_at + at, search->surface + at, 3 * sizeof *search->surface);
+    }
     search->found_revision = data->body->revision;
     search->found_parts = search->num_parts;
     for (int32_t p = 0; p < search->num_parts; p++) search->found_key[p] = key_of(search->part + p);
@@ -90,13 +93,12 @@ static bool move_point(const pliant_contact_search *search, pliant_contact_point
     return false;
 }
 
-pliant_status pliant_contact_reuse(const pliant_model *model, pliant_data *data, const pliant_body *body,
-                                   bool *are_reused)
+pliant_status pliant_contact_reuse(const pliant_model *model, pliant_data *data, bool *are_reused)
 {
     pliant_contact_search *search = data->contact_search;
     double maximum = model->contact.search_margin;
     *are_reused = search->found && is_simple(model, data) && search->found_revision == data->body->revision &&
-             search->found_parts == search->num_parts;
+                  search->found_parts == search->num_parts;
     for (int32_t p = 0; p < search->num_parts && *are_reused; p++) {
         const pliant_moving_part *part = search->part + p;
         *are_reused = search->found_key[p] == key_of(part);
@@ -108,10 +110,11 @@ pliant_status pliant_contact_reuse(const pliant_model *model, pliant_data *data,
             *are_reused =
                 pliant_part_max_motion(part->shape, part->part, search->found_pose + part->tool, &part->to) <= maximum;
     }
-    for (int32_t n = 0; n < body->fine.num_nodes && *are_reused; n++) {
-        const double *a = search->found_at + 3 * (size_t)n, *b = search->surface + 3 * (size_t)n;
+    for (int32_t n = 0; n < search->num_surface_nodes && *are_reused; n++) {
+        const size_t at = 3 * (size_t)search->surface_node[n];
+        const double *a = search->found_at + at, *b = search->surface + at;
         *are_reused = (a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]) + (a[2] - b[2]) * (a[2] - b[2]) <=
-                 maximum * maximum;
+                      maximum * maximum;
     }
     pliant_status status = *are_reused ? pliant_contacts_copy(&data->contacts, &search->point_buffer) : PLIANT_OK;
     while (*are_reused && search->point_buffer.count > 0 &&

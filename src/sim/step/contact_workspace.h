@@ -18,7 +18,7 @@ enum { PLIANT_CONTACT_PARTS = PLIANT_MAX_TOOLS * PLIANT_MAX_PARTS + 2 * PLIANT_M
 struct pliant_contact_search {
     pliant_contact_settings settings;
     pliant_contact_detector *detector;
-    pliant_tissue tissue; /* contact/self: tissue on tissue */
+    pliant_tissue tissue;      /* contact/self: tissue on tissue */
     pliant_impact_zones zones; /* the same, in the sub-steps of explicit dynamics */
     pliant_contact_surface outside;
     pliant_contacts point_buffer; /* buffer: the points of the previous leg while this leg's points are in use */
@@ -28,8 +28,10 @@ struct pliant_contact_search {
     pliant_part obstacle[2 * PLIANT_MAX_FIXED];
     pliant_advance *advance; /* Nullable buffer */
     int32_t surface_capacity;
-    double *surface;        /* (surface_capacity x 3) positions of the surface's nodes at the start of the leg [m] */
-    double low[3], high[3]; /* bounding box of the surface [m] */
+    double *surface;           /* (surface_capacity x 3) positions of the surface's nodes at the start of the leg [m] */
+    uint64_t surface_revision; /* of the topology whose nodes are listed; 0: none */
+    int32_t num_surface_nodes, *surface_node; /* nodes of the surface's triangles, ascending */
+    double low[3], high[3];                   /* bounding box of the surface [m] */
     /* REUSE OF POINTS: the configuration in which the points were found */
     bool found;
     uint64_t found_revision; /* of the topology */
@@ -69,8 +71,8 @@ pliant_tissue_rule pliant_contact_tissue_rule(const pliant_model *model, const p
 pliant_status pliant_contact_find_surface(const pliant_model *model, pliant_data *data, const pliant_body **body,
                                           const double **positions);
 /* Save the surface at the start of the leg, and compute its bounding box. Errors: MEMORY. */
-pliant_status pliant_contact_keep_surface(pliant_contact_search *search, const pliant_body *body,
-                                          const double *positions);
+pliant_status pliant_contact_keep_surface(const pliant_model *model, pliant_contact_search *search,
+                                          const pliant_body *body, const double *positions);
 
 /* ---- contact_islands.c */
 /* Find the islands of a blocked leg, from the pairs that pliant_advance_find found. An island contains all nodes of
@@ -88,8 +90,7 @@ pliant_status pliant_contact_copy_found(const pliant_contact_search *from, plian
 /* Reuse the points of the previous search if nothing has moved farther than settings.reuse_motion since then, and no
  * tool is to. They are written to search->point_buffer. Errors: MEMORY.
  * @param are_reused out: whether the points are reused */
-pliant_status pliant_contact_reuse(const pliant_model *model, pliant_data *data, const pliant_body *body,
-                                   bool *are_reused);
+pliant_status pliant_contact_reuse(const pliant_model *model, pliant_data *data, bool *are_reused);
 
 #ifdef __cplusplus
 }

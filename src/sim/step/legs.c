@@ -46,8 +46,10 @@ static pliant_status place_proxy(const pliant_model *model, pliant_data *data, i
         pliant_status status = pliant_contact_is_free(model, data, t, &measured, &is_free, &is_inside);
         if (status != PLIANT_OK) return status;
     }
-    if (comes || tool->proxy.released) tool->proxy.released = is_inside || (tool->proxy.released && !is_free);
-    else if (!is_free || is_inside) return PLIANT_OK;
+    if (comes || tool->proxy.released)
+        tool->proxy.released = is_inside || (tool->proxy.released && !is_free);
+    else if (!is_free || is_inside)
+        return PLIANT_OK;
     pliant_tool_set_proxy(tool, &measured);
     memset(tool->proxy.coupling_load, 0, sizeof tool->proxy.coupling_load);
     for (int32_t p = 0; p < data->contacts.count; p++) { /* forces at the pose that the proxy has left */
@@ -359,9 +361,9 @@ static pliant_status keep_volumes(const pliant_model *model, pliant_data *data, 
 {
     bool found = false;
     data->legs->limited_by_elements = false;
-    if (!data->solver) return PLIANT_OK;
+    if (!data->solver || !pliant_contact_may_have_small_elements(model, data, true)) return PLIANT_OK;
     const bool bounds_nodes = !data->legs->blocked && pliant_contact_bounds_volumes(data);
-    pliant_status status = bounds_nodes ? pliant_legs_bound_volumes(model, data, &found) : PLIANT_OK;
+    const pliant_status status = bounds_nodes ? pliant_legs_bound_volumes(model, data, &found) : PLIANT_OK;
     if (found || status != PLIANT_OK) return status;
     *fraction = pliant_volume_advance(&model->contact, &data->body->fine, data->legs->positions, data->positions,
                                       pliant_contact_pieces(data), data->discretization->system->num_threads);
@@ -511,8 +513,10 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
         return pliant_legs_add_forces(data, data->fraction);
     }
     if (!holds) budget->left *= 1 - fraction * completed;
-    if (!*done && budget->spent >= budget->evaluations) statistics->ended = PLIANT_STEP_END_BUDGET;
-    else if (!*done && data->solver && !pliant_solver_has_time(data->solver)) statistics->ended = PLIANT_STEP_END_TIME;
+    if (!*done && budget->spent >= budget->evaluations)
+        statistics->ended = PLIANT_STEP_END_BUDGET;
+    else if (!*done && data->solver && !pliant_solver_has_time(data->solver))
+        statistics->ended = PLIANT_STEP_END_TIME;
     else if (budget->blocked == MAX_BLOCKED || statistics->legs == MAX_LEGS || (*done && is_limited))
         statistics->ended = is_limited ? PLIANT_STEP_END_ELEMENTS : PLIANT_STEP_END_BLOCKED;
     *done = *done || statistics->ended != PLIANT_STEP_END_NONE;

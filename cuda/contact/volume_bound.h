@@ -1,0 +1,41 @@
+/* Test on the GPU whether the volume bound has anything to do (contact/volume/volume_bound.h). Almost always no element
+ * is small, and then the host need not look at them. */
+#ifndef PLIANT_CUDA_VOLUME_BOUND_H
+#define PLIANT_CUDA_VOLUME_BOUND_H
+
+#include "contact/settings.h"
+#include "cuda/base/check.h"
+#include "topology/body.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* All zero: without a topology. It takes 16 bytes for each tetrahedron, and 48 bytes for each node. */
+typedef struct gpu_volume_bound {
+    uint64_t revision; /* of the topology; 0: none */
+    int32_t num_tets;
+    void *d_tets, *d_rest, *d_from; /* (num_tets x 4), (nodes x 3), (nodes x 3) start of the leg [m] */
+    size_t tets_capacity, rest_capacity, from_capacity;
+    int32_t *d_any, *h_any; /* (2) results */
+    bool has_from;          /* d_from is set */
+    /* result of the last leg: an element is below volume_near at its end */
+    bool has_near, is_near;
+} gpu_volume_bound;
+
+void pliant_cuda_volume_free(gpu_volume_bound *bound); /* frees its contents */
+/* Enqueue a copy of the positions at the start of a leg. Errors: UNAVAILABLE. */
+pliant_status pliant_cuda_volume_begin_leg(gpu_volume_bound *bound, const double *d_positions, size_t num_nodes,
+                                           cudaStream_t stream);
+/* Find whether an element may become too small during the leg, and whether one is below volume_near at its end (is_near).
+ * Wait for the stream. Errors: MEMORY, UNAVAILABLE.
+ * @param d_positions (nodes x 3) end of the leg [m] */
+pliant_status pliant_cuda_volume_end_leg(gpu_volume_bound *bound, const pliant_contact_settings *settings,
+                                         const double *d_positions, cudaStream_t stream, bool *may_be_small);
+/* Send the topology, unless it is there. Errors: MEMORY, UNAVAILABLE. */
+pliant_status pliant_cuda_volume_set_body(gpu_volume_bound *bound, const pliant_body *body, cudaStream_t stream);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
