@@ -27,8 +27,8 @@ void pliant_cuda_volume_free(gpu_volume_bound *bound); /* frees its contents */
 /* Enqueue a copy of the positions at the start of a leg. Errors: UNAVAILABLE. */
 pliant_status pliant_cuda_volume_begin_leg(gpu_volume_bound *bound, const double *d_positions, size_t num_nodes,
                                            cudaStream_t stream);
-/* Find whether an element may become too small during the leg, and whether one is below volume_near at its end (is_near).
- * Wait for the stream. Errors: MEMORY, UNAVAILABLE.
+/* Find whether an element may become too small during the leg, and whether one is below volume_near at its end.
+ * Wait for the stream. Errors: UNAVAILABLE.
  * @param d_positions (nodes x 3) end of the leg [m] */
 pliant_status pliant_cuda_volume_end_leg(gpu_volume_bound *bound, const pliant_contact_settings *settings,
                                          const double *d_positions, cudaStream_t stream, bool *may_be_small);
