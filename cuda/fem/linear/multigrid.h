@@ -12,13 +12,12 @@ extern "C" {
 
 typedef struct gpu_multigrid gpu_multigrid;
 
-/* Create the multigrid.
- * @param x        (nodes x 3) positions of the stiffness [m].
+/* Create the multigrid of the rest state.
  * @param largest  Maximum number of free nodes of the dense level.
  * @param out      NULL if the lattice cannot be coarsened that much.
  * Errors: MEMORY, NUMERIC, UNAVAILABLE. */
-pliant_status pliant_cuda_multigrid_create(const pliant_system *system, const double *x, pliant_twist twist,
-                                           int32_t largest, cudaStream_t stream, gpu_multigrid **out);
+pliant_status pliant_cuda_multigrid_create(const pliant_system *system, int32_t largest, cudaStream_t stream,
+                                           gpu_multigrid **out);
 void pliant_cuda_multigrid_free(gpu_multigrid *multigrid); /* Nullable */
 size_t pliant_cuda_multigrid_bytes(const gpu_multigrid *multigrid);
 /* Do the same as pliant_cuda_inverse_apply. */

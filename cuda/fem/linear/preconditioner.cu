@@ -12,53 +12,15 @@ enum { THREADS = 128 };
  * unknowns^2. */
 enum { LARGEST_DENSE = 2000, COARSEST = 1600, LARGEST_REQUESTED = 16000 };
 
-/* The three columns of a block. A diagonal block begins at the diagonal (layout: src/fem/linear/pattern.c). */
-struct block_place { double *column[3]; };
-
-static block_place place_of_block(const pliant_pattern *pattern, int32_t column, int32_t block, double *values)
-{
-    const int64_t first = pattern->start[column], height = pattern->start[column + 1] - first, place = block - first;
-    double *begin = values + 9 * first - 3 * (int64_t)column;
-    block_place at;
-    for (int c = 0; c < 3; c++) { /* scalar columns hold 3h, 3h-1, 3h-2 numbers */
-        at.column[c] = begin + 3 * place - c;
-        begin += 3 * height - c;
-    }
-    return at;
-}
-
-/* Compute T' K T: rotate the stiffness back to rest. */
-static void turn_back(const pliant_pattern *pattern, const double *axes, double *values)
-{
-    for (int32_t column = 0; column < pattern->num_columns; column++)
-        for (int32_t block = pattern->start[column]; block < pattern->start[column + 1]; block++) {
-            const double *left = axes + 9 * (size_t)pattern->row[block], *right = axes + 9 * (size_t)column;
-            const block_place at = place_of_block(pattern, column, block, values);
-            const bool diagonal = pattern->row[block] == column; /* only the lower half is stored */
-            double k[9], half[9];
-            for (int r = 0; r < 3; r++)
-                for (int c = 0; c < 3; c++) k[3 * r + c] = diagonal && r < c ? at.column[r][c] : at.column[c][r];
-            for (int r = 0; r < 3; r++)
-                for (int c = 0; c < 3; c++)
-                    half[3 * r + c] = left[r] * k[c] + left[3 + r] * k[3 + c] + left[6 + r] * k[6 + c];
-            for (int c = 0; c < 3; c++)
-                for (int r = diagonal ? c : 0; r < 3; r++)
-                    at.column[c][r] =
-                        half[3 * r] * right[c] + half[3 * r + 1] * right[3 + c] + half[3 * r + 2] * right[6 + c];
-        }
-}
-
-static pliant_status create_inverse(const pliant_system *system, const gpu_preconditioner_state *at, pliant_twist twist,
-                                    cudaStream_t stream, gpu_preconditioner *out)
+static pliant_status create_inverse(const pliant_system *system, cudaStream_t stream, gpu_preconditioner *out)
 {
     double *h_values = static_cast<double *>(pliant_calloc((size_t)system->pattern.num_values, sizeof(double)));
     pliant_tangent *h_tangents =
         static_cast<pliant_tangent *>(pliant_calloc((size_t)system->num_blocks, sizeof(pliant_tangent)));
     pliant_status status = h_values && h_tangents ? PLIANT_OK : pliant_fail_memory("the stiffness matrix");
     if (status == PLIANT_OK) {
-        pliant_system_tangents(system, at ? at->x : system->mesh->rest, twist, h_tangents);
+        pliant_system_tangents(system, system->mesh->rest, PLIANT_TWIST_EXACT, h_tangents);
         pliant_system_assemble(system, h_tangents, h_values);
-        if (at) turn_back(&system->pattern, at->axes, h_values);
         status = pliant_cuda_inverse_create(&system->pattern, h_values, false, stream, &out->inverse);
         pliant_cuda_inverse_memory(3 * system->num_free, &out->bytes);
     }
@@ -67,25 +29,15 @@ static pliant_status create_inverse(const pliant_system *system, const gpu_preco
     return status;
 }
 
-static pliant_status create_multigrid(const pliant_system *system, const gpu_preconditioner_state *at,
-                                      cudaStream_t stream, gpu_preconditioner *out)
+static pliant_status create_multigrid(const pliant_system *system, cudaStream_t stream, gpu_preconditioner *out)
 {
-    CUDA_TRY(pliant_cuda_multigrid_create(system, at ? at->x : system->mesh->rest,
-                                          at ? PLIANT_TWIST_POSITIVE : PLIANT_TWIST_EXACT, COARSEST, stream,
-                                          &out->multigrid));
-    if (!out->multigrid) return PLIANT_OK;
-    out->bytes = pliant_cuda_multigrid_bytes(out->multigrid);
-    if (!at) return PLIANT_OK;
-    const size_t axes = 9 * (size_t)system->num_free * sizeof *at->axes,
-                 turned = (size_t)pliant_cuda_inverse_padded(3 * system->num_free) * sizeof *out->d_turned;
-    CUDA_TRY(pliant_cuda_allocate(turned, "the preconditioner", reinterpret_cast<void **>(&out->d_turned)));
-    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(out->d_turned, 0, turned, stream)));
-    out->bytes += axes + turned;
-    return pliant_cuda_upload(at->axes, axes, "the preconditioner", stream, reinterpret_cast<void **>(&out->d_axes));
+    CUDA_TRY(pliant_cuda_multigrid_create(system, COARSEST, stream, &out->multigrid));
+    if (out->multigrid) out->bytes = pliant_cuda_multigrid_bytes(out->multigrid);
+    return PLIANT_OK;
 }
 
-static pliant_status create(const pliant_system *system, pliant_preconditioner_choice choice,
-                            const gpu_preconditioner_state *at, cudaStream_t stream, gpu_preconditioner *out)
+static pliant_status create(const pliant_system *system, pliant_preconditioner_choice choice, cudaStream_t stream,
+                            gpu_preconditioner *out)
 {
     CUDA_TRY(pliant_carried_layout_create(system, &out->layout));
     const bool layered =
@@ -93,7 +45,7 @@ static pliant_status create(const pliant_system *system, pliant_preconditioner_c
     /* An octree and macro-elements across cubes have no coarser lattice. */
     const bool nested = system->mesh->lattice_of_tet && (!system->macros || system->macros->cell);
     if (layered && nested) {
-        CUDA_TRY(create_multigrid(system, at, stream, out));
+        CUDA_TRY(create_multigrid(system, stream, out));
         if (out->multigrid) return PLIANT_OK;
         pliant_log(PLIANT_LOG_INFO,
                    "this lattice cannot be coarsened enough for multigrid on the GPU; its matrix is inverted");
@@ -106,18 +58,15 @@ static pliant_status create(const pliant_system *system, pliant_preconditioner_c
             "that can be halved for multigrid",
             system->num_free, 1e-9 * (double)maximum, LARGEST_REQUESTED);
     }
-    pliant_status status = create_inverse(system, at, PLIANT_TWIST_EXACT, stream, out);
-    return at && status == PLIANT_ERROR_NUMERIC ? create_inverse(system, at, PLIANT_TWIST_POSITIVE, stream, out)
-                                                : status;
+    return create_inverse(system, stream, out);
 }
 
 extern "C" pliant_status pliant_cuda_preconditioner_create(const pliant_system *system,
-                                                           pliant_preconditioner_choice choice,
-                                                           const gpu_preconditioner_state *at, cudaStream_t stream,
+                                                           pliant_preconditioner_choice choice, cudaStream_t stream,
                                                            gpu_preconditioner *out)
 {
     memset(out, 0, sizeof *out);
-    const pliant_status status = create(system, choice, at, stream, out);
+    const pliant_status status = create(system, choice, stream, out);
     if (status != PLIANT_OK) pliant_cuda_preconditioner_free(out);
     return status;
 }
@@ -127,48 +76,18 @@ extern "C" void pliant_cuda_preconditioner_free(gpu_preconditioner *precondition
     pliant_cuda_inverse_free(&preconditioner->inverse);
     pliant_cuda_multigrid_free(preconditioner->multigrid);
     pliant_cuda_carried_free(&preconditioner->carried, &preconditioner->capacity);
-    pliant_cuda_release(preconditioner->d_axes);
-    pliant_cuda_release(preconditioner->d_turned);
     pliant_carried_layout_free(&preconditioner->layout);
     memset(preconditioner, 0, sizeof *preconditioner);
 }
 
 /* ---- In a step. */
 
-/* Compute T v at every node, or with `back` T' v. */
-static __global__ void __launch_bounds__(THREADS)
-    turn_kernel(int count, const double *d_axes, bool back, const int32_t *d_skip, const float *d_from, float *d_out)
-{
-    const int node = (int)(blockIdx.x * THREADS + threadIdx.x);
-    if ((d_skip && *d_skip) || node >= count) return;
-    const double *turn = d_axes + 9 * (size_t)node;
-    const double v[3] = {d_from[3 * (size_t)node], d_from[3 * (size_t)node + 1], d_from[3 * (size_t)node + 2]};
-    for (int r = 0; r < 3; r++) {
-        const double *row = back ? turn + r : turn + 3 * r;
-        const int step = back ? 3 : 1;
-        d_out[3 * (size_t)node + r] = (float)(row[0] * v[0] + row[step] * v[1] + row[2 * step] * v[2]);
-    }
-}
-
-static pliant_status turn(const gpu_preconditioner *preconditioner, bool back, const int32_t *d_skip,
-                          const float *d_from, float *d_out, cudaStream_t stream)
-{
-    const unsigned blocks = (unsigned)((preconditioner->layout.num_free + THREADS - 1) / THREADS);
-    turn_kernel<<<blocks, THREADS, 0, stream>>>(preconditioner->layout.num_free, preconditioner->d_axes, back, d_skip,
-                                                d_from, d_out);
-    return CUDA_LAUNCHED("turn_kernel");
-}
-
 static pliant_status apply_base(const gpu_preconditioner *preconditioner, const int32_t *d_skip, const float *d_right,
                                 float *d_left, cudaStream_t stream)
 {
     if (!preconditioner->multigrid)
         return pliant_cuda_inverse_apply(&preconditioner->inverse, d_skip, d_right, d_left, stream);
-    if (!preconditioner->d_axes)
-        return pliant_cuda_multigrid_apply(preconditioner->multigrid, d_skip, d_right, d_left, stream);
-    CUDA_TRY(turn(preconditioner, false, d_skip, d_right, preconditioner->d_turned, stream));
-    CUDA_TRY(pliant_cuda_multigrid_apply(preconditioner->multigrid, d_skip, preconditioner->d_turned, d_left, stream));
-    return turn(preconditioner, true, d_skip, d_left, d_left, stream);
+    return pliant_cuda_multigrid_apply(preconditioner->multigrid, d_skip, d_right, d_left, stream);
 }
 
 static pliant_status apply(const gpu_preconditioner *preconditioner, const int32_t *d_skip,
@@ -234,37 +153,6 @@ static __global__ void unit_kernel(float *d_right, int clear, int set)
     d_right[set] = 1;
 }
 
-/* Compute T' M T from M for three columns at once, one node per thread. */
-static __global__ void __launch_bounds__(THREADS)
-    turn_columns_kernel(int count, const double *d_axes, const int32_t *d_which, size_t stride, float *d_column)
-{
-    const int node = (int)(blockIdx.x * THREADS + threadIdx.x), *which = d_which + 2 * (size_t)blockIdx.y;
-    if (node >= count) return;
-    const double *left = d_axes + 9 * (size_t)node, *right = d_axes + 9 * (size_t)which[0];
-    float *column = d_column + stride * (size_t)which[1] + 3 * (size_t)node;
-    double half[9]; /* T' M of the node */
-    for (int c = 0; c < 3; c++)
-        for (int r = 0; r < 3; r++) {
-            const float *m = column + stride * (size_t)c;
-            half[3 * r + c] = left[r] * m[0] + left[3 + r] * m[1] + left[6 + r] * m[2];
-        }
-    for (int c = 0; c < 3; c++)
-        for (int r = 0; r < 3; r++)
-            column[stride * (size_t)c + r] =
-                (float)(half[3 * r] * right[c] + half[3 * r + 1] * right[3 + c] + half[3 * r + 2] * right[6 + c]);
-}
-
-static pliant_status find_cycle_columns(const gpu_preconditioner *preconditioner, int32_t count, const int32_t *d_which,
-                                        size_t stride, float *d_column, cudaStream_t stream)
-{
-    CUDA_TRY(pliant_cuda_multigrid_columns(preconditioner->multigrid, count, d_which, stride, d_column, stream));
-    if (!preconditioner->d_axes) return PLIANT_OK;
-    const dim3 blocks((unsigned)((preconditioner->layout.num_free + THREADS - 1) / THREADS), (unsigned)count);
-    turn_columns_kernel<<<blocks, THREADS, 0, stream>>>(preconditioner->layout.num_free, preconditioner->d_axes,
-                                                        d_which, stride, d_column);
-    return CUDA_LAUNCHED("turn_columns_kernel");
-}
-
 extern "C" pliant_status pliant_cuda_columns(const gpu_preconditioner *preconditioner, const gpu_iteration *iteration,
                                              int32_t count, const int32_t *h_which, const int32_t *d_which,
                                              size_t stride, float *d_column, cudaStream_t stream)
@@ -272,7 +160,7 @@ extern "C" pliant_status pliant_cuda_columns(const gpu_preconditioner *precondit
     if (!preconditioner->multigrid && preconditioner->carried.base_free == 0)
         return pliant_cuda_inverse_columns(&preconditioner->inverse, count, d_which, stride, d_column, stream);
     if (preconditioner->carried.base_free == 0)
-        return find_cycle_columns(preconditioner, count, d_which, stride, d_column, stream);
+        return pliant_cuda_multigrid_columns(preconditioner->multigrid, count, d_which, stride, d_column, stream);
     CUDA_TRY(
         CUDA_CALL(cudaMemsetAsync(iteration->d_right, 0, 3 * (size_t)iteration->num_free * sizeof(float), stream)));
     for (int32_t n = 0, before = -1; n < 3 * count; n++) {

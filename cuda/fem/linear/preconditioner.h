@@ -1,5 +1,4 @@
-/* The approximate inverse of the stiffness matrix, applied in axes that rotate with each node. It belongs to the rest
- * state, or to another state rotated back to rest. */
+/* The approximate inverse of the stiffness matrix of the rest state, applied in axes that rotate with each node. */
 #ifndef PLIANT_CUDA_PRECONDITIONER_H
 #define PLIANT_CUDA_PRECONDITIONER_H
 
@@ -16,27 +15,16 @@ typedef struct gpu_preconditioner {
     gpu_multigrid *multigrid; /* NULL: the inverse is used */
     pliant_carried_layout layout; /* on the host: layout of the preconditioner's system, which belongs to an earlier
                                    * body if it is carried over */
-    /* Nullable: (num_free x 9) axes in which a V-cycle was created, if not at rest. An inverse includes its axes. */
-    double *d_axes;
-    float *d_turned;          /* (num_free x 3, padded) work array for those axes */
     size_t bytes;
     gpu_carried carried;
     gpu_carried_capacity capacity;
 } gpu_preconditioner;
 
-/* A state for a preconditioner, on the host: nodes (x 3) and axes of the unknown nodes (x 9). A NULL pointer to it
- * means rest. */
-typedef struct gpu_preconditioner_state {
-    const double *x, *axes;
-} gpu_preconditioner_state;
-
 /* Create the preconditioner.
  * @param choice  AUTO chooses the faster kind for the number of nodes.
- * @param at      Nullable: state. If the exact matrix is not positive definite there, only its positive part is used.
  * Errors: MEMORY (with figures), NUMERIC, UNAVAILABLE. The system must have its pattern. */
 pliant_status pliant_cuda_preconditioner_create(const pliant_system *system, pliant_preconditioner_choice choice,
-                                                const gpu_preconditioner_state *at, cudaStream_t stream,
-                                                gpu_preconditioner *out);
+                                                cudaStream_t stream, gpu_preconditioner *out);
 void pliant_cuda_preconditioner_free(gpu_preconditioner *preconditioner);
 /* Compute d_left = M d_right of the iteration, unless the state says that there is no work. */
 pliant_status pliant_cuda_precondition(const gpu_preconditioner *preconditioner, const gpu_iteration *iteration,

@@ -1,8 +1,6 @@
 /* A preconditioner computed in the background, like the factors in src/fem/quasistatic/refresh.c. It is started in
  * one step and installed a fixed number of steps later, or as in model_data/background.h. After a cut, work still in
- * progress becomes the base of the carried preconditioner. Background preconditioners belong to the rest state. A
- * preconditioner of the present state is computed during a step, which waits for it. If that one converges slowly
- * later, one at rest follows. */
+ * progress becomes the base of the carried preconditioner. Every preconditioner belongs to the rest state. */
 #include "base/account.h"
 #include "base/fail.h"
 #include "base/buffer.h"
@@ -53,7 +51,7 @@ static pliant_status make(gpu_refresh *refresh)
     CUDA_TRY(pliant_system_find_pattern(refresh->of->system));
     pliant_system system = *refresh->of->system;
     system.num_threads = 1;
-    CUDA_TRY(pliant_cuda_preconditioner_create(&system, refresh->choice, nullptr, refresh->stream, &refresh->made));
+    CUDA_TRY(pliant_cuda_preconditioner_create(&system, refresh->choice, refresh->stream, &refresh->made));
     return CUDA_CALL(cudaStreamSynchronize(refresh->stream));
 }
 
@@ -114,14 +112,10 @@ static void exchange_bases(gpu_preconditioner *a, gpu_preconditioner *b)
     a->inverse = b->inverse;
     a->multigrid = b->multigrid;
     a->layout = b->layout;
-    a->d_axes = b->d_axes;
-    a->d_turned = b->d_turned;
     a->bytes = b->bytes;
     b->inverse = other.inverse;
     b->multigrid = other.multigrid;
     b->layout = other.layout;
-    b->d_axes = other.d_axes;
-    b->d_turned = other.d_turned;
     b->bytes = other.bytes;
 }
 
@@ -158,7 +152,6 @@ static pliant_status deliver(pliant_cuda_solver *gpu, const pliant_solver *solve
         exchange_bases(&refresh->discarded, &refresh->made);
         *renewed = possible;
         statistics->factors += possible;
-        gpu->of_state = gpu->of_state && !possible;
     }
     forget_body(refresh);
     if (status != PLIANT_OK || !*renewed) return status;
@@ -175,20 +168,17 @@ extern "C" pliant_status pliant_cuda_refresh_step(pliant_cuda_solver *gpu, const
         pliant_background_installs(solver->background, solver->takes_factor, refresh->finished,
                                    statistics->step >= refresh->due))
         CUDA_TRY(deliver(gpu, solver, statistics, renewed));
-    const bool again = gpu->fresh; /* after restored positions, a slow preconditioner may become good again, and the
-                                    * next one of the state would wait for one at rest */
-    const bool wanted =
-        gpu->preconditioner.carried.base_free > 0 || (gpu->of_state && gpu->in_use.converged_slowly && !again);
+    const bool wanted = gpu->preconditioner.carried.base_free > 0;
     return wanted && !(refresh && refresh->running) ? start(gpu, solver, statistics->step) : PLIANT_OK;
 }
 
 /* ---- Immediate creation. */
 
 extern "C" pliant_status pliant_cuda_preconditioner_make(pliant_cuda_solver *gpu, const pliant_solver *solver,
-                                                         const gpu_preconditioner_state *at, gpu_preconditioner *out)
+                                                         gpu_preconditioner *out)
 {
     const double start = solver->clock(solver->clock_user);
-    CUDA_TRY(pliant_cuda_preconditioner_create(solver->system, gpu->choice, at, gpu->stream, out));
+    CUDA_TRY(pliant_cuda_preconditioner_create(solver->system, gpu->choice, gpu->stream, out));
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
     return PLIANT_OK;
 }
@@ -197,69 +187,11 @@ extern "C" pliant_status pliant_cuda_preconditioner_time(pliant_cuda_solver *gpu
 {
     gpu_preconditioner another = {};
     pliant_fail_quietly(true);
-    const pliant_status status = pliant_cuda_preconditioner_make(gpu, solver, nullptr, &another);
+    const pliant_status status = pliant_cuda_preconditioner_make(gpu, solver, &another);
     pliant_fail_quietly(false);
     pliant_cuda_preconditioner_free(&another);
     return status == PLIANT_ERROR_UNAVAILABLE ? pliant_fail(status, "computing the preconditioner on the GPU failed")
                                               : PLIANT_OK;
-}
-
-/* Discard the background work. */
-static void stop(pliant_cuda_solver *gpu)
-{
-    gpu_refresh *refresh = gpu->refresh;
-    if (!refresh || !refresh->running) return;
-    join(refresh);
-    forget_body(refresh);
-}
-
-/* Replace the present or carried preconditioner immediately. at: Nullable. If no preconditioner can be computed, the
- * old one stays. */
-static pliant_status make_now(pliant_cuda_solver *gpu, const pliant_solver *solver, const gpu_preconditioner_state *at,
-                              bool *made)
-{
-    gpu_preconditioner other = {};
-    if (solver->system->of) CUDA_TRY(pliant_system_find_pattern(solver->system->of->system));
-    pliant_fail_quietly(true);
-    const pliant_status status = pliant_cuda_preconditioner_make(gpu, solver, at, &other);
-    pliant_fail_quietly(false);
-    *made = status == PLIANT_OK;
-    if (*made) {
-        pliant_cuda_carried_clear(&gpu->preconditioner.carried, &gpu->preconditioner.capacity);
-        exchange_bases(&gpu->preconditioner, &other);
-    }
-    pliant_cuda_preconditioner_free(&other);
-    if (!*made)
-        return status == PLIANT_ERROR_UNAVAILABLE
-                   ? pliant_fail(status, "computing the preconditioner on the GPU failed")
-                   : PLIANT_OK;
-    gpu->of_state = at != nullptr;
-    gpu->in_use.number++;
-    pliant_cuda_compliance_discard(&gpu->contacts.blocks);
-    return pliant_cuda_solver_record(gpu);
-}
-
-/* Copy the present state of the step to the host, with matching axes. Both arrays are allocated with pliant_calloc. */
-static pliant_status download_state(pliant_cuda_solver *gpu, double *x, double *axes)
-{
-    const gpu_iteration *it = &gpu->iteration;
-    if (!gpu->in_use.has_inaccurate_rotations) {
-        CUDA_TRY(pliant_cuda_rotate(&gpu->system, it, false, gpu->stream));
-        pliant_preconditioner_use_rotated(&gpu->in_use);
-    }
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(x, it->d_x[gpu->h_state->now], 3 * (size_t)it->num_nodes * sizeof *x,
-                                       cudaMemcpyDeviceToHost, gpu->stream)));
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(axes, it->d_axes, 9 * (size_t)it->num_free * sizeof *axes,
-                                       cudaMemcpyDeviceToHost, gpu->stream)));
-    return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
-}
-
-extern "C" pliant_status pliant_cuda_refresh_at_rest(pliant_cuda_solver *gpu, const pliant_solver *solver)
-{
-    bool made;
-    if (!gpu->of_state || gpu->preconditioner.carried.base_free > 0) return PLIANT_OK;
-    stop(gpu);
-    return make_now(gpu, solver, nullptr, &made);
 }
 
 extern "C" pliant_status pliant_cuda_refresh_carry_over_cut(pliant_cuda_solver *gpu, int32_t num_nodes,

@@ -20,7 +20,7 @@ static pliant_status fill(pliant_cuda_solver *gpu, const pliant_solver *solver)
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     if (solver->system->of) CUDA_TRY(pliant_system_find_pattern(solver->system->of->system));
     CUDA_TRY(pliant_cuda_system_create(solver->system, gpu->stream, &gpu->system, &gpu->system_capacity));
-    CUDA_TRY(pliant_cuda_preconditioner_make(gpu, solver, nullptr, &gpu->preconditioner));
+    CUDA_TRY(pliant_cuda_preconditioner_make(gpu, solver, &gpu->preconditioner));
     if (solver->budget > 0) CUDA_TRY(pliant_cuda_preconditioner_time(gpu, solver));
     CUDA_TRY(pliant_cuda_solver_size(gpu, solver));
     CUDA_TRY(pliant_cuda_allocate_host(sizeof(gpu_state), "the solver", reinterpret_cast<void **>(&gpu->h_state)));
@@ -101,7 +101,6 @@ extern "C" pliant_status pliant_cuda_solver_begin(pliant_cuda_solver *gpu, const
 extern "C" pliant_status pliant_cuda_solver_restart(pliant_cuda_solver *gpu, const pliant_solver *solver)
 {
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
-    CUDA_TRY(pliant_cuda_refresh_at_rest(gpu, solver));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->iteration.d_state, 0, sizeof(gpu_state), gpu->stream)));
     CUDA_TRY(pliant_cuda_rotate(&gpu->system, &gpu->iteration, true, gpu->stream));
     pliant_preconditioner_use_rotated(&gpu->in_use);

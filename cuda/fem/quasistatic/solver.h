@@ -29,7 +29,6 @@ struct pliant_cuda_solver {
     gpu_system system;
     gpu_system_capacity system_capacity;
     gpu_preconditioner preconditioner;
-    bool of_state;             /* the preconditioner belongs to a state other than rest */
     gpu_refresh *refresh;      /* Nullable: the next preconditioner, in progress in the background */
     gpu_iteration iteration;
     size_t capacity[SOLVER_ARRAYS]; /* capacity of its arrays, of d_fine and of d_solved, in bytes */
@@ -89,18 +88,12 @@ pliant_status pliant_cuda_solver_evaluate_contacts(pliant_cuda_solver *gpu);
  * UNAVAILABLE. If no preconditioner can be computed, the old one stays. */
 pliant_status pliant_cuda_refresh_step(pliant_cuda_solver *gpu, const pliant_solver *solver,
                                        pliant_statistics *statistics, bool *renewed);
-/* Create a preconditioner for the present system, wait for it, and measure the time. at: Nullable: state; NULL: rest.
- * Errors: MEMORY, NUMERIC, UNAVAILABLE; `out` may then hold a partial result. */
+/* Create a preconditioner for the present system, and wait for it. Errors: MEMORY, NUMERIC, UNAVAILABLE. */
 pliant_status pliant_cuda_preconditioner_make(pliant_cuda_solver *gpu, const pliant_solver *solver,
-                                              const gpu_preconditioner_state *at, gpu_preconditioner *out);
+                                              gpu_preconditioner *out);
 /* Measure the creation time again, since the first creation in a process includes loading kernels. Without memory the
  * first measurement stays. Errors: UNAVAILABLE. */
 pliant_status pliant_cuda_preconditioner_time(pliant_cuda_solver *gpu, const pliant_solver *solver);
-/* Replace the preconditioner by one of the present state, immediately, and rotate the axes. *made is false if no
- * preconditioner can be computed, or if the present one is carried over from before a cut. Errors: MEMORY,
- * UNAVAILABLE. */
-/* Replace a preconditioner of another state by one at rest. Errors: UNAVAILABLE. */
-pliant_status pliant_cuda_refresh_at_rest(pliant_cuda_solver *gpu, const pliant_solver *solver);
 /* Keep background work across a cut: its result will belong to the earlier body. node: (nodes of the solved mesh) node
  * before the cut. Errors: MEMORY. */
 pliant_status pliant_cuda_refresh_carry_over_cut(pliant_cuda_solver *gpu, int32_t num_nodes, const int32_t *node);
