@@ -172,28 +172,6 @@ extern "C" pliant_status pliant_cuda_refresh_step(pliant_cuda_solver *gpu, const
     return wanted && !(refresh && refresh->running) ? start(gpu, solver, statistics->step) : PLIANT_OK;
 }
 
-/* ---- Immediate creation. */
-
-extern "C" pliant_status pliant_cuda_preconditioner_make(pliant_cuda_solver *gpu, const pliant_solver *solver,
-                                                         gpu_preconditioner *out)
-{
-    const double start = solver->clock(solver->clock_user);
-    CUDA_TRY(pliant_cuda_preconditioner_create(solver->system, gpu->choice, gpu->stream, out));
-    CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
-    return PLIANT_OK;
-}
-
-extern "C" pliant_status pliant_cuda_preconditioner_time(pliant_cuda_solver *gpu, const pliant_solver *solver)
-{
-    gpu_preconditioner another = {};
-    pliant_fail_quietly(true);
-    const pliant_status status = pliant_cuda_preconditioner_make(gpu, solver, &another);
-    pliant_fail_quietly(false);
-    pliant_cuda_preconditioner_free(&another);
-    return status == PLIANT_ERROR_UNAVAILABLE ? pliant_fail(status, "computing the preconditioner on the GPU failed")
-                                              : PLIANT_OK;
-}
-
 extern "C" pliant_status pliant_cuda_refresh_carry_over_cut(pliant_cuda_solver *gpu, int32_t num_nodes,
                                                             const int32_t *node)
 {

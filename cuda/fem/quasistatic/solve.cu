@@ -20,8 +20,8 @@ static pliant_status fill(pliant_cuda_solver *gpu, const pliant_solver *solver)
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     if (solver->system->of) CUDA_TRY(pliant_system_find_pattern(solver->system->of->system));
     CUDA_TRY(pliant_cuda_system_create(solver->system, gpu->stream, &gpu->system, &gpu->system_capacity));
-    CUDA_TRY(pliant_cuda_preconditioner_make(gpu, solver, &gpu->preconditioner));
-    if (solver->budget > 0) CUDA_TRY(pliant_cuda_preconditioner_time(gpu, solver));
+    CUDA_TRY(pliant_cuda_preconditioner_create(solver->system, gpu->choice, gpu->stream, &gpu->preconditioner));
+    CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
     CUDA_TRY(pliant_cuda_solver_size(gpu, solver));
     CUDA_TRY(pliant_cuda_allocate_host(sizeof(gpu_state), "the solver", reinterpret_cast<void **>(&gpu->h_state)));
     CUDA_TRY(pliant_cuda_solver_record(gpu));
@@ -289,8 +289,6 @@ struct step_so_far {
     int32_t newton_evaluations;            /* of the Newton step after a cut, before the others */
     int32_t solved, iterations;
     double error_before;
-    double start;              /* [s] */
-    double seconds;            /* duration of the evaluations */
 };
 
 /* Record the result of evaluations: the tools' forces, and the number of evaluations. */
@@ -313,23 +311,12 @@ static void record_evaluations(pliant_cuda_solver *gpu, pliant_solver *solver, c
     statistics->rejected += (uint64_t)rules->rejected;
 }
 
-static pliant_status run_any(pliant_cuda_solver *gpu, pliant_solver *solver, const gpu_step *step,
-                             pliant_statistics *statistics, step_so_far *so_far)
-{
-    const double start = solver->clock(solver->clock_user);
-    CUDA_TRY(step->has_contacts ? pliant_cuda_contacts_run(gpu, solver, step) : run(gpu, step));
-    so_far->seconds += solver->clock(solver->clock_user) - start;
-    record_evaluations(gpu, solver, step, statistics, so_far);
-    return PLIANT_OK;
-}
-
 static pliant_status take_step(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3],
                                pliant_statistics *statistics)
 {
     gpu_step step = {};
     bool renewed = false;
     step_so_far so_far = {};
-    so_far.start = solver->clock(solver->clock_user);
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     CUDA_TRY(pliant_cuda_refresh_step(gpu, solver, statistics, &renewed));
     if (gpu->fresh) pliant_solver_drop_history(solver);
@@ -340,7 +327,8 @@ static pliant_status take_step(pliant_cuda_solver *gpu, pliant_solver *solver, c
         return PLIANT_OK;
     }
     CUDA_TRY(prepare(gpu, solver, gravity, statistics, renewed, &step, &so_far.newton_evaluations));
-    CUDA_TRY(run_any(gpu, solver, &step, statistics, &so_far));
+    CUDA_TRY(step.has_contacts ? pliant_cuda_contacts_run(gpu, solver, &step) : run(gpu, &step));
+    record_evaluations(gpu, solver, &step, statistics, &so_far);
     const gpu_state *state = gpu->h_state;
     const pliant_anderson *rules = &state->rules;
     if (!isfinite(rules->merit)) return pliant_fail(PLIANT_ERROR_NUMERIC, PLIANT_LOAD_NOT_FINITE);

@@ -88,12 +88,6 @@ pliant_status pliant_cuda_solver_evaluate_contacts(pliant_cuda_solver *gpu);
  * UNAVAILABLE. If no preconditioner can be computed, the old one stays. */
 pliant_status pliant_cuda_refresh_step(pliant_cuda_solver *gpu, const pliant_solver *solver,
                                        pliant_statistics *statistics, bool *renewed);
-/* Create a preconditioner for the present system, and wait for it. Errors: MEMORY, NUMERIC, UNAVAILABLE. */
-pliant_status pliant_cuda_preconditioner_make(pliant_cuda_solver *gpu, const pliant_solver *solver,
-                                              gpu_preconditioner *out);
-/* Measure the creation time again, since the first creation in a process includes loading kernels. Without memory the
- * first measurement stays. Errors: UNAVAILABLE. */
-pliant_status pliant_cuda_preconditioner_time(pliant_cuda_solver *gpu, const pliant_solver *solver);
 /* Keep background work across a cut: its result will belong to the earlier body. node: (nodes of the solved mesh) node
  * before the cut. Errors: MEMORY. */
 pliant_status pliant_cuda_refresh_carry_over_cut(pliant_cuda_solver *gpu, int32_t num_nodes, const int32_t *node);
