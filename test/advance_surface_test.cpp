@@ -4,6 +4,9 @@
 #include "base/rotate.h"
 #include "contact/shapes/shapes.h"
 #include "base/memory.h"
+extern "C" {
+#include "contact/advance/advance_workspace.h"
+}
 
 #include <algorithm>
 #include <functional>
@@ -47,6 +50,11 @@ struct Sheet {
     }
 };
 
+bool is_same_pair(const pliant_advance_pair &a, const pliant_advance_pair &b)
+{
+    return a.part == b.part && a.triangle == b.triangle && a.iterations == b.iterations && a.t == b.t;
+}
+
 // Tools and the sheet.
 struct Scene {
     Sheet sheet;
@@ -69,14 +77,18 @@ struct Scene {
             parts.push_back(part);
         }
     }
-    pliant_advance_result find(int threads = 1)
+    double find(int threads = 1)
     {
-        pliant_advance_result out{};
+        double fraction = -1;
         EXPECT_EQ(pliant_advance_find(with.advance, sheet.num_triangles(), sheet.triangles.data(), sheet.from.data(),
                                       sheet.to.data(), static_cast<int32_t>(parts.size()), parts.data(), threads, false,
-                                      &out),
+                                      &fraction),
                   PLIANT_OK);
-        return out;
+        return fraction;
+    }
+    std::vector<pliant_advance_pair> pairs() const
+    {
+        return {with.advance->pair, with.advance->pair + with.advance->num_pairs};
     }
     pliant_advance_audit_result audit()
     {
@@ -169,16 +181,13 @@ TEST(AdvanceSurface, NoLegSequenceLetsACorePenetrate)
                 const double along = 100 * (wave[0] * x[0] + wave[1] * x[1]);
                 for (int d = 0; d < 3; d++) x[d] += size * std::sin(along + 3 * phase[d]) - (d == 2 ? 0.2 * x[2] : 0);
             });
-            const pliant_advance_result found = on.find();
-            on.advance(found.t);
+            const double fraction = on.find();
+            on.advance(fraction);
             const pliant_advance_audit_result audit = on.audit();
-            ASSERT_EQ(audit.crossings, 0) << "scene " << scene << " leg " << n << " part " << audit.crossing_part
-                                          << " triangle " << audit.crossing_triangle;
+            ASSERT_EQ(audit.crossings, 0) << "scene " << scene << " leg " << n;
             ASSERT_GT(audit.minimum, 0.02 * 2e-4 * 0.999) << "scene " << scene << " leg " << n;
-            if (std::isfinite(found.minimum) && audit.minimum < 1e-4)
-                EXPECT_NEAR(found.minimum, audit.minimum, 1e-3 * audit.minimum);
-            moved += found.t > 1e-3;
-            blocked += found.t < 1;
+            moved += fraction > 1e-3;
+            blocked += fraction < 1;
         }
     }
     std::printf("1000 legs: %d blocked, %d moved\n", blocked, moved);
@@ -205,9 +214,9 @@ TEST(AdvanceSurface, PartsThatMoveWithTheTissueAreNotSlowed)
         on.parts[0].to = on.parts[0].from;
         for (int d = 0; d < 3; d++) on.parts[0].to.tip[d] += by[d];
         std::copy(turned, turned + 4, on.parts[0].to.rotation);
-        const pliant_advance_result found = on.find();
-        EXPECT_EQ(found.t, 1) << "kind " << shape.part[0].kind;
-        EXPECT_NEAR(found.minimum, 1e-4, 2e-6);
+        EXPECT_EQ(on.find(), 1) << "kind " << shape.part[0].kind;
+        on.advance(1);
+        EXPECT_NEAR(on.audit().minimum, 1e-4, 2e-6);
     }
 }
 
@@ -219,10 +228,12 @@ TEST(AdvanceSurface, SlidingIsNotSlowed)
         on.add(shape, {-0.01, 0, rest - 5e-5});
         on.parts[0].to.tip[0] += 0.02;
         turn({0, 0, 1}, 0.8, on.parts[0].to.rotation);
-        const pliant_advance_result found = on.find();
-        EXPECT_EQ(found.t, 1) << "kind " << shape.part[0].kind;
-        EXPECT_GT(found.minimum, 1.5e-4 - 1e-9);
-        EXPECT_LT(found.distances, 60 * (found.pairs + 1));
+        EXPECT_EQ(on.find(), 1) << "kind " << shape.part[0].kind;
+        size_t iterations = 0;
+        for (const pliant_advance_pair &pair : on.pairs()) iterations += static_cast<size_t>(pair.iterations);
+        EXPECT_LT(iterations, 10 * (on.pairs().size() + 1));
+        on.advance(1);
+        EXPECT_GT(on.audit().minimum, 1.5e-4 - 1e-9);
     }
 }
 
@@ -231,13 +242,11 @@ TEST(AdvanceSurface, APartStopsAboveTheTissue)
     Scene on;
     on.add(ball(2e-3), {0.001, 0.002, 0.01});
     on.parts[0].to.tip[2] = -0.01;
-    const pliant_advance_result found = on.find();
-    const double height = 0.01 - 0.02 * found.t - (2e-3 - 2e-4); // height of the core
+    const double fraction = on.find(), height = 0.01 - 0.02 * fraction - (2e-3 - 2e-4); // height of the core
     EXPECT_NEAR(height, 0.5 * 2e-4, 0.02 * 2e-4);
     EXPECT_GT(height, 0.5 * 2e-4);
-    EXPECT_NEAR(found.minimum, height, 1e-9);
-    EXPECT_EQ(found.part, 0);
-    EXPECT_GE(found.triangle, 0);
+    on.advance(fraction);
+    EXPECT_NEAR(on.audit().minimum, height, 1e-9);
 }
 
 TEST(AdvanceSurface, OverlapsStopTheLegUnlessReleased)
@@ -247,15 +256,15 @@ TEST(AdvanceSurface, OverlapsStopTheLegUnlessReleased)
     on.parts[0].to.tip[2] = 0.003;
     EXPECT_LT(on.audit().minimum, 0);
     EXPECT_GT(on.audit().crossings, 0);
-    EXPECT_EQ(on.find().t, 0);
+    EXPECT_EQ(on.find(), 0);
     on.parts[0].released = true;
-    EXPECT_GT(on.find().t,
+    EXPECT_GT(on.find(),
               0.4); // it leaves the tissue, until adjacent triangles block it or the leg ends
     EXPECT_EQ(on.audit().crossings, 0);
     // a released part must not enter triangles that it does not overlap yet
     on.parts[0].to = on.parts[0].from;
     on.parts[0].to.tip[0] = 0.02;
-    EXPECT_LT(on.find().t, 0.5);
+    EXPECT_LT(on.find(), 0.5);
 }
 
 TEST(AdvanceSurface, HeldTissueIsExempt)
@@ -263,13 +272,13 @@ TEST(AdvanceSurface, HeldTissueIsExempt)
     Scene on;
     on.add(ball(2e-3), {0, 0, 0.004});
     on.parts[0].to.tip[2] = 0;
-    EXPECT_LT(on.find().t, 1);
+    EXPECT_LT(on.find(), 1);
     std::vector<int32_t> held;
     for (int32_t n = 0; n < on.sheet.num_nodes(); n++)
         if (std::hypot(on.sheet.from[3 * n], on.sheet.from[3 * n + 1]) < 0.008) held.push_back(n);
     on.parts[0].num_held = static_cast<int32_t>(held.size());
     on.parts[0].held = held.data();
-    EXPECT_EQ(on.find().t, 1);
+    EXPECT_EQ(on.find(), 1);
 }
 
 TEST(AdvanceSurface, AHalfSpaceStopsFallingTissue)
@@ -284,8 +293,7 @@ TEST(AdvanceSurface, AHalfSpaceStopsFallingTissue)
     part.guard = 2e-4;
     on.parts.push_back(part);
     on.sheet.move([](double x[3]) { x[2] -= 0.01 + x[0] * 0.01; });
-    const pliant_advance_result found = on.find();
-    const double lowest = -(0.01 + 0.03 * 0.01) * found.t;
+    const double lowest = -(0.01 + 0.03 * 0.01) * on.find();
     EXPECT_NEAR(lowest, -0.005 - 2e-4 + 1e-4, 3e-6);
 }
 
@@ -302,13 +310,11 @@ TEST(AdvanceSurface, ThreadsDoNotChangeTheResult)
             part.to.tip[2] -= 0.01;
         }
         on.sheet.move([&](double x[3]) { x[2] += 0.001 * std::sin(200 * x[0] + n); });
-        const pliant_advance_result one = on.find(1), two = on.find(2);
-        EXPECT_EQ(one.t, two.t);
-        EXPECT_EQ(one.part, two.part);
-        EXPECT_EQ(one.triangle, two.triangle);
-        EXPECT_EQ(one.pairs, two.pairs);
-        EXPECT_EQ(one.distances, two.distances);
-        EXPECT_EQ(one.minimum, two.minimum);
+        const double fraction = on.find(1);
+        const std::vector<pliant_advance_pair> pairs = on.pairs();
+        EXPECT_EQ(on.find(2), fraction);
+        const std::vector<pliant_advance_pair> again = on.pairs();
+        EXPECT_TRUE(std::equal(pairs.begin(), pairs.end(), again.begin(), again.end(), is_same_pair));
     }
 }
 
@@ -319,42 +325,47 @@ struct Layers {
     Advance with;
     pliant_advance_self self{};
     Layers() { self.thickness = 1e-4; }
-    pliant_advance_self_result find(int threads = 1)
+    double find(int threads = 1)
     {
-        pliant_advance_self_result out{};
+        double fraction = -1;
         EXPECT_EQ(pliant_advance_find_self(with.advance, sheet.num_triangles(), sheet.triangles.data(),
-                                           sheet.from.data(), sheet.to.data(), &self, threads, &out),
+                                           sheet.from.data(), sheet.to.data(), &self, threads, &fraction),
                   PLIANT_OK);
-        return out;
+        return fraction;
     }
-    pliant_advance_self_audit audit()
+    int32_t crossings()
     {
-        pliant_advance_self_audit out{};
+        int32_t crossings = -1;
         EXPECT_EQ(pliant_advance_audit_self(with.advance, sheet.num_triangles(), sheet.triangles.data(),
-                                            sheet.from.data(), &self, nullptr, &out),
+                                            sheet.from.data(), &self, nullptr, &crossings),
                   PLIANT_OK);
-        return out;
+        return crossings;
+    }
+    double minimum() const // distance of the pairs that crossings() has listed
+    {
+        double minimum = INFINITY;
+        for (int32_t n = 0; n < with.advance->num_self; n++)
+            minimum = std::fmin(minimum, pliant_advance_self_distance(with.advance->self + n, sheet.from.data()));
+        return minimum;
     }
 };
 
 TEST(AdvanceSelf, LayersStopBeforeEachOther)
 {
     Layers on;
-    const int32_t below = on.sheet.num_nodes();
     on.sheet.add(9, 0.05, -0.003);
     std::vector<double> heights;
     on.sheet.move([](double x[3]) { x[2] = x[2] < -0.001 ? x[2] + 0.004 : x[2] - 0.002; });
-    const pliant_advance_self_result found = on.find();
-    EXPECT_NEAR(0.003 - 0.006 * found.t, 0.5 * 1e-4, 1e-6);
-    EXPECT_EQ(found.node[0] < below, found.node[3] >= below);
-    on.sheet.advance(found.t);
-    EXPECT_NEAR(on.audit().minimum, 0.5 * 1e-4, 1e-6);
-    EXPECT_EQ(on.audit().crossings, 0);
+    const double fraction = on.find();
+    EXPECT_NEAR(0.003 - 0.006 * fraction, 0.5 * 1e-4, 1e-6);
+    on.sheet.advance(fraction);
+    EXPECT_EQ(on.crossings(), 0);
+    EXPECT_NEAR(on.minimum(), 0.5 * 1e-4, 1e-6);
     on.sheet.move([](double x[3]) { // move both sheets together, and also relative to each other
         x[0] += x[2] < -0.002 ? 0.1 : 0.09;
         x[2] += 0.05;
     });
-    EXPECT_EQ(on.find().t, 1);
+    EXPECT_EQ(on.find(), 1);
 }
 
 // Left out are pairs with an exempt node on both sides, pairs within a rigid piece, and pairs that start together.
@@ -365,25 +376,25 @@ TEST(AdvanceSelf, ExemptNodesPiecesAndPairsThatStartTogetherPass)
     on.sheet.add(9, 0.05, -0.001);
     const auto nodes = static_cast<size_t>(on.sheet.num_nodes());
     on.sheet.move([](double x[3]) { x[2] += x[2] < -5e-4 ? 0.003 : 0; });
-    EXPECT_LT(on.find().t, 1);
+    EXPECT_LT(on.find(), 1);
     std::vector<uint8_t> exempt(nodes, 0);
     std::fill(exempt.begin(), exempt.begin() + static_cast<std::ptrdiff_t>(below), uint8_t{1});
     on.self.exempt = exempt.data();
-    EXPECT_LT(on.find().t, 1) << "one side is not exempt";
+    EXPECT_LT(on.find(), 1) << "one side is not exempt";
     std::fill(exempt.begin(), exempt.end(), uint8_t{1});
-    EXPECT_EQ(on.find().t, 1);
+    EXPECT_EQ(on.find(), 1);
     on.self.exempt = nullptr;
     std::vector<int32_t> piece(nodes, -1);
     on.self.piece = piece.data();
-    EXPECT_LT(on.find().t, 1) << "no pieces";
+    EXPECT_LT(on.find(), 1) << "no pieces";
     std::fill(piece.begin(), piece.end(), 2);
-    EXPECT_EQ(on.find().t, 1);
+    EXPECT_EQ(on.find(), 1);
     on.self.piece = nullptr;
     on.sheet.add(9, 0.05, -0.001 + 0.4 * 0.02 * on.self.thickness);
     on.sheet.move([&](double x[3]) { x[2] += x[2] < -0.001 + 1e-9 ? 0.0005 : 0; });
-    EXPECT_EQ(on.find().t, 1);
+    EXPECT_EQ(on.find(), 1);
     on.sheet.advance(1);
-    EXPECT_EQ(on.audit().crossings, 0);
+    EXPECT_EQ(on.crossings(), 0);
 }
 
 // Surfaces that are nearer at rest than the thickness keep that distance.
@@ -396,9 +407,10 @@ TEST(AdvanceSelf, ThicknessIsAtMostTheDistanceAtRest)
         for (size_t n = 2; n < rest.size(); n += 3) rest[n] = rest[n] < -5e-4 ? -at_rest : rest[n];
         on.self.rest = rest.data();
         on.sheet.move([](double x[3]) { x[2] += x[2] < -5e-4 ? 0.003 : 0; });
-        on.sheet.advance(on.find().t);
+        on.sheet.advance(on.find());
         const double thickness = std::fmin(at_rest, on.self.thickness);
-        EXPECT_NEAR(on.audit().minimum, 0.5 * thickness, 0.01 * thickness) << at_rest;
+        EXPECT_EQ(on.crossings(), 0);
+        EXPECT_NEAR(on.minimum(), 0.5 * thickness, 0.01 * thickness) << at_rest;
     }
 }
 
@@ -418,16 +430,13 @@ TEST(AdvanceSelf, ACrumpledSheetNeverPassesThroughItself)
                 for (int d = 0; d < 3; d++)
                     x[d] += size * push[d] * std::sin(along + 3 * phase[d]) - 0.1 * x[d] + own * random(-1, 1);
             });
-            const pliant_advance_self_result found = on.find(), again = on.find(2);
-            EXPECT_EQ(found.t, again.t);
-            EXPECT_EQ(found.distances, again.distances);
-            EXPECT_TRUE(std::equal(found.node, found.node + 4, again.node));
-            on.sheet.advance(found.t);
-            const pliant_advance_self_audit audit = on.audit();
-            ASSERT_EQ(audit.crossings, 0) << "scene " << scene << " leg " << n;
-            ASSERT_GT(audit.minimum, 0.02 * 1e-4 * 0.999) << "scene " << scene << " leg " << n;
-            blocked += found.t < 1;
-            moved += found.t > 1e-3;
+            const double fraction = on.find();
+            EXPECT_EQ(on.find(2), fraction);
+            on.sheet.advance(fraction);
+            ASSERT_EQ(on.crossings(), 0) << "scene " << scene << " leg " << n;
+            ASSERT_GT(on.minimum(), 0.02 * 1e-4 * 0.999) << "scene " << scene << " leg " << n;
+            blocked += fraction < 1;
+            moved += fraction > 1e-3;
         }
     }
     std::printf("200 legs: %d blocked, %d moved\n", blocked, moved);
@@ -441,7 +450,7 @@ TEST(AdvanceSelf, AnAuditFindsCrossings)
     on.sheet.add(3, 0.02, 0.001);
     on.sheet.move([](double x[3]) { x[2] -= x[2] > 0 ? 0.002 * (x[0] > 0) : 0; });
     on.sheet.advance(1);
-    EXPECT_GT(on.audit().crossings, 0);
+    EXPECT_GT(on.crossings(), 0);
 }
 
 TEST(AdvanceSurface, EveryAllocationMayFail)
@@ -461,32 +470,30 @@ TEST(AdvanceSurface, EveryAllocationMayFail)
             part.to = part.from;
             pliant_advance_self how{};
             how.thickness = 1e-4;
-            pliant_advance_result out{};
-            pliant_advance_self_result of_self{};
-            out.t = of_self.t = -5;
+            double fraction = -5, of_self = -5;
             pliant_memory_fail_after(n);
             pliant_status status = pliant_advance_create(nullptr, &advance);
             if (status == PLIANT_OK && !self)
                 status = pliant_advance_find(advance, sheet.num_triangles(), sheet.triangles.data(), sheet.from.data(),
-                                             sheet.to.data(), 1, &part, 1, false, &out);
+                                             sheet.to.data(), 1, &part, 1, false, &fraction);
             if (status == PLIANT_OK && self)
                 status = pliant_advance_find_self(advance, sheet.num_triangles(), sheet.triangles.data(),
                                                   sheet.from.data(), sheet.to.data(), &how, 1, &of_self);
             pliant_memory_fail_after(-1);
             if (status != PLIANT_OK) {
                 EXPECT_EQ(status, PLIANT_ERROR_MEMORY);
-                EXPECT_EQ(out.t, -5);
-                EXPECT_EQ(of_self.t, -5);
+                EXPECT_EQ(fraction, -5);
+                EXPECT_EQ(of_self, -5);
             }
             if (advance) { // it works again after the failure
                 EXPECT_EQ(pliant_advance_find(advance, sheet.num_triangles(), sheet.triangles.data(), sheet.from.data(),
-                                              sheet.to.data(), 1, &part, 1, false, &out),
+                                              sheet.to.data(), 1, &part, 1, false, &fraction),
                           PLIANT_OK);
                 EXPECT_EQ(pliant_advance_find_self(advance, sheet.num_triangles(), sheet.triangles.data(),
                                                    sheet.from.data(), sheet.to.data(), &how, 1, &of_self),
                           PLIANT_OK);
-                EXPECT_EQ(out.t, 1);
-                EXPECT_EQ(of_self.t, 1);
+                EXPECT_EQ(fraction, 1);
+                EXPECT_EQ(of_self, 1);
             }
             pliant_advance_free(advance);
             if (status == PLIANT_OK) {

@@ -133,14 +133,21 @@ struct Leg {
         }
         return minimum;
     }
-    pliant_advance_result find(const Advance &with, int threads = 1) const
+    double find(const Advance &with) const
     {
         static const int32_t triangle[3] = {0, 1, 2};
-        pliant_advance_result out{};
+        double fraction = -1;
         EXPECT_EQ(
-            pliant_advance_find(with.advance, 1, triangle, from[0].data(), to[0].data(), 1, &leg, threads, false, &out),
+            pliant_advance_find(with.advance, 1, triangle, from[0].data(), to[0].data(), 1, &leg, 1, false, &fraction),
             PLIANT_OK);
-        return out;
+        return fraction;
+    }
+    double minimum(const Advance &with) const // core distance at the start of the leg
+    {
+        static const int32_t triangle[3] = {0, 1, 2};
+        pliant_advance_audit_result found{};
+        EXPECT_EQ(pliant_advance_audit(with.advance, 1, triangle, from[0].data(), 1, &leg, 1, &found), PLIANT_OK);
+        return found.minimum;
     }
     double limit(double d) const { return std::max(std::min(0.1 * d, 0.5 * leg.guard), std::min(0.02 * leg.guard, d)); }
 };
@@ -274,7 +281,6 @@ int count_of(int usual)
 
 struct Outcome {
     int legs = 0, blocked = 0, early = 0;
-    double iterations = 0;
 };
 
 // Check legs of one kind of part: no sample is nearer than the limit, and no leg stops early without a reason.
@@ -292,27 +298,26 @@ Outcome try_legs(pliant_part_kind kind, const pliant_solid *solid, int count, ui
         leg.finish(kind != PLIANT_PART_HALF_SPACE);
         choose_triangle(random, leg);
         const double first = leg.is_convex ? leg.sharp_distance(0) : 0.9 * leg.distance(0), limit = leg.limit(first);
-        const pliant_advance_result found = leg.find(advance);
-        outcome.iterations += static_cast<double>(found.distances);
+        const double fraction = leg.find(advance);
         if (first <= 0) {
-            EXPECT_EQ(found.t, 0) << "leg " << n;
+            EXPECT_EQ(fraction, 0) << "leg " << n;
             continue;
         }
         double blocked = INFINITY; // time before the first sample that is nearer than the limit
         for (int s = 0; s <= SAMPLES; s++) {
             const double t = static_cast<double>(s) / SAMPLES, distance = leg.distance(t);
-            if (t <= found.t) {
+            if (t <= fraction) {
                 EXPECT_GT(distance, 0.999 * limit - 1e-9)
-                    << "leg " << n << " at " << t << " of " << found.t << " from " << first;
+                    << "leg " << n << " at " << t << " of " << fraction << " from " << first;
                 EXPECT_GT(distance, 0);
             }
             if (distance < limit && blocked == INFINITY) blocked = static_cast<double>(s - 1) / SAMPLES;
         }
-        EXPECT_GT(leg.distance(found.t), 0.999 * limit - 1e-9) << "leg " << n;
+        EXPECT_GT(leg.distance(fraction), 0.999 * limit - 1e-9) << "leg " << n;
         outcome.legs++;
-        outcome.blocked += found.t < 1;
-        const bool at_limit = leg.distance(found.t) < 1.05 * limit + 1e-8; // the limit lies between two samples
-        if (!at_limit && found.t < 0.98 * std::min(blocked, 1.0) - 1.0 / SAMPLES) outcome.early++;
+        outcome.blocked += fraction < 1;
+        const bool at_limit = leg.distance(fraction) < 1.05 * limit + 1e-8; // the limit lies between two samples
+        if (!at_limit && fraction < 0.98 * std::min(blocked, 1.0) - 1.0 / SAMPLES) outcome.early++;
     }
     return outcome;
 }
@@ -325,8 +330,7 @@ TEST_P(AdvanceKind, KeepsTheLimitDistanceWithoutStoppingEarly)
 {
     const Outcome outcome = try_legs(GetParam(), GetParam() == PLIANT_PART_SOLID ? hull() : nullptr,
                                      count_of(GetParam() == PLIANT_PART_SOLID ? 40 : 200), 11 + GetParam());
-    std::printf("kind %d: %d legs, %d blocked, %d early, %.1f distances a leg\n", GetParam(), outcome.legs,
-                outcome.blocked, outcome.early, outcome.iterations / outcome.legs);
+    std::printf("kind %d: %d legs, %d blocked, %d early\n", GetParam(), outcome.legs, outcome.blocked, outcome.early);
     EXPECT_GT(outcome.blocked, outcome.legs / 10);
     EXPECT_LT(outcome.blocked, outcome.legs);
     EXPECT_LE(outcome.early, 1 + outcome.legs / 300);
@@ -345,14 +349,11 @@ TEST_P(AdvanceKind, FindsTheSmallestDistance)
         leg.leg.guard = pliant_advance_guard(&settings, &leg.part, 0.1);
         leg.finish(GetParam() != PLIANT_PART_HALF_SPACE);
         choose_triangle(random, leg);
-        leg.leg.to = leg.leg.from;
-        leg.to = leg.from;
-        const pliant_advance_result found = leg.find(advance);
-        const double first = leg.sharp_distance(0);
-        if (!std::isfinite(found.minimum) || first <= 0) continue;
+        const double minimum = leg.minimum(advance), first = leg.sharp_distance(0);
+        if (!std::isfinite(minimum) || first <= 0) continue;
         near++;
-        EXPECT_LT(found.minimum, first * (1 + 1e-6) + 1e-12) << "triangle " << n;
-        EXPECT_GT(found.minimum, std::min(first, leg.distance(0)) * 0.998 - 1e-10) << "triangle " << n;
+        EXPECT_LT(minimum, first * (1 + 1e-6) + 1e-12) << "triangle " << n;
+        EXPECT_GT(minimum, std::min(first, leg.distance(0)) * 0.998 - 1e-10) << "triangle " << n;
     }
     EXPECT_GT(near, GetParam() == PLIANT_PART_SOLID ? 20 : 100);
 }
@@ -364,8 +365,7 @@ INSTANTIATE_TEST_SUITE_P(Convex, AdvanceKind,
 TEST(Advance, NeverEntersASolidThatIsNotConvex)
 {
     const Outcome outcome = try_legs(PLIANT_PART_SOLID, bracket(), count_of(60), 23);
-    std::printf("field: %d legs, %d blocked, %d early, %.1f distances a leg\n", outcome.legs, outcome.blocked,
-                outcome.early, outcome.iterations / outcome.legs);
+    std::printf("field: %d legs, %d blocked, %d early\n", outcome.legs, outcome.blocked, outcome.early);
     EXPECT_GT(outcome.blocked, outcome.legs / 10);
     EXPECT_LT(outcome.blocked, outcome.legs);
     EXPECT_LE(outcome.early, 1 + outcome.legs / 50);
@@ -386,8 +386,7 @@ void place_at_floor(const Leg &leg, const Vector &out, const Corners &shape, Cor
             for (int d = 0; d < 3; d++) at[c][d] = shape[c][d] + middle * out[d];
         double local[3][3];
         for (int c = 0; c < 3; c++) std::copy(at[c].begin(), at[c].end(), local[c]);
-        int64_t distances = 0;
-        (pliant_field_minimum(&core, local, 1, &distances) < 0.02 * leg.leg.guard ? low : high) = middle;
+        (pliant_field_minimum(&core, local, 1) < 0.02 * leg.leg.guard ? low : high) = middle;
     }
 }
 
@@ -420,7 +419,7 @@ TEST(Advance, ATriangleThatLeavesTheRimOfAFieldIsNotStopped)
         place_at_floor(leg, out, shape, leg.from);
         for (int c = 0; c < 3; c++)
             for (int d = 0; d < 3; d++) leg.to[c][d] = leg.from[c][d] + 1e-4 * out[d];
-        stopped += leg.find(advance).t < 1;
+        stopped += leg.find(advance) < 1;
     }
     pliant_solid_release(solid);
     EXPECT_EQ(stopped, 0);

@@ -5,6 +5,9 @@
 //   bench_advance [threads]
 #include "contact/advance/advance.h"
 #include "contact/shapes/shapes.h"
+extern "C" {
+#include "contact/advance/advance_workspace.h"
+}
 #include "../solids.h"
 
 #include <algorithm>
@@ -69,7 +72,7 @@ void measure(const char *name, const std::vector<pliant_tool_shape> &shapes, int
     const int32_t triangles = static_cast<int32_t>(sheet.triangles.size() / 3);
     std::mt19937 random(3);
     std::uniform_real_distribution<double> any(-1, 1);
-    std::vector<double> times, pairs, distances, fractions;
+    std::vector<double> times, pairs, fractions;
     pliant_advance *advance = nullptr;
     pliant_advance_create(nullptr, &advance);
     size_t num_parts = 0;
@@ -102,15 +105,14 @@ void measure(const char *name, const std::vector<pliant_tool_shape> &shapes, int
         for (size_t c = 0; c < sheet.to.size(); c++)
             sheet.to[c] = sheet.from[c] + 0.1 * way * any(random) + (c % 3 == 2 ? -0.2 * way : 0);
         num_parts = parts.size();
-        pliant_advance_result found{};
+        double fraction = 1;
         const double begin = now();
         for (int round = 0; round < 3; round++)
             pliant_advance_find(advance, triangles, sheet.triangles.data(), sheet.from.data(), sheet.to.data(),
-                                static_cast<int32_t>(parts.size()), parts.data(), threads, false, &found);
+                                static_cast<int32_t>(parts.size()), parts.data(), threads, false, &fraction);
         times.push_back(1e6 * (now() - begin) / 3);
-        pairs.push_back(found.pairs);
-        distances.push_back(static_cast<double>(found.distances));
-        fractions.push_back(found.t);
+        pairs.push_back(advance->num_pairs);
+        fractions.push_back(fraction);
     }
     pliant_advance_free(advance);
     const auto median = [](std::vector<double> &of, double fraction = 0.5) {
@@ -118,9 +120,9 @@ void measure(const char *name, const std::vector<pliant_tool_shape> &shapes, int
         return of[static_cast<size_t>(fraction * static_cast<double>(of.size() - 1))];
     };
     std::printf("%-16s %6d triangles %3zu parts, %4.1f mm %5.2f rad: median %7.1f us, 95 %% %7.1f, max %7.1f; pairs "
-                "%5.0f, distances %6.0f, t %.2f\n",
+                "%5.0f, t %.2f\n",
                 name, triangles, num_parts, 1e3 * way, angle, median(times), median(times, 0.95), median(times, 1),
-                median(pairs), median(distances), median(fractions));
+                median(pairs), median(fractions));
 }
 
 // Two wavy sheets at a distance, pushed randomly.
@@ -134,7 +136,7 @@ void measure_self(int across, double gap, double way, int threads)
     for (size_t c = 0; c < corners; c++) sheet.triangles.push_back(sheet.triangles[c] + nodes);
     std::mt19937 random(3);
     std::uniform_real_distribution<double> any(-1, 1);
-    std::vector<double> times, pairs, distances, fractions;
+    std::vector<double> times, pairs, fractions;
     pliant_advance *advance = nullptr;
     pliant_advance_create(nullptr, &advance);
     for (int n = 0; n < 20; n++) {
@@ -147,20 +149,19 @@ void measure_self(int across, double gap, double way, int threads)
         }
         pliant_advance_self self{};
         self.thickness = 1e-4;
-        pliant_advance_self_result found{};
+        double fraction = 1;
         const double begin = now();
         pliant_advance_find_self(advance, static_cast<int32_t>(sheet.triangles.size() / 3), sheet.triangles.data(),
-                                 sheet.from.data(), sheet.to.data(), &self, threads, &found);
+                                 sheet.from.data(), sheet.to.data(), &self, threads, &fraction);
         times.push_back(1e6 * (now() - begin));
-        pairs.push_back(found.pairs);
-        distances.push_back(static_cast<double>(found.distances));
-        fractions.push_back(found.t);
+        pairs.push_back(advance->num_self);
+        fractions.push_back(fraction);
     }
     pliant_advance_free(advance);
-    std::printf("%-13s %6zu triangles, gap %4.1f mm, %4.1f mm: median %7.1f us, first %7.1f; pairs %5.0f, distances "
-                "%6.0f, t %.2f\n",
+    std::printf("%-13s %6zu triangles, gap %4.1f mm, %4.1f mm: median %7.1f us, first %7.1f; pairs %5.0f, "
+                "t %.2f\n",
                 "itself", sheet.triangles.size() / 3, 1e3 * gap, 1e3 * way, times[times.size() / 2], times[0],
-                pairs[10], distances[10], fractions[10]);
+                pairs[10], fractions[10]);
 }
 
 } // namespace

@@ -44,18 +44,14 @@ static pliant_advance_triangle triangle_of(const surface *of, const pliant_advan
 }
 
 /* Make one iteration for every pair. Most pairs need no other. */
-static int64_t step_all(pliant_advance *advance, const surface *of, int num_threads)
+static void step_all(pliant_advance *advance, const surface *of, int num_threads)
 {
-    int64_t distances = 0;
-#pragma omp parallel for schedule(dynamic, 16) num_threads(num_threads) reduction(+ : distances)
+#pragma omp parallel for schedule(dynamic, 16) num_threads(num_threads)
     for (int32_t n = 0; n < advance->num_pairs; n++) {
         pliant_advance_pair *pair = advance->pair + n;
         const pliant_advance_triangle triangle = triangle_of(of, pair);
-        int64_t own = 0;
-        pair->ends = pliant_advance_pair_step(&advance->settings, advance->motion + pair->part, &triangle, pair, &own);
-        distances += own;
+        pair->ends = pliant_advance_pair_step(&advance->settings, advance->motion + pair->part, &triangle, pair);
     }
-    return distances;
 }
 
 static int32_t sort_pairs(pliant_advance *advance)
@@ -67,25 +63,6 @@ static int32_t sort_pairs(pliant_advance *advance)
     return count;
 }
 
-static double find_min_distance(const pliant_advance *advance, const surface *of, double t, int num_threads,
-                                int64_t *distances)
-{
-    double minimum = INFINITY;
-    int64_t sum = 0;
-#pragma omp parallel for schedule(dynamic, 16) num_threads(num_threads) reduction(min : minimum) reduction(+ : sum)
-    for (int32_t n = 0; n < advance->num_pairs; n++) {
-        pliant_advance_pair *pair = advance->pair + n;
-        const pliant_advance_triangle triangle = triangle_of(of, pair);
-        int64_t own = 0;
-        if (pair->exempt) continue;
-        minimum =
-            fmin(minimum, pliant_advance_pair_distance(advance->motion + pair->part, &triangle, t, pair->weight, &own));
-        sum += own;
-    }
-    *distances += sum;
-    return minimum;
-}
-
 int32_t pliant_advance_get_pairs(const pliant_advance *advance, const pliant_advance_pair **pairs)
 {
     *pairs = advance->pair;
@@ -94,31 +71,26 @@ int32_t pliant_advance_get_pairs(const pliant_advance *advance, const pliant_adv
 
 pliant_status pliant_advance_find(pliant_advance *advance, int32_t num_triangles, const int32_t *triangles,
                                   const double *from, const double *to, int32_t count, const pliant_advance_part *parts,
-                                  int num_threads, bool every_pair, pliant_advance_result *out)
+                                  int num_threads, bool every_pair, double *fraction)
 {
     const surface of = {triangles, from, to};
     const int threads = pliant_threads_or_cores(num_threads);
-    double margin = 0;
+    double margin = 0, smallest = 1;
     for (int32_t p = 0; p < count; p++) margin = fmax(margin, advance->settings.advance_stop * parts[p].guard);
     pliant_status status =
         pliant_advance_broad_phase(advance, num_triangles, triangles, from, to, count, parts, margin, false, threads);
     if (status == PLIANT_OK) status = pliant_advance_reserve_times(advance, advance->num_pairs);
     if (status != PLIANT_OK) return status;
-    *out = (pliant_advance_result){.t = 1, .part = -1, .triangle = -1, .pairs = advance->num_pairs};
-    out->distances = step_all(advance, &of, threads);
+    step_all(advance, &of, threads);
     const int32_t left = sort_pairs(advance);
     for (int32_t n = 0; n < left; n++) {
         pliant_advance_pair *pair = advance->pair + advance->pair_time[n].pair;
         const pliant_advance_triangle triangle = triangle_of(&of, pair);
-        if (pair->t >= out->t && !every_pair) break; /* the other pairs have larger fractions */
-        while (!pair->ends && (pair->t < out->t || every_pair))
-            pair->ends = pliant_advance_pair_step(&advance->settings, advance->motion + pair->part, &triangle, pair,
-                                                  &out->distances);
-        if (pair->t >= out->t) continue;
-        out->t = pair->t;
-        out->part = pair->part;
-        out->triangle = pair->triangle;
+        if (pair->t >= smallest && !every_pair) break; /* the other pairs have larger fractions */
+        while (!pair->ends && (pair->t < smallest || every_pair))
+            pair->ends = pliant_advance_pair_step(&advance->settings, advance->motion + pair->part, &triangle, pair);
+        if (!(pair->t >= smallest)) smallest = pair->t;
     }
-    out->minimum = find_min_distance(advance, &of, out->t, threads, &out->distances);
+    *fraction = smallest;
     return PLIANT_OK;
 }

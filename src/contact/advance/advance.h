@@ -41,14 +41,6 @@ typedef struct pliant_advance_part {
     const int32_t *held; /* (num_held) nodes that the tool holds, ascending; triangles with one of them are exempt */
 } pliant_advance_part;
 
-typedef struct pliant_advance_result {
-    double t;               /* fraction of the leg, 0 to 1 */
-    int32_t part, triangle; /* the pair that limits t; -1: none */
-    int32_t pairs;          /* number of pairs after the broad phase */
-    int64_t distances;      /* distances evaluated */
-    double minimum; /* smallest core distance of these pairs at t, without exempt ones; INFINITY: no pair is near [m] */
-} pliant_advance_result;
-
 /* Buffers that are kept from leg to leg. */
 typedef struct pliant_advance pliant_advance;
 /* @param settings Nullable: the defaults. Errors: MEMORY */
@@ -58,22 +50,20 @@ void pliant_advance_free(pliant_advance *advance); /* Nullable */
 /* Return the guard depth of a part: the depth from its surface to its core [m]. smallest_cell: of the mesh [m] */
 double pliant_advance_guard(const pliant_contact_settings *settings, const pliant_part *part, double smallest_cell);
 
-/* Compute the largest fraction of a leg. The result does not depend on the number of threads.
+/* Compute the largest fraction of a leg, 0 to 1. The result does not depend on the number of threads.
  * @param triangles (num_triangles x 3) nodes of the surface
  * @param from, to (nodes x 3) positions at both ends of the leg, finite [m]
  * @param every_pair also compute the fractions of pairs that do not limit the leg (pair.h)
- * Errors: MEMORY (out is not written). */
+ * Errors: MEMORY (fraction is not written). */
 pliant_status pliant_advance_find(pliant_advance *advance, int32_t num_triangles, const int32_t *triangles,
                                   const double *from, const double *to, int32_t count, const pliant_advance_part *parts,
-                                  int num_threads, bool every_pair, pliant_advance_result *out);
+                                  int num_threads, bool every_pair, double *fraction);
 
 typedef struct pliant_advance_audit_result {
     /* smallest core distance of all near pairs, without held and released ones; INFINITY: no pair is near [m] */
     double minimum;
-    int32_t part, triangle; /* its pair; -1: none */
     /* number of pairs in which an edge of the surface enters a core, or an edge or axis of a core enters a triangle */
     int32_t crossings;
-    int32_t crossing_part, crossing_triangle; /* the first such pair; -1: none */
 } pliant_advance_audit_result;
 
 /* Check one configuration: nodes at `positions`, parts at their `from` poses. Crossings and distances use different
@@ -96,31 +86,19 @@ typedef struct pliant_advance_self {
     const int32_t *piece;  /* Nullable, (nodes) number of the rigid piece; -1: none */
 } pliant_advance_self;
 
-typedef struct pliant_advance_self_result {
-    double t;        /* fraction of the leg, 0 to 1 */
-    int32_t node[4]; /* the pair that limits t: a node and a triangle's, or two edges'; -1: none */
-    bool is_edges;
-    int32_t pairs; /* number of pairs after the broad phase */
-    int64_t distances;
-} pliant_advance_self_result;
-
 /* Compute the largest fraction of a leg in which the surface does not pass through itself. Otherwise as
- * pliant_advance_find. Errors: MEMORY (out is not written). */
+ * pliant_advance_find. Errors: MEMORY (fraction is not written). */
 pliant_status pliant_advance_find_self(pliant_advance *advance, int32_t num_triangles, const int32_t *triangles,
                                        const double *from, const double *to, const pliant_advance_self *self,
-                                       int num_threads, pliant_advance_self_result *out);
+                                       int num_threads, double *fraction);
 
-typedef struct pliant_advance_self_audit {
-    double minimum;    /* smallest distance of pairs nearer than the thickness; INFINITY: there is no such pair [m] */
-    int32_t crossings; /* number of edges that pass through triangles, by another algorithm than the distances */
-    int32_t node[5];   /* edge and triangle of one crossing; -1: none */
-} pliant_advance_self_audit;
-/* Check the surface against itself in one configuration. Errors: MEMORY (out is not written).
+/* List the pairs of the surface with itself that are nearer than the thickness in one configuration.
  * @param crossing Nullable, (nodes): set to 1 for the nodes of edges and triangles that cross
- * @param out Nullable: only list the pairs nearer than the thickness, for the sub-steps of explicit dynamics */
+ * @param crossings Nullable, out: number of edges that pass through triangles. It is computed without distances.
+ * Errors: MEMORY (crossings is not written). */
 pliant_status pliant_advance_audit_self(pliant_advance *advance, int32_t num_triangles, const int32_t *triangles,
                                         const double *positions, const pliant_advance_self *self, uint8_t *crossing,
-                                        pliant_advance_self_audit *out);
+                                        int32_t *crossings);
 
 #ifdef __cplusplus
 }

@@ -86,32 +86,23 @@ pliant_status pliant_advance_audit(pliant_advance *advance, int32_t num_triangle
     const pliant_status status = pliant_advance_broad_phase(advance, num_triangles, triangles, positions, positions,
                                                             count, parts, margin, true, threads);
     if (status != PLIANT_OK) return status;
-    *out = (pliant_advance_audit_result){
-        .minimum = INFINITY, .part = -1, .triangle = -1, .crossing_part = -1, .crossing_triangle = -1};
+    *out = (pliant_advance_audit_result){.minimum = INFINITY};
 #pragma omp parallel for schedule(dynamic, 16) num_threads(threads)
     for (int32_t n = 0; n < advance->num_pairs; n++) {
         pliant_advance_pair *pair = advance->pair + n;
         const int32_t *node = triangles + 3 * (size_t)pair->triangle;
         const pliant_advance_motion *motion = advance->motion + pair->part;
         pliant_advance_triangle triangle;
-        int64_t distances = 0;
         if (motion->leg->released) continue;
         pliant_advance_triangle_init(node, positions, positions, &triangle);
-        pair->limit = pliant_advance_pair_distance(motion, &triangle, 0, pair->weight, &distances);
+        pair->limit = pliant_advance_pair_distance(motion, &triangle, 0, pair->weight);
         pair->exempt = is_crossed(motion, node, positions);
     }
     for (int32_t n = 0; n < advance->num_pairs; n++) {
         const pliant_advance_pair *pair = advance->pair + n;
         if (advance->motion[pair->part].leg->released) continue;
-        if (pair->limit < out->minimum) {
-            out->minimum = pair->limit;
-            out->part = pair->part;
-            out->triangle = pair->triangle;
-        }
-        if (pair->exempt && out->crossings++ == 0) {
-            out->crossing_part = pair->part;
-            out->crossing_triangle = pair->triangle;
-        }
+        out->minimum = fmin(out->minimum, pair->limit);
+        out->crossings += pair->exempt;
     }
     return PLIANT_OK;
 }

@@ -137,22 +137,21 @@ static tangent tangent_at(const pliant_part *core, const double corner[3][3], co
 }
 
 /* For a few rounds, start from the triangle's point nearest to the part's closest point. */
-static int begin_at(const pliant_part *core, const double corner[3][3], double weight[3])
+static void begin_at(const pliant_part *core, const double corner[3][3], double weight[3])
 {
     enum { ROUNDS = 2 };
     const double ends[2][3] = {{core->from[0], core->from[1], core->from[2]}, {core->to[0], core->to[1], core->to[2]}};
     if (core->kind == PLIANT_PART_SPHERE) pliant_advance_closest_on_triangle(corner, core->from, weight);
     if (core->kind == PLIANT_PART_CAPSULE) pliant_advance_near_segment(corner, ends, weight);
-    if (core->kind != PLIANT_PART_BOX && core->kind != PLIANT_PART_SOLID) return 0;
+    if (core->kind != PLIANT_PART_BOX && core->kind != PLIANT_PART_SOLID) return;
     for (int round = 0; round < ROUNDS; round++) {
         double point[3], normal[3];
         pliant_advance_triangle_point(corner, weight, point);
         const double distance = pliant_part_distance(core, point, normal) + core->radius;
         for (int d = 0; d < 3; d++) point[d] -= distance * normal[d];
-        if (distance <= 0) return round + 1;
+        if (distance <= 0) return;
         pliant_advance_closest_on_triangle(corner, point, weight);
     }
-    return ROUNDS;
 }
 
 /* Make the cut's normal a unit vector. This is valid if all corners are outside of the body without the radius,
@@ -194,17 +193,17 @@ static void mix_tangents(const tangent *of, int count, const double corner[3][3]
     tighten_bound(radius, out);
 }
 
-int pliant_distance_bound_find(const pliant_part *core, const double corner[3][3], double weight[3],
-                               pliant_distance_bound *out)
+void pliant_distance_bound_find(const pliant_part *core, const double corner[3][3], double weight[3],
+                                pliant_distance_bound *out)
 {
     tangent of[MAX_TANGENTS];
     mixture best = {.lowest = -INFINITY, .highest = INFINITY};
     double lowest = INFINITY, trial[3];
-    int count = 0, distances = begin_at(core, corner, weight);
+    int count = 0;
+    begin_at(core, corner, weight);
     memcpy(trial, weight, sizeof trial);
     for (int step = 0; step < MAX_STEPS; step++) {
         const tangent one = tangent_at(core, corner, trial);
-        distances++;
         if (one.value < lowest) {
             lowest = one.value;
             memcpy(weight, trial, sizeof trial);
@@ -221,5 +220,4 @@ int pliant_distance_bound_find(const pliant_part *core, const double corner[3][3
         memcpy(trial, best.corner, sizeof trial);
     }
     out->minimum = fmin(out->minimum, lowest);
-    return distances;
 }

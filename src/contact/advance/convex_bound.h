@@ -14,9 +14,8 @@ typedef struct pliant_distance_bound {
 /* Find the cut with the largest `minimum`. If the triangle's distance is above 0, `minimum` is within a thousandth of
  * it.
  * @param corner in the part's frame
- * @param weight in: start of the search; out: the closest point of the triangle
- * @return number of distances evaluated */
-int pliant_distance_bound_find(const pliant_part *core, const double corner[3][3], double weight[3],
-                               pliant_distance_bound *out);
+ * @param weight in: start of the search; out: the closest point of the triangle */
+void pliant_distance_bound_find(const pliant_part *core, const double corner[3][3], double weight[3],
+                                pliant_distance_bound *out);
 
 #endif

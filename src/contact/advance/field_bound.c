@@ -134,12 +134,11 @@ typedef struct samples {
 typedef struct plane { double normal[3], height; } plane;
 
 /* Return false if the box is too large, or not in the grid. */
-static bool take_samples(const pliant_part *core, const region *of, samples *out, int64_t *distances)
+static bool take_samples(const pliant_part *core, const region *of, samples *out)
 {
     double p[3], *value = out->value;
     for (int d = 0; d < 3; d++)
         if ((out->count[d] = list_along(core, of, d, out->along[d])) == 0) return false;
-    *distances += (int64_t)out->count[0] * out->count[1] * out->count[2];
     for (int k = 0; k < out->count[2]; k++)
         for (int j = 0; j < out->count[1]; j++)
             for (int i = 0; i < out->count[0]; i++) {
@@ -263,7 +262,7 @@ static int halve(const piece *of, piece *out)
 
 static const piece whole = {.weight = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, .begin = 0, .end = 1};
 
-double pliant_field_minimum(const pliant_part *core, const double corner[3][3], double far, int64_t *distances)
+double pliant_field_minimum(const pliant_part *core, const double corner[3][3], double far)
 {
     piece stack[MAX_OPEN];
     samples all;
@@ -276,11 +275,10 @@ double pliant_field_minimum(const pliant_part *core, const double corner[3][3], 
         for (int d = 0; d < 3; d++) middle[d] = (around.at[0][0][d] + around.at[0][1][d] + around.at[0][2][d]) / 3;
         const double distance = pliant_part_distance(core, around.middle, normal);
         double minimum = look_along_motion(core, &around, distance);
-        *distances += 2;
         lowest = fmin(lowest, pliant_part_distance(core, middle, own));
         if (lowest <= 0) return lowest;
         const double wanted = fmin(enough * lowest - smallest * core->solid->cell, far);
-        if (minimum < wanted && take_samples(core, &around, &all, distances)) {
+        if (minimum < wanted && take_samples(core, &around, &all)) {
             for (int n = 0; n < 2 && minimum < wanted; n++) {
                 double by_plane = INFINITY;
                 plane below;
@@ -336,14 +334,13 @@ static void corners_at(const pliant_advance_motion *motion, const pliant_advance
 }
 
 /* Return the fraction of a piece's time that is certainly free. */
-static double look_at(const pliant_part *core, const region *around, double limit, int64_t *distances)
+static double look_at(const pliant_part *core, const region *around, double limit)
 {
     double normal[3], best = 0;
     samples all;
     const double distance = pliant_part_distance(core, around->middle, normal);
-    ++*distances;
     if (look_along_motion(core, around, distance) >= limit) return 1;
-    if (!take_samples(core, around, &all, distances)) return 0;
+    if (!take_samples(core, around, &all)) return 0;
     for (int n = 0; n < 2 && best < 1; n++) {
         double reached = 1;
         plane below;
@@ -357,7 +354,7 @@ static double look_at(const pliant_part *core, const region *around, double limi
 }
 
 double pliant_field_free_time(const pliant_advance_motion *motion, const pliant_advance_triangle *triangle, double t,
-                              double limit, int64_t *distances)
+                              double limit)
 {
     const double bend = bend_of(motion, triangle, t);
     piece stack[MAX_OPEN];
@@ -375,7 +372,7 @@ double pliant_field_free_time(const pliant_advance_motion *motion, const pliant_
         const double duration = of.end - of.begin;
         const region around = region_of(&of, (const double(*)[3])corner[0], (const double(*)[3])corner[1],
                                         bend * duration * duration / 8);
-        const double reached = look_at(&motion->core, &around, limit, distances), time = of.begin + reached * duration;
+        const double reached = look_at(&motion->core, &around, limit), time = of.begin + reached * duration;
         if (reached >= 1 || time >= best) continue;
         const bool splits = of.level < DEEPEST, halves = of.halvings < MAX_HALVINGS;
         if ((!splits && !halves) || pieces > MAX_PIECES ||

@@ -15,12 +15,12 @@ typedef struct pliant_advance_triangle {
 
 /* Return a lower bound of the field's smallest value on a triangle in the part's frame [m]. It is at most 0 if the
  * triangle enters the part. Otherwise it is at least `far`, or nine tenths of the distance minus a ten thousandth
- * of a cell. The number of evaluations is added to *distances. */
-double pliant_field_minimum(const pliant_part *core, const double corner[3][3], double far, int64_t *distances);
+ * of a cell. */
+double pliant_field_minimum(const pliant_part *core, const double corner[3][3], double far);
 
 /* Return a time, starting from t, up to which the distance stays at least `limit`. */
 double pliant_field_free_time(const pliant_advance_motion *motion, const pliant_advance_triangle *triangle, double t,
-                              double limit, int64_t *distances);
+                              double limit);
 
 #ifdef __cplusplus
 }

@@ -40,7 +40,7 @@ void pliant_advance_triangle_init(const int32_t node[3], const double *from, con
         }
 }
 
-static int look(moment *now, double t, double weight[3])
+static void look(moment *now, double t, double weight[3])
 {
     double local[3][3];
     now->left = 1 - t;
@@ -50,17 +50,15 @@ static int look(moment *now, double t, double weight[3])
         pliant_pose_from(&now->state.pose, now->at[c], local[c]);
     }
     if (pliant_part_cell_size(&now->motion->core) > 0) {
-        int64_t distances = 0;
         const double far = 10 * now->motion->leg->guard; /* beyond this distance the limit is nearly constant */
         now->cut = (pliant_distance_bound){
-            .minimum = pliant_field_minimum(&now->motion->core, (const double(*)[3])local, far, &distances)};
-        return (int)distances;
+            .minimum = pliant_field_minimum(&now->motion->core, (const double(*)[3])local, far)};
+        return;
     }
-    const int distances = pliant_distance_bound_find(&now->motion->core, (const double(*)[3])local, weight, &now->cut);
+    pliant_distance_bound_find(&now->motion->core, (const double(*)[3])local, weight, &now->cut);
     pliant_pose_turn(&now->state.pose, now->cut.normal, now->normal);
     pliant_pose_to(&now->state.pose, now->cut.point, now->point);
     pliant_advance_motion_velocity(now->motion, &now->state, now->point, now->velocity);
-    return distances;
 }
 
 /* ---- bounds */
@@ -187,18 +185,18 @@ static double by_speed(const moment *now)
 /* ---- a leg */
 
 double pliant_advance_pair_distance(const pliant_advance_motion *motion, const pliant_advance_triangle *triangle,
-                                    double t, double weight[3], int64_t *distances)
+                                    double t, double weight[3])
 {
     moment now = {.motion = motion, .triangle = triangle};
-    *distances += look(&now, t, weight);
+    look(&now, t, weight);
     return now.cut.minimum;
 }
 
 bool pliant_advance_pair_step(const pliant_contact_settings *settings, const pliant_advance_motion *motion,
-                              const pliant_advance_triangle *triangle, pliant_advance_pair *pair, int64_t *distances)
+                              const pliant_advance_triangle *triangle, pliant_advance_pair *pair)
 {
     moment now = {.motion = motion, .triangle = triangle};
-    *distances += look(&now, pair->t, pair->weight);
+    look(&now, pair->t, pair->weight);
     if (pair->iterations == 0) {
         if (!(now.cut.minimum > 0)) {
             pair->exempt = motion->leg->released;
@@ -213,7 +211,7 @@ bool pliant_advance_pair_step(const pliant_contact_settings *settings, const pli
     double step = by_speed(&now);
     if (step < now.left && pliant_part_cell_size(&motion->core) > 0) {
         const double before = pair->t;
-        pair->t = pliant_field_free_time(motion, triangle, before, now.limit, distances);
+        pair->t = pliant_field_free_time(motion, triangle, before, now.limit);
         pair->iterations++;
         return pair->t >= 1 || pair->iterations >= PLIANT_ADVANCE_ITERATIONS ||
                pair->t - before < PLIANT_ADVANCE_MIN_PROGRESS;

@@ -19,12 +19,11 @@ int32_t pliant_advance_get_pairs(const pliant_advance *advance, const pliant_adv
 /* Set the motion of a triangle. from, to: (nodes x 3) positions at both ends of the leg [m] */
 void pliant_advance_triangle_init(const int32_t node[3], const double *from, const double *to,
                                   pliant_advance_triangle *out);
-/* Return a lower bound of the core distance at a fraction of the leg [m]. The number of distances evaluated is
- * added to *distances. */
+/* Return a lower bound of the core distance at a fraction of the leg [m]. */
 double pliant_advance_pair_distance(const pliant_advance_motion *motion, const pliant_advance_triangle *triangle,
-                                    double t, double weight[3], int64_t *distances);
+                                    double t, double weight[3]);
 /* Increase pair->t by one iteration. Return true if it reached 1, or if it cannot increase further. */
 bool pliant_advance_pair_step(const pliant_contact_settings *settings, const pliant_advance_motion *motion,
-                              const pliant_advance_triangle *triangle, pliant_advance_pair *pair, int64_t *distances);
+                              const pliant_advance_triangle *triangle, pliant_advance_pair *pair);
 
 #endif

@@ -19,9 +19,10 @@ typedef struct search {
     const double *from, *to;
     const pliant_advance_self *self;
     double margin;
-    pliant_advance_self_audit *audit; /* Nullable: test edges against triangles, too */
-    uint8_t *crossing;                /* Nullable */
-    bool failed;                      /* out of memory */
+    bool tests_crossings; /* test edges against triangles, too */
+    int32_t crossings;
+    uint8_t *crossing; /* Nullable */
+    bool failed;       /* out of memory */
 } search;
 
 bool pliant_advance_is_exempt(const pliant_advance_self *self, int count, const int32_t *node, int first)
@@ -171,7 +172,7 @@ static void try_crossing(search *on, const int32_t *of, uint8_t owns, const int3
         for (int c = 0; c < 3; c++) position_at(on, triangle[c], 0, corner[c]);
         if (!pliant_segment_crosses_triangle((const double(*)[3])corner, (const double(*)[3])end)) continue;
         for (int c = 0; on->crossing && c < 5; c++) on->crossing[both[c]] = 1;
-        if (on->audit->crossings++ == 0) memcpy(on->audit->node, both, sizeof both);
+        on->crossings++;
     }
 }
 
@@ -183,7 +184,7 @@ static void try_triangles(search *on, int32_t m, int32_t n)
                   *other = tree->triangles + 3 * (size_t)b;
     const pliant_advance_box *boxes[2] = {tree->box + m, tree->box + n};
     if (pliant_advance_boxes_separated(boxes[0], boxes[1], on->margin)) return;
-    if (on->audit && !pliant_advance_boxes_separated(boxes[0], boxes[1], 0)) {
+    if (on->tests_crossings && !pliant_advance_boxes_separated(boxes[0], boxes[1], 0)) {
         try_crossing(on, one, tree->owns[a], other, boxes[1]);
         try_crossing(on, other, tree->owns[b], one, boxes[0]);
     }
@@ -320,12 +321,11 @@ static double step_of(const search *on, const pliant_advance_self_pair *pair, co
 }
 
 /* Make one iteration, as pliant_advance_pair_step. */
-static bool step(const search *on, pliant_advance_self_pair *pair, int64_t *distances)
+static bool step(const search *on, pliant_advance_self_pair *pair)
 {
     const double left = 1 - pair->t;
     moment now;
     measure_pair(on, pair, pair->t, &now);
-    ++*distances;
     if (pair->iterations == 0) {
         const double thickness = pliant_advance_thickness(on->self, pair->node, pair->is_edges);
         if (pliant_advance_starts_together(thickness, now.distance)) {
@@ -349,7 +349,7 @@ static bool step(const search *on, pliant_advance_self_pair *pair, int64_t *dist
 
 pliant_status pliant_advance_find_self(pliant_advance *advance, int32_t num_triangles, const int32_t *triangles,
                                        const double *from, const double *to, const pliant_advance_self *self,
-                                       int num_threads, pliant_advance_self_result *out)
+                                       int num_threads, double *fraction)
 {
     search on = {.advance = advance,
                  .from = from,
@@ -357,7 +357,7 @@ pliant_status pliant_advance_find_self(pliant_advance *advance, int32_t num_tria
                  .self = self,
                  .margin = advance->settings.advance_stop * self->thickness};
     const int threads = pliant_threads_or_cores(num_threads);
-    pliant_advance_self_result result = {.t = 1, .node = {-1, -1, -1, -1}};
+    double smallest = 1;
     advance->num_self = 0;
     pliant_status status =
         num_triangles > 0
@@ -366,25 +366,19 @@ pliant_status pliant_advance_find_self(pliant_advance *advance, int32_t num_tria
     if (status == PLIANT_OK && num_triangles > 0) status = find_pairs(&on);
     if (status == PLIANT_OK) status = pliant_advance_reserve_times(advance, advance->num_self);
     if (status != PLIANT_OK) return status;
-    int64_t distances = 0;
     const bool parallel = threads > 1 && advance->num_self > 256;
-#pragma omp parallel for schedule(static) num_threads(threads) reduction(+ : distances) if (parallel)
-    for (int32_t n = 0; n < advance->num_self; n++) advance->self[n].ends = step(&on, advance->self + n, &distances);
+#pragma omp parallel for schedule(static) num_threads(threads) if (parallel)
+    for (int32_t n = 0; n < advance->num_self; n++) advance->self[n].ends = step(&on, advance->self + n);
     int32_t left = 0;
     for (int32_t n = 0; n < advance->num_self; n++)
         if (advance->self[n].t < 1) advance->pair_time[left++] = (pliant_advance_pair_time){advance->self[n].t, n};
     pliant_advance_sort(left, advance->pair_time);
-    for (int32_t n = 0; n < left && advance->pair_time[n].t < result.t; n++) {
+    for (int32_t n = 0; n < left && advance->pair_time[n].t < smallest; n++) {
         pliant_advance_self_pair *pair = advance->self + advance->pair_time[n].pair;
-        while (!pair->ends && pair->t < result.t) pair->ends = step(&on, pair, &distances);
-        if (pair->t >= result.t) continue;
-        result.t = pair->t;
-        result.is_edges = pair->is_edges;
-        memcpy(result.node, pair->node, sizeof result.node);
+        while (!pair->ends && pair->t < smallest) pair->ends = step(&on, pair);
+        if (!(pair->t >= smallest)) smallest = pair->t;
     }
-    result.pairs = advance->num_self;
-    result.distances = distances;
-    *out = result;
+    *fraction = smallest;
     return PLIANT_OK;
 }
 
@@ -422,24 +416,22 @@ double pliant_advance_self_time(pliant_advance *advance, const double *from, con
                                 const pliant_advance_self *self, pliant_advance_self_pair *pair)
 {
     const search on = {.advance = advance, .from = from, .to = to, .self = self};
-    int64_t distances = 0;
     pair->iterations = 0;
     pair->t = 0;
-    for (pair->ends = false; !pair->ends;) pair->ends = step(&on, pair, &distances);
+    for (pair->ends = false; !pair->ends;) pair->ends = step(&on, pair);
     return pair->t;
 }
 
 pliant_status pliant_advance_audit_self(pliant_advance *advance, int32_t num_triangles, const int32_t *triangles,
                                         const double *positions, const pliant_advance_self *self, uint8_t *crossing,
-                                        pliant_advance_self_audit *out)
+                                        int32_t *crossings)
 {
-    pliant_advance_self_audit audit = {.minimum = INFINITY, .node = {-1, -1, -1, -1, -1}};
     search on = {.advance = advance,
                  .from = positions,
                  .to = positions,
                  .self = self,
                  .margin = self->thickness,
-                 .audit = out || crossing ? &audit : NULL,
+                 .tests_crossings = crossing || crossings,
                  .crossing = crossing};
     advance->num_self = 0;
     pliant_status status =
@@ -448,11 +440,6 @@ pliant_status pliant_advance_audit_self(pliant_advance *advance, int32_t num_tri
             : PLIANT_OK;
     if (status == PLIANT_OK && num_triangles > 0) status = find_pairs(&on);
     if (status != PLIANT_OK) return status;
-    for (int32_t n = 0; out && n < advance->num_self; n++) {
-        moment now;
-        measure_pair(&on, advance->self + n, 0, &now);
-        audit.minimum = fmin(audit.minimum, now.distance);
-    }
-    if (out) *out = audit;
+    if (crossings) *crossings = on.crossings;
     return PLIANT_OK;
 }

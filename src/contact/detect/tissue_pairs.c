@@ -249,11 +249,8 @@ pliant_status pliant_tissue_advance(pliant_tissue *tissue, const double *from, c
                                     const pliant_tissue_rule *rule, double *out)
 {
     const pliant_advance_self self = self_of(tissue, tissue->exempt, rule->thickness);
-    pliant_advance_self_result found;
-    const pliant_status status = pliant_advance_find_self(tissue->advance, tissue->num_triangles, tissue->triangles,
-                                                          from, to, &self, tissue->threads, &found);
-    if (status == PLIANT_OK) *out = found.t;
-    return status;
+    return pliant_advance_find_self(tissue->advance, tissue->num_triangles, tissue->triangles, from, to, &self,
+                                    tissue->threads, out);
 }
 
 double pliant_tissue_pair_thickness(const pliant_tissue *tissue, const pliant_tissue_rule *rule,

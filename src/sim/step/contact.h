@@ -20,9 +20,10 @@ pliant_status pliant_contact_find_points(const pliant_model *model, pliant_data 
  * start to data->positions.
  * @param fraction fraction of the proxies' motion that belongs to these positions
  * @param find_islands if the leg is blocked, find the fraction of each island (contact_islands.c)
+ * @param out the largest fraction
  * Errors: MEMORY. */
 pliant_status pliant_contact_advance(const pliant_model *model, pliant_data *data, double fraction, bool find_islands,
-                                     pliant_advance_result *out);
+                                     double *out);
 /* Find the largest fraction of a leg in which no tissue passes through tissue. Errors: MEMORY. */
 pliant_status pliant_contact_advance_tissue(const pliant_model *model, pliant_data *data, double *fraction);
 /* For debug builds: check the invariant after a leg, by other algorithms than pliant_contact_advance. Return whether no

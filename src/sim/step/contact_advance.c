@@ -104,7 +104,7 @@ static const pliant_leg_tool *leg_of_part(const pliant_data *data, int32_t part)
 }
 
 pliant_status pliant_contact_advance(const pliant_model *model, pliant_data *data, double fraction, bool find_islands,
-                                     pliant_advance_result *out)
+                                     double *out)
 {
     pliant_contact_search *search = data->contact_search;
     const pliant_body *body = NULL;
@@ -122,7 +122,7 @@ pliant_status pliant_contact_advance(const pliant_model *model, pliant_data *dat
     status = pliant_advance_find(search->advance, body->num_triangles, body->triangles, search->surface, positions,
                                  search->num_parts, search->advance_part, data->discretization->system->num_threads,
                                  find_islands, out);
-    return status == PLIANT_OK && find_islands && out->t < 1 ? pliant_contact_find_islands(model, data, body) : status;
+    return status == PLIANT_OK && find_islands && *out < 1 ? pliant_contact_find_islands(model, data, body) : status;
 }
 
 bool pliant_contact_is_outside_cores(const pliant_model *model, pliant_data *data)

@@ -329,10 +329,10 @@ static double bound_motion(const pliant_data *data)
 /* Find the largest fraction of a quasi-static leg that is free of penetration. */
 static pliant_status find_free_fraction(const pliant_model *model, pliant_data *data, double made, double *fraction)
 {
-    pliant_advance_result found;
-    pliant_status status = pliant_contact_advance(model, data, made, false, &found);
+    double of_parts = 1;
+    pliant_status status = pliant_contact_advance(model, data, made, false, &of_parts);
     if (status == PLIANT_OK) status = pliant_contact_advance_tissue(model, data, fraction);
-    if (status == PLIANT_OK) *fraction = fmin(*fraction, found.t);
+    if (status == PLIANT_OK) *fraction = fmin(*fraction, of_parts);
     return status;
 }
 
@@ -389,18 +389,18 @@ static pliant_status apply_quasi_static(const pliant_model *model, pliant_data *
 
 /* Explicit dynamics: a leg is mostly blocked by a tool that pushes tissue faster than the tissue can move away.
  * Shorten the motion of the tools of blocked islands, so that the tissue keeps its momentum. */
-static pliant_status hold_tools(const pliant_model *model, pliant_data *data, pliant_advance_result *out)
+static pliant_status hold_tools(const pliant_model *model, pliant_data *data, double *fraction_of_parts)
 {
     enum { MAX_TRIALS = 3 };
     const double short_of = 0.99; /* fraction of the possible motion, which is known as a lower bound */
     pliant_status status = PLIANT_OK;
-    for (int again = 0; again < MAX_TRIALS && out->t < 1 && status == PLIANT_OK; again++) {
+    for (int again = 0; again < MAX_TRIALS && *fraction_of_parts < 1 && status == PLIANT_OK; again++) {
         for (int t = 0; t < data->num_tools; t++) {
             pliant_leg_tool *leg = data->legs->tool + t;
             const double fraction = again + 1 < MAX_TRIALS ? short_of * leg->free_fraction : 0;
             if (leg->free_fraction < 1) leg->goal = pliant_pose_interpolate(&leg->begin, &leg->goal, fraction);
         }
-        status = pliant_contact_advance(model, data, 1, true, out);
+        status = pliant_contact_advance(model, data, 1, true, fraction_of_parts);
     }
     return status;
 }
@@ -411,16 +411,16 @@ static pliant_status hold_tools(const pliant_model *model, pliant_data *data, pl
  * @param smallest out: smallest fraction of an island, with this factor */
 static pliant_status apply_dynamic(const pliant_model *model, pliant_data *data, double *factor, double *smallest)
 {
-    pliant_advance_result found = {.t = 1};
+    double of_parts = 1;
     update_loads(model, data);
     *factor = 1;
-    pliant_status status = pliant_contact_advance(model, data, 1, true, &found);
-    if (status == PLIANT_OK) status = hold_tools(model, data, &found);
-    const bool is_blocked = found.t < 1;
+    pliant_status status = pliant_contact_advance(model, data, 1, true, &of_parts);
+    if (status == PLIANT_OK) status = hold_tools(model, data, &of_parts);
+    const bool is_blocked = of_parts < 1;
     if (status == PLIANT_OK && is_blocked) status = pliant_legs_apply_islands(model, data);
     if (status == PLIANT_OK && (is_blocked || !data->tled->zones))
         status = pliant_contact_advance_tissue(model, data, factor);
-    *smallest = *factor * found.t;
+    *smallest = *factor * of_parts;
     return status == PLIANT_OK && *factor < 1 ? pliant_legs_apply_fraction(model, data, *factor) : status;
 }
 
