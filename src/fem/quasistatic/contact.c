@@ -12,8 +12,9 @@
 
 /* ---- creation and destruction */
 
-static void free_points(pliant_contact_problem *contacts)
+void pliant_contact_problem_free(pliant_contact_problem *contacts)
 {
+    if (!contacts) return;
     pliant_free(contacts->point);
     pliant_free(contacts->frame);
     pliant_free(contacts->goal);
@@ -25,12 +26,6 @@ static void free_points(pliant_contact_problem *contacts)
     pliant_free(contacts->found.force);
     pliant_free(contacts->found.motion);
     pliant_free(contacts->change);
-}
-
-void pliant_contact_problem_free(pliant_contact_problem *contacts)
-{
-    if (!contacts) return;
-    free_points(contacts);
     pliant_compliance_free(&contacts->blocks);
     pliant_free(contacts->unknown);
     pliant_free(contacts->arm);
@@ -71,34 +66,19 @@ static pliant_status reserve_capacity(pliant_contact_problem *contacts, int32_t 
     const int32_t minimum = 32, capacity = 2 * count > minimum ? 2 * count : minimum;
     const size_t size = (size_t)capacity;
     if (count <= contacts->capacity) return PLIANT_OK;
-    pliant_contact_problem made = {.capacity = capacity};
-    made.point = pliant_calloc(size, sizeof *made.point);
-    made.frame = pliant_calloc(size, 9 * sizeof *made.frame);
-    made.goal = pliant_calloc(size, 3 * sizeof *made.goal);
-    made.start = pliant_calloc(size + 1, sizeof *made.start);
-    made.arm_start = pliant_calloc(size + 1, sizeof *made.arm_start);
-    made.friction = pliant_calloc(size + PLIANT_MAX_TOOLS, sizeof *made.friction);
-    made.taken.force = pliant_calloc(size, 3 * sizeof *made.taken.force);
-    made.taken.motion = pliant_calloc(size, 3 * sizeof *made.taken.motion);
-    made.found.force = pliant_calloc(size, 3 * sizeof *made.found.force);
-    made.found.motion = pliant_calloc(size, 3 * sizeof *made.found.motion);
-    made.change = pliant_calloc(size, 3 * sizeof *made.change);
-    if (!made.point || !made.frame || !made.goal || !made.start || !made.arm_start || !made.friction ||
-        !made.taken.force || !made.taken.motion || !made.found.force || !made.found.motion || !made.change) {
-        free_points(&made);
+    if (!pliant_grow(&contacts->point, size, sizeof *contacts->point) ||
+        !pliant_grow(&contacts->frame, size, 9 * sizeof *contacts->frame) ||
+        !pliant_grow(&contacts->goal, size, 3 * sizeof *contacts->goal) ||
+        !pliant_grow(&contacts->start, size + 1, sizeof *contacts->start) ||
+        !pliant_grow(&contacts->arm_start, size + 1, sizeof *contacts->arm_start) ||
+        !pliant_grow(&contacts->friction, size + PLIANT_MAX_TOOLS, sizeof *contacts->friction) ||
+        !pliant_grow(&contacts->taken.force, size, 3 * sizeof *contacts->taken.force) ||
+        !pliant_grow(&contacts->taken.motion, size, 3 * sizeof *contacts->taken.motion) ||
+        !pliant_grow(&contacts->found.force, size, 3 * sizeof *contacts->found.force) ||
+        !pliant_grow(&contacts->found.motion, size, 3 * sizeof *contacts->found.motion) ||
+        !pliant_grow(&contacts->change, size, 3 * sizeof *contacts->change))
         return pliant_fail_memory("contact");
-    }
-    free_points(contacts);
     contacts->capacity = capacity;
-    contacts->point = made.point;
-    contacts->frame = made.frame;
-    contacts->goal = made.goal;
-    contacts->start = made.start;
-    contacts->arm_start = made.arm_start;
-    contacts->friction = made.friction;
-    contacts->taken = made.taken;
-    contacts->found = made.found;
-    contacts->change = made.change;
     return PLIANT_OK;
 }
 
@@ -346,24 +326,12 @@ pliant_status pliant_contact_problem_size_matrix(pliant_contact_problem *contact
     const size_t row = 3 * (size_t)(contacts->count + num_tools), capacity = 2 * row;
     for (int t = 0; t < num_tools; t++) contacts->friction[contacts->count + t] = PLIANT_CONE_FIXED;
     if (row <= contacts->matrix_capacity) return PLIANT_OK;
-    double *matrix = pliant_calloc(capacity, capacity * sizeof *matrix),
-           *motion = pliant_calloc(capacity, sizeof *motion), *force = pliant_calloc(capacity, sizeof *force);
-    double *sweeps = pliant_calloc(capacity * PLIANT_CONE_BUFFER + PLIANT_CONE_EQUATIONS, sizeof *sweeps);
-    if (!matrix || !motion || !force || !sweeps) {
-        pliant_free(matrix);
-        pliant_free(motion);
-        pliant_free(force);
-        pliant_free(sweeps);
+    if (!pliant_grow(&contacts->matrix, capacity, capacity * sizeof *contacts->matrix) ||
+        !pliant_grow(&contacts->motion, capacity, sizeof *contacts->motion) ||
+        !pliant_grow(&contacts->force, capacity, sizeof *contacts->force) ||
+        !pliant_grow(&contacts->sweeps, capacity * PLIANT_CONE_BUFFER + PLIANT_CONE_EQUATIONS,
+                     sizeof *contacts->sweeps))
         return pliant_fail_memory("contact");
-    }
-    pliant_free(contacts->matrix);
-    pliant_free(contacts->motion);
-    pliant_free(contacts->force);
-    pliant_free(contacts->sweeps);
-    contacts->matrix = matrix;
-    contacts->motion = motion;
-    contacts->force = force;
-    contacts->sweeps = sweeps;
     contacts->matrix_capacity = capacity;
     return PLIANT_OK;
 }
