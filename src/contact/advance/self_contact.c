@@ -1,11 +1,11 @@
 /* The surface against itself: nodes against triangles, and edges against edges. All four nodes of a pair move along
  * straight lines. Therefore a plane that separates the pair bounds its distance by linear functions, without a term
  * for arcs. */
+#include "base/buffer.h"
 #include "base/fail.h"
 #include "base/threads.h"
 #include "contact/advance/advance_rules.h"
 #include "contact/advance/advance_workspace.h"
-#include "base/memory.h"
 
 #include <math.h>
 #include <string.h>
@@ -74,17 +74,9 @@ static void add(search *on, const int32_t node[4], bool edges, int32_t first, in
     pliant_advance *advance = on->advance;
     const double separation = separation_of(on, node, edges ? 2 : 1);
     if (separation > on->margin || pliant_advance_is_exempt(on->self, 4, node, edges ? 2 : 1)) return;
-    if (advance->num_self == advance->max_self) {
-        const int32_t count = advance->max_self > 0 ? 2 * advance->max_self : FIRST_PAIRS;
-        pliant_advance_self_pair *made = advance->self ? pliant_resize(advance->self, (size_t)count, sizeof *made)
-                                                       : pliant_calloc((size_t)count, sizeof *made);
-        if (!made) {
-            on->failed = true;
-            return;
-        }
-        advance->self = made;
-        advance->max_self = count;
-    }
+    on->failed =
+        !pliant_reserve(&advance->self, &advance->max_self, advance->num_self, FIRST_PAIRS, sizeof *advance->self);
+    if (on->failed) return;
     pliant_advance_self_pair *pair = advance->self + advance->num_self++;
     *pair = (pliant_advance_self_pair){.is_edges = edges, .feature = {first, second}, .limit = separation};
     memcpy(pair->node, node, sizeof pair->node);

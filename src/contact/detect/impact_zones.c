@@ -32,23 +32,17 @@ void pliant_impact_zones_free(pliant_impact_zones *zones)
     memset(zones, 0, sizeof *zones);
 }
 
-static bool resize(void *array, size_t count, size_t size)
-{
-    void **at = array;
-    void *made = pliant_resize(*at, count, size);
-    if (made) *at = made;
-    return made;
-}
-
 static pliant_status reserve(pliant_impact_zones *zones, size_t nodes)
 {
     if (nodes <= (size_t)zones->max_nodes) return PLIANT_OK;
-    if (!resize(&zones->before, 3 * nodes, sizeof *zones->before) ||
-        !resize(&zones->start, 3 * nodes, sizeof *zones->start) ||
-        !resize(&zones->wanted[0], 3 * nodes, sizeof *zones->wanted[0]) ||
-        !resize(&zones->wanted[1], 3 * nodes, sizeof *zones->wanted[1]) ||
-        !resize(&zones->from, 3 * nodes, sizeof *zones->from) || !resize(&zones->to, 3 * nodes, sizeof *zones->to) ||
-        !resize(&zones->root, nodes, sizeof *zones->root) || !resize(&zones->zone, nodes, sizeof *zones->zone))
+    if (!pliant_grow(&zones->before, 3 * nodes, sizeof *zones->before) ||
+        !pliant_grow(&zones->start, 3 * nodes, sizeof *zones->start) ||
+        !pliant_grow(&zones->wanted[0], 3 * nodes, sizeof *zones->wanted[0]) ||
+        !pliant_grow(&zones->wanted[1], 3 * nodes, sizeof *zones->wanted[1]) ||
+        !pliant_grow(&zones->from, 3 * nodes, sizeof *zones->from) ||
+        !pliant_grow(&zones->to, 3 * nodes, sizeof *zones->to) ||
+        !pliant_grow(&zones->root, nodes, sizeof *zones->root) ||
+        !pliant_grow(&zones->zone, nodes, sizeof *zones->zone))
         return pliant_fail_memory("the self-contacts of the tissue");
     zones->max_nodes = (int32_t)nodes;
     return PLIANT_OK;
@@ -62,7 +56,7 @@ static pliant_status take_pairs(pliant_impact_zones *zones)
     const pliant_advance *advance = zones->tissue->advance;
     const pliant_advance_self self = {.exempt = zones->tissue->exempt, .piece = zones->tissue->piece};
     if (advance->num_self > zones->max_pairs) {
-        if (!resize(&zones->pair, (size_t)advance->max_self, sizeof *zones->pair))
+        if (!pliant_grow(&zones->pair, (size_t)advance->max_self, sizeof *zones->pair))
             return pliant_fail_memory("the self-contacts of the tissue");
         zones->max_pairs = advance->max_self;
     }
@@ -202,13 +196,9 @@ static double find_pair_motion(const pliant_impact_zones *zones, int32_t n, cons
 
 static bool add_blocked(pliant_impact_zones *zones, int32_t n)
 {
-    if (zones->num_blocked == zones->max_blocked) {
-        const int32_t count = zones->max_blocked > 0 ? 2 * zones->max_blocked : 64;
-        if (!resize(&zones->blocked, (size_t)count, sizeof *zones->blocked)) {
-            zones->status = pliant_fail_memory("the self-contacts of the tissue");
-            return false;
-        }
-        zones->max_blocked = count;
+    if (!pliant_reserve(&zones->blocked, &zones->max_blocked, zones->num_blocked, 64, sizeof *zones->blocked)) {
+        zones->status = pliant_fail_memory("the self-contacts of the tissue");
+        return false;
     }
     zones->blocked[zones->num_blocked++] = n;
     return true;

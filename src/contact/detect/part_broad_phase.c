@@ -1,5 +1,6 @@
 #include "contact/detect/part_broad_phase.h"
 
+#include "base/buffer.h"
 #include "base/fail.h"
 #include "base/memory.h"
 
@@ -8,11 +9,9 @@
 static pliant_status reserve_capacity(pliant_broad *broad, int32_t triangles)
 {
     if (triangles <= broad->near_capacity && broad->near) return PLIANT_OK;
-    int32_t *near = pliant_resize(broad->near, (size_t)triangles + 1, sizeof *near);
-    if (near) broad->near = near;
-    pliant_ball *ball = pliant_resize(broad->ball, (size_t)triangles + 1, sizeof *ball);
-    if (ball) broad->ball = ball;
-    if (!near || !ball) return pliant_fail_memory("contacts");
+    if (!pliant_grow(&broad->near, (size_t)triangles + 1, sizeof *broad->near) ||
+        !pliant_grow(&broad->ball, (size_t)triangles + 1, sizeof *broad->ball))
+        return pliant_fail_memory("contacts");
     broad->near_capacity = triangles;
     return PLIANT_OK;
 }

@@ -1,5 +1,6 @@
 #include "contact/detect/tet_grid.h"
 
+#include "base/buffer.h"
 #include "base/fail.h"
 #include "base/lanes.h"
 #include "contact/detect/overlap.h"
@@ -20,14 +21,9 @@ void pliant_grid_free(pliant_grid *grid)
 
 static pliant_status reserve_capacity(void *list, int32_t *capacity, size_t count, size_t size)
 {
-    void *block;
     if (count <= (size_t)*capacity) return PLIANT_OK;
     const size_t more = count + count / 2;
-    void *larger = more <= INT32_MAX ? pliant_calloc(more, size) : NULL;
-    if (!larger) return pliant_fail_memory("the grid of tetrahedra");
-    memcpy(&block, list, sizeof block);
-    pliant_free(block);
-    memcpy(list, &larger, sizeof larger);
+    if (more > INT32_MAX || !pliant_grow(list, more, size)) return pliant_fail_memory("the grid of tetrahedra");
     *capacity = (int32_t)more;
     return PLIANT_OK;
 }

@@ -1,5 +1,6 @@
 /* The contact stage: gather the parts of tools and obstacles, and find the contact points of a leg. */
 #include "backend/backend.h"
+#include "base/buffer.h"
 #include "base/fail.h"
 #include "base/memory.h"
 #include "contact/volume/volume_bound.h"
@@ -124,11 +125,9 @@ static pliant_status find_slowed(const pliant_model *model, pliant_data *data, p
     const pliant_tissue *tissue = &search->tissue;
     const pliant_mesh *mesh = &data->body->fine;
     if (mesh->num_nodes > search->node_capacity) {
-        uint8_t *overlaps = pliant_resize(search->overlaps, (size_t)mesh->num_nodes, 1);
-        if (overlaps) search->overlaps = overlaps;
-        double *place = pliant_resize(search->place, (size_t)mesh->num_nodes, 3 * sizeof *place);
-        if (place) search->place = place;
-        if (!overlaps || !place) return pliant_fail_memory("the self-contacts of the tissue");
+        if (!pliant_grow(&search->overlaps, (size_t)mesh->num_nodes, 1) ||
+            !pliant_grow(&search->place, (size_t)mesh->num_nodes, 3 * sizeof *search->place))
+            return pliant_fail_memory("the self-contacts of the tissue");
         search->node_capacity = mesh->num_nodes;
     }
     pliant_status status = pliant_tissue_overlapping(&search->tissue, data->positions, search->overlaps);

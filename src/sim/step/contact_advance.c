@@ -1,7 +1,7 @@
 /* The surface that contact uses, and the largest fraction of a leg that is free of penetration. */
+#include "base/buffer.h"
 #include "base/fail.h"
 #include "fem/dynamics/tled.h"
-#include "base/memory.h"
 #include "contact/advance/pair.h"
 #include "sim/step/contact_workspace.h"
 #include "tool/clearance.h"
@@ -36,9 +36,9 @@ static pliant_status list_surface_nodes(pliant_contact_search *search, const pli
     const int32_t nodes = body->fine.num_nodes;
     if (search->surface_revision == body->revision) return PLIANT_OK;
     search->surface_revision = 0;
-    int32_t *node = pliant_resize(search->surface_node, (size_t)nodes + 1, sizeof *node);
-    if (!node) return pliant_fail_memory("contacts");
-    search->surface_node = node;
+    if (!pliant_grow(&search->surface_node, (size_t)nodes + 1, sizeof *search->surface_node))
+        return pliant_fail_memory("contacts");
+    int32_t *node = search->surface_node;
     memset(node, 0, ((size_t)nodes + 1) * sizeof *node);
     for (int32_t c = 0; c < 3 * body->num_triangles; c++) node[body->triangles[c]] = 1;
     search->num_surface_nodes = 0;
@@ -53,9 +53,8 @@ pliant_status pliant_contact_keep_surface(const pliant_model *model, pliant_cont
 {
     const int32_t nodes = body->fine.num_nodes;
     if (nodes > search->surface_capacity) {
-        double *surface = pliant_resize(search->surface, (size_t)nodes, 3 * sizeof *surface);
-        if (!surface) return pliant_fail_memory("contacts");
-        search->surface = surface;
+        if (!pliant_grow(&search->surface, (size_t)nodes, 3 * sizeof *search->surface))
+            return pliant_fail_memory("contacts");
         search->surface_capacity = nodes;
     }
     const pliant_status status = list_surface_nodes(search, body);

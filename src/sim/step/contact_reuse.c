@@ -1,6 +1,6 @@
 /* Reuse of contact points while little moves. */
+#include "base/buffer.h"
 #include "base/fail.h"
-#include "base/memory.h"
 #include "fem/patch/patch.h"
 #include "sim/step/contact_workspace.h"
 
@@ -25,9 +25,7 @@ static bool is_simple(const pliant_model *model, const pliant_data *data)
 static bool reserve_found(pliant_contact_search *search, int32_t nodes)
 {
     if (nodes > search->found_capacity) {
-        double *at = pliant_resize(search->found_at, (size_t)nodes, 3 * sizeof *at);
-        if (!at) return false;
-        search->found_at = at;
+        if (!pliant_grow(&search->found_at, (size_t)nodes, 3 * sizeof *search->found_at)) return false;
         search->found_capacity = nodes;
     }
     search->found_nodes = nodes;

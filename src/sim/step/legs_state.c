@@ -1,5 +1,6 @@
 /* Save the state at the start of a leg, and apply a fraction of the leg. */
 #include "backend/backend.h"
+#include "base/buffer.h"
 #include "base/fail.h"
 #include "contact/volume/volume_bound.h"
 #include "fem/dynamics/tled_cubes.h"
@@ -16,9 +17,7 @@
 static bool reserve(double **array, int32_t *has, int32_t nodes)
 {
     if (nodes <= *has) return true;
-    double *made = pliant_resize(*array, (size_t)nodes, 3 * sizeof *made);
-    if (!made) return false;
-    *array = made;
+    if (!pliant_grow(array, (size_t)nodes, 3 * sizeof **array)) return false;
     *has = nodes;
     return true;
 }
