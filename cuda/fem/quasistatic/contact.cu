@@ -206,7 +206,7 @@ static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver)
     view->count = from->count;
     view->num_weights = from->num_weights;
     view->num_slots = slots;
-    view->num_springs = pliant_contact_problem_list_springs(solver, spring);
+    view->num_springs = pliant_solver_list_springs(solver, spring);
     for (int32_t s = 0; s < view->num_springs; s++) view->spring[s] = spring[s];
     view->d_column = contacts->blocks.d_column;
     view->stride = contacts->blocks.stride;

@@ -53,7 +53,8 @@ pliant_status pliant_active_set_create(const pliant_solver *solver, pliant_activ
     double springs[PLIANT_MAX_ROWS * PLIANT_MAX_ROWS];
     memset(active, 0, sizeof *active);
     *holds = true;
-    active->num_tools = pliant_solver_springs(solver, active->tool, springs);
+    active->num_tools = pliant_solver_list_springs(solver, active->tool);
+    pliant_solver_fill_springs(solver, active->tool, active->num_tools, 3 * (size_t)active->num_tools, springs);
     if (pliant_contact_problem_has_points(contacts)) {
         active->contact_row = pliant_calloc((size_t)contacts->count, 3 * sizeof *active->contact_row);
         active->point_force = pliant_calloc((size_t)contacts->count, 3 * sizeof *active->point_force);

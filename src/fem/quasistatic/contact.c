@@ -288,14 +288,6 @@ static void compliance_of(const pliant_contact_problem *contacts, int32_t a, int
     }
 }
 
-int pliant_contact_problem_list_springs(const pliant_solver *solver, int index[PLIANT_MAX_TOOLS])
-{
-    int count = 0;
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
-        if (pliant_grasp_is_spring(solver->grasps + t)) index[count++] = t;
-    return count;
-}
-
 /* Set the blocks of the tools' springs, whose responses are whole vectors. */
 static void set_springs(const pliant_solver *solver, const int *tool, int num_tools, size_t row)
 {
@@ -311,14 +303,8 @@ static void set_springs(const pliant_solver *solver, const int *tool, int num_to
                     contacts->matrix[(3 * (size_t)c + r) * row + points + 3 * t + d] =
                         contacts->matrix[(points + 3 * t + d) * row + 3 * (size_t)c + r] = moved[r];
             }
-            for (size_t b = 0; b < (size_t)num_tools; b++) {
-                double moved[3] = {0, 0, 0};
-                pliant_grasp_apply(solver->grasps + tool[b], response, moved);
-                for (size_t r = 0; r < 3; r++)
-                    contacts->matrix[(points + 3 * b + r) * row + points + 3 * t + d] =
-                        moved[r] + (b == t && r == d ? solver->grasps[tool[t]].compliance : 0);
-            }
         }
+    pliant_solver_fill_springs(solver, tool, num_tools, row, contacts->matrix + points * row + points);
 }
 
 pliant_status pliant_contact_problem_size_matrix(pliant_contact_problem *contacts, int num_tools)
@@ -348,7 +334,7 @@ pliant_status pliant_contact_problem_find_matrix(pliant_solver *solver)
         contacts->moved_unknowns[num_moved_unknowns++] = contacts->unknown[w];
     }
     int tool[PLIANT_MAX_TOOLS];
-    const int num_tools = pliant_contact_problem_list_springs(solver, tool);
+    const int num_tools = pliant_solver_list_springs(solver, tool);
     const int32_t num_answers = num_moved_unknowns;
     for (int t = 0; t < num_tools; t++)
         for (int32_t h = 0; h < solver->grasps[tool[t]].count; h++) {
@@ -441,7 +427,7 @@ pliant_status pliant_contact_problem_step(pliant_solver *solver, pliant_iterate 
 {
     pliant_contact_problem *contacts = solver->contacts;
     int tool[PLIANT_MAX_TOOLS];
-    const int num_tools = pliant_contact_problem_list_springs(solver, tool);
+    const int num_tools = pliant_solver_list_springs(solver, tool);
     const size_t points = 3 * (size_t)contacts->count, n = pliant_solver_unknowns(solver);
     for (int32_t c = 0; c < contacts->count; c++) {
         double y[3], *motion = contacts->motion + 3 * (size_t)c;

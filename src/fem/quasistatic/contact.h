@@ -109,9 +109,7 @@ pliant_status pliant_contact_problem_free_step(pliant_solver *solver, pliant_ite
 pliant_status pliant_contact_problem_step(pliant_solver *solver, pliant_iterate *at);
 /* Compute the forces; contacts->motion must contain the motion of the free step. Return whether any force changes. */
 bool pliant_contact_problem_solve(pliant_contact_problem *contacts, int num_tools);
-/* Find the tools that pull by springs; they follow the points in A. Return their number. */
-int pliant_contact_problem_list_springs(const pliant_solver *solver, int index[PLIANT_MAX_TOOLS]);
-/* Allocate A and its buffers. Errors: MEMORY. */
+/* Allocate A and its buffers. The rows of the tools' springs follow the rows of the points. Errors: MEMORY. */
 pliant_status pliant_contact_problem_size_matrix(pliant_contact_problem *contacts, int num_tools);
 /* Add the rows of a point times v to out (3). v: in the nodes' own axes */
 void pliant_contact_problem_apply(const pliant_contact_problem *contacts, int32_t point, const double *v,

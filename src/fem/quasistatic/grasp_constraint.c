@@ -236,25 +236,26 @@ void pliant_grasp_gap(const pliant_solver *solver, int tool, const pliant_iterat
     pliant_grasp_apply(solver->grasps + tool, at->free_step, out);
 }
 
-int pliant_solver_springs(const pliant_solver *solver, int index[PLIANT_MAX_TOOLS],
-                          double matrix[PLIANT_MAX_ROWS * PLIANT_MAX_ROWS])
+int pliant_solver_list_springs(const pliant_solver *solver, int index[PLIANT_MAX_TOOLS])
 {
-    const size_t n = pliant_solver_unknowns(solver);
     int count = 0;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
         if (pliant_grasp_is_spring(solver->grasps + t)) index[count++] = t;
-    const int rows = 3 * count;
-    for (int a = 0; a < count; a++)
-        for (int b = 0; b < count; b++)
-            for (int d = 0; d < 3; d++) {
+    return count;
+}
+
+void pliant_solver_fill_springs(const pliant_solver *solver, const int *index, int count, size_t row, double *matrix)
+{
+    const size_t n = pliant_solver_unknowns(solver);
+    for (size_t a = 0; a < (size_t)count; a++)
+        for (size_t b = 0; b < (size_t)count; b++)
+            for (size_t d = 0; d < 3; d++) {
                 double column[3] = {0, 0, 0};
-                pliant_grasp_apply(solver->grasps + index[a], solver->grasps[index[b]].response + n * (size_t)d,
-                                   column);
-                for (int r = 0; r < 3; r++)
-                    matrix[(3 * a + r) * rows + 3 * b + d] =
+                pliant_grasp_apply(solver->grasps + index[a], solver->grasps[index[b]].response + n * d, column);
+                for (size_t r = 0; r < 3; r++)
+                    matrix[(3 * a + r) * row + 3 * b + d] =
                         column[r] + (a == b && r == d ? solver->grasps[index[a]].compliance : 0);
             }
-    return count;
 }
 
 void pliant_solver_add_response(const pliant_solver *solver, int tool, const double force[3], double *step)

@@ -16,8 +16,9 @@ static bool step_tools(const pliant_solver *solver, pliant_iterate *at)
     int index[PLIANT_MAX_TOOLS];
     double s[PLIANT_MAX_ROWS * PLIANT_MAX_ROWS] = {0}, right[PLIANT_MAX_ROWS];
     memset(at->step_force, 0, sizeof at->step_force);
-    const int count = pliant_solver_springs(solver, index, s);
+    const int count = pliant_solver_list_springs(solver, index);
     if (count == 0) return true;
+    pliant_solver_fill_springs(solver, index, count, 3 * (size_t)count, s);
     for (int a = 0; a < count; a++) {
         double w[3] = {0, 0, 0};
         pliant_grasp_stretch(solver, index[a], at, right + 3 * a);

@@ -251,9 +251,10 @@ bool pliant_grasp_is_same(const pliant_grasp_constraint *a, const pliant_grasp_c
 void pliant_grasp_free(pliant_grasp_constraint *grasp); /* leaves it empty */
 /* Compute Z of all springs whose Z belongs to another factor. */
 pliant_status pliant_solver_find_responses(pliant_solver *solver);
-/* List the tools that hold by springs and return their number. matrix: S of their rows. */
-int pliant_solver_springs(const pliant_solver *solver, int index[PLIANT_MAX_TOOLS],
-                          double matrix[PLIANT_MAX_ROWS * PLIANT_MAX_ROWS]);
+/* List the tools that hold by springs and return their number. */
+int pliant_solver_list_springs(const pliant_solver *solver, int index[PLIANT_MAX_TOOLS]);
+/* Compute S of the rows of `count` springs. row: length of the matrix' rows */
+void pliant_solver_fill_springs(const pliant_solver *solver, const int *index, int count, size_t row, double *matrix);
 /* Add Z force of one tool to the step. */
 void pliant_solver_add_response(const pliant_solver *solver, int tool, const double force[3], double *step);
 /* Return the sum over the springs of c a' b. */

@@ -61,21 +61,6 @@ static void list_spring(bool moves, int32_t row, active_rows *rows)
     }
 }
 
-/* A of springs alone */
-static void fill_springs(const pliant_solver *solver, const int *tool, int count, double *matrix)
-{
-    const size_t n = pliant_solver_unknowns(solver), row = 3 * (size_t)count;
-    for (size_t a = 0; a < (size_t)count; a++)
-        for (size_t b = 0; b < (size_t)count; b++)
-            for (size_t d = 0; d < 3; d++) {
-                double moved[3] = {0, 0, 0};
-                pliant_grasp_apply(solver->grasps + tool[a], solver->grasps[tool[b]].response + n * d, moved);
-                for (size_t r = 0; r < 3; r++)
-                    matrix[(3 * a + r) * row + 3 * b + d] =
-                        moved[r] + (a == b && r == d ? solver->grasps[tool[a]].compliance : 0);
-            }
-}
-
 /* Compute G' A^-1 G. A small amount is added to A's diagonal, since contact points of one triangle can have dependent
  * rows. */
 static bool condense(const active_rows *rows, const double *whole, size_t width, double *matrix, double *right,
@@ -104,14 +89,12 @@ static bool condense(const active_rows *rows, const double *whole, size_t width,
 pliant_status pliant_solver_stiffness(const pliant_solver *solver, int tool, const double tip[3], double stiffness[36],
                                       bool *known)
 {
-    int spring[PLIANT_MAX_TOOLS], num_springs = 0;
+    int spring[PLIANT_MAX_TOOLS];
+    const int num_springs = pliant_solver_list_springs(solver, spring);
     memset(stiffness, 0, 36 * sizeof *stiffness);
     *known = true;
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
-        if (!pliant_grasp_is_spring(solver->grasps + t)) continue;
-        spring[num_springs++] = t;
-        if (solver->grasps[t].response_number == 0) *known = false;
-    }
+    for (int s = 0; s < num_springs; s++)
+        if (solver->grasps[spring[s]].response_number == 0) *known = false;
     const pliant_contact_problem *contacts =
         pliant_contact_problem_has_points(solver->contacts) ? solver->contacts : NULL;
     const size_t width = 3 * ((size_t)num_springs + (contacts ? (size_t)contacts->count : 0));
@@ -125,7 +108,8 @@ pliant_status pliant_solver_stiffness(const pliant_solver *solver, int tool, con
                                : pliant_fail_memory("a tool's stiffness");
     if (status == PLIANT_OK) {
         if (contacts) list_points(contacts, tool, tip, &rows);
-        else fill_springs(solver, spring, num_springs, whole);
+        else
+            pliant_solver_fill_springs(solver, spring, num_springs, width, whole);
         for (int s = 0; s < num_springs; s++)
             list_spring(spring[s] == tool, (int32_t)width - 3 * (num_springs - s), &rows);
         if (rows.count > 0)
