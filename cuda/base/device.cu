@@ -278,16 +278,25 @@ static cudaError_t try_device(int index)
  * device while it works. */
 static std::atomic<int> chosen{-1};
 
-extern "C" bool pliant_cuda_probe(pliant_cuda_device *out, char *reason, size_t reason_size)
+struct found_device {
+    int index;
+    char name[128];
+    size_t free_bytes, total_bytes;
+    int major, minor; /* compute capability */
+};
+
+/* Find the device with the most free memory that runs a kernel of this build. Return false with the reason (no driver,
+ * no device, no code for it) if there is no such device. The function logs nothing. */
+static bool find_device(found_device *out, char *reason, size_t reason_size)
 {
     const int before = chosen;
     int count = 0;
     cudaError_t error = pliant_cuda_fails_now() ? cudaErrorNoDevice : cudaGetDeviceCount(&count);
-    pliant_cuda_device best = {};
+    found_device best = {};
     best.index = -1;
     for (int index = 0; error == cudaSuccess && index < count; index++) {
         cudaDeviceProp properties;
-        pliant_cuda_device device = {};
+        found_device device = {};
         cudaError_t here = cudaGetDeviceProperties(&properties, index);
         if (here == cudaSuccess) here = try_device(index);
         if (here == cudaSuccess) here = cudaMemGetInfo(&device.free_bytes, &device.total_bytes);
@@ -299,7 +308,6 @@ extern "C" bool pliant_cuda_probe(pliant_cuda_device *out, char *reason, size_t 
         snprintf(device.name, sizeof device.name, "%s", properties.name);
         device.major = properties.major;
         device.minor = properties.minor;
-        device.multiprocessors = properties.multiProcessorCount;
         if (best.index < 0 || index == before || (best.index != before && device.free_bytes > best.free_bytes))
             best = device;
     }
@@ -315,9 +323,9 @@ extern "C" bool pliant_cuda_probe(pliant_cuda_device *out, char *reason, size_t 
 
 extern "C" bool pliant_cuda_text(char *text, size_t size)
 {
-    pliant_cuda_device device;
+    found_device device;
     char reason[200];
-    if (!pliant_cuda_probe(&device, reason, sizeof reason)) {
+    if (!find_device(&device, reason, sizeof reason)) {
         snprintf(text, size, "%s", reason);
         return false;
     }
@@ -328,9 +336,9 @@ extern "C" bool pliant_cuda_text(char *text, size_t size)
 
 extern "C" pliant_status pliant_cuda_current_device(int *out)
 {
-    pliant_cuda_device device;
+    found_device device;
     char reason[200];
-    if (!pliant_cuda_probe(&device, reason, sizeof reason))
+    if (!find_device(&device, reason, sizeof reason))
         return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "no GPU can be used: %s", reason);
     *out = device.index;
     return PLIANT_OK;

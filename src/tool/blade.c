@@ -45,11 +45,6 @@ bool pliant_blade_has_pose(const pliant_blade *blade)
     return q[0] != 0 || q[1] != 0 || q[2] != 0 || q[3] != 0;
 }
 
-bool pliant_blade_exists(const pliant_blade *blade)
-{
-    return memcmp(blade->from, blade->to, sizeof blade->from) != 0;
-}
-
 static pliant_status find_tool(pliant_data *data, int index, pliant_tool **out)
 {
     if (index < 0 || index >= data->num_tools)
@@ -103,7 +98,7 @@ pliant_status pliant_tool_set_cutting(pliant_data *data, int index, bool on)
         return pliant_fail(PLIANT_ERROR_ARGUMENT,
                            "tool %s: this scene does not cut: set cut/kind to sever and build the model again",
                            tool->name);
-    if (on && !pliant_blade_exists(&tool->blade))
+    if (on && memcmp(tool->blade.from, tool->blade.to, sizeof tool->blade.from) == 0)
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s has no blade (pliant_tool_set_blade)", tool->name);
     if (!on) switch_off(data, tool);
     else if (tool->blade.is_ending) pliant_blade_end_stroke(tool);

@@ -11,7 +11,6 @@ extern "C" {
 /* Allocate an edge with `count` points, zeroed. *edge is overwritten; it is empty on errors. Errors: MEMORY. */
 pliant_status pliant_edge_create(int32_t count, double reach, pliant_edge *edge);
 
-bool pliant_blade_exists(const pliant_blade *blade);
 double pliant_blade_length(const pliant_blade *blade); /* [m] */
 /* Begin a stroke with the edge at the tool's current position. Points are at most `spacing` [m] apart, and follow
  * tissue at most `reach` [m] away. Errors: MEMORY (no stroke has begun). */

@@ -186,12 +186,6 @@ PLIANT_INLINE double pliant_anderson_error(double left)
     return pliant_get_quasistatic_settings().error_safety * left;
 }
 
-/* Return the number of iterations of a step: its evaluations without the final trial that replaces a blind step. */
-PLIANT_INLINE int32_t pliant_anderson_iterations(const pliant_anderson *rules)
-{
-    return rules->evaluations - rules->last;
-}
-
 /* Report the error of the previous step.
  * @param start_is_evaluated  The end of the previous step was evaluated with the present preconditioner.
  * @param left  Remaining motion at that state, with the present secants [m]. */

@@ -74,7 +74,8 @@ void pliant_solver_store_secant(pliant_solver *solver, int32_t place, const plia
     }
 }
 
-bool pliant_secants_along(const pliant_solver *solver, const pliant_iterate *at, double along[PLIANT_MAX_HISTORY])
+/* Compute the products of the secants' steps with a residual. Return false if there are no secants. */
+static bool multiply_secants(const pliant_solver *solver, const pliant_iterate *at, double along[PLIANT_MAX_HISTORY])
 {
     bool any = false;
     for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) {
@@ -89,7 +90,8 @@ bool pliant_secants_along(const pliant_solver *solver, const pliant_iterate *at,
     return any;
 }
 
-bool pliant_secants_mix(const pliant_solver *solver, const double along[PLIANT_MAX_HISTORY], bool estimates,
+/* Compute the weights of the secants (secant_equations.h). */
+static bool mix_secants(const pliant_solver *solver, const double along[PLIANT_MAX_HISTORY], bool estimates,
                         double weights[PLIANT_MAX_HISTORY])
 {
     pliant_secant_equations equations;
@@ -128,8 +130,8 @@ static int32_t nodes_of_part(const pliant_system *system, int32_t first)
 double pliant_secants_error(const pliant_solver *solver, const pliant_iterate *at)
 {
     double along[PLIANT_MAX_HISTORY], weights[PLIANT_MAX_HISTORY], largest = 0;
-    pliant_secants_along(solver, at, along);
-    pliant_secants_mix(solver, along, true, weights);
+    multiply_secants(solver, at, along);
+    mix_secants(solver, along, true, weights);
     const pliant_system *system = solver->system;
     const double unexplained = pliant_anderson_error_factor(&solver->rules);
 #pragma omp parallel for schedule(static) num_threads(system->num_threads) \
@@ -163,9 +165,9 @@ bool pliant_solver_propose(pliant_solver *solver, double *left, double *made)
     double along[PLIANT_MAX_HISTORY], weights[PLIANT_MAX_HISTORY] = {0}, likely[PLIANT_MAX_HISTORY] = {0},
                                       *x = solver->trial.x;
     bool mixed = false;
-    if (pliant_secants_along(solver, at, along)) {
-        mixed = rules->uses_secants && pliant_secants_mix(solver, along, false, weights);
-        pliant_secants_mix(solver, along, true, likely);
+    if (multiply_secants(solver, at, along)) {
+        mixed = rules->uses_secants && mix_secants(solver, along, false, weights);
+        mix_secants(solver, along, true, likely);
     }
     const double unexplained = pliant_anderson_error_factor(rules);
     double max_left = 0, max_made = 0;

@@ -97,19 +97,14 @@ bool pliant_solver_has_time(const pliant_solver *solver)
     return !(solver->budget > 0) || pliant_solver_time_left(solver) > 0;
 }
 
-int32_t pliant_solver_evaluations_in_time(const pliant_solver *solver, double start, double now, double each)
-{
-    const double left = start + pliant_solver_time_left(solver) - now;
-    return solver->budget > 0 && each > 0 && left < 1e6 * each ? (int32_t)fmax(left / each, 0) : INT32_MAX;
-}
-
 /* Return the number of further evaluations that fit in the budget, or in the limit of even steps. */
 static int32_t affordable(const pliant_solver *solver, const step_time *time, double first_merit)
 {
     if (!(solver->budget > 0)) return pliant_evaluations_left(&time->limit, time->solved, first_merit);
     const double now = solver->clock(solver->clock_user),
                  each = time->whole > 0 ? (now - time->evaluation_start) / time->whole : solver->evaluation_seconds;
-    return pliant_solver_evaluations_in_time(solver, time->start, now, each);
+    const double left = time->start + pliant_solver_time_left(solver) - now;
+    return each > 0 && left < 1e6 * each ? (int32_t)fmax(left / each, 0) : INT32_MAX;
 }
 
 /* Return the slope of the potential energy along the trial's step, at its end. Return 0 with springs or contacts, which
@@ -299,7 +294,7 @@ static pliant_status iterate_from_newton(pliant_solver *solver, step_time *time,
         pliant_solver_find_known(solver, &solver->in_use, &solver->final_state.start_is_evaluated);
     if (status == PLIANT_OK) status = iterate(solver, settled ? PLIANT_KNOWN_STEP : known, time);
     solver->rules.max_evaluations = maximum;
-    *evaluations += pliant_anderson_iterations(&solver->rules);
+    *evaluations += solver->rules.evaluations - solver->rules.last;
     return status;
 }
 

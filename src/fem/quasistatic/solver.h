@@ -196,9 +196,6 @@ static inline size_t pliant_solver_unknowns(const pliant_solver *solver)
 double pliant_solver_time_left(const pliant_solver *solver);
 /* Return whether another solve of this step fits in the budget. Without a budget: true. */
 bool pliant_solver_has_time(const pliant_solver *solver);
-/* Return the number of evaluations of `each` seconds that fit in the budget between `now` and its end. Return INT32_MAX
- * without a budget, or if `each` is unknown (0). */
-int32_t pliant_solver_evaluations_in_time(const pliant_solver *solver, double start, double now, double each);
 /* Run one step from the present state. NOT_CONVERGED keeps the best iterate; NUMERIC keeps the old state. */
 pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *statistics);
 
@@ -266,11 +263,6 @@ pliant_status pliant_secants_create(const pliant_system *system, int32_t count, 
 void pliant_secants_free(pliant_secant secants[PLIANT_MAX_HISTORY]);
 void pliant_solver_store_secant(pliant_solver *solver, int32_t place, const pliant_iterate *from,
                                 const pliant_iterate *to);
-/* Compute the products of the secants' steps with a residual. Return false if there are no secants. */
-bool pliant_secants_along(const pliant_solver *solver, const pliant_iterate *at, double along[PLIANT_MAX_HISTORY]);
-/* Compute the weights of the secants (secant_equations.h). */
-bool pliant_secants_mix(const pliant_solver *solver, const double along[PLIANT_MAX_HISTORY], bool estimates,
-                        double weights[PLIANT_MAX_HISTORY]);
 /* Return the largest remaining motion of a node, estimated from the secants and the residual of a state [m]. */
 double pliant_secants_error(const pliant_solver *solver, const pliant_iterate *at);
 /* Set trial = now + damping * (mixed step), by the rules.
