@@ -249,8 +249,12 @@ static pliant_status fill(pliant_cuda_warp *gpu)
     return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
 }
 
-extern "C" pliant_status pliant_cuda_warp_create(const pliant_warp_parts *parts, int device, pliant_cuda_warp **out)
+static void free_warp(void *object);
+
+static pliant_status create(const pliant_warp_parts *parts, void **object)
 {
+    int device;
+    CUDA_TRY(pliant_cuda_current_device(&device));
     pliant_cuda_warp *gpu = static_cast<pliant_cuda_warp *>(pliant_calloc(1, sizeof *gpu));
     if (!gpu) return pliant_fail_memory("the warp");
     gpu->parts = *parts;
@@ -270,17 +274,18 @@ extern "C" pliant_status pliant_cuda_warp_create(const pliant_warp_parts *parts,
     gpu->stale = static_cast<uint8_t *>(pliant_calloc((size_t)parts->grid->bricks[2], 1));
     pliant_status status = gpu->stale ? fill(gpu) : pliant_fail_memory("the warp");
     if (status != PLIANT_OK) {
-        pliant_cuda_warp_free(gpu);
+        free_warp(gpu);
         return status;
     }
-    *out = gpu;
+    *object = gpu;
     return PLIANT_OK;
 }
 
 static void free_next(cuda_next *next);
 
-extern "C" void pliant_cuda_warp_free(pliant_cuda_warp *gpu)
+static void free_warp(void *object)
 {
+    pliant_cuda_warp *gpu = static_cast<pliant_cuda_warp *>(object);
     if (!gpu) return;
     if (gpu->stream) cudaStreamSynchronize(gpu->stream);
     if (gpu->page_locked) pliant_cuda_unlock_pages(gpu->parts.volume->voxels);
@@ -370,8 +375,9 @@ extern "C" pliant_status pliant_cuda_warp_finish(pliant_cuda_warp *gpu, const do
     return PLIANT_OK;
 }
 
-extern "C" pliant_status pliant_cuda_warp_update(pliant_cuda_warp *gpu, const double *positions)
+static pliant_status update(void *object, const double *positions)
 {
+    pliant_cuda_warp *gpu = static_cast<pliant_cuda_warp *>(object);
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     const size_t bytes = 3 * (size_t)gpu->parts.mesh->num_nodes * sizeof *positions;
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->d_positions, positions, bytes, cudaMemcpyHostToDevice, gpu->stream)));
@@ -382,8 +388,9 @@ extern "C" pliant_status pliant_cuda_warp_update(pliant_cuda_warp *gpu, const do
 
 /* Copy the volume to the host. Slabs of bricks along k are contiguous in memory, so each run of outdated slabs is one
  * copy. */
-extern "C" pliant_status pliant_cuda_warp_fetch(pliant_cuda_warp *gpu)
+static pliant_status fetch(void *object)
 {
+    pliant_cuda_warp *gpu = static_cast<pliant_cuda_warp *>(object);
     const raster_grid *grid = &gpu->raster.grid;
     const int32_t slabs = grid->bricks[2];
     const size_t slice = gpu->volume_bytes / (size_t)grid->target.size[2];
@@ -406,9 +413,9 @@ extern "C" pliant_status pliant_cuda_warp_fetch(pliant_cuda_warp *gpu)
     return PLIANT_OK;
 }
 
-extern "C" pliant_status pliant_cuda_warp_cross(pliant_cuda_warp *gpu, const march_ray *ray, int64_t first,
-                                                march_crossing *out)
+static pliant_status cross(void *object, const march_ray *ray, int64_t first, march_crossing *out)
 {
+    pliant_cuda_warp *gpu = static_cast<pliant_cuda_warp *>(object);
     const pliant_volume *volume = gpu->parts.volume;
     const march_voxels voxels = {gpu->raster.d_volume, volume->encoding, volume->slope, volume->intercept};
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
@@ -421,12 +428,13 @@ extern "C" pliant_status pliant_cuda_warp_cross(pliant_cuda_warp *gpu, const mar
 }
 
 /* labels: drawn on a separate stream, whose update is complete */
-static pliant_status draw_image(pliant_cuda_warp *gpu, const pliant_cuda_warp *labels, const render_scene *given,
-                                const render_output *out)
+static pliant_status draw_image(void *object, void *labels, const render_scene *given, const render_output *out)
 {
+    pliant_cuda_warp *gpu = static_cast<pliant_cuda_warp *>(object);
     render_scene scene = *given;
     scene.voxels = gpu->raster.d_volume;
-    scene.labels = labels ? static_cast<const uint8_t *>(labels->raster.d_volume) : nullptr;
+    scene.labels =
+        labels ? static_cast<const uint8_t *>(static_cast<pliant_cuda_warp *>(labels)->raster.d_volume) : nullptr;
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     return pliant_cuda_render(&gpu->pictures, &scene, out, gpu->stream);
 }
@@ -457,8 +465,9 @@ static void free_next(cuda_next *next)
 }
 
 /* Release a prepared body. Its arrays become the spare for the following one. */
-static void drop_next(cuda_next *next)
+static void drop_next(void *object)
 {
+    cuda_next *next = static_cast<cuda_next *>(object);
     if (!next) return;
     pliant_cuda_fit_free(next->fit);
     next->fit = nullptr;
@@ -505,9 +514,10 @@ static pliant_status fill_next(pliant_cuda_warp *gpu, const pliant_warp_changes 
     return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
 }
 
-static pliant_status prepare_next(pliant_cuda_warp *gpu, const pliant_warp_parts *parts,
-                                  const pliant_warp_changes *changes, cuda_next **out)
+static pliant_status prepare_next(void *object, const pliant_warp_parts *parts, const pliant_warp_changes *changes,
+                                  void **out)
 {
+    pliant_cuda_warp *gpu = static_cast<pliant_cuda_warp *>(object);
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     cuda_next *next = gpu->spare ? gpu->spare : static_cast<cuda_next *>(pliant_calloc(1, sizeof *next));
     if (!next) return pliant_fail_memory("the warp");
@@ -534,8 +544,10 @@ template <class T> static void exchange(T *a, T *b)
 }
 
 /* Switch to the next body. If a kernel cannot be started any more, the next update draws everything or fails. */
-static void take_next(pliant_cuda_warp *gpu, cuda_next *next)
+static void take_next(void *object, void *prepared)
 {
+    pliant_cuda_warp *gpu = static_cast<pliant_cuda_warp *>(object);
+    cuda_next *next = static_cast<cuda_next *>(prepared);
     gpu_raster *old = &gpu->raster, *now = &next->raster;
     if (gpu->drawn && !gpu->fit &&
         (pliant_cuda_mark_removed(old, next->num_removed, next->d_removed, gpu->stream) != PLIANT_OK ||
@@ -558,63 +570,20 @@ static void take_next(pliant_cuda_warp *gpu, cuda_next *next)
 
 /* ---- function table */
 
-static pliant_status create_object(const pliant_warp_parts *parts, void **object)
-{
-    int device;
-    pliant_cuda_warp *made;
-    CUDA_TRY(pliant_cuda_current_device(&device));
-    CUDA_TRY(pliant_cuda_warp_create(parts, device, &made));
-    *object = made;
-    return PLIANT_OK;
-}
-
-static void free_object(void *object) { pliant_cuda_warp_free(static_cast<pliant_cuda_warp *>(object)); }
-static pliant_status update_object(void *object, const double *positions)
-{
-    return pliant_cuda_warp_update(static_cast<pliant_cuda_warp *>(object), positions);
-}
-static pliant_status fetch_object(void *object)
-{
-    return pliant_cuda_warp_fetch(static_cast<pliant_cuda_warp *>(object));
-}
-static pliant_status cross_object(void *object, const march_ray *ray, int64_t first, march_crossing *out)
-{
-    return pliant_cuda_warp_cross(static_cast<pliant_cuda_warp *>(object), ray, first, out);
-}
-
-static pliant_status draw_image_object(void *object, void *labels, const render_scene *scene, const render_output *out)
-{
-    return draw_image(static_cast<pliant_cuda_warp *>(object), static_cast<pliant_cuda_warp *>(labels), scene, out);
-}
-
-static pliant_status prepare_object(void *object, const pliant_warp_parts *parts, const pliant_warp_changes *changes,
-                                    void **next)
-{
-    cuda_next *made = NULL;
-    CUDA_TRY(prepare_next(static_cast<pliant_cuda_warp *>(object), parts, changes, &made));
-    *next = made;
-    return PLIANT_OK;
-}
-static void take_object(void *object, void *next)
-{
-    take_next(static_cast<pliant_cuda_warp *>(object), static_cast<cuda_next *>(next));
-}
-static void drop_object(void *next) { drop_next(static_cast<cuda_next *>(next)); }
-
 /* assigned by name, because C++14 has no designated initializers */
 static constexpr pliant_warp_device table()
 {
     pliant_warp_device made{};
     made.probe = pliant_cuda_text;
-    made.create = create_object;
-    made.free = free_object;
-    made.update = update_object;
-    made.fetch = fetch_object;
-    made.cross = cross_object;
-    made.draw_image = draw_image_object;
-    made.prepare = prepare_object;
-    made.take = take_object;
-    made.drop = drop_object;
+    made.create = create;
+    made.free = free_warp;
+    made.update = update;
+    made.fetch = fetch;
+    made.cross = cross;
+    made.draw_image = draw_image;
+    made.prepare = prepare_next;
+    made.take = take_next;
+    made.drop = drop_next;
     return made;
 }
 const pliant_warp_device pliant_cuda_warp_device = table();

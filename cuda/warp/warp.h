@@ -12,19 +12,11 @@ extern "C" {
 
 typedef struct pliant_cuda_warp pliant_cuda_warp;
 
-/* Errors: MEMORY (with figures), UNAVAILABLE. */
-pliant_status pliant_cuda_warp_create(const pliant_warp_parts *parts, int device, pliant_cuda_warp **out);
-void pliant_cuda_warp_free(pliant_cuda_warp *gpu); /* Nullable */
 /* Enqueue an update on a stream from device positions (num_nodes x 3). */
 pliant_status pliant_cuda_warp_enqueue(pliant_cuda_warp *gpu, const double *d_positions, cudaStream_t stream);
 /* Finish an update after the stream was synchronized. Stores the changed bricks and times in the parts. If lists of
  * tetrahedra were too short, they are enlarged and the update is repeated. */
 pliant_status pliant_cuda_warp_finish(pliant_cuda_warp *gpu, const double *d_positions, cudaStream_t stream);
-/* Run a complete update from host positions. */
-pliant_status pliant_cuda_warp_update(pliant_cuda_warp *gpu, const double *positions);
-pliant_status pliant_cuda_warp_fetch(pliant_cuda_warp *gpu);
-/* Find the first threshold crossing of a ray at sample `first` or later in the volume on the GPU. */
-pliant_status pliant_cuda_warp_cross(pliant_cuda_warp *gpu, const march_ray *ray, int64_t first, march_crossing *out);
 
 #ifdef __cplusplus
 }
