@@ -5,6 +5,7 @@
  * of the lists are counted first. Then the lists are stored one after the other, and threads share the entries
  * after each entry. The order of the pairs varies; they are sorted when they are copied to the host. */
 #include "cuda/contact/overlaps.cuh"
+#include "cuda/base/launch.h"
 
 #include "contact/detect/overlap.h"
 #include "base/fail.h"
@@ -337,18 +338,9 @@ static pliant_status enqueue(gpu_overlaps *overlaps, cudaStream_t stream)
 /* Record the work of a step as one CUDA graph. */
 static pliant_status record(gpu_overlaps *overlaps, cudaStream_t stream)
 {
-    cudaGraph_t graph = NULL;
     if (overlaps->graph && memcmp(&overlaps->made_for, &overlaps->v, sizeof overlaps->v) == 0) return PLIANT_OK;
-    if (overlaps->graph) cudaGraphExecDestroy(overlaps->graph);
-    overlaps->graph = NULL;
-    CUDA_TRY(CUDA_CALL(cudaStreamBeginCapture(stream, cudaStreamCaptureModeThreadLocal)));
-    pliant_status status = enqueue(overlaps, stream);
-    const cudaError_t ended = cudaStreamEndCapture(stream, &graph);
-    if (status == PLIANT_OK) status = CUDA_CALL(ended);
-    if (status == PLIANT_OK) status = CUDA_CALL(cudaGraphInstantiateWithFlags(&overlaps->graph, graph, 0));
-    if (graph) cudaGraphDestroy(graph);
     overlaps->made_for = overlaps->v;
-    return status;
+    return pliant_cuda_record(stream, &overlaps->graph, [&] { return enqueue(overlaps, stream); });
 }
 
 pliant_status gpu_overlaps_find(gpu_overlaps *overlaps, const double *d_positions, double margin, cudaStream_t stream,

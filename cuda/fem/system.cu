@@ -1,4 +1,5 @@
 #include "cuda/base/check.h"
+#include "cuda/base/launch.h"
 #include "base/fail.h"
 #include "base/memory.h"
 #include "cuda/base/send_changes.h"
@@ -87,8 +88,7 @@ static pliant_status send_numbers(const passage &work, const int32_t *which, int
             status = CUDA_CALL(
                 cudaMemcpyAsync(d_which, which + done, here * sizeof *which, cudaMemcpyHostToDevice, work.stream));
         if (status != PLIANT_OK) break;
-        unpack_kernel<<<(unsigned)((here * each + THREADS - 1) / THREADS), THREADS, 0, work.stream>>>(sent, last,
-                                                                                                      d_out);
+        unpack_kernel<<<blocks_for(here * each, THREADS), THREADS, 0, work.stream>>>(sent, last, d_out);
         status = CUDA_LAUNCHED("unpack_kernel");
     }
     pliant_free(h_packed);

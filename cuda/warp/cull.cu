@@ -1,5 +1,6 @@
 /* Set up the tetrahedra for drawing, and list them by brick. */
 #include "cuda/base/check.h"
+#include "cuda/base/launch.h"
 #include "cuda/warp/raster_math.cuh"
 #include "cuda/warp/rasterize.h"
 
@@ -225,7 +226,7 @@ extern "C" pliant_status pliant_cuda_cull(const gpu_raster *raster, const double
                                           cudaStream_t stream)
 {
     const long long threads = 4 * (long long)raster->num_elements;
-    const unsigned blocks = (unsigned)((threads + THREADS - 1) / THREADS);
+    const unsigned blocks = blocks_for(threads, THREADS);
     if (all) CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_dirty, 1, (size_t)raster->num_bricks, stream)));
     if (raster->parts.elements) cull_kernel<true><<<blocks, THREADS, 0, stream>>>(*raster, d_positions, all);
     else cull_kernel<false><<<blocks, THREADS, 0, stream>>>(*raster, d_positions, all);
@@ -280,12 +281,10 @@ extern "C" pliant_status pliant_cuda_carry_elements(const gpu_raster *before, co
                                                     const int32_t *d_from, int32_t num_rebuilt,
                                                     const int32_t *d_rebuilt, cudaStream_t stream)
 {
-    carry_kernel<<<(unsigned)((now->num_elements + THREADS - 1) / THREADS), THREADS, 0, stream>>>(*before, *now, common,
-                                                                                                  d_from);
+    carry_kernel<<<blocks_for(now->num_elements, THREADS), THREADS, 0, stream>>>(*before, *now, common, d_from);
     CUDA_TRY(CUDA_LAUNCHED("carry_kernel"));
     if (num_rebuilt == 0) return PLIANT_OK;
-    rebuild_kernel<<<(unsigned)((num_rebuilt + THREADS - 1) / THREADS), THREADS, 0, stream>>>(*now, num_rebuilt,
-                                                                                              d_rebuilt);
+    rebuild_kernel<<<blocks_for(num_rebuilt, THREADS), THREADS, 0, stream>>>(*now, num_rebuilt, d_rebuilt);
     return CUDA_LAUNCHED("rebuild_kernel");
 }
 
@@ -293,7 +292,7 @@ extern "C" pliant_status pliant_cuda_mark_removed(const gpu_raster *before, int3
                                                   const int32_t *d_removed, cudaStream_t stream)
 {
     if (num_removed == 0) return PLIANT_OK;
-    leave_kernel<<<(unsigned)((4 * (long long)num_removed + THREADS - 1) / THREADS), THREADS, 0, stream>>>(
-        *before, num_removed, d_removed);
+    leave_kernel<<<blocks_for(4 * (long long)num_removed, THREADS), THREADS, 0, stream>>>(*before, num_removed,
+                                                                                          d_removed);
     return CUDA_LAUNCHED("leave_kernel");
 }

@@ -1,6 +1,7 @@
 #include "cuda/warp/fit.h"
 
 #include "cuda/base/check.h"
+#include "cuda/base/launch.h"
 #include "base/fail.h"
 #include "base/memory.h"
 #include "cuda/warp/raster_math.cuh"
@@ -253,11 +254,9 @@ extern "C" pliant_status pliant_cuda_fit_map(const pliant_cuda_fit *fit, const d
     CUDA_TRY(CUDA_LAUNCHED("the nodes of the fit"));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(fit->view.wanted, 0, lattice_points(&fit->view), stream)));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(fit->view.covered, 0, target_voxels(&fit->view), stream)));
-    cover_kernel<<<(unsigned)((32 * (int64_t)fit->view.num_tets + TET_THREADS - 1) / TET_THREADS), TET_THREADS, 0,
-                   stream>>>(fit->d_view);
+    cover_kernel<<<blocks_for(32 * (int64_t)fit->view.num_tets, TET_THREADS), TET_THREADS, 0, stream>>>(fit->d_view);
     CUDA_TRY(CUDA_LAUNCHED("the tetrahedra of the fit"));
-    map_kernel<<<(unsigned)((lattice_points(&fit->view) + MAP_THREADS - 1) / MAP_THREADS), MAP_THREADS, 0, stream>>>(
-        fit->d_view);
+    map_kernel<<<blocks_for(lattice_points(&fit->view), MAP_THREADS), MAP_THREADS, 0, stream>>>(fit->d_view);
     return CUDA_LAUNCHED("the fit");
 }
 

@@ -1,4 +1,5 @@
 #include "cuda/base/check.h"
+#include "cuda/base/launch.h"
 #include "fem/element/macro_element.h"
 #include "fem/coarse/shape_interpolation.h"
 #include "cuda/fem/element/rotation.cuh"
@@ -89,14 +90,14 @@ static __global__ void __launch_bounds__(THREADS)
 
 static pliant_status copy_present(const gpu_iteration *iteration, int count, double *d_out, cudaStream_t stream)
 {
-    copy_kernel<<<(unsigned)((count + THREADS - 1) / THREADS), THREADS, 0, stream>>>(*iteration, count, d_out);
+    copy_kernel<<<blocks_for(count, THREADS), THREADS, 0, stream>>>(*iteration, count, d_out);
     return CUDA_LAUNCHED("copy_kernel");
 }
 
 extern "C" pliant_status pliant_cuda_upsample(const gpu_system *system, const gpu_iteration *iteration, double *d_fine,
                                               double *d_solved, cudaStream_t stream)
 {
-    unsigned blocks = (unsigned)((system->num_fine + THREADS - 1) / THREADS);
+    unsigned blocks = blocks_for(system->num_fine, THREADS);
     if (d_solved) CUDA_TRY(copy_present(iteration, 3 * system->num_nodes, d_solved, stream));
     if (!system->d_fine_rest) return copy_present(iteration, 3 * system->num_nodes, d_fine, stream);
     if (system->macros.d_fine_start) return pliant_cuda_macro_positions(system, iteration, d_fine, stream);

@@ -1,6 +1,7 @@
 #include "cuda/fem/dynamics/tled.h"
 
 #include "cuda/base/check.h"
+#include "cuda/base/launch.h"
 #include "base/fail.h"
 #include "base/memory.h"
 #include "fem/dynamics/tled_cubes.h"
@@ -415,18 +416,9 @@ static pliant_status record(pliant_cuda_tled *gpu, int32_t count, bool repeated)
 {
     const bool pulled = gpu->sent_held > 0;
     if (count == gpu->graph_steps && repeated == gpu->repeated && pulled == gpu->pulled) return PLIANT_OK;
-    cudaGraph_t graph = nullptr;
-    if (gpu->graph) cudaGraphExecDestroy(gpu->graph);
-    gpu->graph = nullptr;
     gpu->graph_steps = 0;
-    CUDA_TRY(CUDA_CALL(cudaStreamBeginCapture(gpu->stream, cudaStreamCaptureModeThreadLocal)));
-    pliant_status status = enqueue_substeps(gpu, count, repeated, pulled);
-    /* Also after a failure: memory cannot be freed while a stream records. */
-    const cudaError_t ended = cudaStreamEndCapture(gpu->stream, &graph);
-    if (status == PLIANT_OK) status = CUDA_CALL(ended);
-    if (status == PLIANT_OK) status = CUDA_CALL(cudaGraphInstantiateWithFlags(&gpu->graph, graph, 0));
-    if (graph) cudaGraphDestroy(graph);
-    if (status != PLIANT_OK) return status;
+    CUDA_TRY(
+        pliant_cuda_record(gpu->stream, &gpu->graph, [&] { return enqueue_substeps(gpu, count, repeated, pulled); }));
     gpu->graph_steps = count;
     gpu->repeated = repeated;
     gpu->pulled = pulled;

@@ -1,4 +1,5 @@
 #include "cuda/base/check.h"
+#include "cuda/base/launch.h"
 #include "cuda/fem/element/forces.h"
 #include "cuda/fem/element/rotation.cuh"
 
@@ -206,8 +207,6 @@ static __global__ void __launch_bounds__(GATHER_THREADS)
     rotation_of(sum, turn);
     for (int m = 0; m < 9; m++) iteration.d_axes[9 * (size_t)n + m] = turn[m];
 }
-
-static unsigned blocks_for(int count, int threads) { return (unsigned)((count + threads - 1) / threads); }
 
 extern "C" int pliant_cuda_gather_blocks(const gpu_system *system) { return (int)blocks_for(system->num_free, NODES); }
 

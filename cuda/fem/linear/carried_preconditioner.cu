@@ -1,6 +1,7 @@
 #include "cuda/fem/linear/carried_preconditioner.h"
 #include "base/fail.h"
 #include "cuda/base/check.h"
+#include "cuda/base/launch.h"
 #include "fem/element/corotational.h"
 #include "base/memory.h"
 #include "cuda/fem/linear/sweep.cuh"
@@ -361,8 +362,6 @@ static __global__ void __launch_bounds__(COLUMNS *GROUPS)
     d_left[3 * carried.d_near[column / 3] + column % 3] = carried.d_found[column] - sum;
 }
 
-static unsigned blocks_for(int count, int threads) { return (unsigned)((count + threads - 1) / threads); }
-
 extern "C" pliant_status pliant_cuda_carried_restrict(const gpu_carried *carried, const int32_t *d_skip,
                                                       const float *d_right, cudaStream_t stream)
 {
@@ -386,13 +385,6 @@ extern "C" pliant_status pliant_cuda_carried_extend(const gpu_carried *carried, 
 
 extern "C" pliant_status pliant_cuda_carried_load_kernels(void)
 {
-    const void *kernels[] = {
-        reinterpret_cast<const void *>(assemble_kernel), reinterpret_cast<const void *>(pad_kernel),
-        reinterpret_cast<const void *>(narrow_kernel),   reinterpret_cast<const void *>(near_kernel),
-        reinterpret_cast<const void *>(below_kernel),    reinterpret_cast<const void *>(above_kernel)};
-    for (const void *kernel : kernels) {
-        cudaFuncAttributes attributes;
-        CUDA_TRY(CUDA_CALL(cudaFuncGetAttributes(&attributes, kernel)));
-    }
-    return PLIANT_OK;
+    return pliant_cuda_load_kernels(assemble_kernel, pad_kernel, narrow_kernel, near_kernel, below_kernel,
+                                    above_kernel);
 }

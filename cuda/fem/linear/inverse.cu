@@ -1,4 +1,5 @@
 #include "cuda/base/check.h"
+#include "cuda/base/launch.h"
 #include "base/fail.h"
 #include "cuda/fem/linear/inverse.h"
 #include "cuda/fem/linear/sweep.cuh"
@@ -104,16 +105,14 @@ static pliant_status invert(const pliant_pattern *pattern, const double *h_value
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(sweep->d_failed, 0, sizeof(int), stream)));
     sparse matrix = {pattern->num_columns, pattern->num_blocks, static_cast<int *>(work->d_start),
                      static_cast<int *>(work->d_row), static_cast<double *>(work->d_values)};
-    scatter_kernel<<<(unsigned)((matrix.num_blocks + THREADS - 1) / THREADS), THREADS, 0, stream>>>(matrix,
-                                                                                                    sweep->d_tiles);
+    scatter_kernel<<<blocks_for(matrix.num_blocks, THREADS), THREADS, 0, stream>>>(matrix, sweep->d_tiles);
     CUDA_TRY(CUDA_LAUNCHED("scatter_kernel"));
     pad_kernel<<<1, TILE, 0, stream>>>(sweep->d_tiles, out->size, padded);
     CUDA_TRY(CUDA_LAUNCHED("pad_kernel"));
     if (holds) {
         CUDA_TRY(pliant_cuda_allocate((size_t)padded * sizeof *work->d_whole, "the inverse",
                                       reinterpret_cast<void **>(&work->d_whole)));
-        diagonal_kernel<<<(unsigned)((padded + THREADS - 1) / THREADS), THREADS, 0, stream>>>(sweep->d_tiles, padded,
-                                                                                              work->d_whole);
+        diagonal_kernel<<<blocks_for(padded, THREADS), THREADS, 0, stream>>>(sweep->d_tiles, padded, work->d_whole);
         CUDA_TRY(CUDA_LAUNCHED("diagonal_kernel"));
     }
     CUDA_TRY(pliant_cuda_sweep(sweep, work->d_whole, nothing, sweeps, sweeps, stream));
@@ -308,7 +307,7 @@ static __global__ void __launch_bounds__(THREADS)
 extern "C" pliant_status pliant_cuda_inverse_columns(const gpu_inverse *inverse, int32_t count, const int32_t *d_which,
                                                      size_t stride, float *d_column, cudaStream_t stream)
 {
-    const unsigned blocks = (unsigned)((inverse->size + THREADS - 1) / THREADS);
+    const unsigned blocks = blocks_for(inverse->size, THREADS);
     column_kernel<<<dim3(blocks, 3 * (unsigned)count), THREADS, 0, stream>>>(*inverse, d_which, stride, d_column);
     return CUDA_LAUNCHED("column_kernel");
 }

@@ -1,4 +1,5 @@
 #include "cuda/base/check.h"
+#include "cuda/base/launch.h"
 #include "base/fail.h"
 #include "fem/linear/hierarchy.h"
 #include "cuda/fem/linear/multigrid.h"
@@ -318,8 +319,6 @@ static __global__ void __launch_bounds__(THREADS)
     }
     store3(d_x, node, x);
 }
-
-static unsigned blocks_for(int nodes, int a_block) { return (unsigned)((nodes + a_block - 1) / a_block); }
 
 /* Run the cycle from d_right of this level to d_out, for `count` vectors. */
 static pliant_status cycle(int num_levels, const grid_level *levels, const gpu_inverse *inverse, int l,

@@ -1,4 +1,5 @@
 #include "cuda/base/check.h"
+#include "cuda/base/launch.h"
 #include "base/fail.h"
 #include "base/memory.h"
 #include "cuda/fem/linear/preconditioner.h"
@@ -137,11 +138,11 @@ extern "C" pliant_status pliant_cuda_respond(const gpu_preconditioner *precondit
     const size_t n = 3 * (size_t)iteration->num_free;
     for (int d = 0; d < 3; d++) {
         CUDA_TRY(CUDA_CALL(cudaMemsetAsync(iteration->d_right, 0, n * sizeof(float), stream)));
-        hold_kernel<<<(unsigned)((tool->count + THREADS - 1) / THREADS), THREADS, 0, stream>>>(*iteration, *tool, d);
+        hold_kernel<<<blocks_for(tool->count, THREADS), THREADS, 0, stream>>>(*iteration, *tool, d);
         CUDA_TRY(CUDA_LAUNCHED("hold_kernel"));
         CUDA_TRY(apply(preconditioner, NULL, iteration, stream));
-        turn_left_kernel<<<(unsigned)((iteration->num_free + THREADS - 1) / THREADS), THREADS, 0, stream>>>(
-            *iteration, d_response + n * (size_t)d);
+        turn_left_kernel<<<blocks_for(iteration->num_free, THREADS), THREADS, 0, stream>>>(*iteration,
+                                                                                           d_response + n * (size_t)d);
         CUDA_TRY(CUDA_LAUNCHED("turn_left_kernel"));
     }
     return PLIANT_OK;

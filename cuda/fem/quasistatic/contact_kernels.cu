@@ -1,6 +1,7 @@
 #include "cuda/fem/quasistatic/contact_kernels.h"
 
 #include "cuda/base/check.h"
+#include "cuda/base/launch.h"
 #include "contact/solve/cone_rules.h"
 #include "cuda/base/warp_sum.cuh"
 
@@ -331,8 +332,6 @@ static __global__ void __launch_bounds__(LANES_OF_STEP *GROUPS)
 }
 
 /* ---- Kernel launches. */
-
-static unsigned blocks_for(int count, int threads) { return (unsigned)((count + threads - 1) / threads); }
 
 extern "C" pliant_status pliant_cuda_contact_begin(const gpu_contact_view *view, const gpu_iteration *iteration,
                                                    cudaStream_t stream)

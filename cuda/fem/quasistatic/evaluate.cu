@@ -1,6 +1,7 @@
 /* Evaluations: their kernels, and graphs of them, which need only one launch. */
 #include "cuda/fem/quasistatic/anderson.h"
 #include "cuda/base/check.h"
+#include "cuda/base/launch.h"
 #include "cuda/fem/element/forces.h"
 #include "cuda/fem/quasistatic/solver.h"
 #include "cuda/fem/quasistatic/contact_kernels.h"
@@ -46,15 +47,8 @@ static pliant_status enqueue_touching(pliant_cuda_solver *gpu)
 static pliant_status launch(pliant_cuda_solver *gpu, pliant_status (*enqueue_part)(pliant_cuda_solver *),
                             cudaGraphExec_t *part)
 {
-    cudaGraph_t graph = nullptr;
-    if (*part) return CUDA_CALL(cudaGraphLaunch(*part, gpu->stream));
-    CUDA_TRY(CUDA_CALL(cudaStreamBeginCapture(gpu->stream, cudaStreamCaptureModeThreadLocal)));
-    pliant_status status = enqueue_part(gpu);
-    const cudaError_t ended = cudaStreamEndCapture(gpu->stream, &graph); /* as below */
-    if (status == PLIANT_OK) status = CUDA_CALL(ended);
-    if (status == PLIANT_OK) status = CUDA_CALL(cudaGraphInstantiateWithFlags(part, graph, 0));
-    if (graph) cudaGraphDestroy(graph);
-    return status == PLIANT_OK ? CUDA_CALL(cudaGraphLaunch(*part, gpu->stream)) : status;
+    if (!*part) CUDA_TRY(pliant_cuda_record(gpu->stream, part, [&] { return enqueue_part(gpu); }));
+    return CUDA_CALL(cudaGraphLaunch(*part, gpu->stream));
 }
 
 extern "C" pliant_status pliant_cuda_solver_free_step(pliant_cuda_solver *gpu)
@@ -103,11 +97,7 @@ extern "C" pliant_status pliant_cuda_solver_record(pliant_cuda_solver *gpu)
     if (gpu->free_step_graph) cudaGraphExecDestroy(gpu->free_step_graph);
     if (gpu->contact_graph) cudaGraphExecDestroy(gpu->contact_graph);
     gpu->free_step_graph = gpu->contact_graph = nullptr;
-    CUDA_TRY(CUDA_CALL(cudaStreamBeginCapture(gpu->stream, cudaStreamCaptureModeThreadLocal)));
-    pliant_status status = enqueue(gpu, false);
-    /* Also after a failure: memory cannot be freed while a stream records. */
-    const cudaError_t ended = cudaStreamEndCapture(gpu->stream, &graph);
-    if (status == PLIANT_OK) status = CUDA_CALL(ended);
+    pliant_status status = pliant_cuda_capture(gpu->stream, &graph, [&] { return enqueue(gpu, false); });
     size_t kernels = 0;
     const int kind = kind_of(&gpu->preconditioner);
     if (status == PLIANT_OK) status = CUDA_CALL(cudaGraphGetNodes(graph, nullptr, &kernels));

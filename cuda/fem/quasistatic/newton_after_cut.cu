@@ -3,6 +3,7 @@
  * step is running. With contact points there is no Newton step. */
 #include "cuda/fem/quasistatic/axes.cuh"
 #include "cuda/base/check.h"
+#include "cuda/base/launch.h"
 #include "base/dense.h"
 #include "fem/quasistatic/newton_rules.h"
 #include "cuda/fem/element/forces.h"
@@ -265,15 +266,13 @@ static pliant_status add_up(const opening *work, double *sum, double *largest)
     return PLIANT_OK;
 }
 
-static unsigned blocks_of_tool(const gpu_tool *tool) { return (unsigned)((tool->count + THREADS - 1) / THREADS); }
-
 /* Compute v += share T' W' forces of the springs. */
 static pliant_status pull(const opening *work, const double *forces, double fraction, double *d_v)
 {
     for (int s = 0; s < work->num_springs; s++) {
         const gpu_tool *tool = work->step->tools + work->spring[s];
         const double *f = forces + 3 * work->spring[s];
-        open_pull_kernel<<<blocks_of_tool(tool), THREADS, 0, work->gpu->stream>>>(
+        open_pull_kernel<<<blocks_for(tool->count, THREADS), THREADS, 0, work->gpu->stream>>>(
             work->gpu->iteration, *tool, fraction * f[0], fraction * f[1], fraction * f[2], d_v);
         CUDA_TRY(CUDA_LAUNCHED("open_pull_kernel"));
     }
@@ -287,8 +286,8 @@ static pliant_status load_tools(const opening *work, double *d_v)
         const gpu_tool *tool = work->step->tools + t;
         const double *f = work->solver->grasps[t].force;
         if (!tool->active) continue;
-        open_pull_kernel<<<blocks_of_tool(tool), THREADS, 0, work->gpu->stream>>>(work->gpu->iteration, *tool, f[0],
-                                                                                  f[1], f[2], d_v);
+        open_pull_kernel<<<blocks_for(tool->count, THREADS), THREADS, 0, work->gpu->stream>>>(
+            work->gpu->iteration, *tool, f[0], f[1], f[2], d_v);
         CUDA_TRY(CUDA_LAUNCHED("open_pull_kernel"));
     }
     return PLIANT_OK;
@@ -368,8 +367,8 @@ static pliant_status precondition(const opening *work, const double *stretch, do
 static pliant_status combine(opening *work, double previous_weight)
 {
     const size_t n = 3 * (size_t)work->gpu->iteration.num_free;
-    open_combine_kernel<<<(unsigned)((n + THREADS - 1) / THREADS), THREADS, 0, work->gpu->stream>>>(
-        work->gpu->iteration, work->at, previous_weight);
+    open_combine_kernel<<<blocks_for(n, THREADS), THREADS, 0, work->gpu->stream>>>(work->gpu->iteration, work->at,
+                                                                                   previous_weight);
     for (int r = 0; r < GPU_ROWS; r++)
         work->pulls_along[r] = work->pulls_next[r] + previous_weight * work->pulls_along[r];
     return CUDA_LAUNCHED("open_combine_kernel");
@@ -522,16 +521,8 @@ static pliant_status take_step(const opening *work)
 
 extern "C" pliant_status pliant_cuda_newton_load_kernels(void)
 {
-    const void *kernels[] = {
-        reinterpret_cast<const void *>(open_residual_kernel), reinterpret_cast<const void *>(open_product_kernel),
-        reinterpret_cast<const void *>(open_slope_kernel),    reinterpret_cast<const void *>(open_place_kernel),
-        reinterpret_cast<const void *>(open_advance_kernel),  reinterpret_cast<const void *>(open_step_kernel),
-        reinterpret_cast<const void *>(open_combine_kernel),  reinterpret_cast<const void *>(open_longest_kernel)};
-    for (const void *kernel : kernels) {
-        cudaFuncAttributes attributes;
-        CUDA_TRY(CUDA_CALL(cudaFuncGetAttributes(&attributes, kernel)));
-    }
-    return PLIANT_OK;
+    return pliant_cuda_load_kernels(open_residual_kernel, open_product_kernel, open_slope_kernel, open_place_kernel,
+                                    open_advance_kernel, open_step_kernel, open_combine_kernel, open_longest_kernel);
 }
 
 extern "C" pliant_status pliant_cuda_solver_newton_step(pliant_cuda_solver *gpu, pliant_solver *solver, gpu_step *step,
@@ -551,7 +542,7 @@ extern "C" pliant_status pliant_cuda_solver_newton_step(pliant_cuda_solver *gpu,
     work.solver = solver;
     work.step = step;
     work.at = vectors_of(&gpu->iteration);
-    work.blocks = (unsigned)((gpu->iteration.num_free + THREADS - 1) / THREADS);
+    work.blocks = blocks_for(gpu->iteration.num_free, THREADS);
     for (int t = 0; t < GPU_TOOLS; t++)
         memcpy(step->previous_force + 3 * t, solver->grasps[t].force, 3 * sizeof(double));
     CUDA_TRY(pliant_cuda_solver_newton_reserve(gpu));

@@ -2,6 +2,7 @@
 #include "cuda/fem/quasistatic/anderson.h"
 #include "base/fail.h"
 #include "cuda/base/check.h"
+#include "cuda/base/launch.h"
 #include "cuda/fem/element/forces.h"
 #include "base/memory.h"
 #include "cuda/fem/quasistatic/solver.h"
@@ -28,7 +29,7 @@ static pliant_status size_with_axes(pliant_cuda_solver *gpu, const pliant_solver
     CUDA_TRY(status);
     int32_t *d_before = reinterpret_cast<int32_t *>(gpu->d_between + 9 * (size_t)count);
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(d_before, h_before, list, cudaMemcpyHostToDevice, gpu->stream)));
-    take_axes_kernel<<<(unsigned)((9 * (size_t)count + THREADS - 1) / THREADS), THREADS, 0, gpu->stream>>>(
+    take_axes_kernel<<<blocks_for(9 * (size_t)count, THREADS), THREADS, 0, gpu->stream>>>(
         count, d_before, gpu->iteration.d_axes, gpu->d_between);
     CUDA_TRY(CUDA_LAUNCHED("take_axes_kernel"));
     CUDA_TRY(pliant_cuda_solver_size(gpu, solver));
