@@ -2,12 +2,8 @@
 
 #include "base/fail.h"
 
-#include <errno.h>
 #include <omp.h>
-#include <pthread.h>
-#include <sched.h>
 #include <stdio.h>
-#include <sys/resource.h>
 
 int pliant_threads_or_cores(int wanted) { return wanted > 0 ? wanted : omp_get_max_threads(); }
 
@@ -19,18 +15,6 @@ int pliant_threads_begin(int wanted)
 }
 
 void pliant_threads_end(int before) { omp_set_num_threads(before); }
-
-void pliant_threads_lower_priority(void)
-{
-#ifdef __linux__
-    const int nicer = 5; /* a higher value would delay background work on a busy machine until steps wait for it */
-    const struct sched_param none = {0};
-    pthread_setschedparam(pthread_self(), SCHED_OTHER, &none); /* leaves a real-time class of the caller */
-    errno = 0;
-    int before = getpriority(PRIO_PROCESS, 0); /* applies to the calling thread on Linux */
-    if (before != -1 || errno == 0) setpriority(PRIO_PROCESS, 0, before + nicer < 19 ? before + nicer : 19);
-#endif
-}
 
 pliant_status pliant_work_finish_item(pliant_work *work)
 {

@@ -16,9 +16,6 @@ int pliant_threads_or_cores(int wanted);
 int pliant_threads_begin(int wanted);
 void pliant_threads_end(int before);
 
-/* Lower the priority of the calling thread, which prepares later steps, below the threads of the present step. */
-void pliant_threads_lower_priority(void);
-
 /* Work items that threads take one after the other: number of finished items, and the worst error of any thread. */
 typedef struct pliant_work {
     const char *what;          /* for the message of a cancellation */

@@ -1,27 +1,19 @@
 /* A preconditioner computed in the background, like the factors in src/fem/quasistatic/refresh.c. It is started in
  * one step and installed a fixed number of steps later, or as in model_data/background.h. After a cut, work still in
  * progress becomes the base of the carried preconditioner. Every preconditioner belongs to the rest state. */
-#include "base/account.h"
+#include "base/worker.h"
 #include "base/fail.h"
-#include "base/buffer.h"
-#include "base/threads.h"
 #include "cuda/base/check.h"
 #include "cuda/fem/element/forces.h"
 #include "base/memory.h"
 #include "cuda/fem/quasistatic/solver.h"
 #include "model_data/discretization.h"
 
-#include <pthread.h>
-
-#include <atomic>
 #include <cstring>
-#include <new>
 
 struct gpu_refresh {
-    pthread_t thread;
-    bool running, in_thread;          /* in_thread: false: the thread could not be created */
-    std::atomic<bool> finished;
-    pliant_account *account;          /* account of the simulation */
+    pliant_worker worker;
+    bool running;                     /* the result was not taken yet */
     uint64_t started, due;            /* steps */
     int device;
     pliant_preconditioner_choice choice;
@@ -55,25 +47,19 @@ static pliant_status make(gpu_refresh *refresh)
     return CUDA_CALL(cudaStreamSynchronize(refresh->stream));
 }
 
-static void *in_background(void *argument)
+static void work(void *argument)
 {
     gpu_refresh *refresh = static_cast<gpu_refresh *>(argument);
-    pliant_threads_lower_priority();
-    pliant_memory_set_background();
-    pliant_account *const before = pliant_account_use(refresh->account);
     pliant_fail_quietly(true);
     pliant_cuda_background_begin();
     refresh->status = make(refresh);
     pliant_cuda_background_end();
     pliant_fail_quietly(false);
-    pliant_account_use(before);
-    refresh->finished = true;
-    return nullptr;
 }
 
 static void join(gpu_refresh *refresh)
 {
-    if (refresh->running && refresh->in_thread) pthread_join(refresh->thread, nullptr);
+    pliant_worker_join(&refresh->worker);
     refresh->running = false;
 }
 
@@ -88,9 +74,8 @@ static void forget_body(gpu_refresh *refresh)
 static pliant_status start(pliant_cuda_solver *gpu, const pliant_solver *solver, uint64_t step)
 {
     if (!gpu->refresh) {
-        void *block = pliant_calloc(1, sizeof(gpu_refresh));
-        if (!block) return pliant_fail_memory("the background preconditioner");
-        gpu->refresh = new (block) gpu_refresh();
+        gpu->refresh = static_cast<gpu_refresh *>(pliant_calloc(1, sizeof *gpu->refresh));
+        if (!gpu->refresh) return pliant_fail_memory("the background preconditioner");
     }
     gpu_refresh *refresh = gpu->refresh;
     refresh->device = gpu->device;
@@ -98,11 +83,8 @@ static pliant_status start(pliant_cuda_solver *gpu, const pliant_solver *solver,
     refresh->of = pliant_discretization_retain(solver->system->of);
     refresh->started = step;
     refresh->due = step + 2 * (uint64_t)solver->refresh_delay; /* as the CPU's first factor after a cut */
-    refresh->account = pliant_account_in_use();
     refresh->running = true;
-    refresh->finished = false;
-    refresh->in_thread = pthread_create(&refresh->thread, nullptr, in_background, refresh) == 0;
-    if (!refresh->in_thread) in_background(refresh);
+    pliant_worker_start(&refresh->worker, work, refresh);
     return PLIANT_OK;
 }
 
@@ -165,8 +147,8 @@ extern "C" pliant_status pliant_cuda_refresh_step(pliant_cuda_solver *gpu, const
 {
     const gpu_refresh *refresh = gpu->refresh;
     if (refresh && refresh->running &&
-        pliant_background_installs(solver->background, solver->takes_factor, refresh->finished,
-                                   statistics->step >= refresh->due))
+        pliant_background_installs(solver->background, solver->takes_factor,
+                                   pliant_worker_has_finished(&refresh->worker), statistics->step >= refresh->due))
         CUDA_TRY(deliver(gpu, solver, statistics, renewed));
     const bool wanted = gpu->preconditioner.carried.base_free > 0;
     return wanted && !(refresh && refresh->running) ? start(gpu, solver, statistics->step) : PLIANT_OK;

@@ -153,7 +153,7 @@ void pliant_patch_free(pliant_patch *patch)
 
 static bool is_busy(const pliant_patch *patch)
 {
-    return (patch->job.running && !atomic_load(&patch->finished)) ||
+    return (patch->job.running && !pliant_worker_has_finished(&patch->job.worker)) ||
            (patch->solver && pliant_refresh_is_busy(patch->solver));
 }
 
@@ -232,8 +232,7 @@ static bool is_abandoned(const pliant_patch *patch, const pliant_data *data)
 static pliant_status deliver(pliant_patch *patch, pliant_data *data)
 {
     patch_job *job = &patch->job;
-    if (job->in_thread) pthread_join(job->thread, NULL);
-    job->in_thread = false;
+    pliant_worker_join(&job->worker);
     if (job->status == PLIANT_OK) {
         patch_buffers buffers = {0};
         pliant_status status = buffers_create(patch->discretization, job->basis, &buffers);
@@ -296,7 +295,7 @@ static void keep(pliant_patch *patch, const pliant_data *data)
 
 static bool arrives(pliant_patch *patch, pliant_data *data, uint32_t result, bool due)
 {
-    return pliant_background_installs(&data->background, result, atomic_load(&patch->finished), due);
+    return pliant_background_installs(&data->background, result, pliant_worker_has_finished(&patch->job.worker), due);
 }
 
 pliant_status pliant_patch_begin(pliant_data *data)

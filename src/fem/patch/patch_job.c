@@ -1,8 +1,6 @@
 /* Background computation of a patch: the missing responses, and the basis. */
 #include "base/fail.h"
 #include "base/free_memory.h"
-#include "base/buffer.h"
-#include "base/threads.h"
 #include "fem/patch/patch_job.h"
 #include "base/memory.h"
 
@@ -175,29 +173,19 @@ static pliant_status make_basis(pliant_patch *patch)
     return status;
 }
 
-static void run_job(pliant_patch *patch)
+static void run_job(void *argument)
 {
+    pliant_patch *patch = argument;
     patch->job.status = make_basis(patch);
     if (patch->job.status != PLIANT_OK)
         snprintf(patch->job.message, sizeof patch->job.message, "%s", pliant_last_error());
-}
-
-static void *in_background(void *argument)
-{
-    pliant_threads_lower_priority();
-    pliant_memory_set_background();
-    pliant_patch *patch = argument;
-    pliant_account_use(patch->job.account);
-    run_job(patch);
-    atomic_store(&patch->finished, true);
-    return NULL;
 }
 
 void patch_job_clear(pliant_patch *patch)
 {
     patch_job *job = &patch->job;
     atomic_store(&patch->stop, true);
-    if (job->running && job->in_thread) pthread_join(job->thread, NULL);
+    pliant_worker_join(&job->worker);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
         if (job->copied[t]) patch_hold_free(job->holds + t);
         for (int u = t; u < PLIANT_MAX_TOOLS; u++)
@@ -264,12 +252,7 @@ pliant_status patch_job_start(pliant_patch *patch, pliant_data *data)
     memcpy(job->x, data->positions, bytes);
     job->due = data->statistics.step + (uint64_t)list_wanted(patch);
     job->running = true;
-    job->account = pliant_account_in_use();
     atomic_store(&patch->stop, false);
-    atomic_store(&patch->finished, false);
-    job->in_thread = pthread_create(&job->thread, NULL, in_background, patch) == 0;
-    if (job->in_thread) return PLIANT_OK;
-    run_job(patch);
-    atomic_store(&patch->finished, true);
+    pliant_worker_start(&job->worker, run_job, patch);
     return PLIANT_OK;
 }

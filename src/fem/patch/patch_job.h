@@ -2,10 +2,10 @@
 #ifndef PLIANT_FEM_PATCH_PATCH_JOB_H
 #define PLIANT_FEM_PATCH_PATCH_JOB_H
 
+#include "base/worker.h"
 #include "fem/patch/patch.h"
 #include "fem/linear/basis.h"
 
-#include <pthread.h>
 #include <stdatomic.h>
 
 /* A grasp or press, and its footprint. */
@@ -20,9 +20,8 @@ typedef double *patch_blocks[PLIANT_MAX_TOOLS][PLIANT_MAX_TOOLS];
 
 /* Work of the background thread. */
 typedef struct patch_job {
-    pthread_t thread;
-    bool running, in_thread;
-    pliant_account *account;  /* account for its memory */
+    pliant_worker worker;
+    bool running;             /* the result was not taken yet */
     uint64_t due;             /* step at which the result is installed */
     double *x;                /* (3 fine nodes) the state */
     patch_hold holds[PLIANT_MAX_TOOLS]; /* known ones are borrowed from the patch, others are copies */
@@ -56,7 +55,6 @@ struct pliant_patch {
     pliant_preconditioner *preconditioner; /* of the fine system; owned, and created with the first patch */
     patch_job job;
     atomic_bool stop;         /* the result is not needed any more */
-    atomic_bool finished;     /* the thread has finished */
     patch_hold holds[PLIANT_MAX_TOOLS]; /* holds with known responses */
     patch_blocks blocks;
     bool is_in_basis[PLIANT_MAX_TOOLS];      /* the basis in use includes this tool's hold */

@@ -8,25 +8,18 @@
  * After a cut, the new factor is computed including its pattern. The elimination order is the earlier factor's, with
  * copied nodes next to their sources. A factor still in progress for the earlier body is used as the base of the
  * carried preconditioner (carried.h). The thread reads retained data. In live use no step waits for the thread. */
+#include "base/worker.h"
 #include "base/fail.h"
-#include "base/buffer.h"
-#include "base/threads.h"
 #include "base/dense.h"
 #include "fem/quasistatic/pressure.h"
 #include "base/memory.h"
 #include "model_data/discretization.h"
 
-#include <pthread.h>
-#include <stdatomic.h>
 #include <string.h>
 
 struct pliant_refresh {
-    pthread_t thread;
-    bool running;
-    void (*work)(pliant_refresh *);
-    bool in_thread;             /* false: the thread could not be created, and the work was done immediately */
-    atomic_bool finished;
-    pliant_account *account;    /* account of its simulation */
+    pliant_worker worker;
+    bool running;               /* the result was not taken yet */
     uint64_t started, due;      /* steps */
     bool wanted;                /* the present factor has converged slowly since the last start */
     const pliant_discretization *of; /* Nullable: discretization that contains the system; retained */
@@ -72,8 +65,9 @@ static pliant_status make_ready(pliant_refresh *refresh)
                                         &refresh->preconditioner);
 }
 
-static void make_factor(pliant_refresh *refresh)
+static void make_factor(void *argument)
 {
+    pliant_refresh *refresh = argument;
     const bool first_of_all = !refresh->preconditioner && !refresh->system.preconditioner;
     if ((refresh->status = make_ready(refresh)) != PLIANT_OK) return;
     /* Use the exact tangent if it is positive definite, as it is near a stable state. If no factor can be computed, the
@@ -91,8 +85,9 @@ static void make_factor(pliant_refresh *refresh)
     pliant_nodal_rotations_refer(&refresh->system, refresh->x, refresh->rotations);
 }
 
-static void convert_history(pliant_refresh *refresh)
+static void convert_history(void *argument)
 {
+    pliant_refresh *refresh = argument;
     const int32_t num_free = refresh->system.num_free;
     const size_t unknowns = 3 * (size_t)num_free;
     pliant_nodal_rotations_update(&refresh->system, refresh->now, refresh->rotations);
@@ -169,34 +164,17 @@ static pliant_status refresh_create(pliant_solver *solver)
     return status;
 }
 
-static void *in_background(void *argument)
+static void start(pliant_refresh *refresh, void (*work)(void *), uint64_t due)
 {
-    pliant_refresh *refresh = argument;
-    pliant_threads_lower_priority();
-    pliant_memory_set_background();
-    pliant_account_use(refresh->account);
-    refresh->work(refresh);
-    atomic_store(&refresh->finished, true);
-    return NULL;
-}
-
-static void start(pliant_refresh *refresh, void (*work)(pliant_refresh *), uint64_t due)
-{
-    refresh->work = work;
     refresh->due = due;
     refresh->status = PLIANT_OK;
     refresh->running = true;
-    refresh->account = pliant_account_in_use();
-    atomic_store(&refresh->finished, false);
-    refresh->in_thread = pthread_create(&refresh->thread, NULL, in_background, refresh) == 0;
-    if (refresh->in_thread) return;
-    work(refresh);
-    atomic_store(&refresh->finished, true);
+    pliant_worker_start(&refresh->worker, work, refresh);
 }
 
 static void join(pliant_refresh *refresh)
 {
-    if (refresh->running && refresh->in_thread) pthread_join(refresh->thread, NULL);
+    pliant_worker_join(&refresh->worker);
     refresh->running = false;
 }
 
@@ -360,7 +338,7 @@ pliant_status pliant_refresh_step(pliant_solver *solver, pliant_statistics *stat
     pliant_refresh *refresh = solver->refresh;
     if (refresh && refresh->running) {
         const uint32_t result = refresh->converting ? solver->takes_history : solver->takes_factor;
-        if (pliant_background_installs(solver->background, result, atomic_load(&refresh->finished),
+        if (pliant_background_installs(solver->background, result, pliant_worker_has_finished(&refresh->worker),
                                        step >= refresh->due))
             deliver(solver, step, statistics);
     }
@@ -432,7 +410,7 @@ void pliant_refresh_free(pliant_solver *solver)
 
 bool pliant_refresh_is_busy(const pliant_solver *solver)
 {
-    return solver->refresh && solver->refresh->running && !atomic_load(&solver->refresh->finished);
+    return solver->refresh && solver->refresh->running && !pliant_worker_has_finished(&solver->refresh->worker);
 }
 
 size_t pliant_refresh_bytes(const pliant_solver *solver)
