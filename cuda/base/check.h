@@ -57,8 +57,36 @@ cudaMemPool_t pliant_cuda_pool_create(int device);
 void pliant_cuda_pool_destroy(cudaMemPool_t pool); /* Nullable */
 /* Allocate device memory and copy to it from the host. The copy is complete on return. */
 pliant_status pliant_cuda_upload(const void *h_from, size_t bytes, const char *what, cudaStream_t stream, void **out);
+/* Enqueue a copy from the host to the device. */
+pliant_status pliant_cuda_send(const void *h_from, size_t bytes, void *d_to, cudaStream_t stream);
 
 #ifdef __cplusplus
+}
+
+#include <type_traits>
+
+/* The same for pointers to elements. */
+template <class T> void **gpu_block(T **block)
+{
+    return reinterpret_cast<void **>(const_cast<typename std::remove_const<T>::type **>(block));
+}
+template <class T> pliant_status pliant_cuda_allocate(size_t bytes, const char *what, T **out)
+{
+    return pliant_cuda_allocate(bytes, what, gpu_block(out));
+}
+template <class T>
+pliant_status pliant_cuda_ensure(size_t bytes, bool grows, const char *what, T **d_block, size_t *capacity)
+{
+    return pliant_cuda_ensure(bytes, grows, what, gpu_block(d_block), capacity);
+}
+template <class T> pliant_status pliant_cuda_allocate_host(size_t bytes, const char *what, T **out)
+{
+    return pliant_cuda_allocate_host(bytes, what, gpu_block(out));
+}
+template <class T>
+pliant_status pliant_cuda_upload(const void *h_from, size_t bytes, const char *what, cudaStream_t stream, T **out)
+{
+    return pliant_cuda_upload(h_from, bytes, what, stream, gpu_block(out));
 }
 #endif
 #endif

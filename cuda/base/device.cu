@@ -235,12 +235,17 @@ extern "C" void pliant_cuda_background_end(void)
 extern "C" void pliant_cuda_release(void *d_block) { release(d_block, false); }
 extern "C" void pliant_cuda_release_host(void *h_block) { release(h_block, true); }
 
+extern "C" pliant_status pliant_cuda_send(const void *h_from, size_t bytes, void *d_to, cudaStream_t stream)
+{
+    return CUDA_CALL(cudaMemcpyAsync(d_to, h_from, bytes, cudaMemcpyHostToDevice, stream));
+}
+
 extern "C" pliant_status pliant_cuda_upload(const void *h_from, size_t bytes, const char *what, cudaStream_t stream,
                                             void **out)
 {
     void *block;
     CUDA_TRY(pliant_cuda_allocate(bytes, what, &block));
-    pliant_status status = CUDA_CALL(cudaMemcpyAsync(block, h_from, bytes, cudaMemcpyHostToDevice, stream));
+    pliant_status status = pliant_cuda_send(h_from, bytes, block, stream);
     if (status == PLIANT_OK) status = CUDA_CALL(cudaStreamSynchronize(stream));
     if (status != PLIANT_OK) {
         pliant_cuda_release(block);

@@ -38,14 +38,12 @@ static pliant_status send(const passage &work, int array, const T *h_now, size_t
         *d_out = nullptr;
         return PLIANT_OK;
     }
-    void *d_block = *d_out;
     const bool held = *d_out && work.capacity->bytes[array] >= count * sizeof(T);
-    CUDA_TRY(pliant_cuda_ensure(count * sizeof(T), work.capacity->grows, what, &d_block, work.capacity->bytes + array));
-    *d_out = static_cast<T *>(d_block);
+    CUDA_TRY(pliant_cuda_ensure(count * sizeof(T), work.capacity->grows, what, d_out, work.capacity->bytes + array));
     if (held && h_before)
         return pliant_cuda_send_differences(h_now, count * sizeof(T), h_before, count_before * sizeof(T), *d_out,
                                             work.stream);
-    return CUDA_CALL(cudaMemcpyAsync(*d_out, h_now, count * sizeof(T), cudaMemcpyHostToDevice, work.stream));
+    return pliant_cuda_send(h_now, count * sizeof(T), *d_out, work.stream);
 }
 
 /* ---- Elements: in lanes of 8 on the CPU; one number of all elements after the other on the GPU. */
@@ -82,11 +80,8 @@ static pliant_status send_numbers(const passage &work, const int32_t *which, int
         double *d_numbers = static_cast<double *>(work.capacity->d_passage);
         int32_t *d_which = reinterpret_cast<int32_t *>(d_numbers + each * here);
         const packet sent = {(int32_t)here, rows, lanes, work.gpu->tet_stride, d_which, d_numbers};
-        status = CUDA_CALL(
-            cudaMemcpyAsync(d_numbers, h_packed, here * each * sizeof *h_packed, cudaMemcpyHostToDevice, work.stream));
-        if (status == PLIANT_OK)
-            status = CUDA_CALL(
-                cudaMemcpyAsync(d_which, which + done, here * sizeof *which, cudaMemcpyHostToDevice, work.stream));
+        status = pliant_cuda_send(h_packed, here * each * sizeof *h_packed, d_numbers, work.stream);
+        if (status == PLIANT_OK) status = pliant_cuda_send(which + done, here * sizeof *which, d_which, work.stream);
         if (status != PLIANT_OK) break;
         unpack_kernel<<<blocks_for(here * each, THREADS), THREADS, 0, work.stream>>>(sent, last, d_out);
         status = CUDA_LAUNCHED("unpack_kernel");
@@ -129,11 +124,9 @@ static pliant_status send_elements(const passage &work, int array, const void *n
     const int32_t count = (system->mesh->num_tets + lanes - 1) / lanes,
                   count_before = work.before ? work.before->mesh->num_tets / lanes : 0;
     const size_t bytes = (size_t)rows * (size_t)work.gpu->tet_stride * sizeof(double);
-    void *d_block = *d_out;
     const bool held = *d_out && work.capacity->bytes[array] >= bytes;
     /* The stride includes reserved capacity. */
-    CUDA_TRY(pliant_cuda_ensure(bytes, false, "the elements", &d_block, work.capacity->bytes + array));
-    *d_out = static_cast<double *>(d_block);
+    CUDA_TRY(pliant_cuda_ensure(bytes, false, "the elements", d_out, work.capacity->bytes + array));
     int32_t *which = static_cast<int32_t *>(pliant_calloc((size_t)count, sizeof *which));
     if (!which) return pliant_fail_memory("the elements");
     const size_t each = (size_t)rows * (size_t)lanes * sizeof(double);

@@ -70,8 +70,7 @@ static pliant_status begin(segmenting *work, const pliant_volume *scan)
     CUDA_TRY(pliant_cuda_allocate(memory.used, "the segmentation", &work->d_arena));
     memory = {static_cast<char *>(work->d_arena), 0};
     place_all(gpu, bytes, &memory);
-    return CUDA_CALL(
-        cudaMemcpyAsync(const_cast<void *>(gpu->d_source), scan->voxels, bytes, cudaMemcpyHostToDevice, work->stream));
+    return pliant_cuda_send(scan->voxels, bytes, const_cast<void *>(gpu->d_source), work->stream);
 }
 
 static pliant_status fetch(segmenting *work, void *h_to, const void *d_from, size_t bytes)
@@ -122,8 +121,7 @@ static pliant_status absorb_on_cpu(segmenting *work, double minimum, int32_t cou
     if (status == PLIANT_OK) status = fetch(work, classes, gpu->d_classes, voxels);
     if (status == PLIANT_OK) status = fetch(work, piece, gpu->d_piece, voxels * sizeof *piece);
     if (status == PLIANT_OK) status = segment_absorb(gpu->size, piece, count, minimum, classes);
-    if (status == PLIANT_OK)
-        status = CUDA_CALL(cudaMemcpyAsync(gpu->d_classes, classes, voxels, cudaMemcpyHostToDevice, work->stream));
+    if (status == PLIANT_OK) status = pliant_cuda_send(classes, voxels, gpu->d_classes, work->stream);
     if (status == PLIANT_OK) status = CUDA_CALL(cudaStreamSynchronize(work->stream));
     pliant_free(classes);
     pliant_free(piece);
@@ -208,8 +206,7 @@ static pliant_status run(segmenting *work, const pliant_volume *scan, const plia
     CUDA_TRY(pliant_cuda_segment_fit(&work->histogram, segment_max_classes(options), work->stream, &work->fits));
     out->num_classes = segment_choose_mixture(&work->histogram, options, &work->fits, out->classes, &out->criterion);
     segment_log_densities(&work->histogram, out->classes, out->num_classes, work->logs);
-    CUDA_TRY(
-        CUDA_CALL(cudaMemcpyAsync(gpu->d_logs, work->logs, sizeof work->logs, cudaMemcpyHostToDevice, work->stream)));
+    CUDA_TRY(pliant_cuda_send(work->logs, sizeof work->logs, gpu->d_logs, work->stream));
     CUDA_TRY(pliant_cuda_segment_agree(gpu, out->num_classes, (float)options->coherence, work->stream));
     CUDA_TRY(absorb(work, scan, options, &count));
     return write_pieces(work, scan, count, out);

@@ -173,8 +173,7 @@ static pliant_status enqueue(mixture *d_mixture, const segment_histogram *histog
                              segment_fits *out)
 {
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(d_mixture, 0, sizeof *d_mixture, stream)));
-    CUDA_TRY(CUDA_CALL(
-        cudaMemcpyAsync(&d_mixture->histogram, histogram, sizeof *histogram, cudaMemcpyHostToDevice, stream)));
+    CUDA_TRY(pliant_cuda_send(histogram, sizeof *histogram, &d_mixture->histogram, stream));
     for (int count = 1; count <= maximum; count++) {
         if (count > 1) {
             trial_kernel<<<(unsigned)count - 1, THREADS, 0, stream>>>(d_mixture, count - 1);
@@ -191,7 +190,7 @@ extern "C" pliant_status pliant_cuda_segment_fit(const segment_histogram *histog
                                                  segment_fits *out)
 {
     mixture *d_mixture;
-    CUDA_TRY(pliant_cuda_allocate(sizeof *d_mixture, "the mixture", reinterpret_cast<void **>(&d_mixture)));
+    CUDA_TRY(pliant_cuda_allocate(sizeof *d_mixture, "the mixture", &d_mixture));
     pliant_status status = enqueue(d_mixture, histogram, maximum, stream, out);
     pliant_cuda_release(d_mixture);
     return status;

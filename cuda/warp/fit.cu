@@ -164,12 +164,12 @@ __global__ void __launch_bounds__(DRAW_THREADS)
 
 template <class T> static pliant_status allocate(size_t count, T **d_out)
 {
-    return pliant_cuda_allocate(count * sizeof(T), "the fit", reinterpret_cast<void **>(d_out));
+    return pliant_cuda_allocate(count * sizeof(T), "the fit", d_out);
 }
 
 template <class T> static pliant_status upload(const T *h_from, size_t count, cudaStream_t stream, T **d_out)
 {
-    return pliant_cuda_upload(h_from, count * sizeof(T), "the fit", stream, reinterpret_cast<void **>(d_out));
+    return pliant_cuda_upload(h_from, count * sizeof(T), "the fit", stream, d_out);
 }
 
 static size_t target_voxels(const fit_view *view) { return pliant_geometry_voxels(&view->target); }

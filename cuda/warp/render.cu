@@ -65,9 +65,9 @@ static size_t place(const render_output &wanted, size_t pixels, uint8_t *block, 
 
 static pliant_status reserve_capacity(gpu_pictures *pictures, size_t bricks, size_t bytes)
 {
-    void *d_bricks = pictures->d_bricks, *h_pixels = nullptr;
-    CUDA_TRY(pliant_cuda_ensure(bricks * sizeof(float), false, "pictures", &d_bricks, &pictures->brick_bytes));
-    pictures->d_bricks = static_cast<float *>(d_bricks);
+    void *h_pixels = nullptr;
+    CUDA_TRY(
+        pliant_cuda_ensure(bricks * sizeof(float), false, "pictures", &pictures->d_bricks, &pictures->brick_bytes));
     CUDA_TRY(pliant_cuda_ensure(bytes, false, "pictures", &pictures->d_pixels, &pictures->device_bytes));
     if (bytes <= pictures->host_bytes) return PLIANT_OK;
     CUDA_TRY(pliant_cuda_allocate_host(bytes, "pictures", &h_pixels));

@@ -48,16 +48,12 @@ static const int32_t first_capacity = 192;
 
 template <class T> static pliant_status allocate(size_t count, T **d_out)
 {
-    return pliant_cuda_allocate(count * sizeof(T), "the deformed volume", reinterpret_cast<void **>(d_out));
+    return pliant_cuda_allocate(count * sizeof(T), "the deformed volume", d_out);
 }
 
 template <class T> static pliant_status capacity_for(size_t count, int array, body_capacity *capacity, T **d_out)
 {
-    void *d_block = const_cast<void *>(static_cast<const void *>(*d_out));
-    CUDA_TRY(
-        pliant_cuda_ensure(count * sizeof(T), capacity->grows, "the mesh to draw", &d_block, capacity->bytes + array));
-    *d_out = static_cast<T *>(d_block);
-    return PLIANT_OK;
+    return pliant_cuda_ensure(count * sizeof(T), capacity->grows, "the mesh to draw", d_out, capacity->bytes + array);
 }
 
 template <class T>
@@ -65,8 +61,7 @@ static pliant_status send(const T *h_from, size_t count, int array, cudaStream_t
                           const T **d_out)
 {
     CUDA_TRY(capacity_for(count, array, capacity, d_out));
-    return CUDA_CALL(
-        cudaMemcpyAsync(const_cast<T *>(*d_out), h_from, count * sizeof(T), cudaMemcpyHostToDevice, stream));
+    return pliant_cuda_send(h_from, count * sizeof(T), const_cast<T *>(*d_out), stream);
 }
 
 static pliant_status upload_source(pliant_cuda_warp *gpu)
@@ -108,9 +103,7 @@ static pliant_status send_next(const T *h_from, size_t count, const T *d_before,
         CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(d_to, d_before, same * sizeof(T), cudaMemcpyDeviceToDevice, stream)));
     if (h_before)
         return pliant_cuda_send_differences(h_from, count * sizeof(T), h_before, before * sizeof(T), d_to, stream);
-    return same == count ? PLIANT_OK
-                         : CUDA_CALL(cudaMemcpyAsync(d_to + same, h_from + same, (count - same) * sizeof(T),
-                                                     cudaMemcpyHostToDevice, stream));
+    return same == count ? PLIANT_OK : pliant_cuda_send(h_from + same, (count - same) * sizeof(T), d_to + same, stream);
 }
 
 /* Send the corners of elements. For elements of both bodies, only the changed ones are sent. */
@@ -129,8 +122,7 @@ static pliant_status send_tets(const pliant_mesh *mesh, const known_body *known,
              last < changes->num_rebuilt && changes->rebuilt[last] - changes->rebuilt[last - 1] < NEAR;)
             last++;
         const size_t from = 4 * (size_t)changes->rebuilt[first], to = 4 * ((size_t)changes->rebuilt[last - 1] + 1);
-        CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(d_to + from, mesh->tets + from, (to - from) * sizeof *d_to,
-                                           cudaMemcpyHostToDevice, stream)));
+        CUDA_TRY(pliant_cuda_send(mesh->tets + from, (to - from) * sizeof *d_to, d_to + from, stream));
     }
     return PLIANT_OK;
 }
@@ -240,11 +232,9 @@ static pliant_status fill(pliant_cuda_warp *gpu)
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_longest, 0, sizeof *raster->d_longest, gpu->stream)));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->d_crossing, 0, sizeof *gpu->d_crossing, gpu->stream)));
     CUDA_TRY(pliant_cuda_clear_volume(raster, gpu->stream));
-    CUDA_TRY(pliant_cuda_allocate_host(bricks, "the deformed volume", reinterpret_cast<void **>(&gpu->h_changed)));
-    CUDA_TRY(pliant_cuda_allocate_host(sizeof *gpu->h_longest, "the deformed volume",
-                                       reinterpret_cast<void **>(&gpu->h_longest)));
-    CUDA_TRY(
-        pliant_cuda_allocate_host(sizeof *gpu->h_crossing, "the pick", reinterpret_cast<void **>(&gpu->h_crossing)));
+    CUDA_TRY(pliant_cuda_allocate_host(bricks, "the deformed volume", &gpu->h_changed));
+    CUDA_TRY(pliant_cuda_allocate_host(sizeof *gpu->h_longest, "the deformed volume", &gpu->h_longest));
+    CUDA_TRY(pliant_cuda_allocate_host(sizeof *gpu->h_crossing, "the pick", &gpu->h_crossing));
     gpu->page_locked = pliant_cuda_lock_pages(parts->volume->voxels, gpu->volume_bytes);
     return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
 }
@@ -380,7 +370,7 @@ static pliant_status update(void *object, const double *positions)
     pliant_cuda_warp *gpu = static_cast<pliant_cuda_warp *>(object);
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     const size_t bytes = 3 * (size_t)gpu->parts.mesh->num_nodes * sizeof *positions;
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->d_positions, positions, bytes, cudaMemcpyHostToDevice, gpu->stream)));
+    CUDA_TRY(pliant_cuda_send(positions, bytes, gpu->d_positions, gpu->stream));
     CUDA_TRY(pliant_cuda_warp_enqueue(gpu, gpu->d_positions, gpu->stream));
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
     return pliant_cuda_warp_finish(gpu, gpu->d_positions, gpu->stream);
@@ -478,12 +468,8 @@ static void drop_next(void *object)
 static pliant_status send_list(const int32_t *h_from, int32_t count, cudaStream_t stream, int32_t **d_out,
                                size_t *capacity)
 {
-    void *d_block = *d_out;
-    CUDA_TRY(pliant_cuda_ensure(((size_t)count + 1) * sizeof *h_from, true, "the mesh to draw", &d_block, capacity));
-    *d_out = static_cast<int32_t *>(d_block);
-    return count == 0 ? PLIANT_OK
-                      : CUDA_CALL(cudaMemcpyAsync(d_block, h_from, (size_t)count * sizeof *h_from,
-                                                  cudaMemcpyHostToDevice, stream));
+    CUDA_TRY(pliant_cuda_ensure(((size_t)count + 1) * sizeof *h_from, true, "the mesh to draw", d_out, capacity));
+    return count == 0 ? PLIANT_OK : pliant_cuda_send(h_from, (size_t)count * sizeof *h_from, *d_out, stream);
 }
 
 /* Carry the elements over to the next body with their drawn state. The previous state is only read. */

@@ -39,20 +39,15 @@ struct pliant_cuda_tled {
 
 /* ---- Creation. */
 
-static pliant_status allocate(size_t bytes, void **d_out) { return pliant_cuda_allocate(bytes, "the dynamics", d_out); }
-
 template <class T> static pliant_status allocate(pliant_cuda_tled *gpu, size_t count, T **d_out)
 {
-    CUDA_TRY(allocate(count * sizeof(T), reinterpret_cast<void **>(d_out)));
+    CUDA_TRY(pliant_cuda_allocate(count * sizeof(T), "the dynamics", d_out));
     return CUDA_CALL(cudaMemsetAsync(*d_out, 0, count * sizeof(T), gpu->stream));
 }
 
 template <class T> static pliant_status upload(pliant_cuda_tled *gpu, const T *h_from, size_t count, const T **d_out)
 {
-    void *block;
-    CUDA_TRY(pliant_cuda_upload(h_from, count * sizeof(T), "the dynamics", gpu->stream, &block));
-    *d_out = static_cast<const T *>(block);
-    return PLIANT_OK;
+    return pliant_cuda_upload(h_from, count * sizeof(T), "the dynamics", gpu->stream, d_out);
 }
 
 static pliant_status upload_elements(pliant_cuda_tled *gpu, const pliant_tled *tled)
@@ -131,8 +126,7 @@ static pliant_status allocate_state(pliant_cuda_tled *gpu)
     CUDA_TRY(allocate(gpu, 1, &gpu->d_exchange));
     it->d_frame = &gpu->d_exchange->frame;
     it->d_outcome = &gpu->d_exchange->outcome;
-    return pliant_cuda_allocate_host(sizeof *gpu->h_exchange, "the dynamics",
-                                     reinterpret_cast<void **>(&gpu->h_exchange));
+    return pliant_cuda_allocate_host(sizeof *gpu->h_exchange, "the dynamics", &gpu->h_exchange);
 }
 
 static void lock_pages(pliant_cuda_tled *gpu, const pliant_tled *tled)
@@ -241,9 +235,8 @@ extern "C" void pliant_cuda_tled_free(pliant_cuda_tled *gpu)
 extern "C" void pliant_cuda_tled_restart(pliant_cuda_tled *gpu) { gpu->stale = true; }
 extern "C" pliant_status pliant_cuda_tled_set_positions(pliant_cuda_tled *gpu, const double *h_positions)
 {
-    return CUDA_CALL(cudaMemcpyAsync(gpu->gpu.d_positions, h_positions,
-                                     3 * (size_t)gpu->gpu.num_nodes * sizeof *h_positions, cudaMemcpyHostToDevice,
-                                     gpu->stream));
+    return pliant_cuda_send(h_positions, 3 * (size_t)gpu->gpu.num_nodes * sizeof *h_positions, gpu->gpu.d_positions,
+                            gpu->stream);
 }
 extern "C" const double *pliant_cuda_tled_positions(const pliant_cuda_tled *gpu) { return gpu->gpu.d_positions; }
 extern "C" cudaStream_t pliant_cuda_tled_stream(const pliant_cuda_tled *gpu) { return gpu->stream; }
@@ -255,11 +248,9 @@ static pliant_status send_state(pliant_cuda_tled *gpu, const pliant_tled *tled)
     const gpu_tled *it = &gpu->gpu;
     const size_t bytes = 3 * (size_t)it->num_nodes * sizeof(double),
                  memory = (size_t)pliant_tled_blocks(gpu->system) * sizeof *tled->memory;
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(it->d_packed_u, tled->u, bytes, cudaMemcpyHostToDevice, gpu->stream)));
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(it->d_d[0], tled->d, bytes, cudaMemcpyHostToDevice, gpu->stream)));
-    if (it->viscous)
-        CUDA_TRY(
-            CUDA_CALL(cudaMemcpyAsync(it->d_packed_memory, tled->memory, memory, cudaMemcpyHostToDevice, gpu->stream)));
+    CUDA_TRY(pliant_cuda_send(tled->u, bytes, it->d_packed_u, gpu->stream));
+    CUDA_TRY(pliant_cuda_send(tled->d, bytes, it->d_d[0], gpu->stream));
+    if (it->viscous) CUDA_TRY(pliant_cuda_send(tled->memory, memory, it->d_packed_memory, gpu->stream));
     if (it->still) CUDA_TRY(CUDA_CALL(cudaMemsetAsync(it->d_own, 0, bytes, gpu->stream)));
     CUDA_TRY(pliant_cuda_tled_unpack(it, gpu->stream));
     if (tled->own_inverse_mass) /* pieces may have stopped */
@@ -281,14 +272,14 @@ static pliant_status reserve_capacity(pliant_cuda_tled *gpu, int32_t count)
     release_held(it);
     gpu->sent_total = gpu->sent_held = -1;
     gpu->graph_steps = 0; /* it refers to the old buffers */
-    CUDA_TRY(pliant_cuda_allocate_host(indices, "the held nodes", reinterpret_cast<void **>(&held->held)));
-    CUDA_TRY(pliant_cuda_allocate_host(indices, "the held nodes", reinterpret_cast<void **>(&held->node)));
-    CUDA_TRY(pliant_cuda_allocate_host(indices, "the held nodes", reinterpret_cast<void **>(&held->near)));
-    CUDA_TRY(pliant_cuda_allocate_host(weights, "the held nodes", reinterpret_cast<void **>(&held->weight)));
-    CUDA_TRY(allocate(indices, reinterpret_cast<void **>(&it->d_held_node)));
-    CUDA_TRY(allocate(indices, reinterpret_cast<void **>(&it->d_tool_node)));
-    CUDA_TRY(allocate(indices, reinterpret_cast<void **>(&it->d_near)));
-    CUDA_TRY(allocate(weights, reinterpret_cast<void **>(&it->d_tool_weight)));
+    CUDA_TRY(pliant_cuda_allocate_host(indices, "the held nodes", &held->held));
+    CUDA_TRY(pliant_cuda_allocate_host(indices, "the held nodes", &held->node));
+    CUDA_TRY(pliant_cuda_allocate_host(indices, "the held nodes", &held->near));
+    CUDA_TRY(pliant_cuda_allocate_host(weights, "the held nodes", &held->weight));
+    CUDA_TRY(pliant_cuda_allocate(indices, "the held nodes", &it->d_held_node));
+    CUDA_TRY(pliant_cuda_allocate(indices, "the held nodes", &it->d_tool_node));
+    CUDA_TRY(pliant_cuda_allocate(indices, "the held nodes", &it->d_near));
+    CUDA_TRY(pliant_cuda_allocate(weights, "the held nodes", &it->d_tool_weight));
     held->capacity = capacity;
     return PLIANT_OK;
 }
@@ -298,14 +289,11 @@ static pliant_status upload_held(pliant_cuda_tled *gpu, int32_t total, int32_t n
     const held_nodes *held = &gpu->h_held;
     const size_t indices = (size_t)total * sizeof *held->node, weights = (size_t)total * sizeof *held->weight;
     if (total + near == 0) return PLIANT_OK;
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->gpu.d_held_node, held->held, (size_t)gpu->sent_held * sizeof *held->held,
-                                       cudaMemcpyHostToDevice, gpu->stream)));
     CUDA_TRY(
-        CUDA_CALL(cudaMemcpyAsync(gpu->gpu.d_tool_node, held->node, indices, cudaMemcpyHostToDevice, gpu->stream)));
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->gpu.d_near, held->near, (size_t)near * sizeof *held->near,
-                                       cudaMemcpyHostToDevice, gpu->stream)));
-    return CUDA_CALL(
-        cudaMemcpyAsync(gpu->gpu.d_tool_weight, held->weight, weights, cudaMemcpyHostToDevice, gpu->stream));
+        pliant_cuda_send(held->held, (size_t)gpu->sent_held * sizeof *held->held, gpu->gpu.d_held_node, gpu->stream));
+    CUDA_TRY(pliant_cuda_send(held->node, indices, gpu->gpu.d_tool_node, gpu->stream));
+    CUDA_TRY(pliant_cuda_send(held->near, (size_t)near * sizeof *held->near, gpu->gpu.d_near, gpu->stream));
+    return pliant_cuda_send(held->weight, weights, gpu->gpu.d_tool_weight, gpu->stream);
 }
 
 /* Send the nodes of tools and contacts if they have changed since the last frame, and set each tool's range in the
@@ -518,8 +506,7 @@ extern "C" pliant_status pliant_cuda_tled_run(void *with, pliant_tled *tled, pli
     set_tools(tled, tools, num_tools, frame);
     CUDA_TRY(send_touching(gpu, tled, frame));
     CUDA_TRY(send_holds(gpu, tools, num_tools, frame));
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->d_exchange, gpu->h_exchange, sizeof *gpu->h_exchange,
-                                       cudaMemcpyHostToDevice, gpu->stream)));
+    CUDA_TRY(pliant_cuda_send(gpu->h_exchange, sizeof *gpu->h_exchange, gpu->d_exchange, gpu->stream));
     CUDA_TRY(still ? relax(gpu, tled) : enqueue_frame(gpu, tled));
     CUDA_TRY(download(gpu, tled));
     out->is_stable = outcome->first_unstable_step == INT32_MAX;

@@ -120,10 +120,7 @@ template <class T> static bool allocate(size_t count, T **out)
 
 template <class T> static pliant_status upload(const T *h_from, size_t count, cudaStream_t stream, const T **d_out)
 {
-    void *block;
-    CUDA_TRY(pliant_cuda_upload(h_from, count * sizeof(T), "the groups of nodes", stream, &block));
-    *d_out = static_cast<const T *>(block);
-    return PLIANT_OK;
+    return pliant_cuda_upload(h_from, count * sizeof(T), "the groups of nodes", stream, d_out);
 }
 
 static pliant_status upload_all(const pliant_tled_system *system, const grouping *made, gpu_tled *tled,

@@ -175,10 +175,7 @@ static __global__ void __launch_bounds__(THREADS) narrow_kernel(gpu_carried carr
 
 template <class T> static pliant_status capacity_for(size_t count, int array, gpu_carried_capacity *capacity, T **d_out)
 {
-    void *d_block = *d_out;
-    CUDA_TRY(pliant_cuda_ensure(count * sizeof(T), true, "the preconditioner", &d_block, capacity->bytes + array));
-    *d_out = static_cast<T *>(d_block);
-    return PLIANT_OK;
+    return pliant_cuda_ensure(count * sizeof(T), true, "the preconditioner", d_out, capacity->bytes + array);
 }
 
 template <class T>
@@ -186,28 +183,24 @@ static pliant_status send(const T *h_from, size_t count, int array, cudaStream_t
                           T **d_out)
 {
     CUDA_TRY(capacity_for(count, array, capacity, d_out));
-    return CUDA_CALL(cudaMemcpyAsync(*d_out, h_from, count * sizeof(T), cudaMemcpyHostToDevice, stream));
+    return pliant_cuda_send(h_from, count * sizeof(T), *d_out, stream);
 }
 
 static pliant_status invert(const gpu_system *gpu, int32_t pivots, int32_t tiles, cudaStream_t stream,
                             gpu_carried *carried, gpu_carried_capacity *capacity)
 {
     gpu_sweep *sweep = &capacity->sweep;
-    const size_t bytes = pliant_cuda_sweep_bytes(tiles);
-    void *blocks[] = {sweep->d_tiles, sweep->d_buffer, sweep->d_failed};
-    const size_t sizes[] = {bytes, pliant_cuda_sweep_buffer_bytes(tiles),
-                            ((size_t)SWEEP * (size_t)pivots + 1) * sizeof(double)};
-    for (int b = 0; b < 3; b++) {
-        pliant_status status =
-            pliant_cuda_ensure(sizes[b], true, "the preconditioner", blocks + b, capacity->sweep_capacity + b);
-        *sweep = {static_cast<double *>(blocks[0]), static_cast<double *>(blocks[1]), static_cast<int *>(blocks[2])};
-        CUDA_TRY(status);
-    }
+    const char *what = "the preconditioner";
+    const size_t bytes = pliant_cuda_sweep_bytes(tiles), buffer = pliant_cuda_sweep_buffer_bytes(tiles),
+                 failed = ((size_t)SWEEP * (size_t)pivots + 1) * sizeof(double);
+    CUDA_TRY(pliant_cuda_ensure(bytes, true, what, &sweep->d_tiles, capacity->sweep_capacity));
+    CUDA_TRY(pliant_cuda_ensure(buffer, true, what, &sweep->d_buffer, capacity->sweep_capacity + 1));
+    CUDA_TRY(pliant_cuda_ensure(failed, true, what, &sweep->d_failed, capacity->sweep_capacity + 2));
     const near_matrix matrix = {sweep->d_tiles, reinterpret_cast<double *>(sweep->d_failed) + 1, carried->inner,
                                 SWEEP * pivots};
     const unsigned rows = 3 * (unsigned)(carried->inner + carried->outer);
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(sweep->d_tiles, 0, bytes, stream)));
-    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(sweep->d_failed, 0, sizes[2], stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(sweep->d_failed, 0, failed, stream)));
     const int threads = gpu->macros.count > 0 ? MACRO_ENTRIES : ENTRIES;
     assemble_kernel<<<(unsigned)carried->inner, threads, 0, stream>>>(*gpu, *carried, matrix);
     CUDA_TRY(CUDA_LAUNCHED("assemble_kernel"));

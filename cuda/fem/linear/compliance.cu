@@ -55,14 +55,11 @@ static pliant_status reserve_capacity(gpu_compliance_columns *blocks, int32_t co
     made.d_column = NULL;
     made.d_which = made.h_which = NULL;
     pliant_status status = made.unknown && made.last_use ? PLIANT_OK : pliant_fail_memory("contact compliance");
+    if (status == PLIANT_OK) status = pliant_cuda_allocate(slots * column, "contact compliance", &made.d_column);
     if (status == PLIANT_OK)
-        status = pliant_cuda_allocate(slots * column, "contact compliance", reinterpret_cast<void **>(&made.d_column));
+        status = pliant_cuda_allocate(2 * slots * sizeof *made.d_which, "contact compliance", &made.d_which);
     if (status == PLIANT_OK)
-        status = pliant_cuda_allocate(2 * slots * sizeof *made.d_which, "contact compliance",
-                                      reinterpret_cast<void **>(&made.d_which));
-    if (status == PLIANT_OK)
-        status = pliant_cuda_allocate_host(2 * slots * sizeof *made.h_which, "contact compliance",
-                                           reinterpret_cast<void **>(&made.h_which));
+        status = pliant_cuda_allocate_host(2 * slots * sizeof *made.h_which, "contact compliance", &made.h_which);
     if (status == PLIANT_OK && blocks->capacity > 0) {
         status = CUDA_CALL(cudaMemcpyAsync(made.d_column, blocks->d_column, (size_t)blocks->capacity * column,
                                            cudaMemcpyDeviceToDevice, stream));
@@ -114,8 +111,7 @@ extern "C" pliant_status pliant_cuda_compliance_compute(gpu_compliance_columns *
     *made = missing > 0;
     if (missing == 0) return PLIANT_OK;
     pliant_status status =
-        CUDA_CALL(cudaMemcpyAsync(blocks->d_which, blocks->h_which, 2 * (size_t)missing * sizeof *blocks->d_which,
-                                  cudaMemcpyHostToDevice, stream));
+        pliant_cuda_send(blocks->h_which, 2 * (size_t)missing * sizeof *blocks->d_which, blocks->d_which, stream);
     if (status == PLIANT_OK)
         status = pliant_cuda_columns(preconditioner, iteration, missing, blocks->h_which, blocks->d_which,
                                      blocks->stride, blocks->d_column, stream);

@@ -63,7 +63,7 @@ static __global__ void diagonal_kernel(const double *tiles, int padded, double *
 /* Pivot threshold for zero, as a fraction of the original diagonal. It is far above rounding errors. */
 static constexpr double nothing = 1e-10;
 
-struct workspace { gpu_sweep sweep; void *d_start, *d_row, *d_values; double *d_whole; };
+struct workspace { gpu_sweep sweep; int *d_start, *d_row; double *d_values, *d_whole; };
 
 static void workspace_free(workspace *work)
 {
@@ -91,10 +91,9 @@ static pliant_status invert(const pliant_pattern *pattern, const double *h_value
     const int padded = out->tiles * TILE, sweeps = padded / SWEEP;
     const size_t bytes = pliant_cuda_sweep_bytes(sweeps);
     gpu_sweep *sweep = &work->sweep;
-    CUDA_TRY(pliant_cuda_allocate(bytes, "the inverse", reinterpret_cast<void **>(&sweep->d_tiles)));
-    CUDA_TRY(pliant_cuda_allocate(pliant_cuda_sweep_buffer_bytes(sweeps), "the inverse",
-                                  reinterpret_cast<void **>(&sweep->d_buffer)));
-    CUDA_TRY(pliant_cuda_allocate(sizeof(int), "the inverse", reinterpret_cast<void **>(&sweep->d_failed)));
+    CUDA_TRY(pliant_cuda_allocate(bytes, "the inverse", &sweep->d_tiles));
+    CUDA_TRY(pliant_cuda_allocate(pliant_cuda_sweep_buffer_bytes(sweeps), "the inverse", &sweep->d_buffer));
+    CUDA_TRY(pliant_cuda_allocate(sizeof(int), "the inverse", &sweep->d_failed));
     CUDA_TRY(pliant_cuda_upload(pattern->start, ((size_t)pattern->num_columns + 1) * sizeof *pattern->start,
                                 "the matrix", stream, &work->d_start));
     CUDA_TRY(pliant_cuda_upload(pattern->row, (size_t)pattern->num_blocks * sizeof *pattern->row, "the matrix", stream,
@@ -103,15 +102,13 @@ static pliant_status invert(const pliant_pattern *pattern, const double *h_value
                                 &work->d_values));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(sweep->d_tiles, 0, bytes, stream)));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(sweep->d_failed, 0, sizeof(int), stream)));
-    sparse matrix = {pattern->num_columns, pattern->num_blocks, static_cast<int *>(work->d_start),
-                     static_cast<int *>(work->d_row), static_cast<double *>(work->d_values)};
+    sparse matrix = {pattern->num_columns, pattern->num_blocks, work->d_start, work->d_row, work->d_values};
     scatter_kernel<<<blocks_for(matrix.num_blocks, THREADS), THREADS, 0, stream>>>(matrix, sweep->d_tiles);
     CUDA_TRY(CUDA_LAUNCHED("scatter_kernel"));
     pad_kernel<<<1, TILE, 0, stream>>>(sweep->d_tiles, out->size, padded);
     CUDA_TRY(CUDA_LAUNCHED("pad_kernel"));
     if (holds) {
-        CUDA_TRY(pliant_cuda_allocate((size_t)padded * sizeof *work->d_whole, "the inverse",
-                                      reinterpret_cast<void **>(&work->d_whole)));
+        CUDA_TRY(pliant_cuda_allocate((size_t)padded * sizeof *work->d_whole, "the inverse", &work->d_whole));
         diagonal_kernel<<<blocks_for(padded, THREADS), THREADS, 0, stream>>>(sweep->d_tiles, padded, work->d_whole);
         CUDA_TRY(CUDA_LAUNCHED("diagonal_kernel"));
     }
@@ -141,11 +138,10 @@ extern "C" pliant_status pliant_cuda_inverse_create(const pliant_pattern *patter
     made.size = 3 * pattern->num_columns;
     made.tiles = pliant_cuda_inverse_padded(made.size) / TILE;
     const size_t tiles = (size_t)made.tiles;
-    pliant_status status = pliant_cuda_allocate(triangle(tiles, 0) * TILE * TILE * sizeof(float), "the inverse",
-                                                reinterpret_cast<void **>(&made.d_tiles));
+    pliant_status status =
+        pliant_cuda_allocate(triangle(tiles, 0) * TILE * TILE * sizeof(float), "the inverse", &made.d_tiles);
     if (status == PLIANT_OK)
-        status = pliant_cuda_allocate(tiles * tiles * TILE * sizeof(float), "the inverse",
-                                      reinterpret_cast<void **>(&made.d_parts));
+        status = pliant_cuda_allocate(tiles * tiles * TILE * sizeof(float), "the inverse", &made.d_parts);
     if (status == PLIANT_OK) status = invert(pattern, h_values, holds, stream, &work, &made);
     workspace_free(&work);
     if (status != PLIANT_OK) {

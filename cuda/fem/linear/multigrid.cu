@@ -52,19 +52,15 @@ struct gpu_multigrid {
 template <class T>
 static pliant_status upload(gpu_multigrid *multigrid, const T *h_from, size_t count, cudaStream_t stream, T **d_out)
 {
-    void *block;
-    CUDA_TRY(pliant_cuda_upload(h_from, count * sizeof(T), "the multigrid", stream, &block));
-    *d_out = static_cast<T *>(block);
+    CUDA_TRY(pliant_cuda_upload(h_from, count * sizeof(T), "the multigrid", stream, d_out));
     multigrid->bytes += count * sizeof(T);
     return PLIANT_OK;
 }
 
 static pliant_status allocate(gpu_multigrid *multigrid, size_t count, cudaStream_t stream, float **d_out)
 {
-    void *block;
-    CUDA_TRY(pliant_cuda_allocate(count * sizeof(float), "the multigrid", &block));
-    *d_out = static_cast<float *>(block);
-    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(block, 0, count * sizeof(float), stream)));
+    CUDA_TRY(pliant_cuda_allocate(count * sizeof(float), "the multigrid", d_out));
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(*d_out, 0, count * sizeof(float), stream)));
     multigrid->bytes += count * sizeof(float);
     return PLIANT_OK;
 }

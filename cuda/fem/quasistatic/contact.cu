@@ -154,8 +154,8 @@ static pliant_status send_points(pliant_cuda_solver *gpu, const pliant_contact_p
     pack(&at, from->unknown, weights, &view->d_unknown);
     pack(&at, contacts->moved_unknowns, count, &view->d_moved_unknowns);
     pack_slots(&at, from, contacts, slots);
-    return CUDA_CALL(cudaMemcpyAsync(contacts->d_block[CONTACT_PERSISTENT], contacts->h_block[CONTACT_PERSISTENT],
-                                     bytes, cudaMemcpyHostToDevice, gpu->stream));
+    return pliant_cuda_send(contacts->h_block[CONTACT_PERSISTENT], bytes, contacts->d_block[CONTACT_PERSISTENT],
+                            gpu->stream);
 }
 
 /* Allocate work arrays, and the arrays that are copied back: motions, then A. */
@@ -188,8 +188,8 @@ static pliant_status send_view(gpu_contacts *contacts, cudaStream_t stream)
     CUDA_TRY(make_block(contacts, CONTACT_VIEW, sizeof contacts->view, sizeof contacts->view));
     if (contacts->shared_capacity == 0) CUDA_TRY(pliant_cuda_contact_cones_memory(&contacts->shared_capacity));
     memcpy(contacts->h_block[CONTACT_VIEW], &contacts->view, sizeof contacts->view);
-    return CUDA_CALL(cudaMemcpyAsync(contacts->d_block[CONTACT_VIEW], contacts->h_block[CONTACT_VIEW],
-                                     sizeof contacts->view, cudaMemcpyHostToDevice, stream));
+    return pliant_cuda_send(contacts->h_block[CONTACT_VIEW], sizeof contacts->view, contacts->d_block[CONTACT_VIEW],
+                            stream);
 }
 
 static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver)
@@ -239,8 +239,8 @@ static pliant_status find_forces(pliant_cuda_solver *gpu, pliant_contact_problem
     memcpy(h_found, from->found.force, points * sizeof *h_found);
     if (changed) memcpy(h_change, from->change, points * sizeof *h_change);
     else memset(h_change, 0, points * sizeof *h_change);
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(contacts->d_block[CONTACT_EVALUATION_RESULTS], h_change,
-                                       2 * points * sizeof *h_change, cudaMemcpyHostToDevice, gpu->stream)));
+    CUDA_TRY(pliant_cuda_send(h_change, 2 * points * sizeof *h_change, contacts->d_block[CONTACT_EVALUATION_RESULTS],
+                              gpu->stream));
     if (!changed) return PLIANT_OK;
     CUDA_TRY(pliant_cuda_contact_pull(view, &gpu->iteration, gpu->stream));
     return pliant_cuda_contact_push(static_cast<const gpu_contact_view *>(contacts->d_block[CONTACT_VIEW]),
@@ -259,9 +259,8 @@ static pliant_status send_bodies(const pliant_cuda_solver *gpu, const pliant_con
     const gpu_contacts *contacts = &gpu->contacts;
     if (from->num_moving == 0) return PLIANT_OK;
     for (int32_t m = 0; m < from->num_moving; m++) contacts->h_piece[m] = *pliant_contact_problem_body(from, m);
-    return CUDA_CALL(cudaMemcpyAsync(const_cast<pliant_contact_body *>(contacts->view.d_piece), contacts->h_piece,
-                                     (size_t)from->num_moving * sizeof *contacts->h_piece, cudaMemcpyHostToDevice,
-                                     gpu->stream));
+    return pliant_cuda_send(contacts->h_piece, (size_t)from->num_moving * sizeof *contacts->h_piece,
+                            const_cast<pliant_contact_body *>(contacts->view.d_piece), gpu->stream);
 }
 
 /* Compute the free step and the motion of the points; copy the motion back, or the first `numbers` of motion and A. */

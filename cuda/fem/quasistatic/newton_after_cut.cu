@@ -240,8 +240,7 @@ extern "C" pliant_status pliant_cuda_solver_newton_reserve(pliant_cuda_solver *g
     pliant_cuda_release_host(gpu->h_newton);
     gpu->h_newton = nullptr;
     gpu->newton_capacity = bytes + bytes / 4;
-    return pliant_cuda_allocate_host(gpu->newton_capacity, "the step after a cut",
-                                     reinterpret_cast<void **>(&gpu->h_newton));
+    return pliant_cuda_allocate_host(gpu->newton_capacity, "the step after a cut", &gpu->h_newton);
 }
 
 static pliant_status fetch(const opening *work, size_t count)

@@ -23,7 +23,7 @@ static pliant_status fill(pliant_cuda_solver *gpu, const pliant_solver *solver)
     CUDA_TRY(pliant_cuda_preconditioner_create(solver->system, gpu->choice, gpu->stream, &gpu->preconditioner));
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
     CUDA_TRY(pliant_cuda_solver_size(gpu, solver));
-    CUDA_TRY(pliant_cuda_allocate_host(sizeof(gpu_state), "the solver", reinterpret_cast<void **>(&gpu->h_state)));
+    CUDA_TRY(pliant_cuda_allocate_host(sizeof(gpu_state), "the solver", &gpu->h_state));
     CUDA_TRY(pliant_cuda_solver_record(gpu));
     if (gpu->system_capacity.grows) {
         CUDA_TRY(pliant_cuda_carried_load_kernels());
@@ -88,8 +88,7 @@ extern "C" pliant_status pliant_cuda_solver_begin(pliant_cuda_solver *gpu, const
     gpu->in_use.number++;
     gpu->in_use.has_inaccurate_rotations =
         gpu->system.d_stiffness || (gpu->system.macros.count > 0 && !gpu->system.macros.d_shear);
-    CUDA_TRY(
-        CUDA_CALL(cudaMemcpyAsync(gpu->iteration.d_x[0], solver->now.x, bytes, cudaMemcpyHostToDevice, gpu->stream)));
+    CUDA_TRY(pliant_cuda_send(solver->now.x, bytes, gpu->iteration.d_x[0], gpu->stream));
     CUDA_TRY(CUDA_CALL(
         cudaMemcpyAsync(gpu->iteration.d_x[1], gpu->iteration.d_x[0], bytes, cudaMemcpyDeviceToDevice, gpu->stream)));
     gpu->loaded = false;
@@ -125,8 +124,7 @@ static pliant_status send_load(pliant_cuda_solver *gpu, const pliant_solver *sol
 {
     if (gpu->loaded && memcmp(gpu->gravity, gravity, sizeof gpu->gravity) == 0) return PLIANT_OK;
     const size_t bytes = 3 * (size_t)gpu->system.num_free * sizeof(double);
-    CUDA_TRY(
-        CUDA_CALL(cudaMemcpyAsync(gpu->iteration.d_load, solver->load, bytes, cudaMemcpyHostToDevice, gpu->stream)));
+    CUDA_TRY(pliant_cuda_send(solver->load, bytes, gpu->iteration.d_load, gpu->stream));
     memcpy(gpu->gravity, gravity, sizeof gpu->gravity);
     gpu->loaded = true;
     return PLIANT_OK;
@@ -134,11 +132,9 @@ static pliant_status send_load(pliant_cuda_solver *gpu, const pliant_solver *sol
 
 template <class T> static pliant_status ensure(const pliant_cuda_solver *gpu, size_t count, T **d_out, size_t *capacity)
 {
-    void *d_block = *d_out;
-    CUDA_TRY(pliant_cuda_ensure(count * sizeof(T), gpu->system_capacity.grows, "the solver", &d_block, capacity));
-    if (d_block == *d_out) return PLIANT_OK;
-    *d_out = static_cast<T *>(d_block);
-    return CUDA_CALL(cudaMemsetAsync(d_block, 0, *capacity, gpu->stream));
+    const T *const before = *d_out;
+    CUDA_TRY(pliant_cuda_ensure(count * sizeof(T), gpu->system_capacity.grows, "the solver", d_out, capacity));
+    return before == *d_out ? PLIANT_OK : CUDA_CALL(cudaMemsetAsync(*d_out, 0, *capacity, gpu->stream));
 }
 
 /* Send W of a tool that has grasped. */
@@ -148,10 +144,8 @@ static pliant_status send_hold(pliant_cuda_solver *gpu, const pliant_grasp_const
     CUDA_TRY(ensure(gpu, maximum, &arrays->d_unknown, &arrays->unknown_capacity));
     CUDA_TRY(ensure(gpu, 9 * maximum, &arrays->d_block, &arrays->block_capacity));
     CUDA_TRY(ensure(gpu, 9 * maximum, &arrays->d_response, &arrays->response_capacity));
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(arrays->d_unknown, grasp->unknown, count * sizeof(int32_t),
-                                       cudaMemcpyHostToDevice, gpu->stream)));
-    return CUDA_CALL(cudaMemcpyAsync(arrays->d_block, grasp->block, 9 * count * sizeof(double), cudaMemcpyHostToDevice,
-                                     gpu->stream));
+    CUDA_TRY(pliant_cuda_send(grasp->unknown, count * sizeof(int32_t), arrays->d_unknown, gpu->stream));
+    return pliant_cuda_send(grasp->block, 9 * count * sizeof(double), arrays->d_block, gpu->stream);
 }
 
 /* Send the tools' inputs of this step, and compute responses for new holds and after a change of the preconditioner.
@@ -378,5 +372,5 @@ extern "C" pliant_status pliant_cuda_solver_download(pliant_cuda_solver *gpu, co
 extern "C" pliant_status pliant_cuda_solver_place(pliant_cuda_solver *gpu, const double *h_fine)
 {
     const size_t bytes = 3 * (size_t)gpu->system.num_fine * sizeof(double);
-    return CUDA_CALL(cudaMemcpyAsync(gpu->d_fine, h_fine, bytes, cudaMemcpyHostToDevice, gpu->stream));
+    return pliant_cuda_send(h_fine, bytes, gpu->d_fine, gpu->stream);
 }

@@ -23,12 +23,9 @@ static pliant_status size_with_axes(pliant_cuda_solver *gpu, const pliant_solver
 {
     const int32_t count = gpu->system.num_free;
     const size_t axes = 9 * (size_t)count * sizeof(double), list = (size_t)count * sizeof *h_before;
-    void *d_between = gpu->d_between;
-    pliant_status status = pliant_cuda_ensure(axes + list, true, "the solver", &d_between, &gpu->between_capacity);
-    gpu->d_between = static_cast<double *>(d_between);
-    CUDA_TRY(status);
+    CUDA_TRY(pliant_cuda_ensure(axes + list, true, "the solver", &gpu->d_between, &gpu->between_capacity));
     int32_t *d_before = reinterpret_cast<int32_t *>(gpu->d_between + 9 * (size_t)count);
-    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(d_before, h_before, list, cudaMemcpyHostToDevice, gpu->stream)));
+    CUDA_TRY(pliant_cuda_send(h_before, list, d_before, gpu->stream));
     take_axes_kernel<<<blocks_for(9 * (size_t)count, THREADS), THREADS, 0, gpu->stream>>>(
         count, d_before, gpu->iteration.d_axes, gpu->d_between);
     CUDA_TRY(CUDA_LAUNCHED("take_axes_kernel"));

@@ -76,6 +76,5 @@ extern "C" pliant_status pliant_cuda_solver_size(pliant_cuda_solver *gpu, const 
     pliant_cuda_release_host(gpu->h_solved);
     gpu->h_solved = nullptr;
     gpu->solved_capacity = (gpu->system_capacity.grows ? nodes + nodes / 4 : nodes) * sizeof(double);
-    return pliant_cuda_allocate_host(gpu->solved_capacity, "the solved nodes",
-                                     reinterpret_cast<void **>(&gpu->h_solved));
+    return pliant_cuda_allocate_host(gpu->solved_capacity, "the solved nodes", &gpu->h_solved);
 }
