@@ -88,5 +88,15 @@ pliant_status pliant_cuda_upload(const void *h_from, size_t bytes, const char *w
 {
     return pliant_cuda_upload(h_from, bytes, what, stream, gpu_block(out));
 }
+
+/* Release several blocks. */
+template <class... T> void pliant_cuda_release(T *...blocks)
+{
+    for (const void *block : {static_cast<const void *>(blocks)...}) pliant_cuda_release(const_cast<void *>(block));
+}
+template <class... T> void pliant_cuda_release_host(T *...blocks)
+{
+    for (void *block : {static_cast<void *>(blocks)...}) pliant_cuda_release_host(block);
+}
 #endif
 #endif

@@ -192,8 +192,7 @@ static pliant_status send_upsampling(const passage &work)
 /* Free the tetrahedra of a coarse model that a cut refines. All its elements are macro-elements from then on. */
 static void release_tets(gpu_system *gpu)
 {
-    void *blocks[] = {gpu->d_tets, gpu->d_gradients, gpu->d_lame, gpu->d_stiffness, gpu->d_grounded};
-    for (void *block : blocks) pliant_cuda_release(block);
+    pliant_cuda_release(gpu->d_tets, gpu->d_gradients, gpu->d_lame, gpu->d_stiffness, gpu->d_grounded);
     gpu->d_tets = nullptr;
     gpu->d_gradients = gpu->d_lame = gpu->d_stiffness = nullptr;
     gpu->d_grounded = nullptr;
@@ -273,12 +272,11 @@ extern "C" pliant_status pliant_cuda_system_carry_over_cut(const pliant_system *
 
 extern "C" void pliant_cuda_system_free(gpu_system *system, gpu_system_capacity *capacity)
 {
-    void *blocks[] = {system->d_tets,          system->d_rest,         system->d_gradients,    system->d_lame,
-                      system->d_stiffness,     system->d_grounded,     system->d_node_of_free, system->d_free_of_node,
-                      system->d_corner_start,  system->d_corner_end,   system->d_corner,       system->d_fine_rest,
-                      system->d_upsample_node, system->d_weights,      system->d_entry_start,  system->d_entry_element,
-                      system->d_entry_weight,  system->d_entry_shape,  system->d_still,        capacity->d_passage};
-    for (void *block : blocks) pliant_cuda_release(block);
+    pliant_cuda_release(system->d_tets, system->d_rest, system->d_gradients, system->d_lame, system->d_stiffness,
+                        system->d_grounded, system->d_node_of_free, system->d_free_of_node, system->d_corner_start,
+                        system->d_corner_end, system->d_corner, system->d_fine_rest, system->d_upsample_node,
+                        system->d_weights, system->d_entry_start, system->d_entry_element, system->d_entry_weight,
+                        system->d_entry_shape, system->d_still, capacity->d_passage);
     pliant_cuda_macros_free(&system->macros);
     memset(system, 0, sizeof *system);
     memset(capacity, 0, sizeof *capacity);

@@ -219,9 +219,7 @@ static pliant_status segment(const pliant_volume *scan, const pliant_segment_opt
     pliant_cuda_section_begin("segment");
     pliant_status status = run(work, scan, options, out);
     if (work->stream) cudaStreamSynchronize(work->stream);
-    pliant_cuda_release(work->d_arena);
-    pliant_cuda_release(work->d_tallies);
-    pliant_cuda_release(work->d_label);
+    pliant_cuda_release(work->d_arena, work->d_tallies, work->d_label);
     if (work->stream) cudaStreamDestroy(work->stream);
     cudaGetLastError();
     pliant_cuda_section_end();

@@ -241,10 +241,9 @@ extern "C" void pliant_cuda_fit_free(pliant_cuda_fit *fit)
 {
     if (!fit) return;
     const fit_view *view = &fit->view;
-    const void *blocks[] = {view->rest,  view->tets,   view->tissue,   view->covered,   view->wanted,  view->map,
-                            view->at,    view->sorted, view->bin_node, view->bin_start, fit->d_cursor, fit->d_voxels,
-                            fit->d_view, view->zone,   view->near,     fit->d_owner};
-    for (const void *block : blocks) pliant_cuda_release(const_cast<void *>(block));
+    pliant_cuda_release(view->rest, view->tets, view->tissue, view->covered, view->wanted, view->map, view->at,
+                        view->sorted, view->bin_node, view->bin_start, fit->d_cursor, fit->d_voxels, fit->d_view,
+                        view->zone, view->near, fit->d_owner);
     pliant_free(fit);
 }
 

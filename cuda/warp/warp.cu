@@ -158,7 +158,7 @@ static pliant_status fill_body(const pliant_warp_parts *parts, const known_body 
     if (!cut) {
         raster->parts.num_elements = 0;
         /* the pointer also shows whether there is a cut */
-        pliant_cuda_release(const_cast<part_element *>(raster->parts.elements));
+        pliant_cuda_release(raster->parts.elements);
         raster->parts.elements = nullptr;
         return PLIANT_OK;
     }
@@ -181,10 +181,8 @@ static pliant_status fill_body(const pliant_warp_parts *parts, const known_body 
 
 static void release_body(const gpu_raster *raster)
 {
-    const void *blocks[] = {raster->d_tets,      raster->d_rest,       raster->d_fixed,
-                            raster->d_setup,     raster->d_carried,     raster->parts.elements,
-                            raster->parts.boxes, raster->parts.labels, raster->d_has_parts};
-    for (const void *block : blocks) pliant_cuda_release(const_cast<void *>(block));
+    pliant_cuda_release(raster->d_tets, raster->d_rest, raster->d_fixed, raster->d_setup, raster->d_carried,
+                        raster->parts.elements, raster->parts.boxes, raster->parts.labels, raster->d_has_parts);
 }
 
 /* Build the initial lists of elements per brick. */
@@ -282,15 +280,12 @@ static void free_warp(void *object)
     for (cudaEvent_t mark : gpu->marks)
         if (mark) cudaEventDestroy(mark);
     gpu_raster *raster = &gpu->raster;
-    const void *blocks[] = {raster->d_source,  raster->d_volume,  raster->d_count,  raster->d_list, raster->d_dirty,
-                            raster->d_changed, raster->d_longest, gpu->d_positions, gpu->d_crossing};
-    for (const void *block : blocks) pliant_cuda_release(const_cast<void *>(block));
+    pliant_cuda_release(raster->d_source, raster->d_volume, raster->d_count, raster->d_list, raster->d_dirty,
+                        raster->d_changed, raster->d_longest, gpu->d_positions, gpu->d_crossing);
     release_body(raster);
     free_next(gpu->spare);
     pliant_cuda_fit_free(gpu->fit);
-    pliant_cuda_release_host(gpu->h_changed);
-    pliant_cuda_release_host(gpu->h_longest);
-    pliant_cuda_release_host(gpu->h_crossing);
+    pliant_cuda_release_host(gpu->h_changed, gpu->h_longest, gpu->h_crossing);
     pliant_cuda_pictures_free(&gpu->pictures);
     if (gpu->stream) cudaStreamDestroy(gpu->stream);
     cudaGetLastError();
@@ -447,10 +442,7 @@ static void free_next(cuda_next *next)
 {
     if (!next) return;
     release_body(&next->raster);
-    pliant_cuda_release(next->d_positions);
-    pliant_cuda_release(next->d_removed);
-    pliant_cuda_release(next->d_from);
-    pliant_cuda_release(next->d_rebuilt);
+    pliant_cuda_release(next->d_positions, next->d_removed, next->d_from, next->d_rebuilt);
     pliant_free(next);
 }
 

@@ -189,19 +189,13 @@ extern "C" pliant_status pliant_cuda_tled_create(pliant_tled *tled, int device, 
 
 static void free_held(held_nodes *held)
 {
-    pliant_cuda_release_host(held->held);
-    pliant_cuda_release_host(held->node);
-    pliant_cuda_release_host(held->near);
-    pliant_cuda_release_host(held->weight);
+    pliant_cuda_release_host(held->held, held->node, held->near, held->weight);
     *held = {};
 }
 
 static void release_held(gpu_tled *it)
 {
-    pliant_cuda_release(it->d_held_node);
-    pliant_cuda_release(it->d_tool_node);
-    pliant_cuda_release(it->d_tool_weight);
-    pliant_cuda_release(it->d_near);
+    pliant_cuda_release(it->d_held_node, it->d_tool_node, it->d_tool_weight, it->d_near);
     it->d_held_node = it->d_tool_node = it->d_near = NULL;
     it->d_tool_weight = NULL;
 }
@@ -214,14 +208,11 @@ extern "C" void pliant_cuda_tled_free(pliant_cuda_tled *gpu)
     for (void *block : gpu->locked)
         if (block) pliant_cuda_unlock_pages(block);
     gpu_tled *it = &gpu->gpu;
-    const void *blocks[] = {it->d_group,         it->d_order,        it->d_element,     it->d_corner_start,
-                            it->d_corner,        it->d_tets,         it->d_cubes,       it->d_nodes,
-                            it->d_rest,          it->d_node_modulus, it->d_node_volume, it->d_pressure,
-                            it->d_u[0],          it->d_u[1],         it->d_d[0],        it->damped ? it->d_d[1] : NULL,
-                            it->d_older,         it->d_acceleration, it->d_own,         it->d_memory[0],
-                            it->d_memory[1],     it->d_sums,         it->d_positions,   it->d_packed_u,
-                            it->d_packed_memory, gpu->d_exchange};
-    for (const void *block : blocks) pliant_cuda_release(const_cast<void *>(block));
+    pliant_cuda_release(it->d_group, it->d_order, it->d_element, it->d_corner_start, it->d_corner, it->d_tets,
+                        it->d_cubes, it->d_nodes, it->d_rest, it->d_node_modulus, it->d_node_volume, it->d_pressure,
+                        it->d_u[0], it->d_u[1], it->d_d[0], it->damped ? it->d_d[1] : NULL, it->d_older,
+                        it->d_acceleration, it->d_own, it->d_memory[0], it->d_memory[1], it->d_sums, it->d_positions,
+                        it->d_packed_u, it->d_packed_memory, gpu->d_exchange);
     release_held(it);
     free_held(&gpu->h_held);
     pliant_cuda_tled_contacts_free(&gpu->sorted, it);

@@ -272,11 +272,9 @@ extern "C" void pliant_cuda_carried_clear(gpu_carried *carried, gpu_carried_capa
 
 extern "C" void pliant_cuda_carried_free(gpu_carried *carried, gpu_carried_capacity *capacity)
 {
-    void *blocks[] = {carried->d_source,   carried->d_taker_start, carried->d_taker,    carried->d_near,
-                      carried->d_place,    carried->d_answer,      carried->d_found,    carried->d_pull,
-                      carried->d_right,    carried->d_left,        capacity->sweep.d_tiles, capacity->sweep.d_buffer,
-                      capacity->sweep.d_failed};
-    for (void *block : blocks) pliant_cuda_release(block);
+    pliant_cuda_release(carried->d_source, carried->d_taker_start, carried->d_taker, carried->d_near, carried->d_place,
+                        carried->d_answer, carried->d_found, carried->d_pull, carried->d_right, carried->d_left,
+                        capacity->sweep.d_tiles, capacity->sweep.d_buffer, capacity->sweep.d_failed);
     pliant_free(capacity->h_source);
     memset(carried, 0, sizeof *carried);
     memset(capacity, 0, sizeof *capacity);

@@ -67,9 +67,8 @@ struct workspace { gpu_sweep sweep; int *d_start, *d_row; double *d_values, *d_w
 
 static void workspace_free(workspace *work)
 {
-    void *blocks[] = {work->sweep.d_tiles, work->sweep.d_buffer, work->sweep.d_failed, work->d_start,
-                      work->d_row,         work->d_values,     work->d_whole};
-    for (void *block : blocks) pliant_cuda_release(block);
+    pliant_cuda_release(work->sweep.d_tiles, work->sweep.d_buffer, work->sweep.d_failed, work->d_start, work->d_row,
+                        work->d_values, work->d_whole);
 }
 
 static pliant_status find_failed(const gpu_sweep *sweep, cudaStream_t stream)

@@ -174,10 +174,9 @@ extern "C" void pliant_cuda_multigrid_free(gpu_multigrid *multigrid)
 {
     if (!multigrid) return;
     for (grid_level &level : multigrid->level) {
-        void *blocks[] = {level.d_row_start,  level.d_column,   level.d_blocks, level.d_inverse, level.d_to,
-                          level.d_from_start, level.d_from,     level.d_weight, level.d_x[0],    level.d_x[1],
-                          level.d_step,       level.d_residual, level.d_right};
-        for (void *block : blocks) pliant_cuda_release(block);
+        pliant_cuda_release(level.d_row_start, level.d_column, level.d_blocks, level.d_inverse, level.d_to,
+                            level.d_from_start, level.d_from, level.d_weight, level.d_x[0], level.d_x[1], level.d_step,
+                            level.d_residual, level.d_right);
     }
     pliant_cuda_release(multigrid->wide.d_buffer);
     pliant_cuda_inverse_free(&multigrid->inverse);

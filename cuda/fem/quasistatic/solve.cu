@@ -61,22 +61,13 @@ extern "C" void pliant_cuda_solver_free(pliant_cuda_solver *gpu)
     if (gpu->contact_graph) cudaGraphExecDestroy(gpu->contact_graph);
     pliant_cuda_contacts_free(&gpu->contacts);
     gpu_iteration *it = &gpu->iteration;
-    void *blocks[] = {it->d_state,           it->d_history,       it->d_x[0],          it->d_x[1],
-                      it->d_step[0],         it->d_step[1],       it->d_residual[0],   it->d_residual[1],
-                      it->d_free_residual,   it->d_past_step,     it->d_past_residual, it->d_load,
-                      it->d_extra,           it->d_contact_force,         it->d_secant_x,      it->d_secant_step,
-                      it->d_secant_residual, it->d_element_force, it->d_rotations,     it->d_axes,
-                      it->d_right,           it->d_left,          it->d_sums,          gpu->d_fine,
-                      gpu->d_solved,         gpu->d_between};
-    for (void *block : blocks) pliant_cuda_release(block);
-    for (gpu_tool_arrays &tool : gpu->tools) {
-        pliant_cuda_release(tool.d_unknown);
-        pliant_cuda_release(tool.d_block);
-        pliant_cuda_release(tool.d_response);
-    }
-    pliant_cuda_release_host(gpu->h_state);
-    pliant_cuda_release_host(gpu->h_solved);
-    pliant_cuda_release_host(gpu->h_newton);
+    pliant_cuda_release(it->d_state, it->d_history, it->d_x[0], it->d_x[1], it->d_step[0], it->d_step[1],
+                        it->d_residual[0], it->d_residual[1], it->d_free_residual, it->d_past_step, it->d_past_residual,
+                        it->d_load, it->d_extra, it->d_contact_force, it->d_secant_x, it->d_secant_step,
+                        it->d_secant_residual, it->d_element_force, it->d_rotations, it->d_axes, it->d_right,
+                        it->d_left, it->d_sums, gpu->d_fine, gpu->d_solved, gpu->d_between);
+    for (gpu_tool_arrays &tool : gpu->tools) pliant_cuda_release(tool.d_unknown, tool.d_block, tool.d_response);
+    pliant_cuda_release_host(gpu->h_state, gpu->h_solved, gpu->h_newton);
     pliant_cuda_preconditioner_free(&gpu->preconditioner);
     pliant_cuda_system_free(&gpu->system, &gpu->system_capacity);
     pliant_free(gpu);
