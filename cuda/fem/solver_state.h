@@ -46,6 +46,7 @@ typedef struct gpu_state {
     /* Read by the host. */
     int32_t now; /* buffer of the present iterate; after a blind step the other buffer holds the state before it */
     int32_t done, iterations;
+    int32_t needs_host;        /* done until the host has computed the contact forces: too many points press */
     int32_t evaluates_end;     /* after a blind step: its end is being evaluated */
     int32_t evaluated;         /* d_element_force and d_left belong to the final state of the step */
     int32_t restored_previous; /* the state from before the previous blind step was restored */

@@ -46,8 +46,10 @@ static pliant_status set_size(gpu_contacts *contacts, int32_t num_free)
     contacts->moved_unknowns =
         static_cast<int32_t *>(pliant_calloc((size_t)num_free, sizeof *contacts->moved_unknowns));
     contacts->num_free = num_free;
-    if (contacts->place && contacts->moved_unknowns) std::fill(contacts->place, contacts->place + num_free, -1);
-    else contacts->num_free = 0;
+    if (contacts->place && contacts->moved_unknowns)
+        std::fill(contacts->place, contacts->place + num_free, -1);
+    else
+        contacts->num_free = 0;
     return contacts->num_free == num_free ? PLIANT_OK : pliant_fail_memory("contact");
 }
 
@@ -64,7 +66,9 @@ static int32_t find_moved_unknowns(const pliant_contact_problem *from, gpu_conta
 }
 
 /* A block that is filled on the host and read on the device: arrays one after the other. */
-struct packing { char *h, *d; };
+struct packing {
+    char *h, *d;
+};
 
 template <class T> static T *pack(packing *at, size_t count, T **d_out)
 {
@@ -316,6 +320,20 @@ static pliant_status download(pliant_cuda_solver *gpu)
     return download_state(gpu);
 }
 
+/* Let the host continue from the last accepted state, with the evaluation that the GPU could not end. */
+static pliant_status hand_over(pliant_cuda_solver *gpu, pliant_solver *solver, int32_t left)
+{
+    pliant_contact_forces *taken = &solver->contacts->taken, *found = &solver->contacts->found;
+    const size_t bytes = 3 * (size_t)gpu->contacts.view.count * sizeof(double);
+    gpu_state *d_state = gpu->iteration.d_state;
+    memcpy(found->force, taken->force, bytes); /* if the state was accepted, they change places */
+    memcpy(found->motion, taken->motion, bytes);
+    memcpy(found->compliance, taken->compliance, sizeof found->compliance);
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(&d_state->done, 0, sizeof d_state->done, gpu->stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(&d_state->needs_host, 0, sizeof d_state->needs_host, gpu->stream)));
+    return run_with_host(gpu, solver, left);
+}
+
 /* Run evaluations on the GPU alone. A step needs about as many as the last one; superfluous launches do nothing. */
 static pliant_status run_on_gpu(pliant_cuda_solver *gpu, pliant_solver *solver, int32_t maximum)
 {
@@ -329,9 +347,22 @@ static pliant_status run_on_gpu(pliant_cuda_solver *gpu, pliant_solver *solver, 
         const double *h_taken = static_cast<const double *>(gpu->contacts.h_block[CONTACT_EVALUATION_RESULTS]);
         memcpy(solver->contacts->taken.force, h_taken, numbers * sizeof *h_taken);
         memcpy(solver->contacts->taken.motion, h_taken + numbers, numbers * sizeof *h_taken);
-        return PLIANT_OK;
+        return gpu->h_state->needs_host ? hand_over(gpu, solver, maximum) : PLIANT_OK;
     }
     return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "the GPU failed: the solver did not finish");
+}
+
+/* Return whether one block can probably compute the forces: as many points press as at the start of the step. */
+static bool fits_one_block(const gpu_contacts *contacts, const pliant_contact_problem *from)
+{
+    const gpu_contact_view *view = &contacts->view;
+    int32_t pressing = view->num_springs;
+    for (int32_t c = 0; c < view->count; c++) {
+        const double *force = from->taken.force + 3 * (size_t)c;
+        pressing += force[0] != 0 || force[1] != 0 || force[2] != 0;
+    }
+    return 3 * pressing <= PLIANT_CONE_MAX_ROWS &&
+           pliant_cuda_contact_cones_bytes(view->count + view->num_springs) <= contacts->shared_capacity;
 }
 
 extern "C" pliant_status pliant_cuda_contacts_run(pliant_cuda_solver *gpu, pliant_solver *solver, const gpu_step *step)
@@ -341,8 +372,8 @@ extern "C" pliant_status pliant_cuda_contacts_run(pliant_cuda_solver *gpu, plian
     CUDA_TRY(prepare(gpu, solver));
     CUDA_TRY(pliant_cuda_begin(&gpu->iteration, step, gpu->stream));
     CUDA_TRY(pliant_cuda_contact_begin(view, &gpu->iteration, gpu->stream));
-    const bool on_gpu = 3 * (view->count + view->num_springs) <= PLIANT_CONE_MAX_ROWS &&
-                        !pliant_contact_problem_is_near_limit(solver->contacts);
+    const bool on_gpu =
+        fits_one_block(&gpu->contacts, solver->contacts) && !pliant_contact_problem_is_near_limit(solver->contacts);
     return on_gpu ? run_on_gpu(gpu, solver, maximum) : run_with_host(gpu, solver, maximum);
 }
 

@@ -43,7 +43,7 @@ static __device__ void answer_pieces(const gpu_contact_view &view, int a, int b,
 }
 
 /* Compute A, one thread per pair of points: their block and its transpose. */
-static __global__ void __launch_bounds__(PAIRS * PAIRS) matrix_kernel(gpu_contact_view view)
+static __global__ void __launch_bounds__(PAIRS *PAIRS) matrix_kernel(gpu_contact_view view)
 {
     const int a = (int)(blockIdx.y * PAIRS + threadIdx.y), b = (int)(blockIdx.x * PAIRS + threadIdx.x);
     const size_t row = 3 * (size_t)(view.count + view.num_springs);
@@ -219,7 +219,8 @@ static __global__ void __launch_bounds__(THREADS) measure_kernel(gpu_contact_vie
 {
     const gpu_state &state = *iteration.d_state;
     const int at = (int)(blockIdx.x * THREADS + threadIdx.x) / 32;
-    if (at < view.count) measure_point(view, iteration, state, at, view.d_motion);
+    if (at < view.count)
+        measure_point(view, iteration, state, at, view.d_motion);
     else if (at < view.count + view.num_springs && !state.done)
         measure_spring(view, iteration, state, at - view.count, view.d_motion);
 }
@@ -246,13 +247,18 @@ static __global__ void __launch_bounds__(ONE_BLOCK) pull_kernel(gpu_contact_view
     if (!iteration.d_state->done) pull(view, iteration, *iteration.d_state);
 }
 
-/* Place the cone problem in shared memory, up to its size. The rest stays in global memory. */
+/* Doubles of the cones of one point, without equations and A. */
+enum { CONE_DOUBLES = 3 * 4 + (sizeof(pliant_cone_point) + sizeof(double)) / sizeof(double) };
+
+/* Place the cone problem in shared memory, up to its size. The rest stays in global memory: A, and the equations of many
+ * pressing points. */
 static __device__ pliant_cones place_cones(const gpu_contact_view &view, double *shared, size_t capacity)
 {
     pliant_cones on;
     const size_t count = (size_t)(view.count + view.num_springs), row = 3 * count,
-                 points = (sizeof(pliant_cone_point) + sizeof(double)) / sizeof(double) * count;
-    double *next = shared + 4 * row + points, *const end = shared + capacity;
+                 most = row < PLIANT_CONE_MAX_ROWS ? row : PLIANT_CONE_MAX_ROWS;
+    double *next = shared + CONE_DOUBLES * count, *const end = shared + capacity;
+    size_t rows = most;
     on.count = (int32_t)count;
     on.friction = view.d_friction;
     on.motion = shared;
@@ -261,9 +267,12 @@ static __device__ pliant_cones place_cones(const gpu_contact_view &view, double 
     on.moved = shared + 3 * row;
     on.point = reinterpret_cast<pliant_cone_point *>(shared + 4 * row);
     on.list = reinterpret_cast<int32_t *>(on.point + count);
-    on.equations = next + row * (row + 1) <= end ? next : view.d_equations;
-    next += on.equations == next ? row * (row + 1) : 0;
-    on.matrix = next + row * row <= end ? next : view.d_matrix;
+    while (rows > 0 && next + rows * (rows + 1) > end) rows -= 3;
+    on.equations = next;
+    on.fast_rows = (int32_t)rows;
+    on.large_equations = view.d_equations;
+    next += rows * (rows + 1);
+    on.matrix = rows == most && next + row * row <= end ? next : view.d_matrix;
     if (on.matrix != next) return on;
     for (size_t i = threadIdx.x; i < row * row; i += COPIES * CONE_THREADS) { /* several loads in flight at once */
         double some[COPIES];
@@ -276,28 +285,34 @@ static __device__ pliant_cones place_cones(const gpu_contact_view &view, double 
 }
 
 /* Compute the contact forces of an evaluation from the free step, and their pull, with one block. If the measured
- * motions are not finite, the old forces stay. */
+ * motions are not finite, the old forces stay. If too many points press, the evaluation ends, and the host repeats
+ * it. */
 static __global__ void __launch_bounds__(CONE_THREADS)
     cones_kernel(const gpu_contact_view *d_view, gpu_iteration iteration, int capacity)
 {
     extern __shared__ double shared[];
     __shared__ double sums[CONE_THREADS / 32];
-    const gpu_state &state = *iteration.d_state;
+    gpu_state &state = *iteration.d_state;
     const gpu_contact_view &view = *d_view;
     if (state.done) return;
     const pliant_team team = {(int)threadIdx.x, CONE_THREADS, sums};
     const pliant_cones on = place_cones(view, shared, (size_t)capacity / sizeof(double));
     const int points = 3 * view.count;
     for (int at = (int)threadIdx.x / 32; at < on.count; at += CONE_THREADS / 32) {
-        if (at < view.count) measure_point(view, iteration, state, at, on.motion);
-        else measure_spring(view, iteration, state, at - view.count, on.motion);
+        if (at < view.count)
+            measure_point(view, iteration, state, at, on.motion);
+        else
+            measure_spring(view, iteration, state, at - view.count, on.motion);
     }
     for (int i = (int)threadIdx.x; i < 3 * on.count; i += CONE_THREADS) on.force[i] = i < points ? view.d_force[i] : 0;
     __syncthreads();
     double wrong = 0;
     for (int i = (int)threadIdx.x; i < 3 * on.count; i += CONE_THREADS) wrong += !isfinite(on.motion[i]);
     const bool sensible = pliant_team_sum(&team, wrong) == 0;
-    if (sensible) pliant_cones_run(&team, &on);
+    if (sensible && pliant_cones_run(&team, &on) < 0) {
+        if (threadIdx.x == 0) state.done = state.needs_host = 1;
+        return;
+    }
     for (int i = (int)threadIdx.x; i < points; i += CONE_THREADS) {
         view.d_found[i] = on.force[i];
         view.d_found_motion[i] = sensible ? on.motion[i] : view.d_taken_motion[i];
@@ -376,6 +391,11 @@ extern "C" pliant_status pliant_cuda_contact_push(const gpu_contact_view *d_view
     push_kernel<<<blocks_for(3 * iteration->num_free, LANES_OF_STEP), dim3(LANES_OF_STEP, GROUPS), 0, stream>>>(
         d_view, *iteration);
     return CUDA_LAUNCHED("push_kernel");
+}
+
+extern "C" int32_t pliant_cuda_contact_cones_bytes(int32_t count)
+{
+    return CONE_DOUBLES * (int32_t)sizeof(double) * count;
 }
 
 extern "C" pliant_status pliant_cuda_contact_cones_memory(int32_t *bytes)

@@ -8,6 +8,9 @@
 extern "C" {
 #endif
 
+/* Return the shared memory that the cones of so many points and springs need [bytes]. */
+int32_t pliant_cuda_contact_cones_bytes(int32_t count);
+
 /* At the start of a step, compute the weights in the nodes' axes, and A. */
 pliant_status pliant_cuda_contact_begin(const gpu_contact_view *view, const gpu_iteration *iteration,
                                         cudaStream_t stream);

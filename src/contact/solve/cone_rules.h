@@ -77,7 +77,9 @@ typedef struct pliant_cones {
     pliant_cone_point *point;  /* (count) */
     int32_t *list;             /* (count) points that are not open */
     double *change, *moved;    /* (3 count) changes of the forces in a step, and the motions that they cause */
-    double *equations;         /* PLIANT_CONE_EQUATIONS */
+    double *equations;         /* up to fast_rows: (fast_rows x (fast_rows + 1)) */
+    double *large_equations;   /* more: PLIANT_CONE_EQUATIONS; not read if fast_rows is PLIANT_CONE_MAX_ROWS */
+    int32_t fast_rows;
 } pliant_cones;
 
 /* s divided by the point's stiffness. A value of 10 finds a reducing step far more often than 1, which sweeps use
@@ -338,9 +340,11 @@ PLIANT_INLINE bool pliant_cones_newton(const pliant_team *team, const pliant_con
     bool opens;
     const int32_t points = pliant_cones_classify(team, on, &opens);
     if (3 * points > PLIANT_CONE_MAX_ROWS) return false;
+    pliant_cones with = *on;
+    if (3 * points > on->fast_rows) with.equations = on->large_equations;
     if (opens) pliant_cones_find_motion(team, on);
-    pliant_cones_set_equations(team, on, points, damping);
-    pliant_cones_eliminate(team, on, points);
+    pliant_cones_set_equations(team, &with, points, damping);
+    pliant_cones_eliminate(team, &with, points);
     pliant_cones_find_motion(team, on);
     return true;
 }

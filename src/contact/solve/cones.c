@@ -91,7 +91,8 @@ PLIANT_VECTORIZED static int32_t solve(int32_t count, const double *matrix, cons
                        .force = force,
                        .change = buffer,
                        .moved = buffer + row,
-                       .equations = rest + (PLIANT_CONE_BUFFER - 6) * row};
+                       .equations = rest + (PLIANT_CONE_BUFFER - 6) * row,
+                       .fast_rows = PLIANT_CONE_MAX_ROWS};
     void *points = buffer + 2 * row, *list = buffer + 5 * row;
     on.point = points;
     on.list = list;
