@@ -146,17 +146,20 @@ PLIANT_INLINE double pliant_cones_residual(const pliant_team *team, const pliant
     return pliant_team_sum(team, sum);
 }
 
-/* Compute moved = A change. */
-PLIANT_INLINE void pliant_cones_find_motion(const pliant_team *team, const pliant_cones *on)
+/* Compute moved = A change. list: (count) points that have a change; NULL: all */
+PLIANT_INLINE void pliant_cones_find_motion(const pliant_team *team, const pliant_cones *on, int32_t count,
+                                            const int32_t *list)
 {
     const size_t row = 3 * (size_t)on->count;
 #ifdef __CUDACC__
     for (size_t i = (size_t)team->rank; i < row; i += (size_t)team->size) {
         double sum = 0;
-        for (int32_t p = 0; p < on->count; p++) {
+#pragma unroll 4
+        for (int32_t n = 0; n < count; n++) {
             /* A is symmetric */
-            const double *by = on->change + 3 * (size_t)p, *a = on->matrix + 3 * (size_t)p * row + i;
-            if (by[0] == 0 && by[1] == 0 && by[2] == 0) continue;
+            const size_t p = 3 * (size_t)(list ? list[n] : n);
+            const double *by = on->change + p, *a = on->matrix + p * row + i;
+            if (!list && by[0] == 0 && by[1] == 0 && by[2] == 0) continue;
             sum += a[0] * by[0] + a[row] * by[1] + a[2 * row] * by[2];
         }
         on->moved[i] = sum;
@@ -164,9 +167,9 @@ PLIANT_INLINE void pliant_cones_find_motion(const pliant_team *team, const plian
 #else
     (void)team;
     for (size_t i = 0; i < row; i++) on->moved[i] = 0;
-    for (int32_t p = 0; p < on->count; p++) {
-        const double *by = on->change + 3 * (size_t)p, *a = on->matrix + 3 * (size_t)p * row, *b = a + row,
-                     *c = b + row;
+    for (int32_t n = 0; n < count; n++) {
+        const size_t p = 3 * (size_t)(list ? list[n] : n);
+        const double *by = on->change + p, *a = on->matrix + p * row, *b = a + row, *c = b + row;
         if (by[0] == 0 && by[1] == 0 && by[2] == 0) continue;
         /* loops over rows vectorize */
         for (size_t i = 0; i < row; i++) on->moved[i] += a[i] * by[0] + b[i] * by[1] + c[i] * by[2];
@@ -342,10 +345,11 @@ PLIANT_INLINE bool pliant_cones_newton(const pliant_team *team, const pliant_con
     if (3 * points > PLIANT_CONE_MAX_ROWS) return false;
     pliant_cones with = *on;
     if (3 * points > on->fast_rows) with.equations = on->large_equations;
-    if (opens) pliant_cones_find_motion(team, on);
+    if (opens) pliant_cones_find_motion(team, on, on->count, NULL);
     pliant_cones_set_equations(team, &with, points, damping);
     pliant_cones_eliminate(team, &with, points);
-    pliant_cones_find_motion(team, on);
+    if (opens) pliant_cones_find_motion(team, on, on->count, NULL);
+    else pliant_cones_find_motion(team, on, points, on->list);
     return true;
 }
 
@@ -442,7 +446,7 @@ PLIANT_INLINE void pliant_cones_project(const pliant_team *team, const pliant_co
                                           on->change + i);
     }
     pliant_team_wait();
-    pliant_cones_find_motion(team, on);
+    pliant_cones_find_motion(team, on, on->count, NULL);
     pliant_cones_apply_step(team, on, 1.0);
 }
 
