@@ -361,8 +361,7 @@ static bool fits_one_block(const gpu_contacts *contacts, const pliant_contact_pr
         const double *force = from->taken.force + 3 * (size_t)c;
         pressing += force[0] != 0 || force[1] != 0 || force[2] != 0;
     }
-    return 3 * pressing <= PLIANT_CONE_MAX_ROWS &&
-           pliant_cuda_contact_cones_bytes(view->count + view->num_springs) <= contacts->shared_capacity;
+    return 3 * pressing <= PLIANT_CONE_MAX_ROWS && view->count + view->num_springs <= CONTACT_MAX_POINTS;
 }
 
 extern "C" pliant_status pliant_cuda_contacts_run(pliant_cuda_solver *gpu, pliant_solver *solver, const gpu_step *step)

@@ -393,10 +393,7 @@ extern "C" pliant_status pliant_cuda_contact_push(const gpu_contact_view *d_view
     return CUDA_LAUNCHED("push_kernel");
 }
 
-extern "C" int32_t pliant_cuda_contact_cones_bytes(int32_t count)
-{
-    return CONE_DOUBLES * (int32_t)sizeof(double) * count;
-}
+static_assert(CONE_DOUBLES * CONTACT_MAX_POINTS * sizeof(double) < 48 << 10, "every GPU has this shared memory");
 
 extern "C" pliant_status pliant_cuda_contact_cones_memory(int32_t *bytes)
 {

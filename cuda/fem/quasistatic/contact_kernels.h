@@ -8,8 +8,9 @@
 extern "C" {
 #endif
 
-/* Return the shared memory that the cones of so many points and springs need [bytes]. */
-int32_t pliant_cuda_contact_cones_bytes(int32_t count);
+/* Maximum number of points and springs for which one block computes the forces. It has the shared memory for them; for
+ * more points the host is faster (src/contact/NUMERICS.md). */
+enum { CONTACT_MAX_POINTS = 128 };
 
 /* At the start of a step, compute the weights in the nodes' axes, and A. */
 pliant_status pliant_cuda_contact_begin(const gpu_contact_view *view, const gpu_iteration *iteration,
