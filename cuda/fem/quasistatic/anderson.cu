@@ -57,7 +57,8 @@ static __global__ void __launch_bounds__(THREADS) begin_kernel(gpu_iteration ite
                 if (step.tools[t].spring) row_of[rows++] = 3 * t + d;
             }
         state.step = step;
-        state.done = state.needs_host = state.iterations = state.evaluates_end = state.was_accepted = state.restored_previous = 0;
+        state.done = state.needs_host = state.iterations = state.evaluates_end = 0;
+        state.was_accepted = state.restored_previous = 0;
         state.start_is_evaluated = step.start_is_evaluated;
         state.skips = step.known == PLIANT_KNOWN_STEP;
         pliant_anderson &rules = state.rules;

@@ -1,6 +1,6 @@
 /* Contact in the quasi-static solve on the GPU, with the rules of src/fem/quasistatic/contact.h. The host detects the
- * contact points. One block computes their forces (cone_rules.h), so evaluations run without the host. If too many points
- * press for one block, or if a tool is near its force limit, the host computes the forces while the GPU waits. */
+ * contact points. One block computes their forces (cone_rules.h), so evaluations run without the host. If there are too
+ * many points for one block, or if a tool is near its force limit, the host computes the forces while the GPU waits. */
 #ifndef PLIANT_CUDA_CONTACT_H
 #define PLIANT_CUDA_CONTACT_H
 
