@@ -131,6 +131,35 @@ TEST(ContactTled, ThrownCubesGainNoEnergy)
         EXPECT_LT(energy_ratio(with), 1.001) << name_of(with) << ", throw " << with.seed;
 }
 
+// A ball presses tissue and stands still. The tissue comes to rest at the default damping.
+TEST(ContactTled, TissueUnderAHeldToolComesToRest)
+{
+    const double h = 0.01, radius = 0.015, depth = 0.006;
+    Body body(std::vector<int>{6, 6, 4}.data(), std::vector<double>{6 * h, 6 * h, 4 * h}.data(),
+              {{10e3, 0.3, 1000, false}});
+    body.fix_plane(0, 0, 1e-6, 0, 0, 1);
+    body.cells(6, 6, 4, 1);
+    body.scene.solver.kind = PLIANT_TLED;
+    body.scene.solver.step = 0.01;
+    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    const int tool = body.add_ball(radius);
+    double sum = 0, squares = 0;
+    const int first = 100, last = 400;
+    for (int s = 0; s < last; s++) {
+        const double tip[3] = {0.033, 0.031, 4 * h + radius - std::fmin(5e-4 * s - 1e-3, depth)};
+        ASSERT_EQ(pliant_tool_set_pose(body.data, tool, tip, nullptr), PLIANT_OK);
+        ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
+        double force[3];
+        NodeContacts::force(body.data, force);
+        sum += s < first ? 0 : force[2];
+        squares += s < first ? 0 : force[2] * force[2];
+    }
+    const double mean = sum / (last - first), deviation = std::sqrt(squares / (last - first) - mean * mean);
+    std::printf("force %.3f N, standard deviation %.3f N\n", -mean, deviation);
+    EXPECT_LT(mean, -0.5);
+    EXPECT_LT(deviation, -0.2 * mean);
+}
+
 // Dynamic relaxation under a plate converges to the analytic force of a bar. Without the plate the cube returns to
 // rest.
 TEST(ContactTled, RelaxesUnderAPlate)

@@ -20,6 +20,9 @@ typedef struct pliant_dynamics {
     /* Sum of both energies at the same time [J]; the strain energy for dynamic relaxation. Without loads and damping it
      * is constant, except for rounding and a term in the square of the time step. */
     double kept_energy;
+    /* Work of the tools' contact forces on the tissue in the last step [J]: sum over the sub-steps of the forces times
+     * the motion of the tools. */
+    double tool_work;
 } pliant_dynamics;
 /* Errors: ARGUMENT (another solver/kind). */
 PLIANT_INTERNAL pliant_status pliant_data_get_dynamics(const pliant_model *model, const pliant_data *data,

@@ -92,7 +92,8 @@ pliant_status pliant_data_get_dynamics(const pliant_model *model, const pliant_d
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "there is no explicit dynamics: solver/kind is not tled");
     const pliant_tled_system *system = data->tled->system;
     pliant_dynamics dynamics = {.edge_bound = system->edge_bound, .eigenvalue_bound = system->eigenvalue_bound,
-                            .time_step = data->tled->time_step, .substeps = data->tled->substeps};
+                            .time_step = data->tled->time_step, .substeps = data->tled->substeps,
+                            .tool_work = data->tled->tool_work};
     pliant_tled_energies(data->tled, data->body->fine_material, &dynamics.kinetic_energy, &dynamics.strain_energy,
                          &dynamics.kept_energy);
     if (system->quasi_static) {

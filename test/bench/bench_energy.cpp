@@ -1,8 +1,8 @@
-// Energy of thrown cubes of tissue in explicit dynamics without damping, at the default size of sub-steps. Friction and
-// collisions reduce the sum of kinetic, elastic and gravity energy.
+// Energy of thrown cubes of tissue in explicit dynamics without damping. Friction and collisions reduce the sum of
+// kinetic, elastic and gravity energy, minus the work of a tool.
 //
 // Usage:
-//   bench_energy [seeds]     default: 200 for each kind of throw
+//   bench_energy [seeds [safety]]     seeds: for each kind of throw, default 200. safety: tled/safety, default 0.9
 #include "../thrown.h"
 #include "figure.h"
 
@@ -14,7 +14,8 @@ int main(int argc, char **argv)
     double maximum = 1;
     int count = 0, above = 0, all = 0, gain = 0;
     unsigned worst = 0;
-    for (const Throw &with : all_throws(seeds, {3e3, 10e3})) {
+    for (Throw with : all_throws(seeds, {3e3, 10e3})) {
+        if (argc > 2) with.safety = std::atof(argv[2]);
         const double ratio = energy_ratio(with);
         if (ratio > maximum) worst = with.seed;
         maximum = std::fmax(maximum, ratio);

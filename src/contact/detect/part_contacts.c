@@ -199,7 +199,7 @@ static void advance_to_end(const search *on, pliant_feature *of, pliant_pose *po
 }
 
 /* Move the part's nearest point and normal with the part to the end of the leg. A penetration depth at the start of
- * the leg is reduced gradually. */
+ * the leg is reduced gradually, in part by a motion of the part's surface. */
 static void carry_to_end(const search *on, pliant_feature *of, const double point[3], const double normal[3],
                          const double place[3])
 {
@@ -214,6 +214,7 @@ static void carry_to_end(const search *on, pliant_feature *of, const double poin
     of->gap = 0;
     for (int d = 0; d < 3; d++) {
         of->drift[d] = of->place[d] - before[d];
+        of->drift[d] += part->pushed_depth_fraction * (waits - fmin(gap, 0)) * of->normal[d];
         of->place[d] += waits * of->normal[d];
         of->gap += of->normal[d] * (point[d] - of->place[d]);
     }

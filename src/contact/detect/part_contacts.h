@@ -26,6 +26,7 @@ typedef struct pliant_moving_part {
     double margin;           /* maximum distance from the surface for contact points [m] */
     double recovery;         /* maximum reduction of the penetration depth in the leg [m] */
     double remaining_depth_fraction; /* fraction of the penetration depth that remains (pliant_contact_permitted_gap) */
+    double pushed_depth_fraction; /* fraction of the removed depth that counts as motion of the part */
     int32_t num_held;
     const int32_t *held;     /* (num_held) nodes that the tool holds, ascending; they have no contact with it */
 } pliant_moving_part;

@@ -178,17 +178,15 @@ PLIANT_INLINE void pliant_substep_forces(int count, double (*matrix)[PLIANT_MAX_
 
 /* ---- Contact. */
 
-/* Move a penetrating point back to the surface, and reduce its tangential motion by Coulomb friction with the present
- * pressure. The velocity loses at most its inward part and its tangential part. The remaining correction moves the
- * point without changing its velocity, so that contact never adds kinetic energy.
+/* Dynamic relaxation: move a penetrating point back to the surface, and reduce its tangential motion by Coulomb
+ * friction with the present pressure.
  * @param gap    Distance along the normal from the allowed position [m].
  * @param moved  Increment relative to the obstacle [m].
  * @param slip   In: tangential distance from the sticking position; out: the remaining distance after sliding [m].
  * @param push   Out: correction of position and increment [m].
- * @param shift  Out: correction of the position alone [m].
  * @return False if the point does not touch. */
 PLIANT_INLINE bool pliant_substep_press(const double normal[3], double friction, double gap, const double moved[3],
-                                        double slip[3], double push[3], double shift[3])
+                                        double slip[3], double push[3])
 {
     double into = 0, speed = 0, left = 0, along[3];
     if (gap >= 0) return false;
@@ -201,14 +199,14 @@ PLIANT_INLINE bool pliant_substep_press(const double normal[3], double friction,
     speed = sqrt(speed);
     const double kept = speed > maximum ? maximum / speed : 1;
     for (int k = 0; k < 3; k++) {
-        push[k] = stop * normal[k] - kept * along[k];
+        push[k] = -gap * normal[k] - kept * along[k];
         slip[k] -= kept * along[k];
         left += slip[k] * slip[k];
     }
     left = sqrt(left);
     const double allowed = fmax(maximum - kept * speed, 0.0), back = left > allowed ? allowed / left : 1;
     for (int k = 0; k < 3; k++) {
-        shift[k] = (-gap - stop) * normal[k] - back * slip[k];
+        push[k] -= back * slip[k];
         slip[k] -= back * slip[k];
     }
     return true;

@@ -1,12 +1,13 @@
 /* A contact point (contact/contact.h) in a sub-step, shared by CPU and kernels. Points are corrected after a sub-step
  * without contact. Points without common nodes can be processed in any order.
  *
- * Points of tools are corrected one after the other. Then projected Gauss-Seidel solves for the impulses p of all other
- * points together (Moreau, Comput. Methods Appl. Mech. Eng. 177:329, 1999). Central differences change their conserved
- * energy by the sum of p (d + d-) / 2 h^2, with the increments d- and d before and after the impulses. An impulse stops
- * a point at its gap, or returns it to the depth of the sub-step before, so that no term is positive. A penetration is
- * then removed by a shift of positions. It costs the energy shift times resistance, which contacts must have dissipated
- * before. Contact without tools therefore adds no energy. */
+ * Projected Gauss-Seidel solves for the impulses p of all points together (Moreau, Comput. Methods Appl. Mech. Eng.
+ * 177:329, 1999). Central differences change their conserved energy by the sum of p (d + d-) / 2 h^2, with the
+ * increments d- and d before and after the impulses. An obstacle that moves by v in the sub-step does the work
+ * p v / h^2. The remaining terms are p (d + d- - 2 v) / 2 h^2. An impulse stops a point at its gap, or returns it to
+ * the depth of the sub-step before, so at convergence no term is positive. A penetration is then removed by a shift of
+ * positions. It costs the energy shift times resistance, which contacts must have dissipated before. Contact therefore
+ * adds no energy except the work of tools. In dynamic relaxation, points are corrected one after the other. */
 #ifndef PLIANT_FEM_DYNAMICS_SUBSTEP_CONTACT_H
 #define PLIANT_FEM_DYNAMICS_SUBSTEP_CONTACT_H
 
@@ -39,8 +40,8 @@ typedef struct pliant_tled_contact {
     bool is_pressed; /* there was contact in the last sub-step */
 } pliant_tled_contact;
 
-/* Maximum number of passes over all points. Impulses of the last sub-step are the start of the next one, so the error
- * at rest vanishes. */
+/* Maximum number of passes over all points. Without tools, impulses of the last sub-step are the start of the next one,
+ * so the error at rest vanishes. */
 enum { PLIANT_TLED_CONTACT_PASSES = 32 };
 
 /* Arrays indexed by the points' node numbers. Each has three numbers per node, except the masses. */
@@ -200,20 +201,20 @@ PLIANT_INLINE void pliant_tled_contact_move_anchor(const pliant_tled_contact_tim
         contact->anchor[d] += time->still && !time->first ? 0 : time->part * point->drift[d];
 }
 
-/* Return whether a point is solved together with others: explicit dynamics without a tool. */
+/* Return whether a point is solved together with others. */
 PLIANT_INLINE bool pliant_tled_contact_is_coupled(bool still, const pliant_contact_point *point)
 {
-    return !still && point->kind != PLIANT_OBSTACLE_TOOL && !pliant_contact_slows(point);
+    return !still && !pliant_contact_slows(point);
 }
 
-/* ---- Points that are corrected one after the other. */
+/* ---- Points that are corrected one after the other: dynamic relaxation, and contact/response paper. */
 
 /* Correct one point after a sub-step. Return its load, as PLIANT_SUM_LOAD. */
 PLIANT_INLINE double pliant_tled_contact_correct(const pliant_tled_contact_nodes *nodes,
                                                  const pliant_tled_contact_timing *time, pliant_contact_point *point,
                                                  pliant_tled_contact *contact)
 {
-    double y[3], moved[3], slip[3], push[3], shift[3], load = 0;
+    double y[3], moved[3], slip[3], push[3], load = 0;
     pliant_facing facing;
     pliant_tled_contact_update_sides(nodes, point, contact, &facing);
     if (!(contact->weighted_inverse_mass > 0)) return 0;
@@ -221,26 +222,20 @@ PLIANT_INLINE double pliant_tled_contact_correct(const pliant_tled_contact_nodes
     const double gap = pliant_tled_contact_gap(nodes, time, point, contact, y, moved);
     pliant_tled_contact_move_anchor(time, point, contact);
     pliant_tled_contact_slip(point, contact, y, slip);
-    contact->is_pressed = pliant_substep_press(point->normal, point->friction, gap, moved, slip, push, shift);
+    contact->is_pressed = pliant_substep_press(point->normal, point->friction, gap, moved, slip, push);
     for (int d = 0; d < 3; d++) {
-        if (time->still) contact->force[d] = 0;
+        contact->force[d] = 0;
         if (!contact->is_pressed) contact->anchor[d] = y[d];
     }
     if (!contact->is_pressed) return 0;
     for (int d = 0; d < 3; d++) {
-        if (time->still) { /* in relaxation there is no physical velocity to preserve */
-            push[d] += shift[d];
-            shift[d] = 0;
-        }
-        const double force = push[d] / (time->factor * contact->weighted_inverse_mass);
-        contact->force[d] += force;
+        contact->force[d] = push[d] / (time->factor * contact->weighted_inverse_mass);
         contact->anchor[d] += slip[d]; /* the remaining slip */
-        load += contact->weighted_inverse_mass * force * force;
-        shift[d] = (push[d] + shift[d]) / contact->weighted_inverse_mass;
+        load += contact->weighted_inverse_mass * contact->force[d] * contact->force[d];
         push[d] /= contact->weighted_inverse_mass;
     }
     for (int k = 0; k < point->count; k++)
-        pliant_tled_contact_move_node(nodes, time->factor, point->node[k], point->weight[k], shift, push);
+        pliant_tled_contact_move_node(nodes, time->factor, point->node[k], point->weight[k], push, push);
     return load;
 }
 
@@ -267,12 +262,14 @@ PLIANT_INLINE void pliant_tled_contact_prepare(const pliant_tled_contact_nodes *
         pliant_tled_contact_apply(nodes, INFINITY, point, contact, back);
 }
 
-/* Find the allowed increment, and start with the impulse of the previous sub-step. */
+/* Find the allowed increment, and start with the impulse of the previous sub-step. Points of tools start without one:
+ * between two tools that press from opposite sides, impulses have no solution and would grow in each sub-step. */
 PLIANT_INLINE void pliant_tled_contact_start(const pliant_tled_contact_nodes *nodes,
                                              const pliant_tled_contact_timing *time, const pliant_contact_point *point,
                                              pliant_tled_contact *contact)
 {
-    const double exact = 1e-2, w = contact->weighted_inverse_mass, *impulse = contact->impulse;
+    const double exact = 1e-2, w = contact->weighted_inverse_mass;
+    double *impulse = contact->impulse;
     double y[3], moved[3], acceleration[3], outward = 0, before = 0;
     if (!(w > 0)) return;
     const double gap = pliant_tled_contact_gap(nodes, time, point, contact, y, moved);
@@ -284,6 +281,7 @@ PLIANT_INLINE void pliant_tled_contact_start(const pliant_tled_contact_nodes *no
     }
     contact->inward = fmax(fmax(gap - outward, before), 0.0);
     contact->tolerance = exact * (fabs(before) / w + time->factor * fabs(contact->resistance));
+    for (int d = 0; d < 3 && point->kind == PLIANT_OBSTACLE_TOOL; d++) impulse[d] = 0;
     if (impulse[0] != 0 || impulse[1] != 0 || impulse[2] != 0)
         pliant_tled_contact_apply(nodes, time->factor, point, contact, impulse);
 }

@@ -145,6 +145,7 @@ struct pliant_tled {
     pliant_tled_contact *contact; /* (contact_capacity) state of these contacts */
     int32_t contact_capacity;
     double contact_energy;        /* that contacts have dissipated and may use to remove penetrations [J] */
+    double tool_work;             /* of the tools' contact forces on the tissue, in the last frame [J] */
     uint8_t *in_contact;                         /* Nullable: (num_nodes) nonzero: node of a contact */
     pliant_tled_overlap_damping overlap_damping; /* borrowed, for a frame */
     pliant_impact_zones *zones;                  /* Nullable: borrowed, for a frame */

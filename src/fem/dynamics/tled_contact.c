@@ -144,6 +144,7 @@ void pliant_tled_contacts_end(pliant_tled *tled, int32_t steps, pliant_statistic
     double initial_depth = 0, energy = 0;
     statistics->contacts = 0;
     statistics->penetration = 0;
+    if (tled->substeps_done == 0) tled->tool_work = 0;
     for (int32_t p = 0; pliant_tled_touches(tled) && p < tled->contacts->count; p++) {
         pliant_contact_point *point = tled->contacts->point + p;
         const pliant_tled_contact *contact = tled->contact + p;
@@ -156,6 +157,7 @@ void pliant_tled_contacts_end(pliant_tled *tled, int32_t steps, pliant_statistic
             depth -= point->normal[d] * (y[d] - point->place[d]);
             point->force[d] = contact->force[d] / (tled->system->quasi_static ? 1 : steps);
             point->anchor[d] = contact->anchor[d] - point->place[d];
+            if (point->kind == PLIANT_OBSTACLE_TOOL) tled->tool_work += point->force[d] * point->drift[d];
         }
         statistics->contacts += point->force[0] != 0 || point->force[1] != 0 || point->force[2] != 0;
         if (contact->weighted_inverse_mass > 0) statistics->penetration = fmax(statistics->penetration, depth);

@@ -15,6 +15,16 @@
 
 /* ---- moving parts of this leg */
 
+/* Return the fraction of a penetration depth by which a tool's surface moves out in this leg. The work of this motion
+ * is the tool's. Without it, tissue under a resting tool would sink in slowly. A tool that is placed in tissue moves it
+ * out in one leg. */
+static double pushed_depth_fraction(const pliant_model *model, const pliant_data *data, int t)
+{
+    if (!data->body->has_inertia) return 0;
+    const bool is_placed = data->legs->first && data->legs->tool[t].is_placed;
+    return is_placed ? 1 : 1 - pliant_contact_remaining_depth_fraction(model, data);
+}
+
 static void add_part(const pliant_model *model, const pliant_data *data, int t, int32_t p)
 {
     pliant_contact_search *search = data->contact_search;
@@ -38,6 +48,7 @@ static void add_part(const pliant_model *model, const pliant_data *data, int t, 
         .to = *goal,
         .max_motion = max_motion,
         .recovery = pliant_contact_max_recovery(model, data),
+        .pushed_depth_fraction = pushed_depth_fraction(model, data, t),
         .num_held = num_held,
         .held = tool->held,
     };

@@ -42,6 +42,7 @@ static pliant_status place_proxy(const pliant_model *model, pliant_data *data, i
     const pliant_tool_pose measured = pliant_tool_measured(tool);
     const bool comes = !tool->present || !tool->proxy.known;
     bool is_free = true, is_inside = false;
+    data->legs->tool[t].is_placed = false;
     if (!comes && !tool->proxy.released && !has_jumped(model, tool)) return PLIANT_OK;
     if (tool->present && tool->shape.num_parts > 0) {
         pliant_status status = pliant_contact_is_free(model, data, t, &measured, &is_free, &is_inside);
@@ -51,6 +52,7 @@ static pliant_status place_proxy(const pliant_model *model, pliant_data *data, i
         tool->proxy.released = is_inside || (tool->proxy.released && !is_free);
     else if (!is_free || is_inside)
         return PLIANT_OK;
+    data->legs->tool[t].is_placed = true;
     pliant_tool_set_proxy(tool, &measured);
     memset(tool->proxy.coupling_load, 0, sizeof tool->proxy.coupling_load);
     for (int32_t p = 0; p < data->contacts.count; p++) { /* forces at the pose that the proxy has left */

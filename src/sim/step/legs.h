@@ -35,6 +35,7 @@ typedef struct pliant_leg_tool {
     pliant_tool_pose behind;       /* explicit dynamics: where the proxy goes in this leg; otherwise the target pose */
     /* proxy poses in this leg: at its start; predicted at its end; desired, and after the solve the solved one */
     pliant_tool_pose begin, ahead, goal;
+    bool is_placed;             /* the proxy has been set to its target at the start of this step */
     double free_fraction;       /* fraction of the leg that this tool's island can make; 1 in quasi-static steps */
     double piece_compliance[2]; /* pliant_proxy_compliance with the contact points of the previous leg */
     double missing_compliance[2]; /* pliant_missing_compliance, likewise */
