@@ -36,7 +36,7 @@ static int32_t join_triangle(const pliant_contact_surface *outside, const int32_
     return first;
 }
 
-/* Join the triangles of all pairs, and their tools. Set the fraction of each island's root.
+/* Join the triangles of all pairs, and their tools. Reduce the fraction of one node of each triangle.
  * Return the smallest fraction of pairs with obstacles. */
 static double join_pairs(const pliant_contact_search *search, const pliant_contact_surface *outside,
                          const pliant_body *surface, pliant_legs *legs)
@@ -47,14 +47,10 @@ static double join_pairs(const pliant_contact_search *search, const pliant_conta
     for (int32_t p = 0; p < num_pairs; p++) {
         const pliant_moving_part *part = search->part + pair[p].part;
         const int32_t first = join_triangle(outside, surface->triangles + 3 * (size_t)pair[p].triangle, legs->island);
+        legs->fraction[first] = fmin(legs->fraction[first], pair[p].t);
         if (part->kind == PLIANT_OBSTACLE_TOOL)
             pliant_set_join(legs->island, first, nodes + part->tool);
         else obstacles = fmin(obstacles, pair[p].t);
-    }
-    for (int32_t p = 0; p < num_pairs; p++) {
-        const int32_t *corner = surface->triangles + 3 * (size_t)pair[p].triangle;
-        double *fraction = legs->fraction + pliant_set_root(legs->island, join_triangle(outside, corner, legs->island));
-        *fraction = fmin(*fraction, pair[p].t);
     }
     return obstacles;
 }

@@ -126,9 +126,8 @@ static double max_distance_of(const pliant_data *data)
  * where the tissue is stiffer than the missing compliance. */
 static pliant_tool_pose pose_behind_target(const pliant_tool *tool, const pliant_leg_tool *leg)
 {
-    const double known = 4, /* pliant_proxy_estimate_tissue_compliance */
-        *missing = leg->missing_compliance, shift = leg->yields[0] > 0 ? missing[0] / (known * leg->yields[0]) : 0,
-                 turn = leg->yields[2] > 0 ? missing[1] / (known * leg->yields[2]) : 0;
+    const double *missing = leg->missing_compliance, shift = leg->yields[0] > 0 ? missing[0] / leg->yields[0] : 0,
+                 turn = leg->yields[2] > 0 ? missing[1] / leg->yields[2] : 0;
     pliant_tool_pose out = leg->measured;
     for (int d = 0; d < 3; d++) {
         out.tip[d] += missing[0] * leg->before.wrench[d];

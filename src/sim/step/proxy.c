@@ -93,8 +93,7 @@ void pliant_proxy_find_load(const pliant_data *data, int index, const pliant_too
 void pliant_proxy_estimate_tissue_compliance(const pliant_data *data, int index, const pliant_tool_pose *pose,
                                              const pliant_proxy_load *load, double farthest, double out[3])
 {
-    const double fraction = 0.25,
-                 loads[3] = {pliant_length3(load->wrench), pliant_length3(load->wrench + 3), fabs(load->jaw)};
+    const double loads[3] = {pliant_length3(load->wrench), pliant_length3(load->wrench + 3), fabs(load->jaw)};
     double moved = 0, force = 0, levers[2] = {0, 0}, joint[3], axis[3];
     pliant_tool_joint(data->tools + index, pose, joint, axis);
     for (int32_t p = 0; p < data->contacts.count; p++) {
@@ -112,7 +111,7 @@ void pliant_proxy_estimate_tissue_compliance(const pliant_data *data, int index,
             }
         moved += own * pliant_length3(u);
     }
-    const double distance = force > 0 ? fraction * fmin(moved / force, farthest) : 0;
+    const double distance = force > 0 ? fmin(moved / force, farthest) : 0;
     for (int k = 0; k < 3; k++) {
         const double lever = k == 0 ? 1 : levers[k - 1] / force;
         out[k] = distance > 0 && loads[k] > 0 && lever > 0 ? distance / lever / loads[k] : 0;
@@ -150,13 +149,14 @@ pliant_tool_pose pliant_proxy_pose_under_load(const pliant_tool *tool, const pli
 
 /* Return the compliance of a coupling for this distance between proxy and goal. It is `least` for small loads. Near the
  * force limit the compliance increases, so that the load stays below the limit. If the compliance of the tissue is
- * known, the proxy moves to where the load will be the limit. */
+ * known, the proxy moves to where the load is the limit for tissue of a quarter of it. Then it approaches the limit also
+ * where the tissue is four times stiffer than before. */
 static double coupling_compliance(const pliant_contact_settings *settings, double least, double error, double load,
                                   double limit, double yields)
 {
-    const double slope = 1 / settings->soft_width,
+    const double slope = 1 / settings->soft_width, careful = 0.25 * yields,
                  softens = fmin(fmax(slope * load / limit - slope * settings->soft_begin, 0), 1);
-    if (yields > 0) return fmax(least, (error + yields * (load - limit)) / load);
+    if (yields > 0) return fmax(least, (error + careful * (load - limit)) / load);
     return fmax(least, softens * error / limit);
 }
 

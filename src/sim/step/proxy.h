@@ -38,10 +38,9 @@ void pliant_proxy_find_load(const pliant_data *data, int tool, const pliant_tool
  * linearization point is where the coupling yields to the load of the previous leg. Near a force limit the coupling
  * is softened, so that its load stays below the limit. The limits are contact/max_force at the tip, the same force
  * at the tool's farthest point, and contact/grip_torque.
+ * The added compliance is the sum of pliant_proxy_compliance and pliant_missing_compliance.
  * @param goal desired pose at the end of the leg
- * @param added    additional compliance of translations and jaws, for rigid pieces under the tool
- *   (pliant_proxy_compliance) and for dimples that the mesh cannot form (pliant_missing_compliance)
- * @param yields estimated compliance of the tissue for force, torque, and jaws; 0: unknown [m/N, rad/(N m)]
+ * @param yields pliant_proxy_estimate_tissue_compliance; 0: unknown
  * @param ahead out: the pose at the linearization point
  * @param limit out: limits of force, torque, and jaws, which the solver on the CPU keeps exactly */
 void pliant_proxy_linearize(const pliant_model *model, const pliant_tool *tool, const pliant_tool_pose *begin,
@@ -49,8 +48,7 @@ void pliant_proxy_linearize(const pliant_model *model, const pliant_tool *tool, 
                             const double added[2], const double yields[3], pliant_tool_pose *ahead,
                             pliant_contact_body out[2], pliant_touch_limit limit[3]);
 /* Explicit dynamics: estimate the compliance of the tissue against a proxy, for force, torque, and jaws
- * [m/N, rad/(N m)]. It is a quarter of the pressed points' displacement per load. A proxy that moves by it once in a
- * step then approaches its limit also where the tissue is four times stiffer than before.
+ * [m/N, rad/(N m)]. It is the pressed points' displacement per load.
  * @param farthest the displacement counts up to this distance [m] */
 void pliant_proxy_estimate_tissue_compliance(const pliant_data *data, int tool, const pliant_tool_pose *pose,
                                              const pliant_proxy_load *load, double farthest, double out[3]);
