@@ -4,6 +4,7 @@
 #include "../solids.h"
 
 #include <algorithm>
+#include <array>
 #include <cstdio>
 
 namespace {
@@ -98,6 +99,38 @@ TEST(ContactTheory, ABallOnAHalfSpaceAsHertz)
                     mean[0], mean[1]);
         EXPECT_LT(std::fabs(mean[0]), 0.03);
         EXPECT_LT(std::fabs(mean[1]), 0.01);
+    }
+}
+
+// A ball rests deep in coarse cells, beside their nodes. The triangles turn under the force, but the contact points
+// settle. Points that follow the nearest point at once alternate between two states, whose forces differ by 8 %.
+TEST(ContactTheory, PointsSettleOnCoarseCells)
+{
+    const double edge = 0.12, height = 0.06;
+    for (double friction : {0.0, 0.3}) {
+        Body block(std::vector<int>{12, 12, 6}.data(), std::vector<double>{edge, edge, height}.data(),
+                   {{10e3, 0.45, 1000, false}});
+        for (double &g : block.scene.model.gravity) g = 0;
+        block.cells(12, 12, 6, 1);
+        block.fix_plane(0, 0, 1e-4, 0, 0, 1);
+        block.scene.contact.friction = friction;
+        block.scene.solver.tolerance = 1e-5;
+        ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
+        for (const auto &aside : {std::array<double, 2>{0.0047, 0.0021}, std::array<double, 2>{0.0033, 0.0047}}) {
+            ASSERT_EQ(pliant_data_reset(block.model, block.data), PLIANT_OK);
+            const int tool = block.add_ball(0.02);
+            double low = INFINITY, high = 0;
+            for (int s = 0; s <= 38; s++) {
+                place(block, tool, edge / 2 + aside[0], edge / 2 + aside[1],
+                      height + 0.02 - 0.008 * std::fmin(1, s / 8.0));
+                ASSERT_GE(pliant_step(block.model, block.data), 0) << pliant_last_error();
+                const double force = -contact_force_of(block, tool).by[2];
+                if (s < 33) continue;
+                low = std::fmin(low, force), high = std::fmax(high, force);
+            }
+            std::printf("friction %g, %g mm aside: resting force %.4f to %.4f N\n", friction, 1e3 * aside[0], low, high);
+            EXPECT_LT(high - low, 1e-3 * high);
+        }
     }
 }
 

@@ -261,8 +261,8 @@ static void measure_feature(const search *on, pliant_feature *of)
 
 /* ---- features that get contact points */
 
-/* Return whether the feature had a contact force in the previous leg. */
-static bool has_pressed(const search *on, const pliant_feature *of)
+/* Return the contact point of the feature in the previous leg, if it had a force; otherwise NULL. */
+static const pliant_contact_point *pressed_before(const search *on, const pliant_feature *of)
 {
     const uint64_t key = on->part_key << 56 | of->key;
     const pliant_contacts *before = on->before;
@@ -272,7 +272,9 @@ static bool has_pressed(const search *on, const pliant_feature *of)
         if (before->point[middle].feature < key) low = middle + 1;
         else high = middle;
     }
-    return before && low < before->count && before->point[low].feature == key && before->point[low].was_pressed;
+    return before && low < before->count && before->point[low].feature == key && before->point[low].was_pressed
+               ? before->point + low
+               : NULL;
 }
 
 /* Return the gap of an adjacent feature if its normal is nearly the same. Otherwise return INFINITY, because its
@@ -291,7 +293,7 @@ static void keep_if_deeper(const search *on, pliant_feature *of, double gap, dou
     const pliant_contact_settings *settings = &on->detector->settings;
     const double left = on->part->guard - on->part->core_offset;
     const double sag = fmin(fmin(settings->sag_of_edge * size, settings->max_sag), settings->sag_of_guard * left);
-    of->is_in_contact = of->is_in_contact && of->gap < gap + (has_pressed(on, of) ? sag : -sag);
+    of->is_in_contact = of->is_in_contact && of->gap < gap + (pressed_before(on, of) ? sag : -sag);
     if (!of->is_in_contact) of->gap = INFINITY;
 }
 
@@ -316,6 +318,33 @@ static void keep_deeper(const search *on)
             gap = fmin(gap, fmin(gap_of(on, detector->node + detector->slot[face->node[v]], face),
                                  gap_of(on, detector->edge + detector->edge_of[3 * t + v], face)));
         keep_if_deeper(on, face, gap, sqrt(pliant_length3(face->outwards)));
+    }
+}
+
+/* Delay the motion of a pressed point along its edge or triangle. On coarse cells, the triangle turns about the point
+ * under its force. The part's nearest point then overshoots, and alternates between two places in successive legs.
+ * Where the part moves, a point follows it without delay. The plane of the nearest point stays, and is parallel to
+ * the feature there. */
+static void delay_point(const search *on, pliant_feature *of)
+{
+    const double delay = 0.7, /* fraction of the way; half lets some points of 10 mm cells alternate */
+        still = 4;            /* times the part's motion: shorter ways have no delay */
+    const pliant_contact_point *before = of->is_in_contact ? pressed_before(on, of) : NULL;
+    double shift[3] = {0, 0, 0}, local[3], at_begin[3];
+    if (!before) return;
+    for (int32_t k = 0; k < of->count; k++)
+        for (int d = 0; d < 3; d++)
+            shift[d] += (before->on_feature[k] - of->weight[k]) * on->positions[3 * (size_t)of->node[k] + (size_t)d];
+    const double way = pliant_length3(shift), across = pliant_dot3(shift, of->normal);
+    if (!(way > still * on->part->max_motion)) return;
+    const double fraction = delay * (1 - still * on->part->max_motion / way);
+    for (int32_t k = 0; k < of->count; k++) of->weight[k] += fraction * (before->on_feature[k] - of->weight[k]);
+    for (int d = 0; d < 3; d++) shift[d] = fraction * (shift[d] - across * of->normal[d]);
+    pliant_pose_turn_back(&on->part->end, shift, local);
+    pliant_pose_turn(&on->part->begin, local, at_begin);
+    for (int d = 0; d < 3; d++) {
+        of->place[d] += shift[d];
+        of->drift[d] += shift[d] - at_begin[d];
     }
 }
 
@@ -363,7 +392,7 @@ static void write(const search *on, const pliant_feature *of, pliant_contact_poi
     };
     for (int32_t k = 0; k < of->count; k++) {
         out->node[k] = of->node[k];
-        out->weight[k] = of->weight[k];
+        out->weight[k] = out->on_feature[k] = of->weight[k];
     }
     memcpy(out->normal, of->normal, sizeof of->normal);
     memcpy(out->place, of->place, sizeof of->place);
@@ -451,6 +480,8 @@ static void measure_all(search *on)
     for (int32_t e = 0; e < on->edges; e++) measure_feature(on, detector->edge + e);
     for (int32_t t = 0; t < on->triangles; t++) measure_feature(on, detector->face + t);
     keep_deeper(on);
+    for (int32_t e = 0; e < on->edges; e++) delay_point(on, detector->edge + e);
+    for (int32_t t = 0; t < on->triangles; t++) delay_point(on, detector->face + t);
     share_areas(on);
 }
 

@@ -47,8 +47,8 @@ pliant_status pliant_contacts_copy(const pliant_contacts *from, pliant_contacts 
  * node, 1 edge, 2 triangle, 3 corner of a triangle with a plane constraint. Two numbers of 26 bits follow: nodes,
  * or triangle and corner.
  * @param positions (fine nodes x 3) at the start of the leg [m]
- * @param before points of the previous leg, sorted by feature; an edge or triangle that had contact keeps it until
- *   it is higher than its neighbors
+ * @param before points of the previous leg, sorted by feature. An edge or triangle that had contact keeps it until
+ *   it is higher than its neighbors. Its point follows the nearest point of a resting part with a delay.
  * @param blocked the previous leg was blocked: add plane constraints
  * Errors: MEMORY. */
 pliant_status pliant_contact_find(pliant_contact_detector *detector, const pliant_body *body, const double *positions,
