@@ -106,7 +106,7 @@ int main(int argc, char **argv)
     if (rod_surface(0.015, 0.02, 96).make(options, &solid) != PLIANT_OK) return 1;
     const pliant_part punch = {PLIANT_PART_SOLID, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, 0, false, solid};
     const double deep[2] = {0.001, 0.003};
-    const double hard[2] = {0.4534, 1.2785};
+    const double hard[2] = {0.462, 1.314};
     for (int d = 0; d < 2; d++) tools.push_back({"punch", punch, deep[d], hard[d], 0, 0});
     for (int d = 0; d < 2; d++) tools.push_back({"punch aside", punch, deep[d], hard[d], 0.0033, 0.0047});
     for (int d = 0; d < 3; d++) tools.push_back({"cylinder", rod(0.01, 0.03), depth[d], 0, 0, 0});

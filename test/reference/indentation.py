@@ -98,23 +98,30 @@ class Cylinder:
         return force, sp.coo_matrix((total.ravel(), (rows, cols)), (x.size, x.size)).tocsr()
 
     def contact(self, x, gap, stiffness):
-        """Return the forces on the surface, their sum along z, and the stiffness. gap(r, z): distance and gradient."""
+        """Return the forces on the surface, their sum along z, and the stiffness.
+
+        gap(r, z): distance, its gradient, its curvature; fraction of the penalty, and its derivative along r."""
         force, total, rows, cols, values = np.zeros(x.size), 0.0, [], [], []
         for s, w in zip(np.linspace(-5 / 6, 5 / 6, 6), np.full(6, 1 / 3)):
             n, d = shape(s)
             at, rest = x.reshape(-1, 2)[self.line], self.rest[self.line]
             weight = 2 * np.pi * (rest[:, :, 0] @ n) * (rest[:, :, 0] @ d) * w * stiffness
             here = np.einsum("k,ekd->ed", n, at)
-            distance, normal, curvature = gap(here)
+            distance, normal, curvature, fraction, slope = gap(here)
             on = distance < 0
-            pressed = np.where(on, -distance, 0) * weight
+            deep = np.where(on, -distance, 0) * weight
+            pressed = deep * fraction
             dof = (2 * self.line[:, :, None] + np.arange(2)).reshape(-1, 6)
             b = np.einsum("k,ed->ekd", n, normal).reshape(-1, 6)
             np.add.at(force, dof, pressed[:, None] * b)
             total += pressed @ normal[:, 1]
             across = np.stack([normal[:, 1], -normal[:, 0]], 1)
             c = np.einsum("k,ed->ekd", n, across).reshape(-1, 6)
-            k = np.einsum("e,ei,ej->eij", weight * on, b, b) - np.einsum("e,ei,ej->eij", pressed * curvature, c, c)
+            along = np.zeros_like(b)
+            along[:, 0::2] = n
+            k = np.einsum("e,ei,ej->eij", weight * fraction * on, b, b)
+            k -= np.einsum("e,ei,ej->eij", pressed * curvature, c, c)
+            k -= np.einsum("e,ei,ej->eij", deep * slope, b, along)
             rows.append(np.repeat(dof, 6, 1).ravel())
             cols.append(np.tile(dof, (1, 6)).ravel())
             values.append(k.ravel())
@@ -126,20 +133,19 @@ def sphere(radius, depth):
     def gap(at):
         away = at - np.array([0, radius - depth])
         length = np.hypot(away[:, 0], away[:, 1])
-        return length - radius, away / length[:, None], 1 / length
+        return length - radius, away / length[:, None], 1 / length, np.ones(len(at)), np.zeros(len(at))
     return gap
 
 
-def punch(radius, depth, rounding=5e-4):
-    """A flat cylinder whose border is rounded."""
+def punch(radius, depth, border=1e-4):
+    """A flat cylinder with a sharp border. The penalty vanishes at the border, and is complete at this distance.
+
+    A rounded border is no substitute: 0.5 mm of 15 mm make the force 2 to 3 % smaller."""
     def gap(at):
-        r, z = at[:, 0], at[:, 1] + depth
-        out = np.maximum(r - (radius - rounding), 0)
-        away = np.stack([out, z - rounding], 1)
-        length = np.hypot(away[:, 0], away[:, 1])
-        flat = out == 0
-        normal = np.where(flat[:, None], [[0.0, -1.0]], away / np.maximum(length, 1e-12)[:, None])
-        return np.where(flat, -z, length - rounding), normal, np.where(flat, 0, 1 / np.maximum(length, 1e-12))
+        inside = (radius - at[:, 0]) / border
+        slope = np.where((inside > 0) & (inside < 1), -1 / border, 0)
+        none = np.zeros(len(at))
+        return -at[:, 1] - depth, np.tile([[0.0, -1.0]], (len(at), 1)), none, np.clip(inside, 0, 1), slope
     return gap
 
 
@@ -171,6 +177,6 @@ if __name__ == "__main__":
         mesh = Cylinder(size, height, smallest, 0.018)
         print(f"elements of {1e3 * smallest:g} mm, {len(mesh.rest)} nodes", flush=True)
         for name, indenter, depths, steps in (("sphere of 20 mm", lambda d: sphere(0.02, d), [0.002, 0.004, 0.008], 2),
-                                              ("punch of 15 mm", lambda d: punch(0.015, d), [0.001, 0.003], 4)):
+                                              ("punch of 15 mm", lambda d: punch(0.015, d), [0.001, 0.003], 6)):
             forces = press(mesh, indenter, depths, steps)
             print(f"  {name}:", *(f"{1e3 * d:g} mm {-f:.4f} N," for d, f in zip(depths, forces)), flush=True)

@@ -323,13 +323,14 @@ static void keep_deeper(const search *on)
 
 /* Delay the motion of a pressed point along its edge or triangle. On coarse cells, the triangle turns about the point
  * under its force. The part's nearest point then overshoots, and alternates between two places in successive legs.
- * Where the part moves, a point follows it without delay. The plane of the nearest point stays, and is parallel to
- * the feature there. */
+ * Where the part moves, or tissue with inertia, a point follows without delay. The plane of the nearest point stays,
+ * and is parallel to the feature there. */
 static void delay_point(const search *on, pliant_feature *of)
 {
     const double delay = 0.7, /* fraction of the way; half lets some points of 10 mm cells alternate */
         still = 4;            /* times the part's motion: shorter ways have no delay */
-    const pliant_contact_point *before = of->is_in_contact ? pressed_before(on, of) : NULL;
+    const pliant_contact_point *before =
+        of->is_in_contact && !on->body->has_inertia ? pressed_before(on, of) : NULL;
     double shift[3] = {0, 0, 0}, local[3], at_begin[3];
     if (!before) return;
     for (int32_t k = 0; k < of->count; k++)
