@@ -57,7 +57,7 @@ struct PressedBlock : Body {
     }
     pliant_tool_state press(const Tool &tool)
     {
-        const int steps = 8;
+        const int steps = 8, rest = 16;
         pliant_tool_shape shape{};
         shape.num_parts = 1;
         shape.part[0] = tool.part;
@@ -69,7 +69,7 @@ struct PressedBlock : Body {
         if (pliant_data_create(model, &data) < 0 || pliant_tool_add(model, data, "tool", &index) < 0 ||
             pliant_tool_set_shape(data, index, &shape) < 0)
             std::exit((std::fprintf(stderr, "%s\n", pliant_last_error()), 1));
-        for (int s = -1; s <= steps + 4; s++) {
+        for (int s = -1; s <= steps + rest; s++) {
             const double tip[3] = {edge / 2 + tool.x, edge / 2 + tool.y,
                                    height - tool.depth * std::fmin(1, s / double(steps))};
             pliant_tool_set_pose(data, index, tip, nullptr);

@@ -139,6 +139,15 @@ static pliant_tool_pose pose_behind_target(const pliant_tool *tool, const pliant
     return out;
 }
 
+/* Change the missing compliance only half of the way from the previous leg's. On coarse cells the contact points change
+ * with it, so that the whole way overshoots. */
+static void smooth_missing_compliance(double before, double missing[2])
+{
+    if (!(before > 0) || !(missing[0] > 0)) return;
+    const double ratio = 0.5 + 0.5 * before / missing[0];
+    for (int k = 0; k < 2; k++) missing[k] *= ratio;
+}
+
 /* Save the proxies' poses and loads at the start of a leg. In explicit dynamics, the load is the mean over about one
  * step, because contacts of tissue that vibrates open and close: update_loads filters it within a step. */
 static pliant_status begin_leg(const pliant_model *model, pliant_data *data)
@@ -154,6 +163,7 @@ static pliant_status begin_leg(const pliant_model *model, pliant_data *data)
         pliant_proxy_compliance(data, t, true, joint, axis, leg->piece_compliance);
         status = pliant_missing_compliance(data, t, &leg->begin, &leg->measured, &data->legs->node_loads,
                                            leg->missing_compliance);
+        smooth_missing_compliance(data->tools[t].proxy.missing_compliance, leg->missing_compliance);
         data->tools[t].proxy.missing_compliance = leg->missing_compliance[0];
         if (data->tled)
             pliant_proxy_estimate_tissue_compliance(data, t, &leg->begin, &leg->before, max_distance_of(data),
