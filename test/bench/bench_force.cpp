@@ -3,7 +3,7 @@
 // A tool is pressed into a block of 120 x 120 x 60 mm, 10 kPa, nu 0.45, whose bottom is fixed. The references of the
 // sphere and the punch are the axisymmetric solutions of test/reference/indentation.py, without friction. The forces of
 // the cylinder and of an instrument's jaw have no reference: compare their values for smaller and smaller cells. The
-// force is the mean of the last two steps, because contact points alternate between steps on coarse cells.
+// force is the mean of the last two steps, because contact points of some hexahedra alternate between steps.
 //
 // Usage:
 //   bench_force [element/kind [cell ...] [tool ...]]     cells in mm; default: linear 10 5 2.5, all tools
