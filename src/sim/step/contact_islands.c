@@ -50,7 +50,8 @@ static double join_pairs(const pliant_contact_search *search, const pliant_conta
         legs->fraction[first] = fmin(legs->fraction[first], pair[p].t);
         if (part->kind == PLIANT_OBSTACLE_TOOL)
             pliant_set_join(legs->island, first, nodes + part->tool);
-        else obstacles = fmin(obstacles, pair[p].t);
+        else
+            obstacles = fmin(obstacles, pair[p].t);
     }
     return obstacles;
 }
