@@ -163,7 +163,8 @@ static bool may_have_small_elements(const pliant_model *model, pliant_data *data
     cuda_data *state = state_of(data);
     gpu_volume_bound *volume = &state->volume;
     bool may_be_small = true;
-    if (pliant_host_moves_nodes(data) || pliant_cuda_volume_set_body(volume, data->body, state->stream) != PLIANT_OK)
+    if (cudaSetDevice(state->device) != cudaSuccess || pliant_host_moves_nodes(data)) return true;
+    if (pliant_cuda_volume_set_body(volume, data->body, state->stream) != PLIANT_OK)
         return true;
     if (!in_leg) return !has_positions(data) || !volume->has_near || volume->is_near;
     if (!has_positions(data) || !volume->has_from ||

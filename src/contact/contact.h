@@ -39,7 +39,7 @@ typedef struct pliant_contact_point {
     int32_t count;          /* number of nodes, all different */
     int32_t node[PLIANT_CONTACT_NODES];   /* of the fine mesh */
     double weight[PLIANT_CONTACT_NODES];
-    double on_feature[3];   /* weights of the corners of the feature, for a rigid part */
+    double on_feature[3];   /* weights of the corners of the feature, for a rigid part; 0: unknown */
     double normal[3];       /* unit vector out of the obstacle; the contact force on the tissue points along it */
     double place[3];        /* p at the end of the step [m] */
     double drift[3];        /* motion of p in the step, as a point of the obstacle [m] */

@@ -29,6 +29,7 @@ struct pliant_contact_detector {
     uint64_t *order;        /* (3 x triangles) */
     int32_t node_capacity;
     int32_t *slot;          /* (fine nodes) index of the node's feature for this part */
+    bool has_delayed;       /* a point of the last search is delayed (part_contacts.c) */
 };
 
 /* Compare structs that begin with a key, for sorting. */

@@ -114,8 +114,10 @@ static bool is_held(const pliant_moving_part *part, int32_t node)
     int32_t low = 0, high = part->num_held;
     while (low < high) {
         const int32_t middle = (low + high) / 2;
-        if (part->held[middle] < node) low = middle + 1;
-        else high = middle;
+        if (part->held[middle] < node)
+            low = middle + 1;
+        else
+            high = middle;
     }
     return low < part->num_held && part->held[low] == node;
 }
@@ -269,8 +271,10 @@ static const pliant_contact_point *pressed_before(const search *on, const pliant
     int32_t low = 0, high = before ? before->count : 0;
     while (low < high) {
         const int32_t middle = (low + high) / 2;
-        if (before->point[middle].feature < key) low = middle + 1;
-        else high = middle;
+        if (before->point[middle].feature < key)
+            low = middle + 1;
+        else
+            high = middle;
     }
     return before && low < before->count && before->point[low].feature == key && before->point[low].was_pressed
                ? before->point + low
@@ -307,8 +311,7 @@ static void keep_deeper(const search *on)
         const double *a = on->positions + 3 * (size_t)edge->node[0], *b = on->positions + 3 * (size_t)edge->node[1];
         const double along[3] = {b[0] - a[0], b[1] - a[1], b[2] - a[2]};
         if (edge->is_in_contact)
-            keep_if_deeper(on, edge, fmin(gap_of(on, ends[0], edge), gap_of(on, ends[1], edge)),
-                           pliant_length3(along));
+            keep_if_deeper(on, edge, fmin(gap_of(on, ends[0], edge), gap_of(on, ends[1], edge)), pliant_length3(along));
     }
     for (int32_t t = 0; t < on->triangles; t++) {
         pliant_feature *face = detector->face + t;
@@ -329,16 +332,16 @@ static void delay_point(const search *on, pliant_feature *of)
 {
     const double delay = 0.7, /* fraction of the way; half lets some points of 10 mm cells alternate */
         still = 4;            /* times the part's motion: shorter ways have no delay */
-    const pliant_contact_point *before =
-        of->is_in_contact && !on->body->has_inertia ? pressed_before(on, of) : NULL;
+    const pliant_contact_point *before = of->is_in_contact && !on->body->has_inertia ? pressed_before(on, of) : NULL;
     double shift[3] = {0, 0, 0}, local[3], at_begin[3];
-    if (!before) return;
+    if (!before || before->on_feature[0] + before->on_feature[1] + before->on_feature[2] == 0) return;
     for (int32_t k = 0; k < of->count; k++)
         for (int d = 0; d < 3; d++)
             shift[d] += (before->on_feature[k] - of->weight[k]) * on->positions[3 * (size_t)of->node[k] + (size_t)d];
     const double way = pliant_length3(shift), across = pliant_dot3(shift, of->normal);
     if (!(way > still * on->part->max_motion)) return;
     const double fraction = delay * (1 - still * on->part->max_motion / way);
+    if (fraction * way > on->detector->settings.reuse_motion * on->part->guard) on->detector->has_delayed = true;
     for (int32_t k = 0; k < of->count; k++) of->weight[k] += fraction * (before->on_feature[k] - of->weight[k]);
     for (int d = 0; d < 3; d++) shift[d] = fraction * (shift[d] - across * of->normal[d]);
     pliant_pose_turn_back(&on->part->end, shift, local);
@@ -496,6 +499,7 @@ pliant_status pliant_contact_find(pliant_contact_detector *detector, const plian
                                   const pliant_contacts *before, bool blocked, int32_t count,
                                   const pliant_moving_part *parts, pliant_contacts *out)
 {
+    detector->has_delayed = false;
     if (count == 0) return PLIANT_OK;
     pliant_status status = pliant_broad_find_all(&detector->broad, body, positions, count, parts);
     if (status == PLIANT_OK) status = pliant_contact_detector_reserve(detector, body);

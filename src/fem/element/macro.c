@@ -65,8 +65,10 @@ static inline __attribute__((always_inline)) void apply_rows(int32_t rank, int32
 
 PLIANT_VECTORIZED static void apply_root(int32_t rank, int32_t n, const float *root, const double *q, double *f)
 {
-    if (n == 24) apply_rows(rank, 24, root, q, f); /* with a constant size, a hexahedron's values stay in registers */
-    else apply_rows(rank, n, root, q, f);
+    if (n == 24)
+        apply_rows(rank, 24, root, q, f); /* with a constant size, a hexahedron's values stay in registers */
+    else
+        apply_rows(rank, n, root, q, f);
 }
 
 /* ---- the barrier against inversion (volume_barrier.h) */
@@ -117,14 +119,13 @@ PLIANT_VECTORIZED static bool is_below_limit(const int32_t own[8], const double 
             for (int d = 0; d < 3; d++)
                 for (int v = 0; v < 8; v++) edge[s][k][d][v] = at[s][d][v ^ 1 << k] - at[s][d][v];
         for (int v = 0; v < 8; v++) {
-            double (*e)[3][8] = edge[s];
+            double(*e)[3][8] = edge[s];
             volume[s][v] = e[0][0][v] * (e[1][1][v] * e[2][2][v] - e[1][2][v] * e[2][1][v]) +
                            e[0][1][v] * (e[1][2][v] * e[2][0][v] - e[1][0][v] * e[2][2][v]) +
                            e[0][2][v] * (e[1][0][v] * e[2][1][v] - e[1][1][v] * e[2][0][v]);
         }
     }
-    for (int v = 0; v < 8; v++)
-        below |= (volume[0][v] - PLIANT_BARRIER_LIMIT * volume[1][v]) * volume[1][v] < 0;
+    for (int v = 0; v < 8; v++) below |= (volume[0][v] - PLIANT_BARRIER_LIMIT * volume[1][v]) * volume[1][v] < 0;
     for (int v = 0; v < 2; v++) {
         double gradient[3];
         below |= pliant_barrier_ratio_at(8, own, v, 4, positions, rest, gradient) < PLIANT_BARRIER_LIMIT;
@@ -150,7 +151,7 @@ static inline void add_barrier(const pliant_system *system, const double *positi
                                const double *q, double *out)
 {
     const pliant_macros *macros = system->macros;
-    const bool is_box = n == 24 && system->mesh->num_moved == 0;
+    const bool is_box = n == 24 && system->fine->num_moved == 0;
     if (is_box && is_surely_above_limit(q, macros->gradient + 24 * (size_t)cube)) return;
     const int32_t corners = acting_corners(system, positions, cube);
     for (int v = 0; v < corners; v++)
@@ -209,16 +210,19 @@ void pliant_macro_tangents(const pliant_system *system, const double *positions,
 }
 
 /* Gauss and Newton's part of the barrier's stiffness in a tetrahedron of an element: factor * gradient gradient'. */
-typedef struct barrier_tet { int corner[4]; double factor, gradient[4][3]; } barrier_tet;
+typedef struct barrier_tet {
+    int corner[4];
+    double factor, gradient[4][3];
+} barrier_tet;
 
 /* Return the number of corners at which the barrier of an element has a stiffness, or 0. */
 static int32_t stiff_corners(const pliant_system *system, const pliant_tangent *tangents, int32_t cube)
 {
-    bool acts = false;
-    for (int32_t c = system->macros->start[cube]; c < system->macros->start[cube + 1] && !acts; c++)
+    const int32_t corners = barrier_corners(system, cube), begin = system->macros->start[cube];
+    for (int32_t c = begin; c < begin + corners; c++)
         for (int d = 0; d < 3; d++)
-            acts = acts || tangents[pliant_corner_block(c)].barrier[3 * (c % 4) + d][pliant_corner_lane(c)] != 0;
-    return acts ? barrier_corners(system, cube) : 0;
+            if (tangents[pliant_corner_block(c)].barrier[3 * (c % 4) + d][pliant_corner_lane(c)] != 0) return corners;
+    return 0;
 }
 
 /* Find it for a tetrahedron at a corner. Return whether the tetrahedron is below the limit. */
@@ -300,8 +304,10 @@ static void list_corners(const pliant_system *system)
         for (int32_t c = 0; c < corners; c++) {
             int32_t n = system->free_of_node[macros->node[c]];
             if (n < 0) continue;
-            if (pass == 0) start[n + 2]++;
-            else system->corner[start[n + 1]++] = c;
+            if (pass == 0)
+                start[n + 2]++;
+            else
+                system->corner[start[n + 1]++] = c;
         }
         for (int32_t n = 0; pass == 0 && n < system->num_free; n++) start[n + 2] += start[n + 1];
     }
@@ -432,8 +438,7 @@ void pliant_macro_column(const pliant_system *system, const pliant_tangent *tang
             n = 3 * (macros->start[cube + 1] - macros->start[cube]);
     double k[9 * PLIANT_MAX_CORNERS], r[9];
     for (int m = 0; m < 9; m++) r[m] = tangents[cube / LANES].rotation[m][cube % LANES];
-    if (system->stiffness)
-        /* The stiffness is symmetric, so rows replace columns. */
+    if (system->stiffness) /* The stiffness is symmetric, so rows replace columns. */
         memcpy(k, system->stiffness + (size_t)n * ((size_t)n * (size_t)cube + 3 * (size_t)at),
                3 * (size_t)n * sizeof *k);
     else

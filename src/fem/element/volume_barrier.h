@@ -18,14 +18,15 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-/* J0: half of the volume, far below the volume changes of living tissue. */
-#define PLIANT_BARRIER_LIMIT 0.5
-#define PLIANT_BARRIER_LIMIT_ROOT 0.7937005 /* its cubic root */
-/* J1: no leg makes an element smaller than this (volume_stop / 2, contact/settings.h). */
-#define PLIANT_BARRIER_PARABOLA 0.05
-/* k: at a tenth of its volume, an element pressed flat between two plates has twice the stress of the corotational law
- * for nu 0.45: -k b'(0.1) = 0.9 (lambda + 2 mu) / mu. */
-#define PLIANT_BARRIER_STRENGTH 3.5
+/* J0: far below the volume changes of living tissue. The barrier's stress is 3 % of the corotational law's pressure at
+ * J = 0.6, and 15 % at J = 0.5 (nu 0.45). */
+#define PLIANT_BARRIER_LIMIT 0.7
+#define PLIANT_BARRIER_LIMIT_ROOT 0.8879040 /* its cubic root */
+/* J1: contact keeps this volume, too (volume_stop, contact/settings.h). */
+#define PLIANT_BARRIER_PARABOLA 0.1
+/* k: at J1, an element pressed flat between two plates has 1.8 times the stress of the corotational law for nu 0.45 in
+ * addition. With half of k, the pull of 3 cm stalls on cells of 10 mm. */
+#define PLIANT_BARRIER_STRENGTH 3.0
 
 /* Values of k b at a volume ratio. */
 typedef struct pliant_barrier { double energy, slope, stiffness; } pliant_barrier;

@@ -177,8 +177,11 @@ typedef struct adapter {
 
 /* sorted by dependency */
 static const adapter adapters[] = {
-    {prepare_discretization, swap_discretization}, {prepare_positions, swap_positions}, {prepare_state, swap_state},
-    {prepare_tools, swap_tools},                   {prepare_warp, swap_warp},
+    {prepare_discretization, swap_discretization},
+    {prepare_positions, swap_positions},
+    {prepare_state, swap_state},
+    {prepare_tools, swap_tools},
+    {prepare_warp, swap_warp},
 };
 enum { NUM_ADAPTERS = sizeof adapters / sizeof *adapters };
 
@@ -188,6 +191,13 @@ static void take_body(pliant_data *data, const pliant_body *body)
     data->body = pliant_body_retain(body);
     pliant_body_release(old);
     if (body->revision > data->last_revision) data->last_revision = body->revision;
+}
+
+/* Triangles have new numbers, so contact points are not on the features that their keys name. */
+static void forget_features(pliant_data *data)
+{
+    for (int32_t p = 0; p < data->contacts.count; p++)
+        memset(data->contacts.point[p].on_feature, 0, sizeof data->contacts.point[p].on_feature);
 }
 
 static pliant_status prepare(adaptation *work)
@@ -229,6 +239,7 @@ pliant_status pliant_data_set_body(const pliant_model *model, pliant_data *data,
         reserve_memory(data, pliant_memory_thread_bytes() - taken);
         for (int a = 0; a < NUM_ADAPTERS; a++) adapters[a].swap(&work);
         take_body(data, body);
+        forget_features(data);
         pliant_warp_next_free(warp); /* it belongs to the warp, which may continue without its device */
         warp = NULL;
         pliant_backend_carry_over_cut(model, data, made, &work.map);

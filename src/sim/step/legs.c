@@ -316,13 +316,15 @@ static bool is_of_piece(const pliant_data *data, int32_t node)
 /* Return the largest distance of a node in this leg [m]. */
 static double farthest_of(const pliant_data *data)
 {
-    double farthest = 0;
+    double square = 0;
+#pragma omp parallel for schedule(static) num_threads(data->discretization->system->num_threads) reduction(max : square)
     for (int32_t n = 0; n < data->body->fine.num_nodes; n++) {
-        const size_t at = 3 * (size_t)n;
-        const double distance = pliant_distance3(data->legs->positions + at, data->positions + at);
-        if (distance > farthest && !is_of_piece(data, n)) farthest = distance;
+        double moved[3];
+        pliant_subtract3(data->positions + 3 * (size_t)n, data->legs->positions + 3 * (size_t)n, moved);
+        const double own = pliant_dot3(moved, moved);
+        if (own > square && !is_of_piece(data, n)) square = own;
     }
-    return farthest;
+    return sqrt(square);
 }
 
 /* Return the fraction of the leg at which the farthest node has moved by twice the maximum distance of a tool. The
@@ -609,7 +611,6 @@ static pliant_status bound_free_leg(const pliant_model *model, pliant_data *data
         status = pliant_legs_apply_fraction(model, data, fraction);
         data->legs->limited_by_elements = true;
     }
-    data->statistics.advanced = fraction;
     if (data->legs->limited_by_elements) data->statistics.ended = PLIANT_STEP_END_ELEMENTS;
     return status;
 }
@@ -621,7 +622,8 @@ pliant_status pliant_legs_run_free(const pliant_model *model, pliant_data *data,
     skip_contact(data);
     if (is_bounded && !data->legs && !(data->legs = pliant_calloc(1, sizeof *data->legs)))
         return pliant_fail_memory("contacts");
-    pliant_status status = is_bounded ? pliant_legs_save(model, data) : PLIANT_OK;
+    pliant_status status =
+        is_bounded ? pliant_run_stage(model, data, PLIANT_STEP_contact, pliant_legs_save) : PLIANT_OK;
     if (status == PLIANT_OK) status = solve(model, data, warning);
     return status >= 0 && is_bounded ? pliant_run_stage(model, data, PLIANT_STEP_contact, bound_free_leg) : status;
 }
