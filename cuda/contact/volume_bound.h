@@ -1,5 +1,5 @@
-/* Test on the GPU whether the volume bound has anything to do (contact/volume/volume_bound.h). Almost always no element
- * is small, and then the host need not look at them. */
+/* The test of the volume bound for small elements (contact/volume/volume_bound.h), on the GPU. If no element is small,
+ * the host skips its own test. */
 #ifndef PLIANT_CUDA_VOLUME_BOUND_H
 #define PLIANT_CUDA_VOLUME_BOUND_H
 

@@ -63,9 +63,9 @@ struct pliant_backend {
     pliant_status (*upsample)(const pliant_model *model, pliant_data *data);
     /* Copies the step's result to the host, after upsample and before later stages. Nullable: it is there already. */
     pliant_status (*copy_result_to_host)(const pliant_model *model, pliant_data *data);
-    /* Return whether an element may be small: below volume_near at the positions, or, in a leg, below its limit on the
-     * way from data->legs->positions to them (contact/volume/volume_bound.h). Also true if the backend does not have
-     * these positions. Nullable: the host tests all elements. */
+    /* Return whether an element may be small (contact/volume/volume_bound.h). In a leg, test whether one may fall below
+     * its limit between data->legs->positions and the positions. Otherwise test volume_near at the positions. Return
+     * true if the backend does not have these positions. Nullable: the host tests all elements. */
     bool (*may_have_small_elements)(const pliant_model *model, pliant_data *data, bool in_leg);
     pliant_status (*warp)(const pliant_model *model, pliant_data *data);
 };
