@@ -209,6 +209,7 @@ TEST(CudaFailure, FailureDuringContact)
         SCOPED_TRACE(c.name);
         cuda_contacts::Block body(c, PLIANT_AUTO, true);
         ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+        body.model->without_missing_compliance = true; // it amplifies rounding
         drop_data(body);
         GpuLossLog log;
         std::vector<double> there[2]; // result of the CPU if it runs from the first call on
