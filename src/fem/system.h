@@ -127,15 +127,7 @@ typedef struct pliant_tangent {
     double rotation[9][LANES];
     /* Resistance of the element's stress to a rotation of the element; xx yy zz yz xz xy [N m]. */
     double twist[6][LANES];
-    /* The barrier's stiffness (element/volume_barrier.h). A tetrahedron stores 9 numbers, row-major: cof F times the
-     * root of volume * k mu b''. A macro-element stores the positions of its corners, four per lane [m], or 0 if the
-     * barrier does not act on it. */
-    double barrier[12][LANES];
 } pliant_tangent;
-
-/* Return the block and the lane that hold the position of a macro-element's corner. */
-static inline int32_t pliant_corner_block(int32_t corner) { return corner / (4 * LANES); }
-static inline int32_t pliant_corner_lane(int32_t corner) { return corner / 4 % LANES; }
 
 /* Selects the twist stiffness: the exact one, or the positive terms of every element, which make the sum positive as
  * well. */

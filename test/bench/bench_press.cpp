@@ -8,6 +8,7 @@
 #include "frames.h"
 
 #include "pliant/contact.h"
+#include "sim/api/data.h"
 
 #include <array>
 #include <ctime>
@@ -90,8 +91,7 @@ Run press(const pliant_model *model, const double middle[3], int iterations, dou
             check(pliant_tool_set_pose(data, t, tip, nullptr));
         }
         if (settle == 0) {
-            pliant_data_free(second);
-            check(pliant_data_copy(model, data, &second));
+            check(second ? pliant_data_move(model, second, data) : pliant_data_copy(model, data, &second));
             check(pliant_data_set_limits(second, 100, 1e-6));
             check(pliant_step(model, second));
             append_forces(second, &run.own);

@@ -152,17 +152,6 @@ inline std::vector<double> affine(const pliant_mesh &mesh, const double a[9], co
     return out;
 }
 
-// Set a simulation to the state of another one of the same model.
-inline pliant_status move_state(const pliant_model *model, pliant_data *data, pliant_data *from)
-{
-    pliant_state *state = nullptr;
-    pliant_status status = pliant_state_create(&state);
-    if (status == PLIANT_OK) status = pliant_state_save(model, from, state);
-    if (status == PLIANT_OK) status = pliant_state_restore(model, data, state);
-    pliant_state_free(state);
-    return status;
-}
-
 inline double largest(const std::vector<double> &v)
 {
     double maximum = 0;

@@ -2,6 +2,7 @@
 // relaxed tissue.
 #include "body.h"
 #include "base/memory.h"
+#include "sim/api/data.h"
 #include "model_data/data.h"
 
 #include <memory>
@@ -112,7 +113,7 @@ TEST_P(Copies, ContinueIdenticallyAndCanBeRestored)
     ASSERT_EQ(pliant_data_copy(body->model, saved, &other), PLIANT_OK);
     const std::vector<double> once = go_on(*body, other);
     for (int again = 0; again < 2; again++) {
-        ASSERT_EQ(move_state(body->model, data, saved), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_data_move(body->model, data, saved), PLIANT_OK) << pliant_last_error();
         EXPECT_EQ(std::vector<double>(data->positions, data->positions + was.size()), was);
         EXPECT_EQ(go_on(*body, data), once);
     }
@@ -153,9 +154,9 @@ TEST(Copy, AStateOfAnotherModelIsRefused)
         std::unique_ptr<Body> other = hang(each.first);
         step(*other, other->data, 1);
         pliant_data *copy = nullptr;
-        EXPECT_EQ(move_state(body->model, body->data, other->data), PLIANT_ERROR_ARGUMENT);
+        EXPECT_EQ(pliant_data_move(body->model, body->data, other->data), PLIANT_ERROR_ARGUMENT);
         EXPECT_NE(std::string(pliant_last_error()).find(each.second), std::string::npos) << pliant_last_error();
-        EXPECT_EQ(move_state(other->model, body->data, other->data), PLIANT_ERROR_ARGUMENT);
+        EXPECT_EQ(pliant_data_move(other->model, body->data, other->data), PLIANT_ERROR_ARGUMENT);
         EXPECT_EQ(pliant_data_copy(other->model, body->data, &copy), PLIANT_ERROR_ARGUMENT);
         EXPECT_EQ(copy, nullptr);
         step(*other, other->data, 1);
@@ -170,14 +171,14 @@ TEST(Copy, WithoutMemoryNothingChanges)
     pliant_data *data = body->data, *saved = nullptr;
     begin(*body, data);
     ASSERT_EQ(pliant_data_copy(body->model, data, &saved), PLIANT_OK);
-    ASSERT_EQ(move_state(body->model, data, saved), PLIANT_OK);
+    ASSERT_EQ(pliant_data_move(body->model, data, saved), PLIANT_OK);
     const std::vector<double> once = go_on(*body, data);
-    ASSERT_EQ(move_state(body->model, data, saved), PLIANT_OK);
+    ASSERT_EQ(pliant_data_move(body->model, data, saved), PLIANT_OK);
     const size_t before = pliant_memory_in_use();
     int failed = 0;
     for (int64_t n = 0;; n += 1 + n / 4) {
         pliant_memory_fail_after(n);
-        const pliant_status status = move_state(body->model, data, saved);
+        const pliant_status status = pliant_data_move(body->model, data, saved);
         pliant_memory_fail_after(-1);
         if (status == PLIANT_OK) break;
         ASSERT_EQ(status, PLIANT_ERROR_MEMORY) << n << ": " << pliant_last_error();

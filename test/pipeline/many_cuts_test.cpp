@@ -2,6 +2,7 @@
 // rendered volume equals the volume of a new warp.
 #include "../cuts.h"
 #include "base/memory.h"
+#include "sim/api/data.h"
 #include "sim/build/discretization.h"
 
 #include <atomic>
@@ -281,7 +282,7 @@ TEST_P(EveryHolder, ReportsItsBytes)
     while (body.data->undo.count > 0) ASSERT_EQ(pliant_data_undo_cut(body.model, body.data), PLIANT_OK);
     EXPECT_EQ(body.data->statistics.bytes, held());
     ASSERT_EQ(pliant_data_copy(body.model, body.data, &other), PLIANT_OK);
-    EXPECT_EQ(move_state(body.model, body.data, other), PLIANT_OK);
+    EXPECT_EQ(pliant_data_move(body.model, body.data, other), PLIANT_OK);
     pliant_data_free(other);
     ASSERT_EQ(pliant_data_reset(body.model, body.data), PLIANT_OK);
     EXPECT_EQ(body.data->statistics.bytes, held());

@@ -2,7 +2,6 @@
 #include "cuda/base/launch.h"
 #include "cuda/fem/element/forces.h"
 #include "cuda/fem/element/rotation.cuh"
-#include "fem/element/volume_barrier.h"
 
 enum { ELEMENT_THREADS = 64, GATHER_THREADS = 128, NODES = GATHER_THREADS / 4 };
 
@@ -90,14 +89,8 @@ static __global__ void __launch_bounds__(ELEMENT_THREADS) force_kernel(gpu_syste
     load_corners(system, iteration.d_x[gpu_target(&state)], t, c);
     pliant_deformation(c.x, c.g, f);
     element_rotation(system, t, f, r);
-    if (system.d_stiffness) {
-        homogenized_force(system, t, c, r, force);
-    } else {
-        const double mu = system.d_lame[(size_t)system.tet_stride + t];
-        pliant_corotational_force(f, r, system.d_lame[t], mu, c.g, force);
-        if (pliant_determinant(f) < PLIANT_BARRIER_LIMIT && !(system.d_grounded && system.d_grounded[t]))
-            pliant_barrier_add_tet_force(f, mu, c.g, force);
-    }
+    if (system.d_stiffness) homogenized_force(system, t, c, r, force);
+    else pliant_corotational_force(f, r, system.d_lame[t], system.d_lame[(size_t)system.tet_stride + t], c.g, force);
     double2 *out = reinterpret_cast<double2 *>(iteration.d_element_force + 16 * (size_t)t);
 #pragma unroll
     for (int v = 0; v < 4; v++) {

@@ -1,7 +1,6 @@
 #include "cuda/base/check.h"
 #include "base/fail.h"
 #include "fem/element/macro_element.h"
-#include "fem/element/volume_barrier.h"
 #include "cuda/fem/element/macro.h"
 #include "cuda/fem/element/rotation.cuh"
 #include "cuda/fem/solver_state.h"
@@ -202,39 +201,6 @@ static __device__ void apply_root(const float *root, int rank, int n, double *q,
     __syncthreads();
 }
 
-/* ---- The barrier against inversion, as in fem/element/macro.c. */
-
-/* Return the number of corners at which an element has a barrier, or 0. */
-static __device__ int barrier_corners(const gpu_macros &macros, int cube)
-{
-    const int begin = macros.d_start[cube], corners = macros.d_start[cube + 1] - begin;
-    if (!macros.d_shear || macros.d_grounded[cube] || (corners != 8 && corners != 4)) return 0;
-    for (int v = 0; v < corners; v++)
-        if (macros.d_node[begin + v] != macros.d_own[8 * (size_t)cube + v]) return 0;
-    return corners;
-}
-
-/* Return whether a tetrahedron of an element is below the barrier's limit. All lanes of a warp call it. */
-static __device__ bool is_below_limit(const gpu_system &system, const double *x, int cube, int corners)
-{
-    const int lane = (int)threadIdx.x % WARP;
-    double gradient[3];
-    const bool below = lane < pliant_barrier_count(corners) &&
-                       pliant_barrier_ratio_at(corners, system.macros.d_own + 8 * (size_t)cube, lane % 8,
-                                               pliant_barrier_tet(lane), x, system.d_rest, gradient) <
-                           PLIANT_BARRIER_LIMIT;
-    return __any_sync(0xffffffff, below);
-}
-
-static __device__ void add_barrier(const gpu_system &system, const double *x, int cube, int corners, int corner,
-                                   double force[3])
-{
-    pliant_barrier_add_force(corners, system.macros.d_own + 8 * (size_t)cube, corner, system.macros.d_shear[cube], x,
-                             system.d_rest, force);
-}
-
-/* ---- Forces. */
-
 static __global__ void __launch_bounds__(THREADS) macro_force_kernel(gpu_system system, gpu_iteration iteration)
 {
     extern __shared__ double shared[];
@@ -242,14 +208,12 @@ static __global__ void __launch_bounds__(THREADS) macro_force_kernel(gpu_system 
     if (state.done || gpu_has_forces(&state)) return;
     const gpu_macros &macros = system.macros;
     const int cube = (int)blockIdx.x, begin = macros.d_start[cube], count = macros.d_start[cube + 1] - begin;
-    const int barrier = barrier_corners(macros, cube);
     double *q = shared, *row = shared + macros.max_unknowns;
     corners_in_frame(system, iteration.d_x[gpu_target(&state)], cube, q);
     apply_root(macros.d_root + macros.d_root_start[cube], macros.d_rank[cube], 3 * count, q, row);
     for (int c = (int)threadIdx.x; c < count; c += THREADS) {
         double force[3];
         pliant_macro_turn(macros.d_frame[cube].rotation, q + 3 * c, force);
-        if (barrier > 0) add_barrier(system, iteration.d_x[gpu_target(&state)], cube, barrier, c, force);
         for (int d = 0; d < 3; d++) iteration.d_element_force[4 * (size_t)(begin + c) + d] = force[d];
     }
 }
@@ -285,12 +249,9 @@ static __global__ void __launch_bounds__(THREADS) small_force_kernel(gpu_system 
     __syncwarp();
     if (lane < n) q[lane] = force;
     __syncwarp();
-    const int barrier = barrier_corners(macros, cube);
-    const bool acts = is_below_limit(system, x, cube, barrier);
     if (lane >= count) return;
     double turned[3];
     pliant_macro_turn(macros.d_frame[cube].rotation, q + 3 * lane, turned);
-    if (acts) add_barrier(system, x, cube, barrier, lane, turned);
     for (int d = 0; d < 3; d++) iteration.d_element_force[4 * (size_t)(begin + lane) + d] = turned[d];
 }
 

@@ -150,12 +150,6 @@ static bool has_any_near(double fraction, const pliant_mesh *mesh, const double 
     return any;
 }
 
-bool pliant_volume_is_inverted(const pliant_mesh *mesh, const double *positions, int num_threads)
-{
-    const double flat = 1e-12; /* an element without volume counts */
-    return has_any_near(flat, mesh, positions, num_threads);
-}
-
 pliant_status pliant_volume_find(const pliant_contact_settings *settings, const pliant_mesh *mesh,
                                  const double *positions, const int32_t *piece_of_node, int num_threads,
                                  pliant_contacts *out)

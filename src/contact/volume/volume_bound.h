@@ -49,9 +49,6 @@ int32_t pliant_volume_bound_motion(const pliant_contact_settings *settings, cons
 bool pliant_volume_is_kept(const pliant_contact_settings *settings, const pliant_mesh *mesh, int32_t element,
                            const double *from, const double *to, const double *fraction);
 
-/* Return whether an element is inverted. positions: (nodes x 3) [m] */
-bool pliant_volume_is_inverted(const pliant_mesh *mesh, const double *positions, int num_threads);
-
 /* Return the largest fraction of a leg in which no element becomes smaller than that limit, if all nodes make the
  * same fraction of their motion. Parameters as above. */
 double pliant_volume_advance(const pliant_contact_settings *settings, const pliant_mesh *mesh, const double *from,

@@ -3,7 +3,6 @@
 #include "fem/element/deformation.h"
 #include "fem/element/law.h"
 #include "fem/element/rotation.h"
-#include "fem/element/volume_barrier.h"
 #include "fem/system.h"
 #include "base/memory.h"
 #include "mesh/mesh.h"
@@ -110,28 +109,6 @@ void pliant_tet_stiffness(const pliant_mesh *mesh, int32_t tet, const pliant_tet
     pliant_element_stiffness(gradients, volume * material->lambda, volume * material->mu, stiffness);
 }
 
-/* Add the forces of the barrier (volume_barrier.h) to a block. Elements that fill empty space have none. */
-static inline void add_barrier(double f[9][LANES], double g[12][LANES], double lame[2][LANES], const uint8_t *grounded,
-                               double forces[12][LANES])
-{
-    double ratio[LANES];
-    int below = 0;
-    for (int l = 0; l < LANES; l++) {
-        double one[9];
-        for (int m = 0; m < 9; m++) one[m] = f[m][l];
-        ratio[l] = pliant_determinant(one);
-        below |= ratio[l] < PLIANT_BARRIER_LIMIT;
-    }
-    for (int l = 0; below && l < LANES; l++) {
-        double one[9], gradients[12], force[12] = {0};
-        if (ratio[l] >= PLIANT_BARRIER_LIMIT || (grounded && grounded[l])) continue;
-        for (int m = 0; m < 9; m++) one[m] = f[m][l];
-        for (int m = 0; m < 12; m++) gradients[m] = g[m][l];
-        pliant_barrier_add_tet_force(one, lame[1][l], gradients, force);
-        for (int m = 0; m < 12; m++) forces[m][l] += force[m];
-    }
-}
-
 /* Compute the forces that hold the elements in this state. The elements exert the opposite forces. */
 PLIANT_VECTORIZED static void isotropic_forces(double x[12][LANES], double g[12][LANES], double lame[2][LANES],
                                                const uint8_t *grounded, double out[12][LANES])
@@ -148,7 +125,6 @@ PLIANT_VECTORIZED static void isotropic_forces(double x[12][LANES], double g[12]
         pliant_corotational_force(deformation, rotation, lame[0][l], lame[1][l], gradients, force);
         for (int m = 0; m < 12; m++) forces[m][l] = force[m];
     }
-    add_barrier(f, g, lame, grounded, forces);
     memcpy(out, forces, sizeof forces);
 }
 
@@ -183,7 +159,6 @@ PLIANT_VECTORIZED static void neo_hookean_forces(double x[12][LANES], double g[1
                 forces[3 * v + d][l] = p[3 * d] * g[3 * v][l] + p[3 * d + 1] * g[3 * v + 1][l] +
                                        p[3 * d + 2] * g[3 * v + 2][l];
     }
-    add_barrier(f, g, lame, grounded, forces);
     memcpy(out, forces, sizeof forces);
 }
 
@@ -299,7 +274,6 @@ void pliant_system_tangents(const pliant_system *system, const double *positions
         const uint8_t *grounded = grounded_of(system, block);
         if (grounded) ground(grounded, out->rotation);
         memset(out->twist, 0, sizeof out->twist);
-        memset(out->barrier, 0, sizeof out->barrier);
         if (system->stiffness) continue;
         deformation_of(x, system->gradients[block], f);
         for (int l = 0; l < LANES; l++) {
@@ -313,10 +287,6 @@ void pliant_system_tangents(const pliant_system *system, const double *positions
             const double pressure = has_pressure ? system->volume_pressure[e] : 0;
             twist_of(one, r, system->lame[block][0][l], system->lame[block][1][l], pressure, twist, d);
             for (int m = 0; m < 6; m++) out->twist[m][l] = grounded && grounded[l] ? 0 : d[m];
-            if (grounded && grounded[l]) continue;
-            const double stiffness = system->lame[block][1][l] * pliant_barrier_at(pliant_determinant(one)).stiffness;
-            pliant_barrier_cofactor(one, r);
-            for (int m = 0; m < 9; m++) out->barrier[m][l] = sqrt(stiffness) * r[m];
         }
     }
 }

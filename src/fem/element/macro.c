@@ -3,7 +3,6 @@
 #include "base/buffer.h"
 #include "fem/element/macro_element.h"
 #include "fem/element/rotation.h"
-#include "fem/element/volume_barrier.h"
 #include "fem/system.h"
 #include "base/memory.h"
 
@@ -65,98 +64,8 @@ static inline __attribute__((always_inline)) void apply_rows(int32_t rank, int32
 
 PLIANT_VECTORIZED static void apply_root(int32_t rank, int32_t n, const float *root, const double *q, double *f)
 {
-    if (n == 24)
-        apply_rows(rank, 24, root, q, f); /* with a constant size, a hexahedron's values stay in registers */
-    else
-        apply_rows(rank, n, root, q, f);
-}
-
-/* ---- the barrier against inversion (volume_barrier.h) */
-
-/* Return the number of corners at which an element has a barrier: 8 for a hexahedron and 4 for a tetrahedron on its
- * own nodes, and 0 for other elements. */
-static int32_t barrier_corners(const pliant_system *system, int32_t cube)
-{
-    const pliant_macros *macros = system->macros;
-    const int32_t corners = macros->start[cube + 1] - macros->start[cube];
-    if (!macros->shear || system->stiffness || macros->grounded[cube] || (corners != 8 && corners != 4)) return 0;
-    return memcmp(macros->node + macros->start[cube], macros->own + 8 * (size_t)cube, (size_t)corners * sizeof(int32_t))
-               ? 0
-               : corners;
-}
-
-/* Return whether all J of a box are above the limit, from its local displacements q. A tetrahedron of the box has
- *     F = R (I + E),    E:E <= 2 (sum of q q) (sum of 1 / edge^2) = 4 (sum of q q) (sum of g g).
- * det(I + E) is at least (1 - |E|)^3. */
-static inline bool is_surely_above_limit(const double q[24], const double gradient[24])
-{
-    const double length = 1 - PLIANT_BARRIER_LIMIT_ROOT;
-    double sum[2][LANES] = {{0}}, whole[2] = {0, 0};
-    for (int i = 0; i < 24; i += LANES)
-        for (int l = 0; l < LANES; l++) {
-            sum[0][l] += q[i + l] * q[i + l];
-            sum[1][l] += gradient[i + l] * gradient[i + l];
-        }
-    for (int l = 0; l < LANES; l++) {
-        whole[0] += sum[0][l];
-        whole[1] += sum[1][l];
-    }
-    return 4 * whole[0] * whole[1] < length * length;
-}
-
-/* Return whether a tetrahedron of a hexahedron is below the barrier's limit. The lanes are the corners. */
-PLIANT_VECTORIZED static bool is_below_limit(const int32_t own[8], const double *positions, const double *rest)
-{
-    double at[2][3][8], edge[2][3][3][8], volume[2][8];
-    int below = 0;
-    for (int v = 0; v < 8; v++)
-        for (int d = 0; d < 3; d++) {
-            at[0][d][v] = positions[3 * (size_t)own[v] + (size_t)d];
-            at[1][d][v] = rest[3 * (size_t)own[v] + (size_t)d];
-        }
-    for (int s = 0; s < 2; s++) {
-        for (int k = 0; k < 3; k++)
-            for (int d = 0; d < 3; d++)
-                for (int v = 0; v < 8; v++) edge[s][k][d][v] = at[s][d][v ^ 1 << k] - at[s][d][v];
-        for (int v = 0; v < 8; v++) {
-            double(*e)[3][8] = edge[s];
-            volume[s][v] = e[0][0][v] * (e[1][1][v] * e[2][2][v] - e[1][2][v] * e[2][1][v]) +
-                           e[0][1][v] * (e[1][2][v] * e[2][0][v] - e[1][0][v] * e[2][2][v]) +
-                           e[0][2][v] * (e[1][0][v] * e[2][1][v] - e[1][1][v] * e[2][0][v]);
-        }
-    }
-    for (int v = 0; v < 8; v++) below |= (volume[0][v] - PLIANT_BARRIER_LIMIT * volume[1][v]) * volume[1][v] < 0;
-    for (int v = 0; v < 2; v++) {
-        double gradient[3];
-        below |= pliant_barrier_ratio_at(8, own, v, 4, positions, rest, gradient) < PLIANT_BARRIER_LIMIT;
-    }
-    return below != 0;
-}
-
-/* Return the number of corners at which the barrier of an element acts, or 0. */
-static int32_t acting_corners(const pliant_system *system, const double *positions, int32_t cube)
-{
-    const pliant_macros *macros = system->macros;
-    const int32_t corners = barrier_corners(system, cube), *own = macros->own + 8 * (size_t)cube;
-    const double *rest = rest_of(system);
-    double gradient[3];
-    const bool acts = corners == 8 ? is_below_limit(own, positions, rest)
-                                   : corners == 4 && pliant_barrier_ratio_at(4, own, 0, 0, positions, rest, gradient) <
-                                                         PLIANT_BARRIER_LIMIT;
-    return acts ? corners : 0;
-}
-
-/* Add the barrier's forces at the n / 3 corners of an element with local displacements q. */
-static inline void add_barrier(const pliant_system *system, const double *positions, int32_t cube, int32_t n,
-                               const double *q, double *out)
-{
-    const pliant_macros *macros = system->macros;
-    const bool is_box = n == 24 && system->fine->num_moved == 0;
-    if (is_box && is_surely_above_limit(q, macros->gradient + 24 * (size_t)cube)) return;
-    const int32_t corners = acting_corners(system, positions, cube);
-    for (int v = 0; v < corners; v++)
-        pliant_barrier_add_force(corners, macros->own + 8 * (size_t)cube, v, macros->shear[cube], positions,
-                                 rest_of(system), out + 3 * v);
+    if (n == 24) apply_rows(rank, 24, root, q, f); /* with a constant size, a hexahedron's values stay in registers */
+    else apply_rows(rank, n, root, q, f);
 }
 
 void pliant_macro_forces(const pliant_system *system, const double *positions, double *forces)
@@ -173,7 +82,6 @@ void pliant_macro_forces(const pliant_system *system, const double *positions, d
             corners_in_frame(system, positions, cube, &frames[cube - first], q);
             apply_root(macros->rank[cube], n, macros->root[cube], q, f);
             for (int32_t i = 0; i < n; i += 3) pliant_macro_turn(frames[cube - first].rotation, f + i, out + i);
-            add_barrier(system, positions, cube, n, q, out);
         }
     }
 }
@@ -198,80 +106,6 @@ void pliant_macro_tangents(const pliant_system *system, const double *positions,
         for (int l = 0; l < LANES; l++)
             for (int m = 0; m < 9; m++) tangents[first / LANES].rotation[m][l] = frames[l].rotation[m];
     }
-#pragma omp parallel for schedule(static) num_threads(system->num_threads)
-    for (int32_t cube = 0; cube < system->macros->count; cube++) {
-        const pliant_macros *macros = system->macros;
-        const bool acts = acting_corners(system, positions, cube) > 0;
-        for (int32_t c = macros->start[cube]; c < macros->start[cube + 1]; c++)
-            for (int d = 0; d < 3; d++)
-                tangents[pliant_corner_block(c)].barrier[3 * (c % 4) + d][pliant_corner_lane(c)] =
-                    acts ? positions[3 * (size_t)macros->node[c] + (size_t)d] : 0;
-    }
-}
-
-/* Gauss and Newton's part of the barrier's stiffness in a tetrahedron of an element: factor * gradient gradient'. */
-typedef struct barrier_tet {
-    int corner[4];
-    double factor, gradient[4][3];
-} barrier_tet;
-
-/* Return the number of corners at which the barrier of an element has a stiffness, or 0. */
-static int32_t stiff_corners(const pliant_system *system, const pliant_tangent *tangents, int32_t cube)
-{
-    const int32_t corners = barrier_corners(system, cube), begin = system->macros->start[cube];
-    for (int32_t c = begin; c < begin + corners; c++)
-        for (int d = 0; d < 3; d++)
-            if (tangents[pliant_corner_block(c)].barrier[3 * (c % 4) + d][pliant_corner_lane(c)] != 0) return corners;
-    return 0;
-}
-
-/* Find it for a tetrahedron at a corner. Return whether the tetrahedron is below the limit. */
-static bool find_barrier_tet(const pliant_system *system, const pliant_tangent *tangents, int32_t cube, int corner,
-                             int tet, barrier_tet *out)
-{
-    const pliant_macros *macros = system->macros;
-    const int32_t begin = macros->start[cube], corners = macros->start[cube + 1] - begin;
-    double x[4][3], rest[4][3], ratio = 1;
-    for (int k = 0; k < 4; k++) {
-        const int32_t c = begin + (out->corner[k] = pliant_barrier_corner(corners, corner, tet, k));
-        for (int d = 0; d < 3; d++) {
-            x[k][d] = tangents[pliant_corner_block(c)].barrier[3 * (c % 4) + d][pliant_corner_lane(c)];
-            rest[k][d] = rest_of(system)[3 * (size_t)macros->node[c] + (size_t)d];
-        }
-    }
-    for (int k = 0; k < 4 && (k == 0 || ratio < PLIANT_BARRIER_LIMIT); k++)
-        ratio = pliant_barrier_ratio(x, rest, k, out->gradient[k]);
-    out->factor = macros->shear[cube] * pliant_barrier_fraction(corners, tet) * pliant_barrier_at(ratio).stiffness;
-    return out->factor > 0;
-}
-
-/* Add the barrier's stiffness to one block column of an element. */
-static void add_barrier_column(const pliant_system *system, const pliant_tangent *tangents, int32_t cube, int32_t at,
-                               double *blocks)
-{
-    const int32_t corners = stiff_corners(system, tangents, cube);
-    barrier_tet found;
-    for (int tet = 0; tet < (corners == 8 ? PLIANT_BARRIER_TETS : corners > 0); tet++) {
-        if (!find_barrier_tet(system, tangents, cube, at, tet, &found)) continue;
-        for (int k = 0; k < 4; k++)
-            for (int m = 0; m < 9; m++)
-                blocks[9 * found.corner[k] + m] += found.factor * found.gradient[k][m / 3] * found.gradient[0][m % 3];
-    }
-}
-
-/* Add the barrier's stiffness times x to y. */
-static void multiply_barrier(const pliant_system *system, const pliant_tangent *tangents, int32_t cube, const double *x,
-                             double *y)
-{
-    const int32_t *node = system->macros->node + system->macros->start[cube];
-    barrier_tet found;
-    for (int n = 0; n < pliant_barrier_count(stiff_corners(system, tangents, cube)); n++) {
-        if (!find_barrier_tet(system, tangents, cube, n % 8, pliant_barrier_tet(n), &found)) continue;
-        double product = 0;
-        for (int k = 0; k < 4; k++)
-            product += found.factor * pliant_dot3(found.gradient[k], x + 3 * node[found.corner[k]]);
-        for (int m = 0; m < 12; m++) y[3 * node[found.corner[m / 3]] + m % 3] += product * found.gradient[m / 3][m % 3];
-    }
 }
 
 void pliant_macro_multiply(const pliant_system *system, const pliant_tangent *tangents, const double *x, double *y)
@@ -289,7 +123,6 @@ void pliant_macro_multiply(const pliant_system *system, const pliant_tangent *ta
             pliant_macro_turn(r, f + i, force);
             for (int d = 0; d < 3; d++) y[3 * node[i / 3] + d] += force[d];
         }
-        multiply_barrier(system, tangents, e, x, y);
     }
 }
 
@@ -304,10 +137,8 @@ static void list_corners(const pliant_system *system)
         for (int32_t c = 0; c < corners; c++) {
             int32_t n = system->free_of_node[macros->node[c]];
             if (n < 0) continue;
-            if (pass == 0)
-                start[n + 2]++;
-            else
-                system->corner[start[n + 1]++] = c;
+            if (pass == 0) start[n + 2]++;
+            else system->corner[start[n + 1]++] = c;
         }
         for (int32_t n = 0; pass == 0 && n < system->num_free; n++) start[n + 2] += start[n + 1];
     }
@@ -438,13 +269,13 @@ void pliant_macro_column(const pliant_system *system, const pliant_tangent *tang
             n = 3 * (macros->start[cube + 1] - macros->start[cube]);
     double k[9 * PLIANT_MAX_CORNERS], r[9];
     for (int m = 0; m < 9; m++) r[m] = tangents[cube / LANES].rotation[m][cube % LANES];
-    if (system->stiffness) /* The stiffness is symmetric, so rows replace columns. */
+    if (system->stiffness)
+        /* The stiffness is symmetric, so rows replace columns. */
         memcpy(k, system->stiffness + (size_t)n * ((size_t)n * (size_t)cube + 3 * (size_t)at),
                3 * (size_t)n * sizeof *k);
     else
         root_column(macros->rank[cube], n, macros->root[cube], at, k);
     for (int32_t a = 0; a < n / 3; a++) turned_block(r, k, n, a, blocks + 9 * a);
-    add_barrier_column(system, tangents, cube, at, blocks);
 }
 
 /* Add the contribution of one corner to its column of the matrix. */

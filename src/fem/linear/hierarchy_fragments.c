@@ -4,7 +4,6 @@
  * separate on all levels. */
 #include "fem/linear/hierarchy.h"
 
-#include "base/buffer.h"
 #include "base/fail.h"
 #include "base/memory.h"
 #include "base/union_find.h"
@@ -22,9 +21,6 @@ pliant_status pliant_nested_places(pliant_grid_level *level)
     const pliant_mesh *fine = system->fine, *solved = system->mesh;
     pliant_mesh *mesh = &level->mesh;
     if (!(mesh->lattice_of_node = pliant_calloc((size_t)solved->num_nodes, sizeof *mesh->lattice_of_node)))
-        return no_memory();
-    /* the barrier's stiffness depends on it */
-    if (!(mesh->rest = pliant_copy_block(solved->rest, (size_t)solved->num_nodes, 3 * sizeof *mesh->rest)))
         return no_memory();
     memcpy(mesh->cells, fine->cells, sizeof mesh->cells);
     mesh->num_nodes = solved->num_nodes;

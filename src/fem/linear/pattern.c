@@ -101,21 +101,6 @@ pliant_status pliant_system_find_pattern(pliant_system *system)
     return status;
 }
 
-/* Add the barrier's contribution to the same block, from the gradients of J. */
-static void add_barrier(const pliant_tangent *tangent, int32_t lane, double (*g)[LANES], int a, int b, double block[9])
-{
-    double h[3], k[3];
-    if (tangent->barrier[0][lane] == 0 && tangent->barrier[4][lane] == 0 && tangent->barrier[8][lane] == 0) return;
-    for (int i = 0; i < 3; i++) {
-        h[i] = k[i] = 0;
-        for (int d = 0; d < 3; d++) {
-            h[i] += tangent->barrier[3 * i + d][lane] * g[3 * a + d][lane];
-            k[i] += tangent->barrier[3 * i + d][lane] * g[3 * b + d][lane];
-        }
-    }
-    for (int m = 0; m < 9; m++) block[m] += h[m / 3] * k[m % 3];
-}
-
 /* Add the contribution of one element to one block. For isotropic elements it is R K_ab R' with the rotated gradients h
  * = R g. The twist contributes 1/2 [h_a]x' D [h_b]x: a displacement du_b rotates the element by h_b x du_b / 2, against
  * D (elements.c). */
@@ -146,7 +131,6 @@ static void add_term(const pliant_system *system, const pliant_tangent *tangents
             for (int i = 0; i < 3; i++)
                 block[3 * i + j] += lambda * h[i] * k[j] + mu * k[i] * h[j] + (i == j ? dot : 0) + twist[i];
         }
-        add_barrier(tangent, lane, g, a, b, block);
         return;
     }
     double left[9];

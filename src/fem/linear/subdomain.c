@@ -16,7 +16,6 @@ void pliant_subdomain_free(pliant_subdomain *subdomain)
     pliant_free(subdomain->mesh.tets);
     pliant_free(subdomain->unknown);
     pliant_free(subdomain->element);
-    pliant_free(subdomain->begin);
     pliant_free(subdomain->tangents);
     pliant_free(subdomain->stiffness);
     pliant_free(subdomain->axes);
@@ -84,16 +83,14 @@ static pliant_status find_elements(builder *build)
     for (int32_t i = 0; i < build->count; i++)
         maximum += (size_t)(whole->corner_end[build->list[i]] - whole->corner_start[build->list[i]]);
     made->element = pliant_calloc(maximum, sizeof *made->element);
-    made->begin = pliant_calloc(maximum, sizeof *made->begin);
     build->node = pliant_calloc(whole_nodes, sizeof *build->node);
-    if (!made->element || !made->begin || !build->node) return no_memory();
+    if (!made->element || !build->node) return no_memory();
     memset(build->node, 0xff, whole_nodes * sizeof *build->node);
     for (int32_t i = 0; i < build->count; i++)
         for (int32_t c = whole->corner_start[build->list[i]]; c < whole->corner_end[build->list[i]]; c++) {
             const int32_t element = pliant_element_of_corner(whole, whole->corner[c]);
             if (build->is_here[element]) continue;
             build->is_here[element] = 1;
-            made->begin[made->num_elements] = pliant_element_begin(whole, element);
             made->element[made->num_elements++] = element;
             corners += (size_t)(pliant_element_begin(whole, element + 1) - pliant_element_begin(whole, element));
         }
@@ -180,22 +177,6 @@ static pliant_status find_numbers_at(const builder *build, const double *positio
     return find_numbers(made);
 }
 
-/* Copy the barrier's values of an element from tangents of the whole system. */
-static void copy_barrier(const pliant_tangent *tangents, int32_t e, pliant_subdomain *subdomain)
-{
-    const pliant_system *system = &subdomain->system;
-    const int32_t of = subdomain->element[e], begin = pliant_element_begin(system, e),
-                  count = pliant_element_begin(system, e + 1) - begin;
-    for (int m = 0; !system->macros && m < 9; m++)
-        subdomain->tangents[e / LANES].barrier[m][e % LANES] = tangents[of / LANES].barrier[m][of % LANES];
-    for (int32_t i = 0; system->macros && i < count; i++) {
-        const int32_t to = begin + i, from = subdomain->begin[e] + i;
-        for (int d = 0; d < 3; d++)
-            subdomain->tangents[pliant_corner_block(to)].barrier[3 * (to % 4) + d][pliant_corner_lane(to)] =
-                tangents[pliant_corner_block(from)].barrier[3 * (from % 4) + d][pliant_corner_lane(from)];
-    }
-}
-
 pliant_status pliant_subdomain_numeric(pliant_subdomain *subdomain, const pliant_tangent *tangents)
 {
     for (int32_t e = 0; e < subdomain->num_elements; e++) {
@@ -204,7 +185,6 @@ pliant_status pliant_subdomain_numeric(pliant_subdomain *subdomain, const pliant
         pliant_tangent *to = subdomain->tangents + e / LANES;
         for (int m = 0; m < 9; m++) to->rotation[m][e % LANES] = from->rotation[m][of % LANES];
         for (int m = 0; m < 6; m++) to->twist[m][e % LANES] = from->twist[m][of % LANES];
-        copy_barrier(tangents, e, subdomain);
     }
     return find_numbers(subdomain);
 }

@@ -15,7 +15,6 @@ typedef struct pliant_subdomain {
     int32_t *unknown;         /* (mesh.num_nodes) unknown of the whole system, or -1 */
     int32_t num_elements;
     int32_t *element;         /* (num_elements) element of the whole system */
-    int32_t *begin;           /* (num_elements) its first corner there */
     pliant_tangent *tangents; /* (system.num_blocks) */
     double *stiffness;        /* of every tetrahedron, (12 x 12); NULL: macro-elements, which store their own */
     /* Nullable: (mesh.num_nodes x 9) axes of the nodes at creation; vectors of the whole system are in these axes. */

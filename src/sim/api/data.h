@@ -12,6 +12,10 @@ extern "C" {
 /* Return the name of a pliant_step_stage, static. */
 PLIANT_INTERNAL const char *pliant_step_stage_name(int stage);
 
+/* Set a simulation to the state of another one of the same pliant_model, as pliant_state_save and pliant_state_restore
+ * do. Errors (data unchanged): as of pliant_data_copy. */
+PLIANT_INTERNAL pliant_status pliant_data_move(const pliant_model *model, pliant_data *data, pliant_data *from);
+
 /* Replace the body of a simulation. All derived data are prepared first, then swapped: after an error, the simulation
  * continues with the same bits. Nodes keep their positions and velocities, and copies start with those of their source.
  * Tools keep their grasps. Errors: MEMORY, NUMERIC, SCENE, ARGUMENT (another mesh). */

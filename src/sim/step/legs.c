@@ -1,6 +1,5 @@
 #include "sim/step/legs.h"
 
-#include "backend/backend.h"
 #include "base/fail.h"
 #include "contact/advance/advance_rules.h"
 #include "contact/shapes/tool_shape.h"
@@ -327,9 +326,9 @@ static double farthest_of(const pliant_data *data)
     return sqrt(square);
 }
 
-/* Return the fraction of the leg at which the farthest node has moved by twice the maximum distance of a tool. The
- * result of a linear step after a blocked leg, and of a solve that has not converged near the barrier against
- * inversion, can be inaccurate for large motions, so the motion is scaled. */
+/* Return the fraction of the leg at which the farthest node has moved by twice the maximum distance of a tool. After
+ * a blocked leg the solver makes a linear step. Its result can be inaccurate for large motions, so the motion is
+ * scaled. */
 static double bound_motion(const pliant_data *data)
 {
     const double maximum = 2 * max_distance_of(data);
@@ -388,7 +387,7 @@ static pliant_status keep_volumes(const pliant_model *model, pliant_data *data, 
 static pliant_status apply_quasi_static(const pliant_model *model, pliant_data *data, double *fraction)
 {
     double volumes = 1, is_free = 1;
-    *fraction = fmin(update_loads(model, data), data->solver ? bound_motion(data) : 1);
+    *fraction = fmin(update_loads(model, data), data->solver && data->legs->blocked ? bound_motion(data) : 1);
     pliant_status status = keep_volumes(model, data, &volumes);
     if (status == PLIANT_OK) status = find_free_fraction(model, data, 1, &is_free);
     if (status < 0) return status;
@@ -583,8 +582,7 @@ void pliant_legs_set_goals_reached(pliant_data *data)
     end_step(data);
 }
 
-/* Set all proxies to the target poses. */
-static void skip_contact(pliant_data *data)
+void pliant_legs_skip(pliant_data *data)
 {
     pliant_contact_discard(data);
     data->bodies = NULL;
@@ -596,34 +594,4 @@ static void skip_contact(pliant_data *data)
         set_followed(data->tools + t);
         data->tools[t].proxy.missing_compliance = 0;
     }
-}
-
-/* If an element is inverted at the end of the step, shorten the motion. */
-static pliant_status bound_free_leg(const pliant_model *model, pliant_data *data)
-{
-    double fraction = 1;
-    data->legs->blocked = false;
-    if (!pliant_volume_is_inverted(&data->body->fine, data->positions, data->discretization->system->num_threads))
-        return PLIANT_OK;
-    pliant_status status = keep_volumes(model, data, &fraction);
-    if (status == PLIANT_OK && fraction < 1) {
-        pliant_legs_add_truncation_error(data, (1 - fraction) * farthest_of(data));
-        status = pliant_legs_apply_fraction(model, data, fraction);
-        data->legs->limited_by_elements = true;
-    }
-    if (data->legs->limited_by_elements) data->statistics.ended = PLIANT_STEP_END_ELEMENTS;
-    return status;
-}
-
-pliant_status pliant_legs_run_free(const pliant_model *model, pliant_data *data, pliant_solve_stages *solve,
-                                   pliant_status *warning)
-{
-    const bool is_bounded = data->solver && data->backend->state_is_on_host;
-    skip_contact(data);
-    if (is_bounded && !data->legs && !(data->legs = pliant_calloc(1, sizeof *data->legs)))
-        return pliant_fail_memory("contacts");
-    pliant_status status =
-        is_bounded ? pliant_run_stage(model, data, PLIANT_STEP_contact, pliant_legs_save) : PLIANT_OK;
-    if (status == PLIANT_OK) status = solve(model, data, warning);
-    return status >= 0 && is_bounded ? pliant_run_stage(model, data, PLIANT_STEP_contact, bound_free_leg) : status;
 }

@@ -78,11 +78,8 @@ typedef pliant_status pliant_solve_stages(const pliant_model *model, pliant_data
  * Errors: as of the stages. */
 pliant_status pliant_legs_run(const pliant_model *model, pliant_data *data, double completed,
                               pliant_solve_stages *solve, pliant_status *warning);
-/* Without contact: set all proxies to the target poses, and make the step as one leg. If an element would be inverted
- * at its end, the volume bound shortens the motion. A GPU and explicit dynamics do not shorten it.
- * Errors: as of the stages. */
-pliant_status pliant_legs_run_free(const pliant_model *model, pliant_data *data, pliant_solve_stages *solve,
-                                   pliant_status *warning);
+/* Without contact: set all proxies to the target poses. */
+void pliant_legs_skip(pliant_data *data);
 void pliant_legs_free(pliant_data *data);
 /* For tests: find the contact points of a leg in which all proxies go to their targets. Errors: MEMORY. */
 pliant_status pliant_legs_find(const pliant_model *model, pliant_data *data);

@@ -243,7 +243,7 @@ static bool find_contact(const pliant_tool_pose *pose, pressed_part *of)
 
 /* ---- the part's shape */
 
-enum { PROFILE = 14 };
+enum { PROFILE = 14, FLAT = 1000 /* exponent of a flat part */ };
 /* Piece of a part's profile. The height below the plane that touches the middle of the part is a power of the distance
  * from the middle there. */
 typedef struct segment {
@@ -312,12 +312,10 @@ static double gamma_ratio(double x) { return 1 / sqrt(x + 0.2732); }
 /* Return z a E* / F for a part whose height is z ~ x^m. */
 static double height_of(double m) { return (m + 1) / (2 * m) * gamma_ratio(0.5 * m) / sqrt(PI); }
 
-static const double flat = 1e3; /* the exponent of a flat part */
-
 static segment make_segment(double from, double to, double low, double height, bool is_first)
 {
-    segment out = {.from = from, .to = to, .height = height, .exponent = !is_first && height > low ? flat : 2};
-    if (low > 0) out.exponent = fmin(fmax(log(height / low) / log(to / from), 1), flat);
+    segment out = {.from = from, .to = to, .height = height, .exponent = !is_first && height > low ? FLAT : 2};
+    if (low > 0) out.exponent = fmin(fmax(log(height / low) / log(to / from), 1), FLAT);
     out.width = sqrt(sqrt(variance_of(out.exponent)));
     out.scale = 1 / (8 * height_of(out.exponent) * out.width * out.width);
     return out;
@@ -380,7 +378,7 @@ static semi_axis find_axis(const profile *part, double other, double load)
     }
     if (part->count == 0) return (semi_axis){0, 0, 2};
     const segment *last = part->segment + part->count - 1; /* the contact ends at the border of the part */
-    return (semi_axis){last->to, last->height, fmin(last->exponent / fmax(reached, 2 / flat), flat)};
+    return (semi_axis){last->to, last->height, fmin(last->exponent / fmax(reached, 2.0 / FLAT), FLAT)};
 }
 
 /* ---- the missing depth */

@@ -177,3 +177,14 @@ pliant_status pliant_data_copy(const pliant_model *model, pliant_data *data, pli
     pliant_account_close(account);
     return status;
 }
+
+pliant_status pliant_data_move(const pliant_model *model, pliant_data *data, pliant_data *from)
+{
+    pliant_state *state = NULL;
+    if (check_model(model, from->model) != PLIANT_OK) return PLIANT_ERROR_ARGUMENT;
+    pliant_status status = pliant_state_create(&state);
+    if (status == PLIANT_OK) status = pliant_state_save(model, from, state);
+    if (status == PLIANT_OK) status = pliant_state_restore(model, data, state);
+    pliant_state_free(state);
+    return status;
+}

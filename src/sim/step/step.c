@@ -202,7 +202,8 @@ static pliant_status run_legs(const pliant_model *model, pliant_data *data, plia
     if (data->solver) data->solver->spent = 0;
     if (!pliant_contact_is_idle(model, data))
         return pliant_legs_run(model, data, completed, run_stages_or_fall_back, warning);
-    return pliant_legs_run_free(model, data, run_stages_or_fall_back, warning);
+    pliant_legs_skip(data);
+    return run_stages_or_fall_back(model, data, warning);
 }
 
 /* Run the solve stage and the warp. If the GPU fails in the warp and the host's state is unchanged, the CPU repeats
