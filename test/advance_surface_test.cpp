@@ -460,6 +460,7 @@ TEST(AdvanceSurface, EveryAllocationMayFail)
             pliant_advance *advance = nullptr;
             Sheet sheet;
             sheet.add(9, 0.05, -3e-5);
+            if (self) sheet.add(9, 0.05, -7e-5); // near pairs, whose list grows
             const pliant_tool_shape shape = ball(2e-3);
             pliant_advance_part part{};
             part.part = &shape.part[0];
@@ -480,6 +481,7 @@ TEST(AdvanceSurface, EveryAllocationMayFail)
                 status = pliant_advance_find_self(advance, sheet.num_triangles(), sheet.triangles.data(),
                                                   sheet.from.data(), sheet.to.data(), &how, 1, &of_self);
             pliant_memory_fail_after(-1);
+            const int32_t pairs = status == PLIANT_OK && self ? advance->num_self : -1;
             if (status != PLIANT_OK) {
                 EXPECT_EQ(status, PLIANT_ERROR_MEMORY);
                 EXPECT_EQ(fraction, -5);
@@ -495,6 +497,8 @@ TEST(AdvanceSurface, EveryAllocationMayFail)
                 EXPECT_EQ(fraction, 1);
                 EXPECT_EQ(of_self, 1);
             }
+            if (pairs >= 0) EXPECT_EQ(pairs, advance->num_self) << "a failure loses pairs";
+            if (pairs >= 0) EXPECT_GT(pairs, 100);
             pliant_advance_free(advance);
             if (status == PLIANT_OK) {
                 EXPECT_GT(n, self ? 7 : 4);

@@ -18,9 +18,9 @@ struct cuda_data {
     int device;
     cudaStream_t stream;
     pliant_cuda_solver *solver;
-    const double *d_positions; /* (fine nodes x 3) of this step */
-    double *next_positions;    /* (fine nodes x 3) buffer of the host; swapped with data->positions when complete */
-    double *page_locked[2];    /* these two arrays, page-locked if possible; they may be swapped */
+    const double *d_positions;   /* (fine nodes x 3) of this step */
+    double *next_positions;      /* (fine nodes x 3) buffer of the host; swapped with data->positions when complete */
+    double *page_locked[2];      /* these two arrays, page-locked if possible; they may be swapped */
     /* replaces them if cuts are possible: page-locked, with capacity for more nodes; its contents are copied */
     double *pinned_positions;
     size_t pinned_capacity; /* [bytes] */
@@ -164,8 +164,7 @@ static bool may_have_small_elements(const pliant_model *model, pliant_data *data
     gpu_volume_bound *volume = &state->volume;
     bool may_be_small = true;
     if (cudaSetDevice(state->device) != cudaSuccess || pliant_host_moves_nodes(data)) return true;
-    if (pliant_cuda_volume_set_body(volume, data->body, state->stream) != PLIANT_OK)
-        return true;
+    if (pliant_cuda_volume_set_body(volume, data->body, state->stream) != PLIANT_OK) return true;
     if (!in_leg) return !has_positions(data) || !volume->has_near || volume->is_near;
     if (!has_positions(data) || !volume->has_from ||
         pliant_cuda_volume_end_leg(volume, &model->contact, state->d_positions, state->stream, &may_be_small) !=
@@ -247,8 +246,7 @@ static pliant_status finish(pliant_data *data)
     cuda_data *state = state_of(data);
     pliant_cuda_warp *warp = data->warp ? static_cast<pliant_cuda_warp *>(pliant_warp_accelerated(data->warp)) : NULL;
     const double *h_solved = NULL;
-    if (!state->is_on_host)
-        CUDA_TRY(pliant_cuda_solver_download(state->solver, &h_solved));
+    if (!state->is_on_host) CUDA_TRY(pliant_cuda_solver_download(state->solver, &h_solved));
     else if (warp && (state->moved || data->rigid_pieces || data->statistics.patched > 0))
         CUDA_TRY(pliant_cuda_solver_place(state->solver, data->positions));
     if (warp) CUDA_TRY(pliant_cuda_warp_enqueue(warp, state->d_positions, state->stream));

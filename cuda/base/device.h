@@ -8,7 +8,7 @@
 extern "C" {
 #endif
 
-/* Describe the device that a backend would use, or why there is none. Return whether there is one. */
+/* Describe the device that a backend uses, or the reason why no device can be used. Return whether one can be used. */
 bool pliant_cuda_text(char *text, size_t size);
 /* Return its index. Later calls return the same device while it works. Errors: UNAVAILABLE. */
 pliant_status pliant_cuda_current_device(int *out);

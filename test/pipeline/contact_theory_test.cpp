@@ -102,7 +102,7 @@ TEST(ContactTheory, ABallOnAHalfSpaceAsHertz)
     }
 }
 
-// A ball rests deep in coarse cells, beside their nodes. The triangles turn under the force, but the contact points
+// A ball rests deep in coarse cells, away from their nodes. The triangles turn under the force, but the contact points
 // settle. Points that follow the nearest point at once alternate between two states, whose forces differ by 8 %.
 TEST(ContactTheory, PointsSettleOnCoarseCells)
 {

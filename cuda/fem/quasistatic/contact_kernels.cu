@@ -250,7 +250,7 @@ static __global__ void __launch_bounds__(ONE_BLOCK) pull_kernel(gpu_contact_view
 /* Doubles of the cones of one point, without equations and A. */
 enum { CONE_DOUBLES = 3 * 4 + (sizeof(pliant_cone_point) + sizeof(double)) / sizeof(double) };
 
-/* Place the cone problem in shared memory, up to its size. A and the equations of many points stay in global memory. */
+/* Put the cone problem into shared memory, up to its size. A and the equations of many points stay in global memory. */
 static __device__ pliant_cones place_cones(const gpu_contact_view &view, double *shared, size_t capacity)
 {
     pliant_cones on;

@@ -74,9 +74,10 @@ static void add(search *on, const int32_t node[4], bool edges, int32_t first, in
     pliant_advance *advance = on->advance;
     const double separation = separation_of(on, node, edges ? 2 : 1);
     if (separation > on->margin || pliant_advance_is_exempt(on->self, 4, node, edges ? 2 : 1)) return;
-    on->failed =
-        !pliant_reserve(&advance->self, &advance->max_self, advance->num_self, FIRST_PAIRS, sizeof *advance->self);
-    if (on->failed) return;
+    if (!pliant_reserve(&advance->self, &advance->max_self, advance->num_self, FIRST_PAIRS, sizeof *advance->self)) {
+        on->failed = true;
+        return;
+    }
     pliant_advance_self_pair *pair = advance->self + advance->num_self++;
     *pair = (pliant_advance_self_pair){.is_edges = edges, .feature = {first, second}, .limit = separation};
     memcpy(pair->node, node, sizeof pair->node);

@@ -114,10 +114,8 @@ static bool is_held(const pliant_moving_part *part, int32_t node)
     int32_t low = 0, high = part->num_held;
     while (low < high) {
         const int32_t middle = (low + high) / 2;
-        if (part->held[middle] < node)
-            low = middle + 1;
-        else
-            high = middle;
+        if (part->held[middle] < node) low = middle + 1;
+        else high = middle;
     }
     return low < part->num_held && part->held[low] == node;
 }
@@ -271,10 +269,8 @@ static const pliant_contact_point *pressed_before(const search *on, const pliant
     int32_t low = 0, high = before ? before->count : 0;
     while (low < high) {
         const int32_t middle = (low + high) / 2;
-        if (before->point[middle].feature < key)
-            low = middle + 1;
-        else
-            high = middle;
+        if (before->point[middle].feature < key) low = middle + 1;
+        else high = middle;
     }
     return before && low < before->count && before->point[low].feature == key && before->point[low].was_pressed
                ? before->point + low
@@ -311,7 +307,8 @@ static void keep_deeper(const search *on)
         const double *a = on->positions + 3 * (size_t)edge->node[0], *b = on->positions + 3 * (size_t)edge->node[1];
         const double along[3] = {b[0] - a[0], b[1] - a[1], b[2] - a[2]};
         if (edge->is_in_contact)
-            keep_if_deeper(on, edge, fmin(gap_of(on, ends[0], edge), gap_of(on, ends[1], edge)), pliant_length3(along));
+            keep_if_deeper(on, edge, fmin(gap_of(on, ends[0], edge), gap_of(on, ends[1], edge)),
+                           pliant_length3(along));
     }
     for (int32_t t = 0; t < on->triangles; t++) {
         pliant_feature *face = detector->face + t;
@@ -494,6 +491,8 @@ static uint64_t part_key_of(const pliant_moving_part *part)
     return part->kind == PLIANT_OBSTACLE_TOOL ? (uint64_t)(PLIANT_MAX_PARTS * part->tool + part->index)
                                               : 128 + (uint64_t)part->index;
 }
+
+bool pliant_contact_has_delayed(const pliant_contact_detector *detector) { return detector->has_delayed; }
 
 pliant_status pliant_contact_find(pliant_contact_detector *detector, const pliant_body *body, const double *positions,
                                   const pliant_contacts *before, bool blocked, int32_t count,

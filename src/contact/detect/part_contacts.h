@@ -54,6 +54,8 @@ pliant_status pliant_contacts_copy(const pliant_contacts *from, pliant_contacts 
 pliant_status pliant_contact_find(pliant_contact_detector *detector, const pliant_body *body, const double *positions,
                                   const pliant_contacts *before, bool blocked, int32_t count,
                                   const pliant_moving_part *parts, pliant_contacts *out);
+/* Return whether the last search delayed the motion of a point, so that its points must not be reused. */
+bool pliant_contact_has_delayed(const pliant_contact_detector *detector);
 
 #ifdef __cplusplus
 }

@@ -177,11 +177,8 @@ typedef struct adapter {
 
 /* sorted by dependency */
 static const adapter adapters[] = {
-    {prepare_discretization, swap_discretization},
-    {prepare_positions, swap_positions},
-    {prepare_state, swap_state},
-    {prepare_tools, swap_tools},
-    {prepare_warp, swap_warp},
+    {prepare_discretization, swap_discretization}, {prepare_positions, swap_positions}, {prepare_state, swap_state},
+    {prepare_tools, swap_tools},                   {prepare_warp, swap_warp},
 };
 enum { NUM_ADAPTERS = sizeof adapters / sizeof *adapters };
 

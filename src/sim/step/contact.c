@@ -3,7 +3,6 @@
 #include "base/buffer.h"
 #include "base/fail.h"
 #include "base/memory.h"
-#include "contact/detect/detector.h"
 #include "contact/volume/volume_bound.h"
 #include "fem/dynamics/tled.h"
 #include "fem/patch/patch.h"
@@ -221,7 +220,7 @@ static pliant_status find_points(const pliant_model *model, pliant_data *data, c
         status =
             pliant_contact_find(search->detector, body, positions, &data->contacts, data->legs->use_plane_constraints,
                                 search->num_parts, search->part, &search->point_buffer);
-    search->found = search->found && !search->detector->has_delayed;
+    search->found = search->found && !pliant_contact_has_delayed(search->detector);
     if (status == PLIANT_OK && pliant_contact_touches_itself(model))
         status = find_tissue(model, data, max_piece_motion, &search->point_buffer);
     if (status == PLIANT_OK && body != data->body)

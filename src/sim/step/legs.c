@@ -47,10 +47,8 @@ static pliant_status place_proxy(const pliant_model *model, pliant_data *data, i
         pliant_status status = pliant_contact_is_free(model, data, t, &measured, &is_free, &is_inside);
         if (status != PLIANT_OK) return status;
     }
-    if (comes || tool->proxy.released)
-        tool->proxy.released = is_inside || (tool->proxy.released && !is_free);
-    else if (!is_free || is_inside)
-        return PLIANT_OK;
+    if (comes || tool->proxy.released) tool->proxy.released = is_inside || (tool->proxy.released && !is_free);
+    else if (!is_free || is_inside) return PLIANT_OK;
     data->legs->tool[t].is_placed = true;
     pliant_tool_set_proxy(tool, &measured);
     memset(tool->proxy.coupling_load, 0, sizeof tool->proxy.coupling_load);

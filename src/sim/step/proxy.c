@@ -149,8 +149,8 @@ pliant_tool_pose pliant_proxy_pose_under_load(const pliant_tool *tool, const pli
 
 /* Return the compliance of a coupling for this distance between proxy and goal. It is `least` for small loads. Near the
  * force limit the compliance increases, so that the load stays below the limit. If the compliance of the tissue is
- * known, the proxy moves to the place at which tissue with a quarter of this compliance has the limit as its load. So
- * the load stays below the limit if the tissue becomes up to four times stiffer. */
+ * known, a quarter of it predicts the load, and the proxy moves until this prediction is the limit. So the load stays
+ * below the limit if the tissue becomes up to four times stiffer. */
 static double coupling_compliance(const pliant_contact_settings *settings, double least, double error, double load,
                                   double limit, double yields)
 {
