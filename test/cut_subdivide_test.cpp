@@ -1,8 +1,6 @@
-// Tests of cuts that subdivide tetrahedra (cut/kind: subdivide): the mesh, the simulation state, and unsupported
-// combinations.
-#include "backend/explicit_statistics.h"
+// Tests of cuts that subdivide tetrahedra (cut/kind: subdivide): the mesh, and unsupported combinations.
 #include "base/memory.h"
-#include "cuts.h"
+#include "subdivided_bar.h"
 #include "mesh/mesh.h"
 #include "topology/visible_surface.h"
 #include "warp/warp.h"
@@ -11,32 +9,6 @@
 #include <array>
 
 namespace {
-
-const int size[3] = {40, 20, 20};
-const double box[3] = {0.2, 0.1, 0.1}, surface = 2 * (0.2 * 0.1 + 0.2 * 0.1 + 0.1 * 0.1);
-
-std::unique_ptr<Body> built(std::unique_ptr<Body> body, const std::function<void(pliant_scene &)> &set)
-{
-    body->fix_plane(1e-6, 0, 0, 1, 0, 0);
-    body->cells(8, 4, 4, 1);
-    body->scene.cut.kind = PLIANT_CUT_SUBDIVIDE;
-    set(body->scene);
-    EXPECT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
-    return body;
-}
-
-std::unique_ptr<Body> bar(const std::function<void(pliant_scene &)> &set = [](pliant_scene &) {})
-{
-    std::unique_ptr<Body> body(new Body(size, box, {{4000, 0.4, 1000, false}, {20000, 0.3, 1200, false}},
-                                        [](int i, int j, int k) { return (i / 5 + j / 4 + k / 3) % 2; }));
-    return built(std::move(body), set);
-}
-
-std::unique_ptr<Body> uniform(const std::function<void(pliant_scene &)> &set = [](pliant_scene &) {})
-{
-    std::unique_ptr<Body> body(new Body(size, box, {{4000, 0.4, 1000, false}}));
-    return built(std::move(body), set);
-}
 
 // A body, its current cut body, and the positions of the nodes.
 struct Split {
@@ -75,60 +47,6 @@ struct Split {
         return cut(from, to);
     }
 };
-
-double area_of(const pliant_mesh &mesh, const int32_t *triangles, int32_t first, int32_t last)
-{
-    double sum = 0;
-    for (int32_t t = first; t < last; t++) {
-        double u[3], v[3], squares = 0;
-        for (int d = 0; d < 3; d++) {
-            u[d] = mesh.rest[3 * triangles[3 * t + 1] + d] - mesh.rest[3 * triangles[3 * t] + d];
-            v[d] = mesh.rest[3 * triangles[3 * t + 2] + d] - mesh.rest[3 * triangles[3 * t] + d];
-        }
-        for (int d = 0; d < 3; d++)
-            squares += std::pow(u[(d + 1) % 3] * v[(d + 2) % 3] - u[(d + 2) % 3] * v[(d + 1) % 3], 2);
-        sum += 0.5 * std::sqrt(squares);
-    }
-    return sum;
-}
-
-// Check that all volumes are positive. Unshared faces must have the area of the box plus both sides of the opened area.
-// If two neighbours split a face differently, the unshared area would be larger.
-void expect_sound(const pliant_body &body, double opened)
-{
-    double gradients[12], volume = 0, minimum = 1;
-    for (int32_t t = 0; t < body.fine.num_tets; t++) {
-        const double one = pliant_mesh_gradients(&body.fine, t, gradients);
-        minimum = std::fmin(minimum, one);
-        volume += one;
-    }
-    EXPECT_GE(minimum, (1 - 1e-9) * body.subdivision->min_volume);
-    EXPECT_NEAR(volume, 0.2 * 0.1 * 0.1, 1e-12 * volume);
-    EXPECT_NEAR(area_of(body.fine, body.triangles, 0, body.num_triangles), surface + 2 * opened, 1e-9 * surface);
-    pliant_surface *seen = nullptr;
-    ASSERT_EQ(pliant_surface_create(&body, nullptr, &seen), PLIANT_OK) << pliant_last_error();
-    EXPECT_EQ(seen->num_triangles, body.num_triangles);
-    EXPECT_NEAR(area_of(body.fine, seen->triangle, 0, seen->first_cut), surface, 1e-9 * surface);
-    EXPECT_NEAR(area_of(body.fine, seen->triangle, seen->first_cut, seen->num_triangles), 2 * opened, 1e-9 * surface);
-    pliant_surface_free(seen);
-}
-
-// over all edges with an appended node
-double shortest_edge(const pliant_body &body)
-{
-    double minimum = 1;
-    for (int32_t t = 0; t < body.fine.num_tets; t++)
-        for (int a = 0; a < 4; a++)
-            for (int b = 0; b < a; b++) {
-                double squares = 0;
-                for (int d = 0; d < 3; d++)
-                    squares += std::pow(body.fine.rest[3 * body.fine.tets[4 * t + a] + d] -
-                                            body.fine.rest[3 * body.fine.tets[4 * t + b] + d],
-                                        2);
-                minimum = std::fmin(minimum, std::sqrt(squares));
-            }
-    return minimum;
-}
 
 TEST(Subdivide, APlaneMakesTwoPiecesThatAddUp)
 {
@@ -436,172 +354,6 @@ TEST(Subdivide, EveryVoxelIsDrawnByTheTetrahedronThatHoldsIt)
     EXPECT_EQ(doubled, 0);
     EXPECT_EQ(none, 0);
     pliant_warp_free(warp);
-}
-
-// ---- in a simulation
-
-// Move a blade down through the bar, 2 mm per step, while the bar sags.
-void stroke_through(Body &body, int tool, double x, double to)
-{
-    double at[3] = {x, 0.05, 0.115};
-    for (bool first = true; at[2] > to; at[2] -= 0.002, first = false) {
-        ASSERT_EQ(pliant_tool_set_pose(body.data, tool, at, nullptr), PLIANT_OK);
-        if (first) {
-            ASSERT_EQ(pliant_tool_set_cutting(body.data, tool, true), PLIANT_OK) << pliant_last_error();
-        }
-        ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
-        for (int32_t n = 0; n < 3 * body.data->body->fine.num_nodes; n++)
-            ASSERT_TRUE(std::isfinite(body.data->positions[n]));
-    }
-    ASSERT_EQ(pliant_tool_set_cutting(body.data, tool, false), PLIANT_OK);
-}
-
-int add_knife(Body &body)
-{
-    const double from[3] = {0, -0.07, 0}, to[3] = {0, 0.07, 0};
-    int tool = -1;
-    EXPECT_EQ(pliant_tool_add(body.model, body.data, "knife", &tool), PLIANT_OK);
-    EXPECT_EQ(pliant_tool_set_blade(body.data, tool, from, to), PLIANT_OK);
-    return tool;
-}
-
-TEST(Subdivide, ABladeCutsAlongItsPath)
-{
-    for (int cycles = 0; cycles < 2; cycles++) {
-        auto body = uniform([&](pliant_scene &scene) {
-            scene.solver.iterations = 8;
-            scene.solver.tolerance = 1e-3;
-            scene.solver.preconditioner = cycles ? PLIANT_MULTIGRID : PLIANT_DIRECT;
-            scene.mesh.coarse_cells[0] = 8;
-            scene.mesh.coarse_cells[1] = scene.mesh.coarse_cells[2] = 2;
-            scene.model.gravity[2] = -0.5;
-        });
-        const int tool = add_knife(*body);
-        const double mass = total_mass(*body->data->body);
-        stroke_through(*body, tool, 0.112, 0.05);
-        EXPECT_EQ(num_pieces(*body->data->body), 1);
-        stroke_through(*body, tool, 0.162, -0.03);
-        pliant_tool_state state{};
-        ASSERT_EQ(pliant_tool_get(body->data, tool, &state), PLIANT_OK);
-        EXPECT_EQ(num_pieces(*body->data->body), 2);
-        EXPECT_EQ(state.pieces, 2);
-        EXPECT_NEAR(total_mass(*body->data->body), mass, 1e-12 * mass);
-        ASSERT_NE(body->data->body->pieces, nullptr) << "the end falls";
-        expect_sound(*body->data->body, state.severed_area);
-    }
-}
-
-// A blade whose tip stays in the tissue severs the area that it sweeps. It leaves the bar, or is switched off in the
-// tissue. Cubes are 25 mm wide.
-TEST(Subdivide, ABladeThatEndsInTheTissueSeversWhatItSweeps)
-{
-    for (double depth : {0.041, 0.056, 0.07})
-        for (bool through : {true, false}) {
-            auto body = uniform([](pliant_scene &scene) {
-                scene.fixed.num_planes = 0;
-                scene.fixed.planes[scene.fixed.num_planes++] = {{0, 0, 1e-6}, {0, 0, 1}};
-                scene.solver.iterations = 8;
-                scene.solver.tolerance = 1e-3;
-                scene.cut.resistance = 0;
-            });
-            const double from[3] = {0, 0, 0.12}, to[3] = {0, 0, 0}, mass = total_mass(*body->data->body);
-            int tool = -1;
-            ASSERT_EQ(pliant_tool_add(body->model, body->data, "knife", &tool), PLIANT_OK);
-            ASSERT_EQ(pliant_tool_set_blade(body->data, tool, from, to), PLIANT_OK);
-            const double end = through ? 0.21 : 0.143;
-            for (double x = -0.011; x < end; x += 0.004) {
-                const double tip[3] = {x, 0.043 + 0.05 * x, 0.1 - depth};
-                ASSERT_EQ(pliant_tool_set_pose(body->data, tool, tip, nullptr), PLIANT_OK);
-                ASSERT_EQ(pliant_tool_set_cutting(body->data, tool, true), PLIANT_OK) << pliant_last_error();
-                ASSERT_GE(pliant_step(body->model, body->data), 0) << pliant_last_error();
-            }
-            ASSERT_EQ(pliant_tool_set_cutting(body->data, tool, false), PLIANT_OK);
-            ASSERT_GE(pliant_step(body->model, body->data), 0) << pliant_last_error();
-            pliant_tool_state state{};
-            ASSERT_EQ(pliant_tool_get(body->data, tool, &state), PLIANT_OK);
-            const double swept = depth * (through ? 0.2 : 0.141) * std::sqrt(1 + 0.05 * 0.05);
-            if (std::getenv("PLIANT_FIGURES"))
-                std::printf("%.0f mm deep, %s: %.3f of the swept area\n", 1e3 * depth,
-                            through ? "through" : "switched off in the tissue", state.severed_area / swept);
-            EXPECT_NEAR(state.severed_area, swept, 0.05 * swept) << depth << " " << through;
-            EXPECT_EQ(state.pieces, 1);
-            EXPECT_NEAR(total_mass(*body->data->body), mass, 1e-12 * mass);
-            expect_sound(*body->data->body, state.severed_area);
-        }
-}
-
-// Oblique blades cut a bar that bends by centimetres under its weight. No tissue passes through, not even at its
-// surface.
-TEST(Subdivide, ATiltedBladeCutsMovingTissue)
-{
-    std::mt19937 random(11);
-    std::uniform_real_distribution<double> unit(-1, 1);
-    double draws[6];
-    for (int run = 0; run < 16; run++) {
-        for (double &draw : draws) draw = unit(random);
-        if (run < 14) continue;
-        auto body = uniform([](pliant_scene &scene) {
-            scene.solver.iterations = 6;
-            scene.solver.tolerance = 1e-3;
-            scene.model.gravity[2] = -0.5;
-        });
-        const double from[3] = {0.02 * draws[0], -0.07, 0.02 * draws[1]},
-                     to[3] = {0.02 * draws[2], 0.07, 0.02 * draws[3]};
-        int tool = -1, step = 0;
-        ASSERT_EQ(pliant_tool_add(body->model, body->data, "knife", &tool), PLIANT_OK);
-        ASSERT_EQ(pliant_tool_set_blade(body->data, tool, from, to), PLIANT_OK);
-        double at[3] = {0.13 + 0.03 * draws[4], 0.05, 0.15};
-        for (; at[2] > -0.21; step++, at[2] -= 0.003, at[0] += 0.0009 * draws[5]) { // below the bent end of the bar
-            const double place[3] = {at[0] + 0.002 * (run % 3) * std::sin(0.7 * step), at[1], at[2]};
-            ASSERT_EQ(pliant_tool_set_pose(body->data, tool, place, nullptr), PLIANT_OK);
-            ASSERT_EQ(pliant_tool_set_cutting(body->data, tool, true), PLIANT_OK);
-            ASSERT_GE(pliant_step(body->model, body->data), 0) << pliant_last_error();
-        }
-        EXPECT_GE(num_pieces(*body->data->body), 2) << run;
-    }
-}
-
-TEST(Subdivide, ExplicitStepsShrinkWithTheSmallestTetrahedron)
-{
-    auto body = uniform([](pliant_scene &scene) {
-        scene.solver.kind = PLIANT_TLED;
-        scene.tled.damping = 20;
-        scene.model.gravity[2] = -0.5;
-    });
-    pliant_dynamics before{}, after{};
-    ASSERT_EQ(pliant_data_get_dynamics(body->model, body->data, &before), PLIANT_OK);
-    const int tool = add_knife(*body);
-    stroke_through(*body, tool, 0.112, -0.04);
-    EXPECT_EQ(num_pieces(*body->data->body), 2);
-    ASSERT_EQ(pliant_data_get_dynamics(body->model, body->data, &after), PLIANT_OK);
-    EXPECT_NEAR(after.edge_bound / before.edge_bound,
-                shortest_edge(*body->data->body) / shortest_edge(*body->model->body), 1e-9);
-    EXPECT_LT(after.eigenvalue_bound, 0.9 * before.eigenvalue_bound);
-    EXPECT_LE(after.time_step, after.eigenvalue_bound);
-}
-
-// New nodes inherit the velocity at their position, so a uniform motion continues.
-TEST(Subdivide, MotionContinuesAfterACut)
-{
-    auto body = uniform([](pliant_scene &scene) {
-        scene.solver.kind = PLIANT_TLED;
-        scene.tled.damping = 0;
-        scene.fixed.num_planes = 0;
-        scene.ground.normal[2] = 1;
-        scene.ground.point[2] = -1;
-        scene.model.gravity[2] = -9.81;
-    });
-    for (int s = 0; s < 5; s++) ASSERT_GE(pliant_step(body->model, body->data), 0) << pliant_last_error();
-    const double before = body->data->positions[2] - body->data->body->fine.rest[2];
-    const double points[6] = {0.09, -0.01, 0.2, 0.12, 0.11, 0.2}, depth[3] = {0, 0, -0.4};
-    ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, points, depth, nullptr), PLIANT_OK) << pliant_last_error();
-    EXPECT_EQ(num_pieces(*body->data->body), 2);
-    for (int s = 0; s < 3; s++) ASSERT_GE(pliant_step(body->model, body->data), 0) << pliant_last_error();
-    const double time = 8 * body->scene.solver.step;
-    EXPECT_LT(before, 0);
-    for (int32_t n = 0; n < body->data->body->fine.num_nodes; n++)
-        EXPECT_NEAR(body->data->positions[3 * n + 2] - body->data->body->fine.rest[3 * n + 2],
-                    -0.5 * 9.81 * time * time, 0.03 * 0.5 * 9.81 * time * time);
 }
 
 TEST(Subdivide, UndoReturnsBits)
