@@ -1,5 +1,4 @@
-/* Geometry of conservative advancement, shared by CPU and GPU: limits, times at which a bound reaches a limit, closest
- * points. */
+/* Geometry of conservative advancement: limits, times at which a bound reaches a limit, closest points. */
 #ifndef PLIANT_CONTACT_ADVANCE_RULES_H
 #define PLIANT_CONTACT_ADVANCE_RULES_H
 
@@ -71,78 +70,9 @@ PLIANT_INLINE void pliant_advance_closest_on_segments(const double p[2][3], cons
     *s = a > 0.0 ? fmin(fmax((b * *t - c) / a, 0.0), 1.0) : 0.0;
 }
 
-/* Compute the weights of the point of a triangle that is closest to p (Ericson 5.1.5). For a triangle without area,
- * the point is near the closest one. */
-PLIANT_INLINE void pliant_advance_closest_on_triangle(const double corner[3][3], const double p[3], double weight[3])
-{
-    double ab[3], ac[3], ap[3], bp[3], cp[3];
-    for (int i = 0; i < 3; i++) {
-        ab[i] = corner[1][i] - corner[0][i];
-        ac[i] = corner[2][i] - corner[0][i];
-        ap[i] = p[i] - corner[0][i];
-        bp[i] = p[i] - corner[1][i];
-        cp[i] = p[i] - corner[2][i];
-    }
-    const double d1 = pliant_dot3(ab, ap), d2 = pliant_dot3(ac, ap), d3 = pliant_dot3(ab, bp),
-                 d4 = pliant_dot3(ac, bp);
-    const double d5 = pliant_dot3(ab, cp), d6 = pliant_dot3(ac, cp);
-    const double va = d3 * d6 - d5 * d4, vb = d5 * d2 - d1 * d6, vc = d1 * d4 - d3 * d2, whole = va + vb + vc;
-    double b = 0.0, c = 0.0;
-    if (d1 <= 0.0 && d2 <= 0.0)
-        b = c = 0.0;
-    else if (d3 >= 0.0 && d4 <= d3)
-        b = 1.0;
-    else if (vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0)
-        b = d1 > d3 ? d1 / (d1 - d3) : 0.0;
-    else if (d6 >= 0.0 && d5 <= d6)
-        c = 1.0;
-    else if (vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0)
-        c = d2 > d6 ? d2 / (d2 - d6) : 0.0;
-    else if (va <= 0.0 && d4 >= d3 && d5 >= d6) {
-        const double sum = (d4 - d3) + (d5 - d6);
-        c = sum > 0.0 ? (d4 - d3) / sum : 0.0;
-        b = 1.0 - c;
-    } else if (whole > 0.0) {
-        b = vb / whole;
-        c = vc / whole;
-    }
-    weight[0] = 1.0 - b - c;
-    weight[1] = b;
-    weight[2] = c;
-}
-
 PLIANT_INLINE void pliant_advance_triangle_point(const double corner[3][3], const double weight[3], double out[3])
 {
     for (int i = 0; i < 3; i++) out[i] = weight[0] * corner[0][i] + weight[1] * corner[1][i] + weight[2] * corner[2][i];
-}
-
-/* Compute the weights of the point of a triangle closest to a segment that does not pass through the triangle. */
-PLIANT_INLINE void pliant_advance_near_segment(const double corner[3][3], const double end[2][3], double weight[3])
-{
-    double best = (double)INFINITY;
-    for (int k = 0; k < 5; k++) {
-        double trial[3] = {0.0, 0.0, 0.0}, place[3], difference[3], s, t;
-        if (k < 3) {
-            const int next = (k + 1) % 3;
-            double edge[2][3];
-            for (int i = 0; i < 3; i++) {
-                edge[0][i] = corner[k][i];
-                edge[1][i] = corner[next][i];
-            }
-            pliant_advance_closest_on_segments((const double(*)[3])edge, end, &s, &t);
-            trial[k] = 1.0 - s;
-            trial[next] = s;
-        } else {
-            t = (double)(k - 3);
-            pliant_advance_closest_on_triangle(corner, end[k - 3], trial);
-        }
-        pliant_advance_triangle_point(corner, trial, place);
-        for (int i = 0; i < 3; i++) difference[i] = place[i] - end[0][i] - t * (end[1][i] - end[0][i]);
-        const double square = pliant_dot3(difference, difference);
-        if (!(square < best)) continue;
-        best = square;
-        for (int i = 0; i < 3; i++) weight[i] = trial[i];
-    }
 }
 
 #endif

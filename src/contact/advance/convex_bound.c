@@ -8,6 +8,7 @@
 
 #include "contact/advance/advance_rules.h"
 #include "contact/shapes/shapes.h"
+#include "contact/shapes/solid.h"
 
 #include <string.h>
 
@@ -136,13 +137,43 @@ static tangent tangent_at(const pliant_part *core, const double corner[3][3], co
     return out;
 }
 
+/* Compute the weights of the point of a triangle closest to a segment that does not pass through the triangle. */
+static void nearest_to_segment(const double corner[3][3], const double end[2][3], double weight[3])
+{
+    double best = INFINITY;
+    for (int k = 0; k < 5; k++) {
+        double trial[3] = {0, 0, 0}, place[3], difference[3], s, t;
+        if (k < 3) {
+            const int next = (k + 1) % 3;
+            double edge[2][3];
+            for (int i = 0; i < 3; i++) {
+                edge[0][i] = corner[k][i];
+                edge[1][i] = corner[next][i];
+            }
+            pliant_advance_closest_on_segments((const double(*)[3])edge, end, &s, &t);
+            trial[k] = 1 - s;
+            trial[next] = s;
+        } else {
+            t = (double)(k - 3);
+            pliant_triangle_nearest_weights(corner[0], corner[1], corner[2], end[k - 3], trial);
+        }
+        pliant_advance_triangle_point(corner, trial, place);
+        for (int i = 0; i < 3; i++) difference[i] = place[i] - end[0][i] - t * (end[1][i] - end[0][i]);
+        const double square = pliant_dot3(difference, difference);
+        if (!(square < best)) continue;
+        best = square;
+        for (int i = 0; i < 3; i++) weight[i] = trial[i];
+    }
+}
+
 /* For a few rounds, start from the triangle's point nearest to the part's closest point. */
 static void begin_at(const pliant_part *core, const double corner[3][3], double weight[3])
 {
     enum { ROUNDS = 2 };
     const double ends[2][3] = {{core->from[0], core->from[1], core->from[2]}, {core->to[0], core->to[1], core->to[2]}};
-    if (core->kind == PLIANT_PART_SPHERE) pliant_advance_closest_on_triangle(corner, core->from, weight);
-    if (core->kind == PLIANT_PART_CAPSULE) pliant_advance_near_segment(corner, ends, weight);
+    if (core->kind == PLIANT_PART_SPHERE)
+        pliant_triangle_nearest_weights(corner[0], corner[1], corner[2], core->from, weight);
+    if (core->kind == PLIANT_PART_CAPSULE) nearest_to_segment(corner, ends, weight);
     if (core->kind != PLIANT_PART_BOX && core->kind != PLIANT_PART_SOLID) return;
     for (int round = 0; round < ROUNDS; round++) {
         double point[3], normal[3];
@@ -150,7 +181,7 @@ static void begin_at(const pliant_part *core, const double corner[3][3], double 
         const double distance = pliant_part_distance(core, point, normal) + core->radius;
         for (int d = 0; d < 3; d++) point[d] -= distance * normal[d];
         if (distance <= 0) return;
-        pliant_advance_closest_on_triangle(corner, point, weight);
+        pliant_triangle_nearest_weights(corner[0], corner[1], corner[2], point, weight);
     }
 }
 

@@ -6,6 +6,7 @@
 #include "base/threads.h"
 #include "contact/advance/advance_rules.h"
 #include "contact/advance/advance_workspace.h"
+#include "contact/shapes/solid.h"
 
 #include <math.h>
 #include <string.h>
@@ -241,7 +242,7 @@ static void shortest_way(const double x[4][3], bool is_edges, double out[3])
             out[d] = x[0][d] + s * (x[1][d] - x[0][d]) - x[2][d] - r * (x[3][d] - x[2][d]);
     } else {
         double weight[3], foot[3];
-        pliant_advance_closest_on_triangle(x + 1, x[0], weight);
+        pliant_triangle_nearest_weights(x[1], x[2], x[3], x[0], weight);
         pliant_advance_triangle_point(x + 1, weight, foot);
         for (int d = 0; d < 3; d++) out[d] = x[0][d] - foot[d];
     }
@@ -399,7 +400,7 @@ void pliant_advance_self_contact(const pliant_advance_self_pair *pair, const dou
         weight[2] = r - 1;
         weight[3] = -r;
     } else {
-        pliant_advance_closest_on_triangle(x + 1, x[0], weight + 1);
+        pliant_triangle_nearest_weights(x[1], x[2], x[3], x[0], weight + 1);
         weight[0] = 1;
         for (int c = 1; c < 4; c++) weight[c] = -weight[c];
     }

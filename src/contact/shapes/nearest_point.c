@@ -430,6 +430,7 @@ static double nearest_on_face(const pliant_part *ball, const double at[3][3], do
 {
     double place[3];
     pliant_triangle_nearest_weights(at[0], at[1], at[2], ball->from, weight);
+    weight[0] = fmax(weight[0], 0);
     mix(at, weight, place);
     return pliant_part_distance(ball, place, normal);
 }

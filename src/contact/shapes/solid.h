@@ -46,8 +46,8 @@ void pliant_triangle_tree_free(pliant_triangle_tree *tree); /* Nullable */
 double pliant_triangle_tree_distance(const pliant_triangle_tree *tree, const double p[3], double maximum);
 /* Return the winding number of the surface around a point: 1 inside, 0 outside. */
 double pliant_triangle_tree_winding(const pliant_triangle_tree *tree, const double p[3]);
-/* Compute the point of a triangle nearest to p. */
-/* as weights of its corners */
+/* Compute the point of a triangle nearest to p, as weights of its corners and as a point. The first weight may be
+ * negative by rounding. For a triangle without area, the point is near the closest one. */
 void pliant_triangle_nearest_weights(const double a[3], const double b[3], const double c[3], const double p[3],
                                      double out[3]);
 void pliant_triangle_nearest(const double a[3], const double b[3], const double c[3], const double p[3], double out[3]);

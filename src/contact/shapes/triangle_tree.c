@@ -183,7 +183,7 @@ void pliant_triangle_nearest_weights(const double a[3], const double b[3], const
         v = of_b / whole;
         w = of_c / whole;
     }
-    out[0] = fmax(1 - v - w, 0);
+    out[0] = 1 - v - w;
     out[1] = v;
     out[2] = w;
 }
