@@ -25,28 +25,6 @@ double pliant_advance_guard(const pliant_contact_settings *settings, const plian
                 fmin(settings->guard_of_part * pliant_part_depth(part), settings->guard_of_cell * smallest_cell));
 }
 
-/* Return the core. Its signed distance is at most the part's distance plus the guard depth, with equality for
- * shapes without edges. */
-static pliant_part core_of(const pliant_part *part, double guard)
-{
-    pliant_part core = *part;
-    if (part->kind == PLIANT_PART_HALF_SPACE) {
-        const double size = pliant_length3(part->to);
-        for (int d = 0; d < 3; d++) core.from[d] -= guard * part->to[d] / size;
-        return core;
-    }
-    core.radius -= guard;
-    if (part->kind == PLIANT_PART_SOLID && !part->solid->convex) core.radius += part->solid->error;
-    if (part->kind == PLIANT_PART_BOX && core.radius < 0) {
-        for (int d = 0; d < 3; d++) {
-            core.from[d] -= core.radius;
-            core.to[d] += core.radius;
-        }
-        core.radius = 0;
-    }
-    return core;
-}
-
 /* Compute the rotation vector of the shorter rotation between two orientations. */
 static void find_turn(const double from[4], const double to[4], double out[3])
 {
@@ -87,7 +65,10 @@ static void find_box(pliant_advance_motion *motion)
 void pliant_advance_motion_init(const pliant_advance_part *leg, bool still, pliant_advance_motion *out)
 {
     static const double origin[3] = {0, 0, 0};
-    *out = (pliant_advance_motion){.leg = leg, .still = still || !leg->shape, .core = core_of(leg->part, leg->guard)};
+    *out = (pliant_advance_motion){
+        .leg = leg, .still = still || !leg->shape, .core = pliant_part_core(leg->part, leg->guard)};
+    /* The core's signed distance is at most the part's distance plus the guard depth. */
+    if (leg->part->kind == PLIANT_PART_SOLID && !leg->part->solid->convex) out->core.radius += leg->part->solid->error;
     if (!out->still) {
         const double size = pliant_length3(leg->shape->axis);
         const double sign = leg->part->frame == PLIANT_FRAME_TIP || !(size > 0) ? 0

@@ -95,12 +95,18 @@ double pliant_part_depth(const pliant_part *part)
 pliant_part pliant_part_core(const pliant_part *part, double guard)
 {
     pliant_part core = *part;
-    const double size = pliant_length3(part->to),
-                 inwards = part->kind == PLIANT_PART_BOX ? fmax(guard - part->radius, 0) : 0;
-    if (part->kind != PLIANT_PART_HALF_SPACE) core.radius = part->radius - guard + inwards;
-    for (int d = 0; d < 3; d++) {
-        core.from[d] += inwards - (part->kind == PLIANT_PART_HALF_SPACE ? guard * part->to[d] / size : 0);
-        if (part->kind == PLIANT_PART_BOX) core.to[d] -= inwards;
+    if (part->kind == PLIANT_PART_HALF_SPACE) {
+        const double size = pliant_length3(part->to);
+        for (int d = 0; d < 3; d++) core.from[d] -= guard * part->to[d] / size;
+        return core;
+    }
+    core.radius -= guard;
+    if (part->kind == PLIANT_PART_BOX && core.radius < 0) {
+        for (int d = 0; d < 3; d++) {
+            core.from[d] -= core.radius;
+            core.to[d] += core.radius;
+        }
+        core.radius = 0;
     }
     return core;
 }
