@@ -40,25 +40,19 @@ static bool is_there(const pliant_body *body, int32_t fragment, const double bar
 {
     const pliant_cuts *cuts = body->cuts;
     const int32_t tet = body->tet_parent ? body->tet_parent[fragment] : fragment;
-    int32_t low = 0, high = cuts ? cuts->num_tets : 0;
-    while (low < high) {
-        const int32_t middle = low + (high - low) / 2;
-        if (cuts->tet[middle] < tet) low = middle + 1;
-        else high = middle;
-    }
-    if (!cuts || low == cuts->num_tets || cuts->tet[low] != tet || cuts->start[low + 1] - cuts->start[low] == 1)
-        return true;
+    const int32_t *list, count = pliant_fragments_of(cuts, &tet, &list);
+    if (count == 1) return true;
     double rest[3] = {0}, index[3], maximum = -1;
     for (int v = 0; v < 4; v++)
         for (int d = 0; d < 3; d++)
             rest[d] += barycentric[v] * body->fine.rest[3 * (size_t)body->fine.tets[4 * (size_t)fragment + v] + d];
     pliant_geometry_to_index(&body->voxels->geometry, rest, index);
     int32_t first = -1;
-    for (int32_t f = cuts->start[low]; f < cuts->start[low + 1]; f++) {
-        const double weight = weight_of(body, cuts->fragment[f], index);
+    for (int32_t f = 0; f < count; f++) {
+        const double weight = weight_of(body, list[f], index);
         if (weight <= maximum) continue;
         maximum = weight;
-        first = cuts->fragment[f];
+        first = list[f];
     }
     return first == fragment;
 }

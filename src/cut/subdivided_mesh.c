@@ -4,6 +4,7 @@
 #include "base/fail.h"
 #include "base/buffer.h"
 #include "base/memory.h"
+#include "topology/sorted_numbers.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -111,12 +112,6 @@ void pliant_split_set_corner(cut_splitting *work, int32_t tet, int corner, int32
     link_corner(work, at);
 }
 
-static int ascending(const void *a, const void *b)
-{
-    const int32_t *i = a, *j = b;
-    return *i < *j ? -1 : *i > *j;
-}
-
 pliant_status pliant_split_around(cut_splitting *work, int32_t node)
 {
     work->num_around = 0;
@@ -125,6 +120,6 @@ pliant_status pliant_split_around(cut_splitting *work, int32_t node)
             return no_memory();
         work->around[work->num_around++] = at;
     }
-    qsort(work->around, (size_t)work->num_around, sizeof *work->around, ascending);
+    qsort(work->around, (size_t)work->num_around, sizeof *work->around, by_number);
     return PLIANT_OK;
 }

@@ -5,6 +5,7 @@
 #include "cut/cut.h"
 #include "fem/element/hexahedra.h"
 #include "mesh/mesh.h"
+#include "topology/sorted_numbers.h"
 #include "tool/blade.h"
 #include "tool/tool.h"
 #include "base/memory.h"
@@ -187,13 +188,7 @@ enum { BLOB_POINTS = 9, MAX_POINTS = BLOB_POINTS * BLOB_POINTS * BLOB_POINTS };
 /* Return whether an initial tetrahedron has fragments or has given voxels to another one. */
 static bool is_cut(const pliant_cuts *cuts, int32_t tet)
 {
-    int32_t low = 0, high = cuts ? cuts->num_tets : 0;
-    while (low < high) {
-        const int32_t middle = (low + high) / 2;
-        if (cuts->tet[middle] < tet) low = middle + 1;
-        else high = middle;
-    }
-    return cuts && low < cuts->num_tets && cuts->tet[low] == tet;
+    return cuts && place_of(cuts->tet, cuts->num_tets, tet) >= 0;
 }
 
 /* tetrahedra and weights of rest points */

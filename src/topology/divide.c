@@ -1,7 +1,6 @@
 /* Build the next body from the result of a cut of the fine mesh. */
 #include "topology/divide.h"
 #include "topology/links.h"
-#include "topology/sorted_numbers.h"
 
 #include "base/fail.h"
 #include "base/buffer.h"
@@ -198,10 +197,8 @@ static pliant_status renew_mass(const pliant_body *next, const pliant_cuts *cuts
     const int32_t load = next->node_parent ? next->node_parent[node] : node;
     int32_t count = 0;
     for (int32_t a = voxels->around_start[load]; a < voxels->around_start[load + 1]; a++) {
-        const int32_t tet = voxels->around[a] / 4, corner = voxels->around[a] % 4,
-                      at = place_of(cuts->tet, cuts->num_tets, tet);
-        const int32_t *fragment = at < 0 ? &tet : cuts->fragment + cuts->start[at],
-                      fragments = at < 0 ? 1 : cuts->start[at + 1] - cuts->start[at];
+        const int32_t tet = voxels->around[a] / 4, corner = voxels->around[a] % 4;
+        const int32_t *fragment, fragments = pliant_fragments_of(cuts, &tet, &fragment);
         if (count + fragments > *buffer_size) {
             int32_t *longer = pliant_resize(*buffer, 2 * (size_t)(count + fragments), sizeof *longer);
             if (!longer) return pliant_fail_memory("the next body");

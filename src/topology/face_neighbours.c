@@ -1,7 +1,7 @@
 /* Find the tetrahedron on the other side of each face of the next body, among the fragments of the tetrahedron across
  * the initial face. Only faces whose corners changed are recomputed. The surface follows from the result. */
 #include "topology/divide.h"
-#include "topology/sorted_numbers.h"
+#include "topology/links.h"
 
 #include "base/fail.h"
 #include "base/buffer.h"
@@ -10,21 +10,6 @@
 #include "mesh/mesh.h"
 
 #include <string.h>
-
-/* List the fragments of an initial tetrahedron, ascending.
- * tet: buffer for a tetrahedron that is not cut */
-static int32_t fragments_of(const pliant_cuts *cuts, const int32_t *tet, const int32_t **out)
-{
-    int32_t low = 0, high = cuts->num_tets;
-    while (low < high) {
-        const int32_t middle = low + (high - low) / 2;
-        if (cuts->tet[middle] < *tet) low = middle + 1;
-        else high = middle;
-    }
-    const bool cut = low < cuts->num_tets && cuts->tet[low] == *tet;
-    *out = cut ? cuts->fragment + cuts->start[low] : tet;
-    return cut ? cuts->start[low + 1] - cuts->start[low] : 1;
-}
 
 static bool list_face(body_faces *other, int32_t face)
 {
@@ -46,7 +31,7 @@ static bool find_one(const pliant_body *next, const pliant_cuts *cuts, int32_t t
                      body_faces *other_faces)
 {
     const int32_t *nodes = next->fine.tets + 4 * (size_t)tet, *list;
-    const int32_t count = fragments_of(cuts, &beyond, &list);
+    const int32_t count = pliant_fragments_of(cuts, &beyond, &list);
     int32_t found = -1;
     for (int32_t f = 0; f < count && found < 0; f++) {
         const int32_t *other = next->fine.tets + 4 * (size_t)list[f];
@@ -66,7 +51,7 @@ static bool find_around(const pliant_body *next, const pliant_cuts *cuts, int32_
         const int32_t beyond = load[4 * (size_t)parent + c], *list;
         good = beyond < 0 ? set(next, 4 * tet + c, -1, other) : find_one(next, cuts, tet, c, beyond, other);
         if (beyond < 0) continue;
-        const int32_t count = fragments_of(cuts, &beyond, &list);
+        const int32_t count = pliant_fragments_of(cuts, &beyond, &list);
         for (int back = 0; back < 4; back++)
             for (int32_t f = 0; f < count && good && load[4 * (size_t)beyond + back] == parent; f++)
                 good = find_one(next, cuts, list[f], back, parent, other);

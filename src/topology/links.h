@@ -3,6 +3,7 @@
 #define PLIANT_TOPOLOGY_LINKS_H
 
 #include "topology/body.h"
+#include "topology/sorted_numbers.h"
 
 #include <stddef.h>
 
@@ -70,13 +71,16 @@ static inline int32_t pliant_lower_bound(const uint32_t *sorted, int32_t count, 
 
 static inline bool pliant_bridge_severed(const pliant_cuts *cuts, int32_t bridge)
 {
-    int32_t low = 0, high = cuts ? cuts->num_bridges : 0;
-    while (low < high) {
-        int32_t middle = low + (high - low) / 2;
-        if (cuts->bridge[middle] < bridge) low = middle + 1;
-        else high = middle;
-    }
-    return cuts && low < cuts->num_bridges && cuts->bridge[low] == bridge;
+    return cuts && place_of(cuts->bridge, cuts->num_bridges, bridge) >= 0;
+}
+
+/* Return the number of fragments of an initial tetrahedron, and their list. A tetrahedron that is not cut is its own
+ * list. cuts: Nullable */
+static inline int32_t pliant_fragments_of(const pliant_cuts *cuts, const int32_t *tet, const int32_t **out)
+{
+    const int32_t at = cuts ? place_of(cuts->tet, cuts->num_tets, *tet) : -1;
+    *out = at < 0 ? tet : cuts->fragment + cuts->start[at];
+    return at < 0 ? 1 : cuts->start[at + 1] - cuts->start[at];
 }
 
 /* Return whether two fine tetrahedra, one of them cut, are joined. */
@@ -140,13 +144,8 @@ static inline bool pliant_joined(const pliant_links *links, int32_t voxel, const
 /* Return the index of a voxel in the list of its tetrahedron. */
 static inline int32_t pliant_voxel_in(const pliant_voxels *voxels, int32_t tet, int32_t voxel)
 {
-    int32_t low = voxels->start[tet], high = voxels->start[tet + 1] - 1;
-    while (low < high) {
-        int32_t middle = low + (high - low) / 2;
-        if (voxels->voxel[middle] < voxel) low = middle + 1;
-        else high = middle;
-    }
-    return low - voxels->start[tet];
+    const int32_t first = voxels->start[tet];
+    return place_of(voxels->voxel + first, voxels->start[tet + 1] - first, voxel);
 }
 
 /* ---- cuts.c */

@@ -1,6 +1,5 @@
 /* Find the connected parts of a tetrahedron's voxels, without cuts and with cuts. */
 #include "topology/links.h"
-#include "topology/sorted_numbers.h"
 
 bool pliant_voxels_joined(const pliant_voxels *voxels, const pliant_cuts *cuts, int32_t a, int32_t b)
 {
@@ -46,12 +45,6 @@ int32_t pliant_voxels_parts(const pliant_voxels *voxels, const pliant_cuts *cuts
 int32_t pliant_voxels_fragment(const pliant_voxels *voxels, const pliant_cuts *cuts, int32_t voxel)
 {
     const int32_t tet = voxels->owner[voxel];
-    int32_t low = 0, high = cuts && tet >= 0 ? cuts->num_tets : 0;
-    while (low < high) {
-        int32_t middle = low + (high - low) / 2;
-        if (cuts->tet[middle] < tet) low = middle + 1;
-        else high = middle;
-    }
-    if (tet < 0 || !cuts || low == cuts->num_tets || cuts->tet[low] != tet) return tet;
-    return cuts->voxel_fragment[cuts->voxel_start[low] + pliant_voxel_in(voxels, tet, voxel)];
+    const int32_t at = cuts && tet >= 0 ? place_of(cuts->tet, cuts->num_tets, tet) : -1;
+    return at < 0 ? tet : cuts->voxel_fragment[cuts->voxel_start[at] + pliant_voxel_in(voxels, tet, voxel)];
 }

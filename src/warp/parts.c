@@ -2,7 +2,7 @@
 #include "base/fail.h"
 #include "base/buffer.h"
 #include "base/threads.h"
-#include "topology/sorted_numbers.h"
+#include "topology/links.h"
 #include "base/memory.h"
 #include "warp/parts_maker.h"
 
@@ -137,15 +137,6 @@ static void set_element(part_element *elements, int32_t at, int32_t box, int32_t
     pliant_mark_written(elements, (size_t)at, 1, sizeof *elements);
 }
 
-/* Return the fragments of an initial tetrahedron.
- * tet: buffer for a tetrahedron without fragments */
-static int32_t fragments_of(const pliant_cuts *cuts, const int32_t *tet, const int32_t **out)
-{
-    const int32_t at = cuts ? place_of(cuts->tet, cuts->num_tets, *tet) : -1;
-    *out = at < 0 ? tet : cuts->fragment + cuts->start[at];
-    return at < 0 ? 1 : cuts->start[at + 1] - cuts->start[at];
-}
-
 /* Set the box and label of each element. Carried tetrahedra follow the tetrahedra.
  * elements: input: previous elements; the rest is undefined */
 static void set_elements(const parts_work *all, pliant_parts *parts, part_element *elements)
@@ -155,14 +146,14 @@ static void set_elements(const parts_work *all, pliant_parts *parts, part_elemen
     for (int32_t t = known; t < tets; t++) elements[t] = (part_element){-1, 0};
     for (int32_t g = 0; g < parts->num_carried_tets; g++) elements[tets + g] = (part_element){-1, 0};
     for (int32_t i = 0; all->before && i < all->num_other; i++) {
-        const int32_t count = fragments_of(all->body_before->cuts, all->other + i, &list);
+        const int32_t count = pliant_fragments_of(all->body_before->cuts, all->other + i, &list);
         for (int32_t f = 0; f < count; f++)
             if (list[f] < tets) set_element(elements, list[f], -1, 0);
     }
     int32_t carried_tet = 0;
     for (int32_t b = 0; b < parts->num_boxes; b++) {
         const int32_t *carrier = parts->carrier + parts->carrier_start[b],
-                      count = fragments_of(all->body->cuts, parts->host + b, &list);
+                      count = pliant_fragments_of(all->body->cuts, parts->host + b, &list);
         for (int32_t f = 0; f < count; f++) set_element(elements, list[f], b, f);
         for (int32_t label = 0; carried_tet < parts->carried_tet_start[b + 1]; label++)
             if (carrier[label] == parts->carried_tets[carried_tet].carrier)

@@ -1,8 +1,7 @@
 /* Change a warp to another body without redrawing unchanged parts. */
 #include "base/fail.h"
 #include "base/buffer.h"
-#include "topology/body.h"
-#include "topology/sorted_numbers.h"
+#include "topology/links.h"
 #include "base/memory.h"
 #include "warp/warp_state.h"
 
@@ -169,17 +168,14 @@ static void carry_carried_tets(const pliant_warp *warp, pliant_warp_next *next)
 
 static int32_t count_fragments(const pliant_body *body, int32_t host)
 {
-    const int32_t at = body->cuts ? place_of(body->cuts->tet, body->cuts->num_tets, host) : -1;
-    return at < 0 ? 1 : body->cuts->start[at + 1] - body->cuts->start[at];
+    const int32_t *list;
+    return pliant_fragments_of(body->cuts, &host, &list);
 }
 
 /* List the fragments of an initial tetrahedron that both bodies have; return their number. */
 static int32_t list_fragments(const pliant_body *body, int32_t host, int32_t common, int32_t *out)
 {
-    const pliant_cuts *cuts = body->cuts;
-    const int32_t at = cuts ? place_of(cuts->tet, cuts->num_tets, host) : -1,
-                  count = at < 0 ? 1 : cuts->start[at + 1] - cuts->start[at];
-    const int32_t *list = at < 0 ? &host : cuts->fragment + cuts->start[at];
+    const int32_t *list, count = pliant_fragments_of(body->cuts, &host, &list);
     int32_t listed = 0;
     for (int32_t f = 0; f < count; f++)
         if (list[f] < common) out[listed++] = list[f];

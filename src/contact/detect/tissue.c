@@ -6,6 +6,7 @@
 #include "contact/detect/update_sides.h"
 #include "contact/detect/tissue_rules.h"
 #include "base/memory.h"
+#include "topology/sorted_numbers.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -55,17 +56,6 @@ static void try_deep(const finding *on, int32_t index, int32_t tet)
             best = one;
     }
     if (best.triangle >= 0) pliant_tissue_add_contact(&on->view, index, &best);
-}
-
-static int32_t grid_index(const pliant_tissue *tissue, int32_t tet)
-{
-    int32_t low = 0, high = tissue->num_tets - 1;
-    while (low < high) {
-        const int32_t middle = low + (high - low) / 2;
-        if (tissue->tet[middle] < tet) low = middle + 1;
-        else high = middle;
-    }
-    return low;
 }
 
 static void try_pair(const finding *on, int32_t of, int32_t in)
@@ -249,7 +239,8 @@ static pliant_status append_crossing_edges(const finding *on, pliant_contacts *o
         for (int32_t p = 0; p < found->count; p++) {
             const int32_t *pair = found->pair + 2 * (size_t)p;
             if (touches_any(on, pair[0]) || touches_any(on, pair[1])) continue;
-            const int32_t a = grid_index(tissue, pair[0]), b = grid_index(tissue, pair[1]);
+            const int32_t a = place_of(tissue->tet, tissue->num_tets, pair[0]),
+                          b = place_of(tissue->tet, tissue->num_tets, pair[1]);
             for (int32_t i = 3 * tissue->triangle_start[a]; i < 3 * tissue->triangle_start[a + 1]; i++)
                 for (int32_t j = 3 * tissue->triangle_start[b]; j < 3 * tissue->triangle_start[b + 1]; j++) {
                     pliant_status status = cross_edges(on, i / 3, i % 3, j / 3, j % 3, out);

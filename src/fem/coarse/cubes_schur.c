@@ -5,6 +5,7 @@
 #include "base/fail.h"
 #include "base/dense.h"
 #include "base/memory.h"
+#include "topology/sorted_numbers.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -15,12 +16,6 @@ static bool is_cube(const pliant_cube_work *work, int32_t element)
 {
     const int32_t *start = work->system->macros->start + element;
     return start[1] - start[0] == CORNERS;
-}
-
-static int compare_numbers(const void *a, const void *b)
-{
-    const int32_t x = *(const int32_t *)a, y = *(const int32_t *)b;
-    return (x > y) - (x < y);
 }
 
 /* Copy an element's list and complete all fine hexahedra that have a tetrahedron in it. last_element: (hexahedra) last
@@ -35,7 +30,7 @@ static int32_t complete(const pliant_cube_work *work, int32_t element, int32_t *
         last_element[cube] = element + 1;
         for (int slot = 0; slot < 5; slot++) out[count++] = work->cubes[cube].tet[slot];
     }
-    qsort(out, (size_t)count, sizeof *out, compare_numbers);
+    qsort(out, (size_t)count, sizeof *out, by_number);
     return count;
 }
 

@@ -5,6 +5,7 @@
 #include "contact/detect/update_sides.h"
 #include "base/dense.h"
 #include "base/vector3.h"
+#include "topology/sorted_numbers.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -170,12 +171,6 @@ bool pliant_rigid_pieces_have_contact(pliant_rigid_pieces *rigid_pieces, const p
     return any && !rigid_pieces->body->has_inertia;
 }
 
-static int compare_nodes(const void *a, const void *b)
-{
-    const int32_t x = *(const int32_t *)a, y = *(const int32_t *)b;
-    return (x > y) - (x < y);
-}
-
 static double gap_of(const pliant_wall *wall, const double x[3])
 {
     return wall->normal[0] * x[0] + wall->normal[1] * x[1] + wall->normal[2] * x[2] - wall->offset;
@@ -215,7 +210,7 @@ static int choose_nodes(const pliant_rigid_pieces *rigid_pieces, int32_t p, cons
         if (gap < rigid_pieces->pieces[p].max_motion + pushed + margin) pliant_rigid_consider(&choice, i, arm, gap);
     }
     const int count = pliant_rigid_chosen(&choice, out);
-    qsort(out, (size_t)count, sizeof *out, compare_nodes);
+    qsort(out, (size_t)count, sizeof *out, by_number);
     return count;
 }
 
