@@ -58,6 +58,20 @@ typedef struct pliant_contacts {
     pliant_contact_point *point;
 } pliant_contacts;
 
+/* Add a weight to a node of a point. A new node is appended. */
+PLIANT_INLINE void pliant_contact_add_weight(int32_t *count, int32_t *nodes, double *weights, int32_t node,
+                                             double weight)
+{
+    int32_t k = 0;
+    while (k < *count && nodes[k] != node) k++;
+    if (k == *count) {
+        nodes[k] = node;
+        weights[k] = 0.0;
+        ++*count;
+    }
+    weights[k] += weight;
+}
+
 /* Return the permitted gap at the end of a step, which is 0 or less [m].
  * @param gap at the start of the step, negative inside the obstacle [m]
  * @param recovery maximum reduction of the penetration depth in the step [m]

@@ -390,18 +390,6 @@ void pliant_contact_surface_update(pliant_contact_surface *surface, const double
     }
 }
 
-static void add_weight(pliant_contact_point *point, int32_t node, double weight)
-{
-    int32_t k = 0;
-    if (weight == 0) return;
-    while (k < point->count && point->node[k] != node) k++;
-    if (k == point->count) {
-        point->node[point->count++] = node;
-        point->weight[k] = 0;
-    }
-    point->weight[k] += weight;
-}
-
 /* Points of cut faces belong to fragments, and slowed points to nodes. Neither has corners. */
 static bool has_corner(const pliant_contact_surface *surface, const pliant_contact_point *point)
 {
@@ -420,11 +408,13 @@ void pliant_contact_surface_map_weights(const pliant_contact_surface *surface, p
         if (!has_corner(surface, point)) continue;
         point->count = 0;
         for (int32_t k = 0; k < was.count; k++) {
-            const int32_t tet = surface->tet[was.node[k]];
-            if (tet < 0) add_weight(point, was.node[k], was.weight[k]);
-            for (int v = 0; tet >= 0 && v < 4; v++)
-                add_weight(point, surface->view.fine.tets[4 * (size_t)tet + (size_t)v],
-                           was.weight[k] * weights_of(surface, was.node[k])[v]);
+            int32_t support[4];
+            double weights[4];
+            const int supports = pliant_contact_surface_support(surface, was.node[k], support, weights);
+            for (int v = 0; v < supports; v++)
+                if (was.weight[k] * weights[v] != 0)
+                    pliant_contact_add_weight(&point->count, point->node, point->weight, support[v],
+                                              was.weight[k] * weights[v]);
         }
     }
 }

@@ -248,22 +248,15 @@ static int find_weights(const pliant_impact_zones *zones, const pliant_advance_s
                         double weight[16], double normal[3])
 {
     double of_corner[4];
-    int count = 0;
+    int32_t count = 0;
     pliant_advance_self_contact(pair, zones->from, zones->to, of_corner, normal);
     for (int c = 0; c < 4; c++) {
         int32_t support[4] = {pair->node[c]};
         double weights[4] = {1};
         const int supports =
             zones->surface ? pliant_contact_surface_support(zones->surface, pair->node[c], support, weights) : 1;
-        for (int v = 0; v < supports; v++) {
-            int k = 0;
-            while (k < count && node[k] != support[v]) k++;
-            if (k == count) {
-                node[count] = support[v];
-                weight[count++] = 0;
-            }
-            weight[k] += of_corner[c] * weights[v];
-        }
+        for (int v = 0; v < supports; v++)
+            pliant_contact_add_weight(&count, node, weight, support[v], of_corner[c] * weights[v]);
     }
     return count;
 }

@@ -192,18 +192,6 @@ pliant_status pliant_cut_faces(const pliant_body *body, pliant_cut_face **out, i
 
 /* ---- contact points in a step */
 
-static void add_node(pliant_contact_point *point, int32_t node, double weight)
-{
-    int32_t k = 0;
-    while (k < point->count && point->node[k] != node) k++;
-    if (k == point->count) {
-        point->node[k] = node;
-        point->weight[k] = 0;
-        point->count++;
-    }
-    point->weight[k] += weight;
-}
-
 /* Move the second side's point along its face to the foot of the first side's point. Then forces along the normal
  * apply no torque to either side. Return false if the face has no area. */
 static bool find_foot(const double normal[3], const double offset[3], double along[2][3], const double weights[2][4],
@@ -301,8 +289,10 @@ static bool write_point(const pliant_body *body, const side *p, const side *q, m
     memcpy(foot, q->face->at[q->of], sizeof foot);
     if (!find_foot(met->normal, met->offset, met->along[1], q->face->along[q->of], foot)) return false;
     out->count = 0;
-    for (int v = 0; v < 4; v++) add_node(out, first[v], p->face->at[p->of][v]);
-    for (int v = 0; v < 4; v++) add_node(out, second[v], -foot[v]);
+    for (int v = 0; v < 4; v++)
+        pliant_contact_add_weight(&out->count, out->node, out->weight, first[v], p->face->at[p->of][v]);
+    for (int v = 0; v < 4; v++)
+        pliant_contact_add_weight(&out->count, out->node, out->weight, second[v], -foot[v]);
     int32_t kept = 0;
     for (int32_t k = 0; k < out->count; k++) {
         if (fabs(out->weight[k]) < 1e-12) continue;
