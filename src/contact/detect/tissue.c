@@ -212,23 +212,9 @@ static pliant_status cross_edges(const finding *on, int32_t a, int i, int32_t b,
     if (pliant_tissue_is_fixed(&on->view, node[0]) && pliant_tissue_is_fixed(&on->view, node[1]) &&
         pliant_tissue_is_fixed(&on->view, node[2]) && pliant_tissue_is_fixed(&on->view, node[3]))
         return PLIANT_OK;
-    pliant_contact_point *point = append(out);
-    if (!point) return pliant_fail_memory("the self-contacts of the tissue");
-    const double weight[4] = {1 - s, s, t - 1, -t};
-    const uint64_t first = edge_number(tissue, a, i), second = edge_number(tissue, b, j);
-    /* the edge with the lower number is the first side, in any order of the search */
-    const bool turned = first > second;
-    point->feature = (uint64_t)PLIANT_TISSUE_EDGE << 56 | (turned ? second : first) << 28 | (turned ? first : second);
-    point->count = 4;
-    for (int v = 0; v < 4; v++) {
-        point->node[v] = node[turned ? (v + 2) % 4 : v];
-        point->weight[v] = turned ? -weight[(v + 2) % 4] : weight[v];
-    }
-    for (int d = 0; d < 3; d++) point->normal[d] = turned ? -normal[d] : normal[d];
-    point->area = 0.25 * (sqrt(pliant_dot3(u, u) * pliant_dot3(w, w)));
-    point->friction = on->view.rule.friction;
-    pliant_tissue_set_place(point, gap, 0, &on->view.rule);
-    return PLIANT_OK;
+    const uint64_t edge[2] = {edge_number(tissue, a, i), edge_number(tissue, b, j)};
+    return pliant_tissue_append_edge_point(&on->view.rule, edge, node, (const double[2]){s, t}, normal, gap, 0,
+                                           0.25 * sqrt(pliant_dot3(u, u) * pliant_dot3(w, w)), out);
 }
 
 static pliant_status append_crossing_edges(const finding *on, pliant_contacts *out)

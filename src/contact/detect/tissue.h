@@ -137,6 +137,13 @@ pliant_status pliant_tissue_list_pairs(pliant_tissue *tissue, const double *posi
 /* Append a point for each of these pairs that consists of two edges. Errors: MEMORY. */
 pliant_status pliant_tissue_append_edges(pliant_tissue *tissue, const double *positions,
                                          const pliant_tissue_rule *rule, pliant_contacts *out);
+/* Append the contact point of two edges. The edge with the lower number becomes the first side, in any order of the
+ * search.
+ * @param at fractions of the edges at their closest points
+ * Errors: MEMORY. */
+pliant_status pliant_tissue_append_edge_point(const pliant_tissue_rule *rule, const uint64_t edge[2],
+                                              const int32_t node[4], const double at[2], const double normal[3],
+                                              double gap, double thickness, double area, pliant_contacts *out);
 /* Return the thickness of a node and a triangle [m]. */
 double pliant_tissue_node_thickness(const pliant_tissue *tissue, const pliant_tissue_rule *rule, int32_t node,
                                     const pliant_surface_triangle *triangle);

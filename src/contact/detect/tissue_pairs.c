@@ -188,6 +188,28 @@ static bool can_touch(const pliant_tissue_view *view, const pliant_advance_self_
     return !fixed;
 }
 
+pliant_status pliant_tissue_append_edge_point(const pliant_tissue_rule *rule, const uint64_t edge[2],
+                                              const int32_t node[4], const double at[2], const double normal[3],
+                                              double gap, double thickness, double area, pliant_contacts *out)
+{
+    if (!pliant_reserve(&out->point, &out->capacity, out->count, 64, sizeof *out->point))
+        return pliant_fail_memory("the self-contacts of the tissue");
+    pliant_contact_point *point = out->point + out->count++;
+    *point = (pliant_contact_point){.kind = PLIANT_OBSTACLE_TISSUE, .tool = -1, .part = -1, .count = 4};
+    const double weight[4] = {1 - at[0], at[0], at[1] - 1, -at[1]};
+    const bool turned = edge[0] > edge[1];
+    point->feature = (uint64_t)PLIANT_TISSUE_EDGE << 56 | edge[turned] << 28 | edge[!turned];
+    for (int v = 0; v < 4; v++) {
+        point->node[v] = node[turned ? (v + 2) % 4 : v];
+        point->weight[v] = turned ? -weight[(v + 2) % 4] : weight[v];
+    }
+    for (int d = 0; d < 3; d++) point->normal[d] = turned ? -normal[d] : normal[d];
+    point->area = area;
+    point->friction = rule->friction;
+    pliant_tissue_set_place(point, gap, thickness, rule);
+    return PLIANT_OK;
+}
+
 static pliant_status append_pair(const pliant_tissue_view *view, const pliant_advance_self *self, bool cut,
                                  const pliant_advance_self_pair *pair, pliant_contacts *out)
 {
@@ -210,24 +232,10 @@ static pliant_status append_pair(const pliant_tissue_view *view, const pliant_ad
                      !leads_out(view, pair->feature[0], u, normal, -1) ||
                      !leads_out(view, pair->feature[1], w, normal, 1)))
         return PLIANT_OK;
-    if (!pliant_reserve(&out->point, &out->capacity, out->count, 64, sizeof *out->point))
-        return pliant_fail_memory("the self-contacts of the tissue");
-    pliant_contact_point *point = out->point + out->count++;
-    *point = (pliant_contact_point){.kind = PLIANT_OBSTACLE_TISSUE, .tool = -1, .part = -1, .count = 4};
-    const double weight[4] = {1 - s, s, t - 1, -t};
-    /* the edge with the lower number is the first side, in any order of the search */
-    const bool turned = pair->feature[0] > pair->feature[1];
-    point->feature = (uint64_t)PLIANT_TISSUE_EDGE << 56 | (uint64_t)pair->feature[turned] << 28 |
-                     (uint64_t)pair->feature[!turned];
-    for (int v = 0; v < 4; v++) {
-        point->node[v] = pair->node[turned ? (v + 2) % 4 : v];
-        point->weight[v] = turned ? -weight[(v + 2) % 4] : weight[v];
-    }
-    for (int d = 0; d < 3; d++) point->normal[d] = (turned ? -normal[d] : normal[d]) / gap;
-    point->area = 0.25 * pliant_length3(u) * pliant_length3(w);
-    point->friction = view->rule.friction;
-    pliant_tissue_set_place(point, gap, thickness, &view->rule);
-    return PLIANT_OK;
+    for (int d = 0; d < 3; d++) normal[d] /= gap;
+    const uint64_t edge[2] = {(uint64_t)pair->feature[0], (uint64_t)pair->feature[1]};
+    return pliant_tissue_append_edge_point(&view->rule, edge, pair->node, (const double[2]){s, t}, normal, gap,
+                                           thickness, 0.25 * pliant_length3(u) * pliant_length3(w), out);
 }
 
 pliant_status pliant_tissue_append_edges(pliant_tissue *tissue, const double *positions,
