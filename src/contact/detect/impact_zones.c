@@ -3,6 +3,7 @@
 #include "base/buffer.h"
 #include "base/fail.h"
 #include "base/memory.h"
+#include "base/union_find.h"
 #include "base/vector3.h"
 #include "contact/advance/advance_rules.h"
 #include "contact/advance/advance_workspace.h"
@@ -291,26 +292,15 @@ static void apply_impulse(pliant_impact_zones *zones, int32_t n, const double *i
 
 /* ---- zones */
 
-static int32_t root_of(pliant_impact_zones *zones, int32_t node)
-{
-    while (zones->root[node] != node) node = zones->root[node] = zones->root[zones->root[node]];
-    return node;
-}
-
-/* Put a node into the zone of another one. The lower number is the root, so the order does not matter. */
-static void join(pliant_impact_zones *zones, int32_t node, int32_t other)
-{
-    if (zones->root[node] < 0) zones->root[node] = node;
-    if (zones->root[other] < 0) zones->root[other] = other;
-    const int32_t a = root_of(zones, node), b = root_of(zones, other);
-    zones->root[a > b ? a : b] = a > b ? b : a;
-}
-
+/* Put the nodes of a pair into one zone. */
 static void join_pair(pliant_impact_zones *zones, int32_t n)
 {
     int32_t node[16];
     const int count = nodes_of(zones, n, node);
-    for (int k = 1; k < count; k++) join(zones, node[k], node[0]);
+    for (int k = 0; k < count; k++) {
+        if (zones->root[node[k]] < 0) zones->root[node[k]] = node[k];
+        pliant_set_join(zones->root, node[k], node[0]);
+    }
 }
 
 /* Compute the mean motion of each zone. */
@@ -323,12 +313,12 @@ static void find_means(pliant_impact_zones *zones, const double *inverse_mass)
         const int32_t pair = zones->blocked[b];
         int32_t node[16];
         (void)nodes_of(zones, pair, node);
-        pliant_impact_zone *zone = zones->zone + root_of(zones, node[0]);
+        pliant_impact_zone *zone = zones->zone + pliant_set_root(zones->root, node[0]);
         zone->t = fmin(zone->t, pair_at(zones, pair)->t);
     }
     for (int32_t n = 0; n < nodes; n++) {
         if (zones->root[n] < 0) continue;
-        pliant_impact_zone *zone = zones->zone + root_of(zones, n);
+        pliant_impact_zone *zone = zones->zone + pliant_set_root(zones->root, n);
         zone->is_fixed = zone->is_fixed || !(inverse_mass[n] > 0);
         if (!(inverse_mass[n] > 0)) continue;
         zone->mass += 1 / inverse_mass[n];
@@ -353,7 +343,7 @@ static void move_zones(pliant_impact_zones *zones, const double *inverse_mass, d
     find_means(zones, inverse_mass);
     for (int32_t n = 0; n < num_nodes(zones); n++) {
         if (zones->root[n] < 0 || !(inverse_mass[n] > 0)) continue;
-        const pliant_impact_zone *zone = zones->zone + root_of(zones, n);
+        const pliant_impact_zone *zone = zones->zone + pliant_set_root(zones->root, n);
         for (size_t k = 0; k < 3; k++) {
             const size_t at = 3 * (size_t)n + k;
             const double motion = zones->wanted[0][at] - zones->before[at];
@@ -375,7 +365,8 @@ static bool grow(pliant_impact_zones *zones, const double *u)
         for (int k = 1; k < count; k++) {
             const bool is_in = zones->root[node[k]] >= 0;
             is_in_any = is_in_any || is_in;
-            is_in_one = is_in_one && is_in && root_of(zones, node[k]) == root_of(zones, node[0]);
+            is_in_one = is_in_one && is_in &&
+                        pliant_set_root(zones->root, node[k]) == pliant_set_root(zones->root, node[0]);
         }
         if (!is_in_any || is_in_one) continue;
         const double t = pair_at(zones, n)->t;
