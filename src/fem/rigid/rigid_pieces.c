@@ -27,6 +27,15 @@ const double *pliant_rigid_pieces_detachment_position(const pliant_rigid_pieces 
                : NULL;
 }
 
+void pliant_rigid_pieces_set_detachment_positions(const pliant_rigid_pieces *rigid_pieces, const pliant_system *system,
+                                                  double *solved)
+{
+    for (int32_t n = 0; rigid_pieces && system->mesh == system->fine && n < system->mesh->num_nodes; n++) {
+        const double *at = pliant_rigid_pieces_detachment_position(rigid_pieces, n);
+        if (at) memcpy(solved + 3 * (size_t)n, at, 3 * sizeof *at);
+    }
+}
+
 /* ---- Creation. */
 
 static pliant_status allocate(pliant_rigid_pieces *rigid_pieces)

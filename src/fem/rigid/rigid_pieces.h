@@ -71,6 +71,10 @@ void pliant_rigid_pieces_saved_free(pliant_rigid_pieces_saved *kept);           
 
 /* Return the position of a node when its piece detached; NULL: it belongs to no piece. Nullable falling */
 const double *pliant_rigid_pieces_detachment_position(const pliant_rigid_pieces *rigid_pieces, int32_t node);
+/* Set the solved positions of the pieces' nodes to these positions. A solver of the fine mesh keeps them there, but
+ * downloaded positions include the motion of the pieces. rigid_pieces: Nullable */
+void pliant_rigid_pieces_set_detachment_positions(const pliant_rigid_pieces *rigid_pieces, const pliant_system *system,
+                                                  double *solved);
 bool pliant_rigid_pieces_contain(const pliant_rigid_pieces *rigid_pieces, int32_t node);
 
 #ifdef __cplusplus

@@ -93,12 +93,8 @@ static pliant_status prepare_state(const adaptation *work)
 {
     pliant_data *data = work->data, *made = work->made;
     if (data->backend->download && !pliant_positions_are_state(data)) data->backend->download(work->model, data);
-    const bool fine = data->rigid_pieces && data->solver && data->solver->system->mesh == data->solver->system->fine;
-    /* downloaded positions include the motion of rigid pieces */
-    for (int32_t n = 0; fine && n < data->discretization->body->fine.num_nodes; n++) {
-        const double *home = pliant_rigid_pieces_detachment_position(data->rigid_pieces, n);
-        if (home) memcpy(data->solver->now.x + 3 * n, home, 3 * sizeof *home);
-    }
+    if (data->solver)
+        pliant_rigid_pieces_set_detachment_positions(data->rigid_pieces, data->solver->system, data->solver->now.x);
     pliant_status status = data->backend->host_solver->carry_over_cut(work->model, data, &work->map, made);
     for (int32_t n = 0; status == PLIANT_OK && made->tled && n < made->body->fine.num_nodes; n++) {
         const double *home = pliant_rigid_pieces_contain(made->rigid_pieces, n)

@@ -22,18 +22,6 @@ static bool reserve(double **array, int32_t *has, int32_t nodes)
     return true;
 }
 
-/* A solver of the fine mesh keeps the nodes of rigid pieces fixed at their home positions. A download overwrites
- * these positions, so they are set again. */
-static void fix_pieces(const pliant_data *data, double *solved)
-{
-    const pliant_system *system = data->solver->system;
-    if (!data->rigid_pieces || !data->backend->download || system->mesh != system->fine) return;
-    for (int32_t n = 0; n < data->body->fine.num_nodes; n++) {
-        const double *home = pliant_rigid_pieces_detachment_position(data->rigid_pieces, n);
-        if (home) memcpy(solved + 3 * (size_t)n, home, 3 * sizeof *home);
-    }
-}
-
 /* Return the grasp constraint of a tool, from its patch or from the model. */
 static pliant_grasp_constraint *grasp_constraint_of(const pliant_data *data, int tool)
 {
@@ -52,7 +40,7 @@ pliant_status pliant_legs_save(const pliant_model *model, pliant_data *data)
     if (!solver) return PLIANT_OK; /* explicit dynamics saves its own state (tled->start_u) */
     if (data->backend->download) data->backend->download(model, data);
     memcpy(legs->solved, solver->now.x, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *legs->solved);
-    fix_pieces(data, legs->solved);
+    pliant_rigid_pieces_set_detachment_positions(data->rigid_pieces, solver->system, legs->solved);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
         memcpy(legs->force[t], grasp_constraint_of(data, t)->force, sizeof legs->force[t]);
     return data->rigid_pieces ? pliant_rigid_pieces_save(data->rigid_pieces, &legs->rigid_pieces) : PLIANT_OK;
@@ -122,7 +110,7 @@ static void mix_solver(pliant_data *data, double fraction)
     pliant_solver *solver = data->solver;
     const pliant_evaluation_history evaluation_history = solver->evaluation_history;
     if (data->backend->download) data->backend->download(data->model, data);
-    fix_pieces(data, solver->now.x);
+    pliant_rigid_pieces_set_detachment_positions(data->rigid_pieces, solver->system, solver->now.x);
     mix(3 * (size_t)solver->system->mesh->num_nodes, legs->solved, fraction, solver->now.x);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) mix(3, legs->force[t], fraction, grasp_constraint_of(data, t)->force);
     (void)pliant_solver_set_contacts(solver, NULL, NULL, NULL);

@@ -164,15 +164,6 @@ void pliant_state_copy_edge(const pliant_state *state, int tool, pliant_edge *ed
 
 /* ---- scalars */
 
-/* A solver of the fine mesh keeps the nodes of rigid pieces at their home positions. */
-static void set_pieces_home(const pliant_rigid_pieces *rigid_pieces, const pliant_system *system, double *solved)
-{
-    for (int32_t n = 0; rigid_pieces && system->mesh == system->fine && n < system->mesh->num_nodes; n++) {
-        const double *home = pliant_rigid_pieces_detachment_position(rigid_pieces, n);
-        if (home) memcpy(solved + 3 * (size_t)n, home, 3 * sizeof *home);
-    }
-}
-
 void pliant_state_save_scalars(const pliant_data *data, bool tissue, pliant_state *state)
 {
     const pliant_tled *tled = data->tled;
@@ -184,7 +175,8 @@ void pliant_state_save_scalars(const pliant_data *data, bool tissue, pliant_stat
     if (data->solver) {
         state->iterations = data->solver->rules.max_evaluations;
         state->tolerance = data->solver->rules.tolerance;
-        if (tissue) set_pieces_home(data->rigid_pieces, data->solver->system, state->solved.at);
+        if (tissue)
+            pliant_rigid_pieces_set_detachment_positions(data->rigid_pieces, data->solver->system, state->solved.at);
     }
     if (tled) {
         pliant_state_dynamics *out = &state->dynamics;
