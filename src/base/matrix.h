@@ -9,4 +9,16 @@ PLIANT_INLINE double pliant_determinant(const double m[9])
     return m[0] * (m[4] * m[8] - m[5] * m[7]) - m[1] * (m[3] * m[8] - m[5] * m[6]) + m[2] * (m[3] * m[7] - m[4] * m[6]);
 }
 
+/* Add M v to out. */
+PLIANT_INLINE void pliant_add_product(const double m[9], const double *v, double *out)
+{
+    for (int r = 0; r < 3; r++) out[r] += m[3 * r] * v[0] + m[3 * r + 1] * v[1] + m[3 * r + 2] * v[2];
+}
+
+/* Add M' v, with the transposed matrix, to out. */
+PLIANT_INLINE void pliant_add_transposed_product(const double m[9], const double *v, double *out)
+{
+    for (int c = 0; c < 3; c++) out[c] += m[c] * v[0] + m[3 + c] * v[1] + m[6 + c] * v[2];
+}
+
 #endif

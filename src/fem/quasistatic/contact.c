@@ -2,6 +2,7 @@
 
 #include "base/buffer.h"
 #include "base/fail.h"
+#include "base/matrix.h"
 #include "contact/volume/volume_bound.h"
 #include "contact/solve/cones.h"
 #include "fem/quasistatic/solver.h"
@@ -146,12 +147,9 @@ static void moved_point(const pliant_system *system, const pliant_contact_proble
                         double out[3])
 {
     memset(out, 0, 3 * sizeof *out);
-    for (int32_t w = contacts->start[c]; w < contacts->start[c + 1]; w++) {
-        const double *block = contacts->block + 9 * (size_t)w,
-                     *at = x + 3 * (size_t)system->node_of_free[contacts->unknown[w]];
-        for (int r = 0; r < 3; r++)
-            out[r] += block[3 * r] * at[0] + block[3 * r + 1] * at[1] + block[3 * r + 2] * at[2];
-    }
+    for (int32_t w = contacts->start[c]; w < contacts->start[c + 1]; w++)
+        pliant_add_product(contacts->block + 9 * (size_t)w,
+                           x + 3 * (size_t)system->node_of_free[contacts->unknown[w]], out);
 }
 
 static void into_frame(const double frame[9], const double v[3], double out[3])
@@ -246,23 +244,16 @@ static void turn(pliant_solver *solver)
 
 void pliant_contact_problem_apply(const pliant_contact_problem *contacts, int32_t c, const double *v, double out[3])
 {
-    for (int32_t w = contacts->start[c]; w < contacts->start[c + 1]; w++) {
-        const double *block = contacts->rotated_block + 9 * (size_t)w, *at = v + 3 * (size_t)contacts->unknown[w];
-        for (int r = 0; r < 3; r++)
-            out[r] += block[3 * r] * at[0] + block[3 * r + 1] * at[1] + block[3 * r + 2] * at[2];
-    }
+    for (int32_t w = contacts->start[c]; w < contacts->start[c + 1]; w++)
+        pliant_add_product(contacts->rotated_block + 9 * (size_t)w, v + 3 * (size_t)contacts->unknown[w], out);
 }
 
 void pliant_contact_problem_add_forces(const pliant_contact_problem *contacts, const double *force, double *v)
 {
-    for (int32_t c = 0; c < contacts->count; c++) {
-        const double *f = force + 3 * (size_t)c;
-        for (int32_t w = contacts->start[c]; w < contacts->start[c + 1]; w++) {
-            const double *block = contacts->rotated_block + 9 * (size_t)w;
-            double *at = v + 3 * (size_t)contacts->unknown[w];
-            for (int k = 0; k < 3; k++) at[k] += block[k] * f[0] + block[3 + k] * f[1] + block[6 + k] * f[2];
-        }
-    }
+    for (int32_t c = 0; c < contacts->count; c++)
+        for (int32_t w = contacts->start[c]; w < contacts->start[c + 1]; w++)
+            pliant_add_transposed_product(contacts->rotated_block + 9 * (size_t)w, force + 3 * (size_t)c,
+                                          v + 3 * (size_t)contacts->unknown[w]);
 }
 
 /* Compute the block of A of two points. */
@@ -382,12 +373,9 @@ void pliant_contact_problem_add_load(const pliant_contact_problem *contacts, dou
     for (int32_t c = 0; c < contacts->count; c++) {
         double force[3];
         from_frame(contacts->frame + 9 * (size_t)c, contacts->taken.force + 3 * (size_t)c, force);
-        for (int32_t w = contacts->start[c]; w < contacts->start[c + 1]; w++) {
-            const double *block = contacts->block + 9 * (size_t)w;
-            double *at = residual + 3 * (size_t)contacts->unknown[w];
-            for (int k = 0; k < 3; k++)
-                at[k] += block[k] * force[0] + block[3 + k] * force[1] + block[6 + k] * force[2];
-        }
+        for (int32_t w = contacts->start[c]; w < contacts->start[c + 1]; w++)
+            pliant_add_transposed_product(contacts->block + 9 * (size_t)w, force,
+                                          residual + 3 * (size_t)contacts->unknown[w]);
     }
 }
 

@@ -1,6 +1,7 @@
 /* Grasps: rows of W, and the body's response to them. */
 #include "base/fail.h"
 #include "base/buffer.h"
+#include "base/matrix.h"
 #include "fem/quasistatic/solver.h"
 #include "base/memory.h"
 
@@ -9,30 +10,20 @@
 
 void pliant_grasp_apply(const pliant_grasp_constraint *grasp, const double *v, double out[3])
 {
-    for (int32_t h = 0; h < grasp->count; h++) {
-        const double *block = grasp->rotated_block + 9 * h, *at = v + 3 * grasp->unknown[h];
-        for (int r = 0; r < 3; r++)
-            out[r] += block[3 * r] * at[0] + block[3 * r + 1] * at[1] + block[3 * r + 2] * at[2];
-    }
-}
-
-static void add_by(const pliant_grasp_constraint *grasp, const double *blocks, const double force[3], double *v)
-{
-    for (int32_t h = 0; h < grasp->count; h++) {
-        const double *block = blocks + 9 * h;
-        double *at = v + 3 * grasp->unknown[h];
-        for (int c = 0; c < 3; c++) at[c] += block[c] * force[0] + block[3 + c] * force[1] + block[6 + c] * force[2];
-    }
+    for (int32_t h = 0; h < grasp->count; h++)
+        pliant_add_product(grasp->rotated_block + 9 * h, v + 3 * grasp->unknown[h], out);
 }
 
 void pliant_grasp_add_pull(const pliant_grasp_constraint *grasp, const double force[3], double *v)
 {
-    add_by(grasp, grasp->rotated_block, force, v);
+    for (int32_t h = 0; h < grasp->count; h++)
+        pliant_add_transposed_product(grasp->rotated_block + 9 * h, force, v + 3 * grasp->unknown[h]);
 }
 
 void pliant_grasp_add_load(const pliant_grasp_constraint *grasp, const double force[3], double *v)
 {
-    add_by(grasp, grasp->block, force, v);
+    for (int32_t h = 0; h < grasp->count; h++)
+        pliant_add_transposed_product(grasp->block + 9 * h, force, v + 3 * grasp->unknown[h]);
 }
 
 /* Compute y = origin + W x. x: all nodes of the solved mesh. */
@@ -40,11 +31,8 @@ static void held_point(const pliant_solver *solver, const pliant_grasp_constrain
                        double out[3])
 {
     memcpy(out, grasp->origin, 3 * sizeof *out);
-    for (int32_t h = 0; h < grasp->count; h++) {
-        const double *block = grasp->block + 9 * h, *at = x + 3 * solver->system->node_of_free[grasp->unknown[h]];
-        for (int r = 0; r < 3; r++)
-            out[r] += block[3 * r] * at[0] + block[3 * r + 1] * at[1] + block[3 * r + 2] * at[2];
-    }
+    for (int32_t h = 0; h < grasp->count; h++)
+        pliant_add_product(grasp->block + 9 * h, x + 3 * solver->system->node_of_free[grasp->unknown[h]], out);
 }
 
 static void free_arrays(pliant_grasp_constraint *grasp)
