@@ -218,8 +218,21 @@ static bool evaluate_end(pliant_solver *solver)
     return good;
 }
 
-/* Evaluate the final state of the step (final_state.c), and report the error of the step before. Around a patch, more
- * inputs than the loads change, so the next step cannot use this evaluation. */
+/* Store the evaluated quantities of the step's final state. */
+static void store_final_state(pliant_solver *solver)
+{
+    pliant_iterate *at = &solver->final_state.at;
+    const size_t bytes = pliant_solver_unknowns(solver) * sizeof(double);
+    memcpy(at->step, solver->now.step, bytes);
+    memcpy(at->residual, solver->now.residual, bytes);
+    pliant_pressure_copy(solver, solver->now.pressure_step, at->pressure_step);
+    memcpy(at->step_force, solver->now.step_force, sizeof at->step_force);
+}
+
+/* Evaluate the final state of the step, and report the error of the step before. Most steps end blindly. The next step
+ * starts there with other loads: the elastic forces stay valid, and so does the preconditioned step if only the tools'
+ * targets have changed. Around a patch, more inputs than the loads change, so the next step cannot use this
+ * evaluation. */
 static void evaluate_final_state(pliant_solver *solver, step_time *time)
 {
     const bool blind = solver->rules.next == PLIANT_NEXT_BLIND,
@@ -234,7 +247,7 @@ static void evaluate_final_state(pliant_solver *solver, step_time *time)
                                  start_is_evaluated ? pliant_secants_error(solver, &solver->final_state.at) : 0);
     const bool keeps_final_state = evaluated && !solver->system->basis;
     pliant_solver_record_step(solver, &solver->in_use, keeps_final_state, &solver->rules, solver->now.step_force);
-    if (keeps_final_state) pliant_final_state_store(solver);
+    if (keeps_final_state) store_final_state(solver);
 }
 
 /* Rotate the axes before a step. If the preconditioner converges slowly, a new one follows or none; the secants are

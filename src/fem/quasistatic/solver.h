@@ -72,7 +72,7 @@ typedef struct pliant_secant { /* Differences of two iterates. */
     double force[PLIANT_MAX_ROWS], step_force[PLIANT_MAX_ROWS];
 } pliant_secant;
 
-/* The final state of the previous step (final_state.c). */
+/* The final state of the previous step (solver.c). */
 typedef struct pliant_final_state {
     /* At the start of this step, the previous final state was evaluated with the preconditioner in use. */
     bool start_is_evaluated;
@@ -308,12 +308,6 @@ pliant_known pliant_solver_find_known(pliant_solver *solver, const pliant_precon
  *     step ends with its first state. */
 void pliant_solver_record_step(pliant_solver *solver, const pliant_preconditioner_use *in_use, bool evaluated,
                                const pliant_anderson *rules, const double *step_force);
-
-/* ---- Implemented in final_state.c: distance of nodes from their converged positions [m]. */
-pliant_status pliant_final_state_create(pliant_solver *solver);
-void pliant_final_state_free(pliant_solver *solver);
-/* Store the evaluated quantities of the step's final state. */
-void pliant_final_state_store(pliant_solver *solver);
 
 /* ---- Implemented in refresh.c. */
 /* Start and install factors at fixed steps. After a failed factorization the old factor stays. */

@@ -22,6 +22,16 @@ static pliant_status iterate_create(const pliant_solver *solver, pliant_iterate 
     return pliant_pressure_allocate(solver->pressures, &iterate->pressure, &iterate->pressure_step);
 }
 
+static pliant_status final_state_create(pliant_solver *solver)
+{
+    const size_t n = pliant_solver_unknowns(solver);
+    pliant_iterate *at = &solver->final_state.at;
+    at->step = pliant_calloc(n, sizeof *at->step);
+    at->residual = pliant_calloc(n, sizeof *at->residual);
+    if (!at->step || !at->residual) return pliant_fail_memory("the solver");
+    return pliant_pressure_allocate(solver->pressures, &at->pressure_step, NULL);
+}
+
 /* Free all arrays of an iterate except x and its pressures. */
 static void iterate_free(pliant_iterate *iterate)
 {
@@ -43,7 +53,9 @@ static void free_buffers(pliant_solver *solver)
     pliant_free(solver->previous_pressure);
     pliant_free(solver->volume_change);
     pliant_free(solver->volume_rows);
-    pliant_final_state_free(solver);
+    pliant_free(solver->final_state.at.step);
+    pliant_free(solver->final_state.at.residual);
+    pliant_free(solver->final_state.at.pressure_step);
     pliant_nodal_rotations_free(solver->rotations);
     pliant_secants_free(solver->history);
     pliant_free(solver->previous_x);
@@ -73,7 +85,7 @@ pliant_status pliant_solver_allocate_step(pliant_solver *solver)
     for (int32_t h = 0; status == PLIANT_OK && h < solver->rules.capacity; h++)
         status = pliant_pressure_allocate(solver->pressures, &solver->history[h].pressure,
                                           &solver->history[h].pressure_step);
-    if (status == PLIANT_OK) status = pliant_final_state_create(solver);
+    if (status == PLIANT_OK) status = final_state_create(solver);
     if (status == PLIANT_OK) status = pliant_nodal_rotations_create(system, &solver->rotations);
     if (status != PLIANT_OK) {
         free_buffers(solver);

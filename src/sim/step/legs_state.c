@@ -159,7 +159,7 @@ pliant_status pliant_legs_apply_fraction(const pliant_model *model, pliant_data 
     return end_mix(model, data);
 }
 
-/* No secant explains the lost motion, so it counts as an unexplained step does (fem/quasistatic/final_state.c). */
+/* No secant explains the lost motion, so it counts as an unexplained step does (fem/quasistatic/anderson.h). */
 void pliant_legs_add_truncation_error(pliant_data *data, double lost)
 {
     if (!data->solver) return;
