@@ -1,6 +1,7 @@
 #include "contact/advance/bounding_box_tree.h"
 
 #include "base/fail.h"
+#include "base/median.h"
 #include "base/memory.h"
 
 #include <math.h>
@@ -47,45 +48,12 @@ static bool find_owners(pliant_advance_tree *tree)
 
 /* ---- structure */
 
-typedef struct place {
-    double at[3];
-    int32_t triangle;
-} place;
-
-static bool comes_before(const place *a, const place *b, int axis)
-{
-    return a->at[axis] != b->at[axis] ? a->at[axis] < b->at[axis] : a->triangle < b->triangle;
-}
-
-/* Hoare's selection: triangles below the median come before it in the order. */
-static void select_middle(place *of, int32_t first, int32_t last, int32_t middle, int axis)
-{
-    while (first < last) {
-        const place pivot = of[first + (last - first) / 2];
-        int32_t i = first, j = last;
-        while (i <= j) {
-            while (comes_before(of + i, &pivot, axis)) i++;
-            while (comes_before(&pivot, of + j, axis)) j--;
-            if (i > j) break;
-            const place other = of[i];
-            of[i++] = of[j];
-            of[j--] = other;
-        }
-        if (middle <= j)
-            last = j;
-        else if (middle >= i)
-            first = i;
-        else
-            return;
-    }
-}
-
 static bool build(pliant_advance_tree *tree, const double *positions)
 {
-    place *of = pliant_calloc((size_t)tree->num_triangles, sizeof *of);
+    pliant_numbered_point *of = pliant_calloc((size_t)tree->num_triangles, sizeof *of);
     if (!of) return false;
     for (int32_t t = 0; t < tree->num_triangles; t++) {
-        of[t].triangle = t;
+        of[t].number = t;
         for (size_t c = 0; c < 3; c++)
             for (size_t d = 0; d < 3; d++) of[t].at[d] += positions[3 * (size_t)tree->triangles[3 * (size_t)t + c] + d];
     }
@@ -104,12 +72,12 @@ static bool build(pliant_advance_tree *tree, const double *positions)
         for (int d = 1; d < 3; d++)
             if (high[d] - low[d] > high[axis] - low[axis]) axis = d;
         const int32_t half = branch->count / 2;
-        select_middle(of, branch->first, branch->first + branch->count - 1, branch->first + half, axis);
+        pliant_split_at_median(of, branch->first, branch->first + branch->count - 1, branch->first + half, axis);
         branch->child = tree->num_branches;
         tree->branch[tree->num_branches++] = (pliant_advance_branch){branch->first, half, -1};
         tree->branch[tree->num_branches++] = (pliant_advance_branch){branch->first + half, branch->count - half, -1};
     }
-    for (int32_t n = 0; n < tree->num_triangles; n++) tree->order[n] = of[n].triangle;
+    for (int32_t n = 0; n < tree->num_triangles; n++) tree->order[n] = of[n].number;
     pliant_free(of);
     return true;
 }

@@ -6,6 +6,7 @@
 #include "contact/shapes/solid.h"
 
 #include "base/fail.h"
+#include "base/median.h"
 #include "base/memory.h"
 #include "base/vector3.h"
 
@@ -27,7 +28,6 @@ struct pliant_triangle_tree {
     const double *points;
     const int32_t *triangles;
     int32_t *order, num_boxes;
-    double *middle; /* (triangles x 3), only during construction */
     tree_box *box;
 };
 
@@ -38,7 +38,7 @@ static const double *corner(const pliant_triangle_tree *tree, int32_t triangle, 
 
 /* ---- construction */
 
-static void fill_box(const pliant_triangle_tree *tree, tree_box *box)
+static void fill_box(const pliant_triangle_tree *tree, const pliant_numbered_point *centers, tree_box *box)
 {
     double whole = 0;
     for (int d = 0; d < 3; d++) {
@@ -46,7 +46,7 @@ static void fill_box(const pliant_triangle_tree *tree, tree_box *box)
         box->high[d] = -INFINITY;
     }
     for (int32_t n = 0; n < box->count; n++) {
-        const int32_t t = tree->order[box->first + n];
+        const int32_t t = centers[box->first + n].number;
         double edge[2][3], normal[3];
         for (int d = 0; d < 3; d++) {
             for (int k = 0; k < 3; k++) {
@@ -59,7 +59,7 @@ static void fill_box(const pliant_triangle_tree *tree, tree_box *box)
         const double size = pliant_length3(normal);
         for (int d = 0; d < 3; d++) {
             box->area[d] += 0.5 * normal[d];
-            box->middle[d] += size * tree->middle[3 * (size_t)t + (size_t)d];
+            box->middle[d] += size * centers[box->first + n].at[d];
         }
         whole += size;
     }
@@ -71,45 +71,20 @@ static void fill_box(const pliant_triangle_tree *tree, tree_box *box)
     box->radius = sqrt(square);
 }
 
-static bool comes_before(const pliant_triangle_tree *tree, int32_t a, int32_t b, int axis)
-{
-    const double x = tree->middle[3 * (size_t)a + (size_t)axis], y = tree->middle[3 * (size_t)b + (size_t)axis];
-    return x != y ? x < y : a < b;
-}
-
-/* Hoare's selection: triangles below the median come before it in the order. */
-static void split(pliant_triangle_tree *tree, int32_t first, int32_t last, int32_t middle, int axis)
-{
-    while (first < last) {
-        const int32_t pivot = tree->order[first + (last - first) / 2];
-        int32_t i = first, j = last;
-        while (i <= j) {
-            while (comes_before(tree, tree->order[i], pivot, axis)) i++;
-            while (comes_before(tree, pivot, tree->order[j], axis)) j--;
-            if (i > j) break;
-            const int32_t other = tree->order[i];
-            tree->order[i++] = tree->order[j];
-            tree->order[j--] = other;
-        }
-        if (middle <= j) last = j;
-        else if (middle >= i) first = i;
-        else return;
-    }
-}
-
-static void build(pliant_triangle_tree *tree, int32_t count)
+/* centers: of all triangles; sorted */
+static void build(pliant_triangle_tree *tree, int32_t count, pliant_numbered_point *centers)
 {
     tree->num_boxes = 1;
     tree->box[0] = (tree_box){.first = 0, .count = count, .child = -1};
     for (int32_t b = 0; b < tree->num_boxes; b++) {
         tree_box *box = tree->box + b;
         int axis = 0;
-        fill_box(tree, box);
+        fill_box(tree, centers, box);
         if (box->count <= LEAF) continue;
         for (int d = 1; d < 3; d++)
             if (box->high[d] - box->low[d] > box->high[axis] - box->low[axis]) axis = d;
         const int32_t half = box->count / 2;
-        split(tree, box->first, box->first + box->count - 1, box->first + half, axis);
+        pliant_split_at_median(centers, box->first, box->first + box->count - 1, box->first + half, axis);
         box->child = tree->num_boxes;
         tree->box[tree->num_boxes++] = (tree_box){.first = box->first, .count = half, .child = -1};
         tree->box[tree->num_boxes++] = (tree_box){.first = box->first + half, .count = box->count - half, .child = -1};
@@ -124,21 +99,21 @@ pliant_status pliant_triangle_tree_create(const double *points, int32_t count, c
     tree->points = points;
     tree->triangles = triangles;
     tree->order = pliant_calloc((size_t)count, sizeof *tree->order);
-    tree->middle = pliant_calloc((size_t)count, 3 * sizeof *tree->middle);
     tree->box = pliant_calloc((size_t)count, 2 * sizeof *tree->box);
-    if (!tree->order || !tree->middle || !tree->box) {
+    pliant_numbered_point *centers = pliant_calloc((size_t)count, sizeof *centers);
+    if (!tree->order || !tree->box || !centers) {
+        pliant_free(centers);
         pliant_triangle_tree_free(tree);
         return pliant_fail_memory("a solid");
     }
     for (int32_t t = 0; t < count; t++) {
-        tree->order[t] = t;
-        for (size_t d = 0; d < 3; d++)
-            tree->middle[3 * (size_t)t + d] =
-                (corner(tree, t, 0)[d] + corner(tree, t, 1)[d] + corner(tree, t, 2)[d]) / 3;
+        centers[t].number = t;
+        for (int d = 0; d < 3; d++)
+            centers[t].at[d] = (corner(tree, t, 0)[d] + corner(tree, t, 1)[d] + corner(tree, t, 2)[d]) / 3;
     }
-    build(tree, count);
-    pliant_free(tree->middle);
-    tree->middle = NULL;
+    build(tree, count, centers);
+    for (int32_t n = 0; n < count; n++) tree->order[n] = centers[n].number;
+    pliant_free(centers);
     *out = tree;
     return PLIANT_OK;
 }
@@ -147,7 +122,6 @@ void pliant_triangle_tree_free(pliant_triangle_tree *tree)
 {
     if (!tree) return;
     pliant_free(tree->order);
-    pliant_free(tree->middle);
     pliant_free(tree->box);
     pliant_free(tree);
 }
