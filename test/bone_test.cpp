@@ -172,7 +172,7 @@ TEST(Bone, NodesLieOnItsSurfaceAndTetrahedraStayGood)
         std::vector<int32_t> neighbours(4 * static_cast<size_t>(mesh.num_tets));
         ASSERT_EQ(pliant_mesh_neighbours(&mesh, neighbours.data()), PLIANT_OK) << pliant_last_error();
         int32_t *triangles, count;
-        ASSERT_EQ(pliant_mesh_surface(&mesh, &triangles, &count), PLIANT_OK);
+        ASSERT_EQ(pliant_mesh_surface(&mesh, nullptr, nullptr, &triangles, &count), PLIANT_OK);
         for (int32_t t = 0; t < count; t++) { // faces with one tetrahedron lie on the box
             bool outside = false;
             double at[3][3];

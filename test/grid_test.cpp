@@ -79,7 +79,7 @@ TEST_P(Grid, EveryInteriorFaceHasTwoSides)
     }
     EXPECT_EQ(outside, 4 * (4 * 5 + 5 * 3 + 4 * 3)); // two triangles per square, two sides
     int32_t *triangles = nullptr, count = 0;
-    ASSERT_EQ(pliant_mesh_surface(&mesh, &triangles, &count), PLIANT_OK);
+    ASSERT_EQ(pliant_mesh_surface(&mesh, nullptr, nullptr, &triangles, &count), PLIANT_OK);
     EXPECT_EQ(count, outside);
     // Triangles point outwards: by the divergence theorem, the surface encloses the volume of the body.
     double volume = 0;
@@ -183,10 +183,11 @@ TEST_P(Grid, LoosePiecesAreHeld)
     make(4, 5, 3, keep.data());
     std::vector<uint8_t> fixed(mesh.num_nodes), loose(mesh.num_tets);
     int32_t pieces = -1;
-    EXPECT_EQ(pliant_mesh_fix_loose_pieces(&mesh, 1, true, fixed.data(), loose.data(), &pieces), PLIANT_ERROR_SCENE);
+    EXPECT_EQ(pliant_mesh_fix_loose_pieces(&mesh, nullptr, 1, true, fixed.data(), loose.data(), &pieces),
+              PLIANT_ERROR_SCENE);
     for (int32_t n = 0; n < mesh.num_nodes; n++) fixed[n] = mesh.lattice_of_node[n] % 5 == 0; // the plane a = 0
     std::vector<uint8_t> before = fixed;
-    ASSERT_EQ(pliant_mesh_fix_loose_pieces(&mesh, 1, true, fixed.data(), loose.data(), &pieces), PLIANT_OK)
+    ASSERT_EQ(pliant_mesh_fix_loose_pieces(&mesh, nullptr, 1, true, fixed.data(), loose.data(), &pieces), PLIANT_OK)
         << pliant_last_error();
     EXPECT_EQ(pieces, 1);
     for (int32_t t = 0; t < mesh.num_tets; t++) EXPECT_EQ(loose[t], mesh.lattice_of_tet[t] / 5 % 4 == 3);

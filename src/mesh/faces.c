@@ -86,30 +86,38 @@ pliant_status pliant_mesh_neighbours(const pliant_mesh *mesh, int32_t *neighbour
     return status;
 }
 
-pliant_status pliant_mesh_surface_of(const pliant_mesh *mesh, const int32_t *neighbours, int32_t **triangles,
-                                     int32_t *count)
+/* Set *neighbours to *own, which the caller frees, unless they are given. */
+static pliant_status need_neighbours(const pliant_mesh *mesh, const int32_t **neighbours, int32_t **own)
 {
-    int32_t outside = 0;
-    for (int32_t f = 0; f < 4 * mesh->num_tets; f++) outside += neighbours[f] < 0;
-    int32_t *out = pliant_calloc((size_t)outside, 3 * sizeof *out), *next = out;
-    if (!out) return pliant_fail_memory("the surface");
-    for (int32_t f = 0; f < 4 * mesh->num_tets; f++)
-        if (neighbours[f] < 0) {
-            pliant_face_triangle(mesh, f, next);
-            next += 3;
-        }
-    *triangles = out;
-    *count = outside;
-    return PLIANT_OK;
+    if (*neighbours) return PLIANT_OK;
+    *neighbours = *own = pliant_calloc((size_t)mesh->num_tets, 4 * sizeof **own);
+    return *own ? pliant_mesh_neighbours(mesh, *own) : pliant_fail_memory("the faces of the mesh");
 }
 
-pliant_status pliant_mesh_surface(const pliant_mesh *mesh, int32_t **triangles, int32_t *count)
+/* Return whether a face lies between the inside and the outside. inside: Nullable */
+static bool is_outer(const int32_t *neighbours, const uint8_t *inside, int32_t face)
 {
-    int32_t *neighbours = pliant_calloc((size_t)mesh->num_tets, 4 * sizeof *neighbours);
-    if (!neighbours) return pliant_fail_memory("the surface");
-    pliant_status status = pliant_mesh_neighbours(mesh, neighbours);
-    if (status == PLIANT_OK) status = pliant_mesh_surface_of(mesh, neighbours, triangles, count);
-    pliant_free(neighbours);
+    return (!inside || inside[face / 4]) && (neighbours[face] < 0 || (inside && !inside[neighbours[face]]));
+}
+
+pliant_status pliant_mesh_surface(const pliant_mesh *mesh, const int32_t *neighbours, const uint8_t *inside,
+                                  int32_t **triangles, int32_t *count)
+{
+    int32_t *own = NULL, outer = 0, *out = NULL;
+    pliant_status status = need_neighbours(mesh, &neighbours, &own);
+    for (int32_t f = 0; status == PLIANT_OK && f < 4 * mesh->num_tets; f++) outer += is_outer(neighbours, inside, f);
+    if (status == PLIANT_OK && !(out = pliant_calloc(3 * (size_t)outer + 1, sizeof *out)))
+        status = pliant_fail_memory("the surface");
+    if (status == PLIANT_OK) {
+        *triangles = out;
+        *count = outer;
+        for (int32_t f = 0; f < 4 * mesh->num_tets; f++)
+            if (is_outer(neighbours, inside, f)) {
+                pliant_face_triangle(mesh, f, out);
+                out += 3;
+            }
+    }
+    pliant_free(own);
     return status;
 }
 
@@ -175,18 +183,17 @@ static bool find_supports(const pliant_mesh *mesh, const int32_t *piece, uint8_t
     return changed;
 }
 
-pliant_status pliant_mesh_fix_loose_with_neighbours(const pliant_mesh *mesh, const int32_t *neighbours, uint8_t how,
-                                                    bool whole, uint8_t *fixed, uint8_t *loose, int32_t *pieces)
+pliant_status pliant_mesh_fix_loose_pieces(const pliant_mesh *mesh, const int32_t *neighbours, uint8_t how, bool whole,
+                                           uint8_t *fixed, uint8_t *loose, int32_t *pieces)
 {
     size_t tets = (size_t)mesh->num_tets;
     int32_t *piece = pliant_calloc(tets, sizeof *piece);
     uint8_t *firm_node = pliant_calloc((size_t)mesh->num_nodes, 1);
     piece_support *feet = NULL;
-    pliant_status status = PLIANT_OK;
-    if (!piece || !firm_node) {
-        status = pliant_fail_memory("the pieces of the mesh");
-        goto done;
-    }
+    int32_t *own = NULL;
+    pliant_status status =
+        piece && firm_node ? need_neighbours(mesh, &neighbours, &own) : pliant_fail_memory("the pieces of the mesh");
+    if (status != PLIANT_OK) goto done;
     int32_t count = label_pieces(mesh, neighbours, piece), largest = 0, num_loose = 0;
     if (!(feet = pliant_calloc((size_t)count, sizeof *feet))) {
         status = pliant_fail_memory("the pieces of the mesh");
@@ -212,20 +219,9 @@ pliant_status pliant_mesh_fix_loose_with_neighbours(const pliant_mesh *mesh, con
         if (loose[v / 4] && !firm_node[mesh->tets[v]]) fixed[mesh->tets[v]] = how;
     *pieces = num_loose;
 done:
+    pliant_free(own);
     pliant_free(piece);
     pliant_free(firm_node);
     pliant_free(feet);
-    return status;
-}
-
-pliant_status pliant_mesh_fix_loose_pieces(const pliant_mesh *mesh, uint8_t how, bool whole, uint8_t *fixed,
-                                           uint8_t *loose, int32_t *pieces)
-{
-    int32_t *neighbours = pliant_calloc((size_t)mesh->num_tets, 4 * sizeof *neighbours);
-    if (!neighbours) return pliant_fail_memory("the pieces of the mesh");
-    pliant_status status = pliant_mesh_neighbours(mesh, neighbours);
-    if (status == PLIANT_OK)
-        status = pliant_mesh_fix_loose_with_neighbours(mesh, neighbours, how, whole, fixed, loose, pieces);
-    pliant_free(neighbours);
     return status;
 }

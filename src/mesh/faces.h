@@ -4,26 +4,13 @@
 
 #include "pliant/mesh.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Corners of the face opposite each corner, counter-clockwise from outside for a positive tetrahedron. */
 static const int pliant_face_corners[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
 
-/* Do the same as pliant_mesh_surface. */
-pliant_status pliant_mesh_surface_of(const pliant_mesh *mesh, const int32_t *neighbours, int32_t **triangles,
-                                     int32_t *count);
 /* Return the nodes of a face's triangle. */
 static inline void pliant_face_triangle(const pliant_mesh *mesh, int32_t face, int32_t out[3])
 {
     for (int v = 0; v < 3; v++) out[v] = mesh->tets[4 * (size_t)(face / 4) + (size_t)pliant_face_corners[face % 4][v]];
 }
-/* Do the same as pliant_mesh_fix_loose_pieces. */
-pliant_status pliant_mesh_fix_loose_with_neighbours(const pliant_mesh *mesh, const int32_t *neighbours, uint8_t how,
-                                                    bool whole, uint8_t *fixed, uint8_t *loose, int32_t *pieces);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

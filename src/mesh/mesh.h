@@ -96,17 +96,23 @@ pliant_status pliant_mesh_neighbours(const pliant_mesh *mesh, int32_t *neighbour
 
 /* Fix loose pieces. A piece consists of tetrahedra that are joined by faces. It is supported by three fixed nodes that
  *  span a triangle, or by a supported piece; otherwise it is loose. Nodes shared with a supported piece are not fixed.
+ *  @param neighbours Nullable: as of pliant_mesh_neighbours, if they are known
  *  @param fixed (num_nodes) in/out
  *  @param loose (num_tets) out, 1: in a loose piece; it should carry no load
  *  @param pieces out, number of loose pieces
  *  @param how   nodes of loose pieces become this in fixed
  *  @param whole fail if the largest piece is loose
  *  Errors: SCENE (the largest piece is loose); MEMORY. */
-pliant_status pliant_mesh_fix_loose_pieces(const pliant_mesh *mesh, uint8_t how, bool whole, uint8_t *fixed,
-                                           uint8_t *loose, int32_t *pieces);
+pliant_status pliant_mesh_fix_loose_pieces(const pliant_mesh *mesh, const int32_t *neighbours, uint8_t how, bool whole,
+                                           uint8_t *fixed, uint8_t *loose, int32_t *pieces);
 
-/* Find the outer faces, oriented outwards. *triangles: (count x 3), freed with pliant_free. Errors: MEMORY, FORMAT. */
-pliant_status pliant_mesh_surface(const pliant_mesh *mesh, int32_t **triangles, int32_t *count);
+/* Find the outer faces, oriented outwards.
+ * @param neighbours Nullable: as of pliant_mesh_neighbours, if they are known
+ * @param inside (num_tets) tetrahedra that the surface encloses; NULL: all
+ * @param triangles out: (count x 3), freed with pliant_free
+ * Errors: MEMORY, FORMAT. */
+pliant_status pliant_mesh_surface(const pliant_mesh *mesh, const int32_t *neighbours, const uint8_t *inside,
+                                  int32_t **triangles, int32_t *count);
 
 /* Return the signed volume of a tetrahedron [m^3], and the gradients of its shape functions (4 x 3) [1/m]. */
 PLIANT_INTERNAL double pliant_tet_gradients(const double *x0, const double *x1, const double *x2, const double *x3,

@@ -183,7 +183,7 @@ static pliant_status prepare(bone_work *work)
         work->at[n][1] = lattice / nx % ny;
         work->at[n][2] = lattice / nx / ny;
     }
-    pliant_status status = pliant_mesh_surface(mesh, &triangles, &count);
+    pliant_status status = pliant_mesh_surface(mesh, NULL, NULL, &triangles, &count);
     for (int32_t t = 0; status == PLIANT_OK && t < count; t++) {
         const int32_t *corners = triangles + 3 * t;
         bool on_box = false;

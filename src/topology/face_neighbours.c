@@ -117,7 +117,8 @@ static void merge(const pliant_body *before, const int32_t *outside, const body_
 
 pliant_status pliant_body_find_surface(const pliant_body *before, pliant_body *next, body_faces *other)
 {
-    if (!other->known) return pliant_mesh_surface_of(&next->fine, next->across, &next->triangles, &next->num_triangles);
+    if (!other->known)
+        return pliant_mesh_surface(&next->fine, next->across, NULL, &next->triangles, &next->num_triangles);
     int32_t *outside = NULL;
     bool good = true;
     for (int32_t i = 0; i < next->changes.num_touched && good; i++)

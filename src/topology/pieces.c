@@ -5,7 +5,7 @@
 #include "base/fail.h"
 #include "base/pairs.h"
 #include "base/buffer.h"
-#include "mesh/faces.h"
+#include "mesh/mesh.h"
 #include "base/memory.h"
 
 #include <string.h>
@@ -279,8 +279,8 @@ static pliant_status find(search *work)
     pliant_body *next = work->next;
     int32_t pieces = 0;
     release_previous_pieces(work);
-    pliant_status status = pliant_mesh_fix_loose_with_neighbours(&next->fine, next->across, PLIANT_FIXED_AT_POSITION,
-                                                                 false, work->fixed, work->loose, &pieces);
+    pliant_status status = pliant_mesh_fix_loose_pieces(&next->fine, next->across, PLIANT_FIXED_AT_POSITION, false,
+                                                        work->fixed, work->loose, &pieces);
     if (status != PLIANT_OK || pieces == 0) return status;
     mark_nodes(work);
     if (!next->has_inertia) status = part_hinges(work);

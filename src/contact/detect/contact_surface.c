@@ -9,8 +9,6 @@
 #include <math.h>
 #include <string.h>
 
-/* oriented outwards, of the face opposite each corner */
-static const int corners_of[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
 static const double farthest = 1;   /* maximum motion of a corner, times the shortest edge of a cube */
 static const double almost_none = 1e-5; /* tolerance of the fraction of tissue in an element */
 static const double half = 0.5;     /* threshold of the fraction of tissue */
@@ -42,37 +40,6 @@ void pliant_contact_surface_free(pliant_contact_surface *surface)
     free_body(surface);
     free_load(surface);
     memset(surface, 0, sizeof *surface);
-}
-
-/* ---- triangles of the contact surface
- * List the triangles between the inside and the outside. out: Nullable */
-static int32_t list_triangles(const pliant_mesh *mesh, const int32_t *across, const uint8_t *solid, int32_t *out)
-{
-    int32_t count = 0;
-    for (int32_t t = 0; t < mesh->num_tets; t++)
-        for (int c = 0; c < 4 && solid[t]; c++) {
-            const int32_t other = across[4 * (size_t)t + (size_t)c];
-            if (other >= 0 && solid[other]) continue;
-            for (int v = 0; out && v < 3; v++)
-                out[3 * (size_t)count + (size_t)v] = mesh->tets[4 * (size_t)t + (size_t)corners_of[c][v]];
-            count++;
-        }
-    return count;
-}
-
-/* Return the triangles of the contact surface; NULL: out of memory. */
-static int32_t *triangles_of(const pliant_body *body, const uint8_t *solid, int32_t *count)
-{
-    int32_t *own = NULL, *triangles = NULL;
-    if (!body->across && !(own = pliant_calloc(4 * (size_t)body->fine.num_tets, sizeof *own))) return NULL;
-    if (!own || pliant_mesh_neighbours(&body->fine, own) == PLIANT_OK) {
-        const int32_t *across = own ? own : body->across;
-        *count = list_triangles(&body->fine, across, solid, NULL);
-        triangles = pliant_calloc(3 * (size_t)*count + 1, sizeof *triangles);
-        if (triangles) list_triangles(&body->fine, across, solid, triangles);
-    }
-    pliant_free(own);
-    return triangles;
 }
 
 /* ---- topology at load */
@@ -304,8 +271,8 @@ static pliant_status find_load(pliant_contact_surface *surface, const pliant_con
                                int32_t *count, int32_t **out)
 {
     pliant_status status = find_solid(surface, voxels->load);
-    if (status == PLIANT_OK && !(*out = triangles_of(voxels->load, surface->solid_at_load, count)))
-        status = no_memory();
+    if (status == PLIANT_OK)
+        status = pliant_mesh_surface(&voxels->load->fine, voxels->load->across, surface->solid_at_load, out, count);
     if (status == PLIANT_OK) status = find_corners(surface, voxels, *count, *out);
     if (status == PLIANT_OK) return PLIANT_OK;
     free_load(surface);
@@ -333,8 +300,8 @@ pliant_status pliant_contact_surface_set_body(pliant_contact_surface *surface,
     if (!surface->solid || !surface->tet || !surface->positions) status = no_memory();
     for (int32_t t = 0; status == PLIANT_OK && t < body->fine.num_tets; t++)
         surface->solid[t] = surface->solid_at_load[body->tet_parent ? body->tet_parent[t] : t];
-    if (status == PLIANT_OK && !triangles && !(triangles = triangles_of(body, surface->solid, &count)))
-        status = no_memory();
+    if (status == PLIANT_OK && !triangles)
+        status = pliant_mesh_surface(&body->fine, body->across, surface->solid, &triangles, &count);
     surface->triangles = triangles;
     if (status != PLIANT_OK) {
         free_body(surface);

@@ -5,15 +5,13 @@
 #include "base/memory.h"
 #include "contact/advance/advance.h"
 #include "contact/detect/tissue_rules.h"
+#include "mesh/faces.h"
 #include "mesh/mesh.h"
 #include "topology/body.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-
-/* face opposite each corner, oriented outwards */
-static const int corners_of[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
 
 static void free_surface(pliant_tissue *tissue)
 {
@@ -131,11 +129,8 @@ static pliant_status find_surface_triangles(pliant_tissue *tissue)
                 if (!is_outer(tissue, t, c)) continue;
                 if (pass) {
                     pliant_surface_triangle *triangle = tissue->triangle + tissue->num_triangles;
-                    triangle->tet = t;
-                    for (int v = 0; v < 3; v++) {
-                        triangle->node[v] = mesh->tets[4 * (size_t)t + (size_t)corners_of[c][v]];
-                        triangle->adjacent[v] = -1;
-                    }
+                    *triangle = (pliant_surface_triangle){.tet = t, .adjacent = {-1, -1, -1}};
+                    pliant_face_triangle(mesh, 4 * t + c, triangle->node);
                 }
                 tissue->num_triangles++;
             }

@@ -84,7 +84,7 @@ static pliant_status hold_homogenized(pliant_discretizing *work)
         for (int32_t v = 0; v < 4 * coarse->num_tets; v++)
             if (grounded[v / 4]) stands[coarse->tets[v]] = 1;
         memcpy(held, stands, (size_t)coarse->num_nodes);
-        status = pliant_mesh_fix_loose_pieces(coarse, PLIANT_FIXED_AT_REST, true, held, loose, &pieces);
+        status = pliant_mesh_fix_loose_pieces(coarse, NULL, PLIANT_FIXED_AT_REST, true, held, loose, &pieces);
     }
     for (int32_t n = 0; status == PLIANT_OK && n < coarse->num_nodes; n++)
         if (held[n] && !stands[n]) work->solved_fixed[n] = 1;

@@ -136,7 +136,9 @@ static pliant_status mesh(builder *build)
     pliant_status status = cut_at_load(build);
     if (status == PLIANT_OK && model->scene.mesh.bone_surface) status = pliant_fixed_surface(model);
     if (status == PLIANT_OK) pliant_model_set_lengths(model);
-    return status == PLIANT_OK ? pliant_mesh_surface(&body->fine, &body->triangles, &body->num_triangles) : status;
+    return status == PLIANT_OK
+               ? pliant_mesh_surface(&body->fine, NULL, NULL, &body->triangles, &body->num_triangles)
+               : status;
 }
 
 /* Compute materials of the kept tetrahedra and nodal masses ([H] 2.1: a fourth of the mass to each node). */
@@ -193,7 +195,7 @@ static pliant_status hold_coarse(builder *build)
     if (!loose) return pliant_fail_memory("the fixed nodes");
     pliant_fail_quietly(true); /* the error is handled below */
     pliant_status status =
-        pliant_mesh_fix_loose_pieces(coarse, PLIANT_FIXED_AT_REST, true, body->coarse_fixed, loose, &pieces);
+        pliant_mesh_fix_loose_pieces(coarse, NULL, PLIANT_FIXED_AT_REST, true, body->coarse_fixed, loose, &pieces);
     pliant_fail_quietly(false);
     if (status == PLIANT_ERROR_SCENE) {
         for (int32_t n = 0; n < fine->num_nodes; n++) {
@@ -206,7 +208,8 @@ static pliant_status hold_coarse(builder *build)
         }
         pliant_log(PLIANT_LOG_WARNING,
                    "coarse: fewer than three coarse nodes lie in fixed tissue; the nearest nodes are fixed instead");
-        status = pliant_mesh_fix_loose_pieces(coarse, PLIANT_FIXED_AT_REST, true, body->coarse_fixed, loose, &pieces);
+        status =
+            pliant_mesh_fix_loose_pieces(coarse, NULL, PLIANT_FIXED_AT_REST, true, body->coarse_fixed, loose, &pieces);
     }
     pliant_free(loose);
     return status;
@@ -290,7 +293,7 @@ static pliant_status fix(builder *build)
     if (body->falls) return PLIANT_OK;
     uint8_t *fixed_before = pliant_copy_block(body->fine_fixed, (size_t)fine->num_nodes, 1);
     if (!fixed_before) return pliant_fail_memory("the fixed nodes");
-    pliant_status status = pliant_mesh_fix_loose_pieces(fine, PLIANT_FIXED_AT_REST, true, body->fine_fixed,
+    pliant_status status = pliant_mesh_fix_loose_pieces(fine, NULL, PLIANT_FIXED_AT_REST, true, body->fine_fixed,
                                                         build->loose, &body->num_held_pieces);
     if (status == PLIANT_OK && body->has_inertia) status = release_hanging(build, fixed_before);
     pliant_free(fixed_before);
