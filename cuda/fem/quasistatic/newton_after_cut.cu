@@ -52,55 +52,32 @@ static __device__ void keep_sums(double own, double largest, double *d_sums)
     for (int s = 0; s < NEWTON_SUMS; s++) d_sums[NEWTON_SUMS * (size_t)blockIdx.x + s] = sums[s][0];
 }
 
-/* Compute elastic forces, and left = T' (load - elastic). */
-static __global__ void __launch_bounds__(THREADS)
-    open_residual_kernel(gpu_system system, gpu_iteration it, newton_vectors at)
-{
-    const int n = (int)(blockIdx.x * THREADS + threadIdx.x);
-    if (n >= it.num_free) return;
-    double elastic[3], left[3];
-    elastic_at(system, it.d_element_force, n, elastic);
-    for (int d = 0; d < 3; d++) {
-        at.d_elastic[3 * (size_t)n + d] = elastic[d];
-        left[d] = it.d_load[3 * (size_t)n + d] - elastic[d];
-    }
-    turn_into(it, (size_t)n, left);
-    for (int d = 0; d < 3; d++) at.d_left[3 * (size_t)n + d] = left[d];
-}
+enum open_mode { RESIDUAL, PRODUCT, SLOPE };
 
-/* Compute pulled = T' (elastic at the trial - elastic) / share, and along . pulled. */
+/* RESIDUAL: compute elastic forces, and left = T' (load - elastic).
+ * PRODUCT: pulled = T' (elastic at the trial - elastic) / fraction, and along . pulled.
+ * SLOPE: correction . T' (load - elastic at the trial). */
+template <open_mode MODE>
 static __global__ void __launch_bounds__(THREADS)
-    open_product_kernel(gpu_system system, gpu_iteration it, newton_vectors at, double fraction, double *d_sums)
+    open_kernel(gpu_system system, gpu_iteration it, newton_vectors at, double fraction, double *d_sums)
 {
     const int n = (int)(blockIdx.x * THREADS + threadIdx.x);
     double own = 0;
     if (n < it.num_free) {
-        double pulled[3];
-        elastic_at(system, it.d_element_force, n, pulled);
-        for (int d = 0; d < 3; d++) pulled[d] = (pulled[d] - at.d_elastic[3 * (size_t)n + d]) / fraction;
-        turn_into(it, (size_t)n, pulled);
+        const size_t first = 3 * (size_t)n;
+        double v[3];
+        elastic_at(system, it.d_element_force, n, v);
         for (int d = 0; d < 3; d++) {
-            at.d_pulled[3 * (size_t)n + d] = pulled[d];
-            own += at.d_along[3 * (size_t)n + d] * pulled[d];
+            if (MODE == RESIDUAL) at.d_elastic[first + d] = v[d];
+            v[d] = MODE == PRODUCT ? (v[d] - at.d_elastic[first + d]) / fraction : it.d_load[first + d] - v[d];
+        }
+        turn_into(it, (size_t)n, v);
+        for (int d = 0; d < 3; d++) {
+            if (MODE != SLOPE) (MODE == RESIDUAL ? at.d_left : at.d_pulled)[first + d] = v[d];
+            if (MODE != RESIDUAL) own += (MODE == PRODUCT ? at.d_along : at.d_correction)[first + d] * v[d];
         }
     }
-    keep_sums(own, 0, d_sums);
-}
-
-/* Compute correction . T' (load - elastic at the trial). */
-static __global__ void __launch_bounds__(THREADS)
-    open_slope_kernel(gpu_system system, gpu_iteration it, newton_vectors at, double *d_sums)
-{
-    const int n = (int)(blockIdx.x * THREADS + threadIdx.x);
-    double own = 0;
-    if (n < it.num_free) {
-        double left[3];
-        elastic_at(system, it.d_element_force, n, left);
-        for (int d = 0; d < 3; d++) left[d] = it.d_load[3 * (size_t)n + d] - left[d];
-        turn_into(it, (size_t)n, left);
-        for (int d = 0; d < 3; d++) own += at.d_correction[3 * (size_t)n + d] * left[d];
-    }
-    keep_sums(own, 0, d_sums);
+    if (MODE != RESIDUAL) keep_sums(own, 0, d_sums);
 }
 
 /* Compute to = from + share T v. */
@@ -393,9 +370,9 @@ static pliant_status multiply(const opening *work, double fraction, double *curv
     const pliant_cuda_solver *gpu = work->gpu;
     CUDA_TRY(place(work, work->at.d_along, fraction, gpu->iteration.d_x[1]));
     CUDA_TRY(find_forces(work, gpu->iteration.d_x[1]));
-    open_product_kernel<<<work->blocks, THREADS, 0, gpu->stream>>>(gpu->system, gpu->iteration, work->at, fraction,
-                                                                   gpu->iteration.d_sums);
-    CUDA_TRY(CUDA_LAUNCHED("open_product_kernel"));
+    open_kernel<PRODUCT><<<work->blocks, THREADS, 0, gpu->stream>>>(gpu->system, gpu->iteration, work->at, fraction,
+                                                                    gpu->iteration.d_sums);
+    CUDA_TRY(CUDA_LAUNCHED("open_kernel"));
     return add_up(work, curvature, nullptr);
 }
 
@@ -407,8 +384,8 @@ static pliant_status begin(opening *work, bool *prescribed)
     const gpu_iteration *it = &gpu->iteration;
     double stretch[GPU_ROWS] = {}, maximum = 0;
     CUDA_TRY(find_forces(work, it->d_x[0]));
-    open_residual_kernel<<<work->blocks, THREADS, 0, gpu->stream>>>(gpu->system, *it, work->at);
-    CUDA_TRY(CUDA_LAUNCHED("open_residual_kernel"));
+    open_kernel<RESIDUAL><<<work->blocks, THREADS, 0, gpu->stream>>>(gpu->system, *it, work->at, 1, nullptr);
+    CUDA_TRY(CUDA_LAUNCHED("open_kernel"));
     CUDA_TRY(load_tools(work, work->at.d_left));
     CUDA_TRY(
         CUDA_CALL(cudaMemsetAsync(work->at.d_correction, 0, 3 * (size_t)it->num_free * sizeof(double), gpu->stream)));
@@ -480,9 +457,9 @@ static pliant_status find_slope(const opening *work, double *slope)
         for (int d = 0; d < 3; d++) of_tools += work->solver->grasps[t].force[d] * gpu->h_newton[d];
     }
     CUDA_TRY(find_forces(work, gpu->iteration.d_x[0]));
-    open_slope_kernel<<<work->blocks, THREADS, 0, gpu->stream>>>(gpu->system, gpu->iteration, work->at,
-                                                                 gpu->iteration.d_sums);
-    CUDA_TRY(CUDA_LAUNCHED("open_slope_kernel"));
+    open_kernel<SLOPE><<<work->blocks, THREADS, 0, gpu->stream>>>(gpu->system, gpu->iteration, work->at, 1,
+                                                                  gpu->iteration.d_sums);
+    CUDA_TRY(CUDA_LAUNCHED("open_kernel"));
     CUDA_TRY(add_up(work, slope, nullptr));
     *slope += of_tools;
     return PLIANT_OK;
@@ -520,7 +497,7 @@ static pliant_status take_step(const opening *work)
 
 extern "C" pliant_status pliant_cuda_newton_load_kernels(void)
 {
-    return pliant_cuda_load_kernels(open_residual_kernel, open_product_kernel, open_slope_kernel, open_place_kernel,
+    return pliant_cuda_load_kernels(open_kernel<RESIDUAL>, open_kernel<PRODUCT>, open_kernel<SLOPE>, open_place_kernel,
                                     open_advance_kernel, open_step_kernel, open_combine_kernel, open_longest_kernel);
 }
 
