@@ -11,6 +11,7 @@
 #include "scan/volume.h"
 
 #include <cstring>
+#include <utility>
 
 enum { BEGUN, CULLED, DRAWN, NUM_MARKS };
 
@@ -514,13 +515,6 @@ static pliant_status prepare_next(void *object, const pliant_warp_parts *parts, 
     return PLIANT_OK;
 }
 
-template <class T> static void exchange(T *a, T *b)
-{
-    T other = *a;
-    *a = *b;
-    *b = other;
-}
-
 /* Switch to the next body. If a kernel cannot be started any more, the next update draws everything or fails. */
 static void take_next(void *object, void *prepared)
 {
@@ -532,18 +526,18 @@ static void take_next(void *object, void *prepared)
          CUDA_CALL(cudaStreamSynchronize(gpu->stream)) != PLIANT_OK))
         gpu->drawn = false;
     gpu->parts = next->parts;
-    exchange(&old->num_tets, &now->num_tets);
-    exchange(&old->num_elements, &now->num_elements);
-    exchange(&old->d_tets, &now->d_tets);
-    exchange(&old->d_rest, &now->d_rest);
-    exchange(&old->d_fixed, &now->d_fixed);
-    exchange(&old->d_setup, &now->d_setup);
-    exchange(&old->d_carried, &now->d_carried);
-    exchange(&old->d_has_parts, &now->d_has_parts);
-    exchange(&old->parts, &now->parts);
-    exchange(&gpu->capacity, &next->capacity);
-    exchange(&gpu->d_positions, &next->d_positions);
-    exchange(&gpu->fit, &next->fit);
+    std::swap(old->num_tets, now->num_tets);
+    std::swap(old->num_elements, now->num_elements);
+    std::swap(old->d_tets, now->d_tets);
+    std::swap(old->d_rest, now->d_rest);
+    std::swap(old->d_fixed, now->d_fixed);
+    std::swap(old->d_setup, now->d_setup);
+    std::swap(old->d_carried, now->d_carried);
+    std::swap(old->d_has_parts, now->d_has_parts);
+    std::swap(old->parts, now->parts);
+    std::swap(gpu->capacity, next->capacity);
+    std::swap(gpu->d_positions, next->d_positions);
+    std::swap(gpu->fit, next->fit);
 }
 
 /* ---- function table */

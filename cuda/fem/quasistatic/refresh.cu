@@ -10,6 +10,7 @@
 #include "model_data/discretization.h"
 
 #include <cstring>
+#include <utility>
 
 struct gpu_refresh {
     pliant_worker worker;
@@ -90,15 +91,10 @@ static pliant_status start(pliant_cuda_solver *gpu, const pliant_solver *solver,
 
 static void exchange_bases(gpu_preconditioner *a, gpu_preconditioner *b)
 {
-    const gpu_preconditioner other = *a;
-    a->inverse = b->inverse;
-    a->multigrid = b->multigrid;
-    a->layout = b->layout;
-    a->bytes = b->bytes;
-    b->inverse = other.inverse;
-    b->multigrid = other.multigrid;
-    b->layout = other.layout;
-    b->bytes = other.bytes;
+    std::swap(a->inverse, b->inverse);
+    std::swap(a->multigrid, b->multigrid);
+    std::swap(a->layout, b->layout);
+    std::swap(a->bytes, b->bytes);
 }
 
 /* Install a preconditioner from before a cut as the base. possible: out: false: the cut has opened too much tissue
