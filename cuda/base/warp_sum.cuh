@@ -3,7 +3,7 @@
 #define PLIANT_CUDA_WARP_SUM_CUH
 
 /* Sum over a warp in a fixed order. All lanes get the result. */
-static __device__ __forceinline__ double warp_sum(double value)
+template <class T> static __device__ __forceinline__ T warp_sum(T value)
 {
     for (int half = 16; half > 0; half /= 2) value += __shfl_xor_sync(0xffffffff, value, half);
     return value;

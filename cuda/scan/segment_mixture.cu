@@ -3,6 +3,7 @@
 #include "cuda/base/check.h"
 #include "base/fail.h"
 #include "cuda/scan/segment.h"
+#include "cuda/base/warp_sum.cuh"
 
 #include <cmath>
 
@@ -27,7 +28,7 @@ struct pass_work {
 
 static __device__ void add_up(double value, int slot, pass_work *work)
 {
-    for (int step = 16; step > 0; step /= 2) value += __shfl_xor_sync(0xffffffffu, value, step);
+    value = warp_sum(value);
     if (threadIdx.x % 32 == 0) work->part[threadIdx.x / 32][slot] = value;
 }
 

@@ -2,6 +2,7 @@
 #include "cuda/base/check.h"
 #include "cuda/base/prefix_sum.cuh"
 #include "cuda/scan/segment_value.cuh"
+#include "cuda/base/warp_sum.cuh"
 
 /* ---- Classes. */
 
@@ -273,12 +274,6 @@ extern "C" pliant_status pliant_cuda_segment_absorb(const gpu_segment *segment, 
 
 /* ---- Statistics. */
 
-static __device__ long long sum_of(long long value)
-{
-    for (int step = 16; step > 0; step /= 2) value += __shfl_xor_sync(0xffffffffu, value, step);
-    return value;
-}
-
 /* Integer sums do not depend on the order. */
 __global__ void tally_kernel(const gpu_segment segment, double quantum, gpu_tally *d_tallies)
 {
@@ -291,7 +286,7 @@ __global__ void tally_kernel(const gpu_segment segment, double quantum, gpu_tall
                          v / segment.size[0] / segment.size[1],
                          there ? __double2ll_rn((double)value_of(segment, v) / quantum) : 0};
     if (same)
-        for (int s = 0; s < 5; s++) sums[s] = sum_of(sums[s]);
+        for (int s = 0; s < 5; s++) sums[s] = warp_sum(sums[s]);
     if (!there || (same && threadIdx.x % 32 != 0)) return;
     gpu_tally *tally = d_tallies + piece;
     atomicAdd(&tally->voxels, (unsigned long long)sums[0]);

@@ -5,6 +5,7 @@
 #include "cuda/fem/element/rotation.cuh"
 #include "cuda/fem/solver_state.h"
 #include "cuda/fem/system.h"
+#include "cuda/base/warp_sum.cuh"
 
 #include <cstring>
 #include <new>
@@ -242,9 +243,7 @@ static __global__ void __launch_bounds__(THREADS) small_force_kernel(gpu_system 
 #pragma unroll 8
     for (int m = 0; m < rank; m++) {
         const double entry = lane < n ? (double)root[m * n + lane] : 0;
-        double row = entry * own;
-        for (int half = WARP / 2; half > 0; half /= 2) row += __shfl_xor_sync(0xffffffff, row, half);
-        force += entry * row;
+        force += entry * warp_sum(entry * own);
     }
     __syncwarp();
     if (lane < n) q[lane] = force;

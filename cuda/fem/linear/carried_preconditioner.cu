@@ -5,6 +5,7 @@
 #include "fem/element/corotational.h"
 #include "base/memory.h"
 #include "cuda/fem/linear/sweep.cuh"
+#include "cuda/base/warp_sum.cuh"
 
 #include <cstring>
 
@@ -294,7 +295,7 @@ static __global__ void __launch_bounds__(THREADS)
     for (int column = lane; column < inner; column += WARP)
         sum += carried.d_answer[(size_t)row * carried.stride + column] *
                d_right[3 * carried.d_near[column / 3] + column % 3];
-    for (int half = WARP / 2; half > 0; half /= 2) sum += __shfl_xor_sync(0xffffffff, sum, half);
+    sum = warp_sum(sum);
     if (lane != 0) return;
     if (row < inner) carried.d_found[row] = sum;
     else carried.d_pull[row - inner] = sum;
