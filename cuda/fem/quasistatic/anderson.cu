@@ -117,23 +117,10 @@ static __device__ void find_spring_forces(const gpu_iteration &iteration, const 
     for (int row = thread / 32 * 3; row < rows; row += NODES / 32 * 3) {
         const int t = state.row_of[row] / 3;
         const gpu_tool &tool = state.step.tools[t];
-        double moved[3] = {0, 0, 0}; /* W (x + step0) */
-        for (int h = lane; h < tool.count; h += 32) {
-            size_t unknown = (size_t)tool.d_unknown[h];
-            const double *block = tool.d_block + 9 * (size_t)h,
-                         *x = iteration.d_x[target] + 3 * (size_t)iteration.d_node_of_free[unknown];
-            const float *left = iteration.d_left + 3 * unknown;
-            double at[3] = {left[0], left[1], left[2]};
-            turn_out(iteration, unknown, at);
-            for (int d = 0; d < 3; d++) at[d] += x[d];
-            for (int r = 0; r < 3; r++)
-                moved[r] += block[3 * r] * at[0] + block[3 * r + 1] * at[1] + block[3 * r + 2] * at[2];
-        }
-        for (int d = 0; d < 3; d++) {
-            double y = tool.origin[d] + warp_sum(moved[d]);
-            if (lane == 0)
-                share.right[row + d] = tool.target[d] - y - tool.compliance * state.force[target][3 * t + d];
-        }
+        double y[3];
+        held_point(iteration, tool, target, y);
+        for (int d = 0; d < 3 && lane == 0; d++)
+            share.right[row + d] = tool.target[d] - y[d] - tool.compliance * state.force[target][3 * t + d];
     }
     __syncthreads();
     if (thread < rows) {

@@ -4,6 +4,7 @@
 #include "cuda/base/launch.h"
 #include "contact/solve/cone_rules.h"
 #include "cuda/base/warp_sum.cuh"
+#include "cuda/fem/quasistatic/axes.cuh"
 
 enum { CONE_THREADS = 512, COPIES = 8, THREADS = 128, ONE_BLOCK = 256, PAIRS = 16, LANES_OF_STEP = 32, GROUPS = 8 };
 
@@ -192,27 +193,13 @@ static __device__ void measure_point(const gpu_contact_view &view, const gpu_ite
 static __device__ void measure_spring(const gpu_contact_view &view, const gpu_iteration &iteration,
                                       const gpu_state &state, int s, double *out)
 {
-    const int lane = (int)threadIdx.x % 32, target = gpu_target(&state), t = view.spring[s];
+    const int target = gpu_target(&state), t = view.spring[s];
     const gpu_tool &tool = state.step.tools[t];
-    double moved[3] = {0, 0, 0}; /* W (x + free step) */
-    for (int h = lane; h < tool.count; h += 32) {
-        const size_t unknown = (size_t)tool.d_unknown[h];
-        const double *block = tool.d_block + 9 * (size_t)h,
-                     *x = iteration.d_x[target] + 3 * (size_t)iteration.d_node_of_free[unknown];
-        const double *turn = iteration.d_axes + 9 * unknown;
-        const float *left = iteration.d_left + 3 * unknown;
-        double at[3];
-        for (int r = 0; r < 3; r++)
-            at[r] = x[r] + turn[3 * r] * left[0] + turn[3 * r + 1] * left[1] + turn[3 * r + 2] * left[2];
-        for (int r = 0; r < 3; r++)
-            moved[r] += block[3 * r] * at[0] + block[3 * r + 1] * at[1] + block[3 * r + 2] * at[2];
-    }
-    for (int d = 0; d < 3; d++) {
-        const double y = tool.origin[d] + warp_sum(moved[d]);
-        if (lane == 0)
-            out[3 * (size_t)(view.count + s) + d] =
-                y + tool.compliance * state.force[target][3 * t + d] - tool.target[d];
-    }
+    double y[3];
+    held_point(iteration, tool, target, y);
+    for (int d = 0; d < 3 && threadIdx.x % 32 == 0; d++)
+        out[3 * (size_t)(view.count + s) + d] =
+            y[d] + tool.compliance * state.force[target][3 * t + d] - tool.target[d];
 }
 
 static __global__ void __launch_bounds__(THREADS) measure_kernel(gpu_contact_view view, gpu_iteration iteration)
