@@ -40,6 +40,7 @@ class Pip(unittest.TestCase):
             self.assertRegex(wheels[0], r"^pliant-[0-9.]+-py3-none-linux_.*\.whl$")
             names = [name for name in zipfile.ZipFile(folder + "/" + wheels[0]).namelist() if not ".dist-info/" in name]
             self.assertEqual(sorted(names), ["pliant/__init__.py", "pliant/libpliant.so", "pliant/pliant_library.py",
+                                             "pliant/pliant_results.py", "pliant/pliant_tool.py",
                                              "pliant/simulation.py"])
             subprocess.run([python, "-m", "pip", "install", "-q", "--no-deps", folder + "/" + wheels[0]], check=True,
                            env=environment)

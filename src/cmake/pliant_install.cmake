@@ -35,17 +35,20 @@ if(NOT PLIANT_MSGS_ONLY)
   install(DIRECTORY launch/ DESTINATION ${PLIANT_SHARE_DIR}/launch USE_SOURCE_PERMISSIONS
           FILES_MATCHING PATTERN "*.launch" PATTERN "*.yaml" PATTERN "*.rviz" PATTERN "*.py")
 endif()
-# Install pliant.py and its library. With ROS it is a module of the messages' package, which imports it on first use.
+# Install pliant.py and its modules. With ROS they belong to the messages' package, which imports them on first use.
+set(python_modules pliant_library.py pliant_results.py pliant_tool.py)
 if(PLIANT_WITH_ROS AND NOT PLIANT_MSGS_ONLY)
   configure_file(src/python/package.py ${CATKIN_DEVEL_PREFIX}/${CATKIN_GLOBAL_PYTHON_DESTINATION}/pliant/__init__.py
     COPYONLY)
   configure_file(src/python/pliant.py ${CATKIN_DEVEL_PREFIX}/${CATKIN_GLOBAL_PYTHON_DESTINATION}/pliant/simulation.py
     COPYONLY)
-  configure_file(src/python/pliant_library.py
-    ${CATKIN_DEVEL_PREFIX}/${CATKIN_GLOBAL_PYTHON_DESTINATION}/pliant/pliant_library.py COPYONLY)
   install(FILES src/python/package.py DESTINATION ${CATKIN_GLOBAL_PYTHON_DESTINATION}/pliant RENAME __init__.py)
   install(FILES src/python/pliant.py DESTINATION ${CATKIN_GLOBAL_PYTHON_DESTINATION}/pliant RENAME simulation.py)
-  install(FILES src/python/pliant_library.py DESTINATION ${CATKIN_GLOBAL_PYTHON_DESTINATION}/pliant)
+  foreach(module ${python_modules})
+    configure_file(src/python/${module} ${CATKIN_DEVEL_PREFIX}/${CATKIN_GLOBAL_PYTHON_DESTINATION}/pliant/${module}
+      COPYONLY)
+    install(FILES src/python/${module} DESTINATION ${CATKIN_GLOBAL_PYTHON_DESTINATION}/pliant)
+  endforeach()
   # in the folder of pliant_bag, which runs it
   configure_file(src/python/lerobot.py ${CATKIN_DEVEL_PREFIX}/${CATKIN_GLOBAL_BIN_DESTINATION}/pliant_lerobot COPYONLY)
   pliant_link_command(pliant_lerobot)
@@ -53,7 +56,8 @@ if(PLIANT_WITH_ROS AND NOT PLIANT_MSGS_ONLY)
     install(PROGRAMS src/python/lerobot.py DESTINATION ${folder} RENAME pliant_lerobot)
   endforeach()
 elseif(NOT PLIANT_WITH_ROS)
-  install(FILES src/python/pliant.py src/python/pliant_library.py DESTINATION ${PLIANT_LIB_DIR}/python3/dist-packages)
+  list(TRANSFORM python_modules PREPEND src/python/)
+  install(FILES src/python/pliant.py ${python_modules} DESTINATION ${PLIANT_LIB_DIR}/python3/dist-packages)
 endif()
 install(FILES LICENSE README.md DESTINATION ${PLIANT_SHARE_DIR})
 # documents and pictures at their paths in the source tree, so that links between them also work after installation

@@ -4,7 +4,8 @@ import importlib
 
 
 def __getattr__(name):
-    if name in ("msg", "srv", "simulation", "pliant_library") or name.startswith("__") and name != "__all__":
+    if (name in ("msg", "srv", "simulation") or name.startswith("pliant_") or
+            name.startswith("__") and name != "__all__"):
         raise AttributeError(name)
     return getattr(importlib.import_module(__name__ + ".simulation"), name)
 

@@ -17,21 +17,21 @@ Needs numpy and libpliant.so, which is searched in $PLIANT_LIBRARY, next to this
 and on the system's path.
 """
 import ctypes
-import functools
-import operator
 import os
-import threading
-import typing
 import weakref
 
 import numpy as np
 
 if __package__:  # installed in the same package as the ROS messages
     from . import pliant_library as _c
+    from .pliant_results import (Contacts, Cut, Displacement, Picture, Proxy, Volume, camera_of, look_at, volume_at,
+                                 whole)
+    from .pliant_tool import Error, Held, Tool, all_while_open
 else:
     import pliant_library as _c
-
-Error = _c.Error
+    from pliant_results import (Contacts, Cut, Displacement, Picture, Proxy, Volume, camera_of, look_at, volume_at,
+                                whole)
+    from pliant_tool import Error, Held, Tool, all_while_open
 
 __all__ = ["Error", "Model", "Sim", "Tool", "Volume", "Displacement", "Cut", "Contacts", "Proxy", "Picture", "look_at",
            "options", "version"]
@@ -139,7 +139,7 @@ class Model:
     @property
     def scan(self):
         """The scan of the model."""
-        return _volume_at(_c.library.pliant_model_get_scan(self._model))
+        return volume_at(_c.library.pliant_model_get_scan(self._model))
 
 
 def _free_model(built, scan):
@@ -147,172 +147,9 @@ def _free_model(built, scan):
     _c.library.pliant_volume_free(scan.address)
 
 
-class _Held:
-    """Library objects of a simulation. They are freed once: by close(), or when the Sim is garbage-collected."""
-
-    def __init__(self, model, data):
-        self.model, self.data, self.lock = model, data, threading.RLock()
-        self.view = self.warp = self.body = None  # body: retained, used by the warp
-
-    def free(self):
-        with self.lock:
-            if self.data is None:
-                return
-            _c.library.pliant_view_free(self.view)
-            _c.library.pliant_warp_free(self.warp)
-            _c.library.pliant_body_release(self.body)
-            _c.library.pliant_data_free(self.data)
-            self.view = self.warp = self.body = self.data = None
-
-
-def _while_open(function):
-    """Wrap a function of Sim or Tool: hold the simulation's lock, and raise Error after close()."""
-    @functools.wraps(function)
-    def locked(self, *arguments, **named):
-        held = self._held
-        with held.lock:
-            if held.data is None:
-                raise Error(_c.ARGUMENT, "this simulation is closed: create another one, Sim(model=...)")
-            return function(self, *arguments, **named)
-    return locked
-
-
-def _all_while_open(of):
-    """Wrap every public function and property of a class in _while_open, except close and model."""
-    for name, member in list(vars(of).items()):
-        if name.startswith("_") or name in ("close", "model"):
-            continue
-        if isinstance(member, property):
-            setattr(of, name, property(_while_open(member.fget), _while_open(member.fset) if member.fset else None,
-                                       None, member.__doc__))
-        elif callable(member):
-            setattr(of, name, _while_open(member))
-    return of
-
-
-class Volume:
-    """A copy of a volume. values[k, j, i] are stored values; voxel (i, j, k) lies at origin + direction @ (spacing *
-    (i, j, k))."""
-
-    def __init__(self, values, origin, spacing, direction, slope=1.0, intercept=0.0, background=0.0):
-        self.values, self.origin, self.spacing, self.direction = values, origin, spacing, direction
-        self.slope, self.intercept, self.background = slope, intercept, background
-
-    @property
-    def intensities(self):
-        """Values with slope and intercept applied; Hounsfield units for CT."""
-        return self.slope * self.values.astype(np.float32) + self.intercept
-
-
-def _volume_at(address):
-    record = _c.Struct("pliant_volume", address)
-    values = _c.array(record["voxels"], {1: "B", 2: "h", 3: "f"}[record["encoding"]],
-                      *(int(n) for n in record["geometry.size"][::-1]))
-    direction = record["geometry.direction"].reshape(3, 3)
-    return Volume(values, record["geometry.origin"], record["geometry.spacing"], direction, record["slope"],
-                  record["intercept"], record["background"])
-
-
-class Displacement:
-    """A copy of a displacement field. vectors[k, j, i] LPS [m] belongs to voxel (i, j, k), whose position is as in
-    Volume. mask[k, j, i]: 0 no tissue (the vector of the nearest tissue is used), 1 tissue, 2 near a cut, where
-    interpolation mixes both sides of the cut."""
-
-    def __init__(self, field):
-        self._field = field
-        size = [int(n) for n in field["geometry.size"][::-1]]
-        self.vectors, self.mask = _c.array(field["vectors"], "f", *size, 3), _c.array(field["mask"], "B", *size)
-        self.origin, self.spacing = field["geometry.origin"], field["geometry.spacing"]
-        self.direction = field["geometry.direction"].reshape(3, 3)
-        weakref.finalize(self, _free_displacement, field)
-
-    def save(self, path):
-        """Write the field [mm] in the format of ITK and 3D Slicer (.nii.gz, .nii, .nrrd, .mha), and the mask to the
-        same name with _mask."""
-        _c.call("displacement_write", os.fsencode(path), self._field.address)
-
-
-def _free_displacement(field):
-    _c.library.pliant_displacement_free(field.address)
-
-
-class Cut:
-    """Result of a cut: area at rest [m^2], number of links between voxels, number of tissue pieces after the cut."""
-
-    def __init__(self, report):
-        self.area, self.links, self.touched, self.pieces = (report["area"], report["num_links"], report["touched"],
-                                                            report["pieces"])
-
-
-class Contacts:
-    """Contact points, one entry of each array per point (n):
-    points (n, 3) LPS [m]; normals (n, 3) unit vectors into the tissue; forces (n, 3) on the tissue [N];
-    areas (n) at rest [m^2], 0 for points that only keep triangle corners out of a proxy's core;
-    depths (n) penetration depth, negative after a separation [m];
-    tools (n) index, -1: no tool; parts (n) part of the tool's shape; tissue (n) True for contact between tissue and
-    tissue."""
-
-    def __init__(self, record):
-        self._record = record
-        self.points, self.normals, self.forces, self.areas, self.depths, self.tools, self.parts, self.tissue = (
-            record[name].copy() for name in ("place", "normal", "force", "area", "depth", "tool", "part", "tissue"))
-
-    def __len__(self):
-        return len(self._record)
-
-    def of(self, tool):
-        """Contacts of one tool, by its index."""
-        return Contacts(self._record[self.tools == tool])
-
-
-class Proxy(typing.NamedTuple):
-    """Pose of a simulated tool: tip (3) [m], rotation quaternion x y z w, jaw [rad]."""
-    tip: np.ndarray
-    rotation: np.ndarray
-    jaw: float
-
-
-class Picture:
-    """A camera image: rgb (height, width, 3) uint8; depth along z [m], NaN without tissue; label (height, width): 1
-    + index in Model.materials, 0 without tissue."""
-
-    def __init__(self, height, width):
-        self.rgb, self.depth = np.zeros((height, width, 3), np.uint8), np.zeros((height, width), np.float32)
-        self.label = np.zeros((height, width), np.uint8)
-
-
-def look_at(point, at, up=(0, 0, 1)):
-    """Return the pose T of a camera at a point that looks at another point [m]; up: direction that is up in its
-    image."""
-    camera = _c.Struct("pliant_camera")
-    numbers = [_c.numbers(v, 3) for v in (point, at, up)]
-    _c.call("camera_look_at", camera.address, *(address for _, address in numbers))
-    return np.vstack([camera["pose"].reshape(3, 4), (0, 0, 0, 1)])
-
-
-def _whole(size):
-    """Check the width and height of a picture [pixels]."""
-    width, height = (operator.index(n) for n in size)
-    if not (0 < width <= 16384 and 0 < height <= 16384):
-        raise ValueError("size %s: expected a width and a height of 1 to 16384 pixels" % (size,))
-    return width, height
-
-
-def _camera(K, T, size, near, far):
-    camera = _c.Struct("pliant_camera")
-    K, T = np.asarray(K, np.float64), np.asarray(T, np.float64)
-    if K.shape != (3, 3) or T.shape not in ((3, 4), (4, 4)):
-        raise ValueError("expected K of shape (3, 3) and T of (4, 4), not %s and %s" % (K.shape, T.shape))
-    camera["width"], camera["height"] = size
-    for name, value in (("fx", K[0, 0]), ("fy", K[1, 1]), ("cx", K[0, 2]), ("cy", K[1, 2]), ("pose", T[:3]),
-                        ("near", near), ("far", far)):
-        camera[name] = value
-    return camera
-
-
 # ---- simulation state
 
-@_all_while_open
+@all_while_open
 class Sim:
     """A simulation of a model, or of a scene and a scan as for Model. Raises ValueError if a model is combined with
     arguments of Model.
@@ -331,7 +168,7 @@ class Sim:
         self._own(model, data.value, {})
 
     def _own(self, model, data, tools):  # tools: index by name
-        self._held, self._tools = _Held(model, data), tools
+        self._held, self._tools = Held(model, data), tools
         weakref.finalize(self, self._held.free)
 
     @property
@@ -534,7 +371,7 @@ class Sim:
             _c.library.pliant_body_release(held.body)
             held.body = _c.library.pliant_body_retain(body)
         _c.call("warp_update", held.warp, _c.library.pliant_data_get_positions(self._data, None))
-        return _volume_at(_c.library.pliant_warp_volume(held.warp))
+        return volume_at(_c.library.pliant_warp_volume(held.warp))
 
     _senses = ("resample", "tissue")
 
@@ -573,8 +410,8 @@ class Sim:
         near, far: along z [m]; tissue at `near` is cut and shows the scan
         style: threshold=HU, shown=[names of materials] (only their surface), colours=[(value, r, g, b), ...],
         beneath, ambient, diffuse, specular, background"""
-        width, height = _whole(size)
-        camera, image = _camera(K, T, (width, height), near, far), _c.Struct("pliant_image")
+        width, height = whole(size)
+        camera, image = camera_of(K, T, (width, height), near, far), _c.Struct("pliant_image")
         picture, of = Picture(height, width), _c.Struct("pliant_style")
         _c.call("style_defaults", _c.library.pliant_model_get_scan(self.model._model), of.address)
         if "shown" in style:
@@ -604,7 +441,7 @@ class Sim:
         detector measures exp(-integral).
         primary, secondary: DICOM's positioner angles (LAO, cranial) [rad]; pixel: edge of a detector pixel [m];
         water: attenuation of water [1/m], by default at 60 keV."""
-        width, height = _whole(size)
+        width, height = whole(size)
         arm, camera = _c.Struct("pliant_c_arm"), _c.Struct("pliant_camera")
         for name, value in (("isocentre", isocentre), ("source_to_isocentre", source_to_isocentre),
                             ("source_to_detector", source_to_detector),
@@ -648,158 +485,3 @@ class Sim:
     def wrench(self, name="tool"):
         """(6) force [N] and torque about its tip [N m] of a tool on the tissue."""
         return self.tool(name).wrench
-
-
-@_all_while_open
-class Tool:
-    """A tool of a simulation: it has a pose, grasps, pulls, and cuts if it has a blade. Raises Error if a restored
-    state has no tool of its name."""
-
-    drives = ("spring", "rigid", "force")
-
-    def __init__(self, sim, name):
-        self._sim, self._name = sim, name
-
-    @property
-    def _held(self):
-        return self._sim._held
-
-    @property
-    def _index(self):
-        if self._name not in self._sim._tools:
-            raise Error(_c.ARGUMENT, "the restored state has no tool %s: add it with sim.tool(%r)" %
-                        (self._name, self._name))
-        return self._sim._tools[self._name]
-
-    def _get(self):
-        record = _c.Struct("pliant_tool_state")
-        _c.call("tool_get", self._sim._data, self._index, record.address)
-        return record
-
-    def move(self, tip, rotation=None):
-        """Set the tip position [m], and the orientation as a quaternion x y z w."""
-        place, address = _c.numbers(tip, 3)
-        axes, axes_address = _c.numbers((0, 0, 0, 1) if rotation is None else rotation, 4)
-        _c.call("tool_set_pose", self._sim._data, self._index, address, axes_address)
-
-    def grasp(self, point=None):
-        """Grasp the tissue at the tip, or at a rest point of the scan [m]. A tool without a pose is placed there."""
-        place, address = (None, None) if point is None else _c.numbers(point, 3)
-        is_placed = place is not None and not self._get()["present"]
-        if is_placed:
-            self.move(place)
-        try:
-            _c.call("tool_grasp", self._sim.model._model, self._sim._data, self._index, address)
-        except Error:
-            if is_placed:
-                self.remove()  # a tool that had no pose gets none
-            raise
-
-    def release(self):
-        _c.library.pliant_tool_release(self._sim._data, self._index)
-
-    def remove(self):
-        """Remove the tool: it releases the tissue and has no pose."""
-        _c.library.pliant_tool_remove_pose(self._sim._data, self._index)
-
-    def drive(self, kind, force=None):
-        """Set how the present grasp is driven: spring: a damped spring to the tip; rigid: the grasped point follows
-        the tip; force: this force on the tissue [N]."""
-        if kind not in self.drives:
-            raise ValueError("drive %r: one of %s" % (kind, ", ".join(self.drives)))
-        array, address = (None, None) if force is None else _c.numbers(force, 3)
-        _c.call("tool_set_drive", self._sim._data, self._index, self.drives.index(kind), address)
-
-    def spring(self, stiffness, damping=0.0):
-        _c.call("tool_set_spring", self._sim._data, self._index, stiffness, damping)
-
-    def radius(self, metres):
-        """Set the radius of the blob that the next grasp holds [m]."""
-        _c.call("tool_set_radius", self._sim._data, self._index, metres)
-
-    def blade(self, name=None, ends=None):
-        """Set the blade: scalpel, scissors or hook, or an edge by its ends (2, 3) in the tool's frame [m]."""
-        edge, address = _c.numbers(np.zeros((2, 3)) if ends is None else ends, 2, 3)
-        if name is not None:
-            _c.call("blade_find", name.encode(), address, address + 24)
-        _c.call("tool_set_blade", self._sim._data, self._index, address, address + 24)
-
-    def shape(self, name=None, offset=(0, 0, 0)):
-        """Set the collision shape, from the next step on: an instrument by its name or code (prograsp_forceps,
-        400006, probe), or a YAML file of parts (include/pliant/contact.h); None: no contact. offset: of the shape in
-        the tool's frame [m]."""
-        of = _c.Struct("pliant_tool_shape")
-        shift, address = _c.numbers(offset, 3)
-        if name is not None:
-            text = os.fsdecode(name)
-            is_file = isinstance(name, os.PathLike) or os.sep in text or text.endswith((".yaml", ".yml"))
-            _c.call("tool_shape_read" if is_file else "tool_shape_find", os.fsencode(text), of.address)
-        _c.library.pliant_tool_shape_move(of.address, address)
-        try:
-            _c.call("tool_set_shape", self._sim._data, self._index, of.address)
-        finally:
-            _c.library.pliant_tool_shape_free(of.address)
-
-    def jaw(self, angle):
-        """Set the angle between the jaws of the shape, from the next step on [rad]; 0: closed. The jaws hold tissue
-        by friction; there is no grasp constraint."""
-        _c.call("tool_set_jaw", self._sim._data, self._index, angle)
-
-    def cutting(self, on=True):
-        """Set whether the blade cuts, from the next step on."""
-        _c.call("tool_set_cutting", self._sim._data, self._index, on)
-
-    @property
-    def state(self):
-        """State of the tool, by the names of pliant_tool_state."""
-        record = self._get()
-        return {name: record[name] for name in record.fields}
-
-    @property
-    def force(self):
-        """(3) force on the tissue in the last step, by grasp, blade and contact [N]."""
-        record = self._get()
-        return record["force"] + record["contact_force"]
-
-    @property
-    def contact_force_error(self):
-        """Estimated error of the contact force, as a standard deviation [N]."""
-        return self._get()["contact_force_error"]
-
-    @property
-    def wrench(self):
-        """(6) force [N], and torque about the proxy's tip [N m]."""
-        record = self._get()
-        torque = np.cross(record["held_point"] - record["proxy_tip"], record["force"]) + record["contact_torque"]
-        return np.concatenate([record["force"] + record["contact_force"], torque])
-
-    @property
-    def proxy(self):
-        """The simulated tool after the last step, which tissue can stop, as a Proxy. A tool without a shape is its
-        own proxy."""
-        record = self._get()
-        return Proxy(record["proxy_tip"], record["proxy_rotation"], record["proxy_jaw"])
-
-    @property
-    def proxy_error(self):
-        """(3) measured tip minus the proxy's tip [m]."""
-        return self._get()["proxy_error"]
-
-    @property
-    def saturated(self):
-        """Whether the coupling force is at contact/max_force, or the jaw torque at contact/grip_torque."""
-        return self._get()["saturated"]
-
-    @property
-    def contacts(self):
-        """Contacts of the shape, as Sim.contacts."""
-        return self._sim.contacts.of(self._index)
-
-    @property
-    def holding(self):
-        return self._get()["holding"]
-
-    @property
-    def clearance(self):
-        """Signed distance from the tip to the surface that contact uses, negative inside the tissue [m]."""
-        return _c.library.pliant_tool_clearance(self._sim.model._model, self._sim._data, self._index)

@@ -1,4 +1,4 @@
-"""pip install src/python: build libpliant.so with cmake, and install it in a package with pliant.py.
+"""pip install src/python: build libpliant.so with cmake, and install it in a package with the modules.
 
 The system's packages must be installed: launch/install (pliant_install core). Two environment variables change the
 build:
@@ -26,7 +26,8 @@ except ImportError:  # setuptools before 70
 
 HERE = pathlib.Path(__file__).resolve().parent
 SOURCE = HERE.parent.parent
-MODULES = {"package.py": "__init__.py", "pliant.py": "simulation.py", "pliant_library.py": "pliant_library.py"}
+MODULES = {"package.py": "__init__.py", "pliant.py": "simulation.py",
+           **{name: name for name in ("pliant_library.py", "pliant_results.py", "pliant_tool.py")}}
 
 
 def version():

@@ -70,8 +70,8 @@ def cast(labels, voxels, body, camera, size, focal, centre):
         return volume
     seen = numpy.zeros(size[::-1], numpy.uint8)
     K = [[focal, 0, centre[0]], [0, focal, centre[1]], [0, 0, 1]]
-    at, image, style = (pliant._camera(K, numpy.linalg.inv(body) @ camera, size, 0, 0), library.Struct("pliant_image"),
-                        library.Struct("pliant_style"))
+    at = pliant.camera_of(K, numpy.linalg.inv(body) @ camera, size, 0, 0)
+    image, style = library.Struct("pliant_image"), library.Struct("pliant_style")
     scan, of = volume_of(voxels), volume_of(labels)
     library.call("style_defaults", scan.address, style.address)
     style["threshold"] = 76
