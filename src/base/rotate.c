@@ -1,7 +1,11 @@
 #include "base/rotate.h"
 
+#include "base/vector3.h"
+
 #include <math.h>
 #include <string.h>
+
+static const double min_sine = 1e-9; /* of half an angle: smaller rotations count as none */
 
 /* Compute v + 2 w (q x v) + 2 q x (q x v), divided by the quaternion's squared length. */
 void pliant_rotate(const double quaternion[4], const double v[3], double out[3])
@@ -32,7 +36,7 @@ void pliant_rotation_between(const double from[4], const double to[4], double t,
 {
     double sign, sizes[2];
     const double angle = half_angle(from, to, &sign, sizes), sine = sin(angle);
-    if (t >= 1 || sine < 1e-9) {
+    if (t >= 1 || sine < min_sine) {
         memcpy(out, to, 4 * sizeof *out);
         return;
     }
@@ -45,4 +49,17 @@ double pliant_rotation_angle(const double from[4], const double to[4])
 {
     double sign, sizes[2];
     return 2 * half_angle(from, to, &sign, sizes);
+}
+
+void pliant_rotation_vector(const double from[4], const double to[4], double out[3])
+{
+    double sizes = 0, w = 0, cross[3];
+    for (int d = 0; d < 4; d++) w += from[d] * to[d];
+    for (int d = 0; d < 4; d++) sizes += from[d] * from[d];
+    pliant_cross3(from, to, cross);
+    /* vector part of to * conjugate(from) */
+    for (int d = 0; d < 3; d++) out[d] = from[3] * to[d] - to[3] * from[d] + cross[d];
+    const double sine = pliant_length3(out), half = atan2(sine, fabs(w));
+    const double scale = sizes > 0 && half > min_sine ? copysign(2 * half / sine, w) : 0;
+    for (int d = 0; d < 3; d++) out[d] *= scale;
 }

@@ -25,21 +25,6 @@ double pliant_advance_guard(const pliant_contact_settings *settings, const plian
                 fmin(settings->guard_of_part * pliant_part_depth(part), settings->guard_of_cell * smallest_cell));
 }
 
-/* Compute the rotation vector of the shorter rotation between two orientations. */
-static void find_turn(const double from[4], const double to[4], double out[3])
-{
-    const double smallest = 1e-9; /* half angle below which pliant_rotation_between does not turn [rad] */
-    double sizes = 0, w = 0, cross[3];
-    for (int d = 0; d < 4; d++) w += from[d] * to[d];
-    for (int d = 0; d < 4; d++) sizes += from[d] * from[d];
-    pliant_cross3(from, to, cross);
-    /* vector part of to * conjugate(from) */
-    for (int d = 0; d < 3; d++) out[d] = from[3] * to[d] - to[3] * from[d] + cross[d];
-    const double sine = pliant_length3(out), half = atan2(sine, fabs(w));
-    const double scale = sizes > 0 && half > smallest ? copysign(2 * half / sine, w) : 0;
-    for (int d = 0; d < 3; d++) out[d] *= scale;
-}
-
 /* Compute the box around the motion, from boxes at equal intervals. Between two of them a point leaves its chord by
  * at most bend / 8 times the square of the interval. */
 static void find_box(pliant_advance_motion *motion)
@@ -78,7 +63,7 @@ void pliant_advance_motion_init(const pliant_advance_part *leg, bool still, plia
             out->tip_rate[d] = leg->to.tip[d] - leg->from.tip[d];
             out->axis[d] = size > 0 ? leg->shape->axis[d] / size : 0;
         }
-        find_turn(leg->from.rotation, leg->to.rotation, out->turn_rate);
+        pliant_rotation_vector(leg->from.rotation, leg->to.rotation, out->turn_rate);
         out->turn = pliant_length3(out->turn_rate);
         out->jaw = sign * (leg->to.jaw - leg->from.jaw);
         out->jaw_reach = pliant_part_reach(&out->core, leg->shape->joint);

@@ -4,6 +4,7 @@
 #include "backend/backend.h"
 #include "base/fail.h"
 #include "base/dense.h"
+#include "base/rotate.h"
 #include "fem/patch/patch.h"
 #include "fem/quasistatic/wrench_stiffness.h"
 #include "sim/step/contact.h"
@@ -104,26 +105,12 @@ pliant_status pliant_tool_linearize(const pliant_data *data, int index, pliant_t
     return PLIANT_OK;
 }
 
-/* Compute the shortest rotation vector between two rotations [rad]. */
-static void turn_between(const double from[4], const double to[4], double out[3])
-{
-    double v[3], w = to[3] * from[3];
-    for (int d = 0; d < 3; d++) {
-        w += to[d] * from[d];
-        v[d] = from[3] * to[d] - to[3] * from[d] -
-               (to[(d + 1) % 3] * from[(d + 2) % 3] - to[(d + 2) % 3] * from[(d + 1) % 3]);
-    }
-    const double sine = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]), sign = w < 0 ? -1 : 1;
-    const double scale = sine > 0 ? sign * 2 * atan2(sine, fabs(w)) / sine : 0;
-    for (int d = 0; d < 3; d++) out[d] = scale * v[d];
-}
-
 void pliant_tool_linear_wrench(const pliant_tool_linear *at, const double tip[3], const double rotation[4],
                                double maximum, double out[6])
 {
     double motion[6], change[6], force = 0;
     for (int d = 0; d < 3; d++) motion[d] = tip[d] - at->tip[d];
-    turn_between(at->rotation, rotation, motion + 3);
+    pliant_rotation_vector(at->rotation, rotation, motion + 3);
     for (int a = 0; a < 6; a++) {
         change[a] = 0;
         for (int b = 0; b < 6; b++) change[a] += at->stiffness[6 * a + b] * motion[b];
