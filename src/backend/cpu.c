@@ -1,7 +1,6 @@
 /* Stages of the quasi-static solver on the CPU, and the parts that other backends leave to the host: grasp constraints,
  * their targets and their forces ([H] 3.2). */
 #include "backend/backend.h"
-#include "fem/rigid/rigid_pieces.h"
 #include "fem/patch/patch.h"
 #include "model_data/coincident_grasps.h"
 #include "tool/tool.h"

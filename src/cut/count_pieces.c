@@ -2,7 +2,6 @@
 #include "cut/cut_stages.h"
 
 #include "base/fail.h"
-#include "topology/sorted_numbers.h"
 #include "base/memory.h"
 
 pliant_status pliant_cut_count_pieces(const pliant_body *body, int32_t *pieces)

@@ -1,5 +1,4 @@
 /* Cut a body along the sweep of a blade, and build the next body. */
-#include "topology/sorted_numbers.h"
 #include "cut/cut_stages.h"
 
 #include "base/fail.h"

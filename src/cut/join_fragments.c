@@ -1,6 +1,5 @@
 /* Count the links, diagonals and bridges that join fragments and tetrahedra, and assign each chip to the fragment with
  * which it shares most of them. */
-#include "topology/sorted_numbers.h"
 #include "cut/cut_stages.h"
 
 #include "base/fail.h"

@@ -2,7 +2,6 @@
 #include "topology/links.h"
 #include "cut/cut_stages.h"
 #include "mesh/mesh.h"
-#include "pliant/cut.h"
 #include "base/memory.h"
 
 #include <math.h>

@@ -1,13 +1,11 @@
 /* Sever links that the mesh cannot represent. Assigned chips may leave a few links between two fragments that have no
  * node in common. These links are severed, so that mesh and voxels have the same connectivity. */
-#include "topology/sorted_numbers.h"
 #include "cut/cut_stages.h"
 
 #include "base/buffer.h"
 #include "base/fail.h"
 #include "base/memory.h"
 
-#include <stdlib.h>
 #include <string.h>
 
 typedef struct unrepresentable {

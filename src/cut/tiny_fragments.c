@@ -1,5 +1,4 @@
 /* Avoid fragments of a few voxels that a cut would leave without any connection: they keep their links to one side. */
-#include "topology/sorted_numbers.h"
 #include "cut/cut_stages.h"
 
 #include "base/fail.h"

@@ -3,8 +3,6 @@
 #include "material/material.h"
 #include "scan/volume.h"
 
-#include <math.h>
-
 enum { PERCENTILES = 101 };
 
 /* Return the threshold between air and tissue: it divides the percentiles into the two groups with the maximum

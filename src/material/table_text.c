@@ -2,8 +2,6 @@
 #include "scene/yaml.h"
 #include "material/material.h"
 
-#include <stdio.h>
-
 static void add_number(pliant_text_out *text, const char *name, double value)
 {
     pliant_text_add(text, name);

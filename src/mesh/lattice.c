@@ -8,7 +8,6 @@
 #include "base/matrix.h"
 #include "base/memory.h"
 
-#include <math.h>
 #include <string.h>
 
 static const int even_corners[4] = {0, 3, 5, 6}, odd_corners[4] = {1, 2, 4, 7};

@@ -7,7 +7,6 @@
 #include "picture.h"
 #include "pliant/pliant.h"
 #include "sim/build/model.h"
-#include "topology/body.h"
 
 #include <errno.h>
 #include <math.h>

@@ -1,5 +1,4 @@
 /* List the candidates of a choice of settings: methods on meshes. */
-#include "model_data/data.h"
 #include "report/choice.h"
 #include "scene/scene.h"
 

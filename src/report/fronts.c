@@ -1,5 +1,4 @@
 /* Choose points to pull at: fronts of organs, or of the body. The front is anterior (-y in LPS). */
-#include "base/fail.h"
 #include "base/threads.h"
 #include "base/memory.h"
 #include "report/rows.h"

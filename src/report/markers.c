@@ -2,7 +2,6 @@
 #include "base/fail.h"
 #include "base/memory.h"
 #include "mesh/mesh.h"
-#include "pliant/report.h"
 #include "report/cells.h"
 #include "report/validation.h"
 

@@ -1,5 +1,4 @@
 /* Identify comparable results by a hash of eight characters. */
-#include "base/fail.h"
 #include "report/rows.h"
 #include "scan/volume.h"
 

@@ -4,7 +4,6 @@
 #include "base/clock.h"
 #include "base/fail.h"
 #include "fem/element/scalar.h"
-#include "fem/system.h"
 #include "model_data/data.h"
 #include "base/memory.h"
 

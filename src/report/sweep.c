@@ -2,7 +2,6 @@
 #include "base/fail.h"
 #include "fem/patch/patch.h"
 #include "scene/scene.h"
-#include "model_data/data.h"
 #include "base/memory.h"
 #include "report/sweep.h"
 
@@ -11,7 +10,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-
 
 #define NAME(name, yaml) #yaml,
 static const char *const method_names[] = {PLIANT_METHOD_LIST(NAME)};

@@ -2,7 +2,6 @@
 #include "base/fail.h"
 #include "base/threads.h"
 #include "fem/system.h"
-#include "model_data/data.h"
 #include "base/memory.h"
 #include "report/sweep.h"
 

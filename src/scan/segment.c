@@ -4,7 +4,6 @@
 #include "base/fail.h"
 #include "base/threads.h"
 #include "base/memory.h"
-#include "topology/body.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -4,8 +4,6 @@
 #include "base/union_find.h"
 #include "scan/segment.h"
 
-#include <string.h>
-
 pliant_status segment_connect(const int32_t size[3], const uint8_t *class_of_voxel, int32_t *piece, int32_t *count)
 {
     const int32_t row = size[0], slice = size[0] * size[1], voxels = slice * size[2];

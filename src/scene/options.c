@@ -1,10 +1,8 @@
 #include "scene/options.h"
 
-#include "scene/scene.h"
 #include "scene/yaml.h"
 
 #include <assert.h>
-#include <math.h>
 #include <pthread.h>
 #include <stdio.h>
 #include <string.h>

@@ -3,7 +3,6 @@
 #include "base/fail.h"
 #include "base/rotate.h"
 #include "scene/yaml.h"
-#include "tool/blade.h"
 #include "tool/shape_text.h"
 #include "base/memory.h"
 

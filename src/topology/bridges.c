@@ -1,7 +1,6 @@
 /* Build bridges: pairs of voxels that connect parts of the mesh which no link connects. They are computed once, for the
  * mesh without cuts. */
 #include "topology/links.h"
-#include "topology/sorted_numbers.h"
 
 #include "base/buffer.h"
 #include "base/fail.h"

@@ -4,7 +4,6 @@
 
 #include "base/fail.h"
 #include "base/buffer.h"
-#include "mesh/faces.h"
 #include "base/memory.h"
 #include "mesh/mesh.h"
 

@@ -1,7 +1,6 @@
 /* Compute the surface of a cut body, reusing the surface of an earlier body. */
 #include "topology/surface.h"
 
-#include "base/fail.h"
 #include "mesh/faces.h"
 #include "base/memory.h"
 

@@ -2,7 +2,6 @@
 #include "topology/sorted_numbers.h"
 #include "topology/surface.h"
 
-#include "mesh/faces.h"
 #include "base/memory.h"
 #include "base/vector3.h"
 

@@ -3,7 +3,6 @@
 
 #include "base/buffer.h"
 #include "base/fail.h"
-#include "base/memory.h"
 
 pliant_status pliant_parts_no_memory(void) { return pliant_fail_memory("the parts of the deformed volume"); }
 

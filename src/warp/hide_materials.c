@@ -1,5 +1,4 @@
 #include "warp/hide_materials.h"
-#include "base/fail.h"
 #include "scan/volume.h"
 #include "warp/warp_state.h"
 

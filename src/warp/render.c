@@ -6,8 +6,6 @@
 #include "scan/volume.h"
 #include "warp/picture.h"
 
-#include <string.h>
-
 static bool all_finite(int count, const double *values)
 {
     for (int n = 0; n < count; n++)

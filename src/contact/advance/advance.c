@@ -6,7 +6,6 @@
 #include "base/memory.h"
 
 #include <math.h>
-#include <stdlib.h>
 
 pliant_status pliant_advance_create(const pliant_contact_settings *settings, pliant_advance **out)
 {

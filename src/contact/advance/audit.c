@@ -4,7 +4,6 @@
 
 #include "base/threads.h"
 #include "contact/advance/advance_rules.h"
-#include "contact/shapes/solid.h"
 
 #include <math.h>
 #include <string.h>

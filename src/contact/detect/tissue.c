@@ -5,7 +5,6 @@
 #include "base/fail.h"
 #include "contact/detect/update_sides.h"
 #include "contact/detect/tissue_rules.h"
-#include "base/memory.h"
 #include "topology/sorted_numbers.h"
 
 #include <stdlib.h>

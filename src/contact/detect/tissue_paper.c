@@ -1,7 +1,6 @@
 /* The rule of [C] 5.2: a force on the four corners of an overlapping tetrahedron opposes their motion. */
 #include "contact/detect/tissue.h"
 
-#include "base/fail.h"
 #include "contact/detect/part_contacts.h"
 #include "contact/detect/update_sides.h"
 

@@ -1,6 +1,5 @@
 #include "contact/volume/volume_bound.h"
 
-#include "base/inline.h"
 #include "base/vector3.h"
 #include "contact/detect/part_contacts.h"
 #include "contact/detect/update_sides.h"

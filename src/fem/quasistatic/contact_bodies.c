@@ -3,7 +3,6 @@
 
 #include "base/buffer.h"
 #include "base/fail.h"
-#include "base/memory.h"
 #include "contact/solve/cones.h"
 
 #include <math.h>

@@ -4,7 +4,6 @@
 #include "material/material.h"
 #include "scan/volume.h"
 #include "sim/build/model.h"
-#include "model_data/model.h"
 #include "pliant/segment.h"
 
 #include <stdio.h>

@@ -6,12 +6,8 @@
 #include "contact/volume/volume_bound.h"
 #include "fem/dynamics/tled.h"
 #include "fem/patch/patch.h"
-#include "fem/quasistatic/solver.h"
 #include "fem/rigid/rigid_pieces.h"
 #include "sim/step/contact_workspace.h"
-
-#include <math.h>
-#include <string.h>
 
 /* ---- moving parts of this leg */
 

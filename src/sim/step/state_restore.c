@@ -12,7 +12,6 @@
 #include "sim/step/contact.h"
 #include "sim/step/accounting.h"
 #include "tool/blade.h"
-#include "tool/tool.h"
 #include "warp/device.h"
 
 #include <string.h>

@@ -3,7 +3,6 @@
 #include "backend/backend.h"
 #include "base/buffer.h"
 #include "fem/quasistatic/solver.h"
-#include "pliant/cut.h"
 #include "sim/step/cut.h"
 #include "sim/build/discretization.h"
 #include "warp/device.h"
