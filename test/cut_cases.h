@@ -4,6 +4,7 @@
 #define PLIANT_TEST_CUT_CASES_H
 
 #include "topology/body.h"
+#include "voxels_joined.h"
 #include "warp_cases.h"
 
 #include <map>
@@ -167,7 +168,7 @@ private:
                                           other = voxel + way * stride(d);
                             if (way > 0 ? !has_next(voxel, d) : place(voxel)[size_t(d)] < 1) continue;
                             if (voxels.owner[other] >= 0 && voxels.owner[other] != tet[c] &&
-                                pliant_voxels_joined(&voxels, &cuts, voxel, other))
+                                voxels_joined(&voxels, &cuts, voxel, other))
                                 by = fragment_of(other);
                         }
                 for (int32_t n : own)
@@ -207,7 +208,7 @@ private:
                     to += step[d] * stride(d);
                 }
                 if (in && voxels.owner[to] >= 0 && voxels.owner[to] != voxels.owner[v] &&
-                    pliant_voxels_joined(&voxels, &cuts, v, to))
+                    voxels_joined(&voxels, &cuts, v, to))
                     unite(v, to);
             }
         for (int32_t b = 0; b < voxels.num_bridges; b++)

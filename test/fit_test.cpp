@@ -61,7 +61,7 @@ TEST(Fit, MeetsPolynomialsOfSecondOrderExactly)
         double at[3] = {1.0 * (v % 24), 1.0 * (v / 24 % 24), 1.0 * (v / 576)}, world[3], expected[3], found[3];
         pliant_geometry_to_world(&body.scan.geometry, at, world);
         polynomial(world, expected);
-        ASSERT_TRUE(pliant_fit_at(fit, at, found));
+        ASSERT_TRUE(fit_map_at(pliant_fit_parts(fit), at, found));
         // the map is stored in single precision
         for (int d = 0; d < 3; d++) ASSERT_NEAR(found[d], expected[d], 2e-5) << v;
     }
@@ -112,7 +112,7 @@ TEST(Fit, IsCloserToASmoothMapThanTetrahedraAre)
                     for (int d = 0; d < 3; d++) linear[d] += weights[v] * rest[3 * body.mesh.tets[4 * tet + v] + d];
                 for (int d = 0; d < 3; d++) error[0] += std::pow(linear[d] - expected[d], 2);
                 for (int f = 0; f < 2; f++) {
-                    ASSERT_TRUE(pliant_fit_at(fits[f], at, found));
+                    ASSERT_TRUE(fit_map_at(pliant_fit_parts(fits[f]), at, found));
                     for (int d = 0; d < 3; d++) error[f + 1] += std::pow(found[d] - expected[d], 2);
                 }
                 count++;
@@ -263,7 +263,7 @@ TEST(Fit, ADistantNodeHasNoEffect)
         for (int v = 0; v < 24 * 24 * 24; v++) {
             const double at[3] = {1.0 * (v % 24), 1.0 * (v / 24 % 24), 1.0 * (v / 576)};
             double found[3];
-            ASSERT_TRUE(pliant_fit_at(fit, at, found)) << v;
+            ASSERT_TRUE(fit_map_at(pliant_fit_parts(fit), at, found)) << v;
             map.insert(map.end(), found, found + 3);
         }
         if (first.empty()) first = map;

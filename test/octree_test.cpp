@@ -13,6 +13,14 @@
 
 namespace {
 
+// Return the lattice node of a corner, middle or centre of a cube. halves: in steps of half its size.
+int32_t lattice_node(const int32_t cells[3], const int32_t origin[3], int32_t size, const int32_t halves[3])
+{
+    int32_t at[3];
+    for (int d = 0; d < 3; d++) at[d] = origin[d] + halves[d] * size / 2;
+    return pliant_octree_node(cells, at);
+}
+
 struct Field {
     pliant_geometry geometry{};
     std::vector<uint8_t> material;
@@ -216,13 +224,13 @@ TEST(Octree, NoNodeFollowsOneThatFollows)
                     const int32_t halves[3] = {i % 3, i / 3 % 3, i / 9},
                                   middles = (halves[0] == 1) + (halves[1] == 1) + (halves[2] == 1);
                     if (size == 1 ? middles > 0 : middles == 3) continue;
-                    const int32_t node = pliant_octree_place(cells, tree.origin[leaf], size, halves);
+                    const int32_t node = lattice_node(cells, tree.origin[leaf], size, halves);
                     if (pass == 0 && middles == 0) corners.insert(node);
                     if (pass == 0 || middles == 0 || !corners.count(node)) continue;
                     for (int v = 0; v < 8; v++) {
                         int32_t end[3];
                         for (int d = 0; d < 3; d++) end[d] = halves[d] == 1 ? 2 * (v >> d & 1) : halves[d];
-                        follows[node].insert(pliant_octree_place(cells, tree.origin[leaf], size, end));
+                        follows[node].insert(lattice_node(cells, tree.origin[leaf], size, end));
                     }
                 }
             }

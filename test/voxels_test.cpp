@@ -2,6 +2,7 @@
 #include "pipeline/body.h"
 #include "base/memory.h"
 #include "mesh/mesh.h"
+#include "voxels_joined.h"
 
 #include <algorithm>
 #include <memory>
@@ -241,16 +242,16 @@ TEST_F(Voxels, AreSharedByBodiesEachWithItsCuts)
     ASSERT_TRUE(next->cuts);
     EXPECT_NE(next->cuts->link, first->cuts->link);
     EXPECT_TRUE(pliant_body_same(first, next));
-    EXPECT_FALSE(pliant_voxels_joined(voxels, next->cuts, 100, 101));
-    EXPECT_FALSE(pliant_voxels_joined(voxels, next->cuts, 101, 100));
-    EXPECT_FALSE(pliant_voxels_joined(voxels, next->cuts, 100, 100 + size[0]));
-    EXPECT_FALSE(pliant_voxels_joined(voxels, next->cuts, 2000, 2000 + size[0] * size[1]));
-    EXPECT_TRUE(pliant_voxels_joined(voxels, next->cuts, 2001, 2002));
-    EXPECT_TRUE(pliant_voxels_joined(voxels, next->cuts, 101 + size[0], 101));
-    EXPECT_TRUE(pliant_voxels_joined(voxels, next->cuts, 101 + size[0], 100 + size[0]));
-    EXPECT_FALSE(pliant_voxels_joined(voxels, next->cuts, 100, 101 + size[0])); // both paths begin with a severed link
-    EXPECT_TRUE(pliant_voxels_joined(voxels, next->cuts, 101, 100 + size[0])); // by 101 + size[0]
-    EXPECT_FALSE(pliant_voxels_joined(voxels, next->cuts, 100, 102));
+    EXPECT_FALSE(voxels_joined(voxels, next->cuts, 100, 101));
+    EXPECT_FALSE(voxels_joined(voxels, next->cuts, 101, 100));
+    EXPECT_FALSE(voxels_joined(voxels, next->cuts, 100, 100 + size[0]));
+    EXPECT_FALSE(voxels_joined(voxels, next->cuts, 2000, 2000 + size[0] * size[1]));
+    EXPECT_TRUE(voxels_joined(voxels, next->cuts, 2001, 2002));
+    EXPECT_TRUE(voxels_joined(voxels, next->cuts, 101 + size[0], 101));
+    EXPECT_TRUE(voxels_joined(voxels, next->cuts, 101 + size[0], 100 + size[0]));
+    EXPECT_FALSE(voxels_joined(voxels, next->cuts, 100, 101 + size[0])); // both paths begin with a severed link
+    EXPECT_TRUE(voxels_joined(voxels, next->cuts, 101, 100 + size[0])); // by 101 + size[0]
+    EXPECT_FALSE(voxels_joined(voxels, next->cuts, 100, 102));
     next->cuts->link[0]--;
     EXPECT_FALSE(pliant_body_same(first, next));
     pliant_body_release(first);

@@ -34,14 +34,6 @@ static inline int32_t pliant_octree_node(const int32_t cells[3], const int32_t a
 {
     return at[0] + (cells[0] + 1) * (at[1] + (cells[1] + 1) * at[2]);
 }
-/* Return the lattice node of a corner, middle or centre of a cube. halves: (3) in steps of half its size. */
-static inline int32_t pliant_octree_place(const int32_t cells[3], const int32_t origin[3], int32_t size,
-                                          const int32_t halves[3])
-{
-    const int32_t at[3] = {origin[0] + halves[0] * size / 2, origin[1] + halves[1] * size / 2,
-                           origin[2] + halves[2] * size / 2};
-    return pliant_octree_node(cells, at);
-}
 
 static inline size_t pliant_octree_count(const pliant_octree *tree, int32_t level)
 {

@@ -181,10 +181,6 @@ const pliant_voxels *pliant_voxels_retain(const pliant_voxels *voxels);
 /* Release a reference. The last release frees the voxels. Nullable. */
 void pliant_voxels_release(const pliant_voxels *voxels);
 
-/* Return whether a link joins two neighbouring voxels with owners, along an axis or across an edge.
- *   @param cuts Nullable */
-bool pliant_voxels_joined(const pliant_voxels *voxels, const pliant_cuts *cuts, int32_t a, int32_t b);
-
 /* Find the connected parts of a tetrahedron's voxels at load, numbered by their first voxels.
  *   @param cuts Nullable
  *   @param part (start[tet + 1] - start[tet]) out: part of each voxel

@@ -1,22 +1,6 @@
 /* Find the connected parts of a tetrahedron's voxels, without cuts and with cuts. */
 #include "topology/links.h"
 
-bool pliant_voxels_joined(const pliant_voxels *voxels, const pliant_cuts *cuts, int32_t a, int32_t b)
-{
-    const pliant_links links = {.voxels = voxels, .cuts = cuts};
-    int32_t from[3], to[3];
-    int8_t step[3];
-    int count = 0;
-    pliant_place_of(voxels, a, from);
-    pliant_place_of(voxels, b, to);
-    for (int d = 0; d < 3; d++) {
-        if (to[d] - from[d] > 1 || from[d] - to[d] > 1) return false;
-        step[d] = (int8_t)(to[d] - from[d]);
-        count += step[d] != 0;
-    }
-    return (count == 1 || count == 2) && pliant_joined(&links, a, from, step);
-}
-
 int32_t pliant_voxels_parts(const pliant_voxels *voxels, const pliant_cuts *cuts, int32_t tet, int32_t *part)
 {
     const pliant_links links = {.voxels = voxels, .cuts = cuts};

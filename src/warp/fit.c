@@ -242,11 +242,6 @@ void pliant_fit_map(pliant_fit *fit, const double *positions)
         map_row(view, row % view->size[1], row / view->size[1]);
 }
 
-bool pliant_fit_at(const pliant_fit *fit, const double target[3], double scan[3])
-{
-    return fit_map_at(&fit->view, target, scan);
-}
-
 const fit_view *pliant_fit_parts(const pliant_fit *fit) { return &fit->view; }
 
 /* Draw voxels first[0] to end of a row; return whether a voxel has changed. Data per row are reused between the same

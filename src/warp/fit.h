@@ -33,9 +33,6 @@ const uint8_t *pliant_fit_zone(const pliant_fit *fit);
 
 /* Compute the map for positions (num_nodes x 3, LPS). Allocates no memory. */
 void pliant_fit_map(pliant_fit *fit, const double *positions);
-/* Return the scan index of the rest position of a target point (continuous index). Return false if no node is near
- * enough. */
-bool pliant_fit_at(const pliant_fit *fit, const double target[3], double scan[3]);
 /* Return the host data of the fit, for backends. */
 const fit_view *pliant_fit_parts(const pliant_fit *fit);
 /* Draw a brick in which elements of the zone own some voxels (raster_brick, all_masked). Return whether a voxel has

@@ -340,7 +340,8 @@ PLIANT_INLINE bool fit_between(const double left[3], const double right[3], doub
     return scan[0] == scan[0];
 }
 
-/* same as pliant_fit_at */
+/* Compute the scan index of the rest position of a target point (continuous index). Return false if no node is near
+ * enough. */
 PLIANT_INLINE bool fit_map_at(const fit_view *fit, const double target[3], double scan[3])
 {
     int32_t low[3];
