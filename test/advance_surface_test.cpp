@@ -102,7 +102,7 @@ struct Scene {
     {
         sheet.advance(t);
         for (auto &part : parts) {
-            pliant_tool_pose_between(&part.from, &part.to, t, &part.from);
+            part.from = pliant_tool_pose_between(&part.from, &part.to, t);
             part.to = part.from;
         }
     }

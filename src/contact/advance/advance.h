@@ -26,8 +26,7 @@ typedef struct pliant_tool_pose {
 } pliant_tool_pose;
 
 /* Compute the pose at a fraction of a leg. t = 0 and t = 1 return the two ends exactly. */
-void pliant_tool_pose_between(const pliant_tool_pose *from, const pliant_tool_pose *to, double t,
-                              pliant_tool_pose *out);
+pliant_tool_pose pliant_tool_pose_between(const pliant_tool_pose *from, const pliant_tool_pose *to, double t);
 
 /* One rigid part during a leg. */
 typedef struct pliant_advance_part {

@@ -7,16 +7,14 @@
 #include <math.h>
 #include <string.h>
 
-void pliant_tool_pose_between(const pliant_tool_pose *from, const pliant_tool_pose *to, double t, pliant_tool_pose *out)
+pliant_tool_pose pliant_tool_pose_between(const pliant_tool_pose *from, const pliant_tool_pose *to, double t)
 {
-    const pliant_tool_pose begin = *from, end = *to;
-    if (t <= 0 || t >= 1) {
-        *out = t <= 0 ? begin : end;
-        return;
-    }
-    for (int d = 0; d < 3; d++) out->tip[d] = begin.tip[d] + t * (end.tip[d] - begin.tip[d]);
-    pliant_rotation_between(begin.rotation, end.rotation, t, out->rotation);
-    out->jaw = begin.jaw + t * (end.jaw - begin.jaw);
+    if (t <= 0 || t >= 1) return t <= 0 ? *from : *to;
+    pliant_tool_pose out;
+    for (int d = 0; d < 3; d++) out.tip[d] = from->tip[d] + t * (to->tip[d] - from->tip[d]);
+    pliant_rotation_between(from->rotation, to->rotation, t, out.rotation);
+    out.jaw = from->jaw + t * (to->jaw - from->jaw);
+    return out;
 }
 
 double pliant_advance_guard(const pliant_contact_settings *settings, const pliant_part *part, double smallest_cell)
@@ -82,11 +80,11 @@ void pliant_advance_motion_at(const pliant_advance_motion *motion, double t, pli
 {
     static const double identity[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
     const pliant_tool_shape *shape = motion->leg->shape;
-    pliant_tool_pose pose;
     *out = (pliant_advance_state){.pose = {.place = {0}}};
     memcpy(out->pose.rotation, identity, sizeof identity);
     if (!shape) return;
-    pliant_tool_pose_between(&motion->leg->from, motion->still ? &motion->leg->from : &motion->leg->to, t, &pose);
+    const pliant_tool_pose pose = pliant_tool_pose_between(
+        &motion->leg->from, motion->still ? &motion->leg->from : &motion->leg->to, t);
     pliant_part_pose(shape, motion->leg->part->frame, pose.tip, pose.rotation, pose.jaw, &out->pose);
     memcpy(out->tip, pose.tip, sizeof out->tip);
     pliant_rotate(pose.rotation, shape->joint, out->joint);

@@ -156,10 +156,9 @@ static void point_of(const search *on, const pliant_feature *of, double out[3])
 
 static void pose_at(const pliant_moving_part *part, double fraction, pliant_pose *out)
 {
-    pliant_tool_pose between;
     *out = fraction > 0 ? part->end : part->begin;
     if (!(fraction > 0 && fraction < 1)) return;
-    pliant_tool_pose_between(&part->from, &part->to, fraction, &between);
+    const pliant_tool_pose between = pliant_tool_pose_between(&part->from, &part->to, fraction);
     pliant_part_pose(part->shape, part->part->frame, between.tip, between.rotation, between.jaw, out);
 }
 

@@ -114,7 +114,7 @@ pliant_status pliant_contact_advance(const pliant_model *model, pliant_data *dat
         const pliant_leg_tool *leg = leg_of_part(data, p);
         if (leg)
             search->advance_part[p].to =
-                fraction < 1 ? pliant_pose_interpolate(&leg->begin, &leg->goal, fraction) : leg->goal;
+                fraction < 1 ? pliant_tool_pose_between(&leg->begin, &leg->goal, fraction) : leg->goal;
     }
     if (status == PLIANT_OK) status = pliant_contact_find_surface(model, data, &body, &positions);
     if (status != PLIANT_OK) return status;

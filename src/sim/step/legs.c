@@ -243,7 +243,7 @@ static void set_goals(const pliant_model *model, pliant_data *data, double fract
         pliant_grasp_constraint *grasp = grasp_constraint_of(data, t);
         const double own = dynamic ? fraction * limit_speed(model, data, tool, leg, fraction)
                                    : fmin(fraction, fraction_of(model, data, t, false));
-        leg->goal = pliant_pose_interpolate(&leg->begin, &leg->behind, own);
+        leg->goal = pliant_tool_pose_between(&leg->begin, &leg->behind, own);
         for (int k = 0; k < 3; k++) leg->yields[k] *= data->fraction; /* as far in a step, however many legs it has */
         linearize(model, data, t, &leg->goal, &leg->ahead, data->legs->proxy + 2 * t, data->legs->limit + 3 * t);
         if (data->tled) leg->goal = leg->ahead;
@@ -409,7 +409,7 @@ static pliant_status hold_tools(const pliant_model *model, pliant_data *data, do
         for (int t = 0; t < data->num_tools; t++) {
             pliant_leg_tool *leg = data->legs->tool + t;
             const double fraction = again + 1 < MAX_TRIALS ? short_of * leg->free_fraction : 0;
-            if (leg->free_fraction < 1) leg->goal = pliant_pose_interpolate(&leg->begin, &leg->goal, fraction);
+            if (leg->free_fraction < 1) leg->goal = pliant_tool_pose_between(&leg->begin, &leg->goal, fraction);
         }
         status = pliant_contact_advance(model, data, 1, true, fraction_of_parts);
     }
@@ -444,7 +444,7 @@ static pliant_status apply_leg(const pliant_model *model, pliant_data *data)
     if (!is_dynamic(data)) *smallest = factor;
     for (int t = 0; t < data->num_tools && status >= 0; t++) {
         const pliant_leg_tool *leg = data->legs->tool + t;
-        const pliant_tool_pose end = pliant_pose_interpolate(&leg->begin, &leg->goal, factor * leg->free_fraction);
+        const pliant_tool_pose end = pliant_tool_pose_between(&leg->begin, &leg->goal, factor * leg->free_fraction);
         pliant_tool_set_proxy(data->tools + t, &end);
     }
     if (status >= 0) pliant_contact_follow_proxies(data);

@@ -33,13 +33,6 @@ void pliant_tool_set_proxy(pliant_tool *tool, const pliant_tool_pose *pose)
     tool->proxy.jaw = pose->jaw;
 }
 
-pliant_tool_pose pliant_pose_interpolate(const pliant_tool_pose *from, const pliant_tool_pose *to, double fraction)
-{
-    pliant_tool_pose out;
-    pliant_tool_pose_between(from, to, fraction, &out);
-    return out;
-}
-
 double pliant_part_max_motion(const pliant_tool_shape *shape, const pliant_part *part, const pliant_tool_pose *from,
                               const pliant_tool_pose *to)
 {

@@ -20,8 +20,6 @@ pliant_tool_pose pliant_tool_measured(const pliant_tool *tool);
 pliant_tool_pose pliant_tool_proxy(const pliant_tool *tool);
 /* Set the proxy pose. */
 void pliant_tool_set_proxy(pliant_tool *tool, const pliant_tool_pose *pose);
-/* Return the pose at a fraction of the motion between two poses. */
-pliant_tool_pose pliant_pose_interpolate(const pliant_tool_pose *from, const pliant_tool_pose *to, double fraction);
 /* Return an upper bound of the distance that any point of a part moves between two poses [m]. */
 double pliant_part_max_motion(const pliant_tool_shape *shape, const pliant_part *part, const pliant_tool_pose *from,
                               const pliant_tool_pose *to);
