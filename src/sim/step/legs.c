@@ -457,7 +457,7 @@ static pliant_status find_points(const pliant_model *model, pliant_data *data)
 {
     pliant_status status = pliant_legs_save(model, data);
     if (status == PLIANT_OK) status = pliant_contact_find_points(model, data);
-    return status == PLIANT_OK ? pliant_legs_save_points(data) : status;
+    return status == PLIANT_OK ? pliant_contacts_copy(&data->contacts, &data->legs->points) : status;
 }
 
 /* ---- the step */

@@ -90,8 +90,6 @@ void pliant_legs_set_goals_reached(pliant_data *data);
  * Errors: MEMORY; a backend that cannot continue from the new positions. */
 /* Save positions, grasp forces and pieces at the start of the leg. */
 pliant_status pliant_legs_save(const pliant_model *model, pliant_data *data);
-/* Save the contact points at the start of the leg. */
-pliant_status pliant_legs_save_points(pliant_data *data);
 /* Move everything except the proxies to this fraction of the leg. */
 pliant_status pliant_legs_apply_fraction(const pliant_model *model, pliant_data *data, double fraction);
 /* Explicit dynamics: move each node to its own fraction of the leg (data->legs->fraction). */

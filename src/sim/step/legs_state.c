@@ -46,11 +46,6 @@ pliant_status pliant_legs_save(const pliant_model *model, pliant_data *data)
     return data->rigid_pieces ? pliant_rigid_pieces_save(data->rigid_pieces, &legs->rigid_pieces) : PLIANT_OK;
 }
 
-pliant_status pliant_legs_save_points(pliant_data *data)
-{
-    return pliant_contacts_copy(&data->contacts, &data->legs->points);
-}
-
 /* to = from + share (to - from) */
 static void mix(size_t count, const double *from, double fraction, double *to)
 {
