@@ -438,58 +438,49 @@ static void choose_elements(pliant_scene *scene)
     scene->element.kind = kind;
 }
 
-/* Refuse options that conflict with cut/kind: subdivide. */
-static pliant_status check_subdivide(const pliant_scene *scene)
-{
-    const char *other = NULL;
-    if (scene->model.method != PLIANT_FINE) other = "model/method: coarse elements hold whole tetrahedra; set fine";
-    else if (scene->mesh.kind != PLIANT_LATTICE) other = "mesh/kind: octree; set lattice";
-    return other ? pliant_fail(PLIANT_ERROR_SCENE, "cut/kind: subdivide conflicts with %s, or cut/kind to sever", other)
-                 : PLIANT_OK;
-}
-
-/* Refuse options that conflict with element/law: neo_hookean. */
-static pliant_status check_neo_hookean(const pliant_scene *scene)
-{
-    const char *other = NULL;
-    if (scene->solver.kind == PLIANT_TLED) other = "solver/kind: tled, whose law is tled/law; set corotational";
-    else if (scene->model.method != PLIANT_FINE) other = "model/method: homogenized elements are linear; set fine";
-    else if (scene->solver.backend == PLIANT_CUDA) other = "solver/backend: cuda, which has no such elements; set auto";
-    return other ? pliant_fail(PLIANT_ERROR_SCENE,
-                               "element/law: neo_hookean conflicts with %s, or element/law to corotational", other)
-                 : PLIANT_OK;
-}
-
 /* Refuse options that conflict. */
 static pliant_status check(const pliant_scene *scene, const pliant_material_table *materials)
 {
+    const bool is_fine = scene->model.method == PLIANT_FINE, is_lod = scene->model.method == PLIANT_LOD,
+               is_tled = scene->solver.kind == PLIANT_TLED, is_octree = scene->mesh.kind == PLIANT_OCTREE,
+               has_cycle = scene->solver.preconditioner == PLIANT_MULTIGRID,
+               is_neo_hookean = scene->element.law == PLIANT_ELASTICITY_NEO_HOOKEAN,
+               subdivides = scene->cut.kind == PLIANT_CUT_SUBDIVIDE;
+    const struct { bool applies; const char *text;
+    } conflicts[] = {
+        {is_tled && !is_fine, "solver/kind: tled works on the fine mesh; set model/method to fine"},
+        {is_octree && (!is_fine || has_cycle),
+         "mesh/kind: an octree has no coarse mesh: set model/method to fine and solver/preconditioner to auto or "
+         "direct"},
+        {is_lod && has_cycle, "solver/preconditioner: lod's matrix is factored; set auto or direct"},
+        {is_lod && scene->mesh.bone_surface,
+         "mesh/bone_surface: lod interpolates within the cubes of the lattice, which no node may leave; set it to "
+         "false, or model/method to another one"},
+        {is_lod && scene->cut.kind != PLIANT_CUT_NONE,
+         "cut/kind: lod interpolates within whole cubes of the lattice, which cannot be divided; set model/method to "
+         "averaged or another one, or cut/kind to none"},
+        {scene->material.slides[0] && scene->cut.kind != PLIANT_CUT_SEVER,
+         "material/slides separates voxels of the scan: set cut/kind to sever"},
+        {is_neo_hookean && is_tled,
+         "element/law: neo_hookean conflicts with solver/kind: tled, whose law is tled/law; set corotational, or "
+         "element/law to corotational"},
+        {is_neo_hookean && !is_fine,
+         "element/law: neo_hookean conflicts with model/method: homogenized elements are linear; set fine, or "
+         "element/law to corotational"},
+        {is_neo_hookean && scene->solver.backend == PLIANT_CUDA,
+         "element/law: neo_hookean conflicts with solver/backend: cuda, which has no such elements; set auto, or "
+         "element/law to corotational"},
+        {subdivides && !is_fine,
+         "cut/kind: subdivide conflicts with model/method: coarse elements hold whole tetrahedra; set fine, or "
+         "cut/kind to sever"},
+        {subdivides && scene->mesh.kind != PLIANT_LATTICE,
+         "cut/kind: subdivide conflicts with mesh/kind: octree; set lattice, or cut/kind to sever"},
+    };
     pliant_status status = pliant_scene_check(scene);
-    if (status == PLIANT_OK && scene->solver.kind == PLIANT_TLED && scene->model.method != PLIANT_FINE)
-        status = pliant_fail(PLIANT_ERROR_SCENE, "solver/kind: tled works on the fine mesh; set model/method to fine");
-    if (status == PLIANT_OK && scene->mesh.kind == PLIANT_OCTREE &&
-        (scene->model.method != PLIANT_FINE || scene->solver.preconditioner == PLIANT_MULTIGRID))
-        status = pliant_fail(
-            PLIANT_ERROR_SCENE,
-            "mesh/kind: an octree has no coarse mesh: set model/method to fine and solver/preconditioner to "
-            "auto or direct");
-    if (status == PLIANT_OK && scene->model.method == PLIANT_LOD && scene->solver.preconditioner == PLIANT_MULTIGRID)
-        status = pliant_fail(PLIANT_ERROR_SCENE, "solver/preconditioner: lod's matrix is factored; set auto or direct");
-    if (status == PLIANT_OK && scene->model.method == PLIANT_LOD && scene->mesh.bone_surface)
-        status = pliant_fail(
-            PLIANT_ERROR_SCENE,
-            "mesh/bone_surface: lod interpolates within the cubes of the lattice, which no node may leave; set "
-            "it to false, or model/method to another one");
-    if (status == PLIANT_OK && scene->cut.kind != PLIANT_CUT_NONE && scene->model.method == PLIANT_LOD)
-        status =
-            pliant_fail(PLIANT_ERROR_SCENE,
-                        "cut/kind: lod interpolates within whole cubes of the lattice, which cannot be divided; set "
-                        "model/method to averaged or another one, or cut/kind to none");
-    if (status == PLIANT_OK && scene->element.law == PLIANT_ELASTICITY_NEO_HOOKEAN) status = check_neo_hookean(scene);
+    for (size_t c = 0; status == PLIANT_OK && c < sizeof conflicts / sizeof *conflicts; c++)
+        if (conflicts[c].applies) status = pliant_fail(PLIANT_ERROR_SCENE, "%s", conflicts[c].text);
     if (status == PLIANT_OK) status = pliant_external_check(scene);
     if (status == PLIANT_OK) status = pliant_scene_check_elements(scene);
-    if (status == PLIANT_OK && scene->material.slides[0] && scene->cut.kind != PLIANT_CUT_SEVER)
-        status = pliant_fail(PLIANT_ERROR_SCENE, "material/slides separates voxels of the scan: set cut/kind to sever");
-    if (status == PLIANT_OK && scene->cut.kind == PLIANT_CUT_SUBDIVIDE) status = check_subdivide(scene);
     if (status == PLIANT_OK) status = pliant_material_table_check(materials);
     return status == PLIANT_OK ? pliant_material_table_check_scene(materials, scene, "material table") : status;
 }
