@@ -3,7 +3,6 @@
 #include "base/fail.h"
 #include "base/memory.h"
 #include "cuda/base/send_changes.h"
-#include "model_data/discretization.h"
 #include "cuda/fem/system.h"
 
 #include <cstring>

@@ -1,7 +1,6 @@
 /* The mixture, as in src/scan/segment_mixture.c: one block per trial, four bins per thread, sums in a tree. The host
  * reads the result after all numbers of classes are done. */
 #include "cuda/base/check.h"
-#include "base/fail.h"
 #include "cuda/scan/segment.h"
 #include "cuda/base/warp_sum.cuh"
 

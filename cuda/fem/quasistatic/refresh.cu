@@ -4,7 +4,6 @@
 #include "base/worker.h"
 #include "base/fail.h"
 #include "cuda/base/check.h"
-#include "cuda/fem/element/forces.h"
 #include "base/memory.h"
 #include "cuda/fem/quasistatic/solver.h"
 #include "model_data/discretization.h"

@@ -1,11 +1,9 @@
 #include "cuda/fem/quasistatic/anderson.h"
 #include "cuda/base/check.h"
 #include "base/fail.h"
-#include "cuda/base/device.h"
 #include "cuda/fem/element/forces.h"
 #include "base/memory.h"
 #include "cuda/fem/quasistatic/solver.h"
-#include "model_data/discretization.h"
 #include "cuda/fem/coarse/upsample.h"
 
 #include <cmath>

@@ -1,9 +1,7 @@
 /* Carries the GPU solver's data over a cut. */
-#include "cuda/fem/quasistatic/anderson.h"
 #include "base/fail.h"
 #include "cuda/base/check.h"
 #include "cuda/base/launch.h"
-#include "cuda/fem/element/forces.h"
 #include "base/memory.h"
 #include "cuda/fem/quasistatic/solver.h"
 
