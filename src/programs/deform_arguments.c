@@ -77,44 +77,21 @@ static const char help[] =
     "\n"
     "Exit codes: 0 done, 1 failed, 2 wrong usage, 130 stopped by Ctrl-C (what was done so far is written).\n";
 
-enum {
-    SCAN = 256,
-    LABELS,
-    TOOLS,
-    OUT,
-    SET,
-    STEPS,
-    EVERY,
-    NO_VOLUME,
-    PICTURES,
-    CAMERA,
-    RADIOGRAPH,
-    SCALARS,
-    COMPARE,
-    MIN_VALUE,
-    DISPLACEMENT,
-    TISSUE_DISPLACEMENT,
-    VTK,
-    UNIT,
-    QUIET,
-    OPTIONS,
-    HELP
-};
-
-static const struct option options[] = {
-    {"scan", required_argument, NULL, SCAN},   {"labels", required_argument, NULL, LABELS},
-    {"tools", required_argument, NULL, TOOLS},
-    {"out", required_argument, NULL, OUT},     {"set", required_argument, NULL, SET},
-    {"steps", required_argument, NULL, STEPS}, {"every", required_argument, NULL, EVERY},
-    {"no-volume", no_argument, NULL, NO_VOLUME}, {"pictures", no_argument, NULL, PICTURES},
-    {"camera", required_argument, NULL, CAMERA}, {"radiograph", required_argument, NULL, RADIOGRAPH},
-    {"scalars", required_argument, NULL, SCALARS}, {"compare", required_argument, NULL, COMPARE},
-    {"min-value", required_argument, NULL, MIN_VALUE}, {"displacement", required_argument, NULL, DISPLACEMENT},
-    {"tissue-displacement", required_argument, NULL, TISSUE_DISPLACEMENT},
-    {"vtk", no_argument, NULL, VTK},           {"unit", required_argument, NULL, UNIT},
-    {"quiet", no_argument, NULL, QUIET},       {"options", no_argument, NULL, OPTIONS},
-    {"help", no_argument, NULL, HELP},         {NULL, 0, NULL, 0},
-};
+/* WITH: option with an argument */
+#define OPTION_LIST(FLAG, WITH) \
+    WITH(SCAN, "scan") WITH(LABELS, "labels") WITH(TOOLS, "tools") WITH(OUT, "out") WITH(SET, "set") \
+    WITH(STEPS, "steps") WITH(EVERY, "every") FLAG(NO_VOLUME, "no-volume") FLAG(PICTURES, "pictures") \
+    WITH(CAMERA, "camera") WITH(RADIOGRAPH, "radiograph") WITH(SCALARS, "scalars") WITH(COMPARE, "compare") \
+    WITH(MIN_VALUE, "min-value") WITH(DISPLACEMENT, "displacement") WITH(TISSUE_DISPLACEMENT, "tissue-displacement") \
+    FLAG(VTK, "vtk") WITH(UNIT, "unit") FLAG(QUIET, "quiet") FLAG(OPTIONS, "options") FLAG(HELP, "help")
+#define NUMBER(code, name) code,
+#define FLAG(code, name) {name, no_argument, NULL, code},
+#define WITH(code, name) {name, required_argument, NULL, code},
+enum { BEFORE_FIRST = 255, OPTION_LIST(NUMBER, NUMBER) };
+static const struct option options[] = {OPTION_LIST(FLAG, WITH){NULL, 0, NULL, 0}};
+#undef NUMBER
+#undef FLAG
+#undef WITH
 
 static bool read_count(const char *name, const char *text, long *out)
 {

@@ -68,74 +68,23 @@ static const char help[] =
     "Exit codes: 0 done, 1 failed or a stability case was broken, 2 wrong usage, "
     "130 stopped by Ctrl-C (finished rows are kept).\n";
 
-enum {
-    SCAN = 256,
-    OUT,
-    SET,
-    SWEEP,
-    TRUTH,
-    VALIDATE,
-    MATERIALS,
-    ABLATION,
-    STABILITY,
-    CASE,
-    CASES,
-    STEPS,
-    QUICK,
-    FULL,
-    METHODS,
-    RATIOS,
-    BUDGETS,
-    VARY,
-    AT,
-    LABELS,
-    POINTS,
-    PULL,
-    FRAMES,
-    REPEATS,
-    REFINED,
-    SHARD,
-    MERGE,
-    NO_WARP,
-    NO_PICTURES,
-    QUIET,
-    HELP
-};
-
-static const struct option options[] = {
-    {"scan", required_argument, NULL, SCAN},
-    {"out", required_argument, NULL, OUT},
-    {"set", required_argument, NULL, SET},
-    {"sweep", no_argument, NULL, SWEEP},
-    {"truth", no_argument, NULL, TRUTH},
-    {"validate", required_argument, NULL, VALIDATE},
-    {"materials", required_argument, NULL, MATERIALS},
-    {"ablation", no_argument, NULL, ABLATION},
-    {"stability", no_argument, NULL, STABILITY},
-    {"case", required_argument, NULL, CASE},
-    {"cases", no_argument, NULL, CASES},
-    {"steps", required_argument, NULL, STEPS},
-    {"quick", no_argument, NULL, QUICK},
-    {"full", no_argument, NULL, FULL},
-    {"methods", required_argument, NULL, METHODS},
-    {"ratios", required_argument, NULL, RATIOS},
-    {"budgets", required_argument, NULL, BUDGETS},
-    {"vary", required_argument, NULL, VARY},
-    {"at", required_argument, NULL, AT},
-    {"labels", required_argument, NULL, LABELS},
-    {"points", required_argument, NULL, POINTS},
-    {"pull", required_argument, NULL, PULL},
-    {"frames", required_argument, NULL, FRAMES},
-    {"repeats", required_argument, NULL, REPEATS},
-    {"shard", required_argument, NULL, SHARD},
-    {"merge", required_argument, NULL, MERGE},
-    {"refined", required_argument, NULL, REFINED},
-    {"no-warp", no_argument, NULL, NO_WARP},
-    {"no-pictures", no_argument, NULL, NO_PICTURES},
-    {"quiet", no_argument, NULL, QUIET},
-    {"help", no_argument, NULL, HELP},
-    {NULL, 0, NULL, 0},
-};
+/* WITH: option with an argument */
+#define OPTION_LIST(FLAG, WITH) \
+    WITH(SCAN, "scan") WITH(OUT, "out") WITH(SET, "set") FLAG(SWEEP, "sweep") FLAG(TRUTH, "truth") \
+    WITH(VALIDATE, "validate") WITH(MATERIALS, "materials") FLAG(ABLATION, "ablation") FLAG(STABILITY, "stability") \
+    WITH(CASE, "case") FLAG(CASES, "cases") WITH(STEPS, "steps") FLAG(QUICK, "quick") FLAG(FULL, "full") \
+    WITH(METHODS, "methods") WITH(RATIOS, "ratios") WITH(BUDGETS, "budgets") WITH(VARY, "vary") WITH(AT, "at") \
+    WITH(LABELS, "labels") WITH(POINTS, "points") WITH(PULL, "pull") WITH(FRAMES, "frames") WITH(REPEATS, "repeats") \
+    WITH(REFINED, "refined") WITH(SHARD, "shard") WITH(MERGE, "merge") FLAG(NO_WARP, "no-warp") \
+    FLAG(NO_PICTURES, "no-pictures") FLAG(QUIET, "quiet") FLAG(HELP, "help")
+#define NUMBER(code, name) code,
+#define FLAG(code, name) {name, no_argument, NULL, code},
+#define WITH(code, name) {name, required_argument, NULL, code},
+enum { BEFORE_FIRST = 255, OPTION_LIST(NUMBER, NUMBER) };
+static const struct option options[] = {OPTION_LIST(FLAG, WITH){NULL, 0, NULL, 0}};
+#undef NUMBER
+#undef FLAG
+#undef WITH
 
 #define NAME(name, yaml) #yaml,
 static const char *const method_names[] = {PLIANT_METHOD_LIST(NAME)};
