@@ -24,10 +24,10 @@ typedef struct face_list {
     face *faces;
 } face_list;
 
-static int count_corners(const cut_splitting *work, int32_t tet, uint8_t bit)
+static int count_passed(const cut_splitting *work, int32_t tet)
 {
     int count = 0;
-    for (int v = 0; v < 4; v++) count += (work->on[work->corners[4 * (size_t)tet + v]] & bit) != 0;
+    for (int v = 0; v < 4; v++) count += (work->on[work->corners[4 * (size_t)tet + v]] & CUT_PASSED) != 0;
     return count;
 }
 
@@ -75,7 +75,7 @@ static double area_of(const cut_splitting *work, int32_t tet, int corner)
 static pliant_status list_faces(const cut_splitting *work, face_list *list)
 {
     for (int32_t t = 0; t < work->num_tets; t++) {
-        const int count = count_corners(work, t, CUT_PASSED);
+        const int count = count_passed(work, t);
         for (int c = 0; c < 4 && count >= 3; c++) {
             if (count == 3 && work->on[work->corners[4 * (size_t)t + c]] & CUT_PASSED) continue;
             const int32_t other = across(work, t, c);
@@ -83,7 +83,7 @@ static pliant_status list_faces(const cut_splitting *work, face_list *list)
             if (!pliant_reserve(&list->faces, &list->capacity, list->count, 64, sizeof *list->faces))
                 return pliant_fail_memory("the faces that the blade splits");
             list->faces[list->count++] = (face){
-                {4 * t + c, other}, area_of(work, t, c), count == 4 || count_corners(work, other / 4, CUT_PASSED) == 4};
+                {4 * t + c, other}, area_of(work, t, c), count == 4 || count_passed(work, other / 4) == 4};
         }
     }
     return PLIANT_OK;
@@ -125,7 +125,7 @@ static pliant_status sever(cut_splitting *work, face_list *list)
     bool good = group && holder;
     for (int32_t t = 0; good && t < work->num_tets; t++) {
         group[t] = t;
-        holder[t] = count_corners(work, t, CUT_PASSED) < 4 ? t : -1;
+        holder[t] = count_passed(work, t) < 4 ? t : -1;
     }
     qsort(list->faces, (size_t)list->count, sizeof *list->faces, by_area);
     for (int32_t f = 0; good && f < list->count; f++) {

@@ -15,12 +15,12 @@ void pliant_surface_points_free(surface_points *points)
     pliant_free(points->material);
 }
 
-/* Interpolate values at nodes to the vertices. */
-static void extend(const pliant_surface *surface, int size, const double *nodes, double *out)
+/* Interpolate vectors at nodes to the vertices. */
+static void extend(const pliant_surface *surface, const double *nodes, double *out)
 {
-    const size_t count = (size_t)size * (size_t)surface->body->fine.num_nodes;
+    const size_t count = 3 * (size_t)surface->body->fine.num_nodes;
     memcpy(out, nodes, count * sizeof *out);
-    pliant_surface_at_vertices(surface, size, out, out + count);
+    pliant_surface_at_vertices(surface, 3, out, out + count);
 }
 
 pliant_status pliant_surface_points_find(const pliant_surface *surface, const double *positions, int num_values,
@@ -36,8 +36,8 @@ pliant_status pliant_surface_points_find(const pliant_surface *surface, const do
     if (num_values > 0) out->value = pliant_calloc(out->count, (size_t)num_values * sizeof *out->value);
     if (!out->row || !out->at || !out->rest || !out->material || (num_values > 0 && !out->value))
         return pliant_fail_memory("the surface");
-    extend(surface, 3, positions, out->at);
-    extend(surface, 3, body->fine.rest, out->rest);
+    extend(surface, positions, out->at);
+    extend(surface, body->fine.rest, out->rest);
     for (size_t n = 0; num_values > 0 && n < nodes; n++)
         for (size_t v = 0; v < (size_t)num_values; v++)
             out->value[(size_t)num_values * n + v] = (double)values[v * nodes + n];

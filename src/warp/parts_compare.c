@@ -26,11 +26,6 @@ static void mark_box(const comparison *both, const part_box *box, uint8_t mark)
             for (at[0] = low[0]; at[0] <= high[0]; at[0]++) out->other[part_index_of(out->regions, at)] |= mark;
 }
 
-static void mark_tet(const comparison *both, int32_t tet, uint8_t mark)
-{
-    mark_box(both, &both->hosts->box[tet], mark);
-}
-
 static void mark_voxel(const comparison *both, int32_t voxel)
 {
     part_box box = {{0}, {1, 1, 1}, 0};
@@ -101,7 +96,8 @@ static bool has_other_nodes(const comparison *both, int32_t tet)
 static void mark_nodes_of(const comparison *both, int32_t tet)
 {
     const pliant_body *of = tet < both->work->body->fine.num_tets ? both->work->body : both->before;
-    if (has_other_nodes(both, tet)) mark_tet(both, of->tet_parent ? of->tet_parent[tet] : tet, OTHER_NODES);
+    if (has_other_nodes(both, tet))
+        mark_box(both, both->hosts->box + (of->tet_parent ? of->tet_parent[tet] : tet), OTHER_NODES);
 }
 
 /* Mark the regions where the carriers of voxels have other nodes: their own tetrahedra, and the ones whose chips they
@@ -114,7 +110,8 @@ static void mark_nodes(const comparison *both)
     for (int32_t t = listed ? old->fine.num_tets : 0; t < old->fine.num_tets || t < now->fine.num_tets; t++)
         mark_nodes_of(both, t);
     for (int32_t c = 0; c < now->cuts->num_chips; c++)
-        if (has_other_nodes(both, now->cuts->chip[2 * c + 1])) mark_tet(both, now->cuts->chip[2 * c], OTHER_NODES);
+        if (has_other_nodes(both, now->cuts->chip[2 * c + 1]))
+            mark_box(both, both->hosts->box + now->cuts->chip[2 * c], OTHER_NODES);
 }
 
 pliant_status pliant_parts_compare(const part_maker *work, const pliant_body *body_before, const part_hosts *hosts,
